@@ -1,0 +1,1 @@
+"""Bench, recorder and sim-to-real gap diagnosis of the vgroove impact driver."""
