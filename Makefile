@@ -1,0 +1,67 @@
+# Thin front of the house: setup, demo, test, bench, proof, flash. Everything is built under build/, Python lives in .venv.
+SHELL := /bin/bash
+VENV := .venv
+PY := $(VENV)/bin/python
+JOBS ?= $(shell nproc)
+SEED ?= 1
+APT := cmake ninja-build g++ pkg-config git gcc-avr avr-libc binutils-avr avrdude libsimavr-dev libelf-dev libeigen3-dev libgtest-dev \
+       clang-tidy clang-format cppcheck python3 python3-dev python3-venv chromium
+
+.PHONY: help setup apt build demo test lint unit bench proof flash clean
+help:
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
+
+apt:
+	@missing=$$(for p in $(APT); do dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
+	if [ -n "$$missing" ]; then echo "apt-get install" $$missing; \
+	  sudo=$$([ $$(id -u) = 0 ] || echo sudo); \
+	  $$sudo apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$sudo apt-get install -y -qq --no-install-recommends $$missing >/dev/null; fi
+
+$(VENV)/bin/python:
+	python3 -m venv $(VENV)
+	$(PY) -m pip install -q --upgrade pip
+
+# The bindings are rebuilt when a C, C++ or CMake source is newer than the last install; Python sources are live (editable).
+SOURCES := $(shell find firmware plant hil/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name '*.dbc' 2>/dev/null)
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml CMakeLists.txt hil/CMakeLists.txt $(SOURCES)
+	$(PY) -m pip install -q "scikit-build-core>=0.10" "nanobind>=2.4" ninja
+	$(PY) -m pip install -q --no-build-isolation -e ".[test]"
+	@touch $@
+
+setup: apt ## install what is missing through apt and pip
+	@$(MAKE) --no-print-directory $(VENV)/.installed
+
+build: setup ## build host, both AVR targets and the bindings
+	@for preset in dev avr-uno avr-mega; do \
+	  [ -f build/$$preset/build.ninja ] || cmake --preset $$preset > build-$$preset.log 2>&1 || { cat build-$$preset.log; exit 1; }; \
+	  rm -f build-$$preset.log; \
+	  cmake --build --preset $$preset -j $(JOBS) -- --quiet || exit 1; done
+
+demo: build ## real ELF on a simulated ATmega, tool with a sealed effect, log, diagnosis: make demo SEED=n
+	$(PY) tests/demo/demo.py --seed $(SEED)
+
+lint: build
+	$(VENV)/bin/ruff check .
+	$(PY) -m pytest -q tests/lint
+
+unit: build
+	ctest --preset dev -j $(JOBS)
+
+test: build ## everything that guards a change, at most 15 minutes on 2 cores
+	ctest --preset dev -j $(JOBS)
+	$(VENV)/bin/ruff check .
+	$(PY) -m pytest -n $(JOBS) --dist loadfile tests
+
+bench: build ## comparisons with peers (installs them as the extra [bench])
+	$(PY) -m pip install -q -e ".[bench]" --no-build-isolation
+	$(PY) tests/proof/bench_plant.py
+
+proof: build ## what takes longer; resumable, results into docs/results
+	$(PY) tests/proof/proof.py
+
+flash: build ## make flash PORT=/dev/ttyUSB0 [TARGET=uno|mega]
+	@test -n "$(PORT)" || { echo "say which port: make flash PORT=/dev/ttyUSB0"; exit 2; }
+	$(PY) -m vgroove.cli flash $(PORT) --target $(or $(TARGET),uno)
+
+clean:
+	rm -rf build
