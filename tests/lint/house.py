@@ -1,0 +1,133 @@
+"""Laws of the house as functions over source text: who may include whom, how long a function may be, how a file opens."""
+
+import ast
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+C_ENDINGS = {".c", ".h", ".cpp", ".hpp"}
+FUNCTION_LINES_LIMIT = 60
+
+# Room -> rooms it may see. A room always sees itself; the C library and a room's third-party libraries are not rooms.
+MAY_SEE = {
+    "firmware/core": set(),
+    "firmware/controllers": {"firmware/core"},
+    "firmware/telemetry": {"firmware/core"},
+    "firmware/drivers": {"firmware/core", "firmware/hal"},
+    "firmware/app": {"firmware/core", "firmware/controllers", "firmware/drivers", "firmware/telemetry", "firmware/hal"},
+    "firmware/hal": {"firmware/core", "firmware/drivers", "firmware/app"},
+    "plant": set(),
+    "hil": {"plant", "firmware/hal"},
+    "tests/truth": set(),
+}
+SEES_ALL = ("tests",)
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One broken law: where, and the sentence that says which."""
+
+    path: str
+    line: int
+    sentence: str
+
+
+def room_of(path: str) -> str | None:
+    """The longest room name that is a prefix of a repository path; None for paths outside every room."""
+    rooms = [room for room in (*MAY_SEE, *SEES_ALL) if path == room or path.startswith(room + "/")]
+    return max(rooms, key=len, default=None)
+
+
+def include_violations(path: str, text: str, known: dict[str, str]) -> list[Violation]:
+    """Includes of `path` that go against MAY_SEE; `known` maps each way a project header can be spelled to its repository path."""
+    room = room_of(path)
+    if room is None or room in SEES_ALL:
+        return []
+    found = []
+    for number, line in enumerate(text.splitlines(), 1):
+        match = re.match(r'\s*#\s*include\s+["<]([^">]+)[">]', line)
+        target = known.get(match.group(1)) if match else None
+        other = room_of(target) if target else None
+        if other and other != room and other not in MAY_SEE[room]:
+            found.append(Violation(path, number, f"{room} must not include {other} ({match.group(1)})"))
+    return found
+
+
+def imported_names(node: ast.AST) -> list[str]:
+    """Modules that an import statement names; empty for every other node."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    return [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+
+
+def import_violations(path: str, text: str) -> list[Violation]:
+    """Imports of a Python file that go against MAY_SEE: the package sees no tests, the truth generator sees nothing of ours."""
+    room = room_of(path)
+    forbidden = {"hil": ("tests", "truth"), "tests/truth": ("vgroove", "tests")}.get(room or "", ())
+    found = []
+    for node in ast.walk(ast.parse(text)):
+        for name in imported_names(node):
+            if name.split(".")[0] in forbidden:
+                found.append(Violation(path, node.lineno, f"{room} must not import {name}"))
+    return found
+
+
+def long_python_functions(path: str, text: str) -> list[Violation]:
+    """Python functions longer than the limit, docstrings not counted."""
+    found = []
+    for node in ast.walk(ast.parse(text)):
+        if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        doc = node.body[0] if ast.get_docstring(node, clean=False) else None
+        lines = (node.end_lineno or node.lineno) - node.lineno + 1 - ((doc.end_lineno or 0) - doc.lineno + 1 if doc else 0)
+        if lines > FUNCTION_LINES_LIMIT:
+            found.append(Violation(path, node.lineno, f"{node.name} has {lines} lines, the limit is {FUNCTION_LINES_LIMIT}"))
+    return found
+
+
+def long_c_functions(path: str, text: str) -> list[Violation]:
+    """C and C++ functions whose braces, opened at the left margin or at a line that starts there, lie further apart than the limit."""
+    found, start = [], None
+    for number, line in enumerate(text.splitlines(), 1):
+        if start is None and re.match(r"^[A-Za-z_].*\)\s*(const\s*)?(noexcept\s*)?\{\s*$", line):
+            start = (number, line)
+        elif start and line.startswith("}"):
+            lines = number - start[0] + 1
+            if lines > FUNCTION_LINES_LIMIT:
+                found.append(Violation(path, start[0], f"{start[1].strip()} has {lines} lines, the limit is {FUNCTION_LINES_LIMIT}"))
+            start = None
+    return found
+
+
+def missing_opening(path: str, text: str) -> list[Violation]:
+    """A file opens with one sentence: what it is for (after the licence line of the GPL bench tool)."""
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith(("#!", "// SPDX", "# SPDX", "/* SPDX"))]
+    opening = lines[0].lstrip() if lines else ""
+    sentence = opening.startswith(("//", "/*", '"""', 'r"""')) if Path(path).suffix != ".cmake" else opening.startswith("#")
+    return [] if sentence else [Violation(path, 1, "the file does not open with a sentence that says what it is for")]
+
+
+def gpl_violations(path: str, text: str) -> list[Violation]:
+    """simavr is GPL: only hil/board and the bench's own test probes may include it."""
+    if path.startswith("hil/board/"):
+        return []
+    return [Violation(path, n, "only hil/board may include simavr") for n, line in enumerate(text.splitlines(), 1)
+            if re.match(r"\s*#\s*include\s+[<\"](simavr/|sim_avr|avr_(ioport|uart|adc|timer|eeprom)\.h)", line)]
+
+
+def tracked_files(endings: set[str]) -> list[str]:
+    """Repository paths of the source files with one of the endings, build and environment folders left out."""
+    rooms = ("firmware", "plant", "hil", "tests", "cmake")
+    return sorted(str(p.relative_to(ROOT)) for room in rooms for p in (ROOT / room).rglob("*")
+                  if p.suffix in endings and not {"__pycache__", "build"} & set(p.parts))
+
+
+def known_headers() -> dict[str, str]:
+    """Each way in which a header of the house can be spelled in an include line -> its repository path."""
+    known: dict[str, str] = {}
+    for path in tracked_files({".h", ".hpp"}):
+        parts = path.split("/")
+        for start in range(len(parts)):
+            known.setdefault("/".join(parts[start:]), path)
+    return known

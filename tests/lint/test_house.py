@@ -1,0 +1,84 @@
+"""The laws of the house hold for every file, and each law is itself tried on a file that breaks it."""
+
+import subprocess
+import sys
+
+import house
+import pytest
+
+C_FILES = house.tracked_files(house.C_ENDINGS)
+PY_FILES = house.tracked_files({".py"})
+GENERATED = ("firmware/telemetry/telemetry_signals",)
+
+
+def read(path: str) -> str:
+    return (house.ROOT / path).read_text(encoding="utf-8")
+
+
+def explain(violations: list[house.Violation]) -> str:
+    return "\n".join(f"{v.path}:{v.line}: {v.sentence}" for v in violations)
+
+
+def test_includes_go_one_way() -> None:
+    known = house.known_headers()
+    broken = [v for path in C_FILES for v in house.include_violations(path, read(path), known)]
+    assert not broken, explain(broken)
+
+
+def test_imports_go_one_way() -> None:
+    broken = [v for path in PY_FILES for v in house.import_violations(path, read(path))]
+    assert not broken, explain(broken)
+
+
+def test_functions_are_short() -> None:
+    broken = [v for path in PY_FILES for v in house.long_python_functions(path, read(path))]
+    broken += [v for path in C_FILES if not path.startswith(GENERATED) for v in house.long_c_functions(path, read(path))]
+    assert not broken, explain(broken)
+
+
+def test_files_open_with_a_sentence() -> None:
+    broken = [v for path in C_FILES + PY_FILES for v in house.missing_opening(path, read(path))]
+    assert not broken, explain(broken)
+
+
+def test_simavr_stays_in_the_bench_tool() -> None:
+    broken = [v for path in C_FILES for v in house.gpl_violations(path, read(path))]
+    assert not broken, explain(broken)
+
+
+def test_gpl_is_said_in_each_file_of_the_bench_tool() -> None:
+    files = [path for path in C_FILES if path.startswith("hil/board/")]
+    assert files
+    assert [path for path in files if "SPDX-License-Identifier: GPL-3.0-or-later" not in read(path)] == []
+
+
+@pytest.mark.parametrize(("path", "line"), [
+    ("firmware/core/x.c", '#include "hal/hal.h"'),
+    ("firmware/controllers/x.c", '#include "drivers/h_bridge.h"'),
+    ("firmware/telemetry/x.c", '#include "app/app.h"'),
+    ("plant/x.cpp", '#include "hal/hal.h"'),
+    ("tests/truth/x.cpp", '#include "plant/motor.hpp"'),
+])
+def test_the_include_law_catches(path: str, line: str) -> None:
+    known = {"hal/hal.h": "firmware/hal/hal.h", "drivers/h_bridge.h": "firmware/drivers/h_bridge.h", "app/app.h": "firmware/app/app.h",
+             "plant/motor.hpp": "plant/motor.hpp"}
+    assert len(house.include_violations(path, line, known)) == 1
+    assert house.include_violations("tests/unit/x.cpp", line, known) == []
+
+
+def test_the_other_laws_catch() -> None:
+    long_c = "static void f(void) {\n" + "    x();\n" * 60 + "}\n"
+    long_py = "def f():\n" + "    x()\n" * 61
+    assert house.long_c_functions("a.c", long_c) and not house.long_c_functions("a.c", long_c.replace("    x();\n" * 5, "", 1))
+    assert house.long_python_functions("a.py", long_py)
+    assert house.import_violations("tests/truth/a.py", "import vgroove.rig")
+    assert house.import_violations("hil/vgroove/a.py", "from truth import x")
+    assert house.missing_opening("a.c", "#include <stdint.h>\n") and not house.missing_opening("a.c", "// What it is for.\n")
+    simavr = "#include <simavr/sim_avr.h>"
+    assert house.gpl_violations("plant/a.cpp", simavr) and not house.gpl_violations("hil/board/a.c", simavr)
+
+
+def test_generated_files_are_up_to_date() -> None:
+    generator = house.ROOT / "firmware/telemetry/generate.py"
+    done = subprocess.run([sys.executable, generator, "--check"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
