@@ -1,0 +1,36 @@
+// The only list of parameters. Append only: an older EEPROM slot holds the parameters whose version is not newer than its own, in this order.
+//
+// PARAM_LIST(X): X(NAME, unit, default, least, greatest, version)
+//   NAME ends in _Qn where the stored integer is the quantity times 2^n; the unit is that of the quantity. version: the first one that has it.
+#ifndef VGROOVE_APP_PARAM_TABLE_H
+#define VGROOVE_APP_PARAM_TABLE_H
+
+#define PARAM_VERSION 2u
+
+// clang-format off
+#define PARAM_LIST(X)                                                                                    \
+    X(HALL_PULSES,              "1/turn",    4,     1,    64,    1) /* edges the capture sees in a turn of the motor */ \
+    X(HALL_PITCH_0_Q15,         "1",         8192,  2048, 16384, 1) /* share of the first of four successive pitches in their sum */ \
+    X(HALL_PITCH_1_Q15,         "1",         8192,  2048, 16384, 1) /* second pitch */                   \
+    X(HALL_PITCH_2_Q15,         "1",         8192,  2048, 16384, 1) /* third pitch */                    \
+    X(HALL_PITCH_3_Q15,         "1",         8192,  2048, 16384, 1) /* fourth pitch */                   \
+    X(CURRENT_GAIN_A_Q15,       "A/count",   4096,  1024, 16384, 1) /* current of one ADC count */       \
+    X(CURRENT_OFFSET_COUNT_Q4,  "count",     8192,  0,    16368, 1) /* ADC counts at no current */       \
+    X(TRIP_A_Q9,                "A",         28160, 2560, 28160, 1) /* over-current trip: 55 A at most */ \
+    X(FOLDBACK_A_Q9,            "A",         23040, 1024, 28160, 1) /* the duty is reduced above this current */ \
+    X(BUS_GAIN_MV_Q8,           "mV/count",  6400,  2560, 12800, 1) /* bus voltage of one ADC count behind the divider */ \
+    X(UNDER_VOLTAGE_MV,         "mV",        12000, 6000, 20000, 1) /* bus voltage below which the drive stops */ \
+    X(OVER_TEMPERATURE_C,       "degC",      90,    40,   125,   1) /* bridge temperature above which the drive stops */ \
+    X(STALL_MS,                 "ms",        500,   50,   5000,  1) /* time at standstill under drive until the stall fault */ \
+    X(SLEW_PER_MS_Q15,          "1/ms",      197,   1,    32767, 1) /* rate of the duty, 6 per second */  \
+    X(RELEASE_MODE,             "1",         0,     0,    1,     1) /* trigger release: 0 coasts, 1 ramps down within the foldback */ \
+    X(TRIGGER_LOW_COUNT,        "count",     100,   0,    500,   1) /* end of the lower dead band of the trigger */ \
+    X(TRIGGER_HIGH_COUNT,       "count",     920,   523,  1023,  1) /* start of the upper dead band of the trigger */ \
+    X(MODE,                     "1",         0,     0,    7,     1) /* mode at start, see the value table of STATE.mode */ \
+    X(BAUD_SELECT,              "1",         0,     0,    1,     1) /* 0: 250,000 Bd, 1: 115,200 Bd; from the next start on */ \
+    X(FAST_DIVIDER,             "1",         1,     1,    63,    1) /* ticks between two FAST frames, at least what the rate carries; from the next start on */ \
+    X(HALL_TIMEOUT_MS,          "ms",        300,   300,  2000,  2) /* time without an edge after which the speed is 0 */ \
+    X(DEAD_TIME_COUNT,          "62.5 ns",   8,     2,    60,    2) /* dead time of the bridge in timer counts */
+// clang-format on
+
+#endif

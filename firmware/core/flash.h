@@ -1,0 +1,18 @@
+// Constant tables in flash: on AVR they would otherwise cost RAM; on the host they are plain constants.
+#ifndef VGROOVE_CORE_FLASH_H
+#define VGROOVE_CORE_FLASH_H
+
+#include <stdint.h>
+
+#ifdef __AVR__
+#include <avr/pgmspace.h>
+#define FLASH_TABLE PROGMEM
+#define FLASH_U8(place) pgm_read_byte(place)
+#define FLASH_I16(place) ((int16_t)pgm_read_word(place))
+#else
+#define FLASH_TABLE
+#define FLASH_U8(place) (*(const uint8_t *)(place))
+#define FLASH_I16(place) (*(const int16_t *)(place))
+#endif
+
+#endif
