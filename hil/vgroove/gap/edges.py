@@ -1,0 +1,203 @@
+"""Recovers the Hall edges behind a logged speed column: which rows close a new edge period, and when that period began and ended."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+TICK_S = 2e-6  # slack of every bound: time stamps and edge stamps are rounded to about this much
+WAIT_SLACK_S = 1e-5  # a falling row may miss the chain by this much; the row after it decides
+STRAIN_S = 1e-4  # a row's interval missed by more than this breaks the chain
+SPLIT_S = 2e-5  # bounds that contradict one another by more than this come from an edge too many or too few
+ROUNDING_SHARE = 0.1  # rounding errors of successive periods are independent: they add up to about this share of the worst case
+MISSING_ROWS_LIMIT = 3  # after more missing rows than this the number of edges in between is not certain any more
+
+
+@dataclass(frozen=True)
+class EdgePeriods:
+    """Measured edge periods in order of time; every array has the same length.
+
+    row: row of the log that reports it; start_s, end_s: the span of the period; speed_rpm: the row's value (one pitch over the period);
+    slack_s: half width of what is known about end_s; falling: no edge yet at end_s, the value is what the wait allows at most;
+    chain: number of the unbroken chain of edges.
+    """
+
+    row: np.ndarray
+    start_s: np.ndarray
+    end_s: np.ndarray
+    speed_rpm: np.ndarray
+    slack_s: np.ndarray
+    falling: np.ndarray
+    chain: np.ndarray
+
+
+@dataclass
+class _Chain:
+    """Edges that follow one another without a gap: offsets from the first, and bounds on each edge's absolute time."""
+
+    offset_s: list[float] = field(default_factory=list)
+    growth_s: list[float] = field(default_factory=list)
+    low_s: list[float] = field(default_factory=list)
+    high_s: list[float] = field(default_factory=list)
+    row: list[int] = field(default_factory=list)
+    speed_rpm: list[float] = field(default_factory=list)
+    period_s: list[float] = field(default_factory=list)
+    falls: list[tuple[int, int, float]] = field(default_factory=list)  # row, edge, speed
+
+    def add(self, row: int, speed: float, period: float, step: float, growth: float, low: float, high: float) -> None:
+        """Append an edge `step` seconds after the last one."""
+        self.offset_s.append((self.offset_s[-1] if self.offset_s else 0.0) + step)
+        self.growth_s.append(growth)
+        self.low_s.append(low)
+        self.high_s.append(high)
+        self.row.append(row)
+        self.speed_rpm.append(speed)
+        self.period_s.append(period)
+
+
+class _Reader:
+    """Walks down the rows, keeps the interval [low, high] in which the last edge lies, and sorts each row: repeat, fall, new edge, rest."""
+
+    def __init__(self, time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> None:
+        self.time, self.speed, self.pulses = time_s, speed_rpm, pulses
+        self.half_lsb = 0.5 * lsb_rpm
+        self.chains: list[_Chain] = []
+        self.chain: _Chain | None = None
+        self.low = self.high = 0.0
+        self.last_row = -1
+
+    def period(self, speed: float) -> tuple[float, float]:
+        """Edge period of a reported speed and the error that the speed's rounding leaves in it, seconds."""
+        period = 60.0 / (self.pulses * abs(speed))
+        return period, period * self.half_lsb / abs(speed)
+
+    def read(self) -> list[_Chain]:
+        for row, speed in enumerate(self.speed):
+            if np.isnan(speed):
+                continue
+            if speed == 0.0:
+                self.chain = None
+            elif self.chain is None or speed * self.chain.speed_rpm[-1] < 0.0 or row - self.last_row > MISSING_ROWS_LIMIT:
+                self.begin(row, speed)
+            else:
+                self.follow(row, speed)
+            self.last_row = row
+        return self.chains
+
+    def before(self, row: int) -> float:
+        """Time of the last row that was read before this one: the new edge came after it."""
+        return self.time[self.last_row] if self.last_row >= 0 else -np.inf
+
+    def begin(self, row: int, speed: float) -> None:
+        """First edge of a new chain: it lies in the row's interval."""
+        period, slack = self.period(speed)
+        self.chain = _Chain()
+        self.chains.append(self.chain)
+        self.low, self.high = max(self.time[row] - period, self.before(row)) - slack - TICK_S, self.time[row] + TICK_S
+        self.chain.add(row, speed, period, 0.0, slack, self.low, self.high)
+
+    def follow(self, row: int, speed: float) -> None:
+        now, (period, rounding) = self.time[row], self.period(speed)
+        slack = rounding + TICK_S
+        if speed == self.chain.speed_rpm[-1] and self.high + period + slack > now:
+            if self.low + period > now + slack:  # else an equal period may just have ended: no bound follows
+                self.narrow(now - period - slack, now + TICK_S)
+        elif self.is_fall(row, speed, now, period, slack):
+            self.narrow(now - period - slack, now - period + slack)
+            self.chain.falls.append((row, len(self.chain.row) - 1, speed))
+        elif not self.new_edge(row, speed, now, period, rounding):
+            self.begin(row, speed)
+
+    def narrow(self, low: float, high: float) -> None:
+        """Add a bound on the last edge's time."""
+        self.chain.low_s[-1], self.chain.high_s[-1] = max(self.chain.low_s[-1], low), min(self.chain.high_s[-1], high)
+        if max(self.low, low) <= min(self.high, high):
+            self.low, self.high = max(self.low, low), min(self.high, high)
+
+    def is_fall(self, row: int, speed: float, now: float, period: float, slack: float) -> bool:
+        """Whether the row shows the wait for an edge: one pitch over the time since the last edge."""
+        spread = slack + WAIT_SLACK_S
+        if abs(speed) >= abs(self.chain.speed_rpm[-1]) or not self.low - spread <= now - period <= self.high + spread:
+            return False
+        following = next((r for r in range(row + 1, min(row + 4, len(self.speed))) if not np.isnan(self.speed[r])), None)
+        if following is None or self.speed[following] == 0.0:
+            return True
+        if self.speed[following] == speed and self.time[following] - now > 4.0 * slack:
+            return False
+        then, spread = self.period(self.speed[following])
+        if abs((self.time[following] - then) - (now - period)) <= slack + spread + TICK_S:
+            return True
+        return period > self.time[following] - now + spread
+
+    def new_edge(self, row: int, speed: float, now: float, period: float, rounding: float) -> bool:
+        """Append the row's last edge, with as many unseen edges before it as fit; False when none do."""
+        floor, ceiling = max(now - period, self.before(row)) - rounding - TICK_S, now + TICK_S
+        previous, best = self.chain.period_s[-1], None
+        for count in range(1, int((now - self.low) / min(period, previous)) + 3):
+            steps = previous + (period - previous) * np.arange(1, count + 1) / count
+            step, growth = float(steps.sum()), rounding + (0.02 * abs(period - previous) + rounding) * (count - 1)
+            low, high = max(self.low + step - growth, floor), min(self.high + step + growth, ceiling)
+            if best is None or high - low > best[3] - best[2]:
+                best = (step, growth, low, high)
+        step, growth, low, high = best
+        if low - high > STRAIN_S:
+            return False
+        self.chain.add(row, speed, period, step, ROUNDING_SHARE * growth, floor, ceiling)
+        self.low, self.high = min(low, high), max(low, high)
+        return True
+
+
+def _pieces(low: np.ndarray, high: np.ndarray, drift: np.ndarray) -> list[slice]:
+    """Cuts a chain where its bounds contradict one another: an edge too many or too few was counted there."""
+    cuts, top, bottom = [0], -np.inf, np.inf
+    for i in range(len(low)):
+        grown = drift[i] - drift[max(i - 1, 0)]
+        top, bottom = max(top - grown, low[i]), min(bottom + grown, high[i])
+        if top - bottom > SPLIT_S:
+            cuts.append(i)
+            top, bottom = low[i], high[i]
+    return [slice(a, b) for a, b in zip(cuts, [*cuts[1:], len(low)], strict=True)]
+
+
+def _edge_times(chain: _Chain) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Absolute times of a chain's edges, their half widths, and the piece of the chain that each belongs to."""
+    offset, drift = np.asarray(chain.offset_s), np.cumsum(chain.growth_s)
+    low, high = np.asarray(chain.low_s) - offset, np.asarray(chain.high_s) - offset
+    middle, width, piece = np.empty_like(low), np.empty_like(low), np.empty(len(low), dtype=int)
+    for number, part in enumerate(_pieces(low, high, drift)):
+        middle[part], width[part] = _intersect(low[part], high[part], drift[part])
+        piece[part] = number
+    return offset + middle, width, piece
+
+
+def _intersect(low: np.ndarray, high: np.ndarray, drift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Middle and half width of the interval that all bounds leave to each edge's offset.
+
+    Set membership: a bound on one edge bounds every other through the offsets, less what the rounding of the periods in between can add.
+    """
+    forward_low = np.maximum.accumulate(low + drift) - drift
+    forward_high = np.minimum.accumulate(high - drift) + drift
+    back_low = np.maximum.accumulate((low - drift)[::-1])[::-1] + drift
+    back_high = np.minimum.accumulate((high + drift)[::-1])[::-1] - drift
+    low, high = np.maximum(forward_low, back_low), np.minimum(forward_high, back_high)
+    return 0.5 * (low + high), 0.5 * np.abs(high - low)
+
+
+def edge_periods(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int, lsb_rpm: float) -> EdgePeriods:
+    """Edge periods behind a speed column (n,) of one pulse pitch over the last edge period.
+
+    A row that repeats an edge counts once. The end of each period is chained from the periods before; where in its interval the chain lies
+    follows from every row of the chain (gap contract, sections 1 and 5). Missing samples (nan) are passed over.
+    """
+    columns: list[tuple] = []
+    number = 0
+    for chain in _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm).read():
+        end, slack, piece = _edge_times(chain)
+        piece += number
+        number = piece[-1] + 1
+        for i, (row, speed, period) in enumerate(zip(chain.row, chain.speed_rpm, chain.period_s, strict=True)):
+            columns.append((row, end[i] - period, end[i], speed, slack[i], False, piece[i]))
+        for row, edge, speed in chain.falls:
+            columns.append((row, end[edge], time_s[row], speed, slack[edge], True, piece[edge]))
+    columns.sort()
+    kinds = (int, float, float, float, float, bool, int)
+    return EdgePeriods(*(np.array([c[k] for c in columns], dtype=kind) for k, kind in enumerate(kinds)))
