@@ -1,0 +1,79 @@
+"""Weighs fits against one another on held-out rows: squared gaps per block, bootstrapped over blocks because residuals are coloured."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgroove.gap.fit import Fit
+
+DRAWS = 2000
+SHORTEST_S = 0.05
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Bootstrap blocks: the block of each row, rows judged, and how often each draw takes each block (DRAWS, blocks)."""
+
+    cluster: np.ndarray
+    judged: np.ndarray
+    draws: np.ndarray
+    rows: np.ndarray
+    length_s: float
+
+    @property
+    def total(self) -> float:
+        """Judged rows of all blocks."""
+        return float(self.rows.sum())
+
+
+def correlation_time(residual: np.ndarray, time_s: np.ndarray, group: np.ndarray, restart_s: float) -> float:
+    """Integrated autocorrelation time in s of the worst group (signal of a log), read from its first zero crossing on."""
+    worst = 0.0
+    for g in np.unique(group):
+        rows = np.flatnonzero(group == g)
+        r = residual[rows] - residual[rows].mean()
+        if len(rows) < 50 or not r.any():
+            continue
+        spacing = (time_s[rows][-1] - time_s[rows][0]) / max(1, len(rows) - 1)
+        lags = min(len(r) // 4, max(2, int(restart_s / max(spacing, 1e-9))))
+        power = np.abs(np.fft.rfft(r, 2 * len(r))) ** 2
+        rho = np.fft.irfft(power)[:lags] / np.dot(r, r)
+        below = np.flatnonzero(rho < 0.05)
+        end = int(below[0]) if below.size else lags
+        worst = max(worst, spacing * (1.0 + 2.0 * float(rho[1:end].sum())))
+    return worst
+
+
+def make_blocks(log: np.ndarray, time_s: np.ndarray, judged: np.ndarray, length_s: float, seed: int, draws: int = DRAWS) -> Blocks:
+    """Cut the judged rows into blocks of length_s and draw bootstrap samples of them."""
+    number = np.floor(time_s / length_s).astype(int)
+    keys = log.astype(np.int64) * (int(number.max()) + 2) + number
+    _, cluster = np.unique(keys, return_inverse=True)
+    rows = np.bincount(cluster, weights=judged.astype(float))
+    used = np.flatnonzero(rows)
+    counts = np.zeros((draws, len(rows)))
+    rng = np.random.default_rng(seed)
+    counts[:, used] = rng.multinomial(len(used), np.full(len(used), 1.0 / len(used)), size=draws)
+    return Blocks(cluster, judged, counts, rows, length_s)
+
+
+def block_sums(blocks: Blocks, squared: np.ndarray) -> np.ndarray:
+    """Sum of squared residuals per block (blocks,); rows that do not count are nan."""
+    return np.bincount(blocks.cluster, weights=np.where(blocks.judged, np.nan_to_num(squared), 0.0), minlength=len(blocks.rows))
+
+
+def draw_means(blocks: Blocks, sums: np.ndarray) -> np.ndarray:
+    """Mean square of each draw (DRAWS,) of per-block sums."""
+    return blocks.draws @ sums / (blocks.draws @ blocks.rows)
+
+
+def interval(blocks: Blocks, difference: np.ndarray, level: float = 0.95) -> tuple[float, float]:
+    """Bootstrap interval of a difference of squared gaps given per-block sums."""
+    means = draw_means(blocks, difference)
+    low, high = np.quantile(means, [(1.0 - level) / 2.0, (1.0 + level) / 2.0])
+    return float(low), float(high)
+
+
+def squared(one: Fit, clip: float) -> np.ndarray:
+    """Clipped squares of the held-out residuals (n,)."""
+    return np.minimum(np.abs(one.held), clip) ** 2

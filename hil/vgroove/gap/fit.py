@@ -1,0 +1,304 @@
+"""Fits many hypotheses at once: damped Gauss-Newton in lock step, robust, bounded, with the tolerated rig keys under their priors.
+
+All parameter sets that a step needs (every hypothesis, every finite difference) go to the simulator in one batch. A hypothesis is fitted
+on all training rows first; the fits of the folds follow from the same Jacobian, one Newton step away.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Protocol
+
+import numpy as np
+
+from vgroove.gap.hypotheses import Effect, Scales
+
+WIDE, NARROW = 20.0, 4.0
+KEY_BOUND = 3.0
+STEP = 0.1
+CHUNK = 96
+
+
+class ProblemLike(Protocol):
+    """What the fit needs of a problem (see problem.py)."""
+
+    theta0: np.ndarray
+    n: int
+    folds: list[tuple[np.ndarray, np.ndarray]]
+    judged: np.ndarray
+
+    def index(self, name: str) -> int: ...
+    def residuals(self, theta: np.ndarray) -> np.ndarray: ...
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One fitted number x: theta[columns] = origin + factors * x. A cosine and the sine after it make an amplitude and its phase."""
+
+    name: str
+    columns: tuple[int, ...]
+    factors: tuple[float, ...]
+    origin: float
+    low: float
+    high: float
+    step: float = STEP
+    prior: bool = False
+    role: str = "plain"
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects with one start; coordinates hold the effects' numbers first, the tolerated keys last."""
+
+    ids: tuple[str, ...]
+    coordinates: tuple[Coordinate, ...]
+    start: np.ndarray
+    fixed: tuple[tuple[int, float], ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Numbers that belong to effects."""
+        return sum(not c.prior for c in self.coordinates)
+
+    @property
+    def low(self) -> np.ndarray:
+        """Lower bounds (p,)."""
+        return np.array([c.low for c in self.coordinates])
+
+    @property
+    def high(self) -> np.ndarray:
+        """Upper bounds (p,)."""
+        return np.array([c.high for c in self.coordinates])
+
+    @property
+    def prior(self) -> np.ndarray:
+        """1 for coordinates under a standard normal prior (p,)."""
+        return np.array([float(c.prior) for c in self.coordinates])
+
+    def theta(self, base: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Parameter vectors (B, P) of coordinate vectors (B, p)."""
+        out = np.repeat(base[None, :], len(x), axis=0)
+        for column, value in self.fixed:
+            out[:, column] = value
+        for i, c in enumerate(self.coordinates):
+            if c.role == "plain":
+                for column, factor in zip(c.columns, c.factors, strict=True):
+                    out[:, column] = c.origin + factor * x[:, i]
+            elif c.role == "cosine":
+                out[:, c.columns[0]] = c.factors[0] * np.hypot(x[:, i], x[:, i + 1])
+                out[:, self.coordinates[i + 1].columns[0]] = np.arctan2(x[:, i + 1], x[:, i])
+        return out
+
+
+@dataclass
+class Fit:
+    """A fitted hypothesis: residuals and Jacobian at x on all rows; held is every judged row as predicted by a fit that did not see it."""
+
+    hypothesis: Hypothesis
+    x: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+    cost: float
+    delta: float
+    held: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    exact: bool = False
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Effects of the hypothesis."""
+        return self.hypothesis.ids
+
+
+class Engine:
+    """Builds hypotheses for one problem and runs their fits."""
+
+    def __init__(self, problem: ProblemLike, scales: Scales, tolerance: dict[str, float], present: frozenset[str] = frozenset()) -> None:
+        self.problem, self.scales, self.present = problem, scales, present
+        self.keys = self._keys(tolerance)
+        self.train = np.logical_or.reduce([train for train, _ in problem.folds])
+        self.calls = 0
+
+    def _keys(self, tolerance: dict[str, float]) -> tuple[Coordinate, ...]:
+        found = []
+        for name, sigma in sorted(tolerance.items()):
+            column = self.problem.index(name)
+            value = float(self.problem.theta0[column])
+            if sigma > 0.0 and value != 0.0:
+                found.append(Coordinate(name, (column,), (sigma * value,), value, -KEY_BOUND, KEY_BOUND, prior=True))
+        return tuple(found)
+
+    def hypotheses(self, effects: Sequence[Effect], x_keys: np.ndarray | None = None) -> list[Hypothesis]:
+        """All starts of a set of effects (the product of their parameters' starts); keys start at x_keys."""
+        ids = tuple(e.id for e in effects)
+        numbers = [pair for e in effects for pair in self._effect(e, ids)]
+        keys = np.zeros(len(self.keys)) if x_keys is None else x_keys
+        starts = np.meshgrid(*[np.array(s) for _, s in numbers], indexing="ij")
+        grid = np.stack([g.ravel() for g in starts], axis=1) if numbers else np.zeros((1, 0))
+        coordinates = tuple(c for c, _ in numbers) + self.keys
+        forms = [tuple((self.problem.index(n), v) for form in forms for n, v in form) for forms in product(*[e.forms for e in effects])]
+        return [Hypothesis(ids, coordinates, np.concatenate([row, keys]), form) for form in forms for row in grid]
+
+    def _effect(self, effect: Effect, ids: tuple[str, ...]) -> list[tuple[Coordinate, tuple[float, ...]]]:
+        if effect.id == "asymmetric_friction" and "coulomb_friction" in ids:
+            return [(self._offset(effect), (0.0,))]
+        pairs = []
+        for parameter in effect.parameters:
+            size = parameter.size(self.scales)
+            column = self.problem.index(effect.name(parameter))
+            low, high = parameter.low(self.scales) / size, parameter.high(self.scales) / size
+            starts = parameter.starts if effect.id not in self.present else (float(self.problem.theta0[column]) / size,)
+            pairs.append((Coordinate(effect.name(parameter), (column,), (size,), 0.0, low, high, parameter.step), starts))
+        return self._polar(pairs) if effect.phase else pairs
+
+    def _offset(self, effect: Effect) -> Coordinate:
+        """Beside Coulomb friction the asymmetry is a constant torque: forward_nm = -backward_nm."""
+        columns = tuple(self.problem.index(effect.name(p)) for p in effect.parameters)
+        size = effect.parameters[0].size(self.scales)
+        return Coordinate(effect.name(effect.parameters[0]), columns, (size, -size), 0.0, -1e6, 1e6)
+
+    @staticmethod
+    def _polar(pairs: list[tuple[Coordinate, tuple[float, ...]]]) -> list[tuple[Coordinate, tuple[float, ...]]]:
+        amplitude, phase = pairs[0][0], pairs[-1][0]
+        bound = max(abs(amplitude.high), 1.0)
+        first = replace(amplitude, low=-bound, high=bound, role="cosine")
+        second = replace(phase, low=-bound, high=bound, role="sine")
+        return [*pairs[1:-1], (first, (0.05,)), (second, (0.05,))]
+
+    def residuals(self, jobs: Sequence[tuple[Hypothesis, np.ndarray]]) -> np.ndarray:
+        """Residuals (sum of rows, n) of hypotheses at coordinate vectors (B, p), in one batch per CHUNK rows."""
+        theta = np.concatenate([h.theta(self.problem.theta0, np.atleast_2d(x)) for h, x in jobs])
+        self.calls += len(theta)
+        parts = [self.problem.residuals(theta[i:i + CHUNK]) for i in range(0, len(theta), CHUNK)]
+        return np.clip(np.nan_to_num(np.concatenate(parts), nan=1e3, posinf=1e3, neginf=-1e3), -1e5, 1e5)
+
+    def fit(self, hypotheses: Sequence[Hypothesis], iterations: int = 6, tell: Callable[[int], None] | None = None) -> list[Fit]:
+        """Fit all hypotheses on the training rows, wide loss first, then narrow; their held-out rows are predicted to first order."""
+        fits = self._begin(hypotheses)
+        active = list(range(len(fits)))
+        for round_ in range(iterations):
+            if not active:
+                break
+            self._differentiate([fits[i] for i in active])
+            active = [i for i, moved in zip(active, self._advance([fits[i] for i in active], round_), strict=True) if moved]
+            if tell:
+                tell(len(active))
+        for one in fits:
+            one.held = self._held_linear(one)
+        return fits
+
+    def _begin(self, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
+        rows = self.residuals([(h, h.start) for h in hypotheses])
+        fits = []
+        for h, r in zip(hypotheses, rows, strict=True):
+            one = Fit(h, h.start.copy(), r, np.zeros((len(r), len(h.start))), np.inf, self._delta(r, WIDE))
+            one.cost = self._cost(one, one.x, r)
+            fits.append(one)
+        return fits
+
+    def _delta(self, r: np.ndarray, width: float) -> float:
+        return width * max(1.0, float(1.4826 * np.median(np.abs(r[self.train]))))
+
+    def _cost(self, one: Fit, x: np.ndarray, r: np.ndarray) -> float:
+        size = np.abs(r[self.train])
+        loss = np.where(size <= one.delta, size**2, 2.0 * one.delta * size - one.delta**2)
+        return float(loss.sum() + ((x * one.hypothesis.prior) ** 2).sum())
+
+    def _differentiate(self, fits: Sequence[Fit]) -> None:
+        """Forward differences, away from an upper bound, all hypotheses in one batch."""
+        jobs, steps = [], []
+        for one in fits:
+            steps_up = np.array([c.step for c in one.hypothesis.coordinates])
+            signed = np.where(one.x + steps_up > one.hypothesis.high, -steps_up, steps_up)
+            steps.append(signed)
+            jobs.append((one.hypothesis, one.x + np.diag(signed)))
+        rows, at = self.residuals(jobs), 0
+        for one, signed in zip(fits, steps, strict=True):
+            one.jacobian = ((rows[at:at + len(signed)] - one.residual) / signed[:, None]).T
+            at += len(signed)
+
+    def _advance(self, fits: Sequence[Fit], round_: int) -> list[bool]:
+        """One damped step each; True for those that should go on."""
+        trials = []
+        for one in fits:
+            full = self.step(one, self.train)
+            trials.append(one.x + np.array([[1.0], [0.35]]) * full)
+        rows, moved = self.residuals([(f.hypothesis, t) for f, t in zip(fits, trials, strict=True)]), []
+        for i, (one, trial) in enumerate(zip(fits, trials, strict=True)):
+            moved.append(self._accept(one, trial, rows[2 * i:2 * i + 2], round_))
+        return moved
+
+    def _accept(self, one: Fit, trial: np.ndarray, rows: np.ndarray, round_: int) -> bool:
+        costs = [self._cost(one, x, r) for x, r in zip(trial, rows, strict=True)]
+        best = int(np.argmin(costs))
+        gain = one.cost - costs[best]
+        if gain > 0.0:
+            one.x, one.residual, one.cost = trial[best], rows[best], costs[best]
+        if round_ == 0 or one.delta > 1.5 * self._delta(one.residual, NARROW):
+            one.delta = self._delta(one.residual, NARROW)
+            one.cost = self._cost(one, one.x, one.residual)
+            return True
+        return gain > max(1.0, 2e-4 * one.cost)
+
+    def step(self, one: Fit, mask: np.ndarray) -> np.ndarray:
+        """Gauss-Newton step (p,) of the robust cost over mask, inside the bounds."""
+        weight = np.minimum(1.0, one.delta / np.maximum(np.abs(one.residual), 1e-9)) * mask
+        weighted = one.jacobian * weight[:, None]
+        prior = one.hypothesis.prior
+        normal = weighted.T @ one.jacobian + np.diag(prior)
+        gradient = weighted.T @ one.residual + prior * one.x
+        return bounded_step(normal, gradient, one.hypothesis.low - one.x, one.hypothesis.high - one.x)
+
+    def _held_linear(self, one: Fit) -> np.ndarray:
+        held = one.residual.copy()
+        for train, test in self.problem.folds:
+            if not np.array_equal(train, self.train):
+                held[test] += one.jacobian[test] @ self.step(one, train)
+        return held
+
+    def settle(self, fits: Sequence[Fit]) -> None:
+        """Replace first-order held-out predictions by simulated ones, fold by fold, and refresh the Jacobians."""
+        todo = [f for f in fits if not f.exact]
+        if not todo:
+            return
+        self._differentiate(todo)
+        jobs = [(f.hypothesis, np.stack([f.x + self._fold_step(f, train) for train, _ in self.problem.folds])) for f in todo]
+        rows, folds = self.residuals(jobs), len(self.problem.folds)
+        for i, one in enumerate(todo):
+            for k, (_, test) in enumerate(self.problem.folds):
+                one.held[test] = rows[i * folds + k][test]
+            one.exact = True
+
+    def _fold_step(self, one: Fit, train: np.ndarray) -> np.ndarray:
+        return np.zeros(len(one.x)) if np.array_equal(train, self.train) else self.step(one, train)
+
+
+def bounded_step(normal: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Minimise d' normal d / 2 + gradient' d within low <= d <= high by fixing violated coordinates one after another."""
+    p = len(gradient)
+    ridge = normal + np.diag(1e-9 * np.diag(normal) + 1e-12)
+    step, free = np.zeros(p), np.ones(p, bool)
+    for _ in range(p + 1):
+        if not free.any():
+            break
+        rest = gradient[free] + ridge[np.ix_(free, ~free)] @ step[~free]
+        step[free] = -np.linalg.solve(ridge[np.ix_(free, free)], rest)
+        over = np.where(free, np.maximum(low - step, step - high), -1.0)
+        worst = int(np.argmax(over))
+        if over[worst] <= 1e-12:
+            break
+        step[worst] = np.clip(step[worst], low[worst], high[worst])
+        free[worst] = False
+    return step
+
+
+def covariance(one: Fit, mask: np.ndarray, cluster: np.ndarray) -> np.ndarray:
+    """Sandwich covariance (p, p) of the fitted numbers; rows of one cluster may be correlated in any way."""
+    weight = np.minimum(1.0, one.delta / np.maximum(np.abs(one.residual), 1e-9)) * mask
+    weighted = one.jacobian * weight[:, None]
+    prior = np.diag(one.hypothesis.prior)
+    bread = np.linalg.pinv(weighted.T @ one.jacobian + prior)
+    score = weighted * one.residual[:, None]
+    sums = np.stack([np.bincount(cluster, weights=score[:, j]) for j in range(score.shape[1])], axis=1)
+    groups = max(2, len(np.unique(cluster[mask])))
+    meat = sums.T @ sums * groups / (groups - 1) + prior
+    return bread @ meat @ bread

@@ -1,0 +1,276 @@
+"""Finds the set of effects that predicts held-out rows best: singles, then forward steps and exchanges, then backward elimination.
+
+A further effect must be worth it twice: its held-out gain is significant under the block bootstrap, and it is large enough to matter.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from vgroove.gap.evidence import SHORTEST_S, Blocks, block_sums, correlation_time, draw_means, interval, make_blocks, squared
+from vgroove.gap.fit import NARROW, Engine, Fit, Hypothesis
+from vgroove.gap.hypotheses import BY_ID, Effect, contains
+
+CLIP = 10.0
+LARGEST_SET = 4
+WORTH = 0.02
+WORTH_SHARE = 0.01
+LEVEL = 0.99
+PROPOSALS = 6
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Where each residual comes from: log, time, signal (n,), and how often the model restarts."""
+
+    log: np.ndarray
+    time_s: np.ndarray
+    signal: np.ndarray
+    restart_s: float
+
+
+@dataclass
+class Search:
+    """State of the search; fits holds the best converged fit of each set that was tried."""
+
+    engine: Engine
+    effects: list[Effect]
+    rows: Rows
+    blocks: Blocks
+    nominal: Fit
+    retuned: Fit
+    seed: int = 0
+    clip: float = CLIP
+    fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
+    tell: Callable[[str], None] = lambda _: None
+
+    def sums(self, one: Fit) -> np.ndarray:
+        """Clipped squared held-out residuals per bootstrap block (blocks,)."""
+        return block_sums(self.blocks, squared(one, self.clip))
+
+    def score(self, one: Fit) -> float:
+        """Squared held-out gap."""
+        return float(self.sums(one).sum()) / self.blocks.total
+
+    def difference(self, one: Fit, other: Fit, level: float = 0.95) -> tuple[float, float]:
+        """Bootstrap interval of squared gap of one minus that of the other."""
+        return interval(self.blocks, self.sums(one) - self.sums(other), level)
+
+    def tied(self, one: Fit, best: Fit) -> bool:
+        """The contract's rule: the 95 % interval of the difference contains 0."""
+        return self.difference(one, best)[0] <= 0.0
+
+    def better(self, fuller: Fit, leaner: Fit) -> bool:
+        """True when the fuller set is significantly better and by an amount that matters."""
+        gain = self.score(leaner) - self.score(fuller)
+        worth = WORTH * self.level() + WORTH_SHARE * max(0.0, self.score(leaner) - self.level())
+        return gain > worth and self.difference(leaner, fuller, LEVEL)[0] > 0.0
+
+    def level(self) -> float:
+        """Squared gap that is taken as noise: 1, or what the best fit leaves where no fit comes near 1."""
+        return (self.clip / CLIP) ** 2
+
+    def add(self, hypotheses: Sequence[Hypothesis], iterations: int = 6) -> list[Fit]:
+        """Fit, settle and keep the best of each set."""
+        fits = self.engine.fit(hypotheses, iterations)
+        self.engine.settle(fits)
+        for one in fits:
+            known = self.fits.get(key(one.ids))
+            if known is None or one.cost < known.cost:
+                self.fits[key(one.ids)] = one
+        return [self.fits[k] for k in dict.fromkeys(key(h.ids) for h in hypotheses)]
+
+    def ranked(self, size: int) -> list[Fit]:
+        """Fits of sets of one size, best first; equal scores in catalogue order."""
+        return sorted((f for k, f in self.fits.items() if len(k) == size), key=lambda f: (round(self.score(f), 9), f.ids))
+
+
+def key(ids: Sequence[str]) -> tuple[str, ...]:
+    """Order-free name of a set."""
+    return tuple(sorted(ids))
+
+
+def begin(engine: Engine, effects: list[Effect], rows: Rows, seed: int, tell: Callable[[str], None]) -> Search:
+    """Nominal and retuned fits, bootstrap blocks."""
+    tell("nominal and retuned model")
+    empty = Hypothesis((), (), np.zeros(0))
+    nominal = engine.fit([empty], 0)[0]
+    nominal.exact = True
+    retuned = nominal
+    if engine.keys:
+        retuned = engine.fit(engine.hypotheses([]))[0]
+        engine.settle([retuned])
+    blocks = make_blocks(rows.log, rows.time_s, engine.problem.judged, rows.restart_s, seed)
+    search = Search(engine, effects, rows, blocks, nominal, retuned, seed, tell=tell)
+    search.fits[()] = retuned
+    return search
+
+
+def singles(search: Search) -> None:
+    """Every effect alone, all starts briefly, the best start of each to convergence."""
+    search.tell("each effect alone")
+    x_keys = search.retuned.x
+    brief = search.engine.fit([h for e in search.effects for h in search.engine.hypotheses([e], x_keys)], 2)
+    best: dict[str, Fit] = {}
+    for one in brief:
+        if one.ids[0] not in best or one.cost < best[one.ids[0]].cost:
+            best[one.ids[0]] = one
+    again = [replace(f.hypothesis, start=f.x) for f in best.values()]
+    search.add(again, 5)
+    rescale(search)
+    reblock(search)
+
+
+def rescale(search: Search) -> None:
+    """Where even the best fit is far from the noise (real machines), clip in units of what it leaves, so that models still compare."""
+    leanest = min(search.fits.values(), key=lambda f: np.median(np.abs(f.held[search.blocks.judged])))
+    left = 1.4826 * float(np.median(np.abs(leanest.held[search.blocks.judged])))
+    search.clip = CLIP * max(1.0, left / 2.0)
+
+
+def reblock(search: Search) -> None:
+    """Bootstrap blocks a few correlation times long, as the residual of the best single fit shows them."""
+    rows, best = search.rows, min(search.fits.values(), key=search.score)
+    memory = correlation_time(best.residual, rows.time_s, rows.log * 1000 + rows.signal, rows.restart_s)
+    length = min(max(SHORTEST_S, 3.0 * memory), 2.0 * rows.restart_s)
+    search.blocks = make_blocks(rows.log, rows.time_s, search.blocks.judged, length, search.seed)
+
+
+def extensions(search: Search, base: Fit) -> list[Fit]:
+    """First-order fits of base plus each further effect, best first: own Jacobian columns for the newcomer, those of base for the rest."""
+    engine, count = search.engine, base.hypothesis.count
+    trials, jobs = [], []
+    for effect in (e for e in search.effects if e.id not in base.ids):
+        members = [BY_ID[i] for i in base.ids] + [effect]
+        for h in engine.hypotheses(members):
+            new = h.count - count
+            if new < 1 or not same_coordinates(h, base, count):
+                continue
+            trial = replace(h, start=np.concatenate([base.x[:count], h.start[count:count + new], base.x[count:]]))
+            if any(np.array_equal(trial.start, t.start) and (t.ids, t.fixed) == (h.ids, h.fixed) for t in trials):
+                continue
+            trials.append(trial)
+            start = trial.start
+            steps = np.diag([c.step for c in h.coordinates])[count:count + new]
+            jobs.append((trials[-1], np.vstack([start, start + steps])))
+    if not trials:
+        return []
+    rows, at, out = engine.residuals(jobs), 0, []
+    for h, (_, points) in zip(trials, jobs, strict=True):
+        out.append(first_order(search, base, h, rows[at:at + len(points)]))
+        at += len(points)
+    return sorted(out, key=search.score)
+
+
+def same_coordinates(h: Hypothesis, base: Fit, count: int) -> bool:
+    """True when an extension begins with its base's coordinates and form (a Coulomb newcomer changes what asymmetric_friction means)."""
+    return h.coordinates[:count] == base.hypothesis.coordinates[:count] and set(base.hypothesis.fixed) <= set(h.fixed)
+
+
+def first_order(search: Search, base: Fit, h: Hypothesis, rows: np.ndarray) -> Fit:
+    """The extended fit as one Newton step from base predicts it."""
+    engine, count = search.engine, base.hypothesis.count
+    steps = np.array([c.step for c in h.coordinates])[count:count + len(rows) - 1]
+    columns = ((rows[1:] - rows[0]) / steps[:, None]).T
+    jacobian = np.hstack([base.jacobian[:, :count], columns, base.jacobian[:, count:]])
+    one = Fit(h, h.start.copy(), rows[0], jacobian, np.inf, max(base.delta, NARROW))
+    step = engine.step(one, engine.train)
+    one.held = one.residual + jacobian @ step
+    for train, test in engine.problem.folds:
+        if not np.array_equal(train, engine.train):
+            one.held[test] = one.residual[test] + jacobian[test] @ engine.step(one, train)
+    one.x, one.residual = one.x + step, one.residual + jacobian @ step
+    return one
+
+
+def forward(search: Search) -> Fit:
+    """Grow the set while a further effect, or an exchange, is better in both senses."""
+    best = search.ranked(1)[0] if search.ranked(1) else search.retuned
+    if not search.better(best, search.retuned):
+        pair = grow(search, best)
+        return pair if pair is not None and search.better(pair, search.retuned) else search.retuned
+    while len(best.ids) < LARGEST_SET:
+        larger = grow(search, best)
+        if larger is None or not search.better(larger, best):
+            return best
+        best = larger
+    return best
+
+
+def grow(search: Search, base: Fit) -> Fit | None:
+    """Best converged set with one more effect than base: extensions of base and of its closest rivals."""
+    search.tell(f"a further effect beside {', '.join(base.ids)}")
+    size = len(base.ids) + 1
+    rivals = [f for f in search.ranked(size - 1) if key(f.ids) != key(base.ids)][:2]
+    proposals = extensions(search, base)[:PROPOSALS]
+    for rival in rivals:
+        proposals += extensions(search, rival)[:3]
+    search.add(distinct(proposals))
+    ranked = search.ranked(size)
+    return ranked[0] if ranked else None
+
+
+def distinct(proposals: Sequence[Fit]) -> list[Hypothesis]:
+    """Hypotheses of first-order fits, each set once."""
+    seen: dict[tuple[str, ...], Hypothesis] = {}
+    for one in proposals:
+        seen.setdefault(key(one.ids), replace(one.hypothesis, start=one.x))
+    return list(seen.values())
+
+
+def fit_set(search: Search, ids: Sequence[str], near: Fit) -> Fit:
+    """Converged fit of a set of ids, started from the numbers of a related fit."""
+    known = search.fits.get(key(ids))
+    if known is not None:
+        return known
+    values = {c.name: x for c, x in zip(near.hypothesis.coordinates, near.x, strict=True)}
+    members = search.engine.hypotheses([BY_ID[i] for i in ids])
+    h = next((m for m in members if set(m.fixed) <= set(near.hypothesis.fixed)), members[0])
+    start = np.array([values.get(c.name, s) for c, s in zip(h.coordinates, h.start, strict=True)])
+    return search.add([replace(h, start=np.clip(start, h.low, h.high))])[0]
+
+
+def backward(search: Search, best: Fit) -> Fit:
+    """Drop members that are not worth their place, the least useful first."""
+    search.tell("is every effect needed")
+    while len(best.ids) > 1:
+        leaner = [fit_set(search, [i for i in best.ids if i != out], best) for out in best.ids]
+        leanest = min(leaner, key=search.score)
+        if search.better(best, leanest):
+            return best
+        best = leanest
+    return best
+
+
+def rivals(search: Search, best: Fit) -> list[Fit]:
+    """Converged sets that predict the held-out rows as well as best, are no larger, and do not just generalise it; best first."""
+    exchange(search, best)
+    pool = [f for k, f in search.fits.items() if k and key(best.ids) != k and f.hypothesis.count <= best.hypothesis.count + 2]
+    pool = [f for f in pool if len(f.ids) <= len(best.ids) and not contains(f.ids, best.ids)]
+    return sorted((f for f in pool if search.tied(f, best)), key=search.score)
+
+
+def exchange(search: Search, best: Fit) -> None:
+    """Try every other effect in each member's place, to first order, and converge the close ones."""
+    if len(best.ids) < 2:
+        return
+    close: list[Fit] = []
+    for out in best.ids:
+        rest = fit_set(search, [i for i in best.ids if i != out], best)
+        close += [f for f in extensions(search, rest)[:4] if key(f.ids) not in search.fits]
+    search.add(distinct(close))
+
+
+def lean(search: Search, best: Fit) -> Fit:
+    """Between equals the one with fewer numbers: a tied special case, or a tied set with fewer fitted numbers."""
+    tied = [f for k, f in search.fits.items() if k and len(k) <= len(best.ids) and search.tied(f, best)]
+    fewer = [f for f in tied if f.hypothesis.count < best.hypothesis.count]
+    return min(fewer, key=lambda f: (f.hypothesis.count, search.score(f))) if fewer else best
+
+
+def win_shares(search: Search, candidates: Sequence[Fit]) -> np.ndarray:
+    """Share of bootstrap draws in which each candidate set wins, with a handicap for each further number."""
+    worth = 0.5 * WORTH * search.level()
+    means = np.stack([draw_means(search.blocks, search.sums(f)) + worth * f.hypothesis.count for f in candidates])
+    return np.bincount(np.argmin(means, axis=0), minlength=len(candidates)) / means.shape[1]

@@ -1,0 +1,186 @@
+"""Says what the search found in the contract's terms: verdict, gap figures, effects with probability and intervals, rivals, remainder."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgroove.gap import locate
+from vgroove.gap.evidence import draw_means
+from vgroove.gap.fit import Fit, covariance
+from vgroove.gap.hypotheses import BY_ID, Parameter, equivalents
+from vgroove.gap.search import Search, key, win_shares
+
+BULK = 0.7
+VISIBLE = 0.1
+Z95 = 1.96
+SURE = 0.99
+
+
+@dataclass
+class Finding:
+    """What was decided: the verdict, the fit whose effects are named, its rivals, and what is left."""
+
+    verdict: str
+    best: Fit
+    rivals: list[Fit]
+    left: locate.Structure
+    bulk: float
+
+
+def decide(search: Search, best: Fit, rivals: list[Fit], left: locate.Structure, floor: float) -> Finding:
+    """The verdict from the selected set, its rivals and the structure of what remains."""
+    bulk = closed_squared(search, best, floor)
+    if not best.ids:
+        real = left.significant and search.score(best) > floor**2 * (1.0 + VISIBLE)
+        return Finding("unlisted" if real else "none", best, [], left, bulk)
+    if bulk < BULK and left.significant:
+        return Finding("unlisted", best, [], left, bulk)
+    return Finding("ambiguous" if rivals else "effect", best, rivals, left, bulk)
+
+
+def closed_squared(search: Search, best: Fit, floor: float) -> float:
+    """Share of the squared gap beyond retuning that the set closes."""
+    before, after = search.score(search.retuned), search.score(best)
+    return (before - after) / max(before - floor**2, 1e-9)
+
+
+def closed(before: float, after: float, floor: float) -> float | None:
+    """The contract's share of the gap, null when there is hardly any."""
+    return None if before - floor < 0.1 else float(np.clip((before - after) / (before - floor), 0.0, 1.0))
+
+
+def gap_of(problem: object, held: np.ndarray) -> float:
+    """The contract's gap of held-out residuals."""
+    return float(problem.gap(held, problem.judged))
+
+
+def gap_section(problem: object, search: Search, shown: Fit, floor: float) -> dict[str, object]:
+    """gap.* of the verdict; shown is the fit whose `after` is reported."""
+    before, retuned, after = (gap_of(problem, f.held) for f in (search.nominal, search.retuned, shown))
+    return {
+        "before": before, "retuned": retuned, "after": after, "floor": floor,
+        "closed": closed(before, after, floor), "closed_ci95": closed_interval(search, shown, before, floor),
+        "closed_by_retuning": closed(before, retuned, floor), "closed_beyond_retuning": closed(retuned, after, floor),
+        "restart_s": float(problem.restart_s), "held_out_s": [[[float(a), float(b)] for a, b in log] for log in problem.held_out_s],
+        "by_signal": by_signal(problem, search, shown),
+    }
+
+
+def closed_interval(search: Search, shown: Fit, before: float, floor: float) -> list[float] | None:
+    """Block-bootstrap interval of `closed`."""
+    if before - floor < 0.1:
+        return None
+    b, a = (np.sqrt(draw_means(search.blocks, search.sums(f))) for f in (search.nominal, shown))
+    ratio = np.clip((b - a) / np.maximum(b - floor, 1e-6), 0.0, 1.0)
+    return [float(q) for q in np.quantile(ratio, [0.025, 0.975])]
+
+
+def by_signal(problem: object, search: Search, shown: Fit) -> dict[str, dict[str, object]]:
+    """Gaps in units and ISO/TS 18571 ratings of each judged signal."""
+    columns = [problem.gap_by_signal(f.held, problem.judged) for f in (search.nominal, search.retuned, shown)]
+    ratings = [problem.iso18571(f.held, problem.judged) for f in (search.nominal, shown)]
+    out = {}
+    for info in problem.signals:
+        name = info.column
+        if name in columns[0]:
+            out[name] = {"unit": info.unit, "before": columns[0][name], "retuned": columns[1][name], "after": columns[2][name],
+                         "floor": float(info.sigma), "iso18571_before": ratings[0].get(name), "iso18571_after": ratings[1].get(name)}
+    return out
+
+
+def probabilities(search: Search, finding: Finding) -> dict[str, float]:
+    """Marginal probability of each effect: how often a set that holds it wins under the block bootstrap, less where much is left open."""
+    candidates = [search.retuned, *(f for k, f in sorted(search.fits.items()) if k)]
+    share = win_shares(search, candidates)
+    out = {e.id: float(sum(s for s, f in zip(share, candidates, strict=True) if e.id in f.ids)) for e in search.effects}
+    trust = SURE * (1.0 if finding.verdict in ("effect", "ambiguous", "none") else max(0.0, min(1.0, finding.bulk)))
+    if finding.verdict == "ambiguous":
+        out = share_among_rivals(out, finding)
+    return {i: p * trust for i, p in out.items()}
+
+
+def share_among_rivals(out: dict[str, float], finding: Finding) -> dict[str, float]:
+    """Rivals that tie keep a share of the doubt: no more than 1 / (1 + rivals) is given away for certain."""
+    rivals = [i for f in finding.rivals for i in f.ids if i not in finding.best.ids]
+    doubted = [i for i in finding.best.ids if any(i not in f.ids for f in finding.rivals)]
+    for i in doubted:
+        out[i] = min(out[i], 0.5 + 0.5 / (1 + len(rivals)))
+    for i in rivals:
+        out[i] = max(out[i], 0.5 / (1 + len(rivals)))
+    return out
+
+
+def parameters_of(search: Search, one: Fit, effect_id: str) -> dict[str, dict[str, object]]:
+    """Reported parameters of one effect in a fit, with clustered intervals."""
+    spread = np.sqrt(np.maximum(np.diag(covariance(one, search.engine.train, search.blocks.cluster)), 0.0)) if len(one.x) else np.zeros(0)
+    theta = one.hypothesis.theta(search.engine.problem.theta0, one.x[None, :])[0]
+    out = {}
+    for parameter in (p for p in BY_ID[effect_id].parameters if p.reported):
+        name = BY_ID[effect_id].name(parameter)
+        value = float(theta[search.engine.problem.index(name)])
+        out[parameter.name] = {"value": value, "ci95": interval_of(one, name, parameter, value, spread), "unit": parameter.unit}
+    return out
+
+
+def interval_of(one: Fit, name: str, parameter: Parameter, value: float, spread: np.ndarray) -> list[float] | None:
+    """95 % interval of a fitted flat parameter (the amplitude of a polar pair: the larger of its two spreads)."""
+    for i, c in enumerate(one.hypothesis.coordinates):
+        if c.name == name or (name.endswith("backward_nm") and c.name.endswith("forward_nm") and len(c.columns) == 2):
+            s = max(spread[i], spread[i + 1]) if c.role == "cosine" else spread[i]
+            half = Z95 * float(s) * abs(c.factors[0])
+            return [value - half, value + half]
+    return None
+
+
+def lost_without(search: Search, problem: object, best: Fit, effect_id: str, floor: float) -> float:
+    """Share of the gap that opens again when the effect alone leaves the selected set."""
+    if effect_id not in best.ids:
+        return 0.0
+    rest = search.fits.get(key([i for i in best.ids if i != effect_id]), search.retuned)
+    before, after, without = (gap_of(problem, f.held) for f in (search.nominal, best, rest))
+    return float(np.clip((without - after) / max(before - floor, 1e-9), 0.0, 1.0)) if before - floor >= 0.1 else 0.0
+
+
+def effects_section(problem: object, search: Search, finding: Finding, floor: float) -> list[dict[str, object]]:
+    """All effects that were tried: selected ones first, then by probability and by what they close alone."""
+    chance, before, out = probabilities(search, finding), gap_of(problem, search.nominal.held), []
+    for effect in search.effects:
+        alone = search.fits[(effect.id,)]
+        source = finding.best if effect.id in finding.best.ids else alone
+        out.append({"id": effect.id, "subsystem": effect.subsystem, "probability": round(chance[effect.id], 6),
+                    "closes": closed(before, gap_of(problem, alone.held), floor),
+                    "lost_without": lost_without(search, problem, finding.best, effect.id, floor) if finding.verdict != "unlisted" else 0.0,
+                    "parameters": parameters_of(search, source, effect.id)})
+    named = selected(search, problem, finding, floor)
+    return sorted(out, key=lambda e: (named.index(e["id"]) if e["id"] in named else 99, -e["probability"], -(e["closes"] or 0.0), e["id"]))
+
+
+def selected(search: Search, problem: object, finding: Finding, floor: float) -> list[str]:
+    """Named effects, strongest first; none of them when the gap is unlisted or no gap at all."""
+    if finding.verdict in ("none", "unlisted"):
+        return []
+    strength = {i: lost_without(search, problem, finding.best, i, floor) for i in finding.best.ids}
+    return sorted(finding.best.ids, key=lambda i: (-strength[i], i))
+
+
+def indistinguishable(problem: object, search: Search, finding: Finding, kinds: frozenset[str], floor: float) -> list[dict[str, object]]:
+    """Members of the selected effects' equivalence classes, then the tied rivals."""
+    if finding.verdict not in ("effect", "ambiguous"):
+        return []
+    before, out = gap_of(problem, search.nominal.held), []
+    for i in finding.best.ids:
+        for other in equivalents(i, kinds):
+            out.append({"id": other, "instead_of": i, "closes": closed(before, gap_of(problem, search.fits[(i,)].held), floor)})
+    for rival in finding.rivals:
+        gone = [i for i in finding.best.ids if i not in rival.ids]
+        for j, new in enumerate(i for i in rival.ids if i not in finding.best.ids):
+            if all(o["id"] != new for o in out) and gone:
+                out.append({"id": new, "instead_of": gone[min(j, len(gone) - 1)],
+                            "closes": closed(before, gap_of(problem, search.fits[(new,)].held), floor)})
+    return out
+
+
+def retuned_parameters(search: Search, one: Fit) -> dict[str, float]:
+    """Values of the tolerated rig keys in a fit."""
+    theta = one.hypothesis.theta(search.engine.problem.theta0, one.x[None, :])[0] if len(one.x) else search.engine.problem.theta0
+    return {c.name: float(theta[c.columns[0]]) for c in search.engine.keys}
