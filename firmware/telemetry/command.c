@@ -1,0 +1,101 @@
+// Inbound parser, see command.h.
+#include "telemetry/command.h"
+
+#include "core/crc.h"
+
+#define FRAME_START 0xAAu
+#define FRAME_END 0xBBu
+#define TIME_AT 1u
+#define LENGTH_AT 5u
+#define ID_AT 6u
+#define DATA_AT 10u
+#define CRC_AT 17u
+#define END_AT 18u
+
+// Whether the bytes from `first` on can still become a frame.
+static bool plausible(const CommandParser *self, uint8_t first) {
+    const uint8_t count = (uint8_t)(self->count - first);
+    if (count > 0u && self->buffer[first] != FRAME_START) {
+        return false;
+    }
+    if (count > LENGTH_AT && self->buffer[first + LENGTH_AT] != TELEMETRY_DATA_BYTES) {
+        return false;
+    }
+    return count <= END_AT || self->buffer[first + END_AT] == FRAME_END;
+}
+
+// Gives up the first byte and every one after it that cannot start a frame.
+static void resynchronise(CommandParser *self) {
+    uint8_t first = 1;
+    while (!plausible(self, first)) {
+        first++;
+    }
+    self->count = (uint8_t)(self->count - first);
+    for (uint8_t k = 0; k < self->count; k++) {
+        self->buffer[k] = self->buffer[k + first];
+    }
+    self->errors = (uint8_t)(self->errors > UINT8_MAX - first ? UINT8_MAX : self->errors + first);
+}
+
+static uint8_t crc_of(const uint8_t buffer[TELEMETRY_FRAME_BYTES]) {
+    uint8_t crc = CRC8_INIT;
+    for (uint8_t k = ID_AT; k < DATA_AT; k++) {
+        crc = crc8_next(crc, buffer[k]);
+    }
+    for (uint8_t k = TIME_AT; k < LENGTH_AT; k++) {
+        crc = crc8_next(crc, buffer[k]);
+    }
+    for (uint8_t k = DATA_AT; k < CRC_AT; k++) {
+        crc = crc8_next(crc, buffer[k]);
+    }
+    return (uint8_t)(crc ^ CRC8_FINAL_XOR);
+}
+
+static void take_frame(const CommandParser *self, Command *out) {
+    const uint8_t *id = &self->buffer[ID_AT];
+    out->id = (uint16_t)((uint16_t)id[0] | (uint16_t)((uint16_t)id[1] << 8));
+    for (uint8_t k = 0; k < TELEMETRY_DATA_BYTES; k++) {
+        out->data[k] = self->buffer[DATA_AT + k];
+    }
+    out->fresh = false;
+    if (crc_of(self->buffer) != self->buffer[CRC_AT]) {
+        out->result = TELEMETRY_ACK_RESULT_BAD_CRC;
+    } else if (id[2] != 0u || id[3] != 0u) {
+        out->result = TELEMETRY_ACK_RESULT_UNKNOWN_ID;
+    } else if (out->id == self->last_id && out->data[COMMAND_SEQUENCE_AT] == self->last_sequence && self->buffer[CRC_AT] == self->last_crc) {
+        out->result = self->last_result;
+    } else {
+        out->result = TELEMETRY_ACK_RESULT_OK;
+        out->fresh = true;
+    }
+}
+
+bool command_next(CommandParser *self, uint8_t byte, Command *out) {
+    self->buffer[self->count] = byte;
+    self->count++;
+    if (!plausible(self, 0)) {
+        resynchronise(self);
+    }
+    if (self->count < TELEMETRY_FRAME_BYTES) {
+        return false;
+    }
+    take_frame(self, out);
+    if (out->result == TELEMETRY_ACK_RESULT_BAD_CRC) {
+        resynchronise(self);  // a good frame may have begun inside
+    } else {
+        self->count = 0;
+    }
+    return true;
+}
+
+void command_answered(CommandParser *self, const Command *command, Telemetry *telemetry) {
+    const uint8_t sequence = command->data[COMMAND_SEQUENCE_AT];
+    const TelemetryAck ack = {.ack_command = command->id, .ack_sequence = sequence, .ack_result = command->result};
+    if (command->fresh) {
+        self->last_id = command->id;
+        self->last_sequence = sequence;
+        self->last_crc = command->data[TELEMETRY_DATA_BYTES - 1u];
+        self->last_result = command->result;
+    }
+    telemetry_ack(telemetry, &ack);
+}

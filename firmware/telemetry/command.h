@@ -1,0 +1,43 @@
+// Inbound frames out of a stream of bytes: resynchronises after garbage, checks the CRC, recognises a command that is sent again.
+//
+// One command is answered before the next is parsed, so that every command gets its ACK:
+//     while (!telemetry_ack_waits(&telemetry) && uart_read(&byte)) {
+//         if (command_next(&parser, byte, &command)) {
+//             if (command.fresh) command.result = execute(&command);
+//             command_answered(&parser, &command, &telemetry);
+//         }
+//     }
+#ifndef VGROOVE_TELEMETRY_COMMAND_H
+#define VGROOVE_TELEMETRY_COMMAND_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "telemetry/telemetry.h"
+
+#define COMMAND_SEQUENCE_AT 6u  // data byte of every inbound frame
+
+typedef struct {
+    uint16_t id;
+    uint8_t data[TELEMETRY_DATA_BYTES];
+    uint8_t result;  // TELEMETRY_ACK_RESULT_*
+    bool fresh;      // to be executed: intact and not the last one sent again
+} Command;
+
+typedef struct {
+    uint8_t buffer[TELEMETRY_FRAME_BYTES];
+    uint8_t count;
+    uint8_t errors;  // bytes outside frames and frames with a bad CRC; saturates
+    uint8_t last_result;
+    uint8_t last_sequence;
+    uint8_t last_crc;
+    uint16_t last_id;  // 0: none yet
+} CommandParser;
+
+// Takes one received byte; true when it completes a frame, which is then in `out`.
+bool command_next(CommandParser *self, uint8_t byte, Command *out);
+
+// Queues the ACK with `command->result`.
+void command_answered(CommandParser *self, const Command *command, Telemetry *telemetry);
+
+#endif

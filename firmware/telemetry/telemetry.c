@@ -1,0 +1,246 @@
+// Frame schedule and byte budget, see telemetry.h.
+#include "telemetry/telemetry.h"
+
+#include "core/crc.h"
+
+#define FRAME_START 0xAAu
+#define FRAME_END 0xBBu
+#define DATA_AT 10u  // after start, time, length and id
+#define FRAME_COST (100u * TELEMETRY_FRAME_BYTES)
+#define BUDGET_MAX (100u * TELEMETRY_QUEUE_BYTES)
+#define TICKS_MATTER 4u  // by then the slowest line has earned two frames
+#define TRIGGER_STEP 2u  // smaller moves of the trigger are noise of its ADC
+#define MS_PER_SECOND 1000u
+
+#define BUDGET_PER_TICK_250000 2500u
+#define BUDGET_PER_TICK_115200 1152u
+// Fewest ticks that pay for a FAST frame and leave something for slow ones.
+#define DIVIDER_LEAST_250000 1u
+#define DIVIDER_LEAST_115200 2u
+
+static void finish_frame(uint8_t frame[TELEMETRY_FRAME_BYTES], uint16_t id, uint8_t crc_seed, uint32_t now_ms) {
+    uint8_t crc = crc_seed;
+    frame[0] = FRAME_START;
+    for (uint8_t k = 1; k <= 4u; k++) {
+        frame[k] = (uint8_t)now_ms;
+        crc = crc8_next(crc, (uint8_t)now_ms);
+        now_ms >>= 8;
+    }
+    frame[5] = TELEMETRY_DATA_BYTES;
+    frame[6] = (uint8_t)id;
+    frame[7] = (uint8_t)(id >> 8);
+    frame[8] = 0u;
+    frame[9] = 0u;
+    for (uint8_t k = 0; k < TELEMETRY_DATA_BYTES - 1u; k++) {
+        crc = crc8_next(crc, frame[DATA_AT + k]);
+    }
+    frame[DATA_AT + TELEMETRY_DATA_BYTES - 1u] = (uint8_t)(crc ^ CRC8_FINAL_XOR);
+    frame[TELEMETRY_FRAME_BYTES - 1u] = FRAME_END;
+}
+
+void telemetry_init(Telemetry *self, const TelemetryBoot *boot, uint8_t baud) {
+    const bool slow_line = baud == TELEMETRY_BAUD_115200;
+    const uint8_t least = slow_line ? DIVIDER_LEAST_115200 : DIVIDER_LEAST_250000;
+    *self = (Telemetry){.boot = *boot, .budget = BUDGET_MAX, .read_index = TELEMETRY_NONE};
+    self->budget_per_tick = slow_line ? BUDGET_PER_TICK_115200 : BUDGET_PER_TICK_250000;
+    self->boot.protocol_version = TELEMETRY_PROTOCOL_VERSION;
+    self->boot.fast_divider = boot->fast_divider < least ? least : boot->fast_divider;
+    self->ticks_to_fast = self->boot.fast_divider;
+    self->state_waits = true;
+    telemetry_dump(self);
+}
+
+void telemetry_dump(Telemetry *self) {
+    self->boot_waits = true;
+    self->dump_next = 0;
+    self->dump_crc16 = CRC16_INIT;
+}
+
+void telemetry_read(Telemetry *self, uint8_t index) {
+    self->read_index = index;
+}
+
+void telemetry_ack(Telemetry *self, const TelemetryAck *ack) {
+    self->ack = *ack;
+    self->ack_waits = true;
+}
+
+bool telemetry_ack_waits(const Telemetry *self) {
+    return self->ack_waits;
+}
+
+bool telemetry_health_sent(const Telemetry *self) {
+    return self->health_went;
+}
+
+static bool trigger_moved(uint8_t before, uint8_t now) {
+    const uint8_t distance = (uint8_t)(before > now ? before - now : now - before);
+    return distance >= TRIGGER_STEP || (distance > 0u && (now == 0u || now == TELEMETRY_TRIGGER_MAX));
+}
+
+static bool state_changed(const TelemetryState *before, const TelemetryState *now) {
+    return trigger_moved(before->trigger, now->trigger) || before->state != now->state || before->mode != now->mode ||
+           before->reverse != now->reverse || before->faults != now->faults || before->contact != now->contact || before->flags != now->flags;
+}
+
+static void note_state(Telemetry *self, const TelemetryInputs *in) {
+    TelemetryState now = in->state;
+    if (self->state_waits) {
+        now.flags |= self->state.flags;  // a flag of one tick is not lost while the frame waits
+    }
+    if (!state_changed(&self->state, &now)) {
+        return;
+    }
+    now.state_tick = (uint8_t)in->now_ms;
+    now.state_counter = self->state.state_counter;
+    self->state = now;
+    self->state_waits = true;
+}
+
+static void note_second(Telemetry *self, uint32_t now_ms) {
+    self->ms_in_second++;
+    if (self->ms_in_second < MS_PER_SECOND) {
+        return;
+    }
+    self->ms_in_second = 0;
+    self->health_waits = true;
+    if (!self->state_waits) {
+        self->state.state_tick = (uint8_t)now_ms;
+        self->state_waits = true;
+    }
+}
+
+static int16_t mean_of(int32_t sum, uint8_t count) {
+    const int32_t half = sum < 0 ? -(int32_t)(count / 2u) : (int32_t)(count / 2u);
+    return count == 1u ? (int16_t)sum : (int16_t)((sum + half) / count);
+}
+
+static void send_fast(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    const uint8_t ticks = self->boot.fast_divider;
+    TelemetryFast fast = in->fast;
+    fast.current_a = mean_of(self->current_sum, ticks);
+    fast.supply_v = ticks == 1u ? self->supply_sum : (uint16_t)((uint16_t)(self->supply_sum + ticks / 2u) / ticks);
+    fast.fast_counter = self->fast_counter;
+    self->fast_counter = (uint8_t)((self->fast_counter + 1u) & TELEMETRY_FAST_COUNTER_MAX);
+    self->current_sum = 0;
+    self->supply_sum = 0;
+    self->ticks_to_fast = ticks;
+    telemetry_pack_fast(&frame[DATA_AT], &fast);
+    finish_frame(frame, TELEMETRY_FAST_ID, TELEMETRY_FAST_CRC_SEED, in->now_ms);
+}
+
+static void send_state(Telemetry *self, uint32_t now_ms, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    telemetry_pack_state(&frame[DATA_AT], &self->state);
+    finish_frame(frame, TELEMETRY_STATE_ID, TELEMETRY_STATE_CRC_SEED, now_ms);
+    self->state.state_counter = (uint8_t)((self->state.state_counter + 1u) & TELEMETRY_STATE_COUNTER_MAX);
+    self->state_waits = false;
+}
+
+static void send_param(uint8_t index, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    const TelemetryParam param = {.param_index = index, .param_count = in->params.count, .param_value = in->params.value[index]};
+    telemetry_pack_param(&frame[DATA_AT], &param);
+    finish_frame(frame, TELEMETRY_PARAM_ID, TELEMETRY_PARAM_CRC_SEED, in->now_ms);
+}
+
+static void send_dumped_param(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    const uint8_t *data = &frame[DATA_AT];
+    send_param(self->dump_next, in, frame);
+    self->dump_crc16 = crc16_next(self->dump_crc16, data[0]);
+    for (uint8_t k = 2; k < 6u; k++) {
+        self->dump_crc16 = crc16_next(self->dump_crc16, data[k]);
+    }
+    self->dump_next++;
+}
+
+static void send_table(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    TelemetryParamTable table = in->params.table;
+    table.table_count = in->params.count;
+    table.table_crc16 = self->dump_crc16;
+    telemetry_pack_param_table(&frame[DATA_AT], &table);
+    finish_frame(frame, TELEMETRY_PARAM_TABLE_ID, TELEMETRY_PARAM_TABLE_CRC_SEED, in->now_ms);
+    self->dump_next = TELEMETRY_NONE;
+}
+
+// The next parameter frame, if one is asked for.
+static bool send_any_param(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    if (self->read_index < in->params.count) {
+        send_param(self->read_index, in, frame);
+        self->read_index = TELEMETRY_NONE;
+        return true;
+    }
+    if (self->dump_next < in->params.count) {
+        send_dumped_param(self, in, frame);
+        return true;
+    }
+    if (self->dump_next != TELEMETRY_NONE) {
+        send_table(self, in, frame);
+        return true;
+    }
+    return false;
+}
+
+// One slow frame, if any waits.
+static bool send_slow(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    const bool state_turn = self->state_waits && !self->state_went_last;
+    self->state_went_last = false;
+    if (self->boot_waits) {
+        telemetry_pack_boot(&frame[DATA_AT], &self->boot);
+        finish_frame(frame, TELEMETRY_BOOT_ID, TELEMETRY_BOOT_CRC_SEED, in->now_ms);
+        self->boot_waits = false;
+        return true;
+    }
+    if (self->ack_waits) {
+        telemetry_pack_ack(&frame[DATA_AT], &self->ack);
+        finish_frame(frame, TELEMETRY_ACK_ID, TELEMETRY_ACK_CRC_SEED, in->now_ms);
+        self->ack_waits = false;
+        return true;
+    }
+    if (self->health_waits) {
+        telemetry_pack_health(&frame[DATA_AT], &in->health);
+        finish_frame(frame, TELEMETRY_HEALTH_ID, TELEMETRY_HEALTH_CRC_SEED, in->now_ms);
+        self->health_waits = false;
+        self->health_went = true;
+        return true;
+    }
+    if (!state_turn && send_any_param(self, in, frame)) {
+        return true;
+    }
+    if (self->state_waits) {
+        send_state(self, in->now_ms, frame);
+        self->state_went_last = true;
+        return true;
+    }
+    return false;
+}
+
+// Whether a slow frame can go now without making this or the next FAST frame wait.
+static bool slow_fits(const Telemetry *self, bool fast_due) {
+    const uint8_t next = fast_due ? self->boot.fast_divider : self->ticks_to_fast;
+    const uint8_t ticks = next < TICKS_MATTER ? next : TICKS_MATTER;
+    const uint16_t cost = fast_due ? 2u * FRAME_COST : FRAME_COST;
+    return self->budget >= cost && (uint16_t)(self->budget - cost + (uint16_t)(ticks * self->budget_per_tick)) >= FRAME_COST;
+}
+
+uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[TELEMETRY_TICK_BYTES_MAX]) {
+    uint8_t bytes = 0;
+    note_state(self, in);
+    note_second(self, in->now_ms);
+    self->health_went = false;
+    self->current_sum += in->fast.current_a;
+    self->supply_sum = (uint16_t)(self->supply_sum + in->fast.supply_v);
+    self->ticks_to_fast--;
+    self->budget = (uint16_t)(self->budget + self->budget_per_tick);
+    if (self->budget > BUDGET_MAX) {
+        self->budget = BUDGET_MAX;
+    }
+    const bool fast_due = self->ticks_to_fast == 0u;
+    if (slow_fits(self, fast_due) && send_slow(self, in, out)) {
+        bytes = TELEMETRY_FRAME_BYTES;
+    }
+    if (fast_due) {
+        send_fast(self, in, &out[bytes]);
+        bytes = (uint8_t)(bytes + TELEMETRY_FRAME_BYTES);
+    }
+    self->budget = (uint16_t)(self->budget - 100u * bytes);
+    return bytes;
+}

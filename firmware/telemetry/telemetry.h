@@ -1,0 +1,78 @@
+// What the tool reports, when: frames in python-can's serial format, chosen from a byte budget that the line can carry.
+//
+// A frame is 0xAA, time (uint32 LE, ms), 8, id (uint32 LE), data[0..6], CRC-8 over id, time and data[0..6], 0xBB. FAST goes out every
+// `fast_divider` ticks and never waits; slow frames take what is left, at most one a tick, in the order BOOT, ACK, HEALTH, STATE and PARAM in
+// turn, PARAM_TABLE. The budget grows by baud/10,000 bytes a tick whether or not the UART has drained, so what is sent is a function of the
+// inputs alone; TELEMETRY_QUEUE_BYTES bounds what the UART's ring must hold.
+#ifndef VGROOVE_TELEMETRY_H
+#define VGROOVE_TELEMETRY_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "telemetry/telemetry_signals.h"
+
+#define TELEMETRY_FRAME_BYTES 19u
+#define TELEMETRY_TICK_BYTES_MAX (2u * TELEMETRY_FRAME_BYTES)
+#define TELEMETRY_QUEUE_BYTES (3u * TELEMETRY_FRAME_BYTES)
+
+enum {
+    TELEMETRY_BAUD_250000,
+    TELEMETRY_BAUD_115200,
+};
+
+// Parameters as a dump sends them; the values stay with their owner.
+typedef struct {
+    const int16_t *value;
+    uint8_t count;
+    TelemetryParamTable table;  // table_count and table_crc16 are filled in here
+} TelemetryParams;
+
+// All that one tick reports. Counters, state_tick and the CRC of the parameters are filled in by the module.
+typedef struct {
+    uint32_t now_ms;
+    TelemetryFast fast;
+    TelemetryState state;
+    TelemetryHealth health;
+    TelemetryParams params;
+} TelemetryInputs;
+
+typedef struct {
+    TelemetryBoot boot;
+    TelemetryState state;      // last reported or waiting
+    TelemetryAck ack;
+    int32_t current_sum;       // over the ticks since the last FAST frame
+    uint16_t supply_sum;
+    uint16_t budget;           // 1/100 byte
+    uint16_t budget_per_tick;  // 1/100 byte
+    uint16_t ms_in_second;
+    uint16_t dump_crc16;
+    uint8_t ticks_to_fast;
+    uint8_t fast_counter;
+    uint8_t dump_next;         // next parameter of the dump, count: PARAM_TABLE, TELEMETRY_NONE: nothing
+    uint8_t read_index;        // parameter asked for, TELEMETRY_NONE: nothing
+    bool boot_waits;
+    bool ack_waits;
+    bool health_waits;
+    bool health_went;
+    bool state_waits;
+    bool state_went_last;
+} Telemetry;
+
+#define TELEMETRY_NONE 0xFFu
+
+// `boot` without protocol_version and with the wished fast_divider, which becomes what `baud` carries at least.
+void telemetry_init(Telemetry *self, const TelemetryBoot *boot, uint8_t baud);
+
+// Frames of this tick into `out`; returns their bytes.
+uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[TELEMETRY_TICK_BYTES_MAX]);
+
+// True in the tick whose bytes hold a HEALTH frame: the owner of the figures may restart its maxima.
+bool telemetry_health_sent(const Telemetry *self);
+
+void telemetry_dump(Telemetry *self);
+void telemetry_read(Telemetry *self, uint8_t index);
+void telemetry_ack(Telemetry *self, const TelemetryAck *ack);
+bool telemetry_ack_waits(const Telemetry *self);
+
+#endif
