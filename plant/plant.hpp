@@ -1,0 +1,46 @@
+// The plant's two faces: simulate_log drives it by the rows of a log, many parameter sets at once; DrivePlant keeps step with a board.
+#ifndef VGROOVE_PLANT_PLANT_HPP
+#define VGROOVE_PLANT_PLANT_HPP
+
+#include <cstddef>
+#include <vector>
+
+#include "drivetrain.hpp"
+
+namespace vgroove {
+
+// Rows of a log as the gap contract's section 1 reads them. Empty vectors are absent columns.
+struct LogInput {
+    std::vector<double> time_s;
+    InputKind kind = InputKind::DUTY;
+    std::vector<double> command_start, command_end;  // of the interval that the row closes
+    std::vector<double> bus_v;                       // measured bus, when it drives the model
+    std::vector<double> load_nm;                     // at the end of the row
+    std::vector<double> open;                        // 1: the bridge is open in the interval that the row closes
+    LoadKind load_kind = LoadKind::NONE;
+};
+
+// Fills command_start and command_end from a column: straight lines up to the slew rate, else steps; slew_per_s NaN: steps.
+// A step beyond the rate by no more than slew_slack still counts as a ramp (the command's own resolution). Missing samples hold the last value.
+void log_input_set_command(LogInput &in, const double *command, double slew_per_s, double slew_slack);
+
+// Missing samples hold the last value; missing ones before the first take `initial`.
+std::vector<double> hold_missing(const double *column, std::size_t count, double initial);
+
+// Views of row-major arrays of batch rows x log rows; all of them are filled.
+struct LogOutput {
+    double *current_a, *supply_v, *speed_rad_s, *speed_measured_rad_s, *angle_rad, *angle_measured_rad;
+};
+
+struct LogStarts {
+    std::vector<std::size_t> rows;  // increasing
+    const double *state = nullptr;  // current, speed, angle for each start, for each batch row when per_row
+    bool per_row = false;
+};
+
+// theta: batch x PARAMETER_COUNT. Same inputs give the same bytes whatever the batch and the threads.
+void simulate_log(const LogInput &in, const double *theta, std::size_t batch, const LogStarts &starts, int threads, const LogOutput &out);
+
+}  // namespace vgroove
+
+#endif
