@@ -53,8 +53,9 @@ test: build ## everything that guards a change, at most 15 minutes on 2 cores
 	$(PY) -m pytest -n $(JOBS) --dist loadfile tests
 
 bench: build ## comparisons with peers (installs them as the extra [bench])
+	@$(MAKE) --no-print-directory apt APT=gfortran
 	$(PY) -m pip install -q -e ".[bench]" --no-build-isolation
-	$(PY) tests/proof/bench_plant.py
+	$(VENV)/bin/vgroove bench speed --json build/bench_speed.json
 
 proof: build ## what takes longer; resumable, results into docs/results
 	$(PY) tests/proof/proof.py

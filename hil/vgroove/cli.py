@@ -1,7 +1,10 @@
 """Command line: each command's work is done in the module it names; here stand only arguments, errors and exit codes."""
 
+import json
 import os
 import sys
+from pathlib import Path
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -11,6 +14,28 @@ from vgroove.errors import VgrooveError
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 gap_app = typer.Typer(no_args_is_help=True, help="Diagnose the gap between a log and its simulation.")
 app.add_typer(gap_app, name="gap")
+bench_app = typer.Typer(no_args_is_help=True, help="Compare with peers in one run on one machine.")
+app.add_typer(bench_app, name="bench")
+
+
+@bench_app.callback()
+def bench() -> None:
+    """Compare with peers in one run on one machine."""
+
+
+@bench_app.command("speed")
+def bench_speed_command(
+    seconds: Annotated[int, typer.Option(min=1, help="Simulated seconds.")] = 10,
+    seed: Annotated[int, typer.Option(help="Seed of the staircase.")] = 1,
+    json_path: Annotated[Path | None, typer.Option("--json", help="Write all figures as JSON.")] = None,
+) -> None:
+    """Speed of the drivetrain plant against general-purpose solvers at equal accuracy."""
+    from vgroove.bench.speed import bench_speed, speed_table
+
+    figures = bench_speed(seconds, seed)
+    Console().print(speed_table(figures))
+    if json_path:
+        json_path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
 
 def main() -> None:

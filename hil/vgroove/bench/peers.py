@@ -1,0 +1,62 @@
+"""The nominal drivetrain for general-purpose solvers: numbalsoda, scikit-sundae and SciPy, right-hand side compiled by numba."""
+
+from collections.abc import Callable
+
+import numba as nb
+import numpy as np
+import numpy.typing as npt
+from numbalsoda import lsoda, lsoda_sig
+from scipy.integrate import odeint
+from sksundae.cvode import CVODE
+
+Floats = npt.NDArray[np.float64]
+Solver = Callable[[Floats, Floats, Floats, float], Floats]
+
+# A general solver needs a smooth sign(): narrow enough to change the run by less than the accuracy that is compared.
+SIGN_WIDTH_RAD_S = 0.02
+
+
+@nb.njit(cache=False, fastmath=False)
+def _derivative(t: float, y: Floats, dy: Floats, p: Floats) -> None:
+    """y = current A, speed rad/s, angle rad; p = v0, v_rate, t0, R, L, k, J, b, Tc (voltage v0 + v_rate (t - t0))."""
+    voltage = p[0] + p[1] * (t - p[2])
+    dy[0] = (voltage - p[3] * y[0] - p[5] * y[1]) / p[4]
+    dy[1] = (p[5] * y[0] - p[7] * y[1] - p[8] * np.tanh(y[1] / SIGN_WIDTH_RAD_S)) / p[6]
+    dy[2] = y[1]
+
+
+@nb.cfunc(lsoda_sig)
+def _lsoda_rhs(t, u, du, p):  # noqa: ANN001, ANN202 (the signature is numbalsoda's)
+    _derivative(t, nb.carray(u, (3,)), nb.carray(du, (3,)), nb.carray(p, (9,)))
+
+
+@nb.njit
+def _odeint_rhs(t: float, y: Floats, p: Floats) -> Floats:
+    dy = np.empty(3)
+    _derivative(t, y, dy, p)
+    return dy
+
+
+def numbalsoda_lsoda(times: Floats, y0: Floats, p: Floats, rtol: float) -> Floats:
+    """States (len(times), 3) by numbalsoda's LSODA."""
+    states, ok = lsoda(_lsoda_rhs.address, y0, times, data=p, rtol=rtol, atol=rtol * 1e-2)
+    if not ok:
+        raise ArithmeticError("numbalsoda did not converge")
+    return states
+
+
+def scipy_lsoda(times: Floats, y0: Floats, p: Floats, rtol: float) -> Floats:
+    """States (len(times), 3) by SciPy's odeint (LSODA) with the compiled right-hand side."""
+    return odeint(_odeint_rhs, y0, times, args=(p,), rtol=rtol, atol=rtol * 1e-2, tfirst=True)
+
+
+def sundae_cvode(times: Floats, y0: Floats, p: Floats, rtol: float) -> Floats:
+    """States (len(times), 3) by scikit-sundae's CVODE (BDF)."""
+    solver = CVODE(lambda t, y, dy: _derivative(t, y, dy, p), rtol=rtol, atol=rtol * 1e-2, max_num_steps=100_000)
+    if times.size > 2:
+        return solver.solve(times, y0).y
+    between = np.array([times[0], 0.5 * (times[0] + times[1]), times[1]])  # given two times it would return its own steps
+    return solver.solve(between, y0).y[[0, 2]]
+
+
+PEERS: dict[str, Solver] = {"numbalsoda LSODA": numbalsoda_lsoda, "scikit-sundae CVODE": sundae_cvode, "SciPy LSODA": scipy_lsoda}
