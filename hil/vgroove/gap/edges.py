@@ -18,7 +18,7 @@ class EdgePeriods:
 
     row: row of the log that reports it; start_s, end_s: the span of the period; speed_rpm: the row's value (one pitch over the period);
     slack_s: half width of what is known about end_s; falling: no edge yet at end_s, the value is what the wait allows at most;
-    chain: number of the unbroken chain of edges.
+    chain: number of the unbroken chain of edges; count: edges passed since the first of all, signed, at end_s (whole periods only).
     """
 
     row: np.ndarray
@@ -28,6 +28,7 @@ class EdgePeriods:
     slack_s: np.ndarray
     falling: np.ndarray
     chain: np.ndarray
+    count: np.ndarray
 
 
 @dataclass
@@ -41,11 +42,13 @@ class _Chain:
     row: list[int] = field(default_factory=list)
     speed_rpm: list[float] = field(default_factory=list)
     period_s: list[float] = field(default_factory=list)
+    span: list[int] = field(default_factory=list)  # edges that the step from the edge before spans
     falls: list[tuple[int, int, float]] = field(default_factory=list)  # row, edge, speed
 
-    def add(self, row: int, speed: float, period: float, step: float, growth: float, low: float, high: float) -> None:
-        """Append an edge `step` seconds after the last one."""
-        self.offset_s.append((self.offset_s[-1] if self.offset_s else 0.0) + step)
+    def add(self, row: int, speed: float, period: float, step: tuple[float, int], growth: float, low: float, high: float) -> None:
+        """Append an edge that lies `step` (seconds, edges) after the last one."""
+        self.offset_s.append((self.offset_s[-1] if self.offset_s else 0.0) + step[0])
+        self.span.append(step[1])
         self.growth_s.append(growth)
         self.low_s.append(low)
         self.high_s.append(high)
@@ -93,7 +96,7 @@ class _Reader:
         self.chain = _Chain()
         self.chains.append(self.chain)
         self.low, self.high = max(self.time[row] - period, self.before(row)) - slack - TICK_S, self.time[row] + TICK_S
-        self.chain.add(row, speed, period, 0.0, slack, self.low, self.high)
+        self.chain.add(row, speed, period, (0.0, 1), slack, self.low, self.high)
 
     def follow(self, row: int, speed: float) -> None:
         now, (period, rounding) = self.time[row], self.period(speed)
@@ -137,7 +140,7 @@ class _Reader:
             step, growth = float(steps.sum()), rounding + (0.02 * abs(period - previous) + rounding) * (count - 1)
             low, high = max(self.low + step - growth, floor), min(self.high + step + growth, ceiling)
             if best is None or high - low > best[3] - best[2]:
-                best = (step, growth, low, high)
+                best = ((step, count), growth, low, high)
         step, growth, low, high = best
         if low - high > STRAIN_S:
             return False
@@ -189,15 +192,16 @@ def edge_periods(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
     follows from every row of the chain (gap contract, sections 1 and 5). Missing samples (nan) are passed over.
     """
     columns: list[tuple] = []
-    number = 0
+    number = count = 0
     for chain in _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm).read():
         end, slack, piece = _edge_times(chain)
         piece += number
         number = piece[-1] + 1
         for i, (row, speed, period) in enumerate(zip(chain.row, chain.speed_rpm, chain.period_s, strict=True)):
-            columns.append((row, end[i] - period, end[i], speed, slack[i], False, piece[i]))
+            count += chain.span[i] * (1 if speed > 0.0 else -1)
+            columns.append((row, end[i] - period, end[i], speed, slack[i], False, piece[i], count))
         for row, edge, speed in chain.falls:
-            columns.append((row, end[edge], time_s[row], speed, slack[edge], True, piece[edge]))
+            columns.append((row, end[edge], time_s[row], speed, slack[edge], True, piece[edge], 0))
     columns.sort()
-    kinds = (int, float, float, float, float, bool, int)
+    kinds = (int, float, float, float, float, bool, int, int)
     return EdgePeriods(*(np.array([c[k] for c in columns], dtype=kind) for k, kind in enumerate(kinds)))

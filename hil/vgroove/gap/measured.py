@@ -1,0 +1,340 @@
+"""Prepares one log for judgement: what drives the model, which channels are judged with which sigma, where the model restarts, regimes."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vgroove import _core
+from vgroove.errors import VgrooveError
+from vgroove.gap import blocks, noise, states
+from vgroove.gap.blocks import Blocks
+from vgroove.gap.channels import RAD_S_TO_RPM, Channel, ForceChannel, Places, RowChannel, span_channel
+from vgroove.gap.edges import EdgePeriods, edge_periods
+from vgroove.gap.noise import RPM
+from vgroove.rig import Rig
+
+DEFAULT_TIMEOUT_S = 0.25
+FORCE_ROWS = 2  # rows between the instants of a second difference
+REVERSAL_S = 0.1  # edge periods closer than this to a change of sign may count one edge twice
+
+
+@dataclass(frozen=True)
+class Run:
+    """One log prepared for judgement: the model's input, restarts (S,) and their states (S, 3), channels, blocks, a regime per row."""
+
+    log: Any
+    drive: _core.LogInput
+    starts: np.ndarray
+    states: np.ndarray
+    channels: tuple[Channel, ...]
+    blocks: Blocks
+    regime: np.ndarray
+    regimes: list[str]
+    warnings: list[str]
+
+    @property
+    def needs_motion(self) -> bool:
+        """Whether a channel looks at the model's angle."""
+        return any(not isinstance(channel, RowChannel) for channel in self.channels)
+
+
+def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
+    """Run of a log (time_s, columns) under a rig; VgrooveError when the input is missing or nothing is left to judge."""
+    time_s = np.asarray(log.time_s, dtype=float)
+    columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
+    source, warnings = str(getattr(log, "source", "log")), []
+    drive, command = _drive(time_s, columns, rig, source, warnings)
+    edges = _edges(time_s, columns, rig)
+    channels = _channels(time_s, columns, rig, edges, warnings)
+    if not channels:
+        raise VgrooveError(f"{source}: nothing to judge: besides the input {rig.input['kind']} no column that the model predicts")
+    sight = _sight(time_s, columns, rig, edges, channels)
+    starts, state0 = states.restarts(sight, time_s, restart_s)
+    channels = tuple(_clear_of_restarts(channel, time_s, starts) for channel in channels)
+    speed = _speed_rows(time_s, sight)
+    regime, regimes = _regimes(time_s, speed, command)
+    return Run(log, drive, starts, state0, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings)
+
+
+def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source: str,
+           warnings: list[str]) -> tuple[_core.LogInput, np.ndarray]:
+    kind = rig.input["kind"]
+    if kind not in columns:
+        raise VgrooveError(f"{source}: the column {kind} is missing, which drives the model according to the rig")
+    command, more = columns[kind], {}
+    if rig.bus_is_measured and kind == "duty":
+        if "supply_v" not in columns:
+            raise VgrooveError(f"{source}: the column supply_v is missing, which drives the model according to the rig (input.bus)")
+        more["supply_v"] = _held(columns["supply_v"])
+    load = rig.load["kind"]
+    if load == "torque" and "load_nm" not in columns:
+        warnings.append(f"{source}: the rig has a load torque but the log no column load_nm: taken as no load")
+        load = "none"
+    if load == "torque":
+        more["load_nm"] = _filled(time_s, columns["load_nm"])
+    if "coast" in columns:
+        more["coast"] = _held(columns["coast"])
+    if "slew_per_s" in rig.input:
+        more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": _step_of(command)}
+    return _core.LogInput(time_s, kind, _held(command), load_kind=load, **more), _held(command)
+
+
+def _held(values: np.ndarray) -> np.ndarray:
+    """Missing samples take the last value before them, the first ones the first value there is."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.zeros_like(values)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
+    return np.ascontiguousarray(values[np.where(last >= 0, last, known.argmax())])
+
+
+def _filled(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    known = np.isfinite(values)
+    return np.interp(time_s, time_s[known], values[known]) if known.any() else np.zeros_like(values)
+
+
+def _step_of(command: np.ndarray) -> float:
+    """Resolution of a command column: a ramp may miss its rate by this much from row to row."""
+    steps = np.diff(np.unique(command[np.isfinite(command)]))
+    steps = steps[steps > 1e-9]
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def _edges(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig) -> EdgePeriods | None:
+    pulses = rig.sensors.get("hall_pulses_per_rev", 0)
+    if pulses == 0 or "speed_rpm" not in columns:
+        return None
+    found = edge_periods(time_s, columns["speed_rpm"], pulses, rig.sensors.get("speed_lsb_rpm", 0.0))
+    return found if len(found.row) else None
+
+
+def _channels(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges: EdgePeriods | None, warnings: list[str]) -> list[Channel]:
+    kind, found = rig.input["kind"], []
+    if kind != "current_a" and "current_a" in columns:
+        found.append(_current(time_s, columns, rig, warnings))
+    if kind == "duty" and not rig.bus_is_measured and "supply_v" in columns:
+        found.append(_rows(time_s, columns["supply_v"], "supply_v", "V", noise.column_sigma(rig, "supply_v", columns["supply_v"]), "supply_v"))
+    if edges is not None:
+        found.append(_edge_speed(time_s, columns["speed_rpm"], rig, edges))
+    elif "speed_rpm" in columns and np.isfinite(columns["speed_rpm"]).any():
+        sigma = noise.column_sigma(rig, "speed_rpm", columns["speed_rpm"])
+        found.append(_rows(time_s, columns["speed_rpm"], "speed_rpm", "rpm", sigma, "speed_measured_rad_s", RAD_S_TO_RPM))
+    if "position_rad" in columns and np.isfinite(columns["position_rad"]).any():
+        found.append(_position(time_s, columns["position_rad"], rig))
+    return [channel for channel in found if len(channel.row)]
+
+
+def _rows(time_s: np.ndarray, values: np.ndarray, column: str, unit: str, sigma: float, key: str, factor: float = 1.0,
+          magnitude: bool = False, note: str = "") -> RowChannel:
+    row = np.flatnonzero(np.isfinite(values))
+    return RowChannel(column, unit, row, time_s[row], values[row], np.full(len(row), sigma), np.zeros(len(row), dtype=bool),
+                      magnitude=magnitude, note=note, key=key, factor=factor)
+
+
+def _current(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, warnings: list[str]) -> RowChannel:
+    values = columns["current_a"]
+    sigma = noise.column_sigma(rig, "current_a", values)
+    unsigned = current_is_unsigned(columns, rig, sigma)
+    note = "the current never turns negative while the drive brakes or reverses: it is unsigned, magnitudes are compared" if unsigned else ""
+    if unsigned:
+        warnings.append(note)
+        values = np.abs(values)
+    return _rows(time_s, values, "current_a", "A", sigma, "current_a", magnitude=unsigned, note=note)
+
+
+def current_is_unsigned(columns: dict[str, np.ndarray], rig: Rig, sigma: float) -> bool:
+    """Whether a current column stays positive where the nominal voltage equation says that the drive brakes or reverses."""
+    current, kind = columns["current_a"], rig.input["kind"]
+    if kind == "current_a" or "speed_rpm" not in columns:
+        return False
+    bus = _held(columns["supply_v"]) if "supply_v" in columns else rig.supply.get("voltage_v", 0.0)
+    volt = _held(columns[kind]) * (bus if kind == "duty" else 1.0)
+    speed = columns["speed_rpm"] * RPM
+    expected = (volt - rig.motor["torque_constant_nm_per_a"] * speed) / rig.motor["resistance_ohm"]
+    known = np.isfinite(current) & np.isfinite(expected)
+    if "coast" in columns:
+        known &= _held(columns["coast"]) == 0.0
+    braking = known & (expected < -max(1.0, 8.0 * sigma, 0.05 * np.max(np.abs(expected[known]), initial=0.0)))
+    if np.count_nonzero(braking) < 20:
+        return False
+    return bool(np.median(current[braking]) > 3.0 * sigma and np.quantile(current[known], 0.001) > -5.0 * sigma)
+
+
+def _edge_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig, edges: EdgePeriods) -> Channel:
+    """Speeds over their edge periods, and the rows that wait for an edge: at most one pitch over the time without one."""
+    pulses = rig.sensors["hall_pulses_per_rev"]
+    sigma = noise.edge_sigma_rpm(rig, edges, noise.edge_jitter(edges, pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0)))
+    keep = ~edges.falling & ~_near_reversal(edges)
+    wait_start, wait_row = _waits(time_s, speed_rpm, edges, rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S))
+    start = np.concatenate([edges.start_s[keep], wait_start])
+    end = np.concatenate([edges.end_s[keep], time_s[wait_row]])
+    row = np.concatenate([edges.row[keep], wait_row])
+    limit = 60.0 / pulses / np.maximum(end - start, 1e-9)
+    waiting = np.arange(len(row)) >= np.count_nonzero(keep)
+    measured = np.where(waiting, limit, np.concatenate([edges.speed_rpm[keep], np.zeros(len(wait_row))]))
+    wait_sigma = np.full(len(wait_row), max(float(np.median(sigma)), noise.LEAST_SIGMA["speed_rpm"]))
+    order = np.lexsort((waiting, row))
+    return span_channel("speed_rpm", "rpm", time_s, (start[order], end[order]), row[order], measured[order],
+                        np.concatenate([sigma[keep], wait_sigma])[order], waiting[order], RAD_S_TO_RPM, True,
+                        "compared over the measured edge periods")
+
+
+def _near_reversal(edges: EdgePeriods) -> np.ndarray:
+    """Periods (m,) next to a change of sign, where one edge may have been passed twice."""
+    sign = np.sign(edges.speed_rpm)
+    turned = (sign[1:] != sign[:-1]) & (edges.start_s[1:] - edges.end_s[:-1] < REVERSAL_S)
+    return np.concatenate([[False], turned]) | np.concatenate([turned, [False]])
+
+
+def _waits(time_s: np.ndarray, speed_rpm: np.ndarray, edges: EdgePeriods, timeout_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows without an edge since the time `start`: rows that fall, and rows that read 0 (from the last edge, at most the time-out ago)."""
+    whole = ~edges.falling
+    last_end, first_start = edges.end_s[whole], edges.start_s[whole]
+    row = np.flatnonzero(speed_rpm == 0.0)
+    now = time_s[row]
+    place = np.searchsorted(edges.row[whole], row)
+    since = np.where(place > 0, last_end[np.maximum(place - 1, 0)], -np.inf)
+    coming = np.where(place < len(first_start), first_start[np.minimum(place, len(first_start) - 1)], np.inf)
+    since = np.where((coming < now) & (coming > since), coming, np.maximum(since, now - timeout_s))
+    since = np.maximum(since, 2.0 * time_s[0] - time_s[1])
+    real = now - since > 1e-6
+    start, rows = np.concatenate([edges.start_s[edges.falling], since[real]]), np.concatenate([edges.row[edges.falling], row[real]])
+    order = np.argsort(rows, kind="stable")
+    return start[order], rows[order]
+
+
+def _position(time_s: np.ndarray, position: np.ndarray, rig: Rig) -> Channel:
+    """An encoder: speed from row to row; where the input is a current or force, the acceleration, so that force is compared with force."""
+    sigma = noise.column_sigma(rig, "position_rad", position)
+    known = np.flatnonzero(np.isfinite(position))
+    if rig.input["kind"] == "current_a":
+        return _force(time_s, position, known, sigma, rig)
+    first, last = known[:-1], known[1:]
+    close = last - first <= 5
+    first, last = first[close], last[close]
+    length = time_s[last] - time_s[first]
+    return span_channel("position_rad", "rad/s", time_s, (time_s[first], time_s[last]), last, (position[last] - position[first]) / length,
+                        np.sqrt(2.0) * sigma / length, np.zeros(len(last), dtype=bool), 1.0, False, "compared through its derivative")
+
+
+def _force(time_s: np.ndarray, position: np.ndarray, known: np.ndarray, sigma: float, rig: Rig) -> ForceChannel:
+    first, middle, last = known[:-2 * FORCE_ROWS:FORCE_ROWS], known[FORCE_ROWS:-FORCE_ROWS:FORCE_ROWS], known[2 * FORCE_ROWS::FORCE_ROWS]
+    count = min(len(first), len(middle), len(last))
+    first, middle, last = first[:count], middle[:count], last[:count]
+    length = 0.5 * (time_s[last] - time_s[first])
+    even = np.abs((time_s[middle] - time_s[first]) / length - 1.0) < 1e-3
+    first, middle, last, length = first[even], middle[even], last[even], length[even]
+    inertia = rig.motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / rig.gearbox["ratio"] ** 2
+    force = rig.motor["torque_constant_nm_per_a"] * rig.sensors.get("current_noise_a", 0.0) / inertia
+    spread = np.hypot(np.sqrt(6.0) * sigma / length**2, force * np.sqrt(2.0 / 3.0 / FORCE_ROWS))
+    return ForceChannel("position_rad", "rad/s^2", last, time_s[middle], (position[last] - 2.0 * position[middle] + position[first]) / length**2,
+                        spread, np.zeros(len(last), dtype=bool), note="compared through its second derivative: force with force",
+                        places=tuple(Places.of(time_s, time_s[rows]) for rows in (first, middle, last)), length_s=length)
+
+
+def _clear_of_restarts(channel: Channel, time_s: np.ndarray, starts: np.ndarray) -> Channel:
+    """Drop second differences that a restart of the model lies in: its speed jumps there."""
+    if not isinstance(channel, ForceChannel) or len(starts) < 2:
+        return channel
+    jumps = time_s[starts[1:] - 1]
+    before = time_s[channel.row] - 2.0 * channel.length_s
+    hit = np.searchsorted(jumps, time_s[channel.row] - 1e-9) > np.searchsorted(jumps, before + 1e-9)
+    keep = ~hit
+    places = tuple(Places(p.row[keep], p.share[keep], p.length_s[keep]) for p in channel.places)
+    return ForceChannel(channel.column, channel.unit, channel.row[keep], channel.time_s[keep], channel.measured[keep], channel.sigma[keep],
+                        channel.conditional[keep], note=channel.note, places=places, length_s=channel.length_s[keep])
+
+
+def _sight(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges: EdgePeriods | None, channels: list[Channel]) -> states.Sight:
+    """What shows the states: the finest measured speed, the current, and an angle to keep count by."""
+    by_column = {channel.column: channel for channel in channels}
+    speed, angle_at = None, _standing(rig)
+    if "speed_rpm" in by_column and edges is None:
+        channel = by_column["speed_rpm"]
+        speed = states.Observations(channel.time_s, channel.time_s, channel.measured * RPM, channel.sigma * RPM)
+        angle = angle_at(0.0) + np.concatenate([[0.0], np.cumsum(0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.start_s))])
+        angle_at = _interpolated(speed.start_s, angle)
+    if edges is not None:
+        speed, angle_at = _edge_sight(rig, edges, _standing(rig)(0.0))
+    if "position_rad" in by_column:
+        speed, angle_at = _position_sight(time_s, columns["position_rad"], rig)
+    current = None
+    if rig.input["kind"] == "current_a":
+        held = _held(columns["current_a"])
+        return states.Sight(speed, None, angle_at, lambda t, w, dw: float(np.interp(t, time_s, held)))
+    if "current_a" in by_column and not by_column["current_a"].magnitude:
+        channel = by_column["current_a"]
+        current = states.row_means(time_s, columns["current_a"], float(channel.sigma[0]))
+    return states.Sight(speed, current, angle_at, lambda t, w, dw: _current_from_motion(rig, time_s, columns, t, w, dw))
+
+
+def _standing(rig: Rig) -> Any:
+    angle = rig.load.get("zero_rad", 0.0) * rig.gearbox["ratio"]
+    return lambda t: angle
+
+
+def _interpolated(time_s: np.ndarray, angle: np.ndarray) -> Any:
+    return lambda t: float(np.interp(t, time_s, angle))
+
+
+def _edge_sight(rig: Rig, edges: EdgePeriods, angle: float) -> tuple[states.Observations, Any]:
+    pulses = rig.sensors["hall_pulses_per_rev"]
+    whole = ~edges.falling & ~_near_reversal(edges)
+    sigma = np.maximum(noise.edge_sigma_rpm(rig, edges, noise.edge_jitter(edges, pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0))), 1e-3)
+    seen = states.Observations(edges.start_s[whole], edges.end_s[whole], edges.speed_rpm[whole] * RPM, sigma[whole] * RPM)
+    counted = ~edges.falling
+    return seen, _interpolated(edges.end_s[counted], angle + edges.count[counted] * 2.0 * np.pi / pulses)
+
+
+def _position_sight(time_s: np.ndarray, position: np.ndarray, rig: Rig) -> tuple[states.Observations, Any]:
+    known = np.flatnonzero(np.isfinite(position))
+    sigma = noise.column_sigma(rig, "position_rad", position)
+    length = np.diff(time_s[known])
+    speed = states.Observations(time_s[known[:-1]], time_s[known[1:]], np.diff(position[known]) / length, np.sqrt(2.0) * sigma / length)
+    return speed, _interpolated(time_s[known], position[known])
+
+
+def _current_from_motion(rig: Rig, time_s: np.ndarray, columns: dict[str, np.ndarray], t: float, w: float, dw: float) -> float:
+    """Current that the nominal motor needs for a motion: a start for the model where no signed current is measured."""
+    motor, ratio = rig.motor, rig.gearbox["ratio"]
+    torque = (motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / ratio**2) * dw + motor["viscous_nm_s_per_rad"] * w
+    torque += np.sign(w) * motor["coulomb_nm"]
+    if "load_nm" in columns and rig.load["kind"] == "torque":
+        torque += np.sign(w) * float(np.interp(t, time_s, _filled(time_s, columns["load_nm"]))) / ratio
+    return float(torque / motor["torque_constant_nm_per_a"])
+
+
+def _speed_rows(time_s: np.ndarray, sight: states.Sight) -> np.ndarray:
+    """A rough speed per row, rad/s, for regimes and strokes; zeros where none is measured."""
+    if sight.speed is None or not len(sight.speed.value):
+        return np.zeros(len(time_s))
+    middle = 0.5 * (sight.speed.start_s + sight.speed.end_s)
+    speed = np.interp(time_s, middle, sight.speed.value, left=0.0, right=0.0)
+    gap = np.diff(middle, prepend=middle[0])
+    for k in np.flatnonzero(gap > 0.1):
+        speed[(time_s > middle[k - 1] + 0.05) & (time_s < middle[k] - 0.05)] = 0.0
+    return speed
+
+
+def _regimes(time_s: np.ndarray, speed: np.ndarray, command: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Regime of each row: standstill, start, speeding up, braking, reversal, and steady in bands of speed."""
+    top = float(np.max(np.abs(speed)))
+    if top == 0.0:
+        return np.zeros(len(time_s), dtype=int), ["whole log"]
+    width = max(3, int(round(0.02 / np.median(np.diff(time_s)))))
+    rate = np.gradient(np.convolve(speed, np.ones(width) / width, mode="same"), time_s)
+    band = top / 4.0
+    digits = 10.0 ** np.floor(np.log10(band))
+    band = float(np.ceil(band / digits) * digits)
+    names = ["standstill", "start", "speeding up", "braking", "reversal"]
+    names += [f"steady, {k * band:g}-{(k + 1) * band:g} rad/s" for k in range(int(top // band) + 1)]
+    regime = 5 + (np.abs(speed) // band).astype(int)
+    changing = np.abs(rate) > 0.3 * top
+    growing = rate * np.sign(speed) > 0.0
+    regime[changing & growing] = 2
+    regime[changing & ~growing] = 3
+    regime[changing & growing & (np.abs(speed) < 0.15 * top)] = 1
+    regime[(command * speed < 0.0) & (np.abs(speed) > 0.01 * top)] = 4
+    regime[np.abs(speed) <= 0.01 * top] = 0
+    return regime, names

@@ -1,0 +1,112 @@
+"""Sensor noise: what the rig states, and what a log alone tells where the rig is silent; a model's residual is never asked."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from vgroove.gap.edges import EdgePeriods
+from vgroove.rig import Rig
+
+SCATTER_WINDOW, SCATTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
+RPM = 2.0 * np.pi / 60.0
+MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
+LEAST_SIGMA = {"current_a": 1e-3, "supply_v": 1e-3, "speed_rpm": 1e-2, "position_rad": 1e-9}  # a noiseless log must not divide by zero
+
+
+def scatter(values: np.ndarray) -> float:
+    """Standard deviation of a column's (n,) high-frequency scatter, robust against steps; nan where fewer than 20 samples are there."""
+    finite = values[np.isfinite(values)]
+    if len(finite) < 20:
+        return float("nan")
+    residual = finite - savgol_filter(finite, SCATTER_WINDOW, SCATTER_ORDER)
+    kept = 1.0 - savgol_coeffs(SCATTER_WINDOW, SCATTER_ORDER)[SCATTER_WINDOW // 2]
+    spread = MAD * np.median(np.abs(residual - np.median(residual)))
+    return float((spread if spread > 0.0 else residual.std()) / np.sqrt(kept))
+
+
+def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
+    """1 sigma of a column's samples in its unit: stated noise and quantisation, or the log's scatter where no noise is stated."""
+    noise_key, lsb_key = {"current_a": ("current_noise_a", "current_lsb_a"), "supply_v": ("supply_noise_v", ""),
+                          "speed_rpm": ("speed_noise_rpm", "speed_lsb_rpm"), "position_rad": ("", "position_lsb_rad")}[column]
+    rounding = rig.sensors.get(lsb_key, 0.0) / np.sqrt(12.0)
+    noise = rig.sensors.get(noise_key)
+    if noise is None and column == "position_rad" and rounding > 0.0:
+        noise = 0.0
+    sigma = np.hypot(noise, rounding) if noise is not None else max(scatter(values), rounding)
+    return float(max(sigma, LEAST_SIGMA[column]))
+
+
+@dataclass(frozen=True)
+class Jitter:
+    """Standard deviation of an edge: of its angle, rad, and of its time stamp, s."""
+
+    angle_rad: float = 0.0
+    time_s: float = 0.0
+
+
+def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) -> Jitter:
+    """Jitter of the edges from a log's edge periods alone; none where the log is too short to tell.
+
+    In windows of four turns a cubic motion and a pattern that repeats every turn (eccentric or unequal edges) are taken away. What stays is
+    rounding and jitter; neighbouring periods share an edge, so that jitter e makes period n err by e(n) - e(n-1).
+    """
+    whole = ~edges.falling
+    speed, chain = edges.speed_rpm[whole] * RPM, edges.chain[whole]
+    period = (edges.end_s - edges.start_s)[whole]
+    size = max(4 * pulses_per_rev, 12)
+    starts = np.arange(0, len(speed) - size + 1, size // 2)
+    starts = starts[chain[starts] == chain[starts + size - 1]]
+    if len(starts) < 5:
+        return Jitter()
+    rows = starts[:, None] + np.arange(size)
+    keep = _what_motion_leaves(size, pulses_per_rev)
+    mean_period = period[rows].mean(axis=1)
+    error = (speed[rows] * mean_period[:, None]) @ keep
+    rounding = np.trace(keep) * (rounding_rpm * RPM * mean_period) ** 2
+    shared = 2.0 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1)
+    variance = ((error**2).sum(axis=1) - rounding) / np.trace(keep @ shared @ keep)
+    return _split_jitter(variance, (speed[rows].mean(axis=1)) ** 2)
+
+
+def _split_jitter(variance: np.ndarray, speed_squared: np.ndarray) -> Jitter:
+    """Angle and time part of windows' edge variances (m,), rad^2 = angle^2 + speed^2 time^2; windows that stick out are left out."""
+    basis = np.column_stack([np.ones_like(speed_squared), speed_squared])
+    predicted = np.full(len(variance), max(float(np.median(variance)), 1e-14))
+    parts = np.zeros(2)
+    for _ in range(8):
+        inside = variance < 3.0 * predicted
+        weight = 1.0 / predicted[inside]
+        scale = np.sqrt(np.mean(basis**2, axis=0))
+        parts = nnls(basis[inside] / scale * weight[:, None], variance[inside] * weight)[0] / scale
+        predicted = np.maximum(basis @ parts, 1e-14)
+    return Jitter(float(np.sqrt(parts[0])), float(np.sqrt(parts[1])))
+
+
+def _what_motion_leaves(size: int, pulses_per_rev: int) -> np.ndarray:
+    """Projection (size, size) that removes a cubic and a pattern with the period of a turn."""
+    place = np.linspace(-1.0, 1.0, size)
+    turn = np.eye(pulses_per_rev)[np.arange(size) % pulses_per_rev][:, 1:]
+    basis, _ = np.linalg.qr(np.column_stack([np.vander(place, 4), turn]))
+    return np.eye(size) - basis @ basis.T
+
+
+def edge_sigma_rpm(rig: Rig, edges: EdgePeriods, jitter: Jitter) -> np.ndarray:
+    """1 sigma (m,) of each edge period's speed, rpm: quantisation, stated noise, edge jitter, and how well its place in time is known."""
+    length = np.maximum(edges.end_s - edges.start_s, 1e-9)
+    rounding = rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0)
+    noise = rig.sensors.get("speed_noise_rpm", 0.0)
+    edge = np.sqrt(2.0) * np.hypot(jitter.angle_rad / RPM, jitter.time_s * edges.speed_rpm) / length
+    return np.sqrt(rounding**2 + noise**2 + edge**2 + _place_error_rpm(edges) ** 2 + LEAST_SIGMA["speed_rpm"] ** 2)
+
+
+def _place_error_rpm(edges: EdgePeriods) -> np.ndarray:
+    """Speed error (m,) from the uncertain place of each period: its slack times the acceleration around it."""
+    whole = np.flatnonzero(~edges.falling)
+    if len(whole) < 3:
+        return np.zeros(len(edges.row))
+    middle = 0.5 * (edges.start_s + edges.end_s)
+    time, speed = middle[whole], edges.speed_rpm[whole]
+    rate = np.abs(np.gradient(speed, np.maximum.accumulate(time + 1e-9 * np.arange(len(time)))))
+    return edges.slack_s / np.sqrt(3.0) * np.interp(middle, time, rate)

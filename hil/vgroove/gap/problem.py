@@ -1,0 +1,233 @@
+"""Turns logs and a rig into normalised residuals, batched over parameter sets: the one function that every fit and figure is made from.
+
+    problem = load_problem(logs, rig, restart_s=0.25, threads=2)
+    problem.residuals(theta)        (B, P) -> (B, n): (measured - model) / sigma, unclipped, finite; theta0 holds the rig's own values
+    problem.signal, log, row, time_s, block, regime, sigma, measured, conditional      (n,) what each residual is
+    problem.folds                   (train, test) masks; every judged residual is in one test mask; problem.judged is their union
+    problem.gap(r, mask)            RMS of r clipped at 10
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vgroove import _core
+from vgroove.errors import VgrooveError
+from vgroove.gap import figures
+from vgroove.gap.blocks import Blocks
+from vgroove.gap.channels import Channel, Motion, Simulation
+from vgroove.gap.measured import Run, prepare_run
+from vgroove.rig import Rig
+
+CLIP = figures.CLIP
+SIMULATED_LOADS = ("none", "torque", "pendulum")
+
+
+@dataclass(frozen=True)
+class SignalInfo:
+    """One judged column over all logs: unit, median sigma in that unit, whether it is made from edges or compared by magnitude."""
+
+    column: str
+    unit: str
+    sigma: float
+    edges: bool
+    magnitude: bool
+    note: str
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Logs and a rig, ready to be asked how far any parameter set is from the measurement; see the file's head for the arrays."""
+
+    rig: Rig
+    runs: tuple[Run, ...]
+    theta0: np.ndarray
+    restart_s: float
+    threads: int
+    signals: list[SignalInfo]
+    regimes: list[str]
+    signal: np.ndarray
+    log: np.ndarray
+    row: np.ndarray
+    time_s: np.ndarray
+    measured: np.ndarray
+    sigma: np.ndarray
+    conditional: np.ndarray
+    block: np.ndarray
+    regime: np.ndarray
+    fold: np.ndarray
+    judged: np.ndarray
+    warnings: list[str]
+
+    parameters = list(_core.PARAMETERS)
+
+    @property
+    def n(self) -> int:
+        """Number of residuals over all logs."""
+        return len(self.signal)
+
+    @property
+    def logs(self) -> list[Any]:
+        """The logs, in the order of the indices in `log`."""
+        return [run.log for run in self.runs]
+
+    @cached_property
+    def folds(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Masks (train, test) of each fold that is judged."""
+        return [(self.fold != k, self.judged & (self.fold == k)) for k in np.unique(self.fold[self.judged])]
+
+    @property
+    def held_out(self) -> np.ndarray:
+        """Residuals in blocks 3, 7, 11, ... (or the third fold of thirds)."""
+        return self.fold == 0
+
+    @property
+    def held_out_s(self) -> list[list[list[float]]]:
+        """Judged stretches [from, to] in seconds, a list per log."""
+        return [run.blocks.stretches() for run in self.runs]
+
+    def index(self, name: str) -> int:
+        """Column of a parameter in theta; VgrooveError for one that the plant does not have."""
+        try:
+            return self.parameters.index(name)
+        except ValueError as error:
+            raise VgrooveError(f"the plant has no parameter {name}") from error
+
+    def simulate(self, theta: np.ndarray) -> list[Simulation]:
+        """Every log's simulation, restarted as judged: dicts of (B, rows) arrays as vgroove._core.simulate_log gives them."""
+        theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
+        return [_core.simulate_log(run.drive, theta, run.starts, run.states, threads=self.threads) for run in self.runs]
+
+    def models(self, theta: np.ndarray) -> np.ndarray:
+        """What the model shows where something was measured: (B, n) in the signals' units."""
+        parts = []
+        for run, simulation in zip(self.runs, self.simulate(theta), strict=True):
+            motion = Motion.of(simulation, run.starts, run.states) if run.needs_motion else None
+            parts += [channel.model(simulation, motion) for channel in run.channels]
+        return np.concatenate(parts, axis=1)
+
+    def residuals(self, theta: np.ndarray) -> np.ndarray:
+        """(measured - model) / sigma, (B, n) for theta (B, P) or (P,); unclipped, finite (a model that runs away reads 1e6)."""
+        residual = (self.measured - self.models(theta)) / self.sigma
+        return np.nan_to_num(residual, nan=1e6, posinf=1e6, neginf=-1e6)
+
+    def squared(self, residual: np.ndarray) -> np.ndarray:
+        """Squares clipped at 10^2, same shape; nan where a conditional residual does not count."""
+        square = np.minimum(np.square(residual), CLIP**2)
+        return np.where(self.conditional & (residual == 0.0), np.nan, square)
+
+    def gap(self, residual: np.ndarray, mask: np.ndarray | None = None) -> Any:
+        """RMS over the mask (default: judged) of residuals (n,) -> float or (B, n) -> (B,), each clipped at 10."""
+        mask = self.judged if mask is None else mask
+        value = np.sqrt(np.nanmean(self.squared(residual)[..., mask], axis=-1))
+        return float(value) if np.ndim(value) == 0 else value
+
+    def gap_by_signal(self, residual: np.ndarray, mask: np.ndarray | None = None) -> dict[str, float]:
+        """RMS error of each signal in its unit, each error clipped at 10 sigma; residual (n,)."""
+        mask = self.judged if mask is None else mask
+        square = self.squared(residual) * self.sigma**2
+        chosen = [mask & (self.signal == k) & np.isfinite(square) for k in range(len(self.signals))]
+        return {s.column: float(np.sqrt(square[m].mean())) if m.any() else 0.0 for s, m in zip(self.signals, chosen, strict=True)}
+
+    def floor_by_signal(self, mask: np.ndarray | None = None) -> dict[str, float]:
+        """What noise alone gives each signal in its unit."""
+        return self.gap_by_signal(np.ones(self.n), mask)
+
+    def floor(self, mask: np.ndarray | None = None) -> float:
+        """What noise alone gives the gap: 1, since sigma is the sensors' own."""
+        return 1.0
+
+    def iso18571(self, residual: np.ndarray, mask: np.ndarray | None = None) -> dict[str, float | None]:
+        """ISO/TS 18571 overall rating 0..1 of each signal over the mask; None where a signal is too short or flat to rate."""
+        mask = (self.judged if mask is None else mask) & ~self.conditional
+        model = self.measured - residual * self.sigma
+        ratings: dict[str, float | None] = {}
+        for k, signal in enumerate(self.signals):
+            parts = [mask & (self.signal == k) & (self.log == j) for j in range(len(self.runs))]
+            found = [figures.iso18571(self.time_s[m], self.measured[m], model[m]) for m in parts if m.any()]
+            rated = [(rating, count) for rating, count in found if rating is not None]
+            ratings[signal.column] = float(np.average([r for r, _ in rated], weights=[c for _, c in rated])) if rated else None
+        return ratings
+
+    def traces(self, theta: np.ndarray) -> list[dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]]:
+        """For plots, per log: column -> (time_s, measured, model) in units; conditional rows are left out."""
+        model = self.models(np.atleast_2d(theta)[:1])[0]
+        found = []
+        for j in range(len(self.runs)):
+            masks = {s.column: (self.log == j) & (self.signal == k) & ~self.conditional for k, s in enumerate(self.signals)}
+            found.append({c: (self.time_s[m], self.measured[m], model[m]) for c, m in masks.items() if m.any()})
+        return found
+
+
+def load_problem(logs: Sequence[Any], rig: Rig, restart_s: float = 0.25, threads: int = 2) -> Problem:
+    """Problem of one tool's logs (Log objects or paths) and a rig.
+
+    VgrooveError when the rig's input column is missing, nothing else is measured, or the rig's mechanism or load is not simulated yet.
+    """
+    _check_simulated(rig)
+    if not logs:
+        raise VgrooveError("no log to judge")
+    if restart_s <= 0.0:
+        raise VgrooveError("restart_s must be above 0")
+    runs = tuple(prepare_run(_read(log), rig, restart_s) for log in logs)
+    return _join(rig, runs, restart_s, threads)
+
+
+def _read(log: Any) -> Any:
+    if not isinstance(log, str | Path):
+        return log
+    from vgroove.log import read_log
+
+    return read_log(log)
+
+
+def _check_simulated(rig: Rig) -> None:
+    if rig.mechanism["kind"] != "none":
+        raise VgrooveError(f"mechanism {rig.mechanism['kind']} cannot be simulated yet: only mechanism none can")
+    if rig.load["kind"] not in SIMULATED_LOADS:
+        raise VgrooveError(f"load {rig.load['kind']} cannot be simulated yet: only {', '.join(SIMULATED_LOADS)} can")
+
+
+def _join(rig: Rig, runs: tuple[Run, ...], restart_s: float, threads: int) -> Problem:
+    """Concatenate the channels of all logs; the order is log by log, channel by channel, as Problem.models gives it."""
+    pairs = [(j, run, channel) for j, run in enumerate(runs) for channel in run.channels]
+    columns = list(dict.fromkeys(channel.column for _, _, channel in pairs))
+    regimes = list(dict.fromkeys(name for run in runs for name in run.regimes))
+    signals = [_signal_info(column, [c for _, _, c in pairs if c.column == column]) for column in columns]
+    block = np.concatenate([run.blocks.of(channel.time_s) for _, run, channel in pairs])
+    sizes = [len(channel.row) for _, _, channel in pairs]
+    return Problem(
+        rig=rig, runs=runs, theta0=rig.parameters(), restart_s=restart_s, threads=threads, signals=signals, regimes=regimes,
+        signal=np.repeat([columns.index(c.column) for _, _, c in pairs], sizes),
+        log=np.repeat([j for j, _, _ in pairs], sizes),
+        row=np.concatenate([c.row for _, _, c in pairs]), time_s=np.concatenate([c.time_s for _, _, c in pairs]),
+        measured=np.concatenate([c.measured for _, _, c in pairs]), sigma=np.concatenate([c.sigma for _, _, c in pairs]),
+        conditional=np.concatenate([c.conditional for _, _, c in pairs]), block=block,
+        regime=np.concatenate([_regime_of(run, channel, regimes) for _, run, channel in pairs]),
+        fold=_per_log(pairs, block, lambda blocks, b: blocks.fold_of(b)),
+        judged=_per_log(pairs, block, lambda blocks, b: blocks.judged(b)),
+        warnings=[warning for run in runs for warning in run.warnings])
+
+
+def _regime_of(run: Run, channel: Channel, regimes: list[str]) -> np.ndarray:
+    number = np.array([regimes.index(name) for name in run.regimes])
+    return number[run.regime[channel.row]]
+
+
+def _per_log(pairs: list[tuple[int, Run, Channel]], block: np.ndarray, ask: Any) -> np.ndarray:
+    parts, first = [], 0
+    for _, run, channel in pairs:
+        blocks: Blocks = run.blocks
+        parts.append(ask(blocks, block[first:first + len(channel.row)]))
+        first += len(channel.row)
+    return np.concatenate(parts)
+
+
+def _signal_info(column: str, channels: list[Channel]) -> SignalInfo:
+    sigma = float(np.median(np.concatenate([c.sigma for c in channels])))
+    notes = "; ".join(dict.fromkeys(c.note for c in channels if c.note))
+    return SignalInfo(column, channels[0].unit, sigma, any(c.edges for c in channels), any(c.magnitude for c in channels), notes)
