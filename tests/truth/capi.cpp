@@ -125,10 +125,12 @@ struct TruthPeriod {
 // One lock-step period of 510 cycles of 16 MHz; `dead` is the loss of duty by dead time, as the board's message says.
 void truth_period(Tool *tool, int coast, double duty, double dead, double load_nm, TruthPeriod *out) {
   constexpr double PERIOD_S = 510.0 / 16e6;
-  Drive drive;
-  drive.coast = coast != 0;
-  drive.duty = duty;
-  drive.dead_s = 0.5 * dead * PERIOD_S;
+  const auto late = static_cast<std::size_t>(std::llround(tool->params.transport_delay_s / PERIOD_S));
+  tool->commands.push_back({coast != 0, duty, 0.5 * dead * PERIOD_S, 0.0});
+  Drive drive = tool->commands.size() > late ? tool->commands.front() : Drive{true, 0.0, 0.0, 0.0};
+  if (tool->commands.size() > late) {
+    tool->commands.pop_front();
+  }
   drive.load_nm = load_nm;
   const double begin = tool->state.time_s;
   tool->edges.clear();

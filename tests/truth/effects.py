@@ -13,7 +13,7 @@ Made = Callable[[Rig, float, np.random.Generator], dict[str, float]]
 
 @dataclass(frozen=True)
 class Effect:
-    """`make(rig, size, rng)` gives the changed parameters; `guess(rig)` a size of the visible order; `top` the largest size that makes sense."""
+    """`make(rig, size, rng)` gives the changed parameters; `guess(rig)` a size of the visible order; `top` the largest sensible one."""
 
     id: str
     make: Made
@@ -127,10 +127,6 @@ def _ripple(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]
     return {"u_ripple_nm": size, "u_ripple_per_rev": rng.uniform(0.05, 0.2), "u_ripple_wander": rng.uniform(0.8, 2.0)}
 
 
-def _demag(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
-    return {"u_demag": size, "u_demag_at_s": rng.uniform(2.8, 3.8)}
-
-
 def _hum(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
     return {"u_hum_a": size, "u_hum_hz": float(rng.choice([50.0, 60.0, 100.0]))}
 
@@ -184,7 +180,7 @@ OUTSIDE = tuple(Effect(*row) for row in (
     ("u_duty_glitches", _glitch, _const(0.05), _const(1.0)),
     ("u_tight_spot", _tight, _coulomb(0.1), _coulomb(6.0)),
     ("u_wandering_friction", _wander, _coulomb(0.05), _coulomb(0.95)),
-    ("u_demagnetised", _demag, _const(2e-3), _const(0.3)),
+    ("u_loose_magnet", _gated("u_flux_loss"), _const(2e-3), _const(0.3)),
     ("u_torque_hum", _torque_hum, _coulomb(0.05), _coulomb(2.0)),
     ("u_random_ripple", _ripple, _coulomb(0.05), _coulomb(3.0)),
     ("u_mains_hum", _hum, _const(0.2), _const(8.0)),

@@ -30,8 +30,8 @@ const Field FIELDS[] = {
     FIELD(hall_eccentricity_phase_rad), FIELD(hall_dropout), FIELD(hall_jitter_s), FIELD(current_noise_a),
     FIELD(supply_noise_v), FIELD(transport_delay_s), FIELD(gate_on_s), FIELD(gate_off_s), FIELD(u_load_nm),
     FIELD(u_brush_ohm), FIELD(u_contact_ohm), FIELD(u_glitch), FIELD(u_tight_nm), FIELD(u_tight_every_rad),
-    FIELD(u_tight_width_rad), FIELD(u_tight_at_rad), FIELD(u_wander_nm), FIELD(u_wander_s), FIELD(u_demag),
-    FIELD(u_demag_at_s), FIELD(u_torque_hum_nm), FIELD(u_torque_hz), FIELD(u_hum_a), FIELD(u_hum_hz), FIELD(u_ripple_nm),
+    FIELD(u_tight_width_rad), FIELD(u_tight_at_rad), FIELD(u_wander_nm), FIELD(u_wander_s), FIELD(u_flux_loss),
+    FIELD(u_torque_hum_nm), FIELD(u_torque_hz), FIELD(u_hum_a), FIELD(u_hum_hz), FIELD(u_ripple_nm),
     FIELD(u_ripple_per_rev), FIELD(u_ripple_wander), FIELD(u_supply_square_ohm_per_a), FIELD(step_s), FIELD(seed),
 };
 

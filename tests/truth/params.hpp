@@ -36,7 +36,7 @@ struct Params {
   double gate_on_s = 0.2, gate_off_s = 0.5;
   double u_load_nm = 0.0, u_brush_ohm = 0.0, u_contact_ohm = 0.0, u_glitch = 0.0;
   double u_tight_nm = 0.0, u_tight_every_rad = 6.283185307179586, u_tight_width_rad = 0.5, u_tight_at_rad = 2.0;
-  double u_wander_nm = 0.0, u_wander_s = 1.3, u_demag = 0.0, u_demag_at_s = 3.0;
+  double u_wander_nm = 0.0, u_wander_s = 1.3, u_flux_loss = 0.0;
   double u_torque_hum_nm = 0.0, u_torque_hz = 7.3, u_hum_a = 0.0, u_hum_hz = 50.0;
   double u_ripple_nm = 0.0, u_ripple_per_rev = 0.37, u_ripple_wander = 3.0;
   double u_supply_square_ohm_per_a = 0.0;

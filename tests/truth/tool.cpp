@@ -55,6 +55,7 @@ void Tool::start() {
   state = State{};
   sums = Sums{};
   edges.clear();
+  commands.clear();
   chance = Chance(static_cast<std::uint64_t>(params.seed));
   out_inertia_ = (params.output_inertia_kg_m2 + pendulum) / squared + params.coupler_inertia_kg_m2;
   two_masses_ = (params.coupler_nm_per_rad > 0.0 || params.play_rad > 0.0) && out_inertia_ > 0.0;
@@ -106,8 +107,7 @@ void Tool::slow_states(double period_s) {
   open_circuit_v_ = params.voltage_v - params.droop_volt_per_coulomb * state.charge_c - state.polarisation_v;
   source_ohm_ = params.supply_resistance_ohm + (state.gate ? params.u_contact_ohm : 0.0) +
                 params.u_supply_square_ohm_per_a * std::abs(bus_a);
-  const double weak = state.time_s >= params.u_demag_at_s ? params.u_demag : 0.0;
-  k_ = params.torque_constant_nm_per_a * (1.0 - weak);
+  k_ = params.torque_constant_nm_per_a * (1.0 - (state.gate ? params.u_flux_loss : 0.0));
   state.ripple_rate += (1.0 - state.ripple_rate) * period_s / 0.05 +
                        params.u_ripple_wander * std::sqrt(period_s / 0.05) * (params.u_ripple_nm != 0.0 ? chance.normal() : 0.0);
 }

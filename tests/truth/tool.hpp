@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <vector>
 
 #include "params.hpp"
@@ -66,6 +67,7 @@ public:
   Sums sums;
   std::vector<Edge> edges;
   Chance chance{1};
+  std::deque<Drive> commands; // of the lock-step, those that the bridge has yet to act on
 
   void start();
   // One PWM period of the given length from state.time_s on, cut at `cut_s` if that lies inside; returns true when cut.
