@@ -1,6 +1,7 @@
 """Channels: one measured signal each, and how the model's rows turn into what that signal shows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ Simulation = dict[str, np.ndarray]  # (B, rows) arrays of vgroove._core.simulate
 
 @dataclass(frozen=True)
 class Places:
-    """Instants (m,) as a row, the share of its interval that has passed, and the interval's length: ready for cubic Hermite interpolation."""
+    """Instants (m,) between rows, for cubic Hermite interpolation: row at the interval's end, share of it that has passed, its length."""
 
     row: np.ndarray
     share: np.ndarray
@@ -19,47 +20,20 @@ class Places:
 
     @staticmethod
     def of(time_s: np.ndarray, instants_s: np.ndarray) -> "Places":
-        """Places of instants between a log's rows; those before the first row are moved to its interval's start."""
-        ends = np.concatenate([[2.0 * time_s[0] - time_s[1]], time_s])
-        row = np.clip(np.searchsorted(ends, instants_s, side="left") - 1, 0, len(time_s) - 1)
-        length = ends[row + 1] - ends[row]
-        return Places(row, np.clip((instants_s - ends[row]) / length, 0.0, 1.0), length)
+        """Places of instants between a log's rows; those before the first row are moved to it."""
+        row = np.clip(np.searchsorted(time_s, instants_s, side="left"), 1, len(time_s) - 1)
+        length = time_s[row] - time_s[row - 1]
+        return Places(row, np.clip((instants_s - time_s[row - 1]) / length, 0.0, 1.0), length)
 
+    def __getitem__(self, keep: np.ndarray) -> "Places":
+        return Places(self.row[keep], self.share[keep], self.length_s[keep])
 
-@dataclass(frozen=True)
-class Motion:
-    """Measured angle and speed of the model over a log, made continuous across restarts.
-
-    angle: (B, rows + 1), entry r + 1 at the end of row r; begin, end: (B, rows) speed at the borders of each row's interval.
-    """
-
-    angle: np.ndarray
-    begin: np.ndarray
-    end: np.ndarray
-
-    @staticmethod
-    def of(simulation: Simulation, starts: np.ndarray, states: np.ndarray) -> "Motion":
-        """Motion behind a simulation that restarted at rows `starts` (S,) from `states` (S, 3)."""
-        angle, end = simulation["angle_measured_rad"], simulation["speed_measured_rad_s"]
-        rows = angle.shape[1]
-        before = np.concatenate([np.broadcast_to(states[:1, 2], (angle.shape[0], 1)), angle], axis=1)
-        lag = simulation["angle_rad"][:, starts] - angle[:, starts]
-        jump = before[:, starts] - (states[:, 2] - lag)
-        jump[:, 0] = 0.0
-        shift = np.cumsum(jump, axis=1)
-        window = np.searchsorted(starts, np.arange(rows), side="right") - 1
-        whole = np.concatenate([before[:, :1], angle + shift[:, window]], axis=1)
-        begin = np.concatenate([end[:, :1], end[:, :-1]], axis=1)
-        begin[:, starts] = states[:, 1]
-        return Motion(whole, begin, end)
-
-    def angle_at(self, places: Places) -> np.ndarray:
-        """Angle (B, m) at instants, cubic Hermite."""
-        f = places.share
-        g = 1.0 - f
-        left, right = self.angle[:, places.row], self.angle[:, places.row + 1]
-        slope = places.length_s * f * g * (g * self.begin[:, places.row] - f * self.end[:, places.row])
-        return left * (g * g * (1.0 + 2.0 * f)) + right * (f * f * (3.0 - 2.0 * f)) + slope
+    def angle(self, simulation: Simulation) -> np.ndarray:
+        """Measured angle (B, m) of the model at the instants."""
+        angle, speed, f, g = simulation["angle_measured_rad"], simulation["speed_measured_rad_s"], self.share, 1.0 - self.share
+        slope = g * speed.take(self.row - 1, axis=1) - f * speed.take(self.row, axis=1)
+        value = angle.take(self.row - 1, axis=1) * (g * g * (1.0 + 2.0 * f)) + angle.take(self.row, axis=1) * (f * f * (3.0 - 2.0 * f))
+        return value + slope * (self.length_s * f * g)
 
 
 @dataclass(frozen=True)
@@ -80,9 +54,24 @@ class Channel:
     magnitude: bool = False
     note: str = ""
 
-    def model(self, simulation: Simulation, motion: Motion | None) -> np.ndarray:
+    def first_row(self) -> np.ndarray:
+        """Row (m,) before the first that each value depends on; a restart after it and up to `row` cuts the value in two."""
+        return self.row - 1
+
+    def kept(self, keep: np.ndarray) -> "Channel":
+        """The channel with a part of its rows."""
+        many = {f.name: _part(getattr(self, f.name), keep) for f in fields(self)}
+        return replace(self, **many)
+
+    def model(self, simulation: Simulation) -> np.ndarray:
         """What the model shows in this channel (B, m), in the signal's unit."""
         raise NotImplementedError
+
+
+def _part(value: Any, keep: np.ndarray) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_part(item, keep) for item in value)
+    return value[keep] if isinstance(value, np.ndarray | Places) else value
 
 
 @dataclass(frozen=True)
@@ -92,7 +81,7 @@ class RowChannel(Channel):
     key: str = ""
     factor: float = 1.0
 
-    def model(self, simulation: Simulation, motion: Motion | None) -> np.ndarray:
+    def model(self, simulation: Simulation) -> np.ndarray:
         values = simulation[self.key][:, self.row] * self.factor
         return np.abs(values) if self.magnitude else values
 
@@ -106,8 +95,11 @@ class SpanChannel(Channel):
     length_s: np.ndarray | None = None
     factor: float = 1.0
 
-    def model(self, simulation: Simulation, motion: Motion | None) -> np.ndarray:
-        mean = (motion.angle_at(self.end) - motion.angle_at(self.start)) * (self.factor / self.length_s)
+    def first_row(self) -> np.ndarray:
+        return self.start.row - 1
+
+    def model(self, simulation: Simulation) -> np.ndarray:
+        mean = (self.end.angle(simulation) - self.start.angle(simulation)) * (self.factor / self.length_s)
         if not self.conditional.any():
             return mean
         # While an edge is awaited the row states the most that the speed can have been: no difference below that.
@@ -123,13 +115,16 @@ class ForceChannel(Channel):
     places: tuple[Places, Places, Places] | None = None
     length_s: np.ndarray | None = None
 
-    def model(self, simulation: Simulation, motion: Motion | None) -> np.ndarray:
-        first, middle, last = (motion.angle_at(place) for place in self.places)
+    def first_row(self) -> np.ndarray:
+        return self.places[0].row - 1
+
+    def model(self, simulation: Simulation) -> np.ndarray:
+        first, middle, last = (place.angle(simulation) for place in self.places)
         return (last - 2.0 * middle + first) / self.length_s**2
 
 
 def span_channel(column: str, unit: str, log_time_s: np.ndarray, spans: tuple[np.ndarray, np.ndarray], row: np.ndarray,
-                 measured: np.ndarray, sigma: np.ndarray, conditional: np.ndarray, factor: float, edges: bool, note: str = "") -> SpanChannel:
+                 measured: np.ndarray, sigma: np.ndarray, conditional: np.ndarray, factor: float, edges: bool, note: str) -> SpanChannel:
     """A channel of mean speeds over spans (start_s, end_s); factor turns rad/s into the signal's unit."""
     start, end = spans
     return SpanChannel(column, unit, row, 0.5 * (start + end), measured, sigma, conditional, edges=edges, note=note,

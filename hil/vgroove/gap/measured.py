@@ -21,12 +21,11 @@ REVERSAL_S = 0.1  # edge periods closer than this to a change of sign may count 
 
 @dataclass(frozen=True)
 class Run:
-    """One log prepared for judgement: the model's input, restarts (S,) and their states (S, 3), channels, blocks, a regime per row."""
+    """One log prepared for judgement: the model's input, restarts, channels, blocks, and a regime per row."""
 
     log: Any
     drive: _core.LogInput
-    starts: np.ndarray
-    states: np.ndarray
+    restarts: states.Restarts
     channels: tuple[Channel, ...]
     blocks: Blocks
     regime: np.ndarray
@@ -34,9 +33,9 @@ class Run:
     warnings: list[str]
 
     @property
-    def needs_motion(self) -> bool:
-        """Whether a channel looks at the model's angle."""
-        return any(not isinstance(channel, RowChannel) for channel in self.channels)
+    def starts(self) -> np.ndarray:
+        """Rows (S,) at whose end the model starts anew."""
+        return self.restarts.rows
 
 
 def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
@@ -50,11 +49,11 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     if not channels:
         raise VgrooveError(f"{source}: nothing to judge: besides the input {rig.input['kind']} no column that the model predicts")
     sight = _sight(time_s, columns, rig, edges, channels)
-    starts, state0 = states.restarts(sight, time_s, restart_s)
-    channels = tuple(_clear_of_restarts(channel, time_s, starts) for channel in channels)
+    restarts = states.restarts(sight, time_s, restart_s)
+    channels = tuple(_clear_of_restarts(channel, restarts.rows) for channel in channels)
     speed = _speed_rows(time_s, sight)
     regime, regimes = _regimes(time_s, speed, command)
-    return Run(log, drive, starts, state0, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings)
+    return Run(log, drive, restarts, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings)
 
 
 def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source: str,
@@ -109,12 +108,14 @@ def _edges(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig) -> Edge
     return found if len(found.row) else None
 
 
-def _channels(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges: EdgePeriods | None, warnings: list[str]) -> list[Channel]:
+def _channels(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges: EdgePeriods | None,
+              warnings: list[str]) -> list[Channel]:
     kind, found = rig.input["kind"], []
     if kind != "current_a" and "current_a" in columns:
         found.append(_current(time_s, columns, rig, warnings))
     if kind == "duty" and not rig.bus_is_measured and "supply_v" in columns:
-        found.append(_rows(time_s, columns["supply_v"], "supply_v", "V", noise.column_sigma(rig, "supply_v", columns["supply_v"]), "supply_v"))
+        sigma = noise.column_sigma(rig, "supply_v", columns["supply_v"])
+        found.append(_rows(time_s, columns["supply_v"], "supply_v", "V", sigma, "supply_v"))
     if edges is not None:
         found.append(_edge_speed(time_s, columns["speed_rpm"], rig, edges))
     elif "speed_rpm" in columns and np.isfinite(columns["speed_rpm"]).any():
@@ -136,7 +137,7 @@ def _current(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, warni
     values = columns["current_a"]
     sigma = noise.column_sigma(rig, "current_a", values)
     unsigned = current_is_unsigned(columns, rig, sigma)
-    note = "the current never turns negative while the drive brakes or reverses: it is unsigned, magnitudes are compared" if unsigned else ""
+    note = "the current never turns negative while the drive brakes or reverses: it is unsigned, compared by magnitude" if unsigned else ""
     if unsigned:
         warnings.append(note)
         values = np.abs(values)
@@ -164,7 +165,8 @@ def current_is_unsigned(columns: dict[str, np.ndarray], rig: Rig, sigma: float) 
 def _edge_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig, edges: EdgePeriods) -> Channel:
     """Speeds over their edge periods, and the rows that wait for an edge: at most one pitch over the time without one."""
     pulses = rig.sensors["hall_pulses_per_rev"]
-    sigma = noise.edge_sigma_rpm(rig, edges, noise.edge_jitter(edges, pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0)))
+    jitter = noise.edge_jitter(edges, pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0))
+    sigma = noise.edge_sigma_rpm(rig, edges, jitter)
     keep = ~edges.falling & ~_near_reversal(edges)
     wait_start, wait_row = _waits(time_s, speed_rpm, edges, rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S))
     start = np.concatenate([edges.start_s[keep], wait_start])
@@ -197,7 +199,7 @@ def _waits(time_s: np.ndarray, speed_rpm: np.ndarray, edges: EdgePeriods, timeou
     since = np.where(place > 0, last_end[np.maximum(place - 1, 0)], -np.inf)
     coming = np.where(place < len(first_start), first_start[np.minimum(place, len(first_start) - 1)], np.inf)
     since = np.where((coming < now) & (coming > since), coming, np.maximum(since, now - timeout_s))
-    since = np.maximum(since, 2.0 * time_s[0] - time_s[1])
+    since = np.maximum(since, time_s[0])
     real = now - since > 1e-6
     start, rows = np.concatenate([edges.start_s[edges.falling], since[real]]), np.concatenate([edges.row[edges.falling], row[real]])
     order = np.argsort(rows, kind="stable")
@@ -228,25 +230,20 @@ def _force(time_s: np.ndarray, position: np.ndarray, known: np.ndarray, sigma: f
     inertia = rig.motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / rig.gearbox["ratio"] ** 2
     force = rig.motor["torque_constant_nm_per_a"] * rig.sensors.get("current_noise_a", 0.0) / inertia
     spread = np.hypot(np.sqrt(6.0) * sigma / length**2, force * np.sqrt(2.0 / 3.0 / FORCE_ROWS))
-    return ForceChannel("position_rad", "rad/s^2", last, time_s[middle], (position[last] - 2.0 * position[middle] + position[first]) / length**2,
-                        spread, np.zeros(len(last), dtype=bool), note="compared through its second derivative: force with force",
+    measured = (position[last] - 2.0 * position[middle] + position[first]) / length**2
+    return ForceChannel("position_rad", "rad/s^2", last, time_s[middle], measured, spread, np.zeros(len(last), dtype=bool),
+                        note="compared through its second derivative: force with force",
                         places=tuple(Places.of(time_s, time_s[rows]) for rows in (first, middle, last)), length_s=length)
 
 
-def _clear_of_restarts(channel: Channel, time_s: np.ndarray, starts: np.ndarray) -> Channel:
-    """Drop second differences that a restart of the model lies in: its speed jumps there."""
-    if not isinstance(channel, ForceChannel) or len(starts) < 2:
-        return channel
-    jumps = time_s[starts[1:] - 1]
-    before = time_s[channel.row] - 2.0 * channel.length_s
-    hit = np.searchsorted(jumps, time_s[channel.row] - 1e-9) > np.searchsorted(jumps, before + 1e-9)
-    keep = ~hit
-    places = tuple(Places(p.row[keep], p.share[keep], p.length_s[keep]) for p in channel.places)
-    return ForceChannel(channel.column, channel.unit, channel.row[keep], channel.time_s[keep], channel.measured[keep], channel.sigma[keep],
-                        channel.conditional[keep], note=channel.note, places=places, length_s=channel.length_s[keep])
+def _clear_of_restarts(channel: Channel, starts: np.ndarray) -> Channel:
+    """Drop values that a restart of the model cuts in two."""
+    whole = np.searchsorted(starts, channel.row, side="right") == np.searchsorted(starts, channel.first_row(), side="right")
+    return channel.kept(whole & (channel.first_row() >= 0))
 
 
-def _sight(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges: EdgePeriods | None, channels: list[Channel]) -> states.Sight:
+def _sight(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges: EdgePeriods | None,
+           channels: list[Channel]) -> states.Sight:
     """What shows the states: the finest measured speed, the current, and an angle to keep count by."""
     by_column = {channel.column: channel for channel in channels}
     speed, angle_at = None, _standing(rig)
@@ -281,7 +278,8 @@ def _interpolated(time_s: np.ndarray, angle: np.ndarray) -> Any:
 def _edge_sight(rig: Rig, edges: EdgePeriods, angle: float) -> tuple[states.Observations, Any]:
     pulses = rig.sensors["hall_pulses_per_rev"]
     whole = ~edges.falling & ~_near_reversal(edges)
-    sigma = np.maximum(noise.edge_sigma_rpm(rig, edges, noise.edge_jitter(edges, pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0))), 1e-3)
+    jitter = noise.edge_jitter(edges, pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0))
+    sigma = noise.edge_sigma_rpm(rig, edges, jitter)
     seen = states.Observations(edges.start_s[whole], edges.end_s[whole], edges.speed_rpm[whole] * RPM, sigma[whole] * RPM)
     counted = ~edges.falling
     return seen, _interpolated(edges.end_s[counted], angle + edges.count[counted] * 2.0 * np.pi / pulses)

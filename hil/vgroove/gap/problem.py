@@ -19,11 +19,13 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap import figures
 from vgroove.gap.blocks import Blocks
-from vgroove.gap.channels import Channel, Motion, Simulation
+from vgroove.gap.channels import Channel, Simulation
 from vgroove.gap.measured import Run, prepare_run
 from vgroove.rig import Rig
 
 CLIP = figures.CLIP
+SENSOR_EFFECTS = ("current_gain.relative", "speed_gain.relative", "current_offset.offset_a", "current_lag.time_constant_s",
+                  "speed_lag.time_constant_s")
 SIMULATED_LOADS = ("none", "torque", "pendulum")
 
 
@@ -100,14 +102,21 @@ class Problem:
     def simulate(self, theta: np.ndarray) -> list[Simulation]:
         """Every log's simulation, restarted as judged: dicts of (B, rows) arrays as vgroove._core.simulate_log gives them."""
         theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
-        return [_core.simulate_log(run.drive, theta, run.starts, run.states, threads=self.threads) for run in self.runs]
+        seen = self._sensors(theta)
+        return [_core.simulate_log(run.drive, theta, run.starts, run.restarts.states(*seen), threads=self.threads) for run in self.runs]
+
+    def _sensors(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gain, offset and lag (B, 2) of the current and speed sensors, through which a measured state is seen."""
+        at = {name: theta[:, self.index(f"effects.{name}")] for name in SENSOR_EFFECTS}
+        gain = np.stack([1.0 + at["current_gain.relative"], 1.0 + at["speed_gain.relative"]], axis=1)
+        offset = np.stack([at["current_offset.offset_a"], np.zeros(len(theta))], axis=1)
+        return gain, offset, np.stack([at["current_lag.time_constant_s"], at["speed_lag.time_constant_s"]], axis=1)
 
     def models(self, theta: np.ndarray) -> np.ndarray:
         """What the model shows where something was measured: (B, n) in the signals' units."""
         parts = []
         for run, simulation in zip(self.runs, self.simulate(theta), strict=True):
-            motion = Motion.of(simulation, run.starts, run.states) if run.needs_motion else None
-            parts += [channel.model(simulation, motion) for channel in run.channels]
+            parts += [channel.model(simulation) for channel in run.channels]
         return np.concatenate(parts, axis=1)
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:

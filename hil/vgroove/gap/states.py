@@ -71,48 +71,71 @@ def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observati
 
 @dataclass(frozen=True)
 class Sight:
-    """What of a log shows the states: speed_rad_s and current_a observations (None: not measured), the angle at any time, torque to current."""
+    """What shows the states: observations of speed_rad_s and current_a (None: not measured), the angle, the current behind a motion."""
 
     speed: Observations | None
     current: Observations | None
     angle_at: Callable[[float], float]
     current_from: Callable[[float, float, float], float]
 
-    def state(self, time_s: float) -> tuple[np.ndarray, float]:
-        """State [current_a, speed_rad_s, angle_rad] at an instant and its doubt, in sensor sigmas."""
-        if self.speed is None:
-            return np.zeros(3), np.inf
-        speed = local_fit(self.speed, time_s)
+    def state(self, time_s: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """Measured state [current_a, speed_rad_s, angle_rad] at an instant, slopes of the first two, and the doubt in sensor sigmas."""
+        speed = local_fit(self.speed, time_s) if self.speed is not None else NOWHERE
         if not np.isfinite(speed.doubt):
-            return np.zeros(3), np.inf
+            return np.zeros(3), np.zeros(2), np.inf
         if self.current is None:
             current = Local(self.current_from(time_s, speed.value, speed.slope), 0.0, 0.0)
         else:
             current = local_fit(self.current, time_s)
-        return np.array([current.value, speed.value, self.angle_at(time_s)]), max(speed.doubt, current.doubt)
+        state = np.array([current.value, speed.value, self.angle_at(time_s)])
+        return state, np.array([current.slope, speed.slope]), max(speed.doubt, current.doubt)
 
 
-def restarts(sight: Sight, time_s: np.ndarray, restart_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (S,) that the model restarts at and their states (S, 3); the first is row 0, at rest.
+@dataclass(frozen=True)
+class Restarts:
+    """Rows (S,) at whose end the model starts anew, the measured states there (S, 3), and the slopes (S, 2) of current and speed."""
 
-    About every restart_s the instant within reach whose state is known best; none where no state is known well enough (standstill, the first
-    edges, reversals, steps): the model runs through.
+    rows: np.ndarray
+    measured: np.ndarray
+    slopes: np.ndarray
+
+    def states(self, gain: np.ndarray, offset: np.ndarray, lag_s: np.ndarray) -> np.ndarray:
+        """True states (B, S, 3) behind the measured ones for sensors of gain, offset and lag (B, 2) for current and speed."""
+        true = np.repeat(self.measured[None], len(gain), axis=0)
+        true[:, :, :2] = (true[:, :, :2] + lag_s[:, None] * self.slopes - offset[:, None]) / gain[:, None]
+        return true
+
+
+def restarts(sight: Sight, time_s: np.ndarray, restart_s: float) -> Restarts:
+    """Where the model restarts; the first is row 0, at rest unless the log is in motion there.
+
+    About every restart_s the instant within reach whose state is known best; none where no state is known well enough (standstill, the
+    first edges, reversals, steps): the model runs through.
     """
-    starts, states = [0], [np.array([0.0, 0.0, sight.angle_at(time_s[0])])]
-    count = int((time_s[-1] - time_s[0]) / restart_s)
-    for k in range(1, count + 1):
-        centre = time_s[0] + k * restart_s
-        if time_s[-1] - centre < 0.5 * restart_s:
-            break
-        best, row, state = TRUST, 0, None
-        for shift in SEARCH_S * np.linspace(-1.0, 1.0, SEARCH_STEPS):
-            index = int(np.searchsorted(time_s, centre + min(1.0, restart_s / 0.25) * shift))
-            if not starts[-1] + 5 < index < len(time_s) - 5:
+    rows, found = [0], [_first_state(sight, time_s)]
+    for k in range(1, int((time_s[-1] - time_s[0]) / restart_s - 0.5) + 1):
+        centre, best, chosen = time_s[0] + k * restart_s, TRUST, None
+        for shift in SEARCH_S * min(1.0, restart_s / 0.25) * np.linspace(-1.0, 1.0, SEARCH_STEPS):
+            row = int(np.searchsorted(time_s, centre + shift))
+            if not rows[-1] + 5 < row < len(time_s) - 5:
                 continue
-            candidate, doubt = sight.state(float(time_s[index - 1]))
-            if doubt * (1.0 + abs(shift)) < best:
-                best, row, state = doubt, index, candidate
-        if state is not None:
-            starts.append(row)
-            states.append(state)
-    return np.array(starts), np.array(states)
+            state, slope, doubt = sight.state(float(time_s[row]))
+            if doubt < best:
+                best, chosen = doubt, (row, (state, slope))
+        if chosen is not None:
+            rows.append(chosen[0])
+            found.append(chosen[1])
+    return Restarts(np.array(rows), np.array([state for state, _ in found]), np.array([slope for _, slope in found]))
+
+
+def _first_state(sight: Sight, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """State at the first row: at rest, or what the first observations say when they show motion."""
+    state = np.array([0.0, 0.0, sight.angle_at(time_s[0])])
+    for k, seen in enumerate((sight.current, sight.speed)):
+        if seen is None or len(seen.value) < NEIGHBOURS or seen.end_s[0] > time_s[0] + REACH_S:
+            continue
+        middle = 0.5 * (seen.start_s + seen.end_s)[:NEIGHBOURS]
+        line = np.polyfit(middle - time_s[0], seen.value[:NEIGHBOURS], 1)
+        if abs(np.mean(seen.value[:NEIGHBOURS])) > 3.0 * seen.sigma[0]:
+            state[k] = line[1]
+    return state, np.zeros(2)
