@@ -38,6 +38,19 @@ def bench_speed_command(
         json_path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
 
+@app.command()
+def record(
+    port: Annotated[str, typer.Argument(help="Serial port of the board: /dev/ttyACM0, COM3, a pty, or a pyserial URL.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="FILE.csv, .mf4, .blf or .asc; board and losses go to FILE.json.")],
+    seconds: Annotated[float | None, typer.Option(help="Board time to record; without it until Ctrl-C.")] = None,
+    baud: Annotated[int, typer.Option(help="Rate of the line.")] = 250_000,
+) -> None:
+    """Record the board's telemetry; Ctrl-C ends it with a complete file."""
+    from vgroove.recorder_cli import record_with_progress
+
+    record_with_progress(port, output, seconds, baud)
+
+
 def main() -> None:
     """Run the command line; a VgrooveError becomes its sentence on stderr and exit code 2, Ctrl-C exit code 130."""
     try:

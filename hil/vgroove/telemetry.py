@@ -240,13 +240,13 @@ class Session:
     acks: list[dict[str, int]] = field(default_factory=list)
     health: dict[str, int] | None = None
     restarted: bool = False
+    first_ms: int | None = None  # of the first BOOT frame
     last_ms: int | None = None  # unwrapped
     _fast: list[tuple[int, Frame]] = field(default_factory=list)
     _states: list[tuple[int, dict[str, float]]] = field(default_factory=list)
     _state_now: dict[str, float] | None = None
     _last_fast: tuple[int, int] | None = None
     _suspect: Frame | None = None
-    _dump: bytearray = field(default_factory=bytearray)
 
     def feed(self, frames: Iterable[Frame]) -> None:
         """Take frames in the order of their arrival."""
@@ -308,7 +308,8 @@ class Session:
         if frame.id != BOOT or self.table is not None:
             self.restarted = True
             return
-        self._fast, self._states, self._state_now, self._last_fast, self.last_ms = [], [], None, None, frame.time_ms
+        self._fast, self._states, self._state_now, self._last_fast = [], [], None, None
+        self.first_ms = self.last_ms = frame.time_ms
         self._take_boot(frame)
 
     def _check_boot(self, frame: Frame) -> None:
@@ -324,14 +325,13 @@ class Session:
         if self.boot is not None and boot["fast_divider"] != self.boot["fast_divider"]:
             self._last_fast = None
         self.boot = boot
-        self._dump = bytearray()
+        self.first_ms = self.last_ms if self.first_ms is None else self.first_ms
         self.parameters = {}
         self.table = None
 
     def _take_param(self, frame: Frame) -> None:
         index, value = frame.data[0], struct.unpack_from("<i", frame.data, 2)[0]
         self.parameters[index] = value
-        self._dump += frame.data[:1] + frame.data[2:6]
 
     def _take_table(self, frame: Frame) -> None:
         """Closes a dump; with a parameter missing or wrong the table stays None, so that the dump is asked for again."""

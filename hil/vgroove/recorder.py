@@ -1,0 +1,401 @@
+"""Records the board's telemetry from a serial port to CSV, MF4, BLF or ASC, and says what was lost."""
+
+import errno
+import json
+import os
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import serial
+from can.interfaces.serial.serial_can import SerialBus
+from can.io import ASCWriter, BLFWriter
+
+from vgroove import telemetry
+from vgroove.errors import VgrooveError
+from vgroove.log import UNITS, csv_header, csv_rows, replacing
+
+BOOT_WAIT_S = 5.0
+DUMP_AFTER_S = 0.4  # a board that resets when the port opens speaks of itself; then it is asked
+DUMP_EVERY_S = 1.0
+DUMPS_MAX = 8
+FLUSH_S = 0.25
+SILENCE_S = 2.0
+SIDECAR_SCHEMA = "vgroove.recording/1"
+
+
+class ResyncBus(SerialBus):
+    """python-can's serial bus whose recv survives damage: it goes on with the next intact frame and counts what it skipped."""
+
+    def __init__(self, channel: str, baudrate: int = 250_000, timeout: float = 0.05, **kwargs: Any) -> None:
+        self.framer = telemetry.Framer()
+        self._waiting: deque[telemetry.Frame] = deque()
+        super().__init__(channel, baudrate=baudrate, timeout=timeout, **kwargs)
+        with suppress(AttributeError, NotImplementedError):
+            self._ser.exclusive = True
+
+    def read_frames(self) -> list[telemetry.Frame]:
+        """Frames completed by what has arrived; waits at most the port's time-out for a first byte."""
+        try:
+            data = self._ser.read(1)
+            data += self._ser.read(self._ser.in_waiting) if data else b""
+        except (serial.SerialException, OSError, TypeError) as error:
+            raise can.CanOperationError(f"could not read from serial: {error}") from error
+        return self.framer.feed(data)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if not self._waiting:
+            self._waiting.extend(self.read_frames())
+        return (self._waiting.popleft().message() if self._waiting else None), False
+
+
+def command_message(name: str, sequence: int, time_ms: int, **signals: float) -> can.Message:
+    """An inbound frame as python-can sends it; signals in physical values."""
+    sequence_name = next(s.name for s in telemetry.database().get_message_by_name(name).signals if s.name.endswith("_sequence"))
+    frame = telemetry.frame_of_signals(name, time_ms, **signals, **{sequence_name: sequence})
+    message = frame.message()
+    message.timestamp = (time_ms + 0.5) / 1000  # python-can truncates
+    return message
+
+
+@dataclass
+class Recording:
+    """What to record, and what became of it."""
+
+    port: str
+    output: Path
+    baud: int = 250_000
+    seconds: float | None = None
+    session: telemetry.Session = field(default_factory=telemetry.Session)
+    rows: int = 0
+    ended: str = ""
+
+    @property
+    def recorded_s(self) -> float:
+        """Board time from the BOOT frame on."""
+        first, last = self.session.first_ms, self.session.last_ms
+        return 0.0 if first is None or last is None else (last - first) / 1000
+
+
+class Sink(ABC):
+    """Where a recording goes. The file appears under its name when it is complete."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.part = path.with_name(f".{path.stem}.part{path.suffix}")
+        self.rows = 0
+
+    def frame(self, frame: telemetry.Frame) -> None:
+        """An intact frame, in the order of arrival."""
+        del frame
+
+    @abstractmethod
+    def block(self, columns: dict[str, np.ndarray]) -> None:
+        """Rows that are final."""
+
+    @abstractmethod
+    def finish(self) -> None:
+        """Complete the part file."""
+
+    @abstractmethod
+    def rescue(self) -> None:
+        """The disk is full: complete the part file with what it holds, without more room."""
+
+    def publish(self) -> None:
+        """Give the part file its name."""
+        os.replace(self.part, self.path)
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+        with suppress(OSError):
+            self.part.unlink()
+
+
+class CsvSink(Sink):
+    """The gap contract's columns, a row a FAST frame."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._file = self.part.open("wb", buffering=0)
+        self._whole = 0
+        self._write(csv_header(telemetry.COLUMNS))
+
+    def _write(self, data: bytes) -> None:
+        view = memoryview(data)
+        while view:
+            view = view[self._file.write(view) :]
+        self._whole += len(data)
+
+    def block(self, columns: dict[str, np.ndarray]) -> None:
+        self._write(csv_rows(columns["time_s"], [columns[name] for name in telemetry.COLUMNS]))
+        self.rows += len(columns["time_s"])
+
+    def finish(self) -> None:
+        os.fsync(self._file.fileno())
+        self._file.close()
+
+    def rescue(self) -> None:
+        self._file.truncate(self._whole)
+        self._file.close()
+
+
+class Mf4Sink(Sink):
+    """The same columns as channels with units, written at the end through asammdf."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.part.touch()
+        self._blocks: list[dict[str, np.ndarray]] = []
+
+    def block(self, columns: dict[str, np.ndarray]) -> None:
+        self._blocks.append(columns)
+        self.rows += len(columns["time_s"])
+
+    def finish(self) -> None:
+        from asammdf import MDF, Signal
+
+        blocks = {name: np.concatenate([block[name] for block in self._blocks]) for name in ("time_s", *telemetry.COLUMNS)}
+        time_s = blocks.pop("time_s")
+        with MDF(version="4.10") as mdf:
+            mdf.append([Signal(values, time_s, unit=UNITS[name], name=name) for name, values in blocks.items()], comment="vgroove record")
+            mdf.save(self.part, overwrite=True)
+
+    def rescue(self) -> None:
+        raise VgrooveError(f"{self.path}: the disk is full, the recording could not be written.")
+
+
+class BoardAscWriter(ASCWriter):
+    """python-can's ASC writer with the board's own time, which the frames' CRC covers, instead of the time since the first frame."""
+
+    def __init__(self, file: Any, **kwargs: Any) -> None:
+        super().__init__(file, **kwargs)
+        self.file.write(f"Begin Triggerblock {self._format_header_datetime(datetime.now())}\n")
+        self.header_written = True
+        self.log_event("Start of measurement", 0.0)
+
+
+class RawSink(Sink):
+    """Every intact frame, by python-can's writers, stamped with the board's time."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._blf = path.suffix.lower() == ".blf"
+        self._writer = BLFWriter(self.part) if self._blf else BoardAscWriter(self.part)
+        if self._blf:
+            self._writer.start_timestamp = 0.0
+        self._whole = (0, 0)
+
+    def frame(self, frame: telemetry.Frame) -> None:
+        self._writer.on_message_received(frame.message())
+
+    def block(self, columns: dict[str, np.ndarray]) -> None:
+        self.rows += len(columns["time_s"])
+        if self._blf:
+            self._writer._flush()
+        self._writer.file.flush()
+        self._whole = (self._writer.file.tell(), getattr(self._writer, "object_count", 0))
+
+    def finish(self) -> None:
+        self._writer.stop()
+
+    def rescue(self) -> None:
+        """Cut after the last block that reached the disk; the end mark of an ASC needs the room of a few of its lines."""
+        whole, objects = self._whole
+        descriptor = os.dup(self._writer.file.fileno())
+        if self._blf:
+            self._writer._buffer, self._writer._buffer_size, self._writer.object_count = [], 0, objects
+        else:
+            with suppress(OSError):
+                self._writer.file.close()
+        os.ftruncate(descriptor, whole)
+        if self._blf:
+            self._writer.file.seek(whole)
+            self._writer.stop()
+        else:
+            self._end_asc(descriptor, whole)
+        os.close(descriptor)
+
+    def _end_asc(self, descriptor: int, whole: int) -> None:
+        mark = b"End TriggerBlock\n"
+        tail = min(whole, 1024)
+        text = os.pread(descriptor, tail, whole - tail)
+        cut = whole - tail + text[: -len(mark)].rfind(b"\n") + 1
+        os.ftruncate(descriptor, cut)
+        os.pwrite(descriptor, mark, cut)
+
+
+SINKS: dict[str, type[Sink]] = {".csv": CsvSink, ".mf4": Mf4Sink, ".blf": RawSink, ".asc": RawSink}
+
+
+def record(recording: Recording, stopped: Callable[[], bool], progress: Callable[[Recording], None] = lambda _: None) -> None:
+    """Record until `stopped()`, until `seconds` of board time are over or until the port goes away; the file is then complete.
+
+    Raises VgrooveError: the port cannot be opened or shows no board, unknown protocol, file cannot be written, disk full (what was
+    recorded is kept), the port went away before `seconds` were over (likewise), no sample came.
+    """
+    sink_type = SINKS.get(recording.output.suffix.lower())
+    if sink_type is None:
+        raise VgrooveError(f"{recording.output}: a recording ends in .csv, .mf4, .blf or .asc.")
+    bus = _open(recording)
+    try:
+        bus.framer.counters = recording.session.counters
+        begin = _wait_for_boot(bus, recording, stopped)
+        sink = _opened(sink_type, recording.output)
+        try:
+            _record_into(sink, bus, recording, begin, stopped, progress)
+        finally:
+            sink.discard()
+    finally:
+        bus.shutdown()
+    progress(recording)
+
+
+def _open(recording: Recording) -> ResyncBus:
+    try:
+        return ResyncBus(recording.port, baudrate=recording.baud)
+    except (serial.SerialException, can.CanError, OSError, ValueError) as error:
+        raise VgrooveError(f"{recording.port}: the port cannot be opened: {error}.") from error
+
+
+def _opened(sink_type: type[Sink], path: Path) -> Sink:
+    try:
+        return sink_type(path)
+    except OSError as error:
+        raise VgrooveError(f"{path}: cannot be written: {error.strerror or error}.") from error
+
+
+class _Dumper:
+    """Asks the board for its parameters, again while they are not complete."""
+
+    def __init__(self, bus: ResyncBus, first_after_s: float) -> None:
+        self._bus = bus
+        self._start = time.monotonic()
+        self._next = self._start + first_after_s
+        self._sent = 0
+
+    def ask(self) -> None:
+        now = time.monotonic()
+        if now < self._next or self._sent >= DUMPS_MAX:
+            return
+        self._sent += 1
+        self._next = now + DUMP_EVERY_S
+        try:
+            self._bus.send(command_message("DUMP", self._sent, int((now - self._start) * 1000)))
+        except (can.CanError, serial.SerialException, OSError) as error:
+            raise can.CanOperationError(f"could not write to serial: {error}") from error
+
+
+def _wait_for_boot(bus: ResyncBus, recording: Recording, stopped: Callable[[], bool]) -> list[telemetry.Frame]:
+    """Frames from the first BOOT frame on; what came before is counted."""
+    session, dumper = recording.session, _Dumper(bus, DUMP_AFTER_S)
+    deadline = time.monotonic() + BOOT_WAIT_S
+    while time.monotonic() < deadline:
+        if stopped():
+            raise KeyboardInterrupt
+        try:
+            dumper.ask()
+            frames = bus.read_frames()
+        except can.CanOperationError as error:
+            raise VgrooveError(f"{recording.port}: the port was lost before the board said what it is ({error}).") from error
+        session.feed(frames)
+        if session.boot is not None:
+            boot = next(k for k, frame in enumerate(frames) if frame.id == telemetry.BOOT)
+            return frames[boot:]
+    counters = session.counters
+    heard = f"{counters.bytes} bytes, {counters.frames} intact frames"
+    raise VgrooveError(
+        f"{recording.port}: no boot frame within {BOOT_WAIT_S:g} s at {recording.baud} Bd ({heard}): "
+        "is it a vgroove board, and is the rate the one that it uses?"
+    )
+
+
+def _record_into(sink: Sink, bus: ResyncBus, recording: Recording, begin: list[telemetry.Frame], stopped: Callable[[], bool],
+                 progress: Callable[[Recording], None]) -> None:
+    """Fill, complete and publish the sink; the sidecar says how it ended."""
+    started = datetime.now(UTC)
+    try:
+        for frame in begin:
+            sink.frame(frame)
+        recording.ended = _run(sink, bus, recording, stopped, progress)
+        sink.block(recording.session.take_rows())
+        sink.finish()
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            raise VgrooveError(f"{recording.output}: cannot be written: {error.strerror or error}.") from error
+        recording.ended = "disk full"
+        sink.rescue()
+    recording.rows = sink.rows
+    if sink.rows == 0:
+        raise VgrooveError(f"{recording.port}: no sample came within {recording.recorded_s:.1f} s, nothing is written.")
+    sink.publish()
+    _write_sidecar(recording, started)
+    _complain(recording)
+
+
+def _run(sink: Sink, bus: ResyncBus, recording: Recording, stopped: Callable[[], bool], progress: Callable[[Recording], None]) -> str:
+    """Feed the sink until the recording ends; returns why it ended."""
+    session, dumper = recording.session, _Dumper(bus, DUMP_EVERY_S)
+    flush_at = heard_at = time.monotonic()
+    while True:
+        try:
+            if session.table is None:
+                dumper.ask()
+            frames = bus.read_frames()
+        except can.CanOperationError:
+            return "port lost"
+        session.feed(frames)
+        for frame in frames:
+            sink.frame(frame)
+        now = time.monotonic()
+        heard_at = now if frames else heard_at
+        if now >= flush_at:
+            flush_at = now + FLUSH_S
+            sink.block(session.take_rows(session.ready_until()))
+            recording.rows = sink.rows
+            progress(recording)
+        if stopped():
+            return "interrupted"
+        if session.restarted:
+            return "board restarted"
+        if recording.seconds is not None and recording.recorded_s >= recording.seconds:
+            return "time over"
+        if recording.seconds is not None and now - heard_at > SILENCE_S + recording.seconds:
+            return "board silent"
+
+
+def _write_sidecar(recording: Recording, started: datetime) -> None:
+    """What a log does not say itself: board, parameters, losses."""
+    path = recording.output.with_name(recording.output.name + ".json")
+    content = {
+        "schema": SIDECAR_SCHEMA,
+        "file": recording.output.name,
+        "port": recording.port,
+        "baud": recording.baud,
+        "started_utc": started.isoformat(timespec="milliseconds"),
+        "ended": recording.ended,
+        "rows": recording.rows,
+        **recording.session.metadata(),
+    }
+    try:
+        with replacing(path) as file:
+            file.write((json.dumps(content, indent=2) + "\n").encode())
+    except OSError as error:
+        done = f"{recording.rows} rows are in {recording.output}"
+        raise VgrooveError(f"{path}: cannot be written: {error.strerror or error}; {done}.") from error
+
+
+def _complain(recording: Recording) -> None:
+    """Ends that the user did not ask for, after the file has been completed."""
+    kept = f"{recording.rows} rows until then are in {recording.output}"
+    if recording.ended == "disk full":
+        raise VgrooveError(f"{recording.output}: the disk is full; {kept}.")
+    if recording.ended in ("port lost", "board silent") and recording.seconds is not None:
+        raise VgrooveError(f"{recording.port}: {recording.ended} after {recording.recorded_s:.1f} of {recording.seconds:g} s; {kept}.")
