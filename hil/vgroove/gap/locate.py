@@ -16,6 +16,7 @@ from vgroove.gap.hypotheses import BY_ID
 from vgroove.gap.search import LEVEL, WORTH, Search, extensions
 
 BINS = 12
+OWN = {"current_a": "current", "supply_v": "bus voltage"}  # a channel's noise would explain itself
 RIDGE = 1e-6
 
 
@@ -145,7 +146,7 @@ def remaining(search: Search, best: Fit, drivers: dict[str, np.ndarray], signal:
     residual = np.clip(best.held, -search.clip, search.clip)
     top: tuple[float, str | None, int, np.ndarray] = (0.0, None, -1, residual)
     for name, driver in sorted(drivers.items()):
-        for s in range(len(names)):
+        for s in (s for s in range(len(names)) if OWN.get(names[s]) != name):
             rows = search.blocks.judged & (signal == s) & np.isfinite(driver)
             corrected = residual.copy()
             corrected[rows] -= predicted(residual[rows], driver[rows], search.blocks.cluster[rows])

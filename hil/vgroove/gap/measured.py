@@ -1,6 +1,6 @@
 """Prepares one log for judgement: what drives the model, which channels are judged with which sigma, where the model restarts, regimes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,8 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     if not channels:
         raise VgrooveError(f"{source}: nothing to judge: besides the input {rig.input['kind']} no column that the model predicts")
     sight = _sight(time_s, columns, rig, edges, channels)
+    load = _filled(time_s, columns["load_nm"]) if rig.load["kind"] == "torque" and "load_nm" in columns else None
+    channels = _widened(channels, time_s, noise.drive_sigma(rig, time_s, command, load))
     restarts = states.restarts(sight, time_s, restart_s)
     channels = tuple(_clear_of_restarts(channel, restarts.rows) for channel in channels)
     speed = _speed_rows(time_s, sight)
@@ -75,7 +77,7 @@ def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
     if "coast" in columns:
         more["coast"] = _held(columns["coast"])
     if "slew_per_s" in rig.input:
-        more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": _step_of(command)}
+        more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": noise.step_of(command)}
     return _core.LogInput(time_s, kind, _held(command), load_kind=load, **more), _held(command)
 
 
@@ -91,13 +93,6 @@ def _held(values: np.ndarray) -> np.ndarray:
 def _filled(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
     known = np.isfinite(values)
     return np.interp(time_s, time_s[known], values[known]) if known.any() else np.zeros_like(values)
-
-
-def _step_of(command: np.ndarray) -> float:
-    """Resolution of a command column: a ramp may miss its rate by this much from row to row."""
-    steps = np.diff(np.unique(command[np.isfinite(command)]))
-    steps = steps[steps > 1e-9]
-    return float(steps.min()) if len(steps) else 0.0
 
 
 def _edges(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig) -> EdgePeriods | None:
@@ -234,6 +229,13 @@ def _force(time_s: np.ndarray, position: np.ndarray, known: np.ndarray, sigma: f
     return ForceChannel("position_rad", "rad/s^2", last, time_s[middle], measured, spread, np.zeros(len(last), dtype=bool),
                         note="compared through its second derivative: force with force",
                         places=tuple(Places.of(time_s, time_s[rows]) for rows in (first, middle, last)), length_s=length)
+
+
+def _widened(channels: list[Channel], time_s: np.ndarray, drive: tuple[np.ndarray, np.ndarray]) -> list[Channel]:
+    """Channels with the part of sigma that comes in through the driving columns."""
+    speed, current = drive
+    more = {"A": current, "rpm": speed * RAD_S_TO_RPM, "rad/s": speed}
+    return [replace(c, sigma=np.hypot(c.sigma, np.interp(c.time_s, time_s, more[c.unit]))) if c.unit in more else c for c in channels]
 
 
 def _clear_of_restarts(channel: Channel, starts: np.ndarray) -> Channel:

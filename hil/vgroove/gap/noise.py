@@ -30,7 +30,7 @@ def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
     """1 sigma of a column's samples in its unit: stated noise and quantisation, or the log's scatter where no noise is stated."""
     noise_key, lsb_key = {"current_a": ("current_noise_a", "current_lsb_a"), "supply_v": ("supply_noise_v", ""),
                           "speed_rpm": ("speed_noise_rpm", "speed_lsb_rpm"), "position_rad": ("", "position_lsb_rad")}[column]
-    rounding = rig.sensors.get(lsb_key, 0.0) / np.sqrt(12.0)
+    rounding = rig.sensors.get(lsb_key, step_of(values)) / np.sqrt(12.0)
     noise = rig.sensors.get(noise_key)
     if noise is None and column == "position_rad" and rounding > 0.0:
         noise = 0.0
@@ -90,6 +90,44 @@ def _what_motion_leaves(size: int, pulses_per_rev: int) -> np.ndarray:
     turn = np.eye(pulses_per_rev)[np.arange(size) % pulses_per_rev][:, 1:]
     basis, _ = np.linalg.qr(np.column_stack([np.vander(place, 4), turn]))
     return np.eye(size) - basis @ basis.T
+
+
+def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """1 sigma (rows,) of speed, rad/s, and current, A, that the driving columns leave open: they too are measured and rounded.
+
+    A ramp is known to its column's last digit, a load step to the row it happens in, a measured current to its noise. The nominal motor
+    turns each into an impulse of speed that decays with its time constant.
+    """
+    motor, ratio = rig.motor, rig.gearbox["ratio"]
+    inertia = motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / ratio**2
+    constant, resistance = motor["torque_constant_nm_per_a"], motor["resistance_ohm"]
+    dt = np.diff(time_s, prepend=2.0 * time_s[0] - time_s[1])
+    torque = np.zeros(len(time_s))
+    current = np.zeros(len(time_s))
+    rate = constant**2 / resistance / inertia
+    if rig.input["kind"] == "current_a":
+        rate = motor["viscous_nm_s_per_rad"] / inertia
+        torque += constant * rig.sensors.get("current_noise_a", 0.0)
+    elif "slew_per_s" in rig.input:
+        volt = rig.supply.get("voltage_v", 1.0) if rig.input["kind"] == "duty" else 1.0
+        changing = np.diff(command, prepend=command[0]) != 0.0
+        current = changing * step_of(command) / np.sqrt(12.0) * volt / resistance
+        torque += constant * current
+    if load_nm is not None:
+        torque = np.hypot(torque, np.abs(np.diff(load_nm, prepend=load_nm[0])) / np.sqrt(12.0) / ratio)
+    impulse, kept = (torque * dt / inertia) ** 2, np.exp(-2.0 * rate * dt)
+    variance = np.empty(len(time_s))
+    last = 0.0
+    for i in range(len(time_s)):
+        last = variance[i] = last * kept[i] + impulse[i]
+    return np.sqrt(variance), np.sqrt(current**2 + variance * (constant / resistance) ** 2)
+
+
+def step_of(command: np.ndarray) -> float:
+    """Resolution of a column: the smallest difference between values that occur in it."""
+    steps = np.diff(np.unique(command[np.isfinite(command)]))
+    steps = steps[steps > 1e-9]
+    return float(steps.min()) if len(steps) else 0.0
 
 
 def edge_sigma_rpm(rig: Rig, edges: EdgePeriods, jitter: Jitter) -> np.ndarray:

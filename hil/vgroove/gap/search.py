@@ -184,6 +184,17 @@ def first_order(search: Search, base: Fit, h: Hypothesis, rows: np.ndarray) -> F
     return one
 
 
+def run(search: Search) -> tuple[Fit, list[Fit]]:
+    """The whole search: the selected fit (the retuned one when no effect is worth it) and its rivals."""
+    singles(search)
+    best = forward(search)
+    if not best.ids:
+        return best, []
+    best = backward(search, lean(search, best))
+    search.tell("rivals")
+    return best, rivals(search, best)
+
+
 def forward(search: Search) -> Fit:
     """Grow the set while a further effect, or an exchange, is better in both senses."""
     best = search.ranked(1)[0] if search.ranked(1) else search.retuned

@@ -10,7 +10,7 @@ from vgroove.gap.fit import Fit, covariance
 from vgroove.gap.hypotheses import BY_ID, Parameter, equivalents
 from vgroove.gap.search import Search, key, win_shares
 
-BULK = 0.7
+BULK = {1: 0.7, 2: 0.85, 3: 0.9, 4: 0.9}
 VISIBLE = 0.1
 Z95 = 1.96
 SURE = 0.99
@@ -33,7 +33,7 @@ def decide(search: Search, best: Fit, rivals: list[Fit], left: locate.Structure,
     if not best.ids:
         real = left.significant and search.score(best) > floor**2 * (1.0 + VISIBLE)
         return Finding("unlisted" if real else "none", best, [], left, bulk)
-    if bulk < BULK and left.significant:
+    if bulk < BULK[len(best.ids)] and left.significant:
         return Finding("unlisted", best, [], left, bulk)
     return Finding("ambiguous" if rivals else "effect", best, rivals, left, bulk)
 
