@@ -51,6 +51,31 @@ def record(
     record_with_progress(port, output, seconds, baud)
 
 
+@app.command()
+def sim(
+    rig_path: Annotated[Path, typer.Argument(metavar="RIG", help="What the simulation believes about the tool.")],
+    log: Annotated[list[Path] | None, typer.Option("--log", help="Log whose input drives the rig; may be given again.")] = None,
+    json_path: Annotated[Path | None, typer.Option("--json", help="Write the gap and its parts as JSON.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the simulated log as CSV.")] = None,
+    restart_s: Annotated[float, typer.Option(help="The model restarts from measured states about this often.")] = 0.25,
+) -> None:
+    """Drive a rig with a log's input and print the gap on the log's held-out blocks."""
+    if not log:
+        raise VgrooveError("give the log whose input drives the rig: --log LOG")
+    from vgroove.gap.simulate import gap_table, judge, write_simulation
+    from vgroove.log import read_log
+    from vgroove.rig import read_rig
+
+    figures, problem = judge(read_rig(rig_path), [read_log(path) for path in log], restart_s)
+    Console().print(gap_table(figures))
+    for warning in figures["warnings"]:
+        Console(stderr=True).print(f"vgroove: {warning}", style="yellow", highlight=False, markup=False, soft_wrap=True)
+    if output:
+        write_simulation(problem, output)
+    if json_path:
+        json_path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+
+
 def main() -> None:
     """Run the command line; a VgrooveError becomes its sentence on stderr and exit code 2, Ctrl-C exit code 130."""
     try:

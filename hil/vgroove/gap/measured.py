@@ -16,6 +16,7 @@ from vgroove.rig import Rig
 
 DEFAULT_TIMEOUT_S = 0.25
 FORCE_ROWS = 2  # rows between the instants of a second difference
+START_S = 0.02  # the shaft is taken to leave its rest this long before the first edge
 REVERSAL_S = 0.1  # edge periods closer than this to a change of sign may count one edge twice
 
 
@@ -284,7 +285,10 @@ def _edge_sight(rig: Rig, edges: EdgePeriods, angle: float) -> tuple[states.Obse
     sigma = noise.edge_sigma_rpm(rig, edges, jitter)
     seen = states.Observations(edges.start_s[whole], edges.end_s[whole], edges.speed_rpm[whole] * RPM, sigma[whole] * RPM)
     counted = ~edges.falling
-    return seen, _interpolated(edges.end_s[counted], angle + edges.count[counted] * 2.0 * np.pi / pulses)
+    turns = (edges.count[counted] + 0.5 * np.sign(edges.count[counted][0])) / pulses  # the first edge comes half a pitch after rest on average
+    first = edges.start_s[counted][0]
+    times = np.concatenate([[first - START_S], edges.end_s[counted]])
+    return seen, _interpolated(times, angle + 2.0 * np.pi * np.concatenate([[0.0], turns]))
 
 
 def _position_sight(time_s: np.ndarray, position: np.ndarray, rig: Rig) -> tuple[states.Observations, Any]:
