@@ -1,7 +1,8 @@
 """Figures of agreement between measured and simulated signals."""
 
 import numpy as np
-from vgroove.gap.warp import Rating
+
+from vgroove.gap.warp import overall_rating
 
 CLIP = 10.0
 RATING_SAMPLES = 1000  # the metric's cost grows with the square of the samples
@@ -20,7 +21,7 @@ def iso18571(time_s: np.ndarray, measured: np.ndarray, model: np.ndarray) -> tup
     grid = np.linspace(time_s[order[0]], time_s[order[-1]], count)
     curves = [np.column_stack([grid, np.interp(grid, time_s[order], values[order])]) for values in (measured, model)]
     try:
-        rating = Rating(curves[0], curves[1], dt=float(grid[1] - grid[0])).overall_rating()
+        rating = overall_rating(curves[0], curves[1], float(grid[1] - grid[0]))
     except (ValueError, ZeroDivisionError, IndexError):
         return None, 0
     return (float(np.clip(rating, 0.0, 1.0)), len(time_s)) if np.isfinite(rating) else (None, 0)

@@ -285,7 +285,8 @@ def _edge_sight(rig: Rig, edges: EdgePeriods, angle: float) -> tuple[states.Obse
     sigma = noise.edge_sigma_rpm(rig, edges, jitter)
     seen = states.Observations(edges.start_s[whole], edges.end_s[whole], edges.speed_rpm[whole] * RPM, sigma[whole] * RPM)
     counted = ~edges.falling
-    turns = (edges.count[counted] + 0.5 * np.sign(edges.count[counted][0])) / pulses  # the first edge comes half a pitch after rest on average
+    # On average the first edge comes half a pitch after rest.
+    turns = (edges.count[counted] + 0.5 * np.sign(edges.count[counted][0])) / pulses
     first = edges.start_s[counted][0]
     times = np.concatenate([[first - START_S], edges.end_s[counted]])
     return seen, _interpolated(times, angle + 2.0 * np.pi * np.concatenate([[0.0], turns]))
