@@ -76,6 +76,21 @@ def sim(
         json_path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
 
+@gap_app.command("emps")
+def gap_emps(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with log.csv and rig.toml of the EMPS axis.")],
+    json_path: Annotated[Path | None, typer.Option("--json", help="Write all figures as JSON.")] = None,
+) -> None:
+    """Print the ladder of force errors of the EMPS benchmark axis: M, + viscous, + Coulomb, + offset, + directional viscous."""
+    from vgroove.gap.emps import emps_figures, emps_tables
+
+    figures = emps_figures(directory)
+    for table in emps_tables(figures):
+        Console().print(table)
+    if json_path:
+        json_path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+
+
 def main() -> None:
     """Run the command line; a VgrooveError becomes its sentence on stderr and exit code 2, Ctrl-C exit code 130."""
     try:
