@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The bench: one board with its devices, advanced a PWM period at a time by the lock-step message.
+#ifndef VGROOVE_BOARD_BENCH_HPP
+#define VGROOVE_BOARD_BENCH_HPP
+
+#include <sim_io.h>
+
+#include <string>
+
+#include "converter.hpp"
+#include "hall_line.hpp"
+#include "memory.hpp"
+#include "profile.hpp"
+#include "serial.hpp"
+
+namespace board {
+
+struct Options {
+    std::string elf;
+    std::string mcu = "atmega328p";
+    std::string eeprom;
+    std::string stats;
+    std::uint8_t reset_cause = 1;  // MCUSR: power-on
+    Cycle cut = NEVER;             // power fails at this cycle: the run ends, a byte being written is torn
+    Cycle brown_out = NEVER;       // brown-out reset at this cycle
+    Cycle least_dead = 2;
+    std::uint32_t seed = 1;
+};
+
+// Traps registers of peripherals that the bench does not model: writing anything but zero there ends the run.
+class Unmodelled final : public Device {
+public:
+    explicit Unmodelled(Machine& machine);
+    void write(unsigned short address, std::uint8_t value) override;
+    std::uint8_t read(unsigned short address) override { return machine_.reg(address); }
+    void advance(Cycle) override {}
+    void acknowledge(int) override {}
+    void reset() override {}
+
+private:
+    Machine& machine_;
+};
+
+class Bench final : public AnalogueSource {
+public:
+    explicit Bench(const Options& options);
+    bool period(const SimInputs& inputs, SimOutputs& outputs);  // false: power was cut within this period
+    void save_eeprom() const;
+    std::string statistics() const;
+    unsigned counts(unsigned mux, Cycle at) const override;
+
+private:
+    Cycle period_end() const;
+    void boot();
+    void feed(const SimInputs& inputs);
+    void run_to(Cycle end);
+
+    Options options_;
+    const BoardMap& map_;
+    Machine machine_;
+    Timer pwm_, hall_, tick_;
+    PrescalerReset prescaler_reset_;
+    Converter converter_;
+    Serial serial_;
+    Eeprom eeprom_;
+    Watchdog watchdog_;
+    Ports ports_;
+    HallLine line_;
+    Bridge bridge_;
+    Profile profile_;
+    Unmodelled unmodelled_;
+    SimInputs now_{};
+    SimInputs before_{};
+    Cycle start_ = -1;
+    Cycle end_ = 0;
+    long periods_ = 0;
+    long odd_periods_ = 0;  // not 510 cycles long: Timer0 was started anew after a reset
+};
+
+}  // namespace board
+
+#endif

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The Hall sensor's line into the capture pin: it toggles at exact cycles; the capture unit sees a level 4 cycles later where its filter is on.
+#ifndef VGROOVE_BOARD_HALL_LINE_HPP
+#define VGROOVE_BOARD_HALL_LINE_HPP
+
+#include <deque>
+
+#include "bridge.hpp"
+
+namespace board {
+
+struct HallReport {
+    long edges = 0;
+    long captured = 0;
+    long deaf = 0;  // edges against the edge select: the program had not yet turned it round
+};
+
+class HallLine final : public Device {
+public:
+    HallLine(Machine& machine, Timer& timer, Ports& ports, const Pin& pin);
+    void edge(Cycle at);
+    void write(unsigned short, std::uint8_t) override {}
+    std::uint8_t read(unsigned short) override { return 0; }
+    void advance(Cycle now) override;
+    void acknowledge(int) override {}
+    void reset() override {}
+    const HallReport& report() const { return report_; }
+
+private:
+    void see(Cycle at, bool level);
+    void update();
+
+    struct Level {
+        Cycle at;
+        bool high;
+    };
+    Machine& machine_;
+    Timer& timer_;
+    Ports& ports_;
+    Pin pin_;
+    bool high_ = true;       // open collector with pull-up
+    bool seen_high_ = true;  // behind the filter
+    std::deque<Cycle> edges_;
+    std::deque<Level> filtering_;
+    HallReport report_;
+};
+
+}  // namespace board
+
+#endif

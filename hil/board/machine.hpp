@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The simulated microcontroller: simavr's instruction core, driven by devices, interrupts and a clock of the bench's own.
+#ifndef VGROOVE_BOARD_MACHINE_HPP
+#define VGROOVE_BOARD_MACHINE_HPP
+
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+extern "C" {
+#include <simavr/sim_avr.h>
+#include <simavr/sim_io.h>
+}
+
+namespace board {
+
+using Cycle = std::int64_t;
+constexpr Cycle NEVER = std::numeric_limits<Cycle>::max();
+constexpr int VECTORS_MAX = 64;
+
+// What the bench cannot go on with; the message is a sentence for the user.
+struct BoardError : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+// A peripheral: owns registers, raises interrupt lines, and says at which cycle it next wants to be advanced.
+class Device {
+public:
+    Device() = default;
+    Device(const Device&) = delete;
+    Device& operator=(const Device&) = delete;
+    virtual ~Device() = default;
+    virtual void write(std::uint16_t address, std::uint8_t value) = 0;
+    virtual std::uint8_t read(std::uint16_t address) = 0;
+    virtual void advance(Cycle now) = 0;
+    virtual void acknowledge(int vector) = 0;
+    virtual void reset() = 0;
+    Cycle due = NEVER;
+};
+
+// Who wants to hear of interrupt entries and exits (the profile).
+class InterruptWatch {
+public:
+    virtual ~InterruptWatch() = default;
+    virtual void entered(int vector, Cycle at) = 0;
+    virtual void left(Cycle at) = 0;
+};
+
+class Machine {
+public:
+    Machine(const std::string& mcu, const std::string& elf, std::uint32_t seed);
+    ~Machine() = default;  // the process ends with it; simavr would touch devices that are gone
+    Machine(const Machine&) = delete;
+    Machine& operator=(const Machine&) = delete;
+
+    Cycle now() const { return static_cast<Cycle>(avr_->cycle); }
+    std::uint8_t& reg(unsigned address) { return avr_->data[address]; }
+    std::uint8_t peek(unsigned address) const { return avr_->data[address]; }
+    unsigned ram_end() const { return avr_->ramend; }
+    unsigned ram_used_end() const { return used_end_; }
+    unsigned stack_pointer() const { return avr_->data[R_SPL] | static_cast<unsigned>(avr_->data[R_SPH]) << 8; }
+    unsigned io_end() const { return avr_->ioend; }
+    int eeprom_size() const { return static_cast<int>(avr_->e2end) + 1; }
+    const std::vector<std::uint8_t>& elf_eeprom() const { return elf_eeprom_; }
+    Cycle entry_cycles() const { return avr_->address_size + 2; }
+    int resets() const { return resets_; }
+
+    void add(Device& device) { devices_.push_back(&device); }
+    void attach(avr_io_t& io);
+    void own(unsigned address, Device& device);
+    void serve(int vector, Device& device) { servers_[static_cast<std::size_t>(vector)] = &device; }
+    void watch(InterruptWatch& watch) { watch_ = &watch; }
+    void line(int vector, bool level);
+    void stall(Cycle cycles) { avr_->cycle += static_cast<avr_cycle_count_t>(cycles); }
+    void refresh();
+    bool current_is_sbi(std::uint8_t& mask) const;
+    void run_until(Cycle end);
+    void reset(std::uint8_t cause);
+
+private:
+    static void write_hook(avr_t* avr, avr_io_addr_t address, std::uint8_t value, void* device);
+    static std::uint8_t read_hook(avr_t* avr, avr_io_addr_t address, void* device);
+    static void reti_hook(avr_irq_t* irq, std::uint32_t value, void* machine);
+    void load(const std::string& mcu, const std::string& elf);
+    void fill_ram(std::uint32_t seed);
+    void advance_devices();
+    bool interrupt_ready() const;
+    void enter_interrupt();
+    void step(Cycle budget);
+    void check_state() const;
+
+    avr_t* avr_ = nullptr;
+    std::vector<Device*> devices_;
+    std::array<Device*, VECTORS_MAX> servers_{};
+    InterruptWatch* watch_ = nullptr;
+    std::uint64_t pending_ = 0;
+    Cycle due_ = NEVER;
+    unsigned used_end_ = 0;
+    std::vector<std::uint8_t> elf_eeprom_;
+    int resets_ = 0;
+};
+
+}  // namespace board
+
+#endif

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// vgroove-board: runs an ELF on a simulated ATmega, one SimInputs from stdin and one SimOutputs to stdout a PWM period.
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <memory>
+
+#include "bench.hpp"
+
+namespace {
+
+using board::BoardError;
+
+constexpr int EXIT_USAGE = 2;
+constexpr int EXIT_BOARD = 3;
+constexpr const char* USAGE =
+    "usage: vgroove-board ELF [--mcu atmega328p|atmega2560] [--eeprom FILE] [--stats FILE] [--reset-cause por|ext|bor|wdt]\n"
+    "                     [--cut CYCLE] [--brown-out CYCLE] [--least-dead CYCLES] [--seed N]\n"
+    "Reads one SimInputs a PWM period on stdin, answers one SimOutputs on stdout (firmware/hal/sim/sim_io.h). Ends with stdin.\n";
+
+std::uint8_t reset_cause(const std::string& name) {
+    const char* names[] = {"por", "ext", "bor", "wdt"};
+    for (unsigned bit = 0; bit < 4; ++bit) {
+        if (name == names[bit]) {
+            return static_cast<std::uint8_t>(1u << bit);
+        }
+    }
+    throw BoardError("--reset-cause is por, ext, bor or wdt, not " + name);
+}
+
+board::Cycle cycles(const std::string& name, const std::string& text) {
+    char* rest = nullptr;
+    const long long value = std::strtoll(text.c_str(), &rest, 10);
+    if (text.empty() || *rest != '\0' || value < 0) {
+        throw BoardError(name + " wants a number of cycles, not '" + text + "'");
+    }
+    return value;
+}
+
+void set_option(board::Options& options, const std::string& name, const std::string& value) {
+    if (name == "--mcu") {
+        options.mcu = value;
+    } else if (name == "--eeprom") {
+        options.eeprom = value;
+    } else if (name == "--stats") {
+        options.stats = value;
+    } else if (name == "--reset-cause") {
+        options.reset_cause = reset_cause(value);
+    } else if (name == "--cut") {
+        options.cut = cycles(name, value);
+    } else if (name == "--brown-out") {
+        options.brown_out = cycles(name, value);
+    } else if (name == "--least-dead") {
+        options.least_dead = cycles(name, value);
+    } else if (name == "--seed") {
+        options.seed = static_cast<std::uint32_t>(cycles(name, value));
+    } else {
+        throw BoardError("unknown option " + name);
+    }
+}
+
+board::Options parse(int count, char** arguments) {
+    board::Options options;
+    for (int i = 1; i < count; ++i) {
+        const std::string argument = arguments[i];
+        if (argument.rfind("--", 0) != 0) {
+            options.elf = argument;
+        } else if (i + 1 < count) {
+            set_option(options, argument, arguments[++i]);
+        } else {
+            throw BoardError(argument + " wants a value");
+        }
+    }
+    if (options.elf.empty()) {
+        throw BoardError("no ELF file given");
+    }
+    return options;
+}
+
+// simavr prints to stdout; the message stream gets a descriptor of its own and stray text goes to stderr.
+int take_stdout() {
+    const int stream = dup(STDOUT_FILENO);
+    dup2(STDERR_FILENO, STDOUT_FILENO);
+    return stream;
+}
+
+bool read_whole(void* data, std::size_t size) {
+    std::size_t got = 0;
+    while (got < size) {
+        const ssize_t n = read(STDIN_FILENO, static_cast<char*>(data) + got, size - got);
+        if (n <= 0) {
+            return false;
+        }
+        got += static_cast<std::size_t>(n);
+    }
+    return true;
+}
+
+bool write_whole(int stream, const void* data, std::size_t size) {
+    std::size_t put = 0;
+    while (put < size) {
+        const ssize_t n = write(stream, static_cast<const char*>(data) + put, size - put);
+        if (n <= 0) {
+            return false;
+        }
+        put += static_cast<std::size_t>(n);
+    }
+    return true;
+}
+
+void serve(board::Bench& bench, int stream) {
+    SimInputs inputs;
+    SimOutputs outputs;
+    while (read_whole(&inputs, sizeof inputs) && bench.period(inputs, outputs) && write_whole(stream, &outputs, sizeof outputs)) {
+    }
+}
+
+void finish(const board::Options& options, const board::Bench& bench) {
+    bench.save_eeprom();
+    if (options.stats.empty()) {
+        return;
+    }
+    std::ofstream file(options.stats);
+    file << bench.statistics();
+    if (!file) {
+        throw BoardError("cannot write " + options.stats);
+    }
+}
+
+int run(const board::Options& options, int stream) {
+    const auto bench = std::make_unique<board::Bench>(options);
+    int code = EXIT_SUCCESS;
+    try {
+        serve(*bench, stream);
+    } catch (const BoardError& error) {
+        std::fprintf(stderr, "vgroove-board: %s\n", error.what());
+        code = EXIT_BOARD;
+    }
+    finish(options, *bench);
+    return code;
+}
+
+}  // namespace
+
+int main(int count, char** arguments) {
+    const int stream = take_stdout();
+    board::Options options;
+    try {
+        options = parse(count, arguments);
+    } catch (const BoardError& error) {
+        std::fprintf(stderr, "vgroove-board: %s\n%s", error.what(), USAGE);
+        return EXIT_USAGE;
+    }
+    try {
+        return run(options, stream);
+    } catch (const BoardError& error) {
+        std::fprintf(stderr, "vgroove-board: %s\n", error.what());
+        return EXIT_BOARD;
+    }
+}

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Cost accounting on interrupt entries, returns and the tick mark; nothing is sampled.
+#include "profile.hpp"
+
+#include <algorithm>
+
+namespace board {
+namespace {
+
+constexpr unsigned GPIOR0 = 0x3e;
+constexpr Cycle WINDOW_CYCLES = 1600000;  // 100 ms
+
+}  // namespace
+
+Profile::Profile(Machine& machine, const Timer& tick) : machine_(machine), tick_(tick) {
+    machine.own(GPIOR0, *this);
+    machine.add(*this);
+    machine.watch(*this);
+}
+
+void Profile::write(unsigned short, std::uint8_t value) {
+    const bool before = (machine_.peek(GPIOR0) & 1) != 0;
+    machine_.reg(GPIOR0) = value;
+    const bool after = (value & 1) != 0;
+    if (after && !before) {
+        begin_tick();
+    } else if (before && !after) {
+        end_tick();
+    }
+}
+
+std::uint8_t Profile::read(unsigned short) {
+    return machine_.reg(GPIOR0);
+}
+
+void Profile::begin_tick() {
+    tick_match_ = tick_.last_compare_a();
+}
+
+void Profile::end_tick() {
+    const Cycle lasted = machine_.now() + 1 - tick_match_;
+    ++ticks_.count;
+    ticks_.total += lasted;
+    ticks_.late += tick_.last_compare_a() != tick_match_ ? 1 : 0;
+    if (lasted > ticks_.worst) {
+        ticks_.worst = lasted;
+        ticks_.worst_at = machine_.now();
+    }
+}
+
+void Profile::entered(int vector, Cycle at) {
+    lowest_stack_ = std::min(lowest_stack_, machine_.stack_pointer());
+    since_ = since_ == 0 ? at : since_;
+    frames_.push_back({vector, at, 0});
+}
+
+void Profile::left(Cycle at) {
+    if (frames_.empty()) {
+        return;
+    }
+    const Frame frame = frames_.back();
+    frames_.pop_back();
+    const Cycle whole = at - frame.entered;
+    const Cycle own = whole - frame.nested;
+    VectorCost& cost = vectors_[static_cast<std::size_t>(frame.vector)];
+    ++cost.count;
+    cost.worst = std::max(cost.worst, own);
+    cost.total += own;
+    if (!frames_.empty()) {
+        frames_.back().nested += whole;
+    }
+    spend(own, at);
+}
+
+void Profile::spend(Cycle cycles, Cycle at) {
+    interrupt_total_ += cycles;
+    if (at - window_start_ >= WINDOW_CYCLES) {
+        worst_window_ = std::max(worst_window_, window_cycles_);
+        window_start_ = at;
+        window_cycles_ = 0;
+    }
+    window_cycles_ += cycles;
+}
+
+double Profile::worst_window_share() const {
+    return static_cast<double>(std::max(worst_window_, window_cycles_)) / static_cast<double>(WINDOW_CYCLES);
+}
+
+void Profile::reset() {
+    frames_.clear();
+}
+
+// What lies between the variables and the stack when the program's start is over; bytes that change later were stack.
+void Profile::snapshot_stack() {
+    snapshot_.clear();
+    for (unsigned address = machine_.ram_used_end(); address <= machine_.stack_pointer(); ++address) {
+        snapshot_.push_back(machine_.peek(address));
+    }
+}
+
+// Bytes between the variables and the lowest byte that the stack has touched since the snapshot, or the lowest entry of an interrupt.
+unsigned Profile::stack_free() const {
+    unsigned lowest = lowest_stack_;
+    for (unsigned i = 0; i < snapshot_.size(); ++i) {
+        if (machine_.peek(machine_.ram_used_end() + i) != snapshot_[i]) {
+            lowest = std::min(lowest, machine_.ram_used_end() + i - 1);
+            break;
+        }
+    }
+    return lowest + 1 - std::min(lowest + 1, machine_.ram_used_end());
+}
+
+}  // namespace board

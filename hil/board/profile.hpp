@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What the program costs: cycles of each interrupt and tick, the interrupts' share of time, the stack's low-water mark.
+#ifndef VGROOVE_BOARD_PROFILE_HPP
+#define VGROOVE_BOARD_PROFILE_HPP
+
+#include "board_map.hpp"
+
+namespace board {
+
+struct VectorCost {
+    long count = 0;
+    Cycle worst = 0;  // entry, body and RETI, without interrupts nested in it
+    Cycle total = 0;
+};
+
+struct TickCost {
+    long count = 0;
+    Cycle worst = 0;      // from the compare match of Timer2 to the end of the tick's work, interrupts included
+    Cycle total = 0;
+    Cycle worst_at = 0;
+    long late = 0;        // ticks that lasted beyond the next compare match
+};
+
+// GPIOR0 bit 0 is the program's mark: 1 while a tick's work runs.
+class Profile final : public Device, public InterruptWatch {
+public:
+    Profile(Machine& machine, const Timer& tick);
+    void write(unsigned short address, std::uint8_t value) override;
+    std::uint8_t read(unsigned short address) override;
+    void advance(Cycle) override {}
+    void acknowledge(int) override {}
+    void reset() override;
+    void entered(int vector, Cycle at) override;
+    void left(Cycle at) override;
+
+    void snapshot_stack();
+    unsigned stack_free() const;
+    const VectorCost& vector(int number) const { return vectors_[static_cast<std::size_t>(number)]; }
+    const TickCost& tick() const { return ticks_; }
+    Cycle measured_since() const { return since_; }
+    Cycle interrupt_cycles() const { return interrupt_total_; }
+    double worst_window_share() const;
+
+private:
+    struct Frame {
+        int vector;
+        Cycle entered;
+        Cycle nested;
+    };
+    void begin_tick();
+    void end_tick();
+    void spend(Cycle cycles, Cycle at);
+
+    Machine& machine_;
+    const Timer& tick_;
+    std::array<VectorCost, VECTORS_MAX> vectors_{};
+    TickCost ticks_;
+    std::vector<Frame> frames_;
+    Cycle since_ = 0;
+    Cycle tick_match_ = 0;
+    Cycle interrupt_total_ = 0;
+    Cycle window_start_ = 0;
+    Cycle window_cycles_ = 0;
+    Cycle worst_window_ = 0;
+    unsigned lowest_stack_ = 0xffff;
+    std::vector<std::uint8_t> snapshot_;
+};
+
+}  // namespace board
+
+#endif

@@ -1,0 +1,151 @@
+"""The simulated AVR as a board: one `vgroove-board` process that runs the real ELF, a message of fixed size each PWM period."""
+
+import json
+import os
+import shutil
+import struct
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from vgroove.errors import VgrooveError
+
+CPU_HZ = 16_000_000
+CYCLES_PER_PERIOD = 510
+PERIOD_S = CYCLES_PER_PERIOD / CPU_HZ
+EDGES_MAX = 8
+BYTES_MAX = 4
+ADC_CHANNELS = ("current", "bus", "trigger", "temperature")
+SWITCH_CONTACT, SWITCH_REVERSE, SWITCH_MODE_SHIFT = 1, 2, 2
+
+_INPUTS = struct.Struct(f"<4H{EDGES_MAX}HBBB{BYTES_MAX}s")  # SimInputs of firmware/hal/sim/sim_io.h
+_OUTPUTS = struct.Struct(f"<BhBB{BYTES_MAX}s")  # SimOutputs
+INPUT_BYTES, OUTPUT_BYTES = _INPUTS.size, _OUTPUTS.size
+_NO_EDGES = (0,) * EDGES_MAX
+
+
+class BoardInputs(NamedTuple):
+    """What the pins see in one period: ADC counts at its end (current, bus, trigger, temperature), edge cycles 0..509, switches, UART bytes."""
+
+    adc_counts: tuple[int, int, int, int]
+    edges: Sequence[int] = ()
+    switches: int = 0
+    rx: bytes = b""
+
+
+class BoardOutputs(NamedTuple):
+    """What the bridge does in the next period (compare value -255..255, dead time in timer counts) and the bytes sent in this one."""
+
+    coast: int
+    compare: int
+    dead_counts: int
+    tx: bytes
+
+
+def pack_inputs(inputs: BoardInputs) -> bytes:
+    """The period's message to a board; more than 8 edges or 4 bytes in a period is an error of the caller."""
+    adc_counts, edges, switches, rx = inputs
+    count = len(edges)
+    if count > EDGES_MAX or len(rx) > BYTES_MAX:
+        raise ValueError(f"{count} edges and {len(rx)} bytes in one period; at most {EDGES_MAX} and {BYTES_MAX} fit")
+    padded = (*edges, *_NO_EDGES[count:]) if count else _NO_EDGES
+    return _INPUTS.pack(*adc_counts, *padded, count, switches, len(rx), rx)
+
+
+def unpack_outputs(message: bytes) -> BoardOutputs:
+    """A board's answer of OUTPUT_BYTES."""
+    coast, compare, dead_counts, count, tx = _OUTPUTS.unpack(message)
+    return BoardOutputs(coast, compare, dead_counts, tx[:count])
+
+
+def find_tool() -> Path:
+    """Path of vgroove-board: $VGROOVE_BOARD, the tree's build folder, or PATH."""
+    tree = Path(__file__).resolve().parents[2] / "build" / "dev" / "hil" / "board" / "vgroove-board"
+    for candidate in (os.environ.get("VGROOVE_BOARD"), tree, shutil.which("vgroove-board")):
+        if candidate and Path(candidate).is_file():
+            return Path(candidate)
+    raise VgrooveError("the bench tool vgroove-board is missing: build it with `make build`, or name it in VGROOVE_BOARD")
+
+
+def default_elf(target: str = "uno") -> Path:
+    """The firmware that `make build` leaves for a target, uno or mega."""
+    return Path(__file__).resolve().parents[2] / "build" / f"avr-{target}" / "vgroove.elf"
+
+
+def _checked_elf(elf: Path) -> Path:
+    if not Path(elf).is_file():
+        raise VgrooveError(f"there is no firmware at {elf}: build it with `make build`, or name another with --elf")
+    return Path(elf)
+
+
+def _sentence(errors: bytes, code: int) -> str:
+    lines = errors.decode(errors="replace").splitlines()
+    said = [line.removeprefix("vgroove-board: ") for line in lines if line.startswith("vgroove-board: ")]
+    return said[0] if said else " ".join(lines) or f"vgroove-board ended by itself (exit code {code})"
+
+
+def _arguments(elf: Path, mcu: str, options: dict[str, object]) -> list[str]:
+    command = [str(find_tool()), str(_checked_elf(elf)), "--mcu", mcu]
+    for name, value in options.items():
+        if value is not None:
+            command += ["--" + name.replace("_", "-"), str(value)]
+    return command
+
+
+class AvrBoard:
+    """The ELF on a simulated ATmega, a period at a time; a context manager.
+
+    Options are those of the tool: eeprom (file that survives the run), stats (file), seed, cut, brown_out, least_dead, reset_cause.
+    Raises VgrooveError with the tool's sentence when the tool or the ELF is missing, does not fit the part, or the run ends by itself.
+    """
+
+    def __init__(self, elf: Path, *, mcu: str = "atmega328p", **options: object) -> None:
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the process
+        self._process = subprocess.Popen(_arguments(elf, mcu, options), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors)
+        self._to = self._process.stdin.fileno()
+        self._from = self._process.stdout.fileno()
+
+    def __enter__(self) -> "AvrBoard":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def period(self, inputs: BoardInputs) -> BoardOutputs:
+        """Advance 510 cycles with `inputs`; the gates in force in the next period and the bytes sent in this one."""
+        try:
+            os.write(self._to, pack_inputs(inputs))
+            message = os.read(self._from, OUTPUT_BYTES)
+        except BrokenPipeError:
+            raise self._failure() from None
+        if len(message) != OUTPUT_BYTES:
+            raise self._failure()
+        return unpack_outputs(message)
+
+    def _failure(self) -> VgrooveError:
+        self._process.wait()
+        self._errors.seek(0)
+        return VgrooveError(_sentence(self._errors.read(), self._process.returncode))
+
+    def close(self) -> None:
+        """End the run; the tool writes its EEPROM and statistics files. Harmless when repeated."""
+        if self._process.stdin and not self._process.stdin.closed:
+            self._process.stdin.close()
+            self._process.stdout.close()
+            self._process.wait()
+            self._errors.close()
+
+
+def replay(elf: Path, inputs: bytes, *, mcu: str = "atmega328p", **options: object) -> bytes:
+    """Answers of a board to recorded inputs (whole messages one after the other), without a tool in the loop: as fast as it goes."""
+    done = subprocess.run(_arguments(elf, mcu, options), input=inputs, capture_output=True, check=False)
+    if done.returncode != 0:
+        raise VgrooveError(_sentence(done.stderr, done.returncode))
+    return done.stdout
+
+
+def read_statistics(path: Path) -> dict:
+    """The tool's report of cycles, stack, UART, EEPROM and bridge (docs/bench.md lists the keys)."""
+    return json.loads(Path(path).read_text())
