@@ -27,7 +27,7 @@ _NO_EDGES = (0,) * EDGES_MAX
 
 
 class BoardInputs(NamedTuple):
-    """What the pins see in one period: ADC counts at its end (current, bus, trigger, temperature), edge cycles 0..509, switches, UART bytes."""
+    """What the pins see in a period: ADC counts at its end (ADC_CHANNELS), Hall edges by cycle 0..509, switches (bits as SIM_SWITCH_*), UART bytes."""
 
     adc_counts: tuple[int, int, int, int]
     edges: Sequence[int] = ()
@@ -61,9 +61,9 @@ def unpack_outputs(message: bytes) -> BoardOutputs:
 
 
 def find_tool() -> Path:
-    """Path of vgroove-board: $VGROOVE_BOARD, the tree's build folder, or PATH."""
-    tree = Path(__file__).resolve().parents[2] / "build" / "dev" / "hil" / "board" / "vgroove-board"
-    for candidate in (os.environ.get("VGROOVE_BOARD"), tree, shutil.which("vgroove-board")):
+    """Path of vgroove-board: $VGROOVE_BOARD, the newest in the tree's build folders, or PATH."""
+    built = sorted((Path(__file__).resolve().parents[2] / "build").glob("*/hil/board/vgroove-board"), key=lambda path: path.stat().st_mtime)
+    for candidate in (os.environ.get("VGROOVE_BOARD"), *reversed(built), shutil.which("vgroove-board")):
         if candidate and Path(candidate).is_file():
             return Path(candidate)
     raise VgrooveError("the bench tool vgroove-board is missing: build it with `make build`, or name it in VGROOVE_BOARD")

@@ -1,4 +1,4 @@
-"""The bench itself, tried with a test program of its own (probe_board.c) on both microcontrollers: each fact is one that simavr alone lacks."""
+"""The bench itself, tried on both microcontrollers with a program of its own, probe_board.c: facts that simavr alone lacks."""
 
 from pathlib import Path
 
@@ -20,7 +20,9 @@ class Probe:
         self.periods = 0
         self.last: BoardOutputs | None = None
 
-    def run(self, commands: bytes = b"", periods: int = 100, edges: dict[int, tuple[int, ...]] | None = None, switches: int = 0) -> list[tuple[str, int]]:
+    def run(
+        self, commands: bytes = b"", periods: int = 100, edges: dict[int, tuple[int, ...]] | None = None, switches: int = 0
+    ) -> list[tuple[str, int]]:
         """Events of so many periods; `edges` by period from the begin of this call."""
         sent = bytearray()
         for k in range(periods):
@@ -160,7 +162,7 @@ def test_statistics_count_the_cycles_of_each_interrupt(probe_elfs: dict[str, Pat
     assert report["stack"]["free_bytes"] > 1000
 
 
-def test_missing_tool_elf_and_wrong_part_are_sentences(probe_elfs: dict[str, Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_missing_elf_and_wrong_part_are_sentences(probe_elfs: dict[str, Path], tmp_path: Path) -> None:
     with pytest.raises(VgrooveError, match="no firmware at .*none.elf"):
         AvrBoard(tmp_path / "none.elf")
     (tmp_path / "text.elf").write_text("not an ELF")
