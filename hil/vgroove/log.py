@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -254,19 +255,26 @@ def log_from_session(session: telemetry.Session, source: str) -> Log:
     return Log(columns.pop("time_s"), columns, source, meta=session.metadata())
 
 
-def _log_from_messages(path: Path, messages: Iterable[Any], offsets: Iterable[int] = (0,)) -> Log:
-    """A CAN recording through the signal list. `offsets`: what may have to be added to the file's times (ms) to get the board's."""
+def _log_from_messages(path: Path, messages: Iterable[Any], likely_ms: Iterable[int] = (0,)) -> Log:
+    """A CAN recording through the signal list; where the file kept only time differences the CRCs tell the board's time."""
     session = telemetry.Session(needs_boot=False)
-    messages = [m for m in messages if m.arbitration_id in telemetry.OUTBOUND and not m.is_error_frame]
-    offset = max(offsets, key=lambda ms: sum(_frame(m, ms) is not None for m in messages[:200]), default=0)
-    frames = [_frame(message, offset) for message in messages]
-    intact = [frame for frame in frames if frame is not None]
+    frames = [
+        telemetry.Frame(round(message.timestamp * 1000) & 0xFFFFFFFF, message.arbitration_id, bytes(message.data))
+        for message in messages
+        if message.arbitration_id in telemetry.OUTBOUND and len(message.data) == telemetry.LENGTH and not message.is_error_frame
+    ]
+    likely_ms = list(likely_ms)
+    offset = telemetry.time_offset(frames, likely_ms) or 0
+    frames = [frame._replace(time_ms=(frame.time_ms + offset) & 0xFFFFFFFF) for frame in frames]
+    intact = [frame for frame in frames if telemetry.frame_crc(*frame) == frame.data[7]]
     session.counters.frames = len(intact)
     session.counters.corrupt = len(frames) - len(intact)
     if not intact:
         raise VgrooveError(f"{path}: holds no intact telemetry frame of a vgroove board ({len(frames)} frames with its ids).")
     session.feed(intact)
     log = log_from_session(session, str(path))
+    if offset not in likely_ms:
+        log.warnings.append(f"{path}: keeps only time differences: the start of time_s may not be the board's.")
     counters = session.counters
     if counters.corrupt or counters.lost:
         log.warnings.append(f"{path}: {counters.corrupt} frames are corrupt, {counters.lost} FAST frames were lost.")
@@ -275,12 +283,6 @@ def _log_from_messages(path: Path, messages: Iterable[Any], offsets: Iterable[in
     if session.restarted:
         log.warnings.append(f"{path}: {telemetry.RESTARTED} at {log.time_s[-1] if len(log) else 0:.3f} s, what follows is left out.")
     return _checked(log)
-
-
-def _frame(message: Any, offset_ms: int) -> telemetry.Frame | None:
-    time_ms = (round(message.timestamp * 1000) + offset_ms) & 0xFFFFFFFF
-    frame = telemetry.Frame(time_ms, message.arbitration_id, bytes(message.data))
-    return frame if len(frame.data) == 8 and telemetry.frame_crc(*frame) == frame.data[7] else None
 
 
 @contextmanager
@@ -320,16 +322,14 @@ def _read_asc(path: Path) -> Log:
 
 
 def _asc_offsets(text: str) -> list[int]:
-    """Offsets to try: python-can writes times since the first frame and that frame's time as a local date, milliseconds without padding."""
-    from datetime import UTC, datetime
-
+    """Likely offsets: python-can writes times since the first frame and that frame's time as a local date, milliseconds without padding."""
     match = re.search(r"Begin Triggerblock \w+ (\w+ \d+ \d+:\d+:\d+)\.(\d+) (\d+)", text, re.IGNORECASE)
     if match is None:
         return [0]
     moment = datetime.strptime(f"{match[1]} {match[3]}", "%b %d %H:%M:%S %Y").replace(tzinfo=UTC)
     start_ms = round(moment.timestamp()) * 1000 + int(match[2])
     quarter_ms = 15 * 60 * 1000
-    return [0, *(start_ms + k * quarter_ms for k in range(-56, 57))]
+    return [0, *((start_ms + k * quarter_ms) & 0xFFFFFFFF for k in range(-56, 57))]
 
 
 def _read_mf4(path: Path) -> Log:

@@ -1,5 +1,6 @@
 """Telemetry of the board: bytes to frames to signals, with everything that was lost or damaged counted (docs/telemetry.md)."""
 
+import itertools
 import json
 import struct
 from collections.abc import Iterable
@@ -131,6 +132,63 @@ def frame_from_message(message: can.Message) -> Frame | None:
     frame = Frame(time_ms, message.arbitration_id, bytes(message.data))
     plain = not (message.is_extended_id or message.is_error_frame or message.is_remote_frame)
     return frame if plain and len(frame.data) == LENGTH and frame_crc(*frame) == frame.data[7] else None
+
+
+@cache
+def _time_in_crc() -> tuple[np.ndarray, np.ndarray]:
+    """What the low and the high half of the time change in a frame's CRC: it is linear in each bit."""
+    none = frame_crc(0, 0, bytes(7))
+    halves = []
+    for first in (0, 16):
+        half = np.zeros(1 << 16, np.uint8)
+        for bit in range(16):
+            half[1 << bit : 2 << bit] = half[: 1 << bit] ^ (frame_crc(1 << (first + bit), 0, bytes(7)) ^ none)
+        halves.append(half)
+    return halves[0], halves[1]
+
+
+def _offsets_that_fit(frames: list[Frame]) -> np.ndarray:
+    """All offsets (ms, modulo 2^32) that make the CRC of every one of these frames right."""
+    low, high = _time_in_crc()
+    wanted = [frame.data[7] ^ frame_crc(0, frame.id, frame.data) for frame in frames]
+    order = np.argsort(low, kind="stable").reshape(256, 256)  # low halves by what they change: 256 of each
+    found = []
+    for block in np.split(np.arange(1 << 16, dtype=np.uint32), 64):
+        times = ((block << np.uint32(16))[:, None] | order[high[block] ^ wanted[0]].astype(np.uint32)).ravel()
+        offsets = times - np.uint32(frames[0].time_ms)
+        for frame, want in zip(frames[1:], wanted[1:], strict=True):
+            times = offsets + np.uint32(frame.time_ms)
+            offsets = offsets[(low[times & np.uint32(0xFFFF)] ^ high[times >> np.uint32(16)]) == want]
+        found.append(offsets)
+    return np.concatenate(found)
+
+
+def _agreeing(frames: list[Frame], offsets: np.ndarray) -> np.ndarray:
+    """How many of the frames have a right CRC with each offset."""
+    low, high = _time_in_crc()
+    count = np.zeros(len(offsets), int)
+    for frame in frames:
+        times = offsets + np.uint32(frame.time_ms)
+        count += (low[times & np.uint32(0xFFFF)] ^ high[times >> np.uint32(16)]) == frame.data[7] ^ frame_crc(0, frame.id, frame.data)
+    return count
+
+
+def time_offset(frames: list[Frame], likely: Iterable[int] = (0,)) -> int | None:
+    """What to add to the frames' times (ms) to get the board's, where a recording kept only time differences; None if nothing fits.
+
+    The CRC covers the time, so the frames themselves tell: an offset is right when most of 200 frames, spread over all, agree with it.
+    The `likely` ones are tried first. Of the others the least that fits is taken: high bits of the time that never change in the recording
+    are known only up to the 8 bits of the CRC, so the start may be wrong by multiples of a minute and more; differences are right.
+    """
+    sample = frames[:: max(1, len(frames) // 200)]
+    stride = len(sample) // 6
+    searched = (_offsets_that_fit(sample[first::stride][:6]) for first in range(min(stride, 10)))
+    for offsets in itertools.chain([np.array(list(likely), np.uint32)], searched):
+        agreeing = _agreeing(sample, offsets)
+        best = agreeing.max(initial=0)
+        if 2 * best > len(sample):
+            return int(offsets[agreeing == best].min())
+    return None
 
 
 def decode(frame: Frame) -> dict[str, float]:

@@ -162,6 +162,25 @@ def test_a_power_failure_at_any_byte_with_any_garbage_loses_neither_set(kind: st
                 assert values(after) == old, (write, garbage)
 
 
+def test_a_slot_is_void_from_the_first_byte_of_a_save_to_the_last() -> None:
+    lib, before = library(), prepared("both slots")
+    eeprom_set(before)
+    store = load()
+    save(store, 12, 1234)
+    writes = lib.shim_eeprom_writes()
+    for write in range(2, writes + 1):
+        eeprom_set(before)
+        store = load()
+        lib.shim_eeprom_fail_at(write, ctypes.c_uint8(0xFF))
+        save(store, 12, 1234)
+        assert eeprom_get()[SLOTS[1]] == 0xFF, write
+
+
+def test_a_void_slot_is_not_loaded_whatever_its_crc() -> None:
+    eeprom_set(eeprom_with((0, slot_image(NEWEST, 4, DEFAULTS)), (1, slot_image(0xFF, 5, DEFAULTS))))
+    assert load().status == LOADED and load().slot == 0
+
+
 def test_after_a_torn_save_the_next_one_succeeds() -> None:
     lib, before = library(), prepared("both slots")
     for write in range(1, 8):

@@ -313,6 +313,17 @@ def test_commands_are_found_between_any_garbage(garbage: list[bytes], rng: rando
     assert [kind for kind, _ in board.results].count("executed") == len(garbage)
 
 
+def test_a_frame_that_begins_inside_a_damaged_one_is_found() -> None:
+    outer = b"\xaa" + bytes(4) + b"\x08" + bytes(9)
+    board = Board()
+    board.receive(outer + command_bytes("PARAM_READ", 4, time_ms=0xBB0000, read_index=2))
+    board.run(20)
+    assert board.results == [("answered", RESULT["bad_crc"]), ("executed", RESULT["ok"])]
+    framer, inner = telemetry.Framer(), telemetry.frame_of(0xBB0000, telemetry.FAST, bytes(7))
+    assert framer.feed(outer + telemetry.frame_bytes(inner)) == [inner]
+    assert (framer.counters.corrupt, framer.counters.skipped_bytes) == (1, len(outer))
+
+
 def error_syndromes() -> list[int]:
     """What each single flipped bit of id, time, data and CRC changes in the CRC comparison."""
     base = telemetry.crc8(bytes(15))
