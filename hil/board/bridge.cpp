@@ -193,6 +193,20 @@ void Bridge::end_period(Cycle start, Cycle end) {
     }
     current_.changes.clear();
     current_.latched = {machine_.peek(OCR0A), machine_.peek(OCR0B)};
+    const auto [high_below, low_above] = current_.latched;
+    if (high_below > 0 && low_above < TIMER_TOP && low_above > high_below) {
+        dead_counts_ = low_above - high_below;
+    }
+}
+
+// The value that the two compare registers stand around; where one of them is clipped at an end, the other and the dead time tell it.
+int Bridge::leg_a_compare() const {
+    const auto [high_below, low_above] = current_.latched;
+    const int below = dead_counts_ / 2;
+    if (high_below == low_above) {
+        return high_below;
+    }
+    return low_above == TIMER_TOP ? high_below + below : low_above - (dead_counts_ - below);
 }
 
 BridgeOutput Bridge::output() const {
@@ -203,8 +217,8 @@ BridgeOutput Bridge::output() const {
         return output;
     }
     output.coast = false;
-    output.compare = (current_.latched[0] + current_.latched[1]) / 2 - (on(LEG_B_HIGH) ? TIMER_TOP : 0);
-    output.dead_counts = current_.latched[1] - current_.latched[0];
+    output.compare = leg_a_compare() - (on(LEG_B_HIGH) ? TIMER_TOP : 0);
+    output.dead_counts = dead_counts_;
     return output;
 }
 

@@ -67,6 +67,7 @@ private:
         Cycle low_off = -1000;
     };
 
+    int leg_a_compare() const;
     Drive drive_of(int gate) const;
     Drives drives_now() const;
     static bool level(const Period& period, const Drives& drives, int gate, Cycle at);
@@ -81,6 +82,7 @@ private:
     Cycle least_dead_;
     Period current_;
     Period last_;
+    int dead_counts_ = 0;   // last seen where neither register was clipped
     bool skipped_ = false;  // the last period repeated the one before and was not looked at
     std::array<Leg, 2> legs_{};
     Cycle shortest_dead_ = NEVER;

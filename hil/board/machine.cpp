@@ -5,6 +5,7 @@
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
+#include <fstream>
 #include <random>
 
 extern "C" {
@@ -33,6 +34,14 @@ unsigned symbol_address(const elf_firmware_t& firmware, const char* name) {
         }
     }
     return 0;
+}
+
+// Architecture for which an AVR ELF was linked: the low bits of e_flags, 5 for the ATmega328P, 6 for the ATmega2560.
+int linked_architecture(const std::string& elf) {
+    std::ifstream stream(elf, std::ios::binary);
+    constexpr std::streamoff E_FLAGS = 36;
+    stream.seekg(E_FLAGS);
+    return stream.get() & 0x7f;
 }
 
 }  // namespace
@@ -64,8 +73,8 @@ void Machine::load(const std::string& mcu, const std::string& elf) {
         throw BoardError(elf + " does not fit into the flash of the " + mcu);
     }
     used_end_ = symbol_address(firmware, "_end");
-    if (used_end_ <= avr_->ioend || used_end_ > avr_->ramend) {
-        throw BoardError(elf + " was not linked for the " + mcu + ": its variables do not lie in that part's RAM");
+    if (linked_architecture(elf) != (avr_->address_size == 3 ? 6 : 5) || used_end_ <= avr_->ioend || used_end_ > avr_->ramend) {
+        throw BoardError(elf + " was not linked for the " + mcu);
     }
     if (firmware.eeprom != nullptr) {
         elf_eeprom_.assign(firmware.eeprom, firmware.eeprom + firmware.eesize);

@@ -27,7 +27,7 @@ _NO_EDGES = (0,) * EDGES_MAX
 
 
 class BoardInputs(NamedTuple):
-    """What the pins see in a period: ADC counts at its end (ADC_CHANNELS), Hall edges by cycle 0..509, switches (bits as SIM_SWITCH_*), UART bytes."""
+    """What the pins see in a period: ADC counts at its end (ADC_CHANNELS), Hall edges by cycle 0..509, switches (SWITCH_*), UART bytes."""
 
     adc_counts: tuple[int, int, int, int]
     edges: Sequence[int] = ()
