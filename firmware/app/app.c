@@ -1,0 +1,113 @@
+// Start, tick and interrupts of the firmware, see app.h.
+#include "app/app.h"
+
+#include "app/calibrate.h"
+#include "app/drive.h"
+#include "app/execute.h"
+#include "app/report.h"
+#include "hal/hal.h"
+
+#define OVERRUN_FAULT_TICKS 2u
+
+void app_init(App *self, uint32_t build_hash) {
+    *self = (App){.duty_limit_q15 = INT16_MAX, .calibration = TELEMETRY_CALIBRATE_WHAT_CURRENT_OFFSET};
+    param_load(&self->params);
+    adc_sequence_init(&self->adc);
+    current_sense_init(&self->current, self->params.value[PARAM_CURRENT_GAIN_A_Q15], self->params.value[PARAM_CURRENT_OFFSET_COUNT_Q4]);
+    h_bridge_init(&self->bridge, (uint8_t)self->params.value[PARAM_DEAD_TIME_COUNT]);
+    modes_init(&self->modes);
+    uart_init(&self->uart, (uint8_t)self->params.value[PARAM_BAUD_SELECT]);
+    execute_parameters(self);
+    report_start(self, build_hash);
+}
+
+static void read_inputs(App *self) {
+    h_bridge_next_row(&self->bridge);
+    measure_analog(&self->measured, &self->adc, &self->current, &self->trigger, self->params.value[PARAM_BUS_GAIN_MV_Q8]);
+    measure_speed(&self->measured, &self->hall);
+    trigger_set_switches(&self->trigger, hal_switches());
+    if (self->measured.over_current) {
+        h_bridge_note_trip(&self->bridge);
+    }
+}
+
+static void find_faults(App *self) {
+    const FaultLimits limits = {
+        .under_voltage_mv = (uint16_t)self->params.value[PARAM_UNDER_VOLTAGE_MV],
+        .over_temperature_c = self->params.value[PARAM_OVER_TEMPERATURE_C],
+        .stall_ms = (uint16_t)self->params.value[PARAM_STALL_MS],
+    };
+    faults_step(&self->faults, &self->measured, &limits, self->bridge.row_compare, self->hall.new_edges > 0u);
+}
+
+static void step_modes(App *self) {
+    const uint8_t before = self->modes.state;
+    const ModesInputs in = {
+        .pressed = trigger_pressed(&self->trigger),
+        .contact = trigger_contact(&self->trigger),
+        .reverse_switch = trigger_reverse(&self->trigger),
+        .standstill = self->measured.standstill,
+        .fault = self->faults.latched != 0u,
+        .fault_persists = self->faults.active != 0u,
+        .calibrating = calibrate_holds(self),
+    };
+    modes_step(&self->modes, &in);
+    if (before == MODES_FAULT && self->modes.state != MODES_FAULT) {
+        faults_clear(&self->faults);
+        h_bridge_clear_trip(&self->bridge);
+    }
+    (void)hall_speed_set_reverse(&self->hall, self->modes.reverse);
+}
+
+static void note_lateness(App *self, uint8_t ticks_late) {
+    if (ticks_late > 0u && self->overruns < UINT8_MAX) {
+        self->overruns++;
+    }
+    self->faults.overrun = ticks_late > OVERRUN_FAULT_TICKS;
+}
+
+void app_tick(App *self, uint8_t ticks_late) {
+    self->now_ms++;
+    note_lateness(self, ticks_late);
+    read_inputs(self);
+    execute_received(self);
+    find_faults(self);
+    calibrate_step(self);
+    step_modes(self);
+    h_bridge_stage(&self->bridge, drive_step(self));
+    param_step(&self->params);
+    report_tick(self);
+    const uint16_t cycles = hal_tick_cycles((uint16_t)self->hall.now_cycles);
+    if (cycles > self->worst_cycles) {
+        self->worst_cycles = cycles;
+    }
+}
+
+void app_on_tick(App *self) {
+    h_bridge_on_tick(&self->bridge);
+}
+
+void app_on_later(App *self) {
+    h_bridge_on_later(&self->bridge);
+}
+
+void app_on_edge(App *self, uint16_t stamp) {
+    hall_speed_on_edge(&self->hall, stamp);
+}
+
+uint8_t app_on_sample(App *self, uint16_t counts) {
+    bool trip = false;
+    const uint8_t channel = adc_sequence_on_result(&self->adc, counts, &trip);
+    if (trip) {
+        h_bridge_on_trip(&self->bridge);
+    }
+    return channel;
+}
+
+void app_on_received(App *self, uint8_t byte, bool damaged) {
+    uart_on_received(&self->uart, byte, damaged);
+}
+
+bool app_on_ready(App *self, uint8_t *byte) {
+    return uart_on_ready(&self->uart, byte);
+}

@@ -1,0 +1,66 @@
+// The whole state of the firmware, and what the hardware layer calls: start, tick, interrupts.
+//
+// A tick: read (edges, samples, switches) -> commands -> faults -> state machine -> controller -> fold-back -> stage the bridge -> report.
+#ifndef VGROOVE_APP_H
+#define VGROOVE_APP_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "app/faults.h"
+#include "app/measure.h"
+#include "app/modes.h"
+#include "app/param_store.h"
+#include "controllers/foldback.h"
+#include "controllers/open_loop.h"
+#include "drivers/adc_sequence.h"
+#include "drivers/current_sense.h"
+#include "drivers/h_bridge.h"
+#include "drivers/hall_speed.h"
+#include "drivers/trigger.h"
+#include "drivers/uart.h"
+#include "telemetry/command.h"
+#include "telemetry/telemetry.h"
+
+typedef struct {
+    ParamStore params;
+    AdcSequence adc;
+    CurrentSense current;
+    Trigger trigger;
+    HallSpeed hall;
+    HBridge bridge;
+    Uart uart;
+    Measurement measured;
+    Faults faults;
+    Modes modes;
+    OpenLoop open_loop;
+    Foldback foldback;
+    CommandParser parser;
+    Telemetry telemetry;
+    uint32_t now_ms;
+    uint16_t worst_cycles;     // of a tick since the last HEALTH frame
+    uint16_t standing_flags;   // TELEMETRY_FLAGS_* of the start
+    int16_t duty_limit_q15;    // duty at full trigger, a setpoint
+    int16_t ramp_duty_q15;     // last duty that was driven, and the speed then: what a resumed drive begins with
+    int16_t ramp_speed_rpm_q1;
+    uint8_t calibration;       // TELEMETRY_CALIBRATE_WHAT_*, CANCEL: none
+    uint8_t mode;              // TELEMETRY_MODE_*
+    bool save_offset;          // the offset found at rest becomes a parameter
+    uint8_t overruns;
+    bool calibrated;
+} App;
+
+void app_init(App *self, uint32_t build_hash);
+
+// `ticks_late`: ticks that have come since this one and wait.
+void app_tick(App *self, uint8_t ticks_late);
+
+// Interrupts; those of the tick and of its second compare come before all others.
+void app_on_tick(App *self);
+void app_on_later(App *self);
+void app_on_edge(App *self, uint16_t stamp);
+uint8_t app_on_sample(App *self, uint16_t counts);  // returns the channel of the next conversion
+void app_on_received(App *self, uint8_t byte, bool damaged);
+bool app_on_ready(App *self, uint8_t *byte);  // false: nothing left to send
+
+#endif

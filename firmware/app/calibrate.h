@@ -1,0 +1,16 @@
+// Calibrations: current offset at rest (at every start, and on command into the parameters), ends of the trigger, Hall pitches.
+#ifndef VGROOVE_APP_CALIBRATE_H
+#define VGROOVE_APP_CALIBRATE_H
+
+#include "app/app.h"
+
+// TELEMETRY_CALIBRATE_WHAT_*; false when the tool is driven. CANCEL ends what is going on.
+bool calibrate_begin(App *app, uint8_t what);
+
+// Once a tick.
+void calibrate_step(App *app);
+
+// Whether the state machine has to hold CALIBRATE: the Hall pitches are learned while the user drives.
+bool calibrate_holds(const App *app);
+
+#endif

@@ -1,0 +1,12 @@
+// From the state machine's command to the compare value of the bridge: controller, ramp, fold-back, direction.
+#ifndef VGROOVE_APP_DRIVE_H
+#define VGROOVE_APP_DRIVE_H
+
+#include <stdint.h>
+
+#include "app/app.h"
+
+// Compare value for the next tick, H_BRIDGE_COAST when the bridge is to be open.
+int16_t drive_step(App *app);
+
+#endif

@@ -1,0 +1,91 @@
+// Commands, see execute.h.
+#include "app/execute.h"
+
+#include "app/calibrate.h"
+#include "app/param_command.h"
+
+#define BYTES_A_TICK 26u  // 250 kBd brings 25
+
+enum { SETPOINT_DUTY_LIMIT_Q15 };
+
+static bool idle(const App *app) {
+    return app->modes.state != MODES_DRIVE && app->modes.state != MODES_RELEASE;
+}
+
+void execute_parameters(App *app) {
+    const int16_t *value = app->params.value;
+    const HallSpeedParams hall = {
+        .pulses = (uint8_t)value[PARAM_HALL_PULSES],
+        .pitch_q15 = {value[PARAM_HALL_PITCH_0_Q15], value[PARAM_HALL_PITCH_1_Q15], value[PARAM_HALL_PITCH_2_Q15], value[PARAM_HALL_PITCH_3_Q15]},
+        .timeout_ms = (uint16_t)value[PARAM_HALL_TIMEOUT_MS],
+    };
+    hall_speed_configure(&app->hall, &hall);
+    app->current.gain_a_q15 = value[PARAM_CURRENT_GAIN_A_Q15];
+    trigger_set_ends(&app->trigger, (uint16_t)value[PARAM_TRIGGER_LOW_COUNT], (uint16_t)value[PARAM_TRIGGER_HIGH_COUNT]);
+    app->bridge.dead_counts = (uint8_t)value[PARAM_DEAD_TIME_COUNT];
+    app->open_loop.slew_q15 = value[PARAM_SLEW_PER_MS_Q15];
+    app->foldback.limit_a_q9 = value[PARAM_FOLDBACK_A_Q9];
+    const CurrentLimits limits = current_sense_limits(&app->current, value[PARAM_TRIP_A_Q9]);
+    adc_sequence_set_trip(&app->adc, limits.low, limits.high);
+}
+
+static uint8_t set_mode(App *app, const Command *command) {
+    TelemetrySetMode set;
+    (void)telemetry_unpack_set_mode(&set, command->data);
+    if (set.mode_request != TELEMETRY_MODE_DUTY) {
+        return TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
+    }
+    if (!idle(app)) {
+        return TELEMETRY_ACK_RESULT_NOT_NOW;
+    }
+    app->mode = set.mode_request;
+    return TELEMETRY_ACK_RESULT_OK;
+}
+
+static uint8_t set_point(App *app, const Command *command) {
+    TelemetrySetpoint set;
+    (void)telemetry_unpack_setpoint(&set, command->data);
+    if (set.setpoint_which != SETPOINT_DUTY_LIMIT_Q15 || set.setpoint_value < 0 || set.setpoint_value > INT16_MAX) {
+        return TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
+    }
+    app->duty_limit_q15 = (int16_t)set.setpoint_value;
+    return TELEMETRY_ACK_RESULT_OK;
+}
+
+static uint8_t calibrate(App *app, const Command *command) {
+    TelemetryCalibrate ask;
+    if (!telemetry_unpack_calibrate(&ask, command->data)) {
+        return TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
+    }
+    return calibrate_begin(app, ask.calibrate_what) ? TELEMETRY_ACK_RESULT_OK : TELEMETRY_ACK_RESULT_NOT_NOW;
+}
+
+static uint8_t execute(App *app, const Command *command) {
+    switch (command->id) {
+    case TELEMETRY_SET_MODE_ID:
+        return set_mode(app, command);
+    case TELEMETRY_SETPOINT_ID:
+        return set_point(app, command);
+    case TELEMETRY_CALIBRATE_ID:
+        return calibrate(app, command);
+    }
+    const uint8_t result = param_command(&app->params, &app->telemetry, command, idle(app));
+    if (command->id == TELEMETRY_PARAM_WRITE_ID && result == TELEMETRY_ACK_RESULT_OK) {
+        execute_parameters(app);
+    }
+    return result;
+}
+
+void execute_received(App *app) {
+    Command command;
+    uint8_t byte = 0;
+    for (uint8_t k = 0; k < BYTES_A_TICK && !telemetry_ack_waits(&app->telemetry) && uart_receive(&app->uart, &byte); k++) {
+        if (!command_next(&app->parser, byte, &command)) {
+            continue;
+        }
+        if (command.fresh) {
+            command.result = execute(app, &command);
+        }
+        command_answered(&app->parser, &command, &app->telemetry);
+    }
+}

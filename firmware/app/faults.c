@@ -1,0 +1,70 @@
+// Finding faults, see faults.h.
+#include "app/faults.h"
+
+#include "drivers/h_bridge.h"
+#include "hal/hal.h"
+#include "telemetry/telemetry_signals.h"
+
+#define UNDER_VOLTAGE_MS 10u
+#define OVER_TEMPERATURE_MS 100u
+#define STALL_COMPARE_MIN 16    // 6 % duty: below, the shaft may stand without being stalled
+
+// Ticks for which a condition has held, saturating at `limit`.
+static uint8_t held_for(bool holds, uint8_t ticks, uint8_t limit) {
+    if (!holds) {
+        return 0;
+    }
+    return (uint8_t)(ticks < limit ? ticks + 1u : limit);
+}
+
+static int16_t magnitude(int16_t value) {
+    return (int16_t)(value < 0 ? -(int16_t)(value + 1) : value);
+}
+
+// |i| * 0.5 ohm > |duty| Vs: the reference motor has 0.29 ohm standing, 10 ohm turning freely and 0.6 ohm at 30 A (physics.md).
+static bool draws_like_standing(const Measurement *m, int16_t compare) {
+    const uint32_t current_ma = ((uint32_t)(uint16_t)magnitude(m->current_a_q9) * 1000u) >> 9;
+    const uint32_t terminal_mv = (uint32_t)m->supply_mv * (uint16_t)magnitude(compare) / HAL_COMPARE_MAX;
+    return current_ma > 2u * terminal_mv;
+}
+
+static uint8_t find_no_edge(Faults *self, const Measurement *m, uint16_t stall_ms, int16_t compare, bool new_edge) {
+    if (new_edge || compare == H_BRIDGE_COAST || magnitude(compare) < STALL_COMPARE_MIN) {
+        self->no_edge_ms = 0;
+        return 0;
+    }
+    if (self->no_edge_ms < stall_ms) {
+        self->no_edge_ms++;
+        return 0;
+    }
+    return draws_like_standing(m, compare) ? TELEMETRY_FAULTS_STALL : TELEMETRY_FAULTS_SENSOR_LOST;
+}
+
+static void count_conditions(Faults *self, const Measurement *m, const FaultLimits *limits) {
+    self->under_voltage_ms = held_for(m->supply_mv < limits->under_voltage_mv, self->under_voltage_ms, UNDER_VOLTAGE_MS);
+    const bool hot = m->temperature_c_q4 > (int16_t)(limits->over_temperature_c * 16);
+    self->over_temperature_ms = held_for(hot && !m->temperature_lost, self->over_temperature_ms, OVER_TEMPERATURE_MS);
+    self->temperature_lost_ms = held_for(m->temperature_lost, self->temperature_lost_ms, OVER_TEMPERATURE_MS);
+}
+
+static uint8_t bit_if(bool holds, uint8_t bit) {
+    return holds ? bit : 0u;
+}
+
+void faults_step(Faults *self, const Measurement *m, const FaultLimits *limits, int16_t compare, bool new_edge) {
+    uint8_t active = find_no_edge(self, m, limits->stall_ms, compare, new_edge);
+    count_conditions(self, m, limits);
+    active |= bit_if(m->over_current, TELEMETRY_FAULTS_OVER_CURRENT);
+    active |= bit_if(self->under_voltage_ms >= UNDER_VOLTAGE_MS, TELEMETRY_FAULTS_UNDER_VOLTAGE);
+    active |= bit_if(self->over_temperature_ms >= OVER_TEMPERATURE_MS, TELEMETRY_FAULTS_OVER_TEMPERATURE);
+    active |= bit_if(self->temperature_lost_ms >= OVER_TEMPERATURE_MS || self->current_implausible, TELEMETRY_FAULTS_SENSOR_LOST);
+    active |= bit_if(m->adc_lost, TELEMETRY_FAULTS_ADC_CADENCE);
+    active |= bit_if(self->overrun, TELEMETRY_FAULTS_OVERRUN);
+    self->overrun = false;
+    self->active = active;
+    self->latched |= active;
+}
+
+void faults_clear(Faults *self) {
+    self->latched = self->active;
+}

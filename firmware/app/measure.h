@@ -1,0 +1,31 @@
+// One tick's measurements out of the drivers, in units.
+#ifndef VGROOVE_APP_MEASURE_H
+#define VGROOVE_APP_MEASURE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "drivers/adc_sequence.h"
+#include "drivers/current_sense.h"
+#include "drivers/hall_speed.h"
+#include "drivers/trigger.h"
+
+typedef struct {
+    int16_t current_a_q9;
+    int16_t speed_rpm_q1;
+    uint16_t supply_mv;
+    uint16_t supply_25mv;      // as telemetry sends it
+    int16_t temperature_c_q4;
+    uint16_t flags;            // TELEMETRY_FLAGS_* of this tick
+    CurrentSamples current;    // of this tick
+    bool over_current;         // a sample of this tick was beyond the trip
+    bool adc_lost;
+    bool temperature_lost;
+    bool standstill;
+} Measurement;
+
+// The slow channels keep their last value; everything else is of this tick.
+void measure_analog(Measurement *self, AdcSequence *adc, const CurrentSense *current, Trigger *trigger, int16_t bus_gain_mv_q8);
+void measure_speed(Measurement *self, HallSpeed *hall);
+
+#endif

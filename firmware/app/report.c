@@ -1,0 +1,80 @@
+// Telemetry of a tick, see report.h.
+#include "app/report.h"
+
+#include "app/param_command.h"
+#include "hal/hal.h"
+
+#define RESET_BROWN_OUT 4u
+#define RESET_WATCHDOG 8u
+#define TRAVEL_TO_BYTE 7u
+
+static uint16_t flags_of_start(uint8_t cause, uint8_t params) {
+    uint16_t flags = 0;
+    flags |= (cause & RESET_WATCHDOG) != 0u ? TELEMETRY_FLAGS_WATCHDOG_RESET : 0u;
+    flags |= (cause & RESET_BROWN_OUT) != 0u ? TELEMETRY_FLAGS_BROWN_OUT_RESET : 0u;
+    flags |= params == PARAM_BLANK || params == PARAM_CORRUPT ? TELEMETRY_FLAGS_PARAM_DEFAULTS : 0u;
+    flags |= params == PARAM_UNKNOWN_VERSION ? TELEMETRY_FLAGS_PARAM_DEFAULTS | TELEMETRY_FLAGS_PARAM_REFUSED : 0u;
+    return flags;
+}
+
+void report_start(App *app, uint32_t build_hash) {
+    const TelemetryBoot boot = {
+        .build_hash = build_hash,
+        .duty_full_scale = HAL_COMPARE_MAX,
+        .fast_divider = (uint8_t)app->params.value[PARAM_FAST_DIVIDER],
+        .reset_cause = (uint8_t)(hal_reset_cause() & TELEMETRY_RESET_CAUSE_MAX),
+        .target = hal_target(),
+    };
+    app->standing_flags = flags_of_start(boot.reset_cause, app->params.status);
+    telemetry_init(&app->telemetry, &boot, (uint8_t)app->params.value[PARAM_BAUD_SELECT]);
+}
+
+static TelemetryState state_of(const App *app) {
+    uint16_t flags = app->measured.flags | app->standing_flags;
+    flags |= param_saving(&app->params) ? TELEMETRY_FLAGS_PARAM_SAVING : 0u;
+    flags |= app->calibrated ? TELEMETRY_FLAGS_CALIBRATED : 0u;
+    return (TelemetryState){
+        .trigger = (uint8_t)(app->trigger.travel_q15 >> TRAVEL_TO_BYTE),
+        .state = app->modes.state,
+        .mode = app->mode,
+        .reverse = app->modes.reverse ? 1u : 0u,
+        .faults = app->faults.latched,
+        .flags = flags,
+        .contact = trigger_contact(&app->trigger) ? 1u : 0u,
+    };
+}
+
+static uint8_t sum_u8(uint8_t a, uint8_t b) {
+    return (uint8_t)(a > UINT8_MAX - b ? UINT8_MAX : a + b);
+}
+
+static TelemetryHealth health_of(const App *app) {
+    const uint16_t stack = hal_stack_free();
+    return (TelemetryHealth){
+        .worst_tick_cycles = app->worst_cycles,
+        .stack_free_bytes = stack < TELEMETRY_STACK_FREE_BYTES_MAX ? stack : TELEMETRY_STACK_FREE_BYTES_MAX,
+        .overruns = app->overruns,
+        .missed_edges = app->hall.missed,
+        .double_edges = app->hall.doubled < TELEMETRY_DOUBLE_EDGES_MAX ? app->hall.doubled : TELEMETRY_DOUBLE_EDGES_MAX,
+        .rx_errors = sum_u8(app->parser.errors, app->uart.receive_errors),
+    };
+}
+
+void report_tick(App *app) {
+    uint8_t bytes[TELEMETRY_TICK_BYTES_MAX];
+    const TelemetryInputs in = {
+        .now_ms = app->now_ms,
+        .fast = {.current_a = app->measured.current_a_q9,
+                 .speed_rpm = app->measured.speed_rpm_q1,
+                 .duty_compare = app->bridge.row_compare,
+                 .supply_v = app->measured.supply_25mv},
+        .state = state_of(app),
+        .health = health_of(app),
+        .params = param_report(&app->params),
+    };
+    const uint8_t count = telemetry_tick(&app->telemetry, &in, bytes);
+    if (telemetry_health_sent(&app->telemetry)) {
+        app->worst_cycles = 0;
+    }
+    uart_send(&app->uart, bytes, count);
+}

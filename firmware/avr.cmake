@@ -1,0 +1,14 @@
+# The ELF for VGROOVE_MCU in the root of the build tree, its hex file beside it, and the target test of the golden vectors where it exists.
+set(VGROOVE_MCU atmega328p CACHE STRING "atmega328p or atmega2560")
+set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-sections -fdata-sections -fno-fat-lto-objects)
+
+add_executable(vgroove ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c hal/avr/main.c hal/avr/serial.c hal/avr/start.c)
+target_include_directories(vgroove PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${build_hash_dir})
+target_compile_options(vgroove PRIVATE ${avr_flags})
+target_link_options(vgroove PRIVATE ${avr_flags} -Wl,--gc-sections -Wl,-Map=${CMAKE_BINARY_DIR}/vgroove.map)
+target_link_libraries(vgroove PRIVATE vgroove_warnings)
+set_target_properties(vgroove PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR} SUFFIX .elf POSITION_INDEPENDENT_CODE OFF)
+add_dependencies(vgroove vgroove_build_hash)
+add_custom_command(TARGET vgroove POST_BUILD
+  COMMAND avr-objcopy -O ihex -R .eeprom -R .fuse -R .lock $<TARGET_FILE:vgroove> ${CMAKE_BINARY_DIR}/vgroove.hex
+  BYPRODUCTS ${CMAKE_BINARY_DIR}/vgroove.hex)

@@ -1,0 +1,25 @@
+// Current limit below the trip: takes duty away while the current is above the limit, adds some while braking current is.
+//
+// Integrator on the excess, clamped at 0. Two ticks lie between a duty and the mean current that shows it, the plant's gain is at most
+// Vs / R = 20.5 V / 0.19 ohm = 108 A per unit duty (the electrical time constant of 0.5 ms is below a tick): z^2 (z - 1) + g G is stable for
+// g G < 0.618; g = 0.0025 per A and tick gives 0.27.
+#ifndef VGROOVE_CONTROLLERS_FOLDBACK_H
+#define VGROOVE_CONTROLLERS_FOLDBACK_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+typedef struct {
+    int16_t limit_a_q9;
+    int32_t less_q23;  // duty taken away
+    int32_t more_q23;  // duty added
+} Foldback;
+
+void foldback_init(Foldback *self, int16_t limit_a_q9);
+
+// Allowed duty 0..32767 for the wished one; current counts in the direction of the drive.
+int16_t foldback_step(Foldback *self, int16_t wish_q15, int16_t current_a_q9);
+
+bool foldback_active(const Foldback *self);
+
+#endif

@@ -1,0 +1,19 @@
+// Fixed point: constants from decimals, and the way back from int32_t to int16_t, which saturates and says so.
+#ifndef VGROOVE_CORE_FIXED_H
+#define VGROOVE_CORE_FIXED_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+// Folded by the compiler: nothing of it is left at run time.
+#define Q(value, n) ((int32_t)((value) * (double)((uint32_t)1 << (n)) + ((value) < 0 ? -0.5 : 0.5)))
+
+// Nearest int16_t; `*saturated` becomes true when that is another value and is left alone otherwise.
+int16_t fixed_saturate_i16(int32_t value, bool *saturated);
+
+int32_t fixed_clamp_i32(int32_t value, int32_t least, int32_t greatest);
+
+// value / 2^shift, rounded to nearest, halves away from zero; shift 1..31, |value| < 2^30.
+int32_t fixed_round_shift(int32_t value, uint8_t shift);
+
+#endif

@@ -1,0 +1,36 @@
+// Queues between one interrupt and the tick, without locks: one side pushes, the other pops, indices are single bytes.
+#ifndef VGROOVE_CORE_RING_H
+#define VGROOVE_CORE_RING_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define RING_WORDS 32u   // samples or stamps: four ticks' worth
+#define RING_BYTES 64u   // UART: holds TELEMETRY_QUEUE_BYTES
+
+typedef struct {
+    volatile uint16_t items[RING_WORDS];
+    volatile uint8_t head;  // pushes so far, modulo 256
+    volatile uint8_t tail;  // pops so far
+} RingWords;
+
+typedef struct {
+    volatile uint8_t items[RING_BYTES];
+    volatile uint8_t head;
+    volatile uint8_t tail;
+} RingBytes;
+
+// False when full: the item is dropped.
+bool ring_push_word(RingWords *self, uint16_t item);
+bool ring_push_byte(RingBytes *self, uint8_t item);
+
+// False when empty; `*item` is then left alone.
+bool ring_pop_byte(RingBytes *self, uint8_t *item);
+
+uint8_t ring_count_words(const RingWords *self);
+
+// Oldest word; the ring must not be empty.
+uint16_t ring_peek_word(const RingWords *self);
+void ring_drop_word(RingWords *self);
+
+#endif

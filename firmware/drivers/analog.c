@@ -1,0 +1,27 @@
+// Slow analogue quantities, see analog.h.
+#include "drivers/analog.h"
+
+#define SUPPLY_25MV_MAX 1023u
+#define TEMPERATURE_ZERO_Q4 800  // 50 C
+
+uint16_t analog_supply_mv(uint16_t counts, int16_t gain_mv_q8) {
+    return (uint16_t)(((uint32_t)counts * (uint16_t)gain_mv_q8 + 0x80u) >> 8);
+}
+
+uint16_t analog_supply_25mv(uint16_t supply_mv, bool *saturated) {
+    const uint16_t counts = (uint16_t)(((uint32_t)supply_mv * 5243u + 0x10000u) >> 17);  // 5243 / 2^17 = 1 / 25.0
+    if (counts > SUPPLY_25MV_MAX) {
+        *saturated = true;
+        return SUPPLY_25MV_MAX;
+    }
+    return counts;
+}
+
+int16_t analog_temperature_c_q4(uint16_t counts) {
+    // 5 V / 1024 / 10 mV/C * 16 = 7.8125 = 125 / 16
+    return (int16_t)((int16_t)(((uint32_t)counts * 125u + 8u) >> 4) - TEMPERATURE_ZERO_Q4);
+}
+
+bool analog_temperature_plausible(uint16_t counts) {
+    return counts >= ANALOG_TEMPERATURE_COUNTS_MIN && counts <= ANALOG_TEMPERATURE_COUNTS_MAX;
+}

@@ -1,0 +1,64 @@
+// Current from ADC counts, see current_sense.h.
+#include "drivers/current_sense.h"
+
+#include "core/fixed.h"
+#include "core/flash.h"
+
+#define ADC_TOP 1023u
+#define MID_SCALE_Q4 8192
+#define SAMPLES_MAX 8u
+// counts Q4 times A/count Q15 is A Q19; the result is Q9.
+#define PRODUCT_SHIFT (UNITS_COUNT_Q + 15u - UNITS_CURRENT_Q)
+#define REST_SAMPLES (1u << CURRENT_SENSE_REST_SAMPLES_LOG2)
+
+// 2^20 / n: turns a sum of n counts into their mean in Q4 with a shift by 16.
+static const uint32_t mean_factor[SAMPLES_MAX + 1u] = {0, 1048576, 524288, 349525, 262144, 209715, 174763, 149797, 131072};
+
+void current_sense_init(CurrentSense *self, int16_t gain_a_q15, int16_t offset_q4) {
+    *self = (CurrentSense){.gain_a_q15 = gain_a_q15, .offset_q4 = offset_q4};
+}
+
+void current_sense_add(CurrentSamples *samples, uint16_t counts) {
+    if (samples->count >= SAMPLES_MAX) {
+        return;
+    }
+    samples->sum = (uint16_t)(samples->sum + counts);
+    samples->count++;
+    samples->at_limit = samples->at_limit || counts == 0u || counts == ADC_TOP;
+}
+
+int16_t current_sense_mean_q4(const CurrentSamples *samples) {
+    return (int16_t)(((uint32_t)samples->sum * mean_factor[samples->count] + 0x8000u) >> 16);
+}
+
+int16_t current_sense_a_q9(const CurrentSense *self, int16_t mean_q4, bool *saturated) {
+    const int32_t product = (int32_t)(mean_q4 - self->offset_q4) * self->gain_a_q15;
+    return fixed_saturate_i16(fixed_round_shift(product, PRODUCT_SHIFT), saturated);
+}
+
+CurrentLimits current_sense_limits(const CurrentSense *self, int16_t trip_a_q9) {
+    const int32_t span_q4 = ((int32_t)trip_a_q9 << (PRODUCT_SHIFT)) / self->gain_a_q15;
+    const int32_t low = (self->offset_q4 - span_q4 + 15) >> UNITS_COUNT_Q;
+    const int32_t high = (self->offset_q4 + span_q4) >> UNITS_COUNT_Q;
+    return (CurrentLimits){.low = (uint16_t)fixed_clamp_i32(low, 1, ADC_TOP - 1u), .high = (uint16_t)fixed_clamp_i32(high, 1, ADC_TOP - 1u)};
+}
+
+void current_sense_rest_begin(CurrentSense *self) {
+    self->rest_sum = 0;
+    self->rest_count = 0;
+}
+
+bool current_sense_rest(CurrentSense *self, const CurrentSamples *samples, bool *implausible) {
+    self->rest_sum += samples->sum;
+    self->rest_count = (uint16_t)(self->rest_count + samples->count);
+    if (self->rest_count < REST_SAMPLES) {
+        return false;
+    }
+    const int16_t mean_q4 = (int16_t)(((self->rest_sum << UNITS_COUNT_Q) + self->rest_count / 2u) / self->rest_count);
+    *implausible = mean_q4 > MID_SCALE_Q4 + CURRENT_SENSE_REST_SPREAD_Q4 || mean_q4 < MID_SCALE_Q4 - CURRENT_SENSE_REST_SPREAD_Q4;
+    if (!*implausible) {
+        self->offset_q4 = mean_q4;
+    }
+    current_sense_rest_begin(self);
+    return true;
+}

@@ -1,0 +1,114 @@
+// Orders to the bridge, see h_bridge.h.
+#include "drivers/h_bridge.h"
+
+#include "core/fixed.h"
+#include "core/units.h"
+#include "hal/hal.h"
+
+#define TICK_IN_PERIODS (HAL_CYCLES_PER_TICK % HAL_CYCLES_PER_PERIOD)
+
+static uint16_t top_after(uint16_t cycles_to_top) {
+    uint16_t cycles = cycles_to_top;
+    if (cycles < TICK_IN_PERIODS) {
+        cycles = (uint16_t)(cycles + HAL_CYCLES_PER_PERIOD);
+    }
+    return (uint16_t)(cycles - TICK_IN_PERIODS);
+}
+
+void h_bridge_init(HBridge *self, uint8_t dead_counts) {
+    *self = (HBridge){.staged = {.phase = H_BRIDGE_OPEN},
+                      .cycles_to_top = top_after(HAL_FIRST_TOP_CYCLES),
+                      .staged_compare = H_BRIDGE_COAST,
+                      .next_compare = H_BRIDGE_COAST,
+                      .row_compare = H_BRIDGE_COAST,
+                      .dead_counts = dead_counts};
+    hal_bridge_open();
+}
+
+int16_t h_bridge_compare(int16_t duty_q15) {
+    return (int16_t)fixed_round_shift((int32_t)duty_q15 * HAL_COMPARE_MAX, UNITS_DUTY_Q);
+}
+
+void h_bridge_leg_a(HBridgeOrder *order, uint8_t compare, uint8_t dead_counts) {
+    const uint8_t below = (uint8_t)(dead_counts / 2u);
+    const uint8_t above = (uint8_t)(dead_counts - below);
+    if (compare == 0u || compare == HAL_COMPARE_MAX) {
+        order->high_below = compare;
+        order->low_above = compare;
+        return;
+    }
+    order->high_below = (uint8_t)(compare > below ? compare - below : 0);
+    order->low_above = (uint8_t)(compare < HAL_COMPARE_MAX - above ? compare + above : HAL_COMPARE_MAX);
+}
+
+void h_bridge_next_row(HBridge *self) {
+    self->row_compare = self->next_compare;
+    self->next_compare = self->staged_compare;
+    self->cycles_to_top = top_after(self->cycles_to_top);
+}
+
+static HBridgePhase next_phase(const HBridge *self, bool leg_b_high) {
+    if (self->staged.phase == H_BRIDGE_OPEN) {
+        return H_BRIDGE_ARMED;
+    }
+    return self->staged.leg_b_high == leg_b_high ? H_BRIDGE_DRIVING : H_BRIDGE_OPEN;
+}
+
+static HBridgeOrder order_of(const HBridge *self, int16_t compare) {
+    HBridgeOrder order = {.phase = H_BRIDGE_OPEN, .leg_b_high = self->staged.leg_b_high};
+    if (compare == H_BRIDGE_COAST) {
+        return order;
+    }
+    if (compare != 0) {
+        order.leg_b_high = compare < 0;
+    }
+    order.phase = (uint8_t)next_phase(self, order.leg_b_high);
+    const int16_t leg_a = order.leg_b_high ? (int16_t)(HAL_COMPARE_MAX + compare) : compare;
+    h_bridge_leg_a(&order, (uint8_t)leg_a, self->dead_counts);
+    return order;
+}
+
+void h_bridge_stage(HBridge *self, int16_t compare) {
+    HBridgeOrder order = order_of(self, compare);
+    order.later = self->cycles_to_top < HAL_APPLY_MARGIN_CYCLES;
+    self->staged_compare = order.phase == H_BRIDGE_DRIVING ? compare : H_BRIDGE_COAST;
+    const uint8_t lock = hal_lock();
+    self->staged = order;
+    hal_unlock(lock);
+}
+
+void h_bridge_note_trip(HBridge *self) {
+    self->row_compare = H_BRIDGE_COAST;
+    self->next_compare = H_BRIDGE_COAST;
+}
+
+void h_bridge_clear_trip(HBridge *self) {
+    self->tripped = false;
+}
+
+static void apply(const HBridge *self) {
+    if (self->tripped || self->staged.phase == H_BRIDGE_OPEN) {
+        hal_bridge_open();
+    } else if (self->staged.phase == H_BRIDGE_ARMED) {
+        hal_bridge_arm(self->staged.leg_b_high);
+    } else {
+        hal_bridge_set(self->staged.high_below, self->staged.low_above);
+    }
+}
+
+void h_bridge_on_tick(const HBridge *self) {
+    if (!self->staged.later) {
+        apply(self);
+    }
+}
+
+void h_bridge_on_later(const HBridge *self) {
+    if (self->staged.later) {
+        apply(self);
+    }
+}
+
+void h_bridge_on_trip(HBridge *self) {
+    self->tripped = true;
+    hal_bridge_open();
+}

@@ -1,0 +1,149 @@
+// Speed from edges, see hall_speed.h.
+#include "drivers/hall_speed.h"
+
+#include "hal/hal.h"
+
+// rpm Q1 = 2 * 60 s/min * f_cpu * pitch / period, pitch in turns = 4 * share Q15 / 2^15 / pulses.
+#define FACTOR_OF_TURN ((uint32_t)2 * 60u * HAL_CPU_HZ)                // 1.92e9 < 2^32
+#define FACTOR_OF_SHARE (HALL_SPEED_PITCHES * (FACTOR_OF_TURN >> 15))  // a share of 2^-15, without its fraction ...
+#define FACTOR_REST (HALL_SPEED_PITCHES * (FACTOR_OF_TURN & 0x7FFFu))  // ... and that fraction times 2^15
+#define SPEED_MAX_Q1 INT16_MAX
+#define CYCLES_PER_MS (HAL_CPU_HZ / 1000u)
+#define DOUBLE_RATIO 4u           // an edge after less than a quarter of the last period is a second edge of the same magnet
+#define STEADY_SHIFT 3u           // the last two periods agree within an eighth
+#define MISSED_MIN_RPM_Q1 6000u   // below 3,000 rpm the drive can really halve its speed within a pitch
+
+static uint32_t factor_of_share(int16_t share_q15, uint8_t pulses) {
+    const uint32_t share = (uint16_t)share_q15;
+    return (share * FACTOR_OF_SHARE + ((share * FACTOR_REST) >> 15)) / pulses;
+}
+
+void hall_speed_configure(HallSpeed *self, const HallSpeedParams *params) {
+    self->timeout_cycles = (uint32_t)params->timeout_ms * CYCLES_PER_MS;
+    self->index_known = false;
+    self->factor_equal = FACTOR_OF_TURN / params->pulses;
+    for (uint8_t k = 0; k < HALL_SPEED_PITCHES; k++) {
+        self->factor[k] = factor_of_share(params->pitch_q15[k], params->pulses);
+    }
+}
+
+static uint32_t factor_at(const HallSpeed *self, uint8_t index) {
+    return self->index_known ? self->factor[index % HALL_SPEED_PITCHES] : self->factor_equal;
+}
+
+// In reverse the pitches come in the opposite order.
+static uint8_t pitch_after(const HallSpeed *self, uint8_t index) {
+    return (uint8_t)((self->reverse ? index - 1u : index + 1u) % HALL_SPEED_PITCHES);
+}
+
+// Nearest rpm Q1, at most UINT16_MAX.
+static uint16_t speed_of(uint32_t factor, uint32_t period) {
+    const uint32_t speed = (factor + period / 2u) / period;
+    return speed > UINT16_MAX ? UINT16_MAX : (uint16_t)speed;
+}
+
+static bool is_double(const HallSpeed *self, uint32_t period) {
+    const uint32_t least = factor_at(self, self->index) / (2u * (uint32_t)SPEED_MAX_Q1);
+    return period < least || (self->edges >= 2u && period < self->period_cycles / DOUBLE_RATIO);
+}
+
+static bool is_missed(const HallSpeed *self, uint32_t period) {
+    const uint32_t last = self->period_cycles;
+    if (self->edges < 2u || self->before_cycles == 0u || self->edge_speed_rpm_q1 < MISSED_MIN_RPM_Q1) {
+        return false;
+    }
+    const uint32_t change = last > self->before_cycles ? last - self->before_cycles : self->before_cycles - last;
+    return change <= last >> STEADY_SHIFT && period > 2u * last - last / 4u && period < 2u * last + last / 4u;
+}
+
+static void take_edge(HallSpeed *self, uint32_t edge, HallSpeedResult *result) {
+    uint32_t period = edge - self->edge_cycles;
+    uint32_t factor = factor_at(self, self->index);
+    if (self->edges > 0u && is_double(self, period)) {
+        self->doubled = (uint8_t)(self->doubled + (self->doubled < UINT8_MAX ? 1u : 0u));
+        result->doubled = true;
+        return;
+    }
+    if (is_missed(self, period)) {
+        self->missed = (uint8_t)(self->missed + (self->missed < UINT8_MAX ? 1u : 0u));
+        result->missed = true;
+        self->index = pitch_after(self, self->index);
+        factor = (factor + factor_at(self, self->index)) / 2u;
+        period /= 2u;
+    }
+    if (self->edges > 0u) {
+        self->before_cycles = self->edges >= 2u ? self->period_cycles : 0u;
+        self->period_cycles = period;
+        self->edge_speed_rpm_q1 = speed_of(factor, period);
+    }
+    self->edge_cycles = edge;
+    self->index = pitch_after(self, self->index);
+    self->edges = (uint8_t)(self->edges < 2u ? self->edges + 1u : 2u);
+    self->new_edges++;
+}
+
+static void take_edges(HallSpeed *self, HallSpeedResult *result) {
+    const uint16_t now = (uint16_t)self->now_cycles;
+    self->new_edges = 0;
+    while (ring_count_words(&self->stamps) > 0u) {
+        const uint16_t age = (uint16_t)(now - ring_peek_word(&self->stamps));
+        if (age > INT16_MAX) {
+            break;  // younger than the tick: the next one's
+        }
+        ring_drop_word(&self->stamps);
+        take_edge(self, self->now_cycles - age, result);
+    }
+}
+
+static void fall(HallSpeed *self) {
+    const uint32_t age = self->now_cycles - self->edge_cycles;
+    if (self->edges == 0u || age >= self->timeout_cycles) {
+        self->edges = 0;
+        self->magnitude_rpm_q1 = 0;
+        return;
+    }
+    if (self->edges < 2u) {
+        return;
+    }
+    self->magnitude_rpm_q1 = self->edge_speed_rpm_q1;
+    if (age > self->period_cycles / 2u) {
+        const uint32_t bound = factor_at(self, self->index) / age;  // downwards: never more than one pitch over the age
+        if (bound < self->magnitude_rpm_q1) {
+            self->magnitude_rpm_q1 = (uint16_t)bound;
+        }
+    }
+}
+
+HallSpeedResult hall_speed_tick(HallSpeed *self) {
+    HallSpeedResult result = {.overflowed = self->overflowed};
+    self->overflowed = false;
+    self->now_cycles += HAL_CYCLES_PER_TICK;
+    take_edges(self, &result);
+    fall(self);
+    uint16_t magnitude = self->magnitude_rpm_q1;
+    if (magnitude > SPEED_MAX_Q1) {
+        magnitude = SPEED_MAX_Q1;
+        result.saturated = true;
+    }
+    result.rpm_q1 = (int16_t)(self->reverse ? -(int16_t)magnitude : (int16_t)magnitude);
+    return result;
+}
+
+bool hall_speed_at_rest(const HallSpeed *self) {
+    return self->edges == 0u;
+}
+
+bool hall_speed_set_reverse(HallSpeed *self, bool reverse) {
+    if (self->edges > 0u && self->reverse != reverse) {
+        return false;
+    }
+    self->index_known = self->index_known && self->reverse == reverse;
+    self->reverse = reverse;
+    return true;
+}
+
+void hall_speed_on_edge(HallSpeed *self, uint16_t stamp) {
+    if (!ring_push_word(&self->stamps, stamp)) {
+        self->overflowed = true;
+    }
+}

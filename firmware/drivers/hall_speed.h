@@ -1,0 +1,65 @@
+// Motor speed from Hall edges: one pitch over the last period, falling with the time since the last edge, 0 after the time-out.
+//
+// The four pitches that repeat (magnets and switching points are never evenly spaced) are shares of their sum, learned by hall_spacing.h. Which
+// of the four an edge closes is known only while `index_known`; until then all pitches count as equal.
+#ifndef VGROOVE_DRIVERS_HALL_SPEED_H
+#define VGROOVE_DRIVERS_HALL_SPEED_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "core/ring.h"
+
+#define HALL_SPEED_PITCHES 4u
+#define HALL_SPEED_PITCH_EQUAL_Q15 8192
+
+typedef struct {
+    uint8_t pulses;  // edges a turn
+    int16_t pitch_q15[HALL_SPEED_PITCHES];
+    uint16_t timeout_ms;
+} HallSpeedParams;
+
+typedef struct {
+    RingWords stamps;             // Timer1 at the edge
+    volatile bool overflowed;
+    uint32_t now_cycles;          // of the tick; its low half is Timer1 at the tick
+    uint32_t edge_cycles;         // of the last edge that counted
+    uint32_t period_cycles;       // between the last two, of one pitch
+    uint32_t before_cycles;       // the one before, 0: none
+    uint32_t timeout_cycles;
+    uint32_t factor[HALL_SPEED_PITCHES];  // rpm Q1 times period of each pitch
+    uint32_t factor_equal;
+    uint16_t edge_speed_rpm_q1;   // at the last edge
+    uint16_t magnitude_rpm_q1;
+    uint8_t edges;                // since standstill: 0, 1, 2 = enough for a period
+    uint8_t index;                // pitch that begins at the last edge
+    uint8_t new_edges;            // in this tick
+    uint8_t missed;
+    uint8_t doubled;
+    bool index_known;
+    bool reverse;                 // sign, set at standstill
+} HallSpeed;
+
+// What a tick has seen.
+typedef struct {
+    int16_t rpm_q1;
+    bool saturated;
+    bool missed;
+    bool doubled;
+    bool overflowed;
+} HallSpeedResult;
+
+// Takes the parameters over at once; a freshly zeroed HallSpeed is one at rest.
+void hall_speed_configure(HallSpeed *self, const HallSpeedParams *params);
+HallSpeedResult hall_speed_tick(HallSpeed *self);
+
+// No edge within the time-out.
+bool hall_speed_at_rest(const HallSpeed *self);
+
+// One Hall gives no sign: it is that of the drive, and is taken over at standstill only. False while the shaft turns.
+bool hall_speed_set_reverse(HallSpeed *self, bool reverse);
+
+// Interrupt.
+void hall_speed_on_edge(HallSpeed *self, uint16_t stamp);
+
+#endif

@@ -1,0 +1,30 @@
+// Trigger travel, its contact and the switches: dead bands, debouncing. The ramp of the duty is core/slew.h.
+#ifndef VGROOVE_DRIVERS_TRIGGER_H
+#define VGROOVE_DRIVERS_TRIGGER_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define TRIGGER_DEBOUNCE_TICKS 5u
+
+typedef struct {
+    uint16_t low_count;   // end of the lower dead band
+    uint16_t high_count;  // start of the upper one
+    uint32_t factor_q7;   // 2^22 / (high - low): Q15 travel of a count, with 7 more binary places
+    int16_t travel_q15;
+    uint8_t stable;       // debounced, HAL_SWITCH_*
+    uint8_t ticks[4];     // for how long the raw bit has differed from the stable one
+} Trigger;
+
+void trigger_set_ends(Trigger *self, uint16_t low_count, uint16_t high_count);
+void trigger_set_travel(Trigger *self, uint16_t counts);
+void trigger_set_switches(Trigger *self, uint8_t raw);
+
+bool trigger_contact(const Trigger *self);
+bool trigger_reverse(const Trigger *self);
+uint8_t trigger_mode(const Trigger *self);
+
+// Pressed: contact closed and out of the lower dead band.
+bool trigger_pressed(const Trigger *self);
+
+#endif

@@ -1,0 +1,35 @@
+// Serial line, see uart.h.
+#include "drivers/uart.h"
+
+#include "hal/hal.h"
+
+void uart_init(Uart *self, uint8_t baud) {
+    *self = (Uart){0};
+    hal_uart_start(baud);
+}
+
+void uart_send(Uart *self, const uint8_t *bytes, uint8_t count) {
+    for (uint8_t k = 0; k < count; k++) {
+        if (!ring_push_byte(&self->send, bytes[k]) && self->send_lost < UINT8_MAX) {
+            self->send_lost++;
+        }
+    }
+    if (count > 0u) {
+        hal_uart_wake();
+    }
+}
+
+bool uart_receive(Uart *self, uint8_t *byte) {
+    return ring_pop_byte(&self->receive, byte);
+}
+
+void uart_on_received(Uart *self, uint8_t byte, bool damaged) {
+    const bool kept = !damaged && ring_push_byte(&self->receive, byte);
+    if (!kept && self->receive_errors < UINT8_MAX) {
+        self->receive_errors = (uint8_t)(self->receive_errors + 1u);
+    }
+}
+
+bool uart_on_ready(Uart *self, uint8_t *byte) {
+    return ring_pop_byte(&self->send, byte);
+}

@@ -1,0 +1,25 @@
+// The two byte queues of the serial line and what was lost on them.
+#ifndef VGROOVE_DRIVERS_UART_H
+#define VGROOVE_DRIVERS_UART_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "core/ring.h"
+
+typedef struct {
+    RingBytes send;
+    RingBytes receive;
+    volatile uint8_t receive_errors;  // overruns, bad stop bits, full queue; saturates
+    uint8_t send_lost;                // bytes that found the queue full; saturates, 0 as long as the byte budget holds
+} Uart;
+
+void uart_init(Uart *self, uint8_t baud);
+void uart_send(Uart *self, const uint8_t *bytes, uint8_t count);
+bool uart_receive(Uart *self, uint8_t *byte);
+
+// Interrupts. on_ready: false when nothing is left to send.
+void uart_on_received(Uart *self, uint8_t byte, bool damaged);
+bool uart_on_ready(Uart *self, uint8_t *byte);
+
+#endif

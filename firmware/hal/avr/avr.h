@@ -1,0 +1,18 @@
+// What the files of the AVR layer share.
+#ifndef VGROOVE_HAL_AVR_AVR_H
+#define VGROOVE_HAL_AVR_AVR_H
+
+#include <stdint.h>
+
+#include "app/app.h"
+
+extern App avr_app;
+extern volatile uint8_t avr_ticks_waiting;
+extern uint8_t avr_reset_cause;
+
+void avr_start_pins(void);
+
+// Starts ADC and timers, interrupts off; the last act before the main loop.
+void avr_start_timers(void);
+
+#endif

@@ -1,0 +1,38 @@
+// The gates: leg A on Timer0's compare outputs, leg B on two port pins, the driver's enable on another.
+#include <avr/io.h>
+
+#include "hal/avr/board.h"
+#include "hal/hal.h"
+
+#define DISCONNECTED (1u << WGM00)  // phase-correct PWM, TOP 255; the pins follow PORT, which is 0
+#define CONNECTED (DISCONNECTED | (1u << COM0A1) | (1u << COM0B1) | (1u << COM0B0))
+
+void hal_bridge_open(void) {
+    BOARD_ENABLE_PORT = (uint8_t)(BOARD_ENABLE_PORT & ~(1u << BOARD_ENABLE_BIT));
+    TCCR0A = DISCONNECTED;
+    BOARD_B_PORT = (uint8_t)(BOARD_B_PORT & ~(1u << BOARD_B_HIGH_BIT));
+    BOARD_B_PORT = (uint8_t)(BOARD_B_PORT & ~(1u << BOARD_B_LOW_BIT));
+    OCR0A = 0;
+    OCR0B = HAL_COMPARE_MAX;
+}
+
+void hal_bridge_arm(bool leg_b_high) {
+    TCCR0A = CONNECTED;
+    if (leg_b_high) {
+        BOARD_B_PORT = (uint8_t)(BOARD_B_PORT | (1u << BOARD_B_HIGH_BIT));
+    } else {
+        BOARD_B_PORT = (uint8_t)(BOARD_B_PORT | (1u << BOARD_B_LOW_BIT));
+    }
+}
+
+// The order of the two writes keeps the dead time even if TOP fell between them.
+void hal_bridge_set(uint8_t high_below, uint8_t low_above) {
+    if (high_below >= OCR0A) {
+        OCR0B = low_above;
+        OCR0A = high_below;
+    } else {
+        OCR0A = high_below;
+        OCR0B = low_above;
+    }
+    BOARD_ENABLE_PORT = (uint8_t)(BOARD_ENABLE_PORT | (1u << BOARD_ENABLE_BIT));
+}

@@ -1,0 +1,111 @@
+// Main loop: sleep until the tick, run it, feed the watchdog when nothing is left to do.
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <avr/sleep.h>
+#include <avr/wdt.h>
+
+#include "build_hash.h"
+#include "hal/avr/avr.h"
+#include "hal/avr/board.h"
+#include "hal/hal.h"
+
+#define PAINT 0xC5u
+#define PAINT_STEP 8u  // bytes looked at a tick
+
+extern uint8_t _end;  // of static data: the stack may grow down to here
+
+App avr_app;
+volatile uint8_t avr_ticks_waiting;
+
+void avr_paint_stack(void) __attribute__((naked, used, section(".init3")));
+
+void avr_paint_stack(void) {
+    __asm__ volatile("ldi r30, lo8(_end)\n\t"
+                     "ldi r31, hi8(_end)\n\t"
+                     "ldi r24, %[paint]\n\t"
+                     "ldi r25, hi8(%[top])\n\t"
+                     "1: st Z+, r24\n\t"
+                     "cpi r30, lo8(%[top])\n\t"
+                     "cpc r31, r25\n\t"
+                     "brne 1b\n\t"
+                     :
+                     : [paint] "M"(PAINT), [top] "i"(RAMEND + 1));
+}
+
+uint16_t hal_stack_free(void) {
+    static uint16_t free_bytes;
+    static uint8_t *at = &_end;
+    for (uint8_t k = 0; k < PAINT_STEP; k++, at++) {
+        if (*at != PAINT) {
+            free_bytes = (uint16_t)(at - &_end);
+            at = &_end;
+            break;
+        }
+    }
+    return free_bytes;
+}
+
+uint8_t hal_lock(void) {
+    const uint8_t before = SREG;
+    cli();
+    return before;
+}
+
+void hal_unlock(uint8_t before) {
+    SREG = before;
+}
+
+uint16_t hal_tick_cycles(uint16_t tick_stamp) {
+    const uint8_t lock = hal_lock();
+    const uint16_t now = BOARD_TCNT;
+    hal_unlock(lock);
+    return (uint16_t)(now - tick_stamp);
+}
+
+// 1 for a switch that pulls its pin to ground.
+static uint8_t closed(uint8_t pins, uint8_t bit) {
+    return (pins & (1u << bit)) == 0u ? 1u : 0u;
+}
+
+uint8_t hal_switches(void) {
+    uint8_t switches = closed(BOARD_CONTACT_PIN, BOARD_CONTACT_BIT);
+    switches = (uint8_t)(switches | (closed(BOARD_REVERSE_PIN, BOARD_REVERSE_BIT) << 1));
+    switches = (uint8_t)(switches | (closed(BOARD_MODE_PIN, BOARD_MODE_0_BIT) << HAL_SWITCH_MODE_SHIFT));
+    return (uint8_t)(switches | (closed(BOARD_MODE_PIN, BOARD_MODE_1_BIT) << (HAL_SWITCH_MODE_SHIFT + 1)));
+}
+
+uint8_t hal_reset_cause(void) {
+    return avr_reset_cause;
+}
+
+uint8_t hal_target(void) {
+    return BOARD_TARGET;
+}
+
+// Sleeps until a tick waits; returns how many more do.
+static uint8_t wait_for_tick(void) {
+    cli();
+    while (avr_ticks_waiting == 0u) {
+        sei();
+        sleep_cpu();
+        cli();
+    }
+    const uint8_t late = (uint8_t)(avr_ticks_waiting - 1u);
+    avr_ticks_waiting = late;
+    sei();
+    return late;
+}
+
+int main(void) {
+    avr_start_pins();
+    app_init(&avr_app, VGROOVE_BUILD_HASH);
+    SMCR = 1u << SE;  // idle: the timers go on
+    avr_start_timers();
+    wdt_enable(WDTO_15MS);
+    for (;;) {
+        app_tick(&avr_app, wait_for_tick());
+        if (avr_ticks_waiting == 0u) {
+            wdt_reset();
+        }
+    }
+}

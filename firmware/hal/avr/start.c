@@ -1,0 +1,77 @@
+// From reset to running timers.
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <avr/wdt.h>
+
+#include "drivers/adc_sequence.h"
+#include "hal/avr/avr.h"
+#include "hal/avr/board.h"
+#include "hal/hal.h"
+
+#define TICK_COUNTS 250u   // 16 MHz / 64 / 250 = 1 kHz
+#define LATER_COUNTS (HAL_APPLY_LATER_CYCLES / 64u)
+#define ADC_PRESCALE_128 ((1u << ADPS2) | (1u << ADPS1) | (1u << ADPS0))
+#define ADC_TRIGGER_TIMER0_OVERFLOW (1u << ADTS2)
+
+// Kept out of .bss, which is cleared after it is written.
+uint8_t avr_reset_cause __attribute__((section(".noinit")));
+
+void avr_first(void) __attribute__((naked, used, section(".init3")));
+
+// The watchdog stays on after a reset that it caused, with the shortest time-out (avr-libc manual, <avr/wdt.h>).
+void avr_first(void) {
+    avr_reset_cause = MCUSR;
+    MCUSR = 0;
+    wdt_disable();
+}
+
+static void start_adc(void) {
+    DIDR0 = 0x0Fu;
+    ADMUX = (uint8_t)((1u << REFS0) | adc_sequence_channel(0));
+    // The first conversion takes 25 instead of 13.5 ADC clocks: done here, so that all that count take the same time.
+    ADCSRA = (1u << ADEN) | (1u << ADSC) | ADC_PRESCALE_128;
+    while ((ADCSRA & (1u << ADSC)) != 0u) {
+    }
+    ADCSRB = ADC_TRIGGER_TIMER0_OVERFLOW;
+    TIFR0 = 1u << TOV0;
+    ADCSRA = (1u << ADEN) | (1u << ADATE) | (1u << ADIF) | (1u << ADIE) | ADC_PRESCALE_128;
+}
+
+void avr_start_pins(void) {
+    hal_bridge_open();
+    BOARD_ENABLE_DDR |= 1u << BOARD_ENABLE_BIT;
+    BOARD_A_HIGH_DDR |= 1u << BOARD_A_HIGH_BIT;
+    BOARD_A_LOW_DDR |= 1u << BOARD_A_LOW_BIT;
+    BOARD_B_DDR |= (1u << BOARD_B_HIGH_BIT) | (1u << BOARD_B_LOW_BIT);
+    BOARD_HALL_PORT |= 1u << BOARD_HALL_BIT;
+    BOARD_CONTACT_PORT |= 1u << BOARD_CONTACT_BIT;
+    BOARD_REVERSE_PORT |= 1u << BOARD_REVERSE_BIT;
+    BOARD_MODE_PORT |= (1u << BOARD_MODE_0_BIT) | (1u << BOARD_MODE_1_BIT);
+}
+
+// Timer2 starts when its prescaler is released, the other two 2 and 3 cycles later with counts to match: as if all had begun at 0 together.
+static void release_timers(uint8_t hall_control) {
+    BOARD_TCNT = 2;
+    TCNT0 = 3;
+    __asm__ volatile("out %[gtccr], __zero_reg__\n\t"
+                     "sts %[tccr_hall], %[hall]\n\t"
+                     "out %[tccr0b], %[pwm]\n\t"
+                     :
+                     : [gtccr] "I"(_SFR_IO_ADDR(GTCCR)), [tccr_hall] "n"(_SFR_MEM_ADDR(BOARD_TCCRB)), [hall] "r"(hall_control),
+                       [tccr0b] "I"(_SFR_IO_ADDR(TCCR0B)), [pwm] "r"((uint8_t)(1u << CS00)));
+}
+
+void avr_start_timers(void) {
+    const bool hall_high = (BOARD_HALL_PIN & (1u << BOARD_HALL_BIT)) != 0u;
+    start_adc();
+    GTCCR = (1u << TSM) | (1u << PSRASY) | (1u << PSRSYNC);
+    OCR2A = TICK_COUNTS - 1u;
+    OCR2B = LATER_COUNTS - 1u;
+    TCCR2A = 1u << WGM21;
+    TCCR2B = 1u << CS22;
+    TCNT2 = 0;
+    TIMSK2 = (1u << OCIE2A) | (1u << OCIE2B);
+    BOARD_TCCRA = 0;
+    BOARD_TIMSK = 1u << BOARD_ICIE;
+    release_timers((uint8_t)((1u << BOARD_ICNC) | (hall_high ? 0u : 1u << BOARD_ICES) | (1u << BOARD_CS_CLK1)));
+}

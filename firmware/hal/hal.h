@@ -1,0 +1,54 @@
+// The whole boundary between the firmware and the machine: raw counts, cycles, bytes. hal/avr, hal/sim or hal/native is linked behind it.
+#ifndef VGROOVE_HAL_H
+#define VGROOVE_HAL_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "hal/eeprom.h"
+
+// All times below are CPU cycles after the common start of the timers (docs/firmware.md, "Timing").
+#define HAL_CPU_HZ 16000000u
+#define HAL_CYCLES_PER_TICK 16000u        // Timer2: tick k at 16,000 (k + 1)
+#define HAL_CYCLES_PER_PERIOD 510u        // Timer0: TOP j at 255 + 510 j, BOTTOM between
+#define HAL_FIRST_TOP_CYCLES 255u
+#define HAL_CYCLES_PER_SAMPLE 2040u       // ADC: every fourth BOTTOM, first at 510
+#define HAL_FIRST_SAMPLE_CYCLES 2241u     // its result: 13.5 ADC clocks of 128 cycles and 3 of synchronisation later
+#define HAL_LATENCY_CYCLES 319u           // longer than any interrupt waits: later than this an ADC trigger would be missed
+#define HAL_APPLY_LATER_CYCLES 256u       // second compare of Timer2 after the tick
+#define HAL_APPLY_MARGIN_CYCLES 205u      // compare values are written this long before the TOP that latches them, at least
+#define HAL_COMPARE_MAX 255
+
+enum {
+    HAL_ADC_CURRENT,
+    HAL_ADC_BUS,
+    HAL_ADC_TRIGGER,
+    HAL_ADC_TEMPERATURE,
+};
+
+enum {
+    HAL_SWITCH_CONTACT = 1,
+    HAL_SWITCH_REVERSE = 2,
+    HAL_SWITCH_MODE_SHIFT = 2,
+};
+
+enum {
+    HAL_BAUD_250000,
+    HAL_BAUD_115200,
+};
+
+// Leg A is the PWM leg (Timer0), leg B is held low (forward) or high (reverse).
+void hal_bridge_open(void);                                       // all gates off, at once; prepares leg A to stay off when armed
+void hal_bridge_arm(bool leg_b_high);                             // from open only: leg B chosen, leg A connected but off, driver still disabled
+void hal_bridge_set(uint8_t high_below, uint8_t low_above);       // from armed on: compare values of leg A, latched at TOP; driver enabled
+uint8_t hal_switches(void);                                       // HAL_SWITCH_*, closed = 1
+void hal_uart_start(uint8_t baud);
+void hal_uart_wake(void);                                         // bytes wait in the transmit ring
+uint16_t hal_tick_cycles(uint16_t tick_stamp);                    // cycles since the tick
+uint16_t hal_stack_free(void);                                    // bytes the stack has never touched
+uint8_t hal_reset_cause(void);                                    // bit 0 power-on, 1 external, 2 brown-out, 3 watchdog
+uint8_t hal_target(void);                                         // TELEMETRY_TARGET_*
+uint8_t hal_lock(void);                                           // interrupts off; returns what hal_unlock wants back
+void hal_unlock(uint8_t before);
+
+#endif

@@ -1,0 +1,325 @@
+// The ATmega's timers, ADC, UART, EEPROM and bridge outputs as the firmware sees them, event by event within a PWM period.
+#include "hal/sim/sim.h"
+
+#include <string.h>
+
+#include "app/app.h"
+#include "build_hash.h"
+#include "hal/hal.h"
+
+#define PERIOD ((int32_t)HAL_CYCLES_PER_PERIOD)
+#define CAPTURE_CYCLES 4             // noise canceller of the input capture
+#define EEPROM_WRITE_CYCLES 54400    // 3.4 ms, data sheet of the ATmega328P, "EEPROM Programming Time"
+#define CYCLES_PER_BYTE_250000 640   // 10 bits of 64 cycles
+#define CYCLES_PER_BYTE_115200 1360  // 10 bits of 8 (16 + 1) cycles: 117,647 Bd
+#define NEVER INT32_MAX
+#define RECEIVE_CYCLE 128            // within the period, for every byte whose stop bit ends in it
+#define PERIODS_PER_SAMPLE (HAL_CYCLES_PER_SAMPLE / HAL_CYCLES_PER_PERIOD)
+
+// Times are cycles from the begin of the period that runs; they move back by 510 at its end.
+typedef enum {
+    EVENT_TICK,
+    EVENT_LATER,
+    EVENT_EDGE,
+    EVENT_SAMPLE,
+    EVENT_RECEIVED,
+    EVENT_SENT,
+    EVENT_MAIN,
+    EVENT_NONE,
+} EventKind;
+
+typedef struct {
+    EventKind kind;
+    int32_t at;
+} Event;
+
+typedef struct {
+    App app;
+    SimStart start;
+    SimInputs in;
+    SimOutputs out;
+    uint8_t eeprom[SIM_EEPROM_BYTES];
+    uint64_t cycles;           // from the timers' start to the begin of the period
+    uint32_t periods;
+    int32_t tick_at;
+    int32_t later_at;
+    int32_t main_at;
+    int32_t sample_at;
+    int32_t sent_at;
+    int32_t eeprom_busy_until;
+    int32_t now;
+    int32_t cycles_per_byte;
+    uint16_t sampled_counts;
+    uint8_t channel;
+    uint8_t ticks_waiting;
+    uint8_t edge_next;
+    uint8_t rx_next;
+    uint8_t sending;
+    bool sending_any;
+    bool enabled;
+    bool armed;
+    bool leg_b_high;
+    uint8_t high_below;
+    uint8_t low_above;
+} Sim;
+
+static Sim sim;
+
+// --- hal.h ---
+
+void hal_bridge_open(void) {
+    sim.enabled = false;
+    sim.armed = false;
+    sim.high_below = 0;
+    sim.low_above = HAL_COMPARE_MAX;
+}
+
+void hal_bridge_arm(bool leg_b_high) {
+    sim.armed = true;
+    sim.leg_b_high = leg_b_high;
+}
+
+void hal_bridge_set(uint8_t high_below, uint8_t low_above) {
+    sim.high_below = high_below;
+    sim.low_above = low_above;
+    sim.enabled = sim.armed;
+}
+
+uint8_t hal_switches(void) {
+    return sim.in.switches;
+}
+
+void hal_uart_start(uint8_t baud) {
+    sim.cycles_per_byte = baud == HAL_BAUD_115200 ? CYCLES_PER_BYTE_115200 : CYCLES_PER_BYTE_250000;
+}
+
+void hal_uart_wake(void) {
+    if (!sim.sending_any && app_on_ready(&sim.app, &sim.sending)) {
+        sim.sending_any = true;
+        sim.sent_at = sim.now + sim.cycles_per_byte;
+    }
+}
+
+bool hal_eeprom_ready(void) {
+    return sim.now >= sim.eeprom_busy_until;
+}
+
+uint8_t hal_eeprom_read(uint16_t address) {
+    return sim.eeprom[address % SIM_EEPROM_BYTES];
+}
+
+void hal_eeprom_start_write(uint16_t address, uint8_t value) {
+    sim.eeprom[address % SIM_EEPROM_BYTES] = value;
+    sim.eeprom_busy_until = sim.now + EEPROM_WRITE_CYCLES;
+}
+
+uint16_t hal_tick_cycles(uint16_t tick_stamp) {
+    (void)tick_stamp;
+    return 0;
+}
+
+uint16_t hal_stack_free(void) {
+    return 0;
+}
+
+uint8_t hal_reset_cause(void) {
+    return sim.start.reset_cause;
+}
+
+uint8_t hal_target(void) {
+    return sim.start.target;
+}
+
+uint8_t hal_lock(void) {
+    return 0;
+}
+
+void hal_unlock(uint8_t before) {
+    (void)before;
+}
+
+// --- events ---
+
+static void on_tick(void) {
+    app_on_tick(&sim.app);
+    sim.ticks_waiting++;
+    sim.later_at = sim.tick_at + (int32_t)HAL_APPLY_LATER_CYCLES;
+    sim.main_at = sim.tick_at + (int32_t)sim.start.tick_cycles;
+    sim.tick_at += (int32_t)HAL_CYCLES_PER_TICK;
+}
+
+static void on_later(void) {
+    app_on_later(&sim.app);
+    sim.later_at = NEVER;
+}
+
+static void on_main(void) {
+    sim.ticks_waiting--;
+    sim.main_at = NEVER;
+    app_tick(&sim.app, sim.ticks_waiting);
+}
+
+static void on_edge(void) {
+    const uint64_t stamp = sim.cycles + sim.in.edge_cycle[sim.edge_next] + CAPTURE_CYCLES;
+    sim.edge_next++;
+    app_on_edge(&sim.app, (uint16_t)stamp);
+}
+
+static void on_sample(void) {
+    sim.channel = app_on_sample(&sim.app, sim.sampled_counts);
+    sim.sample_at += (int32_t)HAL_CYCLES_PER_SAMPLE;
+}
+
+static void on_received(void) {
+    app_on_received(&sim.app, sim.in.rx[sim.rx_next], false);
+    sim.rx_next++;
+}
+
+static void on_sent(void) {
+    if (sim.out.tx_count < SIM_BYTES_MAX) {
+        sim.out.tx[sim.out.tx_count] = sim.sending;
+        sim.out.tx_count++;
+    }
+    sim.sending_any = app_on_ready(&sim.app, &sim.sending);
+    sim.sent_at = sim.sending_any ? sim.sent_at + sim.cycles_per_byte : NEVER;
+}
+
+static void keep_earlier(Event *first, EventKind kind, int32_t at) {
+    if (at < first->at) {
+        *first = (Event){.kind = kind, .at = at};
+    }
+}
+
+// The first event of the rest of the period; ties go to the tick's interrupts, as on the chip.
+static Event next_event(void) {
+    Event first = {.kind = EVENT_NONE, .at = PERIOD};
+    keep_earlier(&first, EVENT_TICK, sim.tick_at);
+    keep_earlier(&first, EVENT_LATER, sim.later_at);
+    if (sim.edge_next < sim.in.edge_count) {
+        keep_earlier(&first, EVENT_EDGE, sim.in.edge_cycle[sim.edge_next]);
+    }
+    keep_earlier(&first, EVENT_SAMPLE, sim.sample_at + (int32_t)sim.start.isr_cycles);
+    if (sim.rx_next < sim.in.rx_count) {
+        keep_earlier(&first, EVENT_RECEIVED, RECEIVE_CYCLE);
+    }
+    keep_earlier(&first, EVENT_SENT, sim.sent_at);
+    keep_earlier(&first, EVENT_MAIN, sim.main_at);
+    return first;
+}
+
+static void run(const Event *event) {
+    sim.now = event->at;
+    switch (event->kind) {
+    case EVENT_TICK:
+        on_tick();
+        break;
+    case EVENT_LATER:
+        on_later();
+        break;
+    case EVENT_EDGE:
+        on_edge();
+        break;
+    case EVENT_SAMPLE:
+        on_sample();
+        break;
+    case EVENT_RECEIVED:
+        on_received();
+        break;
+    case EVENT_SENT:
+        on_sent();
+        break;
+    case EVENT_MAIN:
+        on_main();
+        break;
+    case EVENT_NONE:
+        break;
+    }
+}
+
+// --- periods ---
+
+static void move_back(int32_t *at) {
+    if (*at != NEVER) {
+        *at -= PERIOD;
+    }
+}
+
+static void end_period(void) {
+    if (sim.periods % PERIODS_PER_SAMPLE == 0u) {
+        sim.sampled_counts = (uint16_t)(sim.in.adc_counts[sim.channel] & 0x3FFu);
+    }
+    move_back(&sim.tick_at);
+    move_back(&sim.later_at);
+    move_back(&sim.main_at);
+    move_back(&sim.sample_at);
+    move_back(&sim.sent_at);
+    if (sim.eeprom_busy_until > 0) {
+        move_back(&sim.eeprom_busy_until);
+    }
+    sim.cycles += HAL_CYCLES_PER_PERIOD;
+    sim.periods++;
+    sim.now = 0;
+}
+
+// The signed compare value behind the two of leg A, which stand dead_counts apart around it.
+static int16_t signed_compare(void) {
+    const uint8_t dead = sim.app.bridge.dead_counts;
+    int16_t leg_a = sim.low_above;
+    if (sim.low_above == HAL_COMPARE_MAX) {
+        leg_a = (int16_t)(sim.high_below == HAL_COMPARE_MAX ? HAL_COMPARE_MAX : sim.high_below + dead / 2u);
+    } else if (sim.low_above > 0u) {
+        leg_a = (int16_t)(sim.low_above - (dead - dead / 2u));
+    }
+    return sim.leg_b_high ? (int16_t)(leg_a - HAL_COMPARE_MAX) : leg_a;
+}
+
+static void latch_bridge(void) {
+    sim.out.coast = (uint8_t)(sim.enabled ? 0 : 1);
+    sim.out.compare = sim.enabled ? signed_compare() : 0;
+    sim.out.dead_counts = sim.app.bridge.dead_counts;
+}
+
+void sim_reset(const SimStart *start, SimOutputs *outputs) {
+    memset(&sim, 0, sizeof sim);
+    sim.start = *start;
+    if (start->eeprom != NULL) {
+        memcpy(sim.eeprom, start->eeprom, SIM_EEPROM_BYTES);
+    } else {
+        memset(sim.eeprom, UINT8_MAX, SIM_EEPROM_BYTES);
+    }
+    sim.cycles = HAL_FIRST_TOP_CYCLES;
+    sim.tick_at = (int32_t)HAL_CYCLES_PER_TICK - (int32_t)HAL_FIRST_TOP_CYCLES;
+    sim.sample_at = (int32_t)HAL_FIRST_SAMPLE_CYCLES - (int32_t)HAL_FIRST_TOP_CYCLES;
+    sim.later_at = NEVER;
+    sim.main_at = NEVER;
+    sim.sent_at = NEVER;
+    app_init(&sim.app, VGROOVE_BUILD_HASH);
+    sim.channel = adc_sequence_channel(0);
+    latch_bridge();
+    *outputs = sim.out;
+}
+
+void sim_period(const SimInputs *inputs, SimOutputs *outputs) {
+    sim.in = *inputs;
+    sim.edge_next = 0;
+    sim.rx_next = 0;
+    sim.out.tx_count = 0;
+    for (Event event = next_event(); event.kind != EVENT_NONE; event = next_event()) {
+        run(&event);
+    }
+    end_period();
+    latch_bridge();
+    *outputs = sim.out;
+}
+
+const uint8_t *sim_eeprom(void) {
+    return sim.eeprom;
+}
+
+uint32_t sim_periods(void) {
+    return sim.periods;
+}
+
+uint64_t sim_cycles(void) {
+    return sim.cycles;
+}

@@ -1,0 +1,46 @@
+// The native firmware in lock-step with a tool: one call simulates one PWM period of 510 CPU cycles (docs/architecture.md).
+//
+// The firmware's interrupt entries are called at the cycles at which the ATmega's hardware raises them. One instance a process; sim_reset()
+// starts another run from nothing.
+#ifndef VGROOVE_HAL_SIM_SIM_H
+#define VGROOVE_HAL_SIM_SIM_H
+
+#include <stdint.h>
+
+#include "hal/sim/sim_io.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SIM_EEPROM_BYTES 1024u
+#define SIM_RESET_POWER_ON 1u
+#define SIM_TARGET_NATIVE 0u
+
+// What a run starts from. The latencies change when code runs, not what it computes: a test varies them.
+typedef struct {
+    const uint8_t *eeprom;     // SIM_EEPROM_BYTES, NULL: erased
+    uint8_t reset_cause;       // bit 0 power-on, 1 external, 2 brown-out, 3 watchdog
+    uint8_t target;            // what BOOT reports: TELEMETRY_TARGET_*
+    uint16_t isr_cycles;       // interrupt to its code, at most 300
+    uint16_t tick_cycles;      // tick to the begin of app_tick, 260 .. 8,000
+} SimStart;
+
+#define SIM_START_DEFAULT {0, SIM_RESET_POWER_ON, SIM_TARGET_NATIVE, 40u, 400u}
+
+// Period 0 begins at the first TOP after the timers' start; `outputs` are those in force in it.
+void sim_reset(const SimStart *start, SimOutputs *outputs);
+void sim_period(const SimInputs *inputs, SimOutputs *outputs);
+
+// The EEPROM now, SIM_EEPROM_BYTES.
+const uint8_t *sim_eeprom(void);
+
+// Periods simulated since sim_reset, and cycles from the timers' start to the begin of the next period.
+uint32_t sim_periods(void);
+uint64_t sim_cycles(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
