@@ -76,6 +76,22 @@ def sim(
         json_path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
 
+@gap_app.command("diagnose")
+def gap_diagnose(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of one tool, judged together.")],
+    rig: Annotated[Path, typer.Option("--rig", help="What the simulation believes about the tool.")],
+    json_path: Annotated[Path | None, typer.Option("--json", help="Write the verdict as JSON.")] = None,
+    html_path: Annotated[Path | None, typer.Option("--html", help="Write one self-contained page.")] = None,
+    out_rig: Annotated[Path | None, typer.Option("--out-rig", help="Write the rig with retuned keys and selected effects.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
+    without: Annotated[list[str] | None, typer.Option("--without", metavar="ID", help="Leave an effect out; may be given again.")] = None,
+) -> None:
+    """Say where the gap between logs and simulation lies, which effect is missing, and how far the gap shrinks with it."""
+    from vgroove.gap.command import diagnose_files
+
+    diagnose_files(logs, rig, json_path, html_path, out_rig, seed, without or [])
+
+
 @gap_app.command("emps")
 def gap_emps(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with log.csv and rig.toml of the EMPS axis.")],

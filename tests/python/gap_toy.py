@@ -34,13 +34,13 @@ class Signal:
 class Toy:
     """Simulates itself with hidden effects, adds noise, and offers residuals."""
 
-    def __init__(self, hidden: dict[str, float], seed: int = 1, one_way: bool = False, hum: float = 0.0) -> None:
+    def __init__(self, hidden: dict[str, float], seed: int = 1, still_speed: bool = False, hum: float = 0.0) -> None:
         self.parameters = [*RIG, *(e.name(p) for e in CATALOGUE for p in e.parameters),
                            "effects.speed_lag.delay_form", "effects.clock_skew.command_clock"]
         self.theta0 = np.array([RIG.get(n, NEUTRAL.get(n, 0.0)) for n in self.parameters])
         self.signals = [Signal("current_a", "A", 0.15), Signal("speed_rpm", "rpm", 20.0), Signal("supply_v", "V", 0.02)]
         t = np.arange(COUNT * WINDOW) * DT
-        self.duty = duty(t, one_way)
+        self.duty = np.where(t > 0.4, 0.6, 0.0) if still_speed else duty(t)
         truth = self.theta0.copy()
         for name, value in hidden.items():
             truth[self.index(name)] = value
@@ -133,9 +133,8 @@ class Toy:
         return {s.column: None for s in self.signals}
 
 
-def duty(t: np.ndarray, one_way: bool) -> np.ndarray:
-    """Ramps and holds forwards, and backwards unless one_way; quiet at the start."""
+def duty(t: np.ndarray) -> np.ndarray:
+    """Ramps and holds forwards and backwards; quiet at the start."""
     knots_t = [0, 0.3, 0.5, 1.2, 1.3, 2.0, 2.3, 2.9, 3.2, 3.8, 4.1, 4.7, 5.0, 5.5, 6.0]
     knots_d = [0, 0.0, 0.6, 0.6, 0.9, 0.9, 0.2, 0.2, -0.5, -0.5, -0.8, -0.8, 0.4, 0.4, 0.1]
-    d = np.interp(t, knots_t, knots_d)
-    return np.abs(d) if one_way else d
+    return np.interp(t, knots_t, knots_d)

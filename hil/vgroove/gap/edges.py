@@ -9,6 +9,8 @@ WAIT_SLACK_S = 1e-5  # a falling row may miss the chain by this much; the row af
 STRAIN_S = 1e-4  # a row's interval missed by more than this breaks the chain
 SPLIT_S = 2e-5  # bounds that contradict one another by more than this come from an edge too many or too few
 ROUNDING_SHARE = 0.1  # rounding errors of successive periods are independent: they add up to about this share of the worst case
+COUNTING_PULSES = 16  # from so many edges a turn on, a row's speed counts the edges since the row before (gap contract, section 1)
+COUNTED_SHARE = 0.8  # an edge period below this share of a row's interval: the number of edges in the row cannot be told
 MISSING_ROWS_LIMIT = 3  # after more missing rows than this the number of edges in between is not certain any more
 
 
@@ -42,19 +44,27 @@ class _Chain:
     row: list[int] = field(default_factory=list)
     speed_rpm: list[float] = field(default_factory=list)
     period_s: list[float] = field(default_factory=list)
+    length_s: list[float] = field(default_factory=list)  # of the span that the row's speed is the mean of: one period, or several counted
     span: list[int] = field(default_factory=list)  # edges that the step from the edge before spans
     falls: list[tuple[int, int, float]] = field(default_factory=list)  # row, edge, speed
 
-    def add(self, row: int, speed: float, period: float, step: tuple[float, int], growth: float, low: float, high: float) -> None:
-        """Append an edge that lies `step` (seconds, edges) after the last one."""
+    def add(self, row: int, speed: float, period: float, counted: bool, step: tuple[float, int], growth: float,
+            bounds: tuple[float, float]) -> None:
+        """Append an edge that lies `step` (seconds, edges) after the last one, within bounds of its absolute time."""
         self.offset_s.append((self.offset_s[-1] if self.offset_s else 0.0) + step[0])
         self.span.append(step[1])
         self.growth_s.append(growth)
-        self.low_s.append(low)
-        self.high_s.append(high)
+        self.low_s.append(bounds[0])
+        self.high_s.append(bounds[1])
         self.row.append(row)
         self.speed_rpm.append(speed)
         self.period_s.append(period)
+        self.length_s.append(step[0] if counted and step[0] > 0.0 else period)
+
+
+def _same(one: float, other: float) -> bool:
+    """Whether two rows report one period: equal up to arithmetic."""
+    return abs(one - other) <= 1e-9 * abs(other)
 
 
 class _Reader:
@@ -62,11 +72,12 @@ class _Reader:
 
     def __init__(self, time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> None:
         self.time, self.speed, self.pulses = time_s, speed_rpm, pulses
-        self.half_lsb = 0.5 * lsb_rpm
+        self.half_lsb, self.counts = 0.5 * lsb_rpm, pulses >= COUNTING_PULSES
         self.chains: list[_Chain] = []
         self.chain: _Chain | None = None
         self.low = self.high = 0.0
         self.last_row = -1
+        self.owed = 0.0  # edges that the speed has promised and that have not been counted yet
 
     def period(self, speed: float) -> tuple[float, float]:
         """Edge period of a reported speed and the error that the speed's rounding leaves in it, seconds."""
@@ -96,12 +107,12 @@ class _Reader:
         self.chain = _Chain()
         self.chains.append(self.chain)
         self.low, self.high = max(self.time[row] - period, self.before(row)) - slack - TICK_S, self.time[row] + TICK_S
-        self.chain.add(row, speed, period, (0.0, 1), slack, self.low, self.high)
+        self.chain.add(row, speed, period, self.counts, (0.0, 1), slack, (self.low, self.high))
 
     def follow(self, row: int, speed: float) -> None:
         now, (period, rounding) = self.time[row], self.period(speed)
         slack = rounding + TICK_S
-        if speed == self.chain.speed_rpm[-1] and self.high + period + slack > now:
+        if _same(speed, self.chain.speed_rpm[-1]) and self.high + period + 2.0 * slack > now:
             if self.low + period > now + slack:  # else an equal period may just have ended: no bound follows
                 self.narrow(now - period - slack, now + TICK_S)
         elif self.is_fall(row, speed, now, period, slack):
@@ -124,27 +135,53 @@ class _Reader:
         following = next((r for r in range(row + 1, min(row + 4, len(self.speed))) if not np.isnan(self.speed[r])), None)
         if following is None or self.speed[following] == 0.0:
             return True
-        if self.speed[following] == speed and self.time[following] - now > 4.0 * slack:
+        if _same(self.speed[following], speed) and self.time[following] - now > 4.0 * slack:
             return False
         then, spread = self.period(self.speed[following])
         if abs((self.time[following] - then) - (now - period)) <= slack + spread + TICK_S:
             return True
         return period > self.time[following] - now + spread
 
+    def step(self, previous: float, period: float, count: int, rounding: float, interval: float) -> tuple[float, float, float]:
+        """Time from the last edge to the count-th after it, its bound of error, and what of that adds up over a chain.
+
+        Edges that no row shows lie evenly between. A counting sensor does not say how many edges it counted: where several fit into a row,
+        the place of the last one is open within a period, row for row.
+        """
+        if self.counts:
+            bound = count * rounding
+            open_place = period if period < COUNTED_SHARE * interval else 0.0
+            return count * period, bound + open_place, ROUNDING_SHARE * bound + open_place
+        steps = previous + (period - previous) * np.arange(1, count + 1) / count
+        bound = rounding + (0.02 * abs(period - previous) + rounding) * (count - 1)
+        return float(steps.sum()), bound, ROUNDING_SHARE * bound
+
+    def counts_to_try(self, now: float, period: float, previous: float) -> range:
+        """How many edges may have passed since the last one. Where a sensor counts several a row, as many as the speed gives in the long run."""
+        interval = now - self.before(self.last_row + 1)
+        if not self.counts or period >= COUNTED_SHARE * interval:
+            self.owed = 0.0
+            return range(1, int((now - self.low) / min(period, previous)) + 3)
+        self.owed += interval / period
+        count = max(1, round(self.owed))
+        self.owed -= count
+        return range(count, count + 1)
+
     def new_edge(self, row: int, speed: float, now: float, period: float, rounding: float) -> bool:
         """Append the row's last edge, with as many unseen edges before it as fit; False when none do."""
-        floor, ceiling = max(now - period, self.before(row)) - rounding - TICK_S, now + TICK_S
+        # A row that repeats the value may close a period that ended in the rows before.
+        since = -np.inf if _same(speed, self.chain.speed_rpm[-1]) else self.before(row)
+        floor, ceiling = max(now - period, since) - rounding - TICK_S, now + rounding + TICK_S
         previous, best = self.chain.period_s[-1], None
-        for count in range(1, int((now - self.low) / min(period, previous)) + 3):
-            steps = previous + (period - previous) * np.arange(1, count + 1) / count
-            step, growth = float(steps.sum()), rounding + (0.02 * abs(period - previous) + rounding) * (count - 1)
-            low, high = max(self.low + step - growth, floor), min(self.high + step + growth, ceiling)
+        for count in self.counts_to_try(now, period, previous):
+            length, bound, drift = self.step(previous, period, count, rounding, now - self.before(row))
+            low, high = max(self.low + length - bound, floor), min(self.high + length + bound, ceiling)
             if best is None or high - low > best[3] - best[2]:
-                best = ((step, count), growth, low, high)
-        step, growth, low, high = best
+                best = ((length, count), drift, low, high)
+        step, drift, low, high = best
         if low - high > STRAIN_S:
             return False
-        self.chain.add(row, speed, period, step, ROUNDING_SHARE * growth, floor, ceiling)
+        self.chain.add(row, speed, period, self.counts, step, drift, (floor, ceiling))
         self.low, self.high = min(low, high), max(low, high)
         return True
 
@@ -197,9 +234,9 @@ def edge_periods(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
         end, slack, piece = _edge_times(chain)
         piece += number
         number = piece[-1] + 1
-        for i, (row, speed, period) in enumerate(zip(chain.row, chain.speed_rpm, chain.period_s, strict=True)):
+        for i, (row, speed, length) in enumerate(zip(chain.row, chain.speed_rpm, chain.length_s, strict=True)):
             count += chain.span[i] * (1 if speed > 0.0 else -1)
-            columns.append((row, end[i] - period, end[i], speed, slack[i], False, piece[i], count))
+            columns.append((row, end[i] - length, end[i], speed, slack[i], False, piece[i], count))
         for row, edge, speed in chain.falls:
             columns.append((row, end[edge], time_s[row], speed, slack[edge], True, piece[edge], 0))
     columns.sort()

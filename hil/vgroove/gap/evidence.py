@@ -58,8 +58,8 @@ def make_blocks(log: np.ndarray, time_s: np.ndarray, judged: np.ndarray, length_
 
 
 def block_sums(blocks: Blocks, squared: np.ndarray) -> np.ndarray:
-    """Sum of squared residuals per block (blocks,); rows that do not count are nan."""
-    return np.bincount(blocks.cluster, weights=np.where(blocks.judged, np.nan_to_num(squared), 0.0), minlength=len(blocks.rows))
+    """Sum of squared residuals (n,) over the judged rows of each block (blocks,)."""
+    return np.bincount(blocks.cluster, weights=np.where(blocks.judged, squared, 0.0), minlength=len(blocks.rows))
 
 
 def draw_means(blocks: Blocks, sums: np.ndarray) -> np.ndarray:
@@ -74,6 +74,6 @@ def interval(blocks: Blocks, difference: np.ndarray, level: float = 0.95) -> tup
     return float(low), float(high)
 
 
-def squared(one: Fit, clip: float) -> np.ndarray:
-    """Clipped squares of the held-out residuals (n,)."""
-    return np.minimum(np.abs(one.held), clip) ** 2
+def squared(one: Fit, clip: float, conditional: np.ndarray) -> np.ndarray:
+    """Clipped squares of the held-out residuals (n,); conditional rows that do not count (residual 0) stand at the noise."""
+    return np.where(conditional & (one.held == 0.0), 1.0, np.minimum(np.abs(one.held), clip) ** 2)

@@ -57,19 +57,27 @@ def coordinate_owner(name: str) -> str:
     return BY_ID[name.split(".")[1]].subsystem
 
 
-def value(search: Search, parts: Bundle, members: frozenset[str]) -> np.ndarray:
-    """Clipped squared residuals (n,) with the members' corrections (and the keys) fitted; judged rows are held out."""
-    use = np.isin(parts.owner, [*members, ""])
-    if not use.any():
-        return np.minimum(np.abs(parts.target), search.clip) ** 2
-    columns, out = parts.columns[:, use], parts.target.copy()
+def normals(search: Search, parts: Bundle) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Normal matrix and gradient over the training rows of each fold, all columns."""
     weight = np.minimum(1.0, search.clip / np.maximum(np.abs(parts.target), 1e-9))
-    for train, test in search.engine.problem.folds:
-        rows = columns * (weight * train)[:, None]
-        normal = rows.T @ columns
-        normal += np.diag(RIDGE * np.diag(normal) + 1e-9 + parts.prior[use])
-        gradient = rows.T @ parts.target + (parts.prior * parts.offset)[use]
-        out[test] += columns[test] @ bounded_step(normal, gradient, (-parts.bound - parts.offset)[use], (parts.bound - parts.offset)[use])
+    out = []
+    for train, _ in search.engine.problem.folds:
+        rows = parts.columns * (weight * train)[:, None]
+        normal = rows.T @ parts.columns
+        normal[np.diag_indices_from(normal)] += RIDGE * np.diag(normal) + 1e-9 + parts.prior
+        out.append((normal, rows.T @ parts.target + parts.prior * parts.offset))
+    return out
+
+
+def value(search: Search, parts: Bundle, sums: list[tuple[np.ndarray, np.ndarray]], members: frozenset[str]) -> np.ndarray:
+    """Clipped squared residuals (n,) with the members' corrections (and the keys) fitted; judged rows are held out."""
+    use = np.flatnonzero(np.isin(parts.owner, [*members, ""]))
+    out = parts.target.copy()
+    if use.size:
+        low, high = (-parts.bound - parts.offset)[use], (parts.bound - parts.offset)[use]
+        for (normal, gradient), (_, test) in zip(sums, search.engine.problem.folds, strict=True):
+            rows = np.flatnonzero(test)
+            out[rows] += parts.columns[np.ix_(rows, use)] @ bounded_step(normal[np.ix_(use, use)], gradient[use], low, high)
     return np.minimum(np.abs(out), search.clip) ** 2
 
 
@@ -80,13 +88,13 @@ def significant(search: Search, leaner: np.ndarray, fuller: np.ndarray) -> bool:
     return low > 0.0 and gain.sum() / search.blocks.total > 2.0 * WORTH * search.level()
 
 
-def active_subsystems(search: Search, parts: Bundle, best: Fit) -> list[str]:
+def active_subsystems(search: Search, parts: Bundle, sums: list[tuple[np.ndarray, np.ndarray]], best: Fit) -> list[str]:
     """Subsystems with a residual of their own: those of the selected effects, and any whose correction still gains beside them."""
     chosen = list(dict.fromkeys(BY_ID[i].subsystem for i in best.ids))
     pool = sorted(set(parts.owner) - {"", *chosen})
     while pool and len(chosen) < 6:
-        base = value(search, parts, frozenset(chosen))
-        gains = {s: value(search, parts, frozenset([*chosen, s])) for s in pool}
+        base = value(search, parts, sums, frozenset(chosen))
+        gains = {s: value(search, parts, sums, frozenset([*chosen, s])) for s in pool}
         top = min(pool, key=lambda s: (float(gains[s][search.blocks.judged].sum()), s))
         if not significant(search, base, gains[top]):
             break
@@ -98,8 +106,9 @@ def active_subsystems(search: Search, parts: Bundle, best: Fit) -> list[str]:
 def shares(search: Search, best: Fit, floor: float) -> dict[str, float]:
     """Shapley shares of the squared gap beyond retuning; they add to one with 'unexplained'."""
     parts = bundle(search, best)
-    chosen = active_subsystems(search, parts, best)
-    worth = {frozenset(s): -float(block_sums(search.blocks, value(search, parts, frozenset(s))).sum()) / search.blocks.total
+    sums = normals(search, parts)
+    chosen = active_subsystems(search, parts, sums, best)
+    worth = {frozenset(s): -float(block_sums(search.blocks, value(search, parts, sums, frozenset(s))).sum()) / search.blocks.total
              for k in range(len(chosen) + 1) for s in combinations(chosen, k)}
     total = max(-worth[frozenset()] - floor**2, 1e-12)
     raw = {s: max(0.0, shapley(chosen, worth, s) / total) for s in chosen}

@@ -14,7 +14,7 @@ from vgroove.gap.hypotheses import BY_ID, Effect, contains
 
 CLIP = 10.0
 LARGEST_SET = 4
-WORTH = 0.02
+WORTH = 0.05
 WORTH_SHARE = 0.01
 LEVEL = 0.99
 PROPOSALS = 6
@@ -22,11 +22,12 @@ PROPOSALS = 6
 
 @dataclass(frozen=True)
 class Rows:
-    """Where each residual comes from: log, time, signal (n,), and how often the model restarts."""
+    """Where each residual comes from: log, time, signal (n,), whether it counts only when not 0, and how often the model restarts."""
 
     log: np.ndarray
     time_s: np.ndarray
     signal: np.ndarray
+    conditional: np.ndarray
     restart_s: float
 
 
@@ -47,7 +48,7 @@ class Search:
 
     def sums(self, one: Fit) -> np.ndarray:
         """Clipped squared held-out residuals per bootstrap block (blocks,)."""
-        return block_sums(self.blocks, squared(one, self.clip))
+        return block_sums(self.blocks, squared(one, self.clip, self.rows.conditional))
 
     def score(self, one: Fit) -> float:
         """Squared held-out gap."""
@@ -274,10 +275,13 @@ def exchange(search: Search, best: Fit) -> None:
 
 
 def lean(search: Search, best: Fit) -> Fit:
-    """Between equals the one with fewer numbers: a tied special case, or a tied set with fewer fitted numbers."""
-    tied = [f for k, f in search.fits.items() if k and len(k) <= len(best.ids) and search.tied(f, best)]
-    fewer = [f for f in tied if f.hypothesis.count < best.hypothesis.count]
-    return min(fewer, key=lambda f: (f.hypothesis.count, search.score(f))) if fewer else best
+    """Between equals the one with fewer numbers: a special case unless the general effect is clearly better, or any tied set."""
+    for one in sorted((f for k, f in search.fits.items() if k), key=lambda f: (f.hypothesis.count, search.score(f))):
+        if one.hypothesis.count >= best.hypothesis.count or len(one.ids) > len(best.ids):
+            continue
+        if not search.better(best, one) if contains(best.ids, one.ids) else search.tied(one, best):
+            return one
+    return best
 
 
 def win_shares(search: Search, candidates: Sequence[Fit]) -> np.ndarray:

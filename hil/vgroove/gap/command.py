@@ -1,0 +1,61 @@
+"""The command `vgroove gap diagnose`: reads, shows progress, writes what was asked for, whole or not at all."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import tomli_w
+from rich.console import Console
+
+from vgroove.errors import VgrooveError
+from vgroove.gap.diagnose import Diagnosis, diagnose
+from vgroove.gap.report import gap_figure, page, share_figure, summary, trace_figure, write_text
+from vgroove.log import read_log
+from vgroove.rig import read_rig
+
+
+def diagnose_files(logs: Sequence[Path], rig_path: Path, json_path: Path | None, html_path: Path | None, out_rig: Path | None, seed: int,
+                   without: Sequence[str]) -> None:
+    """Diagnose log files; the verdict in words goes to stdout, progress and warnings to stderr."""
+    for path in (json_path, html_path, out_rig):
+        if path is not None and not path.parent.is_dir():
+            raise VgrooveError(f"{path}: the folder {path.parent} does not exist")
+    notes = Console(stderr=True)
+    rig, tables = read_rig(rig_path), [read_log(path) for path in logs]
+    with notes.status("reading") as status:
+        found = diagnose(tables, rig, seed, without, lambda text: status.update(text))
+        texts = outputs(found, logs, json_path, html_path, out_rig)
+    for warning in found.verdict["warnings"]:
+        notes.print(f"vgroove: {warning}", style="yellow", highlight=False, markup=False, soft_wrap=True)
+    for path, text in texts:
+        write_text(path, text)
+    for line in summary(found.verdict):
+        Console().print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def outputs(found: Diagnosis, logs: Sequence[Path], json_path: Path | None, html_path: Path | None,
+            out_rig: Path | None) -> list[tuple[Path, str]]:
+    """Texts of the files that were asked for; all are made before any is written."""
+    texts = []
+    if json_path:
+        texts.append((json_path, json.dumps(found.verdict, indent=1, allow_nan=False) + "\n"))
+    if html_path:
+        texts.append((html_path, html_page(found, logs)))
+    if out_rig:
+        texts.append((out_rig, tomli_w.dumps(found.corrected_rig().as_dict())))
+    return texts
+
+
+def html_page(found: Diagnosis, logs: Sequence[Path]) -> str:
+    """The report page: shares, gap per signal, and for each log the traces of nominal and corrected model."""
+    problem, verdict = found.problem, found.verdict
+    figures = []
+    if any(verdict["where"]["share"].values()):
+        figures.append(("Where the gap lies", share_figure(verdict["where"]["share"])))
+    figures.append(("Gap per signal, held out", gap_figure(verdict["gap"])))
+    units = {s.column: s.unit for s in problem.signals}
+    nominal, corrected = problem.traces(problem.theta0), problem.traces(found.theta())
+    for j, path in enumerate(logs):
+        title = f"{path.name}: measured, nominal and corrected model (restarted every {problem.restart_s:g} s; held-out blocks shaded)"
+        figures.append((title, trace_figure(nominal[j], corrected[j], units, problem.held_out_s[j])))
+    return page(verdict, figures, f"Gap of {problem.rig.name or 'the rig'}: " + ", ".join(p.name for p in logs), verdict["warnings"])

@@ -1,0 +1,119 @@
+"""Fits of hypotheses: steps inside bounds, parameters recovered, keys under their prior, held-out rows unseen, intervals that hold."""
+
+import numpy as np
+import pytest
+
+from gap_toy import SCALES, Toy
+from vgroove.gap.fit import Engine, bounded_step, covariance
+from vgroove.gap.hypotheses import BY_ID, CATALOGUE, available, contains, equivalents
+
+TORQUE = "effects.coulomb_friction.torque_nm"
+
+
+def fit_of(toy: Toy, *ids: str, tolerance: dict[str, float] | None = None) -> tuple[Engine, object]:
+    """Best fit of a set over its starts."""
+    engine = Engine(toy, SCALES, tolerance or {})
+    fits = engine.fit(engine.hypotheses([BY_ID[i] for i in ids]))
+    best = min(fits, key=lambda f: f.cost)
+    engine.settle([best])
+    return engine, best
+
+
+def value(toy: Toy, one: object, name: str) -> float:
+    """A fitted flat parameter."""
+    return float(one.hypothesis.theta(toy.theta0, one.x[None, :])[0, toy.index(name)])
+
+
+def test_bounded_step_is_the_constrained_minimum() -> None:
+    normal, gradient = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-3.0, -3.0])
+    np.testing.assert_allclose(bounded_step(normal, gradient, np.full(2, -9.0), np.full(2, 9.0)), [1.0, 1.0], rtol=1e-6)
+    np.testing.assert_allclose(bounded_step(normal, gradient, np.full(2, -9.0), np.array([0.4, 9.0])), [0.4, 1.3], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "size"), [
+    ("winding_resistance.relative", 0.1), ("coulomb_friction.torque_nm", 0.004), ("current_offset.offset_a", -0.8),
+    ("transport_delay.delay_s", 0.006), ("added_inertia.kg_m2", 2e-6), ("supply_resistance.resistance_ohm", 0.01),
+    ("stribeck_friction.breakaway_nm", 0.02)])
+def test_a_size_is_recovered(name: str, size: float) -> None:
+    toy = Toy({f"effects.{name}": size} | ({"effects.stribeck_friction.speed_rad_s": 80.0} if "stribeck" in name else {}))
+    _, best = fit_of(toy, name.split(".")[0])
+    assert value(toy, best, f"effects.{name}") == pytest.approx(size, rel=0.05)
+    assert toy.gap(best.held) < 1.02
+
+
+def test_outliers_do_not_move_the_fit() -> None:
+    toy = Toy({TORQUE: 0.004})
+    rng = np.random.default_rng(5)
+    hit = rng.integers(0, toy.measured_rows.shape[1], 200)
+    toy.measured_rows[1, hit] += 4000.0
+    _, best = fit_of(toy, "coulomb_friction")
+    assert value(toy, best, TORQUE) == pytest.approx(0.004, rel=0.05)
+
+
+def test_keys_stay_within_three_sigma_and_take_what_they_may() -> None:
+    toy = Toy({"motor.resistance_ohm": 0.19 * 1.15})
+    engine, _ = fit_of(toy, tolerance={"motor.resistance_ohm": 0.02})
+    retuned = engine.fit(engine.hypotheses([]))[0]
+    assert value(toy, retuned, "motor.resistance_ohm") == pytest.approx(0.19 * 1.06, rel=1e-3)
+    free, _ = fit_of(toy, tolerance={"motor.resistance_ohm": 0.2})
+    assert value(toy, free.fit(free.hypotheses([]))[0], "motor.resistance_ohm") == pytest.approx(0.19 * 1.15, rel=0.01)
+
+
+def test_a_held_out_block_is_predicted_without_having_been_seen() -> None:
+    spoilt = Toy({TORQUE: 0.004})
+    clean = fit_of(Toy({TORQUE: 0.004}), "coulomb_friction")[1]
+    shift = 300.0
+    _, test = spoilt.folds[2]
+    spoilt.measured_rows[1, np.unique(spoilt.row[test])] += shift
+    _, dirty = fit_of(spoilt, "coulomb_friction")
+    moved = (dirty.held - clean.held)[test & (spoilt.signal == 1)]
+    np.testing.assert_allclose(moved, shift / 20.0, atol=0.3)
+
+
+def test_intervals_hold_the_truth() -> None:
+    inside = 0
+    for seed in range(40):
+        toy = Toy({TORQUE: 0.004}, seed=seed)
+        engine, best = fit_of(toy, "coulomb_friction")
+        cluster = (toy.time_s / 0.05).astype(int)
+        spread = np.sqrt(covariance(best, engine.train, cluster)[0, 0]) * best.hypothesis.coordinates[0].factors[0]
+        inside += abs(value(toy, best, TORQUE) - 0.004) < 1.96 * spread
+    assert 34 <= inside <= 40
+
+
+def test_offset_beside_coulomb_is_one_number() -> None:
+    engine = Engine(Toy({}), SCALES, {})
+    alone = engine.hypotheses([BY_ID["asymmetric_friction"]])[0]
+    beside = engine.hypotheses([BY_ID["coulomb_friction"], BY_ID["asymmetric_friction"]])[0]
+    assert (alone.count, beside.count) == (2, 2)
+    theta = beside.theta(engine.problem.theta0, np.array([[0.0, 1.0]]))[0]
+    forward, backward = (theta[engine.problem.index(f"effects.asymmetric_friction.{s}_nm")] for s in ("forward", "backward"))
+    assert forward == -backward != 0.0
+
+
+def test_phase_and_amplitude_come_from_sine_and_cosine() -> None:
+    engine = Engine(Toy({}), SCALES, {})
+    h = engine.hypotheses([BY_ID["gear_eccentricity"]])[0]
+    theta = h.theta(engine.problem.theta0, np.array([[0.3, 0.4]]))[0]
+    size = h.coordinates[0].factors[0]
+    assert theta[engine.problem.index("effects.gear_eccentricity.torque_nm")] == pytest.approx(0.5 * size)
+    assert theta[engine.problem.index("effects.gear_eccentricity.phase_rad")] == pytest.approx(np.arctan2(0.4, 0.3))
+
+
+def test_catalogue_follows_the_kind_of_log() -> None:
+    full = frozenset({"duty", "voltage", "current", "speed", "supply", "both", "load", "gear", "edges", "output"})
+    assert {e.id for e in CATALOGUE} - {e.id for e in available(full)} == {"bridge_resistance"}
+    force = {e.id for e in available(frozenset({"current_input", "position", "both"}))}
+    assert not force & {"winding_resistance", "brush_drop", "current_gain", "current_offset", "supply_gain", "speed_gain"}
+    assert {"coulomb_friction", "asymmetric_friction", "torque_constant"} <= force
+    assert "winding_resistance" not in {e.id for e in available(full, frozenset({"winding_resistance"}))}
+    assert "asymmetric_friction" not in {e.id for e in available(full - {"both"})}
+
+
+def test_classes_and_special_cases() -> None:
+    assert equivalents("winding_resistance", frozenset()) == ("bridge_resistance",)
+    assert equivalents("torque_constant", frozenset({"current_input"})) == ("current_gain",)
+    assert contains(("asymmetric_friction",), ("coulomb_friction",))
+    assert not contains(("coulomb_friction",), ("asymmetric_friction",))
+    assert contains(("stribeck_friction", "current_gain"), ("current_gain", "coulomb_friction"))
+    assert not contains(("viscous_friction", "current_gain"), ("current_gain", "coulomb_friction"))

@@ -1,0 +1,104 @@
+"""Decisions on a problem with known answers: none, one effect, pairs, true ties, gaps outside the catalogue, and the figures reported."""
+
+import numpy as np
+import pytest
+
+from gap_toy import KINDS, MODELLED, SCALES, Toy
+from vgroove.gap import locate, search, verdict
+from vgroove.gap.fit import Engine
+from vgroove.gap.hypotheses import BY_ID
+
+FLOOR = 1.0
+
+
+def decided(toy: Toy, tolerance: dict[str, float] | None = None, without: tuple[str, ...] = (), one_way: bool = False) -> tuple:
+    """(search, finding) on a toy problem."""
+    kinds = KINDS - ({"both"} if one_way else set())
+    effects = [BY_ID[i] for i in MODELLED if set(BY_ID[i].needs) <= kinds and i not in without]
+    engine = Engine(toy, SCALES, tolerance or {})
+    state = search.begin(engine, effects, search.Rows(toy.log, toy.time_s, toy.signal, np.zeros(toy.n, bool), 0.25), 0, lambda _: None)
+    best, rivals = search.run(state)
+    drivers = {"speed": np.tile(toy.measured_rows[1], 3), "time": toy.time_s}
+    left = locate.remaining(state, best, drivers, toy.signal, ["current_a", "speed_rpm", "supply_v"], FLOOR)
+    return state, verdict.decide(state, best, rivals, left, FLOOR)
+
+
+def named(toy: Toy, finding: tuple) -> list[str]:
+    """Selected effects."""
+    return verdict.selected(finding[0], toy, finding[1], FLOOR)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_is_none(seed: int) -> None:
+    toy = Toy({}, seed=seed)
+    found = decided(toy)
+    assert found[1].verdict == "none" and named(toy, found) == []
+
+
+def test_what_three_sigma_explain_is_none() -> None:
+    toy = Toy({"motor.resistance_ohm": 0.19 * 1.04})
+    found = decided(toy, {"motor.resistance_ohm": 0.02})
+    assert found[1].verdict == "none"
+    assert verdict.gap_of(toy, found[0].nominal.held) > 1.1
+    assert verdict.retuned_parameters(found[0], found[1].best)["motor.resistance_ohm"] == pytest.approx(0.19 * 1.04, rel=0.01)
+
+
+@pytest.mark.parametrize("name,size", [
+    ("supply_resistance.resistance_ohm", 0.01), ("winding_resistance.relative", 0.08), ("brush_drop.voltage_v", 0.1),
+    ("torque_constant.relative", -0.02), ("coulomb_friction.torque_nm", 0.003), ("viscous_friction.nm_s_per_rad", 2e-6),
+    ("quadratic_drag.nm_s2_per_rad2", 3e-9), ("directional_viscous.nm_s_per_rad", 2e-6), ("added_inertia.kg_m2", 1.5e-6),
+    ("current_offset.offset_a", 0.6), ("current_gain.relative", 0.06), ("transport_delay.delay_s", 0.003),
+    ("asymmetric_friction.forward_nm", 0.004)])
+def test_one_effect_is_named(name: str, size: float) -> None:
+    toy = Toy({f"effects.{name}": size})
+    found = decided(toy)
+    assert (found[1].verdict, named(toy, found)) == ("effect", [name.split(".")[0]])
+    assert verdict.gap_section(toy, found[0], found[1].best, FLOOR)["after"] < 1.02
+
+
+def test_a_pair_is_named_strongest_first() -> None:
+    toy = Toy({"effects.coulomb_friction.torque_nm": 0.00425, "effects.current_gain.relative": -0.0746})
+    found = decided(toy)
+    assert (found[1].verdict, named(toy, found)) == ("effect", ["coulomb_friction", "current_gain"])
+    effects = verdict.effects_section(toy, found[0], found[1], FLOOR)
+    assert [e["id"] for e in effects[:2]] == ["coulomb_friction", "current_gain"]
+    assert all(e["probability"] > 0.9 and e["lost_without"] > 0.0 for e in effects[:2])
+    assert all(e["probability"] < 0.1 for e in effects[2:])
+
+
+def test_a_gap_outside_the_catalogue_is_unlisted() -> None:
+    toy = Toy({}, hum=1.0)
+    found = decided(toy)
+    assert found[1].verdict == "unlisted" and named(toy, found) == []
+    assert found[1].left.significant
+
+
+def test_an_effect_taken_out_of_the_catalogue_is_not_named_with_confidence() -> None:
+    toy = Toy({"effects.transport_delay.delay_s": 0.006})
+    found = decided(toy, without=("transport_delay",))
+    assert found[1].verdict == "unlisted"
+
+
+def test_equivalent_members_are_listed_and_do_not_make_it_ambiguous() -> None:
+    toy = Toy({"effects.winding_resistance.relative": 0.1})
+    found = decided(toy)
+    assert found[1].verdict == "effect"
+    listed = verdict.indistinguishable(toy, found[0], found[1], KINDS, FLOOR)
+    assert [(o["id"], o["instead_of"]) for o in listed] == [("bridge_resistance", "winding_resistance")]
+
+
+def test_a_true_tie_is_ambiguous() -> None:
+    toy = Toy({"effects.coulomb_friction.torque_nm": 0.004}, still_speed=True)
+    found = decided(toy, one_way=True)
+    assert found[1].verdict == "ambiguous"
+    rivals = {i for f in found[1].rivals for i in f.ids} | set(found[1].best.ids)
+    assert {"coulomb_friction", "viscous_friction"} <= rivals
+    chance = {e["id"]: e["probability"] for e in verdict.effects_section(toy, found[0], found[1], FLOOR)}
+    assert max(chance.values()) < 0.9
+
+
+def test_closed_figures() -> None:
+    assert verdict.closed(1.05, 1.0, 1.0) is None
+    assert verdict.closed(3.0, 1.0, 1.0) == 1.0
+    assert verdict.closed(3.0, 2.0, 1.0) == pytest.approx(0.5)
+    assert verdict.closed(3.0, 4.0, 1.0) == 0.0
