@@ -97,8 +97,8 @@ class _Reader:
             self.last_row = row
         return self.chains
 
-    def before(self, row: int) -> float:
-        """Time of the last row that was read before this one: the new edge came after it."""
+    def before(self) -> float:
+        """Time of the last row that was read before this one: a new value's edge came after it."""
         return self.time[self.last_row] if self.last_row >= 0 else -np.inf
 
     def begin(self, row: int, speed: float) -> None:
@@ -106,7 +106,7 @@ class _Reader:
         period, slack = self.period(speed)
         self.chain = _Chain()
         self.chains.append(self.chain)
-        self.low, self.high = max(self.time[row] - period, self.before(row)) - slack - TICK_S, self.time[row] + TICK_S
+        self.low, self.high = max(self.time[row] - period, self.before()) - slack - TICK_S, self.time[row] + TICK_S
         self.chain.add(row, speed, period, self.counts, (0.0, 1), slack, (self.low, self.high))
 
     def follow(self, row: int, speed: float) -> None:
@@ -157,8 +157,8 @@ class _Reader:
         return float(steps.sum()), bound, ROUNDING_SHARE * bound
 
     def counts_to_try(self, now: float, period: float, previous: float) -> range:
-        """How many edges may have passed since the last one. Where a sensor counts several a row, as many as the speed gives in the long run."""
-        interval = now - self.before(self.last_row + 1)
+        """How many edges may have passed since the last; where a sensor counts several a row, as many as the speed gives in the long run."""
+        interval = now - self.before()
         if not self.counts or period >= COUNTED_SHARE * interval:
             self.owed = 0.0
             return range(1, int((now - self.low) / min(period, previous)) + 3)
@@ -170,11 +170,11 @@ class _Reader:
     def new_edge(self, row: int, speed: float, now: float, period: float, rounding: float) -> bool:
         """Append the row's last edge, with as many unseen edges before it as fit; False when none do."""
         # A row that repeats the value may close a period that ended in the rows before.
-        since = -np.inf if _same(speed, self.chain.speed_rpm[-1]) else self.before(row)
+        since = -np.inf if _same(speed, self.chain.speed_rpm[-1]) else self.before()
         floor, ceiling = max(now - period, since) - rounding - TICK_S, now + rounding + TICK_S
         previous, best = self.chain.period_s[-1], None
         for count in self.counts_to_try(now, period, previous):
-            length, bound, drift = self.step(previous, period, count, rounding, now - self.before(row))
+            length, bound, drift = self.step(previous, period, count, rounding, now - self.before())
             low, high = max(self.low + length - bound, floor), min(self.high + length + bound, ceiling)
             if best is None or high - low > best[3] - best[2]:
                 best = ((length, count), drift, low, high)

@@ -1,0 +1,108 @@
+"""Edges behind a speed column: found where they were, counted once, located to microseconds, whatever the speed does."""
+
+import numpy as np
+import pytest
+
+from made_log import edge_times, hall_column
+from vgroove.gap.edges import edge_periods
+from vgroove.gap.noise import Jitter, edge_jitter
+
+FINE = np.arange(0, 30001) * 1e-4
+ROWS = FINE[::10]
+SPEEDS = {
+    "ramp": 150.0 + 400.0 * FINE,
+    "wave": 600.0 + 350.0 * np.sin(2.0 * np.pi * 0.8 * FINE),
+    "steady": np.full(len(FINE), 1234.5),
+    "slow": 40.0 + 30.0 * np.sin(2.0 * np.pi * 0.5 * FINE),
+    "near one edge a row": 1565.0 + 12.0 * np.sin(2.0 * np.pi * 0.7 * FINE),
+}
+
+
+def motion(speed: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(FINE))])
+
+
+@pytest.mark.parametrize("name", SPEEDS)
+@pytest.mark.parametrize("lsb", [0.0, 0.5])
+def test_each_period_is_found_once_and_shows_the_mean_speed_over_it(name: str, lsb: float) -> None:
+    angle = motion(SPEEDS[name])
+    edges = edge_times(FINE, angle, 4)
+    found = edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, lsb), 4, lsb)
+    whole = ~found.falling
+    start, end = found.start_s[whole], found.end_s[whole]
+    mean = (np.interp(end, FINE, angle) - np.interp(start, FINE, angle)) / (end - start) * 60.0 / (2.0 * np.pi)
+    assert np.quantile(np.abs(mean - found.speed_rpm[whole]), 0.99) < 0.3 + lsb
+    last = np.searchsorted(edges, ROWS, side="right") - 1
+    seen = len(np.unique(last[last >= 1]))
+    assert abs(int(whole.sum()) - seen) <= max(2, 0.006 * seen)
+
+
+@pytest.mark.parametrize("name", ["ramp", "wave", "slow"])
+def test_periods_lie_where_the_edges_were(name: str) -> None:
+    edges = edge_times(FINE, motion(SPEEDS[name]), 4)
+    found = edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, 0.0), 4, 0.0)
+    nearest = np.array([np.min(np.abs(edges - end)) for end in found.end_s[~found.falling]])
+    assert nearest.max() < 1e-6
+    rounded = edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, 0.5), 4, 0.5)
+    nearest = np.array([np.min(np.abs(edges - end)) for end in rounded.end_s[~rounded.falling]])
+    assert np.quantile(nearest, 0.98) < (1e-5 if name != "slow" else 5e-4)
+
+
+@pytest.mark.parametrize("name", ["ramp", "wave", "near one edge a row"])
+def test_edges_are_counted_through(name: str) -> None:
+    edges = edge_times(FINE, motion(SPEEDS[name]), 4)
+    found = edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, 0.5), 4, 0.5)
+    whole = ~found.falling
+    assert abs(int(found.count[whole][-1]) - (len(edges) - 1)) <= 2
+
+
+def test_sixteen_edges_a_turn_are_spans_between_last_edges() -> None:
+    angle = motion(SPEEDS["wave"])
+    edges = edge_times(FINE, angle, 24)
+    found = edge_periods(ROWS, hall_column(ROWS, edges, 24, 0.3, 0.5), 24, 0.5)
+    whole = ~found.falling
+    start, end, slack = found.start_s[whole][5:], found.end_s[whole][5:], found.slack_s[whole][5:]
+    assert np.median(end - start) == pytest.approx(1e-3, rel=0.2)
+    mean = (np.interp(end, FINE, angle) - np.interp(start, FINE, angle)) / (end - start) * 60.0 / (2.0 * np.pi)
+    error, rate = mean - found.speed_rpm[whole][5:], np.abs(np.interp(end, FINE, np.gradient(SPEEDS["wave"], FINE))) * 60.0 / (2.0 * np.pi)
+    assert np.mean(np.abs(error) <= 0.3 + 2.0 * rate * slack) > 0.97
+    assert np.sqrt(np.mean(error**2)) < 2.0
+
+
+def test_a_wait_is_a_fall_and_ends_in_rest() -> None:
+    speed = np.where(FINE < 1.0, 300.0, 0.0)
+    edges = edge_times(FINE, motion(speed), 4)
+    column = hall_column(ROWS, edges, 4, 0.05, 0.5)
+    found = edge_periods(ROWS, column, 4, 0.5)
+    falls = found.row[found.falling]
+    waiting = np.flatnonzero((column > 0.0) & (ROWS > edges[-1] + (edges[-1] - edges[-2])))
+    assert set(waiting[1:-1]) <= set(falls)
+    assert np.allclose(found.start_s[found.falling], edges[-1], atol=2e-5)
+    assert found.row.max() < np.flatnonzero(column == 0.0)[-1]
+
+
+def test_missing_samples_and_reversals_break_nothing() -> None:
+    edges = edge_times(FINE, motion(SPEEDS["wave"]), 4)
+    column = hall_column(ROWS, edges, 4, 0.3, 0.5)
+    column[500:502] = np.nan
+    column[1500:] *= -1.0
+    found = edge_periods(ROWS, column, 4, 0.5)
+    nearest = np.array([np.min(np.abs(edges - end)) for end in found.end_s[~found.falling]])
+    assert np.quantile(nearest, 0.98) < 2e-5
+    assert len(np.unique(np.sign(found.speed_rpm))) == 2
+
+
+@pytest.mark.parametrize("jitter_s", [2e-7, 1e-6])
+def test_time_jitter_is_told_from_motion_and_from_unequal_edges(jitter_s: float) -> None:
+    rng = np.random.default_rng(3)
+    edges = edge_times(FINE, motion(SPEEDS["wave"]), 4)
+    uneven = np.tile([0.0, 3e-3, -2e-3, 1e-3], len(edges) // 4 + 1)[:len(edges)] / np.interp(edges, FINE, SPEEDS["wave"])
+    column = hall_column(ROWS, edges + uneven + jitter_s * rng.standard_normal(len(edges)), 4, 0.3, 0.5)
+    found = edge_jitter(edge_periods(ROWS, column, 4, 0.5), 4, 0.5 / np.sqrt(12.0))
+    speed = 600.0
+    assert np.hypot(found.angle_rad, speed * found.time_s) == pytest.approx(speed * jitter_s, rel=0.5)
+
+
+def test_no_jitter_is_claimed_for_a_few_edges() -> None:
+    edges = edge_times(FINE[:1000], motion(SPEEDS["ramp"])[:1000], 4)
+    assert edge_jitter(edge_periods(ROWS[:100], hall_column(ROWS[:100], edges, 4, 0.3, 0.5), 4, 0.5), 4, 0.1) == Jitter()
