@@ -78,7 +78,7 @@ double truth_get(Tool *tool, const char *name) {
 
 void truth_start(Tool *tool) { tool->start(); }
 
-// Rows end at row_s[0..rows-1]; the first begins at begin_s. Returns the number of edges, which truth_edges then hands over.
+// Rows end at row_s[0..rows-1]; the first begins at begin_s. Returns the number of edges, which truth_edges then hands over; -1 when the numbers ran away.
 int truth_run(Tool *tool, const TruthCommand *command, double begin_s, const double *row_s, int rows, double *out) {
   tool->start();
   tool->state.time_s = begin_s;
@@ -106,7 +106,7 @@ int truth_run(Tool *tool, const TruthCommand *command, double begin_s, const dou
       tool->advance(1e300);
     }
   }
-  return static_cast<int>(tool->edges.size());
+  return std::isfinite(tool->state.angle_rad) ? static_cast<int>(tool->edges.size()) : -1;
 }
 
 void truth_edges(const Tool *tool, double *time_s, double *direction) {

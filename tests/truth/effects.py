@@ -64,7 +64,7 @@ def _droop(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
 
 
 def _stribeck(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
-    return {"breakaway_nm": size, "stribeck_rad_s": rng.uniform(0.02, 0.12) * top_speed(rig)}
+    return {"breakaway_nm": size, "stribeck_rad_s": rng.uniform(0.05, 0.15) * top_speed(rig)}
 
 
 def _asymmetric(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
@@ -80,8 +80,8 @@ def _grease(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]
 
 
 def _coupler(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
-    inertia = float(rng.uniform(0.1, 0.3)) * rig.inertia_kg_m2
-    return {"coupler_nm_per_rad": 1.0 / size, "coupler_damping_ratio": rng.uniform(0.05, 0.2), "coupler_inertia_kg_m2": inertia}
+    inertia = float(rng.uniform(0.0, 0.05)) * rig.inertia_kg_m2 * min(size / 10.0, 1.0)
+    return {"coupler_nm_per_rad": min(1.0 / size, 50.0), "coupler_damping_ratio": rng.uniform(0.05, 0.2), "coupler_inertia_kg_m2": inertia}
 
 
 def _heating(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
@@ -144,7 +144,7 @@ CATALOGUE = tuple(Effect(*row[:4], **row[4]) for row in (
     ("asymmetric_friction", _asymmetric, _coulomb(0.02), _coulomb(0.9), {"first": True, "needs": "two_way", "one_way": "coulomb_friction"}),
     ("directional_viscous", _plain("directional_viscous_nm_s"), _viscous(0.05), _viscous(3.0),
      {"first": True, "signed": True, "needs": "two_way", "one_way": "viscous_friction"}),
-    ("stribeck_friction", _stribeck, _coulomb(0.05), _coulomb(2.5), {"first": True}),
+    ("stribeck_friction", _stribeck, _coulomb(0.05), _coulomb(2.5), {"first": True, "needs": "slow"}),
     ("quadratic_drag", _plain("quadratic_nm_s2"), lambda r: 0.02 * r.coulomb_nm / top_speed(r) ** 2,
      lambda r: 3.0 * r.coulomb_nm / top_speed(r) ** 2, {"first": True}),
     ("added_inertia", _added("inertia_kg_m2"), lambda r: 0.005 * shaft_inertia(r), lambda r: 0.45 * shaft_inertia(r),

@@ -36,7 +36,7 @@ class Order:
 
 def draw_setting(order: Order, rng: np.random.Generator, need: str) -> Setting:
     """Tool, profile and logger of a case; `need` is what the effect wants of the profile."""
-    wanted = {"two_way": ("reversals",), "load": ("load_steps",)}.get(need, order.profiles)
+    wanted = {"two_way": ("reversals",), "load": ("load_steps",), "slow": ("crawl",)}.get(need, order.profiles)
     sensors = Sensors(log_hz=order.log_hz)
     rig = draw_rig(rng, sensors=sensors, slew_per_s=None if rng.uniform() < order.steps else 6.0)
     if rng.uniform() < order.tolerance:

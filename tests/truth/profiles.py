@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from truth import Command
 
-NAMES = ("staircase", "ramps", "reversals", "load_steps", "hand", "stop_and_go", "chirp")
-TWO_WAY = ("reversals",)
+NAMES = ("staircase", "ramps", "reversals", "load_steps", "hand", "stop_and_go", "chirp", "crawl")
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class Profile:
 def draw(name: str, seconds: float, load_nm: float, rng: np.random.Generator) -> Profile:
     """One profile of a name, `seconds` long; `load_nm` is the size of the loads of a profile that has some."""
     made = {"staircase": _staircase, "ramps": _ramps, "reversals": _reversals, "load_steps": _load_steps, "hand": _hand,
-            "stop_and_go": _stop_and_go, "chirp": _chirp}[name]
+            "stop_and_go": _stop_and_go, "chirp": _chirp, "crawl": _crawl}[name]
     return made(seconds, load_nm, rng)
 
 
@@ -107,6 +106,13 @@ def _stop_and_go(seconds: float, _: float, rng: np.random.Generator) -> Profile:
     times = _times(seconds, 0.45, rng)
     levels = np.where(np.arange(len(times)) % 2 == 0, rng.uniform(0.3, 1.0, len(times)), 0.0)
     return _holding("stop_and_go", times, levels, seconds, coast_at_zero=bool(rng.uniform() < 0.5))
+
+
+def _crawl(seconds: float, _: float, rng: np.random.Generator) -> Profile:
+    """Slow running, where friction of the Stribeck kind lives, with a fast stretch now and then."""
+    times = _times(seconds, 0.6, rng)
+    levels = np.where(np.arange(len(times)) % 4 == 3, rng.uniform(0.4, 0.9, len(times)), rng.uniform(0.04, 0.14, len(times)))
+    return _holding("crawl", times, levels, seconds)
 
 
 def _chirp(seconds: float, _: float, rng: np.random.Generator) -> Profile:

@@ -45,7 +45,7 @@ def demo_setting(seed: int) -> Setting:
 def draw_answer(seed: int) -> dict[str, object]:
     """Label, ids, accepted ids, size and tool parameters that a seed stands for: a tenth none, a tenth outside the catalogue."""
     block, place = divmod(seed - 1, 10)
-    kind = int(np.random.default_rng([block % 2**32, 20]).permutation(10)[place])  # of ten seeds in a row, one is 0 and one is 1
+    kind = int(np.random.default_rng([block % 2**32, 26]).permutation(10)[place])  # of ten seeds in a row, one is 0 and one is 1
     for attempt in range(20):
         rng = np.random.default_rng([seed, 19, attempt])
         setting = demo_setting(int(rng.integers(1, 2**31)))

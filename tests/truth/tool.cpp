@@ -62,6 +62,9 @@ void Tool::start() {
   inertia_ = params.inertia_kg_m2 + (two_masses_ ? 0.0 : out_inertia_);
   stiffness_ = std::max(params.coulomb_nm, 1e-4) / params.bristle_rad;
   load_stiffness_ = std::max(params.load_reference_nm, 1e-4) / params.bristle_rad;
+  // A stiff coupling wants steps of a thirtieth of its period at most.
+  const double swing = two_masses_ ? std::sqrt(coupling_rate() * (1.0 / out_inertia_ + 1.0 / inertia_)) : 1.0;
+  step_s_ = std::min(params.step_s, 0.2 / swing);
   state.bus_v = params.voltage_v;
   state.gate_until_s = params.gate_off_s * (0.5 + chance.uniform());
   state.ripple_rad = TURN * chance.uniform();
@@ -154,7 +157,7 @@ bool Tool::advance(double cut_s) {
     const double stop = std::min(span.end_s, cut_s);
     const double length = stop - state.time_s;
     if (length > 1e-13) {
-      const int count = std::max(1, static_cast<int>(std::ceil(length / params.step_s - 1e-9)));
+      const int count = std::max(1, static_cast<int>(std::ceil(length / step_s_ - 1e-9)));
       for (int n = 0; n < count; ++n) {
         step(length / count, span.leg_a, span.leg_b);
       }
@@ -228,6 +231,9 @@ double Tool::smooth_torque() const {
   return torque;
 }
 
+// Play alone: flanks as stiff as steel teeth are on this scale, 400 Hz with the output side.
+double Tool::coupling_rate() const { return params.coupler_nm_per_rad > 0.0 ? params.coupler_nm_per_rad : out_inertia_ * 6.3e6; }
+
 // The spring between motor and output side, both referred to the motor shaft; free within the play.
 double Tool::coupling_torque() const {
   const double half = 0.5 * params.play_rad * params.ratio;
@@ -236,8 +242,7 @@ double Tool::coupling_torque() const {
   if (bent == 0.0) {
     return 0.0;
   }
-  // Play alone: flanks as stiff as steel teeth are on this scale, 400 Hz with the output side.
-  const double rate = params.coupler_nm_per_rad > 0.0 ? params.coupler_nm_per_rad : out_inertia_ * 6.3e6;
+  const double rate = coupling_rate();
   const double damping = 2.0 * params.coupler_damping_ratio * std::sqrt(rate * out_inertia_);
   return rate * bent + damping * (state.speed_rad_s - state.out_speed_rad_s);
 }
@@ -257,9 +262,10 @@ void Tool::step_output(double h) {
   if (!two_masses_) {
     return;
   }
+  coupling_nm_ = coupling_torque();
   const double before = s.out_speed_rad_s;
-  s.out_speed_rad_s += h * (coupling_torque() - torque) / out_inertia_;
-  s.out_angle_rad += 0.5 * h * (before + s.out_speed_rad_s);
+  s.out_speed_rad_s += h * (coupling_nm_ - torque) / out_inertia_;
+  s.out_angle_rad += h * s.out_speed_rad_s; // with the new speed: symplectic, so that the spring makes no energy
   sums.load_j += torque * 0.5 * h * (before + s.out_speed_rad_s);
 }
 
@@ -272,7 +278,7 @@ void Tool::step_shaft(double h, double volts, bool conducting) {
   const double damping = 2.0 * params.bristle_damping * std::sqrt(stiffness_ * inertia_);
   const double smooth = smooth_torque();
   const double friction = smooth + bristle_torque(s.motor_bristle, s.speed_rad_s, stiffness_, damping, limit);
-  const double against = friction + (two_masses_ ? coupling_torque() : s.load_bristle.torque_nm);
+  const double against = friction + (two_masses_ ? coupling_nm_ : s.load_bristle.torque_nm);
   const double drop = params.brush_drop_v != 0.0
                           ? params.brush_drop_v * sign(s.current_a) * (1.0 - std::exp(-std::abs(s.current_a) / params.brush_knee_a))
                           : 0.0;
@@ -287,7 +293,7 @@ void Tool::step_shaft(double h, double volts, bool conducting) {
   s.current_a = i1;
   s.speed_rad_s = w0 + 2.0 * c * (k * i_mid - against);
   const double w_mid = 0.5 * (w0 + s.speed_rad_s);
-  s.angle_rad += h * w_mid;
+  s.angle_rad += h * (two_masses_ ? s.speed_rad_s : w_mid);
   bend(s.motor_bristle, s.speed_rad_s, 0.5 * h, limit);
   s.motor_bristle.torque_nm = friction - smooth;
   s.ripple_rad += h * w_mid * params.u_ripple_per_rev * s.ripple_rate;
@@ -302,12 +308,12 @@ void Tool::step_shaft(double h, double volts, bool conducting) {
 }
 
 // The bus sags over the source resistance; the bus capacitor smooths the ripple of the switching.
-void Tool::step_bus(double h, int sign_of_bus) {
+void Tool::step_bus(double h, double bus_a) {
   if (source_ohm_ <= 0.0) {
     state.bus_v = open_circuit_v_;
     return;
   }
-  const double target = open_circuit_v_ - source_ohm_ * sign_of_bus * state.current_a;
+  const double target = open_circuit_v_ - source_ohm_ * bus_a;
   state.bus_v = target + (state.bus_v - target) * std::exp(-h / params.bus_filter_s);
 }
 
@@ -330,7 +336,7 @@ void Tool::step(double h, int leg_a, int leg_b) {
   }
   const double mean_a = 0.5 * (i0 + s.current_a);
   sums.drawn_j += h * way * s.bus_v * mean_a;
-  step_bus(h, conducting ? way : 0);
+  step_bus(h, way * mean_a);
   s.sensed_a = params.current_lag_s > 0.0 ? mean_a + (s.sensed_a - mean_a) * std::exp(-h / params.current_lag_s) : mean_a;
   s.time_s = t0 + h;
   sums.current_as += h * sensed_current();
@@ -375,8 +381,8 @@ double Tool::edge_angle(long index) const {
 
 // Edges passed in a step, located by linear interpolation; backwards a little later, by the sensor's hysteresis.
 void Tool::find_edges(double t0, double h, double angle0) {
-  if (params.hall_edges <= 0.0) {
-    return;
+  if (params.hall_edges <= 0.0 || !(std::abs(state.angle_rad - angle0) < 1.0)) {
+    return; // no sensor, or numbers that are none any more
   }
   const double a0 = hall_angle(angle0), a1 = hall_angle(state.angle_rad);
   const auto keep = [&](double at, int direction) {

@@ -87,7 +87,7 @@ private:
   int span_count_ = 0, span_ = 0;
   Drive drive_;
   double load_at_shaft_nm_ = 0.0, k_ = 0.0, resistance_ = 0.0, open_circuit_v_ = 0.0, source_ohm_ = 0.0;
-  double inertia_ = 0.0, out_inertia_ = 0.0, stiffness_ = 0.0, load_stiffness_ = 0.0;
+  double inertia_ = 0.0, out_inertia_ = 0.0, stiffness_ = 0.0, load_stiffness_ = 0.0, step_s_ = 5e-6, coupling_nm_ = 0.0;
   bool two_masses_ = false;
 
   void slow_states(double period_s);
@@ -100,8 +100,9 @@ private:
   double smooth_torque() const;
   void step_shaft(double h, double volts, bool conducting);
   void step_output(double h);
+  double coupling_rate() const;
   double coupling_torque() const;
-  void step_bus(double h, int sign);
+  void step_bus(double h, double bus_a);
   void find_edges(double t0, double h, double angle0);
   double edge_angle(long index) const;
   double hall_angle(double angle) const;

@@ -50,15 +50,15 @@ class Run:
 
 
 def library_path() -> Path:
-    """The shared library: VGROOVE_TRUTH_LIB, or the newest under build/*/truth/.
+    """The shared library: VGROOVE_TRUTH_LIB, or the newest under build/*/truth/ that Python can load (no sanitizer build).
 
     Raises FileNotFoundError with the command that builds it.
     """
     named = os.environ.get("VGROOVE_TRUTH_LIB")
     if named:
         return Path(named)
-    found = sorted(ROOT.glob("build/*/truth/libvgroove_truth.so"), key=lambda path: path.stat().st_mtime)
-    found += sorted(ROOT.glob("build/*/*/truth/libvgroove_truth.so"), key=lambda path: path.stat().st_mtime) if not found else []
+    built = [path for path in ROOT.glob("build/*/truth/libvgroove_truth.so") if "asan" not in path.parts]
+    found = sorted(built, key=lambda path: path.stat().st_mtime)
     if not found:
         raise FileNotFoundError("libvgroove_truth.so is not built: cmake -S tests/truth -B build/truth && cmake --build build/truth")
     return found[-1]
@@ -127,6 +127,8 @@ class Generator:
                            _pointer(arrays[3]), _pointer(arrays[4]), len(arrays[3]))
         out = np.zeros((len(rows), 5))
         count = Generator._lib.truth_run(self._tool, ctypes.byref(message), begin_s, _pointer(rows), len(rows), _pointer(out))
+        if count < 0:
+            raise ArithmeticError("the generator's numbers ran away: parameters too stiff for its step")
         edges = np.zeros((2, count))
         Generator._lib.truth_edges(self._tool, _pointer(edges[0]), _pointer(edges[1]))
         order = np.argsort(edges[0], kind="stable")
