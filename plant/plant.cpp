@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <thread>
 
+#include "settle.hpp"
 #include "solver.hpp"
 
 namespace vgroove {
@@ -138,45 +139,15 @@ template <class V, int N> VGROOVE_INLINE void begin_row(Group<V, N> &g, const Lo
     set(s.state.x[STATE_BUS_TIME], lane, 0.0);
 }
 
-// Output side in contact and moving with the motor: the twist is what the torque of a rigid shaft asks for.
-template <class V, int N> VGROOVE_INLINE void settle_output(Group<V, N> &g, int lane) {
-    Solver<V, N> &s = g.solver;
-    set(s.state.x[STATE_OUTPUT_SPEED], lane, get(s.state.x[STATE_SPEED], lane));
-    set(s.state.x[STATE_TWIST], lane, 0.0);
-    set(s.mode.output_slide, lane, get(s.mode.slide, lane));
-    const Torques<V> t = drivetrain_torques<V, N>(s.model, s.drive, V{}, motor_constant<V>(s.model.motor, s.model.effects, s.state.x[STATE_CURRENT]) * s.state.x[STATE_CURRENT], s.state);
-    const V rubbing = friction_sliding<V>(s.model.friction, s.model.effects, s.mode.slide, s.state.x[STATE_SPEED], t.load_nm, s.drive.time_s);
-    const double slide = get(s.mode.slide, lane);
-    const double free_nm = get(t.drive_nm, lane) + get(t.coupler_nm, lane) - (slide != 0.0 ? get(rubbing, lane) : 0.0);
-    const double load = get(t.load_nm, lane) - get(t.opposing_nm, lane) + slide * get(t.opposing_nm, lane);
-    const double motor = 1.0 / get(s.model.gear.inertia_inverse, lane), output = 1.0 / get(s.model.gear.output_inertia_inverse, lane);
-    const double torque = slide != 0.0 ? (free_nm * output + load * motor) / (motor + output) : load;
-    const double half = get(s.model.gear.half_play, lane);
-    set(s.state.x[STATE_TWIST], lane, torque / get(s.model.gear.stiffness, lane) + (torque < 0.0 ? -half : half));
-}
-
 template <class V, int N> VGROOVE_INLINE void reset_lane(Group<V, N> &g, const LogInput &in, std::size_t row, int lane, const double *start) {
     Solver<V, N> &s = g.solver;
-    set(s.state.x[STATE_CURRENT], lane, start[0]);
-    set(s.state.x[STATE_SPEED], lane, start[1]);
-    set(s.state.x[STATE_ANGLE], lane, start[2]);
-    set(s.mode.slide, lane, sign_of(start[1]));
-    set(s.mode.diode, lane, 0.0);
-    set(s.level_s, lane, 1e9);
-    s.left_s[lane] = 0.0;
     set(s.drive.load_nm, lane, in.load_kind == LoadKind::TORQUE ? in.load_nm[row] : 0.0);
     set(s.drive.load_rate, lane, 0.0);
     Cursor &c = g.cursor[lane];
     c.now_s = (in.time_s[row] - in.time_s[0]) * c.row_scale;
     c.row_left_s = 0.0;
     set(s.drive.time_s, lane, c.now_s);
-    if constexpr (N > STATE_CORE_COUNT) {
-        set(s.state.x[STATE_CURRENT_FILTER], lane, start[0]);
-        const V seen = sensors_wheel_speed<V>(s.model.sensors, s.model.effects, s.state.x[STATE_SPEED], s.state.x[STATE_ANGLE]);
-        set(s.state.x[STATE_SPEED_FILTER], lane, get(seen, lane));
-        if (s.model.effects & EFFECT_TWO_BODIES)
-            settle_output(g, lane);
-    }
+    settle_shaft(s, lane, start);
 }
 
 static double sensed_current(const Parameters &p, double mean_a) {

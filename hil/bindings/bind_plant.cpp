@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "bindings.hpp"
+#include "plant/drive_plant.hpp"
 #include "plant/plant.hpp"
 
 namespace nb = nanobind;
@@ -105,6 +106,56 @@ nb::ndarray<nb::numpy, double, nb::ndim<1>> parameter_defaults() {
     return {reinterpret_cast<double *>(p), {static_cast<std::size_t>(vgroove::PARAMETER_COUNT)}, owner};
 }
 
+vgroove::DrivePlant make_drive_plant(Column parameters, const std::string &load, int pulses, double offset_rad, const std::vector<double> &spacing,
+                                     std::uint64_t seed) {
+    if (parameters.shape(0) != static_cast<std::size_t>(vgroove::PARAMETER_COUNT))
+        throw std::invalid_argument("DrivePlant: parameters is (" + std::to_string(vgroove::PARAMETER_COUNT) + ",)");
+    return vgroove::DrivePlant(vgroove::parameters_from(parameters.data()), load_kind(load), vgroove::hall_wheel(pulses, offset_rad, spacing), seed);
+}
+
+nb::tuple period(vgroove::DrivePlant &self, bool coast, double duty, double dead, double load_nm) {
+    const vgroove::PeriodResult r = self.period(coast, duty, dead, load_nm);
+    nb::list edges;
+    for (int n = 0; n < r.edge_count; ++n)
+        edges.append(r.edge_cycle[n]);
+    return nb::make_tuple(r.current_a, r.supply_v, edges);
+}
+
+struct FrontEnds {
+    vgroove::Noise noise;
+    double current_offset_a, current_noise_a;
+};
+
+nb::tuple front_end_counts(FrontEnds &self, double current_a, double supply_v, double travel, double degc) {
+    const double noise = self.current_noise_a > 0.0 ? self.current_noise_a * vgroove::noise_normal(self.noise) : 0.0;
+    return nb::make_tuple(vgroove::current_counts(current_a, self.current_offset_a, noise), vgroove::bus_counts(supply_v),
+                          vgroove::trigger_counts(travel), vgroove::temperature_counts(degc));
+}
+
+void bind_drive_plant(nb::module_ &m) {
+    nb::class_<vgroove::DrivePlant>(m, "DrivePlant", "The tool in lock-step with a board, one PWM period of 510 CPU cycles a call.")
+        .def(nb::new_(&make_drive_plant), "parameters"_a, "load_kind"_a = "none", "hall_pulses_per_rev"_a = 4, "hall_offset_rad"_a = 0.0,
+             "hall_spacing"_a = std::vector<double>(), "seed"_a = 0)
+        .def("period", &period, "coast"_a, "duty"_a, "dead"_a, "load_nm"_a = 0.0,
+             "-> (current_a as sensed at the end, supply_v mean, edges: CPU cycles 0..509 of Hall edges)")
+        .def("reset", &vgroove::DrivePlant::reset, "current_a"_a, "speed_rad_s"_a, "angle_rad"_a)
+        .def_prop_ro("current_a", &vgroove::DrivePlant::current_a)
+        .def_prop_ro("speed_rad_s", &vgroove::DrivePlant::speed_rad_s)
+        .def_prop_ro("angle_rad", &vgroove::DrivePlant::angle_rad)
+        .def_prop_ro("time_s", &vgroove::DrivePlant::time_s)
+        .def_prop_ro("winding_kelvin", &vgroove::DrivePlant::winding_kelvin);
+    m.attr("PERIOD_S") = vgroove::PERIOD_S;
+    m.def("current_counts", &vgroove::current_counts, "current_a"_a, "offset_a"_a = 0.0, "noise_a"_a = 0.0, "noise_a: the noise of this sample");
+    m.def("bus_counts", &vgroove::bus_counts, "supply_v"_a);
+    m.def("trigger_counts", &vgroove::trigger_counts, "travel"_a);
+    m.def("temperature_counts", &vgroove::temperature_counts, "degc"_a);
+    nb::class_<FrontEnds>(m, "FrontEnds", "All four front ends of the board; noise is 1 sigma in A, seeded.")
+        .def("__init__", [](FrontEnds *self, std::uint64_t seed, double offset_a, double noise_a) { new (self) FrontEnds{{seed}, offset_a, noise_a}; },
+             "seed"_a = 0, "current_offset_a"_a = 0.0, "current_noise_a"_a = 0.0)
+        .def("counts", &front_end_counts, "current_a"_a, "supply_v"_a, "trigger"_a, "temperature_degc"_a = 25.0,
+             "-> (current, bus, trigger, temperature) in the order of the lock-step message");
+}
+
 }  // namespace
 
 void bind_plant(nb::module_ &m) {
@@ -118,4 +169,5 @@ void bind_plant(nb::module_ &m) {
              "load_nm"_a.none() = nb::none(), "coast"_a.none() = nb::none(), "load_kind"_a = "none", "slew_slack"_a = 0.0);
     m.def("simulate_log", &simulate_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a, "threads"_a = 2,
           "theta (B, P), starts (S,) row indices, state0 (S, 3) or (B, S, 3): current_a, speed_rad_s, angle_rad -> dict of (B, n).");
+    bind_drive_plant(m);
 }

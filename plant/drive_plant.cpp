@@ -1,0 +1,181 @@
+// One PWM period of the drivetrain: command, dead time and load into the solver, edges of the Hall wheel out of the angle.
+#include "drive_plant.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+#include "settle.hpp"
+#include "solver.hpp"
+
+namespace vgroove {
+
+constexpr double TURN_RAD = 6.283185307179586;
+
+HallWheel hall_wheel(int pulses_per_rev, double offset_rad, const std::vector<double> &shares) {
+    HallWheel wheel;
+    if (!shares.empty() && shares.size() != static_cast<std::size_t>(pulses_per_rev))
+        throw std::invalid_argument("hall spacing needs one share of the turn per pulse");
+    double angle = offset_rad - TURN_RAD * std::floor(offset_rad / TURN_RAD);
+    for (int n = 0; n < pulses_per_rev; ++n) {
+        wheel.edge_rad.push_back(angle < TURN_RAD ? angle : angle - TURN_RAD);
+        angle += TURN_RAD * (shares.empty() ? 1.0 / pulses_per_rev : shares[static_cast<std::size_t>(n)]);
+    }
+    std::sort(wheel.edge_rad.begin(), wheel.edge_rad.end());
+    return wheel;
+}
+
+struct Command {
+    bool coast;
+    double duty, dead;
+};
+
+// Angle of the wheel within the period: a straight change of speed between both ends.
+struct Sweep {
+    double angle, speed, end_angle, end_speed;
+};
+
+using Inner = Solver<double, STATE_FULL_COUNT>;
+
+struct DrivePlant::Body {
+    Inner solver;
+    Parameters parameters;
+    HallWheel wheel;
+    Noise dropout;
+    std::deque<Command> commands;        // transport delay, whole periods
+    std::deque<std::int64_t> edges;      // pure delay of the speed sensor: cycles since start at which each is seen
+    std::int64_t cycles;                 // since start, at the start of the period
+    double period_s;
+    std::int64_t edge_delay;
+    Sweep sweep;
+};
+
+static double seen_angle(const Inner &s, const Parameters &p) {
+    double angle = sensors_wheel_angle<double>(s.model.sensors, s.model.effects, s.state.x[STATE_ANGLE]);
+    if (s.model.effects & EFFECT_SPEED_LAG)
+        angle -= p.speed_lag_s * s.state.x[STATE_SPEED_FILTER];
+    return angle * (1.0 + p.speed_gain_relative);
+}
+
+static double seen_speed(const Inner &s, const Parameters &p) {
+    double speed = sensors_wheel_speed<double>(s.model.sensors, s.model.effects, s.state.x[STATE_SPEED], s.state.x[STATE_ANGLE]);
+    if (s.model.effects & EFFECT_SPEED_LAG)
+        speed = s.state.x[STATE_SPEED_FILTER];
+    return speed * (1.0 + p.speed_gain_relative);
+}
+
+DrivePlant::DrivePlant(const Parameters &p, LoadKind load, HallWheel wheel, std::uint64_t seed) : body_(new Body{}) {
+    check_parameters(p, true);
+    Body &b = *body_;
+    b.parameters = p;
+    b.wheel = std::move(wheel);
+    b.dropout.state = seed;
+    b.period_s = PERIOD_S / (1.0 + p.clock_skew_relative);
+    Drivetrain<double> &m = b.solver.model;
+    m.effects = effects_of(p) | EFFECT_DEAD_TIME;
+    m.input = InputKind::DUTY;
+    m.load.kind = load;
+    drivetrain_set_lane(m, 0, p, p.supply_voltage_v, PERIOD_S);
+    if (p.speed_lag_delay_form != 0.0)
+        b.edge_delay = std::llround(p.speed_lag_s * CPU_HZ);
+    b.commands.assign(static_cast<std::size_t>(std::llround(p.transport_delay_s / b.period_s)), Command{true, 0.0, 0.0});
+    reset(0.0, 0.0, 0.0);
+}
+
+DrivePlant::~DrivePlant() = default;
+DrivePlant::DrivePlant(DrivePlant &&) noexcept = default;
+
+void DrivePlant::reset(double current_a, double speed_rad_s, double angle_rad) {
+    const double start[3] = {current_a, speed_rad_s, angle_rad};
+    Body &b = *body_;
+    settle_shaft(b.solver, 0, start);
+    b.sweep.end_angle = seen_angle(b.solver, b.parameters);
+    b.sweep.end_speed = seen_speed(b.solver, b.parameters);
+}
+
+static void set_period(Inner &s, const Parameters &p, const Command &c, double load_nm, double period_s) {
+    Drive<double> &d = s.drive;
+    const double share = std::fabs(c.duty);
+    d.command = c.duty;
+    d.command_rate = 0.0;
+    d.open = c.coast ? 1.0 : 0.0;
+    d.dead = !c.coast && share > 0.0 && share < 1.0 ? c.dead + 2.0 * p.dead_time_s * p.bridge_pwm_hz : 0.0;
+    d.load_rate = (load_nm - d.load_nm) / period_s;
+    s.state.x[STATE_CURRENT_TIME] = 0.0;
+    s.state.x[STATE_BUS_TIME] = 0.0;
+}
+
+__attribute__((flatten)) static void run_period(Inner &s, double period_s) {
+    s.level_s = 1.0;
+    solver_begin(s, 0, period_s);
+    solver_run(s, [](int) __attribute__((always_inline)) { return false; });
+}
+
+// Share of the period at which the wheel reaches an angle: Newton on the parabola through both ends, from the chord.
+static double crossing_share(const Sweep &w, double angle) {
+    const double rise = w.end_angle - w.angle;
+    const double bend = 0.5 * (w.end_speed - w.speed) * PERIOD_S;
+    double u = (angle - w.angle) / rise;
+    for (int n = 0; n < 3; ++n) {
+        const double slope = rise + bend * (2.0 * u - 1.0);
+        if (slope * rise <= 0.0)
+            break;
+        u -= (w.angle + rise * u + bend * u * (u - 1.0) - angle) / slope;
+    }
+    return std::min(std::max(u, 0.0), 1.0);
+}
+
+static bool dropped(double probability, Noise &noise) { return probability > 0.0 && noise_uniform(noise) < probability; }
+
+// Edges passed in the period, in the order of time.
+static void collect_edges(const Sweep &w, const HallWheel &wheel, double dropout, Noise &noise, std::int64_t from,
+                          std::deque<std::int64_t> &edges) {
+    const double low = std::min(w.angle, w.end_angle), high = std::max(w.angle, w.end_angle);
+    std::int64_t found[PERIOD_EDGES_MAX];
+    int count = 0;
+    for (double turn = std::floor(low / TURN_RAD); turn <= std::floor(high / TURN_RAD); turn += 1.0)
+        for (const double edge : wheel.edge_rad) {
+            const double angle = turn * TURN_RAD + edge;
+            const bool passed = w.end_angle > w.angle ? angle > low && angle <= high : angle >= low && angle < high;
+            if (passed && count < PERIOD_EDGES_MAX && !dropped(dropout, noise))
+                found[count++] = from + std::min<std::int64_t>(static_cast<std::int64_t>(crossing_share(w, angle) * PERIOD_CYCLES), PERIOD_CYCLES - 1);
+        }
+    if (w.end_angle < w.angle)
+        std::reverse(found, found + count);
+    edges.insert(edges.end(), found, found + count);
+}
+
+static double sensed(const Inner &s, const Parameters &p) {
+    const double i = s.model.effects & EFFECT_CURRENT_LAG ? s.state.x[STATE_CURRENT_FILTER] : s.state.x[STATE_CURRENT];
+    return std::min(std::max(i * (1.0 + p.current_gain_relative) + p.current_offset_a, -p.current_limit_a), p.current_limit_a);
+}
+
+PeriodResult DrivePlant::period(bool coast, double duty, double dead, double load_nm) {
+    Body &b = *body_;
+    Inner &s = b.solver;
+    b.commands.push_back(Command{coast, duty, dead});
+    set_period(s, b.parameters, b.commands.front(), load_nm, b.period_s);
+    b.commands.pop_front();
+    run_period(s, b.period_s);
+    s.drive.load_nm = load_nm;
+    const Sweep before = b.sweep;
+    b.sweep = Sweep{before.end_angle, before.end_speed, seen_angle(s, b.parameters), seen_speed(s, b.parameters)};
+    if (b.sweep.end_angle != b.sweep.angle && !b.wheel.edge_rad.empty())
+        collect_edges(b.sweep, b.wheel, b.parameters.hall_dropout_probability, b.dropout, b.cycles + b.edge_delay, b.edges);
+    PeriodResult r{sensed(s, b.parameters), s.state.x[STATE_BUS_TIME] / b.period_s * (1.0 + b.parameters.supply_gain_relative), 0, {}};
+    while (!b.edges.empty() && b.edges.front() < b.cycles + PERIOD_CYCLES && r.edge_count < PERIOD_EDGES_MAX) {
+        r.edge_cycle[r.edge_count++] = static_cast<int>(b.edges.front() - b.cycles);
+        b.edges.pop_front();
+    }
+    b.cycles += PERIOD_CYCLES;
+    return r;
+}
+
+double DrivePlant::current_a() const { return body_->solver.state.x[STATE_CURRENT]; }
+double DrivePlant::speed_rad_s() const { return body_->solver.state.x[STATE_SPEED]; }
+double DrivePlant::angle_rad() const { return body_->solver.state.x[STATE_ANGLE]; }
+double DrivePlant::time_s() const { return body_->solver.drive.time_s; }
+double DrivePlant::winding_kelvin() const { return body_->solver.state.x[STATE_HEAT]; }
+
+}  // namespace vgroove
