@@ -157,7 +157,7 @@ class _Reader:
         return float(steps.sum()), bound, ROUNDING_SHARE * bound
 
     def counts_to_try(self, now: float, period: float, previous: float) -> range:
-        """How many edges may have passed since the last; where a sensor counts several a row, as many as the speed gives in the long run."""
+        """Edges that may have passed since the last; where a sensor counts several a row: as many as the speed gives in the long run."""
         interval = now - self.before()
         if not self.counts or period >= COUNTED_SHARE * interval:
             self.owed = 0.0

@@ -1,0 +1,181 @@
+"""Rigs: what the contract allows is read, written back the same and turned into parameters; everything else is refused by name."""
+
+import copy
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+
+from made_log import RIG
+from vgroove import _core
+from vgroove.errors import VgrooveError
+from vgroove.rig import EFFECTS, KINDS, SECTIONS, WORDS, read_rig, rig_from_dict, write_rig
+
+SHARED = Path(__file__).resolve().parents[3] / "shared"
+needs_shared = pytest.mark.skipif(not (SHARED / "gap-contract.md").is_file(), reason="../shared is absent")
+
+
+def refused(change: dict, *words: str) -> None:
+    """The rig with dotted keys changed (None: left out) is refused with a sentence that holds the words."""
+    data = copy.deepcopy(RIG)
+    for key, value in change.items():
+        *path, last = key.split("/")
+        place = data
+        for name in path:
+            place = place.setdefault(name, {})
+        if value is None:
+            del place[last]
+        else:
+            place[last] = value
+    with pytest.raises(VgrooveError) as error:
+        rig_from_dict(data, "x.toml")
+    for word in ("x.toml", *words):
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"schema": None}, ["vgroove.rig/1"]),
+    ({"schema": "vgroove.rig/2"}, ["vgroove.rig/1"]),
+    ({"motr": {}}, ["motr", "motor"]),
+    ({"motor/resistance_omh": 0.2}, ["motor.resistance_omh", "motor.resistance_ohm"]),
+    ({"input/slew_per_sec": 6.0}, ["input.slew_per_sec", "input.slew_per_s"]),
+    ({"sensors/hall_pulses": 4}, ["sensors.hall_pulses", "sensors.hall_pulses_per_rev"]),
+    ({"effects/coulomb_frction": {"torque_nm": 0.1}}, ["effects.coulomb_frction", "effects.coulomb_friction"]),
+    ({"effects/coulomb_friction": {"torque": 0.1}}, ["effects.coulomb_friction.torque", "torque_nm"]),
+    ({"effects/supply_droop": {"volt_per_coulomb": 0.1, "polarisation_s": 1.0}}, ["effects.supply_droop.polarisation_ohm", "missing"]),
+    ({"effects/speed_lag": {"time_constant_s": 0.01, "form": "box"}}, ["effects.speed_lag.form", "filter, delay"]),
+    ({"effects/clock_skew": {"relative": 0.06}}, ["effects.clock_skew.relative", "0.05"]),
+    ({"effects/hall_dropout": {"probability": 1.5}}, ["effects.hall_dropout.probability"]),
+    ({"tolerance/motor.resistance": 0.02}, ["motor.resistance", "motor.resistance_ohm"]),
+    ({"tolerance/motor.resistance_ohm": -0.02}, ["tolerance.motor.resistance_ohm", "at least 0"]),
+    ({"tolerance/load.mass_kg": 0.02}, ["load.mass_kg"]),
+    ({"motor/inertia_kg_m2": 0.0}, ["motor.inertia_kg_m2", "above 0"]),
+    ({"motor/resistance_ohm": -0.1}, ["motor.resistance_ohm"]),
+    ({"motor/viscous_nm_s_per_rad": -1e-9}, ["motor.viscous_nm_s_per_rad", "at least 0"]),
+    ({"motor/inductance_h": float("nan")}, ["motor.inductance_h"]),
+    ({"motor/inductance_h": float("inf")}, ["motor.inductance_h"]),
+    ({"motor/coulomb_nm": True}, ["motor.coulomb_nm"]),
+    ({"motor/coulomb_nm": "0.01"}, ["motor.coulomb_nm"]),
+    ({"motor/coulomb_nm": None}, ["motor.coulomb_nm", "missing"]),
+    ({"motor": None}, ["[motor]", "missing"]),
+    ({"load": None}, ["[load]", "missing"]),
+    ({"motor": 3}, ["motor", "section"]),
+    ({"name": 3}, ["name"]),
+    ({"gearbox/ratio": 0}, ["gearbox.ratio"]),
+    ({"input/kind": "torque"}, ["input.kind", "duty, voltage_v, current_a"]),
+    ({"input/bus": "guessed"}, ["input.bus", "modelled, measured"]),
+    ({"input/slew_per_s": 0.0}, ["input.slew_per_s"]),
+    ({"supply/voltage_v": 0.0}, ["supply.voltage_v"]),
+    ({"supply": None}, ["supply.voltage_v", "missing"]),
+    ({"sensors/hall_pulses_per_rev": 4.5}, ["sensors.hall_pulses_per_rev", "whole"]),
+    ({"sensors/current_noise_a": -0.1}, ["sensors.current_noise_a"]),
+    ({"mechanism/kind": "hammer"}, ["mechanism.kind", "none, impact"]),
+    ({"mechanism/kind": "impact"}, ["mechanism.hammer_inertia_kg_m2", "missing"]),
+    ({"load/kind": "pendulum"}, ["load.mass_kg", "missing"]),
+    ({"load/kind": "lever"}, ["load.kind"]),
+    ({"load/mass_kg": 0.3}, ["load.mass_kg"]),
+])
+def test_refused(change: dict, words: list[str]) -> None:
+    refused(change, *words)
+
+
+def test_files_that_are_not_rigs_are_refused(tmp_path: Path) -> None:
+    bad = {"none.toml": None, "text.toml": b"motor = [", "binary.toml": b"\xff\xfe\x00"}
+    for name, content in bad.items():
+        if content is not None:
+            (tmp_path / name).write_bytes(content)
+        with pytest.raises(VgrooveError, match=re.escape(name)):
+            read_rig(tmp_path / name)
+
+
+def test_a_measured_bus_needs_no_voltage() -> None:
+    data = copy.deepcopy(RIG)
+    del data["supply"]
+    data["input"]["bus"] = "measured"
+    assert rig_from_dict(data, "x").bus_is_measured
+
+
+def test_parameters_are_the_rig_in_the_plants_order() -> None:
+    data = copy.deepcopy(RIG)
+    data["effects"] = {"coulomb_friction": {"torque_nm": 0.004}, "speed_lag": {"time_constant_s": 0.002, "form": "delay"},
+                       "clock_skew": {"relative": 0.01, "clock": "logger"}}
+    theta = dict(zip(_core.PARAMETERS, rig_from_dict(data, "x").parameters(), strict=True))
+    neutral = dict(zip(_core.PARAMETERS, _core.parameter_defaults(), strict=True))
+    stated = {f"{s}.{k}": v for s in ("supply", "bridge", "motor", "gearbox") for k, v in RIG[s].items()}
+    stated |= {"effects.coulomb_friction.torque_nm": 0.004, "effects.speed_lag.time_constant_s": 0.002, "effects.speed_lag.delay_form": 1.0,
+               "effects.clock_skew.relative": 0.01}
+    assert theta == {**neutral, **stated}
+
+
+def test_every_parameter_of_the_plant_is_a_key_of_a_rig() -> None:
+    known = {f"{s}.{k}" for s, keys in SECTIONS.items() for k in keys} | {f"load.{k}" for k in KINDS["load"]["pendulum"]}
+    known |= {f"effects.{e}.{k}" for e, keys in EFFECTS.items() for k in keys} | {parameter for parameter, _ in WORDS.values()}
+    assert set(_core.PARAMETERS) <= known
+
+
+def test_an_effect_of_the_impact_mechanism_has_no_parameter_yet() -> None:
+    data = {**copy.deepcopy(RIG), "effects": {"lug_wear": {"height_m": 1e-3}}}
+    with pytest.raises(VgrooveError, match="lug_wear"):
+        rig_from_dict(data, "x").parameters()
+
+
+def test_changed_rigs_come_back_from_their_file(tmp_path: Path) -> None:
+    rig = rig_from_dict({**copy.deepcopy(RIG), "tolerance": {"motor.resistance_ohm": 0.02}}, "x")
+    changed = rig.with_values({"motor.resistance_ohm": 0.2}).with_effects({"cogging_torque": {"torque_nm": 0.01, "periods_per_rev": 6.0}})
+    write_rig(changed, tmp_path / "out.toml")
+    back = read_rig(tmp_path / "out.toml")
+    assert back == changed and back != rig
+    assert back.value("motor.resistance_ohm") == 0.2 and back.value("supply.resistance_ohm") == 0.0
+    assert rig.motor["resistance_ohm"] == 0.19
+    assert not np.array_equal(rig.parameters(), back.parameters())
+    with pytest.raises(VgrooveError, match="motor.resistance_ohm"):
+        rig.with_values({"motor.resistance_ohm": -1.0})
+
+
+def contract_rigs() -> list[dict]:
+    """Every complete rig in the contract's text; a lone load is put into the impact rig."""
+    blocks = [tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", (SHARED / "gap-contract.md").read_text(), re.S)]
+    impact = next(b for b in blocks if b.get("mechanism", {}).get("kind") == "impact")
+    return [b if "schema" in b else {**impact, **b} for b in blocks]
+
+
+@needs_shared
+def test_the_contracts_examples_and_the_practice_rigs_are_read_and_pass_the_schema(tmp_path: Path) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json.loads((SHARED / "schema/rig.schema.json").read_text())
+    paths = sorted((SHARED / "data").rglob("rig.toml"))
+    rigs = contract_rigs() + [tomllib.loads(path.read_text()) for path in paths]
+    assert len(rigs) >= 4 + 12
+    for data in rigs:
+        jsonschema.validate(data, schema)
+        rig = rig_from_dict(data, "x")
+        write_rig(rig, tmp_path / "rig.toml")
+        assert read_rig(tmp_path / "rig.toml") == rig
+        jsonschema.validate(tomllib.loads((tmp_path / "rig.toml").read_text()), schema)
+
+
+@needs_shared
+def test_keys_and_needs_are_the_schemas() -> None:
+    schema = json.loads((SHARED / "schema/rig.schema.json").read_text())["properties"]
+    for name, keys in SECTIONS.items():
+        assert set(keys) == set(schema[name]["properties"])
+        assert {k for k, key in keys.items() if key.needed} == set(schema[name]["required"])
+    for name, kinds in KINDS.items():
+        for option in schema[name]["oneOf"]:
+            keys = kinds[option["properties"]["kind"]["const"]]
+            assert {k for k, key in keys.items() if key.needed} | {"kind"} == set(option["required"])
+            assert set(option["properties"]) <= set(keys) | {"kind"}
+    for name, option in schema["effects"]["properties"].items():
+        assert set(EFFECTS[name]) == set(option["properties"])
+        assert {k for k, key in EFFECTS[name].items() if key.needed} == set(option["required"])
+
+
+def test_our_own_rigs_are_read() -> None:
+    paths = sorted((Path(__file__).resolve().parents[2] / "rigs").glob("*.toml"))
+    assert paths
+    for path in paths:
+        assert tomli_w.dumps(read_rig(path).as_dict())
