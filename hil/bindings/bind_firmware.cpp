@@ -1,0 +1,121 @@
+// Python face of the native firmware: vgroove._core.Firmware, one PWM period a call or a whole recorded run at once.
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/vector.h>
+
+#include <cstring>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "bindings.hpp"
+#include "hal/sim/sim.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+// The simulation HAL is one instance a process: the newest Firmware owns it, an older one may not be used any more.
+std::uint32_t owner = 0;
+
+struct Firmware {
+    std::uint32_t number = ++owner;
+    SimOutputs outputs{};
+};
+
+void need_owner(const Firmware &self) {
+    if (self.number != owner)
+        throw std::runtime_error("Firmware: a newer instance has taken the simulation over; only one can run in a process");
+}
+
+nb::bytes as_bytes(const void *data, std::size_t size) {
+    return nb::bytes(static_cast<const char *>(data), size);
+}
+
+void firmware_init(Firmware *self, nb::object eeprom, int reset_cause, int target, int isr_cycles, int tick_cycles) {
+    if (reset_cause < 0 || reset_cause > 15 || target < 0 || target > 15)
+        throw std::invalid_argument("Firmware: reset_cause and target are 0..15");
+    if (isr_cycles < 0 || isr_cycles > 300 || tick_cycles < 260 || tick_cycles > 8000)
+        throw std::invalid_argument("Firmware: isr_cycles is 0..300, tick_cycles 260..8000");
+    SimStart start = SIM_START_DEFAULT;
+    std::string image;
+    if (!eeprom.is_none()) {
+        const nb::bytes given = nb::cast<nb::bytes>(eeprom);
+        if (given.size() != SIM_EEPROM_BYTES)
+            throw std::invalid_argument("Firmware: an EEPROM image has " + std::to_string(SIM_EEPROM_BYTES) + " bytes");
+        image.assign(given.c_str(), given.size());
+        start.eeprom = reinterpret_cast<const std::uint8_t *>(image.data());
+    }
+    start.reset_cause = static_cast<std::uint8_t>(reset_cause);
+    start.target = static_cast<std::uint8_t>(target);
+    start.isr_cycles = static_cast<std::uint16_t>(isr_cycles);
+    start.tick_cycles = static_cast<std::uint16_t>(tick_cycles);
+    new (self) Firmware();
+    sim_reset(&start, &self->outputs);
+}
+
+SimInputs inputs_of(const std::vector<int> &adc, const std::vector<int> &edges, int switches, const nb::bytes &rx) {
+    if (adc.size() != SIM_ADC_CHANNELS || edges.size() > SIM_EDGES_MAX || rx.size() > SIM_BYTES_MAX)
+        throw std::invalid_argument("Firmware.period: 4 adc_counts, at most 8 edges and 4 bytes");
+    SimInputs in{};
+    for (std::size_t k = 0; k < adc.size(); ++k)
+        in.adc_counts[k] = static_cast<std::uint16_t>(adc[k] < 0 ? 0 : adc[k] > 1023 ? 1023 : adc[k]);
+    int before = -1;
+    for (std::size_t k = 0; k < edges.size(); ++k) {
+        if (edges[k] <= before || edges[k] >= static_cast<int>(SIM_CYCLES_PER_PERIOD))
+            throw std::invalid_argument("Firmware.period: edges are increasing cycles 0..509");
+        in.edge_cycle[k] = static_cast<std::uint16_t>(before = edges[k]);
+    }
+    in.edge_count = static_cast<std::uint8_t>(edges.size());
+    in.switches = static_cast<std::uint8_t>(switches & 15);
+    in.rx_count = static_cast<std::uint8_t>(rx.size());
+    std::memcpy(in.rx, rx.c_str(), rx.size());
+    return in;
+}
+
+void period(Firmware &self, const std::vector<int> &adc_counts, const std::vector<int> &edges, int switches, const nb::bytes &rx) {
+    need_owner(self);
+    const SimInputs in = inputs_of(adc_counts, edges, switches, rx);
+    sim_period(&in, &self.outputs);
+}
+
+// The packed struct itself, as vgroove-board reads and writes it.
+nb::bytes exchange(Firmware &self, const nb::bytes &inputs) {
+    need_owner(self);
+    if (inputs.size() % sizeof(SimInputs) != 0)
+        throw std::invalid_argument("Firmware.exchange: whole SimInputs of " + std::to_string(sizeof(SimInputs)) + " bytes");
+    std::vector<SimInputs> in(inputs.size() / sizeof(SimInputs));
+    std::vector<SimOutputs> out(in.size());
+    if (!in.empty())
+        std::memcpy(in.data(), inputs.c_str(), inputs.size());
+    for (std::size_t k = 0; k < in.size(); ++k) {
+        sim_period(&in[k], &self.outputs);
+        out[k] = self.outputs;
+    }
+    return as_bytes(out.data(), out.size() * sizeof(SimOutputs));
+}
+
+}  // namespace
+
+void bind_firmware(nb::module_ &module) {
+    nb::class_<Firmware>(module, "Firmware",
+                         "The firmware built for this machine, in lock-step: period k begins at TOP k of the PWM. One at a time in a process.\n"
+                         "eeprom: image of 1,024 bytes or None (erased); reset_cause and target as BOOT reports them; isr_cycles and\n"
+                         "tick_cycles delay interrupts and the tick, which must not change what is sent.")
+        .def("__init__", &firmware_init, "eeprom"_a.none() = nb::none(), "reset_cause"_a = 1, "target"_a = 0, "isr_cycles"_a = 40,
+             "tick_cycles"_a = 400)
+        .def("period", &period, "adc_counts"_a, "edges"_a = std::vector<int>(), "switches"_a = 0, "rx"_a = nb::bytes("", 0),
+             "One period: counts of current, bus, trigger, temperature at its end; Hall edges as cycles 0..509; switches of SimInputs; bytes\n"
+             "received in it. coast, compare, dead_counts and tx then hold the answer.")
+        .def("exchange", &exchange, "inputs"_a, "Any number of packed SimInputs in, as many packed SimOutputs out (firmware/hal/sim/sim_io.h).")
+        .def_prop_ro("coast", [](const Firmware &self) { return self.outputs.coast != 0; }, "bridge open in the next period")
+        .def_prop_ro("compare", [](const Firmware &self) { return static_cast<int>(self.outputs.compare); }, "-255..255, in force in the next period")
+        .def_prop_ro("dead_counts", [](const Firmware &self) { return static_cast<int>(self.outputs.dead_counts); })
+        .def_prop_ro("tx", [](const Firmware &self) { return as_bytes(self.outputs.tx, self.outputs.tx_count); }, "bytes sent in the last period")
+        .def_prop_ro("eeprom", [](const Firmware &self) { need_owner(self); return as_bytes(sim_eeprom(), SIM_EEPROM_BYTES); })
+        .def_prop_ro("periods", [](const Firmware &self) { need_owner(self); return sim_periods(); })
+        .def_prop_ro("cycles", [](const Firmware &self) { need_owner(self); return sim_cycles(); },
+                     "CPU cycles from the timers' start to the begin of the next period");
+    module.attr("SIM_INPUTS_BYTES") = sizeof(SimInputs);
+    module.attr("SIM_OUTPUTS_BYTES") = sizeof(SimOutputs);
+}
