@@ -176,7 +176,8 @@ std::string Bench::statistics() const {
         const VectorCost& cost = profile_.vector(number);
         if (cost.count > 0) {
             json << separator << "\"" << name << "\": {\"count\": " << cost.count << ", \"worst_cycles\": " << cost.worst
-                 << ", \"mean_cycles\": " << static_cast<double>(cost.total) / static_cast<double>(cost.count) << "}";
+                 << ", \"mean_cycles\": " << static_cast<double>(cost.total) / static_cast<double>(cost.count)
+                 << ", \"longest_wait_cycles\": " << cost.longest_wait << ", \"waited_at_address\": " << cost.waited_at << "}";
             separator = ",\n  ";
         }
     }

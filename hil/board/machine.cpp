@@ -123,6 +123,9 @@ void Machine::reti_hook(avr_irq_t*, std::uint32_t, void* param) {
 
 void Machine::line(int vector, bool level) {
     const std::uint64_t bit = std::uint64_t{1} << vector;
+    if (level && (pending_ & bit) == 0) {
+        raised_[static_cast<std::size_t>(vector)] = now();
+    }
     pending_ = level ? pending_ | bit : pending_ & ~bit;
     if (level) {
         avr_->run_cycle_count = 0;  // leave the core's inner loop after this instruction
@@ -164,6 +167,7 @@ void Machine::enter_interrupt() {
         stall(WAKE_CYCLES);
     }
     const Cycle at = now();
+    const unsigned from = avr_->pc;
     _avr_push_addr(avr_, avr_->pc);
     avr_->sreg[S_I] = 0;
     avr_->interrupt_state = 0;
@@ -171,7 +175,7 @@ void Machine::enter_interrupt() {
     servers_[static_cast<std::size_t>(vector)]->acknowledge(vector);
     stall(entry_cycles());
     if (watch_ != nullptr) {
-        watch_->entered(vector, at);
+        watch_->entered(vector, at, at - raised_[static_cast<std::size_t>(vector)], from);
     }
 }
 

@@ -45,7 +45,7 @@ public:
 class InterruptWatch {
 public:
     virtual ~InterruptWatch() = default;
-    virtual void entered(int vector, Cycle at) = 0;
+    virtual void entered(int vector, Cycle at, Cycle waited, unsigned pc) = 0;
     virtual void left(Cycle at) = 0;
 };
 
@@ -97,6 +97,7 @@ private:
     std::array<Device*, VECTORS_MAX> servers_{};
     InterruptWatch* watch_ = nullptr;
     std::uint64_t pending_ = 0;
+    std::array<Cycle, VECTORS_MAX> raised_{};
     Cycle due_ = NEVER;
     unsigned used_end_ = 0;
     std::vector<std::uint8_t> elf_eeprom_;

@@ -48,7 +48,12 @@ void Profile::end_tick() {
     }
 }
 
-void Profile::entered(int vector, Cycle at) {
+void Profile::entered(int vector, Cycle at, Cycle waited, unsigned pc) {
+    VectorCost& cost = vectors_[static_cast<std::size_t>(vector)];
+    if (waited > cost.longest_wait) {
+        cost.longest_wait = waited;
+        cost.waited_at = pc;
+    }
     lowest_stack_ = std::min(lowest_stack_, machine_.stack_pointer());
     since_ = since_ == 0 ? at : since_;
     frames_.push_back({vector, at, 0});

@@ -11,6 +11,8 @@ struct VectorCost {
     long count = 0;
     Cycle worst = 0;  // entry, body and RETI, without interrupts nested in it
     Cycle total = 0;
+    Cycle longest_wait = 0;  // from the flag to the entry
+    unsigned waited_at = 0;  // address of the instruction that followed the longest wait
 };
 
 struct TickCost {
@@ -30,7 +32,7 @@ public:
     void advance(Cycle) override {}
     void acknowledge(int) override {}
     void reset() override;
-    void entered(int vector, Cycle at) override;
+    void entered(int vector, Cycle at, Cycle waited, unsigned pc) override;
     void left(Cycle at) override;
 
     void snapshot_stack();

@@ -38,7 +38,7 @@ class BoardInputs(NamedTuple):
 class BoardOutputs(NamedTuple):
     """What the bridge does in the next period (compare value -255..255, dead time in timer counts) and the bytes sent in this one."""
 
-    coast: int
+    coast: bool
     compare: int
     dead_counts: int
     tx: bytes
@@ -57,7 +57,7 @@ def pack_inputs(inputs: BoardInputs) -> bytes:
 def unpack_outputs(message: bytes) -> BoardOutputs:
     """A board's answer of OUTPUT_BYTES."""
     coast, compare, dead_counts, count, tx = _OUTPUTS.unpack(message)
-    return BoardOutputs(coast, compare, dead_counts, tx[:count])
+    return BoardOutputs(coast != 0, compare, dead_counts, tx[:count])
 
 
 def find_tool() -> Path:

@@ -1,0 +1,249 @@
+"""The one loop that joins a board with a tool: a PWM period at a time, sensors in between, and the UART's bytes both ways."""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from vgroove.board import CYCLES_PER_PERIOD, PERIOD_S, SWITCH_CONTACT, SWITCH_MODE_SHIFT, SWITCH_REVERSE, BoardInputs, BoardOutputs
+
+COMPARE_TOP = 255
+CHUNK_PERIODS = 512  # 16.3 ms: stimuli are computed, and the line is served, so many periods at a time
+BYTE_CYCLES = 640  # 10 bits at 250 kBd
+ADC_VOLTS, ADC_COUNTS = 5.0, 1024
+TRAVEL_AT_REST, TRAVEL_SPAN = 0.1, 0.8  # of the reference: the trigger's potentiometer keeps off the rails
+
+
+class Board(Protocol):
+    """AvrBoard or SilBoard."""
+
+    def period(self, inputs: BoardInputs) -> BoardOutputs:
+        """One PWM period."""
+        ...
+
+
+class Tool(Protocol):
+    """Plant or truth generator: the same 510 cycles from the other side."""
+
+    def period(self, coast: bool, duty: float, dead: float, load_nm: float, /) -> tuple[float, float, Sequence[int]]:
+        """(motor current in A and bus in V at the period's end, Hall edges by cycle 0..509)."""
+        ...
+
+
+@dataclass(frozen=True)
+class FrontEnds:
+    """Sensors and dividers as board.h lists them; noise is 1 sigma of a single sample, before the converter."""
+
+    current_a_per_count: float = 0.125
+    supply_v_per_count: float = 0.025
+    temperature_c: float = 25.0
+    current_noise_a: float = 0.0
+    supply_noise_v: float = 0.0
+
+    def temperature_counts(self) -> int:
+        """TMP36: 500 mV at 0 degC, 10 mV/K."""
+        return round((0.5 + 0.01 * self.temperature_c) / ADC_VOLTS * ADC_COUNTS)
+
+
+@dataclass(frozen=True)
+class Profile:
+    """What hand and bench do over time. Points are (time_s, value), straight in between; steps are two points at one time.
+
+    `travel` 0..1 of the trigger, whose contact closes at `contact_travel` and bounces for `bounce_s`; `load_nm` acts at the output.
+    `gaps` are spans (from_s, to_s) in which the Hall line is broken; `current_add_a` is added before the current's converter.
+    """
+
+    travel: Sequence[tuple[float, float]] = ((0.0, 0.0),)
+    reverse: Sequence[tuple[float, float]] = ((0.0, 0.0),)
+    load_nm: Sequence[tuple[float, float]] = ((0.0, 0.0),)
+    current_add_a: Sequence[tuple[float, float]] = ((0.0, 0.0),)
+    gaps: Sequence[tuple[float, float]] = ()
+    mode: int = 0
+    contact_travel: float = 0.02
+    bounce_s: float = 0.0
+
+
+def _curve(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np.ndarray:
+    """Straight lines between points; at the time of a step the later value holds."""
+    times, values = np.array(points, dtype=float).T
+    right = np.interp(time_s, times, values)
+    last = np.searchsorted(times, time_s, side="right") - 1
+    exact = (last >= 0) & (times[np.maximum(last, 0)] == time_s)
+    return np.where(exact, values[np.maximum(last, 0)], right)
+
+
+def _steps(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np.ndarray:
+    """The value of the last point that has passed."""
+    times, values = np.array(points, dtype=float).T
+    return values[np.maximum(np.searchsorted(times, time_s, side="right") - 1, 0)]
+
+
+@dataclass
+class Stimuli:
+    """One chunk of periods: trigger counts, switches, load, what is added to current and supply before conversion, broken Hall line."""
+
+    trigger: list[int]
+    switches: list[int]
+    load_nm: list[float]
+    current_counts: list[float]
+    supply_counts: list[float]
+    broken: list[bool]
+
+    def periods(self) -> Iterator[tuple[int, int, float, float, float, bool]]:
+        """The columns' values period by period."""
+        return zip(self.trigger, self.switches, self.load_nm, self.current_counts, self.supply_counts, self.broken, strict=True)
+
+
+class Stimulus:
+    """A profile as chunks of Stimuli; the same seed gives the same noise."""
+
+    def __init__(self, profile: Profile, front: FrontEnds, seed: int) -> None:
+        self.profile, self.front = profile, front
+        self.random = np.random.default_rng(seed)
+        self.closed = False
+        self.bouncing_until = -1.0
+
+    def chunk(self, first: int, count: int) -> Stimuli:
+        """Periods first .. first + count - 1; to be asked for in order."""
+        p, front = self.profile, self.front
+        time_s = (np.arange(first, first + count) + 1) * PERIOD_S
+        travel = np.clip(_curve(p.travel, time_s), 0.0, 1.0)
+        noise = self.random.standard_normal((2, count))
+        current = 512.5 + (_curve(p.current_add_a, time_s) + front.current_noise_a * noise[0]) / front.current_a_per_count
+        supply = 0.5 + front.supply_noise_v * noise[1] / front.supply_v_per_count
+        broken = np.zeros(count, bool)
+        for begin, end in p.gaps:
+            broken |= (time_s >= begin) & (time_s < end)
+        trigger = np.round((TRAVEL_AT_REST + TRAVEL_SPAN * travel) * (ADC_COUNTS - 1)).astype(int)
+        return Stimuli(trigger.tolist(), self._switches(travel, time_s).tolist(), _curve(p.load_nm, time_s).tolist(),
+                       current.tolist(), supply.tolist(), broken.tolist())
+
+    def _switches(self, travel: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+        contact = travel >= self.profile.contact_travel
+        if self.profile.bounce_s > 0:
+            contact = self._bounced(contact, time_s)
+        reverse = _steps(self.profile.reverse, time_s) > 0.5
+        return contact * SWITCH_CONTACT + reverse * SWITCH_REVERSE + ((self.profile.mode & 3) << SWITCH_MODE_SHIFT)
+
+    def _bounced(self, contact: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+        """After each change the contact is at random for bounce_s."""
+        bounced = contact.copy()
+        for k, closed in enumerate(contact.tolist()):
+            if closed != self.closed:
+                self.closed = closed
+                self.bouncing_until = float(time_s[k]) + self.profile.bounce_s
+            if time_s[k] < self.bouncing_until:
+                bounced[k] = self.random.integers(2)
+        return bounced
+
+
+class Line(Protocol):
+    """The other end of the UART, served once a chunk."""
+
+    def send(self, data: bytes) -> None:
+        """Bytes from the board."""
+        ...
+
+    def receive(self, time_s: float) -> bytes:
+        """Bytes for the board that have come by this time."""
+        ...
+
+
+class Script:
+    """Bytes sent to the board at set times, (time_s, bytes)."""
+
+    def __init__(self, messages: Iterable[tuple[float, bytes]] = ()) -> None:
+        self._messages = deque(sorted(messages, key=lambda message: message[0]))
+
+    def send(self, data: bytes) -> None:
+        """Nobody listens."""
+        del data
+
+    def receive(self, time_s: float) -> bytes:
+        """Messages due by now."""
+        due = bytearray()
+        while self._messages and self._messages[0][0] <= time_s:
+            due += self._messages.popleft()[1]
+        return bytes(due)
+
+
+class Pacer:
+    """Spreads bytes over periods as a line of 250 kBd does."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[int] = deque()
+        self._credit = BYTE_CYCLES
+
+    def add(self, data: bytes) -> None:
+        """Bytes that the host has sent."""
+        self._waiting.extend(data)
+
+    def next(self) -> bytes:
+        """The byte whose stop bit ends in this period, or none."""
+        self._credit = min(self._credit + CYCLES_PER_PERIOD, 2 * BYTE_CYCLES)
+        if not self._waiting or self._credit < BYTE_CYCLES:
+            return b""
+        self._credit -= BYTE_CYCLES
+        return bytes((self._waiting.popleft(),))
+
+
+@dataclass
+class Progress:
+    """How far a run is: bytes that the board has sent, periods done, and the bridge as it stands."""
+
+    sent: bytearray = field(default_factory=bytearray)
+    periods: int = 0
+    gates: BoardOutputs = BoardOutputs(True, 0, 0, b"")
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time."""
+        return self.periods * PERIOD_S
+
+
+def _counts(value: float) -> int:
+    return 0 if value < 0 else ADC_COUNTS - 1 if value >= ADC_COUNTS else int(value)
+
+
+def _run_chunk(board: Board, tool: Tool, front: FrontEnds, stimuli: Stimuli, pacer: Pacer, progress: Progress) -> None:
+    per_ampere, per_volt = 1 / front.current_a_per_count, 1 / front.supply_v_per_count
+    temperature = front.temperature_counts()
+    coast, compare, dead_counts, _ = progress.gates
+    sent = progress.sent
+    for trigger, switches, load_nm, current_counts, supply_counts, broken in stimuli.periods():
+        dead = dead_counts / (2 * COMPARE_TOP) if 0 < compare < COMPARE_TOP or -COMPARE_TOP < compare < 0 else 0.0
+        current, supply, edges = tool.period(coast, compare / COMPARE_TOP, dead, load_nm)
+        counts = (_counts(current * per_ampere + current_counts), _counts(supply * per_volt + supply_counts), trigger, temperature)
+        gates = board.period(BoardInputs(counts, () if broken else edges, switches, pacer.next()))
+        coast, compare, dead_counts, tx = gates
+        if tx:
+            sent += tx
+    progress.gates = gates
+
+
+def steps(board: Board, tool: Tool, profile: Profile, duration_s: float, *, front: FrontEnds | None = None, line: Line | None = None,
+          seed: int = 1) -> Iterator[Progress]:
+    """Run board and tool in lock-step from rest and yield after each chunk; Progress.sent holds all bytes that the board has sent."""
+    front, line = front or FrontEnds(), line or Script()
+    stimulus, pacer, progress = Stimulus(profile, front, seed), Pacer(), Progress()
+    periods = round(duration_s / PERIOD_S)
+    while progress.periods < periods:
+        count = min(CHUNK_PERIODS, periods - progress.periods)
+        pacer.add(line.receive(progress.time_s))
+        before = len(progress.sent)
+        _run_chunk(board, tool, front, stimulus.chunk(progress.periods, count), pacer, progress)
+        progress.periods += count
+        line.send(bytes(progress.sent[before:]))
+        yield progress
+
+
+def run(board: Board, tool: Tool, profile: Profile, duration_s: float, *, front: FrontEnds | None = None, line: Line | None = None,
+        seed: int = 1, on_progress: Callable[[Progress], None] | None = None) -> bytes:
+    """Run to the end; returns the bytes that the board sent. Same arguments, same bytes."""
+    progress = Progress()
+    for progress in steps(board, tool, profile, duration_s, front=front, line=line, seed=seed):
+        if on_progress:
+            on_progress(progress)
+    return bytes(progress.sent)

@@ -1,0 +1,235 @@
+"""Scenarios: a TOML file that says which tool is driven how, under which load, for how long; read, checked, and turned into a run."""
+
+import difflib
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from vgroove.board import PERIOD_S
+from vgroove.errors import VgrooveError
+from vgroove.lockstep import FrontEnds, Profile
+from vgroove.rig import Rig, read_rig, rig_from_dict
+
+SCHEMA = "vgroove.scenario/1"
+DURATION_MAX_S = 3600.0
+BOARD_EFFECTS = ("dead_time", "current_lag")  # of a rig: in lock-step the board has them itself
+SAMPLES_A_ROW = (5.9, 1.0)  # current and bus conversions that the firmware averages into a row (12 and 2 of 16, every 2,040 cycles)
+
+
+@dataclass(frozen=True)
+class Command:
+    """A frame sent to the board at a time: its name in the DBC and its signals."""
+
+    time_s: float
+    frame: str
+    signals: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A validated scenario; `rig` is read, effects of the scenario included."""
+
+    rig: Rig
+    duration_s: float
+    profile: Profile
+    name: str = ""
+    seed: int = 1
+    temperature_c: float = 25.0
+    noise: bool = True
+    commands: tuple[Command, ...] = ()
+    source: str = ""
+    rig_path: Path = field(default=Path())
+
+    def front_ends(self) -> FrontEnds:
+        """The sensors of the run: the rig's noise of a row, spread over the samples that a row averages."""
+        sensors = self.rig.sensors if self.noise else {}
+        return FrontEnds(
+            temperature_c=self.temperature_c,
+            current_noise_a=sensors.get("current_noise_a", 0.0) * SAMPLES_A_ROW[0] ** 0.5,
+            supply_noise_v=sensors.get("supply_noise_v", 0.0) * SAMPLES_A_ROW[1] ** 0.5,
+        )
+
+
+def _complain(where: str, sentence: str) -> VgrooveError:
+    return VgrooveError(f"{where}: {sentence}")
+
+
+def _no_unknown(values: Mapping[str, Any], known: Mapping[str, Any], where: str) -> None:
+    for key in values:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
+            raise _complain(where, f"unknown key {key}; the nearest known one is {near[0]}")
+
+
+def _number(low: float, high: float) -> Callable[[Any, str], float]:
+    def check(value: Any, where: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise _complain(where, f"wants a number from {low:g} to {high:g}, not {value!r}")
+        return float(value)
+
+    return check
+
+
+def _whole(low: int, high: int) -> Callable[[Any, str], int]:
+    def check(value: Any, where: str) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise _complain(where, f"wants a whole number from {low} to {high}, not {value!r}")
+        return value
+
+    return check
+
+
+def _text(value: Any, where: str) -> str:
+    if not isinstance(value, str):
+        raise _complain(where, f"wants a text, not {value!r}")
+    return value
+
+
+def _flag(value: Any, where: str) -> bool:
+    if not isinstance(value, bool):
+        raise _complain(where, f"wants true or false, not {value!r}")
+    return value
+
+
+def _points(low: float, high: float, strict: bool = False) -> Callable[[Any, str], tuple[tuple[float, float], ...]]:
+    """Checks a list of [time_s, value]; times do not decrease."""
+
+    def check(value: Any, where: str) -> tuple[tuple[float, float], ...]:
+        if not isinstance(value, list) or not value:
+            raise _complain(where, "wants a list of points [time_s, value]")
+        points: list[tuple[float, float]] = []
+        for number, point in enumerate(value, 1):
+            if not isinstance(point, list) or len(point) != 2:
+                raise _complain(f"{where}, point {number}", f"wants [time_s, value], not {point!r}")
+            time_s = _number(0.0, DURATION_MAX_S)(point[0], f"{where}, time of point {number}")
+            level = float(point[1]) if isinstance(point[1], bool) else _number(low, high)(point[1], f"{where}, value of point {number}")
+            if points and (time_s < points[-1][0] or (strict and time_s <= points[-1][0])):
+                raise _complain(f"{where}, point {number}", f"its time {time_s:g} s comes before that of the point before it")
+            points.append((time_s, level))
+        return tuple(points)
+
+    return check
+
+
+TRIGGER_KEYS: dict[str, Callable[[Any, str], Any]] = {
+    "travel": _points(0.0, 1.0),
+    "reverse": _points(0.0, 1.0),
+    "contact_travel": _number(0.0, 1.0),
+    "bounce_s": _number(0.0, 0.1),
+}
+TOP_KEYS: dict[str, Callable[[Any, str], Any]] = {
+    "schema": _text,
+    "name": _text,
+    "rig": _text,
+    "duration_s": _number(0.01, DURATION_MAX_S),
+    "seed": _whole(0, 2**31 - 1),
+    "mode": _whole(0, 3),
+    "temperature_c": _number(-40.0, 150.0),
+    "noise": _flag,
+}
+SECTIONS = ("trigger", "load", "effects", "command")
+LOAD_KEYS: dict[str, Callable[[Any, str], Any]] = {"torque_nm": _points(-1000.0, 1000.0)}
+
+
+def _section(data: Mapping[str, Any], name: str, keys: Mapping[str, Callable[[Any, str], Any]], source: str) -> dict[str, Any]:
+    values = data.get(name, {})
+    if not isinstance(values, dict):
+        raise _complain(source, f"[{name}] is a table")
+    _no_unknown(values, keys, f"{source}: [{name}]")
+    return {key: keys[key](value, f"{source}: {name}.{key}") for key, value in values.items()}
+
+
+def _commands(data: Mapping[str, Any], source: str) -> tuple[Command, ...]:
+    entries = data.get("command", [])
+    if not isinstance(entries, list):
+        raise _complain(source, "commands are given as [[command]]")
+    return tuple(_command(entry, f"{source}: [[command]] {number}") for number, entry in enumerate(entries, 1))
+
+
+def _command(entry: Any, where: str) -> Command:
+    from vgroove import telemetry
+
+    if not isinstance(entry, dict):
+        raise _complain(where, "is a table")
+    inbound = {m.name: m for m in telemetry.database().messages if "HOST" in m.senders}
+    frame = _text(entry.get("frame"), f"{where}.frame")
+    if frame not in inbound:
+        near = difflib.get_close_matches(frame, inbound, n=1, cutoff=0.0)[0]
+        raise _complain(where, f"the board takes no frame {frame}; the nearest known one is {near}")
+    signals = {s.name: s for s in inbound[frame].signals if not s.name.endswith(("_sequence", "_crc"))}
+    _no_unknown(entry, {"time_s": 0, "frame": 0, **signals}, where)
+    values = {name: _number(s.minimum, s.maximum)(entry.get(name), f"{where}.{name}") for name, s in signals.items()}
+    return Command(_number(0.0, DURATION_MAX_S)(entry.get("time_s"), f"{where}.time_s"), frame, values)
+
+
+def _needed(data: Mapping[str, Any], key: str, source: str) -> Any:
+    if key not in data:
+        raise _complain(source, f"the key {key} is missing")
+    return data[key]
+
+
+def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Scenario:
+    """A scenario from its TOML content; the rig's path is relative to `folder`."""
+    if _needed(data, "schema", source) != SCHEMA:
+        raise _complain(source, f'schema is {data["schema"]!r}; this version reads "{SCHEMA}"')
+    _no_unknown(data, {**TOP_KEYS, **dict.fromkeys(SECTIONS)}, source)
+    top = {key: check(data[key], f"{source}: {key}") for key, check in TOP_KEYS.items() if key in data}
+    rig_path = folder / _needed(top, "rig", source)
+    rig = read_rig(rig_path)
+    added = data.get("effects", {})
+    if added:
+        rig = rig.with_effects(added)
+    trigger = _section(data, "trigger", TRIGGER_KEYS, source)
+    load = _section(data, "load", LOAD_KEYS, source)
+    profile = Profile(mode=top.pop("mode", 0), **trigger, **({"load_nm": load["torque_nm"]} if load else {}))
+    options = {key: top[key] for key in ("name", "seed", "temperature_c", "noise") if key in top}
+    duration_s = _needed(top, "duration_s", source)
+    return Scenario(rig, duration_s, profile, commands=_commands(data, source), source=source, rig_path=rig_path, **options)
+
+
+def read_scenario(path: str | Path) -> Scenario:
+    """Read and check a scenario; VgrooveError names file, key and the nearest known key."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise VgrooveError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise VgrooveError(f"{path}: is not a text file") from error
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise VgrooveError(f"{path}: is not TOML: {error}") from error
+    return scenario_from_dict(data, str(path), Path(path).parent)
+
+
+def command_messages(commands: tuple[Command, ...]) -> list[tuple[float, bytes]]:
+    """(time_s, frame bytes) of a scenario's commands, numbered in order."""
+    from vgroove import telemetry
+
+    messages = []
+    for number, command in enumerate(commands):
+        definition = telemetry.database().get_message_by_name(command.frame)
+        sequence = {s.name: number & 0xFF for s in definition.signals if s.name.endswith("_sequence")}
+        frame = telemetry.frame_of_signals(command.frame, round(command.time_s * 1000), **command.signals, **sequence)
+        messages.append((command.time_s, telemetry.frame_bytes(frame)))
+    return messages
+
+
+def make_plant(rig: Rig, seed: int) -> Any:
+    """The rig as a lock-step tool, vgroove._core.DrivePlant; what the board does by itself in lock-step is left out of the rig."""
+    from vgroove import _core
+
+    if rig.mechanism.get("kind") != "none":
+        raise VgrooveError("the lock-step plant has no impact mechanism yet: the rig's [mechanism] kind must be none")
+    if not hasattr(_core, "DrivePlant"):
+        raise VgrooveError("this build of vgroove has no lock-step plant: run `pip install -e .` in the tree again")
+    pulses = int(rig.sensors.get("hall_pulses_per_rev", 0))
+    tool = rig_from_dict({**rig.as_dict(), "effects": {k: v for k, v in rig.effects.items() if k not in BOARD_EFFECTS}}, "the rig")
+    return _core.DrivePlant(tool.parameters(), load_kind=rig.load.get("kind", "none"), hall_pulses_per_rev=pulses, seed=seed)
+
+
+def periods_of(scenario: Scenario) -> int:
+    """PWM periods in the scenario."""
+    return round(scenario.duration_s / PERIOD_S)
