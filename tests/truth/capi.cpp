@@ -137,7 +137,7 @@ void truth_period(Tool *tool, int coast, double duty, double dead, double load_n
   tool->begin_period(PERIOD_S, drive);
   tool->advance(1e300);
   tool->state.time_s = begin + PERIOD_S;
-  out->current_a = tool->sensed_current() + tool->params.current_noise_a * tool->chance.normal();
+  out->current_a = tool->sensed_current(tool->state.sensed_a) + tool->params.current_noise_a * tool->chance.normal();
   out->supply_v = tool->sensed_supply() + tool->params.supply_noise_v * tool->chance.normal();
   out->edge_count = static_cast<std::int32_t>(std::min<std::size_t>(tool->edges.size(), 8));
   for (std::int32_t n = 0; n < out->edge_count; ++n) {

@@ -337,16 +337,17 @@ void Tool::step(double h, int leg_a, int leg_b) {
   const double mean_a = 0.5 * (i0 + s.current_a);
   sums.drawn_j += h * way * s.bus_v * mean_a;
   step_bus(h, way * mean_a);
-  s.sensed_a = params.current_lag_s > 0.0 ? mean_a + (s.sensed_a - mean_a) * std::exp(-h / params.current_lag_s) : mean_a;
+  const double sensed_before = s.sensed_a;
+  s.sensed_a = params.current_lag_s > 0.0 ? mean_a + (s.sensed_a - mean_a) * std::exp(-h / params.current_lag_s) : s.current_a;
   s.time_s = t0 + h;
-  sums.current_as += h * sensed_current();
+  sums.current_as += h * sensed_current(0.5 * (sensed_before + s.sensed_a));
   sums.bus_vs += h * sensed_supply();
   find_edges(t0, h, angle0);
 }
 
-double Tool::sensed_current() const {
+double Tool::sensed_current(double filtered_a) const {
   const Params &p = params;
-  double value = state.sensed_a * (1.0 + p.current_gain) + p.current_offset_a;
+  double value = filtered_a * (1.0 + p.current_gain) + p.current_offset_a;
   if (p.u_hum_a != 0.0) {
     value += p.u_hum_a * std::sin(TURN * p.u_hum_hz * state.time_s);
   }

@@ -73,7 +73,7 @@ public:
   // One PWM period of the given length from state.time_s on, cut at `cut_s` if that lies inside; returns true when cut.
   void begin_period(double period_s, const Drive &drive);
   bool advance(double cut_s);
-  double sensed_current() const;
+  double sensed_current(double filtered_a) const;
   double sensed_supply() const;
   double stored_energy() const;
 

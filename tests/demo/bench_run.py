@@ -1,0 +1,53 @@
+"""The demo's run: the real ELF on the simulated ATmega against the sealed tool, its RS232 recorded through python-can from a pty."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from sealed import DEMO_SECONDS, DEMO_STEPS
+from truth import TruthTool
+from vgroove.board import AvrBoard
+from vgroove.lockstep import Profile, Progress, steps
+from vgroove.pty_line import PtyLine
+
+REST_S = 0.6  # the board calibrates the current's offset before the trigger is touched
+REVERSE_AT_S = REST_S + 5.2  # the direction switch moves while the shaft stands
+TAIL_S = 0.1
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What the recorder left: its log and what it said."""
+
+    log: Path
+    said: str
+
+
+def trigger_profile() -> Profile:
+    """The staircase with reversal as a hand makes it: travel of the trigger, and the direction switch at standstill."""
+    travel, before = [(0.0, 0.0)], 0.0
+    for time_s, duty in DEMO_STEPS:
+        travel += [(time_s + REST_S, before), (time_s + REST_S, abs(duty))]
+        before = abs(duty)
+    return Profile(travel=travel, reverse=((0.0, 0.0), (REVERSE_AT_S, 1.0)))
+
+
+def record_run(elf: Path, tool: TruthTool, folder: Path, seed: int, progress: Callable[[Progress], None]) -> Recorded:
+    """Run board and tool in lock-step while `vgroove record` takes the telemetry from the pty; RuntimeError when it fails."""
+    log = folder / "run.csv"
+    with PtyLine() as line, AvrBoard(elf) as board:
+        recorder = subprocess.Popen([sys.executable, "-m", "vgroove.cli", "record", line.name, "-o", str(log)],
+                                    stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        if not line.wait_for_reader(20.0):
+            recorder.kill()
+            raise RuntimeError("the recorder did not open the pty: " + (recorder.communicate()[0] or ""))
+        for now in steps(board, tool, trigger_profile(), REST_S + DEMO_SECONDS + TAIL_S, line=line, seed=seed):
+            progress(now)
+        line.drain()
+        recorder.terminate()
+        said = recorder.communicate(timeout=60)[0]
+    if recorder.returncode != 0 or not log.exists():
+        raise RuntimeError(f"the recorder ended with {recorder.returncode}: {said}")
+    return Recorded(log, said.strip())
