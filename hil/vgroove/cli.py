@@ -52,6 +52,32 @@ def record(
 
 
 @app.command()
+def run(
+    scenario_path: Annotated[Path, typer.Argument(metavar="SCENARIO", help="TOML file: tool, trigger, load, duration.")],
+    on: Annotated[str, typer.Option(help="sil: native firmware; avr: the ELF on a simulated ATmega.")] = "sil",
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Log: FILE.csv, .mf4, .blf or .asc.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Instead of the scenario's seed.")] = None,
+    target: Annotated[str, typer.Option(help="Board of --on avr: uno or mega.")] = "uno",
+    elf: Annotated[Path | None, typer.Option(help="Firmware instead of the one that make build leaves.")] = None,
+    pty: Annotated[bool, typer.Option("--pty", help="Put the UART on a pseudo-terminal and print its name.")] = False,
+    wait: Annotated[bool, typer.Option(help="With --pty: begin when somebody has opened it.")] = True,
+    real_time: Annotated[bool, typer.Option("--real-time", help="Do not run faster than the clock.")] = False,
+    stats: Annotated[Path | None, typer.Option(help="Cycle statistics of --on avr as JSON.")] = None,
+    eeprom: Annotated[Path | None, typer.Option(help="EEPROM image that survives the run.")] = None,
+) -> None:
+    """Run a scenario: firmware and simulated tool in lock-step."""
+    from dataclasses import replace
+
+    from vgroove.run import RunOptions, run_scenario
+    from vgroove.scenario import read_scenario
+
+    scenario = read_scenario(scenario_path)
+    scenario = scenario if seed is None else replace(scenario, seed=seed)
+    options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom)
+    run_scenario(scenario, options, Console(), Console(stderr=True))
+
+
+@app.command()
 def sim(
     rig_path: Annotated[Path, typer.Argument(metavar="RIG", help="What the simulation believes about the tool.")],
     log: Annotated[list[Path] | None, typer.Option("--log", help="Log whose input drives the rig; may be given again.")] = None,

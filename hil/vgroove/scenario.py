@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vgroove.board import PERIOD_S
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import FrontEnds, Profile
 from vgroove.rig import Rig, read_rig, rig_from_dict
@@ -29,9 +28,10 @@ class Command:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A validated scenario; `rig` is read, effects of the scenario included."""
+    """A validated scenario. `rig` is what the simulation believes; `tool` what turns: effects added, the board's own left out."""
 
     rig: Rig
+    tool: Rig
     duration_s: float
     profile: Profile
     name: str = ""
@@ -178,15 +178,13 @@ def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Sc
     top = {key: check(data[key], f"{source}: {key}") for key, check in TOP_KEYS.items() if key in data}
     rig_path = folder / _needed(top, "rig", source)
     rig = read_rig(rig_path)
-    added = data.get("effects", {})
-    if added:
-        rig = rig.with_effects(added)
+    tool = without_board_effects(rig).with_effects(data.get("effects", {}))
     trigger = _section(data, "trigger", TRIGGER_KEYS, source)
     load = _section(data, "load", LOAD_KEYS, source)
     profile = Profile(mode=top.pop("mode", 0), **trigger, **({"load_nm": load["torque_nm"]} if load else {}))
     options = {key: top[key] for key in ("name", "seed", "temperature_c", "noise") if key in top}
     duration_s = _needed(top, "duration_s", source)
-    return Scenario(rig, duration_s, profile, commands=_commands(data, source), source=source, rig_path=rig_path, **options)
+    return Scenario(rig, tool, duration_s, profile, commands=_commands(data, source), source=source, rig_path=rig_path, **options)
 
 
 def read_scenario(path: str | Path) -> Scenario:
@@ -217,19 +215,19 @@ def command_messages(commands: tuple[Command, ...]) -> list[tuple[float, bytes]]
     return messages
 
 
-def make_plant(rig: Rig, seed: int) -> Any:
-    """The rig as a lock-step tool, vgroove._core.DrivePlant; what the board does by itself in lock-step is left out of the rig."""
+def without_board_effects(rig: Rig) -> Rig:
+    """The rig without what the board does by itself in lock-step (dead time, lag of the current channel)."""
+    effects = {name: values for name, values in rig.effects.items() if name not in BOARD_EFFECTS}
+    return rig_from_dict({**rig.as_dict(), "effects": effects}, "the rig")
+
+
+def make_plant(tool: Rig, seed: int) -> Any:
+    """A tool as a lock-step plant, vgroove._core.DrivePlant."""
     from vgroove import _core
 
-    if rig.mechanism.get("kind") != "none":
+    if tool.mechanism.get("kind") != "none":
         raise VgrooveError("the lock-step plant has no impact mechanism yet: the rig's [mechanism] kind must be none")
     if not hasattr(_core, "DrivePlant"):
         raise VgrooveError("this build of vgroove has no lock-step plant: run `pip install -e .` in the tree again")
-    pulses = int(rig.sensors.get("hall_pulses_per_rev", 0))
-    tool = rig_from_dict({**rig.as_dict(), "effects": {k: v for k, v in rig.effects.items() if k not in BOARD_EFFECTS}}, "the rig")
-    return _core.DrivePlant(tool.parameters(), load_kind=rig.load.get("kind", "none"), hall_pulses_per_rev=pulses, seed=seed)
-
-
-def periods_of(scenario: Scenario) -> int:
-    """PWM periods in the scenario."""
-    return round(scenario.duration_s / PERIOD_S)
+    pulses = int(tool.sensors.get("hall_pulses_per_rev", 0))
+    return _core.DrivePlant(tool.parameters(), load_kind=tool.load.get("kind", "none"), hall_pulses_per_rev=pulses, seed=seed)

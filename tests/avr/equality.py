@@ -1,0 +1,74 @@
+"""Processor-in-the-loop equality: what a board's pins saw is recorded once and replayed into native firmware and AVR; streams compared by field."""
+
+from dataclasses import dataclass
+
+from vgroove import telemetry
+from vgroove.board import BoardInputs, BoardOutputs, pack_inputs
+from vgroove.lockstep import Board
+
+# What a machine says of itself: cycles and stack have no meaning on the host, and the hash names the build, not the behaviour.
+OF_THE_MACHINE = {"worst_tick_cycles", "stack_free_bytes", "build_hash", "target"}
+
+
+class TapeBoard:
+    """A board that writes down what its pins see."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self.tape = bytearray()
+
+    def period(self, inputs: BoardInputs) -> BoardOutputs:
+        """One period, taped."""
+        self.tape += pack_inputs(inputs)
+        return self._board.period(inputs)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """First disagreement of one field."""
+
+    field: str
+    time_ms: int
+    native: object
+    avr: object
+
+    def __str__(self) -> str:
+        return f"{self.field} at {self.time_ms} ms: native {self.native}, AVR {self.avr}"
+
+
+def sent_bytes(outputs: bytes) -> bytes:
+    """The UART bytes in a board's recorded answers."""
+    from vgroove.board import OUTPUT_BYTES, unpack_outputs
+
+    return b"".join(unpack_outputs(outputs[i : i + OUTPUT_BYTES]).tx for i in range(0, len(outputs), OUTPUT_BYTES))
+
+
+def _masked(frame: telemetry.Frame) -> dict[str, float]:
+    return {name: value for name, value in telemetry.decode(frame).items() if name not in OF_THE_MACHINE and not name.endswith("_crc")}
+
+
+def differences(native: bytes, avr: bytes) -> list[Difference]:
+    """First difference of each field between two streams, in order of time; empty when they say the same, frame by frame, bit for bit."""
+    first: dict[str, Difference] = {}
+    frames = [telemetry.Framer().feed(stream) for stream in (native, avr)]
+    for a, b in zip(*frames, strict=False):
+        if (a.id, a.time_ms) != (b.id, b.time_ms):
+            first.setdefault("frame", Difference("frame", a.time_ms, (a.id, a.time_ms), (b.id, b.time_ms)))
+            break
+        if a.data == b.data:
+            continue
+        fields, others = _masked(a), _masked(b)
+        for name, value in fields.items():
+            if value != others[name]:
+                first.setdefault(name, Difference(name, a.time_ms, value, others[name]))
+    counts = [len(stream) for stream in frames]
+    if not first and abs(counts[0] - counts[1]) > 1:  # the last frame may be half sent
+        first["frames"] = Difference("number of frames", 0, *counts)
+    return sorted(first.values(), key=lambda difference: difference.time_ms)
+
+
+def damaged(stream: bytes) -> int:
+    """Bytes that belong to no intact frame."""
+    counters = telemetry.Counters()
+    telemetry.Framer(counters).feed(stream)
+    return counters.corrupt + counters.skipped_bytes
