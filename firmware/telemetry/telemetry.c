@@ -46,7 +46,6 @@ void telemetry_init(Telemetry *self, const TelemetryBoot *boot, uint8_t baud) {
     self->boot.protocol_version = TELEMETRY_PROTOCOL_VERSION;
     self->boot.fast_divider = boot->fast_divider < least ? least : boot->fast_divider;
     self->ticks_to_fast = self->boot.fast_divider;
-    self->state_waits = true;
     telemetry_dump(self);
 }
 
@@ -54,6 +53,7 @@ void telemetry_dump(Telemetry *self) {
     self->boot_waits = true;
     self->dump_next = 0;
     self->dump_crc16 = CRC16_INIT;
+    self->ms_in_second = MS_PER_SECOND - 1u;  // who asks wants to know STATE and HEALTH as well
 }
 
 void telemetry_read(Telemetry *self, uint8_t index) {
@@ -179,38 +179,55 @@ static bool send_any_param(Telemetry *self, const TelemetryInputs *in, uint8_t f
     return false;
 }
 
-// One slow frame, if any waits.
-static bool send_slow(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
-    const bool state_turn = self->state_waits && !self->state_went_last;
-    self->state_went_last = false;
+static void send_boot(Telemetry *self, uint32_t now_ms, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    telemetry_pack_boot(&frame[DATA_AT], &self->boot);
+    finish_frame(frame, TELEMETRY_BOOT_ID, TELEMETRY_BOOT_CRC_SEED, now_ms);
+    self->boot_waits = false;
+}
+
+static void send_ack(Telemetry *self, uint32_t now_ms, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    telemetry_pack_ack(&frame[DATA_AT], &self->ack);
+    finish_frame(frame, TELEMETRY_ACK_ID, TELEMETRY_ACK_CRC_SEED, now_ms);
+    self->ack_waits = false;
+}
+
+static void send_health(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    telemetry_pack_health(&frame[DATA_AT], &in->health);
+    finish_frame(frame, TELEMETRY_HEALTH_ID, TELEMETRY_HEALTH_CRC_SEED, in->now_ms);
+    self->health_waits = false;
+    self->health_went = true;
+}
+
+// One slow frame that is not STATE, if any waits.
+static bool send_other(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
     if (self->boot_waits) {
-        telemetry_pack_boot(&frame[DATA_AT], &self->boot);
-        finish_frame(frame, TELEMETRY_BOOT_ID, TELEMETRY_BOOT_CRC_SEED, in->now_ms);
-        self->boot_waits = false;
+        send_boot(self, in->now_ms, frame);
         return true;
     }
     if (self->ack_waits) {
-        telemetry_pack_ack(&frame[DATA_AT], &self->ack);
-        finish_frame(frame, TELEMETRY_ACK_ID, TELEMETRY_ACK_CRC_SEED, in->now_ms);
-        self->ack_waits = false;
+        send_ack(self, in->now_ms, frame);
         return true;
     }
     if (self->health_waits) {
-        telemetry_pack_health(&frame[DATA_AT], &in->health);
-        finish_frame(frame, TELEMETRY_HEALTH_ID, TELEMETRY_HEALTH_CRC_SEED, in->now_ms);
-        self->health_waits = false;
-        self->health_went = true;
+        send_health(self, in, frame);
         return true;
     }
-    if (!state_turn && send_any_param(self, in, frame)) {
+    return send_any_param(self, in, frame);
+}
+
+// One slow frame, if any waits. STATE takes every second turn at most, and BOOT goes before it.
+static bool send_slow(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    const bool state_turn = self->state_waits && !self->state_went_last && !self->boot_waits;
+    self->state_went_last = false;
+    if (!state_turn && send_other(self, in, frame)) {
         return true;
     }
-    if (self->state_waits) {
-        send_state(self, in->now_ms, frame);
-        self->state_went_last = true;
-        return true;
+    if (!self->state_waits) {
+        return false;
     }
-    return false;
+    send_state(self, in->now_ms, frame);
+    self->state_went_last = true;
+    return true;
 }
 
 // Whether a slow frame can go now without making this or the next FAST frame wait.

@@ -1,8 +1,8 @@
 // What the tool reports, when: frames in python-can's serial format, chosen from a byte budget that the line can carry.
 //
 // A frame is 0xAA, time (uint32 LE, ms), 8, id (uint32 LE), data[0..6], CRC-8 over id, time and data[0..6], 0xBB. FAST goes out every
-// `fast_divider` ticks and never waits; slow frames take what is left, at most one a tick, in the order BOOT, ACK, HEALTH, STATE and PARAM in
-// turn, PARAM_TABLE. The budget grows by baud/10,000 bytes a tick whether or not the UART has drained, so what is sent is a function of the
+// `fast_divider` ticks and never waits; slow frames take what is left, at most one a tick: BOOT, then STATE in turn with ACK, HEALTH, PARAM
+// and PARAM_TABLE. The budget grows by baud/10,000 bytes a tick whether or not the UART has drained, so what is sent is a function of the
 // inputs alone; TELEMETRY_QUEUE_BYTES bounds what the UART's ring must hold.
 #ifndef VGROOVE_TELEMETRY_H
 #define VGROOVE_TELEMETRY_H
@@ -70,8 +70,13 @@ uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[T
 // True in the tick whose bytes hold a HEALTH frame: the owner of the figures may restart its maxima.
 bool telemetry_health_sent(const Telemetry *self);
 
+// BOOT, all parameters, PARAM_TABLE; STATE and HEALTH as they are now between them.
 void telemetry_dump(Telemetry *self);
+
+// The PARAM frame of one parameter.
 void telemetry_read(Telemetry *self, uint8_t index);
+
+// The answer to a command; the next command must wait until it is sent.
 void telemetry_ack(Telemetry *self, const TelemetryAck *ack);
 bool telemetry_ack_waits(const Telemetry *self);
 

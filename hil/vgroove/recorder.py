@@ -1,6 +1,7 @@
 """Records the board's telemetry from a serial port to CSV, MF4, BLF or ASC, and says what was lost."""
 
 import errno
+import io
 import json
 import os
 import time
@@ -8,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -119,23 +121,29 @@ class Sink(ABC):
             self.part.unlink()
 
 
+class PlainFile(io.FileIO):
+    """A file without a buffer that writes all or raises: what could not be written is not tried again on closing."""
+
+    def write(self, data: Any) -> int:
+        view = memoryview(data).cast("B")
+        total = len(view)
+        while view:
+            view = view[super().write(view) :]
+        return total
+
+
 class CsvSink(Sink):
     """The gap contract's columns, a row a FAST frame."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._file = self.part.open("wb", buffering=0)
-        self._whole = 0
-        self._write(csv_header(telemetry.COLUMNS))
-
-    def _write(self, data: bytes) -> None:
-        view = memoryview(data)
-        while view:
-            view = view[self._file.write(view) :]
-        self._whole += len(data)
+        self._file = PlainFile(self.part, "wb")
+        self._file.write(csv_header(telemetry.COLUMNS))
+        self._whole = self._file.tell()
 
     def block(self, columns: dict[str, np.ndarray]) -> None:
-        self._write(csv_rows(columns["time_s"], [columns[name] for name in telemetry.COLUMNS]))
+        self._file.write(csv_rows(columns["time_s"], [columns[name] for name in telemetry.COLUMNS]))
+        self._whole = self._file.tell()
         self.rows += len(columns["time_s"])
 
     def finish(self) -> None:
@@ -182,57 +190,79 @@ class BoardAscWriter(ASCWriter):
         self.log_event("Start of measurement", 0.0)
 
 
-class RawSink(Sink):
-    """Every intact frame, by python-can's writers, stamped with the board's time."""
+class BlfSink(Sink):
+    """Every intact frame, by python-can's writer, stamped with the board's time."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._blf = path.suffix.lower() == ".blf"
-        self._writer = BLFWriter(self.part) if self._blf else BoardAscWriter(self.part)
-        if self._blf:
-            self._writer.start_timestamp = 0.0
-        self._whole = (0, 0)
+        self._file = PlainFile(self.part, "wb")
+        self._writer = BLFWriter(self._file)
+        self._writer.start_timestamp = 0.0
+        self._whole = (self._file.tell(), 0)
 
     def frame(self, frame: telemetry.Frame) -> None:
         self._writer.on_message_received(frame.message())
 
     def block(self, columns: dict[str, np.ndarray]) -> None:
+        self._writer._flush()
+        self._whole = (self._file.tell(), self._writer.object_count)
         self.rows += len(columns["time_s"])
-        if self._blf:
-            self._writer._flush()
-        self._writer.file.flush()
-        self._whole = (self._writer.file.tell(), getattr(self._writer, "object_count", 0))
 
     def finish(self) -> None:
         self._writer.stop()
 
     def rescue(self) -> None:
-        """Cut after the last block that reached the disk; the end mark of an ASC needs the room of a few of its lines."""
-        whole, objects = self._whole
-        descriptor = os.dup(self._writer.file.fileno())
-        if self._blf:
-            self._writer._buffer, self._writer._buffer_size, self._writer.object_count = [], 0, objects
-        else:
-            with suppress(OSError):
-                self._writer.file.close()
-        os.ftruncate(descriptor, whole)
-        if self._blf:
-            self._writer.file.seek(whole)
-            self._writer.stop()
-        else:
-            self._end_asc(descriptor, whole)
-        os.close(descriptor)
-
-    def _end_asc(self, descriptor: int, whole: int) -> None:
-        mark = b"End TriggerBlock\n"
-        tail = min(whole, 1024)
-        text = os.pread(descriptor, tail, whole - tail)
-        cut = whole - tail + text[: -len(mark)].rfind(b"\n") + 1
-        os.ftruncate(descriptor, cut)
-        os.pwrite(descriptor, mark, cut)
+        """Back to the last container that is whole; the header is rewritten in its place."""
+        whole, self._writer.object_count = self._whole
+        self._writer._buffer, self._writer._buffer_size = [], 0
+        self._file.truncate(whole)
+        self._file.seek(whole)
+        self._writer.stop()
 
 
-SINKS: dict[str, type[Sink]] = {".csv": CsvSink, ".mf4": Mf4Sink, ".blf": RawSink, ".asc": RawSink}
+class AscSink(Sink):
+    """Every intact frame as a line, by python-can's writer, stamped with the board's time."""
+
+    END = b"End TriggerBlock\n"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._file = PlainFile(self.part, "wb")
+        self._text = io.StringIO()
+        self._writer = BoardAscWriter(self._text)
+
+    def frame(self, frame: telemetry.Frame) -> None:
+        self._writer.on_message_received(frame.message())
+
+    def _drain(self) -> None:
+        text = self._text.getvalue()
+        self._text.seek(0)
+        self._text.truncate()
+        self._file.write(text.encode())
+
+    def block(self, columns: dict[str, np.ndarray]) -> None:
+        self._drain()
+        self.rows += len(columns["time_s"])
+
+    def finish(self) -> None:
+        self._drain()
+        self._file.write(self.END)
+        self._file.close()
+
+    def rescue(self) -> None:
+        """Back to the end of a line that leaves room for the end mark."""
+        size = self._file.tell()
+        self._file.close()
+        with self.part.open("rb+") as file:
+            file.seek(max(0, size - 1024))
+            tail = file.read()
+            cut = size - len(tail) + tail[: -len(self.END)].rfind(b"\n") + 1
+            file.truncate(cut)
+            file.seek(cut)
+            file.write(self.END)
+
+
+SINKS: dict[str, type[Sink]] = {".csv": CsvSink, ".mf4": Mf4Sink, ".blf": BlfSink, ".asc": AscSink}
 
 
 def record(recording: Recording, stopped: Callable[[], bool], progress: Callable[[Recording], None] = lambda _: None) -> None:
@@ -297,6 +327,7 @@ def _wait_for_boot(bus: ResyncBus, recording: Recording, stopped: Callable[[], b
     """Frames from the first BOOT frame on; what came before is counted."""
     session, dumper = recording.session, _Dumper(bus, DUMP_AFTER_S)
     deadline = time.monotonic() + BOOT_WAIT_S
+    before = copy(session.counters)
     while time.monotonic() < deadline:
         if stopped():
             raise KeyboardInterrupt
@@ -308,7 +339,9 @@ def _wait_for_boot(bus: ResyncBus, recording: Recording, stopped: Callable[[], b
         session.feed(frames)
         if session.boot is not None:
             boot = next(k for k, frame in enumerate(frames) if frame.id == telemetry.BOOT)
+            session.counters.begin(before, len(frames) - boot, bus.framer.held)
             return frames[boot:]
+        before = copy(session.counters)
     counters = session.counters
     heard = f"{counters.bytes} bytes, {counters.frames} intact frames"
     raise VgrooveError(

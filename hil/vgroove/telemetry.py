@@ -222,6 +222,13 @@ class Counters:
     before_boot: int = 0  # frames before the first BOOT, ignored
     restarts: int = 0
 
+    def begin(self, before: "Counters", frames: int, held: int) -> None:
+        """Count from the BOOT frame on: `frames` with it, `held` bytes behind them; damage up to `before` is not the recording's."""
+        self.frames = frames
+        self.skipped_bytes -= before.skipped_bytes
+        self.corrupt -= before.corrupt
+        self.bytes = FRAME_BYTES * frames + self.skipped_bytes + held
+
     def as_dict(self) -> dict[str, int]:
         """For the sidecar file."""
         return {item.name: getattr(self, item.name) for item in fields(self)}

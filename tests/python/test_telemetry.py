@@ -169,7 +169,7 @@ def test_the_line_is_never_overfull_and_no_fast_frame_waits(baud_select: int, as
         sent += data
     kinds = [frame.id for frame in frames_of(bytes(sent))]
     assert kinds[0] == telemetry.BOOT and telemetry.decode(frames_of(bytes(sent))[0])["fast_divider"] == divider
-    assert kinds.count(telemetry.BOOT) == 2 and kinds.count(telemetry.PARAM_TABLE) == 2 and kinds.count(telemetry.HEALTH) == 4
+    assert kinds.count(telemetry.BOOT) == 2 and kinds.count(telemetry.PARAM_TABLE) == 2 and kinds.count(telemetry.HEALTH) == 5
     assert kinds.count(telemetry.PARAM) == 2 * len(telemetry.parameter_list())
     assert len(sent) <= 4100 * per_tick + 57
     assert session_of(bytes(sent)).counters.lost == 0

@@ -1,0 +1,298 @@
+"""`vgroove record` as a process on a pty: the firmware's own telemetry in real time, damage, Ctrl-C, a full disk, a lost port."""
+
+import errno
+import io
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+import tty
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from telemetry_board import EEPROM_BYTES, Board, PtyBoard, eeprom_set, moving
+from test_telemetry import damaged
+from vgroove import telemetry
+from vgroove.errors import VgrooveError
+from vgroove.log import log_from_stream, read_log
+from vgroove.recorder import AscSink, BlfSink, CsvSink, Recording, ResyncBus, command_message, record
+
+ENDINGS = [".csv", ".mf4", ".blf", ".asc"]
+HEADER = "time_s,duty,supply_v,current_a,speed_rpm,coast,trigger,state"
+
+
+def start(port: str, output: Path, *options: str, limit: int | None = None) -> subprocess.Popen:
+    """`vgroove record`; `limit`: greatest size of a file in bytes, as a full disk would cut it."""
+
+    def before() -> None:
+        if limit is not None:
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    command = [sys.executable, "-m", "vgroove.cli", "record", port, "-o", str(output), *options]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=before)
+
+
+def wait_for_part(output: Path, size: int, seconds: float = 30.0) -> None:
+    """Until the recorder has begun and written so much."""
+    part = output.with_name(f".{output.stem}.part{output.suffix}")
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        if part.exists() and part.stat().st_size >= size:
+            return
+        time.sleep(0.02)
+    raise AssertionError(f"{part} did not reach {size} bytes")
+
+
+def direct_log(pty: PtyBoard) -> dict[float, tuple]:
+    """What the board sent, row by row."""
+    log = log_from_stream(b"".join(pty.sent), "sent")
+    return {t: tuple(row) for t, row in zip(log.time_s.tolist(), np.column_stack(list(log.columns.values())).tolist(), strict=True)}
+
+
+def same_rows(path: Path, pty: PtyBoard, states_may_lack: bool = False) -> int:
+    """Every recorded row is one that was sent, value for value; returns how many."""
+    log, sent = read_log(path), direct_log(pty)
+    got = np.column_stack([log[name] for name in telemetry.COLUMNS])
+    expected = np.array([sent[time_s] for time_s in log.time_s.tolist()])
+    assert np.allclose(got[:, :5], expected[:, :5], rtol=1e-9, atol=1e-12)
+    if not states_may_lack:  # a trigger that moves while the first STATE frame waits leaves a few rows without one
+        assert np.allclose(got[10:, 5:], expected[10:, 5:], rtol=1e-9)
+    return len(log)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_records_what_the_board_sent(tmp_path: Path, ending: str) -> None:
+    output = tmp_path / f"run{ending}"
+    with PtyBoard() as pty:
+        process = start(pty.port, output, "--seconds", "1.5")
+        _, text = process.communicate(timeout=60)
+    assert process.returncode == 0, text
+    rows = same_rows(output, pty)
+    assert rows >= 1500 and "lost 0, corrupt 0, skipped bytes 0" in text and "abcdef" in text
+    side = json.loads((tmp_path / f"run{ending}.json").read_text())
+    assert side["boot"]["build_hash"] == 0xABCDEF and side["ended"] == "time over" and side["rows"] == rows
+    assert side["parameters"]["complete"] and side["parameters"]["value"]["trip_a_q9"] == 55.0
+    assert side["counters"]["lost"] == 0 and sorted(os.listdir(tmp_path)) == [f"run{ending}", f"run{ending}.json"]
+
+
+def test_a_csv_has_the_contracts_columns(tmp_path: Path) -> None:
+    output = tmp_path / "run.csv"
+    with PtyBoard() as pty:
+        start(pty.port, output, "--seconds", "0.5").communicate(timeout=60)
+    lines = output.read_text().splitlines()
+    assert lines[0] == HEADER and len(lines[1].split(",")) == 8
+    log = read_log(output)
+    assert set(np.unique(log["coast"])) <= {0.0, 1.0} and np.abs(log["duty"]).max() <= 1.0
+    assert (log["duty"][log["coast"] == 1] == 0).all() and (log["coast"] == 1).sum() > 0
+
+
+@pytest.mark.parametrize(("ending", "number"), [*((ending, signal.SIGINT) for ending in ENDINGS), (".csv", signal.SIGTERM)])
+def test_ctrl_c_leaves_a_complete_file(tmp_path: Path, ending: str, number: signal.Signals) -> None:
+    output = tmp_path / f"run{ending}"
+    with PtyBoard() as pty:
+        process = start(pty.port, output)
+        wait_for_part(output, 20_000 if ending in (".csv", ".asc") else 0)
+        time.sleep(0.8)
+        process.send_signal(number)
+        _, text = process.communicate(timeout=30)
+    assert process.returncode == 0, text
+    assert same_rows(output, pty) > 300
+    assert json.loads((tmp_path / f"run{ending}.json").read_text())["ended"] == "interrupted"
+
+
+def test_ctrl_c_before_a_board_is_found_writes_nothing(tmp_path: Path) -> None:
+    master, slave = os.openpty()
+    process = start(os.ttyname(slave), tmp_path / "run.csv")
+    time.sleep(1.5)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=30)
+    os.close(master)
+    os.close(slave)
+    assert process.returncode == 130 and os.listdir(tmp_path) == []
+
+
+def test_a_damaged_line_is_survived_and_counted(tmp_path: Path) -> None:
+    output, rng = tmp_path / "run.csv", random.Random(5)
+    with PtyBoard(damage=lambda data: damaged(data, rng, 5e-4)) as pty:
+        process = start(pty.port, output, "--seconds", "2")
+        _, text = process.communicate(timeout=60)
+    assert process.returncode == 0, text
+    rows = same_rows(output, pty, states_may_lack=True)
+    counters = json.loads((tmp_path / "run.csv.json").read_text())["counters"]
+    log = read_log(output)
+    assert counters["lost"] > 0 and counters["skipped_bytes"] > 0
+    assert rows == counters["fast"] and rows + counters["lost"] == round((log.time_s[-1] - log.time_s[0]) * 1000) + 1
+
+
+def test_a_board_that_already_runs_is_asked_for_its_boot_frame(tmp_path: Path) -> None:
+    with PtyBoard() as pty:
+        time.sleep(1.0)
+        os.set_blocking(pty._slave, False)
+        while True:
+            try:
+                os.read(pty._slave, 65536)
+            except BlockingIOError:
+                break
+        os.set_blocking(pty._slave, True)
+        process = start(pty.port, tmp_path / "run.csv", "--seconds", "0.5")
+        _, text = process.communicate(timeout=60)
+    assert process.returncode == 0, text
+    side = json.loads((tmp_path / "run.csv.json").read_text())
+    assert side["parameters"]["complete"] and read_log(tmp_path / "run.csv").time_s[0] > 1.0
+    assert ("executed", 0) in pty.board.results
+
+
+@pytest.mark.parametrize("ending", [".csv", ".blf", ".asc"])
+def test_a_full_disk_is_a_sentence_and_what_was_recorded_is_kept(tmp_path: Path, ending: str) -> None:
+    output, limit = tmp_path / f"run{ending}", {".csv": 60_000, ".blf": 30_000, ".asc": 120_000}[ending]
+    with PtyBoard() as pty:
+        process = start(pty.port, output, limit=limit)
+        _, text = process.communicate(timeout=60)
+    assert process.returncode == 2, text
+    assert "the disk is full" in text and f"run{ending}" in text and "Traceback" not in text
+    assert same_rows(output, pty) > 100 and output.stat().st_size <= limit
+    assert sorted(os.listdir(tmp_path)) == [f"run{ending}", f"run{ending}.json"]
+
+
+def test_a_full_disk_at_the_end_of_an_mf4_leaves_nothing_half_done(tmp_path: Path) -> None:
+    with PtyBoard() as pty:
+        process = start(pty.port, tmp_path / "run.mf4", "--seconds", "1", limit=2000)
+        _, text = process.communicate(timeout=60)
+    assert process.returncode == 2 and "disk is full" in text and os.listdir(tmp_path) == []
+
+
+def test_a_port_that_goes_away_is_a_sentence_and_the_file_complete(tmp_path: Path) -> None:
+    output = tmp_path / "run.csv"
+    with PtyBoard() as pty:
+        process = start(pty.port, output, "--seconds", "60")
+        wait_for_part(output, 40_000)
+        pty.close()
+        _, text = process.communicate(timeout=30)
+        assert process.returncode == 2 and "port lost after" in text and "rows until then are in" in text
+        assert same_rows(output, pty) > 300
+
+
+@pytest.mark.parametrize("noise", [b"", bytes(range(256))])
+def test_something_that_is_no_board_is_refused_with_a_sentence(tmp_path: Path, noise: bytes) -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    process = start(os.ttyname(slave), tmp_path / "run.csv", "--baud", "115200")
+    while process.poll() is None:
+        os.write(master, noise)
+        time.sleep(0.1)
+    _, text = process.communicate(timeout=30)
+    os.close(master)
+    os.close(slave)
+    assert process.returncode == 2 and "no boot frame within 5 s at 115200 Bd" in text and os.listdir(tmp_path) == []
+
+
+def test_a_board_of_another_protocol_is_refused_with_a_sentence(tmp_path: Path) -> None:
+    master, slave = os.openpty()
+    boot = telemetry.frame_of_signals("BOOT", 5, protocol_version=9, duty_full_scale=255, fast_divider=1)
+    process = start(os.ttyname(slave), tmp_path / "run.csv")
+    while process.poll() is None:  # opening the port throws away what had come before
+        os.write(master, telemetry.frame_bytes(boot))
+        time.sleep(0.1)
+    _, text = process.communicate(timeout=30)
+    os.close(master)
+    os.close(slave)
+    assert process.returncode == 2 and "telemetry protocol 9, this vgroove knows 1" in text and os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("port", ["/dev/ttyNoSuchPort", "COM99"])
+def test_a_port_that_is_not_there_is_a_sentence(tmp_path: Path, port: str) -> None:
+    process = start(port, tmp_path / "run.csv")
+    _, text = process.communicate(timeout=30)
+    assert process.returncode == 2 and f"{port}: the port cannot be opened" in text and "Traceback" not in text
+
+
+def test_an_unknown_ending_or_an_unwritable_place_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(VgrooveError, match="ends in .csv, .mf4, .blf or .asc"):
+        record(Recording("none", tmp_path / "run.txt"), lambda: True)
+    with PtyBoard() as pty, pytest.raises(VgrooveError, match="run.csv: cannot be written: No such file"):
+        record(Recording(pty.port, tmp_path / "none" / "run.csv"), lambda: False)
+
+
+def test_a_board_that_restarts_ends_the_recording_with_a_complete_file(tmp_path: Path) -> None:
+    output = tmp_path / "run.csv"
+    with PtyBoard() as pty:
+        process = start(pty.port, output)
+        wait_for_part(output, 40_000)
+        before = pty.board
+        pty.board = Board()
+        _, text = process.communicate(timeout=30)
+    assert process.returncode == 0 and "ended: board restarted" in text and before is not pty.board
+    log = read_log(output)
+    assert (np.diff(log.time_s) > 0).all() and len(log) > 300
+
+
+def test_a_disk_that_takes_part_of_a_block_keeps_whole_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sink = CsvSink(tmp_path / "run.csv")
+    rows = {name: np.zeros(10) for name in ("time_s", *telemetry.COLUMNS)}
+    sink.block(rows)
+    whole = sink.part.stat().st_size
+
+    def full(data: object) -> int:
+        io.FileIO.write(sink._file, bytes(data)[:5])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(sink._file, "write", full)
+    with pytest.raises(OSError, match="No space"):
+        sink.block(rows)
+    assert sink.part.stat().st_size > whole
+    sink.rescue()
+    assert sink.part.stat().st_size == whole and sink.rows == 10
+
+
+def test_python_cans_bus_survives_damage(tmp_path: Path) -> None:
+    """recv delivers every intact frame, as a can.Notifier or a viewer would call it, where python-can's own bus raises."""
+    eeprom_set(b"\xff" * EEPROM_BYTES)
+    board = Board()
+    clean = board.run(100, moving(board))
+    broken = clean[:100] + b"\xaa\x01" + clean[100:700] + clean[705:]
+    master, slave = os.openpty()
+    bus = ResyncBus(os.ttyname(slave))
+    os.write(master, broken)
+    messages = []
+    while (message := bus.recv(0.2)) is not None:
+        messages.append(message)
+    bus.send(command_message("DUMP", 1, 1234))
+    sent = os.read(master, 100)
+    bus.shutdown()
+    os.close(master)
+    os.close(slave)
+    intact = telemetry.Framer().feed(broken)
+    assert [telemetry.frame_from_message(m) for m in messages] == intact and len(intact) > 90
+    assert bus.framer.counters.skipped_bytes == len(broken) - 19 * len(intact)
+    assert len(sent) == 19 and sent[17] == telemetry.frame_crc(1234, 515, sent[10:17])
+
+
+def test_raw_recording_keeps_the_time_that_the_crc_covers(tmp_path: Path) -> None:
+    eeprom_set()
+    board = Board(now_ms=2**31)
+    frames = telemetry.Framer().feed(board.run(300, moving(board)))
+    for ending, kind in ((".blf", BlfSink), (".asc", AscSink)):
+        sink = kind(tmp_path / f"run{ending}")
+        for frame in frames:
+            sink.frame(frame)
+        sink.finish()
+        sink.publish()
+        log = read_log(tmp_path / f"run{ending}")
+        assert log.time_s[0] == (2**31 + 1) / 1000 and len(log) == 300 and log.warnings == []
+
+
+@pytest.mark.parametrize("name", ["SET_MODE", "PARAM_READ", "PARAM_WRITE", "DUMP", "CALIBRATE", "SETPOINT"])
+def test_commands_leave_with_the_time_that_their_crc_covers(name: str) -> None:
+    for time_ms in (0, 1, 1001, 999_999, 86_400_000, 2**32 - 1):
+        message = command_message(name, 5, time_ms)
+        assert int(message.timestamp * 1000) == time_ms
+        assert message.data[7] == telemetry.frame_crc(time_ms, message.arbitration_id, bytes(message.data)) and message.data[6] == 5
+
+
