@@ -22,10 +22,10 @@ void app_init(App *self, uint32_t build_hash) {
 }
 
 static void read_inputs(App *self) {
+    trigger_set_switches(&self->trigger, hal_switches());  // first: the pins are not latched by the tick
     h_bridge_next_row(&self->bridge);
     measure_analog(&self->measured, &self->adc, &self->current, &self->trigger, self->params.value[PARAM_BUS_GAIN_MV_Q8]);
     measure_speed(&self->measured, &self->hall);
-    trigger_set_switches(&self->trigger, hal_switches());
     if (self->measured.over_current) {
         h_bridge_note_trip(&self->bridge);
     }
@@ -67,9 +67,9 @@ static void note_lateness(App *self, uint8_t ticks_late) {
 }
 
 void app_tick(App *self, uint8_t ticks_late) {
+    read_inputs(self);
     self->now_ms++;
     note_lateness(self, ticks_late);
-    read_inputs(self);
     execute_received(self);
     find_faults(self);
     calibrate_step(self);
@@ -83,12 +83,8 @@ void app_tick(App *self, uint8_t ticks_late) {
     }
 }
 
-void app_on_tick(App *self) {
-    h_bridge_on_tick(&self->bridge);
-}
-
-void app_on_later(App *self) {
-    h_bridge_on_later(&self->bridge);
+void app_on_apply(App *self) {
+    h_bridge_on_apply(&self->bridge);
 }
 
 void app_on_edge(App *self, uint16_t stamp) {

@@ -55,9 +55,8 @@ void app_init(App *self, uint32_t build_hash);
 // `ticks_late`: ticks that have come since this one and wait.
 void app_tick(App *self, uint8_t ticks_late);
 
-// Interrupts; those of the tick and of its second compare come before all others.
-void app_on_tick(App *self);
-void app_on_later(App *self);
+// Interrupts; the one that applies the staged order to the bridge comes before all others.
+void app_on_apply(App *self);
 void app_on_edge(App *self, uint16_t stamp);
 uint8_t app_on_sample(App *self, uint16_t counts);  // returns the channel of the next conversion
 void app_on_received(App *self, uint8_t byte, bool damaged);

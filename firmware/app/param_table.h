@@ -30,7 +30,7 @@
     X(BAUD_SELECT,              "1",         0,     0,    1,     1) /* 0: 250,000 Bd, 1: 115,200 Bd; from the next start on */ \
     X(FAST_DIVIDER,             "1",         1,     1,    63,    1) /* ticks between two FAST frames, at least what the rate carries; from the next start on */ \
     X(HALL_TIMEOUT_MS,          "ms",        300,   300,  2000,  2) /* time without an edge after which the speed is 0 */ \
-    X(DEAD_TIME_COUNT,          "62.5 ns",   8,     2,    60,    2) /* dead time of the bridge in timer counts */
+    X(DEAD_TIME_COUNT,          "62.5 ns",   2,     2,    60,    2) /* dead time of the bridge in timer counts */
 // clang-format on
 
 #endif

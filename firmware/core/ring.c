@@ -6,7 +6,8 @@ bool ring_push_word(RingWords *self, uint16_t item) {
     if ((uint8_t)(head - self->tail) >= RING_WORDS) {
         return false;
     }
-    self->items[head % RING_WORDS] = item;
+    self->low[head % RING_WORDS] = (uint8_t)item;
+    self->high[head % RING_WORDS] = (uint8_t)(item >> 8);
     self->head = (uint8_t)(head + 1u);
     return true;
 }
@@ -16,7 +17,8 @@ uint8_t ring_count_words(const RingWords *self) {
 }
 
 uint16_t ring_peek_word(const RingWords *self) {
-    return self->items[self->tail % RING_WORDS];
+    const uint8_t at = self->tail % RING_WORDS;
+    return (uint16_t)(self->low[at] | (uint16_t)((uint16_t)self->high[at] << 8));
 }
 
 void ring_drop_word(RingWords *self) {

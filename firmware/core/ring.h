@@ -9,7 +9,8 @@
 #define RING_BYTES 64u   // UART: holds TELEMETRY_QUEUE_BYTES
 
 typedef struct {
-    volatile uint16_t items[RING_WORDS];
+    volatile uint8_t low[RING_WORDS];  // bytes apart: cheaper to reach on the AVR
+    volatile uint8_t high[RING_WORDS];
     volatile uint8_t head;  // pushes so far, modulo 256
     volatile uint8_t tail;  // pops so far
 } RingWords;

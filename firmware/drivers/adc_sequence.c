@@ -5,6 +5,7 @@
 #include "hal/hal.h"
 
 #define CHANNEL_SHIFT 14u
+#define TAG_SHIFT (CHANNEL_SHIFT - 8u)
 #define COUNTS_MASK 0x3FFu
 #define SAMPLES_A_TICK (HAL_CYCLES_PER_TICK / HAL_CYCLES_PER_SAMPLE)
 #define CYCLES_BEYOND (HAL_CYCLES_PER_TICK % HAL_CYCLES_PER_SAMPLE)
@@ -60,12 +61,15 @@ uint8_t adc_sequence_channel(uint8_t slot) {
 }
 
 uint8_t adc_sequence_on_result(AdcSequence *self, uint16_t counts, bool *trip) {
-    const uint8_t slot = self->slot;
-    const uint8_t channel = adc_sequence_channel(slot);
-    if (!ring_push_word(&self->ring, (uint16_t)(counts | (uint16_t)((uint16_t)channel << CHANNEL_SHIFT)))) {
+    const uint8_t channel = self->channel;
+    const uint16_t tag = (uint16_t)((uint16_t)(uint8_t)(channel << TAG_SHIFT) << 8);
+    if (!ring_push_word(&self->ring, counts | tag)) {
         self->overflowed = true;
     }
     *trip = channel == HAL_ADC_CURRENT && (counts < self->trip_low || counts > self->trip_high);
-    self->slot = (uint8_t)(slot + 1u);
-    return adc_sequence_channel((uint8_t)(slot + 1u));
+    const uint8_t slot = (uint8_t)((self->slot + 1u) % ADC_SEQUENCE_SLOTS);
+    const uint8_t next = FLASH_U8(&slots[slot]);
+    self->slot = slot;
+    self->channel = next;
+    return next;
 }

@@ -22,6 +22,7 @@ typedef struct {
     volatile uint16_t trip_low;   // current counts that are still allowed
     volatile uint16_t trip_high;
     volatile uint8_t slot;        // of the conversion that completes next
+    volatile uint8_t channel;     // of that slot
     volatile bool overflowed;
     int16_t cycles_ahead;         // of the tick, since the newest sample that it may use; negative before the first
 } AdcSequence;
@@ -36,7 +37,7 @@ AdcSample adc_sequence_take(AdcSequence *self);
 
 uint8_t adc_sequence_channel(uint8_t slot);
 
-// Interrupt: keeps the result, returns the channel of the next conversion; `*trip` says that the bridge must open.
+// Interrupt: keeps the result and goes on to the next slot, whose channel it returns; true in `*trip`: the bridge must open.
 uint8_t adc_sequence_on_result(AdcSequence *self, uint16_t counts, bool *trip);
 
 #endif

@@ -69,11 +69,11 @@ static HBridgeOrder order_of(const HBridge *self, int16_t compare) {
 }
 
 void h_bridge_stage(HBridge *self, int16_t compare) {
-    HBridgeOrder order = order_of(self, compare);
-    order.later = self->cycles_to_top < HAL_APPLY_MARGIN_CYCLES;
+    const HBridgeOrder order = order_of(self, compare);
     self->staged_compare = order.phase == H_BRIDGE_DRIVING ? compare : H_BRIDGE_COAST;
     const uint8_t lock = hal_lock();
     self->staged = order;
+    hal_apply_at(self->cycles_to_top < HAL_APPLY_MARGIN_CYCLES);
     hal_unlock(lock);
 }
 
@@ -86,7 +86,7 @@ void h_bridge_clear_trip(HBridge *self) {
     self->tripped = false;
 }
 
-static void apply(const HBridge *self) {
+void h_bridge_on_apply(const HBridge *self) {
     if (self->tripped || self->staged.phase == H_BRIDGE_OPEN) {
         hal_bridge_open();
     } else if (self->staged.phase == H_BRIDGE_ARMED) {
@@ -96,19 +96,7 @@ static void apply(const HBridge *self) {
     }
 }
 
-void h_bridge_on_tick(const HBridge *self) {
-    if (!self->staged.later) {
-        apply(self);
-    }
-}
-
-void h_bridge_on_later(const HBridge *self) {
-    if (self->staged.later) {
-        apply(self);
-    }
-}
-
 void h_bridge_on_trip(HBridge *self) {
     self->tripped = true;
-    hal_bridge_open();
+    hal_bridge_cut();
 }

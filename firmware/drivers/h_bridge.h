@@ -1,4 +1,4 @@
-// Sign-magnitude bridge with synchronous rectification: a signed compare value becomes an order to the timer, applied by the tick interrupt.
+// Sign-magnitude bridge with synchronous rectification: a signed compare value becomes an order to the timer, applied by an interrupt of the tick timer.
 //
 // Leg A switches, leg B is held: low in forward, v = c / 255 Vs; high in reverse, leg A at 255 - |c|, v = (c_A / 255 - 1) Vs. c = 0 brakes.
 //
@@ -8,7 +8,7 @@
 //    +---------------+----------------------------+
 //       coast, the other leg B, or a trip
 //
-// The interrupt that applies an order is chosen so that both compare registers are written at least HAL_APPLY_MARGIN_CYCLES before the TOP
+// The order is applied with the tick or 256 cycles after it, chosen so that both compare registers are written at least HAL_APPLY_MARGIN_CYCLES before the TOP
 // that latches them: which period a command starts in does not depend on interrupt latency.
 #ifndef VGROOVE_DRIVERS_H_BRIDGE_H
 #define VGROOVE_DRIVERS_H_BRIDGE_H
@@ -27,7 +27,6 @@ typedef enum {
 typedef struct {
     uint8_t phase;       // HBridgePhase that it brings about
     bool leg_b_high;
-    bool later;          // applied by the second compare interrupt of the tick
     uint8_t high_below;  // compare values of leg A
     uint8_t low_above;
 } HBridgeOrder;
@@ -59,8 +58,7 @@ void h_bridge_note_trip(HBridge *self);
 void h_bridge_clear_trip(HBridge *self);
 
 // Interrupts.
-void h_bridge_on_tick(const HBridge *self);
-void h_bridge_on_later(const HBridge *self);
+void h_bridge_on_apply(const HBridge *self);
 void h_bridge_on_trip(HBridge *self);
 
 #endif

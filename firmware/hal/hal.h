@@ -16,7 +16,7 @@
 #define HAL_FIRST_SAMPLE_CYCLES 2241u     // its result: 13.5 ADC clocks of 128 cycles and 3 of synchronisation later
 #define HAL_LATENCY_CYCLES 319u           // longer than any interrupt waits: later than this an ADC trigger would be missed
 #define HAL_APPLY_LATER_CYCLES 256u       // second compare of Timer2 after the tick
-#define HAL_APPLY_MARGIN_CYCLES 205u      // compare values are written this long before the TOP that latches them, at least
+#define HAL_APPLY_MARGIN_CYCLES 250u      // compare values are written this long before the TOP that latches them, at least
 #define HAL_COMPARE_MAX 255
 
 enum {
@@ -38,9 +38,11 @@ enum {
 };
 
 // Leg A is the PWM leg (Timer0), leg B is held low (forward) or high (reverse).
-void hal_bridge_open(void);                                       // all gates off, at once; prepares leg A to stay off when armed
+void hal_bridge_cut(void);                                        // all gates off, at once
+void hal_bridge_open(void);                                       // the same, and leg A prepared to stay off when armed
 void hal_bridge_arm(bool leg_b_high);                             // from open only: leg B chosen, leg A connected but off, driver still disabled
 void hal_bridge_set(uint8_t high_below, uint8_t low_above);       // from armed on: compare values of leg A, latched at TOP; driver enabled
+void hal_apply_at(bool later);                                    // when app_on_apply comes: with the next tick, or HAL_APPLY_LATER_CYCLES after it
 uint8_t hal_switches(void);                                       // HAL_SWITCH_*, closed = 1
 void hal_uart_start(uint8_t baud);
 void hal_uart_wake(void);                                         // bytes wait in the transmit ring

@@ -115,6 +115,9 @@
 #error "no pin list for this MCU"
 #endif
 
+#define BOARD_TICK_TOP 249u   // 16 MHz / 64 / 250 = 1 kHz
+#define BOARD_TICK_LATER 3u   // 256 cycles after the tick
+
 // Input capture bits have the same places in Timer1 and Timer5.
 #define BOARD_ICNC ICNC1
 #define BOARD_ICES ICES1

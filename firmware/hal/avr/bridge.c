@@ -7,11 +7,15 @@
 #define DISCONNECTED (1u << WGM00)  // phase-correct PWM, TOP 255; the pins follow PORT, which is 0
 #define CONNECTED (DISCONNECTED | (1u << COM0A1) | (1u << COM0B1) | (1u << COM0B0))
 
-void hal_bridge_open(void) {
+void hal_bridge_cut(void) {
     BOARD_ENABLE_PORT = (uint8_t)(BOARD_ENABLE_PORT & ~(1u << BOARD_ENABLE_BIT));
     TCCR0A = DISCONNECTED;
     BOARD_B_PORT = (uint8_t)(BOARD_B_PORT & ~(1u << BOARD_B_HIGH_BIT));
     BOARD_B_PORT = (uint8_t)(BOARD_B_PORT & ~(1u << BOARD_B_LOW_BIT));
+}
+
+void hal_bridge_open(void) {
+    hal_bridge_cut();
     OCR0A = 0;
     OCR0B = HAL_COMPARE_MAX;
 }
@@ -35,4 +39,9 @@ void hal_bridge_set(uint8_t high_below, uint8_t low_above) {
         OCR0B = low_above;
     }
     BOARD_ENABLE_PORT = (uint8_t)(BOARD_ENABLE_PORT | (1u << BOARD_ENABLE_BIT));
+}
+
+// Timer2's second compare: with the tick (its TOP) or four counts of 64 cycles after it.
+void hal_apply_at(bool later) {
+    OCR2B = later ? BOARD_TICK_LATER : BOARD_TICK_TOP;
 }

@@ -12,11 +12,11 @@ _Static_assert(HAL_ADC_CURRENT == BOARD_ADC_CURRENT && HAL_ADC_BUS == BOARD_ADC_
 
 ISR(TIMER2_COMPA_vect) {
     avr_ticks_waiting++;
-    app_on_tick(&avr_app);
 }
 
+// With the tick or 256 cycles after it, see hal_apply_at.
 ISR(TIMER2_COMPB_vect) {
-    app_on_later(&avr_app);
+    app_on_apply(&avr_app);
 }
 
 // Both edges count: the next one is the opposite of the level now, which also finds back after an edge that came too fast.

@@ -8,8 +8,6 @@
 #include "hal/avr/board.h"
 #include "hal/hal.h"
 
-#define TICK_COUNTS 250u   // 16 MHz / 64 / 250 = 1 kHz
-#define LATER_COUNTS (HAL_APPLY_LATER_CYCLES / 64u)
 #define ADC_PRESCALE_128 ((1u << ADPS2) | (1u << ADPS1) | (1u << ADPS0))
 #define ADC_TRIGGER_TIMER0_OVERFLOW (1u << ADTS2)
 
@@ -49,24 +47,25 @@ void avr_start_pins(void) {
     BOARD_MODE_PORT |= (1u << BOARD_MODE_0_BIT) | (1u << BOARD_MODE_1_BIT);
 }
 
-// Timer2 starts when its prescaler is released, the other two 2 and 3 cycles later with counts to match: as if all had begun at 0 together.
+// Timer2 starts when its prescaler is released, the other two 2 and 4 cycles later (an sts each) with counts to match: as if all had begun at 0
+// together.
 static void release_timers(uint8_t hall_control) {
     BOARD_TCNT = 2;
-    TCNT0 = 3;
-    __asm__ volatile("out %[gtccr], __zero_reg__\n\t"
+    TCNT0 = 4;
+    __asm__ volatile("sts %[gtccr], __zero_reg__\n\t"
                      "sts %[tccr_hall], %[hall]\n\t"
-                     "out %[tccr0b], %[pwm]\n\t"
+                     "sts %[tccr0b], %[pwm]\n\t"
                      :
-                     : [gtccr] "I"(_SFR_IO_ADDR(GTCCR)), [tccr_hall] "n"(_SFR_MEM_ADDR(BOARD_TCCRB)), [hall] "r"(hall_control),
-                       [tccr0b] "I"(_SFR_IO_ADDR(TCCR0B)), [pwm] "r"((uint8_t)(1u << CS00)));
+                     : [gtccr] "n"(_SFR_MEM_ADDR(GTCCR)), [tccr_hall] "n"(_SFR_MEM_ADDR(BOARD_TCCRB)), [hall] "r"(hall_control),
+                       [tccr0b] "n"(_SFR_MEM_ADDR(TCCR0B)), [pwm] "r"((uint8_t)(1u << CS00)));
 }
 
 void avr_start_timers(void) {
     const bool hall_high = (BOARD_HALL_PIN & (1u << BOARD_HALL_BIT)) != 0u;
     start_adc();
     GTCCR = (1u << TSM) | (1u << PSRASY) | (1u << PSRSYNC);
-    OCR2A = TICK_COUNTS - 1u;
-    OCR2B = LATER_COUNTS - 1u;
+    OCR2A = BOARD_TICK_TOP;
+    OCR2B = BOARD_TICK_TOP;
     TCCR2A = 1u << WGM21;
     TCCR2B = 1u << CS22;
     TCNT2 = 0;

@@ -12,10 +12,14 @@ void native_reset(void) {
     memset(native.eeprom, UINT8_MAX, sizeof native.eeprom);
 }
 
-void hal_bridge_open(void) {
+void hal_bridge_cut(void) {
     native.opened++;
     native.armed = false;
     native.enabled = false;
+}
+
+void hal_bridge_open(void) {
+    hal_bridge_cut();
     native.high_below = 0;
     native.low_above = HAL_COMPARE_MAX;
 }
@@ -29,6 +33,10 @@ void hal_bridge_set(uint8_t high_below, uint8_t low_above) {
     native.high_below = high_below;
     native.low_above = low_above;
     native.enabled = native.armed;
+}
+
+void hal_apply_at(bool later) {
+    native.apply_later = later;
 }
 
 uint8_t hal_switches(void) {

@@ -20,6 +20,7 @@ typedef struct {
     bool leg_b_high;
     bool armed;
     bool enabled;
+    bool apply_later;
     bool eeprom_busy;
     uint8_t baud;
     uint16_t stack_free;

@@ -19,7 +19,7 @@
 // Times are cycles from the begin of the period that runs; they move back by 510 at its end.
 typedef enum {
     EVENT_TICK,
-    EVENT_LATER,
+    EVENT_APPLY,
     EVENT_EDGE,
     EVENT_SAMPLE,
     EVENT_RECEIVED,
@@ -42,7 +42,7 @@ typedef struct {
     uint64_t cycles;           // from the timers' start to the begin of the period
     uint32_t periods;
     int32_t tick_at;
-    int32_t later_at;
+    int32_t apply_at;
     int32_t main_at;
     int32_t sample_at;
     int32_t sent_at;
@@ -58,6 +58,8 @@ typedef struct {
     bool sending_any;
     bool enabled;
     bool armed;
+    bool apply_later;
+    uint8_t switches;  // at the last tick
     bool leg_b_high;
     uint8_t high_below;
     uint8_t low_above;
@@ -67,9 +69,13 @@ static Sim sim;
 
 // --- hal.h ---
 
-void hal_bridge_open(void) {
+void hal_bridge_cut(void) {
     sim.enabled = false;
     sim.armed = false;
+}
+
+void hal_bridge_open(void) {
+    hal_bridge_cut();
     sim.high_below = 0;
     sim.low_above = HAL_COMPARE_MAX;
 }
@@ -85,8 +91,12 @@ void hal_bridge_set(uint8_t high_below, uint8_t low_above) {
     sim.enabled = sim.armed;
 }
 
+void hal_apply_at(bool later) {
+    sim.apply_later = later;
+}
+
 uint8_t hal_switches(void) {
-    return sim.in.switches;
+    return sim.switches;
 }
 
 void hal_uart_start(uint8_t baud) {
@@ -141,16 +151,16 @@ void hal_unlock(uint8_t before) {
 // --- events ---
 
 static void on_tick(void) {
-    app_on_tick(&sim.app);
     sim.ticks_waiting++;
-    sim.later_at = sim.tick_at + (int32_t)HAL_APPLY_LATER_CYCLES;
+    sim.switches = sim.in.switches;
+    sim.apply_at = sim.tick_at + (sim.apply_later ? (int32_t)HAL_APPLY_LATER_CYCLES : 0);
     sim.main_at = sim.tick_at + (int32_t)sim.start.tick_cycles;
     sim.tick_at += (int32_t)HAL_CYCLES_PER_TICK;
 }
 
-static void on_later(void) {
-    app_on_later(&sim.app);
-    sim.later_at = NEVER;
+static void on_apply(void) {
+    app_on_apply(&sim.app);
+    sim.apply_at = NEVER;
 }
 
 static void on_main(void) {
@@ -194,7 +204,7 @@ static void keep_earlier(Event *first, EventKind kind, int32_t at) {
 static Event next_event(void) {
     Event first = {.kind = EVENT_NONE, .at = PERIOD};
     keep_earlier(&first, EVENT_TICK, sim.tick_at);
-    keep_earlier(&first, EVENT_LATER, sim.later_at);
+    keep_earlier(&first, EVENT_APPLY, sim.apply_at);
     if (sim.edge_next < sim.in.edge_count) {
         keep_earlier(&first, EVENT_EDGE, sim.in.edge_cycle[sim.edge_next]);
     }
@@ -213,8 +223,8 @@ static void run(const Event *event) {
     case EVENT_TICK:
         on_tick();
         break;
-    case EVENT_LATER:
-        on_later();
+    case EVENT_APPLY:
+        on_apply();
         break;
     case EVENT_EDGE:
         on_edge();
@@ -249,7 +259,7 @@ static void end_period(void) {
         sim.sampled_counts = (uint16_t)(sim.in.adc_counts[sim.channel] & 0x3FFu);
     }
     move_back(&sim.tick_at);
-    move_back(&sim.later_at);
+    move_back(&sim.apply_at);
     move_back(&sim.main_at);
     move_back(&sim.sample_at);
     move_back(&sim.sent_at);
@@ -290,7 +300,7 @@ void sim_reset(const SimStart *start, SimOutputs *outputs) {
     sim.cycles = HAL_FIRST_TOP_CYCLES;
     sim.tick_at = (int32_t)HAL_CYCLES_PER_TICK - (int32_t)HAL_FIRST_TOP_CYCLES;
     sim.sample_at = (int32_t)HAL_FIRST_SAMPLE_CYCLES - (int32_t)HAL_FIRST_TOP_CYCLES;
-    sim.later_at = NEVER;
+    sim.apply_at = NEVER;
     sim.main_at = NEVER;
     sim.sent_at = NEVER;
     app_init(&sim.app, VGROOVE_BUILD_HASH);
