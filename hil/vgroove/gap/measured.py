@@ -100,8 +100,7 @@ def _edges(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig) -> Edge
     pulses = rig.sensors.get("hall_pulses_per_rev", 0)
     if pulses == 0 or "speed_rpm" not in columns:
         return None
-    found = edge_periods(time_s, columns["speed_rpm"], pulses, rig.sensors.get("speed_lsb_rpm", 0.0))
-    return found if len(found.row) else None
+    return edge_periods(time_s, columns["speed_rpm"], pulses, rig.sensors.get("speed_lsb_rpm", 0.0))
 
 
 def _channels(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges: EdgePeriods | None,
@@ -171,7 +170,8 @@ def _edge_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig, edges: Edge
     limit = 60.0 / pulses / np.maximum(end - start, 1e-9)
     waiting = np.arange(len(row)) >= np.count_nonzero(keep)
     measured = np.where(waiting, limit, np.concatenate([edges.speed_rpm[keep], np.zeros(len(wait_row))]))
-    wait_sigma = np.full(len(wait_row), max(float(np.median(sigma)), noise.LEAST_SIGMA["speed_rpm"]))
+    least = max(rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0), noise.LEAST_SIGMA["speed_rpm"])
+    wait_sigma = np.full(len(wait_row), float(np.median(sigma)) if len(sigma) else least)
     order = np.lexsort((waiting, row))
     return span_channel("speed_rpm", "rpm", time_s, (start[order], end[order]), row[order], measured[order],
                         np.concatenate([sigma[keep], wait_sigma])[order], waiting[order], RAD_S_TO_RPM, True,
@@ -192,8 +192,8 @@ def _waits(time_s: np.ndarray, speed_rpm: np.ndarray, edges: EdgePeriods, timeou
     row = np.flatnonzero(speed_rpm == 0.0)
     now = time_s[row]
     place = np.searchsorted(edges.row[whole], row)
-    since = np.where(place > 0, last_end[np.maximum(place - 1, 0)], -np.inf)
-    coming = np.where(place < len(first_start), first_start[np.minimum(place, len(first_start) - 1)], np.inf)
+    since = np.concatenate([[-np.inf], last_end])[place]
+    coming = np.concatenate([first_start, [np.inf]])[place]
     since = np.where((coming < now) & (coming > since), coming, np.maximum(since, now - timeout_s))
     since = np.maximum(since, time_s[0])
     real = now - since > 1e-6
@@ -255,7 +255,7 @@ def _sight(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges: 
         speed = states.Observations(channel.time_s, channel.time_s, channel.measured * RPM, channel.sigma * RPM)
         angle = angle_at(0.0) + np.concatenate([[0.0], np.cumsum(0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.start_s))])
         angle_at = _interpolated(speed.start_s, angle)
-    if edges is not None:
+    if edges is not None and not edges.falling.all():
         speed, angle_at = _edge_sight(rig, edges, _standing(rig)(0.0))
     if "position_rad" in by_column:
         speed, angle_at = _position_sight(time_s, columns["position_rad"], rig)

@@ -20,6 +20,7 @@ from vgroove.errors import VgrooveError
 from vgroove.gap import figures
 from vgroove.gap.blocks import Blocks
 from vgroove.gap.channels import Channel, Simulation
+from vgroove.gap.filters import correct_filters
 from vgroove.gap.measured import Run, prepare_run
 from vgroove.rig import Rig
 
@@ -102,8 +103,14 @@ class Problem:
     def simulate(self, theta: np.ndarray) -> list[Simulation]:
         """Every log's simulation, restarted as judged: dicts of (B, rows) arrays as vgroove._core.simulate_log gives them."""
         theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
-        seen = self._sensors(theta)
-        return [_core.simulate_log(run.drive, theta, run.starts, run.restarts.states(*seen), threads=self.threads) for run in self.runs]
+        gain, offset, lag = self._sensors(theta)
+        delayed, found = theta[:, self.index("effects.speed_lag.delay_form")] != 0.0, []
+        for run in self.runs:
+            states = run.restarts.states(gain, offset, lag, delayed)
+            found.append(_core.simulate_log(run.drive, theta, run.starts, states, threads=self.threads))
+            if np.any(lag > 0.0):
+                correct_filters(found[-1], np.asarray(run.log.time_s), run.restarts, lag, delayed)
+        return found
 
     def _sensors(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gain, offset and lag (B, 2) of the current and speed sensors, through which a measured state is seen."""

@@ -9,6 +9,7 @@ NEIGHBOURS = 4  # observations on each side of an instant
 DEGREE = 2
 REACH_S = 0.06  # observations further away than this say nothing about an instant
 SEARCH_S, SEARCH_STEPS = 0.05, 11  # a restart may move this far, to the best of so many instants
+UNREST_S = 2e-4  # of two instants that are known equally well the quieter one is taken: this much of its acceleration counts as doubt
 TRUST = 2.5  # a restart needs a state known to within this many sigma of the sensor
 
 
@@ -24,14 +25,16 @@ class Observations:
 
 @dataclass(frozen=True)
 class Local:
-    """A signal at an instant: value, slope per second, and the value's 1 sigma, lack of fit included, in sensor sigmas."""
+    """A signal at an instant: value, first and second derivative, the value's 1 sigma, lack of fit included, and its unrest in sigmas."""
 
     value: float
     slope: float
+    bend: float
     doubt: float
+    unrest: float
 
 
-NOWHERE = Local(0.0, 0.0, np.inf)
+NOWHERE = Local(0.0, 0.0, 0.0, np.inf, np.inf)
 
 
 def local_fit(seen: Observations, time_s: float) -> Local:
@@ -59,7 +62,8 @@ def local_fit(seen: Observations, time_s: float) -> Local:
         weight = np.minimum(1.0, 3.0 * spread / np.maximum(error, 1e-12))
     covariance = np.linalg.inv((basis * rows).T @ (basis * rows))
     misfit = np.sqrt(max(1.0, float(np.sum((weight * error) ** 2)) / (len(a) - DEGREE - 1)))
-    return Local(float(answer[0]), float(answer[1] / scale), float(np.sqrt(covariance[0, 0])) * misfit / float(np.median(sigma)))
+    slope, bend, one = float(answer[1] / scale), 2.0 * float(answer[2]) / scale**2, float(np.median(sigma))
+    return Local(float(answer[0]), slope, bend, float(np.sqrt(covariance[0, 0])) * misfit / one, abs(slope) * UNREST_S / one)
 
 
 def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observations:
@@ -78,31 +82,37 @@ class Sight:
     angle_at: Callable[[float], float]
     current_from: Callable[[float, float, float], float]
 
-    def state(self, time_s: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Measured state [current_a, speed_rad_s, angle_rad] at an instant, slopes of the first two, and the doubt in sensor sigmas."""
+    def state(self, time_s: float) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Measured state [current_a, speed_rad_s, angle_rad] at an instant, derivatives (2, 2) of the first two, doubt and unrest."""
         speed = local_fit(self.speed, time_s) if self.speed is not None else NOWHERE
         if not np.isfinite(speed.doubt):
-            return np.zeros(3), np.zeros(2), np.inf
+            return np.zeros(3), np.zeros((2, 2)), np.inf, np.inf
         if self.current is None:
-            current = Local(self.current_from(time_s, speed.value, speed.slope), 0.0, 0.0)
+            current = Local(self.current_from(time_s, speed.value, speed.slope), 0.0, 0.0, 0.0, 0.0)
         else:
             current = local_fit(self.current, time_s)
         state = np.array([current.value, speed.value, self.angle_at(time_s)])
-        return state, np.array([current.slope, speed.slope]), max(speed.doubt, current.doubt)
+        return state, np.array([[current.slope, current.bend], [speed.slope, speed.bend]]), max(speed.doubt, current.doubt), speed.unrest
 
 
 @dataclass(frozen=True)
 class Restarts:
-    """Rows (S,) at whose end the model starts anew, the measured states there (S, 3), and the slopes (S, 2) of current and speed."""
+    """Rows (S,) at whose end the model starts anew, the measured states there (S, 3), slopes and bends (S, 2) of current and speed."""
 
     rows: np.ndarray
     measured: np.ndarray
     slopes: np.ndarray
+    bends: np.ndarray
 
-    def states(self, gain: np.ndarray, offset: np.ndarray, lag_s: np.ndarray) -> np.ndarray:
-        """True states (B, S, 3) behind the measured ones for sensors of gain, offset and lag (B, 2) for current and speed."""
+    def states(self, gain: np.ndarray, offset: np.ndarray, lag_s: np.ndarray, delayed: np.ndarray) -> np.ndarray:
+        """True states (B, S, 3) behind the measured ones for sensors of gain, offset and lag (B, 2) for current and speed.
+
+        delayed (B,): the speed sensor is a delay, else a filter y' = (x - y) / lag.
+        """
         true = np.repeat(self.measured[None], len(gain), axis=0)
-        true[:, :, :2] = (true[:, :, :2] + lag_s[:, None] * self.slopes - offset[:, None]) / gain[:, None]
+        true[:, :, :2] += lag_s[:, None] * self.slopes
+        true[:, :, 1] += 0.5 * (delayed * lag_s[:, 1] ** 2)[:, None] * self.bends[:, 1]
+        true[:, :, :2] = (true[:, :, :2] - offset[:, None]) / gain[:, None]
         return true
 
 
@@ -114,18 +124,19 @@ def restarts(sight: Sight, time_s: np.ndarray, restart_s: float) -> Restarts:
     """
     rows, found = [0], [_first_state(sight, time_s)]
     for k in range(1, int((time_s[-1] - time_s[0]) / restart_s - 0.5) + 1):
-        centre, best, chosen = time_s[0] + k * restart_s, TRUST, None
+        centre, best, chosen = time_s[0] + k * restart_s, np.inf, None
         for shift in SEARCH_S * min(1.0, restart_s / 0.25) * np.linspace(-1.0, 1.0, SEARCH_STEPS):
             row = int(np.searchsorted(time_s, centre + shift))
             if not rows[-1] + 5 < row < len(time_s) - 5:
                 continue
-            state, slope, doubt = sight.state(float(time_s[row]))
-            if doubt < best:
-                best, chosen = doubt, (row, (state, slope))
+            state, rates, doubt, unrest = sight.state(float(time_s[row]))
+            if doubt < TRUST and doubt + unrest < best:
+                best, chosen = doubt + unrest, (row, (state, rates))
         if chosen is not None:
             rows.append(chosen[0])
             found.append(chosen[1])
-    return Restarts(np.array(rows), np.array([state for state, _ in found]), np.array([slope for _, slope in found]))
+    rates = np.array([rate for _, rate in found])
+    return Restarts(np.array(rows), np.array([state for state, _ in found]), rates[:, :, 0], rates[:, :, 1])
 
 
 def _first_state(sight: Sight, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -138,4 +149,4 @@ def _first_state(sight: Sight, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarr
         line = np.polyfit(middle - time_s[0], seen.value[:NEIGHBOURS], 1)
         if abs(np.mean(seen.value[:NEIGHBOURS])) > 3.0 * seen.sigma[0]:
             state[k] = line[1]
-    return state, np.zeros(2)
+    return state, np.zeros((2, 2))

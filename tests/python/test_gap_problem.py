@@ -1,0 +1,215 @@
+"""Problem: a log of a tool that is exactly its rig ends at the noise, a wrong rig does not, and every array says what its residual is."""
+
+import numpy as np
+import pytest
+
+from made_log import MadeLog, drive_log, rig
+from vgroove.errors import VgrooveError
+from vgroove.gap import blocks, noise
+from vgroove.gap.measured import current_is_unsigned
+from vgroove.gap.problem import Problem, load_problem
+
+REVERSING = [(0.2, 0.5), (1.5, -0.6), (3.0, 0.8), (4.5, -0.3)]
+
+
+@pytest.fixture(scope="module")
+def log() -> MadeLog:
+    return drive_log(rig())
+
+
+@pytest.fixture(scope="module")
+def problem(log: MadeLog) -> Problem:
+    return load_problem([log], rig())
+
+
+def by_signal(problem: Problem, residual: np.ndarray) -> dict[str, float]:
+    return {s.column: problem.gap(residual, problem.judged & (problem.signal == k)) for k, s in enumerate(problem.signals)}
+
+
+@pytest.mark.parametrize("restart_s", [0.1, 0.25, 100.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_true_rig_ends_at_the_noise_with_and_without_restarts(restart_s: float, seed: int) -> None:
+    problem = load_problem([drive_log(rig(), seed=seed)], rig(), restart_s=restart_s)
+    residual = problem.residuals(problem.theta0)[0]
+    assert problem.gap(residual) == pytest.approx(1.0, abs=0.05)
+    for column, gap in by_signal(problem, residual).items():
+        assert gap == pytest.approx(1.0, abs=0.2), column
+    assert (len(problem.runs[0].starts) > 15) == (restart_s < 1.0)
+
+
+@pytest.mark.parametrize("change", [{"motor.resistance_ohm": 0.21}, {"motor.inertia_kg_m2": 1.7e-5}, {"motor.coulomb_nm": 0.014},
+                                    {"motor.torque_constant_nm_per_a": 0.0111}, {"supply.resistance_ohm": 0.01}])
+def test_a_wrong_rig_does_not(log: MadeLog, change: dict) -> None:
+    problem = load_problem([log], rig().with_values(change))
+    assert problem.gap(problem.residuals(problem.theta0)[0]) > 1.3
+
+
+@pytest.mark.parametrize("effect", [{"transport_delay": {"delay_s": 0.004}}, {"speed_lag": {"time_constant_s": 0.004}},
+                                    {"speed_lag": {"time_constant_s": 0.004, "form": "delay"}}, {"current_lag": {"time_constant_s": 0.003}},
+                                    {"current_offset": {"offset_a": 0.5}}, {"speed_gain": {"relative": 0.01}},
+                                    {"winding_heating": {"kelvin_per_joule": 0.3, "cooling_s": 20.0}}])
+def test_an_effect_opens_the_gap_and_its_rig_closes_it(effect: dict) -> None:
+    tool = rig().with_effects(effect)
+    made = drive_log(tool, levels=[(0.3, 0.35), (1.0, 0.8), (1.8, 0.5), (2.6, 1.0), (3.4, 0.4), (4.2, 0.7), (5.2, 0.5)])
+    before, after = (load_problem([made], one) for one in (rig(), tool))
+    assert before.gap(before.residuals(before.theta0)[0]) > 1.3
+    assert after.gap(after.residuals(after.theta0)[0]) == pytest.approx(1.0, abs=0.08)
+
+
+def test_batches_are_the_single_answers(problem: Problem) -> None:
+    theta = np.repeat(problem.theta0[None], 5, axis=0)
+    theta[:, problem.index("motor.coulomb_nm")] *= np.linspace(0.8, 1.2, 5)
+    together = problem.residuals(theta)
+    assert together.shape == (5, problem.n) and np.all(np.isfinite(together))
+    for one, row in zip(theta, together, strict=True):
+        assert np.allclose(problem.residuals(one)[0], row, atol=1e-6)
+
+
+def test_arrays_say_what_each_residual_is(problem: Problem, log: MadeLog) -> None:
+    names = [s.column for s in problem.signals]
+    assert names == ["current_a", "supply_v", "speed_rpm"]
+    rows = problem.signal == names.index("current_a")
+    assert np.array_equal(problem.measured[rows], log.columns["current_a"][problem.row[rows]])
+    assert np.array_equal(problem.time_s[rows], log.time_s[problem.row[rows]])
+    assert problem.sigma[rows].min() == pytest.approx(np.hypot(0.15, 0.1 / np.sqrt(12.0)), rel=1e-9)
+    speeds = (problem.signal == names.index("speed_rpm")) & ~problem.conditional
+    assert np.array_equal(problem.measured[speeds], log.columns["speed_rpm"][problem.row[speeds]])
+    assert 2000 < speeds.sum() < 5000
+    assert problem.runs[0].starts[1:].tolist() == sorted(set(problem.runs[0].starts[1:]) - set(problem.row[rows]))
+    model = problem.measured - problem.residuals(problem.theta0)[0] * problem.sigma
+    trace = problem.traces(problem.theta0)[0]["speed_rpm"]
+    assert np.allclose(trace[2], model[speeds])
+
+
+def test_a_row_that_repeats_an_edge_counts_once(problem: Problem, log: MadeLog) -> None:
+    slow = (log.time_s > 3.6) & (log.time_s < 4.2)
+    passed = float(np.sum(log.columns["speed_rpm"][slow]) / 60.0 * 4 * 1e-3)
+    names = [s.column for s in problem.signals]
+    counted = (problem.signal == names.index("speed_rpm")) & ~problem.conditional & np.isin(problem.row, np.flatnonzero(slow))
+    assert 0.9 * passed - 8 < counted.sum() < passed + 2 < 0.4 * slow.sum()
+
+
+def test_folds_rotate_in_a_short_log(problem: Problem) -> None:
+    assert len(problem.folds) == 4 and problem.judged.all()
+    seen = np.zeros(problem.n, dtype=int)
+    for train, test in problem.folds:
+        assert not np.any(train & test) and np.all(train | test)
+        seen += test
+    assert np.all(seen == 1)
+    assert problem.held_out_s == [[[0.0, 6.0]]]
+
+
+def test_a_long_log_holds_out_blocks_three_seven_eleven() -> None:
+    problem = load_problem([drive_log(rig(), seconds=12.0)], rig())
+    assert problem.held_out_s == [[[2.0, 3.0], [6.0, 7.0], [10.0, 11.0]]]
+    ((train, test),) = problem.folds
+    assert np.array_equal(test, np.isin(problem.block, [3, 7, 11])) and np.array_equal(train, ~test)
+    assert np.array_equal(test, problem.judged)
+
+
+def test_strokes_longer_than_a_block_give_thirds() -> None:
+    time_s = np.arange(0.0, 24.0, 1e-3)
+    to_and_fro = np.sign(np.sin(2.0 * np.pi * time_s / 6.0))
+    assert blocks.stroke_s(time_s, to_and_fro) == pytest.approx(3.0, rel=0.1)
+    cut = blocks.cut(time_s, blocks.stroke_s(time_s, to_and_fro))
+    assert (cut.folds, cut.rotate, len(cut.edges_s)) == (3, True, 4)
+    assert blocks.cut(time_s, blocks.stroke_s(time_s, np.ones(len(time_s)))).folds == 4
+    assert len(blocks.cut(time_s[:4000], 4.0).edges_s) == 9
+
+
+def test_two_logs_are_judged_together() -> None:
+    logs = [drive_log(rig(), seed=s, seconds=4.0) for s in (3, 4)]
+    both = load_problem(logs, rig())
+    parts = [load_problem([one], rig()) for one in logs]
+    assert both.n == sum(p.n for p in parts) and set(both.log) == {0, 1} and len(both.held_out_s) == 2
+    assert np.allclose(both.residuals(both.theta0)[0], np.concatenate([p.residuals(p.theta0)[0] for p in parts]))
+
+
+def test_missing_samples_are_left_out(log: MadeLog) -> None:
+    columns = {name: values.copy() for name, values in log.columns.items()}
+    columns["current_a"][100:200] = np.nan
+    columns["duty"][3000] = np.nan
+    problem = load_problem([MadeLog(log.time_s, columns)], rig())
+    assert not np.any((problem.signal == 0) & np.isin(problem.row, np.arange(100, 200)))
+    assert problem.gap(problem.residuals(problem.theta0)[0]) == pytest.approx(1.0, abs=0.06)
+
+
+def test_unsigned_current_is_recognised_and_compared_by_magnitude() -> None:
+    made = drive_log(rig(), levels=REVERSING)
+    assert made.columns["current_a"].min() < -5.0
+    assert not current_is_unsigned(made.columns, rig(), 0.15)
+    made.columns["current_a"] = np.abs(made.columns["current_a"])
+    made.columns["speed_rpm"] = signed_speed(made)
+    assert current_is_unsigned(made.columns, rig(), 0.15)
+    problem = load_problem([made], rig())
+    assert problem.signals[0].magnitude and any("unsigned" in w for w in problem.warnings)
+    assert by_signal(problem, problem.residuals(problem.theta0)[0])["current_a"] < 1.3
+
+
+def signed_speed(made: MadeLog) -> np.ndarray:
+    """Speed column with the direction of the command a little later, as a board would give it."""
+    return np.abs(made.columns["speed_rpm"]) * np.where(np.roll(made.columns["duty"], 30) < 0.0, -1.0, 1.0)
+
+
+def test_a_stuck_tool_counts_only_where_the_model_would_have_passed_an_edge(log: MadeLog) -> None:
+    columns = {**log.columns, "speed_rpm": np.zeros(len(log.time_s)), "current_a": log.columns["duty"] * 18.0 / 0.19}
+    problem = load_problem([MadeLog(log.time_s, columns)], rig())
+    residual = problem.residuals(problem.theta0)[0]
+    waits = problem.conditional & np.isfinite(problem.squared(residual))
+    assert problem.conditional.sum() > 5500
+    assert 4500 < waits.sum() < 5800 and np.all(residual[waits] < 0.0)
+    assert np.all(problem.time_s[waits] > 0.3)
+
+
+def test_nothing_to_judge_and_no_input_are_refused(log: MadeLog) -> None:
+    with pytest.raises(VgrooveError, match="nothing to judge"):
+        load_problem([MadeLog(log.time_s, {"duty": log.columns["duty"]})], rig())
+    with pytest.raises(VgrooveError, match="duty"):
+        load_problem([MadeLog(log.time_s, {"current_a": log.columns["current_a"]})], rig())
+    with pytest.raises(VgrooveError, match="supply_v"):
+        load_problem([MadeLog(log.time_s, {k: log.columns[k] for k in ("duty", "speed_rpm")})], rig(input={"bus": "measured"}))
+    with pytest.raises(VgrooveError, match="no log"):
+        load_problem([], rig())
+
+
+def test_a_measured_bus_drives_the_model(log: MadeLog) -> None:
+    problem = load_problem([log], rig(input={"bus": "measured"}))
+    assert [s.column for s in problem.signals] == ["current_a", "speed_rpm"]
+    low = MadeLog(log.time_s, {**log.columns, "supply_v": 0.9 * log.columns["supply_v"]})
+    problem = load_problem([low], rig(input={"bus": "measured"}))
+    assert problem.gap(problem.residuals(problem.theta0)[0]) > 3.0
+
+
+def test_stated_noise_wins_and_unstated_noise_comes_from_the_log(log: MadeLog) -> None:
+    assert noise.column_sigma(rig(), "current_a", log.columns["current_a"]) == pytest.approx(np.hypot(0.15, 0.1 / np.sqrt(12.0)))
+    silent = rig()
+    silent.sensors.pop("current_noise_a")
+    estimate = noise.column_sigma(silent, "current_a", log.columns["current_a"])
+    assert estimate == pytest.approx(np.hypot(0.15, 0.1 / np.sqrt(12.0)), rel=0.1)
+
+
+def test_encoder_is_judged_through_its_derivative(log: MadeLog) -> None:
+    lsb = 2.0 * np.pi / 4096
+    tool = rig(sensors={"position_lsb_rad": lsb})
+    from vgroove import _core
+
+    drive = _core.LogInput(log.time_s, "duty", log.columns["duty"], slew_per_s=6.0)
+    angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))["angle_rad"][0]
+    columns = {"duty": log.columns["duty"], "current_a": log.columns["current_a"], "position_rad": np.round(angle / lsb) * lsb}
+    problem = load_problem([MadeLog(log.time_s, columns)], tool)
+    gaps = by_signal(problem, problem.residuals(problem.theta0)[0])
+    assert gaps["position_rad"] == pytest.approx(1.0, abs=0.15) and gaps["current_a"] == pytest.approx(1.0, abs=0.1)
+    wrong = load_problem([MadeLog(log.time_s, columns)], tool.with_values({"motor.coulomb_nm": 0.016}))
+    assert by_signal(wrong, wrong.residuals(wrong.theta0)[0])["position_rad"] > 2.0
+
+
+def test_iso18571_rates_the_better_model_higher(problem: Problem) -> None:
+    worse = problem.theta0.copy()
+    worse[problem.index("motor.torque_constant_nm_per_a")] *= 1.1
+    good, bad = (problem.iso18571(problem.residuals(theta)[0]) for theta in (problem.theta0, worse))
+    assert 0.9 < good["speed_rpm"] <= 1.0 and bad["speed_rpm"] < good["speed_rpm"] - 0.02
+
+
+def test_regimes_cover_the_log(problem: Problem) -> None:
+    names = {problem.regimes[k] for k in np.unique(problem.regime)}
+    assert {"standstill", "start"} <= names and any(name.startswith("steady") for name in names)
