@@ -115,8 +115,8 @@ class _Reader:
         if _same(speed, self.chain.speed_rpm[-1]) and self.high + period + 2.0 * slack > now:
             if self.low + period > now + slack:  # else an equal period may just have ended: no bound follows
                 self.narrow(now - period - slack, now + TICK_S)
-        elif self.is_fall(row, speed, now, period, slack):
-            self.narrow(now - period - slack, now - period + slack)
+        elif self.is_fall(row, speed, now, period, slack + rounding):  # a board may truncate where a pitch over the wait is a bound
+            self.narrow(now - period - slack - rounding, now - period + slack + rounding)
             self.chain.falls.append((row, len(self.chain.row) - 1, speed))
         elif not self.new_edge(row, speed, now, period, rounding):
             self.begin(row, speed)
