@@ -163,10 +163,13 @@ def scales_of(problem: Problem) -> Scales:
     amp = span(column(problem, "current_a"), 0.3 * volt / resistance)
     speed = span(np.concatenate([speed_rows(problem, j) for j in range(len(problem.logs))]), volt / k)
     times = [np.asarray(log.time_s, float) for log in problem.logs]
+    interval = float(np.median(np.concatenate([np.diff(t) for t in times])))
+    # Whether a measured current belongs to the start or the end of its row is the logger's convention: one sample is no delay.
+    least_delay = 1.5 * interval if rig.input["kind"] == "current_a" else 0.0
     inertia = motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / rig.gearbox["ratio"] ** 2
     return Scales(volt=volt, amp=amp, speed=speed, torque=k * amp, inertia=inertia, motor_inertia=motor["inertia_kg_m2"],
                   resistance=resistance, coulomb=motor["coulomb_nm"], viscous=motor["viscous_nm_s_per_rad"], ratio=rig.gearbox["ratio"],
-                  duration=float(max(t[-1] - t[0] for t in times)), interval=float(np.median(np.concatenate([np.diff(t) for t in times]))),
+                  duration=float(max(t[-1] - t[0] for t in times)), interval=interval, least_delay=least_delay,
                   pwm_hz=rig.bridge.get("pwm_hz", 20000.0), supply_ohm=rig.supply.get("resistance_ohm", 0.0))
 
 

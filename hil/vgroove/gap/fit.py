@@ -33,7 +33,8 @@ class ProblemLike(Protocol):
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One fitted number x: theta[columns] = origin + factors * x. A cosine and the sine after it make an amplitude and its phase."""
+    """One fitted number x: theta[columns] = origin + factors * x, 0 where |x| < least. A cosine and the sine after it are an amplitude and
+    its phase."""
 
     name: str
     columns: tuple[int, ...]
@@ -42,6 +43,7 @@ class Coordinate:
     low: float
     high: float
     step: float = STEP
+    least: float = 0.0
     prior: bool = False
     role: str = "plain"
 
@@ -83,7 +85,7 @@ class Hypothesis:
         for i, c in enumerate(self.coordinates):
             if c.role == "plain":
                 for column, factor in zip(c.columns, c.factors, strict=True):
-                    out[:, column] = c.origin + factor * x[:, i]
+                    out[:, column] = c.origin + factor * np.where(np.abs(x[:, i]) < c.least, 0.0, x[:, i])
             elif c.role == "cosine":
                 out[:, c.columns[0]] = c.factors[0] * np.hypot(x[:, i], x[:, i + 1])
                 out[:, self.coordinates[i + 1].columns[0]] = np.arctan2(x[:, i + 1], x[:, i])
@@ -136,7 +138,8 @@ class Engine:
         grid = np.stack([g.ravel() for g in starts], axis=1) if numbers else np.zeros((1, 0))
         coordinates = tuple(c for c, _ in numbers) + self.keys
         forms = [tuple((self.problem.index(n), v) for form in forms for n, v in form) for forms in product(*[e.forms for e in effects])]
-        return [Hypothesis(ids, coordinates, np.concatenate([row, keys]), form) for form in forms for row in grid]
+        low, high = np.array([c.low for c in coordinates]), np.array([c.high for c in coordinates])
+        return [Hypothesis(ids, coordinates, np.clip(np.concatenate([row, keys]), low, high), form) for form in forms for row in grid]
 
     def _effect(self, effect: Effect, ids: tuple[str, ...]) -> list[tuple[Coordinate, tuple[float, ...]]]:
         if effect.id == "asymmetric_friction" and "coulomb_friction" in ids:
@@ -147,7 +150,7 @@ class Engine:
             column = self.problem.index(effect.name(parameter))
             low, high = parameter.low(self.scales) / size, parameter.high(self.scales) / size
             starts = parameter.starts if effect.id not in self.present else (float(self.problem.theta0[column]) / size,)
-            pairs.append((Coordinate(effect.name(parameter), (column,), (size,), 0.0, low, high, parameter.step), starts))
+            pairs.append((Coordinate(effect.name(parameter), (column,), (size,), 0.0, low, high, parameter.step, parameter.least), starts))
         return self._polar(pairs) if effect.phase else pairs
 
     def _offset(self, effect: Effect) -> Coordinate:

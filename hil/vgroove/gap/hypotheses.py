@@ -30,11 +30,13 @@ class Scales:
     interval: float
     pwm_hz: float
     supply_ohm: float
+    least_delay: float = 0.0
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect. size, low and high are functions of Scales; starts are values in units of size."""
+    """One number of an effect. size, low and high are functions of Scales; starts, step (of differences) and least (below it the
+    number is 0: a lag of nanoseconds makes a simulation stiff for nothing) are in units of size."""
 
     name: str
     unit: str
@@ -43,6 +45,7 @@ class Parameter:
     high: Callable[[Scales], float] = lambda s: FREE
     starts: tuple[float, ...] = (0.0,)
     step: float = 0.1
+    least: float = 0.0
     reported: bool = True
 
 
@@ -101,7 +104,7 @@ def _time(name: str, starts: tuple[float, ...]) -> Parameter:
 
 
 def _lag(name: str, starts: tuple[float, ...] = (0.0,)) -> Parameter:
-    return Parameter(name, "s", lambda s: 2.0 * s.interval, _zero, lambda s: 0.1, starts)
+    return Parameter(name, "s", lambda s: 2.0 * s.interval, _zero, lambda s: 0.1, starts, least=0.01)
 
 
 CATALOGUE: tuple[Effect, ...] = (
@@ -170,7 +173,7 @@ CATALOGUE: tuple[Effect, ...] = (
         Parameter("probability", "1", _const(0.01), _zero, _const(0.5)),), needs=("edges",)),
     Effect("supply_gain", "sensor_supply", (_relative(0.02, 0.5),), needs=("supply",)),
     Effect("transport_delay", "timing", (
-        Parameter("delay_s", "s", lambda s: 2.0 * s.interval, _zero, _const(0.1), (0.0, 4.0)),)),
+        Parameter("delay_s", "s", lambda s: 2.0 * s.interval, lambda s: s.least_delay, _const(0.1), (0.0, 4.0)),)),
     Effect("clock_skew", "timing", (
         Parameter("relative", "1", _const(0.01), _const(-0.05), _const(0.05)),),
            forms=((), (("effects.clock_skew.command_clock", 1.0),))),

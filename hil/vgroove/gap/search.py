@@ -10,14 +10,15 @@ import numpy as np
 
 from vgroove.gap.evidence import SHORTEST_S, Blocks, block_sums, correlation_time, draw_means, interval, make_blocks, squared
 from vgroove.gap.fit import NARROW, Engine, Fit, Hypothesis
-from vgroove.gap.hypotheses import BY_ID, Effect, contains
+from vgroove.gap.hypotheses import BY_ID, SPECIAL_CASES, Effect, contains
 
 CLIP = 10.0
 LARGEST_SET = 4
-WORTH = 0.05
+WORTH = 0.08
 WORTH_SHARE = 0.01
 LEVEL = 0.99
 PROPOSALS = 6
+FLOORED = ("effects.transport_delay.delay_s",)
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,14 @@ class Search:
 
     def ranked(self, size: int) -> list[Fit]:
         """Fits of sets of one size, best first; equal scores in catalogue order."""
-        return sorted((f for k, f in self.fits.items() if len(k) == size), key=lambda f: (round(self.score(f), 9), f.ids))
+        mine = (f for k, f in self.fits.items() if len(k) == size and plausible(f))
+        return sorted(mine, key=lambda f: (round(self.score(f), 9), f.ids))
+
+
+def plausible(one: Fit) -> bool:
+    """False when a number that must not be zero (a delay beyond the logger's convention) is pressed against its lower bound."""
+    pressed = (c.low > 0.0 and x < 1.02 * c.low for c, x in zip(one.hypothesis.coordinates, one.x, strict=True) if c.name in FLOORED)
+    return not any(pressed)
 
 
 def key(ids: Sequence[str]) -> tuple[str, ...]:
@@ -198,7 +206,7 @@ def run(search: Search) -> tuple[Fit, list[Fit]]:
 
 def forward(search: Search) -> Fit:
     """Grow the set while a further effect, or an exchange, is better in both senses."""
-    best = search.ranked(1)[0] if search.ranked(1) else search.retuned
+    best = simplest(search, search.ranked(1)[0]) if search.ranked(1) else search.retuned
     if not search.better(best, search.retuned):
         pair = grow(search, best)
         return pair if pair is not None and search.better(pair, search.retuned) else search.retuned
@@ -220,7 +228,18 @@ def grow(search: Search, base: Fit) -> Fit | None:
         proposals += extensions(search, rival)[:3]
     search.add(distinct(proposals))
     ranked = search.ranked(size)
-    return ranked[0] if ranked else None
+    return simplest(search, ranked[0]) if ranked else None
+
+
+def simplest(search: Search, best: Fit) -> Fit:
+    """Put special cases in the place of general effects that are not clearly better."""
+    for member in best.ids:
+        known = {e.id for e in search.effects} - set(best.ids)
+        for special in (s for s in SPECIAL_CASES.get(member, ()) if s in known):
+            one = fit_set(search, [special if i == member else i for i in best.ids], best)
+            if not search.better(best, one):
+                return simplest(search, one)
+    return best
 
 
 def distinct(proposals: Sequence[Fit]) -> list[Hypothesis]:
@@ -259,7 +278,7 @@ def rivals(search: Search, best: Fit) -> list[Fit]:
     """Converged sets that predict the held-out rows as well as best, are no larger, and do not just generalise it; best first."""
     exchange(search, best)
     pool = [f for k, f in search.fits.items() if k and key(best.ids) != k and f.hypothesis.count <= best.hypothesis.count + 2]
-    pool = [f for f in pool if len(f.ids) <= len(best.ids) and not contains(f.ids, best.ids)]
+    pool = [f for f in pool if len(f.ids) <= len(best.ids) and plausible(f) and not contains(f.ids, best.ids)]
     return sorted((f for f in pool if search.tied(f, best)), key=search.score)
 
 

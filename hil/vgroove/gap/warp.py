@@ -1,15 +1,29 @@
 """The ISO/TS 18571 rating of objective_rating_metrics with its time warping done in numpy: the package's own compiles for 15 s first."""
 
+import sys
+from functools import cache
+from unittest.mock import MagicMock, patch
+
 import numpy as np
+
+UNUSED = ("dtwalign", "dtwalign.step_pattern", "dtwalign.window")
 
 
 def overall_rating(reference: np.ndarray, comparison: np.ndarray, dt: float) -> float:
     """ISO/TS 18571 overall rating of a curve (n, 2: time, value) against a reference on the same grid."""
-    from objective_rating_metrics.rating import ISO18571  # draws in numba: only when needed
-
-    ISO18571._compute_magnitude = staticmethod(aligned)
+    metric = _metric()
     with np.errstate(invalid="ignore", divide="ignore"):
-        return float(ISO18571(reference, comparison, dt=dt).overall_rating())
+        return float(metric(reference, comparison, dt=dt).overall_rating())
+
+
+@cache
+def _metric() -> type:
+    """The package's class with our alignment; its own (numba, matplotlib: seconds of start-up) is kept out while it is imported."""
+    absent = {name: MagicMock() for name in UNUSED if name not in sys.modules}
+    with patch.dict(sys.modules, absent):
+        from objective_rating_metrics.rating import ISO18571
+    ISO18571._compute_magnitude = staticmethod(aligned)
+    return ISO18571
 
 
 def aligned(x: np.ndarray, y: np.ndarray, window_size: float) -> tuple[np.ndarray, np.ndarray]:
