@@ -3,6 +3,7 @@
 import ctypes
 import importlib.util
 import itertools
+import math
 import random
 import struct
 import subprocess
@@ -340,6 +341,19 @@ def test_the_crc_sees_every_error_of_one_to_three_bits_that_leaves_the_id_known(
         assert not set(ids) & telemetry.OUTBOUND
     # The polynomial holds the factor x + 1: each syndrome has an odd number of ones, so the sum of an odd number of them is never 0.
     assert all(syndrome.bit_count() % 2 == 1 for syndrome in syndromes)
+
+
+def test_of_the_errors_of_four_bits_one_in_127_passes_as_the_page_says() -> None:
+    pairs = [a ^ b for a, b in itertools.combinations(error_syndromes(), 2)]
+    alike = np.bincount(pairs)
+    passing = sum(count * (count - 1) // 2 for count in alike.tolist()) / 3  # each set of four is three pairs of pairs
+    assert 127 * passing / math.comb(128, 4) == pytest.approx(1, abs=0.02)
+    page = (ROOT / "docs/telemetry.md").read_text()
+    for rate, said in ((1e-6, "3.8e8 years"), (1e-4, "3.8 years"), (1e-3, "3.8 hours")):
+        undetected = sum(math.comb(128, k) * rate**k * (1 - rate) ** (128 - k) for k in range(4, 129, 2)) / 127
+        hours = 1 / (undetected * 1000) / 3600
+        value, unit = said.split()
+        assert said in page and hours / (8766 if unit == "years" else 1) == pytest.approx(float(value), rel=0.03)
 
 
 def test_the_crc_sees_every_burst_of_up_to_eight_bits() -> None:
