@@ -1,20 +1,59 @@
-"""Builds the test programs of the AVR tests once a session."""
+"""Programs of the AVR tests: the bench's own probe, built once a session, and the firmware's ELF files that `make build` left."""
 
+import os
 import subprocess
 from pathlib import Path
 
 import pytest
 
 HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
 FLAGS = ["-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=c11"]
-MCUS = ("atmega328p", "atmega2560")
+MCUS = {"uno": "atmega328p", "mega": "atmega2560"}
 
 
 @pytest.fixture(scope="session")
 def probe_elfs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The bench's own test program by microcontroller."""
     folder = tmp_path_factory.mktemp("probe")
-    elfs = {mcu: folder / f"probe_{mcu}.elf" for mcu in MCUS}
+    elfs = {mcu: folder / f"probe_{mcu}.elf" for mcu in MCUS.values()}
     for mcu, elf in elfs.items():
         subprocess.run(["avr-gcc", f"-mmcu={mcu}", *FLAGS, "-o", str(elf), str(HERE / "probe_board.c")], check=True)
     return elfs
+
+
+def _firmware(target: str) -> Path:
+    named = os.environ.get(f"VGROOVE_{target.upper()}_ELF")
+    elf = Path(named) if named else ROOT / "build" / f"avr-{target}" / "vgroove.elf"
+    assert elf.is_file(), f"there is no {elf}: run `make build`"
+    return elf
+
+
+@pytest.fixture(scope="session")
+def uno_elf() -> Path:
+    """The firmware for the ATmega328P."""
+    return _firmware("uno")
+
+
+@pytest.fixture(scope="session")
+def mega_elf() -> Path:
+    """The firmware for the ATmega2560."""
+    return _firmware("mega")
+
+
+@pytest.fixture(scope="session")
+def broken_elf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The firmware for the ATmega328P with one shift of the current's rounding changed from 16 to 15, built from a copy."""
+    folder = tmp_path_factory.mktemp("broken")
+    copy, build = folder / "tree", folder / "build"
+    copy.mkdir()
+    subprocess.run(["cp", "-r", *(str(ROOT / name) for name in ("CMakeLists.txt", "cmake", "firmware")), str(copy)], check=True)
+    source = copy / "firmware" / "drivers" / "current_sense.c"
+    text = source.read_text()
+    assert text.count("+ 0x8000u) >> 16);") == 1, "current_sense.c has no longer the shift that this test breaks"
+    source.write_text(text.replace("+ 0x8000u) >> 16);", "+ 0x8000u) >> TEST_SHIFT);"))
+    configure = ["cmake", "-S", str(copy), "-B", str(build), "-G", "Ninja", "--toolchain", str(copy / "cmake" / "avr-gcc.cmake")]
+    options = ["-DVGROOVE_MCU=atmega328p", "-DCMAKE_BUILD_TYPE=MinSizeRel", "-DCMAKE_C_FLAGS=-DTEST_SHIFT=15"]
+    subprocess.run([*configure, *options], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(["cmake", "--build", str(build)], check=True, stdout=subprocess.DEVNULL)
+    return build / "vgroove.elf"

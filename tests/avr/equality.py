@@ -1,4 +1,4 @@
-"""Processor-in-the-loop equality: what a board's pins saw is recorded once and replayed into native firmware and AVR; streams compared by field."""
+"""Processor-in-the-loop equality: what a board's pins saw is taped once and replayed into both; streams are compared by field."""
 
 from dataclasses import dataclass
 

@@ -1,0 +1,74 @@
+"""Native firmware and AVR say the same, bit for bit, when their pins see the same (the equality test of processor-in-the-loop practice)."""
+
+from pathlib import Path
+
+import pytest
+from equality import Difference, damaged, differences, sent_bytes
+from exercise import DURATION_S, record_tape
+
+from vgroove import board, sil, telemetry
+from vgroove.log import log_from_stream
+
+TARGETS = {"uno_elf": ("atmega328p", 1), "mega_elf": ("atmega2560", 2)}
+
+
+@pytest.fixture(scope="module")
+def tape() -> bytes:
+    recorded, tool = record_tape()
+    assert tool.on_ticks > 40
+    assert tool.doubled > 3
+    return recorded
+
+
+@pytest.fixture(scope="module")
+def native(tape: bytes) -> bytes:
+    return sent_bytes(sil.replay(tape, target=1))
+
+
+def _said(differences_found: list[Difference]) -> str:
+    return "\n".join(str(difference) for difference in differences_found)
+
+
+def test_exercise_uses_every_driver(native: bytes) -> None:
+    frames = telemetry.Framer().feed(native)
+    states = [telemetry.decode(frame) for frame in frames if frame.id == telemetry.STATE]
+    log = log_from_stream(native, "exercise")
+    assert len(log) > DURATION_S * 1000 - 10
+    assert (log["speed_rpm"] > 10000).any() and (log["speed_rpm"] < -5000).any()
+    assert set(telemetry.OUTBOUND) == {frame.id for frame in frames}
+    assert any(state["faults"] for state in states), "the over-current did not trip"
+    health = [telemetry.decode(frame) for frame in frames if frame.id == telemetry.HEALTH]
+    assert health[-1]["missed_edges"] > 0 and health[-1]["double_edges"] > 0 and health[-1]["rx_errors"] > 0
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_native_and_avr_telemetry_are_equal_bit_for_bit(target: str, tape: bytes, request: pytest.FixtureRequest) -> None:
+    elf: Path = request.getfixturevalue(target)
+    mcu, number = TARGETS[target]
+    avr = sent_bytes(board.replay(elf, tape, mcu=mcu))
+    found = differences(sent_bytes(sil.replay(tape, target=number)), avr)
+    assert not found, "native and AVR differ:\n" + _said(found)
+    assert damaged(avr) == 0
+
+
+@pytest.mark.parametrize(("isr_cycles", "tick_cycles"), [(0, 260), (150, 1500), (300, 5000)])
+def test_what_is_sent_does_not_depend_on_latencies(isr_cycles: int, tick_cycles: int, tape: bytes, native: bytes) -> None:
+    other = sent_bytes(sil.replay(tape, target=1, isr_cycles=isr_cycles, tick_cycles=tick_cycles))
+    assert not differences(native, other), _said(differences(native, other))
+
+
+def test_one_changed_shift_in_the_avr_build_is_caught(broken_elf: Path, tape: bytes, native: bytes) -> None:
+    found = differences(native, sent_bytes(board.replay(broken_elf, tape[: len(tape) // 8])))
+    assert found
+    assert found[0].field in ("current_a", "flags", "faults", "state")
+    assert "ms: native" in str(found[0])
+
+
+def test_differences_name_field_and_time(native: bytes) -> None:
+    frames = telemetry.Framer().feed(native)
+    index = next(i for i, frame in enumerate(frames) if frame.id == telemetry.FAST and frame.time_ms > 700)
+    other = frames[index]
+    payload = bytes([other.data[0] ^ 1]) + other.data[1:7]
+    changed = [*frames[:index], telemetry.frame_of(other.time_ms, other.id, payload), *frames[index + 1 :]]
+    found = differences(native, b"".join(telemetry.frame_bytes(frame) for frame in changed))
+    assert [(difference.field, difference.time_ms) for difference in found] == [("current_a", other.time_ms)]
