@@ -73,8 +73,9 @@ def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) ->
 def _split_jitter(variance: np.ndarray, speed_squared: np.ndarray) -> Jitter:
     """Angle and time part of windows' edge variances (m,), rad^2 = angle^2 + speed^2 time^2; windows that stick out are left out."""
     basis = np.column_stack([np.ones_like(speed_squared), speed_squared])
-    predicted = np.full(len(variance), max(float(np.median(variance)), 1e-14))
-    parts = np.zeros(2)
+    fast = speed_squared >= np.median(speed_squared)
+    parts = np.array([max(float(np.median(variance)), 0.0), max(float(np.median(variance[fast] / speed_squared[fast])), 0.0)])
+    predicted = np.maximum(basis @ parts, 1e-14)
     for _ in range(8):
         inside = variance < 3.0 * predicted
         weight = 1.0 / predicted[inside]
@@ -95,8 +96,8 @@ def _what_motion_leaves(size: int, pulses_per_rev: int) -> np.ndarray:
 def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """1 sigma (rows,) of speed, rad/s, and current, A, that the driving columns leave open: they too are measured and rounded.
 
-    A ramp is known to its column's last digit, a load step to the row it happens in, a measured current to its noise. The nominal motor
-    turns each into an impulse of speed that decays with its time constant.
+    A ramp is known to its column's resolution, a load step to the row it happens in, a measured current to its noise. The nominal motor
+    turns each into an impulse of speed that decays with its time constant. A constant command is known to the last digit written.
     """
     motor, ratio = rig.motor, rig.gearbox["ratio"]
     inertia = motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / ratio**2
@@ -104,23 +105,25 @@ def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.n
     dt = np.diff(time_s, prepend=2.0 * time_s[0] - time_s[1])
     torque = np.zeros(len(time_s))
     current = np.zeros(len(time_s))
+    volt = rig.supply.get("voltage_v", 1.0) if rig.input["kind"] == "duty" else 1.0
     rate = constant**2 / resistance / inertia
     if rig.input["kind"] == "current_a":
         rate = motor["viscous_nm_s_per_rad"] / inertia
         torque += constant * rig.sensors.get("current_noise_a", 0.0)
     elif "slew_per_s" in rig.input:
-        volt = rig.supply.get("voltage_v", 1.0) if rig.input["kind"] == "duty" else 1.0
         changing = np.diff(command, prepend=command[0]) != 0.0
         current = changing * step_of(command) / np.sqrt(12.0) * volt / resistance
         torque += constant * current
     if load_nm is not None:
         torque = np.hypot(torque, np.abs(np.diff(load_nm, prepend=load_nm[0])) / np.sqrt(12.0) / ratio)
+    digit = last_digit(command) / np.sqrt(12.0) * volt / constant if rig.input["kind"] != "current_a" else 0.0
     impulse, kept = (torque * dt / inertia) ** 2, np.exp(-2.0 * rate * dt)
     variance = np.empty(len(time_s))
     last = 0.0
     for i in range(len(time_s)):
         last = variance[i] = last * kept[i] + impulse[i]
-    return np.sqrt(variance), np.sqrt(current**2 + variance * (constant / resistance) ** 2)
+    unsure = (np.abs(command) != 0.0) & (np.abs(command) != 1.0)
+    return np.hypot(np.sqrt(variance), digit * unsure), np.sqrt(current**2 + variance * (constant / resistance) ** 2)
 
 
 def step_of(command: np.ndarray) -> float:
@@ -128,6 +131,15 @@ def step_of(command: np.ndarray) -> float:
     steps = np.diff(np.unique(command[np.isfinite(command)]))
     steps = steps[steps > 1e-9]
     return float(steps.min()) if len(steps) else 0.0
+
+
+def last_digit(command: np.ndarray) -> float:
+    """Value of the last decimal digit that a column is written with; 0 where there are more than six."""
+    known = command[np.isfinite(command)]
+    for decimals in range(7):
+        if np.all(np.abs(np.round(known, decimals) - known) < 1e-9):
+            return 10.0**-decimals
+    return 0.0
 
 
 def edge_sigma_rpm(rig: Rig, edges: EdgePeriods, jitter: Jitter) -> np.ndarray:
