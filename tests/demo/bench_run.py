@@ -8,6 +8,7 @@ from pathlib import Path
 
 from sealed import DEMO_SECONDS, DEMO_STEPS
 from truth import TruthTool
+
 from vgroove.board import AvrBoard
 from vgroove.lockstep import Profile, Progress, steps
 from vgroove.pty_line import PtyLine
