@@ -78,6 +78,18 @@ def run(
 
 
 @app.command()
+def flash(
+    port: Annotated[str, typer.Argument(help="Serial port of the board: /dev/ttyACM0, COM3.")],
+    target: Annotated[str, typer.Option(help="Board: uno or mega.")] = "uno",
+    image: Annotated[Path | None, typer.Option("--hex", help="Hex file instead of the one that make build leaves.")] = None,
+) -> None:
+    """Write the firmware through the board's bootloader and read it back (avrdude)."""
+    from vgroove.flash import flash as flash_board
+
+    flash_board(port, target, image, lambda line: Console(stderr=True).print(line, highlight=False, markup=False, soft_wrap=True))
+
+
+@app.command()
 def sim(
     rig_path: Annotated[Path, typer.Argument(metavar="RIG", help="What the simulation believes about the tool.")],
     log: Annotated[list[Path] | None, typer.Option("--log", help="Log whose input drives the rig; may be given again.")] = None,
