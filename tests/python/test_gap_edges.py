@@ -99,8 +99,8 @@ def test_time_jitter_is_told_from_motion_and_from_unequal_edges(jitter_s: float)
     uneven = np.tile([0.0, 3e-3, -2e-3, 1e-3], len(edges) // 4 + 1)[:len(edges)] / np.interp(edges, FINE, SPEEDS["wave"])
     column = hall_column(ROWS, edges + uneven + jitter_s * rng.standard_normal(len(edges)), 4, 0.3, 0.5)
     found = edge_jitter(edge_periods(ROWS, column, 4, 0.5), 4, 0.5 / np.sqrt(12.0))
-    speed = 600.0
-    assert np.hypot(found.angle_rad, speed * found.time_s) == pytest.approx(speed * jitter_s, rel=0.5)
+    fast = 900.0
+    assert 0.6 < np.hypot(found.angle_rad / fast, found.time_s) / jitter_s < 1.7
 
 
 def test_no_jitter_is_claimed_for_a_few_edges() -> None:

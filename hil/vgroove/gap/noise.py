@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from vgroove.gap.edges import EdgePeriods
@@ -71,18 +70,14 @@ def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) ->
 
 
 def _split_jitter(variance: np.ndarray, speed_squared: np.ndarray) -> Jitter:
-    """Angle and time part of windows' edge variances (m,), rad^2 = angle^2 + speed^2 time^2; windows that stick out are left out."""
-    basis = np.column_stack([np.ones_like(speed_squared), speed_squared])
-    fast = speed_squared >= np.median(speed_squared)
-    parts = np.array([max(float(np.median(variance)), 0.0), max(float(np.median(variance[fast] / speed_squared[fast])), 0.0)])
-    predicted = np.maximum(basis @ parts, 1e-14)
-    for _ in range(8):
-        inside = variance < 3.0 * predicted
-        weight = 1.0 / predicted[inside]
-        scale = np.sqrt(np.mean(basis**2, axis=0))
-        parts = nnls(basis[inside] / scale * weight[:, None], variance[inside] * weight)[0] / scale
-        predicted = np.maximum(basis @ parts, 1e-14)
-    return Jitter(float(np.sqrt(parts[0])), float(np.sqrt(parts[1])))
+    """Angle and time part of windows' edge variances (m,), rad^2 = angle^2 + speed^2 time^2, from the medians of fast and slow windows."""
+    fast = speed_squared >= 0.25 * np.quantile(speed_squared, 0.9)
+    slow = ~fast if np.count_nonzero(~fast) >= 5 else fast
+    angle = time = 0.0
+    for _ in range(10):
+        time = max(0.0, float(np.median((variance[fast] - angle) / speed_squared[fast])))
+        angle = 0.5 * angle + 0.5 * max(0.0, float(np.median(variance[slow] - speed_squared[slow] * time)))
+    return Jitter(float(np.sqrt(angle)), float(np.sqrt(time)))
 
 
 def _what_motion_leaves(size: int, pulses_per_rev: int) -> np.ndarray:
@@ -134,9 +129,11 @@ def step_of(command: np.ndarray) -> float:
 
 
 def last_digit(command: np.ndarray) -> float:
-    """Value of the last decimal digit that a column is written with; 0 where there are more than six."""
+    """Value of the last decimal digit that a column is rounded to; 0 where values look exact: up to three decimals, or more than six."""
     known = command[np.isfinite(command)]
-    for decimals in range(7):
+    if np.all(np.abs(np.round(known, 3) - known) < 1e-9):
+        return 0.0
+    for decimals in range(4, 7):
         if np.all(np.abs(np.round(known, decimals) - known) < 1e-9):
             return 10.0**-decimals
     return 0.0
