@@ -39,6 +39,12 @@ def room_of(path: str) -> str | None:
     return max(rooms, key=len, default=None)
 
 
+def resolve(path: str, spelling: str, known: dict[str, str]) -> str | None:
+    """The header of the house that an include line in `path` finds: one beside it first, as the compiler does; None for foreign headers."""
+    beside = f"{path.rsplit('/', 1)[0]}/{spelling}"
+    return beside if beside in known.values() else known.get(spelling)
+
+
 def include_violations(path: str, text: str, known: dict[str, str]) -> list[Violation]:
     """Includes of `path` that go against MAY_SEE; `known` maps each way a project header can be spelled to its repository path."""
     room = room_of(path)
@@ -47,7 +53,7 @@ def include_violations(path: str, text: str, known: dict[str, str]) -> list[Viol
     found = []
     for number, line in enumerate(text.splitlines(), 1):
         match = re.match(r'\s*#\s*include\s+["<]([^">]+)[">]', line)
-        target = known.get(match.group(1)) if match else None
+        target = resolve(path, match.group(1), known) if match else None
         other = room_of(target) if target else None
         if other and other != room and other not in MAY_SEE[room]:
             found.append(Violation(path, number, f"{room} must not include {other} ({match.group(1)})"))
