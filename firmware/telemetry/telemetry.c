@@ -111,15 +111,18 @@ static void note_second(Telemetry *self, uint32_t now_ms) {
 }
 
 static int16_t mean_of(int32_t sum, uint8_t count) {
-    const int32_t half = sum < 0 ? -(int32_t)(count / 2u) : (int32_t)(count / 2u);
-    return count == 1u ? (int16_t)sum : (int16_t)((sum + half) / count);
+    const int32_t half = (int32_t)(count / 2u);
+    if (count == 1u) {
+        return (int16_t)sum;  // the usual case, without the division
+    }
+    return (int16_t)((sum + (sum < 0 ? -half : half)) / count);
 }
 
 static void send_fast(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
     const uint8_t ticks = self->boot.fast_divider;
     TelemetryFast fast = in->fast;
     fast.current_a = mean_of(self->current_sum, ticks);
-    fast.supply_v = ticks == 1u ? self->supply_sum : (uint16_t)((uint16_t)(self->supply_sum + ticks / 2u) / ticks);
+    fast.supply_v = (uint16_t)mean_of((int32_t)self->supply_sum, ticks);
     fast.fast_counter = self->fast_counter;
     self->fast_counter = (uint8_t)((self->fast_counter + 1u) & TELEMETRY_FAST_COUNTER_MAX);
     self->current_sum = 0;

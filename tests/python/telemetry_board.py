@@ -59,12 +59,12 @@ class Store(ctypes.Structure):
 
 @cache
 def library() -> ctypes.CDLL:
-    """The firmware's sources as a shared library, with the warnings that the project treats as errors."""
+    """The firmware's sources as a shared library; a warning fails it, undefined behaviour aborts."""
     compiler = shutil.which("cc") or shutil.which("gcc")
     assert compiler, "a C compiler is needed"
     target = Path(tempfile.mkdtemp(prefix="vgroove-shim-")) / "shim.so"
-    warnings = ["-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror"]
-    subprocess.run([compiler, "-std=c11", "-O1", "-shared", "-fPIC", *warnings, "-Ifirmware", "-o", target, *SOURCES], cwd=ROOT, check=True)
+    checks = ["-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover=all"]
+    subprocess.run([compiler, "-std=c11", "-O1", "-shared", "-fPIC", *checks, "-Ifirmware", "-o", target, *SOURCES], cwd=ROOT, check=True)
     loaded = ctypes.CDLL(str(target))
     loaded.shim_board_store.restype = ctypes.POINTER(Store)
     loaded.shim_board_bytes.restype = ctypes.c_size_t
