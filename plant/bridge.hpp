@@ -34,6 +34,13 @@ VGROOVE_INLINE V bridge_voltage(const Bridge<V> &p, std::uint32_t effects, const
     return v - in.dead * bus_v * bridge_sign<V>(i, ripple_a);
 }
 
+// Heat in switches and diodes: resistance_ohm i^2 + dead Vs S(i) i
+template <class V>
+VGROOVE_INLINE V bridge_loss(const Bridge<V> &p, std::uint32_t effects, const Drive<V> &in, V bus_v, V ripple_a, V i) {
+    const V loss = p.resistance_ohm * i * i;
+    return effects & EFFECT_DEAD_TIME ? loss + in.dead * bus_v * bridge_sign<V>(i, ripple_a) * i : loss;
+}
+
 }  // namespace vgroove
 
 #endif

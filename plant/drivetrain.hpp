@@ -36,7 +36,7 @@ void drivetrain_set_lane(Drivetrain<V> &m, int lane, const Parameters &p, double
 
 // Electrical quantities at one instant.
 template <class V> struct Electrical {
-    V i, k, r, duty, bus_v, bus_a, terminal_v, brush_v, source_v;
+    V i, k, r, duty, bus_v, bus_a, terminal_v, brush_v, source_v, ripple_a;
 };
 
 template <class V, int N>
@@ -54,17 +54,17 @@ VGROOVE_INLINE Electrical<V> drivetrain_electrical(const Drivetrain<V> &m, const
     e.k = motor_constant<V>(m.motor, m.effects, e.i);
     e.r = motor_resistance<V, N>(m.motor, m.effects, s);
     e.duty = in.open > 0.0 ? -mode.diode : command;
-    V ripple = splat<V>(RIPPLE_FLOOR_A);
+    e.ripple_a = splat<V>(RIPPLE_FLOOR_A);
     if (m.input == InputKind::VOLTAGE) {
         e.terminal_v = in.open > 0.0 ? e.duty * e.bus_v : command;
     } else {
         e.bus_a = e.duty * e.i;
         if (!m.bus_measured)
             e.bus_v = supply_bus<V>(m.supply, e.source_v, e.bus_a);
-        ripple = bridge_ripple<V>(m.bridge, e.duty, e.bus_v);
-        e.terminal_v = bridge_voltage<V>(m.bridge, m.effects, in, e.duty, e.bus_v, ripple, e.i);
+        e.ripple_a = bridge_ripple<V>(m.bridge, e.duty, e.bus_v);
+        e.terminal_v = bridge_voltage<V>(m.bridge, m.effects, in, e.duty, e.bus_v, e.ripple_a, e.i);
     }
-    e.brush_v = motor_brush_voltage<V>(m.motor, m.effects, e.i, ripple);
+    e.brush_v = motor_brush_voltage<V>(m.motor, m.effects, e.i, e.ripple_a);
     return e;
 }
 
@@ -123,6 +123,41 @@ VGROOVE_INLINE void drivetrain_mechanical(const Drivetrain<V> &m, const Drive<V>
     }
 }
 
+// Powers for the energy audit, each from its own component; their integrals balance the change of drivetrain_stored.
+template <class V, int N>
+VGROOVE_INLINE void drivetrain_audit(const Drivetrain<V> &m, const Drive<V> &in, const Mode<V> &mode, V tau, const Electrical<V> &e,
+                                     const Torques<V> &t, const State<V, N> &s, State<V, N> &ds) {
+    const V w = s.x[STATE_SPEED];
+    const bool split = (m.effects & EFFECT_TWO_BODIES) != 0u;
+    const V output_w = split ? s.x[STATE_OUTPUT_SPEED] : w;
+    const V output_slide = split ? mode.output_slide : mode.slide;
+    const V source_v = m.bus_measured ? e.bus_v : e.source_v;
+    if (m.input == InputKind::CURRENT)
+        ds.x[STATE_WORK_IN] = e.k * e.i * w;
+    else
+        ds.x[STATE_WORK_IN] = m.input == InputKind::DUTY ? source_v * e.bus_a : e.terminal_v * e.i;
+    if (m.input == InputKind::DUTY)
+        ds.x[STATE_LOSS_BUS] = (m.bus_measured ? V{} : supply_loss<V>(m.supply, e.bus_a)) + bridge_loss<V>(m.bridge, m.effects, in, e.bus_v, e.ripple_a, e.i);
+    ds.x[STATE_LOSS_WINDING] = e.r * e.i * e.i + e.brush_v * e.i;
+    ds.x[STATE_LOSS_FRICTION] = friction_sliding<V>(m.friction, m.effects, mode.slide, w, t.load_nm, in.time_s + tau) * w;
+    if (split)
+        ds.x[STATE_LOSS_COUPLER] = (t.coupler_nm - gear_spring_torque<V>(m.gear, s.x[STATE_TWIST])) * (w - output_w);
+    ds.x[STATE_WORK_LOAD] = output_slide * t.opposing_nm * output_w;
+}
+
+// Stored energy: inductance, turning masses, coupler, pendulum, cogging and eccentricity.
+template <class V, int N> VGROOVE_INLINE V drivetrain_stored(const Drivetrain<V> &m, const State<V, N> &s) {
+    const V i = s.x[STATE_CURRENT], w = s.x[STATE_SPEED], angle = s.x[STATE_ANGLE];
+    V stored = 0.5 * w * w / m.gear.inertia_inverse + friction_angle_energy<V>(m.friction, m.effects, angle);
+    if (m.input != InputKind::CURRENT)
+        stored += 0.5 * i * i / m.motor.inductance_inverse;
+    if (!(m.effects & EFFECT_TWO_BODIES))
+        return stored + load_energy<V>(m.load, angle);
+    const V output_w = s.x[STATE_OUTPUT_SPEED], twist = s.x[STATE_TWIST];
+    stored += 0.5 * output_w * output_w / m.gear.output_inertia_inverse + gear_coupler_energy<V>(m.gear, twist);
+    return stored + load_energy<V>(m.load, angle - twist);
+}
+
 // The derivative of the whole state.
 template <class V, int N>
 VGROOVE_INLINE State<V, N> drivetrain_derivative(const Drivetrain<V> &m, const Drive<V> &in, const Mode<V> &mode, V tau, const State<V, N> &s) {
@@ -144,6 +179,8 @@ VGROOVE_INLINE State<V, N> drivetrain_derivative(const Drivetrain<V> &m, const D
         motor_heat_derivative<V, N>(m.motor, m.effects, e.i, e.r, s, ds);
         sensors_derivative<V, N>(m.sensors, m.effects, e.i, s, ds);
     }
+    if constexpr (N > STATE_WORK_IN)
+        drivetrain_audit<V, N>(m, in, mode, tau, e, t, s, ds);
     return ds;
 }
 

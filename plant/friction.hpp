@@ -63,6 +63,16 @@ template <class V> VGROOVE_INLINE V friction_of_angle(const Friction<V> &p, std:
     return torque;
 }
 
+// Their potential: -torque_nm / periods cos(periods th + phase) - torque_nm N cos(th / N + phase)
+template <class V> VGROOVE_INLINE V friction_angle_energy(const Friction<V> &p, std::uint32_t effects, V angle) {
+    V energy{};
+    if (effects & EFFECT_COGGING)
+        energy -= p.cogging_nm / p.cogging_periods * cos_of<V>(p.cogging_periods * angle + p.cogging_phase);
+    if (effects & EFFECT_ECCENTRICITY)
+        energy -= p.eccentricity_nm / p.ratio_inverse * cos_of<V>(angle * p.ratio_inverse + p.eccentricity_phase);
+    return energy;
+}
+
 }  // namespace vgroove
 
 #endif

@@ -30,6 +30,12 @@ template <class V> VGROOVE_INLINE V gear_coupler_torque(const Gear<V> &p, std::u
     return over > 0.0 ? forward : (over < 0.0 ? backward : V{});
 }
 
+// K e alone
+template <class V> VGROOVE_INLINE V gear_spring_torque(const Gear<V> &p, V twist) {
+    const V over = max_of<V>(abs_of<V>(twist) - p.half_play, V{});
+    return p.stiffness * (twist < 0.0 ? -over : over);
+}
+
 // Spring energy K e^2 / 2
 template <class V> VGROOVE_INLINE V gear_coupler_energy(const Gear<V> &p, V twist) {
     const V over = max_of<V>(abs_of<V>(twist) - p.half_play, V{});

@@ -20,6 +20,8 @@ namespace vgroove {
 #define VGROOVE_CLONES __attribute__((flatten))
 #endif
 
+const char *const ENERGY_NAMES[ENERGY_COLUMNS] = {"work_in", "loss_bus", "loss_winding", "loss_friction", "loss_coupler", "work_load", "stored"};
+
 constexpr double NOT_SIMULATED = std::numeric_limits<double>::quiet_NaN();
 
 std::vector<double> hold_missing(const double *column, std::size_t count, double initial) {
@@ -73,7 +75,7 @@ template <class V, int N> struct Group {
     int lanes;  // in use; the rest repeat the first
 };
 
-template <class V> VGROOVE_INLINE void drive_command(Drive<V> &d, const LogInput &in, int lane, std::size_t row, double from, double length_s, double scale) {
+template <class V> VGROOVE_INLINE void drive_command(Drive<V> &d, const LogInput &in, int lane, std::size_t row, double from, double scale) {
     const double start = in.command_start[row], end = in.command_end[row];
     double rate = 0.0;
     if (start != end)
@@ -84,7 +86,6 @@ template <class V> VGROOVE_INLINE void drive_command(Drive<V> &d, const LogInput
     const double peak = std::max(std::fabs(start), std::fabs(end));
     const double least = std::min(std::fabs(start), std::fabs(end));
     const bool switching = !(start == end && (peak == 0.0 || peak >= 1.0)) && peak > 0.0 && least < 1.0;
-    (void)length_s;
     set(d.dead, lane, switching && !(get(d.open, lane) > 0.0) ? 1.0 : 0.0);
 }
 
@@ -99,7 +100,7 @@ template <class V, int N> VGROOVE_INLINE double shifted_stretch(Group<V, N> &g, 
     const double left = (in.time_s[row] - at) / c.command_scale;
     const double length = left > 0.0 && left < c.row_left_s ? left : c.row_left_s;
     const double from = row > 0 ? at - in.time_s[row - 1] : 0.0;
-    drive_command(g.solver.drive, in, lane, row, left > 0.0 ? from : in.time_s[row] - in.time_s[row > 0 ? row - 1 : 0], length, c.command_scale);
+    drive_command(g.solver.drive, in, lane, row, left > 0.0 ? from : in.time_s[row] - in.time_s[row > 0 ? row - 1 : 0], c.command_scale);
     if (left <= 0.0)
         set(g.solver.drive.command_rate, lane, 0.0);
     return length;
@@ -114,7 +115,7 @@ template <class V, int N> VGROOVE_INLINE bool next_stretch(Group<V, N> &g, const
     if (s.model.effects & EFFECT_COMMAND_SHIFT)
         length = shifted_stretch(g, in, lane);
     else
-        drive_command(s.drive, in, lane, row, 0.0, length, 1.0 / c.row_scale);
+        drive_command(s.drive, in, lane, row, 0.0, 1.0 / c.row_scale);
     set(s.drive.dead, lane, get(s.drive.dead, lane) * get(s.model.dead_share, lane));
     set(s.drive.time_s, lane, c.now_s);
     c.now_s += length;
@@ -187,6 +188,12 @@ template <class V, int N> VGROOVE_INLINE void write_row(const Group<V, N> &g, co
         out.supply_v[at] = bus * (1.0 + p.supply_gain_relative);
         write_shaft(g, at, lane, speed, angle, out);
     }
+    if constexpr (N > STATE_WORK_IN) {
+        double *energy = out.energy_j + row * ENERGY_COLUMNS;
+        for (int n = 0; n < ENERGY_COLUMNS - 1; ++n)
+            energy[n] = get(s.state.x[STATE_WORK_IN + n], 0);
+        energy[ENERGY_COLUMNS - 1] = get(drivetrain_stored<V, N>(s.model, s.state), 0);
+    }
 }
 
 template <class V, int N> VGROOVE_INLINE void reset_group(Group<V, N> &g, const LogInput &in, const LogStarts &starts, std::size_t which) {
@@ -195,7 +202,7 @@ template <class V, int N> VGROOVE_INLINE void reset_group(Group<V, N> &g, const 
         const std::size_t batch = starts.per_row ? g.batch_row[lane] * starts.rows.size() : 0;
         reset_lane(g, in, row, lane, starts.state + 3 * (batch + which));
         if (!(g.solver.model.effects & EFFECT_COMMAND_SHIFT))
-            drive_command(g.solver.drive, in, lane, row, 0.0, 0.0, 0.0);
+            drive_command(g.solver.drive, in, lane, row, 0.0, 0.0);
         set(g.solver.drive.command, lane, in.command_end[row]);
         if (!in.bus_v.empty())
             set(g.solver.drive.bus_v, lane, in.bus_v[row] / (1.0 + g.parameters[lane].supply_gain_relative));
@@ -222,6 +229,7 @@ VGROOVE_CLONES static void run_wide_full(Group<Lanes8, STATE_FULL_COUNT> &g, con
 __attribute__((flatten)) static void run_single_core(Group<double, STATE_CORE_COUNT> &g, const LogInput &in, const LogStarts &s, const LogOutput &o) { run_group(g, in, s, o); }
 __attribute__((flatten)) static void run_single_full(Group<double, STATE_FULL_COUNT> &g, const LogInput &in, const LogStarts &s, const LogOutput &o) { run_group(g, in, s, o); }
 
+__attribute__((flatten)) static void run(Group<double, STATE_AUDIT_COUNT> &g, const LogInput &in, const LogStarts &s, const LogOutput &o) { run_group(g, in, s, o); }
 static void run(Group<Lanes8, STATE_CORE_COUNT> &g, const LogInput &in, const LogStarts &s, const LogOutput &o) { run_wide_core(g, in, s, o); }
 static void run(Group<Lanes8, STATE_FULL_COUNT> &g, const LogInput &in, const LogStarts &s, const LogOutput &o) { run_wide_full(g, in, s, o); }
 static void run(Group<double, STATE_CORE_COUNT> &g, const LogInput &in, const LogStarts &s, const LogOutput &o) { run_single_core(g, in, s, o); }
@@ -347,20 +355,35 @@ static void run_all(const Run &r, const std::vector<Job> &jobs, int threads) {
         thread.join();
 }
 
-void simulate_log(const LogInput &in, const double *theta, std::size_t batch, const LogStarts &starts, int threads, const LogOutput &out) {
-    check_log(in, starts);
+static void fill_before_start(const LogInput &in, std::size_t batch, const LogStarts &starts, const LogOutput &out) {
     const std::size_t count = in.time_s.size();
     for (double *column : {out.current_a, out.supply_v, out.speed_rad_s, out.speed_measured_rad_s, out.angle_rad, out.angle_measured_rad})
         for (std::size_t row = 0; row < batch; ++row)
             std::fill_n(column + row * count, starts.rows.front(), NOT_SIMULATED);
-    const double interval_s = (in.time_s.back() - in.time_s.front()) / static_cast<double>(count - 1);
-    const Run r{&in, theta, &starts, &out, peak_of(in.command_end), interval_s};
-    run_all(r, jobs_of(in, theta, batch), threads);
+}
+
+static Run run_of(const LogInput &in, const double *theta, const LogStarts &starts, const LogOutput &out) {
+    const double interval_s = (in.time_s.back() - in.time_s.front()) / static_cast<double>(in.time_s.size() - 1);
+    return Run{&in, theta, &starts, &out, peak_of(in.command_end), interval_s};
+}
+
+void simulate_log(const LogInput &in, const double *theta, std::size_t batch, const LogStarts &starts, int threads, const LogOutput &out) {
+    check_log(in, starts);
+    fill_before_start(in, batch, starts, out);
+    run_all(run_of(in, theta, starts, out), jobs_of(in, theta, batch), threads);
+    const std::size_t count = in.time_s.size();
     for (std::size_t row = 0; row < batch; ++row) {
         const Parameters p = parameters_from(theta + row * PARAMETER_COUNT);
         if (p.speed_lag_s > 0.0 && p.speed_lag_delay_form != 0.0)
             delay_measured(in, p, starts, out.speed_measured_rad_s + row * count, out.angle_measured_rad + row * count);
     }
+}
+
+void audit_log(const LogInput &in, const double *theta, const LogStarts &starts, const LogOutput &out) {
+    check_log(in, starts);
+    fill_before_start(in, 1, starts, out);
+    std::fill_n(out.energy_j, starts.rows.front() * ENERGY_COLUMNS, NOT_SIMULATED);
+    run_job<double, STATE_AUDIT_COUNT>(run_of(in, theta, starts, out), jobs_of(in, theta, 1).front());
 }
 
 }  // namespace vgroove

@@ -30,7 +30,12 @@ std::vector<double> hold_missing(const double *column, std::size_t count, double
 // Views of row-major arrays of batch rows x log rows; all of them are filled.
 struct LogOutput {
     double *current_a, *supply_v, *speed_rad_s, *speed_measured_rad_s, *angle_rad, *angle_measured_rad;
+    double *energy_j = nullptr;  // log rows x ENERGY_COLUMNS, only with audit_log
 };
+
+// Since the first start: source, supply and bridge loss, winding and brush loss, friction, coupler damping, load; and what is stored now.
+constexpr int ENERGY_COLUMNS = 7;
+extern const char *const ENERGY_NAMES[ENERGY_COLUMNS];
 
 struct LogStarts {
     std::vector<std::size_t> rows;  // increasing
@@ -40,6 +45,9 @@ struct LogStarts {
 
 // theta: batch x PARAMETER_COUNT. Same inputs give the same bytes whatever the batch and the threads.
 void simulate_log(const LogInput &in, const double *theta, std::size_t batch, const LogStarts &starts, int threads, const LogOutput &out);
+
+// One parameter set with its energies, out.energy_j: work_in = losses + work_load + change of stored, unless a further start resets the state.
+void audit_log(const LogInput &in, const double *theta, const LogStarts &starts, const LogOutput &out);
 
 }  // namespace vgroove
 

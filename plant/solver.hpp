@@ -9,8 +9,8 @@
 
 namespace vgroove {
 
-constexpr double SOLVER_TOLERANCE = 1e-7;      // local error over the scale of the state
-constexpr double SOLVER_GROW_BELOW = 0.01;     // of the tolerance: the error grows by 2^5 when the step doubles
+constexpr double SOLVER_TOLERANCE = 2e-6;      // local error over the scale of the state
+constexpr double SOLVER_GROW_BELOW = 0.02;     // of the tolerance: the error grows by 2^5 when the step doubles
 constexpr double SOLVER_EVENT_S = 1e-10;       // events are located to this time
 constexpr double SOLVER_STEP_MIN = 1.0 / 65536.0;  // of the stretch
 constexpr int SOLVER_LOCATE_MAX = 60;          // repeats for one event

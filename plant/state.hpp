@@ -22,7 +22,8 @@ enum StateIndex {
     STATE_TWIST,                      // rad, motor angle less output angle, referred to the motor shaft
     STATE_FULL_COUNT,
     STATE_WORK_IN = STATE_FULL_COUNT,  // J, from the supply's open-circuit source or the stated terminal voltage or current
-    STATE_LOSS_ELECTRICAL,             // J, supply, bridge, winding, brushes
+    STATE_LOSS_BUS,                    // J, supply resistance, dead time, switches
+    STATE_LOSS_WINDING,                // J, copper and brushes
     STATE_LOSS_FRICTION,               // J, bearings and gear
     STATE_LOSS_COUPLER,                // J, damping between motor and output
     STATE_WORK_LOAD,                   // J, against the load torque

@@ -100,6 +100,28 @@ nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cu
     return result;
 }
 
+nb::dict audit_log(const vgroove::LogInput &in, Column theta, Rows starts, Matrix state0) {
+    const std::size_t rows = in.time_s.size(), count = starts.shape(0);
+    if (theta.shape(0) != static_cast<std::size_t>(vgroove::PARAMETER_COUNT) || state0.shape(0) != count || state0.shape(1) != 3)
+        throw std::invalid_argument("audit_log: theta is (P,), state0 (S, 3)");
+    vgroove::LogStarts from;
+    for (std::size_t n = 0; n < count; ++n)
+        from.rows.push_back(starts.data()[n] < 0 ? rows : static_cast<std::size_t>(starts.data()[n]));
+    from.state = state0.data();
+    std::vector<double> block(6 * rows), energy(rows * vgroove::ENERGY_COLUMNS);
+    double *b = block.data();
+    vgroove::audit_log(in, theta.data(), from, {b, b + rows, b + 2 * rows, b + 3 * rows, b + 4 * rows, b + 5 * rows, energy.data()});
+    nb::dict result;
+    for (int n = 0; n < vgroove::ENERGY_COLUMNS; ++n) {
+        auto *column = new double[rows];
+        nb::capsule owner(column, [](void *p) noexcept { delete[] static_cast<double *>(p); });
+        for (std::size_t row = 0; row < rows; ++row)
+            column[row] = energy[row * vgroove::ENERGY_COLUMNS + static_cast<std::size_t>(n)];
+        result[vgroove::ENERGY_NAMES[n]] = nb::ndarray<nb::numpy, double, nb::ndim<1>>(column, {rows}, owner);
+    }
+    return result;
+}
+
 nb::ndarray<nb::numpy, double, nb::ndim<1>> parameter_defaults() {
     auto *p = new vgroove::Parameters();
     nb::capsule owner(p, [](void *q) noexcept { delete static_cast<vgroove::Parameters *>(q); });
@@ -169,5 +191,7 @@ void bind_plant(nb::module_ &m) {
              "load_nm"_a.none() = nb::none(), "coast"_a.none() = nb::none(), "load_kind"_a = "none", "slew_slack"_a = 0.0);
     m.def("simulate_log", &simulate_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a, "threads"_a = 2,
           "theta (B, P), starts (S,) row indices, state0 (S, 3) or (B, S, 3): current_a, speed_rad_s, angle_rad -> dict of (B, n).");
+    m.def("audit_log", &audit_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a,
+          "theta (P,) -> dict of (n,) energies in J since the first start: work_in = losses + work_load + change of stored.");
     bind_drive_plant(m);
 }
