@@ -164,3 +164,10 @@ def test_of_ten_seeds_one_has_no_effect_and_one_is_outside_the_catalogue() -> No
     assert sorted(answer["label"] for answer in answers) == ["effect"] * 8 + ["none", "unlisted"]
     assert all(1.5 <= answer["times_visible"] <= 8.0 for answer in answers if answer["label"] != "none")
     assert len(sealed.DEMO_IDS) >= 10
+
+
+def test_lockstep_samples_current_at_the_very_end_of_the_period() -> None:
+    tool = TruthTool()
+    current = run_lockstep(tool, 200, duty=0.6)[-1][0]
+    assert current == tool.inside()["current_a"]
+    assert TruthTool().period(1, 0.0, 0.0)[:2] == (0.0, 18.0)

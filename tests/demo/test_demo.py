@@ -1,0 +1,54 @@
+"""The demo as a newcomer runs it ends in a verdict that is right, and its judging of right and wrong is strict."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent / "truth")]
+
+import demo  # noqa: E402
+
+from vgroove.board import default_elf  # noqa: E402
+
+EFFECT = {"label": "effect", "ids": ["bridge_resistance"], "accept": [["bridge_resistance", "winding_resistance"]]}
+
+
+def verdict(kind: str, *ids: str) -> dict:
+    return {"verdict": kind, "selected": list(ids)}
+
+
+def test_any_member_of_the_class_is_right_and_nothing_besides() -> None:
+    assert demo.is_right(verdict("effect", "winding_resistance"), EFFECT)
+    assert not demo.is_right(verdict("effect", "winding_resistance", "brush_drop"), EFFECT)
+    assert not demo.is_right(verdict("effect", "brush_drop"), EFFECT)
+    assert not demo.is_right(verdict("ambiguous", "winding_resistance"), EFFECT)
+    assert not demo.is_right(verdict("none"), EFFECT)
+
+
+@pytest.mark.parametrize("label", ["none", "unlisted"])
+def test_no_effect_of_the_catalogue_must_be_said_as_such(label: str) -> None:
+    answer = {"label": label, "ids": [], "accept": []}
+    assert demo.is_right(verdict(label), answer)
+    assert not demo.is_right(verdict("effect", "brush_drop"), answer)
+    assert not demo.is_right(verdict("unlisted" if label == "none" else "none"), answer)
+
+
+@pytest.mark.parametrize("seed", [1])
+def test_demo_names_the_sealed_effect(seed: int, tmp_path: Path) -> None:
+    elf = Path(os.environ.get("VGROOVE_ELF", default_elf("uno")))
+    if not elf.is_file():
+        pytest.skip(f"no firmware at {elf}: make build")
+    done = subprocess.run([sys.executable, str(HERE / "demo.py"), "--seed", str(seed), "--elf", str(elf), "--out", str(tmp_path)],
+                          capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    result = json.loads((tmp_path / "demo.json").read_text())
+    assert result["right"], done.stdout
+    assert result["gap"]["after"] < 1.2 < result["gap"]["before"]
+    order = [done.stdout.index(text) for text in ("SHA-256", "The missing effect", "The seal is opened")]
+    assert order == sorted(order)
+    assert all((tmp_path / name).is_file() for name in ("run.csv", "verdict.json", "report.html", "rig_corrected.toml"))
