@@ -1,0 +1,207 @@
+"""`vgroove run`: determinism, pty with python-can's own logger and with `vgroove record`, Ctrl-C, speed of the loop."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from vgroove import lockstep
+from vgroove.board import BoardInputs, BoardOutputs, default_elf
+from vgroove.errors import VgrooveError
+from vgroove.log import read_log
+from vgroove.pty_line import PtyLine
+from vgroove.scenario import make_plant, read_scenario
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENARIO = ROOT / "scenarios" / "spin_up.toml"
+VGROOVE = [sys.executable, "-m", "vgroove.cli"]
+
+
+def elf() -> Path:
+    """The ELF of the Uno, as `make build` leaves it."""
+    path = Path(os.environ.get("VGROOVE_UNO_ELF", default_elf()))
+    assert path.is_file(), f"there is no {path}: run `make build`"
+    return path
+
+
+def board_options(on: str) -> list[str]:
+    return ["--on", on, *(["--elf", str(elf())] if on == "avr" else [])]
+
+
+def short_scenario(folder: Path, duration_s: float) -> Path:
+    """The spin-up, cut short."""
+    text = SCENARIO.read_text().replace("duration_s = 3.0", f"duration_s = {duration_s}").replace("../rigs", str(ROOT / "rigs"))
+    path = folder / "short.toml"
+    path.write_text(text)
+    return path
+
+
+def vgroove(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*VGROOVE, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.mark.parametrize("on", ["sil", "avr"])
+def test_a_run_is_deterministic_and_the_seed_matters(on: str, tmp_path: Path) -> None:
+    scenario = short_scenario(tmp_path, 1.0)
+    logs = []
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        path = tmp_path / f"{name}.csv"
+        done = vgroove("run", scenario, *board_options(on), "-o", path, "--seed", seed)
+        assert done.returncode == 0, done.stderr
+        logs.append(path.read_bytes())
+    assert logs[0] == logs[1] != logs[2]
+    log = read_log(tmp_path / "a.csv")
+    assert len(log) >= 998
+    assert log["speed_rpm"][-50:].mean() > 14000
+    assert log["duty"].max() == 1.0
+
+
+@pytest.mark.parametrize("ending", ["mf4", "blf", "asc"])
+def test_other_endings_hold_the_same_rows(ending: str, tmp_path: Path) -> None:
+    scenario = short_scenario(tmp_path, 0.6)
+    for suffix in ("csv", ending):
+        assert vgroove("run", scenario, "-o", tmp_path / f"log.{suffix}").returncode == 0
+    csv, other = read_log(tmp_path / "log.csv"), read_log(tmp_path / f"log.{ending}")
+    assert len(csv) == len(other)
+    assert (csv["current_a"] == other["current_a"]).all() and (csv["speed_rpm"] == other["speed_rpm"]).all()
+
+
+def start_on_pty(on: str, scenario: Path, *options: str) -> tuple[subprocess.Popen[str], str]:
+    """A run that waits for a reader of its pty, and the pty's name."""
+    command = [*VGROOVE, "run", str(scenario), *board_options(on), "--pty", *options]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return process, process.stdout.readline().strip()
+
+
+@pytest.mark.parametrize("on", ["sil", "avr"])
+def test_python_can_logger_reads_the_pty_unchanged(on: str, tmp_path: Path) -> None:
+    process, port = start_on_pty(on, short_scenario(tmp_path, 1.0))
+    output = tmp_path / "can.csv"
+    command = [sys.executable, "-m", "can.logger", "-i", "serial", "-c", port, "--bus-kwargs", "baudrate=250000", "-f", str(output)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as logger:
+        process.wait(60)
+        logger.send_signal(signal.SIGINT)
+        logger.wait(20)
+    rows = output.read_text().splitlines()[1:]
+    fast = [row for row in rows if row.split(",")[1] == "0x100"]
+    assert len(fast) >= 998
+    counters = {row.split(",")[1] for row in rows}
+    assert {"0x100", "0x101", "0x102"} <= counters
+
+
+def test_recorder_on_the_pty_gives_the_log_of_the_run(tmp_path: Path) -> None:
+    scenario = short_scenario(tmp_path, 1.0)
+    direct, recorded = tmp_path / "direct.csv", tmp_path / "recorded.csv"
+    process, port = start_on_pty("avr", scenario, "-o", str(direct))
+    done = vgroove("record", port, "-o", recorded, "--seconds", 0.9)
+    assert done.returncode == 0, done.stderr
+    process.wait(60)
+    a, b = read_log(direct), read_log(recorded)
+    rows = min(len(a), len(b))
+    assert rows >= 890
+    assert (a["current_a"][:rows] == b["current_a"][:rows]).all() and (a["time_s"][:rows] == b["time_s"][:rows]).all()
+
+
+def test_a_slow_reader_loses_nothing() -> None:
+    with PtyLine() as line:
+        reader = os.open(line.name, os.O_RDONLY | os.O_NOCTTY)
+        sent, got = bytes(range(256)) * 256, bytearray()
+        pid = os.fork()
+        if pid == 0:
+            line.send(sent)
+            os._exit(0)
+        while len(got) < len(sent):
+            time.sleep(0.001)
+            got += os.read(reader, 1000)
+        os.waitpid(pid, 0)
+        os.close(reader)
+    assert bytes(got) == sent
+
+
+def test_without_a_reader_bytes_go_nowhere_and_nothing_blocks() -> None:
+    with PtyLine() as line:
+        assert not line.has_reader()
+        assert not line.wait_for_reader(0.05)
+        line.send(bytes(100_000))
+        assert line.dropped == 100_000
+        reader = os.open(line.name, os.O_RDWR | os.O_NOCTTY)
+        assert line.has_reader()
+        os.write(reader, b"\x03\x04\r\n\x11")  # nothing is a control character
+        time.sleep(0.05)
+        assert line.receive() == b"\x03\x04\r\n\x11"
+        os.close(reader)
+
+
+def test_ctrl_c_leaves_a_valid_log_and_exits_130(tmp_path: Path) -> None:
+    scenario, output = short_scenario(tmp_path, 600.0), tmp_path / "cut.csv"
+    with subprocess.Popen([*VGROOVE, "run", str(scenario), "-o", str(output)], stderr=subprocess.DEVNULL) as process:
+        time.sleep(3.0)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 130
+    assert len(read_log(output)) > 100
+    assert {path.name for path in tmp_path.iterdir()} == {"short.toml", "cut.csv"}
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), [
+    (["--on", "real"], "--on is sil or avr"),
+    (["--on", "avr", "--elf", "none.elf"], "no firmware at none.elf"),
+    (["--on", "avr", "--target", "nano"], "--target is uno or mega"),
+    (["-o", "log.txt"], "ends in .csv, .mf4, .blf or .asc"),
+    (["-o", "no/such/folder/log.csv"], "cannot be written"),
+])
+def test_unusable_options_are_sentences(arguments: list[str], sentence: str, tmp_path: Path) -> None:
+    done = vgroove("run", short_scenario(tmp_path, 0.1), *arguments)
+    assert done.returncode == 2
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+class Echo:
+    """A board that keeps its inputs and answers a fixed drive."""
+
+    def __init__(self) -> None:
+        self.inputs: list[BoardInputs] = []
+
+    def period(self, inputs: BoardInputs) -> BoardOutputs:
+        self.inputs.append(inputs)
+        return BoardOutputs(False, -51, 2, b"\x55" if len(self.inputs) == 3 else b"")
+
+
+class Meter:
+    """A tool that keeps its commands."""
+
+    def __init__(self) -> None:
+        self.commands: list[tuple[bool, float, float, float]] = []
+
+    def period(self, coast: bool, duty: float, dead: float, load_nm: float) -> tuple[float, float, list[int]]:
+        self.commands.append((coast, duty, dead, load_nm))
+        return 10.0, 18.0, [7]
+
+
+def test_loop_joins_board_and_tool_by_the_interface() -> None:
+    board, tool = Echo(), Meter()
+    sent = lockstep.run(board, tool, lockstep.Profile(load_nm=((0, 0.5),)), 0.01)
+    assert sent == b"\x55"
+    assert tool.commands[0] == (True, 0.0, 0.0, 0.5)  # the gates are open before the board has spoken
+    assert tool.commands[1] == (False, -51 / 255, 1 / 255, 0.5)
+    assert board.inputs[0].adc_counts[:2] == (512 + 80, 720)
+    assert list(board.inputs[0].edges) == [7]
+
+
+def test_broken_hall_line_hides_edges() -> None:
+    board = Echo()
+    lockstep.run(board, Meter(), lockstep.Profile(gaps=((0.002, 0.004),)), 0.01)
+    hidden = [k * 510 / 16e6 for k, inputs in enumerate(board.inputs, 1) if not inputs.edges]
+    assert len(hidden) == pytest.approx(0.002 * 16e6 / 510, abs=1)
+    assert min(hidden) >= 0.002 and max(hidden) < 0.004
+
+
+def test_plant_refuses_an_impact_mechanism_by_a_sentence() -> None:
+    rig = read_scenario(SCENARIO).tool
+    object.__setattr__(rig, "mechanism", {"kind": "impact"})
+    with pytest.raises(VgrooveError, match="no impact mechanism"):
+        make_plant(rig, 1)

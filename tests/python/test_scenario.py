@@ -1,0 +1,143 @@
+"""Scenarios: what is read, what is refused and how the refusal is worded; stimuli that a profile makes."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vgroove.board import PERIOD_S, SWITCH_CONTACT, SWITCH_REVERSE
+from vgroove.errors import VgrooveError
+from vgroove.lockstep import FrontEnds, Pacer, Profile, Script, Stimulus
+from vgroove.scenario import command_messages, read_scenario, without_board_effects
+from vgroove.telemetry import frame_crc
+
+ROOT = Path(__file__).resolve().parents[2]
+GOOD = """
+schema = "vgroove.scenario/1"
+rig = "{rig}"
+duration_s = 1.0
+seed = 3
+[trigger]
+travel = [[0.0, 0.0], [0.5, 1.0]]
+reverse = [[0.0, false], [0.7, true]]
+[load]
+torque_nm = [[0.0, 0.0], [1.0, 0.5]]
+[effects.coulomb_friction]
+torque_nm = 0.02
+[[command]]
+time_s = 0.2
+frame = "DUMP"
+"""
+
+
+def written(tmp_path: Path, text: str = GOOD) -> Path:
+    path = tmp_path / "scenario.toml"
+    path.write_text(text.replace("{rig}", str(ROOT / "rigs" / "board_18v.toml")))
+    return path
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "scenarios").glob("*.toml")), ids=lambda path: path.stem)
+def test_every_scenario_in_the_tree_is_valid(path: Path) -> None:
+    scenario = read_scenario(path)
+    assert scenario.duration_s > 0
+    assert scenario.rig_path.exists()
+
+
+def test_scenario_is_read_whole(tmp_path: Path) -> None:
+    scenario = read_scenario(written(tmp_path))
+    assert (scenario.duration_s, scenario.seed) == (1.0, 3)
+    assert scenario.profile.travel == ((0.0, 0.0), (0.5, 1.0))
+    assert scenario.profile.reverse == ((0.0, 0.0), (0.7, 1.0))
+    assert scenario.profile.load_nm == ((0.0, 0.0), (1.0, 0.5))
+    assert scenario.commands[0].frame == "DUMP"
+
+
+def test_effects_of_the_scenario_turn_the_tool_and_not_the_belief(tmp_path: Path) -> None:
+    scenario = read_scenario(written(tmp_path))
+    assert scenario.tool.effects["coulomb_friction"] == {"torque_nm": 0.02}
+    assert "coulomb_friction" not in scenario.rig.effects
+    assert "dead_time" in scenario.rig.effects and "dead_time" not in scenario.tool.effects
+    assert "dead_time" not in without_board_effects(scenario.rig).effects
+
+
+@pytest.mark.parametrize(("old", "new", "sentence"), [
+    ("duration_s", "duration", "unknown key duration; the nearest known one is duration_s"),
+    ("travel =", "travell =", r"\[trigger\]: unknown key travell; the nearest known one is travel"),
+    ("torque_nm = [[", "torque = [[", "unknown key torque; the nearest known one is torque_nm"),
+    ("seed = 3", "seed = 3.5", "seed: wants a whole number"),
+    ("seed = 3", "seed = true", "seed: wants a whole number"),
+    ("duration_s = 1.0", "duration_s = -1.0", "duration_s: wants a number from 0.01"),
+    ("duration_s = 1.0\n", "", "the key duration_s is missing"),
+    ("[0.5, 1.0]", "[0.5, 1.5]", "value of point 2: wants a number from 0 to 1, not 1.5"),
+    ("[0.5, 1.0]", "[0.5]", r"point 2: wants \[time_s, value\]"),
+    ("[[0.0, 0.0], [0.5, 1.0]]", "[[0.5, 0.0], [0.2, 1.0]]", "its time 0.2 s comes before"),
+    ("scenario/1", "scenario/2", 'this version reads "vgroove.scenario/1"'),
+    ('"DUMP"', '"DUMPS"', "takes no frame DUMPS; the nearest known one is DUMP"),
+    ('"DUMP"', '"PARAM_READ"', "read_index: wants a number from 0 to 255, not None"),
+    ('"DUMP"', '"DUMP"\nspeed = 1', "unknown key speed"),
+    ("coulomb_friction", "coulomb_frictoin", "coulomb_friction"),
+    ("seed = 3", "seed = ", "is not TOML"),
+])
+def test_refusals_name_key_and_nearest_known_one(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+    assert old in GOOD
+    with pytest.raises(VgrooveError, match=sentence):
+        read_scenario(written(tmp_path, GOOD.replace(old, new)))
+
+
+def test_missing_files_are_sentences(tmp_path: Path) -> None:
+    with pytest.raises(VgrooveError, match="cannot be read"):
+        read_scenario(tmp_path / "none.toml")
+    with pytest.raises(VgrooveError, match="no_rig.toml: cannot be read"):
+        read_scenario(written(tmp_path, GOOD.replace("{rig}", "no_rig.toml")))
+
+
+def test_commands_become_intact_frames(tmp_path: Path) -> None:
+    ((time_s, data),) = command_messages(read_scenario(written(tmp_path)).commands)
+    start, time_ms, length, frame_id, payload, end = struct.unpack("<BIBI8sB", data)
+    assert (time_s, start, time_ms, length, frame_id, end) == (0.2, 0xAA, 200, 8, 515, 0xBB)
+    assert payload[7] == frame_crc(200, 515, payload)
+
+
+def test_stimuli_follow_the_profile_whatever_the_chunks() -> None:
+    profile = Profile(travel=((0, 0), (0.01, 1)), reverse=((0, 0), (0.005, 1)), load_nm=((0, 0), (0.004, 0), (0.004, 2), (0.02, 2)), mode=2)
+    whole = Stimulus(profile, FrontEnds(), 1).chunk(0, 400)
+    parts = Stimulus(profile, FrontEnds(), 1)
+    first, second = parts.chunk(0, 150), parts.chunk(150, 250)
+    assert first.trigger + second.trigger == whole.trigger
+    assert first.switches + second.switches == whole.switches
+    assert first.load_nm + second.load_nm == whole.load_nm
+    assert whole.trigger[0] == pytest.approx(0.1 * 1023, abs=3) and whole.trigger[-1] == round(0.9 * 1023)
+    steps = [k for k in range(1, 400) if (whole.switches[k] ^ whole.switches[k - 1]) & SWITCH_REVERSE]
+    assert [round(k * PERIOD_S, 4) for k in steps] == [pytest.approx(0.005, abs=1e-4)]
+    assert {switches >> 2 for switches in whole.switches} == {2}
+    assert set(whole.load_nm) == {0.0, 2.0}
+
+
+def test_contact_bounces_and_settles() -> None:
+    stimulus = Stimulus(Profile(travel=((0, 0), (0.01, 0), (0.01, 1), (1, 1)), bounce_s=0.004), FrontEnds(), 1)
+    contact = np.array(stimulus.chunk(0, 1000).switches) & SWITCH_CONTACT
+    changes = np.flatnonzero(np.diff(contact)) * PERIOD_S
+    assert len(changes) > 10
+    assert changes.min() >= 0.0099 and changes.max() <= 0.0142
+    assert contact[-1] == 1
+
+
+def test_noise_is_the_seed_s() -> None:
+    front = FrontEnds(current_noise_a=0.25)
+    chunks = [Stimulus(Profile(), front, seed).chunk(0, 4000).current_counts for seed in (1, 1, 2)]
+    assert chunks[0] == chunks[1] != chunks[2]
+    assert np.std(chunks[0]) * 0.125 == pytest.approx(0.25, rel=0.05)
+
+
+def test_line_carries_250_kilobaud() -> None:
+    pacer = Pacer()
+    pacer.add(bytes(200) * 5)
+    sent = [len(pacer.next()) for _ in range(1000)]
+    assert max(sent) == 1
+    assert sum(sent) == pytest.approx(1000 * 510 / 640, abs=2)
+
+
+def test_script_speaks_when_it_is_due() -> None:
+    script = Script([(0.5, b"b"), (0.1, b"a")])
+    assert [script.receive(t) for t in (0.05, 0.2, 0.2, 0.6)] == [b"", b"a", b"", b"b"]
