@@ -1,0 +1,79 @@
+"""vgroove sim RIG --log LOG: the gap it prints is the problem's, its CSV is a log, bad input leaves nothing behind."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from made_log import MadeLog, drive_log, rig
+from vgroove import cli
+from vgroove.errors import VgrooveError
+from vgroove.gap.problem import load_problem
+from vgroove.log import read_log
+from vgroove.rig import write_rig
+
+SHARED = Path(__file__).resolve().parents[3] / "shared/data/practice"
+
+
+def write_log(log: MadeLog, path: Path) -> Path:
+    names = list(log.columns)
+    rows = zip(log.time_s, *log.columns.values(), strict=True)
+    path.write_text("\n".join([",".join(["time_s", *names]), *(",".join(f"{v:.9g}" for v in row) for row in rows)]) + "\n")
+    return path
+
+
+def sim(*arguments: object) -> str:
+    result = CliRunner().invoke(cli.app, ["sim", *map(str, arguments)], catch_exceptions=False)
+    assert result.exit_code == 0
+    return result.stdout
+
+
+def test_the_gap_is_the_problems_and_names_its_stretches(tmp_path: Path) -> None:
+    log = write_log(drive_log(rig(), seed=5), tmp_path / "log.csv")
+    believed = rig().with_values({"motor.coulomb_nm": 0.013})
+    write_rig(believed, tmp_path / "rig.toml")
+    shown = sim(tmp_path / "rig.toml", "--log", log, "--json", tmp_path / "out.json")
+    figures = json.loads((tmp_path / "out.json").read_text())
+    problem = load_problem([log], believed)
+    assert figures["gap"] == pytest.approx(problem.gap(problem.residuals(problem.theta0)[0]), rel=1e-9)
+    assert f"gap {figures['gap']:.3f}" in shown
+    assert figures["restart_s"] == 0.25 and figures["held_out_s"] == [[[0.0, 6.0]]]
+    assert set(figures["by_signal"]) == {"current_a", "supply_v", "speed_rpm"}
+    assert figures["by_signal"]["speed_rpm"]["gap"] > 3.0 > figures["by_signal"]["supply_v"]["gap"]
+
+
+def test_the_gap_of_two_logs_pools_them(tmp_path: Path) -> None:
+    logs = [write_log(drive_log(rig(), seed=s, seconds=4.0), tmp_path / f"{s}.csv") for s in (1, 2)]
+    write_rig(rig().with_values({"motor.coulomb_nm": 0.013}), tmp_path / "rig.toml")
+    sim(tmp_path / "rig.toml", "--log", logs[0], "--log", logs[1], "--json", tmp_path / "out.json")
+    assert len(json.loads((tmp_path / "out.json").read_text())["held_out_s"]) == 2
+
+
+def test_the_simulated_log_is_a_log_without_a_gap_of_its_own(tmp_path: Path) -> None:
+    log = write_log(drive_log(rig(), seed=5), tmp_path / "log.csv")
+    write_rig(rig(), tmp_path / "rig.toml")
+    sim(tmp_path / "rig.toml", "--log", log, "-o", tmp_path / "sim.csv")
+    made, original = read_log(tmp_path / "sim.csv"), read_log(log)
+    assert np.array_equal(made.time_s, original.time_s) and np.array_equal(made.columns["duty"], original.columns["duty"])
+    assert np.std(made.columns["current_a"] - original.columns["current_a"]) == pytest.approx(0.153, rel=0.1)
+
+
+def test_a_missing_log_option_and_two_outputs_are_refused(tmp_path: Path) -> None:
+    write_rig(rig(), tmp_path / "rig.toml")
+    logs = [write_log(drive_log(rig(), seed=s, seconds=2.0), tmp_path / f"{s}.csv") for s in (1, 2)]
+    for arguments in ([tmp_path / "rig.toml"], [tmp_path / "none.toml", "--log", logs[0]],
+                      [tmp_path / "rig.toml", "--log", logs[0], "--log", logs[1], "-o", tmp_path / "out.csv"]):
+        with pytest.raises(VgrooveError):
+            CliRunner().invoke(cli.app, ["sim", *map(str, arguments)], catch_exceptions=False)
+    assert not (tmp_path / "out.csv").exists()
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="../shared/data/practice is absent")
+@pytest.mark.parametrize(("case", "low", "high"), [("002", 0.9, 1.06), ("012", 0.9, 1.08), ("001", 2.0, 3.6)])
+def test_practice_logs_without_an_effect_end_at_the_noise(case: str, low: float, high: float, tmp_path: Path) -> None:
+    folder = SHARED / f"practice_{case}"
+    for restart_s in ("0.25", "1000"):
+        sim(folder / "rig.toml", "--log", folder / "log.csv", "--restart-s", restart_s, "--json", tmp_path / "out.json")
+        assert low < json.loads((tmp_path / "out.json").read_text())["gap"] < high
