@@ -64,6 +64,9 @@ Bench::Bench(const Options& options)
     ports_.connect(bridge_);
     pwm_.watch_control([this] { bridge_.changed(); });
     machine_.reg(MCUSR) = options.reset_cause;
+    if (!options.profile.empty()) {
+        profile_.count_addresses();
+    }
 }
 
 // The tool's counts stand for the ends of periods; a sample takes the nearest end.

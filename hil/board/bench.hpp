@@ -20,6 +20,7 @@ struct Options {
     std::string mcu = "atmega328p";
     std::string eeprom;
     std::string stats;
+    std::string profile;           // cycles by address, for tests/avr/hot_spots.py
     std::uint8_t reset_cause = 1;  // MCUSR: power-on
     Cycle cut = NEVER;             // power fails at this cycle: the run ends, a byte being written is torn
     Cycle brown_out = NEVER;       // brown-out reset at this cycle
@@ -47,6 +48,7 @@ public:
     bool period(const SimInputs& inputs, SimOutputs& outputs);  // false: power was cut within this period
     void save_eeprom() const;
     std::string statistics() const;
+    std::string address_table() const { return profile_.address_table(); }
     unsigned counts(unsigned mux, Cycle at) const override;
 
 private:

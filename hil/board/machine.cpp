@@ -191,8 +191,14 @@ void Machine::check_state() const {
 void Machine::step(Cycle budget) {
     const bool interrupts_just_enabled = avr_->interrupt_state < 0;  // then one more instruction comes before any interrupt
     avr_->interrupt_state = 0;
-    avr_->run_cycle_count = interrupts_just_enabled ? 1u : static_cast<avr_cycle_count_t>(budget);
+    const bool single = interrupts_just_enabled || counted_ != nullptr;
+    avr_->run_cycle_count = single ? 1u : static_cast<avr_cycle_count_t>(budget);
+    const auto pc = avr_->pc;
+    const Cycle before = now();
     avr_->pc = avr_run_one(avr_);
+    if (counted_ != nullptr) {
+        (*counted_)[pc / 2] += now() - before;
+    }
     if (avr_->state == cpu_Sleeping && (reg(SMCR) & 1u) == 0) {
         avr_->state = cpu_Running;
     }

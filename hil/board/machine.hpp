@@ -62,6 +62,7 @@ public:
     unsigned ram_end() const { return avr_->ramend; }
     unsigned ram_used_end() const { return used_end_; }
     unsigned stack_pointer() const { return avr_->data[R_SPL] | static_cast<unsigned>(avr_->data[R_SPH]) << 8; }
+    std::size_t flash_words() const { return (avr_->flashend + 1u) / 2u; }
     unsigned io_end() const { return avr_->ioend; }
     int eeprom_size() const { return static_cast<int>(avr_->e2end) + 1; }
     const std::vector<std::uint8_t>& elf_eeprom() const { return elf_eeprom_; }
@@ -77,6 +78,7 @@ public:
     void stall(Cycle cycles) { avr_->cycle += static_cast<avr_cycle_count_t>(cycles); }
     void refresh();
     bool current_is_sbi(std::uint8_t& mask) const;
+    void count_addresses(std::vector<Cycle>& cycles) { counted_ = &cycles; }  // by word address, from now on
     void run_until(Cycle end);
     void reset(std::uint8_t cause);
 
@@ -96,6 +98,7 @@ private:
     std::vector<Device*> devices_;
     std::array<Device*, VECTORS_MAX> servers_{};
     InterruptWatch* watch_ = nullptr;
+    std::vector<Cycle>* counted_ = nullptr;
     std::uint64_t pending_ = 0;
     std::array<Cycle, VECTORS_MAX> raised_{};
     Cycle due_ = NEVER;

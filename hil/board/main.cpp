@@ -19,7 +19,7 @@ constexpr int EXIT_USAGE = 2;
 constexpr int EXIT_BOARD = 3;
 constexpr const char* USAGE =
     "usage: vgroove-board ELF [--mcu atmega328p|atmega2560] [--eeprom FILE] [--stats FILE] [--reset-cause por|ext|bor|wdt]\n"
-    "                     [--cut CYCLE] [--brown-out CYCLE] [--least-dead CYCLES] [--seed N]\n"
+    "                     [--cut CYCLE] [--brown-out CYCLE] [--least-dead CYCLES] [--profile FILE] [--seed N]\n"
     "Reads one SimInputs a PWM period on stdin, answers one SimOutputs on stdout (firmware/hal/sim/sim_io.h). Ends with stdin.\n";
 
 std::uint8_t reset_cause(const std::string& name) {
@@ -48,6 +48,8 @@ void set_option(board::Options& options, const std::string& name, const std::str
         options.eeprom = value;
     } else if (name == "--stats") {
         options.stats = value;
+    } else if (name == "--profile") {
+        options.profile = value;
     } else if (name == "--reset-cause") {
         options.reset_cause = reset_cause(value);
     } else if (name == "--cut") {
@@ -119,15 +121,21 @@ void serve(board::Bench& bench, int stream) {
     }
 }
 
+void write_text(const std::string& path, const std::string& text) {
+    std::ofstream file(path);
+    file << text;
+    if (!file) {
+        throw BoardError("cannot write " + path);
+    }
+}
+
 void finish(const board::Options& options, const board::Bench& bench) {
     bench.save_eeprom();
-    if (options.stats.empty()) {
-        return;
+    if (!options.stats.empty()) {
+        write_text(options.stats, bench.statistics());
     }
-    std::ofstream file(options.stats);
-    file << bench.statistics();
-    if (!file) {
-        throw BoardError("cannot write " + options.stats);
+    if (!options.profile.empty()) {
+        write_text(options.profile, bench.address_table());
     }
 }
 

@@ -35,6 +35,7 @@ std::uint8_t Profile::read(unsigned short) {
 
 void Profile::begin_tick() {
     tick_match_ = tick_.last_compare_a();
+    at_tick_ = counted_;
 }
 
 void Profile::end_tick() {
@@ -45,6 +46,10 @@ void Profile::end_tick() {
     if (lasted > ticks_.worst) {
         ticks_.worst = lasted;
         ticks_.worst_at = machine_.now();
+        worst_tick_ = counted_;
+        for (std::size_t i = 0; i < worst_tick_.size(); ++i) {
+            worst_tick_[i] -= at_tick_[i];
+        }
     }
 }
 
@@ -93,6 +98,22 @@ double Profile::worst_window_share() const {
 
 void Profile::reset() {
     frames_.clear();
+}
+
+void Profile::count_addresses() {
+    counted_.assign(machine_.flash_words(), 0);
+    worst_tick_ = at_tick_ = counted_;
+    machine_.count_addresses(counted_);
+}
+
+std::string Profile::address_table() const {
+    std::string table;
+    for (std::size_t i = 0; i < counted_.size(); ++i) {
+        if (counted_[i] > 0) {
+            table += std::to_string(2 * i) + " " + std::to_string(counted_[i]) + " " + std::to_string(worst_tick_[i]) + "\n";
+        }
+    }
+    return table;
 }
 
 // What lies between the variables and the stack when the program's start is over; bytes that change later were stack.

@@ -35,6 +35,8 @@ public:
     void entered(int vector, Cycle at, Cycle waited, unsigned pc) override;
     void left(Cycle at) override;
 
+    void count_addresses();            // slower: each instruction is looked at
+    std::string address_table() const; // lines of: byte address, cycles in all, cycles in the worst tick
     void snapshot_stack();
     unsigned stack_free() const;
     const VectorCost& vector(int number) const { return vectors_[static_cast<std::size_t>(number)]; }
@@ -66,6 +68,7 @@ private:
     Cycle worst_window_ = 0;
     unsigned lowest_stack_ = 0xffff;
     std::vector<std::uint8_t> snapshot_;
+    std::vector<Cycle> counted_, at_tick_, worst_tick_;
 };
 
 }  // namespace board

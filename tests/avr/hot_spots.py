@@ -1,0 +1,58 @@
+"""Where the worst tick's cycles go: `hot_spots.py ELF [SCENARIO]` runs a scenario on the bench and lists functions by cycles."""
+
+import argparse
+import bisect
+import subprocess
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+from vgroove import lockstep
+from vgroove.board import AvrBoard, read_statistics
+from vgroove.scenario import command_messages, make_plant, read_scenario
+
+STRESS = Path(__file__).resolve().parents[2] / "scenarios" / "stress.toml"
+
+
+def symbols(elf: Path) -> list[tuple[int, str]]:
+    """(address, name) of the ELF's code symbols, increasing."""
+    listing = subprocess.run(["avr-nm", "-n", str(elf)], capture_output=True, text=True, check=True).stdout
+    rows = (line.split() for line in listing.splitlines())
+    return [(int(address, 16), name) for address, kind, name in rows if kind in "tTwW" and int(address, 16) < 0x800000 and name != "__stack"]
+
+
+def by_function(table: Path, elf: Path) -> tuple[Counter[str], Counter[str]]:
+    """Cycles by function: in all, and in the worst tick."""
+    known = symbols(elf)
+    starts = [address for address, _ in known]
+    everything, worst = Counter(), Counter()
+    for line in table.read_text().splitlines():
+        address, total, tick = map(int, line.split())
+        name = known[bisect.bisect_right(starts, address) - 1][1]
+        everything[name] += total
+        worst[name] += tick
+    return everything, worst
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("elf", type=Path)
+    parser.add_argument("scenario", type=Path, nargs="?", default=STRESS)
+    parser.add_argument("--mcu", default="atmega328p")
+    arguments = parser.parse_args()
+    scenario = read_scenario(arguments.scenario)
+    with tempfile.TemporaryDirectory() as folder:
+        table, stats = Path(folder) / "profile", Path(folder) / "stats"
+        with AvrBoard(arguments.elf, mcu=arguments.mcu, profile=table, stats=stats) as board:
+            lockstep.run(board, make_plant(scenario.tool, 1), scenario.profile, scenario.duration_s, front=scenario.front_ends(),
+                         line=lockstep.Script(command_messages(scenario.commands)))
+        everything, worst = by_function(table, arguments.elf)
+        report = read_statistics(stats)
+    print(f"{'function':32}{'worst tick':>12}{'whole run':>14}   worst tick {report['tick']}")  # noqa: T201
+    for name, cycles in sorted(worst.items(), key=lambda item: -item[1])[:25]:
+        print(f"{name:32}{cycles:12}{everything[name]:14}")  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()

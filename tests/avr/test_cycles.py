@@ -1,0 +1,82 @@
+"""Cycle budgets of the real ELF, measured on the bench under stress: full speed, four edges a turn, full telemetry, commands coming in."""
+
+import json
+from pathlib import Path
+
+import pytest
+from exercise import record_tape
+
+from vgroove import board, lockstep
+from vgroove.board import AvrBoard, read_statistics
+from vgroove.scenario import command_messages, make_plant, read_scenario
+
+STRESS = Path(__file__).resolve().parents[2] / "scenarios" / "stress.toml"
+TARGETS = {"uno_elf": "atmega328p", "mega_elf": "atmega2560"}
+TICK_CYCLES_MAX = 4000
+ISR_CYCLES_MAX = 120
+ISR_SHARE_MAX = 0.15
+STACK_BYTES_MIN = 400
+TRIGGER_GAP = 2040
+
+
+def stress_statistics(elf: Path, mcu: str, folder: Path) -> dict:
+    """The bench's report of the stress scenario, with the speed that the tool reached."""
+    scenario, stats = read_scenario(STRESS), folder / "stats.json"
+    tool = make_plant(scenario.tool, scenario.seed)
+    speeds = []
+    with AvrBoard(elf, mcu=mcu, stats=stats, least_dead=2) as avr:
+        lockstep.run(avr, tool, scenario.profile, scenario.duration_s, front=scenario.front_ends(),
+                     line=lockstep.Script(command_messages(scenario.commands)), on_progress=lambda _: speeds.append(tool.speed_rad_s))
+    return {**read_statistics(stats), "rpm": max(speeds) * 30 / 3.141592653589793}
+
+
+@pytest.fixture(scope="module", params=TARGETS)
+def stress(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict:
+    return stress_statistics(request.getfixturevalue(request.param), TARGETS[request.param], tmp_path_factory.mktemp("stress"))
+
+
+def test_the_stress_is_stress(stress: dict) -> None:
+    assert stress["rpm"] > 15500
+    assert stress["uart"]["sent"] > 0.75 * 25000 * 2.0
+    assert stress["uart"]["received"] >= 4 * 19
+    assert stress["resets"] == 0
+
+
+def test_worst_tick_with_the_interrupts_in_it(stress: dict) -> None:
+    assert stress["tick"]["count"] >= 1990, "GPIOR0 bit 0 must mark the tick's work"
+    assert stress["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(stress["tick"])
+    assert stress["tick"]["late"] == 0
+
+
+def test_each_interrupt(stress: dict) -> None:
+    over = {name: cost["worst_cycles"] for name, cost in stress["isr"].items() if cost["worst_cycles"] > ISR_CYCLES_MAX}
+    assert not over
+
+
+def test_share_of_the_interrupts(stress: dict) -> None:
+    assert stress["isr_share_worst_100ms"] <= ISR_SHARE_MAX
+
+
+def test_stack_headroom(stress: dict) -> None:
+    assert stress["stack"]["free_bytes"] >= STACK_BYTES_MIN
+
+
+def test_no_edge_byte_or_conversion_is_lost(stress: dict) -> None:
+    assert stress["hall"]["deaf"] == 0 and stress["hall"]["captured"] == stress["hall"]["edges"]
+    assert stress["uart"]["overruns"] == 0
+    adc = stress["adc"]
+    assert adc["lost"] == 0 and adc["channel_races"] == 0
+    assert adc["shortest_cadence_cycles"] == adc["longest_cadence_cycles"] == TRIGGER_GAP
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_budgets_hold_over_the_exercise_of_every_driver(target: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    tape, _ = record_tape()
+    stats = tmp_path / "stats.json"
+    board.replay(request.getfixturevalue(target), tape, mcu=TARGETS[target], stats=stats, least_dead=2)
+    report = read_statistics(stats)
+    assert report["tick"]["worst_cycles"] <= TICK_CYCLES_MAX
+    assert max(cost["worst_cycles"] for cost in report["isr"].values()) <= ISR_CYCLES_MAX
+    assert report["stack"]["free_bytes"] >= STACK_BYTES_MIN
+    assert report["adc"]["longest_cadence_cycles"] == TRIGGER_GAP
+    assert report["eeprom"]["writes"] > 0
