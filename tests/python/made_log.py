@@ -72,7 +72,7 @@ LEVELS = [(0.3, 0.35), (1.0, 0.8), (1.8, 0.5), (2.6, 1.0), (3.4, 0.25), (4.2, 0.
 
 
 def drive_log(tool: Rig, seed: int = 1, seconds: float = 6.0, levels: list[tuple[float, float]] | None = None,
-              noise: bool = True) -> MadeLog:
+              noise: bool = True, dropout: float = 0.0) -> MadeLog:
     """A log of a tool that is exactly the plant with the rig's parameters; the sensors are those of the rig."""
     rng = np.random.default_rng(seed)
     fine = np.arange(0, round(seconds * 1e4) + 1) * 1e-4
@@ -85,6 +85,7 @@ def drive_log(tool: Rig, seed: int = 1, seconds: float = 6.0, levels: list[tuple
                                        np.array([0]), np.zeros((1, 3))) for t in (time_s, fine))
     s = tool.sensors
     edges = edge_times(fine, smooth["angle_measured_rad"][0], s["hall_pulses_per_rev"], rng.random())
+    edges = edges[rng.random(len(edges)) >= dropout] if dropout else edges
     scale = 1.0 if noise else 0.0
     current = rows["current_a"][0] + scale * s["current_noise_a"] * rng.standard_normal(len(time_s))
     supply = rows["supply_v"][0] + scale * s["supply_noise_v"] * rng.standard_normal(len(time_s))

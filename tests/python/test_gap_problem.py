@@ -210,6 +210,18 @@ def test_iso18571_rates_the_better_model_higher(problem: Problem) -> None:
     assert 0.9 < good["speed_rpm"] <= 1.0 and bad["speed_rpm"] < good["speed_rpm"] - 0.02
 
 
+def test_missed_edges_open_the_gap_and_a_sensor_that_drops_edges_closes_it() -> None:
+    made = drive_log(rig(), dropout=0.03)
+    problem = load_problem([made], rig())
+    theta = np.repeat(problem.theta0[None], 2, axis=0)
+    theta[1, problem.index("effects.hall_dropout.probability")] = 0.03
+    names = [s.column for s in problem.signals]
+    before, after = (problem.gap(r, problem.signal == names.index("speed_rpm")) for r in problem.residuals(theta))
+    assert before > 1.7 and after < 1.3
+    assert problem.missed_share == pytest.approx(0.03, rel=0.3)
+    assert load_problem([drive_log(rig())], rig()).missed_share < 0.002
+
+
 def test_regimes_cover_the_log(problem: Problem) -> None:
     names = {problem.regimes[k] for k in np.unique(problem.regime)}
     assert {"standstill", "start"} <= names and any(name.startswith("steady") for name in names)

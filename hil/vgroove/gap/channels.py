@@ -7,6 +7,7 @@ import numpy as np
 
 from vgroove.gap.noise import RPM
 
+DROPS_EDGES = "drops_edges"  # (B,): the parameter set's Hall sensor misses edges
 Simulation = dict[str, np.ndarray]  # (B, rows) arrays of vgroove._core.simulate_log
 
 
@@ -88,11 +89,15 @@ class RowChannel(Channel):
 
 @dataclass(frozen=True)
 class SpanChannel(Channel):
-    """A mean speed over a span between two instants: the difference quotient of the measured angle."""
+    """A mean speed over a span between two instants: the difference quotient of the measured angle.
+
+    missed (m,): edges that seem to have been passed unseen in the span. A model whose Hall sensor drops edges shows one pitch for all.
+    """
 
     start: Places | None = None
     end: Places | None = None
     length_s: np.ndarray | None = None
+    missed: np.ndarray | None = None
     factor: float = 1.0
 
     def first_row(self) -> np.ndarray:
@@ -100,6 +105,8 @@ class SpanChannel(Channel):
 
     def model(self, simulation: Simulation) -> np.ndarray:
         mean = (self.end.angle(simulation) - self.start.angle(simulation)) * (self.factor / self.length_s)
+        if self.missed is not None and np.any(simulation.get(DROPS_EDGES, False)):
+            mean = np.where(simulation[DROPS_EDGES][:, None], mean / (1.0 + self.missed), mean)
         if not self.conditional.any():
             return mean
         # While an edge is awaited the row states the most that the speed can have been: no difference below that.

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from vgroove import _core
 from vgroove.errors import VgrooveError
@@ -17,6 +18,7 @@ from vgroove.rig import Rig
 DEFAULT_TIMEOUT_S = 0.25
 FORCE_ROWS = 2  # rows between the instants of a second difference
 START_S = 0.02  # the shaft is taken to leave its rest this long before the first edge
+NEIGHBOURS = 4  # edge periods on each side that say whether a period is twice as long as it should be
 REVERSAL_S = 0.1  # edge periods closer than this to a change of sign may count one edge twice
 
 
@@ -173,9 +175,27 @@ def _edge_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig, edges: Edge
     least = max(rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0), noise.LEAST_SIGMA["speed_rpm"])
     wait_sigma = np.full(len(wait_row), float(np.median(sigma)) if len(sigma) else least)
     order = np.lexsort((waiting, row))
-    return span_channel("speed_rpm", "rpm", time_s, (start[order], end[order]), row[order], measured[order],
-                        np.concatenate([sigma[keep], wait_sigma])[order], waiting[order], RAD_S_TO_RPM, True,
-                        "compared over the measured edge periods")
+    missed = _missed_edges(edges)
+    later = np.searchsorted(edges.row[keep], wait_row)
+    missed = np.concatenate([missed[keep], np.concatenate([missed[keep], [0]])[later]])
+    channel = span_channel("speed_rpm", "rpm", time_s, (start[order], end[order]), row[order], measured[order],
+                           np.concatenate([sigma[keep], wait_sigma])[order], waiting[order], RAD_S_TO_RPM, True,
+                           "compared over the measured edge periods")
+    return replace(channel, missed=missed[order].astype(float))
+
+
+def _missed_edges(edges: EdgePeriods) -> np.ndarray:
+    """Edges (m,) that each period seems to have missed: its speed is a half, a third, ... of its neighbours' median."""
+    whole = np.flatnonzero(~edges.falling)
+    missed = np.zeros(len(edges.row), dtype=int)
+    if len(whole) < 2 * NEIGHBOURS + 1:
+        return missed
+    speed = np.abs(edges.speed_rpm[whole])
+    around = median_filter(speed, 2 * NEIGHBOURS + 1, mode="nearest")
+    times = np.round(around / speed)
+    fits = (times >= 2.0) & (times <= 4.0) & (np.abs(speed * times / around - 1.0) < 0.12)
+    missed[whole] = np.where(fits, times - 1.0, 0.0)
+    return missed
 
 
 def _near_reversal(edges: EdgePeriods) -> np.ndarray:
