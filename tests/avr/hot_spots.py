@@ -17,8 +17,8 @@ STRESS = Path(__file__).resolve().parents[2] / "scenarios" / "stress.toml"
 def symbols(elf: Path) -> list[tuple[int, str]]:
     """(address, name) of the ELF's code symbols, increasing."""
     listing = subprocess.run(["avr-nm", "-n", str(elf)], capture_output=True, text=True, check=True).stdout
-    rows = (line.split() for line in listing.splitlines())
-    return [(int(address, 16), name) for address, kind, name in rows if kind in "tTwW" and int(address, 16) < 0x800000 and name != "__stack"]
+    rows = [(int(address, 16), kind, name) for address, kind, name in (line.split() for line in listing.splitlines())]
+    return [(address, name) for address, kind, name in rows if kind in "tTwW" and address < 0x800000 and name != "__stack"]
 
 
 def by_function(table: Path, elf: Path) -> tuple[Counter[str], Counter[str]]:
