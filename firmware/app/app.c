@@ -17,7 +17,9 @@ void app_init(App *self, uint32_t build_hash) {
     h_bridge_init(&self->bridge, (uint8_t)self->params.value[PARAM_DEAD_TIME_COUNT]);
     modes_init(&self->modes);
     uart_init(&self->uart, (uint8_t)self->params.value[PARAM_BAUD_SELECT]);
-    execute_parameters(self);
+    while (execute_parameters_pending(self)) {
+        execute_parameters_step(self);
+    }
     report_start(self, build_hash);
 }
 
@@ -26,7 +28,7 @@ static void read_inputs(App *self) {
     h_bridge_next_row(&self->bridge);
     measure_analog(&self->measured, &self->adc, &self->current, &self->trigger, self->params.value[PARAM_BUS_GAIN_MV_Q8]);
     measure_speed(&self->measured, &self->hall);
-    if (self->measured.over_current) {
+    if (self->measured.adc.trips) {
         h_bridge_note_trip(&self->bridge);
     }
 }
@@ -71,6 +73,7 @@ void app_tick(App *self, uint8_t ticks_late) {
     self->now_ms++;
     note_lateness(self, ticks_late);
     execute_received(self);
+    execute_parameters_step(self);
     find_faults(self);
     calibrate_step(self);
     step_modes(self);
@@ -91,13 +94,14 @@ void app_on_edge(App *self, uint16_t stamp) {
     hall_speed_on_edge(&self->hall, stamp);
 }
 
-uint8_t app_on_sample(App *self, uint16_t counts) {
-    bool trip = false;
-    const uint8_t channel = adc_sequence_on_result(&self->adc, counts, &trip);
-    if (trip) {
+uint8_t app_next_channel(const App *self) {
+    return self->adc.next_channel;
+}
+
+void app_on_sample(App *self, uint16_t counts) {
+    if (adc_sequence_on_result(&self->adc, counts)) {
         h_bridge_on_trip(&self->bridge);
     }
-    return channel;
 }
 
 void app_on_received(App *self, uint8_t byte, bool damaged) {

@@ -37,6 +37,7 @@ typedef struct {
     Foldback foldback;
     CommandParser parser;
     Telemetry telemetry;
+    TelemetryInputs report;    // kept from tick to tick: most of it seldom changes
     uint32_t now_ms;
     uint16_t worst_cycles;     // of a tick since the last HEALTH frame
     uint16_t standing_flags;   // TELEMETRY_FLAGS_* of the start
@@ -47,6 +48,7 @@ typedef struct {
     uint8_t mode;              // TELEMETRY_MODE_*
     bool save_offset;          // the offset found at rest becomes a parameter
     uint8_t overruns;
+    uint8_t configure_step;    // see execute_parameters
     bool calibrated;
 } App;
 
@@ -58,7 +60,8 @@ void app_tick(App *self, uint8_t ticks_late);
 // Interrupts; the one that applies the staged order to the bridge comes before all others.
 void app_on_apply(App *self);
 void app_on_edge(App *self, uint16_t stamp);
-uint8_t app_on_sample(App *self, uint16_t counts);  // returns the channel of the next conversion
+uint8_t app_next_channel(const App *self);  // of the conversion after the one that has just completed; ask before app_on_sample
+void app_on_sample(App *self, uint16_t counts);
 void app_on_received(App *self, uint8_t byte, bool damaged);
 bool app_on_ready(App *self, uint8_t *byte);  // false: nothing left to send
 

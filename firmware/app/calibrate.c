@@ -16,7 +16,7 @@ bool calibrate_begin(App *app, uint8_t what) {
 
 static void offset_step(App *app) {
     bool implausible = false;
-    if (!current_sense_rest(&app->current, &app->measured.current, &implausible)) {
+    if (!current_sense_rest(&app->current, app->measured.adc.current_sum, app->measured.adc.current_count, &implausible)) {
         return;
     }
     app->calibration = TELEMETRY_CALIBRATE_WHAT_CANCEL;

@@ -5,6 +5,7 @@
 #include "app/param_command.h"
 
 #define BYTES_A_TICK 26u  // 250 kBd brings 25
+#define CONFIGURE_STEPS 7u
 
 enum { SETPOINT_DUTY_LIMIT_Q15 };
 
@@ -12,21 +13,45 @@ static bool idle(const App *app) {
     return app->modes.state != MODES_DRIVE && app->modes.state != MODES_RELEASE;
 }
 
-void execute_parameters(App *app) {
+static void configure_limits(App *app) {
     const int16_t *value = app->params.value;
-    const HallSpeedParams hall = {
-        .pulses = (uint8_t)value[PARAM_HALL_PULSES],
-        .pitch_q15 = {value[PARAM_HALL_PITCH_0_Q15], value[PARAM_HALL_PITCH_1_Q15], value[PARAM_HALL_PITCH_2_Q15], value[PARAM_HALL_PITCH_3_Q15]},
-        .timeout_ms = (uint16_t)value[PARAM_HALL_TIMEOUT_MS],
-    };
-    hall_speed_configure(&app->hall, &hall);
     app->current.gain_a_q15 = value[PARAM_CURRENT_GAIN_A_Q15];
-    trigger_set_ends(&app->trigger, (uint16_t)value[PARAM_TRIGGER_LOW_COUNT], (uint16_t)value[PARAM_TRIGGER_HIGH_COUNT]);
-    app->bridge.dead_counts = (uint8_t)value[PARAM_DEAD_TIME_COUNT];
     app->open_loop.slew_q15 = value[PARAM_SLEW_PER_MS_Q15];
     app->foldback.limit_a_q9 = value[PARAM_FOLDBACK_A_Q9];
+    app->bridge.dead_counts = (uint8_t)value[PARAM_DEAD_TIME_COUNT];
     const CurrentLimits limits = current_sense_limits(&app->current, value[PARAM_TRIP_A_Q9]);
     adc_sequence_set_trip(&app->adc, limits.low, limits.high);
+}
+
+static void configure_hall_pitch(App *app, uint8_t pitch) {
+    hall_speed_set_pitch(&app->hall, pitch, app->params.value[PARAM_HALL_PITCH_0_Q15 + pitch], (uint8_t)app->params.value[PARAM_HALL_PULSES]);
+}
+
+// 0: limits, 1: trigger, 2: Hall, 3..6: its pitches
+void execute_parameters_step(App *app) {
+    const int16_t *value = app->params.value;
+    const uint8_t step = app->configure_step;
+    if (step >= CONFIGURE_STEPS) {
+        return;
+    }
+    if (step == 0u) {
+        configure_limits(app);
+    } else if (step == 1u) {
+        trigger_set_ends(&app->trigger, (uint16_t)value[PARAM_TRIGGER_LOW_COUNT], (uint16_t)value[PARAM_TRIGGER_HIGH_COUNT]);
+    } else if (step == 2u) {
+        hall_speed_configure(&app->hall, (uint8_t)value[PARAM_HALL_PULSES], (uint16_t)value[PARAM_HALL_TIMEOUT_MS]);
+    } else {
+        configure_hall_pitch(app, (uint8_t)(step - 3u));
+    }
+    app->configure_step = (uint8_t)(step + 1u);
+}
+
+bool execute_parameters_pending(const App *app) {
+    return app->configure_step < CONFIGURE_STEPS;
+}
+
+void execute_parameters(App *app) {
+    app->configure_step = 0;
 }
 
 static uint8_t set_mode(App *app, const Command *command) {

@@ -7,7 +7,9 @@
 // Takes what has been received; executes and acknowledges at most one command a tick.
 void execute_received(App *app);
 
-// Hands the parameters to the drivers that take them at once.
+// Parameters have changed: their drivers take them over in the ticks that follow, a few at a time, since each costs divisions.
 void execute_parameters(App *app);
+void execute_parameters_step(App *app);
+bool execute_parameters_pending(const App *app);
 
 #endif

@@ -54,11 +54,11 @@ static uint8_t bit_if(bool holds, uint8_t bit) {
 void faults_step(Faults *self, const Measurement *m, const FaultLimits *limits, int16_t compare, bool new_edge) {
     uint8_t active = find_no_edge(self, m, limits->stall_ms, compare, new_edge);
     count_conditions(self, m, limits);
-    active |= bit_if(m->over_current, TELEMETRY_FAULTS_OVER_CURRENT);
+    active |= bit_if(m->adc.trips, TELEMETRY_FAULTS_OVER_CURRENT);
     active |= bit_if(self->under_voltage_ms >= UNDER_VOLTAGE_MS, TELEMETRY_FAULTS_UNDER_VOLTAGE);
     active |= bit_if(self->over_temperature_ms >= OVER_TEMPERATURE_MS, TELEMETRY_FAULTS_OVER_TEMPERATURE);
     active |= bit_if(self->temperature_lost_ms >= OVER_TEMPERATURE_MS || self->current_implausible, TELEMETRY_FAULTS_SENSOR_LOST);
-    active |= bit_if(m->adc_lost, TELEMETRY_FAULTS_ADC_CADENCE);
+    active |= bit_if(m->adc.lost, TELEMETRY_FAULTS_ADC_CADENCE);
     active |= bit_if(self->overrun, TELEMETRY_FAULTS_OVERRUN);
     self->overrun = false;
     self->active = active;

@@ -23,38 +23,33 @@ static void take_temperature(Measurement *self, uint16_t counts) {
     self->temperature_c_q4 = analog_temperature_c_q4(counts);
 }
 
-static void take_sample(Measurement *self, const AdcSample *sample, Trigger *trigger, int16_t bus_gain_mv_q8) {
-    switch (sample->channel) {
-    case HAL_ADC_CURRENT:
-        current_sense_add(&self->current, sample->counts);
-        break;
-    case HAL_ADC_BUS:
-        take_bus(self, sample->counts, bus_gain_mv_q8);
-        break;
-    case HAL_ADC_TRIGGER:
-        trigger_set_travel(trigger, sample->counts);
-        break;
-    case HAL_ADC_TEMPERATURE:
-        take_temperature(self, sample->counts);
-        break;
+static bool fresh(const AdcTick *adc, uint8_t channel) {
+    return (adc->fresh & (1u << channel)) != 0u;
+}
+
+static void take_current(Measurement *self, const CurrentSense *current) {
+    const AdcTick *adc = &self->adc;
+    if (adc->current_count == 0u) {
+        return;
     }
+    bool saturated = adc->current_least == 0u || adc->current_greatest == ADC_SEQUENCE_TOP_COUNT;
+    self->current_a_q9 = current_sense_a_q9(current, current_sense_mean_q4(adc->current_sum, adc->current_count), &saturated);
+    raise(self, saturated, TELEMETRY_FLAGS_CURRENT_SATURATED);
 }
 
 void measure_analog(Measurement *self, AdcSequence *adc, const CurrentSense *current, Trigger *trigger, int16_t bus_gain_mv_q8) {
     self->flags = 0;
-    self->over_current = false;
-    self->adc_lost = false;
-    self->current = (CurrentSamples){0};
-    for (uint8_t due = adc_sequence_due(adc, &self->adc_lost); due > 0u; due--) {
-        const AdcSample sample = adc_sequence_take(adc);
-        self->over_current = self->over_current || adc_sequence_trips(adc, &sample);
-        take_sample(self, &sample, trigger, bus_gain_mv_q8);
+    adc_sequence_tick(adc, &self->adc);
+    take_current(self, current);
+    if (fresh(&self->adc, HAL_ADC_BUS)) {
+        take_bus(self, self->adc.latest[HAL_ADC_BUS], bus_gain_mv_q8);
     }
-    bool saturated = self->current.at_limit;
-    if (self->current.count > 0u) {
-        self->current_a_q9 = current_sense_a_q9(current, current_sense_mean_q4(&self->current), &saturated);
+    if (fresh(&self->adc, HAL_ADC_TRIGGER)) {
+        trigger_set_travel(trigger, self->adc.latest[HAL_ADC_TRIGGER]);
     }
-    raise(self, saturated, TELEMETRY_FLAGS_CURRENT_SATURATED);
+    if (fresh(&self->adc, HAL_ADC_TEMPERATURE)) {
+        take_temperature(self, self->adc.latest[HAL_ADC_TEMPERATURE]);
+    }
 }
 
 void measure_speed(Measurement *self, HallSpeed *hall) {

@@ -17,9 +17,7 @@ typedef struct {
     uint16_t supply_25mv;      // as telemetry sends it
     int16_t temperature_c_q4;
     uint16_t flags;            // TELEMETRY_FLAGS_* of this tick
-    CurrentSamples current;    // of this tick
-    bool over_current;         // a sample of this tick was beyond the trip
-    bool adc_lost;
+    AdcTick adc;               // of this tick
     bool temperature_lost;
     bool standstill;
 } Measurement;

@@ -6,7 +6,6 @@
 
 #define RESET_BROWN_OUT 4u
 #define RESET_WATCHDOG 8u
-#define TRAVEL_TO_BYTE 7u
 
 static uint16_t flags_of_start(uint8_t cause, uint8_t params) {
     uint16_t flags = 0;
@@ -26,53 +25,50 @@ void report_start(App *app, uint32_t build_hash) {
         .target = hal_target(),
     };
     app->standing_flags = flags_of_start(boot.reset_cause, app->params.status);
+    app->report.params = param_report(&app->params);
     telemetry_init(&app->telemetry, &boot, (uint8_t)app->params.value[PARAM_BAUD_SELECT]);
 }
 
-static TelemetryState state_of(const App *app) {
+static void fill_state(const App *app, TelemetryState *state) {
     uint16_t flags = app->measured.flags | app->standing_flags;
     flags |= param_saving(&app->params) ? TELEMETRY_FLAGS_PARAM_SAVING : 0u;
     flags |= app->calibrated ? TELEMETRY_FLAGS_CALIBRATED : 0u;
-    return (TelemetryState){
-        .trigger = (uint8_t)(app->trigger.travel_q15 >> TRAVEL_TO_BYTE),
-        .state = app->modes.state,
-        .mode = app->mode,
-        .reverse = app->modes.reverse ? 1u : 0u,
-        .faults = app->faults.latched,
-        .flags = flags,
-        .contact = trigger_contact(&app->trigger) ? 1u : 0u,
-    };
+    state->trigger = (uint8_t)((uint16_t)((uint16_t)app->trigger.travel_q15 << 1) >> 8);
+    state->state = app->modes.state;
+    state->mode = app->mode;
+    state->reverse = app->modes.reverse ? 1u : 0u;
+    state->faults = app->faults.latched;
+    state->flags = flags;
+    state->contact = trigger_contact(&app->trigger) ? 1u : 0u;
 }
 
 static uint8_t sum_u8(uint8_t a, uint8_t b) {
     return (uint8_t)(a > UINT8_MAX - b ? UINT8_MAX : a + b);
 }
 
-static TelemetryHealth health_of(const App *app) {
+static void fill_health(const App *app, TelemetryHealth *health) {
     const uint16_t stack = hal_stack_free();
-    return (TelemetryHealth){
-        .worst_tick_cycles = app->worst_cycles,
-        .stack_free_bytes = stack < TELEMETRY_STACK_FREE_BYTES_MAX ? stack : TELEMETRY_STACK_FREE_BYTES_MAX,
-        .overruns = app->overruns,
-        .missed_edges = app->hall.missed,
-        .double_edges = app->hall.doubled < TELEMETRY_DOUBLE_EDGES_MAX ? app->hall.doubled : TELEMETRY_DOUBLE_EDGES_MAX,
-        .rx_errors = sum_u8(app->parser.errors, app->uart.receive_errors),
-    };
+    health->worst_tick_cycles = app->worst_cycles;
+    health->stack_free_bytes = stack < TELEMETRY_STACK_FREE_BYTES_MAX ? stack : TELEMETRY_STACK_FREE_BYTES_MAX;
+    health->overruns = app->overruns;
+    health->missed_edges = app->hall.missed;
+    health->double_edges = app->hall.doubled < TELEMETRY_DOUBLE_EDGES_MAX ? app->hall.doubled : TELEMETRY_DOUBLE_EDGES_MAX;
+    health->rx_errors = sum_u8(app->parser.errors, app->uart.receive_errors);
 }
 
 void report_tick(App *app) {
     uint8_t bytes[TELEMETRY_TICK_BYTES_MAX];
-    const TelemetryInputs in = {
-        .now_ms = app->now_ms,
-        .fast = {.current_a = app->measured.current_a_q9,
-                 .speed_rpm = app->measured.speed_rpm_q1,
-                 .duty_compare = app->bridge.row_compare,
-                 .supply_v = app->measured.supply_25mv},
-        .state = state_of(app),
-        .health = health_of(app),
-        .params = param_report(&app->params),
-    };
-    const uint8_t count = telemetry_tick(&app->telemetry, &in, bytes);
+    TelemetryInputs *report = &app->report;
+    report->now_ms = app->now_ms;
+    report->fast.current_a = app->measured.current_a_q9;
+    report->fast.speed_rpm = app->measured.speed_rpm_q1;
+    report->fast.duty_compare = app->bridge.row_compare;
+    report->fast.supply_v = app->measured.supply_25mv;
+    fill_state(app, &report->state);
+    fill_health(app, &report->health);
+    report->params.table.table_slot = app->params.slot;
+    report->params.table.table_status = app->params.status;
+    const uint8_t count = telemetry_tick(&app->telemetry, report, bytes);
     if (telemetry_health_sent(&app->telemetry)) {
         app->worst_cycles = 0;
     }

@@ -13,7 +13,7 @@ int16_t fixed_saturate_i16(int32_t value, bool *saturated);
 
 int32_t fixed_clamp_i32(int32_t value, int32_t least, int32_t greatest);
 
-// value / 2^shift, rounded to nearest, halves away from zero; shift 1..31, |value| < 2^30.
-int32_t fixed_round_shift(int32_t value, uint8_t shift);
+// value / 2^n, rounded to nearest, halves up; n a constant: a variable shift is a loop on the AVR.
+#define FIXED_ROUND_SHIFT(value, n) (((value) + ((int32_t)1 << ((n) - 1u))) >> (n))
 
 #endif

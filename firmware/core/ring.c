@@ -1,15 +1,19 @@
 // Single-producer, single-consumer rings, see ring.h.
 #include "core/ring.h"
 
-bool ring_push_word(RingWords *self, uint16_t item) {
+bool ring_push_pair(RingWords *self, uint8_t low, uint8_t high) {
     const uint8_t head = self->head;
     if ((uint8_t)(head - self->tail) >= RING_WORDS) {
         return false;
     }
-    self->low[head % RING_WORDS] = (uint8_t)item;
-    self->high[head % RING_WORDS] = (uint8_t)(item >> 8);
+    self->low[head % RING_WORDS] = low;
+    self->high[head % RING_WORDS] = high;
     self->head = (uint8_t)(head + 1u);
     return true;
+}
+
+bool ring_push_word(RingWords *self, uint16_t item) {
+    return ring_push_pair(self, (uint8_t)item, (uint8_t)(item >> 8));
 }
 
 uint8_t ring_count_words(const RingWords *self) {
@@ -42,5 +46,18 @@ bool ring_pop_byte(RingBytes *self, uint8_t *item) {
     }
     *item = self->items[tail % RING_BYTES];
     self->tail = (uint8_t)(tail + 1u);
+    return true;
+}
+
+bool ring_push_bytes(RingBytes *self, const uint8_t *bytes, uint8_t count) {
+    uint8_t head = self->head;
+    if (count > RING_BYTES - (uint8_t)(head - self->tail)) {
+        return false;
+    }
+    for (const uint8_t *end = bytes + count; bytes != end; bytes++) {
+        self->items[head % RING_BYTES] = *bytes;
+        head++;
+    }
+    self->head = head;
     return true;
 }

@@ -9,10 +9,10 @@
 #define RING_BYTES 64u   // UART: holds TELEMETRY_QUEUE_BYTES
 
 typedef struct {
-    volatile uint8_t low[RING_WORDS];  // bytes apart: cheaper to reach on the AVR
-    volatile uint8_t high[RING_WORDS];
     volatile uint8_t head;  // pushes so far, modulo 256
     volatile uint8_t tail;  // pops so far
+    volatile uint8_t low[RING_WORDS];  // bytes apart: cheaper to reach on the AVR
+    volatile uint8_t high[RING_WORDS];
 } RingWords;
 
 typedef struct {
@@ -23,7 +23,11 @@ typedef struct {
 
 // False when full: the item is dropped.
 bool ring_push_word(RingWords *self, uint16_t item);
+bool ring_push_pair(RingWords *self, uint8_t low, uint8_t high);  // the same word by its bytes
 bool ring_push_byte(RingBytes *self, uint8_t item);
+
+// All or nothing.
+bool ring_push_bytes(RingBytes *self, const uint8_t *bytes, uint8_t count);
 
 // False when empty; `*item` is then left alone.
 bool ring_pop_byte(RingBytes *self, uint8_t *item);

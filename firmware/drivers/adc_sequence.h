@@ -7,37 +7,43 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "core/ring.h"
-
 #define ADC_SEQUENCE_SLOTS 16u
+#define ADC_SEQUENCE_RING 32u
 #define ADC_SEQUENCE_TOP_COUNT 1023u
 
+// What a tick's samples come to.
 typedef struct {
-    uint16_t counts;
-    uint8_t channel;  // HAL_ADC_*
-} AdcSample;
+    uint16_t current_sum;
+    uint16_t current_least;
+    uint16_t current_greatest;
+    uint8_t current_count;
+    uint8_t fresh;                  // bit HAL_ADC_*: that channel has a new value in `latest`
+    uint16_t latest[4];             // by HAL_ADC_*
+    bool lost;                      // the ring did not hold what the cadence says; it has been resynchronised
+    bool trips;                     // a current sample was beyond the trip
+} AdcTick;
 
 typedef struct {
-    RingWords ring;               // channel in bits 14 and 15, counts below
-    volatile uint16_t trip_low;   // current counts that are still allowed
-    volatile uint16_t trip_high;
-    volatile uint8_t slot;        // of the conversion that completes next
-    volatile uint8_t channel;     // of that slot
-    volatile bool overflowed;
-    int16_t cycles_ahead;         // of the tick, since the newest sample that it may use; negative before the first
+    volatile uint16_t trip_low;     // least current counts that are allowed
+    volatile uint16_t trip_span;    // and how far above they may be
+    volatile uint8_t channel;       // of the conversion that completes next
+    volatile uint8_t next_channel;  // of the one after it: known before the interrupt, so that it can be set first of all
+    volatile uint8_t head;          // conversions so far, modulo 256: head modulo 16 is the slot, head modulo 32 the place in the ring
+    uint8_t tail;                   // conversions taken so far
+    int16_t cycles_ahead;           // of the tick, since the newest sample that it may use; negative before the first
+    volatile uint8_t low[ADC_SEQUENCE_RING];
+    volatile uint8_t high[ADC_SEQUENCE_RING];
 } AdcSequence;
 
 void adc_sequence_init(AdcSequence *self);
 void adc_sequence_set_trip(AdcSequence *self, uint16_t low, uint16_t high);
-bool adc_sequence_trips(const AdcSequence *self, const AdcSample *sample);
 
-// Begin of a tick: how many samples belong to it. `*lost` becomes true when the ring does not hold what the cadence says; it is then resynchronised.
-uint8_t adc_sequence_due(AdcSequence *self, bool *lost);
-AdcSample adc_sequence_take(AdcSequence *self);
+// Begin of a tick: takes the samples that belong to it.
+void adc_sequence_tick(AdcSequence *self, AdcTick *out);
 
 uint8_t adc_sequence_channel(uint8_t slot);
 
-// Interrupt: keeps the result and goes on to the next slot, whose channel it returns; true in `*trip`: the bridge must open.
-uint8_t adc_sequence_on_result(AdcSequence *self, uint16_t counts, bool *trip);
+// Interrupt: keeps the result and goes on to the next slot; true: the bridge must open.
+bool adc_sequence_on_result(AdcSequence *self, uint16_t counts);
 
 #endif

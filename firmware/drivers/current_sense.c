@@ -18,22 +18,13 @@ void current_sense_init(CurrentSense *self, int16_t gain_a_q15, int16_t offset_q
     *self = (CurrentSense){.gain_a_q15 = gain_a_q15, .offset_q4 = offset_q4};
 }
 
-void current_sense_add(CurrentSamples *samples, uint16_t counts) {
-    if (samples->count >= SAMPLES_MAX) {
-        return;
-    }
-    samples->sum = (uint16_t)(samples->sum + counts);
-    samples->count++;
-    samples->at_limit = samples->at_limit || counts == 0u || counts == ADC_TOP;
-}
-
-int16_t current_sense_mean_q4(const CurrentSamples *samples) {
-    return (int16_t)(((uint32_t)samples->sum * mean_factor[samples->count] + 0x8000u) >> 16);
+int16_t current_sense_mean_q4(uint16_t sum, uint8_t count) {
+    return (int16_t)(((uint32_t)sum * mean_factor[count <= SAMPLES_MAX ? count : SAMPLES_MAX] + 0x8000u) >> 16);
 }
 
 int16_t current_sense_a_q9(const CurrentSense *self, int16_t mean_q4, bool *saturated) {
     const int32_t product = (int32_t)(mean_q4 - self->offset_q4) * self->gain_a_q15;
-    return fixed_saturate_i16(fixed_round_shift(product, PRODUCT_SHIFT), saturated);
+    return fixed_saturate_i16(FIXED_ROUND_SHIFT(product, PRODUCT_SHIFT), saturated);
 }
 
 CurrentLimits current_sense_limits(const CurrentSense *self, int16_t trip_a_q9) {
@@ -48,9 +39,9 @@ void current_sense_rest_begin(CurrentSense *self) {
     self->rest_count = 0;
 }
 
-bool current_sense_rest(CurrentSense *self, const CurrentSamples *samples, bool *implausible) {
-    self->rest_sum += samples->sum;
-    self->rest_count = (uint16_t)(self->rest_count + samples->count);
+bool current_sense_rest(CurrentSense *self, uint16_t sum, uint8_t count, bool *implausible) {
+    self->rest_sum += sum;
+    self->rest_count = (uint16_t)(self->rest_count + count);
     if (self->rest_count < REST_SAMPLES) {
         return false;
     }

@@ -18,21 +18,14 @@ typedef struct {
 } CurrentSense;
 
 typedef struct {
-    uint16_t sum;
-    uint8_t count;
-    bool at_limit;  // a sample at either end of the ADC
-} CurrentSamples;
-
-typedef struct {
     uint16_t low;  // counts that do not trip
     uint16_t high;
 } CurrentLimits;
 
 void current_sense_init(CurrentSense *self, int16_t gain_a_q15, int16_t offset_q4);
-void current_sense_add(CurrentSamples *samples, uint16_t counts);
 
-// Mean of at most 8 samples in counts Q4; there must be one.
-int16_t current_sense_mean_q4(const CurrentSamples *samples);
+// Mean of 1..8 samples in counts Q4.
+int16_t current_sense_mean_q4(uint16_t sum, uint8_t count);
 int16_t current_sense_a_q9(const CurrentSense *self, int16_t mean_q4, bool *saturated);
 
 // Counts within +-trip_a_q9, at most what the ADC can tell from its ends.
@@ -40,6 +33,6 @@ CurrentLimits current_sense_limits(const CurrentSense *self, int16_t trip_a_q9);
 
 // Collects samples taken at rest; true when there are enough and the mean has become the offset. `*implausible` when it was refused.
 void current_sense_rest_begin(CurrentSense *self);
-bool current_sense_rest(CurrentSense *self, const CurrentSamples *samples, bool *implausible);
+bool current_sense_rest(CurrentSense *self, uint16_t sum, uint8_t count, bool *implausible);
 
 #endif

@@ -22,11 +22,12 @@ void h_bridge_init(HBridge *self, uint8_t dead_counts) {
                       .next_compare = H_BRIDGE_COAST,
                       .row_compare = H_BRIDGE_COAST,
                       .dead_counts = dead_counts};
-    hal_bridge_open();
 }
 
 int16_t h_bridge_compare(int16_t duty_q15) {
-    return (int16_t)fixed_round_shift((int32_t)duty_q15 * HAL_COMPARE_MAX, UNITS_DUTY_Q);
+    const uint16_t magnitude = (uint16_t)(duty_q15 < 0 ? -(int32_t)duty_q15 : duty_q15);
+    const int16_t compare = (int16_t)(((uint32_t)magnitude * (2u * HAL_COMPARE_MAX) + 0x8000u) >> (UNITS_DUTY_Q + 1u));
+    return (int16_t)(duty_q15 < 0 ? -compare : compare);
 }
 
 void h_bridge_leg_a(HBridgeOrder *order, uint8_t compare, uint8_t dead_counts) {

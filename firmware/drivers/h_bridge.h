@@ -41,6 +41,7 @@ typedef struct {
     uint8_t dead_counts;
 } HBridge;
 
+// The bridge is open after a reset and stays so until an order is applied.
 void h_bridge_init(HBridge *self, uint8_t dead_counts);
 
 // Signed compare value of a duty, rounded to nearest.

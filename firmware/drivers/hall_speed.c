@@ -18,13 +18,16 @@ static uint32_t factor_of_share(int16_t share_q15, uint8_t pulses) {
     return (share * FACTOR_OF_SHARE + ((share * FACTOR_REST) >> 15)) / pulses;
 }
 
-void hall_speed_configure(HallSpeed *self, const HallSpeedParams *params) {
-    self->timeout_cycles = (uint32_t)params->timeout_ms * CYCLES_PER_MS;
+void hall_speed_configure(HallSpeed *self, uint8_t pulses, uint16_t timeout_ms) {
+    self->timeout_cycles = (uint32_t)timeout_ms * CYCLES_PER_MS;
     self->index_known = false;
-    self->factor_equal = FACTOR_OF_TURN / params->pulses;
-    for (uint8_t k = 0; k < HALL_SPEED_PITCHES; k++) {
-        self->factor[k] = factor_of_share(params->pitch_q15[k], params->pulses);
-    }
+    self->factor_equal = FACTOR_OF_TURN / pulses;
+    self->least_cycles = self->factor_equal / (2u * (uint32_t)SPEED_MAX_Q1);
+    self->fast_cycles = self->factor_equal / MISSED_MIN_RPM_Q1;
+}
+
+void hall_speed_set_pitch(HallSpeed *self, uint8_t pitch, int16_t share_q15, uint8_t pulses) {
+    self->factor[pitch % HALL_SPEED_PITCHES] = factor_of_share(share_q15, pulses);
 }
 
 static uint32_t factor_at(const HallSpeed *self, uint8_t index) {
@@ -43,13 +46,12 @@ static uint16_t speed_of(uint32_t factor, uint32_t period) {
 }
 
 static bool is_double(const HallSpeed *self, uint32_t period) {
-    const uint32_t least = factor_at(self, self->index) / (2u * (uint32_t)SPEED_MAX_Q1);
-    return period < least || (self->edges >= 2u && period < self->period_cycles / DOUBLE_RATIO);
+    return period < self->least_cycles || (self->edges >= 2u && period < self->period_cycles / DOUBLE_RATIO);
 }
 
 static bool is_missed(const HallSpeed *self, uint32_t period) {
     const uint32_t last = self->period_cycles;
-    if (self->edges < 2u || self->before_cycles == 0u || self->edge_speed_rpm_q1 < MISSED_MIN_RPM_Q1) {
+    if (self->edges < 2u || self->before_cycles == 0u || last > self->fast_cycles) {
         return false;
     }
     const uint32_t change = last > self->before_cycles ? last - self->before_cycles : self->before_cycles - last;
@@ -74,7 +76,7 @@ static void take_edge(HallSpeed *self, uint32_t edge, HallSpeedResult *result) {
     if (self->edges > 0u) {
         self->before_cycles = self->edges >= 2u ? self->period_cycles : 0u;
         self->period_cycles = period;
-        self->edge_speed_rpm_q1 = speed_of(factor, period);
+        self->edge_factor = factor;
     }
     self->edge_cycles = edge;
     self->index = pitch_after(self, self->index);
@@ -95,7 +97,12 @@ static void take_edges(HallSpeed *self, HallSpeedResult *result) {
     }
 }
 
-static void fall(HallSpeed *self) {
+// With equal pitches the value falls once the age exceeds the last period; otherwise it may a little earlier.
+static bool may_fall(const HallSpeed *self, uint32_t age) {
+    return age > (self->index_known ? self->period_cycles / 2u : self->period_cycles);
+}
+
+static void update(HallSpeed *self) {
     const uint32_t age = self->now_cycles - self->edge_cycles;
     if (self->edges == 0u || age >= self->timeout_cycles) {
         self->edges = 0;
@@ -105,8 +112,10 @@ static void fall(HallSpeed *self) {
     if (self->edges < 2u) {
         return;
     }
-    self->magnitude_rpm_q1 = self->edge_speed_rpm_q1;
-    if (age > self->period_cycles / 2u) {
+    if (self->new_edges > 0u) {
+        self->magnitude_rpm_q1 = speed_of(self->edge_factor, self->period_cycles);
+    }
+    if (may_fall(self, age)) {
         const uint32_t bound = factor_at(self, self->index) / age;  // downwards: never more than one pitch over the age
         if (bound < self->magnitude_rpm_q1) {
             self->magnitude_rpm_q1 = (uint16_t)bound;
@@ -119,7 +128,7 @@ HallSpeedResult hall_speed_tick(HallSpeed *self) {
     self->overflowed = false;
     self->now_cycles += HAL_CYCLES_PER_TICK;
     take_edges(self, &result);
-    fall(self);
+    update(self);
     uint16_t magnitude = self->magnitude_rpm_q1;
     if (magnitude > SPEED_MAX_Q1) {
         magnitude = SPEED_MAX_Q1;

@@ -14,13 +14,6 @@
 #define HALL_SPEED_PITCH_EQUAL_Q15 8192
 
 typedef struct {
-    uint8_t pulses;  // edges a turn
-    int16_t pitch_q15[HALL_SPEED_PITCHES];
-    uint16_t timeout_ms;
-} HallSpeedParams;
-
-typedef struct {
-    RingWords stamps;             // Timer1 at the edge
     volatile bool overflowed;
     uint32_t now_cycles;          // of the tick; its low half is Timer1 at the tick
     uint32_t edge_cycles;         // of the last edge that counted
@@ -29,7 +22,9 @@ typedef struct {
     uint32_t timeout_cycles;
     uint32_t factor[HALL_SPEED_PITCHES];  // rpm Q1 times period of each pitch
     uint32_t factor_equal;
-    uint16_t edge_speed_rpm_q1;   // at the last edge
+    uint32_t edge_factor;         // of the pitch that the last edge closed
+    uint32_t least_cycles;        // a shorter period is beyond twice the range
+    uint32_t fast_cycles;         // period above which a missed edge cannot be told from braking
     uint16_t magnitude_rpm_q1;
     uint8_t edges;                // since standstill: 0, 1, 2 = enough for a period
     uint8_t index;                // pitch that begins at the last edge
@@ -38,6 +33,7 @@ typedef struct {
     uint8_t doubled;
     bool index_known;
     bool reverse;                 // sign, set at standstill
+    RingWords stamps;             // Timer1 at the edge; last: what lies within 64 bytes is cheap to reach
 } HallSpeed;
 
 // What a tick has seen.
@@ -49,8 +45,9 @@ typedef struct {
     bool overflowed;
 } HallSpeedResult;
 
-// Takes the parameters over at once; a freshly zeroed HallSpeed is one at rest.
-void hall_speed_configure(HallSpeed *self, const HallSpeedParams *params);
+// A freshly zeroed HallSpeed is one at rest. pulses: edges a turn.
+void hall_speed_configure(HallSpeed *self, uint8_t pulses, uint16_t timeout_ms);
+void hall_speed_set_pitch(HallSpeed *self, uint8_t pitch, int16_t share_q15, uint8_t pulses);
 HallSpeedResult hall_speed_tick(HallSpeed *self);
 
 // No edge within the time-out.

@@ -3,8 +3,9 @@
 
 #include "hal/hal.h"
 
-#define SWITCHES 4u
 #define FACTOR_Q 7u
+
+_Static_assert(TRIGGER_DEBOUNCE_TICKS == 5u, "the bit planes look for 5");
 
 void trigger_set_ends(Trigger *self, uint16_t low_count, uint16_t high_count) {
     const uint16_t span = high_count > low_count ? (uint16_t)(high_count - low_count) : 1u;
@@ -23,17 +24,18 @@ void trigger_set_travel(Trigger *self, uint16_t counts) {
     }
 }
 
+// Counters in bit planes: plane k holds bit k of the count of every switch, so that four are debounced in the time of one.
 void trigger_set_switches(Trigger *self, uint8_t raw) {
     const uint8_t differs = raw ^ self->stable;
-    for (uint8_t k = 0; k < SWITCHES; k++) {
-        const uint8_t bit = (uint8_t)(1u << k);
-        if ((differs & bit) == 0u) {
-            self->ticks[k] = 0;
-        } else if (++self->ticks[k] >= TRIGGER_DEBOUNCE_TICKS) {
-            self->stable ^= bit;
-            self->ticks[k] = 0;
-        }
-    }
+    const uint8_t one = self->ticks[0];
+    const uint8_t two = self->ticks[1];
+    self->ticks[0] = (uint8_t)(~one & differs);
+    self->ticks[1] = (two ^ one) & differs;
+    self->ticks[2] = (self->ticks[2] ^ (two & one)) & differs;
+    const uint8_t reached = (uint8_t)(self->ticks[2] & ~self->ticks[1] & self->ticks[0]);  // 5 = TRIGGER_DEBOUNCE_TICKS
+    self->stable ^= reached;
+    self->ticks[0] &= (uint8_t)~reached;
+    self->ticks[2] &= (uint8_t)~reached;
 }
 
 bool trigger_contact(const Trigger *self) {

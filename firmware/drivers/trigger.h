@@ -13,7 +13,7 @@ typedef struct {
     uint32_t factor_q7;   // 2^22 / (high - low): Q15 travel of a count, with 7 more binary places
     int16_t travel_q15;
     uint8_t stable;       // debounced, HAL_SWITCH_*
-    uint8_t ticks[4];     // for how long the raw bit has differed from the stable one
+    uint8_t ticks[3];     // binary counters of all switches side by side: for how long each has differed from its stable value
 } Trigger;
 
 void trigger_set_ends(Trigger *self, uint16_t low_count, uint16_t high_count);

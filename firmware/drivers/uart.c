@@ -9,13 +9,13 @@ void uart_init(Uart *self, uint8_t baud) {
 }
 
 void uart_send(Uart *self, const uint8_t *bytes, uint8_t count) {
-    for (uint8_t k = 0; k < count; k++) {
-        if (!ring_push_byte(&self->send, bytes[k]) && self->send_lost < UINT8_MAX) {
-            self->send_lost++;
-        }
+    if (count == 0u) {
+        return;
     }
-    if (count > 0u) {
+    if (ring_push_bytes(&self->send, bytes, count)) {
         hal_uart_wake();
+    } else if (self->send_lost < UINT8_MAX) {
+        self->send_lost++;
     }
 }
 

@@ -11,7 +11,7 @@ typedef struct {
     RingBytes send;
     RingBytes receive;
     volatile uint8_t receive_errors;  // overruns, bad stop bits, full queue; saturates
-    uint8_t send_lost;                // bytes that found the queue full; saturates, 0 as long as the byte budget holds
+    uint8_t send_lost;                // messages that found the queue full; saturates, 0 as long as the byte budget holds
 } Uart;
 
 void uart_init(Uart *self, uint8_t baud);

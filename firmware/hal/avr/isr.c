@@ -31,11 +31,12 @@ ISR(BOARD_CAPT_vect) {
     app_on_edge(&avr_app, stamp);
 }
 
-// The trigger flag is cleared after the channel is chosen: the next conversion takes the new one (data sheet, "Changing Channel").
+// First of all the channel of the next conversion, then its trigger flag (data sheet, "Changing Channel"): both must be done before the next
+// trigger, 309 cycles after this result.
 ISR(ADC_vect) {
-    const uint8_t channel = app_on_sample(&avr_app, ADC);
-    ADMUX = (uint8_t)((1u << REFS0) | channel);
+    ADMUX = (uint8_t)((1u << REFS0) | app_next_channel(&avr_app));
     TIFR0 = 1u << TOV0;
+    app_on_sample(&avr_app, ADC);
 }
 
 ISR(BOARD_RX_vect) {

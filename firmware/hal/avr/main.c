@@ -10,7 +10,7 @@
 #include "hal/hal.h"
 
 #define PAINT 0xC5u
-#define PAINT_STEP 8u  // bytes looked at a tick
+#define PAINT_STEP 2u  // bytes looked at a tick
 
 extern uint8_t _end;  // of static data: the stack may grow down to here
 
@@ -103,7 +103,10 @@ int main(void) {
     avr_start_timers();
     wdt_enable(WDTO_15MS);
     for (;;) {
-        app_tick(&avr_app, wait_for_tick());
+        const uint8_t late = wait_for_tick();
+        GPIOR0 = 1;  // the bench's mark: work runs
+        app_tick(&avr_app, late);
+        GPIOR0 = 0;
         if (avr_ticks_waiting == 0u) {
             wdt_reset();
         }

@@ -36,7 +36,9 @@ static void start_adc(void) {
 }
 
 void avr_start_pins(void) {
-    hal_bridge_open();
+    // Reset has left every PORT bit 0 and the compare outputs disconnected: the gates stay off as the pins become outputs.
+    TCCR0A = 1u << WGM00;
+    OCR0B = HAL_COMPARE_MAX;
     BOARD_ENABLE_DDR |= 1u << BOARD_ENABLE_BIT;
     BOARD_A_HIGH_DDR |= 1u << BOARD_A_HIGH_BIT;
     BOARD_A_LOW_DDR |= 1u << BOARD_A_LOW_BIT;

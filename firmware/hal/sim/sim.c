@@ -176,7 +176,8 @@ static void on_edge(void) {
 }
 
 static void on_sample(void) {
-    sim.channel = app_on_sample(&sim.app, sim.sampled_counts);
+    sim.channel = app_next_channel(&sim.app);
+    app_on_sample(&sim.app, sim.sampled_counts);
     sim.sample_at += (int32_t)HAL_CYCLES_PER_SAMPLE;
 }
 
