@@ -27,6 +27,14 @@ uint8_t crc8_next(uint8_t crc, uint8_t byte) {
     return FLASH_U8(&crc8_table[(uint8_t)(crc ^ byte)]);
 }
 
+uint8_t crc8_over(uint8_t crc, const uint8_t *bytes, uint8_t count) {
+    for (; count > 0u; count--) {
+        crc = FLASH_U8(&crc8_table[(uint8_t)(crc ^ *bytes)]);
+        bytes++;
+    }
+    return crc;
+}
+
 uint16_t crc16_next(uint16_t crc, uint8_t byte) {
     crc = (uint16_t)((uint16_t)(crc >> 8) | (uint16_t)(crc << 8));
     crc = (uint16_t)(crc ^ byte);

@@ -12,6 +12,7 @@
 #define CRC16_INIT 0xFFFFu
 
 uint8_t crc8_next(uint8_t crc, uint8_t byte);
+uint8_t crc8_over(uint8_t crc, const uint8_t *bytes, uint8_t count);
 uint16_t crc16_next(uint16_t crc, uint8_t byte);
 
 #endif

@@ -38,17 +38,9 @@ static void resynchronise(CommandParser *self) {
 }
 
 static uint8_t crc_of(const uint8_t buffer[TELEMETRY_FRAME_BYTES]) {
-    uint8_t crc = CRC8_INIT;
-    for (uint8_t k = ID_AT; k < DATA_AT; k++) {
-        crc = crc8_next(crc, buffer[k]);
-    }
-    for (uint8_t k = TIME_AT; k < LENGTH_AT; k++) {
-        crc = crc8_next(crc, buffer[k]);
-    }
-    for (uint8_t k = DATA_AT; k < CRC_AT; k++) {
-        crc = crc8_next(crc, buffer[k]);
-    }
-    return (uint8_t)(crc ^ CRC8_FINAL_XOR);
+    uint8_t crc = crc8_over(CRC8_INIT, &buffer[ID_AT], DATA_AT - ID_AT);
+    crc = crc8_over(crc, &buffer[TIME_AT], LENGTH_AT - TIME_AT);
+    return (uint8_t)(crc8_over(crc, &buffer[DATA_AT], CRC_AT - DATA_AT) ^ CRC8_FINAL_XOR);
 }
 
 static void take_frame(const CommandParser *self, Command *out) {

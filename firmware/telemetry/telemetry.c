@@ -19,21 +19,17 @@
 #define DIVIDER_LEAST_115200 2u
 
 static void finish_frame(uint8_t frame[TELEMETRY_FRAME_BYTES], uint16_t id, uint8_t crc_seed, uint32_t now_ms) {
-    uint8_t crc = crc_seed;
     frame[0] = FRAME_START;
-    for (uint8_t k = 1; k <= 4u; k++) {
-        frame[k] = (uint8_t)now_ms;
-        crc = crc8_next(crc, (uint8_t)now_ms);
-        now_ms >>= 8;
-    }
+    frame[1] = (uint8_t)now_ms;
+    frame[2] = (uint8_t)(now_ms >> 8);
+    frame[3] = (uint8_t)(now_ms >> 16);
+    frame[4] = (uint8_t)(now_ms >> 24);
     frame[5] = TELEMETRY_DATA_BYTES;
     frame[6] = (uint8_t)id;
     frame[7] = (uint8_t)(id >> 8);
     frame[8] = 0u;
     frame[9] = 0u;
-    for (uint8_t k = 0; k < TELEMETRY_DATA_BYTES - 1u; k++) {
-        crc = crc8_next(crc, frame[DATA_AT + k]);
-    }
+    const uint8_t crc = crc8_over(crc8_over(crc_seed, &frame[1], 4), &frame[DATA_AT], TELEMETRY_DATA_BYTES - 1u);
     frame[DATA_AT + TELEMETRY_DATA_BYTES - 1u] = (uint8_t)(crc ^ CRC8_FINAL_XOR);
     frame[TELEMETRY_FRAME_BYTES - 1u] = FRAME_END;
 }
