@@ -9,7 +9,8 @@
 
 namespace vgroove {
 
-constexpr double SOLVER_TOLERANCE = 2e-6;      // local error over the scale of the state
+constexpr double SOLVER_TOLERANCE = 1e-6;          // local error over the scale of the state
+constexpr double SOLVER_TOLERANCE_CONTACT = 1e-7;  // where flanks meet: an error there grows with every bounce
 constexpr double SOLVER_GROW_BELOW = 0.02;     // of the tolerance: the error grows by 2^5 when the step doubles
 constexpr double SOLVER_EVENT_S = 1e-10;       // events are located to this time
 constexpr double SOLVER_STEP_MIN = 1.0 / 65536.0;  // of the stretch
@@ -56,7 +57,7 @@ template <class V, int N> VGROOVE_INLINE V solver_error(const Drivetrain<V> &m, 
         if (m.effects & EFFECT_SPEED_LAG)
             worst = max_of<V>(worst, abs_of<V>(e.x[STATE_SPEED_FILTER]) / m.speed_scale);
     }
-    return abs_of<V>(h) * worst * (1.0 / SOLVER_TOLERANCE);
+    return abs_of<V>(h) * worst * (1.0 / (m.effects & EFFECT_TWO_BODIES ? SOLVER_TOLERANCE_CONTACT : SOLVER_TOLERANCE));
 }
 
 template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_attempt(const Solver<V, N> &self, V h) {

@@ -1,0 +1,168 @@
+"""simulate_log as an interface: bytes, restarts, missing samples, delays, ranges, and how much faster than real time it is."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+import plant_reference as ref
+from test_plant_reference import EFFECTS, drive_log, plant_run, theta_of
+from vgroove import _core as core
+
+RNG_SEED = 11
+
+
+def long_log(seconds: float = 6.0) -> core.LogInput:
+    """1 kHz, slewed duty of an 8-bit command, load steps."""
+    time_s = np.arange(1, int(1000 * seconds) + 1) / 1000.0
+    duty = np.clip(1.2 * np.sin(2.5 * time_s) * np.sin(0.7 * time_s + 1.0), -1.0, 1.0)
+    duty = np.round(255 * duty) / 255
+    load = np.where(np.sin(9.0 * time_s) > 0.3, 0.6, 0.0)
+    return core.LogInput(time_s, "duty", duty, 8.0, None, load, None, "torque")
+
+
+def batch_theta(count: int) -> np.ndarray:
+    rng = np.random.default_rng(RNG_SEED)
+    names = [None, "coulomb_friction", "stribeck_friction", "brush_drop", "supply_droop", "coupler_compliance", "transport_delay"]
+    rows = []
+    for n in range(count):
+        name = names[n % len(names)]
+        tool = ref.Tool(r=0.19 * rng.uniform(0.9, 1.1), tc=0.012 * rng.uniform(0.8, 1.2))
+        tool.effects = {} if name is None else {name: EFFECTS[name]}
+        rows.append(theta_of(tool))
+    return np.array(rows)
+
+
+def test_parameters_are_named_once_and_neutral() -> None:
+    names, neutral = core.PARAMETERS, core.parameter_defaults()
+    assert len(names) == len(set(names)) == neutral.size
+    assert neutral[names.index("effects.magnetic_saturation.saturation_a")] == np.inf
+    assert neutral[names.index("gearbox.ratio")] == 1.0
+
+
+def test_same_bytes_whatever_batch_and_threads() -> None:
+    log, theta = long_log(0.6), batch_theta(37)
+    starts, state0 = np.array([0, 250]), np.array([[0.0, 0.0, 0.0], [5.0, 300.0, 1.0]])
+    together = core.simulate_log(log, theta, starts, state0, 2)
+    single_thread = core.simulate_log(log, theta[::-1].copy(), starts, state0, 1)
+    for name, column in together.items():
+        assert column.tobytes() == single_thread[name][::-1].tobytes(), name
+        for row in (0, 5, 36):
+            alone = core.simulate_log(log, theta[row : row + 1], starts, state0, 1)
+            assert alone[name][0].tobytes() == column[row].tobytes(), (name, row)
+
+
+def test_starts_reset_fast_states_and_leave_rows_before_the_first_empty() -> None:
+    log, theta = long_log(0.5), theta_of(ref.Tool())[None, :]
+    out = core.simulate_log(log, theta, np.array([100, 300]), np.array([[3.0, 200.0, 7.0], [-1.0, 50.0, 2.0]]), 1)
+    assert np.all(np.isnan(out["current_a"][0, :100])) and np.all(np.isfinite(out["current_a"][0, 100:]))
+    assert out["current_a"][0, [100, 300]].tolist() == [3.0, -1.0]
+    assert out["speed_rad_s"][0, [100, 300]].tolist() == [200.0, 50.0]
+    assert out["angle_rad"][0, [100, 300]].tolist() == [7.0, 2.0]
+
+
+def test_restart_on_the_own_path_changes_nothing() -> None:
+    theta, at = theta_of(ref.Tool())[None, :], 300
+    log = core.LogInput(np.arange(1, 501) / 1000.0, "current_a", np.full(500, 4.0))
+    free = core.simulate_log(log, theta, np.array([0]), np.zeros((1, 3)), 1)
+    state = np.array([[4.0, free["speed_rad_s"][0, at], free["angle_rad"][0, at]]])
+    again = core.simulate_log(log, theta, np.array([at]), state, 1)
+    assert np.allclose(again["angle_rad"][0, at:], free["angle_rad"][0, at:], rtol=1e-9)
+
+
+@pytest.mark.parametrize("name,slow", [("winding_heating", True), ("supply_droop", True), ("cold_grease", True), ("current_lag", False)])
+def test_slow_states_run_through_restarts(name: str, slow: bool) -> None:
+    log = long_log(1.0)
+    theta = theta_of(ref.Tool(effects={name: EFFECTS[name]}))[None, :]
+    state = np.array([[5.0, 300.0, 0.0]])
+    through = core.simulate_log(log, theta, np.array([0, 800]), np.concatenate([state, state]), 1)["current_a"][0, 805]
+    cold_log = core.simulate_log(log, theta, np.array([800]), state, 1)["current_a"][0, 805]
+    if name == "cold_grease":  # its clock is the log's, so the later start knows it too
+        assert through == pytest.approx(cold_log, rel=1e-9)
+    elif slow:
+        assert abs(through - cold_log) > 1e-3
+    else:
+        assert through == pytest.approx(cold_log, abs=1e-9)
+
+
+def test_missing_command_and_load_hold_the_last_value() -> None:
+    time_s = np.arange(1, 201) / 1000.0
+    duty, load = np.full(200, 0.5), np.full(200, 0.3)
+    given = theta_of(ref.Tool())[None, :], np.array([0]), np.zeros((1, 3)), 1
+    whole = core.simulate_log(core.LogInput(time_s, "duty", duty, None, None, load, None, "torque"), *given)
+    duty[50:60], load[80] = np.nan, np.nan
+    holed = core.simulate_log(core.LogInput(time_s, "duty", duty, None, None, load, None, "torque"), *given)
+    assert whole["current_a"].tobytes() == holed["current_a"].tobytes()
+
+
+def test_pure_delay_of_the_speed_sensor() -> None:
+    lag = {"time_constant_s": 0.0034, "delay_form": 1.0}
+    log = drive_log()
+    plain = plant_run(ref.Tool(), log, (0.0, 40.0, 1.0))
+    late = plant_run(ref.Tool(effects={"speed_lag": lag}), log, (0.0, 40.0, 1.0))
+    assert np.allclose(late["speed_rad_s"], plain["speed_rad_s"])
+    rows = np.flatnonzero(log.time_s > 0.0034)
+    angle = np.interp(log.time_s[rows] - 0.0034, log.time_s, plain["angle_rad"])
+    assert np.max(np.abs(late["angle_measured_rad"][rows] - angle)) < 1.0  # chord against curve, rows of up to 9 ms
+    steady = core.LogInput(np.arange(0, 2001) / 1000.0, "voltage_v", np.full(2001, 9.0))
+    out = core.simulate_log(steady, theta_of(ref.Tool(effects={"speed_lag": lag}))[None, :], np.array([0]), np.zeros((1, 3)), 1)
+    behind = out["angle_rad"][0, -1] - out["angle_measured_rad"][0, -1]
+    assert behind == pytest.approx(0.0034 * out["speed_rad_s"][0, -1], rel=1e-6)
+
+
+def test_rest_is_exact_up_to_the_coulomb_torque() -> None:
+    tool = ref.Tool()
+    volts = tool.tc / tool.k * tool.r
+    time_s = np.arange(0, 501) / 1000.0
+    theta = theta_of(tool)[None, :]
+    for factor, moves in ((0.9999, False), (-0.9999, False), (1.001, True)):
+        log = core.LogInput(time_s, "voltage_v", np.full(501, factor * volts))
+        out = core.simulate_log(log, theta, np.array([0]), np.zeros((1, 3)), 1)
+        assert (out["angle_rad"][0, -1] != 0.0) == moves
+        assert (out["speed_rad_s"][0, -1] != 0.0) == moves
+
+
+@pytest.mark.parametrize(
+    "key,value", [("motor.inductance_h", 0.0), ("motor.inertia_kg_m2", -1.0), ("gearbox.ratio", 0.0), ("motor.coulomb_nm", np.nan)]
+)
+def test_values_outside_physics_are_refused_by_name(key: str, value: float) -> None:
+    theta = theta_of(ref.Tool())
+    theta[core.PARAMETERS.index(key)] = value
+    with pytest.raises(ValueError, match=key.split(".")[1].split("_")[0]):
+        core.simulate_log(long_log(0.1), theta[None, :], np.array([0]), np.zeros((1, 3)), 1)
+
+
+def test_bad_shapes_and_times_are_refused() -> None:
+    theta = theta_of(ref.Tool())[None, :]
+    with pytest.raises(ValueError, match="increase"):
+        core.simulate_log(core.LogInput(np.array([0.0, 1.0, 1.0]), "duty", np.zeros(3)), theta, np.array([0]), np.zeros((1, 3)), 1)
+    with pytest.raises(ValueError, match="starts"):
+        core.simulate_log(long_log(0.1), theta, np.array([5, 5]), np.zeros((2, 3)), 1)
+    with pytest.raises(ValueError, match="state0"):
+        core.simulate_log(long_log(0.1), theta, np.array([0]), np.zeros((2, 3)), 1)
+    with pytest.raises(ValueError, match="duty, voltage_v or current_a"):
+        core.LogInput(np.array([0.0, 1.0]), "volts", np.zeros(2))
+
+
+def speed_figure(effects: dict[str, dict[str, float]], lanes: int, threads: int) -> float:
+    """Times real time, all lanes together; the best of five."""
+    log = long_log(3.0)
+    theta = np.repeat(theta_of(ref.Tool(effects=effects))[None, :], lanes, axis=0)
+    theta[:, core.PARAMETERS.index("motor.resistance_ohm")] *= np.linspace(0.95, 1.05, lanes)
+    best = np.inf
+    for _ in range(5):
+        begun = time.perf_counter()
+        core.simulate_log(log, theta, np.array([0]), np.zeros((1, 3)), threads)
+        best = min(best, time.perf_counter() - begun)
+    return 3.0 * lanes / best
+
+
+def test_speed_figure(record_property: pytest.FixtureRequest) -> None:
+    """Prints with pytest -s; the limit is far below the figure so that a busy machine passes."""
+    single = speed_figure({}, 1, 1)
+    batch = speed_figure({}, 32, 2)
+    print(f"\nsimulate_log, 1 kHz: one lane {single:,.0f} x real time, 32 lanes on 2 threads {batch:,.0f} x")  # noqa: T201
+    assert single > 500.0
+    assert batch > single
