@@ -118,7 +118,10 @@ static void send_fast(Telemetry *self, const TelemetryInputs *in, uint8_t frame[
     const uint8_t ticks = self->boot.fast_divider;
     TelemetryFast fast = in->fast;
     fast.current_a = mean_of(self->current_sum, ticks);
-    fast.supply_v = (uint16_t)mean_of((int32_t)self->supply_sum, ticks);
+    fast.supply_v = self->supply_sum;
+    if (ticks > 1u) {
+        fast.supply_v = (uint16_t)((uint16_t)(self->supply_sum + ticks / 2u) / ticks);
+    }
     fast.fast_counter = self->fast_counter;
     self->fast_counter = (uint8_t)((self->fast_counter + 1u) & TELEMETRY_FAST_COUNTER_MAX);
     self->current_sum = 0;
