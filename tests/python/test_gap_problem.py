@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from made_log import MadeLog, drive_log, rig
+from made_log import RIG, MadeLog, drive_log, rig
+from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap import blocks, noise
 from vgroove.gap.measured import current_is_unsigned
 from vgroove.gap.problem import Problem, load_problem
+from vgroove.rig import Rig, rig_from_dict
 
 REVERSING = [(0.2, 0.5), (1.5, -0.6), (3.0, 0.8), (4.5, -0.3)]
 
@@ -191,8 +193,6 @@ def test_stated_noise_wins_and_unstated_noise_comes_from_the_log(log: MadeLog) -
 def test_encoder_is_judged_through_its_derivative(log: MadeLog) -> None:
     lsb = 2.0 * np.pi / 4096
     tool = rig(sensors={"position_lsb_rad": lsb})
-    from vgroove import _core
-
     drive = _core.LogInput(log.time_s, "duty", log.columns["duty"], slew_per_s=6.0)
     angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))["angle_rad"][0]
     columns = {"duty": log.columns["duty"], "current_a": log.columns["current_a"], "position_rad": np.round(angle / lsb) * lsb}
@@ -225,3 +225,34 @@ def test_missed_edges_open_the_gap_and_a_sensor_that_drops_edges_closes_it() -> 
 def test_regimes_cover_the_log(problem: Problem) -> None:
     names = {problem.regimes[k] for k in np.unique(problem.regime)}
     assert {"standstill", "start"} <= names and any(name.startswith("steady") for name in names)
+
+
+def axis_log(offset: float = 0.0) -> MadeLog:
+    """A linear axis driven to and fro by a known force: 95 kg, viscous and Coulomb friction, encoder of 5e-8 m."""
+    time_s = np.arange(0.0, 12.0, 1e-3)
+    force = 60.0 * np.sin(2.0 * np.pi * time_s / 6.0) + 25.0 * np.sin(2.0 * np.pi * time_s / 0.7)
+    drive = _core.LogInput(time_s, "current_a", force)
+    theta = axis_rig(offset).parameters()[None]
+    place = _core.simulate_log(drive, theta, np.array([0]), np.zeros((1, 3)))["angle_rad"][0]
+    rng = np.random.default_rng(2)
+    return MadeLog(time_s, {"current_a": force + 0.16 * rng.standard_normal(len(time_s)), "position_rad": np.round(place / 5e-8) * 5e-8})
+
+
+def axis_rig(offset: float = 0.0) -> Rig:
+    motor = {"resistance_ohm": 1.0, "inductance_h": 1e-3, "torque_constant_nm_per_a": 1.0, "inertia_kg_m2": 95.0,
+             "viscous_nm_s_per_rad": 200.0, "coulomb_nm": 20.0}
+    made = rig_from_dict({**RIG, "input": {"kind": "current_a"}, "motor": motor, "gearbox": {"ratio": 1.0, "output_inertia_kg_m2": 0.0},
+                          "sensors": {"log_hz": 1000, "current_noise_a": 0.16}}, "axis")
+    return made.with_effects({"asymmetric_friction": {"forward_nm": offset, "backward_nm": -offset}}) if offset else made
+
+
+def test_a_force_driven_axis_is_judged_by_its_acceleration_and_restarts() -> None:
+    log = axis_log()
+    problem = load_problem([log], axis_rig())
+    assert [s.column for s in problem.signals] == ["position_rad"] and problem.signals[0].unit == "rad/s^2"
+    assert len(problem.folds) == 3 and len(problem.runs[0].starts) > 20
+    assert problem.gap(problem.residuals(problem.theta0)[0]) == pytest.approx(1.0, abs=0.15)
+    wrong = load_problem([axis_log(offset=3.0)], axis_rig())
+    right = load_problem([axis_log(offset=3.0)], axis_rig(offset=3.0))
+    assert right.gap(right.residuals(right.theta0)[0]) == pytest.approx(1.0, abs=0.15)
+    assert wrong.gap(wrong.residuals(wrong.theta0)[0]) > 1.5 * right.gap(right.residuals(right.theta0)[0])

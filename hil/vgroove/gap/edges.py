@@ -11,6 +11,7 @@ SPLIT_S = 2e-5  # bounds that contradict one another by more than this come from
 ROUNDING_SHARE = 0.1  # rounding errors of successive periods are independent: they add up to about this share of the worst case
 COUNTING_PULSES = 16  # from so many edges a turn on, a row's speed counts the edges since the row before (gap contract, section 1)
 COUNTED_SHARE = 0.8  # an edge period below this share of a row's interval: the number of edges in the row cannot be told
+REVERSAL_S = 0.1  # edge periods closer than this to a change of sign may count one edge twice
 MISSING_ROWS_LIMIT = 3  # after more missing rows than this the number of edges in between is not certain any more
 
 
@@ -242,3 +243,10 @@ def edge_periods(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
     columns.sort()
     kinds = (int, float, float, float, float, bool, int, int)
     return EdgePeriods(*(np.array([c[k] for c in columns], dtype=kind) for k, kind in enumerate(kinds)))
+
+
+def near_reversal(edges: EdgePeriods) -> np.ndarray:
+    """Periods (m,) next to a change of sign, where one edge may have been passed twice."""
+    sign = np.sign(edges.speed_rpm)
+    turned = (sign[1:] != sign[:-1]) & (edges.start_s[1:] - edges.end_s[:-1] < REVERSAL_S)
+    return np.concatenate([[False], turned]) | np.concatenate([turned, [False]])

@@ -11,15 +11,16 @@ from vgroove.errors import VgrooveError
 from vgroove.gap import blocks, noise, states
 from vgroove.gap.blocks import Blocks
 from vgroove.gap.channels import RAD_S_TO_RPM, Channel, ForceChannel, Places, RowChannel, span_channel
-from vgroove.gap.edges import EdgePeriods, edge_periods
+from vgroove.gap.columns import filled, held
+from vgroove.gap.edges import EdgePeriods, edge_periods, near_reversal
 from vgroove.gap.noise import RPM
+from vgroove.gap.regimes import regimes_of
+from vgroove.gap.sight import sight_of, speed_rows
 from vgroove.rig import Rig
 
 DEFAULT_TIMEOUT_S = 0.25
 FORCE_ROWS = 2  # rows between the instants of a second difference
-START_S = 0.02  # the shaft is taken to leave its rest this long before the first edge
 NEIGHBOURS = 4  # edge periods on each side that say whether a period is twice as long as it should be
-REVERSAL_S = 0.1  # edge periods closer than this to a change of sign may count one edge twice
 
 
 @dataclass(frozen=True)
@@ -51,13 +52,13 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     channels = _channels(time_s, columns, rig, edges, warnings)
     if not channels:
         raise VgrooveError(f"{source}: nothing to judge: besides the input {rig.input['kind']} no column that the model predicts")
-    sight = _sight(time_s, columns, rig, edges, channels)
-    load = _filled(time_s, columns["load_nm"]) if rig.load["kind"] == "torque" and "load_nm" in columns else None
+    sight = sight_of(time_s, columns, rig, edges, channels)
+    load = filled(time_s, columns["load_nm"]) if rig.load["kind"] == "torque" and "load_nm" in columns else None
     channels = _widened(channels, time_s, noise.drive_sigma(rig, time_s, command, load))
     restarts = states.restarts(sight, time_s, restart_s)
     channels = tuple(_clear_of_restarts(channel, restarts.rows) for channel in channels)
-    speed = _speed_rows(time_s, sight)
-    regime, regimes = _regimes(time_s, speed, command)
+    speed = speed_rows(time_s, sight)
+    regime, regimes = regimes_of(time_s, speed, command)
     return Run(log, drive, restarts, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings)
 
 
@@ -70,32 +71,18 @@ def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
     if rig.bus_is_measured and kind == "duty":
         if "supply_v" not in columns:
             raise VgrooveError(f"{source}: the column supply_v is missing, which drives the model according to the rig (input.bus)")
-        more["supply_v"] = _held(columns["supply_v"])
+        more["supply_v"] = held(columns["supply_v"])
     load = rig.load["kind"]
     if load == "torque" and "load_nm" not in columns:
         warnings.append(f"{source}: the rig has a load torque but the log no column load_nm: taken as no load")
         load = "none"
     if load == "torque":
-        more["load_nm"] = _filled(time_s, columns["load_nm"])
+        more["load_nm"] = filled(time_s, columns["load_nm"])
     if "coast" in columns:
-        more["coast"] = _held(columns["coast"])
+        more["coast"] = held(columns["coast"])
     if "slew_per_s" in rig.input:
         more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": noise.step_of(command)}
-    return _core.LogInput(time_s, kind, _held(command), load_kind=load, **more), _held(command)
-
-
-def _held(values: np.ndarray) -> np.ndarray:
-    """Missing samples take the last value before them, the first ones the first value there is."""
-    known = np.isfinite(values)
-    if not known.any():
-        return np.zeros_like(values)
-    last = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
-    return np.ascontiguousarray(values[np.where(last >= 0, last, known.argmax())])
-
-
-def _filled(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    known = np.isfinite(values)
-    return np.interp(time_s, time_s[known], values[known]) if known.any() else np.zeros_like(values)
+    return _core.LogInput(time_s, kind, held(command), load_kind=load, **more), held(command)
 
 
 def _edges(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig) -> EdgePeriods | None:
@@ -146,13 +133,13 @@ def current_is_unsigned(columns: dict[str, np.ndarray], rig: Rig, sigma: float) 
     current, kind = columns["current_a"], rig.input["kind"]
     if kind == "current_a" or "speed_rpm" not in columns:
         return False
-    bus = _held(columns["supply_v"]) if "supply_v" in columns else rig.supply.get("voltage_v", 0.0)
-    volt = _held(columns[kind]) * (bus if kind == "duty" else 1.0)
+    bus = held(columns["supply_v"]) if "supply_v" in columns else rig.supply.get("voltage_v", 0.0)
+    volt = held(columns[kind]) * (bus if kind == "duty" else 1.0)
     speed = columns["speed_rpm"] * RPM
     expected = (volt - rig.motor["torque_constant_nm_per_a"] * speed) / rig.motor["resistance_ohm"]
     known = np.isfinite(current) & np.isfinite(expected)
     if "coast" in columns:
-        known &= _held(columns["coast"]) == 0.0
+        known &= held(columns["coast"]) == 0.0
     braking = known & (expected < -max(1.0, 8.0 * sigma, 0.05 * np.max(np.abs(expected[known]), initial=0.0)))
     if np.count_nonzero(braking) < 20:
         return False
@@ -164,7 +151,7 @@ def _edge_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig, edges: Edge
     pulses = rig.sensors["hall_pulses_per_rev"]
     jitter = noise.edge_jitter(edges, pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0))
     sigma = noise.edge_sigma_rpm(rig, edges, jitter)
-    keep = ~edges.falling & ~_near_reversal(edges)
+    keep = ~edges.falling & ~near_reversal(edges)
     wait_start, wait_row = _waits(time_s, speed_rpm, edges, rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S))
     start = np.concatenate([edges.start_s[keep], wait_start])
     end = np.concatenate([edges.end_s[keep], time_s[wait_row]])
@@ -196,13 +183,6 @@ def _missed_edges(edges: EdgePeriods) -> np.ndarray:
     fits = (times >= 2.0) & (times <= 4.0) & (np.abs(speed * times / around - 1.0) < 0.12)
     missed[whole] = np.where(fits, times - 1.0, 0.0)
     return missed
-
-
-def _near_reversal(edges: EdgePeriods) -> np.ndarray:
-    """Periods (m,) next to a change of sign, where one edge may have been passed twice."""
-    sign = np.sign(edges.speed_rpm)
-    turned = (sign[1:] != sign[:-1]) & (edges.start_s[1:] - edges.end_s[:-1] < REVERSAL_S)
-    return np.concatenate([[False], turned]) | np.concatenate([turned, [False]])
 
 
 def _waits(time_s: np.ndarray, speed_rpm: np.ndarray, edges: EdgePeriods, timeout_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -265,101 +245,3 @@ def _clear_of_restarts(channel: Channel, starts: np.ndarray) -> Channel:
     return channel.kept(whole & (channel.first_row() >= 0))
 
 
-def _sight(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges: EdgePeriods | None,
-           channels: list[Channel]) -> states.Sight:
-    """What shows the states: the finest measured speed, the current, and an angle to keep count by."""
-    by_column = {channel.column: channel for channel in channels}
-    speed, angle_at = None, _standing(rig)
-    if "speed_rpm" in by_column and edges is None:
-        channel = by_column["speed_rpm"]
-        speed = states.Observations(channel.time_s, channel.time_s, channel.measured * RPM, channel.sigma * RPM)
-        angle = angle_at(0.0) + np.concatenate([[0.0], np.cumsum(0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.start_s))])
-        angle_at = _interpolated(speed.start_s, angle)
-    if edges is not None and not edges.falling.all():
-        speed, angle_at = _edge_sight(rig, edges, _standing(rig)(0.0))
-    if "position_rad" in by_column:
-        speed, angle_at = _position_sight(time_s, columns["position_rad"], rig)
-    current = None
-    if rig.input["kind"] == "current_a":
-        held = _held(columns["current_a"])
-        return states.Sight(speed, None, angle_at, lambda t, w, dw: float(np.interp(t, time_s, held)))
-    if "current_a" in by_column and not by_column["current_a"].magnitude:
-        channel = by_column["current_a"]
-        current = states.row_means(time_s, columns["current_a"], float(channel.sigma[0]))
-    return states.Sight(speed, current, angle_at, lambda t, w, dw: _current_from_motion(rig, time_s, columns, t, w, dw))
-
-
-def _standing(rig: Rig) -> Any:
-    angle = rig.load.get("zero_rad", 0.0) * rig.gearbox["ratio"]
-    return lambda t: angle
-
-
-def _interpolated(time_s: np.ndarray, angle: np.ndarray) -> Any:
-    return lambda t: float(np.interp(t, time_s, angle))
-
-
-def _edge_sight(rig: Rig, edges: EdgePeriods, angle: float) -> tuple[states.Observations, Any]:
-    pulses = rig.sensors["hall_pulses_per_rev"]
-    whole = ~edges.falling & ~_near_reversal(edges)
-    jitter = noise.edge_jitter(edges, pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0))
-    sigma = noise.edge_sigma_rpm(rig, edges, jitter)
-    seen = states.Observations(edges.start_s[whole], edges.end_s[whole], edges.speed_rpm[whole] * RPM, sigma[whole] * RPM)
-    counted = ~edges.falling
-    # On average the first edge comes half a pitch after rest.
-    turns = (edges.count[counted] + 0.5 * np.sign(edges.count[counted][0])) / pulses
-    first = edges.start_s[counted][0]
-    times = np.concatenate([[first - START_S], edges.end_s[counted]])
-    return seen, _interpolated(times, angle + 2.0 * np.pi * np.concatenate([[0.0], turns]))
-
-
-def _position_sight(time_s: np.ndarray, position: np.ndarray, rig: Rig) -> tuple[states.Observations, Any]:
-    known = np.flatnonzero(np.isfinite(position))
-    sigma = noise.column_sigma(rig, "position_rad", position)
-    length = np.diff(time_s[known])
-    speed = states.Observations(time_s[known[:-1]], time_s[known[1:]], np.diff(position[known]) / length, np.sqrt(2.0) * sigma / length)
-    return speed, _interpolated(time_s[known], position[known])
-
-
-def _current_from_motion(rig: Rig, time_s: np.ndarray, columns: dict[str, np.ndarray], t: float, w: float, dw: float) -> float:
-    """Current that the nominal motor needs for a motion: a start for the model where no signed current is measured."""
-    motor, ratio = rig.motor, rig.gearbox["ratio"]
-    torque = (motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / ratio**2) * dw + motor["viscous_nm_s_per_rad"] * w
-    torque += np.sign(w) * motor["coulomb_nm"]
-    if "load_nm" in columns and rig.load["kind"] == "torque":
-        torque += np.sign(w) * float(np.interp(t, time_s, _filled(time_s, columns["load_nm"]))) / ratio
-    return float(torque / motor["torque_constant_nm_per_a"])
-
-
-def _speed_rows(time_s: np.ndarray, sight: states.Sight) -> np.ndarray:
-    """A rough speed per row, rad/s, for regimes and strokes; zeros where none is measured."""
-    if sight.speed is None or not len(sight.speed.value):
-        return np.zeros(len(time_s))
-    middle = 0.5 * (sight.speed.start_s + sight.speed.end_s)
-    speed = np.interp(time_s, middle, sight.speed.value, left=0.0, right=0.0)
-    gap = np.diff(middle, prepend=middle[0])
-    for k in np.flatnonzero(gap > 0.1):
-        speed[(time_s > middle[k - 1] + 0.05) & (time_s < middle[k] - 0.05)] = 0.0
-    return speed
-
-
-def _regimes(time_s: np.ndarray, speed: np.ndarray, command: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Regime of each row: standstill, start, speeding up, braking, reversal, and steady in bands of speed."""
-    top = float(np.max(np.abs(speed)))
-    if top == 0.0:
-        return np.zeros(len(time_s), dtype=int), ["whole log"]
-    width = max(3, int(round(0.02 / np.median(np.diff(time_s)))))
-    rate = np.gradient(np.convolve(speed, np.ones(width) / width, mode="same"), time_s)
-    band = top / 4.0
-    digits = 10.0 ** np.floor(np.log10(band))
-    band = float(np.ceil(band / digits) * digits)
-    names = ["standstill", "start", "speeding up", "braking", "reversal"]
-    names += [f"steady, {k * band:g}-{(k + 1) * band:g} rad/s" for k in range(int(top // band) + 1)]
-    regime = 5 + (np.abs(speed) // band).astype(int)
-    changing = np.abs(rate) > 0.3 * top
-    growing = rate * np.sign(speed) > 0.0
-    regime[changing & growing] = 2
-    regime[changing & ~growing] = 3
-    regime[changing & growing & (np.abs(speed) < 0.15 * top)] = 1
-    regime[(command * speed < 0.0) & (np.abs(speed) > 0.01 * top)] = 4
-    regime[np.abs(speed) <= 0.01 * top] = 0
-    return regime, names
