@@ -1,0 +1,107 @@
+"""`make proof`: what takes longer than a change may wait. Resumable: results are kept under build/proof until the commit changes."""
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import track
+
+ROOT = Path(__file__).resolve().parents[2]
+RESULTS = ROOT / "docs" / "results"
+DEMO_SEEDS = range(1, 21)
+CASE_SETS = {"single": 60, "none": 20, "unlisted": 10, "pair": 10}
+CASE_SEED = 7000  # development used other seeds
+
+
+def commit() -> str:
+    """Short hash of HEAD, with a plus sign when tracked files differ from it."""
+    head = subprocess.run(["git", "-C", ROOT, "rev-parse", "--short=10", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
+    dirty = subprocess.run(["git", "-C", ROOT, "diff", "--quiet", "HEAD", "--", ":!docs"], check=False).returncode != 0
+    return head + ("+" if dirty else "")
+
+
+def kept(folder: Path, name: str, work: Callable[[], dict]) -> dict:
+    """The result of an item from an interrupted run of the same commit, or of doing the work now."""
+    path = folder / f"{name}.json"
+    if not path.exists():
+        result = work()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(result), encoding="utf-8")
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def demo(seed: int, folder: Path) -> dict:
+    """One demo as a user runs it."""
+    out = folder / f"demo_{seed}"
+    command = [sys.executable, ROOT / "tests/demo/demo.py", "--seed", str(seed), "--out", out]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"demo {seed} ended with {done.returncode}: {done.stdout}{done.stderr}")
+    return json.loads((out / "demo.json").read_text(encoding="utf-8"))
+
+
+def demo_seeds(folder: Path, jobs: int) -> dict:
+    """The demo for every seed: how many verdicts are right."""
+    with ThreadPoolExecutor(jobs) as pool:
+        work = pool.map(lambda seed: kept(folder, f"demo_{seed}", lambda: demo(seed, folder)), DEMO_SEEDS)
+        runs = list(track(work, "demo", total=len(DEMO_SEEDS)))
+    rows = [{"seed": r["seed"], "right": r["right"], "verdict": r["verdict"], "selected": r["selected"], "truth": r["truth"].get("ids", []),
+             "label": r["truth"]["label"], "before": round(r["gap"]["before"], 3), "after": round(r["gap"]["after"], 3)} for r in runs]
+    return {"right": sum(r["right"] for r in runs), "of": len(rows), "runs": rows}
+
+
+def gap_cases(folder: Path, jobs: int) -> dict:
+    """Cases of the independent generator, first-version effects: confusion, rates and times as gap_eval prints them."""
+    results = {}
+    for kind, count in track(CASE_SETS.items(), "gap cases"):
+        results[kind] = kept(folder, f"gap_{kind}", lambda kind=kind, count=count: gap_set(folder / f"cases_{kind}", kind, count, jobs))
+    return results
+
+
+def gap_set(cases: Path, kind: str, count: int, jobs: int) -> dict:
+    """Make the cases of one kind and judge them."""
+    make = [sys.executable, ROOT / "tests/truth/make_cases.py", cases, "--seed", str(CASE_SEED), "--count", str(count), "--kind", kind]
+    subprocess.run(make, check=True, capture_output=True)
+    out = cases.with_suffix(".json")
+    judge = [sys.executable, ROOT / "tests/proof/gap_eval.py", cases, "--jobs", str(jobs), "--json", out]
+    subprocess.run(judge, check=True, capture_output=True)
+    return counts(json.loads(out.read_text(encoding="utf-8")))
+
+
+def counts(cases: list[dict]) -> dict:
+    """How many verdicts are right, right or an honest tie, right in the first name; seconds a log; and every case that is not right."""
+    seconds = sorted(case["seconds"] for case in cases)
+    return {
+        "of": len(cases), "right": sum(c["right"] for c in cases), "right_or_tie": sum(c["right"] or c["tie"] for c in cases),
+        "first_name_right": sum(c["first"] for c in cases), "seconds_median": round(seconds[len(seconds) // 2], 1),
+        "seconds_most": round(seconds[-1], 1),
+        "not_right": [{"case": Path(c["case"]).name, "truth": c["label"]["ids"] or c["label"].get("what", "none"),
+                       "verdict": c["verdict"]["verdict"], "selected": c["verdict"]["selected"]} for c in cases if not c["right"]],
+    }
+
+
+PROOFS = {"demo_seeds": demo_seeds, "gap_cases": gap_cases}
+
+
+def main(arguments: list[str]) -> int:
+    """Run the named proofs (all when none is named) and write docs/results/NAME.json."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", choices=[*PROOFS, []], default=[])
+    parser.add_argument("--jobs", type=int, default=2)
+    args = parser.parse_args(arguments)
+    at = commit()
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    for name in args.names or PROOFS:
+        result = {"commit": at, "command": f"tests/proof/proof.py {name}"} | PROOFS[name](ROOT / "build" / "proof" / at, args.jobs)
+        (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        Console().print(f"{name}: written to docs/results/{name}.json")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
