@@ -256,3 +256,15 @@ def test_a_force_driven_axis_is_judged_by_its_acceleration_and_restarts() -> Non
     right = load_problem([axis_log(offset=3.0)], axis_rig(offset=3.0))
     assert right.gap(right.residuals(right.theta0)[0]) == pytest.approx(1.0, abs=0.15)
     assert wrong.gap(wrong.residuals(wrong.theta0)[0]) > 1.5 * right.gap(right.residuals(right.theta0)[0])
+
+
+def test_a_loggers_slow_clock_is_seen_against_the_sensors_own() -> None:
+    made = drive_log(rig(), seed=4)
+    skewed = MadeLog(made.time_s * 1.02, made.columns)
+    problem = load_problem([skewed], rig())
+    theta = np.repeat(problem.theta0[None], 2, axis=0)
+    theta[1, problem.index("effects.clock_skew.relative")] = 0.02
+    steady = (problem.signal == 2) & ~problem.conditional & (problem.time_s > 2.3) & (problem.time_s < 2.6)
+    before, after = np.abs(problem.residuals(theta)[:, steady] * problem.sigma[steady])
+    assert np.median(after) < 0.5 and problem.gap(problem.residuals(theta))[1] < 0.75 * problem.gap(problem.residuals(theta))[0]
+    assert np.median(before) < 0.5  # a steady motor runs at the same speed whatever the logger's clock

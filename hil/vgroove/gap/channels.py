@@ -7,6 +7,7 @@ import numpy as np
 
 from vgroove.gap.noise import RPM
 
+CLOCK = "clock"  # (B,): seconds of the logger in a second of the tool
 DROPS_EDGES = "drops_edges"  # (B,): the parameter set's Hall sensor misses edges
 Simulation = dict[str, np.ndarray]  # (B, rows) arrays of vgroove._core.simulate_log
 
@@ -34,6 +35,8 @@ class Places:
         angle, speed, f, g = simulation["angle_measured_rad"], simulation["speed_measured_rad_s"], self.share, 1.0 - self.share
         slope = g * speed.take(self.row - 1, axis=1) - f * speed.take(self.row, axis=1)
         value = angle.take(self.row - 1, axis=1) * (g * g * (1.0 + 2.0 * f)) + angle.take(self.row, axis=1) * (f * f * (3.0 - 2.0 * f))
+        if CLOCK in simulation:
+            slope = slope / simulation[CLOCK][:, None]  # radians in a second of the logger
         return value + slope * (self.length_s * f * g)
 
 
@@ -105,6 +108,8 @@ class SpanChannel(Channel):
 
     def model(self, simulation: Simulation) -> np.ndarray:
         mean = (self.end.angle(simulation) - self.start.angle(simulation)) * (self.factor / self.length_s)
+        if self.edges and CLOCK in simulation:
+            mean = mean * simulation[CLOCK][:, None]  # edge periods are timed by the sensor's clock, spans lie on the logger's
         if self.missed is not None and np.any(simulation.get(DROPS_EDGES, False)):
             mean = np.where(simulation[DROPS_EDGES][:, None], mean / (1.0 + self.missed), mean)
         if not self.conditional.any():

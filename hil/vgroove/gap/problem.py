@@ -19,7 +19,7 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap import figures
 from vgroove.gap.blocks import Blocks
-from vgroove.gap.channels import DROPS_EDGES, Channel, Simulation, SpanChannel
+from vgroove.gap.channels import CLOCK, DROPS_EDGES, Channel, Simulation, SpanChannel
 from vgroove.gap.filters import correct_filters
 from vgroove.gap.measured import Run, prepare_run
 from vgroove.rig import Rig
@@ -108,13 +108,15 @@ class Problem:
         return missed / max(1.0, missed + sum(np.count_nonzero(~c.conditional) for c in channels))
 
     def simulate(self, theta: np.ndarray) -> list[Simulation]:
-        """Every log's simulation, restarted as judged: dicts of (B, rows) arrays as vgroove._core.simulate_log gives, and DROPS_EDGES."""
+        """Every log's simulation, restarted as judged: (B, rows) arrays as vgroove._core.simulate_log gives, CLOCK and DROPS_EDGES."""
         theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
         gain, offset, lag = self._sensors(theta)
+        command_clock = theta[:, self.index("effects.clock_skew.command_clock")] != 0.0
         delayed, found = theta[:, self.index("effects.speed_lag.delay_form")] != 0.0, []
         for run in self.runs:
             states = run.restarts.states(gain, offset, lag, delayed)
             found.append(_core.simulate_log(run.drive, theta, run.starts, states, threads=self.threads))
+            found[-1][CLOCK] = 1.0 + np.where(command_clock, 0.0, theta[:, self.index("effects.clock_skew.relative")])
             found[-1][DROPS_EDGES] = theta[:, self.index("effects.hall_dropout.probability")] > 0.0
             if np.any(lag > 0.0):
                 correct_filters(found[-1], np.asarray(run.log.time_s), run.restarts, lag, delayed)
