@@ -14,8 +14,9 @@ from vgroove.gap.hypotheses import BY_ID, SPECIAL_CASES, Effect, contains
 
 CLIP = 10.0
 LARGEST_SET = 4
-WORTH = 0.08
+WORTH = 0.05
 WORTH_SHARE = 0.01
+WORTH_FORM = 0.03
 LEVEL = 0.99
 PROPOSALS = 6
 FLOORED = ("effects.transport_delay.delay_s",)
@@ -63,10 +64,10 @@ class Search:
         """The contract's rule: the 95 % interval of the difference contains 0."""
         return self.difference(one, best)[0] <= 0.0
 
-    def better(self, fuller: Fit, leaner: Fit) -> bool:
+    def better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
         """True when the fuller set is significantly better and by an amount that matters."""
         gain = self.score(leaner) - self.score(fuller)
-        worth = WORTH * self.level() + WORTH_SHARE * max(0.0, self.score(leaner) - self.level())
+        worth = worth * self.level() + WORTH_SHARE * max(0.0, self.score(leaner) - self.level())
         return gain > worth and self.difference(leaner, fuller, LEVEL)[0] > 0.0
 
     def level(self) -> float:
@@ -237,7 +238,7 @@ def simplest(search: Search, best: Fit) -> Fit:
         known = {e.id for e in search.effects} - set(best.ids)
         for special in (s for s in SPECIAL_CASES.get(member, ()) if s in known):
             one = fit_set(search, [special if i == member else i for i in best.ids], best)
-            if not search.better(best, one):
+            if not search.better(best, one, WORTH_FORM):
                 return simplest(search, one)
     return best
 
@@ -298,7 +299,7 @@ def lean(search: Search, best: Fit) -> Fit:
     for one in sorted((f for k, f in search.fits.items() if k), key=lambda f: (f.hypothesis.count, search.score(f))):
         if one.hypothesis.count >= best.hypothesis.count or len(one.ids) > len(best.ids):
             continue
-        if not search.better(best, one) if contains(best.ids, one.ids) else search.tied(one, best):
+        if not search.better(best, one, WORTH_FORM) if contains(best.ids, one.ids) else search.tied(one, best):
             return one
     return best
 
