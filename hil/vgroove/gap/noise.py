@@ -48,7 +48,7 @@ class Jitter:
 def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) -> Jitter:
     """Jitter of the edges from a log's edge periods alone; none where the log is too short to tell.
 
-    In windows of four turns a cubic motion and a pattern that repeats every turn (eccentric or unequal edges) are taken away. What stays is
+    In windows of four turns a quintic motion and a pattern that repeats every turn (eccentric or unequal edges) are taken away. What stays is
     rounding and jitter; neighbouring periods share an edge, so that jitter e makes period n err by e(n) - e(n-1).
     """
     whole = ~edges.falling
@@ -81,10 +81,10 @@ def _split_jitter(variance: np.ndarray, speed_squared: np.ndarray) -> Jitter:
 
 
 def _what_motion_leaves(size: int, pulses_per_rev: int) -> np.ndarray:
-    """Projection (size, size) that removes a cubic and a pattern with the period of a turn."""
+    """Projection (size, size) that removes a quintic and a pattern with the period of a turn."""
     place = np.linspace(-1.0, 1.0, size)
     turn = np.eye(pulses_per_rev)[np.arange(size) % pulses_per_rev][:, 1:]
-    basis, _ = np.linalg.qr(np.column_stack([np.vander(place, 4), turn]))
+    basis, _ = np.linalg.qr(np.column_stack([np.vander(place, 6), turn]))
     return np.eye(size) - basis @ basis.T
 
 
