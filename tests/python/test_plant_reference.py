@@ -30,7 +30,7 @@ EFFECTS = {
     "coulomb_friction": {"torque_nm": 0.006},
     "stribeck_friction": {"breakaway_nm": 0.02, "speed_rad_s": 40.0},
     "viscous_friction": {"nm_s_per_rad": 1e-5},
-    "quadratic_drag": {"nm_s2_per_rad2": 1e-8},
+    "quadratic_drag": {"nm_s2_per_rad2": 1e-7},
     "asymmetric_friction": {"forward_nm": 0.006, "backward_nm": -0.002},
     "directional_viscous": {"nm_s_per_rad": 5e-6},
     "cogging_torque": {"torque_nm": 0.01, "periods_per_rev": 12.0, "phase_rad": 0.4},
