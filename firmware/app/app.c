@@ -86,6 +86,10 @@ void app_tick(App *self, uint8_t ticks_late) {
     }
 }
 
+void app_on_tick(App *self) {
+    uart_on_tick(&self->uart);
+}
+
 void app_on_apply(App *self) {
     h_bridge_on_apply(&self->bridge);
 }

@@ -58,6 +58,7 @@ void app_init(App *self, uint32_t build_hash);
 void app_tick(App *self, uint8_t ticks_late);
 
 // Interrupts; the one that applies the staged order to the bridge comes before all others.
+void app_on_tick(App *self);
 void app_on_apply(App *self);
 void app_on_edge(App *self, uint16_t stamp);
 uint8_t app_next_channel(const App *self);  // of the conversion after the one that has just completed; ask before app_on_sample

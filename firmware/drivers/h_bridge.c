@@ -55,6 +55,19 @@ static HBridgePhase next_phase(const HBridge *self, bool leg_b_high) {
     return self->staged.leg_b_high == leg_b_high ? H_BRIDGE_DRIVING : H_BRIDGE_OPEN;
 }
 
+// Where leg A begins or ceases to conduct fully, one side turns on at the TOP at which the other turns off. So it goes there and back by way of
+// the value at which the low side rests already and the high side still keeps the whole dead time; values between the two would shorten it.
+static int16_t leg_a_reached(const HBridge *self, int16_t wanted) {
+    const int16_t beside_full = (int16_t)(HAL_COMPARE_MAX - (self->dead_counts - self->dead_counts / 2u));
+    const bool full = self->staged.high_below == HAL_COMPARE_MAX;
+    const bool low_rests = self->staged.low_above == HAL_COMPARE_MAX;
+    const bool driving = self->staged.phase == H_BRIDGE_DRIVING;
+    if (wanted <= beside_full) {
+        return driving && full ? beside_full : wanted;
+    }
+    return wanted == HAL_COMPARE_MAX && (!driving || low_rests) ? wanted : beside_full;
+}
+
 static HBridgeOrder order_of(const HBridge *self, int16_t compare) {
     HBridgeOrder order = {.phase = H_BRIDGE_OPEN, .leg_b_high = self->staged.leg_b_high};
     if (compare == H_BRIDGE_COAST) {
@@ -64,14 +77,19 @@ static HBridgeOrder order_of(const HBridge *self, int16_t compare) {
         order.leg_b_high = compare < 0;
     }
     order.phase = (uint8_t)next_phase(self, order.leg_b_high);
-    const int16_t leg_a = order.leg_b_high ? (int16_t)(HAL_COMPARE_MAX + compare) : compare;
-    h_bridge_leg_a(&order, (uint8_t)leg_a, self->dead_counts);
+    order.compare = compare;
+    if (order.phase == H_BRIDGE_DRIVING) {
+        const int16_t below = order.leg_b_high ? HAL_COMPARE_MAX : 0;
+        const int16_t leg_a = leg_a_reached(self, (int16_t)(compare + below));
+        order.compare = (int16_t)(leg_a - below);
+        h_bridge_leg_a(&order, (uint8_t)leg_a, self->dead_counts);
+    }
     return order;
 }
 
 void h_bridge_stage(HBridge *self, int16_t compare) {
     const HBridgeOrder order = order_of(self, compare);
-    self->staged_compare = order.phase == H_BRIDGE_DRIVING ? compare : H_BRIDGE_COAST;
+    self->staged_compare = order.phase == H_BRIDGE_DRIVING ? order.compare : H_BRIDGE_COAST;
     const uint8_t lock = hal_lock();
     self->staged = order;
     hal_apply_at(self->cycles_to_top < HAL_APPLY_MARGIN_CYCLES);

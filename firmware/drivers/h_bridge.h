@@ -27,6 +27,7 @@ typedef enum {
 typedef struct {
     uint8_t phase;       // HBridgePhase that it brings about
     bool leg_b_high;
+    int16_t compare;     // what leg A's two compare values stand for
     uint8_t high_below;  // compare values of leg A
     uint8_t low_above;
 } HBridgeOrder;

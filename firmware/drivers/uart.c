@@ -20,7 +20,11 @@ void uart_send(Uart *self, const uint8_t *bytes, uint8_t count) {
 }
 
 bool uart_receive(Uart *self, uint8_t *byte) {
-    return ring_pop_byte(&self->receive, byte);
+    return self->receive.tail != self->receive_limit && ring_pop_byte(&self->receive, byte);
+}
+
+void uart_on_tick(Uart *self) {
+    self->receive_limit = self->receive.head;
 }
 
 void uart_on_received(Uart *self, uint8_t byte, bool damaged) {

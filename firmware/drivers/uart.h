@@ -10,6 +10,7 @@
 typedef struct {
     RingBytes send;
     RingBytes receive;
+    volatile uint8_t receive_limit;   // head of the receive queue at the last tick: bytes that came later wait for the next
     volatile uint8_t receive_errors;  // overruns, bad stop bits, full queue; saturates
     uint8_t send_lost;                // messages that found the queue full; saturates, 0 as long as the byte budget holds
 } Uart;
@@ -18,7 +19,8 @@ void uart_init(Uart *self, uint8_t baud);
 void uart_send(Uart *self, const uint8_t *bytes, uint8_t count);
 bool uart_receive(Uart *self, uint8_t *byte);
 
-// Interrupts. on_ready: false when nothing is left to send.
+// Interrupts. on_tick: the tick that begins may take the bytes received so far. on_ready: false when nothing is left to send.
+void uart_on_tick(Uart *self);
 void uart_on_received(Uart *self, uint8_t byte, bool damaged);
 bool uart_on_ready(Uart *self, uint8_t *byte);
 

@@ -12,6 +12,7 @@ _Static_assert(HAL_ADC_CURRENT == BOARD_ADC_CURRENT && HAL_ADC_BUS == BOARD_ADC_
 
 ISR(TIMER2_COMPA_vect) {
     avr_ticks_waiting++;
+    app_on_tick(&avr_app);
 }
 
 // With the tick or 256 cycles after it, see hal_apply_at.

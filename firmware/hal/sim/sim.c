@@ -151,6 +151,7 @@ void hal_unlock(uint8_t before) {
 // --- events ---
 
 static void on_tick(void) {
+    app_on_tick(&sim.app);
     sim.ticks_waiting++;
     sim.switches = sim.in.switches;
     sim.apply_at = sim.tick_at + (sim.apply_later ? (int32_t)HAL_APPLY_LATER_CYCLES : 0);
