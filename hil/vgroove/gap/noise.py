@@ -48,8 +48,8 @@ class Jitter:
 def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) -> Jitter:
     """Jitter of the edges from a log's edge periods alone; none where the log is too short to tell.
 
-    In windows of four turns a quintic motion and a pattern that repeats every turn (eccentric or unequal edges) are taken away. What stays is
-    rounding and jitter; neighbouring periods share an edge, so that jitter e makes period n err by e(n) - e(n-1).
+    In windows of four turns a quintic motion and a pattern that repeats every turn (eccentric or unequal edges) are taken away. What stays
+    is rounding and jitter; neighbouring periods share an edge, so that jitter e makes period n err by e(n) - e(n-1).
     """
     whole = ~edges.falling
     speed, chain = edges.speed_rpm[whole] * RPM, edges.chain[whole]
