@@ -6,7 +6,7 @@ from pathlib import Path
 from equality import TapeBoard
 
 from vgroove import lockstep, telemetry
-from vgroove.board import CYCLES_PER_PERIOD
+from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, BoardOutputs
 from vgroove.lockstep import FrontEnds, Profile, Tool
 from vgroove.rig import read_rig
 from vgroove.scenario import make_plant, without_board_effects
@@ -55,6 +55,22 @@ class AwkwardEdges:
         return [] if self._edges % 331 == 0 else edges
 
 
+class SettledSwitches:
+    """Contacts that hold still while a tick reads them: what a pin that changes just then gives depends on latency, on silicon as here."""
+
+    def __init__(self, board: TapeBoard) -> None:
+        self._board = board
+        self._begin = FIRST_TOP
+        self._switches = 0
+
+    def period(self, inputs: BoardInputs) -> BoardOutputs:
+        """The board's period; from the tick's period on the switches stand for two more."""
+        since_tick, self._begin = self._begin % TICK, self._begin + CYCLES_PER_PERIOD
+        if 2 * CYCLES_PER_PERIOD <= since_tick < TICK - CYCLES_PER_PERIOD:
+            self._switches = inputs.switches
+        return self._board.period(inputs._replace(switches=self._switches))
+
+
 def _frames() -> list[tuple[float, bytes]]:
     """Commands of every kind, one of them damaged."""
     def frame(time_s: float, name: str, **signals: float) -> tuple[float, bytes]:
@@ -81,5 +97,5 @@ def record_tape(duration_s: float = DURATION_S, seed: int = 5) -> tuple[bytes, A
     tool = AwkwardEdges(make_plant(without_board_effects(read_rig(RIG)), seed))
     board = TapeBoard(SilBoard(target=1))
     front = FrontEnds(current_noise_a=0.3, supply_noise_v=0.03)
-    lockstep.run(board, tool, PROFILE, duration_s, front=front, line=lockstep.Script(_frames()), seed=seed)
+    lockstep.run(SettledSwitches(board), tool, PROFILE, duration_s, front=front, line=lockstep.Script(_frames()), seed=seed)
     return bytes(board.tape), tool
