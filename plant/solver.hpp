@@ -9,7 +9,7 @@
 
 namespace vgroove {
 
-constexpr double SOLVER_TOLERANCE = 1e-6;          // local error over the scale of the state
+constexpr double SOLVER_TOLERANCE = 2e-6;          // local error over the scale of the state
 constexpr double SOLVER_TOLERANCE_CONTACT = 1e-7;  // where flanks meet: an error there grows with every bounce
 constexpr double SOLVER_GROW_BELOW = 0.02;     // of the tolerance: the error grows by 2^5 when the step doubles
 constexpr double SOLVER_EVENT_S = 1e-10;       // events are located to this time
@@ -280,6 +280,30 @@ template <class V> VGROOVE_INLINE bool solver_any_event(const Events<V> &g) {
     return any;
 }
 
+// While every lane slides and its bridge is closed, the only event is a change of sign of a speed: no torque is needed to see it.
+template <class V, int N> VGROOVE_INLINE bool solver_all_slide(const Solver<V, N> &self) {
+    const bool split = N > STATE_TWIST && (self.model.effects & EFFECT_TWO_BODIES);
+    bool all = true;
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
+        const bool output = !split || get(self.mode.output_slide, lane) != 0.0;
+        all = all && output && get(self.mode.slide, lane) != 0.0 && get(self.drive.open, lane) == 0.0;
+    }
+    return all;
+}
+
+template <class V, int N> VGROOVE_INLINE Events<V> solver_events(const Solver<V, N> &self, V h, const State<V, N> &s) {
+    if (!solver_all_slide(self))
+        return drivetrain_events<V, N>(self.model, self.drive, self.mode, h, s);
+    Events<V> g{};
+    g.shaft = self.mode.slide * s.x[STATE_SPEED];
+    g.output = splat<V>(1.0);
+    g.diode = splat<V>(1.0);
+    if constexpr (N > STATE_TWIST)
+        if (self.model.effects & EFFECT_TWO_BODIES)
+            g.output = self.mode.output_slide * s.x[STATE_OUTPUT_SPEED];
+    return g;
+}
+
 // Runs until every lane is at the end of its stretch and next_stretch(lane) gives it no other one.
 template <class V, int N, class NextStretch> VGROOVE_INLINE void solver_run(Solver<V, N> &self, NextStretch &&next_stretch) {
     for (;;) {
@@ -296,7 +320,7 @@ template <class V, int N, class NextStretch> VGROOVE_INLINE void solver_run(Solv
             return;
         solver_refresh(self);
         const Attempt<V, N> a = solver_attempt(self, h);
-        const Events<V> after = drivetrain_events<V, N>(self.model, self.drive, self.mode, h, a.state);
+        const Events<V> after = solver_events<V, N>(self, h, a.state);
         Events<V> before{};
         const bool met = solver_any_event(after);
         if (met)
