@@ -15,6 +15,7 @@ void app_init(App *self, uint32_t build_hash) {
     adc_sequence_init(&self->adc);
     current_sense_init(&self->current, self->params.value[PARAM_CURRENT_GAIN_A_Q15], self->params.value[PARAM_CURRENT_OFFSET_COUNT_Q4]);
     h_bridge_init(&self->bridge, (uint8_t)self->params.value[PARAM_DEAD_TIME_COUNT]);
+    trigger_init(&self->trigger);
     modes_init(&self->modes);
     uart_init(&self->uart, (uint8_t)self->params.value[PARAM_BAUD_SELECT]);
     while (execute_parameters_pending(self)) {

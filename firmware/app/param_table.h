@@ -16,7 +16,7 @@
     X(HALL_PITCH_3_Q15,         "1",         8192,  2048, 16384, 1) /* fourth pitch */                   \
     X(CURRENT_GAIN_A_Q15,       "A/count",   4096,  1024, 16384, 1) /* current of one ADC count */       \
     X(CURRENT_OFFSET_COUNT_Q4,  "count",     8192,  0,    16368, 1) /* ADC counts at no current */       \
-    X(TRIP_A_Q9,                "A",         28160, 2560, 28160, 1) /* over-current trip: 55 A at most */ \
+    X(TRIP_A_Q9,                "A",         25600, 2560, 28160, 1) /* over-current trip: 55 A at most */ \
     X(FOLDBACK_A_Q9,            "A",         23040, 1024, 28160, 1) /* the duty is reduced above this current */ \
     X(BUS_GAIN_MV_Q8,           "mV/count",  6400,  2560, 12800, 1) /* bus voltage of one ADC count behind the divider */ \
     X(UNDER_VOLTAGE_MV,         "mV",        12000, 6000, 20000, 1) /* bus voltage below which the drive stops */ \

@@ -2,6 +2,7 @@
 #include "drivers/analog.h"
 
 #define SUPPLY_25MV_MAX 1023u
+#define SUPPLY_LAST_MV (25u * SUPPLY_25MV_MAX + 12u)
 #define TEMPERATURE_ZERO_Q4 800  // 50 C
 
 uint16_t analog_supply_mv(uint16_t counts, int16_t gain_mv_q8) {
@@ -9,12 +10,11 @@ uint16_t analog_supply_mv(uint16_t counts, int16_t gain_mv_q8) {
 }
 
 uint16_t analog_supply_25mv(uint16_t supply_mv, bool *saturated) {
-    const uint16_t counts = (uint16_t)(((uint32_t)supply_mv * 5243u + 0x10000u) >> 17);  // 5243 / 2^17 = 1 / 25.0
-    if (counts > SUPPLY_25MV_MAX) {
+    if (supply_mv > SUPPLY_LAST_MV) {
         *saturated = true;
         return SUPPLY_25MV_MAX;
     }
-    return counts;
+    return (uint16_t)(((uint32_t)(supply_mv + 12u) * 10486u) >> 18);  // a division by 25, exact below 43,690
 }
 
 int16_t analog_temperature_c_q4(uint16_t counts) {

@@ -7,6 +7,10 @@
 
 _Static_assert(TRIGGER_DEBOUNCE_TICKS == 5u, "the bit planes look for 5");
 
+void trigger_init(Trigger *self) {
+    *self = (Trigger){.stable = HAL_SWITCH_CONTACT};
+}
+
 void trigger_set_ends(Trigger *self, uint16_t low_count, uint16_t high_count) {
     const uint16_t span = high_count > low_count ? (uint16_t)(high_count - low_count) : 1u;
     self->low_count = low_count;

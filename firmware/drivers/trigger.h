@@ -16,6 +16,8 @@ typedef struct {
     uint8_t ticks[3];     // binary counters of all switches side by side: for how long each has differed from its stable value
 } Trigger;
 
+// Begins with the contact taken for closed: a tool that is switched on with the trigger held must not start.
+void trigger_init(Trigger *self);
 void trigger_set_ends(Trigger *self, uint16_t low_count, uint16_t high_count);
 void trigger_set_travel(Trigger *self, uint16_t counts);
 void trigger_set_switches(Trigger *self, uint8_t raw);

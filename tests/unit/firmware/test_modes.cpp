@@ -1,0 +1,128 @@
+// State machine: every transition, and the laws that hold in all states.
+#include <gtest/gtest.h>
+
+extern "C" {
+#include "app/modes.h"
+}
+
+namespace {
+
+Modes in_state(ModesState state, bool armed = true, bool reverse = false) {
+    Modes self{};
+    self.state = static_cast<uint8_t>(state);
+    self.armed = armed;
+    self.reverse = reverse;
+    return self;
+}
+
+constexpr ModesState ALL[] = {MODES_IDLE, MODES_DRIVE, MODES_RELEASE, MODES_FAULT, MODES_CALIBRATE};
+
+ModesInputs inputs_of(unsigned bits) {
+    return {(bits & 1) != 0, (bits & 2) != 0, (bits & 4) != 0, (bits & 8) != 0, (bits & 16) != 0, (bits & 32) != 0, (bits & 64) != 0};
+}
+
+TEST(Modes, AFaultWinsInEveryStateAndTheBridgeOpens) {
+    for (const ModesState state : ALL) {
+        for (unsigned bits = 0; bits < 128; ++bits) {
+            ModesInputs m = inputs_of(bits);
+            m.fault = true;
+            m.fault_persists = true;
+            Modes self = in_state(state);
+            modes_step(&self, &m);
+            ASSERT_EQ(self.state, MODES_FAULT);
+            ASSERT_FALSE(self.armed);
+            ASSERT_EQ(modes_output(&self, true), MODES_COMMAND_COAST);
+        }
+    }
+}
+
+TEST(Modes, NoMotoringCommandAfterRelease) {
+    for (const ModesState state : ALL) {
+        for (unsigned bits = 0; bits < 128; ++bits) {
+            ModesInputs m = inputs_of(bits);
+            m.pressed = false;
+            Modes self = in_state(state);
+            modes_step(&self, &m);
+            ASSERT_NE(modes_output(&self, false), MODES_COMMAND_DRIVE);
+        }
+    }
+}
+
+TEST(Modes, TheDirectionChangesAtStandstillOnly) {
+    for (const ModesState state : ALL) {
+        for (unsigned bits = 0; bits < 128; ++bits) {
+            const ModesInputs m = inputs_of(bits);
+            Modes self = in_state(state);
+            modes_step(&self, &m);
+            ASSERT_TRUE(!self.reverse || (m.standstill && self.state == MODES_IDLE));
+        }
+    }
+}
+
+TEST(Modes, StartsOnlyArmed) {
+    Modes self = in_state(MODES_IDLE, false);
+    ModesInputs m{};
+    m.pressed = m.contact = m.standstill = true;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_IDLE) << "trigger held since the start";
+    m.pressed = m.contact = false;
+    modes_step(&self, &m);
+    m.pressed = m.contact = true;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_DRIVE);
+}
+
+TEST(Modes, ReleasesWhenTheSwitchIsThrownAndWantsTheTriggerAnew) {
+    Modes self = in_state(MODES_DRIVE);
+    ModesInputs m{};
+    m.pressed = m.contact = m.reverse_switch = true;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_RELEASE);
+    EXPECT_EQ(modes_output(&self, false), MODES_COMMAND_COAST);
+    EXPECT_EQ(modes_output(&self, true), MODES_COMMAND_RAMP_DOWN);
+    m.standstill = true;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_IDLE);
+    EXPECT_TRUE(self.reverse);
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_IDLE) << "still pressed: not armed";
+}
+
+TEST(Modes, ResumesWhileItTurns) {
+    Modes self = in_state(MODES_RELEASE);
+    ModesInputs m{};
+    m.pressed = m.contact = true;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_DRIVE);
+}
+
+TEST(Modes, AFaultIsClearedAtAReleasedTriggerWithItsConditionGone) {
+    ModesInputs m{};
+    m.fault = m.contact = m.standstill = true;
+    Modes self = in_state(MODES_FAULT);
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_FAULT) << "trigger held";
+    m.contact = false;
+    m.fault_persists = true;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_FAULT) << "condition holds";
+    m.fault_persists = false;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_IDLE);
+}
+
+TEST(Modes, CalibratesAtStandstillAndLeavesWhenDone) {
+    ModesInputs m{};
+    m.calibrating = true;
+    Modes self = in_state(MODES_IDLE);
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_IDLE);
+    m.standstill = true;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_CALIBRATE);
+    m.calibrating = false;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_IDLE);
+}
+
+}  // namespace

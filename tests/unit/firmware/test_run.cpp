@@ -1,0 +1,306 @@
+// Whole runs of the firmware on the lock-step machine against a motor: start, release, faults, direction, latency law, EEPROM.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <map>
+#include <vector>
+
+#include "hal/sim/sim.h"
+#include "telemetry/telemetry_signals.h"
+
+namespace {
+
+constexpr double PERIOD_S = 510.0 / 16e6;
+
+struct Fast {
+    uint32_t ms;
+    int current_q9, speed_q1, compare, supply;
+};
+struct State {
+    uint32_t ms;
+    int trigger, state, reverse, faults, flags;
+};
+
+// The reference tool of physics.md, switched off from its mechanism; Euler at 1.6 us.
+struct Tool {
+    double i = 0, w = 0, angle = 0, vs = 18.5, rs = 0.10;
+    long pitches = 0;
+    bool locked = false, hall_works = true;
+
+    void period(const SimOutputs& o, SimInputs* in) {
+        in->edge_count = 0;
+        for (int k = 0; k < 20; ++k)
+            step(o, in, k);
+    }
+
+    void step(const SimOutputs& o, SimInputs* in, int k) {
+        const double h = PERIOD_S / 20, duty = o.compare / 255.0;
+        double v = duty * (vs - rs * duty * i);
+        if (o.coast != 0)
+            v = i > 0.2 ? -vs : i < -0.2 ? vs : 0.0109 * w;
+        i += h * (v - 0.19 * i - 0.0109 * w) / 1e-4;
+        if (o.coast != 0 && std::fabs(i) < 0.3)
+            i = 0;
+        const double torque = 0.0109 * i - 4.5e-6 * w;
+        const double free = std::fabs(torque) > 0.012 ? torque - std::copysign(0.012, torque) : 0.0;
+        const double next = w == 0 ? h * free / 1.8e-5 : w + h * (torque - std::copysign(0.012, w)) / 1.8e-5;
+        w = locked || next * w < 0 ? 0 : next;
+        angle += w * h;
+        const long now = std::lround(std::floor(angle / (M_PI / 2)));
+        if (now != pitches && hall_works && in->edge_count < SIM_EDGES_MAX)
+            in->edge_cycle[in->edge_count++] = static_cast<uint16_t>(k * 25);
+        pitches = now;
+    }
+};
+
+struct RunTest : testing::Test {
+    SimOutputs out{};
+    SimInputs in{};
+    Tool tool;
+    double now_s = 0;
+    std::vector<uint8_t> line;
+    std::vector<Fast> fast;
+    std::vector<State> states;
+    std::map<int, int> frames;
+
+    void SetUp() override { start(SIM_START_DEFAULT); }
+
+    void start(const SimStart& how) {
+        *static_cast<SimInputs*>(&in) = SimInputs{};
+        tool = Tool{};
+        line.clear();
+        fast.clear();
+        states.clear();
+        frames.clear();
+        now_s = 0;
+        in.adc_counts[SIM_ADC_TEMPERATURE] = 154;
+        press(0.0);
+        sim_reset(&how, &out);
+    }
+
+    void press(double travel, bool reverse = false) {
+        in.adc_counts[SIM_ADC_TRIGGER] = static_cast<uint16_t>(100 + 820 * travel + 0.5);
+        in.switches = static_cast<uint8_t>((travel > 0 ? SIM_SWITCH_CONTACT : 0) | (reverse ? SIM_SWITCH_REVERSE : 0));
+    }
+
+    void run(double seconds) {
+        for (const double end = now_s + seconds; now_s < end; now_s += PERIOD_S) {
+            tool.period(out, &in);
+            const double duty = out.coast != 0 ? 0.0 : out.compare / 255.0;
+            in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + tool.i / 0.125);
+            in.adc_counts[SIM_ADC_BUS] = counts((tool.vs - tool.rs * duty * tool.i) / 0.025);
+            sim_period(&in, &out);
+            in.rx_count = 0;
+            line.insert(line.end(), out.tx, out.tx + out.tx_count);
+            parse();
+        }
+    }
+
+    static uint16_t counts(double value) { return static_cast<uint16_t>(std::min(1023.0, std::max(0.0, std::round(value)))); }
+
+    void parse() {
+        for (; line.size() >= 19; line.erase(line.begin(), line.begin() + 19)) {
+            ASSERT_EQ(line[0], 0xAA);
+            ASSERT_EQ(line[18], 0xBB);
+            const uint8_t* d = &line[10];
+            const uint32_t ms = line[1] | line[2] << 8u | line[3] << 16u;
+            const int id = line[6] | line[7] << 8;
+            ++frames[id];
+            if (id == TELEMETRY_FAST_ID) {
+                const int packed = d[4] | d[5] << 8 | d[6] << 16;
+                fast.push_back({ms, int16_t(d[0] | d[1] << 8), int16_t(d[2] | d[3] << 8), (packed & 1023) > 511 ? (packed & 1023) - 1024 : packed & 1023,
+                                packed >> 10 & 1023});
+            } else if (id == TELEMETRY_STATE_ID) {
+                states.push_back({ms, d[1], d[2] & 15, d[2] >> 7, d[3], d[4] | d[5] << 8});
+            }
+        }
+    }
+
+    double worst_current() const {
+        double worst = 0;
+        for (const Fast& f : fast)
+            worst = std::max(worst, std::fabs(f.current_q9 / 512.0));
+        return worst;
+    }
+
+    int faults() const { return states.empty() ? 0 : states.back().faults; }
+    int state() const { return states.empty() ? -1 : states.back().state; }
+};
+
+TEST_F(RunTest, BeginsWithBootAndSendsOneFastFrameATick) {
+    run(1.0);
+    EXPECT_EQ(frames[TELEMETRY_BOOT_ID], 1);
+    EXPECT_EQ(frames[TELEMETRY_PARAM_TABLE_ID], 1);
+    ASSERT_GE(fast.size(), 990u);
+    for (size_t k = 1; k < fast.size(); ++k)
+        ASSERT_EQ(fast[k].ms, fast[k - 1].ms + 1);
+    EXPECT_EQ(state(), TELEMETRY_STATE_IDLE);
+    EXPECT_EQ(faults(), 0);
+    EXPECT_EQ(fast.back().supply, 740);
+    EXPECT_EQ(fast.back().compare, -512);
+    EXPECT_NE(out.coast, 0);
+}
+
+TEST_F(RunTest, AFullTriggerStartReachesTheNoLoadSpeedWithoutTripping) {
+    run(0.5);
+    press(1.0);
+    run(1.5);
+    EXPECT_EQ(faults(), 0);
+    EXPECT_EQ(state(), TELEMETRY_STATE_DRIVE);
+    EXPECT_LT(worst_current(), 46.0);
+    EXPECT_NEAR(fast.back().speed_q1 / 2.0, tool.w * 30 / M_PI, 40.0);
+    EXPECT_NEAR(fast.back().current_q9 / 512.0, tool.i, 0.13);
+    EXPECT_EQ(fast.back().compare, 255);
+}
+
+TEST_F(RunTest, ALockedMotorIsHeldAtTheFoldbackThenStalls) {
+    run(0.5);
+    tool.locked = true;
+    press(1.0);
+    run(0.4);
+    EXPECT_EQ(faults(), 0);
+    EXPECT_NEAR(fast.back().current_q9 / 512.0, 45.0, 1.0);
+    EXPECT_LT(worst_current(), 50.0);
+    run(0.4);
+    EXPECT_EQ(faults(), TELEMETRY_FAULTS_STALL);
+    EXPECT_NE(out.coast, 0);
+}
+
+TEST_F(RunTest, AnOverCurrentOpensTheBridgeAtOnceAndIsClearedByRelease) {
+    run(0.5);
+    press(0.5);
+    run(0.5);
+    ASSERT_EQ(out.coast, 0);
+    tool.i = 63.0;  // a short that the fold-back cannot see coming
+    int periods = 0;
+    for (; out.coast == 0 && periods < 100; ++periods) {
+        tool.i = 63.0;
+        run(PERIOD_S / 2);
+    }
+    EXPECT_LE(periods, 13) << "one slot of three may measure something else, and a conversion lasts four periods";
+    run(0.05);
+    EXPECT_EQ(faults(), TELEMETRY_FAULTS_OVER_CURRENT);
+    EXPECT_EQ(state(), TELEMETRY_STATE_FAULT);
+    run(0.3);
+    EXPECT_NE(out.coast, 0) << "latched while the trigger is held";
+    press(0.0);
+    run(0.1);
+    EXPECT_EQ(faults(), 0);
+    press(0.5);
+    run(0.1);
+    EXPECT_EQ(out.coast, 0);
+}
+
+TEST_F(RunTest, ALostHallSensorIsNamed) {
+    run(0.5);
+    tool.hall_works = false;
+    press(0.6);
+    run(1.0);
+    EXPECT_EQ(faults(), TELEMETRY_FAULTS_SENSOR_LOST);
+    EXPECT_NE(out.coast, 0);
+}
+
+TEST_F(RunTest, UnderVoltageOpensTheBridge) {
+    run(0.5);
+    press(0.5);
+    run(0.5);
+    tool.vs = 11.5;
+    run(0.05);
+    EXPECT_EQ(faults(), TELEMETRY_FAULTS_UNDER_VOLTAGE);
+    EXPECT_NE(out.coast, 0);
+}
+
+TEST_F(RunTest, ReleaseCoastsAndAResumedDriveDoesNotBrakeHard) {
+    run(0.5);
+    press(1.0);
+    run(1.0);
+    press(0.0);
+    run(0.2);
+    EXPECT_NE(out.coast, 0);
+    press(1.0);
+    fast.clear();
+    run(0.3);
+    EXPECT_EQ(faults(), 0);
+    double least = 0;
+    for (const Fast& f : fast)
+        least = std::min(least, f.current_q9 / 512.0);
+    EXPECT_GT(least, -10.0);
+}
+
+TEST_F(RunTest, TheDirectionChangesAtStandstillOnly) {
+    run(0.5);
+    press(0.6);
+    run(0.6);
+    press(0.6, true);
+    run(0.2);
+    EXPECT_NE(out.coast, 0) << "thrown while turning: release";
+    EXPECT_GT(tool.w, 0);
+    tool.w = 0;
+    press(0.0, true);
+    run(0.5);
+    press(0.6, true);
+    run(0.5);
+    EXPECT_LT(tool.w, 0);
+    EXPECT_LT(fast.back().speed_q1, 0);
+    EXPECT_LT(fast.back().current_q9, 0);
+    EXPECT_LT(fast.back().compare, 0);
+    EXPECT_EQ(states.back().reverse, 1);
+}
+
+TEST_F(RunTest, ATriggerHeldAtTheStartDoesNotStart) {
+    press(1.0);
+    run(1.0);
+    EXPECT_NE(out.coast, 0);
+    EXPECT_EQ(tool.w, 0);
+}
+
+// What is sent is a function of edges and counts alone: the law that makes native and AVR telemetry equal.
+TEST_F(RunTest, TelemetryDoesNotDependOnLatency) {
+    std::vector<uint8_t> first;
+    std::vector<SimInputs> tape;
+    for (const auto& [isr, tick] : {std::pair{40, 400}, {0, 260}, {300, 3500}}) {
+        SimStart how = SIM_START_DEFAULT;
+        how.isr_cycles = static_cast<uint16_t>(isr);
+        how.tick_cycles = static_cast<uint16_t>(tick);
+        start(how);
+        std::vector<uint8_t> sent;
+        for (long k = 0; k < 60000; ++k) {
+            press(k > 20000 && k < 50000 ? 0.8 : 0.0);
+            if (tape.size() <= static_cast<size_t>(k)) {
+                tool.period(out, &in);
+                in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + tool.i / 0.125);
+                in.adc_counts[SIM_ADC_BUS] = counts(18.5 / 0.025);
+                tape.push_back(in);
+            }
+            sim_period(&tape[static_cast<size_t>(k)], &out);
+            sent.insert(sent.end(), out.tx, out.tx + out.tx_count);
+        }
+        if (first.empty())
+            first = sent;
+        const size_t size = std::min(first.size(), sent.size());
+        ASSERT_GT(size, 36000u);
+        for (size_t k = 0; k < size; ++k)
+            ASSERT_EQ(sent[k], first[k]) << "byte " << k << " at latency " << isr << "/" << tick;
+    }
+}
+
+TEST_F(RunTest, ResetForgetsEverything) {
+    auto record = [this] {
+        start(SIM_START_DEFAULT);
+        std::vector<uint8_t> sent;
+        for (long k = 0; k < 20000; ++k) {
+            press(k > 12000 ? 0.5 : 0.0);
+            tool.period(out, &in);
+            in.adc_counts[SIM_ADC_CURRENT] = counts(512.0 + tool.i / 0.125);
+            in.adc_counts[SIM_ADC_BUS] = 740;
+            sim_period(&in, &out);
+            sent.insert(sent.end(), out.tx, out.tx + out.tx_count);
+        }
+        return sent;
+    };
+    const auto first = record();
+    EXPECT_EQ(first, record());
+}
+
+}  // namespace
