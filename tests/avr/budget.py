@@ -1,0 +1,59 @@
+"""What the ELFs may cost: flash, static RAM, no floating point at run time. Prints the figures; code 1 when one is over."""
+
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+FLASH_LIMIT = 16 * 1024
+RAM_LIMIT = int(1.2 * 1024)
+SOFT_FLOAT = re.compile(r"__(add|sub|mul|div|cmp|eq|ne|lt|le|gt|ge|fix|fixuns|float|floatun|neg|fp_)[a-z]*(sf|df|si)?[23]?$")
+FLOAT_MARK = re.compile(r"sf|df|fp_")
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What one ELF needs: bytes of flash and static RAM, names of float routines in it."""
+
+    flash: int
+    ram: int
+    soft_float: tuple[str, ...]
+
+    def broken(self) -> list[str]:
+        """Sentences for what is over its limit."""
+        out = [f"flash {self.flash} > {FLASH_LIMIT} bytes"] if self.flash > FLASH_LIMIT else []
+        out += [f"static RAM {self.ram} > {RAM_LIMIT} bytes"] if self.ram > RAM_LIMIT else []
+        return out + ([f"soft-float routines: {', '.join(self.soft_float)}"] if self.soft_float else [])
+
+
+def tool(*command: str) -> str:
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def soft_float(symbols: list[str]) -> tuple[str, ...]:
+    """Names of libgcc's and avr-libc's float routines among `symbols`."""
+    return tuple(sorted(s for s in symbols if SOFT_FLOAT.match(s) and FLOAT_MARK.search(s)))
+
+
+def measure(elf: Path) -> Budget:
+    """Sizes by section: .text and .data lie in flash, .data, .bss and .noinit in RAM."""
+    sections = {m[1]: int(m[2]) for m in re.finditer(r"^(\.\w+)\s+(\d+)", tool("avr-size", "-A", str(elf)), re.MULTILINE)}
+    symbols = [line.split()[-1] for line in tool("avr-nm", str(elf)).splitlines() if line.strip()]
+    flash = sections.get(".text", 0) + sections.get(".data", 0)
+    return Budget(flash, sum(sections.get(name, 0) for name in (".data", ".bss", ".noinit")), soft_float(symbols))
+
+
+def main() -> int:
+    broken = []
+    for name in sys.argv[1:] or ["build/avr-uno/vgroove.elf", "build/avr-mega/vgroove.elf"]:
+        budget = measure(ROOT / name)
+        sys.stdout.write(f"{name}: flash {budget.flash} of {FLASH_LIMIT}, static RAM {budget.ram} of {RAM_LIMIT} bytes\n")
+        broken += [f"{name}: {sentence}" for sentence in budget.broken()]
+    sys.stdout.write("".join(f"{line}\n" for line in broken))
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
