@@ -12,3 +12,15 @@ add_dependencies(vgroove vgroove_build_hash)
 add_custom_command(TARGET vgroove POST_BUILD
   COMMAND avr-objcopy -O ihex -R .eeprom -R .fuse -R .lock $<TARGET_FILE:vgroove> ${CMAKE_BINARY_DIR}/vgroove.hex
   BYPRODUCTS ${CMAKE_BINARY_DIR}/vgroove.hex)
+
+# The golden vectors on the target: says over UART which fail.
+set(vectors_dir ${PROJECT_SOURCE_DIR}/tests/vectors)
+if(EXISTS ${vectors_dir}/vectors.c)
+  add_executable(vectors ${PROJECT_SOURCE_DIR}/tests/avr/vectors_main.c ${vectors_dir}/vectors.c core/fixed.c core/ring.c core/slew.c drivers/analog.c
+    drivers/current_sense.c drivers/h_bridge.c drivers/hall_speed.c drivers/trigger.c hal/avr/bridge.c hal/avr/serial.c)
+  target_include_directories(vectors PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${vectors_dir})
+  target_compile_options(vectors PRIVATE ${avr_flags})
+  target_link_options(vectors PRIVATE ${avr_flags} -Wl,--gc-sections)
+  target_link_libraries(vectors PRIVATE vgroove_warnings)
+  set_target_properties(vectors PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR} SUFFIX .elf POSITION_INDEPENDENT_CODE OFF)
+endif()

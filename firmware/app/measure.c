@@ -5,7 +5,7 @@
 #include "hal/hal.h"
 #include "telemetry/telemetry_signals.h"
 
-static void raise(Measurement *self, bool happened, uint16_t flag) {
+static void note(Measurement *self, bool happened, uint16_t flag) {
     if (happened) {
         self->flags |= flag;
     }
@@ -15,7 +15,7 @@ static void take_bus(Measurement *self, uint16_t counts, int16_t gain_mv_q8) {
     bool saturated = counts >= ADC_SEQUENCE_TOP_COUNT;
     self->supply_mv = analog_supply_mv(counts, gain_mv_q8);
     self->supply_25mv = analog_supply_25mv(self->supply_mv, &saturated);
-    raise(self, saturated, TELEMETRY_FLAGS_SUPPLY_SATURATED);
+    note(self, saturated, TELEMETRY_FLAGS_SUPPLY_SATURATED);
 }
 
 static void take_temperature(Measurement *self, uint16_t counts) {
@@ -34,7 +34,7 @@ static void take_current(Measurement *self, const CurrentSense *current) {
     }
     bool saturated = adc->current_least == 0u || adc->current_greatest == ADC_SEQUENCE_TOP_COUNT;
     self->current_a_q9 = current_sense_a_q9(current, current_sense_mean_q4(adc->current_sum, adc->current_count), &saturated);
-    raise(self, saturated, TELEMETRY_FLAGS_CURRENT_SATURATED);
+    note(self, saturated, TELEMETRY_FLAGS_CURRENT_SATURATED);
 }
 
 void measure_analog(Measurement *self, AdcSequence *adc, const CurrentSense *current, Trigger *trigger, int16_t bus_gain_mv_q8) {
@@ -56,8 +56,8 @@ void measure_speed(Measurement *self, HallSpeed *hall) {
     const HallSpeedResult result = hall_speed_tick(hall);
     self->speed_rpm_q1 = result.rpm_q1;
     self->standstill = hall_speed_at_rest(hall);
-    raise(self, result.saturated, TELEMETRY_FLAGS_SPEED_SATURATED);
-    raise(self, result.missed, TELEMETRY_FLAGS_MISSED_EDGE);
-    raise(self, result.doubled, TELEMETRY_FLAGS_DOUBLE_EDGE);
-    raise(self, result.overflowed, TELEMETRY_FLAGS_EDGE_OVERFLOW);
+    note(self, result.saturated, TELEMETRY_FLAGS_SPEED_SATURATED);
+    note(self, result.missed, TELEMETRY_FLAGS_MISSED_EDGE);
+    note(self, result.doubled, TELEMETRY_FLAGS_DOUBLE_EDGE);
+    note(self, result.overflowed, TELEMETRY_FLAGS_EDGE_OVERFLOW);
 }

@@ -5,6 +5,7 @@
 #include "core/units.h"
 #include "hal/hal.h"
 
+#define COMPARE_FACTOR 510u  // 2 HAL_COMPARE_MAX
 #define TICK_IN_PERIODS (HAL_CYCLES_PER_TICK % HAL_CYCLES_PER_PERIOD)
 
 static uint16_t top_after(uint16_t cycles_to_top) {
@@ -26,7 +27,7 @@ void h_bridge_init(HBridge *self, uint8_t dead_counts) {
 
 int16_t h_bridge_compare(int16_t duty_q15) {
     const uint16_t magnitude = (uint16_t)(duty_q15 < 0 ? -(int32_t)duty_q15 : duty_q15);
-    const int16_t compare = (int16_t)(((uint32_t)magnitude * (2u * HAL_COMPARE_MAX) + 0x8000u) >> (UNITS_DUTY_Q + 1u));
+    const int16_t compare = (int16_t)(((uint32_t)magnitude * COMPARE_FACTOR + 0x8000u) >> (UNITS_DUTY_Q + 1u));
     return (int16_t)(duty_q15 < 0 ? -compare : compare);
 }
 
