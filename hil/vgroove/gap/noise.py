@@ -155,5 +155,5 @@ def _place_error_rpm(edges: EdgePeriods) -> np.ndarray:
         return np.zeros(len(edges.row))
     middle = 0.5 * (edges.start_s + edges.end_s)
     time, speed = middle[whole], edges.speed_rpm[whole]
-    rate = np.abs(np.gradient(speed, np.maximum.accumulate(time + 1e-9 * np.arange(len(time)))))
+    rate = np.abs(np.gradient(speed, np.maximum.accumulate(time) + 1e-9 * np.arange(len(time))))
     return edges.slack_s / np.sqrt(3.0) * np.interp(middle, time, rate)
