@@ -41,6 +41,10 @@ def test_a_size_is_recovered(name: str, size: float) -> None:
     assert toy.gap(best.held) < 1.02
 
 
+def test_nothing_to_fit_is_nothing_fitted() -> None:
+    assert Engine(Toy({}), SCALES, {}).fit([]) == []
+
+
 def test_outliers_do_not_move_the_fit() -> None:
     toy = Toy({TORQUE: 0.004})
     rng = np.random.default_rng(5)

@@ -176,6 +176,8 @@ class Engine:
 
     def fit(self, hypotheses: Sequence[Hypothesis], iterations: int = 6, tell: Callable[[int], None] | None = None) -> list[Fit]:
         """Fit all hypotheses on the training rows, wide loss first, then narrow; their held-out rows are predicted to first order."""
+        if not hypotheses:
+            return []
         fits = self._begin(hypotheses)
         active = list(range(len(fits)))
         for round_ in range(iterations):
