@@ -24,21 +24,27 @@ $(VENV)/bin/python:
 # The bindings are rebuilt when a C, C++ or CMake source is newer than the last install; Python sources are live (editable).
 SOURCES := $(shell find firmware plant hil/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name '*.dbc' 2>/dev/null)
 $(VENV)/.installed: $(VENV)/bin/python pyproject.toml CMakeLists.txt hil/CMakeLists.txt $(SOURCES)
-	$(PY) -m pip install -q "scikit-build-core>=0.10" "nanobind>=2.4" ninja
+	$(PY) -m pip install -q "scikit-build-core>=0.10" "nanobind>=2.4"
 	$(PY) -m pip install -q --no-build-isolation -e ".[test]"
 	@touch $@
 
 setup: apt ## install what is missing through apt and pip
 	@$(MAKE) --no-print-directory $(VENV)/.installed
 
-build: setup ## build host, both AVR targets and the bindings
-	@for preset in dev avr-uno avr-mega; do \
-	  [ -f build/$$preset/build.ninja ] || cmake --preset $$preset > build-$$preset.log 2>&1 || { cat build-$$preset.log; exit 1; }; \
-	  rm -f build-$$preset.log; \
-	  cmake --build --preset $$preset -j $(JOBS) -- --quiet || exit 1; done
+define cmake_build
+	@[ -f build/$(1)/build.ninja ] || { mkdir -p build; cmake --preset $(1) > build/$(1).log 2>&1 || { cat build/$(1).log; exit 1; }; }
+	@cmake --build --preset $(1) -j $(JOBS) $(if $(2),--target $(2)) -- --quiet
+endef
 
-demo: build ## real ELF on a simulated ATmega, tool with a sealed effect, log, diagnosis: make demo SEED=n
-	$(PY) tests/demo/demo.py --seed $(SEED)
+build: setup ## build host, both AVR targets and the bindings
+	$(call cmake_build,dev)
+	$(call cmake_build,avr-uno)
+	$(call cmake_build,avr-mega)
+
+demo: setup ## real ELF on a simulated ATmega, tool with a sealed effect, log, diagnosis: make demo SEED=n
+	$(call cmake_build,avr-uno,vgroove)
+	$(call cmake_build,dev,vgroove-board vgroove_truth)
+	@$(PY) tests/demo/demo.py --seed $(SEED)
 
 lint: build
 	$(VENV)/bin/ruff check .
