@@ -17,7 +17,7 @@ add_custom_command(TARGET vgroove POST_BUILD
 set(vectors_dir ${PROJECT_SOURCE_DIR}/tests/vectors)
 if(EXISTS ${vectors_dir}/vectors.c)
   add_executable(vectors ${PROJECT_SOURCE_DIR}/tests/avr/vectors_main.c ${vectors_dir}/vectors.c core/fixed.c core/ring.c core/slew.c drivers/analog.c
-    drivers/current_sense.c drivers/h_bridge.c drivers/hall_speed.c drivers/trigger.c hal/avr/bridge.c hal/avr/serial.c)
+    drivers/current_sense.c drivers/h_bridge.c drivers/hall_spacing.c drivers/hall_speed.c drivers/trigger.c hal/avr/bridge.c hal/avr/serial.c)
   target_include_directories(vectors PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${vectors_dir})
   target_compile_options(vectors PRIVATE ${avr_flags})
   target_link_options(vectors PRIVATE ${avr_flags} -Wl,--gc-sections)

@@ -46,6 +46,9 @@ typedef struct {
     int16_t ramp_speed_rpm_q1;
     uint8_t calibration;       // TELEMETRY_CALIBRATE_WHAT_*, CANCEL: none
     uint8_t mode;              // TELEMETRY_MODE_*
+    uint16_t calibration_ticks;
+    uint16_t trigger_least;    // counts seen while its ends are learned
+    uint16_t trigger_greatest;
     bool save_offset;          // the offset found at rest becomes a parameter
     uint8_t overruns;
     uint8_t configure_step;    // see execute_parameters

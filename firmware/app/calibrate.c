@@ -2,6 +2,10 @@
 #include "app/calibrate.h"
 
 #include "app/execute.h"
+#include "hal/hal.h"
+
+#define TRIGGER_TICKS 5000u
+#define TRIGGER_SPAN_LEAST 200u  // counts; less is a trigger that was not moved
 
 bool calibrate_begin(App *app, uint8_t what) {
     if (app->modes.state != MODES_IDLE && app->modes.state != MODES_CALIBRATE) {
@@ -10,7 +14,13 @@ bool calibrate_begin(App *app, uint8_t what) {
     app->calibration = what;
     app->save_offset = true;
     app->calibrated = false;
+    app->calibration_ticks = 0;
+    app->trigger_least = UINT16_MAX;
+    app->trigger_greatest = 0;
     current_sense_rest_begin(&app->current);
+    if (what == TELEMETRY_CALIBRATE_WHAT_HALL_PITCH) {
+        hall_speed_learn(&app->hall);
+    }
     return true;
 }
 
@@ -28,9 +38,54 @@ static void offset_step(App *app) {
     execute_parameters(app);
 }
 
+// Ends of the travel, a thirty-second part within the extremes that the user reached in five seconds.
+static void trigger_step(App *app) {
+    const AdcTick *adc = &app->measured.adc;
+    if ((adc->fresh & (1u << HAL_ADC_TRIGGER)) != 0u) {
+        const uint16_t counts = adc->latest[HAL_ADC_TRIGGER];
+        app->trigger_least = counts < app->trigger_least ? counts : app->trigger_least;
+        app->trigger_greatest = counts > app->trigger_greatest ? counts : app->trigger_greatest;
+    }
+    app->calibration_ticks++;
+    if (app->calibration_ticks < TRIGGER_TICKS) {
+        return;
+    }
+    const uint16_t span = (uint16_t)(app->trigger_greatest > app->trigger_least ? app->trigger_greatest - app->trigger_least : 0);
+    const uint16_t margin = span >> 5;
+    const bool wide = span >= TRIGGER_SPAN_LEAST;
+    app->calibrated = wide && param_set(&app->params, PARAM_TRIGGER_LOW_COUNT, app->trigger_least + margin) &&
+                      param_set(&app->params, PARAM_TRIGGER_HIGH_COUNT, app->trigger_greatest - margin);
+    app->calibration = TELEMETRY_CALIBRATE_WHAT_CANCEL;
+    execute_parameters(app);
+}
+
+static void hall_step(App *app) {
+    int16_t share_q15[HALL_SPACING_PITCHES];
+    if (!app->hall.learned) {
+        return;
+    }
+    app->hall.learned = false;
+    app->calibration = TELEMETRY_CALIBRATE_WHAT_CANCEL;
+    app->calibrated = true;
+    hall_spacing_shares(&app->hall.spacing, share_q15);
+    for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
+        const uint8_t pitch = (uint8_t)(app->hall.reverse ? (HALL_SPACING_PITCHES - k) % HALL_SPACING_PITCHES : k);  // stored forwards
+        app->calibrated = param_set(&app->params, (ParamIndex)(PARAM_HALL_PITCH_0_Q15 + pitch), share_q15[k]) && app->calibrated;
+    }
+    execute_parameters(app);
+}
+
 void calibrate_step(App *app) {
-    if (app->calibration == TELEMETRY_CALIBRATE_WHAT_CURRENT_OFFSET && app->modes.state == MODES_CALIBRATE) {
+    if (app->calibration == TELEMETRY_CALIBRATE_WHAT_HALL_PITCH) {
+        hall_step(app);
+    }
+    if (app->modes.state != MODES_CALIBRATE) {
+        return;
+    }
+    if (app->calibration == TELEMETRY_CALIBRATE_WHAT_CURRENT_OFFSET) {
         offset_step(app);
+    } else if (app->calibration == TELEMETRY_CALIBRATE_WHAT_TRIGGER) {
+        trigger_step(app);
     }
 }
 

@@ -48,7 +48,7 @@ ModesCommand modes_output(const Modes *self, bool release_ramps) {
 
 void modes_step(Modes *self, const ModesInputs *m) {
     const ModesState next = modes_next(self, m);
-    if (next == MODES_FAULT || (self->state == MODES_DRIVE && m->reverse_switch != self->reverse)) {
+    if (next == MODES_FAULT || self->state == MODES_CALIBRATE || (self->state == MODES_DRIVE && m->reverse_switch != self->reverse)) {
         self->armed = false;
     } else if (!m->contact) {
         self->armed = true;

@@ -21,12 +21,14 @@ static uint32_t factor_of_share(int16_t share_q15, uint8_t pulses) {
 void hall_speed_configure(HallSpeed *self, uint8_t pulses, uint16_t timeout_ms) {
     self->timeout_cycles = (uint32_t)timeout_ms * CYCLES_PER_MS;
     self->index_known = false;
+    hall_spacing_forget(&self->spacing);
     self->factor_equal = FACTOR_OF_TURN / pulses;
     self->least_cycles = self->factor_equal / (2u * (uint32_t)SPEED_MAX_Q1);
     self->fast_cycles = self->factor_equal / MISSED_MIN_RPM_Q1;
 }
 
 void hall_speed_set_pitch(HallSpeed *self, uint8_t pitch, int16_t share_q15, uint8_t pulses) {
+    self->share_q15[pitch % HALL_SPEED_PITCHES] = share_q15;
     self->factor[pitch % HALL_SPEED_PITCHES] = factor_of_share(share_q15, pulses);
 }
 
@@ -58,6 +60,35 @@ static bool is_missed(const HallSpeed *self, uint32_t period) {
     return change <= last >> STEADY_SHIFT && period > 2u * last - last / 4u && period < 2u * last + last / 4u;
 }
 
+void hall_speed_learn(HallSpeed *self) {
+    self->learned = false;
+    hall_spacing_learn(&self->spacing);
+}
+
+static void restart_spacing(HallSpeed *self) {
+    if (self->spacing.learning) {
+        hall_spacing_learn(&self->spacing);
+    } else {
+        hall_spacing_forget(&self->spacing);
+    }
+}
+
+// Feeds the pitch finder; once the index is known there is nothing left to find.
+static void note_period(HallSpeed *self, uint32_t period) {
+    if (self->learned || (self->index_known && !self->spacing.learning)) {
+        return;
+    }
+    self->learned = hall_spacing_period(&self->spacing, period);
+    if (self->spacing.at != 0u || self->spacing.learning) {
+        return;
+    }
+    const uint8_t found = hall_spacing_find(&self->spacing, self->share_q15, self->reverse);
+    if (found != HALL_SPACING_UNKNOWN) {
+        self->index = found;
+        self->index_known = true;
+    }
+}
+
 static void take_edge(HallSpeed *self, uint32_t edge, HallSpeedResult *result) {
     uint32_t period = edge - self->edge_cycles;
     uint32_t factor = factor_at(self, self->index);
@@ -72,6 +103,7 @@ static void take_edge(HallSpeed *self, uint32_t edge, HallSpeedResult *result) {
         self->index = pitch_after(self, self->index);
         factor = (factor + factor_at(self, self->index)) / 2u;
         period /= 2u;
+        restart_spacing(self);
     }
     if (self->edges > 0u) {
         self->before_cycles = self->edges >= 2u ? self->period_cycles : 0u;
@@ -80,6 +112,9 @@ static void take_edge(HallSpeed *self, uint32_t edge, HallSpeedResult *result) {
     }
     self->edge_cycles = edge;
     self->index = pitch_after(self, self->index);
+    if (self->edges > 0u && !result->missed) {
+        note_period(self, period);
+    }
     self->edges = (uint8_t)(self->edges < 2u ? self->edges + 1u : 2u);
     self->new_edges++;
 }
@@ -105,6 +140,10 @@ static bool may_fall(const HallSpeed *self, uint32_t age) {
 static void update(HallSpeed *self) {
     const uint32_t age = self->now_cycles - self->edge_cycles;
     if (self->edges == 0u || age >= self->timeout_cycles) {
+        if (self->edges > 0u) {
+            self->index_known = false;  // the shaft may rock over an edge while it stands
+            restart_spacing(self);
+        }
         self->edges = 0;
         self->magnitude_rpm_q1 = 0;
         return;

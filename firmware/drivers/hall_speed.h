@@ -9,8 +9,9 @@
 #include <stdint.h>
 
 #include "core/ring.h"
+#include "drivers/hall_spacing.h"
 
-#define HALL_SPEED_PITCHES 4u
+#define HALL_SPEED_PITCHES HALL_SPACING_PITCHES
 #define HALL_SPEED_PITCH_EQUAL_Q15 8192
 
 typedef struct {
@@ -32,6 +33,9 @@ typedef struct {
     uint8_t missed;
     uint8_t doubled;
     bool index_known;
+    bool learned;                 // hall_spacing has a result
+    int16_t share_q15[HALL_SPEED_PITCHES];
+    HallSpacing spacing;
     bool reverse;                 // sign, set at standstill
     RingWords stamps;             // Timer1 at the edge; last: what lies within 64 bytes is cheap to reach
 } HallSpeed;
@@ -55,6 +59,9 @@ bool hall_speed_at_rest(const HallSpeed *self);
 
 // One Hall gives no sign: it is that of the drive, and is taken over at standstill only. False while the shaft turns.
 bool hall_speed_set_reverse(HallSpeed *self, bool reverse);
+
+// From now on the pitches are learned; `learned` says when their shares are there. It needs 256 edges at an even speed.
+void hall_speed_learn(HallSpeed *self);
 
 // Interrupt.
 void hall_speed_on_edge(HallSpeed *self, uint16_t stamp);

@@ -1,6 +1,7 @@
 // Speed: accuracy over the range, fall and time-out, missed and double edges, unequal pitches, sign.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -187,6 +188,48 @@ TEST_F(HallTest, AnOverflowOfTheRingIsSaid) {
     EXPECT_TRUE(last.overflowed);
     tick({});
     EXPECT_FALSE(last.overflowed);
+}
+
+// Calibration run, then a restart: the learned shares fit, the phase is found again, the speed is even.
+TEST(HallSpacing, IsLearnedAndFoundAgain) {
+    const double share[4] = {9000, 7600, 8600, 7568};
+    for (const bool reverse : {false, true}) {
+        Shaft shaft;
+        hall_speed_set_reverse(&shaft.hall, reverse);
+        hall_speed_learn(&shaft.hall);
+        double at = 1000.0;
+        int pitch = 2;
+        auto turn = [&](int ticks) {
+            double spread = 0.0;
+            for (int t = 0; t < ticks; ++t) {
+                std::vector<uint64_t> edges;
+                for (; at <= static_cast<double>(shaft.now + 16000); pitch = (pitch + (reverse ? 3 : 1)) % 4) {
+                    edges.push_back(static_cast<uint64_t>(at));
+                    at += 96000.0 * share[pitch] / 32768.0;
+                }
+                shaft.tick(edges);
+                if (t > 40)
+                    spread = std::max(spread, std::abs(std::abs(shaft.last.rpm_q1) - 20000.0));
+            }
+            return spread;
+        };
+        EXPECT_GT(turn(100), 500.0) << "unknown pitches: the speed ripples";
+        turn(400);
+        ASSERT_TRUE(shaft.hall.learned);
+        int16_t learned[4];
+        hall_spacing_shares(&shaft.hall.spacing, learned);
+        std::vector<int> sorted(learned, learned + 4);
+        std::sort(sorted.begin(), sorted.end());
+        EXPECT_NEAR(sorted[0], 7568, 12);
+        EXPECT_NEAR(sorted[3], 9000, 12);
+        shaft.hall.learned = false;
+        shaft.configure(4, 300);
+        // In reverse the sequence was learned backwards; it is stored forwards.
+        for (uint8_t k = 0; k < 4; ++k)
+            hall_speed_set_pitch(&shaft.hall, k, static_cast<int16_t>(share[k]), 4);
+        EXPECT_LT(turn(200), 30.0);
+        EXPECT_TRUE(shaft.hall.index_known);
+    }
 }
 
 }  // namespace

@@ -1,0 +1,36 @@
+// The four pitches of the Hall sensor: learned at an even speed, and found again in the running shaft after each start.
+//
+// Learning sums the periods of 64 rounds of four; their shares of the whole are the pitches. Finding compares a round of four periods with the
+// learned shares in all four phases; only a clear best, twice in a row, counts: a wrong phase is worse than none.
+#ifndef VGROOVE_DRIVERS_HALL_SPACING_H
+#define VGROOVE_DRIVERS_HALL_SPACING_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define HALL_SPACING_PITCHES 4u
+#define HALL_SPACING_ROUNDS 64u
+#define HALL_SPACING_UNKNOWN 0xFFu
+
+typedef struct {
+    uint32_t sum[HALL_SPACING_PITCHES];  // of the periods while learning
+    uint16_t round[HALL_SPACING_PITCHES];  // periods of the round that runs, in `unit` cycles
+    uint32_t last_round;                 // cycles of the round before
+    uint32_t this_round;
+    uint8_t at;                          // pitch that the next period closes
+    uint8_t rounds;
+    uint8_t phase;                       // found once
+    bool learning;
+} HallSpacing;
+
+void hall_spacing_learn(HallSpacing *self);
+void hall_spacing_forget(HallSpacing *self);
+
+// True when learning is complete: then hall_spacing_shares gives the result.
+bool hall_spacing_period(HallSpacing *self, uint32_t cycles);
+void hall_spacing_shares(const HallSpacing *self, int16_t share_q15[HALL_SPACING_PITCHES]);
+
+// At the end of a round (at == 0): the index of the learned pitch that its first period closed, HALL_SPACING_UNKNOWN when that is not clear.
+uint8_t hall_spacing_find(HallSpacing *self, const int16_t share_q15[HALL_SPACING_PITCHES], bool reverse);
+
+#endif
