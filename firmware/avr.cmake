@@ -3,6 +3,8 @@ set(VGROOVE_MCU atmega328p CACHE STRING "atmega328p or atmega2560")
 set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-sections -fdata-sections -fno-fat-lto-objects)
 
 add_executable(vgroove ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c hal/avr/main.c hal/avr/serial.c hal/avr/start.c)
+# What runs in interrupts is compiled for speed, the rest for size.
+set_source_files_properties(hal/avr/isr.c drivers/adc_sequence.c drivers/uart.c core/ring.c PROPERTIES COMPILE_OPTIONS -O2)
 target_include_directories(vgroove PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${build_hash_dir})
 target_compile_options(vgroove PRIVATE ${avr_flags})
 target_link_options(vgroove PRIVATE ${avr_flags} -Wl,--gc-sections -Wl,-Map=${CMAKE_BINARY_DIR}/vgroove.map)

@@ -26,8 +26,8 @@ typedef struct {
 typedef struct {
     volatile uint16_t trip_low;     // least current counts that are allowed
     volatile uint16_t trip_span;    // and how far above they may be
-    volatile uint8_t channel;       // of the conversion that completes next
-    volatile uint8_t next_channel;  // of the one after it: known before the interrupt, so that it can be set first of all
+    uint8_t channel;                // of the conversion that completes next
+    uint8_t next_channel;           // of the one after it: known before the interrupt, so that it can be set first of all
     volatile uint8_t head;          // conversions so far, modulo 256: head modulo 16 is the slot, head modulo 32 the place in the ring
     uint8_t tail;                   // conversions taken so far
     int16_t cycles_ahead;           // of the tick, since the newest sample that it may use; negative before the first

@@ -23,11 +23,11 @@ ISR(TIMER2_COMPB_vect) {
 // Both edges count: the next one is the opposite of the level now, which also finds back after an edge that came too fast.
 ISR(BOARD_CAPT_vect) {
     const uint16_t stamp = BOARD_ICR;
+    uint8_t control = (1u << BOARD_ICNC) | (1u << BOARD_ICES) | (1u << BOARD_CS_CLK1);
     if ((BOARD_HALL_PIN & (1u << BOARD_HALL_BIT)) != 0u) {
-        BOARD_TCCRB = (1u << BOARD_ICNC) | (1u << BOARD_CS_CLK1);
-    } else {
-        BOARD_TCCRB = (1u << BOARD_ICNC) | (1u << BOARD_ICES) | (1u << BOARD_CS_CLK1);
+        control = (1u << BOARD_ICNC) | (1u << BOARD_CS_CLK1);
     }
+    BOARD_TCCRB = control;
     BOARD_TIFR = 1u << BOARD_ICF;  // changing the edge may have set it (data sheet, "Input Capture Unit")
     app_on_edge(&avr_app, stamp);
 }
