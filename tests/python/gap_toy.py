@@ -104,7 +104,8 @@ class Toy:
             friction = friction + e("quadratic_drag.nm_s2_per_rad2") * w * np.abs(w) + e("directional_viscous.nm_s_per_rad") * np.abs(w)
             friction = friction + np.where(s > 0, s * e("asymmetric_friction.forward_nm"), s * e("asymmetric_friction.backward_nm"))
             w = w + DT * (k * i - friction) / inertia
-            rows.append((i * (1 + e("current_gain.relative")) + e("current_offset.offset_a"), w * 30 / np.pi * (1 + e("speed_gain.relative")),
+            rows.append((i * (1 + e("current_gain.relative")) + e("current_offset.offset_a"),
+                         w * 30 / np.pi * (1 + e("speed_gain.relative")),
                          p("supply.voltage_v") - e("supply_resistance.resistance_ohm") * d * i))
         stacked = np.stack([np.stack(np.broadcast_arrays(*row)) for row in rows], axis=-1)
         return stacked.reshape(3, len(theta), -1)
@@ -127,6 +128,10 @@ class Toy:
         """RMS in units."""
         return {s.column: s.sigma * float(np.sqrt((np.clip(r[mask & (self.signal == i)], -10, 10) ** 2).mean()))
                 for i, s in enumerate(self.signals)}
+
+    def floor_by_signal(self, mask: np.ndarray) -> dict[str, float]:
+        """What noise alone gives."""
+        return {s.column: s.sigma for s in self.signals}
 
     def iso18571(self, r: np.ndarray, mask: np.ndarray) -> dict[str, float | None]:
         """Not rated here."""

@@ -97,6 +97,13 @@ def test_a_true_tie_is_ambiguous() -> None:
     assert max(chance.values()) < 0.9
 
 
+def test_between_equals_the_likelier_and_smaller_is_preferred() -> None:
+    engine = Engine(Toy({}), SCALES, {})
+    inertia, clock, compliance = (engine.fit(engine.hypotheses([BY_ID[i]])[:1], 0)[0]
+                                  for i in ("added_inertia", "clock_skew", "coupler_compliance"))
+    assert search.preference(inertia) < search.preference(clock) < search.preference(compliance)
+
+
 def test_closed_figures() -> None:
     assert verdict.closed(1.05, 1.0, 1.0) is None
     assert verdict.closed(3.0, 1.0, 1.0) == 1.0

@@ -191,6 +191,9 @@ SPECIAL_CASES: dict[str, tuple[str, ...]] = {
     "cogging_torque": ("gear_eccentricity",),
 }
 
+# Of two effects that predict a log equally well these are the less likely: clocks seldom run off, dead time is known from the design.
+RARE = ("clock_skew", "dead_time", "inductance", "magnetic_saturation", "coupler_compliance", "supply_gain")
+
 
 def equivalents(effect_id: str, kinds: frozenset[str]) -> tuple[str, ...]:
     """Other members of the effect's class that no run with these columns can tell from it (contract section 3)."""

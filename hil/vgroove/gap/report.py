@@ -99,7 +99,8 @@ def gap_figure(gap: dict) -> go.Figure:
         values = [gap["by_signal"][n][label] / gap["by_signal"][n]["floor"] for n in names]
         words = [f"{gap['by_signal'][n][label]:.4g} {gap['by_signal'][n]['unit']}" for n in names]
         figure.add_trace(go.Bar(x=names, y=values, name=label, marker_color=colour, text=words, textposition="outside"))
-    figure.update_layout(barmode="group", height=380, template="plotly_white", yaxis_title="gap / noise floor (RMS, held out)")
+    figure.update_layout(barmode="group", height=380, margin={"t": 30}, template="plotly_white",
+                         yaxis_title="gap / noise floor (RMS, held out)")
     return figure
 
 
@@ -107,8 +108,8 @@ def share_figure(shares: dict[str, float]) -> go.Figure:
     """Subsystem shares."""
     ranked = sorted(((k, v) for k, v in shares.items() if v > 0.0), key=lambda i: i[1])
     figure = go.Figure(go.Bar(x=[100 * v for _, v in ranked], y=[k for k, _ in ranked], orientation="h", marker_color=CORRECTED))
-    figure.update_layout(height=120 + 32 * len(ranked), template="plotly_white", xaxis_title="share of the squared gap in %",
-                         margin={"l": 160})
+    figure.update_layout(height=110 + 36 * len(ranked), template="plotly_white", xaxis_title="share of the squared gap in %",
+                         margin={"l": 160, "t": 20, "b": 50}, yaxis={"dtick": 1})
     return figure
 
 

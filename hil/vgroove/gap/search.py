@@ -10,7 +10,7 @@ import numpy as np
 
 from vgroove.gap.evidence import SHORTEST_S, Blocks, block_sums, correlation_time, draw_means, interval, make_blocks, squared
 from vgroove.gap.fit import NARROW, Engine, Fit, Hypothesis
-from vgroove.gap.hypotheses import BY_ID, SPECIAL_CASES, Effect, contains
+from vgroove.gap.hypotheses import BY_ID, RARE, SPECIAL_CASES, Effect, contains
 
 CLIP = 10.0
 LARGEST_SET = 4
@@ -295,13 +295,19 @@ def exchange(search: Search, best: Fit) -> None:
 
 
 def lean(search: Search, best: Fit) -> Fit:
-    """Between equals the one with fewer numbers: a special case unless the general effect is clearly better, or any tied set."""
-    for one in sorted((f for k, f in search.fits.items() if k), key=lambda f: (f.hypothesis.count, search.score(f))):
-        if one.hypothesis.count >= best.hypothesis.count or len(one.ids) > len(best.ids):
+    """Between equals the one with fewer numbers: a special case unless the general effect is clearly better, or any tied set; between tied
+    sets of as many numbers the likelier effects (added inertia rather than a clock that is off)."""
+    for one in sorted((f for k, f in search.fits.items() if k and plausible(f)), key=lambda f: (*preference(f), search.score(f))):
+        if preference(one) >= preference(best) or len(one.ids) > len(best.ids):
             continue
         if not search.better(best, one, WORTH_FORM) if contains(best.ids, one.ids) else search.tied(one, best):
             return one
     return best
+
+
+def preference(one: Fit) -> tuple[int, int]:
+    """Smaller is preferred between equals: fitted numbers, then rare effects."""
+    return one.hypothesis.count, sum(i in RARE for i in one.ids)
 
 
 def win_shares(search: Search, candidates: Sequence[Fit]) -> np.ndarray:

@@ -14,6 +14,7 @@ BULK = {1: 0.7, 2: 0.85, 3: 0.9, 4: 0.9}
 VISIBLE = 0.1
 Z95 = 1.96
 SURE = 0.99
+NOT_WORTH = 0.4  # an effect that is significant and still not worth naming
 
 
 @dataclass
@@ -78,13 +79,14 @@ def closed_interval(search: Search, shown: Fit, before: float, floor: float) -> 
 def by_signal(problem: object, search: Search, shown: Fit) -> dict[str, dict[str, object]]:
     """Gaps in units and ISO/TS 18571 ratings of each judged signal."""
     columns = [problem.gap_by_signal(f.held, problem.judged) for f in (search.nominal, search.retuned, shown)]
+    floors = problem.floor_by_signal(problem.judged)
     ratings = [problem.iso18571(f.held, problem.judged) for f in (search.nominal, shown)]
     out = {}
     for info in problem.signals:
         name = info.column
         if name in columns[0]:
             out[name] = {"unit": info.unit, "before": columns[0][name], "retuned": columns[1][name], "after": columns[2][name],
-                         "floor": float(info.sigma), "iso18571_before": ratings[0].get(name), "iso18571_after": ratings[1].get(name)}
+                         "floor": floors[name], "iso18571_before": ratings[0].get(name), "iso18571_after": ratings[1].get(name)}
     return out
 
 
@@ -93,20 +95,21 @@ def probabilities(search: Search, finding: Finding) -> dict[str, float]:
     candidates = [search.retuned, *(f for k, f in sorted(search.fits.items()) if k)]
     share = win_shares(search, candidates)
     out = {e.id: float(sum(s for s, f in zip(share, candidates, strict=True) if e.id in f.ids)) for e in search.effects}
-    trust = SURE * (1.0 if finding.verdict in ("effect", "ambiguous", "none") else max(0.0, min(1.0, finding.bulk)))
+    doubt = {"none": NOT_WORTH, "unlisted": max(0.0, min(1.0, finding.bulk))}
+    trust = SURE * doubt.get(finding.verdict, 1.0)
     if finding.verdict == "ambiguous":
         out = share_among_rivals(out, finding)
     return {i: p * trust for i, p in out.items()}
 
 
 def share_among_rivals(out: dict[str, float], finding: Finding) -> dict[str, float]:
-    """Rivals that tie keep a share of the doubt: no more than 1 / (1 + rivals) is given away for certain."""
+    """Rivals that tie keep a share of the doubt: the selected effect gets a half and more, each rival a half at most."""
     rivals = [i for f in finding.rivals for i in f.ids if i not in finding.best.ids]
-    doubted = [i for i in finding.best.ids if any(i not in f.ids for f in finding.rivals)]
-    for i in doubted:
-        out[i] = min(out[i], 0.5 + 0.5 / (1 + len(rivals)))
+    spare = 0.5 / (1 + len(rivals))
+    for i in (i for i in finding.best.ids if any(i not in f.ids for f in finding.rivals)):
+        out[i] = float(np.clip(out[i], 0.5, 0.5 + spare))
     for i in rivals:
-        out[i] = max(out[i], 0.5 / (1 + len(rivals)))
+        out[i] = float(np.clip(out[i], spare, 0.5))
     return out
 
 
