@@ -11,6 +11,9 @@ from rich.console import Console
 
 from vgroove.errors import VgrooveError
 
+# The plant has threads of its own; those of BLAS only get in their way. It counts until numpy is first imported, by a command.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 gap_app = typer.Typer(no_args_is_help=True, help="Diagnose the gap between a log and its simulation.")
 app.add_typer(gap_app, name="gap")
