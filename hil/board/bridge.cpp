@@ -81,7 +81,7 @@ Bridge::Drive Bridge::drive_of(int gate) const {
     const auto high = [this](unsigned address, int bit) { return (machine_.peek(address) >> bit & 1) != 0; };
     const bool enabled = high(map_.enable.port + 1, map_.enable.bit) && high(map_.enable.port + 2, map_.enable.bit);
     const bool output = enabled && high(pin.port + 1, pin.bit);
-    const unsigned com = gate > LEG_A_LOW ? 0u : machine_.peek(TCCR0A) >> (gate == LEG_A_HIGH ? 6 : 4) & 3u;
+    const unsigned com = gate > LEG_A_LOW ? 0u : static_cast<unsigned>(machine_.peek(TCCR0A)) >> (gate == LEG_A_HIGH ? 6 : 4) & 3u;
     if (!output) {
         return Drive::OFF;
     }

@@ -4,7 +4,7 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -38,7 +38,7 @@ def bench_speed_command(
     figures = bench_speed(seconds, seed)
     Console().print(speed_table(figures))
     if json_path:
-        json_path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+        _write_json(json_path, figures)
 
 
 @app.command()
@@ -94,27 +94,59 @@ def flash(
 
 @app.command()
 def sim(
-    rig_path: Annotated[Path, typer.Argument(metavar="RIG", help="What the simulation believes about the tool.")],
+    path: Annotated[Path, typer.Argument(metavar="RIG|SCENARIO", help="With --log a rig; without, a scenario: its travel is the duty.")],
     log: Annotated[list[Path] | None, typer.Option("--log", help="Log whose input drives the rig; may be given again.")] = None,
-    json_path: Annotated[Path | None, typer.Option("--json", help="Write the gap and its parts as JSON.")] = None,
+    json_path: Annotated[Path | None, typer.Option("--json", help="Write the figures as JSON.")] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the simulated log as CSV.")] = None,
-    restart_s: Annotated[float, typer.Option(help="The model restarts from measured states about this often.")] = 0.25,
+    restart_s: Annotated[float, typer.Option(help="With --log: the model restarts from measured states about this often.")] = 0.25,
 ) -> None:
-    """Drive a rig with a log's input and print the gap on the log's held-out blocks."""
-    if not log:
-        raise VgrooveError("give the log whose input drives the rig: --log LOG")
+    """The plant alone: a scenario, or a rig driven by a log's input, then with the gap on the log's held-out blocks."""
+    figures = _sim_logs(path, log, output, restart_s) if log else _sim_scenario(path, output)
+    if json_path:
+        _write_json(json_path, figures)
+
+
+def _sim_logs(rig_path: Path, logs: list[Path], output: Path | None, restart_s: float) -> dict[str, Any]:
     from vgroove.gap.simulate import gap_table, judge, write_simulation
     from vgroove.log import read_log
     from vgroove.rig import read_rig
 
-    figures, problem = judge(read_rig(rig_path), [read_log(path) for path in log], restart_s)
+    if not 0.0 < restart_s < float("inf"):
+        raise VgrooveError(f"--restart-s must be above 0, not {restart_s:g}")
+    figures, problem = judge(read_rig(rig_path), [read_log(path) for path in logs], restart_s)
     Console().print(gap_table(figures))
     for warning in figures["warnings"]:
         Console(stderr=True).print(f"vgroove: {warning}", style="yellow", highlight=False, markup=False, soft_wrap=True)
     if output:
         write_simulation(problem, output)
-    if json_path:
-        json_path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    return figures
+
+
+def _sim_scenario(path: Path, output: Path | None) -> dict[str, Any]:
+    from vgroove.log import write_csv
+    from vgroove.plant_alone import scenario_figures, scenario_table, simulate_scenario
+    from vgroove.scenario import read_scenario
+
+    try:
+        scenario = read_scenario(path)
+    except VgrooveError as error:
+        raise VgrooveError(f"{error} (without --log LOG a scenario is simulated)") from error
+    simulated = simulate_scenario(scenario)
+    figures = scenario_figures(simulated)
+    Console().print(scenario_table(figures))
+    if output:
+        write_csv(simulated, output)
+    return figures
+
+
+def _write_json(path: Path, figures: dict[str, Any]) -> None:
+    from vgroove.log import replacing
+
+    try:
+        with replacing(path) as file:
+            file.write((json.dumps(figures, indent=1) + "\n").encode())
+    except OSError as error:
+        raise VgrooveError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 @gap_app.command("diagnose")
@@ -145,7 +177,7 @@ def gap_emps(
     for table in emps_tables(figures):
         Console().print(table)
     if json_path:
-        json_path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+        _write_json(json_path, figures)
 
 
 def main() -> None:

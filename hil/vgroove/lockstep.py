@@ -65,7 +65,7 @@ class Profile:
     bounce_s: float = 0.0
 
 
-def _curve(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np.ndarray:
+def curve(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np.ndarray:
     """Straight lines between points; at the time of a step the later value holds."""
     times, values = np.array(points, dtype=float).T
     right = np.interp(time_s, times, values)
@@ -74,7 +74,7 @@ def _curve(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np.ndar
     return np.where(exact, values[np.maximum(last, 0)], right)
 
 
-def _steps(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np.ndarray:
+def step_values(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np.ndarray:
     """The value of the last point that has passed."""
     times, values = np.array(points, dtype=float).T
     return values[np.maximum(np.searchsorted(times, time_s, side="right") - 1, 0)]
@@ -109,22 +109,22 @@ class Stimulus:
         """Periods first .. first + count - 1; to be asked for in order."""
         p, front = self.profile, self.front
         time_s = (np.arange(first, first + count) + 1) * PERIOD_S
-        travel = np.clip(_curve(p.travel, time_s), 0.0, 1.0)
+        travel = np.clip(curve(p.travel, time_s), 0.0, 1.0)
         noise = self.random.standard_normal((2, count))
-        current = 512.5 + (_curve(p.current_add_a, time_s) + front.current_noise_a * noise[0]) / front.current_a_per_count
+        current = 512.5 + (curve(p.current_add_a, time_s) + front.current_noise_a * noise[0]) / front.current_a_per_count
         supply = 0.5 + front.supply_noise_v * noise[1] / front.supply_v_per_count
         broken = np.zeros(count, bool)
         for begin, end in p.gaps:
             broken |= (time_s >= begin) & (time_s < end)
         trigger = np.round((TRAVEL_AT_REST + TRAVEL_SPAN * travel) * (ADC_COUNTS - 1)).astype(int)
-        return Stimuli(trigger.tolist(), self._switches(travel, time_s).tolist(), _curve(p.load_nm, time_s).tolist(),
+        return Stimuli(trigger.tolist(), self._switches(travel, time_s).tolist(), curve(p.load_nm, time_s).tolist(),
                        current.tolist(), supply.tolist(), broken.tolist())
 
     def _switches(self, travel: np.ndarray, time_s: np.ndarray) -> np.ndarray:
         contact = travel >= self.profile.contact_travel
         if self.profile.bounce_s > 0:
             contact = self._bounced(contact, time_s)
-        reverse = _steps(self.profile.reverse, time_s) > 0.5
+        reverse = step_values(self.profile.reverse, time_s) > 0.5
         return contact * SWITCH_CONTACT + reverse * SWITCH_REVERSE + ((self.profile.mode & 3) << SWITCH_MODE_SHIFT)
 
     def _bounced(self, contact: np.ndarray, time_s: np.ndarray) -> np.ndarray:

@@ -77,3 +77,41 @@ def test_practice_logs_without_an_effect_end_at_the_noise(case: str, low: float,
     for restart_s in ("0.25", "1000"):
         sim(folder / "rig.toml", "--log", folder / "log.csv", "--restart-s", restart_s, "--json", tmp_path / "out.json")
         assert low < json.loads((tmp_path / "out.json").read_text())["gap"] < high
+
+
+def scenario_of(tmp_path: Path, reverse: bool = False) -> Path:
+    write_rig(rig(), tmp_path / "rig.toml")
+    text = ('schema = "vgroove.scenario/1"\nrig = "rig.toml"\nduration_s = 2.0\n[trigger]\ntravel = [[0.0, 0.0], [0.2, 0.0], [0.2, 1.0]]\n'
+            f"reverse = [[0.0, {str(reverse).lower()}]]\n")
+    (tmp_path / "scenario.toml").write_text(text)
+    return tmp_path / "scenario.toml"
+
+
+def test_a_scenario_drives_the_plant_alone(tmp_path: Path) -> None:
+    sim(scenario_of(tmp_path), "-o", tmp_path / "sim.csv", "--json", tmp_path / "out.json")
+    made, believed = read_log(tmp_path / "sim.csv"), rig()
+    assert np.all(made.columns["speed_rpm"][made.time_s <= 0.2] == 0.0) and np.all(made.columns["coast"][made.time_s <= 0.2] == 1.0)
+    k, current = believed.motor["torque_constant_nm_per_a"], made.columns["current_a"][-1]
+    resistance = believed.motor["resistance_ohm"] + believed.supply.get("resistance_ohm", 0.0)
+    steady_rpm = (believed.supply["voltage_v"] - resistance * current) / k * 30.0 / np.pi
+    assert made.columns["speed_rpm"][-1] == pytest.approx(steady_rpm, rel=1e-3)
+    assert json.loads((tmp_path / "out.json").read_text())["speed_end_rpm"] == pytest.approx(made.columns["speed_rpm"][-1], rel=1e-6)
+
+
+def test_the_plant_alone_is_the_same_backwards(tmp_path: Path) -> None:
+    for reverse in (False, True):
+        sim(scenario_of(tmp_path, reverse), "-o", tmp_path / f"{reverse}.csv")
+    forwards, backwards = read_log(tmp_path / "False.csv"), read_log(tmp_path / "True.csv")
+    assert np.allclose(forwards.columns["speed_rpm"], -backwards.columns["speed_rpm"])
+    assert np.allclose(forwards.columns["supply_v"], backwards.columns["supply_v"])
+
+
+def test_figures_that_cannot_be_written_are_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(VgrooveError, match="cannot be written"):
+        sim(scenario_of(tmp_path), "--json", tmp_path / "absent" / "out.json")
+
+
+def test_without_a_log_a_rig_is_refused_with_what_is_missing(tmp_path: Path) -> None:
+    scenario_of(tmp_path)
+    with pytest.raises(VgrooveError, match="--log"):
+        sim(tmp_path / "rig.toml")

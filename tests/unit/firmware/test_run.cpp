@@ -104,7 +104,7 @@ struct RunTest : testing::Test {
             ASSERT_EQ(line[0], 0xAA);
             ASSERT_EQ(line[18], 0xBB);
             const uint8_t* d = &line[10];
-            const uint32_t ms = line[1] | line[2] << 8u | line[3] << 16u;
+            const uint32_t ms = uint32_t{line[1]} | uint32_t{line[2]} << 8u | uint32_t{line[3]} << 16u;
             const int id = line[6] | line[7] << 8;
             ++frames[id];
             if (id == TELEMETRY_FAST_ID) {

@@ -1,0 +1,65 @@
+"""`vgroove sim SCENARIO`: the plant alone, its trigger travel taken as the duty, no firmware and no sensors in between."""
+
+import numpy as np
+from rich.table import Table
+
+from vgroove.errors import VgrooveError
+from vgroove.lockstep import Profile, curve, step_values
+from vgroove.log import Log
+from vgroove.scenario import Scenario
+
+SCHEMA = "vgroove.sim_scenario/1"
+ROW_S = 1e-3
+RAD_S_TO_RPM = 30.0 / np.pi
+
+
+def profile_columns(profile: Profile, time_s: np.ndarray) -> dict[str, np.ndarray]:
+    """`duty` (travel, negative in reverse), `coast` (contact open) and `load_nm` of a profile; a row's value holds over the whole row."""
+    starts = np.maximum(time_s - ROW_S, 0.0)
+    travel = curve(profile.travel, starts)
+    pressed = travel >= profile.contact_travel
+    sign = np.where(step_values(profile.reverse, starts) > 0.0, -1.0, 1.0)
+    return {"duty": np.where(pressed, sign * travel, 0.0), "coast": np.where(pressed, 0.0, 1.0), "load_nm": curve(profile.load_nm, time_s)}
+
+
+def simulate_scenario(scenario: Scenario) -> Log:
+    """Rows of 1 ms, the first at rest: current (A) and bus (V) as means of the row, speed (rpm) and angle (rad) of the shaft at its end."""
+    from vgroove import _core
+
+    tool = scenario.tool
+    if tool.mechanism.get("kind") != "none":
+        raise VgrooveError(f"{scenario.source}: the plant has no impact mechanism yet: the rig's [mechanism] kind must be none")
+    if tool.input["kind"] != "duty":
+        raise VgrooveError(f"{scenario.source}: a trigger drives the bridge: the rig's [input] kind must be duty, not {tool.input['kind']}")
+    time_s = ROW_S * np.arange(round(scenario.duration_s / ROW_S) + 1)
+    columns = profile_columns(scenario.profile, time_s)
+    drive = _core.LogInput(time_s, "duty", columns["duty"], slew_per_s=tool.input.get("slew_per_s"), load_nm=columns["load_nm"],
+                           coast=columns["coast"], load_kind=tool.load.get("kind", "none"))
+    rows = _core.simulate_log(drive, tool.parameters()[None, :], np.array([0]), np.zeros((1, 3)), threads=1)
+    columns |= {name: rows[name][0] for name in ("supply_v", "current_a")}
+    columns |= {"speed_rpm": rows["speed_rad_s"][0] * RAD_S_TO_RPM, "position_rad": rows["angle_rad"][0]}
+    return Log(time_s, columns, scenario.source)
+
+
+def scenario_figures(log: Log) -> dict[str, float | int | str]:
+    """What a run of the plant came to, JSON-ready."""
+    current, speed = log.columns["current_a"], log.columns["speed_rpm"]
+    return {
+        "schema": SCHEMA,
+        "rows": len(log),
+        "current_peak_a": float(np.max(np.abs(current))),
+        "current_rms_a": float(np.sqrt(np.mean(current**2))),
+        "speed_peak_rpm": float(speed[np.argmax(np.abs(speed))]),
+        "speed_end_rpm": float(speed[-1]),
+        "supply_least_v": float(np.min(log.columns["supply_v"])),
+        "turns": float(log.columns["position_rad"][-1] / (2.0 * np.pi)),
+    }
+
+
+def scenario_table(figures: dict[str, float | int | str]) -> Table:
+    """The figures as a table; the unit ends each name."""
+    table = Table("figure", "value", title="the plant alone", title_justify="left")
+    for name, value in figures.items():
+        if name != "schema":
+            table.add_row(name, f"{value:.5g}")
+    return table
