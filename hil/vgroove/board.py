@@ -104,7 +104,8 @@ class AvrBoard:
     def __init__(self, elf: Path, *, mcu: str = "atmega328p", **options: object) -> None:
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the process
         command = _arguments(elf, mcu, options)
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, start_new_session=True)
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, start_new_session=True)
         self._to = self._process.stdin.fileno()
         self._from = self._process.stdout.fileno()
 
