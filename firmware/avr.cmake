@@ -4,7 +4,7 @@ set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-secti
 
 add_executable(vgroove ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c hal/avr/main.c hal/avr/serial.c hal/avr/start.c)
 # What runs in interrupts is compiled for speed, the rest for size.
-set_source_files_properties(hal/avr/isr.c drivers/adc_sequence.c drivers/uart.c core/ring.c PROPERTIES COMPILE_OPTIONS -O2)
+set_source_files_properties(core/divide.c hal/avr/isr.c drivers/adc_sequence.c drivers/uart.c core/ring.c PROPERTIES COMPILE_OPTIONS -O2)
 target_include_directories(vgroove PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${build_hash_dir})
 target_compile_options(vgroove PRIVATE ${avr_flags})
 target_link_options(vgroove PRIVATE ${avr_flags} -Wl,--gc-sections -Wl,-Map=${CMAKE_BINARY_DIR}/vgroove.map)
@@ -18,7 +18,7 @@ add_custom_command(TARGET vgroove POST_BUILD
 # The golden vectors on the target: says over UART which fail.
 set(vectors_dir ${PROJECT_SOURCE_DIR}/tests/vectors)
 if(EXISTS ${vectors_dir}/vectors.c)
-  add_executable(vectors ${PROJECT_SOURCE_DIR}/tests/avr/vectors_main.c ${vectors_dir}/vectors.c core/fixed.c core/ring.c core/slew.c drivers/analog.c
+  add_executable(vectors ${PROJECT_SOURCE_DIR}/tests/avr/vectors_main.c ${vectors_dir}/vectors.c core/divide.c core/fixed.c core/ring.c core/slew.c drivers/analog.c
     drivers/current_sense.c drivers/h_bridge.c drivers/hall_spacing.c drivers/hall_speed.c drivers/trigger.c hal/avr/bridge.c hal/avr/serial.c)
   target_include_directories(vectors PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${vectors_dir})
   target_compile_options(vectors PRIVATE ${avr_flags})

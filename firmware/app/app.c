@@ -69,14 +69,29 @@ static void note_lateness(App *self, uint8_t ticks_late) {
     self->faults.overrun = ticks_late > OVERRUN_FAULT_TICKS;
 }
 
+// Commands and a second edge cost as much as a slow frame: of them and it one a tick, in turn.
+static void share_tick(App *self) {
+    const bool commands = !self->slow_turn && uart_received(&self->uart);
+    const bool hold = !self->slow_turn && (commands || self->hall.new_edges > 1u);
+    if (commands) {
+        execute_received(self);
+    }
+    self->report.hold_slow = hold;
+    self->slow_turn = hold && telemetry_slow_waits(&self->telemetry);
+}
+
 void app_tick(App *self, uint8_t ticks_late) {
     read_inputs(self);
     self->now_ms++;
     note_lateness(self, ticks_late);
-    execute_received(self);
-    execute_parameters_step(self);
+    share_tick(self);
+    if (execute_parameters_pending(self)) {
+        execute_parameters_step(self);
+    }
     find_faults(self);
-    calibrate_step(self);
+    if (self->calibration != TELEMETRY_CALIBRATE_WHAT_CANCEL) {
+        calibrate_step(self);
+    }
     step_modes(self);
     h_bridge_stage(&self->bridge, drive_step(self));
     param_step(&self->params);

@@ -23,8 +23,8 @@
 #include "telemetry/telemetry.h"
 
 typedef struct {
+    AdcSequence adc;           // first: the AVR's ADC interrupt reaches it by displacement
     ParamStore params;
-    AdcSequence adc;
     CurrentSense current;
     Trigger trigger;
     HallSpeed hall;
@@ -38,6 +38,7 @@ typedef struct {
     CommandParser parser;
     Telemetry telemetry;
     TelemetryInputs report;    // kept from tick to tick: most of it seldom changes
+    uint8_t frames[TELEMETRY_TICK_BYTES_MAX];  // not on the stack: a tick's locals would no longer be in easy reach there
     uint32_t now_ms;
     uint16_t worst_cycles;     // of a tick since the last HEALTH frame
     uint16_t standing_flags;   // TELEMETRY_FLAGS_* of the start
@@ -53,6 +54,7 @@ typedef struct {
     uint8_t overruns;
     uint8_t configure_step;    // see execute_parameters
     bool calibrated;
+    bool slow_turn;            // a slow frame has been held back for other work: it goes first now
 } App;
 
 void app_init(App *self, uint32_t build_hash);

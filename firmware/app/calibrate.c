@@ -1,6 +1,8 @@
 // Calibrations, see calibrate.h.
 #include "app/calibrate.h"
 
+#include "core/inline.h"
+
 #include "app/execute.h"
 #include "hal/hal.h"
 
@@ -75,7 +77,7 @@ static void hall_step(App *app) {
     execute_parameters(app);
 }
 
-void calibrate_step(App *app) {
+INLINE_NEVER void calibrate_step(App *app) {
     if (app->calibration == TELEMETRY_CALIBRATE_WHAT_HALL_PITCH) {
         hall_step(app);
     }

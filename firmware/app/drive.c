@@ -39,7 +39,7 @@ int16_t drive_step(App *app) {
         return coast(app);
     }
     const ControllerInputs in = {
-        .travel_q15 = (int16_t)(((int32_t)app->trigger.travel_q15 * ((int32_t)app->duty_limit_q15 + 1)) >> 15),
+        .travel_q15 = (int16_t)(((uint32_t)(uint16_t)(2 * app->trigger.travel_q15) * (uint16_t)((uint16_t)app->duty_limit_q15 + 1u)) >> 16),
         .speed_rpm_q1 = along(app, app->measured.speed_rpm_q1),
         .current_a_q9 = along(app, app->measured.current_a_q9),
         .supply_mv = app->measured.supply_mv,

@@ -1,10 +1,12 @@
 // Commands, see execute.h.
 #include "app/execute.h"
 
+#include "core/inline.h"
+
 #include "app/calibrate.h"
 #include "app/param_command.h"
 
-#define BYTES_A_TICK 26u  // 250 kBd brings 25
+#define BYTES_A_TICK 8u  // more than commands can bring that wait for their ACKs: a slow frame fits into every third tick
 #define CONFIGURE_STEPS 7u
 
 enum { SETPOINT_DUTY_LIMIT_Q15 };
@@ -101,7 +103,7 @@ static uint8_t execute(App *app, const Command *command) {
     return result;
 }
 
-void execute_received(App *app) {
+INLINE_NEVER void execute_received(App *app) {
     Command command;
     uint8_t byte = 0;
     for (uint8_t k = 0; k < BYTES_A_TICK && !telemetry_ack_waits(&app->telemetry) && uart_receive(&app->uart, &byte); k++) {

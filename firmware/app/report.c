@@ -57,7 +57,6 @@ static void fill_health(const App *app, TelemetryHealth *health) {
 }
 
 void report_tick(App *app) {
-    uint8_t bytes[TELEMETRY_TICK_BYTES_MAX];
     TelemetryInputs *report = &app->report;
     report->now_ms = app->now_ms;
     report->fast.current_a = app->measured.current_a_q9;
@@ -65,12 +64,14 @@ void report_tick(App *app) {
     report->fast.duty_compare = app->bridge.row_compare;
     report->fast.supply_v = app->measured.supply_25mv;
     fill_state(app, &report->state);
-    fill_health(app, &report->health);
+    if (telemetry_health_due(&app->telemetry)) {
+        fill_health(app, &report->health);
+    }
     report->params.table.table_slot = app->params.slot;
     report->params.table.table_status = app->params.status;
-    const uint8_t count = telemetry_tick(&app->telemetry, report, bytes);
+    const uint8_t count = telemetry_tick(&app->telemetry, report, app->frames);
     if (telemetry_health_sent(&app->telemetry)) {
         app->worst_cycles = 0;
     }
-    uart_send(&app->uart, bytes, count);
+    uart_send(&app->uart, app->frames, count);
 }

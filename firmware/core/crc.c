@@ -35,10 +35,28 @@ uint8_t crc8_over(uint8_t crc, const uint8_t *bytes, uint8_t count) {
     return crc;
 }
 
+#define NEXT(byte) crc = FLASH_U8(&crc8_table[(uint8_t)(crc ^ (byte))])
+
+// Without loops: two of these a tick.
+uint8_t crc8_over_frame(uint8_t crc, const uint8_t time[4], const uint8_t data[7]) {
+    NEXT(time[0]);
+    NEXT(time[1]);
+    NEXT(time[2]);
+    NEXT(time[3]);
+    NEXT(data[0]);
+    NEXT(data[1]);
+    NEXT(data[2]);
+    NEXT(data[3]);
+    NEXT(data[4]);
+    NEXT(data[5]);
+    NEXT(data[6]);
+    return crc;
+}
+
 uint16_t crc16_next(uint16_t crc, uint8_t byte) {
-    crc = (uint16_t)((uint16_t)(crc >> 8) | (uint16_t)(crc << 8));
-    crc = (uint16_t)(crc ^ byte);
-    crc = (uint16_t)(crc ^ ((crc & 0xFFu) >> 4));
-    crc = (uint16_t)(crc ^ (uint16_t)(crc << 12));
-    return (uint16_t)(crc ^ (uint16_t)((crc & 0xFFu) << 5));
+    uint8_t low = (uint8_t)((uint8_t)(crc >> 8) ^ byte);
+    low ^= (uint8_t)(low >> 4);
+    const uint8_t high = (uint8_t)((uint8_t)crc ^ (uint8_t)(low << 4) ^ (uint8_t)(low >> 3));
+    low ^= (uint8_t)(low << 5);
+    return (uint16_t)(low | (uint16_t)((uint16_t)high << 8));
 }

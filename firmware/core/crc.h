@@ -13,6 +13,7 @@
 
 uint8_t crc8_next(uint8_t crc, uint8_t byte);
 uint8_t crc8_over(uint8_t crc, const uint8_t *bytes, uint8_t count);
+uint8_t crc8_over_frame(uint8_t crc, const uint8_t time[4], const uint8_t data[7]);  // the two parts of a frame, one after the other
 uint16_t crc16_next(uint16_t crc, uint8_t byte);
 
 #endif

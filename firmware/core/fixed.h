@@ -13,6 +13,13 @@ int16_t fixed_saturate_i16(int32_t value, bool *saturated);
 
 int32_t fixed_clamp_i32(int32_t value, int32_t least, int32_t greatest);
 
+// Hides a value from the optimiser: avr-gcc would join two shifts, of which one is a move of bytes, into one loop over all bits.
+#ifdef __AVR__
+#define FIXED_HIDE(value) __asm__("" : "+r"(value))
+#else
+#define FIXED_HIDE(value) ((void)(value))
+#endif
+
 // value / 2^n, rounded to nearest, halves up; n a constant: a variable shift is a loop on the AVR.
 #define FIXED_ROUND_SHIFT(value, n) (((value) + ((int32_t)1 << ((n) - 1u))) >> (n))
 

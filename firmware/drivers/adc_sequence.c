@@ -1,6 +1,8 @@
 // ADC slots and cadence, see adc_sequence.h.
 #include "drivers/adc_sequence.h"
 
+#include <stddef.h>
+
 #include "core/flash.h"
 #include "hal/hal.h"
 
@@ -10,6 +12,12 @@
 #define LATE_SAMPLES 6u  // conversions during the longest wait of a tick for its turn; more left over means that the count has slipped
 #define LEFT_BEHIND 2u   // after a surplus, so that the next tick is not short
 
+// Every fourth slot, from the third on, is not the current's: neither the interrupt nor the tick's loop needs a table to know.
+#define OTHER_EVERY 4u
+#define OTHER_AT 2u
+
+_Static_assert(offsetof(AdcSequence, high) == offsetof(AdcSequence, low) + ADC_SEQUENCE_RING, "sample_of");
+
 static const uint8_t slots[ADC_SEQUENCE_SLOTS] FLASH_TABLE = {
     HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_BUS, HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_TRIGGER,     HAL_ADC_CURRENT,
     HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_BUS, HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_TEMPERATURE, HAL_ADC_CURRENT,
@@ -17,16 +25,18 @@ static const uint8_t slots[ADC_SEQUENCE_SLOTS] FLASH_TABLE = {
 
 void adc_sequence_init(AdcSequence *self) {
     // The sample "before the first" ends one cadence before the first usable one.
-    *self = (AdcSequence){.trip_span = ADC_SEQUENCE_TOP_COUNT,
-                          .channel = adc_sequence_channel(0),
+    *self = (AdcSequence){.trip_high = ADC_SEQUENCE_TOP_COUNT,
                           .next_channel = adc_sequence_channel(1),
                           .cycles_ahead = (int16_t)(HAL_CYCLES_PER_SAMPLE - FIRST_USABLE)};
+    for (uint8_t slot = 0; slot < ADC_SEQUENCE_SLOTS; slot++) {
+        self->after[slot] = adc_sequence_channel((uint8_t)(slot + 2u));
+    }
 }
 
 void adc_sequence_set_trip(AdcSequence *self, uint16_t low, uint16_t high) {
     const uint8_t lock = hal_lock();
     self->trip_low = low;
-    self->trip_span = (uint16_t)(high - low);
+    self->trip_high = high;
     hal_unlock(lock);
 }
 
@@ -50,36 +60,60 @@ static uint8_t samples_due(AdcSequence *self, bool *lost) {
     return 0;
 }
 
-// Below the least allowed value the difference wraps round and is large.
+// Two compares, one limit at a time: a single one of (counts - low) would need two more registers in the interrupt, 8 cycles.
 static bool trips(const AdcSequence *self, uint16_t counts) {
-    return (uint16_t)(counts - self->trip_low) > self->trip_span;
+    return counts < self->trip_low || counts > self->trip_high;
 }
 
-static void take_current(AdcTick *out, uint16_t counts) {
-    out->current_sum = (uint16_t)(out->current_sum + counts);
-    out->current_count++;
-    if (counts < out->current_least) {
-        out->current_least = counts;
+// Kept in registers while the samples are taken.
+typedef struct {
+    uint16_t sum;
+    uint16_t least;
+    uint16_t greatest;
+    uint8_t count;
+} Currents;
+
+static inline void take_current(Currents *self, uint16_t counts) {
+    self->sum = (uint16_t)(self->sum + counts);
+    self->count++;
+    if (counts < self->least) {
+        self->least = counts;
     }
-    if (counts > out->current_greatest) {
-        out->current_greatest = counts;
+    if (counts > self->greatest) {
+        self->greatest = counts;
     }
+}
+
+// One address for both bytes: the arrays lie one after the other.
+static uint16_t sample_of(const AdcSequence *self, uint8_t slot) {
+    const volatile uint8_t *place = (const volatile uint8_t *)self + offsetof(AdcSequence, low) + slot % ADC_SEQUENCE_RING;
+    return (uint16_t)(place[0] | (uint16_t)((uint16_t)place[ADC_SEQUENCE_RING] << 8));
+}
+
+static void take_other(AdcTick *out, uint8_t channel, uint16_t counts) {
+    out->latest[channel] = counts;
+    out->fresh = (uint8_t)(out->fresh | (1u << channel));
 }
 
 void adc_sequence_tick(AdcSequence *self, AdcTick *out) {
-    *out = (AdcTick){.current_least = ADC_SEQUENCE_TOP_COUNT};
-    for (uint8_t due = samples_due(self, &out->lost); due > 0u; due--) {
-        const uint8_t at = self->tail % ADC_SEQUENCE_RING;
-        const uint8_t channel = adc_sequence_channel(self->tail);
-        const uint16_t counts = (uint16_t)(self->low[at] | (uint16_t)((uint16_t)self->high[at] << 8));
-        self->tail++;
-        if (channel == HAL_ADC_CURRENT) {
-            take_current(out, counts);
+    Currents currents = {.least = ADC_SEQUENCE_TOP_COUNT};
+    out->lost = false;
+    out->fresh = 0;
+    uint8_t due = samples_due(self, &out->lost);
+    uint8_t slot = self->tail;
+    self->tail = (uint8_t)(slot + due);
+    for (; due > 0u; due--, slot++) {
+        const uint16_t counts = sample_of(self, slot);
+        if (slot % OTHER_EVERY != OTHER_AT) {
+            take_current(&currents, counts);
         } else {
-            out->latest[channel] = counts;
-            out->fresh = (uint8_t)(out->fresh | (1u << channel));
+            take_other(out, adc_sequence_channel(slot), counts);
         }
     }
+    out->current_sum = currents.sum;
+    out->current_count = currents.count;
+    out->current_least = currents.least;
+    out->current_greatest = currents.greatest;
     out->trips = out->current_count > 0u && (trips(self, out->current_least) || trips(self, out->current_greatest));
 }
 
@@ -87,13 +121,13 @@ uint8_t adc_sequence_channel(uint8_t slot) {
     return FLASH_U8(&slots[slot % ADC_SEQUENCE_SLOTS]);
 }
 
+// Nothing interrupts it: `head` may move before the sample is in its place, which keeps a register free.
 bool adc_sequence_on_result(AdcSequence *self, uint16_t counts) {
     const uint8_t head = self->head;
-    const uint8_t channel = self->channel;
-    self->low[head % ADC_SEQUENCE_RING] = (uint8_t)counts;
-    self->high[head % ADC_SEQUENCE_RING] = (uint8_t)(counts >> 8);
+    const uint8_t at = head % ADC_SEQUENCE_RING;
     self->head = (uint8_t)(head + 1u);
-    self->channel = self->next_channel;
-    self->next_channel = FLASH_U8(&slots[(uint8_t)(head + 2u) % ADC_SEQUENCE_SLOTS]);
-    return channel == HAL_ADC_CURRENT && trips(self, counts);
+    self->low[at] = (uint8_t)counts;
+    self->high[at] = (uint8_t)(counts >> 8);
+    self->next_channel = self->after[at];
+    return head % OTHER_EVERY != OTHER_AT && trips(self, counts);
 }

@@ -8,7 +8,7 @@
 #include <stdint.h>
 
 #define ADC_SEQUENCE_SLOTS 16u
-#define ADC_SEQUENCE_RING 32u
+#define ADC_SEQUENCE_RING ADC_SEQUENCE_SLOTS  // one place a slot: two ticks' worth
 #define ADC_SEQUENCE_TOP_COUNT 1023u
 
 // What a tick's samples come to.
@@ -25,14 +25,14 @@ typedef struct {
 
 typedef struct {
     volatile uint16_t trip_low;     // least current counts that are allowed
-    volatile uint16_t trip_span;    // and how far above they may be
-    uint8_t channel;                // of the conversion that completes next
-    uint8_t next_channel;           // of the one after it: known before the interrupt, so that it can be set first of all
-    volatile uint8_t head;          // conversions so far, modulo 256: head modulo 16 is the slot, head modulo 32 the place in the ring
+    volatile uint16_t trip_high;    // and greatest
+    uint8_t next_channel;           // of the conversion after the one that completes next: known before the interrupt, so that it can be set first of all
+    volatile uint8_t head;          // conversions so far, modulo 256: head modulo 16 is the slot and the place in the ring
     uint8_t tail;                   // conversions taken so far
     int16_t cycles_ahead;           // of the tick, since the newest sample that it may use; negative before the first
     volatile uint8_t low[ADC_SEQUENCE_RING];
     volatile uint8_t high[ADC_SEQUENCE_RING];
+    uint8_t after[ADC_SEQUENCE_SLOTS];  // channel two slots on; in RAM and beside the samples, where the interrupt reaches it at once
 } AdcSequence;
 
 void adc_sequence_init(AdcSequence *self);

@@ -1,6 +1,8 @@
 // Slow analogue quantities, see analog.h.
 #include "drivers/analog.h"
 
+#include "core/fixed.h"
+
 #define SUPPLY_25MV_MAX 1023u
 #define SUPPLY_LAST_MV (25u * SUPPLY_25MV_MAX + 12u)
 #define TEMPERATURE_ZERO_Q4 800  // 50 C
@@ -14,7 +16,9 @@ uint16_t analog_supply_25mv(uint16_t supply_mv, bool *saturated) {
         *saturated = true;
         return SUPPLY_25MV_MAX;
     }
-    return (uint16_t)(((uint32_t)(supply_mv + 12u) * 10486u) >> 18);  // a division by 25, exact below 43,690
+    uint16_t high = (uint16_t)(((uint32_t)(uint16_t)(supply_mv + 12u) * 10486u) >> 16);
+    FIXED_HIDE(high);
+    return high >> 2;  // x 10486 / 2^18 is a division by 25, exact below 43,690
 }
 
 int16_t analog_temperature_c_q4(uint16_t counts) {

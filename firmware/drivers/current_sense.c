@@ -1,6 +1,7 @@
 // Current from ADC counts, see current_sense.h.
 #include "drivers/current_sense.h"
 
+#include "core/divide.h"
 #include "core/fixed.h"
 #include "core/flash.h"
 
@@ -11,20 +12,25 @@
 #define PRODUCT_SHIFT (UNITS_COUNT_Q + 15u - UNITS_CURRENT_Q)
 #define REST_SAMPLES (1u << CURRENT_SENSE_REST_SAMPLES_LOG2)
 
-// 2^20 / n: turns a sum of n counts into their mean in Q4 with a shift by 16.
-static const uint32_t mean_factor[SAMPLES_MAX + 1u] = {0, 1048576, 524288, 349525, 262144, 209715, 174763, 149797, 131072};
+// 2^20 / n turns a sum of n counts into their mean in Q4 with a shift by 16; high and low word.
+static const uint8_t factor_high[SAMPLES_MAX + 1u] FLASH_TABLE = {0, 16, 8, 5, 4, 3, 2, 2, 2};
+static const int16_t factor_low[SAMPLES_MAX + 1u] FLASH_TABLE = {0, 0, 0, 21845, 0, 13107, (int16_t)43691, 18725, 0};
 
 void current_sense_init(CurrentSense *self, int16_t gain_a_q15, int16_t offset_q4) {
     *self = (CurrentSense){.gain_a_q15 = gain_a_q15, .offset_q4 = offset_q4};
 }
 
 int16_t current_sense_mean_q4(uint16_t sum, uint8_t count) {
-    return (int16_t)(((uint32_t)sum * mean_factor[count <= SAMPLES_MAX ? count : SAMPLES_MAX] + 0x8000u) >> 16);
+    const uint8_t n = count <= SAMPLES_MAX ? count : SAMPLES_MAX;
+    const uint16_t low = (uint16_t)(((uint32_t)sum * (uint16_t)FLASH_I16(&factor_low[n]) + 0x8000u) >> 16);
+    return (int16_t)(sum * FLASH_U8(&factor_high[n]) + low);
 }
 
 int16_t current_sense_a_q9(const CurrentSense *self, int16_t mean_q4, bool *saturated) {
-    const int32_t product = (int32_t)(mean_q4 - self->offset_q4) * self->gain_a_q15;
-    return fixed_saturate_i16(FIXED_ROUND_SHIFT(product, PRODUCT_SHIFT), saturated);
+    int32_t value = (int32_t)(int16_t)(mean_q4 - self->offset_q4) * self->gain_a_q15;
+    value = (value + ((int32_t)1 << (PRODUCT_SHIFT - 1u))) >> 8;
+    FIXED_HIDE(value);
+    return fixed_saturate_i16(value >> (PRODUCT_SHIFT - 8u), saturated);
 }
 
 CurrentLimits current_sense_limits(const CurrentSense *self, int16_t trip_a_q9) {
@@ -45,7 +51,7 @@ bool current_sense_rest(CurrentSense *self, uint16_t sum, uint8_t count, bool *i
     if (self->rest_count < REST_SAMPLES) {
         return false;
     }
-    const int16_t mean_q4 = (int16_t)(((self->rest_sum << UNITS_COUNT_Q) + self->rest_count / 2u) / self->rest_count);
+    const int16_t mean_q4 = (int16_t)divide_u16((self->rest_sum << UNITS_COUNT_Q) + self->rest_count / 2u, self->rest_count);
     *implausible = mean_q4 > MID_SCALE_Q4 + CURRENT_SENSE_REST_SPREAD_Q4 || mean_q4 < MID_SCALE_Q4 - CURRENT_SENSE_REST_SPREAD_Q4;
     if (!*implausible) {
         self->offset_q4 = mean_q4;

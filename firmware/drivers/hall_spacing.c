@@ -32,7 +32,7 @@ static void learn_round(HallSpacing *self) {
 }
 
 bool hall_spacing_period(HallSpacing *self, uint32_t cycles) {
-    const uint32_t unit = cycles >> (self->learning ? LEARN_SHIFT : UNIT_SHIFT);
+    const uint32_t unit = self->learning ? cycles >> LEARN_SHIFT : cycles >> UNIT_SHIFT;  // no variable shift: a loop on the AVR
     self->round[self->at] = unit > UINT16_MAX ? UINT16_MAX : (uint16_t)unit;
     self->this_round = self->at == 0u ? cycles : self->this_round + cycles;
     self->at = (uint8_t)((self->at + 1u) % HALL_SPACING_PITCHES);
@@ -70,7 +70,7 @@ static uint32_t misfit(const HallSpacing *self, const int16_t share_q15[HALL_SPA
     return sum;
 }
 
-static bool uneven(const int16_t share_q15[HALL_SPACING_PITCHES]) {
+bool hall_spacing_uneven(const int16_t share_q15[HALL_SPACING_PITCHES]) {
     for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
         const int16_t apart = (int16_t)(share_q15[k] - 8192);
         if (apart > UNEVEN_LEAST_Q15 || apart < -UNEVEN_LEAST_Q15) {
@@ -86,7 +86,7 @@ uint8_t hall_spacing_find(HallSpacing *self, const int16_t share_q15[HALL_SPACIN
     uint8_t found = HALL_SPACING_UNKNOWN;
     const uint8_t before = self->phase;
     self->phase = HALL_SPACING_UNKNOWN;
-    if (!uneven(share_q15) || !steady(self) || self->this_round >> UNIT_SHIFT > UINT16_MAX) {
+    if (!hall_spacing_uneven(share_q15) || !steady(self) || self->this_round >> UNIT_SHIFT > UINT16_MAX) {
         return HALL_SPACING_UNKNOWN;
     }
     for (uint8_t phase = 0; phase < HALL_SPACING_PITCHES; phase++) {

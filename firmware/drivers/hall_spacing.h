@@ -30,6 +30,9 @@ void hall_spacing_forget(HallSpacing *self);
 bool hall_spacing_period(HallSpacing *self, uint32_t cycles);
 void hall_spacing_shares(const HallSpacing *self, int16_t share_q15[HALL_SPACING_PITCHES]);
 
+// Whether the pitches differ enough to need an index.
+bool hall_spacing_uneven(const int16_t share_q15[HALL_SPACING_PITCHES]);
+
 // At the end of a round (at == 0): the index of the learned pitch that its first period closed, HALL_SPACING_UNKNOWN when that is not clear.
 uint8_t hall_spacing_find(HallSpacing *self, const int16_t share_q15[HALL_SPACING_PITCHES], bool reverse);
 

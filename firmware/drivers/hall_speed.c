@@ -1,6 +1,7 @@
 // Speed from edges, see hall_speed.h.
 #include "drivers/hall_speed.h"
 
+#include "core/divide.h"
 #include "hal/hal.h"
 
 // rpm Q1 = 2 * 60 s/min * f_cpu * pitch / period, pitch in turns = 4 * share Q15 / 2^15 / pulses.
@@ -11,7 +12,7 @@
 #define CYCLES_PER_MS (HAL_CPU_HZ / 1000u)
 #define DOUBLE_RATIO 4u           // an edge after less than a quarter of the last period is a second edge of the same magnet
 #define STEADY_SHIFT 3u           // the last two periods agree within an eighth
-#define MISSED_MIN_RPM_Q1 6000u   // below 3,000 rpm the drive can really halve its speed within a pitch
+#define MISSED_RATIO 11u          // times the least: below 2,979 rpm the drive can really halve its speed within a pitch
 
 static uint32_t factor_of_share(int16_t share_q15, uint8_t pulses) {
     const uint32_t share = (uint16_t)share_q15;
@@ -23,12 +24,13 @@ void hall_speed_configure(HallSpeed *self, uint8_t pulses, uint16_t timeout_ms) 
     self->index_known = false;
     hall_spacing_forget(&self->spacing);
     self->factor_equal = FACTOR_OF_TURN / pulses;
-    self->least_cycles = self->factor_equal / (2u * (uint32_t)SPEED_MAX_Q1);
-    self->fast_cycles = self->factor_equal / MISSED_MIN_RPM_Q1;
+    self->least_cycles = self->factor_equal >> 16;
+    self->fast_cycles = self->least_cycles * MISSED_RATIO;
 }
 
 void hall_speed_set_pitch(HallSpeed *self, uint8_t pitch, int16_t share_q15, uint8_t pulses) {
     self->share_q15[pitch % HALL_SPEED_PITCHES] = share_q15;
+    self->uneven = hall_spacing_uneven(self->share_q15);
     self->factor[pitch % HALL_SPEED_PITCHES] = factor_of_share(share_q15, pulses);
 }
 
@@ -43,8 +45,13 @@ static uint8_t pitch_after(const HallSpeed *self, uint8_t index) {
 
 // Nearest rpm Q1, at most UINT16_MAX.
 static uint16_t speed_of(uint32_t factor, uint32_t period) {
-    const uint32_t speed = (factor + period / 2u) / period;
-    return speed > UINT16_MAX ? UINT16_MAX : (uint16_t)speed;
+    return divide_u16(factor + period / 2u, period);
+}
+
+// Within half of the last period: neither a second edge of the same magnet nor the one after a missed one. Most are, and are spared the rest.
+static bool is_even(const HallSpeed *self, uint32_t period) {
+    const uint32_t half = self->period_cycles >> 1;
+    return self->edges >= 2u && period >= self->least_cycles && period >= half && period - half <= self->period_cycles;
 }
 
 static bool is_double(const HallSpeed *self, uint32_t period) {
@@ -75,7 +82,7 @@ static void restart_spacing(HallSpeed *self) {
 
 // Feeds the pitch finder; once the index is known there is nothing left to find.
 static void note_period(HallSpeed *self, uint32_t period) {
-    if (self->learned || (self->index_known && !self->spacing.learning)) {
+    if (self->learned || (!self->spacing.learning && (self->index_known || !self->uneven))) {
         return;
     }
     self->learned = hall_spacing_period(&self->spacing, period);
@@ -92,12 +99,13 @@ static void note_period(HallSpeed *self, uint32_t period) {
 static void take_edge(HallSpeed *self, uint32_t edge, HallSpeedResult *result) {
     uint32_t period = edge - self->edge_cycles;
     uint32_t factor = factor_at(self, self->index);
-    if (self->edges > 0u && is_double(self, period)) {
+    const bool even = is_even(self, period);
+    if (!even && self->edges > 0u && is_double(self, period)) {
         self->doubled = (uint8_t)(self->doubled + (self->doubled < UINT8_MAX ? 1u : 0u));
         result->doubled = true;
         return;
     }
-    if (is_missed(self, period)) {
+    if (!even && is_missed(self, period)) {
         self->missed = (uint8_t)(self->missed + (self->missed < UINT8_MAX ? 1u : 0u));
         result->missed = true;
         self->index = pitch_after(self, self->index);
@@ -155,9 +163,9 @@ static void update(HallSpeed *self) {
         self->magnitude_rpm_q1 = speed_of(self->edge_factor, self->period_cycles);
     }
     if (may_fall(self, age)) {
-        const uint32_t bound = factor_at(self, self->index) / age;  // downwards: never more than one pitch over the age
+        const uint16_t bound = divide_u16(factor_at(self, self->index), age);  // downwards: never more than one pitch over the age
         if (bound < self->magnitude_rpm_q1) {
-            self->magnitude_rpm_q1 = (uint16_t)bound;
+            self->magnitude_rpm_q1 = bound;
         }
     }
 }

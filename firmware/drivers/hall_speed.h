@@ -33,6 +33,7 @@ typedef struct {
     uint8_t missed;
     uint8_t doubled;
     bool index_known;
+    bool uneven;                  // the pitches differ: worth finding the index
     bool learned;                 // hall_spacing has a result
     int16_t share_q15[HALL_SPEED_PITCHES];
     HallSpacing spacing;

@@ -24,13 +24,19 @@ void trigger_set_travel(Trigger *self, uint16_t counts) {
     } else if (counts >= self->high_count) {
         self->travel_q15 = INT16_MAX;
     } else {
-        self->travel_q15 = (int16_t)(((uint32_t)(counts - self->low_count) * self->factor_q7) >> FACTOR_Q);
+        self->travel_q15 = (int16_t)(((uint32_t)(uint16_t)(2u * (counts - self->low_count)) * self->factor_q7) >> (FACTOR_Q + 1u));
     }
 }
 
 // Counters in bit planes: plane k holds bit k of the count of every switch, so that four are debounced in the time of one.
 void trigger_set_switches(Trigger *self, uint8_t raw) {
     const uint8_t differs = raw ^ self->stable;
+    if (differs == 0u) {
+        self->ticks[0] = 0;
+        self->ticks[1] = 0;
+        self->ticks[2] = 0;
+        return;
+    }
     const uint8_t one = self->ticks[0];
     const uint8_t two = self->ticks[1];
     self->ticks[0] = (uint8_t)(~one & differs);

@@ -19,8 +19,18 @@ void uart_send(Uart *self, const uint8_t *bytes, uint8_t count) {
     }
 }
 
+bool uart_received(const Uart *self) {
+    return self->receive.tail != self->receive_limit;
+}
+
 bool uart_receive(Uart *self, uint8_t *byte) {
-    return self->receive.tail != self->receive_limit && ring_pop_byte(&self->receive, byte);
+    const uint8_t tail = self->receive.tail;
+    if (tail == self->receive_limit) {
+        return false;
+    }
+    *byte = self->receive.items[tail % RING_BYTES];
+    self->receive.tail = (uint8_t)(tail + 1u);
+    return true;
 }
 
 void uart_on_tick(Uart *self) {

@@ -17,6 +17,7 @@ typedef struct {
 
 void uart_init(Uart *self, uint8_t baud);
 void uart_send(Uart *self, const uint8_t *bytes, uint8_t count);
+bool uart_received(const Uart *self);  // something waits
 bool uart_receive(Uart *self, uint8_t *byte);
 
 // Interrupts. on_tick: the tick that begins may take the bytes received so far. on_ready: false when nothing is left to send.

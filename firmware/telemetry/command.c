@@ -24,6 +24,17 @@ static bool plausible(const CommandParser *self, uint8_t first) {
     return count <= END_AT || self->buffer[first + END_AT] == FRAME_END;
 }
 
+// Whether the byte can stand at that place of a frame.
+static bool fits(uint8_t at, uint8_t byte) {
+    if (at == 0u) {
+        return byte == FRAME_START;
+    }
+    if (at == LENGTH_AT) {
+        return byte == TELEMETRY_DATA_BYTES;
+    }
+    return at != END_AT || byte == FRAME_END;
+}
+
 // Gives up the first byte and every one after it that cannot start a frame.
 static void resynchronise(CommandParser *self) {
     uint8_t first = 1;
@@ -38,9 +49,8 @@ static void resynchronise(CommandParser *self) {
 }
 
 static uint8_t crc_of(const uint8_t buffer[TELEMETRY_FRAME_BYTES]) {
-    uint8_t crc = crc8_over(CRC8_INIT, &buffer[ID_AT], DATA_AT - ID_AT);
-    crc = crc8_over(crc, &buffer[TIME_AT], LENGTH_AT - TIME_AT);
-    return (uint8_t)(crc8_over(crc, &buffer[DATA_AT], CRC_AT - DATA_AT) ^ CRC8_FINAL_XOR);
+    const uint8_t crc = crc8_over(CRC8_INIT, &buffer[ID_AT], DATA_AT - ID_AT);
+    return (uint8_t)(crc8_over_frame(crc, &buffer[TIME_AT], &buffer[DATA_AT]) ^ CRC8_FINAL_XOR);
 }
 
 static void take_frame(const CommandParser *self, Command *out) {
@@ -63,9 +73,10 @@ static void take_frame(const CommandParser *self, Command *out) {
 }
 
 bool command_next(CommandParser *self, uint8_t byte, Command *out) {
-    self->buffer[self->count] = byte;
-    self->count++;
-    if (!plausible(self, 0)) {
+    const uint8_t at = self->count;
+    self->buffer[at] = byte;
+    self->count = (uint8_t)(at + 1u);
+    if (!fits(at, byte)) {
         resynchronise(self);
     }
     if (self->count < TELEMETRY_FRAME_BYTES) {

@@ -29,7 +29,7 @@ static void finish_frame(uint8_t frame[TELEMETRY_FRAME_BYTES], uint16_t id, uint
     frame[7] = (uint8_t)(id >> 8);
     frame[8] = 0u;
     frame[9] = 0u;
-    const uint8_t crc = crc8_over(crc8_over(crc_seed, &frame[1], 4), &frame[DATA_AT], TELEMETRY_DATA_BYTES - 1u);
+    const uint8_t crc = crc8_over_frame(crc_seed, &frame[1], &frame[DATA_AT]);
     frame[DATA_AT + TELEMETRY_DATA_BYTES - 1u] = (uint8_t)(crc ^ CRC8_FINAL_XOR);
     frame[TELEMETRY_FRAME_BYTES - 1u] = FRAME_END;
 }
@@ -65,6 +65,15 @@ bool telemetry_ack_waits(const Telemetry *self) {
     return self->ack_waits;
 }
 
+bool telemetry_slow_waits(const Telemetry *self) {
+    return self->state_waits || self->boot_waits || self->ack_waits || self->health_waits || self->dump_next != TELEMETRY_NONE ||
+           self->read_index != TELEMETRY_NONE;
+}
+
+bool telemetry_health_due(const Telemetry *self) {
+    return self->health_waits || self->ms_in_second >= MS_PER_SECOND - 1u;
+}
+
 bool telemetry_health_sent(const Telemetry *self) {
     return self->health_went;
 }
@@ -74,22 +83,22 @@ static bool trigger_moved(uint8_t before, uint8_t now) {
     return distance >= TRIGGER_STEP || (distance > 0u && (now == 0u || now == TELEMETRY_TRIGGER_MAX));
 }
 
-static bool state_changed(const TelemetryState *before, const TelemetryState *now) {
+static bool state_changed(const TelemetryState *before, const TelemetryState *now, uint16_t flags) {
     return trigger_moved(before->trigger, now->trigger) || before->state != now->state || before->mode != now->mode ||
-           before->reverse != now->reverse || before->faults != now->faults || before->contact != now->contact || before->flags != now->flags;
+           before->reverse != now->reverse || before->faults != now->faults || before->contact != now->contact || before->flags != flags;
 }
 
 static void note_state(Telemetry *self, const TelemetryInputs *in) {
-    TelemetryState now = in->state;
-    if (self->state_waits) {
-        now.flags |= self->state.flags;  // a flag of one tick is not lost while the frame waits
-    }
-    if (!state_changed(&self->state, &now)) {
+    // A flag of one tick is not lost while the frame waits.
+    const uint16_t flags = self->state_waits ? in->state.flags | self->state.flags : in->state.flags;
+    if (!state_changed(&self->state, &in->state, flags)) {
         return;
     }
-    now.state_tick = (uint8_t)in->now_ms;
-    now.state_counter = self->state.state_counter;
-    self->state = now;
+    const uint8_t counter = self->state.state_counter;
+    self->state = in->state;
+    self->state.flags = flags;
+    self->state.state_tick = (uint8_t)in->now_ms;
+    self->state.state_counter = counter;
     self->state_waits = true;
 }
 
@@ -108,25 +117,30 @@ static void note_second(Telemetry *self, uint32_t now_ms) {
 
 static int16_t mean_of(int32_t sum, uint8_t count) {
     const int32_t half = (int32_t)(count / 2u);
-    if (count == 1u) {
-        return (int16_t)sum;  // the usual case, without the division
-    }
     return (int16_t)((sum + (sum < 0 ? -half : half)) / count);
 }
 
-static void send_fast(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+static void accumulate(Telemetry *self, const TelemetryFast *fast) {
+    self->current_sum += fast->current_a;
+    self->supply_sum = (uint16_t)(self->supply_sum + fast->supply_v);
+}
+
+static void take_means(Telemetry *self, TelemetryFast *fast) {
     const uint8_t ticks = self->boot.fast_divider;
+    fast->current_a = mean_of(self->current_sum, ticks);
+    fast->supply_v = (uint16_t)((uint16_t)(self->supply_sum + ticks / 2u) / ticks);
+    self->current_sum = 0;
+    self->supply_sum = 0;
+}
+
+static void send_fast(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
     TelemetryFast fast = in->fast;
-    fast.current_a = mean_of(self->current_sum, ticks);
-    fast.supply_v = self->supply_sum;
-    if (ticks > 1u) {
-        fast.supply_v = (uint16_t)((uint16_t)(self->supply_sum + ticks / 2u) / ticks);
+    if (self->boot.fast_divider > 1u) {
+        take_means(self, &fast);
     }
     fast.fast_counter = self->fast_counter;
     self->fast_counter = (uint8_t)((self->fast_counter + 1u) & TELEMETRY_FAST_COUNTER_MAX);
-    self->current_sum = 0;
-    self->supply_sum = 0;
-    self->ticks_to_fast = ticks;
+    self->ticks_to_fast = self->boot.fast_divider;
     telemetry_pack_fast(&frame[DATA_AT], &fast);
     finish_frame(frame, TELEMETRY_FAST_ID, TELEMETRY_FAST_CRC_SEED, in->now_ms);
 }
@@ -232,8 +246,11 @@ static bool send_slow(Telemetry *self, const TelemetryInputs *in, uint8_t frame[
     return true;
 }
 
-// Whether a slow frame can go now without making this or the next FAST frame wait.
+// Whether a slow frame waits and can go now without making this or the next FAST frame wait.
 static bool slow_fits(const Telemetry *self, bool fast_due) {
+    if (!telemetry_slow_waits(self)) {
+        return false;
+    }
     const uint8_t next = fast_due ? self->boot.fast_divider : self->ticks_to_fast;
     const uint8_t ticks = next < TICKS_MATTER ? next : TICKS_MATTER;
     const uint16_t cost = fast_due ? 2u * FRAME_COST : FRAME_COST;
@@ -245,15 +262,16 @@ uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[T
     note_state(self, in);
     note_second(self, in->now_ms);
     self->health_went = false;
-    self->current_sum += in->fast.current_a;
-    self->supply_sum = (uint16_t)(self->supply_sum + in->fast.supply_v);
+    if (self->boot.fast_divider > 1u) {
+        accumulate(self, &in->fast);
+    }
     self->ticks_to_fast--;
     self->budget = (uint16_t)(self->budget + self->budget_per_tick);
     if (self->budget > BUDGET_MAX) {
         self->budget = BUDGET_MAX;
     }
     const bool fast_due = self->ticks_to_fast == 0u;
-    if (slow_fits(self, fast_due) && send_slow(self, in, out)) {
+    if (!in->hold_slow && slow_fits(self, fast_due) && send_slow(self, in, out)) {
         bytes = TELEMETRY_FRAME_BYTES;
     }
     if (fast_due) {

@@ -35,6 +35,7 @@ typedef struct {
     TelemetryState state;
     TelemetryHealth health;
     TelemetryParams params;
+    bool hold_slow;  // the tick has other work: no slow frame now
 } TelemetryInputs;
 
 typedef struct {
@@ -66,6 +67,12 @@ void telemetry_init(Telemetry *self, const TelemetryBoot *boot, uint8_t baud);
 
 // Frames of this tick into `out`; returns their bytes.
 uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[TELEMETRY_TICK_BYTES_MAX]);
+
+// A slow frame waits for its turn.
+bool telemetry_slow_waits(const Telemetry *self);
+
+// Whether the next tick may send HEALTH: only then must its inputs be filled in.
+bool telemetry_health_due(const Telemetry *self);
 
 // True in the tick whose bytes hold a HEALTH frame: the owner of the figures may restart its maxima.
 bool telemetry_health_sent(const Telemetry *self);

@@ -32,17 +32,22 @@ void avr_paint_stack(void) {
                      : [paint] "M"(PAINT), [top] "i"(RAMEND + 1));
 }
 
-uint16_t hal_stack_free(void) {
-    static uint16_t free_bytes;
+static uint16_t stack_free_bytes;
+
+// After a tick's work, when nothing waits for it.
+static void look_at_stack(void) {
     static uint8_t *at = &_end;
     for (uint8_t k = 0; k < PAINT_STEP; k++, at++) {
         if (*at != PAINT) {
-            free_bytes = (uint16_t)(at - &_end);
+            stack_free_bytes = (uint16_t)(at - &_end);
             at = &_end;
             break;
         }
     }
-    return free_bytes;
+}
+
+uint16_t hal_stack_free(void) {
+    return stack_free_bytes;
 }
 
 uint8_t hal_lock(void) {
@@ -62,16 +67,22 @@ uint16_t hal_tick_cycles(uint16_t tick_stamp) {
     return (uint16_t)(now - tick_stamp);
 }
 
-// 1 for a switch that pulls its pin to ground.
-static uint8_t closed(uint8_t pins, uint8_t bit) {
-    return (pins & (1u << bit)) == 0u ? 1u : 0u;
-}
-
+// A switch pulls its pin to ground.
 uint8_t hal_switches(void) {
-    uint8_t switches = closed(BOARD_CONTACT_PIN, BOARD_CONTACT_BIT);
-    switches = (uint8_t)(switches | (closed(BOARD_REVERSE_PIN, BOARD_REVERSE_BIT) << 1));
-    switches = (uint8_t)(switches | (closed(BOARD_MODE_PIN, BOARD_MODE_0_BIT) << HAL_SWITCH_MODE_SHIFT));
-    return (uint8_t)(switches | (closed(BOARD_MODE_PIN, BOARD_MODE_1_BIT) << (HAL_SWITCH_MODE_SHIFT + 1)));
+    uint8_t switches = 0;
+    if ((BOARD_CONTACT_PIN & (1u << BOARD_CONTACT_BIT)) == 0u) {
+        switches |= HAL_SWITCH_CONTACT;
+    }
+    if ((BOARD_REVERSE_PIN & (1u << BOARD_REVERSE_BIT)) == 0u) {
+        switches |= HAL_SWITCH_REVERSE;
+    }
+    if ((BOARD_MODE_PIN & (1u << BOARD_MODE_0_BIT)) == 0u) {
+        switches |= 1u << HAL_SWITCH_MODE_SHIFT;
+    }
+    if ((BOARD_MODE_PIN & (1u << BOARD_MODE_1_BIT)) == 0u) {
+        switches |= 2u << HAL_SWITCH_MODE_SHIFT;
+    }
+    return switches;
 }
 
 uint8_t hal_reset_cause(void) {
@@ -107,6 +118,7 @@ int main(void) {
         GPIOR0 = 1;  // the bench's mark: work runs
         app_tick(&avr_app, late);
         GPIOR0 = 0;
+        look_at_stack();
         if (avr_ticks_waiting == 0u) {
             wdt_reset();
         }

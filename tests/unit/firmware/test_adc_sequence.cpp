@@ -44,7 +44,7 @@ TEST_F(AdcTest, TwelveOfSixteenSlotsAreCurrent) {
 
 TEST_F(AdcTest, NextChannelIsKnownBeforeTheResult) {
     for (uint16_t k = 0; k < 600; ++k) {
-        EXPECT_EQ(adc.channel, adc_sequence_channel(static_cast<uint8_t>(k)));
+        EXPECT_EQ(adc.head, k % 256);
         EXPECT_EQ(adc.next_channel, adc_sequence_channel(static_cast<uint8_t>(k + 1)));
         adc_sequence_on_result(&adc, 512);
         AdcTick out;
@@ -96,7 +96,7 @@ TEST_F(AdcTest, AnOverflowIsNoticedAndTheSlotsStayInStep) {
     adc_sequence_tick(&adc, &out);
     EXPECT_TRUE(out.lost);
     for (int k = 0; k < 16; ++k)
-        adc_sequence_on_result(&adc, adc.channel == HAL_ADC_BUS ? 740 : 1);
+        adc_sequence_on_result(&adc, adc_sequence_channel(adc.head) == HAL_ADC_BUS ? 740 : 1);
     adc_sequence_tick(&adc, &out);
     EXPECT_TRUE((out.fresh & (1u << HAL_ADC_BUS)) == 0 || out.latest[HAL_ADC_BUS] == 740);
 }
@@ -105,7 +105,7 @@ TEST_F(AdcTest, TripsJustBeyondTheLimitsAndOnCurrentOnly) {
     adc_sequence_set_trip(&adc, 112, 912);
     EXPECT_EQ(native.locks, 0);
     for (int k = 0; k < 64; ++k) {
-        const bool current = adc.channel == HAL_ADC_CURRENT;
+        const bool current = adc_sequence_channel(static_cast<uint8_t>(k)) == HAL_ADC_CURRENT;
         const uint16_t counts[] = {111, 112, 912, 913};
         const uint16_t given = counts[k / 16];
         EXPECT_EQ(adc_sequence_on_result(&adc, given), current && (given < 112 || given > 912)) << given;

@@ -1,0 +1,51 @@
+// Shift and subtract in 16 bits, see divide.h.
+#include "core/divide.h"
+
+#include <stdbool.h>
+
+#define BITS 16u
+
+// For dividend / 2^16 < divisor.
+static uint16_t quotient(uint32_t dividend, uint16_t divisor) {
+    uint32_t rest = dividend;  // its high word; the quotient comes in from below
+    for (uint8_t bit = BITS; bit > 0u; bit--) {
+        const bool carry = (rest & 0x80000000u) != 0u;
+        rest <<= 1;
+        if (carry || (uint16_t)(rest >> BITS) >= divisor) {
+            rest -= (uint32_t)divisor << BITS;
+            rest |= 1u;
+        }
+    }
+    return (uint16_t)rest;
+}
+
+// From the quotient of both shifted right, which is at most a few off, to the exact one.
+static uint16_t corrected(uint16_t estimate, uint32_t dividend, uint32_t divisor) {
+    int32_t rest = (int32_t)(dividend - estimate * divisor);
+    while (rest < 0) {
+        rest += (int32_t)divisor;
+        estimate--;
+    }
+    while (rest >= (int32_t)divisor) {
+        rest -= (int32_t)divisor;
+        estimate++;
+    }
+    return estimate;
+}
+
+uint16_t divide_u16(uint32_t dividend, uint32_t divisor) {
+    uint32_t shifted = dividend;
+    uint32_t by = divisor;
+    if (dividend >> BITS >= divisor) {
+        return UINT16_MAX;
+    }
+    if (by <= UINT16_MAX) {
+        return quotient(dividend, (uint16_t)by);
+    }
+    while (by > UINT16_MAX) {
+        by >>= 1;
+        shifted >>= 1;
+    }
+    const uint16_t estimate = shifted >> BITS >= by ? UINT16_MAX : quotient(shifted, (uint16_t)by);
+    return corrected(estimate, dividend, divisor);
+}
