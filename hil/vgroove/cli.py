@@ -59,7 +59,7 @@ def run(
     scenario_path: Annotated[Path, typer.Argument(metavar="SCENARIO", help="TOML file: tool, trigger, load, duration.")],
     on: Annotated[str, typer.Option(help="sil: native firmware; avr: the ELF on a simulated ATmega.")] = "sil",
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Log: FILE.csv, .mf4, .blf or .asc.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Instead of the scenario's seed.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the scenario's seed.")] = None,
     target: Annotated[str, typer.Option(help="Board of --on avr: uno or mega.")] = "uno",
     elf: Annotated[Path | None, typer.Option(help="Firmware instead of the one that make build leaves.")] = None,
     pty: Annotated[bool, typer.Option("--pty", help="Put the UART on a pseudo-terminal and print its name.")] = False,

@@ -12,12 +12,14 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from vgroove import lockstep, telemetry
 from vgroove.board import AvrBoard, default_elf
 from vgroove.errors import VgrooveError
+from vgroove.log import replacing
 from vgroove.pty_line import PtyLine
 from vgroove.recorder import SINKS
 from vgroove.scenario import Scenario, command_messages, make_plant
 from vgroove.sil import SilBoard
 
 Tell = Callable[[str], None]
+EEPROM_BYTES = 1024  # of the native firmware
 MCUS = {"uno": "atmega328p", "mega": "atmega2560"}
 
 
@@ -36,10 +38,30 @@ class RunOptions:
     eeprom: Path | None = None
 
 
+def _image(path: Path | None) -> bytes | None:
+    if path is None or not path.exists():
+        return None
+    try:
+        image = path.read_bytes()
+    except OSError as error:
+        raise VgrooveError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if len(image) != EEPROM_BYTES:
+        raise VgrooveError(f"{path}: an EEPROM image has {EEPROM_BYTES} bytes, not {len(image)}")
+    return image
+
+
+def _keep_image(image: bytes, path: Path) -> None:
+    try:
+        with replacing(path) as file:
+            file.write(image)
+    except OSError as error:
+        raise VgrooveError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
 def make_board(options: RunOptions, seed: int) -> AvrBoard | SilBoard:
     """The board that the options name."""
     if options.on == "sil":
-        return SilBoard(eeprom=options.eeprom.read_bytes() if options.eeprom and options.eeprom.exists() else None)
+        return SilBoard(eeprom=_image(options.eeprom))
     if options.on != "avr":
         raise VgrooveError(f"--on is sil or avr, not {options.on}")
     if options.target not in MCUS:
@@ -96,6 +118,8 @@ def _drive(scenario: Scenario, options: RunOptions, sent: bytearray, announce: T
             show(progress.time_s)
             if options.real_time:
                 time.sleep(max(0.0, progress.time_s - (time.monotonic() - begin)))
+        if options.eeprom and isinstance(board, SilBoard):  # the AVR bench keeps its image itself
+            _keep_image(board.eeprom(), options.eeprom)
 
 
 def write_run(data: bytes, path: Path) -> int:

@@ -205,3 +205,16 @@ def test_plant_refuses_an_impact_mechanism_by_a_sentence() -> None:
     object.__setattr__(rig, "mechanism", {"kind": "impact"})
     with pytest.raises(VgrooveError, match="no impact mechanism"):
         make_plant(rig, 1)
+
+
+def test_an_eeprom_image_survives_the_native_run(tmp_path: Path) -> None:
+    scenario, image = short_scenario(tmp_path, 1.0), tmp_path / "eeprom.bin"
+    assert vgroove("run", scenario, "--eeprom", image).returncode == 0
+    assert image.read_bytes() == b"\xff" * 1024, "a run without a write leaves it erased"
+    text = scenario.read_text() + '[[command]]\ntime_s = 0.3\nframe = "PARAM_WRITE"\nwrite_index = 13\nwrite_value = 98\n'
+    scenario.write_text(text.replace("[0.3, 0.0], [0.5, 1.0], [2.0, 1.0], [2.1, 0.0]", "[2.1, 0.0]"))
+    assert vgroove("run", scenario, "--eeprom", image).returncode == 0
+    assert image.read_bytes() != b"\xff" * 1024
+    image.write_bytes(b"\xff" * 5)
+    refused = vgroove("run", scenario, "--eeprom", image)
+    assert refused.returncode == 2 and "1024 bytes, not 5" in refused.stderr
