@@ -63,8 +63,11 @@ def unpack_outputs(message: bytes) -> BoardOutputs:
 def find_tool() -> Path:
     """Path of vgroove-board: $VGROOVE_BOARD, the newest in the tree's build folders, or PATH."""
     built = sorted((Path(__file__).resolve().parents[2] / "build").glob("*/hil/board/vgroove-board"), key=lambda path: path.stat().st_mtime)
-    for candidate in (os.environ.get("VGROOVE_BOARD"), *reversed(built), shutil.which("vgroove-board")):
-        if candidate and Path(candidate).is_file():
+    named = os.environ.get("VGROOVE_BOARD")
+    if named and not Path(named).is_file():
+        raise VgrooveError(f"VGROOVE_BOARD names {named}, which is no file")
+    for candidate in (named, *reversed(built), shutil.which("vgroove-board")):
+        if candidate:
             return Path(candidate)
     raise VgrooveError("the bench tool vgroove-board is missing: build it with `make build`, or name it in VGROOVE_BOARD")
 

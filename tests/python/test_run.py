@@ -1,9 +1,13 @@
-"""`vgroove run`: determinism, pty with python-can's own logger and with `vgroove record`, Ctrl-C, speed of the loop."""
+"""`vgroove run`: determinism, pty with python-can's own logger and viewer and with `vgroove record`, Ctrl-C, speed of the loop."""
 
+import fcntl
 import os
+import select
 import signal
+import struct
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 
@@ -18,6 +22,7 @@ from vgroove.scenario import make_plant, read_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENARIO = ROOT / "scenarios" / "spin_up.toml"
+SHOWN = (b"0x100", b"0x101", b"0x102")  # FAST, STATE, BOOT
 VGROOVE = [sys.executable, "-m", "vgroove.cli"]
 
 
@@ -91,6 +96,24 @@ def test_python_can_logger_reads_the_pty_unchanged(on: str, tmp_path: Path) -> N
     assert len(fast) >= 998
     counters = {row.split(",")[1] for row in rows}
     assert {"0x100", "0x101", "0x102"} <= counters
+
+
+def test_python_can_viewer_shows_the_pty_unchanged(tmp_path: Path) -> None:
+    process, port = start_on_pty("sil", short_scenario(tmp_path, 3.0), "--real-time")
+    terminal, slave = os.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 120, 0, 0))
+    command = [sys.executable, "-m", "can.viewer", "-i", "serial", "-c", port, "--bus-kwargs", "baudrate=250000"]
+    shown = bytearray()
+    with subprocess.Popen(command, stdin=slave, stdout=slave, stderr=slave, env={**os.environ, "TERM": "xterm"}) as viewer:
+        os.close(slave)
+        end = time.monotonic() + 20
+        while not all(name in shown for name in SHOWN) and time.monotonic() < end:
+            shown += os.read(terminal, 4096) if select.select([terminal], [], [], 0.2)[0] else b""
+        os.write(terminal, b"q")
+        process.wait(60)
+        viewer.kill()
+    os.close(terminal)
+    assert [name for name in SHOWN if name not in shown] == [], bytes(shown[-500:])
 
 
 def test_recorder_on_the_pty_gives_the_log_of_the_run(tmp_path: Path) -> None:
