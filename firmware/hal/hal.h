@@ -14,7 +14,7 @@
 #define HAL_FIRST_TOP_CYCLES 255u
 #define HAL_CYCLES_PER_SAMPLE 2040u       // ADC: every fourth BOTTOM, first at 510
 #define HAL_FIRST_SAMPLE_CYCLES 2241u     // its result: 13.5 ADC clocks of 128 cycles and 3 of synchronisation later
-#define HAL_LATENCY_CYCLES 319u           // longer than any interrupt waits: later than this an ADC trigger would be missed
+#define HAL_LATENCY_CYCLES 319u           // a tick uses the results that came this long before it (docs/firmware.md, "Timing")
 #define HAL_APPLY_LATER_CYCLES 256u       // second compare of Timer2 after the tick
 #define HAL_APPLY_MARGIN_CYCLES 250u      // compare values are written this long before the TOP that latches them, at least
 #define HAL_COMPARE_MAX 255
