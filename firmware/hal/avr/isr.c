@@ -17,8 +17,8 @@ static inline void prepare_conversion(void) {
     TIFR0 |= 1u << TOV0;  // one SBI, which writes this bit alone
 }
 
-// Both must be done within 309 cycles of a result, or the next trigger is missed. The ADC interrupt comes last by its vector number, so whichever
-// interrupt begins first after a result does it: docs/firmware.md, "Interrupts", has the sum.
+// Both must be done within 309 cycles of a result, or the next trigger is missed. The ADC interrupt comes late by its vector number, so whichever
+// interrupt begins first after a result does it, but for UDRE: docs/firmware.md, "Interrupts", has the sum.
 static inline void prepare_if_due(void) {
     if ((ADCSRA & (1u << ADIF)) != 0u) {
         prepare_conversion();
