@@ -22,6 +22,8 @@
 #include "telemetry/command.h"
 #include "telemetry/telemetry.h"
 
+_Static_assert(TELEMETRY_FRAME_BYTES == RING_FRAME, "the UART queues whole frames");
+
 typedef struct {
     AdcSequence adc;           // first: the AVR's ADC interrupt reaches it by displacement
     ParamStore params;
@@ -38,7 +40,7 @@ typedef struct {
     CommandParser parser;
     Telemetry telemetry;
     TelemetryInputs report;    // kept from tick to tick: most of it seldom changes
-    uint8_t frames[TELEMETRY_TICK_BYTES_MAX];  // not on the stack: a tick's locals would no longer be in easy reach there
+    uint8_t spare[TELEMETRY_TICK_BYTES_MAX];  // frames that the queue has no room for
     uint32_t now_ms;
     uint16_t worst_cycles;     // of a tick since the last HEALTH frame
     uint16_t standing_flags;   // TELEMETRY_FLAGS_* of the start

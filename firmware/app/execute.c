@@ -6,7 +6,7 @@
 #include "app/calibrate.h"
 #include "app/param_command.h"
 
-#define BYTES_A_TICK 8u  // more than commands can bring that wait for their ACKs: a slow frame fits into every third tick
+#define BYTES_A_TICK 4u  // 210 commands a second; the queue holds three that come at once
 #define CONFIGURE_STEPS 7u
 
 enum { SETPOINT_DUTY_LIMIT_Q15 };
@@ -103,16 +103,23 @@ static uint8_t execute(App *app, const Command *command) {
     return result;
 }
 
+static void answer(App *app, Command *command) {
+    if (command->fresh) {
+        command->result = execute(app, command);
+    }
+    command_answered(&app->parser, command, &app->telemetry);
+}
+
 INLINE_NEVER void execute_received(App *app) {
     Command command;
     uint8_t byte = 0;
-    for (uint8_t k = 0; k < BYTES_A_TICK && !telemetry_ack_waits(&app->telemetry) && uart_receive(&app->uart, &byte); k++) {
-        if (!command_next(&app->parser, byte, &command)) {
-            continue;
+    if (telemetry_ack_waits(&app->telemetry)) {
+        return;
+    }
+    for (uint8_t k = BYTES_A_TICK; k > 0u && uart_receive(&app->uart, &byte); k--) {
+        if (command_next(&app->parser, byte, &command)) {
+            answer(app, &command);
+            return;
         }
-        if (command.fresh) {
-            command.result = execute(app, &command);
-        }
-        command_answered(&app->parser, &command, &app->telemetry);
     }
 }

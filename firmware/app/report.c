@@ -69,9 +69,11 @@ void report_tick(App *app) {
     }
     report->params.table.table_slot = app->params.slot;
     report->params.table.table_status = app->params.status;
-    const uint8_t count = telemetry_tick(&app->telemetry, report, app->frames);
+    uint8_t *place[2];
+    uart_places(&app->uart, place, app->spare);
+    const uint8_t frames = telemetry_frames(&app->telemetry, report, place);
     if (telemetry_health_sent(&app->telemetry)) {
         app->worst_cycles = 0;
     }
-    uart_send(&app->uart, app->frames, count);
+    uart_send(&app->uart, frames);
 }

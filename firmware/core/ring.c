@@ -74,3 +74,47 @@ bool ring_push_bytes(RingBytes *self, const uint8_t *bytes, uint8_t count) {
     self->head = head;
     return true;
 }
+
+uint8_t ring_frames_free(const RingFrames *self) {
+    const uint8_t head = self->head;
+    const uint8_t tail = self->tail;
+    uint8_t used = (uint8_t)(head - tail);
+    if (head < tail) {
+        used = (uint8_t)(used + RING_FRAMES_BYTES);
+    }
+    if (used < RING_FRAME) {
+        return 3;  // one more would make head and tail meet
+    }
+    if (used < 2u * RING_FRAME) {
+        return 2;
+    }
+    return used < 3u * RING_FRAME ? 1 : 0;
+}
+
+static uint8_t frame_after(uint8_t at) {
+    return (uint8_t)(at == RING_FRAMES_BYTES - RING_FRAME ? 0u : at + RING_FRAME);
+}
+
+uint8_t *ring_frame_at(RingFrames *self, uint8_t ahead) {
+    const uint8_t head = self->head;
+    return &self->items[ahead == 0u ? head : frame_after(head)];
+}
+
+void ring_push_frames(RingFrames *self, uint8_t count) {
+    uint8_t head = self->head;
+    for (; count > 0u; count--) {
+        head = frame_after(head);
+    }
+    __asm__ volatile("" : : : "memory");  // the frames are there before the interrupt may see them
+    self->head = head;
+}
+
+bool ring_pop_frame_byte(RingFrames *self, uint8_t *item) {
+    const uint8_t tail = self->tail;
+    if (tail == self->head) {
+        return false;
+    }
+    *item = self->items[tail];
+    self->tail = (uint8_t)(tail == RING_FRAMES_BYTES - 1u ? 0u : tail + 1u);
+    return true;
+}

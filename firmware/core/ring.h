@@ -21,6 +21,22 @@ typedef struct {
     volatile uint8_t tail;
 } RingBytes;
 
+// Frames of one length in places of their own: built where they are sent from, never wrapped round.
+#define RING_FRAME 19u
+#define RING_FRAMES_BYTES (4u * RING_FRAME)
+
+typedef struct {
+    uint8_t items[RING_FRAMES_BYTES];
+    volatile uint8_t head;  // place in `items` of the next frame
+    volatile uint8_t tail;  // of the next byte
+} RingFrames;
+
+// How many whole frames fit, at most 3.
+uint8_t ring_frames_free(const RingFrames *self);
+uint8_t *ring_frame_at(RingFrames *self, uint8_t ahead);  // place of the next frame (0) or the one after it (1)
+void ring_push_frames(RingFrames *self, uint8_t count);   // that have been built there
+bool ring_pop_frame_byte(RingFrames *self, uint8_t *item);
+
 // False when full: the item is dropped.
 bool ring_push_word(RingWords *self, uint16_t item);
 bool ring_push_pair(RingWords *self, uint8_t low, uint8_t high);  // the same word by its bytes

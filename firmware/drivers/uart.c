@@ -8,15 +8,24 @@ void uart_init(Uart *self, uint8_t baud) {
     hal_uart_start(baud);
 }
 
-void uart_send(Uart *self, const uint8_t *bytes, uint8_t count) {
-    if (count == 0u) {
+void uart_places(Uart *self, uint8_t *place[2], uint8_t spare[2u * RING_FRAME]) {
+    const uint8_t room = ring_frames_free(&self->send);
+    place[0] = room > 0u ? ring_frame_at(&self->send, 0) : spare;
+    place[1] = room > 1u ? ring_frame_at(&self->send, 1) : &spare[RING_FRAME];
+    self->room = room;
+}
+
+void uart_send(Uart *self, uint8_t frames) {
+    uint8_t sent = frames;
+    if (frames == 0u) {
         return;
     }
-    if (ring_push_bytes(&self->send, bytes, count)) {
-        hal_uart_wake();
-    } else if (self->send_lost < UINT8_MAX) {
-        self->send_lost++;
+    if (frames > self->room) {
+        sent = self->room;
+        self->send_lost = (uint8_t)(self->send_lost + (self->send_lost < UINT8_MAX ? 1u : 0u));
     }
+    ring_push_frames(&self->send, sent);
+    hal_uart_wake();
 }
 
 bool uart_received(const Uart *self) {
@@ -45,5 +54,5 @@ void uart_on_received(Uart *self, uint8_t byte, bool damaged) {
 }
 
 bool uart_on_ready(Uart *self, uint8_t *byte) {
-    return ring_pop_byte(&self->send, byte);
+    return ring_pop_frame_byte(&self->send, byte);
 }

@@ -49,6 +49,7 @@ void telemetry_dump(Telemetry *self) {
     self->boot_waits = true;
     self->dump_next = 0;
     self->dump_crc16 = CRC16_INIT;
+    self->dumped_waits = false;
     self->ms_in_second = MS_PER_SECOND - 1u;  // who asks wants to know STATE and HEALTH as well
 }
 
@@ -158,18 +159,31 @@ static void send_param(uint8_t index, const TelemetryInputs *in, uint8_t frame[T
     finish_frame(frame, TELEMETRY_PARAM_ID, TELEMETRY_PARAM_CRC_SEED, in->now_ms);
 }
 
-static void send_dumped_param(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
-    const uint8_t *data = &frame[DATA_AT];
-    send_param(self->dump_next, in, frame);
-    self->dump_crc16 = crc16_next(self->dump_crc16, data[0]);
-    for (uint8_t k = 2; k < 6u; k++) {
-        self->dump_crc16 = crc16_next(self->dump_crc16, data[k]);
+// The CRC of the dump takes a parameter in when no other slow frame wants the tick's time.
+static void take_dumped(Telemetry *self) {
+    if (!self->dumped_waits) {
+        return;
     }
+    const uint8_t sign = self->dumped_value < 0 ? UINT8_MAX : 0u;  // the frame's value has four bytes
+    uint16_t crc = crc16_next(self->dump_crc16, (uint8_t)(self->dump_next - 1u));
+    crc = crc16_next(crc, (uint8_t)self->dumped_value);
+    crc = crc16_next(crc, (uint8_t)((uint16_t)self->dumped_value >> 8));
+    crc = crc16_next(crc, sign);
+    self->dump_crc16 = crc16_next(crc, sign);
+    self->dumped_waits = false;
+}
+
+static void send_dumped_param(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    take_dumped(self);
+    send_param(self->dump_next, in, frame);
+    self->dumped_value = in->params.value[self->dump_next];
+    self->dumped_waits = true;
     self->dump_next++;
 }
 
 static void send_table(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
     TelemetryParamTable table = in->params.table;
+    take_dumped(self);
     table.table_count = in->params.count;
     table.table_crc16 = self->dump_crc16;
     telemetry_pack_param_table(&frame[DATA_AT], &table);
@@ -258,7 +272,12 @@ static bool slow_fits(const Telemetry *self, bool fast_due) {
 }
 
 uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[TELEMETRY_TICK_BYTES_MAX]) {
-    uint8_t bytes = 0;
+    uint8_t *const place[2] = {out, &out[TELEMETRY_FRAME_BYTES]};
+    return (uint8_t)(telemetry_frames(self, in, place) * TELEMETRY_FRAME_BYTES);
+}
+
+uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, uint8_t *const place[2]) {
+    uint8_t frames = 0;
     note_state(self, in);
     note_second(self, in->now_ms);
     self->health_went = false;
@@ -271,13 +290,16 @@ uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[T
         self->budget = BUDGET_MAX;
     }
     const bool fast_due = self->ticks_to_fast == 0u;
-    if (!in->hold_slow && slow_fits(self, fast_due) && send_slow(self, in, out)) {
-        bytes = TELEMETRY_FRAME_BYTES;
+    if (!in->hold_slow && slow_fits(self, fast_due) && send_slow(self, in, place[0])) {
+        self->budget = (uint16_t)(self->budget - FRAME_COST);
+        frames = 1;
+    } else {
+        take_dumped(self);
     }
     if (fast_due) {
-        send_fast(self, in, &out[bytes]);
-        bytes = (uint8_t)(bytes + TELEMETRY_FRAME_BYTES);
+        send_fast(self, in, place[frames]);
+        self->budget = (uint16_t)(self->budget - FRAME_COST);
+        frames++;
     }
-    self->budget = (uint16_t)(self->budget - 100u * bytes);
-    return bytes;
+    return frames;
 }

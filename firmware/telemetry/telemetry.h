@@ -47,11 +47,13 @@ typedef struct {
     uint16_t budget;           // 1/100 byte
     uint16_t budget_per_tick;  // 1/100 byte
     uint16_t ms_in_second;
-    uint16_t dump_crc16;
+    uint16_t dump_crc16;       // of the parameters dumped so far, but for the last while dumped_waits
+    int16_t dumped_value;
     uint8_t ticks_to_fast;
     uint8_t fast_counter;
     uint8_t dump_next;         // next parameter of the dump, count: PARAM_TABLE, TELEMETRY_NONE: nothing
     uint8_t read_index;        // parameter asked for, TELEMETRY_NONE: nothing
+    bool dumped_waits;
     bool boot_waits;
     bool ack_waits;
     bool health_waits;
@@ -65,7 +67,10 @@ typedef struct {
 // `boot` without protocol_version and with the wished fast_divider, which becomes what `baud` carries at least.
 void telemetry_init(Telemetry *self, const TelemetryBoot *boot, uint8_t baud);
 
-// Frames of this tick into `out`; returns their bytes.
+// Frames of this tick, a slow one before the fast one, each into its place; returns how many.
+uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, uint8_t *const place[2]);
+
+// The same one after the other into `out`; returns their bytes.
 uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[TELEMETRY_TICK_BYTES_MAX]);
 
 // A slow frame waits for its turn.

@@ -64,7 +64,6 @@ ISR(BOARD_RX_vect) {
 
 // app_on_ready() by hand, 20,000 times a second: what the compiler saves around any interrupt would cost a third more. No interrupt nests, so
 // GPIOR1 and GPIOR2 keep Z; SREG and r24 go on the stack.
-_Static_assert((RING_BYTES & (RING_BYTES - 1u)) == 0u, "the index wraps by masking");
 ISR(BOARD_UDRE_vect, ISR_NAKED) {
     __asm__ volatile("out %[keep_low], r30\n\t"
                      "out %[keep_high], r31\n\t"
@@ -77,8 +76,10 @@ ISR(BOARD_UDRE_vect, ISR_NAKED) {
                      "breq 2f\n\t"
                      "mov r24, r30\n\t"
                      "inc r24\n\t"
-                     "sts %[tail], r24\n\t"
-                     "andi r30, %[mask]\n\t"
+                     "cpi r24, %[end]\n\t"
+                     "brne 3f\n\t"
+                     "ldi r24, 0\n\t"
+                     "3: sts %[tail], r24\n\t"
                      "ldi r31, 0\n\t"
                      "subi r30, lo8(-(%[items]))\n\t"
                      "sbci r31, hi8(-(%[items]))\n\t"
@@ -96,6 +97,6 @@ ISR(BOARD_UDRE_vect, ISR_NAKED) {
                      "rjmp 1b\n\t"
                      :
                      : [keep_low] "I"(_SFR_IO_ADDR(GPIOR1)), [keep_high] "I"(_SFR_IO_ADDR(GPIOR2)), [tail] "i"(&avr_app.uart.send.tail),
-                       [head] "i"(&avr_app.uart.send.head), [items] "i"(&avr_app.uart.send.items), [mask] "M"(RING_BYTES - 1u),
+                       [head] "i"(&avr_app.uart.send.head), [items] "i"(&avr_app.uart.send.items), [end] "M"(RING_FRAMES_BYTES),
                        [data] "n"(_SFR_MEM_ADDR(UDR0)), [control] "n"(_SFR_MEM_ADDR(UCSR0B)), [silent] "n"((uint8_t)~(1u << UDRIE0)));
 }
