@@ -8,7 +8,7 @@ import pytest
 from vgroove import board
 from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, pack_inputs, read_statistics
 
-# Part, and how long the ADC's interrupt waits at least. The Mega's capture interrupt comes after the ADC's: it delays it only while it runs.
+# Part, and how long the ADC's interrupt waits at least. The Mega's capture interrupt comes after the ADC's, delays it only while it runs.
 TARGETS = {"uno_elf": ("atmega328p", 309), "mega_elf": ("atmega2560", 120)}
 PERIODS = 20000
 FIRST_TOP, FIRST_RESULT, CADENCE = 255, 2241, 2040
