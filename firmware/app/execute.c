@@ -103,22 +103,23 @@ static uint8_t execute(App *app, const Command *command) {
     return result;
 }
 
-static void answer(App *app, Command *command) {
-    if (command->fresh) {
-        command->result = execute(app, command);
+INLINE_NEVER static void answer(App *app) {
+    Command command;
+    command_take(&app->parser, &command);
+    if (command.fresh) {
+        command.result = execute(app, &command);
     }
-    command_answered(&app->parser, command, &app->telemetry);
+    command_answered(&app->parser, &command, &app->telemetry);
 }
 
-INLINE_NEVER void execute_received(App *app) {
-    Command command;
+void execute_received(App *app) {
     uint8_t byte = 0;
     if (telemetry_ack_waits(&app->telemetry)) {
         return;
     }
     for (uint8_t k = BYTES_A_TICK; k > 0u && uart_receive(&app->uart, &byte); k--) {
-        if (command_next(&app->parser, byte, &command)) {
-            answer(app, &command);
+        if (command_byte(&app->parser, byte)) {
+            answer(app);
             return;
         }
     }

@@ -15,15 +15,16 @@ static int32_t integrate(int32_t share_q23, int32_t excess_a_q9) {
 }
 
 int16_t foldback_step(Foldback *self, int16_t wish_q15, int16_t current_a_q9) {
-    if (!foldback_active(self) && current_a_q9 <= self->limit_a_q9 && current_a_q9 >= -self->limit_a_q9) {
+    if (!self->active && current_a_q9 <= self->limit_a_q9 && current_a_q9 >= -self->limit_a_q9) {
         return (int16_t)(wish_q15 < 0 ? 0 : wish_q15);  // the usual case
     }
     self->less_q23 = integrate(self->less_q23, (int32_t)current_a_q9 - self->limit_a_q9);
     self->more_q23 = integrate(self->more_q23, -(int32_t)current_a_q9 - self->limit_a_q9);
+    self->active = self->less_q23 > 0 || self->more_q23 > 0;
     const int32_t allowed_q15 = wish_q15 + ((self->more_q23 - self->less_q23) >> 8);
     return (int16_t)fixed_clamp_i32(allowed_q15, 0, INT16_MAX);
 }
 
 bool foldback_active(const Foldback *self) {
-    return self->less_q23 > 0 || self->more_q23 > 0;
+    return self->active;
 }

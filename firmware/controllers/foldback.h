@@ -13,6 +13,7 @@ typedef struct {
     int16_t limit_a_q9;
     int32_t less_q23;  // duty taken away
     int32_t more_q23;  // duty added
+    bool active;       // one of them is not 0
 } Foldback;
 
 void foldback_init(Foldback *self, int16_t limit_a_q9);

@@ -3,6 +3,8 @@
 
 #include <stdbool.h>
 
+#include "core/inline.h"
+
 #define BITS 16u
 
 // For dividend / 2^16 < divisor. The high word of `rest` is what is left, the quotient comes in from below. The compiler's loop takes half as long again
@@ -52,19 +54,21 @@ static uint16_t corrected(uint16_t estimate, uint32_t dividend, uint32_t divisor
     return estimate;
 }
 
-uint16_t divide_u16(uint32_t dividend, uint32_t divisor) {
+// Apart from the usual case, which would have to save its registers.
+INLINE_NEVER static uint16_t divide_by_long(uint32_t dividend, uint32_t divisor) {
     uint32_t shifted = dividend;
     uint32_t by = divisor;
-    if (dividend >> BITS >= divisor) {
-        return UINT16_MAX;
-    }
-    if (by <= UINT16_MAX) {
-        return quotient(dividend, (uint16_t)by);
-    }
     while (by > UINT16_MAX) {
         by >>= 1;
         shifted >>= 1;
     }
     const uint16_t estimate = shifted >> BITS >= by ? UINT16_MAX : quotient(shifted, (uint16_t)by);
     return corrected(estimate, dividend, divisor);
+}
+
+uint16_t divide_u16(uint32_t dividend, uint32_t divisor) {
+    if (divisor > UINT16_MAX) {
+        return divide_by_long(dividend, divisor);
+    }
+    return (uint16_t)(dividend >> BITS) >= (uint16_t)divisor ? UINT16_MAX : quotient(dividend, (uint16_t)divisor);
 }

@@ -49,7 +49,7 @@ static uint8_t samples_due(AdcSequence *self, bool *lost) {
         self->cycles_ahead = (int16_t)(self->cycles_ahead - (int16_t)HAL_CYCLES_PER_SAMPLE);
         due++;
     }
-    if (held >= due && held <= due + LATE_SAMPLES) {
+    if (held >= due && (uint8_t)(held - due) <= LATE_SAMPLES) {
         return due;
     }
     *lost = true;
@@ -92,7 +92,11 @@ static uint16_t sample_of(const AdcSequence *self, uint8_t slot) {
 
 static void take_other(AdcTick *out, uint8_t channel, uint16_t counts) {
     out->latest[channel] = counts;
-    out->fresh = (uint8_t)(out->fresh | (1u << channel));
+    uint8_t bit = 1u << HAL_ADC_BUS;  // no variable shift
+    if (channel != HAL_ADC_BUS) {
+        bit = channel == HAL_ADC_TRIGGER ? 1u << HAL_ADC_TRIGGER : 1u << HAL_ADC_TEMPERATURE;
+    }
+    out->fresh = (uint8_t)(out->fresh | bit);
 }
 
 void adc_sequence_tick(AdcSequence *self, AdcTick *out) {

@@ -89,6 +89,10 @@ static HBridgeOrder order_of(const HBridge *self, int16_t compare) {
 }
 
 void h_bridge_stage(HBridge *self, int16_t compare) {
+    if (self->staged.phase == H_BRIDGE_DRIVING && self->staged.compare == compare && self->staged_compare == compare) {
+        hal_apply_at(self->cycles_to_top < HAL_APPLY_MARGIN_CYCLES);
+        return;  // the order stands
+    }
     const HBridgeOrder order = order_of(self, compare);
     self->staged_compare = order.phase == H_BRIDGE_DRIVING ? order.compare : H_BRIDGE_COAST;
     const uint8_t lock = hal_lock();

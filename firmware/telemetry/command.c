@@ -2,6 +2,7 @@
 #include "telemetry/command.h"
 
 #include "core/crc.h"
+#include "core/inline.h"
 
 #define FRAME_START 0xAAu
 #define FRAME_END 0xBBu
@@ -36,7 +37,7 @@ static bool fits(uint8_t at, uint8_t byte) {
 }
 
 // Gives up the first byte and every one after it that cannot start a frame.
-static void resynchronise(CommandParser *self) {
+INLINE_NEVER static void resynchronise(CommandParser *self) {
     uint8_t first = 1;
     while (!plausible(self, first)) {
         first++;
@@ -72,22 +73,30 @@ static void take_frame(const CommandParser *self, Command *out) {
     }
 }
 
-bool command_next(CommandParser *self, uint8_t byte, Command *out) {
+bool command_byte(CommandParser *self, uint8_t byte) {
     const uint8_t at = self->count;
     self->buffer[at] = byte;
     self->count = (uint8_t)(at + 1u);
     if (!fits(at, byte)) {
         resynchronise(self);
     }
-    if (self->count < TELEMETRY_FRAME_BYTES) {
-        return false;
-    }
+    return self->count >= TELEMETRY_FRAME_BYTES;
+}
+
+void command_take(CommandParser *self, Command *out) {
     take_frame(self, out);
     if (out->result == TELEMETRY_ACK_RESULT_BAD_CRC) {
         resynchronise(self);  // a good frame may have begun inside
     } else {
         self->count = 0;
     }
+}
+
+bool command_next(CommandParser *self, uint8_t byte, Command *out) {
+    if (!command_byte(self, byte)) {
+        return false;
+    }
+    command_take(self, out);
     return true;
 }
 

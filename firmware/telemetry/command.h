@@ -34,6 +34,10 @@ typedef struct {
     uint16_t last_id;  // 0: none yet
 } CommandParser;
 
+// The same in two steps: true when the byte completes a frame, which command_take then hands out.
+bool command_byte(CommandParser *self, uint8_t byte);
+void command_take(CommandParser *self, Command *out);
+
 // Takes one received byte; true when it completes a frame, which is then in `out`.
 bool command_next(CommandParser *self, uint8_t byte, Command *out);
 
