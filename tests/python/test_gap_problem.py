@@ -268,3 +268,49 @@ def test_a_loggers_slow_clock_is_seen_against_the_sensors_own() -> None:
     before, after = np.abs(problem.residuals(theta)[:, steady] * problem.sigma[steady])
     assert np.median(after) < 0.5 and problem.gap(problem.residuals(theta))[1] < 0.75 * problem.gap(problem.residuals(theta))[0]
     assert np.median(before) < 0.5  # a steady motor runs at the same speed whatever the logger's clock
+
+
+def test_a_duty_in_percent_is_refused(log: MadeLog) -> None:
+    wrong = MadeLog(log.time_s, {**log.columns, "duty": 100.0 * log.columns["duty"]})
+    with pytest.raises(VgrooveError, match="percent"):
+        load_problem([wrong], rig())
+
+
+def test_a_command_without_a_value_is_refused(log: MadeLog) -> None:
+    empty = MadeLog(log.time_s, {**log.columns, "duty": np.full(len(log.time_s), np.nan)})
+    with pytest.raises(VgrooveError, match="holds no value"):
+        load_problem([empty], rig())
+
+
+@pytest.mark.parametrize("cut", ["rows", "command"])
+def test_a_hole_in_the_command_is_left_out_up_to_the_next_restart(log: MadeLog, cut: str) -> None:
+    hole = (log.time_s > 0.95) & (log.time_s < 1.15)  # the command changes in it
+    columns = {**log.columns, "duty": np.where(hole, np.nan, log.columns["duty"])}
+    keep = np.ones(len(hole), dtype=bool) if cut == "command" else ~hole
+    made = MadeLog(log.time_s[keep], {name: values[keep] for name, values in columns.items()})
+    problem = load_problem([made], rig())
+    residual = problem.residuals(problem.theta0)[0]
+    near = (problem.time_s > 0.9) & (problem.time_s < 1.8)
+    assert problem.gap(residual, near) < 1.2
+    assert any("hole" in warning for warning in problem.warnings)
+
+
+def test_the_noise_of_a_measured_bus_belongs_to_sigma(log: MadeLog) -> None:
+    rng = np.random.default_rng(5)
+    tool = rig(input={"bus": "measured"}, sensors={"supply_noise_v": 0.2})
+    noisy = MadeLog(log.time_s, {**log.columns, "supply_v": 18.0 + 0.2 * rng.standard_normal(len(log.time_s))})
+    problem = load_problem([noisy], tool)
+    assert problem.gap(problem.residuals(problem.theta0)[0]) == pytest.approx(1.0, abs=0.15)
+
+
+def test_warnings_of_the_reader_and_of_dead_columns_reach_the_verdict(log: MadeLog) -> None:
+    dead = MadeLog(log.time_s, {**log.columns, "current_a": np.zeros(len(log.time_s))}, warnings=["the unknown column x is ignored."])
+    warnings = load_problem([dead], rig()).warnings
+    assert "the unknown column x is ignored." in warnings
+    assert any("current_a" in w and "connected" in w for w in warnings)
+
+
+@pytest.mark.parametrize("step", [0.02, 2.0 * np.pi / 4096])
+def test_the_resolution_of_a_fast_encoder_is_seen(step: float) -> None:
+    angle = 0.5 * 900.0 * np.linspace(0.0, 1.0, 1001) ** 2 + 40.0 * np.linspace(0.0, 1.0, 1001)
+    assert noise.step_of(np.round(angle / step) * step) == pytest.approx(step, rel=1e-6)

@@ -52,6 +52,7 @@ def diagnose(logs: Sequence[Any], rig: Rig, seed: int = 0, without: Sequence[str
     engine = Engine(problem, scales_of(problem), rig.tolerance, frozenset(rig.effects))
     rows = search.Rows(problem.log, problem.time_s, problem.signal, problem.conditional, problem.restart_s)
     state = search.begin(engine, available(kinds, frozenset(without)), rows, seed, tell)
+    state.without = frozenset(without)
     best, rivals = search.run(state)
     tell("what is left, and where it lies")
     left = locate.remaining(state, best, drivers_of(problem), problem.signal, [s.column for s in problem.signals], problem.floor())

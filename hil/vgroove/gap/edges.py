@@ -13,6 +13,7 @@ COUNTING_PULSES = 16  # from so many edges a turn on, a row's speed counts the e
 COUNTED_SHARE = 0.8  # an edge period below this share of a row's interval: the number of edges in the row cannot be told
 REVERSAL_S = 0.1  # edge periods closer than this to a change of sign may count one edge twice
 MISSING_ROWS_LIMIT = 3  # after more missing rows than this the number of edges in between is not certain any more
+HOLE_ROWS = 8.5  # so many usual intervals without a row are a hole in the log, with the same consequence
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,7 @@ class _Reader:
     def __init__(self, time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> None:
         self.time, self.speed, self.pulses = time_s, speed_rpm, pulses
         self.half_lsb, self.counts = 0.5 * lsb_rpm, pulses >= COUNTING_PULSES
+        self.hole_s = HOLE_ROWS * float(np.median(np.diff(time_s)))
         self.chains: list[_Chain] = []
         self.chain: _Chain | None = None
         self.low = self.high = 0.0
@@ -91,12 +93,16 @@ class _Reader:
                 continue
             if speed == 0.0:
                 self.chain = None
-            elif self.chain is None or speed * self.chain.speed_rpm[-1] < 0.0 or row - self.last_row > MISSING_ROWS_LIMIT:
+            elif self.chain is None or speed * self.chain.speed_rpm[-1] < 0.0 or self.is_far(row):
                 self.begin(row, speed)
             else:
                 self.follow(row, speed)
             self.last_row = row
         return self.chains
+
+    def is_far(self, row: int) -> bool:
+        """Whether too much is missing between the last row read and this one to go on counting."""
+        return row - self.last_row > MISSING_ROWS_LIMIT or self.time[row] - self.before() > self.hole_s
 
     def before(self) -> float:
         """Time of the last row that was read before this one: a new value's edge came after it."""

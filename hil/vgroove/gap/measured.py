@@ -21,6 +21,8 @@ from vgroove.rig import Rig
 DEFAULT_TIMEOUT_S = 0.25
 FORCE_ROWS = 2  # rows between the instants of a second difference
 NEIGHBOURS = 4  # edge periods on each side that say whether a period is twice as long as it should be
+DUTY_LIMIT = 1.01  # a compare value of 256 of 255 is rounding; beyond that the column is no duty
+HOLE_S, HOLE_ROWS = 0.02, 8  # a command unknown for longer than both (seconds, usual intervals) leaves the motion after it open
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     """Run of a log (time_s, columns) under a rig; VgrooveError when the input is missing or nothing is left to judge."""
     time_s = np.asarray(log.time_s, dtype=float)
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
-    source, warnings = str(getattr(log, "source", "log")), []
+    source, warnings = str(getattr(log, "source", "log")), list(getattr(log, "warnings", []))
     drive, command = _drive(time_s, columns, rig, source, warnings)
     edges = _edges(time_s, columns, rig)
     channels = _channels(time_s, columns, rig, edges, warnings)
@@ -54,9 +56,15 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
         raise VgrooveError(f"{source}: nothing to judge: besides the input {rig.input['kind']} no column that the model predicts")
     sight = sight_of(time_s, columns, rig, edges, channels)
     load = filled(time_s, columns["load_nm"]) if rig.load["kind"] == "torque" and "load_nm" in columns else None
-    channels = _widened(channels, time_s, noise.drive_sigma(rig, time_s, command, load))
-    restarts = states.restarts(sight, time_s, restart_s)
-    channels = tuple(_clear_of_restarts(channel, restarts.rows) for channel in channels)
+    channels = _widened(channels, time_s, noise.drive_sigma(rig, time_s, command, load, _volt_noise(columns, rig)))
+    holes = _holes(time_s, columns[rig.input["kind"]])
+    restarts = states.restarts(sight, time_s, restart_s, [row for _, row in holes])
+    channels = tuple(_clear_of_holes(_clear_of_restarts(channel, restarts.rows), restarts.rows, holes) for channel in channels)
+    if holes:
+        warnings.append(f"{source}: {len(holes)} holes in the command; what follows each is left out up to the next restart")
+    if not any(len(channel.row) for channel in channels):
+        raise VgrooveError(f"{source}: nothing to judge: no sample is left between the holes of the log")
+    channels = tuple(channel for channel in channels if len(channel.row))
     speed = speed_rows(time_s, sight)
     regime, regimes = regimes_of(time_s, speed, command)
     return Run(log, drive, restarts, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings)
@@ -68,6 +76,11 @@ def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
     if kind not in columns:
         raise VgrooveError(f"{source}: the column {kind} is missing, which drives the model according to the rig")
     command, more = columns[kind], {}
+    if not np.isfinite(command).any():
+        raise VgrooveError(f"{source}: the column {kind}, which drives the model according to the rig, holds no value")
+    if kind == "duty" and np.nanmax(np.abs(command)) > DUTY_LIMIT:
+        top = np.nanmax(np.abs(command))
+        raise VgrooveError(f"{source}: the column duty reaches {top:.4g}: a duty lies within -1..1 (is it in percent?)")
     if rig.bus_is_measured and kind == "duty":
         if "supply_v" not in columns:
             raise VgrooveError(f"{source}: the column supply_v is missing, which drives the model according to the rig (input.bus)")
@@ -83,6 +96,16 @@ def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
     if "slew_per_s" in rig.input:
         more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": noise.step_of(command)}
     return _core.LogInput(time_s, kind, held(command), load_kind=load, **more), held(command)
+
+
+def _volt_noise(columns: dict[str, np.ndarray], rig: Rig) -> float:
+    """1 sigma (V) of a measured voltage that drives the model: the bus at full duty, or the terminals; 0 where it is modelled."""
+    if rig.input["kind"] == "duty" and rig.bus_is_measured:
+        return noise.column_sigma(rig, "supply_v", columns["supply_v"])
+    if rig.input["kind"] == "voltage_v":
+        spread = noise.scatter(columns["voltage_v"])
+        return spread if np.isfinite(spread) else 0.0
+    return 0.0
 
 
 def _edges(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig) -> EdgePeriods | None:
@@ -107,6 +130,9 @@ def _channels(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edge
         found.append(_rows(time_s, columns["speed_rpm"], "speed_rpm", "rpm", sigma, "speed_measured_rad_s", RAD_S_TO_RPM))
     if "position_rad" in columns and np.isfinite(columns["position_rad"]).any():
         found.append(_position(time_s, columns["position_rad"], rig))
+    for channel in found:
+        if len(channel.row) and np.ptp(channel.measured) == 0.0 and np.ptp(held(columns[kind])) > 0.0:
+            warnings.append(f"the column {channel.column} reads {channel.measured[0]:.4g} throughout: is its sensor connected?")
     return [channel for channel in found if len(channel.row)]
 
 
@@ -123,7 +149,7 @@ def _current(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, warni
     unsigned = current_is_unsigned(columns, rig, sigma)
     note = "the current never turns negative while the drive brakes or reverses: it is unsigned, compared by magnitude" if unsigned else ""
     if unsigned:
-        warnings.append(note)
+        warnings += [] if any("unsigned" in known for known in warnings) else [note]
         values = np.abs(values)
     return _rows(time_s, values, "current_a", "A", sigma, "current_a", magnitude=unsigned, note=note)
 
@@ -237,6 +263,24 @@ def _widened(channels: list[Channel], time_s: np.ndarray, drive: tuple[np.ndarra
     speed, current = drive
     more = {"A": current, "rpm": speed * RAD_S_TO_RPM, "rad/s": speed}
     return [replace(c, sigma=np.hypot(c.sigma, np.interp(c.time_s, time_s, more[c.unit]))) if c.unit in more else c for c in channels]
+
+
+def _holes(time_s: np.ndarray, command: np.ndarray) -> list[tuple[int, int]]:
+    """Rows (before, after) on both sides of each stretch in which the command is not known: missing rows or missing samples."""
+    known = np.flatnonzero(np.isfinite(command))
+    length = np.diff(time_s[known])
+    limit = max(HOLE_S, HOLE_ROWS * float(np.median(np.diff(time_s))))
+    return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(length > limit)]
+
+
+def _clear_of_holes(channel: Channel, starts: np.ndarray, holes: list[tuple[int, int]]) -> Channel:
+    """Drop values from each hole up to the next restart: the motion that the model goes on with there is a guess."""
+    keep = np.ones(len(channel.row), dtype=bool)
+    for before, after in holes:
+        later = starts[starts >= after]
+        until = int(later[0]) if later.size else np.iinfo(int).max
+        keep &= (channel.row <= before) | (channel.first_row() >= until)
+    return channel.kept(keep)
 
 
 def _clear_of_restarts(channel: Channel, starts: np.ndarray) -> Channel:

@@ -8,6 +8,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from vgroove.gap.edges import EdgePeriods
 from vgroove.rig import Rig
 
+STEPS_LOOKED_AT, MOST_PARTS = 2000, 64  # differences that must fit a column's resolution, and steps in the smallest of them
 SCATTER_WINDOW, SCATTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
 RPM = 2.0 * np.pi / 60.0
 MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
@@ -88,11 +89,13 @@ def _what_motion_leaves(size: int, pulses_per_rev: int) -> np.ndarray:
     return np.eye(size) - basis @ basis.T
 
 
-def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.ndarray | None,
+                volt_noise: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """1 sigma (rows,) of speed, rad/s, and current, A, that the driving columns leave open: they too are measured and rounded.
 
     A ramp is known to its column's resolution, a load step to the row it happens in, a measured current to its noise. The nominal motor
     turns each into an impulse of speed that decays with its time constant. A constant command is known to the last digit written.
+    A measured bus or terminal voltage has the noise volt_noise (V).
     """
     motor, ratio = rig.motor, rig.gearbox["ratio"]
     inertia = motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / ratio**2
@@ -109,6 +112,11 @@ def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.n
         changing = np.diff(command, prepend=command[0]) != 0.0
         current = changing * step_of(command) / np.sqrt(12.0) * volt / resistance
         torque += constant * current
+    if volt_noise > 0.0:
+        reached = 1.0 - np.exp(-dt * resistance / motor["inductance_h"])  # of the stationary current within a row
+        share = np.minimum(np.abs(command), 1.0) if rig.input["kind"] == "duty" else 1.0
+        noisy = share * volt_noise / resistance
+        current, torque = np.hypot(current, noisy * reached), np.hypot(torque, constant * noisy)
     if load_nm is not None:
         torque = np.hypot(torque, np.abs(np.diff(load_nm, prepend=load_nm[0])) / np.sqrt(12.0) / ratio)
     digit = last_digit(command) / np.sqrt(12.0) * volt / constant if rig.input["kind"] != "current_a" else 0.0
@@ -122,10 +130,22 @@ def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.n
 
 
 def step_of(command: np.ndarray) -> float:
-    """Resolution of a column: the smallest difference between values that occur in it."""
+    """Resolution of a column: the greatest step of which all differences between its values are multiples, at most the smallest difference.
+
+    A column that moves fast (an encoder) shows few neighbouring values: its smallest difference is several steps.
+    """
     steps = np.diff(np.unique(command[np.isfinite(command)]))
     steps = steps[steps > 1e-9]
-    return float(steps.min()) if len(steps) else 0.0
+    if not len(steps):
+        return 0.0
+    least = float(steps.min())
+    some = steps[:: max(1, len(steps) // STEPS_LOOKED_AT)]
+    for parts in range(1, MOST_PARTS + 1):
+        count = some * parts / least
+        near = count < 1000.0  # beyond that the smallest difference, rounded as it is, misses the multiple
+        if near.any() and np.mean(np.abs(count[near] - np.round(count[near])) < 0.1) > 0.98:
+            return least / parts
+    return least
 
 
 def last_digit(command: np.ndarray) -> float:

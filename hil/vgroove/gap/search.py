@@ -45,6 +45,7 @@ class Search:
     retuned: Fit
     seed: int = 0
     clip: float = CLIP
+    without: frozenset[str] = frozenset()
     fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
     tell: Callable[[str], None] = lambda _: None
 

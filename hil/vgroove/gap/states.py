@@ -1,6 +1,6 @@
 """Measured states to restart the model from: local polynomials that do not lag, and where in a log they can be trusted."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,16 +116,18 @@ class Restarts:
         return true
 
 
-def restarts(sight: Sight, time_s: np.ndarray, restart_s: float) -> Restarts:
+def restarts(sight: Sight, time_s: np.ndarray, restart_s: float, resume: Sequence[int] = ()) -> Restarts:
     """Where the model restarts; the first is row 0, at rest unless the log is in motion there.
 
-    About every restart_s the instant within reach whose state is known best; none where no state is known well enough (standstill, the
-    first edges, reversals, steps): the model runs through.
+    About every restart_s, and soon after each row of `resume` (ends of holes), the instant within reach whose state is known best; none
+    where no state is known well enough (standstill, the first edges, reversals, steps): the model runs through.
     """
     rows, found = [0], [_first_state(sight, time_s)]
-    for k in range(1, int((time_s[-1] - time_s[0]) / restart_s - 0.5) + 1):
-        centre, best, chosen = time_s[0] + k * restart_s, np.inf, None
-        for shift in SEARCH_S * min(1.0, restart_s / 0.25) * np.linspace(-1.0, 1.0, SEARCH_STEPS):
+    reach = SEARCH_S * min(1.0, restart_s / 0.25)
+    regular = [time_s[0] + k * restart_s for k in range(1, int((time_s[-1] - time_s[0]) / restart_s - 0.5) + 1)]
+    for centre in sorted(regular + [time_s[row] + 1.2 * reach for row in resume]):
+        best, chosen = np.inf, None
+        for shift in reach * np.linspace(-1.0, 1.0, SEARCH_STEPS):
             row = int(np.searchsorted(time_s, centre + shift))
             if not rows[-1] + 5 < row < len(time_s) - 5:
                 continue

@@ -5,16 +5,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgroove.gap import locate
-from vgroove.gap.evidence import draw_means
+from vgroove.gap.evidence import block_sums, draw_means, squared
 from vgroove.gap.fit import Fit, covariance
-from vgroove.gap.hypotheses import BY_ID, Parameter, equivalents
-from vgroove.gap.search import Search, key, win_shares
+from vgroove.gap.hypotheses import BY_ID, SPECIAL_CASES, Parameter, equivalents
+from vgroove.gap.search import CLIP, WORTH_FORM, Search, fit_set, key, plausible, win_shares
 
 BULK = {1: 0.7, 2: 0.85, 3: 0.9, 4: 0.9}
 VISIBLE = 0.1
 Z95 = 1.96
 SURE = 0.99
 NOT_WORTH = 0.4  # an effect that is significant and still not worth naming
+PATCHED, NEARLY_ALL = 0.2, 0.98  # several effects that leave more than this (noise power) and close less imitate something else
+UNSURE = 0.85  # most that is believed of a set beside which a significant remainder of that size stays
 
 
 @dataclass
@@ -34,9 +36,29 @@ def decide(search: Search, best: Fit, rivals: list[Fit], left: locate.Structure,
     if not best.ids:
         real = left.significant and search.score(best) > floor**2 * (1.0 + VISIBLE)
         return Finding("unlisted" if real else "none", best, [], left, bulk)
-    if bulk < BULK[len(best.ids)] and left.significant:
+    if left.significant and (bulk < BULK[len(best.ids)] or patched(search, best, bulk, floor)) or is_left_out(search, best):
         return Finding("unlisted", best, [], left, bulk)
     return Finding("ambiguous" if rivals else "effect", best, rivals, left, bulk)
+
+
+def excess(search: Search, best: Fit, floor: float) -> float:
+    """Squared gap that is left above the noise, in units of the noise."""
+    return search.score(best) / (floor**2 * search.level()) - 1.0
+
+
+def patched(search: Search, best: Fit, bulk: float, floor: float) -> bool:
+    """Whether a set of several effects looks like a patchwork: effects that are really there leave the noise, together as each alone."""
+    return len(best.ids) > 1 and bulk < NEARLY_ALL and excess(search, best, floor) > PATCHED
+
+
+def is_left_out(search: Search, best: Fit) -> bool:
+    """Whether a general effect does here no more than its special case, which the catalogue is searched without."""
+    for member in best.ids:
+        for special in set(SPECIAL_CASES.get(member, ())) & search.without - set(best.ids):
+            one = fit_set(search, [special if i == member else i for i in best.ids], best)
+            if not search.better(best, one, WORTH_FORM):
+                return True
+    return False
 
 
 def closed_squared(search: Search, best: Fit, floor: float) -> float:
@@ -68,10 +90,11 @@ def gap_section(problem: object, search: Search, shown: Fit, floor: float) -> di
 
 
 def closed_interval(search: Search, shown: Fit, before: float, floor: float) -> list[float] | None:
-    """Block-bootstrap interval of `closed`."""
+    """Block-bootstrap interval of `closed`; clipped as the reported gap is, whatever the search clips at."""
     if before - floor < 0.1:
         return None
-    b, a = (np.sqrt(draw_means(search.blocks, search.sums(f))) for f in (search.nominal, shown))
+    squares = (squared(f, CLIP, search.rows.conditional) for f in (search.nominal, shown))
+    b, a = (np.sqrt(draw_means(search.blocks, block_sums(search.blocks, s))) for s in squares)
     ratio = np.clip((b - a) / np.maximum(b - floor, 1e-6), 0.0, 1.0)
     return [float(q) for q in np.quantile(ratio, [0.025, 0.975])]
 
@@ -90,16 +113,19 @@ def by_signal(problem: object, search: Search, shown: Fit) -> dict[str, dict[str
     return out
 
 
-def probabilities(search: Search, finding: Finding) -> dict[str, float]:
+def probabilities(search: Search, finding: Finding, floor: float) -> dict[str, float]:
     """Marginal probability of each effect: how often a set that holds it wins under the block bootstrap, less where much is left open."""
-    candidates = [search.retuned, *(f for k, f in sorted(search.fits.items()) if k)]
+    candidates = [search.retuned, *(f for k, f in sorted(search.fits.items()) if k and plausible(f))]
     share = win_shares(search, candidates)
     out = {e.id: float(sum(s for s, f in zip(share, candidates, strict=True) if e.id in f.ids)) for e in search.effects}
-    doubt = {"none": NOT_WORTH, "unlisted": max(0.0, min(1.0, finding.bulk))}
+    doubt = {"none": NOT_WORTH, "unlisted": max(0.0, min(NOT_WORTH, finding.bulk))}
     trust = SURE * doubt.get(finding.verdict, 1.0)
+    if finding.verdict == "effect" and finding.left.significant and excess(search, finding.best, floor) > PATCHED:
+        trust = UNSURE * max(0.0, min(1.0, finding.bulk))
     if finding.verdict == "ambiguous":
         out = share_among_rivals(out, finding)
-    return {i: p * trust for i, p in out.items()}
+    known = {*finding.best.ids, *(i for f in finding.rivals for i in f.ids)}
+    return {i: p * trust if i in known else min(p * trust, NOT_WORTH) for i, p in out.items()}
 
 
 def share_among_rivals(out: dict[str, float], finding: Finding) -> dict[str, float]:
@@ -146,7 +172,7 @@ def lost_without(search: Search, problem: object, best: Fit, effect_id: str, flo
 
 def effects_section(problem: object, search: Search, finding: Finding, floor: float) -> list[dict[str, object]]:
     """All effects that were tried: selected ones first, then by probability and by what they close alone."""
-    chance, before, out = probabilities(search, finding), gap_of(problem, search.nominal.held), []
+    chance, before, out = probabilities(search, finding, floor), gap_of(problem, search.nominal.held), []
     for effect in search.effects:
         alone = search.fits[(effect.id,)]
         source = finding.best if effect.id in finding.best.ids else alone
