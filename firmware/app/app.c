@@ -69,32 +69,36 @@ static void note_lateness(App *self, uint8_t ticks_late) {
     self->faults.overrun = ticks_late > OVERRUN_FAULT_TICKS;
 }
 
-// Commands and a second edge cost as much as a slow frame: of them and it one a tick, in turn.
-static void share_tick(App *self) {
-    const bool commands = !self->slow_turn && uart_received(&self->uart);
-    const bool hold = !self->slow_turn && (commands || self->hall.new_edges > 1u);
+// Commands, parameters to take over, a second edge and a slow frame cost alike: one of them a tick, and a slow frame that was held back goes first.
+// True when the tick has done such work.
+static bool share_tick(App *self) {
+    const bool free = !self->slow_turn;
+    const bool commands = free && uart_received(&self->uart);
+    const bool configure = free && !commands && execute_parameters_pending(self);
     if (commands) {
         execute_received(self);
+    } else if (configure) {
+        execute_parameters_step(self);
     }
-    self->report.hold_slow = hold;
-    self->slow_turn = hold && telemetry_slow_waits(&self->telemetry);
+    self->report.hold_slow = commands || configure || (free && self->hall.new_edges > 1u);
+    self->slow_turn = self->report.hold_slow && telemetry_slow_waits(&self->telemetry);
+    return commands || configure;
 }
 
 void app_tick(App *self, uint8_t ticks_late) {
     read_inputs(self);
     self->now_ms++;
     note_lateness(self, ticks_late);
-    share_tick(self);
-    if (execute_parameters_pending(self)) {
-        execute_parameters_step(self);
-    }
+    const bool worked = share_tick(self);
     find_faults(self);
     if (self->calibration != TELEMETRY_CALIBRATE_WHAT_CANCEL) {
         calibrate_step(self);
     }
     step_modes(self);
     h_bridge_stage(&self->bridge, drive_step(self));
-    param_step(&self->params);
+    if (!worked) {
+        param_step(&self->params);
+    }
     report_tick(self);
     const uint16_t cycles = hal_tick_cycles((uint16_t)self->hall.now_cycles);
     if (cycles > self->worst_cycles) {

@@ -1,6 +1,7 @@
 // Duty of a tick, see drive.h.
 #include "app/drive.h"
 
+#include "core/divide.h"
 #include "core/slew.h"
 
 static int16_t along(const App *app, int16_t value) {
@@ -12,8 +13,9 @@ static int16_t resumed_duty(const App *app, int16_t speed_rpm_q1) {
     if (app->ramp_speed_rpm_q1 <= 0 || speed_rpm_q1 <= 0) {
         return 0;
     }
-    const int32_t duty = (int32_t)app->ramp_duty_q15 * speed_rpm_q1 / app->ramp_speed_rpm_q1;
-    return (int16_t)(duty < app->ramp_duty_q15 ? duty : app->ramp_duty_q15);
+    const uint16_t ramp_q15 = (uint16_t)app->ramp_duty_q15;
+    const uint16_t duty_q15 = divide_u16((uint32_t)ramp_q15 * (uint16_t)speed_rpm_q1, (uint16_t)app->ramp_speed_rpm_q1);
+    return (int16_t)(duty_q15 < ramp_q15 ? duty_q15 : ramp_q15);
 }
 
 static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) {
@@ -33,13 +35,20 @@ static int16_t coast(App *app) {
     return H_BRIDGE_COAST;
 }
 
+static int16_t limited_travel(const App *app) {
+    if (app->duty_limit_q15 == INT16_MAX) {
+        return app->trigger.travel_q15;  // the usual case
+    }
+    return (int16_t)(((uint32_t)(uint16_t)(2 * app->trigger.travel_q15) * (uint16_t)((uint16_t)app->duty_limit_q15 + 1u)) >> 16);
+}
+
 int16_t drive_step(App *app) {
     const ModesCommand command = modes_output(&app->modes, app->params.value[PARAM_RELEASE_MODE] != 0);
     if (command == MODES_COMMAND_COAST) {
         return coast(app);
     }
     const ControllerInputs in = {
-        .travel_q15 = (int16_t)(((uint32_t)(uint16_t)(2 * app->trigger.travel_q15) * (uint16_t)((uint16_t)app->duty_limit_q15 + 1u)) >> 16),
+        .travel_q15 = limited_travel(app),
         .speed_rpm_q1 = along(app, app->measured.speed_rpm_q1),
         .current_a_q9 = along(app, app->measured.current_a_q9),
         .supply_mv = app->measured.supply_mv,

@@ -11,7 +11,7 @@
 #define VALUES_AT 4u
 #define CRC_AT (VALUES_AT + 2u * PARAM_COUNT)
 #define SLOT_BYTES (CRC_AT + 2u)
-#define SKIPS_A_TICK 8u  // bytes that already read as they should, looked at in one tick
+#define SKIPS_A_TICK 4u  // bytes that already read as they should, looked at in one tick
 
 // Steps of a write: the version is voided, then bytes 1..SLOT_BYTES-1, then the version.
 #define STEP_VOID 1u

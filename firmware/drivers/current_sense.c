@@ -34,7 +34,7 @@ int16_t current_sense_a_q9(const CurrentSense *self, int16_t mean_q4, bool *satu
 }
 
 CurrentLimits current_sense_limits(const CurrentSense *self, int16_t trip_a_q9) {
-    const int32_t span_q4 = ((int32_t)trip_a_q9 << (PRODUCT_SHIFT)) / self->gain_a_q15;
+    const int32_t span_q4 = divide_u16((uint32_t)(uint16_t)trip_a_q9 << PRODUCT_SHIFT, (uint16_t)self->gain_a_q15);
     const int32_t low = (self->offset_q4 - span_q4 + 15) >> UNITS_COUNT_Q;
     const int32_t high = (self->offset_q4 + span_q4) >> UNITS_COUNT_Q;
     return (CurrentLimits){.low = (uint16_t)fixed_clamp_i32(low, 1, ADC_TOP - 1u), .high = (uint16_t)fixed_clamp_i32(high, 1, ADC_TOP - 1u)};

@@ -98,7 +98,7 @@ static void note_period(HallSpeed *self, uint32_t period) {
 
 static void take_edge(HallSpeed *self, uint32_t edge, HallSpeedResult *result) {
     uint32_t period = edge - self->edge_cycles;
-    uint32_t factor = factor_at(self, self->index);
+    const uint8_t before = self->index;
     const bool even = is_even(self, period);
     if (!even && self->edges > 0u && is_double(self, period)) {
         self->doubled = (uint8_t)(self->doubled + (self->doubled < UINT8_MAX ? 1u : 0u));
@@ -109,14 +109,17 @@ static void take_edge(HallSpeed *self, uint32_t edge, HallSpeedResult *result) {
         self->missed = (uint8_t)(self->missed + (self->missed < UINT8_MAX ? 1u : 0u));
         result->missed = true;
         self->index = pitch_after(self, self->index);
-        factor = (factor + factor_at(self, self->index)) / 2u;
         period /= 2u;
         restart_spacing(self);
     }
     if (self->edges > 0u) {
         self->before_cycles = self->edges >= 2u ? self->period_cycles : 0u;
         self->period_cycles = period;
-        self->edge_factor = factor;
+        self->edge_known = self->index_known;
+        if (self->index_known) {
+            const uint32_t factor = self->factor[before];
+            self->edge_factor = result->missed ? (factor + self->factor[self->index]) / 2u : factor;
+        }
     }
     self->edge_cycles = edge;
     self->index = pitch_after(self, self->index);
@@ -160,7 +163,7 @@ static void update(HallSpeed *self) {
         return;
     }
     if (self->new_edges > 0u) {
-        self->magnitude_rpm_q1 = speed_of(self->edge_factor, self->period_cycles);
+        self->magnitude_rpm_q1 = speed_of(self->edge_known ? self->edge_factor : self->factor_equal, self->period_cycles);
     }
     if (may_fall(self, age)) {
         const uint16_t bound = divide_u16(factor_at(self, self->index), age);  // downwards: never more than one pitch over the age

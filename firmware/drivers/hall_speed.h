@@ -23,7 +23,7 @@ typedef struct {
     uint32_t timeout_cycles;
     uint32_t factor[HALL_SPEED_PITCHES];  // rpm Q1 times period of each pitch
     uint32_t factor_equal;
-    uint32_t edge_factor;         // of the pitch that the last edge closed
+    uint32_t edge_factor;         // of the pitch that the last edge closed, where its index was known
     uint32_t least_cycles;        // a shorter period is beyond twice the range
     uint32_t fast_cycles;         // period above which a missed edge cannot be told from braking
     uint16_t magnitude_rpm_q1;
@@ -33,6 +33,7 @@ typedef struct {
     uint8_t missed;
     uint8_t doubled;
     bool index_known;
+    bool edge_known;              // edge_factor counts, otherwise all pitches are equal
     bool uneven;                  // the pitches differ: worth finding the index
     bool learned;                 // hall_spacing has a result
     int16_t share_q15[HALL_SPEED_PITCHES];

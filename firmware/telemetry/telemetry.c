@@ -95,11 +95,14 @@ static void note_state(Telemetry *self, const TelemetryInputs *in) {
     if (!state_changed(&self->state, &in->state, flags)) {
         return;
     }
-    const uint8_t counter = self->state.state_counter;
-    self->state = in->state;
+    self->state.trigger = in->state.trigger;
+    self->state.state = in->state.state;
+    self->state.mode = in->state.mode;
+    self->state.reverse = in->state.reverse;
+    self->state.faults = in->state.faults;
+    self->state.contact = in->state.contact;
     self->state.flags = flags;
     self->state.state_tick = (uint8_t)in->now_ms;
-    self->state.state_counter = counter;
     self->state_waits = true;
 }
 
