@@ -1,8 +1,6 @@
 // Single-producer, single-consumer rings, see ring.h.
 #include "core/ring.h"
 
-#include <string.h>
-
 bool ring_push_pair(RingWords *self, uint8_t low, uint8_t high) {
     const uint8_t head = self->head;
     if (head == (uint8_t)(self->tail + RING_WORDS)) {
@@ -51,25 +49,14 @@ bool ring_pop_byte(RingBytes *self, uint8_t *item) {
     return true;
 }
 
-// memcpy() is the fastest loop that avr-gcc has; the barrier keeps it before the new head, which the interrupt looks at.
-static void copy(volatile uint8_t *to, const uint8_t *from, uint8_t count) {
-    memcpy((uint8_t *)(uintptr_t)to, from, count);
-    __asm__ volatile("" : : : "memory");
-}
-
 bool ring_push_bytes(RingBytes *self, const uint8_t *bytes, uint8_t count) {
     uint8_t head = self->head;
     if (count > (uint8_t)(RING_BYTES - (uint8_t)(head - self->tail))) {
         return false;
     }
-    const uint8_t at = head % RING_BYTES;
-    const uint8_t to_end = (uint8_t)(RING_BYTES - at);
-    head = (uint8_t)(head + count);
-    if (count <= to_end) {
-        copy(&self->items[at], bytes, count);
-    } else {
-        copy(&self->items[at], bytes, to_end);
-        copy(self->items, bytes + to_end, (uint8_t)(count - to_end));
+    for (const uint8_t *end = bytes + count; bytes != end; bytes++) {
+        self->items[head % RING_BYTES] = *bytes;
+        head++;
     }
     self->head = head;
     return true;
