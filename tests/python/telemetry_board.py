@@ -45,7 +45,8 @@ class Params(ctypes.Structure):
 class Inputs(ctypes.Structure):
     """TelemetryInputs."""
 
-    _fields_ = [("now_ms", ctypes.c_uint32), ("fast", Fast), ("state", State), ("health", Health), ("params", Params)]
+    _fields_ = [("now_ms", ctypes.c_uint32), ("fast", Fast), ("state", State), ("health", Health), ("params", Params),
+                ("hold_slow", ctypes.c_bool)]  # fmt: skip
 
 
 class Store(ctypes.Structure):

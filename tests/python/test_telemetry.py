@@ -80,7 +80,7 @@ def test_parameter_list_that_cannot_be_migrated_is_refused() -> None:
     with pytest.raises(SystemExit, match="needs -32768"):
         generate.read_parameters(text.replace("8192,  2048,", "1024,  2048,", 1))
     with pytest.raises(SystemExit, match="could be read"):
-        generate.read_parameters(text.replace("28160, 2560, 28160", "28160, 2560, TRIP"))
+        generate.read_parameters(text.replace("25600, 2560, 28160", "25600, 2560, TRIP"))
 
 
 def test_check_values_of_both_crcs() -> None:
