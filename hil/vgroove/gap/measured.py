@@ -95,7 +95,8 @@ def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
         more["coast"] = held(columns["coast"])
     if "slew_per_s" in rig.input:
         more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": noise.step_of(command)}
-    return _core.LogInput(time_s, kind, held(command), load_kind=load, **more), held(command)
+    since = time_s - time_s[0]  # the plant steps in time since the first row: stamps far from 0 would cost it digits
+    return _core.LogInput(since, kind, held(command), load_kind=load, **more), held(command)
 
 
 def _volt_noise(columns: dict[str, np.ndarray], rig: Rig) -> float:
