@@ -298,7 +298,7 @@ def test_a_read_answers_with_the_parameter_before_its_ack_is_old() -> None:
     board.receive(command_bytes("PARAM_READ", 9, read_index=7))
     frames = [frame for frame in frames_of(board.run(30)) if frame.id in (telemetry.PARAM, telemetry.ACK)]
     assert sorted(frame.id for frame in frames) == [telemetry.PARAM, telemetry.ACK]
-    assert telemetry.decode(next(f for f in frames if f.id == telemetry.PARAM))["param_value"] == 28160
+    assert telemetry.decode(next(f for f in frames if f.id == telemetry.PARAM))["param_value"] == 25600
 
 
 @given(st.lists(st.binary(max_size=30), min_size=1, max_size=6), st.randoms(use_true_random=False))
