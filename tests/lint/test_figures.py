@@ -1,0 +1,42 @@
+"""A page may quote a measured figure only as <!--result FILE:KEY-->VALUE<!--end-->, and the value must stand in docs/results."""
+
+import json
+import re
+from pathlib import Path
+
+import house
+import pytest
+
+RESULTS = house.ROOT / "docs" / "results"
+QUOTE = re.compile(r"<!--result ([\w.]+):([\w.]+)-->(.*?)<!--end-->", re.DOTALL)
+PAGES = [house.ROOT / "README.md", *sorted((house.ROOT / "docs").glob("*.md"))]
+
+
+def value_of(name: str, key: str, folder: Path = RESULTS) -> str:
+    """The figure in FOLDER/NAME.json at a dotted key, as a page writes it."""
+    value = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+    for part in key.split("."):
+        value = value[int(part)] if isinstance(value, list) else value[part]
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def wrong_quotes(text: str, folder: Path = RESULTS) -> list[str]:
+    return [f"{name}:{key} is {value_of(name, key, folder)}, quoted as {quoted}" for name, key, quoted in QUOTE.findall(text)
+            if quoted.strip() != value_of(name, key, folder)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_pages_quote_the_results(page: Path) -> None:
+    assert wrong_quotes(page.read_text(encoding="utf-8")) == []
+
+
+def test_a_wrong_quote_is_caught(tmp_path: Path) -> None:
+    (tmp_path / "demo.json").write_text(json.dumps({"right": 19, "runs": [{"gap": 1.5}]}), encoding="utf-8")
+    assert wrong_quotes("<!--result demo:right-->19<!--end--> <!--result demo:runs.0.gap-->1.5<!--end-->", tmp_path) == []
+    assert len(wrong_quotes("<!--result demo:right-->20<!--end-->", tmp_path)) == 1
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_of_a_page_lead_somewhere(page: Path) -> None:
+    links = [link.split("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")) if "://" not in link]
+    assert [link for link in links if link and not (page.parent / link).exists()] == []
