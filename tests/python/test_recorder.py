@@ -78,7 +78,7 @@ def test_records_what_the_board_sent(tmp_path: Path, ending: str) -> None:
     assert rows >= 1500 and "lost 0, corrupt 0, skipped bytes 0" in text and "abcdef" in text
     side = json.loads((tmp_path / f"run{ending}.json").read_text())
     assert side["boot"]["build_hash"] == 0xABCDEF and side["ended"] == "time over" and side["rows"] == rows
-    assert side["parameters"]["complete"] and side["parameters"]["value"]["trip_a_q9"] == 55.0
+    assert side["parameters"]["complete"] and side["parameters"]["value"]["trip_a_q9"] == 50.0
     assert side["counters"]["lost"] == 0 and sorted(os.listdir(tmp_path)) == [f"run{ending}", f"run{ending}.json"]
 
 
