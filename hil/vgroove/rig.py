@@ -214,8 +214,8 @@ class Rig:
         return data
 
 
-def read_rig(path: str | Path) -> Rig:
-    """Read and validate a rig; VgrooveError with the file, the key and the nearest known one for anything the contract does not allow."""
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """The tables of a TOML file; VgrooveError says why it cannot be read."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
@@ -223,10 +223,14 @@ def read_rig(path: str | Path) -> Rig:
     except UnicodeDecodeError as error:
         raise VgrooveError(f"{path}: is not a text file") from error
     try:
-        data = tomllib.loads(text)
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise VgrooveError(f"{path}: is not TOML: {error}") from error
-    return rig_from_dict(data, str(path))
+
+
+def read_rig(path: str | Path) -> Rig:
+    """Read and validate a rig; VgrooveError with the file, the key and the nearest known one for anything the contract does not allow."""
+    return rig_from_dict(read_toml(path), str(path))
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:

@@ -1,7 +1,6 @@
 """Scenarios: a TOML file that says which tool is driven how, under which load, for how long; read, checked, and turned into a run."""
 
 import difflib
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import FrontEnds, Profile
-from vgroove.rig import Rig, read_rig, rig_from_dict
+from vgroove.rig import Rig, read_rig, read_toml, rig_from_dict
 
 SCHEMA = "vgroove.scenario/1"
 DURATION_MAX_S = 3600.0
@@ -189,17 +188,7 @@ def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Sc
 
 def read_scenario(path: str | Path) -> Scenario:
     """Read and check a scenario; VgrooveError names file, key and the nearest known key."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise VgrooveError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise VgrooveError(f"{path}: is not a text file") from error
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise VgrooveError(f"{path}: is not TOML: {error}") from error
-    return scenario_from_dict(data, str(path), Path(path).parent)
+    return scenario_from_dict(read_toml(path), str(path), Path(path).parent)
 
 
 def command_messages(commands: tuple[Command, ...]) -> list[tuple[float, bytes]]:
