@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,10 +36,10 @@ def bench_speed_command(
     """Speed of the drivetrain plant against general-purpose solvers at equal accuracy."""
     from vgroove.bench.speed import bench_speed, speed_table
 
+    _check_outputs(json_path)
     figures = bench_speed(seconds, seed)
     Console().print(speed_table(figures))
-    if json_path:
-        _write_json(json_path, figures)
+    _write_json(json_path, figures)
 
 
 @app.command()
@@ -101,9 +102,9 @@ def sim(
     restart_s: Annotated[float, typer.Option(help="With --log: the model restarts from measured states about this often.")] = 0.25,
 ) -> None:
     """The plant alone: a scenario, or a rig driven by a log's input, then with the gap on the log's held-out blocks."""
+    _check_outputs(json_path, output, inputs=[path, *(log or [])])
     figures = _sim_logs(path, log, output, restart_s) if log else _sim_scenario(path, output)
-    if json_path:
-        _write_json(json_path, figures)
+    _write_json(json_path, figures)
 
 
 def _sim_logs(rig_path: Path, logs: list[Path], output: Path | None, restart_s: float) -> dict[str, Any]:
@@ -113,6 +114,8 @@ def _sim_logs(rig_path: Path, logs: list[Path], output: Path | None, restart_s: 
 
     if not 0.0 < restart_s < float("inf"):
         raise VgrooveError(f"--restart-s must be above 0, not {restart_s:g}")
+    if output and len(logs) != 1:
+        raise VgrooveError("-o writes one simulated log: give one --log")
     figures, problem = judge(read_rig(rig_path), [read_log(path) for path in logs], restart_s)
     Console().print(gap_table(figures))
     for warning in figures["warnings"]:
@@ -139,14 +142,17 @@ def _sim_scenario(path: Path, output: Path | None) -> dict[str, Any]:
     return figures
 
 
-def _write_json(path: Path, figures: dict[str, Any]) -> None:
-    from vgroove.log import replacing
+def _write_json(path: Path | None, figures: dict[str, Any]) -> None:
+    from vgroove.output import write_text
 
-    try:
-        with replacing(path) as file:
-            file.write((json.dumps(figures, indent=1) + "\n").encode())
-    except OSError as error:
-        raise VgrooveError(f"{path}: cannot be written: {error.strerror or error}") from error
+    if path is not None:
+        write_text(path, json.dumps(figures, indent=1) + "\n")
+
+
+def _check_outputs(*outputs: Path | None, inputs: Sequence[Path] = ()) -> None:
+    from vgroove.output import check_outputs
+
+    check_outputs(outputs, inputs)
 
 
 @gap_app.command("diagnose")
@@ -173,11 +179,11 @@ def gap_emps(
     """Print the ladder of force errors of the EMPS benchmark axis: M, + viscous, + Coulomb, + offset, + directional viscous."""
     from vgroove.gap.emps import emps_figures, emps_tables
 
+    _check_outputs(json_path)
     figures = emps_figures(directory)
     for table in emps_tables(figures):
         Console().print(table)
-    if json_path:
-        _write_json(json_path, figures)
+    _write_json(json_path, figures)
 
 
 def main() -> None:

@@ -4,18 +4,18 @@ import csv
 import io
 import os
 import re
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
+from vgroove.output import write_bytes
 
 INPUTS = ("duty", "voltage_v", "current_a")
 UNITS = {
@@ -371,47 +371,18 @@ def _mf4_channels(path: Path, mdf: Any) -> Log:
     return _checked(log)
 
 
-@contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """A binary file that takes the place of `path` when the block ends well, and leaves nothing behind when it does not."""
-    path = Path(path)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(name, 0o666 & ~_umask())
-        os.replace(name, path)
-    except BaseException:
-        with suppress(OSError):
-            os.unlink(name)
-        raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
 def csv_header(names: Iterable[str]) -> bytes:
     """First line of a CSV log."""
     return (",".join(["time_s", *names]) + "\n").encode()
 
 
 def csv_rows(time_s: np.ndarray, columns: Iterable[np.ndarray]) -> bytes:
-    """Rows of a CSV log, 10 significant digits, missing samples as NaN."""
-    buffer = io.BytesIO()
-    np.savetxt(buffer, np.column_stack([time_s, *columns]), fmt="%.10g", delimiter=",")
-    return buffer.getvalue().replace(b"nan", b"NaN")
+    """Rows of a CSV log: time to the last bit (stamps since 1970 need 17 digits), the rest to 12 digits, missing samples as NaN."""
+    table = [np.asarray(column, float).tolist() for column in (time_s, *columns)]
+    line = "%r" + ",%.12g" * (len(table) - 1) + "\n"
+    return "".join(line % row for row in zip(*table, strict=True)).replace("nan", "NaN").encode()
 
 
 def write_csv(log: Log, path: str | os.PathLike[str]) -> None:
-    """Write a log as CSV; the file is either complete or as it was before. VgrooveError when it cannot be written."""
-    try:
-        with replacing(path) as file:
-            file.write(csv_header(log.columns))
-            file.write(csv_rows(log.time_s, log.columns.values()))
-    except OSError as error:
-        raise VgrooveError(f"{path}: cannot be written: {error.strerror or error}.") from error
+    """Write a log as CSV, whole or not at all; VgrooveError when it cannot be written."""
+    write_bytes(path, csv_header(log.columns) + csv_rows(log.time_s, log.columns.values()))

@@ -7,11 +7,12 @@ import os
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from copy import copy
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +24,17 @@ from can.io import ASCWriter, BLFWriter
 
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
-from vgroove.log import UNITS, csv_header, csv_rows, replacing
+from vgroove.log import UNITS, csv_header, csv_rows
+from vgroove.output import check_outputs, replacing, unwritable
 
 BOOT_WAIT_S = 5.0
 DUMP_AFTER_S = 0.4  # a board that resets when the port opens speaks of itself; then it is asked
 DUMP_EVERY_S = 1.0
 DUMPS_MAX = 8
 FLUSH_S = 0.25
+ENDS = ("port lost", "interrupted", "board restarted", "time over", "board silent")  # besides what a disk or a converter does
 SILENCE_S = 2.0
+MF4_ROWS = 200_000  # converted at a time
 SIDECAR_SCHEMA = "vgroove.recording/1"
 
 
@@ -109,7 +113,7 @@ class Sink(ABC):
 
     @abstractmethod
     def rescue(self) -> None:
-        """The disk is full: complete the part file with what it holds, without more room."""
+        """The disk is full: complete the part file with what it holds, without more room; `path` then says under which name."""
 
     def publish(self) -> None:
         """Give the part file its name."""
@@ -119,6 +123,14 @@ class Sink(ABC):
         """Leave nothing behind."""
         with suppress(OSError):
             self.part.unlink()
+
+    @contextmanager
+    def _or_nothing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError:
+            self.discard()
+            raise
 
 
 class PlainFile(io.FileIO):
@@ -138,7 +150,8 @@ class CsvSink(Sink):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._file = PlainFile(self.part, "wb")
-        self._file.write(csv_header(telemetry.COLUMNS))
+        with self._or_nothing():
+            self._file.write(csv_header(telemetry.COLUMNS))
         self._whole = self._file.tell()
 
     def block(self, columns: dict[str, np.ndarray]) -> None:
@@ -151,33 +164,59 @@ class CsvSink(Sink):
         self._file.close()
 
     def rescue(self) -> None:
-        self._file.truncate(self._whole)
-        self._file.close()
+        if not self._file.closed:
+            self._file.truncate(self._whole)
+            self._file.close()
 
 
 class Mf4Sink(Sink):
-    """The same columns as channels with units, written at the end through asammdf."""
+    """The same columns as channels with units, made by asammdf at the end from a CSV file that grows meanwhile and stays if that fails."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self.part.touch()
-        self._blocks: list[dict[str, np.ndarray]] = []
+        self._spool = CsvSink(path.with_name(path.name + ".csv"))
 
     def block(self, columns: dict[str, np.ndarray]) -> None:
-        self._blocks.append(columns)
-        self.rows += len(columns["time_s"])
+        self._spool.block(columns)
+        self.rows = self._spool.rows
 
     def finish(self) -> None:
-        from asammdf import MDF, Signal
-
-        blocks = {name: np.concatenate([block[name] for block in self._blocks]) for name in ("time_s", *telemetry.COLUMNS)}
-        time_s = blocks.pop("time_s")
-        with MDF(version="4.10") as mdf:
-            mdf.append([Signal(values, time_s, unit=UNITS[name], name=name) for name, values in blocks.items()], comment="vgroove record")
-            mdf.save(self.part, overwrite=True)
+        self._spool.finish()
+        try:
+            _mf4_of_csv(self._spool.part, self.part)
+        except Exception as error:  # whatever asammdf raises: the rows are in the CSV file
+            reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+            raise VgrooveError(f"{self.path}: the MF4 file could not be made: {reason}") from error
 
     def rescue(self) -> None:
-        raise VgrooveError(f"{self.path}: the disk is full, the recording could not be written.")
+        self._spool.rescue()
+        with suppress(OSError):
+            self.part.unlink()
+        self.path, self.part = self._spool.path, self._spool.part
+
+    def publish(self) -> None:
+        super().publish()
+        self._spool.discard()
+
+    def discard(self) -> None:
+        super().discard()
+        self._spool.discard()
+
+
+def _mf4_of_csv(source: Path, target: Path) -> None:
+    """Rows of a CSV log of ours as an MF4 file, MF4_ROWS at a time; a file without rows becomes an empty one."""
+    from asammdf import MDF, Signal
+
+    with MDF(version="4.10") as mdf, source.open(encoding="ascii") as file:
+        names = file.readline().strip().split(",")[1:]
+        while lines := list(islice(file, MF4_ROWS)):
+            time_s, *columns = np.loadtxt(lines, delimiter=",", ndmin=2).T
+            if mdf.groups:
+                mdf.extend(0, [(np.ascontiguousarray(values), None) for values in (time_s, *columns)])
+            else:
+                signals = [Signal(values, time_s, unit=UNITS[name], name=name) for name, values in zip(names, columns, strict=True)]
+                mdf.append(signals, comment="vgroove record")
+        mdf.save(target, overwrite=True)
 
 
 class BoardAscWriter(ASCWriter):
@@ -196,7 +235,8 @@ class BlfSink(Sink):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._file = PlainFile(self.part, "wb")
-        self._writer = BLFWriter(self._file)
+        with self._or_nothing():
+            self._writer = BLFWriter(self._file)
         self._writer.start_timestamp = 0.0
         self._whole = (self._file.tell(), 0)
 
@@ -274,15 +314,13 @@ def record(recording: Recording, stopped: Callable[[], bool], progress: Callable
     sink_type = SINKS.get(recording.output.suffix.lower())
     if sink_type is None:
         raise VgrooveError(f"{recording.output}: a recording ends in .csv, .mf4, .blf or .asc.")
+    check_outputs((recording.output, _sidecar(recording.output)))
     bus = _open(recording)
     try:
         bus.framer.counters = recording.session.counters
         begin = _wait_for_boot(bus, recording, stopped)
         sink = _opened(sink_type, recording.output)
-        try:
-            _record_into(sink, bus, recording, begin, stopped, progress)
-        finally:
-            sink.discard()
+        _record_into(sink, bus, recording, begin, stopped, progress)
     finally:
         bus.shutdown()
     progress(recording)
@@ -299,7 +337,7 @@ def _opened(sink_type: type[Sink], path: Path) -> Sink:
     try:
         return sink_type(path)
     except OSError as error:
-        raise VgrooveError(f"{path}: cannot be written: {error.strerror or error}.") from error
+        raise unwritable(path, error) from error
 
 
 class _Dumper:
@@ -352,7 +390,7 @@ def _wait_for_boot(bus: ResyncBus, recording: Recording, stopped: Callable[[], b
 
 def _record_into(sink: Sink, bus: ResyncBus, recording: Recording, begin: list[telemetry.Frame], stopped: Callable[[], bool],
                  progress: Callable[[Recording], None]) -> None:
-    """Fill, complete and publish the sink; the sidecar says how it ended."""
+    """Fill, complete and publish the sink, whatever happens to it; the sidecar says how it ended."""
     started = datetime.now(UTC)
     try:
         for frame in begin:
@@ -360,17 +398,36 @@ def _record_into(sink: Sink, bus: ResyncBus, recording: Recording, begin: list[t
         recording.ended = _run(sink, bus, recording, stopped, progress)
         sink.block(recording.session.take_rows())
         sink.finish()
-    except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-            raise VgrooveError(f"{recording.output}: cannot be written: {error.strerror or error}.") from error
-        recording.ended = "disk full"
-        sink.rescue()
+    except (OSError, VgrooveError, MemoryError, KeyboardInterrupt) as error:
+        recording.ended = _ended_by(error, sink.path)
+        _keep(sink, sink.rescue)
     recording.rows = sink.rows
     if sink.rows == 0:
-        raise VgrooveError(f"{recording.port}: no sample came within {recording.recorded_s:.1f} s, nothing is written.")
-    sink.publish()
+        sink.discard()
+        raise VgrooveError(f"{recording.port}: no sample came within {recording.recorded_s:.1f} s ({recording.ended}), nothing is written.")
+    _keep(sink, sink.publish)
+    recording.output = sink.path
     _write_sidecar(recording, started)
     _complain(recording)
+
+
+def _ended_by(error: BaseException, path: Path) -> str:
+    """Why a recording ended before its time, in words."""
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
+    if isinstance(error, VgrooveError):
+        return str(error)
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return "disk full"
+    return f"{path}: cannot be written: {getattr(error, 'strerror', None) or type(error).__name__}"
+
+
+def _keep(sink: Sink, work: Callable[[], None]) -> None:
+    """Complete or rename the part file; where even that fails it stays as it is, and the sentence names it."""
+    try:
+        work()
+    except OSError as error:
+        raise VgrooveError(f"{sink.path}: cannot be written: {error.strerror or error}; what was recorded is in {sink.part}.") from error
 
 
 def _run(sink: Sink, bus: ResyncBus, recording: Recording, stopped: Callable[[], bool], progress: Callable[[Recording], None]) -> str:
@@ -404,9 +461,13 @@ def _run(sink: Sink, bus: ResyncBus, recording: Recording, stopped: Callable[[],
             return "board silent"
 
 
+def _sidecar(output: Path) -> Path:
+    return output.with_name(output.name + ".json")
+
+
 def _write_sidecar(recording: Recording, started: datetime) -> None:
     """What a log does not say itself: board, parameters, losses."""
-    path = recording.output.with_name(recording.output.name + ".json")
+    path = _sidecar(recording.output)
     content = {
         "schema": SIDECAR_SCHEMA,
         "file": recording.output.name,
@@ -430,5 +491,7 @@ def _complain(recording: Recording) -> None:
     kept = f"{recording.rows} rows until then are in {recording.output}"
     if recording.ended == "disk full":
         raise VgrooveError(f"{recording.output}: the disk is full; {kept}.")
+    if recording.ended not in ENDS:
+        raise VgrooveError(f"{recording.ended}; {kept}.")
     if recording.ended in ("port lost", "board silent") and recording.seconds is not None:
         raise VgrooveError(f"{recording.port}: {recording.ended} after {recording.recorded_s:.1f} of {recording.seconds:g} s; {kept}.")

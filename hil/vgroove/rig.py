@@ -13,6 +13,7 @@ import numpy as np
 import tomli_w
 
 from vgroove.errors import VgrooveError
+from vgroove.output import write_text
 
 SCHEMA = "vgroove.rig/1"
 DEFAULTS = {"supply.resistance_ohm": 0.0, "bridge.pwm_hz": 20000.0, "load.zero_rad": 0.0}
@@ -234,11 +235,8 @@ def read_rig(path: str | Path) -> Rig:
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:
-    """Write a rig so that read_rig gives the same one back."""
-    try:
-        Path(path).write_text(tomli_w.dumps(rig.as_dict()), encoding="utf-8")
-    except OSError as error:
-        raise VgrooveError(f"{path}: cannot be written: {error.strerror}") from error
+    """Write a rig, whole or not at all, so that read_rig gives the same one back."""
+    write_text(path, tomli_w.dumps(rig.as_dict()))
 
 
 def rig_from_dict(data: Mapping[str, Any], source: str) -> Rig:

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from vgroove import lockstep, telemetry
 from vgroove.board import AvrBoard, default_elf
 from vgroove.errors import VgrooveError
-from vgroove.log import replacing
+from vgroove.output import check_outputs, unwritable, write_bytes
 from vgroove.pty_line import PtyLine
 from vgroove.recorder import SINKS
 from vgroove.scenario import Scenario, command_messages, make_plant
@@ -48,14 +48,6 @@ def _image(path: Path | None) -> bytes | None:
     if len(image) != EEPROM_BYTES:
         raise VgrooveError(f"{path}: an EEPROM image has {EEPROM_BYTES} bytes, not {len(image)}")
     return image
-
-
-def _keep_image(image: bytes, path: Path) -> None:
-    try:
-        with replacing(path) as file:
-            file.write(image)
-    except OSError as error:
-        raise VgrooveError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def make_board(options: RunOptions, seed: int) -> AvrBoard | SilBoard:
@@ -119,7 +111,7 @@ def _drive(scenario: Scenario, options: RunOptions, sent: bytearray, announce: T
             if options.real_time:
                 time.sleep(max(0.0, progress.time_s - (time.monotonic() - begin)))
         if options.eeprom and isinstance(board, SilBoard):  # the AVR bench keeps its image itself
-            _keep_image(board.eeprom(), options.eeprom)
+            write_bytes(options.eeprom, board.eeprom())
 
 
 def write_run(data: bytes, path: Path) -> int:
@@ -143,13 +135,14 @@ def write_run(data: bytes, path: Path) -> int:
         finally:
             sink.discard()
     except OSError as error:
-        raise VgrooveError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise unwritable(path, error) from error
 
 
 def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: Console) -> None:
     """Run and write; on Ctrl-C the log holds what had been sent until then, and KeyboardInterrupt goes on."""
     if options.output and options.output.suffix.lower() not in SINKS:
         raise VgrooveError(f"{options.output}: a log ends in .csv, .mf4, .blf or .asc")
+    check_outputs((options.output, options.stats, options.eeprom), (scenario.rig_path, Path(scenario.source)))
     sent = bytearray()
     begin = time.monotonic()
     try:

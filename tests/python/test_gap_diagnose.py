@@ -11,8 +11,8 @@ import pytest
 
 from vgroove.errors import VgrooveError
 from vgroove.gap.diagnose import diagnose
-from vgroove.gap.report import write_text
 from vgroove.gap.simulate import judge
+from vgroove.output import write_text
 from vgroove.rig import read_rig
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"

@@ -198,23 +198,41 @@ def test_recognises_an_unsigned_current_and_only_that() -> None:
     assert current_is_unsigned(unsigned) and not current_is_unsigned(signed) and not current_is_unsigned(forward)
 
 
-@given(st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=60, max_size=80))
-@settings(max_examples=30, deadline=None)
-def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, speeds: list[float]) -> None:
-    path = tmp_path_factory.mktemp("log") / "a.csv"
-    count = len(speeds)
-    columns = {"duty": np.full(count, 0.25), "current_a": np.ones(count), "speed_rpm": np.array(speeds)}
-    log = Log(np.arange(1, count + 1) / 1000, columns, "x")
+STAMPS = st.lists(st.floats(-2e9, 2e9), min_size=60, max_size=80, unique=True)
+STEPS = st.sampled_from([1e-6, 1e-4, 1e-3, 0.1])
+CLOSE = st.builds(lambda start, step, count: list(start + step * np.arange(count)), st.floats(0, 2e9), STEPS, st.integers(60, 80))
+
+
+@given(STAMPS | CLOSE, st.lists(st.floats(allow_infinity=False, min_value=-1e300, max_value=1e300) | st.just(float("nan")), min_size=80))
+@settings(max_examples=60, deadline=None)
+def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, times: list[float], speeds: list[float]) -> None:
+    """Time to the last bit, whatever its origin; the rest to 12 digits."""
+    path, time_s = tmp_path_factory.mktemp("log") / "a.csv", np.unique(times)
+    count = len(time_s)
+    if count < 60:  # steps below the resolution of the stamps
+        return
+    columns = {"duty": np.full(count, 1 / 255), "current_a": np.ones(count), "speed_rpm": np.array(speeds[:count])}
+    write_csv(Log(time_s, columns, "x"), path)
+    back = read_log(path)
+    assert np.array_equal(back.time_s, time_s)
+    for name, values in columns.items():
+        assert np.allclose(back[name], values, rtol=5e-12, atol=0, equal_nan=True)
+
+
+def test_a_recording_is_written_exactly_and_stays_small(tmp_path: Path, stream: bytes) -> None:
+    """Current in steps of 2^-9 A needs 11 digits up to 64 A; a row of the board's eight columns takes less than 70 bytes."""
+    log, path = log_from_stream(stream, "stream"), tmp_path / "a.csv"
+    log.columns["current_a"] = np.linspace(-32768, 32767, len(log)).round() / 512
     write_csv(log, path)
     back = read_log(path)
-    assert np.array_equal(back.time_s, log.time_s)
-    assert np.allclose(back["speed_rpm"], log["speed_rpm"], rtol=1e-9, atol=0, equal_nan=True)
+    assert np.array_equal(back["current_a"], log["current_a"]) and np.array_equal(back.time_s, log.time_s)
+    assert np.array_equal((back["duty"] * 255).round(), (log["duty"] * 255).round()) and path.stat().st_size < 70 * len(log)
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.csv"
     path.write_text("old")
-    monkeypatch.setattr("vgroove.log.csv_rows", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    monkeypatch.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
     with pytest.raises(VgrooveError, match="a.csv: cannot be written: No space left"):
         write_csv(sample_log(), path)
     assert path.read_text() == "old" and os.listdir(tmp_path) == ["a.csv"]

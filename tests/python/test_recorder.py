@@ -11,6 +11,8 @@ import subprocess
 import sys
 import time
 import tty
+from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +23,7 @@ from test_telemetry import damaged
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
 from vgroove.log import log_from_stream, read_log
-from vgroove.recorder import AscSink, BlfSink, CsvSink, Recording, ResyncBus, command_message, record
+from vgroove.recorder import AscSink, BlfSink, CsvSink, Mf4Sink, Recording, ResyncBus, command_message, record
 
 ENDINGS = [".csv", ".mf4", ".blf", ".asc"]
 HEADER = "time_s,duty,supply_v,current_a,speed_rpm,coast,trigger,state"
@@ -41,7 +43,8 @@ def start(port: str, output: Path, *options: str, limit: int | None = None) -> s
 
 def wait_for_part(output: Path, size: int, seconds: float = 30.0) -> None:
     """Until the recorder has begun and written so much."""
-    part = output.with_name(f".{output.stem}.part{output.suffix}")
+    grows = output.with_name(output.name + ".csv") if output.suffix == ".mf4" else output
+    part = grows.with_name(f".{grows.stem}.part{grows.suffix}")
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         if part.exists() and part.stat().st_size >= size:
@@ -98,7 +101,7 @@ def test_ctrl_c_leaves_a_complete_file(tmp_path: Path, ending: str, number: sign
     output = tmp_path / f"run{ending}"
     with PtyBoard() as pty:
         process = start(pty.port, output)
-        wait_for_part(output, 20_000 if ending in (".csv", ".asc") else 0)
+        wait_for_part(output, 0 if ending == ".blf" else 20_000)
         time.sleep(0.8)
         process.send_signal(number)
         _, text = process.communicate(timeout=30)
@@ -161,11 +164,100 @@ def test_a_full_disk_is_a_sentence_and_what_was_recorded_is_kept(tmp_path: Path,
     assert sorted(os.listdir(tmp_path)) == [f"run{ending}", f"run{ending}.json"]
 
 
-def test_a_full_disk_at_the_end_of_an_mf4_leaves_nothing_half_done(tmp_path: Path) -> None:
+def test_an_mf4_for_whose_rows_there_is_no_room_stays_as_csv(tmp_path: Path) -> None:
     with PtyBoard() as pty:
-        process = start(pty.port, tmp_path / "run.mf4", "--seconds", "1", limit=2000)
+        process = start(pty.port, tmp_path / "run.mf4", limit=40_000)
         _, text = process.communicate(timeout=60)
-    assert process.returncode == 2 and "disk is full" in text and os.listdir(tmp_path) == []
+    assert process.returncode == 2 and "the disk is full" in text and "rows until then are in" in text and "Traceback" not in text, text
+    assert same_rows(tmp_path / "run.mf4.csv", pty) > 300
+    assert sorted(os.listdir(tmp_path)) == ["run.mf4.csv", "run.mf4.csv.json"]
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left"), MemoryError("no memory"), ValueError("a bug of asammdf")])
+def test_an_mf4_that_cannot_be_made_stays_as_csv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    def failing(source: Path, target: Path) -> None:
+        target.write_bytes(b"half")
+        raise error
+
+    monkeypatch.setattr("vgroove.recorder._mf4_of_csv", failing)
+    with PtyBoard() as pty, pytest.raises(VgrooveError, match=f"run.mf4: the MF4 file could not be made: {error.args[-1]}; .*run.mf4.csv"):
+        record(Recording(pty.port, tmp_path / "run.mf4", seconds=0.5), lambda: False)
+    assert same_rows(tmp_path / "run.mf4.csv", pty) >= 500
+    assert sorted(os.listdir(tmp_path)) == ["run.mf4.csv", "run.mf4.csv.json"]
+    assert json.loads((tmp_path / "run.mf4.csv.json").read_text())["file"] == "run.mf4.csv"
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of its own with room for 108 kB, where mounting one is allowed."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=108k", "vgroove-test", folder], capture_output=True, check=False).returncode:
+        pytest.skip("a small disk can only be mounted by root")
+    yield folder
+    subprocess.run(["umount", folder], check=True)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_disk_that_is_really_full_keeps_what_was_recorded(small_disk: Path, ending: str) -> None:
+    with PtyBoard() as pty:
+        process = start(pty.port, small_disk / f"run{ending}")
+        _, text = process.communicate(timeout=60)
+    assert process.returncode == 2 and "Traceback" not in text, text
+    kept = small_disk / ("run.mf4.csv" if ending == ".mf4" else f"run{ending}")
+    assert str(kept) in text.replace("\n", "") and "No space left" in text or "the disk is full" in text
+    assert same_rows(kept, pty) > 300 and {path.name for path in small_disk.iterdir()} <= {kept.name, f"{kept.name}.json"}
+
+
+def test_a_disk_with_room_for_the_rows_but_not_for_the_mf4_of_them(small_disk: Path) -> None:
+    with PtyBoard() as pty:
+        process = start(pty.port, small_disk / "run.mf4", "--seconds", "1.2")
+        _, text = process.communicate(timeout=60)
+    assert process.returncode == 2 and "the MF4 file could not be made: No space left" in text and "Traceback" not in text, text
+    assert same_rows(small_disk / "run.mf4.csv", pty) >= 1200 and not (small_disk / "run.mf4").exists()
+
+
+def test_a_long_mf4_is_converted_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("vgroove.recorder.MF4_ROWS", 7)
+    sink, rng = Mf4Sink(tmp_path / "run.mf4"), np.random.default_rng(1)
+    rows = {name: np.round(rng.normal(0, 9, 100), 3) for name in telemetry.COLUMNS} | {"time_s": 1.7e9 + np.arange(100) / 1000}
+    for first in (0, 40):
+        sink.block({name: values[first : first + 40 + first // 2] for name, values in rows.items()})
+    sink.finish()
+    sink.publish()
+    log = read_log(tmp_path / "run.mf4")
+    assert os.listdir(tmp_path) == ["run.mf4"] and np.array_equal(log.time_s, rows["time_s"])
+    assert all(np.array_equal(log[name], rows[name]) for name in telemetry.COLUMNS)
+
+
+@pytest.mark.parametrize(("error", "words"), [(OSError(errno.EIO, "Input/output error"), "Input/output error; "),
+                                              (MemoryError(), "MemoryError; "), (KeyboardInterrupt(), "")])
+def test_whatever_ends_a_recording_what_was_recorded_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException,
+                                                              words: str) -> None:
+    blocks = CsvSink.block
+
+    def failing(self: CsvSink, columns: dict[str, np.ndarray]) -> None:
+        if self.rows > 300:
+            raise error
+        blocks(self, columns)
+
+    monkeypatch.setattr(CsvSink, "block", failing)
+    with PtyBoard() as pty:
+        recording = Recording(pty.port, tmp_path / "run.csv")
+        with pytest.raises(VgrooveError, match=words) if words else nullcontext():
+            record(recording, lambda: False)
+        assert same_rows(tmp_path / "run.csv", pty) == recording.rows > 300
+    assert sorted(os.listdir(tmp_path)) == ["run.csv", "run.csv.json"]
+
+
+def test_a_name_that_is_taken_meanwhile_leaves_the_part_file(tmp_path: Path) -> None:
+    with PtyBoard() as pty:
+        process = start(pty.port, tmp_path / "run.csv", "--seconds", "1")
+        wait_for_part(tmp_path / "run.csv", 20_000)
+        (tmp_path / "run.csv").mkdir()
+        _, text = process.communicate(timeout=60)
+        assert process.returncode == 2 and "what was recorded is in" in text and ".run.part.csv" in text
+        assert same_rows(tmp_path / ".run.part.csv", pty) >= 1000
 
 
 def test_a_port_that_goes_away_is_a_sentence_and_the_file_complete(tmp_path: Path) -> None:
@@ -216,7 +308,7 @@ def test_a_port_that_is_not_there_is_a_sentence(tmp_path: Path, port: str) -> No
 def test_an_unknown_ending_or_an_unwritable_place_is_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(VgrooveError, match="ends in .csv, .mf4, .blf or .asc"):
         record(Recording("none", tmp_path / "run.txt"), lambda: True)
-    with PtyBoard() as pty, pytest.raises(VgrooveError, match="run.csv: cannot be written: No such file"):
+    with PtyBoard() as pty, pytest.raises(VgrooveError, match="run.csv: cannot be written: the folder"):
         record(Recording(pty.port, tmp_path / "none" / "run.csv"), lambda: False)
 
 

@@ -7,19 +7,17 @@ from pathlib import Path
 import tomli_w
 from rich.console import Console
 
-from vgroove.errors import VgrooveError
 from vgroove.gap.diagnose import Diagnosis, diagnose
-from vgroove.gap.report import gap_figure, page, share_figure, summary, trace_figure, write_text
+from vgroove.gap.report import gap_figure, page, share_figure, summary, trace_figure
 from vgroove.log import read_log
+from vgroove.output import check_outputs, write_text
 from vgroove.rig import read_rig
 
 
 def diagnose_files(logs: Sequence[Path], rig_path: Path, json_path: Path | None, html_path: Path | None, out_rig: Path | None, seed: int,
                    without: Sequence[str]) -> None:
     """Diagnose log files; the verdict in words goes to stdout, progress and warnings to stderr."""
-    for path in (json_path, html_path, out_rig):
-        if path is not None and not path.parent.is_dir():
-            raise VgrooveError(f"{path}: the folder {path.parent} does not exist")
+    check_outputs((json_path, html_path, out_rig), (*logs, rig_path))
     notes = Console(stderr=True)
     rig, tables = read_rig(rig_path), [read_log(path) for path in logs]
     with notes.status("reading") as status:

@@ -2,14 +2,11 @@
 
 import html
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
-
-from vgroove.errors import VgrooveError
 
 MEASURED, NOMINAL, CORRECTED, SHADE = "#30343b", "#d1495b", "#00798c", "rgba(237,174,73,0.16)"
 POINTS = 4000
@@ -136,14 +133,3 @@ def page(verdict: dict, figures: Sequence[tuple[str, go.Figure]], source: str, n
         body.append(figure.to_html(full_html=False, include_plotlyjs=False, div_id=f"figure{i}", config={"displaylogo": False}))
     return (f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{html.escape(source)}</title><style>{CSS}</style>"
             f"<link rel=icon href='data:,'><script>{get_plotlyjs()}</script></head><body>{''.join(body)}</body></html>\n")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise VgrooveError(f"{path}: cannot be written: {error.strerror}") from error

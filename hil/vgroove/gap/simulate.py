@@ -1,6 +1,5 @@
 """vgroove sim RIG --log LOG: drives a rig with a log's input and says how far the log is from it, on the blocks that a diagnosis judges."""
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from rich.table import Table
 from vgroove.errors import VgrooveError
 from vgroove.gap.channels import RAD_S_TO_RPM
 from vgroove.gap.problem import Problem, load_problem
+from vgroove.log import Log, write_csv
 from vgroove.rig import Rig
 
 SCHEMA = "vgroove.sim/1"
@@ -49,15 +49,9 @@ def write_simulation(problem: Problem, path: str | Path) -> None:
         raise VgrooveError("-o writes one simulated log: give one --log")
     run, rows = problem.runs[0], problem.simulate(problem.theta0)[0]
     kind = problem.rig.input["kind"]
-    columns: dict[str, np.ndarray] = {"time_s": np.asarray(run.log.time_s), kind: run.log.columns[kind]}
+    columns: dict[str, np.ndarray] = {kind: run.log.columns[kind]}
     columns |= {name: run.log.columns[name] for name in ("load_nm", "coast") if name in run.log.columns}
     simulated = {"current_a": rows["current_a"][0], "supply_v": rows["supply_v"][0],
                  "speed_rpm": rows["speed_measured_rad_s"][0] * RAD_S_TO_RPM, "position_rad": rows["angle_measured_rad"][0]}
     columns |= {name: values for name, values in simulated.items() if name not in columns}
-    try:
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(columns)
-            writer.writerows([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
-    except OSError as error:
-        raise VgrooveError(f"{path}: cannot be written: {error.strerror}") from error
+    write_csv(Log(np.asarray(run.log.time_s), columns, "the simulation"), path)

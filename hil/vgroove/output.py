@@ -1,0 +1,105 @@
+"""Files that the package writes: whole or not at all, and known to be writable before the work that fills them begins."""
+
+import os
+import stat
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from vgroove.errors import VgrooveError
+
+PART_PREFIX, PART_SUFFIX = ".vgroove-", ".part"
+
+
+def _is_device(path: Path) -> bool:
+    """A terminal, pipe or device such as /dev/stdout: written in place, for it cannot be replaced."""
+    return path.exists() and (os.path.abspath(path).startswith("/dev/") or not path.is_file())
+
+
+def _mode(path: Path) -> int:
+    """Permissions of the file that is replaced, or those of a new one."""
+    if path.exists():
+        return stat.S_IMODE(path.stat().st_mode)
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """A binary file that takes the place of `path` when the block ends well, and leaves nothing behind when it does not; OSError."""
+    path = Path(path)
+    if _is_device(path):
+        with path.open("wb") as device:
+            yield device
+        return
+    path = Path(os.path.realpath(path))
+    handle, part = tempfile.mkstemp(prefix=PART_PREFIX, suffix=PART_SUFFIX, dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(part, _mode(path))
+        os.replace(part, path)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(part)
+        raise
+
+
+def unwritable(path: str | os.PathLike[str], error: OSError) -> VgrooveError:
+    """The sentence for a file that could not be written."""
+    return VgrooveError(f"{path}: cannot be written: {error.strerror or error}.")
+
+
+def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
+    """Write a file whole or not at all; VgrooveError when it cannot be written."""
+    try:
+        with replacing(path) as file:
+            file.write(content)
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text in UTF-8, whole or not at all; VgrooveError when it cannot be written."""
+    write_bytes(path, text.encode())
+
+
+def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path] = ()) -> None:
+    """VgrooveError for a file that could not be written at the end: called before the work, so that nothing is done in vain.
+
+    None (an output that is not wanted) passes; so do the devices of /dev. No two outputs, and no output and input, may be one file.
+    """
+    taken = {os.path.realpath(path): path for path in inputs}
+    for path in (path for path in outputs if path is not None):
+        try:
+            _check_output(path)
+        except OSError as error:
+            raise unwritable(path, error) from error
+        except ValueError as error:
+            raise VgrooveError(f"{str(path)!r} is not the name of a file: {error}.") from error
+        if _is_device(path):
+            continue
+        place = os.path.realpath(path)
+        if place in taken:
+            raise VgrooveError(f"{path}: is given twice, as {taken[place]} and as a file to write.")
+        taken[place] = path
+
+
+def _check_output(path: Path) -> None:
+    """Try what replacing() will do: a file of that name and one beside it."""
+    if path.is_dir():
+        raise VgrooveError(f"{path}: cannot be written: it is a folder.")
+    if not path.parent.is_dir():
+        raise VgrooveError(f"{path}: cannot be written: the folder {path.parent} does not exist.")
+    with suppress(FileNotFoundError):
+        path.stat()  # a name that the file system does not take
+        if not os.access(path, os.W_OK):
+            raise VgrooveError(f"{path}: cannot be written: it is read-only.")
+    if not _is_device(path):
+        with tempfile.NamedTemporaryFile(prefix=PART_PREFIX, suffix=PART_SUFFIX, dir=Path(os.path.realpath(path)).parent):
+            pass
