@@ -140,7 +140,7 @@ template <class V, int N> VGROOVE_INLINE void begin_row(Group<V, N> &g, const Lo
     set(s.state.x[STATE_BUS_TIME], lane, 0.0);
 }
 
-template <class V, int N> VGROOVE_INLINE void reset_lane(Group<V, N> &g, const LogInput &in, std::size_t row, int lane, const double *start) {
+template <class V, int N> VGROOVE_INLINE void reset_lane(Group<V, N> &g, const LogInput &in, std::size_t row, int lane, const double *start, bool first) {
     Solver<V, N> &s = g.solver;
     set(s.drive.load_nm, lane, in.load_kind == LoadKind::TORQUE ? in.load_nm[row] : 0.0);
     set(s.drive.load_rate, lane, 0.0);
@@ -148,7 +148,7 @@ template <class V, int N> VGROOVE_INLINE void reset_lane(Group<V, N> &g, const L
     c.now_s = (in.time_s[row] - in.time_s[0]) * c.row_scale;
     c.row_left_s = 0.0;
     set(s.drive.time_s, lane, c.now_s);
-    settle_shaft(s, lane, start);
+    settle_shaft(s, lane, start, first);
 }
 
 static double sensed_current(const Parameters &p, double mean_a) {
@@ -200,7 +200,7 @@ template <class V, int N> VGROOVE_INLINE void reset_group(Group<V, N> &g, const 
     const std::size_t row = starts.rows[which];
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
         const std::size_t batch = starts.per_row ? g.batch_row[lane] * starts.rows.size() : 0;
-        reset_lane(g, in, row, lane, starts.state + 3 * (batch + which));
+        reset_lane(g, in, row, lane, starts.state + 3 * (batch + which), which == 0);
         if (!(g.solver.model.effects & EFFECT_COMMAND_SHIFT))
             drive_command(g.solver.drive, in, lane, row, 0.0, 0.0);
         set(g.solver.drive.command, lane, in.command_end[row]);

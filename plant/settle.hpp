@@ -1,4 +1,4 @@
-// Start of a run: current, speed and angle given, filters settled, the output side in contact.
+// Start of a run: current, speed and angle given, filters settled, the output side in contact; at a later start it goes on as it was.
 #ifndef VGROOVE_PLANT_SETTLE_HPP
 #define VGROOVE_PLANT_SETTLE_HPP
 
@@ -24,8 +24,16 @@ template <class V, int N> VGROOVE_INLINE void settle_output(Solver<V, N> &s, int
     set(s.state.x[STATE_TWIST], lane, torque / get(s.model.gear.stiffness, lane) + (torque < 0.0 ? -half : half));
 }
 
-// start: current, speed, angle. Slow states (charge, polarisation, heat) go on; the caller has set the load in the drive.
-template <class V, int N> VGROOVE_INLINE void settle_shaft(Solver<V, N> &s, int lane, const double *start) {
+// Output side with the twist that it has, at a speed; at rest it may hold.
+template <class V, int N> VGROOVE_INLINE void keep_output(Solver<V, N> &s, int lane, double speed) {
+    set(s.state.x[STATE_OUTPUT_SPEED], lane, speed);
+    set(s.mode.output_slide, lane, sign_of(speed));
+}
+
+// start: current, speed, angle. Slow states (charge, polarisation, heat) go on; the caller has set the load in the drive. No sensor shows the
+// output side behind a spring or a play: unless this is the first start it keeps its twist and its speed against the motor.
+template <class V, int N> VGROOVE_INLINE void settle_shaft(Solver<V, N> &s, int lane, const double *start, bool first = true) {
+    const double motor_before = get(s.state.x[STATE_SPEED], lane);
     set(s.state.x[STATE_CURRENT], lane, start[0]);
     set(s.state.x[STATE_SPEED], lane, start[1]);
     set(s.state.x[STATE_ANGLE], lane, start[2]);
@@ -37,8 +45,13 @@ template <class V, int N> VGROOVE_INLINE void settle_shaft(Solver<V, N> &s, int 
         set(s.state.x[STATE_CURRENT_FILTER], lane, start[0]);
         const V seen = sensors_wheel_speed<V>(s.model.sensors, s.model.effects, s.state.x[STATE_SPEED], s.state.x[STATE_ANGLE]);
         set(s.state.x[STATE_SPEED_FILTER], lane, get(seen, lane));
-        if (s.model.effects & EFFECT_TWO_BODIES)
-            settle_output(s, lane);
+        if (s.model.effects & EFFECT_TWO_BODIES) {
+            const double output = get(s.state.x[STATE_OUTPUT_SPEED], lane) + start[1] - motor_before;
+            if (first)
+                settle_output(s, lane);
+            else
+                keep_output(s, lane, output);
+        }
     }
 }
 

@@ -1,0 +1,44 @@
+"""Restarts of the model: started anew from its own states it goes on as if nothing had happened, the output side that no sensor shows too."""
+
+import numpy as np
+import pytest
+
+from vgroove import _core
+
+BASE = {"supply.voltage_v": 18.0, "motor.resistance_ohm": 0.19, "motor.inductance_h": 1e-4, "motor.torque_constant_nm_per_a": 0.0109,
+        "motor.inertia_kg_m2": 1.6e-5, "motor.viscous_nm_s_per_rad": 4.5e-6, "motor.coulomb_nm": 0.012, "gearbox.ratio": 5.6,
+        "gearbox.output_inertia_kg_m2": 2.4e-4}
+COUPLER = {"coupler_compliance.stiffness_nm_per_rad": 0.02, "coupler_compliance.damping_ratio": 0.1,
+           "coupler_compliance.inertia_kg_m2": 1e-7}
+
+
+def theta_of(effects: dict[str, float]) -> np.ndarray:
+    """Parameter vector (1, P) of the base drive with effects."""
+    theta = np.array(_core.parameter_defaults(), dtype=float)
+    for name, value in {**BASE, **{f"effects.{k}": v for k, v in effects.items()}}.items():
+        theta[list(_core.PARAMETERS).index(name)] = value
+    return theta[None, :]
+
+
+@pytest.mark.parametrize("effects", [{}, COUPLER, {"gear_backlash.play_rad": 0.1}, {"winding_heating.kelvin_per_joule": 0.2,
+                                                                                     "winding_heating.cooling_s": 2.0}])
+def test_a_restart_from_the_models_own_states_changes_nothing(effects: dict[str, float]) -> None:
+    t = np.arange(1, 1201) * 1e-3
+    duty = np.where(t % 0.2 < 0.1, 0.7, 0.45)
+    theta, rest = theta_of(effects), np.zeros((1, 3))
+    drive = _core.LogInput(t, "duty", duty)
+    whole = _core.simulate_log(drive, theta, np.array([0]), rest, threads=1)
+    rows = np.array([0, 330, 655, 901])
+    at_row = np.stack([[0.0, 0.0, 0.0], *([instant_current(theta, t, duty, r), whole["speed_rad_s"][0, r], whole["angle_rad"][0, r]]
+                                         for r in rows[1:])])
+    again = _core.simulate_log(drive, theta, rows, at_row, threads=1)
+    between = np.setdiff1d(np.arange(len(t)), rows)
+    assert np.abs(again["speed_rad_s"] - whole["speed_rad_s"]).max() < 2e-3 * np.abs(whole["speed_rad_s"]).max()
+    assert np.abs(again["current_a"] - whole["current_a"])[:, between].max() < 0.02 * np.abs(whole["current_a"]).max()
+
+
+def instant_current(theta: np.ndarray, t: np.ndarray, duty: np.ndarray, row: int) -> float:
+    """Current at the end of a row: the mean over a microsecond's row put in there."""
+    times = np.insert(t, row, t[row] - 1e-6)
+    drive = _core.LogInput(times, "duty", np.insert(duty, row, duty[row]))
+    return float(_core.simulate_log(drive, theta, np.array([0]), np.zeros((1, 3)), threads=1)["current_a"][0, row + 1])
