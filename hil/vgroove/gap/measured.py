@@ -16,6 +16,7 @@ from vgroove.gap.edges import EdgePeriods, edge_periods, near_reversal
 from vgroove.gap.noise import RPM
 from vgroove.gap.regimes import regimes_of
 from vgroove.gap.sight import sight_of, speed_rows
+from vgroove.gap.stamps import on_its_clock
 from vgroove.rig import Rig
 
 DEFAULT_TIMEOUT_S = 0.25
@@ -46,6 +47,7 @@ class Run:
 
 def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     """Run of a log (time_s, columns) under a rig; VgrooveError when the input is missing or nothing is left to judge."""
+    log = on_its_clock(log, rig)
     time_s = np.asarray(log.time_s, dtype=float)
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     source, warnings = str(getattr(log, "source", "log")), list(getattr(log, "warnings", []))

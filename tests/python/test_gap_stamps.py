@@ -1,0 +1,70 @@
+"""Stamps that scatter around an even clock are undone, uneven rows are believed: the Hall edges tell which is which."""
+
+import numpy as np
+import pytest
+
+from vgroove.gap.stamps import even_grid, is_rounding, on_its_clock, row_times
+from vgroove.log import Log
+from vgroove.rig import Rig, read_rig
+
+
+@pytest.fixture
+def rig(tmp_path) -> Rig:
+    path = tmp_path / "rig.toml"
+    path.write_text('schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n[motor]\nresistance_ohm = 0.19\n'
+                    'inductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\ninertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\n'
+                    'coulomb_nm = 0.012\n[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
+                    '[load]\nkind = "none"\n[sensors]\nhall_pulses_per_rev = 4\nspeed_lsb_rpm = 0.5\n')
+    return read_rig(path)
+
+
+def hall_speed(t: np.ndarray) -> np.ndarray:
+    """Speed of a shaft that swells and slows, from four edges a turn, as rows at the times t show it, in steps of 0.5 rpm."""
+    fine = np.linspace(0.0, t[-1] + 0.1, 400_001)
+    speed = 600.0 + 250.0 * np.sin(4.0 * fine)
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(fine))])
+    pitch = np.pi / 2.0
+    edges = np.interp(np.arange(1, int(angle[-1] / pitch)) * pitch, angle, fine)
+    last = np.searchsorted(edges, t, side="right") - 1
+    period = np.where(last >= 1, edges[np.maximum(last, 1)] - edges[np.maximum(last, 1) - 1], np.inf)
+    shown = np.where(last >= 1, pitch / np.maximum(period, t - edges[np.maximum(last, 0)]), 0.0)
+    return np.round(shown * 30.0 / np.pi / 0.5) * 0.5
+
+
+GRID = np.arange(1, 3001) * 1e-3
+
+
+def test_stamps_that_scatter_are_put_back_on_the_clock(rig: Rig) -> None:
+    stamps = GRID + np.random.default_rng(1).uniform(-5e-5, 5e-5, len(GRID))
+    log = on_its_clock(Log(stamps, {"speed_rpm": hall_speed(GRID)}, "run.csv"), rig)
+    assert np.abs(log.time_s - GRID).max() < 5e-6
+    assert "even clock" in log.warnings[-1]
+
+
+def test_rows_that_are_uneven_are_believed(rig: Rig) -> None:
+    real = GRID + np.random.default_rng(1).uniform(-5e-5, 5e-5, len(GRID))
+    assert row_times(real, {"speed_rpm": hall_speed(real)}, rig) is real
+
+
+def test_an_exact_log_and_a_log_with_missing_rows_stay_as_they_are(rig: Rig) -> None:
+    kept = np.random.default_rng(2).uniform(size=len(GRID)) > 0.1
+    for t in (GRID, GRID[kept], np.delete(GRID, np.arange(500, 650))):
+        assert row_times(t, {"speed_rpm": hall_speed(t)}, rig) is t
+
+
+def test_missing_rows_do_not_hide_the_clock() -> None:
+    stamps = GRID + np.random.default_rng(3).uniform(-1e-4, 1e-4, len(GRID))
+    kept = np.random.default_rng(2).uniform(size=len(GRID)) > 0.1
+    assert np.abs(even_grid(stamps[kept]) - GRID[kept]).max() < 1e-5
+
+
+def test_stamps_rounded_to_milliseconds_are_unrounded_without_edges(rig: Rig) -> None:
+    even = np.arange(600) / 300.0
+    assert np.abs(row_times(np.round(even, 3), {"current_a": np.zeros(600)}, rig) - even).max() < 1e-4
+    uneven = np.round(even + np.random.default_rng(1).uniform(-8e-4, 8e-4, 600), 3)  # scatter beyond the last digit is no rounding
+    assert not is_rounding(uneven, even_grid(uneven))
+    assert row_times(uneven, {"current_a": np.zeros(600)}, rig) is uneven
+
+
+def test_stamps_of_no_clock_have_no_grid() -> None:
+    assert even_grid(np.cumsum(np.random.default_rng(1).uniform(5e-4, 1.5e-3, 2000))) is None
