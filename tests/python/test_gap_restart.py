@@ -1,4 +1,4 @@
-"""Restarts of the model: started anew from its own states it goes on as if nothing had happened, the output side that no sensor shows too."""
+"""Restarts of the model: from its own states it goes on as if nothing had happened, the output side that no sensor shows too."""
 
 import numpy as np
 import pytest

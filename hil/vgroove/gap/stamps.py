@@ -17,9 +17,10 @@ FINEST_ROUNDING = 0.02  # of an interval: a last digit below that does not show 
 
 def even_grid(time_s: np.ndarray) -> np.ndarray | None:
     """The even grid (n,), rows missing from it allowed, that all stamps lie within half an interval of; None where there is none."""
-    interval = float(np.median(np.diff(time_s)))
-    place = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.round(np.diff(time_s) / interval)))])
-    for _ in range(3):  # the median of jittered intervals is a little off: a long log needs it to a thousandth of its row number
+    steps = np.diff(time_s)
+    interval = float(steps[steps < 1.5 * np.median(steps)].mean())  # of rounded stamps the median is a digit off
+    place = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.round(steps / interval)))])
+    for _ in range(3):  # a long log needs the interval to a small part of its row number
         slope, start = np.polyfit(place, time_s, 1)
         place = np.round((time_s - start) / slope)
         if np.any(np.diff(place) < 1.0):
