@@ -37,8 +37,17 @@ def _number(words: str, holds: Callable[[float], bool], needed: bool = True) -> 
     return Key(words, lambda v: _is_number(v) and holds(v), needed)
 
 
-def _whole(words: str, holds: Callable[[int], bool], needed: bool = True) -> Key:
-    return Key(words, lambda v: isinstance(v, int) and not isinstance(v, bool) and holds(v), needed)
+def _range(low: float, high: float, needed: bool = True) -> Key:
+    return _number(f"a number from {low:g} to {high:g}", lambda v: low <= v <= high, needed)
+
+
+def _maybe(low: float, high: float) -> Key:
+    return _range(low, high, needed=False)
+
+
+def _whole(low: int, high: int, needed: bool = True) -> Key:
+    words = f"a whole number from {low} to {high}"
+    return Key(words, lambda v: isinstance(v, int) and not isinstance(v, bool) and low <= v <= high, needed)
 
 
 def _choice(*names: str, needed: bool = True) -> Key:
@@ -50,43 +59,45 @@ POSITIVE = _number("a number above 0", lambda v: v > 0)
 NOT_NEGATIVE = _number("a number of at least 0", lambda v: v >= 0)
 RELATIVE = _number("a number above -1", lambda v: v > -1)
 MAY_BE = _number("a finite number", lambda v: True, needed=False)
-MAY_BE_POSITIVE = _number("a number above 0", lambda v: v > 0, needed=False)
-MAY_BE_NOT_NEGATIVE = _number("a number of at least 0", lambda v: v >= 0, needed=False)
-COUNT = _whole("a whole number above 0", lambda v: v > 0)
+SIGMA = _range(0, 1)
 
+# Ranges: from motors of a few milliwatts (0.3 W: 5e-10 kg m2, 0.5 mN m/A, 100 ohm) to 10 kW and more, and linear axes read with the same
+# keys (EMPS: 95 kg, 35 N/V). They are wide: what they refuse is no tool, or a number in another unit.
 SECTIONS: dict[str, dict[str, Key]] = {
-    "input": {"kind": _choice("duty", "voltage_v", "current_a"), "slew_per_s": MAY_BE_POSITIVE,
+    "input": {"kind": _choice("duty", "voltage_v", "current_a"), "slew_per_s": _maybe(1e-4, 1e8),
               "bus": _choice("modelled", "measured", needed=False)},
-    "supply": {"voltage_v": MAY_BE_POSITIVE, "resistance_ohm": MAY_BE_NOT_NEGATIVE},
-    "bridge": {"pwm_hz": MAY_BE_POSITIVE},
-    "motor": {"resistance_ohm": POSITIVE, "inductance_h": POSITIVE, "torque_constant_nm_per_a": POSITIVE, "inertia_kg_m2": POSITIVE,
-              "viscous_nm_s_per_rad": NOT_NEGATIVE, "coulomb_nm": NOT_NEGATIVE},
-    "gearbox": {"ratio": POSITIVE, "output_inertia_kg_m2": NOT_NEGATIVE},
-    "sensors": {"log_hz": MAY_BE_POSITIVE, "current_noise_a": MAY_BE_NOT_NEGATIVE, "current_lsb_a": MAY_BE_NOT_NEGATIVE,
-                "speed_noise_rpm": MAY_BE_NOT_NEGATIVE, "speed_lsb_rpm": MAY_BE_NOT_NEGATIVE,
-                "hall_pulses_per_rev": _whole("a whole number of at least 0", lambda v: v >= 0, needed=False),
-                "hall_timeout_s": MAY_BE_POSITIVE, "supply_noise_v": MAY_BE_NOT_NEGATIVE, "position_lsb_rad": MAY_BE_NOT_NEGATIVE},
+    "supply": {"voltage_v": _maybe(0.01, 5e3), "resistance_ohm": _maybe(0, 1e3)},
+    "bridge": {"pwm_hz": _maybe(10, 1e7)},
+    "motor": {"resistance_ohm": _range(1e-4, 1e4), "inductance_h": _range(1e-8, 10), "torque_constant_nm_per_a": _range(1e-5, 1e4),
+              "inertia_kg_m2": _range(1e-11, 1e4), "viscous_nm_s_per_rad": _range(0, 1e5), "coulomb_nm": _range(0, 1e5)},
+    "gearbox": {"ratio": _range(1e-4, 1e5), "output_inertia_kg_m2": _range(0, 1e6)},
+    "sensors": {"log_hz": _maybe(0.1, 1e6), "current_noise_a": _maybe(0, 1e5), "current_lsb_a": _maybe(0, 1e5),
+                "speed_noise_rpm": _maybe(0, 1e5), "speed_lsb_rpm": _maybe(0, 1e5),
+                "hall_pulses_per_rev": _whole(0, 1_000_000, needed=False), "hall_timeout_s": _maybe(1e-4, 1e3),
+                "supply_noise_v": _maybe(0, 1e4), "position_lsb_rad": _maybe(0, 1e3)},
 }
-_JOINT = {"stiffness_nm_per_rad": POSITIVE, "damping_nm_s_per_rad": NOT_NEGATIVE}
+_JOINT = {"stiffness_nm_per_rad": _range(1e-3, 1e9), "damping_nm_s_per_rad": _range(0, 1e6)}
 KINDS: dict[str, dict[str, dict[str, Key]]] = {
     "mechanism": {
         "none": {},
         "impact": {
-            "hammer_inertia_kg_m2": POSITIVE, "hammer_mass_kg": POSITIVE, "groove_lead_m_per_rad": POSITIVE, "groove_radius_m": POSITIVE,
-            "vertex_rad": NOT_NEGATIVE, "travel_rad": POSITIVE, "spring_preload_n": NOT_NEGATIVE, "spring_rate_n_per_m": POSITIVE,
-            "lug_count": COUNT, "lug_height_m": POSITIVE, "lug_radius_m": POSITIVE, "lug_overlap_rad": POSITIVE,
-            "contact_stiffness_n_per_m": POSITIVE, "contact_damping_n_s_per_m": NOT_NEGATIVE, "contact_ramp_m": POSITIVE,
-            "anvil_inertia_kg_m2": POSITIVE, "hammer_start_rad": MAY_BE},
+            "hammer_inertia_kg_m2": _range(1e-8, 1e2), "hammer_mass_kg": _range(1e-4, 1e3), "groove_lead_m_per_rad": _range(1e-5, 1),
+            "groove_radius_m": _range(1e-4, 1), "vertex_rad": _range(0, 3), "travel_rad": _range(1e-2, 100),
+            "spring_preload_n": _range(0, 1e6), "spring_rate_n_per_m": _range(1, 1e9), "lug_count": _whole(1, 100),
+            "lug_height_m": _range(1e-5, 1), "lug_radius_m": _range(1e-4, 1), "lug_overlap_rad": _range(1e-3, 6.3),
+            "contact_stiffness_n_per_m": _range(1e2, 1e12), "contact_damping_n_s_per_m": _range(0, 1e8),
+            "contact_ramp_m": _range(1e-9, 0.1), "anvil_inertia_kg_m2": _range(1e-9, 1e2), "hammer_start_rad": _maybe(-100, 100)},
     },
     "load": {
         "none": {},
         "torque": {},
-        "pendulum": {"mass_kg": POSITIVE, "length_m": POSITIVE, "zero_rad": MAY_BE},
-        "hard_joint": {**_JOINT, "run_torque_nm": NOT_NEGATIVE, "slip_slope_nm_per_rad": NOT_NEGATIVE, "loosen_ratio": NOT_NEGATIVE},
-        "disc_spring": {**_JOINT, "run_torque_nm": NOT_NEGATIVE, "parallel": COUNT, "series": COUNT, "friction": NOT_NEGATIVE,
-                        "from_turns": NOT_NEGATIVE},
-        "wood_screw": {**_JOINT, "start_nm": NOT_NEGATIVE, "end_nm": POSITIVE, "turns": POSITIVE, "seat_nm": POSITIVE, "seat_deg": POSITIVE,
-                       "stripped_ratio": NOT_NEGATIVE, "from_turns": NOT_NEGATIVE, "loosen_ratio": NOT_NEGATIVE},
+        "pendulum": {"mass_kg": _range(1e-6, 1e5), "length_m": _range(1e-5, 1e2), "zero_rad": _maybe(-1e6, 1e6)},
+        "hard_joint": {**_JOINT, "run_torque_nm": _range(0, 1e5), "slip_slope_nm_per_rad": _range(0, 1e8), "loosen_ratio": _range(0, 10)},
+        "disc_spring": {**_JOINT, "run_torque_nm": _range(0, 1e5), "parallel": _whole(1, 1000), "series": _whole(1, 1000),
+                        "friction": _range(0, 2), "from_turns": _range(0, 1e4)},
+        "wood_screw": {**_JOINT, "start_nm": _range(0, 1e5), "end_nm": _range(1e-6, 1e5), "turns": _range(1e-2, 1e4),
+                       "seat_nm": _range(1e-6, 1e5), "seat_deg": _range(1e-2, 1e5), "stripped_ratio": _range(0, 10),
+                       "from_turns": _range(0, 1e4), "loosen_ratio": _range(0, 10)},
     },
 }
 _PROBABILITY = _number("a number between 0 and 1", lambda v: 0 <= v <= 1)
@@ -259,7 +270,61 @@ def rig_from_dict(data: Mapping[str, Any], source: str) -> Rig:
     _check_tolerance(rig, source)
     if rig.input["kind"] == "duty" and not rig.bus_is_measured and "voltage_v" not in rig.supply:
         raise VgrooveError(f"{source}: supply.voltage_v is missing: duty as input and a modelled bus need the open-circuit voltage")
+    _check_together(rig, source)
     return rig
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What follows from several keys, and within which limits a tool keeps it."""
+
+    words: str
+    value: float
+    low: float
+    high: float
+    keys: tuple[str, ...]
+
+
+def _check_together(rig: Rig, source: str) -> None:
+    """Keys that are each possible must give a tool that is: their time constants bound what a solver has to follow."""
+    for figure in (*_mechanical_figures(rig), *(_electrical_figures(rig) if rig.input["kind"] != "current_a" else ())):
+        if not figure.low <= figure.value <= figure.high:
+            stated = ", ".join(f"{key} {rig.value(key):g}" for key in figure.keys)
+            raise VgrooveError(f"{source}: {stated}: together they make {figure.words} {figure.value:.3g}, "
+                               f"which must be from {figure.low:g} to {figure.high:g}; is one of them in another unit?")
+
+
+_MASSES = ("motor.inertia_kg_m2", "gearbox.output_inertia_kg_m2", "gearbox.ratio")
+
+
+def _inertia(rig: Rig) -> float:
+    return rig.motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / rig.gearbox["ratio"] ** 2
+
+
+def _mechanical_figures(rig: Rig) -> list[Figure]:
+    added = rig.effects.get("added_inertia", {}).get("kg_m2", 0.0)
+    drag = rig.motor["viscous_nm_s_per_rad"]
+    found = [Figure("the inertia at the motor with the added one in kg m2", _inertia(rig) + added, 1e-12, 1e6, _MASSES)]
+    if drag > 0.0:
+        keys = ("motor.viscous_nm_s_per_rad", *_MASSES)
+        found.append(Figure("the time constant J / b in s", _inertia(rig) / drag, 1e-5, math.inf, keys))
+    return found
+
+
+def _electrical_figures(rig: Rig) -> list[Figure]:
+    """Time constants: winding 1 us (the fastest coreless motors have 3 us) to 0.3 s, run-up 10 us (those: 1 ms) to 1,000 s."""
+    motor = rig.motor
+    resistance, k = motor["resistance_ohm"], motor["torque_constant_nm_per_a"]
+    winding, run_up = ("motor.inductance_h", "motor.resistance_ohm"), ("motor.resistance_ohm", "motor.torque_constant_nm_per_a", *_MASSES)
+    found = [Figure("the winding's time constant L / R in s", motor["inductance_h"] / resistance, 1e-6, 0.3, winding),
+             Figure("the run-up time constant J R / k^2 in s", _inertia(rig) * resistance / k**2, 1e-5, 1e3, run_up)]
+    if rig.input["kind"] == "duty" and not rig.bus_is_measured:
+        share = motor["coulomb_nm"] * resistance / (k * rig.supply["voltage_v"])
+        stall = ("motor.coulomb_nm", "motor.torque_constant_nm_per_a", "supply.voltage_v", "motor.resistance_ohm")
+        pack = rig.value("supply.resistance_ohm") / resistance
+        found += [Figure("Coulomb friction over stall torque", share, 0.0, 1.0, stall),
+                  Figure("the ratio of the resistances", pack, 0.0, 100.0, ("supply.resistance_ohm", "motor.resistance_ohm"))]
+    return found
 
 
 def _table(values: Any, source: str, where: str) -> dict[str, Any]:
@@ -299,5 +364,5 @@ def _check_tolerance(rig: Rig, source: str) -> None:
     keys |= {f"{s}.{k}" for s in KINDS for k in KINDS[s][getattr(rig, s)["kind"]]}
     _no_unknown(rig.tolerance, sorted(keys), source, "tolerance.")
     for key, value in rig.tolerance.items():
-        if not NOT_NEGATIVE.holds(value):
-            raise VgrooveError(f"{source}: tolerance.{key} must be {NOT_NEGATIVE.words}, not {value!r}")
+        if not SIGMA.holds(value):
+            raise VgrooveError(f"{source}: tolerance.{key} must be {SIGMA.words}, not {value!r}")

@@ -51,11 +51,11 @@ def refused(change: dict, *words: str) -> None:
     ({"effects/clock_skew": {"relative": 0.06}}, ["effects.clock_skew.relative", "0.05"]),
     ({"effects/hall_dropout": {"probability": 1.5}}, ["effects.hall_dropout.probability"]),
     ({"tolerance/motor.resistance": 0.02}, ["motor.resistance", "motor.resistance_ohm"]),
-    ({"tolerance/motor.resistance_ohm": -0.02}, ["tolerance.motor.resistance_ohm", "at least 0"]),
+    ({"tolerance/motor.resistance_ohm": -0.02}, ["tolerance.motor.resistance_ohm", "from 0 to 1"]),
     ({"tolerance/load.mass_kg": 0.02}, ["load.mass_kg"]),
-    ({"motor/inertia_kg_m2": 0.0}, ["motor.inertia_kg_m2", "above 0"]),
+    ({"motor/inertia_kg_m2": 0.0}, ["motor.inertia_kg_m2", "from 1e-11 to 10000", "not 0.0"]),
     ({"motor/resistance_ohm": -0.1}, ["motor.resistance_ohm"]),
-    ({"motor/viscous_nm_s_per_rad": -1e-9}, ["motor.viscous_nm_s_per_rad", "at least 0"]),
+    ({"motor/viscous_nm_s_per_rad": -1e-9}, ["motor.viscous_nm_s_per_rad", "from 0 to 100000", "not -1e-09"]),
     ({"motor/inductance_h": float("nan")}, ["motor.inductance_h"]),
     ({"motor/inductance_h": float("inf")}, ["motor.inductance_h"]),
     ({"motor/coulomb_nm": True}, ["motor.coulomb_nm"]),
@@ -78,9 +78,83 @@ def refused(change: dict, *words: str) -> None:
     ({"load/kind": "pendulum"}, ["load.mass_kg", "missing"]),
     ({"load/kind": "lever"}, ["load.kind"]),
     ({"load/mass_kg": 0.3}, ["load.mass_kg"]),
+    ({"motor/resistance_ohm": 1e9}, ["motor.resistance_ohm", "from 0.0001 to 10000", "not 1000000000.0"]),
+    ({"motor/inertia_kg_m2": 1e-30}, ["motor.inertia_kg_m2", "1e-30"]),
+    ({"motor/inductance_h": 1e-30}, ["motor.inductance_h", "1e-30"]),
+    ({"tolerance/motor.resistance_ohm": 2}, ["tolerance.motor.resistance_ohm", "from 0 to 1", "not 2"]),
+    ({"motor/inertia_kg_m2": 160}, ["motor.inertia_kg_m2 160", "J R / k^2"]),  # g cm2
+    ({"motor/resistance_ohm": 190}, ["motor.resistance_ohm 190", "L / R"]),  # mOhm
+    ({"motor/inductance_h": 0.1}, ["motor.inductance_h 0.1", "L / R"]),  # mH
+    ({"motor/inductance_h": 100}, ["motor.inductance_h", "not 100"]),  # uH
+    ({"motor/torque_constant_nm_per_a": 10.9}, ["motor.torque_constant_nm_per_a 10.9", "J R / k^2"]),  # mN m/A
+    ({"motor/coulomb_nm": 12}, ["motor.coulomb_nm 12", "stall torque 11.6", "from 0 to 1"]),  # mN m
+    ({"supply/resistance_ohm": 100}, ["supply.resistance_ohm 100", "ratio of the resistances"]),  # mOhm
+    ({"supply/voltage_v": 18500}, ["supply.voltage_v", "not 18500"]),  # mV
+    ({"motor/viscous_nm_s_per_rad": 4.5}, ["motor.viscous_nm_s_per_rad 4.5", "J / b"]),
+    ({"effects/added_inertia": {"kg_m2": -2e-5}}, ["inertia at the motor", "motor.inertia_kg_m2 1.6e-05"]),
 ])
 def test_refused(change: dict, words: list[str]) -> None:
     refused(change, *words)
+
+
+def edges() -> list[tuple[str, float, float]]:
+    """Every key of a rig that is a number within a range, with the range its refusal names."""
+    found = []
+    for section, keys in SECTIONS.items():
+        for name, key in keys.items():
+            if match := re.search(r"number from (\S+) to (\S+)$", key.words):
+                found.append((f"{section}/{name}", float(match[1]), float(match[2])))
+    return found
+
+
+@pytest.mark.parametrize(("key", "low", "high"), edges())
+def test_just_outside_a_range_is_refused_and_just_inside_is_the_keys_own_business(key: str, low: float, high: float) -> None:
+    whole = key.endswith("hall_pulses_per_rev")
+    words = [key.replace("/", "."), f"from {int(low) if whole else f'{low:g}'} to {int(high) if whole else f'{high:g}'}"]
+    refused({key: int(low) - 1 if whole else low - max(abs(low), 1e-12) * 1e-6}, *words)
+    refused({key: int(high) + 1 if whole else high * 1.000001}, *words)
+    section, name = key.split("/")
+    for value in (low, high):
+        assert SECTIONS[section][name].holds(int(value) if whole else value)
+
+
+# Makers' figures, rounded: supply V, winding ohm and H, N m/A, rotor kg m2.
+MOTORS = {
+    "coreless 6 mm, 0.3 W": (3.0, 8.8, 29e-6, 1.8e-3, 5e-10), "coreless 8 mm, 0.5 W": (12.0, 204.0, 1.5e-3, 8.6e-3, 3e-9),
+    "toy 130 class, 1 W": (3.0, 1.0, 3e-4, 2.3e-3, 6e-8), "graphite brushes, 150 W": (24.0, 0.317, 8.2e-5, 0.0302, 1.42e-5),
+    "775 class, 250 W": (18.5, 0.19, 1e-4, 0.0109, 1.6e-5), "disc armature, 1 kW": (60.0, 0.3, 5e-5, 0.12, 5e-4),
+    "starter, 2 kW": (12.0, 0.012, 3e-5, 0.012, 2e-3), "golf cart, 5 kW": (48.0, 0.02, 8e-5, 0.12, 0.03),
+    "traction, 10 kW": (96.0, 0.014, 1.2e-4, 0.21, 0.06), "mill, 400 kW": (600.0, 0.03, 1e-3, 5.0, 40.0),
+}
+
+
+@pytest.mark.parametrize("name", MOTORS)
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_motors_of_every_size_pass(name: str, scale: float) -> None:
+    voltage, resistance, inductance, k, inertia = MOTORS[name]
+    stall = k * voltage / resistance
+    motor = {"resistance_ohm": resistance, "inductance_h": inductance * scale, "torque_constant_nm_per_a": k,
+             "inertia_kg_m2": inertia / scale, "viscous_nm_s_per_rad": 0.01 * stall * k / voltage, "coulomb_nm": 0.05 * stall * scale}
+    data = {**copy.deepcopy(RIG), "motor": motor, "supply": {"voltage_v": voltage, "resistance_ohm": 0.2 * resistance}}
+    data["gearbox"] = {"ratio": 1.0, "output_inertia_kg_m2": inertia}
+    assert rig_from_dict(data, "x").motor == motor
+
+
+@pytest.mark.parametrize("kind", ["current_a", "voltage_v"])
+def test_a_linear_axis_passes(kind: str) -> None:
+    """95 kg read as kg m2, 35 N/V as N m/A, 204 N s/m, 20 N; and a current as input leaves the winding's numbers alone."""
+    data = copy.deepcopy(RIG)
+    data["input"] = {"kind": kind}
+    data["motor"] = {"resistance_ohm": 1.0, "inductance_h": 1e-3, "torque_constant_nm_per_a": 35.15, "inertia_kg_m2": 95.1,
+                     "viscous_nm_s_per_rad": 203.5, "coulomb_nm": 20.4}
+    data["gearbox"] = {"ratio": 1.0, "output_inertia_kg_m2": 1e-9}
+    assert rig_from_dict(data, "x")
+    data["motor"]["torque_constant_nm_per_a"] = 0.01  # J R / k^2 would be 1e6 s
+    if kind == "current_a":
+        assert rig_from_dict(data, "x")
+    else:
+        with pytest.raises(VgrooveError, match="run-up"):
+            rig_from_dict(data, "x")
 
 
 def test_files_that_are_not_rigs_are_refused(tmp_path: Path) -> None:
