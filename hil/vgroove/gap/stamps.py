@@ -12,6 +12,7 @@ NEAR = 0.5  # of an interval: a stamp further from its place on the grid belongs
 EXACT = 1e-3  # of an interval: stamps this close to the grid are left as they are
 FEWEST_BREAKS = 5  # contradictions between edges and stamps that may come from reversals alone
 CLEARLY = 4.0  # times fewer contradictions on the grid
+PULL = 0.1  # share of a stamp's distance by which the clock that counts rows follows it
 FINEST_ROUNDING = 0.02  # of an interval: a last digit below that does not show in a row
 
 
@@ -19,7 +20,7 @@ def even_grid(time_s: np.ndarray) -> np.ndarray | None:
     """The even grid (n,), rows missing from it allowed, that all stamps lie within half an interval of; None where there is none."""
     steps = np.diff(time_s)
     interval = float(steps[steps < 1.5 * np.median(steps)].mean())  # of rounded stamps the median is a digit off
-    place = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.round(steps / interval)))])
+    place = tracked(time_s, interval)
     for _ in range(3):  # a long log needs the interval to a small part of its row number
         slope, start = np.polyfit(place, time_s, 1)
         place = np.round((time_s - start) / slope)
@@ -27,6 +28,17 @@ def even_grid(time_s: np.ndarray) -> np.ndarray | None:
             return None
     grid = start + slope * place
     return grid if np.abs(time_s - grid).max() < NEAR * slope else None
+
+
+def tracked(time_s: np.ndarray, interval: float) -> np.ndarray:
+    """Number (n,) of each row on a clock of about this interval that is pulled after the stamps, so that their scatter does not add up."""
+    place, now = np.zeros(len(time_s)), float(time_s[0])
+    for n in range(1, len(time_s)):
+        passed = max(1.0, round((float(time_s[n]) - now) / interval))
+        place[n] = place[n - 1] + passed
+        now += passed * interval
+        now += PULL * (float(time_s[n]) - now)
+    return place
 
 
 def breaks(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig) -> int:
