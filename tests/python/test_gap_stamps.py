@@ -61,7 +61,7 @@ def test_missing_rows_do_not_hide_the_clock() -> None:
 def test_stamps_rounded_to_milliseconds_are_unrounded_without_edges(rig: Rig) -> None:
     even = np.arange(600) / 300.0
     assert np.abs(row_times(np.round(even, 3), {"current_a": np.zeros(600)}, rig) - even).max() < 1e-4
-    uneven = np.round(even + np.random.default_rng(1).uniform(-7e-4, 7e-4, 600), 3)  # scatter beyond the last digit is no rounding
+    uneven = np.round(even + np.random.default_rng(1).uniform(-5e-4, 5e-4, 600), 3)  # scatter beyond the last digit is no rounding
     assert even_grid(uneven) is not None and not is_rounding(uneven, even_grid(uneven))
     assert row_times(uneven, {"current_a": np.zeros(600)}, rig) is uneven
 
