@@ -5,6 +5,7 @@
 #include <nanobind/nanobind.h>
 
 void bind_plant(nanobind::module_ &m);
+void bind_drill(nanobind::module_ &m);     // bind_drill.cpp
 void bind_firmware(nanobind::module_ &m);  // bind_firmware.cpp
 
 #endif

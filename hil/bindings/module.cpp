@@ -6,6 +6,7 @@
 NB_MODULE(_core, m) {
     m.doc() = "Plant and native firmware of vgroove.";
     bind_plant(m);
+    bind_drill(m);
 #ifdef VGROOVE_WITH_FIRMWARE
     bind_firmware(m);
 #endif

@@ -1,0 +1,117 @@
+// Python face of the drill driver: its parameters by name, a run by any of its solvers, and the eigenvalues' matrix for stability limits.
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
+
+#include <map>
+#include <stdexcept>
+#include <string>
+
+#include "bindings.hpp"
+#include "plant/drill_solvers.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+vgroove::DrillParameters parameters_of(const nb::dict &values) {
+    vgroove::DrillParameters p;
+    for (const auto &[key, value] : values) {
+        const std::string name = nb::cast<std::string>(key);
+        bool known = false;
+        for (const vgroove::DrillParameter &entry : vgroove::DRILL_PARAMETERS)
+            if (name == entry.name) {
+                p.*entry.member = nb::cast<double>(value);
+                known = true;
+            }
+        if (!known)
+            throw std::invalid_argument("simulate_drill: unknown parameter " + name);
+    }
+    return p;
+}
+
+nb::dict drill_parameters() {
+    nb::dict result;
+    for (const vgroove::DrillParameter &entry : vgroove::DRILL_PARAMETERS)
+        result[entry.name] = vgroove::DrillParameters().*entry.member;
+    return result;
+}
+
+vgroove::DrillSolver solver_of(const std::string &name) {
+    const std::map<std::string, vgroove::DrillSolver> solvers{{"reference", vgroove::DrillSolver::REFERENCE}, {"euler", vgroove::DrillSolver::EULER},
+        {"rk4", vgroove::DrillSolver::RK4}, {"real_time", vgroove::DrillSolver::REAL_TIME}};
+    const auto found = solvers.find(name);
+    if (found == solvers.end())
+        throw std::invalid_argument("simulate_drill: solver is reference, euler, rk4 or real_time, not " + name);
+    return found->second;
+}
+
+using Vector = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
+
+template <class Get> Vector column(std::size_t count, Get get) {
+    auto *data = new double[count + 1];
+    nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<double *>(p); });
+    for (std::size_t n = 0; n < count; ++n)
+        data[n] = get(n);
+    return Vector(data, {count}, owner);
+}
+
+void add_steps(nb::dict &to, const std::string &name, const std::vector<vgroove::DrillStep> &steps) {
+    nb::dict found;
+    nb::list marks;
+    for (const vgroove::DrillStep &step : steps)
+        marks.append(vgroove::DRILL_MARKS[static_cast<int>(step.mark)]);
+    found["time_s"] = column(steps.size(), [&](std::size_t n) { return steps[n].time_s; });
+    found["length_s"] = column(steps.size(), [&](std::size_t n) { return steps[n].length_s; });
+    found["mark"] = marks;
+    to[name.c_str()] = found;
+}
+
+nb::dict simulate_drill(const nb::dict &parameters, const std::string &solver, double duration_s, double step_s, double tolerance, double step_max_s,
+                        double row_s, bool timed) {
+    const vgroove::DrillRequest request{solver_of(solver), duration_s, step_s, tolerance, step_max_s, row_s, timed};
+    const vgroove::DrillParameters p = parameters_of(parameters);
+    vgroove::DrillRun run;
+    {
+        nb::gil_scoped_release unlocked;
+        run = vgroove::drill_run(p, request);
+    }
+    const std::size_t rows = run.rows.size() / vgroove::DRILL_ROW_COUNT;
+    nb::dict result;
+    for (std::size_t c = 0; c < vgroove::DRILL_ROW_COUNT; ++c)
+        result[vgroove::DRILL_ROW_NAMES[c]] = column(rows, [&](std::size_t n) { return run.rows[n * vgroove::DRILL_ROW_COUNT + c]; });
+    add_steps(result, "steps", run.steps);
+    add_steps(result, "marks", run.marks);
+    result["execution_ns"] = column(run.execution_ns.size(), [&](std::size_t n) { return run.execution_ns[n]; });
+    result["rejected"] = run.rejected;
+    result["diverged_s"] = run.diverged_s > 0.0 ? nb::cast(run.diverged_s) : nb::none();
+    return result;
+}
+
+// The matrix of the drill driver that turns with a closed bridge, clutch gripping (or slipping) and the load's law at a chuck speed.
+nb::object drill_jacobian(const nb::dict &parameters, bool slips, double load_nm, double chuck_rad_s) {
+    const vgroove::DrillParameters p = parameters_of(parameters);
+    vgroove::drill_check(p);
+    vgroove::DrillMode mode;
+    mode.slide = 1;
+    mode.clutch = slips ? 1 : 0;
+    vgroove::DrillVector x = vgroove::DrillVector::Zero();
+    x[vgroove::DRILL_CHUCK] = chuck_rad_s;
+    const vgroove::DrillSlopes j = vgroove::drill_slopes(p, mode, {0.0, 0.0, load_nm}, x);
+    auto *data = new double[16];
+    nb::capsule owner(data, [](void *q) noexcept { delete[] static_cast<double *>(q); });
+    for (int n = 0; n < 16; ++n)
+        data[n] = j.core(n / 4, n % 4);
+    return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(data, {4, 4}, owner));
+}
+
+}  // namespace
+
+void bind_drill(nb::module_ &m) {
+    m.def("drill_parameters", &drill_parameters, "Names and defaults of the drill driver: physics.md section 7, low gear, normal mode, parameter step 1.");
+    m.def("simulate_drill", &simulate_drill, "parameters"_a, "solver"_a = "reference", "duration_s"_a = 4.0, "step_s"_a = 0.0, "tolerance"_a = 1e-8,
+          "step_max_s"_a = 0.0, "row_s"_a = 0.0, "timed"_a = false,
+          "parameters {name: value} -> dict of (n,) columns; steps and marks: {time_s, length_s, mark}; execution_ns; rejected; diverged_s or None.");
+    m.def("drill_jacobian", &drill_jacobian, "parameters"_a, "slips"_a = false, "load_nm"_a = 0.0, "chuck_rad_s"_a = 1e9,
+          "(4, 4) of current, motor speed, twist, chuck speed while the motor turns.");
+}
