@@ -16,19 +16,29 @@ void drill_check(const DrillParameters &p) {
     for (const DrillParameter &entry : DRILL_PARAMETERS)
         if (!std::isfinite(p.*entry.member))
             throw std::invalid_argument(std::string(entry.name) + " must be finite");
-    const DrillParameter positive[] = {{"supply.voltage_v", &DrillParameters::supply_v}, {"motor.resistance_ohm", &DrillParameters::resistance_ohm},
-        {"motor.inductance_h", &DrillParameters::inductance_h}, {"motor.torque_constant_nm_per_a", &DrillParameters::constant},
-        {"motor.inertia_kg_m2", &DrillParameters::motor_inertia}, {"gearbox.ratio", &DrillParameters::ratio},
-        {"gearbox.output_inertia_kg_m2", &DrillParameters::chuck_inertia}, {"mechanism.shaft_stiffness_nm_per_rad", &DrillParameters::shaft_stiffness},
-        {"mechanism.shaft_damping_nm_s_per_rad", &DrillParameters::shaft_damping}, {"mechanism.clutch_nm", &DrillParameters::clutch_nm},
-        {"mechanism.pulse_coast_s", &DrillParameters::pulse_coast_s}, {"mechanism.pulse_drive_s", &DrillParameters::pulse_drive_s},
-        {"mechanism.pulse_average_s", &DrillParameters::pulse_average_s}, {"load.breakaway_rad_s", &DrillParameters::breakaway_rad_s},
-        {"load.threshold_rad_s", &DrillParameters::threshold_rad_s}};
+    const DrillParameter positive[] = {{"supply.voltage_v", &DrillParameters::supply_v},
+                                       {"motor.resistance_ohm", &DrillParameters::resistance_ohm},
+                                       {"motor.inductance_h", &DrillParameters::inductance_h},
+                                       {"motor.torque_constant_nm_per_a", &DrillParameters::constant},
+                                       {"motor.inertia_kg_m2", &DrillParameters::motor_inertia},
+                                       {"gearbox.ratio", &DrillParameters::ratio},
+                                       {"gearbox.output_inertia_kg_m2", &DrillParameters::chuck_inertia},
+                                       {"mechanism.shaft_stiffness_nm_per_rad", &DrillParameters::shaft_stiffness},
+                                       {"mechanism.shaft_damping_nm_s_per_rad", &DrillParameters::shaft_damping},
+                                       {"mechanism.clutch_nm", &DrillParameters::clutch_nm},
+                                       {"mechanism.pulse_coast_s", &DrillParameters::pulse_coast_s},
+                                       {"mechanism.pulse_drive_s", &DrillParameters::pulse_drive_s},
+                                       {"mechanism.pulse_average_s", &DrillParameters::pulse_average_s},
+                                       {"load.breakaway_rad_s", &DrillParameters::breakaway_rad_s},
+                                       {"load.threshold_rad_s", &DrillParameters::threshold_rad_s}};
     for (const DrillParameter &entry : positive)
         if (!(p.*entry.member > 0.0))
             throw std::invalid_argument(std::string(entry.name) + " must be above 0");
-    const DrillParameter not_negative[] = {{"motor.viscous_nm_s_per_rad", &DrillParameters::motor_viscous}, {"motor.coulomb_nm", &DrillParameters::motor_coulomb_nm},
-        {"load.torque_nm", &DrillParameters::load_nm}, {"load.viscous_nm_s_per_rad", &DrillParameters::load_viscous}, {"drive.ramp_s", &DrillParameters::ramp_s}};
+    const DrillParameter not_negative[] = {{"motor.viscous_nm_s_per_rad", &DrillParameters::motor_viscous},
+                                           {"motor.coulomb_nm", &DrillParameters::motor_coulomb_nm},
+                                           {"load.torque_nm", &DrillParameters::load_nm},
+                                           {"load.viscous_nm_s_per_rad", &DrillParameters::load_viscous},
+                                           {"drive.ramp_s", &DrillParameters::ramp_s}};
     for (const DrillParameter &entry : not_negative)
         if (p.*entry.member < 0.0)
             throw std::invalid_argument(std::string(entry.name) + " must be at least 0");
@@ -87,8 +97,8 @@ double drill_shaft_torque(const DrillParameters &p, const DrillMode &m, const Dr
 
 // L i^2 / 2 + J w^2 / 2 + Jc wc^2 / 2 + K e^2 / 2
 double drill_stored_energy(const DrillParameters &p, const DrillVector &x) {
-    return 0.5 * (p.inductance_h * x[DRILL_CURRENT] * x[DRILL_CURRENT] + p.motor_inertia * x[DRILL_SPEED] * x[DRILL_SPEED]
-                  + p.chuck_inertia * x[DRILL_CHUCK] * x[DRILL_CHUCK] + p.shaft_stiffness * x[DRILL_TWIST] * x[DRILL_TWIST]);
+    return 0.5 * (p.inductance_h * x[DRILL_CURRENT] * x[DRILL_CURRENT] + p.motor_inertia * x[DRILL_SPEED] * x[DRILL_SPEED] +
+                  p.chuck_inertia * x[DRILL_CHUCK] * x[DRILL_CHUCK] + p.shaft_stiffness * x[DRILL_TWIST] * x[DRILL_TWIST]);
 }
 
 // L i' = v - R i - k w;  J w' = k i - b w - Tc sign(w) - T / N;  e' = (T - K e) / C;  Jc wc' = T - Tload(wc)
@@ -105,8 +115,8 @@ DrillRates drill_rates(const DrillParameters &p, const DrillMode &m, const Drill
     r.core[DRILL_SPEED] = m.slide == 0 ? 0.0 : (p.constant * i - friction - torque / p.ratio) / p.motor_inertia;
     r.core[DRILL_TWIST] = twisting;
     r.core[DRILL_CHUCK] = (torque - load) / p.chuck_inertia;
-    r.sums << i, w, chuck, in.terminal_v * i, p.resistance_ohm * i * i, friction * w, p.shaft_damping * twisting * twisting, torque * (turning - twisting),
-        load * chuck;
+    r.sums << i, w, chuck, in.terminal_v * i, p.resistance_ohm * i * i, friction * w, p.shaft_damping * twisting * twisting,
+        torque * (turning - twisting), load * chuck;
     return r;
 }
 
@@ -220,7 +230,9 @@ bool drill_any(const DrillGuards &g) {
     return std::any_of(g.begin(), g.end(), [](double value) { return value < 0.0; });
 }
 
-static int sign_of(double x) { return x > 0.0 ? 1 : (x < 0.0 ? -1 : 0); }
+static int sign_of(double x) {
+    return x > 0.0 ? 1 : (x < 0.0 ? -1 : 0);
+}
 
 // At rest: held up to Tc, else off the way it is driven.
 static DrillMark settle_motor(DrillSystem &s) {
@@ -299,4 +311,4 @@ DrillMark drill_input_mark(const DrillParameters &p, double time_s) {
     return at(p.ramp_s) ? DrillMark::RAMP_END : DrillMark::NONE;
 }
 
-}  // namespace vgroove
+} // namespace vgroove

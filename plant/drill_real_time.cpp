@@ -17,10 +17,10 @@ namespace vgroove {
 namespace {
 
 constexpr double PIECE_S = 100e-6;
-constexpr int LOCATE_LEVELS = 12;       // a tick is a piece / 4096: 24 ns or less
-constexpr int LOCATED_MAX = 16;         // changes of mode located in one step; later ones are taken at the end of their piece
-constexpr int CLOCKED_MAX = 16;         // changes by the clock that a step of at most 1 s is planned for: two a pulse, the load, the ramp
-constexpr int HALVINGS_MAX = 40;        // of the search for the friction torque
+constexpr int LOCATE_LEVELS = 12; // a tick is a piece / 4096: 24 ns or less
+constexpr int LOCATED_MAX = 16;   // changes of mode located in one step; later ones are taken at the end of their piece
+constexpr int CLOCKED_MAX = 16;   // changes by the clock that a step of at most 1 s is planned for: two a pulse, the load, the ramp
+constexpr int HALVINGS_MAX = 40;  // of the search for the friction torque
 constexpr double CHARGE_SPACING_S = 50e-6;
 
 // Linear state: the core, charge, both angles. Linear input: terminal voltage and its slope, signs of motor friction and clutch, load torque.
@@ -76,20 +76,22 @@ double chuck_speed(const DrillParameters &p, double load_nm, double free, double
     return 0.5 * (low + high);
 }
 
-}  // namespace
+} // namespace
 
 struct DrillRealTime::Body {
     DrillSystem s;
     double step_s, tick_s, start_s = 0.0;
     std::size_t steps = 0;
-    int levels;                         // the finest; a step has 2^levels ticks
+    int levels; // the finest; a step has 2^levels ticks
     long piece_ticks;
     int advances_taken = 0;
-    std::vector<Advance, Eigen::aligned_allocator<Advance>> advances;  // 8 kinds of mode x (levels + 1)
+    std::vector<Advance, Eigen::aligned_allocator<Advance>> advances; // 8 kinds of mode x (levels + 1)
 
     Body(const DrillParameters &p, double h) : s(p, CHARGE_SPACING_S, charge_points(p)), step_s(h) {}
     // The ring never grows: its points are CHARGE_SPACING_S apart, but for the located changes
-    static std::size_t charge_points(const DrillParameters &p) { return static_cast<std::size_t>(p.pulse_average_s / CHARGE_SPACING_S) + 4096; }
+    static std::size_t charge_points(const DrillParameters &p) {
+        return static_cast<std::size_t>(p.pulse_average_s / CHARGE_SPACING_S) + 4096;
+    }
 };
 
 static std::size_t variant_of(const DrillMode &m) {
@@ -115,9 +117,15 @@ DrillRealTime::DrillRealTime(const DrillParameters &p, double step_s) {
 }
 
 DrillRealTime::~DrillRealTime() = default;
-const DrillSystem &DrillRealTime::system() const { return body_->s; }
-int DrillRealTime::advances_max() const { return (1 << (body_->levels - LOCATE_LEVELS)) + (2 * LOCATED_MAX + CLOCKED_MAX) * (LOCATE_LEVELS + 1); }
-int DrillRealTime::advances() const { return body_->advances_taken; }
+const DrillSystem &DrillRealTime::system() const {
+    return body_->s;
+}
+int DrillRealTime::advances_max() const {
+    return (1 << (body_->levels - LOCATE_LEVELS)) + (2 * LOCATED_MAX + CLOCKED_MAX) * (LOCATE_LEVELS + 1);
+}
+int DrillRealTime::advances() const {
+    return body_->advances_taken;
+}
 
 namespace {
 
@@ -149,7 +157,7 @@ long largest_power_of_two(long n) {
     return power;
 }
 
-}  // namespace
+} // namespace
 
 // A stretch that is tried: where the system would be after it.
 struct Tried {
@@ -215,4 +223,4 @@ void DrillRealTime::step() {
     b.s.time_s = b.start_s;
 }
 
-}  // namespace vgroove
+} // namespace vgroove

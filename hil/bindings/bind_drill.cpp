@@ -38,8 +38,10 @@ nb::dict drill_parameters() {
 }
 
 vgroove::DrillSolver solver_of(const std::string &name) {
-    const std::map<std::string, vgroove::DrillSolver> solvers{{"reference", vgroove::DrillSolver::REFERENCE}, {"euler", vgroove::DrillSolver::EULER},
-        {"rk4", vgroove::DrillSolver::RK4}, {"real_time", vgroove::DrillSolver::REAL_TIME}};
+    const std::map<std::string, vgroove::DrillSolver> solvers{{"reference", vgroove::DrillSolver::REFERENCE},
+                                                              {"euler", vgroove::DrillSolver::EULER},
+                                                              {"rk4", vgroove::DrillSolver::RK4},
+                                                              {"real_time", vgroove::DrillSolver::REAL_TIME}};
     const auto found = solvers.find(name);
     if (found == solvers.end())
         throw std::invalid_argument("simulate_drill: solver is reference, euler, rk4 or real_time, not " + name);
@@ -105,10 +107,11 @@ nb::object drill_jacobian(const nb::dict &parameters, bool slips, double load_nm
     return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(data, {4, 4}, owner));
 }
 
-}  // namespace
+} // namespace
 
 void bind_drill(nb::module_ &m) {
-    m.def("drill_parameters", &drill_parameters, "Names and defaults of the drill driver: physics.md section 7, low gear, normal mode, parameter step 1.");
+    m.def("drill_parameters", &drill_parameters,
+          "Names and defaults of the drill driver: physics.md section 7, low gear, normal mode, parameter step 1.");
     m.def("simulate_drill", &simulate_drill, "parameters"_a, "solver"_a = "reference", "duration_s"_a = 4.0, "step_s"_a = 0.0, "tolerance"_a = 1e-8,
           "step_max_s"_a = 0.0, "row_s"_a = 0.0, "timed"_a = false,
           "parameters {name: value} -> dict of (n,) columns; steps and marks: {time_s, length_s, mark}; execution_ns; rejected; diverged_s or None.");

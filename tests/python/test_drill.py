@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from drill_reference import Drill, run
 
+from drill_reference import Drill, run
 from vgroove import _core
 
 RPM = 30.0 / np.pi
@@ -63,7 +63,8 @@ def agree(gear: dict, pulse: bool, step: int, clutch: float) -> None:
     rows = _core.simulate_drill(parameters(gear, pulse, step, **{"mechanism.clutch_nm": clutch}), row_s=1e-3, tolerance=1e-9)
     damping, w_brk = STEPS[step]
     low = gear is LOW
-    other = run(Drill(n=31.5 if low else 8.75, load=6.0 if low else 2.0, pulse=pulse, damping=damping, w_brk=w_brk, clutch=clutch), rows["time_s"])
+    drill = Drill(n=31.5 if low else 8.75, load=6.0 if low else 2.0, pulse=pulse, damping=damping, w_brk=w_brk, clutch=clutch)
+    other = run(drill, rows["time_s"])
     for name, values in other.items():
         assert not np.isnan(values).any()
         assert np.abs(rows[name] - values).max() <= 1e-6 * np.abs(values).max(), name
@@ -75,8 +76,10 @@ def test_what_a_parameter_step_changes_is_the_smallest_step() -> None:
     assert len(steps[0]) > 1.2 * len(steps[1]) > 1.44 * len(steps[2])
 
 
-@pytest.mark.parametrize(("wrong", "words"), [({"motor.resistance": 1.0}, "unknown parameter motor.resistance"), ({"mechanism.clutch_nm": 0.0}, "clutch_nm must be"),
-                                              ({"drive.duty": 1.1}, "drive.duty"), ({"load.breakaway_ratio": 0.9}, "breakaway_ratio")])
+@pytest.mark.parametrize(("wrong", "words"), [
+    ({"motor.resistance": 1.0}, "unknown parameter motor.resistance"), ({"mechanism.clutch_nm": 0.0}, "clutch_nm must be"),
+    ({"drive.duty": 1.1}, "drive.duty"), ({"load.breakaway_ratio": 0.9}, "breakaway_ratio"),
+])
 def test_bad_parameters_are_named(wrong: dict, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         _core.simulate_drill(wrong)

@@ -21,7 +21,9 @@ static double at(const DrillRun &run, std::size_t row, int column) {
     return run.rows[row * DRILL_ROW_COUNT + static_cast<std::size_t>(column)];
 }
 
-static std::size_t rows_of(const DrillRun &run) { return run.rows.size() / DRILL_ROW_COUNT; }
+static std::size_t rows_of(const DrillRun &run) {
+    return run.rows.size() / DRILL_ROW_COUNT;
+}
 
 static double unbalanced(const DrillRun &run, std::size_t row) {
     double energy = at(run, row, DRILL_ROW_SUMS + DRILL_WORK_IN) - at(run, row, DRILL_ROW_STORED);
@@ -32,7 +34,7 @@ static double unbalanced(const DrillRun &run, std::size_t row) {
 
 // Low gear in pulse mode with each clutch: gripping, slipping under the load.
 class DrillOfClutch : public ::testing::TestWithParam<double> {
-protected:
+  protected:
     DrillParameters parameters(bool pulse) const {
         DrillParameters p;
         p.clutch_nm = GetParam();
@@ -71,7 +73,8 @@ TEST_P(DrillOfClutch, RealTimeKeepsToTheReferenceAtEveryStep) {
         ASSERT_EQ(rows_of(run), rows_of(reference));
         const double free = parameters(true).supply_v / parameters(true).constant;
         for (std::size_t n = 0; n < rows_of(run); ++n)
-            ASSERT_NEAR(at(run, n, DRILL_ROW_CORE + DRILL_SPEED), at(reference, n, DRILL_ROW_CORE + DRILL_SPEED), 1e-5 * free) << at(run, n, DRILL_ROW_TIME);
+            ASSERT_NEAR(at(run, n, DRILL_ROW_CORE + DRILL_SPEED), at(reference, n, DRILL_ROW_CORE + DRILL_SPEED), 1e-5 * free)
+                << at(run, n, DRILL_ROW_TIME);
     }
 }
 
@@ -81,7 +84,7 @@ TEST(DrillDriver, SlippingClutchHoldsTheChuckOfAStrongerLoad) {
     DrillParameters p;
     p.clutch_nm = 4.0;
     const DrillRun run = run_of(p, DrillSolver::REFERENCE, 0.0, 1e-3);
-    EXPECT_NEAR(at(run, 2500, DRILL_ROW_CORE + DRILL_CHUCK), 0.01 * std::atanh(4.0 / 6.0), 0.02);  // the law's steep middle
+    EXPECT_NEAR(at(run, 2500, DRILL_ROW_CORE + DRILL_CHUCK), 0.01 * std::atanh(4.0 / 6.0), 0.02); // the law's steep middle
     EXPECT_DOUBLE_EQ(at(run, 2500, DRILL_ROW_SHAFT), 4.0);
     EXPECT_GT(at(run, 2500, DRILL_ROW_CORE + DRILL_SPEED), 1300.0);
 }
@@ -141,7 +144,8 @@ TEST(DrillDriver, SlopesAreThoseOfTheRates) {
         for (int n = 0; n < DRILL_CORE_COUNT; ++n) {
             const double e = 1e-6 * drill_scales(p)[n];
             const DrillRates high = drill_rates(p, m, in, x + e * DrillVector::Unit(n)), low = drill_rates(p, m, in, x - e * DrillVector::Unit(n));
-            const double core = ((high.core - low.core) / (2.0 * e) - j.core.col(n)).norm(), sums = ((high.sums - low.sums) / (2.0 * e) - j.sums.col(n)).norm();
+            const double core = ((high.core - low.core) / (2.0 * e) - j.core.col(n)).norm(),
+                         sums = ((high.sums - low.sums) / (2.0 * e) - j.sums.col(n)).norm();
             EXPECT_LE(core, 1e-5 * j.core.col(n).norm() + 1e-9) << number << " by " << n;
             EXPECT_LE(sums, 1e-5 * j.sums.col(n).norm() + 1e-9) << number << " by " << n;
         }
@@ -167,7 +171,7 @@ TEST(DrillDriver, ReferenceErrorFollowsItsTolerance) {
     EXPECT_LT(error[1], 0.1 * error[0]);
     EXPECT_LT(error[2], 0.1 * error[1]);
     EXPECT_LT(error[2], 1e-6 * p.supply_v / p.constant);
-    EXPECT_LT(steps[2], 15.0 * steps[1]);  // order 4 needs 3.2 times the steps for a hundredth of the error, events none
+    EXPECT_LT(steps[2], 15.0 * steps[1]); // order 4 needs 3.2 times the steps for a hundredth of the error, events none
 }
 
 // Every change of mode is in the record of steps, and the steps add to the run.
@@ -222,8 +226,8 @@ TEST(FrictionLaw, SlopesAreThoseOfTheTorques) {
     const FrictionLaw<double> law{7.2, 6.0, 0.05, 0.1, 0.02, 40.0};
     for (const double w : {-3.0, -0.1, -0.004, 0.0, 0.011, 0.05, 0.3, 20.0}) {
         const double e = 1e-7;
-        EXPECT_NEAR(friction_law_stribeck_slope<double>(law, w), (friction_law_stribeck<double>(law, w + e) - friction_law_stribeck<double>(law, w - e)) / (2 * e),
-                    1e-4);
+        EXPECT_NEAR(friction_law_stribeck_slope<double>(law, w),
+                    (friction_law_stribeck<double>(law, w + e) - friction_law_stribeck<double>(law, w - e)) / (2 * e), 1e-4);
         EXPECT_NEAR(friction_law_exponential_slope<double>(law, w),
                     (friction_law_exponential<double>(law, w + e) - friction_law_exponential<double>(law, w - e)) / (2 * e), 1e-4);
     }
