@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm, t
 
 from vgroove.gap.fit import Fit
 
 DRAWS = 2000
 SHORTEST_S = 0.05
+HOPELESS = 1e6  # an interval from one or two blocks says nothing
 
 
 @dataclass(frozen=True)
@@ -68,10 +70,19 @@ def draw_means(blocks: Blocks, sums: np.ndarray) -> np.ndarray:
 
 
 def interval(blocks: Blocks, difference: np.ndarray, level: float = 0.95) -> tuple[float, float]:
-    """Bootstrap interval of a difference of squared gaps given per-block sums."""
+    """Bootstrap interval of a difference of squared gaps given per-block sums, widened where there are few blocks."""
     means = draw_means(blocks, difference)
     low, high = np.quantile(means, [(1.0 - level) / 2.0, (1.0 + level) / 2.0])
-    return float(low), float(high)
+    middle, wider = difference.sum() / blocks.total, few_blocks(int(np.count_nonzero(blocks.rows)), level)
+    return float(middle + wider * (low - middle)), float(middle + wider * (high - middle))
+
+
+def few_blocks(count: int, level: float) -> float:
+    """How much wider a bootstrap interval over `count` blocks must be: Student's t for the normal quantile, n - 1 for n in the variance."""
+    if count < 3:
+        return HOPELESS
+    quantile = 0.5 * (1.0 + level)
+    return float(t.ppf(quantile, count - 1) / norm.ppf(quantile) * np.sqrt(count / (count - 1.0)))
 
 
 def squared(one: Fit, clip: float, conditional: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ WIDE, NARROW = 20.0, 4.0
 KEY_BOUND = 3.0
 STEP = 0.1
 CHUNK = 96
+LEAST_DAMPING = 0.02
 
 
 class ProblemLike(Protocol):
@@ -46,6 +47,10 @@ class Coordinate:
     least: float = 0.0
     prior: bool = False
     role: str = "plain"
+
+    def step_at(self, x: float) -> float:
+        """Step of a difference at x: of a number that must stay above 0 (a stiffness, a time) at most a tenth."""
+        return min(self.step, 0.1 * abs(x)) if self.low > 0.0 and x != 0.0 else self.step
 
 
 @dataclass(frozen=True)
@@ -102,6 +107,7 @@ class Fit:
     jacobian: np.ndarray
     cost: float
     delta: float
+    damping: float = 1.0
     held: np.ndarray = field(default_factory=lambda: np.zeros(0))
     exact: bool = False
 
@@ -119,6 +125,11 @@ class Engine:
         self.keys = self._keys(tolerance)
         self.train = np.logical_or.reduce([train for train, _ in problem.folds])
         self.calls = 0
+        self.known: dict[str, float] = {}
+
+    def remember(self, one: Fit) -> None:
+        """Larger sets start an effect of many starts where it ended alone."""
+        self.known |= {c.name: float(x) for c, x in zip(one.hypothesis.coordinates, one.x, strict=True) if not c.prior}
 
     def _keys(self, tolerance: dict[str, float]) -> tuple[Coordinate, ...]:
         found = []
@@ -150,6 +161,7 @@ class Engine:
             column = self.problem.index(effect.name(parameter))
             low, high = parameter.low(self.scales) / size, parameter.high(self.scales) / size
             starts = parameter.starts if effect.id not in self.present else (float(self.problem.theta0[column]) / size,)
+            starts = (self.known[effect.name(parameter)],) if effect.name(parameter) in self.known else starts
             pairs.append((Coordinate(effect.name(parameter), (column,), (size,), 0.0, low, high, parameter.step, parameter.least), starts))
         return self._polar(pairs) if effect.phase else pairs
 
@@ -212,7 +224,7 @@ class Engine:
         """Forward differences, away from an upper bound, all hypotheses in one batch."""
         jobs, steps = [], []
         for one in fits:
-            steps_up = np.array([c.step for c in one.hypothesis.coordinates])
+            steps_up = np.array([c.step_at(float(x)) for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)])
             signed = np.where(one.x + steps_up > one.hypothesis.high, -steps_up, steps_up)
             steps.append(signed)
             jobs.append((one.hypothesis, one.x + np.diag(signed)))
@@ -226,7 +238,7 @@ class Engine:
         trials = []
         for one in fits:
             full = self.step(one, self.train)
-            trials.append(one.x + np.array([[1.0], [0.35]]) * full)
+            trials.append(one.x + one.damping * np.array([[1.0], [0.35]]) * full)
         rows, moved = self.residuals([(f.hypothesis, t) for f, t in zip(fits, trials, strict=True)]), []
         for i, (one, trial) in enumerate(zip(fits, trials, strict=True)):
             moved.append(self._accept(one, trial, rows[2 * i:2 * i + 2], round_))
@@ -236,13 +248,23 @@ class Engine:
         costs = [self._cost(one, x, r) for x, r in zip(trial, rows, strict=True)]
         best = int(np.argmin(costs))
         gain = one.cost - costs[best]
+        promised = one.cost - self._cost(one, trial[0], one.residual + one.jacobian @ (trial[0] - one.x))
         if gain > 0.0:
             one.x, one.residual, one.cost = trial[best], rows[best], costs[best]
+        if gain <= 0.0 and promised > self._enough(one) and one.damping > LEAST_DAMPING:
+            one.damping *= 0.1  # a curved valley: the straight step promises much and holds nothing
+            return True
+        one.damping = min(1.0, 3.0 * one.damping)
         if round_ == 0 or one.delta > 1.5 * self._delta(one.residual, NARROW):
             one.delta = self._delta(one.residual, NARROW)
             one.cost = self._cost(one, one.x, one.residual)
             return True
-        return gain > max(1.0, 2e-4 * one.cost)
+        return gain > self._enough(one)
+
+    @staticmethod
+    def _enough(one: Fit) -> float:
+        """Gain of a round below which a fit has converged."""
+        return max(1.0, 2e-4 * one.cost)
 
     def step(self, one: Fit, mask: np.ndarray) -> np.ndarray:
         """Gauss-Newton step (p,) of the robust cost over mask, inside the bounds."""

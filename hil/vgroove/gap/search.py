@@ -15,10 +15,15 @@ from vgroove.gap.hypotheses import BY_ID, RARE, SPECIAL_CASES, Effect, contains
 CLIP = 10.0
 LARGEST_SET = 4
 WORTH = 0.05
+VISIBLE = 0.1
 WORTH_SHARE = 0.01
 WORTH_FORM = 0.03
 LEVEL = 0.99
 PROPOSALS = 6
+CONVERGED = 12  # rounds in which single effects end; most need four
+SCREEN_ABOVE, SCREENED = 6, 3  # starts of one effect beyond which they are screened, and how many are fitted then
+AMPLITUDES, PHASES = (3.0, 8.0), 8  # of a periodic effect, in its size, that are screened
+MANY_STARTS = 4  # of more starts than this two are taken on
 FLOORED = ("effects.transport_delay.delay_s",)
 
 
@@ -71,6 +76,11 @@ class Search:
         worth = worth * self.level() + WORTH_SHARE * max(0.0, self.score(leaner) - self.level())
         return gain > worth and self.difference(leaner, fuller, LEVEL)[0] > 0.0
 
+    def visible(self, one: Fit) -> bool:
+        """The contract's least gap: below VISIBLE of the noise it is no gap, and what takes it away is no effect that could be named."""
+        noise, left = np.sqrt(self.level()), np.sqrt(self.score(one))
+        return bool(np.sqrt(self.score(self.retuned)) - min(noise, left) >= VISIBLE * noise)
+
     def level(self) -> float:
         """Squared gap that is taken as noise: 1, or what the best fit leaves where no fit comes near 1."""
         return (self.clip / CLIP) ** 2
@@ -122,15 +132,48 @@ def singles(search: Search) -> None:
     """Every effect alone, all starts briefly, the best start of each to convergence."""
     search.tell("each effect alone")
     x_keys = search.retuned.x
-    brief = search.engine.fit([h for e in search.effects for h in search.engine.hypotheses([e], x_keys)], 2)
-    best: dict[str, Fit] = {}
-    for one in brief:
-        if one.ids[0] not in best or one.cost < best[one.ids[0]].cost:
-            best[one.ids[0]] = one
-    again = [replace(f.hypothesis, start=f.x) for f in best.values()]
-    search.add(again, 5)
+    starts = [screened(search, search.engine.hypotheses([e], x_keys)) for e in search.effects]
+    brief = search.engine.fit([h for group in starts for h in group], 2)
+    again = [replace(f.hypothesis, start=f.x) for group in by_effect(brief) for f in group[:2 if len(group) > MANY_STARTS else 1]]
+    search.add(again, CONVERGED)
+    for effect, group in zip(search.effects, starts, strict=True):
+        if len(search.engine.hypotheses([effect])) > SCREEN_ABOVE and not effect.phase:
+            search.engine.remember(search.fits[(effect.id,)])
     rescale(search)
     reblock(search)
+
+
+def by_effect(fits: Sequence[Fit]) -> list[list[Fit]]:
+    """Fits of single effects, effect by effect, the best start first."""
+    groups: dict[str, list[Fit]] = {}
+    for one in fits:
+        groups.setdefault(one.ids[0], []).append(one)
+    return [sorted(group, key=lambda f: f.cost) for group in groups.values()]
+
+
+def screened(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
+    """The best few of many starts, by what they predict as they are: a resonance or a play is only found from nearby."""
+    if any(c.role == "cosine" for c in starts[0].coordinates):
+        return starts + promising(search, [turned for h in starts for turned in around(h)])
+    return starts if len(starts) <= SCREEN_ABOVE else promising(search, starts)
+
+
+def promising(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
+    """The SCREENED starts that predict best as they are."""
+    rows = np.abs(search.engine.residuals([(h, h.start) for h in starts])[:, search.engine.train])
+    cost = (np.minimum(rows, search.clip) ** 2).sum(axis=1)
+    return [starts[k] for k in np.argsort(cost, kind="stable")[:SCREENED]]
+
+
+def around(h: Hypothesis) -> list[Hypothesis]:
+    """Starts of a periodic effect with amplitudes and phases that no straight line leads to from 0: large ones stop the shaft."""
+    at, out = next(i for i, c in enumerate(h.coordinates) if c.role == "cosine"), []
+    for size in AMPLITUDES:
+        for angle in np.arange(PHASES) * (2.0 * np.pi / PHASES):
+            start = h.start.copy()
+            start[at:at + 2] = size * np.cos(angle), size * np.sin(angle)
+            out.append(replace(h, start=np.clip(start, h.low, h.high)))
+    return out
 
 
 def rescale(search: Search) -> None:
@@ -163,7 +206,7 @@ def extensions(search: Search, base: Fit) -> list[Fit]:
                 continue
             trials.append(trial)
             start = trial.start
-            steps = np.diag([c.step for c in h.coordinates])[count:count + new]
+            steps = np.diag([c.step_at(float(x)) for c, x in zip(h.coordinates, start, strict=True)])[count:count + new]
             jobs.append((trials[-1], np.vstack([start, start + steps])))
     if not trials:
         return []
@@ -182,7 +225,7 @@ def same_coordinates(h: Hypothesis, base: Fit, count: int) -> bool:
 def first_order(search: Search, base: Fit, h: Hypothesis, rows: np.ndarray) -> Fit:
     """The extended fit as one Newton step from base predicts it."""
     engine, count = search.engine, base.hypothesis.count
-    steps = np.array([c.step for c in h.coordinates])[count:count + len(rows) - 1]
+    steps = np.array([c.step_at(float(x)) for c, x in zip(h.coordinates, h.start, strict=True)])[count:count + len(rows) - 1]
     columns = ((rows[1:] - rows[0]) / steps[:, None]).T
     jacobian = np.hstack([base.jacobian[:, :count], columns, base.jacobian[:, count:]])
     one = Fit(h, h.start.copy(), rows[0], jacobian, np.inf, max(base.delta, NARROW))
@@ -209,9 +252,9 @@ def run(search: Search) -> tuple[Fit, list[Fit]]:
 def forward(search: Search) -> Fit:
     """Grow the set while a further effect, or an exchange, is better in both senses."""
     best = simplest(search, search.ranked(1)[0]) if search.ranked(1) else search.retuned
-    if not search.better(best, search.retuned):
+    if not search.better(best, search.retuned) or not search.visible(best):
         pair = grow(search, best)
-        return pair if pair is not None and search.better(pair, search.retuned) else search.retuned
+        return pair if pair is not None and search.better(pair, search.retuned) and search.visible(pair) else search.retuned
     while len(best.ids) < LARGEST_SET:
         larger = grow(search, best)
         if larger is None or not search.better(larger, best):

@@ -8,10 +8,9 @@ from vgroove.gap import locate
 from vgroove.gap.evidence import block_sums, draw_means, squared
 from vgroove.gap.fit import Fit, covariance
 from vgroove.gap.hypotheses import BY_ID, SPECIAL_CASES, Parameter, equivalents
-from vgroove.gap.search import CLIP, WORTH_FORM, Search, fit_set, key, plausible, win_shares
+from vgroove.gap.search import CLIP, VISIBLE, WORTH_FORM, Search, fit_set, key, plausible, win_shares
 
 BULK = {1: 0.7, 2: 0.85, 3: 0.9, 4: 0.9}
-VISIBLE = 0.1
 Z95 = 1.96
 SURE = 0.99
 NOT_WORTH = 0.4  # an effect that is significant and still not worth naming
