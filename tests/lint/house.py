@@ -92,18 +92,44 @@ def long_python_functions(path: str, text: str) -> list[Violation]:
     return found
 
 
-def long_c_functions(path: str, text: str) -> list[Violation]:
-    """C and C++ functions whose braces, opened at the left margin or at a line that starts there, lie further apart than the limit."""
-    found, start = [], None
-    for number, line in enumerate(text.splitlines(), 1):
-        if start is None and re.match(r"^[A-Za-z_].*\)\s*(const\s*)?(noexcept\s*)?\{\s*$", line):
-            start = (number, line)
-        elif start and line.startswith("}"):
-            lines = number - start[0] + 1
-            if lines > FUNCTION_LINES_LIMIT:
-                found.append(Violation(path, start[0], f"{start[1].strip()} has {lines} lines, the limit is {FUNCTION_LINES_LIMIT}"))
-            start = None
+NO_CODE = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|'
+                     r'^[ \t]*#(?:\\\n|[^\n])*|\b(?:public|private|protected)[ \t]*:',
+                     re.DOTALL | re.MULTILINE)
+NO_FUNCTION = re.compile(r"\s*(?:(?:if|else|for|while|do|switch|catch|try|return|namespace|enum|extern|\w+\s+alignas)\b|"
+                         r"[^()]*$|[^(]*[^=!<>(]=[^=])")
+
+
+def code_only(text: str) -> str:
+    """C source with comments, literals and preprocessor lines as blanks, a{1} as a(1); every character keeps its place."""
+    plain = NO_CODE.sub(lambda match: re.sub(r"[^\n]", " ", match.group()), text)
+    return re.sub(r"(?<=\w)\{([^{}\n]*)\}", r"(\1)", plain)
+
+
+def c_functions(text: str) -> list[tuple[int, int, str]]:
+    """Functions of C or C++ source, members of classes too: first line of the signature, line of the closing brace, signature."""
+    found, head, parens, depth, inside = [], 0, 0, 0, None
+    code = code_only(text)
+    for at, sign in enumerate(code):
+        parens += (sign == "(") - (sign == ")")
+        if sign == "{" and parens == 0:
+            depth += 1
+            if inside is None and not NO_FUNCTION.match(code[head:at]):
+                inside = (depth, at - len(code[head:at].lstrip()))
+        if sign == "}" and parens == 0:
+            if inside and inside[0] == depth:
+                first, last = (code.count("\n", 0, place) + 1 for place in (inside[1], at))
+                found.append((first, last, " ".join(code[inside[1]:at].split("{")[0].split())))
+                inside = None
+            depth -= 1
+        if sign in "{};" and parens == 0:
+            head = at + 1
     return found
+
+
+def long_c_functions(path: str, text: str) -> list[Violation]:
+    """C and C++ functions longer than the limit, from the first line of the signature, however it is wrapped, to the closing brace."""
+    return [Violation(path, first, f"{signature} has {last - first + 1} lines, the limit is {FUNCTION_LINES_LIMIT}")
+            for first, last, signature in c_functions(text) if last - first + 1 > FUNCTION_LINES_LIMIT]
 
 
 def missing_opening(path: str, text: str) -> list[Violation]:

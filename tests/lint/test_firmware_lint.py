@@ -30,6 +30,27 @@ def test_cppcheck_catches_misra(tmp_path: Path) -> None:
     assert any("misra-c2012-7.1" in line for line in lint_firmware.cppcheck([bad]))
 
 
+def test_every_c_file_of_the_firmware_is_linted() -> None:
+    linted = {*lint_firmware.portable(), *lint_firmware.board_sources(), *lint_firmware.host_sources()}
+    assert {path for path in lint_firmware.FIRMWARE.rglob("*.c") if path.name not in lint_firmware.GENERATED} == linted
+
+
+def test_the_boards_files_are_seen_as_the_board_builds_them(tmp_path: Path) -> None:
+    bad = tmp_path / "bad.c"
+    bad.write_text("#include <avr/interrupt.h>\n#include <avr/wdt.h>\n#include \"build_hash.h\"\n"
+                   "static volatile uint32_t hash = VGROOVE_BUILD_HASH;\n"
+                   "ISR(TIMER2_COMPA_vect, ISR_NAKED) {\n    wdt_reset();\n    if (hash == hash)\n        TCNT2 = 010;\n}\n")
+    found = lint_firmware.tidy(bad)
+    assert found and all("bad.c" in line and "diagnostic-error" not in line for line in found) and "braces" in "\n".join(found)
+    assert any("misra-c2012-7.1" in line for line in lint_firmware.cppcheck([bad], *lint_firmware.BOARD))
+
+
+def test_what_only_the_host_builds_is_checked_for_mistakes(tmp_path: Path) -> None:
+    bad = tmp_path / "bad.c"
+    bad.write_text("int f(void) {\n    int a[2] = {1, 2};\n    return a[2];\n}\n")
+    assert any("arrayIndexOutOfBounds" in line for line in lint_firmware.cppcheck([bad], platform="unix64"))
+
+
 def test_a_suppression_needs_a_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "s.txt"
     file.write_text("10.1:\n")

@@ -50,6 +50,9 @@ def test_gpl_is_said_in_each_file_of_the_bench_tool() -> None:
     files = [path for path in C_FILES if path.startswith("hil/board/")]
     assert files
     assert [path for path in files if "SPDX-License-Identifier: GPL-3.0-or-later" not in read(path)] == []
+    licence = read("hil/board/COPYING")
+    assert licence.split() and "GNU GENERAL PUBLIC LICENSE\n                       Version 3" in licence and "END OF TERMS AND CONDITIONS" in licence
+    assert "hil/board/COPYING" in read("README.md")
 
 
 @pytest.mark.parametrize(("path", "line"), [
@@ -76,6 +79,25 @@ def test_the_other_laws_catch() -> None:
     assert house.missing_opening("a.c", "#include <stdint.h>\n") and not house.missing_opening("a.c", "// What it is for.\n")
     simavr = "#include <simavr/sim_avr.h>"
     assert house.gpl_violations("plant/a.cpp", simavr) and not house.gpl_violations("hil/board/a.c", simavr)
+
+
+@pytest.mark.parametrize(("around", "signature"), [
+    ("", "static void f(int16_t a,\n              int16_t b) {"), ("", "void\nf(void)\n{"), ("", "T C::f(int a) const noexcept {"),
+    ("", "C::C(int a)\n    : a_(a), b_{1}, c_(a ? 1 : 2) {"), ("", "template <class V, int N>\nV f(const V &a = V(1),\n    int b = 2) {"),
+    ("", "bool operator==(const A &a, const A &b) {"), ("", "struct A f(int a) {"), ("", "auto f(int a) -> int {"),
+    ("", "TEST(Suite, Name) {"), ("", "ISR(TIMER2_COMPA_vect) {"),
+    ("namespace a {\nclass B {\npublic:\n", "    int f(int a) override {"), ('extern "C" {\n', "int f() {")])
+def test_a_long_c_function_is_found_however_it_is_written(around: str, signature: str) -> None:
+    body = "    if (x) {  // }\n        y(\"}\", '{');\n    }\n" * 18
+    fill = 60 - 54 - len(signature.split("\n")) - 1
+    for more, found in ((0, 0), (1, 1)):
+        text = around + signature + "\n" + body + "    z();\n" * (fill + more) + "}\n" * (1 + around.count("{"))
+        assert len(house.long_c_functions("a.cpp", text)) == found, text
+
+
+def test_long_data_is_no_long_function() -> None:
+    for head in ("static const int TABLE[] = {", "enum Mode {", "struct alignas(16) A {", "const A a = make(b) + {", "namespace x {"):
+        assert house.long_c_functions("a.cpp", head + "\n" + "    1,\n" * 80 + "};\n") == []
 
 
 def test_generated_files_are_up_to_date() -> None:
