@@ -1,5 +1,6 @@
 """The laws of the house hold for every file, and each law is itself tried on a file that breaks it."""
 
+import re
 import subprocess
 import sys
 
@@ -51,8 +52,26 @@ def test_gpl_is_said_in_each_file_of_the_bench_tool() -> None:
     assert files
     assert [path for path in files if "SPDX-License-Identifier: GPL-3.0-or-later" not in read(path)] == []
     licence = read("hil/board/COPYING")
-    assert licence.split() and "GNU GENERAL PUBLIC LICENSE\n                       Version 3" in licence and "END OF TERMS AND CONDITIONS" in licence
+    assert "GNU GENERAL PUBLIC LICENSE\n                       Version 3" in licence and "END OF TERMS AND CONDITIONS" in licence
     assert "hil/board/COPYING" in read("README.md")
+
+
+PLACES = re.compile(r"(?<![\w.])/(?:work|home|root|srv|mnt|opt|tmp)/\w|\b(?:10|127|192\.168)\.\d+\.\d+\.\d+\b|index[-]url")
+
+
+def test_no_file_names_a_place_on_somebodys_machine() -> None:
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=house.ROOT, capture_output=True, check=False)
+    if listed.returncode:
+        pytest.skip("not in a git work tree")
+    texts = {path: (house.ROOT / path).read_bytes() for path in listed.stdout.decode().split("\0") if (house.ROOT / path).is_file()}
+    found = [f"{path}: {match.group()}" for path, text in texts.items() if b"\0" not in text
+             for match in PLACES.finditer(text.decode("utf-8", errors="replace"))]
+    assert found == []
+
+
+@pytest.mark.parametrize("text", ["see /" + "work/main", "cd /" + "home/me", "http://10" + ".1.2.3/simple", "--index" + "-url x"])
+def test_a_place_is_caught(text: str) -> None:
+    assert PLACES.search(text) and not PLACES.search("the work/home/root of 3.14/opt/x, /dev/ttyACM0, ../shared/tmp/x")
 
 
 @pytest.mark.parametrize(("path", "line"), [
