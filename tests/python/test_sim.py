@@ -1,6 +1,7 @@
 """vgroove sim RIG --log LOG: the gap it prints is the problem's, its CSV is a log, bad input leaves nothing behind."""
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -115,3 +116,36 @@ def test_without_a_log_a_rig_is_refused_with_what_is_missing(tmp_path: Path) -> 
     scenario_of(tmp_path)
     with pytest.raises(VgrooveError, match="--log"):
         sim(tmp_path / "rig.toml")
+
+
+def dull(**columns: float | np.ndarray) -> MadeLog:
+    """A log of the tool with some columns replaced."""
+    log = drive_log(rig(), seed=3)
+    log.columns |= {name: np.full(len(log.time_s), value) if np.isscalar(value) else value for name, value in columns.items()}
+    return log
+
+
+@pytest.mark.parametrize(("columns", "words"), [
+    ({"duty": np.nan}, "column duty.* holds no value"),
+    ({"duty": 0.0}, "column duty is 0 throughout while the shaft speeds up"),
+    ({"current_a": np.nan, "speed_rpm": np.nan, "supply_v": np.nan}, "0 usable samples"),
+])
+def test_a_log_without_a_command_or_a_measurement_is_a_sentence(tmp_path: Path, columns: dict[str, float], words: str) -> None:
+    log = write_log(dull(**columns), tmp_path / "log.csv")
+    write_rig(rig(), tmp_path / "rig.toml")
+    begin = time.process_time()
+    with pytest.raises(VgrooveError, match=words):
+        sim(tmp_path / "rig.toml", "--log", log)
+    assert time.process_time() - begin < 5.0
+
+
+@pytest.mark.parametrize("columns", [
+    {"duty": 0.0, "current_a": 0.0, "speed_rpm": 0.0, "supply_v": 18.0}, {"duty": 0.0, "current_a": 0.0, "speed_rpm": 0.0, "supply_v": 0.0},
+    {"current_a": 0.0, "speed_rpm": 0.0, "supply_v": 0.0}, {"duty": 0.5, "current_a": 3.0, "speed_rpm": 5000.0, "supply_v": 18.0},
+    {"duty": 0.0, "speed_rpm": np.linspace(5000.0, 0.0, 6001)}])
+def test_a_log_in_which_nothing_happens_is_judged_within_five_seconds(tmp_path: Path, columns: dict[str, float]) -> None:
+    log = write_log(dull(**columns), tmp_path / "log.csv")
+    write_rig(rig(), tmp_path / "rig.toml")
+    begin = time.process_time()
+    sim(tmp_path / "rig.toml", "--log", log, "--json", tmp_path / "out.json")
+    assert time.process_time() - begin < 5.0 and np.isfinite(json.loads((tmp_path / "out.json").read_text())["gap"])

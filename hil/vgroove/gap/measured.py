@@ -23,6 +23,7 @@ DEFAULT_TIMEOUT_S = 0.25
 FORCE_ROWS = 2  # rows between the instants of a second difference
 NEIGHBOURS = 4  # edge periods on each side that say whether a period is twice as long as it should be
 DUTY_LIMIT = 1.01  # a compare value of 256 of 255 is rounding; beyond that the column is no duty
+UNAIDED_RPM = 100.0  # by which a shaft may speed up without a command: noise, a hand
 HOLE_S, HOLE_ROWS = 0.02, 8  # a command unknown for longer than both (seconds, usual intervals) leaves the motion after it open
 
 
@@ -72,17 +73,25 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     return Run(log, drive, restarts, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings)
 
 
-def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source: str,
-           warnings: list[str]) -> tuple[_core.LogInput, np.ndarray]:
+def _command(columns: dict[str, np.ndarray], rig: Rig, source: str) -> np.ndarray:
+    """The column that drives the model; VgrooveError for one that cannot have driven the tool."""
     kind = rig.input["kind"]
     if kind not in columns:
         raise VgrooveError(f"{source}: the column {kind} is missing, which drives the model according to the rig")
-    command, more = columns[kind], {}
+    command = columns[kind]
     if not np.isfinite(command).any():
         raise VgrooveError(f"{source}: the column {kind}, which drives the model according to the rig, holds no value")
     if kind == "duty" and np.nanmax(np.abs(command)) > DUTY_LIMIT:
         top = np.nanmax(np.abs(command))
         raise VgrooveError(f"{source}: the column duty reaches {top:.4g}: a duty lies within -1..1 (is it in percent?)")
+    if rig.load["kind"] == "none" and not np.nan_to_num(command).any() and "speed_rpm" in columns:
+        _refuse_unaided_start(columns["speed_rpm"], kind, source)
+    return command
+
+
+def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source: str,
+           warnings: list[str]) -> tuple[_core.LogInput, np.ndarray]:
+    kind, command, more = rig.input["kind"], _command(columns, rig, source), {}
     if rig.bus_is_measured and kind == "duty":
         if "supply_v" not in columns:
             raise VgrooveError(f"{source}: the column supply_v is missing, which drives the model according to the rig (input.bus)")
@@ -99,6 +108,17 @@ def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
         more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": noise.step_of(command)}
     since = time_s - time_s[0]  # the plant steps in time since the first row: stamps far from 0 would cost it digits
     return _core.LogInput(since, kind, held(command), load_kind=load, **more), held(command)
+
+
+def _refuse_unaided_start(speed_rpm: np.ndarray, kind: str, source: str) -> None:
+    """A command of 0 throughout drives nothing: a log that begins fast may run down with it, one that speeds up has another command."""
+    speed = np.abs(speed_rpm[np.isfinite(speed_rpm)])
+    if len(speed) == 0:
+        return
+    begin, fast = float(np.median(speed[:len(speed) // 50 + 1])), float(np.percentile(speed, 95))
+    if fast > 2.0 * begin + UNAIDED_RPM:
+        raise VgrooveError(f"{source}: the column {kind} is 0 throughout while the shaft speeds up from {begin:.4g} to {fast:.4g} rpm: "
+                           "it is not the command of this log")
 
 
 def _volt_noise(columns: dict[str, np.ndarray], rig: Rig) -> float:
