@@ -27,8 +27,8 @@ SOLVERS = {"DOP853": DOP853, "Radau": Radau, "LSODA": LSODA}
 RTOL = 1e-10
 MAX_STEP_S = 2e-5
 REPEAT_AFTER_S, REPEAT_SPEED = 3e-3, 0.25
-I, THJ, WJ, THS, WS, THA, WA, E, CHARGE, BUS = range(10)  # noqa: E741
-ATOL = np.array([1e-9, 1e-12, 1e-9, 1e-12, 1e-9, 1e-13, 1e-9, 1e-13, 1e-10, 1e-10])
+I, THJ, WJ, THS, WS, THA, WA, E, CHARGE, BUS, TURN = range(11)  # noqa: E741
+ATOL = np.array([1e-9, 1e-12, 1e-9, 1e-12, 1e-9, 1e-13, 1e-9, 1e-13, 1e-10, 1e-10, 1e-10])
 FREE, RAMP, FULL, BACK = range(4)  # a contact: apart, approaching within the ramp, approaching beyond it, separating
 GAP, CLEAR, OVER = range(3)  # the hammer's lugs: in a gap below h, above h beside the lugs, over a lug
 STICK, FORWARD, BACKWARD = range(3)  # the joint
@@ -99,7 +99,7 @@ CASES = {
 }
 ROW_S = 1e-2
 COLUMNS = ["time_s", "charge_as", "bus_vs", "current_a", "speed_rad_s", "angle_rad", "anvil_torque_nm", "anvil_angle_rad", "head_rad",
-           "hammer_mm", "hammer_rad", "housing_nm"]  # at the instant; the two integrals from 0
+           "hammer_mm", "hammer_rad", "housing_nms"]  # at the instant; charge, bus and housing are integrals from 0
 
 
 @dataclass
@@ -116,7 +116,7 @@ class Mode:
 
 @dataclass
 class Contact:
-    """A first touch of a forward flank; peak_nm is the largest joint torque until the next blow."""
+    """A touch of a forward flank, lugs counted from 0; peak_nm is the largest joint torque until the next touch."""
 
     time_s: float
     lug: int
@@ -233,6 +233,11 @@ class Impact:
         det = (self.jsp + ms2) * (t.js + ms2) - ms2 * ms2
         return ((t.js + ms2) * spindle + ms2 * hammer) / det, (ms2 * spindle + (self.jsp + ms2) * hammer) / det, 0.0
 
+    def housing(self, y: np.ndarray, spindle_acceleration: float) -> float:
+        """Reaction of stator, ring gear and bearings, N m."""
+        held = 0.0 if self.mode.spin else self.accelerations(y)[2]
+        return self.drive(y) - held - (self.tool.n - 1) * self.tool.jm * self.tool.n * spindle_acceleration
+
     def rhs(self, _t: float, y: np.ndarray) -> np.ndarray:
         t = self.tool
         bus = t.voc - t.rs * t.duty * y[I]
@@ -241,7 +246,7 @@ class Impact:
         a_a = (self.forces(y)[0] - torque) / t.ja
         twist = y[WA] if self.mode.joint == STICK else (torque - t.kj * y[E]) / t.cj
         current = (t.duty * bus - t.r * y[I] - t.kt * t.n * y[WJ]) / t.l
-        return np.array([current, y[WJ], a_j, y[WS], a_s, y[WA], a_a, twist, y[I], bus])
+        return np.array([current, y[WJ], a_j, y[WS], a_s, y[WA], a_a, twist, y[I], bus, self.housing(y, a_j)])
 
     def joint_margins(self, y: np.ndarray) -> list[float]:
         forward, backward = self.limits(y)
@@ -308,10 +313,9 @@ class Impact:
     def row(self, t: float, y: np.ndarray) -> list[float]:
         """The COLUMNS at one instant."""
         tool = self.tool
-        housing = self.drive(y) - (tool.n - 1) * tool.jm * tool.n * self.accelerations(y)[0]
         hammer_mm = 1e3 * self.groove(y[THJ] - y[THS])[0]
         return [t, y[CHARGE], y[BUS], y[I], tool.n * y[WJ], tool.n * (y[THJ] - tool.start), self.joint(y), y[THA], y[THA] - y[E], hammer_mm,
-                y[THS] - tool.start, housing]
+                y[THS] - tool.start, y[TURN]]
 
 
 def kind_of(blows: list[Contact], lug: int, t: float, approach: float) -> int:
@@ -352,11 +356,10 @@ def torque_slope(plant: Impact, t: float, y: np.ndarray) -> list[float]:
 
 
 def note_extremes(plant: Impact, out: Result, before: list[float], after: list[float], y: np.ndarray) -> None:
-    """Peak torque of the last blow and the hammer's travel."""
+    """Peak torque of the last contact and the hammer's travel."""
     out.hammer_mm = max(out.hammer_mm, 1e3 * plant.groove(y[THJ] - y[THS])[0])
-    blows = out.blows()
-    if blows:
-        blows[-1].peak_nm = max(blows[-1].peak_nm, torque_peak(before, after))
+    if out.contacts:
+        out.contacts[-1].peak_nm = max(out.contacts[-1].peak_nm, torque_peak(before, after))
 
 
 def stretch(plant: Impact, y: np.ndarray, t: float, end: float, out: Result, method: str, rtol: float) -> tuple[np.ndarray, float, bool]:
@@ -383,14 +386,14 @@ def stretch(plant: Impact, y: np.ndarray, t: float, end: float, out: Result, met
 def simulate(tool: Tool, seconds: float, method: str = "DOP853", rtol: float = RTOL, row_s: float = 1e-3) -> Result:
     """A run from rest with a constant duty; rows every row_s from 0 on."""
     plant, out = Impact(tool), Result()
-    y, t = np.zeros(10), 0.0
+    y, t = np.zeros(11), 0.0
     y[THJ] = y[THS] = tool.start
     out.rows.append(plant.row(t, y))
     for row in range(1, round(seconds / row_s) + 1):
         while t < row * row_s:
             y, t, left = stretch(plant, y, t, row * row_s, out, method, rtol)
             if left and plant.switch(y):
-                lug, approach = plant.mode.index + 1, float(y[WS] - y[WA])
+                lug, approach = plant.mode.index, float(y[WS] - y[WA])
                 out.contacts.append(Contact(t, lug, kind_of(out.blows(), lug, t, approach), approach))
         out.rows.append(plant.row(t, y))
     return out
