@@ -5,6 +5,7 @@
 #include "app/drive.h"
 #include "app/execute.h"
 #include "app/report.h"
+#include "core/inline.h"
 #include "hal/hal.h"
 
 #define OVERRUN_FAULT_TICKS 2u
@@ -16,6 +17,7 @@ void app_init(App *self, uint32_t build_hash) {
     current_sense_init(&self->current, self->params.value[PARAM_CURRENT_GAIN_A_Q15], self->params.value[PARAM_CURRENT_OFFSET_COUNT_Q4]);
     h_bridge_init(&self->bridge, (uint8_t)self->params.value[PARAM_DEAD_TIME_COUNT]);
     trigger_init(&self->trigger);
+    self->mode = (uint8_t)self->params.value[PARAM_MODE];
     modes_init(&self->modes);
     uart_init(&self->uart, (uint8_t)self->params.value[PARAM_BAUD_SELECT]);
     while (execute_parameters_pending(self)) {
@@ -41,6 +43,29 @@ static void find_faults(App *self) {
         .stall_ms = (uint16_t)self->params.value[PARAM_STALL_MS],
     };
     faults_step(&self->faults, &self->measured, &limits, self->bridge.row_compare, self->hall.new_edges > 0u);
+}
+
+// Apart from the tick of a shaft that turns.
+INLINE_NEVER static bool rests(App *self) {
+    const bool ended = self->standstill.turned;
+    const bool coasts = self->bridge.row_compare == H_BRIDGE_COAST;
+    const bool unseen = (self->faults.active & TELEMETRY_FAULTS_SENSOR_LOST) != 0u ||
+                        (ended && !faults_draws_like_standing(&self->measured, self->bridge.row_compare));
+    const StandstillInputs in = {
+        .lost = !coasts && unseen,
+        .coasts = coasts,
+        .ended_rpm_q1 = ended ? hall_speed_last_rpm_q1(&self->hall) : 0u,
+    };
+    return standstill_step(&self->standstill, &in);
+}
+
+// The Hall sensor's word is not the last.
+static void find_standstill(App *self) {
+    if (self->measured.standstill) {
+        self->measured.standstill = rests(self);
+    } else {
+        self->standstill.turned = true;
+    }
 }
 
 static void step_modes(App *self) {
@@ -69,19 +94,19 @@ static void note_lateness(App *self, uint8_t ticks_late) {
     self->faults.overrun = ticks_late > OVERRUN_FAULT_TICKS;
 }
 
-// Commands, parameters to take over, a second edge and a slow frame cost alike: one of them a tick, and a slow frame that was held back goes first.
+// Received bytes, a command, parameters to take over, a second edge and a slow frame cost alike: one of them a tick, and a slow frame that was held back goes first.
 // True when the tick has done such work.
 static bool share_tick(App *self) {
     const bool free = !self->slow_turn;
-    const bool commands = free && uart_received(&self->uart);
+    const bool commands = free && execute_pending(self);
     const bool configure = free && !commands && execute_parameters_pending(self);
     if (commands) {
         execute_received(self);
     } else if (configure) {
         execute_parameters_step(self);
     }
-    self->report.hold_slow = commands || configure || (free && self->hall.new_edges > 1u);
-    self->slow_turn = self->report.hold_slow && telemetry_slow_waits(&self->telemetry);
+    const bool two_edges = self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
+    self->report.hold_slow = commands || configure || (free && two_edges);
     return commands || configure;
 }
 
@@ -91,11 +116,13 @@ void app_tick(App *self, uint8_t ticks_late) {
     note_lateness(self, ticks_late);
     const bool worked = share_tick(self);
     find_faults(self);
+    find_standstill(self);
     if (self->calibration != TELEMETRY_CALIBRATE_WHAT_CANCEL) {
         calibrate_step(self);
     }
     step_modes(self);
     h_bridge_stage(&self->bridge, drive_step(self));
+    self->slow_turn = self->report.hold_slow && telemetry_slow_waits(&self->telemetry);
     if (!worked) {
         param_step(&self->params);
     }

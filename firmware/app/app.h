@@ -11,6 +11,7 @@
 #include "app/measure.h"
 #include "app/modes.h"
 #include "app/param_store.h"
+#include "app/standstill.h"
 #include "controllers/foldback.h"
 #include "controllers/open_loop.h"
 #include "drivers/adc_sequence.h"
@@ -34,6 +35,7 @@ typedef struct {
     Uart uart;
     Measurement measured;
     Faults faults;
+    Standstill standstill;
     Modes modes;
     OpenLoop open_loop;
     Foldback foldback;

@@ -25,6 +25,7 @@ static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) 
     }
     if (app->bridge.next_compare == H_BRIDGE_COAST && app->bridge.staged.phase == H_BRIDGE_OPEN) {
         app->open_loop.duty_q15 = resumed_duty(app, in->speed_rpm_q1);
+        app->report.hold_slow = true;  // the division was this tick's share
     }
     return open_loop_step(&app->open_loop, in);
 }

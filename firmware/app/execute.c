@@ -6,7 +6,7 @@
 #include "app/calibrate.h"
 #include "app/param_command.h"
 
-#define BYTES_A_TICK 4u  // 210 commands a second; the queue holds three that come at once
+#define BYTES_A_TICK 2u  // some 70 commands a second with their ACKs; the queue holds three that come at once
 #define CONFIGURE_STEPS 7u
 
 enum { SETPOINT_DUTY_LIMIT_Q15 };
@@ -105,22 +105,26 @@ static uint8_t execute(App *app, const Command *command) {
 
 INLINE_NEVER static void answer(App *app) {
     Command command;
-    command_take(&app->parser, &command);
+    if (!command_step(&app->parser, &command)) {
+        return;
+    }
     if (command.fresh) {
         command.result = execute(app, &command);
     }
     command_answered(&app->parser, &command, &app->telemetry);
 }
 
+bool execute_pending(const App *app) {
+    return !telemetry_ack_waits(&app->telemetry) && (!command_wants(&app->parser) || uart_received(&app->uart));
+}
+
 void execute_received(App *app) {
     uint8_t byte = 0;
-    if (telemetry_ack_waits(&app->telemetry)) {
+    if (!command_wants(&app->parser)) {
+        answer(app);
         return;
     }
-    for (uint8_t k = BYTES_A_TICK; k > 0u && uart_receive(&app->uart, &byte); k--) {
-        if (command_byte(&app->parser, byte)) {
-            answer(app);
-            return;
-        }
+    for (uint8_t k = BYTES_A_TICK; k > 0u && command_wants(&app->parser) && uart_receive(&app->uart, &byte); k--) {
+        command_byte(&app->parser, byte);
     }
 }

@@ -1,6 +1,7 @@
 // Finding faults, see faults.h.
 #include "app/faults.h"
 
+#include "core/inline.h"
 #include "drivers/h_bridge.h"
 #include "hal/hal.h"
 #include "telemetry/telemetry_signals.h"
@@ -22,7 +23,7 @@ static int16_t magnitude(int16_t value) {
 }
 
 // |i| * 0.5 ohm > |duty| Vs: the reference motor has 0.29 ohm standing, 10 ohm turning freely and 0.6 ohm at 30 A (physics.md).
-static bool draws_like_standing(const Measurement *m, int16_t compare) {
+INLINE_NEVER bool faults_draws_like_standing(const Measurement *m, int16_t compare) {
     const uint32_t current_ma = ((uint32_t)(uint16_t)magnitude(m->current_a_q9) * 1000u) >> 9;
     const uint32_t terminal_mv = (uint32_t)m->supply_mv * (uint16_t)magnitude(compare) / HAL_COMPARE_MAX;
     return current_ma > 2u * terminal_mv;
@@ -37,7 +38,7 @@ static uint8_t find_no_edge(Faults *self, const Measurement *m, uint16_t stall_m
         self->no_edge_ms++;
         return 0;
     }
-    return draws_like_standing(m, compare) ? TELEMETRY_FAULTS_STALL : TELEMETRY_FAULTS_SENSOR_LOST;
+    return faults_draws_like_standing(m, compare) ? TELEMETRY_FAULTS_STALL : TELEMETRY_FAULTS_SENSOR_LOST;
 }
 
 static void count_conditions(Faults *self, const Measurement *m, const FaultLimits *limits) {

@@ -35,6 +35,9 @@ typedef struct {
 
 void faults_step(Faults *self, const Measurement *m, const FaultLimits *limits, int16_t compare, bool new_edge);
 
+// Whether the current is that of a driven shaft that stands.
+bool faults_draws_like_standing(const Measurement *m, int16_t compare);
+
 // Forgets what no longer holds.
 void faults_clear(Faults *self);
 

@@ -19,7 +19,7 @@ typedef struct {
     uint16_t flags;            // TELEMETRY_FLAGS_* of this tick
     AdcTick adc;               // of this tick
     bool temperature_lost;
-    bool standstill;
+    bool standstill;           // by the Hall sensor; app/standstill.h has the last word
 } Measurement;
 
 // The slow channels keep their last value; everything else is of this tick.

@@ -28,8 +28,8 @@ typedef enum {
 } ModesState;
 
 typedef struct {
-    bool pressed;         // contact closed and travel beyond the dead band
-    bool contact;         // contact closed
+    bool pressed;  // contact closed and travel beyond the dead band
+    bool contact;  // contact closed
     bool reverse_switch;
     bool standstill;
     bool fault;           // one is latched

@@ -26,7 +26,7 @@
     X(RELEASE_MODE,             "1",         0,     0,    1,     1) /* trigger release: 0 coasts, 1 ramps down within the foldback */ \
     X(TRIGGER_LOW_COUNT,        "count",     100,   0,    500,   1) /* end of the lower dead band of the trigger */ \
     X(TRIGGER_HIGH_COUNT,       "count",     920,   523,  1023,  1) /* start of the upper dead band of the trigger */ \
-    X(MODE,                     "1",         0,     0,    7,     1) /* mode at start, see the value table of STATE.mode */ \
+    X(MODE,                     "1",         0,     0,    0,     1) /* mode at start: 0, duty, is the only one that this firmware has */ \
     X(BAUD_SELECT,              "1",         0,     0,    1,     1) /* 0: 250,000 Bd, 1: 115,200 Bd; from the next start on */ \
     X(FAST_DIVIDER,             "1",         1,     1,    63,    1) /* ticks between two FAST frames, at least what the rate carries; from the next start on */ \
     X(HALL_TIMEOUT_MS,          "ms",        300,   300,  2000,  2) /* time without an edge after which the speed is 0 */ \

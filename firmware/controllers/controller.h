@@ -7,7 +7,7 @@
 #include <stdint.h>
 
 typedef struct {
-    int16_t travel_q15;    // trigger, 0 released
+    int16_t travel_q15;  // trigger, 0 released
     int16_t speed_rpm_q1;
     int16_t current_a_q9;
     uint16_t supply_mv;

@@ -4,7 +4,7 @@
 #include "core/flash.h"
 
 // n * x^8 modulo x^8 + x^5 + x^3 + x^2 + x + 1
-static const uint8_t crc8_table[256] FLASH_TABLE = {
+static const uint8_t crc8_table[256] FLASH_TABLE FLASH_PAGE = {
     0x00, 0x2F, 0x5E, 0x71, 0xBC, 0x93, 0xE2, 0xCD, 0x57, 0x78, 0x09, 0x26, 0xEB, 0xC4, 0xB5, 0x9A,
     0xAE, 0x81, 0xF0, 0xDF, 0x12, 0x3D, 0x4C, 0x63, 0xF9, 0xD6, 0xA7, 0x88, 0x45, 0x6A, 0x1B, 0x34,
     0x73, 0x5C, 0x2D, 0x02, 0xCF, 0xE0, 0x91, 0xBE, 0x24, 0x0B, 0x7A, 0x55, 0x98, 0xB7, 0xC6, 0xE9,
@@ -35,23 +35,28 @@ uint8_t crc8_over(uint8_t crc, const uint8_t *bytes, uint8_t count) {
     return crc;
 }
 
-#define NEXT(byte) crc = FLASH_U8(&crc8_table[(uint8_t)(crc ^ (byte))])
+// The table begins a page: the CRC is the low byte of Z, and a byte costs 6 cycles instead of 11. Two frames a tick.
+#ifdef __AVR__
+#define OVER(z, at, times)                                   \
+    __asm__(".rept " times "\n\tld __tmp_reg__, X+\n\t"      \
+            "eor r30, __tmp_reg__\n\tlpm r30, Z\n\t.endr"    \
+            : "+z"(z), "+x"(at)                              \
+            :                                                \
+            : "memory")
 
-// Without loops: two of these a tick.
 uint8_t crc8_over_frame(uint8_t crc, const uint8_t time[4], const uint8_t data[7]) {
-    NEXT(time[0]);
-    NEXT(time[1]);
-    NEXT(time[2]);
-    NEXT(time[3]);
-    NEXT(data[0]);
-    NEXT(data[1]);
-    NEXT(data[2]);
-    NEXT(data[3]);
-    NEXT(data[4]);
-    NEXT(data[5]);
-    NEXT(data[6]);
-    return crc;
+    uint16_t z = (uint16_t)((uint16_t)(uintptr_t)crc8_table | crc);
+    (void)time;  // linters do not look into the lines below
+    (void)data;
+    OVER(z, time, "4");
+    OVER(z, data, "7");
+    return (uint8_t)z;
 }
+#else
+uint8_t crc8_over_frame(uint8_t crc, const uint8_t time[4], const uint8_t data[7]) {
+    return crc8_over(crc8_over(crc, time, 4), data, 7);
+}
+#endif
 
 uint16_t crc16_next(uint16_t crc, uint8_t byte) {
     uint8_t low = (uint8_t)((uint8_t)(crc >> 8) ^ byte);

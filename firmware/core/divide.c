@@ -7,29 +7,32 @@
 
 #define BITS 16u
 
-// For dividend / 2^16 < divisor. The high word of `rest` is what is left, the quotient comes in from below. The compiler's loop takes half as long again
-// as that by hand.
-static uint16_t quotient(uint32_t rest, uint16_t divisor) {
-    uint8_t bits = BITS;
+// For dividend / 2^16 < divisor. The high word of `rest` is what is left, the quotient comes in from below. The compiler's loop takes twice as long as
+// that by hand, four bits a turn.
+INLINE_NEVER static uint16_t quotient(uint32_t rest, uint16_t divisor) {
 #ifdef __AVR__
+    uint8_t turns = BITS / 4u;
     (void)divisor;  // linters do not look into the lines below
-    __asm__("1: lsl %A[rest]\n\t"
+    __asm__("1:\n\t"
+            ".rept 4\n\t"
+            "lsl %A[rest]\n\t"
             "rol %B[rest]\n\t"
             "rol %C[rest]\n\t"
             "rol %D[rest]\n\t"
-            "brcs 2f\n\t"
+            "brcs .+6\n\t"
             "cp %C[rest], %A[divisor]\n\t"
             "cpc %D[rest], %B[divisor]\n\t"
-            "brcs 3f\n\t"
-            "2: sub %C[rest], %A[divisor]\n\t"
+            "brcs .+6\n\t"
+            "sub %C[rest], %A[divisor]\n\t"
             "sbc %D[rest], %B[divisor]\n\t"
             "inc %A[rest]\n\t"
-            "3: dec %[bits]\n\t"
+            ".endr\n\t"
+            "dec %[turns]\n\t"
             "brne 1b\n\t"
-            : [rest] "+r"(rest), [bits] "+r"(bits)
+            : [rest] "+r"(rest), [turns] "+r"(turns)
             : [divisor] "r"(divisor));
 #else
-    for (; bits > 0u; bits--) {
+    for (uint8_t bits = BITS; bits > 0u; bits--) {
         const bool carry = (rest & 0x80000000u) != 0u;
         rest <<= 1;
         if (carry || (uint16_t)(rest >> BITS) >= divisor) {
@@ -41,35 +44,44 @@ static uint16_t quotient(uint32_t rest, uint16_t divisor) {
     return (uint16_t)rest;
 }
 
-// From the quotient of both shifted right, which is at most a few off, to the exact one.
-static uint16_t corrected(uint16_t estimate, uint32_t dividend, uint32_t divisor) {
-    int32_t rest = (int32_t)(dividend - estimate * divisor);
-    while (rest < 0) {
-        rest += (int32_t)divisor;
-        estimate--;
-    }
-    while (rest >= (int32_t)divisor) {
-        rest -= (int32_t)divisor;
-        estimate++;
-    }
-    return estimate;
-}
-
-// Apart from the usual case, which would have to save its registers.
-INLINE_NEVER static uint16_t divide_by_long(uint32_t dividend, uint32_t divisor) {
-    uint32_t shifted = dividend;
-    uint32_t by = divisor;
-    while (by > UINT16_MAX) {
-        by >>= 1;
-        shifted >>= 1;
-    }
-    const uint16_t estimate = shifted >> BITS >= by ? UINT16_MAX : quotient(shifted, (uint16_t)by);
-    return corrected(estimate, dividend, divisor);
+// The same for a divisor of more than 16 bits: 48 bits of rest. No dividend of 32 bits reaches 2^16 times such a divisor.
+INLINE_NEVER static uint16_t quotient_by_long(uint32_t rest, uint32_t divisor) {
+#ifdef __AVR__
+    uint16_t high = 0;
+    uint8_t turns = BITS / 2u;
+    (void)divisor;  // linters do not look into the lines below
+    __asm__("1:\n\t"
+            ".rept 2\n\t"
+            "lsl %A[rest]\n\t"
+            "rol %B[rest]\n\t"
+            "rol %C[rest]\n\t"
+            "rol %D[rest]\n\t"
+            "rol %A[high]\n\t"
+            "rol %B[high]\n\t"
+            "cp %C[rest], %A[divisor]\n\t"
+            "cpc %D[rest], %B[divisor]\n\t"
+            "cpc %A[high], %C[divisor]\n\t"
+            "cpc %B[high], %D[divisor]\n\t"
+            "brcs .+10\n\t"
+            "sub %C[rest], %A[divisor]\n\t"
+            "sbc %D[rest], %B[divisor]\n\t"
+            "sbc %A[high], %C[divisor]\n\t"
+            "sbc %B[high], %D[divisor]\n\t"
+            "inc %A[rest]\n\t"
+            ".endr\n\t"
+            "dec %[turns]\n\t"
+            "brne 1b\n\t"
+            : [rest] "+r"(rest), [high] "+r"(high), [turns] "+r"(turns)
+            : [divisor] "r"(divisor));
+    return (uint16_t)rest;
+#else
+    return (uint16_t)(rest / divisor);
+#endif
 }
 
 uint16_t divide_u16(uint32_t dividend, uint32_t divisor) {
     if (divisor > UINT16_MAX) {
-        return divide_by_long(dividend, divisor);
+        return quotient_by_long(dividend, divisor);
     }
     return (uint16_t)(dividend >> BITS) >= (uint16_t)divisor ? UINT16_MAX : quotient(dividend, (uint16_t)divisor);
 }

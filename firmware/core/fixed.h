@@ -21,6 +21,6 @@ int32_t fixed_clamp_i32(int32_t value, int32_t least, int32_t greatest);
 #endif
 
 // value / 2^n, rounded to nearest, halves up; n a constant: a variable shift is a loop on the AVR.
-#define FIXED_ROUND_SHIFT(value, n) (((value) + ((int32_t)1 << ((n) - 1u))) >> (n))
+#define FIXED_ROUND_SHIFT(value, n) (((value) + ((int32_t)1 << ((n)-1u))) >> (n))
 
 #endif

@@ -7,10 +7,12 @@
 #ifdef __AVR__
 #include <avr/pgmspace.h>
 #define FLASH_TABLE PROGMEM
+#define FLASH_PAGE __attribute__((aligned(256)))  // a table of 256 bytes whose index is the low byte of its address
 #define FLASH_U8(place) pgm_read_byte(place)
 #define FLASH_I16(place) ((int16_t)pgm_read_word(place))
 #else
 #define FLASH_TABLE
+#define FLASH_PAGE
 #define FLASH_U8(place) (*(const uint8_t *)(place))
 #define FLASH_I16(place) (*(const int16_t *)(place))
 #endif

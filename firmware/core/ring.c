@@ -49,19 +49,6 @@ bool ring_pop_byte(RingBytes *self, uint8_t *item) {
     return true;
 }
 
-bool ring_push_bytes(RingBytes *self, const uint8_t *bytes, uint8_t count) {
-    uint8_t head = self->head;
-    if (count > (uint8_t)(RING_BYTES - (uint8_t)(head - self->tail))) {
-        return false;
-    }
-    for (const uint8_t *end = bytes + count; bytes != end; bytes++) {
-        self->items[head % RING_BYTES] = *bytes;
-        head++;
-    }
-    self->head = head;
-    return true;
-}
-
 uint8_t ring_frames_free(const RingFrames *self) {
     const uint8_t head = self->head;
     const uint8_t tail = self->tail;

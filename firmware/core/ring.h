@@ -42,9 +42,6 @@ bool ring_push_word(RingWords *self, uint16_t item);
 bool ring_push_pair(RingWords *self, uint8_t low, uint8_t high);  // the same word by its bytes
 bool ring_push_byte(RingBytes *self, uint8_t item);
 
-// All or nothing.
-bool ring_push_bytes(RingBytes *self, const uint8_t *bytes, uint8_t count);
-
 // False when empty; `*item` is then left alone.
 bool ring_pop_byte(RingBytes *self, uint8_t *item);
 

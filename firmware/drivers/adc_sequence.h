@@ -17,19 +17,19 @@ typedef struct {
     uint16_t current_least;
     uint16_t current_greatest;
     uint8_t current_count;
-    uint8_t fresh;                  // bit HAL_ADC_*: that channel has a new value in `latest`
-    uint16_t latest[4];             // by HAL_ADC_*
-    bool lost;                      // the ring did not hold what the cadence says; it has been resynchronised
-    bool trips;                     // a current sample was beyond the trip
+    uint8_t fresh;       // bit HAL_ADC_*: that channel has a new value in `latest`
+    uint16_t latest[4];  // by HAL_ADC_*
+    bool lost;           // the ring did not hold what the cadence says; it has been resynchronised
+    bool trips;          // a current sample was beyond the trip
 } AdcTick;
 
 typedef struct {
-    volatile uint16_t trip_low;     // least current counts that are allowed
-    volatile uint16_t trip_high;    // and greatest
-    uint8_t next_channel;           // of the conversion after the one that completes next: known before the interrupt, so that it can be set first of all
-    volatile uint8_t head;          // conversions so far, modulo 256: head modulo 16 is the slot and the place in the ring
-    uint8_t tail;                   // conversions taken so far
-    int16_t cycles_ahead;           // of the tick, since the newest sample that it may use; negative before the first
+    volatile uint16_t trip_low;   // least current counts that are allowed
+    volatile uint16_t trip_high;  // and greatest
+    uint8_t next_channel;   // of the conversion after the one that completes next: known before the interrupt, so that it can be set first of all
+    volatile uint8_t head;  // conversions so far, modulo 256: head modulo 16 is the slot and the place in the ring
+    uint8_t tail;           // conversions taken so far
+    int16_t cycles_ahead;   // of the tick, since the newest sample that it may use; negative before the first
     volatile uint8_t low[ADC_SEQUENCE_RING];
     volatile uint8_t high[ADC_SEQUENCE_RING];
     uint8_t after[ADC_SEQUENCE_SLOTS];  // channel two slots on; in RAM and beside the samples, where the interrupt reaches it at once

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define ANALOG_TEMPERATURE_COUNTS_MIN 20u    // TMP36: 100 mV at -40 C, the least it gives
+#define ANALOG_TEMPERATURE_COUNTS_MIN 20u  // TMP36: 100 mV at -40 C, the least it gives
 #define ANALOG_TEMPERATURE_COUNTS_MAX 1003u
 
 uint16_t analog_supply_mv(uint16_t counts, int16_t gain_mv_q8);

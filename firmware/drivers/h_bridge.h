@@ -25,7 +25,7 @@ typedef enum {
 } HBridgePhase;
 
 typedef struct {
-    uint8_t phase;       // HBridgePhase that it brings about
+    uint8_t phase;  // HBridgePhase that it brings about
     bool leg_b_high;
     int16_t compare;     // what leg A's two compare values stand for
     uint8_t high_below;  // compare values of leg A

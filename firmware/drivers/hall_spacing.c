@@ -9,7 +9,11 @@
 #define UNEVEN_LEAST_Q15 164       // 0.5 %: pitches closer than this to a quarter need no index
 
 void hall_spacing_forget(HallSpacing *self) {
-    *self = (HallSpacing){.phase = HALL_SPACING_UNKNOWN};
+    self->last_round = 0;  // no round is steady after it: sums begin anew with the next
+    self->at = 0;
+    self->rounds = 0;
+    self->phase = HALL_SPACING_UNKNOWN;
+    self->learning = false;
 }
 
 void hall_spacing_learn(HallSpacing *self) {

@@ -13,13 +13,13 @@
 #define HALL_SPACING_UNKNOWN 0xFFu
 
 typedef struct {
-    uint32_t sum[HALL_SPACING_PITCHES];  // of the periods while learning
+    uint32_t sum[HALL_SPACING_PITCHES];    // of the periods while learning
     uint16_t round[HALL_SPACING_PITCHES];  // periods of the round that runs, in `unit` cycles
-    uint32_t last_round;                 // cycles of the round before
+    uint32_t last_round;                   // cycles of the round before
     uint32_t this_round;
-    uint8_t at;                          // pitch that the next period closes
+    uint8_t at;  // pitch that the next period closes
     uint8_t rounds;
-    uint8_t phase;                       // found once
+    uint8_t phase;  // found once
     bool learning;
 } HallSpacing;
 

@@ -2,6 +2,7 @@
 #include "drivers/hall_speed.h"
 
 #include "core/divide.h"
+#include "core/inline.h"
 #include "hal/hal.h"
 
 // rpm Q1 = 2 * 60 s/min * f_cpu * pitch / period, pitch in turns = 4 * share Q15 / 2^15 / pulses.
@@ -148,10 +149,35 @@ static bool may_fall(const HallSpeed *self, uint32_t age) {
     return age > (self->index_known ? self->period_cycles / 2u : self->period_cycles);
 }
 
+// One pitch over the age, downwards: the value never exceeds it.
+static uint16_t bound_of(const HallSpeed *self, uint32_t age) {
+    return divide_u16(factor_at(self, self->index), age);
+}
+
+// factor * cycles / 2^16, downwards
+INLINE_NEVER static uint32_t scaled(uint32_t factor, uint16_t cycles) {
+    return (uint32_t)(uint16_t)(factor >> 16) * cycles + (((uint32_t)(uint16_t)factor * cycles) >> 16);
+}
+
+// Whether one pitch over the age is less than the speed that the tick's edge gives: told without a division, so that a tick needs only one. Both times
+// are below 2^16 here: the age of an edge that a tick takes is below 2^15, and the period less than twice that when the value may fall.
+INLINE_NEVER static bool bound_is_less(const HallSpeed *self, uint32_t factor, uint32_t age) {
+    return scaled(factor_at(self, self->index), (uint16_t)self->period_cycles) <= scaled(factor, (uint16_t)age);
+}
+
+// The speed after an edge of this tick.
+static uint16_t fresh_speed(const HallSpeed *self, uint32_t age) {
+    const uint32_t factor = self->edge_known ? self->edge_factor : self->factor_equal;
+    // With equal pitches the bound is less, since the age exceeds the period.
+    const bool falls = may_fall(self, age) && (!self->index_known || bound_is_less(self, factor, age));
+    return falls ? bound_of(self, age) : speed_of(factor, self->period_cycles);
+}
+
 static void update(HallSpeed *self) {
     const uint32_t age = self->now_cycles - self->edge_cycles;
     if (self->edges == 0u || age >= self->timeout_cycles) {
         if (self->edges > 0u) {
+            self->period_cycles = self->edges >= 2u ? self->period_cycles : 0u;
             self->index_known = false;  // the shaft may rock over an edge while it stands
             restart_spacing(self);
         }
@@ -163,13 +189,10 @@ static void update(HallSpeed *self) {
         return;
     }
     if (self->new_edges > 0u) {
-        self->magnitude_rpm_q1 = speed_of(self->edge_known ? self->edge_factor : self->factor_equal, self->period_cycles);
-    }
-    if (may_fall(self, age)) {
-        const uint16_t bound = divide_u16(factor_at(self, self->index), age);  // downwards: never more than one pitch over the age
-        if (bound < self->magnitude_rpm_q1) {
-            self->magnitude_rpm_q1 = bound;
-        }
+        self->magnitude_rpm_q1 = fresh_speed(self, age);
+    } else if (may_fall(self, age)) {
+        const uint16_t bound = bound_of(self, age);
+        self->magnitude_rpm_q1 = bound < self->magnitude_rpm_q1 ? bound : self->magnitude_rpm_q1;
     }
 }
 
@@ -190,6 +213,10 @@ HallSpeedResult hall_speed_tick(HallSpeed *self) {
 
 bool hall_speed_at_rest(const HallSpeed *self) {
     return self->edges == 0u;
+}
+
+INLINE_NEVER uint16_t hall_speed_last_rpm_q1(const HallSpeed *self) {
+    return self->period_cycles == 0u ? 0u : speed_of(self->factor_equal, self->period_cycles);
 }
 
 bool hall_speed_set_reverse(HallSpeed *self, bool reverse) {

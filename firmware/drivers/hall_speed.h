@@ -59,6 +59,9 @@ HallSpeedResult hall_speed_tick(HallSpeed *self);
 // No edge within the time-out.
 bool hall_speed_at_rest(const HallSpeed *self);
 
+// Speed of the last period, without sign; 0 when the last edge was the only one since standstill.
+uint16_t hall_speed_last_rpm_q1(const HallSpeed *self);
+
 // One Hall gives no sign: it is that of the drive, and is taken over at standstill only. False while the shaft turns.
 bool hall_speed_set_reverse(HallSpeed *self, bool reverse);
 

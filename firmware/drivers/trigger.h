@@ -12,8 +12,8 @@ typedef struct {
     uint16_t high_count;  // start of the upper one
     uint32_t factor_q7;   // 2^22 / (high - low): Q15 travel of a count, with 7 more binary places
     int16_t travel_q15;
-    uint8_t stable;       // debounced, HAL_SWITCH_*
-    uint8_t ticks[3];     // binary counters of all switches side by side: for how long each has differed from its stable value
+    uint8_t stable;    // debounced, HAL_SWITCH_*
+    uint8_t ticks[3];  // binary counters of all switches side by side: for how long each has differed from its stable value
 } Trigger;
 
 // Begins with the contact taken for closed: a tool that is switched on with the trigger held must not start.

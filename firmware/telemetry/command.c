@@ -25,15 +25,16 @@ static bool plausible(const CommandParser *self, uint8_t first) {
     return count <= END_AT || self->buffer[first + END_AT] == FRAME_END;
 }
 
-// Whether the byte can stand at that place of a frame.
+// Whether the byte can stand at that place of a frame, after its start.
 static bool fits(uint8_t at, uint8_t byte) {
-    if (at == 0u) {
-        return byte == FRAME_START;
-    }
     if (at == LENGTH_AT) {
         return byte == TELEMETRY_DATA_BYTES;
     }
     return at != END_AT || byte == FRAME_END;
+}
+
+static void count_errors(CommandParser *self, uint8_t bytes) {
+    self->errors = (uint8_t)(self->errors > UINT8_MAX - bytes ? UINT8_MAX : self->errors + bytes);
 }
 
 // Gives up the first byte and every one after it that cannot start a frame.
@@ -46,7 +47,7 @@ INLINE_NEVER static void resynchronise(CommandParser *self) {
     for (uint8_t k = 0; k < self->count; k++) {
         self->buffer[k] = self->buffer[k + first];
     }
-    self->errors = (uint8_t)(self->errors > UINT8_MAX - first ? UINT8_MAX : self->errors + first);
+    count_errors(self, first);
 }
 
 static uint8_t crc_of(const uint8_t buffer[TELEMETRY_FRAME_BYTES]) {
@@ -73,31 +74,48 @@ static void take_frame(const CommandParser *self, Command *out) {
     }
 }
 
-bool command_byte(CommandParser *self, uint8_t byte) {
+bool command_wants(const CommandParser *self) {
+    return self->phase == COMMAND_WANTS;
+}
+
+void command_byte(CommandParser *self, uint8_t byte) {
     const uint8_t at = self->count;
+    if (at == 0u && byte != FRAME_START) {
+        count_errors(self, 1);
+        return;
+    }
     self->buffer[at] = byte;
     self->count = (uint8_t)(at + 1u);
     if (!fits(at, byte)) {
-        resynchronise(self);
+        self->phase = COMMAND_ASTRAY;
+    } else if (at == END_AT) {
+        self->phase = COMMAND_WHOLE;
     }
-    return self->count >= TELEMETRY_FRAME_BYTES;
 }
 
-void command_take(CommandParser *self, Command *out) {
+bool command_step(CommandParser *self, Command *out) {
+    if (self->phase != COMMAND_WHOLE) {
+        resynchronise(self);
+        self->phase = COMMAND_WANTS;
+        return false;
+    }
     take_frame(self, out);
     if (out->result == TELEMETRY_ACK_RESULT_BAD_CRC) {
-        resynchronise(self);  // a good frame may have begun inside
+        self->phase = COMMAND_ASTRAY;  // a good frame may have begun inside
     } else {
+        self->phase = COMMAND_WANTS;
         self->count = 0;
     }
+    return true;
 }
 
 bool command_next(CommandParser *self, uint8_t byte, Command *out) {
-    if (!command_byte(self, byte)) {
-        return false;
+    bool taken = false;
+    command_byte(self, byte);
+    while (!command_wants(self)) {
+        taken = command_step(self, out) || taken;
     }
-    command_take(self, out);
-    return true;
+    return taken;
 }
 
 void command_answered(CommandParser *self, const Command *command, Telemetry *telemetry) {

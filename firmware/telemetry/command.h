@@ -1,8 +1,11 @@
 // Inbound frames out of a stream of bytes: resynchronises after garbage, checks the CRC, recognises a command that is sent again.
 //
-// One command is answered before the next is parsed, so that every command gets its ACK:
-//     while (!telemetry_ack_waits(&telemetry) && uart_read(&byte)) {
-//         if (command_next(&parser, byte, &command)) {
+// A command is answered before the next is parsed, so that every command gets its ACK. What costs time comes in steps of its own, for ticks that read
+// nothing:
+//     if (!telemetry_ack_waits(&telemetry)) {
+//         if (command_wants(&parser)) {
+//             while (command_wants(&parser) && uart_read(&byte)) command_byte(&parser, byte);
+//         } else if (command_step(&parser, &command)) {
 //             if (command.fresh) command.result = execute(&command);
 //             command_answered(&parser, &command, &telemetry);
 //         }
@@ -24,9 +27,16 @@ typedef struct {
     bool fresh;      // to be executed: intact and not the last one sent again
 } Command;
 
+enum {
+    COMMAND_WANTS,   // the next byte
+    COMMAND_WHOLE,   // a frame is complete in form
+    COMMAND_ASTRAY,  // what was received is no frame: one may have begun inside
+};
+
 typedef struct {
     uint8_t buffer[TELEMETRY_FRAME_BYTES];
     uint8_t count;
+    uint8_t phase;   // COMMAND_*
     uint8_t errors;  // bytes outside frames and frames with a bad CRC; saturates
     uint8_t last_result;
     uint8_t last_sequence;
@@ -34,11 +44,13 @@ typedef struct {
     uint16_t last_id;  // 0: none yet
 } CommandParser;
 
-// The same in two steps: true when the byte completes a frame, which command_take then hands out.
-bool command_byte(CommandParser *self, uint8_t byte);
-void command_take(CommandParser *self, Command *out);
+bool command_wants(const CommandParser *self);
+void command_byte(CommandParser *self, uint8_t byte);  // only when wanted
 
-// Takes one received byte; true when it completes a frame, which is then in `out`.
+// When no byte is wanted: true when it hands out a command, false when it has looked for the begin of a frame in what there is.
+bool command_step(CommandParser *self, Command *out);
+
+// Takes one received byte, with all steps; true when it completes a frame, which is then in `out`.
 bool command_next(CommandParser *self, uint8_t byte, Command *out);
 
 // Queues the ACK with `command->result`.

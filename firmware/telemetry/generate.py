@@ -186,20 +186,32 @@ def bracketed(expression: str) -> str:
     return f"({expression})" if " " in expression else expression
 
 
+def raw_value(signal: Signal) -> str:
+    """The C expression of a signal as an unsigned number."""
+    width = 8 * ((signal.length + 7) // 8)
+    width = 32 if width == 24 else width
+    value = f"signals->{signal.name}"
+    return f"(uint{width}_t){value}" if signal.is_signed else value
+
+
+def is_shifted(signal: Signal) -> bool:
+    """Whether a signal is shifted to its first byte once: its upper byte is then a move, while a shift by 3 to 7 is a loop on the AVR."""
+    offset = signal.start % 8
+    return not signal.is_signed and signal.length > 8 and 0 < offset and signal.length > 8 - offset and signal.length + offset <= 16
+
+
 def packed_part(signal: Signal, byte: int) -> str | None:
     """The C expression (an int) of a signal's bits that lie in a data byte."""
     first, last = signal.start, signal.start + signal.length - 1
     if last < 8 * byte or first > 8 * byte + 7:
         return None
     shift = 8 * byte - first
-    width = 8 * ((signal.length + 7) // 8)
-    width = 32 if width == 24 else width
-    value = f"signals->{signal.name}"
-    if signal.is_signed:
-        value = f"(uint{width}_t){value}"
+    top = last - 8 * byte  # bit of the byte that the signal's last bit would take
+    if is_shifted(signal):
+        return f"{signal.name} & 0xFFu" if shift < 0 else f"({signal.name} >> 8) & 0x{(1 << (top + 1)) - 1:X}u"
+    value = raw_value(signal)
     if shift > 0:
         value = f"{value} >> {shift}"
-    top = last - 8 * byte  # bit of the byte that the signal's last bit would take
     if shift < 0:
         return f"({value} & 0x{(1 << min(signal.length, 8 + shift)) - 1:X}u) << {-shift}"
     return value if top >= 7 else f"{bracketed(value)} & 0x{(1 << (top + 1)) - 1:X}u"
@@ -208,6 +220,8 @@ def packed_part(signal: Signal, byte: int) -> str | None:
 def pack_function(message: Message) -> list[str]:
     """Body that assembles each byte from the signals that touch it; bits of no signal are 0."""
     lines = [prototype(message) + " {"]
+    for signal in filter(is_shifted, payload(message)):
+        lines.append(f"    const uint16_t {signal.name} = (uint16_t)(signals->{signal.name} << {signal.start % 8});")
     for byte in range(7):
         parts = [part for signal in payload(message) if (part := packed_part(signal, byte))]
         if not parts:

@@ -40,19 +40,19 @@ typedef struct {
 
 typedef struct {
     TelemetryBoot boot;
-    TelemetryState state;      // last reported or waiting
+    TelemetryState state;  // last reported or waiting
     TelemetryAck ack;
-    int32_t current_sum;       // over the ticks since the last FAST frame
+    int32_t current_sum;  // over the ticks since the last FAST frame
     uint16_t supply_sum;
     uint16_t budget;           // 1/100 byte
     uint16_t budget_per_tick;  // 1/100 byte
     uint16_t ms_in_second;
-    uint16_t dump_crc16;       // of the parameters dumped so far, but for the last while dumped_waits
+    uint16_t dump_crc16;  // of the parameters dumped so far, but for the last while dumped_waits
     int16_t dumped_value;
     uint8_t ticks_to_fast;
     uint8_t fast_counter;
-    uint8_t dump_next;         // next parameter of the dump, count: PARAM_TABLE, TELEMETRY_NONE: nothing
-    uint8_t read_index;        // parameter asked for, TELEMETRY_NONE: nothing
+    uint8_t dump_next;   // next parameter of the dump, count: PARAM_TABLE, TELEMETRY_NONE: nothing
+    uint8_t read_index;  // parameter asked for, TELEMETRY_NONE: nothing
     bool dumped_waits;
     bool boot_waits;
     bool ack_waits;

@@ -3,13 +3,14 @@
 #include "telemetry/telemetry_signals.h"
 
 void telemetry_pack_fast(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryFast *signals) {
+    const uint16_t supply_v = (uint16_t)(signals->supply_v << 2);
     data[0] = (uint8_t)((uint16_t)signals->current_a);
     data[1] = (uint8_t)((uint16_t)signals->current_a >> 8);
     data[2] = (uint8_t)((uint16_t)signals->speed_rpm);
     data[3] = (uint8_t)((uint16_t)signals->speed_rpm >> 8);
     data[4] = (uint8_t)((uint16_t)signals->duty_compare);
-    data[5] = (uint8_t)((((uint16_t)signals->duty_compare >> 8) & 0x3u) | ((signals->supply_v & 0x3Fu) << 2));
-    data[6] = (uint8_t)(((signals->supply_v >> 6) & 0xFu) | ((signals->fast_counter & 0xFu) << 4));
+    data[5] = (uint8_t)((((uint16_t)signals->duty_compare >> 8) & 0x3u) | (supply_v & 0xFFu));
+    data[6] = (uint8_t)(((supply_v >> 8) & 0xFu) | ((signals->fast_counter & 0xFu) << 4));
 }
 
 void telemetry_pack_state(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryState *signals) {

@@ -154,7 +154,7 @@ static uint8_t read_eeprom(uint8_t address) {
 static void open_bridge(void) {
     PORTB &= (uint8_t)~ENABLE;
     TCCR0A = _BV(WGM00);
-    LEG_B &= (uint8_t)~(B_HIGH | B_LOW);
+    LEG_B &= (uint8_t) ~(B_HIGH | B_LOW);
 }
 
 static void drive_bridge(uint8_t high_below, uint8_t low_above, uint8_t reverse) {

@@ -90,7 +90,6 @@ def exercise(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return read_statistics(stats)
 
 
-@pytest.mark.xfail(strict=True, reason="known defect, docs/firmware.md: rare ticks take up to 4,366 (uno), 4,450 (mega) cycles")
 def test_worst_tick_of_the_exercise(exercise: dict) -> None:
     assert exercise["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(exercise["tick"])
 

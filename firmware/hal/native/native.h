@@ -25,10 +25,10 @@ typedef struct {
     uint8_t baud;
     uint16_t stack_free;
     uint16_t tick_cycles;
-    uint32_t opened;        // calls
+    uint32_t opened;  // calls
     uint32_t woken;
     uint32_t eeprom_writes;
-    int32_t locks;          // not yet given back
+    int32_t locks;  // not yet given back
 } Native;
 
 extern Native native;

@@ -13,7 +13,7 @@
 #define CYCLES_PER_BYTE_250000 640   // 10 bits of 64 cycles
 #define CYCLES_PER_BYTE_115200 1360  // 10 bits of 8 (16 + 1) cycles: 117,647 Bd
 #define NEVER INT32_MAX
-#define RECEIVE_CYCLE 128            // within the period, for every byte whose stop bit ends in it
+#define RECEIVE_CYCLE 128  // within the period, for every byte whose stop bit ends in it
 #define PERIODS_PER_SAMPLE (HAL_CYCLES_PER_SAMPLE / HAL_CYCLES_PER_PERIOD)
 
 // Times are cycles from the begin of the period that runs; they move back by 510 at its end.
@@ -39,7 +39,7 @@ typedef struct {
     SimInputs in;
     SimOutputs out;
     uint8_t eeprom[SIM_EEPROM_BYTES];
-    uint64_t cycles;           // from the timers' start to the begin of the period
+    uint64_t cycles;  // from the timers' start to the begin of the period
     uint32_t periods;
     int32_t tick_at;
     int32_t apply_at;

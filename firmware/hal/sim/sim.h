@@ -19,14 +19,15 @@ extern "C" {
 
 // What a run starts from. The latencies change when code runs, not what it computes: a test varies them.
 typedef struct {
-    const uint8_t *eeprom;     // SIM_EEPROM_BYTES, NULL: erased
-    uint8_t reset_cause;       // bit 0 power-on, 1 external, 2 brown-out, 3 watchdog
-    uint8_t target;            // what BOOT reports: TELEMETRY_TARGET_*
-    uint16_t isr_cycles;       // interrupt to its code, at most 300
-    uint16_t tick_cycles;      // tick to the begin of app_tick, 260 .. 8,000
+    const uint8_t *eeprom;  // SIM_EEPROM_BYTES, NULL: erased
+    uint8_t reset_cause;    // bit 0 power-on, 1 external, 2 brown-out, 3 watchdog
+    uint8_t target;         // what BOOT reports: TELEMETRY_TARGET_*
+    uint16_t isr_cycles;    // interrupt to its code, at most 300
+    uint16_t tick_cycles;   // tick to the begin of app_tick, 260 .. 8,000
 } SimStart;
 
-#define SIM_START_DEFAULT {0, SIM_RESET_POWER_ON, SIM_TARGET_NATIVE, 40u, 400u}
+#define SIM_START_DEFAULT                                                                                                                            \
+    { 0, SIM_RESET_POWER_ON, SIM_TARGET_NATIVE, 40u, 400u }
 
 // Period 0 begins at the first TOP after the timers' start; `outputs` are those in force in it.
 void sim_reset(const SimStart *start, SimOutputs *outputs);

@@ -1,7 +1,10 @@
 // Saturation and rounding at, just under and just over each limit.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 extern "C" {
+#include "core/divide.h"
 #include "core/fixed.h"
 #include "core/ring.h"
 #include "core/slew.h"
@@ -75,13 +78,62 @@ TEST(Ring, WrapsAfter256Bytes) {
     EXPECT_FALSE(ring_pop_byte(&ring, &out));
 }
 
-TEST(Ring, TakesAMessageWholeOrNotAtAll) {
+TEST(Ring, DropsTheByteThatDoesNotFit) {
     RingBytes ring{};
-    const uint8_t bytes[RING_BYTES] = {1, 2, 3};
-    EXPECT_TRUE(ring_push_bytes(&ring, bytes, RING_BYTES - 1));
-    EXPECT_FALSE(ring_push_bytes(&ring, bytes, 2));
-    EXPECT_TRUE(ring_push_bytes(&ring, bytes, 1));
-    EXPECT_FALSE(ring_push_bytes(&ring, bytes, 1));
+    uint8_t out = 0;
+    for (unsigned k = 0; k < RING_BYTES; ++k)
+        ASSERT_TRUE(ring_push_byte(&ring, static_cast<uint8_t>(k)));
+    EXPECT_FALSE(ring_push_byte(&ring, 0xFF));
+    EXPECT_TRUE(ring_pop_byte(&ring, &out));
+    EXPECT_EQ(out, 0);
+    EXPECT_TRUE(ring_push_byte(&ring, 0xFF));
+}
+
+// Frames are built in their places and leave byte by byte; a place is free again when the last byte of its frame has left.
+TEST(RingFramesQueue, KeepsFramesWholeAndInOrder) {
+    RingFrames ring{};
+    uint8_t out = 0;
+    unsigned built = 0, left = 0;
+    for (unsigned round = 0; round < 200; ++round) {
+        const uint8_t room = ring_frames_free(&ring);
+        const auto frames = static_cast<uint8_t>(std::min<unsigned>(room, 1 + round % 2));
+        for (uint8_t ahead = 0; ahead < frames; ++ahead, ++built)
+            for (unsigned k = 0; k < RING_FRAME; ++k)
+                ring_frame_at(&ring, ahead)[k] = static_cast<uint8_t>(built * 7 + k);
+        ring_push_frames(&ring, frames);
+        for (unsigned k = 0; k < 25 && ring_pop_frame_byte(&ring, &out); ++k, ++left)
+            ASSERT_EQ(out, static_cast<uint8_t>(left / RING_FRAME * 7 + left % RING_FRAME));
+    }
+    EXPECT_GT(left, 200u * RING_FRAME);
+}
+
+TEST(RingFramesQueue, HoldsThreeFramesAndNotOneMore) {
+    RingFrames ring{};
+    uint8_t out = 0;
+    for (const int free : {3, 2, 1}) {
+        EXPECT_EQ(ring_frames_free(&ring), free);
+        ring_push_frames(&ring, 1);
+    }
+    EXPECT_EQ(ring_frames_free(&ring), 0);
+    EXPECT_TRUE(ring_pop_frame_byte(&ring, &out));
+    EXPECT_EQ(ring_frames_free(&ring), 1) << "there is a fourth place: head and tail must not meet, no more";
+}
+
+TEST(Divide, IsTheFloorAtEveryBorder) {
+    const uint32_t divisors[] = {1, 2, 3, 255, 256, 32767, 32768, 65535, 65536, 65537, 131071, 1u << 24, (1u << 24) + 1, 0x7FFFFFFFu, 0x80000000u, UINT32_MAX};
+    for (const uint32_t divisor : divisors) {
+        for (uint64_t q : {0ull, 1ull, 2ull, 255ull, 32767ull, 32768ull, 65534ull, 65535ull, 65536ull}) {
+            for (const int64_t beside : {-1, 0, 1}) {
+                const int64_t dividend = static_cast<int64_t>(q * divisor) + beside;
+                if (dividend < 0 || dividend > UINT32_MAX)
+                    continue;
+                const uint64_t wanted = std::min<uint64_t>(static_cast<uint64_t>(dividend) / divisor, UINT16_MAX);
+                ASSERT_EQ(divide_u16(static_cast<uint32_t>(dividend), divisor), wanted) << dividend << " / " << divisor;
+            }
+        }
+    }
+    EXPECT_EQ(divide_u16(5, 0), UINT16_MAX);
+    EXPECT_EQ(divide_u16(0, 0), UINT16_MAX);
 }
 
 }  // namespace

@@ -25,7 +25,7 @@ struct Shaft {
             hall_speed_set_pitch(&hall, k, HALL_SPEED_PITCH_EQUAL_Q15, pulses);
     }
 
-    void tick(const std::vector<uint64_t>& edges) {
+    void tick(const std::vector<uint64_t> &edges) {
         for (const uint64_t edge : edges)
             hall_speed_on_edge(&hall, static_cast<uint16_t>(edge));
         now += HAL_CYCLES_PER_TICK;
@@ -33,7 +33,7 @@ struct Shaft {
     }
 
     // Ticks until `end`, with an edge each `period` cycles from `*edge` on.
-    void run(uint64_t end, double* edge, double period) {
+    void run(uint64_t end, double *edge, double period) {
         while (now < end) {
             std::vector<uint64_t> edges;
             for (; *edge <= static_cast<double>(now + HAL_CYCLES_PER_TICK); *edge += period)
@@ -45,7 +45,9 @@ struct Shaft {
 
 struct HallTest : testing::Test, Shaft {};
 
-double period_of(double rpm, int pulses) { return 60.0 * HAL_CPU_HZ / (rpm * pulses); }
+double period_of(double rpm, int pulses) {
+    return 60.0 * HAL_CPU_HZ / (rpm * pulses);
+}
 
 TEST_F(HallTest, SteadySpeedWithinTwoPerMilleOrHalfALsb) {
     for (const int pulses : {1, 4, 8}) {

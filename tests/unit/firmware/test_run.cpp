@@ -26,6 +26,7 @@ struct State {
 struct Tool {
     double i = 0, w = 0, angle = 0, vs = 18.5, rs = 0.10;
     long pitches = 0;
+    double friction = 0.012;
     bool locked = false, hall_works = true;
 
     void period(const SimOutputs& o, SimInputs* in) {
@@ -43,8 +44,8 @@ struct Tool {
         if (o.coast != 0 && std::fabs(i) < 0.3)
             i = 0;
         const double torque = 0.0109 * i - 4.5e-6 * w;
-        const double free = std::fabs(torque) > 0.012 ? torque - std::copysign(0.012, torque) : 0.0;
-        const double next = w == 0 ? h * free / 1.8e-5 : w + h * (torque - std::copysign(0.012, w)) / 1.8e-5;
+        const double free = std::fabs(torque) > friction ? torque - std::copysign(friction, torque) : 0.0;
+        const double next = w == 0 ? h * free / 1.8e-5 : w + h * (torque - std::copysign(friction, w)) / 1.8e-5;
         w = locked || next * w < 0 ? 0 : next;
         angle += w * h;
         const long now = std::lround(std::floor(angle / (M_PI / 2)));
@@ -236,9 +237,9 @@ TEST_F(RunTest, TheDirectionChangesAtStandstillOnly) {
     run(0.2);
     EXPECT_NE(out.coast, 0) << "thrown while turning: release";
     EXPECT_GT(tool.w, 0);
-    tool.w = 0;
     press(0.0, true);
-    run(0.5);
+    run(3.0);
+    EXPECT_EQ(tool.w, 0);
     press(0.6, true);
     run(0.5);
     EXPECT_LT(tool.w, 0);
@@ -246,6 +247,31 @@ TEST_F(RunTest, TheDirectionChangesAtStandstillOnly) {
     EXPECT_LT(fast.back().current_q9, 0);
     EXPECT_LT(fast.back().compare, 0);
     EXPECT_EQ(states.back().reverse, 1);
+}
+
+// Every row after the sensor's end: while the shaft turns the tool does not drive against it.
+TEST_F(RunTest, ALostSensorDoesNotLetTheDirectionChangeWhileTheShaftTurns) {
+    for (const double driven_s : {0.7, 0.4, 0.1}) {  // fault found; time-out in the drive; time-out while coasting
+        start(SIM_START_DEFAULT);
+        tool.friction = 0.006;
+        run(0.5);
+        press(1.0);
+        run(0.5);
+        tool.hall_works = false;
+        run(driven_s);
+        EXPECT_EQ(faults(), driven_s > 0.6 ? TELEMETRY_FAULTS_SENSOR_LOST : 0);
+        press(0.0, true);
+        run(0.5);
+        int reversed_turning = 0;
+        for (int k = 0; k < 800; ++k) {
+            press(k % 100 < 50 ? 0.0 : 0.6, true);  // the user tries again and again
+            const bool turns = tool.w > 20.0;
+            run(0.01);
+            reversed_turning += turns && out.coast == 0 && out.compare < 0 ? 1 : 0;
+        }
+        EXPECT_EQ(reversed_turning, 0) << driven_s;
+        EXPECT_EQ(states.back().reverse, 1) << "after the run-down it does change";
+    }
 }
 
 TEST_F(RunTest, ATriggerHeldAtTheStartDoesNotStart) {

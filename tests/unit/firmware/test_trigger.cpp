@@ -15,7 +15,7 @@ Trigger trigger(uint16_t low = 100, uint16_t high = 920) {
 }
 
 TEST(Trigger, TravelIsLinearBetweenTheDeadBands) {
-    for (const auto& [low, high] : {std::pair{100, 920}, {500, 523}, {0, 1023}}) {
+    for (const auto &[low, high] : {std::pair{100, 920}, {500, 523}, {0, 1023}}) {
         Trigger self = trigger(static_cast<uint16_t>(low), static_cast<uint16_t>(high));
         for (int counts = 0; counts <= 1023; ++counts) {
             trigger_set_travel(&self, static_cast<uint16_t>(counts));

@@ -8,7 +8,8 @@ namespace {
 TEST(Vectors, EveryOneBitForBit) {
     for (uint16_t k = 0; k < VECTORS_COUNT; ++k) {
         const Vector v = vectors_at(k);
-        EXPECT_EQ(vectors_evaluate(v.function, v.a, v.b), v.expected) << "vector " << k << ": function " << int(v.function) << ", " << v.a << ", " << v.b;
+        EXPECT_EQ(vectors_evaluate(v.function, v.a, v.b), v.expected)
+            << "vector " << k << ": function " << int(v.function) << ", " << v.a << ", " << v.b;
     }
 }
 

@@ -1,0 +1,55 @@
+// Standstill: believed at once after slow edges, after the run-down where the shaft may turn unseen; values at the limits.
+#include <gtest/gtest.h>
+
+extern "C" {
+#include "app/standstill.h"
+}
+
+namespace {
+
+// Ticks until the shaft counts as standing, after one tick with `first`.
+int ticks_to_rest(const StandstillInputs& first, bool coasts = true, int most = 10000) {
+    Standstill self{};
+    if (standstill_step(&self, &first))
+        return 0;
+    const StandstillInputs after{false, coasts, 0};
+    for (int k = 1; k <= most; ++k)
+        if (standstill_step(&self, &after))
+            return k;
+    return -1;
+}
+
+TEST(Standstill, IsTheSensorsWordWhileItIsBelieved) {
+    Standstill self{};
+    self.turned = true;
+    const StandstillInputs rests{false, true, 0};
+    EXPECT_TRUE(standstill_step(&self, &rests));
+    EXPECT_FALSE(self.turned);
+}
+
+TEST(Standstill, WaitsForTheRunDownFromTheLastSpeed) {
+    EXPECT_EQ(ticks_to_rest({false, true, 6}), 0) << "3 rpm";
+    EXPECT_EQ(ticks_to_rest({false, true, 120}), 18) << "60 rpm";
+    EXPECT_EQ(ticks_to_rest({false, true, 32767}), 4999);
+    EXPECT_EQ(ticks_to_rest({false, true, 65535}), 5000) << "at most the whole run-down";
+}
+
+TEST(Standstill, WaitsForTheWholeRunDownAfterALostSensor) {
+    EXPECT_EQ(ticks_to_rest({true, true, 0}), 5000);
+    EXPECT_EQ(ticks_to_rest({true, true, 120}), 5000);
+}
+
+TEST(Standstill, DoesNotCountWhileDriven) {
+    EXPECT_EQ(ticks_to_rest({true, false, 0}, false), -1);
+    EXPECT_EQ(ticks_to_rest({false, false, 2000}, false), -1);
+}
+
+TEST(Standstill, ASlowEndDoesNotShortenAWaitThatRuns) {
+    Standstill self{};
+    const StandstillInputs lost{true, true, 0}, slow{false, true, 60};
+    (void)standstill_step(&self, &lost);
+    (void)standstill_step(&self, &slow);
+    EXPECT_EQ(self.unseen_ms, STANDSTILL_RUN_DOWN_MS);
+}
+
+}  // namespace
