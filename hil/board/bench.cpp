@@ -18,7 +18,7 @@ constexpr Cycle RECEIVE_CYCLE = 128;  // within the period, as firmware/hal/sim 
 constexpr unsigned MUX_BANDGAP = 0x1e;
 constexpr unsigned BANDGAP_COUNTS = 225;  // 1.1 V of 5 V
 
-std::vector<std::uint8_t> eeprom_content(const std::string& file, const std::vector<std::uint8_t>& from_elf) {
+std::vector<std::uint8_t> eeprom_content(const std::string &file, const std::vector<std::uint8_t> &from_elf) {
     std::ifstream stream(file, std::ios::binary);
     if (file.empty() || !stream) {
         return from_elf;
@@ -28,7 +28,7 @@ std::vector<std::uint8_t> eeprom_content(const std::string& file, const std::vec
 
 }  // namespace
 
-Unmodelled::Unmodelled(Machine& machine) : machine_(machine) {
+Unmodelled::Unmodelled(Machine &machine) : machine_(machine) {
     // CLKPR, PCICR, EIMSK, SPCR, TWCR: clock division, pin interrupts, SPI, TWI
     for (const unsigned address : {0x61u, 0x68u, 0x3du, 0x4cu, 0xbcu}) {
         machine.own(address, *this);
@@ -44,7 +44,7 @@ void Unmodelled::write(unsigned short address, std::uint8_t value) {
     machine_.reg(address) = value;
 }
 
-Bench::Bench(const Options& options)
+Bench::Bench(const Options &options)
     : options_(options),
       map_(board_map(options.mcu)),
       machine_(options.mcu, options.elf, options.seed),
@@ -74,7 +74,7 @@ unsigned Bench::counts(unsigned mux, Cycle at) const {
     if (mux == MUX_BANDGAP) {
         return BANDGAP_COUNTS;
     }
-    const SimInputs& inputs = at - start_ < PERIOD / 2 ? before_ : now_;
+    const SimInputs &inputs = at - start_ < PERIOD / 2 ? before_ : now_;
     for (std::size_t i = 0; i < map_.channels.size(); ++i) {
         if (map_.channels[i] == mux) {
             return inputs.adc_counts[i] & 0x3ffu;
@@ -107,7 +107,7 @@ void Bench::boot() {
     end_ = first;
 }
 
-void Bench::feed(const SimInputs& inputs) {
+void Bench::feed(const SimInputs &inputs) {
     before_ = now_;
     now_ = inputs;
     ports_.drive_switches(inputs.switches);
@@ -128,7 +128,7 @@ void Bench::run_to(Cycle end) {
     machine_.run_until(end);
 }
 
-bool Bench::period(const SimInputs& inputs, SimOutputs& outputs) {
+bool Bench::period(const SimInputs &inputs, SimOutputs &outputs) {
     if (start_ < 0) {
         now_ = inputs;
         boot();
@@ -161,8 +161,8 @@ void Bench::save_eeprom() const {
         return;
     }
     std::ofstream stream(options_.eeprom, std::ios::binary);
-    const auto& content = eeprom_.content();
-    stream.write(reinterpret_cast<const char*>(content.data()), static_cast<std::streamsize>(content.size()));
+    const auto &content = eeprom_.content();
+    stream.write(reinterpret_cast<const char *>(content.data()), static_cast<std::streamsize>(content.size()));
     if (!stream) {
         throw BoardError("cannot write " + options_.eeprom);
     }
@@ -174,9 +174,9 @@ std::string Bench::statistics() const {
     const Cycle measured = profile_.measured_since() == 0 ? 1 : now - profile_.measured_since();
     json << "{\"mcu\": \"" << options_.mcu << "\", \"cycles\": " << now << ", \"periods\": " << periods_ << ", \"odd_periods\": " << odd_periods_
          << ", \"boot_cycles\": " << end_ - periods_ * PERIOD << ", \"resets\": " << machine_.resets() << ",\n \"isr\": {";
-    const char* separator = "";
-    for (const auto& [number, name] : map_.vector_names) {
-        const VectorCost& cost = profile_.vector(number);
+    const char *separator = "";
+    for (const auto &[number, name] : map_.vector_names) {
+        const VectorCost &cost = profile_.vector(number);
         if (cost.count > 0) {
             json << separator << "\"" << name << "\": {\"count\": " << cost.count << ", \"worst_cycles\": " << cost.worst
                  << ", \"mean_cycles\": " << static_cast<double>(cost.total) / static_cast<double>(cost.count)
@@ -184,24 +184,25 @@ std::string Bench::statistics() const {
             separator = ",\n  ";
         }
     }
-    const TickCost& tick = profile_.tick();
+    const TickCost &tick = profile_.tick();
     json << "},\n \"isr_share\": " << static_cast<double>(profile_.interrupt_cycles()) / static_cast<double>(measured)
          << ", \"isr_share_worst_100ms\": " << profile_.worst_window_share() << ",\n \"tick\": {\"count\": " << tick.count
          << ", \"worst_cycles\": " << tick.worst << ", \"worst_at_cycle\": " << tick.worst_at
          << ", \"mean_cycles\": " << (tick.count > 0 ? static_cast<double>(tick.total) / static_cast<double>(tick.count) : 0.0)
          << ", \"late\": " << tick.late << "},\n \"stack\": {\"free_bytes\": " << profile_.stack_free()
          << ", \"variables_bytes\": " << machine_.ram_used_end() - machine_.io_end() - 1 << "}";
-    const ConverterReport& converter = converter_.report();
+    const ConverterReport &converter = converter_.report();
     json << ",\n \"adc\": {\"conversions\": " << converter.conversions << ", \"lost\": " << converter.lost
-         << ", \"channel_races\": " << converter.channel_races << ", \"shortest_cadence_cycles\": " << (converter.longest > 0 ? converter.shortest : 0)
+         << ", \"channel_races\": " << converter.channel_races
+         << ", \"shortest_cadence_cycles\": " << (converter.longest > 0 ? converter.shortest : 0)
          << ", \"longest_cadence_cycles\": " << converter.longest << "}";
-    const HallReport& line = line_.report();
+    const HallReport &line = line_.report();
     json << ",\n \"hall\": {\"edges\": " << line.edges << ", \"captured\": " << line.captured << ", \"deaf\": " << line.deaf << "}";
-    const SerialReport& serial = serial_.report();
+    const SerialReport &serial = serial_.report();
     json << ",\n \"uart\": {\"baud\": " << serial.baud << ", \"sent\": " << serial.sent << ", \"received\": " << serial.received
          << ", \"overruns\": " << serial.overruns << "},\n \"eeprom\": {\"writes\": " << eeprom_.writes()
-         << ", \"first_write_cycle\": " << eeprom_.first_write() << "},\n \"bridge\": {\"shortest_dead_cycles\": "
-         << (bridge_.shortest_dead() == NEVER ? -1 : bridge_.shortest_dead()) << "}}\n";
+         << ", \"first_write_cycle\": " << eeprom_.first_write()
+         << "},\n \"bridge\": {\"shortest_dead_cycles\": " << (bridge_.shortest_dead() == NEVER ? -1 : bridge_.shortest_dead()) << "}}\n";
     return json.str();
 }
 

@@ -31,7 +31,7 @@ struct Options {
 // Traps registers of peripherals that the bench does not model: writing anything but zero there ends the run.
 class Unmodelled final : public Device {
 public:
-    explicit Unmodelled(Machine& machine);
+    explicit Unmodelled(Machine &machine);
     void write(unsigned short address, std::uint8_t value) override;
     std::uint8_t read(unsigned short address) override { return machine_.reg(address); }
     void advance(Cycle) override {}
@@ -39,13 +39,13 @@ public:
     void reset() override {}
 
 private:
-    Machine& machine_;
+    Machine &machine_;
 };
 
 class Bench final : public AnalogueSource {
 public:
-    explicit Bench(const Options& options);
-    bool period(const SimInputs& inputs, SimOutputs& outputs);  // false: power was cut within this period
+    explicit Bench(const Options &options);
+    bool period(const SimInputs &inputs, SimOutputs &outputs);  // false: power was cut within this period
     void save_eeprom() const;
     std::string statistics() const;
     std::string address_table() const { return profile_.address_table(); }
@@ -54,11 +54,11 @@ public:
 private:
     Cycle period_end() const;
     void boot();
-    void feed(const SimInputs& inputs);
+    void feed(const SimInputs &inputs);
     void run_to(Cycle end);
 
     Options options_;
-    const BoardMap& map_;
+    const BoardMap &map_;
     Machine machine_;
     Timer pwm_, hall_, tick_;
     PrescalerReset prescaler_reset_;

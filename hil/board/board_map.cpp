@@ -15,6 +15,7 @@ constexpr unsigned PINE = 0x2c;
 constexpr unsigned PING = 0x32;
 constexpr unsigned PINL = 0x109;
 
+// clang-format off: tables, a row of the data sheet a line
 const BoardMap UNO = {
     "atmega328p",
     {0, 8, 0x44, 0x45, 0x46, 0, 0x47, 0x48, 0x6e, 0x35, 16, 14, 15, 0, SYNCHRONOUS},
@@ -26,10 +27,28 @@ const BoardMap UNO = {
     {PINB, 0},
     {{{{PIND, 2}, 1}, {{PIND, 3}, 2}, {{PINC, 4}, 4}, {{PINC, 5}, 8}}},
     {{0, 1, 2, 3}},
-    18, 19, 20, 21, 22, 6,
-    {{6, "WDT"}, {7, "TIMER2_COMPA"}, {8, "TIMER2_COMPB"}, {9, "TIMER2_OVF"}, {10, "TIMER1_CAPT"}, {11, "TIMER1_COMPA"}, {12, "TIMER1_COMPB"},
-     {13, "TIMER1_OVF"}, {14, "TIMER0_COMPA"}, {15, "TIMER0_COMPB"}, {16, "TIMER0_OVF"}, {18, "USART_RX"}, {19, "USART_UDRE"}, {20, "USART_TX"},
-     {21, "ADC"}, {22, "EE_READY"}},
+    18,
+    19,
+    20,
+    21,
+    22,
+    6,
+    {{6, "WDT"},
+     {7, "TIMER2_COMPA"},
+     {8, "TIMER2_COMPB"},
+     {9, "TIMER2_OVF"},
+     {10, "TIMER1_CAPT"},
+     {11, "TIMER1_COMPA"},
+     {12, "TIMER1_COMPB"},
+     {13, "TIMER1_OVF"},
+     {14, "TIMER0_COMPA"},
+     {15, "TIMER0_COMPB"},
+     {16, "TIMER0_OVF"},
+     {18, "USART_RX"},
+     {19, "USART_UDRE"},
+     {20, "USART_TX"},
+     {21, "ADC"},
+     {22, "EE_READY"}},
 };
 
 const BoardMap MEGA = {
@@ -43,16 +62,35 @@ const BoardMap MEGA = {
     {PINL, 1},
     {{{{PINA, 0}, 1}, {{PINA, 1}, 2}, {{PINA, 2}, 4}, {{PINA, 3}, 8}}},
     {{0, 1, 2, 3}},
-    25, 26, 27, 29, 30, 12,
-    {{12, "WDT"}, {13, "TIMER2_COMPA"}, {14, "TIMER2_COMPB"}, {15, "TIMER2_OVF"}, {46, "TIMER5_CAPT"}, {47, "TIMER5_COMPA"}, {48, "TIMER5_COMPB"},
-     {50, "TIMER5_OVF"}, {21, "TIMER0_COMPA"}, {22, "TIMER0_COMPB"}, {23, "TIMER0_OVF"}, {25, "USART0_RX"}, {26, "USART0_UDRE"},
-     {27, "USART0_TX"}, {29, "ADC"}, {30, "EE_READY"}},
+    25,
+    26,
+    27,
+    29,
+    30,
+    12,
+    {{12, "WDT"},
+     {13, "TIMER2_COMPA"},
+     {14, "TIMER2_COMPB"},
+     {15, "TIMER2_OVF"},
+     {46, "TIMER5_CAPT"},
+     {47, "TIMER5_COMPA"},
+     {48, "TIMER5_COMPB"},
+     {50, "TIMER5_OVF"},
+     {21, "TIMER0_COMPA"},
+     {22, "TIMER0_COMPB"},
+     {23, "TIMER0_OVF"},
+     {25, "USART0_RX"},
+     {26, "USART0_UDRE"},
+     {27, "USART0_TX"},
+     {29, "ADC"},
+     {30, "EE_READY"}},
 };
+// clang-format on
 
 }  // namespace
 
-const BoardMap& board_map(const std::string& mcu) {
-    for (const BoardMap* map : {&UNO, &MEGA}) {
+const BoardMap &board_map(const std::string &mcu) {
+    for (const BoardMap *map : {&UNO, &MEGA}) {
         if (map->mcu == mcu) {
             return *map;
         }

@@ -22,17 +22,17 @@ enum Gate { LEG_A_HIGH, LEG_A_LOW, LEG_B_HIGH, LEG_B_LOW, GATES };
 struct BoardMap {
     std::string mcu;
     TimerMap pwm, hall, tick;
-    std::vector<unsigned> ports;                     // addresses of all PINx
-    std::array<Pin, GATES> gates;                    // leg A: OC0A and OC0B
-    Pin enable;                                      // of the gate driver, high = on
-    Pin hall_pin;                                    // the capture pin
+    std::vector<unsigned> ports;                       // addresses of all PINx
+    std::array<Pin, GATES> gates;                      // leg A: OC0A and OC0B
+    Pin enable;                                        // of the gate driver, high = on
+    Pin hall_pin;                                      // the capture pin
     std::array<std::pair<Pin, unsigned>, 4> switches;  // pin, bit of SimInputs.switches; closed = pulled low
-    std::array<unsigned, 4> channels;                // ADC channel of each SimInputs.adc_counts
+    std::array<unsigned, 4> channels;                  // ADC channel of each SimInputs.adc_counts
     int receive, empty, complete, converter, eeprom, watchdog;
-    std::vector<std::pair<int, const char*>> vector_names;
+    std::vector<std::pair<int, const char *>> vector_names;
 };
 
-const BoardMap& board_map(const std::string& mcu);
+const BoardMap &board_map(const std::string &mcu);
 
 }  // namespace board
 

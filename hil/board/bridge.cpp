@@ -13,7 +13,7 @@ constexpr unsigned OCR0B = 0x48;
 
 }  // namespace
 
-Ports::Ports(Machine& machine, const BoardMap& map) : machine_(machine), map_(map) {
+Ports::Ports(Machine &machine, const BoardMap &map) : machine_(machine), map_(map) {
     machine.add(*this);
     for (const unsigned port : map.ports) {
         for (unsigned i = 0; i < 3; ++i) {
@@ -60,24 +60,27 @@ void Ports::reset() {
     }
 }
 
-void Ports::pull(const Pin& pin, bool low) {
-    std::uint8_t& mask = pulled_low_[pin.port];
+void Ports::pull(const Pin &pin, bool low) {
+    std::uint8_t &mask = pulled_low_[pin.port];
     const unsigned bit = 1u << pin.bit;
     mask = static_cast<std::uint8_t>(low ? mask | bit : mask & ~bit);
 }
 
 void Ports::drive_switches(unsigned switches) {
-    for (const auto& [pin, mask] : map_.switches) {
+    for (const auto &[pin, mask] : map_.switches) {
         pull(pin, (switches & mask) != 0);
     }
 }
 
-Bridge::Bridge(Machine& machine, const BoardMap& map, const Timer& pwm, Cycle least_dead)
-    : machine_(machine), map_(map), pwm_(pwm), least_dead_(least_dead) {}
+Bridge::Bridge(Machine &machine, const BoardMap &map, const Timer &pwm, Cycle least_dead)
+    : machine_(machine),
+      map_(map),
+      pwm_(pwm),
+      least_dead_(least_dead) {}
 
 // A pin that is no output is held off by its pull-down, and the driver holds all gates off until it is enabled.
 Bridge::Drive Bridge::drive_of(int gate) const {
-    const Pin& pin = map_.gates[static_cast<std::size_t>(gate)];
+    const Pin &pin = map_.gates[static_cast<std::size_t>(gate)];
     const auto high = [this](unsigned address, int bit) { return (machine_.peek(address) >> bit & 1) != 0; };
     const bool enabled = high(map_.enable.port + 1, map_.enable.bit) && high(map_.enable.port + 2, map_.enable.bit);
     const bool output = enabled && high(pin.port + 1, pin.bit);
@@ -104,13 +107,13 @@ Bridge::Drives Bridge::drives_now() const {
 
 void Bridge::changed() {
     const Drives drives = drives_now();
-    const Drives& before = current_.changes.empty() ? current_.drives : current_.changes.back().drives;
+    const Drives &before = current_.changes.empty() ? current_.drives : current_.changes.back().drives;
     if (drives != before) {
         current_.changes.push_back({machine_.now(), drives});
     }
 }
 
-bool Bridge::level(const Period& period, const Drives& drives, int gate, Cycle at) {
+bool Bridge::level(const Period &period, const Drives &drives, int gate, Cycle at) {
     const auto index = static_cast<std::size_t>(gate);
     const Drive drive = drives[index];
     if (drive == Drive::OFF || drive == Drive::ON) {
@@ -121,7 +124,7 @@ bool Bridge::level(const Period& period, const Drives& drives, int gate, Cycle a
     return near == (drive == Drive::WAVE);
 }
 
-void Bridge::turned_on(int leg, const char* which, Cycle at, Cycle other_off) {
+void Bridge::turned_on(int leg, const char *which, Cycle at, Cycle other_off) {
     const Cycle dead = at - other_off;
     shortest_dead_ = std::min(shortest_dead_, dead);
     if (dead < least_dead_) {
@@ -131,7 +134,7 @@ void Bridge::turned_on(int leg, const char* which, Cycle at, Cycle other_off) {
 }
 
 void Bridge::set_leg(int leg, bool high, bool low, Cycle at) {
-    Leg& state = legs_[static_cast<std::size_t>(leg)];
+    Leg &state = legs_[static_cast<std::size_t>(leg)];
     if (high && low) {
         throw BoardError("shoot-through: both sides of leg " + std::string(leg == 0 ? "A" : "B") + " are on at cycle " + std::to_string(at));
     }
@@ -147,9 +150,9 @@ void Bridge::set_leg(int leg, bool high, bool low, Cycle at) {
     state.low = low;
 }
 
-void Bridge::check_instant(const Period& period, Cycle at) {
-    const Drives* drives = &period.drives;
-    for (const Change& change : period.changes) {
+void Bridge::check_instant(const Period &period, Cycle at) {
+    const Drives *drives = &period.drives;
+    for (const Change &change : period.changes) {
         drives = change.at <= at ? &change.drives : drives;
     }
     for (int leg = 0; leg < 2; ++leg) {
@@ -157,14 +160,14 @@ void Bridge::check_instant(const Period& period, Cycle at) {
     }
 }
 
-void Bridge::check(const Period& period) {
+void Bridge::check(const Period &period) {
     const Cycle bottom = period.start + TIMER_TOP;
     std::vector<Cycle> instants{period.start};
     for (const int width : period.latched) {
         instants.push_back(bottom - width);
         instants.push_back(bottom + width);
     }
-    for (const Change& change : period.changes) {
+    for (const Change &change : period.changes) {
         instants.push_back(change.at);
     }
     std::sort(instants.begin(), instants.end());

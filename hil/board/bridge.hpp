@@ -12,22 +12,22 @@ class Bridge;
 // Ports as plain digital pins: outputs, pull-ups, and levels from outside.
 class Ports final : public Device {
 public:
-    Ports(Machine& machine, const BoardMap& map);
+    Ports(Machine &machine, const BoardMap &map);
     void write(unsigned short address, std::uint8_t value) override;
     std::uint8_t read(unsigned short address) override;
     void advance(Cycle) override {}
     void acknowledge(int) override {}
     void reset() override;
     void drive_switches(unsigned switches);
-    void pull(const Pin& pin, bool low);  // an open collector on an input
-    void connect(Bridge& bridge) { bridge_ = &bridge; }
+    void pull(const Pin &pin, bool low);  // an open collector on an input
+    void connect(Bridge &bridge) { bridge_ = &bridge; }
 
 private:
     unsigned base_of(unsigned address) const;
 
-    Machine& machine_;
-    const BoardMap& map_;
-    Bridge* bridge_ = nullptr;
+    Machine &machine_;
+    const BoardMap &map_;
+    Bridge *bridge_ = nullptr;
     std::array<std::uint8_t, 0x140> pulled_low_{};  // by PINx address: bits that a closed switch holds low
 };
 
@@ -39,9 +39,9 @@ struct BridgeOutput {
 
 class Bridge {
 public:
-    Bridge(Machine& machine, const BoardMap& map, const Timer& pwm, Cycle least_dead);
-    void changed();                               // a gate register was written now
-    void end_period(Cycle start, Cycle end);      // checks the period, then latches the compare registers, which is what TOP does
+    Bridge(Machine &machine, const BoardMap &map, const Timer &pwm, Cycle least_dead);
+    void changed();                           // a gate register was written now
+    void end_period(Cycle start, Cycle end);  // checks the period, then latches the compare registers, which is what TOP does
     BridgeOutput output() const;
     Cycle shortest_dead() const { return shortest_dead_; }
 
@@ -58,7 +58,9 @@ private:
         std::array<int, 2> latched{};  // OCR0A, OCR0B in force
         Drives drives{};               // at the start
         std::vector<Change> changes;
-        bool repeats(const Period& other) const { return changes.empty() && other.changes.empty() && latched == other.latched && drives == other.drives; }
+        bool repeats(const Period &other) const {
+            return changes.empty() && other.changes.empty() && latched == other.latched && drives == other.drives;
+        }
     };
     struct Leg {
         bool high = false;
@@ -70,15 +72,15 @@ private:
     int leg_a_compare() const;
     Drive drive_of(int gate) const;
     Drives drives_now() const;
-    static bool level(const Period& period, const Drives& drives, int gate, Cycle at);
-    void check(const Period& period);
-    void check_instant(const Period& period, Cycle at);
+    static bool level(const Period &period, const Drives &drives, int gate, Cycle at);
+    void check(const Period &period);
+    void check_instant(const Period &period, Cycle at);
     void set_leg(int leg, bool high, bool low, Cycle at);
-    void turned_on(int leg, const char* which, Cycle at, Cycle other_off);
+    void turned_on(int leg, const char *which, Cycle at, Cycle other_off);
 
-    Machine& machine_;
-    const BoardMap& map_;
-    const Timer& pwm_;
+    Machine &machine_;
+    const BoardMap &map_;
+    const Timer &pwm_;
     Cycle least_dead_;
     Period current_;
     Period last_;

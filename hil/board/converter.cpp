@@ -21,8 +21,11 @@ constexpr unsigned SOURCE_TIMER0_OVERFLOW = 4;
 
 }  // namespace
 
-Converter::Converter(Machine& machine, Timer& trigger, const AnalogueSource& source, int vector)
-    : machine_(machine), trigger_(trigger), source_(source), vector_(vector) {
+Converter::Converter(Machine &machine, Timer &trigger, const AnalogueSource &source, int vector)
+    : machine_(machine),
+      trigger_(trigger),
+      source_(source),
+      vector_(vector) {
     machine.add(*this);
     machine.serve(vector, *this);
     for (const unsigned address : {ADCL, ADCH, CONTROL, ADCSRB, ADMUX}) {

@@ -16,21 +16,21 @@ public:
 
 struct ConverterReport {
     long conversions = 0;
-    long lost = 0;          // finished while the last result was half read
-    long channel_races = 0; // ADMUX written within one ADC clock of a trigger: which channel is converted is undefined on silicon
-    Cycle shortest = NEVER; // between two triggered conversions
+    long lost = 0;           // finished while the last result was half read
+    long channel_races = 0;  // ADMUX written within one ADC clock of a trigger: which channel is converted is undefined on silicon
+    Cycle shortest = NEVER;  // between two triggered conversions
     Cycle longest = 0;
 };
 
 class Converter final : public Device {
 public:
-    Converter(Machine& machine, Timer& trigger, const AnalogueSource& source, int vector);
+    Converter(Machine &machine, Timer &trigger, const AnalogueSource &source, int vector);
     void write(unsigned short address, std::uint8_t value) override;
     std::uint8_t read(unsigned short address) override;
     void advance(Cycle now) override;
     void acknowledge(int vector) override;
     void reset() override;
-    const ConverterReport& report() const { return report_; }
+    const ConverterReport &report() const { return report_; }
 
 private:
     bool bit(std::uint8_t mask) const { return (machine_.peek(CONTROL) & mask) != 0; }
@@ -41,9 +41,9 @@ private:
     void update();
 
     static constexpr unsigned CONTROL = 0x7a;
-    Machine& machine_;
-    Timer& trigger_;
-    const AnalogueSource& source_;
+    Machine &machine_;
+    Timer &trigger_;
+    const AnalogueSource &source_;
     int vector_;
     bool busy_ = false;
     bool fresh_ = true;  // the first conversion after ADEN takes 25 clocks

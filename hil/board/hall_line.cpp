@@ -9,7 +9,7 @@ constexpr Cycle FILTER_CYCLES = 4;
 
 }  // namespace
 
-HallLine::HallLine(Machine& machine, Timer& timer, Ports& ports, const Pin& pin) : machine_(machine), timer_(timer), ports_(ports), pin_(pin) {
+HallLine::HallLine(Machine &machine, Timer &timer, Ports &ports, const Pin &pin) : machine_(machine), timer_(timer), ports_(ports), pin_(pin) {
     machine.add(*this);
 }
 

@@ -17,14 +17,14 @@ struct HallReport {
 
 class HallLine final : public Device {
 public:
-    HallLine(Machine& machine, Timer& timer, Ports& ports, const Pin& pin);
+    HallLine(Machine &machine, Timer &timer, Ports &ports, const Pin &pin);
     void edge(Cycle at);
     void write(unsigned short, std::uint8_t) override {}
     std::uint8_t read(unsigned short) override { return 0; }
     void advance(Cycle now) override;
     void acknowledge(int) override {}
     void reset() override {}
-    const HallReport& report() const { return report_; }
+    const HallReport &report() const { return report_; }
 
 private:
     void see(Cycle at, bool level);
@@ -34,9 +34,9 @@ private:
         Cycle at;
         bool high;
     };
-    Machine& machine_;
-    Timer& timer_;
-    Ports& ports_;
+    Machine &machine_;
+    Timer &timer_;
+    Ports &ports_;
     Pin pin_;
     bool high_ = true;       // open collector with pull-up
     bool seen_high_ = true;  // behind the filter

@@ -21,13 +21,13 @@ constexpr unsigned SMCR = 0x53;
 constexpr unsigned MCUSR = 0x54;
 constexpr Cycle WAKE_CYCLES = 4;  // ATmega328P data sheet, "Sleep Modes": halted for four cycles in addition to the start-up time
 
-void quiet_logger(avr_t*, const int level, const char* format, va_list arguments) {
+void quiet_logger(avr_t *, const int level, const char *format, va_list arguments) {
     if (level <= LOG_ERROR) {
         std::vfprintf(stderr, format, arguments);
     }
 }
 
-unsigned symbol_address(const elf_firmware_t& firmware, const char* name) {
+unsigned symbol_address(const elf_firmware_t &firmware, const char *name) {
     for (std::uint32_t i = 0; i < firmware.symbolcount; ++i) {
         if (std::strcmp(firmware.symbol[i]->symbol, name) == 0) {
             return firmware.symbol[i]->addr & 0xffffu;
@@ -37,7 +37,7 @@ unsigned symbol_address(const elf_firmware_t& firmware, const char* name) {
 }
 
 // Architecture for which an AVR ELF was linked: the low bits of e_flags, 5 for the ATmega328P, 6 for the ATmega2560.
-int linked_architecture(const std::string& elf) {
+int linked_architecture(const std::string &elf) {
     std::ifstream stream(elf, std::ios::binary);
     constexpr std::streamoff E_FLAGS = 36;
     stream.seekg(E_FLAGS);
@@ -46,10 +46,10 @@ int linked_architecture(const std::string& elf) {
 
 }  // namespace
 
-Machine::Machine(const std::string& mcu, const std::string& elf, std::uint32_t seed) {
+Machine::Machine(const std::string &mcu, const std::string &elf, std::uint32_t seed) {
     avr_global_logger_set(quiet_logger);
     load(mcu, elf);
-    for (auto& slot : avr_->io) {  // every peripheral of simavr is unplugged: what is not owned by a device is plain memory
+    for (auto &slot : avr_->io) {  // every peripheral of simavr is unplugged: what is not owned by a device is plain memory
         slot.r.c = nullptr;
         slot.w.c = nullptr;
     }
@@ -58,8 +58,7 @@ Machine::Machine(const std::string& mcu, const std::string& elf, std::uint32_t s
     avr_->state = cpu_Running;
 }
 
-
-void Machine::load(const std::string& mcu, const std::string& elf) {
+void Machine::load(const std::string &mcu, const std::string &elf) {
     elf_firmware_t firmware{};
     if (elf_read_firmware(elf.c_str(), &firmware) != 0 || firmware.flash == nullptr) {
         throw BoardError(elf + " is not an AVR ELF file that can be read");
@@ -93,8 +92,8 @@ void Machine::fill_ram(std::uint32_t seed) {
     }
 }
 
-void Machine::own(unsigned address, Device& device) {
-    auto& slot = avr_->io[AVR_DATA_TO_IO(address)];
+void Machine::own(unsigned address, Device &device) {
+    auto &slot = avr_->io[AVR_DATA_TO_IO(address)];
     slot.w.c = write_hook;
     slot.w.param = &device;
     slot.r.c = read_hook;
@@ -102,20 +101,20 @@ void Machine::own(unsigned address, Device& device) {
 }
 
 // simavr asks the modules in turn when the program executes WDR; the last one attached is asked first.
-void Machine::attach(avr_io_t& io) {
+void Machine::attach(avr_io_t &io) {
     avr_register_io(avr_, &io);
 }
 
-void Machine::write_hook(avr_t*, avr_io_addr_t address, std::uint8_t value, void* device) {
-    static_cast<Device*>(device)->write(address, value);
+void Machine::write_hook(avr_t *, avr_io_addr_t address, std::uint8_t value, void *device) {
+    static_cast<Device *>(device)->write(address, value);
 }
 
-std::uint8_t Machine::read_hook(avr_t*, avr_io_addr_t address, void* device) {
-    return static_cast<Device*>(device)->read(address);
+std::uint8_t Machine::read_hook(avr_t *, avr_io_addr_t address, void *device) {
+    return static_cast<Device *>(device)->read(address);
 }
 
-void Machine::reti_hook(avr_irq_t*, std::uint32_t, void* param) {
-    auto* machine = static_cast<Machine*>(param);
+void Machine::reti_hook(avr_irq_t *, std::uint32_t, void *param) {
+    auto *machine = static_cast<Machine *>(param);
     if (machine->watch_ != nullptr) {
         machine->watch_->left(machine->now() + machine->entry_cycles());  // RETI takes as long as the entry
     }
@@ -134,21 +133,21 @@ void Machine::line(int vector, bool level) {
 
 void Machine::refresh() {
     due_ = NEVER;
-    for (const Device* device : devices_) {
+    for (const Device *device : devices_) {
         due_ = device->due < due_ ? device->due : due_;
     }
     avr_->run_cycle_count = 0;
 }
 
 // SBI touches one bit of the flag registers below 0x40; simavr reads and writes them whole.
-bool Machine::current_is_sbi(std::uint8_t& mask) const {
+bool Machine::current_is_sbi(std::uint8_t &mask) const {
     const unsigned opcode = avr_->flash[avr_->pc] | static_cast<unsigned>(avr_->flash[avr_->pc + 1]) << 8;
     mask = static_cast<std::uint8_t>(1u << (opcode & 7u));
     return (opcode & 0xff00u) == 0x9a00u;
 }
 
 void Machine::advance_devices() {
-    for (Device* device : devices_) {
+    for (Device *device : devices_) {
         if (device->due <= now()) {
             device->advance(now());
         }
@@ -233,7 +232,7 @@ void Machine::reset(std::uint8_t cause) {
     avr_->interrupt_state = 0;
     pending_ = 0;
     ++resets_;
-    for (Device* device : devices_) {
+    for (Device *device : devices_) {
         device->reset();
     }
     refresh();

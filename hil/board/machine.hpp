@@ -30,8 +30,8 @@ struct BoardError : std::runtime_error {
 class Device {
 public:
     Device() = default;
-    Device(const Device&) = delete;
-    Device& operator=(const Device&) = delete;
+    Device(const Device &) = delete;
+    Device &operator=(const Device &) = delete;
     virtual ~Device() = default;
     virtual void write(std::uint16_t address, std::uint8_t value) = 0;
     virtual std::uint8_t read(std::uint16_t address) = 0;
@@ -51,13 +51,13 @@ public:
 
 class Machine {
 public:
-    Machine(const std::string& mcu, const std::string& elf, std::uint32_t seed);
+    Machine(const std::string &mcu, const std::string &elf, std::uint32_t seed);
     ~Machine() = default;  // the process ends with it; simavr would touch devices that are gone
-    Machine(const Machine&) = delete;
-    Machine& operator=(const Machine&) = delete;
+    Machine(const Machine &) = delete;
+    Machine &operator=(const Machine &) = delete;
 
     Cycle now() const { return static_cast<Cycle>(avr_->cycle); }
-    std::uint8_t& reg(unsigned address) { return avr_->data[address]; }
+    std::uint8_t &reg(unsigned address) { return avr_->data[address]; }
     std::uint8_t peek(unsigned address) const { return avr_->data[address]; }
     unsigned ram_end() const { return avr_->ramend; }
     unsigned ram_used_end() const { return used_end_; }
@@ -65,28 +65,28 @@ public:
     std::size_t flash_words() const { return (avr_->flashend + 1u) / 2u; }
     unsigned io_end() const { return avr_->ioend; }
     int eeprom_size() const { return static_cast<int>(avr_->e2end) + 1; }
-    const std::vector<std::uint8_t>& elf_eeprom() const { return elf_eeprom_; }
+    const std::vector<std::uint8_t> &elf_eeprom() const { return elf_eeprom_; }
     Cycle entry_cycles() const { return avr_->address_size + 2; }
     int resets() const { return resets_; }
 
-    void add(Device& device) { devices_.push_back(&device); }
-    void attach(avr_io_t& io);
-    void own(unsigned address, Device& device);
-    void serve(int vector, Device& device) { servers_[static_cast<std::size_t>(vector)] = &device; }
-    void watch(InterruptWatch& watch) { watch_ = &watch; }
+    void add(Device &device) { devices_.push_back(&device); }
+    void attach(avr_io_t &io);
+    void own(unsigned address, Device &device);
+    void serve(int vector, Device &device) { servers_[static_cast<std::size_t>(vector)] = &device; }
+    void watch(InterruptWatch &watch) { watch_ = &watch; }
     void line(int vector, bool level);
     void stall(Cycle cycles) { avr_->cycle += static_cast<avr_cycle_count_t>(cycles); }
     void refresh();
-    bool current_is_sbi(std::uint8_t& mask) const;
-    void count_addresses(std::vector<Cycle>& cycles) { counted_ = &cycles; }  // by word address, from now on
+    bool current_is_sbi(std::uint8_t &mask) const;
+    void count_addresses(std::vector<Cycle> &cycles) { counted_ = &cycles; }  // by word address, from now on
     void run_until(Cycle end);
     void reset(std::uint8_t cause);
 
 private:
-    static void write_hook(avr_t* avr, avr_io_addr_t address, std::uint8_t value, void* device);
-    static std::uint8_t read_hook(avr_t* avr, avr_io_addr_t address, void* device);
-    static void reti_hook(avr_irq_t* irq, std::uint32_t value, void* machine);
-    void load(const std::string& mcu, const std::string& elf);
+    static void write_hook(avr_t *avr, avr_io_addr_t address, std::uint8_t value, void *device);
+    static std::uint8_t read_hook(avr_t *avr, avr_io_addr_t address, void *device);
+    static void reti_hook(avr_irq_t *irq, std::uint32_t value, void *machine);
+    void load(const std::string &mcu, const std::string &elf);
     void fill_ram(std::uint32_t seed);
     void advance_devices();
     bool interrupt_ready() const;
@@ -94,11 +94,11 @@ private:
     void step(Cycle budget);
     void check_state() const;
 
-    avr_t* avr_ = nullptr;
-    std::vector<Device*> devices_;
-    std::array<Device*, VECTORS_MAX> servers_{};
-    InterruptWatch* watch_ = nullptr;
-    std::vector<Cycle>* counted_ = nullptr;
+    avr_t *avr_ = nullptr;
+    std::vector<Device *> devices_;
+    std::array<Device *, VECTORS_MAX> servers_{};
+    InterruptWatch *watch_ = nullptr;
+    std::vector<Cycle> *counted_ = nullptr;
     std::uint64_t pending_ = 0;
     std::array<Cycle, VECTORS_MAX> raised_{};
     Cycle due_ = NEVER;

@@ -17,13 +17,13 @@ using board::BoardError;
 
 constexpr int EXIT_USAGE = 2;
 constexpr int EXIT_BOARD = 3;
-constexpr const char* USAGE =
+constexpr const char *USAGE =
     "usage: vgroove-board ELF [--mcu atmega328p|atmega2560] [--eeprom FILE] [--stats FILE] [--reset-cause por|ext|bor|wdt]\n"
     "                     [--cut CYCLE] [--brown-out CYCLE] [--least-dead CYCLES] [--profile FILE] [--seed N]\n"
     "Reads one SimInputs a PWM period on stdin, answers one SimOutputs on stdout (firmware/hal/sim/sim_io.h). Ends with stdin.\n";
 
-std::uint8_t reset_cause(const std::string& name) {
-    const char* names[] = {"por", "ext", "bor", "wdt"};
+std::uint8_t reset_cause(const std::string &name) {
+    const char *names[] = {"por", "ext", "bor", "wdt"};
     for (unsigned bit = 0; bit < 4; ++bit) {
         if (name == names[bit]) {
             return static_cast<std::uint8_t>(1u << bit);
@@ -32,8 +32,8 @@ std::uint8_t reset_cause(const std::string& name) {
     throw BoardError("--reset-cause is por, ext, bor or wdt, not " + name);
 }
 
-board::Cycle cycles(const std::string& name, const std::string& text) {
-    char* rest = nullptr;
+board::Cycle cycles(const std::string &name, const std::string &text) {
+    char *rest = nullptr;
     const long long value = std::strtoll(text.c_str(), &rest, 10);
     if (text.empty() || *rest != '\0' || value < 0) {
         throw BoardError(name + " wants a number of cycles, not '" + text + "'");
@@ -41,7 +41,7 @@ board::Cycle cycles(const std::string& name, const std::string& text) {
     return value;
 }
 
-void set_option(board::Options& options, const std::string& name, const std::string& value) {
+void set_option(board::Options &options, const std::string &name, const std::string &value) {
     if (name == "--mcu") {
         options.mcu = value;
     } else if (name == "--eeprom") {
@@ -65,7 +65,7 @@ void set_option(board::Options& options, const std::string& name, const std::str
     }
 }
 
-board::Options parse(int count, char** arguments) {
+board::Options parse(int count, char **arguments) {
     board::Options options;
     for (int i = 1; i < count; ++i) {
         const std::string argument = arguments[i];
@@ -90,10 +90,10 @@ int take_stdout() {
     return stream;
 }
 
-bool read_whole(void* data, std::size_t size) {
+bool read_whole(void *data, std::size_t size) {
     std::size_t got = 0;
     while (got < size) {
-        const ssize_t n = read(STDIN_FILENO, static_cast<char*>(data) + got, size - got);
+        const ssize_t n = read(STDIN_FILENO, static_cast<char *>(data) + got, size - got);
         if (n <= 0) {
             return false;
         }
@@ -102,10 +102,10 @@ bool read_whole(void* data, std::size_t size) {
     return true;
 }
 
-bool write_whole(int stream, const void* data, std::size_t size) {
+bool write_whole(int stream, const void *data, std::size_t size) {
     std::size_t put = 0;
     while (put < size) {
-        const ssize_t n = write(stream, static_cast<const char*>(data) + put, size - put);
+        const ssize_t n = write(stream, static_cast<const char *>(data) + put, size - put);
         if (n <= 0) {
             return false;
         }
@@ -114,14 +114,14 @@ bool write_whole(int stream, const void* data, std::size_t size) {
     return true;
 }
 
-void serve(board::Bench& bench, int stream) {
+void serve(board::Bench &bench, int stream) {
     SimInputs inputs;
     SimOutputs outputs;
     while (read_whole(&inputs, sizeof inputs) && bench.period(inputs, outputs) && write_whole(stream, &outputs, sizeof outputs)) {
     }
 }
 
-void write_text(const std::string& path, const std::string& text) {
+void write_text(const std::string &path, const std::string &text) {
     std::ofstream file(path);
     file << text;
     if (!file) {
@@ -129,7 +129,7 @@ void write_text(const std::string& path, const std::string& text) {
     }
 }
 
-void finish(const board::Options& options, const board::Bench& bench) {
+void finish(const board::Options &options, const board::Bench &bench) {
     bench.save_eeprom();
     if (!options.stats.empty()) {
         write_text(options.stats, bench.statistics());
@@ -139,12 +139,12 @@ void finish(const board::Options& options, const board::Bench& bench) {
     }
 }
 
-int run(const board::Options& options, int stream) {
+int run(const board::Options &options, int stream) {
     const auto bench = std::make_unique<board::Bench>(options);
     int code = EXIT_SUCCESS;
     try {
         serve(*bench, stream);
-    } catch (const BoardError& error) {
+    } catch (const BoardError &error) {
         std::fprintf(stderr, "vgroove-board: %s\n", error.what());
         code = EXIT_BOARD;
     }
@@ -154,18 +154,18 @@ int run(const board::Options& options, int stream) {
 
 }  // namespace
 
-int main(int count, char** arguments) {
+int main(int count, char **arguments) {
     const int stream = take_stdout();
     board::Options options;
     try {
         options = parse(count, arguments);
-    } catch (const BoardError& error) {
+    } catch (const BoardError &error) {
         std::fprintf(stderr, "vgroove-board: %s\n%s", error.what(), USAGE);
         return EXIT_USAGE;
     }
     try {
         return run(options, stream);
-    } catch (const BoardError& error) {
+    } catch (const BoardError &error) {
         std::fprintf(stderr, "vgroove-board: %s\n", error.what());
         return EXIT_BOARD;
     }

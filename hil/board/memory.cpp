@@ -21,9 +21,9 @@ constexpr std::uint8_t EEMPE = 0x04;
 constexpr std::uint8_t EERIE = 0x08;
 constexpr Cycle READ_STALL = 4;
 constexpr Cycle WRITE_STALL = 2;
-constexpr Cycle ENABLE_WINDOW = 6;            // four cycles after the instruction that set EEMPE
-constexpr Cycle ATOMIC_CYCLES = 54400;        // erase and write: 3.4 ms
-constexpr Cycle HALF_CYCLES = 28800;          // erase only, write only: 1.8 ms
+constexpr Cycle ENABLE_WINDOW = 6;      // four cycles after the instruction that set EEMPE
+constexpr Cycle ATOMIC_CYCLES = 54400;  // erase and write: 3.4 ms
+constexpr Cycle HALF_CYCLES = 28800;    // erase only, write only: 1.8 ms
 constexpr unsigned WDTCSR = 0x60;
 constexpr unsigned MCUSR = 0x54;
 constexpr std::uint8_t WDIF = 0x80;
@@ -32,12 +32,15 @@ constexpr std::uint8_t WDCE = 0x10;
 constexpr std::uint8_t WDE = 0x08;
 constexpr std::uint8_t WDRF = 0x08;
 constexpr std::uint8_t PRESCALE_BITS = 0x27;
-constexpr Cycle WATCHDOG_STEP = 2048 * 125;   // 2048 periods of 128 kHz in CPU cycles
+constexpr Cycle WATCHDOG_STEP = 2048 * 125;  // 2048 periods of 128 kHz in CPU cycles
 
 }  // namespace
 
-Eeprom::Eeprom(Machine& machine, int vector, std::vector<std::uint8_t> content, std::uint32_t seed)
-    : machine_(machine), vector_(vector), content_(std::move(content)), random_(seed) {
+Eeprom::Eeprom(Machine &machine, int vector, std::vector<std::uint8_t> content, std::uint32_t seed)
+    : machine_(machine),
+      vector_(vector),
+      content_(std::move(content)),
+      random_(seed) {
     content_.resize(static_cast<std::size_t>(machine.eeprom_size()), 0xff);
     machine.add(*this);
     machine.serve(vector, *this);
@@ -102,7 +105,7 @@ void Eeprom::reset() {
     update();
 }
 
-Watchdog::Watchdog(Machine& machine, int vector) : machine_(machine), vector_(vector) {
+Watchdog::Watchdog(Machine &machine, int vector) : machine_(machine), vector_(vector) {
     machine.add(*this);
     machine.serve(vector, *this);
     machine.own(WDTCSR, *this);
@@ -112,11 +115,11 @@ Watchdog::Watchdog(Machine& machine, int vector) : machine_(machine), vector_(ve
     machine.attach(port_.io);
 }
 
-int Watchdog::ioctl_hook(avr_io_t* io, std::uint32_t request, void*) {
+int Watchdog::ioctl_hook(avr_io_t *io, std::uint32_t request, void *) {
     if (request != AVR_IOCTL_WATCHDOG_RESET) {
         return -1;
     }
-    reinterpret_cast<Port*>(io)->owner->kick();
+    reinterpret_cast<Port *>(io)->owner->kick();
     return 0;
 }
 
@@ -167,7 +170,7 @@ void Watchdog::advance(Cycle now) {
     if (due > now) {
         return;
     }
-    std::uint8_t& control = machine_.reg(WDTCSR);
+    std::uint8_t &control = machine_.reg(WDTCSR);
     if ((control & WDIE) == 0) {
         machine_.reset(WDRF);
         return;
@@ -178,7 +181,7 @@ void Watchdog::advance(Cycle now) {
 }
 
 void Watchdog::acknowledge(int) {
-    std::uint8_t& control = machine_.reg(WDTCSR);
+    std::uint8_t &control = machine_.reg(WDTCSR);
     control = static_cast<std::uint8_t>(control & ~((control & WDE) != 0 ? WDIF | WDIE : WDIF));
     machine_.line(vector_, false);
 }

@@ -11,13 +11,13 @@ namespace board {
 
 class Eeprom final : public Device {
 public:
-    Eeprom(Machine& machine, int vector, std::vector<std::uint8_t> content, std::uint32_t seed);
+    Eeprom(Machine &machine, int vector, std::vector<std::uint8_t> content, std::uint32_t seed);
     void write(unsigned short address, std::uint8_t value) override;
     std::uint8_t read(unsigned short address) override;
     void advance(Cycle now) override;
     void acknowledge(int) override {}
     void reset() override;
-    const std::vector<std::uint8_t>& content() const { return content_; }
+    const std::vector<std::uint8_t> &content() const { return content_; }
     long writes() const { return writes_; }
     Cycle first_write() const { return first_write_; }
 
@@ -26,7 +26,7 @@ private:
     void start_write(unsigned mode);
     void update();
 
-    Machine& machine_;
+    Machine &machine_;
     int vector_;
     std::vector<std::uint8_t> content_;  // while a byte is being written it holds garbage, as after a power cut
     std::mt19937 random_;
@@ -41,7 +41,7 @@ private:
 
 class Watchdog final : public Device {
 public:
-    Watchdog(Machine& machine, int vector);
+    Watchdog(Machine &machine, int vector);
     void write(unsigned short address, std::uint8_t value) override;
     std::uint8_t read(unsigned short address) override;
     void advance(Cycle now) override;
@@ -50,15 +50,15 @@ public:
     void kick();
 
 private:
-    static int ioctl_hook(avr_io_t* io, std::uint32_t request, void*);
+    static int ioctl_hook(avr_io_t *io, std::uint32_t request, void *);
     Cycle timeout() const;
     void restart();
 
     struct Port {
         avr_io_t io;
-        Watchdog* owner;
+        Watchdog *owner;
     };
-    Machine& machine_;
+    Machine &machine_;
     int vector_;
     Port port_{};
     Cycle change_until_ = -1;

@@ -12,7 +12,7 @@ constexpr Cycle WINDOW_CYCLES = 1600000;  // 100 ms
 
 }  // namespace
 
-Profile::Profile(Machine& machine, const Timer& tick) : machine_(machine), tick_(tick) {
+Profile::Profile(Machine &machine, const Timer &tick) : machine_(machine), tick_(tick) {
     machine.own(GPIOR0, *this);
     machine.add(*this);
     machine.watch(*this);
@@ -54,7 +54,7 @@ void Profile::end_tick() {
 }
 
 void Profile::entered(int vector, Cycle at, Cycle waited, unsigned pc) {
-    VectorCost& cost = vectors_[static_cast<std::size_t>(vector)];
+    VectorCost &cost = vectors_[static_cast<std::size_t>(vector)];
     if (waited > cost.longest_wait) {
         cost.longest_wait = waited;
         cost.waited_at = pc;
@@ -72,7 +72,7 @@ void Profile::left(Cycle at) {
     frames_.pop_back();
     const Cycle whole = at - frame.entered;
     const Cycle own = whole - frame.nested;
-    VectorCost& cost = vectors_[static_cast<std::size_t>(frame.vector)];
+    VectorCost &cost = vectors_[static_cast<std::size_t>(frame.vector)];
     ++cost.count;
     cost.worst = std::max(cost.worst, own);
     cost.total += own;

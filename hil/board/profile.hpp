@@ -17,16 +17,16 @@ struct VectorCost {
 
 struct TickCost {
     long count = 0;
-    Cycle worst = 0;      // from the compare match of Timer2 to the end of the tick's work, interrupts included
+    Cycle worst = 0;  // from the compare match of Timer2 to the end of the tick's work, interrupts included
     Cycle total = 0;
     Cycle worst_at = 0;
-    long late = 0;        // ticks that lasted beyond the next compare match
+    long late = 0;  // ticks that lasted beyond the next compare match
 };
 
 // GPIOR0 bit 0 is the program's mark: 1 while a tick's work runs.
 class Profile final : public Device, public InterruptWatch {
 public:
-    Profile(Machine& machine, const Timer& tick);
+    Profile(Machine &machine, const Timer &tick);
     void write(unsigned short address, std::uint8_t value) override;
     std::uint8_t read(unsigned short address) override;
     void advance(Cycle) override {}
@@ -35,12 +35,12 @@ public:
     void entered(int vector, Cycle at, Cycle waited, unsigned pc) override;
     void left(Cycle at) override;
 
-    void count_addresses();            // slower: each instruction is looked at
-    std::string address_table() const; // lines of: byte address, cycles in all, cycles in the worst tick
+    void count_addresses();             // slower: each instruction is looked at
+    std::string address_table() const;  // lines of: byte address, cycles in all, cycles in the worst tick
     void snapshot_stack();
     unsigned stack_free() const;
-    const VectorCost& vector(int number) const { return vectors_[static_cast<std::size_t>(number)]; }
-    const TickCost& tick() const { return ticks_; }
+    const VectorCost &vector(int number) const { return vectors_[static_cast<std::size_t>(number)]; }
+    const TickCost &tick() const { return ticks_; }
     Cycle measured_since() const { return since_; }
     Cycle interrupt_cycles() const { return interrupt_total_; }
     double worst_window_share() const;
@@ -55,8 +55,8 @@ private:
     void end_tick();
     void spend(Cycle cycles, Cycle at);
 
-    Machine& machine_;
-    const Timer& tick_;
+    Machine &machine_;
+    const Timer &tick_;
     std::array<VectorCost, VECTORS_MAX> vectors_{};
     TickCost ticks_;
     std::vector<Frame> frames_;

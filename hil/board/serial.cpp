@@ -25,8 +25,7 @@ constexpr long CPU_HZ = 16000000;
 
 }  // namespace
 
-Serial::Serial(Machine& machine, int receive, int empty, int complete)
-    : machine_(machine), receive_(receive), empty_(empty), complete_(complete) {
+Serial::Serial(Machine &machine, int receive, int empty, int complete) : machine_(machine), receive_(receive), empty_(empty), complete_(complete) {
     machine.add(*this);
     for (const int vector : {receive, empty, complete}) {
         machine.serve(vector, *this);
@@ -137,7 +136,7 @@ void Serial::advance(Cycle now) {
 }
 
 void Serial::update() {
-    std::uint8_t& status = machine_.reg(UCSRA);
+    std::uint8_t &status = machine_.reg(UCSRA);
     status = static_cast<std::uint8_t>((status & U2X) | (received_.empty() ? 0 : RXC) | (complete_flag_ ? TXC : 0) | (waiting_ ? 0 : UDRE) |
                                        (overrun_ ? DOR : 0));
     machine_.line(receive_, !received_.empty() && enabled(0x80));
@@ -168,7 +167,7 @@ void Serial::arrive(Cycle at, std::uint8_t byte) {
     machine_.refresh();
 }
 
-bool Serial::take(std::uint8_t& byte) {
+bool Serial::take(std::uint8_t &byte) {
     if (sent_.empty()) {
         return false;
     }

@@ -19,7 +19,7 @@ struct SerialReport {
 
 class Serial final : public Device {
 public:
-    Serial(Machine& machine, int receive, int empty, int complete);
+    Serial(Machine &machine, int receive, int empty, int complete);
     void write(unsigned short address, std::uint8_t value) override;
     std::uint8_t read(unsigned short address) override;
     void advance(Cycle now) override;
@@ -27,8 +27,8 @@ public:
     void reset() override;
 
     void arrive(Cycle at, std::uint8_t byte);  // a byte whose stop bit ends at that cycle
-    bool take(std::uint8_t& byte);             // next byte whose stop bit has ended
-    const SerialReport& report() const { return report_; }
+    bool take(std::uint8_t &byte);             // next byte whose stop bit has ended
+    const SerialReport &report() const { return report_; }
 
 private:
     Cycle byte_cycles() const;
@@ -38,7 +38,7 @@ private:
     void finish_byte();
     void update();
 
-    Machine& machine_;
+    Machine &machine_;
     int receive_, empty_, complete_;
     bool shifting_ = false;
     bool waiting_ = false;

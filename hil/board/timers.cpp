@@ -19,7 +19,7 @@ Cycle floor_div(Cycle a, Cycle b) {
 
 }  // namespace
 
-Timer::Timer(Machine& machine, const TimerMap& map) : machine_(machine), map_(map) {
+Timer::Timer(Machine &machine, const TimerMap &map) : machine_(machine), map_(map) {
     machine.add(*this);
     for (const unsigned address : {map.tccra, map.tccrb, map.timsk, map.tifr, map.tcnt, map.ocra, map.ocrb}) {
         machine.own(address, *this);
@@ -212,7 +212,7 @@ std::uint8_t Timer::read(unsigned short address) {
 }
 
 void Timer::set_flag(std::uint8_t flag, Cycle at) {
-    std::uint8_t& flags = machine_.reg(map_.tifr);
+    std::uint8_t &flags = machine_.reg(map_.tifr);
     if (flag == OCFA) {
         last_compare_a_ = at;
     }
@@ -225,7 +225,7 @@ void Timer::set_flag(std::uint8_t flag, Cycle at) {
 
 void Timer::advance(Cycle now) {
     if (running_) {
-        for (const Source& source : sources()) {
+        for (const Source &source : sources()) {
             const Cycle at = source.phase < 0 ? NEVER : occurrence(source.phase, synced_);
             if (at <= now) {
                 set_flag(source.flag, at);
@@ -254,7 +254,7 @@ void Timer::update() {
         return;
     }
     const unsigned wanted = (mask | (armed_ ? TOV : 0u)) & ~flags;
-    for (const Source& source : sources()) {
+    for (const Source &source : sources()) {
         if ((wanted & source.flag) != 0 && source.phase >= 0) {
             const Cycle at = occurrence(source.phase, synced_);
             due = at < due ? at : due;
@@ -316,8 +316,10 @@ void Timer::arm_overflow(bool armed) {
     machine_.refresh();
 }
 
-PrescalerReset::PrescalerReset(Machine& machine, std::vector<Timer*> synchronous, Timer& asynchronous)
-    : machine_(machine), synchronous_(std::move(synchronous)), asynchronous_(asynchronous) {
+PrescalerReset::PrescalerReset(Machine &machine, std::vector<Timer *> synchronous, Timer &asynchronous)
+    : machine_(machine),
+      synchronous_(std::move(synchronous)),
+      asynchronous_(asynchronous) {
     machine.own(GTCCR, *this);
 }
 
@@ -325,7 +327,7 @@ void PrescalerReset::write(unsigned short, std::uint8_t value) {
     const Cycle now = machine_.now();
     const bool keep = (value & 0x80u) != 0;
     machine_.reg(GTCCR) = keep ? value : 0;
-    for (Timer* timer : synchronous_) {
+    for (Timer *timer : synchronous_) {
         if ((value & 1u) != 0) {
             timer->hold(now, true);
         }

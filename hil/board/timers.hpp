@@ -9,7 +9,7 @@
 
 namespace board {
 
-constexpr int TIMER_TOP = 255;              // phase-correct PWM, mode 1
+constexpr int TIMER_TOP = 255;  // phase-correct PWM, mode 1
 
 // Register addresses (data space) and vectors of one timer; 0 where the timer has no such register.
 struct TimerMap {
@@ -17,12 +17,12 @@ struct TimerMap {
     int bits;
     unsigned tccra, tccrb, tcnt, icr, ocra, ocrb, timsk, tifr;
     int overflow, compare_a, compare_b, capture;
-    const int* prescales;  // by clock select, 0: stopped, -1: not modelled
+    const int *prescales;  // by clock select, 0: stopped, -1: not modelled
 };
 
 class Timer final : public Device {
 public:
-    Timer(Machine& machine, const TimerMap& map);
+    Timer(Machine &machine, const TimerMap &map);
     void write(unsigned short address, std::uint8_t value) override;
     std::uint8_t read(unsigned short address) override;
     void advance(Cycle now) override;
@@ -66,7 +66,7 @@ private:
     void set_flag(std::uint8_t flag, Cycle at);
     void update();
 
-    Machine& machine_;
+    Machine &machine_;
     TimerMap map_;
     Mode mode_ = Mode::NORMAL;
     bool running_ = false;
@@ -86,7 +86,7 @@ private:
 // GTCCR: halts timers while TSM holds their prescaler in reset.
 class PrescalerReset final : public Device {
 public:
-    PrescalerReset(Machine& machine, std::vector<Timer*> synchronous, Timer& asynchronous);
+    PrescalerReset(Machine &machine, std::vector<Timer *> synchronous, Timer &asynchronous);
     void write(unsigned short address, std::uint8_t value) override;
     std::uint8_t read(unsigned short) override { return machine_.reg(0x43); }
     void advance(Cycle) override {}
@@ -94,9 +94,9 @@ public:
     void reset() override {}
 
 private:
-    Machine& machine_;
-    std::vector<Timer*> synchronous_;
-    Timer& asynchronous_;
+    Machine &machine_;
+    std::vector<Timer *> synchronous_;
+    Timer &asynchronous_;
 };
 
 }  // namespace board

@@ -41,8 +41,7 @@ struct Row {
 // Board and tool in lock-step; hold() drives them and keeps a row for each millisecond.
 class Loop {
 public:
-    explicit Loop(vgroove::LoadKind load = vgroove::LoadKind::NONE)
-        : tool_(reference(), load, vgroove::hall_wheel(4, 0.3, {}), 1) {
+    explicit Loop(vgroove::LoadKind load = vgroove::LoadKind::NONE) : tool_(reference(), load, vgroove::hall_wheel(4, 0.3, {}), 1) {
         const SimStart start = SIM_START_DEFAULT;
         sim_reset(&start, &out_);
     }
@@ -84,7 +83,7 @@ private:
 TEST(Sil, BridgeIsOpenUntilTheTriggerIsPulled) {
     Loop loop;
     loop.hold(0.0, false, 500);
-    for (const Row& row : loop.rows) {
+    for (const Row &row : loop.rows) {
         ASSERT_TRUE(row.coast);
     }
 }
@@ -129,7 +128,7 @@ TEST(Sil, DirectionChangesOnlyAtStandstill) {
     loop.hold(1.0, true, 300);
     loop.hold(0.0, true, 100);
     loop.hold(1.0, true, 300);  // still turning: the release coasts
-    for (const Row& row : loop.rows) {
+    for (const Row &row : loop.rows) {
         ASSERT_FALSE(row.compare < 0 && row.speed_rpm > 300.0) << row.compare << " at " << row.speed_rpm << " rpm";
     }
 }
@@ -149,7 +148,7 @@ TEST(Sil, OverCurrentOpensTheBridgeUntilTheTriggerIsReleased) {
 
 TEST(Sil, SameInputsGiveTheSameBytes) {
     std::vector<std::uint8_t> sent[2];
-    for (auto& bytes : sent) {
+    for (auto &bytes : sent) {
         Loop loop;
         loop.hold(0.0, false, 200);
         loop.hold(0.7, false, 400);

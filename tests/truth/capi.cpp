@@ -14,144 +14,160 @@ namespace {
 // Straight lines through points whose times never fall; a step is two points at one time.
 class Curve {
 public:
-  Curve(const double *t, const double *y, int n) : t_(t), y_(y), n_(n) {}
-  double at(double t) {
-    if (n_ == 0) {
-      return 0.0;
+    Curve(const double *t, const double *y, int n) : t_(t), y_(y), n_(n) {}
+    double at(double t) {
+        if (n_ == 0) {
+            return 0.0;
+        }
+        while (k_ + 1 < n_ && t_[k_ + 1] <= t) {
+            ++k_;
+        }
+        if (t <= t_[k_] || k_ + 1 >= n_) {
+            return y_[k_];
+        }
+        return y_[k_] + (y_[k_ + 1] - y_[k_]) * (t - t_[k_]) / (t_[k_ + 1] - t_[k_]);
     }
-    while (k_ + 1 < n_ && t_[k_ + 1] <= t) {
-      ++k_;
+    double held(double t) {
+        (void)at(t);
+        return n_ > 0 ? y_[k_] : 0.0;
     }
-    if (t <= t_[k_] || k_ + 1 >= n_) {
-      return y_[k_];
-    }
-    return y_[k_] + (y_[k_ + 1] - y_[k_]) * (t - t_[k_]) / (t_[k_ + 1] - t_[k_]);
-  }
-  double held(double t) {
-    (void)at(t);
-    return n_ > 0 ? y_[k_] : 0.0;
-  }
 
 private:
-  const double *t_, *y_;
-  int n_, k_ = 0;
+    const double *t_, *y_;
+    int n_, k_ = 0;
 };
 
 struct RowOut {
-  double current_a, supply_v, speed_rad_s, angle_rad, winding_kelvin;
+    double current_a, supply_v, speed_rad_s, angle_rad, winding_kelvin;
 };
 
 void close_row(Tool &tool, double length, RowOut &row) {
-  row = {tool.sums.current_as / length, tool.sums.bus_vs / length, tool.state.speed_rad_s, tool.state.angle_rad, tool.state.winding_kelvin};
-  tool.sums.current_as = 0.0;
-  tool.sums.bus_vs = 0.0;
+    row = {tool.sums.current_as / length, tool.sums.bus_vs / length, tool.state.speed_rad_s, tool.state.angle_rad, tool.state.winding_kelvin};
+    tool.sums.current_as = 0.0;
+    tool.sums.bus_vs = 0.0;
 }
 
-} // namespace
+}  // namespace
 
 extern "C" {
 
 struct TruthCommand {
-  const double *time_s, *duty, *coast;
-  int count;
-  const double *load_time_s, *load_nm;
-  int load_count;
+    const double *time_s, *duty, *coast;
+    int count;
+    const double *load_time_s, *load_nm;
+    int load_count;
 };
 
-Tool *truth_new(void) { return new Tool(); }
+Tool *truth_new(void) {
+    return new Tool();
+}
 
-void truth_free(Tool *tool) { delete tool; }
+void truth_free(Tool *tool) {
+    delete tool;
+}
 
 int truth_set(Tool *tool, const char *name, double value) {
-  double *member = truth::find_param(tool->params, name);
-  if (member == nullptr) {
-    return -1;
-  }
-  *member = value;
-  return 0;
+    double *member = truth::find_param(tool->params, name);
+    if (member == nullptr) {
+        return -1;
+    }
+    *member = value;
+    return 0;
 }
 
 double truth_get(Tool *tool, const char *name) {
-  const double *member = truth::find_param(tool->params, name);
-  return member != nullptr ? *member : std::nan("");
+    const double *member = truth::find_param(tool->params, name);
+    return member != nullptr ? *member : std::nan("");
 }
 
-void truth_start(Tool *tool) { tool->start(); }
+void truth_start(Tool *tool) {
+    tool->start();
+}
 
 // Rows end at row_s[0..rows-1]; the first begins at begin_s. Returns the number of edges, which truth_edges then hands over; -1 when the numbers ran away.
 int truth_run(Tool *tool, const TruthCommand *command, double begin_s, const double *row_s, int rows, double *out) {
-  tool->start();
-  tool->state.time_s = begin_s;
-  const double period = 1.0 / tool->params.pwm_hz, levels = tool->params.duty_levels;
-  Curve duty(command->time_s, command->duty, command->count), coast(command->time_s, command->coast, command->count);
-  Curve load(command->load_time_s, command->load_nm, command->load_count);
-  auto *row_out = reinterpret_cast<RowOut *>(out);
-  int row = 0;
-  double row_begin = begin_s;
-  for (std::int64_t n = 0; row < rows; ++n) {
-    const double now = begin_s + static_cast<double>(n) * period;
-    const double commanded = now + 0.5 * period - tool->params.transport_delay_s; // as the middle of the period asks
-    Drive drive;
-    const double wanted = duty.at(commanded);
-    drive.duty = levels > 0.0 ? std::round(wanted * levels) / levels : wanted;
-    drive.coast = coast.held(commanded) > 0.5;
-    drive.load_nm = load.at(now + 0.5 * period);
-    tool->state.time_s = now;
-    tool->begin_period(period, drive);
-    while (row < rows && tool->advance(row_s[row])) {
-      close_row(*tool, row_s[row] - row_begin, row_out[row]);
-      row_begin = row_s[row++];
+    tool->start();
+    tool->state.time_s = begin_s;
+    const double period = 1.0 / tool->params.pwm_hz, levels = tool->params.duty_levels;
+    Curve duty(command->time_s, command->duty, command->count), coast(command->time_s, command->coast, command->count);
+    Curve load(command->load_time_s, command->load_nm, command->load_count);
+    auto *row_out = reinterpret_cast<RowOut *>(out);
+    int row = 0;
+    double row_begin = begin_s;
+    for (std::int64_t n = 0; row < rows; ++n) {
+        const double now = begin_s + static_cast<double>(n) * period;
+        const double commanded = now + 0.5 * period - tool->params.transport_delay_s;  // as the middle of the period asks
+        Drive drive;
+        const double wanted = duty.at(commanded);
+        drive.duty = levels > 0.0 ? std::round(wanted * levels) / levels : wanted;
+        drive.coast = coast.held(commanded) > 0.5;
+        drive.load_nm = load.at(now + 0.5 * period);
+        tool->state.time_s = now;
+        tool->begin_period(period, drive);
+        while (row < rows && tool->advance(row_s[row])) {
+            close_row(*tool, row_s[row] - row_begin, row_out[row]);
+            row_begin = row_s[row++];
+        }
+        if (row < rows) {
+            tool->advance(1e300);
+        }
     }
-    if (row < rows) {
-      tool->advance(1e300);
-    }
-  }
-  return std::isfinite(tool->state.angle_rad) ? static_cast<int>(tool->edges.size()) : -1;
+    return std::isfinite(tool->state.angle_rad) ? static_cast<int>(tool->edges.size()) : -1;
 }
 
 void truth_edges(const Tool *tool, double *time_s, double *direction) {
-  for (std::size_t n = 0; n < tool->edges.size(); ++n) {
-    time_s[n] = tool->edges[n].time_s;
-    direction[n] = tool->edges[n].direction;
-  }
+    for (std::size_t n = 0; n < tool->edges.size(); ++n) {
+        time_s[n] = tool->edges[n].time_s;
+        direction[n] = tool->edges[n].direction;
+    }
 }
 
 struct TruthPeriod {
-  double current_a, supply_v;
-  std::int32_t edge_count;
-  std::int32_t edge_cycle[8];
+    double current_a, supply_v;
+    std::int32_t edge_count;
+    std::int32_t edge_cycle[8];
 };
 
 // One lock-step period of 510 cycles of 16 MHz; `dead` is the loss of duty by dead time, as the board's message says.
 void truth_period(Tool *tool, int coast, double duty, double dead, double load_nm, TruthPeriod *out) {
-  constexpr double PERIOD_S = 510.0 / 16e6;
-  const auto late = static_cast<std::size_t>(std::llround(tool->params.transport_delay_s / PERIOD_S));
-  tool->commands.push_back({coast != 0, duty, 0.5 * dead * PERIOD_S, 0.0});
-  Drive drive = tool->commands.size() > late ? tool->commands.front() : Drive{true, 0.0, 0.0, 0.0};
-  if (tool->commands.size() > late) {
-    tool->commands.pop_front();
-  }
-  drive.load_nm = load_nm;
-  const double begin = tool->state.time_s;
-  tool->edges.clear();
-  tool->begin_period(PERIOD_S, drive);
-  tool->advance(1e300);
-  tool->state.time_s = begin + PERIOD_S;
-  out->current_a = tool->sensed_current(tool->state.sensed_a) + tool->params.current_noise_a * tool->chance.normal();
-  out->supply_v = tool->sensed_supply() + tool->params.supply_noise_v * tool->chance.normal();
-  out->edge_count = static_cast<std::int32_t>(std::min<std::size_t>(tool->edges.size(), 8));
-  for (std::int32_t n = 0; n < out->edge_count; ++n) {
-    const double cycle = std::floor((tool->edges[static_cast<std::size_t>(n)].time_s - begin) * 16e6);
-    out->edge_cycle[n] = static_cast<std::int32_t>(std::clamp(cycle, 0.0, 509.0));
-  }
+    constexpr double PERIOD_S = 510.0 / 16e6;
+    const auto late = static_cast<std::size_t>(std::llround(tool->params.transport_delay_s / PERIOD_S));
+    tool->commands.push_back({coast != 0, duty, 0.5 * dead * PERIOD_S, 0.0});
+    Drive drive = tool->commands.size() > late ? tool->commands.front() : Drive{true, 0.0, 0.0, 0.0};
+    if (tool->commands.size() > late) {
+        tool->commands.pop_front();
+    }
+    drive.load_nm = load_nm;
+    const double begin = tool->state.time_s;
+    tool->edges.clear();
+    tool->begin_period(PERIOD_S, drive);
+    tool->advance(1e300);
+    tool->state.time_s = begin + PERIOD_S;
+    out->current_a = tool->sensed_current(tool->state.sensed_a) + tool->params.current_noise_a * tool->chance.normal();
+    out->supply_v = tool->sensed_supply() + tool->params.supply_noise_v * tool->chance.normal();
+    out->edge_count = static_cast<std::int32_t>(std::min<std::size_t>(tool->edges.size(), 8));
+    for (std::int32_t n = 0; n < out->edge_count; ++n) {
+        const double cycle = std::floor((tool->edges[static_cast<std::size_t>(n)].time_s - begin) * 16e6);
+        out->edge_cycle[n] = static_cast<std::int32_t>(std::clamp(cycle, 0.0, 509.0));
+    }
 }
 
 // Inner quantities for the tests: current, bus, speed, angle, bristle, then the energies of the audit.
 void truth_inside(const Tool *tool, double *out) {
-  const truth::State &s = tool->state;
-  const double values[12] = {s.time_s, s.current_a, s.bus_v, s.speed_rad_s, s.angle_rad, s.motor_bristle.deflection_rad, s.motor_bristle.torque_nm,
-                             tool->stored_energy(), tool->sums.drawn_j, tool->sums.copper_j, tool->sums.friction_j, tool->sums.load_j};
-  std::memcpy(out, values, sizeof values);
+    const truth::State &s = tool->state;
+    const double values[12] = {s.time_s,
+                               s.current_a,
+                               s.bus_v,
+                               s.speed_rad_s,
+                               s.angle_rad,
+                               s.motor_bristle.deflection_rad,
+                               s.motor_bristle.torque_nm,
+                               tool->stored_energy(),
+                               tool->sums.drawn_j,
+                               tool->sums.copper_j,
+                               tool->sums.friction_j,
+                               tool->sums.load_j};
+    std::memcpy(out, values, sizeof values);
 }
 
-} // extern "C"
+}  // extern "C"

@@ -12,100 +12,100 @@ namespace truth {
 // Counter-based enough for our purpose: splitmix64, the same numbers on every machine.
 class Chance {
 public:
-  explicit Chance(std::uint64_t seed) : state_(seed) {}
-  double uniform();
-  double normal();
+    explicit Chance(std::uint64_t seed) : state_(seed) {}
+    double uniform();
+    double normal();
 
 private:
-  std::uint64_t state_;
+    std::uint64_t state_;
 };
 
 struct Edge {
-  double time_s;
-  int direction;
+    double time_s;
+    int direction;
 };
 
 // A bristle of LuGre type: deflection z, torque stiffness * z.
 struct Bristle {
-  double deflection_rad = 0.0;
-  double torque_nm = 0.0;
+    double deflection_rad = 0.0;
+    double torque_nm = 0.0;
 };
 
 struct State {
-  double time_s = 0.0;
-  double current_a = 0.0;
-  double bus_v = 0.0;
-  double speed_rad_s = 0.0, angle_rad = 0.0;
-  double out_speed_rad_s = 0.0, out_angle_rad = 0.0; // referred to the motor shaft; equal to the above while rigid
-  Bristle motor_bristle, load_bristle;
-  double charge_c = 0.0, polarisation_v = 0.0;
-  double winding_kelvin = 0.0, housing_kelvin = 0.0;
-  double sensed_a = 0.0;
-  double ripple_rad = 0.0, ripple_rate = 0.0;
-  bool gate = false;
-  double gate_until_s = 0.0;
-  long edge_index = 0;
+    double time_s = 0.0;
+    double current_a = 0.0;
+    double bus_v = 0.0;
+    double speed_rad_s = 0.0, angle_rad = 0.0;
+    double out_speed_rad_s = 0.0, out_angle_rad = 0.0;  // referred to the motor shaft; equal to the above while rigid
+    Bristle motor_bristle, load_bristle;
+    double charge_c = 0.0, polarisation_v = 0.0;
+    double winding_kelvin = 0.0, housing_kelvin = 0.0;
+    double sensed_a = 0.0;
+    double ripple_rad = 0.0, ripple_rate = 0.0;
+    bool gate = false;
+    double gate_until_s = 0.0;
+    long edge_index = 0;
 };
 
 // Integrals over the row that is being made, and energies for the audit of the tests.
 struct Sums {
-  double current_as = 0.0, bus_vs = 0.0;
-  double drawn_j = 0.0, copper_j = 0.0, friction_j = 0.0, load_j = 0.0;
+    double current_as = 0.0, bus_vs = 0.0;
+    double drawn_j = 0.0, copper_j = 0.0, friction_j = 0.0, load_j = 0.0;
 };
 
 struct Drive {
-  bool coast = false;
-  double duty = 0.0;
-  double dead_s = 0.0; // each edge of the switching leg may move by this much, against the current
-  double load_nm = 0.0;
+    bool coast = false;
+    double duty = 0.0;
+    double dead_s = 0.0;  // each edge of the switching leg may move by this much, against the current
+    double load_nm = 0.0;
 };
 
 class Tool {
 public:
-  Params params;
-  State state;
-  Sums sums;
-  std::vector<Edge> edges;
-  Chance chance{1};
-  std::deque<Drive> commands; // of the lock-step, those that the bridge has yet to act on
+    Params params;
+    State state;
+    Sums sums;
+    std::vector<Edge> edges;
+    Chance chance{1};
+    std::deque<Drive> commands;  // of the lock-step, those that the bridge has yet to act on
 
-  void start();
-  // One PWM period of the given length from state.time_s on, cut at `cut_s` if that lies inside; returns true when cut.
-  void begin_period(double period_s, const Drive &drive);
-  bool advance(double cut_s);
-  double sensed_current(double filtered_a) const;
-  double sensed_supply() const;
-  double stored_energy() const;
+    void start();
+    // One PWM period of the given length from state.time_s on, cut at `cut_s` if that lies inside; returns true when cut.
+    void begin_period(double period_s, const Drive &drive);
+    bool advance(double cut_s);
+    double sensed_current(double filtered_a) const;
+    double sensed_supply() const;
+    double stored_energy() const;
 
 private:
-  struct Span {
-    double end_s;
-    int leg_a; // 1 high, 0 low, -1 floating: its diodes decide
-    int leg_b;
-  };
-  Span spans_[6];
-  int span_count_ = 0, span_ = 0;
-  Drive drive_;
-  double load_at_shaft_nm_ = 0.0, k_ = 0.0, resistance_ = 0.0, open_circuit_v_ = 0.0, source_ohm_ = 0.0;
-  double inertia_ = 0.0, out_inertia_ = 0.0, stiffness_ = 0.0, load_stiffness_ = 0.0, step_s_ = 5e-6, coupling_nm_ = 0.0;
-  bool two_masses_ = false;
+    struct Span {
+        double end_s;
+        int leg_a;  // 1 high, 0 low, -1 floating: its diodes decide
+        int leg_b;
+    };
+    Span spans_[6];
+    int span_count_ = 0, span_ = 0;
+    Drive drive_;
+    double load_at_shaft_nm_ = 0.0, k_ = 0.0, resistance_ = 0.0, open_circuit_v_ = 0.0, source_ohm_ = 0.0;
+    double inertia_ = 0.0, out_inertia_ = 0.0, stiffness_ = 0.0, load_stiffness_ = 0.0, step_s_ = 5e-6, coupling_nm_ = 0.0;
+    bool two_masses_ = false;
 
-  void slow_states(double period_s);
-  void move_gate();
-  void plan_spans(double period_s);
-  void step(double h, int leg_a, int leg_b);
-  int bridge_sign(int leg_a, int leg_b) const;
-  double saturated_k(double current_a) const;
-  double dry_level(double speed) const;
-  double smooth_torque() const;
-  void step_shaft(double h, double volts, bool conducting);
-  void step_output(double h);
-  double coupling_rate() const;
-  double coupling_torque() const;
-  void step_bus(double h, double bus_a);
-  void find_edges(double t0, double h, double angle0);
-  double edge_angle(long index) const;
-  double hall_angle(double angle) const;
+    void slow_states(double period_s);
+    void move_gate();
+    void plan_spans(double period_s);
+    void step(double h, int leg_a, int leg_b);
+    int bridge_sign(int leg_a, int leg_b) const;
+    double saturated_k(double current_a) const;
+    double dry_level(double speed) const;
+    double smooth_torque() const;
+    void step_shaft(double h, double volts, bool conducting);
+    void step_output(double h);
+    double coupling_rate() const;
+    double coupling_torque() const;
+    void step_bus(double h, double bus_a);
+    void find_edges(double t0, double h, double angle0);
+    double edge_angle(long index) const;
+    double hall_angle(double angle) const;
 };
 
-} // namespace truth
+}  // namespace truth

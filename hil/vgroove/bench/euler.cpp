@@ -30,14 +30,15 @@ struct Groove {
     double x, s, ds;
 };
 
-inline Groove groove_of(const Tool& p, double q) {
+inline Groove groove_of(const Tool &p, double q) {
     const double root = std::sqrt(q * q + p.vertex * p.vertex);
     return {p.lead * (root - p.vertex), p.lead * q / root, p.lead * p.vertex * p.vertex / (root * root * root)};
 }
 
 // Section 5, exponent 1.
-inline double contact(const Tool& p, double pen, double rate) {
-    if (pen <= 0.0) return 0.0;
+inline double contact(const Tool &p, double pen, double rate) {
+    if (pen <= 0.0)
+        return 0.0;
     const double damping = rate > 0.0 ? p.damping * rate * std::fmin(pen / p.ramp, 1.0) : 0.0;
     return p.stiffness * pen + damping;
 }
@@ -46,7 +47,7 @@ struct Forces {
     double lug_torque, axial;
 };
 
-inline Forces lug_forces(const Tool& p, Place& place, double x, double dx, double phi, double dphi) {
+inline Forces lug_forces(const Tool &p, Place &place, double x, double dx, double phi, double dphi) {
     const double gap = p.pitch - p.overlap;
     double ahead = phi - place.flank;  // negative in the gap, 0..overlap over the lug in front
     if (place.lugs == Lugs::GAP) {
@@ -64,14 +65,16 @@ inline Forces lug_forces(const Tool& p, Place& place, double x, double dx, doubl
         place.flank -= p.pitch;
         ahead += p.pitch;
     }
-    if (x >= p.height) return {0.0, 0.0};
-    if (ahead > 0.0) return {0.0, -contact(p, p.height - x, -dx)};
+    if (x >= p.height)
+        return {0.0, 0.0};
+    if (ahead > 0.0)
+        return {0.0, -contact(p, p.height - x, -dx)};
     place.lugs = Lugs::GAP;
     return {0.0, 0.0};
 }
 
 // Torque of the joint, and the twist a step later (implicit while it slips: the twist settles within 0.1 ms).
-inline double joint_step(const Tool& p, State& y, double step) {
+inline double joint_step(const Tool &p, State &y, double step) {
     const double gained = p.slope * std::fmax(y.anvil - y.twist, 0.0);
     const double forward = p.run + gained, backward = -p.run - p.loosen * gained;
     const double sticking = p.joint_stiffness * y.twist + p.joint_damping * y.anvil_speed;
@@ -85,12 +88,13 @@ inline double joint_step(const Tool& p, State& y, double step) {
     return torque;
 }
 
-inline double friction(const Tool& p, double speed, double drive) {
-    if (speed == 0.0) return std::fmax(-p.coulomb, std::fmin(p.coulomb, drive));
+inline double friction(const Tool &p, double speed, double drive) {
+    if (speed == 0.0)
+        return std::fmax(-p.coulomb, std::fmin(p.coulomb, drive));
     return std::copysign(p.coulomb, speed);
 }
 
-inline void euler_step(const Tool& p, State& y, Place& place, double step) {
+inline void euler_step(const Tool &p, State &y, Place &place, double step) {
     const double dq = y.spindle_speed - y.hammer_speed;
     const Groove g = groove_of(p, y.spindle - y.hammer);
     const double dx = g.s * dq, travel = groove_of(p, p.travel).x;
@@ -116,12 +120,13 @@ inline void euler_step(const Tool& p, State& y, Place& place, double step) {
 }  // namespace
 
 // Runs `rows` rows of `steps_per_row` steps from `state` (8 doubles, changed) and writes the states at the rows' ends.
-extern "C" void vgroove_euler(const double* parameters, double* state, double step, std::int64_t rows, std::int64_t steps_per_row, double* out) {
-    const Tool& p = *reinterpret_cast<const Tool*>(parameters);
-    State& y = *reinterpret_cast<State*>(state);
+extern "C" void vgroove_euler(const double *parameters, double *state, double step, std::int64_t rows, std::int64_t steps_per_row, double *out) {
+    const Tool &p = *reinterpret_cast<const Tool *>(parameters);
+    State &y = *reinterpret_cast<State *>(state);
     Place place;
     for (std::int64_t row = 0; row < rows; ++row) {
-        for (std::int64_t k = 0; k < steps_per_row; ++k) euler_step(p, y, place, step);
-        reinterpret_cast<State*>(out)[row] = y;
+        for (std::int64_t k = 0; k < steps_per_row; ++k)
+            euler_step(p, y, place, step);
+        reinterpret_cast<State *>(out)[row] = y;
     }
 }

@@ -34,7 +34,7 @@ static double unbalanced(const DrillRun &run, std::size_t row) {
 
 // Low gear in pulse mode with each clutch: gripping, slipping under the load.
 class DrillOfClutch : public ::testing::TestWithParam<double> {
-  protected:
+protected:
     DrillParameters parameters(bool pulse) const {
         DrillParameters p;
         p.clutch_nm = GetParam();
@@ -84,7 +84,7 @@ TEST(DrillDriver, SlippingClutchHoldsTheChuckOfAStrongerLoad) {
     DrillParameters p;
     p.clutch_nm = 4.0;
     const DrillRun run = run_of(p, DrillSolver::REFERENCE, 0.0, 1e-3);
-    EXPECT_NEAR(at(run, 2500, DRILL_ROW_CORE + DRILL_CHUCK), 0.01 * std::atanh(4.0 / 6.0), 0.02); // the law's steep middle
+    EXPECT_NEAR(at(run, 2500, DRILL_ROW_CORE + DRILL_CHUCK), 0.01 * std::atanh(4.0 / 6.0), 0.02);  // the law's steep middle
     EXPECT_DOUBLE_EQ(at(run, 2500, DRILL_ROW_SHAFT), 4.0);
     EXPECT_GT(at(run, 2500, DRILL_ROW_CORE + DRILL_SPEED), 1300.0);
 }
@@ -171,7 +171,7 @@ TEST(DrillDriver, ReferenceErrorFollowsItsTolerance) {
     EXPECT_LT(error[1], 0.1 * error[0]);
     EXPECT_LT(error[2], 0.1 * error[1]);
     EXPECT_LT(error[2], 1e-6 * p.supply_v / p.constant);
-    EXPECT_LT(steps[2], 15.0 * steps[1]); // order 4 needs 3.2 times the steps for a hundredth of the error, events none
+    EXPECT_LT(steps[2], 15.0 * steps[1]);  // order 4 needs 3.2 times the steps for a hundredth of the error, events none
 }
 
 // Every change of mode is in the record of steps, and the steps add to the run.

@@ -22,7 +22,9 @@ static Parameters reference_tool() {
     return p;
 }
 
-static DrivePlant tool(const Parameters &p, LoadKind load = LoadKind::NONE) { return DrivePlant(p, load, hall_wheel(4, 0.3, {}), 1); }
+static DrivePlant tool(const Parameters &p, LoadKind load = LoadKind::NONE) {
+    return DrivePlant(p, load, hall_wheel(4, 0.3, {}), 1);
+}
 
 static void run_for(DrivePlant &plant, double seconds, double duty, bool coast = false, double dead = 0.0, double load_nm = 0.0) {
     for (int n = 0; n < static_cast<int>(seconds / PERIOD_S); ++n)

@@ -6,7 +6,9 @@
 
 using namespace vgroove;
 
-static double spread(int n) { return (n - 200) * 0.173 + 1e-3 * n * n; }
+static double spread(int n) {
+    return (n - 200) * 0.173 + 1e-3 * n * n;
+}
 
 TEST(Lanes, ExpIsWithinTwoUlp) {
     for (int n = 0; n < 400; ++n) {
