@@ -121,3 +121,28 @@ def test_classes_and_special_cases() -> None:
     assert not contains(("coulomb_friction",), ("asymmetric_friction",))
     assert contains(("stribeck_friction", "current_gain"), ("current_gain", "coulomb_friction"))
     assert not contains(("viscous_friction", "current_gain"), ("current_gain", "coulomb_friction"))
+
+
+def test_differences_of_positive_numbers_are_relative() -> None:
+    """A stiffness of 0.05 in its size is not differenced over 0.1: the slope there says nothing about the valley at 0.05."""
+    from vgroove.gap.fit import Coordinate
+
+    stiffness = Coordinate("k", (0,), (1.0,), 0.0, 0.01, 900.0, 0.1)
+    torque = Coordinate("t", (0,), (1.0,), 0.0, -1.0, 1.0, 0.1)
+    assert stiffness.step_at(0.05) == pytest.approx(0.005) and stiffness.step_at(20.0) == 0.1
+    assert torque.step_at(0.05) == 0.1
+
+
+def test_intervals_widen_where_folds_disagree() -> None:
+    """Half widths hold what long clusters and left-out folds ask for, not the noise alone."""
+    from vgroove.gap.fit import covariance, half_widths
+
+    toy = Toy({"effects.coulomb_friction.torque_nm": 0.003})
+    engine = Engine(toy, SCALES, {})
+    one = engine.fit(engine.hypotheses([BY_ID["coulomb_friction"]]))[0]
+    short = np.unique(np.floor(toy.time_s / 0.05), return_inverse=True)[1]
+    alone = 1.96 * np.sqrt(np.diag(covariance(one, engine.train, short)))
+    assert np.all(half_widths(engine, one, [short]) >= alone)
+    rotten = one.residual + 3.0 * one.jacobian[:, 0] * np.where(toy.block % 4 == 0, 0.05, -0.05 / 3.0)  # a block that wants another size
+    moved = type(one)(one.hypothesis, one.x, rotten, one.jacobian, one.cost, 1e9)
+    assert half_widths(engine, moved, [short])[0] > 2.0 * half_widths(engine, one, [short])[0]

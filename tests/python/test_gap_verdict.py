@@ -109,3 +109,85 @@ def test_closed_figures() -> None:
     assert verdict.closed(3.0, 1.0, 1.0) == 1.0
     assert verdict.closed(3.0, 2.0, 1.0) == pytest.approx(0.5)
     assert verdict.closed(3.0, 4.0, 1.0) == 0.0
+
+
+class Scored:
+    """A search of which only the squared gaps matter."""
+
+    def __init__(self, nominal: float, retuned: float, best: float) -> None:
+        self.nominal, self.retuned, self.best = nominal, retuned, best
+
+    def score(self, one: float) -> float:
+        return one
+
+    def level(self) -> float:
+        return 1.0
+
+
+class Named(float):
+    """A squared gap that is also a fit with names."""
+
+    ids: tuple[str, ...] = ()
+
+
+def named_gap(after: float, count: int) -> Named:
+    one = Named(after)
+    one.ids = tuple("abcd"[:count])
+    return one
+
+
+# A patchwork leaves more than the least visible gap (10 % above the noise: 1.21) and more than a fiftieth of what it closes.
+@pytest.mark.parametrize(("count", "retuned", "after", "patchwork"), [
+    (2, 9.0, 1.20, False), (2, 9.0, 1.22, True), (1, 9.0, 1.22, False), (2, 15.0, 1.22, False), (3, 11.0, 1.22, True),
+    (2, 11.9, 1.215, False)])
+def test_several_effects_that_leave_a_visible_gap_are_a_patchwork(count: int, retuned: float, after: float, patchwork: bool) -> None:
+    state, best = Scored(retuned, retuned, after), named_gap(after, count)
+    assert verdict.patched(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR) is patchwork
+
+
+# One effect: 0.7 of the gap before retuning (contract) and the larger part of the rest; two: 0.85 of what retuning leaves.
+@pytest.mark.parametrize(("count", "nominal", "retuned", "after", "imitation"), [
+    (1, 11.0, 11.0, 3.9, False), (1, 11.0, 11.0, 4.1, True), (1, 11.0, 3.0, 1.9, False), (1, 11.0, 3.0, 2.1, True),
+    (2, 11.0, 11.0, 2.4, False), (2, 11.0, 11.0, 2.6, True), (2, 11.0, 3.0, 1.4, True)])
+def test_what_closes_too_little_imitates_something_else(count: int, nominal: float, retuned: float, after: float, imitation: bool) -> None:
+    state, best = Scored(nominal, retuned, after), named_gap(after, count)
+    assert verdict.imitates(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR) is imitation
+
+
+@pytest.mark.parametrize(("retuned", "after", "seen"), [
+    (1.09**2, 1.0, False), (1.11**2, 1.0, True), (1.0, 0.85**2, True), (1.0, 0.95**2, False)])
+def test_a_gap_below_the_contracts_least_is_no_effect(retuned: float, after: float, seen: bool) -> None:
+    assert search.Search.visible(Scored(retuned, retuned, after), named_gap(after, 1)) is seen
+
+
+def test_few_blocks_widen_intervals() -> None:
+    from vgroove.gap.evidence import few_blocks, interval, make_blocks
+
+    assert few_blocks(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)  # Student's t for 5 degrees of freedom
+    assert few_blocks(1000, 0.95) == pytest.approx(1.0, abs=0.002)
+    time_s = np.arange(600) * 1e-3
+    blocks = make_blocks(np.zeros(600, int), time_s, np.ones(600, bool), 0.1, 0)
+    low, high = interval(blocks, np.array([3.0, 0.2, 2.0, 0.1, 0.3, 3.0]) * 100.0, 0.99)
+    assert low < 0.0 < 2.0 < high  # six blocks of one sign are no evidence at 99 %
+
+
+@pytest.mark.parametrize(("one", "other", "profile"), [
+    ("brush_drop", "dead_time", "full duty"), ("added_inertia", "clock_skew", "coast-down")])
+def test_the_next_run_is_one_in_which_the_rivals_differ(one: str, other: str, profile: str) -> None:
+    from types import SimpleNamespace
+
+    from vgroove.gap.experiment import propose
+
+    for first, second in ((one, other), (other, one)):
+        finding = SimpleNamespace(verdict="ambiguous", best=SimpleNamespace(ids=(first,)), rivals=[SimpleNamespace(ids=(second,))])
+        said = propose(None, None, finding)
+        assert profile in said["profile"] and first in said["why"] and second in said["why"]
+
+
+def test_a_form_that_others_mend_is_still_the_effect() -> None:
+    """A doubtful pair gives way to its member that closes the bulk alone; without such a member it stays unlisted."""
+    state, pair = Scored(11.0, 11.0, 1.9), named_gap(2.6, 2)
+    state.fits = {("a",): named_gap(3.0, 1), ("b",): named_gap(9.0, 1)}
+    assert verdict.leading(state, pair, FLOOR) is state.fits[("a",)]
+    state.fits[("a",)] = named_gap(8.0, 1)
+    assert verdict.leading(state, pair, FLOOR) is None

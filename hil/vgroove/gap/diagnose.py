@@ -110,6 +110,8 @@ def effect_table(problem: Problem, one: Fit, effect_id: str) -> dict[str, Any]:
     """[effects.<id>] of a rig: all parameters of the fit, phases and forms included."""
     theta, effect = theta_of(problem, one), BY_ID[effect_id]
     table: dict[str, Any] = {p.name: float(theta[problem.index(effect.name(p))]) for p in effect.parameters}
+    if effect_id == "hall_dropout":
+        table["probability"] = problem.missed_share
     for (owner, key), (parameter, word) in WORDS.items():
         if owner == effect_id and theta[problem.index(parameter)] == 1.0:
             table[key] = word

@@ -30,10 +30,26 @@ TRAITS = {
 }
 
 
+# Pairs that the traits do not part: the run in which their equations differ most, and why.
+PARTED = {
+    frozenset({"brush_drop", "dead_time"}): (
+        "staircase up to full duty", "dead time takes nothing at full duty, where nothing switches; brushes take as much as before"),
+    frozenset({"added_inertia", "clock_skew"}): (
+        "coast-down", "with the bridge open inertia stretches the decay; a clock also shifts the edges of a steady speed against stamps: "
+        "hold one for some seconds before"),
+    frozenset({"transport_delay", "speed_lag"}): ("fast ramps", "a delay shifts current and speed, a lag of the sensor the speed alone"),
+    frozenset({"coupler_compliance", "added_inertia"}): ("fast ramps", "a spring rings after steep edges, a rigid inertia does not"),
+    frozenset({"torque_constant", "speed_gain"}): ("stall pulse", "at standstill no speed sensor matters, the torque constant pulls"),
+}
+
+
 def propose(problem: Any, state: Search, finding: Finding) -> dict[str, str] | None:
     """Profile and reason when the verdict is ambiguous (the run that parts the rivals) or unlisted (the run that shows more of the gap)."""
     if finding.verdict == "ambiguous":
         rival = finding.rivals[0]
+        pair = frozenset(set(finding.best.ids) ^ set(rival.ids))
+        if pair in PARTED:
+            return {"profile": PARTED[pair][0], "why": f"{PARTED[pair][1]}; there {words(finding.best.ids)} and {words(rival.ids)} part"}
         ours = set().union(*(TRAITS.get(i, set()) for i in finding.best.ids))
         theirs = set().union(*(TRAITS.get(i, set()) for i in rival.ids))
         differ = ours ^ theirs or ours

@@ -20,6 +20,8 @@ from vgroove.gap.stamps import on_its_clock
 from vgroove.rig import Rig
 
 DEFAULT_TIMEOUT_S = 0.25
+FEW_CHAINS, FILTERED_SHARE = 20, 0.2  # more breaks than this, and than this share of the periods: the column holds no edge periods
+LONGEST_PITCH_S = 0.02  # a filtered speed at longer periods says little about when
 FORCE_ROWS = 2  # rows between the instants of a second difference
 NEIGHBOURS = 4  # edge periods on each side that say whether a period is twice as long as it should be
 DUTY_LIMIT = 1.01  # a compare value of 256 of 255 is rounding; beyond that the column is no duty
@@ -53,7 +55,7 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     source, warnings = str(getattr(log, "source", "log")), list(getattr(log, "warnings", []))
     drive, command = _drive(time_s, columns, rig, source, warnings)
-    edges = _edges(time_s, columns, rig)
+    edges = _edges(time_s, columns, rig, source, warnings)
     channels = _channels(time_s, columns, rig, edges, warnings)
     if not channels:
         raise VgrooveError(f"{source}: nothing to judge: besides the input {rig.input['kind']} no column that the model predicts")
@@ -131,11 +133,35 @@ def _volt_noise(columns: dict[str, np.ndarray], rig: Rig) -> float:
     return 0.0
 
 
-def _edges(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig) -> EdgePeriods | None:
+def _edges(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source: str, warnings: list[str]) -> EdgePeriods | None:
     pulses = rig.sensors.get("hall_pulses_per_rev", 0)
     if pulses == 0 or "speed_rpm" not in columns:
         return None
-    return edge_periods(time_s, columns["speed_rpm"], pulses, rig.sensors.get("speed_lsb_rpm", 0.0))
+    found = edge_periods(time_s, columns["speed_rpm"], pulses, rig.sensors.get("speed_lsb_rpm", 0.0))
+    whole = found.chain[~found.falling]
+    if len(np.unique(whole)) <= max(FEW_CHAINS, FILTERED_SHARE * len(whole)):
+        return found
+    warnings.append(f"{source}: the speeds are no edge periods that follow one another (filtered?): compared over a pitch before each row")
+    return None
+
+
+def _filtered_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig) -> Channel:
+    """A speed made from edges and filtered: each row shows about the pitch that ended half a pitch ago, give or take that half."""
+    pulses, timeout = rig.sensors["hall_pulses_per_rev"], rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S)
+    period = 60.0 / pulses / np.maximum(np.abs(filled(time_s, speed_rpm)), 1e-6)
+    start, end = time_s - 1.5 * period, time_s - 0.5 * period
+    usual = np.isfinite(speed_rpm) & (period < min(0.25 * timeout, LONGEST_PITCH_S)) & (start > time_s[0])
+    middle = np.where(usual, start + end, -np.inf)
+    keep = np.flatnonzero(usual & (middle > np.maximum.accumulate(np.concatenate([[-np.inf], middle[:-1]]))))  # in order of time
+    rate = np.abs(np.gradient(smooth_rows(filled(time_s, speed_rpm)), time_s))
+    sigma = np.hypot(noise.column_sigma(rig, "speed_rpm", speed_rpm), rate * period / np.sqrt(12.0))
+    return span_channel("speed_rpm", "rpm", time_s, (start[keep], end[keep]), keep, speed_rpm[keep], sigma[keep],
+                        np.zeros(len(keep), dtype=bool), RAD_S_TO_RPM, False, "filtered edge speed, compared over a pitch before each row")
+
+
+def smooth_rows(values: np.ndarray, width: int = 5) -> np.ndarray:
+    """Moving mean over an odd number of rows."""
+    return np.convolve(np.pad(values, width // 2, mode="edge"), np.full(width, 1.0 / width), mode="valid")
 
 
 def _channels(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges: EdgePeriods | None,
@@ -148,6 +174,8 @@ def _channels(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edge
         found.append(_rows(time_s, columns["supply_v"], "supply_v", "V", sigma, "supply_v"))
     if edges is not None:
         found.append(_edge_speed(time_s, columns["speed_rpm"], rig, edges))
+    elif rig.sensors.get("hall_pulses_per_rev", 0) and "speed_rpm" in columns:
+        found.append(_filtered_speed(time_s, columns["speed_rpm"], rig))
     elif "speed_rpm" in columns and np.isfinite(columns["speed_rpm"]).any():
         sigma = noise.column_sigma(rig, "speed_rpm", columns["speed_rpm"])
         found.append(_rows(time_s, columns["speed_rpm"], "speed_rpm", "rpm", sigma, "speed_measured_rad_s", RAD_S_TO_RPM))

@@ -101,11 +101,17 @@ class Problem:
             raise VgrooveError(f"the plant has no parameter {name}") from error
 
     @property
-    def missed_share(self) -> float:
-        """Share of the edges that the speed columns seem to have missed: what hall_dropout's probability would be."""
+    def missed_edges(self) -> tuple[float, float]:
+        """Edges that the speed columns seem to have missed, and all edges, seen or not."""
         channels = [c for run in self.runs for c in run.channels if isinstance(c, SpanChannel) and c.missed is not None]
         missed = sum(float(c.missed[~c.conditional].sum()) for c in channels)
-        return missed / max(1.0, missed + sum(np.count_nonzero(~c.conditional) for c in channels))
+        return missed, missed + sum(np.count_nonzero(~c.conditional) for c in channels)
+
+    @property
+    def missed_share(self) -> float:
+        """Share of the edges that the speed columns seem to have missed: what hall_dropout's probability would be."""
+        missed, edges = self.missed_edges
+        return missed / max(1.0, edges)
 
     def simulate(self, theta: np.ndarray) -> list[Simulation]:
         """Every log's simulation, restarted as judged: (B, rows) arrays as vgroove._core.simulate_log gives, CLOCK and DROPS_EDGES."""

@@ -136,7 +136,7 @@ def singles(search: Search) -> None:
     brief = search.engine.fit([h for group in starts for h in group], 2)
     again = [replace(f.hypothesis, start=f.x) for group in by_effect(brief) for f in group[:2 if len(group) > MANY_STARTS else 1]]
     search.add(again, CONVERGED)
-    for effect, group in zip(search.effects, starts, strict=True):
+    for effect in search.effects:
         if len(search.engine.hypotheses([effect])) > SCREEN_ABOVE and not effect.phase:
             search.engine.remember(search.fits[(effect.id,)])
     rescale(search)

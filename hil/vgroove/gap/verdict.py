@@ -6,15 +6,18 @@ import numpy as np
 
 from vgroove.gap import locate
 from vgroove.gap.evidence import block_sums, draw_means, squared
-from vgroove.gap.fit import Fit, covariance
-from vgroove.gap.hypotheses import BY_ID, SPECIAL_CASES, Parameter, equivalents
+from vgroove.gap.fit import Fit, half_widths
+from vgroove.gap.hypotheses import BY_ID, SPECIAL_CASES, equivalents
 from vgroove.gap.search import CLIP, VISIBLE, WORTH_FORM, Search, fit_set, key, plausible, win_shares
 
-BULK = {1: 0.7, 2: 0.85, 3: 0.9, 4: 0.9}
+BULK = {1: 0.7, 2: 0.85, 3: 0.9, 4: 0.9}  # of the squared gap: one effect by the contract; larger sets imitate more
+LARGER_PART = 0.5  # of the squared gap beyond retuning that one effect must close all the same
 Z95 = 1.96
+LONG_S = 0.5
 SURE = 0.99
 NOT_WORTH = 0.4  # an effect that is significant and still not worth naming
-PATCHED, NEARLY_ALL = 0.2, 0.98  # several effects that leave more than this (noise power) and close less imitate something else
+PATCHED = (1.0 + VISIBLE) ** 2 - 1.0  # excess power of the least gap that the contract calls one
+NEARLY_ALL = 0.98  # an effect whose form is off by a seventh of its size leaves (1 / 7)^2 of its squared gap
 UNSURE = 0.85  # most that is believed of a set beside which a significant remainder of that size stays
 
 
@@ -35,7 +38,11 @@ def decide(search: Search, best: Fit, rivals: list[Fit], left: locate.Structure,
     if not best.ids:
         real = left.significant and search.score(best) > floor**2 * (1.0 + VISIBLE)
         return Finding("unlisted" if real else "none", best, [], left, bulk)
-    if left.significant and (bulk < BULK[len(best.ids)] or patched(search, best, bulk, floor)) or is_left_out(search, best):
+    doubtful = left.significant and (imitates(search, best, bulk, floor) or patched(search, best, bulk, floor))
+    lead = leading(search, best, floor) if doubtful else None
+    if lead is not None and not is_left_out(search, lead):
+        return Finding("effect", lead, [], left, closed_squared(search, lead, floor))
+    if doubtful or is_left_out(search, best):
         return Finding("unlisted", best, [], left, bulk)
     return Finding("ambiguous" if rivals else "effect", best, rivals, left, bulk)
 
@@ -45,8 +52,25 @@ def excess(search: Search, best: Fit, floor: float) -> float:
     return search.score(best) / (floor**2 * search.level()) - 1.0
 
 
+def leading(search: Search, best: Fit, floor: float) -> Fit | None:
+    """The member of a doubtful set that is an effect by itself: what the others mend is its form."""
+    alone = [search.fits[(i,)] for i in best.ids if len(best.ids) > 1 and (i,) in search.fits]
+    good = [one for one in alone if not imitates(search, one, closed_squared(search, one, floor), floor)]
+    return min(good, key=search.score, default=None)
+
+
+def imitates(search: Search, best: Fit, bulk: float, floor: float) -> bool:
+    """Whether the set closes too little to be what is there. One effect is held against the gap before retuning, as the contract says: what
+    retuning took of it counts for it, as long as the effect closes the larger part of the rest."""
+    if len(best.ids) > 1:
+        return bulk < BULK[len(best.ids)]
+    before, after = search.score(search.nominal), search.score(best)
+    return bulk < LARGER_PART or (before - after) / max(before - floor**2, 1e-9) < BULK[1]
+
+
 def patched(search: Search, best: Fit, bulk: float, floor: float) -> bool:
-    """Whether a set of several effects looks like a patchwork: effects that are really there leave the noise, together as each alone."""
+    """Whether a set of several effects looks like a patchwork: effects that are really there leave no visible gap, or a small part of a
+    large one (their forms are not quite the catalogue's); several that leave more imitate something else."""
     return len(best.ids) > 1 and bulk < NEARLY_ALL and excess(search, best, floor) > PATCHED
 
 
@@ -140,23 +164,40 @@ def share_among_rivals(out: dict[str, float], finding: Finding) -> dict[str, flo
 
 def parameters_of(search: Search, one: Fit, effect_id: str) -> dict[str, dict[str, object]]:
     """Reported parameters of one effect in a fit, with clustered intervals."""
-    spread = np.sqrt(np.maximum(np.diag(covariance(one, search.engine.train, search.blocks.cluster)), 0.0)) if len(one.x) else np.zeros(0)
+    half = half_widths(search.engine, one, [search.blocks.cluster, long_clusters(search)]) if len(one.x) else np.zeros(0)
     theta = one.hypothesis.theta(search.engine.problem.theta0, one.x[None, :])[0]
+    if effect_id == "hall_dropout":
+        return dropout_parameters(search.engine.problem)
     out = {}
     for parameter in (p for p in BY_ID[effect_id].parameters if p.reported):
         name = BY_ID[effect_id].name(parameter)
         value = float(theta[search.engine.problem.index(name)])
-        out[parameter.name] = {"value": value, "ci95": interval_of(one, name, parameter, value, spread), "unit": parameter.unit}
+        out[parameter.name] = {"value": value, "ci95": interval_of(one, name, value, half), "unit": parameter.unit}
     return out
 
 
-def interval_of(one: Fit, name: str, parameter: Parameter, value: float, spread: np.ndarray) -> list[float] | None:
-    """95 % interval of a fitted flat parameter (the amplitude of a polar pair: the larger of its two spreads)."""
+def long_clusters(search: Search) -> np.ndarray:
+    """Stretches of LONG_S of each log (n,): about as long as a machine keeps doing one thing."""
+    rows = search.rows
+    stretch = np.floor(rows.time_s / LONG_S).astype(np.int64)
+    return np.unique(rows.log.astype(np.int64) * (int(stretch.max()) + 2) + stretch, return_inverse=True)[1]
+
+
+def dropout_parameters(problem: object) -> dict[str, dict[str, object]]:
+    """The share of missed edges is counted, not fitted: any probability above 0 makes the model show what was missed. Wilson's interval."""
+    missed, edges = problem.missed_edges
+    share, pull = missed / max(1.0, edges), Z95**2 / max(1.0, edges)
+    middle = (share + 0.5 * pull) / (1.0 + pull)
+    half = Z95 * np.sqrt(share * (1.0 - share) / max(1.0, edges) + 0.25 * (pull / Z95) ** 2) / (1.0 + pull)
+    return {"probability": {"value": share, "ci95": [float(middle - half), float(middle + half)], "unit": "1"}}
+
+
+def interval_of(one: Fit, name: str, value: float, half: np.ndarray) -> list[float] | None:
+    """95 % interval of a fitted flat parameter (the amplitude of a polar pair: the wider of its two)."""
     for i, c in enumerate(one.hypothesis.coordinates):
         if c.name == name or (name.endswith("backward_nm") and c.name.endswith("forward_nm") and len(c.columns) == 2):
-            s = max(spread[i], spread[i + 1]) if c.role == "cosine" else spread[i]
-            half = Z95 * float(s) * abs(c.factors[0])
-            return [value - half, value + half]
+            wide = float(max(half[i], half[i + 1]) if c.role == "cosine" else half[i]) * abs(c.factors[0])
+            return [value - wide, value + wide]
     return None
 
 

@@ -1,0 +1,39 @@
+"""A speed column that a filter has smoothed holds no edge periods: it is compared over the pitch before each row, and its lag is found."""
+
+import numpy as np
+import pytest
+
+from made_log import MadeLog, drive_log, rig
+from vgroove.gap.problem import load_problem
+
+
+def filtered(log: MadeLog, lag_s: float) -> MadeLog:
+    """The log with a first-order filter behind its speed."""
+    speed, keep, out, value = log.columns["speed_rpm"], np.exp(-1e-3 / lag_s), [], 0.0
+    for now in speed:
+        value = now + (value - now) * keep
+        out.append(value)
+    return MadeLog(log.time_s, {**log.columns, "speed_rpm": np.round(np.array(out) / 0.5) * 0.5})
+
+
+def gap_at(problem: object, lag_s: float) -> float:
+    """Gap of the model with that speed lag."""
+    theta = problem.theta0.copy()
+    theta[problem.index("effects.speed_lag.time_constant_s")] = lag_s
+    return problem.gap(problem.residuals(theta)[0])
+
+
+@pytest.mark.parametrize("lag_s", [0.002, 0.004])
+def test_a_filtered_edge_speed_shows_its_lag(lag_s: float) -> None:
+    problem = load_problem([filtered(drive_log(rig()), lag_s)], rig())
+    assert any("filtered" in warning for warning in problem.warnings)
+    speed = problem.signal == [s.column for s in problem.signals].index("speed_rpm")
+    assert np.median(problem.sigma[speed]) < 30.0  # an edge chain that keeps breaking would leave the speed without weight
+    assert gap_at(problem, lag_s) < 1.15 < 1.3 < gap_at(problem, 0.0)
+    assert gap_at(problem, lag_s) < gap_at(problem, 2.0 * lag_s)
+
+
+def test_edge_periods_are_still_compared_as_such() -> None:
+    problem = load_problem([drive_log(rig())], rig())
+    assert next(s for s in problem.signals if s.column == "speed_rpm").edges
+    assert not any("filtered" in warning for warning in problem.warnings)
