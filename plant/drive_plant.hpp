@@ -3,33 +3,12 @@
 #define VGROOVE_PLANT_DRIVE_PLANT_HPP
 
 #include <cstdint>
-#include <deque>
 #include <memory>
-#include <vector>
 
 #include "drivetrain.hpp"
-#include "front_ends.hpp"
+#include "hall_wheel.hpp"
 
 namespace vgroove {
-
-constexpr int PERIOD_CYCLES = 510;      // phase-correct PWM, TOP 255
-constexpr double CPU_HZ = 16e6;
-constexpr double PERIOD_S = PERIOD_CYCLES / CPU_HZ;
-constexpr int PERIOD_EDGES_MAX = 8;     // as many as the lock-step message holds
-
-struct HallWheel {
-    std::vector<double> edge_rad;  // angles of the edges in one turn, increasing, within 0..2 pi
-};
-
-// Equal spacing for shares empty, else shares of a turn from edge to edge, which add to 1. The first edge lies at offset_rad.
-HallWheel hall_wheel(int pulses_per_rev, double offset_rad, const std::vector<double> &shares);
-
-struct PeriodResult {
-    double current_a;  // at the end, through lag, gain, offset and clipping of the current effects
-    double supply_v;   // mean, with supply_gain
-    int edge_count;
-    int edge_cycle[PERIOD_EDGES_MAX];
-};
 
 class DrivePlant {
 public:

@@ -1,4 +1,4 @@
-// Loads at the output shaft, referred to the motor shaft: a torque that opposes motion, a pendulum. Joints join here with their issue.
+// Loads at the output shaft, referred to the motor shaft: a torque that opposes motion, a pendulum. Joints are in joints.hpp.
 #ifndef VGROOVE_PLANT_LOADS_HPP
 #define VGROOVE_PLANT_LOADS_HPP
 
@@ -7,7 +7,7 @@
 
 namespace vgroove {
 
-enum class LoadKind { NONE, TORQUE, PENDULUM };
+enum class LoadKind { NONE, TORQUE, PENDULUM, LOCKED, HARD_JOINT, DISC_SPRING, WOOD_SCREW };  // from LOCKED on: joints of the impact mechanism (joints.hpp)
 
 constexpr double GRAVITY_M_S2 = 9.81;  // gap contract, pendulum
 

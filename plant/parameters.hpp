@@ -25,6 +25,54 @@ constexpr double OFF_AT_INFINITY = std::numeric_limits<double>::infinity();
     X(load_mass_kg,                "load.mass_kg", 0.0) \
     X(load_length_m,               "load.length_m", 0.0) \
     X(load_zero_rad,               "load.zero_rad", 0.0) \
+    X(hammer_inertia_kg_m2,        "mechanism.hammer_inertia_kg_m2", 0.0) \
+    X(hammer_mass_kg,              "mechanism.hammer_mass_kg", 0.0) \
+    X(groove_lead_m_per_rad,       "mechanism.groove_lead_m_per_rad", 0.0) \
+    X(groove_radius_m,             "mechanism.groove_radius_m", 0.0) \
+    X(hammer_groove_lead,          "mechanism.hammer_groove_lead_m_per_rad", 0.0) \
+    X(hammer_groove_radius,        "mechanism.hammer_groove_radius_m", 0.0) \
+    X(vertex_rad,                  "mechanism.vertex_rad", 0.05) \
+    X(travel_rad,                  "mechanism.travel_rad", 0.0) \
+    X(spring_preload_n,            "mechanism.spring_preload_n", 0.0) \
+    X(spring_rate_n_per_m,         "mechanism.spring_rate_n_per_m", 0.0) \
+    X(lug_count,                   "mechanism.lug_count", 2.0) \
+    X(lug_height_m,                "mechanism.lug_height_m", 0.0) \
+    X(lug_radius_m,                "mechanism.lug_radius_m", 0.0) \
+    X(lug_overlap_rad,             "mechanism.lug_overlap_rad", 0.0) \
+    X(contact_stiffness,           "mechanism.contact_stiffness_n_per_m", 0.0) \
+    X(contact_damping,             "mechanism.contact_damping_n_s_per_m", 0.0) \
+    X(contact_ramp_m,              "mechanism.contact_ramp_m", 1e-5) \
+    X(contact_exponent,            "mechanism.contact_exponent", 1.0) \
+    X(friction_static,             "mechanism.friction_static", 0.0) \
+    X(friction_kinetic,            "mechanism.friction_kinetic", 0.0) \
+    X(friction_speed_m_per_s,      "mechanism.friction_speed_m_per_s", 0.05) \
+    X(anvil_inertia_kg_m2,         "mechanism.anvil_inertia_kg_m2", 0.0) \
+    X(hammer_start_rad,            "mechanism.hammer_start_rad", -1.0) \
+    X(arm_inertia_kg_m2,           "mechanism.arm_inertia_kg_m2", 4e-3) \
+    X(arm_stiffness,               "mechanism.arm_stiffness_nm_per_rad", 25.0) \
+    X(arm_damping,                 "mechanism.arm_damping_nm_s_per_rad", 0.25) \
+    X(joint_stiffness,             "load.stiffness_nm_per_rad", 3000.0) \
+    X(joint_damping,               "load.damping_nm_s_per_rad", 0.3) \
+    X(joint_run_nm,                "load.run_torque_nm", 0.0) \
+    X(joint_slope,                 "load.slip_slope_nm_per_rad", 0.0) \
+    X(joint_loosen_ratio,          "load.loosen_ratio", 0.75) \
+    X(screw_start_nm,              "load.start_nm", 0.0) \
+    X(screw_end_nm,                "load.end_nm", 0.0) \
+    X(screw_turns,                 "load.turns", 1.0) \
+    X(screw_seat_nm,               "load.seat_nm", 0.0) \
+    X(screw_seat_deg,              "load.seat_deg", 90.0) \
+    X(screw_stripped_ratio,        "load.stripped_ratio", 0.35) \
+    X(joint_from_turns,            "load.from_turns", 0.0) \
+    X(disc_parallel,               "load.parallel", 1.0) \
+    X(disc_series,                 "load.series", 1.0) \
+    X(disc_outer_m,                "load.disc_outer_m", 40e-3) \
+    X(disc_inner_m,                "load.disc_inner_m", 20.4e-3) \
+    X(disc_thickness_m,            "load.disc_thickness_m", 1.5e-3) \
+    X(disc_cone_m,                 "load.disc_cone_m", 1.15e-3) \
+    X(bolt_friction,               "load.friction", 0.12) \
+    X(bolt_pitch_m,                "load.bolt_pitch_m", 2e-3) \
+    X(bolt_flank_m,                "load.bolt_flank_m", 14.701e-3) \
+    X(bolt_head_m,                 "load.bolt_head_m", 20e-3) \
     X(added_supply_ohm,            "effects.supply_resistance.resistance_ohm", 0.0) \
     X(droop_volt_per_coulomb,      "effects.supply_droop.volt_per_coulomb", 0.0) \
     X(droop_polarisation_ohm,      "effects.supply_droop.polarisation_ohm", 0.0) \
@@ -59,6 +107,17 @@ constexpr double OFF_AT_INFINITY = std::numeric_limits<double>::infinity();
     X(coupler_damping_ratio,       "effects.coupler_compliance.damping_ratio", 0.0) \
     X(coupler_inertia_kg_m2,       "effects.coupler_compliance.inertia_kg_m2", 0.0) \
     X(backlash_play_rad,           "effects.gear_backlash.play_rad", 0.0) \
+    X(groove_friction,             "effects.groove_friction.coefficient", 0.0) \
+    X(spring_rate_relative,        "effects.spring_rate.relative", 0.0) \
+    X(spring_preload_relative,     "effects.spring_preload.relative", 0.0) \
+    X(impact_damping_relative,     "effects.impact_damping.relative", 0.0) \
+    X(lug_wear_m,                  "effects.lug_wear.height_m", 0.0) \
+    X(joint_stiffness_relative,    "effects.joint_stiffness.relative", 0.0) \
+    X(thread_friction_relative,    "effects.thread_friction.relative", 0.0) \
+    X(joint_hysteresis_relative,   "effects.joint_hysteresis.relative", 0.0) \
+    X(knot_nm,                     "effects.wood_knot.torque_nm", 0.0) \
+    X(knot_from_rad,               "effects.wood_knot.from_rad", 0.0) \
+    X(knot_to_rad,                 "effects.wood_knot.to_rad", 0.0) \
     X(current_lag_s,               "effects.current_lag.time_constant_s", 0.0) \
     X(current_gain_relative,       "effects.current_gain.relative", 0.0) \
     X(current_offset_a,            "effects.current_offset.offset_a", 0.0) \

@@ -18,6 +18,24 @@
 namespace nb = nanobind;
 using namespace nb::literals;
 
+vgroove::LoadKind load_kind(const std::string &kind) {
+    if (kind == "none")
+        return vgroove::LoadKind::NONE;
+    if (kind == "torque")
+        return vgroove::LoadKind::TORQUE;
+    if (kind == "pendulum")
+        return vgroove::LoadKind::PENDULUM;
+    if (kind == "locked")
+        return vgroove::LoadKind::LOCKED;
+    if (kind == "hard_joint")
+        return vgroove::LoadKind::HARD_JOINT;
+    if (kind == "disc_spring")
+        return vgroove::LoadKind::DISC_SPRING;
+    if (kind == "wood_screw")
+        return vgroove::LoadKind::WOOD_SCREW;
+    throw std::invalid_argument("load_kind is none, torque, pendulum, locked, hard_joint, disc_spring or wood_screw, not " + kind);
+}
+
 namespace {
 
 using Column = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
@@ -35,14 +53,10 @@ vgroove::InputKind input_kind(const std::string &kind) {
     throw std::invalid_argument("LogInput: kind is duty, voltage_v or current_a, not " + kind);
 }
 
-vgroove::LoadKind load_kind(const std::string &kind) {
-    if (kind == "none")
-        return vgroove::LoadKind::NONE;
-    if (kind == "torque")
-        return vgroove::LoadKind::TORQUE;
-    if (kind == "pendulum")
-        return vgroove::LoadKind::PENDULUM;
-    throw std::invalid_argument("LogInput: load_kind is none, torque or pendulum, not " + kind);
+// Joints turn under an impact mechanism only.
+void require_drivetrain_load(vgroove::LoadKind kind) {
+    if (kind > vgroove::LoadKind::PENDULUM)
+        throw std::invalid_argument("a joint needs an impact mechanism: without one load_kind is none, torque or pendulum");
 }
 
 const double *column_of(const std::optional<Column> &column, std::size_t rows, const char *name) {
@@ -73,6 +87,7 @@ void log_input_init(vgroove::LogInput *self, Column time_s, const std::string &k
 
 nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cube state0, int threads) {
     const std::size_t batch = theta.shape(0), rows = in.time_s.size(), count = starts.shape(0);
+    require_drivetrain_load(in.load_kind);
     if (theta.shape(1) != vgroove::PARAMETER_COUNT)
         throw std::invalid_argument("simulate_log: theta is (B, " + std::to_string(vgroove::PARAMETER_COUNT) + ")");
     vgroove::LogStarts from;
@@ -102,6 +117,7 @@ nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cu
 
 nb::dict audit_log(const vgroove::LogInput &in, Column theta, Rows starts, Matrix state0) {
     const std::size_t rows = in.time_s.size(), count = starts.shape(0);
+    require_drivetrain_load(in.load_kind);
     if (theta.shape(0) != static_cast<std::size_t>(vgroove::PARAMETER_COUNT) || state0.shape(0) != count || state0.shape(1) != 3)
         throw std::invalid_argument("audit_log: theta is (P,), state0 (S, 3)");
     vgroove::LogStarts from;
@@ -132,6 +148,7 @@ vgroove::DrivePlant make_drive_plant(Column parameters, const std::string &load,
                                      std::uint64_t seed) {
     if (parameters.shape(0) != static_cast<std::size_t>(vgroove::PARAMETER_COUNT))
         throw std::invalid_argument("DrivePlant: parameters is (" + std::to_string(vgroove::PARAMETER_COUNT) + ",)");
+    require_drivetrain_load(load_kind(load));
     return vgroove::DrivePlant(vgroove::parameters_from(parameters.data()), load_kind(load), vgroove::hall_wheel(pulses, offset_rad, spacing), seed);
 }
 
@@ -194,4 +211,5 @@ void bind_plant(nb::module_ &m) {
     m.def("audit_log", &audit_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a,
           "theta (P,) -> dict of (n,) energies in J since the first start: work_in = losses + work_load + change of stored.");
     bind_drive_plant(m);
+    bind_impact(m);
 }

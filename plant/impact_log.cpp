@@ -1,0 +1,259 @@
+// Rows of a log to stretches of straight command and load, solver over them, rows, trace and energies out of its states.
+#include "impact_log.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <exception>
+#include <mutex>
+#include <stdexcept>
+#include <thread>
+
+namespace vgroove {
+
+const char *const IMPACT_COLUMN_NAMES[IMPACT_COLUMN_COUNT] = {
+    "current_a", "supply_v", "speed_rad_s", "speed_measured_rad_s", "angle_rad", "angle_measured_rad",
+    "anvil_torque_nm", "anvil_angle_rad", "hammer_mm", "hammer_rad", "housing_nm", "arm_rad"};
+const char *const TRACE_COLUMN_NAMES[TRACE_COLUMN_COUNT] = {
+    "current_a", "speed_rad_s", "hammer_m", "hammer_m_per_s", "hammer_rad", "hammer_rad_s", "relative_rad", "anvil_rad", "anvil_rad_s",
+    "twist_rad", "anvil_angle_rad", "anvil_torque_nm", "lug_torque_nm", "housing_nm", "housing_momentum_nm", "arm_rad"};
+const char *const IMPACT_ENERGY_NAMES[ENERGY_COUNT] = {"work_in", "loss_electric", "loss_friction", "loss_groove", "loss_contact", "loss_joint", "stored"};
+
+// One stretch of a row in true time: command as a straight line.
+struct Stretch {
+    double length_s, command, command_rate, open;
+    bool switching;
+};
+
+static bool is_switching(double start, double end) {
+    const double peak = std::max(std::fabs(start), std::fabs(end)), least = std::min(std::fabs(start), std::fabs(end));
+    return !(start == end && (peak == 0.0 || peak >= 1.0)) && peak > 0.0 && least < 1.0;
+}
+
+// Reads the command column in its own time: transport_delay later, or at another rate than the rows (clock_skew of the command's clock).
+class CommandReader {
+public:
+    CommandReader(const LogInput &in, const Parameters &p) : in_(in), delay_s_(p.transport_delay_s) {
+        const double skew = 1.0 + p.clock_skew_relative;
+        row_scale_ = p.clock_skew_command != 0.0 ? 1.0 : 1.0 / skew;
+        command_scale_ = skew;
+        shifted_ = delay_s_ > 0.0 || (p.clock_skew_relative != 0.0 && p.clock_skew_command != 0.0);
+    }
+
+    double row_s(std::size_t row) const { return (in_.time_s[row] - in_.time_s[row - 1]) * row_scale_; }
+
+    // The stretch that begins now_s after the first row, with left_s to the end of the row.
+    Stretch next(std::size_t row, double now_s, double left_s) {
+        if (!shifted_)
+            return of_row(row, 0.0, 1.0 / row_scale_, left_s);
+        const double at = in_.time_s[0] + (now_s - delay_s_) * command_scale_;
+        const std::size_t last = in_.time_s.size() - 1;
+        while (row_ < last && in_.time_s[row_] - at <= 1e-9 * (in_.time_s[row_ + 1] - in_.time_s[row_]))
+            ++row_;
+        const double until = (in_.time_s[row_] - at) / command_scale_;
+        if (until <= 0.0) {
+            Stretch s = of_row(row_, in_.time_s[row_] - in_.time_s[row_ > 0 ? row_ - 1 : 0], command_scale_, left_s);
+            s.command_rate = 0.0;
+            return s;
+        }
+        return of_row(row_, row_ > 0 ? at - in_.time_s[row_ - 1] : 0.0, command_scale_, std::min(until, left_s));
+    }
+
+private:
+    Stretch of_row(std::size_t row, double from, double scale, double length_s) const {
+        const double start = in_.command_start[row], end = in_.command_end[row];
+        const double rate = start != end ? (end - start) / (in_.time_s[row] - in_.time_s[row - 1]) : 0.0;
+        const double open = in_.open.empty() ? 0.0 : in_.open[row];
+        return {length_s, start == end ? end : start + rate * from, rate * scale, open, is_switching(start, end) && !(open > 0.0)};
+    }
+
+    const LogInput &in_;
+    double delay_s_, row_scale_, command_scale_;
+    bool shifted_;
+    std::size_t row_ = 0;
+};
+
+template <class L> static void write_trace(const ImpactSolver<L> &s, const ImpactState<L> &x, double tau, double *to) {
+    ImpactState<L> ds{};
+    const ImpactPoint at = impact_derivative<L>(s.model, s.drive, s.mode, tau, x, ds);
+    double momentum = 0.0;
+    if constexpr (L::AUDIT)
+        momentum = impact_reaction_by_momentum(s.model, at, ds);
+    const double values[TRACE_COLUMN_COUNT] = {at.i, at.motor_w, at.x, at.x_rate, x.x[L::HAMMER_ANGLE], x.x[L::HAMMER_SPEED], impact_relative<L>(s.model, x),
+        x.x[L::ANVIL_ANGLE], x.x[L::ANVIL_SPEED], x.x[L::TWIST], at.head_rad, at.joint_nm, at.lug_nm, at.housing_nm, momentum, x.x[L::ARM_ANGLE]};
+    std::copy(values, values + TRACE_COLUMN_COUNT, to);
+}
+
+// Fills the trace's times that lie in a step.
+template <class L> struct Tracer {
+    ImpactOutput *out;
+    double origin_s;
+    std::size_t next = 0;
+
+    void step(const ImpactSolver<L> &s, double h, double share) {
+        const double from = s.drive.time_s + origin_s, to = from + h * share;
+        for (; next < out->trace_s.size() && out->trace_s[next] <= to; ++next) {
+            const double at = (out->trace_s[next] - from) / h;
+            if (at < 0.0)
+                continue;
+            write_trace<L>(s, impact_between(s, h, at), at * h, out->trace.data() + next * TRACE_COLUMN_COUNT);
+        }
+    }
+};
+
+static double measured_current(const Parameters &p, double mean_a) {
+    const double read = mean_a * (1.0 + p.current_gain_relative) + p.current_offset_a;
+    return std::min(std::max(read, -p.current_limit_a), p.current_limit_a);
+}
+
+template <class L> static void write_row(const ImpactSolver<L> &s, const Parameters &p, double seconds, bool start, const ImpactOutput &out, std::size_t at) {
+    const Drivetrain<double> &d = s.model.drive;
+    const double *x = s.state.x;
+    ImpactState<L> ds{};
+    const ImpactPoint now = impact_derivative<L>(s.model, s.drive, s.mode, 0.0, s.state, ds);
+    double seen_speed = sensors_wheel_speed<double>(d.sensors, d.effects, x[STATE_SPEED], x[STATE_ANGLE]);
+    double seen_angle = sensors_wheel_angle<double>(d.sensors, d.effects, x[STATE_ANGLE]);
+    if constexpr (L::FULL) {
+        if (d.effects & EFFECT_SPEED_LAG) {
+            seen_speed = x[STATE_SPEED_FILTER];
+            seen_angle -= p.speed_lag_s * seen_speed;
+        }
+    }
+    const double gain = 1.0 + p.speed_gain_relative;
+    const double current = start ? now.i : x[STATE_CURRENT_TIME] / seconds, bus = start ? now.bus_v : x[STATE_BUS_TIME] / seconds;
+    const double values[IMPACT_COLUMN_COUNT] = {measured_current(p, current), bus * (1.0 + p.supply_gain_relative), x[STATE_SPEED], seen_speed * gain,
+        x[STATE_ANGLE], seen_angle * gain, now.joint_nm, now.head_rad, 1e3 * now.x, x[L::HAMMER_ANGLE], start ? now.housing_nm : x[L::HOUSING_TIME] / seconds,
+        x[L::ARM_ANGLE]};
+    for (int n = 0; n < IMPACT_COLUMN_COUNT; ++n)
+        out.columns[n][at] = values[n];
+}
+
+static void write_energy(const ImpactSolver<AuditLayout> &s, double *to) {
+    using L = AuditLayout;
+    const double *x = s.state.x;
+    const double values[ENERGY_COUNT] = {x[L::WORK_IN], x[L::LOSS_ELECTRIC], x[L::LOSS_FRICTION], x[L::LOSS_GROOVE],
+        x[L::LOSS_CONTACT] + s.dropped_j, x[L::LOSS_JOINT], impact_stored(s.model, s.mode, s.state)};
+    std::copy(values, values + ENERGY_COUNT, to);
+}
+
+template <class L, bool EXACT> static void run_stretch(ImpactSolver<L> &s, double length_s, Tracer<L> *tracer) {
+    impact_run<L, EXACT>(s, length_s, [tracer](const ImpactSolver<L> &at, double h, double share) {
+        if (tracer)
+            tracer->step(at, h, share);
+    });
+}
+
+template <class L, bool EXACT> static void run_row(ImpactSolver<L> &s, const LogInput &in, const Parameters &p, CommandReader &reader, std::size_t row, double &now_s,
+                                                   Tracer<L> *tracer) {
+    double left = reader.row_s(row);
+    Drive<double> &d = s.drive;
+    d.bus_v = in.bus_v.empty() ? 0.0 : in.bus_v[row] / (1.0 + p.supply_gain_relative);
+    if (in.load_kind == LoadKind::TORQUE) {
+        d.load_nm = in.load_nm[row - 1];
+        d.load_rate = (in.load_nm[row] - in.load_nm[row - 1]) / left;
+    }
+    s.state.x[STATE_CURRENT_TIME] = s.state.x[STATE_BUS_TIME] = s.state.x[L::HOUSING_TIME] = 0.0;
+    while (left > 0.0) {
+        const Stretch stretch = reader.next(row, now_s, left);
+        d.command = stretch.command;
+        d.command_rate = stretch.command_rate;
+        d.open = stretch.open;
+        d.dead = stretch.switching ? s.model.drive.dead_share : 0.0;
+        d.time_s = now_s;
+        impact_new_stretch(s);
+        run_stretch<L, EXACT>(s, stretch.length_s, tracer);
+        now_s += stretch.length_s;
+        left -= stretch.length_s;
+        left = left < 1e-12 * stretch.length_s ? 0.0 : left;
+    }
+}
+
+struct ImpactJob {
+    const LogInput *in;
+    const double *theta;
+    double command_peak;
+    ImpactOutput *out;
+};
+
+template <class L, bool EXACT> static void run_tool(const ImpactJob &job, std::size_t batch_row, const Impact &model) {
+    const LogInput &in = *job.in;
+    ImpactOutput &out = *job.out;
+    const Parameters p = parameters_from(job.theta + batch_row * PARAMETER_COUNT);
+    ImpactSolver<L> s{};
+    s.model = model;
+    s.tolerance = out.tolerance > 0.0 ? out.tolerance : (EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST);
+    s.history = batch_row == 0 && out.keep_history ? &out.history : nullptr;
+    s.drive.load_nm = in.load_kind == LoadKind::TORQUE ? in.load_nm[0] : 0.0;
+    impact_start(s);
+    CommandReader reader(in, p);
+    Tracer<L> tracer{&out, in.time_s[0]};
+    double now_s = 0.0;
+    const std::size_t rows = in.time_s.size();
+    for (std::size_t row = 0; row < rows; ++row) {
+        if (row > 0)
+            run_row<L, EXACT>(s, in, p, reader, row, now_s, batch_row == 0 && !out.trace_s.empty() ? &tracer : nullptr);
+        write_row<L>(s, p, row > 0 ? reader.row_s(row) : 1.0, row == 0, out, batch_row * rows + row);
+        if constexpr (L::AUDIT)
+            if (batch_row == 0 && out.keep_energy)
+                write_energy(s, out.energy.data() + row * ENERGY_COUNT);
+    }
+    blows_end(s.recorder, s.state.x[L::LUG_IMPULSE]);
+    for (Blow &b : s.recorder.blows)
+        b.time_s += in.time_s[0];
+    out.blows[batch_row] = std::move(s.recorder.blows);
+    out.stats[batch_row] = s.stats;
+}
+
+static void run_any(const ImpactJob &job, std::size_t batch_row, ImpactAccuracy accuracy) {
+    const Parameters p = parameters_from(job.theta + batch_row * PARAMETER_COUNT);
+    const Impact model = impact_from(p, job.in->load_kind, job.in->kind, !job.in->bus_v.empty(), job.command_peak);
+    if (accuracy == ImpactAccuracy::REFERENCE)
+        run_tool<AuditLayout, true>(job, batch_row, model);
+    else if (impact_needs_full(model))
+        run_tool<FullLayout, false>(job, batch_row, model);
+    else
+        run_tool<FastLayout, false>(job, batch_row, model);
+}
+
+static void check_log(const LogInput &in) {
+    if (in.time_s.size() < 2)
+        throw std::invalid_argument("simulate_impact needs two rows");
+    for (std::size_t row = 1; row < in.time_s.size(); ++row)
+        if (!(in.time_s[row] > in.time_s[row - 1]))
+            throw std::invalid_argument("simulate_impact: time_s must increase");
+}
+
+void simulate_impact(const LogInput &in, const double *theta, std::size_t batch, ImpactAccuracy accuracy, int threads, ImpactOutput &out) {
+    check_log(in);
+    double peak = 0.0;
+    for (const double x : in.command_end)
+        peak = std::max(peak, std::fabs(x));
+    const ImpactJob job{&in, theta, peak, &out};
+    out.blows.assign(batch, {});
+    out.stats.assign(batch, {});
+    out.trace.assign(out.trace_s.size() * TRACE_COLUMN_COUNT, std::nan(""));
+    out.energy.assign(out.keep_energy ? in.time_s.size() * ENERGY_COUNT : 0, 0.0);
+    std::atomic<std::size_t> next{0};
+    std::exception_ptr failure;
+    std::mutex failing;
+    const auto work = [&] {
+        try {
+            for (std::size_t row = next++; row < batch; row = next++)
+                run_any(job, row, accuracy);
+        } catch (...) {
+            const std::lock_guard<std::mutex> held(failing);
+            failure = std::current_exception();
+            next = batch;
+        }
+    };
+    std::vector<std::thread> pool;
+    for (int n = 1; n < threads && static_cast<std::size_t>(n) < batch; ++n)
+        pool.emplace_back(work);
+    work();
+    for (std::thread &thread : pool)
+        thread.join();
+    if (failure)
+        std::rethrow_exception(failure);
+}
+
+}  // namespace vgroove

@@ -1,0 +1,366 @@
+// Solver of the impact mechanism: Runge-Kutta 5(4) of Dormand and Prince from switch to switch, each switch located on the step's interpolant.
+//
+// EXACT: every located instant is reached by a step of its own and refined until it is known to 1e-12 s; else by the interpolant (Hairer, Norsett,
+// Wanner: Solving Ordinary Differential Equations I, II.6), which is of fourth order.
+#ifndef VGROOVE_PLANT_IMPACT_SOLVER_HPP
+#define VGROOVE_PLANT_IMPACT_SOLVER_HPP
+
+#include <stdexcept>
+
+#include "impact_blows.hpp"
+#include "impact_events.hpp"
+
+namespace vgroove {
+
+constexpr double IMPACT_STEP_MAX_S = 5e-4;      // a lug is not passed over within a step
+constexpr double IMPACT_STEP_MIN_S = 1e-12;
+constexpr double IMPACT_FIRST_CONTACT_S = 4e-6;  // first step after a contact begins
+constexpr double FROZEN_TWIST_RAD = 1e-6, FROZEN_SPEED_RAD_S = 1e-2;
+constexpr int IMPACT_SWITCHES_MAX = 64;         // without a step in between
+
+struct ImpactStats {
+    double steps = 0.0, rejected = 0.0, events = 0.0, derivatives = 0.0;
+};
+
+// One accepted step, for studies of the step size: switch that ended it, or -1.
+struct StepRecord {
+    double time_s, step_s;
+    int event;
+};
+
+template <class L> struct ImpactStep {
+    ImpactState<L> k2, k3, k4, k5, k6;
+    ImpactState<L> end, end_slope;
+    ImpactPoint end_point;
+    double error;
+};
+
+template <class L> struct ImpactSolver {
+    Impact model;
+    ImpactMode mode;
+    Drive<double> drive;      // at the start of the next step
+    ImpactState<L> state;
+    ImpactState<L> slope;     // derivative at the start of the next step
+    ImpactPoint point;        // and the quantities that go with it
+    ImpactStep<L> step;
+    double tolerance;
+    double level_s;           // step that the error allows
+    bool fresh;               // slope and switches must be looked at anew
+    double dropped_j;         // contact energy dropped at releases
+    BlowRecorder recorder;
+    ImpactStats stats;
+    std::vector<StepRecord> *history;
+};
+
+template <class L> VGROOVE_INLINE double impact_error(const ImpactSolver<L> &self, double h, const ImpactState<L> &e) {
+    const Impact &m = self.model;
+    const double speed = 1.0 / m.drive.speed_scale, output = m.ratio * speed, angle = 1.0 / m.angle_scale;
+    double worst = max_of(std::fabs(e.x[STATE_CURRENT]) / m.drive.current_scale, std::fabs(e.x[STATE_SPEED]) * speed);
+    worst = max_of(worst, max_of(std::fabs(e.x[L::HAMMER_SPEED]), std::fabs(e.x[L::ANVIL_SPEED])) * output);
+    worst = max_of(worst, max_of(max_of(std::fabs(e.x[L::HAMMER_ANGLE]), std::fabs(e.x[L::ANVIL_ANGLE])), std::fabs(e.x[L::TWIST])) * angle);
+    if constexpr (L::FULL) {
+        worst = max_of(worst, max_of(std::fabs(e.x[L::OUTPUT_SPEED]) * output, std::fabs(e.x[L::COUPLER_TWIST]) * angle));
+        worst = max_of(worst, max_of(std::fabs(e.x[STATE_OUTPUT_SPEED]) * speed, std::fabs(e.x[STATE_TWIST]) * angle * m.ratio_inverse));
+        worst = max_of(worst, std::fabs(e.x[STATE_CURRENT_FILTER]) / m.drive.current_scale);
+        worst = max_of(worst, std::fabs(e.x[STATE_SPEED_FILTER]) * speed);
+    }
+    return h * worst / self.tolerance;
+}
+
+template <class L> ImpactPoint impact_slope(const ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds) {
+    ds = ImpactState<L>{};
+    return impact_derivative<L>(self.model, self.drive, self.mode, tau, s, ds);
+}
+
+template <class L> VGROOVE_INLINE void impact_attempt(ImpactSolver<L> &self, double h) {
+    constexpr int N = L::COUNT;
+    ImpactStep<L> &t = self.step;
+    const ImpactState<L> &y = self.state, &k1 = self.slope;
+    ImpactState<L> s;
+    for (int n = 0; n < N; ++n)
+        s.x[n] = y.x[n] + h * (1.0 / 5.0 * k1.x[n]);
+    impact_slope(self, 0.2 * h, s, t.k2);
+    for (int n = 0; n < N; ++n)
+        s.x[n] = y.x[n] + h * (3.0 / 40.0 * k1.x[n] + 9.0 / 40.0 * t.k2.x[n]);
+    impact_slope(self, 0.3 * h, s, t.k3);
+    for (int n = 0; n < N; ++n)
+        s.x[n] = y.x[n] + h * (44.0 / 45.0 * k1.x[n] - 56.0 / 15.0 * t.k2.x[n] + 32.0 / 9.0 * t.k3.x[n]);
+    impact_slope(self, 0.8 * h, s, t.k4);
+    for (int n = 0; n < N; ++n)
+        s.x[n] = y.x[n] + h * ((19372.0 / 6561.0 * k1.x[n] - 25360.0 / 2187.0 * t.k2.x[n]) + (64448.0 / 6561.0 * t.k3.x[n] - 212.0 / 729.0 * t.k4.x[n]));
+    impact_slope(self, 8.0 / 9.0 * h, s, t.k5);
+    for (int n = 0; n < N; ++n)
+        s.x[n] = y.x[n] + h * ((9017.0 / 3168.0 * k1.x[n] - 355.0 / 33.0 * t.k2.x[n]) + (46732.0 / 5247.0 * t.k3.x[n] + 49.0 / 176.0 * t.k4.x[n])
+                               - 5103.0 / 18656.0 * t.k5.x[n]);
+    impact_slope(self, h, s, t.k6);
+    for (int n = 0; n < N; ++n)
+        t.end.x[n] = y.x[n] + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * t.k3.x[n]) + (125.0 / 192.0 * t.k4.x[n] - 2187.0 / 6784.0 * t.k5.x[n])
+                                   + 11.0 / 84.0 * t.k6.x[n]);
+    t.end_point = impact_slope(self, h, t.end, t.end_slope);
+    for (int n = 0; n < N; ++n)
+        s.x[n] = (71.0 / 57600.0 * k1.x[n] - 71.0 / 16695.0 * t.k3.x[n]) + (71.0 / 1920.0 * t.k4.x[n] - 17253.0 / 339200.0 * t.k5.x[n])
+                 + (22.0 / 525.0 * t.k6.x[n] - 1.0 / 40.0 * t.end_slope.x[n]);
+    t.error = impact_error(self, h, s);
+    self.stats.derivatives += 6.0;
+}
+
+// State at a share of the step of length h that has just been tried.
+template <class L> VGROOVE_INLINE ImpactState<L> impact_between(const ImpactSolver<L> &self, double h, double share) {
+    const ImpactStep<L> &t = self.step;
+    const double rest = 1.0 - share;
+    ImpactState<L> s;
+    for (int n = 0; n < L::COUNT; ++n) {
+        const double k1 = self.slope.x[n], rise = t.end.x[n] - self.state.x[n];
+        const double bend = h * k1 - rise;
+        const double last = rise - h * t.end_slope.x[n] - bend;
+        const double fine = h * ((-12715105075.0 / 11282082432.0 * k1 + 87487479700.0 / 32700410799.0 * t.k3.x[n])
+                                 + (-10690763975.0 / 1880347072.0 * t.k4.x[n] + 701980252875.0 / 199316789632.0 * t.k5.x[n])
+                                 + (-1453857185.0 / 822651844.0 * t.k6.x[n] + 69997945.0 / 29380423.0 * t.end_slope.x[n]));
+        s.x[n] = self.state.x[n] + share * (rise + rest * (bend + share * (last + rest * fine)));
+    }
+    return s;
+}
+
+template <class L> VGROOVE_INLINE double impact_value_between(ImpactSolver<L> &self, double h, double share, int event) {
+    const ImpactState<L> s = impact_between(self, h, share);
+    ImpactState<L> ds;
+    const ImpactPoint at = impact_slope(self, share * h, s, ds);
+    self.stats.derivatives += 1.0;
+    return impact_event_value<L>(self.model, self.mode, s, at, event);
+}
+
+// Share of the step just past the instant of a switch: Illinois on the interpolant, between low (not yet) and high (already).
+template <class L> VGROOVE_INLINE double impact_locate(ImpactSolver<L> &self, double h, int event, double g_high, double width_s) {
+    double low = 0.0, high = 1.0;
+    double g_low = impact_event_value<L>(self.model, self.mode, self.state, self.point, event);
+    int side = 0;
+    for (int n = 0; n < 40 && (high - low) * h > width_s; ++n) {
+        const double middle = low + (high - low) * (g_low / (g_low - g_high));
+        const double nudge = 0.4 * width_s / h;
+        double share = n % 4 == 3 ? 0.5 * (low + high) : middle + (side >= 0 ? nudge : -nudge);
+        share = share <= low || share >= high ? 0.5 * (low + high) : share;
+        const double g = impact_value_between(self, h, share, event);
+        if (g < 0.0) {
+            high = share;
+            g_high = g;
+            g_low = side < 0 ? 0.5 * g_low : g_low;
+            side = -1;
+        } else {
+            low = share;
+            g_low = g;
+            g_high = side > 0 ? 0.5 * g_high : g_high;
+            side = 1;
+        }
+    }
+    return high;
+}
+
+template <class L> VGROOVE_INLINE void impact_contact_begins(ImpactSolver<L> &self, ContactPlace place) {
+    impact_enter_contact(self.mode, place);
+    self.level_s = min_of(self.level_s, IMPACT_FIRST_CONTACT_S);
+    if (place != ContactPlace::FORWARD && place != ContactPlace::BACKWARD)
+        return;
+    self.mode.frozen = false;
+    const double closing = self.state.x[L::HAMMER_SPEED] - self.state.x[L::ANVIL_SPEED];
+    const bool forward = place == ContactPlace::FORWARD;
+    blows_begin(self.recorder, self.drive.time_s, self.mode.lug - (forward ? 0 : 1), forward ? closing : -closing,
+                max_of(self.model.lug_height_m - self.point.x, 0.0), self.state.x[L::LUG_IMPULSE]);
+}
+
+template <class L> VGROOVE_INLINE void impact_contact_ends(ImpactSolver<L> &self) {
+    if (self.mode.place == ContactPlace::FORWARD || self.mode.place == ContactPlace::BACKWARD)
+        blows_end(self.recorder, self.state.x[L::LUG_IMPULSE]);
+    self.mode.place = ContactPlace::NONE;
+}
+
+template <class L> VGROOVE_INLINE void impact_cross_height(ImpactSolver<L> &self) {
+    if (!self.mode.above) {
+        self.dropped_j += self.mode.place != ContactPlace::NONE ? contact_energy(self.model.contact, self.point.pen) : 0.0;
+        impact_contact_ends(self);
+        self.mode.above = true;
+        return;
+    }
+    impact_come_down(self.model, self.mode, impact_relative<L>(self.model, self.state));
+    if (self.mode.place == ContactPlace::TOP)
+        impact_contact_begins(self, ContactPlace::TOP);
+}
+
+// A shaft that has just come to rest, or breaks away: sticks, or slides the way it is driven.
+template <class L> VGROOVE_INLINE void impact_motor_rests(ImpactSolver<L> &self) {
+    self.mode.drive.slide = 0.0;
+    self.state.x[STATE_SPEED] = 0.0;
+    self.point = impact_slope(self, 0.0, self.state, self.slope);
+    const ImpactPoint &at = self.point;
+    self.mode.drive.slide = impact_sign(excess_over<double>(at.held_nm, at.hold_forward_nm, at.hold_backward_nm));
+}
+
+template <class L> VGROOVE_INLINE void impact_balls_rest(ImpactSolver<L> &self) {
+    self.mode.roll = 0.0;
+    self.state.x[L::HAMMER_SPEED] = impact_spindle_speed<L>(self.model, self.state);
+    self.point = impact_slope(self, 0.0, self.state, self.slope);
+    const double hold = self.model.groove.ball_arm * std::fabs(self.point.axial_n);
+    self.mode.roll = impact_sign(excess_over<double>(self.point.roll_needed_nm, hold, hold));
+}
+
+template <class L> VGROOVE_INLINE void impact_diode_switches(ImpactSolver<L> &self) {
+    if (self.mode.drive.diode != 0.0) {
+        self.mode.drive.diode = 0.0;
+        self.state.x[STATE_CURRENT] = 0.0;
+    } else {
+        self.mode.drive.diode = -impact_sign(self.state.x[STATE_SPEED]);
+    }
+}
+
+template <class L> VGROOVE_INLINE void impact_switch(ImpactSolver<L> &self, int event) {
+    ImpactMode &mode = self.mode;
+    switch (event) {
+    case IMPACT_FORWARD: impact_contact_begins(self, ContactPlace::FORWARD); break;
+    case IMPACT_BACKWARD: impact_contact_begins(self, ContactPlace::BACKWARD); break;
+    case IMPACT_STOP: impact_contact_begins(self, ContactPlace::STOP); break;
+    case IMPACT_HEIGHT: impact_cross_height(self); break;
+    case IMPACT_LEAVE: impact_contact_ends(self); break;
+    case IMPACT_TURN:
+        mode.approaching = !mode.approaching;
+        mode.ramped = self.point.pen > self.model.contact.ramp_m;
+        break;
+    case IMPACT_RAMP: mode.ramped = !mode.ramped; break;
+    case IMPACT_LAP:
+        self.dropped_j += contact_energy(self.model.contact, self.point.pen);
+        impact_enter_gap(self.model, mode, impact_relative<L>(self.model, self.state));
+        break;
+    case IMPACT_SLIP_FORWARD:
+    case IMPACT_SLIP_BACKWARD:
+        mode.slip = event == IMPACT_SLIP_FORWARD ? 1 : -1;
+        break;
+    case IMPACT_STICK: mode.slip = 0; break;
+    case IMPACT_SEGMENT_UP: ++mode.segment; break;
+    case IMPACT_SEGMENT_DOWN: --mode.segment; break;
+    case IMPACT_MOTOR: impact_motor_rests(self); break;
+    case IMPACT_DIODE: impact_diode_switches(self); break;
+    case IMPACT_ROLL: impact_balls_rest(self); break;
+    case IMPACT_AXIAL: mode.axial_sign = -mode.axial_sign; break;
+    default: break;
+    }
+    self.stats.events += 1.0;
+    self.fresh = true;
+}
+
+// Slope and point at the start of a step; switches that already lie behind are taken at once.
+template <class L> VGROOVE_INLINE void impact_refresh(ImpactSolver<L> &self) {
+    for (int n = 0; n < IMPACT_SWITCHES_MAX; ++n) {
+        self.point = impact_slope(self, 0.0, self.state, self.slope);
+        self.stats.derivatives += 1.0;
+        const unsigned met = impact_met<L>(self.model, self.mode, impact_possible(self.model, self.mode, self.drive), self.state, self.point);
+        if (met == 0u)
+            break;
+        impact_switch(self, __builtin_ctz(met));
+    }
+    self.fresh = false;
+}
+
+// Anvil and joint have come to rest: their motion is left out until the next contact.
+template <class L> VGROOVE_INLINE void impact_freeze(ImpactSolver<L> &self) {
+    const bool struck = self.mode.place == ContactPlace::FORWARD || self.mode.place == ContactPlace::BACKWARD;
+    if (self.mode.frozen || struck || self.mode.slip != 0 || self.model.second_output)
+        return;
+    if (std::fabs(self.state.x[L::ANVIL_SPEED]) > FROZEN_SPEED_RAD_S || std::fabs(self.state.x[L::TWIST]) > FROZEN_TWIST_RAD)
+        return;
+    self.mode.frozen = true;
+    self.state.x[L::ANVIL_SPEED] = 0.0;
+    self.fresh = true;
+}
+
+template <class L> VGROOVE_INLINE void impact_accept(ImpactSolver<L> &self, double h, const ImpactState<L> &to) {
+    self.state = to;
+    self.drive.command += self.drive.command_rate * h;
+    self.drive.load_nm += self.drive.load_rate * h;
+    self.drive.time_s += h;
+    self.stats.steps += 1.0;
+}
+
+template <class L> VGROOVE_INLINE double impact_torque_rate(const ImpactSolver<L> &self) {
+    const Joint &j = self.model.joint;
+    return self.mode.slip == 0 ? j.stiffness * self.slope.x[L::TWIST] + j.damping * self.slope.x[L::ANVIL_SPEED] : 0.0;
+}
+
+// The earliest of the switches met in the step just tried; its share of the step.
+template <class L> VGROOVE_INLINE int impact_earliest(ImpactSolver<L> &self, double h, unsigned met, double width_s, double &share) {
+    int event = -1;
+    share = 1.0;
+    for (unsigned left = met; left != 0u; left &= left - 1u) {
+        const int candidate = __builtin_ctz(left);
+        const double end = impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, candidate);
+        const double at = impact_locate(self, h, candidate, end, width_s);
+        if (event < 0 || at < share) {
+            event = candidate;
+            share = at;
+        }
+    }
+    return event;
+}
+
+// The step just tried is taken up to a share of it; with a switch, slope and point are those of its instant.
+template <class L> VGROOVE_INLINE void impact_take(ImpactSolver<L> &self, double h, double share, int event) {
+    const double torque = self.point.joint_nm, rate = impact_torque_rate(self);
+    impact_accept(self, h * share, share == 1.0 ? self.step.end : impact_between(self, h, share));
+    if (self.history)
+        self.history->push_back({self.drive.time_s, h * share, event});
+    self.slope = self.step.end_slope;
+    self.point = self.step.end_point;
+    if (share != 1.0)
+        self.point = impact_slope(self, 0.0, self.state, self.slope);
+    if (self.recorder.any)
+        blows_torque(self.recorder, h * share, torque, rate, self.point.joint_nm, impact_torque_rate(self));
+    if (event >= 0)
+        impact_switch(self, event);
+}
+
+// Step length that the error of the step just tried allows; a step cut short by the end of the stretch does not shorten it.
+template <class L> VGROOVE_INLINE void impact_adapt(ImpactSolver<L> &self, double h, double factor, bool switches) {
+    const double allowed = min_of(h * min_of(factor, 5.0), IMPACT_STEP_MAX_S);
+    const bool cut = h < 0.99 * self.level_s;
+    if (!switches && (!cut || allowed > self.level_s))
+        self.level_s = allowed;
+}
+
+// Runs for length_s with command and load as straight lines. observe(self, h, share) sees each step before it is taken.
+template <class L, bool EXACT, class Observe> VGROOVE_INLINE void impact_run(ImpactSolver<L> &self, double length_s, Observe &&observe) {
+    double left = length_s;
+    while (left > 0.0) {
+        if (self.fresh)
+            impact_refresh(self);
+        const double pieces = std::ceil(left / self.level_s);
+        double h = pieces > 1.0 ? left / pieces : left;
+        impact_attempt(self, h);
+        const double factor = 0.9 * std::pow(max_of(self.step.error, 1e-8), -0.2);
+        if (!(self.step.error <= 1.0)) {
+            self.level_s = h * max_of(factor, 0.2);
+            self.stats.rejected += 1.0;
+            if (h > IMPACT_STEP_MIN_S)
+                continue;
+            throw std::runtime_error("impact mechanism: the state is no longer finite");
+        }
+        double share = 1.0;
+        const unsigned possible = impact_possible(self.model, self.mode, self.drive);
+        const unsigned met = impact_met<L>(self.model, self.mode, possible, self.step.end, self.step.end_point);
+        int event = met != 0u ? impact_earliest(self, h, met, EXACT ? 1e-12 : 1e-9, share) : -1;
+        impact_adapt(self, h, factor, event >= 0);
+        const bool to_end = pieces <= 1.0 && share == 1.0;
+        if (EXACT && event >= 0) {
+            h *= share;
+            share = 1.0;
+            impact_attempt(self, h);
+            if (impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, event) >= 0.0)
+                event = -1;
+        }
+        observe(self, h, share);
+        left = to_end ? 0.0 : left - h * share;
+        impact_take(self, h, share, event);
+        if (!EXACT)
+            impact_freeze(self);
+    }
+}
+
+}  // namespace vgroove
+
+#endif
