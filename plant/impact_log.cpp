@@ -93,9 +93,10 @@ template <class L> struct Tracer {
     void step(const ImpactSolver<L> &s, double h, double share) {
         const double from = s.drive.time_s + origin_s, to = from + h * share;
         for (; next < out->trace_s.size() && out->trace_s[next] <= to; ++next) {
-            const double at = (out->trace_s[next] - from) / h;
-            if (at < 0.0)
+            const double late = out->trace_s[next] - from;
+            if (late < -1e-12)  // before the first row
                 continue;
+            const double at = late > 0.0 ? late / h : 0.0;
             write_trace<L>(s, impact_between(s, h, at), at * h, out->trace.data() + next * TRACE_COLUMN_COUNT);
         }
     }

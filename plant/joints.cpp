@@ -101,7 +101,7 @@ static ScrewStations screw_stations(const Parameters &p) {
     const double entry = -2.0 * PI * p.joint_from_turns;
     const double seat = entry + 2.0 * PI * p.screw_turns;
     const double strip = seat + p.screw_seat_deg * PI / 180.0;
-    return {entry, seat, strip, strip + (1.0 - p.screw_stripped_ratio) * PI};  // half the seat torque per 90 degrees
+    return {entry, seat, strip, strip + std::max(1.0 - p.screw_stripped_ratio, 0.0) * PI};  // half the seat torque per 90 degrees
 }
 
 static void wood_segment(const Parameters &p, double at_rad, JointSegment &s) {

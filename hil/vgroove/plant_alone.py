@@ -10,6 +10,7 @@ from vgroove.scenario import Scenario
 
 SCHEMA = "vgroove.sim_scenario/1"
 ROW_S = 1e-3
+BENCH_CHANNELS = ("anvil_torque_nm", "anvil_angle_rad", "hammer_mm")
 RAD_S_TO_RPM = 30.0 / np.pi
 
 
@@ -22,26 +23,46 @@ def profile_columns(profile: Profile, time_s: np.ndarray) -> dict[str, np.ndarra
     return {"duty": np.where(pressed, sign * travel, 0.0), "coast": np.where(pressed, 0.0, 1.0), "load_nm": curve(profile.load_nm, time_s)}
 
 
-def simulate_scenario(scenario: Scenario) -> Log:
-    """Rows of 1 ms, the first at rest: current (A) and bus (V) as means of the row, speed (rpm) and angle (rad) of the shaft at its end."""
+def simulate_scenario(scenario: Scenario) -> tuple[Log, np.ndarray | None]:
+    """Rows of 1 ms, the first at rest: current (A) and bus (V) as means of the row, speed (rpm) and angle (rad) of the shaft at its end.
+
+    An impact tool has its bench channels too (torque and head angle of the joint, hammer), and its blows beside the log.
+    """
     from vgroove import _core
 
     tool = scenario.tool
-    if tool.mechanism.get("kind") != "none":
-        raise VgrooveError(f"{scenario.source}: the plant has no impact mechanism yet: the rig's [mechanism] kind must be none")
     if tool.input["kind"] != "duty":
         raise VgrooveError(f"{scenario.source}: a trigger drives the bridge: the rig's [input] kind must be duty, not {tool.input['kind']}")
     time_s = ROW_S * np.arange(round(scenario.duration_s / ROW_S) + 1)
     columns = profile_columns(scenario.profile, time_s)
     drive = _core.LogInput(time_s, "duty", columns["duty"], slew_per_s=tool.input.get("slew_per_s"), load_nm=columns["load_nm"],
                            coast=columns["coast"], load_kind=tool.load.get("kind", "none"))
-    rows = _core.simulate_log(drive, tool.parameters()[None, :], np.array([0]), np.zeros((1, 3)), threads=1)
+    blows = None
+    if tool.mechanism["kind"] == "impact":
+        rows = _core.simulate_impact(drive, tool.parameters()[None, :], mode="fast")
+        columns |= {name: rows[name][0] for name in BENCH_CHANNELS}
+        blows = rows["blows"][0]
+    else:
+        rows = _core.simulate_log(drive, tool.parameters()[None, :], np.array([0]), np.zeros((1, 3)), threads=1)
     columns |= {name: rows[name][0] for name in ("supply_v", "current_a")}
     columns |= {"speed_rpm": rows["speed_rad_s"][0] * RAD_S_TO_RPM, "position_rad": rows["angle_rad"][0]}
-    return Log(time_s, columns, scenario.source)
+    return Log(time_s, columns, scenario.source), blows
 
 
-def scenario_figures(log: Log) -> dict[str, float | int | str]:
+def blow_figures(log: Log, blows: np.ndarray) -> dict[str, float | int]:
+    """What an impact run came to: blows and their repeats, rate and regularity of the second half of them, torque, height, head angle."""
+    first = blows[blows["kind"] == 0]
+    late = first[len(first) // 2 :]
+    period = np.diff(late["time_s"])
+    figures: dict[str, float | int] = {"blows": len(first), "repeats": int(np.sum(blows["kind"] == 1)),
+                                       "anvil_angle_end_rad": float(log.columns["anvil_angle_rad"][-1])}
+    if len(period):
+        figures |= {"blows_per_min": float(60.0 / period.mean()), "period_spread_percent": float(100.0 * period.std() / period.mean()),
+                    "torque_peak_nm": float(late["peak_torque_nm"].max()), "engaged_mean_mm": float(1e3 * late["engaged_m"].mean())}
+    return figures
+
+
+def scenario_figures(log: Log, blows: np.ndarray | None = None) -> dict[str, float | int | str]:
     """What a run of the plant came to, JSON-ready."""
     current, speed = log.columns["current_a"], log.columns["speed_rpm"]
     return {
@@ -53,6 +74,7 @@ def scenario_figures(log: Log) -> dict[str, float | int | str]:
         "speed_end_rpm": float(speed[-1]),
         "supply_least_v": float(np.min(log.columns["supply_v"])),
         "turns": float(log.columns["position_rad"][-1] / (2.0 * np.pi)),
+        **({} if blows is None else blow_figures(log, blows)),
     }
 
 

@@ -17,7 +17,9 @@ from vgroove.output import write_text
 
 SCHEMA = "vgroove.rig/1"
 DEFAULTS = {"supply.resistance_ohm": 0.0, "bridge.pwm_hz": 20000.0, "load.zero_rad": 0.0}
-PLANT_SECTIONS = ("supply", "bridge", "motor", "gearbox", "load")
+PLANT_SECTIONS = ("supply", "bridge", "motor", "gearbox", "mechanism", "load")
+MECHANISM_EFFECTS = ("groove_friction", "spring_rate", "spring_preload", "impact_damping", "lug_wear", "joint_stiffness", "thread_friction",
+                     "joint_hysteresis", "wood_knot")  # of the impact mechanism and its joints
 
 
 @dataclass(frozen=True)
@@ -86,15 +88,21 @@ KINDS: dict[str, dict[str, dict[str, Key]]] = {
             "spring_preload_n": _range(0, 1e6), "spring_rate_n_per_m": _range(1, 1e9), "lug_count": _whole(1, 100),
             "lug_height_m": _range(1e-5, 1), "lug_radius_m": _range(1e-4, 1), "lug_overlap_rad": _range(1e-3, 6.3),
             "contact_stiffness_n_per_m": _range(1e2, 1e12), "contact_damping_n_s_per_m": _range(0, 1e8),
-            "contact_ramp_m": _range(1e-9, 0.1), "anvil_inertia_kg_m2": _range(1e-9, 1e2), "hammer_start_rad": _maybe(-100, 100)},
+            "contact_ramp_m": _range(1e-9, 0.1), "anvil_inertia_kg_m2": _range(1e-9, 1e2), "hammer_start_rad": _maybe(-100, 100),
+            "hammer_groove_lead_m_per_rad": _maybe(1e-5, 1), "hammer_groove_radius_m": _maybe(1e-4, 1), "contact_exponent": _maybe(1, 3),
+            "friction_static": _maybe(0, 2), "friction_kinetic": _maybe(0, 2), "friction_speed_m_per_s": _maybe(1e-6, 10),
+            "arm_inertia_kg_m2": _maybe(1e-6, 1e3), "arm_stiffness_nm_per_rad": _maybe(0, 1e6), "arm_damping_nm_s_per_rad": _maybe(0, 1e5)},
     },
     "load": {
         "none": {},
         "torque": {},
         "pendulum": {"mass_kg": _range(1e-6, 1e5), "length_m": _range(1e-5, 1e2), "zero_rad": _maybe(-1e6, 1e6)},
+        "locked": {**_JOINT},
         "hard_joint": {**_JOINT, "run_torque_nm": _range(0, 1e5), "slip_slope_nm_per_rad": _range(0, 1e8), "loosen_ratio": _range(0, 10)},
         "disc_spring": {**_JOINT, "run_torque_nm": _range(0, 1e5), "parallel": _whole(1, 1000), "series": _whole(1, 1000),
-                        "friction": _range(0, 2), "from_turns": _range(0, 1e4)},
+                        "friction": _range(0, 2), "from_turns": _range(0, 1e4), "disc_outer_m": _maybe(1e-4, 10),
+                        "disc_inner_m": _maybe(1e-5, 10), "disc_thickness_m": _maybe(1e-5, 1), "disc_cone_m": _maybe(1e-6, 1),
+                        "bolt_pitch_m": _maybe(1e-5, 0.1), "bolt_flank_m": _maybe(1e-4, 1), "bolt_head_m": _maybe(1e-4, 1)},
         "wood_screw": {**_JOINT, "start_nm": _range(0, 1e5), "end_nm": _range(1e-6, 1e5), "turns": _range(1e-2, 1e4),
                        "seat_nm": _range(1e-6, 1e5), "seat_deg": _range(1e-2, 1e5), "stripped_ratio": _range(0, 10),
                        "from_turns": _range(0, 1e4), "loosen_ratio": _range(0, 10)},
@@ -197,13 +205,16 @@ class Rig:
         """The plant's parameter vector (P,) in the order of vgroove._core.PARAMETERS, effects of the rig included."""
         from vgroove import _core
 
+        unknown = [e for e in self.effects if e in MECHANISM_EFFECTS and self.mechanism["kind"] != "impact"]
+        if unknown:
+            raise VgrooveError(f"the plant of a tool without impact mechanism has no effects.{unknown[0]}")
         theta = np.array(_core.parameter_defaults(), dtype=float)
         position = {name: i for i, name in enumerate(_core.PARAMETERS)}
         for key, value in self._flat().items():
             if key in position:
                 theta[position[key]] = value
             elif key.startswith("effects."):
-                raise VgrooveError(f"the plant of a tool without impact mechanism has no {key}")
+                raise VgrooveError(f"this build of the plant has no {key}: run `pip install -e .` in the tree again")
         return theta
 
     def _flat(self) -> dict[str, float]:

@@ -211,12 +211,11 @@ def without_board_effects(rig: Rig) -> Rig:
 
 
 def make_plant(tool: Rig, seed: int) -> Any:
-    """A tool as a lock-step plant, vgroove._core.DrivePlant."""
+    """A tool as a lock-step plant: vgroove._core.DrivePlant, or ImpactPlant where the rig has an impact mechanism."""
     from vgroove import _core
 
-    if tool.mechanism.get("kind") != "none":
-        raise VgrooveError("the lock-step plant has no impact mechanism yet: the rig's [mechanism] kind must be none")
-    if not hasattr(_core, "DrivePlant"):
+    kind = {"none": "DrivePlant", "impact": "ImpactPlant"}[tool.mechanism["kind"]]
+    if not hasattr(_core, kind):
         raise VgrooveError("this build of vgroove has no lock-step plant: run `pip install -e .` in the tree again")
     pulses = int(tool.sensors.get("hall_pulses_per_rev", 0))
-    return _core.DrivePlant(tool.parameters(), load_kind=tool.load.get("kind", "none"), hall_pulses_per_rev=pulses, seed=seed)
+    return getattr(_core, kind)(tool.parameters(), load_kind=tool.load.get("kind", "none"), hall_pulses_per_rev=pulses, seed=seed)

@@ -15,10 +15,8 @@ import pytest
 
 from vgroove import lockstep
 from vgroove.board import BoardInputs, BoardOutputs, default_elf
-from vgroove.errors import VgrooveError
 from vgroove.log import read_log
 from vgroove.pty_line import PtyLine
-from vgroove.scenario import make_plant, read_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENARIO = ROOT / "scenarios" / "spin_up.toml"
@@ -221,13 +219,6 @@ def test_broken_hall_line_hides_edges() -> None:
     hidden = [k * 510 / 16e6 for k, inputs in enumerate(board.inputs, 1) if not inputs.edges]
     assert len(hidden) == pytest.approx(0.002 * 16e6 / 510, abs=1)
     assert min(hidden) >= 0.002 and max(hidden) < 0.004
-
-
-def test_plant_refuses_an_impact_mechanism_by_a_sentence() -> None:
-    rig = read_scenario(SCENARIO).tool
-    object.__setattr__(rig, "mechanism", {"kind": "impact"})
-    with pytest.raises(VgrooveError, match="no impact mechanism"):
-        make_plant(rig, 1)
 
 
 def test_an_eeprom_image_survives_the_native_run(tmp_path: Path) -> None:

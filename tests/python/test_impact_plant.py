@@ -1,0 +1,123 @@
+"""The impact tool as a whole: the reference set's figures, lock-step equal to the log's run, what `vgroove sim` makes of it."""
+
+import copy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vgroove import _core as core
+from vgroove.plant_alone import scenario_figures, simulate_scenario
+from vgroove.rig import Rig, read_rig
+from vgroove.scenario import make_plant, read_scenario
+
+ROOT = Path(__file__).resolve().parents[2]
+LOCKED = {"kind": "locked", "stiffness_nm_per_rad": 3000, "damping_nm_s_per_rad": 0.3}
+HARD = {"kind": "hard_joint", "stiffness_nm_per_rad": 3000, "damping_nm_s_per_rad": 0.3, "slip_slope_nm_per_rad": 0, "loosen_ratio": 0.75}
+
+
+def rig_with(load: dict, **values: float) -> Rig:
+    """The reference impact rig on another joint, some keys changed."""
+    rig = read_rig(ROOT / "rigs/impact_driver.toml")
+    object.__setattr__(rig, "load", copy.deepcopy(load))
+    return rig.with_values({key.replace("__", "."): value for key, value in values.items()})
+
+
+def run(rig: Rig, duty: float = 1.0, seconds: float = 1.0, mode: str = "reference", **options: object) -> dict:
+    """The tool from rest at constant duty, rows of 1 ms."""
+    time_s = np.arange(round(seconds * 1000) + 1) * 1e-3
+    log = core.LogInput(time_s, "duty", np.full(time_s.size, duty), load_kind=rig.load["kind"])
+    return core.simulate_impact(log, rig.parameters()[None, :], mode=mode, **options)
+
+
+def settled(out: dict) -> tuple[float, float, float, np.ndarray]:
+    """Blows per minute, spread of the period, mean current after half a second, and the blows since."""
+    blows = out["blows"][0]
+    late = blows[blows["time_s"] > 0.5]
+    period = np.diff(late["time_s"][late["kind"] == 0])
+    current = float(out["current_a"][0, -500:].mean())
+    return 60.0 / period.mean(), period.std() / period.mean(), current, late
+
+
+# physics.md section 4, last row of the reference set.
+@pytest.mark.parametrize(("load", "rate", "current"), [
+    (LOCKED, 2857, 32.3), ({**HARD, "run_torque_nm": 60.0}, 3241, 27.5), ({**HARD, "run_torque_nm": 6.0}, 2771, 25.5)])
+@pytest.mark.parametrize("mode", ["reference", "fast"])
+def test_blows_and_current_of_the_reference_set(load: dict, rate: float, current: float, mode: str) -> None:
+    blows_per_min, spread, mean_a, _ = settled(run(rig_with(load), mode=mode))
+    assert blows_per_min == pytest.approx(rate, rel=1e-3)
+    assert mean_a == pytest.approx(current, abs=0.05)
+    assert spread < 1e-3
+
+
+def test_peaks_and_travel_on_the_locked_joint() -> None:
+    out = run(rig_with(LOCKED))
+    late = settled(out)[3]
+    assert late["peak_torque_nm"].max() == pytest.approx(144.0, rel=0.01)
+    trace = run(rig_with(LOCKED), trace_s=np.linspace(0.6, 0.7, 5001))["trace"]
+    assert trace["hammer_m"].max() == pytest.approx(10.9e-3, abs=0.05e-3)
+
+
+def test_no_load() -> None:
+    out = run(rig_with({**HARD, "run_torque_nm": 0.3, "slip_slope_nm_per_rad": 0}), seconds=1.0)
+    free = run(rig_with({"kind": "none"}))
+    assert free["speed_rad_s"][0, -300:].mean() / 5.6 * 30 / np.pi == pytest.approx(2813, abs=1)
+    assert free["current_a"][0, -300:].mean() == pytest.approx(1.8, abs=0.05)
+    assert out["current_a"][0, -300:].mean() > free["current_a"][0, -300:].mean()
+
+
+@pytest.mark.parametrize(("duty", "hits"), [(0.5, 2), (0.3, 3)])
+def test_at_low_duty_each_lug_is_hit_more_than_once(duty: float, hits: int) -> None:
+    late = settled(run(rig_with(LOCKED), duty))[3]
+    counted = late[late["kind"] < 2]
+    per_lug = [int(np.sum(counted["lug"] == lug)) for lug in np.unique(counted["lug"])[1:-1]]
+    assert set(per_lug) == {hits}
+
+
+def test_synchronism_is_lost_at_duty_07_and_at_205_volts() -> None:
+    assert settled(run(rig_with(LOCKED), 0.7))[1] == pytest.approx(0.24, abs=0.01)
+    late = settled(run(rig_with({**HARD, "run_torque_nm": 60.0}, supply__voltage_v=20.5)))[3]
+    assert np.mean(late["engaged_m"]) == pytest.approx(0.5 * 4.5e-3, rel=0.25)
+
+
+@pytest.mark.parametrize("load", [LOCKED, {**HARD, "run_torque_nm": 60.0}, {**HARD, "run_torque_nm": 0.3, "slip_slope_nm_per_rad": 700}])
+def test_lock_step_gives_the_rows_of_the_log(load: dict) -> None:
+    rig = rig_with(load)
+    rows = run(rig, mode="fast", seconds=0.3)
+    plant = core.ImpactPlant(rig.parameters(), load_kind=load["kind"])
+    for row in range(1, 301):
+        at = plant.advance(1e-3, 1.0)
+        for name in ("current_a", "supply_v", "speed_rad_s", "angle_rad", "anvil_angle_rad", "hammer_mm", "housing_nm", "arm_rad"):
+            assert getattr(at, name) == pytest.approx(rows[name][0, row], rel=1e-3, abs=1e-3), (name, row)
+
+
+def test_a_pwm_period_at_a_time_is_the_same_tool() -> None:
+    rig = rig_with({**HARD, "run_torque_nm": 60.0})
+    plant = make_plant(rig, 1)
+    edges = 0
+    for _ in range(round(0.5 / core.PERIOD_S)):
+        edges += len(plant.period(False, 1.0, 0.0, 0.0)[2])
+    rows = run(rig, seconds=0.5)
+    assert plant.anvil_angle_rad == pytest.approx(rows["anvil_angle_rad"][0, -1], rel=1e-3)
+    assert edges == pytest.approx(4 * plant.angle_rad / (2 * np.pi), abs=1.01)
+    blows = plant.blows()
+    assert np.allclose(blows["time_s"], rows["blows"][0]["time_s"][: len(blows)], atol=20e-6)
+
+
+def test_a_scenario_of_an_impact_rig_is_simulated() -> None:
+    log, blows = simulate_scenario(read_scenario(ROOT / "scenarios/impact_hard_joint.toml"))
+    figures = scenario_figures(log, blows)
+    assert figures["blows"] > 40 and 140 < figures["torque_peak_nm"] < 150
+    assert {"anvil_torque_nm", "anvil_angle_rad", "hammer_mm"} <= set(log.columns)
+
+
+def test_same_bytes_whatever_batch_and_threads() -> None:
+    theta = np.array([rig_with({**HARD, "run_torque_nm": nm}).parameters() for nm in (20.0, 40.0, 60.0)])
+    time_s = np.arange(201) * 1e-3
+    log = core.LogInput(time_s, "duty", np.ones(201), load_kind="hard_joint")
+    together = core.simulate_impact(log, theta, mode="fast", threads=2)
+    for row in range(3):
+        alone = core.simulate_impact(log, theta[row : row + 1], mode="fast")
+        assert alone["blows"][0].tobytes() == together["blows"][row].tobytes()
+        for name in ("current_a", "anvil_angle_rad", "housing_nm"):
+            assert alone[name][0].tobytes() == together[name][row].tobytes(), name
