@@ -31,7 +31,9 @@ VGROOVE_INLINE double contact_force(const Contact &p, double pen, double rate, b
 }
 
 // Stored: k x^(e + 1) / (e + 1)
-VGROOVE_INLINE double contact_energy(const Contact &p, double pen) { return pen > 0.0 ? contact_spring(p, pen) * pen / (p.exponent + 1.0) : 0.0; }
+VGROOVE_INLINE double contact_energy(const Contact &p, double pen) {
+    return pen > 0.0 ? contact_spring(p, pen) * pen / (p.exponent + 1.0) : 0.0;
+}
 
 // mu_s v / v_th below v_th; mu_s - (v - v_th)(mu_s - mu_k) / (0.5 v_th) up to 1.5 v_th; mu_k above; odd in v
 VGROOVE_INLINE double contact_friction(const Contact &p, double v) {

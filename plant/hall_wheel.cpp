@@ -36,7 +36,9 @@ static double crossing_share(const Sweep &w, double angle) {
     return std::min(std::max(u, 0.0), 1.0);
 }
 
-static bool dropped(double probability, Noise &noise) { return probability > 0.0 && noise_uniform(noise) < probability; }
+static bool dropped(double probability, Noise &noise) {
+    return probability > 0.0 && noise_uniform(noise) < probability;
+}
 
 void hall_wheel_edges(const HallWheel &wheel, const Sweep &w, double dropout, Noise &noise, std::int64_t from, std::deque<std::int64_t> &edges) {
     const double low = std::min(w.angle, w.end_angle), high = std::max(w.angle, w.end_angle);
@@ -47,7 +49,8 @@ void hall_wheel_edges(const HallWheel &wheel, const Sweep &w, double dropout, No
             const double angle = turn * TURN_RAD + edge;
             const bool passed = w.end_angle > w.angle ? angle > low && angle <= high : angle >= low && angle < high;
             if (passed && count < PERIOD_EDGES_MAX && !dropped(dropout, noise))
-                found[count++] = from + std::min<std::int64_t>(static_cast<std::int64_t>(crossing_share(w, angle) * PERIOD_CYCLES), PERIOD_CYCLES - 1);
+                found[count++] =
+                    from + std::min<std::int64_t>(static_cast<std::int64_t>(crossing_share(w, angle) * PERIOD_CYCLES), PERIOD_CYCLES - 1);
         }
     if (w.end_angle < w.angle)
         std::reverse(found, found + count);

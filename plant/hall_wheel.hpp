@@ -10,10 +10,10 @@
 
 namespace vgroove {
 
-constexpr int PERIOD_CYCLES = 510;      // phase-correct PWM, TOP 255
+constexpr int PERIOD_CYCLES = 510;  // phase-correct PWM, TOP 255
 constexpr double CPU_HZ = 16e6;
 constexpr double PERIOD_S = PERIOD_CYCLES / CPU_HZ;
-constexpr int PERIOD_EDGES_MAX = 8;     // as many as the lock-step message holds
+constexpr int PERIOD_EDGES_MAX = 8;  // as many as the lock-step message holds
 
 struct HallWheel {
     std::vector<double> edge_rad;  // angles of the edges in one turn, increasing, within 0..2 pi

@@ -56,8 +56,10 @@ static void set_lugs(Impact &m, const Parameters &p) {
     m.overlap_rad = p.lug_overlap_rad;
     m.period_rad = TURN_RAD / p.lug_count;
     m.start_rad = p.hammer_start_rad;
-    m.contact = {p.contact_stiffness, p.contact_damping * (1.0 + p.impact_damping_relative), p.contact_ramp_m, p.contact_exponent,
-                 p.friction_static, p.friction_kinetic, p.friction_speed_m_per_s};
+    m.contact = {p.contact_stiffness,     p.contact_damping * (1.0 + p.impact_damping_relative),
+                 p.contact_ramp_m,        p.contact_exponent,
+                 p.friction_static,       p.friction_kinetic,
+                 p.friction_speed_m_per_s};
     m.flank_friction = p.friction_static != 0.0 || p.friction_kinetic != 0.0;
     require(m.travel_m > m.lug_height_m, "mechanism.travel_rad: the hammer must be able to rise above the lugs");
     const double place = m.start_rad - m.period_rad * std::floor(m.start_rad / m.period_rad);
@@ -119,7 +121,9 @@ Impact impact_from(const Parameters &p, LoadKind load, InputKind input, bool bus
     return m;
 }
 
-bool impact_needs_full(const Impact &m) { return (m.drive.effects & EFFECTS_WITH_STATES) != 0u || m.second_output; }
+bool impact_needs_full(const Impact &m) {
+    return (m.drive.effects & EFFECTS_WITH_STATES) != 0u || m.second_output;
+}
 
 static double twist_energy(const Impact &m, const ImpactState<AuditLayout> &s) {
     using L = AuditLayout;

@@ -19,21 +19,21 @@ template <bool FULL_STATES, bool AUDITED> struct ImpactLayout {
     static constexpr int HAMMER_SPEED = HAMMER_ANGLE + 1;
     static constexpr int ANVIL_ANGLE = HAMMER_ANGLE + 2;
     static constexpr int ANVIL_SPEED = HAMMER_ANGLE + 3;
-    static constexpr int TWIST = HAMMER_ANGLE + 4;         // rad, elastic twist e of the joint
+    static constexpr int TWIST = HAMMER_ANGLE + 4;  // rad, elastic twist e of the joint
     static constexpr int ARM_ANGLE = HAMMER_ANGLE + 5;
     static constexpr int ARM_SPEED = HAMMER_ANGLE + 6;
     static constexpr int HOUSING_TIME = HAMMER_ANGLE + 7;  // N m s, integral of the housing reaction
     static constexpr int LUG_IMPULSE = HAMMER_ANGLE + 8;   // N m s, integral of the lug torque
     static constexpr int CORE_COUNT = HAMMER_ANGLE + 9;
-    static constexpr int OUTPUT_SPEED = CORE_COUNT;        // rad/s, second output body
-    static constexpr int COUPLER_TWIST = CORE_COUNT + 1;   // rad, anvil less second body
+    static constexpr int OUTPUT_SPEED = CORE_COUNT;       // rad/s, second output body
+    static constexpr int COUPLER_TWIST = CORE_COUNT + 1;  // rad, anvil less second body
     static constexpr int FULL_COUNT = FULL ? CORE_COUNT + 2 : CORE_COUNT;
-    static constexpr int WORK_IN = FULL_COUNT;             // J, source
-    static constexpr int LOSS_ELECTRIC = FULL_COUNT + 1;   // J, supply, bridge, winding, brushes
-    static constexpr int LOSS_FRICTION = FULL_COUNT + 2;   // J, motor and gear friction, backlash flanks
-    static constexpr int LOSS_GROOVE = FULL_COUNT + 3;     // J, balls
-    static constexpr int LOSS_CONTACT = FULL_COUNT + 4;    // J, damping and friction of contacts
-    static constexpr int LOSS_JOINT = FULL_COUNT + 5;      // J, damping, slip, coupler damping
+    static constexpr int WORK_IN = FULL_COUNT;            // J, source
+    static constexpr int LOSS_ELECTRIC = FULL_COUNT + 1;  // J, supply, bridge, winding, brushes
+    static constexpr int LOSS_FRICTION = FULL_COUNT + 2;  // J, motor and gear friction, backlash flanks
+    static constexpr int LOSS_GROOVE = FULL_COUNT + 3;    // J, balls
+    static constexpr int LOSS_CONTACT = FULL_COUNT + 4;   // J, damping and friction of contacts
+    static constexpr int LOSS_JOINT = FULL_COUNT + 5;     // J, damping, slip, coupler damping
     static constexpr int COUNT = AUDIT ? FULL_COUNT + 6 : FULL_COUNT;
 };
 using FastLayout = ImpactLayout<false, false>;
@@ -47,16 +47,16 @@ enum class ContactPlace { NONE, FORWARD, BACKWARD, TOP, STOP };  // hammer lug o
 struct ImpactMode {
     Mode<double> drive;
     ContactPlace place;
-    bool above;              // above the lugs, else in the gap behind lug `lug`
+    bool above;  // above the lugs, else in the gap behind lug `lug`
     bool approaching, ramped;
-    double forward_rad;      // relative angle at which the gap ends at a lug's flank; lug * period
-    double backward_rad;     // and at which it begins
-    long lug;                // number of the lug that ends the gap, 0 for the first
-    int slip;                // joint: -1 backwards, 0 sticks, 1 forwards
-    int segment;             // of the joint
-    double roll;             // groove: sign of q', 0 while the balls stick
-    double axial_sign;       // sign of the force through the balls
-    bool frozen;             // anvil and joint at rest; fast mode only
+    double forward_rad;   // relative angle at which the gap ends at a lug's flank; lug * period
+    double backward_rad;  // and at which it begins
+    long lug;             // number of the lug that ends the gap, 0 for the first
+    int slip;             // joint: -1 backwards, 0 sticks, 1 forwards
+    int segment;          // of the joint
+    double roll;          // groove: sign of q', 0 while the balls stick
+    double axial_sign;    // sign of the force through the balls
+    bool frozen;          // anvil and joint at rest; fast mode only
 };
 
 struct Impact {
@@ -64,8 +64,8 @@ struct Impact {
     VGroove groove;
     Contact contact;
     Joint joint;
-    bool two_bodies;         // backlash: motor and spindle apart
-    bool second_output;      // coupler or pendulum behind the anvil
+    bool two_bodies;     // backlash: motor and spindle apart
+    bool second_output;  // coupler or pendulum behind the anvil
     bool flank_friction;
     double ratio, ratio_inverse;
     double motor_inertia;                             // rotor with added_inertia
@@ -88,15 +88,15 @@ bool impact_needs_full(const Impact &m);
 
 // Quantities of one instant beside the derivative.
 struct ImpactPoint {
-    double i, motor_w, motor_rate;       // motor speed and its rate
-    double friction_nm;                  // motor friction, also what holds at rest
+    double i, motor_w, motor_rate;                      // motor speed and its rate
+    double friction_nm;                                 // motor friction, also what holds at rest
     double held_nm, hold_forward_nm, hold_backward_nm;  // torque on a resting motor and what friction holds
     double bus_v, emf_v;
     double q, q_rate, x, s, x_rate;
-    double axial_n, roll_needed_nm;      // force through the balls; friction torque that keeps rolling balls at rest
-    double spindle_nm;                   // torque from spindle to hammer through the groove
+    double axial_n, roll_needed_nm;  // force through the balls; friction torque that keeps rolling balls at rest
+    double spindle_nm;               // torque from spindle to hammer through the groove
     double pen, pen_rate, contact_n, lug_nm;
-    double anvil_load_nm;                // torque of joint or coupler on the anvil
+    double anvil_load_nm;  // torque of joint or coupler on the anvil
     double joint_nm, trial_nm, forward_nm, backward_nm;
     double head_rad;
     double housing_nm;
@@ -109,11 +109,16 @@ struct ContactGap {
 // Penetration of the contact that the place names, and its rate.
 VGROOVE_INLINE ContactGap impact_gap(const Impact &m, const ImpactMode &mode, double relative, double relative_rate, double x, double x_rate) {
     switch (mode.place) {
-    case ContactPlace::FORWARD: return {m.lug_radius_m * (relative - mode.forward_rad), m.lug_radius_m * relative_rate};
-    case ContactPlace::BACKWARD: return {m.lug_radius_m * (mode.backward_rad - relative), -m.lug_radius_m * relative_rate};
-    case ContactPlace::TOP: return {m.lug_height_m - x, -x_rate};
-    case ContactPlace::STOP: return {x - m.travel_m, x_rate};
-    case ContactPlace::NONE: break;
+    case ContactPlace::FORWARD:
+        return {m.lug_radius_m * (relative - mode.forward_rad), m.lug_radius_m * relative_rate};
+    case ContactPlace::BACKWARD:
+        return {m.lug_radius_m * (mode.backward_rad - relative), -m.lug_radius_m * relative_rate};
+    case ContactPlace::TOP:
+        return {m.lug_height_m - x, -x_rate};
+    case ContactPlace::STOP:
+        return {x - m.travel_m, x_rate};
+    case ContactPlace::NONE:
+        break;
     }
     return {0.0, 0.0};
 }
@@ -240,8 +245,7 @@ VGROOVE_INLINE void impact_output(const Impact &m, const Drive<double> &in, cons
 }
 
 // Motor and spindle: one body, or two with play between them. Returns the torque on the spindle from the motor's side.
-template <class L>
-VGROOVE_INLINE double impact_spindle_torque(const Impact &m, const ImpactState<L> &s, double motor_nm) {
+template <class L> VGROOVE_INLINE double impact_spindle_torque(const Impact &m, const ImpactState<L> &s, double motor_nm) {
     if constexpr (L::FULL)
         if (m.two_bodies)
             return m.ratio * gear_coupler_torque<double>(m.drive.gear, m.drive.effects, s.x[STATE_TWIST], s.x[STATE_SPEED] - s.x[STATE_OUTPUT_SPEED]);
@@ -292,7 +296,8 @@ VGROOVE_INLINE void impact_audit(const Impact &m, const Drive<double> &in, const
         ds.x[L::WORK_IN] = d.input == InputKind::DUTY ? source_v * e.bus_a : e.terminal_v * e.i;
     double electric = d.input == InputKind::CURRENT ? 0.0 : e.r * e.i * e.i + e.brush_v * e.i;
     if (d.input == InputKind::DUTY)
-        electric += (d.bus_measured ? 0.0 : supply_loss<double>(d.supply, e.bus_a)) + bridge_loss<double>(d.bridge, d.effects, in, e.bus_v, e.ripple_a, e.i);
+        electric +=
+            (d.bus_measured ? 0.0 : supply_loss<double>(d.supply, e.bus_a)) + bridge_loss<double>(d.bridge, d.effects, in, e.bus_v, e.ripple_a, e.i);
     ds.x[L::LOSS_ELECTRIC] = electric;
     ds.x[L::LOSS_FRICTION] = at.friction_nm * w;
     if (m.two_bodies) {

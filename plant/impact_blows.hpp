@@ -21,8 +21,8 @@ struct Blow {
     double impulse_nm_s;    // of the lug torque over this contact
     double peak_torque_nm;  // of the joint, largest magnitude until the next contact
     long kind;
-    long lug;               // number of the anvil lug
-    long skipped;           // lugs passed untouched since the last blow; blows only
+    long lug;      // number of the anvil lug
+    long skipped;  // lugs passed untouched since the last blow; blows only
 };
 
 struct BlowRecorder {

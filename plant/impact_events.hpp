@@ -20,14 +20,16 @@ enum ImpactEvent {
     IMPACT_STICK,
     IMPACT_SEGMENT_UP,
     IMPACT_SEGMENT_DOWN,
-    IMPACT_MOTOR,     // motor shaft comes to rest or breaks away
-    IMPACT_DIODE,     // current of an open bridge ends or begins
-    IMPACT_ROLL,      // balls come to rest or roll
-    IMPACT_AXIAL,     // force through the balls changes sign
+    IMPACT_MOTOR,  // motor shaft comes to rest or breaks away
+    IMPACT_DIODE,  // current of an open bridge ends or begins
+    IMPACT_ROLL,   // balls come to rest or roll
+    IMPACT_AXIAL,  // force through the balls changes sign
     IMPACT_EVENT_COUNT,
 };
 
-constexpr unsigned impact_bit(ImpactEvent e) { return 1u << e; }
+constexpr unsigned impact_bit(ImpactEvent e) {
+    return 1u << e;
+}
 
 // Switches that can happen from a mode.
 VGROOVE_INLINE unsigned impact_possible(const Impact &m, const ImpactMode &mode, const Drive<double> &in) {
@@ -55,7 +57,9 @@ VGROOVE_INLINE unsigned impact_possible(const Impact &m, const ImpactMode &mode,
 }
 
 // Share of a lug period by which the hammer lug is past a lug's flank, 0 .. period: on top of the lug while below the overlap.
-VGROOVE_INLINE double impact_lap(const Impact &m, double relative) { return relative - m.period_rad * std::floor(relative / m.period_rad); }
+VGROOVE_INLINE double impact_lap(const Impact &m, double relative) {
+    return relative - m.period_rad * std::floor(relative / m.period_rad);
+}
 
 VGROOVE_INLINE double impact_rest_margin(double needed, double forward, double backward) {
     return needed > 0.0 ? forward - needed : backward + needed;
@@ -64,35 +68,50 @@ VGROOVE_INLINE double impact_rest_margin(double needed, double forward, double b
 template <class L>
 VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode, const ImpactState<L> &s, const ImpactPoint &at, int event) {
     switch (event) {
-    case IMPACT_FORWARD: return mode.forward_rad - impact_relative<L>(m, s);
-    case IMPACT_BACKWARD: return impact_relative<L>(m, s) - mode.backward_rad;
-    case IMPACT_HEIGHT: return mode.above ? at.x - m.lug_height_m : m.lug_height_m - at.x;
-    case IMPACT_STOP: return m.travel_m - at.x;
-    case IMPACT_LEAVE: return at.pen;
-    case IMPACT_TURN: return mode.approaching ? at.pen_rate : -at.pen_rate;
-    case IMPACT_RAMP: return mode.ramped ? at.pen - m.contact.ramp_m : m.contact.ramp_m - at.pen;
+    case IMPACT_FORWARD:
+        return mode.forward_rad - impact_relative<L>(m, s);
+    case IMPACT_BACKWARD:
+        return impact_relative<L>(m, s) - mode.backward_rad;
+    case IMPACT_HEIGHT:
+        return mode.above ? at.x - m.lug_height_m : m.lug_height_m - at.x;
+    case IMPACT_STOP:
+        return m.travel_m - at.x;
+    case IMPACT_LEAVE:
+        return at.pen;
+    case IMPACT_TURN:
+        return mode.approaching ? at.pen_rate : -at.pen_rate;
+    case IMPACT_RAMP:
+        return mode.ramped ? at.pen - m.contact.ramp_m : m.contact.ramp_m - at.pen;
     case IMPACT_LAP: {
         const double relative = impact_relative<L>(m, s) - mode.forward_rad;  // forward_rad: flank of the lug below
         return relative < 0.5 * m.overlap_rad ? relative : m.overlap_rad - relative;
     }
-    case IMPACT_SLIP_FORWARD: return at.forward_nm - at.trial_nm;
-    case IMPACT_SLIP_BACKWARD: return at.backward_nm + at.trial_nm;
-    case IMPACT_STICK: return mode.slip > 0 ? at.trial_nm - at.forward_nm : -at.trial_nm - at.backward_nm;
-    case IMPACT_SEGMENT_UP: return m.joint.segment[mode.segment].to_rad - at.head_rad;
-    case IMPACT_SEGMENT_DOWN: return at.head_rad - m.joint.segment[mode.segment].from_rad;
+    case IMPACT_SLIP_FORWARD:
+        return at.forward_nm - at.trial_nm;
+    case IMPACT_SLIP_BACKWARD:
+        return at.backward_nm + at.trial_nm;
+    case IMPACT_STICK:
+        return mode.slip > 0 ? at.trial_nm - at.forward_nm : -at.trial_nm - at.backward_nm;
+    case IMPACT_SEGMENT_UP:
+        return m.joint.segment[mode.segment].to_rad - at.head_rad;
+    case IMPACT_SEGMENT_DOWN:
+        return at.head_rad - m.joint.segment[mode.segment].from_rad;
     case IMPACT_MOTOR:
         return mode.drive.slide == 0.0 ? impact_rest_margin(at.held_nm, at.hold_forward_nm, at.hold_backward_nm) : mode.drive.slide * at.motor_w;
-    case IMPACT_DIODE: return mode.drive.diode == 0.0 ? at.bus_v - std::fabs(at.emf_v) : mode.drive.diode * at.i;
-    case IMPACT_ROLL: return mode.roll == 0.0 ? m.groove.ball_arm * std::fabs(at.axial_n) - std::fabs(at.roll_needed_nm) : mode.roll * at.q_rate;
-    case IMPACT_AXIAL: return mode.axial_sign * at.axial_n;
-    default: return 1.0;
+    case IMPACT_DIODE:
+        return mode.drive.diode == 0.0 ? at.bus_v - std::fabs(at.emf_v) : mode.drive.diode * at.i;
+    case IMPACT_ROLL:
+        return mode.roll == 0.0 ? m.groove.ball_arm * std::fabs(at.axial_n) - std::fabs(at.roll_needed_nm) : mode.roll * at.q_rate;
+    case IMPACT_AXIAL:
+        return mode.axial_sign * at.axial_n;
+    default:
+        return 1.0;
     }
 }
 
 // Those of the possible switches that lie behind, as bits.
 template <class L>
-VGROOVE_INLINE unsigned impact_met(const Impact &m, const ImpactMode &mode, unsigned possible, const ImpactState<L> &s,
-                                   const ImpactPoint &at) {
+VGROOVE_INLINE unsigned impact_met(const Impact &m, const ImpactMode &mode, unsigned possible, const ImpactState<L> &s, const ImpactPoint &at) {
     unsigned met = 0u;
     for (unsigned left = possible; left != 0u; left &= left - 1u) {
         const int event = __builtin_ctz(left);
@@ -132,7 +151,9 @@ VGROOVE_INLINE void impact_come_down(const Impact &m, ImpactMode &mode, double r
     mode.forward_rad = relative - lap;
 }
 
-VGROOVE_INLINE double impact_sign(double x) { return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0); }
+VGROOVE_INLINE double impact_sign(double x) {
+    return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0);
+}
 
 }  // namespace vgroove
 

@@ -11,13 +11,14 @@
 
 namespace vgroove {
 
-const char *const IMPACT_COLUMN_NAMES[IMPACT_COLUMN_COUNT] = {
-    "current_a", "supply_v", "speed_rad_s", "speed_measured_rad_s", "angle_rad", "angle_measured_rad",
-    "anvil_torque_nm", "anvil_angle_rad", "hammer_mm", "hammer_rad", "housing_nm", "arm_rad"};
+const char *const IMPACT_COLUMN_NAMES[IMPACT_COLUMN_COUNT] = {"current_a", "supply_v",           "speed_rad_s",     "speed_measured_rad_s",
+                                                              "angle_rad", "angle_measured_rad", "anvil_torque_nm", "anvil_angle_rad",
+                                                              "hammer_mm", "hammer_rad",         "housing_nm",      "arm_rad"};
 const char *const TRACE_COLUMN_NAMES[TRACE_COLUMN_COUNT] = {
-    "current_a", "speed_rad_s", "hammer_m", "hammer_m_per_s", "hammer_rad", "hammer_rad_s", "relative_rad", "anvil_rad", "anvil_rad_s",
-    "twist_rad", "anvil_angle_rad", "anvil_torque_nm", "lug_torque_nm", "housing_nm", "housing_momentum_nm", "arm_rad"};
-const char *const IMPACT_ENERGY_NAMES[ENERGY_COUNT] = {"work_in", "loss_electric", "loss_friction", "loss_groove", "loss_contact", "loss_joint", "stored"};
+    "current_a",   "speed_rad_s", "hammer_m",        "hammer_m_per_s",  "hammer_rad",    "hammer_rad_s", "relative_rad",        "anvil_rad",
+    "anvil_rad_s", "twist_rad",   "anvil_angle_rad", "anvil_torque_nm", "lug_torque_nm", "housing_nm",   "housing_momentum_nm", "arm_rad"};
+const char *const IMPACT_ENERGY_NAMES[ENERGY_COUNT] = {"work_in",      "loss_electric", "loss_friction", "loss_groove",
+                                                       "loss_contact", "loss_joint",    "stored"};
 
 // One stretch of a row in true time: command as a straight line.
 struct Stretch {
@@ -79,8 +80,22 @@ template <class L> static void write_trace(const ImpactSolver<L> &s, const Impac
     double momentum = 0.0;
     if constexpr (L::AUDIT)
         momentum = impact_reaction_by_momentum(s.model, at, ds);
-    const double values[TRACE_COLUMN_COUNT] = {at.i, at.motor_w, at.x, at.x_rate, x.x[L::HAMMER_ANGLE], x.x[L::HAMMER_SPEED], impact_relative<L>(s.model, x),
-        x.x[L::ANVIL_ANGLE], x.x[L::ANVIL_SPEED], x.x[L::TWIST], at.head_rad, at.joint_nm, at.lug_nm, at.housing_nm, momentum, x.x[L::ARM_ANGLE]};
+    const double values[TRACE_COLUMN_COUNT] = {at.i,
+                                               at.motor_w,
+                                               at.x,
+                                               at.x_rate,
+                                               x.x[L::HAMMER_ANGLE],
+                                               x.x[L::HAMMER_SPEED],
+                                               impact_relative<L>(s.model, x),
+                                               x.x[L::ANVIL_ANGLE],
+                                               x.x[L::ANVIL_SPEED],
+                                               x.x[L::TWIST],
+                                               at.head_rad,
+                                               at.joint_nm,
+                                               at.lug_nm,
+                                               at.housing_nm,
+                                               momentum,
+                                               x.x[L::ARM_ANGLE]};
     std::copy(values, values + TRACE_COLUMN_COUNT, to);
 }
 
@@ -107,7 +122,8 @@ static double measured_current(const Parameters &p, double mean_a) {
     return std::min(std::max(read, -p.current_limit_a), p.current_limit_a);
 }
 
-template <class L> static void write_row(const ImpactSolver<L> &s, const Parameters &p, double seconds, bool start, const ImpactOutput &out, std::size_t at) {
+template <class L>
+static void write_row(const ImpactSolver<L> &s, const Parameters &p, double seconds, bool start, const ImpactOutput &out, std::size_t at) {
     const Drivetrain<double> &d = s.model.drive;
     const double *x = s.state.x;
     ImpactState<L> ds{};
@@ -122,9 +138,18 @@ template <class L> static void write_row(const ImpactSolver<L> &s, const Paramet
     }
     const double gain = 1.0 + p.speed_gain_relative;
     const double current = start ? now.i : x[STATE_CURRENT_TIME] / seconds, bus = start ? now.bus_v : x[STATE_BUS_TIME] / seconds;
-    const double values[IMPACT_COLUMN_COUNT] = {measured_current(p, current), bus * (1.0 + p.supply_gain_relative), x[STATE_SPEED], seen_speed * gain,
-        x[STATE_ANGLE], seen_angle * gain, now.joint_nm, now.head_rad, 1e3 * now.x, x[L::HAMMER_ANGLE], start ? now.housing_nm : x[L::HOUSING_TIME] / seconds,
-        x[L::ARM_ANGLE]};
+    const double values[IMPACT_COLUMN_COUNT] = {measured_current(p, current),
+                                                bus * (1.0 + p.supply_gain_relative),
+                                                x[STATE_SPEED],
+                                                seen_speed * gain,
+                                                x[STATE_ANGLE],
+                                                seen_angle * gain,
+                                                now.joint_nm,
+                                                now.head_rad,
+                                                1e3 * now.x,
+                                                x[L::HAMMER_ANGLE],
+                                                start ? now.housing_nm : x[L::HOUSING_TIME] / seconds,
+                                                x[L::ARM_ANGLE]};
     for (int n = 0; n < IMPACT_COLUMN_COUNT; ++n)
         out.columns[n][at] = values[n];
 }
@@ -132,8 +157,13 @@ template <class L> static void write_row(const ImpactSolver<L> &s, const Paramet
 static void write_energy(const ImpactSolver<AuditLayout> &s, double *to) {
     using L = AuditLayout;
     const double *x = s.state.x;
-    const double values[ENERGY_COUNT] = {x[L::WORK_IN], x[L::LOSS_ELECTRIC], x[L::LOSS_FRICTION], x[L::LOSS_GROOVE],
-        x[L::LOSS_CONTACT] + s.dropped_j, x[L::LOSS_JOINT], impact_stored(s.model, s.mode, s.state)};
+    const double values[ENERGY_COUNT] = {x[L::WORK_IN],
+                                         x[L::LOSS_ELECTRIC],
+                                         x[L::LOSS_FRICTION],
+                                         x[L::LOSS_GROOVE],
+                                         x[L::LOSS_CONTACT] + s.dropped_j,
+                                         x[L::LOSS_JOINT],
+                                         impact_stored(s.model, s.mode, s.state)};
     std::copy(values, values + ENERGY_COUNT, to);
 }
 
@@ -144,8 +174,9 @@ template <class L, bool EXACT> static void run_stretch(ImpactSolver<L> &s, doubl
     });
 }
 
-template <class L, bool EXACT> static void run_row(ImpactSolver<L> &s, const LogInput &in, const Parameters &p, CommandReader &reader, std::size_t row, double &now_s,
-                                                   Tracer<L> *tracer) {
+template <class L, bool EXACT>
+static void run_row(ImpactSolver<L> &s, const LogInput &in, const Parameters &p, CommandReader &reader, std::size_t row, double &now_s,
+                    Tracer<L> *tracer) {
     double left = reader.row_s(row);
     Drive<double> &d = s.drive;
     d.bus_v = in.bus_v.empty() ? 0.0 : in.bus_v[row] / (1.0 + p.supply_gain_relative);

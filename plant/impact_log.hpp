@@ -11,16 +11,40 @@ enum class ImpactAccuracy { REFERENCE, FAST };
 
 // Columns of batch x log rows. Means over the row: current, bus, housing; the others at its end, of the first row all.
 enum ImpactColumn {
-    IMPACT_CURRENT, IMPACT_SUPPLY, IMPACT_SPEED, IMPACT_SPEED_MEASURED, IMPACT_ANGLE, IMPACT_ANGLE_MEASURED,
-    IMPACT_ANVIL_TORQUE, IMPACT_ANVIL_ANGLE, IMPACT_HAMMER, IMPACT_HAMMER_ANGLE, IMPACT_HOUSING, IMPACT_ARM,
+    IMPACT_CURRENT,
+    IMPACT_SUPPLY,
+    IMPACT_SPEED,
+    IMPACT_SPEED_MEASURED,
+    IMPACT_ANGLE,
+    IMPACT_ANGLE_MEASURED,
+    IMPACT_ANVIL_TORQUE,
+    IMPACT_ANVIL_ANGLE,
+    IMPACT_HAMMER,
+    IMPACT_HAMMER_ANGLE,
+    IMPACT_HOUSING,
+    IMPACT_ARM,
     IMPACT_COLUMN_COUNT,
 };
 extern const char *const IMPACT_COLUMN_NAMES[IMPACT_COLUMN_COUNT];
 
 // Quantities of a dense trace.
 enum ImpactTraceColumn {
-    TRACE_CURRENT, TRACE_SPEED, TRACE_HAMMER, TRACE_HAMMER_RATE, TRACE_HAMMER_ANGLE, TRACE_HAMMER_SPEED, TRACE_RELATIVE, TRACE_ANVIL_ANGLE,
-    TRACE_ANVIL_SPEED, TRACE_TWIST, TRACE_HEAD, TRACE_ANVIL_TORQUE, TRACE_LUG_TORQUE, TRACE_HOUSING, TRACE_HOUSING_MOMENTUM, TRACE_ARM,
+    TRACE_CURRENT,
+    TRACE_SPEED,
+    TRACE_HAMMER,
+    TRACE_HAMMER_RATE,
+    TRACE_HAMMER_ANGLE,
+    TRACE_HAMMER_SPEED,
+    TRACE_RELATIVE,
+    TRACE_ANVIL_ANGLE,
+    TRACE_ANVIL_SPEED,
+    TRACE_TWIST,
+    TRACE_HEAD,
+    TRACE_ANVIL_TORQUE,
+    TRACE_LUG_TORQUE,
+    TRACE_HOUSING,
+    TRACE_HOUSING_MOMENTUM,
+    TRACE_ARM,
     TRACE_COLUMN_COUNT,
 };
 extern const char *const TRACE_COLUMN_NAMES[TRACE_COLUMN_COUNT];
@@ -30,16 +54,16 @@ enum ImpactEnergy { ENERGY_WORK_IN, ENERGY_ELECTRIC, ENERGY_FRICTION, ENERGY_GRO
 extern const char *const IMPACT_ENERGY_NAMES[ENERGY_COUNT];
 
 struct ImpactOutput {
-    double *columns[IMPACT_COLUMN_COUNT];          // each batch x rows
-    std::vector<std::vector<Blow>> blows;          // one list per batch row
+    double *columns[IMPACT_COLUMN_COUNT];  // each batch x rows
+    std::vector<std::vector<Blow>> blows;  // one list per batch row
     std::vector<ImpactStats> stats;
-    std::vector<double> trace_s;                   // times of the dense trace, increasing, first batch row only; empty: none
-    std::vector<double> trace;                     // times x TRACE_COLUMN_COUNT
+    std::vector<double> trace_s;  // times of the dense trace, increasing, first batch row only; empty: none
+    std::vector<double> trace;    // times x TRACE_COLUMN_COUNT
     bool keep_history = false;
-    std::vector<StepRecord> history;               // first batch row only
+    std::vector<StepRecord> history;  // first batch row only
     bool keep_energy = false;
-    std::vector<double> energy;                    // rows x ENERGY_COUNT, first batch row only
-    double tolerance = 0.0;                        // 0: the accuracy's own
+    std::vector<double> energy;  // rows x ENERGY_COUNT, first batch row only
+    double tolerance = 0.0;      // 0: the accuracy's own
 };
 
 // theta: batch x PARAMETER_COUNT. The tool starts at rest, the hammer's lug hammer_start_rad from the anvil's.

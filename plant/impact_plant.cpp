@@ -191,17 +191,39 @@ AdvanceResult ImpactPlant::advance(double seconds, double duty, bool coast, doub
     return b.result(seconds);
 }
 
-double ImpactPlant::current_a() const { return body_->now().current_a; }
-double ImpactPlant::speed_rad_s() const { return body_->now().speed_rad_s; }
-double ImpactPlant::angle_rad() const { return body_->now().angle_rad; }
-double ImpactPlant::time_s() const { return body_->now_s; }
-double ImpactPlant::winding_kelvin() const { return body_->kelvin(); }
-double ImpactPlant::hammer_mm() const { return body_->now().hammer_mm; }
-double ImpactPlant::anvil_torque_nm() const { return body_->now().anvil_torque_nm; }
-double ImpactPlant::anvil_angle_rad() const { return body_->now().anvil_angle_rad; }
-double ImpactPlant::housing_nm() const { return body_->now().housing_nm; }
-double ImpactPlant::arm_rad() const { return body_->now().arm_rad; }
+double ImpactPlant::current_a() const {
+    return body_->now().current_a;
+}
+double ImpactPlant::speed_rad_s() const {
+    return body_->now().speed_rad_s;
+}
+double ImpactPlant::angle_rad() const {
+    return body_->now().angle_rad;
+}
+double ImpactPlant::time_s() const {
+    return body_->now_s;
+}
+double ImpactPlant::winding_kelvin() const {
+    return body_->kelvin();
+}
+double ImpactPlant::hammer_mm() const {
+    return body_->now().hammer_mm;
+}
+double ImpactPlant::anvil_torque_nm() const {
+    return body_->now().anvil_torque_nm;
+}
+double ImpactPlant::anvil_angle_rad() const {
+    return body_->now().anvil_angle_rad;
+}
+double ImpactPlant::housing_nm() const {
+    return body_->now().housing_nm;
+}
+double ImpactPlant::arm_rad() const {
+    return body_->now().arm_rad;
+}
 
-std::vector<Blow> ImpactPlant::take_blows() { return body_->take_blows(); }
+std::vector<Blow> ImpactPlant::take_blows() {
+    return body_->take_blows();
+}
 
 }  // namespace vgroove

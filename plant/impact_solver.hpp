@@ -12,11 +12,11 @@
 
 namespace vgroove {
 
-constexpr double IMPACT_STEP_MAX_S = 5e-4;      // a lug is not passed over within a step
+constexpr double IMPACT_STEP_MAX_S = 5e-4;  // a lug is not passed over within a step
 constexpr double IMPACT_STEP_MIN_S = 1e-12;
 constexpr double IMPACT_FIRST_CONTACT_S = 4e-6;  // first step after a contact begins
 constexpr double FROZEN_TWIST_RAD = 1e-6, FROZEN_SPEED_RAD_S = 1e-2;
-constexpr int IMPACT_SWITCHES_MAX = 64;         // without a step in between
+constexpr int IMPACT_SWITCHES_MAX = 64;  // without a step in between
 
 struct ImpactStats {
     double steps = 0.0, rejected = 0.0, events = 0.0, derivatives = 0.0;
@@ -38,15 +38,15 @@ template <class L> struct ImpactStep {
 template <class L> struct ImpactSolver {
     Impact model;
     ImpactMode mode;
-    Drive<double> drive;      // at the start of the next step
+    Drive<double> drive;  // at the start of the next step
     ImpactState<L> state;
-    ImpactState<L> slope;     // derivative at the start of the next step
-    ImpactPoint point;        // and the quantities that go with it
+    ImpactState<L> slope;  // derivative at the start of the next step
+    ImpactPoint point;     // and the quantities that go with it
     ImpactStep<L> step;
     double tolerance;
-    double level_s;           // step that the error allows
-    bool fresh;               // slope and switches must be looked at anew
-    double dropped_j;         // contact energy dropped at releases
+    double level_s;    // step that the error allows
+    bool fresh;        // slope and switches must be looked at anew
+    double dropped_j;  // contact energy dropped at releases
     BlowRecorder recorder;
     ImpactStats stats;
     std::vector<StepRecord> *history;
@@ -87,19 +87,20 @@ template <class L> VGROOVE_INLINE void impact_attempt(ImpactSolver<L> &self, dou
         s.x[n] = y.x[n] + h * (44.0 / 45.0 * k1.x[n] - 56.0 / 15.0 * t.k2.x[n] + 32.0 / 9.0 * t.k3.x[n]);
     impact_slope(self, 0.8 * h, s, t.k4);
     for (int n = 0; n < N; ++n)
-        s.x[n] = y.x[n] + h * ((19372.0 / 6561.0 * k1.x[n] - 25360.0 / 2187.0 * t.k2.x[n]) + (64448.0 / 6561.0 * t.k3.x[n] - 212.0 / 729.0 * t.k4.x[n]));
+        s.x[n] =
+            y.x[n] + h * ((19372.0 / 6561.0 * k1.x[n] - 25360.0 / 2187.0 * t.k2.x[n]) + (64448.0 / 6561.0 * t.k3.x[n] - 212.0 / 729.0 * t.k4.x[n]));
     impact_slope(self, 8.0 / 9.0 * h, s, t.k5);
     for (int n = 0; n < N; ++n)
-        s.x[n] = y.x[n] + h * ((9017.0 / 3168.0 * k1.x[n] - 355.0 / 33.0 * t.k2.x[n]) + (46732.0 / 5247.0 * t.k3.x[n] + 49.0 / 176.0 * t.k4.x[n])
-                               - 5103.0 / 18656.0 * t.k5.x[n]);
+        s.x[n] = y.x[n] + h * ((9017.0 / 3168.0 * k1.x[n] - 355.0 / 33.0 * t.k2.x[n]) + (46732.0 / 5247.0 * t.k3.x[n] + 49.0 / 176.0 * t.k4.x[n]) -
+                               5103.0 / 18656.0 * t.k5.x[n]);
     impact_slope(self, h, s, t.k6);
     for (int n = 0; n < N; ++n)
-        t.end.x[n] = y.x[n] + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * t.k3.x[n]) + (125.0 / 192.0 * t.k4.x[n] - 2187.0 / 6784.0 * t.k5.x[n])
-                                   + 11.0 / 84.0 * t.k6.x[n]);
+        t.end.x[n] = y.x[n] + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * t.k3.x[n]) + (125.0 / 192.0 * t.k4.x[n] - 2187.0 / 6784.0 * t.k5.x[n]) +
+                                   11.0 / 84.0 * t.k6.x[n]);
     t.end_point = impact_slope(self, h, t.end, t.end_slope);
     for (int n = 0; n < N; ++n)
-        s.x[n] = (71.0 / 57600.0 * k1.x[n] - 71.0 / 16695.0 * t.k3.x[n]) + (71.0 / 1920.0 * t.k4.x[n] - 17253.0 / 339200.0 * t.k5.x[n])
-                 + (22.0 / 525.0 * t.k6.x[n] - 1.0 / 40.0 * t.end_slope.x[n]);
+        s.x[n] = (71.0 / 57600.0 * k1.x[n] - 71.0 / 16695.0 * t.k3.x[n]) + (71.0 / 1920.0 * t.k4.x[n] - 17253.0 / 339200.0 * t.k5.x[n]) +
+                 (22.0 / 525.0 * t.k6.x[n] - 1.0 / 40.0 * t.end_slope.x[n]);
     t.error = impact_error(self, h, s);
     self.stats.derivatives += 6.0;
 }
@@ -113,9 +114,9 @@ template <class L> VGROOVE_INLINE ImpactState<L> impact_between(const ImpactSolv
         const double k1 = self.slope.x[n], rise = t.end.x[n] - self.state.x[n];
         const double bend = h * k1 - rise;
         const double last = rise - h * t.end_slope.x[n] - bend;
-        const double fine = h * ((-12715105075.0 / 11282082432.0 * k1 + 87487479700.0 / 32700410799.0 * t.k3.x[n])
-                                 + (-10690763975.0 / 1880347072.0 * t.k4.x[n] + 701980252875.0 / 199316789632.0 * t.k5.x[n])
-                                 + (-1453857185.0 / 822651844.0 * t.k6.x[n] + 69997945.0 / 29380423.0 * t.end_slope.x[n]));
+        const double fine = h * ((-12715105075.0 / 11282082432.0 * k1 + 87487479700.0 / 32700410799.0 * t.k3.x[n]) +
+                                 (-10690763975.0 / 1880347072.0 * t.k4.x[n] + 701980252875.0 / 199316789632.0 * t.k5.x[n]) +
+                                 (-1453857185.0 / 822651844.0 * t.k6.x[n] + 69997945.0 / 29380423.0 * t.end_slope.x[n]));
         s.x[n] = self.state.x[n] + share * (rise + rest * (bend + share * (last + rest * fine)));
     }
     return s;
@@ -214,16 +215,28 @@ template <class L> VGROOVE_INLINE void impact_diode_switches(ImpactSolver<L> &se
 template <class L> VGROOVE_INLINE void impact_switch(ImpactSolver<L> &self, int event) {
     ImpactMode &mode = self.mode;
     switch (event) {
-    case IMPACT_FORWARD: impact_contact_begins(self, ContactPlace::FORWARD); break;
-    case IMPACT_BACKWARD: impact_contact_begins(self, ContactPlace::BACKWARD); break;
-    case IMPACT_STOP: impact_contact_begins(self, ContactPlace::STOP); break;
-    case IMPACT_HEIGHT: impact_cross_height(self); break;
-    case IMPACT_LEAVE: impact_contact_ends(self); break;
+    case IMPACT_FORWARD:
+        impact_contact_begins(self, ContactPlace::FORWARD);
+        break;
+    case IMPACT_BACKWARD:
+        impact_contact_begins(self, ContactPlace::BACKWARD);
+        break;
+    case IMPACT_STOP:
+        impact_contact_begins(self, ContactPlace::STOP);
+        break;
+    case IMPACT_HEIGHT:
+        impact_cross_height(self);
+        break;
+    case IMPACT_LEAVE:
+        impact_contact_ends(self);
+        break;
     case IMPACT_TURN:
         mode.approaching = !mode.approaching;
         mode.ramped = self.point.pen > self.model.contact.ramp_m;
         break;
-    case IMPACT_RAMP: mode.ramped = !mode.ramped; break;
+    case IMPACT_RAMP:
+        mode.ramped = !mode.ramped;
+        break;
     case IMPACT_LAP:
         self.dropped_j += contact_energy(self.model.contact, self.point.pen);
         impact_enter_gap(self.model, mode, impact_relative<L>(self.model, self.state));
@@ -232,14 +245,29 @@ template <class L> VGROOVE_INLINE void impact_switch(ImpactSolver<L> &self, int 
     case IMPACT_SLIP_BACKWARD:
         mode.slip = event == IMPACT_SLIP_FORWARD ? 1 : -1;
         break;
-    case IMPACT_STICK: mode.slip = 0; break;
-    case IMPACT_SEGMENT_UP: ++mode.segment; break;
-    case IMPACT_SEGMENT_DOWN: --mode.segment; break;
-    case IMPACT_MOTOR: impact_motor_rests(self); break;
-    case IMPACT_DIODE: impact_diode_switches(self); break;
-    case IMPACT_ROLL: impact_balls_rest(self); break;
-    case IMPACT_AXIAL: mode.axial_sign = -mode.axial_sign; break;
-    default: break;
+    case IMPACT_STICK:
+        mode.slip = 0;
+        break;
+    case IMPACT_SEGMENT_UP:
+        ++mode.segment;
+        break;
+    case IMPACT_SEGMENT_DOWN:
+        --mode.segment;
+        break;
+    case IMPACT_MOTOR:
+        impact_motor_rests(self);
+        break;
+    case IMPACT_DIODE:
+        impact_diode_switches(self);
+        break;
+    case IMPACT_ROLL:
+        impact_balls_rest(self);
+        break;
+    case IMPACT_AXIAL:
+        mode.axial_sign = -mode.axial_sign;
+        break;
+    default:
+        break;
     }
     self.stats.events += 1.0;
     self.fresh = true;

@@ -8,8 +8,8 @@
 namespace vgroove {
 
 constexpr int JOINT_SEGMENTS_MAX = 8;
-constexpr double DAMPING_LEAST_S = 1e-6;      // damping below stiffness * this is read as that: the twist of a slipping joint needs a rate
-constexpr double YOUNG_PA = 206e9;            // DIN EN 16984
+constexpr double DAMPING_LEAST_S = 1e-6;  // damping below stiffness * this is read as that: the twist of a slipping joint needs a rate
+constexpr double YOUNG_PA = 206e9;        // DIN EN 16984
 constexpr double POISSON = 0.3;
 constexpr double FLAT_SLOPE_NM_PER_RAD = 700;  // a stack of disc springs that lies flat is a hard joint (E)
 
@@ -30,7 +30,9 @@ struct SlipTorques {
     double forward_nm, backward_nm;
 };
 
-VGROOVE_INLINE double joint_polynomial(const double *c, double x) { return c[0] + x * (c[1] + x * (c[2] + x * c[3])); }
+VGROOVE_INLINE double joint_polynomial(const double *c, double x) {
+    return c[0] + x * (c[1] + x * (c[2] + x * c[3]));
+}
 
 VGROOVE_INLINE SlipTorques joint_slip(const Joint &p, int segment, double head_rad, double load_nm) {
     if (p.of_load)

@@ -7,7 +7,15 @@
 
 namespace vgroove {
 
-enum class LoadKind { NONE, TORQUE, PENDULUM, LOCKED, HARD_JOINT, DISC_SPRING, WOOD_SCREW };  // from LOCKED on: joints of the impact mechanism (joints.hpp)
+enum class LoadKind {
+    NONE,
+    TORQUE,
+    PENDULUM,
+    LOCKED,
+    HARD_JOINT,
+    DISC_SPRING,
+    WOOD_SCREW
+};  // from LOCKED on: joints of the impact mechanism (joints.hpp)
 
 constexpr double GRAVITY_M_S2 = 9.81;  // gap contract, pendulum
 

@@ -168,7 +168,8 @@ void bind_impact_plant(nb::module_ &m) {
         .def("period", &period, "coast"_a, "duty"_a, "dead"_a, "load_nm"_a = 0.0,
              "-> (current_a as sensed at the end, supply_v mean, edges: CPU cycles 0..509 of Hall edges)")
         .def("advance", &ImpactPlant::advance, "seconds"_a, "duty"_a, "coast"_a = false, "load_nm"_a = 0.0)
-        .def("blows", [](ImpactPlant &self) { return bytes_as(self.take_blows(), blow_dtype()); }, "Blows since the last call.")
+        .def(
+            "blows", [](ImpactPlant &self) { return bytes_as(self.take_blows(), blow_dtype()); }, "Blows since the last call.")
         .def_prop_ro("current_a", &ImpactPlant::current_a)
         .def_prop_ro("speed_rad_s", &ImpactPlant::speed_rad_s)
         .def_prop_ro("angle_rad", &ImpactPlant::angle_rad)
@@ -187,5 +188,6 @@ void bind_impact(nb::module_ &m) {
     bind_impact_plant(m);
     m.def("simulate_impact", &simulate_impact, "log_input"_a, "theta"_a, "mode"_a = "reference", "threads"_a = 1, "trace_s"_a.none() = nb::none(),
           "history"_a = false, "energy"_a = false, "tolerance"_a = 0.0,
-          "theta (B, P) -> dict of rows (B, n), 'blows' and 'statistics' per batch row; of the first batch row 'trace' at trace_s, step 'history', 'energy'.");
+          "theta (B, P) -> dict of rows (B, n), 'blows' and 'statistics' per batch row; of the first batch row 'trace' at trace_s, step 'history', "
+          "'energy'.");
 }
