@@ -11,12 +11,12 @@
 
 namespace vgroove {
 
-const char *const IMPACT_COLUMN_NAMES[IMPACT_COLUMN_COUNT] = {"current_a", "supply_v",           "speed_rad_s",     "speed_measured_rad_s",
-                                                              "angle_rad", "angle_measured_rad", "anvil_torque_nm", "anvil_angle_rad",
-                                                              "hammer_mm", "hammer_rad",         "housing_nm",      "arm_rad"};
+const char *const IMPACT_COLUMN_NAMES[IMPACT_COLUMN_COUNT] = {
+    "current_a", "supply_v",  "speed_rad_s", "speed_measured_rad_s", "angle_rad", "angle_measured_rad", "anvil_torque_nm", "anvil_angle_rad",
+    "head_rad",  "hammer_mm", "hammer_rad",  "housing_nm",           "arm_rad"};
 const char *const TRACE_COLUMN_NAMES[TRACE_COLUMN_COUNT] = {
-    "current_a",   "speed_rad_s", "hammer_m",        "hammer_m_per_s",  "hammer_rad",    "hammer_rad_s", "relative_rad",        "anvil_rad",
-    "anvil_rad_s", "twist_rad",   "anvil_angle_rad", "anvil_torque_nm", "lug_torque_nm", "housing_nm",   "housing_momentum_nm", "arm_rad"};
+    "current_a",   "speed_rad_s", "hammer_m", "hammer_m_per_s",  "hammer_rad",    "hammer_rad_s", "relative_rad",        "anvil_angle_rad",
+    "anvil_rad_s", "twist_rad",   "head_rad", "anvil_torque_nm", "lug_torque_nm", "housing_nm",   "housing_momentum_nm", "arm_rad"};
 const char *const IMPACT_ENERGY_NAMES[ENERGY_COUNT] = {"work_in",      "loss_electric", "loss_friction", "loss_groove",
                                                        "loss_contact", "loss_joint",    "stored"};
 
@@ -145,6 +145,7 @@ static void write_row(const ImpactSolver<L> &s, const Parameters &p, double seco
                                                 x[STATE_ANGLE],
                                                 seen_angle * gain,
                                                 now.joint_nm,
+                                                x[L::ANVIL_ANGLE],
                                                 now.head_rad,
                                                 1e3 * now.x,
                                                 x[L::HAMMER_ANGLE],

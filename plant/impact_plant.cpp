@@ -68,7 +68,8 @@ template <class L, bool EXACT> struct SolverBody final : ImpactBody {
     AdvanceResult now() const override {
         const double *x = solver.state.x;
         const ImpactPoint &at = solver.point;
-        return {at.i, at.bus_v, x[STATE_SPEED], x[STATE_ANGLE], at.joint_nm, at.head_rad, 1e3 * at.x, at.housing_nm, x[L::ARM_ANGLE]};
+        return {at.i,        at.bus_v,   x[STATE_SPEED], x[STATE_ANGLE], at.joint_nm, x[L::ANVIL_ANGLE],
+                at.head_rad, 1e3 * at.x, at.housing_nm,  x[L::ARM_ANGLE]};
     }
 
     AdvanceResult result(double seconds) const override {
@@ -214,6 +215,9 @@ double ImpactPlant::anvil_torque_nm() const {
 }
 double ImpactPlant::anvil_angle_rad() const {
     return body_->now().anvil_angle_rad;
+}
+double ImpactPlant::head_rad() const {
+    return body_->now().head_rad;
 }
 double ImpactPlant::housing_nm() const {
     return body_->now().housing_nm;

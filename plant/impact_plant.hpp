@@ -14,7 +14,7 @@ namespace vgroove {
 
 // What an interval came to: means over it, the rest at its end.
 struct AdvanceResult {
-    double current_a, supply_v, speed_rad_s, angle_rad, anvil_torque_nm, anvil_angle_rad, hammer_mm, housing_nm, arm_rad;
+    double current_a, supply_v, speed_rad_s, angle_rad, anvil_torque_nm, anvil_angle_rad, head_rad, hammer_mm, housing_nm, arm_rad;
 };
 
 struct ImpactBody;  // impact_plant.cpp: solver of the accuracy and effects asked for
@@ -39,6 +39,7 @@ public:
     double hammer_mm() const;
     double anvil_torque_nm() const;
     double anvil_angle_rad() const;
+    double head_rad() const;
     double housing_nm() const;
     double arm_rad() const;
 

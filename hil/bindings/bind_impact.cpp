@@ -159,6 +159,7 @@ void bind_impact_plant(nb::module_ &m) {
         .def_ro("angle_rad", &AdvanceResult::angle_rad)
         .def_ro("anvil_torque_nm", &AdvanceResult::anvil_torque_nm)
         .def_ro("anvil_angle_rad", &AdvanceResult::anvil_angle_rad)
+        .def_ro("head_rad", &AdvanceResult::head_rad)
         .def_ro("hammer_mm", &AdvanceResult::hammer_mm)
         .def_ro("housing_nm", &AdvanceResult::housing_nm)
         .def_ro("arm_rad", &AdvanceResult::arm_rad);
@@ -178,6 +179,7 @@ void bind_impact_plant(nb::module_ &m) {
         .def_prop_ro("hammer_mm", &ImpactPlant::hammer_mm)
         .def_prop_ro("anvil_torque_nm", &ImpactPlant::anvil_torque_nm)
         .def_prop_ro("anvil_angle_rad", &ImpactPlant::anvil_angle_rad)
+        .def_prop_ro("head_rad", &ImpactPlant::head_rad)
         .def_prop_ro("housing_nm", &ImpactPlant::housing_nm)
         .def_prop_ro("arm_rad", &ImpactPlant::arm_rad);
 }

@@ -87,7 +87,7 @@ def test_lock_step_gives_the_rows_of_the_log(load: dict) -> None:
     plant = core.ImpactPlant(rig.parameters(), load_kind=load["kind"])
     for row in range(1, 301):
         at = plant.advance(1e-3, 1.0)
-        for name in ("current_a", "supply_v", "speed_rad_s", "angle_rad", "anvil_angle_rad", "hammer_mm", "housing_nm", "arm_rad"):
+        for name in ("current_a", "supply_v", "speed_rad_s", "angle_rad", "anvil_angle_rad", "head_rad", "hammer_mm", "housing_nm", "arm_rad"):
             assert getattr(at, name) == pytest.approx(rows[name][0, row], rel=1e-3, abs=1e-3), (name, row)
 
 
@@ -98,15 +98,15 @@ def test_a_pwm_period_at_a_time_is_the_same_tool() -> None:
     for _ in range(round(0.5 / core.PERIOD_S)):
         edges += len(plant.period(False, 1.0, 0.0, 0.0)[2])
     rows = run(rig, seconds=0.5)
-    assert plant.anvil_angle_rad == pytest.approx(rows["anvil_angle_rad"][0, -1], rel=1e-3)
+    assert plant.head_rad == pytest.approx(rows["head_rad"][0, -1], rel=1e-3)
     assert edges == pytest.approx(4 * plant.angle_rad / (2 * np.pi), abs=1.01)
     blows = plant.blows()
     assert np.allclose(blows["time_s"], rows["blows"][0]["time_s"][: len(blows)], atol=20e-6)
 
 
 def test_a_scenario_of_an_impact_rig_is_simulated() -> None:
-    log, blows = simulate_scenario(read_scenario(ROOT / "scenarios/impact_hard_joint.toml"))
-    figures = scenario_figures(log, blows)
+    log, impacts = simulate_scenario(read_scenario(ROOT / "scenarios/impact_hard_joint.toml"))
+    figures = scenario_figures(log, impacts)
     assert figures["blows"] > 40 and 140 < figures["torque_peak_nm"] < 150
     assert {"anvil_torque_nm", "anvil_angle_rad", "hammer_mm"} <= set(log.columns)
 
@@ -119,5 +119,5 @@ def test_same_bytes_whatever_batch_and_threads() -> None:
     for row in range(3):
         alone = core.simulate_impact(log, theta[row : row + 1], mode="fast")
         assert alone["blows"][0].tobytes() == together["blows"][row].tobytes()
-        for name in ("current_a", "anvil_angle_rad", "housing_nm"):
+        for name in ("current_a", "head_rad", "housing_nm"):
             assert alone[name][0].tobytes() == together[name][row].tobytes(), name
