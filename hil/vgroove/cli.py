@@ -134,8 +134,8 @@ def _sim_scenario(path: Path, output: Path | None) -> dict[str, Any]:
         scenario = read_scenario(path)
     except VgrooveError as error:
         raise VgrooveError(f"{error} (without --log LOG a scenario is simulated)") from error
-    simulated, impacts = simulate_scenario(scenario)
-    figures = scenario_figures(simulated, impacts)
+    simulated = simulate_scenario(scenario)
+    figures = scenario_figures(simulated)
     Console().print(scenario_table(figures))
     if output:
         write_csv(simulated, output)

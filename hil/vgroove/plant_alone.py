@@ -1,7 +1,5 @@
 """`vgroove sim SCENARIO`: the plant alone, its trigger travel taken as the duty, no firmware and no sensors in between."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from rich.table import Table
 
@@ -25,18 +23,10 @@ def profile_columns(profile: Profile, time_s: np.ndarray) -> dict[str, np.ndarra
     return {"duty": np.where(pressed, sign * travel, 0.0), "coast": np.where(pressed, 0.0, 1.0), "load_nm": curve(profile.load_nm, time_s)}
 
 
-@dataclass(frozen=True)
-class Impacts:
-    """What an impact tool did beside its log: every contact (gap contract's blows and repeats, rebounds), the head's angle at the end."""
-
-    blows: np.ndarray
-    head_rad: float
-
-
-def simulate_scenario(scenario: Scenario) -> tuple[Log, Impacts | None]:
+def simulate_scenario(scenario: Scenario) -> Log:
     """Rows of 1 ms, the first at rest: current (A) and bus (V) as means of the row, speed (rpm) and angle (rad) of the shaft at its end.
 
-    An impact tool has its bench channels too (torque of the joint, angle of the anvil, hammer), and its impacts beside the log.
+    An impact tool has its bench channels too (torque of the joint, angle of the anvil, hammer), and what its impacts came to in `meta`.
     """
     from vgroove import _core
 
@@ -47,33 +37,32 @@ def simulate_scenario(scenario: Scenario) -> tuple[Log, Impacts | None]:
     columns = profile_columns(scenario.profile, time_s)
     drive = _core.LogInput(time_s, "duty", columns["duty"], slew_per_s=tool.input.get("slew_per_s"), load_nm=columns["load_nm"],
                            coast=columns["coast"], load_kind=tool.load.get("kind", "none"))
-    impacts = None
+    meta = {}
     if tool.mechanism["kind"] == "impact":
         rows = _core.simulate_impact(drive, tool.parameters()[None, :], mode="fast")
         columns |= {name: rows[name][0] for name in BENCH_CHANNELS}
-        impacts = Impacts(rows["blows"][0], float(rows["head_rad"][0, -1]))
+        meta = impact_figures(rows["blows"][0], float(rows["head_rad"][0, -1]))
     else:
         rows = _core.simulate_log(drive, tool.parameters()[None, :], np.array([0]), np.zeros((1, 3)), threads=1)
     columns |= {name: rows[name][0] for name in ("supply_v", "current_a")}
     columns |= {"speed_rpm": rows["speed_rad_s"][0] * RAD_S_TO_RPM, "position_rad": rows["angle_rad"][0]}
-    return Log(time_s, columns, scenario.source), impacts
+    return Log(time_s, columns, scenario.source, meta=meta)
 
 
-def impact_figures(impacts: Impacts) -> dict[str, float | int]:
+def impact_figures(blows: np.ndarray, head_rad: float) -> dict[str, float | int]:
     """What an impact run came to: blows and their repeats, rate and regularity of the second half of them, torque, height, head angle."""
-    blows = impacts.blows
     first = blows[blows["kind"] == 0]
     late = first[len(first) // 2 :]
     period = np.diff(late["time_s"])
     figures: dict[str, float | int] = {"blows": len(first), "repeats": int(np.sum(blows["kind"] == 1)),
-                                       "head_end_rad": impacts.head_rad}
+                                       "head_end_rad": head_rad}
     if len(period):
         figures |= {"blows_per_min": float(60.0 / period.mean()), "period_spread_percent": float(100.0 * period.std() / period.mean()),
                     "torque_peak_nm": float(late["peak_torque_nm"].max()), "engaged_mean_mm": float(1e3 * late["engaged_m"].mean())}
     return figures
 
 
-def scenario_figures(log: Log, impacts: Impacts | None = None) -> dict[str, float | int | str]:
+def scenario_figures(log: Log) -> dict[str, float | int | str]:
     """What a run of the plant came to, JSON-ready."""
     current, speed = log.columns["current_a"], log.columns["speed_rpm"]
     return {
@@ -85,7 +74,7 @@ def scenario_figures(log: Log, impacts: Impacts | None = None) -> dict[str, floa
         "speed_end_rpm": float(speed[-1]),
         "supply_least_v": float(np.min(log.columns["supply_v"])),
         "turns": float(log.columns["position_rad"][-1] / (2.0 * np.pi)),
-        **({} if impacts is None else impact_figures(impacts)),
+        **log.meta,
     }
 
 
