@@ -29,16 +29,20 @@ def bench() -> None:
 
 @bench_app.command("speed")
 def bench_speed_command(
-    seconds: Annotated[int, typer.Option(min=1, help="Simulated seconds.")] = 10,
-    seed: Annotated[int, typer.Option(help="Seed of the staircase.")] = 1,
+    seconds: Annotated[int, typer.Option(min=1, help="Seconds of the drivetrain's staircase.")] = 10,
+    seed: Annotated[int, typer.Option(help="Seed of the staircase and of the batch's tools.")] = 1,
+    repeats: Annotated[int, typer.Option(min=1, help="Timed rounds; the figures are their medians.")] = 5,
     json_path: Annotated[Path | None, typer.Option("--json", help="Write all figures as JSON.")] = None,
 ) -> None:
-    """Speed of the drivetrain plant against general-purpose solvers at equal accuracy."""
-    from vgroove.bench.speed import bench_speed, speed_table
+    """Speed of the plant against general-purpose solvers at equal accuracy: impact mode, lock-step, batches, drivetrain."""
+    from vgroove.bench.speed import bench_speed
+    from vgroove.bench.speed_tables import speed_tables
 
     _check_outputs(json_path)
-    figures = bench_speed(seconds, seed)
-    Console().print(speed_table(figures))
+    console = Console()
+    figures = bench_speed(seconds, seed, repeats, console)
+    for table in speed_tables(figures):
+        console.print(table)
     _write_json(json_path, figures)
 
 

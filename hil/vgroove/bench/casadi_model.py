@@ -61,7 +61,7 @@ def expression() -> tuple[ca.SX, ca.SX, ca.SX]:
 
 
 def load_casadi() -> Callable[[Floats, Floats, Floats, float], Floats]:
-    """CVODES (BDF, faster here than Adams); the right-hand side runs in CasADi's own virtual machine, the integrators are kept by tolerance."""
+    """CVODES (BDF, faster here than Adams) with the right-hand side in CasADi's own virtual machine."""
     y, p, rates = expression()
     made: dict[tuple[float, int], ca.Function] = {}
 

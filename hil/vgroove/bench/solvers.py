@@ -10,6 +10,8 @@ Floats = npt.NDArray[np.float64]
 Run = Callable[[Floats, Floats, Floats, float], Floats]  # times (n,) at 1 kHz, start (8,), parameters, tolerance -> states (n, 8)
 
 RTOLS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 1e-7, 1e-8)
+NUMBALSODA, NUMBALSODA_RESTARTED = "numbalsoda LSODA", "numbalsoda LSODA, restarted each 1 ms"
+EULER, EULER_2_US = "plain C++ Euler", "plain C++ Euler at 2 us"
 STEPS_S = (1e-5, 5e-6, 2e-6, 1e-6, 5e-7, 2e-7, 1e-7)
 
 
@@ -34,13 +36,13 @@ class Missing:
 def _numbalsoda() -> Peer:
     from vgroove.bench.impact_peers import Numbalsoda
 
-    return Peer("numbalsoda LSODA", Numbalsoda().run)
+    return Peer(NUMBALSODA, Numbalsoda().run)
 
 
 def _numbalsoda_restarted() -> Peer:
     from vgroove.bench.impact_peers import Numbalsoda
 
-    return Peer("numbalsoda LSODA, restarted each 1 ms", Numbalsoda().restarted)
+    return Peer(NUMBALSODA_RESTARTED, Numbalsoda().restarted)
 
 
 def _scipy() -> Peer:
@@ -61,7 +63,7 @@ def _casadi() -> Peer:
     return Peer("CasADi CVODES", load_casadi())
 
 
-def _euler() -> Peer:
+def _euler(name: str, steps_s: tuple[float, ...]) -> Peer:
     from vgroove.bench import euler
 
     library = euler.build()
@@ -69,15 +71,15 @@ def _euler() -> Peer:
     def run(times: Floats, y0: Floats, p: Floats, step_s: float) -> Floats:
         return euler.run(library, y0, p, times.size - 1, step_s)
 
-    return Peer(EULER, run, STEPS_S, "step_s")
+    return Peer(name, run, steps_s, "step_s")
 
 
-EULER = "plain C++ Euler"
 PIP = "pip install numba numbalsoda (its wheel or, from source, cmake and gfortran)"
 LOADERS: tuple[tuple[str, Callable[[], Peer], str], ...] = (
-    ("numbalsoda LSODA", _numbalsoda, PIP),
-    ("numbalsoda LSODA, restarted each 1 ms", _numbalsoda_restarted, PIP),
-    (EULER, _euler, "apt-get install g++"),
+    (NUMBALSODA, _numbalsoda, PIP),
+    (NUMBALSODA_RESTARTED, _numbalsoda_restarted, PIP),
+    (EULER_2_US, lambda: _euler(EULER_2_US, (2e-6,)), "apt-get install g++"),
+    (EULER, lambda: _euler(EULER, STEPS_S), "apt-get install g++"),
     ("SciPy LSODA", _scipy, "pip install numba"),
     ("CasADi CVODES", _casadi, "pip install casadi"),
     ("scikit-sundae CVODE", _sundae, "pip install numba scikit-sundae"),

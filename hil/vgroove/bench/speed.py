@@ -1,137 +1,152 @@
-"""Speed of the drivetrain plant against general-purpose solvers: one log-like run, equal accuracy, medians, one machine."""
+"""`vgroove bench speed`: the plant against the solvers that a user would pick instead, all in one run on one machine."""
 
-import statistics
-import time
+import os
+import platform
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-from rich.table import Table
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from vgroove import _core
+from vgroove.bench import batch_speed, drive_speed, impact_speed, lockstep_speed
+from vgroove.bench.impact_speed import Figure
+from vgroove.bench.impact_tool import ImpactTool
+from vgroove.bench.lockstep_speed import LockstepFigure, own_lockstep
+from vgroove.bench.own import impact_heads
+from vgroove.bench.solvers import EULER, EULER_2_US, NUMBALSODA, NUMBALSODA_RESTARTED, Missing, Peer, load_peers
 from vgroove.errors import VgrooveError
 
-Floats = npt.NDArray[np.float64]
-
-ACCURACY = 1e-4  # largest speed error over the run / largest speed
-TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
-BUS_V = 18.0
-SLEW_PER_S = 6.0
-MOTOR = {"resistance_ohm": 0.19, "inductance_h": 1e-4, "torque_constant_nm_per_a": 0.0109, "inertia_kg_m2": 1.6e-5,
-         "viscous_nm_s_per_rad": 4.5e-6, "coulomb_nm": 0.012}
-GEARBOX = {"ratio": 5.6, "output_inertia_kg_m2": 6e-5}
+SCHEMA = "vgroove.bench_speed/1"
+FAST, REFERENCE, LOCKSTEP = "vgroove, fast", "vgroove, reference", "vgroove, fast, lock-step of 1 ms"
+LOCKSTEP_PAIRS = {"vgroove, fast": (FAST, LOCKSTEP), "numbalsoda LSODA": (NUMBALSODA, NUMBALSODA_RESTARTED)}
+MUJOCO = Missing("MuJoCo (step cost)", "pip install mujoco")
+Done = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Figure:
-    """Median wall time of one solver for the run and its error against the reference."""
+class Asked:
+    """One figure against what was asked of it; met is None where the figure needs a peer that is missing."""
 
     name: str
-    seconds: float
-    times_real_time: float
-    speed_error: float
-    rtol: float | None
+    value: float | None
+    relation: str  # "<=" or ">="
+    asked: float
+    met: bool | None
 
 
-@dataclass(frozen=True)
-class Run:
-    """Rows of a log (time, duty at the row's end) and the stretches of one slope that a general solver integrates at a time."""
-
-    time_s: Floats
-    duty: Floats
-    stretches: list[tuple[int, int]]
-
-
-def staircase_run(seconds: int, seed: int) -> Run:
-    """A staircase of forward duties with ramps at the trigger's slew rate, 1 kHz rows."""
-    rng = np.random.default_rng(seed)
-    steps = np.repeat(rng.uniform(0.3, 1.0, 2 * seconds), 500)
-    duty = np.zeros(steps.size + 1)
-    for row in range(1, duty.size):
-        duty[row] = duty[row - 1] + np.clip(steps[row - 1] - duty[row - 1], -SLEW_PER_S * 1e-3, SLEW_PER_S * 1e-3)
-    bends = np.flatnonzero(np.abs(np.diff(duty, 2)) > 1e-12) + 1
-    knots = [0, *bends.tolist(), duty.size - 1]
-    return Run(np.arange(duty.size) * 1e-3, duty, [(a, b) for a, b in zip(knots, knots[1:], strict=False) if b > a])
-
-
-def peer_parameters(run: Run, first: int, last: int) -> Floats:
-    """Parameters of peers._derivative for one stretch."""
-    slope = (run.duty[last] - run.duty[first]) / (run.time_s[last] - run.time_s[first])
-    inertia = MOTOR["inertia_kg_m2"] + GEARBOX["output_inertia_kg_m2"] / GEARBOX["ratio"] ** 2
-    return np.array([BUS_V * run.duty[first], BUS_V * slope, run.time_s[first], MOTOR["resistance_ohm"], MOTOR["inductance_h"],
-                     MOTOR["torque_constant_nm_per_a"], inertia, MOTOR["viscous_nm_s_per_rad"], MOTOR["coulomb_nm"]])
-
-
-def peer_speed(run: Run, solver: Callable[[Floats, Floats, Floats, float], Floats], rtol: float) -> Floats:
-    """Motor speed rad/s at the rows, (n,)."""
-    speed = np.zeros(run.time_s.size)
-    state = np.zeros(3)
-    for first, last in run.stretches:
-        states = solver(run.time_s[first : last + 1], state, peer_parameters(run, first, last), rtol)
-        speed[first : last + 1] = states[:, 1]
-        state = states[-1].copy()
-    return speed
-
-
-def own_parameters() -> Floats:
-    """The tool of physics.md in the order of _core.PARAMETERS."""
-    theta = np.array(_core.parameter_defaults())
-    values = {"supply.voltage_v": BUS_V} | {f"motor.{k}": v for k, v in MOTOR.items()} | {f"gearbox.{k}": v for k, v in GEARBOX.items()}
-    for name, value in values.items():
-        theta[_core.PARAMETERS.index(name)] = value
-    return theta
-
-
-def own_speed(run: Run) -> Floats:
-    """Motor speed rad/s at the rows by the plant, one lane, one thread."""
-    log_input = _core.LogInput(run.time_s, "duty", run.duty, SLEW_PER_S)
-    rows = _core.simulate_log(log_input, own_parameters()[None, :], np.array([0]), np.zeros((1, 3)), threads=1)
-    return rows["speed_rad_s"][0]
-
-
-def timed(work: Callable[[], Floats], repeats: int) -> float:
-    """Median seconds of `repeats` runs after one warm-up."""
-    work()
-    seconds = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - start)
-    return statistics.median(seconds)
-
-
-def measure_peer(name: str, solver: Callable[[Floats, Floats, Floats, float], Floats], run: Run, reference: Floats, repeats: int) -> Figure:
-    """The loosest tolerance at which the peer reaches ACCURACY, and its time there."""
-    for rtol in TOLERANCES:
-        error = float(np.max(np.abs(peer_speed(run, solver, rtol) - reference)) / np.max(reference))
-        if error <= ACCURACY:
-            seconds = timed(lambda tol=rtol: peer_speed(run, solver, tol), repeats)
-            return Figure(name, seconds, run.time_s[-1] / seconds, error, rtol)
-    raise VgrooveError(f"{name} does not reach a speed error of {ACCURACY:g} at any tolerance down to {TOLERANCES[-1]:g}.")
-
-
-def bench_speed(seconds: int = 10, seed: int = 1, repeats: int = 5) -> dict:
-    """All figures of one run: {"run": ..., "figures": [...], "ratios": {peer: peer time / own time}}."""
+def bench_speed(seconds: int = 10, seed: int = 1, repeats: int = 5, console: Console | None = None) -> dict[str, Any]:
+    """All figures of one run, JSON-ready; a progress bar on a console that is a terminal."""
     try:
-        from vgroove.bench.peers import PEERS, scipy_lsoda
+        import numba  # noqa: F401
     except ImportError as error:
-        raise VgrooveError(f"The peers are an optional extra ({error.name} is missing): run `make bench`.") from error
-    run = staircase_run(seconds, seed)
-    reference = peer_speed(run, scipy_lsoda, 1e-11)
-    own_s = timed(lambda: own_speed(run), repeats)
-    own_error = float(np.max(np.abs(own_speed(run) - reference)) / np.max(reference))
-    figures = [Figure("vgroove simulate_log, one lane", own_s, run.time_s[-1] / own_s, own_error, None)]
-    figures += [measure_peer(name, solver, run, reference, repeats) for name, solver in PEERS.items()]
-    return {"run": f"{seconds} s staircase, 1 kHz rows, seed {seed}, accuracy {ACCURACY:g}, medians of {repeats}",
-            "figures": [asdict(f) for f in figures], "ratios": {f.name: f.seconds / own_s for f in figures[1:]}}
+        raise VgrooveError("The reference and most peers need numba, an optional extra: run `make bench`, or pip install numba.") from error
+    peers, missing = load_peers()
+    columns = (TextColumn("{task.description:48}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    console = console or Console()
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("reference", total=runs_of(peers, repeats))
+        return measure(peers, missing, (seconds, seed, repeats), lambda name: progress.update(task, advance=1, description=name))
 
 
-def speed_table(figures: dict) -> Table:
-    """The figures of bench_speed as a table."""
-    table = Table("solver", "ms", "x real time", "speed error", "time / vgroove's", title=figures["run"])
-    for figure in figures["figures"]:
-        ratio = figures["ratios"].get(figure["name"], 1.0)
-        cells = (f"{1e3 * figure['seconds']:.2f}", f"{figure['times_real_time']:,.0f}", f"{figure['speed_error']:.1e}", f"{ratio:.2f}")
-        table.add_row(figure["name"], *cells)
-    return table
+def runs_of(peers: list[Peer], repeats: int) -> int:
+    """How often `measure` tells its progress."""
+    batch = 1 + 2 * repeats
+    growth = repeats * (len(batch_speed.TIMES_MS) + len(batch_speed.SIZES))
+    return impact_speed.runs_of(len(owns()), len(peers), repeats) + batch + growth + repeats * (2 + len(drive_speed.load_solvers()))
+
+
+def own_prepare(mode: str) -> impact_speed.Prepare:
+    """The plant's impact mode as the comparison asks for it."""
+    def prepare(tool: ImpactTool) -> Callable[[], float]:
+        run = impact_heads([tool], impact_speed.ROWS, mode)
+        return lambda: float(run()[0])
+
+    return prepare
+
+
+def owns() -> dict[str, impact_speed.Prepare]:
+    return {FAST: own_prepare("fast"), LOCKSTEP: own_lockstep, REFERENCE: own_prepare("reference")}
+
+
+def measure(peers: list[Peer], missing: list[Missing], run: tuple[int, int, int], done: Done) -> dict[str, Any]:
+    """Impact, lock-step, batch, growth and drivetrain in turn; run = drivetrain seconds, seed, repeats."""
+    seconds, seed, repeats = run
+    impact = impact_speed.measure(owns(), peers, repeats, done)
+    rtol = next((f.tolerance for f in impact if f.name == NUMBALSODA and f.case == "slip_60"), None)
+    batch = batch_speed.measure_batch(seed, repeats, rtol, done)
+    costs = batch_speed.measure_growth(seed, repeats, done)
+    drive, sensitivity = drive_speed.measure_drive(seconds, seed, repeats, done)
+    lockstep, step_s = lockstep_speed.pairs(impact, LOCKSTEP_PAIRS), mujoco_step_s()
+    asked = [*asked_of_impact(impact, lockstep), *asked_of_batch(batch, costs), *asked_of_drive(drive, sensitivity)]
+    return {
+        "schema": SCHEMA, "cpu": cpu_name(), "cores": os.cpu_count(), "seed": seed, "repeats": repeats, "drive_seconds": seconds,
+        "asked": [asdict(a) for a in asked],
+        "impact": [asdict(f) | {"ratio": f.seconds / own_seconds(impact, f.case)} for f in impact],
+        "lockstep": [asdict(f) for f in lockstep], "batch": [asdict(f) for f in batch], "growth": [asdict(c) for c in costs],
+        "drive": [asdict(f) | {"ratio": f.seconds / drive[0].seconds} for f in drive], "drive_sensitivity_runs": sensitivity,
+        "mujoco_step_s": step_s, "missing": [asdict(m) for m in missing + ([MUJOCO] if step_s is None else [])],
+    }
+
+
+def cpu_name() -> str:
+    """The processor's name where Linux tells it."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as text:
+            return next((line.split(":", 1)[1].strip() for line in text if line.startswith("model name")), platform.machine())
+    except OSError:
+        return platform.machine()
+
+
+def mujoco_step_s() -> float | None:
+    """None where MuJoCo is missing."""
+    try:
+        from vgroove.bench.mujoco_step import seconds_per_step
+    except ImportError:
+        return None
+    return seconds_per_step()
+
+
+def own_seconds(figures: list[Figure], case: str) -> float:
+    return next(f.seconds for f in figures if f.name == FAST and f.case == case)
+
+
+def worst_ratio(figures: list[Figure], name: str) -> float | None:
+    """A peer's time over ours, on the joint where it is smallest."""
+    ratios = [f.seconds / own_seconds(figures, f.case) for f in figures if f.name == name]
+    return min(ratios, default=None)
+
+
+def judged(name: str, value: float | None, relation: str, asked: float) -> Asked:
+    met = None if value is None else bool(value <= asked if relation == "<=" else value >= asked)
+    return Asked(name, value, relation, asked, met)
+
+
+def asked_of_impact(figures: list[Figure], lockstep: list[LockstepFigure]) -> list[Asked]:
+    own = [f for f in figures if f.name == FAST]
+    extra = [f.extra for f in lockstep if f.name == FAST]
+    return [
+        judged("impact: wall s per simulated s", max(f.seconds for f in own), "<=", 0.003),
+        judged("impact: error of the head's angle", max(f.head_error for f in own), "<=", impact_speed.ACCURACY),
+        judged("impact: times as fast as numbalsoda at equal accuracy", worst_ratio(figures, NUMBALSODA), ">=", 12.0),
+        judged("impact: times as fast as plain C++ Euler at 2 us", worst_ratio(figures, EULER_2_US), ">=", 5.0),
+        judged("impact: times as fast as plain C++ Euler at equal accuracy", worst_ratio(figures, EULER), ">=", 5.0),
+        judged("impact: share that lock-step costs more", max(extra), "<=", 0.15),
+    ]
+
+
+def asked_of_batch(batch: list[batch_speed.BatchFigure], costs: list[batch_speed.Cost]) -> list[Asked]:
+    return [
+        judged("batch: one-second roll-outs per second", batch[0].per_second, ">=", 1000.0),
+        judged("batch: error of the head's angle", batch[0].head_error, "<=", impact_speed.ACCURACY),
+        judged("growth with time: dearest over cheapest second", batch_speed.growth(costs, "time"), "<=", 1.25),
+        judged("growth with batch: dearest over cheapest roll-out", batch_speed.growth(costs, "batch"), "<=", 1.25),
+    ]
+
+
+def asked_of_drive(drive: list[drive_speed.DriveFigure], sensitivity: float) -> list[Asked]:
+    return [
+        judged("drivetrain: times real time", drive[0].times_real_time, ">=", 20_000.0),
+        judged("drivetrain: error of the speed", drive[0].speed_error, "<=", drive_speed.ACCURACY),
+        judged("drivetrain: runs that a sensitivity costs", sensitivity, "<=", 1.5),
+    ]

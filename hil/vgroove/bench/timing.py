@@ -5,6 +5,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+ROUND_S, MOST_CALLS = 0.05, 50  # a short work is called several times in its round
+
 
 def seconds_of(work: Callable[[], Any]) -> float:
     """Wall seconds of one call."""
@@ -13,13 +15,20 @@ def seconds_of(work: Callable[[], Any]) -> float:
     return time.perf_counter() - start
 
 
+def calls_in_round(seconds: float) -> int:
+    """Calls of a work that takes so long; a long one is called once."""
+    return max(1, min(MOST_CALLS, int(ROUND_S / max(seconds, 1e-9))))
+
+
 def medians(works: dict[str, Callable[[], Any]], repeats: int, done: Callable[[str], None]) -> dict[str, float]:
-    """Median wall seconds of each after one warm-up, `repeats` rounds in which each runs once; `done` hears each name after a run."""
-    for work in works.values():
+    """Median wall seconds of a call of each, over `repeats` rounds after a warm-up; `done` hears each name after its turn."""
+    calls = {}
+    for name, work in works.items():
         work()
+        calls[name] = calls_in_round(seconds_of(work))
     rounds: dict[str, list[float]] = {name: [] for name in works}
     for _ in range(repeats):
         for name, work in works.items():
-            rounds[name].append(seconds_of(work))
+            rounds[name].append(statistics.median(seconds_of(work) for _ in range(calls[name])))
             done(name)
     return {name: statistics.median(seconds) for name, seconds in rounds.items()}

@@ -5,9 +5,7 @@ from collections.abc import Callable
 import numba as nb
 import numpy as np
 import numpy.typing as npt
-from numbalsoda import lsoda, lsoda_sig
 from scipy.integrate import odeint
-from sksundae.cvode import CVODE
 
 Floats = npt.NDArray[np.float64]
 Solver = Callable[[Floats, Floats, Floats, float], Floats]
@@ -25,11 +23,6 @@ def _derivative(t: float, y: Floats, dy: Floats, p: Floats) -> None:
     dy[2] = y[1]
 
 
-@nb.cfunc(lsoda_sig)
-def _lsoda_rhs(t, u, du, p):  # noqa: ANN001, ANN202 (the signature is numbalsoda's)
-    _derivative(t, nb.carray(u, (3,)), nb.carray(du, (3,)), nb.carray(p, (9,)))
-
-
 @nb.njit
 def _odeint_rhs(t: float, y: Floats, p: Floats) -> Floats:
     dy = np.empty(3)
@@ -37,12 +30,19 @@ def _odeint_rhs(t: float, y: Floats, p: Floats) -> Floats:
     return dy
 
 
-def numbalsoda_lsoda(times: Floats, y0: Floats, p: Floats, rtol: float) -> Floats:
+def load_numbalsoda() -> Solver:
     """States (len(times), 3) by numbalsoda's LSODA."""
-    states, ok = lsoda(_lsoda_rhs.address, y0, times, data=p, rtol=rtol, atol=rtol * 1e-2)
-    if not ok:
-        raise ArithmeticError("numbalsoda did not converge")
-    return states
+    from numbalsoda import lsoda, lsoda_sig
+
+    @nb.cfunc(lsoda_sig)
+    def rhs(t, u, du, p):  # noqa: ANN001, ANN202 (the signature is numbalsoda's)
+        _derivative(t, nb.carray(u, (3,)), nb.carray(du, (3,)), nb.carray(p, (9,)))
+
+    def run(times: Floats, y0: Floats, p: Floats, rtol: float) -> Floats:
+        states, ok = lsoda(rhs.address, y0, times, data=p, rtol=rtol, atol=rtol * 1e-2)
+        return states if ok else np.full_like(states, np.nan)
+
+    return run
 
 
 def scipy_lsoda(times: Floats, y0: Floats, p: Floats, rtol: float) -> Floats:
@@ -50,13 +50,22 @@ def scipy_lsoda(times: Floats, y0: Floats, p: Floats, rtol: float) -> Floats:
     return odeint(_odeint_rhs, y0, times, args=(p,), rtol=rtol, atol=rtol * 1e-2, tfirst=True)
 
 
-def sundae_cvode(times: Floats, y0: Floats, p: Floats, rtol: float) -> Floats:
+def load_sundae() -> Solver:
     """States (len(times), 3) by scikit-sundae's CVODE (BDF)."""
-    solver = CVODE(lambda t, y, dy: _derivative(t, y, dy, p), rtol=rtol, atol=rtol * 1e-2, max_num_steps=100_000)
-    if times.size > 2:
-        return solver.solve(times, y0).y
-    between = np.array([times[0], 0.5 * (times[0] + times[1]), times[1]])  # given two times it would return its own steps
-    return solver.solve(between, y0).y[[0, 2]]
+    from sksundae.cvode import CVODE
+
+    def run(times: Floats, y0: Floats, p: Floats, rtol: float) -> Floats:
+        solver = CVODE(lambda t, y, dy: _derivative(t, y, dy, p), rtol=rtol, atol=rtol * 1e-2, max_num_steps=100_000)
+        if times.size > 2:
+            return solver.solve(times, y0).y
+        between = np.array([times[0], 0.5 * (times[0] + times[1]), times[1]])  # given two times it would return its own steps
+        return solver.solve(between, y0).y[[0, 2]]
+
+    return run
 
 
-PEERS: dict[str, Solver] = {"numbalsoda LSODA": numbalsoda_lsoda, "scikit-sundae CVODE": sundae_cvode, "SciPy LSODA": scipy_lsoda}
+def load_scipy() -> Solver:
+    return scipy_lsoda
+
+
+LOADERS = {"numbalsoda LSODA": load_numbalsoda, "SciPy LSODA": load_scipy, "scikit-sundae CVODE": load_sundae}

@@ -1,0 +1,78 @@
+"""The figures of `vgroove bench speed` as tables for a terminal."""
+
+from typing import Any
+
+from rich.table import Table
+
+MUJOCO_STEP_S = 2e-5
+CASES = {"slip_60": "slipping at 60 N m", "slope_700": "slope 700 N m/rad"}
+
+
+def speed_tables(figures: dict[str, Any]) -> list[Table]:
+    """What was asked, then each comparison."""
+    makers = (asked_table, impact_table, lockstep_table, batch_table, growth_table, drive_table)
+    return [make(figures) for make in makers]
+
+
+def asked_table(figures: dict[str, Any]) -> Table:
+    title = f"{figures['cpu']}, {figures['cores']} cores, medians of {figures['repeats']}"
+    table = Table("figure", "value", "asked", "met", title=title)
+    for a in figures["asked"]:
+        met = {True: "yes", False: "[red]no[/red]", None: "peer missing"}[a["met"]]
+        table.add_row(a["name"], "-" if a["value"] is None else f"{a['value']:.4g}", f"{a['relation']} {a['asked']:g}", met)
+    return table
+
+
+def tolerance_text(figure: dict[str, Any]) -> str:
+    """How tight a solver runs: its relative tolerance or its step."""
+    if figure["tolerance"] is None:
+        return ""
+    return f"{1e6 * figure['tolerance']:g} us" if figure["tolerance_is"] == "step_s" else f"rtol {figure['tolerance']:g}"
+
+
+def impact_table(figures: dict[str, Any]) -> Table:
+    """One row a solver and joint; a red error is beyond the accuracy of the comparison."""
+    columns = ("joint", "solver", "at", "ms a simulated second", "head's error", "time / vgroove's")
+    table = Table(*columns, title="Impact mode, full trigger, 1 s")
+    for f in figures["impact"]:
+        error = f"{f['head_error']:.1e}"
+        cells = (tolerance_text(f), f"{1e3 * f['seconds']:.2f}", error if f["reached"] else f"[red]{error}[/red]", f"{f['ratio']:.1f}")
+        table.add_row(CASES[f["case"]], f["name"], *cells)
+    step = figures["mujoco_step_s"]
+    if step is not None:
+        second_ms = 1e3 * step / MUJOCO_STEP_S
+        table.caption = f"MuJoCo, soft contacts: {1e6 * step:.1f} us a step, {second_ms:.0f} ms a second at 20 us; accuracy not compared"
+    for missing in figures["missing"]:
+        table.add_row("", missing["name"], "", "missing", "", missing["install"])
+    return table
+
+
+def lockstep_table(figures: dict[str, Any]) -> Table:
+    table = Table("joint", "solver", "alone ms", "lock-step ms", "extra", title="In lock-step with a 1 ms controller")
+    for f in figures["lockstep"]:
+        table.add_row(CASES[f["case"]], f["name"], f"{1e3 * f['alone_s']:.2f}", f"{1e3 * f['lockstep_s']:.2f}", f"{100 * f['extra']:.1f} %")
+    return table
+
+
+def batch_table(figures: dict[str, Any]) -> Table:
+    table = Table("solver", "roll-outs", "threads", "per second", "head's error", title="Batch of different tools, 1 s each")
+    for f in figures["batch"]:
+        table.add_row(f["name"], str(f["rollouts"]), str(f["threads"]), f"{f['per_second']:.1f}", f"{f['head_error']:.1e}")
+    return table
+
+
+def growth_table(figures: dict[str, Any]) -> Table:
+    table = Table("of", "size", "ms each", title="Cost of a simulated second by length of run, of a roll-out by size of batch")
+    for c in figures["growth"]:
+        table.add_row(c["of"], f"{c['size']:g}" + (" s" if c["of"] == "time" else ""), f"{1e3 * c['seconds_each']:.3f}")
+    return table
+
+
+def drive_table(figures: dict[str, Any]) -> Table:
+    title = f"Drivetrain alone, {figures['drive_seconds']} s staircase, rows of 1 ms, one thread"
+    table = Table("solver", "at", "ms", "x real time", "speed error", "time / vgroove's", title=title)
+    for f in figures["drive"]:
+        rtol = "" if f["rtol"] is None else f"rtol {f['rtol']:g}"
+        cells = (f"{1e3 * f['seconds']:.2f}", f"{f['times_real_time']:,.0f}", f"{f['speed_error']:.1e}", f"{f['ratio']:.2f}")
+        table.add_row(f["name"], rtol, *cells)
+    return table

@@ -1,0 +1,177 @@
+"""`vgroove bench speed` compares like with like: tool and peers' equations are the independent reference's, the clock is fair."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+import shutil
+import sys
+import types
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import impact_reference as reference
+from vgroove.bench import euler, timing
+from vgroove.bench.impact_tool import SLIPPING, ImpactTool, head_rad, rest
+from vgroove.bench.own import RIG_KEYS
+
+KEPT = json.loads(reference.RESULTS.read_text())["cases"]
+# What a field of the comparison's tool is called in the reference's.
+NAMES = {
+    "supply_v": "voc", "supply_ohm": "rs", "resistance_ohm": "r", "inductance_h": "l", "torque_constant": "kt", "motor_inertia": "jm",
+    "viscous": "b", "coulomb_nm": "tc", "ratio": "n", "spindle_inertia": "jj", "hammer_inertia": "js", "hammer_kg": "m", "lead_m": "lead",
+    "vertex_rad": "vertex", "travel_rad": "q_max", "preload_n": "f0", "rate_n_m": "k", "lug_height_m": "h", "lug_radius_m": "r_lug",
+    "overlap_rad": "overlap", "contact_n_m": "ck", "contact_n_s_m": "cb", "ramp_m": "ramp", "anvil_inertia": "ja", "joint_nm_rad": "kj",
+    "joint_nm_s_rad": "cj", "run_nm": "run_nm", "slope_nm_rad": "slope", "loosen_ratio": "loosen", "duty": "duty",
+}
+
+
+@pytest.mark.parametrize("case", SLIPPING)
+def test_tool_is_the_references(case: str) -> None:
+    tool, other = SLIPPING[case], reference.CASES[case].tool()
+    assert {name: getattr(tool, name) for name in NAMES} == {name: getattr(other, theirs) for name, theirs in NAMES.items()}
+    assert tool.pitch_rad == pytest.approx(2 * math.pi / other.lugs)
+    assert NAMES.keys() == vars(tool).keys() - {"pitch_rad"}
+    assert RIG_KEYS.keys() == NAMES.keys() - {"duty"}
+
+
+@pytest.fixture
+def peers_derivative(monkeypatch: pytest.MonkeyPatch):  # noqa: ANN201
+    """derivative() of the peers, interpreted where numba is not installed."""
+    def njit(*args: object, **_options: object) -> object:
+        return args[0] if args else lambda function: function
+
+    monkeypatch.setitem(sys.modules, "numba", types.SimpleNamespace(njit=njit))
+    monkeypatch.delitem(sys.modules, "vgroove.bench.impact_model", raising=False)
+    yield importlib.import_module("vgroove.bench.impact_model").derivative
+    sys.modules.pop("vgroove.bench.impact_model", None)
+
+
+def states_of_reference(case: str, seconds: float):  # noqa: ANN201
+    """State and its derivative every 20 us of the reference's run: all modes that it passes through, never on the edge of one."""
+    plant, out, y, t = reference.Impact(reference.CASES[case].tool()), reference.Result(), np.zeros(11), 0.0
+    y[reference.THJ] = y[reference.THS] = -1.0
+    while t < seconds:
+        y, t, left = reference.stretch(plant, y, t, min(t + 2e-5, seconds), out, "DOP853", 1e-8)
+        if left:
+            plant.switch(y)
+        else:
+            yield y.copy(), plant.rhs(t, y)
+
+
+@pytest.mark.parametrize("case", SLIPPING)
+def test_peers_solve_the_references_equations(case: str, peers_derivative) -> None:  # noqa: ANN001
+    order = [reference.I, reference.THJ, reference.WJ, reference.THS, reference.WS, reference.THA, reference.WA, reference.E]
+    parameters, dy, seen = SLIPPING[case].vector(), np.empty(8), 0
+    scale = np.array([1e5, 1e2, 1e5, 1e3, 1e6, 1e1, 1e6, 1e1])  # a contact's edge moves forces by rounding of its penetration
+    for y, expected in states_of_reference(case, 0.07):
+        peers_derivative(y[order].copy(), dy, parameters)
+        np.testing.assert_allclose(dy / scale, expected[order] / scale, rtol=1e-6, atol=1e-6)
+        seen += 1
+    assert seen > 3000
+
+
+@pytest.mark.skipif(shutil.which("c++") is None and shutil.which("g++") is None, reason="no C++ compiler")
+@pytest.mark.parametrize("case", SLIPPING)
+def test_plain_euler_converges_to_the_reference(case: str) -> None:
+    library, kept = euler.build(), KEPT[case]["rows"][-1]
+    errors = [abs(head_rad(euler.run(library, rest(), SLIPPING[case].vector(), 1000, step)[-1]) / kept[8] - 1.0) for step in (2e-6, 2e-7)]
+    assert errors[0] < 2e-2
+    assert errors[1] < 1e-3
+
+
+def test_loosest_tolerance_that_reaches_both_joints_is_timed() -> None:
+    speed = importlib.import_module("vgroove.bench.impact_speed")
+    solvers = importlib.import_module("vgroove.bench.solvers")
+    heads = {"slip_60": 2.0, "slope_700": 2.0}
+
+    def run(times: np.ndarray, y0: np.ndarray, p: np.ndarray, rtol: float) -> np.ndarray:
+        off = {1e-2: 0.5, 1e-3: 9e-4 if p[28] > 0 else 2e-3, 1e-4: 1e-3}.get(rtol, 0.0)
+        return np.array([[0, 0, 0, 0, 0, 2.0 * (1.0 + off), 0, 0]])
+
+    chosen = speed.choose(solvers.Peer("made", run, (1e-2, 1e-3, 1e-4, 1e-5)), heads)
+    assert {case: choice.tolerance for case, choice in chosen.items()} == {"slip_60": 1e-4, "slope_700": 1e-4}
+    never = speed.choose(solvers.Peer("made", run, (1e-2, 1e-3)), heads)
+    assert never["slip_60"].tolerance == 1e-3
+    assert never["slip_60"].error == pytest.approx(2e-3)
+
+
+def test_a_solver_that_gives_up_does_not_reach() -> None:
+    speed = importlib.import_module("vgroove.bench.impact_speed")
+    solvers = importlib.import_module("vgroove.bench.solvers")
+
+    def run(times: np.ndarray, y0: np.ndarray, p: np.ndarray, rtol: float) -> np.ndarray:
+        raise RuntimeError("error test failed")
+
+    chosen = speed.choose(solvers.Peer("made", run, (1e-3,)), {"slip_60": 2.0})
+    assert chosen["slip_60"].error == math.inf
+
+
+def test_works_take_turns_and_short_ones_are_called_often() -> None:
+    order: list[str] = []
+    works = {"long": lambda: order.append("long") or timing.time.sleep(0.06), "short": lambda: order.append("short")}
+    turns: list[str] = []
+    seconds = timing.medians(works, 3, turns.append)
+    assert turns == ["long", "short"] * 3
+    assert order.count("long") == 2 + 3
+    assert order.count("short") == 2 + 3 * timing.MOST_CALLS
+    assert 0.05 < seconds["long"] < 0.5
+    assert seconds["short"] < 1e-3
+
+
+def test_a_figure_without_its_peer_is_neither_met_nor_missed() -> None:
+    speed = importlib.import_module("vgroove.bench.speed")
+    assert speed.judged("", None, ">=", 12.0).met is None
+    assert speed.judged("", 12.0, ">=", 12.0).met is True
+    assert speed.judged("", 11.99, ">=", 12.0).met is False
+    assert speed.judged("", 0.003, "<=", 0.003).met is True
+    assert speed.judged("", 0.0031, "<=", 0.003).met is False
+
+
+def test_missing_peers_are_named_with_how_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    solvers = importlib.import_module("vgroove.bench.solvers")
+    for name in ("numba", "casadi"):
+        monkeypatch.setitem(sys.modules, name, None)
+        monkeypatch.delitem(sys.modules, "vgroove.bench.casadi_model", raising=False)
+        monkeypatch.delitem(sys.modules, "vgroove.bench.impact_peers", raising=False)
+    found, missing = solvers.load_peers()
+    assert {m.name for m in missing} >= {"numbalsoda LSODA", "CasADi CVODES", "SciPy LSODA", "scikit-sundae CVODE"}
+    assert all("install" in m.install for m in missing)
+    assert {p.name for p in found} <= {"plain C++ Euler", "plain C++ Euler at 2 us"}
+
+
+def test_batch_tools_differ_and_are_the_same_for_a_seed() -> None:
+    batch = importlib.import_module("vgroove.bench.batch_speed")
+    tools = batch.different_tools(8, 3)
+    assert tools == batch.different_tools(8, 3)
+    assert len(set(tools)) == 8
+    assert all(abs(tool.supply_v / ImpactTool().supply_v - 1.0) <= 0.03 for tool in tools)
+
+
+def made_figures() -> dict:
+    """Figures of two solvers, one of which is missing."""
+    impact = {"name": "vgroove, fast", "case": "slip_60", "seconds": 2e-3, "head_error": 1e-5, "reached": True, "tolerance": None,
+              "tolerance_is": None, "ratio": 1.0}
+    return {
+        "cpu": "made", "cores": 2, "repeats": 5, "drive_seconds": 10, "mujoco_step_s": None,
+        "asked": [{"name": "impact", "value": None, "relation": ">=", "asked": 12.0, "met": None}],
+        "impact": [impact, impact | {"name": "far off", "reached": False, "tolerance": 2e-6, "tolerance_is": "step_s"}],
+        "lockstep": [{"name": "vgroove, fast", "case": "slip_60", "alone_s": 2e-3, "lockstep_s": 2.1e-3, "extra": 0.05}],
+        "batch": [{"name": "vgroove, fast", "rollouts": 512, "threads": 2, "per_second": 1000.0, "head_error": 1e-5}],
+        "growth": [{"of": "time", "size": 1.0, "seconds_each": 2e-3}],
+        "drive": [{"name": "vgroove", "seconds": 1e-3, "times_real_time": 1e4, "speed_error": 1e-5, "rtol": None, "ratio": 1.0}],
+        "missing": [{"name": "CasADi CVODES", "install": "pip install casadi"}],
+    }
+
+
+def test_tables_show_figures_and_missing_peers() -> None:
+    tables = importlib.import_module("vgroove.bench.speed_tables")
+    console = Console(width=200, record=True, file=open("/dev/null", "w", encoding="utf-8"))
+    for table in tables.speed_tables(made_figures()):
+        console.print(table)
+    text = console.export_text()
+    for words in ("peer missing", "pip install casadi", "slipping at 60 N m", "2 us", "5.0 %", "1000.0", "10,000"):
+        assert words in text, words
