@@ -11,7 +11,7 @@ from vgroove.errors import VgrooveError
 from vgroove.gap import blocks, noise, states
 from vgroove.gap.blocks import Blocks
 from vgroove.gap.channels import RAD_S_TO_RPM, Channel, ForceChannel, Places, RowChannel, span_channel
-from vgroove.gap.columns import filled, held
+from vgroove.gap.columns import calmed, filled, held
 from vgroove.gap.edges import EdgePeriods, edge_periods, near_reversal
 from vgroove.gap.noise import RPM
 from vgroove.gap.regimes import regimes_of
@@ -106,10 +106,12 @@ def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
         more["load_nm"] = filled(time_s, columns["load_nm"])
     if "coast" in columns:
         more["coast"] = held(columns["coast"])
-    if "slew_per_s" in rig.input:
-        more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": noise.step_of(command)}
+    driving, scatter = held(command), _volt_noise(columns, rig) if kind == "voltage_v" else 0.0
+    if "slew_per_s" in rig.input:  # noise must not make steps of a ramp
+        more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": noise.step_of(command) + 4.0 * scatter}
+    driving = calmed(driving, scatter)
     since = time_s - time_s[0]  # the plant steps in time since the first row: stamps far from 0 would cost it digits
-    return _core.LogInput(since, kind, held(command), load_kind=load, **more), held(command)
+    return _core.LogInput(since, kind, driving, load_kind=load, **more), driving
 
 
 def _refuse_unaided_start(speed_rpm: np.ndarray, kind: str, source: str) -> None:
@@ -129,7 +131,7 @@ def _volt_noise(columns: dict[str, np.ndarray], rig: Rig) -> float:
         return noise.column_sigma(rig, "supply_v", columns["supply_v"])
     if rig.input["kind"] == "voltage_v":
         spread = noise.scatter(columns["voltage_v"])
-        return spread if np.isfinite(spread) else 0.0
+        return spread if np.isfinite(spread) else 0.0  # of the column; the calmed input keeps its slow part, which moves the speed
     return 0.0
 
 
