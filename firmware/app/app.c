@@ -94,20 +94,20 @@ static void note_lateness(App *self, uint8_t ticks_late) {
     self->faults.overrun = ticks_late > OVERRUN_FAULT_TICKS;
 }
 
-// Received bytes, a command, parameters to take over, a second edge and a slow frame cost alike: one of them a tick, and a slow frame that was held back goes first.
-// True when the tick has done such work.
+// Received bytes, a command, parameters to take over, the search for the index of the pitches, a second edge and a slow frame cost alike: one of them a
+// tick, and a slow frame that was held back goes first. True when the tick has done such work.
 static bool share_tick(App *self) {
-    const bool free = !self->slow_turn;
+    const bool free = !self->slow_turn && !self->hall.searched;
     const bool commands = free && execute_pending(self);
-    const bool configure = free && !commands && execute_parameters_pending(self);
+    const bool configure = free && !commands && self->hall.new_edges == 0u && execute_parameters_pending(self);
     if (commands) {
         execute_received(self);
     } else if (configure) {
         execute_parameters_step(self);
     }
     const bool two_edges = self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
-    self->report.hold_slow = commands || configure || (free && two_edges);
-    return commands || configure;
+    self->report.hold_slow = commands || configure || self->hall.searched || (free && two_edges);
+    return self->report.hold_slow;
 }
 
 void app_tick(App *self, uint8_t ticks_late) {

@@ -58,6 +58,7 @@ typedef struct {
     uint8_t overruns;
     uint8_t configure_step;    // see execute_parameters
     bool calibrated;
+    bool hall_taken;           // pitches learned so far were within their range
     bool slow_turn;            // a slow frame has been held back for other work: it goes first now
 } App;
 

@@ -61,19 +61,23 @@ static void trigger_step(App *app) {
     execute_parameters(app);
 }
 
+// A pitch a tick without edges: each costs a division.
 static void hall_step(App *app) {
-    int16_t share_q15[HALL_SPACING_PITCHES];
-    if (!app->hall.learned) {
+    const uint8_t k = (uint8_t)app->calibration_ticks;
+    if (!app->hall.learned || app->hall.new_edges > 0u) {
+        return;
+    }
+    const uint8_t pitch = (uint8_t)(app->hall.reverse ? (HALL_SPACING_PITCHES - k) % HALL_SPACING_PITCHES : k);  // stored forwards
+    const bool taken = param_set(&app->params, (ParamIndex)(PARAM_HALL_PITCH_0_Q15 + pitch), hall_spacing_share(&app->hall.spacing, k));
+    app->hall_taken = taken && (k == 0u || app->hall_taken);
+    app->report.hold_slow = true;
+    app->calibration_ticks++;
+    if (app->calibration_ticks < HALL_SPACING_PITCHES) {
         return;
     }
     app->hall.learned = false;
     app->calibration = TELEMETRY_CALIBRATE_WHAT_CANCEL;
-    app->calibrated = true;
-    hall_spacing_shares(&app->hall.spacing, share_q15);
-    for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
-        const uint8_t pitch = (uint8_t)(app->hall.reverse ? (HALL_SPACING_PITCHES - k) % HALL_SPACING_PITCHES : k);  // stored forwards
-        app->calibrated = param_set(&app->params, (ParamIndex)(PARAM_HALL_PITCH_0_Q15 + pitch), share_q15[k]) && app->calibrated;
-    }
+    app->calibrated = app->hall_taken;
     execute_parameters(app);
 }
 

@@ -37,11 +37,11 @@ uint8_t crc8_over(uint8_t crc, const uint8_t *bytes, uint8_t count) {
 
 // The table begins a page: the CRC is the low byte of Z, and a byte costs 6 cycles instead of 11. Two frames a tick.
 #ifdef __AVR__
-#define OVER(z, at, times)                                   \
-    __asm__(".rept " times "\n\tld __tmp_reg__, X+\n\t"      \
-            "eor r30, __tmp_reg__\n\tlpm r30, Z\n\t.endr"    \
-            : "+z"(z), "+x"(at)                              \
-            :                                                \
+#define OVER(z, at, times)                                                                                                                           \
+    __asm__(".rept " times "\n\tld __tmp_reg__, X+\n\t"                                                                                              \
+            "eor r30, __tmp_reg__\n\tlpm r30, Z\n\t.endr"                                                                                            \
+            : "+z"(z), "+x"(at)                                                                                                                      \
+            :                                                                                                                                        \
             : "memory")
 
 uint8_t crc8_over_frame(uint8_t crc, const uint8_t time[4], const uint8_t data[7]) {

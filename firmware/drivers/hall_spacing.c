@@ -1,6 +1,8 @@
 // Unequal pitches, see hall_spacing.h.
 #include "drivers/hall_spacing.h"
 
+#include "core/divide.h"
+
 #define UNIT_SHIFT 8u              // cycles of a period in 1/256: a round of up to 1 s stays below 2^16
 #define WHOLE_BITS 17u             // so that a part times 2^15 fits 32 bits
 #define LEARN_SHIFT 4u             // while learning: periods of up to 65 ms
@@ -50,26 +52,25 @@ bool hall_spacing_period(HallSpacing *self, uint32_t cycles) {
     return self->learning && self->rounds >= HALL_SPACING_ROUNDS;
 }
 
-void hall_spacing_shares(const HallSpacing *self, int16_t share_q15[HALL_SPACING_PITCHES]) {
+int16_t hall_spacing_share(const HallSpacing *self, uint8_t pitch) {
     uint32_t whole = self->sum[0] + self->sum[1] + self->sum[2] + self->sum[3];
-    uint8_t shift = 0;
+    uint32_t part = self->sum[pitch % HALL_SPACING_PITCHES];
     while (whole >> WHOLE_BITS != 0u) {
         whole >>= 1;
-        shift++;
+        part >>= 1;
     }
-    for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
-        share_q15[k] = (int16_t)((((self->sum[k] >> shift) << 15) + whole / 2u) / whole);
-    }
+    return (int16_t)divide_u16((part << 15) + whole / 2u, whole);
 }
 
-static uint32_t misfit(const HallSpacing *self, const int16_t share_q15[HALL_SPACING_PITCHES], uint8_t phase, bool reverse) {
-    const uint16_t whole = (uint16_t)(self->this_round >> UNIT_SHIFT);
+// How far the round is from the learned one turned by `phase` pitches.
+static uint32_t misfit(const HallSpacing *self, const uint16_t wanted[HALL_SPACING_PITCHES], uint8_t phase, bool reverse) {
     uint32_t sum = 0;
+    uint8_t pitch = phase;
     for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
-        const uint8_t turned = (uint8_t)(reverse ? phase - k : phase + k);
-        const uint8_t pitch = turned % HALL_SPACING_PITCHES;
-        const uint16_t wanted = (uint16_t)(((uint32_t)whole * (uint16_t)share_q15[pitch]) >> 15);
-        sum += wanted > self->round[k] ? (uint32_t)(wanted - self->round[k]) : (uint32_t)(self->round[k] - wanted);
+        const uint16_t want = wanted[pitch % HALL_SPACING_PITCHES];
+        const uint16_t got = self->round[k];
+        sum += want > got ? (uint16_t)(want - got) : (uint16_t)(got - want);
+        pitch = (uint8_t)(reverse ? pitch - 1u : pitch + 1u);
     }
     return sum;
 }
@@ -93,8 +94,12 @@ uint8_t hall_spacing_find(HallSpacing *self, const int16_t share_q15[HALL_SPACIN
     if (!hall_spacing_uneven(share_q15) || !steady(self) || self->this_round >> UNIT_SHIFT > UINT16_MAX) {
         return HALL_SPACING_UNKNOWN;
     }
+    uint16_t wanted[HALL_SPACING_PITCHES];
+    for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
+        wanted[k] = (uint16_t)(((uint32_t)(uint16_t)(self->this_round >> UNIT_SHIFT) * (uint16_t)(2 * share_q15[k])) >> 16);
+    }
     for (uint8_t phase = 0; phase < HALL_SPACING_PITCHES; phase++) {
-        const uint32_t fit = misfit(self, share_q15, phase, reverse);
+        const uint32_t fit = misfit(self, wanted, phase, reverse);
         next = fit < best ? best : (fit < next ? fit : next);
         found = fit < best ? phase : found;
         best = fit < best ? fit : best;

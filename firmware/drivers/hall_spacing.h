@@ -26,9 +26,9 @@ typedef struct {
 void hall_spacing_learn(HallSpacing *self);
 void hall_spacing_forget(HallSpacing *self);
 
-// True when learning is complete: then hall_spacing_shares gives the result.
+// True when learning is complete: then hall_spacing_share gives the result.
 bool hall_spacing_period(HallSpacing *self, uint32_t cycles);
-void hall_spacing_shares(const HallSpacing *self, int16_t share_q15[HALL_SPACING_PITCHES]);
+int16_t hall_spacing_share(const HallSpacing *self, uint8_t pitch);
 
 // Whether the pitches differ enough to need an index.
 bool hall_spacing_uneven(const int16_t share_q15[HALL_SPACING_PITCHES]);

@@ -36,6 +36,8 @@ typedef struct {
     bool edge_known;              // edge_factor counts, otherwise all pitches are equal
     bool uneven;                  // the pitches differ: worth finding the index
     bool learned;                 // hall_spacing has a result
+    bool search_due;              // a round of four is complete
+    bool searched;                // in this tick the index was looked for, which takes time
     int16_t share_q15[HALL_SPEED_PITCHES];
     HallSpacing spacing;
     bool reverse;                 // sign, set at standstill

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from equality import Difference, damaged, differences, sent_bytes
 from exercise import DURATION_S, record_tape
+from uneven import uneven_tape
 
 from vgroove import board, sil, telemetry
 from vgroove.log import log_from_stream
@@ -49,6 +50,24 @@ def test_native_and_avr_telemetry_are_equal_bit_for_bit(target: str, tape: bytes
     found = differences(sent_bytes(sil.replay(tape, target=number)), avr)
     assert not found, "native and AVR differ:\n" + _said(found)
     assert damaged(avr) == 0
+
+
+def test_uneven_pitches_are_learned_and_found_again() -> None:
+    tape = uneven_tape()
+    native = sent_bytes(sil.replay(tape, target=1))
+    log = log_from_stream(native, "uneven")
+    time_s, speed = log["time_s"], log["speed_rpm"]
+    assert abs(speed[(time_s > 2.0) & (time_s < 2.5)] - 6000).max() < 12, "learned"
+    assert abs(speed[(time_s > 3.8) & (time_s < 4.19)] - 2500).max() < 5, "found again after the stop"
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_uneven_pitches_are_equal_bit_for_bit(target: str, request: pytest.FixtureRequest) -> None:
+    mcu, number = TARGETS[target]
+    tape = uneven_tape()
+    avr = sent_bytes(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
+    found = differences(sent_bytes(sil.replay(tape, target=number)), avr)
+    assert not found, _said(found)
 
 
 @pytest.mark.parametrize(("isr_cycles", "tick_cycles"), [(0, 260), (150, 1500), (300, 5000)])

@@ -219,7 +219,8 @@ TEST(HallSpacing, IsLearnedAndFoundAgain) {
         turn(400);
         ASSERT_TRUE(shaft.hall.learned);
         int16_t learned[4];
-        hall_spacing_shares(&shaft.hall.spacing, learned);
+        for (uint8_t k = 0; k < 4; ++k)
+            learned[k] = hall_spacing_share(&shaft.hall.spacing, k);
         std::vector<int> sorted(learned, learned + 4);
         std::sort(sorted.begin(), sorted.end());
         EXPECT_NEAR(sorted[0], 7568, 12);

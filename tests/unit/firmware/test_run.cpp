@@ -193,6 +193,37 @@ TEST_F(RunTest, AnOverCurrentOpensTheBridgeAtOnceAndIsClearedByRelease) {
     EXPECT_EQ(out.coast, 0);
 }
 
+// Counts of the bridge's sensor, through ADC, faults and state machine, to the open bridge and back.
+TEST_F(RunTest, AnOverheatedBridgeStopsTheDriveUntilItIsCoolAndReleased) {
+    constexpr uint16_t AT_90_C = 287, AT_91_C = 289;  // (T + 50) / 0.48828
+    run(0.5);
+    press(0.5);
+    run(0.3);
+    in.adc_counts[SIM_ADC_TEMPERATURE] = AT_90_C - 1;
+    run(0.5);
+    EXPECT_EQ(faults(), 0) << "at the limit";
+    in.adc_counts[SIM_ADC_TEMPERATURE] = AT_91_C;
+    run(0.09);
+    EXPECT_EQ(out.coast, 0) << "not yet 100 ms";
+    run(0.03);
+    EXPECT_EQ(faults(), TELEMETRY_FAULTS_OVER_TEMPERATURE);
+    EXPECT_NE(out.coast, 0);
+    press(0.0);
+    run(0.2);
+    EXPECT_EQ(state(), TELEMETRY_STATE_FAULT) << "released, still hot";
+    press(0.5);
+    run(0.1);
+    in.adc_counts[SIM_ADC_TEMPERATURE] = 154;
+    run(0.3);
+    EXPECT_NE(out.coast, 0) << "cool, not released";
+    press(0.0);
+    run(0.1);
+    EXPECT_EQ(faults(), 0);
+    press(0.5);
+    run(0.1);
+    EXPECT_EQ(out.coast, 0);
+}
+
 TEST_F(RunTest, ALostHallSensorIsNamed) {
     run(0.5);
     tool.hall_works = false;
