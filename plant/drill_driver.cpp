@@ -13,35 +13,15 @@ constexpr double SAME_INSTANT_S = 1e-12;
 constexpr double NEVER_S = std::numeric_limits<double>::infinity();
 
 void drill_check(const DrillParameters &p) {
-    for (const DrillParameter &entry : DRILL_PARAMETERS)
-        if (!std::isfinite(p.*entry.member))
+    for (const DrillParameter &entry : DRILL_PARAMETERS) {
+        const double value = p.*entry.member;
+        if (!std::isfinite(value))
             throw std::invalid_argument(std::string(entry.name) + " must be finite");
-    const DrillParameter positive[] = {{"supply.voltage_v", &DrillParameters::supply_v},
-                                       {"motor.resistance_ohm", &DrillParameters::resistance_ohm},
-                                       {"motor.inductance_h", &DrillParameters::inductance_h},
-                                       {"motor.torque_constant_nm_per_a", &DrillParameters::constant},
-                                       {"motor.inertia_kg_m2", &DrillParameters::motor_inertia},
-                                       {"gearbox.ratio", &DrillParameters::ratio},
-                                       {"gearbox.output_inertia_kg_m2", &DrillParameters::chuck_inertia},
-                                       {"mechanism.shaft_stiffness_nm_per_rad", &DrillParameters::shaft_stiffness},
-                                       {"mechanism.shaft_damping_nm_s_per_rad", &DrillParameters::shaft_damping},
-                                       {"mechanism.clutch_nm", &DrillParameters::clutch_nm},
-                                       {"mechanism.pulse_coast_s", &DrillParameters::pulse_coast_s},
-                                       {"mechanism.pulse_drive_s", &DrillParameters::pulse_drive_s},
-                                       {"mechanism.pulse_average_s", &DrillParameters::pulse_average_s},
-                                       {"load.breakaway_rad_s", &DrillParameters::breakaway_rad_s},
-                                       {"load.threshold_rad_s", &DrillParameters::threshold_rad_s}};
-    for (const DrillParameter &entry : positive)
-        if (!(p.*entry.member > 0.0))
+        if (entry.range == DrillRange::POSITIVE && value <= 0.0)
             throw std::invalid_argument(std::string(entry.name) + " must be above 0");
-    const DrillParameter not_negative[] = {{"motor.viscous_nm_s_per_rad", &DrillParameters::motor_viscous},
-                                           {"motor.coulomb_nm", &DrillParameters::motor_coulomb_nm},
-                                           {"load.torque_nm", &DrillParameters::load_nm},
-                                           {"load.viscous_nm_s_per_rad", &DrillParameters::load_viscous},
-                                           {"drive.ramp_s", &DrillParameters::ramp_s}};
-    for (const DrillParameter &entry : not_negative)
-        if (p.*entry.member < 0.0)
+        if (entry.range == DrillRange::NOT_NEGATIVE && value < 0.0)
             throw std::invalid_argument(std::string(entry.name) + " must be at least 0");
+    }
     if (std::fabs(p.duty) > 1.0)
         throw std::invalid_argument("drive.duty must be within +-1");
     if (p.breakaway_ratio < 1.0)
@@ -65,6 +45,10 @@ DrillInput drill_input(const DrillParameters &p, const DrillMode &m, double time
     }
     in.load_nm = time_s >= p.load_from_s && time_s < p.load_to_s ? p.load_nm : 0.0;
     return in;
+}
+
+DrillInput drill_later(const DrillInput &in, double later_s) {
+    return {in.terminal_v + in.terminal_v_per_s * later_s, in.terminal_v_per_s, in.load_nm};
 }
 
 static FrictionLaw<double> load_law(const DrillParameters &p, double load_nm) {

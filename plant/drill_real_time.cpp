@@ -21,7 +21,6 @@ constexpr int LOCATE_LEVELS = 12; // a tick is a piece / 4096: 24 ns or less
 constexpr int LOCATED_MAX = 16;   // changes of mode located in one step; later ones are taken at the end of their piece
 constexpr int CLOCKED_MAX = 16;   // changes by the clock that a step of at most 1 s is planned for: two a pulse, the load, the ramp
 constexpr int HALVINGS_MAX = 40;  // of the search for the friction torque
-constexpr double CHARGE_SPACING_S = 50e-6;
 
 // Linear state: the core, charge, both angles. Linear input: terminal voltage and its slope, signs of motor friction and clutch, load torque.
 enum { LINEAR_SUMS = DRILL_CORE_COUNT, LINEAR_STATES = LINEAR_SUMS + 3 };
@@ -87,11 +86,7 @@ struct DrillRealTime::Body {
     int advances_taken = 0;
     std::vector<Advance, Eigen::aligned_allocator<Advance>> advances; // 8 kinds of mode x (levels + 1)
 
-    Body(const DrillParameters &p, double h) : s(p, CHARGE_SPACING_S, charge_points(p)), step_s(h) {}
-    // The ring never grows: its points are CHARGE_SPACING_S apart, but for the located changes
-    static std::size_t charge_points(const DrillParameters &p) {
-        return static_cast<std::size_t>(p.pulse_average_s / CHARGE_SPACING_S) + 4096;
-    }
+    Body(const DrillParameters &p, double h) : s(p, DRILL_CHARGE_SPACING_S, drill_charge_points(p)), step_s(h) {}
 };
 
 static std::size_t variant_of(const DrillMode &m) {

@@ -26,8 +26,8 @@ struct Point {
     DrillSums sums, sums_slope;
 };
 
-Point point_of(const DrillSystem &s) {
-    const DrillRates r = drill_rates(s.p, s.mode, drill_input(s.p, s.mode, s.time_s), s.x);
+Point point_of(const DrillSystem &s, const DrillInput &in) {
+    const DrillRates r = drill_rates(s.p, s.mode, in, s.x);
     return {s.time_s, s.x, r.core, s.sums, r.sums};
 }
 
@@ -92,6 +92,7 @@ struct Attempt {
 
 // Stage n: (1 / (h gamma) - J) U_n = f(t + alpha_n h, y + sum a U) + sum c U / h + h d_n f_t; the sums follow from their rows of J.
 Attempt attempt(const DrillSystem &s, const DrillSlopes &j, double h, double tolerance) {
+    const DrillInput start = drill_input(s.p, s.mode, s.time_s);
     const Eigen::Matrix4d inverse = (Eigen::Matrix4d::Identity() / (h * rodas::GAMMA) - j.core).inverse();
     DrillVector u[6];
     DrillSums us[6];
@@ -103,7 +104,7 @@ Attempt attempt(const DrillSystem &s, const DrillSlopes &j, double h, double tol
             x += rodas::A[n][k] * u[k];
             sums += rodas::A[n][k] * us[k];
         }
-        const DrillRates f = drill_rates(s.p, s.mode, drill_input(s.p, s.mode, s.time_s + rodas::ALPHA[n] * h), x);
+        const DrillRates f = drill_rates(s.p, s.mode, drill_later(start, rodas::ALPHA[n] * h), x);
         DrillVector right = f.core + h * rodas::D[n] * j.core_time;
         DrillSums right_sums = f.sums + h * rodas::D[n] * j.sums_time;
         for (int k = 0; k < n; ++k) {
@@ -161,13 +162,15 @@ double locate(Reference &r, const DrillSlopes &j, double h, Attempt &a) {
 
 void accept(Reference &r, const Attempt &a, double time_s) {
     DrillSystem &s = r.s;
-    const Point before = point_of(s);
+    const DrillInput start = drill_input(s.p, s.mode, s.time_s);
+    const DrillInput end = drill_later(start, time_s - s.time_s);
+    const Point before = point_of(s, start);
     s.x = a.x;
     s.sums = a.sums;
     s.time_s = time_s;
     s.charge.push(s.time_s, s.sums[DRILL_CHARGE], s.x[DRILL_CURRENT], true);
     if (r.request.row_s > 0.0)
-        r.recorder.fill(s, before, point_of(s));
+        r.recorder.fill(s, before, point_of(s, end));
     else
         r.recorder.write(s, s.time_s, s.x, s.sums);
 }
@@ -253,7 +256,7 @@ bool has_diverged(const DrillSystem &s) {
 DrillRun run_fixed(const DrillParameters &p, const DrillRequest &request) {
     DrillRun run;
     const bool real_time = request.solver == DrillSolver::REAL_TIME;
-    DrillSystem system(p);
+    DrillSystem system(p, DRILL_CHARGE_SPACING_S, drill_charge_points(p));
     std::unique_ptr<DrillRealTime> body(real_time ? new DrillRealTime(p, request.step_s) : nullptr);
     if (body)
         body->marks = &run.marks;
@@ -283,6 +286,7 @@ DrillRun run_fixed(const DrillParameters &p, const DrillRequest &request) {
 } // namespace
 
 DrillRun drill_run(const DrillParameters &p, const DrillRequest &request) {
+    drill_check(p);
     DrillRequest r = request;
     if (!(r.duration_s > 0.0 && r.duration_s <= 3600.0))
         throw std::invalid_argument("duration_s must be above 0 and at most 3600");

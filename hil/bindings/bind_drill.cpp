@@ -1,10 +1,13 @@
 // Python face of the drill driver: its parameters by name, a run by any of its solvers, and the eigenvalues' matrix for stability limits.
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <map>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "bindings.hpp"
 #include "plant/drill_solvers.hpp"
@@ -70,7 +73,7 @@ void add_steps(nb::dict &to, const std::string &name, const std::vector<vgroove:
 }
 
 nb::dict simulate_drill(const nb::dict &parameters, const std::string &solver, double duration_s, double step_s, double tolerance, double step_max_s,
-                        double row_s, bool timed) {
+                        double row_s, bool timed, const std::vector<std::string> &columns) {
     const vgroove::DrillRequest request{solver_of(solver), duration_s, step_s, tolerance, step_max_s, row_s, timed};
     const vgroove::DrillParameters p = parameters_of(parameters);
     vgroove::DrillRun run;
@@ -81,7 +84,8 @@ nb::dict simulate_drill(const nb::dict &parameters, const std::string &solver, d
     const std::size_t rows = run.rows.size() / vgroove::DRILL_ROW_COUNT;
     nb::dict result;
     for (std::size_t c = 0; c < vgroove::DRILL_ROW_COUNT; ++c)
-        result[vgroove::DRILL_ROW_NAMES[c]] = column(rows, [&](std::size_t n) { return run.rows[n * vgroove::DRILL_ROW_COUNT + c]; });
+        if (columns.empty() || std::find(columns.begin(), columns.end(), vgroove::DRILL_ROW_NAMES[c]) != columns.end())
+            result[vgroove::DRILL_ROW_NAMES[c]] = column(rows, [&](std::size_t n) { return run.rows[n * vgroove::DRILL_ROW_COUNT + c]; });
     add_steps(result, "steps", run.steps);
     add_steps(result, "marks", run.marks);
     result["execution_ns"] = column(run.execution_ns.size(), [&](std::size_t n) { return run.execution_ns[n]; });
@@ -113,7 +117,7 @@ void bind_drill(nb::module_ &m) {
     m.def("drill_parameters", &drill_parameters,
           "Names and defaults of the drill driver: physics.md section 7, low gear, normal mode, parameter step 1.");
     m.def("simulate_drill", &simulate_drill, "parameters"_a, "solver"_a = "reference", "duration_s"_a = 4.0, "step_s"_a = 0.0, "tolerance"_a = 1e-8,
-          "step_max_s"_a = 0.0, "row_s"_a = 0.0, "timed"_a = false,
+          "step_max_s"_a = 0.0, "row_s"_a = 0.0, "timed"_a = false, "columns"_a = std::vector<std::string>(),
           "parameters {name: value} -> dict of (n,) columns; steps and marks: {time_s, length_s, mark}; execution_ns; rejected; diverged_s or None.");
     m.def("drill_jacobian", &drill_jacobian, "parameters"_a, "slips"_a = false, "load_nm"_a = 0.0, "chuck_rad_s"_a = 1e9,
           "(4, 4) of current, motor speed, twist, chuck speed while the motor turns.");

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from vgroove.errors import VgrooveError
+from vgroove.study.command import app as study_app
 
 # The plant has threads of its own; those of BLAS only get in their way. It counts until numpy is first imported, by a command.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -20,6 +21,7 @@ gap_app = typer.Typer(no_args_is_help=True, help="Diagnose the gap between a log
 app.add_typer(gap_app, name="gap")
 bench_app = typer.Typer(no_args_is_help=True, help="Compare with peers in one run on one machine.")
 app.add_typer(bench_app, name="bench")
+app.add_typer(study_app, name="study")
 
 
 @bench_app.callback()
