@@ -181,7 +181,8 @@ double DrillCharge::average(double time_s, double charge) const {
 }
 
 DrillSystem::DrillSystem(const DrillParameters &parameters, double charge_spacing_s, std::size_t charge_capacity)
-    : p(parameters), charge(parameters.pulse_average_s, charge_spacing_s, charge_capacity) {
+    : p(parameters),
+      charge(parameters.pulse_average_s, charge_spacing_s, charge_capacity) {
     drill_check(p);
     charge.push(0.0, 0.0, 0.0, true);
 }
@@ -295,4 +296,4 @@ DrillMark drill_input_mark(const DrillParameters &p, double time_s) {
     return at(p.ramp_s) ? DrillMark::RAMP_END : DrillMark::NONE;
 }
 
-} // namespace vgroove
+}  // namespace vgroove

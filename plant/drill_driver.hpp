@@ -84,21 +84,21 @@ enum DrillSum {
 using DrillVector = Eigen::Matrix<double, DRILL_CORE_COUNT, 1>;
 using DrillSums = Eigen::Matrix<double, DRILL_SUM_COUNT, 1>;
 
-enum class DrillBridge { CLOSED, DIODES, BLOCKED }; // diodes: the open bridge carries the current against the bus until it is 0
-enum class DrillControl { NORMAL, COAST, DRIVE };   // coast and drive: the two halves of pulse mode
+enum class DrillBridge { CLOSED, DIODES, BLOCKED };  // diodes: the open bridge carries the current against the bus until it is 0
+enum class DrillControl { NORMAL, COAST, DRIVE };    // coast and drive: the two halves of pulse mode
 
 struct DrillMode {
-    int slide = 0;  // of the motor: -1, 0 held by Coulomb friction, 1
-    int clutch = 0; // 0 grips, else the sign of the torque that it slips at
+    int slide = 0;   // of the motor: -1, 0 held by Coulomb friction, 1
+    int clutch = 0;  // 0 grips, else the sign of the torque that it slips at
     DrillBridge bridge = DrillBridge::CLOSED;
-    int diode = 0; // sign of the bus across the motor while the diodes conduct
+    int diode = 0;  // sign of the bus across the motor while the diodes conduct
     DrillControl control = DrillControl::NORMAL;
-    double pulse_start_s = 0.0, switch_s = 0.0; // start of pulse mode, next change between coast and drive
+    double pulse_start_s = 0.0, switch_s = 0.0;  // start of pulse mode, next change between coast and drive
 };
 
 struct DrillInput {
-    double terminal_v, terminal_v_per_s; // d Vs and its slope, or what the diodes put across the motor
-    double load_nm;                      // Tc of the friction law at the chuck; 0: no load
+    double terminal_v, terminal_v_per_s;  // d Vs and its slope, or what the diodes put across the motor
+    double load_nm;                       // Tc of the friction law at the chuck; 0: no load
 };
 
 struct DrillRates {
@@ -106,7 +106,7 @@ struct DrillRates {
     DrillSums sums;
 };
 
-struct DrillSlopes { // of the rates: by the core, and by time
+struct DrillSlopes {  // of the rates: by the core, and by time
     Eigen::Matrix<double, DRILL_CORE_COUNT, DRILL_CORE_COUNT> core;
     Eigen::Matrix<double, DRILL_SUM_COUNT, DRILL_CORE_COUNT> sums;
     DrillVector core_time;
@@ -128,18 +128,16 @@ DrillVector drill_scales(const DrillParameters &p);
 
 // The charge of the last pulse_average_s, for the moving average of the current: a ring that grows when it is full.
 class DrillCharge {
-  public:
+public:
     explicit DrillCharge(double window_s, double spacing_s, std::size_t capacity) : points_(capacity), window_s_(window_s), spacing_s_(spacing_s) {}
     void push(double time_s, double charge, double current_a, bool always);
     double average(double time_s, double charge) const;
 
-  private:
+private:
     struct Point {
         double time_s, charge, current_a;
     };
-    const Point &at(std::size_t n) const {
-        return points_[(first_ + n) % points_.size()];
-    }
+    const Point &at(std::size_t n) const { return points_[(first_ + n) % points_.size()]; }
     std::vector<Point> points_;
     std::size_t first_ = 0, count_ = 0;
     double window_s_, spacing_s_;
@@ -199,6 +197,6 @@ double drill_next_time(const DrillSystem &s);
 // Marks of the inputs at a time (load on and off, end of the ramp), or NONE.
 DrillMark drill_input_mark(const DrillParameters &p, double time_s);
 
-} // namespace vgroove
+}  // namespace vgroove
 
 #endif

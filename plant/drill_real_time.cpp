@@ -17,10 +17,10 @@ namespace vgroove {
 namespace {
 
 constexpr double PIECE_S = 100e-6;
-constexpr int LOCATE_LEVELS = 12; // a tick is a piece / 4096: 24 ns or less
-constexpr int LOCATED_MAX = 16;   // changes of mode located in one step; later ones are taken at the end of their piece
-constexpr int CLOCKED_MAX = 16;   // changes by the clock that a step of at most 1 s is planned for: two a pulse, the load, the ramp
-constexpr int HALVINGS_MAX = 40;  // of the search for the friction torque
+constexpr int LOCATE_LEVELS = 12;  // a tick is a piece / 4096: 24 ns or less
+constexpr int LOCATED_MAX = 16;    // changes of mode located in one step; later ones are taken at the end of their piece
+constexpr int CLOCKED_MAX = 16;    // changes by the clock that a step of at most 1 s is planned for: two a pulse, the load, the ramp
+constexpr int HALVINGS_MAX = 40;   // of the search for the friction torque
 
 // Linear state: the core, charge, both angles. Linear input: terminal voltage and its slope, signs of motor friction and clutch, load torque.
 enum { LINEAR_SUMS = DRILL_CORE_COUNT, LINEAR_STATES = LINEAR_SUMS + 3 };
@@ -75,16 +75,16 @@ double chuck_speed(const DrillParameters &p, double load_nm, double free, double
     return 0.5 * (low + high);
 }
 
-} // namespace
+}  // namespace
 
 struct DrillRealTime::Body {
     DrillSystem s;
     double step_s, tick_s, start_s = 0.0;
     std::size_t steps = 0;
-    int levels; // the finest; a step has 2^levels ticks
+    int levels;  // the finest; a step has 2^levels ticks
     long piece_ticks;
     int advances_taken = 0;
-    std::vector<Advance, Eigen::aligned_allocator<Advance>> advances; // 8 kinds of mode x (levels + 1)
+    std::vector<Advance, Eigen::aligned_allocator<Advance>> advances;  // 8 kinds of mode x (levels + 1)
 
     Body(const DrillParameters &p, double h) : s(p, DRILL_CHARGE_SPACING_S, drill_charge_points(p)), step_s(h) {}
 };
@@ -152,7 +152,7 @@ long largest_power_of_two(long n) {
     return power;
 }
 
-} // namespace
+}  // namespace
 
 // A stretch that is tried: where the system would be after it.
 struct Tried {
@@ -218,4 +218,4 @@ void DrillRealTime::step() {
     b.s.time_s = b.start_s;
 }
 
-} // namespace vgroove
+}  // namespace vgroove

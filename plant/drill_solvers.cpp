@@ -14,9 +14,9 @@ const char *const DRILL_ROW_NAMES[DRILL_ROW_COUNT] = {
     "time_s",    "current_a", "speed_rad_s",     "twist_rad", "chuck_rad_s",    "shaft_nm",     "duty",         "control",       "stored_j",
     "charge_as", "angle_rad", "chuck_angle_rad", "work_in_j", "loss_winding_j", "loss_motor_j", "loss_shaft_j", "loss_clutch_j", "work_load_j"};
 
-constexpr double LOCATE_S = 1e-12; // an event is located this well
+constexpr double LOCATE_S = 1e-12;  // an event is located this well
 constexpr double STEP_MIN_S = 1e-13;
-constexpr double DIVERGED = 1e3; // sizes of a state
+constexpr double DIVERGED = 1e3;  // sizes of a state
 
 namespace {
 
@@ -39,7 +39,7 @@ template <class Vector> Vector between(const Vector &a, const Vector &a_slope, c
 struct Recorder {
     DrillRun &run;
     double row_s;
-    std::size_t next = 0; // row of the grid that is written next
+    std::size_t next = 0;  // row of the grid that is written next
 
     void write(const DrillSystem &s, double time_s, const DrillVector &x, const DrillSums &sums) {
         const std::size_t at = run.rows.size();
@@ -82,12 +82,12 @@ constexpr double C[6][5] = {{},
                             {-0.1073529058151375, -9.594562251023355, -20.47028614809616},
                             {7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160},
                             {8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054}};
-} // namespace rodas
+}  // namespace rodas
 
 struct Attempt {
     DrillVector x;
     DrillSums sums;
-    double error; // local, over the tolerance
+    double error;  // local, over the tolerance
 };
 
 // Stage n: (1 / (h gamma) - J) U_n = f(t + alpha_n h, y + sum a U) + sum c U / h + h d_n f_t; the sums follow from their rows of J.
@@ -283,7 +283,7 @@ DrillRun run_fixed(const DrillParameters &p, const DrillRequest &request) {
     return run;
 }
 
-} // namespace
+}  // namespace
 
 DrillRun drill_run(const DrillParameters &p, const DrillRequest &request) {
     drill_check(p);
@@ -301,4 +301,4 @@ DrillRun drill_run(const DrillParameters &p, const DrillRequest &request) {
     return run_reference(p, r);
 }
 
-} // namespace vgroove
+}  // namespace vgroove

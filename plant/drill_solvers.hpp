@@ -14,11 +14,11 @@ enum class DrillSolver { REFERENCE, EULER, RK4, REAL_TIME };
 struct DrillRequest {
     DrillSolver solver = DrillSolver::REFERENCE;
     double duration_s = 4.0;
-    double step_s = 0.0;     // of the fixed-step solvers
-    double tolerance = 1e-8; // of the reference: local error over the size of each state (drill_scales)
-    double step_max_s = 0.0; // of the reference; 0: a fiftieth of the run
-    double row_s = 0.0;      // distance of the rows; 0: every step
-    bool timed = false;      // measure the execution time of every fixed step
+    double step_s = 0.0;      // of the fixed-step solvers
+    double tolerance = 1e-8;  // of the reference: local error over the size of each state (drill_scales)
+    double step_max_s = 0.0;  // of the reference; 0: a fiftieth of the run
+    double row_s = 0.0;       // distance of the rows; 0: every step
+    bool timed = false;       // measure the execution time of every fixed step
 };
 
 enum DrillColumn {
@@ -34,17 +34,17 @@ enum DrillColumn {
 extern const char *const DRILL_ROW_NAMES[DRILL_ROW_COUNT];
 
 struct DrillStep {
-    double time_s, length_s; // its end
-    DrillMark mark;          // what ended it, or NONE
+    double time_s, length_s;  // its end
+    DrillMark mark;           // what ended it, or NONE
 };
 
 struct DrillRun {
-    std::vector<double> rows;         // row-major, DRILL_ROW_COUNT a row
-    std::vector<DrillStep> steps;     // reference: all accepted ones
-    std::vector<DrillStep> marks;     // what happened when; fixed-step solvers see it at the end of the step
-    std::vector<double> execution_ns; // timed fixed steps
-    std::size_t rejected = 0;         // reference: attempts thrown away, by their error or to locate an event
-    double diverged_s = 0.0;          // when a fixed-step solver left every physical range; 0: it did not
+    std::vector<double> rows;          // row-major, DRILL_ROW_COUNT a row
+    std::vector<DrillStep> steps;      // reference: all accepted ones
+    std::vector<DrillStep> marks;      // what happened when; fixed-step solvers see it at the end of the step
+    std::vector<double> execution_ns;  // timed fixed steps
+    std::size_t rejected = 0;          // reference: attempts thrown away, by their error or to locate an event
+    double diverged_s = 0.0;           // when a fixed-step solver left every physical range; 0: it did not
 };
 
 // Throws std::invalid_argument for parameters or a request outside their range.
@@ -52,7 +52,7 @@ DrillRun drill_run(const DrillParameters &p, const DrillRequest &request);
 
 // The real-time mode by itself: bounded work per step, nothing allocated in step().
 class DrillRealTime {
-  public:
+public:
     DrillRealTime(const DrillParameters &p, double step_s);
     ~DrillRealTime();
     void step();
@@ -65,10 +65,10 @@ class DrillRealTime {
 
     struct Body;
 
-  private:
+private:
     std::unique_ptr<Body> body_;
 };
 
-} // namespace vgroove
+}  // namespace vgroove
 
 #endif

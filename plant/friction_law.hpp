@@ -8,9 +8,9 @@ namespace vgroove {
 
 template <class V> struct FrictionLaw {
     V breakaway_nm, coulomb_nm, viscous;
-    V breakaway_rad_s; // w_brk; wSt = sqrt(2) w_brk, wCoul = w_brk / 10
-    V threshold_rad_s; // w_th of the older form
-    V decay_s_per_rad; // cv of the older form
+    V breakaway_rad_s;  // w_brk; wSt = sqrt(2) w_brk, wCoul = w_brk / 10
+    V threshold_rad_s;  // w_th of the older form
+    V decay_s_per_rad;  // cv of the older form
 };
 
 // T = sqrt(2e) (Tbrk - Tc) exp(-(w / wSt)^2) w / wSt + Tc tanh(w / wCoul) + f w
@@ -47,6 +47,6 @@ template <class V> VGROOVE_INLINE V friction_law_exponential_slope(const Frictio
     return speed < p.threshold_rad_s ? (p.coulomb_nm + decaying + p.viscous * at) / p.threshold_rad_s : beyond;
 }
 
-} // namespace vgroove
+}  // namespace vgroove
 
 #endif

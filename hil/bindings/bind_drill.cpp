@@ -111,7 +111,7 @@ nb::object drill_jacobian(const nb::dict &parameters, bool slips, double load_nm
     return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(data, {4, 4}, owner));
 }
 
-} // namespace
+}  // namespace
 
 void bind_drill(nb::module_ &m) {
     m.def("drill_parameters", &drill_parameters,
