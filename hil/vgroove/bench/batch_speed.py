@@ -63,7 +63,7 @@ def measure_batch(seed: int, repeats: int, peer_rtol: float | None, done: Done) 
     if peer_rtol is not None:
         works["numbalsoda LSODA"], counts["numbalsoda LSODA"] = _numbalsoda_batch(tools[:PEER_BATCH], peer_rtol), PEER_BATCH
     seconds = medians(works, repeats, lambda name: done(f"batch: {name}"))
-    return [BatchFigure(name, counts[name], threads, counts[name] / seconds[name], largest_error(work(), references))
+    return [BatchFigure(name, counts[name], threads, counts[name] / seconds[name].wall, largest_error(work(), references))
             for name, work in works.items()]
 
 
@@ -87,7 +87,7 @@ def measure_growth(seed: int, repeats: int, done: Done) -> list[Cost]:
     names = {f"{of} {size:g}": (of, size) for of, size in works}
     seconds = medians({name: works[key] for name, key in names.items()}, repeats, lambda name: done(f"growth: {name}"))
     each = {name: size / 1000.0 if of == "time" else size for name, (of, size) in names.items()}
-    return [Cost(of, size / 1000.0 if of == "time" else size, seconds[name] / each[name]) for name, (of, size) in names.items()]
+    return [Cost(of, size / 1000.0 if of == "time" else size, seconds[name].wall / each[name]) for name, (of, size) in names.items()]
 
 
 def growth(costs: list[Cost], of: str) -> float:

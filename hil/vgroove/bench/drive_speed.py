@@ -143,7 +143,8 @@ def measure_drive(seconds: int, seed: int, repeats: int, done: Done) -> tuple[li
         rtol, error = loosest(solver, run, reference)
         chosen[name] = (rtol, error)
         works[name] = lambda solver=solver, rtol=rtol: peer_speed(run, solver, rtol)
-    wall = medians(works, repeats, lambda name: done(f"drivetrain: {name}"))
+    seconds_each = medians(works, repeats, lambda name: done(f"drivetrain: {name}"))
+    wall = {name: taken.wall for name, taken in seconds_each.items()}
     figures = [DriveFigure(name, wall[name], run.time_s[-1] / wall[name], error, bool(error <= ACCURACY), rtol)
                for name, (rtol, error) in chosen.items()]
     return figures, (wall[SENSITIVITIES] - wall[OWN]) / (len(sets) - 1) / wall[OWN]

@@ -12,23 +12,24 @@ import numpy.typing as npt
 
 from vgroove.bench.impact_tool import SLIPPING, ImpactTool, head_rad, rest
 from vgroove.bench.solvers import Peer
-from vgroove.bench.timing import medians
+from vgroove.bench.timing import Seconds, medians
 
 Floats = npt.NDArray[np.float64]
 Prepare = Callable[[ImpactTool], Callable[[], float]]  # what is timed: a second of the tool, giving its head's angle
 Done = Callable[[str], None]
 
 ACCURACY = 1e-3  # of the head's angle
-ROWS = 1000
+ROWS = 1000  # of 1 ms: one simulated second
 
 
 @dataclass(frozen=True)
 class Figure:
-    """Median wall seconds of one simulated second and the error of the head's angle; reached: the error is within ACCURACY."""
+    """Median seconds (wall and processor) of one simulated second and the error of the head's angle; reached: within ACCURACY."""
 
     name: str
     case: str
     seconds: float
+    cpu_seconds: float
     head_error: float
     reached: bool
     tolerance: float | None = None
@@ -103,9 +104,13 @@ def measure(owns: dict[str, Prepare], peers: list[Peer], repeats: int, done: Don
     for case, tool in SLIPPING.items():
         choices = [own_choice(name, prepare, tool, heads[case]) for name, prepare in owns.items()] + [by_case[case] for by_case in chosen]
         seconds = medians({c.name: c.work for c in choices}, repeats, lambda name, case=case: done(f"{case}: {name}"))
-        figures += [Figure(c.name, case, seconds[c.name] / (ROWS * 1e-3), c.error, bool(c.error <= ACCURACY), c.tolerance, c.tolerance_is)
-                    for c in choices]
+        figures += [figure_of(choice, case, seconds[choice.name]) for choice in choices]
     return figures
+
+
+def figure_of(choice: Choice, case: str, seconds: Seconds) -> Figure:
+    reached = bool(choice.error <= ACCURACY)
+    return Figure(choice.name, case, seconds.wall, seconds.cpu, choice.error, reached, choice.tolerance, choice.tolerance_is)
 
 
 def runs_of(owns: int, peers: int, repeats: int) -> int:
