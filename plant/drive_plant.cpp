@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <stdexcept>
+#include <string>
 #include <utility>
 
 #include "settle.hpp"
@@ -57,6 +59,7 @@ DrivePlant::DrivePlant(const Parameters &p, LoadKind load, HallWheel wheel, std:
     m.input = InputKind::DUTY;
     m.load.kind = load;
     drivetrain_set_lane(m, 0, p, p.supply_voltage_v, PERIOD_S);
+    solver_prepare(b.solver, 0.0);
     if (p.speed_lag_delay_form != 0.0)
         b.edge_delay = std::llround(p.speed_lag_s * CPU_HZ);
     b.commands.assign(static_cast<std::size_t>(std::llround(p.transport_delay_s / b.period_s)), Command{true, 0.0, 0.0});
@@ -88,6 +91,8 @@ static void set_period(Inner &s, const Parameters &p, const Command &c, double l
 
 __attribute__((flatten)) static void run_period(Inner &s, double period_s) {
     s.level_s = 1.0;
+    flush_tiny(s.state);
+    solver_earn(s, 0, 1, period_s);
     solver_begin(s, 0, period_s);
     solver_run(s, [](int) __attribute__((always_inline)) { return false; });
 }
@@ -104,6 +109,8 @@ PeriodResult DrivePlant::period(bool coast, double duty, double dead, double loa
     set_period(s, b.parameters, b.commands.front(), load_nm, b.period_s);
     b.commands.pop_front();
     run_period(s, b.period_s);
+    if (s.spent[0])
+        throw std::runtime_error("DrivePlant needs too many steps at " + std::to_string(s.drive.time_s) + " s: " + fastest_parameter(b.parameters));
     s.drive.load_nm = load_nm;
     const Sweep before = b.sweep;
     b.sweep = Sweep{before.end_angle, before.end_speed, seen_angle(s, b.parameters), seen_speed(s, b.parameters)};

@@ -1,7 +1,9 @@
 // The switch of each effect follows from its size: 0 (or infinite, where that is neutral) is off.
 #include "effects.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <cstdio>
 
 namespace vgroove {
 
@@ -34,6 +36,40 @@ std::uint32_t effects_of(const Parameters &p) {
            | when(p.speed_lag_s > 0.0 && p.speed_lag_delay_form == 0.0, EFFECT_SPEED_LAG)
            | when(p.hall_amplitude_rad != 0.0, EFFECT_HALL)
            | when(p.transport_delay_s > 0.0 || (p.clock_skew_relative != 0.0 && p.clock_skew_command != 0.0), EFFECT_COMMAND_SHIFT);
+}
+
+struct Rate {
+    const char *name;
+    double value, per_second;
+};
+
+std::string fastest_parameter(const Parameters &p) {
+    const double inductance = p.motor_inductance_h * (1.0 + p.inductance_relative);
+    const double inertia = p.motor_inertia_kg_m2 + p.added_inertia_kg_m2;
+    const double total = inertia + p.gearbox_output_inertia / (p.gearbox_ratio * p.gearbox_ratio);
+    const double ohm = p.motor_resistance_ohm * (1.0 + p.winding_relative) + p.supply_resistance_ohm + p.added_supply_ohm + p.bridge_resistance_ohm;
+    const double usual_ohm = 1.0, usual_henry = 1e-4;  // of tools: which of the two is the odd one
+    const bool odd = std::fabs(std::log10(std::max(ohm, 1e-300) / usual_ohm)) > std::fabs(std::log10(std::max(inductance, 1e-300) / usual_henry));
+    const Rate rates[] = {
+        {odd ? "motor.resistance_ohm" : "motor.inductance_h", odd ? p.motor_resistance_ohm : p.motor_inductance_h, ohm / inductance},
+        {"motor.inertia_kg_m2", p.motor_inertia_kg_m2,
+         std::max(std::fabs(p.motor_torque_constant) / std::sqrt(inductance * total), (p.motor_viscous + p.viscous) / total)},
+        {"effects.brush_drop.voltage_v", p.brush_voltage_v, p.brush_voltage_v / (0.3 * inductance)},
+        {"effects.current_lag.time_constant_s", p.current_lag_s, p.current_lag_s > 0.0 ? 1.0 / p.current_lag_s : 0.0},
+        {"effects.speed_lag.time_constant_s", p.speed_lag_s, p.speed_lag_s > 0.0 ? 1.0 / p.speed_lag_s : 0.0},
+        {"effects.coupler_compliance.stiffness_nm_per_rad", p.coupler_stiffness,
+         std::isfinite(p.coupler_stiffness) ? std::sqrt(p.coupler_stiffness / total) : 0.0},
+        {"effects.cold_grease.nm_s_per_rad", p.grease_nm_s_per_rad, p.grease_nm_s_per_rad / total},
+        {"effects.cogging_torque.periods_per_rev", p.cogging_periods,
+         p.cogging_nm != 0.0 ? p.cogging_periods * p.supply_voltage_v / std::max(std::fabs(p.motor_torque_constant), 1e-9) : 0.0},
+    };
+    const Rate *fastest = rates;
+    for (const Rate &rate : rates)
+        fastest = std::fabs(rate.per_second) > std::fabs(fastest->per_second) ? &rate : fastest;
+    char text[160];
+    std::snprintf(text, sizeof text, "the fastest rate of the model, %.3g per second, comes from %s = %.6g", fastest->per_second, fastest->name,
+                  fastest->value);
+    return text;
 }
 
 }  // namespace vgroove

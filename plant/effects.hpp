@@ -3,6 +3,7 @@
 #define VGROOVE_PLANT_EFFECTS_HPP
 
 #include <cstdint>
+#include <string>
 
 #include "parameters.hpp"
 
@@ -34,6 +35,9 @@ constexpr std::uint32_t EFFECTS_WITH_STATES = EFFECT_DROOP | EFFECT_HEATING | EF
 
 // Coefficient effects (a changed R, L, k, J, Coulomb, viscous torque) are folded into the model's constants and have no switch.
 std::uint32_t effects_of(const Parameters &p);
+
+// The parameter behind the fastest of the model's rates, with its value: the likely reason why steps must be tiny.
+std::string fastest_parameter(const Parameters &p);
 
 }  // namespace vgroove
 

@@ -16,6 +16,13 @@ typedef std::uint64_t Words8 __attribute__((vector_size(64)));
 
 #define VGROOVE_INLINE inline __attribute__((always_inline))
 
+// One compiled body for each of three vector widths, chosen at load time; the bytes are the same.
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(VGROOVE_NO_CLONES)
+#define VGROOVE_CLONES __attribute__((flatten, target_clones("avx512f", "avx2", "default")))
+#else
+#define VGROOVE_CLONES __attribute__((flatten))
+#endif
+
 template <class V> struct LaneTraits;
 template <> struct LaneTraits<double> {
     using Word = std::uint64_t;

@@ -43,8 +43,16 @@ struct LogStarts {
     bool per_row = false;
 };
 
-// theta: batch x PARAMETER_COUNT. Same inputs give the same bytes whatever the batch and the threads.
-void simulate_log(const LogInput &in, const double *theta, std::size_t batch, const LogStarts &starts, int threads, const LogOutput &out);
+struct SimulateOptions {
+    int threads = 1;
+    bool adaptive = false;         // Runge-Kutta everywhere: the reference mode; else exact where the drivetrain is linear between events
+    double tolerance = 0.0;        // of Runge-Kutta, local error over scale; 0: the usual one
+    bool keep_unfinished = false;  // rows that a run's bounded steps do not reach are NaN, instead of std::runtime_error
+};
+
+// theta: batch x PARAMETER_COUNT. Same inputs give the same bytes whatever the batch and the threads. The work is bounded by the rows.
+void simulate_log(const LogInput &in, const double *theta, std::size_t batch, const LogStarts &starts, const SimulateOptions &options,
+                  const LogOutput &out);
 
 // One parameter set with its energies, out.energy_j: work_in = losses + work_load + change of stored, unless a further start resets the state.
 void audit_log(const LogInput &in, const double *theta, const LogStarts &starts, const LogOutput &out);

@@ -1,11 +1,12 @@
 // Solver: embedded Runge-Kutta 5(4) of Dormand and Prince (J. Comp. Appl. Math. 6, 1980) with halved and doubled steps and located events.
 //
 // Every lane keeps its own step, so that its result does not depend on its neighbours; a lane that waits takes steps of length 0,
-// which change nothing. An event (a body stops or breaks away, the diodes block) is found by repeating the step with the Illinois method.
+// which change nothing. Where the drivetrain is linear between events a step is exact at any length. An event (a body stops or breaks away, the diodes block) is found by repeating the step with the Illinois method.
 #ifndef VGROOVE_PLANT_SOLVER_HPP
 #define VGROOVE_PLANT_SOLVER_HPP
 
 #include "drivetrain.hpp"
+#include "flow.hpp"
 
 namespace vgroove {
 
@@ -14,7 +15,12 @@ constexpr double SOLVER_TOLERANCE_CONTACT = 1e-7;  // where flanks meet: an erro
 constexpr double SOLVER_GROW_BELOW = 0.02;     // of the tolerance: the error grows by 2^5 when the step doubles
 constexpr double SOLVER_EVENT_S = 1e-10;       // events are located to this time
 constexpr double SOLVER_STEP_MIN = 1.0 / 65536.0;  // of the stretch
+constexpr double SOLVER_DOUBT = 2e-7;        // of the current scale: doubt about a ramp behind a supply resistance that is let pass
+constexpr double SOLVER_EXACT_SHARE = 0.0625;  // first step of an exact stretch, doubled after: where events are looked for
 constexpr int SOLVER_LOCATE_MAX = 60;          // repeats for one event
+constexpr double SOLVER_STEPS_ROW = 1000.0;      // a run may take so many steps a row,
+constexpr double SOLVER_STEPS_SECOND = 50000.0;  // so many a second of a row,
+constexpr double SOLVER_STEPS_SAVED = 200000.0;  // and save so many for rows that need more
 constexpr int SOLVER_EVENTS_MAX = 400;         // located events per stretch; later ones are taken at the end of their step
 
 enum EventIndex { EVENT_NONE = -1, EVENT_SHAFT, EVENT_OUTPUT, EVENT_DIODE, EVENT_COUNT };
@@ -38,14 +44,41 @@ template <class V, int N> struct Solver {
     bool fresh[LaneTraits<V>::COUNT];     // slope must be computed anew
     int events[LaneTraits<V>::COUNT];
     Locating locating[LaneTraits<V>::COUNT];
+    double credit[LaneTraits<V>::COUNT];  // steps that the lane may still take
+    bool spent[LaneTraits<V>::COUNT];     // it has taken them all and stands still
+    double error_scale;                   // 1 / tolerance of the local error
+    bool careful;                         // a tolerance was asked for: events are looked for as in exact stretches
+    bool exact;                           // linear between events: flow.hpp instead of Runge-Kutta
 };
+
+constexpr double TINY = 1e-60;  // A, rad/s, V, K
+
+// What decays towards 0 ends there: subnormal numbers would make every later step several times as slow.
+template <class V, int N> VGROOVE_INLINE void flush_tiny(State<V, N> &s) {
+    for (int n = 0; n < N; ++n)
+        s.x[n] = abs_of<V>(s.x[n]) < TINY ? V{} : s.x[n];
+}
+
+// tolerance: local error of a step over the scale of the state; 0: the usual one.
+template <class V, int N> VGROOVE_INLINE void solver_prepare(Solver<V, N> &self, double tolerance) {
+    const double usual = self.model.effects & EFFECT_TWO_BODIES ? SOLVER_TOLERANCE_CONTACT : SOLVER_TOLERANCE;
+    self.careful = tolerance > 0.0;
+    self.error_scale = 1.0 / (tolerance > 0.0 ? tolerance : usual);
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
+        self.credit[lane] = SOLVER_STEPS_SAVED;
+}
+
+template <class V, int N> VGROOVE_INLINE void solver_earn(Solver<V, N> &self, int lane, int rows, double seconds) {
+    const double credit = self.credit[lane] + SOLVER_STEPS_ROW * rows + SOLVER_STEPS_SECOND * seconds;
+    self.credit[lane] = credit < SOLVER_STEPS_SAVED ? credit : SOLVER_STEPS_SAVED;
+}
 
 template <class V, int N> struct Attempt {
     State<V, N> state, slope;
     V error;  // largest local error over tolerance
 };
 
-template <class V, int N> VGROOVE_INLINE V solver_error(const Drivetrain<V> &m, V h, const State<V, N> &e) {
+template <class V, int N> VGROOVE_INLINE V solver_error(const Drivetrain<V> &m, V h, const State<V, N> &e, double error_scale) {
     V worst = abs_of<V>(e.x[STATE_SPEED]) / m.speed_scale;
     if (m.input != InputKind::CURRENT)
         worst = max_of<V>(worst, abs_of<V>(e.x[STATE_CURRENT]) / m.current_scale);
@@ -57,7 +90,7 @@ template <class V, int N> VGROOVE_INLINE V solver_error(const Drivetrain<V> &m, 
         if (m.effects & EFFECT_SPEED_LAG)
             worst = max_of<V>(worst, abs_of<V>(e.x[STATE_SPEED_FILTER]) / m.speed_scale);
     }
-    return abs_of<V>(h) * worst * (1.0 / (m.effects & EFFECT_TWO_BODIES ? SOLVER_TOLERANCE_CONTACT : SOLVER_TOLERANCE));
+    return abs_of<V>(h) * worst * error_scale;
 }
 
 template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_attempt(const Solver<V, N> &self, V h) {
@@ -92,7 +125,7 @@ template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_attempt(const Solv
     for (int n = 0; n < N; ++n)
         s.x[n] = (71.0 / 57600.0 * k1.x[n] - 71.0 / 16695.0 * k3.x[n]) + (71.0 / 1920.0 * k4.x[n] - 17253.0 / 339200.0 * k5.x[n])
                  + (22.0 / 525.0 * k6.x[n] - 1.0 / 40.0 * a.slope.x[n]);
-    a.error = solver_error<V, N>(m, h, s);
+    a.error = solver_error<V, N>(m, h, s, self.error_scale);
     return a;
 }
 
@@ -257,7 +290,9 @@ template <class V, int N> VGROOVE_INLINE void solver_begin(Solver<V, N> &self, i
     self.events[lane] = 0;
     self.locating[lane] = Locating{};
     self.fresh[lane] = true;
-    if (!(get(self.level_s, lane) <= length_s))
+    if (self.exact || self.careful)
+        set(self.level_s, lane, SOLVER_EXACT_SHARE * length_s);
+    else if (!(get(self.level_s, lane) <= length_s))
         set(self.level_s, lane, length_s);
     const bool open = get(self.drive.open, lane) > 0.0;
     if (!open)
@@ -304,6 +339,28 @@ template <class V, int N> VGROOVE_INLINE Events<V> solver_events(const Solver<V,
     return g;
 }
 
+template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_step(Solver<V, N> &self, V h) {
+    if constexpr (LaneTraits<V>::COUNT == 1)
+        if (self.exact) {
+            Attempt<V, N> a{};
+            a.state = flow_state<N>(self.model, self.drive, self.mode, h, self.state, a.error);
+            a.error /= SOLVER_DOUBT * self.model.current_scale;
+            return a;
+        }
+    solver_refresh(self);
+    return solver_attempt(self, h);
+}
+
+// A lane whose credit is used up stands still from here on.
+template <class V, int N> VGROOVE_INLINE bool solver_pays(Solver<V, N> &self, int lane) {
+    self.credit[lane] -= 1.0;
+    if (self.credit[lane] >= 0.0)
+        return true;
+    self.spent[lane] = true;
+    self.left_s[lane] = 0.0;
+    return false;
+}
+
 // Runs until every lane is at the end of its stretch and next_stretch(lane) gives it no other one.
 template <class V, int N, class NextStretch> VGROOVE_INLINE void solver_run(Solver<V, N> &self, NextStretch &&next_stretch) {
     for (;;) {
@@ -318,15 +375,14 @@ template <class V, int N, class NextStretch> VGROOVE_INLINE void solver_run(Solv
         }
         if (!busy)
             return;
-        solver_refresh(self);
-        const Attempt<V, N> a = solver_attempt(self, h);
+        const Attempt<V, N> a = solver_step(self, h);
         const Events<V> after = solver_events<V, N>(self, h, a.state);
         Events<V> before{};
         const bool met = solver_any_event(after);
         if (met)
             before = drivetrain_events<V, N>(self.model, self.drive, self.mode, V{}, self.state);
         for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
-            if (self.next_s[lane] > 0.0)
+            if (self.next_s[lane] > 0.0 && solver_pays(self, lane))
                 solver_judge(self, a, before, after, lane);
     }
 }

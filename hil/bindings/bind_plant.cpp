@@ -85,7 +85,17 @@ void log_input_init(vgroove::LogInput *self, Column time_s, const std::string &k
         self->open = vgroove::hold_missing(column_of(coast, rows, "coast"), rows, 0.0);
 }
 
-nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cube state0, int threads) {
+vgroove::SimulateOptions options_of(int threads, const std::string &solver, double tolerance, const std::string &unfinished) {
+    if (solver != "exact" && solver != "adaptive")
+        throw std::invalid_argument("simulate_log: solver is exact or adaptive, not " + solver);
+    if (unfinished != "raise" && unfinished != "nan")
+        throw std::invalid_argument("simulate_log: unfinished is raise or nan, not " + unfinished);
+    return {threads, solver == "adaptive", tolerance, unfinished == "nan"};
+}
+
+nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cube state0, int threads, const std::string &solver, double tolerance,
+                      const std::string &unfinished) {
+    const vgroove::SimulateOptions options = options_of(threads, solver, tolerance, unfinished);
     const std::size_t batch = theta.shape(0), rows = in.time_s.size(), count = starts.shape(0);
     require_drivetrain_load(in.load_kind);
     if (theta.shape(1) != vgroove::PARAMETER_COUNT)
@@ -105,7 +115,7 @@ nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cu
     const vgroove::LogOutput out{block, block + size, block + 2 * size, block + 3 * size, block + 4 * size, block + 5 * size};
     {
         nb::gil_scoped_release unlocked;
-        vgroove::simulate_log(in, theta.data(), batch, from, threads, out);
+        vgroove::simulate_log(in, theta.data(), batch, from, options, out);
     }
     const std::pair<const char *, double *> columns[] = {{"current_a", out.current_a}, {"supply_v", out.supply_v}, {"speed_rad_s", out.speed_rad_s},
         {"speed_measured_rad_s", out.speed_measured_rad_s}, {"angle_rad", out.angle_rad}, {"angle_measured_rad", out.angle_measured_rad}};
@@ -206,8 +216,11 @@ void bind_plant(nb::module_ &m) {
     nb::class_<vgroove::LogInput>(m, "LogInput", "Columns that drive the model; see docs/plant.md for how rows are read.")
         .def("__init__", &log_input_init, "time_s"_a, "kind"_a, "command"_a, "slew_per_s"_a.none() = nb::none(), "supply_v"_a.none() = nb::none(),
              "load_nm"_a.none() = nb::none(), "coast"_a.none() = nb::none(), "load_kind"_a = "none", "slew_slack"_a = 0.0);
-    m.def("simulate_log", &simulate_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a, "threads"_a = 2,
-          "theta (B, P), starts (S,) row indices, state0 (S, 3) or (B, S, 3): current_a, speed_rad_s, angle_rad -> dict of (B, n).");
+    m.def("simulate_log", &simulate_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a, "threads"_a = 2, "solver"_a = "exact",
+          "tolerance"_a = 0.0, "unfinished"_a = "raise",
+          "theta (B, P), starts (S,) row indices, state0 (S, 3) or (B, S, 3): current_a, speed_rad_s, angle_rad -> dict of (B, n).\n"
+          "solver: exact (where the drivetrain is linear between events, else Runge-Kutta) or adaptive (Runge-Kutta everywhere, to `tolerance`).\n"
+          "unfinished: what becomes of a run whose bounded steps do not reach its end: raise (RuntimeError naming row, time and parameter) or nan.");
     m.def("audit_log", &audit_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a,
           "theta (P,) -> dict of (n,) energies in J since the first start: work_in = losses + work_load + change of stored.");
     bind_drive_plant(m);

@@ -147,22 +147,22 @@ def test_bad_shapes_and_times_are_refused() -> None:
 
 
 def speed_figure(effects: dict[str, dict[str, float]], lanes: int, threads: int) -> float:
-    """Times real time, all lanes together; the best of five."""
-    log = long_log(3.0)
+    """Times real time per core, all lanes together; the best of nine in processor time, which a busy machine leaves alone."""
+    log = long_log(30.0)
     theta = np.repeat(theta_of(ref.Tool(effects=effects))[None, :], lanes, axis=0)
     theta[:, core.PARAMETERS.index("motor.resistance_ohm")] *= np.linspace(0.95, 1.05, lanes)
     best = np.inf
-    for _ in range(5):
-        begun = time.perf_counter()
+    for _ in range(9):
+        begun = time.process_time()
         core.simulate_log(log, theta, np.array([0]), np.zeros((1, 3)), threads)
-        best = min(best, time.perf_counter() - begun)
-    return 3.0 * lanes / best
+        best = min(best, time.process_time() - begun)
+    return 30.0 * lanes / best
 
 
 def test_speed_figure(record_property: pytest.FixtureRequest) -> None:
     """Prints with pytest -s; the limit is far below the figure so that a busy machine passes."""
     single = speed_figure({}, 1, 1)
     batch = speed_figure({}, 32, 2)
-    print(f"\nsimulate_log, 1 kHz: one lane {single:,.0f} x real time, 32 lanes on 2 threads {batch:,.0f} x")  # noqa: T201
-    assert single > 500.0
-    assert batch > single
+    print(f"\nsimulate_log, 1 kHz: one lane {single:,.0f} x real time, 32 lanes on 2 threads {batch:,.0f} x per core")  # noqa: T201
+    assert single > 1500.0
+    assert batch > 0.5 * single

@@ -113,7 +113,7 @@ class Problem:
         missed, edges = self.missed_edges
         return missed / max(1.0, edges)
 
-    def simulate(self, theta: np.ndarray) -> list[Simulation]:
+    def simulate(self, theta: np.ndarray, unfinished: str = "nan") -> list[Simulation]:
         """Every log's simulation, restarted as judged: (B, rows) arrays as vgroove._core.simulate_log gives, CLOCK and DROPS_EDGES."""
         theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
         gain, offset, lag = self._sensors(theta)
@@ -121,7 +121,7 @@ class Problem:
         delayed, found = theta[:, self.index("effects.speed_lag.delay_form")] != 0.0, []
         for run in self.runs:
             states = run.restarts.states(gain, offset, lag, delayed)
-            found.append(_core.simulate_log(run.drive, theta, run.starts, states, threads=self.threads))
+            found.append(_core.simulate_log(run.drive, theta, run.starts, states, threads=self.threads, unfinished=unfinished))
             found[-1][CLOCK] = 1.0 + np.where(command_clock, 0.0, theta[:, self.index("effects.clock_skew.relative")])
             found[-1][DROPS_EDGES] = theta[:, self.index("effects.hall_dropout.probability")] > 0.0
             if np.any(lag > 0.0):
@@ -206,7 +206,17 @@ def load_problem(logs: Sequence[Any], rig: Rig, restart_s: float = 0.25, threads
     if restart_s <= 0.0:
         raise VgrooveError("restart_s must be above 0")
     runs = tuple(prepare_run(_read(log), rig, restart_s) for log in logs)
-    return _join(rig, runs, restart_s, threads)
+    problem = _join(rig, runs, restart_s, threads)
+    _check_reach(problem)
+    return problem
+
+
+def _check_reach(problem: Problem) -> None:
+    """A rig that the plant cannot follow through its logs is refused; parameter sets of a fit only read as far off."""
+    try:
+        problem.simulate(problem.theta0, unfinished="raise")
+    except RuntimeError as error:
+        raise VgrooveError(f"the rig cannot be simulated along the log: {error}") from error
 
 
 def _read(log: Any) -> Any:
