@@ -21,7 +21,7 @@ struct Block {
     int vectors;
     FlowInput<Lanes8> in[BLOCK_VECTORS];
     Flow<Lanes8> flow[BLOCK_VECTORS];
-    bool complete;     // no row was left because its mode is not certain
+    bool complete;                                          // no row was left because its mode is not certain
     double current[BLOCK_ROWS + 1], speed[BLOCK_ROWS + 1];  // at the rows' ends, the start first
 };
 
@@ -32,7 +32,9 @@ VGROOVE_INLINE Lanes8 block_load(const double *p) {
     return v;
 }
 
-VGROOVE_INLINE void block_store(double *p, const Lanes8 &v, int count) { std::memcpy(p, &v, static_cast<std::size_t>(count) * sizeof(double)); }
+VGROOVE_INLINE void block_store(double *p, const Lanes8 &v, int count) {
+    std::memcpy(p, &v, static_cast<std::size_t>(count) * sizeof(double));
+}
 
 // The values of eight rows from `row` on; rows past the end repeat the last one.
 VGROOVE_INLINE Lanes8 block_column(const std::vector<double> &column, std::size_t row, std::size_t end) {

@@ -14,13 +14,9 @@
 namespace vgroove {
 
 // a I + b Z
-template <class V> struct MatrixFunction {
-    V a, b;
-};
+template <class V> struct MatrixFunction { V a, b; };
 
-template <class V> struct PhiFunctions {
-    MatrixFunction<V> e, p1, p2, p3;
-};
+template <class V> struct PhiFunctions { MatrixFunction<V> e, p1, p2, p3; };
 
 constexpr double FLOW_TAYLOR_RADIUS = 1.0;  // of the halved Z; 13 terms of phi3 leave 6 / 16! of 1
 // Rates above this per stretch are taken as this: what is over within a millionth of a stretch is over at once.
@@ -75,23 +71,22 @@ template <class V> VGROOVE_INLINE PhiFunctions<V> flow_functions(V trace, V det,
 // Constants of one linear run, and the modes that hold over the stretch.
 struct FlowConstants {
     double inductance_inverse, inertia_inverse;
-    double resistance_ohm;  // winding and bridge
-    double supply_ohm;      // acts times duty squared; 0 with a measured bus or a stated voltage
-    double supply_v;        // open circuit
-    double constant;        // N m/A and V s/rad
+    double resistance_ohm;        // winding and bridge
+    double supply_ohm;            // acts times duty squared; 0 with a measured bus or a stated voltage
+    double supply_v;              // open circuit
+    double constant;              // N m/A and V s/rad
     double viscous, friction_nm;  // while it slides the way it does: T = viscous w + friction_nm + slide (1 + load_relative) TL
     double load_relative;
-    double slide;           // 0: at rest
-    double conducts;        // 0: the bridge blocks, or the current is the input
-    double swing, swing_s;  // underdamped: rad/s that a current of 1 A can swing the shaft by, where a stretch is longer than half a radian of the swing
-    bool volts;             // the command is a voltage
+    double slide;     // 0: at rest
+    double conducts;  // 0: the bridge blocks, or the current is the input
+    double swing,
+        swing_s;  // underdamped: rad/s that a current of 1 A can swing the shaft by, where a stretch is longer than half a radian of the swing
+    bool volts;   // the command is a voltage
     bool current_input;
 };
 
 // Command, load at the motor shaft and their slopes along the stretch.
-template <class V> struct FlowInput {
-    V h, command, command_rate, load_nm, load_rate, bus_v;
-};
+template <class V> struct FlowInput { V h, command, command_rate, load_nm, load_rate, bus_v; };
 
 // x(h) = e x + g; integral of x = f x + m; integral of duty times current = b x + b0; doubt about the current d x + d0.
 template <class V> struct Flow {
@@ -174,9 +169,7 @@ template <class V> VGROOVE_INLINE Flow<V> flow_blend(double a, const Flow<V> &x,
 }
 
 // Torque that friction and load put on the sliding shaft; |TL| keeps its sign along a stretch.
-template <class V> struct FlowTorque {
-    V torque_nm, rate;
-};
+template <class V> struct FlowTorque { V torque_nm, rate; };
 template <class V> VGROOVE_INLINE FlowTorque<V> flow_torque(const FlowConstants &c, const FlowInput<V> &in) {
     const V mean = in.load_nm + 0.5 * in.h * in.load_rate;
     const V share = c.slide * (1.0 + (mean < 0.0 ? splat<V>(-c.load_relative) : splat<V>(c.load_relative)));
@@ -231,7 +224,9 @@ template <class V> VGROOVE_INLINE Flow<V> flow_of(const FlowConstants &c, const 
 // Effects under which the drivetrain is linear between changes of direction; sensors that only show it otherwise are not in its way.
 constexpr std::uint32_t FLOW_EFFECTS = EFFECT_DIRECTIONAL | EFFECT_LOAD_FRICTION | EFFECT_HALL | EFFECT_COMMAND_SHIFT;
 
-VGROOVE_INLINE bool flow_applies(std::uint32_t effects, LoadKind load) { return !(effects & ~FLOW_EFFECTS) && (load == LoadKind::NONE || load == LoadKind::TORQUE); }
+VGROOVE_INLINE bool flow_applies(std::uint32_t effects, LoadKind load) {
+    return !(effects & ~FLOW_EFFECTS) && (load == LoadKind::NONE || load == LoadKind::TORQUE);
+}
 
 // Underdamped motors swing: the speed between two instants of one sign may have the other one.
 VGROOVE_INLINE void flow_set_swing(FlowConstants &c) {
@@ -282,8 +277,9 @@ VGROOVE_INLINE State<double, N> flow_state(const Drivetrain<double> &m, const Dr
     const bool open = in.open > 0.0 && m.input != InputKind::CURRENT;
     const FlowConstants c = flow_constants(m, mode.slide, open, mode.diode);
     const double bus = m.bus_measured ? in.bus_v : c.supply_v;
-    const FlowInput<double> line{h, open ? -mode.diode : in.command, open ? 0.0 : in.command_rate, in.load_nm * m.load.ratio_inverse,
-                                 in.load_rate * m.load.ratio_inverse, bus};
+    const FlowInput<double> line{
+        h,  open ? -mode.diode : in.command, open ? 0.0 : in.command_rate, in.load_nm * m.load.ratio_inverse, in.load_rate * m.load.ratio_inverse,
+        bus};
     const Flow<double> f = flow_of<double>(c, line, line.command_rate != 0.0);
     const double i = s.x[STATE_CURRENT], w = s.x[STATE_SPEED];
     State<double, N> end = s;

@@ -19,8 +19,8 @@ struct Cursor {
     double row_scale;      // true seconds per second of the time stamps
     double command_scale;  // seconds of the command column per true second
     double delay_s;
-    double row_left_s;     // true time to the end of the row
-    double now_s;          // true time since the first row
+    double row_left_s;  // true time to the end of the row
+    double now_s;       // true time since the first row
     std::size_t command_row;
 };
 
@@ -39,7 +39,7 @@ template <class V, int N> struct Group {
     Cursor cursor[LaneTraits<V>::COUNT];
     std::size_t batch_row[LaneTraits<V>::COUNT];
     std::size_t spent_row[LaneTraits<V>::COUNT];  // first row that the lane's steps did not reach
-    int lanes;  // in use; the rest repeat the first
+    int lanes;                                    // in use; the rest repeat the first
 };
 
 template <class V> VGROOVE_INLINE void drive_command(Drive<V> &d, const LogInput &in, int lane, std::size_t row, double from, double scale) {
@@ -122,7 +122,8 @@ template <class V, int N> VGROOVE_INLINE void begin_row(Group<V, N> &g, const Lo
     solver_earn(s, lane, 1, in.time_s[row] - in.time_s[row - 1]);
 }
 
-template <class V, int N> VGROOVE_INLINE void reset_lane(Group<V, N> &g, const LogInput &in, std::size_t row, int lane, const double *start, bool first) {
+template <class V, int N>
+VGROOVE_INLINE void reset_lane(Group<V, N> &g, const LogInput &in, std::size_t row, int lane, const double *start, bool first) {
     Solver<V, N> &s = g.solver;
     set(s.drive.load_nm, lane, in.load_kind == LoadKind::TORQUE ? in.load_nm[row] : 0.0);
     set(s.drive.load_rate, lane, 0.0);
@@ -139,7 +140,8 @@ inline double sensed_current(const Parameters &p, double mean_a) {
 }
 
 // Shaft quantities of one row; lag and eccentricity are applied to wheel speed and angle, gain to both.
-template <class V, int N> VGROOVE_INLINE void write_shaft(const Group<V, N> &g, std::size_t at, int lane, V seen_speed, V seen_angle, const LogOutput &out) {
+template <class V, int N>
+VGROOVE_INLINE void write_shaft(const Group<V, N> &g, std::size_t at, int lane, V seen_speed, V seen_angle, const LogOutput &out) {
     const State<V, N> &x = g.solver.state;
     const Parameters &p = g.parameters[lane];
     out.speed_rad_s[at] = get(x.x[STATE_SPEED], lane);
@@ -204,7 +206,8 @@ template <class V, int N> VGROOVE_INLINE void step_row(Group<V, N> &g, const Log
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
         begin_row(g, in, row, lane);
     flush_tiny(g.solver.state);
-    solver_run(g.solver, [&](int lane) __attribute__((always_inline)) { return next_stretch(g, in, row, lane); });
+    solver_run(
+        g.solver, [&](int lane) __attribute__((always_inline)) { return next_stretch(g, in, row, lane); });
 }
 
 template <class V, int N> VGROOVE_INLINE void run_group(Group<V, N> &g, const LogInput &in, const LogStarts &starts, const LogOutput &out) {
