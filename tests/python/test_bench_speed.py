@@ -165,6 +165,20 @@ def test_batch_tools_differ_and_are_the_same_for_a_seed() -> None:
     assert all(abs(tool.supply_v / ImpactTool().supply_v - 1.0) <= 0.03 for tool in tools)
 
 
+def test_hall_column_is_one_pitch_over_the_last_edge_period() -> None:
+    hall = importlib.import_module("vgroove.bench.hall_column")
+    time_s = np.arange(101) * 1e-3
+    angle, speed = 300.0 * time_s + 2000.0 * time_s**2, 300.0 + 4000.0 * time_s
+    edges = hall.edge_times(time_s, angle, speed)
+    np.testing.assert_allclose(300.0 * edges + 2000.0 * edges**2, np.arange(1, edges.size + 1) * np.pi / 2, rtol=1e-12)
+    channel = hall.hall_channel(time_s, edges)
+    row = int(np.flatnonzero(channel.row == 50)[0])
+    before = edges[edges <= time_s[50]]
+    assert channel.measured[row] == pytest.approx(np.pi / 2 / (before[-1] - before[-2]))
+    shown = channel.model({"angle_measured_rad": angle[None, :], "speed_measured_rad_s": speed[None, :]})[0]
+    np.testing.assert_allclose(shown, channel.measured, rtol=1e-12)
+
+
 def made_figures() -> dict:
     """Figures of two solvers, one of which is missing."""
     impact = {"name": "vgroove, fast", "case": "slip_60", "seconds": 2e-3, "cpu_seconds": 2e-3, "head_error": 1e-5, "reached": True,

@@ -7,8 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from vgroove import _core
+from vgroove.bench.hall_column import edge_times, hall_channel
 from vgroove.bench.own import parameters
 from vgroove.bench.timing import medians
+from vgroove.gap.channels import SpanChannel
 
 Floats = npt.NDArray[np.float64]
 
@@ -22,7 +24,7 @@ BUS_V = 18.0
 SLEW_PER_S = 6.0
 MOTOR = {"resistance_ohm": 0.19, "inductance_h": 1e-4, "torque_constant_nm_per_a": 0.0109, "inertia_kg_m2": 1.6e-5,
          "viscous_nm_s_per_rad": 4.5e-6, "coulomb_nm": 0.012}
-OWN, SENSITIVITIES = "vgroove", "vgroove, sensitivities"
+OWN, SENSITIVITIES = "vgroove, with the Hall column", "vgroove, sensitivities"
 GEARBOX = {"ratio": 5.6, "output_inertia_kg_m2": 6e-5}
 
 
@@ -67,15 +69,15 @@ def peer_parameters(run: Run, first: int, last: int) -> Floats:
                      MOTOR["torque_constant_nm_per_a"], inertia, MOTOR["viscous_nm_s_per_rad"], MOTOR["coulomb_nm"]])
 
 
-def peer_speed(run: Run, solver: Solver, rtol: float) -> Floats:
-    """Motor speed rad/s at the rows, (n,)."""
-    speed = np.zeros(run.time_s.size)
+def peer_states(run: Run, solver: Solver, rtol: float) -> Floats:
+    """Motor speed rad/s and angle rad at the rows, (n, 2)."""
+    found = np.zeros((run.time_s.size, 2))
     state = np.zeros(3)
     for first, last in run.stretches:
         states = solver(run.time_s[first : last + 1], state, peer_parameters(run, first, last), rtol)
-        speed[first : last + 1] = states[:, 1]
+        found[first : last + 1] = states[:, 1:]
         state = states[-1].copy()
-    return speed
+    return found
 
 
 def own_parameters() -> Floats:
@@ -84,10 +86,15 @@ def own_parameters() -> Floats:
     return parameters({"supply.voltage_v": BUS_V} | motor | gearbox)
 
 
-def own_run(run: Run, theta: Floats) -> Callable[[], Floats]:
-    """A call that runs theta (B, P) along the rows on one thread and gives the motor speeds rad/s, (B, n)."""
+def own_run(run: Run, theta: Floats, hall: SpanChannel) -> Callable[[], tuple[Floats, Floats]]:
+    """A call that runs theta (B, P) along the rows on one thread: motor speed rad/s (B, n) and Hall column (B, m)."""
     log, start, state = _core.LogInput(run.time_s, "duty", run.duty, SLEW_PER_S), np.array([0]), np.zeros((1, 3))
-    return lambda: _core.simulate_log(log, theta, start, state, threads=1)["speed_rad_s"]
+
+    def work() -> tuple[Floats, Floats]:
+        rows = _core.simulate_log(log, theta, start, state, threads=1)
+        return rows["speed_rad_s"], hall.model(rows)
+
+    return work
 
 
 def difference_sets() -> Floats:
@@ -108,7 +115,7 @@ def loosest(solver: Solver, run: Run, reference: Floats) -> tuple[float, float]:
     """Tolerance and error: the loosest tolerance that reaches ACCURACY, else the one that comes nearest."""
     tried: list[tuple[float, float]] = []
     for rtol in TOLERANCES:
-        error = speed_error(peer_speed(run, solver, rtol), reference)
+        error = speed_error(peer_states(run, solver, rtol)[:, 0], reference)
         tried.append((error if np.isfinite(error) else np.inf, rtol))
         if error <= ACCURACY:
             break
@@ -129,20 +136,26 @@ def load_solvers() -> dict[str, Solver]:
     return found
 
 
+def own_error(rows: tuple[Floats, Floats], reference: Floats, hall: SpanChannel) -> float:
+    """The larger of the errors of the shaft's speed and of the Hall column."""
+    return max(speed_error(rows[0][0], reference), speed_error(rows[1][0], hall.measured))
+
+
 def measure_drive(seconds: int, seed: int, repeats: int, done: Done) -> tuple[list[DriveFigure], float]:
-    """Ours and the peers on one staircase; and the runs that one sensitivity costs (differences, all in one call, one thread)."""
+    """Ours (with the Hall column) and the peers on one staircase; and the runs that one sensitivity costs (differences in one call)."""
     from vgroove.bench.drive_peers import scipy_lsoda
 
     run = staircase_run(seconds, seed)
-    reference = peer_speed(run, scipy_lsoda, 1e-11)
+    reference = peer_states(run, scipy_lsoda, 1e-11)
+    hall = hall_channel(run.time_s, edge_times(run.time_s, reference[:, 1], reference[:, 0]))
     sets = difference_sets()
-    one, many = own_run(run, sets[:1]), own_run(run, sets)
-    works: dict[str, Callable[[], Floats]] = {OWN: one, SENSITIVITIES: many}
-    chosen: dict[str, tuple[float | None, float]] = {OWN: (None, speed_error(one()[0], reference))}
+    one, many = own_run(run, sets[:1], hall), own_run(run, sets, hall)
+    works: dict[str, Callable[[], object]] = {OWN: one, SENSITIVITIES: many}
+    chosen: dict[str, tuple[float | None, float]] = {OWN: (None, own_error(one(), reference[:, 0], hall))}
     for name, solver in load_solvers().items():
-        rtol, error = loosest(solver, run, reference)
+        rtol, error = loosest(solver, run, reference[:, 0])
         chosen[name] = (rtol, error)
-        works[name] = lambda solver=solver, rtol=rtol: peer_speed(run, solver, rtol)
+        works[name] = lambda solver=solver, rtol=rtol: peer_states(run, solver, rtol)
     seconds_each = medians(works, repeats, lambda name: done(f"drivetrain: {name}"))
     wall = {name: taken.wall for name, taken in seconds_each.items()}
     figures = [DriveFigure(name, wall[name], run.time_s[-1] / wall[name], error, bool(error <= ACCURACY), rtol)
