@@ -7,6 +7,7 @@
 
 #include "drivetrain.hpp"
 #include "flow.hpp"
+#include "stiff_step.hpp"
 
 namespace vgroove {
 
@@ -339,6 +340,30 @@ template <class V, int N> VGROOVE_INLINE Events<V> solver_events(const Solver<V,
     return g;
 }
 
+template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_attempt_stiff(const Solver<V, N> &self, const Rates<V> &rates, V h) {
+    const StiffStep<V, N> end = stiff_step<V, N>(self.model, self.drive, self.mode, rates, h, self.state, self.slope);
+    Attempt<V, N> a;
+    a.state = end.state;
+    a.slope = drivetrain_derivative<V, N>(self.model, self.drive, self.mode, h, a.state);
+    a.error = solver_error<V, N>(self.model, h, end.error, self.error_scale);
+    return a;
+}
+
+// Each lane takes the step that its own rates ask for.
+template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_mixed(const Attempt<V, N> &stiff, const Attempt<V, N> &plain, const bool *which) {
+    Attempt<V, N> a = plain;
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
+        if (!which[lane])
+            continue;
+        for (int n = 0; n < N; ++n) {
+            set(a.state.x[n], lane, get(stiff.state.x[n], lane));
+            set(a.slope.x[n], lane, get(stiff.slope.x[n], lane));
+        }
+        set(a.error, lane, get(stiff.error, lane));
+    }
+    return a;
+}
+
 template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_step(Solver<V, N> &self, V h) {
     if constexpr (LaneTraits<V>::COUNT == 1)
         if (self.exact) {
@@ -348,7 +373,21 @@ template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_step(Solver<V, N> 
             return a;
         }
     solver_refresh(self);
-    return solver_attempt(self, h);
+    const Rates<V> rates = stiff_rates<V, N>(self.model, self.drive, self.mode, self.state);
+    const V fastest = fastest_rate<V>(rates);
+    bool all = true, any = false;
+    bool stiff[LaneTraits<V>::COUNT];
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
+        const double rate = get(fastest, lane);
+        stiff[lane] = rate * get(h, lane) > STIFF_STEP && rate * self.floor_s[lane] > STIFF_STRETCH * SOLVER_STEP_MIN;
+        const bool waits = get(h, lane) == 0.0;
+        all = all && (stiff[lane] || waits);
+        any = any || stiff[lane];
+    }
+    if (!any)
+        return solver_attempt(self, h);
+    const Attempt<V, N> a = solver_attempt_stiff(self, rates, h);
+    return all ? a : solver_mixed(a, solver_attempt(self, h), stiff);
 }
 
 // A lane whose credit is used up stands still from here on.

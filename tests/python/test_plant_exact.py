@@ -126,18 +126,22 @@ def test_no_rig_and_no_log_hangs() -> None:
     assert done.stdout.strip() == "done", done.stderr
 
 
+def coupled(stiffness: float) -> np.ndarray:
+    coupler = {"stiffness_nm_per_rad": stiffness, "damping_ratio": 0.1, "inertia_kg_m2": 2e-6}
+    return theta_of(ref.Tool(effects={"coupler_compliance": coupler}))
+
+
 def test_a_run_out_of_steps_names_row_time_and_parameter() -> None:
     log = core.LogInput(np.arange(1000) * 1e-3, "duty", np.full(1000, 0.5))
-    with pytest.raises(RuntimeError, match=r"parameter set 1 .* row \d+, 0\.\d+ s: .*effects\.brush_drop\.voltage_v = 1e\+09"):
-        core.simulate_log(log, np.array([theta_of(ref.Tool()), theta_of(ref.Tool(effects={"brush_drop": {"voltage_v": 1e9}}))]),
-                          np.array([0]), np.array([[0.01, 0.0, 0.0]]), 1)
+    named = r"parameter set 1 .* row \d+, 0\.\d+ s: .*effects\.coupler_compliance\.stiffness_nm_per_rad = 1e\+09"
+    with pytest.raises(RuntimeError, match=named):
+        core.simulate_log(log, np.array([coupled(2.0), coupled(1e9)]), np.array([0]), np.array([[5.0, 300.0, 0.0]]), 1)
 
 
 def test_unfinished_rows_are_nan_and_leave_their_neighbours_alone() -> None:
-    log = core.LogInput(np.arange(1000) * 1e-3, "duty", np.sin(np.arange(1000)))
-    starts, state0 = np.array([0, 900]), np.zeros((2, 3))
-    brush = {"brush_drop": {"voltage_v": 0.6}}, {"brush_drop": {"voltage_v": 1e9}}
-    theta = np.array([theta_of(ref.Tool(effects=brush[0])), theta_of(ref.Tool(effects=brush[1])), theta_of(ref.Tool())])
+    log = core.LogInput(np.arange(1000) * 1e-3, "duty", np.full(1000, 0.5))
+    starts, state0 = np.array([0, 900]), np.array([[5.0, 300.0, 0.0], [5.0, 300.0, 0.0]])
+    theta = np.array([coupled(2.0), coupled(1e9), theta_of(ref.Tool())])
     both = core.simulate_log(log, theta, starts, state0, 1, unfinished="nan")
     missing = np.isnan(both["current_a"][1])
     assert 0 < missing.sum() < 1000 and np.all(np.diff(missing.astype(int)) >= 0), "every row from the first unfinished one on"
@@ -162,6 +166,21 @@ def test_rest_after_braking_costs_no_more_than_running() -> None:
     rest = seconds(core.LogInput(time_s, "duty", np.zeros(20000)), theta, (0.0, 300.0, 0.0), solver="adaptive")
     runs = seconds(core.LogInput(time_s, "duty", np.full(20000, 0.5)), theta, (0.0, 300.0, 0.0), solver="adaptive")
     assert rest < 2.0 * runs
+
+
+def test_brushes_around_zero_current_are_no_stiffer_than_they_look() -> None:
+    """9 V across brushes at some 0.01 A are 30 ohm: braking with them takes no more than braking with 0.5 V."""
+    log, starts = core.LogInput(np.arange(3000) * 1e-3, "duty", np.zeros(3000)), np.arange(0, 3000, 250)
+    state0 = np.outer(np.linspace(0.0, 1500.0, 12), [0.0, 1.0, 0.0])
+    took = []
+    for volts in (0.5, 9.0):
+        theta, best = theta_of(ref.Tool(effects={"brush_drop": {"voltage_v": volts}}))[None, :], np.inf
+        for _ in range(5):
+            begun = time.process_time()
+            core.simulate_log(log, theta, starts, state0, 1)
+            best = min(best, time.process_time() - begun)
+        took.append(best)
+    assert took[1] < 2.0 * took[0], took
 
 
 def test_sensitivities_cost_one_run_each() -> None:
