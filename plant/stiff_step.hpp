@@ -9,7 +9,7 @@
 
 namespace vgroove {
 
-constexpr double STIFF_STEP = 1.2;     // rate times step from which on a step is stiff,
+constexpr double STIFF_STEP = 1.2;      // rate times step from which on a step is stiff,
 constexpr double STIFF_STRETCH = 64.0;  // where the rate times the whole stretch is more than this
 
 // How fast each state falls back by itself, 1/s; 0 where that is never fast.
