@@ -26,6 +26,23 @@ enum ImpactEvent {
     IMPACT_AXIAL,  // force through the balls changes sign
     IMPACT_EVENT_COUNT,
 };
+constexpr const char *IMPACT_EVENT_NAMES[IMPACT_EVENT_COUNT] = {"lug meets the lug ahead",
+                                                                "lug meets the lug behind",
+                                                                "hammer passes the lug height",
+                                                                "hammer reaches the end stop",
+                                                                "contact ends",
+                                                                "contact turns",
+                                                                "contact damping fully on",
+                                                                "lug's end passes",
+                                                                "joint slips",
+                                                                "joint slips backwards",
+                                                                "joint sticks",
+                                                                "joint's next stretch",
+                                                                "joint's last stretch",
+                                                                "motor rests or breaks away",
+                                                                "diodes end or begin",
+                                                                "balls stick or roll",
+                                                                "axial force changes sign"};
 
 constexpr unsigned impact_bit(ImpactEvent e) {
     return 1u << e;

@@ -188,6 +188,10 @@ void bind_impact_plant(nb::module_ &m) {
 
 void bind_impact(nb::module_ &m) {
     bind_impact_plant(m);
+    nb::list events;
+    for (const char *name : vgroove::IMPACT_EVENT_NAMES)
+        events.append(name);
+    m.attr("IMPACT_EVENTS") = events;
     m.def("simulate_impact", &simulate_impact, "log_input"_a, "theta"_a, "mode"_a = "reference", "threads"_a = 1, "trace_s"_a.none() = nb::none(),
           "history"_a = false, "energy"_a = false, "tolerance"_a = 0.0,
           "theta (B, P) -> dict of rows (B, n), 'blows' and 'statistics' per batch row; of the first batch row 'trace' at trace_s, step 'history', "

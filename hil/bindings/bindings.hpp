@@ -11,6 +11,7 @@
 vgroove::LoadKind load_kind(const std::string &kind);  // bind_plant.cpp
 void bind_plant(nanobind::module_ &m);
 void bind_drill(nanobind::module_ &m);     // bind_drill.cpp
+void bind_joints(nanobind::module_ &m);    // bind_joints.cpp
 void bind_impact(nanobind::module_ &m);    // bind_impact.cpp, called by bind_plant
 void bind_firmware(nanobind::module_ &m);  // bind_firmware.cpp
 

@@ -7,6 +7,7 @@ NB_MODULE(_core, m) {
     m.doc() = "Plant and native firmware of vgroove.";
     bind_plant(m);
     bind_drill(m);
+    bind_joints(m);
 #ifdef VGROOVE_WITH_FIRMWARE
     bind_firmware(m);
 #endif

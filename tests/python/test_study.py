@@ -108,29 +108,34 @@ def test_tables_agree_with_the_json(steps: Path, drill: dict) -> None:
 
 def test_a_browser_draws_the_page(steps: Path) -> None:
     text = drawn(need_chromium(), steps / "steps.html")
-    assert len(re.findall(r'<svg[^>]*class="main-svg"', text)) >= 4  # two layers a figure
-    assert "step in µs" in text and "1 %" in text and "Step sizes of the drill driver" in text
+    assert len(re.findall(r'<svg[^>]*class="main-svg"', text)) >= 6  # two layers a figure
+    assert "step in µs" in text and "1 %" in text and "Step sizes: impact cycle and drill driver" in text
     assert not re.search(r"(src|href)=['\"]https?://", text.split("<body", 1)[1])
 
 
 def test_a_rig_changes_the_result_and_png_is_drawn(tmp_path: Path) -> None:
     need_chromium()
     rig = ROOT / "rigs/drill_driver_high.toml"
-    done = vgroove("study", "steps", "--rig", rig, "--points", "2", "--repeats", "1", "--png", cwd=tmp_path)
+    done = vgroove("study", "steps", "--rig", rig, "--points", "2", "--repeats", "1", "--png", "--only", "drill", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    data = json.loads((tmp_path / "study/steps.json").read_text())["drill"]
+    data = json.loads((tmp_path / "study/steps.json").read_text())
+    assert "impact" not in data
+    data = data["drill"]
     assert data["parameters"]["gearbox.ratio"] == 8.75 and data["parameters"]["load.torque_nm"] == 2.0
     assert (tmp_path / "study/steps.png").read_bytes().startswith(b"\x89PNG")
     assert not [p.name for p in (tmp_path / "study").iterdir() if "part" in p.name]
 
 
-@pytest.mark.parametrize(("words", "sentence"), [
-    (("--rig", ROOT / "rigs/impact_driver.toml"), "drill_driver"),
-    (("--rig", "absent.toml"), "absent.toml"),
-    (("--tolerance", "1"), "--tolerance must be from"),
-    (("-o", "file"), "file: this folder cannot be made"),
-    (("--json", "absent/x.json"), "absent"),
-])
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--rig", ROOT / "rigs/impact_driver.toml"), "drill_driver"),
+        (("--rig", "absent.toml"), "absent.toml"),
+        (("--tolerance", "1"), "--tolerance must be from"),
+        (("-o", "file"), "file: this folder cannot be made"),
+        (("--json", "absent/x.json"), "absent"),
+    ],
+)
 def test_bad_input_is_a_sentence_and_exit_code_2(tmp_path: Path, words: tuple, sentence: str) -> None:
     (tmp_path / "file").write_text("")
     done = vgroove("study", "steps", "--points", "2", *words, cwd=tmp_path)

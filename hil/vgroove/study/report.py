@@ -95,11 +95,30 @@ class Study:
     data: dict[str, Any] = field(default_factory=dict)
 
 
+def joined(title: str, parts: Sequence[Study]) -> Study:
+    """Studies of one name as one."""
+    return Study(
+        parts[0].name,
+        title,
+        [line for p in parts for line in p.lines],
+        [t for p in parts for t in p.tables],
+        [f for p in parts for f in p.pictures],
+        {key: value for p in parts for key, value in p.data.items()},
+    )
+
+
 def style(figure: go.Figure, height: int, **layout: Any) -> go.Figure:
     """The house's look: white, type that is read at half a page, legend above, the camera saves an SVG."""
-    legend = {"orientation": "h", "y": 1.0, "yref": "container", "yanchor": "top", "x": 0.0}
-    figure.update_layout(template="plotly_white", width=PAGE_WIDTH, height=height, font={"size": 15}, legend=legend,
-                         margin={"l": 80, "r": 20, "t": 90, "b": 60}, **layout)
+    legend = {"orientation": "h", "y": 1.0 - 30.0 / height, "yref": "container", "yanchor": "top", "x": 0.0}
+    figure.update_layout(
+        template="plotly_white",
+        width=PAGE_WIDTH,
+        height=height,
+        font={"size": 15},
+        legend=legend,
+        margin={"l": 80, "r": 20, "t": 115, "b": 60},
+        **layout,
+    )
     figure.update_xaxes(showline=True, linecolor="#888", ticks="outside", title_standoff=8)
     figure.update_yaxes(showline=True, linecolor="#888", ticks="outside", title_standoff=8)
     return figure
@@ -130,8 +149,10 @@ def page(study: Study) -> str:
         body.append(picture.figure.to_html(full_html=False, include_plotlyjs=False, div_id=f"figure{n + 1}", config=config))
     for table in study.tables:
         body.append(f"<h2>{html.escape(table.title)}</h2>{table.as_html()}")
-    return (f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{html.escape(study.title)}</title><style>{CSS}</style>"
-            f"<link rel=icon href='data:,'><script>{get_plotlyjs()}</script></head><body>{''.join(body)}</body></html>\n")
+    return (
+        f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{html.escape(study.title)}</title><style>{CSS}</style>"
+        f"<link rel=icon href='data:,'><script>{get_plotlyjs()}</script></head><body>{''.join(body)}</body></html>\n"
+    )
 
 
 def page_height(study: Study) -> int:
@@ -151,9 +172,18 @@ def find_chromium() -> str:
 def draw(chromium: str, html_path: Path, png_path: Path, height: int) -> None:
     """Picture of a page, twice the page's resolution."""
     part = png_path.with_name(f".{png_path.name}.part.png")
-    command = [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--force-device-scale-factor=2",
-               f"--window-size={PAGE_WIDTH + 60},{height}", "--virtual-time-budget=8000", f"--screenshot={part}",
-               html_path.resolve().as_uri()]
+    command = [
+        chromium,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--hide-scrollbars",
+        "--force-device-scale-factor=2",
+        f"--window-size={PAGE_WIDTH + 60},{height}",
+        "--virtual-time-budget=8000",
+        f"--screenshot={part}",
+        html_path.resolve().as_uri(),
+    ]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=CHROMIUM_LIMIT_S, check=False)
         if done.returncode != 0 or not part.is_file():

@@ -31,23 +31,39 @@ def sweep_steps(points: int) -> np.ndarray:
 def history(case: Case, tolerance: float) -> dict[str, Any]:
     """The variable-step run: its accepted steps with what ended each."""
     run = _core.simulate_drill(case.parameters, duration_s=DURATION_S, tolerance=tolerance, columns=["time_s", "current_a", "chuck_rad_s"])
-    return {"case": case, "time_s": run["steps"]["time_s"], "length_s": run["steps"]["length_s"], "mark": run["steps"]["mark"],
-            "rejected": run["rejected"], "current_a": run["current_a"][1:], "chuck_rad_s": run["chuck_rad_s"][1:]}
+    return {
+        "case": case,
+        "time_s": run["steps"]["time_s"],
+        "length_s": run["steps"]["length_s"],
+        "mark": run["steps"]["mark"],
+        "rejected": run["rejected"],
+        "current_a": run["current_a"][1:],
+        "chuck_rad_s": run["chuck_rad_s"][1:],
+    }
 
 
 def event_rows(time_s: np.ndarray, length_s: np.ndarray, marks: Sequence[str]) -> list[dict[str, Any]]:
     """Per event of a step history: the step before it (largest of five), and the smallest after it until half of that is reached again.
 
-    `recovery_s` is the time until then, later events or not; None when the run ends first.
+    Steps that an event cuts short are no choice of the solver: they do not count as smallest. `recovery_s` is the time until the step has
+    recovered, later events or not; None when the run ends first.
     """
     rows = []
+    chosen = np.where([mark == "none" for mark in marks], length_s, np.inf)
     for n in (n for n, mark in enumerate(marks) if mark != "none" and n + 1 < len(marks)):
-        before = float(np.max(length_s[max(0, n - 4):n + 1]))
-        later = length_s[n + 1:]
+        before = float(np.max(length_s[max(0, n - 4) : n + 1]))
+        later = length_s[n + 1 :]
         recovered = np.flatnonzero(later >= 0.5 * before)
         last = int(recovered[0]) if recovered.size else len(later) - 1
-        rows.append({"time_s": float(time_s[n]), "event": marks[n], "before_s": before, "smallest_after_s": float(np.min(later[:last + 1])),
-                     "recovery_s": float(time_s[n + 1 + last] - time_s[n]) if recovered.size else None})
+        rows.append(
+            {
+                "time_s": float(time_s[n]),
+                "event": marks[n],
+                "before_s": before,
+                "smallest_after_s": float(min(np.min(chosen[n + 1 : n + 2 + last]), later[last])),
+                "recovery_s": float(time_s[n + 1 + last] - time_s[n]) if recovered.size else None,
+            }
+        )
     return rows
 
 
@@ -57,9 +73,15 @@ def event_summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     for kind in dict.fromkeys(row["event"] for row in rows):
         same = [row for row in rows if row["event"] == kind]
         recovered = [row["recovery_s"] for row in same if row["recovery_s"] is not None]
-        found.append({"event": kind, "count": len(same), "before_s": float(np.median([r["before_s"] for r in same])),
-                      "smallest_after_s": min(r["smallest_after_s"] for r in same),
-                      "recovery_s": float(np.median(recovered)) if recovered else None})
+        found.append(
+            {
+                "event": kind,
+                "count": len(same),
+                "before_s": float(np.median([r["before_s"] for r in same])),
+                "smallest_after_s": min(r["smallest_after_s"] for r in same),
+                "recovery_s": float(np.median(recovered)) if recovered else None,
+            }
+        )
     return found
 
 
@@ -70,8 +92,16 @@ def sweep_case(case: Case, steps_s: np.ndarray, tick: Tick) -> list[dict[str, An
     for solver in SOLVERS:
         for step_s in steps_s:
             errors = drill.speed_errors(case, drill.fixed(case, solver, float(step_s)), best)
-            rows.append({"mode": case.mode, "parameter_step": case.step, "solver": solver, "step_s": float(step_s),
-                         "speed_error": errors["speed_rad_s"], "chuck_error": errors["chuck_rad_s"]})
+            rows.append(
+                {
+                    "mode": case.mode,
+                    "parameter_step": case.step,
+                    "solver": solver,
+                    "step_s": float(step_s),
+                    "speed_error": errors["speed_rad_s"],
+                    "chuck_error": errors["chuck_rad_s"],
+                }
+            )
         tick(f"{case.words}: {SOLVERS[solver]}")
     return rows
 
@@ -93,8 +123,16 @@ def largest_steps(sweep: Sequence[dict[str, Any]], chosen: Sequence[Case]) -> li
         for solver in SOLVERS:
             rows = [r for r in sweep if (r["mode"], r["parameter_step"], r["solver"]) == (case.mode, case.step, solver)]
             theory = None if solver == "real_time" else drill.stability_limit_s(case, solver)
-            found.append({"mode": case.mode, "parameter_step": case.step, "solver": solver, "speed_s": largest_below(rows, "speed_error"),
-                          "chuck_s": largest_below(rows, "chuck_error"), "stability_limit_s": theory})
+            found.append(
+                {
+                    "mode": case.mode,
+                    "parameter_step": case.step,
+                    "solver": solver,
+                    "speed_s": largest_below(rows, "speed_error"),
+                    "chuck_s": largest_below(rows, "chuck_error"),
+                    "stability_limit_s": theory,
+                }
+            )
     return found
 
 
@@ -105,9 +143,17 @@ def execution(case: Case, repeats: int, tick: Tick) -> list[dict[str, Any]]:
         for step_s in DESIGN_STEPS_S:
             runs = np.array([drill.fixed(case, solver, step_s, timed=True)["execution_ns"] for _ in range(repeats)])
             least = runs.min(axis=0)
-            rows.append({"solver": solver, "step_s": step_s, "mean_ns": float(least.mean()), "p999_ns": float(np.percentile(least, 99.9)),
-                         "worst_ns": float(least.max()), "worst_disturbed_ns": float(runs.max()),
-                         "worst_share": float(least.max() * 1e-9 / step_s)})
+            rows.append(
+                {
+                    "solver": solver,
+                    "step_s": step_s,
+                    "mean_ns": float(least.mean()),
+                    "p999_ns": float(np.percentile(least, 99.9)),
+                    "worst_ns": float(least.max()),
+                    "worst_disturbed_ns": float(runs.max()),
+                    "worst_share": float(least.max() * 1e-9 / step_s),
+                }
+            )
         tick(f"execution time: {SOLVERS[solver]}")
     return rows
 
@@ -123,11 +169,21 @@ def drill_steps(parameters: dict[str, float], points: int, tolerance: float, rep
     sweep = [row for case in chosen for row in sweep_case(case, steps_s, tick)]
     largest = largest_steps(sweep, chosen)
     timing = execution(next(c for c in chosen if c.mode == "pulse" and c.step == 1), repeats, tick)
-    events = [{"mode": h["case"].mode, "parameter_step": h["case"].step, **row} for h in histories
-              for row in event_summary(event_rows(h["time_s"], h["length_s"], h["mark"]))]
+    events = [
+        {"mode": h["case"].mode, "parameter_step": h["case"].step, **row}
+        for h in histories
+        for row in event_summary(event_rows(h["time_s"], h["length_s"], h["mark"]))
+    ]
     variable = [variable_row(h) for h in histories]
-    data = {"parameters": parameters, "tolerance": tolerance, "variable": variable, "events": events, "sweep": sweep, "largest": largest,
-            "execution": timing}
+    data = {
+        "parameters": parameters,
+        "tolerance": tolerance,
+        "variable": variable,
+        "events": events,
+        "sweep": sweep,
+        "largest": largest,
+        "execution": timing,
+    }
     tables = [variable_table(variable), event_table(events), fixed_table(sweep), largest_table(largest), execution_table(timing)]
     pictures = [history_picture(histories, tolerance), sweep_picture(sweep)]
     return Study("steps", "Step sizes of the drill driver", drill_lines(largest, timing), tables, pictures, {"drill": data})
@@ -142,12 +198,21 @@ def drill_ticks() -> int:
 def variable_row(h: dict[str, Any]) -> dict[str, Any]:
     """Figures of one step history."""
     length = h["length_s"]
-    return {"mode": h["case"].mode, "parameter_step": h["case"].step, "steps": len(length), "rejected": h["rejected"],
-            "smallest_s": float(length.min()), "median_s": float(np.median(length)), "largest_s": float(length.max())}
+    chosen = length[[mark == "none" for mark in h["mark"]]]
+    return {
+        "mode": h["case"].mode,
+        "parameter_step": h["case"].step,
+        "steps": len(length),
+        "rejected": h["rejected"],
+        "smallest_s": float(chosen.min()),
+        "median_s": float(np.median(length)),
+        "largest_s": float(length.max()),
+    }
 
 
 def drill_lines(largest: list[dict[str, Any]], timing: list[dict[str, Any]]) -> list[str]:
     """What was found, in sentences."""
+
     def word(step_s: float | None) -> str:
         return "none of the sweep" if step_s is None else f"{step_s * 1e6:g} us"
 
@@ -168,18 +233,36 @@ def micro(value: float | None) -> float | None:
 
 def variable_table(rows: list[dict[str, Any]]) -> Table:
     """Steps of the variable-step solver per mode and parameter step."""
-    return Table("variable", "Variable-step solver (RODAS 4(3), events located)",
-                 ["mode", "param. step", "steps", "rejected", "smallest in us", "median in us", "largest in us"],
-                 [[r["mode"], r["parameter_step"], r["steps"], r["rejected"],
-                   *(micro(r[k]) for k in ("smallest_s", "median_s", "largest_s"))] for r in rows])
+    return Table(
+        "variable",
+        "Variable-step solver (RODAS 4(3), events located)",
+        ["mode", "param. step", "steps", "rejected", "smallest in us", "median in us", "largest in us"],
+        [
+            [r["mode"], r["parameter_step"], r["steps"], r["rejected"], *(micro(r[k]) for k in ("smallest_s", "median_s", "largest_s"))]
+            for r in rows
+        ],
+    )
 
 
 def event_table(rows: list[dict[str, Any]]) -> Table:
     """Events that shrink the step, and the recovery."""
-    return Table("events", "Events that shrink the step, and the time until half of the step before is reached again (medians)",
-                 ["mode", "param. step", "event", "count", "step before in us", "smallest after in us", "recovery in ms"],
-                 [[r["mode"], r["parameter_step"], r["event"], r["count"], micro(r["before_s"]), micro(r["smallest_after_s"]),
-                   None if r["recovery_s"] is None else r["recovery_s"] * 1e3] for r in rows])
+    return Table(
+        "events",
+        "Events that shrink the step, and the time until half of the step before is reached again (medians)",
+        ["mode", "param. step", "event", "count", "step before in us", "smallest after in us", "recovery in ms"],
+        [
+            [
+                r["mode"],
+                r["parameter_step"],
+                r["event"],
+                r["count"],
+                micro(r["before_s"]),
+                micro(r["smallest_after_s"]),
+                None if r["recovery_s"] is None else r["recovery_s"] * 1e3,
+            ]
+            for r in rows
+        ],
+    )
 
 
 def fixed_table(sweep: list[dict[str, Any]]) -> Table:
@@ -192,28 +275,52 @@ def fixed_table(sweep: list[dict[str, Any]]) -> Table:
     def percent(value: float | None) -> float | str:
         return "diverges" if value is None else 100 * value
 
-    cells = [[m, p, micro(s), *(percent(by[m, p, s, solver][key]) for solver in SOLVERS for key in ("speed_error", "chuck_error"))]
-             for m, p, s in keys]
+    cells = [
+        [m, p, micro(s), *(percent(by[m, p, s, solver][key]) for solver in SOLVERS for key in ("speed_error", "chuck_error"))]
+        for m, p, s in keys
+    ]
     header = [f"{name}: {what} in %" for name in SOLVERS.values() for what in ("speed", "chuck")]
-    return Table("fixed", "Fixed steps of 70, 40 and 35 us: largest difference from the reference, of the no-load speed",
-                 ["mode", "param. step", "step in us", *header], cells)
+    return Table(
+        "fixed",
+        "Fixed steps of 70, 40 and 35 us: largest difference from the reference, of the no-load speed",
+        ["mode", "param. step", "step in us", *header],
+        cells,
+    )
 
 
 def largest_table(rows: list[dict[str, Any]]) -> Table:
     """Largest step under 1 %."""
-    return Table("largest", "Largest step of the sweep (10 us to 100 ms) under 1 % speed error",
-                 ["mode", "param. step", "solver", "behind the gear in us", "at the chuck in us", "stability limit in us"],
-                 [[r["mode"], r["parameter_step"], SOLVERS[r["solver"]], micro(r["speed_s"]), micro(r["chuck_s"]),
-                   micro(r["stability_limit_s"])] for r in rows])
+    return Table(
+        "largest",
+        "Largest step of the sweep (10 us to 100 ms) under 1 % speed error",
+        ["mode", "param. step", "solver", "behind the gear in us", "at the chuck in us", "stability limit in us"],
+        [
+            [r["mode"], r["parameter_step"], SOLVERS[r["solver"]], micro(r["speed_s"]), micro(r["chuck_s"]), micro(r["stability_limit_s"])]
+            for r in rows
+        ],
+    )
 
 
 def execution_table(rows: list[dict[str, Any]]) -> Table:
     """Execution time per step."""
     title = "Execution time per step, pulse mode, parameter step 1: least of the repeats; last column with what the operating system adds"
-    return Table("execution", title,
-                 ["solver", "step in us", "mean in ns", "99.9 % in ns", "worst in ns", "worst in % of the step", "worst as measured in ns"],
-                 [[SOLVERS[r["solver"]], micro(r["step_s"]), r["mean_ns"], r["p999_ns"], r["worst_ns"], 100 * r["worst_share"],
-                   r["worst_disturbed_ns"]] for r in rows])
+    return Table(
+        "execution",
+        title,
+        ["solver", "step in us", "mean in ns", "99.9 % in ns", "worst in ns", "worst in % of the step", "worst as measured in ns"],
+        [
+            [
+                SOLVERS[r["solver"]],
+                micro(r["step_s"]),
+                r["mean_ns"],
+                r["p999_ns"],
+                r["worst_ns"],
+                100 * r["worst_share"],
+                r["worst_disturbed_ns"],
+            ]
+            for r in rows
+        ],
+    )
 
 
 def history_picture(histories: list[dict[str, Any]], tolerance: float) -> Picture:
@@ -224,8 +331,11 @@ def history_picture(histories: list[dict[str, Any]], tolerance: float) -> Pictur
         row, step = modes.index(h["case"].mode) + 1, h["case"].step
         group = {"legendgroup": str(step), "showlegend": row == 1}
         line = {"color": STEP_COLOURS[step], "width": 1.2}
-        figure.add_trace(go.Scatter(x=h["time_s"], y=h["length_s"] * 1e6, name=f"parameter step {step}", mode="lines", line=line, **group),
-                         row=row, col=1)
+        figure.add_trace(
+            go.Scatter(x=h["time_s"], y=h["length_s"] * 1e6, name=f"parameter step {step}", mode="lines", line=line, **group),
+            row=row,
+            col=1,
+        )
         if step == 1:
             figure.add_trace(event_marks(h, row == 1), row=row, col=1)
     figure.update_yaxes(type="log", title_text="step in µs", exponentformat="power", dtick=2)
@@ -239,8 +349,16 @@ def event_marks(h: dict[str, Any], legend: bool) -> go.Scatter:
     """The steps that an event ended."""
     at = [n for n, mark in enumerate(h["mark"]) if mark != "none"]
     marker = {"color": "#30343b", "size": 7, "symbol": "line-ns-open"}
-    return go.Scatter(x=h["time_s"][at], y=h["length_s"][at] * 1e6, name="event", mode="markers", marker=marker,
-                      text=[h["mark"][n] for n in at], legendgroup="event", showlegend=legend)
+    return go.Scatter(
+        x=h["time_s"][at],
+        y=h["length_s"][at] * 1e6,
+        name="event",
+        mode="markers",
+        marker=marker,
+        text=[h["mark"][n] for n in at],
+        legendgroup="event",
+        showlegend=legend,
+    )
 
 
 def sweep_picture(sweep: list[dict[str, Any]]) -> Picture:
@@ -253,8 +371,16 @@ def sweep_picture(sweep: list[dict[str, Any]]) -> Picture:
                 points = [r for r in sweep if (r["mode"], r["solver"], r["parameter_step"]) == (mode, solver, step)]
                 shown = [None if r["speed_error"] is None else max(100 * r["speed_error"], 1e-6) for r in points]
                 line = {"color": COLOURS[solver], "dash": DASHES[step], "width": 1.6}
-                trace = go.Scatter(x=[r["step_s"] for r in points], y=shown, name=f"{name}, step {step}", mode="lines+markers", line=line,
-                                   marker={"size": 4}, legendgroup=f"{solver}{step}", showlegend=row == 1)
+                trace = go.Scatter(
+                    x=[r["step_s"] for r in points],
+                    y=shown,
+                    name=f"{name}, step {step}",
+                    mode="lines+markers",
+                    line=line,
+                    marker={"size": 4},
+                    legendgroup=f"{solver}{step}",
+                    showlegend=row == 1,
+                )
                 figure.add_trace(trace, row=row, col=1)
         figure.add_hline(y=100 * LIMIT, line={"color": "#30343b", "width": 1}, annotation_text="1 %", row=row, col=1)
         for step_s in DESIGN_STEPS_S:
@@ -262,6 +388,8 @@ def sweep_picture(sweep: list[dict[str, Any]]) -> Picture:
     figure.update_yaxes(type="log", title_text="speed error in %", exponentformat="power", range=[-6.2, 2.5])
     figure.update_xaxes(type="log", tickvals=[1e-5, 1e-4, 1e-3, 1e-2, 1e-1], ticktext=["10 µs", "100 µs", "1 ms", "10 ms", "100 ms"])
     figure.update_xaxes(title_text="fixed step", row=len(modes), col=1)
-    note = ("Largest difference of the speed behind the gear from the reference, as a share of the no-load speed. "
-            "A line that ends: the solver diverged. Grey: 35, 40 and 70 µs.")
+    note = (
+        "Largest difference of the speed behind the gear from the reference, as a share of the no-load speed. "
+        "A line that ends: the solver diverged. Grey: 35, 40 and 70 µs."
+    )
     return Picture("Speed error over the fixed step", style(figure, 290 * len(modes) + 110), note)
