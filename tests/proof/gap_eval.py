@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections import Counter
@@ -9,23 +10,25 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from vgroove.gap.diagnose import diagnose
-from vgroove.rig import read_rig
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does: the plant has threads of its own
+
+from vgroove.gap.diagnose import diagnose  # noqa: E402
+from vgroove.rig import read_rig  # noqa: E402
 
 HIDDEN = 1.05  # a retuned gap below this: stated tolerances explain the effect, `none` is what the contract asks for
 
 
 def judge(folder: Path) -> dict[str, Any]:
     """Verdict of one case beside its label; a crash is a wrong answer with its message."""
-    start = time.perf_counter()
+    start, busy = time.perf_counter(), time.process_time()
     try:
         verdict = diagnose([folder / "log.csv"], read_rig(folder / "rig.toml")).verdict
     except Exception as error:  # the count goes on
         verdict = {"verdict": f"crash: {error}", "selected": [], "indistinguishable": [], "effects": [],
                    "gap": dict.fromkeys(("before", "retuned", "after"), float("nan")) | {"closed": None}}
-    seconds = time.perf_counter() - start
+    seconds, busy = time.perf_counter() - start, time.process_time() - busy
     label = json.loads((folder / "label.json").read_text())
-    return {"case": str(folder), "label": label, "verdict": verdict, "seconds": seconds} | score(label, verdict)
+    return {"case": str(folder), "label": label, "verdict": verdict, "seconds": seconds, "cpu_seconds": busy} | score(label, verdict)
 
 
 def score(label: dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
@@ -50,7 +53,7 @@ def row(result: dict[str, Any]) -> str:
     sizes = "/".join(f"{v:.1f}" for v in label.get("times_visible", {}).values())
     return (f"{mark:6s} {Path(result['case']).name} {label.get('profile', ''):11s} {truth} x{sizes} -> {verdict['verdict']} "
             f"{'+'.join(verdict['selected'])} [{rivals}] p {top:.2f} gap {gap['before']:.2f}/{gap['retuned']:.2f}/{gap['after']:.2f} "
-            f"{result['seconds']:.1f} s")
+            f"{result['seconds']:.1f} s (cpu {result['cpu_seconds']:.1f})")
 
 
 def kind_of(label: dict[str, Any]) -> str:
@@ -68,8 +71,9 @@ def totals(results: list[dict[str, Any]]) -> list[str]:
             lines.append(f"{kind:9s} {len(mine):4d} cases: {counts}")
     wrong = [r for r in results if not r["first"] and r["verdict"]["selected"] and r["verdict"]["effects"][0]["probability"] >= 0.9]
     lines.append(f"confident (>= 0.9) wrong first name: {len(wrong)} of {len(results)}")
-    seconds = sorted(r["seconds"] for r in results)
-    lines.append(f"seconds: median {seconds[len(seconds) // 2]:.1f}, tenth above {seconds[int(0.9 * (len(seconds) - 1))]:.1f}")
+    for what in ("seconds", "cpu_seconds"):
+        times = sorted(r[what] for r in results)
+        lines.append(f"{what}: median {times[len(times) // 2]:.1f}, tenth above {times[int(0.9 * (len(times) - 1))]:.1f}, most {times[-1]:.1f}")
     return lines + confusion(results) + closing(results)
 
 

@@ -111,6 +111,7 @@ class Fit:
     damping: float = 1.0
     held: np.ndarray = field(default_factory=lambda: np.zeros(0))
     exact: bool = False
+    keys_known: bool = False
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -127,6 +128,7 @@ class Engine:
         self.train = np.logical_or.reduce([train for train, _ in problem.folds])
         self.calls = 0
         self.known: dict[str, float] = {}
+        self.key_columns: np.ndarray | None = None
 
     def remember(self, one: Fit) -> None:
         """Larger sets start an effect of many starts where it ended alone."""
@@ -181,11 +183,15 @@ class Engine:
         return [*pairs[1:-1], (first, (0.05,)), (second, (0.05,))]
 
     def residuals(self, jobs: Sequence[tuple[Hypothesis, np.ndarray]]) -> np.ndarray:
-        """Residuals (sum of rows, n) of hypotheses at coordinate vectors (B, p), in one batch per CHUNK rows."""
+        """Residuals (sum of rows, n) of hypotheses at coordinate vectors (B, p), in one batch per CHUNK rows; equal ones run once."""
         theta = np.concatenate([h.theta(self.problem.theta0, np.atleast_2d(x)) for h, x in jobs])
+        places: dict[bytes, int] = {}
+        which = [places.setdefault(one.tobytes(), len(places)) for one in theta]
+        theta = np.stack([np.frombuffer(one) for one in places])
         self.calls += len(theta)
         parts = [self.problem.residuals(theta[i:i + CHUNK]) for i in range(0, len(theta), CHUNK)]
-        return np.clip(np.nan_to_num(np.concatenate(parts), nan=1e3, posinf=1e3, neginf=-1e3), -1e5, 1e5)
+        rows = np.clip(np.nan_to_num(np.concatenate(parts), nan=1e3, posinf=1e3, neginf=-1e3), -1e5, 1e5)
+        return rows if len(rows) == len(which) else rows[which]
 
     def fit(self, hypotheses: Sequence[Hypothesis], iterations: int = 6, tell: Callable[[int], None] | None = None) -> list[Fit]:
         """Fit all hypotheses on the training rows, wide loss first, then narrow; their held-out rows are predicted to first order."""
@@ -210,6 +216,8 @@ class Engine:
         for h, r in zip(hypotheses, rows, strict=True):
             one = Fit(h, h.start.copy(), r, np.zeros((len(r), len(h.start))), np.inf, self._delta(r, WIDE))
             one.cost = self._cost(one, one.x, r)
+            if self.key_columns is not None and h.count:
+                one.jacobian[:, h.count:], one.keys_known = self.key_columns, True
             fits.append(one)
         return fits
 
@@ -221,17 +229,20 @@ class Engine:
         loss = np.where(size <= one.delta, size**2, 2.0 * one.delta * size - one.delta**2)
         return float(loss.sum() + ((x * one.hypothesis.prior) ** 2).sum())
 
-    def _differentiate(self, fits: Sequence[Fit]) -> None:
-        """Forward differences, away from an upper bound, all hypotheses in one batch."""
+    def _differentiate(self, fits: Sequence[Fit], fresh: bool = False) -> None:
+        """Forward differences, away from an upper bound, all hypotheses in one batch. What the tolerated keys do hardly hangs on the effects:
+        their columns are kept, unless they are wanted fresh, from the model without effects or where a step last failed."""
         jobs, steps = [], []
         for one in fits:
+            fitted = one.hypothesis.count if one.keys_known and not fresh else len(one.x)
             steps_up = np.array([c.step_at(float(x)) for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)])
             signed = np.where(one.x + steps_up > one.hypothesis.high, -steps_up, steps_up)
-            steps.append(signed)
-            jobs.append((one.hypothesis, one.x + np.diag(signed)))
+            steps.append(signed[:fitted])
+            jobs.append((one.hypothesis, one.x + np.diag(signed)[:fitted]))
         rows, at = self.residuals(jobs), 0
         for one, signed in zip(fits, steps, strict=True):
-            one.jacobian = ((rows[at:at + len(signed)] - one.residual) / signed[:, None]).T
+            one.jacobian[:, :len(signed)] = ((rows[at:at + len(signed)] - one.residual) / signed[:, None]).T
+            one.keys_known = one.hypothesis.count > 0
             at += len(signed)
 
     def _advance(self, fits: Sequence[Fit], round_: int) -> list[bool]:
@@ -254,6 +265,7 @@ class Engine:
             one.x, one.residual, one.cost = trial[best], rows[best], costs[best]
         if gain <= 0.0 and promised > self._enough(one) and one.damping > LEAST_DAMPING:
             one.damping *= 0.1  # a curved valley: the straight step promises much and holds nothing
+            one.keys_known = False
             return True
         one.damping = min(1.0, 3.0 * one.damping)
         if round_ == 0 or one.delta > 1.5 * self._delta(one.residual, NARROW):
@@ -288,7 +300,7 @@ class Engine:
         todo = [f for f in fits if not f.exact]
         if not todo:
             return
-        self._differentiate(todo)
+        self._differentiate(todo, fresh=True)
         jobs = [(f.hypothesis, np.stack([f.x + self._fold_step(f, train) for train, _ in self.problem.folds])) for f in todo]
         rows, folds = self.residuals(jobs), len(self.problem.folds)
         for i, one in enumerate(todo):

@@ -24,6 +24,8 @@ CONVERGED = 12  # rounds in which single effects end; most need four
 SCREEN_ABOVE, SCREENED = 6, 3  # starts of one effect beyond which they are screened, and how many are fitted then
 AMPLITUDES, PHASES = (3.0, 8.0), 8  # of a periodic effect, in its size, that are screened
 MANY_STARTS = 4  # of more starts than this two are taken on
+LARGE = 1.1  # squared gap after retuning, in noise, below which no start of a resonance, a play or a large ripple is looked for
+WITHIN_REACH = 1.5  # of the best squared gap: single effects beyond keep their first-order predictions
 FLOORED = ("effects.transport_delay.delay_s",)
 
 
@@ -52,6 +54,7 @@ class Search:
     clip: float = CLIP
     without: frozenset[str] = frozenset()
     fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
+    reach: dict[int, tuple[Fit, list[tuple[Hypothesis, np.ndarray]]]] = field(default_factory=dict)
     tell: Callable[[str], None] = lambda _: None
 
     def sums(self, one: Fit) -> np.ndarray:
@@ -86,9 +89,11 @@ class Search:
         return (self.clip / CLIP) ** 2
 
     def add(self, hypotheses: Sequence[Hypothesis], iterations: int = 6) -> list[Fit]:
-        """Fit, settle and keep the best of each set."""
+        """Fit, settle what comes near the best, and keep the best of each set."""
         fits = self.engine.fit(hypotheses, iterations)
-        self.engine.settle(fits)
+        if fits:
+            near = WITHIN_REACH * min(self.score(f) for f in fits)
+            self.engine.settle([f for f in fits if self.score(f) <= near])
         for one in fits:
             known = self.fits.get(key(one.ids))
             if known is None or one.cost < known.cost:
@@ -122,6 +127,7 @@ def begin(engine: Engine, effects: list[Effect], rows: Rows, seed: int, tell: Ca
     if engine.keys:
         retuned = engine.fit(engine.hypotheses([]))[0]
         engine.settle([retuned])
+        engine.key_columns = retuned.jacobian
     blocks = make_blocks(rows.log, rows.time_s, engine.problem.judged, rows.restart_s, seed)
     search = Search(engine, effects, rows, blocks, nominal, retuned, seed, tell=tell)
     search.fits[()] = retuned
@@ -153,8 +159,11 @@ def by_effect(fits: Sequence[Fit]) -> list[list[Fit]]:
 
 def screened(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
     """The best few of many starts, by what they predict as they are: a resonance or a play is only found from nearby."""
+    quiet = search.score(search.retuned) < LARGE
     if any(c.role == "cosine" for c in starts[0].coordinates):
-        return starts + promising(search, [turned for h in starts for turned in around(h)])
+        return starts if quiet else starts + promising(search, [turned for h in starts for turned in around(h)])
+    if quiet:
+        return starts[::max(1, len(starts) // SCREENED)]
     return starts if len(starts) <= SCREEN_ABOVE else promising(search, starts)
 
 
@@ -193,28 +202,42 @@ def reblock(search: Search) -> None:
 
 def extensions(search: Search, base: Fit) -> list[Fit]:
     """First-order fits of base plus each further effect, best first: own Jacobian columns for the newcomer, those of base for the rest."""
-    engine, count = search.engine, base.hypothesis.count
-    trials, jobs = [], []
+    return sorted((first_order(search, base, h, rows) for h, rows in newcomers(search, base)), key=search.score)
+
+
+def newcomers(search: Search, base: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
+    """Each further effect's hypothesis beside base, and its residuals (1 + new, n) at its start and one step along each new number.
+
+    Those of the last base asked for are kept: `where` asks again for what the search ended with.
+    """
+    known = search.reach.get(0)
+    if known is None or known[0] is not base:
+        search.reach[0] = (base, differenced(search, base, trials_beside(search, base)))
+    return search.reach[0][1]
+
+
+def trials_beside(search: Search, base: Fit) -> list[Hypothesis]:
+    """Hypotheses of base plus each further effect, started from base and the newcomer's own starts; none twice."""
+    engine, count, trials = search.engine, base.hypothesis.count, {}
     for effect in (e for e in search.effects if e.id not in base.ids):
-        members = [BY_ID[i] for i in base.ids] + [effect]
-        for h in engine.hypotheses(members):
+        for h in engine.hypotheses([*(BY_ID[i] for i in base.ids), effect]):
             new = h.count - count
-            if new < 1 or not same_coordinates(h, base, count):
-                continue
-            trial = replace(h, start=np.concatenate([base.x[:count], h.start[count:count + new], base.x[count:]]))
-            if any(np.array_equal(trial.start, t.start) and (t.ids, t.fixed) == (h.ids, h.fixed) for t in trials):
-                continue
-            trials.append(trial)
-            start = trial.start
-            steps = np.diag([c.step_at(float(x)) for c, x in zip(h.coordinates, start, strict=True)])[count:count + new]
-            jobs.append((trials[-1], np.vstack([start, start + steps])))
-    if not trials:
+            if new >= 1 and same_coordinates(h, base, count):
+                trial = replace(h, start=np.concatenate([base.x[:count], h.start[count:count + new], base.x[count:]]))
+                trials.setdefault((trial.ids, trial.fixed, trial.start.tobytes()), trial)
+    return list(trials.values())
+
+
+def differenced(search: Search, base: Fit, trials: list[Hypothesis]) -> list[tuple[Hypothesis, np.ndarray]]:
+    """Each trial with its residuals (1 + new, n) at its start and one step along each of its new numbers."""
+    count, jobs = base.hypothesis.count, []
+    for h in trials:
+        steps = np.diag([c.step_at(float(x)) for c, x in zip(h.coordinates, h.start, strict=True)])[count:h.count]
+        jobs.append((h, np.vstack([h.start, h.start + steps])))
+    if not jobs:
         return []
-    rows, at, out = engine.residuals(jobs), 0, []
-    for h, (_, points) in zip(trials, jobs, strict=True):
-        out.append(first_order(search, base, h, rows[at:at + len(points)]))
-        at += len(points)
-    return sorted(out, key=search.score)
+    rows, ends = search.engine.residuals(jobs), np.cumsum([len(points) for _, points in jobs])
+    return list(zip(trials, np.split(rows, ends[:-1]), strict=True))
 
 
 def same_coordinates(h: Hypothesis, base: Fit, count: int) -> bool:
@@ -267,13 +290,16 @@ def grow(search: Search, base: Fit) -> Fit | None:
     """Best converged set with one more effect than base: extensions of base and of its closest rivals."""
     search.tell(f"a further effect beside {', '.join(base.ids)}")
     size = len(base.ids) + 1
-    rivals = [f for f in search.ranked(size - 1) if key(f.ids) != key(base.ids)][:2]
-    proposals = extensions(search, base)[:PROPOSALS]
-    for rival in rivals:
-        proposals += extensions(search, rival)[:3]
-    search.add(distinct(proposals))
+    rivals = [] if nothing_left(search, base) else [f for f in search.ranked(size - 1) if key(f.ids) != key(base.ids)][:2]
+    proposals = [f for rival in rivals for f in extensions(search, rival)[:3]]
+    search.add(distinct(extensions(search, base)[:PROPOSALS] + proposals))
     ranked = search.ranked(size)
     return simplest(search, ranked[0]) if ranked else None
+
+
+def nothing_left(search: Search, base: Fit) -> bool:
+    """Whether base leaves so little above the noise that no further effect, beside it or beside its rivals, could be worth its place."""
+    return search.score(base) < (1.0 + WORTH) * search.level()
 
 
 def simplest(search: Search, best: Fit) -> Fit:
@@ -299,6 +325,7 @@ def fit_set(search: Search, ids: Sequence[str], near: Fit) -> Fit:
     """Converged fit of a set of ids, started from the numbers of a related fit."""
     known = search.fits.get(key(ids))
     if known is not None:
+        search.engine.settle([known])
         return known
     values = {c.name: x for c, x in zip(near.hypothesis.coordinates, near.x, strict=True)}
     members = search.engine.hypotheses([BY_ID[i] for i in ids])
