@@ -92,7 +92,7 @@ struct ImpactPoint {
     double friction_nm;                                 // motor friction, also what holds at rest
     double held_nm, hold_forward_nm, hold_backward_nm;  // torque on a resting motor and what friction holds
     double bus_v, emf_v;
-    double q, q_rate, x, s, x_rate;
+    double q, q_rate, x, x_rate;
     double axial_n, roll_needed_nm;  // force through the balls; friction torque that keeps rolling balls at rest
     double spindle_nm;               // torque from spindle to hammer through the groove
     double pen, pen_rate, contact_n, lug_nm;
@@ -209,32 +209,62 @@ VGROOVE_INLINE GrooveForces impact_groove(const Impact &m, const ImpactMode &mod
     return {(spindle_nm - at.spindle_nm) * spindle, (at.spindle_nm - at.lug_nm) * m.hammer_inertia_inverse};
 }
 
-// T = K e + C w while the head sticks, limited to the slip torques; e' = (T - K e) / C. A second body: J2 w2' = Kc ec + Cc ec' - T, ec' = wA - w2.
-template <class L>
-VGROOVE_INLINE void impact_output(const Impact &m, const Drive<double> &in, const ImpactMode &mode, double tau, const ImpactState<L> &s,
-                                  ImpactState<L> &ds, ImpactPoint &at) {
-    double w = s.x[L::ANVIL_SPEED];
+// Groove and contact as the angles and speeds have them.
+template <class L> VGROOVE_INLINE GroovePoint impact_geometry(const Impact &m, const ImpactMode &mode, const ImpactState<L> &s, ImpactPoint &at) {
+    at.q = impact_spindle_angle<L>(m, s) - s.x[L::HAMMER_ANGLE];
+    at.q_rate = impact_spindle_speed<L>(m, s) - s.x[L::HAMMER_SPEED];
+    const GroovePoint g = v_groove_at(m.groove, at.q);
+    at.x = g.x;
+    at.x_rate = g.s * at.q_rate;
+    const double relative_rate = s.x[L::HAMMER_SPEED] - s.x[L::ANVIL_SPEED];
+    const ContactGap gap = impact_gap(m, mode, impact_relative<L>(m, s), relative_rate, at.x, at.x_rate);
+    at.pen = gap.pen;
+    at.pen_rate = gap.rate;
+    return g;
+}
+
+// Speed of the body that the joint holds.
+template <class L> VGROOVE_INLINE double impact_output_speed(const Impact &m, const ImpactState<L> &s) {
     if constexpr (L::FULL)
         if (m.second_output)
-            w = s.x[L::OUTPUT_SPEED];
-    const double e = s.x[L::TWIST];
-    const double elastic = m.joint.stiffness * e;
+            return s.x[L::OUTPUT_SPEED];
+    return s.x[L::ANVIL_SPEED];
+}
+
+// T = K e + C w while the head sticks, limited to the slip torques.
+template <class L>
+VGROOVE_INLINE void impact_joint(const Impact &m, const Drive<double> &in, const ImpactMode &mode, double tau, const ImpactState<L> &s,
+                                 ImpactPoint &at) {
     at.head_rad = impact_head<L>(m, s);
     const double load = in.load_nm + in.load_rate * tau;
     const SlipTorques slip = joint_slip(m.joint, mode.segment, at.head_rad, load > 0.0 ? load : 0.0);
-    at.trial_nm = elastic + m.joint.damping * w;
+    at.trial_nm = m.joint.stiffness * s.x[L::TWIST] + m.joint.damping * impact_output_speed<L>(m, s);
     at.forward_nm = slip.forward_nm;
     at.backward_nm = slip.backward_nm;
     at.joint_nm = mode.slip == 0 ? at.trial_nm : (mode.slip > 0 ? slip.forward_nm : -slip.backward_nm);
-    ds.x[L::TWIST] = mode.slip == 0 ? w : (at.joint_nm - elastic) * m.joint.damping_inverse;
+}
+
+// What switches are looked up by, without forces: for events that angles and speeds decide.
+template <class L>
+VGROOVE_INLINE ImpactPoint impact_sight(const Impact &m, const Drive<double> &in, const ImpactMode &mode, double tau, const ImpactState<L> &s) {
+    ImpactPoint at{};
+    impact_geometry<L>(m, mode, s, at);
+    impact_joint<L>(m, in, mode, tau, s, at);
+    return at;
+}
+
+// e' = (T - K e) / C; JA wA' = Tlug - T. A second body: J2 w2' = Kc ec + Cc ec' - T, ec' = wA - w2, and the anvil carries Kc ec + Cc ec'.
+template <class L>
+VGROOVE_INLINE void impact_output(const Impact &m, const ImpactMode &mode, const ImpactState<L> &s, ImpactState<L> &ds, ImpactPoint &at) {
+    const double w = impact_output_speed<L>(m, s);
+    ds.x[L::TWIST] = mode.slip == 0 ? w : (at.joint_nm - m.joint.stiffness * s.x[L::TWIST]) * m.joint.damping_inverse;
     at.anvil_load_nm = at.joint_nm;
     if constexpr (L::FULL) {
         if (m.second_output) {
             const double twist = s.x[L::COUPLER_TWIST];
             ds.x[L::COUPLER_TWIST] = s.x[L::ANVIL_SPEED] - w;
             at.anvil_load_nm = m.coupler_stiffness * twist + m.coupler_damping * ds.x[L::COUPLER_TWIST];
-            const double pendulum = m.pendulum_nm != 0.0 ? m.pendulum_nm * sin_of<double>(s.x[L::ANVIL_ANGLE] - twist - m.zero_rad) : 0.0;
-            at.joint_nm += pendulum;
+            at.joint_nm += m.pendulum_nm != 0.0 ? m.pendulum_nm * sin_of<double>(s.x[L::ANVIL_ANGLE] - twist - m.zero_rad) : 0.0;
             ds.x[L::OUTPUT_SPEED] = (at.anvil_load_nm - at.joint_nm) * m.output_inertia_inverse;
         }
     }
@@ -326,21 +356,13 @@ VGROOVE_INLINE ImpactPoint impact_derivative(const Impact &m, const Drive<double
     const Electrical<double> e = impact_electrical<L>(m, in, mode, tau, s, ds, at);
     const double torque = e.k * e.i - friction_of_angle<double>(m.drive.friction, m.drive.effects, s.x[STATE_ANGLE]);
     const double motor_nm = torque - at.friction_nm;
-    at.q = impact_spindle_angle<L>(m, s) - s.x[L::HAMMER_ANGLE];
-    at.q_rate = impact_spindle_speed<L>(m, s) - s.x[L::HAMMER_SPEED];
-    const GroovePoint g = v_groove_at(m.groove, at.q);
-    at.x = g.x;
-    at.s = g.s;
-    at.x_rate = g.s * at.q_rate;
-    const double relative_rate = s.x[L::HAMMER_SPEED] - s.x[L::ANVIL_SPEED];
-    const ContactGap gap = impact_gap(m, mode, impact_relative<L>(m, s), relative_rate, at.x, at.x_rate);
-    at.pen = gap.pen;
-    at.pen_rate = gap.rate;
+    const GroovePoint g = impact_geometry<L>(m, mode, s, at);
     const double spindle_nm = impact_spindle_torque<L>(m, s, motor_nm);
     const GrooveForces f = impact_groove(m, mode, spindle_nm, g, at);
     ds.x[L::HAMMER_ANGLE] = s.x[L::HAMMER_SPEED];
     ds.x[L::HAMMER_SPEED] = f.hammer_rate;
-    impact_output<L>(m, in, mode, tau, s, ds, at);
+    impact_joint<L>(m, in, mode, tau, s, at);
+    impact_output<L>(m, mode, s, ds, at);
     impact_shafts<L>(m, mode, motor_nm, spindle_nm, f.spindle_rate, ds, at, s);
     impact_housing<L>(m, torque, s, ds, at);
     if constexpr (L::FULL) {

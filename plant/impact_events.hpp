@@ -82,6 +82,12 @@ VGROOVE_INLINE double impact_rest_margin(double needed, double forward, double b
     return needed > 0.0 ? forward - needed : backward + needed;
 }
 
+// Whether forces decide a switch; the others can be read off angles and speeds (impact_sight).
+VGROOVE_INLINE bool impact_by_force(const ImpactMode &mode, int event) {
+    return event == IMPACT_AXIAL || (event == IMPACT_ROLL && mode.roll == 0.0) || (event == IMPACT_MOTOR && mode.drive.slide == 0.0) ||
+           (event == IMPACT_DIODE && mode.drive.diode == 0.0);
+}
+
 template <class L>
 VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode, const ImpactState<L> &s, const ImpactPoint &at, int event) {
     switch (event) {
@@ -114,9 +120,10 @@ VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode
     case IMPACT_SEGMENT_DOWN:
         return at.head_rad - m.joint.segment[mode.segment].from_rad;
     case IMPACT_MOTOR:
-        return mode.drive.slide == 0.0 ? impact_rest_margin(at.held_nm, at.hold_forward_nm, at.hold_backward_nm) : mode.drive.slide * at.motor_w;
+        return mode.drive.slide == 0.0 ? impact_rest_margin(at.held_nm, at.hold_forward_nm, at.hold_backward_nm)
+                                       : mode.drive.slide * s.x[STATE_SPEED];
     case IMPACT_DIODE:
-        return mode.drive.diode == 0.0 ? at.bus_v - std::fabs(at.emf_v) : mode.drive.diode * at.i;
+        return mode.drive.diode == 0.0 ? at.bus_v - std::fabs(at.emf_v) : mode.drive.diode * s.x[STATE_CURRENT];
     case IMPACT_ROLL:
         return mode.roll == 0.0 ? m.groove.ball_arm * std::fabs(at.axial_n) - std::fabs(at.roll_needed_nm) : mode.roll * at.q_rate;
     case IMPACT_AXIAL:

@@ -105,14 +105,16 @@ template <class L> struct Tracer {
     double origin_s;
     std::size_t next = 0;
 
-    void step(const ImpactSolver<L> &s, double h, double share) {
+    void step(ImpactSolver<L> &s, double h, double share) {
         const double from = s.drive.time_s + origin_s, to = from + h * share;
+        if (next < out->trace_s.size() && out->trace_s[next] <= to)
+            impact_interpolate(s, h);
         for (; next < out->trace_s.size() && out->trace_s[next] <= to; ++next) {
             const double late = out->trace_s[next] - from;
             if (late < -1e-12)  // before the first row
                 continue;
             const double at = late > 0.0 ? late / h : 0.0;
-            write_trace<L>(s, impact_between(s, h, at), at * h, out->trace.data() + next * TRACE_COLUMN_COUNT);
+            write_trace<L>(s, impact_between(s, at), at * h, out->trace.data() + next * TRACE_COLUMN_COUNT);
         }
     }
 };
@@ -169,7 +171,7 @@ static void write_energy(const ImpactSolver<AuditLayout> &s, double *to) {
 }
 
 template <class L, bool EXACT> static void run_stretch(ImpactSolver<L> &s, double length_s, Tracer<L> *tracer) {
-    impact_run<L, EXACT>(s, length_s, [tracer](const ImpactSolver<L> &at, double h, double share) {
+    impact_go<L, EXACT>(s, length_s, [tracer](ImpactSolver<L> &at, double h, double share) {
         if (tracer)
             tracer->step(at, h, share);
     });
@@ -205,6 +207,7 @@ struct ImpactJob {
     const LogInput *in;
     const double *theta;
     double command_peak;
+    ImpactAccuracy accuracy;
     ImpactOutput *out;
 };
 
@@ -215,6 +218,7 @@ template <class L, bool EXACT> static void run_tool(const ImpactJob &job, std::s
     ImpactSolver<L> s{};
     s.model = model;
     s.tolerance = out.tolerance > 0.0 ? out.tolerance : (EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST);
+    s.fixed_s = job.accuracy == ImpactAccuracy::FIXED ? out.fixed_s : 0.0;
     s.history = batch_row == 0 && out.keep_history ? &out.history : nullptr;
     s.drive.load_nm = in.load_kind == LoadKind::TORQUE ? in.load_nm[0] : 0.0;
     impact_start(s);
@@ -237,10 +241,10 @@ template <class L, bool EXACT> static void run_tool(const ImpactJob &job, std::s
     out.stats[batch_row] = s.stats;
 }
 
-static void run_any(const ImpactJob &job, std::size_t batch_row, ImpactAccuracy accuracy) {
+static void run_any(const ImpactJob &job, std::size_t batch_row) {
     const Parameters p = parameters_from(job.theta + batch_row * PARAMETER_COUNT);
     const Impact model = impact_from(p, job.in->load_kind, job.in->kind, !job.in->bus_v.empty(), job.command_peak);
-    if (accuracy == ImpactAccuracy::REFERENCE)
+    if (job.accuracy == ImpactAccuracy::REFERENCE)
         run_tool<AuditLayout, true>(job, batch_row, model);
     else if (impact_needs_full(model))
         run_tool<FullLayout, false>(job, batch_row, model);
@@ -261,7 +265,7 @@ void simulate_impact(const LogInput &in, const double *theta, std::size_t batch,
     double peak = 0.0;
     for (const double x : in.command_end)
         peak = std::max(peak, std::fabs(x));
-    const ImpactJob job{&in, theta, peak, &out};
+    const ImpactJob job{&in, theta, peak, accuracy, &out};
     out.blows.assign(batch, {});
     out.stats.assign(batch, {});
     out.trace.assign(out.trace_s.size() * TRACE_COLUMN_COUNT, std::nan(""));
@@ -272,7 +276,7 @@ void simulate_impact(const LogInput &in, const double *theta, std::size_t batch,
     const auto work = [&] {
         try {
             for (std::size_t row = next++; row < batch; row = next++)
-                run_any(job, row, accuracy);
+                run_any(job, row);
         } catch (...) {
             const std::lock_guard<std::mutex> held(failing);
             failure = std::current_exception();

@@ -7,7 +7,9 @@
 
 namespace vgroove {
 
-enum class ImpactAccuracy { REFERENCE, FAST };
+enum class ImpactAccuracy { REFERENCE, FAST, FIXED };
+
+constexpr double IMPACT_STEP_FIXED_S = 35e-6;  // unless another is asked for
 
 // Columns of batch x log rows. Means over the row: current, bus, housing; the others at its end, of the first row all.
 enum ImpactColumn {
@@ -63,8 +65,9 @@ struct ImpactOutput {
     bool keep_history = false;
     std::vector<StepRecord> history;  // first batch row only
     bool keep_energy = false;
-    std::vector<double> energy;  // rows x ENERGY_COUNT, first batch row only
-    double tolerance = 0.0;      // 0: the accuracy's own
+    std::vector<double> energy;            // rows x ENERGY_COUNT, first batch row only
+    double tolerance = 0.0;                // 0: the accuracy's own
+    double fixed_s = IMPACT_STEP_FIXED_S;  // step of accuracy FIXED
 };
 
 // theta: batch x PARAMETER_COUNT. The tool starts at rest, the hammer's lug hammer_start_rad from the anvil's.
@@ -97,6 +100,17 @@ template <class L> VGROOVE_INLINE void impact_new_stretch(ImpactSolver<L> &s) {
 
 constexpr double IMPACT_TOLERANCE_REFERENCE = 1e-10;
 constexpr double IMPACT_TOLERANCE_FAST = 1e-4;
+
+// Runs a stretch in the solver's own mode. Only adaptive steps are EXACT.
+template <class L, bool EXACT, class Observe> VGROOVE_INLINE void impact_go(ImpactSolver<L> &s, double length_s, Observe &&observe) {
+    if constexpr (!EXACT) {
+        if (s.fixed_s > 0.0) {
+            impact_run_fixed<L>(s, length_s, observe);
+            return;
+        }
+    }
+    impact_run<L, EXACT>(s, length_s, observe);
+}
 
 }  // namespace vgroove
 

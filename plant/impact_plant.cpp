@@ -34,6 +34,7 @@ struct ImpactBody {
     virtual double seen_angle() const = 0;
     virtual double seen_speed() const = 0;
     virtual double kelvin() const = 0;
+    virtual ImpactStats statistics() const = 0;
     virtual std::vector<Blow> take_blows() = 0;
 };
 
@@ -52,7 +53,7 @@ template <class L, bool EXACT> struct SolverBody final : ImpactBody {
         d.load_nm = load_from_nm;
         d.load_rate = load_rate;
         impact_new_stretch(solver);
-        impact_run<L, EXACT>(solver, seconds, [](const ImpactSolver<L> &, double, double) {});
+        impact_go<L, EXACT>(solver, seconds, [](const ImpactSolver<L> &, double, double) {});
     }
 
     void reset_means() override {
@@ -112,6 +113,8 @@ template <class L, bool EXACT> struct SolverBody final : ImpactBody {
         return 0.0;
     }
 
+    ImpactStats statistics() const override { return solver.stats; }
+
     std::vector<Blow> take_blows() override {
         const std::vector<Blow> &all = solver.recorder.blows;
         const std::vector<Blow> fresh(all.begin() + static_cast<std::ptrdiff_t>(taken), all.end());
@@ -122,10 +125,11 @@ template <class L, bool EXACT> struct SolverBody final : ImpactBody {
     }
 };
 
-template <class L, bool EXACT> std::unique_ptr<ImpactBody> body_of(const Impact &m) {
+template <class L, bool EXACT> std::unique_ptr<ImpactBody> body_of(const Impact &m, double fixed_s) {
     auto body = std::make_unique<SolverBody<L, EXACT>>();
     body->solver.model = m;
     body->solver.tolerance = EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST;
+    body->solver.fixed_s = fixed_s;
     impact_start(body->solver);
     impact_refresh(body->solver);
     return body;
@@ -133,13 +137,14 @@ template <class L, bool EXACT> std::unique_ptr<ImpactBody> body_of(const Impact 
 
 }  // namespace
 
-ImpactPlant::ImpactPlant(const Parameters &p, LoadKind load, HallWheel wheel, std::uint64_t seed, ImpactAccuracy accuracy) {
+ImpactPlant::ImpactPlant(const Parameters &p, LoadKind load, HallWheel wheel, std::uint64_t seed, ImpactAccuracy accuracy, double step_s) {
+    const double fixed_s = accuracy == ImpactAccuracy::FIXED ? step_s : 0.0;
     Impact m = impact_from(p, load, InputKind::DUTY, false, 1.0);
     m.drive.effects |= EFFECT_DEAD_TIME;
     if (accuracy == ImpactAccuracy::REFERENCE)
-        body_ = body_of<AuditLayout, true>(m);
+        body_ = body_of<AuditLayout, true>(m, 0.0);
     else
-        body_ = impact_needs_full(m) ? body_of<FullLayout, false>(m) : body_of<FastLayout, false>(m);
+        body_ = impact_needs_full(m) ? body_of<FullLayout, false>(m, fixed_s) : body_of<FastLayout, false>(m, fixed_s);
     ImpactBody &b = *body_;
     b.parameters = p;
     b.wheel = std::move(wheel);
@@ -224,6 +229,10 @@ double ImpactPlant::housing_nm() const {
 }
 double ImpactPlant::arm_rad() const {
     return body_->now().arm_rad;
+}
+
+ImpactStats ImpactPlant::statistics() const {
+    return body_->statistics();
 }
 
 std::vector<Blow> ImpactPlant::take_blows() {

@@ -21,7 +21,8 @@ struct ImpactBody;  // impact_plant.cpp: solver of the accuracy and effects aske
 
 class ImpactPlant {
 public:
-    ImpactPlant(const Parameters &p, LoadKind load, HallWheel wheel, std::uint64_t seed, ImpactAccuracy accuracy);
+    // fixed_s: step of accuracy FIXED.
+    ImpactPlant(const Parameters &p, LoadKind load, HallWheel wheel, std::uint64_t seed, ImpactAccuracy accuracy, double fixed_s);
     ~ImpactPlant();
     ImpactPlant(ImpactPlant &&) noexcept;
 
@@ -43,6 +44,7 @@ public:
     double housing_nm() const;
     double arm_rad() const;
 
+    ImpactStats statistics() const;  // since the start
     std::vector<Blow> take_blows();  // since the last call; the last of them may still gain torque and impulse
 
 private:

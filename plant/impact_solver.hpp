@@ -12,10 +12,12 @@
 
 namespace vgroove {
 
-constexpr double IMPACT_STEP_MAX_S = 5e-4;  // a lug is not passed over within a step
+constexpr double IMPACT_STEP_MAX_S = 1e-3;  // a lug is not passed over within a step
 constexpr double IMPACT_STEP_MIN_S = 1e-12;
 constexpr double IMPACT_FIRST_CONTACT_S = 4e-6;  // first step after a contact begins
 constexpr double FROZEN_TWIST_RAD = 1e-6, FROZEN_SPEED_RAD_S = 1e-2;
+constexpr double IMPACT_PIECE_S = 6e-6;  // fixed steps: longest piece in a contact (27 krad/s)
+constexpr int IMPACT_CUTS_MAX = 2;       // fixed steps: switches located in a piece
 constexpr int IMPACT_SWITCHES_MAX = 64;  // without a step in between
 
 struct ImpactStats {
@@ -30,6 +32,7 @@ struct StepRecord {
 
 template <class L> struct ImpactStep {
     ImpactState<L> k2, k3, k4, k5, k6;
+    ImpactState<L> rise, bend, last, fine;  // of the interpolant, where impact_interpolate has been asked
     ImpactState<L> end, end_slope;
     ImpactPoint end_point;
     double error;
@@ -44,6 +47,7 @@ template <class L> struct ImpactSolver {
     ImpactPoint point;     // and the quantities that go with it
     ImpactStep<L> step;
     double tolerance;
+    double fixed_s;    // step of the fixed-step mode; 0: adaptive
     double level_s;    // step that the error allows
     bool fresh;        // slope and switches must be looked at anew
     double dropped_j;  // contact energy dropped at releases
@@ -67,37 +71,45 @@ template <class L> VGROOVE_INLINE double impact_error(const ImpactSolver<L> &sel
     return h * worst / self.tolerance;
 }
 
-template <class L> ImpactPoint impact_slope(const ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds) {
+template <class L>
+VGROOVE_INLINE ImpactPoint impact_slope_inline(const ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds) {
     ds = ImpactState<L>{};
     return impact_derivative<L>(self.model, self.drive, self.mode, tau, s, ds);
 }
 
-template <class L> VGROOVE_INLINE void impact_attempt(ImpactSolver<L> &self, double h) {
+// The same outside of steps, once in the program.
+template <class L>
+__attribute__((noinline)) ImpactPoint impact_slope(ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds) {
+    self.stats.derivatives += 1.0;
+    return impact_slope_inline(self, tau, s, ds);
+}
+
+template <class L> __attribute__((noinline)) void impact_attempt(ImpactSolver<L> &self, double h) {
     constexpr int N = L::COUNT;
     ImpactStep<L> &t = self.step;
     const ImpactState<L> &y = self.state, &k1 = self.slope;
     ImpactState<L> s;
     for (int n = 0; n < N; ++n)
         s.x[n] = y.x[n] + h * (1.0 / 5.0 * k1.x[n]);
-    impact_slope(self, 0.2 * h, s, t.k2);
+    impact_slope_inline(self, 0.2 * h, s, t.k2);
     for (int n = 0; n < N; ++n)
         s.x[n] = y.x[n] + h * (3.0 / 40.0 * k1.x[n] + 9.0 / 40.0 * t.k2.x[n]);
-    impact_slope(self, 0.3 * h, s, t.k3);
+    impact_slope_inline(self, 0.3 * h, s, t.k3);
     for (int n = 0; n < N; ++n)
         s.x[n] = y.x[n] + h * (44.0 / 45.0 * k1.x[n] - 56.0 / 15.0 * t.k2.x[n] + 32.0 / 9.0 * t.k3.x[n]);
-    impact_slope(self, 0.8 * h, s, t.k4);
+    impact_slope_inline(self, 0.8 * h, s, t.k4);
     for (int n = 0; n < N; ++n)
         s.x[n] =
             y.x[n] + h * ((19372.0 / 6561.0 * k1.x[n] - 25360.0 / 2187.0 * t.k2.x[n]) + (64448.0 / 6561.0 * t.k3.x[n] - 212.0 / 729.0 * t.k4.x[n]));
-    impact_slope(self, 8.0 / 9.0 * h, s, t.k5);
+    impact_slope_inline(self, 8.0 / 9.0 * h, s, t.k5);
     for (int n = 0; n < N; ++n)
         s.x[n] = y.x[n] + h * ((9017.0 / 3168.0 * k1.x[n] - 355.0 / 33.0 * t.k2.x[n]) + (46732.0 / 5247.0 * t.k3.x[n] + 49.0 / 176.0 * t.k4.x[n]) -
                                5103.0 / 18656.0 * t.k5.x[n]);
-    impact_slope(self, h, s, t.k6);
+    impact_slope_inline(self, h, s, t.k6);
     for (int n = 0; n < N; ++n)
         t.end.x[n] = y.x[n] + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * t.k3.x[n]) + (125.0 / 192.0 * t.k4.x[n] - 2187.0 / 6784.0 * t.k5.x[n]) +
                                    11.0 / 84.0 * t.k6.x[n]);
-    t.end_point = impact_slope(self, h, t.end, t.end_slope);
+    t.end_point = impact_slope_inline(self, h, t.end, t.end_slope);
     for (int n = 0; n < N; ++n)
         s.x[n] = (71.0 / 57600.0 * k1.x[n] - 71.0 / 16695.0 * t.k3.x[n]) + (71.0 / 1920.0 * t.k4.x[n] - 17253.0 / 339200.0 * t.k5.x[n]) +
                  (22.0 / 525.0 * t.k6.x[n] - 1.0 / 40.0 * t.end_slope.x[n]);
@@ -105,34 +117,46 @@ template <class L> VGROOVE_INLINE void impact_attempt(ImpactSolver<L> &self, dou
     self.stats.derivatives += 6.0;
 }
 
-// State at a share of the step of length h that has just been tried.
-template <class L> VGROOVE_INLINE ImpactState<L> impact_between(const ImpactSolver<L> &self, double h, double share) {
+// Coefficients of the interpolant of the step of length h that has just been tried.
+template <class L> __attribute__((noinline)) void impact_interpolate(ImpactSolver<L> &self, double h) {
+    ImpactStep<L> &t = self.step;
+    for (int n = 0; n < L::COUNT; ++n) {
+        const double k1 = self.slope.x[n];
+        t.rise.x[n] = t.end.x[n] - self.state.x[n];
+        t.bend.x[n] = h * k1 - t.rise.x[n];
+        t.last.x[n] = t.rise.x[n] - h * t.end_slope.x[n] - t.bend.x[n];
+        t.fine.x[n] = h * ((-12715105075.0 / 11282082432.0 * k1 + 87487479700.0 / 32700410799.0 * t.k3.x[n]) +
+                           (-10690763975.0 / 1880347072.0 * t.k4.x[n] + 701980252875.0 / 199316789632.0 * t.k5.x[n]) +
+                           (-1453857185.0 / 822651844.0 * t.k6.x[n] + 69997945.0 / 29380423.0 * t.end_slope.x[n]));
+    }
+}
+
+// State at a share of that step.
+template <class L> VGROOVE_INLINE ImpactState<L> impact_between(const ImpactSolver<L> &self, double share) {
     const ImpactStep<L> &t = self.step;
     const double rest = 1.0 - share;
     ImpactState<L> s;
-    for (int n = 0; n < L::COUNT; ++n) {
-        const double k1 = self.slope.x[n], rise = t.end.x[n] - self.state.x[n];
-        const double bend = h * k1 - rise;
-        const double last = rise - h * t.end_slope.x[n] - bend;
-        const double fine = h * ((-12715105075.0 / 11282082432.0 * k1 + 87487479700.0 / 32700410799.0 * t.k3.x[n]) +
-                                 (-10690763975.0 / 1880347072.0 * t.k4.x[n] + 701980252875.0 / 199316789632.0 * t.k5.x[n]) +
-                                 (-1453857185.0 / 822651844.0 * t.k6.x[n] + 69997945.0 / 29380423.0 * t.end_slope.x[n]));
-        s.x[n] = self.state.x[n] + share * (rise + rest * (bend + share * (last + rest * fine)));
-    }
+    for (int n = 0; n < L::COUNT; ++n)
+        s.x[n] = self.state.x[n] + share * (t.rise.x[n] + rest * (t.bend.x[n] + share * (t.last.x[n] + rest * t.fine.x[n])));
     return s;
 }
 
 template <class L> VGROOVE_INLINE double impact_value_between(ImpactSolver<L> &self, double h, double share, int event) {
-    const ImpactState<L> s = impact_between(self, h, share);
+    const ImpactState<L> s = impact_between(self, share);
     ImpactState<L> ds;
-    const ImpactPoint at = impact_slope(self, share * h, s, ds);
-    self.stats.derivatives += 1.0;
+    const bool forces = impact_by_force(self.mode, event);
+    const ImpactPoint at = forces ? impact_slope(self, share * h, s, ds) : impact_sight<L>(self.model, self.drive, self.mode, share * h, s);
     return impact_event_value<L>(self.model, self.mode, s, at, event);
 }
 
+// A switch that has been met by a share of the step, with its function there.
+struct ImpactMet {
+    double share, value;
+};
+
 // Share of the step just past the instant of a switch: Illinois on the interpolant, between low (not yet) and high (already).
-template <class L> VGROOVE_INLINE double impact_locate(ImpactSolver<L> &self, double h, int event, double g_high, double width_s) {
-    double low = 0.0, high = 1.0;
+template <class L> VGROOVE_INLINE double impact_locate(ImpactSolver<L> &self, double h, int event, const ImpactMet &met, double width_s) {
+    double low = 0.0, high = met.share, g_high = met.value;
     double g_low = impact_event_value<L>(self.model, self.mode, self.state, self.point, event);
     int side = 0;
     for (int n = 0; n < 40 && (high - low) * h > width_s; ++n) {
@@ -277,7 +301,6 @@ template <class L> VGROOVE_INLINE void impact_switch(ImpactSolver<L> &self, int 
 template <class L> VGROOVE_INLINE void impact_refresh(ImpactSolver<L> &self) {
     for (int n = 0; n < IMPACT_SWITCHES_MAX; ++n) {
         self.point = impact_slope(self, 0.0, self.state, self.slope);
-        self.stats.derivatives += 1.0;
         const unsigned met = impact_met<L>(self.model, self.mode, impact_possible(self.model, self.mode, self.drive), self.state, self.point);
         if (met == 0u)
             break;
@@ -311,17 +334,56 @@ template <class L> VGROOVE_INLINE double impact_torque_rate(const ImpactSolver<L
     return self.mode.slip == 0 ? j.stiffness * self.slope.x[L::TWIST] + j.damping * self.slope.x[L::ANVIL_SPEED] : 0.0;
 }
 
-// The earliest of the switches met in the step just tried; its share of the step.
-template <class L> VGROOVE_INLINE int impact_earliest(ImpactSolver<L> &self, double h, unsigned met, double width_s, double &share) {
+// Rate of a switch's function, for those of free flight.
+template <class L> VGROOVE_INLINE double impact_event_rate(const ImpactSolver<L> &self, const ImpactState<L> &s, const ImpactPoint &at, int event) {
+    const double relative = s.x[L::HAMMER_SPEED] - s.x[L::ANVIL_SPEED];
+    switch (event) {
+    case IMPACT_FORWARD:
+        return -relative;
+    case IMPACT_BACKWARD:
+        return relative;
+    case IMPACT_HEIGHT:
+        return self.mode.above ? at.x_rate : -at.x_rate;
+    case IMPACT_STOP:
+        return -at.x_rate;
+    default:
+        return 0.0;
+    }
+}
+
+constexpr unsigned IMPACT_FLIGHT = impact_bit(IMPACT_FORWARD) | impact_bit(IMPACT_BACKWARD) | impact_bit(IMPACT_HEIGHT) | impact_bit(IMPACT_STOP);
+
+// Switches of free flight that are met and left again within the step: where their function turns.
+template <class L> VGROOVE_INLINE unsigned impact_grazed(const ImpactSolver<L> &self, unsigned candidates) {
+    unsigned turned = 0u;
+    for (unsigned left = candidates & IMPACT_FLIGHT; left != 0u; left &= left - 1u) {
+        const int event = __builtin_ctz(left);
+        if (impact_event_rate(self, self.state, self.point, event) < 0.0 && impact_event_rate(self, self.step.end, self.step.end_point, event) > 0.0)
+            turned |= 1u << event;
+    }
+    return turned;
+}
+
+// The earliest of the switches met at the end of the step just tried, or within it where they turned; its share of the step.
+template <class L>
+__attribute__((noinline)) int impact_earliest(ImpactSolver<L> &self, double h, unsigned met, unsigned turned, double width_s, double &share) {
+    impact_interpolate(self, h);
     int event = -1;
     share = 1.0;
-    for (unsigned left = met; left != 0u; left &= left - 1u) {
+    for (unsigned left = met | turned; left != 0u; left &= left - 1u) {
         const int candidate = __builtin_ctz(left);
-        const double end = impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, candidate);
-        const double at = impact_locate(self, h, candidate, end, width_s);
-        if (event < 0 || at < share) {
+        ImpactMet at{1.0, impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, candidate)};
+        if (!(met & (1u << candidate))) {
+            const double from = impact_event_rate(self, self.state, self.point, candidate);
+            at.share = from / (from - impact_event_rate(self, self.step.end, self.step.end_point, candidate));
+            at.value = impact_value_between(self, h, at.share, candidate);
+            if (at.value >= 0.0)
+                continue;
+        }
+        const double found = impact_locate(self, h, candidate, at, width_s);
+        if (event < 0 || found < share) {
             event = candidate;
-            share = at;
+            share = found;
         }
     }
     return event;
@@ -330,15 +392,15 @@ template <class L> VGROOVE_INLINE int impact_earliest(ImpactSolver<L> &self, dou
 // The step just tried is taken up to a share of it; with a switch, slope and point are those of its instant.
 template <class L> VGROOVE_INLINE void impact_take(ImpactSolver<L> &self, double h, double share, int event) {
     const double torque = self.point.joint_nm, rate = impact_torque_rate(self);
-    impact_accept(self, h * share, share == 1.0 ? self.step.end : impact_between(self, h, share));
+    impact_accept(self, h * share, share == 1.0 ? self.step.end : impact_between(self, share));
     if (self.history)
         self.history->push_back({self.drive.time_s, h * share, event});
     self.slope = self.step.end_slope;
     self.point = self.step.end_point;
     if (share != 1.0)
-        self.point = impact_slope(self, 0.0, self.state, self.slope);
+        self.point = impact_sight<L>(self.model, self.drive, self.mode, 0.0, self.state);
     if (self.recorder.any)
-        blows_torque(self.recorder, h * share, torque, rate, self.point.joint_nm, impact_torque_rate(self));
+        blows_torque(self.recorder, h * share, torque, rate, self.point.joint_nm, share == 1.0 ? impact_torque_rate(self) : 0.0);
     if (event >= 0)
         impact_switch(self, event);
 }
@@ -357,7 +419,7 @@ template <class L, bool EXACT, class Observe> VGROOVE_INLINE void impact_run(Imp
     while (left > 0.0) {
         if (self.fresh)
             impact_refresh(self);
-        const double pieces = std::ceil(left / self.level_s);
+        const double pieces = std::ceil(left / self.level_s - 1e-6);
         double h = pieces > 1.0 ? left / pieces : left;
         impact_attempt(self, h);
         const double factor = 0.9 * std::pow(max_of(self.step.error, 1e-8), -0.2);
@@ -371,7 +433,8 @@ template <class L, bool EXACT, class Observe> VGROOVE_INLINE void impact_run(Imp
         double share = 1.0;
         const unsigned possible = impact_possible(self.model, self.mode, self.drive);
         const unsigned met = impact_met<L>(self.model, self.mode, possible, self.step.end, self.step.end_point);
-        int event = met != 0u ? impact_earliest(self, h, met, EXACT ? 1e-12 : 1e-9, share) : -1;
+        const unsigned turned = impact_grazed(self, possible & ~met);
+        int event = (met | turned) != 0u ? impact_earliest(self, h, met, turned, EXACT ? 1e-12 : 1e-9, share) : -1;
         impact_adapt(self, h, factor, event >= 0);
         const bool to_end = pieces <= 1.0 && share == 1.0;
         if (EXACT && event >= 0) {
@@ -386,6 +449,50 @@ template <class L, bool EXACT, class Observe> VGROOVE_INLINE void impact_run(Imp
         impact_take(self, h, share, event);
         if (!EXACT)
             impact_freeze(self);
+    }
+}
+
+// Whether the next stretch of length h is stiff: a flank is touched or within reach, or the anvil still rings.
+template <class L> VGROOVE_INLINE bool impact_is_stiff(const ImpactSolver<L> &self, double h) {
+    const ImpactMode &mode = self.mode;
+    if (mode.place != ContactPlace::NONE || !mode.frozen)
+        return true;
+    if (mode.above)
+        return false;
+    const double relative = impact_relative<L>(self.model, self.state);
+    const double reach = 1.5 * h * std::fabs(self.state.x[L::HAMMER_SPEED] - self.state.x[L::ANVIL_SPEED]);
+    return mode.forward_rad - relative < reach || relative - mode.backward_rad < reach;
+}
+
+// One step without error control. At most two switches are located in it, those beyond are taken at its end.
+template <class L, class Observe> VGROOVE_INLINE void impact_fixed_piece(ImpactSolver<L> &self, double h, Observe &&observe) {
+    for (int cut = 0; cut <= IMPACT_CUTS_MAX; ++cut) {
+        if (self.fresh)
+            impact_refresh(self);
+        impact_attempt(self, h);
+        const unsigned possible = impact_possible(self.model, self.mode, self.drive);
+        const unsigned met = impact_met<L>(self.model, self.mode, possible, self.step.end, self.step.end_point);
+        double share = 1.0;
+        const int event = met != 0u && cut < IMPACT_CUTS_MAX ? impact_earliest(self, h, met, 0u, 1e-8, share) : -1;
+        self.fresh = met != 0u;
+        observe(self, h, share);
+        impact_take(self, h, share, event);
+        if (event < 0)
+            break;
+        h *= 1.0 - share;
+    }
+    impact_freeze(self);
+}
+
+// Steps of fixed_s with bounded work: one piece each in flight, pieces of at most IMPACT_PIECE_S where it is stiff.
+template <class L, class Observe> VGROOVE_INLINE void impact_run_fixed(ImpactSolver<L> &self, double length_s, Observe &&observe) {
+    const int steps = static_cast<int>(std::ceil(length_s / self.fixed_s - 1e-6));
+    const double h = length_s / steps;
+    const int pieces = static_cast<int>(std::ceil(h / IMPACT_PIECE_S - 1e-6));
+    for (int step = 0; step < steps; ++step) {
+        const int count = impact_is_stiff(self, h) ? pieces : 1;
+        for (int n = 0; n < count; ++n)
+            impact_fixed_piece(self, h / count, observe);
     }
 }
 

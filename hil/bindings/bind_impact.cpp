@@ -78,7 +78,18 @@ vgroove::ImpactAccuracy accuracy_of(const std::string &mode) {
         return vgroove::ImpactAccuracy::REFERENCE;
     if (mode == "fast")
         return vgroove::ImpactAccuracy::FAST;
-    throw std::invalid_argument("simulate_impact: mode is reference or fast, not " + mode);
+    if (mode == "fixed")
+        return vgroove::ImpactAccuracy::FIXED;
+    throw std::invalid_argument("the impact tool's mode is reference, fast or fixed, not " + mode);
+}
+
+nb::dict statistics_of(const vgroove::ImpactStats &s) {
+    nb::dict one;
+    one["steps"] = s.steps;
+    one["rejected"] = s.rejected;
+    one["events"] = s.events;
+    one["derivatives"] = s.derivatives;
+    return one;
 }
 
 void add_lists(nb::dict &result, const vgroove::ImpactOutput &out) {
@@ -86,14 +97,8 @@ void add_lists(nb::dict &result, const vgroove::ImpactOutput &out) {
     const nb::object dtype = blow_dtype();
     for (const std::vector<vgroove::Blow> &list : out.blows)
         blows.append(bytes_as(list, dtype));
-    for (const vgroove::ImpactStats &s : out.stats) {
-        nb::dict one;
-        one["steps"] = s.steps;
-        one["rejected"] = s.rejected;
-        one["events"] = s.events;
-        one["derivatives"] = s.derivatives;
-        stats.append(one);
-    }
+    for (const vgroove::ImpactStats &s : out.stats)
+        stats.append(statistics_of(s));
     result["blows"] = blows;
     result["statistics"] = stats;
     if (!out.trace_s.empty())
@@ -105,7 +110,7 @@ void add_lists(nb::dict &result, const vgroove::ImpactOutput &out) {
 }
 
 nb::dict simulate_impact(const vgroove::LogInput &in, Matrix theta, const std::string &mode, int threads, std::optional<Column> trace_s, bool history,
-                         bool energy, double tolerance) {
+                         bool energy, double tolerance, double step_s) {
     const std::size_t batch = theta.shape(0), rows = in.time_s.size(), size = batch * rows;
     if (theta.shape(1) != vgroove::PARAMETER_COUNT)
         throw std::invalid_argument("simulate_impact: theta is (B, " + std::to_string(vgroove::PARAMETER_COUNT) + ")");
@@ -122,6 +127,7 @@ nb::dict simulate_impact(const vgroove::LogInput &in, Matrix theta, const std::s
     out.keep_history = history;
     out.keep_energy = energy;
     out.tolerance = tolerance;
+    out.fixed_s = step_s;
     {
         nb::gil_scoped_release unlocked;
         vgroove::simulate_impact(in, theta.data(), batch, accuracy, threads, out);
@@ -134,11 +140,11 @@ nb::dict simulate_impact(const vgroove::LogInput &in, Matrix theta, const std::s
 }
 
 vgroove::ImpactPlant make_impact_plant(Column parameters, const std::string &load, int pulses, double offset_rad, const std::vector<double> &spacing,
-                                       std::uint64_t seed, const std::string &mode) {
+                                       std::uint64_t seed, const std::string &mode, double step_s) {
     if (parameters.shape(0) != static_cast<std::size_t>(vgroove::PARAMETER_COUNT))
         throw std::invalid_argument("ImpactPlant: parameters is (" + std::to_string(vgroove::PARAMETER_COUNT) + ",)");
     return vgroove::ImpactPlant(vgroove::parameters_from(parameters.data()), load_kind(load), vgroove::hall_wheel(pulses, offset_rad, spacing), seed,
-                                accuracy_of(mode));
+                                accuracy_of(mode), step_s);
 }
 
 nb::tuple period(vgroove::ImpactPlant &self, bool coast, double duty, double dead, double load_nm) {
@@ -165,10 +171,12 @@ void bind_impact_plant(nb::module_ &m) {
         .def_ro("arm_rad", &AdvanceResult::arm_rad);
     nb::class_<ImpactPlant>(m, "ImpactPlant", "The impact tool in lock-step: period() as DrivePlant's, advance() for any interval.")
         .def(nb::new_(&make_impact_plant), "parameters"_a, "load_kind"_a = "none", "hall_pulses_per_rev"_a = 4, "hall_offset_rad"_a = 0.0,
-             "hall_spacing"_a = std::vector<double>(), "seed"_a = 0, "mode"_a = "fast")
+             "hall_spacing"_a = std::vector<double>(), "seed"_a = 0, "mode"_a = "fast", "step_s"_a = vgroove::IMPACT_STEP_FIXED_S)
         .def("period", &period, "coast"_a, "duty"_a, "dead"_a, "load_nm"_a = 0.0,
              "-> (current_a as sensed at the end, supply_v mean, edges: CPU cycles 0..509 of Hall edges)")
         .def("advance", &ImpactPlant::advance, "seconds"_a, "duty"_a, "coast"_a = false, "load_nm"_a = 0.0)
+        .def(
+            "statistics", [](ImpactPlant &self) { return statistics_of(self.statistics()); }, "Steps, rejected steps, switches, derivatives so far.")
         .def(
             "blows", [](ImpactPlant &self) { return bytes_as(self.take_blows(), blow_dtype()); }, "Blows since the last call.")
         .def_prop_ro("current_a", &ImpactPlant::current_a)
@@ -193,7 +201,7 @@ void bind_impact(nb::module_ &m) {
         events.append(name);
     m.attr("IMPACT_EVENTS") = events;
     m.def("simulate_impact", &simulate_impact, "log_input"_a, "theta"_a, "mode"_a = "reference", "threads"_a = 1, "trace_s"_a.none() = nb::none(),
-          "history"_a = false, "energy"_a = false, "tolerance"_a = 0.0,
+          "history"_a = false, "energy"_a = false, "tolerance"_a = 0.0, "step_s"_a = vgroove::IMPACT_STEP_FIXED_S,
           "theta (B, P) -> dict of rows (B, n), 'blows' and 'statistics' per batch row; of the first batch row 'trace' at trace_s, step 'history', "
           "'energy'.");
 }
