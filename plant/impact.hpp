@@ -15,6 +15,7 @@ constexpr double OUTPUT_INERTIA_LEAST = 1e-6;  // kg m2, a coupler's sensor ligh
 // output body; AUDIT: with energies.
 template <bool FULL_STATES, bool AUDITED> struct ImpactLayout {
     static constexpr bool FULL = FULL_STATES, AUDIT = AUDITED;
+    static constexpr bool EXACT = AUDITED;                                           // how the solver locates switches, impact_solver.hpp
     static constexpr int HAMMER_ANGLE = FULL ? STATE_FULL_COUNT : STATE_CORE_COUNT;  // rad, from the spindle's angle at the start
     static constexpr int HAMMER_SPEED = HAMMER_ANGLE + 1;
     static constexpr int ANVIL_ANGLE = HAMMER_ANGLE + 2;

@@ -41,6 +41,7 @@ public:
         shifted_ = delay_s_ > 0.0 || (p.clock_skew_relative != 0.0 && p.clock_skew_command != 0.0);
     }
 
+    double row_scale() const { return row_scale_; }  // true seconds per second of the log
     double row_s(std::size_t row) const { return (in_.time_s[row] - in_.time_s[row - 1]) * row_scale_; }
 
     // The stretch that begins now_s after the first row, with left_s to the end of the row.
@@ -100,21 +101,49 @@ template <class L> static void write_trace(const ImpactSolver<L> &s, const Impac
 }
 
 // Fills the trace's times that lie in a step.
-template <class L> struct Tracer {
-    ImpactOutput *out;
-    double origin_s;
+struct Tracer {
+    ImpactOutput *out = nullptr;
+    double origin_s = 0.0, scale = 1.0;  // of the log's time, and true seconds per second of it
     std::size_t next = 0;
 
-    void step(ImpactSolver<L> &s, double h, double share) {
-        const double from = s.drive.time_s + origin_s, to = from + h * share;
-        if (next < out->trace_s.size() && out->trace_s[next] <= to)
-            impact_interpolate(s, h);
-        for (; next < out->trace_s.size() && out->trace_s[next] <= to; ++next) {
-            const double late = out->trace_s[next] - from;
-            if (late < -1e-12)  // before the first row
+    template <class L> void step(ImpactSolver<L> &s, double h, double share) {
+        const double from = s.drive.time_s, to = from + h * share + 1e-12;  // times round
+        for (; next < out->trace_s.size(); ++next) {
+            const double at = (out->trace_s[next] - origin_s) * scale;
+            if (at > to)
+                return;
+            if (at < from - 1e-12)  // before the first row
                 continue;
-            const double at = late > 0.0 ? late / h : 0.0;
-            write_trace<L>(s, impact_between(s, at), at * h, out->trace.data() + next * TRACE_COLUMN_COUNT);
+            impact_interpolate(s, h);
+            const double part = at > from ? (at - from) / h : 0.0;
+            write_trace<L>(s, impact_between(s, part), part * h, out->trace.data() + next * TRACE_COLUMN_COUNT);
+        }
+    }
+};
+
+// effect speed_lag as a pure delay: speed and angle of the wheel delay_s before the end of each row. Before the start the shaft rests.
+struct Seen {
+    double due_s, speed, angle;
+};
+struct DelayedWheel {
+    std::vector<Seen> rows;  // empty without a delay
+    std::size_t next = 0;    // first that no step has reached
+
+    void prepare(const LogInput &in, double row_scale, double delay_s) {
+        for (const double time_s : in.time_s)
+            rows.push_back({(time_s - in.time_s[0]) * row_scale - delay_s, 0.0, 0.0});
+    }
+
+    template <class L> void step(ImpactSolver<L> &s, double h, double share) {
+        const double from = s.drive.time_s, to = from + h * share + 1e-12;
+        for (; next < rows.size() && rows[next].due_s <= to; ++next) {
+            if (rows[next].due_s < 0.0)
+                continue;
+            impact_interpolate(s, h);
+            const ImpactState<L> x = impact_between(s, std::max((rows[next].due_s - from) / h, 0.0));
+            const Drivetrain<double> &d = s.model.drive;
+            rows[next].speed = sensors_wheel_speed<double>(d.sensors, d.effects, x.x[STATE_SPEED], x.x[STATE_ANGLE]);
+            rows[next].angle = sensors_wheel_angle<double>(d.sensors, d.effects, x.x[STATE_ANGLE]);
         }
     }
 };
@@ -124,34 +153,64 @@ static double measured_current(const Parameters &p, double mean_a) {
     return std::min(std::max(read, -p.current_limit_a), p.current_limit_a);
 }
 
-template <class L>
-static void write_row(const ImpactSolver<L> &s, const Parameters &p, double seconds, bool start, const ImpactOutput &out, std::size_t at) {
-    const Drivetrain<double> &d = s.model.drive;
+// One tool along a log.
+template <class L> struct LogRun final : ImpactObserver<L> {
+    const LogInput &in;
+    Parameters parameters;
+    CommandReader reader;
+    ImpactSolver<L> solver{};
+    Tracer tracer{};
+    DelayedWheel delayed{};
+    double now_s = 0.0;
+
+    LogRun(const LogInput &log, const Parameters &p) : in(log), parameters(p), reader(log, p) {}
+
+    void step(ImpactSolver<L> &s, double h, double share) override {
+        if (tracer.out)
+            tracer.step(s, h, share);
+        if (!delayed.rows.empty())
+            delayed.step(s, h, share);
+    }
+};
+
+// Speed and angle as the sensor shows them: eccentric wheel, lag as a filter or as a delay.
+template <class L> static Seen seen_wheel(const LogRun<L> &run, std::size_t row) {
+    const Drivetrain<double> &d = run.solver.model.drive;
+    const double *x = run.solver.state.x;
+    if (!run.delayed.rows.empty())
+        return run.delayed.rows[row];
+    Seen seen{0.0, sensors_wheel_speed<double>(d.sensors, d.effects, x[STATE_SPEED], x[STATE_ANGLE]),
+              sensors_wheel_angle<double>(d.sensors, d.effects, x[STATE_ANGLE])};
+    if constexpr (L::FULL) {
+        if (d.effects & EFFECT_SPEED_LAG) {
+            seen.speed = x[STATE_SPEED_FILTER];
+            seen.angle -= run.parameters.speed_lag_s * seen.speed;
+        }
+    }
+    return seen;
+}
+
+template <class L> static void write_row(const LogRun<L> &run, std::size_t row, const ImpactOutput &out, std::size_t at) {
+    const ImpactSolver<L> &s = run.solver;
+    const Parameters &p = run.parameters;
     const double *x = s.state.x;
     ImpactState<L> ds{};
     const ImpactPoint now = impact_derivative<L>(s.model, s.drive, s.mode, 0.0, s.state, ds);
-    double seen_speed = sensors_wheel_speed<double>(d.sensors, d.effects, x[STATE_SPEED], x[STATE_ANGLE]);
-    double seen_angle = sensors_wheel_angle<double>(d.sensors, d.effects, x[STATE_ANGLE]);
-    if constexpr (L::FULL) {
-        if (d.effects & EFFECT_SPEED_LAG) {
-            seen_speed = x[STATE_SPEED_FILTER];
-            seen_angle -= p.speed_lag_s * seen_speed;
-        }
-    }
-    const double gain = 1.0 + p.speed_gain_relative;
-    const double current = start ? now.i : x[STATE_CURRENT_TIME] / seconds, bus = start ? now.bus_v : x[STATE_BUS_TIME] / seconds;
+    const Seen seen = seen_wheel(run, row);
+    const double gain = 1.0 + p.speed_gain_relative, seconds = row > 0 ? run.reader.row_s(row) : 1.0;
+    const double current = row > 0 ? x[STATE_CURRENT_TIME] / seconds : now.i, bus = row > 0 ? x[STATE_BUS_TIME] / seconds : now.bus_v;
     const double values[IMPACT_COLUMN_COUNT] = {measured_current(p, current),
                                                 bus * (1.0 + p.supply_gain_relative),
                                                 x[STATE_SPEED],
-                                                seen_speed * gain,
+                                                seen.speed * gain,
                                                 x[STATE_ANGLE],
-                                                seen_angle * gain,
+                                                seen.angle * gain,
                                                 now.joint_nm,
                                                 x[L::ANVIL_ANGLE],
                                                 now.head_rad,
                                                 1e3 * now.x,
                                                 x[L::HAMMER_ANGLE],
-                                                start ? now.housing_nm : x[L::HOUSING_TIME] / seconds,
+                                                row > 0 ? x[L::HOUSING_TIME] / seconds : now.housing_nm,
                                                 x[L::ARM_ANGLE]};
     for (int n = 0; n < IMPACT_COLUMN_COUNT; ++n)
         out.columns[n][at] = values[n];
@@ -170,34 +229,27 @@ static void write_energy(const ImpactSolver<AuditLayout> &s, double *to) {
     std::copy(values, values + ENERGY_COUNT, to);
 }
 
-template <class L, bool EXACT> static void run_stretch(ImpactSolver<L> &s, double length_s, Tracer<L> *tracer) {
-    impact_go<L, EXACT>(s, length_s, [tracer](ImpactSolver<L> &at, double h, double share) {
-        if (tracer)
-            tracer->step(at, h, share);
-    });
-}
-
-template <class L, bool EXACT>
-static void run_row(ImpactSolver<L> &s, const LogInput &in, const Parameters &p, CommandReader &reader, std::size_t row, double &now_s,
-                    Tracer<L> *tracer) {
-    double left = reader.row_s(row);
+template <class L> static void run_row(LogRun<L> &run, std::size_t row) {
+    const LogInput &in = run.in;
+    ImpactSolver<L> &s = run.solver;
     Drive<double> &d = s.drive;
-    d.bus_v = in.bus_v.empty() ? 0.0 : in.bus_v[row] / (1.0 + p.supply_gain_relative);
+    double left = run.reader.row_s(row);
+    d.bus_v = in.bus_v.empty() ? 0.0 : in.bus_v[row] / (1.0 + run.parameters.supply_gain_relative);
     if (in.load_kind == LoadKind::TORQUE) {
         d.load_nm = in.load_nm[row - 1];
         d.load_rate = (in.load_nm[row] - in.load_nm[row - 1]) / left;
     }
     s.state.x[STATE_CURRENT_TIME] = s.state.x[STATE_BUS_TIME] = s.state.x[L::HOUSING_TIME] = 0.0;
     while (left > 0.0) {
-        const Stretch stretch = reader.next(row, now_s, left);
+        const Stretch stretch = run.reader.next(row, run.now_s, left);
         d.command = stretch.command;
         d.command_rate = stretch.command_rate;
         d.open = stretch.open;
         d.dead = stretch.switching ? s.model.drive.dead_share : 0.0;
-        d.time_s = now_s;
+        d.time_s = run.now_s;
         impact_new_stretch(s);
-        run_stretch<L, EXACT>(s, stretch.length_s, tracer);
-        now_s += stretch.length_s;
+        impact_run(s, stretch.length_s);
+        run.now_s += stretch.length_s;
         left -= stretch.length_s;
         left = left < 1e-12 * stretch.length_s ? 0.0 : left;
     }
@@ -211,32 +263,41 @@ struct ImpactJob {
     ImpactOutput *out;
 };
 
-template <class L, bool EXACT> static void run_tool(const ImpactJob &job, std::size_t batch_row, const Impact &model) {
+template <class L> static void prepare(LogRun<L> &run, const ImpactJob &job, std::size_t batch_row, const Impact &model) {
     const LogInput &in = *job.in;
     ImpactOutput &out = *job.out;
-    const Parameters p = parameters_from(job.theta + batch_row * PARAMETER_COUNT);
-    ImpactSolver<L> s{};
+    ImpactSolver<L> &s = run.solver;
     s.model = model;
-    s.tolerance = out.tolerance > 0.0 ? out.tolerance : (EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST);
+    s.tolerance = out.tolerance > 0.0 ? out.tolerance : (L::EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST);
     s.fixed_s = job.accuracy == ImpactAccuracy::FIXED ? out.fixed_s : 0.0;
     s.history = batch_row == 0 && out.keep_history ? &out.history : nullptr;
     s.drive.load_nm = in.load_kind == LoadKind::TORQUE ? in.load_nm[0] : 0.0;
     impact_start(s);
-    CommandReader reader(in, p);
-    Tracer<L> tracer{&out, in.time_s[0]};
-    double now_s = 0.0;
+    if (batch_row == 0 && !out.trace_s.empty())
+        run.tracer = {&out, in.time_s[0], run.reader.row_scale(), 0};
+    if (run.parameters.speed_lag_s > 0.0 && run.parameters.speed_lag_delay_form != 0.0)
+        run.delayed.prepare(in, run.reader.row_scale(), run.parameters.speed_lag_s);
+    s.observer = run.tracer.out || !run.delayed.rows.empty() ? &run : nullptr;
+}
+
+template <class L> static void run_tool(const ImpactJob &job, std::size_t batch_row, const Impact &model) {
+    const LogInput &in = *job.in;
+    ImpactOutput &out = *job.out;
+    LogRun<L> run(in, parameters_from(job.theta + batch_row * PARAMETER_COUNT));
+    prepare(run, job, batch_row, model);
     const std::size_t rows = in.time_s.size();
     for (std::size_t row = 0; row < rows; ++row) {
         if (row > 0)
-            run_row<L, EXACT>(s, in, p, reader, row, now_s, batch_row == 0 && !out.trace_s.empty() ? &tracer : nullptr);
-        write_row<L>(s, p, row > 0 ? reader.row_s(row) : 1.0, row == 0, out, batch_row * rows + row);
+            run_row(run, row);
+        write_row(run, row, out, batch_row * rows + row);
         if constexpr (L::AUDIT)
             if (batch_row == 0 && out.keep_energy)
-                write_energy(s, out.energy.data() + row * ENERGY_COUNT);
+                write_energy(run.solver, out.energy.data() + row * ENERGY_COUNT);
     }
+    ImpactSolver<L> &s = run.solver;
     blows_end(s.recorder, s.state.x[L::LUG_IMPULSE]);
     for (Blow &b : s.recorder.blows)
-        b.time_s += in.time_s[0];
+        b.time_s = in.time_s[0] + b.time_s / run.reader.row_scale();
     out.blows[batch_row] = std::move(s.recorder.blows);
     out.stats[batch_row] = s.stats;
 }
@@ -245,11 +306,11 @@ static void run_any(const ImpactJob &job, std::size_t batch_row) {
     const Parameters p = parameters_from(job.theta + batch_row * PARAMETER_COUNT);
     const Impact model = impact_from(p, job.in->load_kind, job.in->kind, !job.in->bus_v.empty(), job.command_peak);
     if (job.accuracy == ImpactAccuracy::REFERENCE)
-        run_tool<AuditLayout, true>(job, batch_row, model);
+        run_tool<AuditLayout>(job, batch_row, model);
     else if (impact_needs_full(model))
-        run_tool<FullLayout, false>(job, batch_row, model);
+        run_tool<FullLayout>(job, batch_row, model);
     else
-        run_tool<FastLayout, false>(job, batch_row, model);
+        run_tool<FastLayout>(job, batch_row, model);
 }
 
 static void check_log(const LogInput &in) {

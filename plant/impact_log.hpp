@@ -101,17 +101,6 @@ template <class L> VGROOVE_INLINE void impact_new_stretch(ImpactSolver<L> &s) {
 constexpr double IMPACT_TOLERANCE_REFERENCE = 1e-10;
 constexpr double IMPACT_TOLERANCE_FAST = 1e-4;
 
-// Runs a stretch in the solver's own mode. Only adaptive steps are EXACT.
-template <class L, bool EXACT, class Observe> VGROOVE_INLINE void impact_go(ImpactSolver<L> &s, double length_s, Observe &&observe) {
-    if constexpr (!EXACT) {
-        if (s.fixed_s > 0.0) {
-            impact_run_fixed<L>(s, length_s, observe);
-            return;
-        }
-    }
-    impact_run<L, EXACT>(s, length_s, observe);
-}
-
 }  // namespace vgroove
 
 #endif

@@ -40,7 +40,7 @@ struct ImpactBody {
 
 namespace {
 
-template <class L, bool EXACT> struct SolverBody final : ImpactBody {
+template <class L> struct SolverBody final : ImpactBody {
     ImpactSolver<L> solver{};
     std::size_t taken = 0;
 
@@ -53,7 +53,7 @@ template <class L, bool EXACT> struct SolverBody final : ImpactBody {
         d.load_nm = load_from_nm;
         d.load_rate = load_rate;
         impact_new_stretch(solver);
-        impact_go<L, EXACT>(solver, seconds, [](const ImpactSolver<L> &, double, double) {});
+        impact_run(solver, seconds);
     }
 
     void reset_means() override {
@@ -125,10 +125,10 @@ template <class L, bool EXACT> struct SolverBody final : ImpactBody {
     }
 };
 
-template <class L, bool EXACT> std::unique_ptr<ImpactBody> body_of(const Impact &m, double fixed_s) {
-    auto body = std::make_unique<SolverBody<L, EXACT>>();
+template <class L> std::unique_ptr<ImpactBody> body_of(const Impact &m, double fixed_s) {
+    auto body = std::make_unique<SolverBody<L>>();
     body->solver.model = m;
-    body->solver.tolerance = EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST;
+    body->solver.tolerance = L::EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST;
     body->solver.fixed_s = fixed_s;
     impact_start(body->solver);
     impact_refresh(body->solver);
@@ -142,9 +142,9 @@ ImpactPlant::ImpactPlant(const Parameters &p, LoadKind load, HallWheel wheel, st
     Impact m = impact_from(p, load, InputKind::DUTY, false, 1.0);
     m.drive.effects |= EFFECT_DEAD_TIME;
     if (accuracy == ImpactAccuracy::REFERENCE)
-        body_ = body_of<AuditLayout, true>(m, 0.0);
+        body_ = body_of<AuditLayout>(m, 0.0);
     else
-        body_ = impact_needs_full(m) ? body_of<FullLayout, false>(m, fixed_s) : body_of<FastLayout, false>(m, fixed_s);
+        body_ = impact_needs_full(m) ? body_of<FullLayout>(m, fixed_s) : body_of<FastLayout>(m, fixed_s);
     ImpactBody &b = *body_;
     b.parameters = p;
     b.wheel = std::move(wheel);

@@ -1,0 +1,441 @@
+// Steps of the impact mechanism's solver, compiled once for each layout of the state: attempts, switches, control of the step.
+#include <stdexcept>
+
+#include "impact_solver.hpp"
+
+namespace vgroove {
+
+template <class L> VGROOVE_INLINE double impact_error(const ImpactSolver<L> &self, double h, const ImpactState<L> &e) {
+    const Impact &m = self.model;
+    const double speed = 1.0 / m.drive.speed_scale, output = m.ratio * speed, angle = 1.0 / m.angle_scale;
+    double worst = max_of(std::fabs(e.x[STATE_CURRENT]) / m.drive.current_scale, std::fabs(e.x[STATE_SPEED]) * speed);
+    worst = max_of(worst, max_of(std::fabs(e.x[L::HAMMER_SPEED]), std::fabs(e.x[L::ANVIL_SPEED])) * output);
+    worst = max_of(worst, max_of(max_of(std::fabs(e.x[L::HAMMER_ANGLE]), std::fabs(e.x[L::ANVIL_ANGLE])), std::fabs(e.x[L::TWIST])) * angle);
+    if constexpr (L::FULL) {
+        worst = max_of(worst, max_of(std::fabs(e.x[L::OUTPUT_SPEED]) * output, std::fabs(e.x[L::COUPLER_TWIST]) * angle));
+        worst = max_of(worst, max_of(std::fabs(e.x[STATE_OUTPUT_SPEED]) * speed, std::fabs(e.x[STATE_TWIST]) * angle * m.ratio_inverse));
+        worst = max_of(worst, std::fabs(e.x[STATE_CURRENT_FILTER]) / m.drive.current_scale);
+        worst = max_of(worst, std::fabs(e.x[STATE_SPEED_FILTER]) * speed);
+    }
+    return h * worst / self.tolerance;
+}
+
+template <class L>
+VGROOVE_INLINE ImpactPoint impact_slope_inline(const ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds) {
+    ds = ImpactState<L>{};
+    return impact_derivative<L>(self.model, self.drive, self.mode, tau, s, ds);
+}
+
+// The same outside of steps, once in the program.
+template <class L>
+__attribute__((noinline)) ImpactPoint impact_slope(ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds) {
+    self.stats.derivatives += 1.0;
+    return impact_slope_inline(self, tau, s, ds);
+}
+
+template <class L> __attribute__((noinline)) void impact_attempt(ImpactSolver<L> &self, double h) {
+    constexpr int N = L::COUNT;
+    ImpactStep<L> &t = self.step;
+    const ImpactState<L> &y = self.state, &k1 = self.slope;
+    ImpactState<L> s;
+    for (int n = 0; n < N; ++n)
+        s.x[n] = y.x[n] + h * (1.0 / 5.0 * k1.x[n]);
+    impact_slope_inline(self, 0.2 * h, s, t.k2);
+    for (int n = 0; n < N; ++n)
+        s.x[n] = y.x[n] + h * (3.0 / 40.0 * k1.x[n] + 9.0 / 40.0 * t.k2.x[n]);
+    impact_slope_inline(self, 0.3 * h, s, t.k3);
+    for (int n = 0; n < N; ++n)
+        s.x[n] = y.x[n] + h * (44.0 / 45.0 * k1.x[n] - 56.0 / 15.0 * t.k2.x[n] + 32.0 / 9.0 * t.k3.x[n]);
+    impact_slope_inline(self, 0.8 * h, s, t.k4);
+    for (int n = 0; n < N; ++n)
+        s.x[n] =
+            y.x[n] + h * ((19372.0 / 6561.0 * k1.x[n] - 25360.0 / 2187.0 * t.k2.x[n]) + (64448.0 / 6561.0 * t.k3.x[n] - 212.0 / 729.0 * t.k4.x[n]));
+    impact_slope_inline(self, 8.0 / 9.0 * h, s, t.k5);
+    for (int n = 0; n < N; ++n)
+        s.x[n] = y.x[n] + h * ((9017.0 / 3168.0 * k1.x[n] - 355.0 / 33.0 * t.k2.x[n]) + (46732.0 / 5247.0 * t.k3.x[n] + 49.0 / 176.0 * t.k4.x[n]) -
+                               5103.0 / 18656.0 * t.k5.x[n]);
+    impact_slope_inline(self, h, s, t.k6);
+    for (int n = 0; n < N; ++n)
+        t.end.x[n] = y.x[n] + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * t.k3.x[n]) + (125.0 / 192.0 * t.k4.x[n] - 2187.0 / 6784.0 * t.k5.x[n]) +
+                                   11.0 / 84.0 * t.k6.x[n]);
+    t.end_point = impact_slope_inline(self, h, t.end, t.end_slope);
+    for (int n = 0; n < N; ++n)
+        s.x[n] = (71.0 / 57600.0 * k1.x[n] - 71.0 / 16695.0 * t.k3.x[n]) + (71.0 / 1920.0 * t.k4.x[n] - 17253.0 / 339200.0 * t.k5.x[n]) +
+                 (22.0 / 525.0 * t.k6.x[n] - 1.0 / 40.0 * t.end_slope.x[n]);
+    t.error = impact_error(self, h, s);
+    self.stats.derivatives += 6.0;
+}
+
+template <class L> VGROOVE_INLINE double impact_value_between(ImpactSolver<L> &self, double h, double share, int event) {
+    const ImpactState<L> s = impact_between(self, share);
+    ImpactState<L> ds;
+    const bool forces = impact_by_force(self.mode, event);
+    const ImpactPoint at = forces ? impact_slope(self, share * h, s, ds) : impact_sight<L>(self.model, self.drive, self.mode, share * h, s);
+    return impact_event_value<L>(self.model, self.mode, s, at, event);
+}
+
+// A switch that has been met by a share of the step, with its function there.
+struct ImpactMet {
+    double share, value;
+};
+
+// Share of the step just past the instant of a switch: Illinois on the interpolant, between low (not yet) and high (already).
+template <class L> VGROOVE_INLINE double impact_locate(ImpactSolver<L> &self, double h, int event, const ImpactMet &met, double width_s) {
+    double low = 0.0, high = met.share, g_high = met.value;
+    double g_low = impact_event_value<L>(self.model, self.mode, self.state, self.point, event);
+    int side = 0;
+    for (int n = 0; n < 40 && (high - low) * h > width_s; ++n) {
+        const double middle = low + (high - low) * (g_low / (g_low - g_high));
+        const double nudge = 0.4 * width_s / h;
+        double share = n % 4 == 3 ? 0.5 * (low + high) : middle + (side >= 0 ? nudge : -nudge);
+        share = share <= low || share >= high ? 0.5 * (low + high) : share;
+        const double g = impact_value_between(self, h, share, event);
+        if (g < 0.0) {
+            high = share;
+            g_high = g;
+            g_low = side < 0 ? 0.5 * g_low : g_low;
+            side = -1;
+        } else {
+            low = share;
+            g_low = g;
+            g_high = side > 0 ? 0.5 * g_high : g_high;
+            side = 1;
+        }
+    }
+    return high;
+}
+
+template <class L> VGROOVE_INLINE void impact_contact_begins(ImpactSolver<L> &self, ContactPlace place) {
+    impact_enter_contact(self.mode, place);
+    self.level_s = min_of(self.level_s, IMPACT_FIRST_CONTACT_S);
+    if (place != ContactPlace::FORWARD && place != ContactPlace::BACKWARD)
+        return;
+    self.mode.frozen = false;
+    const double closing = self.state.x[L::HAMMER_SPEED] - self.state.x[L::ANVIL_SPEED];
+    const bool forward = place == ContactPlace::FORWARD;
+    blows_begin(self.recorder, self.drive.time_s, self.mode.lug - (forward ? 0 : 1), forward ? closing : -closing,
+                max_of(self.model.lug_height_m - self.point.x, 0.0), self.state.x[L::LUG_IMPULSE]);
+}
+
+template <class L> VGROOVE_INLINE void impact_contact_ends(ImpactSolver<L> &self) {
+    if (self.mode.place == ContactPlace::FORWARD || self.mode.place == ContactPlace::BACKWARD)
+        blows_end(self.recorder, self.state.x[L::LUG_IMPULSE]);
+    self.mode.place = ContactPlace::NONE;
+}
+
+template <class L> VGROOVE_INLINE void impact_cross_height(ImpactSolver<L> &self) {
+    if (!self.mode.above) {
+        self.dropped_j += self.mode.place != ContactPlace::NONE ? contact_energy(self.model.contact, self.point.pen) : 0.0;
+        impact_contact_ends(self);
+        self.mode.above = true;
+        return;
+    }
+    impact_come_down(self.model, self.mode, impact_relative<L>(self.model, self.state));
+    if (self.mode.place == ContactPlace::TOP)
+        impact_contact_begins(self, ContactPlace::TOP);
+}
+
+// A shaft that has just come to rest, or breaks away: sticks, or slides the way it is driven.
+template <class L> VGROOVE_INLINE void impact_motor_rests(ImpactSolver<L> &self) {
+    self.mode.drive.slide = 0.0;
+    self.state.x[STATE_SPEED] = 0.0;
+    self.point = impact_slope(self, 0.0, self.state, self.slope);
+    const ImpactPoint &at = self.point;
+    self.mode.drive.slide = impact_sign(excess_over<double>(at.held_nm, at.hold_forward_nm, at.hold_backward_nm));
+}
+
+template <class L> VGROOVE_INLINE void impact_balls_rest(ImpactSolver<L> &self) {
+    self.mode.roll = 0.0;
+    self.state.x[L::HAMMER_SPEED] = impact_spindle_speed<L>(self.model, self.state);
+    self.point = impact_slope(self, 0.0, self.state, self.slope);
+    const double hold = self.model.groove.ball_arm * std::fabs(self.point.axial_n);
+    self.mode.roll = impact_sign(excess_over<double>(self.point.roll_needed_nm, hold, hold));
+}
+
+template <class L> VGROOVE_INLINE void impact_diode_switches(ImpactSolver<L> &self) {
+    if (self.mode.drive.diode != 0.0) {
+        self.mode.drive.diode = 0.0;
+        self.state.x[STATE_CURRENT] = 0.0;
+    } else {
+        self.mode.drive.diode = -impact_sign(self.state.x[STATE_SPEED]);
+    }
+}
+
+template <class L> VGROOVE_INLINE void impact_switch(ImpactSolver<L> &self, int event) {
+    ImpactMode &mode = self.mode;
+    switch (event) {
+    case IMPACT_FORWARD:
+        impact_contact_begins(self, ContactPlace::FORWARD);
+        break;
+    case IMPACT_BACKWARD:
+        impact_contact_begins(self, ContactPlace::BACKWARD);
+        break;
+    case IMPACT_STOP:
+        impact_contact_begins(self, ContactPlace::STOP);
+        break;
+    case IMPACT_HEIGHT:
+        impact_cross_height(self);
+        break;
+    case IMPACT_LEAVE:
+        impact_contact_ends(self);
+        break;
+    case IMPACT_TURN:
+        mode.approaching = !mode.approaching;
+        mode.ramped = self.point.pen > self.model.contact.ramp_m;
+        break;
+    case IMPACT_RAMP:
+        mode.ramped = !mode.ramped;
+        break;
+    case IMPACT_LAP:
+        self.dropped_j += contact_energy(self.model.contact, self.point.pen);
+        impact_enter_gap(self.model, mode, impact_relative<L>(self.model, self.state));
+        break;
+    case IMPACT_SLIP_FORWARD:
+    case IMPACT_SLIP_BACKWARD:
+        mode.slip = event == IMPACT_SLIP_FORWARD ? 1 : -1;
+        break;
+    case IMPACT_STICK:
+        mode.slip = 0;
+        break;
+    case IMPACT_SEGMENT_UP:
+        ++mode.segment;
+        break;
+    case IMPACT_SEGMENT_DOWN:
+        --mode.segment;
+        break;
+    case IMPACT_MOTOR:
+        impact_motor_rests(self);
+        break;
+    case IMPACT_DIODE:
+        impact_diode_switches(self);
+        break;
+    case IMPACT_ROLL:
+        impact_balls_rest(self);
+        break;
+    case IMPACT_AXIAL:
+        mode.axial_sign = -mode.axial_sign;
+        break;
+    default:
+        break;
+    }
+    self.stats.events += 1.0;
+    self.fresh = true;
+}
+
+template <class L> void impact_refresh(ImpactSolver<L> &self) {
+    for (int n = 0; n < IMPACT_SWITCHES_MAX; ++n) {
+        self.point = impact_slope(self, 0.0, self.state, self.slope);
+        const unsigned met = impact_met<L>(self.model, self.mode, impact_possible(self.model, self.mode, self.drive), self.state, self.point);
+        if (met == 0u)
+            break;
+        impact_switch(self, __builtin_ctz(met));
+    }
+    self.fresh = false;
+}
+
+// Anvil and joint have come to rest: their motion is left out until the next contact.
+template <class L> VGROOVE_INLINE void impact_freeze(ImpactSolver<L> &self) {
+    const bool struck = self.mode.place == ContactPlace::FORWARD || self.mode.place == ContactPlace::BACKWARD;
+    if (self.mode.frozen || struck || self.mode.slip != 0 || self.model.second_output)
+        return;
+    if (std::fabs(self.state.x[L::ANVIL_SPEED]) > FROZEN_SPEED_RAD_S || std::fabs(self.state.x[L::TWIST]) > FROZEN_TWIST_RAD)
+        return;
+    self.mode.frozen = true;
+    self.state.x[L::ANVIL_SPEED] = 0.0;
+    self.fresh = true;
+}
+
+template <class L> VGROOVE_INLINE void impact_accept(ImpactSolver<L> &self, double h, const ImpactState<L> &to) {
+    self.state = to;
+    self.drive.command += self.drive.command_rate * h;
+    self.drive.load_nm += self.drive.load_rate * h;
+    self.drive.time_s += h;
+    self.stats.steps += 1.0;
+}
+
+template <class L> VGROOVE_INLINE double impact_torque_rate(const ImpactSolver<L> &self) {
+    const Joint &j = self.model.joint;
+    return self.mode.slip == 0 ? j.stiffness * self.slope.x[L::TWIST] + j.damping * self.slope.x[L::ANVIL_SPEED] : 0.0;
+}
+
+// Rate of a switch's function, for those of free flight.
+template <class L> VGROOVE_INLINE double impact_event_rate(const ImpactSolver<L> &self, const ImpactState<L> &s, const ImpactPoint &at, int event) {
+    const double relative = s.x[L::HAMMER_SPEED] - s.x[L::ANVIL_SPEED];
+    switch (event) {
+    case IMPACT_FORWARD:
+        return -relative;
+    case IMPACT_BACKWARD:
+        return relative;
+    case IMPACT_HEIGHT:
+        return self.mode.above ? at.x_rate : -at.x_rate;
+    case IMPACT_STOP:
+        return -at.x_rate;
+    default:
+        return 0.0;
+    }
+}
+
+constexpr unsigned IMPACT_FLIGHT = impact_bit(IMPACT_FORWARD) | impact_bit(IMPACT_BACKWARD) | impact_bit(IMPACT_HEIGHT) | impact_bit(IMPACT_STOP);
+
+// Switches of free flight that are met and left again within the step: where their function turns.
+template <class L> VGROOVE_INLINE unsigned impact_grazed(const ImpactSolver<L> &self, unsigned candidates) {
+    unsigned turned = 0u;
+    for (unsigned left = candidates & IMPACT_FLIGHT; left != 0u; left &= left - 1u) {
+        const int event = __builtin_ctz(left);
+        if (impact_event_rate(self, self.state, self.point, event) < 0.0 && impact_event_rate(self, self.step.end, self.step.end_point, event) > 0.0)
+            turned |= 1u << event;
+    }
+    return turned;
+}
+
+// The earliest of the switches met at the end of the step just tried, or within it where they turned; its share of the step.
+template <class L>
+__attribute__((noinline)) int impact_earliest(ImpactSolver<L> &self, double h, unsigned met, unsigned turned, double width_s, double &share) {
+    impact_interpolate(self, h);
+    int event = -1;
+    share = 1.0;
+    for (unsigned left = met | turned; left != 0u; left &= left - 1u) {
+        const int candidate = __builtin_ctz(left);
+        ImpactMet at{1.0, impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, candidate)};
+        if (!(met & (1u << candidate))) {
+            const double from = impact_event_rate(self, self.state, self.point, candidate);
+            at.share = from / (from - impact_event_rate(self, self.step.end, self.step.end_point, candidate));
+            at.value = impact_value_between(self, h, at.share, candidate);
+            if (at.value >= 0.0)
+                continue;
+        }
+        const double found = impact_locate(self, h, candidate, at, width_s);
+        if (event < 0 || found < share) {
+            event = candidate;
+            share = found;
+        }
+    }
+    return event;
+}
+
+// The step just tried is taken up to a share of it; with a switch, slope and point are those of its instant.
+template <class L> VGROOVE_INLINE void impact_take(ImpactSolver<L> &self, double h, double share, int event) {
+    const double torque = self.point.joint_nm, rate = impact_torque_rate(self);
+    impact_accept(self, h * share, share == 1.0 ? self.step.end : impact_between(self, share));
+    if (self.history)
+        self.history->push_back({self.drive.time_s, h * share, event});
+    self.slope = self.step.end_slope;
+    self.point = self.step.end_point;
+    if (share != 1.0)
+        self.point = impact_sight<L>(self.model, self.drive, self.mode, 0.0, self.state);
+    if (self.recorder.any)
+        blows_torque(self.recorder, h * share, torque, rate, self.point.joint_nm, share == 1.0 ? impact_torque_rate(self) : 0.0);
+    if (event >= 0)
+        impact_switch(self, event);
+}
+
+// Step length that the error of the step just tried allows; a step cut short by the end of the stretch does not shorten it.
+template <class L> VGROOVE_INLINE void impact_adapt(ImpactSolver<L> &self, double h, double factor, bool switches) {
+    const double allowed = min_of(h * min_of(factor, 5.0), IMPACT_STEP_MAX_S);
+    const bool cut = h < 0.99 * self.level_s;
+    if (!switches && (!cut || allowed > self.level_s))
+        self.level_s = allowed;
+}
+
+template <class L> VGROOVE_INLINE void impact_observe(ImpactSolver<L> &self, double h, double share) {
+    if (self.observer)
+        self.observer->step(self, h, share);
+}
+
+template <class L> VGROOVE_INLINE void impact_run_adaptive(ImpactSolver<L> &self, double length_s) {
+    double left = length_s;
+    while (left > 0.0) {
+        if (self.fresh)
+            impact_refresh(self);
+        const double pieces = std::ceil(left / self.level_s - 1e-6);
+        double h = pieces > 1.0 ? left / pieces : left;
+        impact_attempt(self, h);
+        const double factor = 0.9 * std::pow(max_of(self.step.error, 1e-8), -0.2);
+        if (!(self.step.error <= 1.0)) {
+            self.level_s = h * max_of(factor, 0.2);
+            self.stats.rejected += 1.0;
+            if (h > IMPACT_STEP_MIN_S)
+                continue;
+            throw std::runtime_error("impact mechanism: the state is no longer finite");
+        }
+        double share = 1.0;
+        const unsigned possible = impact_possible(self.model, self.mode, self.drive);
+        const unsigned met = impact_met<L>(self.model, self.mode, possible, self.step.end, self.step.end_point);
+        const unsigned turned = impact_grazed(self, possible & ~met);
+        int event = (met | turned) != 0u ? impact_earliest(self, h, met, turned, L::EXACT ? 1e-12 : 1e-9, share) : -1;
+        impact_adapt(self, h, factor, event >= 0);
+        const bool to_end = pieces <= 1.0 && share == 1.0;
+        if (L::EXACT && event >= 0) {
+            h *= share;
+            share = 1.0;
+            impact_attempt(self, h);
+            if (impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, event) >= 0.0)
+                event = -1;
+        }
+        impact_observe(self, h, share);
+        left = to_end ? 0.0 : left - h * share;
+        impact_take(self, h, share, event);
+        if (!L::EXACT)
+            impact_freeze(self);
+    }
+}
+
+// Whether the next stretch of length h is stiff: a flank is touched or within reach, or the anvil still rings.
+template <class L> VGROOVE_INLINE bool impact_is_stiff(const ImpactSolver<L> &self, double h) {
+    const ImpactMode &mode = self.mode;
+    if (mode.place != ContactPlace::NONE || !mode.frozen)
+        return true;
+    if (mode.above)
+        return false;
+    const double relative = impact_relative<L>(self.model, self.state);
+    const double reach = 1.5 * h * std::fabs(self.state.x[L::HAMMER_SPEED] - self.state.x[L::ANVIL_SPEED]);
+    return mode.forward_rad - relative < reach || relative - mode.backward_rad < reach;
+}
+
+// One step without error control. At most two switches are located in it, those beyond are taken at its end.
+template <class L> VGROOVE_INLINE void impact_fixed_piece(ImpactSolver<L> &self, double h) {
+    for (int cut = 0; cut <= IMPACT_CUTS_MAX; ++cut) {
+        if (self.fresh)
+            impact_refresh(self);
+        impact_attempt(self, h);
+        const unsigned possible = impact_possible(self.model, self.mode, self.drive);
+        const unsigned met = impact_met<L>(self.model, self.mode, possible, self.step.end, self.step.end_point);
+        double share = 1.0;
+        const int event = met != 0u && cut < IMPACT_CUTS_MAX ? impact_earliest(self, h, met, 0u, 1e-8, share) : -1;
+        self.fresh = met != 0u;
+        impact_observe(self, h, share);
+        impact_take(self, h, share, event);
+        if (event < 0)
+            break;
+        h *= 1.0 - share;
+    }
+    impact_freeze(self);
+}
+
+// Steps of fixed_s with bounded work: one piece each in flight, pieces of at most IMPACT_PIECE_S where it is stiff.
+template <class L> VGROOVE_INLINE void impact_run_fixed(ImpactSolver<L> &self, double length_s) {
+    const int steps = static_cast<int>(std::ceil(length_s / self.fixed_s - 1e-6));
+    const double h = length_s / steps;
+    const int pieces = static_cast<int>(std::ceil(h / IMPACT_PIECE_S - 1e-6));
+    for (int step = 0; step < steps; ++step) {
+        const int count = impact_is_stiff(self, h) ? pieces : 1;
+        for (int n = 0; n < count; ++n)
+            impact_fixed_piece(self, h / count);
+    }
+}
+
+template <class L> __attribute__((flatten)) void impact_run(ImpactSolver<L> &self, double length_s) {
+    if (!L::EXACT && self.fixed_s > 0.0)
+        impact_run_fixed(self, length_s);
+    else
+        impact_run_adaptive(self, length_s);
+}
+
+template void impact_run<FastLayout>(ImpactSolver<FastLayout> &, double);
+template void impact_run<FullLayout>(ImpactSolver<FullLayout> &, double);
+template void impact_run<AuditLayout>(ImpactSolver<AuditLayout> &, double);
+template void impact_refresh<FastLayout>(ImpactSolver<FastLayout> &);
+template void impact_refresh<FullLayout>(ImpactSolver<FullLayout> &);
+template void impact_refresh<AuditLayout>(ImpactSolver<AuditLayout> &);
+
+}  // namespace vgroove
