@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from test_impact_plant import HARD, LOCKED, rig_with
 
+from test_impact_plant import HARD, LOCKED, rig_with
 from vgroove import _core as core
 from vgroove.rig import Rig
 
@@ -14,14 +14,15 @@ JOINTS = {
     "free": {"kind": "none"},
     "screw": {"kind": "wood_screw", "stiffness_nm_per_rad": 100, "damping_nm_s_per_rad": 0.3, "start_nm": 0.5, "end_nm": 6.0, "turns": 36,
               "seat_nm": 12.0, "seat_deg": 90, "stripped_ratio": 0.35, "from_turns": 34, "loosen_ratio": 0.6},
-    "discs": {"kind": "disc_spring", "stiffness_nm_per_rad": 3000, "damping_nm_s_per_rad": 0.3, "parallel": 4, "series": 42, "friction": 0.12,
-              "from_turns": 4, "run_torque_nm": 0.3},
+    "discs": {"kind": "disc_spring", "stiffness_nm_per_rad": 3000, "damping_nm_s_per_rad": 0.3, "parallel": 4, "series": 42,
+              "friction": 0.12, "from_turns": 4, "run_torque_nm": 0.3},
     "pendulum": {"kind": "pendulum", "mass_kg": 0.49, "length_m": 0.1},
     "torque": {"kind": "torque"},
 }
 # One size of each effect that acts on the motion, its off value being the default.
 EFFECTS = {
-    "supply_resistance": {"resistance_ohm": 0.05}, "supply_droop": {"volt_per_coulomb": 0.05, "polarisation_ohm": 0.03, "polarisation_s": 0.05},
+    "supply_resistance": {"resistance_ohm": 0.05},
+    "supply_droop": {"volt_per_coulomb": 0.05, "polarisation_ohm": 0.03, "polarisation_s": 0.05},
     "dead_time": {"dead_time_s": 1e-6}, "bridge_resistance": {"resistance_ohm": 0.02}, "winding_resistance": {"relative": 0.1},
     "winding_heating": {"kelvin_per_joule": 0.5, "cooling_s": 5.0}, "brush_drop": {"voltage_v": 0.5}, "inductance": {"relative": 0.2},
     "torque_constant": {"relative": -0.05}, "magnetic_saturation": {"saturation_a": 100.0}, "coulomb_friction": {"torque_nm": 0.01},
@@ -29,14 +30,17 @@ EFFECTS = {
     "quadratic_drag": {"nm_s2_per_rad2": 1e-8}, "asymmetric_friction": {"forward_nm": 0.01, "backward_nm": 0.0},
     "directional_viscous": {"nm_s_per_rad": 1e-5}, "cogging_torque": {"torque_nm": 0.02, "periods_per_rev": 6.0},
     "added_inertia": {"kg_m2": 2e-6}, "cold_grease": {"nm_s_per_rad": 2e-5, "time_s": 1.0}, "load_dependent_friction": {"relative": 0.1},
-    "gear_eccentricity": {"torque_nm": 0.01}, "coupler_compliance": {"stiffness_nm_per_rad": 2000.0, "damping_ratio": 0.5, "inertia_kg_m2": 2e-5},
+    "gear_eccentricity": {"torque_nm": 0.01},
+    "coupler_compliance": {"stiffness_nm_per_rad": 2000.0, "damping_ratio": 0.5, "inertia_kg_m2": 2e-5},
     "gear_backlash": {"play_rad": 0.01}, "groove_friction": {"coefficient": 0.1}, "spring_rate": {"relative": 0.1},
     "spring_preload": {"relative": 0.1}, "impact_damping": {"relative": 0.5}, "lug_wear": {"height_m": 5e-4},
-    "joint_stiffness": {"relative": -0.2}, "thread_friction": {"relative": 0.2}, "wood_knot": {"torque_nm": 20.0, "from_rad": 0.05, "to_rad": 0.08},
+    "joint_stiffness": {"relative": -0.2}, "thread_friction": {"relative": 0.2},
+    "wood_knot": {"torque_nm": 20.0, "from_rad": 0.05, "to_rad": 0.08},
 }
 
 
-def drive(rig: Rig, duty: np.ndarray, mode: str = "reference", coast: np.ndarray | None = None, load_nm: float = 5.0, **options: object) -> dict:
+def drive(rig: Rig, duty: np.ndarray, mode: str = "reference", coast: np.ndarray | None = None, load_nm: float = 5.0,
+          **options: object) -> dict:
     """The tool from rest, rows of 1 ms; a torque load is 5 N m unless told otherwise."""
     time_s = np.arange(duty.size) * 1e-3
     load = np.full(duty.size, load_nm) if rig.load["kind"] == "torque" else None
@@ -89,7 +93,8 @@ def test_housing_reaction_both_ways(effect: str | None) -> None:
     rig = rig.with_effects({effect: EFFECTS[effect]}) if effect else rig
     trace = drive(rig, np.full(300, 1.0), trace_s=np.linspace(0.0, 0.295, 20001))["trace"]
     assert np.max(np.abs(trace["housing_nm"])) > 3.0
-    np.testing.assert_allclose(trace["housing_nm"], trace["housing_momentum_nm"], rtol=0, atol=1e-9 * np.max(np.abs(trace["lug_torque_nm"])))
+    largest = np.max(np.abs(trace["lug_torque_nm"]))
+    np.testing.assert_allclose(trace["housing_nm"], trace["housing_momentum_nm"], rtol=0, atol=1e-9 * largest)
 
 
 def integral(time_s: np.ndarray, values: np.ndarray) -> float:
@@ -128,7 +133,8 @@ def ramped(rig: Rig, seconds: float, torque_nm: float, **options: object) -> tup
 def test_climb_and_release_torque() -> None:
     """Climbs at l F0 in the limit of a sharp vertex, releases at l (F0 + k h)."""
     lead, preload, rate, height = 4.4e-3, 220.0, 29400.0, 4.5e-3
-    rig = rig_with(LOCKED, mechanism__vertex_rad=1e-3, mechanism__hammer_start_rad=-1e-5, motor__coulomb_nm=0.0, motor__viscous_nm_s_per_rad=0.002)
+    rig = rig_with(LOCKED, mechanism__vertex_rad=1e-3, mechanism__hammer_start_rad=-1e-5, motor__coulomb_nm=0.0,
+                   motor__viscous_nm_s_per_rad=0.002)
     fine_s = np.linspace(0.0, 4.0, 40001)
     trace = ramped(rig, 4.0, 1.2 * lead * (preload + rate * height), trace_s=fine_s)[1]["trace"]
     torque, x = trace["anvil_torque_nm"], trace["hammer_m"]
@@ -166,7 +172,8 @@ def test_every_effect_acts_and_is_neutral_at_its_off_value(effect: str, mode: st
     rig = rig_with(JOINTS["slope 700"])
     duty = np.full(250, 0.9)
     plain, on = drive(rig, duty, mode), drive(rig.with_effects({effect: EFFECTS[effect]}), duty, mode)
-    changed = max(float(np.max(np.abs(on[name] - plain[name])) / np.max(np.abs(plain[name]))) for name in ("current_a", "speed_rad_s", "head_rad"))
+    names = ("current_a", "speed_rad_s", "head_rad")
+    changed = max(float(np.max(np.abs(on[name] - plain[name])) / np.max(np.abs(plain[name]))) for name in names)
     assert changed > 1e-3
     if effect not in AT_INFINITY:
         off = drive(rig.with_effects({effect: off_values(effect)}), duty, mode)
@@ -183,7 +190,8 @@ def test_sensor_effects_leave_the_tool_alone(effect: str) -> None:
     plain, on = drive(rig, duty, "fast"), drive(rig.with_effects({effect: SENSOR_EFFECTS[effect]}), duty, "fast")
     assert np.allclose(on["speed_rad_s"], plain["speed_rad_s"], rtol=1e-4, atol=0.1)
     i, w, v = (plain[name][0] for name in ("current_a", "speed_rad_s", "supply_v"))
-    expected = {"current_gain": ("current_a", 1.05 * i), "current_offset": ("current_a", i + 1.0), "current_saturation": ("current_a", np.minimum(i, 20.0)),
+    expected = {"current_gain": ("current_a", 1.05 * i), "current_offset": ("current_a", i + 1.0),
+                "current_saturation": ("current_a", np.minimum(i, 20.0)),
                 "speed_gain": ("speed_measured_rad_s", 1.02 * w), "supply_gain": ("supply_v", 0.99 * v)}
     if effect in expected:
         name, values = expected[effect]
@@ -197,7 +205,8 @@ def test_a_delayed_speed_is_the_speed_of_then() -> None:
     rig, duty = rig_with(JOINTS["slip 60"]), np.full(250, 0.9)
     late = rig.with_effects({"speed_lag": {"time_constant_s": 2.5e-3, "form": "delay"}, "hall_eccentricity": {"amplitude_rad": 0.05}})
     out = drive(late, duty, trace_s=np.maximum(np.arange(250) * 1e-3 - 2.5e-3, 0.0))
-    eccentric = out["trace"]["speed_rad_s"][3:-1] * (1 + 0.05 * np.cos(np.interp(np.arange(3, 249) - 2.5, np.arange(250), out["angle_rad"][0])))
+    angle = np.interp(np.arange(3, 249) - 2.5, np.arange(250), out["angle_rad"][0])
+    eccentric = out["trace"]["speed_rad_s"][3:-1] * (1 + 0.05 * np.cos(angle))
     np.testing.assert_allclose(out["speed_measured_rad_s"][0, 3:-1], eccentric, rtol=0.02, atol=1.0)
     assert np.all(out["speed_measured_rad_s"][0, :3] == 0.0)
 
