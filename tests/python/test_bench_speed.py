@@ -74,6 +74,13 @@ def test_peers_solve_the_references_equations(case: str, peers_derivative) -> No
     assert seen > 3000
 
 
+@pytest.mark.parametrize("case", SLIPPING)
+def test_reference_of_the_comparison_is_the_independent_one(case: str) -> None:
+    pytest.importorskip("numba", reason="numba is in the extra [bench]")
+    speed = importlib.import_module("vgroove.bench.impact_speed")
+    assert speed.reference_head(SLIPPING[case]) == pytest.approx(KEPT[case]["rows"][-1][8], rel=1e-6)
+
+
 def test_casadis_expression_is_the_same_function(peers_derivative) -> None:  # noqa: ANN001
     casadi = pytest.importorskip("casadi", reason="casadi is in the extra [bench]")
     y, p, rates = importlib.import_module("vgroove.bench.casadi_model").expression()
@@ -154,7 +161,7 @@ def test_missing_peers_are_named_with_how_to_install(monkeypatch: pytest.MonkeyP
     found, missing = solvers.load_peers()
     assert {m.name for m in missing} >= {"numbalsoda LSODA", "CasADi CVODES", "SciPy LSODA", "scikit-sundae CVODE"}
     assert all("install" in m.install for m in missing)
-    assert {p.name for p in found} <= {"plain C++ Euler", "plain C++ Euler at 2 us"}
+    assert {p.name for p in found} <= {"C++ Euler", "C++ Euler at 2 us"}
 
 
 def test_batch_tools_differ_and_are_the_same_for_a_seed() -> None:
@@ -201,5 +208,5 @@ def test_tables_show_figures_and_missing_peers() -> None:
     for table in tables.speed_tables(made_figures()):
         console.print(table)
     text = console.export_text()
-    for words in ("peer missing", "pip install casadi", "slipping at 60 N m", "2 us", "5.0 %", "1000.0", "10,000"):
+    for words in ("peer missing", "pip install casadi", "slip 60 N m", "2 us", "5.0 %", "1000.0", "10,000"):
         assert words in text, words

@@ -24,7 +24,7 @@ BUS_V = 18.0
 SLEW_PER_S = 6.0
 MOTOR = {"resistance_ohm": 0.19, "inductance_h": 1e-4, "torque_constant_nm_per_a": 0.0109, "inertia_kg_m2": 1.6e-5,
          "viscous_nm_s_per_rad": 4.5e-6, "coulomb_nm": 0.012}
-OWN, SENSITIVITIES = "vgroove, with the Hall column", "vgroove, sensitivities"
+OWN, SENSITIVITIES = "vgroove with Hall", "vgroove, sensitivities"
 GEARBOX = {"ratio": 5.6, "output_inertia_kg_m2": 6e-5}
 
 

@@ -10,8 +10,8 @@ Floats = npt.NDArray[np.float64]
 Run = Callable[[Floats, Floats, Floats, float], Floats]  # times (n,) at 1 kHz, start (8,), parameters, tolerance -> states (n, 8)
 
 RTOLS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 1e-7, 1e-8)
-NUMBALSODA, NUMBALSODA_RESTARTED = "numbalsoda LSODA", "numbalsoda LSODA, restarted each 1 ms"
-EULER, EULER_2_US = "plain C++ Euler", "plain C++ Euler at 2 us"
+NUMBALSODA, NUMBALSODA_RESTARTED = "numbalsoda LSODA", "numbalsoda, restarted"
+EULER, EULER_2_US = "C++ Euler", "C++ Euler at 2 us"
 STEPS_S = (1e-5, 5e-6, 2e-6, 1e-6, 5e-7, 2e-7, 1e-7)
 
 
@@ -74,7 +74,7 @@ def _euler(name: str, steps_s: tuple[float, ...]) -> Peer:
     return Peer(name, run, steps_s, "step_s")
 
 
-PIP = "pip install numba numbalsoda (its wheel or, from source, cmake and gfortran)"
+PIP = "pip install numba numbalsoda (from source: cmake, gfortran)"
 LOADERS: tuple[tuple[str, Callable[[], Peer], str], ...] = (
     (NUMBALSODA, _numbalsoda, PIP),
     (NUMBALSODA_RESTARTED, _numbalsoda_restarted, PIP),
