@@ -15,7 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does: 
 from vgroove.gap.diagnose import diagnose  # noqa: E402
 from vgroove.rig import read_rig  # noqa: E402
 
-HIDDEN = 1.05  # a retuned gap below this: stated tolerances explain the effect, `none` is what the contract asks for
+HIDDEN = 1.05  # a gap that retuning brings below this: stated tolerances explain the effect, `none` is what the contract asks for
 
 
 def judge(folder: Path) -> dict[str, Any]:
@@ -40,7 +40,7 @@ def score(label: dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
     right = kind == "effect" and len(named) == len(wanted) and all(any(i in ids for i in named) for ids in wanted)
     return {"right": right, "first": bool(named) and any(named[0] in ids for ids in wanted),
             "tie": kind == "ambiguous" and all(any(i in ids for i in rivals) for ids in wanted),
-            "hidden": kind == "none" and verdict["gap"]["retuned"] < HIDDEN}
+            "hidden": kind == "none" and verdict["gap"]["retuned"] < HIDDEN <= verdict["gap"]["before"]}
 
 
 def row(result: dict[str, Any]) -> str:
