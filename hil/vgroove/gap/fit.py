@@ -230,8 +230,11 @@ class Engine:
         return float(loss.sum() + ((x * one.hypothesis.prior) ** 2).sum())
 
     def _differentiate(self, fits: Sequence[Fit], fresh: bool = False) -> None:
-        """Forward differences, away from an upper bound, all hypotheses in one batch. What the tolerated keys do hardly hangs on the effects:
-        their columns are kept, unless they are wanted fresh, from the model without effects or where a step last failed."""
+        """Forward differences, away from an upper bound, all hypotheses in one batch.
+
+        What the tolerated keys do hardly hangs on the effects: the columns of the model without effects serve until a step fails, and are
+        made anew where they are wanted fresh.
+        """
         jobs, steps = [], []
         for one in fits:
             fitted = one.hypothesis.count if one.keys_known and not fresh else len(one.x)

@@ -12,6 +12,7 @@ from vgroove.gap import blocks, noise, states
 from vgroove.gap.blocks import Blocks
 from vgroove.gap.channels import RAD_S_TO_RPM, Channel, ForceChannel, Places, RowChannel, span_channel
 from vgroove.gap.columns import calmed, filled, held
+from vgroove.gap.dead import without_dead
 from vgroove.gap.edges import EdgePeriods, edge_periods, near_reversal
 from vgroove.gap.noise import RPM
 from vgroove.gap.regimes import regimes_of
@@ -50,7 +51,7 @@ class Run:
 
 def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     """Run of a log (time_s, columns) under a rig; VgrooveError when the input is missing or nothing is left to judge."""
-    log = on_its_clock(log, rig)
+    log = on_its_clock(without_dead(log, rig), rig)
     time_s = np.asarray(log.time_s, dtype=float)
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     source, warnings = str(getattr(log, "source", "log")), list(getattr(log, "warnings", []))

@@ -153,9 +153,11 @@ class Problem:
         return np.where(self.conditional & (residual == 0.0), np.nan, square)
 
     def gap(self, residual: np.ndarray, mask: np.ndarray | None = None) -> Any:
-        """RMS over the mask (default: judged) of residuals (n,) -> float or (B, n) -> (B,), each clipped at 10."""
+        """RMS over the mask (default: judged) of residuals (n,) -> float or (B, n) -> (B,), each clipped at 10; 0 where nothing counts."""
         mask = self.judged if mask is None else mask
-        value = np.sqrt(np.nanmean(self.squared(residual)[..., mask], axis=-1))
+        square = self.squared(residual)[..., mask]
+        counted = np.isfinite(square)
+        value = np.sqrt(np.where(counted, square, 0.0).sum(axis=-1) / np.maximum(counted.sum(axis=-1), 1))
         return float(value) if np.ndim(value) == 0 else value
 
     def gap_by_signal(self, residual: np.ndarray, mask: np.ndarray | None = None) -> dict[str, float]:

@@ -36,7 +36,7 @@ def decide(search: Search, best: Fit, rivals: list[Fit], left: locate.Structure,
     """The verdict from the selected set, its rivals and the structure of what remains."""
     bulk = closed_squared(search, best, floor)
     if not best.ids:
-        real = left.significant and search.score(best) > floor**2 * (1.0 + VISIBLE)
+        real = left.significant and search.score(best) > floor**2 * (1.0 + PATCHED)
         return Finding("unlisted" if real else "none", best, [], left, bulk)
     doubtful = left.significant and (imitates(search, best, bulk, floor) or patched(search, best, bulk, floor))
     lead = leading(search, best, floor) if doubtful else None
