@@ -1,10 +1,12 @@
 # The ELF for VGROOVE_MCU in the root of the build tree, its hex file beside it, and the target test of the golden vectors where it exists.
 set(VGROOVE_MCU atmega328p CACHE STRING "atmega328p or atmega2560")
-set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-sections -fdata-sections -fno-fat-lto-objects -mrelax)
+set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-sections -fdata-sections -fno-fat-lto-objects -mrelax -mstrict-X)
 
 add_executable(vgroove ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c hal/avr/main.c hal/avr/serial.c hal/avr/start.c)
-# What runs in interrupts is compiled for speed, the rest for size.
-set_source_files_properties(core/divide.c hal/avr/isr.c drivers/adc_sequence.c drivers/uart.c core/ring.c PROPERTIES COMPILE_OPTIONS -O2)
+# What runs in interrupts is compiled for speed, the rest for size; what runs seldom for still less.
+set_source_files_properties(hal/avr/isr.c drivers/adc_sequence.c drivers/uart.c core/ring.c PROPERTIES COMPILE_OPTIONS -O2)
+set_source_files_properties(app/calibrate.c app/execute.c app/param_command.c app/param_store.c telemetry/command.c drivers/hall_spacing.c
+  PROPERTIES COMPILE_OPTIONS -fno-inline-small-functions)
 target_include_directories(vgroove PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${build_hash_dir})
 target_compile_options(vgroove PRIVATE ${avr_flags})
 target_link_options(vgroove PRIVATE ${avr_flags} -Wl,--gc-sections -Wl,-Map=${CMAKE_BINARY_DIR}/vgroove.map)

@@ -94,27 +94,38 @@ static void note_lateness(App *self, uint8_t ticks_late) {
     self->faults.overrun = ticks_late > OVERRUN_FAULT_TICKS;
 }
 
-// Received bytes, a command, parameters to take over, the search for the index of the pitches, a second edge and a slow frame cost alike: one of them a
-// tick, and a slow frame that was held back goes first. True when the tick has done such work.
-static bool share_tick(App *self) {
-    const bool free = !self->slow_turn && !self->hall.searched;
-    const bool commands = free && execute_pending(self);
-    const bool configure = free && !commands && self->hall.new_edges == 0u && execute_parameters_pending(self);
-    if (commands) {
+// One piece of work that costs as much as a slow frame, if any waits.
+static bool slow_work(App *self) {
+    const bool no_edge = self->hall.new_edges == 0u;
+    if (execute_pending(self)) {
         execute_received(self);
-    } else if (configure) {
+    } else if (no_edge && execute_parameters_pending(self)) {
         execute_parameters_step(self);
+    } else if (no_edge && calibrate_pitch_due(self)) {
+        calibrate_pitch(self);
+    } else if (hall_speed_search_due(&self->hall)) {
+        hall_speed_search(&self->hall);
+    } else if (param_due(&self->params)) {
+        param_step(&self->params);
+    } else {
+        return false;
     }
+    return true;
+}
+
+// Such work, a second edge and a slow frame: one of them a tick. What was held back goes next: a slow frame, or whatever there is after two edges.
+static void share_tick(App *self) {
     const bool two_edges = self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
-    self->report.hold_slow = commands || configure || self->hall.searched || (free && two_edges);
-    return self->report.hold_slow;
+    self->two_edges = two_edges && !self->two_edges;
+    const bool worked = !self->two_edges && !self->slow_turn && slow_work(self);
+    self->report.hold_slow = worked || self->two_edges;
 }
 
 void app_tick(App *self, uint8_t ticks_late) {
     read_inputs(self);
     self->now_ms++;
     note_lateness(self, ticks_late);
-    const bool worked = share_tick(self);
+    share_tick(self);
     find_faults(self);
     find_standstill(self);
     if (self->calibration != TELEMETRY_CALIBRATE_WHAT_CANCEL) {
@@ -123,9 +134,6 @@ void app_tick(App *self, uint8_t ticks_late) {
     step_modes(self);
     h_bridge_stage(&self->bridge, drive_step(self));
     self->slow_turn = self->report.hold_slow && telemetry_slow_waits(&self->telemetry);
-    if (!worked) {
-        param_step(&self->params);
-    }
     report_tick(self);
     const uint16_t cycles = hal_tick_cycles((uint16_t)self->hall.now_cycles);
     if (cycles > self->worst_cycles) {

@@ -40,6 +40,7 @@ typedef struct {
     OpenLoop open_loop;
     Foldback foldback;
     CommandParser parser;
+    Command command;           // the last one received
     Telemetry telemetry;
     TelemetryInputs report;    // kept from tick to tick: most of it seldom changes
     uint8_t spare[TELEMETRY_TICK_BYTES_MAX];  // frames that the queue has no room for
@@ -59,6 +60,8 @@ typedef struct {
     uint8_t configure_step;    // see execute_parameters
     bool calibrated;
     bool hall_taken;           // pitches learned so far were within their range
+    bool command_waits;        // to be executed and acknowledged
+    bool two_edges;            // of this tick: they hold back all slow work for a tick
     bool slow_turn;            // a slow frame has been held back for other work: it goes first now
 } App;
 

@@ -20,9 +20,7 @@ bool calibrate_begin(App *app, uint8_t what) {
     app->trigger_least = UINT16_MAX;
     app->trigger_greatest = 0;
     current_sense_rest_begin(&app->current);
-    if (what == TELEMETRY_CALIBRATE_WHAT_HALL_PITCH) {
-        hall_speed_learn(&app->hall);
-    }
+    hall_speed_learn(&app->hall, what == TELEMETRY_CALIBRATE_WHAT_HALL_PITCH);
     return true;
 }
 
@@ -61,16 +59,15 @@ static void trigger_step(App *app) {
     execute_parameters(app);
 }
 
-// A pitch a tick without edges: each costs a division.
-static void hall_step(App *app) {
+bool calibrate_pitch_due(const App *app) {
+    return app->hall.learned && app->calibration == TELEMETRY_CALIBRATE_WHAT_HALL_PITCH;
+}
+
+INLINE_NEVER void calibrate_pitch(App *app) {
     const uint8_t k = (uint8_t)app->calibration_ticks;
-    if (!app->hall.learned || app->hall.new_edges > 0u) {
-        return;
-    }
     const uint8_t pitch = (uint8_t)(app->hall.reverse ? (HALL_SPACING_PITCHES - k) % HALL_SPACING_PITCHES : k);  // stored forwards
     const bool taken = param_set(&app->params, (ParamIndex)(PARAM_HALL_PITCH_0_Q15 + pitch), hall_spacing_share(&app->hall.spacing, k));
     app->hall_taken = taken && (k == 0u || app->hall_taken);
-    app->report.hold_slow = true;
     app->calibration_ticks++;
     if (app->calibration_ticks < HALL_SPACING_PITCHES) {
         return;
@@ -82,9 +79,6 @@ static void hall_step(App *app) {
 }
 
 INLINE_NEVER void calibrate_step(App *app) {
-    if (app->calibration == TELEMETRY_CALIBRATE_WHAT_HALL_PITCH) {
-        hall_step(app);
-    }
     if (app->modes.state != MODES_CALIBRATE) {
         return;
     }

@@ -10,6 +10,10 @@ bool calibrate_begin(App *app, uint8_t what);
 // Once a tick.
 void calibrate_step(App *app);
 
+// A learned Hall pitch waits to be taken over; one at a time, since each costs a division.
+bool calibrate_pitch_due(const App *app);
+void calibrate_pitch(App *app);
+
 // Whether the state machine has to hold CALIBRATE: the Hall pitches are learned while the user drives.
 bool calibrate_holds(const App *app);
 

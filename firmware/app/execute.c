@@ -26,7 +26,7 @@ static void configure_limits(App *app) {
 }
 
 static void configure_hall_pitch(App *app, uint8_t pitch) {
-    hall_speed_set_pitch(&app->hall, pitch, app->params.value[PARAM_HALL_PITCH_0_Q15 + pitch], (uint8_t)app->params.value[PARAM_HALL_PULSES]);
+    hall_speed_set_pitch(&app->hall, pitch, app->params.value[PARAM_HALL_PITCH_0_Q15 + pitch]);
 }
 
 // 0: limits, 1: trigger, 2: Hall, 3..6: its pitches
@@ -104,24 +104,25 @@ static uint8_t execute(App *app, const Command *command) {
 }
 
 INLINE_NEVER static void answer(App *app) {
-    Command command;
-    if (!command_step(&app->parser, &command)) {
-        return;
+    if (app->command.fresh) {
+        app->command.result = execute(app, &app->command);
     }
-    if (command.fresh) {
-        command.result = execute(app, &command);
-    }
-    command_answered(&app->parser, &command, &app->telemetry);
+    command_answered(&app->parser, &app->command, &app->telemetry);
+    app->command_waits = false;
 }
 
 bool execute_pending(const App *app) {
-    return !telemetry_ack_waits(&app->telemetry) && (!command_wants(&app->parser) || uart_received(&app->uart));
+    return !telemetry_ack_waits(&app->telemetry) && (app->command_waits || !command_wants(&app->parser) || uart_received(&app->uart));
 }
 
 void execute_received(App *app) {
     uint8_t byte = 0;
-    if (!command_wants(&app->parser)) {
+    if (app->command_waits) {
         answer(app);
+        return;
+    }
+    if (!command_wants(&app->parser)) {
+        app->command_waits = command_step(&app->parser, &app->command);
         return;
     }
     for (uint8_t k = BYTES_A_TICK; k > 0u && command_wants(&app->parser) && uart_receive(&app->uart, &byte); k--) {

@@ -25,8 +25,7 @@ static int16_t magnitude(int16_t value) {
 // |i| * 0.5 ohm > |duty| Vs: the reference motor has 0.29 ohm standing, 10 ohm turning freely and 0.6 ohm at 30 A (physics.md).
 INLINE_NEVER bool faults_draws_like_standing(const Measurement *m, int16_t compare) {
     const uint32_t current_ma = ((uint32_t)(uint16_t)magnitude(m->current_a_q9) * 1000u) >> 9;
-    const uint32_t terminal_mv = (uint32_t)m->supply_mv * (uint16_t)magnitude(compare) / HAL_COMPARE_MAX;
-    return current_ma > 2u * terminal_mv;
+    return current_ma * HAL_COMPARE_MAX > 2u * ((uint32_t)m->supply_mv * (uint16_t)magnitude(compare));
 }
 
 static uint8_t find_no_edge(Faults *self, const Measurement *m, uint16_t stall_ms, int16_t compare, bool new_edge) {

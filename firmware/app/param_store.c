@@ -11,7 +11,7 @@
 #define VALUES_AT 4u
 #define CRC_AT (VALUES_AT + 2u * PARAM_COUNT)
 #define SLOT_BYTES (CRC_AT + 2u)
-#define SKIPS_A_TICK 4u  // bytes that already read as they should, looked at in one tick
+#define SKIPS_A_TICK 2u  // bytes that already read as they should, looked at in one tick
 
 // Steps of a write: the version is voided, then bytes 1..SLOT_BYTES-1, then the version.
 #define STEP_VOID 1u
@@ -180,8 +180,12 @@ static bool write_step(ParamStore *self) {
     return write_byte(self, at, byte);
 }
 
+bool param_due(const ParamStore *self) {
+    return self->step != 0u && hal_eeprom_ready();
+}
+
 void param_step(ParamStore *self) {
-    if (self->step == 0u || !hal_eeprom_ready()) {
+    if (!param_due(self)) {
         return;
     }
     for (uint8_t k = 0; k < SKIPS_A_TICK; k++) {

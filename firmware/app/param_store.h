@@ -45,7 +45,10 @@ void param_load(ParamStore *self);
 // Sets a value and saves the set; false and no change when it is out of range. A save in progress starts over.
 bool param_set(ParamStore *self, ParamIndex index, int32_t value);
 
-// Once a tick: writes the next byte when the EEPROM is ready.
+// A byte waits to be written, and the EEPROM is ready for it.
+bool param_due(const ParamStore *self);
+
+// Writes the next byte when it is due; once a tick.
 void param_step(ParamStore *self);
 
 bool param_saving(const ParamStore *self);

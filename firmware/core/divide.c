@@ -85,3 +85,10 @@ uint16_t divide_u16(uint32_t dividend, uint32_t divisor) {
     }
     return (uint16_t)(dividend >> BITS) >= (uint16_t)divisor ? UINT16_MAX : quotient(dividend, (uint16_t)divisor);
 }
+
+uint32_t divide_u32(uint32_t dividend, uint16_t divisor) {
+    const uint16_t top = (uint16_t)(dividend >> BITS);
+    const uint16_t high = top < divisor ? 0u : divide_u16(top, divisor);
+    const uint16_t rest = (uint16_t)(top - (uint32_t)high * divisor);
+    return ((uint32_t)high << BITS) | divide_u16(((uint32_t)rest << BITS) | (uint16_t)dividend, divisor);
+}

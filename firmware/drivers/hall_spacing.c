@@ -4,11 +4,13 @@
 #include "core/divide.h"
 
 #define UNIT_SHIFT 8u              // cycles of a period in 1/256: a round of up to 1 s stays below 2^16
-#define WHOLE_BITS 17u             // so that a part times 2^15 fits 32 bits
 #define LEARN_SHIFT 4u             // while learning: periods of up to 65 ms
 #define STEADY_SHIFT 5u            // two rounds agree within 1/32: an even speed
 #define CLEAR_RATIO 2u             // the best phase fits twice as well as the next
 #define UNEVEN_LEAST_Q15 164       // 0.5 %: pitches closer than this to a quarter need no index
+
+// Steps of a search: the round that is wanted, then a phase each; then it is over, until a new round begins.
+enum { SEARCH_NONE, SEARCH_WANTED, SEARCH_PHASES, SEARCH_OVER = SEARCH_PHASES + HALL_SPACING_PITCHES };
 
 void hall_spacing_forget(HallSpacing *self) {
     self->last_round = 0;  // no round is steady after it: sums begin anew with the next
@@ -16,6 +18,7 @@ void hall_spacing_forget(HallSpacing *self) {
     self->rounds = 0;
     self->phase = HALL_SPACING_UNKNOWN;
     self->learning = false;
+    self->step = SEARCH_NONE;
 }
 
 void hall_spacing_learn(HallSpacing *self) {
@@ -29,50 +32,58 @@ static bool steady(const HallSpacing *self) {
     return longer - shorter <= longer >> STEADY_SHIFT;
 }
 
+// A round at another speed than the one before takes the sums with it.
 static void learn_round(HallSpacing *self) {
-    const bool even = steady(self);
-    for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
-        self->sum[k] = even ? self->sum[k] + self->round[k] : 0u;
+    if (steady(self)) {
+        self->rounds++;
+        return;
     }
-    self->rounds = (uint8_t)(even ? self->rounds + 1u : 0u);
+    self->rounds = 0;
+    for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
+        self->sum[k] = 0;
+    }
+}
+
+// An edge that passes while the round is searched.
+static void pass(HallSpacing *self) {
+    self->at = (uint8_t)((self->at + 1u) % HALL_SPACING_PITCHES);
+    if (self->at == 0u && self->step == SEARCH_OVER) {
+        self->step = SEARCH_NONE;
+    }
+}
+
+static uint16_t at_most_u16(uint32_t value) {
+    return value > UINT16_MAX ? UINT16_MAX : (uint16_t)value;
 }
 
 bool hall_spacing_period(HallSpacing *self, uint32_t cycles) {
-    const uint32_t unit = self->learning ? cycles >> LEARN_SHIFT : cycles >> UNIT_SHIFT;  // no variable shift: a loop on the AVR
-    self->round[self->at] = unit > UINT16_MAX ? UINT16_MAX : (uint16_t)unit;
+    if (self->step != SEARCH_NONE) {
+        pass(self);
+        return false;
+    }
+    if (self->learning) {
+        self->sum[self->at] += at_most_u16(cycles >> LEARN_SHIFT);  // no variable shift: a loop on the AVR
+    } else {
+        self->round[self->at] = at_most_u16(cycles >> UNIT_SHIFT);
+    }
     self->this_round = self->at == 0u ? cycles : self->this_round + cycles;
     self->at = (uint8_t)((self->at + 1u) % HALL_SPACING_PITCHES);
     if (self->at != 0u) {
         return false;
     }
-    if (self->learning) {
-        learn_round(self);
+    if (!self->learning) {
+        self->step = SEARCH_WANTED;
+        return false;
     }
+    learn_round(self);
     self->last_round = self->this_round;
-    return self->learning && self->rounds >= HALL_SPACING_ROUNDS;
+    return self->rounds >= HALL_SPACING_ROUNDS;
 }
 
+// Q15: the part has at most 22 bits and takes 10 more; the whole gives up the other 5, and has at least 13 left at the fastest edges.
 int16_t hall_spacing_share(const HallSpacing *self, uint8_t pitch) {
-    uint32_t whole = self->sum[0] + self->sum[1] + self->sum[2] + self->sum[3];
-    uint32_t part = self->sum[pitch % HALL_SPACING_PITCHES];
-    while (whole >> WHOLE_BITS != 0u) {
-        whole >>= 1;
-        part >>= 1;
-    }
-    return (int16_t)divide_u16((part << 15) + whole / 2u, whole);
-}
-
-// How far the round is from the learned one turned by `phase` pitches.
-static uint32_t misfit(const HallSpacing *self, const uint16_t wanted[HALL_SPACING_PITCHES], uint8_t phase, bool reverse) {
-    uint32_t sum = 0;
-    uint8_t pitch = phase;
-    for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
-        const uint16_t want = wanted[pitch % HALL_SPACING_PITCHES];
-        const uint16_t got = self->round[k];
-        sum += want > got ? (uint16_t)(want - got) : (uint16_t)(got - want);
-        pitch = (uint8_t)(reverse ? pitch - 1u : pitch + 1u);
-    }
-    return sum;
+    const uint32_t whole = (self->sum[0] + self->sum[1] + self->sum[2] + self->sum[3]) >> 5;
+    return (int16_t)divide_u16((self->sum[pitch] << 10) + whole / 2u, whole);
 }
 
 bool hall_spacing_uneven(const int16_t share_q15[HALL_SPACING_PITCHES]) {
@@ -85,25 +96,76 @@ bool hall_spacing_uneven(const int16_t share_q15[HALL_SPACING_PITCHES]) {
     return false;
 }
 
-uint8_t hall_spacing_find(HallSpacing *self, const int16_t share_q15[HALL_SPACING_PITCHES], bool reverse) {
-    uint32_t best = UINT32_MAX;
-    uint32_t next = UINT32_MAX;
-    uint8_t found = HALL_SPACING_UNKNOWN;
+bool hall_spacing_search_due(const HallSpacing *self) {
+    return self->step != SEARCH_NONE && self->step != SEARCH_OVER;
+}
+
+// A round that edges have begun already is let pass.
+static void end_search(HallSpacing *self) {
+    self->step = self->at == 0u ? SEARCH_NONE : SEARCH_OVER;
+}
+
+static void begin_search(HallSpacing *self, const int16_t share_q15[HALL_SPACING_PITCHES]) {
+    const bool clear = steady(self) && self->this_round >> UNIT_SHIFT <= UINT16_MAX;
+    self->last_round = self->this_round;
+    self->best = UINT32_MAX;
+    self->next = UINT32_MAX;
+    self->step = SEARCH_PHASES;
+    if (!clear) {
+        self->phase = HALL_SPACING_UNKNOWN;
+        end_search(self);
+        return;
+    }
+    const uint16_t whole = (uint16_t)(self->this_round >> UNIT_SHIFT);
+    for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
+        self->wanted[k] = (uint16_t)(((uint32_t)whole * (uint16_t)(2 * share_q15[k])) >> 16);
+    }
+}
+
+// How far the round is from the learned one turned by `phase` pitches.
+static uint32_t misfit(const HallSpacing *self, uint8_t phase, bool reverse) {
+    uint32_t sum = 0;
+    uint8_t pitch = phase;
+    for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
+        const uint16_t want = self->wanted[pitch % HALL_SPACING_PITCHES];
+        const uint16_t got = self->round[k];
+        sum += want > got ? (uint16_t)(want - got) : (uint16_t)(got - want);
+        pitch = (uint8_t)(reverse ? pitch - 1u : pitch + 1u);
+    }
+    return sum;
+}
+
+static void try_phase(HallSpacing *self, uint8_t phase, bool reverse) {
+    const uint32_t fit = misfit(self, phase, reverse);
+    if (fit < self->best) {
+        self->next = self->best;
+        self->best = fit;
+        self->found = phase;
+    } else if (fit < self->next) {
+        self->next = fit;
+    }
+}
+
+// The pitch that runs now, `at` pitches after the round.
+static uint8_t conclude(HallSpacing *self, bool reverse) {
     const uint8_t before = self->phase;
-    self->phase = HALL_SPACING_UNKNOWN;
-    if (!hall_spacing_uneven(share_q15) || !steady(self) || self->this_round >> UNIT_SHIFT > UINT16_MAX) {
+    const uint8_t passed = (uint8_t)(reverse ? HALL_SPACING_PITCHES - self->at : self->at);
+    const uint8_t now = (uint8_t)((uint8_t)(self->found + passed) % HALL_SPACING_PITCHES);
+    const bool clear = self->best * CLEAR_RATIO < self->next;
+    self->phase = clear ? self->found : HALL_SPACING_UNKNOWN;
+    return clear && self->phase == before ? now : HALL_SPACING_UNKNOWN;
+}
+
+uint8_t hall_spacing_search(HallSpacing *self, const int16_t share_q15[HALL_SPACING_PITCHES], bool reverse) {
+    if (self->step == SEARCH_WANTED) {
+        begin_search(self, share_q15);
         return HALL_SPACING_UNKNOWN;
     }
-    uint16_t wanted[HALL_SPACING_PITCHES];
-    for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
-        wanted[k] = (uint16_t)(((uint32_t)(uint16_t)(self->this_round >> UNIT_SHIFT) * (uint16_t)(2 * share_q15[k])) >> 16);
+    try_phase(self, (uint8_t)(self->step - SEARCH_PHASES), reverse);
+    self->step++;
+    if (self->step < SEARCH_OVER) {
+        return HALL_SPACING_UNKNOWN;
     }
-    for (uint8_t phase = 0; phase < HALL_SPACING_PITCHES; phase++) {
-        const uint32_t fit = misfit(self, wanted, phase, reverse);
-        next = fit < best ? best : (fit < next ? fit : next);
-        found = fit < best ? phase : found;
-        best = fit < best ? fit : best;
-    }
-    self->phase = best * CLEAR_RATIO < next ? found : HALL_SPACING_UNKNOWN;
-    return self->phase == before ? self->phase : HALL_SPACING_UNKNOWN;
+    end_search(self);
+    return conclude(self, reverse);
 }

@@ -5,34 +5,48 @@
 #include "core/inline.h"
 #include "hal/hal.h"
 
-// rpm Q1 = 2 * 60 s/min * f_cpu * pitch / period, pitch in turns = 4 * share Q15 / 2^15 / pulses.
+// rpm Q1 = 2 * 60 s/min * f_cpu * pitch / period, pitch in turns = 4 * share Q15 / 2^15 / pulses, 1 / pulses when it is an equal one.
 #define FACTOR_OF_TURN ((uint32_t)2 * 60u * HAL_CPU_HZ)                // 1.92e9 < 2^32
-#define FACTOR_OF_SHARE (HALL_SPEED_PITCHES * (FACTOR_OF_TURN >> 15))  // a share of 2^-15, without its fraction ...
-#define FACTOR_REST (HALL_SPEED_PITCHES * (FACTOR_OF_TURN & 0x7FFFu))  // ... and that fraction times 2^15
+#define SHARE_BITS 13u  // of an equal pitch, HALL_SPEED_PITCH_EQUAL_Q15
 #define SPEED_MAX_Q1 INT16_MAX
 #define CYCLES_PER_MS (HAL_CPU_HZ / 1000u)
 #define DOUBLE_RATIO 4u           // an edge after less than a quarter of the last period is a second edge of the same magnet
 #define STEADY_SHIFT 3u           // the last two periods agree within an eighth
 #define MISSED_RATIO 11u          // times the least: below 2,979 rpm the drive can really halve its speed within a pitch
 
-static uint32_t factor_of_share(int16_t share_q15, uint8_t pulses) {
+// The factor of a pitch is to that of an equal one as their shares: in two parts, since the product has 45 bits.
+static uint32_t factor_of_share(uint32_t factor_equal, int16_t share_q15) {
     const uint32_t share = (uint16_t)share_q15;
-    return (share * FACTOR_OF_SHARE + ((share * FACTOR_REST) >> 15)) / pulses;
+    return (factor_equal >> SHARE_BITS) * share + (((factor_equal & (HALL_SPEED_PITCH_EQUAL_Q15 - 1u)) * share) >> SHARE_BITS);
+}
+
+static void restart_spacing(HallSpeed *self) {
+    if (self->spacing.learning) {
+        hall_spacing_learn(&self->spacing);
+    } else {
+        hall_spacing_forget(&self->spacing);
+    }
+}
+
+// A wrong index is worse than none: where the count of the edges may have slipped it is found anew.
+static void doubt_index(HallSpeed *self) {
+    self->index_known = false;
+    restart_spacing(self);
 }
 
 void hall_speed_configure(HallSpeed *self, uint8_t pulses, uint16_t timeout_ms) {
     self->timeout_cycles = (uint32_t)timeout_ms * CYCLES_PER_MS;
-    self->index_known = false;
-    hall_spacing_forget(&self->spacing);
-    self->factor_equal = FACTOR_OF_TURN / pulses;
+    doubt_index(self);
+    self->factor_equal = divide_u32(FACTOR_OF_TURN, pulses);
     self->least_cycles = self->factor_equal >> 16;
     self->fast_cycles = self->least_cycles * MISSED_RATIO;
 }
 
-void hall_speed_set_pitch(HallSpeed *self, uint8_t pitch, int16_t share_q15, uint8_t pulses) {
+void hall_speed_set_pitch(HallSpeed *self, uint8_t pitch, int16_t share_q15) {
+    doubt_index(self);  // no search sees one half of the old pitches and one of the new
     self->share_q15[pitch % HALL_SPEED_PITCHES] = share_q15;
     self->uneven = hall_spacing_uneven(self->share_q15);
-    self->factor[pitch % HALL_SPEED_PITCHES] = factor_of_share(share_q15, pulses);
+    self->factor[pitch % HALL_SPEED_PITCHES] = factor_of_share(self->factor_equal, share_q15);
 }
 
 static uint32_t factor_at(const HallSpeed *self, uint8_t index) {
@@ -68,40 +82,28 @@ static bool is_missed(const HallSpeed *self, uint32_t period) {
     return change <= last >> STEADY_SHIFT && period > 2u * last - last / 4u && period < 2u * last + last / 4u;
 }
 
-void hall_speed_learn(HallSpeed *self) {
+void hall_speed_learn(HallSpeed *self, bool learning) {
     self->learned = false;
-    hall_spacing_learn(&self->spacing);
-}
-
-static void restart_spacing(HallSpeed *self) {
-    if (self->spacing.learning) {
-        hall_spacing_learn(&self->spacing);
-    } else {
-        hall_spacing_forget(&self->spacing);
-    }
-}
-
-// A wrong index is worse than none: where the count of the edges may have slipped it is found anew.
-static void doubt_index(HallSpeed *self) {
-    self->index_known = false;
-    self->search_due = false;
+    self->spacing.learning = learning;
     restart_spacing(self);
 }
 
 // Feeds the pitch finder; once the index is known there is nothing left to find.
 static void note_period(HallSpeed *self, uint32_t period) {
-    if (self->learned || (!self->spacing.learning && (self->index_known || !self->uneven))) {
+    if (!self->spacing.learning && (self->learned || self->index_known || !self->uneven)) {
         return;
     }
     self->learned = hall_spacing_period(&self->spacing, period);
-    self->search_due = self->spacing.at == 0u && !self->spacing.learning;
+    self->spacing.learning = self->spacing.learning && !self->learned;
 }
 
-// In a tick without edges, which has the time, and before the next edge changes the round.
-INLINE_NEVER static void search_index(HallSpeed *self) {
-    self->search_due = false;
-    self->searched = true;
-    const uint8_t found = hall_spacing_find(&self->spacing, self->share_q15, self->reverse);
+// The division of an edge by a long period leaves no time for it; fast edges, which may come in every tick, do.
+bool hall_speed_search_due(const HallSpeed *self) {
+    return hall_spacing_search_due(&self->spacing) && (self->new_edges == 0u || self->period_cycles <= UINT16_MAX);
+}
+
+INLINE_NEVER void hall_speed_search(HallSpeed *self) {
+    const uint8_t found = hall_spacing_search(&self->spacing, self->share_q15, self->reverse);
     if (found != HALL_SPACING_UNKNOWN) {
         self->index = found;
         self->index_known = true;
@@ -145,7 +147,6 @@ static void take_edge(HallSpeed *self, uint32_t edge, HallSpeedResult *result) {
 static void take_edges(HallSpeed *self, HallSpeedResult *result) {
     const uint16_t now = (uint16_t)self->now_cycles;
     self->new_edges = 0;
-    self->searched = false;
     while (ring_count_words(&self->stamps) > 0u) {
         const uint16_t age = (uint16_t)(now - ring_peek_word(&self->stamps));
         if (age > INT16_MAX) {
@@ -210,9 +211,6 @@ HallSpeedResult hall_speed_tick(HallSpeed *self) {
     self->now_cycles += HAL_CYCLES_PER_TICK;
     take_edges(self, &result);
     update(self);
-    if (self->search_due && self->new_edges == 0u) {
-        search_index(self);
-    }
     uint16_t magnitude = self->magnitude_rpm_q1;
     if (magnitude > SPEED_MAX_Q1) {
         magnitude = SPEED_MAX_Q1;

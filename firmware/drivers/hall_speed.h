@@ -36,8 +36,6 @@ typedef struct {
     bool edge_known;              // edge_factor counts, otherwise all pitches are equal
     bool uneven;                  // the pitches differ: worth finding the index
     bool learned;                 // hall_spacing has a result
-    bool search_due;              // a round of four is complete
-    bool searched;                // in this tick the index was looked for, which takes time
     int16_t share_q15[HALL_SPEED_PITCHES];
     HallSpacing spacing;
     bool reverse;                 // sign, set at standstill
@@ -53,9 +51,9 @@ typedef struct {
     bool overflowed;
 } HallSpeedResult;
 
-// A freshly zeroed HallSpeed is one at rest. pulses: edges a turn.
+// A freshly zeroed HallSpeed is one at rest. pulses: edges a turn; the pitches are to be set after it.
 void hall_speed_configure(HallSpeed *self, uint8_t pulses, uint16_t timeout_ms);
-void hall_speed_set_pitch(HallSpeed *self, uint8_t pitch, int16_t share_q15, uint8_t pulses);
+void hall_speed_set_pitch(HallSpeed *self, uint8_t pitch, int16_t share_q15);
 HallSpeedResult hall_speed_tick(HallSpeed *self);
 
 // No edge within the time-out.
@@ -67,8 +65,12 @@ uint16_t hall_speed_last_rpm_q1(const HallSpeed *self);
 // One Hall gives no sign: it is that of the drive, and is taken over at standstill only. False while the shaft turns.
 bool hall_speed_set_reverse(HallSpeed *self, bool reverse);
 
-// From now on the pitches are learned; `learned` says when their shares are there. It needs 256 edges at an even speed.
-void hall_speed_learn(HallSpeed *self);
+// From now on the pitches are learned, or no longer; `learned` says when their shares are there. It needs 256 edges at an even speed.
+void hall_speed_learn(HallSpeed *self, bool learning);
+
+// The index of uneven pitches is wanted: a step of its search, for a tick that has the time.
+bool hall_speed_search_due(const HallSpeed *self);
+void hall_speed_search(HallSpeed *self);
 
 // Interrupt.
 void hall_speed_on_edge(HallSpeed *self, uint16_t stamp);

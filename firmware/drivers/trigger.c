@@ -1,6 +1,7 @@
 // Trigger and switches, see trigger.h.
 #include "drivers/trigger.h"
 
+#include "core/divide.h"
 #include "hal/hal.h"
 
 #define FACTOR_Q 7u
@@ -15,7 +16,7 @@ void trigger_set_ends(Trigger *self, uint16_t low_count, uint16_t high_count) {
     const uint16_t span = high_count > low_count ? (uint16_t)(high_count - low_count) : 1u;
     self->low_count = low_count;
     self->high_count = high_count;
-    self->factor_q7 = ((uint32_t)1 << (15u + FACTOR_Q)) / span;
+    self->factor_q7 = divide_u32((uint32_t)1 << (15u + FACTOR_Q), span);
 }
 
 void trigger_set_travel(Trigger *self, uint16_t counts) {

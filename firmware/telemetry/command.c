@@ -12,17 +12,15 @@
 #define DATA_AT 10u
 #define CRC_AT 17u
 #define END_AT 18u
+#define GIVEN_UP_MAX 4u  // bytes looked at in one step
 
-// Whether the bytes from `first` on can still become a frame.
+// Whether the bytes from `first` on, which are too few for a whole frame, can still become one.
 static bool plausible(const CommandParser *self, uint8_t first) {
     const uint8_t count = (uint8_t)(self->count - first);
     if (count > 0u && self->buffer[first] != FRAME_START) {
         return false;
     }
-    if (count > LENGTH_AT && self->buffer[first + LENGTH_AT] != TELEMETRY_DATA_BYTES) {
-        return false;
-    }
-    return count <= END_AT || self->buffer[first + END_AT] == FRAME_END;
+    return count <= LENGTH_AT || self->buffer[first + LENGTH_AT] == TELEMETRY_DATA_BYTES;
 }
 
 // Whether the byte can stand at that place of a frame, after its start.
@@ -37,10 +35,10 @@ static void count_errors(CommandParser *self, uint8_t bytes) {
     self->errors = (uint8_t)(self->errors > UINT8_MAX - bytes ? UINT8_MAX : self->errors + bytes);
 }
 
-// Gives up the first byte and every one after it that cannot start a frame.
-INLINE_NEVER static void resynchronise(CommandParser *self) {
+// Gives up the first byte and some after it that cannot start a frame; true when the next one can, or there is none.
+INLINE_NEVER static bool resynchronise(CommandParser *self) {
     uint8_t first = 1;
-    while (!plausible(self, first)) {
+    while (first < GIVEN_UP_MAX && !plausible(self, first)) {
         first++;
     }
     self->count = (uint8_t)(self->count - first);
@@ -48,6 +46,7 @@ INLINE_NEVER static void resynchronise(CommandParser *self) {
         self->buffer[k] = self->buffer[k + first];
     }
     count_errors(self, first);
+    return plausible(self, 0);
 }
 
 static uint8_t crc_of(const uint8_t buffer[TELEMETRY_FRAME_BYTES]) {
@@ -62,7 +61,7 @@ static void take_frame(const CommandParser *self, Command *out) {
         out->data[k] = self->buffer[DATA_AT + k];
     }
     out->fresh = false;
-    if (crc_of(self->buffer) != self->buffer[CRC_AT]) {
+    if (!self->intact) {
         out->result = TELEMETRY_ACK_RESULT_BAD_CRC;
     } else if (id[2] != 0u || id[3] != 0u) {
         out->result = TELEMETRY_ACK_RESULT_UNKNOWN_ID;
@@ -94,9 +93,13 @@ void command_byte(CommandParser *self, uint8_t byte) {
 }
 
 bool command_step(CommandParser *self, Command *out) {
-    if (self->phase != COMMAND_WHOLE) {
-        resynchronise(self);
-        self->phase = COMMAND_WANTS;
+    if (self->phase == COMMAND_WHOLE) {
+        self->intact = crc_of(self->buffer) == self->buffer[CRC_AT];
+        self->phase = COMMAND_CHECKED;
+        return false;
+    }
+    if (self->phase == COMMAND_ASTRAY) {
+        self->phase = resynchronise(self) ? COMMAND_WANTS : COMMAND_ASTRAY;
         return false;
     }
     take_frame(self, out);

@@ -30,6 +30,7 @@ typedef struct {
 enum {
     COMMAND_WANTS,   // the next byte
     COMMAND_WHOLE,   // a frame is complete in form
+    COMMAND_CHECKED, // its CRC has been looked at
     COMMAND_ASTRAY,  // what was received is no frame: one may have begun inside
 };
 
@@ -37,6 +38,7 @@ typedef struct {
     uint8_t buffer[TELEMETRY_FRAME_BYTES];
     uint8_t count;
     uint8_t phase;   // COMMAND_*
+    bool intact;     // CHECKED: the CRC is right
     uint8_t errors;  // bytes outside frames and frames with a bad CRC; saturates
     uint8_t last_result;
     uint8_t last_sequence;
@@ -47,7 +49,7 @@ typedef struct {
 bool command_wants(const CommandParser *self);
 void command_byte(CommandParser *self, uint8_t byte);  // only when wanted
 
-// When no byte is wanted: true when it hands out a command, false when it has looked for the begin of a frame in what there is.
+// When no byte is wanted: true when it hands out a command, false when it has checked one or looked for the begin of a frame in what there is.
 bool command_step(CommandParser *self, Command *out);
 
 // Takes one received byte, with all steps; true when it completes a frame, which is then in `out`.

@@ -2,13 +2,13 @@
 #include "telemetry/telemetry.h"
 
 #include "core/crc.h"
+#include "core/divide.h"
 
 #define FRAME_START 0xAAu
 #define FRAME_END 0xBBu
 #define DATA_AT 10u  // after start, time, length and id
 #define FRAME_COST (100u * TELEMETRY_FRAME_BYTES)
 #define BUDGET_MAX (100u * TELEMETRY_QUEUE_BYTES)
-#define TICKS_MATTER 4u  // by then the slowest line has earned two frames
 #define TRIGGER_STEP 2u  // smaller moves of the trigger are noise of its ADC
 #define MS_PER_SECOND 1000u
 
@@ -34,17 +34,6 @@ static void finish_frame(uint8_t frame[TELEMETRY_FRAME_BYTES], uint16_t id, uint
     frame[TELEMETRY_FRAME_BYTES - 1u] = FRAME_END;
 }
 
-void telemetry_init(Telemetry *self, const TelemetryBoot *boot, uint8_t baud) {
-    const bool slow_line = baud == TELEMETRY_BAUD_115200;
-    const uint8_t least = slow_line ? DIVIDER_LEAST_115200 : DIVIDER_LEAST_250000;
-    *self = (Telemetry){.boot = *boot, .budget = BUDGET_MAX, .read_index = TELEMETRY_NONE};
-    self->budget_per_tick = slow_line ? BUDGET_PER_TICK_115200 : BUDGET_PER_TICK_250000;
-    self->boot.protocol_version = TELEMETRY_PROTOCOL_VERSION;
-    self->boot.fast_divider = boot->fast_divider < least ? least : boot->fast_divider;
-    self->ticks_to_fast = self->boot.fast_divider;
-    telemetry_dump(self);
-}
-
 void telemetry_dump(Telemetry *self) {
     self->boot_waits = true;
     self->dump_next = 0;
@@ -66,9 +55,13 @@ bool telemetry_ack_waits(const Telemetry *self) {
     return self->ack_waits;
 }
 
-bool telemetry_slow_waits(const Telemetry *self) {
+static bool to_be_packed(const Telemetry *self) {
     return self->state_waits || self->boot_waits || self->ack_waits || self->health_waits || self->dump_next != TELEMETRY_NONE ||
            self->read_index != TELEMETRY_NONE;
+}
+
+bool telemetry_slow_waits(const Telemetry *self) {
+    return self->slow_packed || self->dumped_waits || (self->budget + self->budget_per_tick >= BUDGET_MAX && to_be_packed(self));
 }
 
 bool telemetry_health_due(const Telemetry *self) {
@@ -120,8 +113,8 @@ static void note_second(Telemetry *self, uint32_t now_ms) {
 }
 
 static int16_t mean_of(int32_t sum, uint8_t count) {
-    const int32_t half = (int32_t)(count / 2u);
-    return (int16_t)((sum + (sum < 0 ? -half : half)) / count);
+    const uint16_t mean = divide_u16((uint32_t)(sum < 0 ? -sum : sum) + count / 2u, count);
+    return (int16_t)(sum < 0 ? -(int32_t)mean : (int32_t)mean);
 }
 
 static void accumulate(Telemetry *self, const TelemetryFast *fast) {
@@ -132,7 +125,7 @@ static void accumulate(Telemetry *self, const TelemetryFast *fast) {
 static void take_means(Telemetry *self, TelemetryFast *fast) {
     const uint8_t ticks = self->boot.fast_divider;
     fast->current_a = mean_of(self->current_sum, ticks);
-    fast->supply_v = (uint16_t)((uint16_t)(self->supply_sum + ticks / 2u) / ticks);
+    fast->supply_v = divide_u16(self->supply_sum + ticks / 2u, ticks);
     self->current_sum = 0;
     self->supply_sum = 0;
 }
@@ -149,24 +142,26 @@ static void send_fast(Telemetry *self, const TelemetryInputs *in, uint8_t frame[
     finish_frame(frame, TELEMETRY_FAST_ID, TELEMETRY_FAST_CRC_SEED, in->now_ms);
 }
 
-static void send_state(Telemetry *self, uint32_t now_ms, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
-    telemetry_pack_state(&frame[DATA_AT], &self->state);
-    finish_frame(frame, TELEMETRY_STATE_ID, TELEMETRY_STATE_CRC_SEED, now_ms);
+static void name_slow(Telemetry *self, uint16_t id, uint8_t crc_seed) {
+    self->slow_id = id;
+    self->slow_crc_seed = crc_seed;
+}
+
+static void pack_state(Telemetry *self) {
+    telemetry_pack_state(self->slow, &self->state);
+    name_slow(self, TELEMETRY_STATE_ID, TELEMETRY_STATE_CRC_SEED);
     self->state.state_counter = (uint8_t)((self->state.state_counter + 1u) & TELEMETRY_STATE_COUNTER_MAX);
     self->state_waits = false;
 }
 
-static void send_param(uint8_t index, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+static void pack_param(Telemetry *self, uint8_t index, const TelemetryInputs *in) {
     const TelemetryParam param = {.param_index = index, .param_count = in->params.count, .param_value = in->params.value[index]};
-    telemetry_pack_param(&frame[DATA_AT], &param);
-    finish_frame(frame, TELEMETRY_PARAM_ID, TELEMETRY_PARAM_CRC_SEED, in->now_ms);
+    telemetry_pack_param(self->slow, &param);
+    name_slow(self, TELEMETRY_PARAM_ID, TELEMETRY_PARAM_CRC_SEED);
 }
 
-// The CRC of the dump takes a parameter in when no other slow frame wants the tick's time.
+// The CRC of the dump takes a parameter in: a tick's share like a slow frame's data.
 static void take_dumped(Telemetry *self) {
-    if (!self->dumped_waits) {
-        return;
-    }
     const uint8_t sign = self->dumped_value < 0 ? UINT8_MAX : 0u;  // the frame's value has four bytes
     uint16_t crc = crc16_next(self->dump_crc16, (uint8_t)(self->dump_next - 1u));
     crc = crc16_next(crc, (uint8_t)self->dumped_value);
@@ -176,102 +171,123 @@ static void take_dumped(Telemetry *self) {
     self->dumped_waits = false;
 }
 
-static void send_dumped_param(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
-    take_dumped(self);
-    send_param(self->dump_next, in, frame);
+static void pack_dumped_param(Telemetry *self, const TelemetryInputs *in) {
+    pack_param(self, self->dump_next, in);
     self->dumped_value = in->params.value[self->dump_next];
     self->dumped_waits = true;
     self->dump_next++;
 }
 
-static void send_table(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+static void pack_table(Telemetry *self, const TelemetryInputs *in) {
     TelemetryParamTable table = in->params.table;
-    take_dumped(self);
     table.table_count = in->params.count;
     table.table_crc16 = self->dump_crc16;
-    telemetry_pack_param_table(&frame[DATA_AT], &table);
-    finish_frame(frame, TELEMETRY_PARAM_TABLE_ID, TELEMETRY_PARAM_TABLE_CRC_SEED, in->now_ms);
+    telemetry_pack_param_table(self->slow, &table);
+    name_slow(self, TELEMETRY_PARAM_TABLE_ID, TELEMETRY_PARAM_TABLE_CRC_SEED);
     self->dump_next = TELEMETRY_NONE;
 }
 
 // The next parameter frame, if one is asked for.
-static bool send_any_param(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+static bool pack_any_param(Telemetry *self, const TelemetryInputs *in) {
     if (self->read_index < in->params.count) {
-        send_param(self->read_index, in, frame);
+        pack_param(self, self->read_index, in);
         self->read_index = TELEMETRY_NONE;
         return true;
     }
     if (self->dump_next < in->params.count) {
-        send_dumped_param(self, in, frame);
+        pack_dumped_param(self, in);
         return true;
     }
     if (self->dump_next != TELEMETRY_NONE) {
-        send_table(self, in, frame);
+        pack_table(self, in);
         return true;
     }
     return false;
 }
 
-static void send_boot(Telemetry *self, uint32_t now_ms, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
-    telemetry_pack_boot(&frame[DATA_AT], &self->boot);
-    finish_frame(frame, TELEMETRY_BOOT_ID, TELEMETRY_BOOT_CRC_SEED, now_ms);
+static void pack_boot(Telemetry *self) {
+    telemetry_pack_boot(self->slow, &self->boot);
+    name_slow(self, TELEMETRY_BOOT_ID, TELEMETRY_BOOT_CRC_SEED);
     self->boot_waits = false;
 }
 
-static void send_ack(Telemetry *self, uint32_t now_ms, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
-    telemetry_pack_ack(&frame[DATA_AT], &self->ack);
-    finish_frame(frame, TELEMETRY_ACK_ID, TELEMETRY_ACK_CRC_SEED, now_ms);
+static void pack_ack(Telemetry *self) {
+    telemetry_pack_ack(self->slow, &self->ack);
+    name_slow(self, TELEMETRY_ACK_ID, TELEMETRY_ACK_CRC_SEED);
     self->ack_waits = false;
 }
 
-static void send_health(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
-    telemetry_pack_health(&frame[DATA_AT], &in->health);
-    finish_frame(frame, TELEMETRY_HEALTH_ID, TELEMETRY_HEALTH_CRC_SEED, in->now_ms);
+static void pack_health(Telemetry *self, const TelemetryInputs *in) {
+    telemetry_pack_health(self->slow, &in->health);
+    name_slow(self, TELEMETRY_HEALTH_ID, TELEMETRY_HEALTH_CRC_SEED);
     self->health_waits = false;
     self->health_went = true;
 }
 
 // One slow frame that is not STATE, if any waits.
-static bool send_other(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+static bool pack_other(Telemetry *self, const TelemetryInputs *in) {
     if (self->boot_waits) {
-        send_boot(self, in->now_ms, frame);
+        pack_boot(self);
         return true;
     }
     if (self->ack_waits) {
-        send_ack(self, in->now_ms, frame);
+        pack_ack(self);
         return true;
     }
     if (self->health_waits) {
-        send_health(self, in, frame);
+        pack_health(self, in);
         return true;
     }
-    return send_any_param(self, in, frame);
+    return pack_any_param(self, in);
 }
 
-// One slow frame, if any waits. STATE takes every second turn at most, and BOOT goes before it.
-static bool send_slow(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+// The data of one slow frame, of which one waits. STATE takes every second turn at most, and BOOT goes before it.
+static void pack_slow(Telemetry *self, const TelemetryInputs *in) {
     const bool state_turn = self->state_waits && !self->state_went_last && !self->boot_waits;
     self->state_went_last = false;
-    if (!state_turn && send_other(self, in, frame)) {
-        return true;
+    self->slow_packed = true;
+    if (!state_turn && pack_other(self, in)) {
+        return;
     }
-    if (!self->state_waits) {
-        return false;
-    }
-    send_state(self, in->now_ms, frame);
+    pack_state(self);
     self->state_went_last = true;
-    return true;
 }
 
-// Whether a slow frame waits and can go now without making this or the next FAST frame wait.
-static bool slow_fits(const Telemetry *self, bool fast_due) {
-    if (!telemetry_slow_waits(self)) {
-        return false;
+static void send_slow(Telemetry *self, uint32_t now_ms, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    for (uint8_t k = 0; k < TELEMETRY_DATA_BYTES; k++) {
+        frame[DATA_AT + k] = self->slow[k];
     }
-    const uint8_t next = fast_due ? self->boot.fast_divider : self->ticks_to_fast;
-    const uint8_t ticks = next < TICKS_MATTER ? next : TICKS_MATTER;
-    const uint16_t cost = fast_due ? 2u * FRAME_COST : FRAME_COST;
-    return self->budget >= cost && (uint16_t)(self->budget - cost + (uint16_t)(ticks * self->budget_per_tick)) >= FRAME_COST;
+    finish_frame(frame, self->slow_id, self->slow_crc_seed, now_ms);
+    self->slow_packed = false;
+}
+
+void telemetry_init(Telemetry *self, const TelemetryBoot *boot, uint8_t baud) {
+    const bool slow_line = baud == TELEMETRY_BAUD_115200;
+    const uint8_t least = slow_line ? DIVIDER_LEAST_115200 : DIVIDER_LEAST_250000;
+    *self = (Telemetry){.boot = *boot, .budget = BUDGET_MAX, .read_index = TELEMETRY_NONE};
+    self->budget_per_tick = slow_line ? BUDGET_PER_TICK_115200 : BUDGET_PER_TICK_250000;
+    self->boot.protocol_version = TELEMETRY_PROTOCOL_VERSION;
+    self->boot.fast_divider = boot->fast_divider < least ? least : boot->fast_divider;
+    self->ticks_to_fast = self->boot.fast_divider;
+    telemetry_dump(self);
+    pack_boot(self);  // goes with the first tick, before all others
+    self->slow_packed = true;
+}
+
+// A slow frame takes two ticks, one for its data and one for the rest, and begins when the line has caught up: so no FAST frame waits for it, and its
+// ticks are spared the interrupts of what is still being sent. Returns how many frames are whole.
+static uint8_t step_slow(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    if (self->slow_packed) {
+        send_slow(self, in->now_ms, frame);
+        self->budget = (uint16_t)(self->budget - FRAME_COST);
+        return 1;
+    }
+    if (self->dumped_waits) {
+        take_dumped(self);
+    } else if (self->budget == BUDGET_MAX && to_be_packed(self)) {
+        pack_slow(self, in);
+    }
+    return 0;
 }
 
 uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[TELEMETRY_TICK_BYTES_MAX]) {
@@ -293,11 +309,8 @@ uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, uint8_t *co
         self->budget = BUDGET_MAX;
     }
     const bool fast_due = self->ticks_to_fast == 0u;
-    if (!in->hold_slow && slow_fits(self, fast_due) && send_slow(self, in, place[0])) {
-        self->budget = (uint16_t)(self->budget - FRAME_COST);
-        frames = 1;
-    } else {
-        take_dumped(self);
+    if (!in->hold_slow) {
+        frames = step_slow(self, in, place[0]);
     }
     if (fast_due) {
         send_fast(self, in, place[frames]);

@@ -49,6 +49,10 @@ typedef struct {
     uint16_t ms_in_second;
     uint16_t dump_crc16;  // of the parameters dumped so far, but for the last while dumped_waits
     int16_t dumped_value;
+    uint16_t slow_id;
+    uint8_t slow[TELEMETRY_DATA_BYTES];  // data of a slow frame that the next tick completes
+    uint8_t slow_crc_seed;
+    bool slow_packed;
     uint8_t ticks_to_fast;
     uint8_t fast_counter;
     uint8_t dump_next;   // next parameter of the dump, count: PARAM_TABLE, TELEMETRY_NONE: nothing
@@ -67,19 +71,19 @@ typedef struct {
 // `boot` without protocol_version and with the wished fast_divider, which becomes what `baud` carries at least.
 void telemetry_init(Telemetry *self, const TelemetryBoot *boot, uint8_t baud);
 
-// Frames of this tick, a slow one before the fast one, each into its place; returns how many.
+// Frames of this tick, a slow one before the fast one, each into its place; returns how many. A slow one takes two ticks: data first, CRC then.
 uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, uint8_t *const place[2]);
 
 // The same one after the other into `out`; returns their bytes.
 uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[TELEMETRY_TICK_BYTES_MAX]);
 
-// A slow frame waits for its turn.
+// A slow frame waits, and the line will have caught up for it with the next tick.
 bool telemetry_slow_waits(const Telemetry *self);
 
 // Whether the next tick may send HEALTH: only then must its inputs be filled in.
 bool telemetry_health_due(const Telemetry *self);
 
-// True in the tick whose bytes hold a HEALTH frame: the owner of the figures may restart its maxima.
+// True in the tick that took the figures of a HEALTH frame: the owner of the figures may restart its maxima.
 bool telemetry_health_sent(const Telemetry *self);
 
 // BOOT, all parameters, PARAM_TABLE; STATE and HEALTH as they are now between them.

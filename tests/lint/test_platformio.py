@@ -62,9 +62,10 @@ def test_the_files_for_speed_come_from_cmake() -> None:
     scripts = re.findall(r"pre:(\S+)", ini()["env"]["extra_scripts"])
     assert all((house.ROOT / script).is_file() for script in scripts)
     assert "firmware/hal/avr/platformio_speed.py" in scripts
-    pattern = re.search(r're\.search\(r"(.*?)", cmake\)', (FIRMWARE / "hal/avr/platformio_speed.py").read_text())[1]
-    fast = re.search(pattern, (FIRMWARE / "avr.cmake").read_text())[1].split()
-    assert {"hal/avr/isr.c", "core/divide.c"} <= set(fast) <= sources_of_cmake()
+    pattern = re.search(r're\.findall\(r"(.*?)", cmake\)', (FIRMWARE / "hal/avr/platformio_speed.py").read_text())[1]
+    listed = {option: set(names.split()) for names, option in re.findall(pattern, (FIRMWARE / "avr.cmake").read_text())}
+    assert listed.keys() == {"-O2", "-fno-inline-small-functions"}
+    assert "hal/avr/isr.c" in listed["-O2"] and set.union(*listed.values()) <= sources_of_cmake()
 
 
 def test_a_difference_is_seen() -> None:

@@ -18,6 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [
     "tests/unit/telemetry/shim.c", "firmware/telemetry/telemetry_signals.c", "firmware/telemetry/telemetry.c",
     "firmware/telemetry/command.c", "firmware/app/param_store.c", "firmware/app/param_command.c", "firmware/core/crc.c",
+    "firmware/core/divide.c",
 ]  # fmt: skip
 EEPROM_BYTES = 1024
 

@@ -1,4 +1,4 @@
-"""PlatformIO pre-build step: what firmware/avr.cmake compiles for speed is compiled so here, too."""
+"""PlatformIO pre-build step: what firmware/avr.cmake compiles for speed, or for least size, is compiled so here, too."""
 
 import re
 from pathlib import Path
@@ -6,14 +6,15 @@ from pathlib import Path
 Import("env")  # noqa: F821  given by PlatformIO's SCons
 
 cmake = (Path(env.subst("$PROJECT_DIR")) / "firmware" / "avr.cmake").read_text()  # noqa: F821
-fast = re.search(r"set_source_files_properties\(([^)]*?) PROPERTIES COMPILE_OPTIONS -O2\)", cmake)[1].split()
+listed = re.findall(r"set_source_files_properties\(([^)]*?)\s+PROPERTIES COMPILE_OPTIONS ([^)\s]+)\)", cmake)
+options = {name: option for names, option in listed for name in names.split()}
 
 
-def for_speed(env, node):  # noqa: ANN001, ANN201  SCons' objects
-    """The object of a source, with -O2 after all other flags where it is listed."""
-    if not any(node.get_path().replace("\\", "/").endswith(name) for name in fast):
-        return node
-    return env.Object(node, CCFLAGS=[*env["CCFLAGS"], "-O2"])
+def as_listed(env, node):  # noqa: ANN001, ANN201  SCons' objects
+    """The object of a source, with the option that is listed for it after all other flags."""
+    path = node.get_path().replace("\\", "/")
+    option = next((option for name, option in options.items() if path.endswith("/" + name)), None)
+    return env.Object(node, CCFLAGS=[*env["CCFLAGS"], option]) if option else node
 
 
-env.AddBuildMiddleware(for_speed, "*.c")  # noqa: F821
+env.AddBuildMiddleware(as_listed, "*.c")  # noqa: F821

@@ -22,7 +22,7 @@ struct Shaft {
     void configure(uint8_t pulses, uint16_t timeout_ms) {
         hall_speed_configure(&hall, pulses, timeout_ms);
         for (uint8_t k = 0; k < 4; ++k)
-            hall_speed_set_pitch(&hall, k, HALL_SPEED_PITCH_EQUAL_Q15, pulses);
+            hall_speed_set_pitch(&hall, k, HALL_SPEED_PITCH_EQUAL_Q15);
     }
 
     void tick(const std::vector<uint64_t> &edges) {
@@ -30,6 +30,8 @@ struct Shaft {
             hall_speed_on_edge(&hall, static_cast<uint16_t>(edge));
         now += HAL_CYCLES_PER_TICK;
         last = hall_speed_tick(&hall);
+        if (hall_speed_search_due(&hall))
+            hall_speed_search(&hall);
     }
 
     // Ticks until `end`, with an edge each `period` cycles from `*edge` on.
@@ -165,7 +167,7 @@ TEST_F(HallTest, TheSignIsTakenAtStandstillOnly) {
 TEST_F(HallTest, KnownUnequalPitchesGiveAnEvenSpeed) {
     const int16_t share[4] = {9000, 7600, 8600, 7568};
     for (uint8_t k = 0; k < 4; ++k)
-        hall_speed_set_pitch(&hall, k, share[k], 4);
+        hall_speed_set_pitch(&hall, k, share[k]);
     hall.index_known = true;
     double turn = 96000.0, at = 1000.0;
     std::vector<uint64_t> edges;
@@ -198,7 +200,7 @@ TEST(HallSpacing, IsLearnedAndFoundAgain) {
     for (const bool reverse : {false, true}) {
         Shaft shaft;
         hall_speed_set_reverse(&shaft.hall, reverse);
-        hall_speed_learn(&shaft.hall);
+        hall_speed_learn(&shaft.hall, true);
         double at = 1000.0;
         int pitch = 2;
         auto turn = [&](int ticks) {
@@ -229,7 +231,7 @@ TEST(HallSpacing, IsLearnedAndFoundAgain) {
         shaft.configure(4, 300);
         // In reverse the sequence was learned backwards; it is stored forwards.
         for (uint8_t k = 0; k < 4; ++k)
-            hall_speed_set_pitch(&shaft.hall, k, static_cast<int16_t>(share[k]), 4);
+            hall_speed_set_pitch(&shaft.hall, k, static_cast<int16_t>(share[k]));
         EXPECT_LT(turn(200), 30.0);
         EXPECT_TRUE(shaft.hall.index_known);
     }
