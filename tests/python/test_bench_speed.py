@@ -152,6 +152,16 @@ def test_a_figure_without_its_peer_is_neither_met_nor_missed() -> None:
     assert speed.judged("", 0.0031, "<=", 0.003).met is False
 
 
+def test_ratios_are_of_processor_time_and_the_worse_joint_counts() -> None:
+    speed = importlib.import_module("vgroove.bench.speed")
+    figure = importlib.import_module("vgroove.bench.impact_speed").Figure
+    figures = [figure(speed.FAST, "slip_60", 9.0, 1.0, 0.0, True), figure(speed.FAST, "slope_700", 9.0, 2.0, 0.0, True),
+               figure("peer", "slip_60", 9.0, 8.0, 0.0, True), figure("peer", "slope_700", 9.0, 8.0, 0.0, True)]
+    assert speed.worst_ratio(figures, "peer") == 4.0
+    assert speed.worst_ratio(figures, "absent") is None
+    assert speed.busy_share(figures) == pytest.approx(1.0 - 19.0 / 36.0)
+
+
 def test_missing_peers_are_named_with_how_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     solvers = importlib.import_module("vgroove.bench.solvers")
     for name in ("numba", "casadi"):
@@ -191,11 +201,12 @@ def made_figures() -> dict:
     impact = {"name": "vgroove, fast", "case": "slip_60", "seconds": 2e-3, "cpu_seconds": 2e-3, "head_error": 1e-5, "reached": True,
               "tolerance": None, "tolerance_is": None, "ratio": 1.0}
     return {
-        "cpu": "made", "cores": 2, "repeats": 5, "drive_seconds": 10, "mujoco_step_s": None,
+        "cpu": "made", "cores": 2, "busy": 0.4, "repeats": 5, "drive_seconds": 10, "mujoco_step_s": None,
         "asked": [{"name": "impact", "value": None, "relation": ">=", "asked": 12.0, "met": None}],
         "impact": [impact, impact | {"name": "far off", "reached": False, "tolerance": 2e-6, "tolerance_is": "step_s"}],
         "lockstep": [{"name": "vgroove, fast", "case": "slip_60", "alone_s": 2e-3, "lockstep_s": 2.1e-3, "extra": 0.05}],
-        "batch": [{"name": "vgroove, fast", "rollouts": 512, "threads": 2, "per_second": 1000.0, "head_error": 1e-5}],
+        "batch": [{"name": "vgroove, fast", "rollouts": 512, "threads": 2, "per_second": 1000.0, "per_second_idle": 1200.0,
+                   "head_error": 1e-5}],
         "growth": [{"of": "time", "size": 1.0, "seconds_each": 2e-3}],
         "drive": [{"name": "vgroove", "seconds": 1e-3, "times_real_time": 1e4, "speed_error": 1e-5, "rtol": None, "ratio": 1.0}],
         "missing": [{"name": "CasADi CVODES", "install": "pip install casadi"}],
@@ -208,5 +219,5 @@ def test_tables_show_figures_and_missing_peers() -> None:
     for table in tables.speed_tables(made_figures()):
         console.print(table)
     text = console.export_text()
-    for words in ("peer missing", "pip install casadi", "slip 60 N m", "2 us", "5.0 %", "1000.0", "10,000"):
+    for words in ("peer missing", "pip install casadi", "slip 60 N m", "2 us", "5.0 %", "40 %", "1000.0", "10,000"):
         assert words in text, words

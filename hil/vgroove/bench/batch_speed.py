@@ -24,18 +24,22 @@ SPREAD = {"supply_v": 0.03, "preload_n": 0.03, "rate_n_m": 0.03, "hammer_inertia
 
 @dataclass(frozen=True)
 class BatchFigure:
-    """One-second roll-outs of different tools a second; head_error: the largest of the first CHECKED tools."""
+    """One-second roll-outs of different tools a second, waited for and on an idle machine (by processor time).
+
+    head_error: the largest of the first CHECKED tools.
+    """
 
     name: str
     rollouts: int
     threads: int
     per_second: float
+    per_second_idle: float
     head_error: float
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Wall seconds of one simulated second (`of` = time) or of one roll-out (`of` = batch) at one size."""
+    """Processor seconds of one simulated second (`of` = time) or of one roll-out (`of` = batch) at one size."""
 
     of: str
     size: float
@@ -63,8 +67,8 @@ def measure_batch(seed: int, repeats: int, peer_rtol: float | None, done: Done) 
     if peer_rtol is not None:
         works["numbalsoda LSODA"], counts["numbalsoda LSODA"] = _numbalsoda_batch(tools[:PEER_BATCH], peer_rtol), PEER_BATCH
     seconds = medians(works, repeats, lambda name: done(f"batch: {name}"))
-    return [BatchFigure(name, counts[name], threads, counts[name] / seconds[name].wall, largest_error(work(), references))
-            for name, work in works.items()]
+    return [BatchFigure(name, counts[name], threads, counts[name] / seconds[name].wall, counts[name] * threads / seconds[name].cpu,
+                        largest_error(work(), references)) for name, work in works.items()]
 
 
 def _numbalsoda_batch(tools: list[ImpactTool], rtol: float) -> Callable[[], Floats]:
@@ -87,7 +91,7 @@ def measure_growth(seed: int, repeats: int, done: Done) -> list[Cost]:
     names = {f"{of} {size:g}": (of, size) for of, size in works}
     seconds = medians({name: works[key] for name, key in names.items()}, repeats, lambda name: done(f"growth: {name}"))
     each = {name: size / 1000.0 if of == "time" else size for name, (of, size) in names.items()}
-    return [Cost(of, size / 1000.0 if of == "time" else size, seconds[name].wall / each[name]) for name, (of, size) in names.items()]
+    return [Cost(of, size / 1000.0 if of == "time" else size, seconds[name].cpu / each[name]) for name, (of, size) in names.items()]
 
 
 def growth(costs: list[Cost], of: str) -> float:

@@ -14,7 +14,7 @@ OVERSPEED_RAD_S = 1e9  # the controller looks at every row and never has to act:
 
 @dataclass(frozen=True)
 class LockstepFigure:
-    """Wall seconds of one simulated second alone and in lock-step, one solver; extra = share that lock-step costs more."""
+    """Processor seconds of one simulated second alone and in lock-step, one solver; extra = share that lock-step costs more."""
 
     name: str
     case: str
@@ -40,7 +40,7 @@ def own_lockstep(tool: ImpactTool) -> Callable[[], float]:
 
 def pairs(figures: list[Figure], names: dict[str, tuple[str, str]]) -> list[LockstepFigure]:
     """Lock-step against alone, by case, from figures measured in turn; names: solver -> (alone, lock-step)."""
-    seconds = {(f.name, f.case): f.seconds for f in figures}
+    seconds = {(f.name, f.case): f.cpu_seconds for f in figures}
     found = []
     for name, (alone, lockstep) in names.items():
         for case in dict.fromkeys(f.case for f in figures):

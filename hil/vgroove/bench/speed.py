@@ -1,4 +1,7 @@
-"""`vgroove bench speed`: the plant against the solvers that a user would pick instead, all in one run on one machine."""
+"""`vgroove bench speed`: the plant against the solvers that a user would pick instead, all in one run on one machine.
+
+What a user waits is wall time; ratios are of processor time, which other programs on the machine cannot tilt.
+"""
 
 import os
 import platform
@@ -80,11 +83,12 @@ def measure(peers: list[Peer], missing: list[Missing], run: tuple[int, int, int]
     lockstep, step_s = lockstep_speed.pairs(impact, LOCKSTEP_PAIRS), mujoco_step_s()
     asked = [*asked_of_impact(impact, lockstep), *asked_of_batch(batch, costs), *asked_of_drive(drive, sensitivity)]
     return {
-        "schema": SCHEMA, "cpu": cpu_name(), "cores": os.cpu_count(), "seed": seed, "repeats": repeats, "drive_seconds": seconds,
+        "schema": SCHEMA, "cpu": cpu_name(), "cores": os.cpu_count(), "busy": busy_share(impact),
+        "seed": seed, "repeats": repeats, "drive_seconds": seconds,
         "asked": [asdict(a) for a in asked],
-        "impact": [asdict(f) | {"ratio": f.seconds / own_seconds(impact, f.case)} for f in impact],
+        "impact": [asdict(f) | {"ratio": f.cpu_seconds / own_cpu_seconds(impact, f.case)} for f in impact],
         "lockstep": [asdict(f) for f in lockstep], "batch": [asdict(f) for f in batch], "growth": [asdict(c) for c in costs],
-        "drive": [asdict(f) | {"ratio": f.seconds / drive[0].seconds} for f in drive], "drive_sensitivity_runs": sensitivity,
+        "drive": [asdict(f) | {"ratio": f.cpu_seconds / drive[0].cpu_seconds} for f in drive], "drive_sensitivity_runs": sensitivity,
         "mujoco_step_s": step_s, "missing": [asdict(m) for m in missing + ([MUJOCO] if step_s is None else [])],
     }
 
@@ -107,13 +111,18 @@ def mujoco_step_s() -> float | None:
     return seconds_per_step()
 
 
-def own_seconds(figures: list[Figure], case: str) -> float:
-    return next(f.seconds for f in figures if f.name == FAST and f.case == case)
+def busy_share(figures: list[Figure]) -> float:
+    """Share of the time that the machine spent on other programs while single-threaded solvers ran."""
+    return 1.0 - sum(f.cpu_seconds for f in figures) / sum(f.seconds for f in figures)
+
+
+def own_cpu_seconds(figures: list[Figure], case: str) -> float:
+    return next(f.cpu_seconds for f in figures if f.name == FAST and f.case == case)
 
 
 def worst_ratio(figures: list[Figure], name: str) -> float | None:
     """A peer's time over ours, on the joint where it is smallest."""
-    ratios = [f.seconds / own_seconds(figures, f.case) for f in figures if f.name == name]
+    ratios = [f.cpu_seconds / own_cpu_seconds(figures, f.case) for f in figures if f.name == name]
     return min(ratios, default=None)
 
 

@@ -6,6 +6,7 @@ from rich import box
 from rich.table import Table
 
 MUJOCO_STEP_S = 2e-5
+BUSY = 0.1
 CASES = {"slip_60": "slip 60 N m", "slope_700": "slope 700"}
 
 
@@ -24,6 +25,8 @@ def narrow(*columns: str, title: str) -> Table:
 def asked_table(figures: dict[str, Any]) -> Table:
     title = f"{figures['cpu']}, {figures['cores']} cores, medians of {figures['repeats']}"
     table = narrow("figure", "value", "asked", "met", title=title)
+    if figures["busy"] > BUSY:
+        table.caption = f"[red]the machine gave {100 * figures['busy']:.0f} % of the time to other programs: wall times are too long[/red]"
     for a in figures["asked"]:
         met = {True: "yes", False: "[red]no[/red]", None: "peer missing"}[a["met"]]
         table.add_row(a["name"], "-" if a["value"] is None else f"{a['value']:.4g}", f"{a['relation']} {a['asked']:g}", met)
@@ -66,9 +69,9 @@ def lockstep_table(figures: dict[str, Any]) -> Table:
 
 
 def batch_table(figures: dict[str, Any]) -> Table:
-    table = narrow("solver", "roll-outs", "threads", "per second", "head's error", title="Batch of different tools, 1 s each")
+    table = narrow("solver", "roll-outs", "threads", "per second", "idle", "head's error", title="Batch of different tools, 1 s each")
     for f in figures["batch"]:
-        table.add_row(f["name"], str(f["rollouts"]), str(f["threads"]), f"{f['per_second']:.1f}", f"{f['head_error']:.1e}")
+        table.add_row(f["name"], str(f["rollouts"]), str(f["threads"]), f"{f['per_second']:.1f}", f"{f['per_second_idle']:.1f}", f"{f['head_error']:.1e}")
     return table
 
 
