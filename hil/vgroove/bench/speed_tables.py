@@ -71,7 +71,8 @@ def lockstep_table(figures: dict[str, Any]) -> Table:
 def batch_table(figures: dict[str, Any]) -> Table:
     table = narrow("solver", "roll-outs", "threads", "per second", "idle", "head's error", title="Batch of different tools, 1 s each")
     for f in figures["batch"]:
-        table.add_row(f["name"], str(f["rollouts"]), str(f["threads"]), f"{f['per_second']:.1f}", f"{f['per_second_idle']:.1f}", f"{f['head_error']:.1e}")
+        rates = (f"{f['per_second']:.1f}", f"{f['per_second_idle']:.1f}")
+        table.add_row(f["name"], str(f["rollouts"]), str(f["threads"]), *rates, f"{f['head_error']:.1e}")
     return table
 
 
