@@ -73,7 +73,8 @@ def totals(results: list[dict[str, Any]]) -> list[str]:
     lines.append(f"confident (>= 0.9) wrong first name: {len(wrong)} of {len(results)}")
     for what in ("seconds", "cpu_seconds"):
         times = sorted(r[what] for r in results)
-        lines.append(f"{what}: median {times[len(times) // 2]:.1f}, tenth above {times[int(0.9 * (len(times) - 1))]:.1f}, most {times[-1]:.1f}")
+        tenth = times[int(0.9 * (len(times) - 1))]
+        lines.append(f"{what}: median {times[len(times) // 2]:.1f}, tenth above {tenth:.1f}, most {times[-1]:.1f}")
     return lines + confusion(results) + closing(results)
 
 

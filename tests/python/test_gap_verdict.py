@@ -123,6 +123,13 @@ class Scored:
     def level(self) -> float:
         return 1.0
 
+    without: frozenset[str] = frozenset()
+
+
+def structure(significant: bool) -> locate.Structure:
+    """What is left, as far as a verdict asks."""
+    return locate.Structure(significant, None, 0.0, None, [])
+
 
 class Named(float):
     """A squared gap that is also a fit with names."""
@@ -191,3 +198,55 @@ def test_a_form_that_others_mend_is_still_the_effect() -> None:
     assert verdict.leading(state, pair, FLOOR) is state.fits[("a",)]
     state.fits[("a",)] = named_gap(8.0, 1)
     assert verdict.leading(state, pair, FLOOR) is None
+
+
+@pytest.mark.parametrize(("left", "significant", "said"), [
+    (1.08**2, True, "none"), (1.09**2, True, "none"), (1.11**2, True, "unlisted"), (1.5, False, "none")])
+def test_a_remainder_below_the_contracts_least_gap_is_none(left: float, significant: bool, said: str) -> None:
+    found = verdict.decide(Scored(left, left, left), named_gap(left, 0), [], structure(significant), FLOOR)
+    assert found.verdict == said
+
+
+# squared gaps: before 11, what the set leaves, what its first member leaves alone
+@pytest.mark.parametrize(("count", "after", "alone", "significant", "said", "named"), [
+    (2, 1.5, 9.0, True, "unlisted", 2), (2, 1.5, 3.0, True, "effect", 1), (2, 1.5, 3.0, False, "effect", 2),
+    (2, 1.1, 3.0, True, "effect", 2), (1, 5.0, 5.0, True, "unlisted", 1), (1, 3.0, 3.0, True, "effect", 1)])
+def test_doubtful_sets_are_not_named(count: int, after: float, alone: float, significant: bool, said: str, named: int) -> None:
+    state = Scored(11.0, 11.0, after)
+    state.fits = {("a",): named_gap(alone, 1), ("b",): named_gap(9.5, 1)}
+    found = verdict.decide(state, named_gap(after, count), [], structure(significant), FLOOR)
+    assert (found.verdict, len(found.best.ids)) == (said, named)
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_no_search_goes_on_from_an_effect_that_cannot_be_seen(seen: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    state, one = Scored(2.0, 1.1, 1.0), named_gap(1.0, 1)
+    state.ranked, state.better, state.visible = lambda size: [one], lambda fuller, leaner: True, lambda fit: seen
+    monkeypatch.setattr(search, "simplest", lambda _, best: best)
+    monkeypatch.setattr(search, "grow", lambda *_: None)
+    assert search.forward(state) == (one if seen else state.retuned)
+
+
+def test_equal_parameters_run_once() -> None:
+    engine = Engine(Toy({}), SCALES, {})
+    h = engine.hypotheses([BY_ID["coulomb_friction"]])[0]
+    rows = engine.residuals([(h, np.array([[0.0], [1.0]])), (h, np.array([[1.0], [0.0], [0.0]]))])
+    assert engine.calls == 2
+    np.testing.assert_array_equal(rows[[0, 1]], rows[[3, 2]])
+    np.testing.assert_array_equal(rows[0], rows[4])
+    assert not np.array_equal(rows[0], rows[1])
+
+
+def test_kept_key_columns_lead_to_the_same_fit() -> None:
+    tolerance = {"motor.resistance_ohm": 0.02, "motor.torque_constant_nm_per_a": 0.004, "motor.coulomb_nm": 0.05}
+    toy = Toy({"effects.added_inertia.kg_m2": 2e-6, "motor.resistance_ohm": 0.19 * 1.03})
+    fits = []
+    for kept in (False, True):
+        engine = Engine(toy, SCALES, tolerance)
+        retuned = engine.fit(engine.hypotheses([]))[0]
+        engine.settle([retuned])
+        engine.key_columns = retuned.jacobian if kept else None
+        fits.append(engine.fit(engine.hypotheses([BY_ID["added_inertia"]], retuned.x), 12)[0])
+        calls = engine.calls
+    assert calls < 40
+    np.testing.assert_allclose(fits[0].x, fits[1].x, atol=0.02)
