@@ -422,6 +422,8 @@ template <class L> VGROOVE_INLINE void impact_run_fixed(ImpactSolver<L> &self, d
         for (int n = 0; n < count; ++n)
             impact_fixed_piece(self, h / count);
     }
+    if (!std::isfinite(self.state.x[STATE_SPEED] + self.state.x[L::HAMMER_ANGLE] + self.state.x[L::ANVIL_ANGLE]))
+        throw std::runtime_error("impact mechanism: the fixed step is too long for this tool");
 }
 
 template <class L> __attribute__((flatten)) void impact_run(ImpactSolver<L> &self, double length_s) {

@@ -121,3 +121,41 @@ def test_same_bytes_whatever_batch_and_threads() -> None:
         assert alone["blows"][0].tobytes() == together["blows"][row].tobytes()
         for name in ("current_a", "head_rad", "housing_nm"):
             assert alone[name][0].tobytes() == together[name][row].tobytes(), name
+
+
+@pytest.mark.parametrize("load", [LOCKED, {**HARD, "run_torque_nm": 60.0}, {**HARD, "run_torque_nm": 6.0}])
+def test_fixed_steps_give_the_blows_of_the_reference(load: dict) -> None:
+    rig = rig_with(load)
+    kept, fixed = (run(rig, mode=mode) for mode in ("reference", "fixed"))
+    first, own = (out["blows"][0]["time_s"][out["blows"][0]["kind"] == 0] for out in (kept, fixed))
+    assert len(first) == len(own)
+    np.testing.assert_allclose(own, first, rtol=0, atol=2e-4)
+    np.testing.assert_allclose(fixed["speed_rad_s"], kept["speed_rad_s"], rtol=0, atol=0.01 * 1677)
+
+
+def test_a_fixed_step_that_is_too_long_says_so() -> None:
+    rig = rig_with(LOCKED, mechanism__anvil_inertia_kg_m2=1e-8)
+    with pytest.raises(RuntimeError, match="too long"):
+        run(rig, mode="fixed", step_s=1e-3)
+
+
+def test_random_tools_end_and_keep_their_energy() -> None:
+    """Every key of mechanism and motor up to threefold either way; those that no mechanism can have are refused by a sentence."""
+    rng = np.random.default_rng(4)
+    names = [n for n, key in enumerate(core.PARAMETERS) if key.startswith(("mechanism.", "motor.")) and key.split(".")[1] not in
+             ("lug_count", "hammer_start_rad", "contact_exponent", "friction_static", "friction_kinetic")]
+    time_s, done = np.arange(201) * 1e-3, 0
+    for _ in range(40):
+        theta = rig_with({**HARD, "run_torque_nm": 40.0}).parameters()
+        theta[names] *= 3.0 ** rng.uniform(-1.0, 1.0, len(names))
+        log = core.LogInput(time_s, "duty", np.full(201, rng.uniform(0.3, 1.0)), load_kind="hard_joint")
+        try:
+            energy = core.simulate_impact(log, theta[None, :], energy=True)["energy"]
+        except ValueError as refused:
+            assert "out of range" in str(refused)
+            continue
+        spent = sum(energy[name] for name in energy if name.startswith("loss_"))
+        rest = energy["work_in"] - spent - (energy["stored"] - energy["stored"][0])
+        assert np.max(np.abs(rest)) < 1e-6 * energy["work_in"].max()
+        done += 1
+    assert done > 20
