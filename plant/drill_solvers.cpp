@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <stdexcept>
+#include <string>
 #include <utility>
 
 namespace vgroove {
@@ -16,7 +17,8 @@ const char *const DRILL_ROW_NAMES[DRILL_ROW_COUNT] = {
 
 constexpr double LOCATE_S = 1e-12;  // an event is located this well
 constexpr double STEP_MIN_S = 1e-13;
-constexpr double DIVERGED = 1e3;  // sizes of a state
+constexpr int STUCK_STEPS = 1000;  // that many steps of about LOCATE_S on end: changes of mode that never settle
+constexpr double DIVERGED = 1e3;   // sizes of a state
 
 namespace {
 
@@ -126,6 +128,7 @@ struct Reference {
     DrillRun run;
     Recorder recorder;
     double next_h = 0.0;
+    int stuck = 0;
 
     explicit Reference(const DrillParameters &p, const DrillRequest &r) : s(p), request(r), recorder{run, r.row_s} {}
 };
@@ -197,6 +200,9 @@ void advance(Reference &r) {
     DrillMark mark = met ? drill_switch(s, g) : drill_input_mark(s.p, s.time_s);
     const DrillMark timed = drill_timers(s);
     mark = timed != DrillMark::NONE ? timed : mark;
+    r.stuck = h < 10.0 * LOCATE_S ? r.stuck + 1 : 0;
+    if (r.stuck > STUCK_STEPS)
+        throw std::runtime_error("drill driver: changes of mode follow one another without end at " + std::to_string(s.time_s) + " s");
     r.run.steps.push_back({s.time_s, h, mark});
     if (mark != DrillMark::NONE)
         r.run.marks.push_back({s.time_s, h, mark});

@@ -287,6 +287,8 @@ def rig_from_dict(data: Mapping[str, Any], source: str) -> Rig:
     sections["effects"] = {e: _section(values, EFFECTS[e], source, f"effects.{e}") for e, values in effects.items()}
     rig = Rig(**sections, tolerance=_table(data.get("tolerance", {}), source, "tolerance"), name=data.get("name"))
     _check_tolerance(rig, source)
+    if (rig.mechanism["kind"] == "drill_driver") != (rig.load["kind"] == "chuck"):
+        raise VgrooveError(f'{source}: [mechanism] kind = "drill_driver" and [load] kind = "chuck" go together')
     if rig.input["kind"] == "duty" and not rig.bus_is_measured and "voltage_v" not in rig.supply:
         raise VgrooveError(f"{source}: supply.voltage_v is missing: duty as input and a modelled bus need the open-circuit voltage")
     _check_together(rig, source)

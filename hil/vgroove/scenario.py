@@ -177,6 +177,8 @@ def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Sc
     top = {key: check(data[key], f"{source}: {key}") for key, check in TOP_KEYS.items() if key in data}
     rig_path = folder / _needed(top, "rig", source)
     rig = read_rig(rig_path)
+    if rig.mechanism["kind"] == "drill_driver":
+        raise _complain(source, f"{rig_path} is a drill driver: its model runs by itself, in `vgroove study steps --rig`")
     tool = without_board_effects(rig).with_effects(data.get("effects", {}))
     trigger = _section(data, "trigger", TRIGGER_KEYS, source)
     load = _section(data, "load", LOAD_KEYS, source)

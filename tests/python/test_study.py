@@ -131,6 +131,7 @@ def test_a_rig_changes_the_result_and_png_is_drawn(tmp_path: Path) -> None:
     [
         (("--rig", ROOT / "rigs/impact_driver.toml"), "drill_driver"),
         (("--rig", "absent.toml"), "absent.toml"),
+    (("--rig", "mixed.toml"), "go together"),
         (("--tolerance", "1"), "--tolerance must be from"),
         (("-o", "file"), "file: this folder cannot be made"),
         (("--json", "absent/x.json"), "absent"),
@@ -138,10 +139,22 @@ def test_a_rig_changes_the_result_and_png_is_drawn(tmp_path: Path) -> None:
 )
 def test_bad_input_is_a_sentence_and_exit_code_2(tmp_path: Path, words: tuple, sentence: str) -> None:
     (tmp_path / "file").write_text("")
+    low = (ROOT / "rigs/drill_driver_low.toml").read_text()
+    (tmp_path / "mixed.toml").write_text(low.split("[load]")[0] + '[load]\nkind = "none"\n')
     done = vgroove("study", "steps", "--points", "2", *words, cwd=tmp_path)
     assert done.returncode == 2
     assert sentence in done.stderr and "Traceback" not in done.stderr
     assert not list(tmp_path.rglob("*.csv")) and not list(tmp_path.rglob("*.json"))
+
+
+@pytest.mark.parametrize("command", ["sim", "run"])
+def test_a_drill_driver_is_no_tool_for_scenarios(tmp_path: Path, command: str) -> None:
+    text = (ROOT / "scenarios/spin_up.toml").read_text()
+    rig = ROOT / "rigs/drill_driver_low.toml"
+    (tmp_path / "drill.toml").write_text(re.sub(r'(?m)^rig = .*$', f'rig = "{rig}"', text))
+    done = vgroove(command, "drill.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "is a drill driver" in " ".join(done.stderr.split())
 
 
 def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
