@@ -166,8 +166,10 @@ def _jumps(columns: dict[str, np.ndarray], name: str, rig: Rig, last: int) -> bo
 
 
 def _moves(columns: dict[str, np.ndarray], name: str, rig: Rig, first: int, last: int) -> bool:
-    """Whether the command, or another measured column beyond its noise, moves clearly between two rows: medians of parts are compared."""
-    for other in {*MEASURED, rig.input["kind"]} - {name}:
+    """Whether the command, or another measured column beyond its noise, moves clearly between two rows: medians of parts are compared. A
+    rounded edge speed may well stand while the current moves, so that for it only the command counts."""
+    from_edges = name == "speed_rpm" and _pitch_s(rig, 1.0) > 0.0
+    for other in {rig.input["kind"]} if from_edges else {*MEASURED, rig.input["kind"]} - {name}:
         values = columns.get(other)
         if values is None or not np.isfinite(values[first:last + 1]).any():
             continue

@@ -62,7 +62,7 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
         raise VgrooveError(f"{source}: nothing to judge: besides the input {rig.input['kind']} no column that the model predicts")
     sight = sight_of(time_s, columns, rig, edges, channels)
     load = filled(time_s, columns["load_nm"]) if rig.load["kind"] == "torque" and "load_nm" in columns else None
-    channels = _widened(channels, time_s, noise.drive_sigma(rig, time_s, command, load, _volt_noise(columns, rig)))
+    channels = _widened(channels, time_s, noise.drive_sigma(rig, time_s, command, load, _volt_noise(columns, rig), restart_s))
     holes = _holes(time_s, columns[rig.input["kind"]])
     restarts = states.restarts(sight, time_s, restart_s, [row for _, row in holes])
     channels = tuple(_clear_of_holes(_clear_of_restarts(channel, restarts.rows), restarts.rows, holes) for channel in channels)

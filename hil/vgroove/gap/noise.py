@@ -10,6 +10,7 @@ from vgroove.rig import Rig
 
 STEPS_LOOKED_AT, MOST_PARTS = 2000, 64  # differences that must fit a column's resolution, and steps in the smallest of them
 SCATTER_WINDOW, SCATTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
+CALMED = 7  # rows over which columns.calmed takes the mean of a noisy voltage
 RPM = 2.0 * np.pi / 60.0
 MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 LEAST_SIGMA = {"current_a": 1e-3, "supply_v": 1e-3, "speed_rpm": 1e-2, "position_rad": 1e-9}  # a noiseless log must not divide by zero
@@ -89,13 +90,13 @@ def _what_motion_leaves(size: int, pulses_per_rev: int) -> np.ndarray:
     return np.eye(size) - basis @ basis.T
 
 
-def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.ndarray | None,
-                volt_noise: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.ndarray | None, volt_noise: float = 0.0,
+                restart_s: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
     """1 sigma (rows,) of speed, rad/s, and current, A, that the driving columns leave open: they too are measured and rounded.
 
     A ramp is known to its column's resolution, a load step to the row it happens in, a measured current to its noise. The nominal motor
-    turns each into an impulse of speed that decays with its time constant. A constant command is known to the last digit written.
-    A measured bus or terminal voltage has the noise volt_noise (V).
+    turns each into an impulse of speed that decays with its time constant, or is gone at the next restart. A constant command is known to the last digit written.
+    A measured bus or terminal voltage has the noise volt_noise (V), the latter calmed: its current feels the mean of CALMED rows.
     """
     motor, ratio = rig.motor, rig.gearbox["ratio"]
     inertia = motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / ratio**2
@@ -116,11 +117,12 @@ def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.n
         reached = 1.0 - np.exp(-dt * resistance / motor["inductance_h"])  # of the stationary current within a row
         share = np.minimum(np.abs(command), 1.0) if rig.input["kind"] == "duty" else 1.0
         noisy = share * volt_noise / resistance
-        current, torque = np.hypot(current, noisy * reached), np.hypot(torque, constant * noisy)
+        felt = reached / np.sqrt(1.0 if rig.input["kind"] == "duty" else CALMED)
+        current, torque = np.hypot(current, noisy * felt), np.hypot(torque, constant * noisy)
     if load_nm is not None:
         torque = np.hypot(torque, np.abs(np.diff(load_nm, prepend=load_nm[0])) / np.sqrt(12.0) / ratio)
     digit = last_digit(command) / np.sqrt(12.0) * volt / constant if rig.input["kind"] != "current_a" else 0.0
-    impulse, kept = (torque * dt / inertia) ** 2, np.exp(-2.0 * rate * dt)
+    impulse, kept = (torque * dt / inertia) ** 2, np.exp(-2.0 * (rate + 1.0 / restart_s) * dt)
     variance = np.empty(len(time_s))
     last = 0.0
     for i in range(len(time_s)):
