@@ -46,13 +46,16 @@ template <class L> struct SolverBody final : ImpactBody {
 
     void run(double seconds, const TimedCommand &c, double load_from_nm, double load_rate) override {
         Drive<double> &d = solver.drive;
-        const double share = std::fabs(c.duty);
+        const double share = std::fabs(c.duty), open = c.coast ? 1.0 : 0.0;
+        const double dead = !c.coast && share > 0.0 && share < 1.0 ? c.dead : 0.0;
+        const bool goes_on = d.command == c.duty && d.open == open && d.dead == dead && d.load_rate == load_rate;
         d.command = c.duty;
-        d.open = c.coast ? 1.0 : 0.0;
-        d.dead = !c.coast && share > 0.0 && share < 1.0 ? c.dead : 0.0;
+        d.open = open;
+        d.dead = dead;
         d.load_nm = load_from_nm;
         d.load_rate = load_rate;
-        impact_new_stretch(solver);
+        if (!goes_on)
+            impact_new_stretch(solver);
         impact_run(solver, seconds);
     }
 
@@ -160,11 +163,17 @@ ImpactPlant::ImpactPlant(ImpactPlant &&) noexcept = default;
 
 // Runs an interval with the commands in force in it: each acts transport_delay after it is given.
 static void run_interval(ImpactBody &b, double seconds, const TimedCommand &given, double load_nm) {
+    b.reset_means();
+    const double rate = (load_nm - b.load_nm) / seconds;
+    if (b.parameters.transport_delay_s == 0.0) {
+        b.run(seconds, given, b.load_nm, rate);
+        b.now_s += seconds;
+        b.load_nm = load_nm;
+        return;
+    }
     TimedCommand late = given;
     late.from_s = b.now_s + b.parameters.transport_delay_s;
     b.commands.push_back(late);
-    b.reset_means();
-    const double rate = (load_nm - b.load_nm) / seconds;
     double left = seconds;
     while (left > 0.0) {
         while (b.commands.size() > 1 && b.commands[1].from_s - b.now_s < 1e-12)

@@ -33,7 +33,7 @@ __attribute__((noinline)) ImpactPoint impact_slope(ImpactSolver<L> &self, double
     return impact_slope_inline(self, tau, s, ds);
 }
 
-template <class L> __attribute__((noinline)) void impact_attempt(ImpactSolver<L> &self, double h) {
+template <class L> VGROOVE_INLINE void impact_attempt(ImpactSolver<L> &self, double h) {
     constexpr int N = L::COUNT;
     ImpactStep<L> &t = self.step;
     const ImpactState<L> &y = self.state, &k1 = self.slope;
@@ -426,16 +426,27 @@ template <class L> VGROOVE_INLINE void impact_run_fixed(ImpactSolver<L> &self, d
         throw std::runtime_error("impact mechanism: the fixed step is too long for this tool");
 }
 
-template <class L> __attribute__((flatten)) void impact_run(ImpactSolver<L> &self, double length_s) {
+template <class L> VGROOVE_INLINE void impact_run_any(ImpactSolver<L> &self, double length_s) {
     if (!L::EXACT && self.fixed_s > 0.0)
         impact_run_fixed(self, length_s);
     else
         impact_run_adaptive(self, length_s);
 }
 
-template void impact_run<FastLayout>(ImpactSolver<FastLayout> &, double);
-template void impact_run<FullLayout>(ImpactSolver<FullLayout> &, double);
-template void impact_run<AuditLayout>(ImpactSolver<AuditLayout> &, double);
+// The layout of batches is compiled for the processor's vector width; without contracted multiply-adds the bytes are the same.
+VGROOVE_CLONES static void run_core(ImpactSolver<FastLayout> &self, double length_s) {
+    impact_run_any(self, length_s);
+}
+template <> void impact_run(ImpactSolver<FastLayout> &self, double length_s) {
+    run_core(self, length_s);
+}
+template <> void impact_run(ImpactSolver<FullLayout> &self, double length_s) {
+    impact_run_any(self, length_s);
+}
+template <> void impact_run(ImpactSolver<AuditLayout> &self, double length_s) {
+    impact_run_any(self, length_s);
+}
+
 template void impact_refresh<FastLayout>(ImpactSolver<FastLayout> &);
 template void impact_refresh<FullLayout>(ImpactSolver<FullLayout> &);
 template void impact_refresh<AuditLayout>(ImpactSolver<AuditLayout> &);
