@@ -95,7 +95,8 @@ def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.n
     """1 sigma (rows,) of speed, rad/s, and current, A, that the driving columns leave open: they too are measured and rounded.
 
     A ramp is known to its column's resolution, a load step to the row it happens in, a measured current to its noise. The nominal motor
-    turns each into an impulse of speed that decays with its time constant, or is gone at the next restart. A constant command is known to the last digit written.
+    turns each into an impulse of speed that decays with its time constant, or is gone at the next restart. A constant command is known to
+    the last digit written.
     A measured bus or terminal voltage has the noise volt_noise (V), the latter calmed: its current feels the mean of CALMED rows.
     """
     motor, ratio = rig.motor, rig.gearbox["ratio"]
