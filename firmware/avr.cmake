@@ -4,8 +4,8 @@ set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-secti
 
 add_executable(vgroove ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c hal/avr/main.c hal/avr/serial.c hal/avr/start.c)
 # What runs in interrupts is compiled for speed, the rest for size; what runs seldom for still less.
-set_source_files_properties(hal/avr/isr.c drivers/adc_sequence.c drivers/uart.c core/ring.c PROPERTIES COMPILE_OPTIONS -O2)
-set_source_files_properties(app/calibrate.c app/execute.c app/param_command.c app/param_store.c telemetry/command.c drivers/hall_spacing.c
+set_source_files_properties(hal/avr/isr.c drivers/adc_sequence.c core/ring.c PROPERTIES COMPILE_OPTIONS -O2)
+set_source_files_properties(app/calibrate.c app/execute.c app/param_command.c app/param_store.c telemetry/command.c drivers/hall_spacing.c core/divide.c
   PROPERTIES COMPILE_OPTIONS -fno-inline-small-functions)
 target_include_directories(vgroove PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${build_hash_dir})
 target_compile_options(vgroove PRIVATE ${avr_flags})

@@ -61,6 +61,12 @@ INLINE_NEVER static bool rests(App *self) {
 
 // The Hall sensor's word is not the last.
 static void find_standstill(App *self) {
+    const int16_t compare = self->bridge.row_compare;
+    if (self->hall.new_edges > 0u) {
+        self->standstill.driven_ms = 0;
+    } else if (compare != H_BRIDGE_COAST && standstill_driven(&self->standstill, compare)) {
+        self->standstill.stood = faults_draws_like_standing(&self->measured, compare);
+    }
     if (self->measured.standstill) {
         self->measured.standstill = rests(self);
     } else {
@@ -107,6 +113,8 @@ static bool slow_work(App *self) {
         hall_speed_search(&self->hall);
     } else if (param_due(&self->params)) {
         param_step(&self->params);
+        self->report.params.table.table_slot = self->params.slot;
+        self->report.params.table.table_status = self->params.status;
     } else {
         return false;
     }
@@ -123,7 +131,7 @@ static void share_tick(App *self) {
 
 void app_tick(App *self, uint8_t ticks_late) {
     read_inputs(self);
-    self->now_ms++;
+    self->report.now_ms++;
     note_lateness(self, ticks_late);
     share_tick(self);
     find_faults(self);

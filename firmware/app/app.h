@@ -26,7 +26,7 @@
 _Static_assert(TELEMETRY_FRAME_BYTES == RING_FRAME, "the UART queues whole frames");
 
 typedef struct {
-    AdcSequence adc;           // first: the AVR's ADC interrupt reaches it by displacement
+    AdcSequence adc;  // first: the AVR's ADC interrupt reaches it by displacement
     ParamStore params;
     CurrentSense current;
     Trigger trigger;
@@ -40,29 +40,28 @@ typedef struct {
     OpenLoop open_loop;
     Foldback foldback;
     CommandParser parser;
-    Command command;           // the last one received
+    Command command;  // the last one received
     Telemetry telemetry;
-    TelemetryInputs report;    // kept from tick to tick: most of it seldom changes
+    TelemetryInputs report;                   // kept from tick to tick: most of it seldom changes
     uint8_t spare[TELEMETRY_TICK_BYTES_MAX];  // frames that the queue has no room for
-    uint32_t now_ms;
-    uint16_t worst_cycles;     // of a tick since the last HEALTH frame
-    uint16_t standing_flags;   // TELEMETRY_FLAGS_* of the start
-    int16_t duty_limit_q15;    // duty at full trigger, a setpoint
-    int16_t ramp_duty_q15;     // last duty that was driven, and the speed then: what a resumed drive begins with
+    uint16_t worst_cycles;                    // of a tick since the last HEALTH frame
+    uint16_t standing_flags;                  // TELEMETRY_FLAGS_* of the start
+    int16_t duty_limit_q15;                   // duty at full trigger, a setpoint
+    int16_t ramp_duty_q15;                    // last duty that was driven, and the speed then: what a resumed drive begins with
     int16_t ramp_speed_rpm_q1;
-    uint8_t calibration;       // TELEMETRY_CALIBRATE_WHAT_*, CANCEL: none
-    uint8_t mode;              // TELEMETRY_MODE_*
+    uint8_t calibration;  // TELEMETRY_CALIBRATE_WHAT_*, CANCEL: none
+    uint8_t mode;         // TELEMETRY_MODE_*
     uint16_t calibration_ticks;
-    uint16_t trigger_least;    // counts seen while its ends are learned
+    uint16_t trigger_least;  // counts seen while its ends are learned
     uint16_t trigger_greatest;
-    bool save_offset;          // the offset found at rest becomes a parameter
+    bool save_offset;  // the offset found at rest becomes a parameter
     uint8_t overruns;
-    uint8_t configure_step;    // see execute_parameters
+    uint8_t configure_step;  // see execute_parameters
     bool calibrated;
-    bool hall_taken;           // pitches learned so far were within their range
-    bool command_waits;        // to be executed and acknowledged
-    bool two_edges;            // of this tick: they hold back all slow work for a tick
-    bool slow_turn;            // a slow frame has been held back for other work: it goes first now
+    bool hall_taken;     // pitches learned so far were within their range
+    bool command_waits;  // to be executed and acknowledged
+    bool two_edges;      // of this tick: they hold back all slow work for a tick
+    bool slow_turn;      // a slow frame has been held back for other work: it goes first now
 } App;
 
 void app_init(App *self, uint32_t build_hash);

@@ -8,7 +8,7 @@
 
 #define UNDER_VOLTAGE_MS 10u
 #define OVER_TEMPERATURE_MS 100u
-#define STALL_COMPARE_MIN 16    // 6 % duty: below, the shaft may stand without being stalled
+#define STALL_COMPARE_MIN 16  // 6 % duty: below, the shaft may stand without being stalled
 
 // Ticks for which a condition has held, saturating at `limit`.
 static uint8_t held_for(bool holds, uint8_t ticks, uint8_t limit) {

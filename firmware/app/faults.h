@@ -23,7 +23,7 @@ typedef struct {
 } FaultLimits;
 
 typedef struct {
-    uint8_t active;   // conditions that hold now, TELEMETRY_FAULTS_*
+    uint8_t active;  // conditions that hold now, TELEMETRY_FAULTS_*
     uint8_t latched;
     uint8_t under_voltage_ms;
     uint8_t over_temperature_ms;

@@ -14,12 +14,12 @@ typedef struct {
     int16_t current_a_q9;
     int16_t speed_rpm_q1;
     uint16_t supply_mv;
-    uint16_t supply_25mv;      // as telemetry sends it
+    uint16_t supply_25mv;  // as telemetry sends it
     int16_t temperature_c_q4;
-    uint16_t flags;            // TELEMETRY_FLAGS_* of this tick
-    AdcTick adc;               // of this tick
+    uint16_t flags;  // TELEMETRY_FLAGS_* of this tick
+    AdcTick adc;     // of this tick
     bool temperature_lost;
-    bool standstill;           // by the Hall sensor; app/standstill.h has the last word
+    bool standstill;  // by the Hall sensor; app/standstill.h has the last word
 } Measurement;
 
 // The slow channels keep their last value; everything else is of this tick.

@@ -58,7 +58,6 @@ static void fill_health(const App *app, TelemetryHealth *health) {
 
 void report_tick(App *app) {
     TelemetryInputs *report = &app->report;
-    report->now_ms = app->now_ms;
     report->fast.current_a = app->measured.current_a_q9;
     report->fast.speed_rpm = app->measured.speed_rpm_q1;
     report->fast.duty_compare = app->bridge.row_compare;
@@ -67,8 +66,6 @@ void report_tick(App *app) {
     if (telemetry_health_due(&app->telemetry)) {
         fill_health(app, &report->health);
     }
-    report->params.table.table_slot = app->params.slot;
-    report->params.table.table_status = app->params.status;
     uint8_t *place[2];
     uart_places(&app->uart, place, app->spare);
     const uint8_t frames = telemetry_frames(&app->telemetry, report, place);

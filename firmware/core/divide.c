@@ -79,7 +79,7 @@ INLINE_NEVER static uint16_t quotient_by_long(uint32_t rest, uint32_t divisor) {
 #endif
 }
 
-uint16_t divide_u16(uint32_t dividend, uint32_t divisor) {
+INLINE_NEVER uint16_t divide_u16(uint32_t dividend, uint32_t divisor) {
     if (divisor > UINT16_MAX) {
         return quotient_by_long(dividend, divisor);
     }
@@ -89,6 +89,6 @@ uint16_t divide_u16(uint32_t dividend, uint32_t divisor) {
 uint32_t divide_u32(uint32_t dividend, uint16_t divisor) {
     const uint16_t top = (uint16_t)(dividend >> BITS);
     const uint16_t high = top < divisor ? 0u : divide_u16(top, divisor);
-    const uint16_t rest = (uint16_t)(top - (uint32_t)high * divisor);
+    const uint16_t rest = (uint16_t)(top - (uint16_t)((uint32_t)high * divisor));
     return ((uint32_t)high << BITS) | divide_u16(((uint32_t)rest << BITS) | (uint16_t)dividend, divisor);
 }

@@ -5,12 +5,12 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define RING_WORDS 32u   // samples or stamps: four ticks' worth
-#define RING_BYTES 64u   // UART: holds TELEMETRY_QUEUE_BYTES
+#define RING_WORDS 32u  // samples or stamps: four ticks' worth
+#define RING_BYTES 64u  // UART: holds TELEMETRY_QUEUE_BYTES
 
 typedef struct {
-    volatile uint8_t head;  // pushes so far, modulo 256
-    volatile uint8_t tail;  // pops so far
+    volatile uint8_t head;             // pushes so far, modulo 256
+    volatile uint8_t tail;             // pops so far
     volatile uint8_t low[RING_WORDS];  // bytes apart: cheaper to reach on the AVR
     volatile uint8_t high[RING_WORDS];
 } RingWords;

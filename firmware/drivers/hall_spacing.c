@@ -2,12 +2,14 @@
 #include "drivers/hall_spacing.h"
 
 #include "core/divide.h"
+#include "core/inline.h"
 
-#define UNIT_SHIFT 8u              // cycles of a period in 1/256: a round of up to 1 s stays below 2^16
-#define LEARN_SHIFT 4u             // while learning: periods of up to 65 ms
-#define STEADY_SHIFT 5u            // two rounds agree within 1/32: an even speed
-#define CLEAR_RATIO 2u             // the best phase fits twice as well as the next
-#define UNEVEN_LEAST_Q15 164       // 0.5 %: pitches closer than this to a quarter need no index
+#define UNIT_SHIFT 8u         // cycles of a period in 1/256
+#define LEARN_SHIFT 4u        // while learning: periods of up to 65 ms
+#define STEADY_SHIFT 5u       // two rounds agree within 1/32: an even speed
+#define ROUND_MAX (1u << 14)  // a round of up to 0.26 s: shares that add up to twice the whole give misfits below 2^16, too
+#define CLEAR_RATIO 2u        // the best phase fits twice as well as the next
+#define UNEVEN_LEAST_Q15 164  // 0.5 %: pitches closer than this to a quarter need no index
 
 // Steps of a search: the round that is wanted, then a phase each; then it is over, until a new round begins.
 enum { SEARCH_NONE, SEARCH_WANTED, SEARCH_PHASES, SEARCH_OVER = SEARCH_PHASES + HALL_SPACING_PITCHES };
@@ -26,10 +28,9 @@ void hall_spacing_learn(HallSpacing *self) {
     self->learning = true;
 }
 
-static bool steady(const HallSpacing *self) {
-    const uint32_t longer = self->this_round > self->last_round ? self->this_round : self->last_round;
-    const uint32_t shorter = self->this_round > self->last_round ? self->last_round : self->this_round;
-    return longer - shorter <= longer >> STEADY_SHIFT;
+INLINE_NEVER static bool steady(const HallSpacing *self) {
+    const uint32_t apart = self->this_round > self->last_round ? self->this_round - self->last_round : self->last_round - self->this_round;
+    return apart <= self->this_round >> STEADY_SHIFT;
 }
 
 // A round at another speed than the one before takes the sums with it.
@@ -106,10 +107,10 @@ static void end_search(HallSpacing *self) {
 }
 
 static void begin_search(HallSpacing *self, const int16_t share_q15[HALL_SPACING_PITCHES]) {
-    const bool clear = steady(self) && self->this_round >> UNIT_SHIFT <= UINT16_MAX;
+    const bool clear = steady(self) && self->this_round >> UNIT_SHIFT <= ROUND_MAX;
     self->last_round = self->this_round;
-    self->best = UINT32_MAX;
-    self->next = UINT32_MAX;
+    self->best = UINT16_MAX;
+    self->next = UINT16_MAX;
     self->step = SEARCH_PHASES;
     if (!clear) {
         self->phase = HALL_SPACING_UNKNOWN;
@@ -123,20 +124,20 @@ static void begin_search(HallSpacing *self, const int16_t share_q15[HALL_SPACING
 }
 
 // How far the round is from the learned one turned by `phase` pitches.
-static uint32_t misfit(const HallSpacing *self, uint8_t phase, bool reverse) {
-    uint32_t sum = 0;
+static uint16_t misfit(const HallSpacing *self, uint8_t phase, bool reverse) {
+    uint16_t sum = 0;
     uint8_t pitch = phase;
     for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
         const uint16_t want = self->wanted[pitch % HALL_SPACING_PITCHES];
         const uint16_t got = self->round[k];
-        sum += want > got ? (uint16_t)(want - got) : (uint16_t)(got - want);
+        sum = (uint16_t)(sum + (want > got ? want - got : got - want));
         pitch = (uint8_t)(reverse ? pitch - 1u : pitch + 1u);
     }
     return sum;
 }
 
 static void try_phase(HallSpacing *self, uint8_t phase, bool reverse) {
-    const uint32_t fit = misfit(self, phase, reverse);
+    const uint16_t fit = misfit(self, phase, reverse);
     if (fit < self->best) {
         self->next = self->best;
         self->best = fit;
@@ -151,7 +152,7 @@ static uint8_t conclude(HallSpacing *self, bool reverse) {
     const uint8_t before = self->phase;
     const uint8_t passed = (uint8_t)(reverse ? HALL_SPACING_PITCHES - self->at : self->at);
     const uint8_t now = (uint8_t)((uint8_t)(self->found + passed) % HALL_SPACING_PITCHES);
-    const bool clear = self->best * CLEAR_RATIO < self->next;
+    const bool clear = self->best < self->next / CLEAR_RATIO;
     self->phase = clear ? self->found : HALL_SPACING_UNKNOWN;
     return clear && self->phase == before ? now : HALL_SPACING_UNKNOWN;
 }

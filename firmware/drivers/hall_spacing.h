@@ -22,10 +22,10 @@ typedef struct {
     uint8_t rounds;
     uint8_t phase;  // found once
     bool learning;
-    uint8_t step;         // of the search, 0: none
-    uint8_t found;        // best phase so far
-    uint32_t best;        // its misfit, and that of the second best
-    uint32_t next;
+    uint8_t step;   // of the search, 0: none
+    uint8_t found;  // best phase so far
+    uint16_t best;  // its misfit, and that of the second best
+    uint16_t next;
     uint16_t wanted[HALL_SPACING_PITCHES];  // the round as the learned shares would have it, from the first pitch on
 } HallSpacing;
 

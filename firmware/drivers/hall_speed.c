@@ -6,13 +6,13 @@
 #include "hal/hal.h"
 
 // rpm Q1 = 2 * 60 s/min * f_cpu * pitch / period, pitch in turns = 4 * share Q15 / 2^15 / pulses, 1 / pulses when it is an equal one.
-#define FACTOR_OF_TURN ((uint32_t)2 * 60u * HAL_CPU_HZ)                // 1.92e9 < 2^32
-#define SHARE_BITS 13u  // of an equal pitch, HALL_SPEED_PITCH_EQUAL_Q15
+#define FACTOR_OF_TURN ((uint32_t)2 * 60u * HAL_CPU_HZ)  // 1.92e9 < 2^32
+#define SHARE_BITS 13u                                   // of an equal pitch, HALL_SPEED_PITCH_EQUAL_Q15
 #define SPEED_MAX_Q1 INT16_MAX
 #define CYCLES_PER_MS (HAL_CPU_HZ / 1000u)
-#define DOUBLE_RATIO 4u           // an edge after less than a quarter of the last period is a second edge of the same magnet
-#define STEADY_SHIFT 3u           // the last two periods agree within an eighth
-#define MISSED_RATIO 11u          // times the least: below 2,979 rpm the drive can really halve its speed within a pitch
+#define DOUBLE_RATIO 4u   // an edge after less than a quarter of the last period is a second edge of the same magnet
+#define STEADY_SHIFT 3u   // the last two periods agree within an eighth
+#define MISSED_RATIO 11u  // times the least: below 2,979 rpm the drive can really halve its speed within a pitch
 
 // The factor of a pitch is to that of an equal one as their shares: in two parts, since the product has 45 bits.
 static uint32_t factor_of_share(uint32_t factor_equal, int16_t share_q15) {

@@ -16,30 +16,30 @@
 
 typedef struct {
     volatile bool overflowed;
-    uint32_t now_cycles;          // of the tick; its low half is Timer1 at the tick
-    uint32_t edge_cycles;         // of the last edge that counted
-    uint32_t period_cycles;       // between the last two, of one pitch
-    uint32_t before_cycles;       // the one before, 0: none
+    uint32_t now_cycles;     // of the tick; its low half is Timer1 at the tick
+    uint32_t edge_cycles;    // of the last edge that counted
+    uint32_t period_cycles;  // between the last two, of one pitch
+    uint32_t before_cycles;  // the one before, 0: none
     uint32_t timeout_cycles;
     uint32_t factor[HALL_SPEED_PITCHES];  // rpm Q1 times period of each pitch
     uint32_t factor_equal;
-    uint32_t edge_factor;         // of the pitch that the last edge closed, where its index was known
-    uint32_t least_cycles;        // a shorter period is beyond twice the range
-    uint32_t fast_cycles;         // period above which a missed edge cannot be told from braking
+    uint32_t edge_factor;   // of the pitch that the last edge closed, where its index was known
+    uint32_t least_cycles;  // a shorter period is beyond twice the range
+    uint32_t fast_cycles;   // period above which a missed edge cannot be told from braking
     uint16_t magnitude_rpm_q1;
-    uint8_t edges;                // since standstill: 0, 1, 2 = enough for a period
-    uint8_t index;                // pitch that begins at the last edge
-    uint8_t new_edges;            // in this tick
+    uint8_t edges;      // since standstill: 0, 1, 2 = enough for a period
+    uint8_t index;      // pitch that begins at the last edge
+    uint8_t new_edges;  // in this tick
     uint8_t missed;
     uint8_t doubled;
     bool index_known;
-    bool edge_known;              // edge_factor counts, otherwise all pitches are equal
-    bool uneven;                  // the pitches differ: worth finding the index
-    bool learned;                 // hall_spacing has a result
+    bool edge_known;  // edge_factor counts, otherwise all pitches are equal
+    bool uneven;      // the pitches differ: worth finding the index
+    bool learned;     // hall_spacing has a result
     int16_t share_q15[HALL_SPEED_PITCHES];
     HallSpacing spacing;
-    bool reverse;                 // sign, set at standstill
-    RingWords stamps;             // Timer1 at the edge; last: what lies within 64 bytes is cheap to reach
+    bool reverse;      // sign, set at standstill
+    RingWords stamps;  // Timer1 at the edge; last: what lies within 64 bytes is cheap to reach
 } HallSpeed;
 
 // What a tick has seen.

@@ -57,15 +57,14 @@ static uint8_t crc_of(const uint8_t buffer[TELEMETRY_FRAME_BYTES]) {
 static void take_frame(const CommandParser *self, Command *out) {
     const uint8_t *id = &self->buffer[ID_AT];
     out->id = (uint16_t)((uint16_t)id[0] | (uint16_t)((uint16_t)id[1] << 8));
-    for (uint8_t k = 0; k < TELEMETRY_DATA_BYTES; k++) {
-        out->data[k] = self->buffer[DATA_AT + k];
-    }
+    out->data = &self->buffer[DATA_AT];
+    out->sequence = self->buffer[DATA_AT + COMMAND_SEQUENCE_AT];
     out->fresh = false;
     if (!self->intact) {
         out->result = TELEMETRY_ACK_RESULT_BAD_CRC;
     } else if (id[2] != 0u || id[3] != 0u) {
         out->result = TELEMETRY_ACK_RESULT_UNKNOWN_ID;
-    } else if (out->id == self->last_id && out->data[COMMAND_SEQUENCE_AT] == self->last_sequence && self->buffer[CRC_AT] == self->last_crc) {
+    } else if (out->id == self->last_id && out->sequence == self->last_sequence && self->buffer[CRC_AT] == self->last_crc) {
         out->result = self->last_result;
     } else {
         out->result = TELEMETRY_ACK_RESULT_OK;
@@ -122,12 +121,11 @@ bool command_next(CommandParser *self, uint8_t byte, Command *out) {
 }
 
 void command_answered(CommandParser *self, const Command *command, Telemetry *telemetry) {
-    const uint8_t sequence = command->data[COMMAND_SEQUENCE_AT];
-    const TelemetryAck ack = {.ack_command = command->id, .ack_sequence = sequence, .ack_result = command->result};
+    const TelemetryAck ack = {.ack_command = command->id, .ack_sequence = command->sequence, .ack_result = command->result};
     if (command->fresh) {
         self->last_id = command->id;
-        self->last_sequence = sequence;
-        self->last_crc = command->data[TELEMETRY_DATA_BYTES - 1u];
+        self->last_sequence = command->sequence;
+        self->last_crc = self->buffer[CRC_AT];
         self->last_result = command->result;
     }
     telemetry_ack(telemetry, &ack);

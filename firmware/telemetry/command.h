@@ -22,16 +22,17 @@
 
 typedef struct {
     uint16_t id;
-    uint8_t data[TELEMETRY_DATA_BYTES];
+    const uint8_t *data;  // in the parser's buffer, until its next step
+    uint8_t sequence;
     uint8_t result;  // TELEMETRY_ACK_RESULT_*
     bool fresh;      // to be executed: intact and not the last one sent again
 } Command;
 
 enum {
-    COMMAND_WANTS,   // the next byte
-    COMMAND_WHOLE,   // a frame is complete in form
-    COMMAND_CHECKED, // its CRC has been looked at
-    COMMAND_ASTRAY,  // what was received is no frame: one may have begun inside
+    COMMAND_WANTS,    // the next byte
+    COMMAND_WHOLE,    // a frame is complete in form
+    COMMAND_CHECKED,  // its CRC has been looked at
+    COMMAND_ASTRAY,   // what was received is no frame: one may have begun inside
 };
 
 typedef struct {

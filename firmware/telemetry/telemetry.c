@@ -113,7 +113,7 @@ static void note_second(Telemetry *self, uint32_t now_ms) {
 }
 
 static int16_t mean_of(int32_t sum, uint8_t count) {
-    const uint16_t mean = divide_u16((uint32_t)(sum < 0 ? -sum : sum) + count / 2u, count);
+    const uint16_t mean = divide_u16((uint32_t)(sum < 0 ? -sum : sum) + (uint32_t)count / 2u, count);
     return (int16_t)(sum < 0 ? -(int32_t)mean : (int32_t)mean);
 }
 

@@ -142,5 +142,5 @@ ISR(BOARD_UDRE_vect, ISR_NAKED) {
                      :
                      : [keep_low] "I"(_SFR_IO_ADDR(GPIOR1)), [keep_high] "I"(_SFR_IO_ADDR(GPIOR2)), [tail] "i"(&avr_app.uart.send.tail),
                        [head] "i"(&avr_app.uart.send.head), [items] "i"(&avr_app.uart.send.items), [end] "M"(RING_FRAMES_BYTES),
-                       [data] "n"(_SFR_MEM_ADDR(UDR0)), [control] "n"(_SFR_MEM_ADDR(UCSR0B)), [silent] "n"((uint8_t)~(1u << UDRIE0)));
+                       [data] "n"(_SFR_MEM_ADDR(UDR0)), [control] "n"(_SFR_MEM_ADDR(UCSR0B)), [silent] "n"((uint8_t) ~(1u << UDRIE0)));
 }

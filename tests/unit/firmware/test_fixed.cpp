@@ -120,7 +120,8 @@ TEST(RingFramesQueue, HoldsThreeFramesAndNotOneMore) {
 }
 
 TEST(Divide, IsTheFloorAtEveryBorder) {
-    const uint32_t divisors[] = {1, 2, 3, 255, 256, 32767, 32768, 65535, 65536, 65537, 131071, 1u << 24, (1u << 24) + 1, 0x7FFFFFFFu, 0x80000000u, UINT32_MAX};
+    const uint32_t divisors[] = {1,           2,           3,         255, 256, 32767, 32768, 65535, 65536, 65537, 131071, 1u << 24, (1u << 24) + 1,
+                                 0x7FFFFFFFu, 0x80000000u, UINT32_MAX};
     for (const uint32_t divisor : divisors) {
         for (uint64_t q : {0ull, 1ull, 2ull, 255ull, 32767ull, 32768ull, 65534ull, 65535ull, 65536ull}) {
             for (const int64_t beside : {-1, 0, 1}) {

@@ -237,4 +237,31 @@ TEST(HallSpacing, IsLearnedAndFoundAgain) {
     }
 }
 
+// Learning that is given up, or a write of parameters meanwhile: the index is searched again, and learning goes on, in turn.
+TEST(HallSpacing, LearningIsGivenUpOrGoesOnAcrossAConfiguration) {
+    const double share[4] = {9000, 7600, 8600, 7568};
+    for (const bool cancelled : {true, false}) {
+        Shaft shaft;
+        for (uint8_t k = 0; k < 4; ++k)
+            hall_speed_set_pitch(&shaft.hall, k, static_cast<int16_t>(share[k]));
+        hall_speed_learn(&shaft.hall, true);
+        if (cancelled) {
+            hall_speed_learn(&shaft.hall, false);
+        } else {
+            hall_speed_configure(&shaft.hall, 4, 300);
+        }
+        double at = 1000.0;
+        for (int t = 0, pitch = 0; t < 500; ++t) {
+            std::vector<uint64_t> edges;
+            for (; at <= static_cast<double>(shaft.now + 16000); pitch = (pitch + 1) % 4) {
+                edges.push_back(static_cast<uint64_t>(at));
+                at += 96000.0 * share[pitch] / 32768.0;
+            }
+            shaft.tick(edges);
+        }
+        EXPECT_EQ(shaft.hall.learned, !cancelled);
+        EXPECT_EQ(shaft.hall.index_known, cancelled);
+    }
+}
+
 }  // namespace

@@ -29,13 +29,13 @@ struct Tool {
     double friction = 0.012;
     bool locked = false, hall_works = true;
 
-    void period(const SimOutputs& o, SimInputs* in) {
+    void period(const SimOutputs &o, SimInputs *in) {
         in->edge_count = 0;
         for (int k = 0; k < 20; ++k)
             step(o, in, k);
     }
 
-    void step(const SimOutputs& o, SimInputs* in, int k) {
+    void step(const SimOutputs &o, SimInputs *in, int k) {
         const double h = PERIOD_S / 20, duty = o.compare / 255.0;
         double v = duty * (vs - rs * duty * i);
         if (o.coast != 0)
@@ -67,8 +67,8 @@ struct RunTest : testing::Test {
 
     void SetUp() override { start(SIM_START_DEFAULT); }
 
-    void start(const SimStart& how) {
-        *static_cast<SimInputs*>(&in) = SimInputs{};
+    void start(const SimStart &how) {
+        *static_cast<SimInputs *>(&in) = SimInputs{};
         tool = Tool{};
         line.clear();
         fast.clear();
@@ -104,14 +104,14 @@ struct RunTest : testing::Test {
         for (; line.size() >= 19; line.erase(line.begin(), line.begin() + 19)) {
             ASSERT_EQ(line[0], 0xAA);
             ASSERT_EQ(line[18], 0xBB);
-            const uint8_t* d = &line[10];
+            const uint8_t *d = &line[10];
             const uint32_t ms = uint32_t{line[1]} | uint32_t{line[2]} << 8u | uint32_t{line[3]} << 16u;
             const int id = line[6] | line[7] << 8;
             ++frames[id];
             if (id == TELEMETRY_FAST_ID) {
                 const int packed = d[4] | d[5] << 8 | d[6] << 16;
-                fast.push_back({ms, int16_t(d[0] | d[1] << 8), int16_t(d[2] | d[3] << 8), (packed & 1023) > 511 ? (packed & 1023) - 1024 : packed & 1023,
-                                packed >> 10 & 1023});
+                fast.push_back({ms, int16_t(d[0] | d[1] << 8), int16_t(d[2] | d[3] << 8),
+                                (packed & 1023) > 511 ? (packed & 1023) - 1024 : packed & 1023, packed >> 10 & 1023});
             } else if (id == TELEMETRY_STATE_ID) {
                 states.push_back({ms, d[1], d[2] & 15, d[2] >> 7, d[3], d[4] | d[5] << 8});
             }
@@ -120,7 +120,7 @@ struct RunTest : testing::Test {
 
     double worst_current() const {
         double worst = 0;
-        for (const Fast& f : fast)
+        for (const Fast &f : fast)
             worst = std::max(worst, std::fabs(f.current_q9 / 512.0));
         return worst;
     }
@@ -255,7 +255,7 @@ TEST_F(RunTest, ReleaseCoastsAndAResumedDriveDoesNotBrakeHard) {
     run(0.3);
     EXPECT_EQ(faults(), 0);
     double least = 0;
-    for (const Fast& f : fast)
+    for (const Fast &f : fast)
         least = std::min(least, f.current_q9 / 512.0);
     EXPECT_GT(least, -10.0);
 }
@@ -305,6 +305,52 @@ TEST_F(RunTest, ALostSensorDoesNotLetTheDirectionChangeWhileTheShaftTurns) {
     }
 }
 
+// The sensor dies at low speed or at rest, the drive goes on for less than any time-out: what it may have given the shaft is waited for.
+TEST_F(RunTest, AccelerationThatNoEdgeShowsDoesNotLetTheDirectionChange) {
+    for (const bool from_rest : {true, false}) {
+        for (const double driven_s : {0.08, 0.15, 0.25}) {
+            start(SIM_START_DEFAULT);
+            tool.friction = 0.006;
+            run(0.5);
+            if (!from_rest) {
+                press(0.08);
+                run(0.6);
+                ASSERT_GT(tool.w, 20.0);
+            }
+            tool.hall_works = false;
+            press(1.0);
+            run(driven_s);
+            press(0.0, true);
+            int reversed_turning = 0;
+            for (int k = 0; k < 800; ++k) {
+                press(k % 100 < 50 ? 0.0 : 0.6, true);
+                const bool turns = tool.w > 20.0;
+                run(0.01);
+                reversed_turning += turns && out.coast == 0 && out.compare < 0 ? 1 : 0;
+            }
+            EXPECT_EQ(reversed_turning, 0) << from_rest << ' ' << driven_s;
+        }
+    }
+}
+
+// A seated screw: the load stops the shaft within some turns, the user releases and turns it back.
+TEST_F(RunTest, AShaftThatStoodUnderLoadTurnsBackSoon) {
+    run(0.5);
+    press(1.0);
+    run(0.4);
+    tool.friction = 0.65;
+    run(0.45);
+    ASSERT_EQ(tool.w, 0);
+    press(0.0, true);
+    run(0.9);
+    tool.friction = 0.012;
+    press(0.5, true);
+    run(0.1);
+    EXPECT_EQ(faults(), 0);
+    EXPECT_EQ(states.back().reverse, 1);
+    EXPECT_LT(tool.w, 0);
+}
+
 TEST_F(RunTest, ATriggerHeldAtTheStartDoesNotStart) {
     press(1.0);
     run(1.0);
@@ -316,7 +362,7 @@ TEST_F(RunTest, ATriggerHeldAtTheStartDoesNotStart) {
 TEST_F(RunTest, TelemetryDoesNotDependOnLatency) {
     std::vector<uint8_t> first;
     std::vector<SimInputs> tape;
-    for (const auto& [isr, tick] : {std::pair{40, 400}, {0, 260}, {300, 3500}}) {
+    for (const auto &[isr, tick] : {std::pair{40, 400}, {0, 260}, {300, 3500}}) {
         SimStart how = SIM_START_DEFAULT;
         how.isr_cycles = static_cast<uint16_t>(isr);
         how.tick_cycles = static_cast<uint16_t>(tick);

@@ -8,7 +8,7 @@ extern "C" {
 namespace {
 
 // Ticks until the shaft counts as standing, after one tick with `first`.
-int ticks_to_rest(const StandstillInputs& first, bool coasts = true, int most = 10000) {
+int ticks_to_rest(const StandstillInputs &first, bool coasts = true, int most = 10000) {
     Standstill self{};
     if (standstill_step(&self, &first))
         return 0;
@@ -50,6 +50,30 @@ TEST(Standstill, ASlowEndDoesNotShortenAWaitThatRuns) {
     (void)standstill_step(&self, &lost);
     (void)standstill_step(&self, &slow);
     EXPECT_EQ(self.unseen_ms, STANDSTILL_RUN_DOWN_MS);
+}
+
+// Ticks until rest after `ms` ticks of drive without an edge.
+int rest_after_drive(int ms, int compare, bool stood) {
+    Standstill self{};
+    for (int k = 0; k < ms; ++k)
+        if (standstill_driven(&self, static_cast<int16_t>(compare)))
+            self.stood = stood;
+    const StandstillInputs coasts{false, true, 0};
+    for (int k = 0; k < 10000; ++k)
+        if (standstill_step(&self, &coasts))
+            return k;
+    return -1;
+}
+
+TEST(Standstill, WaitsForWhatTheDriveMayHaveGivenUnseen) {
+    EXPECT_EQ(rest_after_drive(0, 255, false), 0);
+    EXPECT_EQ(rest_after_drive(1, 255, false), 636 * 10000 / 65536);
+    EXPECT_EQ(rest_after_drive(10, -255, false), 6360 * 10000 / 65536);
+    EXPECT_EQ(rest_after_drive(99, 255, false), 255 * 128 * 10000 / 65536) << "full duty, full speed";
+    EXPECT_EQ(rest_after_drive(99, 20, false), 20 * 128 * 10000 / 65536) << "no faster than the duty";
+    EXPECT_EQ(rest_after_drive(99, 255, true), 255 * 128 * 10000 / 65536) << "too early to believe the current";
+    EXPECT_EQ(rest_after_drive(100, 255, true), 0) << "a shaft that stands under load";
+    EXPECT_EQ(rest_after_drive(300, 255, false), 255 * 128 * 10000 / 65536);
 }
 
 }  // namespace
