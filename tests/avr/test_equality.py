@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from busy_line import busy_line_tape
 from equality import Difference, damaged, differences, sent_bytes
 from exercise import DURATION_S, record_tape
 from uneven import uneven_tape
@@ -65,6 +66,15 @@ def test_uneven_pitches_are_learned_and_found_again() -> None:
 def test_uneven_pitches_are_equal_bit_for_bit(target: str, request: pytest.FixtureRequest) -> None:
     mcu, number = TARGETS[target]
     tape = uneven_tape()
+    avr = sent_bytes(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
+    found = differences(sent_bytes(sil.replay(tape, target=number)), avr)
+    assert not found, _said(found)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_commands_at_every_phase_are_equal_bit_for_bit(target: str, request: pytest.FixtureRequest) -> None:
+    mcu, number = TARGETS[target]
+    tape = busy_line_tape()
     avr = sent_bytes(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
     found = differences(sent_bytes(sil.replay(tape, target=number)), avr)
     assert not found, _said(found)
