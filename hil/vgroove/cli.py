@@ -101,13 +101,16 @@ def flash(
 
 @app.command()
 def sim(
-    path: Annotated[Path, typer.Argument(metavar="RIG|SCENARIO", help="With --log a rig; without, a scenario: its travel is the duty.")],
+    path: Annotated[
+        Path,
+        typer.Argument(metavar="RIG|SCENARIO", help="With --log a rig; alone a scenario (travel is duty) or a rig: 1 s of full trigger."),
+    ],
     log: Annotated[list[Path] | None, typer.Option("--log", help="Log whose input drives the rig; may be given again.")] = None,
     json_path: Annotated[Path | None, typer.Option("--json", help="Write the figures as JSON.")] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the simulated log as CSV.")] = None,
     restart_s: Annotated[float, typer.Option(help="With --log: the model restarts from measured states about this often.")] = 0.25,
 ) -> None:
-    """The plant alone: a scenario, or a rig driven by a log's input, then with the gap on the log's held-out blocks."""
+    """The plant alone: a scenario, a rig at full trigger, or a rig driven by a log's input and the gap on its held-out blocks."""
     _check_outputs(json_path, output, inputs=[path, *(log or [])])
     figures = _sim_logs(path, log, output, restart_s) if log else _sim_scenario(path, output)
     _write_json(json_path, figures)
@@ -134,13 +137,12 @@ def _sim_logs(rig_path: Path, logs: list[Path], output: Path | None, restart_s: 
 def _sim_scenario(path: Path, output: Path | None) -> dict[str, Any]:
     from vgroove.log import write_csv
     from vgroove.plant_alone import scenario_figures, scenario_table, simulate_scenario
-    from vgroove.scenario import read_scenario
+    from vgroove.rig import SCHEMA as RIG_SCHEMA
+    from vgroove.rig import read_rig, read_toml
+    from vgroove.scenario import full_trigger, read_scenario
 
-    try:
-        scenario = read_scenario(path)
-    except VgrooveError as error:
-        raise VgrooveError(f"{error} (without --log LOG a scenario is simulated)") from error
-    simulated = simulate_scenario(scenario)
+    is_rig = read_toml(path).get("schema") == RIG_SCHEMA
+    simulated = simulate_scenario(full_trigger(read_rig(path), str(path)) if is_rig else read_scenario(path))
     figures = scenario_figures(simulated)
     Console().print(scenario_table(figures))
     if output:

@@ -193,6 +193,15 @@ def read_scenario(path: str | Path) -> Scenario:
     return scenario_from_dict(read_toml(path), str(path), Path(path).parent)
 
 
+def full_trigger(rig: Rig, source: str, duration_s: float = 1.0) -> Scenario:
+    """The scenario of a rig alone: the trigger pulled fully at t = 0, as fast as the rig's slew allows."""
+    if rig.mechanism["kind"] == "drill_driver":
+        raise _complain(source, "a drill driver's model runs by itself, in `vgroove study steps --rig`")
+    slew = rig.input.get("slew_per_s")
+    travel = ((0.0, 0.0), (1.0 / slew, 1.0)) if slew else ((0.0, 1.0),)
+    return Scenario(rig, rig, duration_s, Profile(travel=travel, contact_travel=0.0), source=source)
+
+
 def command_messages(commands: tuple[Command, ...]) -> list[tuple[float, bytes]]:
     """(time_s, frame bytes) of a scenario's commands, numbered in order."""
     from vgroove import telemetry

@@ -61,10 +61,10 @@ def test_the_simulated_log_is_a_log_without_a_gap_of_its_own(tmp_path: Path) -> 
     assert np.std(made.columns["current_a"] - original.columns["current_a"]) == pytest.approx(0.153, rel=0.1)
 
 
-def test_a_missing_log_option_and_two_outputs_are_refused(tmp_path: Path) -> None:
+def test_a_missing_rig_and_two_outputs_are_refused(tmp_path: Path) -> None:
     write_rig(rig(), tmp_path / "rig.toml")
     logs = [write_log(drive_log(rig(), seed=s, seconds=2.0), tmp_path / f"{s}.csv") for s in (1, 2)]
-    for arguments in ([tmp_path / "rig.toml"], [tmp_path / "none.toml", "--log", logs[0]],
+    for arguments in ([tmp_path / "none.toml"], [tmp_path / "none.toml", "--log", logs[0]],
                       [tmp_path / "rig.toml", "--log", logs[0], "--log", logs[1], "-o", tmp_path / "out.csv"]):
         with pytest.raises(VgrooveError):
             CliRunner().invoke(cli.app, ["sim", *map(str, arguments)], catch_exceptions=False)
@@ -112,12 +112,6 @@ def test_figures_that_cannot_be_written_are_a_sentence(tmp_path: Path) -> None:
         sim(scenario_of(tmp_path), "--json", tmp_path / "absent" / "out.json")
 
 
-def test_without_a_log_a_rig_is_refused_with_what_is_missing(tmp_path: Path) -> None:
-    scenario_of(tmp_path)
-    with pytest.raises(VgrooveError, match="--log"):
-        sim(tmp_path / "rig.toml")
-
-
 def dull(**columns: float | np.ndarray) -> MadeLog:
     """A log of the tool with some columns replaced."""
     log = drive_log(rig(), seed=3)
@@ -141,11 +135,42 @@ def test_a_log_without_a_command_or_a_measurement_is_a_sentence(tmp_path: Path, 
 
 @pytest.mark.parametrize("columns", [
     {"duty": 0.0, "current_a": 0.0, "speed_rpm": 0.0, "supply_v": 18.0}, {"duty": 0.0, "current_a": 0.0, "speed_rpm": 0.0, "supply_v": 0.0},
-    {"current_a": 0.0, "speed_rpm": 0.0, "supply_v": 0.0}, {"duty": 0.5, "current_a": 3.0, "speed_rpm": 5000.0, "supply_v": 18.0},
-    {"duty": 0.0, "speed_rpm": np.linspace(5000.0, 0.0, 6001)}])
-def test_a_log_in_which_nothing_happens_is_judged_within_five_seconds(tmp_path: Path, columns: dict[str, float]) -> None:
+    {"current_a": 0.0, "speed_rpm": 0.0, "supply_v": 0.0}, {"duty": 0.5, "current_a": 3.0, "speed_rpm": 5000.0, "supply_v": 18.0}])
+def test_a_log_whose_sensors_show_nothing_is_a_sentence(tmp_path: Path, columns: dict[str, float]) -> None:
     log = write_log(dull(**columns), tmp_path / "log.csv")
+    write_rig(rig(), tmp_path / "rig.toml")
+    with pytest.raises(VgrooveError, match="no measured column changes"):
+        sim(tmp_path / "rig.toml", "--log", log, "--json", tmp_path / "out.json")
+    assert not (tmp_path / "out.json").exists()
+
+
+def test_a_shaft_that_runs_down_by_itself_is_judged_within_five_seconds(tmp_path: Path) -> None:
+    log = write_log(dull(duty=0.0, speed_rpm=np.linspace(5000.0, 0.0, 6001)), tmp_path / "log.csv")
     write_rig(rig(), tmp_path / "rig.toml")
     begin = time.process_time()
     sim(tmp_path / "rig.toml", "--log", log, "--json", tmp_path / "out.json")
     assert time.process_time() - begin < 5.0 and np.isfinite(json.loads((tmp_path / "out.json").read_text())["gap"])
+
+
+RIGS = Path(__file__).resolve().parents[2] / "rigs"
+
+
+def test_an_impact_rig_alone_runs_at_full_trigger(tmp_path: Path) -> None:
+    sim(RIGS / "impact_driver.toml", "--json", tmp_path / "out.json")
+    figures = json.loads((tmp_path / "out.json").read_text())
+    assert figures["rows"] == 1001
+    assert figures["blows_per_min"] == pytest.approx(2857, rel=2e-3)  # physics.md section 4, hard joint
+    assert figures["torque_peak_nm"] == pytest.approx(144, rel=0.01)
+
+
+def test_a_rig_alone_is_driven_no_faster_than_its_slew(tmp_path: Path) -> None:
+    write_rig(rig(), tmp_path / "rig.toml")
+    sim(tmp_path / "rig.toml", "-o", tmp_path / "sim.csv")
+    duty = read_log(tmp_path / "sim.csv").columns["duty"]
+    slew = rig().input["slew_per_s"]
+    assert duty[0] == 0.0 and duty[-1] == 1.0 and np.max(np.diff(duty)) <= slew * 1e-3 * (1.0 + 1e-9)
+
+
+def test_a_drill_driver_is_sent_to_its_study() -> None:
+    with pytest.raises(VgrooveError, match="vgroove study steps"):
+        sim(RIGS / "drill_driver_low.toml")
