@@ -4,7 +4,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 JOBS ?= $(shell nproc)
 SEED ?= 1
-APT := cmake ninja-build g++ pkg-config git gcc-avr avr-libc binutils-avr avrdude libsimavr-dev libelf-dev libeigen3-dev libgtest-dev \
+APT := cmake ninja-build ccache g++ pkg-config git gcc-avr avr-libc binutils-avr avrdude libsimavr-dev libelf-dev libeigen3-dev libgtest-dev \
        clang-tidy clang-format cppcheck python3 python3-dev python3-venv chromium
 
 .PHONY: help setup apt build demo test lint unit bench proof flash clean

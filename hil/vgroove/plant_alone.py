@@ -3,7 +3,7 @@
 import numpy as np
 from rich.table import Table
 
-from vgroove.errors import VgrooveError
+from vgroove.errors import VgrooveError, refused_by_plant
 from vgroove.lockstep import Profile, curve, step_values
 from vgroove.log import Log
 from vgroove.scenario import Scenario
@@ -38,19 +38,26 @@ def simulate_scenario(scenario: Scenario) -> Log:
     drive = _core.LogInput(time_s, "duty", columns["duty"], slew_per_s=tool.input.get("slew_per_s"), load_nm=columns["load_nm"],
                            coast=columns["coast"], load_kind=tool.load.get("kind", "none"))
     meta = {}
-    if tool.mechanism["kind"] == "impact":
-        rows = _core.simulate_impact(drive, tool.parameters()[None, :], mode="fast")
-        columns |= {name: rows[name][0] for name in BENCH_CHANNELS}
-        meta = impact_figures(rows["blows"][0], float(rows["head_rad"][0, -1]))
-    else:
-        rows = _core.simulate_log(drive, tool.parameters()[None, :], np.array([0]), np.zeros((1, 3)), threads=1)
+    with refused_by_plant(scenario.source):
+        if tool.mechanism["kind"] == "impact":
+            rows = _core.simulate_impact(drive, tool.parameters()[None, :], mode="fast")
+            columns |= {name: rows[name][0] for name in BENCH_CHANNELS}
+            meta = impact_figures(while_pulled(rows["blows"][0], time_s, columns["duty"]), float(rows["head_rad"][0, -1]))
+        else:
+            rows = _core.simulate_log(drive, tool.parameters()[None, :], np.array([0]), np.zeros((1, 3)), threads=1)
     columns |= {name: rows[name][0] for name in ("supply_v", "current_a")}
     columns |= {"speed_rpm": rows["speed_rad_s"][0] * RAD_S_TO_RPM, "position_rad": rows["angle_rad"][0]}
     return Log(time_s, columns, scenario.source, meta=meta)
 
 
+def while_pulled(blows: np.ndarray, time_s: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    """The blows (structured, as simulate_impact gives them) that fall while the duty (n,) stands at its largest size."""
+    row = np.minimum(np.searchsorted(time_s, blows["time_s"]), len(duty) - 1)
+    return blows[np.abs(duty[row]) >= np.max(np.abs(duty))]
+
+
 def impact_figures(blows: np.ndarray, head_rad: float) -> dict[str, float | int]:
-    """What an impact run came to: blows and their repeats, rate and regularity of the second half of them, torque, height, head angle."""
+    """What blows came to: their number and repeats, rate and regularity of the second half of them, torque, height, head angle."""
     first = blows[blows["kind"] == 0]
     late = first[len(first) // 2 :]
     period = np.diff(late["time_s"])

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vgroove.errors import VgrooveError
+from vgroove.errors import VgrooveError, refused_by_plant
 from vgroove.lockstep import FrontEnds, Profile
 from vgroove.rig import Rig, read_rig, read_toml, rig_from_dict
 
@@ -229,4 +229,5 @@ def make_plant(tool: Rig, seed: int) -> Any:
     if not hasattr(_core, kind):
         raise VgrooveError("this build of vgroove has no lock-step plant: run `pip install -e .` in the tree again")
     pulses = int(tool.sensors.get("hall_pulses_per_rev", 0))
-    return getattr(_core, kind)(tool.parameters(), load_kind=tool.load.get("kind", "none"), hall_pulses_per_rev=pulses, seed=seed)
+    with refused_by_plant(tool.name or "the rig"):
+        return getattr(_core, kind)(tool.parameters(), load_kind=tool.load.get("kind", "none"), hall_pulses_per_rev=pulses, seed=seed)

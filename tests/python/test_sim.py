@@ -174,3 +174,19 @@ def test_a_rig_alone_is_driven_no_faster_than_its_slew(tmp_path: Path) -> None:
 def test_a_drill_driver_is_sent_to_its_study() -> None:
     with pytest.raises(VgrooveError, match="vgroove study steps"):
         sim(RIGS / "drill_driver_low.toml")
+
+
+@pytest.mark.parametrize(("key", "value"), [("lug_overlap_rad", 3.2), ("hammer_start_rad", 0.5)])
+def test_what_only_the_plant_refuses_is_a_sentence(key: str, value: float, tmp_path: Path) -> None:
+    text = (RIGS / "impact_driver.toml").read_text()
+    lines = [line for line in text.splitlines() if not line.startswith(key)]
+    lines.insert(lines.index("[mechanism]") + 1, f"{key} = {value}")
+    (tmp_path / "rig.toml").write_text("\n".join(lines) + "\n")
+    with pytest.raises(VgrooveError, match="rig.toml"):
+        sim(tmp_path / "rig.toml")
+
+
+def test_rate_and_spread_are_those_of_the_pulled_trigger(tmp_path: Path) -> None:
+    sim(RIGS.parent / "scenarios/impact_hard_joint.toml", "--json", tmp_path / "out.json")
+    figures = json.loads((tmp_path / "out.json").read_text())
+    assert figures["blows_per_min"] == pytest.approx(2857, rel=5e-3) and figures["period_spread_percent"] < 1.0

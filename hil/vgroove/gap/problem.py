@@ -231,9 +231,9 @@ def _read(log: Any) -> Any:
 
 def _check_simulated(rig: Rig) -> None:
     if rig.mechanism["kind"] != "none":
-        raise VgrooveError(f"mechanism {rig.mechanism['kind']} cannot be simulated yet: only mechanism none can")
+        raise VgrooveError(f"a log of a tool with mechanism {rig.mechanism['kind']} cannot be judged yet, only one with mechanism none")
     if rig.load["kind"] not in SIMULATED_LOADS:
-        raise VgrooveError(f"load {rig.load['kind']} cannot be simulated yet: only {', '.join(SIMULATED_LOADS)} can")
+        raise VgrooveError(f"a log of a tool with load {rig.load['kind']} cannot be judged yet, only with {', '.join(SIMULATED_LOADS)}")
 
 
 def _join(rig: Rig, runs: tuple[Run, ...], restart_s: float, threads: int) -> Problem:

@@ -27,6 +27,7 @@ COLOURS = {
     "return": "rgba(102,161,130,0.20)",
     "stroke": "rgba(120,120,160,0.20)",
 }
+MOST_PHASES = 20  # a regular cycle has five
 LINES = ("#30343b", "#d1495b", "#00798c")
 
 
@@ -79,6 +80,8 @@ def cycle(rig: Rig, duration_s: float, duty: float) -> dict[str, Any]:
     for name in ("hammer_deg", "anvil_deg", "head_deg"):
         columns[name] = columns[name] - np.interp(0.0, columns["time_ms"], columns[name])
     phases = phases_of(time_s[inside], trace["lug_torque_nm"][inside], trace["hammer_m"][inside], height)
+    if len(phases) > MOST_PHASES:
+        raise VgrooveError(f"{rig.name or 'the rig'}: {len(phases)} phases between two blows: this load makes no impact cycle to show")
     return {
         "columns": columns,
         "start_s": start,

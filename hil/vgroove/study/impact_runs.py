@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vgroove import _core
-from vgroove.errors import VgrooveError
+from vgroove.errors import VgrooveError, refused_by_plant
 from vgroove.rig import Rig, read_rig, rig_from_dict
 
 # physics.md section 4, the reference set; its section [load] is replaced by the study's joints
@@ -113,7 +113,8 @@ def simulate(rigs: Sequence[Rig], duration_s: float, duty: float, **options: Any
     row_s = options.pop("row_s", 1e-3)
     time_s = np.linspace(0.0, duration_s, round(duration_s / row_s) + 1)
     drive = _core.LogInput(time_s, "duty", np.full(len(time_s), duty), load_kind=rigs[0].load["kind"])
-    rows = _core.simulate_impact(drive, np.array([rig.parameters() for rig in rigs]), **{"mode": "reference", "threads": 2, **options})
+    with refused_by_plant(rigs[0].name or "the rig"):
+        rows = _core.simulate_impact(drive, np.array([rig.parameters() for rig in rigs]), **{"mode": "reference", "threads": 2, **options})
     return {"time_s": time_s, **rows}
 
 
