@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from vgroove.board import CYCLES_PER_PERIOD, PERIOD_S, SWITCH_CONTACT, SWITCH_MODE_SHIFT, SWITCH_REVERSE, BoardInputs, BoardOutputs
+from vgroove.errors import refused_by_plant
 
 COMPARE_TOP = 255
 CHUNK_PERIODS = 512  # 16.3 ms: stimuli are computed, and the line is served, so many periods at a time
@@ -233,7 +234,8 @@ def steps(board: Board, tool: Tool, profile: Profile, duration_s: float, *, fron
         count = min(CHUNK_PERIODS, periods - progress.periods)
         pacer.add(line.receive(progress.time_s))
         before = len(progress.sent)
-        _run_chunk(board, tool, front, stimulus.chunk(progress.periods, count), pacer, progress)
+        with refused_by_plant(f"after {progress.time_s:.3f} s of lock-step"):
+            _run_chunk(board, tool, front, stimulus.chunk(progress.periods, count), pacer, progress)
         progress.periods += count
         line.send(bytes(progress.sent[before:]))
         yield progress
