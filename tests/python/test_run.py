@@ -9,6 +9,7 @@ import subprocess
 import sys
 import termios
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -159,7 +160,8 @@ def test_without_a_reader_bytes_go_nowhere_and_nothing_blocks() -> None:
 
 def test_ctrl_c_leaves_a_valid_log_and_exits_130(tmp_path: Path) -> None:
     scenario, output = short_scenario(tmp_path, 600.0), tmp_path / "cut.csv"
-    with subprocess.Popen([*VGROOVE, "run", str(scenario), "-o", str(output)], stderr=subprocess.DEVNULL) as process:
+    hear = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a shell that runs this in the background has it ignored
+    with subprocess.Popen([*VGROOVE, "run", str(scenario), "-o", str(output)], stderr=subprocess.DEVNULL, preexec_fn=hear) as process:
         time.sleep(3.0)
         process.send_signal(signal.SIGINT)
         assert process.wait(90) == 130

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -159,7 +160,8 @@ def test_a_drill_driver_is_no_tool_for_scenarios(tmp_path: Path, command: str) -
 
 def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "vgroove.cli", "study", "steps", "--points", "200"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path) as run:
+    hear = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a shell that runs this in the background has it ignored
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path, preexec_fn=hear) as run:
         deadline = time.monotonic() + 60
         while not (tmp_path / "study").is_dir() and time.monotonic() < deadline:
             time.sleep(0.05)
