@@ -12,6 +12,7 @@ from vgroove.errors import VgrooveError
 
 SETTLE_S = 0.3  # a serial library flushes its input while it opens a port; a real board is still in its bootloader then
 DRAIN_S = 5.0
+QUIET_S = 0.3  # the kernel refills what the reader sees from a hidden buffer, later on a busy machine: empty once is not yet drained
 
 
 class PtyLine:
@@ -88,11 +89,14 @@ class PtyLine:
         finally:
             os.close(slave)
 
-    def drain(self, limit_s: float = DRAIN_S) -> None:
-        """Wait until the reader has taken everything, has gone, or the limit has passed."""
-        end = time.monotonic() + limit_s
-        while time.monotonic() < end and self.has_reader() and self._unread() > 0:
+    def drain(self) -> None:
+        """Wait until the reader has taken everything, has gone, or has taken nothing for DRAIN_S."""
+        left, since = self._unread(), time.monotonic()
+        while self.has_reader() and time.monotonic() - since < (DRAIN_S if left else QUIET_S):
             time.sleep(0.02)
+            now_left = self._unread()
+            if now_left != left:
+                left, since = now_left, time.monotonic()
 
     def close(self) -> None:
         """Hang up."""

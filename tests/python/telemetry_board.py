@@ -149,6 +149,14 @@ def moving(board: Board) -> Callable[[int], None]:
     return each
 
 
+def wait_until(condition: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
+    """Poll until the condition holds; AssertionError naming `what` when it does not within the time."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {seconds:g} s: {what}"
+        time.sleep(0.02)
+
+
 class PtyBoard:
     """A board on a pty in real time: 1,000 ticks a second, commands answered; `damage` may change what goes out."""
 

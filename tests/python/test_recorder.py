@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from telemetry_board import EEPROM_BYTES, Board, PtyBoard, eeprom_set, moving
+from telemetry_board import EEPROM_BYTES, Board, PtyBoard, eeprom_set, moving, wait_until
 from test_telemetry import damaged
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
@@ -41,16 +41,11 @@ def start(port: str, output: Path, *options: str, limit: int | None = None) -> s
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=before)
 
 
-def wait_for_part(output: Path, size: int, seconds: float = 30.0) -> None:
+def wait_for_part(output: Path, size: int) -> None:
     """Until the recorder has begun and written so much."""
     grows = output.with_name(output.name + ".csv") if output.suffix == ".mf4" else output
     part = grows.with_name(f".{grows.stem}.part{grows.suffix}")
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        if part.exists() and part.stat().st_size >= size:
-            return
-        time.sleep(0.02)
-    raise AssertionError(f"{part} did not reach {size} bytes")
+    wait_until(lambda: part.exists() and part.stat().st_size >= size, f"{part} reaches {size} bytes")
 
 
 def direct_log(pty: PtyBoard) -> dict[float, tuple]:

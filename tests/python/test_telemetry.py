@@ -18,7 +18,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from telemetry_board import ROOT, Board, PtyBoard, eeprom_set, library, moving, struct_of
+from telemetry_board import ROOT, Board, PtyBoard, eeprom_set, library, moving, struct_of, wait_until
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
 from vgroove.log import log_from_stream
@@ -446,12 +446,12 @@ def test_a_single_frame_from_another_time_is_not_believed() -> None:
 
 def test_python_can_reads_the_undamaged_stream(tmp_path: Path) -> None:
     target = tmp_path / "can.asc"
-    with PtyBoard() as pty:
-        command = [sys.executable, "-m", "can.logger", "-i", "serial", "-c", pty.port, "-f", str(target), "--bus-kwargs", "baudrate=250000"]
-        logger = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-        deadline = time.monotonic() + 20
-        while time.monotonic() < deadline and not (target.exists() and target.stat().st_size > 100_000):
-            time.sleep(0.1)
+    board = PtyBoard()
+    command = [sys.executable, "-m", "can.logger", "-i", "serial", "-c", board.port, "-f", str(target), "--bus-kwargs", "baudrate=250000"]
+    logger = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    wait_until(target.exists, f"{target} appears")  # made after the port was opened and flushed: python-can does not find its way in from the middle of a frame
+    with board:
+        wait_until(lambda: target.stat().st_size > 100_000, f"{target} grows")
         logger.send_signal(2)
         assert logger.wait(90) == 0, logger.stderr.read()
     messages = list(can.LogReader(target))
