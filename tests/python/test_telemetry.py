@@ -8,7 +8,6 @@ import random
 import struct
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import ModuleType
 
@@ -449,7 +448,7 @@ def test_python_can_reads_the_undamaged_stream(tmp_path: Path) -> None:
     board = PtyBoard()
     command = [sys.executable, "-m", "can.logger", "-i", "serial", "-c", board.port, "-f", str(target), "--bus-kwargs", "baudrate=250000"]
     logger = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    wait_until(target.exists, f"{target} appears")  # made after the port was opened and flushed: python-can does not find its way in from the middle of a frame
+    wait_until(target.exists, f"{target} appears")  # made once the port is open and flushed: python-can needs a frame's begin
     with board:
         wait_until(lambda: target.stat().st_size > 100_000, f"{target} grows")
         logger.send_signal(2)
