@@ -206,6 +206,12 @@ AdvanceResult ImpactPlant::advance(double seconds, double duty, bool coast, doub
     return b.result(seconds);
 }
 
+AdvanceResult ImpactPlant::period_end() const {
+    AdvanceResult r = body_->now();
+    r.housing_nm = body_->result(body_->period_s).housing_nm;
+    return r;
+}
+
 double ImpactPlant::current_a() const {
     return body_->now().current_a;
 }

@@ -32,6 +32,9 @@ public:
     // Any interval with one command; dead time as the dead_time effect has it.
     AdvanceResult advance(double seconds, double duty, bool coast, double load_nm);
 
+    // True values at the end of the last period, the housing reaction as its mean over it.
+    AdvanceResult period_end() const;
+
     double current_a() const;
     double speed_rad_s() const;
     double angle_rad() const;

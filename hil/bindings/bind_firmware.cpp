@@ -8,25 +8,36 @@
 #include <vector>
 
 #include "bindings.hpp"
-#include "hal/sim/sim.h"
+#include "firmware.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
 
-namespace {
-
 // The simulation HAL is one instance a process: the newest Firmware owns it, an older one may not be used any more.
-std::uint32_t owner = 0;
+static std::uint32_t owner = 0;
+static bool held = false;  // by a thread that runs it without the interpreter's lock; read and written with that lock only
 
-struct Firmware {
-    std::uint32_t number = ++owner;
-    SimOutputs outputs{};
-};
+static void need_free() {
+    if (held)
+        throw std::runtime_error("Firmware: another thread is running the simulation; only one can run in a process");
+}
 
 void need_owner(const Firmware &self) {
+    need_free();
     if (self.number != owner)
         throw std::runtime_error("Firmware: a newer instance has taken the simulation over; only one can run in a process");
 }
+
+FirmwareHold::FirmwareHold(const Firmware &self) {
+    need_owner(self);
+    held = true;
+}
+
+FirmwareHold::~FirmwareHold() {
+    held = false;
+}
+
+namespace {
 
 nb::bytes as_bytes(const void *data, std::size_t size) {
     return nb::bytes(static_cast<const char *>(data), size);
@@ -50,7 +61,8 @@ void firmware_init(Firmware *self, nb::object eeprom, int reset_cause, int targe
     start.target = static_cast<std::uint8_t>(target);
     start.isr_cycles = static_cast<std::uint16_t>(isr_cycles);
     start.tick_cycles = static_cast<std::uint16_t>(tick_cycles);
-    new (self) Firmware();
+    need_free();
+    new (self) Firmware{++owner, {}};
     sim_reset(&start, &self->outputs);
 }
 

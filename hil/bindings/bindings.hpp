@@ -14,5 +14,6 @@ void bind_drill(nanobind::module_ &m);     // bind_drill.cpp
 void bind_joints(nanobind::module_ &m);    // bind_joints.cpp
 void bind_impact(nanobind::module_ &m);    // bind_impact.cpp, called by bind_plant
 void bind_firmware(nanobind::module_ &m);  // bind_firmware.cpp
+void bind_lockstep(nanobind::module_ &m);  // bind_lockstep.cpp: both of them
 
 #endif

@@ -10,5 +10,6 @@ NB_MODULE(_core, m) {
     bind_joints(m);
 #ifdef VGROOVE_WITH_FIRMWARE
     bind_firmware(m);
+    bind_lockstep(m);
 #endif
 }

@@ -3,12 +3,13 @@
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from vgroove.board import CYCLES_PER_PERIOD, PERIOD_S, SWITCH_CONTACT, SWITCH_MODE_SHIFT, SWITCH_REVERSE, BoardInputs, BoardOutputs
 from vgroove.errors import refused_by_plant
+from vgroove.sil import SilBoard
 
 COMPARE_TOP = 255
 CHUNK_PERIODS = 512  # 16.3 ms: stimuli are computed, and the line is served, so many periods at a time
@@ -47,6 +48,10 @@ class FrontEnds:
         """TMP36: 500 mV at 0 degC, 10 mV/K."""
         return round((0.5 + 0.01 * self.temperature_c) / ADC_VOLTS * ADC_COUNTS)
 
+    def scales(self) -> tuple[float, float, int]:
+        """Counts per A, counts per V, counts of the temperature."""
+        return 1 / self.current_a_per_count, 1 / self.supply_v_per_count, self.temperature_counts()
+
 
 @dataclass(frozen=True)
 class Profile:
@@ -83,18 +88,22 @@ def step_values(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np
 
 @dataclass
 class Stimuli:
-    """One chunk of periods: trigger counts, switches, load, what is added to current and supply before conversion, broken Hall line."""
+    """One chunk of n periods, (n,) each: trigger counts, switches, load, what is added to current and supply, broken Hall line."""
 
-    trigger: list[int]
-    switches: list[int]
-    load_nm: list[float]
-    current_counts: list[float]
-    supply_counts: list[float]
-    broken: list[bool]
+    trigger: np.ndarray
+    switches: np.ndarray
+    load_nm: np.ndarray
+    current_counts: np.ndarray
+    supply_counts: np.ndarray
+    broken: np.ndarray
+
+    def columns(self) -> tuple[np.ndarray, ...]:
+        """In the order of run_lockstep."""
+        return self.trigger, self.switches, self.load_nm, self.current_counts, self.supply_counts, self.broken
 
     def periods(self) -> Iterator[tuple[int, int, float, float, float, bool]]:
         """The columns' values period by period."""
-        return zip(self.trigger, self.switches, self.load_nm, self.current_counts, self.supply_counts, self.broken, strict=True)
+        return zip(*(column.tolist() for column in self.columns()), strict=True)
 
 
 class Stimulus:
@@ -117,9 +126,8 @@ class Stimulus:
         broken = np.zeros(count, bool)
         for begin, end in p.gaps:
             broken |= (time_s >= begin) & (time_s < end)
-        trigger = np.round((TRAVEL_AT_REST + TRAVEL_SPAN * travel) * (ADC_COUNTS - 1)).astype(int)
-        return Stimuli(trigger.tolist(), self._switches(travel, time_s).tolist(), curve(p.load_nm, time_s).tolist(),
-                       current.tolist(), supply.tolist(), broken.tolist())
+        trigger = np.round((TRAVEL_AT_REST + TRAVEL_SPAN * travel) * (ADC_COUNTS - 1)).astype(np.int64)
+        return Stimuli(trigger, self._switches(travel, time_s).astype(np.int64), curve(p.load_nm, time_s), current, supply, broken)
 
     def _switches(self, travel: np.ndarray, time_s: np.ndarray) -> np.ndarray:
         contact = travel >= self.profile.contact_travel
@@ -189,6 +197,17 @@ class Pacer:
         self._credit -= BYTE_CYCLES
         return bytes((self._waiting.popleft(),))
 
+    def take(self, periods: int) -> np.ndarray:
+        """next() of as many periods, (n,): the byte or -1."""
+        bytes_or_none = np.full(periods, -1, np.int16)
+        at = 0
+        while at < periods and self._waiting:
+            byte = self.next()
+            bytes_or_none[at] = byte[0] if byte else -1
+            at += 1
+        self._credit = min(self._credit + (periods - at) * CYCLES_PER_PERIOD, 2 * BYTE_CYCLES)
+        return bytes_or_none
+
 
 @dataclass
 class Progress:
@@ -208,14 +227,43 @@ def _counts(value: float) -> int:
     return 0 if value < 0 else ADC_COUNTS - 1 if value >= ADC_COUNTS else int(value)
 
 
-def _run_chunk(board: Board, tool: Tool, front: FrontEnds, stimuli: Stimuli, pacer: Pacer, progress: Progress) -> None:
-    per_ampere, per_volt = 1 / front.current_a_per_count, 1 / front.supply_v_per_count
-    temperature = front.temperature_counts()
+@dataclass
+class _Run:
+    """Both sides of a run and what lies between them."""
+
+    board: Board
+    tool: Tool
+    front: FrontEnds
+    pacer: Pacer
+    truth: Any = None
+
+
+def _is_native(board: Board, tool: Tool) -> bool:
+    """Both are ours and in this process: the same loop runs in C++."""
+    from vgroove import _core
+
+    return type(board) is SilBoard and type(tool) in (_core.DrivePlant, _core.ImpactPlant)
+
+
+def _run_chunk_native(run: _Run, stimuli: Stimuli, progress: Progress) -> None:
+    from vgroove import _core
+
+    machine, received = run.board.machine, run.pacer.take(len(stimuli.trigger))
+    gates = progress.gates[:3]
+    progress.sent += _core.run_lockstep(machine, run.tool, *stimuli.columns(), received, run.front.scales(), gates, run.truth)
+    progress.gates = BoardOutputs(machine.coast, machine.compare, machine.dead_counts, machine.tx)
+
+
+def _run_chunk(run: _Run, stimuli: Stimuli, progress: Progress) -> None:
+    board, tool, pacer, truth = run.board, run.tool, run.pacer, run.truth
+    per_ampere, per_volt, temperature = run.front.scales()
     coast, compare, dead_counts, _ = progress.gates
     sent = progress.sent
     for trigger, switches, load_nm, current_counts, supply_counts, broken in stimuli.periods():
         dead = dead_counts / (2 * COMPARE_TOP) if 0 < compare < COMPARE_TOP or -COMPARE_TOP < compare < 0 else 0.0
         current, supply, edges = tool.period(coast, compare / COMPARE_TOP, dead, load_nm)
+        if truth is not None:
+            truth.note(tool, coast, compare)
         counts = (_counts(current * per_ampere + current_counts), _counts(supply * per_volt + supply_counts), trigger, temperature)
         gates = board.period(BoardInputs(counts, () if broken else edges, switches, pacer.next()))
         coast, compare, dead_counts, tx = gates
@@ -225,17 +273,23 @@ def _run_chunk(board: Board, tool: Tool, front: FrontEnds, stimuli: Stimuli, pac
 
 
 def steps(board: Board, tool: Tool, profile: Profile, duration_s: float, *, front: FrontEnds | None = None, line: Line | None = None,
-          seed: int = 1) -> Iterator[Progress]:
-    """Run board and tool in lock-step from rest and yield after each chunk; Progress.sent holds all bytes that the board has sent."""
+          seed: int = 1, truth: Any = None) -> Iterator[Progress]:
+    """Run board and tool in lock-step from rest and yield after each chunk; Progress.sent holds all bytes that the board has sent.
+
+    With a native board and a tool of the plant the loop runs in C++, to the same bytes. `truth`, a vgroove._core.Truth, keeps what such a
+    tool really did.
+    """
     front, line = front or FrontEnds(), line or Script()
-    stimulus, pacer, progress = Stimulus(profile, front, seed), Pacer(), Progress()
+    stimulus, progress = Stimulus(profile, front, seed), Progress()
+    both = _Run(board, tool, front, Pacer(), truth)
+    run_chunk = _run_chunk_native if _is_native(board, tool) else _run_chunk
     periods = round(duration_s / PERIOD_S)
     while progress.periods < periods:
         count = min(CHUNK_PERIODS, periods - progress.periods)
-        pacer.add(line.receive(progress.time_s))
+        both.pacer.add(line.receive(progress.time_s))
         before = len(progress.sent)
         with refused_by_plant(f"after {progress.time_s:.3f} s of lock-step"):
-            _run_chunk(board, tool, front, stimulus.chunk(progress.periods, count), pacer, progress)
+            run_chunk(both, stimulus.chunk(progress.periods, count), progress)
         progress.periods += count
         line.send(bytes(progress.sent[before:]))
         yield progress

@@ -19,8 +19,8 @@ class SilBoard:
     """
 
     def __init__(self, **options: object) -> None:
-        self._machine = _firmware(**options)
-        self._exchange = self._machine.exchange
+        self.machine = _firmware(**options)
+        self._exchange = self.machine.exchange
 
     def __enter__(self) -> "SilBoard":
         return self
@@ -34,7 +34,7 @@ class SilBoard:
 
     def eeprom(self) -> bytes:
         """The EEPROM as it is now."""
-        return self._machine.eeprom
+        return self.machine.eeprom
 
     def close(self) -> None:
         """Nothing to end; for symmetry with AvrBoard."""

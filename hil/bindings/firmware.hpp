@@ -1,0 +1,26 @@
+// The native firmware as the bindings hold it: one simulation a process, owned by the newest instance and run by one thread at a time.
+#ifndef VGROOVE_HIL_FIRMWARE_HPP
+#define VGROOVE_HIL_FIRMWARE_HPP
+
+#include <cstdint>
+
+#include "hal/sim/sim.h"
+
+struct Firmware {
+    std::uint32_t number;
+    SimOutputs outputs;  // in force in the next period
+};
+
+// Throws std::runtime_error when a newer instance has taken the simulation over, or another thread is running it.
+void need_owner(const Firmware &self);
+
+// Holds the simulation for a run without the interpreter's lock.
+class FirmwareHold {
+public:
+    explicit FirmwareHold(const Firmware &self);
+    ~FirmwareHold();
+    FirmwareHold(const FirmwareHold &) = delete;
+    FirmwareHold &operator=(const FirmwareHold &) = delete;
+};
+
+#endif

@@ -1,0 +1,79 @@
+// A chunk of lock-step, firmware and tool both in this process: what lockstep._run_chunk does, a PWM period at a time, to the same bytes.
+#ifndef VGROOVE_HIL_LOCKSTEP_HPP
+#define VGROOVE_HIL_LOCKSTEP_HPP
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "firmware.hpp"
+#include "plant/drive_plant.hpp"
+#include "plant/impact_plant.hpp"
+
+constexpr int COMPARE_TOP = 255;
+constexpr double ADC_COUNTS = 1024.0;
+constexpr std::int16_t NO_BYTE = -1;
+
+// Stimuli of a chunk, one value a period, and the front ends' scales.
+struct LockstepInputs {
+    const std::int64_t *trigger, *switches;
+    const double *load_nm, *current_counts, *supply_counts;
+    const bool *broken;            // Hall line
+    const std::int16_t *received;  // byte to the board or NO_BYTE
+    std::size_t periods;
+    double per_ampere, per_volt;
+    int temperature;
+};
+
+struct LockstepGates {
+    bool coast;
+    int compare, dead_counts;
+};
+
+enum TruthColumn {
+    TRUTH_TIME,
+    TRUTH_CURRENT,
+    TRUTH_SPEED,
+    TRUTH_HAMMER,
+    TRUTH_HEAD,
+    TRUTH_JOINT,
+    TRUTH_HOUSING,
+    TRUTH_DUTY,
+    TRUTH_COLUMN_COUNT,
+};
+constexpr const char *TRUTH_COLUMN_NAMES[TRUTH_COLUMN_COUNT] = {"time_s",   "current_a", "speed_rad_s", "hammer_mm",
+                                                                "head_rad", "joint_nm",  "housing_nm",  "duty"};
+
+// What really happened, a row every so many periods: values at the row's end, the housing reaction as its mean, NaN for the duty of an open bridge.
+struct Truth {
+    std::size_t every = 1, waiting = 0;
+    double housing_sum = 0.0;
+    std::vector<double> rows;
+};
+
+void truth_note(Truth &truth, const vgroove::ImpactPlant &tool, const LockstepGates &gates);
+void truth_note(Truth &truth, const vgroove::DrivePlant &tool, const LockstepGates &gates);
+
+// One period's message to the board.
+SimInputs lockstep_message(const LockstepInputs &in, std::size_t at, const vgroove::PeriodResult &tool);
+
+double lockstep_dead(const LockstepGates &gates);
+LockstepGates lockstep_gates(const SimOutputs &outputs);
+
+// Runs the chunk; returns the bytes that the board sent. truth: nullptr for a run without.
+template <class Tool> std::string lockstep_run(Firmware &board, Tool &tool, const LockstepInputs &in, LockstepGates gates, Truth *truth) {
+    std::string sent;
+    for (std::size_t at = 0; at < in.periods; ++at) {
+        const double duty = gates.compare / static_cast<double>(COMPARE_TOP);
+        const SimInputs message = lockstep_message(in, at, tool.period(gates.coast, duty, lockstep_dead(gates), in.load_nm[at]));
+        if (truth)
+            truth_note(*truth, tool, gates);
+        sim_period(&message, &board.outputs);
+        gates = lockstep_gates(board.outputs);
+        sent.append(reinterpret_cast<const char *>(board.outputs.tx), board.outputs.tx_count);
+    }
+    return sent;
+}
+
+#endif

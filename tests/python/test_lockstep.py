@@ -1,0 +1,107 @@
+"""The lock-step loop in C++ gives what the Python loop gives, byte for byte, and keeps the truth beside it."""
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vgroove import _core, lockstep
+from vgroove.rig import read_rig
+from vgroove.scenario import make_plant
+from vgroove.sil import SilBoard
+from vgroove.telemetry import frame_bytes, frame_of_signals
+
+RIGS = Path(__file__).resolve().parents[2] / "rigs"
+FRONT = lockstep.FrontEnds(current_noise_a=0.3, supply_noise_v=0.05)
+PULL = ((0.0, 0.0), (0.2, 0.0), (0.25, 1.0), (0.55, 1.0), (0.56, 0.0))
+READ = frame_bytes(frame_of_signals("PARAM_READ", 100, read_index=3, read_sequence=1))
+PROFILES = {
+    "impact_driver": lockstep.Profile(travel=PULL, reverse=((0.0, 0.0), (0.5, 1.0)), bounce_s=0.003),
+    "board_18v": lockstep.Profile(
+        travel=PULL, load_nm=((0.0, 0.0), (0.4, 0.3)), gaps=((0.3, 0.33),), current_add_a=((0.0, 0.0), (0.5, 70.0))),
+}
+
+
+class SlowBoard(SilBoard):
+    """The same firmware, but not known to be: the loop in Python serves it."""
+
+
+def run(board_type: type, rig: str, seed: int = 7) -> tuple[bytes, np.ndarray]:
+    tool, truth = make_plant(read_rig(RIGS / f"{rig}.toml"), 1), _core.Truth(3)
+    line = lockstep.Script([(0.1, READ), (0.3, READ * 3)])
+    with board_type() as board:
+        *_, last = lockstep.steps(board, tool, PROFILES[rig], 0.6, front=FRONT, line=line, seed=seed, truth=truth)
+    return bytes(last.sent), truth.rows
+
+
+@pytest.mark.parametrize("rig", sorted(PROFILES))
+def test_both_loops_send_the_same_bytes(rig: str) -> None:
+    slow, slow_truth = run(SlowBoard, rig)
+    fast, fast_truth = run(SilBoard, rig)
+    assert len(slow) > 5000 and fast == slow
+    assert fast_truth.shape == (round(0.6 / lockstep.PERIOD_S) // 3, len(_core.TRUTH_COLUMNS))
+    assert np.array_equal(fast_truth, slow_truth, equal_nan=True)
+    assert run(SilBoard, rig, seed=8)[0] != fast
+
+
+def test_truth_is_the_tool_s_own() -> None:
+    rig = read_rig(RIGS / "impact_driver.toml")
+    tool, truth = make_plant(rig, 1), _core.Truth(1)
+    with SilBoard() as board:
+        for _ in lockstep.steps(board, tool, PROFILES["impact_driver"], 0.5, truth=truth):
+            pass
+    column = dict(zip(_core.TRUTH_COLUMNS, truth.rows.T, strict=True))
+    assert np.allclose(np.diff(column["time_s"]), lockstep.PERIOD_S, rtol=1e-9)
+    assert (column["speed_rad_s"][-1], column["hammer_mm"][-1], column["head_rad"][-1]) == (tool.speed_rad_s, tool.hammer_mm, tool.head_rad)
+    driven = column["time_s"] > 0.25
+    assert np.isnan(column["duty"][~driven][:100]).all() and column["duty"][driven].max() == 1.0
+    momentum = np.cumsum(column["housing_nm"]) * lockstep.PERIOD_S  # the housing takes what the joint and all that turns have got
+    joint = np.cumsum(column["joint_nm"]) * lockstep.PERIOD_S
+    assert momentum[-1] == pytest.approx(joint[-1], abs=0.35)
+
+
+def test_pacer_takes_a_chunk_as_it_takes_periods() -> None:
+    one, many = lockstep.Pacer(), lockstep.Pacer()
+    for data, periods in ((b"", 3), (b"abc", 2), (b"", 5), (b"defgh", 4), (b"", 9)):
+        one.add(data)
+        many.add(data)
+        singly = [one.next() for _ in range(periods)]
+        assert many.take(periods).tolist() == [byte[0] if byte else -1 for byte in singly]
+
+
+def test_one_thread_at_a_time() -> None:
+    """While a thread runs the firmware without the interpreter's lock another one is refused, and the next run is unharmed."""
+    alone = run(SilBoard, "impact_driver")[0]
+    said: list[str] = []
+    over = threading.Event()
+
+    def disturb() -> None:
+        while not over.is_set():
+            try:
+                _core.Firmware()
+            except RuntimeError as error:
+                said.append(str(error))
+
+    other = threading.Thread(target=disturb)
+    other.start()
+    for _ in range(100):
+        said += refused_of_a_run()
+        if said:
+            break
+    over.set()
+    other.join()
+    assert said and "only one can run in a process" in said[0]
+    assert run(SilBoard, "impact_driver")[0] == alone
+
+
+def refused_of_a_run() -> list[str]:
+    """A run of a second, in the way of another thread; what it was refused with, when the other one came first."""
+    count = 30_000
+    stimuli = lockstep.Stimulus(PROFILES["impact_driver"], FRONT, 7).chunk(0, count)
+    try:
+        board, tool = SilBoard(), make_plant(read_rig(RIGS / "impact_driver.toml"), 1)
+        _core.run_lockstep(board.machine, tool, *stimuli.columns(), np.full(count, -1, np.int16), FRONT.scales(), (True, 0, 0))
+    except RuntimeError as error:
+        return [str(error)]
+    return []
