@@ -17,7 +17,7 @@ void app_init(App *self, uint32_t build_hash) {
     current_sense_init(&self->current, self->params.value[PARAM_CURRENT_GAIN_A_Q15], self->params.value[PARAM_CURRENT_OFFSET_COUNT_Q4]);
     h_bridge_init(&self->bridge, (uint8_t)self->params.value[PARAM_DEAD_TIME_COUNT]);
     trigger_init(&self->trigger);
-    self->mode = (uint8_t)self->params.value[PARAM_MODE];
+    self->host_mode = (uint8_t)self->params.value[PARAM_MODE];
     modes_init(&self->modes);
     uart_init(&self->uart, (uint8_t)self->params.value[PARAM_BAUD_SELECT]);
     while (execute_parameters_pending(self)) {
@@ -84,6 +84,7 @@ static void step_modes(App *self) {
         .fault = self->faults.latched != 0u,
         .fault_persists = self->faults.active != 0u,
         .calibrating = calibrate_holds(self),
+        .stopped = self->control.stopped,
     };
     modes_step(&self->modes, &in);
     if (before == MODES_FAULT && self->modes.state != MODES_FAULT) {
@@ -91,6 +92,15 @@ static void step_modes(App *self) {
         h_bridge_clear_trip(&self->bridge);
     }
     (void)hall_speed_set_reverse(&self->hall, self->modes.reverse);
+}
+
+// What the mode switch says goes before what the host said; a mode that this firmware has not is the plain one.
+static void select_mode(App *self) {
+    const uint8_t position = trigger_mode(&self->trigger);
+    const uint8_t asked = (uint8_t)(position == 0u ? self->host_mode : self->params.value[PARAM_MODE_SWITCH_1 + position - 1]);
+    if (execute_mode_may_change(self)) {
+        self->mode = control_has(asked) ? asked : TELEMETRY_MODE_DUTY;
+    }
 }
 
 static void note_lateness(App *self, uint8_t ticks_late) {
@@ -140,6 +150,7 @@ void app_tick(App *self, uint8_t ticks_late) {
         calibrate_step(self);
     }
     step_modes(self);
+    select_mode(self);
     h_bridge_stage(&self->bridge, drive_step(self));
     self->slow_turn = self->report.hold_slow && telemetry_slow_waits(&self->telemetry);
     report_tick(self);

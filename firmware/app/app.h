@@ -7,13 +7,13 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "app/control.h"
 #include "app/faults.h"
 #include "app/measure.h"
 #include "app/modes.h"
 #include "app/param_store.h"
 #include "app/standstill.h"
 #include "controllers/foldback.h"
-#include "controllers/open_loop.h"
 #include "drivers/adc_sequence.h"
 #include "drivers/current_sense.h"
 #include "drivers/h_bridge.h"
@@ -37,7 +37,7 @@ typedef struct {
     Faults faults;
     Standstill standstill;
     Modes modes;
-    OpenLoop open_loop;
+    Control control;
     Foldback foldback;
     CommandParser parser;
     Command command;  // the last one received
@@ -47,10 +47,16 @@ typedef struct {
     uint16_t worst_cycles;                    // of a tick since the last HEALTH frame
     uint16_t standing_flags;                  // TELEMETRY_FLAGS_* of the start
     int16_t duty_limit_q15;                   // duty at full trigger, a setpoint
-    int16_t ramp_duty_q15;                    // last duty that was driven, and the speed then: what a resumed drive begins with
+    int16_t ramp_q15;                         // of the trigger, at most slew_q15 a tick
+    int16_t slew_q15;
+    int16_t wish_q15;       // the controller's last
+    int16_t ramp_duty_q15;  // last duty that was driven, and the speed then: what a resumed drive begins with
     int16_t ramp_speed_rpm_q1;
     uint8_t calibration;  // TELEMETRY_CALIBRATE_WHAT_*, CANCEL: none
-    uint8_t mode;         // TELEMETRY_MODE_*
+    uint8_t host_mode;    // asked for by SET_MODE, at the start by the parameter; holds at position 0 of the mode switch
+    uint8_t mode;         // TELEMETRY_MODE_*, selected
+    bool driving;         // the ramp goes on
+    bool controlled;      // the controller acts
     uint16_t calibration_ticks;
     uint16_t trigger_least;  // counts seen while its ends are learned
     uint16_t trigger_greatest;

@@ -18,24 +18,6 @@ static int16_t resumed_duty(const App *app, int16_t speed_rpm_q1) {
     return (int16_t)(duty_q15 < ramp_q15 ? duty_q15 : ramp_q15);
 }
 
-static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) {
-    if (command == MODES_COMMAND_RAMP_DOWN) {
-        app->open_loop.duty_q15 = slew_towards(app->open_loop.duty_q15, 0, app->open_loop.slew_q15);
-        return app->open_loop.duty_q15;
-    }
-    if (app->bridge.next_compare == H_BRIDGE_COAST && app->bridge.staged.phase == H_BRIDGE_OPEN) {
-        app->open_loop.duty_q15 = resumed_duty(app, in->speed_rpm_q1);
-        app->report.hold_slow = true;  // the division was this tick's share
-    }
-    return open_loop_step(&app->open_loop, in);
-}
-
-static int16_t coast(App *app) {
-    foldback_init(&app->foldback, app->foldback.limit_a_q9);
-    app->open_loop.duty_q15 = 0;
-    return H_BRIDGE_COAST;
-}
-
 static int16_t limited_travel(const App *app) {
     if (app->duty_limit_q15 == INT16_MAX) {
         return app->trigger.travel_q15;  // the usual case
@@ -43,22 +25,78 @@ static int16_t limited_travel(const App *app) {
     return (int16_t)(((uint32_t)(uint16_t)(2 * app->trigger.travel_q15) * (uint16_t)((uint16_t)app->duty_limit_q15 + 1u)) >> 16);
 }
 
+// The trigger's ramp: what the plain mode drives with, and what the controllers see as the trigger.
+static int16_t ramp(App *app, ModesCommand command, int16_t speed_rpm_q1) {
+    const int16_t wanted_q15 = command == MODES_COMMAND_RAMP_DOWN ? 0 : limited_travel(app);
+    if (app->controlled && command == MODES_COMMAND_RAMP_DOWN && app->wish_q15 < app->ramp_q15) {
+        app->ramp_q15 = app->wish_q15;  // a release never drives more than the controller did
+    }
+    if (!app->driving) {
+        app->ramp_q15 = resumed_duty(app, speed_rpm_q1);
+        app->report.hold_slow = true;  // the division was this tick's share
+    }
+    app->ramp_q15 = slew_towards(app->ramp_q15, wanted_q15, app->slew_q15);
+    return app->ramp_q15;
+}
+
+// The duty in force in the row just measured; a step of the bridge is 128.5.
+static int16_t applied_duty_q15(const App *app) {
+    const int16_t compare = app->bridge.row_compare;
+    return (int16_t)(compare == H_BRIDGE_COAST ? 0 : (uint16_t)((uint16_t)(compare < 0 ? -compare : compare) * 257u) >> 1);
+}
+
+static int16_t coast(App *app) {
+    foldback_init(&app->foldback, app->foldback.limit_a_q9);
+    app->driving = false;
+    app->controlled = false;
+    return H_BRIDGE_COAST;
+}
+
+// What the controller wishes; a release ends it.
+static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) {
+    if (command == MODES_COMMAND_RAMP_DOWN) {
+        app->controlled = false;
+        return in->travel_q15;
+    }
+    if (!app->controlled) {
+        control_start(&app->control, app->mode, app->modes.reverse, app->params.value);
+        app->controlled = true;
+    }
+    return control_step(&app->control, in);
+}
+
+// What a resumed drive begins with; a duty that brakes says nothing about the speed that it would hold.
+static void note_driven(App *app, int16_t duty_q15, const ControllerInputs *in) {
+    if (in->current_a_q9 >= 0) {
+        app->ramp_duty_q15 = duty_q15;
+        app->ramp_speed_rpm_q1 = in->speed_rpm_q1;
+    }
+}
+
 int16_t drive_step(App *app) {
-    const ModesCommand command = modes_output(&app->modes, app->params.value[PARAM_RELEASE_MODE] != 0);
+    const ModesCommand command = modes_output(&app->modes, app->params.value[PARAM_RELEASE_MODE] != 0 && app->bridge.staged.phase != H_BRIDGE_OPEN);
     if (command == MODES_COMMAND_COAST) {
         return coast(app);
     }
+    const int16_t speed_rpm_q1 = along(app, app->measured.speed_rpm_q1);
     const ControllerInputs in = {
-        .travel_q15 = limited_travel(app),
-        .speed_rpm_q1 = along(app, app->measured.speed_rpm_q1),
+        .travel_q15 = ramp(app, command, speed_rpm_q1),
+        .speed_rpm_q1 = speed_rpm_q1,
         .current_a_q9 = along(app, app->measured.current_a_q9),
         .supply_mv = app->measured.supply_mv,
+        .duty_q15 = applied_duty_q15(app),
+        .coasted = app->bridge.row_compare == H_BRIDGE_COAST,
     };
-    const int16_t duty_q15 = foldback_step(&app->foldback, wish(app, command, &in), in.current_a_q9);
+    app->driving = true;
+    const int16_t wish_q15 = wish(app, command, &in);
+    app->wish_q15 = wish_q15;
+    const int16_t duty_q15 = foldback_step(&app->foldback, wish_q15, in.current_a_q9);
     if (foldback_active(&app->foldback)) {
         app->measured.flags |= TELEMETRY_FLAGS_FOLDBACK;
     }
-    app->ramp_duty_q15 = duty_q15;
-    app->ramp_speed_rpm_q1 = in.speed_rpm_q1;
+    if (wish_q15 < 0) {
+        return H_BRIDGE_COAST;
+    }
+    note_driven(app, duty_q15, &in);
     return h_bridge_compare(along(app, duty_q15));
 }

@@ -12,13 +12,17 @@
 enum { SETPOINT_DUTY_LIMIT_Q15 };
 
 static bool idle(const App *app) {
-    return app->modes.state != MODES_DRIVE && app->modes.state != MODES_RELEASE;
+    return app->modes.state != MODES_DRIVE && app->modes.state != MODES_RELEASE && app->modes.state != MODES_STOPPED;
+}
+
+bool execute_mode_may_change(const App *app) {
+    return idle(app) && !trigger_contact(&app->trigger) && app->measured.standstill;
 }
 
 static void configure_limits(App *app) {
     const int16_t *value = app->params.value;
     app->current.gain_a_q15 = value[PARAM_CURRENT_GAIN_A_Q15];
-    app->open_loop.slew_q15 = value[PARAM_SLEW_PER_MS_Q15];
+    app->slew_q15 = value[PARAM_SLEW_PER_MS_Q15];
     app->foldback.limit_a_q9 = value[PARAM_FOLDBACK_A_Q9];
     app->bridge.dead_counts = (uint8_t)value[PARAM_DEAD_TIME_COUNT];
     const CurrentLimits limits = current_sense_limits(&app->current, value[PARAM_TRIP_A_Q9]);
@@ -59,13 +63,13 @@ void execute_parameters(App *app) {
 static uint8_t set_mode(App *app, const Command *command) {
     TelemetrySetMode set;
     (void)telemetry_unpack_set_mode(&set, command->data);
-    if (set.mode_request != TELEMETRY_MODE_DUTY) {
+    if (!control_has(set.mode_request)) {
         return TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
     }
-    if (!idle(app)) {
+    if (!execute_mode_may_change(app) || trigger_mode(&app->trigger) != 0u) {
         return TELEMETRY_ACK_RESULT_NOT_NOW;
     }
-    app->mode = set.mode_request;
+    app->host_mode = set.mode_request;
     return TELEMETRY_ACK_RESULT_OK;
 }
 
@@ -87,6 +91,14 @@ static uint8_t calibrate(App *app, const Command *command) {
     return calibrate_begin(app, ask.calibrate_what) ? TELEMETRY_ACK_RESULT_OK : TELEMETRY_ACK_RESULT_NOT_NOW;
 }
 
+// A parameter that would choose a mode which this firmware has not.
+static bool names_missing_mode(const Command *command) {
+    TelemetryParamWrite write;
+    (void)telemetry_unpack_param_write(&write, command->data);
+    const bool is_mode = write.write_index == PARAM_MODE || (write.write_index >= PARAM_MODE_SWITCH_1 && write.write_index <= PARAM_MODE_SWITCH_3);
+    return command->id == TELEMETRY_PARAM_WRITE_ID && is_mode && !control_has((uint8_t)write.write_value);
+}
+
 static uint8_t execute(App *app, const Command *command) {
     switch (command->id) {
     case TELEMETRY_SET_MODE_ID:
@@ -95,6 +107,9 @@ static uint8_t execute(App *app, const Command *command) {
         return set_point(app, command);
     case TELEMETRY_CALIBRATE_ID:
         return calibrate(app, command);
+    }
+    if (names_missing_mode(command)) {
+        return TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
     }
     const uint8_t result = param_command(&app->params, &app->telemetry, command, idle(app));
     if (command->id == TELEMETRY_PARAM_WRITE_ID && result == TELEMETRY_ACK_RESULT_OK) {

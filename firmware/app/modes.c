@@ -20,6 +20,13 @@ static ModesState next_of_release(const Modes *self, const ModesInputs *m) {
     return m->standstill ? MODES_IDLE : MODES_RELEASE;
 }
 
+static ModesState next_of_drive(const Modes *self, const ModesInputs *m) {
+    if (!m->pressed || m->reverse_switch != self->reverse) {
+        return MODES_RELEASE;
+    }
+    return m->stopped ? MODES_STOPPED : MODES_DRIVE;
+}
+
 ModesState modes_next(const Modes *self, const ModesInputs *m) {
     if (m->fault && self->state != MODES_FAULT) {
         return MODES_FAULT;
@@ -28,11 +35,13 @@ ModesState modes_next(const Modes *self, const ModesInputs *m) {
     case MODES_IDLE:
         return next_of_idle(self, m);
     case MODES_DRIVE:
-        return m->pressed && m->reverse_switch == self->reverse ? MODES_DRIVE : MODES_RELEASE;
+        return next_of_drive(self, m);
     case MODES_RELEASE:
         return next_of_release(self, m);
     case MODES_FAULT:
         return m->contact || m->fault_persists ? MODES_FAULT : MODES_IDLE;
+    case MODES_STOPPED:
+        return m->contact ? MODES_STOPPED : MODES_IDLE;
     case MODES_CALIBRATE:
         return m->calibrating ? MODES_CALIBRATE : MODES_IDLE;
     }
@@ -48,7 +57,8 @@ ModesCommand modes_output(const Modes *self, bool release_ramps) {
 
 void modes_step(Modes *self, const ModesInputs *m) {
     const ModesState next = modes_next(self, m);
-    if (next == MODES_FAULT || self->state == MODES_CALIBRATE || (self->state == MODES_DRIVE && m->reverse_switch != self->reverse)) {
+    if (next == MODES_FAULT || next == MODES_STOPPED || self->state == MODES_CALIBRATE ||
+        (self->state == MODES_DRIVE && m->reverse_switch != self->reverse)) {
         self->armed = false;
     } else if (!m->contact) {
         self->armed = true;

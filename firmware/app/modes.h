@@ -5,13 +5,14 @@
 //                 asked for at standstill                        | ^    released, no        ^
 //                                       pressed, armed, at rest  | |    condition left      | any fault,
 //                                                                v | at rest                | from everywhere
-//                                                   +-------> DRIVE|                        |
-//                                    pressed, armed |            | |
+//                                                   +-------> DRIVE|---> STOPPED            |
+//                                    pressed, armed |            | |       (contact open: IDLE)
 //                                                   |  released, | |
 //                                                   | other way  v |
 //                                                   +--------- RELEASE
 //
-// armed: the contact was seen open since the start, the last fault and the last change of direction. The direction follows its switch at
+// STOPPED: the controller has ended the drive; open until the contact opens.
+// armed: the contact was seen open since the start, the last fault, the last stop and the last change of direction. The direction follows its switch at
 // standstill in IDLE only.
 #ifndef VGROOVE_APP_MODES_H
 #define VGROOVE_APP_MODES_H
@@ -25,6 +26,7 @@ typedef enum {
     MODES_RELEASE,
     MODES_FAULT,
     MODES_CALIBRATE,
+    MODES_STOPPED,
 } ModesState;
 
 typedef struct {
@@ -35,6 +37,7 @@ typedef struct {
     bool fault;           // one is latched
     bool fault_persists;  // its condition holds still
     bool calibrating;     // asked for and not finished
+    bool stopped;         // the controller has ended the drive
 } ModesInputs;
 
 typedef struct {

@@ -1,11 +1,12 @@
 // The only list of parameters. Append only: an older EEPROM slot holds the parameters whose version is not newer than its own, in this order.
 //
 // PARAM_LIST(X): X(NAME, unit, default, least, greatest, version)
+//   The parameters of a controller begin with its mode's name and stand behind its mark.
 //   NAME ends in _Qn where the stored integer is the quantity times 2^n; the unit is that of the quantity. version: the first one that has it.
 #ifndef VGROOVE_APP_PARAM_TABLE_H
 #define VGROOVE_APP_PARAM_TABLE_H
 
-#define PARAM_VERSION 2u
+#define PARAM_VERSION 3u
 
 // clang-format off
 #define PARAM_LIST(X)                                                                                    \
@@ -26,11 +27,20 @@
     X(RELEASE_MODE,             "1",         0,     0,    1,     1) /* trigger release: 0 coasts, 1 ramps down within the foldback */ \
     X(TRIGGER_LOW_COUNT,        "count",     100,   0,    500,   1) /* end of the lower dead band of the trigger */ \
     X(TRIGGER_HIGH_COUNT,       "count",     920,   523,  1023,  1) /* start of the upper dead band of the trigger */ \
-    X(MODE,                     "1",         0,     0,    0,     1) /* mode at start: 0, duty, is the only one that this firmware has */ \
+    X(MODE,                     "1",         0,     0,    5,     1) /* mode at start: 0 duty, 1 sync, 2 screwing, 3 vibration, 4 torque, 5 drill */ \
     X(BAUD_SELECT,              "1",         0,     0,    1,     1) /* 0: 250,000 Bd, 1: 115,200 Bd; from the next start on */ \
     X(FAST_DIVIDER,             "1",         1,     1,    63,    1) /* ticks between two FAST frames, at least what the rate carries; from the next start on */ \
     X(HALL_TIMEOUT_MS,          "ms",        300,   300,  2000,  2) /* time without an edge after which the speed is 0 */ \
-    X(DEAD_TIME_COUNT,          "62.5 ns",   2,     2,    60,    2) /* dead time of the bridge in timer counts */
+    X(DEAD_TIME_COUNT,          "62.5 ns",   2,     2,    60,    2) /* dead time of the bridge in timer counts */ \
+    X(MODE_SWITCH_1,            "1",         1,     0,    5,     3) /* mode at position 1 of the mode switch; at position 0: SET_MODE, or `mode` */ \
+    X(MODE_SWITCH_2,            "1",         2,     0,    5,     3) /* mode at position 2 */ \
+    X(MODE_SWITCH_3,            "1",         4,     0,    5,     3) /* mode at position 3 */ \
+    /* sync */                                                                                           \
+    /* screwing */                                                                                       \
+    /* vibration */                                                                                      \
+    /* torque */                                                                                         \
+    /* drill */                                                                                          \
+    /* end of the list */
 // clang-format on
 
 #endif

@@ -8,7 +8,7 @@
 
 #define TELEMETRY_DATA_BYTES 8u  // the last one is the CRC, which packing leaves alone
 
-#define TELEMETRY_PROTOCOL_VERSION 1u
+#define TELEMETRY_PROTOCOL_VERSION 2u
 
 #define TELEMETRY_FAST_ID 256u
 #define TELEMETRY_FAST_CRC_SEED 0xE3u  // CRC-8 register after the id
@@ -43,14 +43,15 @@ typedef struct {
 #define TELEMETRY_STATE_RELEASE 2u
 #define TELEMETRY_STATE_FAULT 3u
 #define TELEMETRY_STATE_CALIBRATE 4u
+#define TELEMETRY_STATE_STOPPED 5u
 #define TELEMETRY_MODE_MIN 0u
 #define TELEMETRY_MODE_MAX 7u
 #define TELEMETRY_MODE_DUTY 0u
-#define TELEMETRY_MODE_SPEED 1u
-#define TELEMETRY_MODE_TORQUE 2u
-#define TELEMETRY_MODE_SYNC 3u
-#define TELEMETRY_MODE_SCREWING 4u
-#define TELEMETRY_MODE_VIBRATION 5u
+#define TELEMETRY_MODE_SYNC 1u
+#define TELEMETRY_MODE_SCREWING 2u
+#define TELEMETRY_MODE_VIBRATION 3u
+#define TELEMETRY_MODE_TORQUE 4u
+#define TELEMETRY_MODE_DRILL 5u
 #define TELEMETRY_REVERSE_MIN 0u
 #define TELEMETRY_REVERSE_MAX 1u
 #define TELEMETRY_FAULTS_MIN 0u
@@ -203,6 +204,38 @@ typedef struct {
     uint8_t rx_errors;
 } TelemetryHealth;
 
+#define TELEMETRY_CONTROL_ID 263u
+#define TELEMETRY_CONTROL_CRC_SEED 0x99u  // CRC-8 register after the id
+#define TELEMETRY_CONTROL_TICK_MIN 0u
+#define TELEMETRY_CONTROL_TICK_MAX 255u
+#define TELEMETRY_CONTROL_STATE_MIN 0u
+#define TELEMETRY_CONTROL_STATE_MAX 15u
+#define TELEMETRY_STOP_REASON_MIN 0u
+#define TELEMETRY_STOP_REASON_MAX 15u
+#define TELEMETRY_STOP_REASON_NONE 0u
+#define TELEMETRY_STOP_REASON_SEATED 1u
+#define TELEMETRY_STOP_REASON_REACHED 2u
+#define TELEMETRY_STOP_REASON_UNREACHABLE 3u
+#define TELEMETRY_STOP_REASON_MISSED 4u
+#define TELEMETRY_STOP_REASON_CLUTCH 5u
+#define TELEMETRY_STOP_REASON_KICKBACK 6u
+#define TELEMETRY_STOP_REASON_SENSOR 7u
+#define TELEMETRY_STOP_REASON_TIMEOUT 8u
+#define TELEMETRY_BLOW_COUNT_MIN 0u
+#define TELEMETRY_BLOW_COUNT_MAX 4095u
+#define TELEMETRY_BLOW_PERIOD_MIN 0u
+#define TELEMETRY_BLOW_PERIOD_MAX 4095u
+#define TELEMETRY_ESTIMATE_MIN (-32768)
+#define TELEMETRY_ESTIMATE_MAX 32767
+typedef struct {
+    uint8_t control_tick;  // 1 ms
+    uint8_t control_state;
+    uint8_t stop_reason;
+    uint16_t blow_count;
+    uint16_t blow_period;  // 0.0625 ms
+    int16_t estimate;
+} TelemetryControl;
+
 #define TELEMETRY_SET_MODE_ID 512u
 #define TELEMETRY_SET_MODE_CRC_SEED 0xF1u  // CRC-8 register after the id
 #define TELEMETRY_MODE_REQUEST_MIN 0u
@@ -283,6 +316,7 @@ void telemetry_pack_param(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryPar
 void telemetry_pack_param_table(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryParamTable *signals);
 void telemetry_pack_ack(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryAck *signals);
 void telemetry_pack_health(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryHealth *signals);
+void telemetry_pack_control(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryControl *signals);
 bool telemetry_unpack_set_mode(TelemetrySetMode *signals, const uint8_t data[TELEMETRY_DATA_BYTES]);
 bool telemetry_unpack_param_read(TelemetryParamRead *signals, const uint8_t data[TELEMETRY_DATA_BYTES]);
 bool telemetry_unpack_param_write(TelemetryParamWrite *signals, const uint8_t data[TELEMETRY_DATA_BYTES]);

@@ -15,11 +15,11 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 FRAME_BYTES = 19
 START, END, LENGTH = 0xAA, 0xBB, 8
-FAST, STATE, BOOT, PARAM, PARAM_TABLE, ACK, HEALTH = range(256, 263)
-OUTBOUND = frozenset(range(FAST, HEALTH + 1))
+FAST, STATE, BOOT, PARAM, PARAM_TABLE, ACK, HEALTH, CONTROL = range(256, 264)
+OUTBOUND = frozenset(range(FAST, CONTROL + 1))
 STATE_DELAY_MS = 256  # state_tick is a byte: a STATE frame is at most this much older than it says
 JUMP_MS = 10_000  # a gap in time that needs a second frame to be believed
 COLUMNS = ("duty", "supply_v", "current_a", "speed_rpm", "coast", "trigger", "state")

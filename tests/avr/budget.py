@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-FLASH_LIMIT = 16 * 1024
-RAM_LIMIT = int(1.2 * 1024)
+FLASH_LIMIT = 28 * 1024
+RAM_LIMIT = int(1.5 * 1024)
 SOFT_FLOAT = re.compile(r"__(add|sub|mul|div|cmp|eq|ne|lt|le|gt|ge|fix|fixuns|float|floatun|neg|fp_)[a-z]*(sf|df|si)?[23]?$")
 FLOAT_MARK = re.compile(r"sf|df|fp_")
 

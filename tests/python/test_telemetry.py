@@ -23,7 +23,7 @@ from vgroove.errors import VgrooveError
 from vgroove.log import log_from_stream
 from vgroove.recorder import command_message
 
-OUTBOUND = ("FAST", "STATE", "BOOT", "PARAM", "PARAM_TABLE", "ACK", "HEALTH")
+OUTBOUND = ("FAST", "STATE", "BOOT", "PARAM", "PARAM_TABLE", "ACK", "HEALTH", "CONTROL")
 INBOUND = ("SET_MODE", "PARAM_READ", "PARAM_WRITE", "DUMP", "CALIBRATE", "SETPOINT")
 ACK_RESULT = telemetry.database().get_message_by_name("ACK").get_signal_by_name("ack_result")
 RESULT = {str(name): value for value, name in ACK_RESULT.choices.items()}
@@ -245,8 +245,8 @@ def test_a_dump_with_a_missing_or_changed_parameter_is_not_taken_for_complete() 
 
 
 def test_an_unknown_protocol_is_refused_with_a_sentence() -> None:
-    boot = telemetry.frame_of_signals("BOOT", 5, protocol_version=2, duty_full_scale=255, fast_divider=1)
-    with pytest.raises(VgrooveError, match="speaks telemetry protocol 2, this vgroove knows 1"):
+    boot = telemetry.frame_of_signals("BOOT", 5, protocol_version=9, duty_full_scale=255, fast_divider=1)
+    with pytest.raises(VgrooveError, match="speaks telemetry protocol 9, this vgroove knows 2"):
         telemetry.Session().feed([boot])
 
 

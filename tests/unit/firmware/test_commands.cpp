@@ -7,6 +7,9 @@
 #include <map>
 
 #include "../telemetry/frames.hpp"
+extern "C" {
+#include "app/param_store.h"
+}
 #include "hal/sim/sim.h"
 
 namespace {
@@ -167,7 +170,7 @@ TEST_F(HostTest, AtTheSlowRateItDecimatesAndLosesNothing) {
         ASSERT_EQ(fast[k][16] >> 4, ((fast[k - 1][16] >> 4) + 1) % 16) << k;
     }
     EXPECT_EQ(frames[TELEMETRY_BOOT_ID].size(), 1u);
-    EXPECT_EQ(frames[TELEMETRY_PARAM_ID].size(), 22u);
+    EXPECT_EQ(frames[TELEMETRY_PARAM_ID].size(), static_cast<std::size_t>(PARAM_COUNT));
     EXPECT_EQ(frames[TELEMETRY_PARAM_TABLE_ID].size(), 1u);
     EXPECT_GE(frames[TELEMETRY_HEALTH_ID].size(), 3u);
     EXPECT_EQ(read(BAUD_INDEX), 1);

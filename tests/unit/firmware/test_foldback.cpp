@@ -3,7 +3,7 @@
 
 extern "C" {
 #include "controllers/foldback.h"
-#include "controllers/open_loop.h"
+#include "core/slew.h"
 }
 
 namespace {
@@ -40,29 +40,27 @@ TEST(Foldback, StaysADutyWhateverHappens) {
 TEST(Foldback, LimitsALockedMotorWithoutTripping) {
     for (const double resistance : {0.19, 0.29}) {
         Foldback self = foldback();
-        OpenLoop loop{197, 0};
-        const ControllerInputs in{32767, 0, 0, 20500};
+        int16_t wish = 0;
         double staged = 0.0, applied = 0.0, worst = 0.0, current = 0.0;
         for (int k = 0; k < 2000; ++k) {
             current = applied * 20.5 / resistance;
             worst = std::max(worst, current);
             applied = staged;
-            staged = foldback_step(&self, open_loop_step(&loop, &in), static_cast<int16_t>(std::min(32767.0, current * 512))) / 32768.0;
+            wish = slew_towards(wish, 32767, 197);
+            staged = foldback_step(&self, wish, static_cast<int16_t>(std::min(32767.0, current * 512))) / 32768.0;
         }
         EXPECT_LT(worst, 50.0) << resistance;
         EXPECT_NEAR(current, 45.0, 0.5) << resistance;
     }
 }
 
-TEST(OpenLoop, FollowsTheTriggerAtItsRate) {
-    OpenLoop loop{197, 0};
-    ControllerInputs in{32767, 0, 0, 18500};
+TEST(Slew, FollowsTheTriggerAtItsRate) {
+    int16_t duty = 0;
     int ticks = 0;
-    while (open_loop_step(&loop, &in) < 32767)
+    while ((duty = slew_towards(duty, 32767, 197)) < 32767)
         ++ticks;
     EXPECT_EQ(ticks, 166);
-    in.travel_q15 = 100;
-    EXPECT_EQ(open_loop_step(&loop, &in), 32767 - 197);
+    EXPECT_EQ(slew_towards(duty, 100, 197), 32767 - 197);
 }
 
 }  // namespace

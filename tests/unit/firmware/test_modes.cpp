@@ -15,15 +15,16 @@ Modes in_state(ModesState state, bool armed = true, bool reverse = false) {
     return self;
 }
 
-constexpr ModesState ALL[] = {MODES_IDLE, MODES_DRIVE, MODES_RELEASE, MODES_FAULT, MODES_CALIBRATE};
+constexpr ModesState ALL[] = {MODES_IDLE, MODES_DRIVE, MODES_RELEASE, MODES_FAULT, MODES_CALIBRATE, MODES_STOPPED};
 
 ModesInputs inputs_of(unsigned bits) {
-    return {(bits & 1) != 0, (bits & 2) != 0, (bits & 4) != 0, (bits & 8) != 0, (bits & 16) != 0, (bits & 32) != 0, (bits & 64) != 0};
+    return {(bits & 1) != 0,  (bits & 2) != 0,  (bits & 4) != 0,  (bits & 8) != 0,
+            (bits & 16) != 0, (bits & 32) != 0, (bits & 64) != 0, (bits & 128) != 0};
 }
 
 TEST(Modes, AFaultWinsInEveryStateAndTheBridgeOpens) {
     for (const ModesState state : ALL) {
-        for (unsigned bits = 0; bits < 128; ++bits) {
+        for (unsigned bits = 0; bits < 256; ++bits) {
             ModesInputs m = inputs_of(bits);
             m.fault = true;
             m.fault_persists = true;
@@ -38,7 +39,7 @@ TEST(Modes, AFaultWinsInEveryStateAndTheBridgeOpens) {
 
 TEST(Modes, NoMotoringCommandAfterRelease) {
     for (const ModesState state : ALL) {
-        for (unsigned bits = 0; bits < 128; ++bits) {
+        for (unsigned bits = 0; bits < 256; ++bits) {
             ModesInputs m = inputs_of(bits);
             m.pressed = false;
             Modes self = in_state(state);
@@ -50,7 +51,7 @@ TEST(Modes, NoMotoringCommandAfterRelease) {
 
 TEST(Modes, TheDirectionChangesAtStandstillOnly) {
     for (const ModesState state : ALL) {
-        for (unsigned bits = 0; bits < 128; ++bits) {
+        for (unsigned bits = 0; bits < 256; ++bits) {
             const ModesInputs m = inputs_of(bits);
             Modes self = in_state(state);
             modes_step(&self, &m);
@@ -86,6 +87,25 @@ TEST(Modes, ReleasesWhenTheSwitchIsThrownAndWantsTheTriggerAnew) {
     EXPECT_TRUE(self.reverse);
     modes_step(&self, &m);
     EXPECT_EQ(self.state, MODES_IDLE) << "still pressed: not armed";
+}
+
+TEST(Modes, AStoppedDriveStaysOpenUntilTheContactOpens) {
+    Modes self = in_state(MODES_DRIVE);
+    ModesInputs m{};
+    m.pressed = m.contact = m.stopped = true;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_STOPPED);
+    EXPECT_EQ(modes_output(&self, true), MODES_COMMAND_COAST);
+    m.stopped = false;
+    m.pressed = false;  // travel in the dead band, contact closed
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_STOPPED);
+    m.contact = false;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_IDLE);
+    m.pressed = m.contact = m.standstill = true;
+    modes_step(&self, &m);
+    EXPECT_EQ(self.state, MODES_DRIVE);
 }
 
 TEST(Modes, ResumesWhileItTurns) {

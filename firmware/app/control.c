@@ -1,0 +1,83 @@
+// Choice of the controller, see control.h.
+#include "app/control.h"
+
+#include "app/param_store.h"
+#include "telemetry/telemetry_signals.h"
+
+#define HAS_CASE(MODE, name, Type, directions) case TELEMETRY_MODE_##MODE:
+#define FORWARD_CASE(MODE, name, Type, directions)                                                                                                   \
+    case TELEMETRY_MODE_##MODE:                                                                                                                      \
+        return (directions) == CONTROL_FORWARD;
+#define START_CASE(MODE, name, Type, directions)                                                                                                     \
+    case TELEMETRY_MODE_##MODE:                                                                                                                      \
+        fill_##name(&self->set.name, value);                                                                                                         \
+        name##_start(&self->state.name, &self->set.name);                                                                                            \
+        break;
+#define STEP_CASE(MODE, name, Type, directions)                                                                                                      \
+    case TELEMETRY_MODE_##MODE:                                                                                                                      \
+        return name##_step(&self->state.name, &self->set.name, in, &self->blow);
+#define STATE_CASE(MODE, name, Type, directions)                                                                                                     \
+    case TELEMETRY_MODE_##MODE:                                                                                                                      \
+        return name##_state(&self->state.name);
+#define REASON_CASE(MODE, name, Type, directions)                                                                                                    \
+    case TELEMETRY_MODE_##MODE:                                                                                                                      \
+        return name##_stop_reason(&self->state.name);
+#define ESTIMATE_CASE(MODE, name, Type, directions)                                                                                                  \
+    case TELEMETRY_MODE_##MODE:                                                                                                                      \
+        return name##_estimate(&self->state.name);
+
+// Setpoints out of the parameters, one function for each controller of the list.
+
+bool control_has(uint8_t mode) {
+    switch (mode) {
+    case TELEMETRY_MODE_DUTY:
+        CONTROL_LIST(HAS_CASE)
+        return true;
+    }
+    return false;
+}
+
+static bool forward_only(uint8_t mode) {
+    switch (mode) { CONTROL_LIST(FORWARD_CASE) }
+    return false;
+}
+
+void control_start(Control *self, uint8_t mode, bool reverse, const int16_t *value) {
+    self->stopped = false;
+    self->mode = control_has(mode) && !(reverse && forward_only(mode)) ? mode : TELEMETRY_MODE_DUTY;
+    blow_start(&self->blow);
+    (void)value;  // while the list is empty
+    switch (self->mode) { CONTROL_LIST(START_CASE) }
+}
+
+static int16_t step(Control *self, const ControllerInputs *in) {
+    switch (self->mode) { CONTROL_LIST(STEP_CASE) }
+    return in->travel_q15;
+}
+
+int16_t control_step(Control *self, const ControllerInputs *in) {
+    if (self->stopped) {
+        return CONTROLLER_STOP;
+    }
+    if (self->mode != TELEMETRY_MODE_DRILL) {
+        blow_step(&self->blow, in);
+    }
+    const int16_t wish_q15 = step(self, in);
+    self->stopped = wish_q15 < 0 && wish_q15 != CONTROLLER_COAST;
+    return self->stopped ? CONTROLLER_STOP : wish_q15;
+}
+
+uint8_t control_state(const Control *self) {
+    switch (self->mode) { CONTROL_LIST(STATE_CASE) }
+    return 0;
+}
+
+uint8_t control_stop_reason(const Control *self) {
+    switch (self->mode) { CONTROL_LIST(REASON_CASE) }
+    return CONTROLLER_REASON_NONE;
+}
+
+int16_t control_estimate(const Control *self) {
+    switch (self->mode) { CONTROL_LIST(ESTIMATE_CASE) }
+    return 0;
+}

@@ -1,0 +1,74 @@
+// The controllers on the board: one of them acts, chosen by the mode.
+//
+// To plug one in (its functions: controllers/controller.h; its mode must be in the value table of `mode` in telemetry/vgroove.dbc):
+//   1. here: include its header and add its line to CONTROL_LIST. A mode without a line does not exist: SET_MODE and PARAM_MODE refuse it;
+//   2. control.c: fill_NAME() copies its setpoints out of the parameters, at the begin of each drive;
+//   3. app/param_table.h: its parameters, behind its mark; then run telemetry/generate.py;
+//   4. CMakeLists.txt of the firmware: its source.
+//
+// What the frame does, so that no controller has to:
+//   - calls it in DRIVE only: trigger pressed, no fault, direction settled. Release, faults and the direction switch go over its head;
+//   - gives it a trigger that is ramped (slew_per_ms) and, when the shaft still turns, begins at the duty of that speed: a controller that returns
+//     in->travel_q15 is the plain mode;
+//   - limits what it returns to 0..32767 and to the current of the fold-back, and tells it what came of it two ticks later (in->duty_q15, in->coasted);
+//   - CONTROLLER_STOP: state `stopped` with the bridge open until the trigger's contact opens; the reason stays in telemetry until the next drive;
+//   - ticks of CONTROLLER_COAST belong to the drive: ramps, fold-back and the time of a stall go on over them;
+//   - a controller of one direction (CONTROL_FORWARD: what ends a drive at a torque or a depth) leaves reverse to the plain mode.
+// start and step of a drive's first tick come in the same tick: together within the cycles of a step.
+#ifndef VGROOVE_APP_CONTROL_H
+#define VGROOVE_APP_CONTROL_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "controllers/blow.h"
+#include "controllers/controller.h"
+
+enum {
+    CONTROL_BOTH,     // acts in both directions
+    CONTROL_FORWARD,  // acts when the tool tightens
+};
+
+// X(MODE, name, Type, directions): TELEMETRY_MODE_<MODE>, name_step(), Type and Type##Setpoints
+// clang-format off
+#define CONTROL_LIST(X) \
+    /* sync */ \
+    /* screwing */ \
+    /* vibration */ \
+    /* torque */ \
+    /* drill */ \
+    /* end of the list */
+// clang-format on
+
+#define CONTROL_STATE(MODE, name, Type, directions) Type name;
+#define CONTROL_SETPOINTS(MODE, name, Type, directions) Type##Setpoints name;
+
+typedef struct {
+    Blow blow;
+    union {
+        uint8_t none;
+        CONTROL_LIST(CONTROL_STATE)
+    } state;
+    union {
+        uint8_t none;
+        CONTROL_LIST(CONTROL_SETPOINTS)
+    } set;
+    uint8_t mode;  // TELEMETRY_MODE_* of this drive
+    bool stopped;  // the controller has ended it
+} Control;
+
+// Whether the firmware has this mode.
+bool control_has(uint8_t mode);
+
+// A drive begins. `value`: the parameters.
+void control_start(Control *self, uint8_t mode, bool reverse, const int16_t *value);
+
+// Duty 0..32767, CONTROLLER_STOP or CONTROLLER_COAST.
+int16_t control_step(Control *self, const ControllerInputs *in);
+
+// For telemetry.
+uint8_t control_state(const Control *self);
+uint8_t control_stop_reason(const Control *self);
+int16_t control_estimate(const Control *self);
+
+#endif
