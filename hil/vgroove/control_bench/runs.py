@@ -21,6 +21,7 @@ PULL_RAMP_S = 0.02
 NOISE_A, NOISE_V = 0.15, 0.02  # of a row, 1 sigma: rigs/impact_driver_18v.toml
 HALL_PULSES = 4
 EEPROM_BYTES, SLOT_ADDRESS = 1024, 16  # firmware/app/param_store.h
+STATE_WITHIN, FLAG_DEFAULTS = 2000, 256  # bytes that hold the first STATE frame; its flag param_defaults
 TURN_RAD = 2 * np.pi
 
 
@@ -50,21 +51,18 @@ def front_ends(noise: bool = True) -> FrontEnds:
 
 
 def mode_number(mode: str | int) -> int:
-    """Number of a mode by its name in the signal list; AbsentError where the firmware has none or does not accept it."""
+    """Number of a mode by its name in the signal list."""
     choices = telemetry.database().get_message_by_name("STATE").get_signal_by_name("mode").choices or {}
     known = {str(name): int(number) for number, name in choices.items()}
     if isinstance(mode, str) and mode not in known:
         raise AbsentError(f"this firmware has no mode {mode}; it has {', '.join(known)}")
-    number = known[mode] if isinstance(mode, str) else mode
-    if number > parameter("MODE").maximum:
-        raise AbsentError(f"this firmware does not accept mode {mode}")
-    return number
+    return known[mode] if isinstance(mode, str) else mode
 
 
 def parameter(name: str) -> telemetry.Parameter:
-    """A parameter by its name, with or without its Q."""
+    """A parameter by its name, in any case, with or without its Q."""
     for entry in telemetry.parameter_list():
-        if entry.name == name or (entry.q and entry.name == f"{name}_Q{entry.q}"):
+        if entry.name in (name.lower(), f"{name.lower()}_q{entry.q}"):
             return entry
     raise AbsentError(f"this firmware has no parameter {name}")
 
@@ -178,7 +176,8 @@ def sil_run(
     stop_when: called with (tool, Progress) after each 16 ms; True ends the run early. board: instead of the native firmware.
     Raises AbsentError for a mode or a parameter that this firmware does not have.
     """
-    image = eeprom_image({**(params or {}), "MODE": mode_number(mode)})
+    number = mode_number(mode)
+    image = eeprom_image({**(params or {}), "mode": number})
     tool = make_tool(rig, seed)
     truth = _core.Truth(truth_every) if truth_every else None
     with board(image) if board else SilBoard(eeprom=image) as machine:
@@ -186,8 +185,21 @@ def sil_run(
         for progress in steps:
             if stop_when is not None and stop_when(tool, progress):
                 break
+    check_start(bytes(progress.sent), mode, number)
     blows = tool.blows() if hasattr(tool, "blows") else np.zeros(0)
     return Run(rig, tool, bytes(progress.sent), progress.time_s, blows, truth.rows if truth else None)
+
+
+def check_start(sent: bytes, mode: str | int, number: int) -> None:
+    """The board took the EEPROM and has the mode; AbsentError or VgrooveError otherwise."""
+    states = [frame for frame in telemetry.Framer().feed(sent[:STATE_WITHIN]) if frame.id == telemetry.STATE]
+    if not states:
+        raise VgrooveError("the board said nothing of its state")
+    state = telemetry.decode(states[0])
+    if int(state["flags"]) & FLAG_DEFAULTS:
+        raise VgrooveError("the firmware did not take the parameters: its list is another one than Python's; run `pip install -e .` again")
+    if int(state["mode"]) != number:
+        raise AbsentError(f"this firmware does not have mode {mode} yet")
 
 
 def make_tool(rig: Rig, seed: int) -> Any:
