@@ -29,7 +29,9 @@ class AbsentError(VgrooveError):
     """This firmware has no such mode or parameter: the controller has not landed."""
 
 
-def reference(joint: str | Mapping[str, Any] = "locked", values: Mapping[str, float] | None = None, *, supply_v: float | None = None) -> Rig:
+def reference(
+    joint: str | Mapping[str, Any] = "locked", values: Mapping[str, float] | None = None, *, supply_v: float | None = None
+) -> Rig:
     """The reference tool on a joint of vgroove.study.impact_runs.JOINTS or a [load] of its own, other dotted keys with it."""
     load = JOINTS[joint] if isinstance(joint, str) else joint
     supply = {} if supply_v is None else {"supply.voltage_v": supply_v}
@@ -75,7 +77,8 @@ def eeprom_image(params: Mapping[str, float]) -> bytes:
         entry = parameter(name)
         raw = round(value * 2**entry.q)
         if not entry.minimum <= raw <= entry.maximum:
-            raise VgrooveError(f"{entry.name} is {entry.minimum / 2**entry.q:g} to {entry.maximum / 2**entry.q:g} {entry.unit}, not {value:g}")
+            low, high = entry.minimum / 2**entry.q, entry.maximum / 2**entry.q
+            raise VgrooveError(f"{entry.name} is {low:g} to {high:g} {entry.unit}, not {value:g}")
         values[entry.name] = raw
     slot = struct.pack(f"<BBH{len(known)}h", max(entry.version for entry in known), len(known), 1, *values.values())
     slot += struct.pack("<H", telemetry.crc16(slot))
@@ -84,13 +87,16 @@ def eeprom_image(params: Mapping[str, float]) -> bytes:
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run. Times count from the board's start; `tool` is the plant as the run left it."""
+    """A finished run. Times count from the board's start; `tool` is the plant as the run left it.
+
+    blows: time_s, approach_rad_s, engaged_m, impulse_nm_s, peak_torque_nm, kind (0 blow, 1 repeat, 2 rebound), lug, skipped.
+    """
 
     rig: Rig
     tool: Any
     sent: bytes
     duration_s: float
-    blows: np.ndarray = field(repr=False)  # time_s, approach_rad_s, engaged_m, impulse_nm_s, peak_torque_nm, kind (2: rebound), lug, skipped
+    blows: np.ndarray = field(repr=False)
     truth_rows: np.ndarray | None = field(repr=False, default=None)
 
     @property
