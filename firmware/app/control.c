@@ -28,6 +28,13 @@
 
 // Setpoints out of the parameters, one function for each controller of the list.
 
+static void fill_blow(BlowSetpoints *set, const int16_t *value) {
+    set->turn_q8 = (uint16_t)value[PARAM_BLOW_TURN_Q8];
+    set->motor_mohm = (uint16_t)value[PARAM_MOTOR_MOHM];
+    set->motor_rpm_per_v = (uint16_t)value[PARAM_MOTOR_RPM_PER_V];
+    set->source = (uint8_t)value[PARAM_BLOW_SOURCE];
+}
+
 bool control_has(uint8_t mode) {
     switch (mode) {
     case TELEMETRY_MODE_DUTY:
@@ -45,8 +52,8 @@ static bool forward_only(uint8_t mode) {
 void control_start(Control *self, uint8_t mode, bool reverse, const int16_t *value) {
     self->stopped = false;
     self->mode = control_has(mode) && !(reverse && forward_only(mode)) ? mode : TELEMETRY_MODE_DUTY;
-    blow_start(&self->blow);
-    (void)value;  // while the list is empty
+    fill_blow(&self->blow_set, value);
+    blow_start(&self->blow, &self->blow_set);
     switch (self->mode) { CONTROL_LIST(START_CASE) }
 }
 
@@ -60,7 +67,7 @@ int16_t control_step(Control *self, const ControllerInputs *in) {
         return CONTROLLER_STOP;
     }
     if (self->mode != TELEMETRY_MODE_DRILL) {
-        blow_step(&self->blow, in);
+        blow_step(&self->blow, &self->blow_set, in);
     }
     const int16_t wish_q15 = step(self, in);
     self->stopped = wish_q15 < 0 && wish_q15 != CONTROLLER_COAST;

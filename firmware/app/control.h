@@ -45,6 +45,7 @@ enum {
 
 typedef struct {
     Blow blow;
+    BlowSetpoints blow_set;
     union {
         uint8_t none;
         CONTROL_LIST(CONTROL_STATE)

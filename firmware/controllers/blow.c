@@ -1,37 +1,200 @@
 // Blow detection, see blow.h.
 #include "controllers/blow.h"
 
-#define DEAD_MS 8u
-#define PAUSE_MS 120u
+#include "core/divide.h"
+#include "core/fixed.h"
 
-void blow_start(Blow *self) {
-    *self = (Blow){.since_ms = PAUSE_MS};
+#define ANGLE_SHIFT 4u
+// A turn is 60,000 ms/min * 2 (Q1) of speed times ticks; divided by 2^4 for the sum and by 2^8 of turn_q8: 29.3 per 1/256 turn.
+#define ANGLE_PER_TURN_Q8 469u  // / 16
+#define ANGLE_PER_TURN_SHIFT 4u
+#define FLOOR_RPM_Q1 60      // hysteresis at least, 30 rpm: below what the smallest blows leave, above what edges and counts do
+#define PAUSE_MS 160u        // no hit for that long: impacts have ended
+#define FORGET_FROM_MS 32u   // no hit for so long: the ripple may have become smaller than what was learned, which is halved
+#define FORGET_MASK_MS 15u   // every 16 ms
+#define EVEN_SHARE_SHIFT 4u  // ripple below 1/16 of the speed: the hammer swings once a lug, and a second valley is a notch
+#define PERIODS_SHIFT 3u     // running mean and deviation over 8 blows
+#define MEMORY_SHIFT 2u      // of the ripple: 4 hits
+
+static uint16_t share_of(uint16_t value, uint8_t share_q8) {
+    return (uint16_t)(((uint32_t)value * share_q8) >> 8);
 }
 
-static void strike(Blow *self) {
-    self->struck = true;
-    self->impacting = self->since_ms < PAUSE_MS;
-    self->period_ms = self->since_ms;
-    self->count++;
+#define SHARE_DEAD_Q8 72u     // 0.28 of the angle from lug to lug
+#define SHARE_REPEAT_Q8 159u  // 0.62
+#define SHARE_TWO_Q8 166u     // 0.65 more than one
+#define LUGS_MAX 3u
+
+void blow_start(Blow *self, const BlowSetpoints *set) {
+    *self = (Blow){.since_ms = UINT16_MAX, .since_hit_ms = UINT16_MAX, .rising = true};
+    self->lug_angle = (uint16_t)(((uint32_t)set->turn_q8 * ANGLE_PER_TURN_Q8) >> ANGLE_PER_TURN_SHIFT);
+    self->forget_angle = self->lug_angle > UINT16_MAX / 3u ? UINT16_MAX : (uint16_t)(2u * self->lug_angle + self->lug_angle / 4u);
+}
+
+// Slow: its ripple goes with that of the current and would only take a part of it away.
+static void follow_supply(Blow *self, uint16_t supply_mv) {
+    const uint16_t now = (uint16_t)(supply_mv > INT16_MAX ? UINT16_MAX - 1u : 2u * supply_mv);
+    if (self->supply_mv_q1 == 0u) {
+        self->supply_mv_q1 = now;
+    } else if (now >= self->supply_mv_q1) {
+        self->supply_mv_q1 = (uint16_t)(self->supply_mv_q1 + ((now - self->supply_mv_q1) >> 5));
+    } else {
+        self->supply_mv_q1 = (uint16_t)(self->supply_mv_q1 - ((self->supply_mv_q1 - now) >> 5));
+    }
+}
+
+static int16_t speed_by_current(Blow *self, const BlowSetpoints *set, const ControllerInputs *in) {
+    follow_supply(self, in->supply_mv);
+    const int32_t applied_mv = (int32_t)(((uint32_t)(uint16_t)in->duty_q15 * self->supply_mv_q1) >> 16);
+    const int32_t drop_mv = ((int32_t)in->current_a_q9 * (int16_t)set->motor_mohm) >> 9;
+    const int32_t emf_mv = fixed_clamp_i32(applied_mv - drop_mv, 0, INT16_MAX);
+    const uint16_t per_mv_q15 = (uint16_t)(((uint32_t)set->motor_rpm_per_v * 16777u) >> 8);  // 2 * 2^15 / 1000
+    const uint32_t rpm_q1 = ((uint32_t)emf_mv * per_mv_q15) >> 15;
+    return (int16_t)(rpm_q1 > INT16_MAX ? INT16_MAX : (int16_t)rpm_q1);
+}
+
+static void count_time(Blow *self) {
+    self->since_ms = (uint16_t)(self->since_ms + (self->since_ms < UINT16_MAX ? 1u : 0u));
+    self->since_hit_ms = (uint16_t)(self->since_hit_ms + (self->since_hit_ms < UINT16_MAX ? 1u : 0u));
+    if (self->since_hit_ms < PAUSE_MS) {
+        if ((self->since_hit_ms & FORGET_MASK_MS) == 0u && self->angle >= self->forget_angle) {
+            self->ripple_rpm_q1 = (int16_t)(self->ripple_rpm_q1 >> 1);
+        }
+        return;
+    }
+    self->impacting = false;
+    self->blows_seen = 0;
+    self->ripple_rpm_q1 = 0;
+}
+
+static void collect(Blow *self, const ControllerInputs *in) {
+    const uint16_t more = (uint16_t)(self->angle + ((uint16_t)self->signal_rpm_q1 >> ANGLE_SHIFT));
+    self->angle = more < self->angle ? UINT16_MAX : more;
+    const int16_t x = self->signal_rpm_q1;
+    self->low_rpm_q1 = x < self->low_rpm_q1 ? x : self->low_rpm_q1;
+    self->high_rpm_q1 = x > self->high_rpm_q1 ? x : self->high_rpm_q1;
+    self->next_min_rpm_q1 = x < self->next_min_rpm_q1 ? x : self->next_min_rpm_q1;
+    self->next_max_rpm_q1 = x > self->next_max_rpm_q1 ? x : self->next_max_rpm_q1;
+    self->next_current_a_q9 = in->current_a_q9 > self->next_current_a_q9 ? in->current_a_q9 : self->next_current_a_q9;
+}
+
+static int16_t hysteresis(const Blow *self) {
+    const int16_t share = (int16_t)(self->ripple_rpm_q1 >> 2);
+    return share > FLOOR_RPM_Q1 ? share : FLOOR_RPM_Q1;
+}
+
+static void learn_period(Blow *self) {
+    if (self->blows_seen < 2u) {
+        return;
+    }
+    if (self->blows_seen == 2u) {
+        self->mean_period_q4 = self->period_q4;
+        self->deviation_q4 = 0;
+    }
+    const int32_t off = (int32_t)self->period_q4 - self->mean_period_q4;
+    self->mean_period_q4 = (uint16_t)(self->mean_period_q4 + (off + 4) / 8);
+    const uint16_t size_q4 = (uint16_t)((off < 0 ? -off : off) << 4);
+    self->deviation_q4 = (uint16_t)(self->deviation_q4 + ((int32_t)size_q4 - self->deviation_q4) / 8);
+    const uint16_t spread = divide_u16((uint32_t)self->deviation_q4 << 11, self->mean_period_q4);
+    self->spread_q15 = (int16_t)(spread > INT16_MAX ? INT16_MAX : (int16_t)spread);
+}
+
+// What the blow leaves to be read: everything is over the time since the one before.
+static void close_blow(Blow *self, uint8_t lugs) {
+    uint32_t since_q4 = ((uint32_t)self->since_ms << 4) + self->last_fraction_q4;
+    since_q4 = since_q4 > self->fraction_q4 ? since_q4 - self->fraction_q4 : 0u;
+    since_q4 = since_q4 > UINT16_MAX ? UINT16_MAX : since_q4;
+    self->period_q4 = lugs == 2u ? (uint16_t)(since_q4 >> 1) : (uint16_t)since_q4;
+    self->turn_q8 = divide_u16((uint32_t)self->angle << ANGLE_PER_TURN_SHIFT, ANGLE_PER_TURN_Q8);
+    self->speed_mean_rpm_q1 = (int16_t)divide_u16((uint32_t)self->angle << ANGLE_SHIFT, self->since_ms);
+    self->turn_q8 = lugs == 2u ? (uint16_t)(self->turn_q8 >> 1) : self->turn_q8;
+    self->speed_min_rpm_q1 = self->next_min_rpm_q1;
+    self->speed_max_rpm_q1 = self->next_max_rpm_q1;
+    self->current_max_a_q9 = self->next_current_a_q9;
+    self->next_min_rpm_q1 = self->signal_rpm_q1;
+    self->next_max_rpm_q1 = self->signal_rpm_q1;
+    self->next_current_a_q9 = 0;
+    self->last_fraction_q4 = self->fraction_q4;
+    self->count = (uint16_t)(self->count + lugs);
+    self->blows_seen = (uint8_t)(self->blows_seen + (self->blows_seen < UINT8_MAX ? 1u : 0u));
+    learn_period(self);
+    self->angle = 0;
     self->since_ms = 0;
 }
 
-// An eighth below the highest speed since the last blow is a dip, an eighth above its lowest ends it.
-void blow_step(Blow *self, const ControllerInputs *in) {
-    const int16_t speed = in->speed_rpm_q1;
-    self->struck = false;
-    self->since_ms = (uint16_t)(self->since_ms < PAUSE_MS ? self->since_ms + 1u : PAUSE_MS);
-    self->impacting = self->impacting && self->since_ms < PAUSE_MS;
-    if (self->falling) {
-        self->low_rpm_q1 = speed < self->low_rpm_q1 ? speed : self->low_rpm_q1;
-        self->falling = speed - self->low_rpm_q1 <= self->low_rpm_q1 >> 3;
-        self->high_rpm_q1 = speed;
+static void hit(Blow *self) {
+    const int16_t ripple = (int16_t)(self->high_rpm_q1 - self->low_rpm_q1);
+    if (self->blows_seen == 0u) {
+        self->ripple_rpm_q1 = 0;  // what was before it is the run-up
+    } else if (self->ripple_rpm_q1 == 0) {
+        self->ripple_rpm_q1 = ripple;
     } else {
-        self->high_rpm_q1 = speed > self->high_rpm_q1 ? speed : self->high_rpm_q1;
-        if (self->high_rpm_q1 - speed > self->high_rpm_q1 >> 3 && self->since_ms >= DEAD_MS) {
-            self->falling = true;
-            self->low_rpm_q1 = speed;
-            strike(self);
-        }
+        self->ripple_rpm_q1 = (int16_t)(self->ripple_rpm_q1 + ((ripple - self->ripple_rpm_q1) >> MEMORY_SHIFT));
     }
+    self->low_rpm_q1 = self->extreme_rpm_q1;
+    self->high_rpm_q1 = self->signal_rpm_q1;
+    self->struck = true;
+    self->since_hit_ms = 0;
+}
+
+// Lugs that the angle stands for; after a pause the first blow is one.
+static uint8_t lugs_of(const Blow *self) {
+    if (self->blows_seen == 0u) {
+        return 1;
+    }
+    if (self->angle < share_of(self->lug_angle, SHARE_REPEAT_Q8)) {
+        return 0;
+    }
+    const uint16_t more = (uint16_t)(self->angle - share_of(self->lug_angle, SHARE_TWO_Q8));
+    return more > self->lug_angle && self->angle > self->lug_angle && self->blows_seen > 2u ? 2 : 1;
+}
+
+static void valley(Blow *self, int16_t last_rpm_q1) {
+    const bool even = (self->ripple_rpm_q1 << EVEN_SHARE_SHIFT) < self->signal_rpm_q1;
+    const uint16_t dead = share_of(self->lug_angle, even ? SHARE_REPEAT_Q8 : SHARE_DEAD_Q8);
+    if (self->blows_seen > 0u && (uint16_t)(self->angle - self->hit_angle) < dead) {
+        return;
+    }
+    const int16_t over = (int16_t)(self->signal_rpm_q1 - self->extreme_rpm_q1 - hysteresis(self));
+    const int16_t step = (int16_t)(self->signal_rpm_q1 - last_rpm_q1);
+    self->fraction_q4 = (uint8_t)(step > over ? divide_u16((uint32_t)over << 4, (uint16_t)step) : 15u);
+    hit(self);
+    const uint8_t lugs = lugs_of(self);
+    self->lugs = lugs;
+    self->repeat = lugs == 0u;
+    self->impacting = self->blows_seen > 0u;
+    if (lugs == 0u) {
+        self->repeats++;
+    } else {
+        close_blow(self, lugs);
+    }
+    self->hit_angle = self->angle;
+}
+
+void blow_step(Blow *self, const BlowSetpoints *set, const ControllerInputs *in) {
+    self->struck = false;
+    self->repeat = false;
+    self->lugs = 0;
+    count_time(self);
+    const int16_t last = self->signal_rpm_q1;
+    if (set->source == BLOW_SOURCE_SPEED) {
+        self->signal_rpm_q1 = in->speed_rpm_q1 < 0 ? 0 : in->speed_rpm_q1;
+    } else if (!in->coasted) {
+        self->signal_rpm_q1 = speed_by_current(self, set, in);
+    }
+    collect(self, in);
+    const int16_t x = self->signal_rpm_q1;
+    if (self->rising ? x > self->extreme_rpm_q1 : x < self->extreme_rpm_q1) {
+        self->extreme_rpm_q1 = x;
+        return;
+    }
+    const int16_t back = (int16_t)(self->rising ? self->extreme_rpm_q1 - x : x - self->extreme_rpm_q1);
+    if (back <= hysteresis(self)) {
+        return;
+    }
+    self->rising = !self->rising;
+    if (self->rising) {
+        valley(self, last);
+    }
+    self->extreme_rpm_q1 = x;
 }

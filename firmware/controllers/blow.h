@@ -1,25 +1,70 @@
-// Blows of the hammer, from the dips that they leave in the motor's speed.
+// Blows of the hammer, from the valleys that each swing of it leaves in the motor's speed; shared by the controllers of the impact tool.
+//
+// Signal: the Hall speed, or (method 2) the speed that the current tells, (duty supply - R i) rpm/V. The hammer brakes the motor while it climbs and
+// lets it go when it has passed a lug, or bounced back from it: a valley, found by a hysteresis of a quarter of the learned ripple. The angle that
+// the motor has turned since the last blow tells the rest: less than a dead angle is the notch that the blow itself leaves, less than 0.62 of the
+// angle from lug to lug is a repeat on the same lug, more than 1.65 of it means that a valley was too shallow to be seen: two lugs were reached.
 #ifndef VGROOVE_CONTROLLERS_BLOW_H
 #define VGROOVE_CONTROLLERS_BLOW_H
 
+#include <stdbool.h>
+#include <stdint.h>
+
 #include "controllers/controller.h"
 
+typedef enum { BLOW_SOURCE_SPEED, BLOW_SOURCE_CURRENT } BlowSource;
+
 typedef struct {
-    bool struck;         // a blow was found in this tick
-    bool repeat;         // it is one on the same lug as the blow before
-    bool impacting;      // blows follow one another
-    uint16_t count;      // of this drive, without repeats
-    uint16_t period_ms;  // between the last two
-    int16_t high_rpm_q1;
-    int16_t low_rpm_q1;
-    uint16_t since_ms;
-    bool falling;
+    uint16_t turn_q8;          // turns of the motor from lug to lug on a joint that holds: gear / lugs
+    uint16_t motor_mohm;       // winding
+    uint16_t motor_rpm_per_v;  // of back-EMF
+    uint8_t source;            // BLOW_SOURCE_*
+} BlowSetpoints;
+
+typedef struct {
+    // Event of this tick.
+    bool struck;   // the hammer has hit: a blow or a repeat
+    bool repeat;   // on the lug of the last blow
+    uint8_t lugs;  // reached by this hit: 0 a repeat, 1, 2 where the blow before was not seen
+
+    // Of the drive.
+    bool impacting;  // hits follow one another
+    uint16_t count;  // blows, without repeats
+    uint16_t repeats;
+    uint16_t since_ms;  // since the last blow, saturates
+
+    // Of the last blow, from the one before to it, repeats included.
+    uint16_t period_q4;  // ms, of one lug
+    int16_t speed_min_rpm_q1;
+    int16_t speed_max_rpm_q1;
+    int16_t speed_mean_rpm_q1;
+    int16_t current_max_a_q9;
+    uint16_t turn_q8;  // turns of the motor per lug: what exceeds the setpoint is the joint's own, times the gear
+
+    // Running.
+    uint16_t mean_period_q4;  // ms, over about 8 blows
+    int16_t spread_q15;       // mean deviation of the periods from it, as a share of it
+    int16_t ripple_rpm_q1;    // between the highest and the lowest speed from hit to hit
+
+    // Own.
+    int16_t signal_rpm_q1;
+    int16_t low_rpm_q1, high_rpm_q1;  // from hit to hit
+    int16_t extreme_rpm_q1;           // last valley or top
+    bool rising;
+    uint8_t blows_seen;                     // 0 none yet, 1, 2 the period is known, ...
+    uint8_t fraction_q4, last_fraction_q4;  // of a tick, between the crossing and the tick that saw it
+    uint16_t angle, hit_angle;              // since the last blow; at the last hit. rpm Q1 ms / 16
+    uint16_t lug_angle, forget_angle;
+    uint16_t supply_mv_q1;
+    uint16_t since_hit_ms;
+    int16_t next_min_rpm_q1, next_max_rpm_q1, next_current_a_q9;  // being collected
+    uint16_t deviation_q4;
 } Blow;
 
 // A drive begins.
-void blow_start(Blow *self);
+void blow_start(Blow *self, const BlowSetpoints *set);
 
 // Once a tick while it lasts, before the controller.
-void blow_step(Blow *self, const ControllerInputs *in);
+void blow_step(Blow *self, const BlowSetpoints *set, const ControllerInputs *in);
 
 #endif

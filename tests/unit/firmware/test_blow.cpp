@@ -1,0 +1,195 @@
+// Blow detection on made signals: counts, repeats, notches, missed valleys, pauses, and any input at all.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <random>
+
+extern "C" {
+#include "controllers/blow.h"
+}
+
+namespace {
+
+constexpr double TURN = 2.8;  // of the motor, from lug to lug
+constexpr double PI = 3.14159265358979;
+const BlowSetpoints SPEED{717, 190, 876, BLOW_SOURCE_SPEED}, CURRENT{717, 190, 876, BLOW_SOURCE_CURRENT};
+constexpr double SUPPLY_MV = 17000, MOHM = 190, RPM_PER_V = 876, DUTY = 0.8;
+
+// What the board measures of a motor at a speed, at constant duty.
+ControllerInputs measured(double rpm) {
+    const double current = 1e3 * (DUTY * SUPPLY_MV * 1e-3 - rpm / RPM_PER_V) / MOHM;
+    return {0,
+            static_cast<int16_t>(std::lround(2 * rpm)),
+            static_cast<int16_t>(std::min(32767L, std::lround(512 * current))),
+            static_cast<uint16_t>(SUPPLY_MV),
+            static_cast<int16_t>(DUTY * 32767),
+            false};
+}
+
+struct Swing {
+    double per_min, ripple;  // blows; peak to peak as a share of the mean
+    double second = 0.0;     // depth of a second valley, as a share of the first
+};
+
+// Mean speed such that the motor turns TURN from blow to blow; valleys at phase 0 and, the second, at 0.4.
+double speed_at(const Swing &s, double time_s) {
+    const double phase = time_s * s.per_min / 60.0;
+    const double mean = TURN * s.per_min;
+    const auto dip = [](double x) { return std::exp(-40.0 * (1.0 - std::cos(2.0 * PI * x)) / 8.0); };
+    return mean * (1.0 + s.ripple * (0.3 - dip(phase) - s.second * dip(phase - 0.4)));
+}
+
+struct Found {
+    int lugs = 0, repeats = 0;
+    double period_ms = 0.0, longest_ms = 0.0, shortest_ms = 1e9;
+};
+
+Found run(Blow &blow, const BlowSetpoints &set, const Swing &swing, double from_s, double to_s) {
+    Found found;
+    for (int ms = static_cast<int>(from_s * 1e3); ms < static_cast<int>(to_s * 1e3); ++ms) {
+        const ControllerInputs in = measured(speed_at(swing, 1e-3 * ms));
+        blow_step(&blow, &set, &in);
+        found.lugs += blow.lugs;
+        found.repeats += blow.repeat ? 1 : 0;
+        if (blow.lugs > 0 && blow.blows_seen > 3) {
+            found.period_ms = blow.period_q4 / 16.0;
+            found.longest_ms = std::max(found.longest_ms, found.period_ms);
+            found.shortest_ms = std::min(found.shortest_ms, found.period_ms);
+        }
+    }
+    return found;
+}
+
+class BlowSources : public ::testing::TestWithParam<BlowSetpoints> {
+protected:
+    void SetUp() override { blow_start(&blow, &GetParam()); }
+    Blow blow{};
+};
+
+TEST_P(BlowSources, CountsEveryBlowFrom1200To4000AMinute) {
+    for (const double ripple : {0.01, 0.05, 0.2})
+        for (double rate = 1200; rate <= 4000; rate += 175) {
+            blow_start(&blow, &GetParam());
+            const Found found = run(blow, GetParam(), {rate, ripple}, 0.0, 2.0);
+            EXPECT_NEAR(found.lugs, rate / 30.0, 1.0 + 0.01 * rate / 30.0) << rate << " ripple " << ripple;
+            EXPECT_EQ(found.repeats, 0) << rate << " ripple " << ripple;
+        }
+}
+
+TEST_P(BlowSources, PeriodIsFinerThanTheTick) {
+    const Found found = run(blow, GetParam(), {3000, 0.05}, 0.0, 1.0);
+    EXPECT_NEAR(found.period_ms, 20.0, 0.3);
+    run(blow, GetParam(), {2890, 0.05}, 0.0, 2.0);
+    EXPECT_NEAR(blow.mean_period_q4 / 16.0, 60e3 / 2890, 0.2);
+    EXPECT_LT(blow.spread_q15, 0.03 * 32768);
+}
+
+TEST_P(BlowSources, ANotchOfAnEvenSwingIsNoSecondBlow) {
+    const Found found = run(blow, GetParam(), {3000, 0.03, 0.7}, 0.0, 2.0);
+    EXPECT_NEAR(found.lugs, 100, 1);
+    EXPECT_EQ(found.repeats, 0);
+}
+
+TEST_P(BlowSources, LevelOfTheLastBlowIsOfThatBlow) {
+    run(blow, GetParam(), {3000, 0.05}, 0.0, 1.0);
+    const double mean = TURN * 3000;
+    EXPECT_NEAR(blow.turn_q8 / 256.0, TURN, 0.2);
+    EXPECT_NEAR(blow.speed_mean_rpm_q1 / 2.0, mean, 0.06 * mean);
+    EXPECT_LT(blow.speed_min_rpm_q1 / 2.0, 0.97 * mean);
+    EXPECT_GT(blow.speed_max_rpm_q1 / 2.0, mean);
+    EXPECT_NEAR(blow.ripple_rpm_q1 / 2.0, 0.05 * mean, 0.02 * mean);
+}
+
+TEST_P(BlowSources, NoRippleNoBlow) {
+    const Found found = run(blow, GetParam(), {3000, 0.0}, 0.0, 2.0);
+    EXPECT_EQ(found.lugs, 0);
+    EXPECT_FALSE(blow.impacting);
+}
+
+TEST_P(BlowSources, ARunUpHasNoBlow) {
+    for (int ms = 0; ms < 400; ++ms) {
+        const ControllerInputs in = measured(15000.0 * (1.0 - std::exp(-ms / 80.0)));
+        blow_step(&blow, &GetParam(), &in);
+        ASSERT_FALSE(blow.struck) << ms;
+    }
+}
+
+TEST_P(BlowSources, AnUnseenValleyStandsForTwo) {
+    run(blow, GetParam(), {2400, 0.1}, 0.0, 0.5);
+    const uint16_t before = blow.count;
+    int lugs = 0;
+    for (int ms = 500; ms < 600; ++ms) {  // 4 periods of 25 ms, the valley at 550 is missing
+        const double phase = ms * 0.04;
+        const bool filled = phase > 21.6 && phase < 22.4;
+        const ControllerInputs in = measured(filled ? TURN * 2400 * 1.03 : speed_at({2400, 0.1}, 1e-3 * ms));
+        blow_step(&blow, &GetParam(), &in);
+        lugs += blow.lugs;
+    }
+    EXPECT_EQ(lugs, 4);
+    EXPECT_EQ(blow.count - before, 4);
+}
+
+TEST_P(BlowSources, APauseEndsTheImpactsAndCountsNothing) {
+    run(blow, GetParam(), {2400, 0.1}, 0.0, 0.5);
+    EXPECT_TRUE(blow.impacting);
+    const uint16_t count = blow.count;
+    run(blow, GetParam(), {2400, 0.0}, 0.5, 1.5);
+    EXPECT_FALSE(blow.impacting);
+    EXPECT_LE(blow.count - count, 1);
+    run(blow, GetParam(), {2400, 0.1}, 1.5, 2.5);
+    EXPECT_NEAR(blow.count - count, 40, 1.5);
+}
+
+// A ripple of a twentieth is below the hysteresis until that has been forgotten: an eighth of a second.
+TEST_P(BlowSources, FollowsAChangeOfRateAndRipple) {
+    const Found slow = run(blow, GetParam(), {1500, 0.25}, 0.0, 1.0);
+    const Found fast = run(blow, GetParam(), {3600, 0.012}, 1.0, 2.0);
+    EXPECT_NEAR(slow.lugs + fast.lugs, 25 + 60, 7.5);
+}
+
+TEST_P(BlowSources, StartForgetsTheDriveBefore) {
+    run(blow, GetParam(), {3000, 0.05}, 0.0, 1.0);
+    blow_start(&blow, &GetParam());
+    EXPECT_EQ(blow.count, 0);
+    EXPECT_FALSE(blow.impacting);
+    EXPECT_NEAR(run(blow, GetParam(), {1500, 0.1}, 0.0, 1.0).lugs, 25, 1);
+}
+
+TEST_P(BlowSources, AnyInputGivesOneConsistentEvent) {
+    std::mt19937 random(7);
+    std::uniform_int_distribution<int> any(-32768, 32767);
+    for (int n = 0; n < 200000; ++n) {
+        const bool wild = random() % 4 != 0;
+        const ControllerInputs in{0,
+                                  static_cast<int16_t>(wild ? any(random) : 18000),
+                                  static_cast<int16_t>(any(random)),
+                                  static_cast<uint16_t>(any(random)),
+                                  static_cast<int16_t>(any(random) & 0x7FFF),
+                                  (random() & 31u) == 0u};
+        const uint16_t count = blow.count;
+        blow_step(&blow, &GetParam(), &in);
+        ASSERT_EQ(static_cast<uint16_t>(blow.count - count), blow.lugs);
+        ASSERT_EQ(blow.struck, blow.lugs > 0 || blow.repeat);
+        ASSERT_GE(blow.spread_q15, 0);
+        ASSERT_GE(blow.ripple_rpm_q1, 0);
+        ASSERT_GE(blow.speed_max_rpm_q1, blow.speed_min_rpm_q1);
+    }
+}
+
+INSTANTIATE_TEST_SUITE_P(Sources, BlowSources, ::testing::Values(SPEED, CURRENT),
+                         [](const auto &set) { return set.param.source == BLOW_SOURCE_SPEED ? "Speed" : "Current"; });
+
+TEST(Blow, CoastingHidesTheCurrentsSpeed) {
+    Blow blow{};
+    blow_start(&blow, &CURRENT);
+    run(blow, CURRENT, {3000, 0.05}, 0.0, 1.0);
+    const int16_t held = blow.signal_rpm_q1;
+    const ControllerInputs in{0, 0, 0, 17000, 0, true};
+    for (int n = 0; n < 10; ++n)
+        blow_step(&blow, &CURRENT, &in);
+    EXPECT_EQ(blow.signal_rpm_q1, held);
+}
+
+}  // namespace
