@@ -1,0 +1,82 @@
+"""Figures of a run: clean blows, tightening work, vibration of the housing."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from vgroove.control_bench.runs import Run
+from vgroove.study.impact_runs import clean
+
+HOUSING_HZ = 20_000.0
+BAND_HZ = (6.0, 1250.0)
+BAND_ORDER = 4
+ISO_HZ = {"f1": 6.310, "f2": 1258.9, "f3": 15.915, "f4": 15.915}  # ISO 5349-1:2001, table A.1
+ISO_Q = {"q1": 0.71, "q2": 0.64}
+FEWEST_HITS = 4
+
+
+def sync_figures(run: Run, from_s: float) -> dict[str, Any]:
+    """Clean share, spread, rate, tightening work per second from from_s to the end. A tool that does not strike has no clean blow."""
+    hits = run.hits[run.hits["time_s"] >= from_s]
+    period = np.diff(hits["time_s"][hits["kind"] == 0])
+    enough = len(hits) >= FEWEST_HITS and len(period) > 1
+    height = run.rig.mechanism["lug_height_m"]
+    return {
+        "hits": len(hits),
+        "clean": float(clean(hits, height).mean()) if enough else 0.0,
+        "repeats": int((hits["kind"] == 1).sum()),
+        "skipped": int((hits["skipped"] > 0).sum()),
+        "shallow": int((hits["engaged_m"] < 0.5 * height).sum()),
+        "blows_per_min": float(60.0 / period.mean()) if enough else 0.0,
+        "spread": float(period.std() / period.mean()) if enough else None,
+        "work_w": tightening_work(run, from_s, run.duration_s) / (run.duration_s - from_s),
+        "impulse_nm": float(hits["impulse_nm_s"].sum() / (run.duration_s - from_s)),
+        "faults": run.faults,
+    }
+
+
+def tightening_work(run: Run, from_s: float, to_s: float) -> float:
+    """Work in J into a slipping joint: its slip torque over the head's way; 0 on a locked one."""
+    if run.rig.load["kind"] == "locked":
+        return 0.0
+    ends = np.interp([from_s, to_s], run.truth["time_s"], run.truth["head_rad"])
+    way = np.linspace(*ends, 200)
+    return float(np.trapezoid(run.slip_nm(way), way))
+
+
+def housing_20k(run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Housing reaction T_h in N m at 20 kHz, each sample the mean over its 50 us (times are their ends), from the means over PWM periods."""
+    time_s, mean = run.truth["time_s"], run.truth["housing_nm"]
+    edges = np.concatenate(([2 * time_s[0] - time_s[1]], time_s))
+    momentum = np.concatenate(([0.0], np.cumsum(mean * np.diff(edges))))
+    grid = np.arange(edges[0], edges[-1], 1.0 / HOUSING_HZ)
+    return grid[1:], np.diff(np.interp(grid, edges, momentum)) * HOUSING_HZ
+
+
+@cache
+def band_filter() -> np.ndarray:
+    """Butterworth of order 4, 6 to 1,250 Hz, at 20 kHz."""
+    return signal.butter(BAND_ORDER, BAND_HZ, "bandpass", fs=HOUSING_HZ, output="sos")
+
+
+@cache
+def hand_arm_filter() -> np.ndarray:
+    """Weighting W_h of ISO 5349-1 (annex A) by the bilinear transform, at 20 kHz."""
+    w = {key: 2 * HOUSING_HZ * np.tan(np.pi * hz / HOUSING_HZ) for key, hz in ISO_HZ.items()}
+    band = ([w["f2"] ** 2, 0.0, 0.0], np.polymul([1.0, w["f1"] / ISO_Q["q1"], w["f1"] ** 2], [1.0, w["f2"] / ISO_Q["q1"], w["f2"] ** 2]))
+    weight = (np.array([1.0, w["f3"]]) * w["f4"] ** 2 / w["f3"], [1.0, w["f4"] / ISO_Q["q2"], w["f4"] ** 2])
+    zeros, poles = np.polymul(band[0], weight[0]), np.polymul(band[1], weight[1])
+    return signal.tf2sos(*signal.bilinear(zeros, poles, HOUSING_HZ))
+
+
+def vibration(run: Run, from_s: float, to_s: float) -> dict[str, float]:
+    """AC RMS of T_h in N m from from_s to to_s: in the band, and weighted as ISO 5349-1 weights a hand-arm acceleration."""
+    time_s, housing = housing_20k(run)
+    inside = (time_s >= from_s) & (time_s <= to_s)
+    figures = {}
+    for name, sos in (("rms_nm", band_filter()), ("weighted_nm", hand_arm_filter())):
+        filtered = signal.sosfilt(sos, housing)[inside]
+        figures[name] = float(np.sqrt(np.mean(filtered**2))) if len(filtered) else 0.0
+    return figures
