@@ -67,7 +67,7 @@ void control_start(Control *self, uint8_t mode, bool reverse, const int16_t *val
 // Duty 0..32767, CONTROLLER_STOP or CONTROLLER_COAST.
 int16_t control_step(Control *self, const ControllerInputs *in);
 
-// For telemetry.
+// For telemetry, of the drive that goes on or was the last.
 uint8_t control_state(const Control *self);
 uint8_t control_stop_reason(const Control *self);
 int16_t control_estimate(const Control *self);

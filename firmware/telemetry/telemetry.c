@@ -12,6 +12,9 @@
 #define TRIGGER_STEP 2u  // smaller moves of the trigger are noise of its ADC
 #define MS_PER_SECOND 1000u
 
+// Kinds of slow frames that take turns, so that none of them can keep the others from the line.
+enum { TURN_STATE, TURN_CONTROL, TURN_OTHER, TURNS };
+
 #define BUDGET_PER_TICK_250000 2500u
 #define BUDGET_PER_TICK_115200 1152u
 // Fewest ticks that pay for a FAST frame and leave something for slow ones.
@@ -39,6 +42,7 @@ void telemetry_dump(Telemetry *self) {
     self->dump_next = 0;
     self->dump_crc16 = CRC16_INIT;
     self->dumped_waits = false;
+    self->control_waits = true;
     self->ms_in_second = MS_PER_SECOND - 1u;  // who asks wants to know STATE and HEALTH as well
 }
 
@@ -56,8 +60,8 @@ bool telemetry_ack_waits(const Telemetry *self) {
 }
 
 static bool to_be_packed(const Telemetry *self) {
-    return self->state_waits || self->boot_waits || self->ack_waits || self->health_waits || self->dump_next != TELEMETRY_NONE ||
-           self->read_index != TELEMETRY_NONE;
+    return self->state_waits || self->control_waits || self->boot_waits || self->ack_waits || self->health_waits ||
+           self->dump_next != TELEMETRY_NONE || self->read_index != TELEMETRY_NONE;
 }
 
 bool telemetry_slow_waits(const Telemetry *self) {
@@ -97,6 +101,18 @@ static void note_state(Telemetry *self, const TelemetryInputs *in) {
     self->state.flags = flags;
     self->state.state_tick = (uint8_t)in->now_ms;
     self->state_waits = true;
+}
+
+// Period and estimate go along: by themselves they are no news.
+static void note_control(Telemetry *self, const TelemetryInputs *in) {
+    const TelemetryControl *now = &in->control;
+    if (self->control.blow_count == now->blow_count && self->control.control_state == now->control_state &&
+        self->control.stop_reason == now->stop_reason) {
+        return;
+    }
+    self->control = *now;
+    self->control.control_tick = (uint8_t)in->now_ms;
+    self->control_waits = true;
 }
 
 static void note_second(Telemetry *self, uint32_t now_ms) {
@@ -152,6 +168,12 @@ static void pack_state(Telemetry *self) {
     name_slow(self, TELEMETRY_STATE_ID, TELEMETRY_STATE_CRC_SEED);
     self->state.state_counter = (uint8_t)((self->state.state_counter + 1u) & TELEMETRY_STATE_COUNTER_MAX);
     self->state_waits = false;
+}
+
+static void pack_control(Telemetry *self) {
+    telemetry_pack_control(self->slow, &self->control);
+    name_slow(self, TELEMETRY_CONTROL_ID, TELEMETRY_CONTROL_CRC_SEED);
+    self->control_waits = false;
 }
 
 static void pack_param(Telemetry *self, uint8_t index, const TelemetryInputs *in) {
@@ -224,12 +246,8 @@ static void pack_health(Telemetry *self, const TelemetryInputs *in) {
     self->health_went = true;
 }
 
-// One slow frame that is not STATE, if any waits.
+// One slow frame that is neither STATE nor CONTROL, if any waits.
 static bool pack_other(Telemetry *self, const TelemetryInputs *in) {
-    if (self->boot_waits) {
-        pack_boot(self);
-        return true;
-    }
     if (self->ack_waits) {
         pack_ack(self);
         return true;
@@ -241,16 +259,35 @@ static bool pack_other(Telemetry *self, const TelemetryInputs *in) {
     return pack_any_param(self, in);
 }
 
-// The data of one slow frame, of which one waits. STATE takes every second turn at most, and BOOT goes before it.
+static bool pack_of_turn(Telemetry *self, uint8_t turn, const TelemetryInputs *in) {
+    if (turn == TURN_OTHER) {
+        return pack_other(self, in);
+    }
+    if (turn == TURN_STATE && self->state_waits) {
+        pack_state(self);
+        return true;
+    }
+    if (turn == TURN_CONTROL && self->control_waits) {
+        pack_control(self);
+        return true;
+    }
+    return false;
+}
+
+// The data of one slow frame, of which one waits.
 static void pack_slow(Telemetry *self, const TelemetryInputs *in) {
-    const bool state_turn = self->state_waits && !self->state_went_last && !self->boot_waits;
-    self->state_went_last = false;
     self->slow_packed = true;
-    if (!state_turn && pack_other(self, in)) {
+    if (self->boot_waits) {
+        pack_boot(self);
         return;
     }
-    pack_state(self);
-    self->state_went_last = true;
+    for (uint8_t k = 0; k < TURNS; k++) {
+        const uint8_t turn = self->turn;
+        self->turn = (uint8_t)(turn < TURNS - 1u ? turn + 1u : 0u);
+        if (pack_of_turn(self, turn, in)) {
+            return;
+        }
+    }
 }
 
 static void send_slow(Telemetry *self, uint32_t now_ms, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
@@ -298,6 +335,7 @@ uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[T
 uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, uint8_t *const place[2]) {
     uint8_t frames = 0;
     note_state(self, in);
+    note_control(self, in);
     note_second(self, in->now_ms);
     self->health_went = false;
     if (self->boot.fast_divider > 1u) {

@@ -1,8 +1,8 @@
 // What the tool reports, when: frames in python-can's serial format, chosen from a byte budget that the line can carry.
 //
 // A frame is 0xAA, time (uint32 LE, ms), 8, id (uint32 LE), data[0..6], CRC-8 over id, time and data[0..6], 0xBB. FAST goes out every
-// `fast_divider` ticks and never waits; slow frames take what is left, at most one a tick: BOOT, then STATE in turn with ACK, HEALTH, PARAM
-// and PARAM_TABLE. The budget grows by baud/10,000 bytes a tick whether or not the UART has drained, so what is sent is a function of the
+// `fast_divider` ticks and never waits; slow frames take what is left, at most one a tick: BOOT, then STATE, CONTROL and the others (ACK,
+// HEALTH, PARAM and PARAM_TABLE) in turn. The budget grows by baud/10,000 bytes a tick whether or not the UART has drained, so what is sent is a function of the
 // inputs alone; TELEMETRY_QUEUE_BYTES bounds what the UART's ring must hold.
 #ifndef VGROOVE_TELEMETRY_H
 #define VGROOVE_TELEMETRY_H
@@ -28,11 +28,12 @@ typedef struct {
     TelemetryParamTable table;  // table_count and table_crc16 are filled in here
 } TelemetryParams;
 
-// All that one tick reports. Counters, state_tick and the CRC of the parameters are filled in by the module.
+// All that one tick reports. Counters, state_tick, control_tick and the CRC of the parameters are filled in by the module.
 typedef struct {
     uint32_t now_ms;
     TelemetryFast fast;
     TelemetryState state;
+    TelemetryControl control;
     TelemetryHealth health;
     TelemetryParams params;
     bool hold_slow;  // the tick has other work: no slow frame now
@@ -41,6 +42,7 @@ typedef struct {
 typedef struct {
     TelemetryBoot boot;
     TelemetryState state;  // last reported or waiting
+    TelemetryControl control;
     TelemetryAck ack;
     int32_t current_sum;  // over the ticks since the last FAST frame
     uint16_t supply_sum;
@@ -63,7 +65,8 @@ typedef struct {
     bool health_waits;
     bool health_went;
     bool state_waits;
-    bool state_went_last;
+    bool control_waits;
+    uint8_t turn;  // whose frame goes next: TURN_*
 } Telemetry;
 
 #define TELEMETRY_NONE 0xFFu

@@ -74,12 +74,12 @@ void telemetry_pack_health(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryHe
 }
 
 void telemetry_pack_control(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryControl *signals) {
-    const uint16_t blow_period = (uint16_t)(signals->blow_period << 4);
+    const uint16_t blow_period_ms = (uint16_t)(signals->blow_period_ms << 4);
     data[0] = (uint8_t)(signals->control_tick);
     data[1] = (uint8_t)((signals->control_state & 0xFu) | ((signals->stop_reason & 0xFu) << 4));
     data[2] = (uint8_t)(signals->blow_count);
-    data[3] = (uint8_t)(((signals->blow_count >> 8) & 0xFu) | (blow_period & 0xFFu));
-    data[4] = (uint8_t)((blow_period >> 8) & 0xFFu);
+    data[3] = (uint8_t)(((signals->blow_count >> 8) & 0xFu) | (blow_period_ms & 0xFFu));
+    data[4] = (uint8_t)((blow_period_ms >> 8) & 0xFFu);
     data[5] = (uint8_t)((uint16_t)signals->estimate);
     data[6] = (uint8_t)((uint16_t)signals->estimate >> 8);
 }

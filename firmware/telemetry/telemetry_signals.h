@@ -223,8 +223,8 @@ typedef struct {
 #define TELEMETRY_STOP_REASON_TIMEOUT 8u
 #define TELEMETRY_BLOW_COUNT_MIN 0u
 #define TELEMETRY_BLOW_COUNT_MAX 4095u
-#define TELEMETRY_BLOW_PERIOD_MIN 0u
-#define TELEMETRY_BLOW_PERIOD_MAX 4095u
+#define TELEMETRY_BLOW_PERIOD_MS_MIN 0u
+#define TELEMETRY_BLOW_PERIOD_MS_MAX 4095u
 #define TELEMETRY_ESTIMATE_MIN (-32768)
 #define TELEMETRY_ESTIMATE_MAX 32767
 typedef struct {
@@ -232,7 +232,7 @@ typedef struct {
     uint8_t control_state;
     uint8_t stop_reason;
     uint16_t blow_count;
-    uint16_t blow_period;  // 0.0625 ms
+    uint16_t blow_period_ms;  // 0.0625 ms
     int16_t estimate;
 } TelemetryControl;
 

@@ -21,6 +21,7 @@ INPUTS = ("duty", "voltage_v", "current_a")
 UNITS = {
     "duty": "", "voltage_v": "V", "supply_v": "V", "current_a": "A", "speed_rpm": "rpm", "position_rad": "rad", "load_nm": "Nm",
     "anvil_torque_nm": "Nm", "anvil_angle_rad": "rad", "hammer_mm": "mm", "coast": "", "trigger": "", "state": "",
+    **dict.fromkeys((*telemetry.STATE_COLUMNS, *telemetry.CONTROL_COLUMNS), ""), "blow_period_ms": "ms",
 }  # fmt: skip
 MEASURED = ("voltage_v", "supply_v", "current_a", "speed_rpm", "position_rad", "anvil_torque_nm", "anvil_angle_rad", "hammer_mm")
 USABLE_MIN = 50

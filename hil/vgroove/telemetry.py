@@ -20,9 +20,11 @@ FRAME_BYTES = 19
 START, END, LENGTH = 0xAA, 0xBB, 8
 FAST, STATE, BOOT, PARAM, PARAM_TABLE, ACK, HEALTH, CONTROL = range(256, 264)
 OUTBOUND = frozenset(range(FAST, CONTROL + 1))
-STATE_DELAY_MS = 256  # state_tick is a byte: a STATE frame is at most this much older than it says
+STATE_DELAY_MS = 256  # state_tick and control_tick are bytes: such a frame is at most this much older than it says
 JUMP_MS = 10_000  # a gap in time that needs a second frame to be believed
-COLUMNS = ("duty", "supply_v", "current_a", "speed_rpm", "coast", "trigger", "state")
+STATE_COLUMNS = ("trigger", "state", "mode")
+CONTROL_COLUMNS = ("control_state", "stop_reason", "blow_count", "blow_period_ms", "estimate")
+COLUMNS = ("duty", "supply_v", "current_a", "speed_rpm", "coast", *STATE_COLUMNS, *CONTROL_COLUMNS)
 DUTY_COAST = -512
 RESTARTED = "the board restarted"
 
@@ -288,11 +290,35 @@ class Framer:
         return Frame(time_ms, frame_id, data)
 
 
+class Held:
+    """Signals that hold from one frame of their kind to the next."""
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self._names = names
+        self._now: dict[str, float] | None = None
+        self._events: list[tuple[int, dict[str, float]]] = []
+
+    def take(self, now_ms: int, tick: str, signals: dict[str, float]) -> None:
+        """A frame that came at `now_ms`; its signal `tick` says since when it holds."""
+        since = now_ms - ((now_ms - int(signals[tick])) & 0xFF)
+        self._events.append((since, signals))
+
+    def at(self, times: np.ndarray) -> dict[str, np.ndarray]:
+        """The signals in force at each tick; NaN before the first frame. What is older is forgotten."""
+        events = sorted(self._events, key=lambda event: event[0])
+        known = [self._now or dict.fromkeys(self._names, np.nan)] + [signals for _, signals in events]
+        which = np.searchsorted([since for since, _ in events], times, side="right")
+        if len(times):
+            self._now = known[which[-1]] if which[-1] or self._now else None
+            self._events = events[which[-1] :]
+        return {name: np.array([signals[name] for signals in known])[which] for name in self._names}
+
+
 @dataclass
 class Session:
     """One run of the board: from a BOOT frame on, frames in the order of their arrival.
 
-    `boot`, `parameters` (raw values by index) and `table` describe the board; FAST and STATE frames wait until `take_rows` asks for them.
+    `boot`, `parameters` (raw values by index) and `table` describe the board; FAST, STATE and CONTROL frames wait until `take_rows` asks for them.
     A BOOT frame of an unknown protocol version raises VgrooveError. After a restart of the board (`restarted`) further frames are ignored:
     they belong to another run.
     """
@@ -308,8 +334,8 @@ class Session:
     first_ms: int | None = None  # of the first BOOT frame
     last_ms: int | None = None  # unwrapped
     _fast: list[tuple[int, Frame]] = field(default_factory=list)
-    _states: list[tuple[int, dict[str, float]]] = field(default_factory=list)
-    _state_now: dict[str, float] | None = None
+    _states: "Held" = field(default_factory=lambda: Held(STATE_COLUMNS))
+    _controls: "Held" = field(default_factory=lambda: Held(CONTROL_COLUMNS))
     _last_fast: tuple[int, int] | None = None
     _suspect: Frame | None = None
 
@@ -355,7 +381,7 @@ class Session:
             case 256:
                 self._take_fast(frame)
             case 257:
-                self._take_state(frame)
+                self._states.take(self.last_ms, "state_tick", decode(frame))
             case 258:
                 self._take_boot(frame)
             case 259:
@@ -366,6 +392,8 @@ class Session:
                 self.acks.append({key: int(value) for key, value in decode(frame).items()})
             case 262:
                 self.health = {key: int(value) for key, value in decode(frame).items()}
+            case 263:
+                self._controls.take(self.last_ms, "control_tick", decode(frame))
 
     def _restart(self, frame: Frame) -> None:
         """Another run begins: before the parameters were complete nothing is lost by starting over, later the run ends here."""
@@ -373,7 +401,7 @@ class Session:
         if frame.id != BOOT or self.table is not None:
             self.restarted = True
             return
-        self._fast, self._states, self._state_now, self._last_fast = [], [], None, None
+        self._fast, self._states, self._controls, self._last_fast = [], Held(STATE_COLUMNS), Held(CONTROL_COLUMNS), None
         self.first_ms = self.last_ms = frame.time_ms
         self._take_boot(frame)
 
@@ -409,11 +437,6 @@ class Session:
         """CRC-16 of the parameters as they are known, in the order of a dump (a PARAM_READ in between must not disturb it)."""
         return crc16(b"".join(struct.pack("<Bi", index, self.parameters[index]) for index in sorted(self.parameters)))
 
-    def _take_state(self, frame: Frame) -> None:
-        state = decode(frame)
-        since = self.last_ms - ((self.last_ms - int(state["state_tick"])) & 0xFF)
-        self._states.append((since, state))
-
     def _take_fast(self, frame: Frame) -> None:
         counter = frame.data[6] >> 4
         now = self.last_ms
@@ -442,7 +465,7 @@ class Session:
         return sent
 
     def ready_until(self) -> int:
-        """Rows up to this tick can be taken: no STATE frame that concerns them can still come."""
+        """Rows up to this tick can be taken: no STATE or CONTROL frame that concerns them can still come."""
         return -1 if self.last_ms is None else self.last_ms - STATE_DELAY_MS
 
     def take_rows(self, until_ms: int | None = None) -> dict[str, np.ndarray]:
@@ -461,17 +484,7 @@ class Session:
             "speed_rpm": fast["speed_rpm"],
             "coast": coast.astype(float),
         }
-        return columns | self._states_at(times)
-
-    def _states_at(self, times: np.ndarray) -> dict[str, np.ndarray]:
-        """Trigger and state in force at each tick; NaN before the first STATE frame."""
-        events = sorted(self._states, key=lambda event: event[0])
-        known = [self._state_now or {"trigger": np.nan, "state": np.nan}] + [state for _, state in events]
-        which = np.searchsorted([since for since, _ in events], times, side="right")
-        if len(times):
-            self._state_now = known[which[-1]] if which[-1] or self._state_now else None
-            self._states = events[which[-1] :]
-        return {name: np.array([state[name] for state in known])[which] for name in ("trigger", "state")}
+        return columns | self._states.at(times) | self._controls.at(times)
 
     def metadata(self) -> dict[str, object]:
         """Boot, parameters and counters, as the sidecar file and a Log carry them."""

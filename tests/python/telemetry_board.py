@@ -34,7 +34,7 @@ def struct_of(name: str) -> type[ctypes.Structure]:
     return type(f"Telemetry_{name}", (ctypes.Structure,), {"_fields_": [(s.name, _c_type(s)) for s in signals]})
 
 
-Boot, Fast, State, Health, ParamTable = (struct_of(name) for name in ("BOOT", "FAST", "STATE", "HEALTH", "PARAM_TABLE"))
+Boot, Fast, State, Control, Health, ParamTable = (struct_of(name) for name in ("BOOT", "FAST", "STATE", "CONTROL", "HEALTH", "PARAM_TABLE"))
 
 
 class Params(ctypes.Structure):
@@ -46,7 +46,7 @@ class Params(ctypes.Structure):
 class Inputs(ctypes.Structure):
     """TelemetryInputs."""
 
-    _fields_ = [("now_ms", ctypes.c_uint32), ("fast", Fast), ("state", State), ("health", Health), ("params", Params),
+    _fields_ = [("now_ms", ctypes.c_uint32), ("fast", Fast), ("state", State), ("control", Control), ("health", Health), ("params", Params),
                 ("hold_slow", ctypes.c_bool)]  # fmt: skip
 
 

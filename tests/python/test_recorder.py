@@ -85,7 +85,7 @@ def test_a_csv_has_the_contracts_columns(tmp_path: Path) -> None:
     with PtyBoard() as pty:
         start(pty.port, output, "--seconds", "0.5").communicate(timeout=60)
     lines = output.read_text().splitlines()
-    assert lines[0] == HEADER and len(lines[1].split(",")) == 8
+    assert lines[0] == HEADER and len(lines[1].split(",")) == 14
     log = read_log(output)
     assert set(np.unique(log["coast"])) <= {0.0, 1.0} and np.abs(log["duty"]).max() <= 1.0
     assert (log["duty"][log["coast"] == 1] == 0).all() and (log["coast"] == 1).sum() > 0
@@ -290,7 +290,7 @@ def test_a_board_of_another_protocol_is_refused_with_a_sentence(tmp_path: Path) 
     _, text = process.communicate(timeout=30)
     os.close(master)
     os.close(slave)
-    assert process.returncode == 2 and "telemetry protocol 9, this vgroove knows 1" in text and os.listdir(tmp_path) == []
+    assert process.returncode == 2 and "telemetry protocol 9, this vgroove knows 2" in text and os.listdir(tmp_path) == []
 
 
 @pytest.mark.parametrize("port", ["/dev/ttyNoSuchPort", "COM99"])

@@ -273,7 +273,7 @@ def test_every_command_is_answered_with_its_result(command: bytes, idle: bool, r
     board = Board()
     before = list(board.store.value)
     board.receive(command)
-    sent = b"".join(board.tick(idle) for _ in range(20))
+    sent = b"".join(board.tick(idle) for _ in range(30))
     acks = [telemetry.decode(frame) for frame in frames_of(sent) if frame.id == telemetry.ACK]
     assert [ack["ack_result"] for ack in acks] == [RESULT[result]]
     assert acks[0]["ack_sequence"] == command[16] and acks[0]["ack_command"] == struct.unpack_from("<H", command, 6)[0]
