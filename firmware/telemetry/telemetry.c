@@ -43,6 +43,7 @@ void telemetry_dump(Telemetry *self) {
     self->dump_crc16 = CRC16_INIT;
     self->dumped_waits = false;
     self->control_waits = true;
+    self->turn = TURN_STATE;
     self->ms_in_second = MS_PER_SECOND - 1u;  // who asks wants to know STATE and HEALTH as well
 }
 
