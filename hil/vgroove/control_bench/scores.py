@@ -47,7 +47,7 @@ def tightening_work(run: Run, from_s: float, to_s: float) -> float:
 
 
 def housing_20k(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Housing reaction T_h in N m at 20 kHz, each sample the mean over its 50 us (times are their ends), from the means over PWM periods."""
+    """Housing reaction T_h in N m at 20 kHz: each sample the mean over the 50 us that end at its time, from the means over PWM periods."""
     time_s, mean = run.truth["time_s"], run.truth["housing_nm"]
     edges = np.concatenate(([2 * time_s[0] - time_s[1]], time_s))
     momentum = np.concatenate(([0.0], np.cumsum(mean * np.diff(edges))))

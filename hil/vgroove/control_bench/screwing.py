@@ -1,0 +1,185 @@
+"""Precise screwing: three screws in wood of every kind; how slowly, how far past the seat, what strips or stops early, how long."""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from vgroove.control_bench.jobs import PLAIN, Figures, Job, Variant
+from vgroove.control_bench.runs import PULL_S, Run, pull, reference, sil_run
+from vgroove.control_bench.sets import half_of, seed_of
+from vgroove.rig import Rig
+from vgroove.study.impact_runs import JOINTS
+
+SIZES = ("m6", "m8", "m10")
+SUPPLIES_V = (16.0, 18.5, 20.5)
+WOODS = (0.75, 1.0, 1.25)  # of the nominal torques
+TRIGGERS = (0.5, 0.65, 0.8, 1.0)
+KNOTS = (False, True)
+SCATTER = 0.15  # 1 sigma of start and end torque: the pilot hole
+SCATTER_LIMITS = (0.5, 1.5)
+KNOT_SHARE = 0.5  # of the end torque, over KNOT_TURNS, a third to two thirds of the way
+KNOT_TURNS = 1.0
+TURNS_LEFT = (4.0, 12.0)  # drawn: the run begins so many turns before the seat
+RELEASE_S = 0.2  # the operator, behind the seat
+SECONDS_MOST = 45.0
+REST_S = 0.15  # the bridge open for so long: the drive is over
+VARIANTS = (PLAIN, Variant("screwing", "screwing"))
+GOALS = {"rate": -1 / 3, "turn_deg": 45.0, "early": 0.01, "time": 2.5}
+
+
+def cells(repeats: int = 1) -> list[dict[str, Any]]:
+    """All cells, each in one of the halves; each repeat draws another screw."""
+    found = []
+    everything = product(enumerate(SIZES), enumerate(SUPPLIES_V), enumerate(WOODS), enumerate(TRIGGERS), KNOTS, range(repeats))
+    for (n, size), (s, supply_v), (w, wood), (t, trigger), knot, repeat in everything:
+        half = half_of(n + w, s + t)
+        seed = seed_of(half, n, s, w, t, int(knot), repeat)
+        found.append({"set": half, "size": size, "supply_v": supply_v, "wood": wood, "trigger": trigger, "knot": knot, "seed": seed})
+    return found
+
+
+def screw(size: str, supply_v: float, wood: float, knot: bool, seed: int) -> Rig:
+    """The tool on one screw of a box: its start and end torque drawn, its seat scaled with the wood."""
+    random = np.random.default_rng([seed, 9])
+    scatter = np.clip(1.0 + SCATTER * random.standard_normal(2), *SCATTER_LIMITS)
+    load = JOINTS[size]
+    changed = {
+        **load,
+        "start_nm": load["start_nm"] * wood * scatter[0],
+        "end_nm": load["end_nm"] * wood * scatter[1],
+        "seat_nm": load["seat_nm"] * wood,
+        "from_turns": load["turns"] - random.uniform(*TURNS_LEFT),
+    }
+    rig = reference(changed, supply_v=supply_v)
+    if not knot:
+        return rig
+    begin = 2 * np.pi * (load["turns"] - changed["from_turns"]) * random.uniform(1 / 3, 2 / 3)
+    torque = {"torque_nm": KNOT_SHARE * changed["end_nm"], "from_rad": begin, "to_rad": begin + 2 * np.pi * KNOT_TURNS}
+    return rig.with_effects({"wood_knot": torque})
+
+
+class Watch:
+    """Ends a run once the bridge has been open for a while behind the drive, or the screw is stripped."""
+
+    def __init__(self, stripped_rad: float) -> None:
+        self._stripped_rad, self._open_since, self._driven = stripped_rad, None, False
+
+    def __call__(self, tool: Any, progress: Any) -> bool:
+        """After each chunk."""
+        if not progress.gates.coast:
+            self._driven, self._open_since = True, None
+        elif self._driven and self._open_since is None:
+            self._open_since = progress.time_s
+        resting = self._open_since is not None and progress.time_s - self._open_since > REST_S
+        return resting or tool.head_rad > self._stripped_rad + 2.0
+
+
+def ramp_end_rad(rig: Rig) -> float:
+    """Head angle at which the seating ramp ends and the screw begins to strip, from the run's start."""
+    return 2 * np.pi * (rig.load["turns"] - rig.load["from_turns"]) + np.radians(rig.load["seat_deg"])
+
+
+def passing_s(run: Run, angle_rad: float) -> float | None:
+    """When the head first came to an angle."""
+    head = run.truth["head_rad"]
+    there = np.flatnonzero(head >= angle_rad)
+    return float(run.truth["time_s"][there[0]]) if len(there) else None
+
+
+def plain_run(rig: Rig, trigger: float, seed: int) -> Run:
+    """Uncontrolled: the operator lets go RELEASE_S behind the seat."""
+    seat = {"duration_s": SECONDS_MOST, "seed": seed, "truth_every": 31}
+    probe = sil_run(rig, profile=pull(trigger), stop_when=lambda tool, _: tool.head_rad > ramp_end_rad(rig), **seat)
+    seated_s = passing_s(probe, probe.seat_rad)
+    if seated_s is None:
+        return probe
+    return sil_run(rig, profile=pull(trigger, release_s=seated_s + RELEASE_S), stop_when=Watch(ramp_end_rad(rig)), **seat)
+
+
+def work(variant: Variant, *, size: str, supply_v: float, wood: float, trigger: float, knot: bool, seed: int, **_: Any) -> Figures:
+    """One screw."""
+    rig = screw(size, supply_v, wood, knot, seed)
+    if variant.name == PLAIN.name:
+        return screw_figures(plain_run(rig, trigger, seed))
+    run = sil_run(rig, mode=variant.mode, params=variant.params, profile=pull(trigger), duration_s=SECONDS_MOST, seed=seed, truth_every=31,
+                  stop_when=Watch(ramp_end_rad(rig)))
+    return screw_figures(run)
+
+
+def screw_figures(run: Run) -> Figures:
+    """What became of the screw."""
+    head = float(run.truth["head_rad"].max())
+    seated_s = passing_s(run, run.seat_rad)
+    blows = run.hits[run.hits["kind"] == 0]["time_s"]
+    ended = run.duration_s < SECONDS_MOST - 0.1
+    return {
+        "rate_per_s": float(1.0 / np.diff(blows).mean()) if len(blows) > 3 else None,
+        "blows": len(blows),
+        "past_deg": float(np.degrees(head - run.seat_rad)),
+        "blow_deg": blow_turn_deg(run, blows),
+        "stripped": bool(head > ramp_end_rad(run.rig)),
+        "early": bool(ended and head < run.seat_rad),
+        "never": not ended,
+        "seat_s": None if seated_s is None else seated_s - PULL_S,
+        "reason": int(run.control["stop_reason"][-1]) if len(run.control["time_s"]) else None,
+        "faults": run.faults,
+    }
+
+
+def blow_turn_deg(run: Run, blows: np.ndarray) -> float:
+    """Turn of the last blow that began before the seat; 0 where none did."""
+    heads = np.interp(blows, run.truth["time_s"], run.truth["head_rad"])
+    before = np.flatnonzero(heads < run.seat_rad)
+    if not len(before) or before[-1] + 1 >= len(heads):
+        return 0.0
+    return float(np.degrees(heads[before[-1] + 1] - heads[before[-1]]))
+
+
+def jobs(chosen: Sequence[dict[str, Any]], variants: Sequence[Variant] = VARIANTS) -> list[Job]:
+    """Every chosen cell under every variant."""
+    return [Job(work, variant, cell) for variant in variants for cell in chosen]
+
+
+def cell_key(row: Figures) -> tuple[Any, ...]:
+    """What makes two rows the same screw."""
+    return tuple(row[key] for key in ("size", "supply_v", "wood", "trigger", "knot", "seed"))
+
+
+def is_soft(row: Figures) -> bool:
+    """Small and soft screwing: the smallest screw, or soft wood."""
+    return row["size"] == "m6" or row["wood"] < 1.0
+
+
+def totals(rows: Sequence[Figures]) -> Figures:
+    """Counts and medians of one variant on some screws."""
+    past = np.array([r["past_deg"] for r in rows])
+    limits = np.array([max(GOALS["turn_deg"], r["blow_deg"]) for r in rows])
+    return {
+        "screws": len(rows),
+        "past_deg_median": float(np.median(past)),
+        "past_deg_most": float(past.max()),
+        "limit_deg_median": float(np.median(limits)),
+        "stripped": sum(r["stripped"] for r in rows),
+        "early": sum(r["early"] for r in rows),
+        "never": sum(r["never"] for r in rows),
+        "seat_s_median": float(np.median([r["seat_s"] for r in rows if r["seat_s"] is not None] or [np.nan])),
+    }
+
+
+def compare(rows: Sequence[Figures], variant: str, size: str | None = None) -> Figures:
+    """A variant against the operator over the same screws, of one size or all."""
+    plain = {cell_key(r): r for r in rows if r["variant"] == PLAIN.name}
+    chosen = [r for r in rows if r["variant"] == variant and size in (None, r["size"])]
+    pairs = [(plain[cell_key(r)], r) for r in chosen]
+    rates = [b["rate_per_s"] / a["rate_per_s"] - 1.0 for a, b in pairs if is_soft(b) and a["rate_per_s"] and b["rate_per_s"]]
+    times = [b["seat_s"] / a["seat_s"] for a, b in pairs if a["seat_s"] and b["seat_s"]]
+    return {
+        "variant": variant,
+        "size": size or "all",
+        **totals(chosen),
+        "rate_change_soft": float(np.mean(rates)) if rates else None,
+        "time_ratio": float(np.mean(times)) if times else None,
+        "time_ratio_most": float(np.max(times)) if times else None,
+    }

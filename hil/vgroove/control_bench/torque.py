@@ -1,0 +1,202 @@
+"""Torque control: targets on joints of every slope, friction, slope, supply and winding scattered; what the joint holds in the end."""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from vgroove.control_bench.jobs import PLAIN, Figures, Job, Variant
+from vgroove.control_bench.runs import PULL_S, Run, pull, reference, sil_run
+from vgroove.control_bench.sets import half_of, seed_of
+from vgroove.rig import Rig
+from vgroove.study.impact_runs import JOINTS
+
+TARGETS_NM = (40.0, 60.0, 80.0, 100.0, 120.0)
+SLOPES = (60.0, 120.0, 240.0, 450.0, 700.0)  # N m/rad
+SCATTER = 0.10  # uniform, independent
+FAST_STEP = 0.06  # of the target in one blow: beyond it the target is refused or reported as missed
+SECONDS_MOST = 6.0
+MAP_S = 4.0  # of full trigger: a target that is not reached by then is out of reach
+REST_S = 0.15
+RUNS = 10
+FIXED_TIME, FIXED_COUNT = "fixed time", "fixed count"  # what simpler tools do
+VARIANTS = (Variant(FIXED_TIME), Variant(FIXED_COUNT), Variant("torque", "torque"))
+REASONS_REFUSED = ("unreachable", "missed")
+GOALS = {"std": 0.03, "mean": 0.03}
+FRICTION_RANGE = (0.10, 0.14)  # of a bolt: physics.md section 6
+PRACTICE_ALPHA = (2.5, 4.0)  # impact wrench, VDI 2230 part 1, table A8
+
+
+def cells(runs: int = RUNS) -> list[dict[str, Any]]:
+    """Every target on every slope, so many scattered joints each, in one of the halves."""
+    found = []
+    for (t, target_nm), (s, slope), n in product(enumerate(TARGETS_NM), enumerate(SLOPES), range(runs)):
+        half = half_of(t, s)
+        found.append({"set": half, "target_nm": target_nm, "slope": slope, "seed": seed_of(half, t, s, n)})
+    return found
+
+
+def joint(slope: float, seed: int | None) -> Rig:
+    """The reference tool on a hard joint; with a seed all four quantities are drawn."""
+    scatter = np.zeros(4) if seed is None else np.random.default_rng([seed, 5]).uniform(-SCATTER, SCATTER, 4)
+    friction, of_slope, supply, winding = 1.0 + scatter
+    rig = reference({**JOINTS["hard_joint"], "slip_slope_nm_per_rad": slope * of_slope}, supply_v=18.5 * supply)
+    rig = rig.with_values({"motor.resistance_ohm": 0.19 * winding})
+    return rig.with_effects({"thread_friction": {"relative": friction - 1.0}})
+
+
+def torques_at_blows(run: Run) -> np.ndarray:
+    """Torque that the joint holds before each blow, and after the last, N m."""
+    blows = run.hits[run.hits["kind"] == 0]["time_s"]
+    heads = np.interp([*blows, run.duration_s], run.truth["time_s"], run.truth["head_rad"])
+    return run.slip_nm(np.maximum.accumulate(heads))
+
+
+def nominal(slope: float) -> dict[str, Any]:
+    """The uncontrolled tool on the nominal joint: times of the blows and the torque behind each."""
+    run = sil_run(joint(slope, None), duration_s=PULL_S + MAP_S, truth_every=15, noise=False)
+    blows = run.hits[run.hits["kind"] == 0]["time_s"]
+    return {"slope": slope, "time_s": blows - PULL_S, "torque_nm": torques_at_blows(run)[1:]}
+
+
+def map_row(found: dict[str, Any], target_nm: float) -> Figures:
+    """Blow and time at which the nominal joint passes a target, and how much that blow adds, as a share of the target."""
+    there = np.flatnonzero(found["torque_nm"] >= target_nm)
+    row: Figures = {"target_nm": target_nm, "slope": found["slope"], "most_nm": float(found["torque_nm"][-1])}
+    if not len(there):
+        return {**row, "blow": None, "time_s": None, "step": None, "kind": "out of reach"}
+    at = int(there[0])
+    before = found["torque_nm"][at - 1] if at else 0.0
+    step = float((found["torque_nm"][at] - before) / target_nm)
+    later = found["time_s"][at + 1] if at + 1 < len(found["time_s"]) else found["time_s"][at] + 0.02
+    kind = "in reach" if step < FAST_STEP else "too fast"
+    return {**row, "blow": at + 1, "time_s": float(0.5 * (found["time_s"][at] + later)), "step": step, "kind": kind}
+
+
+def map_work(variant: Variant, *, slope: float) -> Figures:
+    """The reachable map of one slope."""
+    del variant
+    found = nominal(slope)
+    return {"map": [map_row(found, target) for target in TARGETS_NM]}
+
+
+def map_jobs() -> list[Job]:
+    """One job a slope."""
+    return [Job(map_work, PLAIN, {"slope": slope}) for slope in SLOPES]
+
+
+class Watch:
+    """Ends a run once the bridge has stayed open behind a drive, or when a drive was refused."""
+
+    def __init__(self) -> None:
+        self._driven_s: float | None = None
+
+    def __call__(self, tool: Any, progress: Any) -> bool:
+        """After each chunk."""
+        del tool
+        if not progress.gates.coast:
+            self._driven_s = progress.time_s
+        last = PULL_S + 0.3 if self._driven_s is None else self._driven_s
+        return progress.time_s - last > REST_S
+
+
+def work(variant: Variant, *, target_nm: float, slope: float, seed: int, blow: int | None, time_s: float | None, **_: Any) -> Figures:
+    """One scattered joint. Fixed time and fixed count stop where the nominal joint would have its target."""
+    rig = joint(slope, seed)
+    if variant.mode == "duty":
+        return fixed_work(rig, variant.name, blow, time_s, seed)
+    params = {**variant.params, "torque_target_nm": target_nm}
+    run = sil_run(rig, mode=variant.mode, params=params, profile=pull(), duration_s=SECONDS_MOST, seed=seed, stop_when=Watch())
+    told = len(run.control["time_s"]) > 0
+    return {
+        "torque_nm": run.tightened_nm,
+        "reason": reason_of(run),
+        "blows": int((run.hits["kind"] == 0).sum()),
+        "estimate_nm": float(run.control["estimate"][-1]) / 10 if told else None,
+        "faults": run.faults,
+    }
+
+
+def fixed_work(rig: Rig, rule: str, blow: int | None, time_s: float | None, seed: int) -> Figures:
+    """One scattered joint under one of the simple rules."""
+    if blow is None or time_s is None:
+        return {"torque_nm": None, "reason": "out of reach", "blows": 0, "faults": 0}
+    seconds = time_s + 0.02 if rule == FIXED_TIME else 3.0 * time_s + 0.3
+    run = sil_run(rig, duration_s=PULL_S + seconds, seed=seed, truth_every=15)
+    return {"torque_nm": fixed_torque(run, rule, blow, time_s), "reason": "stopped", "blows": blow, "faults": run.faults}
+
+
+def fixed_torque(run: Run, rule: str, blow: int, time_s: float) -> float:
+    """Torque of an uncontrolled run at a time, or behind a blow."""
+    blows = run.hits[run.hits["kind"] == 0]["time_s"] - PULL_S
+    done = int((blows < time_s).sum()) if rule == FIXED_TIME else min(blow, len(blows))
+    return float(torques_at_blows(run)[done])
+
+
+def reason_of(run: Run) -> str:
+    """The stop reason by its name; running where nothing ended the drive."""
+    if not len(run.control["time_s"]):
+        return "unknown"
+    from vgroove import telemetry
+
+    choices = telemetry.database().get_message_by_name("CONTROL").get_signal_by_name("stop_reason").choices
+    return str(choices[int(run.control["stop_reason"][-1])])
+
+
+def jobs(chosen: Sequence[dict[str, Any]], maps: Sequence[Figures], variants: Sequence[Variant] = VARIANTS) -> list[Job]:
+    """Every chosen joint under every variant."""
+    where = {(row["target_nm"], row["slope"]): row for row in maps}
+    found = []
+    for variant, cell in product(variants, chosen):
+        row = where[cell["target_nm"], cell["slope"]]
+        found.append(Job(work, variant, {**cell, "blow": row["blow"], "time_s": row["time_s"]}))
+    return found
+
+
+def cell_figures(rows: Sequence[Figures], target_nm: float, slope: float, variant: str) -> Figures | None:
+    """Spread and mean error of one cell over its joints; refused and missed ones are counted apart."""
+    chosen = [r for r in rows if (r["target_nm"], r["slope"], r["variant"]) == (target_nm, slope, variant)]
+    done = np.array([r["torque_nm"] for r in chosen if r["torque_nm"] is not None and r["reason"] not in REASONS_REFUSED])
+    if not chosen:
+        return None
+    return {
+        "target_nm": target_nm,
+        "slope": slope,
+        "variant": variant,
+        "runs": len(chosen),
+        "told": len(chosen) - len(done),
+        "std": float(done.std() / target_nm) if len(done) > 1 else None,
+        "mean_error": float(done.mean() / target_nm - 1.0) if len(done) else None,
+        "least_nm": float(done.min()) if len(done) else None,
+        "most_nm": float(done.max()) if len(done) else None,
+    }
+
+
+def compare(rows: Sequence[Figures], maps: Sequence[Figures], variant: str) -> Figures:
+    """Over the cells in reach: typical and worst spread and error, and the tightening factor with a bolt's friction."""
+    reach = [(m["target_nm"], m["slope"]) for m in maps if m["kind"] == "in reach"]
+    found = [f for f in (cell_figures(rows, *cell, variant) for cell in reach) if f]
+    good = [f for f in found if f["std"] is not None]
+    pooled = np.array([r["torque_nm"] / r["target_nm"] for r in rows if r["variant"] == variant and (r["target_nm"], r["slope"]) in reach
+                       and r["torque_nm"] is not None and r["reason"] not in REASONS_REFUSED])
+    return {
+        "variant": variant,
+        "cells": len(found),
+        "cells_met": sum(f["std"] <= GOALS["std"] and abs(f["mean_error"]) <= GOALS["mean"] and f["told"] == 0 for f in good),
+        "std_rms": float(np.sqrt(np.mean([f["std"] ** 2 for f in good]))) if good else None,
+        "std_most": max((f["std"] for f in good), default=None),
+        "mean_error_most": max((abs(f["mean_error"]) for f in good), default=None),
+        "told": sum(f["told"] for f in found),
+        **alpha(pooled),
+    }
+
+
+def alpha(share: np.ndarray) -> Figures:
+    """Tightening factor F_max / F_min of VDI 2230: of the torque alone (mean +- 2 sigma) and with a bolt's friction of 0.10 to 0.14."""
+    if len(share) < 2:
+        return {"alpha_torque": None, "alpha": None}
+    from vgroove.study.load import lever_m
+
+    of_torque = float((share.mean() + 2 * share.std()) / (share.mean() - 2 * share.std()))
+    return {"alpha_torque": of_torque, "alpha": of_torque * lever_m(FRICTION_RANGE[1]) / lever_m(FRICTION_RANGE[0])}
