@@ -28,11 +28,28 @@
 
 // Setpoints out of the parameters, one function for each controller of the list.
 
-static void fill_blow(BlowSetpoints *set, const int16_t *value) {
+static void fill_sync(SyncSetpoints *set, const int16_t *value) {
+    set->method = (uint8_t)value[PARAM_SYNC_METHOD];
+    set->low_mv = value[PARAM_SYNC_LOW_MV];
+    set->high_mv = value[PARAM_SYNC_HIGH_MV];
+    set->depth_min_q15 = value[PARAM_SYNC_DEPTH_MIN_Q15];
+    set->depth_max_q15 = value[PARAM_SYNC_DEPTH_MAX_Q15];
+    set->current_a_q9 = value[PARAM_SYNC_CURRENT_A_Q9];
+}
+
+// Synchronisation finds the blows in what its method is named after.
+static uint8_t blow_source(uint8_t mode, const int16_t *value) {
+    if (mode != TELEMETRY_MODE_SYNC) {
+        return (uint8_t)value[PARAM_BLOW_SOURCE];
+    }
+    return value[PARAM_SYNC_METHOD] == SYNC_METHOD_SPEED ? BLOW_SOURCE_SPEED : BLOW_SOURCE_CURRENT;
+}
+
+static void fill_blow(BlowSetpoints *set, uint8_t mode, const int16_t *value) {
     set->turn_q8 = (uint16_t)value[PARAM_BLOW_TURN_Q8];
     set->motor_mohm = (uint16_t)value[PARAM_MOTOR_MOHM];
     set->motor_rpm_per_v = (uint16_t)value[PARAM_MOTOR_RPM_PER_V];
-    set->source = (uint8_t)value[PARAM_BLOW_SOURCE];
+    set->source = blow_source(mode, value);
 }
 
 bool control_has(uint8_t mode) {
@@ -52,7 +69,7 @@ static bool forward_only(uint8_t mode) {
 void control_start(Control *self, uint8_t mode, bool reverse, const int16_t *value) {
     self->stopped = false;
     self->mode = control_has(mode) && !(reverse && forward_only(mode)) ? mode : TELEMETRY_MODE_DUTY;
-    fill_blow(&self->blow_set, value);
+    fill_blow(&self->blow_set, self->mode, value);
     blow_start(&self->blow, &self->blow_set);
     switch (self->mode) { CONTROL_LIST(START_CASE) }
 }

@@ -23,6 +23,7 @@
 
 #include "controllers/blow.h"
 #include "controllers/controller.h"
+#include "controllers/sync.h"
 
 enum {
     CONTROL_BOTH,     // acts in both directions
@@ -32,7 +33,7 @@ enum {
 // X(MODE, name, Type, directions): TELEMETRY_MODE_<MODE>, name_step(), Type and Type##Setpoints
 // clang-format off
 #define CONTROL_LIST(X) \
-    /* sync */ \
+    X(SYNC, sync, Sync, CONTROL_BOTH) \
     /* screwing */ \
     /* vibration */ \
     /* torque */ \

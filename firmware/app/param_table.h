@@ -40,6 +40,12 @@
     X(MOTOR_MOHM,               "mohm",      190,   10,    2000,  3) /* resistance of the winding */ \
     X(MOTOR_RPM_PER_V,          "rpm/V",     876,   50,    3900,  3) /* speed constant */ \
     /* sync */                                                                                           \
+    X(SYNC_METHOD,              "1",         1,     1,     2,     3) /* synchronisation by: 1 motor speed, 2 motor current; finds the blows in it, too */ \
+    X(SYNC_LOW_MV,              "mV",        14200, 6000,  25000, 3) /* mean voltage of the motor while impacting, with the trigger nearly released */ \
+    X(SYNC_HIGH_MV,             "mV",        15500, 6000,  25000, 3) /* the same at full trigger */ \
+    X(SYNC_DEPTH_MIN_Q15,       "1",         393,   0,     16383, 3) /* dips of the speed shallower than this share of it lower the voltage */ \
+    X(SYNC_DEPTH_MAX_Q15,       "1",         1966,  0,     16383, 3) /* deeper ones raise it */ \
+    X(SYNC_CURRENT_A_Q9,        "A",         12800, 1024,  28160, 3) /* method 2: mean current while impacting */ \
     /* screwing */                                                                                       \
     /* vibration */                                                                                      \
     /* torque */                                                                                         \

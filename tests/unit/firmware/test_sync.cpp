@@ -1,0 +1,164 @@
+// Synchronisation on made blows: level over supply, trim by dips and by current, borders, and any input at all.
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <random>
+
+extern "C" {
+#include "controllers/sync.h"
+}
+
+namespace {
+
+constexpr double V = 1000.0;
+const SyncSetpoints BY_SPEED{SYNC_METHOD_SPEED, 14200, 15500, 393, 1966, 12800}, BY_CURRENT{SYNC_METHOD_CURRENT, 14200, 15500, 393, 1966, 12800};
+
+ControllerInputs inputs(double travel, double supply_v, double current_a = 25.0) {
+    return {static_cast<int16_t>(travel * 32767), 16000, static_cast<int16_t>(current_a * 512), static_cast<uint16_t>(supply_v * V), 20000, false};
+}
+
+// Impacts at 8,000 rpm with dips of a depth; a blow comes with `struck`.
+Blow impacting(double depth, bool struck) {
+    Blow blow{};
+    blow.impacting = true;
+    blow.struck = struck;
+    blow.lugs = struck ? 1 : 0;
+    blow.speed_mean_rpm_q1 = 16000;
+    blow.ripple_rpm_q1 = static_cast<int16_t>(depth * 16000);
+    return blow;
+}
+
+struct Tool {
+    SyncSetpoints set;
+    Sync sync{};
+    int16_t duty = 0;
+
+    explicit Tool(const SyncSetpoints &s) : set(s) { sync_start(&sync, &set); }
+
+    // Blows 20 ms apart; returns the mean voltage of the motor at the end.
+    double run(int ms, double travel, double supply_v, double depth, double current_a = 25.0) {
+        const ControllerInputs in = inputs(travel, supply_v, current_a);
+        for (int n = 0; n < ms; ++n) {
+            const Blow blow = impacting(depth, n % 20 == 19);
+            duty = sync_step(&sync, &set, &in, &blow);
+        }
+        return duty / 32767.0 * supply_v;
+    }
+
+    double free_run(int ms, double travel, double supply_v) {
+        const ControllerInputs in = inputs(travel, supply_v);
+        const Blow none{};
+        for (int n = 0; n < ms; ++n)
+            duty = sync_step(&sync, &set, &in, &none);
+        return duty / 32767.0;
+    }
+};
+
+class SyncMethods : public ::testing::TestWithParam<SyncSetpoints> {};
+
+TEST_P(SyncMethods, TheTriggerDrivesUntilTheToolImpacts) {
+    Tool tool(GetParam());
+    EXPECT_NEAR(tool.free_run(1, 0.7, 18.5), 0.7, 1e-4);
+    EXPECT_NEAR(tool.free_run(31, 0.4, 18.5), 0.4, 1e-4);
+    EXPECT_EQ(sync_state(&tool.sync), SYNC_PLAIN);
+}
+
+TEST_P(SyncMethods, TheLevelDoesNotDependOnTheSupply) {
+    for (double supply_v = 15.6; supply_v < 20.6; supply_v += 0.7) {
+        Tool tool(GetParam());
+        EXPECT_NEAR(tool.run(400, 1.0, supply_v, 0.03), 15.5, 0.02) << supply_v;
+        EXPECT_NEAR(sync_estimate(&tool.sync), 15500, 1);
+    }
+}
+
+TEST_P(SyncMethods, TheTriggerMovesTheLevelWithinTheBand) {
+    Tool light(GetParam()), full(GetParam());
+    const double low = light.run(400, 0.31, 18.5, 0.03), high = full.run(400, 1.0, 18.5, 0.03);
+    EXPECT_NEAR(low, 14.2 + 0.31 * 1.3, 0.03);
+    EXPECT_NEAR(high, 15.5, 0.03);
+}
+
+TEST_P(SyncMethods, ANearlyReleasedTriggerIsTheDuty) {
+    Tool tool(GetParam());
+    EXPECT_NEAR(tool.run(400, 0.29, 18.5, 0.3) / 18.5, 0.29, 1e-3);
+}
+
+TEST_P(SyncMethods, TheDutyMovesAtALimitedRate) {
+    Tool tool(GetParam());
+    tool.free_run(10, 0.6, 18.5);
+    int16_t last = tool.duty;
+    for (int n = 0; n < 200; ++n) {
+        tool.run(1, 0.6, 18.5, 0.03);
+        ASSERT_LE(tool.duty - last, 328);
+        ASSERT_GE(tool.duty, last);
+        last = tool.duty;
+    }
+    EXPECT_GT(last, 0.7 * 32767);
+}
+
+TEST_P(SyncMethods, OutOfStepRaisesTheLevelFastToItsEnd) {
+    Tool tool(GetParam());
+    const double before = tool.run(200, 0.6, 20.5, 0.03), after = tool.run(200, 0.6, 20.5, 0.25);
+    EXPECT_GT(after, before + 1.0);
+    EXPECT_EQ(sync_state(&tool.sync), SYNC_SEEK);
+    EXPECT_NEAR(tool.run(2000, 0.6, 20.5, 0.25), 16.6, 0.03);
+    tool.run(20, 0.6, 20.5, 0.03);
+    EXPECT_EQ(sync_state(&tool.sync), SYNC_HOLD);
+}
+
+TEST_P(SyncMethods, AnEmptyBatteryWindsNothingUp) {
+    Tool tool(GetParam());
+    EXPECT_NEAR(tool.run(4000, 1.0, 13.0, 0.25), 13.0, 0.01);
+    EXPECT_EQ(tool.duty, 32767);
+    EXPECT_LT(tool.sync.trim_mv, 1000);
+}
+
+TEST_P(SyncMethods, NoBlowGivesTheTriggerBackAndKeepsTheTrim) {
+    Tool tool(GetParam());
+    const double level = tool.run(600, 0.6, 20.5, 0.15);
+    EXPECT_NEAR(tool.free_run(300, 0.6, 20.5), 0.6, 1e-4);
+    EXPECT_NEAR(tool.run(100, 0.6, 20.5, 0.03), level, 0.3);
+    sync_start(&tool.sync, &tool.set);
+    EXPECT_EQ(tool.sync.trim_mv, 0);
+}
+
+TEST_P(SyncMethods, WhateverComesTheDutyIsOne) {
+    std::mt19937 random(3);
+    std::uniform_int_distribution<int> any(-32768, 32767);
+    Tool tool(GetParam());
+    for (int n = 0; n < 200000; ++n) {
+        const ControllerInputs in{static_cast<int16_t>(any(random) & 0x7FFF), static_cast<int16_t>(any(random)),
+                                  static_cast<int16_t>(any(random)),          static_cast<uint16_t>(any(random) * (n % 3)),
+                                  static_cast<int16_t>(any(random) & 0x7FFF), n % 5 == 0};
+        Blow blow{};
+        blow.impacting = random() % 4 != 0;
+        blow.lugs = static_cast<uint8_t>(random() % 3);
+        blow.speed_mean_rpm_q1 = static_cast<int16_t>(any(random));
+        blow.ripple_rpm_q1 = static_cast<int16_t>(any(random));
+        ASSERT_GE(sync_step(&tool.sync, &tool.set, &in, &blow), 0) << n;
+        ASSERT_GE(sync_estimate(&tool.sync), 0);
+        ASSERT_LE(sync_estimate(&tool.sync), 16600);
+    }
+}
+
+INSTANTIATE_TEST_SUITE_P(Methods, SyncMethods, ::testing::Values(BY_SPEED, BY_CURRENT),
+                         [](const auto &set) { return set.param.method == SYNC_METHOD_SPEED ? "Speed" : "Current"; });
+
+TEST(Sync, DeepDipsRaiseAndShallowOnesLower) {
+    Tool tool(BY_SPEED);
+    EXPECT_NEAR(tool.run(100, 0.6, 18.5, 0.0601), 14.98 + 0.5, 0.12);  // five blows: the limit is 0.06
+    Tool even(BY_SPEED);
+    EXPECT_NEAR(even.run(100, 0.6, 18.5, 0.0599), 14.98, 0.03);
+    EXPECT_NEAR(even.run(100, 0.6, 18.5, 0.0121), 14.98, 0.03);
+    Tool high(BY_SPEED);
+    EXPECT_NEAR(high.run(2000, 0.6, 18.5, 0.0119), 12.5, 0.03);
+}
+
+TEST(Sync, CurrentIsHeldWithinItsDeadBand) {
+    Tool held(BY_CURRENT), low(BY_CURRENT), high(BY_CURRENT);
+    EXPECT_NEAR(held.run(1000, 0.6, 18.5, 0.03, 25.0), held.run(1000, 0.6, 18.5, 0.03, 26.0), 0.01);
+    EXPECT_GT(low.run(3000, 0.6, 18.5, 0.03, 22.0), 16.5);
+    EXPECT_LT(high.run(3000, 0.6, 18.5, 0.03, 28.0), 12.6);
+}
+
+}  // namespace
