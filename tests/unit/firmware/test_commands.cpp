@@ -148,10 +148,10 @@ TEST_F(HostTest, NothingIsCalibratedOrWrittenWhileDriving) {
 
 TEST_F(HostTest, AModeThatDoesNotExistIsRefused) {
     run(400);
-    EXPECT_EQ(write(MODE_INDEX, 1), TELEMETRY_ACK_RESULT_OUT_OF_RANGE);
+    EXPECT_EQ(write(MODE_INDEX, 6), TELEMETRY_ACK_RESULT_OUT_OF_RANGE);
     EXPECT_EQ(write(MODE_INDEX, 0), TELEMETRY_ACK_RESULT_OK);
     EXPECT_EQ(read(MODE_INDEX), 0);
-    EXPECT_EQ(ask(TELEMETRY_SET_MODE_ID, {1}), TELEMETRY_ACK_RESULT_OUT_OF_RANGE);
+    EXPECT_EQ(ask(TELEMETRY_SET_MODE_ID, {6}), TELEMETRY_ACK_RESULT_OUT_OF_RANGE);
 }
 
 // The parameter is saved, the next start has the slow line: every second tick a row, no counter left out, and all slow frames still come.
