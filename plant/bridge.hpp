@@ -26,8 +26,7 @@ template <class V> VGROOVE_INLINE V bridge_sign(V i, V ripple_a) {
 }
 
 // v = d Vs - dead Vs S(i) - resistance_ohm i
-template <class V>
-VGROOVE_INLINE V bridge_voltage(const Bridge<V> &p, std::uint32_t effects, const Drive<V> &in, V duty, V bus_v, V ripple_a, V i) {
+template <class V> VGROOVE_INLINE V bridge_voltage(const Bridge<V> &p, std::uint32_t effects, const Drive<V> &in, V duty, V bus_v, V ripple_a, V i) {
     const V v = duty * bus_v - p.resistance_ohm * i;
     if (!(effects & EFFECT_DEAD_TIME))
         return v;
@@ -35,8 +34,7 @@ VGROOVE_INLINE V bridge_voltage(const Bridge<V> &p, std::uint32_t effects, const
 }
 
 // Heat in switches and diodes: resistance_ohm i^2 + dead Vs S(i) i
-template <class V>
-VGROOVE_INLINE V bridge_loss(const Bridge<V> &p, std::uint32_t effects, const Drive<V> &in, V bus_v, V ripple_a, V i) {
+template <class V> VGROOVE_INLINE V bridge_loss(const Bridge<V> &p, std::uint32_t effects, const Drive<V> &in, V bus_v, V ripple_a, V i) {
     const V loss = p.resistance_ohm * i * i;
     return effects & EFFECT_DEAD_TIME ? loss + in.dead * bus_v * bridge_sign<V>(i, ripple_a) * i : loss;
 }

@@ -276,6 +276,13 @@ DrillMark drill_timers(DrillSystem &s) {
     return set_control(s, coasting ? DrillControl::DRIVE : DrillControl::COAST, coasting ? s.p.pulse_drive_s : s.p.pulse_coast_s);
 }
 
+void drill_command_bridge(DrillSystem &s, bool open) {
+    if (open)
+        s.mode.control = DrillControl::NORMAL;
+    if (s.mode.control == DrillControl::NORMAL && open != (s.mode.bridge != DrillBridge::CLOSED))
+        set_bridge(s, open);
+}
+
 double drill_next_time(const DrillSystem &s) {
     const bool pulsing = s.mode.control != DrillControl::NORMAL;
     const double times[] = {s.p.ramp_s, s.p.load_from_s, s.p.load_to_s, pulsing ? s.mode.switch_s : NEVER_S,

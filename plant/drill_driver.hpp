@@ -44,6 +44,8 @@ enum class DrillRange { ANY, NOT_NEGATIVE, POSITIVE };
     X(exponential,      "load.exponential",                           0.0,      ANY) \
     X(threshold_rad_s,  "load.threshold_rad_s",                       0.01,     POSITIVE) \
     X(decay_s_per_rad,  "load.decay_s_per_rad",                       10.0,     NOT_NEGATIVE) \
+    X(rise_nm_per_rad,  "load.rise_nm_per_rad",                       0.0,      NOT_NEGATIVE) \
+    X(rise_from_rad,    "load.rise_from_rad",                         0.0,      ANY) \
     X(duty,             "drive.duty",                                 1.0,      ANY) \
     X(ramp_s,           "drive.ramp_s",                               0.3,      NOT_NEGATIVE)
 // clang-format on
@@ -194,6 +196,8 @@ DrillMark drill_switch(DrillSystem &s, const DrillGuards &g);
 DrillMark drill_timers(DrillSystem &s);
 // The next instant after the system's time at which something changes by the clock alone; infinite when none.
 double drill_next_time(const DrillSystem &s);
+// A commanded bridge: opening it ends pulse mode; closing it is left to pulse mode while that lasts.
+void drill_command_bridge(DrillSystem &s, bool open);
 // Marks of the inputs at a time (load on and off, end of the ramp), or NONE.
 DrillMark drill_input_mark(const DrillParameters &p, double time_s);
 

@@ -9,6 +9,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <unsupported/Eigen/MatrixFunctions>
 
@@ -20,7 +21,8 @@ constexpr double PIECE_S = 100e-6;
 constexpr int LOCATE_LEVELS = 12;  // a tick is a piece / 4096: 24 ns or less
 constexpr int LOCATED_MAX = 16;    // changes of mode located in one step; later ones are taken at the end of their piece
 constexpr int CLOCKED_MAX = 16;    // changes by the clock that a step of at most 1 s is planned for: two a pulse, the load, the ramp
-constexpr int HALVINGS_MAX = 40;   // of the search for the friction torque
+constexpr double NEVER_S = std::numeric_limits<double>::infinity();
+constexpr int HALVINGS_MAX = 40;  // of the search for the friction torque
 
 // Linear state: the core, charge, both angles. Linear input: terminal voltage and its slope, signs of motor friction and clutch, load torque.
 enum { LINEAR_SUMS = DRILL_CORE_COUNT, LINEAR_STATES = LINEAR_SUMS + 3 };
@@ -120,6 +122,17 @@ int DrillRealTime::advances_max() const {
 }
 int DrillRealTime::advances() const {
     return body_->advances_taken;
+}
+
+void DrillRealTime::command(const DrillCommand &c) {
+    DrillSystem &s = body_->s;
+    s.p.duty = c.duty;
+    s.p.ramp_s = 0.0;
+    s.p.supply_v = c.bus_v;
+    s.p.load_nm = c.load_nm;
+    s.p.load_from_s = -NEVER_S;
+    s.p.load_to_s = NEVER_S;
+    drill_command_bridge(s, c.open);
 }
 
 namespace {

@@ -293,6 +293,8 @@ DrillRun run_fixed(const DrillParameters &p, const DrillRequest &request) {
 
 DrillRun drill_run(const DrillParameters &p, const DrillRequest &request) {
     drill_check(p);
+    if (p.rise_nm_per_rad != 0.0)
+        throw std::invalid_argument("load.rise_nm_per_rad is a load of the lock-step plant alone (vgroove sim, vgroove run)");
     DrillRequest r = request;
     if (!(r.duration_s > 0.0 && r.duration_s <= 3600.0))
         throw std::invalid_argument("duration_s must be above 0 and at most 3600");

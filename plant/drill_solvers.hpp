@@ -50,12 +50,20 @@ struct DrillRun {
 // Throws std::invalid_argument for parameters or a request outside their range.
 DrillRun drill_run(const DrillParameters &p, const DrillRequest &request);
 
+// What a board asks for over the next step, and the load that the tool meets in it.
+struct DrillCommand {
+    bool open;
+    double duty, bus_v, load_nm;
+};
+
 // The real-time mode by itself: bounded work per step, nothing allocated in step().
 class DrillRealTime {
 public:
     DrillRealTime(const DrillParameters &p, double step_s);
     ~DrillRealTime();
     void step();
+    // From now on these take the place of the parameters' ramp, supply and timed load.
+    void command(const DrillCommand &c);
     const DrillSystem &system() const;
     // Where the changes within the steps are noted, if anywhere; for records, not for real time.
     std::vector<DrillStep> *marks = nullptr;

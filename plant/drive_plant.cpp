@@ -25,9 +25,9 @@ struct DrivePlant::Body {
     Parameters parameters;
     HallWheel wheel;
     Noise dropout;
-    std::deque<Command> commands;        // transport delay, whole periods
-    std::deque<std::int64_t> edges;      // pure delay of the speed sensor: cycles since start at which each is seen
-    std::int64_t cycles;                 // since start, at the start of the period
+    std::deque<Command> commands;    // transport delay, whole periods
+    std::deque<std::int64_t> edges;  // pure delay of the speed sensor: cycles since start at which each is seen
+    std::int64_t cycles;             // since start, at the start of the period
     double period_s;
     std::int64_t edge_delay;
     Sweep sweep;
@@ -94,7 +94,8 @@ __attribute__((flatten)) static void run_period(Inner &s, double period_s) {
     flush_tiny(s.state);
     solver_earn(s, 0, 1, period_s);
     solver_begin(s, 0, period_s);
-    solver_run(s, [](int) __attribute__((always_inline)) { return false; });
+    solver_run(
+        s, [](int) __attribute__((always_inline)) { return false; });
 }
 
 static double sensed(const Inner &s, const Parameters &p) {
@@ -122,10 +123,20 @@ PeriodResult DrivePlant::period(bool coast, double duty, double dead, double loa
     return r;
 }
 
-double DrivePlant::current_a() const { return body_->solver.state.x[STATE_CURRENT]; }
-double DrivePlant::speed_rad_s() const { return body_->solver.state.x[STATE_SPEED]; }
-double DrivePlant::angle_rad() const { return body_->solver.state.x[STATE_ANGLE]; }
-double DrivePlant::time_s() const { return body_->solver.drive.time_s; }
-double DrivePlant::winding_kelvin() const { return body_->solver.state.x[STATE_HEAT]; }
+double DrivePlant::current_a() const {
+    return body_->solver.state.x[STATE_CURRENT];
+}
+double DrivePlant::speed_rad_s() const {
+    return body_->solver.state.x[STATE_SPEED];
+}
+double DrivePlant::angle_rad() const {
+    return body_->solver.state.x[STATE_ANGLE];
+}
+double DrivePlant::time_s() const {
+    return body_->solver.drive.time_s;
+}
+double DrivePlant::winding_kelvin() const {
+    return body_->solver.state.x[STATE_HEAT];
+}
 
 }  // namespace vgroove

@@ -55,8 +55,8 @@ template <class V> static void set_gear(Drivetrain<V> &m, int lane, const Parame
     const double output = (p.gearbox_output_inertia + pendulum) / ratio2 + (coupler ? p.coupler_inertia_kg_m2 : 0.0);
     const double reduced = motor * output / (motor + output);
     const double stiffness = coupler ? p.coupler_stiffness : CONTACT_RAD_S * CONTACT_RAD_S * reduced;
-    const double damping = coupler ? 2.0 * p.coupler_damping_ratio * std::sqrt(stiffness * output)
-                                   : 2.0 * CONTACT_DAMPING_RATIO * std::sqrt(stiffness * reduced);
+    const double damping =
+        coupler ? 2.0 * p.coupler_damping_ratio * std::sqrt(stiffness * output) : 2.0 * CONTACT_DAMPING_RATIO * std::sqrt(stiffness * reduced);
     set(m.gear.ratio_inverse, lane, 1.0 / p.gearbox_ratio);
     set(m.gear.inertia_inverse, lane, 1.0 / (split ? motor : motor + output));
     set(m.gear.output_inertia_inverse, lane, split ? 1.0 / output : 0.0);
@@ -80,8 +80,7 @@ template <class V> static void set_load_and_sensors(Drivetrain<V> &m, int lane, 
 template <class V> static void set_scales(Drivetrain<V> &m, int lane, const Parameters &p, double command_peak, double mean_interval_s) {
     const double k = std::fabs(p.motor_torque_constant * (1.0 + p.torque_constant_relative));
     const double volts = std::max(m.input == InputKind::DUTY ? p.supply_voltage_v : command_peak, 1e-3);
-    const double amperes = m.input == InputKind::CURRENT ? std::max(command_peak, 1e-6)
-                                                         : volts / std::max(get(m.motor.resistance_ohm, lane), 1e-3);
+    const double amperes = m.input == InputKind::CURRENT ? std::max(command_peak, 1e-6) : volts / std::max(get(m.motor.resistance_ohm, lane), 1e-3);
     const double gained = k * amperes * get(m.gear.inertia_inverse, lane) * mean_interval_s;
     const double free = m.input == InputKind::CURRENT ? gained : std::min(volts / std::max(k, 1e-9), 1e3 * gained);
     set(m.current_scale, lane, amperes);
@@ -89,8 +88,7 @@ template <class V> static void set_scales(Drivetrain<V> &m, int lane, const Para
     set(m.torque_scale, lane, std::max(k * amperes, 1e-12));
 }
 
-template <class V>
-void drivetrain_set_lane(Drivetrain<V> &m, int lane, const Parameters &p, double command_peak, double mean_interval_s) {
+template <class V> void drivetrain_set_lane(Drivetrain<V> &m, int lane, const Parameters &p, double command_peak, double mean_interval_s) {
     set_electrical(m, lane, p);
     set_friction(m.friction, lane, p);
     set_gear(m, lane, p);

@@ -25,19 +25,16 @@ template <class V> struct Drivetrain {
     Gear<V> gear;
     Load<V> load;
     Sensors<V> sensors;
-    V dead_share;                         // 2 dead_time_s pwm_hz
-    V current_scale, speed_scale;         // A, rad/s: what errors are measured against
-    V torque_scale;                       // N m
+    V dead_share;                  // 2 dead_time_s pwm_hz
+    V current_scale, speed_scale;  // A, rad/s: what errors are measured against
+    V torque_scale;                // N m
 };
 
 // Constants of one lane from its parameters. command_peak: the largest command of the run, for the error scales.
-template <class V>
-void drivetrain_set_lane(Drivetrain<V> &m, int lane, const Parameters &p, double command_peak, double mean_interval_s);
+template <class V> void drivetrain_set_lane(Drivetrain<V> &m, int lane, const Parameters &p, double command_peak, double mean_interval_s);
 
 // Electrical quantities at one instant.
-template <class V> struct Electrical {
-    V i, k, r, duty, bus_v, bus_a, terminal_v, brush_v, source_v, ripple_a;
-};
+template <class V> struct Electrical { V i, k, r, duty, bus_v, bus_a, terminal_v, brush_v, source_v, ripple_a; };
 
 template <class V, int N>
 VGROOVE_INLINE Electrical<V> drivetrain_electrical(const Drivetrain<V> &m, const Drive<V> &in, const Mode<V> &mode, V tau, const State<V, N> &s) {
@@ -75,7 +72,7 @@ template <class V> struct Torques {
     V opposing_nm;      // TL / N of the load column
     V load_nm;          // TL / N, all of it
     V coupler_nm;
-    V output_angle;     // at the motor shaft
+    V output_angle;  // at the motor shaft
 };
 
 template <class V, int N>
@@ -137,7 +134,8 @@ VGROOVE_INLINE void drivetrain_audit(const Drivetrain<V> &m, const Drive<V> &in,
     else
         ds.x[STATE_WORK_IN] = m.input == InputKind::DUTY ? source_v * e.bus_a : e.terminal_v * e.i;
     if (m.input == InputKind::DUTY)
-        ds.x[STATE_LOSS_BUS] = (m.bus_measured ? V{} : supply_loss<V>(m.supply, e.bus_a)) + bridge_loss<V>(m.bridge, m.effects, in, e.bus_v, e.ripple_a, e.i);
+        ds.x[STATE_LOSS_BUS] =
+            (m.bus_measured ? V{} : supply_loss<V>(m.supply, e.bus_a)) + bridge_loss<V>(m.bridge, m.effects, in, e.bus_v, e.ripple_a, e.i);
     ds.x[STATE_LOSS_WINDING] = e.r * e.i * e.i + e.brush_v * e.i;
     ds.x[STATE_LOSS_FRICTION] = friction_sliding<V>(m.friction, m.effects, mode.slide, w, t.load_nm, in.time_s + tau) * w;
     if (split)

@@ -24,8 +24,7 @@ template <class V> VGROOVE_INLINE V friction_of_load(const Friction<V> &p, std::
 }
 
 // T = b w + (Tc + breakaway exp(-(w / ws)^2)) s + (forward | -backward) + drag w |w| + directional |w| + grease exp(-t / tg) w
-template <class V>
-VGROOVE_INLINE V friction_sliding(const Friction<V> &p, std::uint32_t effects, V slide, V w, V load_motor_nm, V time_s) {
+template <class V> VGROOVE_INLINE V friction_sliding(const Friction<V> &p, std::uint32_t effects, V slide, V w, V load_motor_nm, V time_s) {
     V coulomb = p.coulomb_nm + friction_of_load<V>(p, effects, load_motor_nm);
     V viscous = p.viscous;
     if (effects & EFFECT_STRIBECK) {
@@ -43,9 +42,7 @@ VGROOVE_INLINE V friction_sliding(const Friction<V> &p, std::uint32_t effects, V
 }
 
 // At rest any torque from -(Tc + breakaway + backward) to Tc + breakaway + forward is held; each is the limit of the sliding torque at w -> 0.
-template <class V> struct HoldLimits {
-    V forward_nm, backward_nm;
-};
+template <class V> struct HoldLimits { V forward_nm, backward_nm; };
 template <class V> VGROOVE_INLINE HoldLimits<V> friction_hold(const Friction<V> &p, std::uint32_t effects, V load_motor_nm) {
     V coulomb = p.coulomb_nm + friction_of_load<V>(p, effects, load_motor_nm);
     if (effects & EFFECT_STRIBECK)

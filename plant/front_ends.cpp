@@ -6,13 +6,17 @@
 
 namespace vgroove {
 
-static int to_counts(double x) { return static_cast<int>(std::min(std::max(std::floor(x + 0.5), 0.0), static_cast<double>(COUNTS_MAX))); }
+static int to_counts(double x) {
+    return static_cast<int>(std::min(std::max(std::floor(x + 0.5), 0.0), static_cast<double>(COUNTS_MAX)));
+}
 
 int current_counts(double current_a, double offset_a, double noise_a) {
     return to_counts(CURRENT_ZERO_COUNTS + (current_a + offset_a + noise_a) / CURRENT_A_PER_COUNT);
 }
 
-int bus_counts(double supply_v) { return to_counts(supply_v / BUS_V_PER_COUNT); }
+int bus_counts(double supply_v) {
+    return to_counts(supply_v / BUS_V_PER_COUNT);
+}
 
 int trigger_counts(double travel) {
     const double share = TRIGGER_RELEASED_SHARE + (TRIGGER_PRESSED_SHARE - TRIGGER_RELEASED_SHARE) * travel;
@@ -31,7 +35,9 @@ static std::uint64_t noise_word(Noise &noise) {
     return z ^ (z >> 31);
 }
 
-double noise_uniform(Noise &noise) { return static_cast<double>(noise_word(noise) >> 11) * 0x1p-53; }
+double noise_uniform(Noise &noise) {
+    return static_cast<double>(noise_word(noise) >> 11) * 0x1p-53;
+}
 
 double noise_normal(Noise &noise) {
     const double radius = std::sqrt(-2.0 * std::log(1.0 - noise_uniform(noise)));

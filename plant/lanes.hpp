@@ -33,12 +33,22 @@ template <> struct LaneTraits<Lanes8> {
     static constexpr int COUNT = 8;
 };
 
-VGROOVE_INLINE double get(const double &v, int) { return v; }
-VGROOVE_INLINE double get(const Lanes8 &v, int lane) { return v[lane]; }
-VGROOVE_INLINE void set(double &v, int, double x) { v = x; }
-VGROOVE_INLINE void set(Lanes8 &v, int lane, double x) { v[lane] = x; }
+VGROOVE_INLINE double get(const double &v, int) {
+    return v;
+}
+VGROOVE_INLINE double get(const Lanes8 &v, int lane) {
+    return v[lane];
+}
+VGROOVE_INLINE void set(double &v, int, double x) {
+    v = x;
+}
+VGROOVE_INLINE void set(Lanes8 &v, int lane, double x) {
+    v[lane] = x;
+}
 
-template <class V> VGROOVE_INLINE V splat(double x) { return V{} + x; }
+template <class V> VGROOVE_INLINE V splat(double x) {
+    return V{} + x;
+}
 template <class V> VGROOVE_INLINE typename LaneTraits<V>::Word bits_of(V x) {
     typename LaneTraits<V>::Word w;
     std::memcpy(&w, &x, sizeof w);
@@ -50,9 +60,15 @@ template <class V> VGROOVE_INLINE V from_bits(typename LaneTraits<V>::Word w) {
     return x;
 }
 
-template <class V> VGROOVE_INLINE V abs_of(V x) { return x < 0.0 ? -x : x; }
-template <class V> VGROOVE_INLINE V max_of(V a, V b) { return a > b ? a : b; }
-template <class V> VGROOVE_INLINE V min_of(V a, V b) { return a < b ? a : b; }
+template <class V> VGROOVE_INLINE V abs_of(V x) {
+    return x < 0.0 ? -x : x;
+}
+template <class V> VGROOVE_INLINE V max_of(V a, V b) {
+    return a > b ? a : b;
+}
+template <class V> VGROOVE_INLINE V min_of(V a, V b) {
+    return a < b ? a : b;
+}
 
 // Adding 1.5 * 2^52 leaves the nearest integer in the low bits of the significand.
 constexpr double ROUND_MAGIC = 6755399441055744.0;
@@ -101,7 +117,9 @@ template <class V> VGROOVE_INLINE V sin_of(V x) {
     return from_bits<V>(bits_of(y) ^ (bits_of(shifted) << 63));
 }
 
-template <class V> VGROOVE_INLINE V cos_of(V x) { return sin_of<V>(x + 1.5707963267948966); }
+template <class V> VGROOVE_INLINE V cos_of(V x) {
+    return sin_of<V>(x + 1.5707963267948966);
+}
 
 // tanh x = (1 - e^-2|x|) / (1 + e^-2|x|) with the sign of x.
 template <class V> VGROOVE_INLINE V tanh_of(V x) {

@@ -11,10 +11,10 @@ constexpr double COPPER_PER_KELVIN = 0.0039;  // gap contract, winding_heating
 constexpr double BRUSH_CURRENT_A = 0.3;       // gap contract, brush_drop
 
 template <class V> struct Motor {
-    V resistance_ohm;          // R (1 + relative)
-    V inductance_inverse;      // 1 / (L (1 + relative))
-    V constant;                // k (1 + relative), N m/A and V s/rad
-    V saturation_inverse;      // 1 / A
+    V resistance_ohm;      // R (1 + relative)
+    V inductance_inverse;  // 1 / (L (1 + relative))
+    V constant;            // k (1 + relative), N m/A and V s/rad
+    V saturation_inverse;  // 1 / A
     V kelvin_per_joule, cooling_rate;
     V brush_v;
 };

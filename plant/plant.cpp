@@ -187,8 +187,8 @@ static Run run_of(const LogInput &in, const double *theta, const LogStarts &star
 
 static void refuse_spent(const LogInput &in, const double *theta, std::size_t batch_row, std::size_t row) {
     const Parameters p = parameters_from(theta + batch_row * PARAMETER_COUNT);
-    throw std::runtime_error("simulate_log: parameter set " + std::to_string(batch_row) + " needs too many steps at row " + std::to_string(row) + ", "
-                             + std::to_string(in.time_s[row]) + " s: " + fastest_parameter(p));
+    throw std::runtime_error("simulate_log: parameter set " + std::to_string(batch_row) + " needs too many steps at row " + std::to_string(row) +
+                             ", " + std::to_string(in.time_s[row]) + " s: " + fastest_parameter(p));
 }
 
 void simulate_log(const LogInput &in, const double *theta, std::size_t batch, const LogStarts &starts, const SimulateOptions &options,

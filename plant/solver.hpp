@@ -13,16 +13,16 @@ namespace vgroove {
 
 constexpr double SOLVER_TOLERANCE = 2e-6;          // local error over the scale of the state
 constexpr double SOLVER_TOLERANCE_CONTACT = 1e-7;  // where flanks meet: an error there grows with every bounce
-constexpr double SOLVER_GROW_BELOW = 0.02;     // of the tolerance: the error grows by 2^5 when the step doubles
-constexpr double SOLVER_EVENT_S = 1e-10;       // events are located to this time
+constexpr double SOLVER_GROW_BELOW = 0.02;         // of the tolerance: the error grows by 2^5 when the step doubles
+constexpr double SOLVER_EVENT_S = 1e-10;           // events are located to this time
 constexpr double SOLVER_STEP_MIN = 1.0 / 65536.0;  // of the stretch
-constexpr double SOLVER_DOUBT = 2e-7;        // of the current scale: doubt about a ramp behind a supply resistance that is let pass
-constexpr double SOLVER_EXACT_SHARE = 0.0625;  // first step of an exact stretch, doubled after: where events are looked for
-constexpr int SOLVER_LOCATE_MAX = 60;          // repeats for one event
-constexpr double SOLVER_STEPS_ROW = 1000.0;      // a run may take so many steps a row,
-constexpr double SOLVER_STEPS_SECOND = 50000.0;  // so many a second of a row,
-constexpr double SOLVER_STEPS_SAVED = 200000.0;  // and save so many for rows that need more
-constexpr int SOLVER_EVENTS_MAX = 400;         // located events per stretch; later ones are taken at the end of their step
+constexpr double SOLVER_DOUBT = 2e-7;              // of the current scale: doubt about a ramp behind a supply resistance that is let pass
+constexpr double SOLVER_EXACT_SHARE = 0.0625;      // first step of an exact stretch, doubled after: where events are looked for
+constexpr int SOLVER_LOCATE_MAX = 60;              // repeats for one event
+constexpr double SOLVER_STEPS_ROW = 1000.0;        // a run may take so many steps a row,
+constexpr double SOLVER_STEPS_SECOND = 50000.0;    // so many a second of a row,
+constexpr double SOLVER_STEPS_SAVED = 200000.0;    // and save so many for rows that need more
+constexpr int SOLVER_EVENTS_MAX = 400;             // located events per stretch; later ones are taken at the end of their step
 
 enum EventIndex { EVENT_NONE = -1, EVENT_SHAFT, EVENT_OUTPUT, EVENT_DIODE, EVENT_COUNT };
 
@@ -37,8 +37,8 @@ template <class V, int N> struct Solver {
     State<V, N> state;
     State<V, N> slope;  // derivative at the start of the next step
     Mode<V> mode;
-    Drive<V> drive;     // at the start of the next step
-    V level_s;          // step that the error allows
+    Drive<V> drive;  // at the start of the next step
+    V level_s;       // step that the error allows
     double left_s[LaneTraits<V>::COUNT];
     double floor_s[LaneTraits<V>::COUNT];
     double next_s[LaneTraits<V>::COUNT];  // step to try; 0 waits
@@ -109,23 +109,20 @@ template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_attempt(const Solv
         s.x[n] = y.x[n] + h * (44.0 / 45.0 * k1.x[n] - 56.0 / 15.0 * k2.x[n] + 32.0 / 9.0 * k3.x[n]);
     const State<V, N> k4 = drivetrain_derivative<V, N>(m, self.drive, self.mode, 0.8 * h, s);
     for (int n = 0; n < N; ++n)
-        s.x[n] = y.x[n]
-                 + h * ((19372.0 / 6561.0 * k1.x[n] - 25360.0 / 2187.0 * k2.x[n]) + (64448.0 / 6561.0 * k3.x[n] - 212.0 / 729.0 * k4.x[n]));
+        s.x[n] = y.x[n] + h * ((19372.0 / 6561.0 * k1.x[n] - 25360.0 / 2187.0 * k2.x[n]) + (64448.0 / 6561.0 * k3.x[n] - 212.0 / 729.0 * k4.x[n]));
     const State<V, N> k5 = drivetrain_derivative<V, N>(m, self.drive, self.mode, 8.0 / 9.0 * h, s);
     for (int n = 0; n < N; ++n)
-        s.x[n] = y.x[n]
-                 + h * ((9017.0 / 3168.0 * k1.x[n] - 355.0 / 33.0 * k2.x[n]) + (46732.0 / 5247.0 * k3.x[n] + 49.0 / 176.0 * k4.x[n])
-                        - 5103.0 / 18656.0 * k5.x[n]);
+        s.x[n] = y.x[n] + h * ((9017.0 / 3168.0 * k1.x[n] - 355.0 / 33.0 * k2.x[n]) + (46732.0 / 5247.0 * k3.x[n] + 49.0 / 176.0 * k4.x[n]) -
+                               5103.0 / 18656.0 * k5.x[n]);
     const State<V, N> k6 = drivetrain_derivative<V, N>(m, self.drive, self.mode, h, s);
     Attempt<V, N> a;
     for (int n = 0; n < N; ++n)
-        a.state.x[n] = y.x[n]
-                       + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * k3.x[n]) + (125.0 / 192.0 * k4.x[n] - 2187.0 / 6784.0 * k5.x[n])
-                              + 11.0 / 84.0 * k6.x[n]);
+        a.state.x[n] = y.x[n] + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * k3.x[n]) + (125.0 / 192.0 * k4.x[n] - 2187.0 / 6784.0 * k5.x[n]) +
+                                     11.0 / 84.0 * k6.x[n]);
     a.slope = drivetrain_derivative<V, N>(m, self.drive, self.mode, h, a.state);
     for (int n = 0; n < N; ++n)
-        s.x[n] = (71.0 / 57600.0 * k1.x[n] - 71.0 / 16695.0 * k3.x[n]) + (71.0 / 1920.0 * k4.x[n] - 17253.0 / 339200.0 * k5.x[n])
-                 + (22.0 / 525.0 * k6.x[n] - 1.0 / 40.0 * a.slope.x[n]);
+        s.x[n] = (71.0 / 57600.0 * k1.x[n] - 71.0 / 16695.0 * k3.x[n]) + (71.0 / 1920.0 * k4.x[n] - 17253.0 / 339200.0 * k5.x[n]) +
+                 (22.0 / 525.0 * k6.x[n] - 1.0 / 40.0 * a.slope.x[n]);
     a.error = solver_error<V, N>(m, h, s, self.error_scale);
     return a;
 }
@@ -142,7 +139,9 @@ template <class V, int N> VGROOVE_INLINE double event_tolerance(const Solver<V, 
     return 1e-10 * (slide == 0.0 ? get(self.model.torque_scale, lane) : get(self.model.speed_scale, lane));
 }
 
-VGROOVE_INLINE double sign_of(double x) { return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0); }
+VGROOVE_INLINE double sign_of(double x) {
+    return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0);
+}
 
 // A body that has just come to rest, or is asked whether it still rests: sticks, or slides the way it is driven.
 template <class V, int N> VGROOVE_INLINE void solver_rest(Solver<V, N> &self, int lane, bool shaft, bool output) {

@@ -30,9 +30,7 @@ enum StateIndex {
     STATE_AUDIT_COUNT,
 };
 
-template <class V, int N> struct State {
-    V x[static_cast<unsigned>(N)];
-};
+template <class V, int N> struct State { V x[static_cast<unsigned>(N)]; };
 
 // Command and load along one stretch in which both are straight lines of time.
 template <class V> struct Drive {

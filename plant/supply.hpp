@@ -30,10 +30,14 @@ VGROOVE_INLINE void supply_derivative(const Supply<V> &p, std::uint32_t effects,
 }
 
 // Vs = Voc - Rs d i
-template <class V> VGROOVE_INLINE V supply_bus(const Supply<V> &p, V source_v, V bus_a) { return source_v - p.resistance_ohm * bus_a; }
+template <class V> VGROOVE_INLINE V supply_bus(const Supply<V> &p, V source_v, V bus_a) {
+    return source_v - p.resistance_ohm * bus_a;
+}
 
 // Heat Rs (d i)^2
-template <class V> VGROOVE_INLINE V supply_loss(const Supply<V> &p, V bus_a) { return p.resistance_ohm * bus_a * bus_a; }
+template <class V> VGROOVE_INLINE V supply_loss(const Supply<V> &p, V bus_a) {
+    return p.resistance_ohm * bus_a * bus_a;
+}
 
 }  // namespace vgroove
 

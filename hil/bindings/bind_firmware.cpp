@@ -120,14 +120,30 @@ void bind_firmware(nb::module_ &module) {
              "One period: counts of current, bus, trigger, temperature at its end; Hall edges as cycles 0..509; switches of SimInputs; bytes\n"
              "received in it. coast, compare, dead_counts and tx then hold the answer.")
         .def("exchange", &exchange, "inputs"_a, "Any number of packed SimInputs in, as many packed SimOutputs out (firmware/hal/sim/sim_io.h).")
-        .def_prop_ro("coast", [](const Firmware &self) { return self.outputs.coast != 0; }, "bridge open in the next period")
-        .def_prop_ro("compare", [](const Firmware &self) { return static_cast<int>(self.outputs.compare); }, "-255..255, in force in the next period")
+        .def_prop_ro(
+            "coast", [](const Firmware &self) { return self.outputs.coast != 0; }, "bridge open in the next period")
+        .def_prop_ro(
+            "compare", [](const Firmware &self) { return static_cast<int>(self.outputs.compare); }, "-255..255, in force in the next period")
         .def_prop_ro("dead_counts", [](const Firmware &self) { return static_cast<int>(self.outputs.dead_counts); })
-        .def_prop_ro("tx", [](const Firmware &self) { return as_bytes(self.outputs.tx, self.outputs.tx_count); }, "bytes sent in the last period")
-        .def_prop_ro("eeprom", [](const Firmware &self) { need_owner(self); return as_bytes(sim_eeprom(), SIM_EEPROM_BYTES); })
-        .def_prop_ro("periods", [](const Firmware &self) { need_owner(self); return sim_periods(); })
-        .def_prop_ro("cycles", [](const Firmware &self) { need_owner(self); return sim_cycles(); },
-                     "CPU cycles from the timers' start to the begin of the next period");
+        .def_prop_ro(
+            "tx", [](const Firmware &self) { return as_bytes(self.outputs.tx, self.outputs.tx_count); }, "bytes sent in the last period")
+        .def_prop_ro("eeprom",
+                     [](const Firmware &self) {
+                         need_owner(self);
+                         return as_bytes(sim_eeprom(), SIM_EEPROM_BYTES);
+                     })
+        .def_prop_ro("periods",
+                     [](const Firmware &self) {
+                         need_owner(self);
+                         return sim_periods();
+                     })
+        .def_prop_ro(
+            "cycles",
+            [](const Firmware &self) {
+                need_owner(self);
+                return sim_cycles();
+            },
+            "CPU cycles from the timers' start to the begin of the next period");
     module.attr("SIM_INPUTS_BYTES") = sizeof(SimInputs);
     module.attr("SIM_OUTPUTS_BYTES") = sizeof(SimOutputs);
 }

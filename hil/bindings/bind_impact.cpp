@@ -20,7 +20,6 @@ using namespace nb::literals;
 
 namespace {
 
-using Column = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
 // A numpy array of its own with the bytes of a vector.
@@ -147,14 +146,6 @@ vgroove::ImpactPlant make_impact_plant(Column parameters, const std::string &loa
                                 accuracy_of(mode), step_s);
 }
 
-nb::tuple period(vgroove::ImpactPlant &self, bool coast, double duty, double dead, double load_nm) {
-    const vgroove::PeriodResult r = self.period(coast, duty, dead, load_nm);
-    nb::list edges;
-    for (int n = 0; n < r.edge_count; ++n)
-        edges.append(r.edge_cycle[n]);
-    return nb::make_tuple(r.current_a, r.supply_v, edges);
-}
-
 void bind_impact_plant(nb::module_ &m) {
     using vgroove::AdvanceResult;
     using vgroove::ImpactPlant;
@@ -172,8 +163,7 @@ void bind_impact_plant(nb::module_ &m) {
     nb::class_<ImpactPlant>(m, "ImpactPlant", "The impact tool in lock-step: period() as DrivePlant's, advance() for any interval.")
         .def(nb::new_(&make_impact_plant), "parameters"_a, "load_kind"_a = "none", "hall_pulses_per_rev"_a = 4, "hall_offset_rad"_a = 0.0,
              "hall_spacing"_a = std::vector<double>(), "seed"_a = 0, "mode"_a = "fast", "step_s"_a = vgroove::IMPACT_STEP_FIXED_S)
-        .def("period", &period, "coast"_a, "duty"_a, "dead"_a, "load_nm"_a = 0.0,
-             "-> (current_a as sensed at the end, supply_v mean, edges: CPU cycles 0..509 of Hall edges)")
+        .def("period", &lockstep_period<ImpactPlant>, "coast"_a, "duty"_a, "dead"_a, "load_nm"_a = 0.0, PERIOD_WORDS)
         .def("advance", &ImpactPlant::advance, "seconds"_a, "duty"_a, "coast"_a = false, "load_nm"_a = 0.0)
         .def(
             "statistics", [](ImpactPlant &self) { return statistics_of(self.statistics()); }, "Steps, rejected steps, switches, derivatives so far.")

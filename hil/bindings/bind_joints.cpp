@@ -14,17 +14,6 @@ using namespace nb::literals;
 
 namespace {
 
-using Column = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Vector = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
-
-template <class Get> Vector column(std::size_t count, Get get) {
-    auto *data = new double[count + 1];
-    nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<double *>(p); });
-    for (std::size_t n = 0; n < count; ++n)
-        data[n] = get(n);
-    return Vector(data, {count}, owner);
-}
-
 nb::tuple joint_slip_torques(Column parameters, const std::string &load, Column head_rad) {
     if (parameters.shape(0) != static_cast<std::size_t>(vgroove::PARAMETER_COUNT))
         throw std::invalid_argument("joint_slip_torques: parameters is (" + std::to_string(vgroove::PARAMETER_COUNT) + ",)");
@@ -34,13 +23,13 @@ nb::tuple joint_slip_torques(Column parameters, const std::string &load, Column 
         return vgroove::joint_slip(joint, vgroove::joint_segment_at(joint, at), at, 0.0);
     };
     const std::size_t count = head_rad.shape(0);
-    return nb::make_tuple(column(count, [&](std::size_t n) { return slip(n).forward_nm; }),
-                          column(count, [&](std::size_t n) { return slip(n).backward_nm; }));
+    return nb::make_tuple(vector_of(count, [&](std::size_t n) { return slip(n).forward_nm; }),
+                          vector_of(count, [&](std::size_t n) { return slip(n).backward_nm; }));
 }
 
 Vector disc_stack_force(Column deflection_m, double parallel, double series, double outer_m, double inner_m, double thickness_m, double cone_m) {
     const vgroove::DiscSpring disc{outer_m, inner_m, thickness_m, cone_m};
-    return column(deflection_m.shape(0), [&](std::size_t n) { return vgroove::disc_stack_force(disc, parallel, series, deflection_m.data()[n]); });
+    return vector_of(deflection_m.shape(0), [&](std::size_t n) { return vgroove::disc_stack_force(disc, parallel, series, deflection_m.data()[n]); });
 }
 
 double bolt_preload(double thread_friction) {

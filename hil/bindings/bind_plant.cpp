@@ -38,7 +38,6 @@ vgroove::LoadKind load_kind(const std::string &kind) {
 
 namespace {
 
-using Column = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Cube = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
 using Rows = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
@@ -117,8 +116,9 @@ nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cu
         nb::gil_scoped_release unlocked;
         vgroove::simulate_log(in, theta.data(), batch, from, options, out);
     }
-    const std::pair<const char *, double *> columns[] = {{"current_a", out.current_a}, {"supply_v", out.supply_v}, {"speed_rad_s", out.speed_rad_s},
-        {"speed_measured_rad_s", out.speed_measured_rad_s}, {"angle_rad", out.angle_rad}, {"angle_measured_rad", out.angle_measured_rad}};
+    const std::pair<const char *, double *> columns[] = {{"current_a", out.current_a},     {"supply_v", out.supply_v},
+                                                         {"speed_rad_s", out.speed_rad_s}, {"speed_measured_rad_s", out.speed_measured_rad_s},
+                                                         {"angle_rad", out.angle_rad},     {"angle_measured_rad", out.angle_measured_rad}};
     nb::dict result;
     for (const auto &column : columns)
         result[column.first] = nb::ndarray<nb::numpy, double, nb::ndim<2>>(column.second, {batch, rows}, owner);
@@ -162,14 +162,6 @@ vgroove::DrivePlant make_drive_plant(Column parameters, const std::string &load,
     return vgroove::DrivePlant(vgroove::parameters_from(parameters.data()), load_kind(load), vgroove::hall_wheel(pulses, offset_rad, spacing), seed);
 }
 
-nb::tuple period(vgroove::DrivePlant &self, bool coast, double duty, double dead, double load_nm) {
-    const vgroove::PeriodResult r = self.period(coast, duty, dead, load_nm);
-    nb::list edges;
-    for (int n = 0; n < r.edge_count; ++n)
-        edges.append(r.edge_cycle[n]);
-    return nb::make_tuple(r.current_a, r.supply_v, edges);
-}
-
 struct FrontEnds {
     vgroove::Noise noise;
     double current_offset_a, current_noise_a;
@@ -185,8 +177,7 @@ void bind_drive_plant(nb::module_ &m) {
     nb::class_<vgroove::DrivePlant>(m, "DrivePlant", "The tool in lock-step with a board, one PWM period of 510 CPU cycles a call.")
         .def(nb::new_(&make_drive_plant), "parameters"_a, "load_kind"_a = "none", "hall_pulses_per_rev"_a = 4, "hall_offset_rad"_a = 0.0,
              "hall_spacing"_a = std::vector<double>(), "seed"_a = 0)
-        .def("period", &period, "coast"_a, "duty"_a, "dead"_a, "load_nm"_a = 0.0,
-             "-> (current_a as sensed at the end, supply_v mean, edges: CPU cycles 0..509 of Hall edges)")
+        .def("period", &lockstep_period<vgroove::DrivePlant>, "coast"_a, "duty"_a, "dead"_a, "load_nm"_a = 0.0, PERIOD_WORDS)
         .def("reset", &vgroove::DrivePlant::reset, "current_a"_a, "speed_rad_s"_a, "angle_rad"_a)
         .def_prop_ro("current_a", &vgroove::DrivePlant::current_a)
         .def_prop_ro("speed_rad_s", &vgroove::DrivePlant::speed_rad_s)
@@ -199,8 +190,12 @@ void bind_drive_plant(nb::module_ &m) {
     m.def("trigger_counts", &vgroove::trigger_counts, "travel"_a);
     m.def("temperature_counts", &vgroove::temperature_counts, "degc"_a);
     nb::class_<FrontEnds>(m, "FrontEnds", "All four front ends of the board; noise is 1 sigma in A, seeded.")
-        .def("__init__", [](FrontEnds *self, std::uint64_t seed, double offset_a, double noise_a) { new (self) FrontEnds{{seed}, offset_a, noise_a}; },
-             "seed"_a = 0, "current_offset_a"_a = 0.0, "current_noise_a"_a = 0.0)
+        .def(
+            "__init__",
+            [](FrontEnds *self, std::uint64_t seed, double offset_a, double noise_a) {
+                new (self) FrontEnds{{seed}, offset_a, noise_a};
+            },
+            "seed"_a = 0, "current_offset_a"_a = 0.0, "current_noise_a"_a = 0.0)
         .def("counts", &front_end_counts, "current_a"_a, "supply_v"_a, "trigger"_a, "temperature_degc"_a = 25.0,
              "-> (current, bus, trigger, temperature) in the order of the lock-step message");
 }
@@ -216,8 +211,8 @@ void bind_plant(nb::module_ &m) {
     nb::class_<vgroove::LogInput>(m, "LogInput", "Columns that drive the model; see docs/plant.md for how rows are read.")
         .def("__init__", &log_input_init, "time_s"_a, "kind"_a, "command"_a, "slew_per_s"_a.none() = nb::none(), "supply_v"_a.none() = nb::none(),
              "load_nm"_a.none() = nb::none(), "coast"_a.none() = nb::none(), "load_kind"_a = "none", "slew_slack"_a = 0.0);
-    m.def("simulate_log", &simulate_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a, "threads"_a = 2, "solver"_a = "exact",
-          "tolerance"_a = 0.0, "unfinished"_a = "raise",
+    m.def("simulate_log", &simulate_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a, "threads"_a = 2, "solver"_a = "exact", "tolerance"_a = 0.0,
+          "unfinished"_a = "raise",
           "theta (B, P), starts (S,) row indices, state0 (S, 3) or (B, S, 3): current_a, speed_rad_s, angle_rad -> dict of (B, n).\n"
           "solver: exact (where the drivetrain is linear between events, else Runge-Kutta) or adaptive (Runge-Kutta everywhere, to `tolerance`).\n"
           "unfinished: what becomes of a run whose bounded steps do not reach its end: raise (RuntimeError naming row, time and parameter) or nan.");

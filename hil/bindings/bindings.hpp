@@ -3,10 +3,35 @@
 #define VGROOVE_HIL_BINDINGS_HPP
 
 #include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
 
+#include <cstddef>
 #include <string>
 
+#include "plant/hall_wheel.hpp"
 #include "plant/loads.hpp"
+
+using Column = nanobind::ndarray<const double, nanobind::ndim<1>, nanobind::c_contig, nanobind::device::cpu>;  // in
+using Vector = nanobind::ndarray<nanobind::numpy, double, nanobind::ndim<1>>;                                  // out
+
+// (count,) of get(n)
+template <class Get> Vector vector_of(std::size_t count, Get get) {
+    auto *data = new double[count + 1];
+    nanobind::capsule owner(data, [](void *p) noexcept { delete[] static_cast<double *>(p); });
+    for (std::size_t n = 0; n < count; ++n)
+        data[n] = get(n);
+    return Vector(data, {count}, owner);
+}
+
+// The lock-step period that every tool has, as a method in Python.
+constexpr const char *PERIOD_WORDS = "-> (current_a as sensed at the end, supply_v mean, edges: CPU cycles 0..509 of Hall edges)";
+template <class Plant> nanobind::tuple lockstep_period(Plant &self, bool coast, double duty, double dead, double load_nm) {
+    const vgroove::PeriodResult r = self.period(coast, duty, dead, load_nm);
+    nanobind::list edges;
+    for (int n = 0; n < r.edge_count; ++n)
+        edges.append(r.edge_cycle[n]);
+    return nanobind::make_tuple(r.current_a, r.supply_v, edges);
+}
 
 vgroove::LoadKind load_kind(const std::string &kind);  // bind_plant.cpp
 void bind_plant(nanobind::module_ &m);

@@ -103,7 +103,7 @@ def flash(
 def sim(
     path: Annotated[
         Path,
-        typer.Argument(metavar="RIG|SCENARIO", help="With --log a rig; alone a scenario (travel is duty) or a rig: 1 s of full trigger."),
+        typer.Argument(metavar="RIG|SCENARIO", help="With --log a rig; alone a scenario (travel is duty) or a rig at full trigger."),
     ],
     log: Annotated[list[Path] | None, typer.Option("--log", help="Log whose input drives the rig; may be given again.")] = None,
     json_path: Annotated[Path | None, typer.Option("--json", help="Write the figures as JSON.")] = None,
@@ -137,12 +137,9 @@ def _sim_logs(rig_path: Path, logs: list[Path], output: Path | None, restart_s: 
 def _sim_scenario(path: Path, output: Path | None) -> dict[str, Any]:
     from vgroove.log import write_csv
     from vgroove.plant_alone import scenario_figures, scenario_table, simulate_scenario
-    from vgroove.rig import SCHEMA as RIG_SCHEMA
-    from vgroove.rig import read_rig, read_toml
-    from vgroove.scenario import full_trigger, read_scenario
+    from vgroove.scenario import read_scenario_or_rig
 
-    is_rig = read_toml(path).get("schema") == RIG_SCHEMA
-    simulated = simulate_scenario(full_trigger(read_rig(path), str(path)) if is_rig else read_scenario(path))
+    simulated = simulate_scenario(read_scenario_or_rig(path))
     figures = scenario_figures(simulated)
     Console().print(scenario_table(figures))
     if output:

@@ -56,6 +56,10 @@ def _choice(*names: str, needed: bool = True) -> Key:
     return Key("one of " + ", ".join(names), lambda v: v in names, needed)
 
 
+def _flag(needed: bool = True) -> Key:
+    return Key("true or false", lambda v: isinstance(v, bool), needed)
+
+
 ANY = _number("a finite number", lambda v: True)
 POSITIVE = _number("a number above 0", lambda v: v > 0)
 NOT_NEGATIVE = _number("a number of at least 0", lambda v: v >= 0)
@@ -94,7 +98,7 @@ KINDS: dict[str, dict[str, dict[str, Key]]] = {
             "arm_inertia_kg_m2": _maybe(1e-6, 1e3), "arm_stiffness_nm_per_rad": _maybe(0, 1e6), "arm_damping_nm_s_per_rad": _maybe(0, 1e5)},
         "drill_driver": {
             "shaft_stiffness_nm_per_rad": _range(1e-3, 1e9), "shaft_damping_nm_s_per_rad": _range(1e-6, 1e6),
-            "clutch_nm": _range(1e-4, 1e5), "pulse_on_a": _maybe(0, 1e5), "pulse_off_a": _maybe(0, 1e5),
+            "clutch_nm": _range(1e-4, 1e5), "pulse": _flag(needed=False), "pulse_on_a": _maybe(0, 1e5), "pulse_off_a": _maybe(0, 1e5),
             "pulse_coast_s": _maybe(1e-4, 10), "pulse_drive_s": _maybe(1e-4, 10), "pulse_average_s": _maybe(1e-4, 10)},
     },
     "load": {
@@ -105,7 +109,7 @@ KINDS: dict[str, dict[str, dict[str, Key]]] = {
         "chuck": {"torque_nm": _range(0, 1e5), "from_s": _range(0, 1e4), "to_s": _range(0, 1e4), "breakaway_ratio": _maybe(1, 10),
                   "breakaway_rad_s": _maybe(1e-6, 1e4), "viscous_nm_s_per_rad": _maybe(0, 1e5),
                   "form": _choice("stribeck", "exponential", needed=False), "threshold_rad_s": _maybe(1e-9, 1e4),
-                  "decay_s_per_rad": _maybe(0, 1e6)},
+                  "decay_s_per_rad": _maybe(0, 1e6), "rise_nm_per_rad": _maybe(0, 1e8), "rise_from_rad": _maybe(-1e6, 1e6)},
         "hard_joint": {**_JOINT, "run_torque_nm": _range(0, 1e5), "slip_slope_nm_per_rad": _range(0, 1e8), "loosen_ratio": _range(0, 10)},
         "disc_spring": {**_JOINT, "run_torque_nm": _range(0, 1e5), "parallel": _whole(1, 1000), "series": _whole(1, 1000),
                         "friction": _range(0, 2), "from_turns": _range(0, 1e4), "disc_outer_m": _maybe(1e-4, 10),
@@ -213,6 +217,9 @@ class Rig:
         """The plant's parameter vector (P,) in the order of vgroove._core.PARAMETERS, effects of the rig included."""
         from vgroove import _core
 
+        if self.mechanism["kind"] == "drill_driver":
+            raise VgrooveError(f"{self.name or 'the rig'}: a drill driver is no drivetrain with effects and a log's input: "
+                               "`vgroove sim`, `vgroove run` and `vgroove study steps` run it")
         unknown = [e for e in self.effects if e in MECHANISM_EFFECTS and self.mechanism["kind"] != "impact"]
         if unknown:
             raise VgrooveError(f"the plant of a tool without impact mechanism has no effects.{unknown[0]}")
@@ -224,6 +231,25 @@ class Rig:
             elif key.startswith("effects."):
                 raise VgrooveError(f"this build of the plant has no {key}: run `pip install -e .` in the tree again")
         return theta
+
+    def drill_parameters(self) -> dict[str, float]:
+        """The drill driver's parameters by name, the defaults of what the rig leaves out among them; VgrooveError for a rig that is none."""
+        from vgroove import _core
+
+        name = self.name or "the rig"
+        if self.mechanism["kind"] != "drill_driver":
+            raise VgrooveError(f'{name}: this needs [mechanism] kind = "drill_driver" and [load] kind = "chuck"')
+        if self.effects:
+            raise VgrooveError(f"{name}: the drill driver has no effects, so not {next(iter(self.effects))}")
+        if self.input["kind"] != "duty" or self.bus_is_measured:
+            raise VgrooveError(f"{name}: a duty and its own supply drive the drill driver, not {self.input['kind']} and a measured bus")
+        flat = {f"{s}.{k}": v for s in PLANT_SECTIONS for k, v in getattr(self, s).items()}
+        known = _core.drill_parameters()
+        found = {key: float(value) for key, value in flat.items() if key in known}
+        found["load.exponential"] = float(self.load.get("form") == "exponential")
+        if "slew_per_s" in self.input:
+            found["drive.ramp_s"] = 1.0 / self.input["slew_per_s"]
+        return known | found
 
     def _flat(self) -> dict[str, float]:
         flat = {f"{s}.{k}": v for s in PLANT_SECTIONS for k, v in getattr(self, s).items() if _is_number(v)}

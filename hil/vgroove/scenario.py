@@ -8,10 +8,12 @@ from typing import Any
 
 from vgroove.errors import VgrooveError, refused_by_plant
 from vgroove.lockstep import FrontEnds, Profile
+from vgroove.rig import SCHEMA as RIG_SCHEMA
 from vgroove.rig import Rig, read_rig, read_toml, rig_from_dict
 
 SCHEMA = "vgroove.scenario/1"
 DURATION_MAX_S = 3600.0
+DRILL_S = 4.0  # physics.md section 7: the run whose load comes between 2 and 3 s
 BOARD_EFFECTS = ("dead_time", "current_lag")  # of a rig: in lock-step the board has them itself
 SAMPLES_A_ROW = (5.9, 1.0)  # current and bus conversions that the firmware averages into a row (12 and 2 of 16, every 2,040 cycles)
 
@@ -177,8 +179,6 @@ def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Sc
     top = {key: check(data[key], f"{source}: {key}") for key, check in TOP_KEYS.items() if key in data}
     rig_path = folder / _needed(top, "rig", source)
     rig = read_rig(rig_path)
-    if rig.mechanism["kind"] == "drill_driver":
-        raise _complain(source, f"{rig_path} is a drill driver: its model runs by itself, in `vgroove study steps --rig`")
     tool = without_board_effects(rig).with_effects(data.get("effects", {}))
     trigger = _section(data, "trigger", TRIGGER_KEYS, source)
     load = _section(data, "load", LOAD_KEYS, source)
@@ -193,10 +193,17 @@ def read_scenario(path: str | Path) -> Scenario:
     return scenario_from_dict(read_toml(path), str(path), Path(path).parent)
 
 
-def full_trigger(rig: Rig, source: str, duration_s: float = 1.0) -> Scenario:
-    """The scenario of a rig alone: the trigger pulled fully at t = 0, as fast as the rig's slew allows."""
-    if rig.mechanism["kind"] == "drill_driver":
-        raise _complain(source, "a drill driver's model runs by itself, in `vgroove study steps --rig`")
+def read_scenario_or_rig(path: str | Path) -> Scenario:
+    """A scenario, or a rig at full trigger."""
+    data = read_toml(path)
+    if data.get("schema") == RIG_SCHEMA:
+        return full_trigger(rig_from_dict(data, str(path)), str(path))
+    return scenario_from_dict(data, str(path), Path(path).parent)
+
+
+def full_trigger(rig: Rig, source: str) -> Scenario:
+    """The scenario of a rig alone: the trigger pulled fully at t = 0, as fast as the slew allows, for 1 s; a drill driver's for 4 s."""
+    duration_s = DRILL_S if rig.mechanism["kind"] == "drill_driver" else 1.0
     slew = rig.input.get("slew_per_s")
     travel = ((0.0, 0.0), (1.0 / slew, 1.0)) if slew else ((0.0, 1.0),)
     return Scenario(rig, rig, duration_s, Profile(travel=travel, contact_travel=0.0), source=source)
@@ -222,12 +229,15 @@ def without_board_effects(rig: Rig) -> Rig:
 
 
 def make_plant(tool: Rig, seed: int) -> Any:
-    """A tool as a lock-step plant: vgroove._core.DrivePlant, or ImpactPlant where the rig has an impact mechanism."""
+    """A tool as a lock-step plant: vgroove._core.DrivePlant, or ImpactPlant or DrillPlant where the rig has that mechanism."""
     from vgroove import _core
 
-    kind = {"none": "DrivePlant", "impact": "ImpactPlant"}[tool.mechanism["kind"]]
+    kind = {"none": "DrivePlant", "impact": "ImpactPlant", "drill_driver": "DrillPlant"}[tool.mechanism["kind"]]
     if not hasattr(_core, kind):
         raise VgrooveError("this build of vgroove has no lock-step plant: run `pip install -e .` in the tree again")
     pulses = int(tool.sensors.get("hall_pulses_per_rev", 0))
     with refused_by_plant(tool.name or "the rig"):
+        if kind == "DrillPlant":  # pulse mode is the board's
+            parameters = tool.drill_parameters() | {"mechanism.pulse": 0.0}
+            return _core.DrillPlant(parameters, tool.value("supply.resistance_ohm"), hall_pulses_per_rev=pulses)
         return getattr(_core, kind)(tool.parameters(), load_kind=tool.load.get("kind", "none"), hall_pulses_per_rev=pulses, seed=seed)

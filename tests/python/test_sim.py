@@ -171,11 +171,6 @@ def test_a_rig_alone_is_driven_no_faster_than_its_slew(tmp_path: Path) -> None:
     assert duty[0] == 0.0 and duty[-1] == 1.0 and np.max(np.diff(duty)) <= slew * 1e-3 * (1.0 + 1e-9)
 
 
-def test_a_drill_driver_is_sent_to_its_study() -> None:
-    with pytest.raises(VgrooveError, match="vgroove study steps"):
-        sim(RIGS / "drill_driver_low.toml")
-
-
 @pytest.mark.parametrize(("key", "value"), [("lug_overlap_rad", 3.2), ("hammer_start_rad", 0.5)])
 def test_what_only_the_plant_refuses_is_a_sentence(key: str, value: float, tmp_path: Path) -> None:
     text = (RIGS / "impact_driver.toml").read_text()

@@ -148,16 +148,6 @@ def test_bad_input_is_a_sentence_and_exit_code_2(tmp_path: Path, words: tuple, s
     assert not list(tmp_path.rglob("*.csv")) and not list(tmp_path.rglob("*.json"))
 
 
-@pytest.mark.parametrize("command", ["sim", "run"])
-def test_a_drill_driver_is_no_tool_for_scenarios(tmp_path: Path, command: str) -> None:
-    text = (ROOT / "scenarios/spin_up.toml").read_text()
-    rig = ROOT / "rigs/drill_driver_low.toml"
-    (tmp_path / "drill.toml").write_text(re.sub(r'(?m)^rig = .*$', f'rig = "{rig}"', text))
-    done = vgroove(command, "drill.toml", cwd=tmp_path)
-    assert done.returncode == 2
-    assert "is a drill driver" in " ".join(done.stderr.split())
-
-
 def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "vgroove.cli", "study", "steps", "--points", "200"]
     hear = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a shell that runs this in the background has it ignored

@@ -29,19 +29,10 @@ SPEEDS = ("speed_rad_s", "chuck_rad_s")
 
 def parameters_of(rig: Rig) -> dict[str, float]:
     """The drill driver's parameters of a rig with mechanism drill_driver and load chuck; VgrooveError for another one."""
-    if rig.mechanism["kind"] != "drill_driver" or rig.load["kind"] != "chuck":
-        raise VgrooveError(f'{rig.name or "the rig"}: this study needs [mechanism] kind = "drill_driver" and [load] kind = "chuck"')
-    if rig.supply.get("resistance_ohm", 0.0) != 0.0 or rig.effects:
-        raise VgrooveError(f"{rig.name or 'the rig'}: the drill driver has neither pack resistance nor effects")
-    if rig.input["kind"] != "duty":
-        raise VgrooveError(f"{rig.name or 'the rig'}: a duty drives the drill driver, not {rig.input['kind']}")
-    known = _core.drill_parameters()
-    flat = {f"{s}.{k}": v for s in ("supply", "motor", "gearbox", "mechanism", "load") for k, v in getattr(rig, s).items()}
-    found = {name: float(value) for name, value in flat.items() if name in known}
-    found["load.exponential"] = float(rig.load.get("form") == "exponential")
-    if "slew_per_s" in rig.input:
-        found["drive.ramp_s"] = 1.0 / rig.input["slew_per_s"]
-    return known | found
+    parameters = rig.drill_parameters()
+    if rig.supply.get("resistance_ohm", 0.0) != 0.0:
+        raise VgrooveError(f"{rig.name or 'the rig'}: the solvers compared have no pack resistance: supply.resistance_ohm must be 0")
+    return parameters
 
 
 @dataclass(frozen=True)
