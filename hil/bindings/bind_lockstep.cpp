@@ -74,6 +74,14 @@ void truth_note(Truth &truth, const vgroove::DrivePlant &tool, const LockstepGat
     truth_row(truth, gates, tool.time_s(), tool.current_a(), tool.speed_rad_s(), {});
 }
 
+void truth_note(Truth &truth, const vgroove::DrillPlant &tool, const LockstepGates &gates) {
+    const vgroove::DrillSystem &s = tool.system();
+    vgroove::AdvanceResult chuck{};
+    chuck.head_rad = s.sums[vgroove::DRILL_CHUCK_ANGLE];
+    chuck.anvil_torque_nm = tool.shaft_nm();
+    truth_row(truth, gates, tool.time_s(), s.x[vgroove::DRILL_CURRENT], s.x[vgroove::DRILL_SPEED], chuck);
+}
+
 namespace {
 
 template <class T> using Column = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
@@ -146,6 +154,7 @@ void bind_lockstep(nb::module_ &m) {
             "every"_a = 1)
         .def("note", &note<vgroove::ImpactPlant>, "tool"_a, "coast"_a, "compare"_a, "After a period of a loop of one's own.")
         .def("note", &note<vgroove::DrivePlant>, "tool"_a, "coast"_a, "compare"_a)
+        .def("note", &note<vgroove::DrillPlant>, "tool"_a, "coast"_a, "compare"_a)
         .def_prop_ro("rows", &truth_rows, "(n, columns) in the order of TRUTH_COLUMNS");
     nb::list names;
     for (const char *name : TRUTH_COLUMN_NAMES)
@@ -153,4 +162,5 @@ void bind_lockstep(nb::module_ &m) {
     m.attr("TRUTH_COLUMNS") = names;
     bind_run<vgroove::DrivePlant>(m);
     bind_run<vgroove::ImpactPlant>(m);
+    bind_run<vgroove::DrillPlant>(m);
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "firmware.hpp"
+#include "plant/drill_plant.hpp"
 #include "plant/drive_plant.hpp"
 #include "plant/impact_plant.hpp"
 
@@ -54,6 +55,7 @@ struct Truth {
 
 void truth_note(Truth &truth, const vgroove::ImpactPlant &tool, const LockstepGates &gates);
 void truth_note(Truth &truth, const vgroove::DrivePlant &tool, const LockstepGates &gates);
+void truth_note(Truth &truth, const vgroove::DrillPlant &tool, const LockstepGates &gates);  // head: the chuck; joint: the shaft
 
 // One period's message to the board.
 SimInputs lockstep_message(const LockstepInputs &in, std::size_t at, const vgroove::PeriodResult &tool);

@@ -242,7 +242,7 @@ def _is_native(board: Board, tool: Tool) -> bool:
     """Both are ours and in this process: the same loop runs in C++."""
     from vgroove import _core
 
-    return type(board) is SilBoard and type(tool) in (_core.DrivePlant, _core.ImpactPlant)
+    return type(board) is SilBoard and type(tool) in (_core.DrivePlant, _core.ImpactPlant, _core.DrillPlant)
 
 
 def _run_chunk_native(run: _Run, stimuli: Stimuli, progress: Progress) -> None:

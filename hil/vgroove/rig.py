@@ -233,7 +233,7 @@ class Rig:
         return theta
 
     def drill_parameters(self) -> dict[str, float]:
-        """The drill driver's parameters by name, the defaults of what the rig leaves out among them; VgrooveError for a rig that is none."""
+        """The drill driver's parameters by name, defaults for what the rig leaves out; VgrooveError for a rig that is none."""
         from vgroove import _core
 
         name = self.name or "the rig"

@@ -17,6 +17,7 @@ FRONT = lockstep.FrontEnds(current_noise_a=0.3, supply_noise_v=0.05)
 PULL = ((0.0, 0.0), (0.2, 0.0), (0.25, 1.0), (0.55, 1.0), (0.56, 0.0))
 READ = frame_bytes(frame_of_signals("PARAM_READ", 100, read_index=3, read_sequence=1))
 PROFILES = {
+    "drill_driver_low": lockstep.Profile(travel=PULL, load_nm=((0.0, 0.0), (0.4, 4.0))),
     "impact_driver": lockstep.Profile(travel=PULL, reverse=((0.0, 0.0), (0.5, 1.0)), bounce_s=0.003),
     "board_18v": lockstep.Profile(
         travel=PULL, load_nm=((0.0, 0.0), (0.4, 0.3)), gaps=((0.3, 0.33),), current_add_a=((0.0, 0.0), (0.5, 70.0))),
