@@ -3,6 +3,7 @@
 
 #include "core/divide.h"
 #include "core/slew.h"
+#include "hal/hal.h"
 
 static int16_t along(const App *app, int16_t value) {
     return app->modes.reverse ? (int16_t)(value == INT16_MIN ? INT16_MAX : -value) : value;
@@ -58,11 +59,14 @@ static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) 
         app->controlled = false;
         return in->travel_q15;
     }
+    hal_mark_control(true);
     if (!app->controlled) {
         control_start(&app->control, app->mode, app->modes.reverse, app->params.value);
         app->controlled = true;
     }
-    return control_step(&app->control, in);
+    const int16_t wish_q15 = control_step(&app->control, in);
+    hal_mark_control(false);
+    return wish_q15;
 }
 
 // What a resumed drive begins with; a duty that brakes says nothing about the speed that it would hold.

@@ -50,6 +50,7 @@ uint16_t hal_tick_cycles(uint16_t tick_stamp);  // cycles since the tick
 uint16_t hal_stack_free(void);                  // bytes the stack has never touched
 uint8_t hal_reset_cause(void);                  // bit 0 power-on, 1 external, 2 brown-out, 3 watchdog
 uint8_t hal_target(void);                       // TELEMETRY_TARGET_*
+void hal_mark_control(bool runs);               // for the bench: the controller's step begins or ends
 uint8_t hal_lock(void);                         // interrupts off; returns what hal_unlock wants back
 void hal_unlock(uint8_t before);
 

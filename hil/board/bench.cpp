@@ -185,11 +185,15 @@ std::string Bench::statistics() const {
         }
     }
     const TickCost &tick = profile_.tick();
+    const ControlCost &control = profile_.control();
     json << "},\n \"isr_share\": " << static_cast<double>(profile_.interrupt_cycles()) / static_cast<double>(measured)
          << ", \"isr_share_worst_100ms\": " << profile_.worst_window_share() << ",\n \"tick\": {\"count\": " << tick.count
          << ", \"worst_cycles\": " << tick.worst << ", \"worst_at_cycle\": " << tick.worst_at
          << ", \"mean_cycles\": " << (tick.count > 0 ? static_cast<double>(tick.total) / static_cast<double>(tick.count) : 0.0)
-         << ", \"late\": " << tick.late << "},\n \"stack\": {\"free_bytes\": " << profile_.stack_free()
+         << ", \"late\": " << tick.late << "},\n \"control\": {\"count\": " << control.count << ", \"worst_cycles\": " << control.worst
+         << ", \"worst_at_cycle\": " << control.worst_at
+         << ", \"mean_cycles\": " << (control.count > 0 ? static_cast<double>(control.total) / static_cast<double>(control.count) : 0.0)
+         << "},\n \"stack\": {\"free_bytes\": " << profile_.stack_free()
          << ", \"variables_bytes\": " << machine_.ram_used_end() - machine_.io_end() - 1 << "}";
     const ConverterReport &converter = converter_.report();
     json << ",\n \"adc\": {\"conversions\": " << converter.conversions << ", \"lost\": " << converter.lost

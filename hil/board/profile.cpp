@@ -8,6 +8,8 @@ namespace board {
 namespace {
 
 constexpr unsigned GPIOR0 = 0x3e;
+constexpr unsigned TICK_MARK = 1;
+constexpr unsigned CONTROL_MARK = 2;
 constexpr Cycle WINDOW_CYCLES = 1600000;  // 100 ms
 
 }  // namespace
@@ -19,13 +21,19 @@ Profile::Profile(Machine &machine, const Timer &tick) : machine_(machine), tick_
 }
 
 void Profile::write(unsigned short, std::uint8_t value) {
-    const bool before = (machine_.peek(GPIOR0) & 1) != 0;
+    const unsigned before = machine_.peek(GPIOR0);
     machine_.reg(GPIOR0) = value;
-    const bool after = (value & 1) != 0;
-    if (after && !before) {
+    const unsigned set = value & ~before;
+    const unsigned cleared = before & ~static_cast<unsigned>(value);
+    if ((set & TICK_MARK) != 0) {
         begin_tick();
-    } else if (before && !after) {
+    } else if ((cleared & TICK_MARK) != 0) {
         end_tick();
+    }
+    if ((set & CONTROL_MARK) != 0) {
+        control_began_ = machine_.now() - interrupt_total_;
+    } else if ((cleared & CONTROL_MARK) != 0) {
+        end_control();
     }
 }
 
@@ -50,6 +58,16 @@ void Profile::end_tick() {
         for (std::size_t i = 0; i < worst_tick_.size(); ++i) {
             worst_tick_[i] -= at_tick_[i];
         }
+    }
+}
+
+void Profile::end_control() {
+    const Cycle lasted = machine_.now() - interrupt_total_ - control_began_;
+    ++controls_.count;
+    controls_.total += lasted;
+    if (lasted > controls_.worst) {
+        controls_.worst = lasted;
+        controls_.worst_at = machine_.now();
     }
 }
 

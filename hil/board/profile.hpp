@@ -23,7 +23,14 @@ struct TickCost {
     long late = 0;  // ticks that lasted beyond the next compare match
 };
 
-// GPIOR0 bit 0 is the program's mark: 1 while a tick's work runs.
+struct ControlCost {
+    long count = 0;
+    Cycle worst = 0;  // of the controller's step, without interrupts nested in it
+    Cycle total = 0;
+    Cycle worst_at = 0;
+};
+
+// GPIOR0 holds the program's marks: bit 0 is 1 while a tick's work runs, bit 1 while the controller's step in it does.
 class Profile final : public Device, public InterruptWatch {
 public:
     Profile(Machine &machine, const Timer &tick);
@@ -41,6 +48,7 @@ public:
     unsigned stack_free() const;
     const VectorCost &vector(int number) const { return vectors_[static_cast<std::size_t>(number)]; }
     const TickCost &tick() const { return ticks_; }
+    const ControlCost &control() const { return controls_; }
     Cycle measured_since() const { return since_; }
     Cycle interrupt_cycles() const { return interrupt_total_; }
     double worst_window_share() const;
@@ -53,12 +61,15 @@ private:
     };
     void begin_tick();
     void end_tick();
+    void end_control();
     void spend(Cycle cycles, Cycle at);
 
     Machine &machine_;
     const Timer &tick_;
     std::array<VectorCost, VECTORS_MAX> vectors_{};
     TickCost ticks_;
+    ControlCost controls_;
+    Cycle control_began_ = 0;
     std::vector<Frame> frames_;
     Cycle since_ = 0;
     Cycle tick_match_ = 0;

@@ -244,8 +244,12 @@ static void obey(uint8_t command) {
         set_sleep_mode(SLEEP_MODE_IDLE);
         sleep_mode();
         GPIOR0 |= 1u;
-        for (volatile uint8_t i = 0u; i < 100u; ++i) {
+        for (volatile uint8_t i = 0u; i < 60u; ++i) {
         }
+        GPIOR0 |= 2u;  // and of 400 within the controller's
+        for (volatile uint8_t i = 0u; i < 40u; ++i) {
+        }
+        GPIOR0 &= (uint8_t)~2u;
         GPIOR0 &= (uint8_t)~1u;
         break;
     default:

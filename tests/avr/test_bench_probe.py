@@ -156,6 +156,8 @@ def test_statistics_count_the_cycles_of_each_interrupt(probe_elfs: dict[str, Pat
     assert 40 < receive["worst_cycles"] < 80  # entry, body and RETI
     assert report["tick"]["count"] == 1
     assert report["tick"]["worst_cycles"] > 1000
+    assert report["control"]["count"] == 1
+    assert 300 < report["control"]["worst_cycles"] < 600
     assert 0.0 < report["isr_share"] < 0.2
     assert report["uart"] == {"baud": 250000, "sent": 0, "received": 1, "overruns": 0}
     assert report["hall"] == {"edges": 1, "captured": 1, "deaf": 0}

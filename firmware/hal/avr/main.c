@@ -89,6 +89,14 @@ uint8_t hal_reset_cause(void) {
     return avr_reset_cause;
 }
 
+void hal_mark_control(bool runs) {
+    if (runs) {
+        GPIOR0 |= 2u;
+    } else {
+        GPIOR0 &= (uint8_t)~2u;
+    }
+}
+
 uint8_t hal_target(void) {
     return BOARD_TARGET;
 }

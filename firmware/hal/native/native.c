@@ -77,6 +77,10 @@ uint8_t hal_reset_cause(void) {
     return native.reset_cause;
 }
 
+void hal_mark_control(bool runs) {
+    (void)runs;
+}
+
 uint8_t hal_target(void) {
     return 0;
 }

@@ -136,6 +136,10 @@ uint8_t hal_reset_cause(void) {
     return sim.start.reset_cause;
 }
 
+void hal_mark_control(bool runs) {
+    (void)runs;
+}
+
 uint8_t hal_target(void) {
     return sim.start.target;
 }
