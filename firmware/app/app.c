@@ -10,6 +10,11 @@
 
 #define OVERRUN_FAULT_TICKS 2u
 
+// A mode that this firmware has not is the plain one.
+static uint8_t existing(uint8_t mode) {
+    return control_has(mode) ? mode : TELEMETRY_MODE_DUTY;
+}
+
 void app_init(App *self, uint32_t build_hash) {
     *self = (App){.duty_limit_q15 = INT16_MAX, .calibration = TELEMETRY_CALIBRATE_WHAT_CURRENT_OFFSET};
     param_load(&self->params);
@@ -18,6 +23,7 @@ void app_init(App *self, uint32_t build_hash) {
     h_bridge_init(&self->bridge, (uint8_t)self->params.value[PARAM_DEAD_TIME_COUNT]);
     trigger_init(&self->trigger);
     self->host_mode = (uint8_t)self->params.value[PARAM_MODE];
+    self->mode = existing(self->host_mode);
     modes_init(&self->modes);
     uart_init(&self->uart, (uint8_t)self->params.value[PARAM_BAUD_SELECT]);
     while (execute_parameters_pending(self)) {
@@ -42,15 +48,17 @@ static void find_faults(App *self) {
         .over_temperature_c = self->params.value[PARAM_OVER_TEMPERATURE_C],
         .stall_ms = (uint16_t)self->params.value[PARAM_STALL_MS],
     };
-    faults_step(&self->faults, &self->measured, &limits, self->bridge.row_compare, self->hall.new_edges > 0u);
+    const FaultsDrive drive = {.compare = self->bridge.row_compare, .new_edge = self->hall.new_edges > 0u, .goes_on = self->driving};
+    faults_step(&self->faults, &self->measured, &limits, &drive);
 }
 
 // Apart from the tick of a shaft that turns.
 INLINE_NEVER static bool rests(App *self) {
     const bool ended = self->standstill.turned;
     const bool coasts = self->bridge.row_compare == H_BRIDGE_COAST;
+    const bool settled = self->faults.settled_ms >= FAULTS_SETTLED_MS;
     const bool unseen = (self->faults.active & TELEMETRY_FAULTS_SENSOR_LOST) != 0u ||
-                        (ended && !faults_draws_like_standing(&self->measured, self->bridge.row_compare));
+                        (ended && settled && !faults_draws_like_standing(&self->measured, self->bridge.row_compare));
     const StandstillInputs in = {
         .lost = !coasts && unseen,
         .coasts = coasts,
@@ -94,12 +102,12 @@ static void step_modes(App *self) {
     (void)hall_speed_set_reverse(&self->hall, self->modes.reverse);
 }
 
-// What the mode switch says goes before what the host said; a mode that this firmware has not is the plain one.
+// What the mode switch says goes before what the host said.
 static void select_mode(App *self) {
     const uint8_t position = trigger_mode(&self->trigger);
     const uint8_t asked = (uint8_t)(position == 0u ? self->host_mode : self->params.value[PARAM_MODE_SWITCH_1 + position - 1]);
     if (execute_mode_may_change(self)) {
-        self->mode = control_has(asked) ? asked : TELEMETRY_MODE_DUTY;
+        self->mode = existing(asked);
     }
 }
 

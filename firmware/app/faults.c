@@ -28,16 +28,23 @@ INLINE_NEVER bool faults_draws_like_standing(const Measurement *m, int16_t compa
     return current_ma * HAL_COMPARE_MAX > 2u * ((uint32_t)m->supply_mv * (uint16_t)magnitude(compare));
 }
 
-static uint8_t find_no_edge(Faults *self, const Measurement *m, uint16_t stall_ms, int16_t compare, bool new_edge) {
-    if (new_edge || compare == H_BRIDGE_COAST || magnitude(compare) < STALL_COMPARE_MIN) {
+static uint8_t find_no_edge(Faults *self, const Measurement *m, uint16_t stall_ms, const FaultsDrive *drive) {
+    const bool open = drive->compare == H_BRIDGE_COAST;
+    self->settled_ms = held_for(!open, self->settled_ms, FAULTS_SETTLED_MS);
+    if (drive->new_edge || !drive->goes_on) {
         self->no_edge_ms = 0;
+    }
+    if (drive->new_edge || open || magnitude(drive->compare) < STALL_COMPARE_MIN) {
         return 0;
     }
     if (self->no_edge_ms < stall_ms) {
         self->no_edge_ms++;
         return 0;
     }
-    return faults_draws_like_standing(m, compare) ? TELEMETRY_FAULTS_STALL : TELEMETRY_FAULTS_SENSOR_LOST;
+    if (self->settled_ms < FAULTS_SETTLED_MS) {
+        return 0;
+    }
+    return faults_draws_like_standing(m, drive->compare) ? TELEMETRY_FAULTS_STALL : TELEMETRY_FAULTS_SENSOR_LOST;
 }
 
 static void count_conditions(Faults *self, const Measurement *m, const FaultLimits *limits) {
@@ -51,8 +58,8 @@ static uint8_t bit_if(bool holds, uint8_t bit) {
     return holds ? bit : 0u;
 }
 
-void faults_step(Faults *self, const Measurement *m, const FaultLimits *limits, int16_t compare, bool new_edge) {
-    uint8_t active = find_no_edge(self, m, limits->stall_ms, compare, new_edge);
+void faults_step(Faults *self, const Measurement *m, const FaultLimits *limits, const FaultsDrive *drive) {
+    uint8_t active = find_no_edge(self, m, limits->stall_ms, drive);
     count_conditions(self, m, limits);
     active |= bit_if(m->adc.trips, TELEMETRY_FAULTS_OVER_CURRENT);
     active |= bit_if(self->under_voltage_ms >= UNDER_VOLTAGE_MS, TELEMETRY_FAULTS_UNDER_VOLTAGE);

@@ -19,10 +19,15 @@ struct FaultsTest : testing::Test {
         m.temperature_c_q4 = 25 * 16;
     }
 
+    void tick(int compare, bool edge = false, bool goes_on = true) {
+        const FaultsDrive drive{static_cast<int16_t>(compare), edge, goes_on};
+        faults_step(&faults, &m, &limits, &drive);
+    }
+
     // Ticks until `fault` latches, at most `most`.
     int ticks_to(uint8_t fault, int compare, int most = 2000, bool edges = false) {
         for (int k = 1; k <= most; ++k) {
-            faults_step(&faults, &m, &limits, static_cast<int16_t>(compare), edges);
+            tick(compare, edges);
             if ((faults.latched & fault) != 0)
                 return k;
         }
@@ -41,7 +46,7 @@ TEST_F(FaultsTest, UnderVoltageAfterTenTicks) {
     m.supply_mv = 11999;
     EXPECT_EQ(ticks_to(TELEMETRY_FAULTS_UNDER_VOLTAGE, H_BRIDGE_COAST), 10);
     m.supply_mv = 18500;
-    faults_step(&faults, &m, &limits, H_BRIDGE_COAST, false);
+    tick(H_BRIDGE_COAST);
     EXPECT_EQ(faults.latched, TELEMETRY_FAULTS_UNDER_VOLTAGE) << "latched";
     EXPECT_EQ(faults.active, 0);
     faults_clear(&faults);
@@ -92,6 +97,37 @@ TEST_F(FaultsTest, NeitherBelowSixPercentNorWithEdgesNorCoasting) {
     EXPECT_EQ(ticks_to(0xFF, 255, 2000, true), -1);
     EXPECT_EQ(ticks_to(0xFF, H_BRIDGE_COAST), -1);
     EXPECT_EQ(ticks_to(0xFF, 16), 501);
+}
+
+// A standing shaft in a controller's pulses: its time adds up over the pauses, and the rise of the current after them is not taken for a turning shaft.
+TEST_F(FaultsTest, AStallInPulsesIsFoundAndNotTakenForALostSensor) {
+    int driven = 0;
+    for (int k = 0; k < 3000 && faults.latched == 0; ++k) {
+        const int phase = k % 10;
+        m.current_a_q9 = static_cast<int16_t>(phase == 1 ? 6 * 512 : phase > 1 ? 45 * 512 : 0);
+        driven += phase > 0 ? 1 : 0;
+        tick(phase > 0 ? 128 : H_BRIDGE_COAST);
+    }
+    EXPECT_EQ(faults.latched, TELEMETRY_FAULTS_STALL);
+    EXPECT_NEAR(driven, 501, FAULTS_SETTLED_MS);
+}
+
+TEST_F(FaultsTest, AStallUnderADutyThatRestsBetweenIsFound) {
+    m.current_a_q9 = 45 * 512;
+    for (int k = 0; k < 1010; ++k)
+        tick(k % 2 == 0 ? 128 : 0);
+    EXPECT_EQ(faults.latched, TELEMETRY_FAULTS_STALL);
+}
+
+TEST_F(FaultsTest, ANewDriveAndAnEdgeBeginTheTimeOfAStallAnew) {
+    m.current_a_q9 = 45 * 512;
+    for (const bool edge : {true, false}) {
+        for (int k = 0; k < 500; ++k)
+            tick(128);
+        tick(edge ? 128 : H_BRIDGE_COAST, edge, edge);
+        EXPECT_EQ(ticks_to(TELEMETRY_FAULTS_STALL, 128), 501);
+        faults = Faults{};
+    }
 }
 
 TEST_F(FaultsTest, CadenceAndOverrunAreFaultsOfTheirOwn) {
