@@ -318,7 +318,7 @@ class Held:
 class Session:
     """One run of the board: from a BOOT frame on, frames in the order of their arrival.
 
-    `boot`, `parameters` (raw values by index) and `table` describe the board; FAST, STATE and CONTROL frames wait until `take_rows` asks for them.
+    `boot`, `parameters` (raw values by index) and `table` describe the board; FAST, STATE and CONTROL frames wait for `take_rows`.
     A BOOT frame of an unknown protocol version raises VgrooveError. After a restart of the board (`restarted`) further frames are ignored:
     they belong to another run.
     """

@@ -1,12 +1,15 @@
-"""Taped pins of the tool in each mode, impacting (the drill: stalling): each controller through its heavy states, and what the parameters must say."""
+"""Taped pins of the tool in each mode: impacts that take each controller through its heavy states, and sensors that say anything."""
 
 from dataclasses import dataclass, field
 
+import numpy as np
 from equality import TapeBoard
 
 from vgroove import lockstep, telemetry
+from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, pack_inputs
 from vgroove.control_bench.runs import front_ends, make_tool, mode_number, reference
 from vgroove.lockstep import Profile
+from vgroove.log import Log
 from vgroove.sil import SilBoard
 
 DURATION_S = 1.9
@@ -39,7 +42,8 @@ def _frames(case: Case) -> list[tuple[float, bytes]]:
     for k, (name, signals) in enumerate(asked):
         time_s = COMMAND_S + 0.02 * k
         sequence = f"{name.split('_')[-1].lower()}_sequence"
-        frames.append((time_s, telemetry.frame_bytes(telemetry.frame_of_signals(name, round(time_s * 1000), **signals, **{sequence: k + 1}))))
+        frame = telemetry.frame_of_signals(name, round(time_s * 1000), **signals, **{sequence: k + 1})
+        frames.append((time_s, telemetry.frame_bytes(frame)))
     return frames
 
 
@@ -50,3 +54,33 @@ def impact_tape(name: str) -> bytes:
     tool = make_tool(reference(case.joint, case.values), 3)
     lockstep.run(board, tool, PULLS, DURATION_S, front=front_ends(), line=lockstep.Script(_frames(case)), seed=3)
     return bytes(board.tape)
+
+
+def acted(name: str, log: Log) -> bool:
+    """Whether the log shows the case's mode with its controller at work."""
+    driven = log["state"] == 1
+    return bool((log["mode"][driven] == mode_number(CASES[name].mode)).all() and (log["blow_count"][driven] > 10).any())
+
+
+def _wild_edges(rng: np.random.Generator, pitch_s: float) -> list[int]:
+    count = rng.poisson(min(510 / 16e6 / pitch_s, 2.0))
+    return sorted(rng.choice(510, size=count, replace=False).tolist())
+
+
+def wild_tape(name: str, seed: int = 11) -> bytes:
+    """The case's mode, driven for a second while speed, current and supply jump about, saturate, stick and fall silent."""
+    rng = np.random.default_rng(seed)
+    frame = b"".join(data for _, data in _frames(CASES[name])[:1])
+    asked, pulled, released, end = (round(time_s * 16e6 / CYCLES_PER_PERIOD) for time_s in (COMMAND_S, 0.25, 1.25, 1.3))
+    current, bus, pitch_s, inputs = 520, 740, 1e-3, []
+    for k in range(end):
+        if k % 63 == 0 and rng.random() < 0.3:
+            current, bus = int(rng.choice([180, 512, 516, 600, 700, 800, 890])), int(rng.choice([640, 700, 740, 800, 820, 1023]))
+        if k % 313 == 0:
+            pitch_s = rng.choice([1.0, 4e-3, 2e-3, 1.2e-3, 1e-3, 0.95e-3])
+        driven = pulled <= k < released
+        counts = (current + int(rng.integers(-6, 7)) if driven else 512, bus, 900 if driven else 100, 154)
+        at = (k - asked) // 2
+        received = frame[at : at + 1] if k >= asked and (k - asked) % 2 == 0 else b""
+        inputs.append(pack_inputs(BoardInputs(counts, _wild_edges(rng, pitch_s) if driven else (), 1 if driven else 0, received)))
+    return b"".join(inputs)

@@ -1,30 +1,34 @@
-"""What the controllers cost on the ELF: `impact_cycles.py [CASE ...]` replays the impact tapes of impact.py; without names all of them."""
+"""What the controllers cost on the ELF: `impact_cycles.py [CASE ...]` replays the tapes of impact.py; without names all of them."""
 
 import sys
 import tempfile
 from pathlib import Path
 
 from equality import differences, sent_bytes
-from impact import CASES, impact_tape
+from impact import CASES, impact_tape, wild_tape
 
 from vgroove import board, sil
 from vgroove.board import read_statistics
 
-ROOT = Path(__file__).resolve().parents[2]
+ELF = Path(__file__).resolve().parents[2] / "build" / "avr-uno" / "vgroove.elf"
+
+
+def line(tape: bytes) -> str:
+    """What a tape costs, and whether native says the same."""
+    with tempfile.TemporaryDirectory() as folder:
+        stats = Path(folder) / "stats.json"
+        avr = sent_bytes(board.replay(ELF, tape, stats=stats))
+        said = read_statistics(stats)
+    control, tick = said["control"], said["tick"]
+    found = differences(sent_bytes(sil.replay(tape, target=1)), avr)
+    return (f"step worst {control['worst_cycles']} mean {control['mean_cycles']:.0f}, tick worst {tick['worst_cycles']} mean "
+            f"{tick['mean_cycles']:.0f}, stack free {said['stack']['free_bytes']}; {found[0] if found else 'equals native'}")
 
 
 def main() -> None:
-    """A line a case."""
-    elf = ROOT / "build" / "avr-uno" / "vgroove.elf"
-    with tempfile.TemporaryDirectory() as folder:
-        for name in sys.argv[1:] or CASES:
-            tape, stats = impact_tape(name), Path(folder) / "stats.json"
-            avr = sent_bytes(board.replay(elf, tape, stats=stats))
-            said = read_statistics(stats)
-            control, tick = said["control"], said["tick"]
-            found = differences(sent_bytes(sil.replay(tape, target=1)), avr)
-            sys.stdout.write(f"{name}: step worst {control['worst_cycles']} mean {control['mean_cycles']:.0f}, tick worst {tick['worst_cycles']} mean "
-                             f"{tick['mean_cycles']:.0f}, stack free {said['stack']['free_bytes']}; {found[0] if found else 'equals native'}\n")
+    """Two lines a case."""
+    for name in sys.argv[1:] or CASES:
+        sys.stdout.write(f"{name:10} impacts: {line(impact_tape(name))}\n{name:10} wild:    {line(wild_tape(name))}\n")
 
 
 if __name__ == "__main__":

@@ -1,12 +1,14 @@
 """Cycle budgets of the real ELF, measured on the bench under stress: full speed, four edges a turn, full telemetry, commands coming in."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from busy_line import answered, busy_line_tape, commands
 from equality import sent_bytes
 from exercise import record_tape
+from impact import CASES, impact_tape, wild_tape
 from uneven import uneven_tape
 
 from vgroove import board, lockstep
@@ -15,7 +17,8 @@ from vgroove.scenario import command_messages, make_plant, read_scenario
 
 STRESS = Path(__file__).resolve().parents[2] / "scenarios" / "stress.toml"
 TARGETS = {"uno_elf": "atmega328p", "mega_elf": "atmega2560"}
-TICK_CYCLES_MAX = 4000
+TICK_CYCLES_MAX = 5000
+CONTROL_CYCLES_MAX = 1500
 ISR_CYCLES_MAX = 120
 ISR_SHARE_MAX = 0.15
 STACK_BYTES_MIN = 400
@@ -123,3 +126,19 @@ def test_worst_tick_with_commands_at_every_phase(target: str, request: pytest.Fi
     assert said["uart"]["received"] == len(sent) and said["uart"]["overruns"] == 0
     assert answered(sent_bytes(out)) == 2 * len(commands())
     assert said["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(said["tick"])
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("make_tape", [impact_tape, wild_tape])
+@pytest.mark.parametrize("target", TARGETS)
+def test_cost_of_each_controller(
+    make_tape: Callable[[str], bytes], case: str, target: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    """Each through its heavy states under impacts, and with sensors that say anything."""
+    stats = tmp_path / "stats.json"
+    board.replay(request.getfixturevalue(target), make_tape(case), mcu=TARGETS[target], stats=stats)
+    said = read_statistics(stats)
+    assert said["control"]["count"] > 500
+    assert said["control"]["worst_cycles"] <= CONTROL_CYCLES_MAX, json.dumps(said["control"])
+    assert said["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(said["tick"])
+    assert said["stack"]["free_bytes"] >= STACK_BYTES_MIN

@@ -6,6 +6,7 @@ import pytest
 from busy_line import busy_line_tape
 from equality import Difference, damaged, differences, sent_bytes
 from exercise import DURATION_S, record_tape
+from impact import CASES, acted, impact_tape, wild_tape
 from uneven import uneven_tape
 
 from vgroove import board, sil, telemetry
@@ -75,6 +76,27 @@ def test_uneven_pitches_are_equal_bit_for_bit(target: str, request: pytest.Fixtu
 def test_commands_at_every_phase_are_equal_bit_for_bit(target: str, request: pytest.FixtureRequest) -> None:
     mcu, number = TARGETS[target]
     tape = busy_line_tape()
+    avr = sent_bytes(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
+    found = differences(sent_bytes(sil.replay(tape, target=number)), avr)
+    assert not found, _said(found)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("target", TARGETS)
+def test_each_controller_is_equal_bit_for_bit(case: str, target: str, request: pytest.FixtureRequest) -> None:
+    mcu, number = TARGETS[target]
+    tape = impact_tape(case)
+    native = sent_bytes(sil.replay(tape, target=number))
+    assert acted(case, log_from_stream(native, case))
+    found = differences(native, sent_bytes(board.replay(request.getfixturevalue(target), tape, mcu=mcu)))
+    assert not found, _said(found)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("target", TARGETS)
+def test_sensors_that_say_anything_are_equal_bit_for_bit(case: str, target: str, request: pytest.FixtureRequest) -> None:
+    mcu, number = TARGETS[target]
+    tape = wild_tape(case)
     avr = sent_bytes(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
     found = differences(sent_bytes(sil.replay(tape, target=number)), avr)
     assert not found, _said(found)

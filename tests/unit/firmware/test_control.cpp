@@ -1,0 +1,252 @@
+// Laws of every controller, whatever the sensors say: what comes out is a duty or a code, the same inputs give the same, a stop is final.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstring>
+#include <random>
+#include <vector>
+
+extern "C" {
+#include "app/control.h"
+#include "app/param_store.h"
+#include "controllers/foldback.h"
+#include "hal/native/native.h"
+#include "telemetry/telemetry_signals.h"
+}
+
+namespace {
+
+using Inputs = std::vector<ControllerInputs>;
+constexpr int TICKS = 3000;
+
+struct Parameters {
+    ParamStore store{};
+    Parameters() {
+        native_reset();
+        param_load(&store);
+    }
+};
+
+const int16_t *defaults() {
+    static const Parameters parameters;
+    return parameters.store.value;
+}
+
+std::vector<uint8_t> modes() {
+    std::vector<uint8_t> found;
+    for (uint8_t mode = 0; mode <= TELEMETRY_MODE_MAX; ++mode) {
+        if (control_has(mode))
+            found.push_back(mode);
+    }
+    return found;
+}
+
+// A motor that swings as it does under impacts, with what the sensors of the board make of it.
+Inputs impacting(unsigned seed) {
+    std::mt19937 rng(seed);
+    std::uniform_real_distribution<double> unit(0, 1);
+    Inputs tape;
+    const double period = 15 + 25 * unit(rng), level = 4000 + 12000 * unit(rng), swing = 0.7 * unit(rng), noise = 0.05 * unit(rng);
+    for (int k = 0; k < TICKS; ++k) {
+        const double phase = k / period - std::floor(k / period), run_up = std::min(1.0, k / 200.0);
+        const double speed = run_up * level * (1 - swing * phase) * (1 + noise * (unit(rng) - 0.5));
+        const double current = 512 * (5 + 40 * phase + 4 * (unit(rng) - 0.5));
+        tape.push_back({static_cast<int16_t>(32767 * run_up), static_cast<int16_t>(2 * speed), static_cast<int16_t>(current),
+                        static_cast<uint16_t>(18500 - 60 * current / 512), static_cast<int16_t>(32767 * run_up), false});
+    }
+    return tape;
+}
+
+int16_t any_i16(std::mt19937 &rng) {
+    constexpr int BORDERS[] = {-32768, -32767, -1, 0, 1, 32766, 32767};
+    const auto pick = rng() % 16;
+    return static_cast<int16_t>(pick < 7 ? BORDERS[pick] : static_cast<int>(rng() & 0xFFFF) - 32768);
+}
+
+Inputs wild(unsigned seed) {
+    std::mt19937 rng(seed);
+    Inputs tape;
+    ControllerInputs in{};
+    for (int k = 0; k < TICKS; ++k) {
+        if (rng() % 4 == 0)
+            in.speed_rpm_q1 = any_i16(rng);
+        if (rng() % 4 == 0)
+            in.current_a_q9 = any_i16(rng);
+        if (rng() % 8 == 0)
+            in.supply_mv = static_cast<uint16_t>(rng() % 3 == 0 ? (rng() % 2) * 65535u : rng() & 0xFFFFu);
+        if (rng() % 8 == 0)
+            in.travel_q15 = static_cast<int16_t>(any_i16(rng) & 0x7FFF);
+        in.duty_q15 = static_cast<int16_t>(any_i16(rng) & 0x7FFF);
+        in.coasted = rng() % 8 == 0;
+        tape.push_back(in);
+    }
+    return tape;
+}
+
+enum class Broken {
+    NOT,
+    SPEED_STUCK,
+    SPEED_SILENT,
+    SPEED_SATURATED,
+    CURRENT_STUCK,
+    CURRENT_SILENT,
+    CURRENT_SATURATED,
+    SUPPLY_SILENT,
+    SUPPLY_SATURATED,
+    LAST
+};
+
+Inputs with_broken(Inputs tape, Broken what) {
+    for (size_t k = tape.size() / 3; k < tape.size(); ++k) {
+        ControllerInputs &in = tape[k];
+        switch (what) {
+        case Broken::SPEED_STUCK:
+            in.speed_rpm_q1 = tape[k - 1].speed_rpm_q1;
+            break;
+        case Broken::SPEED_SILENT:
+            in.speed_rpm_q1 = 0;
+            break;
+        case Broken::SPEED_SATURATED:
+            in.speed_rpm_q1 = INT16_MAX;
+            break;
+        case Broken::CURRENT_STUCK:
+            in.current_a_q9 = tape[k - 1].current_a_q9;
+            break;
+        case Broken::CURRENT_SILENT:
+            in.current_a_q9 = 0;
+            break;
+        case Broken::CURRENT_SATURATED:
+            in.current_a_q9 = static_cast<int16_t>(k % 2 == 0 ? INT16_MAX : INT16_MIN);
+            break;
+        case Broken::SUPPLY_SILENT:
+            in.supply_mv = 0;
+            break;
+        case Broken::SUPPLY_SATURATED:
+            in.supply_mv = UINT16_MAX;
+            break;
+        case Broken::NOT:
+        case Broken::LAST:
+            break;
+        }
+    }
+    return tape;
+}
+
+std::vector<Inputs> tapes() {
+    std::vector<Inputs> all;
+    for (unsigned seed = 1; seed <= 12; ++seed) {
+        all.push_back(wild(seed));
+        all.push_back(with_broken(impacting(seed), static_cast<Broken>(seed % static_cast<unsigned>(Broken::LAST))));
+    }
+    return all;
+}
+
+std::vector<int16_t> replay(Control *control, uint8_t mode, const Inputs &tape, const int16_t *value) {
+    std::vector<int16_t> out;
+    control_start(control, mode, false, value);
+    for (const ControllerInputs &in : tape)
+        out.push_back(control_step(control, &in));
+    return out;
+}
+
+struct EveryMode : testing::TestWithParam<uint8_t> {};
+INSTANTIATE_TEST_SUITE_P(Control, EveryMode, testing::ValuesIn(modes()));
+
+TEST_P(EveryMode, GivesADutyOrACodeAndAStopIsFinal) {
+    for (const Inputs &tape : tapes()) {
+        Control control{};
+        bool stopped = false;
+        for (const int16_t wish : replay(&control, GetParam(), tape, defaults())) {
+            ASSERT_GE(wish, CONTROLLER_COAST);
+            ASSERT_TRUE(!stopped || wish == CONTROLLER_STOP);
+            stopped = wish == CONTROLLER_STOP;
+        }
+        ASSERT_EQ(stopped, control.stopped);
+        ASSERT_LE(control_state(&control), TELEMETRY_CONTROL_STATE_MAX);
+        ASSERT_LE(control_stop_reason(&control), CONTROLLER_REASON_TIMEOUT);
+        ASSERT_TRUE(!stopped || control_stop_reason(&control) != CONTROLLER_REASON_NONE) << "a stop has a reason";
+    }
+}
+
+TEST_P(EveryMode, ADriveKnowsNothingOfTheOneBefore) {
+    const std::vector<Inputs> all = tapes();
+    for (size_t k = 0; k + 1 < all.size(); ++k) {
+        Control fresh{}, used;
+        std::memset(&used, 0xA5, sizeof used);
+        replay(&used, GetParam(), all[k], defaults());
+        ASSERT_EQ(replay(&used, GetParam(), all[k + 1], defaults()), replay(&fresh, GetParam(), all[k + 1], defaults()));
+    }
+}
+
+TEST_P(EveryMode, NothingIsKeptOutsideItsStruct) {
+    const Inputs one = impacting(1), other = wild(2);
+    Control a{}, b{}, alone{};
+    const std::vector<int16_t> expected = replay(&alone, GetParam(), one, defaults());
+    control_start(&a, GetParam(), false, defaults());
+    control_start(&b, GetParam(), false, defaults());
+    for (size_t k = 0; k < one.size(); ++k) {
+        ASSERT_EQ(control_step(&a, &one[k]), expected[k]) << k;
+        control_step(&b, &other[k]);
+    }
+}
+
+// Every parameter at its borders and anywhere between: none of them, and no two of them, may break the law of the duty.
+TEST_P(EveryMode, AnyAllowedParametersGiveADutyOrACode) {
+    struct Limits {
+        int32_t least, greatest;
+    };
+#define LIMITS(name, unit, initial, least, greatest, version) {least, greatest},
+    const Limits limits[] = {PARAM_LIST(LIMITS)};
+#undef LIMITS
+    std::mt19937 rng(7);
+    const std::vector<Inputs> all = tapes();
+    for (int k = 0; k < 40; ++k) {
+        int16_t value[PARAM_COUNT];
+        for (int n = 0; n < PARAM_COUNT; ++n) {
+            const auto span = static_cast<uint32_t>(limits[n].greatest - limits[n].least) + 1;
+            const auto inside = limits[n].least + static_cast<int32_t>(rng() % span);
+            const auto pick = rng() % 4;
+            value[n] = static_cast<int16_t>(pick == 0 ? limits[n].least : pick == 1 ? limits[n].greatest : inside);
+        }
+        Control control{};
+        for (const int16_t wish : replay(&control, GetParam(), all[static_cast<size_t>(k) % all.size()], value))
+            ASSERT_GE(wish, CONTROLLER_COAST) << k;
+    }
+}
+
+TEST(Control, ThePlainModeGivesTheTrigger) {
+    Control control{};
+    const Inputs tape = wild(3);
+    const std::vector<int16_t> out = replay(&control, TELEMETRY_MODE_DUTY, tape, defaults());
+    for (size_t k = 0; k < tape.size(); ++k)
+        ASSERT_EQ(out[k], tape[k].travel_q15);
+}
+
+TEST(Control, AModeThatDoesNotExistIsThePlainOne) {
+    Control control{};
+    control_start(&control, TELEMETRY_MODE_MAX, false, defaults());
+    EXPECT_FALSE(control_has(TELEMETRY_MODE_MAX));
+    EXPECT_EQ(control.mode, TELEMETRY_MODE_DUTY);
+}
+
+TEST(Control, WhatEndsADriveAtATorqueOrADepthLeavesReverseToThePlainMode) {
+    for (const unsigned mode : {TELEMETRY_MODE_SCREWING, TELEMETRY_MODE_TORQUE}) {
+        Control control{};
+        control_start(&control, static_cast<uint8_t>(mode), true, defaults());
+        EXPECT_EQ(control.mode, TELEMETRY_MODE_DUTY);
+    }
+}
+
+TEST(Control, ReasonsAreCalledTheSameOnTheLine) {
+    EXPECT_EQ(int{CONTROLLER_REASON_NONE}, int{TELEMETRY_STOP_REASON_NONE});
+    EXPECT_EQ(int{CONTROLLER_REASON_SEATED}, int{TELEMETRY_STOP_REASON_SEATED});
+    EXPECT_EQ(int{CONTROLLER_REASON_REACHED}, int{TELEMETRY_STOP_REASON_REACHED});
+    EXPECT_EQ(int{CONTROLLER_REASON_UNREACHABLE}, int{TELEMETRY_STOP_REASON_UNREACHABLE});
+    EXPECT_EQ(int{CONTROLLER_REASON_MISSED}, int{TELEMETRY_STOP_REASON_MISSED});
+    EXPECT_EQ(int{CONTROLLER_REASON_CLUTCH}, int{TELEMETRY_STOP_REASON_CLUTCH});
+    EXPECT_EQ(int{CONTROLLER_REASON_KICKBACK}, int{TELEMETRY_STOP_REASON_KICKBACK});
+    EXPECT_EQ(int{CONTROLLER_REASON_SENSOR}, int{TELEMETRY_STOP_REASON_SENSOR});
+    EXPECT_EQ(int{CONTROLLER_REASON_TIMEOUT}, int{TELEMETRY_STOP_REASON_TIMEOUT});
+}
+
+}  // namespace
