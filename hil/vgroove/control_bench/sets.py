@@ -30,3 +30,10 @@ def seed_of(half: str, *numbers: int) -> int:
 def fifth(cells: Sequence[Any]) -> list[Any]:
     """Every fifth cell: the named fifth of a matrix."""
     return list(cells[::5])
+
+
+def by_half(rows: Sequence[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:
+    """(tune, its rows), (report, its rows), and all of them where both are there."""
+    found = [(half, [r for r in rows if r["set"] == half]) for half in SETS]
+    found = [(half, chosen) for half, chosen in found if chosen]
+    return [*found, ("all", list(rows))] if len(found) > 1 else found

@@ -1,0 +1,44 @@
+"""Tables and figures of the blow detection."""
+
+from collections.abc import Sequence
+
+import plotly.graph_objects as go
+
+from vgroove.control_bench import blows
+from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
+from vgroove.control_bench.jobs import Figures, absent_lines, present
+from vgroove.control_bench.sets import by_half
+from vgroove.control_bench.sync import LOAD_WORDS, LOADS
+from vgroove.study.report import Picture, Study, style
+
+SUMMARY = [("set", "set"), ("cells", "cells"), ("blows", "blows"), ("repeats among them", "repeats"),
+           ("miscounted share", "error_of_all"), ("cells within 1 % or a blow", "cells_within"), ("worst cell", "worst"), ("least rate", "rate_least"), ("highest rate", "rate_most")]
+CELLS = [("set", "set"), ("V", "supply_v"), ("load", "load"), ("trigger", "trigger"), ("blows/min", "blows_per_min"), ("blows", "blows"),
+         ("repeats", "repeats"), ("counted", "counted"), ("error", "error")]
+COLOURS = ("#30343b", "#d1495b", "#edae49", "#00798c", "#66a182", "#8d6cab")
+
+
+def error_picture(rows: Sequence[Figures]) -> Picture:
+    """Error of the count over the true rate, a colour each load."""
+    figure = go.Figure()
+    for load, colour in zip(LOADS, COLOURS, strict=True):
+        chosen = [r for r in rows if r["load"] == load and r["blows"]]
+        error = [100.0 * r["error"] / r["blows"] for r in chosen]
+        rate = [r["blows_per_min"] for r in chosen]
+        figure.add_trace(go.Scatter(x=rate, y=error, mode="markers", name=LOAD_WORDS[load], marker={"color": colour}))
+    figure.update_xaxes(title="blows per minute")
+    figure.update_yaxes(title="error of the count in %")
+    return Picture("Blow detection", style(figure, 480), "every supply, load and trigger; a drive of some 5 s each, its start included")
+
+
+def blows_study(rows: Sequence[Figures]) -> Study:
+    """The whole part."""
+    chosen = present(rows)
+    found = [{"set": half, **blows.summary(part)} for half, part in by_half(chosen)]
+    listed = [Goal("detection", f["set"], "cells miscounted by more than 1 % and a blow", f["cells"] - f["cells_within"], 0) for f in found]
+    listed += [Goal("detection", f["set"], "miscounted share of all blows", f["error_of_all"], blows.GOAL) for f in found]
+    lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "blow detection")]
+    tables = [table_of("blows_summary", "Blow detection", SUMMARY, found), goals_table("blows", listed),
+              table_of("blows_cells", "Count of every cell that is off", CELLS, [r for r in chosen if r["error"]])]
+    data = {"blows": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
+    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [error_picture(chosen)] if chosen else [], data)

@@ -1,0 +1,69 @@
+"""Tables and figures of precise screwing."""
+
+from collections.abc import Sequence
+
+import plotly.graph_objects as go
+
+from vgroove.control_bench import screwing
+from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
+from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
+from vgroove.control_bench.sets import by_half
+from vgroove.control_bench.sync_page import methods
+from vgroove.study.impact_runs import JOINT_SHORT
+from vgroove.study.report import Picture, Study, style
+
+SUMMARY = [("variant", "variant"), ("set", "set"), ("screw", "size"), ("screws", "screws"), ("past the seat in deg, median", "past_deg_median"),
+           ("most", "past_deg_most"), ("limit", "limit_deg_median"), ("stripped", "stripped"), ("early", "early"), ("never seated", "never"),
+           ("time to seat in s", "seat_s_median"), ("rate change, soft", "rate_change_soft"), ("time ratio", "time_ratio"), ("most ", "time_ratio_most")]
+COLOURS = ("#30343b", "#d1495b")
+
+
+def summaries(rows: Sequence[Figures]) -> list[Figures]:
+    """Each variant by size and in all, on each half and on all."""
+    chosen = present(rows)
+    found = []
+    for name in (PLAIN.name, *methods(rows)):
+        for half, part in by_half(chosen):
+            found += [{"set": half, **screwing.compare(part, name, size)} for size in (*screwing.SIZES, None)]
+    return [f for f in found if f["screws"]]
+
+
+def goals(found: Sequence[Figures]) -> list[Goal]:
+    """Issue 5's, over all sizes of each half and of all."""
+    listed = []
+    for f in found:
+        if f["variant"] == PLAIN.name or f["size"] != "all":
+            continue
+        name, half, limits = f["variant"], f["set"], screwing.GOALS
+        listed += [
+            Goal(name, half, "impact rate change, small and soft", f["rate_change_soft"], limits["rate"]),
+            Goal(name, half, "turn past the seat in deg, median", f["past_deg_median"], f["limit_deg_median"]),
+            Goal(name, half, "screws past the end of the ramp", f["stripped"], 0),
+            Goal(name, half, "share stopped before the seat", f["early"] / f["screws"], limits["early"]),
+            Goal(name, half, "time to seat with / without, mean", f["time_ratio"], limits["time"]),
+        ]
+    return listed
+
+
+def past_picture(rows: Sequence[Figures]) -> Picture:
+    """Turn past the seat of every screw."""
+    figure = go.Figure()
+    for name, colour in zip(dict.fromkeys(r["variant"] for r in rows), COLOURS, strict=False):
+        chosen = [r for r in rows if r["variant"] == name and r["past_deg"] > -360.0]
+        figure.add_trace(go.Box(x=[f"{JOINT_SHORT[r['size']]}, trigger {r['trigger']:g}" for r in chosen], y=[r["past_deg"] for r in chosen],
+                                name=name, marker={"color": colour}, boxpoints="all", pointpos=0, jitter=0.4))
+    figure.add_hline(y=90.0, line={"dash": "dash", "color": "#888"}, annotation_text="the ramp ends: stripped")
+    figure.add_hline(y=0.0, line={"color": "#888"})
+    figure.update_layout(boxmode="group")
+    figure.update_yaxes(title="turn past the seat in deg")
+    return Picture("Where the screw stands in the end", style(figure, 560), "0 is the head's contact; below it the drive stopped early")
+
+
+def screwing_study(rows: Sequence[Figures]) -> Study:
+    """The whole part."""
+    found = summaries(rows)
+    listed = goals(found)
+    lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "precise screwing")]
+    tables = [table_of("screwing_summary", "Precise screwing", SUMMARY, found), goals_table("screwing", listed)]
+    data = {"screwing": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
+    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [past_picture(present(rows))], data)

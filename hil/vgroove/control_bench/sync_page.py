@@ -1,0 +1,116 @@
+"""Tables and figures of the synchronisation matrix."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from vgroove.control_bench import sync
+from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
+from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
+from vgroove.control_bench.runs import pull, reference, sil_run
+from vgroove.control_bench.sets import by_half
+from vgroove.study.impact_runs import RPM
+from vgroove.study.report import Picture, Study, Table, style, thin
+
+SUMMARY = [("variant", "variant"), ("set", "set"), ("cells", "cells"), ("clean without", "clean_before"), ("clean", "clean"),
+           ("unclean ratio", "unclean_ratio"), ("poor cells", "poor_cells"), ("gain there", "poor_gain"), ("cells worse", "worse_cells"),
+           ("worst change", "worst_change"), ("spread", "spread"), ("spread at most", "spread_most"), ("work ratio", "work_ratio")]
+WAVE = {"supply_v": 17.5, "load": "slip_60", "trigger": 0.8, "seed": 3}
+WAVE_FROM_S, WAVE_TO_S = 1.0, 1.25
+
+
+def methods(rows: Sequence[Figures]) -> list[str]:
+    """Variants that are there, but the plain one."""
+    return [name for name in dict.fromkeys(r["variant"] for r in present(rows)) if name != PLAIN.name]
+
+
+def summaries(rows: Sequence[Figures]) -> list[Figures]:
+    """Each method on each half and on all."""
+    return [{"set": half, **sync.compare(chosen, name)} for name in methods(rows) for half, chosen in by_half(present(rows))]
+
+
+def goals(found: Sequence[Figures]) -> list[Goal]:
+    """Issue 5's, on each half and on all."""
+    listed = []
+    for f in found:
+        name, half = f["variant"], f["set"]
+        listed += [
+            Goal(name, half, "unclean with / without", f["unclean_ratio"], sync.GOALS["unclean_ratio"]),
+            Goal(name, half, "clean, mean", f["clean"], sync.GOALS["clean"], at_most=False),
+            Goal(name, half, "gain where clean was below 0.83", f["poor_gain"], sync.GOALS["poor_gain"], at_most=False),
+            Goal(name, half, "cells worse than without", f["worse_cells"], 0),
+            Goal(name, half, "period spread, mean", f["spread"], sync.GOALS["spread"]),
+            Goal(name, half, "work per second with / without", f["work_ratio"], 1.0, at_most=False),
+        ]
+    return listed
+
+
+def cell_table(rows: Sequence[Figures]) -> Table:
+    """Every cell under every variant."""
+    chosen = present(rows)
+    names = list(dict.fromkeys(r["variant"] for r in chosen))
+    cells: dict[tuple, dict[str, Figures]] = {}
+    for r in chosen:
+        cells.setdefault((r["set"], *sync.cell_key(r)), {})[r["variant"]] = r
+    header = ["set", "V", "load", "trigger"]
+    for name in names:
+        header += [f"clean, {name}", "blows/min", "spread", "work in W"]
+    body = []
+    for (half, supply_v, load, trigger), found in cells.items():
+        figures = [found[name].get(key) if name in found else None for name in names for key in ("clean", "blows_per_min", "spread", "work_w")]
+        body.append([half, supply_v, sync.LOAD_WORDS[load], trigger, *figures])
+    return Table("sync_cells", "Clean share of blows, every cell", header, body)
+
+
+def clean_picture(rows: Sequence[Figures]) -> Picture:
+    """Clean share over the matrix, one panel a variant."""
+    chosen = present(rows)
+    names = list(dict.fromkeys(r["variant"] for r in chosen))
+    columns = [(v, t) for v in sync.SUPPLIES_V for t in sync.TRIGGERS]
+    figure = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.08, subplot_titles=names)
+    for n, name in enumerate(names):
+        share = np.full((len(sync.LOADS), len(columns)), np.nan)
+        for r in chosen:
+            if r["variant"] == name:
+                share[sync.LOADS.index(r["load"]), columns.index((r["supply_v"], r["trigger"]))] = r["clean"]
+        cells = go.Heatmap(
+            z=share, x=[f"{v:g} V, {t:g}" for v, t in columns], y=[sync.LOAD_WORDS[load] for load in sync.LOADS], zmin=0, zmax=1,
+            colorscale="RdYlGn", showscale=n == 0, texttemplate="%{z:.2f}")
+        figure.add_trace(cells, row=n + 1, col=1)
+    return Picture("Clean share of blows", style(figure, 130 + 250 * len(names)), "supply and trigger across, joints down; 1 is all clean")
+
+
+def wave_picture(names: Sequence[str]) -> Picture:
+    """Motor speed and hammer displacement with and without control in a cell that loses its step."""
+    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06)
+    rig = reference(sync.load_of(WAVE["load"]), supply_v=WAVE["supply_v"])
+    for variant, colour in zip(sync.VARIANTS, ("#30343b", "#d1495b", "#00798c"), strict=True):
+        if variant.name not in (*names, PLAIN.name):
+            continue
+        run = sil_run(rig, mode=variant.mode, params=variant.params, profile=pull(WAVE["trigger"]), duration_s=WAVE_TO_S, seed=WAVE["seed"],
+                      truth_every=4)
+        shown = run.truth["time_s"] > WAVE_FROM_S
+        time_s, speed, hammer = thin(*(run.truth[key][shown] for key in ("time_s", "speed_rad_s", "hammer_mm")))
+        line = {"name": variant.name, "legendgroup": variant.name, "line": {"color": colour, "width": 1.5}}
+        figure.add_trace(go.Scatter(x=time_s, y=speed * RPM, **line), row=1, col=1)
+        figure.add_trace(go.Scatter(x=time_s, y=hammer, showlegend=False, **line), row=2, col=1)
+    figure.update_yaxes(title="motor speed in rpm", row=1)
+    figure.update_yaxes(title="hammer in mm", row=2)
+    figure.update_xaxes(title="time in s", row=2)
+    note = f"{sync.LOAD_WORDS[WAVE['load']]}, {WAVE['supply_v']:g} V, trigger {WAVE['trigger']:g}: the truth of the plant"
+    return Picture("Motor speed and hammer displacement", style(figure, 560), note)
+
+
+def sync_study(rows: Sequence[Figures]) -> Study:
+    """The whole part."""
+    found = summaries(rows)
+    listed = goals(found)
+    before = [r["clean"] for r in rows if r["variant"] == PLAIN.name]
+    lines = [f"Synchronisation: without control {np.mean(before):.3f} of the blows are clean over {len(before)} cells.",
+             *([met_line(listed)] if listed else []), *absent_lines(rows, "synchronisation")]
+    tables = [table_of("sync_summary", "Synchronisation", SUMMARY, found), goals_table("sync", listed), cell_table(rows)]
+    pictures = [clean_picture(rows), wave_picture(methods(rows))]
+    data = {"sync": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
+    return Study("control", "Controllers", lines, [t for t in tables if t.rows], pictures, data)
