@@ -11,10 +11,28 @@ from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync import LOAD_WORDS, LOADS
 from vgroove.study.report import Picture, Study, style
 
-SUMMARY = [("set", "set"), ("cells", "cells"), ("blows", "blows"), ("repeats among them", "repeats"),
-           ("miscounted share", "error_of_all"), ("cells within 1 % or a blow", "cells_within"), ("worst cell", "worst"), ("least rate", "rate_least"), ("highest rate", "rate_most")]
-CELLS = [("set", "set"), ("V", "supply_v"), ("load", "load"), ("trigger", "trigger"), ("blows/min", "blows_per_min"), ("blows", "blows"),
-         ("repeats", "repeats"), ("counted", "counted"), ("error", "error")]
+SUMMARY = [
+    ("set", "set"),
+    ("cells", "cells"),
+    ("blows", "blows"),
+    ("repeats among them", "repeats"),
+    ("miscounted share", "error_of_all"),
+    ("cells within 1 % or a blow", "cells_within"),
+    ("worst cell", "worst"),
+    ("least rate", "rate_least"),
+    ("highest rate", "rate_most"),
+]
+CELLS = [
+    ("set", "set"),
+    ("V", "supply_v"),
+    ("load", "load"),
+    ("trigger", "trigger"),
+    ("blows/min", "blows_per_min"),
+    ("blows", "blows"),
+    ("repeats", "repeats"),
+    ("counted", "counted"),
+    ("error", "error"),
+]
 COLOURS = ("#30343b", "#d1495b", "#edae49", "#00798c", "#66a182", "#8d6cab")
 
 
@@ -38,7 +56,10 @@ def blows_study(rows: Sequence[Figures]) -> Study:
     listed = [Goal("detection", f["set"], "cells miscounted by more than 1 % and a blow", f["cells"] - f["cells_within"], 0) for f in found]
     listed += [Goal("detection", f["set"], "miscounted share of all blows", f["error_of_all"], blows.GOAL) for f in found]
     lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "blow detection")]
-    tables = [table_of("blows_summary", "Blow detection", SUMMARY, found), goals_table("blows", listed),
-              table_of("blows_cells", "Count of every cell that is off", CELLS, [r for r in chosen if r["error"]])]
+    tables = [
+        table_of("blows_summary", "Blow detection", SUMMARY, found),
+        goals_table("blows", listed),
+        table_of("blows_cells", "Count of every cell that is off", CELLS, [r for r in chosen if r["error"]]),
+    ]
     data = {"blows": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
     return Study("control", "Controllers", lines, [t for t in tables if t.rows], [error_picture(chosen)] if chosen else [], data)

@@ -63,8 +63,18 @@ def known_run(rig: Rig, shape: Sequence[float], aim: float, *, phase_error: floa
         duty = min(1.0, shape[0] * time_s, 1.0 if phase is None else shaped_duty(shape, phase + phase_error))
         for _ in range(SUBSTEPS):
             now = tool.advance(TICK_S / SUBSTEPS, duty)
-            rows.append((tool.time_s + PULL_S, now.current_a, now.speed_rad_s, now.hammer_mm, now.head_rad, now.anvil_torque_nm,
-                         now.housing_nm, duty))
+            rows.append(
+                (
+                    tool.time_s + PULL_S,
+                    now.current_a,
+                    now.speed_rad_s,
+                    now.hammer_mm,
+                    now.head_rad,
+                    now.anvil_torque_nm,
+                    now.housing_nm,
+                    duty,
+                )
+            )
         if tool.head_rad > 1.02 * aim + 0.05 or time_s > give_up_s:
             break
     struck = np.concatenate(blows)

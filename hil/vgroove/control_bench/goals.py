@@ -28,12 +28,22 @@ class Goal:
     def as_dict(self) -> dict[str, Any]:
         """For the JSON."""
         side = "at most" if self.at_most else "at least"
-        return {"variant": self.variant, "set": self.half, "goal": self.words, "side": side, "limit": self.limit, "value": self.value, "met": self.met}
+        return {
+            "variant": self.variant,
+            "set": self.half,
+            "goal": self.words,
+            "side": side,
+            "limit": self.limit,
+            "value": self.value,
+            "met": self.met,
+        }
 
 
 def goals_table(name: str, goals: Sequence[Goal]) -> Table:
     """Every goal with its figure."""
-    rows = [[g.variant, g.half, g.words, ("<= " if g.at_most else ">= ") + f"{g.limit:g}", g.value, "yes" if g.met else "NO"] for g in goals]
+    rows = [
+        [g.variant, g.half, g.words, ("<= " if g.at_most else ">= ") + f"{g.limit:g}", g.value, "yes" if g.met else "NO"] for g in goals
+    ]
     return Table(f"{name}_goals", "Goals", ["variant", "set", "figure", "goal", "reached", "met"], rows)
 
 

@@ -210,6 +210,9 @@ def check_start(sent: bytes, mode: str | int, number: int) -> None:
 
 def make_tool(rig: Rig, seed: int) -> Any:
     """The rig as a lock-step plant, its Hall sensor anywhere on the shaft."""
-    kind = {"none": _core.DrivePlant, "impact": _core.ImpactPlant}[rig.mechanism["kind"]]
     offset = float(np.random.default_rng(seed).uniform(0.0, TURN_RAD))
+    if rig.mechanism["kind"] == "drill_driver":
+        parameters, pack_ohm = rig.drill_parameters(), rig.value("supply.resistance_ohm")
+        return _core.DrillPlant(parameters, pack_ohm, hall_pulses_per_rev=HALL_PULSES, hall_offset_rad=offset)
+    kind = {"none": _core.DrivePlant, "impact": _core.ImpactPlant}[rig.mechanism["kind"]]
     return kind(rig.parameters(), load_kind=rig.load["kind"], hall_pulses_per_rev=HALL_PULSES, hall_offset_rad=offset, seed=seed)

@@ -76,7 +76,9 @@ def vibration(run: Run, from_s: float, to_s: float) -> dict[str, float]:
     """AC RMS of T_h in N m from from_s to to_s: in the band, and weighted as ISO 5349-1 weights a hand-arm acceleration."""
     time_s, housing = housing_20k(run)
     inside = (time_s >= from_s) & (time_s <= to_s)
-    return {name: rms(signal.sosfilt(sos, housing)[inside]) for name, sos in (("rms_nm", band_filter()), ("weighted_nm", hand_arm_filter()))}
+    return {
+        name: rms(signal.sosfilt(sos, housing)[inside]) for name, sos in (("rms_nm", band_filter()), ("weighted_nm", hand_arm_filter()))
+    }
 
 
 def ripple(run: Run, from_s: float, to_s: float) -> float:

@@ -103,8 +103,16 @@ def work(variant: Variant, *, size: str, supply_v: float, wood: float, trigger: 
     rig = screw(size, supply_v, wood, knot, seed)
     if variant.name == PLAIN.name:
         return screw_figures(plain_run(rig, trigger, seed))
-    run = sil_run(rig, mode=variant.mode, params=variant.params, profile=pull(trigger), duration_s=SECONDS_MOST, seed=seed, truth_every=31,
-                  stop_when=Watch(ramp_end_rad(rig)))
+    run = sil_run(
+        rig,
+        mode=variant.mode,
+        params=variant.params,
+        profile=pull(trigger),
+        duration_s=SECONDS_MOST,
+        seed=seed,
+        truth_every=31,
+        stop_when=Watch(ramp_end_rad(rig)),
+    )
     return screw_figures(run)
 
 

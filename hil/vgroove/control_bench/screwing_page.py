@@ -12,9 +12,22 @@ from vgroove.control_bench.sync_page import methods
 from vgroove.study.impact_runs import JOINT_SHORT
 from vgroove.study.report import Picture, Study, style
 
-SUMMARY = [("variant", "variant"), ("set", "set"), ("screw", "size"), ("screws", "screws"), ("past the seat in deg, median", "past_deg_median"),
-           ("most", "past_deg_most"), ("limit", "limit_deg_median"), ("stripped", "stripped"), ("early", "early"), ("never seated", "never"),
-           ("time to seat in s", "seat_s_median"), ("rate change, soft", "rate_change_soft"), ("time ratio", "time_ratio"), ("most ", "time_ratio_most")]
+SUMMARY = [
+    ("variant", "variant"),
+    ("set", "set"),
+    ("screw", "size"),
+    ("screws", "screws"),
+    ("past the seat in deg, median", "past_deg_median"),
+    ("most", "past_deg_most"),
+    ("limit", "limit_deg_median"),
+    ("stripped", "stripped"),
+    ("early", "early"),
+    ("never seated", "never"),
+    ("time to seat in s", "seat_s_median"),
+    ("rate change, soft", "rate_change_soft"),
+    ("time ratio", "time_ratio"),
+    ("most ", "time_ratio_most"),
+]
 COLOURS = ("#30343b", "#d1495b")
 
 
@@ -50,8 +63,17 @@ def past_picture(rows: Sequence[Figures]) -> Picture:
     figure = go.Figure()
     for name, colour in zip(dict.fromkeys(r["variant"] for r in rows), COLOURS, strict=False):
         chosen = [r for r in rows if r["variant"] == name and r["past_deg"] > -360.0]
-        figure.add_trace(go.Box(x=[f"{JOINT_SHORT[r['size']]}, trigger {r['trigger']:g}" for r in chosen], y=[r["past_deg"] for r in chosen],
-                                name=name, marker={"color": colour}, boxpoints="all", pointpos=0, jitter=0.4))
+        figure.add_trace(
+            go.Box(
+                x=[f"{JOINT_SHORT[r['size']]}, trigger {r['trigger']:g}" for r in chosen],
+                y=[r["past_deg"] for r in chosen],
+                name=name,
+                marker={"color": colour},
+                boxpoints="all",
+                pointpos=0,
+                jitter=0.4,
+            )
+        )
     figure.add_hline(y=90.0, line={"dash": "dash", "color": "#888"}, annotation_text="the ramp ends: stripped")
     figure.add_hline(y=0.0, line={"color": "#888"})
     figure.update_layout(boxmode="group")

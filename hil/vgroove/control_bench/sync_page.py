@@ -14,9 +14,21 @@ from vgroove.control_bench.sets import by_half
 from vgroove.study.impact_runs import RPM
 from vgroove.study.report import Picture, Study, Table, style, thin
 
-SUMMARY = [("variant", "variant"), ("set", "set"), ("cells", "cells"), ("clean without", "clean_before"), ("clean", "clean"),
-           ("unclean ratio", "unclean_ratio"), ("poor cells", "poor_cells"), ("gain there", "poor_gain"), ("cells worse", "worse_cells"),
-           ("worst change", "worst_change"), ("spread", "spread"), ("spread at most", "spread_most"), ("work ratio", "work_ratio")]
+SUMMARY = [
+    ("variant", "variant"),
+    ("set", "set"),
+    ("cells", "cells"),
+    ("clean without", "clean_before"),
+    ("clean", "clean"),
+    ("unclean ratio", "unclean_ratio"),
+    ("poor cells", "poor_cells"),
+    ("gain there", "poor_gain"),
+    ("cells worse", "worse_cells"),
+    ("worst change", "worst_change"),
+    ("spread", "spread"),
+    ("spread at most", "spread_most"),
+    ("work ratio", "work_ratio"),
+]
 WAVE = {"supply_v": 17.5, "load": "slip_60", "trigger": 0.8, "seed": 3}
 WAVE_FROM_S, WAVE_TO_S = 1.0, 1.25
 
@@ -59,7 +71,9 @@ def cell_table(rows: Sequence[Figures]) -> Table:
         header += [f"clean, {name}", "blows/min", "spread", "work in W"]
     body = []
     for (half, supply_v, load, trigger), found in cells.items():
-        figures = [found[name].get(key) if name in found else None for name in names for key in ("clean", "blows_per_min", "spread", "work_w")]
+        figures = [
+            found[name].get(key) if name in found else None for name in names for key in ("clean", "blows_per_min", "spread", "work_w")
+        ]
         body.append([half, supply_v, sync.LOAD_WORDS[load], trigger, *figures])
     return Table("sync_cells", "Clean share of blows, every cell", header, body)
 
@@ -76,8 +90,15 @@ def clean_picture(rows: Sequence[Figures]) -> Picture:
             if r["variant"] == name:
                 share[sync.LOADS.index(r["load"]), columns.index((r["supply_v"], r["trigger"]))] = r["clean"]
         cells = go.Heatmap(
-            z=share, x=[f"{v:g} V, {t:g}" for v, t in columns], y=[sync.LOAD_WORDS[load] for load in sync.LOADS], zmin=0, zmax=1,
-            colorscale="RdYlGn", showscale=n == 0, texttemplate="%{z:.2f}")
+            z=share,
+            x=[f"{v:g} V, {t:g}" for v, t in columns],
+            y=[sync.LOAD_WORDS[load] for load in sync.LOADS],
+            zmin=0,
+            zmax=1,
+            colorscale="RdYlGn",
+            showscale=n == 0,
+            texttemplate="%{z:.2f}",
+        )
         figure.add_trace(cells, row=n + 1, col=1)
     return Picture("Clean share of blows", style(figure, 130 + 250 * len(names)), "supply and trigger across, joints down; 1 is all clean")
 
@@ -89,8 +110,15 @@ def wave_picture(names: Sequence[str]) -> Picture:
     for variant, colour in zip(sync.VARIANTS, ("#30343b", "#d1495b", "#00798c"), strict=True):
         if variant.name not in (*names, PLAIN.name):
             continue
-        run = sil_run(rig, mode=variant.mode, params=variant.params, profile=pull(WAVE["trigger"]), duration_s=WAVE_TO_S, seed=WAVE["seed"],
-                      truth_every=4)
+        run = sil_run(
+            rig,
+            mode=variant.mode,
+            params=variant.params,
+            profile=pull(WAVE["trigger"]),
+            duration_s=WAVE_TO_S,
+            seed=WAVE["seed"],
+            truth_every=4,
+        )
         shown = run.truth["time_s"] > WAVE_FROM_S
         time_s, speed, hammer = thin(*(run.truth[key][shown] for key in ("time_s", "speed_rad_s", "hammer_mm")))
         line = {"name": variant.name, "legendgroup": variant.name, "line": {"color": colour, "width": 1.5}}
@@ -108,8 +136,11 @@ def sync_study(rows: Sequence[Figures]) -> Study:
     found = summaries(rows)
     listed = goals(found)
     before = [r["clean"] for r in rows if r["variant"] == PLAIN.name]
-    lines = [f"Synchronisation: without control {np.mean(before):.3f} of the blows are clean over {len(before)} cells.",
-             *([met_line(listed)] if listed else []), *absent_lines(rows, "synchronisation")]
+    lines = [
+        f"Synchronisation: without control {np.mean(before):.3f} of the blows are clean over {len(before)} cells.",
+        *([met_line(listed)] if listed else []),
+        *absent_lines(rows, "synchronisation"),
+    ]
     tables = [table_of("sync_summary", "Synchronisation", SUMMARY, found), goals_table("sync", listed), cell_table(rows)]
     pictures = [clean_picture(rows), wave_picture(methods(rows))]
     data = {"sync": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}

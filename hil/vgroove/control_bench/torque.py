@@ -178,8 +178,16 @@ def compare(rows: Sequence[Figures], maps: Sequence[Figures], variant: str) -> F
     reach = [(m["target_nm"], m["slope"]) for m in maps if m["kind"] == "in reach"]
     found = [f for f in (cell_figures(rows, *cell, variant) for cell in reach) if f]
     good = [f for f in found if f["std"] is not None]
-    pooled = np.array([r["torque_nm"] / r["target_nm"] for r in rows if r["variant"] == variant and (r["target_nm"], r["slope"]) in reach
-                       and r["torque_nm"] is not None and r["reason"] not in REASONS_REFUSED])
+    pooled = np.array(
+        [
+            r["torque_nm"] / r["target_nm"]
+            for r in rows
+            if r["variant"] == variant
+            and (r["target_nm"], r["slope"]) in reach
+            and r["torque_nm"] is not None
+            and r["reason"] not in REASONS_REFUSED
+        ]
+    )
     return {
         "variant": variant,
         "cells": len(found),

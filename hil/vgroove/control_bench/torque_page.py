@@ -10,11 +10,30 @@ from vgroove.control_bench.jobs import Figures, absent_lines, present
 from vgroove.control_bench.sets import by_half
 from vgroove.study.report import Picture, Study, Table, style
 
-SUMMARY = [("variant", "variant"), ("set", "set"), ("cells in reach", "cells"), ("cells met", "cells_met"), ("std, rms", "std_rms"),
-           ("std, most", "std_most"), ("mean error, most", "mean_error_most"), ("told as missed", "told"), ("alpha_A of the torque", "alpha_torque"),
-           ("alpha_A with friction", "alpha")]
-CELLS = [("variant", "variant"), ("target in N m", "target_nm"), ("slope", "slope"), ("joint", "kind"), ("runs", "runs"), ("std", "std"),
-         ("mean error", "mean_error"), ("least in N m", "least_nm"), ("most in N m", "most_nm"), ("told as missed", "told")]
+SUMMARY = [
+    ("variant", "variant"),
+    ("set", "set"),
+    ("cells in reach", "cells"),
+    ("cells met", "cells_met"),
+    ("std, rms", "std_rms"),
+    ("std, most", "std_most"),
+    ("mean error, most", "mean_error_most"),
+    ("told as missed", "told"),
+    ("alpha_A of the torque", "alpha_torque"),
+    ("alpha_A with friction", "alpha"),
+]
+CELLS = [
+    ("variant", "variant"),
+    ("target in N m", "target_nm"),
+    ("slope", "slope"),
+    ("joint", "kind"),
+    ("runs", "runs"),
+    ("std", "std"),
+    ("mean error", "mean_error"),
+    ("least in N m", "least_nm"),
+    ("most in N m", "most_nm"),
+    ("told as missed", "told"),
+]
 COLOURS = ("#888888", "#edae49", "#d1495b")
 
 
@@ -24,7 +43,12 @@ def map_table(maps: Sequence[Figures]) -> Table:
     for target in torque.TARGETS_NM:
         cells = {m["slope"]: m for m in maps if m["target_nm"] == target}
         rows.append([target, *(cell_words(cells[slope]) for slope in torque.SLOPES)])
-    return Table("torque_map", "Reachable targets: the blow that passes the target, and its step", ["target in N m", *(f"slope {s:g}" for s in torque.SLOPES)], rows)
+    return Table(
+        "torque_map",
+        "Reachable targets: the blow that passes the target, and its step",
+        ["target in N m", *(f"slope {s:g}" for s in torque.SLOPES)],
+        rows,
+    )
 
 
 def cell_words(cell: Figures) -> str:
@@ -62,8 +86,16 @@ def error_picture(cells: Sequence[Figures]) -> Picture:
     for name, colour in zip(dict.fromkeys(c["variant"] for c in cells), COLOURS, strict=False):
         chosen = [c for c in cells if c["variant"] == name and c["std"] is not None and c["kind"] == "in reach"]
         spread = {"type": "data", "array": [100.0 * c["std"] for c in chosen]}
-        figure.add_trace(go.Scatter(x=[f"{c['target_nm']:g} N m, {c['slope']:g}" for c in chosen], y=[100.0 * c["mean_error"] for c in chosen],
-                                    error_y=spread, mode="markers", name=name, marker={"color": colour, "size": 9}))
+        figure.add_trace(
+            go.Scatter(
+                x=[f"{c['target_nm']:g} N m, {c['slope']:g}" for c in chosen],
+                y=[100.0 * c["mean_error"] for c in chosen],
+                error_y=spread,
+                mode="markers",
+                name=name,
+                marker={"color": colour, "size": 9},
+            )
+        )
     figure.add_hrect(y0=-3.0, y1=3.0, fillcolor="#66a182", opacity=0.15, line_width=0)
     figure.update_yaxes(title="error of the torque in %, mean +- 1 sigma")
     return Picture("Torque control", style(figure, 520), "targets in reach; target and slope in N m/rad below")
@@ -76,9 +108,16 @@ def torque_study(rows: Sequence[Figures], maps: Sequence[Figures]) -> Study:
     found = [{"set": half, **torque.compare(part, maps, name)} for name in names for half, part in by_half(chosen)]
     listed, cells = goals(found), cell_rows(chosen, maps)
     low, high = torque.PRACTICE_ALPHA
-    lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "torque control"),
-             f"Tightening factor of impact wrenches in practice: {low:g} to {high:g} (VDI 2230 part 1)."]
-    tables = [map_table(maps), table_of("torque_summary", "Torque control", SUMMARY, found), goals_table("torque", listed),
-              table_of("torque_cells", "Torque reached, every cell", CELLS, cells)]
+    lines = [
+        *([met_line(listed)] if listed else []),
+        *absent_lines(rows, "torque control"),
+        f"Tightening factor of impact wrenches in practice: {low:g} to {high:g} (VDI 2230 part 1).",
+    ]
+    tables = [
+        map_table(maps),
+        table_of("torque_summary", "Torque control", SUMMARY, found),
+        goals_table("torque", listed),
+        table_of("torque_cells", "Torque reached, every cell", CELLS, cells),
+    ]
     data = {"torque": {"map": list(maps), "summary": found, "goals": [g.as_dict() for g in listed], "cells": cells, "runs": list(rows)}}
     return Study("control", "Controllers", lines, [t for t in tables if t.rows], [error_picture(cells)], data)

@@ -50,8 +50,16 @@ def work(variant: Variant, *, supply_v: float, load: str, seed: int, **_: Any) -
     """One cell."""
     rig, aim = reference(load, supply_v=supply_v), aim_rad(supply_v, load)
     far = 1.02 * aim + 0.05
-    run = sil_run(rig, mode=variant.mode, params=variant.params, profile=pull(1.0), duration_s=SECONDS, seed=seed, truth_every=1,
-                  stop_when=lambda tool, _: tool.head_rad > far)
+    run = sil_run(
+        rig,
+        mode=variant.mode,
+        params=variant.params,
+        profile=pull(1.0),
+        duration_s=SECONDS,
+        seed=seed,
+        truth_every=1,
+        stop_when=lambda tool, _: tool.head_rad > far,
+    )
     return run_figures(run, aim)
 
 

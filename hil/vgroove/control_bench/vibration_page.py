@@ -12,11 +12,28 @@ from vgroove.control_bench.sync_page import methods
 from vgroove.study.impact_runs import JOINT_WORDS
 from vgroove.study.report import Picture, Study, style
 
-SUMMARY = [("variant", "variant"), ("set", "set"), ("cells", "cells"), ("not reached", "not_reached"), ("RMS change", "change"),
-           ("worst cell", "worst"), ("ISO-weighted change", "weighted"), ("change while impacting", "impacting"), ("time change", "time"),
-           ("longest", "time_most")]
-CELLS = [("variant", "variant"), ("set", "set"), ("V", "supply_v"), ("load", "load"), ("RMS in N m", "rms_nm"), ("ISO-weighted", "weighted_nm"),
-         ("while impacting", "impacting_nm"), ("time in s", "time_s")]
+SUMMARY = [
+    ("variant", "variant"),
+    ("set", "set"),
+    ("cells", "cells"),
+    ("not reached", "not_reached"),
+    ("RMS change", "change"),
+    ("worst cell", "worst"),
+    ("ISO-weighted change", "weighted"),
+    ("change while impacting", "impacting"),
+    ("time change", "time"),
+    ("longest", "time_most"),
+]
+CELLS = [
+    ("variant", "variant"),
+    ("set", "set"),
+    ("V", "supply_v"),
+    ("load", "load"),
+    ("RMS in N m", "rms_nm"),
+    ("ISO-weighted", "weighted_nm"),
+    ("while impacting", "impacting_nm"),
+    ("time in s", "time_s"),
+]
 COLOURS = ("#30343b", "#d1495b", "#00798c", "#edae49")
 
 
@@ -39,10 +56,18 @@ def cell_picture(rows: Sequence[Figures]) -> Picture:
     figure = go.Figure()
     for name, colour in zip(dict.fromkeys(r["variant"] for r in rows), COLOURS, strict=False):
         chosen = [r for r in rows if r["variant"] == name]
-        figure.add_trace(go.Bar(x=[f"{JOINT_WORDS[r['load']]}, {r['supply_v']:g} V" for r in chosen], y=[r["rms_nm"] for r in chosen], name=name,
-                                marker={"color": colour}))
+        figure.add_trace(
+            go.Bar(
+                x=[f"{JOINT_WORDS[r['load']]}, {r['supply_v']:g} V" for r in chosen],
+                y=[r["rms_nm"] for r in chosen],
+                name=name,
+                marker={"color": colour},
+            )
+        )
     figure.update_yaxes(title="AC RMS of the reaction in N m")
-    return Picture("Vibration from the motor to the housing", style(figure, 520), "6 to 1,250 Hz, from the pull of the trigger to the same work done")
+    return Picture(
+        "Vibration from the motor to the housing", style(figure, 520), "6 to 1,250 Hz, from the pull of the trigger to the same work done"
+    )
 
 
 def vibration_study(rows: Sequence[Figures]) -> Study:
@@ -51,7 +76,10 @@ def vibration_study(rows: Sequence[Figures]) -> Study:
     found = [{"set": half, **vibration.compare(part, name)} for name in methods(rows) for half, part in by_half(chosen)]
     listed = goals([f for f in found if f["variant"] != vibration.BOUND])
     lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "low vibration")]
-    tables = [table_of("vibration_summary", "Low vibration", SUMMARY, found), goals_table("vibration", listed),
-              table_of("vibration_cells", "Housing reaction, every cell", CELLS, chosen)]
+    tables = [
+        table_of("vibration_summary", "Low vibration", SUMMARY, found),
+        goals_table("vibration", listed),
+        table_of("vibration_cells", "Housing reaction, every cell", CELLS, chosen),
+    ]
     data = {"vibration": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
     return Study("control", "Controllers", lines, [t for t in tables if t.rows], [cell_picture(chosen)], data)

@@ -1,0 +1,51 @@
+"""The command `vgroove bench control`: options, tables on the terminal, JSON and page."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+SETS = ("both", "tune", "report")
+PIPED_WIDTH = 200
+
+
+def control_command(
+    part: Annotated[
+        list[str] | None, typer.Option("--part", help="blows, sync, screwing, vibration, torque, drill; again for more. Without: all.")
+    ] = None,
+    half: Annotated[str, typer.Option("--set", help="Half of the matrix values: tune, report, or both.")] = "both",
+    on: Annotated[
+        str, typer.Option(help="sil: native firmware; avr: a named subset on the ELF, its decisions against those of sil.")
+    ] = "sil",
+    only_fifth: Annotated[bool, typer.Option("--fifth", help="Every fifth cell.")] = False,
+    draws: Annotated[int, typer.Option(min=1, help="Draws of each scattered cell, times the usual number.")] = 1,
+    json_path: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write every figure as JSON.")] = None,
+    html_path: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write tables and plots as one page.")] = None,
+) -> None:
+    """Controllers against no control: synchronism, screwing, vibration, torque, drill driver, blow detection, in SIL."""
+    from vgroove.control_bench.avr import avr_bench
+    from vgroove.control_bench.control import PARTS, Choice, control_bench
+    from vgroove.errors import VgrooveError
+    from vgroove.output import check_outputs, write_text
+    from vgroove.study.report import page
+
+    parts = part or list(PARTS)
+    unknown = [name for name in parts if name not in PARTS]
+    if unknown:
+        raise VgrooveError(f"--part must be one of {', '.join(PARTS)}, not {unknown[0]}")
+    if half not in SETS or on not in ("sil", "avr"):
+        raise VgrooveError(f"--set is one of {', '.join(SETS)}, --on sil or avr; not {half}, {on}")
+    check_outputs((json_path, html_path))
+    study = avr_bench(parts) if on == "avr" else control_bench(parts, Choice(None if half == "both" else half, only_fifth, draws))
+    console = Console()
+    console = console if console.is_terminal else Console(width=PIPED_WIDTH)
+    for line in study.lines:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    for table in study.tables:
+        console.print(table.as_rich())
+    if json_path:
+        write_text(json_path, json.dumps(study.data, indent=1) + "\n")
+    if html_path:
+        write_text(html_path, page(study))
