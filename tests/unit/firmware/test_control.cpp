@@ -51,8 +51,12 @@ Inputs impacting(unsigned seed) {
         const double phase = k / period - std::floor(k / period), run_up = std::min(1.0, k / 200.0);
         const double speed = run_up * level * (1 - swing * phase) * (1 + noise * (unit(rng) - 0.5));
         const double current = 512 * (5 + 40 * phase + 4 * (unit(rng) - 0.5));
-        tape.push_back({static_cast<int16_t>(32767 * run_up), static_cast<int16_t>(2 * speed), static_cast<int16_t>(current),
-                        static_cast<uint16_t>(18500 - 60 * current / 512), static_cast<int16_t>(32767 * run_up), false});
+        ControllerInputs in{};
+        in.travel_q15 = in.duty_q15 = static_cast<int16_t>(32767 * run_up);
+        in.speed_rpm_q1 = static_cast<int16_t>(2 * speed);
+        in.current_a_q9 = static_cast<int16_t>(current);
+        in.supply_mv = static_cast<uint16_t>(18500 - 60 * current / 512);
+        tape.push_back(in);
     }
     return tape;
 }
