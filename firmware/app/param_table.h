@@ -35,8 +35,8 @@
     X(MODE_SWITCH_1,            "1",         1,     0,    5,     3) /* mode at position 1 of the mode switch; at position 0: SET_MODE, or `mode` */ \
     X(MODE_SWITCH_2,            "1",         2,     0,    5,     3) /* mode at position 2 */ \
     X(MODE_SWITCH_3,            "1",         4,     0,    5,     3) /* mode at position 3 */ \
-    X(BLOW_TURN_Q8,             "1",         717,   128,   2000,  3) /* blows: turns of the motor from lug to lug of a held anvil, gear ratio / lugs */ \
-    X(BLOW_SOURCE,              "1",         1,     0,     1,     3) /* blows found in: 0 the Hall speed, 1 the speed by current and duty */ \
+    X(BLOW_TURN_Q8,             "1",         717,   128,   1600,  3) /* blows: turns of the motor from lug to lug of a held anvil, gear ratio / lugs */ \
+    X(BLOW_SOURCE,              "1",         0,     0,     1,     3) /* blows found in: 0 the Hall speed, 1 the speed by current and duty */ \
     X(MOTOR_MOHM,               "mohm",      190,   10,    2000,  3) /* resistance of the winding */ \
     X(MOTOR_RPM_PER_V,          "rpm/V",     876,   50,    3900,  3) /* speed constant */ \
     /* sync */                                                                                           \

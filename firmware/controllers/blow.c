@@ -4,30 +4,35 @@
 #include "core/divide.h"
 #include "core/fixed.h"
 
-#define ANGLE_SHIFT 4u
-// A turn is 60,000 ms/min * 2 (Q1) of speed times ticks; divided by 2^4 for the sum and by 2^8 of turn_q8: 29.3 per 1/256 turn.
-#define ANGLE_PER_TURN_Q8 469u  // / 16
-#define ANGLE_PER_TURN_SHIFT 4u
-#define FLOOR_RPM_Q1 60      // hysteresis at least, 30 rpm: below what the smallest blows leave, above what edges and counts do
-#define PAUSE_MS 160u        // no hit for that long: impacts have ended
-#define FORGET_FROM_MS 32u   // no hit for so long: the ripple may have become smaller than what was learned, which is halved
-#define FORGET_MASK_MS 15u   // every 16 ms
-#define EVEN_SHARE_SHIFT 4u  // ripple below 1/16 of the speed: the hammer swings once a lug, and a second valley is a notch
-#define PERIODS_SHIFT 3u     // running mean and deviation over 8 blows
-#define MEMORY_SHIFT 2u      // of the ripple: 4 hits
+#define ANGLE_SHIFT 4u              // speed per tick, Q1, is summed in sixteenths
+#define ANGLE_PER_TURN_Q12 120000u  // a turn is 60,000 ms/min of speed times ticks, Q1, and 4 + 8 bits less for ANGLE_SHIFT and turn_q8
+#define ANGLE_PER_TURN_SHIFT 12u
+#define TURN_PER_ANGLE_Q16 2237u  // 2^16 over 29.3
+#define FLOOR_RPM_Q1 60           // hysteresis at least, 30 rpm: below what the smallest blows leave, above what edges and counts do
+#define PAUSE_MS 160u             // no hit for that long: impacts have ended
+#define FORGET_MASK_MS 7u         // no valley for more than two lugs: the learned ripple, too large by now, is halved every 8 ms
+#define EVEN_SHIFT 4u             // ripple below 1/16 of the speed: the hammer swings once a lug, and a second valley is a notch
+#define MEMORY_SHIFT 2u           // of the ripple: 4 hits
+#define SUPPLY_SHIFT 5u           // of the supply: 32 ms
+#define OFF_MAX_Q4 4095           // from the mean period
+// Shares of the angle from lug to lug.
+#define SHARE_DEAD_Q8 72u     // 0.28 after a hit nothing counts
+#define SHARE_EVEN_Q8 184u    // 0.72 while the hammer swings evenly
+#define SHARE_REPEAT_Q8 159u  // 0.62 after a blow the next lug cannot have been reached
+#define SHARE_TWO_Q8 166u     // 0.65 beyond one lug there must have been another
+#define SHARE_LATE_Q8 38u     // 0.15 beyond a lug a blow was late: the next one may come as much earlier
 
 static uint16_t share_of(uint16_t value, uint8_t share_q8) {
     return (uint16_t)(((uint32_t)value * share_q8) >> 8);
 }
 
-#define SHARE_DEAD_Q8 72u     // 0.28 of the angle from lug to lug
-#define SHARE_REPEAT_Q8 159u  // 0.62
-#define SHARE_TWO_Q8 166u     // 0.65 more than one
-#define LUGS_MAX 3u
+static uint16_t one_more(uint16_t count) {
+    return count < UINT16_MAX ? (uint16_t)(count + 1u) : count;
+}
 
 void blow_start(Blow *self, const BlowSetpoints *set) {
     *self = (Blow){.since_ms = UINT16_MAX, .since_hit_ms = UINT16_MAX, .rising = true};
-    self->lug_angle = (uint16_t)(((uint32_t)set->turn_q8 * ANGLE_PER_TURN_Q8) >> ANGLE_PER_TURN_SHIFT);
+    self->lug_angle = (uint16_t)(((uint32_t)set->turn_q8 * ANGLE_PER_TURN_Q12) >> ANGLE_PER_TURN_SHIFT);
     self->forget_angle = self->lug_angle > UINT16_MAX / 3u ? UINT16_MAX : (uint16_t)(2u * self->lug_angle + self->lug_angle / 4u);
 }
 
@@ -37,9 +42,9 @@ static void follow_supply(Blow *self, uint16_t supply_mv) {
     if (self->supply_mv_q1 == 0u) {
         self->supply_mv_q1 = now;
     } else if (now >= self->supply_mv_q1) {
-        self->supply_mv_q1 = (uint16_t)(self->supply_mv_q1 + ((now - self->supply_mv_q1) >> 5));
+        self->supply_mv_q1 = (uint16_t)(self->supply_mv_q1 + ((now - self->supply_mv_q1) >> SUPPLY_SHIFT));
     } else {
-        self->supply_mv_q1 = (uint16_t)(self->supply_mv_q1 - ((self->supply_mv_q1 - now) >> 5));
+        self->supply_mv_q1 = (uint16_t)(self->supply_mv_q1 - ((self->supply_mv_q1 - now) >> SUPPLY_SHIFT));
     }
 }
 
@@ -54,8 +59,8 @@ static int16_t speed_by_current(Blow *self, const BlowSetpoints *set, const Cont
 }
 
 static void count_time(Blow *self) {
-    self->since_ms = (uint16_t)(self->since_ms + (self->since_ms < UINT16_MAX ? 1u : 0u));
-    self->since_hit_ms = (uint16_t)(self->since_hit_ms + (self->since_hit_ms < UINT16_MAX ? 1u : 0u));
+    self->since_ms = one_more(self->since_ms);
+    self->since_hit_ms = one_more(self->since_hit_ms);
     if (self->since_hit_ms < PAUSE_MS) {
         if ((self->since_hit_ms & FORGET_MASK_MS) == 0u && self->angle >= self->forget_angle) {
             self->ripple_rpm_q1 = (int16_t)(self->ripple_rpm_q1 >> 1);
@@ -64,6 +69,7 @@ static void count_time(Blow *self) {
     }
     self->impacting = false;
     self->blows_seen = 0;
+    self->late_angle = 0;
     self->ripple_rpm_q1 = 0;
 }
 
@@ -71,15 +77,19 @@ static void collect(Blow *self, const ControllerInputs *in) {
     const uint16_t more = (uint16_t)(self->angle + ((uint16_t)self->signal_rpm_q1 >> ANGLE_SHIFT));
     self->angle = more < self->angle ? UINT16_MAX : more;
     const int16_t x = self->signal_rpm_q1;
-    self->low_rpm_q1 = x < self->low_rpm_q1 ? x : self->low_rpm_q1;
     self->high_rpm_q1 = x > self->high_rpm_q1 ? x : self->high_rpm_q1;
     self->next_min_rpm_q1 = x < self->next_min_rpm_q1 ? x : self->next_min_rpm_q1;
     self->next_max_rpm_q1 = x > self->next_max_rpm_q1 ? x : self->next_max_rpm_q1;
     self->next_current_a_q9 = in->current_a_q9 > self->next_current_a_q9 ? in->current_a_q9 : self->next_current_a_q9;
 }
 
+// The hammer swings once a lug: no repeats, and a second valley is the notch of the blow.
+static bool swings_evenly(const Blow *self) {
+    return self->ripple_rpm_q1 < self->signal_rpm_q1 >> EVEN_SHIFT;
+}
+
 static int16_t hysteresis(const Blow *self) {
-    const int16_t share = (int16_t)(self->ripple_rpm_q1 >> 2);
+    const int16_t share = (int16_t)(self->ripple_rpm_q1 >> (swings_evenly(self) ? 1 : 2));
     return share > FLOOR_RPM_Q1 ? share : FLOOR_RPM_Q1;
 }
 
@@ -89,13 +99,13 @@ static void learn_period(Blow *self) {
     }
     if (self->blows_seen == 2u) {
         self->mean_period_q4 = self->period_q4;
-        self->deviation_q4 = 0;
+        self->deviation_q8 = 0;
     }
-    const int32_t off = (int32_t)self->period_q4 - self->mean_period_q4;
-    self->mean_period_q4 = (uint16_t)(self->mean_period_q4 + (off + 4) / 8);
-    const uint16_t size_q4 = (uint16_t)((off < 0 ? -off : off) << 4);
-    self->deviation_q4 = (uint16_t)(self->deviation_q4 + ((int32_t)size_q4 - self->deviation_q4) / 8);
-    const uint16_t spread = divide_u16((uint32_t)self->deviation_q4 << 11, self->mean_period_q4);
+    const int16_t off_q4 = (int16_t)fixed_clamp_i32((int32_t)self->period_q4 - self->mean_period_q4, -OFF_MAX_Q4, OFF_MAX_Q4);
+    self->mean_period_q4 = (uint16_t)(self->mean_period_q4 + (uint16_t)((off_q4 + 4) / 8));
+    const uint16_t size_q8 = (uint16_t)((uint16_t)(off_q4 < 0 ? -off_q4 : off_q4) << 4);
+    self->deviation_q8 = (uint16_t)(self->deviation_q8 - (self->deviation_q8 >> 3) + (size_q8 >> 3));
+    const uint16_t spread = divide_u16((uint32_t)self->deviation_q8 << 11, self->mean_period_q4);
     self->spread_q15 = (int16_t)(spread > INT16_MAX ? INT16_MAX : (int16_t)spread);
 }
 
@@ -105,9 +115,9 @@ static void close_blow(Blow *self, uint8_t lugs) {
     since_q4 = since_q4 > self->fraction_q4 ? since_q4 - self->fraction_q4 : 0u;
     since_q4 = since_q4 > UINT16_MAX ? UINT16_MAX : since_q4;
     self->period_q4 = lugs == 2u ? (uint16_t)(since_q4 >> 1) : (uint16_t)since_q4;
-    self->turn_q8 = divide_u16((uint32_t)self->angle << ANGLE_PER_TURN_SHIFT, ANGLE_PER_TURN_Q8);
     self->speed_mean_rpm_q1 = (int16_t)divide_u16((uint32_t)self->angle << ANGLE_SHIFT, self->since_ms);
-    self->turn_q8 = lugs == 2u ? (uint16_t)(self->turn_q8 >> 1) : self->turn_q8;
+    const uint16_t turn_q8 = (uint16_t)(((uint32_t)self->angle * TURN_PER_ANGLE_Q16) >> 16);
+    self->turn_q8 = lugs == 2u ? (uint16_t)(turn_q8 >> 1) : turn_q8;
     self->speed_min_rpm_q1 = self->next_min_rpm_q1;
     self->speed_max_rpm_q1 = self->next_max_rpm_q1;
     self->current_max_a_q9 = self->next_current_a_q9;
@@ -118,12 +128,14 @@ static void close_blow(Blow *self, uint8_t lugs) {
     self->count = (uint16_t)(self->count + lugs);
     self->blows_seen = (uint8_t)(self->blows_seen + (self->blows_seen < UINT8_MAX ? 1u : 0u));
     learn_period(self);
+    const uint16_t due = (uint16_t)(self->lug_angle + share_of(self->lug_angle, SHARE_LATE_Q8));
+    self->late_angle = lugs == 1u && self->blows_seen > 2u && self->angle > due ? (uint16_t)(self->angle - due) : 0u;
     self->angle = 0;
     self->since_ms = 0;
 }
 
 static void hit(Blow *self) {
-    const int16_t ripple = (int16_t)(self->high_rpm_q1 - self->low_rpm_q1);
+    const int16_t ripple = (int16_t)(self->high_rpm_q1 - self->extreme_rpm_q1);  // the fall: a run-up between two valleys is none
     if (self->blows_seen == 0u) {
         self->ripple_rpm_q1 = 0;  // what was before it is the run-up
     } else if (self->ripple_rpm_q1 == 0) {
@@ -131,7 +143,6 @@ static void hit(Blow *self) {
     } else {
         self->ripple_rpm_q1 = (int16_t)(self->ripple_rpm_q1 + ((ripple - self->ripple_rpm_q1) >> MEMORY_SHIFT));
     }
-    self->low_rpm_q1 = self->extreme_rpm_q1;
     self->high_rpm_q1 = self->signal_rpm_q1;
     self->struck = true;
     self->since_hit_ms = 0;
@@ -142,16 +153,15 @@ static uint8_t lugs_of(const Blow *self) {
     if (self->blows_seen == 0u) {
         return 1;
     }
-    if (self->angle < share_of(self->lug_angle, SHARE_REPEAT_Q8)) {
+    if ((uint32_t)self->angle + self->late_angle < share_of(self->lug_angle, SHARE_REPEAT_Q8)) {
         return 0;
     }
-    const uint16_t more = (uint16_t)(self->angle - share_of(self->lug_angle, SHARE_TWO_Q8));
-    return more > self->lug_angle && self->angle > self->lug_angle && self->blows_seen > 2u ? 2 : 1;
+    const uint32_t two = (uint32_t)self->lug_angle + share_of(self->lug_angle, SHARE_TWO_Q8);
+    return self->angle >= two && self->blows_seen > 2u ? 2 : 1;
 }
 
 static void valley(Blow *self, int16_t last_rpm_q1) {
-    const bool even = (self->ripple_rpm_q1 << EVEN_SHARE_SHIFT) < self->signal_rpm_q1;
-    const uint16_t dead = share_of(self->lug_angle, even ? SHARE_REPEAT_Q8 : SHARE_DEAD_Q8);
+    const uint16_t dead = share_of(self->lug_angle, swings_evenly(self) ? SHARE_EVEN_Q8 : SHARE_DEAD_Q8);
     if (self->blows_seen > 0u && (uint16_t)(self->angle - self->hit_angle) < dead) {
         return;
     }
@@ -179,8 +189,8 @@ void blow_step(Blow *self, const BlowSetpoints *set, const ControllerInputs *in)
     const int16_t last = self->signal_rpm_q1;
     if (set->source == BLOW_SOURCE_SPEED) {
         self->signal_rpm_q1 = in->speed_rpm_q1 < 0 ? 0 : in->speed_rpm_q1;
-    } else if (!in->coasted) {
-        self->signal_rpm_q1 = speed_by_current(self, set, in);
+    } else if (!in->coasted) {  // smoothed against the noise of its samples
+        self->signal_rpm_q1 = (int16_t)(((int32_t)self->signal_rpm_q1 + speed_by_current(self, set, in)) >> 1);
     }
     collect(self, in);
     const int16_t x = self->signal_rpm_q1;

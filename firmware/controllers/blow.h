@@ -1,9 +1,10 @@
 // Blows of the hammer, from the valleys that each swing of it leaves in the motor's speed; shared by the controllers of the impact tool.
 //
-// Signal: the Hall speed, or (method 2) the speed that the current tells, (duty supply - R i) rpm/V. The hammer brakes the motor while it climbs and
-// lets it go when it has passed a lug, or bounced back from it: a valley, found by a hysteresis of a quarter of the learned ripple. The angle that
-// the motor has turned since the last blow tells the rest: less than a dead angle is the notch that the blow itself leaves, less than 0.62 of the
-// angle from lug to lug is a repeat on the same lug, more than 1.65 of it means that a valley was too shallow to be seen: two lugs were reached.
+// Signal: the Hall speed, or the speed that the current tells, (duty supply - R i) rpm/V: a dip of the speed is a peak of the current. The hammer brakes
+// the motor while it climbs and lets go when it has passed a lug, or come down on one: a valley, found by a hysteresis of a share of the learned
+// ripple. The angle that the motor has turned since the last blow tells the rest, since from lug to lug it cannot be less than gear / lugs: soon after a
+// hit comes the notch that it left itself, before 0.62 of a lug's angle a second swing on the same lug (repeat), and beyond 1.65 of it a valley was too
+// shallow to be seen: two lugs were reached.
 #ifndef VGROOVE_CONTROLLERS_BLOW_H
 #define VGROOVE_CONTROLLERS_BLOW_H
 
@@ -48,17 +49,18 @@ typedef struct {
 
     // Own.
     int16_t signal_rpm_q1;
-    int16_t low_rpm_q1, high_rpm_q1;  // from hit to hit
-    int16_t extreme_rpm_q1;           // last valley or top
+    int16_t high_rpm_q1;     // from hit to hit
+    int16_t extreme_rpm_q1;  // last valley or top
     bool rising;
     uint8_t blows_seen;                     // 0 none yet, 1, 2 the period is known, ...
     uint8_t fraction_q4, last_fraction_q4;  // of a tick, between the crossing and the tick that saw it
     uint16_t angle, hit_angle;              // since the last blow; at the last hit. rpm Q1 ms / 16
     uint16_t lug_angle, forget_angle;
+    uint16_t late_angle;  // of the last blow
     uint16_t supply_mv_q1;
     uint16_t since_hit_ms;
     int16_t next_min_rpm_q1, next_max_rpm_q1, next_current_a_q9;  // being collected
-    uint16_t deviation_q4;
+    uint16_t deviation_q8;
 } Blow;
 
 // A drive begins.

@@ -97,7 +97,7 @@ TEST_P(BlowSources, LevelOfTheLastBlowIsOfThatBlow) {
     const double mean = TURN * 3000;
     EXPECT_NEAR(blow.turn_q8 / 256.0, TURN, 0.2);
     EXPECT_NEAR(blow.speed_mean_rpm_q1 / 2.0, mean, 0.06 * mean);
-    EXPECT_LT(blow.speed_min_rpm_q1 / 2.0, 0.97 * mean);
+    EXPECT_LT(blow.speed_min_rpm_q1 / 2.0, 0.98 * mean);
     EXPECT_GT(blow.speed_max_rpm_q1 / 2.0, mean);
     EXPECT_NEAR(blow.ripple_rpm_q1 / 2.0, 0.05 * mean, 0.02 * mean);
 }
