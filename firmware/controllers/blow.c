@@ -14,6 +14,7 @@
 #define EVEN_SHIFT 4u             // ripple below 1/16 of the speed: the hammer swings once a lug, and a second valley is a notch
 #define MEMORY_SHIFT 2u           // of the ripple: 4 hits
 #define SUPPLY_SHIFT 5u           // of the supply: 32 ms
+#define BASE_SHIFT 4u             // of the speed that the signal is counted from: 16 ms; a run-up hides no valley
 #define OFF_MAX_Q4 4095           // from the mean period
 // Shares of the angle from lug to lug.
 #define SHARE_DEAD_Q8 72u     // 0.28 after a hit nothing counts
@@ -74,18 +75,18 @@ static void count_time(Blow *self) {
 }
 
 static void collect(Blow *self, const ControllerInputs *in) {
-    const uint16_t more = (uint16_t)(self->angle + ((uint16_t)self->signal_rpm_q1 >> ANGLE_SHIFT));
+    const int16_t speed = self->speed_rpm_q1;
+    const uint16_t more = (uint16_t)(self->angle + ((uint16_t)speed >> ANGLE_SHIFT));
     self->angle = more < self->angle ? UINT16_MAX : more;
-    const int16_t x = self->signal_rpm_q1;
-    self->high_rpm_q1 = x > self->high_rpm_q1 ? x : self->high_rpm_q1;
-    self->next_min_rpm_q1 = x < self->next_min_rpm_q1 ? x : self->next_min_rpm_q1;
-    self->next_max_rpm_q1 = x > self->next_max_rpm_q1 ? x : self->next_max_rpm_q1;
+    self->high_rpm_q1 = self->signal_rpm_q1 > self->high_rpm_q1 ? self->signal_rpm_q1 : self->high_rpm_q1;
+    self->next_min_rpm_q1 = speed < self->next_min_rpm_q1 ? speed : self->next_min_rpm_q1;
+    self->next_max_rpm_q1 = speed > self->next_max_rpm_q1 ? speed : self->next_max_rpm_q1;
     self->next_current_a_q9 = in->current_a_q9 > self->next_current_a_q9 ? in->current_a_q9 : self->next_current_a_q9;
 }
 
 // The hammer swings once a lug: no repeats, and a second valley is the notch of the blow.
 static bool swings_evenly(const Blow *self) {
-    return self->ripple_rpm_q1 < self->signal_rpm_q1 >> EVEN_SHIFT;
+    return self->ripple_rpm_q1 < self->speed_rpm_q1 >> EVEN_SHIFT;
 }
 
 static int16_t hysteresis(const Blow *self) {
@@ -121,8 +122,8 @@ static void close_blow(Blow *self, uint8_t lugs) {
     self->speed_min_rpm_q1 = self->next_min_rpm_q1;
     self->speed_max_rpm_q1 = self->next_max_rpm_q1;
     self->current_max_a_q9 = self->next_current_a_q9;
-    self->next_min_rpm_q1 = self->signal_rpm_q1;
-    self->next_max_rpm_q1 = self->signal_rpm_q1;
+    self->next_min_rpm_q1 = self->speed_rpm_q1;
+    self->next_max_rpm_q1 = self->speed_rpm_q1;
     self->next_current_a_q9 = 0;
     self->last_fraction_q4 = self->fraction_q4;
     self->count = (uint16_t)(self->count + lugs);
@@ -181,30 +182,46 @@ static void valley(Blow *self, int16_t last_rpm_q1) {
     self->hit_angle = self->angle;
 }
 
+static void sense(Blow *self, const BlowSetpoints *set, const ControllerInputs *in) {
+    const bool first = self->base_q4 == 0;  // a drive that resumes begins with a speed
+    if (set->source == BLOW_SOURCE_SPEED) {
+        self->speed_rpm_q1 = in->speed_rpm_q1 < 0 ? 0 : in->speed_rpm_q1;
+    } else if (!in->coasted) {  // smoothed against the noise of its samples
+        const int16_t now = speed_by_current(self, set, in);
+        self->speed_rpm_q1 = first ? now : (int16_t)(((int32_t)self->speed_rpm_q1 + now) >> 1);
+    }
+    self->base_q4 = first ? (int32_t)self->speed_rpm_q1 << BASE_SHIFT : self->base_q4 + self->speed_rpm_q1 - (self->base_q4 >> BASE_SHIFT);
+    self->signal_rpm_q1 = (int16_t)fixed_clamp_i32(self->speed_rpm_q1 - (self->base_q4 >> BASE_SHIFT), INT16_MIN / 2, INT16_MAX / 2);
+}
+
+// A valley of the signal ends.
+static bool turns_up(Blow *self) {
+    const int16_t x = self->signal_rpm_q1;
+    if (self->rising ? x > self->extreme_rpm_q1 : x < self->extreme_rpm_q1) {
+        self->extreme_rpm_q1 = x;
+        return false;
+    }
+    const int16_t back = (int16_t)(self->rising ? self->extreme_rpm_q1 - x : x - self->extreme_rpm_q1);
+    if (back <= hysteresis(self)) {
+        return false;
+    }
+    self->rising = !self->rising;
+    return self->rising;
+}
+
 void blow_step(Blow *self, const BlowSetpoints *set, const ControllerInputs *in) {
     self->struck = false;
     self->repeat = false;
     self->lugs = 0;
     count_time(self);
     const int16_t last = self->signal_rpm_q1;
-    if (set->source == BLOW_SOURCE_SPEED) {
-        self->signal_rpm_q1 = in->speed_rpm_q1 < 0 ? 0 : in->speed_rpm_q1;
-    } else if (!in->coasted) {  // smoothed against the noise of its samples
-        self->signal_rpm_q1 = (int16_t)(((int32_t)self->signal_rpm_q1 + speed_by_current(self, set, in)) >> 1);
-    }
+    const bool rising = self->rising;
+    sense(self, set, in);
     collect(self, in);
-    const int16_t x = self->signal_rpm_q1;
-    if (self->rising ? x > self->extreme_rpm_q1 : x < self->extreme_rpm_q1) {
-        self->extreme_rpm_q1 = x;
-        return;
-    }
-    const int16_t back = (int16_t)(self->rising ? self->extreme_rpm_q1 - x : x - self->extreme_rpm_q1);
-    if (back <= hysteresis(self)) {
-        return;
-    }
-    self->rising = !self->rising;
-    if (self->rising) {
+    if (turns_up(self)) {
         valley(self, last);
     }
-    self->extreme_rpm_q1 = x;
+    if (self->rising != rising) {
+        self->extreme_rpm_q1 = self->signal_rpm_q1;
+    }
 }

@@ -48,7 +48,9 @@ typedef struct {
     int16_t ripple_rpm_q1;    // between the highest and the lowest speed from hit to hit
 
     // Own.
-    int16_t signal_rpm_q1;
+    int16_t speed_rpm_q1;    // by the source
+    int32_t base_q4;         // its slow part
+    int16_t signal_rpm_q1;   // what is left
     int16_t high_rpm_q1;     // from hit to hit
     int16_t extreme_rpm_q1;  // last valley or top
     bool rising;

@@ -6,7 +6,7 @@
 #include "core/slew.h"
 
 #define TRAVEL_LEAST_Q15 9830  // 0.3: below it the trigger itself is the duty, for starting a screw
-#define LEVEL_MIN_MV 12500
+#define LEVEL_MIN_MV 13400
 #define LEVEL_MAX_MV 16600
 #define SLEW_Q15 328      // 0.01 a tick
 #define RENEW_TICKS 8u    // between two computations of the duty
@@ -15,9 +15,9 @@
 #define STEP_UP_MV 100    // a blow
 #define STEP_FAST_MV 250
 #define STEP_DOWN_MV 60
-#define CURRENT_DEAD_A_Q9 768  // 1.5 A
-#define CURRENT_STEP_MV 40
-#define SEEK_FACTOR 2  // dips of so many times the limit: out of step
+#define CURRENT_DEAD_A_Q9 1536  // 3 A
+#define CURRENT_A_Q9_PER_MV 16  // 32 mV a blow for each A beyond: with 3 A/V and three blows of lag far from swinging
+#define SEEK_FACTOR 2           // dips of so many times the limit: out of step
 
 void sync_start(Sync *self, const SyncSetpoints *set) {
     (void)set;
@@ -55,11 +55,9 @@ static int16_t trim_by_current(const Sync *self, const SyncSetpoints *set, const
     if (deeper(blow, (int16_t)(SEEK_FACTOR * set->depth_max_q15))) {
         return STEP_FAST_MV;
     }
-    const int32_t off = set->current_a_q9 - (self->current_q9_q8 >> 8);
-    if (off > CURRENT_DEAD_A_Q9) {
-        return CURRENT_STEP_MV;
-    }
-    return off < -CURRENT_DEAD_A_Q9 ? -CURRENT_STEP_MV : 0;
+    const int32_t off_a_q9 = set->current_a_q9 - (self->current_q9_q8 >> 8);
+    const int32_t dead_a_q9 = fixed_clamp_i32(off_a_q9, -CURRENT_DEAD_A_Q9, CURRENT_DEAD_A_Q9);
+    return (int16_t)((off_a_q9 - dead_a_q9) / CURRENT_A_Q9_PER_MV);
 }
 
 static int16_t base_mv(const SyncSetpoints *set, int16_t travel_q15) {

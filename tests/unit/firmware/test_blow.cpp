@@ -110,7 +110,7 @@ TEST_P(BlowSources, NoRippleNoBlow) {
 
 TEST_P(BlowSources, ARunUpHasNoBlow) {
     for (int ms = 0; ms < 400; ++ms) {
-        const ControllerInputs in = measured(15000.0 * (1.0 - std::exp(-ms / 80.0)));
+        const ControllerInputs in = measured(11000.0 * (1.0 - std::exp(-(ms + 20) / 80.0)));  // from where the current is within its range
         blow_step(&blow, &GetParam(), &in);
         ASSERT_FALSE(blow.struck) << ms;
     }
@@ -185,11 +185,11 @@ TEST(Blow, CoastingHidesTheCurrentsSpeed) {
     Blow blow{};
     blow_start(&blow, &CURRENT);
     run(blow, CURRENT, {3000, 0.05}, 0.0, 1.0);
-    const int16_t held = blow.signal_rpm_q1;
+    const int16_t held = blow.speed_rpm_q1;
     const ControllerInputs in{0, 0, 0, 17000, 0, true};
     for (int n = 0; n < 10; ++n)
         blow_step(&blow, &CURRENT, &in);
-    EXPECT_EQ(blow.signal_rpm_q1, held);
+    EXPECT_EQ(blow.speed_rpm_q1, held);
 }
 
 }  // namespace
