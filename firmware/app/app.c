@@ -139,19 +139,19 @@ static bool slow_work(App *self) {
     return true;
 }
 
-// Such work, a second edge and a slow frame: one of them a tick. What was held back goes next: a slow frame, or whatever there is after two edges.
+// Such work, a slow frame, a second edge and what a controller has to compute when the hammer strikes: one of them a tick. What was held back goes
+// next: a slow frame, or whatever there is in the tick after.
 static void share_tick(App *self) {
     const bool two_edges = self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
-    self->two_edges = two_edges && !self->two_edges;
-    const bool worked = !self->two_edges && !self->slow_turn && slow_work(self);
-    self->report.hold_slow = worked || self->two_edges;
+    self->full = (two_edges || self->heavy) && !self->full;
+    const bool worked = !self->full && !self->slow_turn && slow_work(self);
+    self->report.hold_slow = worked || self->full;
 }
 
 void app_tick(App *self, uint8_t ticks_late) {
     read_inputs(self);
     self->report.now_ms++;
     note_lateness(self, ticks_late);
-    share_tick(self);
     find_faults(self);
     find_standstill(self);
     if (self->calibration != TELEMETRY_CALIBRATE_WHAT_CANCEL) {
@@ -160,6 +160,7 @@ void app_tick(App *self, uint8_t ticks_late) {
     step_modes(self);
     select_mode(self);
     h_bridge_stage(&self->bridge, drive_step(self));
+    share_tick(self);
     self->slow_turn = self->report.hold_slow && telemetry_slow_waits(&self->telemetry);
     report_tick(self);
     const uint16_t cycles = hal_tick_cycles((uint16_t)self->hall.now_cycles);

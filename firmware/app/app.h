@@ -1,6 +1,6 @@
 // The whole state of the firmware, and what the hardware layer calls: start, tick, interrupts.
 //
-// A tick: read (edges, samples, switches) -> commands -> faults -> state machine -> controller -> fold-back -> stage the bridge -> report.
+// A tick: read (edges, samples, switches) -> faults -> state machine -> controller -> fold-back -> stage the bridge -> commands -> report.
 #ifndef VGROOVE_APP_H
 #define VGROOVE_APP_H
 
@@ -66,7 +66,8 @@ typedef struct {
     bool calibrated;
     bool hall_taken;     // pitches learned so far were within their range
     bool command_waits;  // to be executed and acknowledged
-    bool two_edges;      // of this tick: they hold back all slow work for a tick
+    bool heavy;          // the drive had much to compute in this tick
+    bool full;           // so it had, or two edges: all slow work is held back for a tick
     bool slow_turn;      // a slow frame has been held back for other work: it goes first now
 } App;
 

@@ -34,7 +34,7 @@ static int16_t ramp(App *app, ModesCommand command, int16_t speed_rpm_q1) {
     }
     if (!app->driving) {
         app->ramp_q15 = resumed_duty(app, speed_rpm_q1);
-        app->report.hold_slow = true;  // the division was this tick's share
+        app->heavy = true;  // the division was this tick's share
     }
     app->ramp_q15 = slew_towards(app->ramp_q15, wanted_q15, app->slew_q15);
     return app->ramp_q15;
@@ -65,6 +65,7 @@ static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) 
         app->controlled = true;
     }
     const int16_t wish_q15 = control_step(&app->control, in);
+    app->heavy = app->heavy || app->control.blow.struck;
     hal_mark_control(false);
     return wish_q15;
 }
@@ -78,6 +79,7 @@ static void note_driven(App *app, int16_t duty_q15, const ControllerInputs *in) 
 }
 
 int16_t drive_step(App *app) {
+    app->heavy = false;
     const ModesCommand command = modes_output(&app->modes, app->params.value[PARAM_RELEASE_MODE] != 0 && app->bridge.staged.phase != H_BRIDGE_OPEN);
     if (command == MODES_COMMAND_COAST) {
         return coast(app);

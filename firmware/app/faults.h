@@ -35,8 +35,8 @@ typedef struct {
     uint8_t under_voltage_ms;
     uint8_t over_temperature_ms;
     uint8_t temperature_lost_ms;
-    uint16_t no_edge_ms;  // driven, since the last edge: what a controller opens or lets rest between does not begin it anew
-    uint8_t settled_ms;   // since the bridge was last open, up to FAULTS_SETTLED_MS
+    uint16_t no_edge_ms;       // driven, since the last edge: what a controller opens or lets rest between does not begin it anew
+    uint8_t settled_ms;        // since the bridge was last open, up to FAULTS_SETTLED_MS
     bool current_implausible;  // offset at rest out of range
     bool overrun;
 } Faults;
