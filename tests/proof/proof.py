@@ -18,6 +18,8 @@ CASE_SETS = {"single": 60, "none": 20, "unlisted": 10, "pair": 10}
 CASE_SEED = 7000  # development used other seeds
 BLIND_SETS = {"single": (30, 5101), "none": (8, 5102), "unlisted": (8, 5103), "pair": (4, 5104)}  # cases, seed; new seeds after a change
 SURE = 0.9
+CONTROL_DRAWS = {"blows": 1, "sync": 1, "screwing": 3, "vibration": 1, "torque": 20, "drill": 10}  # times the bench's usual number of draws
+CONTROL_ROWS_MOST = 250
 
 
 def commit() -> str:
@@ -105,7 +107,31 @@ def counts(cases: list[dict]) -> dict:
     }
 
 
-PROOFS = {"demo_seeds": demo_seeds, "gap_cases": gap_cases, "gap_blind": gap_blind}
+def control(folder: Path, jobs: int) -> dict:
+    """The controllers' whole matrix, each part kept by itself; single runs stay in the folder, pages quote summaries and goals."""
+    found = {}
+    for part, draws in track(CONTROL_DRAWS.items(), "controllers"):
+        found[part] = without_runs(kept(folder, f"control_{part}", lambda part=part, draws=draws: control_part(folder, part, draws)))
+    goals = [goal for one in found.values() for goal in one.get("goals", [])]
+    missed = [f"{goal['variant']}, {goal['set']}: {goal['goal']}" for goal in goals if not goal["met"]]
+    return {"goals": len(goals), "missed": missed} | found
+
+
+def control_part(folder: Path, part: str, draws: int) -> dict:
+    """One part of the bench, as a user runs it."""
+    out = folder / f"bench_{part}.json"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", "vgroove.cli", "bench", "control", "--part", part, "--draws", str(draws), "--json", out]
+    subprocess.run(command, check=True, capture_output=True)
+    return json.loads(out.read_text(encoding="utf-8"))[part]
+
+
+def without_runs(part: dict) -> dict:
+    """A part without its lists of single runs; cells of a matrix stay."""
+    return {key: value for key, value in part.items() if not (isinstance(value, list) and len(value) > CONTROL_ROWS_MOST)}
+
+
+PROOFS = {"demo_seeds": demo_seeds, "gap_cases": gap_cases, "gap_blind": gap_blind, "control": control}
 
 
 def main(arguments: list[str]) -> int:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vgroove.control_bench.jobs import PLAIN, Figures, Job
+from vgroove.control_bench.jobs import Figures, Job, Variant
 from vgroove.control_bench.runs import PULL_S, AbsentError, pull, reference, sil_run
 from vgroove.control_bench.sets import SUPPLIES_V, half_of, seed_of
 from vgroove.control_bench.sync import LOADS, load_of
@@ -14,6 +14,7 @@ from vgroove.control_bench.sync import LOADS, load_of
 TRIGGERS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 RATES_PER_MIN = (1200.0, 4000.0)
 SECONDS = 3.0
+VARIANTS = (Variant("by speed", params={"blow_source": 0}), Variant("by current", params={"blow_source": 1}))
 GOAL = 0.01  # of the true count
 
 
@@ -26,10 +27,11 @@ def cells() -> list[dict[str, Any]]:
     return found
 
 
-def work(variant: Any, *, supply_v: float, load: str, trigger: float, seed: int, **_: Any) -> Figures:
+def work(variant: Variant, *, supply_v: float, load: str, trigger: float, seed: int, **_: Any) -> Figures:
     """One cell: the drive's whole count, released before the end so that the last blow is told."""
     profile = pull(trigger, release_s=SECONDS - 0.2)
-    run = sil_run(reference(load_of(load), supply_v=supply_v), mode=variant.mode, profile=profile, duration_s=SECONDS, seed=seed)
+    rig = reference(load_of(load), supply_v=supply_v)
+    run = sil_run(rig, mode=variant.mode, params=variant.params, profile=profile, duration_s=SECONDS, seed=seed)
     if not len(run.control["time_s"]):
         raise AbsentError("this firmware reports no blows: it sends no frame CONTROL")
     counts = run.control["blow_count"][run.control["time_s"] > PULL_S]
@@ -48,8 +50,8 @@ def work(variant: Any, *, supply_v: float, load: str, trigger: float, seed: int,
 
 
 def jobs(chosen: Sequence[dict[str, Any]]) -> list[Job]:
-    """Every chosen cell, in the plain mode: detection runs in all."""
-    return [Job(work, PLAIN, cell) for cell in chosen]
+    """Every chosen cell by both sources, in the plain mode: detection runs in all."""
+    return [Job(work, variant, cell) for variant in VARIANTS for cell in chosen]
 
 
 def in_range(rows: Sequence[Figures]) -> list[Figures]:

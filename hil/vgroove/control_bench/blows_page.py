@@ -12,6 +12,7 @@ from vgroove.control_bench.sync import LOAD_WORDS, LOADS
 from vgroove.study.report import Picture, Study, style
 
 SUMMARY = [
+    ("variant", "variant"),
     ("set", "set"),
     ("cells", "cells"),
     ("blows", "blows"),
@@ -23,6 +24,7 @@ SUMMARY = [
     ("highest rate", "rate_most"),
 ]
 CELLS = [
+    ("variant", "variant"),
     ("set", "set"),
     ("V", "supply_v"),
     ("load", "load"),
@@ -37,29 +39,33 @@ COLOURS = ("#30343b", "#d1495b", "#edae49", "#00798c", "#66a182", "#8d6cab")
 
 
 def error_picture(rows: Sequence[Figures]) -> Picture:
-    """Error of the count over the true rate, a colour each load."""
+    """Error of the count over the true rate, a colour each load, a symbol each source."""
     figure = go.Figure()
     for load, colour in zip(LOADS, COLOURS, strict=True):
-        chosen = [r for r in rows if r["load"] == load and r["blows"]]
-        error = [100.0 * r["error"] / r["blows"] for r in chosen]
-        rate = [r["blows_per_min"] for r in chosen]
-        figure.add_trace(go.Scatter(x=rate, y=error, mode="markers", name=LOAD_WORDS[load], marker={"color": colour}))
+        for variant, symbol in zip(blows.VARIANTS, ("circle", "x"), strict=True):
+            chosen = [r for r in rows if (r["load"], r["variant"]) == (load, variant.name) and r["blows"]]
+            error = [100.0 * r["error"] / r["blows"] for r in chosen]
+            rate = [r["blows_per_min"] for r in chosen]
+            name = f"{LOAD_WORDS[load]}, {variant.name}"
+            figure.add_trace(go.Scatter(x=rate, y=error, mode="markers", name=name, marker={"color": colour, "symbol": symbol}))
     figure.update_xaxes(title="blows per minute")
     figure.update_yaxes(title="error of the count in %")
-    return Picture("Blow detection", style(figure, 480), "every supply, load and trigger; a drive of some 5 s each, its start included")
+    return Picture("Blow detection", style(figure, 480), "every supply, load and trigger; a drive of 2.5 s each, its start included")
 
 
 def blows_study(rows: Sequence[Figures]) -> Study:
     """The whole part."""
     chosen = present(rows)
-    found = [{"set": half, **blows.summary(part)} for half, part in by_half(chosen)]
-    listed = [Goal("detection", f["set"], "cells miscounted by more than 1 % and a blow", f["cells"] - f["cells_within"], 0) for f in found]
-    listed += [Goal("detection", f["set"], "miscounted share of all blows", f["error_of_all"], blows.GOAL) for f in found]
+    names = dict.fromkeys(r["variant"] for r in chosen)
+    halves = [(name, *part) for name in names for part in by_half([r for r in chosen if r["variant"] == name])]
+    found = [{"variant": name, "set": half, **blows.summary(part)} for name, half, part in halves]
+    listed = [Goal(f["variant"], f["set"], "cells off by more than 1 % and a blow", f["cells"] - f["cells_within"], 0) for f in found]
+    listed += [Goal(f["variant"], f["set"], "miscounted share of all blows", f["error_of_all"], blows.GOAL) for f in found]
     lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "blow detection")]
     tables = [
         table_of("blows_summary", "Blow detection", SUMMARY, found),
         goals_table("blows", listed),
-        table_of("blows_cells", "Count of every cell that is off", CELLS, [r for r in chosen if r["error"]]),
+        table_of("blows_cells", "Count of every cell that is off by more than a blow", CELLS, [r for r in chosen if abs(r["error"]) > 1]),
     ]
     data = {"blows": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
     return Study("control", "Controllers", lines, [t for t in tables if t.rows], [error_picture(chosen)] if chosen else [], data)

@@ -24,6 +24,7 @@ KNOT_TURNS = 1.0
 TURNS_LEFT = (4.0, 12.0)  # drawn: the run begins so many turns before the seat
 RELEASE_S = 0.2  # the operator, behind the seat
 SECONDS_MOST = 45.0
+STRIPPED_MORE_RAD = 20.0  # a screw that turns so far past the end of its ramp is not watched further
 REST_S = 0.15  # the bridge open for so long: the drive is over
 VARIANTS = (PLAIN, Variant("screwing", "screwing"))
 GOALS = {"rate": -1 / 3, "turn_deg": 45.0, "early": 0.01, "time": 2.5}
@@ -73,7 +74,7 @@ class Watch:
         elif self._driven and self._open_since is None:
             self._open_since = progress.time_s
         resting = self._open_since is not None and progress.time_s - self._open_since > REST_S
-        return resting or tool.head_rad > self._stripped_rad + 2.0
+        return resting or tool.head_rad > self._stripped_rad + STRIPPED_MORE_RAD
 
 
 def ramp_end_rad(rig: Rig) -> float:

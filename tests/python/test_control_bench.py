@@ -1,0 +1,203 @@
+"""The controllers' bench judges as issue 5 says, and a fifth of its cells holds what the controllers promise."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from vgroove.control_bench import blows, bound, drill, scores, screwing, sync, torque, vibration
+from vgroove.control_bench.control import PARTS, Choice
+from vgroove.control_bench.goals import Goal
+from vgroove.control_bench.jobs import PLAIN, Job, Variant, do, run_jobs
+from vgroove.control_bench.runs import PULL_S, AbsentError, Run, eeprom_image, parameter, pull, reference, sil_run
+from vgroove.errors import VgrooveError
+
+BLOW = [(name, "f8") for name in ("time_s", "approach_rad_s", "engaged_m", "impulse_nm_s", "peak_torque_nm")]
+BLOW += [(name, "i8") for name in ("kind", "lug", "skipped")]
+
+
+def struck(times: list[float], **changes: dict[int, Any]) -> np.ndarray:
+    """Blows at these times with the whole lug engaged; changes: column -> {index: value}."""
+    hits = np.zeros(len(times), BLOW)
+    hits["time_s"], hits["engaged_m"] = times, 4.5e-3
+    for column, values in changes.items():
+        for at, value in values.items():
+            hits[column][at] = value
+    return hits
+
+
+def run_of(hits: np.ndarray, rig: Any, truth: np.ndarray | None = None) -> Run:
+    return Run(rig, SimpleNamespace(), b"", float(hits["time_s"][-1]) if len(hits) else 1.0, hits, truth)
+
+
+def clean_of(hits: np.ndarray) -> float:
+    """Share of clean blows that the bench finds."""
+    height = reference().mechanism["lug_height_m"]
+    return float(scores.clean(hits[hits["kind"] < 2], height).mean())
+
+
+def test_clean_is_what_the_issue_says() -> None:
+    regular = [0.02 * k for k in range(10)]
+    assert clean_of(struck(regular)) == 1.0
+    assert clean_of(struck(regular, skipped={4: 1})) == 0.9
+    assert clean_of(struck(regular, engaged_m={4: 2.24e-3})) == 0.9
+    assert clean_of(struck(regular, engaged_m={4: 2.26e-3})) == 1.0
+    assert clean_of(struck([*regular[:5], 0.089, *regular[5:]], kind={5: 1})) == pytest.approx(10 / 11)  # a repeat
+    assert clean_of(struck([*regular[:5], 0.0805, *regular[5:]], kind={5: 2})) == 1.0  # a rebound belongs to its blow
+    late = [*regular[:9], 0.16 + 0.02 * 1.11]
+    assert clean_of(struck(late)) == 0.9 and clean_of(struck([*regular[:9], 0.16 + 0.02 * 1.09])) == 1.0
+
+
+def test_halves_and_seeds_are_apart() -> None:
+    for cells in (sync.cells(), blows.cells(), vibration.cells(), screwing.cells(2), torque.cells(3), drill.cells()):
+        seeds = {half: {c["seed"] for c in cells if c["set"] == half} for half in ("tune", "report")}
+        assert seeds["tune"] and seeds["report"] and not seeds["tune"] & seeds["report"]
+    pairs = {half: {(c["supply_v"], c["load"]) for c in sync.cells() if c["set"] == half} for half in ("tune", "report")}
+    assert len(sync.cells()) == 72 and not pairs["tune"] & pairs["report"]
+    assert len(Choice(only_fifth=True).of(sync.cells())) == 15
+
+
+def housing_run(wave: Any, seconds: float = 3.0) -> Run:
+    time_s = np.arange(1, round(seconds * 32000) + 1) / 32000
+    rows = np.zeros((len(time_s), 8))
+    rows[:, 0], rows[:, 6] = time_s, wave(time_s)
+    return run_of(struck([0.1]), reference(), rows)
+
+
+@pytest.mark.parametrize(("hz", "gain"), [(2.0, 0.0), (50.0, 1.0), (300.0, 1.0), (4000.0, 0.0)])
+def test_vibration_is_the_rms_in_the_band(hz: float, gain: float) -> None:
+    found = scores.vibration(housing_run(lambda t: 5.0 + np.sqrt(2.0) * np.sin(2 * np.pi * hz * t)), 1.0, 3.0)
+    assert found["rms_nm"] == pytest.approx(gain, abs=0.02)
+
+
+WEIGHTS = [(6.3, 0.727), (8.0, 0.873), (16.0, 0.896), (31.5, 0.519), (63.0, 0.258), (125.0, 0.127), (500.0, 0.0314)]
+
+
+@pytest.mark.parametrize(("hz", "weight"), WEIGHTS)
+def test_weighting_is_that_of_iso_5349(hz: float, weight: float) -> None:
+    _, response = signal.sosfreqz(scores.hand_arm_filter(), [hz], fs=scores.HOUSING_HZ)  # ISO 5349-1, table A.2
+    assert abs(response[0]) == pytest.approx(weight, rel=0.02)
+
+
+def test_ripple_takes_no_notice_of_what_was_before() -> None:
+    run = housing_run(lambda t: np.where(t < 1.0, 0.0, 6.0 + np.sqrt(2.0) * np.sin(2 * np.pi * 100 * t)))
+    assert scores.ripple(run, 1.0005, 3.0) == pytest.approx(1.0, abs=0.03)
+    assert scores.vibration(run, 1.0005, 1.5)["rms_nm"] > 1.2  # with the jump
+
+
+def test_work_is_slip_torque_times_way() -> None:
+    rows = np.zeros((3, 8))
+    rows[:, 0], rows[:, 4] = (0.0, 0.5, 1.0), (0.0, 0.1, 0.3)
+    run = run_of(struck([0.1]), reference("hard_joint"), rows)
+    assert scores.tightening_work(run, 0.5, 1.0) == pytest.approx(0.2 * (0.3 + 700 * 0.2))
+    assert scores.tightening_work(run_of(struck([0.1]), reference("locked"), rows), 0.5, 1.0) == 0.0
+
+
+def test_a_goal_is_met_up_to_its_limit() -> None:
+    assert Goal("m", "all", "x", 0.5, 0.5).met and not Goal("m", "all", "x", 0.51, 0.5).met
+    assert Goal("m", "all", "x", 0.97, 0.97, at_most=False).met and not Goal("m", "all", "x", 0.96, 0.97, at_most=False).met
+    assert not Goal("m", "all", "x", None, 0.5).met
+
+
+def test_parameters_go_into_the_eeprom() -> None:
+    run = sil_run(reference(), params={"FOLDBACK_A": 20.5, "stall_ms": 400}, duration_s=0.8)
+    values = run.session.parameters
+    names = [entry.name for entry in __import__("vgroove.telemetry", fromlist=["x"]).parameter_list()]
+    assert run.session.table["table_status"] == 0
+    assert values[names.index("foldback_a_q9")] == 20.5 * 512 and values[names.index("stall_ms")] == 400
+    assert run.faults == 0 and len(run.hits) > 5 and run.truth_rows is None
+    with pytest.raises(VgrooveError, match="stall_ms is 50 to 5000"):
+        eeprom_image({"stall_ms": 20})
+    with pytest.raises(AbsentError):
+        parameter("no_such")
+    with pytest.raises(AbsentError, match="has no mode polish"):
+        sil_run(reference(), mode="polish")
+
+
+def test_an_absent_controller_is_reported_not_run() -> None:
+    row = do(Job(sync.work, Variant("method 9", "polish"), sync.cells()[0]))
+    assert row["variant"] == "method 9" and "has no mode polish" in row["absent"] and "clean" not in row
+
+
+def test_the_operator_lets_go_behind_the_seat() -> None:
+    run = screwing.plain_run(screwing.screw("m6", 18.5, 0.75, False, 3), 1.0, 3)
+    seated = screwing.passing_s(run, run.seat_rad)
+    closed = run.truth["time_s"][~np.isnan(run.truth["duty"])]
+    assert closed[-1] - seated == pytest.approx(screwing.RELEASE_S, abs=0.03)
+    figures = screwing.screw_figures(run)
+    assert not figures["early"] and figures["past_deg"] > 0 and figures["seat_s"] == pytest.approx(seated - PULL_S)
+
+
+def test_screws_scatter_as_said() -> None:
+    rigs = [screwing.screw("m8", 18.5, 1.25, True, seed) for seed in range(200)]
+    starts = np.array([rig.load["start_nm"] for rig in rigs]) / (0.9 * 1.25)
+    assert starts.mean() == pytest.approx(1.0, abs=0.04) and starts.std() == pytest.approx(0.15, abs=0.03)
+    assert {rig.load["seat_nm"] for rig in rigs} == {22 * 1.25}
+    assert all(0 < rig.effects["wood_knot"]["from_rad"] < 2 * np.pi * (26 - rig.load["from_turns"]) for rig in rigs)
+
+
+def test_joints_scatter_by_a_tenth() -> None:
+    rigs = [torque.joint(240.0, seed) for seed in range(100)]
+    for values, middle in (([r.load["slip_slope_nm_per_rad"] for r in rigs], 240.0), ([r.supply["voltage_v"] for r in rigs], 18.5),
+                           ([r.motor["resistance_ohm"] for r in rigs], 0.19)):
+        share = np.array(values) / middle
+        assert 0.9 <= share.min() < 0.92 and 1.08 < share.max() <= 1.1
+
+
+def test_the_map_names_blow_and_step() -> None:
+    found = {"slope": 120.0, "time_s": np.array([0.1, 0.12, 0.14]), "torque_nm": np.array([30.0, 50.0, 52.0])}
+    rows = {target: torque.map_row(found, target) for target in (40.0, 51.0, 60.0)}
+    assert (rows[40.0]["blow"], rows[40.0]["kind"]) == (2, "too fast") and rows[40.0]["step"] == pytest.approx(0.5)
+    assert (rows[51.0]["blow"], rows[51.0]["kind"]) == (3, "in reach")
+    assert (rows[60.0]["blow"], rows[60.0]["kind"]) == (None, "out of reach")
+
+
+def test_what_is_told_as_missed_is_no_error() -> None:
+    cell = {"target_nm": 100.0, "slope": 60.0, "variant": "torque", "seed": 1}
+    rows = [{**cell, "torque_nm": t, "reason": "reached"} for t in (98.0, 102.0)] + [{**cell, "torque_nm": 70.0, "reason": "missed"}]
+    found = torque.cell_figures(rows, 100.0, 60.0, "torque")
+    assert (found["told"], found["mean_error"]) == (1, pytest.approx(0.0)) and found["std"] == pytest.approx(0.02)
+
+
+def test_the_plain_shape_is_the_uncontrolled_tool() -> None:
+    rig, aim = reference("hard_joint", supply_v=18.5), 0.1
+    plain = vibration.run_figures(bound.known_run(rig, bound.START, aim), aim)
+    board = sil_run(rig, duration_s=PULL_S + 0.6, truth_every=1, profile=pull(), noise=False)
+    assert plain["rms_nm"] == pytest.approx(vibration.run_figures(board, aim)["rms_nm"], rel=0.25)
+
+
+def test_workers_give_what_one_process_gives() -> None:
+    jobs = sync.jobs(sync.cells()[:3], [PLAIN])
+    assert run_jobs(jobs, lambda words: None, "", workers=2) == run_jobs(jobs, lambda words: None, "", workers=1)
+
+
+FIFTH = Choice(only_fifth=True, workers=1)
+
+
+@pytest.fixture(scope="module")
+def fifth() -> Any:
+    """Each part's fifth, run when it is first asked for."""
+    found: dict[str, dict] = {}
+
+    def part(name: str) -> dict:
+        if name not in found:
+            found[name] = PARTS[name](FIFTH).data[name]
+        return found[name]
+
+    return part
+
+
+def summary(part: dict, variant: str) -> dict:
+    """A variant's figures over all cells of the fifth; skips where the controller is absent."""
+    rows = [row for row in part["summary"] if row["variant"] == variant and row["set"] == "all"]
+    if not rows:
+        pytest.skip(f"{variant} is absent from this firmware")
+    return rows[-1]
+
+
+@pytest.mark.parametrize("method", ["method 1", "method 2"])
+def test_fifth_of_synchronisation(fifth: Any, method: str) -> None:
+    found = summary(fifth("sync"), method)
+    assert found["clean"] >= 0.97 > found["clean_before"] and found["unclean_ratio"] <= 0.5 and found["worse_cells"] == 0
