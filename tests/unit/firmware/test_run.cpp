@@ -6,7 +6,10 @@
 #include <map>
 #include <vector>
 
-#include "hal/sim/sim.h"
+#include "eeprom.hpp"
+extern "C" {
+#include "app/control.h"
+}
 #include "telemetry/telemetry_signals.h"
 
 namespace {
@@ -78,6 +81,13 @@ struct RunTest : testing::Test {
         in.adc_counts[SIM_ADC_TEMPERATURE] = 154;
         press(0.0);
         sim_reset(&how, &out);
+    }
+
+    void start_with(std::initializer_list<std::pair<int, int>> parameters) {
+        const Eeprom eeprom = eeprom_with(parameters);
+        SimStart how = SIM_START_DEFAULT;
+        how.eeprom = eeprom.data();
+        start(how);
     }
 
     void press(double travel, bool reverse = false) {
@@ -243,21 +253,51 @@ TEST_F(RunTest, UnderVoltageOpensTheBridge) {
     EXPECT_NE(out.coast, 0);
 }
 
-TEST_F(RunTest, ReleaseCoastsAndAResumedDriveDoesNotBrakeHard) {
-    run(0.5);
-    press(1.0);
-    run(1.0);
-    press(0.0);
-    run(0.2);
-    EXPECT_NE(out.coast, 0);
-    press(1.0);
-    fast.clear();
-    run(0.3);
-    EXPECT_EQ(faults(), 0);
-    double least = 0;
-    for (const Fast &f : fast)
-        least = std::min(least, f.current_q9 / 512.0);
-    EXPECT_GT(least, -10.0);
+TEST_F(RunTest, ReleaseCoastsAndAResumedDriveDoesNotBrakeHardInAnyMode) {
+    for (int mode = 0; mode <= static_cast<int>(TELEMETRY_MODE_MAX); ++mode) {
+        if (!control_has(static_cast<uint8_t>(mode)))
+            continue;
+        start_with({{PARAM_MODE, mode}});
+        run(0.5);
+        press(1.0);
+        run(1.0);
+        press(0.0);
+        run(0.2);
+        EXPECT_NE(out.coast, 0) << mode;
+        press(1.0);
+        fast.clear();
+        run(0.3);
+        EXPECT_EQ(faults(), 0) << mode;
+        double least = 0;
+        for (const Fast &f : fast)
+            least = std::min(least, f.current_q9 / 512.0);
+        EXPECT_GT(least, -10.0) << mode;
+    }
+}
+
+// Down from what was driven last, within the fold-back, in every mode; the duty never rises again.
+TEST_F(RunTest, AReleaseThatRampsGoesDownFromWhatTheControllerDroveInAnyMode) {
+    for (int mode = 0; mode <= static_cast<int>(TELEMETRY_MODE_MAX); ++mode) {
+        if (!control_has(static_cast<uint8_t>(mode)))
+            continue;
+        start_with({{PARAM_MODE, mode}, {PARAM_RELEASE_MODE, 1}});
+        run(0.5);
+        press(1.0);
+        run(0.8);
+        press(0.0);
+        fast.clear();
+        run(0.03);
+        const int released = fast[8].compare;
+        fast.clear();
+        run(0.3);
+        EXPECT_EQ(faults(), 0) << mode;
+        for (size_t k = 1; k < fast.size(); ++k) {
+            const bool braked = fast[k].current_q9 < -30 * 512;  // where the fold-back adds some
+            ASSERT_TRUE(fast[k].compare <= std::max(fast[k - 1].compare, 0) || braked) << mode << ' ' << k;
+            ASSERT_LE(fast[k].compare, std::max(released, 0)) << mode;
+        }
+        EXPECT_LT(fast.back().compare, 60) << mode;
+    }
 }
 
 TEST_F(RunTest, TheDirectionChangesAtStandstillOnly) {
