@@ -9,6 +9,7 @@
 #include "hal/hal.h"
 
 #define OVERRUN_FAULT_TICKS 2u
+#define FULL_TICKS_MAX 3u  // so long at most slow work waits: a quarter of the ticks is enough for the line
 
 // A mode that this firmware has not is the plain one.
 static uint8_t existing(uint8_t mode) {
@@ -104,11 +105,11 @@ static void step_modes(App *self) {
 
 // What the mode switch says goes before what the host said.
 static void select_mode(App *self) {
-    const uint8_t position = trigger_mode(&self->trigger);
-    const uint8_t asked = (uint8_t)(position == 0u ? self->host_mode : self->params.value[PARAM_MODE_SWITCH_1 + position - 1]);
-    if (execute_mode_may_change(self)) {
-        self->mode = existing(asked);
+    if (!execute_mode_may_change(self)) {
+        return;
     }
+    const uint8_t position = trigger_mode(&self->trigger);
+    self->mode = existing((uint8_t)(position == 0u ? self->host_mode : self->params.value[PARAM_MODE_SWITCH_1 + position - 1]));
 }
 
 static void note_lateness(App *self, uint8_t ticks_late) {
@@ -140,12 +141,13 @@ static bool slow_work(App *self) {
 }
 
 // Such work, a slow frame, a second edge and what a controller has to compute when the hammer strikes: one of them a tick. What was held back goes
-// next: a slow frame, or whatever there is in the tick after.
+// next: a slow frame, or whatever there is.
 static void share_tick(App *self) {
     const bool two_edges = self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
-    self->full = (two_edges || self->heavy) && !self->full;
-    const bool worked = !self->full && !self->slow_turn && slow_work(self);
-    self->report.hold_slow = worked || self->full;
+    self->full_ticks = (uint8_t)((two_edges || self->heavy) && self->full_ticks < FULL_TICKS_MAX ? self->full_ticks + 1u : 0u);
+    const bool full = self->full_ticks > 0u;
+    const bool worked = !full && !self->slow_turn && slow_work(self);
+    self->report.hold_slow = worked || full;
 }
 
 void app_tick(App *self, uint8_t ticks_late) {

@@ -67,7 +67,7 @@ typedef struct {
     bool hall_taken;     // pitches learned so far were within their range
     bool command_waits;  // to be executed and acknowledged
     bool heavy;          // the drive had much to compute in this tick
-    bool full;           // so it had, or two edges: all slow work is held back for a tick
+    uint8_t full_ticks;  // in which it had, or two edges, one after the other: all slow work is held back
     bool slow_turn;      // a slow frame has been held back for other work: it goes first now
 } App;
 

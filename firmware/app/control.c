@@ -16,15 +16,12 @@
 #define STEP_CASE(MODE, name, Type, directions)                                                                                                      \
     case TELEMETRY_MODE_##MODE:                                                                                                                      \
         return name##_step(&self->state.name, &self->set.name, in, &self->blow);
-#define STATE_CASE(MODE, name, Type, directions)                                                                                                     \
+#define REPORT_CASE(MODE, name, Type, directions)                                                                                                    \
     case TELEMETRY_MODE_##MODE:                                                                                                                      \
-        return name##_state(&self->state.name);
-#define REASON_CASE(MODE, name, Type, directions)                                                                                                    \
-    case TELEMETRY_MODE_##MODE:                                                                                                                      \
-        return name##_stop_reason(&self->state.name);
-#define ESTIMATE_CASE(MODE, name, Type, directions)                                                                                                  \
-    case TELEMETRY_MODE_##MODE:                                                                                                                      \
-        return name##_estimate(&self->state.name);
+        out->control_state = name##_state(&self->state.name) & TELEMETRY_CONTROL_STATE_MAX;                                                          \
+        out->stop_reason = name##_stop_reason(&self->state.name) & TELEMETRY_STOP_REASON_MAX;                                                        \
+        out->estimate = name##_estimate(&self->state.name);                                                                                          \
+        return;
 
 // Setpoints out of the parameters, one function for each controller of the list.
 
@@ -91,17 +88,12 @@ int16_t control_step(Control *self, const ControllerInputs *in) {
     return self->stopped ? CONTROLLER_STOP : wish_q15;
 }
 
-uint8_t control_state(const Control *self) {
-    switch (self->mode) { CONTROL_LIST(STATE_CASE) }
-    return 0;
-}
-
-uint8_t control_stop_reason(const Control *self) {
-    switch (self->mode) { CONTROL_LIST(REASON_CASE) }
-    return CONTROLLER_REASON_NONE;
-}
-
-int16_t control_estimate(const Control *self) {
-    switch (self->mode) { CONTROL_LIST(ESTIMATE_CASE) }
-    return 0;
+void control_report(const Control *self, TelemetryControl *out) {
+    const uint16_t period_q4 = self->blow.period_q4;
+    out->blow_count = self->blow.count & TELEMETRY_BLOW_COUNT_MAX;
+    out->blow_period_ms = period_q4 < TELEMETRY_BLOW_PERIOD_MS_MAX ? period_q4 : TELEMETRY_BLOW_PERIOD_MS_MAX;
+    switch (self->mode) { CONTROL_LIST(REPORT_CASE) }
+    out->control_state = 0;
+    out->stop_reason = CONTROLLER_REASON_NONE;
+    out->estimate = 0;
 }

@@ -24,6 +24,7 @@
 #include "controllers/blow.h"
 #include "controllers/controller.h"
 #include "controllers/sync.h"
+#include "telemetry/telemetry_signals.h"
 
 enum {
     CONTROL_BOTH,     // acts in both directions
@@ -68,9 +69,7 @@ void control_start(Control *self, uint8_t mode, bool reverse, const int16_t *val
 // Duty 0..32767, CONTROLLER_STOP or CONTROLLER_COAST.
 int16_t control_step(Control *self, const ControllerInputs *in);
 
-// For telemetry, of the drive that goes on or was the last.
-uint8_t control_state(const Control *self);
-uint8_t control_stop_reason(const Control *self);
-int16_t control_estimate(const Control *self);
+// For telemetry, of the drive that goes on or was the last; all but control_tick.
+void control_report(const Control *self, TelemetryControl *out);
 
 #endif

@@ -42,14 +42,6 @@ static void fill_state(const App *app, TelemetryState *state) {
     state->contact = trigger_contact(&app->trigger) ? 1u : 0u;
 }
 
-static void fill_control(const Control *control, TelemetryControl *out) {
-    out->control_state = control_state(control) & TELEMETRY_CONTROL_STATE_MAX;
-    out->stop_reason = control_stop_reason(control);
-    out->blow_count = control->blow.count & TELEMETRY_BLOW_COUNT_MAX;
-    out->blow_period_ms = control->blow.period_q4 < TELEMETRY_BLOW_PERIOD_MS_MAX ? control->blow.period_q4 : TELEMETRY_BLOW_PERIOD_MS_MAX;
-    out->estimate = control_estimate(control);
-}
-
 static uint8_t sum_u8(uint8_t a, uint8_t b) {
     return (uint8_t)(a > UINT8_MAX - b ? UINT8_MAX : a + b);
 }
@@ -71,7 +63,7 @@ void report_tick(App *app) {
     report->fast.duty_compare = app->bridge.row_compare;
     report->fast.supply_v = app->measured.supply_25mv;
     fill_state(app, &report->state);
-    fill_control(&app->control, &report->control);
+    control_report(&app->control, &report->control);
     if (telemetry_health_due(&app->telemetry)) {
         fill_health(app, &report->health);
     }

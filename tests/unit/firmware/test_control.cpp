@@ -166,9 +166,10 @@ TEST_P(EveryMode, GivesADutyOrACodeAndAStopIsFinal) {
             stopped = wish == CONTROLLER_STOP;
         }
         ASSERT_EQ(stopped, control.stopped);
-        ASSERT_LE(control_state(&control), TELEMETRY_CONTROL_STATE_MAX);
-        ASSERT_LE(control_stop_reason(&control), CONTROLLER_REASON_TIMEOUT);
-        ASSERT_TRUE(!stopped || control_stop_reason(&control) != CONTROLLER_REASON_NONE) << "a stop has a reason";
+        TelemetryControl said{};
+        control_report(&control, &said);
+        ASSERT_LE(said.stop_reason, CONTROLLER_REASON_TIMEOUT);
+        ASSERT_EQ(stopped, said.stop_reason != CONTROLLER_REASON_NONE) << "a stop has a reason, and nothing else has";
     }
 }
 
