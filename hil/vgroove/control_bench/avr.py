@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vgroove import telemetry
 from vgroove.board import AvrBoard, default_elf
 from vgroove.control_bench import drill, screwing, torque
@@ -68,8 +70,11 @@ def differing(case: Case) -> dict[str, Any]:
     """Rows and CONTROL frames of both runs that differ."""
     native, avr = both(case)
     a, b = native.telemetry, avr.telemetry
-    count = min(len(a["time_s"]), len(b["time_s"]))
-    differ = sum(any(a[name][k] != b[name][k] for name in DECISIONS) for k in range(count)) + abs(len(a["time_s"]) - len(b["time_s"]))
+    _, at_a, at_b = np.intersect1d(a["time_s"], b["time_s"], return_indices=True)
+    same = [(a[name][at_a] == b[name][at_b]) | (np.isnan(a[name][at_a]) & np.isnan(b[name][at_b])) for name in DECISIONS]
+    end_s = min(a["time_s"][-1], b["time_s"][-1])  # the last row of one may still be on the line
+    count, alone = len(at_a), sum(int((rows["time_s"] <= end_s).sum()) for rows in (a, b)) - 2 * len(at_a)
+    differ = count - int(np.all(same, axis=0).sum()) + alone
     controls = [[f for f in run.frames if f.id == telemetry.database().get_message_by_name("CONTROL").frame_id] for run in (native, avr)]
     frames = sum(x != y for x, y in zip(*controls, strict=False)) + abs(len(controls[0]) - len(controls[1]))
     return {

@@ -57,7 +57,8 @@ def vibration_part(choice: Choice) -> Study:
     """Low vibration, with what full knowledge could do beside it."""
     cells = choice.of(vibration.cells())
     jobs = vibration.jobs(cells) + ([] if choice.only_fifth else bound.jobs(cells))
-    return vibration_study(rows_of(jobs, "low vibration", choice))
+    margin = [] if choice.only_fifth else rows_of(vibration.margin_jobs(), "margin", choice)
+    return vibration_study(rows_of(jobs, "low vibration", choice), margin)
 
 
 def torque_part(choice: Choice) -> Study:

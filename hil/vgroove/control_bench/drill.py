@@ -83,9 +83,9 @@ def drill_rig(gear: str, supply_v: float, rise: float = 0.0, from_rad: float = 0
     return rig_from_dict(data, "the drill driver")
 
 
-def drill_params(gear: str, clutch_nm: float = 0.0) -> dict[str, float]:
+def drill_params(gear: str, clutch_nm: float = 0.0, pulse: bool = False) -> dict[str, float]:
     """The controller's parameters for a gear."""
-    return {"drill_ratio": GEARS[gear][0], "drill_clutch_dnm": 10.0 * clutch_nm}
+    return {"drill_ratio": GEARS[gear][0], "drill_clutch_dnm": 10.0 * clutch_nm, "drill_pulse": float(pulse)}
 
 
 def opened_s(run: Run, after_s: float) -> float | None:
@@ -136,7 +136,7 @@ def normal_work(variant: Variant, *, gear: str, seed: int, **_: Any) -> Figures:
     pull_s, later = random.uniform(0.05, 0.4), random.uniform(0.4, 1.0)
     times = np.sort(random.uniform(PULL_S + 0.1, NORMAL_S, 4))
     loads = nominal * trigger * random.uniform(0.0, 1.0, 3)
-    rise_s = random.choice([0.001, 0.02, 0.1])
+    rise_s, pulse = random.choice([0.001, 0.02, 0.1]), bool(random.integers(2))
     load = [
         (0.0, loads[0]),
         (times[0], loads[0]),
@@ -146,7 +146,14 @@ def normal_work(variant: Variant, *, gear: str, seed: int, **_: Any) -> Figures:
     ]
     travel = ((0.0, 0.0), (PULL_S, 0.0), (PULL_S + pull_s, trigger), (times[1] + pull_s, trigger), (times[1] + pull_s + 0.1, later))
     profile = Profile(travel=travel, load_nm=tuple((float(t), float(v)) for t, v in load))
-    run = sil_run(drill_rig(gear, supply_v), mode=variant.mode, params=drill_params(gear), profile=profile, duration_s=NORMAL_S, seed=seed)
+    run = sil_run(
+        drill_rig(gear, supply_v),
+        mode=variant.mode,
+        params=drill_params(gear, pulse=pulse),
+        profile=profile,
+        duration_s=NORMAL_S,
+        seed=seed,
+    )
     return {"reason": stop_reason(run), "faults": run.faults}
 
 
@@ -159,16 +166,18 @@ def jobs(chosen: Sequence[dict[str, Any]]) -> list[Job]:
 
 
 def clutch_rows(rows: Sequence[Figures]) -> list[Figures]:
-    """Each gear and setting over all supplies and joints."""
+    """Each gear, setting and joint over all supplies."""
     found = []
-    for gear, clutch_nm in sorted({(r["gear"], r["clutch_nm"]) for r in rows if r["kind"] == "clutch"}):
-        chosen = [r for r in rows if r["kind"] == "clutch" and (r["gear"], r["clutch_nm"]) == (gear, clutch_nm)]
+    clutches = [r for r in rows if r["kind"] == "clutch"]
+    for gear, clutch_nm, rise in sorted({(r["gear"], r["clutch_nm"], r["rise"]) for r in clutches}):
+        chosen = [r for r in clutches if (r["gear"], r["clutch_nm"], r["rise"]) == (gear, clutch_nm, rise)]
         peak = np.array([r["peak_nm"] for r in chosen if r["reason"] == "clutch"])
         some = len(peak) > 1
         found.append(
             {
                 "gear": gear,
                 "clutch_nm": clutch_nm,
+                "rise": rise,
                 "runs": len(chosen),
                 "stopped": len(peak),
                 "mean_nm": float(peak.mean()) if some else None,

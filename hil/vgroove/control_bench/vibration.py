@@ -1,15 +1,19 @@
 """Low vibration: AC RMS of the housing reaction until the same work is done, with and without control, three joints at three supplies."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
+from vgroove import _core
 from vgroove.control_bench.jobs import PLAIN, Figures, Job, Variant
 from vgroove.control_bench.runs import PULL_S, TURN_RAD, Run, pull, reference, sil_run
 from vgroove.control_bench.scores import ripple, vibration
 from vgroove.control_bench.sets import halved, seed_of
+from vgroove.lockstep import Profile
+from vgroove.rig import Rig
 
 LOADS = ("hard_joint", "disc_spring", "m8")
 SUPPLIES_V = (16.0, 18.5, 20.5)
@@ -17,6 +21,10 @@ VARIANTS = (PLAIN, Variant("method 1", "vibration", {"vibration_method": 1}), Va
 TORQUE_S, TORQUE_SHARE = 1.0, 0.8  # the joint's aim: this share of what the uncontrolled tool reaches in this time
 TURNS = 4.0
 SECONDS = 4.0  # at most
+DISTURBANCES = ("none", "Hall line broken", "current off", "period jumps")
+MARGIN_LOAD, MARGIN_V = "disc_spring", 18.5
+MARGIN_FROM_S, MARGIN_LENGTH_S = 0.2, 0.06  # three blows: behind the pull, and as long
+MARGIN_A = 10.0
 BOUND = "full knowledge"
 GOALS = {"mean": -0.19, "aim": -0.30, "worst": 0.03, "time": 0.05}
 
@@ -70,6 +78,35 @@ def run_figures(run: Run, aim: float) -> Figures:
     if end_s is None or not len(first) or first[0] >= end_s:
         return {**figures, "rms_nm": None, "weighted_nm": None, "impacting_nm": None}
     return {**figures, **vibration(run, PULL_S, end_s), "impacting_nm": ripple(run, float(first[0]), end_s)}
+
+
+def disturbed(name: str, aim: float) -> tuple[Rig, Profile]:
+    """The margin's tool and profile under one of DISTURBANCES."""
+    rig, profile = reference(MARGIN_LOAD, supply_v=MARGIN_V), pull(1.0)
+    from_s, to_s = PULL_S + MARGIN_FROM_S, PULL_S + MARGIN_FROM_S + MARGIN_LENGTH_S
+    if name == "Hall line broken":
+        profile = replace(profile, gaps=((from_s, to_s),))
+    if name == "current off":
+        pulse = ((0.0, 0.0), (from_s, 0.0), (from_s, MARGIN_A), (to_s, MARGIN_A), (to_s, 0.0))
+        profile = replace(profile, current_add_a=pulse)
+    if name == "period jumps":
+        torque = float(_core.joint_slip_torques(rig.parameters(), rig.load["kind"], np.array([0.5 * aim]))[0][0])
+        rig = rig.with_effects({"wood_knot": {"torque_nm": torque, "from_rad": 0.3 * aim, "to_rad": 0.6 * aim}})
+    return rig, profile
+
+
+def margin_work(variant: Variant, *, disturbance: str, seed: int) -> Figures:
+    """One disturbance: what the board is told, or the joint, departs from the rule in the middle of the drive."""
+    aim = aim_rad(MARGIN_V, MARGIN_LOAD)
+    rig, profile = disturbed(disturbance, aim)
+    options = {"profile": profile, "duration_s": SECONDS, "seed": seed, "truth_every": 1}
+    run = sil_run(rig, mode=variant.mode, params=variant.params, stop_when=lambda tool, _: tool.head_rad > 1.02 * aim + 0.05, **options)
+    return run_figures(run, aim)
+
+
+def margin_jobs(variants: Sequence[Variant] = VARIANTS) -> list[Job]:
+    """Every disturbance under every variant."""
+    return [Job(margin_work, variant, {"disturbance": name, "seed": 1}) for variant in variants for name in DISTURBANCES]
 
 
 def jobs(chosen: Sequence[dict[str, Any]], variants: Sequence[Variant] = VARIANTS) -> list[Job]:

@@ -6,7 +6,7 @@ import plotly.graph_objects as go
 
 from vgroove.control_bench import vibration
 from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
-from vgroove.control_bench.jobs import Figures, absent_lines, present
+from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync_page import methods
 from vgroove.study.impact_runs import JOINT_WORDS
@@ -34,6 +34,7 @@ CELLS = [
     ("while impacting", "impacting_nm"),
     ("time in s", "time_s"),
 ]
+MARGIN = [("variant", "variant"), ("disturbance", "disturbance"), ("RMS in N m", "rms_nm"), ("change", "change"), ("time in s", "time_s")]
 COLOURS = ("#30343b", "#d1495b", "#00798c", "#edae49")
 
 
@@ -70,7 +71,41 @@ def cell_picture(rows: Sequence[Figures]) -> Picture:
     )
 
 
-def vibration_study(rows: Sequence[Figures]) -> Study:
+def margin_rows(rows: Sequence[Figures]) -> list[Figures]:
+    """Each disturbance under each method against no control under the same disturbance."""
+    plain = {r["disturbance"]: r["rms_nm"] for r in rows if r["variant"] == PLAIN.name}
+    chosen = [r for r in rows if r["variant"] != PLAIN.name]
+    changes = [None if r["rms_nm"] is None else r["rms_nm"] / plain[r["disturbance"]] - 1.0 for r in chosen]
+    return [{**r, "change": change} for r, change in zip(chosen, changes, strict=True)]
+
+
+def margin_picture(rows: Sequence[Figures]) -> Picture:
+    """Change of RMS under each disturbance."""
+    figure = go.Figure()
+    for name, colour in zip(dict.fromkeys(r["variant"] for r in rows), COLOURS[1:], strict=False):
+        chosen = [r for r in rows if r["variant"] == name]
+        change = [None if r["change"] is None else 100.0 * r["change"] for r in chosen]
+        figure.add_trace(go.Bar(x=[r["disturbance"] for r in chosen], y=change, name=name, marker={"color": colour}))
+    figure.update_yaxes(title="change of the RMS in %")
+    note = f"three blows long, on disc springs at {vibration.MARGIN_V:g} V; against no control under the same disturbance"
+    return Picture("Margin of the controllers: missed blows and a jump of the period", style(figure, 460), note)
+
+
+def phase_picture(rows: Sequence[Figures]) -> Picture | None:
+    """What an error of the phase does to a shape that is locked to the true blows; None where none was searched."""
+    found = [r for r in rows if r.get("margin")]
+    if not found:
+        return None
+    points = [p for p in found[0]["margin"] if p["change"] is not None]
+    figure = go.Figure()
+    figure.add_trace(go.Scatter(x=[p["phase_error"] for p in points], y=[100.0 * p["change"] for p in points], mode="lines+markers"))
+    figure.update_xaxes(title="error of the phase in periods")
+    figure.update_yaxes(title="change of the RMS in %")
+    note = f"full knowledge, {JOINT_WORDS[found[0]['load']]} at {found[0]['supply_v']:g} V"
+    return Picture("Margin of the phase", style(figure, 420), note)
+
+
+def vibration_study(rows: Sequence[Figures], margin: Sequence[Figures] = ()) -> Study:
     """The whole part."""
     chosen = present(rows)
     found = [{"set": half, **vibration.compare(part, name)} for name in methods(rows) for half, part in by_half(chosen)]
@@ -81,5 +116,8 @@ def vibration_study(rows: Sequence[Figures]) -> Study:
         goals_table("vibration", listed),
         table_of("vibration_cells", "Housing reaction, every cell", CELLS, chosen),
     ]
-    data = {"vibration": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
-    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [cell_picture(chosen)], data)
+    margins = margin_rows(present(margin))
+    tables.append(table_of("vibration_margin", "Margin: three blows disturbed", MARGIN, margins))
+    pictures = [cell_picture(chosen), margin_picture(margins) if margins else None, phase_picture(chosen)]
+    data = {"vibration": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows), "margin": margins}}
+    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [p for p in pictures if p], data)
