@@ -92,6 +92,7 @@ int16_t drive_step(App *app) {
         .supply_mv = app->measured.supply_mv,
         .duty_q15 = applied_duty_q15(app),
         .coasted = app->bridge.row_compare == H_BRIDGE_COAST,
+        .trigger_q15 = command == MODES_COMMAND_RAMP_DOWN ? 0 : limited_travel(app),
     };
     app->driving = true;
     const int16_t wish_q15 = wish(app, command, &in);
