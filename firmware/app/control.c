@@ -49,6 +49,19 @@ static void fill_blow(BlowSetpoints *set, uint8_t mode, const int16_t *value) {
     set->source = blow_source(mode, value);
 }
 
+static void fill_vibration(VibrationSetpoints *set, const int16_t *value) {
+    set->method = (uint8_t)value[PARAM_VIBRATION_METHOD];
+    set->motor_mohm = (uint16_t)value[PARAM_MOTOR_MOHM];
+    set->motor_rpm_per_v = (uint16_t)value[PARAM_MOTOR_RPM_PER_V];
+    set->approach_q15 = value[PARAM_VIBRATION_APPROACH_Q15];
+    set->climb_q15 = value[PARAM_VIBRATION_CLIMB_Q15];
+    set->climb_per_ms_q15 = value[PARAM_VIBRATION_CLIMB_PER_MS_Q15];
+    set->climb_turn_q8 = (uint16_t)value[PARAM_VIBRATION_CLIMB_TURN_Q8];
+    set->surge_a_q9 = value[PARAM_VIBRATION_SURGE_A_Q9];
+    set->hard_share_q15 = value[PARAM_VIBRATION_HARD_SHARE_Q15];
+    set->hard_mv = (uint16_t)value[PARAM_VIBRATION_HARD_MV];
+}
+
 bool control_has(uint8_t mode) {
     switch (mode) {
     case TELEMETRY_MODE_DUTY:

@@ -23,6 +23,7 @@
 
 #include "controllers/blow.h"
 #include "controllers/controller.h"
+#include "controllers/vibration.h"
 #include "controllers/sync.h"
 #include "telemetry/telemetry_signals.h"
 
@@ -37,6 +38,7 @@ enum {
     X(SYNC, sync, Sync, CONTROL_BOTH) \
     /* screwing */ \
     /* vibration */ \
+    X(VIBRATION, vibration, Vibration, CONTROL_BOTH) \
     /* torque */ \
     /* drill */ \
     /* end of the list */
