@@ -5,9 +5,7 @@
 #include "telemetry/telemetry_signals.h"
 
 #define HAS_CASE(MODE, name, Type, directions) case TELEMETRY_MODE_##MODE:
-#define FORWARD_CASE(MODE, name, Type, directions)                                                                                                   \
-    case TELEMETRY_MODE_##MODE:                                                                                                                      \
-        return (directions) == CONTROL_FORWARD;
+#define FORWARD_TERM(MODE, name, Type, directions) || (mode == TELEMETRY_MODE_##MODE && (directions) == CONTROL_FORWARD)
 #define START_CASE(MODE, name, Type, directions)                                                                                                     \
     case TELEMETRY_MODE_##MODE:                                                                                                                      \
         fill_##name(&self->set.name, value);                                                                                                         \
@@ -72,8 +70,7 @@ bool control_has(uint8_t mode) {
 }
 
 static bool forward_only(uint8_t mode) {
-    switch (mode) { CONTROL_LIST(FORWARD_CASE) }
-    return false;
+    return false CONTROL_LIST(FORWARD_TERM);
 }
 
 void control_start(Control *self, uint8_t mode, bool reverse, const int16_t *value) {

@@ -23,8 +23,8 @@
 
 #include "controllers/blow.h"
 #include "controllers/controller.h"
-#include "controllers/vibration.h"
 #include "controllers/sync.h"
+#include "controllers/vibration.h"
 #include "telemetry/telemetry_signals.h"
 
 enum {

@@ -20,8 +20,8 @@ typedef struct {
     int16_t speed_rpm_q1;  // over the last pitch of the Hall sensor, falling with the time since its last edge
     int16_t current_a_q9;  // mean over the tick
     uint16_t supply_mv;
-    int16_t duty_q15;  // in force in the tick just measured, behind the fold-back, in steps of the bridge (1/255); 0 when it was open
-    bool coasted;      // the bridge was open in the tick just measured
+    int16_t duty_q15;     // in force in the tick just measured, behind the fold-back, in steps of the bridge (1/255); 0 when it was open
+    bool coasted;         // the bridge was open in the tick just measured
     int16_t trigger_q15;  // trigger behind the duty limit alone: what the ramp of travel_q15 is on its way to
 } ControllerInputs;
 

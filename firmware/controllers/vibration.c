@@ -75,7 +75,8 @@ static int16_t surge(const Vibration *self, const VibrationSetpoints *set, const
 static int16_t limited(const Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in, const Seen *seen, const Blow *blow) {
     const bool slow = seen->speed_rpm_q1 < (int16_t)(((int32_t)seen->free_rpm_q1 * set->hard_share_q15) >> 15);
     if (slow && blow->impacting && seen->motor_mv > set->hard_mv) {
-        return self->limit_q15 > in->trigger_q15 ? in->trigger_q15 : (int16_t)(self->limit_q15 - LIMIT_STEP_Q15);
+        const int16_t from_q15 = self->limit_q15 < in->trigger_q15 ? self->limit_q15 : in->trigger_q15;
+        return slew_towards(from_q15, 0, LIMIT_STEP_Q15);
     }
     return slew_towards(self->limit_q15, INT16_MAX, LIMIT_STEP_Q15);
 }

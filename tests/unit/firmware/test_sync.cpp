@@ -14,7 +14,7 @@ constexpr double V = 1000.0;
 const SyncSetpoints BY_SPEED{SYNC_METHOD_SPEED, 14200, 15500, 393, 1966, 12800}, BY_CURRENT{SYNC_METHOD_CURRENT, 14200, 15500, 393, 1966, 12800};
 
 ControllerInputs inputs(double travel, double supply_v, double current_a = 25.0) {
-    return {static_cast<int16_t>(travel * 32767), 16000, static_cast<int16_t>(current_a * 512), static_cast<uint16_t>(supply_v * V), 20000, false};
+    return {static_cast<int16_t>(travel * 32767), 16000, static_cast<int16_t>(current_a * 512), static_cast<uint16_t>(supply_v * V), 20000, false, 0};
 }
 
 // Impacts at 8,000 rpm with dips of a depth; a blow comes with `struck`.
@@ -127,9 +127,13 @@ TEST_P(SyncMethods, WhateverComesTheDutyIsOne) {
     std::uniform_int_distribution<int> any(-32768, 32767);
     Tool tool(GetParam());
     for (int n = 0; n < 200000; ++n) {
-        const ControllerInputs in{static_cast<int16_t>(any(random) & 0x7FFF), static_cast<int16_t>(any(random)),
-                                  static_cast<int16_t>(any(random)),          static_cast<uint16_t>(any(random) * (n % 3)),
-                                  static_cast<int16_t>(any(random) & 0x7FFF), n % 5 == 0};
+        const ControllerInputs in{static_cast<int16_t>(any(random) & 0x7FFF),
+                                  static_cast<int16_t>(any(random)),
+                                  static_cast<int16_t>(any(random)),
+                                  static_cast<uint16_t>(any(random) * (n % 3)),
+                                  static_cast<int16_t>(any(random) & 0x7FFF),
+                                  n % 5 == 0,
+                                  0};
         Blow blow{};
         blow.impacting = random() % 4 != 0;
         blow.lugs = static_cast<uint8_t>(random() % 3);
