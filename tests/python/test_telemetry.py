@@ -159,7 +159,8 @@ def test_the_line_is_never_overfull_and_no_fast_frame_waits(baud_select: int, as
     for k in range(4100):
         each(k)
         board.inputs.state.trigger = 255 * (k % 2)
-        if k == 1000:
+        board.inputs.control.blow_count = k % 4096
+        if k == 2000:
             board.receive(command_bytes("DUMP", 1))
         data = board.tick()
         queued = max(0.0, queued - per_tick) + len(data)
@@ -171,6 +172,7 @@ def test_the_line_is_never_overfull_and_no_fast_frame_waits(baud_select: int, as
     assert kinds[0] == telemetry.BOOT and telemetry.decode(frames_of(bytes(sent))[0])["fast_divider"] == divider
     assert kinds.count(telemetry.BOOT) == 2 and kinds.count(telemetry.PARAM_TABLE) == 2 and kinds.count(telemetry.HEALTH) == 5
     assert kinds.count(telemetry.PARAM) == 2 * len(telemetry.parameter_list())
+    assert abs(kinds.count(telemetry.STATE) - kinds.count(telemetry.CONTROL)) <= 1
     assert len(sent) <= 4100 * per_tick + 57
     assert session_of(bytes(sent)).counters.lost == 0
 
@@ -196,6 +198,22 @@ def test_state_goes_out_on_change_with_its_tick_and_once_a_second() -> None:
     sent = frames_of(board.run(6))
     state = next(frame for frame in sent if frame.id == telemetry.STATE)
     assert telemetry.decode(state)["state"] == 3 and telemetry.decode(state)["state_tick"] == 1401 & 0xFF
+
+
+def test_control_goes_out_on_change_with_its_tick_and_rows_carry_it() -> None:
+    board = Board()
+
+    def each(k: int) -> None:
+        control = board.inputs.control
+        control.blow_count, control.stop_reason, control.estimate = 4000 + (k - 600) // 25 if k >= 600 else 0, 2 * (k >= 900), k
+
+    stream = board.run(1200, each)
+    frames = [frame for frame in frames_of(stream) if frame.id == telemetry.CONTROL]
+    assert len(frames) == 1 + 24 and telemetry.decode(frames[-1])["estimate"] == 1175, "the estimate alone is no news"
+    log = log_from_stream(stream, "board")
+    since = np.round(log.time_s * 1000).astype(int) - 1
+    assert (log["blow_count"][100:] == np.where(since[100:] >= 600, 4000 + (since[100:] - 600) // 25, 0)).all()
+    assert (log["stop_reason"][100:] == np.where(since[100:] >= 900, 2, 0)).all()
 
 
 def test_a_flag_of_one_tick_is_reported() -> None:
