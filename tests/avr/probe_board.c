@@ -195,6 +195,11 @@ static uint8_t pins(void) {
 #endif
 }
 
+static void idle_loop(uint8_t turns) {
+    for (volatile uint8_t i = 0u; i < turns; ++i) {
+    }
+}
+
 static void obey(uint8_t command) {
     uint8_t a;
     uint8_t b;
@@ -244,11 +249,9 @@ static void obey(uint8_t command) {
         set_sleep_mode(SLEEP_MODE_IDLE);
         sleep_mode();
         GPIOR0 |= 1u;
-        for (volatile uint8_t i = 0u; i < 60u; ++i) {
-        }
+        idle_loop(60u);
         GPIOR0 |= 2u;  // and of 400 within the controller's
-        for (volatile uint8_t i = 0u; i < 40u; ++i) {
-        }
+        idle_loop(40u);
         GPIOR0 &= (uint8_t)~2u;
         GPIOR0 &= (uint8_t)~1u;
         break;
