@@ -68,7 +68,8 @@ static int16_t surge(const Vibration *self, const VibrationSetpoints *set, const
     const uint16_t wanted_q15 = divide_u16((uint32_t)fixed_clamp_i32(wanted_mv, 0, UINT16_MAX) << 15, in->supply_mv);
     const uint16_t most_q15 = (uint16_t)(self->duty_q15 + SURGE_STEP_Q15);
     const uint16_t duty_q15 = wanted_q15 < most_q15 ? wanted_q15 : most_q15;
-    return (int16_t)(duty_q15 > (uint16_t)self->duty_q15 ? (duty_q15 > INT16_MAX ? INT16_MAX : duty_q15) : self->duty_q15);
+    const int16_t risen_q15 = (int16_t)(duty_q15 > INT16_MAX ? (uint16_t)INT16_MAX : duty_q15);
+    return risen_q15 > self->duty_q15 ? risen_q15 : self->duty_q15;
 }
 
 // On a hard joint the motor is slow for its voltage.

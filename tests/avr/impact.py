@@ -30,6 +30,9 @@ class Case:
 CASES = {
     "duty": Case("duty", "slip_60"),
     "sync": Case("sync", "locked", {"supply.voltage_v": 20.5}),
+    "sync_current": Case("sync", "slip_6", {"supply.voltage_v": 18.5}, {"sync_method": 2}),
+    "vibration": Case("vibration", "hard_joint", {}, {"vibration_method": 1}),
+    "vibration_current": Case("vibration", "m8", {}, {"vibration_method": 2}),
 }
 
 
