@@ -38,7 +38,7 @@
     X(BLOW_TURN_Q8,             "1",         717,   128,   1600,  3) /* blows: turns of the motor from lug to lug of a held anvil, gear ratio / lugs */ \
     X(BLOW_SOURCE,              "1",         0,     0,     1,     3) /* blows found in: 0 the Hall speed, 1 the speed by current and duty */ \
     X(MOTOR_MOHM,               "mohm",      190,   10,    2000,  3) /* resistance of the winding */ \
-    X(MOTOR_RPM_PER_V,          "rpm/V",     876,   50,    3900,  3) /* speed constant */ \
+    X(MOTOR_RPM_PER_V,          "rpm/V",     876,   50,    950,   3) /* speed constant */ \
     /* sync */                                                                                           \
     X(SYNC_METHOD,              "1",         1,     1,     2,     3) /* synchronisation by: 1 motor speed, 2 motor current; finds the blows in it, too */ \
     X(SYNC_LOW_MV,              "mV",        14200, 6000,  25000, 3) /* mean voltage of the motor while impacting, with the trigger nearly released */ \

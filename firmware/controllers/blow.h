@@ -34,7 +34,7 @@ typedef struct {
     uint16_t repeats;
     uint16_t since_ms;  // since the last blow, saturates
 
-    // Of the last blow, from the one before to it, repeats included.
+    // Of the last blow, from the one before to it, repeats included; the mean speed a tick after it.
     uint16_t period_q4;  // ms, of one lug
     int16_t speed_min_rpm_q1;
     int16_t speed_max_rpm_q1;
@@ -42,14 +42,14 @@ typedef struct {
     int16_t current_max_a_q9;
     uint16_t turn_q8;  // turns of the motor per lug: what exceeds the setpoint is the joint's own, times the gear
 
-    // Running.
+    // Running; two ticks after a blow.
     uint16_t mean_period_q4;  // ms, over about 8 blows
     int16_t spread_q15;       // mean deviation of the periods from it, as a share of it
     int16_t ripple_rpm_q1;    // between the highest and the lowest speed from hit to hit
 
     // Own.
     int16_t speed_rpm_q1;    // by the source
-    int32_t base_q4;         // its slow part
+    uint16_t base_rpm_q2;    // its slow part
     int16_t signal_rpm_q1;   // what is left
     int16_t high_rpm_q1;     // from hit to hit
     int16_t extreme_rpm_q1;  // last valley or top
@@ -57,8 +57,11 @@ typedef struct {
     uint8_t blows_seen;                     // 0 none yet, 1, 2 the period is known, ...
     uint8_t fraction_q4, last_fraction_q4;  // of a tick, between the crossing and the tick that saw it
     uint16_t angle, hit_angle;              // since the last blow; at the last hit. rpm Q1 ms / 16
-    uint16_t lug_angle, forget_angle;
-    uint16_t late_angle;  // of the last blow
+    uint16_t late_angle;                    // of the last blow
+    uint16_t last_angle, last_ms;
+    uint8_t work;  // still to be done, a piece a tick
+    uint16_t dead_angle, even_angle, repeat_angle, late_from_angle, two_angle, forget_angle;
+    uint16_t rpm_per_mv_q15, rpm_per_a_q7;
     uint16_t supply_mv_q1;
     uint16_t since_hit_ms;
     int16_t next_min_rpm_q1, next_max_rpm_q1, next_current_a_q9;  // being collected

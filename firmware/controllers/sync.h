@@ -32,13 +32,14 @@ typedef struct {
 
 typedef struct {
     uint8_t state;
-    uint8_t ticks;    // since the duty was last computed
+    uint8_t ticks;    // until the duty is computed
+    bool heard;       // a blow, which has not trimmed yet
     int16_t trim_mv;  // learned in this drive
     int16_t level_mv;
     int16_t goal_q15;       // duty that gives the level
     int16_t duty_q15;       // on its way there
     uint16_t supply_mv_q1;  // slow
-    int32_t current_q9_q8;  // mean current, slow
+    int16_t current_a_q9;   // slow
 } Sync;
 
 void sync_start(Sync *self, const SyncSetpoints *set);
