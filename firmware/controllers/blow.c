@@ -196,6 +196,7 @@ static void hit(Blow *self) {
     }
     self->high_rpm_q1 = self->signal_rpm_q1;
     self->struck = true;
+    self->busy = true;
     self->since_hit_ms = 0;
 }
 
@@ -289,6 +290,7 @@ void blow_step(Blow *self, const BlowSetpoints *set, const ControllerInputs *in)
     self->struck = false;
     self->repeat = false;
     self->lugs = 0;
+    self->busy = self->work != (uint8_t)WORK_NONE;
     work(self, set);
     count_time(self);
     const int16_t last = self->signal_rpm_q1;

@@ -26,6 +26,7 @@ typedef struct {
     // Event of this tick.
     bool struck;   // the hammer has hit: a blow or a repeat
     bool repeat;   // on the lug of the last blow
+    bool busy;     // more was computed than in most ticks
     uint8_t lugs;  // reached by this hit: 0 a repeat, 1, 2 where the blow before was not seen
 
     // Of the drive.

@@ -1,20 +1,17 @@
 // Synchronisation, see sync.h.
 #include "controllers/sync.h"
 
-#include "core/divide.h"
 #include "core/fixed.h"
 #include "core/slew.h"
 
 #define TRAVEL_LEAST_Q15 9830  // 0.3: below it the trigger itself is the duty, for starting a screw
 #define LEVEL_MIN_MV 13400
 #define LEVEL_MAX_MV 16600
-#define SLEW_Q15 328         // 0.01 a tick
-#define RENEW_TICKS 8u       // between two computations of the duty
-#define AFTER_BLOW_TICKS 5u  // to the next one, and
-#define TRIM_AT_TICKS 2u     // to the trim before it
-#define SUPPLY_SHIFT 5u      // 32 ms
-#define CURRENT_SHIFT 6u     // 64 ms
-#define STEP_UP_MV 100       // a blow
+#define SLEW_Q15 328      // 0.01 a tick
+#define TRIM_TICKS 4u     // after a blow; what it was is known after two
+#define SUPPLY_SHIFT 5u   // 32 ms
+#define CURRENT_SHIFT 6u  // 64 ms
+#define STEP_UP_MV 100    // a blow
 #define STEP_FAST_MV 250
 #define STEP_DOWN_MV 60
 #define CURRENT_DEAD_A_Q9 1536  // 3 A
@@ -61,8 +58,7 @@ static int16_t base_mv(const SyncSetpoints *set, int16_t travel_q15) {
     return (int16_t)(set->low_mv + part_of((int16_t)(set->high_mv - set->low_mv), travel_q15));
 }
 
-static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow, int16_t travel_q15) {
-    const int16_t base = base_mv(set, travel_q15);
+static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow, int16_t base) {
     const int16_t deep = part_of(blow->speed_mean_rpm_q1, set->depth_max_q15);
     const bool lost = blow->ripple_rpm_q1 >> SEEK_SHIFT > deep;
     const int16_t by_dips = trim_by_depth(blow->ripple_rpm_q1, deep, part_of(blow->speed_mean_rpm_q1, set->depth_min_q15));
@@ -74,30 +70,34 @@ static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow, int16_t
     self->state = lost ? SYNC_SEEK : SYNC_HOLD;
 }
 
-static void renew(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
-    self->level_mv = (int16_t)fixed_clamp_i32((int32_t)base_mv(set, travel_q15) + self->trim_mv, LEVEL_MIN_MV, LEVEL_MAX_MV);
-    const uint16_t duty_q15 = divide_u16((uint32_t)(uint16_t)self->level_mv << 16, self->supply_mv_q1);
-    self->goal_q15 = (int16_t)(duty_q15 > INT16_MAX ? INT16_MAX : (int16_t)duty_q15);
+// The duty that gives the level, by steps that leave a sixth of what is missing or less: 3/2 stands for 2^15 over the supply, and no division is needed.
+static void renew(Sync *self, int16_t base) {
+    self->level_mv = (int16_t)fixed_clamp_i32((int32_t)base + self->trim_mv, LEVEL_MIN_MV, LEVEL_MAX_MV);
+    const int16_t given_mv = (int16_t)(uint16_t)(((uint32_t)(uint16_t)self->goal_q15 * self->supply_mv_q1) >> 16);
+    const int16_t off_mv = (int16_t)(self->level_mv - given_mv);
+    const int16_t more_q15 = (int16_t)(off_mv + (off_mv >> 1));
+    self->goal_q15 = more_q15 > INT16_MAX - self->goal_q15 ? INT16_MAX : (int16_t)(self->goal_q15 + more_q15);
+    self->goal_q15 = self->goal_q15 < 0 ? 0 : self->goal_q15;
 }
 
-// One piece of work a tick: what a blow says is looked at when all of it is known, the duty a tick later and now and then between blows.
+// What a blow says is looked at when all of it is known.
 static void hold(Sync *self, const SyncSetpoints *set, const ControllerInputs *in, const Blow *blow) {
     if (self->state == SYNC_PLAIN) {
         self->state = SYNC_HOLD;
         self->current_a_q9 = set->current_a_q9;  // that of the run-up says nothing
-        self->ticks = RENEW_TICKS;
+        self->goal_q15 = self->duty_q15;
+        self->wait = 0;
+    }
+    const int16_t base = base_mv(set, in->travel_q15);
+    renew(self, base);
+    if (self->wait > 0u) {
+        self->wait--;
+        if (self->wait == 0u) {
+            trim(self, set, blow, base);
+        }
     }
     if (blow->lugs > 0u) {
-        self->ticks = AFTER_BLOW_TICKS;
-        self->heard = true;
-    }
-    if (self->ticks == TRIM_AT_TICKS && self->heard) {
-        self->heard = false;
-        trim(self, set, blow, in->travel_q15);
-    }
-    self->ticks = (uint8_t)(self->ticks == 0u ? RENEW_TICKS : self->ticks - 1u);
-    if (self->ticks == 0u) {
-        renew(self, set, in->travel_q15);
+        self->wait = TRIM_TICKS;
     }
 }
 

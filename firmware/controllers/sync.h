@@ -32,8 +32,7 @@ typedef struct {
 
 typedef struct {
     uint8_t state;
-    uint8_t ticks;    // until the duty is computed
-    bool heard;       // a blow, which has not trimmed yet
+    uint8_t wait;     // ticks until the last blow trims
     int16_t trim_mv;  // learned in this drive
     int16_t level_mv;
     int16_t goal_q15;       // duty that gives the level
