@@ -1,4 +1,4 @@
-"""What full knowledge could do about vibration: a ramp and two harmonics of the duty locked to the true blows, found by search."""
+"""What full knowledge could do about vibration: the duty over the start and a harmonic locked to the true blows, found by search."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,20 +15,21 @@ BOUND = Variant(vibration.BOUND)
 TICK_S = 1e-3
 SUBSTEPS = 8  # rows of the truth in a tick
 TIME_LIMIT, TIME_PRICE = 1.05, 20.0  # of the uncontrolled tool's time; price of what is beyond it
-EVALUATIONS = 150
-START = np.array([6.0, 1.0, 0.0, 0.0, 0.0, 0.0])  # the uncontrolled tool
-SCALE = np.array([2.0, 0.2, 0.2, 0.2, 0.2, 0.2])
-LEAST = np.array([0.5, 0.3, -1.0, -1.0, -1.0, -1.0])
-MOST = np.array([6.0, 1.3, 1.0, 1.0, 1.0, 1.0])
+EVALUATIONS = 200
+NODES_S = np.arange(0.0, 0.301, 0.025)  # of the duty's course at the start
+RAMP_PER_S = 6.0  # of the firmware's duty
+START = np.r_[np.minimum(RAMP_PER_S * NODES_S, 1.0), 0.0, 0.0]  # the uncontrolled tool
+LEAST, MOST = -0.3, 1.2
+STEP, STEP_LEAST, SHARE = 0.2, 0.05, 0.4  # of the search: standard deviation, and how many of the numbers change at once
 PHASE_ERRORS = np.linspace(-0.5, 0.5, 17)  # of a period
 
 
-def shaped_duty(shape: Sequence[float], phase: float) -> float:
-    """Mean and two harmonics over the cycle from blow to blow, within what the bridge can do."""
-    _, mean, cos_1, sin_1, cos_2, sin_2 = shape
-    turn = 2 * np.pi * phase
-    wave = cos_1 * np.cos(turn) + sin_1 * np.sin(turn) + cos_2 * np.cos(2 * turn) + sin_2 * np.sin(2 * turn)
-    return float(np.clip(mean + wave, 0.0, 1.0))
+def shaped_duty(shape: np.ndarray, time_s: float, phase: float | None) -> float:
+    """The course over time and, where the phase is known, cos and sin of the cycle from blow to blow; within what the bridge can do."""
+    duty = np.interp(time_s, NODES_S, shape[:-2])
+    if phase is not None:
+        duty += shape[-2] * np.cos(2 * np.pi * phase) + shape[-1] * np.sin(2 * np.pi * phase)
+    return float(np.clip(duty, 0.0, 1.0))
 
 
 class KnownPhase:
@@ -49,9 +50,8 @@ class KnownPhase:
         return None if self._period_s is None else ((time_s - self._last_s) / self._period_s) % 1.0
 
 
-def known_run(rig: Rig, shape: Sequence[float], aim: float, *, phase_error: float = 0.0, give_up_s: float = 10.0) -> Run:
-    """The plant alone until the aim or give_up_s. shape: ramp per s, then mean and cos and sin of two harmonics, locked from the
-    second blow on."""
+def known_run(rig: Rig, shape: np.ndarray, aim: float, *, phase_error: float = 0.0, give_up_s: float = 10.0) -> Run:
+    """The plant alone under a shape until the aim or give_up_s: the duty at NODES_S, then cos and sin locked to the true blows."""
     tool = _core.ImpactPlant(rig.parameters(), load_kind=rig.load["kind"], hall_pulses_per_rev=0)
     known, rows, blows = KnownPhase(), [], []
     for tick in range(round(vibration.SECONDS / TICK_S)):
@@ -60,7 +60,7 @@ def known_run(rig: Rig, shape: Sequence[float], aim: float, *, phase_error: floa
         blows.append(fresh)
         known.see(fresh)
         phase = known.at(time_s + 0.5 * TICK_S)
-        duty = min(1.0, shape[0] * time_s, 1.0 if phase is None else shaped_duty(shape, phase + phase_error))
+        duty = shaped_duty(shape, time_s, None if phase is None else phase + phase_error)
         for _ in range(SUBSTEPS):
             now = tool.advance(TICK_S / SUBSTEPS, duty)
             rows.append(
@@ -82,7 +82,7 @@ def known_run(rig: Rig, shape: Sequence[float], aim: float, *, phase_error: floa
     return Run(rig, tool, b"", tool.time_s + PULL_S, struck, np.array(rows))
 
 
-def price(shape: Sequence[float], rig: Rig, aim: float, plain_s: float) -> float:
+def price(shape: np.ndarray, rig: Rig, aim: float, plain_s: float) -> float:
     """RMS, and a price on time beyond the limit; a shape that does not get there costs most."""
     figures = vibration.run_figures(known_run(rig, shape, aim, give_up_s=1.2 * plain_s), aim)
     if figures["rms_nm"] is None:
@@ -93,15 +93,16 @@ def price(shape: Sequence[float], rig: Rig, aim: float, plain_s: float) -> float
 def best_shape(rig: Rig, aim: float, plain_s: float, seed: int) -> np.ndarray:
     """By an evolution strategy of one parent and one child, whose step grows with each success (Rechenberg's rule)."""
     random = np.random.default_rng(seed)
-    best, step = START, 1.0
+    best, step = START, STEP
     least = price(best, rig, aim, plain_s)
     for _ in range(EVALUATIONS):
-        child = np.clip(best + step * SCALE * random.standard_normal(len(best)), LEAST, MOST)
+        change = random.standard_normal(len(best)) * (random.random(len(best)) < SHARE)
+        child = np.clip(best + step * change, LEAST, MOST)
         cost = price(child, rig, aim, plain_s)
         if cost < least:
             best, least, step = child, cost, 1.3 * step
         else:
-            step = max(0.94 * step, 0.1)
+            step = max(0.95 * step, STEP_LEAST)
     return best
 
 
@@ -117,7 +118,7 @@ def work(variant: Variant, *, supply_v: float, load: str, seed: int, margin: boo
     return found
 
 
-def phase_row(rig: Rig, shape: Sequence[float], aim: float, error: float, plain_nm: float) -> Figures:
+def phase_row(rig: Rig, shape: np.ndarray, aim: float, error: float, plain_nm: float) -> Figures:
     """Change of RMS when the shape stands `error` of a period beside the blows."""
     figures = vibration.run_figures(known_run(rig, shape, aim, phase_error=error), aim)
     return {"phase_error": float(error), "change": None if figures["rms_nm"] is None else figures["rms_nm"] / plain_nm - 1.0}
