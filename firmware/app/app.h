@@ -45,6 +45,7 @@ typedef struct {
     TelemetryInputs report;                   // kept from tick to tick: most of it seldom changes
     uint8_t spare[TELEMETRY_TICK_BYTES_MAX];  // frames that the queue has no room for
     uint16_t worst_cycles;                    // of a tick since the last HEALTH frame
+    uint16_t kept_flags;                      // of the ticks that had no time to tell their state
     uint16_t standing_flags;                  // TELEMETRY_FLAGS_* of the start
     int16_t duty_limit_q15;                   // duty at full trigger, a setpoint
     int16_t ramp_q15;                         // of the trigger, at most slew_q15 a tick

@@ -30,7 +30,7 @@ void report_start(App *app, uint32_t build_hash) {
 }
 
 static void fill_state(const App *app, TelemetryState *state) {
-    uint16_t flags = app->measured.flags | app->standing_flags;
+    uint16_t flags = app->kept_flags | app->standing_flags;
     flags |= param_saving(&app->params) ? TELEMETRY_FLAGS_PARAM_SAVING : 0u;
     flags |= app->calibrated ? TELEMETRY_FLAGS_CALIBRATED : 0u;
     state->trigger = (uint8_t)((uint16_t)((uint16_t)app->trigger.travel_q15 << 1) >> 8);
@@ -62,7 +62,12 @@ void report_tick(App *app) {
     report->fast.speed_rpm = app->measured.speed_rpm_q1;
     report->fast.duty_compare = app->bridge.row_compare;
     report->fast.supply_v = app->measured.supply_25mv;
-    fill_state(app, &report->state);
+    report->hold_state = app->full_ticks > 0u;
+    app->kept_flags |= app->measured.flags;
+    if (!report->hold_state) {
+        fill_state(app, &report->state);
+        app->kept_flags = 0;
+    }
     control_report(&app->control, &report->control);
     if (telemetry_health_due(&app->telemetry)) {
         fill_health(app, &report->health);

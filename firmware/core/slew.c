@@ -2,12 +2,9 @@
 #include "core/slew.h"
 
 int16_t slew_towards(int16_t now, int16_t target, int16_t step) {
-    if (now == target) {
-        return now;
+    // A distance may have 16 bits and no sign.
+    if (target > now) {
+        return (uint16_t)((uint16_t)target - (uint16_t)now) > (uint16_t)step ? (int16_t)(now + step) : target;
     }
-    const int32_t distance = (int32_t)target - now;
-    if (distance > step) {
-        return (int16_t)(now + step);
-    }
-    return distance < -(int32_t)step ? (int16_t)(now - step) : target;
+    return (uint16_t)((uint16_t)now - (uint16_t)target) > (uint16_t)step ? (int16_t)(now - step) : target;
 }

@@ -335,7 +335,9 @@ uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[T
 
 uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, uint8_t *const place[2]) {
     uint8_t frames = 0;
-    note_state(self, in);
+    if (!in->hold_state) {
+        note_state(self, in);
+    }
     note_control(self, in);
     note_second(self, in->now_ms);
     self->health_went = false;

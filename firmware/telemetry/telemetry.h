@@ -36,7 +36,8 @@ typedef struct {
     TelemetryControl control;
     TelemetryHealth health;
     TelemetryParams params;
-    bool hold_slow;  // the tick has other work: no slow frame now
+    bool hold_slow;   // the tick has other work: no slow frame now
+    bool hold_state;  // nor is there a new state
 } TelemetryInputs;
 
 typedef struct {

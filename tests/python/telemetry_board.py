@@ -47,7 +47,7 @@ class Inputs(ctypes.Structure):
     """TelemetryInputs."""
 
     _fields_ = [("now_ms", ctypes.c_uint32), ("fast", Fast), ("state", State), ("control", Control), ("health", Health), ("params", Params),
-                ("hold_slow", ctypes.c_bool)]  # fmt: skip
+                ("hold_slow", ctypes.c_bool), ("hold_state", ctypes.c_bool)]  # fmt: skip
 
 
 class Store(ctypes.Structure):
