@@ -65,17 +65,31 @@ def acted(name: str, log: Log) -> bool:
     return bool((log["mode"][driven] == mode_number(CASES[name].mode)).all() and (log["blow_count"][driven] > 10).any())
 
 
-def _wild_edges(rng: np.random.Generator, pitch_s: float) -> list[int]:
-    count = rng.poisson(min(510 / 16e6 / pitch_s, 2.0))
-    return sorted(rng.choice(510, size=count, replace=False).tolist())
+class _WildEdges:
+    """Edges at a pitch that jumps, one in fifty missed or doubled."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._next = 0.0
+
+    def of(self, begin: int, pitch_s: float) -> list[int]:
+        """Cycles of the edges in the period that begins at this one."""
+        self._next = min(max(self._next, begin), begin + 16e6 * pitch_s)
+        edges: list[int] = []
+        while self._next < begin + CYCLES_PER_PERIOD:
+            kind = self._rng.integers(0, 100)
+            edges += [] if kind == 0 else [int(self._next) - begin]
+            self._next += 450 if kind == 1 else 16e6 * pitch_s
+        return edges
 
 
 def wild_tape(name: str, seed: int = 11) -> bytes:
     """The case's mode, driven for a second while speed, current and supply jump about, saturate, stick and fall silent."""
     rng = np.random.default_rng(seed)
-    frame = b"".join(data for _, data in _frames(CASES[name])[:1])
-    asked, pulled, released, end = (round(time_s * 16e6 / CYCLES_PER_PERIOD) for time_s in (COMMAND_S, 0.25, 1.25, 1.3))
-    current, bus, pitch_s, inputs = 520, 740, 1e-3, []
+    pulled, released, end = (round(time_s * 16e6 / CYCLES_PER_PERIOD) for time_s in (0.3, 1.3, 1.35))
+    starts = [(round(time_s * 16e6 / CYCLES_PER_PERIOD), frame) for time_s, frame in _frames(CASES[name])]
+    received = {at + 2 * n: frame[n : n + 1] for at, frame in starts for n in range(len(frame))}
+    current, bus, pitch_s, inputs, hall = 520, 740, 1e-3, [], _WildEdges(rng)
     for k in range(end):
         if k % 63 == 0 and rng.random() < 0.3:
             current, bus = int(rng.choice([180, 512, 516, 600, 700, 800, 890])), int(rng.choice([640, 700, 740, 800, 820, 1023]))
@@ -83,7 +97,6 @@ def wild_tape(name: str, seed: int = 11) -> bytes:
             pitch_s = rng.choice([1.0, 4e-3, 2e-3, 1.2e-3, 1e-3, 0.95e-3])
         driven = pulled <= k < released
         counts = (current + int(rng.integers(-6, 7)) if driven else 512, bus, 900 if driven else 100, 154)
-        at = (k - asked) // 2
-        received = frame[at : at + 1] if k >= asked and (k - asked) % 2 == 0 else b""
-        inputs.append(pack_inputs(BoardInputs(counts, _wild_edges(rng, pitch_s) if driven else (), 1 if driven else 0, received)))
+        edges = hall.of(k * CYCLES_PER_PERIOD, pitch_s) if driven else []
+        inputs.append(pack_inputs(BoardInputs(counts, edges, 1 if driven else 0, received.get(k, b""))))
     return b"".join(inputs)
