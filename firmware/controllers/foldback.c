@@ -11,6 +11,9 @@ void foldback_init(Foldback *self, int16_t limit_a_q9) {
 }
 
 static int32_t integrate(int32_t share_q23, int32_t excess_a_q9) {
+    if (share_q23 == 0 && excess_a_q9 <= 0) {
+        return 0;  // one of the two is so
+    }
     return fixed_clamp_i32(share_q23 + excess_a_q9 * GAIN_Q14, 0, DUTY_MAX_Q23);
 }
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from equality import TapeBoard
+from exercise import SettledSwitches
 
 from vgroove import lockstep, telemetry
 from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, pack_inputs
@@ -55,7 +56,7 @@ def impact_tape(name: str) -> bytes:
     case = CASES[name]
     board = TapeBoard(SilBoard(target=1))
     tool = make_tool(reference(case.joint, case.values), 3)
-    lockstep.run(board, tool, PULLS, DURATION_S, front=front_ends(), line=lockstep.Script(_frames(case)), seed=3)
+    lockstep.run(SettledSwitches(board), tool, PULLS, DURATION_S, front=front_ends(), line=lockstep.Script(_frames(case)), seed=3)
     return bytes(board.tape)
 
 
@@ -86,7 +87,8 @@ class _WildEdges:
 def wild_tape(name: str, seed: int = 11) -> bytes:
     """The case's mode, driven for a second while speed, current and supply jump about, saturate, stick and fall silent."""
     rng = np.random.default_rng(seed)
-    pulled, released, end = (round(time_s * 16e6 / CYCLES_PER_PERIOD) for time_s in (0.3, 1.3, 1.35))
+    times_s = (0.3004, 1.3004, 1.35)  # not at a tick, where the switches are read
+    pulled, released, end = (round(time_s * 16e6 / CYCLES_PER_PERIOD) for time_s in times_s)
     starts = [(round(time_s * 16e6 / CYCLES_PER_PERIOD), frame) for time_s, frame in _frames(CASES[name])]
     received = {at + 2 * n: frame[n : n + 1] for at, frame in starts for n in range(len(frame))}
     current, bus, pitch_s, inputs, hall = 520, 740, 1e-3, [], _WildEdges(rng)
