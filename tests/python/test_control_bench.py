@@ -201,3 +201,15 @@ def summary(part: dict, variant: str) -> dict:
 def test_fifth_of_synchronisation(fifth: Any, method: str) -> None:
     found = summary(fifth("sync"), method)
     assert found["clean"] >= 0.97 > found["clean_before"] and found["unclean_ratio"] <= 0.5 and found["worse_cells"] == 0
+
+
+@pytest.mark.parametrize("method", ["method 1", "method 2"])
+def test_fifth_of_low_vibration(fifth: Any, method: str) -> None:
+    found = summary(fifth("vibration"), method)
+    assert found["change"] <= -0.1 and found["worst"] <= 0.03 and found["time_most"] <= 0.05 and found["not_reached"] == 0
+
+
+def test_fifth_of_blow_detection(fifth: Any) -> None:
+    for source in ("by speed", "by current"):
+        found = summary(fifth("blows"), source)
+        assert found["cells"] > 20 and found["error_of_all"] <= 0.03

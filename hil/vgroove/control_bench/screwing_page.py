@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import plotly.graph_objects as go
 
 from vgroove.control_bench import screwing
@@ -9,6 +10,7 @@ from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
 from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync_page import methods
+from vgroove.control_bench.waves import Drive, Panel, wave_picture
 from vgroove.study.impact_runs import JOINT_SHORT
 from vgroove.study.report import Picture, Study, style
 
@@ -81,6 +83,17 @@ def past_picture(rows: Sequence[Figures]) -> Picture:
     return Picture("Where the screw stands in the end", style(figure, 560), "0 is the head's contact; below it the drive stopped early")
 
 
+def wave() -> Picture:
+    """Turns past the seat, joint torque and hammer until the end of the ramp and beyond; the uncontrolled trigger is held."""
+    rig = screwing.screw("m6", 18.5, 1.0, False, 3)
+    beyond = screwing.ramp_end_rad(rig) + 6.0
+    drive = Drive(rig, trigger=0.8, to_s=12.0, every=8, stop_when=lambda tool, _: tool.head_rad > beyond)
+    panels = (Panel("head_rad", "screw in turns", 0.5 / np.pi), Panel("joint_nm", "torque in N m"), Panel("hammer_mm", "hammer in mm"))
+    return wave_picture(
+        "A screw to its seat", "M6, 18.5 V, trigger 0.8; without control the trigger is held", drive, screwing.VARIANTS, panels
+    )
+
+
 def screwing_study(rows: Sequence[Figures]) -> Study:
     """The whole part."""
     found = summaries(rows)
@@ -88,4 +101,4 @@ def screwing_study(rows: Sequence[Figures]) -> Study:
     lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "precise screwing")]
     tables = [table_of("screwing_summary", "Precise screwing", SUMMARY, found), goals_table("screwing", listed)]
     data = {"screwing": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
-    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [past_picture(present(rows))], data)
+    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [past_picture(present(rows)), wave()], data)

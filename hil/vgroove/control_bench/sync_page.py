@@ -9,10 +9,11 @@ from plotly.subplots import make_subplots
 from vgroove.control_bench import sync
 from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
 from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
-from vgroove.control_bench.runs import pull, reference, sil_run
+from vgroove.control_bench.runs import reference
 from vgroove.control_bench.sets import by_half
+from vgroove.control_bench.waves import Drive, Panel, wave_picture
 from vgroove.study.impact_runs import RPM
-from vgroove.study.report import Picture, Study, Table, style, thin
+from vgroove.study.report import Picture, Study, Table, style
 
 SUMMARY = [
     ("variant", "variant"),
@@ -29,8 +30,6 @@ SUMMARY = [
     ("spread at most", "spread_most"),
     ("work ratio", "work_ratio"),
 ]
-WAVE = {"supply_v": 17.5, "load": "slip_60", "trigger": 0.8, "seed": 3}
-WAVE_FROM_S, WAVE_TO_S = 1.0, 1.25
 
 
 def methods(rows: Sequence[Figures]) -> list[str]:
@@ -103,32 +102,11 @@ def clean_picture(rows: Sequence[Figures]) -> Picture:
     return Picture("Clean share of blows", style(figure, 130 + 250 * len(names)), "supply and trigger across, joints down; 1 is all clean")
 
 
-def wave_picture(names: Sequence[str]) -> Picture:
-    """Motor speed and hammer displacement with and without control in a cell that loses its step."""
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06)
-    rig = reference(sync.load_of(WAVE["load"]), supply_v=WAVE["supply_v"])
-    for variant, colour in zip(sync.VARIANTS, ("#30343b", "#d1495b", "#00798c"), strict=True):
-        if variant.name not in (*names, PLAIN.name):
-            continue
-        run = sil_run(
-            rig,
-            mode=variant.mode,
-            params=variant.params,
-            profile=pull(WAVE["trigger"]),
-            duration_s=WAVE_TO_S,
-            seed=WAVE["seed"],
-            truth_every=4,
-        )
-        shown = run.truth["time_s"] > WAVE_FROM_S
-        time_s, speed, hammer = thin(*(run.truth[key][shown] for key in ("time_s", "speed_rad_s", "hammer_mm")))
-        line = {"name": variant.name, "legendgroup": variant.name, "line": {"color": colour, "width": 1.5}}
-        figure.add_trace(go.Scatter(x=time_s, y=speed * RPM, **line), row=1, col=1)
-        figure.add_trace(go.Scatter(x=time_s, y=hammer, showlegend=False, **line), row=2, col=1)
-    figure.update_yaxes(title="motor speed in rpm", row=1)
-    figure.update_yaxes(title="hammer in mm", row=2)
-    figure.update_xaxes(title="time in s", row=2)
-    note = f"{sync.LOAD_WORDS[WAVE['load']]}, {WAVE['supply_v']:g} V, trigger {WAVE['trigger']:g}: the truth of the plant"
-    return Picture("Motor speed and hammer displacement", style(figure, 560), note)
+def wave() -> Picture:
+    """Motor speed and hammer displacement in a cell that loses its step without control."""
+    drive = Drive(reference(sync.load_of("slip_60"), supply_v=17.5), trigger=0.8, from_s=1.0, to_s=1.25)
+    panels = (Panel("speed_rad_s", "motor speed in rpm", RPM), Panel("hammer_mm", "hammer in mm"))
+    return wave_picture("Motor speed and hammer displacement", "slips at 60 N m, 17.5 V, trigger 0.8", drive, sync.VARIANTS, panels)
 
 
 def sync_study(rows: Sequence[Figures]) -> Study:
@@ -142,6 +120,6 @@ def sync_study(rows: Sequence[Figures]) -> Study:
         *absent_lines(rows, "synchronisation"),
     ]
     tables = [table_of("sync_summary", "Synchronisation", SUMMARY, found), goals_table("sync", listed), cell_table(rows)]
-    pictures = [clean_picture(rows), wave_picture(methods(rows))]
+    pictures = [clean_picture(rows), wave()]
     data = {"sync": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
     return Study("control", "Controllers", lines, [t for t in tables if t.rows], pictures, data)

@@ -6,8 +6,9 @@ import plotly.graph_objects as go
 
 from vgroove.control_bench import torque
 from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
-from vgroove.control_bench.jobs import Figures, absent_lines, present
+from vgroove.control_bench.jobs import PLAIN, Figures, Variant, absent_lines, present
 from vgroove.control_bench.sets import by_half
+from vgroove.control_bench.waves import Drive, Panel, wave_picture
 from vgroove.study.report import Picture, Study, Table, style
 
 SUMMARY = [
@@ -101,6 +102,14 @@ def error_picture(cells: Sequence[Figures]) -> Picture:
     return Picture("Torque control", style(figure, 520), "targets in reach; target and slope in N m/rad below")
 
 
+def wave() -> Picture:
+    """Torque of the joint, head and motor current over one tightening, without control and to 100 N m."""
+    drive = Drive(torque.joint(120.0, 3), to_s=1.5)
+    panels = (Panel("joint_nm", "torque in N m"), Panel("head_rad", "head in rad"), Panel("current_a", "motor current in A"))
+    variants = (PLAIN, Variant("torque, 100 N m", "torque", {"torque_target_nm": 100.0}))
+    return wave_picture("Torque control over time", "120 N m/rad, all quantities scattered", drive, variants, panels)
+
+
 def torque_study(rows: Sequence[Figures], maps: Sequence[Figures]) -> Study:
     """The whole part."""
     chosen = present(rows)
@@ -120,4 +129,4 @@ def torque_study(rows: Sequence[Figures], maps: Sequence[Figures]) -> Study:
         table_of("torque_cells", "Torque reached, every cell", CELLS, cells),
     ]
     data = {"torque": {"map": list(maps), "summary": found, "goals": [g.as_dict() for g in listed], "cells": cells, "runs": list(rows)}}
-    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [error_picture(cells)], data)
+    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [error_picture(cells), wave()], data)

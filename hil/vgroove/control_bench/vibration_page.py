@@ -7,8 +7,10 @@ import plotly.graph_objects as go
 from vgroove.control_bench import vibration
 from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
 from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
+from vgroove.control_bench.runs import PULL_S, reference
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync_page import methods
+from vgroove.control_bench.waves import Drive, Panel, wave_picture
 from vgroove.study.impact_runs import JOINT_WORDS
 from vgroove.study.report import Picture, Study, style
 
@@ -71,6 +73,13 @@ def cell_picture(rows: Sequence[Figures]) -> Picture:
     )
 
 
+def wave() -> Picture:
+    """Housing reaction, motor current and duty from the pull of the trigger on."""
+    drive = Drive(reference("disc_spring", supply_v=18.5), from_s=PULL_S - 0.01, to_s=PULL_S + 0.35)
+    panels = (Panel("housing_nm", "reaction in N m"), Panel("current_a", "motor current in A"), Panel("duty", "duty"))
+    return wave_picture("Motor torque on the housing", "disc springs, 18.5 V, full trigger", drive, vibration.VARIANTS, panels)
+
+
 def margin_rows(rows: Sequence[Figures]) -> list[Figures]:
     """Each disturbance under each method against no control under the same disturbance."""
     plain = {r["disturbance"]: r["rms_nm"] for r in rows if r["variant"] == PLAIN.name}
@@ -118,6 +127,6 @@ def vibration_study(rows: Sequence[Figures], margin: Sequence[Figures] = ()) -> 
     ]
     margins = margin_rows(present(margin))
     tables.append(table_of("vibration_margin", "Margin: three blows disturbed", MARGIN, margins))
-    pictures = [cell_picture(chosen), margin_picture(margins) if margins else None, phase_picture(chosen)]
+    pictures = [cell_picture(chosen), wave(), margin_picture(margins) if margins else None, phase_picture(chosen)]
     data = {"vibration": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows), "margin": margins}}
     return Study("control", "Controllers", lines, [t for t in tables if t.rows], [p for p in pictures if p], data)
