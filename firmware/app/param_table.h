@@ -48,14 +48,14 @@
     X(SYNC_CURRENT_A_Q9,        "A",         12800, 1024,  28160, 3) /* method 2: mean current while impacting */ \
     /* screwing */                                                                                       \
     /* vibration */                                                                                      \
-    X(VIBRATION_METHOD,          "1",       2,     1,    2,     3) /* low vibration: 1 by the Hall speed, 2 by current and duty */ \
-    X(VIBRATION_APPROACH_Q15,    "1",       8520,  3277, 32767, 3) /* duty until the hammer meets the anvil */ \
-    X(VIBRATION_CLIMB_Q15,       "1",       7700,  1638, 32767, 3) /* duty with which the hammer begins to climb over the first lug */ \
-    X(VIBRATION_CLIMB_PER_MS_Q15, "1/ms",    108,   0,    3277,  3) /* what is added to it each ms */ \
-    X(VIBRATION_CLIMB_TURN_Q8,   "turn",    175,   26,   768,   3) /* turns of the motor from the dip of its speed to the first release of the hammer */ \
-    X(VIBRATION_SURGE_A_Q9,      "A",       20480, 5120, 22528, 3) /* current from there until the duty is that of the trigger */ \
-    X(VIBRATION_HARD_SHARE_Q15,  "1",       21234, 0,    32767, 3) /* share of the back-EMF in the voltage of the motor: less is a hard joint */ \
-    X(VIBRATION_HARD_MV,         "mV",      14400, 8000, 30000, 3) /* voltage of the motor on a hard joint */ \
+    X(VIBRATION_METHOD,          "1",       2,     1,     2,     3) /* low vibration: 1 by the Hall speed, 2 by current and duty */ \
+    X(VIBRATION_APPROACH_Q15,    "1",       9175,  3277,  32767, 3) /* duty until the hammer meets the anvil */ \
+    X(VIBRATION_CLIMB_Q15,       "1",       7766,  1638,  32767, 3) /* duty with which the hammer begins to climb over the first lug */ \
+    X(VIBRATION_CLIMB_PER_MS_Q15,"1/ms",    105,   0,     3277,  3) /* what is added to it each ms */ \
+    X(VIBRATION_CLIMB_TURN_Q8,   "turn",    172,   26,    768,   3) /* turns of the motor from the dip of its speed to the first release of the hammer */ \
+    X(VIBRATION_SURGE_A_Q9,      "A",       21504, 5120,  22528, 3) /* current from there until the duty is that of the trigger */ \
+    X(VIBRATION_HARD_SHARE_Q15,  "1",       21234, 0,     32767, 3) /* share of the back-EMF in the voltage of the motor: less is a hard joint */ \
+    X(VIBRATION_HARD_MV,         "mV",      14400, 8000,  30000, 3) /* voltage of the motor on a hard joint */ \
     /* torque */                                                                                         \
     /* drill */                                                                                          \
     /* end of the list */
