@@ -14,40 +14,53 @@
 #define SURGE_STEP_Q15 Q(0.12, 15)     // a ms
 #define RUN_STEP_Q15 Q(0.006, 15)      // a ms: the trigger's own ramp
 #define LIMIT_STEP_Q15 Q(0.002, 15)    // a ms: a blow or two until a hard joint is told, 0.1 s to its voltage
-#define TURN_PER_Q8 469u               // rpm Q1 ms in a 1/256 turn: 60,000 * 2 / 256
+#define GAIN_MS 2u                     // the tick of the approach that has the time for a division
+#define TURNED_SHIFT 4u                // sums of mV ms in 16 bits
+#define TURN_Q8 469u
+#define MOHM_MOST 511u  // counts as that
 
-// What a tick says.
+// What a tick says of the motor: the voltage applied, and the part of it that is back-EMF.
 typedef struct {
-    uint16_t motor_mv;  // applied
-    int16_t speed_rpm_q1;
-    int16_t free_rpm_q1;  // speed whose back-EMF is the whole voltage
+    uint16_t applied_mv;
+    uint16_t emf_mv;
 } Seen;
 
-static int16_t rpm_of(const VibrationSetpoints *set, int32_t emf_mv) {
-    const uint16_t per_mv_q15 = (uint16_t)(((uint32_t)set->motor_rpm_per_v * 16777u) >> 8);  // 2 * 2^15 / 1000
-    const uint32_t rpm_q1 = ((uint32_t)(uint16_t)fixed_clamp_i32(emf_mv, 0, INT16_MAX) * per_mv_q15) >> 15;
-    return (int16_t)(rpm_q1 > INT16_MAX ? INT16_MAX : (int16_t)rpm_q1);
+static uint16_t high_word(uint32_t product) {
+    return (uint16_t)(product >> 16);
 }
 
-static int16_t drop_mv(const VibrationSetpoints *set, int16_t current_a_q9) {
-    return fixed_saturate_i16(((int32_t)current_a_q9 * (int16_t)set->motor_mohm) >> 9, &(bool){false});
+static uint16_t emf_by_current(const Vibration *self, uint16_t applied_mv, int16_t current_a_q9) {
+    const int16_t drop_mv = (int16_t)(((int32_t)current_a_q9 * self->mohm_q7) >> 16);
+    if (drop_mv < 0) {
+        return (uint16_t)(applied_mv - (uint16_t)drop_mv);
+    }
+    return applied_mv > (uint16_t)drop_mv ? (uint16_t)(applied_mv - (uint16_t)drop_mv) : 0u;
 }
 
-static Seen look(const VibrationSetpoints *set, const ControllerInputs *in) {
-    Seen seen = {.motor_mv = (uint16_t)(((uint32_t)(uint16_t)in->duty_q15 * in->supply_mv) >> 15)};
-    seen.free_rpm_q1 = rpm_of(set, seen.motor_mv);
-    seen.speed_rpm_q1 = set->method == VIBRATION_BY_SPEED ? in->speed_rpm_q1 : rpm_of(set, (int32_t)seen.motor_mv - drop_mv(set, in->current_a_q9));
+static uint16_t emf_by_speed(const Vibration *self, int16_t speed_rpm_q1) {
+    return speed_rpm_q1 > 0 ? (uint16_t)(((uint32_t)(uint16_t)speed_rpm_q1 * self->mv_per_rpm_q12) >> 12) : 0u;
+}
+
+static Seen look(const Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
+    const uint16_t supply_mv = in->supply_mv < INT16_MAX ? in->supply_mv : INT16_MAX;
+    Seen seen = {.applied_mv = high_word((uint32_t)(2u * (uint16_t)in->duty_q15) * supply_mv)};
+    seen.emf_mv = set->method == VIBRATION_BY_SPEED ? emf_by_speed(self, in->speed_rpm_q1) : emf_by_current(self, seen.applied_mv, in->current_a_q9);
     return seen;
 }
 
+// The back-EMF of a speed Q1 is 500 mV / (rpm/V); a turn is 60,000 * 2 rpm Q1 ms, 1/256 of it TURN_Q8.
 void vibration_start(Vibration *self, const VibrationSetpoints *set) {
-    *self = (Vibration){.limit_q15 = INT16_MAX, .climb_turn = (uint32_t)set->climb_turn_q8 * TURN_PER_Q8};
+    const uint16_t mohm = set->motor_mohm < MOHM_MOST ? set->motor_mohm : MOHM_MOST;
+    *self = (Vibration){.limit_q15 = INT16_MAX, .mohm_q7 = (uint16_t)(mohm << 7)};
+    self->mv_per_rpm_q12 = divide_u16((uint32_t)500u << 12, set->motor_rpm_per_v);
+    const uint32_t turn_mv_ms = (uint32_t)set->climb_turn_q8 * (uint16_t)(((uint32_t)TURN_Q8 * self->mv_per_rpm_q12) >> 12);
+    self->climb_turn = (uint16_t)(turn_mv_ms >> TURNED_SHIFT > UINT16_MAX ? UINT16_MAX : turn_mv_ms >> TURNED_SHIFT);
 }
 
 static uint8_t next_phase(const Vibration *self, const ControllerInputs *in, const Seen *seen) {
     switch ((VibrationPhase)self->phase) {
     case VIBRATION_APPROACH:
-        if (seen->speed_rpm_q1 < self->top_rpm_q1 - (self->top_rpm_q1 >> DIP_SHIFT)) {
+        if (seen->emf_mv < self->top_mv - (self->top_mv >> DIP_SHIFT)) {
             return VIBRATION_CLIMB;
         }
         return self->phase_ms >= APPROACH_MS ? VIBRATION_RUN : VIBRATION_APPROACH;
@@ -61,29 +74,34 @@ static uint8_t next_phase(const Vibration *self, const ControllerInputs *in, con
     return VIBRATION_RUN;
 }
 
-// The duty that lets the current rise to surge_a: what is applied plus what the resistance wants for the rest.
-static int16_t surge(const Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in, const Seen *seen) {
-    const int32_t rest_a_q9 = (int32_t)set->surge_a_q9 - in->current_a_q9;
-    const int32_t wanted_mv = (int32_t)seen->motor_mv + drop_mv(set, (int16_t)fixed_clamp_i32(rest_a_q9, INT16_MIN, INT16_MAX));
-    const uint16_t wanted_q15 = divide_u16((uint32_t)fixed_clamp_i32(wanted_mv, 0, UINT16_MAX) << 15, in->supply_mv);
+// The duty that lets the current rise to surge_a: the one in force and what the resistance wants for the rest.
+static int16_t surge(const Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
     const uint16_t most_q15 = (uint16_t)(self->duty_q15 + SURGE_STEP_Q15);
+    if (in->current_a_q9 >= set->surge_a_q9) {
+        return self->duty_q15;
+    }
+    const uint16_t rest_a_q9 = (uint16_t)set->surge_a_q9 - (uint16_t)in->current_a_q9;
+    const uint16_t wanted_q15 = (uint16_t)((uint16_t)in->duty_q15 + high_word((uint32_t)rest_a_q9 * self->rise_q16));
     const uint16_t duty_q15 = wanted_q15 < most_q15 ? wanted_q15 : most_q15;
-    const int16_t risen_q15 = (int16_t)(duty_q15 > INT16_MAX ? (uint16_t)INT16_MAX : duty_q15);
-    return risen_q15 > self->duty_q15 ? risen_q15 : self->duty_q15;
+    if (duty_q15 > INT16_MAX) {
+        return INT16_MAX;
+    }
+    return (int16_t)duty_q15 > self->duty_q15 ? (int16_t)duty_q15 : self->duty_q15;
 }
 
 // On a hard joint the motor is slow for its voltage.
 static int16_t limited(const Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in, const Seen *seen, const Blow *blow) {
-    const bool slow = seen->speed_rpm_q1 < (int16_t)(((int32_t)seen->free_rpm_q1 * set->hard_share_q15) >> 15);
-    if (slow && blow->impacting && seen->motor_mv > set->hard_mv) {
+    if (blow->impacting && seen->applied_mv > set->hard_mv &&
+        seen->emf_mv < high_word((uint32_t)seen->applied_mv * (uint16_t)(2 * set->hard_share_q15))) {
         const int16_t from_q15 = self->limit_q15 < in->trigger_q15 ? self->limit_q15 : in->trigger_q15;
-        return slew_towards(from_q15, 0, LIMIT_STEP_Q15);
+        return (int16_t)(from_q15 > LIMIT_STEP_Q15 ? from_q15 - LIMIT_STEP_Q15 : 0);
     }
-    return slew_towards(self->limit_q15, INT16_MAX, LIMIT_STEP_Q15);
+    return (int16_t)(self->limit_q15 < INT16_MAX - LIMIT_STEP_Q15 ? self->limit_q15 + LIMIT_STEP_Q15 : INT16_MAX);
 }
 
 static int16_t climb(const Vibration *self, const VibrationSetpoints *set) {
-    return (int16_t)fixed_clamp_i32(set->climb_q15 + (int32_t)set->climb_per_ms_q15 * self->phase_ms, 0, INT16_MAX);
+    const uint32_t duty_q15 = (uint16_t)set->climb_q15 + (uint32_t)(uint16_t)set->climb_per_ms_q15 * self->phase_ms;
+    return (int16_t)(duty_q15 < INT16_MAX ? (uint16_t)duty_q15 : INT16_MAX);
 }
 
 static int16_t output(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in, const Seen *seen, const Blow *blow) {
@@ -93,7 +111,7 @@ static int16_t output(Vibration *self, const VibrationSetpoints *set, const Cont
     case VIBRATION_CLIMB:
         return climb(self, set);
     case VIBRATION_SURGE:
-        return surge(self, set, in, seen);
+        return surge(self, set, in);
     case VIBRATION_RUN:
         break;
     }
@@ -103,7 +121,7 @@ static int16_t output(Vibration *self, const VibrationSetpoints *set, const Cont
 
 // Never beyond the trigger; a trigger that is let go a little is followed at the trigger's own rate.
 static int16_t within_trigger(const Vibration *self, const ControllerInputs *in, int16_t wish_q15) {
-    const int16_t down_q15 = slew_towards(self->duty_q15, 0, RUN_STEP_Q15);
+    const int16_t down_q15 = (int16_t)(self->duty_q15 - RUN_STEP_Q15);
     const int16_t most_q15 = in->trigger_q15 > down_q15 ? in->trigger_q15 : down_q15;
     return wish_q15 < most_q15 ? wish_q15 : most_q15;
 }
@@ -116,11 +134,21 @@ static void begin(Vibration *self, const ControllerInputs *in) {
     }
 }
 
-static void note(Vibration *self, const Seen *seen) {
+// Duty per current through the winding: 2^15 * 2^16 / (1000 mohm/ohm * 2^9) * 1000 mV/V = 2^22 mohm / mV.
+static uint16_t rise_of(const VibrationSetpoints *set, uint16_t supply_mv) {
+    const uint16_t mohm = set->motor_mohm < MOHM_MOST ? set->motor_mohm : MOHM_MOST;
+    return divide_u16((uint32_t)mohm << 22, supply_mv);
+}
+
+static void note(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in, const Seen *seen) {
     if (self->phase == VIBRATION_APPROACH) {
-        self->top_rpm_q1 = self->phase_ms >= SETTLE_MS && seen->speed_rpm_q1 > self->top_rpm_q1 ? seen->speed_rpm_q1 : self->top_rpm_q1;
-    } else if (self->phase == VIBRATION_CLIMB && seen->speed_rpm_q1 > 0) {
-        self->turned += (uint16_t)seen->speed_rpm_q1;
+        self->top_mv = self->phase_ms >= SETTLE_MS && seen->emf_mv > self->top_mv ? seen->emf_mv : self->top_mv;
+        if (self->phase_ms == GAIN_MS) {
+            self->rise_q16 = rise_of(set, in->supply_mv);
+        }
+    } else if (self->phase == VIBRATION_CLIMB) {
+        const uint16_t turned = (uint16_t)(self->turned + (seen->emf_mv >> TURNED_SHIFT));
+        self->turned = turned < self->turned ? UINT16_MAX : turned;
     }
 }
 
@@ -128,9 +156,9 @@ int16_t vibration_step(Vibration *self, const VibrationSetpoints *set, const Con
     if (!self->begun) {
         begin(self, in);
     }
-    const Seen seen = look(set, in);
+    const Seen seen = look(self, set, in);
     self->phase_ms = (uint8_t)(self->phase_ms + (self->phase_ms < UINT8_MAX ? 1u : 0u));
-    note(self, &seen);
+    note(self, set, in, &seen);
     const uint8_t next = next_phase(self, in, &seen);
     if (next != self->phase) {
         self->phase = next;

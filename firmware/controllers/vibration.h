@@ -41,9 +41,12 @@ typedef struct {
     bool begun;
     int16_t duty_q15;
     int16_t limit_q15;    // on a hard joint
-    int16_t top_rpm_q1;   // highest speed of the approach
-    uint32_t turned;      // since the dip, rpm Q1 ms
-    uint32_t climb_turn;  // where the hammer is let go
+    uint16_t top_mv;      // highest back-EMF of the approach
+    uint16_t turned;      // since the dip, mV ms / 16
+    uint16_t climb_turn;  // where the hammer is let go
+    uint16_t mohm_q7;
+    uint16_t mv_per_rpm_q12;  // back-EMF of a speed Q1
+    uint16_t rise_q16;        // duty Q15 per current Q9 through the winding
 } Vibration;
 
 void vibration_start(Vibration *self, const VibrationSetpoints *set);
