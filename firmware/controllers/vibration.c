@@ -14,7 +14,7 @@
 #define SURGE_STEP_Q15 Q(0.12, 15)     // a ms
 #define RUN_STEP_Q15 Q(0.006, 15)      // a ms: the trigger's own ramp
 #define LIMIT_STEP_Q15 Q(0.002, 15)    // a ms: a blow or two until a hard joint is told, 0.1 s to its voltage
-#define GAIN_MS 2u                     // the tick of the approach that has the time for a division
+#define PREPARED 4u                    // ticks
 #define TURNED_SHIFT 4u                // sums of mV ms in 16 bits
 #define TURN_Q8 469u
 #define MOHM_MOST 511u  // counts as that
@@ -48,13 +48,8 @@ static Seen look(const Vibration *self, const VibrationSetpoints *set, const Con
     return seen;
 }
 
-// The back-EMF of a speed Q1 is 500 mV / (rpm/V); a turn is 60,000 * 2 rpm Q1 ms, 1/256 of it TURN_Q8.
 void vibration_start(Vibration *self, const VibrationSetpoints *set) {
-    const uint16_t mohm = set->motor_mohm < MOHM_MOST ? set->motor_mohm : MOHM_MOST;
-    *self = (Vibration){.limit_q15 = INT16_MAX, .mohm_q7 = (uint16_t)(mohm << 7)};
-    self->mv_per_rpm_q12 = divide_u16((uint32_t)500u << 12, set->motor_rpm_per_v);
-    const uint32_t turn_mv_ms = (uint32_t)set->climb_turn_q8 * (uint16_t)(((uint32_t)TURN_Q8 * self->mv_per_rpm_q12) >> 12);
-    self->climb_turn = (uint16_t)(turn_mv_ms >> TURNED_SHIFT > UINT16_MAX ? UINT16_MAX : turn_mv_ms >> TURNED_SHIFT);
+    *self = (Vibration){.limit_q15 = INT16_MAX, .mohm_q7 = (uint16_t)((set->motor_mohm < MOHM_MOST ? set->motor_mohm : MOHM_MOST) << 7)};
 }
 
 static uint8_t next_phase(const Vibration *self, const ControllerInputs *in, const Seen *seen) {
@@ -126,26 +121,40 @@ static int16_t within_trigger(const Vibration *self, const ControllerInputs *in,
     return wish_q15 < most_q15 ? wish_q15 : most_q15;
 }
 
-static void begin(Vibration *self, const ControllerInputs *in) {
-    self->begun = true;
-    if (in->speed_rpm_q1 > 0) {
-        self->phase = VIBRATION_RUN;
-        self->duty_q15 = in->travel_q15;  // a drive that resumes while the shaft turns
+// A turn is 60,000 * 2 rpm Q1 ms, 1/256 of it TURN_Q8.
+static uint16_t climb_turn(const Vibration *self, const VibrationSetpoints *set) {
+    const uint16_t per_q8_mv_ms = (uint16_t)(((uint32_t)TURN_Q8 * self->mv_per_rpm_q12) >> 12);
+    const uint32_t turn = ((uint32_t)set->climb_turn_q8 * per_q8_mv_ms) >> TURNED_SHIFT;
+    return (uint16_t)(turn > UINT16_MAX ? UINT16_MAX : turn);
+}
+
+// What needs a division is worked out in the first ticks, one piece each. The back-EMF of a speed Q1 is 500 mV / (rpm/V); duty Q15 per current Q9
+// through the winding: 2^15 * 2^16 * 1000 / (1000 * 2^9) = 2^22 mohm / mV.
+static void prepare(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
+    switch (++self->prepared) {
+    case 1:
+        if (in->speed_rpm_q1 > 0) {
+            self->phase = VIBRATION_RUN;
+            self->duty_q15 = in->travel_q15;  // a drive that resumes while the shaft turns
+        }
+        break;
+    case 2:
+        self->mv_per_rpm_q12 = divide_u16((uint32_t)500u << 12, set->motor_rpm_per_v);
+        break;
+    case 3:
+        self->rise_q16 = divide_u16((uint32_t)(self->mohm_q7 >> 7) << 22, in->supply_mv);
+        break;
+    case PREPARED:
+        self->climb_turn = climb_turn(self, set);
+        break;
+    default:
+        break;
     }
 }
 
-// Duty per current through the winding: 2^15 * 2^16 / (1000 mohm/ohm * 2^9) * 1000 mV/V = 2^22 mohm / mV.
-static uint16_t rise_of(const VibrationSetpoints *set, uint16_t supply_mv) {
-    const uint16_t mohm = set->motor_mohm < MOHM_MOST ? set->motor_mohm : MOHM_MOST;
-    return divide_u16((uint32_t)mohm << 22, supply_mv);
-}
-
-static void note(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in, const Seen *seen) {
+static void note(Vibration *self, const Seen *seen) {
     if (self->phase == VIBRATION_APPROACH) {
         self->top_mv = self->phase_ms >= SETTLE_MS && seen->emf_mv > self->top_mv ? seen->emf_mv : self->top_mv;
-        if (self->phase_ms == GAIN_MS) {
-            self->rise_q16 = rise_of(set, in->supply_mv);
-        }
     } else if (self->phase == VIBRATION_CLIMB) {
         const uint16_t turned = (uint16_t)(self->turned + (seen->emf_mv >> TURNED_SHIFT));
         self->turned = turned < self->turned ? UINT16_MAX : turned;
@@ -153,12 +162,12 @@ static void note(Vibration *self, const VibrationSetpoints *set, const Controlle
 }
 
 int16_t vibration_step(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in, const Blow *blow) {
-    if (!self->begun) {
-        begin(self, in);
+    if (self->prepared < PREPARED) {
+        prepare(self, set, in);
     }
     const Seen seen = look(self, set, in);
     self->phase_ms = (uint8_t)(self->phase_ms + (self->phase_ms < UINT8_MAX ? 1u : 0u));
-    note(self, set, in, &seen);
+    note(self, &seen);
     const uint8_t next = next_phase(self, in, &seen);
     if (next != self->phase) {
         self->phase = next;

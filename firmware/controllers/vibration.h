@@ -38,7 +38,7 @@ typedef struct {
 typedef struct {
     uint8_t phase;  // VIBRATION_*
     uint8_t phase_ms;
-    bool begun;
+    uint8_t prepared;  // ticks of preparation done
     int16_t duty_q15;
     int16_t limit_q15;    // on a hard joint
     uint16_t top_mv;      // highest back-EMF of the approach
