@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -150,8 +149,7 @@ def test_bad_input_is_a_sentence_and_exit_code_2(tmp_path: Path, words: tuple, s
 
 def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "vgroove.cli", "study", "steps", "--points", "200"]
-    hear = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a shell that runs this in the background has it ignored
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path, preexec_fn=hear) as run:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path) as run:
         deadline = time.monotonic() + 60
         while not (tmp_path / "study").is_dir() and time.monotonic() < deadline:
             time.sleep(0.05)

@@ -25,7 +25,7 @@ CHANCE = 1e-4  # expected number of such repeats in a log by chance
 PARTS = 5  # into which a stretch is cut to see whether another column moves in it
 MOVES = 0.1  # of a column's span, by which another moves while this one stands still
 PITCHES = 3.0  # edges that a speed must leave in a time-out before it cannot be one
-DEFAULT_TIMEOUT_S = 0.05
+SHORT_TIMEOUT_S = 0.05  # of a rig that names none, shorter than measured.py assumes: the doubt is the sensor's
 
 
 def without_dead(log: Any, rig: Rig) -> Any:
@@ -106,7 +106,7 @@ def spiked(columns: dict[str, np.ndarray], name: str, rig: Rig) -> np.ndarray:
 def _slowest_rpm(rig: Rig) -> float:
     """Speed below which edges may time out between rows: three pitches a time-out."""
     pulses = rig.sensors.get("hall_pulses_per_rev", 0)
-    return PITCHES * 60.0 / pulses / rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S) if pulses else 0.0
+    return PITCHES * 60.0 / pulses / rig.sensors.get("hall_timeout_s", SHORT_TIMEOUT_S) if pulses else 0.0
 
 
 def frozen(time_s: np.ndarray, columns: dict[str, np.ndarray], name: str, rig: Rig, stopped: np.ndarray) -> np.ndarray:
