@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from vgroove.control_bench import blows, bound, drill, scores, screwing, sync, torque, vibration
+from vgroove.control_bench import avr, blows, bound, drill, scores, screwing, sync, torque, vibration
 from vgroove.control_bench.control import PARTS, Choice
 from vgroove.control_bench.goals import Goal
 from vgroove.control_bench.jobs import PLAIN, Job, Variant, do, run_jobs
@@ -171,6 +171,11 @@ def test_the_plain_shape_is_the_uncontrolled_tool() -> None:
 def test_workers_give_what_one_process_gives() -> None:
     jobs = sync.jobs(sync.cells()[:3], [PLAIN])
     assert run_jobs(jobs, lambda words: None, "", workers=2) == run_jobs(jobs, lambda words: None, "", workers=1)
+
+
+def test_the_elf_decides_alike() -> None:
+    row = avr.differing(avr.CASES["sync"][0])
+    assert row["equal"] and row["rows"] > 900 and row["frames"] > 5
 
 
 FIFTH = Choice(only_fifth=True, workers=1)
