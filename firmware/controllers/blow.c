@@ -40,7 +40,7 @@ void blow_start(Blow *self, const BlowSetpoints *set) {
     (void)set;
     (void)memset(self, 0, sizeof *self);
     self->since_ms = UINT16_MAX;
-    self->since_hit_ms = UINT16_MAX;
+    self->since_hit_ms = PAUSE_MS - 1u;
     self->rising = true;
     self->work = WORK_NEXT;
 }
@@ -83,39 +83,38 @@ static int16_t speed_by_current(Blow *self, const ControllerInputs *in) {
     return (int16_t)fixed_clamp_i32((int32_t)half_rpm_q1 + half_rpm_q1 - drop_rpm_q1, 0, INT16_MAX);
 }
 
+// What follows from the ripple. Even: the hammer swings once a lug, there are no repeats, and a second valley is the notch of the blow.
+static void set_ripple(Blow *self, int16_t ripple_rpm_q1) {
+    self->ripple_rpm_q1 = ripple_rpm_q1;
+    self->even = ripple_rpm_q1 < self->speed_rpm_q1 >> EVEN_SHIFT;
+    const int16_t share = (int16_t)(ripple_rpm_q1 >> (self->even ? 1 : 2));
+    self->hysteresis_rpm_q1 = share > FLOOR_RPM_Q1 ? share : FLOOR_RPM_Q1;
+}
+
 static void count_time(Blow *self) {
     self->since_ms = one_more(self->since_ms);
     self->since_hit_ms = one_more(self->since_hit_ms);
     if (self->since_hit_ms < PAUSE_MS) {
         if ((self->since_hit_ms & FORGET_MASK_MS) == 0u && self->angle >= self->forget_angle) {
-            self->ripple_rpm_q1 = (int16_t)(self->ripple_rpm_q1 >> 1);
+            set_ripple(self, (int16_t)(self->ripple_rpm_q1 >> 1));
         }
         return;
+    }
+    if (self->since_hit_ms > PAUSE_MS) {
+        return;  // it is told already
     }
     self->impacting = false;
     self->blows_seen = 0;
     self->late_angle = 0;
-    self->ripple_rpm_q1 = 0;
+    set_ripple(self, 0);
 }
 
-static void collect(Blow *self, const ControllerInputs *in) {
-    const int16_t speed = self->speed_rpm_q1;
-    const uint16_t more = (uint16_t)(self->angle + ((uint16_t)speed >> ANGLE_SHIFT));
+static void collect(Blow *self) {
+    const uint16_t more = (uint16_t)(self->angle + ((uint16_t)self->speed_rpm_q1 >> ANGLE_SHIFT));
     self->angle = more < self->angle ? UINT16_MAX : more;
-    self->high_rpm_q1 = self->signal_rpm_q1 > self->high_rpm_q1 ? self->signal_rpm_q1 : self->high_rpm_q1;
-    self->next_min_rpm_q1 = speed < self->next_min_rpm_q1 ? speed : self->next_min_rpm_q1;
-    self->next_max_rpm_q1 = speed > self->next_max_rpm_q1 ? speed : self->next_max_rpm_q1;
-    self->next_current_a_q9 = in->current_a_q9 > self->next_current_a_q9 ? in->current_a_q9 : self->next_current_a_q9;
-}
-
-// The hammer swings once a lug: no repeats, and a second valley is the notch of the blow.
-static bool swings_evenly(const Blow *self) {
-    return self->ripple_rpm_q1 < self->speed_rpm_q1 >> EVEN_SHIFT;
-}
-
-static int16_t hysteresis(const Blow *self) {
-    const int16_t share = (int16_t)(self->ripple_rpm_q1 >> (swings_evenly(self) ? 1 : 2));
-    return share > FLOOR_RPM_Q1 ? share : FLOOR_RPM_Q1;
+    if (self->signal_rpm_q1 > self->high_rpm_q1) {
+        self->high_rpm_q1 = self->signal_rpm_q1;
+    }
 }
 
 static void learn_period(Blow *self) {
@@ -167,12 +166,6 @@ static void close_blow(Blow *self, uint8_t lugs) {
     const uint16_t turn_q8 = (uint16_t)(((uint32_t)self->angle * TURN_PER_ANGLE_Q16) >> 16);
     self->period_q4 = lugs == 2u ? (uint16_t)(since_q4 >> 1) : since_q4;
     self->turn_q8 = lugs == 2u ? (uint16_t)(turn_q8 >> 1) : turn_q8;
-    self->speed_min_rpm_q1 = self->next_min_rpm_q1;
-    self->speed_max_rpm_q1 = self->next_max_rpm_q1;
-    self->current_max_a_q9 = self->next_current_a_q9;
-    self->next_min_rpm_q1 = self->speed_rpm_q1;
-    self->next_max_rpm_q1 = self->speed_rpm_q1;
-    self->next_current_a_q9 = 0;
     self->last_fraction_q4 = self->fraction_q4;
     self->count = (uint16_t)(self->count + lugs);
     self->blows_seen = (uint8_t)(self->blows_seen + (self->blows_seen < UINT8_MAX ? 1u : 0u));
@@ -188,11 +181,11 @@ static void close_blow(Blow *self, uint8_t lugs) {
 static void hit(Blow *self) {
     const int16_t ripple = (int16_t)(self->high_rpm_q1 - self->extreme_rpm_q1);  // the fall: a run-up between two valleys is none
     if (self->blows_seen == 0u) {
-        self->ripple_rpm_q1 = 0;  // what was before it is the run-up
+        set_ripple(self, 0);  // what was before it is the run-up
     } else if (self->ripple_rpm_q1 == 0) {
-        self->ripple_rpm_q1 = ripple;
+        set_ripple(self, ripple);
     } else {
-        self->ripple_rpm_q1 = (int16_t)(self->ripple_rpm_q1 + ((ripple - self->ripple_rpm_q1) >> MEMORY_SHIFT));
+        set_ripple(self, (int16_t)(self->ripple_rpm_q1 + ((ripple - self->ripple_rpm_q1) >> MEMORY_SHIFT)));
     }
     self->high_rpm_q1 = self->signal_rpm_q1;
     self->struck = true;
@@ -225,11 +218,11 @@ static uint8_t sixteenths(uint16_t over, uint16_t step) {
 }
 
 static void valley(Blow *self, int16_t last_rpm_q1) {
-    const uint16_t dead = swings_evenly(self) ? self->even_angle : self->dead_angle;
+    const uint16_t dead = self->even ? self->even_angle : self->dead_angle;
     if (self->blows_seen > 0u && (uint16_t)(self->angle - self->hit_angle) < dead) {
         return;
     }
-    const uint16_t over = (uint16_t)(self->signal_rpm_q1 - self->extreme_rpm_q1 - hysteresis(self));
+    const uint16_t over = (uint16_t)(self->signal_rpm_q1 - self->extreme_rpm_q1 - self->hysteresis_rpm_q1);
     const int16_t step = (int16_t)(self->signal_rpm_q1 - last_rpm_q1);
     self->fraction_q4 = step > 0 && over < (uint16_t)step ? sixteenths(over, (uint16_t)step) : 15u;
     hit(self);
@@ -279,7 +272,7 @@ static bool turns_up(Blow *self) {
         return false;
     }
     const int16_t back = (int16_t)(self->rising ? self->extreme_rpm_q1 - x : x - self->extreme_rpm_q1);
-    if (back <= hysteresis(self)) {
+    if (back <= self->hysteresis_rpm_q1) {
         return false;
     }
     self->rising = !self->rising;
@@ -296,7 +289,7 @@ void blow_step(Blow *self, const BlowSetpoints *set, const ControllerInputs *in)
     const int16_t last = self->signal_rpm_q1;
     const bool rising = self->rising;
     sense(self, set, in);
-    collect(self, in);
+    collect(self);
     if (turns_up(self)) {
         valley(self, last);
     }

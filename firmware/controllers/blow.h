@@ -37,10 +37,7 @@ typedef struct {
 
     // Of the last blow, from the one before to it, repeats included; the mean speed a tick after it.
     uint16_t period_q4;  // ms, of one lug
-    int16_t speed_min_rpm_q1;
-    int16_t speed_max_rpm_q1;
     int16_t speed_mean_rpm_q1;
-    int16_t current_max_a_q9;
     uint16_t turn_q8;  // turns of the motor per lug: what exceeds the setpoint is the joint's own, times the gear
 
     // Running; two ticks after a blow.
@@ -54,7 +51,9 @@ typedef struct {
     int16_t signal_rpm_q1;   // what is left
     int16_t high_rpm_q1;     // from hit to hit
     int16_t extreme_rpm_q1;  // last valley or top
+    int16_t hysteresis_rpm_q1;
     bool rising;
+    bool even;                              // the hammer swings once a lug
     uint8_t blows_seen;                     // 0 none yet, 1, 2 the period is known, ...
     uint8_t fraction_q4, last_fraction_q4;  // of a tick, between the crossing and the tick that saw it
     uint16_t angle, hit_angle;              // since the last blow; at the last hit. rpm Q1 ms / 16
@@ -65,7 +64,6 @@ typedef struct {
     uint16_t rpm_per_mv_q15, rpm_per_a_q7;
     uint16_t supply_mv_q1;
     uint16_t since_hit_ms;
-    int16_t next_min_rpm_q1, next_max_rpm_q1, next_current_a_q9;  // being collected
     uint16_t deviation_q8;
 } Blow;
 

@@ -7,16 +7,18 @@
 #define TRAVEL_LEAST_Q15 9830  // 0.3: below it the trigger itself is the duty, for starting a screw
 #define LEVEL_MIN_MV 13400
 #define LEVEL_MAX_MV 16600
+#define TRIM_MAX_MV 12000
 #define SLEW_Q15 328      // 0.01 a tick
-#define TRIM_TICKS 4u     // after a blow; what it was is known after two
-#define SUPPLY_SHIFT 5u   // 32 ms
-#define CURRENT_SHIFT 6u  // 64 ms
+#define SUPPLY_SHIFT 3u   // every third tick: 24 ms
+#define CURRENT_SHIFT 4u  // 48 ms
 #define STEP_UP_MV 100    // a blow
 #define STEP_FAST_MV 250
 #define STEP_DOWN_MV 60
 #define CURRENT_DEAD_A_Q9 1536  // 3 A
 #define CURRENT_STEP_SHIFT 4u   // 32 mV a blow for each A beyond: with 3 A/V and three blows of lag far from swinging
 #define SEEK_SHIFT 1u           // dips of twice the limit: out of step
+
+typedef enum { TURN_FOLLOW, TURN_TRIM, TURN_LEVEL, TURN_APPROACH } Turn;
 
 void sync_start(Sync *self, const SyncSetpoints *set) {
     (void)set;
@@ -58,21 +60,27 @@ static int16_t base_mv(const SyncSetpoints *set, int16_t travel_q15) {
     return (int16_t)(set->low_mv + part_of((int16_t)(set->high_mv - set->low_mv), travel_q15));
 }
 
-static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow, int16_t base) {
+// What the last blow says.
+static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow) {
     const int16_t deep = part_of(blow->speed_mean_rpm_q1, set->depth_max_q15);
     const bool lost = blow->ripple_rpm_q1 >> SEEK_SHIFT > deep;
     const int16_t by_dips = trim_by_depth(blow->ripple_rpm_q1, deep, part_of(blow->speed_mean_rpm_q1, set->depth_min_q15));
     const int16_t even = set->method == SYNC_METHOD_SPEED ? by_dips : trim_by_current(self, set);
     const int16_t step = lost ? STEP_FAST_MV : even;
     if (step < 0 || self->goal_q15 < INT16_MAX) {  // else there is nothing more to be had from this battery
-        self->trim_mv = (int16_t)fixed_clamp_i32((int32_t)self->trim_mv + step, (int32_t)LEVEL_MIN_MV - base, (int32_t)LEVEL_MAX_MV - base);
+        self->trim_mv = (int16_t)fixed_clamp_i32((int32_t)self->trim_mv + step, -TRIM_MAX_MV, TRIM_MAX_MV);
     }
     self->state = lost ? SYNC_SEEK : SYNC_HOLD;
 }
 
-// The duty that gives the level, by steps that leave a sixth of what is missing or less: 3/2 stands for 2^15 over the supply, and no division is needed.
-static void renew(Sync *self, int16_t base) {
+static void set_level(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
+    const int16_t base = base_mv(set, travel_q15);
     self->level_mv = (int16_t)fixed_clamp_i32((int32_t)base + self->trim_mv, LEVEL_MIN_MV, LEVEL_MAX_MV);
+    self->trim_mv = (int16_t)(self->level_mv - base);  // no more than what it does
+}
+
+// The duty that gives the level, by steps that leave a sixth of what is missing or less: 3/2 stands for 2^15 over the supply, and no division is needed.
+static void approach(Sync *self) {
     const int16_t given_mv = (int16_t)(uint16_t)(((uint32_t)(uint16_t)self->goal_q15 * self->supply_mv_q1) >> 16);
     const int16_t off_mv = (int16_t)(self->level_mv - given_mv);
     const int16_t more_q15 = (int16_t)(off_mv + (off_mv >> 1));
@@ -80,34 +88,60 @@ static void renew(Sync *self, int16_t base) {
     self->goal_q15 = self->goal_q15 < 0 ? 0 : self->goal_q15;
 }
 
-// What a blow says is looked at when all of it is known.
+static void engage(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
+    self->state = SYNC_HOLD;
+    self->turn = TURN_FOLLOW;
+    self->heard = false;
+    self->current_a_q9 = set->current_a_q9;  // that of the run-up says nothing
+    self->goal_q15 = self->duty_q15;
+    set_level(self, set, travel_q15);
+}
+
+// One piece a tick, none while the blow itself is worked out; what a blow says is looked at when all of it is known.
+static void take_turn(Sync *self, const SyncSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+    switch ((Turn)self->turn) {
+    case TURN_FOLLOW:
+        follow(self, in);
+        self->turn = self->heard ? TURN_TRIM : TURN_LEVEL;
+        break;
+    case TURN_TRIM:
+        trim(self, set, blow);
+        self->heard = false;
+        self->turn = TURN_LEVEL;
+        break;
+    case TURN_LEVEL:
+        set_level(self, set, in->travel_q15);
+        self->turn = TURN_APPROACH;
+        break;
+    case TURN_APPROACH:
+        approach(self);
+        self->turn = TURN_FOLLOW;
+        break;
+    }
+}
+
 static void hold(Sync *self, const SyncSetpoints *set, const ControllerInputs *in, const Blow *blow) {
     if (self->state == SYNC_PLAIN) {
-        self->state = SYNC_HOLD;
-        self->current_a_q9 = set->current_a_q9;  // that of the run-up says nothing
-        self->goal_q15 = self->duty_q15;
-        self->wait = 0;
+        engage(self, set, in->travel_q15);
+    } else if (!blow->busy) {
+        take_turn(self, set, in, blow);
     }
-    const int16_t base = base_mv(set, in->travel_q15);
-    renew(self, base);
-    if (self->wait > 0u) {
-        self->wait--;
-        if (self->wait == 0u) {
-            trim(self, set, blow, base);
-        }
-    }
-    if (blow->lugs > 0u) {
-        self->wait = TRIM_TICKS;
+    self->heard = self->heard || blow->lugs > 0u;
+}
+
+static void release(Sync *self, const ControllerInputs *in, const Blow *blow) {
+    self->state = SYNC_PLAIN;
+    self->goal_q15 = in->travel_q15;
+    if (!blow->busy) {
+        follow(self, in);
     }
 }
 
 int16_t sync_step(Sync *self, const SyncSetpoints *set, const ControllerInputs *in, const Blow *blow) {
-    follow(self, in);
     if (blow->impacting && in->travel_q15 >= TRAVEL_LEAST_Q15) {
         hold(self, set, in, blow);
     } else {
-        self->state = SYNC_PLAIN;
-        self->goal_q15 = in->travel_q15;
+        release(self, in, blow);
     }
     const bool plain_rise = self->state == SYNC_PLAIN && self->duty_q15 <= in->travel_q15;
     self->duty_q15 = plain_rise ? in->travel_q15 : slew_towards(self->duty_q15, self->goal_q15, SLEW_Q15);

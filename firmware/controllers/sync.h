@@ -32,7 +32,8 @@ typedef struct {
 
 typedef struct {
     uint8_t state;
-    uint8_t wait;     // ticks until the last blow trims
+    uint8_t turn;     // what is done next
+    bool heard;       // a blow that has not trimmed yet
     int16_t trim_mv;  // learned in this drive
     int16_t level_mv;
     int16_t goal_q15;       // duty that gives the level

@@ -98,8 +98,6 @@ TEST_P(BlowSources, LevelOfTheLastBlowIsOfThatBlow) {
     const double mean = TURN * 3000;
     EXPECT_NEAR(blow.turn_q8 / 256.0, TURN, 0.2);
     EXPECT_NEAR(blow.speed_mean_rpm_q1 / 2.0, mean, 0.06 * mean);
-    EXPECT_LT(blow.speed_min_rpm_q1 / 2.0, 0.98 * mean);
-    EXPECT_GT(blow.speed_max_rpm_q1 / 2.0, mean);
     EXPECT_NEAR(blow.ripple_rpm_q1 / 2.0, 0.05 * mean, 0.02 * mean);
 }
 
@@ -176,7 +174,6 @@ TEST_P(BlowSources, AnyInputGivesOneConsistentEvent) {
         ASSERT_EQ(blow.struck, blow.lugs > 0 || blow.repeat);
         ASSERT_GE(blow.spread_q15, 0);
         ASSERT_GE(blow.ripple_rpm_q1, 0);
-        ASSERT_GE(blow.speed_max_rpm_q1, blow.speed_min_rpm_q1);
     }
 }
 
