@@ -26,7 +26,7 @@
 #define SHARE_TWO_Q8 166u     // 0.65 beyond one lug there must have been another
 #define SHARE_LATE_Q8 38u     // 0.15 beyond a lug a blow was late: the next one may come as much earlier
 
-typedef enum { WORK_NONE, WORK_NEXT, WORK_ANGLES, WORK_GAINS, WORK_SPEED, WORK_PERIOD } Work;
+typedef enum { WORK_NONE, WORK_NEXT, WORK_ANGLES, WORK_GAINS, WORK_MEASURE, WORK_LEARN } Work;
 
 static uint16_t share_of(uint16_t value, uint8_t share_q8) {
     return (uint16_t)(((uint32_t)value * share_q8) >> 8);
@@ -133,7 +133,31 @@ static void learn_period(Blow *self) {
     self->spread_q15 = (int16_t)(spread_q15 > INT16_MAX ? INT16_MAX : (int16_t)spread_q15);
 }
 
-// What takes its time comes one piece a tick: after a start what the setpoints come to, after a blow what takes a division.
+// over / step in sixteenths, less than 1: four bits of a division.
+static uint8_t sixteenths(uint16_t over, uint16_t step) {
+    uint8_t result = 0;
+    for (uint8_t bit = 8; bit > 0u; bit >>= 1) {
+        over = (uint16_t)(over << 1);
+        if (over >= step) {
+            over = (uint16_t)(over - step);
+            result |= bit;
+        }
+    }
+    return result;
+}
+
+// Over the time since the blow before; where within its tick the signal crossed the hysteresis makes the period finer than a tick.
+static void measure_blow(Blow *self) {
+    const uint8_t fraction_q4 = self->step_rpm_q1 > self->over_rpm_q1 ? sixteenths(self->over_rpm_q1, self->step_rpm_q1) : 15u;
+    const uint16_t since_q4 = (uint16_t)((uint16_t)(self->last_ms << 4) + self->last_fraction_q4 - fraction_q4);
+    const uint16_t turn_q8 = (uint16_t)(((uint32_t)self->last_angle * TURN_PER_ANGLE_Q16) >> 16);
+    self->last_fraction_q4 = fraction_q4;
+    self->period_q4 = self->last_lugs == 2u ? (uint16_t)(since_q4 >> 1) : since_q4;
+    self->turn_q8 = self->last_lugs == 2u ? (uint16_t)(turn_q8 >> 1) : turn_q8;
+    self->speed_mean_rpm_q1 = (int16_t)divide_u16((uint32_t)self->last_angle << ANGLE_SHIFT, self->last_ms);
+}
+
+// What takes its time comes one piece a tick: after a start what the setpoints come to, after a blow what it was.
 static void work(Blow *self, const BlowSetpoints *set) {
     switch ((Work)self->work) {
     case WORK_NONE:
@@ -148,32 +172,26 @@ static void work(Blow *self, const BlowSetpoints *set) {
     case WORK_GAINS:
         set_gains(self, set);
         break;
-    case WORK_SPEED:
-        self->speed_mean_rpm_q1 = (int16_t)divide_u16((uint32_t)self->last_angle << ANGLE_SHIFT, self->last_ms);
-        self->work = WORK_PERIOD;
+    case WORK_MEASURE:
+        measure_blow(self);
+        self->work = WORK_LEARN;
         return;
-    case WORK_PERIOD:
+    case WORK_LEARN:
         learn_period(self);
         break;
     }
     self->work = WORK_NONE;
 }
 
-// Everything is over the time since the blow before.
 static void close_blow(Blow *self, uint8_t lugs) {
-    const uint16_t since_ms = self->since_ms < SINCE_MAX_MS ? self->since_ms : SINCE_MAX_MS;
-    const uint16_t since_q4 = (uint16_t)((uint16_t)(since_ms << 4) + self->last_fraction_q4 - self->fraction_q4);
-    const uint16_t turn_q8 = (uint16_t)(((uint32_t)self->angle * TURN_PER_ANGLE_Q16) >> 16);
-    self->period_q4 = lugs == 2u ? (uint16_t)(since_q4 >> 1) : since_q4;
-    self->turn_q8 = lugs == 2u ? (uint16_t)(turn_q8 >> 1) : turn_q8;
-    self->last_fraction_q4 = self->fraction_q4;
     self->count = (uint16_t)(self->count + lugs);
     self->blows_seen = (uint8_t)(self->blows_seen + (self->blows_seen < UINT8_MAX ? 1u : 0u));
     const bool late = lugs == 1u && self->blows_seen > 2u && self->angle > self->late_from_angle;
     self->late_angle = late ? (uint16_t)(self->angle - self->late_from_angle) : 0u;
     self->last_angle = self->angle;
-    self->last_ms = since_ms;
-    self->work = WORK_SPEED;
+    self->last_lugs = lugs;
+    self->last_ms = self->since_ms < SINCE_MAX_MS ? self->since_ms : SINCE_MAX_MS;
+    self->work = WORK_MEASURE;
     self->angle = 0;
     self->since_ms = 0;
 }
@@ -204,27 +222,15 @@ static uint8_t lugs_of(const Blow *self) {
     return self->angle >= self->two_angle && self->blows_seen > 2u ? 2 : 1;
 }
 
-// over / step in sixteenths, less than 1: four bits of a division.
-static uint8_t sixteenths(uint16_t over, uint16_t step) {
-    uint8_t result = 0;
-    for (uint8_t bit = 8; bit > 0u; bit >>= 1) {
-        over = (uint16_t)(over << 1);
-        if (over >= step) {
-            over = (uint16_t)(over - step);
-            result |= bit;
-        }
-    }
-    return result;
-}
-
 static void valley(Blow *self, int16_t last_rpm_q1) {
     const uint16_t dead = self->even ? self->even_angle : self->dead_angle;
     if (self->blows_seen > 0u && (uint16_t)(self->angle - self->hit_angle) < dead) {
         return;
     }
-    const uint16_t over = (uint16_t)(self->signal_rpm_q1 - self->extreme_rpm_q1 - self->hysteresis_rpm_q1);
+    const int16_t over = (int16_t)(self->signal_rpm_q1 - self->extreme_rpm_q1 - self->hysteresis_rpm_q1);
     const int16_t step = (int16_t)(self->signal_rpm_q1 - last_rpm_q1);
-    self->fraction_q4 = step > 0 && over < (uint16_t)step ? sixteenths(over, (uint16_t)step) : 15u;
+    self->over_rpm_q1 = (uint16_t)over;
+    self->step_rpm_q1 = (uint16_t)(step < 0 ? 0 : step);
     hit(self);
     self->lugs = lugs_of(self);
     self->repeat = self->lugs == 0u;

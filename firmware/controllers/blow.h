@@ -35,7 +35,7 @@ typedef struct {
     uint16_t repeats;
     uint16_t since_ms;  // since the last blow, saturates
 
-    // Of the last blow, from the one before to it, repeats included; the mean speed a tick after it.
+    // Of the last blow, from the one before to it, repeats included; a tick after it.
     uint16_t period_q4;  // ms, of one lug
     int16_t speed_mean_rpm_q1;
     uint16_t turn_q8;  // turns of the motor per lug: what exceeds the setpoint is the joint's own, times the gear
@@ -53,11 +53,13 @@ typedef struct {
     int16_t extreme_rpm_q1;  // last valley or top
     int16_t hysteresis_rpm_q1;
     bool rising;
-    bool even;                              // the hammer swings once a lug
-    uint8_t blows_seen;                     // 0 none yet, 1, 2 the period is known, ...
-    uint8_t fraction_q4, last_fraction_q4;  // of a tick, between the crossing and the tick that saw it
-    uint16_t angle, hit_angle;              // since the last blow; at the last hit. rpm Q1 ms / 16
-    uint16_t late_angle;                    // of the last blow
+    bool even;                          // the hammer swings once a lug
+    uint8_t blows_seen;                 // 0 none yet, 1, 2 the period is known, ...
+    uint8_t last_fraction_q4;           // of a tick, between the crossing of the hysteresis and the tick that saw it
+    uint16_t over_rpm_q1, step_rpm_q1;  // which is over / step
+    uint8_t last_lugs;
+    uint16_t angle, hit_angle;  // since the last blow; at the last hit. rpm Q1 ms / 16
+    uint16_t late_angle;        // of the last blow
     uint16_t last_angle, last_ms;
     uint8_t work;  // still to be done, a piece a tick
     uint16_t dead_angle, even_angle, repeat_angle, late_from_angle, two_angle, forget_angle;
