@@ -8,18 +8,19 @@
 
 #define LUG 5760                    // from lug to lug: 180 degrees of 1/32
 #define PITCH_SCALE (256u * 5760u)  // over pulses * turn_q8
-#define EDGES_MOST 2u    // a tick: more have no ripple to tell
-#define RIPPLE_MAX 4095  // rpm Q1
+#define EDGES_MOST 2u               // a tick: more have no ripple to tell
+#define RIPPLE_MAX 4095             // rpm Q1
 #define ASSUMED_START (60 * 32)
 #define ASSUMED_LEAST 32
 #define ASSUMED_MOST (150 * 32)
-#define ACQUIRE 18u         // half turns in which the oscillator follows fast
-#define TURNED_BIAS 32      // 4 degrees
-#define TURNED_MOST 223     // 28 degrees a half turn
-#define SETTLE_HALVES 10u   // after a change of power
-#define LEARN_HALVES 20u    // of them the last are learned from
-#define HARD_HALVES 30u     // before more power
-#define WINDOW_Q3 80        // 10 degrees: turn is measured over that at least, and a turn of the oscillator: what the Hall pitches beat with the blows evens out
+#define ACQUIRE 18u        // half turns in which the oscillator follows fast
+#define TURNED_BIAS 32     // 4 degrees
+#define TURNED_MOST 223    // 28 degrees a half turn
+#define SETTLE_HALVES 10u  // after a change of power
+#define LEARN_HALVES 20u   // of them the last are learned from
+#define HARD_HALVES 30u    // before more power
+#define WINDOW_Q3                                                                                                                                    \
+    80  // 10 degrees: turn is measured over that at least, and a turn of the oscillator: what the Hall pitches beat with the blows evens out
 #define WINDOW_MOST 14u
 #define FINE_Q4 512
 #define WINDOW_FINE_Q3 112
@@ -32,21 +33,22 @@
 #define ONSET_FINE_Q8 300
 #define EDGE_MOST_Q8 486
 #define SURE_FINE_Q3 96
-#define ONSET_Q8 282        // 1.10
-#define CALM_Q8 271         // 1.06
-#define EASIER_Q8 223       // 0.87
-#define STEEP_Q8 333        // 1.30 + 0.018 a degree: steeper is the edge of a knot
-#define SLOW_Q8 276         // 1.08 + 0.007 a degree: flatter is not a seat
-#define SURE_Q3 112         // 14 degrees and 0.4 of the learned turn: behind the onset until a seat is believed
-#define EDGE_Q3 200         // 25 degrees: a knot's edge is over
-#define MORE_Q8 154         // 0.6 above the edge's rise is a seat all the same
-#define GIVE_UP_Q3 480      // 60 degrees
+#define ONSET_Q8 282    // 1.10
+#define CALM_Q8 271     // 1.06
+#define EASIER_Q8 223   // 0.87
+#define STEEP_Q8 333    // 1.30 + 0.018 a degree: steeper is the edge of a knot
+#define SLOW_Q8 276     // 1.08 + 0.007 a degree: flatter is not a seat
+#define SURE_Q3 112     // 14 degrees and 0.4 of the learned turn: behind the onset until a seat is believed
+#define EDGE_Q3 200     // 25 degrees: a knot's edge is over
+#define MORE_Q8 154     // 0.6 above the edge's rise is a seat all the same
+#define GIVE_UP_Q3 480  // 60 degrees
 #define QUARTER 64u
 
 // 127 sin(2 pi n / 256), n = 0..64
-static const uint8_t sine_quarter[QUARTER + 1u] FLASH_TABLE = {
-    0,  3,  6,  9,  12, 16, 19, 22, 25, 28, 31, 34, 37, 40,  43,  46,  49,  51,  54,  57,  60,  63,  65,  68,  71,  73,  76,  78,  81,  83,  85,  88, 90,
-    92, 94, 96, 98, 100, 102, 104, 106, 107, 109, 111, 112, 113, 115, 116, 117, 118, 120, 121, 122, 122, 123, 124, 125, 125, 126, 126, 126, 127, 127, 127, 127};
+static const uint8_t sine_quarter[QUARTER + 1u] FLASH_TABLE = {0,   3,   6,   9,   12,  16,  19,  22,  25,  28,  31,  34,  37,  40,  43,  46,  49,
+                                                               51,  54,  57,  60,  63,  65,  68,  71,  73,  76,  78,  81,  83,  85,  88,  90,  92,
+                                                               94,  96,  98,  100, 102, 104, 106, 107, 109, 111, 112, 113, 115, 116, 117, 118, 120,
+                                                               121, 122, 122, 123, 124, 125, 125, 126, 126, 126, 127, 127, 127, 127};
 
 static int8_t sine(uint8_t angle) {
     const uint8_t in_quarter = angle & (QUARTER - 1u);

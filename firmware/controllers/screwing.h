@@ -23,38 +23,38 @@ typedef enum { SCREWING_POWER_SOFT, SCREWING_POWER_HARD, SCREWING_POWER_FULL } S
 #define SCREWING_RING 20u
 
 typedef struct {
-    uint8_t pulses;           // Hall edges a turn of the motor
-    uint16_t turn_q8;         // turns of the motor from lug to lug
-    int16_t share_q15;        // of the trigger's duty, once it impacts
-    int16_t share_hard_q15;   // where a blow turns the screw by little
-    int16_t hard_turn_deg_q4; // less than this; all of it below half of it
-    int16_t rise_q8;          // seat: torque over the learned one, at least
+    uint8_t pulses;            // Hall edges a turn of the motor
+    uint16_t turn_q8;          // turns of the motor from lug to lug
+    int16_t share_q15;         // of the trigger's duty, once it impacts
+    int16_t share_hard_q15;    // where a blow turns the screw by little
+    int16_t hard_turn_deg_q4;  // less than this; all of it below half of it
+    int16_t rise_q8;           // seat: torque over the learned one, at least
 } ScrewingSetpoints;
 
 // Angles of the screw in 1/32 degree where from lug to lug is 180 (two lugs), those of the ring and behind it in 1/8 degree.
 typedef struct {
     uint8_t state;
-    uint8_t power;       // SCREWING_POWER_*, SETTLE and after
-    uint16_t count;      // half turns of the oscillator since the power was changed, saturates
-    uint16_t pitch;      // angle of a Hall pitch
+    uint8_t power;   // SCREWING_POWER_*, SETTLE and after
+    uint16_t count;  // half turns of the oscillator since the power was changed, saturates
+    uint16_t pitch;  // angle of a Hall pitch
     int16_t last_rpm_q1;
-    uint16_t phase;    // of the oscillator, 2^16 a turn
-    uint16_t step;     // of the phase a pitch
-    int16_t assumed;   // turn of the screw a blow that the oscillator assumes
-    uint16_t found;    // phase of the ripple, last
+    uint16_t phase;   // of the oscillator, 2^16 a turn
+    uint16_t step;    // of the phase a pitch
+    int16_t assumed;  // turn of the screw a blow that the oscillator assumes
+    uint16_t found;   // phase of the ripple, last
     int16_t mean_rpm_q1;
     int32_t cos_sum, sin_sum, rest_sum;           // of this half turn
     int32_t cos_before, sin_before, rest_before;  // of the one before
-    uint8_t known;      // half turns since the start, up to ACQUIRE
-    bool due;           // a half turn has ended in the tick before: to be judged
-    int16_t head;       // angle of the screw, 1/32 degree
-    int16_t head_q3;    // the same up to the last half turn, 1/8 degree
-    int16_t onset_q3;   // where the rise began
-    int16_t learned_q4; // turn a half turn of the oscillator, 1/8 degree
+    uint8_t known;                                // half turns since the start, up to ACQUIRE
+    bool due;                                     // a half turn has ended in the tick before: to be judged
+    int16_t head;                                 // angle of the screw, 1/32 degree
+    int16_t head_q3;                              // the same up to the last half turn, 1/8 degree
+    int16_t onset_q3;                             // where the rise began
+    int16_t learned_q4;                           // turn a half turn of the oscillator, 1/8 degree
     int16_t rise_q8, raw_q8;
-    int16_t edge_q8;    // highest rise right behind the onset
-    uint8_t behind;  // half turns since the onset
-    uint8_t held;  // half turns in which it has looked like a seat
+    int16_t edge_q8;  // highest rise right behind the onset
+    uint8_t behind;   // half turns since the onset
+    uint8_t held;     // half turns in which it has looked like a seat
     uint8_t filled;
     uint8_t turned[SCREWING_RING];  // in each half turn, 1/8 degree, more by TURNED_BIAS
 } Screwing;

@@ -20,9 +20,9 @@ using Torque = std::function<double(double)>;  // N m over the head's degrees
 
 struct Tool {
     Torque torque;
-    double energy_j, rpm;       // of a blow; mean of the motor
-    double ripple = 0.08;       // of the speed
-    bool slower_at_less = true; // energy and speed follow the duty
+    double energy_j, rpm;        // of a blow; mean of the motor
+    double ripple = 0.08;        // of the speed
+    bool slower_at_less = true;  // energy and speed follow the duty
     double motor_turns = 0.2, phase = 0.0, head_deg = 0.0, period_s = 1.0, since_s = 0.0;
     int blows = 0, ticks = 0;
     int16_t wish = 0;
