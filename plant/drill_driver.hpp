@@ -46,6 +46,7 @@ enum class DrillRange { ANY, NOT_NEGATIVE, POSITIVE };
     X(decay_s_per_rad,  "load.decay_s_per_rad",                       10.0,     NOT_NEGATIVE) \
     X(rise_nm_per_rad,  "load.rise_nm_per_rad",                       0.0,      NOT_NEGATIVE) \
     X(rise_from_rad,    "load.rise_from_rad",                         0.0,      ANY) \
+    X(rise_most_nm,     "load.rise_most_nm",                          1e8,      NOT_NEGATIVE) \
     X(duty,             "drive.duty",                                 1.0,      ANY) \
     X(ramp_s,           "drive.ramp_s",                               0.3,      NOT_NEGATIVE)
 // clang-format on

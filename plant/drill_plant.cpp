@@ -72,7 +72,7 @@ static double effective_duty(const DrillParameters &p, double duty, double dead,
 static double chuck_torque(const DrillParameters &p, const DrillSystem &s, double middle_s, double command_nm) {
     const double window = middle_s >= p.load_from_s && middle_s < p.load_to_s ? p.load_nm : 0.0;
     const double past_rad = s.sums[DRILL_CHUCK_ANGLE] + s.x[DRILL_CHUCK] * (middle_s - s.time_s) - p.rise_from_rad;
-    return std::max(window + p.rise_nm_per_rad * std::max(past_rad, 0.0) + command_nm, 0.0);
+    return std::max(window + std::min(p.rise_nm_per_rad * std::max(past_rad, 0.0), p.rise_most_nm) + command_nm, 0.0);
 }
 
 PeriodResult DrillPlant::period(bool coast, double duty, double dead, double load_nm) {

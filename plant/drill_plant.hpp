@@ -17,7 +17,7 @@ struct DrillInterval {
 };
 
 // The load at the chuck is the friction law over Tc = what the parameters put on between from_s and to_s + rise_nm_per_rad times the chuck's angle
-// past rise_from_rad + the torque that comes with each period.
+// past rise_from_rad, at most rise_most_nm, + the torque that comes with each period.
 class DrillPlant {
 public:
     // supply_ohm: of the pack. step_s: of period(), 510 CPU cycles unless the plant runs alone.

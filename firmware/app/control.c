@@ -32,15 +32,6 @@ static void fill_sync(SyncSetpoints *set, const int16_t *value) {
     set->current_a_q9 = value[PARAM_SYNC_CURRENT_A_Q9];
 }
 
-static void fill_screwing(ScrewingSetpoints *set, const int16_t *value) {
-    set->pulses = (uint8_t)value[PARAM_HALL_PULSES];
-    set->turn_q8 = (uint16_t)value[PARAM_BLOW_TURN_Q8];
-    set->share_q15 = value[PARAM_SCREWING_SHARE_Q15];
-    set->share_hard_q15 = value[PARAM_SCREWING_SHARE_HARD_Q15];
-    set->hard_turn_deg_q4 = value[PARAM_SCREWING_HARD_TURN_DEG_Q4];
-    set->rise_q8 = value[PARAM_SCREWING_RISE_Q8];
-}
-
 // Synchronisation finds the blows in what its method is named after.
 static uint8_t blow_source(uint8_t mode, const int16_t *value) {
     if (mode != TELEMETRY_MODE_SYNC) {
@@ -67,6 +58,15 @@ static void fill_vibration(VibrationSetpoints *set, const int16_t *value) {
     set->surge_a_q9 = value[PARAM_VIBRATION_SURGE_A_Q9];
     set->hard_share_q15 = value[PARAM_VIBRATION_HARD_SHARE_Q15];
     set->hard_mv = (uint16_t)value[PARAM_VIBRATION_HARD_MV];
+}
+
+static void fill_drill(DrillSetpoints *set, const int16_t *value) {
+    set->clutch_dnm = value[PARAM_DRILL_CLUTCH_DNM];
+    set->ratio_q8 = (uint16_t)value[PARAM_DRILL_RATIO_Q8];
+    set->motor_mohm = (uint16_t)value[PARAM_MOTOR_MOHM];
+    set->rpm_per_v = (uint16_t)value[PARAM_MOTOR_RPM_PER_V];
+    set->pulse = value[PARAM_DRILL_PULSE] != 0;
+    set->kickback = value[PARAM_DRILL_KICKBACK] != 0;
 }
 
 bool control_has(uint8_t mode) {

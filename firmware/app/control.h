@@ -23,7 +23,7 @@
 
 #include "controllers/blow.h"
 #include "controllers/controller.h"
-#include "controllers/screwing.h"
+#include "controllers/drill.h"
 #include "controllers/sync.h"
 #include "controllers/vibration.h"
 #include "telemetry/telemetry_signals.h"
@@ -37,11 +37,11 @@ enum {
 // clang-format off
 #define CONTROL_LIST(X) \
     X(SYNC, sync, Sync, CONTROL_BOTH) \
-    X(SCREWING, screwing, Screwing, CONTROL_FORWARD) \
+    /* screwing */ \
     /* vibration */ \
     X(VIBRATION, vibration, Vibration, CONTROL_BOTH) \
     /* torque */ \
-    /* drill */ \
+    X(DRILL, drill, Drill, CONTROL_FORWARD) /* clutch and pulse mode tighten; reverse is plain */ \
     /* end of the list */
 // clang-format on
 

@@ -47,10 +47,6 @@
     X(SYNC_DEPTH_MAX_Q15,       "1",         1966,  0,     16383, 3) /* deeper ones raise it */ \
     X(SYNC_CURRENT_A_Q9,        "A",         12800, 1024,  28160, 3) /* method 2: mean current while impacting */ \
     /* screwing */                                                                                       \
-    X(SCREWING_SHARE_Q15,       "1",         20644, 8192,  32767, 3) /* share of the trigger's duty once it impacts */ \
-    X(SCREWING_SHARE_HARD_Q15,  "1",         26214, 8192,  32767, 3) /* the same where a blow turns the screw by little */ \
-    X(SCREWING_HARD_TURN_DEG_Q4, "deg",      192,   0,     1440,  3) /* turn a blow below which it is little */ \
-    X(SCREWING_RISE_Q8,         "1",         340,   290,   512,   3) /* seat: torque over the learned one, at least */ \
     /* vibration */                                                                                      \
     X(VIBRATION_METHOD,          "1",       2,     1,     2,     3) /* low vibration: 1 by the Hall speed, 2 by current and duty */ \
     X(VIBRATION_APPROACH_Q15,    "1",       9175,  3277,  32767, 3) /* duty until the hammer meets the anvil */ \
@@ -62,6 +58,10 @@
     X(VIBRATION_HARD_MV,         "mV",      14400, 8000,  30000, 3) /* voltage of the motor on a hard joint */ \
     /* torque */                                                                                         \
     /* drill */                                                                                          \
+    X(DRILL_CLUTCH_DNM,         "0.1 Nm",    0,     0,    300,   3) /* drill: torque of the electronic clutch at the chuck, 0 none */ \
+    X(DRILL_RATIO_Q8,           "1",         8064,  256,  32767, 3) /* drill: gear ratio, 31.5 in low gear */ \
+    X(DRILL_PULSE,              "1",         0,     0,    1,     3) /* drill: pulse mode above 15 A */ \
+    X(DRILL_KICKBACK,           "1",         1,     0,    1,     3) /* drill: anti-kickback */ \
     /* end of the list */
 // clang-format on
 

@@ -1,0 +1,275 @@
+// Drill driver, see drill.h. Numbers without another source: physics.md section 7, and the reference tool of its section 4.
+#include "controllers/drill.h"
+
+#include "core/divide.h"
+#include "core/fixed.h"
+#include "core/slew.h"
+
+#define DUTY_UP_Q15 109      // per ms: 0 to 1 in 0.3 s
+#define DUTY_LOADED_Q15 400  // against a load that stops the shaft, with the clutch set
+#define LOADED_A_Q14 Q(2.5, 14)
+#define DUTY_DOWN_Q15 197  // 6 per second
+
+#define PULSE_ON_A_Q9 Q(15.0, 9)
+#define PULSE_COAST_MS 24u  // the bridge stays open for one more, being armed
+#define PULSE_PERIOD_MS 100u
+#define BIN_MS 10u
+#define BIN_SHIFT 4u
+#define PULSE_OFF_SUM Q(8.0 * 100.0 / 16.0, 9)  // of 100 ms at 8 A, as the bins hold it
+#define PULSE_A 44u                             // the voltage of a pulse stays within that of what the shaft induces;
+#define RESUME_A 30u                            // at first, when it may be falling unseen, within this
+#define RESUME_MS 3u
+#define PULSE_SLEW_Q15 500  // a step of the voltage would look like one of the emf: the winding follows it in half a millisecond
+
+#define INDUCTANCE_NUMERATOR 25  // L / 1 ms = 100 mV/A = 25/128 mV per 1/512 A
+#define INDUCTANCE_SHIFT 7u
+#define INERTIA_A_Q9_PER_MV 69   // J / k^2 / 1 ms = 0.1347 A/mV
+#define FRICTION_A_Q4 Q(1.1, 4)  // Tc / k
+#define BLIND_TICKS 2u           // after an open bridge the current has first to build up
+#define GAP_MAX 200u
+
+// A jam in either gear takes the load current that stalls the motor, 55 A (16 V, a pack of 0.1 ohm) to 108 A, at once; the largest ordinary loads, 12 N m
+// in low gear and 3.5 N m in high gear, take 36 A. 45 A are 334 mV/ms.
+#define FALL_MV_PER_MS 334
+#define FALL_BY_INERTIA_MV 150  // 20 A of inertia at least: below it the load is an overload, which the fold-back and the stall fault know
+#define FALLEN_MV 300
+#define FALLEN_CLUTCH_MV 900  // with the clutch set, which is quicker where it can be
+#define FALLEN_TICK_MV 160    // one tick alone is no jam
+#define FALLEN_MAX_MV 30000
+#define MV_PER_A 7  // k^2 / J / 1 ms
+
+#define CLUTCH_A_Q4_MAX Q(40.0, 4)  // within the fold-back
+#define FILTER_SHIFT 5u
+#define SLOW_A_Q4 Q(18.0, 4)
+#define NOISE_A_Q4 Q(1.6, 4)  // a noisy estimate passes the setting early by this much
+#define NOISE_SLOW_A_Q4 Q(1.0, 4)
+#define LEAD_TICKS 2  // from the middle of a measured tick to the bridge's opening
+#define LIMIT_MV 750  // speed that the clutch allows: what a joint of 30 degrees turns into torque without passing the setting
+#define LIMIT_MV_PER_DNM 32
+#define LIMIT_MV_PER_A 27
+#define SWING_NUMERATOR 26  // J / k^2 e i' in A^2 Q8 from mV and A Q9 per tick, behind a shift of 8; half as much again: the slope lags
+
+static void stop(Drill *self, ControllerReason reason) {
+    self->state = DRILL_STOPPED;
+    self->reason = (uint8_t)reason;
+}
+
+// i = T / (N k) + Tc / k with 1 / k = 2 pi / 60 rpm per V: T in 0.1 N m, N Q8 and A Q4 make 42.9.
+static void set_clutch(Drill *self, const DrillSetpoints *set) {
+    const uint32_t torque = (uint32_t)(uint16_t)set->clutch_dnm * 43u;
+    const uint16_t wanted_a_q4 = divide_u16(torque * set->rpm_per_v, set->ratio_q8);
+    if (wanted_a_q4 > CLUTCH_A_Q4_MAX) {
+        stop(self, CONTROLLER_REASON_UNREACHABLE);
+        return;
+    }
+    const int16_t load_a_q4 = (int16_t)((int16_t)wanted_a_q4 + FRICTION_A_Q4);
+    self->slow = load_a_q4 < SLOW_A_Q4;
+    self->set_a_q4 = (int16_t)(load_a_q4 + (self->slow ? NOISE_SLOW_A_Q4 : NOISE_A_Q4));
+    self->limit_mv = (int16_t)(LIMIT_MV + LIMIT_MV_PER_DNM * set->clutch_dnm + ((LIMIT_MV_PER_A * self->set_a_q4) >> 4));
+}
+
+void drill_start(Drill *self, const DrillSetpoints *set) {
+    *self = (Drill){.state = DRILL_RUN, .blind = BLIND_TICKS};
+    if (set->clutch_dnm > 0) {
+        set_clutch(self, set);
+    }
+}
+
+// e = d Vs - R i - L i'
+static int16_t emf_of(const DrillSetpoints *set, const ControllerInputs *in, int16_t last_a_q9) {
+    const int32_t applied_mv = (int32_t)(((uint32_t)(uint16_t)in->duty_q15 * in->supply_mv) >> 15);
+    const int32_t current_a_q9 = in->current_a_q9;
+    const int32_t drop_mv = (current_a_q9 * (int16_t)set->motor_mohm) >> 9;
+    const int32_t rise_mv = ((current_a_q9 - last_a_q9) * INDUCTANCE_NUMERATOR) >> INDUCTANCE_SHIFT;
+    return (int16_t)fixed_clamp_i32(applied_mv - drop_mv - rise_mv, 0, INT16_MAX);
+}
+
+// Adds up what falls beyond ordinary loads; while the drive brakes it falls by the drive's own doing.
+static void judge_fall(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
+    const int32_t fall_mv = (int32_t)self->emf_mv - emf_mv;
+    int32_t beyond_mv = fall_mv + (((int32_t)current_a_q9 * MV_PER_A) >> 9) - (int32_t)self->gap * FALL_MV_PER_MS;
+    if (self->gap == 1u && beyond_mv > FALLEN_TICK_MV) {
+        beyond_mv = FALLEN_TICK_MV;
+    }
+    const bool inertia = current_a_q9 > 0 && fall_mv > FALL_BY_INERTIA_MV;
+    self->fallen_mv = (int16_t)(inertia ? fixed_clamp_i32(self->fallen_mv + beyond_mv, 0, FALLEN_MAX_MV) : 0);
+    self->jammed = self->fallen_mv > (self->set_a_q4 > 0 ? FALLEN_CLUTCH_MV : FALLEN_MV);
+}
+
+static int32_t filtered(int32_t sum_a_q14) {
+    return sum_a_q14 >> FILTER_SHIFT;
+}
+
+// Over 16 ms, or 32 ms where the clutch is set low: noise counts for more, and the shaft is slower.
+static int8_t weight(const Drill *self) {
+    return self->slow ? 1 : 2;
+}
+
+// Load current, filtered: i - J / k^2 e'
+static void track_load(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
+    const int32_t inertia_a_q9 = self->gap == 1u ? ((int32_t)self->emf_mv - emf_mv) * INERTIA_A_Q9_PER_MV : 0;
+    self->level_a_q14 += (current_a_q9 + inertia_a_q9 - filtered(self->level_a_q14)) * weight(self);
+    self->smooth_a_q14 += (filtered(self->level_a_q14) - filtered(self->smooth_a_q14)) * weight(self);
+}
+
+static void observe(Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
+    const int16_t last_a_q9 = self->last_a_q9;
+    self->last_a_q9 = in->current_a_q9;
+    self->gap = (uint8_t)(self->gap + (self->gap < GAP_MAX ? 1u : 0u));
+    self->blind = in->coasted ? BLIND_TICKS : (uint8_t)(self->blind - (self->blind > 0u ? 1u : 0u));
+    if (self->blind > 0u) {
+        return;
+    }
+    const int16_t emf_mv = emf_of(set, in, last_a_q9);
+    if (self->known) {
+        judge_fall(self, emf_mv, in->current_a_q9);
+        track_load(self, emf_mv, in->current_a_q9);
+    }
+    self->emf_mv = emf_mv;
+    self->gap = 0;
+    self->known = true;
+}
+
+// What turns would carry a load that rises along the angle on to sqrt(i^2 + J / k^2 e i').
+static bool clutch_reached(Drill *self) {
+    const int32_t level_a_q9 = filtered(self->level_a_q14);
+    const int32_t apart_a_q9 = level_a_q9 - (filtered(self->smooth_a_q14));
+    const int32_t slope_a_q9 = self->slow ? apart_a_q9 >> 5 : apart_a_q9 >> 4;  // a tick
+    const int32_t now_a_q4 = fixed_clamp_i32((level_a_q9 + apart_a_q9 + LEAD_TICKS * slope_a_q9) >> 5, 0, 2047);
+    const int32_t rising_a_q9 = fixed_clamp_i32(slope_a_q9, 0, INT16_MAX);
+    const int32_t swing = ((self->emf_mv * rising_a_q9) >> 8) * SWING_NUMERATOR;
+    self->now_a_q4 = (int16_t)now_a_q4;
+    return now_a_q4 * now_a_q4 + swing >= (int32_t)self->set_a_q4 * self->set_a_q4;
+}
+
+static int16_t duty_of(uint32_t volt_mv, uint16_t supply_mv) {
+    const uint16_t duty_q15 = volt_mv >= supply_mv ? INT16_MAX : divide_u16(volt_mv << 15, supply_mv);
+    return (int16_t)(duty_q15 > INT16_MAX ? INT16_MAX : duty_q15);
+}
+
+// Holds the clutch's speed under load: its voltage and three quarters of what the load takes in the winding.
+static int16_t governed(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
+    const int32_t load_a_q9 = fixed_clamp_i32(filtered(self->level_a_q14), 0, CLUTCH_A_Q4_MAX << 5);
+    const int32_t drop_mv = ((load_a_q9 * (int16_t)set->motor_mohm) >> 11) * 3;
+    const int16_t duty_q15 = duty_of((uint32_t)(self->limit_mv + drop_mv), in->supply_mv);
+    return duty_q15 < in->travel_q15 ? duty_q15 : in->travel_q15;
+}
+
+// Mean over the last 0.1 s below 8 A; asked in steps of 10 ms.
+static bool eased(Drill *self, int16_t current_a_q9) {
+    self->pulse_ms = (uint16_t)(self->pulse_ms + (self->pulse_ms < PULSE_PERIOD_MS ? 1u : 0u));
+    self->bin_sum = (int16_t)(self->bin_sum + (current_a_q9 >> BIN_SHIFT));
+    if (++self->bin_ms < BIN_MS) {
+        return false;
+    }
+    self->bins[self->bin] = self->bin_sum;
+    self->bin = (uint8_t)(self->bin + 1u < DRILL_BINS ? self->bin + 1u : 0u);
+    self->bin_sum = 0;
+    self->bin_ms = 0;
+    int32_t sum = 0;
+    for (uint8_t n = 0; n < DRILL_BINS; n++) {
+        sum += self->bins[n];
+    }
+    return self->pulse_ms >= PULSE_PERIOD_MS && sum < PULSE_OFF_SUM;
+}
+
+static DrillState next_state(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in, bool pulse_over) {
+    switch ((DrillState)self->state) {
+    case DRILL_RUN:
+        return set->pulse && in->current_a_q9 > PULSE_ON_A_Q9 && self->fallen_mv == 0 ? DRILL_COAST : DRILL_RUN;
+    case DRILL_COAST:
+        return pulse_over ? DRILL_RUN : (self->phase_ms >= PULSE_COAST_MS ? DRILL_PULSE : DRILL_COAST);
+    case DRILL_PULSE:
+        return pulse_over ? DRILL_RUN : (self->phase_ms >= PULSE_PERIOD_MS ? DRILL_COAST : DRILL_PULSE);
+    case DRILL_STOPPED:
+        return DRILL_STOPPED;
+    }
+    return DRILL_STOPPED;
+}
+
+static void change_pulse(Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
+    const bool pulse_over = self->state != DRILL_RUN && eased(self, in->current_a_q9);
+    self->phase_ms++;
+    const DrillState next = next_state(self, set, in, pulse_over);
+    if (next == DRILL_COAST && self->state != DRILL_COAST) {
+        self->phase_ms = 0;
+    }
+    if (next == DRILL_COAST && self->state == DRILL_RUN) {
+        self->pulse_ms = 0;
+        self->bin_ms = 0;
+        self->bin_sum = 0;
+    }
+    self->state = (uint8_t)next;
+}
+
+static uint16_t induced_mv(const DrillSetpoints *set, int16_t speed_rpm_q1) {
+    return divide_u16((uint32_t)(uint16_t)(speed_rpm_q1 > 0 ? speed_rpm_q1 : 0) * 500u, set->rpm_per_v);
+}
+
+// While nothing drives, the Hall sensor alone tells of a jam: more is gone at the end of a coast than an ordinary load takes.
+static bool jammed_coasting(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
+    return self->state == DRILL_COAST && self->phase_ms == PULSE_COAST_MS &&
+           (int32_t)self->emf_mv - induced_mv(set, in->speed_rpm_q1) > (int32_t)PULSE_COAST_MS * FALL_MV_PER_MS;
+}
+
+// Full duty, within 44 A of what the shaft induces: it may have stood still meanwhile.
+static int16_t pulse_duty(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
+    const bool resuming = self->phase_ms <= PULSE_COAST_MS + RESUME_MS;
+    const uint32_t beyond_mv = (uint32_t)set->motor_mohm * (resuming ? RESUME_A : PULSE_A);
+    const int16_t wanted_q15 = duty_of(induced_mv(set, in->speed_rpm_q1) + beyond_mv, in->supply_mv);
+    return self->phase_ms == PULSE_COAST_MS ? wanted_q15 : slew_towards(self->duty_q15, wanted_q15, PULSE_SLEW_Q15);
+}
+
+static int16_t output(Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
+    switch ((DrillState)self->state) {
+    case DRILL_RUN: {
+        const int16_t wanted_q15 = set->clutch_dnm > 0 ? governed(self, set, in) : in->travel_q15;
+        const bool loaded = set->clutch_dnm > 0 && self->level_a_q14 > LOADED_A_Q14;
+        const int16_t up_q15 = loaded ? DUTY_LOADED_Q15 : DUTY_UP_Q15;
+        self->duty_q15 = slew_towards(self->duty_q15, wanted_q15, self->duty_q15 > wanted_q15 ? DUTY_DOWN_Q15 : up_q15);
+        return self->duty_q15;
+    }
+    case DRILL_COAST:
+        return CONTROLLER_COAST;
+    case DRILL_PULSE:
+        self->duty_q15 = pulse_duty(self, set, in);
+        return in->travel_q15 > 0 ? self->duty_q15 : CONTROLLER_COAST;
+    case DRILL_STOPPED:
+        return CONTROLLER_STOP;
+    }
+    return CONTROLLER_STOP;
+}
+
+int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+    (void)blow;
+    if (self->state == DRILL_STOPPED) {
+        return CONTROLLER_STOP;
+    }
+    if (!self->begun) {
+        self->begun = true;
+        self->duty_q15 = in->travel_q15;  // a turning shaft is taken up where it is
+    }
+    observe(self, set, in);
+    if (set->kickback && (self->jammed || jammed_coasting(self, set, in))) {
+        stop(self, CONTROLLER_REASON_KICKBACK);
+    } else if (set->clutch_dnm > 0) {
+        if (clutch_reached(self)) {
+            stop(self, CONTROLLER_REASON_CLUTCH);
+        }
+    } else {
+        change_pulse(self, set, in);
+    }
+    return output(self, set, in);
+}
+
+uint8_t drill_state(const Drill *self) {
+    return self->state;
+}
+
+uint8_t drill_stop_reason(const Drill *self) {
+    return self->reason;
+}
+
+int16_t drill_estimate(const Drill *self) {
+    return self->now_a_q4;
+}
