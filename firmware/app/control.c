@@ -32,6 +32,15 @@ static void fill_sync(SyncSetpoints *set, const int16_t *value) {
     set->current_a_q9 = value[PARAM_SYNC_CURRENT_A_Q9];
 }
 
+static void fill_screwing(ScrewingSetpoints *set, const int16_t *value) {
+    set->pulses = (uint8_t)value[PARAM_HALL_PULSES];
+    set->turn_q8 = (uint16_t)value[PARAM_BLOW_TURN_Q8];
+    set->share_q15 = value[PARAM_SCREWING_SHARE_Q15];
+    set->share_hard_q15 = value[PARAM_SCREWING_SHARE_HARD_Q15];
+    set->hard_turn_deg_q4 = value[PARAM_SCREWING_HARD_TURN_DEG_Q4];
+    set->rise_q8 = value[PARAM_SCREWING_RISE_Q8];
+}
+
 // Synchronisation finds the blows in what its method is named after.
 static uint8_t blow_source(uint8_t mode, const int16_t *value) {
     if (mode != TELEMETRY_MODE_SYNC) {

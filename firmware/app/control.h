@@ -24,6 +24,7 @@
 #include "controllers/blow.h"
 #include "controllers/controller.h"
 #include "controllers/drill.h"
+#include "controllers/screwing.h"
 #include "controllers/sync.h"
 #include "controllers/vibration.h"
 #include "telemetry/telemetry_signals.h"
@@ -37,7 +38,7 @@ enum {
 // clang-format off
 #define CONTROL_LIST(X) \
     X(SYNC, sync, Sync, CONTROL_BOTH) \
-    /* screwing */ \
+    X(SCREWING, screwing, Screwing, CONTROL_FORWARD) \
     /* vibration */ \
     X(VIBRATION, vibration, Vibration, CONTROL_BOTH) \
     /* torque */ \

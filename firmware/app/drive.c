@@ -93,6 +93,7 @@ int16_t drive_step(App *app) {
         .duty_q15 = applied_duty_q15(app),
         .coasted = app->bridge.row_compare == H_BRIDGE_COAST,
         .trigger_q15 = command == MODES_COMMAND_RAMP_DOWN ? 0 : limited_travel(app),
+        .edges = app->hall.new_edges,
     };
     app->driving = true;
     const int16_t wish_q15 = wish(app, command, &in);

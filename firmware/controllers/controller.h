@@ -23,6 +23,7 @@ typedef struct {
     int16_t duty_q15;     // in force in the tick just measured, behind the fold-back, in steps of the bridge (1/255); 0 when it was open
     bool coasted;         // the bridge was open in the tick just measured
     int16_t trigger_q15;  // trigger behind the duty limit alone: what the ramp of travel_q15 is on its way to
+    uint8_t edges;        // of the Hall sensor in the tick: each one pitch
 } ControllerInputs;
 
 #define CONTROLLER_STOP (-1)   // the drive is over: open until the trigger is released

@@ -46,6 +46,6 @@ def control_command(
     for table in study.tables:
         console.print(table.as_rich())
     if json_path:
-        write_text(json_path, json.dumps(study.data, indent=1) + "\n")
+        write_text(json_path, json.dumps(study.data, indent=1, allow_nan=False) + "\n")
     if html_path:
         write_text(html_path, page(study))

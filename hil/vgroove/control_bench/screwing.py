@@ -163,6 +163,7 @@ def is_soft(row: Figures) -> bool:
 
 def totals(rows: Sequence[Figures]) -> Figures:
     """Counts and medians of one variant on some screws."""
+    seated = [r["seat_s"] for r in rows if r["seat_s"] is not None]
     past = np.array([r["past_deg"] for r in rows])
     limits = np.array([max(GOALS["turn_deg"], r["blow_deg"]) for r in rows])
     return {
@@ -173,7 +174,7 @@ def totals(rows: Sequence[Figures]) -> Figures:
         "stripped": sum(r["stripped"] for r in rows),
         "early": sum(r["early"] for r in rows),
         "never": sum(r["never"] for r in rows),
-        "seat_s_median": float(np.median([r["seat_s"] for r in rows if r["seat_s"] is not None] or [np.nan])),
+        "seat_s_median": float(np.median(seated)) if seated else None,
     }
 
 

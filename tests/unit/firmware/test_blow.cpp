@@ -26,6 +26,7 @@ ControllerInputs measured(double rpm) {
             static_cast<uint16_t>(SUPPLY_MV),
             static_cast<int16_t>(DUTY * 32767),
             false,
+            0,
             0};
 }
 
@@ -167,6 +168,7 @@ TEST_P(BlowSources, AnyInputGivesOneConsistentEvent) {
                                   static_cast<uint16_t>(any(random)),
                                   static_cast<int16_t>(any(random) & 0x7FFF),
                                   (random() & 31u) == 0u,
+                                  0,
                                   0};
         const uint16_t count = blow.count;
         blow_step(&blow, &GetParam(), &in);
@@ -185,7 +187,7 @@ TEST(Blow, CoastingHidesTheCurrentsSpeed) {
     blow_start(&blow, &CURRENT);
     run(blow, CURRENT, {3000, 0.05}, 0.0, 1.0);
     const int16_t held = blow.speed_rpm_q1;
-    const ControllerInputs in{0, 0, 0, 17000, 0, true, 0};
+    const ControllerInputs in{0, 0, 0, 17000, 0, true, 0, 0};
     for (int n = 0; n < 10; ++n)
         blow_step(&blow, &CURRENT, &in);
     EXPECT_EQ(blow.speed_rpm_q1, held);

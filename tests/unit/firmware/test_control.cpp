@@ -47,6 +47,7 @@ Inputs impacting(unsigned seed) {
     std::uniform_real_distribution<double> unit(0, 1);
     Inputs tape;
     const double period = 15 + 25 * unit(rng), level = 4000 + 12000 * unit(rng), swing = 0.7 * unit(rng), noise = 0.05 * unit(rng);
+    double turned = 0;  // pitches
     for (int k = 0; k < TICKS; ++k) {
         const double phase = k / period - std::floor(k / period), run_up = std::min(1.0, k / 200.0);
         const double speed = run_up * level * (1 - swing * phase) * (1 + noise * (unit(rng) - 0.5));
@@ -56,6 +57,9 @@ Inputs impacting(unsigned seed) {
         in.speed_rpm_q1 = static_cast<int16_t>(2 * speed);
         in.current_a_q9 = static_cast<int16_t>(current);
         in.supply_mv = static_cast<uint16_t>(18500 - 60 * current / 512);
+        turned += speed * 4 / 60000;
+        in.edges = static_cast<uint8_t>(turned);
+        turned -= in.edges;
         tape.push_back(in);
     }
     return tape;
@@ -82,6 +86,7 @@ Inputs wild(unsigned seed) {
             in.travel_q15 = static_cast<int16_t>(any_i16(rng) & 0x7FFF);
         in.duty_q15 = static_cast<int16_t>(any_i16(rng) & 0x7FFF);
         in.coasted = rng() % 8 == 0;
+        in.edges = static_cast<uint8_t>(rng() % 4 == 0 ? rng() & 0xFFu : rng() & 1u);
         tape.push_back(in);
     }
     return tape;

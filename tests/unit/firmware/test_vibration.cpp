@@ -135,6 +135,22 @@ TEST(Vibration, SurgeHoldsItsCurrent) {
     EXPECT_EQ(drive.duty_q15, FULL);
 }
 
+// duty + R (surge_a - i) / Vs, at most 0.12 more than the last; above surge_a what it is.
+TEST(Vibration, SurgeAddsWhatTheWindingWants) {
+    struct Case {
+        double current;
+        int duty;
+    };
+    for (const Case &c : {Case{34.0, 15000 + 2075}, Case{10.0, 15000 + 3932}, Case{39.99, 15000 + 3}, Case{40.0, 15000}, Case{47.0, 15000}}) {
+        Drive drive;
+        drive.release();
+        drive.self.duty_q15 = 15000;
+        ControllerInputs in = measured(3000, 15000);
+        in.current_a_q9 = static_cast<int16_t>(std::lround(512 * c.current));
+        EXPECT_NEAR(vibration_step(&drive.self, &drive.set, &in, &drive.blow), c.duty, 3) << c.current;
+    }
+}
+
 TEST(Vibration, WithoutAnAnvilItBecomesThePlainMode) {
     Drive drive;
     int ms = 0;

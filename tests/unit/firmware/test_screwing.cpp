@@ -1,0 +1,236 @@
+// Precise screwing on a tool of pure kinematics: blows that turn a screw by an energy over its torque, and the Hall edges of the motor behind them.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <random>
+
+extern "C" {
+#include "controllers/screwing.h"
+}
+
+namespace {
+
+constexpr double GEAR = 5.6, TURN_Q15 = 32767.0, STEP_S = 5e-5;
+constexpr int TICK_STEPS = 20, PULSES = 4;
+const ScrewingSetpoints SET{PULSES, 717, 20644, 26214, 192, 340};
+
+using Torque = std::function<double(double)>;  // N m over the head's degrees
+
+struct Tool {
+    Torque torque;
+    double energy_j, rpm;        // of a blow; mean of the motor
+    double ripple = 0.08;        // of the speed
+    bool slower_at_less = true;  // energy and speed follow the duty
+    double motor_turns = 0.2, phase = 0.0, head_deg = 0.0, period_s = 1.0, since_s = 0.0;
+    int blows = 0, ticks = 0;
+    int16_t wish = 0;
+    Screwing screwing{};
+    Blow blow{};
+    ScrewingSetpoints set = SET;
+
+    double share() const { return slower_at_less ? wish / (TURN_Q15 * travel) : 1.0; }
+    double travel = 1.0;
+
+    double blow_deg() const { return energy_j * share() / torque(head_deg) * 180.0 / M_PI; }
+
+    void advance(ControllerInputs &in) {
+        const double wave = -std::cos(2 * M_PI * phase) + 0.4 * std::cos(4 * M_PI * phase + 1.0);
+        const double turns = rpm * std::sqrt(share()) * (1 + ripple * wave) / 60.0 * STEP_S;
+        const double before = std::floor(motor_turns * PULSES);
+        motor_turns += turns;
+        since_s += STEP_S;
+        if (std::floor(motor_turns * PULSES) > before) {
+            in.edges++;
+            const double after_s = (motor_turns * PULSES - std::floor(motor_turns * PULSES)) / (turns * PULSES) * STEP_S;
+            period_s = since_s - after_s;
+            since_s = after_s;
+        }
+        const double per_blow = GEAR * (0.5 + blow_deg() / 360.0);
+        phase += turns / per_blow;
+        if (phase >= 1.0) {
+            phase -= 1.0;
+            head_deg += blow_deg();
+            blows++;
+        }
+    }
+
+    // One tick; the drive before the first blows is behind it.
+    void tick() {
+        ControllerInputs in{};
+        in.travel_q15 = static_cast<int16_t>(travel * TURN_Q15);
+        if (ticks == 0) {
+            screwing_start(&screwing, &set);
+            wish = in.travel_q15;
+        }
+        for (int n = 0; n < TICK_STEPS; ++n)
+            advance(in);
+        in.speed_rpm_q1 = static_cast<int16_t>(std::lround(2 * 60.0 / (PULSES * std::max(period_s, since_s))));
+        blow.impacting = blows > 0;
+        blow.count = static_cast<uint16_t>(blows);
+        const int16_t answer = screwing_step(&screwing, &set, &in, &blow);
+        wish = answer < 0 ? int16_t{0} : answer;
+        ticks++;
+    }
+
+    // Until it stops by itself; false: not within the seconds or up to the head's angle.
+    bool run(double seconds, double to_deg) {
+        for (int n = 0; n < 1000 * seconds && head_deg < to_deg; ++n) {
+            tick();
+            if (screwing_stop_reason(&screwing) != CONTROLLER_REASON_NONE)
+                return true;
+        }
+        return false;
+    }
+};
+
+// Wood, then the head's ramp to twice the torque within 90 degrees.
+Torque seat_at(double deg, double end_nm, double rise_per_turn = 0.02) {
+    return [=](double at) {
+        const double wood = end_nm * (1.0 + rise_per_turn * std::min(at - deg, 0.0) / 360.0);
+        return wood + end_nm * std::max(at - deg, 0.0) / 90.0;
+    };
+}
+
+struct Screw {
+    double energy_j, end_nm, rpm;
+};
+
+class ScrewingSizes : public ::testing::TestWithParam<Screw> {
+protected:
+    Tool tool(const Torque &torque) const { return Tool{torque, GetParam().energy_j, GetParam().rpm}; }
+};
+
+TEST_P(ScrewingSizes, StopsOnTheRampOfTheSeat) {
+    Tool t = tool(seat_at(1500, GetParam().end_nm));
+    ASSERT_TRUE(t.run(20, 3000));
+    EXPECT_EQ(screwing_stop_reason(&t.screwing), CONTROLLER_REASON_SEATED);
+    EXPECT_EQ(screwing_state(&t.screwing), SCREWING_SEATED);
+    EXPECT_GT(t.head_deg, 1500 + 10);
+    EXPECT_LT(t.head_deg, 1500 + 75);
+}
+
+TEST_P(ScrewingSizes, LearnsTheTurnOfABlow) {
+    Tool t = tool([this](double) { return GetParam().end_nm; });
+    EXPECT_FALSE(t.run(4, 1e9));
+    EXPECT_EQ(screwing_state(&t.screwing), SCREWING_TRACK);
+    EXPECT_NEAR(t.screwing.learned_q4 / 64.0, t.blow_deg(), 0.03 * t.blow_deg() + 0.15);
+    EXPECT_NEAR(screwing_estimate(&t.screwing), 256, 20);
+}
+
+TEST_P(ScrewingSizes, AKnotIsNoSeat) {
+    const double end = GetParam().end_nm;
+    Tool t = tool([=](double at) { return seat_at(2400, end)(at) + (at > 1200 && at < 1560 ? 0.7 * end : 0.0); });
+    ASSERT_TRUE(t.run(30, 3600));
+    EXPECT_GT(t.head_deg, 2400);
+    EXPECT_LT(t.head_deg, 2400 + 75);
+}
+
+TEST_P(ScrewingSizes, TorqueThatRisesWithTheDepthIsNoSeat) {
+    const double end = GetParam().end_nm;
+    Tool t = tool([=](double at) { return end * (0.3 + 0.1 * at / 360.0); });
+    EXPECT_FALSE(t.run(10, 3600));
+}
+
+INSTANTIATE_TEST_SUITE_P(Sizes, ScrewingSizes,
+                         ::testing::Values(Screw{4.2, 6.0, 8000}, Screw{4.2, 11.0, 9500}, Screw{3.0, 11.0, 6500}, Screw{4.2, 18.0, 9800}),
+                         [](const auto &one) { return "Case" + std::to_string(one.index); });
+
+TEST(Screwing, TheTriggersPlaceDoesNotMoveTheStop) {
+    double least = 1e9, most = 0.0;
+    for (const double travel : {0.5, 0.65, 0.8, 1.0}) {
+        Tool t{seat_at(1500, 9.0), 4.2 * travel, 9500 * std::sqrt(travel)};
+        t.travel = travel;
+        ASSERT_TRUE(t.run(30, 3000)) << travel;
+        least = std::min(least, t.head_deg);
+        most = std::max(most, t.head_deg);
+    }
+    EXPECT_LT(most - least, 25.0);
+}
+
+TEST(Screwing, ThePowerIsLoweredAtTheSecondBlow) {
+    Tool t{[](double) { return 5.0; }, 4.2, 9000};
+    int16_t last = 0;
+    while (t.blows < 2) {
+        last = t.wish;
+        t.tick();
+        if (t.blows < 2) {
+            EXPECT_TRUE(t.ticks == 1 || t.wish == 32767);
+        }
+    }
+    t.tick();
+    EXPECT_EQ(last, 32767);
+    EXPECT_NEAR(t.wish, 0.63 * 32767, 2);
+}
+
+TEST(Screwing, ALittleTurnGetsMorePower) {
+    Tool little{[](double) { return 20.0; }, 4.2, 9000}, large{[](double) { return 5.0; }, 4.2, 9000};
+    little.run(4, 1e9);
+    large.run(4, 1e9);
+    EXPECT_NEAR(little.wish, 0.8 * 32767, 2);
+    EXPECT_NEAR(large.wish, 0.63 * 32767, 2);
+}
+
+TEST(Screwing, WithoutBlowsTheTriggerDrives) {
+    Screwing s{};
+    screwing_start(&s, &SET);
+    const Blow none{};
+    for (int n = 0; n < 3000; ++n) {
+        ControllerInputs in{};
+        in.travel_q15 = static_cast<int16_t>(std::min(32767, n * 20));
+        in.speed_rpm_q1 = static_cast<int16_t>(n % 7 * 3000);
+        in.edges = static_cast<uint8_t>(n % 2);
+        ASSERT_EQ(screwing_step(&s, &SET, &in, &none), in.travel_q15);
+    }
+    EXPECT_EQ(screwing_state(&s), SCREWING_RUN_IN);
+}
+
+TEST(Screwing, BlowsThatEndBringTheRunInBack) {
+    Tool t{[](double) { return 5.0; }, 4.2, 9000};
+    t.run(1, 1e9);
+    EXPECT_NE(screwing_state(&t.screwing), SCREWING_RUN_IN);
+    t.blow.impacting = false;
+    ControllerInputs in{};
+    in.travel_q15 = 20000;
+    EXPECT_EQ(screwing_step(&t.screwing, &SET, &in, &t.blow), 20000);
+    EXPECT_EQ(screwing_state(&t.screwing), SCREWING_RUN_IN);
+}
+
+TEST(Screwing, StaysStoppedUntilTheNextDrive) {
+    Tool t{seat_at(1500, 11.0), 4.2, 9500};
+    ASSERT_TRUE(t.run(20, 3000));
+    ControllerInputs in{};
+    in.travel_q15 = 32767;
+    const Blow none{};
+    for (int n = 0; n < 100; ++n)
+        EXPECT_EQ(screwing_step(&t.screwing, &SET, &in, &none), CONTROLLER_STOP);
+    screwing_start(&t.screwing, &SET);
+    EXPECT_EQ(screwing_step(&t.screwing, &SET, &in, &none), 32767);
+    EXPECT_EQ(screwing_stop_reason(&t.screwing), CONTROLLER_REASON_NONE);
+}
+
+TEST(Screwing, AnyInputGivesADutyOrAStop) {
+    std::mt19937 random(11);
+    std::uniform_int_distribution<int> any(-32768, 32767);
+    for (int drive = 0; drive < 200; ++drive) {
+        const ScrewingSetpoints set{static_cast<uint8_t>(1 + random() % 64), static_cast<uint16_t>(128 + random() % 1873), 20644, 26214, 192, 340};
+        Screwing s{};
+        screwing_start(&s, &set);
+        for (int n = 0; n < 1000; ++n) {
+            ControllerInputs in{};
+            in.travel_q15 = static_cast<int16_t>(any(random));
+            in.speed_rpm_q1 = static_cast<int16_t>(any(random));
+            in.edges = static_cast<uint8_t>(random() % 5);
+            Blow blow{};
+            blow.impacting = random() % 50 != 0;
+            blow.count = 9;
+            const int16_t wish = screwing_step(&s, &set, &in, &blow);
+            ASSERT_TRUE(wish == CONTROLLER_STOP || (wish >= 0 && wish <= std::max<int>(in.travel_q15, 0))) << wish;
+            ASSERT_LE(screwing_state(&s), SCREWING_SEATED);
+            ASSERT_GE(screwing_estimate(&s), 0);
+        }
+    }
+}
+
+}  // namespace
