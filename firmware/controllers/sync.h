@@ -7,10 +7,11 @@
 //                    high, above the band;
 //   method 2, current: mean current of a blow, held near a setpoint; an uneven current ripple, the same sign as deep dips, goes before it.
 //
-//            impacts                          SEEK_TICKS of dips beyond the limit
-//   PLAIN -----------> HOLD (level = base + trim) ----------------------> SEEK (trim walks up fast) ---> HOLD, once even
-//     ^                  |
-//     '------------------'  no blow any more, or the trigger nearly released: the duty is the trigger's; the trim is kept for the drive
+//            impacts                                dips of twice the limit
+//   PLAIN ----------> HOLD (level = base + trim) ------------------------> SEEK (trim rises fast)
+//     ^                 |        ^                                           |
+//     '-----------------'        '-------------------------------------------'
+//     no blow any more, or the trigger nearly released: the duty is the trigger's; the trim is kept for the drive
 #ifndef VGROOVE_CONTROLLERS_SYNC_H
 #define VGROOVE_CONTROLLERS_SYNC_H
 
