@@ -218,3 +218,23 @@ def test_fifth_of_blow_detection(fifth: Any) -> None:
     for source in ("by speed", "by current"):
         found = summary(fifth("blows"), source)
         assert found["cells"] > 20 and found["error_of_all"] <= 0.03
+
+
+def test_fifth_of_precise_screwing(fifth: Any) -> None:
+    found, plain = summary(fifth("screwing"), "screwing"), summary(fifth("screwing"), "without")
+    assert found["size"] == plain["size"] == "all"
+    assert found["past_deg_median"] <= 60.0 < plain["past_deg_median"] and found["stripped"] <= 0.4 * plain["stripped"]
+    assert found["rate_change_soft"] <= -0.15 and found["time_ratio"] <= 2.5
+
+
+def test_fifth_of_torque_control(fifth: Any) -> None:
+    plain = summary(fifth("torque"), torque.FIXED_COUNT)
+    found = summary(fifth("torque"), "torque")
+    assert found["cells"] == plain["cells"] > 5 and found["std_rms"] <= plain["std_rms"]
+
+
+def test_fifth_of_the_drill_driver(fifth: Any) -> None:
+    goals = {goal["goal"]: goal for goal in fifth("drill")["goals"] if goal["set"] == "all"}
+    if not goals:
+        pytest.skip("the drill driver is absent from this firmware")
+    assert goals["locks that the bridge did not open on"]["met"] and goals["lock to open bridge in ms, most"]["met"]
