@@ -14,7 +14,6 @@ CLUTCH = [
     ("set", "set"),
     ("gear", "gear"),
     ("setting in N m", "clutch_nm"),
-    ("joint in N m/rad", "rise"),
     ("runs", "runs"),
     ("stopped by it", "stopped"),
     ("mean in N m", "mean_nm"),
