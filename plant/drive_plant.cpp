@@ -1,13 +1,13 @@
 // One PWM period of the drivetrain: command, dead time and load into the solver, edges of the Hall wheel out of the angle.
 #include "drive_plant.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <deque>
 #include <stdexcept>
 #include <string>
 #include <utility>
 
+#include "sensed.hpp"
 #include "settle.hpp"
 #include "solver.hpp"
 
@@ -34,17 +34,12 @@ struct DrivePlant::Body {
 };
 
 static double seen_angle(const Inner &s, const Parameters &p) {
-    double angle = sensors_wheel_angle<double>(s.model.sensors, s.model.effects, s.state.x[STATE_ANGLE]);
-    if (s.model.effects & EFFECT_SPEED_LAG)
-        angle -= p.speed_lag_s * s.state.x[STATE_SPEED_FILTER];
-    return angle * (1.0 + p.speed_gain_relative);
+    return sensors_seen_angle(s.model.sensors, s.model.effects, p, s.state.x[STATE_ANGLE], s.state.x[STATE_SPEED_FILTER]);
 }
 
 static double seen_speed(const Inner &s, const Parameters &p) {
-    double speed = sensors_wheel_speed<double>(s.model.sensors, s.model.effects, s.state.x[STATE_SPEED], s.state.x[STATE_ANGLE]);
-    if (s.model.effects & EFFECT_SPEED_LAG)
-        speed = s.state.x[STATE_SPEED_FILTER];
-    return speed * (1.0 + p.speed_gain_relative);
+    const double *x = s.state.x;
+    return sensors_seen_speed(s.model.sensors, s.model.effects, p, x[STATE_SPEED], x[STATE_ANGLE], x[STATE_SPEED_FILTER]);
 }
 
 DrivePlant::DrivePlant(const Parameters &p, LoadKind load, HallWheel wheel, std::uint64_t seed) : body_(new Body{}) {
@@ -100,7 +95,7 @@ __attribute__((flatten)) static void run_period(Inner &s, double period_s) {
 
 static double sensed(const Inner &s, const Parameters &p) {
     const double i = s.model.effects & EFFECT_CURRENT_LAG ? s.state.x[STATE_CURRENT_FILTER] : s.state.x[STATE_CURRENT];
-    return std::min(std::max(i * (1.0 + p.current_gain_relative) + p.current_offset_a, -p.current_limit_a), p.current_limit_a);
+    return sensors_read_current(p, i);
 }
 
 PeriodResult DrivePlant::period(bool coast, double duty, double dead, double load_nm) {

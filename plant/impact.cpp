@@ -42,6 +42,7 @@ static void set_groove_and_hammer(Impact &m, const Parameters &p) {
     m.groove.vertex = std::max(p.vertex_rad, VERTEX_LEAST_RAD);
     m.groove.vertex2 = m.groove.vertex * m.groove.vertex;
     m.groove.ball_arm = v_groove_ball_arm(p.groove_friction, m.groove.lead, 0.5 * (p.groove_radius_m + hammer_radius));
+    m.ball_friction = m.groove.ball_arm > 0.0;
     m.hammer_inertia = p.hammer_inertia_kg_m2;
     m.hammer_inertia_inverse = 1.0 / p.hammer_inertia_kg_m2;
     m.hammer_mass = p.hammer_mass_kg;
@@ -73,6 +74,10 @@ static void set_output(Impact &m, const Parameters &p, LoadKind load) {
     m.joint = joint_from(p, load);
     m.anvil_inertia = p.anvil_inertia_kg_m2;
     m.anvil_inertia_inverse = 1.0 / p.anvil_inertia_kg_m2;
+    m.ring_decay = 0.5 * m.joint.damping * m.anvil_inertia_inverse;
+    m.ring_square = m.joint.stiffness * m.anvil_inertia_inverse;
+    m.ring_swings = m.ring_square > m.ring_decay * m.ring_decay;
+    m.ring_rate = std::sqrt(std::fabs(m.ring_square - m.ring_decay * m.ring_decay));
     m.second_output = coupler || pendulum;
     m.output_inertia = std::max(mass + (coupler ? p.coupler_inertia_kg_m2 : 0.0), OUTPUT_INERTIA_LEAST);
     m.output_inertia_inverse = 1.0 / m.output_inertia;
@@ -119,10 +124,6 @@ Impact impact_from(const Parameters &p, LoadKind load, InputKind input, bool bus
     m.arm_damping = p.arm_damping;
     m.angle_scale = HAMMER_ANGLE_SCALE_RAD;
     return m;
-}
-
-bool impact_needs_full(const Impact &m) {
-    return (m.drive.effects & EFFECTS_WITH_STATES) != 0u || m.second_output;
 }
 
 static double twist_energy(const Impact &m, const ImpactState<AuditLayout> &s) {

@@ -11,8 +11,8 @@ namespace vgroove {
 
 constexpr double OUTPUT_INERTIA_LEAST = 1e-6;  // kg m2, a coupler's sensor lighter than that is read as this
 
-// States: those of the drivetrain (motor current, speed, angle, ...), then the mechanism's. FULL: with the states of slow effects and of a second
-// output body; AUDIT: with energies.
+// States: those of the drivetrain (motor current, speed, angle, ...), then the mechanism's. FULL: with every effect, the states of slow ones and of a
+// second output body; else none of them (impact_needs_full), in code that does not ask for them. AUDIT: with energies.
 template <bool FULL_STATES, bool AUDITED> struct ImpactLayout {
     static constexpr bool FULL = FULL_STATES, AUDIT = AUDITED;
     static constexpr bool EXACT = AUDITED;                                           // how the solver locates switches, impact_solver.hpp
@@ -57,7 +57,8 @@ struct ImpactMode {
     int segment;          // of the joint
     double roll;          // groove: sign of q', 0 while the balls stick
     double axial_sign;    // sign of the force through the balls
-    bool frozen;          // anvil and joint at rest; fast mode only
+    bool ringing;         // anvil rings on its joint, untouched, in closed form; fast mode only
+    bool frozen;          // and has come to rest
 };
 
 struct Impact {
@@ -68,6 +69,7 @@ struct Impact {
     bool two_bodies;     // backlash: motor and spindle apart
     bool second_output;  // coupler or pendulum behind the anvil
     bool flank_friction;
+    bool ball_friction;
     double ratio, ratio_inverse;
     double motor_inertia;                             // rotor with added_inertia
     double spindle_inertia, spindle_inertia_inverse;  // at the spindle: with N^2 J_motor when one body
@@ -75,6 +77,8 @@ struct Impact {
     double preload_n, rate_n_per_m;
     double lug_height_m, lug_radius_m, overlap_rad, period_rad, travel_m, start_rad;
     double anvil_inertia, anvil_inertia_inverse;
+    double ring_decay, ring_square, ring_rate;  // anvil on its sticking joint: C / 2 JA, K / JA, root of the difference of their squares
+    bool ring_swings;                           // less than critically damped
     double coupler_stiffness, coupler_damping, output_inertia, output_inertia_inverse;
     double pendulum_nm, zero_rad;
     double arm_inertia_inverse, arm_stiffness, arm_damping;
@@ -84,8 +88,11 @@ struct Impact {
 // Throws std::invalid_argument naming what is out of range.
 Impact impact_from(const Parameters &p, LoadKind load, InputKind input, bool bus_measured, double command_peak);
 
-// True when the parameters need states beyond the core's.
-bool impact_needs_full(const Impact &m);
+// True when the parameters need states or terms beyond the core's.
+VGROOVE_INLINE bool impact_needs_full(const Impact &m) {
+    return (m.drive.effects & ~static_cast<std::uint32_t>(EFFECT_DEAD_TIME)) != 0u || m.drive.input != InputKind::DUTY || m.drive.bus_measured ||
+           m.two_bodies || m.second_output || m.flank_friction || m.ball_friction;
+}
 
 // Quantities of one instant beside the derivative.
 struct ImpactPoint {
@@ -176,37 +183,40 @@ VGROOVE_INLINE Electrical<double> impact_electrical(const Impact &m, const Drive
     return e;
 }
 
-// Contact, then spindle and hammer: with B = 1 / JJ + 1 / JS and s_b = s + ball friction,
-// q'' = (TJ / JJ + Tlug / JS - B s_b G) / (1 + B m s s_b), G = F0 + k x + Faxial + m s' q'^2; the groove carries s_b (G + m s q'').
+// Contact, then spindle and hammer: with B = 1 / JJ + 1 / JS, s_b = s + ball friction, A = F0 + k x + Faxial + m s' q'^2 and P = TJ / JJ + Tlug / JS,
+// q'' = (P - B s_b A) / (1 + B m s s_b); the balls carry Faxial = A + m s q'' = (A + m s P) / (1 + B m s s_b), the groove s_b Faxial.
 struct GrooveForces {
     double spindle_rate, hammer_rate;
 };
 
-VGROOVE_INLINE GrooveForces impact_groove(const Impact &m, const ImpactMode &mode, double spindle_nm, const GroovePoint &g, ImpactPoint &at) {
+template <class L> VGROOVE_INLINE GrooveForces impact_groove(const Impact &m, const ImpactMode &mode, double spindle_nm, const GroovePoint &g, ImpactPoint &at) {
     double axial = m.preload_n + m.rate_n_per_m * at.x + m.hammer_mass * g.c * at.q_rate * at.q_rate;
     if (mode.place != ContactPlace::NONE) {
         const double n = contact_force(m.contact, at.pen, at.pen_rate, mode.approaching, mode.ramped);
         at.contact_n = n;
         if (mode.place == ContactPlace::FORWARD || mode.place == ContactPlace::BACKWARD) {
             at.lug_nm = mode.place == ContactPlace::FORWARD ? m.lug_radius_m * n : -m.lug_radius_m * n;
-            if (m.flank_friction)
+            if (L::FULL && m.flank_friction)
                 axial += contact_friction(m.contact, at.x_rate) * n;
         } else {
             axial += mode.place == ContactPlace::STOP ? n : -n;
         }
     }
-    const bool stuck = mode.drive.slide == 0.0 && !m.two_bodies;
+    const bool stuck = mode.drive.slide == 0.0 && !(L::FULL && m.two_bodies);
     const double spindle = stuck ? 0.0 : m.spindle_inertia_inverse;
     const double pull = spindle_nm * spindle + at.lug_nm * m.hammer_inertia_inverse;
     const double both = spindle + m.hammer_inertia_inverse;
-    const double s = g.s + mode.roll * mode.axial_sign * m.groove.ball_arm;
-    double q_second = (pull - both * s * axial) / (1.0 + both * m.hammer_mass * g.s * s);
-    if (m.groove.ball_arm > 0.0) {
+    at.axial_n = axial;
+    if (L::FULL && m.ball_friction) {
+        const double s = g.s + mode.roll * mode.axial_sign * m.groove.ball_arm;
         at.roll_needed_nm = pull / both - g.s * axial;
-        q_second = mode.roll == 0.0 ? 0.0 : q_second;
+        if (mode.roll != 0.0)
+            at.axial_n = (axial + m.hammer_mass * g.s * pull) / (1.0 + both * m.hammer_mass * g.s * s);
+        at.spindle_nm = mode.roll == 0.0 ? pull / both : s * at.axial_n;
+    } else {
+        at.axial_n = (axial + m.hammer_mass * g.s * pull) * (g.square / (g.square + both * m.hammer_mass * g.run * g.run));
+        at.spindle_nm = g.s * at.axial_n;
     }
-    at.axial_n = axial + m.hammer_mass * g.s * q_second;
-    at.spindle_nm = m.groove.ball_arm > 0.0 && mode.roll == 0.0 ? pull / both : s * at.axial_n;
     return {(spindle_nm - at.spindle_nm) * spindle, (at.spindle_nm - at.lug_nm) * m.hammer_inertia_inverse};
 }
 
@@ -271,7 +281,7 @@ VGROOVE_INLINE void impact_output(const Impact &m, const ImpactMode &mode, const
     }
     ds.x[L::ANVIL_ANGLE] = s.x[L::ANVIL_SPEED];
     ds.x[L::ANVIL_SPEED] = (at.lug_nm - at.anvil_load_nm) * m.anvil_inertia_inverse;
-    if (mode.frozen)
+    if (mode.ringing || mode.frozen)
         ds.x[L::ANVIL_ANGLE] = ds.x[L::ANVIL_SPEED] = ds.x[L::TWIST] = 0.0;
 }
 
@@ -359,7 +369,7 @@ VGROOVE_INLINE ImpactPoint impact_derivative(const Impact &m, const Drive<double
     const double motor_nm = torque - at.friction_nm;
     const GroovePoint g = impact_geometry<L>(m, mode, s, at);
     const double spindle_nm = impact_spindle_torque<L>(m, s, motor_nm);
-    const GrooveForces f = impact_groove(m, mode, spindle_nm, g, at);
+    const GrooveForces f = impact_groove<L>(m, mode, spindle_nm, g, at);
     ds.x[L::HAMMER_ANGLE] = s.x[L::HAMMER_SPEED];
     ds.x[L::HAMMER_SPEED] = f.hammer_rate;
     impact_joint<L>(m, in, mode, tau, s, at);

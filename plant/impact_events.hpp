@@ -68,7 +68,7 @@ VGROOVE_INLINE unsigned impact_possible(const Impact &m, const ImpactMode &mode,
         mask |= impact_bit(IMPACT_SEGMENT_UP) | impact_bit(IMPACT_SEGMENT_DOWN);
     if (in.open > 0.0 && m.drive.input != InputKind::CURRENT)
         mask |= impact_bit(IMPACT_DIODE);
-    if (m.groove.ball_arm > 0.0)
+    if (m.ball_friction)
         mask |= impact_bit(IMPACT_ROLL) | impact_bit(IMPACT_AXIAL);
     return mask;
 }

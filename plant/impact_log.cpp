@@ -121,17 +121,28 @@ struct Tracer {
     }
 };
 
+template <class L> static double seen_speed(const ImpactSolver<L> &s, const Parameters &p, const ImpactState<L> &x) {
+    const Drivetrain<double> &d = s.model.drive;
+    return sensors_seen_speed(d.sensors, d.effects, p, x.x[STATE_SPEED], x.x[STATE_ANGLE], L::FULL ? x.x[STATE_SPEED_FILTER] : 0.0);
+}
+template <class L> static double seen_angle(const ImpactSolver<L> &s, const Parameters &p, const ImpactState<L> &x) {
+    const Drivetrain<double> &d = s.model.drive;
+    return sensors_seen_angle(d.sensors, d.effects, p, x.x[STATE_ANGLE], L::FULL ? x.x[STATE_SPEED_FILTER] : 0.0);
+}
+
 // effect speed_lag as a pure delay: speed and angle of the wheel delay_s before the end of each row. Before the start the shaft rests.
 struct Seen {
     double due_s, speed, angle;
 };
 struct DelayedWheel {
+    Parameters parameters;
     std::vector<Seen> rows;  // empty without a delay
     std::size_t next = 0;    // first that no step has reached
 
-    void prepare(const LogInput &in, double row_scale, double delay_s) {
+    void prepare(const LogInput &in, double row_scale, const Parameters &p) {
+        parameters = p;
         for (const double time_s : in.time_s)
-            rows.push_back({(time_s - in.time_s[0]) * row_scale - delay_s, 0.0, 0.0});
+            rows.push_back({(time_s - in.time_s[0]) * row_scale - p.speed_lag_s, 0.0, 0.0});
     }
 
     template <class L> void step(ImpactSolver<L> &s, double h, double share) {
@@ -141,17 +152,11 @@ struct DelayedWheel {
                 continue;
             impact_interpolate(s, h);
             const ImpactState<L> x = impact_between(s, std::max((rows[next].due_s - from) / h, 0.0));
-            const Drivetrain<double> &d = s.model.drive;
-            rows[next].speed = sensors_wheel_speed<double>(d.sensors, d.effects, x.x[STATE_SPEED], x.x[STATE_ANGLE]);
-            rows[next].angle = sensors_wheel_angle<double>(d.sensors, d.effects, x.x[STATE_ANGLE]);
+            rows[next].speed = seen_speed(s, parameters, x);
+            rows[next].angle = seen_angle(s, parameters, x);
         }
     }
 };
-
-static double measured_current(const Parameters &p, double mean_a) {
-    const double read = mean_a * (1.0 + p.current_gain_relative) + p.current_offset_a;
-    return std::min(std::max(read, -p.current_limit_a), p.current_limit_a);
-}
 
 // One tool along a log.
 template <class L> struct LogRun final : ImpactObserver<L> {
@@ -162,6 +167,7 @@ template <class L> struct LogRun final : ImpactObserver<L> {
     Tracer tracer{};
     DelayedWheel delayed{};
     double now_s = 0.0;
+    double charge_as = 0.0, bus_vs = 0.0, housing_nms = 0.0;  // integrals at the last row
 
     LogRun(const LogInput &log, const Parameters &p) : in(log), parameters(p), reader(log, p) {}
 
@@ -173,47 +179,42 @@ template <class L> struct LogRun final : ImpactObserver<L> {
     }
 };
 
-// Speed and angle as the sensor shows them: eccentric wheel, lag as a filter or as a delay.
-template <class L> static Seen seen_wheel(const LogRun<L> &run, std::size_t row) {
-    const Drivetrain<double> &d = run.solver.model.drive;
-    const double *x = run.solver.state.x;
-    if (!run.delayed.rows.empty())
-        return run.delayed.rows[row];
-    Seen seen{0.0, sensors_wheel_speed<double>(d.sensors, d.effects, x[STATE_SPEED], x[STATE_ANGLE]),
-              sensors_wheel_angle<double>(d.sensors, d.effects, x[STATE_ANGLE])};
-    if constexpr (L::FULL) {
-        if (d.effects & EFFECT_SPEED_LAG) {
-            seen.speed = x[STATE_SPEED_FILTER];
-            seen.angle -= run.parameters.speed_lag_s * seen.speed;
-        }
-    }
-    return seen;
+// Force and torque of the present; the whole derivative only where that decides them.
+template <class L> static ImpactPoint present_point(const ImpactSolver<L> &s, const ImpactState<L> &x, bool whole) {
+    if (!whole && !s.model.second_output)
+        return impact_sight<L>(s.model, s.drive, s.mode, s.into_s, x);
+    ImpactState<L> ds{};
+    return impact_derivative<L>(s.model, s.drive, s.mode, s.into_s, x, ds);
 }
 
-template <class L> static void write_row(const LogRun<L> &run, std::size_t row, const ImpactOutput &out, std::size_t at) {
-    const ImpactSolver<L> &s = run.solver;
+template <class L> static void write_row(LogRun<L> &run, std::size_t row, const ImpactOutput &out, std::size_t at) {
+    ImpactSolver<L> &s = run.solver;
     const Parameters &p = run.parameters;
-    const double *x = s.state.x;
-    ImpactState<L> ds{};
-    const ImpactPoint now = impact_derivative<L>(s.model, s.drive, s.mode, 0.0, s.state, ds);
-    const Seen seen = seen_wheel(run, row);
-    const double gain = 1.0 + p.speed_gain_relative, seconds = row > 0 ? run.reader.row_s(row) : 1.0;
-    const double current = row > 0 ? x[STATE_CURRENT_TIME] / seconds : now.i, bus = row > 0 ? x[STATE_BUS_TIME] / seconds : now.bus_v;
-    const double values[IMPACT_COLUMN_COUNT] = {measured_current(p, current),
+    const ImpactState<L> present = impact_present(s);
+    const double *x = present.x;
+    const ImpactPoint now = present_point(s, present, row == 0);
+    const bool delays = !run.delayed.rows.empty();
+    const double per_s = row > 0 ? 1.0 / run.reader.row_s(row) : 0.0;
+    const double current = row > 0 ? (x[STATE_CURRENT_TIME] - run.charge_as) * per_s : now.i;
+    const double bus = row > 0 ? (x[STATE_BUS_TIME] - run.bus_vs) * per_s : now.bus_v;
+    const double values[IMPACT_COLUMN_COUNT] = {sensors_read_current(p, current),
                                                 bus * (1.0 + p.supply_gain_relative),
                                                 x[STATE_SPEED],
-                                                seen.speed * gain,
+                                                delays ? run.delayed.rows[row].speed : seen_speed(s, p, present),
                                                 x[STATE_ANGLE],
-                                                seen.angle * gain,
+                                                delays ? run.delayed.rows[row].angle : seen_angle(s, p, present),
                                                 now.joint_nm,
                                                 x[L::ANVIL_ANGLE],
                                                 now.head_rad,
                                                 1e3 * now.x,
                                                 x[L::HAMMER_ANGLE],
-                                                row > 0 ? x[L::HOUSING_TIME] / seconds : now.housing_nm,
+                                                row > 0 ? (x[L::HOUSING_TIME] - run.housing_nms) * per_s : now.housing_nm,
                                                 x[L::ARM_ANGLE]};
     for (int n = 0; n < IMPACT_COLUMN_COUNT; ++n)
         out.columns[n][at] = values[n];
+    run.charge_as = x[STATE_CURRENT_TIME];
+    run.bus_vs = x[STATE_BUS_TIME];
+    run.housing_nms = x[L::HOUSING_TIME];
 }
 
 static void write_energy(const ImpactSolver<AuditLayout> &s, double *to) {
@@ -231,28 +232,23 @@ static void write_energy(const ImpactSolver<AuditLayout> &s, double *to) {
 
 template <class L> static void run_row(LogRun<L> &run, std::size_t row) {
     const LogInput &in = run.in;
-    ImpactSolver<L> &s = run.solver;
-    Drive<double> &d = s.drive;
-    double left = run.reader.row_s(row);
-    d.bus_v = in.bus_v.empty() ? 0.0 : in.bus_v[row] / (1.0 + run.parameters.supply_gain_relative);
-    if (in.load_kind == LoadKind::TORQUE) {
-        d.load_nm = in.load_nm[row - 1];
-        d.load_rate = (in.load_nm[row] - in.load_nm[row - 1]) / left;
-    }
-    s.state.x[STATE_CURRENT_TIME] = s.state.x[STATE_BUS_TIME] = s.state.x[L::HOUSING_TIME] = 0.0;
+    const double length = run.reader.row_s(row);
+    const bool load = in.load_kind == LoadKind::TORQUE;
+    const double load_rate = load ? (in.load_nm[row] - in.load_nm[row - 1]) / length : 0.0;
+    const double bus_v = in.bus_v.empty() ? 0.0 : in.bus_v[row] / (1.0 + run.parameters.supply_gain_relative);
+    double left = length;
     while (left > 0.0) {
         const Stretch stretch = run.reader.next(row, run.now_s, left);
-        d.command = stretch.command;
-        d.command_rate = stretch.command_rate;
-        d.open = stretch.open;
-        d.dead = stretch.switching ? s.model.drive.dead_share : 0.0;
-        d.time_s = run.now_s;
-        impact_new_stretch(s);
-        impact_run(s, stretch.length_s);
+        const double load_nm = load ? in.load_nm[row - 1] + load_rate * (length - left) : 0.0;
+        const ImpactDrive next{stretch.command, stretch.command_rate, stretch.open, stretch.switching ? run.solver.model.drive.dead_share : 0.0,
+                               bus_v,           load_nm,              load_rate};
+        impact_stretch(run.solver, next, run.now_s, stretch.length_s);
         run.now_s += stretch.length_s;
         left -= stretch.length_s;
         left = left < 1e-12 * stretch.length_s ? 0.0 : left;
     }
+    if (!run.delayed.rows.empty())
+        impact_cut(run.solver);
 }
 
 struct ImpactJob {
@@ -276,7 +272,7 @@ template <class L> static void prepare(LogRun<L> &run, const ImpactJob &job, std
     if (batch_row == 0 && !out.trace_s.empty())
         run.tracer = {&out, in.time_s[0], run.reader.row_scale(), 0};
     if (run.parameters.speed_lag_s > 0.0 && run.parameters.speed_lag_delay_form != 0.0)
-        run.delayed.prepare(in, run.reader.row_scale(), run.parameters.speed_lag_s);
+        run.delayed.prepare(in, run.reader.row_scale(), run.parameters);
     s.observer = run.tracer.out || !run.delayed.rows.empty() ? &run : nullptr;
 }
 
@@ -295,6 +291,7 @@ template <class L> static void run_tool(const ImpactJob &job, std::size_t batch_
                 write_energy(run.solver, out.energy.data() + row * ENERGY_COUNT);
     }
     ImpactSolver<L> &s = run.solver;
+    impact_cut(s);
     blows_end(s.recorder, s.state.x[L::LUG_IMPULSE]);
     for (Blow &b : s.recorder.blows)
         b.time_s = in.time_s[0] + b.time_s / run.reader.row_scale();

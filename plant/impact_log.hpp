@@ -3,6 +3,7 @@
 #define VGROOVE_PLANT_IMPACT_LOG_HPP
 
 #include "impact_solver.hpp"
+#include "sensed.hpp"
 #include "plant.hpp"
 
 namespace vgroove {
@@ -84,22 +85,45 @@ template <class L> void impact_start(ImpactSolver<L> &s) {
         s.state.x[STATE_TWIST] = 0.0;
     s.level_s = IMPACT_FIRST_CONTACT_S;
     s.fresh = true;
+    s.ahead = false;
+    s.into_s = 0.0;
+    s.weights = FlightWeights{};
     s.recorder = BlowRecorder{};
     s.stats = ImpactStats{};
     s.dropped_j = 0.0;
 }
 
-// Command or load change: the bridge opens or closes, switches are asked again.
-template <class L> VGROOVE_INLINE void impact_new_stretch(ImpactSolver<L> &s) {
-    s.fresh = true;
-    if (!(s.drive.open > 0.0))
-        s.mode.drive.diode = 0.0;
-    else if (s.mode.drive.diode == 0.0)
-        s.mode.drive.diode = impact_sign(s.state.x[STATE_CURRENT]);
+// Command and load of the next stretch; whether they are what they were, so that the solver need not look anew.
+struct ImpactDrive {
+    double command, command_rate, open, dead, bus_v, load_nm, load_rate;
+};
+template <class L> VGROOVE_INLINE bool impact_goes_on(const ImpactSolver<L> &s, const ImpactDrive &next) {
+    const Drive<double> &d = s.drive;
+    return d.command_rate == next.command_rate && d.open == next.open && d.dead == next.dead && d.bus_v == next.bus_v &&
+           d.load_rate == next.load_rate && std::fabs(d.command + d.command_rate * s.into_s - next.command) <= 1e-12 &&
+           std::fabs(d.load_nm + d.load_rate * s.into_s - next.load_nm) <= 1e-12;
+}
+
+// Runs through a stretch. Where something changes the bridge opens or closes and switches are asked again; a change is likely to be followed by another
+// at the stretch's end, but not within a millisecond.
+template <class L> VGROOVE_INLINE void impact_stretch(ImpactSolver<L> &s, const ImpactDrive &next, double now_s, double length_s) {
+    s.horizon_s = IMPACT_NO_HORIZON_S;
+    if (!impact_goes_on(s, next)) {
+        impact_cut(s);
+        s.horizon_s = max_of(length_s, 1e-3);
+        s.drive = {next.command, next.command_rate, next.load_nm, next.load_rate, next.bus_v, next.open, next.dead, now_s};
+        s.fresh = true;
+        s.mode.ringing = s.mode.ringing && !s.model.joint.of_load;
+        if (!(s.drive.open > 0.0))
+            s.mode.drive.diode = 0.0;
+        else if (s.mode.drive.diode == 0.0)
+            s.mode.drive.diode = impact_sign(s.state.x[STATE_CURRENT]);
+    }
+    impact_run(s, length_s);
 }
 
 constexpr double IMPACT_TOLERANCE_REFERENCE = 1e-10;
-constexpr double IMPACT_TOLERANCE_FAST = 1e-4;
+constexpr double IMPACT_TOLERANCE_FAST = 7e-5;
 
 }  // namespace vgroove
 

@@ -41,91 +41,82 @@ struct ImpactBody {
 namespace {
 
 template <class L> struct SolverBody final : ImpactBody {
-    ImpactSolver<L> solver{};
-    std::size_t taken = 0;
+    mutable ImpactSolver<L> solver{};                         // looking into a step shapes its interpolant
+    double charge_as = 0.0, bus_vs = 0.0, housing_nms = 0.0;  // integrals at the start of the interval
 
     void run(double seconds, const TimedCommand &c, double load_from_nm, double load_rate) override {
-        Drive<double> &d = solver.drive;
-        const double share = std::fabs(c.duty), open = c.coast ? 1.0 : 0.0;
+        const double share = std::fabs(c.duty);
         const double dead = !c.coast && share > 0.0 && share < 1.0 ? c.dead : 0.0;
-        const bool goes_on = d.command == c.duty && d.open == open && d.dead == dead && d.load_rate == load_rate;
-        d.command = c.duty;
-        d.open = open;
-        d.dead = dead;
-        d.load_nm = load_from_nm;
-        d.load_rate = load_rate;
-        if (!goes_on)
-            impact_new_stretch(solver);
-        impact_run(solver, seconds);
+        solver.model.drive.effects &= ~static_cast<std::uint32_t>(EFFECT_DEAD_TIME);
+        if (dead > 0.0)
+            solver.model.drive.effects |= EFFECT_DEAD_TIME;
+        impact_stretch(solver, {c.duty, 0.0, c.coast ? 1.0 : 0.0, dead, 0.0, load_from_nm, load_rate}, now_s, seconds);
     }
+
+    double present(int n) const { return impact_present_of(solver, n); }
 
     void reset_means() override {
-        double *x = solver.state.x;
-        x[STATE_CURRENT_TIME] = x[STATE_BUS_TIME] = x[L::HOUSING_TIME] = 0.0;
-    }
-
-    double read_current(double i) const {
-        return std::min(std::max(i * (1.0 + parameters.current_gain_relative) + parameters.current_offset_a, -parameters.current_limit_a),
-                        parameters.current_limit_a);
+        charge_as = present(STATE_CURRENT_TIME);
+        bus_vs = present(STATE_BUS_TIME);
+        housing_nms = present(L::HOUSING_TIME);
     }
 
     AdvanceResult now() const override {
-        const double *x = solver.state.x;
-        const ImpactPoint &at = solver.point;
-        return {at.i,        at.bus_v,   x[STATE_SPEED], x[STATE_ANGLE], at.joint_nm, x[L::ANVIL_ANGLE],
-                at.head_rad, 1e3 * at.x, at.housing_nm,  x[L::ARM_ANGLE]};
+        const ImpactState<L> x = impact_present(solver);
+        ImpactState<L> ds{};
+        const ImpactPoint at = impact_derivative<L>(solver.model, solver.drive, solver.mode, solver.into_s, x, ds);
+        return {at.i,        at.bus_v,   x.x[STATE_SPEED], x.x[STATE_ANGLE], at.joint_nm, x.x[L::ANVIL_ANGLE],
+                at.head_rad, 1e3 * at.x, at.housing_nm,    x.x[L::ARM_ANGLE]};
     }
 
     AdvanceResult result(double seconds) const override {
         AdvanceResult r = now();
-        r.current_a = read_current(solver.state.x[STATE_CURRENT_TIME] / seconds);
+        r.current_a = sensors_read_current(parameters, (present(STATE_CURRENT_TIME) - charge_as) / seconds);
         r.supply_v = mean_bus(seconds);
-        r.housing_nm = solver.state.x[L::HOUSING_TIME] / seconds;
+        r.housing_nm = (present(L::HOUSING_TIME) - housing_nms) / seconds;
         return r;
     }
 
     double sensed_current() const override {
-        double i = solver.state.x[STATE_CURRENT];
-        if constexpr (L::FULL)
-            i = solver.model.drive.effects & EFFECT_CURRENT_LAG ? solver.state.x[STATE_CURRENT_FILTER] : i;
-        return read_current(i);
+        const bool lags = L::FULL && (solver.model.drive.effects & EFFECT_CURRENT_LAG);
+        return sensors_read_current(parameters, present(lags ? static_cast<int>(STATE_CURRENT_FILTER) : static_cast<int>(STATE_CURRENT)));
     }
 
-    double mean_bus(double seconds) const override { return solver.state.x[STATE_BUS_TIME] / seconds * (1.0 + parameters.supply_gain_relative); }
+    double mean_bus(double seconds) const override {
+        return (present(STATE_BUS_TIME) - bus_vs) / seconds * (1.0 + parameters.supply_gain_relative);
+    }
+
+    double filtered_speed() const { return L::FULL ? present(STATE_SPEED_FILTER) : 0.0; }
 
     double seen_angle() const override {
         const Drivetrain<double> &d = solver.model.drive;
-        double angle = sensors_wheel_angle<double>(d.sensors, d.effects, solver.state.x[STATE_ANGLE]);
-        if constexpr (L::FULL)
-            if (d.effects & EFFECT_SPEED_LAG)
-                angle -= parameters.speed_lag_s * solver.state.x[STATE_SPEED_FILTER];
-        return angle * (1.0 + parameters.speed_gain_relative);
+        return sensors_seen_angle(d.sensors, d.effects, parameters, present(STATE_ANGLE), filtered_speed());
     }
 
     double seen_speed() const override {
         const Drivetrain<double> &d = solver.model.drive;
-        double speed = sensors_wheel_speed<double>(d.sensors, d.effects, solver.state.x[STATE_SPEED], solver.state.x[STATE_ANGLE]);
-        if constexpr (L::FULL)
-            speed = d.effects & EFFECT_SPEED_LAG ? solver.state.x[STATE_SPEED_FILTER] : speed;
-        return speed * (1.0 + parameters.speed_gain_relative);
+        return sensors_seen_speed(d.sensors, d.effects, parameters, present(STATE_SPEED), present(STATE_ANGLE), filtered_speed());
     }
 
-    double kelvin() const override {
-        if constexpr (L::FULL)
-            return solver.state.x[STATE_HEAT];
-        return 0.0;
-    }
+    double kelvin() const override { return L::FULL ? present(STATE_HEAT) : 0.0; }
 
     ImpactStats statistics() const override { return solver.stats; }
 
+    // Those whose contact is over and whose torque has passed its peak; the last one stays, it names the lug of the next.
     std::vector<Blow> take_blows() override {
-        const std::vector<Blow> &all = solver.recorder.blows;
-        const std::vector<Blow> fresh(all.begin() + static_cast<std::ptrdiff_t>(taken), all.end());
-        if (all.size() > 1)  // the last one goes on and names the lug of the next
-            solver.recorder.blows.erase(solver.recorder.blows.begin(), solver.recorder.blows.end() - 1);
-        taken = solver.recorder.blows.size();
+        BlowRecorder &r = solver.recorder;
+        const bool settled = !r.open && (r.blows.empty() || std::fabs(now().anvil_torque_nm) < 0.5 * r.blows.back().peak_torque_nm);
+        const std::size_t done = r.blows.size() - (settled ? 0 : 1);
+        const std::vector<Blow> fresh(r.blows.begin() + static_cast<std::ptrdiff_t>(std::min(taken, done)), r.blows.begin() + static_cast<std::ptrdiff_t>(done));
+        taken = std::max(taken, done);
+        const std::size_t spare = taken > 0 && r.blows.size() > 1 ? std::min(taken, r.blows.size() - 1) : 0;
+        r.blows.erase(r.blows.begin(), r.blows.begin() + static_cast<std::ptrdiff_t>(spare));
+        taken -= spare;
         return fresh;
     }
+
+private:
+    std::size_t taken = 0;
 };
 
 template <class L> std::unique_ptr<ImpactBody> body_of(const Impact &m, double fixed_s) {
@@ -134,7 +125,6 @@ template <class L> std::unique_ptr<ImpactBody> body_of(const Impact &m, double f
     body->solver.tolerance = L::EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST;
     body->solver.fixed_s = fixed_s;
     impact_start(body->solver);
-    impact_refresh(body->solver);
     return body;
 }
 
@@ -142,8 +132,7 @@ template <class L> std::unique_ptr<ImpactBody> body_of(const Impact &m, double f
 
 ImpactPlant::ImpactPlant(const Parameters &p, LoadKind load, HallWheel wheel, std::uint64_t seed, ImpactAccuracy accuracy, double step_s) {
     const double fixed_s = accuracy == ImpactAccuracy::FIXED ? step_s : 0.0;
-    Impact m = impact_from(p, load, InputKind::DUTY, false, 1.0);
-    m.drive.effects |= EFFECT_DEAD_TIME;
+    const Impact m = impact_from(p, load, InputKind::DUTY, false, 1.0);
     if (accuracy == ImpactAccuracy::REFERENCE)
         body_ = body_of<AuditLayout>(m, 0.0);
     else

@@ -1,7 +1,7 @@
 // Steps of the impact mechanism's solver, compiled once for each layout of the state: attempts, switches, control of the step.
 #include <stdexcept>
 
-#include "impact_solver.hpp"
+#include "impact_flight.hpp"
 
 namespace vgroove {
 
@@ -20,50 +20,85 @@ template <class L> VGROOVE_INLINE double impact_error(const ImpactSolver<L> &sel
     return h * worst / self.tolerance;
 }
 
-template <class L>
-VGROOVE_INLINE ImpactPoint impact_slope_inline(const ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds) {
-    ds = ImpactState<L>{};
+// Once in the program, not once a stage: the code of a step must stay in the processor's nearest memory.
+template <class L> __attribute__((noinline)) ImpactPoint impact_slope(ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds) {
+    self.stats.derivatives += 1.0;
+    if constexpr (L::FULL)
+        ds = ImpactState<L>{};
     return impact_derivative<L>(self.model, self.drive, self.mode, tau, s, ds);
 }
 
-// The same outside of steps, once in the program.
-template <class L>
-__attribute__((noinline)) ImpactPoint impact_slope(ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds) {
-    self.stats.derivatives += 1.0;
-    return impact_slope_inline(self, tau, s, ds);
+// The same for the stages of a step, which need no more than the slope.
+template <class L> __attribute__((noinline)) void impact_stage(const ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds) {
+    if constexpr (L::FULL)
+        ds = ImpactState<L>{};
+    impact_derivative<L>(self.model, self.drive, self.mode, tau, s, ds);
 }
 
-template <class L> VGROOVE_INLINE void impact_attempt(ImpactSolver<L> &self, double h) {
+template <class L> VGROOVE_INLINE void impact_attempt_contact(ImpactSolver<L> &self, double h) {
     constexpr int N = L::COUNT;
     ImpactStep<L> &t = self.step;
     const ImpactState<L> &y = self.state, &k1 = self.slope;
+    // In each sum the slope that comes last is added last: the sum waits for nothing else.
     ImpactState<L> s;
     for (int n = 0; n < N; ++n)
-        s.x[n] = y.x[n] + h * (1.0 / 5.0 * k1.x[n]);
-    impact_slope_inline(self, 0.2 * h, s, t.k2);
+        s.x[n] = y.x[n] + (1.0 / 5.0 * h) * k1.x[n];
+    impact_stage(self, 0.2 * h, s, t.k2);
     for (int n = 0; n < N; ++n)
-        s.x[n] = y.x[n] + h * (3.0 / 40.0 * k1.x[n] + 9.0 / 40.0 * t.k2.x[n]);
-    impact_slope_inline(self, 0.3 * h, s, t.k3);
+        s.x[n] = (y.x[n] + (3.0 / 40.0 * h) * k1.x[n]) + (9.0 / 40.0 * h) * t.k2.x[n];
+    impact_stage(self, 0.3 * h, s, t.k3);
     for (int n = 0; n < N; ++n)
-        s.x[n] = y.x[n] + h * (44.0 / 45.0 * k1.x[n] - 56.0 / 15.0 * t.k2.x[n] + 32.0 / 9.0 * t.k3.x[n]);
-    impact_slope_inline(self, 0.8 * h, s, t.k4);
+        s.x[n] = (y.x[n] + h * (44.0 / 45.0 * k1.x[n] - 56.0 / 15.0 * t.k2.x[n])) + (32.0 / 9.0 * h) * t.k3.x[n];
+    impact_stage(self, 0.8 * h, s, t.k4);
     for (int n = 0; n < N; ++n)
-        s.x[n] =
-            y.x[n] + h * ((19372.0 / 6561.0 * k1.x[n] - 25360.0 / 2187.0 * t.k2.x[n]) + (64448.0 / 6561.0 * t.k3.x[n] - 212.0 / 729.0 * t.k4.x[n]));
-    impact_slope_inline(self, 8.0 / 9.0 * h, s, t.k5);
+        s.x[n] = (y.x[n] + h * ((19372.0 / 6561.0 * k1.x[n] - 25360.0 / 2187.0 * t.k2.x[n]) + 64448.0 / 6561.0 * t.k3.x[n])) -
+                 (212.0 / 729.0 * h) * t.k4.x[n];
+    impact_stage(self, 8.0 / 9.0 * h, s, t.k5);
     for (int n = 0; n < N; ++n)
-        s.x[n] = y.x[n] + h * ((9017.0 / 3168.0 * k1.x[n] - 355.0 / 33.0 * t.k2.x[n]) + (46732.0 / 5247.0 * t.k3.x[n] + 49.0 / 176.0 * t.k4.x[n]) -
-                               5103.0 / 18656.0 * t.k5.x[n]);
-    impact_slope_inline(self, h, s, t.k6);
+        s.x[n] = (y.x[n] + h * ((9017.0 / 3168.0 * k1.x[n] - 355.0 / 33.0 * t.k2.x[n]) + (46732.0 / 5247.0 * t.k3.x[n] + 49.0 / 176.0 * t.k4.x[n]))) -
+                 (5103.0 / 18656.0 * h) * t.k5.x[n];
+    impact_stage(self, h, s, t.k6);
     for (int n = 0; n < N; ++n)
-        t.end.x[n] = y.x[n] + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * t.k3.x[n]) + (125.0 / 192.0 * t.k4.x[n] - 2187.0 / 6784.0 * t.k5.x[n]) +
-                                   11.0 / 84.0 * t.k6.x[n]);
-    t.end_point = impact_slope_inline(self, h, t.end, t.end_slope);
+        t.end.x[n] = (y.x[n] + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * t.k3.x[n]) + (125.0 / 192.0 * t.k4.x[n] - 2187.0 / 6784.0 * t.k5.x[n]))) +
+                     (11.0 / 84.0 * h) * t.k6.x[n];
+    if (!L::EXACT && self.mode.ringing)
+        impact_ring(self, h, t.end);
+    t.end_point = impact_slope(self, h, t.end, t.end_slope);
     for (int n = 0; n < N; ++n)
         s.x[n] = (71.0 / 57600.0 * k1.x[n] - 71.0 / 16695.0 * t.k3.x[n]) + (71.0 / 1920.0 * t.k4.x[n] - 17253.0 / 339200.0 * t.k5.x[n]) +
                  (22.0 / 525.0 * t.k6.x[n] - 1.0 / 40.0 * t.end_slope.x[n]);
     t.error = impact_error(self, h, s);
-    self.stats.derivatives += 6.0;
+    t.flight = false;
+    self.stats.derivatives += 5.0;
+}
+
+// x^(-1/5) within 1e-5, the same on every machine: a guess from the bits, then Newton.
+static double fifth_root_inverse(double x) {
+    double y = from_bits<double>(0x4CB8E91F5C28F5C2u - bits_of(x) / 5u);
+    for (int n = 0; n < 2; ++n) {
+        const double y2 = y * y;
+        y *= 1.2 - 0.2 * x * (y2 * y2 * y);
+    }
+    return y;
+}
+
+// One step of length h, in flight by its own method; returns by what its error would let it grow.
+template <class L> VGROOVE_INLINE double impact_attempt(ImpactSolver<L> &self, double h) {
+    ImpactStep<L> &t = self.step;
+    t.h = h;
+    t.share = 1.0;
+    t.event = -1;
+    t.shaped = false;
+    if constexpr (!L::EXACT) {
+        if (flight_applies(self)) {
+            ImpactState<L> e;
+            flight_attempt(self, h, e);
+            t.error = impact_error(self, h, e);
+            return 0.9 / std::sqrt(std::sqrt(max_of(t.error, 1e-8)));
+        }
+    }
+    impact_attempt_contact(self, h);
+    return 0.9 * fifth_root_inverse(max_of(t.error, 1e-8));
 }
 
 template <class L> VGROOVE_INLINE double impact_value_between(ImpactSolver<L> &self, double h, double share, int event) {
@@ -110,8 +145,10 @@ template <class L> VGROOVE_INLINE void impact_contact_begins(ImpactSolver<L> &se
     self.level_s = min_of(self.level_s, IMPACT_FIRST_CONTACT_S);
     if (place != ContactPlace::FORWARD && place != ContactPlace::BACKWARD)
         return;
-    self.mode.frozen = false;
+    self.mode.frozen = self.mode.ringing = false;
     const double closing = self.state.x[L::HAMMER_SPEED] - self.state.x[L::ANVIL_SPEED];
+    if (!L::EXACT)  // just beyond the ramp of the damping
+        self.level_s = min_of(self.level_s, 1.1 * self.model.contact.ramp_m / (self.model.lug_radius_m * max_of(std::fabs(closing), 1e-9)));
     const bool forward = place == ContactPlace::FORWARD;
     blows_begin(self.recorder, self.drive.time_s, self.mode.lug - (forward ? 0 : 1), forward ? closing : -closing,
                 max_of(self.model.lug_height_m - self.point.x, 0.0), self.state.x[L::LUG_IMPULSE]);
@@ -185,6 +222,7 @@ template <class L> VGROOVE_INLINE void impact_switch(ImpactSolver<L> &self, int 
         break;
     case IMPACT_RAMP:
         mode.ramped = !mode.ramped;
+        self.level_s = max_of(self.level_s, IMPACT_FIRST_CONTACT_S);
         break;
     case IMPACT_LAP:
         self.dropped_j += contact_energy(self.model.contact, self.point.pen);
@@ -233,7 +271,7 @@ template <class L> void impact_refresh(ImpactSolver<L> &self) {
     self.fresh = false;
 }
 
-// Anvil and joint have come to rest: their motion is left out until the next contact.
+// Fixed steps: anvil and joint have come to rest, their motion is left out until the next contact.
 template <class L> VGROOVE_INLINE void impact_freeze(ImpactSolver<L> &self) {
     const bool struck = self.mode.place == ContactPlace::FORWARD || self.mode.place == ContactPlace::BACKWARD;
     if (self.mode.frozen || struck || self.mode.slip != 0 || self.model.second_output)
@@ -314,8 +352,12 @@ __attribute__((noinline)) int impact_earliest(ImpactSolver<L> &self, double h, u
 }
 
 // The step just tried is taken up to a share of it; with a switch, slope and point are those of its instant.
-template <class L> VGROOVE_INLINE void impact_take(ImpactSolver<L> &self, double h, double share, int event) {
-    const double torque = self.point.joint_nm, rate = impact_torque_rate(self);
+template <class L> VGROOVE_INLINE void impact_take(ImpactSolver<L> &self, double share, int event) {
+    const double h = self.step.h, torque = self.point.joint_nm, rate = impact_torque_rate(self);
+    if (self.observer)
+        self.observer->step(self, h, share);
+    if (share != 1.0)
+        impact_interpolate(self, h);
     impact_accept(self, h * share, share == 1.0 ? self.step.end : impact_between(self, share));
     if (self.history)
         self.history->push_back({self.drive.time_s, h * share, event});
@@ -331,53 +373,103 @@ template <class L> VGROOVE_INLINE void impact_take(ImpactSolver<L> &self, double
 
 // Step length that the error of the step just tried allows; a step cut short by the end of the stretch does not shorten it.
 template <class L> VGROOVE_INLINE void impact_adapt(ImpactSolver<L> &self, double h, double factor, bool switches) {
-    const double allowed = min_of(h * min_of(factor, 5.0), IMPACT_STEP_MAX_S);
+    const double allowed = min_of(h * min_of(factor, 5.0), self.step.flight ? IMPACT_FLIGHT_MAX_S : IMPACT_STEP_MAX_S);
     const bool cut = h < 0.99 * self.level_s;
-    if (!switches && (!cut || allowed > self.level_s))
+    const bool kept = self.step.flight && allowed > h && allowed < 1.25 * h;  // whose weights are at hand
+    if (!switches && !kept && (!cut || allowed > self.level_s))
         self.level_s = allowed;
 }
 
-template <class L> VGROOVE_INLINE void impact_observe(ImpactSolver<L> &self, double h, double share) {
-    if (self.observer)
-        self.observer->step(self, h, share);
+// Length of the next step: what the error allows, in equal parts up to a horizon that is near.
+template <class L> VGROOVE_INLINE double impact_length(const ImpactSolver<L> &self) {
+    double level = self.level_s;
+    if constexpr (!L::EXACT)
+        level = min_of(level, min_of(ring_longest(self), flight_longest(self)));
+    else
+        level = min_of(level, IMPACT_STEP_MAX_S);
+    if (self.horizon_s > 1e3 * level || self.horizon_s <= IMPACT_SAME_S)
+        return level;
+    const double pieces = std::ceil(self.horizon_s / level - 1e-6);
+    return pieces > 1.0 ? self.horizon_s / pieces : self.horizon_s;
 }
 
-template <class L> VGROOVE_INLINE void impact_run_adaptive(ImpactSolver<L> &self, double length_s) {
-    double left = length_s;
-    while (left > 0.0) {
-        if (self.fresh)
-            impact_refresh(self);
-        const double pieces = std::ceil(left / self.level_s - 1e-6);
-        double h = pieces > 1.0 ? left / pieces : left;
-        impact_attempt(self, h);
-        const double factor = 0.9 * std::pow(max_of(self.step.error, 1e-8), -0.2);
-        if (!(self.step.error <= 1.0)) {
-            self.level_s = h * max_of(factor, 0.2);
+// EXACT: the instant of a switch is reached by a step of its own, which may just miss it.
+template <class L> VGROOVE_INLINE void impact_reach_switch(ImpactSolver<L> &self) {
+    const int event = self.step.event;
+    impact_attempt(self, self.step.h * self.step.share);
+    if (impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, event) < 0.0)
+        self.step.event = event;
+}
+
+// Tries steps from the state until one holds, up to its first switch.
+template <class L> VGROOVE_INLINE void impact_try(ImpactSolver<L> &self) {
+    ImpactStep<L> &t = self.step;
+    if (self.fresh)
+        impact_refresh(self);
+    if constexpr (!L::EXACT)
+        ring_begin(self);
+    for (;;) {
+        const double h = impact_length(self);
+        const double factor = impact_attempt(self, h);
+        if (!(t.error <= 1.0) || (!L::EXACT && ring_overlooked(self, h))) {
+            self.level_s = t.error <= 1.0 ? RING_STEP / std::sqrt(self.model.ring_square) : h * max_of(factor, 0.2);
             self.stats.rejected += 1.0;
             if (h > IMPACT_STEP_MIN_S)
                 continue;
             throw std::runtime_error("impact mechanism: the state is no longer finite");
         }
-        double share = 1.0;
         const unsigned possible = impact_possible(self.model, self.mode, self.drive);
-        const unsigned met = impact_met<L>(self.model, self.mode, possible, self.step.end, self.step.end_point);
+        const unsigned met = impact_met<L>(self.model, self.mode, possible, t.end, t.end_point);
         const unsigned turned = impact_grazed(self, possible & ~met);
-        int event = (met | turned) != 0u ? impact_earliest(self, h, met, turned, L::EXACT ? 1e-12 : 1e-9, share) : -1;
-        impact_adapt(self, h, factor, event >= 0);
-        const bool to_end = pieces <= 1.0 && share == 1.0;
-        if (L::EXACT && event >= 0) {
-            h *= share;
-            share = 1.0;
-            impact_attempt(self, h);
-            if (impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, event) >= 0.0)
-                event = -1;
-        }
-        impact_observe(self, h, share);
-        left = to_end ? 0.0 : left - h * share;
-        impact_take(self, h, share, event);
-        if (!L::EXACT)
-            impact_freeze(self);
+        if ((met | turned) != 0u)
+            t.event = impact_earliest(self, h, met, turned, L::EXACT ? 1e-12 : 1e-9, t.share);
+        impact_adapt(self, h, factor, t.event >= 0);
+        if (L::EXACT && t.event >= 0)
+            impact_reach_switch(self);
+        return;
     }
+}
+
+template <class L> VGROOVE_INLINE void impact_run_adaptive(ImpactSolver<L> &self, double length_s) {
+    self.horizon_s = length_s;
+    while (self.horizon_s > 0.0) {
+        impact_try(self);
+        const double h = self.step.h * self.step.share;
+        self.horizon_s = self.step.share == 1.0 && h >= self.horizon_s - IMPACT_SAME_S ? 0.0 : self.horizon_s - h;
+        impact_take(self, self.step.share, self.step.event);
+    }
+}
+
+template <class L> VGROOVE_INLINE void impact_run_on(ImpactSolver<L> &self, double length_s) {
+    double to = self.into_s + length_s;
+    for (;;) {
+        if (!self.ahead)
+            impact_try(self);
+        self.ahead = true;
+        const double reach = self.step.h * self.step.share;
+        if (to <= reach + IMPACT_SAME_S) {
+            self.into_s = min_of(to, reach);
+            return;
+        }
+        to -= reach;
+        self.horizon_s -= reach;
+        self.ahead = false;
+        impact_take(self, self.step.share, self.step.event);
+    }
+}
+
+template <class L> VGROOVE_INLINE void impact_cut_inline(ImpactSolver<L> &self) {
+    if (!self.ahead)
+        return;
+    self.ahead = false;
+    const bool whole = self.into_s >= self.step.h * self.step.share - IMPACT_SAME_S;
+    self.horizon_s -= self.into_s;
+    if (whole)
+        impact_take(self, self.step.share, self.step.event);
+    else if (self.into_s > 0.0)
+        impact_take(self, self.into_s / self.step.h, -1);
+    self.fresh = self.fresh || !whole;
+    self.into_s = 0.0;
 }
 
 // Whether the next stretch of length h is stiff: a flank is touched or within reach, or the anvil still rings.
@@ -403,8 +495,7 @@ template <class L> VGROOVE_INLINE void impact_fixed_piece(ImpactSolver<L> &self,
         double share = 1.0;
         const int event = met != 0u && cut < IMPACT_CUTS_MAX ? impact_earliest(self, h, met, 0u, 1e-8, share) : -1;
         self.fresh = met != 0u;
-        impact_observe(self, h, share);
-        impact_take(self, h, share, event);
+        impact_take(self, share, event);
         if (event < 0)
             break;
         h *= 1.0 - share;
@@ -433,22 +524,24 @@ template <class L> VGROOVE_INLINE void impact_run_any(ImpactSolver<L> &self, dou
         impact_run_adaptive(self, length_s);
 }
 
-// The layout of batches is compiled for the processor's vector width; without contracted multiply-adds the bytes are the same.
-VGROOVE_CLONES static void run_core(ImpactSolver<FastLayout> &self, double length_s) {
-    impact_run_any(self, length_s);
+template <class L> void impact_run(ImpactSolver<L> &self, double length_s) {
+    if (L::EXACT || self.fixed_s > 0.0)
+        impact_run_any(self, length_s);
+    else
+        impact_run_on(self, length_s);
 }
-template <> void impact_run(ImpactSolver<FastLayout> &self, double length_s) {
-    run_core(self, length_s);
-}
-template <> void impact_run(ImpactSolver<FullLayout> &self, double length_s) {
-    impact_run_any(self, length_s);
-}
-template <> void impact_run(ImpactSolver<AuditLayout> &self, double length_s) {
-    impact_run_any(self, length_s);
+template <class L> void impact_cut(ImpactSolver<L> &self) {
+    impact_cut_inline(self);
 }
 
+template void impact_run<FastLayout>(ImpactSolver<FastLayout> &, double);
+template void impact_run<FullLayout>(ImpactSolver<FullLayout> &, double);
+template void impact_run<AuditLayout>(ImpactSolver<AuditLayout> &, double);
 template void impact_refresh<FastLayout>(ImpactSolver<FastLayout> &);
 template void impact_refresh<FullLayout>(ImpactSolver<FullLayout> &);
 template void impact_refresh<AuditLayout>(ImpactSolver<AuditLayout> &);
+template void impact_cut<FastLayout>(ImpactSolver<FastLayout> &);
+template void impact_cut<FullLayout>(ImpactSolver<FullLayout> &);
+template void impact_cut<AuditLayout>(ImpactSolver<AuditLayout> &);
 
 }  // namespace vgroove
