@@ -189,7 +189,8 @@ struct GrooveForces {
     double spindle_rate, hammer_rate;
 };
 
-template <class L> VGROOVE_INLINE GrooveForces impact_groove(const Impact &m, const ImpactMode &mode, double spindle_nm, const GroovePoint &g, ImpactPoint &at) {
+template <class L>
+VGROOVE_INLINE GrooveForces impact_groove(const Impact &m, const ImpactMode &mode, double spindle_nm, const GroovePoint &g, ImpactPoint &at) {
     double axial = m.preload_n + m.rate_n_per_m * at.x + m.hammer_mass * g.c * at.q_rate * at.q_rate;
     if (mode.place != ContactPlace::NONE) {
         const double n = contact_force(m.contact, at.pen, at.pen_rate, mode.approaching, mode.ramped);

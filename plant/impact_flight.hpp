@@ -9,14 +9,14 @@
 
 namespace vgroove {
 
-template <class L> void impact_stage(const ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds);               // impact_steps.cpp
+template <class L> void impact_stage(const ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds);  // impact_steps.cpp
 template <class L> ImpactPoint impact_slope(ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds);
 
 constexpr double FLIGHT_ERROR_SHARE = 0.014;  // the estimate is of third order: it overstates
-constexpr double FLIGHT_VERTICES = 8.0;        // vertex radii from the groove's vertex, from where on a flight is one
-constexpr double FLIGHT_APPROACH = 0.5;  // of the way to the vertex in one step
-constexpr double RING_STEP = 1.0;  // longest step over the anvil's time constant while the hammer is within the anvil's swing
-constexpr double RING_FELT_RAD = 1e-5;       // a smaller swing moves no contact
+constexpr double FLIGHT_VERTICES = 8.0;       // vertex radii from the groove's vertex, from where on a flight is one
+constexpr double FLIGHT_APPROACH = 0.5;       // of the way to the vertex in one step
+constexpr double RING_STEP = 1.0;             // longest step over the anvil's time constant while the hammer is within the anvil's swing
+constexpr double RING_FELT_RAD = 1e-5;        // a smaller swing moves no contact
 
 // Rate at which the current decays by itself.
 VGROOVE_INLINE double flight_rate(const Impact &m, const ImpactMode &mode, const Drive<double> &in) {
@@ -103,7 +103,7 @@ template <class L> VGROOVE_INLINE double ring_longest(const ImpactSolver<L> &sel
         return IMPACT_NO_HORIZON_S;
     const double swing = ring_swing<L>(self.model, self.state);
     return swing < RING_FELT_RAD || ring_clear<L>(self.model, self.mode, self.state, swing) ? IMPACT_NO_HORIZON_S
-                                                                                             : RING_STEP / std::sqrt(self.model.ring_square);
+                                                                                            : RING_STEP / std::sqrt(self.model.ring_square);
 }
 
 // Whether the step just tried brought the hammer within the swing that the anvil had at its start, and was too long for that.

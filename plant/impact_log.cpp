@@ -240,8 +240,9 @@ template <class L> static void run_row(LogRun<L> &run, std::size_t row) {
     while (left > 0.0) {
         const Stretch stretch = run.reader.next(row, run.now_s, left);
         const double load_nm = load ? in.load_nm[row - 1] + load_rate * (length - left) : 0.0;
-        const ImpactDrive next{stretch.command, stretch.command_rate, stretch.open, stretch.switching ? run.solver.model.drive.dead_share : 0.0,
-                               bus_v,           load_nm,              load_rate};
+        const ImpactDrive next{
+            stretch.command, stretch.command_rate, stretch.open, stretch.switching ? run.solver.model.drive.dead_share : 0.0, bus_v, load_nm,
+            load_rate};
         impact_stretch(run.solver, next, run.now_s, stretch.length_s);
         run.now_s += stretch.length_s;
         left -= stretch.length_s;

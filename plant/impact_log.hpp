@@ -3,8 +3,8 @@
 #define VGROOVE_PLANT_IMPACT_LOG_HPP
 
 #include "impact_solver.hpp"
-#include "sensed.hpp"
 #include "plant.hpp"
+#include "sensed.hpp"
 
 namespace vgroove {
 

@@ -82,9 +82,7 @@ template <class L> struct SolverBody final : ImpactBody {
         return sensors_read_current(parameters, present(lags ? static_cast<int>(STATE_CURRENT_FILTER) : static_cast<int>(STATE_CURRENT)));
     }
 
-    double mean_bus(double seconds) const override {
-        return (present(STATE_BUS_TIME) - bus_vs) / seconds * (1.0 + parameters.supply_gain_relative);
-    }
+    double mean_bus(double seconds) const override { return (present(STATE_BUS_TIME) - bus_vs) / seconds * (1.0 + parameters.supply_gain_relative); }
 
     double filtered_speed() const { return L::FULL ? present(STATE_SPEED_FILTER) : 0.0; }
 
@@ -107,7 +105,8 @@ template <class L> struct SolverBody final : ImpactBody {
         BlowRecorder &r = solver.recorder;
         const bool settled = !r.open && (r.blows.empty() || std::fabs(now().anvil_torque_nm) < 0.5 * r.blows.back().peak_torque_nm);
         const std::size_t done = r.blows.size() - (settled ? 0 : 1);
-        const std::vector<Blow> fresh(r.blows.begin() + static_cast<std::ptrdiff_t>(std::min(taken, done)), r.blows.begin() + static_cast<std::ptrdiff_t>(done));
+        const std::vector<Blow> fresh(r.blows.begin() + static_cast<std::ptrdiff_t>(std::min(taken, done)),
+                                      r.blows.begin() + static_cast<std::ptrdiff_t>(done));
         taken = std::max(taken, done);
         const std::size_t spare = taken > 0 && r.blows.size() > 1 ? std::min(taken, r.blows.size() - 1) : 0;
         r.blows.erase(r.blows.begin(), r.blows.begin() + static_cast<std::ptrdiff_t>(spare));

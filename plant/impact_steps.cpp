@@ -21,7 +21,8 @@ template <class L> VGROOVE_INLINE double impact_error(const ImpactSolver<L> &sel
 }
 
 // Once in the program, not once a stage: the code of a step must stay in the processor's nearest memory.
-template <class L> __attribute__((noinline)) ImpactPoint impact_slope(ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds) {
+template <class L>
+__attribute__((noinline)) ImpactPoint impact_slope(ImpactSolver<L> &self, double tau, const ImpactState<L> &s, ImpactState<L> &ds) {
     self.stats.derivatives += 1.0;
     if constexpr (L::FULL)
         ds = ImpactState<L>{};
@@ -59,8 +60,9 @@ template <class L> VGROOVE_INLINE void impact_attempt_contact(ImpactSolver<L> &s
                  (5103.0 / 18656.0 * h) * t.k5.x[n];
     impact_stage(self, h, s, t.k6);
     for (int n = 0; n < N; ++n)
-        t.end.x[n] = (y.x[n] + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * t.k3.x[n]) + (125.0 / 192.0 * t.k4.x[n] - 2187.0 / 6784.0 * t.k5.x[n]))) +
-                     (11.0 / 84.0 * h) * t.k6.x[n];
+        t.end.x[n] =
+            (y.x[n] + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * t.k3.x[n]) + (125.0 / 192.0 * t.k4.x[n] - 2187.0 / 6784.0 * t.k5.x[n]))) +
+            (11.0 / 84.0 * h) * t.k6.x[n];
     if (!L::EXACT && self.mode.ringing)
         impact_ring(self, h, t.end);
     t.end_point = impact_slope(self, h, t.end, t.end_slope);
