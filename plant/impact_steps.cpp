@@ -156,6 +156,11 @@ template <class L> VGROOVE_INLINE void impact_contact_begins(ImpactSolver<L> &se
                 max_of(self.model.lug_height_m - self.point.x, 0.0), self.state.x[L::LUG_IMPULSE]);
 }
 
+template <class L> VGROOVE_INLINE void impact_ramp_ends(ImpactSolver<L> &self) {
+    self.mode.ramped = !self.mode.ramped;
+    self.level_s = max_of(self.level_s, IMPACT_FIRST_CONTACT_S);
+}
+
 template <class L> VGROOVE_INLINE void impact_contact_ends(ImpactSolver<L> &self) {
     if (self.mode.place == ContactPlace::FORWARD || self.mode.place == ContactPlace::BACKWARD)
         blows_end(self.recorder, self.state.x[L::LUG_IMPULSE]);
@@ -223,8 +228,7 @@ template <class L> VGROOVE_INLINE void impact_switch(ImpactSolver<L> &self, int 
         mode.ramped = self.point.pen > self.model.contact.ramp_m;
         break;
     case IMPACT_RAMP:
-        mode.ramped = !mode.ramped;
-        self.level_s = max_of(self.level_s, IMPACT_FIRST_CONTACT_S);
+        impact_ramp_ends(self);
         break;
     case IMPACT_LAP:
         self.dropped_j += contact_energy(self.model.contact, self.point.pen);
