@@ -2,11 +2,13 @@
 #include "controllers/screwing.h"
 
 #include "core/divide.h"
-#include "core/fixed.h"
 #include "core/flash.h"
 #include "core/inline.h"
 
-#define LUG 5760                    // from lug to lug: 180 degrees of 1/32
+typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_STEP, STAGE_SHARE, STAGE_TURN, STAGE_JUDGE } Stage;
+
+#define LUG 5760  // from lug to lug: 180 degrees of 1/32
+#define SHARE_SCALE (256u * 65536u)
 #define PITCH_SCALE (256u * 5760u)  // over pulses * turn_q8
 #define EDGES_MOST 2u               // a tick: more have no ripple to tell
 #define RIPPLE_MAX 4095             // rpm Q1
@@ -31,7 +33,6 @@
 #define STEEP_FINE_Q3 80
 #define HOLD_FINE 2u
 #define ONSET_FINE_Q8 300
-#define EDGE_MOST_Q8 486
 #define SURE_FINE_Q3 96
 #define ONSET_Q8 282    // 1.10
 #define CALM_Q8 271     // 1.06
@@ -39,8 +40,8 @@
 #define STEEP_Q8 333    // 1.30 + 0.018 a degree: steeper is the edge of a knot
 #define SLOW_Q8 276     // 1.08 + 0.007 a degree: flatter is not a seat
 #define SURE_Q3 112     // 14 degrees and 0.4 of the learned turn: behind the onset until a seat is believed
+#define RECORD_Q3 120   // 15 degrees: how high the edge of a knot is; 3/8 above it is a seat all the same
 #define EDGE_Q3 200     // 25 degrees: a knot's edge is over
-#define MORE_Q8 154     // 0.6 above the edge's rise is a seat all the same
 #define GIVE_UP_Q3 480  // 60 degrees
 #define QUARTER 64u
 
@@ -57,37 +58,31 @@ static int8_t sine(uint8_t angle) {
     return angle >= 128u ? (int8_t)-value : value;
 }
 
-// Phase of (x, y), 2^16 a turn; within 0.0038 rad.
-static uint16_t phase_of(int32_t x, int32_t y) {
-    uint32_t along = (uint32_t)(x < 0 ? -x : x), across = (uint32_t)(y < 0 ? -y : y);
-    while (along > UINT16_MAX || across > UINT16_MAX) {
-        along >>= 4;
-        across >>= 4;
-    }
+// Phase of (x, y), 2^16 a turn; within 0.0038 rad: atan r = r (pi / 4 + 0.273 (1 - r)).
+static uint16_t phase_of(int16_t x, int16_t y) {
+    const uint16_t along = (uint16_t)(x < 0 ? -x : x), across = (uint16_t)(y < 0 ? -y : y);
     const bool swap = across > along;
-    const uint32_t less = swap ? along : across, more = swap ? across : along;
-    const uint16_t ratio_q15 = more == 0u ? 0u : divide_u16(less << 15, more);
-    // atan r = r (pi / 4 + 0.273 (1 - r))
-    const uint16_t slope = (uint16_t)(8192u + (((uint32_t)2847u * (uint16_t)(32768u - ratio_q15)) >> 15));
-    uint16_t angle = (uint16_t)(((uint32_t)slope * ratio_q15) >> 15);
+    const uint16_t less = swap ? along : across, more = swap ? across : along;
+    const uint16_t ratio_q16 = more == 0u ? 0u : divide_u16((uint32_t)less << 16, more);
+    const uint16_t slope = (uint16_t)(8192u + (uint16_t)(((uint32_t)2847u * (uint16_t)~ratio_q16) >> 16));
+    uint16_t angle = (uint16_t)(((uint32_t)slope * ratio_q16) >> 16);
     angle = swap ? (uint16_t)(16384u - angle) : angle;
     angle = x < 0 ? (uint16_t)(32768u - angle) : angle;
     return y < 0 ? (uint16_t)(0u - angle) : angle;
 }
 
-static void set_step(Screwing *self) {
-    self->step = divide_u16((uint32_t)self->pitch << 16, (uint16_t)(LUG + self->assumed));
+static uint16_t step_of(const Screwing *self) {
+    return divide_u16((uint32_t)self->pitch << 16, (uint16_t)(LUG + self->assumed));
 }
 
+// The sums keep what is left of the last drive: the first half turns are not used.
 static void listen(Screwing *self) {
     self->known = 0;
-    self->phase = 0;
     self->assumed = ASSUMED_START;
-    self->cos_sum = self->sin_sum = self->rest_sum = 0;
+    self->step = self->step_start;
+    self->per_step = self->per_step_start;
     self->mean_rpm_q1 = self->last_rpm_q1;
-    self->head = 0;
-    self->due = false;
-    set_step(self);
+    self->stage = STAGE_NONE;
 }
 
 static void relearn(Screwing *self) {
@@ -101,64 +96,67 @@ void screwing_start(Screwing *self, const ScrewingSetpoints *set) {
     *self = (Screwing){.state = SCREWING_RUN_IN};
     const uint32_t scale = (uint32_t)set->pulses * set->turn_q8;
     self->pitch = divide_u16(PITCH_SCALE + scale / 2u, scale);
-    listen(self);
+    self->assumed = ASSUMED_START;
+    self->step_start = step_of(self);
+    self->per_step_start = divide_u16(SHARE_SCALE, self->step_start);
     relearn(self);
 }
 
-// A part of a pitch, share of 256, whose middle is at a phase.
-static void gather(Screwing *self, int16_t ripple, uint16_t phase, uint16_t share) {
-    const uint8_t angle = (uint8_t)((phase + 128u) >> 8);
-    const int32_t part = share == 256u ? ripple : ((int32_t)ripple * (int16_t)share) >> 8;
-    self->cos_sum += (int32_t)(int16_t)part * sine((uint8_t)(angle + QUARTER));
-    self->sin_sum += (int32_t)(int16_t)part * sine(angle);
-    self->rest_sum += part;
+// A pitch, or the part of it before or behind the end of a half turn; its middle is at a phase.
+static void gather(Screwing *self, int16_t ripple, uint16_t phase) {
+    const uint8_t angle = (uint8_t)(phase >> 8);
+    self->cos_sum = (int16_t)(self->cos_sum + (int16_t)(((int32_t)ripple * sine((uint8_t)(angle + QUARTER))) >> 8));
+    self->sin_sum = (int16_t)(self->sin_sum + (int16_t)(((int32_t)ripple * sine(angle)) >> 8));
+    self->rest_sum = (int16_t)(self->rest_sum + ripple / 2);
 }
 
-static void follow(Screwing *self, int16_t lead) {
-    // The screw turns by T (1 / (1 + 2 lead / 2^16) - 1) more than assumed, T from blow to blow.
-    const int32_t more = -(((int32_t)(LUG + self->assumed) * lead) >> 15);
-    const int32_t taken = self->known < ACQUIRE ? more >> 2 : more >> 4;
-    self->assumed = (int16_t)fixed_clamp_i32(self->assumed + taken, ASSUMED_LEAST, ASSUMED_MOST);
-    set_step(self);
-}
-
-// A half turn of the oscillator has ended.
+// A half turn of the oscillator has ended: its sums and those of the half before are to be looked at, a stage a tick.
 static void close_half(Screwing *self) {
-    const int32_t x = self->cos_sum + self->cos_before, y = self->sin_sum + self->sin_before;
-    const int32_t rest = self->rest_sum + self->rest_before;
-    self->mean_rpm_q1 = (int16_t)(self->mean_rpm_q1 - (int16_t)(((rest >> 4) * (int32_t)(self->step >> 4)) >> 9));
+    self->x = (int16_t)(self->cos_sum + self->cos_before);
+    self->y = (int16_t)(self->sin_sum + self->sin_before);
+    self->rest = (int16_t)(self->rest_sum + self->rest_before);
     self->cos_before = self->cos_sum;
     self->sin_before = self->sin_sum;
     self->rest_before = self->rest_sum;
     self->cos_sum = self->sin_sum = self->rest_sum = 0;
-    const uint16_t found = phase_of(x, -y);
+    self->stage = STAGE_PHASE;
+}
+
+static void take_edge(Screwing *self) {
+    int16_t ripple = (int16_t)(self->mean_rpm_q1 - self->last_rpm_q1);
+    ripple = ripple > RIPPLE_MAX ? RIPPLE_MAX : ripple;
+    ripple = ripple < -RIPPLE_MAX ? -RIPPLE_MAX : ripple;
+    const uint16_t left = (uint16_t)(0x8000u - (self->phase & 0x7FFFu));
+    uint16_t begin = self->phase, length = self->step;
+    if (left <= length) {
+        const uint16_t share_q8 = (uint16_t)(((uint32_t)left * self->per_step) >> 16);
+        const int16_t before = (int16_t)(((int32_t)ripple * (int16_t)share_q8) >> 8);
+        gather(self, before, (uint16_t)(begin + left / 2u));
+        close_half(self);
+        ripple = (int16_t)(ripple - before);
+        begin = (uint16_t)(begin + left);
+        length = (uint16_t)(length - left);
+    }
+    gather(self, ripple, (uint16_t)(begin + length / 2u));
+    self->phase = (uint16_t)(begin + length);
+}
+
+// What the ripple's phase has moved by against the oscillator is what the screw turned beside the assumed.
+static void take_phase(Screwing *self) {
+    const uint16_t found = phase_of(self->x, (int16_t)-self->y);
     const int16_t lead = (int16_t)(found - self->found);
     self->found = found;
+    self->mean_rpm_q1 = (int16_t)(self->mean_rpm_q1 - (int16_t)(((int32_t)self->rest * (int16_t)self->step) >> 16));
     self->known = (uint8_t)(self->known + (self->known < UINT8_MAX ? 1u : 0u));
     if (self->known < 3u) {
+        self->stage = STAGE_NONE;
         return;
     }
     self->head = (int16_t)(self->head + self->assumed / 2 - (int16_t)(((int32_t)LUG * lead) >> 16));
-    self->due = true;
-    follow(self, lead);
-}
-
-static void take_edge(Screwing *self, int16_t speed_rpm_q1) {
-    const int32_t off = (int32_t)self->mean_rpm_q1 - speed_rpm_q1;
-    const int16_t ripple = (int16_t)fixed_clamp_i32(off, -RIPPLE_MAX, RIPPLE_MAX);
-    const uint16_t end = (uint16_t)(self->phase + self->step);
-    const uint16_t left = (uint16_t)(0x8000u - (self->phase & 0x7FFFu));
-    if (left > self->step) {
-        gather(self, ripple, (uint16_t)(self->phase + self->step / 2u), 256u);
-    } else {
-        const uint16_t share = divide_u16((uint32_t)left << 8, self->step);
-        gather(self, ripple, (uint16_t)(self->phase + left / 2u), share);
-        const uint16_t after = (uint16_t)(self->step - left);
-        const uint16_t bound = (uint16_t)(self->phase + left);
-        close_half(self);
-        gather(self, ripple, (uint16_t)(bound + after / 2u), (uint16_t)(256u - share));
-    }
-    self->phase = end;
+    const int16_t more = (int16_t)(((int32_t)(LUG + self->assumed) * lead) >> 16);
+    const int16_t assumed = (int16_t)(self->assumed - (self->known < ACQUIRE ? more / 2 : more / 8));
+    self->assumed = assumed < ASSUMED_LEAST ? ASSUMED_LEAST : assumed;
+    self->assumed = self->assumed > ASSUMED_MOST ? ASSUMED_MOST : self->assumed;
 }
 
 static void push_turned(Screwing *self) {
@@ -168,7 +166,7 @@ static void push_turned(Screwing *self) {
     for (uint8_t n = SCREWING_RING - 1u; n > 0u; n--) {
         self->turned[n] = self->turned[n - 1u];
     }
-    self->turned[0] = (uint8_t)(fixed_clamp_i32(turned, -TURNED_BIAS, TURNED_MOST) + TURNED_BIAS);
+    self->turned[0] = (uint8_t)(turned < -TURNED_BIAS ? 0 : turned > TURNED_MOST ? TURNED_MOST + TURNED_BIAS : turned + TURNED_BIAS);
     self->filled = (uint8_t)(self->filled + (self->filled < SCREWING_RING ? 1u : 0u));
 }
 
@@ -204,8 +202,8 @@ static void measure_rise(Screwing *self, int16_t turn) {
 static void begin_track(Screwing *self) {
     self->state = SCREWING_TRACK;
     self->onset_q3 = self->head_q3;
-    self->edge_q8 = 0;
     self->behind = 0;
+    self->edge_q8 = 0;
 }
 
 // 1/8 degree Q4 a half turn of the oscillator against 1 degree Q4 a blow.
@@ -234,12 +232,12 @@ static bool steep(const Screwing *self, int16_t turned) {
     if (self->learned_q4 < SMALL_Q4) {
         return self->behind <= STEEP_HALVES && self->rise_q8 > STEEP_SMALL_Q8;
     }
-    return turned < EDGE_Q3 && self->rise_q8 > STEEP_Q8 + ((turned * 37) >> 6);
+    return turned < EDGE_Q3 && self->rise_q8 > STEEP_Q8 + (int16_t)((uint16_t)(turned > 0 ? turned : 0) * 148u >> 8);
 }
 
 static bool seated(const Screwing *self, const ScrewingSetpoints *set, int16_t turned) {
-    const int16_t sure = (int16_t)((is_fine(self) ? SURE_FINE_Q3 : SURE_Q3) + (((int32_t)self->learned_q4 * 13) >> 8));
-    return turned >= sure && self->rise_q8 >= set->rise_q8 && self->rise_q8 >= SLOW_Q8 + (int16_t)(((int32_t)turned * 57) >> 8);
+    const int16_t sure = (int16_t)((is_fine(self) ? SURE_FINE_Q3 : SURE_Q3) + (int16_t)(((uint16_t)self->learned_q4 * 13u) >> 8));
+    return turned >= sure && self->rise_q8 >= set->rise_q8 && self->rise_q8 >= SLOW_Q8 + (int16_t)(((uint16_t)turned * 57u) >> 8);
 }
 
 static void suspect(Screwing *self, const ScrewingSetpoints *set, int16_t turn) {
@@ -248,17 +246,17 @@ static void suspect(Screwing *self, const ScrewingSetpoints *set, int16_t turn) 
         self->state = SCREWING_SUSPECT;
     }
     self->behind = (uint8_t)(self->behind + (self->behind < UINT8_MAX ? 1u : 0u));
-    if (turned < EDGE_Q3 && self->rise_q8 > self->edge_q8) {
-        self->edge_q8 = self->rise_q8;
-    }
     if (self->state == SCREWING_SUSPECT && steep(self, turned)) {
         self->state = SCREWING_KNOT;
     }
-    const bool goes_on = self->state == SCREWING_KNOT && turned > EDGE_Q3 && self->edge_q8 < EDGE_MOST_Q8 && self->rise_q8 > self->edge_q8 + MORE_Q8;
     const bool holds = seated(self, set, turned);
     self->held = holds ? (uint8_t)(self->held + 1u) : 0u;
     const uint8_t hold = is_fine(self) ? HOLD_FINE : 1u;
-    if (goes_on || (self->state == SCREWING_SUSPECT && self->held >= hold)) {
+    if (turned < RECORD_Q3 && self->rise_q8 > self->edge_q8) {
+        self->edge_q8 = self->rise_q8;
+    }
+    const bool goes_on = turned > EDGE_Q3 && self->rise_q8 > self->edge_q8 + self->edge_q8 / 4 + self->edge_q8 / 8;
+    if (self->state == SCREWING_KNOT ? goes_on : self->held >= hold) {
         self->state = SCREWING_SEATED;
     } else if (turned > GIVE_UP_Q3) {
         self->learned_q4 = turn;
@@ -267,31 +265,52 @@ static void suspect(Screwing *self, const ScrewingSetpoints *set, int16_t turn) 
     }
 }
 
-// Each half turn of the oscillator, in the tick after it.
 static void judge(Screwing *self, const ScrewingSetpoints *set) {
-    self->due = false;
-    self->count = (uint16_t)(self->count + (self->count < UINT16_MAX ? 1u : 0u));
-    push_turned(self);
-    if (self->count <= SETTLE_HALVES) {
-        self->filled = 1;
-        return;
-    }
-    const int16_t turn = turn_q4(self);
-    self->learned_q4 = self->learned_q4 == 0 ? turn : self->learned_q4;
-    measure_rise(self, turn);
     if (self->count <= LEARN_HALVES) {
-        learn(self, turn, 5u);
-        return;
-    }
-    if (self->rise_q8 < (is_fine(self) ? ONSET_FINE_Q8 : ONSET_Q8)) {
-        track(self, set, turn);
+        learn(self, self->turn_q4, 5u);
+    } else if (self->rise_q8 < (is_fine(self) ? ONSET_FINE_Q8 : ONSET_Q8)) {
+        track(self, set, self->turn_q4);
     } else {
-        suspect(self, set, turn);
+        suspect(self, set, self->turn_q4);
     }
 }
 
+// What follows on the end of a half turn: one division a tick.
+static void step_stage(Screwing *self, const ScrewingSetpoints *set) {
+    switch ((Stage)self->stage) {
+    case STAGE_NONE:
+        return;
+    case STAGE_PHASE:
+        self->stage++;
+        take_phase(self);
+        return;
+    case STAGE_STEP:
+        self->step = step_of(self);
+        break;
+    case STAGE_SHARE:
+        self->per_step = divide_u16(SHARE_SCALE, self->step);
+        break;
+    case STAGE_TURN:
+        self->count = (uint8_t)(self->count + (self->count < UINT8_MAX ? 1u : 0u));
+        push_turned(self);
+        self->turn_q4 = turn_q4(self);
+        break;
+    case STAGE_JUDGE:
+        self->stage = STAGE_NONE;
+        if (self->count <= SETTLE_HALVES) {
+            self->filled = 1;
+            return;
+        }
+        self->learned_q4 = self->learned_q4 == 0 ? self->turn_q4 : self->learned_q4;
+        measure_rise(self, self->turn_q4);
+        judge(self, set);
+        return;
+    }
+    self->stage++;
+}
+
 static int16_t share_of(int16_t duty_q15, int16_t share_q15) {
-    return (int16_t)(((int32_t)duty_q15 * share_q15) >> 15);
+    return (int16_t)(((uint32_t)(uint16_t)duty_q15 * (uint16_t)(2u * (uint16_t)share_q15)) >> 16);
 }
 
 static int16_t power_q15(const Screwing *self, const ScrewingSetpoints *set) {
@@ -338,12 +357,12 @@ int16_t screwing_step(Screwing *self, const ScrewingSetpoints *set, const Contro
         self->state = SCREWING_SETTLE;
         listen(self);
         relearn(self);
-    } else if (self->due) {
-        judge(self, set);
+    } else if (!blow->busy) {
+        step_stage(self, set);
     }
     if (self->state != SCREWING_RUN_IN) {
         for (uint8_t n = 0; n < in->edges && n < EDGES_MOST; n++) {
-            take_edge(self, speed_rpm_q1);
+            take_edge(self);
         }
     }
     return output(self, set, in->travel_q15 > 0 ? in->travel_q15 : 0);

@@ -35,27 +35,27 @@ typedef struct {
 typedef struct {
     uint8_t state;
     uint8_t power;   // SCREWING_POWER_*, SETTLE and after
-    uint16_t count;  // half turns of the oscillator since the power was changed, saturates
-    uint16_t pitch;  // angle of a Hall pitch
-    int16_t last_rpm_q1;
-    uint16_t phase;   // of the oscillator, 2^16 a turn
-    uint16_t step;    // of the phase a pitch
-    int16_t assumed;  // turn of the screw a blow that the oscillator assumes
-    uint16_t found;   // phase of the ripple, last
-    int16_t mean_rpm_q1;
-    int32_t cos_sum, sin_sum, rest_sum;           // of this half turn
-    int32_t cos_before, sin_before, rest_before;  // of the one before
-    uint8_t known;                                // half turns since the start, up to ACQUIRE
-    bool due;                                     // a half turn has ended in the tick before: to be judged
+    uint8_t stage;   // of what follows on the end of a half turn
+    uint8_t known;   // half turns since the start, saturates
+    uint8_t count;   // since the power was changed, saturates
+    uint8_t behind;  // half turns since the onset
+    uint8_t held;    // half turns in which it has looked like a seat
+    uint8_t filled;
+    uint16_t pitch;                     // angle of a Hall pitch
+    uint16_t step, step_start;          // of the phase a pitch
+    uint16_t per_step, per_step_start;  // 2^24 / step
+    uint16_t phase;                     // of the oscillator, 2^16 a turn
+    int16_t assumed;                    // turn of the screw a blow that the oscillator assumes
+    uint16_t found;                     // phase of the ripple, last
+    int16_t last_rpm_q1, mean_rpm_q1;
+    int16_t cos_sum, sin_sum, rest_sum;           // of this half turn
+    int16_t cos_before, sin_before, rest_before;  // of the one before
+    int16_t x, y, rest;                           // of a turn that has ended
     int16_t head;                                 // angle of the screw, 1/32 degree
     int16_t head_q3;                              // the same up to the last half turn, 1/8 degree
     int16_t onset_q3;                             // where the rise began
-    int16_t learned_q4;                           // turn a half turn of the oscillator, 1/8 degree
-    int16_t rise_q8, raw_q8;
-    int16_t edge_q8;  // highest rise right behind the onset
-    uint8_t behind;   // half turns since the onset
-    uint8_t held;     // half turns in which it has looked like a seat
-    uint8_t filled;
+    int16_t turn_q4, learned_q4;                  // turn a half turn of the oscillator, 1/8 degree: now, learned
+    int16_t rise_q8, raw_q8, edge_q8;
     uint8_t turned[SCREWING_RING];  // in each half turn, 1/8 degree, more by TURNED_BIAS
 } Screwing;
 
