@@ -3,15 +3,15 @@
 
 #include "core/divide.h"
 #include "core/flash.h"
-#include "core/inline.h"
+#include "core/slew.h"
 
 typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_STEP, STAGE_SHARE, STAGE_TURN, STAGE_JUDGE } Stage;
 
 #define LUG 5760  // from lug to lug: 180 degrees of 1/32
-#define SHARE_SCALE (256u * 65536u)
-#define PITCH_SCALE (256u * 5760u)  // over pulses * turn_q8
-#define EDGES_MOST 2u               // a tick: more have no ripple to tell
-#define RIPPLE_MAX 4095             // rpm Q1
+#define SHARE_SCALE 16777216u
+#define PITCH_SCALE 1474560u  // over pulses * turn_q8
+#define EDGES_MOST 2u         // a tick: more have no ripple to tell
+#define RIPPLE_MAX 4095       // rpm Q1
 #define ASSUMED_START (60 * 32)
 #define ASSUMED_LEAST 32
 #define ASSUMED_MOST (150 * 32)
@@ -40,6 +40,7 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_STEP, STAGE_SHARE, STAGE_TURN, STA
 #define STEEP_Q8 333    // 1.30 + 0.018 a degree: steeper is the edge of a knot
 #define SLOW_Q8 276     // 1.08 + 0.007 a degree: flatter is not a seat
 #define SURE_Q3 112     // 14 degrees and 0.4 of the learned turn: behind the onset until a seat is believed
+#define SHARE_SLEW 400  // a tick: a step would brake
 #define RECORD_Q3 120   // 15 degrees: how high the edge of a knot is; 3/8 above it is a seat all the same
 #define EDGE_Q3 200     // 25 degrees: a knot's edge is over
 #define GIVE_UP_Q3 480  // 60 degrees
@@ -89,7 +90,8 @@ static void relearn(Screwing *self) {
     self->count = 0;
     self->filled = 0;
     self->learned_q4 = 0;
-    self->rise_q8 = self->raw_q8 = 0;
+    self->rise_q8 = 0;
+    self->raw_q8 = 0;
 }
 
 void screwing_start(Screwing *self, const ScrewingSetpoints *set) {
@@ -118,7 +120,9 @@ static void close_half(Screwing *self) {
     self->cos_before = self->cos_sum;
     self->sin_before = self->sin_sum;
     self->rest_before = self->rest_sum;
-    self->cos_sum = self->sin_sum = self->rest_sum = 0;
+    self->cos_sum = 0;
+    self->sin_sum = 0;
+    self->rest_sum = 0;
     self->stage = STAGE_PHASE;
 }
 
@@ -325,15 +329,17 @@ static int16_t power_q15(const Screwing *self, const ScrewingSetpoints *set) {
     return INT16_MAX;
 }
 
-static int16_t output(const Screwing *self, const ScrewingSetpoints *set, int16_t travel_q15) {
+static int16_t output(Screwing *self, const ScrewingSetpoints *set, int16_t travel_q15) {
     switch ((ScrewingState)self->state) {
     case SCREWING_RUN_IN:
+        self->share_q15 = INT16_MAX;
         return travel_q15;
     case SCREWING_SETTLE:
     case SCREWING_TRACK:
     case SCREWING_SUSPECT:
     case SCREWING_KNOT:
-        return share_of(travel_q15, power_q15(self, set));
+        self->share_q15 = slew_towards(self->share_q15, power_q15(self, set), SHARE_SLEW);
+        return share_of(travel_q15, self->share_q15);
     case SCREWING_SEATED:
         break;
     }

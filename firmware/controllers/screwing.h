@@ -56,6 +56,7 @@ typedef struct {
     int16_t onset_q3;                             // where the rise began
     int16_t turn_q4, learned_q4;                  // turn a half turn of the oscillator, 1/8 degree: now, learned
     int16_t rise_q8, raw_q8, edge_q8;
+    int16_t share_q15;              // of the trigger's duty, on its way
     uint8_t turned[SCREWING_RING];  // in each half turn, 1/8 degree, more by TURNED_BIAS
 } Screwing;
 
