@@ -134,7 +134,7 @@ TEST_P(ScrewingSizes, TorqueThatRisesWithTheDepthIsNoSeat) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Sizes, ScrewingSizes,
-                         ::testing::Values(Screw{3.2, 6.0, 8000}, Screw{4.2, 11.0, 9500}, Screw{3.0, 11.0, 6500}, Screw{4.2, 18.0, 9800}),
+                         ::testing::Values(Screw{2.7, 6.0, 8000}, Screw{4.2, 11.0, 9500}, Screw{3.0, 11.0, 6500}, Screw{4.2, 18.0, 9800}),
                          [](const auto &one) { return "Case" + std::to_string(one.index); });
 
 TEST(Screwing, TheTriggersPlaceDoesNotMoveTheStop) {
