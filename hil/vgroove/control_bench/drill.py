@@ -68,9 +68,7 @@ def normal_cells(runs: int) -> list[dict[str, Any]]:
     return found
 
 
-def drill_rig(
-    gear: str, supply_v: float, rise: float = 0.0, from_rad: float = 0.0, pack_ohm: float = 0.0, most_nm: float = 1e3
-) -> Rig:
+def drill_rig(gear: str, supply_v: float, rise: float = 0.0, from_rad: float = 0.0, pack_ohm: float = 0.0, most_nm: float = 1e3) -> Rig:
     """The drill driver of physics.md section 7 with an idle chuck, or one whose load rises with the angle from from_rad on."""
     load = {"kind": "chuck", "torque_nm": 0.0, "from_s": 0.0, "to_s": 0.0, "breakaway_rad_s": 0.1}
     if rise:

@@ -53,6 +53,8 @@ def table_of(name: str, title: str, columns: Sequence[tuple[str, str]], rows: It
 
 
 def met_line(goals: Sequence[Goal]) -> str:
-    """How many goals are met, and which are not, in a sentence."""
-    missed = [f"{g.variant}, {g.half}: {g.words}" for g in goals if not g.met]
-    return f"{len(goals) - len(missed)} of {len(goals)} goals are met" + (f"; missed: {'; '.join(missed)}." if missed else ".")
+    """How many goals are met, and which are not over the widest set, in a sentence."""
+    widest = goals[-1].half
+    missed = [f"{g.variant}: {g.words}" for g in goals if not g.met and g.half == widest]
+    counted = f"{sum(g.met for g in goals)} of {len(goals)} goals are met"
+    return counted + (f"; missed, set {widest}: {'; '.join(missed)}." if missed else ".")

@@ -79,8 +79,12 @@ def past_picture(rows: Sequence[Figures]) -> Picture:
     figure.add_hline(y=90.0, line={"dash": "dash", "color": "#888"}, annotation_text="the ramp ends: stripped")
     figure.add_hline(y=0.0, line={"color": "#888"})
     figure.update_layout(boxmode="group")
-    figure.update_yaxes(title="turn past the seat in deg")
-    return Picture("Where the screw stands in the end", style(figure, 560), "0 is the head's contact; below it the drive stopped early")
+    figure.update_yaxes(title="turn past the seat in deg", range=[-120, 300])
+    return Picture(
+        "Where the screw stands in the end",
+        style(figure, 560),
+        "0 is the head's contact; below it the drive stopped early; what lies beyond 300 deg has spun on",
+    )
 
 
 def wave() -> Picture:
