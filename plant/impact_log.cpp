@@ -311,6 +311,18 @@ static void run_any(const ImpactJob &job, std::size_t batch_row) {
         run_tool<FastLayout>(job, batch_row, model);
 }
 
+double impact_check_step(double step_s) {
+    if (!(step_s > 0.0) || !std::isfinite(step_s))
+        throw std::invalid_argument("the impact tool's fixed step_s must be above 0");
+    return step_s;
+}
+
+static void check_trace(const std::vector<double> &trace_s) {
+    for (std::size_t n = 0; n < trace_s.size(); ++n)
+        if (!std::isfinite(trace_s[n]) || (n > 0 && trace_s[n] < trace_s[n - 1]))
+            throw std::invalid_argument("simulate_impact: trace_s must be finite and increase");
+}
+
 static void check_log(const LogInput &in) {
     if (in.time_s.size() < 2)
         throw std::invalid_argument("simulate_impact needs two rows");
@@ -321,6 +333,9 @@ static void check_log(const LogInput &in) {
 
 void simulate_impact(const LogInput &in, const double *theta, std::size_t batch, ImpactAccuracy accuracy, int threads, ImpactOutput &out) {
     check_log(in);
+    check_trace(out.trace_s);
+    if (accuracy == ImpactAccuracy::FIXED)
+        impact_check_step(out.fixed_s);
     double peak = 0.0;
     for (const double x : in.command_end)
         peak = std::max(peak, std::fabs(x));

@@ -74,6 +74,9 @@ struct ImpactOutput {
 // theta: batch x PARAMETER_COUNT. The tool starts at rest, the hammer's lug hammer_start_rad from the anvil's.
 void simulate_impact(const LogInput &in, const double *theta, std::size_t batch, ImpactAccuracy accuracy, int threads, ImpactOutput &out);
 
+// Gives the step of accuracy FIXED back, or throws std::invalid_argument.
+double impact_check_step(double step_s);
+
 // State of a tool at rest; also used by the lock-step tool.
 template <class L> void impact_start(ImpactSolver<L> &s) {
     s.state = ImpactState<L>{};

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <stdexcept>
 #include <utility>
 
 namespace vgroove {
@@ -130,7 +131,7 @@ template <class L> std::unique_ptr<ImpactBody> body_of(const Impact &m, double f
 }  // namespace
 
 ImpactPlant::ImpactPlant(const Parameters &p, LoadKind load, HallWheel wheel, std::uint64_t seed, ImpactAccuracy accuracy, double step_s) {
-    const double fixed_s = accuracy == ImpactAccuracy::FIXED ? step_s : 0.0;
+    const double fixed_s = accuracy == ImpactAccuracy::FIXED ? impact_check_step(step_s) : 0.0;
     const Impact m = impact_from(p, load, InputKind::DUTY, false, 1.0);
     if (accuracy == ImpactAccuracy::REFERENCE)
         body_ = body_of<AuditLayout>(m, 0.0);
@@ -189,6 +190,8 @@ PeriodResult ImpactPlant::period(bool coast, double duty, double dead, double lo
 }
 
 AdvanceResult ImpactPlant::advance(double seconds, double duty, bool coast, double load_nm) {
+    if (!(seconds > 0.0) || !std::isfinite(seconds + duty + load_nm))
+        throw std::invalid_argument("ImpactPlant.advance: seconds must be above 0, duty and load_nm finite");
     ImpactBody &b = *body_;
     run_interval(b, seconds, {0.0, coast, duty, 2.0 * b.parameters.dead_time_s * b.parameters.bridge_pwm_hz}, load_nm);
     return b.result(seconds);

@@ -270,11 +270,12 @@ template <class L> void impact_refresh(ImpactSolver<L> &self) {
     for (int n = 0; n < IMPACT_SWITCHES_MAX; ++n) {
         self.point = impact_slope(self, 0.0, self.state, self.slope);
         const unsigned met = impact_met<L>(self.model, self.mode, impact_possible(self.model, self.mode, self.drive), self.state, self.point);
+        self.fresh = false;
         if (met == 0u)
-            break;
+            return;
         impact_switch(self, __builtin_ctz(met));
     }
-    self.fresh = false;
+    throw std::runtime_error("impact mechanism: its modes switch without end");
 }
 
 // Fixed steps: anvil and joint have come to rest, their motion is left out until the next contact.

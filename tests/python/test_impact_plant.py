@@ -159,3 +159,19 @@ def test_random_tools_end_and_keep_their_energy() -> None:
         assert np.max(np.abs(rest)) < 1e-6 * energy["work_in"].max()
         done += 1
     assert done > 20
+
+
+def test_what_no_run_can_have_is_refused() -> None:
+    rig = rig_with(LOCKED)
+    for step_s in (0.0, -1e-5, float("nan")):
+        with pytest.raises(ValueError, match="step_s"):
+            run(rig, mode="fixed", seconds=0.01, step_s=step_s)
+        with pytest.raises(ValueError, match="step_s"):
+            core.ImpactPlant(rig.parameters(), load_kind="locked", mode="fixed", step_s=step_s)
+    for times in ([0.002, 0.001], [0.001, float("nan")]):
+        with pytest.raises(ValueError, match="trace_s"):
+            run(rig, seconds=0.01, trace_s=np.array(times))
+    plant = core.ImpactPlant(rig.parameters(), load_kind="locked")
+    for seconds, duty in ((0.0, 1.0), (-1e-3, 1.0), (1e-3, float("nan")), (float("inf"), 1.0)):
+        with pytest.raises(ValueError, match="advance"):
+            plant.advance(seconds, duty)
