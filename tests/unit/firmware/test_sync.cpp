@@ -14,7 +14,8 @@ constexpr double V = 1000.0;
 const SyncSetpoints BY_SPEED{SYNC_METHOD_SPEED, 14200, 15500, 393, 1966, 12800}, BY_CURRENT{SYNC_METHOD_CURRENT, 14200, 15500, 393, 1966, 12800};
 
 ControllerInputs inputs(double travel, double supply_v, double current_a = 25.0) {
-    return {static_cast<int16_t>(travel * 32767), 16000, static_cast<int16_t>(current_a * 512), static_cast<uint16_t>(supply_v * V), 20000, false, 0, 0};
+    return {
+        static_cast<int16_t>(travel * 32767), 16000, static_cast<int16_t>(current_a * 512), static_cast<uint16_t>(supply_v * V), 20000, false, 0, 0};
 }
 
 // Impacts at 8,000 rpm with dips of a depth; a blow comes with `struck`.
