@@ -44,13 +44,8 @@ static void read_inputs(App *self) {
 }
 
 static void find_faults(App *self) {
-    const FaultLimits limits = {
-        .under_voltage_mv = (uint16_t)self->params.value[PARAM_UNDER_VOLTAGE_MV],
-        .over_temperature_c = self->params.value[PARAM_OVER_TEMPERATURE_C],
-        .stall_ms = (uint16_t)self->params.value[PARAM_STALL_MS],
-    };
     const FaultsDrive drive = {.compare = self->bridge.row_compare, .new_edge = self->hall.new_edges > 0u, .goes_on = self->driving};
-    faults_step(&self->faults, &self->measured, &limits, &drive);
+    faults_step(&self->faults, &self->measured, &self->fault_limits, &drive);
 }
 
 // Apart from the tick of a shaft that turns.
@@ -160,7 +155,9 @@ void app_tick(App *self, uint8_t ticks_late) {
         calibrate_step(self);
     }
     step_modes(self);
-    select_mode(self);
+    if (self->modes.state != MODES_DRIVE) {
+        select_mode(self);
+    }
     h_bridge_stage(&self->bridge, drive_step(self));
     share_tick(self);
     self->slow_turn = self->report.hold_slow && telemetry_slow_waits(&self->telemetry);

@@ -35,6 +35,7 @@ typedef struct {
     Uart uart;
     Measurement measured;
     Faults faults;
+    FaultLimits fault_limits;
     Standstill standstill;
     Modes modes;
     Control control;

@@ -24,6 +24,11 @@ static void configure_limits(App *app) {
     app->current.gain_a_q15 = value[PARAM_CURRENT_GAIN_A_Q15];
     app->slew_q15 = value[PARAM_SLEW_PER_MS_Q15];
     app->foldback.limit_a_q9 = value[PARAM_FOLDBACK_A_Q9];
+    app->fault_limits = (FaultLimits){
+        .under_voltage_mv = (uint16_t)value[PARAM_UNDER_VOLTAGE_MV],
+        .over_temperature_c = value[PARAM_OVER_TEMPERATURE_C],
+        .stall_ms = (uint16_t)value[PARAM_STALL_MS],
+    };
     app->bridge.dead_counts = (uint8_t)value[PARAM_DEAD_TIME_COUNT];
     const CurrentLimits limits = current_sense_limits(&app->current, value[PARAM_TRIP_A_Q9]);
     adc_sequence_set_trip(&app->adc, limits.low, limits.high);
