@@ -8,9 +8,11 @@ from exercise import SettledSwitches
 
 from vgroove import lockstep, telemetry
 from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, pack_inputs
+from vgroove.control_bench.drill import drill_rig
 from vgroove.control_bench.runs import front_ends, make_tool, mode_number, reference
 from vgroove.lockstep import Profile
 from vgroove.log import Log
+from vgroove.scenario import make_plant
 from vgroove.sil import SilBoard
 
 DURATION_S = 1.9
@@ -34,6 +36,7 @@ CASES = {
     "sync_current": Case("sync", "slip_6", {"supply.voltage_v": 18.5}, {"sync_method": 2}),
     "vibration": Case("vibration", "hard_joint", {}, {"vibration_method": 1}),
     "vibration_current": Case("vibration", "m8", {}, {"vibration_method": 2}),
+    "drill": Case("drill", params={"drill_clutch_dnm": 100, "drill_pulse": 1}),
 }
 
 
@@ -55,7 +58,7 @@ def impact_tape(name: str) -> bytes:
     """What the pins saw in a native run of the case."""
     case = CASES[name]
     board = TapeBoard(SilBoard(target=1))
-    tool = make_tool(reference(case.joint, case.values), 3)
+    tool = make_plant(drill_rig("low", 18.0, 1.5, 5.0), 3) if case.mode == "drill" else make_tool(reference(case.joint, case.values), 3)
     lockstep.run(SettledSwitches(board), tool, PULLS, DURATION_S, front=front_ends(), line=lockstep.Script(_frames(case)), seed=3)
     return bytes(board.tape)
 
@@ -63,7 +66,8 @@ def impact_tape(name: str) -> bytes:
 def acted(name: str, log: Log) -> bool:
     """Whether the log shows the case's mode with its controller at work."""
     driven = log["state"] == 1
-    return bool((log["mode"][driven] == mode_number(CASES[name].mode)).all() and (log["blow_count"][driven] > 10).any())
+    at_work = log["control_state"] > 0 if CASES[name].mode == "drill" else log["blow_count"] > 10
+    return bool((log["mode"][driven] == mode_number(CASES[name].mode)).all() and at_work[driven].any())
 
 
 class _WildEdges:
