@@ -36,6 +36,7 @@ CASES = {
     "sync_current": Case("sync", "slip_6", {"supply.voltage_v": 18.5}, {"sync_method": 2}),
     "vibration": Case("vibration", "hard_joint", {}, {"vibration_method": 1}),
     "vibration_current": Case("vibration", "m8", {}, {"vibration_method": 2}),
+    "screwing": Case("screwing", "m6"),
     "drill": Case("drill", params={"drill_clutch_dnm": 100, "drill_pulse": 1}),
 }
 
