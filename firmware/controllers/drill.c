@@ -21,8 +21,8 @@
 #define RESUME_MS 3u
 #define PULSE_SLEW_Q15 500  // a step of the voltage would look like one of the emf: the winding follows it in half a millisecond
 
-#define INDUCTANCE_NUMERATOR 50  // L / 1 ms = 100 mV/A = 50/256 mV per 1/512 A
-#define INDUCTANCE_SHIFT 8u
+#define INDUCTANCE_NUMERATOR 25  // L / 1 ms = 100 mV/A = 25/128 mV per 1/512 A
+#define INDUCTANCE_SHIFT 7u
 #define INERTIA_A_Q9_PER_MV 69   // J / k^2 / 1 ms = 0.1347 A/mV
 #define FRICTION_A_Q4 Q(1.1, 4)  // Tc / k
 #define BLIND_TICKS 2u           // after an open bridge the current has first to build up
@@ -75,25 +75,19 @@ void drill_start(Drill *self, const DrillSetpoints *set) {
     }
 }
 
-// value / 2^n for n of 9 to 11: a move of bytes and a short loop.
-static int32_t shifted(int32_t value, uint8_t beyond_8) {
-    int32_t high = value >> 8;
-    FIXED_HIDE(high);
-    return high >> beyond_8;
-}
-
 // e = d Vs - R i - L i'
 static int16_t emf_of(const DrillSetpoints *set, const ControllerInputs *in, int16_t last_a_q9) {
-    const int32_t applied_mv = (int32_t)(((uint32_t)(uint16_t)(2u * (uint16_t)in->duty_q15) * in->supply_mv) >> 16);
-    const int32_t drop_mv = shifted((int32_t)in->current_a_q9 * (int16_t)set->motor_mohm, 1);
-    const int32_t rise_mv = (((int32_t)in->current_a_q9 - last_a_q9) * INDUCTANCE_NUMERATOR) >> INDUCTANCE_SHIFT;
+    const int32_t applied_mv = (int32_t)(((uint32_t)(uint16_t)in->duty_q15 * in->supply_mv) >> 15);
+    const int32_t current_a_q9 = in->current_a_q9;
+    const int32_t drop_mv = (current_a_q9 * (int16_t)set->motor_mohm) >> 9;
+    const int32_t rise_mv = ((current_a_q9 - last_a_q9) * INDUCTANCE_NUMERATOR) >> INDUCTANCE_SHIFT;
     return (int16_t)fixed_clamp_i32(applied_mv - drop_mv - rise_mv, 0, INT16_MAX);
 }
 
 // Adds up what falls beyond ordinary loads; while the drive brakes it falls by the drive's own doing.
 static void judge_fall(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     const int32_t fall_mv = (int32_t)self->emf_mv - emf_mv;
-    int32_t beyond_mv = fall_mv + shifted((int32_t)current_a_q9 * MV_PER_A, 1) - (int32_t)self->gap * FALL_MV_PER_MS;
+    int32_t beyond_mv = fall_mv + (((int32_t)current_a_q9 * MV_PER_A) >> 9) - (int32_t)self->gap * FALL_MV_PER_MS;
     if (self->gap == 1u && beyond_mv > FALLEN_TICK_MV) {
         beyond_mv = FALLEN_TICK_MV;
     }
@@ -107,17 +101,15 @@ static int32_t filtered(int32_t sum_a_q14) {
 }
 
 // Over 16 ms, or 32 ms where the clutch is set low: noise counts for more, and the shaft is slower.
-static int32_t weighed(const Drill *self, int32_t apart) {
-    return self->slow ? apart : apart + apart;
+static int8_t weight(const Drill *self) {
+    return self->slow ? 1 : 2;
 }
 
 // Load current, filtered: i - J / k^2 e'
 static void track_load(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     const int32_t inertia_a_q9 = self->gap == 1u ? ((int32_t)self->emf_mv - emf_mv) * INERTIA_A_Q9_PER_MV : 0;
-    self->level_a_q14 += weighed(self, current_a_q9 + inertia_a_q9 - self->level_a_q9);
-    self->level_a_q9 = filtered(self->level_a_q14);
-    self->smooth_a_q14 += weighed(self, self->level_a_q9 - self->smooth_a_q9);
-    self->smooth_a_q9 = filtered(self->smooth_a_q14);
+    self->level_a_q14 += (current_a_q9 + inertia_a_q9 - filtered(self->level_a_q14)) * weight(self);
+    self->smooth_a_q14 += (filtered(self->level_a_q14) - filtered(self->smooth_a_q14)) * weight(self);
 }
 
 static void observe(Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
@@ -140,24 +132,25 @@ static void observe(Drill *self, const DrillSetpoints *set, const ControllerInpu
 
 // What turns would carry a load that rises along the angle on to sqrt(i^2 + J / k^2 e i').
 static bool clutch_reached(Drill *self) {
-    const int32_t apart_a_q9 = self->level_a_q9 - self->smooth_a_q9;
+    const int32_t level_a_q9 = filtered(self->level_a_q14);
+    const int32_t apart_a_q9 = level_a_q9 - (filtered(self->smooth_a_q14));
     const int32_t slope_a_q9 = self->slow ? apart_a_q9 >> 5 : apart_a_q9 >> 4;  // a tick
-    const int32_t now_a_q4 = (self->level_a_q9 + apart_a_q9 + LEAD_TICKS * slope_a_q9) >> 5;
-    const int16_t rising_a_q9 = (int16_t)fixed_clamp_i32(slope_a_q9, 0, INT16_MAX);
-    const int32_t swing = (((int32_t)self->emf_mv * rising_a_q9) >> 8) * SWING_NUMERATOR;
-    self->now_a_q4 = (int16_t)fixed_clamp_i32(now_a_q4, 0, 2047);
-    return (int32_t)self->now_a_q4 * self->now_a_q4 + swing >= (int32_t)self->set_a_q4 * self->set_a_q4;
+    const int32_t now_a_q4 = fixed_clamp_i32((level_a_q9 + apart_a_q9 + LEAD_TICKS * slope_a_q9) >> 5, 0, 2047);
+    const int32_t rising_a_q9 = fixed_clamp_i32(slope_a_q9, 0, INT16_MAX);
+    const int32_t swing = ((self->emf_mv * rising_a_q9) >> 8) * SWING_NUMERATOR;
+    self->now_a_q4 = (int16_t)now_a_q4;
+    return now_a_q4 * now_a_q4 + swing >= (int32_t)self->set_a_q4 * self->set_a_q4;
 }
 
 static int16_t duty_of(uint32_t volt_mv, uint16_t supply_mv) {
-    const uint16_t duty_q15 = volt_mv >= supply_mv ? INT16_MAX : divide_u16(volt_mv << 16, supply_mv) >> 1;
-    return (int16_t)duty_q15;
+    const uint16_t duty_q15 = volt_mv >= supply_mv ? INT16_MAX : divide_u16(volt_mv << 15, supply_mv);
+    return (int16_t)(duty_q15 > INT16_MAX ? INT16_MAX : duty_q15);
 }
 
 // Holds the clutch's speed under load: its voltage and three quarters of what the load takes in the winding.
 static int16_t governed(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
-    const int32_t load_a_q9 = fixed_clamp_i32(self->level_a_q9, 0, CLUTCH_A_Q4_MAX << 5);
-    const int32_t drop_mv = shifted((int32_t)(int16_t)load_a_q9 * (int16_t)set->motor_mohm, 3) * 3;
+    const int32_t load_a_q9 = fixed_clamp_i32(filtered(self->level_a_q14), 0, CLUTCH_A_Q4_MAX << 5);
+    const int32_t drop_mv = ((load_a_q9 * (int16_t)set->motor_mohm) >> 11) * 3;
     const int16_t duty_q15 = duty_of((uint32_t)(self->limit_mv + drop_mv), in->supply_mv);
     return duty_q15 < in->travel_q15 ? duty_q15 : in->travel_q15;
 }

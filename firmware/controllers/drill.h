@@ -39,9 +39,7 @@ typedef enum {
 
 typedef struct {
     int32_t level_a_q14;   // load current, filtered once
-    int32_t level_a_q9;
     int32_t smooth_a_q14;  // and twice
-    int32_t smooth_a_q9;
     int16_t last_a_q9;
     int16_t emf_mv;     // of the last tick that told it
     int16_t fallen_mv;  // of the emf beyond what ordinary loads take, summed up
