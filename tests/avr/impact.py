@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+import pytest
 from equality import TapeBoard
 from exercise import SettledSwitches
 
@@ -39,6 +40,16 @@ CASES = {
     "screwing": Case("screwing", "m6"),
     "drill": Case("drill", params={"drill_clutch_dnm": 100, "drill_pulse": 1}),
 }
+
+
+# Not within the budgets yet, or not equal yet: each fails its test in a known way, and fails it again (strictly) once it holds.
+KNOWN_OVER = {"screwing": "step of 2,642 cycles", "drill": "step of 2,379 cycles with the clutch set"}
+KNOWN_UNEQUAL = {"screwing": "256u * 5760u overflows on the AVR"}
+
+
+def cases(known: dict[str, str]) -> list[object]:
+    """All cases for a test, those that are known to fail it marked so."""
+    return [pytest.param(name, marks=pytest.mark.xfail(reason=known[name], strict=True)) if name in known else name for name in CASES]
 
 
 def _frames(case: Case) -> list[tuple[float, bytes]]:
