@@ -6,7 +6,7 @@ import pytest
 from busy_line import busy_line_tape
 from equality import Difference, damaged, differences, sent_bytes
 from exercise import DURATION_S, record_tape
-from impact import KNOWN_UNEQUAL, acted, cases, impact_tape, wild_tape
+from impact import CASES, acted, impact_tape, wild_tape
 from uneven import uneven_tape
 
 from vgroove import board, sil, telemetry
@@ -81,7 +81,7 @@ def test_commands_at_every_phase_are_equal_bit_for_bit(target: str, request: pyt
     assert not found, _said(found)
 
 
-@pytest.mark.parametrize("case", cases(KNOWN_UNEQUAL))
+@pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("target", TARGETS)
 def test_each_controller_is_equal_bit_for_bit(case: str, target: str, request: pytest.FixtureRequest) -> None:
     mcu, number = TARGETS[target]
@@ -92,7 +92,7 @@ def test_each_controller_is_equal_bit_for_bit(case: str, target: str, request: p
     assert not found, _said(found)
 
 
-@pytest.mark.parametrize("case", cases(KNOWN_UNEQUAL))
+@pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("target", TARGETS)
 def test_sensors_that_say_anything_are_equal_bit_for_bit(case: str, target: str, request: pytest.FixtureRequest) -> None:
     mcu, number = TARGETS[target]
