@@ -21,12 +21,11 @@
 #define RESUME_MS 3u
 #define PULSE_SLEW_Q15 500  // a step of the voltage would look like one of the emf: the winding follows it in half a millisecond
 
-#define INDUCTANCE_NUMERATOR 25  // L / 1 ms = 100 mV/A = 25/128 mV per 1/512 A
-#define INDUCTANCE_SHIFT 7u
+#define INDUCTANCE_MV_Q0 100     // per A: L / 1 ms
 #define INERTIA_A_Q9_PER_MV 69   // J / k^2 / 1 ms = 0.1347 A/mV
 #define FRICTION_A_Q4 Q(1.1, 4)  // Tc / k
 #define BLIND_TICKS 2u           // after an open bridge the current has first to build up
-#define GAP_MAX 200u
+#define GAP_MAX 80u
 
 // A jam in either gear takes the load current that stalls the motor, 55 A (16 V, a pack of 0.1 ohm) to 108 A, at once; the largest ordinary loads, 12 N m
 // in low gear and 3.5 N m in high gear, take 36 A. 45 A are 334 mV/ms.
@@ -35,7 +34,8 @@
 #define FALLEN_MV 300
 #define FALLEN_CLUTCH_MV 900  // with the clutch set, which is quicker where it can be
 #define FALLEN_TICK_MV 160    // one tick alone is no jam
-#define FALLEN_MAX_MV 30000
+#define FALLEN_MAX_MV 10000
+#define FALL_MAX_MV 20000
 #define MV_PER_A 7  // k^2 / J / 1 ms
 
 #define CLUTCH_A_Q4_MAX Q(40.0, 4)  // within the fold-back
@@ -47,7 +47,8 @@
 #define LIMIT_MV 750  // speed that the clutch allows: what a joint of 30 degrees turns into torque without passing the setting
 #define LIMIT_MV_PER_DNM 32
 #define LIMIT_MV_PER_A 27
-#define SWING_NUMERATOR 26  // J / k^2 e i' in A^2 Q8 from mV and A Q9 per tick, behind a shift of 8; half as much again: the slope lags
+#define RISING_MAX_A_Q9 2000
+#define SWING_NUMERATOR 416  // J / k^2 e i' in A^2 Q8 from mV and A Q9 per tick, behind a shift of 12; half as much again: the slope lags
 
 static void stop(Drill *self, ControllerReason reason) {
     self->state = DRILL_STOPPED;
@@ -70,6 +71,7 @@ static void set_clutch(Drill *self, const DrillSetpoints *set) {
 
 void drill_start(Drill *self, const DrillSetpoints *set) {
     *self = (Drill){.state = DRILL_RUN, .blind = BLIND_TICKS};
+    self->mv_per_rpm_q16 = divide_u16((uint32_t)500u << 16, set->rpm_per_v);
     if (set->clutch_dnm > 0) {
         set_clutch(self, set);
     }
@@ -77,39 +79,43 @@ void drill_start(Drill *self, const DrillSetpoints *set) {
 
 // e = d Vs - R i - L i'
 static int16_t emf_of(const DrillSetpoints *set, const ControllerInputs *in, int16_t last_a_q9) {
-    const int32_t applied_mv = (int32_t)(((uint32_t)(uint16_t)in->duty_q15 * in->supply_mv) >> 15);
-    const int32_t current_a_q9 = in->current_a_q9;
-    const int32_t drop_mv = (current_a_q9 * (int16_t)set->motor_mohm) >> 9;
-    const int32_t rise_mv = ((current_a_q9 - last_a_q9) * INDUCTANCE_NUMERATOR) >> INDUCTANCE_SHIFT;
-    return (int16_t)fixed_clamp_i32(applied_mv - drop_mv - rise_mv, 0, INT16_MAX);
+    const uint16_t applied_mv = (uint16_t)(((uint32_t)(uint16_t)(2u * (uint16_t)in->duty_q15) * in->supply_mv) >> 16);
+    int32_t drop_mv = ((int32_t)in->current_a_q9 * (int16_t)set->motor_mohm) >> 8;
+    FIXED_HIDE(drop_mv);
+    const int16_t rise_a_q8 = (int16_t)(in->current_a_q9 / 2 - last_a_q9 / 2);
+    const int16_t rise_mv = (int16_t)(((int32_t)rise_a_q8 * INDUCTANCE_MV_Q0) >> 8);
+    return (int16_t)fixed_clamp_i32((int32_t)applied_mv - (drop_mv >> 1) - rise_mv, 0, INT16_MAX);
 }
 
 // Adds up what falls beyond ordinary loads; while the drive brakes it falls by the drive's own doing.
 static void judge_fall(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
-    const int32_t fall_mv = (int32_t)self->emf_mv - emf_mv;
-    int32_t beyond_mv = fall_mv + (((int32_t)current_a_q9 * MV_PER_A) >> 9) - (int32_t)self->gap * FALL_MV_PER_MS;
-    if (self->gap == 1u && beyond_mv > FALLEN_TICK_MV) {
+    const int16_t fall_mv = (int16_t)(self->emf_mv - emf_mv);
+    if (current_a_q9 <= 0 || fall_mv <= FALL_BY_INERTIA_MV) {
+        self->fallen_mv = 0;
+        return;
+    }
+    const int16_t seen_mv = fall_mv > FALL_MAX_MV ? FALL_MAX_MV : fall_mv;
+    int16_t beyond_mv = (int16_t)(seen_mv - FALL_MV_PER_MS + (((current_a_q9 >> 6) * MV_PER_A) >> 3));
+    if (self->gap > 1u) {
+        beyond_mv = (int16_t)(beyond_mv - (int16_t)(self->gap - 1u) * FALL_MV_PER_MS);
+    } else if (beyond_mv > FALLEN_TICK_MV) {
         beyond_mv = FALLEN_TICK_MV;
     }
-    const bool inertia = current_a_q9 > 0 && fall_mv > FALL_BY_INERTIA_MV;
-    self->fallen_mv = (int16_t)(inertia ? fixed_clamp_i32(self->fallen_mv + beyond_mv, 0, FALLEN_MAX_MV) : 0);
-    self->jammed = self->fallen_mv > (self->set_a_q4 > 0 ? FALLEN_CLUTCH_MV : FALLEN_MV);
+    const int16_t fallen_mv = (int16_t)((self->fallen_mv > FALLEN_MAX_MV ? FALLEN_MAX_MV : self->fallen_mv) + beyond_mv);
+    self->fallen_mv = (int16_t)(fallen_mv < 0 ? 0 : fallen_mv);
 }
 
 static int32_t filtered(int32_t sum_a_q14) {
     return sum_a_q14 >> FILTER_SHIFT;
 }
 
-// Over 16 ms, or 32 ms where the clutch is set low: noise counts for more, and the shaft is slower.
-static int8_t weight(const Drill *self) {
-    return self->slow ? 1 : 2;
-}
-
-// Load current, filtered: i - J / k^2 e'
+// Load current i - J / k^2 e', filtered over 16 ms, or over 32 ms where the clutch is set low: noise counts for more, and the shaft is slower.
 static void track_load(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
-    const int32_t inertia_a_q9 = self->gap == 1u ? ((int32_t)self->emf_mv - emf_mv) * INERTIA_A_Q9_PER_MV : 0;
-    self->level_a_q14 += (current_a_q9 + inertia_a_q9 - filtered(self->level_a_q14)) * weight(self);
-    self->smooth_a_q14 += (filtered(self->level_a_q14) - filtered(self->smooth_a_q14)) * weight(self);
+    const int32_t inertia_a_q9 = (int32_t)(int16_t)(self->emf_mv - emf_mv) * INERTIA_A_Q9_PER_MV;
+    int32_t step_a_q9 = current_a_q9 + inertia_a_q9 - filtered(self->level_a_q14);
+    self->level_a_q14 += self->slow ? step_a_q9 : step_a_q9 + step_a_q9;
+    step_a_q9 = filtered(self->level_a_q14) - filtered(self->smooth_a_q14);
+    self->smooth_a_q14 += self->slow ? step_a_q9 : step_a_q9 + step_a_q9;
 }
 
 static void observe(Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
@@ -123,7 +129,9 @@ static void observe(Drill *self, const DrillSetpoints *set, const ControllerInpu
     const int16_t emf_mv = emf_of(set, in, last_a_q9);
     if (self->known) {
         judge_fall(self, emf_mv, in->current_a_q9);
-        track_load(self, emf_mv, in->current_a_q9);
+        if (set->clutch_dnm > 0 && self->gap == 1u) {
+            track_load(self, emf_mv, in->current_a_q9);
+        }
     }
     self->emf_mv = emf_mv;
     self->gap = 0;
@@ -135,11 +143,13 @@ static bool clutch_reached(Drill *self) {
     const int32_t level_a_q9 = filtered(self->level_a_q14);
     const int32_t apart_a_q9 = level_a_q9 - (filtered(self->smooth_a_q14));
     const int32_t slope_a_q9 = self->slow ? apart_a_q9 >> 5 : apart_a_q9 >> 4;  // a tick
-    const int32_t now_a_q4 = fixed_clamp_i32((level_a_q9 + apart_a_q9 + LEAD_TICKS * slope_a_q9) >> 5, 0, 2047);
-    const int32_t rising_a_q9 = fixed_clamp_i32(slope_a_q9, 0, INT16_MAX);
-    const int32_t swing = ((self->emf_mv * rising_a_q9) >> 8) * SWING_NUMERATOR;
-    self->now_a_q4 = (int16_t)now_a_q4;
-    return now_a_q4 * now_a_q4 + swing >= (int32_t)self->set_a_q4 * self->set_a_q4;
+    const int16_t now_a_q4 = (int16_t)fixed_clamp_i32((level_a_q9 + apart_a_q9 + LEAD_TICKS * slope_a_q9) >> 5, 0, 2047);
+    const int16_t rising_a_q9 = (int16_t)fixed_clamp_i32(slope_a_q9, 0, RISING_MAX_A_Q9);
+    int32_t swing = ((int32_t)self->emf_mv * rising_a_q9) >> 8;
+    FIXED_HIDE(swing);
+    const int16_t short_swing = (int16_t)(swing >> 4);
+    self->now_a_q4 = now_a_q4;
+    return (int32_t)now_a_q4 * now_a_q4 + (int32_t)short_swing * SWING_NUMERATOR >= (int32_t)self->set_a_q4 * self->set_a_q4;
 }
 
 static int16_t duty_of(uint32_t volt_mv, uint16_t supply_mv) {
@@ -149,10 +159,11 @@ static int16_t duty_of(uint32_t volt_mv, uint16_t supply_mv) {
 
 // Holds the clutch's speed under load: its voltage and three quarters of what the load takes in the winding.
 static int16_t governed(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
-    const int32_t load_a_q9 = fixed_clamp_i32(filtered(self->level_a_q14), 0, CLUTCH_A_Q4_MAX << 5);
-    const int32_t drop_mv = ((load_a_q9 * (int16_t)set->motor_mohm) >> 11) * 3;
-    const int16_t duty_q15 = duty_of((uint32_t)(self->limit_mv + drop_mv), in->supply_mv);
-    return duty_q15 < in->travel_q15 ? duty_q15 : in->travel_q15;
+    const int16_t load_a_q4 = (int16_t)fixed_clamp_i32(filtered(self->level_a_q14) >> 5, 0, CLUTCH_A_Q4_MAX);
+    const int16_t drop_mv = (int16_t)(((int32_t)load_a_q4 * (int16_t)(3u * set->motor_mohm)) >> 6);
+    const uint16_t now_mv = (uint16_t)(((uint32_t)(uint16_t)(2u * (uint16_t)self->duty_q15) * in->supply_mv) >> 16);
+    const int32_t missing_mv = (int32_t)self->limit_mv + drop_mv - now_mv;
+    return (int16_t)fixed_clamp_i32(self->duty_q15 + missing_mv + (missing_mv >> 1), 0, in->travel_q15);  // 1.5: below 2^15 / 20.5 V
 }
 
 // Mean over the last 0.1 s below 8 A; asked in steps of 10 ms.
@@ -202,21 +213,21 @@ static void change_pulse(Drill *self, const DrillSetpoints *set, const Controlle
     self->state = (uint8_t)next;
 }
 
-static uint16_t induced_mv(const DrillSetpoints *set, int16_t speed_rpm_q1) {
-    return divide_u16((uint32_t)(uint16_t)(speed_rpm_q1 > 0 ? speed_rpm_q1 : 0) * 500u, set->rpm_per_v);
+static uint16_t induced_mv(const Drill *self, int16_t speed_rpm_q1) {
+    return (uint16_t)(((uint32_t)(uint16_t)(speed_rpm_q1 > 0 ? speed_rpm_q1 : 0) * self->mv_per_rpm_q16) >> 16);
 }
 
 // While nothing drives, the Hall sensor alone tells of a jam: more is gone at the end of a coast than an ordinary load takes.
-static bool jammed_coasting(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
+static bool jammed_coasting(const Drill *self, const ControllerInputs *in) {
     return self->state == DRILL_COAST && self->phase_ms == PULSE_COAST_MS &&
-           (int32_t)self->emf_mv - induced_mv(set, in->speed_rpm_q1) > (int32_t)PULSE_COAST_MS * FALL_MV_PER_MS;
+           (int32_t)self->emf_mv - induced_mv(self, in->speed_rpm_q1) > (int32_t)PULSE_COAST_MS * FALL_MV_PER_MS;
 }
 
 // Full duty, within 44 A of what the shaft induces: it may have stood still meanwhile.
 static int16_t pulse_duty(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
     const bool resuming = self->phase_ms <= PULSE_COAST_MS + RESUME_MS;
     const uint32_t beyond_mv = (uint32_t)set->motor_mohm * (resuming ? RESUME_A : PULSE_A);
-    const int16_t wanted_q15 = duty_of(induced_mv(set, in->speed_rpm_q1) + beyond_mv, in->supply_mv);
+    const int16_t wanted_q15 = duty_of(induced_mv(self, in->speed_rpm_q1) + beyond_mv, in->supply_mv);
     return self->phase_ms == PULSE_COAST_MS ? wanted_q15 : slew_towards(self->duty_q15, wanted_q15, PULSE_SLEW_Q15);
 }
 
@@ -250,7 +261,7 @@ int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInput
         self->duty_q15 = in->travel_q15;  // a turning shaft is taken up where it is
     }
     observe(self, set, in);
-    if (set->kickback && (self->jammed || jammed_coasting(self, set, in))) {
+    if (set->kickback && (self->fallen_mv > (self->set_a_q4 > 0 ? FALLEN_CLUTCH_MV : FALLEN_MV) || jammed_coasting(self, in))) {
         stop(self, CONTROLLER_REASON_KICKBACK);
     } else if (set->clutch_dnm > 0) {
         if (clutch_reached(self)) {

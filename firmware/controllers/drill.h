@@ -41,11 +41,12 @@ typedef struct {
     int32_t level_a_q14;   // load current, filtered once
     int32_t smooth_a_q14;  // and twice
     int16_t last_a_q9;
-    int16_t emf_mv;     // of the last tick that told it
-    int16_t fallen_mv;  // of the emf beyond what ordinary loads take, summed up
-    int16_t set_a_q4;   // load current at the clutch's torque
-    int16_t limit_mv;   // emf that the clutch allows
-    int16_t now_a_q4;   // load current foreseen for the bridge's opening
+    int16_t emf_mv;           // of the last tick that told it
+    int16_t fallen_mv;        // of the emf beyond what ordinary loads take, summed up
+    int16_t set_a_q4;         // load current at the clutch's torque
+    uint16_t mv_per_rpm_q16;  // induced, per 1/2 rpm
+    int16_t limit_mv;         // emf that the clutch allows
+    int16_t now_a_q4;         // load current foreseen for the bridge's opening
     int16_t duty_q15;
     int16_t bins[DRILL_BINS];  // sums of 10 currents / 16
     int16_t bin_sum;           // of the bin at work, / 16
@@ -53,11 +54,10 @@ typedef struct {
     uint8_t phase_ms;          // since the last change between coast and pulse
     uint8_t bin;
     uint8_t bin_ms;
-    uint8_t blind;  // ticks until the emf can be told
-    uint8_t gap;    // ticks since it was
-    bool begun;     // the first step is over
-    bool known;     // the emf has been told in this drive
-    bool jammed;
+    uint8_t blind;   // ticks until the emf can be told
+    uint8_t gap;     // ticks since it was
+    bool begun;      // the first step is over
+    bool known;      // the emf has been told in this drive
     bool slow;       // the load is filtered over 32 ms
     uint8_t state;   // DRILL_*
     uint8_t reason;  // CONTROLLER_REASON_*
