@@ -72,9 +72,6 @@ static void set_clutch(Drill *self, const DrillSetpoints *set) {
 void drill_start(Drill *self, const DrillSetpoints *set) {
     *self = (Drill){.state = DRILL_RUN, .blind = BLIND_TICKS};
     self->mv_per_rpm_q16 = divide_u16((uint32_t)500u << 16, set->rpm_per_v);
-    if (set->clutch_dnm > 0) {
-        set_clutch(self, set);
-    }
 }
 
 // e = d Vs - R i - L i'
@@ -251,14 +248,23 @@ static int16_t output(Drill *self, const DrillSetpoints *set, const ControllerIn
     return CONTROLLER_STOP;
 }
 
+// The first step has the division of the clutch, and nothing has been driven that could be observed.
+static int16_t begin(Drill *self, const DrillSetpoints *set, int16_t travel_q15) {
+    self->begun = true;
+    self->duty_q15 = travel_q15;  // a turning shaft is taken up where it is
+    if (set->clutch_dnm > 0) {
+        set_clutch(self, set);
+    }
+    return self->state == DRILL_STOPPED ? CONTROLLER_STOP : travel_q15;
+}
+
 int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInputs *in, const Blow *blow) {
     (void)blow;
     if (self->state == DRILL_STOPPED) {
         return CONTROLLER_STOP;
     }
     if (!self->begun) {
-        self->begun = true;
-        self->duty_q15 = in->travel_q15;  // a turning shaft is taken up where it is
+        return begin(self, set, in->travel_q15);
     }
     observe(self, set, in);
     if (set->kickback && (self->fallen_mv > (self->set_a_q4 > 0 ? FALLEN_CLUTCH_MV : FALLEN_MV) || jammed_coasting(self, in))) {
