@@ -56,6 +56,10 @@ static void fill_blow(BlowSetpoints *set, uint8_t mode, const int16_t *value) {
     set->source = blow_source(mode, value);
 }
 
+static void fill_torque(TorqueSetpoints *set, const int16_t *value) {
+    set->target_nm = value[PARAM_TORQUE_TARGET_NM];
+}
+
 static void fill_vibration(VibrationSetpoints *set, const int16_t *value) {
     set->method = (uint8_t)value[PARAM_VIBRATION_METHOD];
     set->motor_mohm = (uint16_t)value[PARAM_MOTOR_MOHM];

@@ -26,6 +26,7 @@
 #include "controllers/drill.h"
 #include "controllers/screwing.h"
 #include "controllers/sync.h"
+#include "controllers/torque.h"
 #include "controllers/vibration.h"
 #include "telemetry/telemetry_signals.h"
 
@@ -42,6 +43,7 @@ enum {
     /* vibration */ \
     X(VIBRATION, vibration, Vibration, CONTROL_BOTH) \
     /* torque */ \
+    X(TORQUE, torque, Torque, CONTROL_FORWARD) \
     X(DRILL, drill, Drill, CONTROL_FORWARD) /* clutch and pulse mode tighten; reverse is plain */ \
     /* end of the list */
 // clang-format on

@@ -61,6 +61,7 @@
     X(VIBRATION_HARD_SHARE_Q15,  "1",       21234, 0,     32767, 3) /* share of the back-EMF in the voltage of the motor: less is a hard joint */ \
     X(VIBRATION_HARD_MV,         "mV",      14400, 8000,  30000, 3) /* voltage of the motor on a hard joint */ \
     /* torque */                                                                                         \
+    X(TORQUE_TARGET_NM,         "N m",       80,    40,   120,   3) /* torque to which the joint is tightened */ \
     /* drill */                                                                                          \
     X(DRILL_CLUTCH_DNM,         "0.1 Nm",    0,     0,    300,   3) /* drill: torque of the electronic clutch at the chuck, 0 none */ \
     X(DRILL_RATIO_Q8,           "1",         8064,  256,  32767, 3) /* drill: gear ratio, 31.5 in low gear */ \

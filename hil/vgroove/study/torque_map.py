@@ -1,0 +1,283 @@
+"""Makes firmware/controllers/torque_map.c out of the plant: which level and which current belong to a torque (docs/controllers/torque.md).
+
+    python -m vgroove.study.torque_map firmware/controllers/torque_map.c
+
+Joints of the fit have slopes other than the controller is judged on. The tool is hammered as the firmware does it: sensors in steps of the board,
+a command that acts a tick later, the filters of torque.c.
+"""
+
+import itertools
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from vgroove import _core
+from vgroove.rig import Rig
+from vgroove.study.impact_runs import impact_rig, with_joint
+
+FIRST_NM, LAST_NM = 40, 120
+K_V_S, R_OHM = 0.0109, 0.19  # nominal motor, as EMF_MV_Q16 and DROP_MV_Q16 of torque.c
+RUN_V, LOOK_S, SETTLE_S = 5.5, 1.2, 2.8
+SLOW_BELOW_V, SLOW_LOOK_S, SLOW_SETTLE_S = 7.0, 1.7, 3.3
+LEVEL_STEP_V = 0.04
+LEAST_HELD_NM = 60  # less than the weakest blows that pass over the lugs turn a joint to: one level only
+HARD_SLOPES = (130.0, 200.0, 330.0, 500.0, 800.0)  # N m/rad, for the torque that a level leads to
+HELD_TOOLS = ((18.5, 1.0), (16.9, 1.08), (20.1, 0.92))  # supply in V, share of the winding resistance
+DIVIDING_SLOPE, SLOW_DIVIDING_SLOPE = 100.0, 88.0  # softer joints go to the raised level
+DIVIDING_MARGIN_A = 0.1  # below the least current of a hard joint: where hammering is irregular it says little
+SOFT_SLOPES = (50.0, 58.0, 68.0, 80.0, 94.0, 110.0, 130.0)
+# raised level and the rows that it is for, N m: where the current tells the torque, and a blow is small enough
+RAISED_V = ((5.6, 40, 57), (8.6, 58, 81), (10.0, 82, 90), (12.7, 91, 105), (13.6, 106, 120))
+NOISE_A = 0.03  # by which the filtered current of the lowest level runs ahead of itself
+
+
+@dataclass
+class Tool:
+    """Plant and sensors of the board at 1 kHz."""
+
+    plant: _core.ImpactPlant
+    pitch_rad: float = np.pi / 2
+    phase_rad: float = 0.3
+    time_s: float = 0.0
+    angle_rad: float = 0.0
+    rate_rad_s: float = 0.0
+    edge_s: float = -1.0
+    period_s: float = 0.0
+    speed_rad_s: float = 0.0
+    current_a: float = 0.0
+    supply_v: float = 18.5
+    given_v: float = 0.0
+    duty: float = 0.0
+
+    def tick(self, duty: float) -> None:
+        """A millisecond with the last duty; the new one is for the next."""
+        row = self.plant.advance(1e-3, self.duty)
+        self.time_s += 1e-3
+        self._edges(row.angle_rad, row.speed_rad_s)
+        self.current_a, self.supply_v = row.current_a, round(row.supply_v / 0.025) * 0.025
+        self.given_v, self.duty = self.duty * self.supply_v, duty
+
+    def _edges(self, angle_rad: float, rate_rad_s: float) -> None:
+        first = int(np.floor((self.angle_rad + self.phase_rad) / self.pitch_rad)) + 1
+        last = int(np.floor((angle_rad + self.phase_rad) / self.pitch_rad))
+        for edge in range(first, last + 1):
+            at = self.time_s - 1e-3 * (1.0 - self._share(edge * self.pitch_rad - self.phase_rad, angle_rad, rate_rad_s))
+            self.period_s, self.edge_s = at - self.edge_s, at
+        self.angle_rad, self.rate_rad_s = angle_rad, rate_rad_s
+        if self.period_s > 0:
+            pitch = self.pitch_rad / max(self.period_s, self.time_s - self.edge_s)
+            self.speed_rad_s = pitch if last >= first else min(self.speed_rad_s, pitch)
+
+    def _share(self, target: float, angle_rad: float, rate_rad_s: float) -> float:
+        low, high = 0.0, 1.0
+        for _ in range(12):
+            h = 0.5 * (low + high)
+            value = self.angle_rad * (2 * h**3 - 3 * h * h + 1) + angle_rad * (3 * h * h - 2 * h**3)
+            value += 1e-3 * (self.rate_rad_s * (h**3 - 2 * h * h + h) + rate_rad_s * (h**3 - h * h))
+            low, high = (h, high) if value < target else (low, h)
+        return low
+
+
+@dataclass
+class Level:
+    """The filters and the level of torque.c."""
+
+    goal_v: float = RUN_V
+    level_v: float = 0.0
+    taken_v: float = -0.25
+    excess_v: float = -0.25
+    quick_a: float = 0.0
+    current_a: float = 0.0
+    slow_a: float = 0.0
+    ticks: int = 0
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+
+    def tick(self, tool: Tool) -> None:
+        """One step: measures, moves the level, commands."""
+        self.ticks += 1
+        self.quick_a += (tool.current_a - self.quick_a) / 32
+        self.current_a += (self.quick_a - self.current_a) / 32
+        self.slow_a += (self.current_a - self.slow_a) / 64
+        own_v = K_V_S * tool.speed_rad_s + R_OHM * tool.current_a
+        self.excess_v += (tool.given_v - own_v - self.excess_v) / 64
+        if self.ticks > 100:
+            self.taken_v += (self.excess_v - self.taken_v) / 128
+        rate = 0.03 if self.goal_v == RUN_V else 0.008
+        self.level_v = self.goal_v if self.level_v >= self.goal_v - rate else self.level_v + rate
+        tool.tick(min(max((self.level_v + self.taken_v) / tool.supply_v, 0.0), 1.0))
+
+    @property
+    def arrived(self) -> bool:
+        """On the level that it was sent to."""
+        return self.level_v == self.goal_v
+
+    def told_a(self, raised_v: float) -> float:
+        """The current that the map is of, as told_a_q8."""
+        if raised_v < 11.0:
+            return self.current_a if 8.0 < raised_v < 9.2 else self.slow_a
+        return self.current_a + 0.75 * (self.current_a - self.slow_a)
+
+
+class Run:
+    """One joint, from rest to blows on the run level."""
+
+    def __init__(self, rig: Rig, slope: float, supply_v: float = 18.5, resistance: float = 1.0) -> None:
+        joint = {"kind": "hard_joint", "stiffness_nm_per_rad": 3000, "damping_nm_s_per_rad": 0.3, "run_torque_nm": 0.3, "loosen_ratio": 0.75}
+        values = {"supply.voltage_v": supply_v, "motor.resistance_ohm": rig.motor["resistance_ohm"] * resistance}
+        here = with_joint(rig, {**joint, "slip_slope_nm_per_rad": slope}, values)
+        self.tool = Tool(_core.ImpactPlant(here.parameters(), "hard_joint"), supply_v=supply_v)
+        self.level, self.slope = Level(), slope
+        while self.level.ticks < 100 or (self.level.current_a < 9.0 and self.level.ticks < 1500):
+            self.level.tick(self.tool)
+
+    @property
+    def torque_nm(self) -> float:
+        """Slip torque of the joint."""
+        return 0.3 + self.slope * self.tool.plant.head_rad
+
+    def go(self, level_v: float, seconds: float) -> None:
+        """To a level, and so long on it."""
+        self.level.goal_v = level_v
+        while not self.level.arrived:
+            self.level.tick(self.tool)
+        for _ in range(round(seconds * 1000)):
+            self.level.tick(self.tool)
+
+
+def look(run: Run, level_v: float) -> float:
+    """The slow current when the controller looks, a mean over some blows."""
+    run.go(level_v, (SLOW_LOOK_S if level_v < SLOW_BELOW_V else LOOK_S) - 0.05)
+    current = 0.0
+    for _ in range(100):
+        run.level.tick(run.tool)
+        current += run.level.slow_a / 100
+    return current
+
+
+def held(rig: Rig, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For each level: torques where hard joints settle (n, joints), and the current that divides them from soft ones (n,)."""
+    torque, current = np.zeros((len(levels), len(HARD_SLOPES) * len(HELD_TOOLS))), np.zeros(len(levels))
+    for n, level in enumerate(levels):
+        looked = []
+        for m, (slope, tool) in enumerate(itertools.product(HARD_SLOPES, HELD_TOOLS)):
+            run = Run(rig, slope, *tool)
+            looked.append(look(run, level))
+            run.go(level, (SLOW_SETTLE_S if level < SLOW_BELOW_V else SETTLE_S) - 0.05)
+            torque[n, m] = run.torque_nm
+        dividing = SLOW_DIVIDING_SLOPE if level < SLOW_BELOW_V else DIVIDING_SLOPE
+        current[n] = min(look(Run(rig, dividing), level), min(looked) - DIVIDING_MARGIN_A)
+    return torque, current
+
+
+def choose_levels(torque: np.ndarray) -> np.ndarray:
+    """Index of the level of each torque from LEAST_HELD_NM on: the one that leads no joint far from it, nor do those a step beside."""
+    targets = np.arange(LEAST_HELD_NM, LAST_NM + 1)
+    wrong = np.abs(torque[None] - targets[:, None, None]).max(axis=2)
+    wide = np.pad(wrong, ((0, 0), (1, 1)), mode="edge")
+    return np.argmin(wrong + 0.5 * (wide[:, 2:] + wide[:, :-2]), axis=1)
+
+
+def raised(rig: Rig, level_v: float, first_nm: int, last_nm: int, before_v: float) -> np.ndarray:
+    """Current on a raised level at each torque first..last: cubic over the joints, each weighted alike."""
+    points = []
+    for slope in SOFT_SLOPES:
+        for supply_v, resistance in ((18.5, 1.0), (17.0, 1.07), (20.0, 0.93)):
+            run = Run(rig, slope, supply_v, resistance)
+            if before_v > RUN_V:
+                run.go(before_v, LOOK_S)
+            run.go(level_v, 0.12)
+            one = []
+            while run.torque_nm < last_nm + 4 and run.tool.time_s < 9.0:
+                run.level.tick(run.tool)
+                if run.torque_nm > first_nm - 3:
+                    one.append((run.torque_nm, run.level.told_a(level_v)))
+            if len(one) > 40:
+                thinned = np.array(one)[:: max(len(one) // 200, 1)]
+                points.append(np.column_stack([thinned, np.full(len(thinned), len(thinned) ** -0.5)]))
+    t, current, weight = np.concatenate(points).T
+    fit = np.polynomial.Polynomial.fit(t, current, 3, w=weight)
+    early_a = NOISE_A if level_v < RUN_V + 0.5 else 0.0
+    return np.maximum.accumulate(fit(np.arange(first_nm, last_nm + 1))) + early_a
+
+
+def tables(rig: Rig) -> dict[str, np.ndarray]:
+    """level, settled, raised, stop of each row, in V and A; NaN where a row has no level."""
+    targets = np.arange(FIRST_NM, LAST_NM + 1)
+    levels = np.round(np.arange(5.4, 11.84, LEVEL_STEP_V) / LEVEL_STEP_V) * LEVEL_STEP_V
+    torque, dividing = held(rig, levels)
+    chosen = choose_levels(torque)
+    low = np.full(LEAST_HELD_NM - FIRST_NM, np.nan)
+    result = {"level": np.concatenate([low, levels[chosen]]), "settled": np.concatenate([low, dividing[chosen]])}
+    result["raised"], result["stop"] = np.zeros(len(targets)), np.zeros(len(targets))
+    for level_v, first_nm, last_nm in RAISED_V:
+        rows = slice(first_nm - FIRST_NM, last_nm + 1 - FIRST_NM)
+        before_v = np.nan_to_num(result["level"][rows]).mean()
+        result["raised"][rows] = level_v
+        result["stop"][rows] = raised(rig, level_v, first_nm, last_nm, before_v)
+    return result
+
+
+def _bytes(name: str, values: np.ndarray, kind: str) -> str:
+    lines = [", ".join(str(int(v)) for v in values[n : n + 20]) for n in range(0, len(values), 20)]
+    return f"static const {kind} {name}[TORQUE_MAP_ROWS] FLASH_TABLE = {{\n    " + ",\n    ".join(lines) + "};\n"
+
+
+def source(table: dict[str, np.ndarray]) -> str:
+    """The C file."""
+    level = np.round((np.nan_to_num(table["level"], nan=5.0) - 5.0) / LEVEL_STEP_V)
+    settled = np.round(np.nan_to_num((table["settled"] - 12.0) * 16, nan=255))
+    lifted = np.round((table["raised"] - 5.0) / LEVEL_STEP_V)
+    stop = np.round(table["stop"] * 256)
+    return TEMPLATE.format(
+        level=_bytes("level_40mv", level, "uint8_t"),
+        settled=_bytes("settled_a_q4", settled, "uint8_t"),
+        raised=_bytes("raised_40mv", lifted, "uint8_t"),
+        stop=_bytes("stop_a_q8", stop, "int16_t"),
+    )
+
+
+TEMPLATE = """// Rows of 1 N m, see torque_map.h; made by hil/vgroove/study/torque_map.py, not by hand.
+#include "controllers/torque_map.h"
+
+#include "core/flash.h"
+
+#define LEAST_MV 5000
+#define STEP_MV 40
+#define LEAST_A_Q8 (12 * 256)
+#define NONE 255u
+
+// clang-format off
+{level}
+// Above 12 A.
+{settled}
+{raised}
+{stop}// clang-format on
+
+int16_t torque_map_level_mv(uint8_t row) {{
+    return (int16_t)(LEAST_MV + FLASH_U8(&level_40mv[row]) * STEP_MV);
+}}
+
+int16_t torque_map_settled_a_q8(uint8_t row) {{
+    const uint8_t settled = FLASH_U8(&settled_a_q4[row]);
+    return settled == NONE ? TORQUE_MAP_NEVER : (int16_t)(LEAST_A_Q8 + settled * 16);
+}}
+
+int16_t torque_map_raised_mv(uint8_t row) {{
+    return (int16_t)(LEAST_MV + FLASH_U8(&raised_40mv[row]) * STEP_MV);
+}}
+
+int16_t torque_map_stop_a_q8(uint8_t row) {{
+    return FLASH_I16(&stop_a_q8[row]);
+}}
+"""
+
+
+def main() -> None:
+    """Writes the file named on the command line."""
+    Path(sys.argv[1]).write_text(source(tables(impact_rig(None))), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,203 @@
+// Torque control on a motor at rest in its cycle: the level behind any supply and winding, hard and soft joints, what is refused and what is missed.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+extern "C" {
+#include "controllers/torque.h"
+#include "controllers/torque_map.h"
+}
+
+namespace {
+
+constexpr double K = 0.0109, R = 0.19, RPM = 30.0 / M_PI;
+
+uint8_t row_of(int target_nm) {
+    return static_cast<uint8_t>(target_nm - TORQUE_MAP_FIRST_NM);
+}
+
+// A motor that draws a given current at once, behind any supply and winding; a command acts a tick later.
+struct Tool {
+    TorqueSetpoints set;
+    Torque torque{};
+    Blow blow{};
+    double supply_v = 18.5, winding = 1.0, current_a = 13.0, duty = 0.0, own_v = 0.0;
+    int16_t travel_q15 = INT16_MAX, wish = 0;
+    int ticks = 0;
+
+    explicit Tool(int16_t target_nm) : set{target_nm} { torque_start(&torque, &set); }
+
+    int16_t step() {
+        const double speed = std::fmax(duty * supply_v - R * winding * current_a, 0.0) / K;
+        own_v = K * speed + R * current_a;
+        ControllerInputs in{};
+        in.trigger_q15 = travel_q15;
+        in.travel_q15 = static_cast<int16_t>(std::min<int>(travel_q15, 197 * (ticks + 1)));  // the frame's ramp
+        in.speed_rpm_q1 = static_cast<int16_t>(std::fmin(std::lround(2 * speed * RPM), 32767));
+        in.current_a_q9 = static_cast<int16_t>(std::lround(current_a * 512));
+        in.supply_mv = static_cast<uint16_t>(supply_v * 1000);
+        in.duty_q15 = static_cast<int16_t>(std::lround(duty * 255) * 257 / 2);
+        blow.count = static_cast<uint16_t>(ticks / 50);
+        wish = torque_step(&torque, &set, &in, &blow);
+        duty = wish < 0 ? 0.0 : wish / 32767.0;
+        ++ticks;
+        return wish;
+    }
+
+    // At most so long; whether it went on.
+    bool run(int ms) {
+        for (int n = 0; n < ms && wish != CONTROLLER_STOP; ++n)
+            step();
+        return wish != CONTROLLER_STOP;
+    }
+
+    bool run_into(TorqueState state, int ms = 3000) {
+        for (int n = 0; n < ms && wish != CONTROLLER_STOP && torque_state(&torque) != state; ++n)
+            step();
+        return torque_state(&torque) == state;
+    }
+};
+
+double amperes(int16_t a_q8) {
+    return a_q8 / 256.0;
+}
+
+TEST(Torque, RefusesTargetsOutsideItsMap) {
+    for (const int target : {-5, 0, TORQUE_MAP_FIRST_NM - 1, TORQUE_MAP_LAST_NM + 1, 32767}) {
+        Tool tool(static_cast<int16_t>(target));
+        EXPECT_EQ(tool.step(), CONTROLLER_STOP) << target;
+        EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_UNREACHABLE) << target;
+    }
+    for (const int target : {TORQUE_MAP_FIRST_NM, TORQUE_MAP_LAST_NM})
+        EXPECT_GE(Tool(static_cast<int16_t>(target)).step(), 0) << target;
+}
+
+TEST(Torque, RefusesWhatASupplyDoesNotCarryBeforeTheFirstBlow) {
+    const double most = torque_map_raised_mv(row_of(120)) * 1.125e-3;
+    Tool weak(120), strong(120), low(60);
+    weak.supply_v = low.supply_v = most - 0.01;
+    strong.supply_v = most + 0.01;
+    EXPECT_EQ(weak.step(), CONTROLLER_STOP);
+    EXPECT_EQ(torque_stop_reason(&weak.torque), CONTROLLER_REASON_UNREACHABLE);
+    EXPECT_EQ(torque_estimate(&weak.torque), 0);
+    EXPECT_GE(strong.step(), 0);
+    EXPECT_GE(low.step(), 0);
+}
+
+TEST(Torque, DoesNotDriveAtAReleasedTrigger) {
+    Tool tool(80);
+    tool.run(500);
+    tool.travel_q15 = 0;
+    EXPECT_EQ(tool.step(), CONTROLLER_COAST);
+}
+
+TEST(Torque, WaitsBelowTheFirstBlowsForThem) {
+    Tool tool(100);
+    tool.current_a = 2.0;
+    for (int n = 0; n < 5000; ++n) {
+        tool.ticks = 0;  // no blow comes
+        ASSERT_GE(tool.step(), 0);
+    }
+    EXPECT_EQ(torque_state(&tool.torque), TORQUE_RUN);
+    EXPECT_NEAR(tool.own_v, 5.5, 0.1);
+}
+
+TEST(Torque, HoldsItsLevelBehindAnySupplyAndWinding) {
+    for (const int target : {60, 85, 110}) {
+        for (const double supply_v : {16.65, 18.5, 20.35}) {
+            for (const double winding : {0.9, 1.0, 1.1, 1.4}) {
+                Tool tool(static_cast<int16_t>(target));
+                tool.supply_v = supply_v;
+                tool.winding = winding;
+                tool.current_a = amperes(torque_map_settled_a_q8(row_of(target))) + 0.5;
+                ASSERT_TRUE(tool.run_into(TORQUE_SETTLE, 4000)) << target;
+                double sum = 0;
+                for (int n = 0; n < 500; ++n) {
+                    tool.step();
+                    sum += tool.own_v / 500;
+                }
+                EXPECT_NEAR(sum, torque_map_level_mv(row_of(target)) / 1000.0, 0.05) << target << " " << supply_v << " " << winding;
+            }
+        }
+    }
+}
+
+TEST(Torque, SettlesAHardJointAndSaysReached) {
+    Tool tool(100);
+    tool.current_a = amperes(torque_map_settled_a_q8(row_of(100))) + 0.1;
+    ASSERT_TRUE(tool.run_into(TORQUE_SETTLE));
+    EXPECT_TRUE(tool.run(2500));
+    EXPECT_FALSE(tool.run(400));
+    EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_REACHED);
+    EXPECT_EQ(torque_estimate(&tool.torque), 1000);
+}
+
+TEST(Torque, RaisesForASoftJointAndStopsAtItsCurrent) {
+    for (const int target : {60, 80, 85, 100, 120}) {
+        Tool tool(static_cast<int16_t>(target));
+        tool.current_a = amperes(torque_map_settled_a_q8(row_of(target))) - 0.1;
+        ASSERT_TRUE(tool.run_into(TORQUE_RAISED)) << target;
+        tool.current_a = amperes(torque_map_stop_a_q8(row_of(target))) - 0.1;
+        ASSERT_TRUE(tool.run(3000)) << target;
+        EXPECT_NEAR(tool.own_v, torque_map_raised_mv(row_of(target)) / 1000.0, 0.15) << target;
+        tool.current_a += 0.12;
+        EXPECT_FALSE(tool.run(1000)) << target;
+        EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_REACHED) << target;
+        EXPECT_NEAR(torque_estimate(&tool.torque), 10 * target, 20) << target;
+    }
+}
+
+TEST(Torque, SaysMissedAndWhereOnAJointTooHardForALowTarget) {
+    Tool tool(40);
+    tool.current_a = amperes(torque_map_stop_a_q8(row_of(52))) + 0.01;
+    EXPECT_FALSE(tool.run(3000));
+    EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_MISSED);
+    EXPECT_NEAR(torque_estimate(&tool.torque), 520, 15);
+}
+
+TEST(Torque, GivesUpOnAJointThatTakesTooLong) {
+    Tool tool(60);
+    tool.current_a = 12.0;
+    EXPECT_TRUE(tool.run(9000));
+    EXPECT_FALSE(tool.run(2500));
+    EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_MISSED);
+    EXPECT_LT(torque_estimate(&tool.torque), 600);
+}
+
+TEST(Torque, SaysMissedWhenTheSupplyNoLongerCarriesTheLevel) {
+    Tool tool(110);
+    tool.current_a = amperes(torque_map_settled_a_q8(row_of(110))) + 0.2;
+    ASSERT_TRUE(tool.run_into(TORQUE_SETTLE));
+    tool.supply_v = 10.0;
+    EXPECT_FALSE(tool.run(400));
+    EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_MISSED);
+    EXPECT_NEAR(torque_estimate(&tool.torque), 980, 30);  // 10 V: about 98 N m
+}
+
+TEST(Torque, OverIsOver) {
+    Tool tool(40);
+    tool.current_a = 30.0;
+    EXPECT_FALSE(tool.run(3000));
+    tool.current_a = 5.0;
+    for (int n = 0; n < 100; ++n)
+        EXPECT_EQ(tool.step(), CONTROLLER_STOP);
+}
+
+TEST(Torque, MapIsWhatTheSearchNeeds) {
+    for (uint8_t row = 0; row < TORQUE_MAP_ROWS; ++row) {
+        EXPECT_EQ(torque_map_settled_a_q8(row) == TORQUE_MAP_NEVER, row < row_of(60)) << int{row};
+        EXPECT_GE(torque_map_level_mv(row), 5000);
+        EXPECT_GT(torque_map_raised_mv(row), torque_map_level_mv(row));
+        EXPECT_LE(torque_map_raised_mv(row), 14000);
+        if (row > 0) {
+            EXPECT_GE(torque_map_raised_mv(row), torque_map_raised_mv(static_cast<uint8_t>(row - 1)));
+            if (torque_map_raised_mv(row) == torque_map_raised_mv(static_cast<uint8_t>(row - 1))) {
+                EXPECT_GE(torque_map_stop_a_q8(row), torque_map_stop_a_q8(static_cast<uint8_t>(row - 1))) << int{row};
+            }
+        }
+    }
+}
+
+}  // namespace
