@@ -25,7 +25,9 @@
 #define SLOW_BELOW_MV 7000
 #define RAISED_LOOK_MS 150u
 #define CHANGED_LOOK_MS 300u  // where the lugs are no longer hit twice
-#define LOW_LOOK_MS 450u      // the slowest filter, behind the start of the motor
+#define LOW_LATE_MS 8u        // a low target found passed when its current is first looked at: the filters are so far behind
+#define LOW_LATE_NM 4
+#define LOW_LOOK_MS 450u  // the slowest filter, behind the start of the motor
 #define RAISED_MS 8000u
 #define FULL_MS 300u
 #define TWICE_ABOVE_MV 8000    // lugs are hit thrice below, twice above,
@@ -185,6 +187,9 @@ static void conclude(Torque *self, int16_t target_nm, const ControllerInputs *in
         beside = beside_nm((int16_t)(held_mv - torque_map_level_mv(self->row)), MV_PER_NM);
     } else if (self->state == TORQUE_RAISED) {
         beside = beside_nm((int16_t)(told_a_q8(self) - self->stop_a_q8), A_Q8_PER_NM);
+        if (self->raised_mv < TWICE_ABOVE_MV && self->ticks < LOW_LOOK_MS + LOW_LATE_MS) {
+            beside = (int16_t)(beside + LOW_LATE_NM);
+        }
     }
     self->estimate_nm = (int16_t)(target_nm + beside > 0 ? target_nm + beside : 0);
     if (self->full_ticks >= FULL_MS || (beside < 0 ? -beside : beside) > target_nm / MISSED_SHARE) {

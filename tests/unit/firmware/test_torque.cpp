@@ -154,7 +154,7 @@ TEST(Torque, SaysMissedAndWhereOnAJointTooHardForALowTarget) {
     tool.current_a = amperes(torque_map_stop_a_q8(row_of(52))) + 0.01;
     EXPECT_FALSE(tool.run(3000));
     EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_MISSED);
-    EXPECT_NEAR(torque_estimate(&tool.torque), 520, 15);
+    EXPECT_NEAR(torque_estimate(&tool.torque), 560, 20);  // 52 N m and what the filters have not seen yet
 }
 
 TEST(Torque, GivesUpOnAJointThatTakesTooLong) {
