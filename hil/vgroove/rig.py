@@ -67,6 +67,9 @@ RELATIVE = _number("a number above -1", lambda v: v > -1)
 MAY_BE = _number("a finite number", lambda v: True, needed=False)
 SIGMA = _range(0, 1)
 
+JOINTS = ("locked", "hard_joint", "disc_spring", "wood_screw")
+ACTS_ON = {"joint_stiffness": JOINTS, "thread_friction": JOINTS[1:], "joint_hysteresis": ("disc_spring",), "wood_knot": JOINTS[1:]}
+
 # Ranges: from motors of a few milliwatts (0.3 W: 5e-10 kg m2, 0.5 mN m/A, 100 ohm) to 10 kW and more, and linear axes read with the same
 # keys (EMPS: 95 kg, 35 N/V). They are wide: what they refuse is no tool, or a number in another unit.
 SECTIONS: dict[str, dict[str, Key]] = {
@@ -319,6 +322,7 @@ def rig_from_dict(data: Mapping[str, Any], source: str) -> Rig:
     if rig.input["kind"] == "duty" and not rig.bus_is_measured and "voltage_v" not in rig.supply:
         raise VgrooveError(f"{source}: supply.voltage_v is missing: duty as input and a modelled bus need the open-circuit voltage")
     _check_together(rig, source)
+    _check_joint_effects(rig, source)
     return rig
 
 
@@ -340,6 +344,13 @@ def _check_together(rig: Rig, source: str) -> None:
             stated = ", ".join(f"{key} {rig.value(key):g}" for key in figure.keys)
             raise VgrooveError(f"{source}: {stated}: together they make {figure.words} {figure.value:.3g}, "
                                f"which must be from {figure.low:g} to {figure.high:g}; is one of them in another unit?")
+
+
+def _check_joint_effects(rig: Rig, source: str) -> None:
+    """An effect of a joint needs one that it can act on."""
+    for effect, loads in ACTS_ON.items():
+        if effect in rig.effects and rig.load["kind"] not in loads:
+            raise VgrooveError(f'{source}: effects.{effect} acts on a load of kind {" or ".join(loads)}, not {rig.load["kind"]}')
 
 
 _MASSES = ("motor.inertia_kg_m2", "gearbox.output_inertia_kg_m2", "gearbox.ratio")

@@ -8,8 +8,8 @@ from typing import Any
 
 from vgroove.errors import VgrooveError, refused_by_plant
 from vgroove.lockstep import FrontEnds, Profile
+from vgroove.rig import JOINTS, Rig, read_rig, read_toml, rig_from_dict
 from vgroove.rig import SCHEMA as RIG_SCHEMA
-from vgroove.rig import Rig, read_rig, read_toml, rig_from_dict
 
 SCHEMA = "vgroove.scenario/1"
 DURATION_MAX_S = 3600.0
@@ -182,6 +182,8 @@ def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Sc
     tool = without_board_effects(rig).with_effects(data.get("effects", {}))
     trigger = _section(data, "trigger", TRIGGER_KEYS, source)
     load = _section(data, "load", LOAD_KEYS, source)
+    if load and tool.load["kind"] in JOINTS:
+        raise _complain(source, f'load.torque_nm acts on a free output: the rig\'s load is a {tool.load["kind"]}, which makes its own torque')
     profile = Profile(mode=top.pop("mode", 0), **trigger, **({"load_nm": load["torque_nm"]} if load else {}))
     options = {key: top[key] for key in ("name", "seed", "temperature_c", "noise") if key in top}
     duration_s = _needed(top, "duration_s", source)

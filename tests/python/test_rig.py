@@ -15,6 +15,8 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.rig import EFFECTS, KINDS, SECTIONS, WORDS, read_rig, rig_from_dict, write_rig
 
+ROOT = Path(__file__).resolve().parents[2]
+
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 needs_shared = pytest.mark.skipif(not (SHARED / "gap-contract.md").is_file(), reason="../shared is absent")
 
@@ -198,6 +200,18 @@ def test_an_effect_of_the_impact_mechanism_needs_one() -> None:
         rig_from_dict(data, "x").parameters()
 
 
+@pytest.mark.parametrize(("effect", "values", "kind"), [
+    ("joint_hysteresis", {"relative": 0.3}, "hard_joint"), ("thread_friction", {"relative": 0.3}, "locked"),
+    ("wood_knot", {"torque_nm": 2.0, "from_rad": 0.0, "to_rad": 1.0}, "locked"), ("joint_stiffness", {"relative": 0.1}, "torque")])
+def test_an_effect_of_a_joint_needs_one_that_it_acts_on(effect: str, values: dict, kind: str) -> None:
+    tool = read_rig(ROOT / "rigs" / "impact_driver.toml")
+    keys = {"stiffness_nm_per_rad", "damping_nm_s_per_rad"} if kind == "locked" else set(tool.load) if kind == "hard_joint" else set()
+    load = {key: value for key, value in tool.load.items() if key in keys} | {"kind": kind}
+    with pytest.raises(VgrooveError, match=f"effects.{effect} acts on a load of kind .*, not {kind}"):
+        rig_from_dict(tool.as_dict() | {"load": load, "effects": {effect: values}}, "a rig")
+    assert rig_from_dict(tool.as_dict() | {"load": load, "effects": {}}, "a rig").load["kind"] == kind
+
+
 def test_changed_rigs_come_back_from_their_file(tmp_path: Path) -> None:
     rig = rig_from_dict({**copy.deepcopy(RIG), "tolerance": {"motor.resistance_ohm": 0.02}}, "x")
     changed = rig.with_values({"motor.resistance_ohm": 0.2}).with_effects({"cogging_torque": {"torque_nm": 0.01, "periods_per_rev": 6.0}})
@@ -250,7 +264,7 @@ def test_keys_and_needs_are_the_schemas() -> None:
 
 
 def test_our_own_rigs_are_read() -> None:
-    paths = sorted((Path(__file__).resolve().parents[2] / "rigs").glob("*.toml"))
+    paths = sorted((ROOT / "rigs").glob("*.toml"))
     assert paths
     for path in paths:
         assert tomli_w.dumps(read_rig(path).as_dict())

@@ -85,6 +85,14 @@ def test_refusals_name_key_and_nearest_known_one(tmp_path: Path, old: str, new: 
         read_scenario(written(tmp_path, GOOD.replace(old, new)))
 
 
+def test_a_torque_beside_a_joint_is_refused(tmp_path: Path) -> None:
+    text = GOOD.replace("{rig}", str(ROOT / "rigs" / "impact_driver.toml"))
+    with pytest.raises(VgrooveError, match="load.torque_nm acts on a free output: the rig's load is a hard_joint"):
+        read_scenario(written(tmp_path, text))
+    without = text.replace("[load]\ntorque_nm = [[0.0, 0.0], [1.0, 0.5]]\n", "")
+    assert read_scenario(written(tmp_path, without)).rig.load["kind"] == "hard_joint"
+
+
 def test_missing_files_are_sentences(tmp_path: Path) -> None:
     with pytest.raises(VgrooveError, match="cannot be read"):
         read_scenario(tmp_path / "none.toml")
