@@ -2,8 +2,8 @@
 
     python -m vgroove.study.torque_map firmware/controllers/torque_map.c
 
-Joints of the fit have slopes other than the controller is judged on. The tool is hammered as the firmware does it: sensors in steps of the board,
-a command that acts a tick later, the filters of torque.c.
+Joints of the fit have slopes other than the controller is judged on. The tool is hammered as the firmware does it: sensors in steps of the
+board, a command that acts a tick later, the filters of torque.c.
 """
 
 import itertools
@@ -15,7 +15,7 @@ import numpy as np
 
 from vgroove import _core
 from vgroove.rig import Rig
-from vgroove.study.impact_runs import impact_rig, with_joint
+from vgroove.study.impact_runs import JOINTS, impact_rig, with_joint
 
 FIRST_NM, LAST_NM = 40, 120
 K_V_S, R_OHM = 0.0109, 0.19  # nominal motor, as EMF_MV_Q16 and DROP_MV_Q16 of torque.c
@@ -124,9 +124,8 @@ class Run:
     """One joint, from rest to blows on the run level."""
 
     def __init__(self, rig: Rig, slope: float, supply_v: float = 18.5, resistance: float = 1.0) -> None:
-        joint = {"kind": "hard_joint", "stiffness_nm_per_rad": 3000, "damping_nm_s_per_rad": 0.3, "run_torque_nm": 0.3, "loosen_ratio": 0.75}
         values = {"supply.voltage_v": supply_v, "motor.resistance_ohm": rig.motor["resistance_ohm"] * resistance}
-        here = with_joint(rig, {**joint, "slip_slope_nm_per_rad": slope}, values)
+        here = with_joint(rig, {**JOINTS["hard_joint"], "slip_slope_nm_per_rad": slope}, values)
         self.tool = Tool(_core.ImpactPlant(here.parameters(), "hard_joint"), supply_v=supply_v)
         self.level, self.slope = Level(), slope
         while self.level.ticks < 100 or (self.level.current_a < 9.0 and self.level.ticks < 1500):
