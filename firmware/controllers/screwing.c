@@ -5,7 +5,7 @@
 #include "core/flash.h"
 #include "core/slew.h"
 
-typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_STEP, STAGE_SHARE, STAGE_TURN, STAGE_JUDGE } Stage;
+typedef enum { STAGE_NONE, STAGE_PITCH, STAGE_PHASE, STAGE_STEP, STAGE_SHARE, STAGE_TURN, STAGE_JUDGE } Stage;
 
 #define LUG 5760  // from lug to lug: 180 degrees of 1/32
 #define SHARE_SCALE 16777216u
@@ -34,16 +34,17 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_STEP, STAGE_SHARE, STAGE_TURN, STA
 #define HOLD_FINE 2u
 #define ONSET_FINE_Q8 300
 #define SURE_FINE_Q3 96
-#define ONSET_Q8 282    // 1.10
-#define CALM_Q8 271     // 1.06
-#define EASIER_Q8 223   // 0.87
-#define STEEP_Q8 333    // 1.30 + 0.018 a degree: steeper is the edge of a knot
-#define SLOW_Q8 276     // 1.08 + 0.007 a degree: flatter is not a seat
-#define SURE_Q3 112     // 14 degrees and 0.4 of the learned turn: behind the onset until a seat is believed
-#define SHARE_SLEW 400  // a tick: a step would brake
-#define RECORD_Q3 120   // 15 degrees: how high the edge of a knot is; 3/8 above it is a seat all the same
-#define EDGE_Q3 200     // 25 degrees: a knot's edge is over
-#define GIVE_UP_Q3 480  // 60 degrees
+#define ONSET_Q8 282      // 1.10
+#define CALM_Q8 271       // 1.06
+#define EASIER_Q8 223     // 0.87
+#define STEEP_Q8 333      // 1.30 + 0.018 a degree: steeper is the edge of a knot
+#define SLOW_Q8 276       // 1.08 + 0.007 a degree: flatter is not a seat
+#define SURE_Q3 112       // 14 degrees and 0.4 of the learned turn: behind the onset until a seat is believed
+#define SURE_MOST_Q3 160  // 20 degrees
+#define SHARE_SLEW 400    // a tick: a step would brake
+#define RECORD_Q3 120     // 15 degrees: how high the edge of a knot is; 3/8 above it is a seat all the same
+#define EDGE_Q3 200       // 25 degrees: a knot's edge is over
+#define GIVE_UP_Q3 480    // 60 degrees
 #define QUARTER 64u
 
 // 127 sin(2 pi n / 256), n = 0..64
@@ -80,10 +81,9 @@ static uint16_t step_of(const Screwing *self) {
 static void listen(Screwing *self) {
     self->known = 0;
     self->assumed = ASSUMED_START;
-    self->step = self->step_start;
-    self->per_step = self->per_step_start;
+    self->per_step = 0;  // edges count from when it is known
     self->mean_rpm_q1 = self->last_rpm_q1;
-    self->stage = STAGE_NONE;
+    self->stage = STAGE_PITCH;
 }
 
 static void relearn(Screwing *self) {
@@ -95,12 +95,8 @@ static void relearn(Screwing *self) {
 }
 
 void screwing_start(Screwing *self, const ScrewingSetpoints *set) {
+    (void)set;
     *self = (Screwing){.state = SCREWING_RUN_IN};
-    const uint32_t scale = (uint32_t)set->pulses * set->turn_q8;
-    self->pitch = divide_u16(PITCH_SCALE + scale / 2u, scale);
-    self->assumed = ASSUMED_START;
-    self->step_start = step_of(self);
-    self->per_step_start = divide_u16(SHARE_SCALE, self->step_start);
     relearn(self);
 }
 
@@ -241,7 +237,8 @@ static bool steep(const Screwing *self, int16_t turned) {
 
 static bool seated(const Screwing *self, const ScrewingSetpoints *set, int16_t turned) {
     const int16_t sure = (int16_t)((is_fine(self) ? SURE_FINE_Q3 : SURE_Q3) + (int16_t)(((uint16_t)self->learned_q4 * 13u) >> 8));
-    return turned >= sure && self->rise_q8 >= set->rise_q8 && self->rise_q8 >= SLOW_Q8 + (int16_t)(((uint16_t)turned * 57u) >> 8);
+    return turned >= (sure < SURE_MOST_Q3 ? sure : SURE_MOST_Q3) && self->rise_q8 >= set->rise_q8 &&
+           self->rise_q8 >= SLOW_Q8 + (int16_t)(((uint16_t)turned * 57u) >> 8);
 }
 
 static void suspect(Screwing *self, const ScrewingSetpoints *set, int16_t turn) {
@@ -279,10 +276,19 @@ static void judge(Screwing *self, const ScrewingSetpoints *set) {
     }
 }
 
+static uint16_t pitch_of(const ScrewingSetpoints *set) {
+    const uint32_t scale = (uint32_t)set->pulses * set->turn_q8;
+    return divide_u16(PITCH_SCALE + scale / 2u, scale);
+}
+
 // What follows on the end of a half turn: one division a tick.
 static void step_stage(Screwing *self, const ScrewingSetpoints *set) {
     switch ((Stage)self->stage) {
     case STAGE_NONE:
+        return;
+    case STAGE_PITCH:
+        self->pitch = pitch_of(set);
+        self->stage = STAGE_STEP;
         return;
     case STAGE_PHASE:
         self->stage++;
@@ -293,7 +299,8 @@ static void step_stage(Screwing *self, const ScrewingSetpoints *set) {
         break;
     case STAGE_SHARE:
         self->per_step = divide_u16(SHARE_SCALE, self->step);
-        break;
+        self->stage = self->known == 0u ? STAGE_NONE : STAGE_TURN;
+        return;
     case STAGE_TURN:
         self->count = (uint8_t)(self->count + (self->count < UINT8_MAX ? 1u : 0u));
         push_turned(self);
@@ -346,6 +353,11 @@ static int16_t output(Screwing *self, const ScrewingSetpoints *set, int16_t trav
     return CONTROLLER_STOP;
 }
 
+// Two of the tick's heavy works do not meet: a half turn that ends, and what follows on the one before.
+static bool ends_half(const Screwing *self, uint8_t edges) {
+    return edges > 1u || (edges == 1u && (uint16_t)(0x8000u - (self->phase & 0x7FFFu)) <= self->step);
+}
+
 static bool impacts(const Screwing *self, const Blow *blow) {
     return blow->impacting && (self->state != SCREWING_RUN_IN || blow->count >= 2u);
 }
@@ -363,11 +375,11 @@ int16_t screwing_step(Screwing *self, const ScrewingSetpoints *set, const Contro
         self->state = SCREWING_SETTLE;
         listen(self);
         relearn(self);
-    } else if (!blow->busy) {
+    } else if (!blow->busy && !ends_half(self, in->edges)) {
         step_stage(self, set);
     }
     if (self->state != SCREWING_RUN_IN) {
-        for (uint8_t n = 0; n < in->edges && n < EDGES_MOST; n++) {
+        for (uint8_t n = 0; n < in->edges && n < EDGES_MOST && self->per_step > 0u; n++) {
             take_edge(self);
         }
     }

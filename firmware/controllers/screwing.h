@@ -41,12 +41,12 @@ typedef struct {
     uint8_t behind;  // half turns since the onset
     uint8_t held;    // half turns in which it has looked like a seat
     uint8_t filled;
-    uint16_t pitch;                     // angle of a Hall pitch
-    uint16_t step, step_start;          // of the phase a pitch
-    uint16_t per_step, per_step_start;  // 2^24 / step
-    uint16_t phase;                     // of the oscillator, 2^16 a turn
-    int16_t assumed;                    // turn of the screw a blow that the oscillator assumes
-    uint16_t found;                     // phase of the ripple, last
+    uint16_t pitch;     // angle of a Hall pitch
+    uint16_t step;      // of the phase a pitch
+    uint16_t per_step;  // 2^24 / step
+    uint16_t phase;     // of the oscillator, 2^16 a turn
+    int16_t assumed;    // turn of the screw a blow that the oscillator assumes
+    uint16_t found;     // phase of the ripple, last
     int16_t last_rpm_q1, mean_rpm_q1;
     int16_t cos_sum, sin_sum, rest_sum;           // of this half turn
     int16_t cos_before, sin_before, rest_before;  // of the one before
