@@ -95,6 +95,7 @@ static void relearn(Screwing *self) {
 }
 
 void screwing_start(Screwing *self, const ScrewingSetpoints *set) {
+    (void)set;  // taken when blows begin
     (void)set;
     *self = (Screwing){.state = SCREWING_RUN_IN};
     relearn(self);
