@@ -183,7 +183,7 @@ def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Sc
     trigger = _section(data, "trigger", TRIGGER_KEYS, source)
     load = _section(data, "load", LOAD_KEYS, source)
     if load and tool.load["kind"] in JOINTS:
-        raise _complain(source, f'load.torque_nm acts on a free output: the rig\'s load is a {tool.load["kind"]}, which makes its own torque')
+        raise _complain(source, f'load.torque_nm acts on a free output, but a {tool.load["kind"]} makes its own torque')
     profile = Profile(mode=top.pop("mode", 0), **trigger, **({"load_nm": load["torque_nm"]} if load else {}))
     options = {key: top[key] for key in ("name", "seed", "temperature_c", "noise") if key in top}
     duration_s = _needed(top, "duration_s", source)

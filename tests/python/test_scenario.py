@@ -87,7 +87,7 @@ def test_refusals_name_key_and_nearest_known_one(tmp_path: Path, old: str, new: 
 
 def test_a_torque_beside_a_joint_is_refused(tmp_path: Path) -> None:
     text = GOOD.replace("{rig}", str(ROOT / "rigs" / "impact_driver.toml"))
-    with pytest.raises(VgrooveError, match="load.torque_nm acts on a free output: the rig's load is a hard_joint"):
+    with pytest.raises(VgrooveError, match="load.torque_nm acts on a free output, but a hard_joint makes its own torque"):
         read_scenario(written(tmp_path, text))
     without = text.replace("[load]\ntorque_nm = [[0.0, 0.0], [1.0, 0.5]]\n", "")
     assert read_scenario(written(tmp_path, without)).rig.load["kind"] == "hard_joint"
