@@ -1,5 +1,7 @@
 """Cycle budgets of the real ELF, measured on the bench under stress: full speed, four edges a turn, full telemetry, commands coming in."""
 
+import functools
+import itertools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +10,7 @@ import pytest
 from busy_line import answered, busy_line_tape, commands
 from equality import sent_bytes
 from exercise import record_tape
-from impact import cases_in_budget, impact_tape, wild_tape
+from impact import CASES, impact_tape, wild_tape
 from uneven import uneven_tape
 
 from vgroove import board, lockstep
@@ -18,7 +20,6 @@ from vgroove.scenario import command_messages, make_plant, read_scenario
 STRESS = Path(__file__).resolve().parents[2] / "scenarios" / "stress.toml"
 TARGETS = {"uno_elf": "atmega328p", "mega_elf": "atmega2560"}
 TICK_CYCLES_MAX = 5000
-WILD_TICK_CYCLES_MAX = 5100  # sensors that say anything: missed and doubled edges, fold-back and a blow in one tick
 CONTROL_CYCLES_MAX = 1500
 ISR_CYCLES_MAX = 120
 ISR_SHARE_MAX = 0.15
@@ -129,17 +130,48 @@ def test_worst_tick_with_commands_at_every_phase(target: str, request: pytest.Fi
     assert said["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(said["tick"])
 
 
-@pytest.mark.parametrize("case", cases_in_budget())
-@pytest.mark.parametrize("make_tape", [impact_tape, wild_tape])
-@pytest.mark.parametrize("target", TARGETS)
-def test_cost_of_each_controller(
-    make_tape: Callable[[str], bytes], case: str, target: str, request: pytest.FixtureRequest, tmp_path: Path
-) -> None:
-    """Each through its heavy states under impacts, and with sensors that say anything."""
-    stats = tmp_path / "stats.json"
-    board.replay(request.getfixturevalue(target), make_tape(case), mcu=TARGETS[target], stats=stats)
-    said = read_statistics(stats)
+TAPES = {"impacts": impact_tape, "wild": wild_tape}
+RUNS = list(itertools.product(CASES, TAPES))
+# Over their budgets, with the cycles measured: each must fail (strictly) until it is taken out of here.
+STEP_OVER = {("screwing", "wild"): 1509, ("drill", "impacts"): 1589, ("drill", "wild"): 1593}
+TICK_OVER = {("screwing", "impacts"): 5034, ("screwing", "wild"): 5455, ("torque", "wild"): 5217, ("drill", "impacts"): 5294,
+             ("drill", "wild"): 5844}
+
+
+def runs(over: dict[tuple[str, str], int]) -> list[object]:
+    """All runs, those that are known to be over a budget marked so."""
+    return [pytest.param(*run, marks=[pytest.mark.xfail(reason=f"{over[run]} cycles", strict=True)] if run in over else []) for run in RUNS]
+
+
+@pytest.fixture(scope="module")
+def cost(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., dict]:
+    """Statistics of a controller's run: through its heavy states under impacts, or with sensors that say anything."""
+
+    @functools.cache
+    def measured(case: str, tape: str, target: str = "uno_elf") -> dict:
+        stats = tmp_path_factory.mktemp("cost") / "stats.json"
+        board.replay(request.getfixturevalue(target), TAPES[tape](case), mcu=TARGETS[target], stats=stats)
+        return read_statistics(stats)
+
+    return measured
+
+
+@pytest.mark.parametrize(("case", "tape"), runs(STEP_OVER))
+def test_step_of_each_controller(cost: Callable[..., dict], case: str, tape: str) -> None:
+    said = cost(case, tape)
     assert said["control"]["count"] > 500
     assert said["control"]["worst_cycles"] <= CONTROL_CYCLES_MAX, json.dumps(said["control"])
-    assert said["tick"]["worst_cycles"] <= (WILD_TICK_CYCLES_MAX if make_tape is wild_tape else TICK_CYCLES_MAX), json.dumps(said["tick"])
+
+
+@pytest.mark.parametrize(("case", "tape"), runs(TICK_OVER))
+def test_tick_of_each_controller(cost: Callable[..., dict], case: str, tape: str) -> None:
+    said = cost(case, tape)
+    assert said["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(said["tick"])
+
+
+@pytest.mark.parametrize(("case", "tape"), RUNS)
+@pytest.mark.parametrize("target", TARGETS)
+def test_stack_and_punctuality_of_each_controller(cost: Callable[..., dict], case: str, tape: str, target: str) -> None:
+    said = cost(case, tape, target)
     assert said["stack"]["free_bytes"] >= STACK_BYTES_MIN
+    assert said["tick"]["late"] == 0
