@@ -15,7 +15,7 @@ SCHEMA = "vgroove.sim_scenario/1"
 ROW_S = 1e-3
 DRILL_STEP_S = ROW_S / 32  # of the drill driver, next to a PWM period
 CHUCK_CHANNELS = ("chuck_rpm", "shaft_nm", "chuck_load_nm")
-BENCH_CHANNELS = ("anvil_torque_nm", "anvil_angle_rad", "hammer_mm")
+BENCH_CHANNELS = ("anvil_torque_nm", "anvil_angle_rad", "hammer_mm", "head_rad", "housing_nm", "arm_rad")
 RAD_S_TO_RPM = 30.0 / np.pi
 
 
@@ -31,7 +31,8 @@ def profile_columns(profile: Profile, time_s: np.ndarray) -> dict[str, np.ndarra
 def simulate_scenario(scenario: Scenario) -> Log:
     """Rows of 1 ms, the first at rest: current (A) and bus (V) as means of the row, speed (rpm) and angle (rad) of the shaft at its end.
 
-    An impact tool has its bench channels too (torque of the joint, angle of the anvil, hammer), and what its impacts came to in `meta`.
+    An impact tool has its bench channels too (torque of the joint, angle of anvil and head, hammer, housing, arm), and what its impacts came
+    to in `meta`.
     A drill driver has speed and load of the chuck and the shaft's torque, and its pulse mode where the rig says `pulse = true`.
     """
     from vgroove import _core

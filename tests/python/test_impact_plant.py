@@ -108,7 +108,8 @@ def test_a_scenario_of_an_impact_rig_is_simulated() -> None:
     log = simulate_scenario(read_scenario(ROOT / "scenarios/impact_hard_joint.toml"))
     figures = scenario_figures(log)
     assert figures["blows"] > 40 and 140 < figures["torque_peak_nm"] < 150
-    assert {"anvil_torque_nm", "anvil_angle_rad", "hammer_mm"} <= set(log.columns)
+    assert {"anvil_torque_nm", "anvil_angle_rad", "hammer_mm", "head_rad", "housing_nm", "arm_rad"} <= set(log.columns)
+    assert log["head_rad"][-1] == pytest.approx(figures["head_end_rad"]) and np.ptp(log["housing_nm"]) > 1.0
 
 
 def test_same_bytes_whatever_batch_and_threads() -> None:
