@@ -31,8 +31,8 @@ def profile_columns(profile: Profile, time_s: np.ndarray) -> dict[str, np.ndarra
 def simulate_scenario(scenario: Scenario) -> Log:
     """Rows of 1 ms, the first at rest: current (A) and bus (V) as means of the row, speed (rpm) and angle (rad) of the shaft at its end.
 
-    An impact tool has its bench channels too (torque of the joint, angle of anvil and head, hammer, housing, arm), and what its impacts came
-    to in `meta`.
+    An impact tool has its bench channels too (torque of the joint, angle of anvil and head, hammer, housing, arm), and what its impacts
+    came to in `meta`.
     A drill driver has speed and load of the chuck and the shaft's torque, and its pulse mode where the rig says `pulse = true`.
     """
     from vgroove import _core
