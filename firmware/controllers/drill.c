@@ -7,7 +7,7 @@
 
 #define DUTY_UP_Q15 109      // per ms: 0 to 1 in 0.3 s
 #define DUTY_LOADED_Q15 400  // against a load that stops the shaft, with the clutch set
-#define LOADED_A_Q14 Q(2.5, 14)
+#define LOADED_A_Q17 Q(2.5, 17)
 #define DUTY_DOWN_Q15 197  // 6 per second
 
 #define PULSE_ON_A_Q9 Q(15.0, 9)
@@ -39,7 +39,9 @@
 #define MV_PER_A 7  // k^2 / J / 1 ms
 
 #define CLUTCH_A_Q4_MAX Q(40.0, 4)  // within the fold-back
-#define FILTER_SHIFT 5u
+#define CLUTCH_A_Q9_MAX Q(40.0, 9)
+#define FILTER_SHIFT 8u  // a move of bytes
+#define FILTER_GAIN 8    // over 2^FILTER_SHIFT: 1/32 ms
 #define SLOW_A_Q4 Q(18.0, 4)
 #define NOISE_A_Q4 Q(1.6, 4)  // a noisy estimate passes the setting early by this much
 #define NOISE_SLOW_A_Q4 Q(1.0, 4)
@@ -49,6 +51,13 @@
 #define LIMIT_MV_PER_A 27
 #define RISING_MAX_A_Q9 2000
 #define SWING_NUMERATOR 416  // J / k^2 e i' in A^2 Q8 from mV and A Q9 per tick, behind a shift of 12; half as much again: the slope lags
+
+static int16_t not_below_0(int32_t value) {
+    if (value < 0) {
+        return 0;
+    }
+    return (int16_t)(value > INT16_MAX ? INT16_MAX : value);
+}
 
 static void stop(Drill *self, ControllerReason reason) {
     self->state = DRILL_STOPPED;
@@ -65,13 +74,14 @@ static void set_clutch(Drill *self, const DrillSetpoints *set) {
     }
     const int16_t load_a_q4 = (int16_t)((int16_t)wanted_a_q4 + FRICTION_A_Q4);
     self->slow = load_a_q4 < SLOW_A_Q4;
-    self->set_a_q4 = (int16_t)(load_a_q4 + (self->slow ? NOISE_SLOW_A_Q4 : NOISE_A_Q4));
-    self->limit_mv = (int16_t)(LIMIT_MV + LIMIT_MV_PER_DNM * set->clutch_dnm + ((LIMIT_MV_PER_A * self->set_a_q4) >> 4));
+    const int16_t set_a_q4 = (int16_t)(load_a_q4 + (self->slow ? NOISE_SLOW_A_Q4 : NOISE_A_Q4));
+    self->set_a2_q8 = (int32_t)set_a_q4 * set_a_q4;
+    self->limit_mv = (int16_t)(LIMIT_MV + LIMIT_MV_PER_DNM * set->clutch_dnm + ((LIMIT_MV_PER_A * set_a_q4) >> 4));
 }
 
 void drill_start(Drill *self, const DrillSetpoints *set) {
+    (void)set;  // taken where there is time for it
     *self = (Drill){.state = DRILL_RUN, .blind = BLIND_TICKS};
-    self->mv_per_rpm_q16 = divide_u16((uint32_t)500u << 16, set->rpm_per_v);
 }
 
 // e = d Vs - R i - L i'
@@ -81,7 +91,7 @@ static int16_t emf_of(const DrillSetpoints *set, const ControllerInputs *in, int
     FIXED_HIDE(drop_mv);
     const int16_t rise_a_q8 = (int16_t)(in->current_a_q9 / 2 - last_a_q9 / 2);
     const int16_t rise_mv = (int16_t)(((int32_t)rise_a_q8 * INDUCTANCE_MV_Q0) >> 8);
-    return (int16_t)fixed_clamp_i32((int32_t)applied_mv - (drop_mv >> 1) - rise_mv, 0, INT16_MAX);
+    return not_below_0((int32_t)applied_mv - (drop_mv >> 1) - rise_mv);
 }
 
 // Adds up what falls beyond ordinary loads; while the drive brakes it falls by the drive's own doing.
@@ -102,17 +112,16 @@ static void judge_fall(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     self->fallen_mv = (int16_t)(fallen_mv < 0 ? 0 : fallen_mv);
 }
 
-static int32_t filtered(int32_t sum_a_q14) {
-    return sum_a_q14 >> FILTER_SHIFT;
+static int32_t filtered(int32_t sum_a_q17) {
+    return sum_a_q17 >> FILTER_SHIFT;
 }
 
 // Load current i - J / k^2 e', filtered over 16 ms, or over 32 ms where the clutch is set low: noise counts for more, and the shaft is slower.
 static void track_load(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     const int32_t inertia_a_q9 = (int32_t)(int16_t)(self->emf_mv - emf_mv) * INERTIA_A_Q9_PER_MV;
-    int32_t step_a_q9 = current_a_q9 + inertia_a_q9 - filtered(self->level_a_q14);
-    self->level_a_q14 += self->slow ? step_a_q9 : step_a_q9 + step_a_q9;
-    step_a_q9 = filtered(self->level_a_q14) - filtered(self->smooth_a_q14);
-    self->smooth_a_q14 += self->slow ? step_a_q9 : step_a_q9 + step_a_q9;
+    const int8_t gain = self->slow ? FILTER_GAIN : 2 * FILTER_GAIN;
+    self->level_a_q17 += (current_a_q9 + inertia_a_q9 - filtered(self->level_a_q17)) * gain;
+    self->smooth_a_q17 += (filtered(self->level_a_q17) - filtered(self->smooth_a_q17)) * gain;
 }
 
 static void observe(Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
@@ -137,16 +146,17 @@ static void observe(Drill *self, const DrillSetpoints *set, const ControllerInpu
 
 // What turns would carry a load that rises along the angle on to sqrt(i^2 + J / k^2 e i').
 static bool clutch_reached(Drill *self) {
-    const int32_t level_a_q9 = filtered(self->level_a_q14);
-    const int32_t apart_a_q9 = level_a_q9 - (filtered(self->smooth_a_q14));
-    const int32_t slope_a_q9 = self->slow ? apart_a_q9 >> 5 : apart_a_q9 >> 4;  // a tick
-    const int16_t now_a_q4 = (int16_t)fixed_clamp_i32((level_a_q9 + apart_a_q9 + LEAD_TICKS * slope_a_q9) >> 5, 0, 2047);
-    const int16_t rising_a_q9 = (int16_t)fixed_clamp_i32(slope_a_q9, 0, RISING_MAX_A_Q9);
-    int32_t swing = ((int32_t)self->emf_mv * rising_a_q9) >> 8;
-    FIXED_HIDE(swing);
-    const int16_t short_swing = (int16_t)(swing >> 4);
+    const int32_t level_a_q9 = filtered(self->level_a_q17);
+    const int32_t apart_a_q9 = level_a_q9 - filtered(self->smooth_a_q17);
+    const int16_t short_a_q9 = (int16_t)fixed_clamp_i32(apart_a_q9, INT16_MIN, INT16_MAX);
+    const int16_t slope_a_q9 = (int16_t)(self->slow ? short_a_q9 >> 5 : short_a_q9 >> 4);  // a tick
+    const int32_t now_a_q9 = level_a_q9 + apart_a_q9 + (int16_t)(LEAD_TICKS * slope_a_q9);
+    const int16_t now_a_q4 = (int16_t)(now_a_q9 < 0 ? 0 : now_a_q9 > UINT16_MAX ? 2047 : (uint16_t)now_a_q9 >> 5);
+    const int16_t most_a_q9 = slope_a_q9 > RISING_MAX_A_Q9 ? RISING_MAX_A_Q9 : slope_a_q9;
+    const int16_t rising_a_q13 = (int16_t)(slope_a_q9 < 0 ? 0 : most_a_q9 << 4);  // 4 of the 12
+    const int16_t swing = (int16_t)(((int32_t)self->emf_mv * rising_a_q13) >> 16);
     self->now_a_q4 = now_a_q4;
-    return (int32_t)now_a_q4 * now_a_q4 + (int32_t)short_swing * SWING_NUMERATOR >= (int32_t)self->set_a_q4 * self->set_a_q4;
+    return (int32_t)now_a_q4 * now_a_q4 + (int32_t)swing * SWING_NUMERATOR >= self->set_a2_q8;
 }
 
 static int16_t duty_of(uint32_t volt_mv, uint16_t supply_mv) {
@@ -156,8 +166,9 @@ static int16_t duty_of(uint32_t volt_mv, uint16_t supply_mv) {
 
 // Holds the clutch's speed under load: its voltage and three quarters of what the load takes in the winding.
 static int16_t governed(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
-    const int16_t load_a_q4 = (int16_t)fixed_clamp_i32(filtered(self->level_a_q14) >> 5, 0, CLUTCH_A_Q4_MAX);
-    const int16_t drop_mv = (int16_t)(((int32_t)load_a_q4 * (int16_t)(3u * set->motor_mohm)) >> 6);
+    const int16_t load_a_q9 = not_below_0(filtered(self->level_a_q17));
+    const int16_t load_a_q4 = (int16_t)(load_a_q9 > CLUTCH_A_Q9_MAX ? CLUTCH_A_Q4_MAX : load_a_q9 >> 5);
+    const int16_t drop_mv = (int16_t)(((int32_t)(int16_t)(load_a_q4 << 2) * (int16_t)(3u * set->motor_mohm)) >> 8);
     const uint16_t now_mv = (uint16_t)(((uint32_t)(uint16_t)(2u * (uint16_t)self->duty_q15) * in->supply_mv) >> 16);
     const int32_t missing_mv = (int32_t)self->limit_mv + drop_mv - now_mv;
     return (int16_t)fixed_clamp_i32(self->duty_q15 + missing_mv + (missing_mv >> 1), 0, in->travel_q15);  // 1.5: below 2^15 / 20.5 V
@@ -203,6 +214,7 @@ static void change_pulse(Drill *self, const DrillSetpoints *set, const Controlle
         self->phase_ms = 0;
     }
     if (next == DRILL_COAST && self->state == DRILL_RUN) {
+        self->mv_per_rpm_q16 = divide_u16((uint32_t)500u << 16, set->rpm_per_v);
         self->pulse_ms = 0;
         self->bin_ms = 0;
         self->bin_sum = 0;
@@ -232,7 +244,7 @@ static int16_t output(Drill *self, const DrillSetpoints *set, const ControllerIn
     switch ((DrillState)self->state) {
     case DRILL_RUN: {
         const int16_t wanted_q15 = set->clutch_dnm > 0 ? governed(self, set, in) : in->travel_q15;
-        const bool loaded = set->clutch_dnm > 0 && self->level_a_q14 > LOADED_A_Q14;
+        const bool loaded = set->clutch_dnm > 0 && self->level_a_q17 > LOADED_A_Q17;
         const int16_t up_q15 = loaded ? DUTY_LOADED_Q15 : DUTY_UP_Q15;
         self->duty_q15 = slew_towards(self->duty_q15, wanted_q15, self->duty_q15 > wanted_q15 ? DUTY_DOWN_Q15 : up_q15);
         return self->duty_q15;
@@ -267,7 +279,7 @@ int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInput
         return begin(self, set, in->travel_q15);
     }
     observe(self, set, in);
-    if (set->kickback && (self->fallen_mv > (self->set_a_q4 > 0 ? FALLEN_CLUTCH_MV : FALLEN_MV) || jammed_coasting(self, in))) {
+    if (set->kickback && (self->fallen_mv > (self->set_a2_q8 > 0 ? FALLEN_CLUTCH_MV : FALLEN_MV) || jammed_coasting(self, in))) {
         stop(self, CONTROLLER_REASON_KICKBACK);
     } else if (set->clutch_dnm > 0) {
         if (clutch_reached(self)) {

@@ -38,12 +38,12 @@ typedef enum {
 } DrillState;
 
 typedef struct {
-    int32_t level_a_q14;   // load current, filtered once
-    int32_t smooth_a_q14;  // and twice
+    int32_t level_a_q17;   // load current, filtered once
+    int32_t smooth_a_q17;  // and twice
+    int32_t set_a2_q8;     // square of the load current at the clutch's torque; 0: no clutch
     int16_t last_a_q9;
     int16_t emf_mv;           // of the last tick that told it
     int16_t fallen_mv;        // of the emf beyond what ordinary loads take, summed up
-    int16_t set_a_q4;         // load current at the clutch's torque
     uint16_t mv_per_rpm_q16;  // induced, per 1/2 rpm
     int16_t limit_mv;         // emf that the clutch allows
     int16_t now_a_q4;         // load current foreseen for the bridge's opening
