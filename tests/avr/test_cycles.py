@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from budget import CONTROL_CYCLES_MAX, TICK_CYCLES_MAX
 from busy_line import answered, busy_line_tape, commands
 from equality import sent_bytes
 from exercise import record_tape
@@ -19,8 +20,6 @@ from vgroove.scenario import command_messages, make_plant, read_scenario
 
 STRESS = Path(__file__).resolve().parents[2] / "scenarios" / "stress.toml"
 TARGETS = {"uno_elf": "atmega328p", "mega_elf": "atmega2560"}
-TICK_CYCLES_MAX = 5000
-CONTROL_CYCLES_MAX = 1500
 ISR_CYCLES_MAX = 120
 ISR_SHARE_MAX = 0.15
 STACK_BYTES_MIN = 400

@@ -4,6 +4,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from budget import TICK_CYCLES_MAX
 from equality import damaged, sent_bytes
 from exercise import record_tape
 from test_power_cut import inputs
@@ -12,7 +13,6 @@ from vgroove import board, telemetry
 from vgroove.board import read_statistics
 
 TARGETS = {"uno_elf": "atmega328p", "mega_elf": "atmega2560"}
-TICK_CYCLES_MAX = 4000
 
 
 def remember_slow_rate(elf: Path, mcu: str, memory: Path) -> None:
