@@ -11,11 +11,6 @@
 #define OVERRUN_FAULT_TICKS 2u
 #define FULL_TICKS_MAX 3u  // so long at most slow work waits: a quarter of the ticks is enough for the line
 
-// A mode that this firmware has not is the plain one.
-static uint8_t existing(uint8_t mode) {
-    return control_has(mode) ? mode : TELEMETRY_MODE_DUTY;
-}
-
 void app_init(App *self, uint32_t build_hash) {
     *self = (App){.duty_limit_q15 = INT16_MAX, .calibration = TELEMETRY_CALIBRATE_WHAT_CURRENT_OFFSET};
     param_load(&self->params);
@@ -24,7 +19,7 @@ void app_init(App *self, uint32_t build_hash) {
     h_bridge_init(&self->bridge, (uint8_t)self->params.value[PARAM_DEAD_TIME_COUNT]);
     trigger_init(&self->trigger);
     self->host_mode = (uint8_t)self->params.value[PARAM_MODE];
-    self->mode = existing(self->host_mode);
+    self->mode = self->host_mode;
     modes_init(&self->modes);
     uart_init(&self->uart, (uint8_t)self->params.value[PARAM_BAUD_SELECT]);
     while (execute_parameters_pending(self)) {
@@ -104,7 +99,7 @@ static void select_mode(App *self) {
         return;
     }
     const uint8_t position = trigger_mode(&self->trigger);
-    self->mode = existing((uint8_t)(position == 0u ? self->host_mode : self->params.value[PARAM_MODE_SWITCH_1 + position - 1]));
+    self->mode = (uint8_t)(position == 0u ? self->host_mode : self->params.value[PARAM_MODE_SWITCH_1 + position - 1]);
 }
 
 static void note_lateness(App *self, uint8_t ticks_late) {

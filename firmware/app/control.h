@@ -1,7 +1,7 @@
 // The controllers on the board: one of them acts, chosen by the mode.
 //
 // To plug one in (its functions: controllers/controller.h; its mode must be in the value table of `mode` in telemetry/vgroove.dbc):
-//   1. here: include its header and add its line to CONTROL_LIST. A mode without a line does not exist: SET_MODE and PARAM_MODE refuse it;
+//   1. here: include its header and add its line to CONTROL_LIST; control_has() and the limits of PARAM_MODE say which modes exist;
 //   2. control.c: fill_NAME() copies its setpoints out of the parameters, at the begin of each drive;
 //   3. app/param_table.h: its parameters, behind its mark; then run telemetry/generate.py;
 //   4. CMakeLists.txt of the firmware: its source.

@@ -96,14 +96,6 @@ static uint8_t calibrate(App *app, const Command *command) {
     return calibrate_begin(app, ask.calibrate_what) ? TELEMETRY_ACK_RESULT_OK : TELEMETRY_ACK_RESULT_NOT_NOW;
 }
 
-// A parameter that would choose a mode which this firmware has not.
-static bool names_missing_mode(const Command *command) {
-    TelemetryParamWrite write;
-    (void)telemetry_unpack_param_write(&write, command->data);
-    const bool is_mode = write.write_index == PARAM_MODE || (write.write_index >= PARAM_MODE_SWITCH_1 && write.write_index <= PARAM_MODE_SWITCH_3);
-    return command->id == TELEMETRY_PARAM_WRITE_ID && is_mode && !control_has((uint8_t)write.write_value);
-}
-
 static uint8_t execute(App *app, const Command *command) {
     switch (command->id) {
     case TELEMETRY_SET_MODE_ID:
@@ -112,9 +104,6 @@ static uint8_t execute(App *app, const Command *command) {
         return set_point(app, command);
     case TELEMETRY_CALIBRATE_ID:
         return calibrate(app, command);
-    }
-    if (names_missing_mode(command)) {
-        return TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
     }
     const uint8_t result = param_command(&app->params, &app->telemetry, command, idle(app));
     if (command->id == TELEMETRY_PARAM_WRITE_ID && result == TELEMETRY_ACK_RESULT_OK) {

@@ -28,13 +28,23 @@ typedef struct {
 #define PARAM_LIMITS(name, unit, initial, least, greatest, version) {(initial), (least), (greatest)},
 static const Limits limits[PARAM_COUNT] FLASH_TABLE = {PARAM_LIST(PARAM_LIMITS)};
 
-#define PARAM_IN_VERSION(name, unit, initial, least, greatest, version) +((version) <= VERSION_ASKED ? 1u : 0u)
+// Parameters that a set of some version holds.
+#define PARAM_IN_1(name, unit, initial, least, greatest, version) +((version) <= 1u ? 1u : 0u)
+#define PARAM_IN_2(name, unit, initial, least, greatest, version) +((version) <= 2u ? 1u : 0u)
+enum { COUNT_1 = 0u PARAM_LIST(PARAM_IN_1), COUNT_2 = 0u PARAM_LIST(PARAM_IN_2) };
+_Static_assert(PARAM_VERSION == 3u, "a count for each older version");
 
-// Parameters that a set of some version holds; 0 for a version this firmware does not know.
-static uint8_t count_of_version(uint8_t version_asked) {
-#define VERSION_ASKED version_asked
-    return (uint8_t)(version_asked == 0u || version_asked > PARAM_VERSION ? 0u : 0u PARAM_LIST(PARAM_IN_VERSION));
-#undef VERSION_ASKED
+// 0 for a version this firmware does not know.
+static uint8_t count_of_version(uint8_t version) {
+    switch (version) {
+    case 1:
+        return COUNT_1;
+    case 2:
+        return COUNT_2;
+    case PARAM_VERSION:
+        return PARAM_COUNT;
+    }
+    return 0;
 }
 
 static uint16_t slot_address(uint8_t slot) {

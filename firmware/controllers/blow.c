@@ -255,7 +255,7 @@ static void follow_speed(Blow *self) {
 
 static void sense(Blow *self, const BlowSetpoints *set, const ControllerInputs *in) {
     const bool first = self->base_rpm_q2 == 0u;  // a drive that resumes begins with a speed
-    if (set->source == BLOW_SOURCE_SPEED) {
+    if ((uint8_t)set->source == BLOW_SOURCE_SPEED) {
         self->speed_rpm_q1 = in->speed_rpm_q1 < 0 ? 0 : in->speed_rpm_q1;
     } else if (!in->coasted) {  // smoothed against the noise of its samples
         const int16_t now = speed_by_current(self, in);

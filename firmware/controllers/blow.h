@@ -17,9 +17,9 @@ typedef enum { BLOW_SOURCE_SPEED, BLOW_SOURCE_CURRENT } BlowSource;
 
 typedef struct {
     uint16_t turn_q8;          // turns of the motor from lug to lug on a joint that holds: gear / lugs
+    uint16_t source;           // BLOW_SOURCE_*
     uint16_t motor_mohm;       // winding
     uint16_t motor_rpm_per_v;  // of back-EMF
-    uint8_t source;            // BLOW_SOURCE_*
 } BlowSetpoints;
 
 typedef struct {

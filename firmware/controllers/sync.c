@@ -65,7 +65,7 @@ static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow) {
     const int16_t deep = part_of(blow->speed_mean_rpm_q1, set->depth_max_q15);
     const bool lost = blow->ripple_rpm_q1 >> SEEK_SHIFT > deep;
     const int16_t by_dips = trim_by_depth(blow->ripple_rpm_q1, deep, part_of(blow->speed_mean_rpm_q1, set->depth_min_q15));
-    const int16_t even = set->method == SYNC_METHOD_SPEED ? by_dips : trim_by_current(self, set);
+    const int16_t even = (uint8_t)set->method == SYNC_METHOD_SPEED ? by_dips : trim_by_current(self, set);
     const int16_t step = lost ? STEP_FAST_MV : even;
     if (step < 0 || self->goal_q15 < INT16_MAX) {  // else there is nothing more to be had from this battery
         self->trim_mv = (int16_t)fixed_clamp_i32((int32_t)self->trim_mv + step, -TRIM_MAX_MV, TRIM_MAX_MV);

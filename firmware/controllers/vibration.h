@@ -23,9 +23,7 @@ typedef enum { VIBRATION_APPROACH, VIBRATION_CLIMB, VIBRATION_SURGE, VIBRATION_R
 typedef enum { VIBRATION_BY_SPEED = 1, VIBRATION_BY_CURRENT = 2 } VibrationMethod;
 
 typedef struct {
-    uint8_t method;
-    uint16_t motor_mohm;       // winding
-    uint16_t motor_rpm_per_v;  // of back-EMF
+    uint16_t method;
     int16_t approach_q15;      // duty until the hammer meets the anvil
     int16_t climb_q15;         // duty with which it begins to climb
     int16_t climb_per_ms_q15;  // and what is added to it each ms, so that it does not stay there
@@ -33,6 +31,8 @@ typedef struct {
     int16_t surge_a_q9;        // current from there to full duty
     int16_t hard_share_q15;    // of the back-EMF in the motor's voltage: less is a hard joint
     uint16_t hard_mv;          // motor voltage that a hard joint is hit with
+    uint16_t motor_mohm;       // winding
+    uint16_t motor_rpm_per_v;  // of back-EMF
 } VibrationSetpoints;
 
 typedef struct {

@@ -14,7 +14,7 @@ namespace {
 
 constexpr double TURN = 2.8;  // of the motor, from lug to lug
 constexpr double PI = 3.14159265358979;
-const BlowSetpoints SPEED{717, 190, 876, BLOW_SOURCE_SPEED}, CURRENT{717, 190, 876, BLOW_SOURCE_CURRENT};
+const BlowSetpoints SPEED{717, BLOW_SOURCE_SPEED, 190, 876}, CURRENT{717, BLOW_SOURCE_CURRENT, 190, 876};
 constexpr double SUPPLY_MV = 17000, MOHM = 190, RPM_PER_V = 876, DUTY = 0.8;
 
 // What the board measures of a motor at a speed, at constant duty.

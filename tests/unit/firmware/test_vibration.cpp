@@ -16,7 +16,7 @@ constexpr double RPM_PER_V = 876, OHM = 0.190, SUPPLY_V = 18.0;
 constexpr int16_t FULL = INT16_MAX;
 
 VibrationSetpoints setpoints(uint8_t method) {
-    return {method, 190, 876, 8520, 7700, 108, 175, 40 * 512, 21234, 14400};
+    return {method, 8520, 7700, 108, 175, 40 * 512, 21234, 14400, 190, 876};
 }
 
 // What the board measures of a motor at a speed with a duty.
