@@ -16,7 +16,7 @@
 #define MEMORY_SHIFT 2u           // of the ripple: 4 hits
 #define SUPPLY_SHIFT 5u           // of the supply: 32 ms
 #define BASE_SHIFT 4u             // of the speed that the signal is counted from: 16 ms; a run-up hides no valley
-#define OFF_MAX_Q4 4095           // from the mean period
+#define OFF_MAX_Q4 4095u          // from the mean period
 #define SINCE_MAX_MS 4000u        // longer is as long: fits in Q4
 #define SIGNAL_MAX_RPM_Q1 16383   // differences of two fit
 // Shares of the angle from lug to lug.
@@ -125,10 +125,12 @@ static void learn_period(Blow *self) {
         self->mean_period_q4 = self->period_q4;
         self->deviation_q8 = 0;
     }
-    const int16_t off_q4 = (int16_t)fixed_clamp_i32((int32_t)self->period_q4 - self->mean_period_q4, -OFF_MAX_Q4, OFF_MAX_Q4);
+    const bool shorter = self->period_q4 < self->mean_period_q4;
+    const uint16_t apart_q4 = (uint16_t)(shorter ? self->mean_period_q4 - self->period_q4 : self->period_q4 - self->mean_period_q4);
+    const int16_t size_q4 = (int16_t)(apart_q4 > OFF_MAX_Q4 ? OFF_MAX_Q4 : apart_q4);
+    const int16_t off_q4 = (int16_t)(shorter ? -size_q4 : size_q4);
     self->mean_period_q4 = (uint16_t)(self->mean_period_q4 + (uint16_t)((off_q4 + 4) >> 3));
-    const uint16_t size_q8 = (uint16_t)((uint16_t)(off_q4 < 0 ? -off_q4 : off_q4) << 4);
-    self->deviation_q8 = (uint16_t)(self->deviation_q8 - (self->deviation_q8 >> 3) + (size_q8 >> 3));
+    self->deviation_q8 = (uint16_t)(self->deviation_q8 - (self->deviation_q8 >> 3) + 2u * (uint16_t)size_q4);  // an eighth
     const uint16_t spread_q15 = divide_u16(((uint32_t)self->deviation_q8 << 8) << 3, self->mean_period_q4);
     self->spread_q15 = (int16_t)(spread_q15 > INT16_MAX ? INT16_MAX : (int16_t)spread_q15);
 }

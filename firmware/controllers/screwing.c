@@ -300,11 +300,14 @@ static void step_stage(Screwing *self, const ScrewingSetpoints *set) {
         break;
     case STAGE_SHARE:
         self->per_step = divide_u16(SHARE_SCALE, self->step);
-        self->stage = self->known == 0u ? STAGE_NONE : STAGE_TURN;
-        return;
+        if (self->known == 0u) {
+            self->stage = STAGE_NONE;
+            return;
+        }
+        push_turned(self);
+        break;
     case STAGE_TURN:
         self->count = (uint8_t)(self->count + (self->count < UINT8_MAX ? 1u : 0u));
-        push_turned(self);
         self->turn_q4 = turn_q4(self);
         break;
     case STAGE_JUDGE:
@@ -379,8 +382,8 @@ int16_t screwing_step(Screwing *self, const ScrewingSetpoints *set, const Contro
     } else if (!blow->busy && !ends_half(self, in->edges)) {
         step_stage(self, set);
     }
-    if (self->state != SCREWING_RUN_IN) {
-        for (uint8_t n = 0; n < in->edges && n < EDGES_MOST && self->per_step > 0u; n++) {
+    if (self->state != SCREWING_RUN_IN && self->per_step > 0u) {
+        for (uint8_t n = 0; n < in->edges && n < EDGES_MOST; n++) {
             take_edge(self);
         }
     }
