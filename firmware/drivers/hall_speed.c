@@ -102,7 +102,7 @@ bool hall_speed_search_due(const HallSpeed *self) {
     return hall_spacing_search_due(&self->spacing) && (self->new_edges == 0u || self->period_cycles <= UINT16_MAX);
 }
 
-INLINE_NEVER void hall_speed_search(HallSpeed *self) {
+CLONE_NEVER void hall_speed_search(HallSpeed *self) {
     const uint8_t found = hall_spacing_search(&self->spacing, self->share_q15, self->reverse);
     if (found != HALL_SPACING_UNKNOWN) {
         self->index = found;
