@@ -131,15 +131,14 @@ def test_worst_tick_with_commands_at_every_phase(target: str, request: pytest.Fi
 
 TAPES = {"impacts": impact_tape, "wild": wild_tape}
 RUNS = list(itertools.product(CASES, TAPES))
-# Over their budgets, with the cycles measured: each must fail (strictly) until it is taken out of here.
-STEP_OVER = {("screwing", "wild"): 1509, ("drill", "impacts"): 1589, ("drill", "wild"): 1593}
-TICK_OVER = {("screwing", "impacts"): 5034, ("screwing", "wild"): 5455, ("torque", "wild"): 5217, ("drill", "impacts"): 5294,
-             ("drill", "wild"): 5844}
+# Ticks over their budget, with the cycles measured: each must fail (strictly) until it is taken out of here.
+TICK_OVER = {("screwing", "wild"): 5440, ("torque", "wild"): 5202, ("drill", "impacts"): 5150, ("drill", "wild"): 5552}
 
 
-def runs(over: dict[tuple[str, str], int]) -> list[object]:
-    """All runs, those that are known to be over a budget marked so."""
-    return [pytest.param(*run, marks=[pytest.mark.xfail(reason=f"{over[run]} cycles", strict=True)] if run in over else []) for run in RUNS]
+def tick_runs() -> list[object]:
+    """All runs, those that are known to be over the budget marked so."""
+    over = {run: pytest.mark.xfail(reason=f"{cycles} cycles", strict=True) for run, cycles in TICK_OVER.items()}
+    return [pytest.param(*run, marks=over.get(run, [])) for run in RUNS]
 
 
 @pytest.fixture(scope="module")
@@ -155,14 +154,14 @@ def cost(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return measured
 
 
-@pytest.mark.parametrize(("case", "tape"), runs(STEP_OVER))
+@pytest.mark.parametrize(("case", "tape"), RUNS)
 def test_step_of_each_controller(cost: Callable[..., dict], case: str, tape: str) -> None:
     said = cost(case, tape)
-    assert said["control"]["count"] > 500
+    assert said["control"]["count"] > (500 if tape == "impacts" else 40)  # sensors that say anything end a drive of mode drill early
     assert said["control"]["worst_cycles"] <= CONTROL_CYCLES_MAX, json.dumps(said["control"])
 
 
-@pytest.mark.parametrize(("case", "tape"), runs(TICK_OVER))
+@pytest.mark.parametrize(("case", "tape"), tick_runs())
 def test_tick_of_each_controller(cost: Callable[..., dict], case: str, tape: str) -> None:
     said = cost(case, tape)
     assert said["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(said["tick"])
