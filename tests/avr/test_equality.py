@@ -63,43 +63,36 @@ def test_uneven_pitches_are_learned_and_found_again() -> None:
     assert abs(speed[(time_s > 3.8) & (time_s < 4.19)] - 2500).max() < 5, "found again after the stop"
 
 
+def native_equals_avr(tape: bytes, target: str, request: pytest.FixtureRequest) -> bytes:
+    """Replay a tape on both; returns what native sent."""
+    mcu, number = TARGETS[target]
+    native = sent_bytes(sil.replay(tape, target=number))
+    found = differences(native, sent_bytes(board.replay(request.getfixturevalue(target), tape, mcu=mcu)))
+    assert not found, _said(found)
+    return native
+
+
 @pytest.mark.parametrize("target", TARGETS)
 def test_uneven_pitches_are_equal_bit_for_bit(target: str, request: pytest.FixtureRequest) -> None:
-    mcu, number = TARGETS[target]
-    tape = uneven_tape()
-    avr = sent_bytes(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
-    found = differences(sent_bytes(sil.replay(tape, target=number)), avr)
-    assert not found, _said(found)
+    native_equals_avr(uneven_tape(), target, request)
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_commands_at_every_phase_are_equal_bit_for_bit(target: str, request: pytest.FixtureRequest) -> None:
-    mcu, number = TARGETS[target]
-    tape = busy_line_tape()
-    avr = sent_bytes(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
-    found = differences(sent_bytes(sil.replay(tape, target=number)), avr)
-    assert not found, _said(found)
+    native_equals_avr(busy_line_tape(), target, request)
 
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("target", TARGETS)
 def test_each_controller_is_equal_bit_for_bit(case: str, target: str, request: pytest.FixtureRequest) -> None:
-    mcu, number = TARGETS[target]
-    tape = impact_tape(case)
-    native = sent_bytes(sil.replay(tape, target=number))
+    native = native_equals_avr(impact_tape(case), target, request)
     assert acted(case, log_from_stream(native, case))
-    found = differences(native, sent_bytes(board.replay(request.getfixturevalue(target), tape, mcu=mcu)))
-    assert not found, _said(found)
 
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("target", TARGETS)
 def test_sensors_that_say_anything_are_equal_bit_for_bit(case: str, target: str, request: pytest.FixtureRequest) -> None:
-    mcu, number = TARGETS[target]
-    tape = wild_tape(case)
-    avr = sent_bytes(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
-    found = differences(sent_bytes(sil.replay(tape, target=number)), avr)
-    assert not found, _said(found)
+    native_equals_avr(wild_tape(case), target, request)
 
 
 @pytest.mark.parametrize(("isr_cycles", "tick_cycles"), [(0, 260), (150, 1500), (300, 5000)])
