@@ -6,6 +6,8 @@
 #include <random>
 #include <vector>
 
+#include "control_modes.hpp"
+
 extern "C" {
 #include "app/control.h"
 #include "app/param_store.h"
@@ -30,15 +32,6 @@ struct Parameters {
 const int16_t *defaults() {
     static const Parameters parameters;
     return parameters.store.value;
-}
-
-std::vector<uint8_t> modes() {
-    std::vector<uint8_t> found;
-    for (uint8_t mode = 0; mode <= TELEMETRY_MODE_MAX; ++mode) {
-        if (control_has(mode))
-            found.push_back(mode);
-    }
-    return found;
 }
 
 // A motor that swings as it does under impacts, with what the sensors of the board make of it.

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "../telemetry/frames.hpp"
+#include "control_modes.hpp"
 extern "C" {
 #include "app/control.h"
 #include "app/param_store.h"
@@ -20,15 +21,6 @@ namespace {
 constexpr double PERIODS_A_MS = 16000.0 / 510;
 constexpr int RELEASED_MS = 12;  // 5 to debounce, 2 until the order acts, conversions of the trigger between
 constexpr int HALL_TIMEOUT_MS = 300;
-
-std::vector<uint8_t> modes() {
-    std::vector<uint8_t> found;
-    for (uint8_t mode = 0; mode <= TELEMETRY_MODE_MAX; ++mode) {
-        if (control_has(mode))
-            found.push_back(mode);
-    }
-    return found;
-}
 
 struct ModeTest : testing::TestWithParam<uint8_t> {
     SimOutputs out{};
