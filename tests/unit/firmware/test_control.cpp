@@ -171,6 +171,15 @@ TEST_P(EveryMode, GivesADutyOrACodeAndAStopIsFinal) {
     }
 }
 
+TEST_P(EveryMode, AStopHoldsWhateverTheControllerWouldSay) {
+    Control control{};
+    control_start(&control, GetParam(), false, defaults());
+    control.stopped = true;
+    for (const ControllerInputs &in : impacting(1))
+        ASSERT_EQ(control_step(&control, &in), CONTROLLER_STOP);
+    ASSERT_TRUE(control.stopped);
+}
+
 TEST_P(EveryMode, ADriveKnowsNothingOfTheOneBefore) {
     const std::vector<Inputs> all = tapes();
     for (size_t k = 0; k + 1 < all.size(); ++k) {
