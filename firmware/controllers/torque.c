@@ -15,6 +15,7 @@
 #define RUN_MV_PER_MS 30
 #define MV_PER_MS 8
 #define RUN_MS 100u
+#define REST_MS 8u  // the supply is still at rest; the blow detection may want the first of it
 #define BLOWS_FIRST 2u
 #define BLOWS_A_Q8 (9 * 256)  // a run-down takes less, blows more: when none are told
 #define BLOWS_MS 600u
@@ -29,7 +30,7 @@
 #define LOW_LATE_NM 4
 #define LOW_LOOK_MS 450u  // the slowest filter, behind the start of the motor
 #define RAISED_MS 8000u
-#define FULL_MS 300u
+#define FULL_LOOKS 150u  // one in two ticks
 #define TWICE_ABOVE_MV 8000    // lugs are hit thrice below, twice above,
 #define CHANGED_ABOVE_MV 9200  // once above this
 #define LEAD_ABOVE_MV 11000    // quick gain of torque: the filters' lag is made up for
@@ -141,12 +142,12 @@ static bool in_reach(const Torque *self, uint16_t supply_mv) {
 }
 
 static TorqueState next_state(const Torque *self, const ControllerInputs *in, const Blow *blow) {
-    if (self->full_ticks >= FULL_MS) {
+    if (self->full_looks >= FULL_LOOKS) {
         return TORQUE_OVER;
     }
     switch (self->state) {
     case TORQUE_RUN:
-        if (self->ticks == 0u && !in_reach(self, in->supply_mv)) {
+        if (self->ticks < REST_MS && !in_reach(self, in->supply_mv)) {
             return TORQUE_OVER;
         }
         if (blow->count < BLOWS_FIRST && (self->ticks < BLOWS_MS || high_word(self->current_a_q24) < BLOWS_A_Q8)) {
@@ -182,7 +183,7 @@ static void conclude(Torque *self, int16_t target_nm, const ControllerInputs *in
         self->reason = CONTROLLER_REASON_UNREACHABLE;
         return;
     }
-    if (self->full_ticks >= FULL_MS) {
+    if (self->full_looks >= FULL_LOOKS) {
         const int16_t held_mv = (int16_t)((int16_t)in->supply_mv - high_word(self->taken_mv_q16));
         beside = beside_nm((int16_t)(held_mv - torque_map_level_mv(self->row)), MV_PER_NM);
     } else if (self->state == TORQUE_RAISED) {
@@ -192,7 +193,7 @@ static void conclude(Torque *self, int16_t target_nm, const ControllerInputs *in
         }
     }
     self->estimate_nm = (int16_t)(target_nm + beside > 0 ? target_nm + beside : 0);
-    if (self->full_ticks >= FULL_MS || (beside < 0 ? -beside : beside) > target_nm / MISSED_SHARE) {
+    if (self->full_looks >= FULL_LOOKS || (beside < 0 ? -beside : beside) > target_nm / MISSED_SHARE) {
         self->reason = CONTROLLER_REASON_MISSED;
     }
 }
@@ -240,7 +241,7 @@ static void count_tick(Torque *self) {
 static void set_duty(Torque *self, uint16_t supply_mv) {
     const int16_t wish_mv = (int16_t)(self->level_mv + high_word(self->taken_mv_q16));
     const bool full = wish_mv > 0 && (uint16_t)wish_mv >= supply_mv;
-    self->full_ticks = (uint16_t)(full ? self->full_ticks + 2u : 0u);
+    self->full_looks = (uint8_t)(full ? self->full_looks + 1u : 0u);
     if (wish_mv <= 0) {
         self->duty_q15 = 0;
     } else {

@@ -12,7 +12,7 @@
 //      |                                                         +--------------------> OVER (reached, missed, timeout)
 //      | target or supply out of reach
 //      +-----------------------------------------------------------------------------> OVER (unreachable)
-//     bridge fully on for FULL_MS without holding the level -> OVER (missed)
+//     bridge fully on for 0.3 s without holding the level -> OVER (missed)
 #ifndef VGROOVE_CONTROLLERS_TORQUE_H
 #define VGROOVE_CONTROLLERS_TORQUE_H
 
@@ -39,7 +39,7 @@ typedef struct {
     ControllerReason reason;
     uint8_t row;          // of the target in torque_map
     uint16_t ticks;       // in this state; in LEVEL and RAISED from the arrival on
-    uint16_t full_ticks;  // with the bridge fully on, in one go
+    uint8_t full_looks;   // with the bridge fully on, in one go
     uint8_t gathered;     // ticks in the sum of currents, 1 to 3
     int16_t sum_a_q7;
     int16_t duty_q15;

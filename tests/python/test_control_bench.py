@@ -173,9 +173,22 @@ def test_workers_give_what_one_process_gives() -> None:
     assert run_jobs(jobs, lambda words: None, "", workers=2) == run_jobs(jobs, lambda words: None, "", workers=1)
 
 
-def test_the_elf_decides_alike() -> None:
-    row = avr.differing(avr.CASES["sync"][0])
-    assert row["equal"] and row["rows"] > 900 and row["frames"] > 5
+def test_the_subset_on_the_elf_has_every_controller_and_every_end() -> None:
+    cases = [case for part in avr.CASES.values() for case in part]
+    assert {case.mode for case in cases} == {"duty", "sync", "screwing", "vibration", "torque", "drill"}
+    assert {case.ends for case in cases} == {"none", "seated", "reached", "missed", "unreachable", "clutch", "kickback"}
+
+
+@pytest.mark.parametrize("case", [case for part in avr.CASES.values() for case in part], ids=lambda case: case.name)
+def test_the_elf_decides_alike(case: avr.Case) -> None:
+    row = avr.differing(case)
+    assert row["equal"], row
+    assert row["rows"] > 980 * case.seconds and row["frames"] >= 1
+
+
+def test_an_end_that_is_not_the_expected_one_is_no_equal_decision() -> None:
+    row = avr.differing(avr.Case("refused", "torque", reference, {"torque_target_nm": 120.0}, seconds=0.5, ends="unreachable"))
+    assert row["differ"] == row["frames_differ"] == 0 and row["reason"] == "none" and not row["equal"]
 
 
 FIFTH = Choice(only_fifth=True, workers=1)

@@ -104,6 +104,11 @@ def opened_s(run: Run, after_s: float) -> tuple[float | None, float]:
     return float(time_s[first[0]]) if len(first) else None, float(time_s[np.flatnonzero(~is_open)[-1]])
 
 
+def stall_nm(gear: str, supply_v: float, pack_ohm: float = 0.0) -> float:
+    """Torque at the chuck with the motor held at full duty."""
+    return 0.0109 * GEARS[gear][0] * supply_v / (0.19 + pack_ohm)
+
+
 def pulled(trigger: float) -> tuple[tuple[float, float], ...]:
     """Points of a trigger that is pulled and held."""
     return ((0.0, 0.0), (PULL_S, 0.0), (PULL_S + 0.02, trigger))
@@ -126,8 +131,8 @@ def lock_work(variant: Variant, *, gear: str, supply_v: float, seed: int, **_: A
     """The bit jams; how long after the lock began the bridge opened."""
     random = np.random.default_rng([seed, 3])
     trigger, pack_ohm = random.uniform(0.2, 1.0), float(random.choice([0.0, PACK_OHM]))
-    stall_nm = 0.0109 * GEARS[gear][0] * supply_v / (0.19 + pack_ohm)
-    before, lock = random.uniform(0.0, 0.3) * trigger * stall_nm, random.uniform(*LOCK_SHARE) * stall_nm
+    stall = stall_nm(gear, supply_v, pack_ohm)
+    before, lock = random.uniform(0.0, 0.3) * trigger * stall, random.uniform(*LOCK_SHARE) * stall
     at_s, pulse = LOCK_AT_S + random.uniform(0.0, 0.1), bool(random.integers(2))
     load = ((0.0, 0.0), (0.5, 0.0), (0.6, before), (at_s, before), (at_s + LOCK_S, lock))
     profile = Profile(travel=pulled(trigger), load_nm=load)

@@ -25,7 +25,7 @@ struct Tool {
     Blow blow{};
     double supply_v = 18.5, winding = 1.0, current_a = 13.0, duty = 0.0, own_v = 0.0;
     int16_t travel_q15 = INT16_MAX, wish = 0;
-    int ticks = 0;
+    int ticks = 0, steps = 0;
 
     explicit Tool(int16_t target_nm) : set{target_nm} { torque_start(&torque, &set); }
 
@@ -40,6 +40,7 @@ struct Tool {
         in.supply_mv = static_cast<uint16_t>(supply_v * 1000);
         in.duty_q15 = static_cast<int16_t>(std::lround(duty * 255) * 257 / 2);
         blow.count = static_cast<uint16_t>(ticks / 50);
+        blow.busy = steps++ < 2;  // with its own beginning
         wish = torque_step(&torque, &set, &in, &blow);
         duty = wish < 0 ? 0.0 : wish / 32767.0;
         ++ticks;
@@ -79,11 +80,11 @@ TEST(Torque, RefusesWhatASupplyDoesNotCarryBeforeTheFirstBlow) {
     Tool weak(120), strong(120), low(60);
     weak.supply_v = low.supply_v = most - 0.01;
     strong.supply_v = most + 0.01;
-    EXPECT_EQ(weak.step(), CONTROLLER_STOP);
+    EXPECT_FALSE(weak.run(8));
     EXPECT_EQ(torque_stop_reason(&weak.torque), CONTROLLER_REASON_UNREACHABLE);
     EXPECT_EQ(torque_estimate(&weak.torque), 0);
-    EXPECT_GE(strong.step(), 0);
-    EXPECT_GE(low.step(), 0);
+    EXPECT_TRUE(strong.run(8));
+    EXPECT_TRUE(low.run(8));
 }
 
 TEST(Torque, DoesNotDriveAtAReleasedTrigger) {
