@@ -30,7 +30,7 @@
 #define LOW_LATE_NM 4
 #define LOW_LOOK_MS 450u  // the slowest filter, behind the start of the motor
 #define RAISED_MS 8000u
-#define FULL_LOOKS 150u  // one in two ticks
+#define FULL_LOOKS 150u        // one in two ticks
 #define TWICE_ABOVE_MV 8000    // lugs are hit thrice below, twice above,
 #define CHANGED_ABOVE_MV 9200  // once above this
 #define LEAD_ABOVE_MV 11000    // quick gain of torque: the filters' lag is made up for

@@ -37,10 +37,10 @@ typedef struct {
 typedef struct {
     TorqueState state;
     ControllerReason reason;
-    uint8_t row;          // of the target in torque_map
-    uint16_t ticks;       // in this state; in LEVEL and RAISED from the arrival on
-    uint8_t full_looks;   // with the bridge fully on, in one go
-    uint8_t gathered;     // ticks in the sum of currents, 1 to 3
+    uint8_t row;         // of the target in torque_map
+    uint16_t ticks;      // in this state; in LEVEL and RAISED from the arrival on
+    uint8_t full_looks;  // with the bridge fully on, in one go
+    uint8_t gathered;    // ticks in the sum of currents, 1 to 3
     int16_t sum_a_q7;
     int16_t duty_q15;
     int16_t level_mv;  // wished now
