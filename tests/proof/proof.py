@@ -6,10 +6,13 @@ import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import track
+
+from vgroove.control_bench.control import PARTS, Choice
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "docs" / "results"
@@ -107,23 +110,13 @@ def counts(cases: list[dict]) -> dict:
     }
 
 
-def control(folder: Path, jobs: int) -> dict:
-    """The controllers' whole matrix, each part kept by itself; single runs stay in the folder, pages quote summaries and goals."""
-    found = {}
-    for part, draws in track(CONTROL_DRAWS.items(), "controllers"):
-        found[part] = without_runs(kept(folder, f"control_{part}", lambda part=part, draws=draws: control_part(folder, part, draws)))
-    goals = [goal for one in found.values() for goal in one.get("goals", [])]
+def control(part: str, folder: Path, jobs: int) -> dict:
+    """The whole matrix of a part of the controllers' bench; finished cells are kept in the folder, pages quote summaries and goals."""
+    choice = Choice(draws=CONTROL_DRAWS[part], workers=jobs, keep=folder / f"control_{part}")
+    found = without_runs(PARTS[part](choice).data[part])
+    goals = found.get("goals", [])
     missed = [f"{goal['variant']}, {goal['set']}: {goal['goal']}" for goal in goals if not goal["met"]]
-    return {"goals": len(goals), "missed": missed} | found
-
-
-def control_part(folder: Path, part: str, draws: int) -> dict:
-    """One part of the bench, as a user runs it."""
-    out = folder / f"bench_{part}.json"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "vgroove.cli", "bench", "control", "--part", part, "--draws", str(draws), "--json", out]
-    subprocess.run(command, check=True, capture_output=True)
-    return json.loads(out.read_text(encoding="utf-8"))[part]
+    return {"goals_met": sum(goal["met"] for goal in goals), "goals_asked": len(goals), "missed": missed} | found
 
 
 def without_runs(part: dict) -> dict:
@@ -131,18 +124,20 @@ def without_runs(part: dict) -> dict:
     return {key: value for key, value in part.items() if not (isinstance(value, list) and len(value) > CONTROL_ROWS_MOST)}
 
 
-PROOFS = {"demo_seeds": demo_seeds, "gap_cases": gap_cases, "gap_blind": gap_blind, "control": control}
+PROOFS = {"demo_seeds": demo_seeds, "gap_cases": gap_cases, "gap_blind": gap_blind}
+PROOFS |= {f"control_{part}": partial(control, part) for part in CONTROL_DRAWS}
+GROUPS = {"control": [f"control_{part}" for part in CONTROL_DRAWS]}
 
 
 def main(arguments: list[str]) -> int:
     """Run the named proofs (all when none is named) and write docs/results/NAME.json."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", choices=[*PROOFS, []], default=[])
+    parser.add_argument("names", nargs="*", choices=[*PROOFS, *GROUPS, []], default=[])
     parser.add_argument("--jobs", type=int, default=2)
     args = parser.parse_args(arguments)
     at = commit()
     RESULTS.mkdir(parents=True, exist_ok=True)
-    for name in args.names or PROOFS:
+    for name in [name for asked in args.names or PROOFS for name in GROUPS.get(asked, [asked])]:
         result = {"commit": at, "command": f"tests/proof/proof.py {name}"} | PROOFS[name](ROOT / "build" / "proof" / at, args.jobs)
         (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
         Console().print(f"{name}: written to docs/results/{name}.json")

@@ -173,6 +173,23 @@ def test_workers_give_what_one_process_gives() -> None:
     assert run_jobs(jobs, lambda words: None, "", workers=2) == run_jobs(jobs, lambda words: None, "", workers=1)
 
 
+def test_kept_figures_are_taken_and_those_of_other_cells_are_not(tmp_path: Any) -> None:
+    done: list[int] = []
+
+    def work(variant: Variant, *, n: int) -> dict:
+        done.append(n)
+        return {"figure": 0.1 * n}
+
+    def run(numbers: list[int]) -> list[dict]:
+        return run_jobs([Job(work, PLAIN, {"n": n}) for n in numbers], lambda words: None, "part", workers=1, keep=tmp_path)
+
+    first = run(list(range(120)))
+    assert first[7] == {"variant": "without", "n": 7, "figure": 0.1 * 7} and done == list(range(120))
+    (tmp_path / "part_50.json").unlink()  # as after an interruption
+    assert run(list(range(120))) == first and done[120:] == list(range(50, 100))
+    assert [row["n"] for row in run(list(range(1, 60)))] == list(range(1, 60)) and len(done) == 170 + 59
+
+
 def test_the_subset_on_the_elf_has_every_controller_and_every_end() -> None:
     cases = [case for part in avr.CASES.values() for case in part]
     assert {case.mode for case in cases} == {"duty", "sync", "screwing", "vibration", "torque", "drill"}

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from vgroove.control_bench import blows, bound, drill, screwing, sync, torque, vibration
@@ -19,12 +20,13 @@ from vgroove.study.report import Study, joined
 
 @dataclass(frozen=True)
 class Choice:
-    """How much is run: one half or both, a fifth of the cells, several draws of each; in how many processes."""
+    """How much is run: one half or both, a fifth of the cells, several draws of each; in how many processes; where figures are kept."""
 
     half: str | None = None
     only_fifth: bool = False
     draws: int = 1
     workers: int | None = None
+    keep: Path | None = None
 
     def of(self, cells: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         """Those of the cells that are asked for."""
@@ -35,7 +37,7 @@ class Choice:
 def rows_of(jobs: Sequence[Job], words: str, choice: Choice) -> list[Figures]:
     """The jobs' figures, with a bar on stderr."""
     with progress(len(jobs)) as tick:
-        return run_jobs(jobs, tick, words, choice.workers)
+        return run_jobs(jobs, tick, words, choice.workers, choice.keep)
 
 
 def blows_part(choice: Choice) -> Study:
