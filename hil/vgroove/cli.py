@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from vgroove.control_bench.command import control_command
+from vgroove.control_bench.command import control_command, figures_command
 from vgroove.errors import VgrooveError
 from vgroove.study.command import app as study_app
 
@@ -24,6 +24,7 @@ bench_app = typer.Typer(no_args_is_help=True, help="Compare with peers in one ru
 app.add_typer(bench_app, name="bench")
 app.add_typer(study_app, name="study")
 bench_app.command("control")(control_command)
+bench_app.command("figures")(figures_command)
 
 
 @bench_app.callback()

@@ -9,7 +9,7 @@ import pytest
 
 RESULTS = house.ROOT / "docs" / "results"
 QUOTE = re.compile(r"<!--result ([\w.]+):([\w.]+)-->(.*?)<!--end-->", re.DOTALL)
-PAGES = [house.ROOT / "README.md", *sorted((house.ROOT / "docs").glob("*.md"))]
+PAGES = [house.ROOT / "README.md", *sorted((house.ROOT / "docs").rglob("*.md"))]
 
 
 def value_of(name: str, key: str, folder: Path = RESULTS) -> str:

@@ -1,7 +1,10 @@
 """The controllers' bench judges as issue 5 says, and a fifth of its cells holds what the controllers promise."""
 
+import re
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -9,11 +12,15 @@ from scipy import signal
 
 from vgroove.control_bench import avr, blows, bound, drill, scores, screwing, sync, torque, vibration
 from vgroove.control_bench.control import PARTS, Choice
+from vgroove.control_bench.figures import WAVES, image_path
 from vgroove.control_bench.goals import Goal
 from vgroove.control_bench.jobs import PLAIN, Job, Variant, do, run_jobs
 from vgroove.control_bench.runs import PULL_S, AbsentError, Run, eeprom_image, parameter, pull, reference, sil_run
+from vgroove.control_bench.svg import Curve, Scale, path
+from vgroove.control_bench.waves import wave_svg
 from vgroove.errors import VgrooveError
 
+ROOT = Path(__file__).resolve().parents[2]
 BLOW = [(name, "f8") for name in ("time_s", "approach_rad_s", "engaged_m", "impulse_nm_s", "peak_torque_nm")]
 BLOW += [(name, "i8") for name in ("kind", "lug", "skipped")]
 
@@ -166,6 +173,36 @@ def test_the_plain_shape_is_the_uncontrolled_tool() -> None:
     plain = vibration.run_figures(bound.known_run(rig, bound.START, aim), aim)
     board = sil_run(rig, duration_s=PULL_S + 0.6, truth_every=1, profile=pull(), noise=False)
     assert plain["rms_nm"] == pytest.approx(vibration.run_figures(board, aim)["rms_nm"], rel=0.25)
+
+
+def words_of(svg: str) -> list[str]:
+    """What a figure says, but the numbers on its axes; it must be well-formed."""
+    texts = [element.text or "" for element in ElementTree.fromstring(svg).iter() if element.tag.endswith(("text", "title"))]
+    return [words for words in texts if not words.lstrip("−").replace(",", "").replace(".", "").isdigit()]
+
+
+@pytest.mark.parametrize("part", list(WAVES))
+def test_the_command_still_makes_the_figures_of_the_pages(part: str) -> None:
+    wave = WAVES[part]()
+    made, shown = wave_svg(wave), image_path(ROOT / "docs" / "images", wave).read_text(encoding="utf-8")
+    assert words_of(made) == words_of(shown), f"make it anew: vgroove bench figures docs/images --part {part}"
+    assert made.count("<path") == shown.count("<path") == len(wave.drives) * len(wave.panels)
+    lengths = [len(d) for d in re.findall(r"<path d='([^']*)'", made)]
+    assert min(lengths) > 20 and len(made) < 80_000
+
+
+def test_a_figure_keeps_peaks_and_gaps() -> None:
+    time = np.linspace(0.0, 1.0, 20_001)
+    value = np.where(np.arange(len(time)) == 7777, 5.0, np.sin(time))
+    value[4000:5000] = np.nan
+    scale = Scale(0.0, 1.0, 0.0, 1000.0), Scale(0.0, 5.0, 500.0, 0.0)
+    drawn = path(Curve(time, value, "#000"), *scale)
+    pens = re.findall(r"([Ml])(-?[\d.]+),(-?[\d.]+)", drawn)
+    at, heights = 0.0, []
+    for pen, _, y in pens:
+        at = float(y) if pen == "M" else at + float(y)
+        heights.append(at)
+    assert min(heights) == pytest.approx(0.0, abs=0.1) and [pen for pen, _, _ in pens].count("M") == 2 and len(pens) < 700
 
 
 def test_workers_give_what_one_process_gives() -> None:

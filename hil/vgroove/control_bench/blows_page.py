@@ -2,13 +2,16 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import plotly.graph_objects as go
 
 from vgroove.control_bench import blows
 from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
-from vgroove.control_bench.jobs import Figures, absent_lines, present
+from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
+from vgroove.control_bench.runs import Run, pull, reference
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync import LOAD_WORDS, LOADS
+from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
 from vgroove.study.report import Picture, Study, style
 
 SUMMARY = [
@@ -53,6 +56,34 @@ def error_picture(rows: Sequence[Figures]) -> Picture:
     return Picture("Blow detection", style(figure, 480), "every supply, load and trigger; a drive of 2.5 s each, its start included")
 
 
+def hall_rpm(run: Run) -> np.ndarray:
+    """Speed that the board tells, at the times of the truth."""
+    return np.interp(run.truth["time_s"], run.telemetry["time_s"], run.telemetry["speed_rpm"])
+
+
+def counted(run: Run) -> np.ndarray:
+    """Blows that the board counts less those that struck, at the times of the truth."""
+    struck = run.hits["time_s"][run.hits["kind"] == 0]
+    told = np.searchsorted(run.control["time_s"], run.truth["time_s"], side="right") - 1
+    count = np.where(told >= 0, run.control["blow_count"][np.maximum(told, 0)], 0.0)
+    return count - np.searchsorted(struck, run.truth["time_s"], side="right")
+
+
+def wave() -> Wave:
+    """The speed that the board sees, the hammer that makes it so, and the count, in step and out of it."""
+    locked = reference("locked")
+    drives = [
+        Drive("18.5 V, full trigger: in step", locked, PLAIN, pull(1.0), from_s=0.9, to_s=1.2),
+        Drive("half trigger: each lug is hit twice", locked, PLAIN, pull(0.5), from_s=0.9, to_s=1.2),
+    ]
+    panels = (
+        Panel(hall_rpm, "Hall speed on the board in rpm"),
+        Panel("hammer_mm", "hammer displacement in mm; ticks: blows, repeats orange", blows=True),
+        Panel(counted, "blows counted less blows struck"),
+    )
+    return Wave("blow", "Blow detection", "locked joint; ticks: blows black, repeats orange", drives, panels)
+
+
 def blows_study(rows: Sequence[Figures]) -> Study:
     """The whole part."""
     chosen = present(rows)
@@ -67,5 +98,6 @@ def blows_study(rows: Sequence[Figures]) -> Study:
         goals_table("blows", listed),
         table_of("blows_cells", "Count of every cell that is off by more than a blow", CELLS, [r for r in chosen if abs(r["error"]) > 1]),
     ]
+    pictures = [error_picture(chosen), wave_picture(wave())] if chosen else []
     data = {"blows": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
-    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [error_picture(chosen)] if chosen else [], data)
+    return Study("control", "Controllers", lines, [t for t in tables if t.rows], pictures, data)

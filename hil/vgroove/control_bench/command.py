@@ -1,6 +1,7 @@
-"""The command `vgroove bench control`: options, tables on the terminal, JSON and page."""
+"""The commands `vgroove bench control` (options, tables on the terminal, JSON and page) and `vgroove bench figures`."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,15 @@ from rich.console import Console
 
 SETS = ("both", "tune", "report")
 PIPED_WIDTH = 200
+
+
+def check_parts(parts: Sequence[str], known: Sequence[str]) -> None:
+    """VgrooveError for a part that there is not."""
+    from vgroove.errors import VgrooveError
+
+    unknown = [name for name in parts if name not in known]
+    if unknown:
+        raise VgrooveError(f"--part must be one of {', '.join(known)}, not {unknown[0]}")
 
 
 def control_command(
@@ -32,9 +42,7 @@ def control_command(
     from vgroove.study.report import page
 
     parts = part or list(PARTS)
-    unknown = [name for name in parts if name not in PARTS]
-    if unknown:
-        raise VgrooveError(f"--part must be one of {', '.join(PARTS)}, not {unknown[0]}")
+    check_parts(parts, list(PARTS))
     if half not in SETS or on not in ("sil", "avr"):
         raise VgrooveError(f"--set is one of {', '.join(SETS)}, --on sil or avr; not {half}, {on}")
     check_outputs((json_path, html_path))
@@ -49,3 +57,16 @@ def control_command(
         write_text(json_path, json.dumps(study.data, indent=1, allow_nan=False) + "\n")
     if html_path:
         write_text(html_path, page(study))
+
+
+def figures_command(
+    folder: Annotated[Path, typer.Argument(help="Where the figures go, e.g. docs/images.")],
+    part: Annotated[list[str] | None, typer.Option("--part", help="As in `bench control`. Without: all.")] = None,
+) -> None:
+    """Waveforms of the controllers' pages as SVG: the same drives with and without control, in SIL."""
+    from vgroove.control_bench.figures import WAVES, write_figures
+
+    parts = part or list(WAVES)
+    check_parts(parts, list(WAVES))
+    for path in write_figures(parts, folder):
+        Console().print(f"written: {path}", highlight=False, markup=False, soft_wrap=True)

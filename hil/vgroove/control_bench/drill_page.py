@@ -1,13 +1,18 @@
 """Tables and figures of the drill driver."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import plotly.graph_objects as go
 
 from vgroove.control_bench import drill
 from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
-from vgroove.control_bench.jobs import Figures, absent_lines, present
+from vgroove.control_bench.jobs import Figures, Variant, absent_lines, present
+from vgroove.control_bench.runs import pull
 from vgroove.control_bench.sets import by_half
+from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
+from vgroove.lockstep import Profile
+from vgroove.study.impact_runs import RPM
 from vgroove.study.report import Picture, Study, style
 
 CLUTCH = [
@@ -76,6 +81,32 @@ def open_picture(rows: Sequence[Figures]) -> Picture:
     return Picture("Anti-kickback", style(figure, 460), "from the begin of a lock that builds up in 5 ms")
 
 
+def wave() -> Wave:
+    """Chuck speed and motor current: pulse mode under load, a joint that the clutch stops, a jam."""
+    rig, drive = drill.drill_rig("low", 18.0), drill.CONTROLLER.mode
+    pulsed = Variant("pulse", drive, drill.drill_params("low", pulse=True))
+    clutched = Variant("clutch", drive, drill.drill_params("low", 5.0))
+    jammed = Variant("jam", drive, drill.drill_params("low"))
+    jam = loaded((0.9, 2.0), (0.905, 1.5 * drill.stall_nm("low", 18.0)))
+    drives = [
+        Drive("pulse mode, 6 N m for 0.6 s", rig, pulsed, loaded((0.9, 0.0), (0.95, 6.0), (1.5, 6.0), (1.55, 0.0)), to_s=1.9),
+        Drive("clutch at 5 N m, joint of 30 degrees", drill.drill_rig("low", 18.0, 9.5, 5.0), clutched, to_s=1.3),
+        Drive("jam within 5 ms", rig, jammed, jam, from_s=0.88, to_s=0.95, every=1, event=(0.9, "jam begins")),
+    ]
+    per_turn = RPM / drill.GEARS["low"][0]
+    panels = (
+        Panel("speed_rad_s", "motor speed / gear ratio in rpm", per_turn),
+        Panel("current_a", "motor current in A"),
+        Panel("duty", "duty; a gap: the bridge is open"),
+    )
+    return Wave("drill", "Drill driver", "low gear, 18 V, full trigger", drives, panels)
+
+
+def loaded(*points: tuple[float, float]) -> Profile:
+    """The trigger pulled, and a load in N m at the chuck over time, as at the first point up to there."""
+    return replace(pull(), load_nm=((0.0, 0.0), (0.6, 0.0), (0.65, points[0][1]), *points))
+
+
 def drill_study(rows: Sequence[Figures]) -> Study:
     """The whole part."""
     chosen = present(rows)
@@ -89,5 +120,6 @@ def drill_study(rows: Sequence[Figures]) -> Study:
         table_of("drill_clutch", "Electronic clutch, 16 to 20.5 V", CLUTCH, clutch),
         table_of("drill_locks", "Anti-kickback", LOCKS, locks),
     ]
+    pictures = [open_picture(chosen), wave_picture(wave())] if chosen else []
     data = {"drill": {"goals": [g.as_dict() for g in listed], "clutch": clutch, "locks": locks, "runs": list(rows)}}
-    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [open_picture(chosen)] if chosen else [], data)
+    return Study("control", "Controllers", lines, [t for t in tables if t.rows], pictures, data)

@@ -8,9 +8,12 @@ import plotly.graph_objects as go
 from vgroove.control_bench import screwing
 from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
 from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
+from vgroove.control_bench.runs import pull
+from vgroove.control_bench.screwing import Watch
 from vgroove.control_bench.sets import by_half
+from vgroove.control_bench.svg import Line
 from vgroove.control_bench.sync_page import methods
-from vgroove.control_bench.waves import Drive, Panel, wave_picture
+from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
 from vgroove.study.impact_runs import JOINT_SHORT
 from vgroove.study.report import Picture, Study, style
 
@@ -87,15 +90,24 @@ def past_picture(rows: Sequence[Figures]) -> Picture:
     )
 
 
-def wave() -> Picture:
-    """Turns past the seat, joint torque and hammer until the end of the ramp and beyond; the uncontrolled trigger is held."""
-    rig = screwing.screw("m6", 18.5, 1.0, False, 3)
-    beyond = screwing.ramp_end_rad(rig) + 6.0
-    drive = Drive(rig, trigger=0.8, to_s=12.0, every=8, stop_when=lambda tool, _: tool.head_rad > beyond)
-    panels = (Panel("head_rad", "screw in turns", 0.5 / np.pi), Panel("joint_nm", "torque in N m"), Panel("hammer_mm", "hammer in mm"))
-    return wave_picture(
-        "A screw to its seat", "M6, 18.5 V, trigger 0.8; without control the trigger is held", drive, screwing.VARIANTS, panels
+def wave() -> Wave:
+    """Turns of the screw, torque and motor current up to the seat and beyond; without control the operator lets go behind it."""
+    rig = screwing.screw("m6", 18.5, 1.0, False, 6)
+    plain = screwing.plain_run(rig, 0.8, 6)
+    seated_s = screwing.passing_s(plain, plain.seat_rad)
+    released = pull(0.8, release_s=seated_s + screwing.RELEASE_S)
+    drives = [
+        Drive("without control: released 0.2 s behind the seat", rig, PLAIN, released, to_s=seated_s + 0.5, every=31),
+        Drive("precise screwing", rig, screwing.VARIANTS[1], pull(0.8), to_s=screwing.SECONDS_MOST, every=31, stop_when=Watch(1e9)),
+    ]
+    turns = 0.5 / np.pi
+    ends = (Line(turns * plain.seat_rad, "head contact", below=True), Line(turns * screwing.ramp_end_rad(rig), "ramp ends: stripped"))
+    panels = (
+        Panel("head_rad", "screw in turns", turns, lines=ends),
+        Panel("joint_nm", "torque on the screw in N m"),
+        Panel("current_a", "motor current in A"),
     )
+    return Wave("screwing", "A screw to its seat", "M6, 18.5 V, trigger 0.8", drives, panels)
 
 
 def screwing_study(rows: Sequence[Figures]) -> Study:
@@ -105,4 +117,4 @@ def screwing_study(rows: Sequence[Figures]) -> Study:
     lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "precise screwing")]
     tables = [table_of("screwing_summary", "Precise screwing", SUMMARY, found), goals_table("screwing", listed)]
     data = {"screwing": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
-    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [past_picture(present(rows)), wave()], data)
+    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [past_picture(present(rows)), wave_picture(wave())], data)

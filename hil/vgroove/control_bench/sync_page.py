@@ -9,9 +9,9 @@ from plotly.subplots import make_subplots
 from vgroove.control_bench import sync
 from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
 from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
-from vgroove.control_bench.runs import reference
+from vgroove.control_bench.runs import pull, reference
 from vgroove.control_bench.sets import by_half
-from vgroove.control_bench.waves import Drive, Panel, wave_picture
+from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
 from vgroove.study.impact_runs import RPM
 from vgroove.study.report import Picture, Study, Table, style
 
@@ -102,11 +102,16 @@ def clean_picture(rows: Sequence[Figures]) -> Picture:
     return Picture("Clean share of blows", style(figure, 130 + 250 * len(names)), "supply and trigger across, joints down; 1 is all clean")
 
 
-def wave() -> Picture:
+def wave() -> Wave:
     """Motor speed and hammer displacement in a cell that loses its step without control."""
-    drive = Drive(reference(sync.load_of("slip_60"), supply_v=17.5), trigger=0.8, from_s=1.0, to_s=1.25)
-    panels = (Panel("speed_rad_s", "motor speed in rpm", RPM), Panel("hammer_mm", "hammer in mm"))
-    return wave_picture("Motor speed and hammer displacement", "slips at 60 N m, 17.5 V, trigger 0.8", drive, sync.VARIANTS, panels)
+    rig = reference(sync.load_of("slip_60"), supply_v=17.5)
+    words = {PLAIN.name: "without control", "method 1": "method 1, motor speed", "method 2": "method 2, motor current"}
+    drives = [Drive(words[v.name], rig, v, pull(0.8), from_s=1.0, to_s=1.25) for v in sync.VARIANTS]
+    panels = (
+        Panel("speed_rad_s", "motor speed in rpm", RPM),
+        Panel("hammer_mm", "hammer displacement in mm; ticks: blows, repeats orange", blows=True),
+    )
+    return Wave("sync", "Motor speed and hammer displacement", "joint slips at 60 N m, 17.5 V, trigger 0.8", drives, panels)
 
 
 def sync_study(rows: Sequence[Figures]) -> Study:
@@ -120,6 +125,6 @@ def sync_study(rows: Sequence[Figures]) -> Study:
         *absent_lines(rows, "synchronisation"),
     ]
     tables = [table_of("sync_summary", "Synchronisation", SUMMARY, found), goals_table("sync", listed), cell_table(rows)]
-    pictures = [clean_picture(rows), wave()]
+    pictures = [clean_picture(rows), wave_picture(wave())]
     data = {"sync": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
     return Study("control", "Controllers", lines, [t for t in tables if t.rows], pictures, data)

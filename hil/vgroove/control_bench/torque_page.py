@@ -2,13 +2,16 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import plotly.graph_objects as go
 
 from vgroove.control_bench import torque
 from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
 from vgroove.control_bench.jobs import PLAIN, Figures, Variant, absent_lines, present
+from vgroove.control_bench.runs import Run
 from vgroove.control_bench.sets import by_half
-from vgroove.control_bench.waves import Drive, Panel, wave_picture
+from vgroove.control_bench.svg import Line
+from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
 from vgroove.study.report import Picture, Study, Table, style
 
 SUMMARY = [
@@ -35,6 +38,7 @@ CELLS = [
     ("most in N m", "most_nm"),
     ("told as missed", "told"),
 ]
+WAVE_NM = 80.0
 COLOURS = ("#888888", "#edae49", "#d1495b")
 
 
@@ -102,12 +106,25 @@ def error_picture(cells: Sequence[Figures]) -> Picture:
     return Picture("Torque control", style(figure, 520), "targets in reach; target and slope in N m/rad below")
 
 
-def wave() -> Picture:
-    """Torque of the joint, head and motor current over one tightening, without control and to 100 N m."""
-    drive = Drive(torque.joint(120.0, 3), to_s=1.5)
-    panels = (Panel("joint_nm", "torque in N m"), Panel("head_rad", "head in rad"), Panel("current_a", "motor current in A"))
-    variants = (PLAIN, Variant("torque, 100 N m", "torque", {"torque_target_nm": 100.0}))
-    return wave_picture("Torque control over time", "120 N m/rad, all quantities scattered", drive, variants, panels)
+def held_nm(run: Run) -> np.ndarray:
+    """Torque that the joint holds, over time: a head that springs back does not loosen it."""
+    return run.slip_nm(np.maximum.accumulate(run.truth["head_rad"]))
+
+
+def wave() -> Wave:
+    """Torque of the joint, motor current and duty over a tightening: without control, and to 80 N m on a soft and on a hard joint."""
+    aimed = Variant("torque", "torque", {"torque_target_nm": WAVE_NM})
+    drives = [
+        Drive("without control, 120 N m/rad", torque.joint(120.0, 3), PLAIN, to_s=1.5),
+        Drive("to 80 N m, 60 N m/rad", torque.joint(60.0, 3), aimed, to_s=4.0, stop_when=torque.Watch()),
+        Drive("to 80 N m, 240 N m/rad", torque.joint(240.0, 3), aimed, to_s=6.0, stop_when=torque.Watch()),
+    ]
+    panels = (
+        Panel(held_nm, "torque that the joint holds in N m", lines=(Line(WAVE_NM, "target"),)),
+        Panel("current_a", "motor current in A"),
+        Panel("duty", "duty"),
+    )
+    return Wave("torque", "Torque control over time", "friction, slope, supply and winding scattered", drives, panels)
 
 
 def torque_study(rows: Sequence[Figures], maps: Sequence[Figures]) -> Study:
@@ -129,4 +146,4 @@ def torque_study(rows: Sequence[Figures], maps: Sequence[Figures]) -> Study:
         table_of("torque_cells", "Torque reached, every cell", CELLS, cells),
     ]
     data = {"torque": {"map": list(maps), "summary": found, "goals": [g.as_dict() for g in listed], "cells": cells, "runs": list(rows)}}
-    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [error_picture(cells), wave()], data)
+    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [error_picture(cells), wave_picture(wave())], data)

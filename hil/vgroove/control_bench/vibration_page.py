@@ -10,7 +10,7 @@ from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
 from vgroove.control_bench.runs import PULL_S, reference
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync_page import methods
-from vgroove.control_bench.waves import Drive, Panel, wave_picture
+from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
 from vgroove.study.impact_runs import JOINT_WORDS
 from vgroove.study.report import Picture, Study, style
 
@@ -73,11 +73,17 @@ def cell_picture(rows: Sequence[Figures]) -> Picture:
     )
 
 
-def wave() -> Picture:
-    """Housing reaction, motor current and duty from the pull of the trigger on."""
-    drive = Drive(reference("disc_spring", supply_v=18.5), from_s=PULL_S - 0.01, to_s=PULL_S + 0.35)
-    panels = (Panel("housing_nm", "reaction in N m"), Panel("current_a", "motor current in A"), Panel("duty", "duty"))
-    return wave_picture("Motor torque on the housing", "disc springs, 18.5 V, full trigger", drive, vibration.VARIANTS, panels)
+def wave() -> Wave:
+    """Motor torque, housing reaction and hammer from the pull of the trigger on."""
+    rig = reference("disc_spring", supply_v=18.5)
+    words = {PLAIN.name: "without control", "method 1": "method 1, motor speed", "method 2": "method 2, motor current"}
+    drives = [Drive(words[v.name], rig, v, from_s=PULL_S - 0.01, to_s=PULL_S + 0.35) for v in vibration.VARIANTS]
+    panels = (
+        Panel("current_a", "motor torque k i in N m", rig.value("motor.torque_constant_nm_per_a")),
+        Panel("housing_nm", "reaction on the housing in N m"),
+        Panel("hammer_mm", "hammer displacement in mm; ticks: blows", blows=True),
+    )
+    return Wave("vibration", "Motor torque and what the housing feels", "disc springs, 18.5 V, full trigger", drives, panels)
 
 
 def margin_rows(rows: Sequence[Figures]) -> list[Figures]:
@@ -127,6 +133,6 @@ def vibration_study(rows: Sequence[Figures], margin: Sequence[Figures] = ()) -> 
     ]
     margins = margin_rows(present(margin))
     tables.append(table_of("vibration_margin", "Margin: three blows disturbed", MARGIN, margins))
-    pictures = [cell_picture(chosen), wave(), margin_picture(margins) if margins else None, phase_picture(chosen)]
+    pictures = [cell_picture(chosen), wave_picture(wave()), margin_picture(margins) if margins else None, phase_picture(chosen)]
     data = {"vibration": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows), "margin": margins}}
     return Study("control", "Controllers", lines, [t for t in tables if t.rows], [p for p in pictures if p], data)

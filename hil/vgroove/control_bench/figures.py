@@ -1,0 +1,32 @@
+"""Figures of the controllers' pages: `vgroove bench figures docs/images` makes them anew."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from vgroove.control_bench import blows_page, drill_page, screwing_page, sync_page, torque_page, vibration_page
+from vgroove.control_bench.waves import Wave, wave_svg
+from vgroove.output import check_outputs, write_text
+
+WAVES: dict[str, Callable[[], Wave]] = {
+    "blows": blows_page.wave,
+    "sync": sync_page.wave,
+    "screwing": screwing_page.wave,
+    "vibration": vibration_page.wave,
+    "torque": torque_page.wave,
+    "drill": drill_page.wave,
+}
+
+
+def image_path(folder: Path, wave: Wave) -> Path:
+    """The figure's file."""
+    return folder / f"control_{wave.name}.svg"
+
+
+def write_figures(parts: Sequence[str], folder: Path) -> list[Path]:
+    """A figure each part, in a folder that is there."""
+    waves = [WAVES[part]() for part in parts]
+    paths = [image_path(folder, wave) for wave in waves]
+    check_outputs(paths)
+    for wave, path in zip(waves, paths, strict=True):
+        write_text(path, wave_svg(wave))
+    return paths
