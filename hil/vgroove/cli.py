@@ -12,6 +12,7 @@ from rich.console import Console
 
 from vgroove.control_bench.command import control_command, figures_command
 from vgroove.errors import VgrooveError
+from vgroove.gap_bench.command import bench_command
 from vgroove.study.command import app as study_app
 
 # The plant has threads of its own; those of BLAS only get in their way. It counts until numpy is first imported, by a command.
@@ -25,6 +26,7 @@ app.add_typer(bench_app, name="bench")
 app.add_typer(study_app, name="study")
 bench_app.command("control")(control_command)
 bench_app.command("figures")(figures_command)
+gap_app.command("bench")(bench_command)
 
 
 @bench_app.callback()

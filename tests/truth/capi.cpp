@@ -37,6 +37,26 @@ private:
     int n_, k_ = 0;
 };
 
+// Part of the delay that changes at random every few milliseconds, with numbers of its own so that nothing else moves.
+class Jitter {
+public:
+    explicit Jitter(const truth::Params &params)
+        : width_s_(params.transport_jitter_s),
+          hold_s_(params.transport_hold_s),
+          chance_(static_cast<std::uint64_t>(params.seed) + 77) {}
+    double at(double t) {
+        while (width_s_ > 0.0 && t >= until_s_) {
+            until_s_ += hold_s_;
+            value_s_ = width_s_ * (2.0 * chance_.uniform() - 1.0);
+        }
+        return value_s_;
+    }
+
+private:
+    double width_s_, hold_s_, until_s_ = 0.0, value_s_ = 0.0;
+    truth::Chance chance_;
+};
+
 struct RowOut {
     double current_a, supply_v, speed_rad_s, angle_rad, winding_kelvin;
 };
@@ -56,6 +76,8 @@ struct TruthCommand {
     int count;
     const double *load_time_s, *load_nm;
     int load_count;
+    const double *bus_time_s, *bus_v;
+    int bus_count;
 };
 
 Tool *truth_new(void) {
@@ -91,17 +113,20 @@ int truth_run(Tool *tool, const TruthCommand *command, double begin_s, const dou
     const double period = 1.0 / tool->params.pwm_hz, levels = tool->params.duty_levels;
     Curve duty(command->time_s, command->duty, command->count), coast(command->time_s, command->coast, command->count);
     Curve load(command->load_time_s, command->load_nm, command->load_count);
+    Curve bus(command->bus_time_s, command->bus_v, command->bus_count);
+    Jitter jitter(tool->params);
     auto *row_out = reinterpret_cast<RowOut *>(out);
     int row = 0;
     double row_begin = begin_s;
     for (std::int64_t n = 0; row < rows; ++n) {
         const double now = begin_s + static_cast<double>(n) * period;
-        const double commanded = now + 0.5 * period - tool->params.transport_delay_s;  // as the middle of the period asks
+        const double commanded = now + 0.5 * period - tool->params.transport_delay_s - jitter.at(now);  // as the middle of the period asks
         Drive drive;
         const double wanted = duty.at(commanded);
         drive.duty = levels > 0.0 ? std::round(wanted * levels) / levels : wanted;
         drive.coast = coast.held(commanded) > 0.5;
         drive.load_nm = load.at(now + 0.5 * period);
+        drive.bus_v = command->bus_count > 0 ? bus.held(now + 0.5 * period) : 0.0;
         tool->state.time_s = now;
         tool->begin_period(period, drive);
         while (row < rows && tool->advance(row_s[row])) {

@@ -52,13 +52,13 @@ def simulate(setting: Setting, params: dict[str, float]) -> tuple[Run, Command, 
 
 
 def columns(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarray]:
-    """The log's columns; a missing sample is nan."""
+    """The log's columns and the shaft's angle, which no column shows; a missing sample is nan."""
     run, made, stamps, sensors = simulate(setting, params)
     skew = split(params)[1].get("command_skew", 0.0)
     at = run.time_s / (1.0 + skew)
     duty = np.round(sampled(made.time_s, made.duty, at) * LEVELS) / LEVELS
     rng = np.random.default_rng([setting.seed, 13])
-    out = {"time_s": stamps, "duty": duty, **noisy(run, sensors, rng)}
+    out = {"time_s": stamps, "duty": duty, "angle_rad": run.angle_rad, **noisy(run, sensors, rng)}
     if setting.profile.coast_at_zero:
         out["coast"] = held(made.time_s, made.coast, at)
     if setting.rig.load == "torque":

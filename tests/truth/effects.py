@@ -7,7 +7,7 @@ import numpy as np
 from rigs import Rig
 
 # Keys of an effect that belong to the logger and not to the tool; everything else is a parameter of params.hpp.
-LOGGER_KEYS = ("speed_gain", "speed_lag_s", "speed_delay_s", "clock_skew", "command_skew")
+LOGGER_KEYS = ("speed_gain", "speed_lag_s", "speed_lag2_s", "speed_delay_s", "clock_skew", "command_skew")
 Made = Callable[[Rig, float, np.random.Generator], dict[str, float]]
 
 

@@ -111,7 +111,9 @@ def write_case(folder: Path, kind: str, index: int, order: Order, seed: int) -> 
     for effect_id, size in sizes.items():
         params |= effect_params(setting, effect_id, size)
     folder.mkdir(parents=True, exist_ok=True)
-    write_log(folder / "log.csv", columns(setting, params))
+    table = columns(setting, params)
+    del table["angle_rad"]
+    write_log(folder / "log.csv", table)
     (folder / "rig.toml").write_text(toml(setting.rig))
     label = label_of(kind, setting, sizes, multiples, params)
     (folder / "label.json").write_text(json.dumps(label, indent=1) + "\n")

@@ -40,6 +40,17 @@ struct Params {
     double u_torque_hum_nm = 0.0, u_torque_hz = 7.3, u_hum_a = 0.0, u_hum_hz = 50.0;
     double u_ripple_nm = 0.0, u_ripple_per_rev = 0.37, u_ripple_wander = 3.0;
     double u_supply_square_ohm_per_a = 0.0;
+    // other functional forms than the catalogue's: powers over a reference, second stages, bends; neutral as they stand
+    double polarisation2_ohm = 0.0, polarisation2_s = 1.0, extra_source_ohm = 0.0, source_power = 0.0;
+    double extra_ohm = 0.0, extra_ohm_power = 0.0, extra_inductance_h = 0.0, inductance_knee_a = 0.0, dead_knee_a = 0.0, reference_a = 10.0;
+    double power_coulomb_nm = 0.0, coulomb_power = 0.0, extra_viscous_nm_s = 0.0, viscous_power = 1.0, reference_rad_s = 500.0;
+    double stribeck_power = 2.0, quadratic_power = 2.0, directional_power = 1.0, load_friction_power = 1.0;
+    double cogging_second = 0.15, cogging_third = 0.0, eccentricity_second = 0.0, hall_second = 0.0;
+    double grease_tail = 0.0, grease_tail_s = 10.0, coupler_cubic_per_rad2 = 0.0;
+    double current_lag2_s = 0.0, current_gain_bend = 0.0, current_limit_power = 0.0, hall_burst = 0.0;
+    double transport_jitter_s = 0.0, transport_hold_s = 2e-3;
+    // the command is a current: duty times this; 0 where it is a duty
+    double current_source_a = 0.0;
     // integration and chance
     double step_s = 5e-6, seed = 1.0;
 };

@@ -6,6 +6,7 @@ import numpy as np
 from truth import Command
 
 NAMES = ("staircase", "ramps", "reversals", "load_steps", "hand", "stop_and_go", "chirp", "crawl")
+BENCH_NAMES = (*NAMES, "coast_down")
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Profile:
 def draw(name: str, seconds: float, load_nm: float, rng: np.random.Generator) -> Profile:
     """One profile of a name, `seconds` long; `load_nm` is the size of the loads of a profile that has some."""
     made = {"staircase": _staircase, "ramps": _ramps, "reversals": _reversals, "load_steps": _load_steps, "hand": _hand,
-            "stop_and_go": _stop_and_go, "chirp": _chirp, "crawl": _crawl}[name]
+            "stop_and_go": _stop_and_go, "chirp": _chirp, "crawl": _crawl, "coast_down": _coast_down}[name]
     return made(seconds, load_nm, rng)
 
 
@@ -106,6 +107,13 @@ def _stop_and_go(seconds: float, _: float, rng: np.random.Generator) -> Profile:
     times = _times(seconds, 0.45, rng)
     levels = np.where(np.arange(len(times)) % 2 == 0, rng.uniform(0.3, 1.0, len(times)), 0.0)
     return _holding("stop_and_go", times, levels, seconds, coast_at_zero=bool(rng.uniform() < 0.5))
+
+
+def _coast_down(seconds: float, _: float, rng: np.random.Generator) -> Profile:
+    """Up to a speed, then the bridge opens for about as long."""
+    times = _times(seconds, 0.8, rng)
+    levels = np.where(np.arange(len(times)) % 2 == 0, rng.uniform(0.3, 1.0, len(times)), 0.0)
+    return _holding("coast_down", times, levels, seconds, coast_at_zero=True)
 
 
 def _crawl(seconds: float, _: float, rng: np.random.Generator) -> Profile:

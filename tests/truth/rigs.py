@@ -23,6 +23,8 @@ class Rig:
     supply_resistance_ohm: float = 0.0
     pwm_hz: float = 20000.0
     slew_per_s: float | None = 6.0
+    input: str = "duty"  # duty, voltage_v or current_a
+    bus: str = "modelled"  # modelled, measured (the column drives the model) or absent (no column)
     load: str = "none"
     pendulum_mass_kg: float = 0.0
     pendulum_length_m: float = 0.0
@@ -78,15 +80,19 @@ def toml(rig: Rig) -> str:
     """rig.toml as section 2 of the gap contract has it."""
     d = asdict(rig)
     s = rig.sensors
-    slew = [f"slew_per_s = {rig.slew_per_s}"] if rig.slew_per_s else []
+    volts = rig.voltage_v if rig.input == "voltage_v" else 1.0
+    slew = [f"slew_per_s = {rig.slew_per_s * volts}"] if rig.slew_per_s and rig.input != "current_a" else []
+    slew += ['bus = "measured"'] if rig.bus == "measured" else []
     pendulum = [f"mass_kg = {rig.pendulum_mass_kg}", f"length_m = {rig.pendulum_length_m}"] if rig.load == "pendulum" else []
     tolerance = ["[tolerance]", *(f'"{key}" = {value}' for key, value in rig.tolerance.items())] if rig.tolerance else []
-    lines = ['schema = "vgroove.rig/1"', f'name = "{rig.name}"', "[input]", 'kind = "duty"', *slew,
+    lines = ['schema = "vgroove.rig/1"', f'name = "{rig.name}"', "[input]", f'kind = "{rig.input}"', *slew,
              "[supply]", f"voltage_v = {rig.voltage_v}", f"resistance_ohm = {rig.supply_resistance_ohm}",
              "[bridge]", f"pwm_hz = {rig.pwm_hz}", "[motor]", *(f"{key} = {d[key]!r}" for key in VARIED),
              "[gearbox]", f"ratio = {rig.ratio}", f"output_inertia_kg_m2 = {rig.output_inertia_kg_m2!r}",
              "[mechanism]", 'kind = "none"', "[load]", f'kind = "{rig.load}"', *pendulum,
              "[sensors]", f"log_hz = {s.log_hz:g}", f"current_noise_a = {s.current_noise_a}", f"current_lsb_a = {s.current_lsb_a}",
              f"speed_lsb_rpm = {s.speed_lsb_rpm}", f"hall_pulses_per_rev = {s.hall_pulses_per_rev}",
-             f"hall_timeout_s = {s.hall_timeout_s}", f"supply_noise_v = {s.supply_noise_v}", *tolerance]
+             f"hall_timeout_s = {s.hall_timeout_s}", f"supply_noise_v = {s.supply_noise_v}",
+             *([f"speed_noise_rpm = {s.speed_noise_rpm}"] if s.speed_noise_rpm else []),
+             *([f"position_lsb_rad = {s.position_lsb_rad!r}"] if s.position_lsb_rad else []), *tolerance]
     return "\n".join(lines) + "\n"

@@ -24,6 +24,9 @@ class Sensors:
     speed_gain: float = 0.0
     speed_lag_s: float = 0.0
     speed_delay_s: float = 0.0
+    speed_lag2_s: float = 0.0
+    speed_noise_rpm: float = 0.0  # of a tachometer: hall_pulses_per_rev is 0
+    position_lsb_rad: float = 0.0
 
 
 def hall_rows(run: Run, sensors: Sensors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -58,19 +61,24 @@ def counted(run: Run, last: np.ndarray, period: np.ndarray) -> tuple[np.ndarray,
 
 def speed_column(run: Run, sensors: Sensors) -> np.ndarray:
     """Speed as the tool would log it, rad/s: gain, lag or delay of the sensor's own electronics included."""
-    speed, _, _ = hall_rows(run, sensors)
+    speed = hall_rows(run, sensors)[0] if sensors.hall_pulses_per_rev else run.speed_rad_s
     speed = speed * (1.0 + sensors.speed_gain)
     if sensors.speed_delay_s > 0.0:
         late = np.searchsorted(run.time_s, run.time_s - sensors.speed_delay_s + 1e-9, side="right") - 1
         speed = np.where(late >= 0, speed[np.maximum(late, 0)], 0.0)
-    if sensors.speed_lag_s > 0.0:
-        steps = np.diff(run.time_s, prepend=run.begin_s)
-        keep, out, value = np.exp(-steps / sensors.speed_lag_s), np.empty_like(speed), 0.0
-        for n in range(len(speed)):
-            value = speed[n] + (value - speed[n]) * keep[n]
-            out[n] = value
-        speed = out
+    for lag_s in (sensors.speed_lag_s, sensors.speed_lag2_s):
+        if lag_s > 0.0:
+            speed = lagged(run, speed, lag_s)
     return speed
+
+
+def lagged(run: Run, values: np.ndarray, lag_s: float) -> np.ndarray:
+    """Values per row behind a first-order filter."""
+    keep, out, value = np.exp(-np.diff(run.time_s, prepend=run.begin_s) / lag_s), np.empty_like(values), 0.0
+    for n in range(len(values)):
+        value = values[n] + (value - values[n]) * keep[n]
+        out[n] = value
+    return out
 
 
 def noisy(run: Run, sensors: Sensors, rng: np.random.Generator) -> dict[str, np.ndarray]:
@@ -81,7 +89,8 @@ def noisy(run: Run, sensors: Sensors, rng: np.random.Generator) -> dict[str, np.
     n = len(run.time_s)
     current = steps(run.current_a + sensors.current_noise_a * rng.standard_normal(n), sensors.current_lsb_a)
     supply = steps(run.supply_v + sensors.supply_noise_v * rng.standard_normal(n), sensors.supply_lsb_v)
-    speed = steps(speed_column(run, sensors) * RPM, sensors.speed_lsb_rpm)
+    noise = sensors.speed_noise_rpm * rng.standard_normal(n) if sensors.speed_noise_rpm > 0.0 else 0.0
+    speed = steps(speed_column(run, sensors) * RPM + noise, sensors.speed_lsb_rpm)
     return {"supply_v": supply, "current_a": current, "speed_rpm": speed}
 
 

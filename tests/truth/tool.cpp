@@ -14,6 +14,21 @@ double sign(double x) {
     return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0);
 }
 
+// (|x| / reference)^power, level below a fiftieth of the reference so that no power runs away at rest; 1 for the power 0, whatever x.
+double grown(double x, double reference, double power) {
+    return power == 0.0 ? 1.0 : std::pow(std::max(std::abs(x) / reference, 0.02), power);
+}
+
+// Drag that grows with speed: viscous, quadratic, one-sided, each with its power.
+double drag_torque(const Params &p, double w) {
+    double torque = p.viscous_nm_s_per_rad * w + p.quadratic_nm_s2 * w * std::abs(w) * grown(w, p.reference_rad_s, p.quadratic_power - 2.0);
+    torque += p.directional_viscous_nm_s * std::abs(w) * grown(w, p.reference_rad_s, p.directional_power - 1.0);
+    if (p.extra_viscous_nm_s != 0.0) {
+        torque += p.extra_viscous_nm_s * w * grown(w, p.reference_rad_s, p.viscous_power - 1.0);
+    }
+    return torque;
+}
+
 // z' = w - |w| z / z_ss solved exactly over h at constant speed; |z| never exceeds what the surface holds.
 void bend(Bristle &bristle, double speed, double h, double limit_rad) {
     if (limit_rad <= 1e-12) {
@@ -103,14 +118,22 @@ void Tool::slow_states(double period_s) {
     const double bus_a = drive_.coast ? 0.0 : drive_.duty * state.current_a;
     state.charge_c += bus_a * period_s;
     state.polarisation_v += (params.polarisation_ohm * bus_a - state.polarisation_v) * period_s / params.polarisation_s;
+    state.polarisation2_v += (params.polarisation2_ohm * bus_a - state.polarisation2_v) * period_s / params.polarisation2_s;
     resistance_ = params.resistance_ohm * (1.0 + COPPER_PER_KELVIN * state.winding_kelvin);
     const double heat_w = state.current_a * state.current_a * resistance_;
     const double to_housing = (state.winding_kelvin - state.housing_kelvin) / params.heating_cooling_s;
     state.winding_kelvin += period_s * (params.heating_kelvin_per_joule * heat_w - to_housing);
     state.housing_kelvin += period_s * params.heating_housing_share * to_housing;
-    resistance_ += params.bridge_resistance_ohm + (state.gate ? params.u_brush_ohm : 0.0);
-    open_circuit_v_ = params.voltage_v - params.droop_volt_per_coulomb * state.charge_c - state.polarisation_v;
+    resistance_ += params.bridge_resistance_ohm + (state.gate ? params.u_brush_ohm : 0.0) + extra_resistance();
+    open_circuit_v_ = params.voltage_v - params.droop_volt_per_coulomb * state.charge_c - state.polarisation_v - state.polarisation2_v;
     source_ohm_ = params.supply_resistance_ohm + (state.gate ? params.u_contact_ohm : 0.0) + params.u_supply_square_ohm_per_a * std::abs(bus_a);
+    if (params.extra_source_ohm != 0.0) {
+        source_ohm_ += params.extra_source_ohm * grown(bus_a, params.reference_a, params.source_power);
+    }
+    if (drive_.bus_v > 0.0) {
+        open_circuit_v_ = drive_.bus_v;
+        source_ohm_ = 0.0;
+    }
     k_ = params.torque_constant_nm_per_a * (1.0 - (state.gate ? params.u_flux_loss : 0.0));
     state.ripple_rate += (1.0 - state.ripple_rate) * period_s / 0.05 +
                          params.u_ripple_wander * std::sqrt(period_s / 0.05) * (params.u_ripple_nm != 0.0 ? chance.normal() : 0.0);
@@ -133,7 +156,8 @@ void Tool::plan_spans(double period_s) {
         spans_[0] = {end, duty >= 1.0 ? 1 : 0, leg_b};
         return;
     }
-    const double dead = drive_.dead_s + params.dead_time_s;
+    const double current = std::abs(state.current_a);
+    const double dead = drive_.dead_s + params.dead_time_s * (params.dead_knee_a > 0.0 ? current / (current + params.dead_knee_a) : 1.0);
     double marks[5] = {rise - dead, rise + dead, fall - dead, fall + dead, end};
     for (double &mark : marks) {
         mark = std::clamp(mark, t0, end);
@@ -188,12 +212,31 @@ double Tool::saturated_k(double current_a) const {
     return x < 1e-6 ? k_ : k_ * std::tanh(x) / x;
 }
 
+// Of a winding whose iron saturates; the extra part fades away with the current.
+double Tool::inductance(double current_a) const {
+    if (params.extra_inductance_h == 0.0) {
+        return params.inductance_h;
+    }
+    const double x = params.inductance_knee_a > 0.0 ? current_a / params.inductance_knee_a : 0.0;
+    return params.inductance_h + params.extra_inductance_h / (1.0 + x * x);
+}
+
+// A resistance that rises with the current by a power.
+double Tool::extra_resistance() const {
+    return params.extra_ohm == 0.0 ? 0.0 : params.extra_ohm * grown(state.current_a, params.reference_a, params.extra_ohm_power);
+}
+
 // Torque that the sliding surface of the motor holds at most: everything dry.
 double Tool::dry_level(double speed) const {
     const double p = params.stribeck_rad_s;
-    const double fluff = params.breakaway_nm != 0.0 ? params.breakaway_nm * std::exp(-speed * speed / (p * p)) : 0.0;
+    const double near = params.stribeck_power == 2.0 ? speed * speed / (p * p) : std::pow(std::abs(speed) / p, params.stribeck_power);
+    const double fluff = params.breakaway_nm != 0.0 ? params.breakaway_nm * std::exp(-near) : 0.0;
     const double side = state.motor_bristle.deflection_rad >= 0.0 ? params.forward_nm : params.backward_nm;
-    double level = params.coulomb_nm + fluff + side + params.load_friction * load_at_shaft_nm_;
+    const double load = load_at_shaft_nm_ * grown(load_at_shaft_nm_, params.load_reference_nm, params.load_friction_power - 1.0);
+    double level = params.coulomb_nm + fluff + side + params.load_friction * load;
+    if (params.power_coulomb_nm != 0.0) {
+        level += params.power_coulomb_nm * grown(speed, params.reference_rad_s, params.coulomb_power);
+    }
     if (state.gate) {
         level += params.u_load_nm;
     }
@@ -212,16 +255,18 @@ double Tool::dry_level(double speed) const {
 double Tool::smooth_torque() const {
     const Params &p = params;
     const double w = state.speed_rad_s, angle = state.angle_rad;
-    double torque = p.viscous_nm_s_per_rad * w + p.quadratic_nm_s2 * w * std::abs(w) + p.directional_viscous_nm_s * std::abs(w);
+    double torque = drag_torque(p, w);
     if (p.grease_nm_s != 0.0) {
-        torque += p.grease_nm_s * std::exp(-state.time_s / p.grease_s) * w;
+        const double fresh = (1.0 - p.grease_tail) * std::exp(-state.time_s / p.grease_s) + p.grease_tail * std::exp(-state.time_s / p.grease_tail_s);
+        torque += p.grease_nm_s * fresh * w;
     }
     if (p.cogging_nm != 0.0) {
         const double phase = p.cogging_per_rev * angle + p.cogging_phase_rad;
-        torque += p.cogging_nm * (std::sin(phase) + 0.15 * std::sin(2.0 * phase));
+        torque += p.cogging_nm * (std::sin(phase) + p.cogging_second * std::sin(2.0 * phase) + p.cogging_third * std::sin(3.0 * phase));
     }
     if (p.eccentricity_nm != 0.0) {
-        torque += p.eccentricity_nm * std::sin(angle / p.ratio + p.eccentricity_phase_rad);
+        const double phase = angle / p.ratio + p.eccentricity_phase_rad;
+        torque += p.eccentricity_nm * (std::sin(phase) + p.eccentricity_second * std::sin(2.0 * phase));
     }
     if (p.u_torque_hum_nm != 0.0) {
         torque += p.u_torque_hum_nm * std::sin(TURN * p.u_torque_hz * state.time_s);
@@ -247,7 +292,7 @@ double Tool::coupling_torque() const {
     }
     const double rate = coupling_rate();
     const double damping = 2.0 * params.coupler_damping_ratio * std::sqrt(rate * out_inertia_);
-    return rate * bent + damping * (state.speed_rad_s - state.out_speed_rad_s);
+    return rate * bent * (1.0 + params.coupler_cubic_per_rad2 * bent * bent) + damping * (state.speed_rad_s - state.out_speed_rad_s);
 }
 
 void Tool::step_output(double h) {
@@ -286,13 +331,16 @@ void Tool::step_shaft(double h, double volts, bool conducting) {
         params.brush_drop_v != 0.0 ? params.brush_drop_v * sign(s.current_a) * (1.0 - std::exp(-std::abs(s.current_a) / params.brush_knee_a)) : 0.0;
     const double i0 = s.current_a, w0 = s.speed_rad_s;
     double i1 = 0.0;
-    const double a = 0.5 * h / params.inductance_h, c = 0.5 * h / inertia_;
+    const double a = 0.5 * h / inductance(s.current_a), c = 0.5 * h / inertia_;
     if (conducting) {
         const double i_mid = (i0 + a * (volts - drop - k * (w0 - c * against))) / (1.0 + a * resistance_ + a * c * k * k);
         i1 = 2.0 * i_mid - i0;
     }
+    if (params.current_source_a > 0.0) {
+        i1 = 2.0 * params.current_source_a * drive_.duty - i0;  // the mean over the step is what the source gives
+    }
     const double i_mid = 0.5 * (i0 + i1);
-    s.current_a = i1;
+    s.current_a = params.current_source_a > 0.0 ? i_mid : i1;
     s.speed_rad_s = w0 + 2.0 * c * (k * i_mid - against);
     const double w_mid = 0.5 * (w0 + s.speed_rad_s);
     s.angle_rad += h * (two_masses_ ? s.speed_rad_s : w_mid);
@@ -340,18 +388,33 @@ void Tool::step(double h, int leg_a, int leg_b) {
     sums.drawn_j += h * way * s.bus_v * mean_a;
     step_bus(h, way * mean_a);
     const double sensed_before = s.sensed_a;
-    s.sensed_a = params.current_lag_s > 0.0 ? mean_a + (s.sensed_a - mean_a) * std::exp(-h / params.current_lag_s) : s.current_a;
+    sense_current(mean_a, h);
     s.time_s = t0 + h;
     sums.current_as += h * sensed_current(0.5 * (sensed_before + s.sensed_a));
     sums.bus_vs += h * sensed_supply();
     find_edges(t0, h, angle0);
 }
 
+// The sensor's filter, of one stage or two.
+void Tool::sense_current(double mean_a, double h) {
+    State &s = state;
+    if (params.current_lag_s <= 0.0) {
+        s.sensed_a = s.current_a;
+        return;
+    }
+    s.sensed_first_a = params.current_lag2_s > 0.0 ? mean_a + (s.sensed_first_a - mean_a) * std::exp(-h / params.current_lag2_s) : mean_a;
+    s.sensed_a = s.sensed_first_a + (s.sensed_a - s.sensed_first_a) * std::exp(-h / params.current_lag_s);
+}
+
 double Tool::sensed_current(double filtered_a) const {
     const Params &p = params;
-    double value = filtered_a * (1.0 + p.current_gain) + p.current_offset_a;
+    const double bend = 1.0 + p.current_gain_bend * (std::abs(filtered_a) / p.reference_a - 1.0);
+    double value = filtered_a * (1.0 + p.current_gain * bend) + p.current_offset_a;
     if (p.u_hum_a != 0.0) {
         value += p.u_hum_a * std::sin(TURN * p.u_hum_hz * state.time_s);
+    }
+    if (p.current_limit_a > 0.0 && p.current_limit_power > 0.0) {
+        return value / std::pow(1.0 + std::pow(std::abs(value) / p.current_limit_a, p.current_limit_power), 1.0 / p.current_limit_power);
     }
     return p.current_limit_a > 0.0 ? std::clamp(value, -p.current_limit_a, p.current_limit_a) : value;
 }
@@ -373,7 +436,8 @@ double Tool::hall_angle(double angle) const {
     if (params.hall_eccentricity_rad == 0.0) {
         return angle;
     }
-    return angle + params.hall_eccentricity_rad * std::sin(angle + params.hall_eccentricity_phase_rad);
+    const double phase = angle + params.hall_eccentricity_phase_rad;
+    return angle + params.hall_eccentricity_rad * (std::sin(phase) + params.hall_second * std::sin(2.0 * phase));
 }
 
 double Tool::edge_angle(long index) const {
@@ -393,8 +457,11 @@ void Tool::find_edges(double t0, double h, double angle0) {
     const auto keep = [&](double at, int direction) {
         const double part = a1 != a0 ? std::clamp((at - a0) / (a1 - a0), 0.0, 1.0) : 1.0;
         const double jitter = params.hall_jitter_s > 0.0 ? params.hall_jitter_s * chance.normal() : 0.0;
-        if (params.hall_dropout > 0.0 && chance.uniform() < params.hall_dropout) {
-            return;
+        if (params.hall_dropout > 0.0) {
+            state.missed = chance.uniform() < (state.missed && params.hall_burst > 0.0 ? params.hall_burst : params.hall_dropout);
+            if (state.missed) {
+                return;
+            }
         }
         edges.push_back({t0 + part * h + jitter, direction});
     };

@@ -40,7 +40,9 @@ struct State {
     Bristle motor_bristle, load_bristle;
     double charge_c = 0.0, polarisation_v = 0.0;
     double winding_kelvin = 0.0, housing_kelvin = 0.0;
-    double sensed_a = 0.0;
+    double sensed_a = 0.0, sensed_first_a = 0.0;
+    double polarisation2_v = 0.0;
+    bool missed = false;
     double ripple_rad = 0.0, ripple_rate = 0.0;
     bool gate = false;
     double gate_until_s = 0.0;
@@ -58,6 +60,7 @@ struct Drive {
     double duty = 0.0;
     double dead_s = 0.0;  // each edge of the switching leg may move by this much, against the current
     double load_nm = 0.0;
+    double bus_v = 0.0;  // above 0: the bus is this, whatever the source
 };
 
 class Tool {
@@ -96,6 +99,9 @@ private:
     void step(double h, int leg_a, int leg_b);
     int bridge_sign(int leg_a, int leg_b) const;
     double saturated_k(double current_a) const;
+    double inductance(double current_a) const;
+    double extra_resistance() const;
+    void sense_current(double mean_a, double h);
     double dry_level(double speed) const;
     double smooth_torque() const;
     void step_shaft(double h, double volts, bool conducting);

@@ -2,7 +2,7 @@
 
 import ctypes
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,8 @@ _DOUBLES = ctypes.POINTER(ctypes.c_double)
 
 class _Command(ctypes.Structure):
     _fields_ = [("time_s", _DOUBLES), ("duty", _DOUBLES), ("coast", _DOUBLES), ("count", ctypes.c_int),
-                ("load_time_s", _DOUBLES), ("load_nm", _DOUBLES), ("load_count", ctypes.c_int)]
+                ("load_time_s", _DOUBLES), ("load_nm", _DOUBLES), ("load_count", ctypes.c_int),
+                ("bus_time_s", _DOUBLES), ("bus_v", _DOUBLES), ("bus_count", ctypes.c_int)]
 
 
 class _Period(ctypes.Structure):
@@ -25,13 +26,16 @@ class _Period(ctypes.Structure):
 
 @dataclass(frozen=True)
 class Command:
-    """Bridge command and load over time, straight between points; a step is two points at one time. `coast` holds from its point on."""
+    """Bridge command and load over time, straight between points; a step is two points at one time. `coast` holds from its point on.
+    A bus that is given holds from its points on and stands for the source."""
 
     time_s: np.ndarray
     duty: np.ndarray
     coast: np.ndarray
     load_time_s: np.ndarray
     load_nm: np.ndarray
+    bus_time_s: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    bus_v: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -121,10 +125,11 @@ class Generator:
     def run(self, command: Command, row_s: np.ndarray, begin_s: float = 0.0) -> Run:
         """Run from rest; rows end at `row_s` (n,), the first begins at `begin_s`."""
         arrays = [np.ascontiguousarray(a, dtype=float) for a in
-                  (command.time_s, command.duty, command.coast, command.load_time_s, command.load_nm)]
+                  (command.time_s, command.duty, command.coast, command.load_time_s, command.load_nm, command.bus_time_s, command.bus_v)]
         rows = np.ascontiguousarray(row_s, dtype=float)
         message = _Command(_pointer(arrays[0]), _pointer(arrays[1]), _pointer(arrays[2]), len(arrays[0]),
-                           _pointer(arrays[3]), _pointer(arrays[4]), len(arrays[3]))
+                           _pointer(arrays[3]), _pointer(arrays[4]), len(arrays[3]),
+                           _pointer(arrays[5]), _pointer(arrays[6]), len(arrays[5]))
         out = np.zeros((len(rows), 5))
         count = Generator._lib.truth_run(self._tool, ctypes.byref(message), begin_s, _pointer(rows), len(rows), _pointer(out))
         if count < 0:

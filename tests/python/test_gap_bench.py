@@ -1,0 +1,192 @@
+"""The blind set: its plan is what the project promises, its answers stay sealed, and its scoring takes no wrong answer for a right one."""
+
+import json
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from truth_helpers import BY_ID, CATALOGUE, TRUTH, setting_of
+
+import bench_draw  # isort: skip
+import gap_bench  # isort: skip
+import responses  # isort: skip
+from bench_plan import SETS, Entry, plan  # isort: skip
+from forms import FORMS, other_form  # isort: skip
+from rigs import TOLERANCE  # isort: skip
+from vgroove.errors import VgrooveError
+from vgroove.gap_bench import cases, score
+from vgroove.gap_bench.command import chosen
+from vgroove.gap_bench.report import bench_page, tables
+
+R = ["bridge_resistance", "winding_resistance"]
+
+
+def scored(ids: list[str], verdict: str, selected: list[str], probability: float = 0.95, rivals: tuple[str, ...] = (),
+           **answer: Any) -> score.Scored:
+    """A case as the scorer sees it."""
+    accept = [R if i in R else [i] for i in ids]
+    kind = {0: "none", 1: "single", 2: "pair", 3: "triple"}[len(ids)]
+    words = {"kind": kind, "label": "effect" if ids else kind, "ids": ids, "accept": accept, "regime": "exact",
+             "sizes": dict.fromkeys(ids, 1.0), "times_visible": dict.fromkeys(ids, 4.0), "seconds": 6.0, "number": 0, **answer}
+    words |= {key: "" for key in ("rig", "input", "bus", "sensor", "position", "profile", "logger", "log_hz", "load")}
+    effects = [{"id": i, "probability": probability, "parameters": {}} for i in selected]
+    said = {"verdict": verdict, "selected": selected, "effects": effects, "indistinguishable": [{"id": i} for i in rivals],
+            "gap": {"closed": 0.98, "closed_beyond_retuning": 0.9}, "warnings": []}
+    return score.Scored(0, "x", None, words, said, 1.0, 1.0, 100.0)
+
+
+def test_plan_holds_what_the_project_promises() -> None:
+    kinds: Counter[str] = Counter()
+    by_effect: Counter[str] = Counter()
+    for half in SETS:
+        entries = plan(half)
+        kinds.update(e.kind for e in entries)
+        by_effect.update(e.first for e in entries if e.kind == "single")
+        assert len({e.name for e in entries}) == len(entries)
+    assert min(by_effect[e.id] for e in CATALOGUE) >= 20
+    assert (kinds["none"], kinds["pair"], kinds["triple"], kinds["unlisted"]) == (300, 150, 40, 100)
+    assert {e.name for e in plan("tune")}.isdisjoint(e.name for e in plan("report"))
+
+
+def test_a_beginning_of_the_plan_is_a_sample_of_all_kinds() -> None:
+    first = Counter(e.kind for e in plan("tune")[:120])
+    assert set(first) == {"single", "none", "pair", "triple", "unlisted"}
+    assert 40 <= first["single"] <= 90
+
+
+def test_sealed_answers_cannot_be_read_and_not_be_changed(tmp_path: Path) -> None:
+    line = gap_bench.seal({"ids": ["brush_drop"]}, "abc")
+    path = tmp_path / "answers.sealed"
+    path.write_text(line)
+    assert "brush" not in line and bytes("brush", "ascii").hex() not in line
+    assert len(line) == len(gap_bench.seal({"ids": []}, "abc"))
+    assert gap_bench.opened(path) == {"abc": {"ids": ["brush_drop"]}}
+    at = line.rindex(" ") + 5
+    path.write_text(line[:at] + ("0" if line[at] != "0" else "1") + line[at + 1:])
+    with pytest.raises(ValueError, match="abc"):
+        gap_bench.opened(path)
+
+
+def test_a_case_is_the_same_whenever_it_is_made(tmp_path: Path) -> None:
+    entry = next(e for e in plan("tune") if e.kind == "none")
+    for folder in ("a", "b"):
+        gap_bench.make(tmp_path / folder, [entry]) if (tmp_path / folder).mkdir() is None else None
+    names = ["answers.sealed", *(f"cases/{entry.name}/{n}" for n in ("log.csv", "rig.toml"))]
+    assert all((tmp_path / "a" / n).read_bytes() == (tmp_path / "b" / n).read_bytes() for n in names)
+    assert sorted(p.name for p in (tmp_path / "a" / "cases" / entry.name).iterdir()) == ["log.csv", "rig.toml"]
+
+
+@pytest.mark.parametrize("effect_id", sorted(FORMS))
+def test_other_forms_are_other_and_not_something_else(effect_id: str) -> None:
+    profile = {"load": "load_steps", "two_way": "reversals", "slow": "crawl", "": "staircase"}[BY_ID[effect_id].needs]
+    setting = setting_of(profile, seconds=3.0)
+    size = (0.2 if effect_id == "current_saturation" else 0.03) * BY_ID[effect_id].top(setting.rig)
+    made = bench_draw.effect_params(setting, effect_id, size)
+    level = bench_draw.level_of(setting)
+    other = other_form(effect_id, setting.tool, made, level, np.random.default_rng(1))
+    if effect_id == "hall_dropout":
+        assert other["hall_burst"] > 0.0
+        return
+    log = responses.seen(setting, other)
+    left, whole = responses.measured(log) - responses.modelled(log, made), responses.deviation(log)
+    assert responses.clipped_rms(left) > 1e-3
+    assert responses.clipped_rms(left) < responses.clipped_rms(whole)
+
+
+def test_retuning_takes_what_the_tolerances_explain_and_leaves_the_rest() -> None:
+    setting = setting_of("staircase", seconds=3.0)
+    setting = replace(setting, rig=replace(setting.rig, tolerance=TOLERANCE))
+    within, beyond = ({"coulomb_nm": setting.rig.coulomb_nm * (1.0 + part)} for part in (0.05, 0.6))
+    assert bench_draw.gap_left(setting, within) < 0.1
+    assert bench_draw.gap_left(setting, beyond) > 1.0
+    assert bench_draw.gap_left(setting, {"brush_drop_v": 0.5}) > 1.0
+
+
+def test_who_cannot_be_told_apart_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    setting = setting_of("staircase", seconds=1.5)
+    entry = Entry("tune", 0, "single", "exact", "winding_resistance")
+    ids, sizes = ("supply_gain",), {"supply_gain": 0.004}
+    clear = bench_draw.Case(entry, setting, ids, sizes, {"supply_gain": 3.0}, {"supply_gain": 0.004})
+    assert bench_draw.ties_of(clear) == []
+    same = replace(clear, ids=("bridge_resistance",), sizes={"bridge_resistance": 0.02}, params={"bridge_resistance_ohm": 0.02})
+    assert bench_draw.ties_of(same) == []  # the class is no tie: either name is right
+    monkeypatch.setattr(bench_draw, "accepts", lambda effect_id, setting: [effect_id])
+    assert bench_draw.ties_of(same) == [["winding_resistance"]]
+
+
+def test_wilson_is_wilson() -> None:
+    assert score.wilson(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
+    assert score.wilson(98, 100) == pytest.approx((0.9300, 0.9945), abs=1e-4)
+
+
+def test_only_true_names_are_right() -> None:
+    assert scored(["brush_drop"], "effect", ["brush_drop"]).right
+    assert scored(["winding_resistance"], "effect", ["bridge_resistance"]).right
+    assert scored([], "none", []).right
+    assert not scored(["brush_drop"], "effect", ["dead_time"]).right
+    assert not scored(["brush_drop"], "none", []).right
+    assert not scored([], "effect", ["brush_drop"]).right
+    assert not scored(["brush_drop", "current_lag"], "effect", ["brush_drop"]).right
+    assert not scored(["brush_drop", "current_lag"], "effect", ["brush_drop", "current_lag", "speed_gain"]).right
+    extra = scored(["brush_drop"], "effect", ["brush_drop", "speed_gain"])
+    assert extra.right and not extra.complete and extra.sure_and_wrong
+
+
+def test_a_tie_is_right_only_where_there_is_one() -> None:
+    honest = scored(["brush_drop"], "ambiguous", ["dead_time"], rivals=("brush_drop",), ties=[["dead_time"]])
+    assert honest.right
+    assert not scored(["brush_drop"], "ambiguous", ["brush_drop"], rivals=("dead_time",), ties=[]).right
+    assert not scored(["brush_drop"], "ambiguous", ["dead_time"], rivals=("speed_gain",), ties=[["dead_time"]]).right
+
+
+def test_figures_count_what_they_say(tmp_path: Path) -> None:
+    table = [scored(["brush_drop"], "effect", ["brush_drop"]), scored(["brush_drop"], "effect", ["dead_time"]),
+             scored(["brush_drop"], "ambiguous", ["brush_drop"], 0.6, ("dead_time",)), scored([], "effect", ["dead_time"], 0.7)]
+    figures = {"set": "tune", "engine": "0", "cases": 4} | score.score(table)
+    rates = figures["rates"]
+    assert (rates["exact"]["single"]["hits"], rates["exact"]["single"]["of"]) == (1, 3)
+    assert (rates["sure and wrong"]["hits"], rates["false alarms"]["hits"], rates["ambiguous though separable"]["hits"]) == (1, 1, 1)
+    top = figures["calibration"][-1]
+    assert (top["hits"], top["of"]) == (1, 2)
+    assert ("brush_drop", "effect dead_time", 1) in figures["confusion"]
+    json.dumps(figures)
+    assert tables(figures) and "Calibration" in bench_page(figures)
+
+
+@pytest.mark.parametrize(("rows", "size"), [([(2.0, False), (3.0, True), (5.0, True)], 3.0), ([(2.0, True), (3.0, False)], None),
+                                            ([], None)])
+def test_power_is_the_size_from_which_on_nearly_all_are_named(rows: list[tuple[float, bool]], size: float | None) -> None:
+    assert score.power_size(rows) == size
+
+
+def test_without_its_effect_a_sure_name_is_wrong() -> None:
+    gone = [replace(scored(["brush_drop"], word, names), without="brush_drop")
+            for word, names in (("unlisted", []), ("ambiguous", ["dead_time"]), ("effect", ["dead_time"]), ("none", []))]
+    assert score.removed(gone)["not named wrongly"]["hits"] == 2
+
+
+def test_cases_are_chosen_as_asked() -> None:
+    assert chosen(list(range(100)), None, True, []) == list(range(20))
+    assert chosen(list(range(100)), 3, False, []) == [0, 1, 2]
+    assert chosen(list(range(100)), None, False, [7, 7, 2]) == [2, 7]
+    with pytest.raises(VgrooveError, match="100"):
+        chosen(list(range(100)), None, False, [100])
+
+
+def test_without_a_checkout_the_command_says_what_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cases, "__file__", str(tmp_path / "cases.py"))
+    with pytest.raises(VgrooveError, match="checkout"):
+        cases.find_checkout()
+
+
+def test_the_generator_lists_nothing_but_numbers_and_names(tmp_path: Path) -> None:
+    command = [sys.executable, TRUTH / "gap_bench.py", "list", tmp_path, "--numbers", "0,1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert [len(row) for row in json.loads(done.stdout)] == [2, 2]
