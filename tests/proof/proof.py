@@ -17,10 +17,6 @@ from vgroove.control_bench.control import PARTS, Choice
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "docs" / "results"
 DEMO_SEEDS = range(1, 21)
-CASE_SETS = {"single": 60, "none": 20, "unlisted": 10, "pair": 10}
-CASE_SEED = 7000  # development used other seeds
-BLIND_SETS = {"single": (30, 5101), "none": (8, 5102), "unlisted": (8, 5103), "pair": (4, 5104)}  # cases, seed; new seeds after a change
-SURE = 0.9
 CONTROL_DRAWS = {"blows": 1, "sync": 1, "screwing": 3, "vibration": 1, "torque": 20, "drill": 10}  # times the bench's usual number of draws
 CONTROL_ROWS_MOST = 250
 
@@ -62,52 +58,13 @@ def demo_seeds(folder: Path, jobs: int) -> dict:
     return {"right": sum(r["right"] for r in runs), "of": len(rows), "runs": rows}
 
 
-def gap_cases(folder: Path, jobs: int) -> dict:
-    """Cases of the independent generator, first-version effects: confusion, rates and times as gap_eval prints them."""
-    results = {}
-    for kind, count in track(CASE_SETS.items(), "gap cases"):
-        results[kind] = kept(folder, f"gap_{kind}", lambda kind=kind, count=count: gap_set(folder / f"cases_{kind}", kind, count, jobs))
-    return results
-
-
-def gap_blind(folder: Path, jobs: int) -> dict:
-    """Cases of seeds that nobody looked at before, sizes from 1.5 times visible, a quarter of the rigs off within their tolerance."""
-    found = {}
-    for kind, (count, seed) in track(BLIND_SETS.items(), "blind cases"):
-        found[kind] = kept(folder, f"blind_{kind}", lambda kind=kind, n=count, s=seed: gap_set(folder / f"blind_{kind}", kind, n, jobs, s))
-    return blind_totals(found)
-
-
-def blind_totals(found: dict[str, dict]) -> dict:
-    """The counts of each kind, and what matters most over all: confident wrong names and false alarms."""
-    return {"seeds": {kind: seed for kind, (_, seed) in BLIND_SETS.items()}, "of": sum(one["of"] for one in found.values()),
-            "confident_wrong_names": sum(one["confident_wrong_names"] for one in found.values()),
-            "false_alarms": found["none"]["of"] - found["none"]["right"]} | found
-
-
-def gap_set(cases: Path, kind: str, count: int, jobs: int, seed: int = CASE_SEED) -> dict:
-    """Make the cases of one kind and judge them."""
-    make = [sys.executable, ROOT / "tests/truth/make_cases.py", cases, "--seed", str(seed), "--count", str(count), "--kind", kind]
-    subprocess.run(make, check=True, capture_output=True)
-    out = cases.with_suffix(".json")
-    judge = [sys.executable, ROOT / "tests/proof/gap_eval.py", cases, "--jobs", str(jobs), "--json", out]
-    subprocess.run(judge, check=True, capture_output=True)
-    return counts(json.loads(out.read_text(encoding="utf-8")))
-
-
-def counts(cases: list[dict]) -> dict:
-    """How many verdicts are right, right or an honest tie, right in the first name; how many effects the stated tolerances hide; names that
-    are wrong and given with SURE and more; seconds a log; and every case that is not right."""
-    seconds = sorted(case["seconds"] for case in cases)
-    return {
-        "of": len(cases), "right": sum(c["right"] for c in cases), "right_or_tie": sum(c["right"] or c["tie"] for c in cases),
-        "first_name_right": sum(c["first"] for c in cases), "hidden_by_tolerance": sum(c["hidden"] for c in cases),
-        "confident_wrong_names": sum(bool(c["verdict"]["selected"]) and not c["first"] and c["verdict"]["effects"][0]["probability"] >= SURE
-                                     for c in cases), "seconds_median": round(seconds[len(seconds) // 2], 1),
-        "seconds_most": round(seconds[-1], 1), "cpu_seconds_median": round(sorted(c["cpu_seconds"] for c in cases)[len(cases) // 2], 1),
-        "not_right": [{"case": Path(c["case"]).name, "truth": c["label"]["ids"] or c["label"].get("what", "none"),
-                       "verdict": c["verdict"]["verdict"], "selected": c["verdict"]["selected"]} for c in cases if not c["right"]],
-    }
+def gap_bench(half: str, folder: Path, jobs: int) -> dict:
+    """A half of the blind set, as a user runs it, single effects once more without their effect; the bench keeps its verdicts by itself."""
+    out = folder / f"gap_bench_{half}.json"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", "vgroove.cli", "gap", "bench", "--set", half, "--removed", "--jobs", str(jobs), "--json", out]
+    subprocess.run(command, check=True, cwd=ROOT)
+    return json.loads(out.read_text(encoding="utf-8"))
 
 
 def control(part: str, folder: Path, jobs: int) -> dict:
@@ -124,7 +81,7 @@ def without_runs(part: dict) -> dict:
     return {key: value for key, value in part.items() if not (isinstance(value, list) and len(value) > CONTROL_ROWS_MOST)}
 
 
-PROOFS = {"demo_seeds": demo_seeds, "gap_cases": gap_cases, "gap_blind": gap_blind}
+PROOFS = {"demo_seeds": demo_seeds, "gap_bench": partial(gap_bench, "report"), "gap_bench_tune": partial(gap_bench, "tune")}
 PROOFS |= {f"control_{part}": partial(control, part) for part in CONTROL_DRAWS}
 GROUPS = {"control": [f"control_{part}" for part in CONTROL_DRAWS]}
 

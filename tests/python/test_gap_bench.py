@@ -20,7 +20,7 @@ from bench_plan import SETS, Entry, plan  # isort: skip
 from forms import FORMS, other_form  # isort: skip
 from rigs import TOLERANCE  # isort: skip
 from vgroove.errors import VgrooveError
-from vgroove.gap_bench import cases, score
+from vgroove.gap_bench import cases, needs, score
 from vgroove.gap_bench.command import chosen
 from vgroove.gap_bench.report import bench_page, tables
 
@@ -34,7 +34,7 @@ def scored(ids: list[str], verdict: str, selected: list[str], probability: float
     kind = {0: "none", 1: "single", 2: "pair", 3: "triple"}[len(ids)]
     words = {"kind": kind, "label": "effect" if ids else kind, "ids": ids, "accept": accept, "regime": "exact",
              "sizes": dict.fromkeys(ids, 1.0), "times_visible": dict.fromkeys(ids, 4.0), "seconds": 6.0, "number": 0, **answer}
-    words |= {key: "" for key in ("rig", "input", "bus", "sensor", "position", "profile", "logger", "log_hz", "load")}
+    words = {key: "" for key in ("rig", "input", "bus", "sensor", "position", "profile", "logger", "log_hz", "load", "two_way")} | words
     effects = [{"id": i, "probability": probability, "parameters": {}} for i in selected]
     said = {"verdict": verdict, "selected": selected, "effects": effects, "indistinguishable": [{"id": i} for i in rivals],
             "gap": {"closed": 0.98, "closed_beyond_retuning": 0.9}, "warnings": []}
@@ -118,6 +118,55 @@ def test_who_cannot_be_told_apart_is_found(monkeypatch: pytest.MonkeyPatch) -> N
     assert bench_draw.ties_of(same) == []  # the class is no tie: either name is right
     monkeypatch.setattr(bench_draw, "accepts", lambda effect_id, setting: [effect_id])
     assert bench_draw.ties_of(same) == [["winding_resistance"]]
+
+
+def test_a_case_is_made_again_from_what_its_search_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = next(e for e in plan("tune") if e.kind == "single" and e.first == "current_offset" and e.regime == "hard")
+    row = {"half": "tune", "number": entry.number, "attempt": 3, "ids": ["current_offset"], "sizes": {"current_offset": 0.5},
+           "multiples": {"current_offset": 2.0}, "ties": []}
+    case = gap_bench.thawed(row)
+    assert case.params == {"current_offset_a": 0.5} and case.setting.seed == gap_bench.thawed(row).setting.seed
+    keys = [key.split(".")[1] for key in case.setting.rig.tolerance]
+    assert keys and all(getattr(case.setting.tool, key) != getattr(case.setting.rig, key) for key in keys)
+    with pytest.raises(ValueError, match="freeze"):
+        gap_bench.thawed(row | {"ids": ["brush_drop"]})
+
+
+@pytest.mark.parametrize("kind", ["duty", "voltage_v", "current_a"])
+def test_the_model_of_the_tool_itself_leaves_nothing(kind: str) -> None:
+    for bus in ("modelled", "measured") if kind == "duty" else ("absent",):
+        setting = setting_of("staircase", seconds=1.5, input=kind, bus=bus)
+        log = responses.seen(setting, {})
+        assert responses.clipped_rms(responses.deviation(log)) < (0.35 if kind == "current_a" else 0.15)
+        judged = {"duty": {"modelled": ("current_a", "supply_v", "speed_rpm"), "measured": ("current_a", "speed_rpm")},
+                  "voltage_v": {"absent": ("current_a", "speed_rpm")}, "current_a": {"absent": ("speed_rpm",)}}[kind][bus]
+        assert responses.channels(setting.rig) == judged
+        table = gap_bench.log_table(setting, {})
+        assert {"duty": "duty", "voltage_v": "voltage_v", "current_a": "current_a"}[kind] in table
+        assert ("duty" in table) == (kind == "duty")
+
+
+def test_the_table_of_needs_goes_where_its_marks_are() -> None:
+    counted = score.needs([scored(["brush_drop"], "effect", names, input="duty", bus="absent", sensor="hall", two_way=False, load=True,
+                                  profile="hand") for names in (["brush_drop"], ["dead_time"])])
+    page = needs.with_table(f"before\n{needs.BEGIN}\nold\n{needs.END}\nafter\n", counted)
+    row = next(line for line in page.splitlines() if line.startswith("| `brush_drop`"))
+    assert [cell.strip() for cell in row.strip("|").split("|")][1:4] == ["1/2", ".", "."]
+    assert "old" not in page and page.startswith("before") and page.endswith("after\n")
+    with pytest.raises(ValueError, match="needs"):
+        needs.with_table("no marks", counted)
+
+
+def test_the_page_shows_the_committed_figures() -> None:
+    results = house_root() / "docs" / "results" / "gap_bench.json"
+    if not results.exists():
+        pytest.skip("no run of the blind set is committed")
+    page = (house_root() / "docs" / "gap_bench.md").read_text(encoding="utf-8")
+    assert needs.with_table(page, json.loads(results.read_text(encoding="utf-8"))["needs"]) == page
+
+
+def house_root() -> Path:
+    return Path(__file__).resolve().parents[2]
 
 
 def test_wilson_is_wilson() -> None:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from bench_draw import Case, accepts, draw_case, ties_of
+from bench_draw import Case, accepts, case_again, draw_case, ties_of
 from bench_plan import SEED, SETS, Entry, plan
 from cases import Setting, columns
 from effects import split
@@ -18,7 +18,7 @@ from signals import Sensors
 
 SEALED = "answers.sealed"
 LOST = 0.01  # share of the rows that a logger of the kind "lost" never wrote
-FORMATS = {"time_s": "{:.6f}", "duty": "{:.4f}", "coast": "{:.0f}", "supply_v": "{:.2f}", "current_a": "{:.3f}", "speed_rpm": "{:.1f}",
+FORMATS = {"time_s": "{:.6f}", "duty": "{:.4f}", "coast": "{:.0f}", "supply_v": "{:.2f}", "current_a": "{:.4f}", "speed_rpm": "{:.1f}",
            "load_nm": "{:.4f}", "voltage_v": "{:.3f}", "position_rad": "{:.6f}"}
 
 
@@ -60,7 +60,7 @@ def answer_of(case: Case) -> dict[str, object]:
     """What is sealed about a case."""
     setting, rig, s = case.setting, case.setting.rig, case.setting.rig.sensors
     label = case.entry.kind if case.entry.kind in ("none", "unlisted") else "effect"
-    return {"label": label, "kind": case.entry.kind, "regime": case.entry.regime, "number": case.entry.number,
+    return {"label": label, "kind": case.entry.kind, "regime": case.entry.regime, "number": case.entry.number, "attempt": case.attempt,
             "ids": list(case.ids), "accept": [accepts(i, setting) for i in case.ids] if label == "effect" else [],
             "sizes": case.sizes, "times_visible": case.multiples, "truth": case.params,
             "tool": {key: getattr(setting.tool, key.split(".")[1]) for key in rig.tolerance},
@@ -118,6 +118,25 @@ def make(folder: Path, entries: list[Entry]) -> None:
         sys.stdout.flush()
 
 
+def freeze(folder: Path, entries: list[Entry]) -> list[dict[str, object]]:
+    """What makes sealed cases again without their search, ties included: for sets that stand in the repository."""
+    known = show(folder, entries, with_ties=True)
+    rows = []
+    for entry in entries:
+        answer = known[entry.name]
+        rows.append({"half": entry.set, **{key: answer[key] for key in ("number", "attempt", "ids", "sizes", "ties")},
+                     "multiples": answer["times_visible"]})
+    return rows
+
+
+def thawed(row: dict[str, object]) -> Case:
+    """The case of a row of `freeze`; ValueError when the generator would draw another."""
+    case = case_again(plan(row["half"])[row["number"]], row["attempt"], row["sizes"], row["multiples"])
+    if list(case.ids) != row["ids"]:
+        raise ValueError(f"case {row['number']} of {row['half']} holds {case.ids}, not {row['ids']}: freeze it anew")
+    return case
+
+
 def show(folder: Path, entries: list[Entry], with_ties: bool) -> dict[str, object]:
     """Answers of the entries; with ties as far as they are asked for, which are kept beside the sealed file."""
     here = opened(folder / SEALED)
@@ -126,7 +145,8 @@ def show(folder: Path, entries: list[Entry], with_ties: bool) -> dict[str, objec
     known = opened(kept)
     for entry in entries if with_ties else []:
         if entry.name not in known and entry.name in out:
-            known[entry.name] = {"ties": ties_of(draw_case(entry))}
+            a = out[entry.name]
+            known[entry.name] = {"ties": ties_of(case_again(entry, a["attempt"], a["sizes"], a["times_visible"]))}
             with kept.open("a", encoding="utf-8") as file:
                 file.write(seal(known[entry.name], entry.name))
     return {name: answer | known.get(name, {}) for name, answer in out.items()}
@@ -134,7 +154,7 @@ def show(folder: Path, entries: list[Entry], with_ties: bool) -> dict[str, objec
 
 def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("list", "make", "open"))
+    parser.add_argument("what", choices=("list", "make", "open", "freeze"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--set", dest="half", choices=SETS, default="tune")
     parser.add_argument("--numbers", default="all", help="numbers with commas")
@@ -146,6 +166,8 @@ def main(arguments: list[str]) -> int:
     args.folder.mkdir(parents=True, exist_ok=True)
     if args.what == "make":
         make(args.folder, entries)
+    elif args.what == "freeze":
+        sys.stdout.write(json.dumps(freeze(args.folder, entries), indent=1) + "\n")
     elif args.what == "open":
         sys.stdout.write(json.dumps(show(args.folder, entries, args.ties)) + "\n")
     else:

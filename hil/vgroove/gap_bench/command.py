@@ -23,8 +23,10 @@ def bench_command(
     jobs: Annotated[int, typer.Option(min=1, help="Cases at a time.")] = 1,
     json_path: Annotated[Path | None, typer.Option("--json", help="Write all figures as JSON.")] = None,
     html_path: Annotated[Path | None, typer.Option("--html", help="Write one self-contained page.")] = None,
+    page: Annotated[Path | None, typer.Option(help="Renew the table of needs in this page (docs/gap_bench.md).")] = None,
 ) -> None:
     """The blind set: sealed cases of an independent generator, diagnosed one by one (kept, so a run resumes), opened and scored."""
+    from vgroove.gap_bench.needs import with_table
     from vgroove.gap_bench.report import bench_page, tables
     from vgroove.output import check_outputs, write_text
 
@@ -36,6 +38,8 @@ def bench_command(
         write_text(json_path, json.dumps(figures, indent=1) + "\n")
     if html_path:
         write_text(html_path, bench_page(figures))
+    if page:
+        write_text(page, with_table(page.read_text(encoding="utf-8"), figures["needs"]))
 
 
 def bench(half: str, count: int | None, fifth: bool, numbers: list[int], removed: bool, without: list[str], jobs: int,

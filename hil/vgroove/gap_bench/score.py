@@ -236,11 +236,31 @@ class WithoutEffect:
         return c.word not in ("unlisted", "ambiguous") and any(not c.true_name(i) for i in c.selected) or c.word in ("none", "failed")
 
 
+GROUPS = {
+    "input": lambda a: a["input"], "bus": lambda a: a["bus"], "speed from": lambda a: a["sensor"],
+    "direction": lambda a: "both ways" if a["two_way"] else "one way", "load": lambda a: "loaded" if a["load"] else "free",
+    "command": lambda a: "smooth" if a["profile"] in ("ramps", "hand", "chirp") else "steps",
+}
+
+
+def needs(cases: Sequence[Scored]) -> dict[str, dict[str, Any]]:
+    """By effect and what the log holds: how many of the single cases are right."""
+    out: dict[str, dict[str, Any]] = {}
+    for c in cases:
+        if c.kind == "single":
+            mine = out.setdefault(c.answer["ids"][0], {})
+            for name, group in GROUPS.items():
+                cell = mine.setdefault(name, {}).setdefault(group(c.answer), {"hits": 0, "of": 0})
+                cell["hits"] += int(c.right)
+                cell["of"] += 1
+    return dict(sorted(out.items()))
+
+
 def score(cases: Sequence[Scored]) -> dict[str, Any]:
     """Everything that the bench prints."""
     whole = [c for c in cases if c.without is None]
     out = {"of": len(whole), "rates": rates(whole), "confusion": confusion(whole), "calibration": calibration(whole), "power": power(whole),
-           "parameters": parameters(whole), "closed": closed(whole), "cost": cost(whole),
+           "needs": needs(whole),           "parameters": parameters(whole), "closed": closed(whole), "cost": cost(whole),
            "cost of logs of 5..7 s": cost([c for c in whole if 5.0 <= c.answer["seconds"] <= 7.0]),
            "failures": [line_of(c) for c in whole if not c.right], "sure and wrong": [c.number for c in whole if c.sure_and_wrong]}
     gone = [c for c in cases if c.without is not None]

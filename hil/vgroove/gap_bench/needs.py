@@ -1,0 +1,36 @@
+"""The table of docs/gap_bench.md, which effects need which sensor and which excitation, written from the figures of the bench."""
+
+from typing import Any
+
+BEGIN, END = "<!--needs-->", "<!--end of needs-->"
+COLUMNS = {
+    "input": (("duty", "duty"), ("voltage_v", "voltage"), ("current_a", "current")),
+    "bus": (("modelled", "bus judged"), ("measured", "bus drives"), ("absent", "no bus")),
+    "speed from": (("hall", "Hall"), ("encoder", "encoder"), ("tachometer", "tacho"), ("angle", "angle")),
+    "direction": (("one way", "one way"), ("both ways", "both ways")),
+    "load": (("free", "free"), ("loaded", "loaded")),
+    "command": (("steps", "steps"), ("smooth", "smooth")),
+}
+
+
+def needs_table(needs: dict[str, dict[str, Any]]) -> str:
+    """Rows of effects, columns of what the log holds: right answers / cases; a dot where no case was run."""
+    heads = [word for group in COLUMNS.values() for _, word in group]
+    lines = ["| effect | " + " | ".join(heads) + " |", "| --- |" + " --- |" * len(heads)]
+    for effect, groups in needs.items():
+        cells = [cell_text(groups.get(name, {}).get(key)) for name, group in COLUMNS.items() for key, _ in group]
+        lines.append(f"| `{effect}` | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def cell_text(cell: dict[str, int] | None) -> str:
+    return f"{cell['hits']}/{cell['of']}" if cell else "."
+
+
+def with_table(page: str, needs: dict[str, dict[str, Any]]) -> str:
+    """The page with the table between its marks; ValueError where the marks are missing."""
+    head, mark, rest = page.partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not mark or not end:
+        raise ValueError(f"the page has no {BEGIN} ... {END}")
+    return f"{head}{BEGIN}\n{needs_table(needs)}\n{END}{tail}"
