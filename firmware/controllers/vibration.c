@@ -18,6 +18,8 @@
 #define TURNED_SHIFT 4u                // sums of mV ms in 16 bits
 #define TURN_Q8 469u
 #define MOHM_MOST 511u  // counts as that
+#define LOW_SURGE_A_Q9 Q(30.5, 9)
+#define LOW_256MV 66u  // a battery at rest below 16.9 V: the third climb of a hard joint would end on top of a lug
 
 // What a tick says of the motor: the voltage applied, and the part of it that is back-EMF.
 typedef struct {
@@ -71,18 +73,15 @@ static uint8_t next_phase(const Vibration *self, const ControllerInputs *in, con
 }
 
 // The duty that lets the current rise to surge_a: the one in force and what the resistance wants for the rest.
-static int16_t surge(const Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
+static int16_t surge(const Vibration *self, const ControllerInputs *in) {
     const uint16_t most_q15 = (uint16_t)(self->duty_q15 + SURGE_STEP_Q15);
-    if (in->current_a_q9 >= set->surge_a_q9) {
+    if (in->current_a_q9 >= self->surge_a_q9) {
         return self->duty_q15;
     }
-    const uint16_t rest_a_q9 = (uint16_t)set->surge_a_q9 - (uint16_t)in->current_a_q9;
+    const uint16_t rest_a_q9 = (uint16_t)self->surge_a_q9 - (uint16_t)in->current_a_q9;
     const uint16_t wanted_q15 = (uint16_t)((uint16_t)in->duty_q15 + high_word((uint32_t)rest_a_q9 * self->rise_q16));
     const uint16_t duty_q15 = wanted_q15 < most_q15 ? wanted_q15 : most_q15;
-    if (duty_q15 > INT16_MAX) {
-        return INT16_MAX;
-    }
-    return (int16_t)duty_q15 > self->duty_q15 ? (int16_t)duty_q15 : self->duty_q15;
+    return duty_q15 > INT16_MAX ? INT16_MAX : (int16_t)duty_q15;
 }
 
 // On a hard joint the motor is slow for its voltage.
@@ -90,9 +89,9 @@ static int16_t limited(const Vibration *self, const VibrationSetpoints *set, con
     if (blow->impacting && seen->applied_mv > set->hard_mv &&
         seen->emf_mv < high_word((uint32_t)seen->applied_mv * (uint16_t)(2 * set->hard_share_q15))) {
         const int16_t from_q15 = self->limit_q15 < in->trigger_q15 ? self->limit_q15 : in->trigger_q15;
-        return (int16_t)(from_q15 > LIMIT_STEP_Q15 ? from_q15 - LIMIT_STEP_Q15 : 0);
+        return slew_towards(from_q15, 0, LIMIT_STEP_Q15);
     }
-    return (int16_t)(self->limit_q15 < INT16_MAX - LIMIT_STEP_Q15 ? self->limit_q15 + LIMIT_STEP_Q15 : INT16_MAX);
+    return slew_towards(self->limit_q15, INT16_MAX, LIMIT_STEP_Q15);
 }
 
 static int16_t climb(const Vibration *self, const VibrationSetpoints *set) {
@@ -107,7 +106,7 @@ static int16_t output(Vibration *self, const VibrationSetpoints *set, const Cont
     case VIBRATION_CLIMB:
         return climb(self, set);
     case VIBRATION_SURGE:
-        return surge(self, set, in);
+        return surge(self, in);
     case VIBRATION_RUN:
         break;
     }
@@ -143,6 +142,7 @@ static void prepare(Vibration *self, const VibrationSetpoints *set, const Contro
         self->mv_per_rpm_q12 = divide_u16((uint32_t)500u << 12, set->motor_rpm_per_v);
         break;
     case 3:
+        self->surge_a_q9 = (uint8_t)(in->supply_mv >> 8) < LOW_256MV && set->surge_a_q9 > LOW_SURGE_A_Q9 ? LOW_SURGE_A_Q9 : set->surge_a_q9;
         self->rise_q16 = divide_u16((uint32_t)(self->mohm_q7 >> 7) << 22, in->supply_mv);
         break;
     case PREPARED:

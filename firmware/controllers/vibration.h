@@ -44,6 +44,7 @@ typedef struct {
     uint16_t top_mv;      // highest back-EMF of the approach
     uint16_t turned;      // since the dip, mV ms / 16
     uint16_t climb_turn;  // where the hammer is let go
+    int16_t surge_a_q9;   // current from there on
     uint16_t mohm_q7;
     uint16_t mv_per_rpm_q12;  // back-EMF of a speed Q1
     uint16_t rise_q16;        // duty Q15 per current Q9 through the winding

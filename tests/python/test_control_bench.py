@@ -281,6 +281,13 @@ def test_fifth_of_low_vibration(fifth: Any, method: str) -> None:
     assert found["change"] <= -0.1 and found["worst"] <= 0.03 and found["time_most"] <= 0.05 and found["not_reached"] == 0
 
 
+@pytest.mark.parametrize("supply_v", [16.25, 16.45, 16.7])
+def test_a_hard_joint_between_the_supplies_of_the_matrix_shakes_no_more(supply_v: float) -> None:
+    rows = [vibration.work(variant, supply_v=supply_v, load="hard_joint", seed=7) for variant in vibration.VARIANTS]
+    for row in rows[1:]:
+        assert row["rms_nm"] <= 1.03 * rows[0]["rms_nm"] and row["time_s"] <= 1.05 * rows[0]["time_s"]
+
+
 def test_fifth_of_blow_detection(fifth: Any) -> None:
     for source in ("by speed", "by current"):
         found = summary(fifth("blows"), source)

@@ -135,6 +135,30 @@ TEST(Vibration, SurgeHoldsItsCurrent) {
     EXPECT_EQ(drive.duty_q15, FULL);
 }
 
+// Its third climb would end on top of a lug with more.
+TEST(Vibration, AWeakBatterySurgesWithLess) {
+    struct Wanted {
+        double supply_v, set_a, surge_a;
+    };
+    for (const Wanted &wanted : {Wanted{16.89, 42, 30.5}, {16.9, 42, 42}, {16.0, 42, 30.5}, {16.0, 20, 20}, {18.5, 20, 20}}) {
+        VibrationSetpoints set = setpoints(VIBRATION_BY_CURRENT);
+        set.surge_a_q9 = static_cast<int16_t>(512 * wanted.set_a);
+        Vibration self{};
+        const Blow blow{};
+        vibration_start(&self, &set);
+        ControllerInputs in = measured(0, 0);
+        in.supply_mv = static_cast<uint16_t>(std::lround(1000 * wanted.supply_v));
+        for (int ms = 0; ms < 5; ++ms)
+            vibration_step(&self, &set, &in, &blow);
+        self.phase = VIBRATION_SURGE;
+        self.duty_q15 = in.duty_q15 = 16000;
+        in.current_a_q9 = static_cast<int16_t>(512 * wanted.surge_a);
+        EXPECT_EQ(vibration_step(&self, &set, &in, &blow), 16000) << wanted.supply_v;
+        in.current_a_q9 = static_cast<int16_t>(in.current_a_q9 - 256);
+        EXPECT_GT(vibration_step(&self, &set, &in, &blow), 16000) << wanted.supply_v;
+    }
+}
+
 // duty + R (surge_a - i) / Vs, at most 0.12 more than the last; above surge_a what it is.
 TEST(Vibration, SurgeAddsWhatTheWindingWants) {
     struct Case {
