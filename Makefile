@@ -62,6 +62,7 @@ bench: build ## comparisons with peers (installs them as the extra [bench])
 	@$(MAKE) --no-print-directory apt APT=gfortran
 	$(PY) -m pip install -q -e ".[bench]" --no-build-isolation
 	$(VENV)/bin/vgroove bench speed --json build/bench_speed.json
+	$(VENV)/bin/vgroove bench trap --json build/bench_trap.json
 
 proof: build ## what takes longer; resumable, results into docs/results
 	$(PY) tests/proof/proof.py

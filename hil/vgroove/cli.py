@@ -53,6 +53,20 @@ def bench_speed_command(
     _write_json(json_path, figures)
 
 
+@bench_app.command("trap")
+def bench_trap_command(
+    seed: Annotated[int, typer.Option(help="Seed of drive and noise.")] = 1,
+    json_path: Annotated[Path | None, typer.Option("--json", help="Write all answers as JSON.")] = None,
+) -> None:
+    """A joint whose model lacks its Coulomb friction: who retunes the damping, and who names the friction?"""
+    from vgroove.bench.trap import bench_trap, trap_table
+
+    _check_outputs(json_path)
+    figures = bench_trap(seed)
+    Console().print(trap_table(figures))
+    _write_json(json_path, figures)
+
+
 @app.command()
 def record(
     port: Annotated[str, typer.Argument(help="Serial port of the board: /dev/ttyACM0, COM3, a pty, or a pyserial URL.")],

@@ -24,6 +24,7 @@ DEFAULT_TIMEOUT_S = 0.25
 FEW_CHAINS, FILTERED_SHARE = 20, 0.2  # more breaks than this, and than this share of the periods: the column holds no edge periods
 LONGEST_PITCH_S = 0.02  # a filtered speed at longer periods says little about when
 FORCE_ROWS = 2  # rows between the instants of a second difference
+LONGEST_FORCE_S, DROWNED = 0.05, 4.0  # their longest distance, taken while the differences scatter less than DROWNED times their noise
 NEIGHBOURS = 4  # edge periods on each side that say whether a period is twice as long as it should be
 DUTY_LIMIT = 1.01  # a compare value of 256 of 255 is rounding; beyond that the column is no duty
 UNAIDED_RPM = 100.0  # by which a shaft may speed up without a command: noise, a hand
@@ -297,7 +298,8 @@ def _position(time_s: np.ndarray, position: np.ndarray, rig: Rig) -> Channel:
 
 
 def _force(time_s: np.ndarray, position: np.ndarray, known: np.ndarray, sigma: float, rig: Rig) -> ForceChannel:
-    first, middle, last = known[:-2 * FORCE_ROWS:FORCE_ROWS], known[FORCE_ROWS:-FORCE_ROWS:FORCE_ROWS], known[2 * FORCE_ROWS::FORCE_ROWS]
+    rows = _force_rows(time_s[known], position[known], sigma)
+    first, middle, last = known[:-2 * rows:rows], known[rows:-rows:rows], known[2 * rows::rows]
     count = min(len(first), len(middle), len(last))
     first, middle, last = first[:count], middle[:count], last[:count]
     length = 0.5 * (time_s[last] - time_s[first])
@@ -305,11 +307,22 @@ def _force(time_s: np.ndarray, position: np.ndarray, known: np.ndarray, sigma: f
     first, middle, last, length = first[even], middle[even], last[even], length[even]
     inertia = rig.motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / rig.gearbox["ratio"] ** 2
     force = rig.motor["torque_constant_nm_per_a"] * rig.sensors.get("current_noise_a", 0.0) / inertia
-    spread = np.hypot(np.sqrt(6.0) * sigma / length**2, force * np.sqrt(2.0 / 3.0 / FORCE_ROWS))
+    spread = np.hypot(np.sqrt(6.0) * sigma / length**2, force * np.sqrt(2.0 / 3.0 / rows))
     measured = (position[last] - 2.0 * position[middle] + position[first]) / length**2
     return ForceChannel("position_rad", "rad/s^2", last, time_s[middle], measured, spread, np.zeros(len(last), dtype=bool),
                         note="compared through its second derivative: force with force",
                         places=tuple(Places.of(time_s, time_s[rows]) for rows in (first, middle, last)), length_s=length)
+
+
+def _force_rows(time_s: np.ndarray, position: np.ndarray, sigma: float) -> int:
+    """Rows between the instants of a second difference: more where noise would drown the acceleration, up to LONGEST_FORCE_S."""
+    rows, step = FORCE_ROWS, float(np.median(np.diff(time_s)))
+    while 2 * rows * step <= LONGEST_FORCE_S and 6 * rows < len(position):
+        difference = position[2 * rows :] - 2.0 * position[rows:-rows] + position[: -2 * rows]
+        if difference.std() > DROWNED * np.sqrt(6.0) * sigma:
+            break
+        rows *= 2
+    return rows
 
 
 def _widened(channels: list[Channel], time_s: np.ndarray, drive: tuple[np.ndarray, np.ndarray]) -> list[Channel]:

@@ -1,6 +1,7 @@
 """Sensor noise: what the rig states, and what a log alone tells where the rig is silent; a model's residual is never asked."""
 
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter
@@ -10,6 +11,7 @@ from vgroove.rig import Rig
 
 STEPS_LOOKED_AT, MOST_PARTS = 2000, 64  # differences that must fit a column's resolution, and steps in the smallest of them
 SCATTER_WINDOW, SCATTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
+DIFFERENCE_ORDERS = range(3, 9)  # of a position, in which white noise is looked for
 CALMED = 7  # rows over which columns.calmed takes the mean of a noisy voltage
 RPM = 2.0 * np.pi / 60.0
 MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
@@ -27,14 +29,24 @@ def scatter(values: np.ndarray) -> float:
     return float((spread if spread > 0.0 else residual.std()) / np.sqrt(kept))
 
 
+def position_scatter(values: np.ndarray) -> float:
+    """Standard deviation of the noise of a position (n,): a difference of high order leaves of a smooth motion little and of white noise
+    sqrt(2k over k). The least over the orders, since motion only adds; nan where fewer than 20 samples are there."""
+    finite = values[np.isfinite(values)]
+    if len(finite) < 20:
+        return float("nan")
+    differences = ((order, np.diff(finite, order)) for order in DIFFERENCE_ORDERS)
+    return float(min(MAD * np.median(np.abs(d - np.median(d))) / np.sqrt(comb(2 * order, order)) for order, d in differences))
+
+
 def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
     """1 sigma of a column's samples in its unit: stated noise and quantisation, or the log's scatter where no noise is stated."""
     noise_key, lsb_key = {"current_a": ("current_noise_a", "current_lsb_a"), "supply_v": ("supply_noise_v", ""),
                           "speed_rpm": ("speed_noise_rpm", "speed_lsb_rpm"), "position_rad": ("", "position_lsb_rad")}[column]
     rounding = rig.sensors.get(lsb_key, step_of(values)) / np.sqrt(12.0)
     noise = rig.sensors.get(noise_key)
-    if noise is None and column == "position_rad" and rounding > 0.0:
-        noise = 0.0
+    if column == "position_rad":
+        return float(np.nanmax([position_scatter(values), rounding, LEAST_SIGMA[column]]))
     sigma = np.hypot(noise, rounding) if noise is not None else max(scatter(values), rounding)
     return float(max(sigma, LEAST_SIGMA[column]))
 

@@ -11,6 +11,7 @@ from vgroove.gap.edges import EdgePeriods, near_reversal
 from vgroove.gap.noise import RPM
 from vgroove.rig import Rig
 
+ANGLES = states.NEIGHBOURS[0]  # by as much a fit to neighbouring angles beats their differences: the errors of neighbours cancel
 START_S = 0.02  # the shaft is taken to leave its rest this long before the first edge
 
 
@@ -27,7 +28,8 @@ def sight_of(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges
     if edges is not None and not edges.falling.all():
         speed, angle_at = _edge_sight(rig, edges, _standing(rig)(0.0))
     if "position_rad" in by_column:
-        speed, angle_at = _position_sight(time_s, columns["position_rad"], rig)
+        from_angle, angle_at = _position_sight(time_s, columns["position_rad"], rig)
+        speed = from_angle if speed is None or fineness(from_angle) / ANGLES < fineness(speed) else speed
     current = None
     if rig.input["kind"] == "current_a":
         force = held(columns["current_a"])
@@ -36,6 +38,11 @@ def sight_of(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges
         channel = by_column["current_a"]
         current = states.row_means(time_s, columns["current_a"], float(channel.sigma[0]))
     return states.Sight(speed, current, angle_at, lambda t, w, dw: _current_from_motion(rig, time_s, columns, t, w, dw))
+
+
+def fineness(seen: states.Observations) -> float:
+    """1 sigma (rad/s) of a usual observation."""
+    return float(np.median(seen.sigma))
 
 
 def _standing(rig: Rig) -> Callable[[float], float]:

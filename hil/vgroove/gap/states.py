@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-NEIGHBOURS = 4  # observations on each side of an instant
+NEIGHBOURS = (4, 8, 16)  # observations on each side of an instant
 DEGREE = 2
 REACH_S = 0.06  # observations further away than this say nothing about an instant
 SEARCH_S, SEARCH_STEPS = 0.05, 11  # a restart may move this far, to the best of so many instants
 UNREST_S = 2e-4  # of two instants that are known equally well the quieter one is taken: this much of its acceleration counts as doubt
+NOISE_ALONE = 1.0  # a mean square of the residual so many standard deviations above noise's tells of a motion that the polynomial misses
 TRUST = 2.5  # a restart needs a state known to within this many sigma of the sensor
 
 
@@ -25,31 +26,42 @@ class Observations:
 
 @dataclass(frozen=True)
 class Local:
-    """A signal at an instant: value, first and second derivative, the value's 1 sigma, lack of fit included, and its unrest in sigmas."""
+    """A signal at an instant: value, first and second derivative, the value's 1 sigma, lack of fit included, its unrest in sigmas, and
+    whether what the polynomial leaves is no more than noise."""
 
     value: float
     slope: float
     bend: float
     doubt: float
     unrest: float
+    fits: bool = True
 
 
-NOWHERE = Local(0.0, 0.0, 0.0, np.inf, np.inf)
+NOWHERE = Local(0.0, 0.0, 0.0, np.inf, np.inf, False)
 
 
 def local_fit(seen: Observations, time_s: float) -> Local:
+    """Value of a signal at an instant from the quadratic through the spans around it that leaves the least doubt: through few of them where
+    the motion bends, through many where it is noise that matters."""
+    middle = int(np.searchsorted(0.5 * (seen.start_s + seen.end_s), time_s))
+    narrow, *wider = (quadratic(seen, time_s, middle, count) for count in NEIGHBOURS)
+    return min((narrow, *(one for one in wider if one.fits)), key=lambda found: found.doubt)
+
+
+def quadratic(seen: Observations, time_s: float, middle: int, neighbours: int) -> Local:
     """Value of a signal at an instant from a quadratic through the spans around it, robust against single wrong ones.
 
     The polynomial is fitted to the spans' means, not to their midpoints: long edge periods at low speed bend nothing.
     """
-    middle = np.searchsorted(0.5 * (seen.start_s + seen.end_s), time_s)
-    first, last = middle - NEIGHBOURS, middle + NEIGHBOURS
+    first, last = middle - neighbours, middle + neighbours
     if first < 0 or last > len(seen.value):
         return NOWHERE
     start, end = seen.start_s[first:last] - time_s, seen.end_s[first:last] - time_s
     value, sigma = seen.value[first:last], seen.sigma[first:last]
     if max(-start[0], end[-1]) > REACH_S or not np.all(np.isfinite(value)):
         return NOWHERE
+    if neighbours > NEIGHBOURS[0] and abs(np.sum(np.sign(value))) < len(value):
+        return NOWHERE  # friction and play bend a motion where it turns round: no smooth piece reaches across
     scale = max(-start[0], end[-1])
     a, b = start / scale, end / scale
     basis = np.column_stack([np.ones_like(a), 0.5 * (a + b), (a * a + a * b + b * b) / 3.0])
@@ -61,9 +73,12 @@ def local_fit(seen: Observations, time_s: float) -> Local:
         spread = max(1.0, 1.5 * float(np.median(error)))
         weight = np.minimum(1.0, 3.0 * spread / np.maximum(error, 1e-12))
     covariance = np.linalg.inv((basis * rows).T @ (basis * rows))
-    misfit = np.sqrt(max(1.0, float(np.sum((weight * error) ** 2)) / (len(a) - DEGREE - 1)))
+    freedom = len(a) - DEGREE - 1
+    left = float(np.sum((weight * error) ** 2)) / freedom
+    misfit = np.sqrt(max(1.0, left))
     slope, bend, one = float(answer[1] / scale), 2.0 * float(answer[2]) / scale**2, float(np.median(sigma))
-    return Local(float(answer[0]), slope, bend, float(np.sqrt(covariance[0, 0])) * misfit / one, abs(slope) * UNREST_S / one)
+    return Local(float(answer[0]), slope, bend, float(np.sqrt(covariance[0, 0])) * misfit / one, abs(slope) * UNREST_S / one,
+                 left < 1.0 + NOISE_ALONE * np.sqrt(2.0 / freedom))
 
 
 def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observations:
@@ -145,10 +160,10 @@ def _first_state(sight: Sight, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """State at the first row: at rest, or what the first observations say when they show motion."""
     state = np.array([0.0, 0.0, sight.angle_at(time_s[0])])
     for k, seen in enumerate((sight.current, sight.speed)):
-        if seen is None or len(seen.value) < NEIGHBOURS or seen.end_s[0] > time_s[0] + REACH_S:
+        if seen is None or len(seen.value) < NEIGHBOURS[0] or seen.end_s[0] > time_s[0] + REACH_S:
             continue
-        middle = 0.5 * (seen.start_s + seen.end_s)[:NEIGHBOURS]
-        line = np.polyfit(middle - time_s[0], seen.value[:NEIGHBOURS], 1)
-        if abs(np.mean(seen.value[:NEIGHBOURS])) > 3.0 * seen.sigma[0]:
+        middle = 0.5 * (seen.start_s + seen.end_s)[:NEIGHBOURS[0]]
+        line = np.polyfit(middle - time_s[0], seen.value[:NEIGHBOURS[0]], 1)
+        if abs(np.mean(seen.value[:NEIGHBOURS[0]])) > 3.0 * seen.sigma[0]:
             state[k] = line[1]
     return state, np.zeros((2, 2))

@@ -1,0 +1,79 @@
+"""MuJoCo's system identification on the trap's joint: damping alone as its user would, and with the friction added by hand."""
+
+import time
+
+import mujoco
+import numpy as np
+from mujoco import rollout, sysid
+from mujoco.sysid.report.sections.insights import AutomatedInsights
+
+from vgroove.bench import trap
+from vgroove.bench.trap import Answer, Floats, Motion
+
+JOINT = f"""
+<mujoco>
+  <option timestep="{1.0 / trap.LOG_HZ}" gravity="0 0 0" integrator="implicitfast"><flag contact="disable"/></option>
+  <worldbody>
+    <body name="arm">
+      <inertial pos="0 0 0" mass="1" diaginertia="{trap.INERTIA} {trap.INERTIA} {trap.INERTIA}"/>
+      <joint name="joint" type="hinge" axis="0 0 1" damping="{trap.BELIEVED_DAMPING}"/>
+    </body>
+  </worldbody>
+  <actuator><motor joint="joint"/></actuator>
+  <sensor><jointpos name="position" joint="joint"/><jointvel name="velocity" joint="joint"/></sensor>
+</mujoco>
+"""
+FIELDS = {"damping": (trap.BELIEVED_DAMPING, 0.0, 0.05), "frictionloss": (1e-3, 0.0, 0.5)}  # start, bounds
+
+
+def answers(seen: Motion, new: Motion) -> list[Answer]:
+    """Damping alone; damping and friction."""
+    return [answer("MuJoCo sysid, damping", ("damping",), seen, new),
+            answer("MuJoCo sysid, friction added by hand", ("damping", "frictionloss"), seen, new)]
+
+
+def answer(name: str, fields: tuple[str, ...], seen: Motion, new: Motion) -> Answer:
+    """What the fit of the joint's fields gives."""
+    start = time.process_time()
+    fitted = fit(fields, seen)
+    busy = time.process_time() - start
+    says = "; ".join(insight["title"] for insight in AutomatedInsights("", fitted)._insights)  # the report's text has no public getter
+    found = {field: float(np.ravel(fitted[field].value)[0]) for field in fields}
+    error = trap.relative_error(free_run(found, new), new)
+    return Answer(name, says, found["damping"], found.get("frictionloss"), error, busy)
+
+
+def fit(fields: tuple[str, ...], seen: Motion) -> sysid.ParameterDict:
+    """The joint's fields, fitted to angle and speed."""
+    spec = mujoco.MjSpec.from_string(JOINT)
+    model = spec.compile()
+    parameters = sysid.ParameterDict()
+    for field in fields:
+        value, low, high = FIELDS[field]
+        parameters.add(sysid.Parameter(field, nominal=value, min_value=low, max_value=high,
+                                       modifier=lambda s, p, field=field: set_field(s, field, float(p.value[0]))))
+    begin = sysid.create_initial_state(model, np.zeros(1), np.zeros(1), np.zeros(0))
+    sensors = sysid.TimeSeries.from_names(seen.time_s, np.column_stack([seen.angle_rad, seen.speed_rad_s]), model)
+    control = sysid.TimeSeries(seen.time_s - 1.0 / trap.LOG_HZ, seen.torque_nm[:, None])  # held from the row's start
+    sequences = sysid.ModelSequences("joint", spec, "measured", begin, control, sensors)
+    fitted, _ = sysid.optimize(initial_params=parameters, residual_fn=sysid.build_residual_fn(models_sequences=[sequences]), verbose=False)
+    return fitted
+
+
+def set_field(spec: mujoco.MjSpec, field: str, value: float) -> None:
+    """A field of the joint; MuJoCo 4 keeps damping as a polynomial's coefficients."""
+    joint = spec.joint("joint")
+    old = getattr(joint, field)
+    setattr(joint, field, value if np.ndim(old) == 0 else [value] + [0.0] * (len(old) - 1))
+
+
+def free_run(fields: dict[str, float], new: Motion) -> Floats:
+    """Speed (n,) rad/s of the fitted joint under new torques, from rest."""
+    spec = mujoco.MjSpec.from_string(JOINT)
+    for field, value in fields.items():
+        set_field(spec, field, value)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    begin = sysid.create_initial_state(model, data.qpos, data.qvel, data.act)
+    state, _ = rollout.rollout(model, data, begin, np.ascontiguousarray(new.torque_nm[:, None]))
+    return np.squeeze(state, axis=0)[:, 2]

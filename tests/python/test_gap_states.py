@@ -1,0 +1,50 @@
+"""Measured states to restart from: the width of the local fit follows noise and bend, and never reaches across a reversal."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vgroove.gap.noise import column_sigma, position_scatter
+from vgroove.gap.states import Observations, local_fit
+from vgroove.rig import read_rig
+
+TIME = np.arange(200) * 1e-3
+
+
+def seen(values: np.ndarray, sigma: float) -> Observations:
+    return Observations(TIME, TIME, values, np.full(len(values), sigma))
+
+
+def test_noise_on_a_smooth_motion_is_averaged_over_many_rows() -> None:
+    rng = np.random.default_rng(1)
+    errors = [local_fit(seen(300.0 + 50.0 * TIME + rng.normal(size=200), 1.0), 0.1).value - 305.0 for _ in range(200)]
+    assert np.std(errors) < 0.42  # eight rows alone leave 0.53
+
+
+def test_a_bend_is_followed_by_few_rows() -> None:
+    bent = np.where(TIME < 0.1, 10.0, 10.0 + 2000.0 * (TIME - 0.1))
+    assert local_fit(seen(bent, 0.1), 0.104).value == pytest.approx(18.0, abs=1.5)
+    assert local_fit(seen(bent, 0.1), 0.085).value == pytest.approx(10.0, abs=0.05)
+
+
+def test_no_fit_reaches_across_a_reversal() -> None:
+    rng = np.random.default_rng(2)
+    turning = np.where(TIME < 0.1, 40.0 * (TIME - 0.1), 80.0 * (TIME - 0.1)) + 0.3 * rng.normal(size=200)
+    at = 0.101
+    few = Observations(TIME[97:105], TIME[97:105], turning[97:105], np.full(8, 0.3))
+    assert local_fit(seen(turning, 0.3), at) == local_fit(few, at)
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-2])
+def test_noise_of_a_position_is_found_under_its_motion(noise: float) -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(4000) / 500.0
+    motion = 20.0 * np.sin(2.0 * t) + 3.0 * np.sin(11.0 * t)
+    assert position_scatter(motion + noise * rng.normal(size=4000)) == pytest.approx(noise, rel=0.1)
+
+
+def test_a_position_is_never_finer_than_its_step() -> None:
+    rig = read_rig(Path(__file__).resolve().parents[2] / "rigs/impact_driver_drive.toml")
+    steps = np.round(np.linspace(0.0, 30.0, 5000) / 0.01) * 0.01
+    assert 0.999 < column_sigma(rig, "position_rad", steps) / (0.01 / np.sqrt(12.0)) < 1.2
