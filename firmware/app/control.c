@@ -72,8 +72,13 @@ static uint8_t blow_source(uint8_t mode, const int16_t *value) {
     return value[PARAM_SYNC_METHOD] == SYNC_METHOD_SPEED ? BLOW_SOURCE_SPEED : BLOW_SOURCE_CURRENT;
 }
 
+#define COUNT_TERM(MODE, name, Type, directions) +1
+enum { MODE_LAST = 0 CONTROL_LIST(COUNT_TERM) };  // the plain mode is 0
+#define IN_A_ROW(MODE, name, Type, directions) _Static_assert(TELEMETRY_MODE_##MODE <= MODE_LAST, "the modes of the list are numbered in a row");
+CONTROL_LIST(IN_A_ROW)
+
 bool control_has(uint8_t mode) {
-    return mode <= TELEMETRY_MODE_DRILL;
+    return mode <= MODE_LAST;
 }
 
 static bool forward_only(uint8_t mode) {
@@ -87,6 +92,10 @@ INLINE_NEVER void control_start(Control *self, uint8_t mode, bool reverse, const
     self->blow_set.source = blow_source(self->mode, value);
     blow_start(&self->blow, &self->blow_set);
     switch (self->mode) { CONTROL_LIST(START_CASE) }
+    if (reverse && self->mode == TELEMETRY_MODE_DRILL) {  // clutch and pulse mode tighten; a jam kicks either way
+        self->set.drill.clutch_dnm = 0;
+        self->set.drill.pulse = false;
+    }
 }
 
 static int16_t step(Control *self, const ControllerInputs *in) {

@@ -1,7 +1,7 @@
 // The controllers on the board: one of them acts, chosen by the mode.
 //
 // To plug one in (its functions: controllers/controller.h; its mode must be in the value table of `mode` in telemetry/vgroove.dbc):
-//   1. here: include its header and add its line to CONTROL_LIST; control_has() and the limits of PARAM_MODE say which modes exist;
+//   1. here: include its header and add its line to CONTROL_LIST, which alone says which modes exist; limits of PARAM_MODE_*: param_table.h;
 //   2. control.c: fill_NAME() copies its setpoints out of the parameters, at the begin of each drive;
 //   3. app/param_table.h: its parameters, behind its mark; then run telemetry/generate.py;
 //   4. CMakeLists.txt of the firmware: its source.
@@ -44,7 +44,7 @@ enum {
     X(VIBRATION, vibration, Vibration, CONTROL_BOTH) \
     /* torque */ \
     X(TORQUE, torque, Torque, CONTROL_FORWARD) \
-    X(DRILL, drill, Drill, CONTROL_FORWARD) /* clutch and pulse mode tighten; reverse is plain */ \
+    X(DRILL, drill, Drill, CONTROL_BOTH) \
     /* end of the list */
 // clang-format on
 

@@ -127,7 +127,9 @@ static void track_load(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
 static void observe(Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
     const int16_t last_a_q9 = self->last_a_q9;
     self->last_a_q9 = in->current_a_q9;
-    self->gap = (uint8_t)(self->gap + (self->gap < GAP_MAX ? 1u : 0u));
+    if (self->gap < GAP_MAX) {
+        self->gap++;
+    }
     self->blind = in->coasted ? BLIND_TICKS : (uint8_t)(self->blind - (self->blind > 0u ? 1u : 0u));
     if (self->blind > 0u) {
         return;
@@ -160,8 +162,7 @@ static bool clutch_reached(Drill *self) {
 }
 
 static int16_t duty_of(uint32_t volt_mv, uint16_t supply_mv) {
-    const uint16_t duty_q15 = volt_mv >= supply_mv ? INT16_MAX : divide_u16(volt_mv << 15, supply_mv);
-    return (int16_t)(duty_q15 > INT16_MAX ? INT16_MAX : duty_q15);
+    return volt_mv >= supply_mv ? INT16_MAX : (int16_t)divide_u16(volt_mv << 15, supply_mv);
 }
 
 // Holds the clutch's speed under load: its voltage and three quarters of what the load takes in the winding.
@@ -193,13 +194,16 @@ static bool eased(Drill *self, int16_t current_a_q9) {
 }
 
 static DrillState next_state(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in, bool pulse_over) {
+    if (pulse_over) {
+        return DRILL_RUN;
+    }
     switch ((DrillState)self->state) {
     case DRILL_RUN:
         return set->pulse && in->current_a_q9 > PULSE_ON_A_Q9 && self->fallen_mv == 0 ? DRILL_COAST : DRILL_RUN;
     case DRILL_COAST:
-        return pulse_over ? DRILL_RUN : (self->phase_ms >= PULSE_COAST_MS ? DRILL_PULSE : DRILL_COAST);
+        return self->phase_ms >= PULSE_COAST_MS ? DRILL_PULSE : DRILL_COAST;
     case DRILL_PULSE:
-        return pulse_over ? DRILL_RUN : (self->phase_ms >= PULSE_PERIOD_MS ? DRILL_COAST : DRILL_PULSE);
+        return self->phase_ms >= PULSE_PERIOD_MS ? DRILL_COAST : DRILL_PULSE;
     case DRILL_STOPPED:
         return DRILL_STOPPED;
     }
@@ -279,7 +283,7 @@ int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInput
         return begin(self, set, in->travel_q15);
     }
     observe(self, set, in);
-    if (set->kickback && (self->fallen_mv > (self->set_a2_q8 > 0 ? FALLEN_CLUTCH_MV : FALLEN_MV) || jammed_coasting(self, in))) {
+    if (set->kickback && (self->fallen_mv > (set->clutch_dnm > 0 ? FALLEN_CLUTCH_MV : FALLEN_MV) || jammed_coasting(self, in))) {
         stop(self, CONTROLLER_REASON_KICKBACK);
     } else if (set->clutch_dnm > 0) {
         if (clutch_reached(self)) {

@@ -19,6 +19,7 @@ from vgroove.control_bench.runs import PULL_S, AbsentError, Run, eeprom_image, p
 from vgroove.control_bench.svg import Curve, Scale, path
 from vgroove.control_bench.waves import wave_svg
 from vgroove.errors import VgrooveError
+from vgroove.lockstep import Profile
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOW = [(name, "f8") for name in ("time_s", "approach_rad_s", "engaged_m", "impulse_nm_s", "peak_torque_nm")]
@@ -305,6 +306,17 @@ def test_fifth_of_torque_control(fifth: Any) -> None:
     plain = summary(fifth("torque"), torque.FIXED_COUNT)
     found = summary(fifth("torque"), "torque")
     assert found["cells"] == plain["cells"] > 5 and found["cells_met"] >= 1 and found["std_rms"] <= 0.08
+
+
+@pytest.mark.parametrize("gear", list(drill.GEARS))
+@pytest.mark.parametrize("reverse", [0.0, 1.0])
+def test_a_jam_opens_the_bridge_in_both_directions(gear: str, reverse: float) -> None:
+    load = ((0.0, 0.0), (0.8, 0.0), (0.805, 1.5 * drill.stall_nm(gear, 18.0)))
+    profile = Profile(travel=drill.pulled(1.0), reverse=((0.0, reverse),), load_nm=load)
+    run = drill.drill_run(drill.CONTROLLER, drill.drill_rig(gear, 18.0), drill.drill_params(gear), profile, 1.0, 3, truth_every=4)
+    first_s, good_s = drill.opened_s(run, 0.8)
+    assert torque.reason_of(run) == "kickback" and first_s - 0.8 <= 0.03 and good_s - 0.8 <= 0.03
+    assert np.sign(run.truth["speed_rad_s"][run.truth["time_s"] < 0.8][-1]) == 1.0 - 2.0 * reverse
 
 
 def test_fifth_of_the_drill_driver(fifth: Any) -> None:

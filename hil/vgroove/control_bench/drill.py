@@ -1,6 +1,7 @@
 """Drill driver: repeatability of the electronic clutch, anti-kickback on a lock within 5 ms, and normal runs that nothing stops."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -51,7 +52,7 @@ def clutch_cells(runs: int) -> list[dict[str, Any]]:
 
 
 def lock_cells(runs: int) -> list[dict[str, Any]]:
-    """A lock in both gears at every supply, from loads and triggers that the seed draws."""
+    """A lock in both gears at every supply, from loads, triggers and directions that the seed draws."""
     found = []
     for (g, gear), (s, supply_v), n in product(enumerate(GEARS), enumerate(SUPPLIES_V), range(runs)):
         half = half_of(g, s)
@@ -135,12 +136,14 @@ def lock_work(variant: Variant, *, gear: str, supply_v: float, seed: int, **_: A
     before, lock = random.uniform(0.0, 0.3) * trigger * stall, random.uniform(*LOCK_SHARE) * stall
     at_s, pulse = LOCK_AT_S + random.uniform(0.0, 0.1), bool(random.integers(2))
     load = ((0.0, 0.0), (0.5, 0.0), (0.6, before), (at_s, before), (at_s + LOCK_S, lock))
-    profile = Profile(travel=pulled(trigger), load_nm=load)
+    reverse = bool(random.integers(2))
+    profile = Profile(travel=pulled(trigger), reverse=((0.0, float(reverse)),), load_nm=load)
     rig, params = drill_rig(gear, supply_v, pack_ohm=pack_ohm), drill_params(gear, pulse=pulse)
     run = drill_run(variant, rig, params, profile, 1.2, seed, truth_every=4)
     first_s, good_s = opened_s(run, at_s)
     opened = {"open_ms": None if first_s is None else 1e3 * (first_s - at_s), "good_ms": 1e3 * max(good_s - at_s, 0.0)}
-    return {**opened, "reason": reason_of(run), "faults": run.faults, "trigger": trigger, "before_nm": before, "pulse": pulse}
+    drawn = {"trigger": trigger, "before_nm": before, "pulse": pulse, "reverse": reverse}
+    return {**opened, "reason": reason_of(run), "faults": run.faults, **drawn}
 
 
 def wandering_trigger(random: np.random.Generator) -> tuple[tuple[float, float], ...]:
@@ -172,7 +175,7 @@ def normal_work(variant: Variant, *, gear: str, seed: int, **_: Any) -> Figures:
     screw, rise = bool(random.integers(2)), SCREW_RISE[gear] * random.uniform(0.1, 1.0)
     rig = drill_rig(gear, supply_v, rise if screw else 0.0, random.uniform(2.0, 30.0), pack_ohm, most_nm)
     profile = Profile(travel=wandering_trigger(random), load_nm=((0.0, 0.0),) if screw else wandering_load(random, most_nm))
-
+    profile = replace(profile, reverse=((0.0, float(not screw and random.integers(2) == 1)),))
     run = drill_run(variant, rig, drill_params(gear, pulse=pulse), profile, NORMAL_S, seed)
     return {"reason": "kickback" if "kickback" in reasons(run) else reason_of(run), "faults": run.faults}
 
@@ -222,6 +225,7 @@ def lock_rows(rows: Sequence[Figures]) -> list[Figures]:
                 {
                     "gear": gear,
                     "locks": len(chosen),
+                    "reverse": sum(r["reverse"] for r in chosen),
                     "opened": len(times),
                     "median_ms": float(np.median(times)) if times else None,
                     "most_ms": max(times, default=None),

@@ -28,6 +28,7 @@ LOCKS = [
     ("set", "set"),
     ("gear", "gear"),
     ("locks", "locks"),
+    ("of them in reverse", "reverse"),
     ("bridge opened", "opened"),
     ("median in ms", "median_ms"),
     ("most in ms", "most_ms"),

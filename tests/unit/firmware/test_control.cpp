@@ -249,6 +249,29 @@ TEST(Control, WhatEndsADriveAtATorqueOrADepthLeavesReverseToThePlainMode) {
     }
 }
 
+TEST(Control, TheDrillWatchesForJamsInReverseAndLeavesClutchAndPulsesToTheDriveForwards) {
+    std::vector<int16_t> value(defaults(), defaults() + PARAM_COUNT);
+    value[PARAM_DRILL_CLUTCH_DNM] = 50;
+    value[PARAM_DRILL_PULSE] = 1;
+    for (const bool reverse : {false, true}) {
+        Control control{};
+        control_start(&control, TELEMETRY_MODE_DRILL, reverse, value.data());
+        EXPECT_EQ(control.mode, TELEMETRY_MODE_DRILL);
+        EXPECT_TRUE(control.set.drill.kickback);
+        EXPECT_EQ(control.set.drill.clutch_dnm, reverse ? 0 : 50);
+        EXPECT_EQ(control.set.drill.pulse, !reverse);
+    }
+}
+
+TEST(Control, TheParametersAllowTheModesOfTheListAndNoOthers) {
+#define GREATEST(name, unit, initial, least, greatest, version) greatest,
+    const int32_t greatest[] = {PARAM_LIST(GREATEST)};
+#undef GREATEST
+    for (const int index : {PARAM_MODE, PARAM_MODE_SWITCH_1, PARAM_MODE_SWITCH_2, PARAM_MODE_SWITCH_3})
+        EXPECT_EQ(greatest[index], modes().back()) << index;
+    EXPECT_EQ(modes().size(), modes().back() + 1u);
+}
+
 TEST(Control, ReasonsAreCalledTheSameOnTheLine) {
     EXPECT_EQ(int{CONTROLLER_REASON_NONE}, int{TELEMETRY_STOP_REASON_NONE});
     EXPECT_EQ(int{CONTROLLER_REASON_SEATED}, int{TELEMETRY_STOP_REASON_SEATED});
