@@ -143,7 +143,7 @@ template <class L> VGROOVE_INLINE void flight_stage(const ImpactState<L> &y, dou
 }
 
 // One step. Leaves end, end_slope and the error per second in `error`.
-template <class L> VGROOVE_INLINE void flight_attempt(ImpactSolver<L> &self, double h, ImpactState<L> &error) {
+template <class L> __attribute__((noinline)) void flight_attempt(ImpactSolver<L> &self, double h, ImpactState<L> &error) {
     constexpr int I = STATE_CURRENT;
     ImpactStep<L> &t = self.step;
     const ImpactState<L> &y = self.state, &k1 = self.slope;

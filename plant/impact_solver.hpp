@@ -28,6 +28,12 @@ struct ImpactStats {
     double steps = 0.0, rejected = 0.0, events = 0.0, derivatives = 0.0;
 };
 
+constexpr int SERIES_ORDER = 12;  // of the series in a contact, impact_series.hpp
+
+template <class L> struct ImpactSeries {
+    ImpactState<L> c[SERIES_ORDER + 1];  // coefficients of time
+};
+
 // One accepted step, for studies of the step size: switch that ended it, or -1.
 struct StepRecord {
     double time_s, step_s;
@@ -37,12 +43,14 @@ struct StepRecord {
 template <class L> struct ImpactStep {
     ImpactState<L> k2, k3, k4, k5, k6;
     ImpactState<L> rise, bend, last, fine;  // of the interpolant, where impact_interpolate has been asked
+    ImpactSeries<L> series;
     ImpactState<L> end, end_slope;
     ImpactPoint end_point;
     double error;
     double h, share;  // length, and how much of it holds
     int event;        // switch that ends it, or -1
     bool flight;      // of fourth order, its interpolant of third
+    bool by_series;   // its interpolant is `series`
     bool shaped;      // the interpolant's coefficients are there
 };
 
@@ -99,6 +107,8 @@ template <class L> __attribute__((noinline)) void impact_interpolate(ImpactSolve
     if (t.shaped)
         return;
     t.shaped = true;
+    if (t.by_series)
+        return;
     for (int n = 0; n < L::COUNT; ++n) {
         const double k1 = self.slope.x[n];
         t.rise.x[n] = t.end.x[n] - self.state.x[n];
@@ -143,13 +153,30 @@ template <class L> VGROOVE_INLINE void impact_ring(const ImpactSolver<L> &self, 
     s.x[L::ANVIL_ANGLE] = from[L::ANVIL_ANGLE] + (r.twist - from[L::TWIST]);
 }
 
+// State t after the start of a series.
+template <class L> __attribute__((noinline)) ImpactState<L> impact_series_at(const ImpactSeries<L> &p, double t) {
+    ImpactState<L> s = p.c[SERIES_ORDER];
+    for (int k = SERIES_ORDER - 1; k >= 0; --k)
+        for (int n = 0; n < L::COUNT; ++n)
+            s.x[n] = s.x[n] * t + p.c[k].x[n];
+    return s;
+}
+
 template <class L> VGROOVE_INLINE double impact_component(const ImpactStep<L> &t, const ImpactState<L> &from, double share, int n) {
+    if (t.by_series) {
+        double x = t.series.c[SERIES_ORDER].x[n];
+        for (int k = SERIES_ORDER - 1; k >= 0; --k)
+            x = x * (share * t.h) + t.series.c[k].x[n];
+        return x;
+    }
     const double rest = 1.0 - share;
     return from.x[n] + share * (t.rise.x[n] + rest * (t.bend.x[n] + share * (t.last.x[n] + rest * t.fine.x[n])));
 }
 
 // State at a share of that step.
 template <class L> VGROOVE_INLINE ImpactState<L> impact_between(const ImpactSolver<L> &self, double share) {
+    if (self.step.by_series)
+        return impact_series_at<L>(self.step.series, share * self.step.h);
     ImpactState<L> s;
     for (int n = 0; n < L::COUNT; ++n)
         s.x[n] = impact_component(self.step, self.state, share, n);

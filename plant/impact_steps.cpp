@@ -2,6 +2,7 @@
 #include <stdexcept>
 
 #include "impact_flight.hpp"
+#include "impact_series.hpp"
 
 namespace vgroove {
 
@@ -36,7 +37,7 @@ template <class L> __attribute__((noinline)) void impact_stage(const ImpactSolve
     impact_derivative<L>(self.model, self.drive, self.mode, tau, s, ds);
 }
 
-template <class L> VGROOVE_INLINE void impact_attempt_contact(ImpactSolver<L> &self, double h) {
+template <class L> __attribute__((noinline)) void impact_attempt_contact(ImpactSolver<L> &self, double h) {
     constexpr int N = L::COUNT;
     ImpactStep<L> &t = self.step;
     const ImpactState<L> &y = self.state, &k1 = self.slope;
@@ -91,6 +92,16 @@ template <class L> VGROOVE_INLINE double impact_attempt(ImpactSolver<L> &self, d
     t.share = 1.0;
     t.event = -1;
     t.shaped = false;
+    if constexpr (!L::EXACT && !L::FULL) {
+        if (t.by_series) {
+            ImpactState<L> e;
+            t.h = h;
+            t.flight = false;
+            series_attempt(self, h, e);
+            t.error = impact_error(self, h, e);
+            return 0.5;
+        }
+    }
     if constexpr (!L::EXACT) {
         if (flight_applies(self)) {
             ImpactState<L> e;
@@ -205,7 +216,7 @@ template <class L> VGROOVE_INLINE void impact_diode_switches(ImpactSolver<L> &se
     }
 }
 
-template <class L> VGROOVE_INLINE void impact_switch(ImpactSolver<L> &self, int event) {
+template <class L> __attribute__((noinline)) void impact_switch(ImpactSolver<L> &self, int event) {
     ImpactMode &mode = self.mode;
     switch (event) {
     case IMPACT_FORWARD:
@@ -341,6 +352,19 @@ __attribute__((noinline)) int impact_earliest(ImpactSolver<L> &self, double h, u
     share = 1.0;
     for (unsigned left = met | turned; left != 0u; left &= left - 1u) {
         const int candidate = __builtin_ctz(left);
+        if constexpr (!L::EXACT) {
+            SeriesSwitch sum;
+            if (self.step.by_series && series_switch<L>(self, candidate, sum)) {
+                const double from = impact_event_value<L>(self.model, self.mode, self.state, self.point, candidate);
+                const double to = impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, candidate);
+                const double found = series_instant<L>(self, sum, from, to, width_s) / h;
+                if (found >= 0.0 && (event < 0 || found < share)) {
+                    event = candidate;
+                    share = found;
+                }
+                continue;
+            }
+        }
         ImpactMet at{1.0, impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, candidate)};
         if (!(met & (1u << candidate))) {
             const double from = impact_event_rate(self, self.state, self.point, candidate);
@@ -359,7 +383,7 @@ __attribute__((noinline)) int impact_earliest(ImpactSolver<L> &self, double h, u
 }
 
 // The step just tried is taken up to a share of it; with a switch, slope and point are those of its instant.
-template <class L> VGROOVE_INLINE void impact_take(ImpactSolver<L> &self, double share, int event) {
+template <class L> __attribute__((noinline)) void impact_take(ImpactSolver<L> &self, double share, int event) {
     const double h = self.step.h, torque = self.point.joint_nm, rate = impact_torque_rate(self);
     if (self.observer)
         self.observer->step(self, h, share);
@@ -379,8 +403,12 @@ template <class L> VGROOVE_INLINE void impact_take(ImpactSolver<L> &self, double
 }
 
 // Step length that the error of the step just tried allows; a step cut short by the end of the stretch does not shorten it.
-template <class L> VGROOVE_INLINE void impact_adapt(ImpactSolver<L> &self, double h, double factor, bool switches) {
+template <class L> __attribute__((noinline)) void impact_adapt(ImpactSolver<L> &self, double h, double factor, bool switches) {
     const double allowed = min_of(h * min_of(factor, 5.0), self.step.flight ? IMPACT_FLIGHT_MAX_S : IMPACT_STEP_MAX_S);
+    if (self.step.by_series) {
+        self.level_s = 3e-4;
+        return;
+    }
     const bool cut = h < 0.99 * self.level_s;
     const bool kept = self.step.flight && allowed > h && allowed < 1.25 * h;  // whose weights are at hand
     if (!switches && !kept && (!cut || allowed > self.level_s))
@@ -391,7 +419,7 @@ template <class L> VGROOVE_INLINE void impact_adapt(ImpactSolver<L> &self, doubl
 template <class L> VGROOVE_INLINE double impact_length(const ImpactSolver<L> &self) {
     double level = self.level_s;
     if constexpr (!L::EXACT)
-        level = min_of(level, min_of(ring_longest(self), flight_longest(self)));
+        level = min_of(level, min_of(self.step.by_series ? IMPACT_STEP_MAX_S : ring_longest(self), flight_longest(self)));
     else
         level = min_of(level, IMPACT_STEP_MAX_S);
     if (self.horizon_s > 1e3 * level || self.horizon_s <= IMPACT_SAME_S)
@@ -409,12 +437,18 @@ template <class L> VGROOVE_INLINE void impact_reach_switch(ImpactSolver<L> &self
 }
 
 // Tries steps from the state until one holds, up to its first switch.
-template <class L> VGROOVE_INLINE void impact_try(ImpactSolver<L> &self) {
+template <class L> __attribute__((noinline)) void impact_try(ImpactSolver<L> &self) {
     ImpactStep<L> &t = self.step;
     if (self.fresh)
         impact_refresh(self);
     if constexpr (!L::EXACT)
         ring_begin(self);
+    t.by_series = series_applies(self);
+    if constexpr (!L::EXACT && !L::FULL)
+        if (t.by_series) {
+            series_expand(self);
+            self.level_s = series_longest(self);
+        }
     for (;;) {
         const double h = impact_length(self);
         const double factor = impact_attempt(self, h);
@@ -427,7 +461,10 @@ template <class L> VGROOVE_INLINE void impact_try(ImpactSolver<L> &self) {
         }
         const unsigned possible = impact_possible(self.model, self.mode, self.drive);
         const unsigned met = impact_met<L>(self.model, self.mode, possible, t.end, t.end_point);
-        const unsigned turned = impact_grazed(self, possible & ~met);
+        unsigned turned = impact_grazed(self, possible & ~met);
+        if constexpr (!L::EXACT)
+            if (t.by_series)
+                turned |= series_grazed(self, possible & ~met);
         if ((met | turned) != 0u)
             t.event = impact_earliest(self, h, met, turned, L::EXACT ? 1e-12 : 1e-9, t.share);
         impact_adapt(self, h, factor, t.event >= 0);
@@ -511,7 +548,7 @@ template <class L> VGROOVE_INLINE void impact_fixed_piece(ImpactSolver<L> &self,
 }
 
 // Steps of fixed_s with bounded work: one piece each in flight, pieces of at most IMPACT_PIECE_S where it is stiff.
-template <class L> VGROOVE_INLINE void impact_run_fixed(ImpactSolver<L> &self, double length_s) {
+template <class L> __attribute__((noinline)) void impact_run_fixed(ImpactSolver<L> &self, double length_s) {
     const int steps = static_cast<int>(std::ceil(length_s / self.fixed_s - 1e-6));
     const double h = length_s / steps;
     const int pieces = static_cast<int>(std::ceil(h / IMPACT_PIECE_S - 1e-6));
