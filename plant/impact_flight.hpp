@@ -173,7 +173,6 @@ template <class L> __attribute__((noinline)) void flight_attempt(ImpactSolver<L>
     // Means and rows come off the interpolant: its middle against the stage there.
     const double bent = 0.5 * (i + t.end.x[I]) + 0.125 * h * (k1.x[I] - t.end_slope.x[I]) - middle;
     error.x[I] = FLIGHT_ERROR_SHARE * max_of(std::fabs(bent) / h, std::fabs(t.k4.x[I] - t.end_slope.x[I]) / 6.0);
-    t.flight = true;
     self.stats.derivatives += 3.0;
 }
 

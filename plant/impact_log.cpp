@@ -265,7 +265,7 @@ template <class L> static void prepare(LogRun<L> &run, const ImpactJob &job, std
     ImpactOutput &out = *job.out;
     ImpactSolver<L> &s = run.solver;
     s.model = model;
-    s.tolerance = out.tolerance > 0.0 ? out.tolerance : (L::EXACT ? IMPACT_TOLERANCE_REFERENCE : (getenv("VG_TOL") ? atof(getenv("VG_TOL")) : IMPACT_TOLERANCE_FAST));
+    s.tolerance = out.tolerance > 0.0 ? out.tolerance : (L::EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST);
     s.fixed_s = job.accuracy == ImpactAccuracy::FIXED ? out.fixed_s : 0.0;
     s.history = batch_row == 0 && out.keep_history ? &out.history : nullptr;
     s.drive.load_nm = in.load_kind == LoadKind::TORQUE ? in.load_nm[0] : 0.0;

@@ -13,15 +13,17 @@
 namespace vgroove {
 
 constexpr int SERIES_GROOVE = 3;
-constexpr double SERIES_ERROR_SHARE = 1.0;  // error over length times difference of the slopes at the end
+constexpr double SERIES_SHARE = 0.7;    // of the length that the last terms allow
+constexpr double SERIES_REDUCE = 0.5;   // a step whose error is too large
+constexpr double SERIES_NEXT_S = 3e-4;  // first step of the other methods once the anvil is left alone
 
 // Rates of change of what is linear, each over what it follows: i and w motor current and speed, the rest at hammer, anvil and joint.
 struct SeriesLaw {
-    double current_i, current_w, bus_i;                // A/s, and V of the bus
-    double drive_i, drive_w;                           // N m on the spindle
-    double lug_angle, lug_speed, lug_ramp;             // N m over hammer less anvil; over penetration times its rate while damping ramps up
-    double joint_twist, joint_speed, joint_head;       // N m
-    double twist_speed, twist_joint, twist_twist;      // rad/s
+    double current_i, current_w, bus_i;            // A/s, and V of the bus
+    double drive_i, drive_w;                       // N m on the spindle
+    double lug_angle, lug_speed, lug_ramp;         // N m over hammer less anvil; over penetration times its rate while damping ramps up
+    double joint_twist, joint_speed, joint_head;   // N m
+    double twist_speed, twist_joint, twist_twist;  // rad/s
 };
 
 // The series as they grow, coefficient by coefficient; coefficients before the first are 0.
@@ -30,6 +32,7 @@ struct SeriesJet {
     double i[N], w[N], hammer[N], anvil[N], twist[N];  // A, rad/s, rad
     double relative[N], rate[N], lug[N], joint[N];     // hammer less anvil: of the flank met, and its rate; torques
     double drive[N];                                   // torque on the spindle
+    double root_inverse, square_inverse;
     double q[M], root[M], slope[M], square[M], share[M], carried[M], bend[M];
     double q_rate_of[SERIES_GROOVE + N], push_of[SERIES_GROOVE + N], axial_of[SERIES_GROOVE + N];
     double *q_rate() { return q_rate_of + SERIES_GROOVE; }
@@ -123,7 +126,7 @@ template <class L> VGROOVE_INLINE SeriesLaw series_law(const ImpactSolver<L> &se
 
 // x = l (root - e), root^2 = q^2 + e^2, s = dx/dq = l q / root, bend = m s'
 VGROOVE_INLINE void series_groove(const Impact &m, SeriesJet &y, int n) {
-    const double inverse = 1.0 / y.root[0];
+    const double inverse = y.root_inverse;
     const double square = 2.0 * y.q[0] * y.q[n] + series_product(y.q, y.q, 1, n - 1, n);
     y.root[n] = 0.5 * inverse * (square - series_product(y.root, y.root, 1, n - 1, n));
     y.slope[n] = inverse * (m.groove.lead * y.q[n] - series_product(y.root, y.slope, 1, n, n));
@@ -135,7 +138,8 @@ VGROOVE_INLINE void series_groove(const Impact &m, SeriesJet &y, int n) {
 VGROOVE_INLINE void series_shares(const Impact &m, SeriesJet &y, int n) {
     const double both = m.spindle_inertia_inverse + m.hammer_inertia_inverse;
     y.square[n] = (n == 0 ? 1.0 : 0.0) + both * m.hammer_mass * series_product(y.slope, y.slope, 0, n, n);
-    y.share[n] = (y.slope[n] - series_product(y.square, y.share, 1, n, n)) / y.square[0];
+    y.square_inverse = n == 0 ? 1.0 / y.square[0] : y.square_inverse;
+    y.share[n] = (y.slope[n] - series_product(y.square, y.share, 1, n, n)) * y.square_inverse;
     y.carried[n] = m.hammer_mass * m.hammer_inertia_inverse * series_product(y.slope, y.share, 0, n, n);
 }
 
@@ -158,7 +162,8 @@ template <class L> VGROOVE_INLINE void series_start(const ImpactSolver<L> &self,
     y.q[0] = self.point.q;
     y.q[1] = y.q_rate()[0] = self.point.q_rate;
     y.root[0] = std::sqrt(y.q[0] * y.q[0] + m.groove.vertex2);
-    y.slope[0] = m.groove.lead * y.q[0] / y.root[0];
+    y.root_inverse = 1.0 / y.root[0];
+    y.slope[0] = m.groove.lead * y.q[0] * y.root_inverse;
     series_shares(m, y, 0);
     series_groove(m, y, 1);
     y.axial()[0] = m.preload_n + m.rate_n_per_m * m.groove.lead * (y.root[0] - m.groove.vertex) + y.bend[0] * y.q_rate()[0];
@@ -268,7 +273,19 @@ template <class L> VGROOVE_INLINE double series_longest(const ImpactSolver<L> &s
     const ImpactSeries<L> &s = self.step.series;
     const double last = series_root_inverse(series_norm<L>(self, s.c[SERIES_ORDER]), SERIES_ORDER);
     const double before = series_root_inverse(series_norm<L>(self, s.c[SERIES_ORDER - 1]), SERIES_ORDER - 1);
-    return 0.7 * min_of(last, before);
+    return SERIES_SHARE * min_of(last, before);
+}
+
+// Of some of the states, the derivative at the end less the series' own.
+template <class L> VGROOVE_INLINE void series_defect(const ImpactStep<L> &t, double h, int from, int count, ImpactState<L> &error) {
+    double slope[4];
+    for (int n = 0; n < count; ++n)
+        slope[n] = SERIES_ORDER * t.series.c[SERIES_ORDER].x[from + n];
+    for (int k = SERIES_ORDER - 1; k > 0; --k)
+        for (int n = 0; n < count; ++n)
+            slope[n] = slope[n] * h + k * t.series.c[k].x[from + n];
+    for (int n = 0; n < count; ++n)
+        error.x[from + n] = t.end_slope.x[from + n] - slope[n];
 }
 
 // One step: the end of the series, and the derivative there against theirs.
@@ -276,14 +293,9 @@ template <class L> __attribute__((noinline)) void series_attempt(ImpactSolver<L>
     ImpactStep<L> &t = self.step;
     t.end = impact_series_at<L>(t.series, h);
     t.end_point = impact_slope(self, h, t.end, t.end_slope);
-    ImpactState<L> slope;
-    for (int n = 0; n < L::COUNT; ++n)
-        slope.x[n] = SERIES_ORDER * t.series.c[SERIES_ORDER].x[n];
-    for (int k = SERIES_ORDER - 1; k > 0; --k)
-        for (int n = 0; n < L::COUNT; ++n)
-            slope.x[n] = slope.x[n] * h + k * t.series.c[k].x[n];
-    for (int n = 0; n < L::COUNT; ++n)
-        error.x[n] = SERIES_ERROR_SHARE * (t.end_slope.x[n] - slope.x[n]);
+    error = ImpactState<L>{};
+    series_defect<L>(t, h, STATE_CURRENT, 2, error);
+    series_defect<L>(t, h, L::HAMMER_SPEED, 4, error);
 }
 
 // A switch's function as a sum of states.
@@ -351,10 +363,8 @@ VGROOVE_INLINE double series_zero(const SeriesPolynomial &p, double high, double
         const SeriesValue g = series_value(p, t);
         (g.value < 0.0 ? high : low) = t;
         const double step = g.value / g.rate, next = t - step;
-        if (std::fabs(step) < 0.25 * width_s && next >= low && next <= high) {
-            t = next;
-            break;
-        }
+        if (g.rate < 0.0 && std::fabs(step) < 0.25 * width_s)
+            return min_of(next + 0.5 * width_s, end);
         t = next > low && next < high ? next : 0.5 * (low + high);
     }
     for (double past = 0.5 * width_s; t < end; past *= 2.0) {
@@ -376,7 +386,8 @@ VGROOVE_INLINE double series_least(const SeriesPolynomial &p, double h) {
 }
 
 // Instant of a switch within the series' step: met at its end, or met and left again. Negative: it is not met.
-template <class L> VGROOVE_INLINE double series_instant(const ImpactSolver<L> &self, const SeriesSwitch &f, double at_start, double at_end, double width_s) {
+template <class L>
+VGROOVE_INLINE double series_instant(const ImpactSolver<L> &self, const SeriesSwitch &f, double at_start, double at_end, double width_s) {
     const ImpactStep<L> &t = self.step;
     SeriesPolynomial p;
     p.c[0] = at_start;

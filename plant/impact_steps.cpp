@@ -71,7 +71,6 @@ template <class L> __attribute__((noinline)) void impact_attempt_contact(ImpactS
         s.x[n] = (71.0 / 57600.0 * k1.x[n] - 71.0 / 16695.0 * t.k3.x[n]) + (71.0 / 1920.0 * t.k4.x[n] - 17253.0 / 339200.0 * t.k5.x[n]) +
                  (22.0 / 525.0 * t.k6.x[n] - 1.0 / 40.0 * t.end_slope.x[n]);
     t.error = impact_error(self, h, s);
-    t.flight = false;
     self.stats.derivatives += 5.0;
 }
 
@@ -85,26 +84,22 @@ static double fifth_root_inverse(double x) {
     return y;
 }
 
-// One step of length h, in flight by its own method; returns by what its error would let it grow.
+// One step of length h, by the method that suits it; returns by what its error would let it grow.
 template <class L> VGROOVE_INLINE double impact_attempt(ImpactSolver<L> &self, double h) {
     ImpactStep<L> &t = self.step;
     t.h = h;
     t.share = 1.0;
     t.event = -1;
     t.shaped = false;
-    if constexpr (!L::EXACT && !L::FULL) {
+    t.flight = !t.by_series && flight_applies(self);
+    if constexpr (!L::EXACT) {
+        ImpactState<L> e;
         if (t.by_series) {
-            ImpactState<L> e;
-            t.h = h;
-            t.flight = false;
             series_attempt(self, h, e);
             t.error = impact_error(self, h, e);
-            return 0.5;
+            return SERIES_REDUCE;
         }
-    }
-    if constexpr (!L::EXACT) {
-        if (flight_applies(self)) {
-            ImpactState<L> e;
+        if (t.flight) {
             flight_attempt(self, h, e);
             t.error = impact_error(self, h, e);
             return 0.9 / std::sqrt(std::sqrt(max_of(t.error, 1e-8)));
@@ -114,7 +109,30 @@ template <class L> VGROOVE_INLINE double impact_attempt(ImpactSolver<L> &self, d
     return 0.9 * fifth_root_inverse(max_of(t.error, 1e-8));
 }
 
+// Hammer less anvil at a share of the step, and retraction: all that the switches of free flight ask for.
+template <class L> VGROOVE_INLINE double impact_relative_between(const ImpactSolver<L> &self, double share) {
+    double anvil = self.state.x[L::ANVIL_ANGLE];
+    if (self.mode.ringing)
+        anvil += impact_ringing(self.model, self.state.x[L::TWIST], self.state.x[L::ANVIL_SPEED], share * self.step.h).twist - self.state.x[L::TWIST];
+    else if (!self.mode.frozen)
+        anvil = impact_component(self.step, self.state, share, L::ANVIL_ANGLE);
+    return impact_component(self.step, self.state, share, L::HAMMER_ANGLE) + self.model.start_rad - anvil;
+}
+
+template <class L> VGROOVE_INLINE double impact_retraction_between(const ImpactSolver<L> &self, double share) {
+    const double spindle = impact_component(self.step, self.state, share, STATE_ANGLE) * self.model.ratio_inverse;
+    return v_groove_at(self.model.groove, spindle - impact_component(self.step, self.state, share, L::HAMMER_ANGLE)).x;
+}
+
 template <class L> VGROOVE_INLINE double impact_value_between(ImpactSolver<L> &self, double h, double share, int event) {
+    if constexpr (!L::EXACT && !L::FULL) {
+        if (event == IMPACT_FORWARD)
+            return self.mode.forward_rad - impact_relative_between(self, share);
+        if (event == IMPACT_BACKWARD)
+            return impact_relative_between(self, share) - self.mode.backward_rad;
+        if (event == IMPACT_HEIGHT)
+            return (self.mode.above ? 1.0 : -1.0) * (impact_retraction_between(self, share) - self.model.lug_height_m);
+    }
     const ImpactState<L> s = impact_between(self, share);
     ImpactState<L> ds;
     const bool forces = impact_by_force(self.mode, event);
@@ -344,6 +362,26 @@ template <class L> VGROOVE_INLINE unsigned impact_grazed(const ImpactSolver<L> &
     return turned;
 }
 
+// Share of the step just tried at which a switch happens that is met at its end, or within it where its function turns. Negative: it is not met.
+template <class L> VGROOVE_INLINE double impact_instant(ImpactSolver<L> &self, double h, int event, bool met, double width_s) {
+    ImpactMet at{1.0, impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, event)};
+    if constexpr (!L::EXACT) {
+        SeriesSwitch sum;
+        if (self.step.by_series && series_switch<L>(self, event, sum)) {
+            const double from = impact_event_value<L>(self.model, self.mode, self.state, self.point, event);
+            return series_instant<L>(self, sum, from, at.value, width_s) / h;
+        }
+    }
+    if (!met) {
+        const double from = impact_event_rate(self, self.state, self.point, event);
+        at.share = from / (from - impact_event_rate(self, self.step.end, self.step.end_point, event));
+        at.value = impact_value_between(self, h, at.share, event);
+        if (at.value >= 0.0)
+            return -1.0;
+    }
+    return impact_locate(self, h, event, at, width_s);
+}
+
 // The earliest of the switches met at the end of the step just tried, or within it where they turned; its share of the step.
 template <class L>
 __attribute__((noinline)) int impact_earliest(ImpactSolver<L> &self, double h, unsigned met, unsigned turned, double width_s, double &share) {
@@ -352,29 +390,8 @@ __attribute__((noinline)) int impact_earliest(ImpactSolver<L> &self, double h, u
     share = 1.0;
     for (unsigned left = met | turned; left != 0u; left &= left - 1u) {
         const int candidate = __builtin_ctz(left);
-        if constexpr (!L::EXACT) {
-            SeriesSwitch sum;
-            if (self.step.by_series && series_switch<L>(self, candidate, sum)) {
-                const double from = impact_event_value<L>(self.model, self.mode, self.state, self.point, candidate);
-                const double to = impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, candidate);
-                const double found = series_instant<L>(self, sum, from, to, width_s) / h;
-                if (found >= 0.0 && (event < 0 || found < share)) {
-                    event = candidate;
-                    share = found;
-                }
-                continue;
-            }
-        }
-        ImpactMet at{1.0, impact_event_value<L>(self.model, self.mode, self.step.end, self.step.end_point, candidate)};
-        if (!(met & (1u << candidate))) {
-            const double from = impact_event_rate(self, self.state, self.point, candidate);
-            at.share = from / (from - impact_event_rate(self, self.step.end, self.step.end_point, candidate));
-            at.value = impact_value_between(self, h, at.share, candidate);
-            if (at.value >= 0.0)
-                continue;
-        }
-        const double found = impact_locate(self, h, candidate, at, width_s);
-        if (event < 0 || found < share) {
+        const double found = impact_instant(self, h, candidate, (met & (1u << candidate)) != 0u, width_s);
+        if (found >= 0.0 && (event < 0 || found < share)) {
             event = candidate;
             share = found;
         }
@@ -406,7 +423,7 @@ template <class L> __attribute__((noinline)) void impact_take(ImpactSolver<L> &s
 template <class L> __attribute__((noinline)) void impact_adapt(ImpactSolver<L> &self, double h, double factor, bool switches) {
     const double allowed = min_of(h * min_of(factor, 5.0), self.step.flight ? IMPACT_FLIGHT_MAX_S : IMPACT_STEP_MAX_S);
     if (self.step.by_series) {
-        self.level_s = 3e-4;
+        self.level_s = SERIES_NEXT_S;
         return;
     }
     const bool cut = h < 0.99 * self.level_s;
@@ -436,41 +453,65 @@ template <class L> VGROOVE_INLINE void impact_reach_switch(ImpactSolver<L> &self
         self.step.event = event;
 }
 
+// Whether the hammer, touching nothing, rises above the lugs or comes down into a gap in the step just tried: that changes no force, and the step holds.
+template <class L> VGROOVE_INLINE bool impact_passes_height(const ImpactSolver<L> &self) {
+    const Impact &m = self.model;
+    if (self.mode.place != ContactPlace::NONE || self.step.end_point.x >= m.travel_m)
+        return false;
+    if (!self.mode.above)
+        return true;
+    const double from = impact_relative<L>(m, self.state), to = impact_relative<L>(m, self.step.end);
+    return impact_lap(m, from) > m.overlap_rad && std::floor(from / m.period_rad) == std::floor(to / m.period_rad) &&
+           impact_lap(m, to) > m.overlap_rad;
+}
+
+// The first switch of the step just tried, and its share of it.
+template <class L> VGROOVE_INLINE void impact_find_switch(ImpactSolver<L> &self, double h) {
+    ImpactStep<L> &t = self.step;
+    const unsigned possible = impact_possible(self.model, self.mode, self.drive);
+    const unsigned met = impact_met<L>(self.model, self.mode, possible, t.end, t.end_point);
+    unsigned turned = impact_grazed(self, possible & ~met);
+    if constexpr (!L::EXACT)
+        if (t.by_series)
+            turned |= series_grazed(self, possible & ~met);
+    if (!L::EXACT && met == impact_bit(IMPACT_HEIGHT) && turned == 0u && impact_passes_height(self))
+        t.event = IMPACT_HEIGHT;
+    else if ((met | turned) != 0u)
+        t.event = impact_earliest(self, h, met, turned, L::EXACT ? 1e-12 : 1e-9, t.share);
+}
+
+// What the next step needs beside slope and point: fast mode's anvil and series.
+template <class L> VGROOVE_INLINE void impact_prepare(ImpactSolver<L> &self) {
+    if (self.fresh)
+        impact_refresh(self);
+    self.step.by_series = false;
+    if constexpr (!L::EXACT)
+        ring_begin(self);
+    if (!series_applies(self))
+        return;
+    self.step.by_series = true;
+    series_expand(self);
+    self.level_s = series_longest(self);
+}
+
 // Tries steps from the state until one holds, up to its first switch.
 template <class L> __attribute__((noinline)) void impact_try(ImpactSolver<L> &self) {
     ImpactStep<L> &t = self.step;
-    if (self.fresh)
-        impact_refresh(self);
-    if constexpr (!L::EXACT)
-        ring_begin(self);
-    t.by_series = series_applies(self);
-    if constexpr (!L::EXACT && !L::FULL)
-        if (t.by_series) {
-            series_expand(self);
-            self.level_s = series_longest(self);
-        }
+    impact_prepare(self);
     for (;;) {
         const double h = impact_length(self);
         const double factor = impact_attempt(self, h);
-        if (!(t.error <= 1.0) || (!L::EXACT && ring_overlooked(self, h))) {
-            self.level_s = t.error <= 1.0 ? RING_STEP / std::sqrt(self.model.ring_square) : h * max_of(factor, 0.2);
-            self.stats.rejected += 1.0;
-            if (h > IMPACT_STEP_MIN_S)
-                continue;
-            throw std::runtime_error("impact mechanism: the state is no longer finite");
+        if (t.error <= 1.0 && (L::EXACT || !ring_overlooked(self, h))) {
+            impact_find_switch(self, h);
+            impact_adapt(self, h, factor, t.share != 1.0);
+            if (L::EXACT && t.event >= 0)
+                impact_reach_switch(self);
+            return;
         }
-        const unsigned possible = impact_possible(self.model, self.mode, self.drive);
-        const unsigned met = impact_met<L>(self.model, self.mode, possible, t.end, t.end_point);
-        unsigned turned = impact_grazed(self, possible & ~met);
-        if constexpr (!L::EXACT)
-            if (t.by_series)
-                turned |= series_grazed(self, possible & ~met);
-        if ((met | turned) != 0u)
-            t.event = impact_earliest(self, h, met, turned, L::EXACT ? 1e-12 : 1e-9, t.share);
-        impact_adapt(self, h, factor, t.event >= 0);
-        if (L::EXACT && t.event >= 0)
-            impact_reach_switch(self);
-        return;
+        self.level_s = t.error <= 1.0 ? RING_STEP / std::sqrt(self.model.ring_square) : h * max_of(factor, 0.2);
+        self.stats.rejected += 1.0;
+        if (!(h > IMPACT_STEP_MIN_S))
+            throw std::runtime_error("impact mechanism: the state is no longer finite");
     }
 }
 

@@ -250,6 +250,52 @@ TEST(ImpactPlant, FixedStepsHaveBoundedWork) {
     }
 }
 
+// Contacts of 0.2 s of steps of a PWM period, the last 0.04 s with the bridge open.
+static std::vector<Blow> contacts_of(const Parameters &p, ImpactAccuracy accuracy, double duty, double dead) {
+    ImpactPlant tool(p, LoadKind::HARD_JOINT, HallWheel{}, 1, accuracy, 0.0);
+    std::vector<Blow> found;
+    for (int n = 0; n * PERIOD_S < 0.2; ++n) {
+        tool.period(n * PERIOD_S > 0.16, duty, dead, 0.0);
+        for (const Blow &b : tool.take_blows())
+            found.push_back(b);
+    }
+    return found;
+}
+
+// On either flank, with dead time and with an open bridge: the series of a contact are the reference's motion.
+TEST(ImpactPlant, FastModeMeetsTheReferencesContacts) {
+    Parameters p = reference_tool();
+    for (const double run_nm : {6.0, 60.0, 400.0}) {
+        p.joint_run_nm = run_nm;
+        for (const double duty : {1.0, -1.0, 0.8}) {
+            const double dead = duty == 0.8 ? 0.05 : 0.0;
+            const std::vector<Blow> fast = contacts_of(p, ImpactAccuracy::FAST, duty, dead);
+            const std::vector<Blow> reference = contacts_of(p, ImpactAccuracy::REFERENCE, duty, dead);
+            ASSERT_EQ(fast.size(), reference.size());
+            ASSERT_GE(fast.size(), 5u);
+            for (std::size_t n = 0; n < fast.size(); ++n) {
+                EXPECT_EQ(fast[n].lug, reference[n].lug);
+                EXPECT_NEAR(fast[n].time_s, reference[n].time_s, 20e-6) << run_nm << " N m, duty " << duty;
+                EXPECT_NEAR(fast[n].impulse_nm_s, reference[n].impulse_nm_s, 2e-3 * std::fabs(reference.back().impulse_nm_s));
+                EXPECT_NEAR(fast[n].peak_torque_nm, reference[n].peak_torque_nm, 2e-3 * reference.back().peak_torque_nm);
+            }
+        }
+    }
+}
+
+// What fast mode's speed rests on: a blow with all its contacts, slips and turns in few steps.
+TEST(ImpactPlant, FastModeTakesFewStepsABlow) {
+    for (const double run_nm : {60.0, 400.0}) {
+        Parameters p = reference_tool();
+        p.joint_run_nm = run_nm;
+        ImpactPlant tool(p, LoadKind::HARD_JOINT, HallWheel{}, 1, ImpactAccuracy::FAST, 0.0);
+        tool.advance(0.5, 1.0, false, 0.0);
+        const ImpactStats s = tool.statistics();
+        EXPECT_LT(s.steps, 36.0 * static_cast<double>(tool.take_blows().size()));
+        EXPECT_LT(s.rejected, 0.12 * s.steps);
+    }
+}
+
 TEST(ImpactPlant, RestsUntilItIsDriven) {
     ImpactPlant tool(reference_tool(), LoadKind::LOCKED, hall_wheel(4, 0.3, {}), 1, ImpactAccuracy::FAST, 0.0);
     for (int n = 0; n < 1000; ++n)
