@@ -43,11 +43,11 @@ static int16_t part_of(int16_t value, int16_t share_q15) {
     return (int16_t)(2 * (int16_t)(((int32_t)value * share_q15) >> 16));
 }
 
-static int16_t trim_by_depth(int16_t ripple_rpm_q1, int16_t deep_rpm_q1, int16_t shallow_rpm_q1) {
-    if (ripple_rpm_q1 > deep_rpm_q1) {
+static int16_t trim_by_depth(int16_t ripple_rpm, int16_t deep_rpm, int16_t shallow_rpm) {
+    if (ripple_rpm > deep_rpm) {
         return STEP_UP_MV;
     }
-    return ripple_rpm_q1 > shallow_rpm_q1 ? 0 : -STEP_DOWN_MV;
+    return ripple_rpm > shallow_rpm ? 0 : -STEP_DOWN_MV;
 }
 
 static int16_t trim_by_current(const Sync *self, const SyncSetpoints *set) {
@@ -62,9 +62,9 @@ static int16_t base_mv(const SyncSetpoints *set, int16_t travel_q15) {
 
 // What the last blow says.
 static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow) {
-    const int16_t deep = part_of(blow->speed_mean_rpm_q1, set->depth_max_q15);
-    const bool lost = blow->ripple_rpm_q1 >> SEEK_SHIFT > deep;
-    const int16_t by_dips = trim_by_depth(blow->ripple_rpm_q1, deep, part_of(blow->speed_mean_rpm_q1, set->depth_min_q15));
+    const int16_t deep = part_of(blow->base_rpm, set->depth_max_q15);
+    const bool lost = blow->ripple_rpm >> SEEK_SHIFT > deep;
+    const int16_t by_dips = trim_by_depth(blow->ripple_rpm, deep, part_of(blow->base_rpm, set->depth_min_q15));
     const int16_t even = (uint8_t)set->method == SYNC_METHOD_SPEED ? by_dips : trim_by_current(self, set);
     const int16_t step = lost ? STEP_FAST_MV : even;
     if (step < 0 || self->goal_q15 < INT16_MAX) {  // else there is nothing more to be had from this battery

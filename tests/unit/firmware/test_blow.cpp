@@ -44,7 +44,7 @@ double speed_at(const Swing &s, double time_s) {
 }
 
 struct Found {
-    int lugs = 0, repeats = 0;
+    int lugs = 0, repeats = 0, hits = 0;
     double period_ms = 0.0, longest_ms = 0.0, shortest_ms = 1e9;
 };
 
@@ -55,7 +55,8 @@ Found run(Blow &blow, const BlowSetpoints &set, const Swing &swing, double from_
         blow_step(&blow, &set, &in);
         found.lugs += blow.lugs;
         found.repeats += blow.repeat ? 1 : 0;
-        if (blow.lugs > 0 && blow.blows_seen > 3) {
+        found.hits += blow.struck ? 1 : 0;
+        if (blow.lugs > 0 && found.hits > 3) {
             found.period_ms = blow.period_q4 / 16.0;
             found.longest_ms = std::max(found.longest_ms, found.period_ms);
             found.shortest_ms = std::min(found.shortest_ms, found.period_ms);
@@ -74,8 +75,9 @@ TEST_P(BlowSources, CountsEveryBlowFrom1200To4000AMinute) {
     for (const double ripple : {0.01, 0.05, 0.2})
         for (double rate = 1200; rate <= 4000; rate += 175) {
             blow_start(&blow, &GetParam());
-            const Found found = run(blow, GetParam(), {rate, ripple}, 0.0, 2.0);
-            EXPECT_NEAR(found.lugs, rate / 30.0, 1.0 + 0.01 * rate / 30.0) << rate << " ripple " << ripple;
+            run(blow, GetParam(), {rate, ripple}, 0.0, 0.2);
+            const Found found = run(blow, GetParam(), {rate, ripple}, 0.2, 2.2);
+            EXPECT_NEAR(found.lugs, rate / 30.0, 0.01 * rate / 30.0 + 1.0) << rate << " ripple " << ripple;
             EXPECT_EQ(found.repeats, 0) << rate << " ripple " << ripple;
         }
 }
@@ -94,12 +96,11 @@ TEST_P(BlowSources, ANotchOfAnEvenSwingIsNoSecondBlow) {
     EXPECT_EQ(found.repeats, 0);
 }
 
-TEST_P(BlowSources, LevelOfTheLastBlowIsOfThatBlow) {
+TEST_P(BlowSources, LevelIsThatOfTheBlows) {
     run(blow, GetParam(), {3000, 0.05}, 0.0, 1.0);
     const double mean = TURN * 3000;
-    EXPECT_NEAR(blow.turn_q8 / 256.0, TURN, 0.2);
-    EXPECT_NEAR(blow.speed_mean_rpm_q1 / 2.0, mean, 0.06 * mean);
-    EXPECT_NEAR(blow.ripple_rpm_q1 / 2.0, 0.05 * mean, 0.02 * mean);
+    EXPECT_NEAR(blow.base_rpm, mean, 0.03 * mean);
+    EXPECT_NEAR(blow.ripple_rpm, 0.05 * mean, 0.02 * mean);
 }
 
 TEST_P(BlowSources, NoRippleNoBlow) {
@@ -131,15 +132,16 @@ TEST_P(BlowSources, AnUnseenValleyStandsForTwo) {
     EXPECT_EQ(blow.count - before, 4);
 }
 
-TEST_P(BlowSources, APauseEndsTheImpactsAndCountsNothing) {
+// A lug is counted ahead when the next valley does not come; the first blow after the pause makes it good, and brings its first contact, which leaves no valley.
+TEST_P(BlowSources, APauseEndsTheImpacts) {
     run(blow, GetParam(), {2400, 0.1}, 0.0, 0.5);
     EXPECT_TRUE(blow.impacting);
     const uint16_t count = blow.count;
     run(blow, GetParam(), {2400, 0.0}, 0.5, 1.5);
     EXPECT_FALSE(blow.impacting);
-    EXPECT_LE(blow.count - count, 1);
+    EXPECT_LE(blow.count - count, 2);
     run(blow, GetParam(), {2400, 0.1}, 1.5, 2.5);
-    EXPECT_NEAR(blow.count - count, 40, 1.5);
+    EXPECT_NEAR(blow.count - count, 1 + 40, 1.5);
 }
 
 // A ripple of a twentieth is below the hysteresis until that has been forgotten: an eighth of a second.
@@ -160,6 +162,7 @@ TEST_P(BlowSources, StartForgetsTheDriveBefore) {
 TEST_P(BlowSources, AnyInputGivesOneConsistentEvent) {
     std::mt19937 random(7);
     std::uniform_int_distribution<int> any(-32768, 32767);
+    uint16_t lugs = 0;
     for (int n = 0; n < 200000; ++n) {
         const bool wild = random() % 4 != 0;
         const ControllerInputs in{0,
@@ -170,12 +173,12 @@ TEST_P(BlowSources, AnyInputGivesOneConsistentEvent) {
                                   (random() & 31u) == 0u,
                                   0,
                                   0};
-        const uint16_t count = blow.count;
         blow_step(&blow, &GetParam(), &in);
-        ASSERT_EQ(static_cast<uint16_t>(blow.count - count), blow.lugs);
+        lugs = static_cast<uint16_t>(lugs + blow.lugs);
         ASSERT_EQ(blow.struck, blow.lugs > 0 || blow.repeat);
+        ASSERT_LE(static_cast<uint16_t>(blow.count - lugs), 1);
         ASSERT_GE(blow.spread_q15, 0);
-        ASSERT_GE(blow.ripple_rpm_q1, 0);
+        ASSERT_GE(blow.ripple_rpm, 0);
     }
 }
 
@@ -186,11 +189,11 @@ TEST(Blow, CoastingHidesTheCurrentsSpeed) {
     Blow blow{};
     blow_start(&blow, &CURRENT);
     run(blow, CURRENT, {3000, 0.05}, 0.0, 1.0);
-    const int16_t held = blow.speed_rpm_q1;
+    const int16_t held = blow.speed_rpm;
     const ControllerInputs in{0, 0, 0, 17000, 0, true, 0, 0};
     for (int n = 0; n < 10; ++n)
         blow_step(&blow, &CURRENT, &in);
-    EXPECT_EQ(blow.speed_rpm_q1, held);
+    EXPECT_EQ(blow.speed_rpm, held);
 }
 
 }  // namespace
