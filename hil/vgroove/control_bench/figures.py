@@ -4,8 +4,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from vgroove.control_bench import blows_page, drill_page, screwing_page, sync_page, torque_page, vibration_page
-from vgroove.control_bench.waves import Wave, wave_svg
+from vgroove.control_bench.waves import Wave, wave_picture
 from vgroove.output import check_outputs, write_text
+from vgroove.study.report import find_chromium, svg_of
 
 WAVES: dict[str, Callable[[], Wave]] = {
     "blows": blows_page.wave,
@@ -27,6 +28,7 @@ def write_figures(parts: Sequence[str], folder: Path) -> list[Path]:
     waves = [WAVES[part]() for part in parts]
     paths = [image_path(folder, wave) for wave in waves]
     check_outputs(paths)
+    chromium = find_chromium()
     for wave, path in zip(waves, paths, strict=True):
-        write_text(path, wave_svg(wave))
+        write_text(path, svg_of(chromium, wave_picture(wave).figure))
     return paths

@@ -11,9 +11,8 @@ from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
 from vgroove.control_bench.runs import pull
 from vgroove.control_bench.screwing import Watch
 from vgroove.control_bench.sets import by_half
-from vgroove.control_bench.svg import Line
 from vgroove.control_bench.sync_page import methods
-from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
+from vgroove.control_bench.waves import Drive, Line, Panel, Wave, wave_picture
 from vgroove.study.impact_runs import JOINT_SHORT
 from vgroove.study.report import Picture, Study, style
 

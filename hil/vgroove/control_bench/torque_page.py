@@ -10,8 +10,7 @@ from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
 from vgroove.control_bench.jobs import PLAIN, Figures, Variant, absent_lines, present
 from vgroove.control_bench.runs import Run
 from vgroove.control_bench.sets import by_half
-from vgroove.control_bench.svg import Line
-from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
+from vgroove.control_bench.waves import Drive, Line, Panel, Wave, wave_picture
 from vgroove.study.report import Picture, Study, Table, style
 
 SUMMARY = [

@@ -4,12 +4,15 @@ import csv
 import html
 import io
 import json
+import re
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import plotly.graph_objects as go
@@ -193,6 +196,25 @@ def draw(chromium: str, html_path: Path, png_path: Path, height: int) -> None:
         raise VgrooveError(f"{png_path}: {chromium} drew no picture: {error}") from error
     finally:
         part.unlink(missing_ok=True)
+
+
+def svg_of(chromium: str, figure: go.Figure) -> str:
+    """A figure as the SVG that plotly's camera saves."""
+    size = f"{{format:'svg',width:{figure.layout.width},height:{figure.layout.height}}}"
+    script = f"Plotly.newPlot('figure',{figure.to_json()}).then(g=>Plotly.toImage(g,{size})).then(u=>{{document.body.textContent=u}})"
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "figure.html"
+        scripts = f"<script>{get_plotlyjs()}</script><script>{script}</script>"
+        source.write_text(f"<!doctype html><meta charset=utf-8><div id=figure></div>{scripts}", encoding="utf-8")
+        command = [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000", "--dump-dom", source.as_uri()]
+        try:
+            dom = subprocess.run(command, capture_output=True, text=True, timeout=CHROMIUM_LIMIT_S, check=True).stdout
+        except (OSError, subprocess.SubprocessError) as error:
+            raise VgrooveError(f"{chromium} drew no figure: {error}") from error
+    found = re.search(r"data:image/svg\+xml,([^<\s]+)", dom)
+    if found is None:
+        raise VgrooveError(f"{chromium} drew no figure: its page holds none")
+    return unquote(html.unescape(found[1])) + "\n"
 
 
 @dataclass(frozen=True)
