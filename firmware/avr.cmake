@@ -1,6 +1,6 @@
 # The ELF for VGROOVE_MCU in the root of the build tree, its hex file beside it, and the target test of the golden vectors where it exists.
 set(VGROOVE_MCU atmega328p CACHE STRING "atmega328p or atmega2560")
-set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-sections -fdata-sections -fno-fat-lto-objects -mrelax -mstrict-X)
+set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-sections -fdata-sections -fno-fat-lto-objects -mrelax -mstrict-X -fno-move-loop-invariants)
 
 add_executable(vgroove ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c hal/avr/main.c hal/avr/serial.c hal/avr/start.c)
 # What runs in interrupts is compiled for speed, the rest for size; what runs seldom for still less.

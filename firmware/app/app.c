@@ -155,6 +155,9 @@ void app_tick(App *self, uint8_t ticks_late) {
     }
     h_bridge_stage(&self->bridge, drive_step(self));
     share_tick(self);
+    if (self->modes.state != MODES_DRIVE) {
+        control_prepare(&self->control, self->mode, self->params.value);
+    }
     self->slow_turn = self->report.hold_slow && telemetry_slow_waits(&self->telemetry);
     report_tick(self);
     const uint16_t cycles = hal_tick_cycles((uint16_t)self->hall.now_cycles);

@@ -1,17 +1,14 @@
 // Choice of the controller, see control.h.
 #include "app/control.h"
 
-#include <stddef.h>
-#include <string.h>
-
 #include "app/param_store.h"
+#include "core/flash.h"
 #include "core/inline.h"
 #include "telemetry/telemetry_signals.h"
 
 #define FORWARD_TERM(MODE, name, Type, directions) || (mode == TELEMETRY_MODE_##MODE && (directions) == CONTROL_FORWARD)
 #define START_CASE(MODE, name, Type, directions)                                                                                                     \
     case TELEMETRY_MODE_##MODE:                                                                                                                      \
-        fill_##name(&self->set.name, value);                                                                                                         \
         name##_start(&self->state.name, &self->set.name);                                                                                            \
         break;
 #define STEP_CASE(MODE, name, Type, directions)                                                                                                      \
@@ -24,45 +21,25 @@
         out->estimate = name##_estimate(&self->state.name);                                                                                          \
         return;
 
-// Setpoints out of the parameters. A controller's own parameters stand in the table in the order of its setpoints: they are copied as a block.
+// Where the setpoints come from: each is a word and a parameter, in the order of the struct. Rows are as long as the longest.
+#define ROW(MODE, name, Type, directions) [TELEMETRY_MODE_##MODE] = {SETPOINTS_##MODE},
+#define WORDS(MODE, name, Type, directions)                                                                                                          \
+    _Static_assert(sizeof(Type##Setpoints) / sizeof(int16_t) == sizeof((uint8_t[]){SETPOINTS_##MODE}), "a parameter for each setpoint");
 
-#define SAME_ORDER(Type, first, last, FIRST, LAST)                                                                                                   \
-    _Static_assert(offsetof(Type, last) - offsetof(Type, first) == ((LAST) - (FIRST)) * sizeof(int16_t), "setpoints in the order of the parameters")
-#define COPY(set, FIRST, LAST) (void)memcpy((set), &value[FIRST], ((LAST) - (FIRST) + 1) * sizeof(int16_t))
+#define SETPOINTS_SYNC                                                                                                                               \
+    PARAM_SYNC_METHOD, PARAM_SYNC_LOW_MV, PARAM_SYNC_HIGH_MV, PARAM_SYNC_DEPTH_MIN_Q15, PARAM_SYNC_DEPTH_MAX_Q15, PARAM_SYNC_CURRENT_A_Q9
+#define SETPOINTS_SCREWING                                                                                                                           \
+    PARAM_HALL_PULSES, PARAM_BLOW_TURN_Q8, PARAM_SCREWING_SHARE_Q15, PARAM_SCREWING_SHARE_HARD_Q15, PARAM_SCREWING_HARD_TURN_DEG_Q4,                 \
+        PARAM_SCREWING_RISE_Q8
+#define SETPOINTS_VIBRATION                                                                                                                          \
+    PARAM_VIBRATION_METHOD, PARAM_VIBRATION_APPROACH_Q15, PARAM_VIBRATION_CLIMB_Q15, PARAM_VIBRATION_CLIMB_PER_MS_Q15,                               \
+        PARAM_VIBRATION_CLIMB_TURN_Q8, PARAM_VIBRATION_SURGE_A_Q9, PARAM_VIBRATION_HARD_SHARE_Q15, PARAM_VIBRATION_HARD_MV, PARAM_MOTOR_MOHM,        \
+        PARAM_MOTOR_RPM_PER_V
+#define SETPOINTS_TORQUE PARAM_TORQUE_TARGET_NM
+#define SETPOINTS_DRILL PARAM_DRILL_CLUTCH_DNM, PARAM_DRILL_RATIO_Q8, PARAM_MOTOR_MOHM, PARAM_MOTOR_RPM_PER_V, PARAM_DRILL_PULSE, PARAM_DRILL_KICKBACK
 
-SAME_ORDER(BlowSetpoints, turn_q8, motor_rpm_per_v, PARAM_BLOW_TURN_Q8, PARAM_MOTOR_RPM_PER_V);
-SAME_ORDER(SyncSetpoints, method, current_a_q9, PARAM_SYNC_METHOD, PARAM_SYNC_CURRENT_A_Q9);
-SAME_ORDER(ScrewingSetpoints, share_q15, rise_q8, PARAM_SCREWING_SHARE_Q15, PARAM_SCREWING_RISE_Q8);
-SAME_ORDER(VibrationSetpoints, method, hard_mv, PARAM_VIBRATION_METHOD, PARAM_VIBRATION_HARD_MV);
-
-static void fill_sync(SyncSetpoints *set, const int16_t *value) {
-    COPY(set, PARAM_SYNC_METHOD, PARAM_SYNC_CURRENT_A_Q9);
-}
-
-static void fill_screwing(ScrewingSetpoints *set, const int16_t *value) {
-    COPY(&set->share_q15, PARAM_SCREWING_SHARE_Q15, PARAM_SCREWING_RISE_Q8);
-    set->pulses = (uint8_t)value[PARAM_HALL_PULSES];
-    set->turn_q8 = (uint16_t)value[PARAM_BLOW_TURN_Q8];
-}
-
-static void fill_torque(TorqueSetpoints *set, const int16_t *value) {
-    set->target_nm = value[PARAM_TORQUE_TARGET_NM];
-}
-
-static void fill_vibration(VibrationSetpoints *set, const int16_t *value) {
-    COPY(set, PARAM_VIBRATION_METHOD, PARAM_VIBRATION_HARD_MV);
-    set->motor_mohm = (uint16_t)value[PARAM_MOTOR_MOHM];
-    set->motor_rpm_per_v = (uint16_t)value[PARAM_MOTOR_RPM_PER_V];
-}
-
-static void fill_drill(DrillSetpoints *set, const int16_t *value) {
-    set->clutch_dnm = value[PARAM_DRILL_CLUTCH_DNM];
-    set->ratio_q8 = (uint16_t)value[PARAM_DRILL_RATIO_Q8];
-    set->pulse = value[PARAM_DRILL_PULSE] != 0;
-    set->kickback = value[PARAM_DRILL_KICKBACK] != 0;
-    set->motor_mohm = (uint16_t)value[PARAM_MOTOR_MOHM];
-    set->rpm_per_v = (uint16_t)value[PARAM_MOTOR_RPM_PER_V];
-}
+CONTROL_LIST(WORDS)
+static const uint8_t sources[][CONTROL_SETPOINTS_MOST] FLASH_TABLE = {CONTROL_LIST(ROW)};
 
 // Synchronisation finds the blows in what its method is named after.
 static uint8_t blow_source(uint8_t mode, const int16_t *value) {
@@ -85,11 +62,21 @@ static bool forward_only(uint8_t mode) {
     return false CONTROL_LIST(FORWARD_TERM);
 }
 
-INLINE_NEVER void control_start(Control *self, uint8_t mode, bool reverse, const int16_t *value) {
+INLINE_NEVER void control_prepare(Control *self, uint8_t mode, const int16_t *value) {
+    self->blow_set.turn_q8 = (uint16_t)value[PARAM_BLOW_TURN_Q8];
+    self->blow_set.source = blow_source(mode, value);
+    self->blow_set.motor_mohm = (uint16_t)value[PARAM_MOTOR_MOHM];
+    self->blow_set.motor_rpm_per_v = (uint16_t)value[PARAM_MOTOR_RPM_PER_V];
+    const uint8_t *source = sources[mode];
+    int16_t *const last = &self->set.words[CONTROL_SETPOINTS_MOST];
+    for (int16_t *word = self->set.words; word != last; word++, source++) {
+        *word = value[FLASH_U8(source)];
+    }
+}
+
+INLINE_NEVER void control_start(Control *self, uint8_t mode, bool reverse) {
     self->stopped = false;
     self->mode = control_has(mode) && !(reverse && forward_only(mode)) ? mode : TELEMETRY_MODE_DUTY;
-    COPY(&self->blow_set, PARAM_BLOW_TURN_Q8, PARAM_MOTOR_RPM_PER_V);
-    self->blow_set.source = blow_source(self->mode, value);
     blow_start(&self->blow, &self->blow_set);
     switch (self->mode) { CONTROL_LIST(START_CASE) }
     if (reverse && self->mode == TELEMETRY_MODE_DRILL) {  // clutch and pulse mode tighten; a jam kicks either way
@@ -103,7 +90,7 @@ static int16_t step(Control *self, const ControllerInputs *in) {
     return in->travel_q15;
 }
 
-int16_t control_step(Control *self, const ControllerInputs *in) {
+INLINE_NEVER int16_t control_step(Control *self, const ControllerInputs *in) {
     if (self->stopped) {
         return CONTROLLER_STOP;
     }

@@ -2,7 +2,7 @@
 //
 // To plug one in (its functions: controllers/controller.h; its mode must be in the value table of `mode` in telemetry/vgroove.dbc):
 //   1. here: include its header and add its line to CONTROL_LIST, which alone says which modes exist; limits of PARAM_MODE_*: param_table.h;
-//   2. control.c: fill_NAME() copies its setpoints out of the parameters, at the begin of each drive;
+//   2. control.c: SETPOINTS_MODE names the parameter that each of its setpoints comes from (all of them are words);
 //   3. app/param_table.h: its parameters, behind its mark; then run telemetry/generate.py;
 //   4. CMakeLists.txt of the firmware: its source.
 //
@@ -48,6 +48,8 @@ enum {
     /* end of the list */
 // clang-format on
 
+#define CONTROL_SETPOINTS_MOST 10u  // of a controller
+
 #define CONTROL_STATE(MODE, name, Type, directions) Type name;
 #define CONTROL_SETPOINTS(MODE, name, Type, directions) Type##Setpoints name;
 
@@ -59,18 +61,22 @@ typedef struct {
         CONTROL_LIST(CONTROL_STATE)
     } state;
     union {
-        uint8_t none;
+        int16_t words[CONTROL_SETPOINTS_MOST];
         CONTROL_LIST(CONTROL_SETPOINTS)
     } set;
-    uint8_t mode;  // TELEMETRY_MODE_* of this drive
-    bool stopped;  // the controller has ended it
+    ControllerInputs in;  // of this tick
+    uint8_t mode;         // TELEMETRY_MODE_* of this drive
+    bool stopped;         // the controller has ended it
 } Control;
 
 // Whether the firmware has this mode.
 bool control_has(uint8_t mode);
 
-// A drive begins. `value`: the parameters.
-void control_start(Control *self, uint8_t mode, bool reverse, const int16_t *value);
+// Takes the setpoints of a mode out of the parameters: in each tick between drives, which are light, so that a drive begins with the latest.
+void control_prepare(Control *self, uint8_t mode, const int16_t *value);
+
+// A drive of the mode that was prepared begins.
+void control_start(Control *self, uint8_t mode, bool reverse);
 
 // Duty 0..32767, CONTROLLER_STOP or CONTROLLER_COAST.
 int16_t control_step(Control *self, const ControllerInputs *in);

@@ -15,7 +15,7 @@ static int16_t resumed_duty(const App *app, int16_t speed_rpm_q1) {
         return 0;
     }
     const uint16_t ramp_q15 = (uint16_t)app->ramp_duty_q15;
-    const uint16_t duty_q15 = divide_u16((uint32_t)ramp_q15 * (uint16_t)speed_rpm_q1, (uint16_t)app->ramp_speed_rpm_q1);
+    const uint16_t duty_q15 = divide_by_u16((uint32_t)ramp_q15 * (uint16_t)speed_rpm_q1, (uint16_t)app->ramp_speed_rpm_q1);
     return (int16_t)(duty_q15 < ramp_q15 ? duty_q15 : ramp_q15);
 }
 
@@ -27,8 +27,7 @@ static int16_t limited_travel(const App *app) {
 }
 
 // The trigger's ramp: what the plain mode drives with, and what the controllers see as the trigger.
-static int16_t ramp(App *app, ModesCommand command, int16_t speed_rpm_q1) {
-    const int16_t wanted_q15 = command == MODES_COMMAND_RAMP_DOWN ? 0 : limited_travel(app);
+static int16_t ramp(App *app, ModesCommand command, int16_t wanted_q15, int16_t speed_rpm_q1) {
     if (app->controlled && command == MODES_COMMAND_RAMP_DOWN && app->wish_q15 < app->ramp_q15) {
         app->ramp_q15 = app->wish_q15;  // a release never drives more than the controller did
     }
@@ -61,7 +60,7 @@ static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) 
     }
     hal_mark_control(true);
     if (!app->controlled) {
-        control_start(&app->control, app->mode, app->modes.reverse, app->params.value);
+        control_start(&app->control, app->mode, app->modes.reverse);
         app->controlled = true;
     }
     const int16_t wish_q15 = control_step(&app->control, in);
@@ -85,26 +84,25 @@ int16_t drive_step(App *app) {
         return coast(app);
     }
     const int16_t speed_rpm_q1 = along(app, app->measured.speed_rpm_q1);
-    const ControllerInputs in = {
-        .travel_q15 = ramp(app, command, speed_rpm_q1),
-        .speed_rpm_q1 = speed_rpm_q1,
-        .current_a_q9 = along(app, app->measured.current_a_q9),
-        .supply_mv = app->measured.supply_mv,
-        .duty_q15 = applied_duty_q15(app),
-        .coasted = app->bridge.row_compare == H_BRIDGE_COAST,
-        .trigger_q15 = command == MODES_COMMAND_RAMP_DOWN ? 0 : limited_travel(app),
-        .edges = app->hall.new_edges,
-    };
+    ControllerInputs *const in = &app->control.in;
+    in->trigger_q15 = command == MODES_COMMAND_RAMP_DOWN ? 0 : limited_travel(app);
+    in->travel_q15 = ramp(app, command, in->trigger_q15, speed_rpm_q1);
+    in->speed_rpm_q1 = speed_rpm_q1;
+    in->current_a_q9 = along(app, app->measured.current_a_q9);
+    in->supply_mv = app->measured.supply_mv;
+    in->duty_q15 = applied_duty_q15(app);
+    in->coasted = app->bridge.row_compare == H_BRIDGE_COAST;
+    in->edges = app->hall.new_edges;
     app->driving = true;
-    const int16_t wish_q15 = wish(app, command, &in);
+    const int16_t wish_q15 = wish(app, command, in);
     app->wish_q15 = wish_q15;
-    const int16_t duty_q15 = foldback_step(&app->foldback, wish_q15, in.current_a_q9);
+    const int16_t duty_q15 = foldback_step(&app->foldback, wish_q15, in->current_a_q9);
     if (foldback_active(&app->foldback)) {
         app->measured.flags |= TELEMETRY_FLAGS_FOLDBACK;
     }
     if (wish_q15 < 0) {
         return H_BRIDGE_COAST;
     }
-    note_driven(app, duty_q15, &in);
+    note_driven(app, duty_q15, in);
     return h_bridge_compare(along(app, duty_q15));
 }

@@ -26,7 +26,7 @@ static void configure_limits(App *app) {
     app->foldback.limit_a_q9 = value[PARAM_FOLDBACK_A_Q9];
     app->fault_limits = (FaultLimits){
         .under_voltage_mv = (uint16_t)value[PARAM_UNDER_VOLTAGE_MV],
-        .over_temperature_c = value[PARAM_OVER_TEMPERATURE_C],
+        .over_temperature_c_q4 = (int16_t)((uint8_t)value[PARAM_OVER_TEMPERATURE_C] * 16u),
         .stall_ms = (uint16_t)value[PARAM_STALL_MS],
     };
     app->bridge.dead_counts = (uint8_t)value[PARAM_DEAD_TIME_COUNT];

@@ -1,6 +1,7 @@
 // Finding faults, see faults.h.
 #include "app/faults.h"
 
+#include "core/fixed.h"
 #include "core/inline.h"
 #include "drivers/h_bridge.h"
 #include "hal/hal.h"
@@ -24,7 +25,7 @@ static int16_t magnitude(int16_t value) {
 
 // |i| * 0.5 ohm > |duty| Vs: the reference motor has 0.29 ohm standing, 10 ohm turning freely and 0.6 ohm at 30 A (physics.md).
 INLINE_NEVER bool faults_draws_like_standing(const Measurement *m, int16_t compare) {
-    const uint32_t current_ma = ((uint32_t)(uint16_t)magnitude(m->current_a_q9) * 1000u) >> 9;
+    const uint32_t current_ma = fixed_byte_down((uint32_t)(uint16_t)magnitude(m->current_a_q9) * 1000u) >> 1;
     return current_ma * HAL_COMPARE_MAX > 2u * ((uint32_t)m->supply_mv * (uint16_t)magnitude(compare));
 }
 
@@ -49,7 +50,7 @@ static uint8_t find_no_edge(Faults *self, const Measurement *m, uint16_t stall_m
 
 static void count_conditions(Faults *self, const Measurement *m, const FaultLimits *limits) {
     self->under_voltage_ms = held_for(m->supply_mv < limits->under_voltage_mv, self->under_voltage_ms, UNDER_VOLTAGE_MS);
-    const bool hot = m->temperature_c_q4 > (int16_t)(limits->over_temperature_c * 16);
+    const bool hot = m->temperature_c_q4 > limits->over_temperature_c_q4;
     self->over_temperature_ms = held_for(hot && !m->temperature_lost, self->over_temperature_ms, OVER_TEMPERATURE_MS);
     self->temperature_lost_ms = held_for(m->temperature_lost, self->temperature_lost_ms, OVER_TEMPERATURE_MS);
 }

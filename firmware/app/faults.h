@@ -18,7 +18,7 @@
 
 typedef struct {
     uint16_t under_voltage_mv;
-    int16_t over_temperature_c;
+    int16_t over_temperature_c_q4;
     uint16_t stall_ms;
 } FaultLimits;
 

@@ -5,7 +5,9 @@
 #include "hal/hal.h"
 #include "telemetry/telemetry_signals.h"
 
-static void note(Measurement *self, bool happened, uint16_t flag) {
+_Static_assert(TELEMETRY_FLAGS_EDGE_OVERFLOW <= UINT8_MAX, "flags of a tick");
+
+static void note(Measurement *self, bool happened, uint8_t flag) {
     if (happened) {
         self->flags |= flag;
     }
@@ -32,7 +34,7 @@ static void take_current(Measurement *self, const CurrentSense *current) {
     if (adc->current_count == 0u) {
         return;
     }
-    bool saturated = adc->current_least == 0u || adc->current_greatest == ADC_SEQUENCE_TOP_COUNT;
+    bool saturated = adc->saturated;
     self->current_a_q9 = current_sense_a_q9(current, current_sense_mean_q4(adc->current_sum, adc->current_count), &saturated);
     note(self, saturated, TELEMETRY_FLAGS_CURRENT_SATURATED);
 }

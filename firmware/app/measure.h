@@ -16,8 +16,8 @@ typedef struct {
     uint16_t supply_mv;
     uint16_t supply_25mv;  // as telemetry sends it
     int16_t temperature_c_q4;
-    uint16_t flags;  // TELEMETRY_FLAGS_* of this tick
-    AdcTick adc;     // of this tick
+    uint8_t flags;  // TELEMETRY_FLAGS_* of this tick
+    AdcTick adc;    // of this tick
     bool temperature_lost;
     bool standstill;  // by the Hall sensor; app/standstill.h has the last word
 } Measurement;

@@ -11,7 +11,6 @@
 #define VALUES_AT 4u
 #define CRC_AT (VALUES_AT + 2u * PARAM_COUNT)
 #define SLOT_BYTES (CRC_AT + 2u)
-#define SKIPS_A_TICK 2u  // bytes that already read as they should, looked at in one tick
 
 // Steps of a write: the version is voided, then bytes 1..SLOT_BYTES-1, then the version.
 #define STEP_VOID 1u
@@ -161,33 +160,28 @@ static uint8_t image_byte(const ParamStore *self, uint16_t at) {
     return (uint8_t)(self->crc16 >> shift);
 }
 
-// Starts the write of one byte of the new set; false when it already reads so.
-static bool write_byte(const ParamStore *self, uint16_t at, uint8_t byte) {
-    if (slot_byte(target_slot(self), at) == byte) {
-        return false;
+// Starts the write of one byte of the new set, unless it already reads so.
+static void write_byte(const ParamStore *self, uint16_t at, uint8_t byte) {
+    if (slot_byte(target_slot(self), at) != byte) {
+        hal_eeprom_start_write((uint16_t)(slot_address(target_slot(self)) + at), byte);
     }
-    hal_eeprom_start_write((uint16_t)(slot_address(target_slot(self)) + at), byte);
-    return true;
 }
 
-// Does one step of the write; true when the EEPROM is busy with it.
-static bool write_step(ParamStore *self) {
+static void write_step(ParamStore *self) {
     const uint16_t at = (uint16_t)(self->step - 1u);
+    uint8_t byte = VERSION_VOID;
     if (self->step == STEP_VOID) {
         self->crc16 = crc16_next(CRC16_INIT, PARAM_VERSION);
-        self->step++;
-        return write_byte(self, 0, VERSION_VOID);
-    }
-    if (self->step == STEP_VERSION) {
-        self->step++;
-        return write_byte(self, 0, PARAM_VERSION);
-    }
-    const uint8_t byte = image_byte(self, at);
-    if (at < CRC_AT) {
-        self->crc16 = crc16_next(self->crc16, byte);
+    } else if (self->step == STEP_VERSION) {
+        byte = PARAM_VERSION;
+    } else {
+        byte = image_byte(self, at);
+        if (at < CRC_AT) {
+            self->crc16 = crc16_next(self->crc16, byte);
+        }
     }
     self->step++;
-    return write_byte(self, at, byte);
+    write_byte(self, self->step > STEP_VERSION ? 0u : at, byte);
 }
 
 bool param_due(const ParamStore *self) {
@@ -198,16 +192,12 @@ void param_step(ParamStore *self) {
     if (!param_due(self)) {
         return;
     }
-    for (uint8_t k = 0; k < SKIPS_A_TICK; k++) {
-        if (self->step > STEP_VERSION) {
-            self->slot = target_slot(self);
-            self->generation++;
-            self->step = 0;
-            self->status = PARAM_LOADED;
-            return;
-        }
-        if (write_step(self)) {
-            return;
-        }
+    if (self->step <= STEP_VERSION) {
+        write_step(self);
+        return;
     }
+    self->slot = target_slot(self);
+    self->generation++;
+    self->step = 0;
+    self->status = PARAM_LOADED;
 }

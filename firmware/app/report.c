@@ -58,10 +58,12 @@ static void fill_health(const App *app, TelemetryHealth *health) {
 
 void report_tick(App *app) {
     TelemetryInputs *report = &app->report;
-    report->fast.current_a = app->measured.current_a_q9;
-    report->fast.speed_rpm = app->measured.speed_rpm_q1;
-    report->fast.duty_compare = app->bridge.row_compare;
-    report->fast.supply_v = app->measured.supply_25mv;
+    const TelemetryFast fast = {
+        .current_a = app->measured.current_a_q9,
+        .speed_rpm = app->measured.speed_rpm_q1,
+        .duty_compare = app->bridge.row_compare,
+        .supply_v = app->measured.supply_25mv,
+    };
     report->hold_state = app->full_ticks > 0u;
     app->kept_flags |= app->measured.flags;
     if (!report->hold_state) {
@@ -74,7 +76,7 @@ void report_tick(App *app) {
     }
     uint8_t *place[2];
     uart_places(&app->uart, place, app->spare);
-    const uint8_t frames = telemetry_frames(&app->telemetry, report, place);
+    const uint8_t frames = telemetry_frames(&app->telemetry, report, &fast, place);
     if (telemetry_health_sent(&app->telemetry)) {
         app->worst_cycles = 0;
     }

@@ -123,7 +123,7 @@ static void learn_period(Blow *self) {
     const int16_t off_q4 = (int16_t)(self->period_q4 - self->mean_period_q4);
     self->mean_period_q4 = (uint16_t)(self->mean_period_q4 + (uint16_t)((off_q4 + 4) >> MEAN_SHIFT));
     self->deviation_q8 = (uint16_t)(self->deviation_q8 - (self->deviation_q8 >> MEAN_SHIFT) + 2u * (uint16_t)(off_q4 < 0 ? -off_q4 : off_q4));
-    const uint16_t spread_q15 = divide_u16(((uint32_t)self->deviation_q8 << 8) << 3, self->mean_period_q4);
+    const uint16_t spread_q15 = divide_by_u16(((uint32_t)self->deviation_q8 << 8) << 3, self->mean_period_q4);
     self->spread_q15 = (int16_t)(spread_q15 > INT16_MAX ? INT16_MAX : (int16_t)spread_q15);
 }
 
@@ -256,6 +256,7 @@ static bool turns_up(Blow *self) {
 }
 
 void blow_step(Blow *self, const BlowSetpoints *set, const ControllerInputs *in) {
+    BY_POINTER(self);
     self->struck = false;
     self->repeat = false;
     self->lugs = 0;

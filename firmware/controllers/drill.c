@@ -3,6 +3,7 @@
 
 #include "core/divide.h"
 #include "core/fixed.h"
+#include "core/inline.h"
 #include "core/slew.h"
 
 #define DUTY_UP_Q15 109      // per ms: 0 to 1 in 0.3 s
@@ -67,7 +68,7 @@ static void stop(Drill *self, ControllerReason reason) {
 // i = T / (N k) + Tc / k with 1 / k = 2 pi / 60 rpm per V: T in 0.1 N m, N Q8 and A Q4 make 42.9.
 static void set_clutch(Drill *self, const DrillSetpoints *set) {
     const uint32_t torque = (uint32_t)(uint16_t)set->clutch_dnm * 43u;
-    const uint16_t wanted_a_q4 = divide_u16(torque * set->rpm_per_v, set->ratio_q8);
+    const uint16_t wanted_a_q4 = divide_by_u16(torque * set->rpm_per_v, set->ratio_q8);
     if (wanted_a_q4 > CLUTCH_A_Q4_MAX) {
         stop(self, CONTROLLER_REASON_UNREACHABLE);
         return;
@@ -162,7 +163,7 @@ static bool clutch_reached(Drill *self) {
 }
 
 static int16_t duty_of(uint32_t volt_mv, uint16_t supply_mv) {
-    return volt_mv >= supply_mv ? INT16_MAX : (int16_t)divide_u16(volt_mv << 15, supply_mv);
+    return volt_mv >= supply_mv ? INT16_MAX : (int16_t)divide_by_u16(volt_mv << 15, supply_mv);
 }
 
 // Holds the clutch's speed under load: its voltage and three quarters of what the load takes in the winding.
@@ -218,7 +219,7 @@ static void change_pulse(Drill *self, const DrillSetpoints *set, const Controlle
         self->phase_ms = 0;
     }
     if (next == DRILL_COAST && self->state == DRILL_RUN) {
-        self->mv_per_rpm_q16 = divide_u16((uint32_t)500u << 16, set->rpm_per_v);
+        self->mv_per_rpm_q16 = divide_by_u16((uint32_t)500u << 16, set->rpm_per_v);
         self->pulse_ms = 0;
         self->bin_ms = 0;
         self->bin_sum = 0;
@@ -275,6 +276,7 @@ static int16_t begin(Drill *self, const DrillSetpoints *set, int16_t travel_q15)
 }
 
 int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+    BY_POINTER(self);
     (void)blow;
     if (self->state == DRILL_STOPPED) {
         return CONTROLLER_STOP;

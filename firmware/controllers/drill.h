@@ -26,8 +26,8 @@ typedef struct {
     uint16_t ratio_q8;    // gear ratio, motor / chuck
     uint16_t motor_mohm;  // of the winding
     uint16_t rpm_per_v;   // speed constant
-    bool pulse;           // pulse mode above 15 A
-    bool kickback;        // anti-kickback
+    uint16_t pulse;       // pulse mode above 15 A
+    uint16_t kickback;    // anti-kickback
 } DrillSetpoints;
 
 typedef enum {

@@ -2,6 +2,7 @@
 #include "controllers/foldback.h"
 
 #include "core/fixed.h"
+#include "core/inline.h"
 
 #define GAIN_Q14 41  // 0.0025 per A: Q9 A times Q14 is Q23 duty
 #define DUTY_MAX_Q23 ((int32_t)INT16_MAX << 8)
@@ -10,7 +11,7 @@ void foldback_init(Foldback *self, int16_t limit_a_q9) {
     *self = (Foldback){.limit_a_q9 = limit_a_q9};
 }
 
-static int32_t integrate(int32_t share_q23, int32_t excess_a_q9) {
+INLINE_NEVER static int32_t integrate(int32_t share_q23, int32_t excess_a_q9) {
     if (share_q23 == 0 && excess_a_q9 <= 0) {
         return 0;  // one of the two is so
     }

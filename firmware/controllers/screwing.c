@@ -3,6 +3,7 @@
 
 #include "core/divide.h"
 #include "core/flash.h"
+#include "core/inline.h"
 #include "core/slew.h"
 
 typedef enum { STAGE_NONE, STAGE_PITCH, STAGE_PHASE, STAGE_STEP, STAGE_SHARE, STAGE_TURN, STAGE_JUDGE } Stage;
@@ -65,7 +66,7 @@ static uint16_t phase_of(int16_t x, int16_t y) {
     const uint16_t along = (uint16_t)(x < 0 ? -x : x), across = (uint16_t)(y < 0 ? -y : y);
     const bool swap = across > along;
     const uint16_t less = swap ? along : across, more = swap ? across : along;
-    const uint16_t ratio_q16 = more == 0u ? 0u : divide_u16((uint32_t)less << 16, more);
+    const uint16_t ratio_q16 = more == 0u ? 0u : divide_by_u16((uint32_t)less << 16, more);
     const uint16_t slope = (uint16_t)(8192u + (uint16_t)(((uint32_t)2847u * (uint16_t)~ratio_q16) >> 16));
     uint16_t angle = (uint16_t)(((uint32_t)slope * ratio_q16) >> 16);
     angle = swap ? (uint16_t)(16384u - angle) : angle;
@@ -74,7 +75,7 @@ static uint16_t phase_of(int16_t x, int16_t y) {
 }
 
 static uint16_t step_of(const Screwing *self) {
-    return divide_u16((uint32_t)self->pitch << 16, (uint16_t)(LUG + self->assumed));
+    return divide_by_u16((uint32_t)self->pitch << 16, (uint16_t)(LUG + self->assumed));
 }
 
 // The sums keep what is left of the last drive: the first half turns are not used.
@@ -102,7 +103,7 @@ void screwing_start(Screwing *self, const ScrewingSetpoints *set) {
 }
 
 // A pitch, or the part of it before or behind the end of a half turn; its middle is at a phase.
-static void gather(Screwing *self, int16_t ripple, uint16_t phase) {
+__attribute__((always_inline)) static inline void gather(Screwing *self, int16_t ripple, uint16_t phase) {
     const uint8_t angle = (uint8_t)(phase >> 8);
     self->cos_sum = (int16_t)(self->cos_sum + (int16_t)(((int32_t)ripple * sine((uint8_t)(angle + QUARTER))) >> 8));
     self->sin_sum = (int16_t)(self->sin_sum + (int16_t)(((int32_t)ripple * sine(angle)) >> 8));
@@ -185,7 +186,7 @@ static int16_t turn_q4(const Screwing *self) {
         sum = (int16_t)(sum + self->turned[n] - TURNED_BIAS);
         n++;
     }
-    const int16_t turn = (int16_t)divide_u16((uint32_t)(uint16_t)(sum > 0 ? sum : 0) << 4, n);
+    const int16_t turn = (int16_t)divide_by_u16((uint32_t)(uint16_t)(sum > 0 ? sum : 0) << 4, n);
     return turn > 16 ? turn : 16;
 }
 
@@ -194,7 +195,7 @@ static void learn(Screwing *self, int16_t turn, uint8_t share_q4) {
 }
 
 static void measure_rise(Screwing *self, int16_t turn) {
-    const uint16_t raw = divide_u16((uint32_t)(uint16_t)self->learned_q4 << 8, (uint16_t)turn);
+    const uint16_t raw = divide_by_u16((uint32_t)(uint16_t)self->learned_q4 << 8, (uint16_t)turn);
     const int16_t raw_q8 = (int16_t)(raw < 2048u ? raw : 2048u);
     self->rise_q8 = (int16_t)((raw_q8 + (self->raw_q8 == 0 ? raw_q8 : self->raw_q8)) / 2);
     self->raw_q8 = raw_q8;
@@ -299,7 +300,7 @@ static void step_stage(Screwing *self, const ScrewingSetpoints *set) {
         self->step = step_of(self);
         break;
     case STAGE_SHARE:
-        self->per_step = divide_u16(SHARE_SCALE, self->step);
+        self->per_step = divide_by_u16(SHARE_SCALE, self->step);
         if (self->known == 0u) {
             self->stage = STAGE_NONE;
             return;
@@ -349,7 +350,9 @@ static int16_t output(Screwing *self, const ScrewingSetpoints *set, int16_t trav
     case SCREWING_TRACK:
     case SCREWING_SUSPECT:
     case SCREWING_KNOT:
-        self->share_q15 = slew_towards(self->share_q15, power_q15(self, set), SHARE_SLEW);
+        if (self->share_q15 != power_q15(self, set)) {
+            self->share_q15 = slew_towards(self->share_q15, power_q15(self, set), SHARE_SLEW);
+        }
         return share_of(travel_q15, self->share_q15);
     case SCREWING_SEATED:
         break;
@@ -367,6 +370,7 @@ static bool impacts(const Screwing *self, const Blow *blow) {
 }
 
 int16_t screwing_step(Screwing *self, const ScrewingSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+
     const int16_t speed_rpm_q1 = in->speed_rpm_q1 > 0 ? in->speed_rpm_q1 : 0;
     self->last_rpm_q1 = speed_rpm_q1;
     if (self->state == SCREWING_SEATED) {

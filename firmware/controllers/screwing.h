@@ -23,7 +23,7 @@ typedef enum { SCREWING_POWER_SOFT, SCREWING_POWER_HARD, SCREWING_POWER_FULL } S
 #define SCREWING_RING 20u
 
 typedef struct {
-    uint8_t pulses;            // Hall edges a turn of the motor
+    uint16_t pulses;           // Hall edges a turn of the motor
     uint16_t turn_q8;          // turns of the motor from lug to lug
     int16_t share_q15;         // of the trigger's duty, once it impacts
     int16_t share_hard_q15;    // where a blow turns the screw by little

@@ -2,6 +2,7 @@
 #include "controllers/sync.h"
 
 #include "core/fixed.h"
+#include "core/inline.h"
 #include "core/slew.h"
 
 #define TRAVEL_LEAST_Q15 9830  // 0.3: below it the trigger itself is the duty, for starting a screw
@@ -138,6 +139,7 @@ static void release(Sync *self, const ControllerInputs *in, const Blow *blow) {
 }
 
 int16_t sync_step(Sync *self, const SyncSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+    BY_POINTER(self);
     if (blow->impacting && in->travel_q15 >= TRAVEL_LEAST_Q15) {
         hold(self, set, in, blow);
     } else {

@@ -4,6 +4,7 @@
 #include "controllers/torque_map.h"
 #include "core/divide.h"
 #include "core/fixed.h"
+#include "core/inline.h"
 
 // physics.md section 4: k 10.9 mN m/A is 0.5707 mV per 0.5 rpm, R 0.19 ohm is 0.3711 mV per 2^-9 A.
 #define EMF_MV_Q16 37403
@@ -37,7 +38,7 @@
 #define LOW_BEGIN_A_Q8 64      // the filters of a low target begin so far below its current: before lies the start of the motor
 #define A_Q8_PER_NM 12u        // on the raised levels: 11 to 16, 6 where the lugs are just hit once
 #define MV_PER_NM 105u         // of the levels of the map
-#define MISSED_SHARE 16        // a sixteenth beside the target is beside it
+#define MISSED_SHARE 16u       // a sixteenth beside the target is beside it
 
 void torque_start(Torque *self, const TorqueSetpoints *set) {
     const bool known = set->target_nm >= TORQUE_MAP_FIRST_NM && set->target_nm <= TORQUE_MAP_LAST_NM;
@@ -59,6 +60,7 @@ static int16_t high_word(int32_t value) {
 
 // A first-order low-pass of 65536 / gain steps of its own.
 static int32_t low_pass(int32_t value_q16, int16_t in, uint16_t gain_q16) {
+    FIXED_HIDE(gain_q16);  // a product costs a third of the shift that the compiler would make of it
     return value_q16 + (int32_t)(int16_t)(in - high_word(value_q16)) * (int16_t)gain_q16;
 }
 
@@ -171,7 +173,7 @@ static TorqueState next_state(const Torque *self, const ControllerInputs *in, co
 
 // How far from the target, by the current or the level beside its own.
 static int16_t beside_nm(int16_t difference, uint8_t per_nm) {
-    const int16_t rows = (int16_t)divide_u16((uint16_t)(difference < 0 ? -difference : difference), per_nm);
+    const int16_t rows = (int16_t)divide_by_u16((uint16_t)(difference < 0 ? -difference : difference), per_nm);
     return (int16_t)(difference < 0 ? -rows : rows);
 }
 
@@ -193,7 +195,7 @@ static void conclude(Torque *self, int16_t target_nm, const ControllerInputs *in
         }
     }
     self->estimate_nm = (int16_t)(target_nm + beside > 0 ? target_nm + beside : 0);
-    if (self->full_looks >= FULL_LOOKS || (beside < 0 ? -beside : beside) > target_nm / MISSED_SHARE) {
+    if (self->full_looks >= FULL_LOOKS || (beside < 0 ? -beside : beside) > (int16_t)((uint16_t)target_nm / MISSED_SHARE)) {
         self->reason = CONTROLLER_REASON_MISSED;
     }
 }
@@ -245,7 +247,7 @@ static void set_duty(Torque *self, uint16_t supply_mv) {
     if (wish_mv <= 0) {
         self->duty_q15 = 0;
     } else {
-        self->duty_q15 = full ? INT16_MAX : (int16_t)(divide_u16((uint32_t)(uint16_t)wish_mv << 16, supply_mv) >> 1);
+        self->duty_q15 = full ? INT16_MAX : (int16_t)(divide_by_u16((uint32_t)(uint16_t)wish_mv << 16, supply_mv) >> 1);
     }
 }
 
@@ -275,6 +277,7 @@ static void act(Torque *self, const TorqueSetpoints *set, const ControllerInputs
 }
 
 int16_t torque_step(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+    BY_POINTER(self);
     if (self->state != TORQUE_OVER) {
         move_level(self, in);
         act(self, set, in, blow);

@@ -3,13 +3,13 @@
 
 #include "core/divide.h"
 #include "core/fixed.h"
+#include "core/inline.h"
 #include "core/slew.h"
 
 #define APPROACH_MS 90u  // without a dip: the hammer need not climb here
 #define SETTLE_MS 12u    // the current has followed the first rise of the duty, and the Hall sensor has seen two edges or none
 #define CLIMB_MS 100u    // longer than any climb at the duty that it has risen to by then
 #define SURGE_MS 100u
-#define DIP_SHIFT 4u                   // a sixteenth below the highest speed
 #define APPROACH_STEP_Q15 Q(0.08, 15)  // a ms
 #define SURGE_STEP_Q15 Q(0.12, 15)     // a ms
 #define RUN_STEP_Q15 Q(0.006, 15)      // a ms: the trigger's own ramp
@@ -40,7 +40,7 @@ static uint16_t emf_by_current(const Vibration *self, uint16_t applied_mv, int16
 }
 
 static uint16_t emf_by_speed(const Vibration *self, int16_t speed_rpm_q1) {
-    return speed_rpm_q1 > 0 ? (uint16_t)(((uint32_t)(uint16_t)speed_rpm_q1 * self->mv_per_rpm_q12) >> 12) : 0u;
+    return speed_rpm_q1 > 0 ? (uint16_t)(fixed_byte_down((uint32_t)(uint16_t)speed_rpm_q1 * self->mv_per_rpm_q12) >> 4) : 0u;
 }
 
 static Seen look(const Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
@@ -58,7 +58,7 @@ void vibration_start(Vibration *self, const VibrationSetpoints *set) {
 static uint8_t next_phase(const Vibration *self, const ControllerInputs *in, const Seen *seen) {
     switch ((VibrationPhase)self->phase) {
     case VIBRATION_APPROACH:
-        if (seen->emf_mv < self->top_mv - (self->top_mv >> DIP_SHIFT)) {
+        if (seen->emf_mv < self->top_mv - fixed_sixteenth(self->top_mv)) {
             return VIBRATION_CLIMB;
         }
         return self->phase_ms >= APPROACH_MS ? VIBRATION_RUN : VIBRATION_APPROACH;
@@ -123,7 +123,7 @@ static int16_t within_trigger(const Vibration *self, const ControllerInputs *in,
 
 // A turn is 60,000 * 2 rpm Q1 ms, 1/256 of it TURN_Q8.
 static uint16_t climb_turn(const Vibration *self, const VibrationSetpoints *set) {
-    const uint16_t per_q8_mv_ms = (uint16_t)(((uint32_t)TURN_Q8 * self->mv_per_rpm_q12) >> 12);
+    const uint16_t per_q8_mv_ms = (uint16_t)(fixed_byte_down((uint32_t)TURN_Q8 * self->mv_per_rpm_q12) >> 4);
     const uint32_t turn = ((uint32_t)set->climb_turn_q8 * per_q8_mv_ms) >> TURNED_SHIFT;
     return (uint16_t)(turn > UINT16_MAX ? UINT16_MAX : turn);
 }
@@ -139,11 +139,11 @@ static void prepare(Vibration *self, const VibrationSetpoints *set, const Contro
         }
         break;
     case 2:
-        self->mv_per_rpm_q12 = divide_u16((uint32_t)500u << 12, set->motor_rpm_per_v);
+        self->mv_per_rpm_q12 = divide_by_u16((uint32_t)500u << 12, set->motor_rpm_per_v);
         break;
     case 3:
         self->surge_a_q9 = (uint8_t)(in->supply_mv >> 8) < LOW_256MV && set->surge_a_q9 > LOW_SURGE_A_Q9 ? LOW_SURGE_A_Q9 : set->surge_a_q9;
-        self->rise_q16 = divide_u16((uint32_t)(self->mohm_q7 >> 7) << 22, in->supply_mv);
+        self->rise_q16 = divide_by_u16((uint32_t)(self->mohm_q7 >> 7) << 22, in->supply_mv);
         break;
     case PREPARED:
         self->climb_turn = climb_turn(self, set);
@@ -157,12 +157,13 @@ static void note(Vibration *self, const Seen *seen) {
     if (self->phase == VIBRATION_APPROACH) {
         self->top_mv = self->phase_ms >= SETTLE_MS && seen->emf_mv > self->top_mv ? seen->emf_mv : self->top_mv;
     } else if (self->phase == VIBRATION_CLIMB) {
-        const uint16_t turned = (uint16_t)(self->turned + (seen->emf_mv >> TURNED_SHIFT));
+        const uint16_t turned = (uint16_t)(self->turned + fixed_sixteenth(seen->emf_mv));
         self->turned = turned < self->turned ? UINT16_MAX : turned;
     }
 }
 
 int16_t vibration_step(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+    BY_POINTER(self);
     if (self->prepared < PREPARED) {
         prepare(self, set, in);
     }

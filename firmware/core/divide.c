@@ -7,9 +7,10 @@
 
 #define BITS 16u
 
-// For dividend / 2^16 < divisor. The high word of `rest` is what is left, the quotient comes in from below. The compiler's loop takes twice as long as
+// For dividend / 2^16 < divisor: quotient in the high word, remainder in the low one. The high word of `rest` is what is left, the quotient comes in
+// from below. The compiler's loop takes twice as long as
 // that by hand, four bits a turn.
-INLINE_NEVER static uint16_t quotient(uint32_t rest, uint16_t divisor) {
+INLINE_NEVER static uint32_t divided(uint32_t rest, uint16_t divisor) {
 #ifdef __AVR__
     uint8_t turns = BITS / 4u;
     (void)divisor;  // linters do not look into the lines below
@@ -29,8 +30,13 @@ INLINE_NEVER static uint16_t quotient(uint32_t rest, uint16_t divisor) {
             ".endr\n\t"
             "dec %[turns]\n\t"
             "brne 1b\n\t"
+            "movw r0, %A[rest]\n\t"
+            "movw %A[rest], %C[rest]\n\t"
+            "movw %C[rest], r0\n\t"
+            "clr r1\n\t"
             : [rest] "+r"(rest), [turns] "+r"(turns)
             : [divisor] "r"(divisor));
+    return rest;
 #else
     for (uint8_t bits = BITS; bits > 0u; bits--) {
         const bool carry = (rest & 0x80000000u) != 0u;
@@ -40,8 +46,8 @@ INLINE_NEVER static uint16_t quotient(uint32_t rest, uint16_t divisor) {
             rest |= 1u;
         }
     }
+    return (rest << BITS) | (rest >> BITS);
 #endif
-    return (uint16_t)rest;
 }
 
 // The same for a divisor of more than 16 bits: 48 bits of rest. No dividend of 32 bits reaches 2^16 times such a divisor.
@@ -79,16 +85,16 @@ INLINE_NEVER static uint16_t quotient_by_long(uint32_t rest, uint32_t divisor) {
 #endif
 }
 
+INLINE_NEVER uint16_t divide_by_u16(uint32_t dividend, uint16_t divisor) {
+    return (uint16_t)(dividend >> BITS) >= divisor ? UINT16_MAX : (uint16_t)(divided(dividend, divisor) >> BITS);
+}
+
 INLINE_NEVER uint16_t divide_u16(uint32_t dividend, uint32_t divisor) {
-    if (divisor > UINT16_MAX) {
-        return quotient_by_long(dividend, divisor);
-    }
-    return (uint16_t)(dividend >> BITS) >= (uint16_t)divisor ? UINT16_MAX : quotient(dividend, (uint16_t)divisor);
+    return divisor > UINT16_MAX ? quotient_by_long(dividend, divisor) : divide_by_u16(dividend, (uint16_t)divisor);
 }
 
 uint32_t divide_u32(uint32_t dividend, uint16_t divisor) {
-    const uint16_t top = (uint16_t)(dividend >> BITS);
-    const uint16_t high = top < divisor ? 0u : divide_u16(top, divisor);
-    const uint16_t rest = (uint16_t)(top - (uint16_t)((uint32_t)high * divisor));
-    return ((uint32_t)high << BITS) | divide_u16(((uint32_t)rest << BITS) | (uint16_t)dividend, divisor);
+    const uint32_t high = divided(dividend >> BITS, divisor);
+    const uint32_t low = divided((high << BITS) | (uint16_t)dividend, divisor);
+    return (high & 0xFFFF0000u) | (low >> BITS);
 }

@@ -65,25 +65,6 @@ static bool trips(const AdcSequence *self, uint16_t counts) {
     return counts < self->trip_low || counts > self->trip_high;
 }
 
-// Kept in registers while the samples are taken.
-typedef struct {
-    uint16_t sum;
-    uint16_t least;
-    uint16_t greatest;
-    uint8_t count;
-} Currents;
-
-static inline void take_current(Currents *self, uint16_t counts) {
-    self->sum = (uint16_t)(self->sum + counts);
-    self->count++;
-    if (counts < self->least) {
-        self->least = counts;
-    }
-    if (counts > self->greatest) {
-        self->greatest = counts;
-    }
-}
-
 // One address for both bytes: the arrays lie one after the other.
 static uint16_t sample_of(const AdcSequence *self, uint8_t slot) {
     const volatile uint8_t *place = (const volatile uint8_t *)self + offsetof(AdcSequence, low) + slot % ADC_SEQUENCE_RING;
@@ -99,26 +80,40 @@ static void take_other(AdcTick *out, uint8_t channel, uint16_t counts) {
     out->fresh = (uint8_t)(out->fresh | bit);
 }
 
+// Beyond the trip, which lies within the scale: what is saturated is so, too. One compare of what lies above the lower limit.
+static void note_beyond(AdcTick *out, uint16_t counts) {
+    out->trips = true;
+    if (counts == 0u || counts == ADC_SEQUENCE_TOP_COUNT) {
+        out->saturated = true;
+    }
+}
+
 void adc_sequence_tick(AdcSequence *self, AdcTick *out) {
-    Currents currents = {.least = ADC_SEQUENCE_TOP_COUNT};
     out->lost = false;
+    out->trips = false;
+    out->saturated = false;
     out->fresh = 0;
     uint8_t due = samples_due(self, &out->lost);
     uint8_t slot = self->tail;
     self->tail = (uint8_t)(slot + due);
+    const uint16_t low = self->trip_low;
+    const uint16_t span = (uint16_t)(self->trip_high - low);
+    uint16_t sum = 0;
+    uint8_t count = 0;
     for (; due > 0u; due--, slot++) {
         const uint16_t counts = sample_of(self, slot);
-        if (slot % OTHER_EVERY != OTHER_AT) {
-            take_current(&currents, counts);
-        } else {
+        if (slot % OTHER_EVERY == OTHER_AT) {
             take_other(out, adc_sequence_channel(slot), counts);
+            continue;
+        }
+        sum = (uint16_t)(sum + counts);
+        count++;
+        if ((uint16_t)(counts - low) > span) {
+            note_beyond(out, counts);
         }
     }
-    out->current_sum = currents.sum;
-    out->current_count = currents.count;
-    out->current_least = currents.least;
-    out->current_greatest = currents.greatest;
-    out->trips = out->current_count > 0u && (trips(self, out->current_least) || trips(self, out->current_greatest));
+    out->current_sum = sum;
+    out->current_count = count;
 }
 
 uint8_t adc_sequence_channel(uint8_t slot) {

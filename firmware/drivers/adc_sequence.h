@@ -14,13 +14,12 @@
 // What a tick's samples come to.
 typedef struct {
     uint16_t current_sum;
-    uint16_t current_least;
-    uint16_t current_greatest;
     uint8_t current_count;
     uint8_t fresh;       // bit HAL_ADC_*: that channel has a new value in `latest`
     uint16_t latest[4];  // by HAL_ADC_*
     bool lost;           // the ring did not hold what the cadence says; it has been resynchronised
     bool trips;          // a current sample was beyond the trip
+    bool saturated;      // and at an end of the scale
 } AdcTick;
 
 typedef struct {

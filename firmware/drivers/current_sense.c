@@ -5,7 +5,8 @@
 #include "core/fixed.h"
 #include "core/flash.h"
 
-#define ADC_TOP 1023u
+#define ADC_TOP 1023
+#define SPAN_MOST_Q4 16384u  // the whole scale: beyond it no limit changes, and sums with the offset stay in 16 bits
 #define MID_SCALE_Q4 8192
 #define SAMPLES_MAX 8u
 // counts Q4 times A/count Q15 is A Q19; the result is Q9.
@@ -33,11 +34,17 @@ int16_t current_sense_a_q9(const CurrentSense *self, int16_t mean_q4, bool *satu
     return fixed_saturate_i16(value >> (PRODUCT_SHIFT - 8u), saturated);
 }
 
+static uint16_t within_scale(int16_t counts) {
+    const int16_t least = counts < 1 ? 1 : counts;
+    return (uint16_t)(least > ADC_TOP - 1 ? ADC_TOP - 1 : least);
+}
+
 CurrentLimits current_sense_limits(const CurrentSense *self, int16_t trip_a_q9) {
-    const int32_t span_q4 = divide_u16((uint32_t)(uint16_t)trip_a_q9 << PRODUCT_SHIFT, (uint16_t)self->gain_a_q15);
-    const int32_t low = (self->offset_q4 - span_q4 + 15) >> UNITS_COUNT_Q;
-    const int32_t high = (self->offset_q4 + span_q4) >> UNITS_COUNT_Q;
-    return (CurrentLimits){.low = (uint16_t)fixed_clamp_i32(low, 1, ADC_TOP - 1u), .high = (uint16_t)fixed_clamp_i32(high, 1, ADC_TOP - 1u)};
+    const uint16_t wanted_q4 = divide_by_u16((uint32_t)(uint16_t)trip_a_q9 << PRODUCT_SHIFT, (uint16_t)self->gain_a_q15);
+    const int16_t span_q4 = (int16_t)(wanted_q4 < SPAN_MOST_Q4 ? wanted_q4 : SPAN_MOST_Q4);
+    const int16_t low = (int16_t)((int16_t)(self->offset_q4 - span_q4 + 15) >> UNITS_COUNT_Q);
+    const int16_t high = (int16_t)((int16_t)(self->offset_q4 + span_q4) >> UNITS_COUNT_Q);
+    return (CurrentLimits){.low = within_scale(low), .high = within_scale(high)};
 }
 
 void current_sense_rest_begin(CurrentSense *self) {
@@ -51,7 +58,7 @@ bool current_sense_rest(CurrentSense *self, uint16_t sum, uint8_t count, bool *i
     if (self->rest_count < REST_SAMPLES) {
         return false;
     }
-    const int16_t mean_q4 = (int16_t)divide_u16((self->rest_sum << UNITS_COUNT_Q) + self->rest_count / 2u, self->rest_count);
+    const int16_t mean_q4 = (int16_t)divide_by_u16((self->rest_sum << UNITS_COUNT_Q) + self->rest_count / 2u, self->rest_count);
     *implausible = mean_q4 > MID_SCALE_Q4 + CURRENT_SENSE_REST_SPREAD_Q4 || mean_q4 < MID_SCALE_Q4 - CURRENT_SENSE_REST_SPREAD_Q4;
     if (!*implausible) {
         self->offset_q4 = mean_q4;

@@ -57,7 +57,8 @@ static uint16_t at_most_u16(uint32_t value) {
     return value > UINT16_MAX ? UINT16_MAX : (uint16_t)value;
 }
 
-bool hall_spacing_period(HallSpacing *self, uint32_t cycles) {
+INLINE_NEVER bool hall_spacing_period(HallSpacing *self, uint32_t cycles) {
+    BY_POINTER(self);
     if (self->step != SEARCH_NONE) {
         pass(self);
         return false;
@@ -157,7 +158,8 @@ static uint8_t conclude(HallSpacing *self, bool reverse) {
     return clear && self->phase == before ? now : HALL_SPACING_UNKNOWN;
 }
 
-uint8_t hall_spacing_search(HallSpacing *self, const int16_t share_q15[HALL_SPACING_PITCHES], bool reverse) {
+INLINE_NEVER uint8_t hall_spacing_search(HallSpacing *self, const int16_t share_q15[HALL_SPACING_PITCHES], bool reverse) {
+    BY_POINTER(self);
     if (self->step == SEARCH_WANTED) {
         begin_search(self, share_q15);
         return HALL_SPACING_UNKNOWN;

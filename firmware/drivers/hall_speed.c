@@ -11,7 +11,6 @@
 #define SPEED_MAX_Q1 INT16_MAX
 #define CYCLES_PER_MS (HAL_CPU_HZ / 1000u)
 #define DOUBLE_RATIO 4u   // an edge after less than a quarter of the last period is a second edge of the same magnet
-#define STEADY_SHIFT 3u   // the last two periods agree within an eighth
 #define MISSED_RATIO 11u  // times the least: below 2,979 rpm the drive can really halve its speed within a pitch
 
 // The factor of a pitch is to that of an equal one as their shares: in two parts, since the product has 45 bits.
@@ -79,7 +78,9 @@ static bool is_missed(const HallSpeed *self, uint32_t period) {
         return false;
     }
     const uint32_t change = last > self->before_cycles ? last - self->before_cycles : self->before_cycles - last;
-    return change <= last >> STEADY_SHIFT && period > 2u * last - last / 4u && period < 2u * last + last / 4u;
+    const uint32_t quarter = last >> 2;
+    const uint32_t missing = 2u * last - period;                                  // of the second of two
+    return change <= quarter >> 1 && missing + quarter - 1u < 2u * quarter - 1u;  // the last two agree within an eighth
 }
 
 void hall_speed_learn(HallSpeed *self, bool learning) {

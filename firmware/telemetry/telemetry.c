@@ -3,6 +3,7 @@
 
 #include "core/crc.h"
 #include "core/divide.h"
+#include "core/inline.h"
 
 #define FRAME_START 0xAAu
 #define FRAME_END 0xBBu
@@ -130,7 +131,7 @@ static void note_second(Telemetry *self, uint32_t now_ms) {
 }
 
 static int16_t mean_of(int32_t sum, uint8_t count) {
-    const uint16_t mean = divide_u16((uint32_t)(sum < 0 ? -sum : sum) + (uint32_t)count / 2u, count);
+    const uint16_t mean = divide_by_u16((uint32_t)(sum < 0 ? -sum : sum) + (uint32_t)count / 2u, count);
     return (int16_t)(sum < 0 ? -(int32_t)mean : (int32_t)mean);
 }
 
@@ -142,21 +143,20 @@ static void accumulate(Telemetry *self, const TelemetryFast *fast) {
 static void take_means(Telemetry *self, TelemetryFast *fast) {
     const uint8_t ticks = self->boot.fast_divider;
     fast->current_a = mean_of(self->current_sum, ticks);
-    fast->supply_v = divide_u16(self->supply_sum + ticks / 2u, ticks);
+    fast->supply_v = divide_by_u16(self->supply_sum + ticks / 2u, ticks);
     self->current_sum = 0;
     self->supply_sum = 0;
 }
 
-static void send_fast(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
-    TelemetryFast fast = in->fast;
+static void send_fast(Telemetry *self, const TelemetryFast *now, uint32_t now_ms, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    TelemetryFast fast = {now->current_a, now->speed_rpm, now->duty_compare, now->supply_v, self->fast_counter};
     if (self->boot.fast_divider > 1u) {
         take_means(self, &fast);
     }
-    fast.fast_counter = self->fast_counter;
     self->fast_counter = (uint8_t)((self->fast_counter + 1u) & TELEMETRY_FAST_COUNTER_MAX);
     self->ticks_to_fast = self->boot.fast_divider;
     telemetry_pack_fast(&frame[DATA_AT], &fast);
-    finish_frame(frame, TELEMETRY_FAST_ID, TELEMETRY_FAST_CRC_SEED, in->now_ms);
+    finish_frame(frame, TELEMETRY_FAST_ID, TELEMETRY_FAST_CRC_SEED, now_ms);
 }
 
 static void name_slow(Telemetry *self, uint16_t id, uint8_t crc_seed) {
@@ -276,7 +276,8 @@ static bool pack_of_turn(Telemetry *self, uint8_t turn, const TelemetryInputs *i
 }
 
 // The data of one slow frame, of which one waits.
-static void pack_slow(Telemetry *self, const TelemetryInputs *in) {
+INLINE_NEVER static void pack_slow(Telemetry *self, const TelemetryInputs *in) {
+    BY_POINTER(self);
     self->slow_packed = true;
     if (self->boot_waits) {
         pack_boot(self);
@@ -328,12 +329,12 @@ static uint8_t step_slow(Telemetry *self, const TelemetryInputs *in, uint8_t fra
     return 0;
 }
 
-uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[TELEMETRY_TICK_BYTES_MAX]) {
+uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast, uint8_t out[TELEMETRY_TICK_BYTES_MAX]) {
     uint8_t *const place[2] = {out, &out[TELEMETRY_FRAME_BYTES]};
-    return (uint8_t)(telemetry_frames(self, in, place) * TELEMETRY_FRAME_BYTES);
+    return (uint8_t)(telemetry_frames(self, in, fast, place) * TELEMETRY_FRAME_BYTES);
 }
 
-uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, uint8_t *const place[2]) {
+uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast, uint8_t *const place[2]) {
     uint8_t frames = 0;
     if (!in->hold_state) {
         note_state(self, in);
@@ -342,7 +343,7 @@ uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, uint8_t *co
     note_second(self, in->now_ms);
     self->health_went = false;
     if (self->boot.fast_divider > 1u) {
-        accumulate(self, &in->fast);
+        accumulate(self, fast);
     }
     self->ticks_to_fast--;
     self->budget = (uint16_t)(self->budget + self->budget_per_tick);
@@ -354,7 +355,7 @@ uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, uint8_t *co
         frames = step_slow(self, in, place[0]);
     }
     if (fast_due) {
-        send_fast(self, in, place[frames]);
+        send_fast(self, fast, in->now_ms, place[frames]);
         self->budget = (uint16_t)(self->budget - FRAME_COST);
         frames++;
     }

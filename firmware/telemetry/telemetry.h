@@ -28,10 +28,9 @@ typedef struct {
     TelemetryParamTable table;  // table_count and table_crc16 are filled in here
 } TelemetryParams;
 
-// All that one tick reports. Counters, state_tick, control_tick and the CRC of the parameters are filled in by the module.
+// All that one tick reports, but for FAST. Counters, state_tick, control_tick and the CRC of the parameters are filled in by the module.
 typedef struct {
     uint32_t now_ms;
-    TelemetryFast fast;
     TelemetryState state;
     TelemetryControl control;
     TelemetryHealth health;
@@ -76,10 +75,10 @@ typedef struct {
 void telemetry_init(Telemetry *self, const TelemetryBoot *boot, uint8_t baud);
 
 // Frames of this tick, a slow one before the fast one, each into its place; returns how many. A slow one takes two ticks: data first, CRC then.
-uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, uint8_t *const place[2]);
+uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast, uint8_t *const place[2]);
 
 // The same one after the other into `out`; returns their bytes.
-uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, uint8_t out[TELEMETRY_TICK_BYTES_MAX]);
+uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast, uint8_t out[TELEMETRY_TICK_BYTES_MAX]);
 
 // A slow frame waits, and the line will have caught up for it with the next tick.
 bool telemetry_slow_waits(const Telemetry *self);

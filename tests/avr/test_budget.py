@@ -11,15 +11,8 @@ ELFS = ["uno_elf", "mega_elf"]
 
 
 @pytest.mark.parametrize("elf", ELFS)
-def test_elf_keeps_its_ram_and_has_no_floating_point(elf: str, request: pytest.FixtureRequest) -> None:
-    assert [sentence for sentence in budget.measure(request.getfixturevalue(elf)).broken() if not sentence.startswith("flash")] == []
-
-
-# 2 KiB over: screwing, drill and torque are to be made smaller. The chip has 32 KiB less the boot section.
-@pytest.mark.xfail(reason="flash of all controllers together over 28 KiB", strict=True)
-@pytest.mark.parametrize("elf", ELFS)
-def test_elf_keeps_its_flash(elf: str, request: pytest.FixtureRequest) -> None:
-    assert budget.measure(request.getfixturevalue(elf)).flash <= budget.FLASH_LIMIT
+def test_elf_keeps_its_budgets(elf: str, request: pytest.FixtureRequest) -> None:
+    assert budget.measure(request.getfixturevalue(elf)).broken() == []
 
 
 @pytest.mark.skipif(not shutil.which("avr-gcc"), reason="avr-gcc is not installed")

@@ -46,7 +46,7 @@ class Params(ctypes.Structure):
 class Inputs(ctypes.Structure):
     """TelemetryInputs."""
 
-    _fields_ = [("now_ms", ctypes.c_uint32), ("fast", Fast), ("state", State), ("control", Control), ("health", Health), ("params", Params),
+    _fields_ = [("now_ms", ctypes.c_uint32), ("state", State), ("control", Control), ("health", Health), ("params", Params),
                 ("hold_slow", ctypes.c_bool), ("hold_state", ctypes.c_bool)]  # fmt: skip
 
 
@@ -98,6 +98,7 @@ class Board:
         boot = Boot(build_hash=0xABCDEF, duty_full_scale=255, fast_divider=fast_divider, reset_cause=1, target=0)
         self.lib.shim_board_init(self._memory, ctypes.byref(boot), ctypes.c_uint8(baud_select))
         self.inputs = Inputs(now_ms=now_ms)
+        self.fast = Fast()
         self._out = ctypes.create_string_buffer(64)
         self._received = bytearray()
         self.results: list[tuple[str, int]] = []
@@ -111,7 +112,7 @@ class Board:
         """One millisecond: received bytes are taken, then the bytes of this tick come back."""
         self.inputs.now_ms = (self.inputs.now_ms + 1) & 0xFFFFFFFF
         self._take(idle)
-        count = self.lib.shim_board_tick(self._memory, ctypes.byref(self.inputs), self._out)
+        count = self.lib.shim_board_tick(self._memory, ctypes.byref(self.inputs), ctypes.byref(self.fast), self._out)
         return self._out.raw[:count]
 
     def receive(self, data: bytes) -> None:
@@ -141,7 +142,7 @@ def moving(board: Board) -> Callable[[int], None]:
     """Inputs that differ from tick to tick: a recording of them shows a row out of place."""
 
     def each(k: int) -> None:
-        fast, state = board.inputs.fast, board.inputs.state
+        fast, state = board.fast, board.inputs.state
         fast.current_a, fast.speed_rpm = (k * 37) % 20000 - 5000, (k * 11) % 30000 - 10000
         fast.duty_compare, fast.supply_v = (-512 if k % 100 < 5 else k % 511 - 255), 700 + k % 50
         state.trigger, state.state = min(255, (k // 20) % 300), (k // 400) % 4

@@ -140,7 +140,7 @@ def test_many_frames_decode_as_cantools_decodes_each(payloads: list[bytes], name
 @given(st.integers(-32768, 32767), st.integers(-32768, 32767), st.integers(-511, 511), st.integers(0, 1023), st.integers(0, 2**32 - 2))
 def test_a_row_arrives_as_the_firmware_reported_it(current: int, speed: int, duty: int, supply: int, now: int) -> None:
     board = Board(now_ms=now)
-    fast = board.inputs.fast
+    fast = board.fast
     fast.current_a, fast.speed_rpm, fast.duty_compare, fast.supply_v = current, speed, duty, supply
     frames = frames_of(board.tick())
     assert [frame.id for frame in frames] == [telemetry.BOOT, telemetry.FAST]
@@ -182,7 +182,7 @@ def test_a_decimated_row_holds_means_and_the_last_command() -> None:
     values = [(-3, 700, 10), (-2, 701, 11), (-2, 703, 12), (-3, 705, 13)]
     sent = bytearray()
     for current, supply, duty in values:
-        board.inputs.fast.current_a, board.inputs.fast.supply_v, board.inputs.fast.duty_compare = current, supply, duty
+        board.fast.current_a, board.fast.supply_v, board.fast.duty_compare = current, supply, duty
         sent += board.tick()
     row = telemetry.decode(next(frame for frame in frames_of(bytes(sent)) if frame.id == telemetry.FAST))
     assert (row["current_a"] * 512, row["duty_compare"]) == (-3, 13)  # -2.5, half away from zero

@@ -145,7 +145,8 @@ std::vector<Inputs> tapes() {
 
 std::vector<int16_t> replay(Control *control, uint8_t mode, const Inputs &tape, const int16_t *value) {
     std::vector<int16_t> out;
-    control_start(control, mode, false, value);
+    control_prepare(control, mode, value);
+    control_start(control, mode, false);
     for (const ControllerInputs &in : tape)
         out.push_back(control_step(control, &in));
     return out;
@@ -173,7 +174,8 @@ TEST_P(EveryMode, GivesADutyOrACodeAndAStopIsFinal) {
 
 TEST_P(EveryMode, AStopHoldsWhateverTheControllerWouldSay) {
     Control control{};
-    control_start(&control, GetParam(), false, defaults());
+    control_prepare(&control, GetParam(), defaults());
+    control_start(&control, GetParam(), false);
     control.stopped = true;
     for (const ControllerInputs &in : impacting(1))
         ASSERT_EQ(control_step(&control, &in), CONTROLLER_STOP);
@@ -194,8 +196,10 @@ TEST_P(EveryMode, NothingIsKeptOutsideItsStruct) {
     const Inputs one = impacting(1), other = wild(2);
     Control a{}, b{}, alone{};
     const std::vector<int16_t> expected = replay(&alone, GetParam(), one, defaults());
-    control_start(&a, GetParam(), false, defaults());
-    control_start(&b, GetParam(), false, defaults());
+    control_prepare(&a, GetParam(), defaults());
+    control_start(&a, GetParam(), false);
+    control_prepare(&b, GetParam(), defaults());
+    control_start(&b, GetParam(), false);
     for (size_t k = 0; k < one.size(); ++k) {
         ASSERT_EQ(control_step(&a, &one[k]), expected[k]) << k;
         control_step(&b, &other[k]);
@@ -226,6 +230,58 @@ TEST_P(EveryMode, AnyAllowedParametersGiveADutyOrACode) {
     }
 }
 
+TEST(Control, SetpointsAreTheParametersOfTheirName) {
+    int16_t value[PARAM_COUNT];
+    for (int n = 0; n < PARAM_COUNT; ++n)
+        value[n] = static_cast<int16_t>(100 + n);
+    Control control{};
+    control_prepare(&control, TELEMETRY_MODE_SYNC, value);
+    EXPECT_EQ(control.blow_set.turn_q8, 100 + PARAM_BLOW_TURN_Q8);
+    EXPECT_EQ(control.blow_set.source, BLOW_SOURCE_CURRENT) << "sync by neither speed nor current";
+    EXPECT_EQ(control.blow_set.motor_mohm, 100 + PARAM_MOTOR_MOHM);
+    EXPECT_EQ(control.blow_set.motor_rpm_per_v, 100 + PARAM_MOTOR_RPM_PER_V);
+    EXPECT_EQ(control.set.sync.method, 100 + PARAM_SYNC_METHOD);
+    EXPECT_EQ(control.set.sync.low_mv, 100 + PARAM_SYNC_LOW_MV);
+    EXPECT_EQ(control.set.sync.high_mv, 100 + PARAM_SYNC_HIGH_MV);
+    EXPECT_EQ(control.set.sync.depth_min_q15, 100 + PARAM_SYNC_DEPTH_MIN_Q15);
+    EXPECT_EQ(control.set.sync.depth_max_q15, 100 + PARAM_SYNC_DEPTH_MAX_Q15);
+    EXPECT_EQ(control.set.sync.current_a_q9, 100 + PARAM_SYNC_CURRENT_A_Q9);
+    control_prepare(&control, TELEMETRY_MODE_SCREWING, value);
+    EXPECT_EQ(control.blow_set.source, 100 + PARAM_BLOW_SOURCE);
+    EXPECT_EQ(control.set.screwing.pulses, 100 + PARAM_HALL_PULSES);
+    EXPECT_EQ(control.set.screwing.turn_q8, 100 + PARAM_BLOW_TURN_Q8);
+    EXPECT_EQ(control.set.screwing.share_q15, 100 + PARAM_SCREWING_SHARE_Q15);
+    EXPECT_EQ(control.set.screwing.rise_q8, 100 + PARAM_SCREWING_RISE_Q8);
+    control_prepare(&control, TELEMETRY_MODE_TORQUE, value);
+    EXPECT_EQ(control.set.torque.target_nm, 100 + PARAM_TORQUE_TARGET_NM);
+    control_prepare(&control, TELEMETRY_MODE_DRILL, value);
+    EXPECT_EQ(control.set.drill.clutch_dnm, 100 + PARAM_DRILL_CLUTCH_DNM);
+    EXPECT_EQ(control.set.drill.ratio_q8, 100 + PARAM_DRILL_RATIO_Q8);
+    EXPECT_EQ(control.set.drill.motor_mohm, 100 + PARAM_MOTOR_MOHM);
+    EXPECT_EQ(control.set.drill.rpm_per_v, 100 + PARAM_MOTOR_RPM_PER_V);
+    EXPECT_EQ(control.set.drill.pulse, 100 + PARAM_DRILL_PULSE);
+    EXPECT_EQ(control.set.drill.kickback, 100 + PARAM_DRILL_KICKBACK);
+}
+
+TEST(Control, SetpointsOfLowVibrationAreTheParametersOfTheirName) {
+    int16_t value[PARAM_COUNT];
+    for (int n = 0; n < PARAM_COUNT; ++n)
+        value[n] = static_cast<int16_t>(100 + n);
+    Control control{};
+    control_prepare(&control, TELEMETRY_MODE_VIBRATION, value);
+    const VibrationSetpoints &set = control.set.vibration;
+    EXPECT_EQ(set.method, 100 + PARAM_VIBRATION_METHOD);
+    EXPECT_EQ(set.approach_q15, 100 + PARAM_VIBRATION_APPROACH_Q15);
+    EXPECT_EQ(set.climb_q15, 100 + PARAM_VIBRATION_CLIMB_Q15);
+    EXPECT_EQ(set.climb_per_ms_q15, 100 + PARAM_VIBRATION_CLIMB_PER_MS_Q15);
+    EXPECT_EQ(set.climb_turn_q8, 100 + PARAM_VIBRATION_CLIMB_TURN_Q8);
+    EXPECT_EQ(set.surge_a_q9, 100 + PARAM_VIBRATION_SURGE_A_Q9);
+    EXPECT_EQ(set.hard_share_q15, 100 + PARAM_VIBRATION_HARD_SHARE_Q15);
+    EXPECT_EQ(set.hard_mv, 100 + PARAM_VIBRATION_HARD_MV);
+    EXPECT_EQ(set.motor_mohm, 100 + PARAM_MOTOR_MOHM);
+    EXPECT_EQ(set.motor_rpm_per_v, 100 + PARAM_MOTOR_RPM_PER_V);
+}
+
 TEST(Control, ThePlainModeGivesTheTrigger) {
     Control control{};
     const Inputs tape = wild(3);
@@ -236,7 +292,7 @@ TEST(Control, ThePlainModeGivesTheTrigger) {
 
 TEST(Control, AModeThatDoesNotExistIsThePlainOne) {
     Control control{};
-    control_start(&control, TELEMETRY_MODE_MAX, false, defaults());
+    control_start(&control, TELEMETRY_MODE_MAX, false);
     EXPECT_FALSE(control_has(TELEMETRY_MODE_MAX));
     EXPECT_EQ(control.mode, TELEMETRY_MODE_DUTY);
 }
@@ -244,7 +300,8 @@ TEST(Control, AModeThatDoesNotExistIsThePlainOne) {
 TEST(Control, WhatEndsADriveAtATorqueOrADepthLeavesReverseToThePlainMode) {
     for (const unsigned mode : {TELEMETRY_MODE_SCREWING, TELEMETRY_MODE_TORQUE}) {
         Control control{};
-        control_start(&control, static_cast<uint8_t>(mode), true, defaults());
+        control_prepare(&control, static_cast<uint8_t>(mode), defaults());
+        control_start(&control, static_cast<uint8_t>(mode), true);
         EXPECT_EQ(control.mode, TELEMETRY_MODE_DUTY);
     }
 }
@@ -255,7 +312,8 @@ TEST(Control, TheDrillWatchesForJamsInReverseAndLeavesClutchAndPulsesToTheDriveF
     value[PARAM_DRILL_PULSE] = 1;
     for (const bool reverse : {false, true}) {
         Control control{};
-        control_start(&control, TELEMETRY_MODE_DRILL, reverse, value.data());
+        control_prepare(&control, TELEMETRY_MODE_DRILL, value.data());
+        control_start(&control, TELEMETRY_MODE_DRILL, reverse);
         EXPECT_EQ(control.mode, TELEMETRY_MODE_DRILL);
         EXPECT_TRUE(control.set.drill.kickback);
         EXPECT_EQ(control.set.drill.clutch_dnm, reverse ? 0 : 50);

@@ -12,7 +12,7 @@ namespace {
 struct FaultsTest : testing::Test {
     Faults faults{};
     Measurement m{};
-    FaultLimits limits{12000, 90, 500};
+    FaultLimits limits{12000, 90 * 16, 500};
 
     void SetUp() override {
         m.supply_mv = 18500;

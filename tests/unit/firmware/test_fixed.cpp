@@ -130,6 +130,10 @@ TEST(Divide, IsTheFloorAtEveryBorder) {
                     continue;
                 const uint64_t wanted = std::min<uint64_t>(static_cast<uint64_t>(dividend) / divisor, UINT16_MAX);
                 ASSERT_EQ(divide_u16(static_cast<uint32_t>(dividend), divisor), wanted) << dividend << " / " << divisor;
+                if (divisor > UINT16_MAX)
+                    continue;
+                ASSERT_EQ(divide_by_u16(static_cast<uint32_t>(dividend), static_cast<uint16_t>(divisor)), wanted);
+                ASSERT_EQ(divide_u32(static_cast<uint32_t>(dividend), static_cast<uint16_t>(divisor)), static_cast<uint64_t>(dividend) / divisor);
             }
         }
     }

@@ -95,11 +95,11 @@ void shim_board_init(ShimBoard *board, const TelemetryBoot *boot, uint8_t baud) 
     telemetry_init(&board->telemetry, boot, baud);
 }
 
-uint8_t shim_board_tick(ShimBoard *board, const TelemetryInputs *wanted, uint8_t *out) {
+uint8_t shim_board_tick(ShimBoard *board, const TelemetryInputs *wanted, const TelemetryFast *fast, uint8_t *out) {
     TelemetryInputs in = *wanted;
     in.params = param_report(&board->store);
     param_step(&board->store);
-    return telemetry_tick(&board->telemetry, &in, out);
+    return telemetry_tick(&board->telemetry, &in, fast, out);
 }
 
 // 0: no frame yet, 1: executed, 2: answered only; 3: the byte must wait for the ACK before it.

@@ -12,6 +12,7 @@ namespace {
 struct Line {
     Telemetry telemetry{};
     TelemetryInputs in{};
+    TelemetryFast fast{};
     std::vector<std::int16_t> values = std::vector<std::int16_t>(3, -2);
     std::vector<Bytes> frames;  // of the last tick
 
@@ -26,7 +27,7 @@ struct Line {
     void tick() {
         std::uint8_t out[TELEMETRY_TICK_BYTES_MAX];
         ++in.now_ms;
-        const std::uint8_t bytes = telemetry_tick(&telemetry, &in, out);
+        const std::uint8_t bytes = telemetry_tick(&telemetry, &in, &fast, out);
         frames.clear();
         for (std::uint8_t at = 0; at < bytes; at = static_cast<std::uint8_t>(at + TELEMETRY_FRAME_BYTES))
             frames.emplace_back(out + at, out + at + TELEMETRY_FRAME_BYTES);
@@ -71,10 +72,10 @@ TEST(Telemetry, FastHoldsItsFieldsAtTheirBorders) {
     };
     for (const Case &c : {Case{-32768, 32767, -512, 0}, Case{32767, -32768, 255, 1023}, Case{-1, -1, -1, 1}, Case{0, 0, -255, 512}}) {
         Line line;
-        line.in.fast.current_a = static_cast<std::int16_t>(c.current);
-        line.in.fast.speed_rpm = static_cast<std::int16_t>(c.speed);
-        line.in.fast.duty_compare = static_cast<std::int16_t>(c.duty);
-        line.in.fast.supply_v = static_cast<std::uint16_t>(c.supply);
+        line.fast.current_a = static_cast<std::int16_t>(c.current);
+        line.fast.speed_rpm = static_cast<std::int16_t>(c.speed);
+        line.fast.duty_compare = static_cast<std::int16_t>(c.duty);
+        line.fast.supply_v = static_cast<std::uint16_t>(c.supply);
         line.tick();
         const std::uint8_t *d = &line.frames.back()[10];
         const int packed = d[4] | d[5] << 8 | d[6] << 16;
@@ -114,7 +115,7 @@ TEST(Telemetry, TheSlowLineDecimatesAndMeans) {
     int fast = 0;
     double bytes = 0;
     for (int k = 1; k <= 400; ++k) {
-        line.in.fast.current_a = static_cast<std::int16_t>(k % 2 == 0 ? -101 : -103);
+        line.fast.current_a = static_cast<std::int16_t>(k % 2 == 0 ? -101 : -103);
         line.tick();
         bytes += 19.0 * static_cast<double>(line.frames.size());
         ASSERT_LE(bytes, 57 + 11.52 * k) << "never more than the queue and the line hold";
