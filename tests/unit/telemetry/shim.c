@@ -23,7 +23,7 @@ void shim_eeprom_fail_at(uint32_t write, uint8_t garbage);
 uint32_t shim_eeprom_writes(void);
 size_t shim_board_bytes(void);
 void shim_board_init(ShimBoard *board, const TelemetryBoot *boot, uint8_t baud);
-uint8_t shim_board_tick(ShimBoard *board, const TelemetryInputs *wanted, uint8_t *out);
+uint8_t shim_board_tick(ShimBoard *board, const TelemetryInputs *wanted, const TelemetryFast *fast, uint8_t *out);
 uint8_t shim_board_receive(ShimBoard *board, uint8_t byte, bool idle, uint8_t *result);
 ParamStore *shim_board_store(ShimBoard *board);
 CommandParser *shim_board_parser(ShimBoard *board);
