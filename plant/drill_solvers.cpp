@@ -19,6 +19,8 @@ constexpr double LOCATE_S = 1e-12;  // an event is located this well
 constexpr double STEP_MIN_S = 1e-13;
 constexpr int STUCK_STEPS = 1000;  // that many steps of about LOCATE_S on end: changes of mode that never settle
 constexpr double DIVERGED = 1e3;   // sizes of a state
+constexpr double STEPS_SECOND = 5e5, STEPS_SAVED = 1e6;  // the reference may try so many a simulated second, and so many besides
+constexpr std::size_t LOOK_STEPS = 256;                  // so often a run asks whether it is still wanted
 
 namespace {
 
@@ -209,12 +211,22 @@ void advance(Reference &r) {
     r.next_h = mark != DrillMark::NONE ? first_step(r) : (reaches ? std::max(grown, r.next_h) : grown);
 }
 
+void look(const DrillRequest &request, std::size_t step) {
+    if (request.watch && step % LOOK_STEPS == 0)
+        request.watch->look();
+}
+
 DrillRun run_reference(const DrillParameters &p, const DrillRequest &request) {
     Reference r(p, request);
     r.recorder.write(r.s, 0.0, r.s.x, r.s.sums);
     r.next_h = first_step(r);
-    while (r.s.time_s < request.duration_s - LOCATE_S)
+    for (std::size_t tries = 1; r.s.time_s < request.duration_s - LOCATE_S; ++tries) {
+        look(request, tries);
+        if (static_cast<double>(tries) > STEPS_SAVED + STEPS_SECOND * r.s.time_s)
+            throw std::runtime_error("drill driver: needs too many steps at " + std::to_string(r.s.time_s) + " s: a stiffness, a damping or an "
+                                     "inertia of the rig is far off, or the tolerance too tight");
         advance(r);
+    }
     return std::move(r.run);
 }
 
@@ -272,6 +284,7 @@ DrillRun run_fixed(const DrillParameters &p, const DrillRequest &request) {
     const auto count = static_cast<std::size_t>(std::floor(request.duration_s / request.step_s + 1e-9));
     const auto every = static_cast<std::size_t>(std::max(1LL, std::llround(request.row_s / request.step_s)));
     for (std::size_t n = 1; n <= count; ++n) {
+        look(request, n);
         const auto started = std::chrono::steady_clock::now();
         if (body)
             body->step();

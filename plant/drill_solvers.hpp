@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "drill_driver.hpp"
+#include "watch.hpp"
 
 namespace vgroove {
 
@@ -19,6 +20,7 @@ struct DrillRequest {
     double step_max_s = 0.0;  // of the reference; 0: a fiftieth of the run
     double row_s = 0.0;       // distance of the rows; 0: every step
     bool timed = false;       // measure the execution time of every fixed step
+    Watch *watch = nullptr;   // asked now and then whether the run is still wanted
 };
 
 enum DrillColumn {

@@ -69,6 +69,13 @@ template <class V> static void set_load_and_sensors(Drivetrain<V> &m, int lane, 
     set(m.load.ratio_inverse, lane, 1.0 / p.gearbox_ratio);
     set(m.load.pendulum_nm, lane, p.load_mass_kg * GRAVITY_M_S2 * p.load_length_m);
     set(m.load.zero_rad, lane, p.load_zero_rad);
+    set(m.load.law.breakaway_nm, lane, p.free_nm * p.free_breakaway_ratio);
+    set(m.load.law.coulomb_nm, lane, p.free_nm);
+    set(m.load.law.viscous, lane, p.free_viscous);
+    set(m.load.law.breakaway_rad_s, lane, p.free_breakaway_rad_s);
+    set(m.load.law.threshold_rad_s, lane, p.free_threshold_rad_s);
+    set(m.load.law.decay_s_per_rad, lane, p.free_decay_s_per_rad);
+    set(m.load.exponential, lane, p.free_exponential);
     set(m.sensors.current_lag_rate, lane, p.current_lag_s > 0.0 ? 1.0 / p.current_lag_s : 0.0);
     set(m.sensors.speed_lag_rate, lane, p.speed_lag_s > 0.0 ? 1.0 / p.speed_lag_s : 0.0);
     set(m.sensors.hall_amplitude, lane, p.hall_amplitude_rad);

@@ -70,6 +70,7 @@ template <class V> struct Torques {
     V drive_nm;         // on the motor (on the whole shaft when it is one body)
     V output_drive_nm;  // on the output side
     V opposing_nm;      // TL / N of the load column
+    V free_nm;          // TL / N of a free load
     V load_nm;          // TL / N, all of it
     V coupler_nm;
     V output_angle;  // at the motor shaft
@@ -81,22 +82,27 @@ VGROOVE_INLINE Torques<V> drivetrain_torques(const Drivetrain<V> &m, const Drive
     const V angle = s.x[STATE_ANGLE];
     const bool split = N > STATE_TWIST && (m.effects & EFFECT_TWO_BODIES);
     t.output_angle = angle;
-    if constexpr (N > STATE_TWIST)
-        if (split)
+    V output_w = s.x[STATE_SPEED];
+    if constexpr (N > STATE_TWIST) {
+        if (split) {
             t.output_angle = angle - s.x[STATE_TWIST];
+            output_w = s.x[STATE_OUTPUT_SPEED];
+        }
+    }
     const V pendulum = load_of_angle<V>(m.load, t.output_angle);
     t.opposing_nm = load_opposing<V>(m.load, in, tau);
-    t.load_nm = t.opposing_nm + pendulum;
+    t.free_nm = load_of_speed<V>(m.load, output_w);
+    t.load_nm = t.opposing_nm + pendulum + t.free_nm;
     t.drive_nm = motor_nm - friction_of_angle<V>(m.friction, m.effects, angle);
     if constexpr (N > STATE_TWIST) {
         if (split) {
             t.coupler_nm = gear_coupler_torque<V>(m.gear, m.effects, s.x[STATE_TWIST], s.x[STATE_SPEED] - s.x[STATE_OUTPUT_SPEED]);
             t.drive_nm -= t.coupler_nm;
-            t.output_drive_nm = t.coupler_nm - pendulum;
+            t.output_drive_nm = t.coupler_nm - pendulum - t.free_nm;
             return t;
         }
     }
-    t.drive_nm -= pendulum;
+    t.drive_nm -= pendulum + t.free_nm;
     return t;
 }
 
@@ -140,7 +146,7 @@ VGROOVE_INLINE void drivetrain_audit(const Drivetrain<V> &m, const Drive<V> &in,
     ds.x[STATE_LOSS_FRICTION] = friction_sliding<V>(m.friction, m.effects, mode.slide, w, t.load_nm, in.time_s + tau) * w;
     if (split)
         ds.x[STATE_LOSS_COUPLER] = (t.coupler_nm - gear_spring_torque<V>(m.gear, s.x[STATE_TWIST])) * (w - output_w);
-    ds.x[STATE_WORK_LOAD] = output_slide * t.opposing_nm * output_w;
+    ds.x[STATE_WORK_LOAD] = (output_slide * t.opposing_nm + t.free_nm) * output_w;
 }
 
 // Stored energy: inductance, turning masses, coupler, pendulum, cogging and eccentricity.

@@ -222,6 +222,8 @@ VGROOVE_INLINE void run_exact_rows(ExactGroup &g, const LogInput &in, const LogS
     const bool shifted = (g.solver.model.effects & EFFECT_COMMAND_SHIFT) != 0u;
     std::size_t which = 0, width = BLOCK_ROWS;
     for (std::size_t row = starts.rows.front(); row < in.time_s.size();) {
+        if (g.watch)
+            g.watch->look();
         if (which < starts.rows.size() && starts.rows[which] == row) {
             reset_group(g, in, starts, which++);
             write_row(g, in, row++, true, out);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <stdexcept>
 #include <string>
 
@@ -16,6 +17,25 @@ static void require(bool holds, const char *what) {
         throw std::invalid_argument(std::string("plant parameter out of range: ") + what);
 }
 
+// With the numbers that do not go together.
+static void require_together(bool holds, const char *words, double a, double b) {
+    if (holds)
+        return;
+    char text[200];
+    std::snprintf(text, sizeof text, words, a, b);
+    throw std::invalid_argument(text);
+}
+
+// Hammer and anvil lugs: a gap between them, a hammer that rises above them and starts in a gap.
+static void check_lugs(const Impact &m, const Parameters &p) {
+    require_together(m.travel_m > m.lug_height_m, "mechanism.travel_rad lets the hammer rise by %.4g m: it must be more than mechanism.lug_height_m, %.4g",
+                     m.travel_m, m.lug_height_m);
+    const double place = m.start_rad - m.period_rad * std::floor(m.start_rad / m.period_rad);
+    require_together(place == 0.0 || place >= m.overlap_rad,
+                     "mechanism.hammer_start_rad %.4g starts the hammer on a lug: before the anvil's lug it may start up to %.4g rad (negative)",
+                     p.hammer_start_rad, m.period_rad - m.overlap_rad);
+}
+
 static void check_impact(const Parameters &p) {
     require(p.hammer_inertia_kg_m2 > 0.0, "mechanism.hammer_inertia_kg_m2 must be positive");
     require(p.hammer_mass_kg > 0.0, "mechanism.hammer_mass_kg must be positive");
@@ -23,9 +43,12 @@ static void check_impact(const Parameters &p) {
     require(p.groove_lead_m_per_rad > 0.0, "mechanism.groove_lead_m_per_rad must be positive");
     require(p.groove_radius_m > 0.0, "mechanism.groove_radius_m must be positive");
     require(p.lug_count >= 1.0 && p.lug_count == std::floor(p.lug_count), "mechanism.lug_count must be a whole number above 0");
-    require(p.lug_overlap_rad > 0.0 && p.lug_overlap_rad < TURN_RAD / p.lug_count, "mechanism.lug_overlap_rad must leave a gap between the lugs");
+    require_together(p.lug_overlap_rad > 0.0 && p.lug_overlap_rad < TURN_RAD / p.lug_count,
+                     "mechanism.lug_overlap_rad %.4g leaves no gap between the lugs: it must be above 0 and below a turn over mechanism.lug_count, %.4g",
+                     p.lug_overlap_rad, TURN_RAD / p.lug_count);
     require(p.lug_radius_m > 0.0, "mechanism.lug_radius_m must be positive");
-    require(p.lug_height_m - p.lug_wear_m > 0.0, "mechanism.lug_height_m (less lug_wear) must be positive");
+    require_together(p.lug_height_m - p.lug_wear_m > 0.0, "mechanism.lug_height_m %.4g must be more than effects.lug_wear.height_m, %.4g", p.lug_height_m,
+                     p.lug_wear_m);
     require(p.contact_stiffness > 0.0, "mechanism.contact_stiffness_n_per_m must be positive");
     require(p.contact_ramp_m > 0.0, "mechanism.contact_ramp_m must be positive");
     require(p.contact_exponent >= 1.0, "mechanism.contact_exponent must be at least 1");
@@ -62,9 +85,7 @@ static void set_lugs(Impact &m, const Parameters &p) {
                  p.friction_static,       p.friction_kinetic,
                  p.friction_speed_m_per_s};
     m.flank_friction = p.friction_static != 0.0 || p.friction_kinetic != 0.0;
-    require(m.travel_m > m.lug_height_m, "mechanism.travel_rad: the hammer must be able to rise above the lugs");
-    const double place = m.start_rad - m.period_rad * std::floor(m.start_rad / m.period_rad);
-    require(place == 0.0 || place >= m.overlap_rad, "mechanism.hammer_start_rad: the hammer starts between the lugs, not on one");
+    check_lugs(m, p);
 }
 
 // effect coupler_compliance, at the output: J2 = inertia_kg_m2, c = 2 damping_ratio sqrt(stiffness J2). A pendulum hangs on the second body.
@@ -114,6 +135,7 @@ static void set_drive(Impact &m, const Parameters &p, InputKind input, bool bus_
 Impact impact_from(const Parameters &p, LoadKind load, InputKind input, bool bus_measured, double command_peak) {
     check_parameters(p, input != InputKind::CURRENT);
     check_impact(p);
+    require(load != LoadKind::FREE, "a free load turns without an impact mechanism; under one load.kind = none is free");
     Impact m{};
     set_drive(m, p, input, bus_measured, command_peak);
     set_groove_and_hammer(m, p);

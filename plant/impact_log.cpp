@@ -2,12 +2,8 @@
 #include "impact_log.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <exception>
-#include <mutex>
 #include <stdexcept>
-#include <thread>
 
 namespace vgroove {
 
@@ -274,6 +270,8 @@ template <class L> static void prepare(LogRun<L> &run, const ImpactJob &job, std
         run.tracer = {&out, in.time_s[0], run.reader.row_scale(), 0};
     if (run.parameters.speed_lag_s > 0.0 && run.parameters.speed_lag_delay_form != 0.0)
         run.delayed.prepare(in, run.reader.row_scale(), run.parameters);
+    s.watch = out.watch;
+    s.parameters = &run.parameters;
     s.observer = run.tracer.out || !run.delayed.rows.empty() ? &run : nullptr;
 }
 
@@ -300,9 +298,13 @@ template <class L> static void run_tool(const ImpactJob &job, std::size_t batch_
     out.stats[batch_row] = s.stats;
 }
 
-static void run_any(const ImpactJob &job, std::size_t batch_row) {
+static Impact model_of(const ImpactJob &job, std::size_t batch_row) {
     const Parameters p = parameters_from(job.theta + batch_row * PARAMETER_COUNT);
-    const Impact model = impact_from(p, job.in->load_kind, job.in->kind, !job.in->bus_v.empty(), job.command_peak);
+    return impact_from(p, job.in->load_kind, job.in->kind, !job.in->bus_v.empty(), job.command_peak);
+}
+
+static void run_any(const ImpactJob &job, std::size_t batch_row) {
+    const Impact model = model_of(job, batch_row);
     if (job.accuracy == ImpactAccuracy::REFERENCE)
         run_tool<AuditLayout>(job, batch_row, model);
     else if (impact_needs_full(model))
@@ -312,8 +314,8 @@ static void run_any(const ImpactJob &job, std::size_t batch_row) {
 }
 
 double impact_check_step(double step_s) {
-    if (!(step_s > 0.0) || !std::isfinite(step_s))
-        throw std::invalid_argument("the impact tool's fixed step_s must be above 0");
+    if (!(step_s >= IMPACT_STEP_LEAST_S && step_s <= IMPACT_STEP_MOST_S))
+        throw std::invalid_argument("the impact tool's fixed step_s must be from 1e-7 to 0.1");
     return step_s;
 }
 
@@ -344,27 +346,11 @@ void simulate_impact(const LogInput &in, const double *theta, std::size_t batch,
     out.stats.assign(batch, {});
     out.trace.assign(out.trace_s.size() * TRACE_COLUMN_COUNT, std::nan(""));
     out.energy.assign(out.keep_energy ? in.time_s.size() * ENERGY_COUNT : 0, 0.0);
-    std::atomic<std::size_t> next{0};
-    std::exception_ptr failure;
-    std::mutex failing;
-    const auto work = [&] {
-        try {
-            for (std::size_t row = next++; row < batch; row = next++)
-                run_any(job, row);
-        } catch (...) {
-            const std::lock_guard<std::mutex> held(failing);
-            failure = std::current_exception();
-            next = batch;
-        }
+    const auto each = [&](auto what) {
+        return [&job, batch, what](std::size_t row) { naming_the_set(row, batch, [&] { what(job, row); }); };
     };
-    std::vector<std::thread> pool;
-    for (int n = 1; n < threads && static_cast<std::size_t>(n) < batch; ++n)
-        pool.emplace_back(work);
-    work();
-    for (std::thread &thread : pool)
-        thread.join();
-    if (failure)
-        std::rethrow_exception(failure);
+    share_work(batch, 1, nullptr, each(model_of));  // an impossible tool is named before any has run
+    share_work(batch, threads, out.watch, each(run_any));
 }
 
 }  // namespace vgroove

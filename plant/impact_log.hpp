@@ -11,6 +11,7 @@ namespace vgroove {
 enum class ImpactAccuracy { REFERENCE, FAST, FIXED };
 
 constexpr double IMPACT_STEP_FIXED_S = 35e-6;  // unless another is asked for
+constexpr double IMPACT_STEP_LEAST_S = 1e-7, IMPACT_STEP_MOST_S = 0.1;
 
 // Columns of batch x log rows. Means over the row: current, bus, housing; the others at its end, of the first row all.
 enum ImpactColumn {
@@ -69,6 +70,7 @@ struct ImpactOutput {
     std::vector<double> energy;            // rows x ENERGY_COUNT, first batch row only
     double tolerance = 0.0;                // 0: the accuracy's own
     double fixed_s = IMPACT_STEP_FIXED_S;  // step of accuracy FIXED
+    Watch *watch = nullptr;                // asked now and then whether the run is still wanted
 };
 
 // theta: batch x PARAMETER_COUNT. The tool starts at rest, the hammer's lug hammer_start_rad from the anvil's.
@@ -94,6 +96,9 @@ template <class L> void impact_start(ImpactSolver<L> &s) {
     s.recorder = BlowRecorder{};
     s.stats = ImpactStats{};
     s.dropped_j = 0.0;
+    s.look_in = IMPACT_LOOK_STEPS;
+    s.credit = IMPACT_STEPS_SAVED;
+    s.looked_s = 0.0;
 }
 
 // Command and load of the next stretch; whether they are what they were, so that the solver need not look anew.

@@ -27,6 +27,7 @@ struct ImpactBody {
 
     virtual ~ImpactBody() = default;
     virtual void run(double seconds, const TimedCommand &c, double load_from_nm, double load_rate) = 0;
+    virtual void adopt() = 0;  // the parameters, once they are there
     virtual void reset_means() = 0;
     virtual AdvanceResult now() const = 0;  // true values of this instant
     virtual AdvanceResult result(double seconds) const = 0;
@@ -53,6 +54,8 @@ template <class L> struct SolverBody final : ImpactBody {
             solver.model.drive.effects |= EFFECT_DEAD_TIME;
         impact_stretch(solver, {c.duty, 0.0, c.coast ? 1.0 : 0.0, dead, 0.0, load_from_nm, load_rate}, now_s, seconds);
     }
+
+    void adopt() override { solver.parameters = &parameters; }
 
     double present(int n) const { return impact_present_of(solver, n); }
 
@@ -139,6 +142,7 @@ ImpactPlant::ImpactPlant(const Parameters &p, LoadKind load, HallWheel wheel, st
         body_ = impact_needs_full(m) ? body_of<FullLayout>(m, fixed_s) : body_of<FastLayout>(m, fixed_s);
     ImpactBody &b = *body_;
     b.parameters = p;
+    b.adopt();
     b.wheel = std::move(wheel);
     b.dropout.state = seed;
     b.period_s = PERIOD_S / (1.0 + p.clock_skew_relative);

@@ -1,5 +1,6 @@
 // Steps of the impact mechanism's solver, compiled once for each layout of the state: attempts, switches, control of the step.
 #include <stdexcept>
+#include <string>
 
 #include "impact_flight.hpp"
 #include "impact_series.hpp"
@@ -84,8 +85,23 @@ static double fifth_root_inverse(double x) {
     return y;
 }
 
+// Every IMPACT_LOOK_STEPS tries: whether the run is still wanted, and whether it comes forward.
+template <class L> __attribute__((noinline)) void impact_look(ImpactSolver<L> &self) {
+    self.look_in = IMPACT_LOOK_STEPS;
+    if (self.watch)
+        self.watch->look();
+    self.credit += IMPACT_STEPS_SECOND * (self.drive.time_s - self.looked_s) - IMPACT_LOOK_STEPS;
+    self.looked_s = self.drive.time_s;
+    if (self.credit < 0.0)
+        throw std::runtime_error("impact mechanism: needs too many steps at " + std::to_string(self.drive.time_s) + " s: " +
+                                 fastest_parameter(*self.parameters));
+    self.credit = min_of(self.credit, IMPACT_STEPS_SAVED);
+}
+
 // One step of length h, by the method that suits it; returns by what its error would let it grow.
 template <class L> VGROOVE_INLINE double impact_attempt(ImpactSolver<L> &self, double h) {
+    if (--self.look_in <= 0)
+        impact_look(self);
     ImpactStep<L> &t = self.step;
     t.h = h;
     t.share = 1.0;
@@ -590,10 +606,10 @@ template <class L> VGROOVE_INLINE void impact_fixed_piece(ImpactSolver<L> &self,
 
 // Steps of fixed_s with bounded work: one piece each in flight, pieces of at most IMPACT_PIECE_S where it is stiff.
 template <class L> __attribute__((noinline)) void impact_run_fixed(ImpactSolver<L> &self, double length_s) {
-    const int steps = static_cast<int>(std::ceil(length_s / self.fixed_s - 1e-6));
+    const double steps = std::ceil(length_s / self.fixed_s - 1e-6);
     const double h = length_s / steps;
     const int pieces = static_cast<int>(std::ceil(h / IMPACT_PIECE_S - 1e-6));
-    for (int step = 0; step < steps; ++step) {
+    for (double step = 0.0; step < steps; step += 1.0) {
         const int count = impact_is_stiff(self, h) ? pieces : 1;
         for (int n = 0; n < count; ++n)
             impact_fixed_piece(self, h / count);

@@ -42,6 +42,9 @@ void check_parameters(const Parameters &p, bool electrical) {
     require(p.speed_lag_s >= 0.0, "effects.speed_lag.time_constant_s must not be negative");
     require(p.transport_delay_s >= 0.0, "effects.transport_delay.delay_s must not be negative");
     require(std::fabs(p.clock_skew_relative) < 0.5, "effects.clock_skew.relative");
+    require(p.free_breakaway_ratio >= 1.0, "load.breakaway_ratio must be at least 1");
+    require(p.free_breakaway_rad_s > 0.0, "load.breakaway_rad_s must be positive");
+    require(p.free_threshold_rad_s > 0.0, "load.threshold_rad_s must be positive");
     if (!electrical)
         return;
     require(p.motor_inductance_h * (1.0 + p.inductance_relative) > 0.0, "motor.inductance_h must be positive");

@@ -51,6 +51,13 @@ constexpr double OFF_AT_INFINITY = std::numeric_limits<double>::infinity();
     X(arm_inertia_kg_m2,           "mechanism.arm_inertia_kg_m2", 4e-3) \
     X(arm_stiffness,               "mechanism.arm_stiffness_nm_per_rad", 25.0) \
     X(arm_damping,                 "mechanism.arm_damping_nm_s_per_rad", 0.25) \
+    X(free_nm,                     "load.torque_nm", 0.0) \
+    X(free_breakaway_ratio,        "load.breakaway_ratio", 1.2) \
+    X(free_breakaway_rad_s,        "load.breakaway_rad_s", 0.1) \
+    X(free_viscous,                "load.viscous_nm_s_per_rad", 0.0) \
+    X(free_exponential,            "load.exponential", 0.0) \
+    X(free_threshold_rad_s,        "load.threshold_rad_s", 0.01) \
+    X(free_decay_s_per_rad,        "load.decay_s_per_rad", 10.0) \
     X(joint_stiffness,             "load.stiffness_nm_per_rad", 3000.0) \
     X(joint_damping,               "load.damping_nm_s_per_rad", 0.3) \
     X(joint_run_nm,                "load.run_torque_nm", 0.0) \

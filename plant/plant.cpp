@@ -2,12 +2,9 @@
 #include "plant.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <exception>
 #include <limits>
 #include <stdexcept>
-#include <thread>
 
 #include "run_rows.hpp"
 
@@ -73,6 +70,7 @@ template <class V, int N> static void run_job(const Run &r, const Job &job) {
         drivetrain_set_lane(m, lane, g.parameters[lane], r.command_peak, r.mean_interval_s);
     }
     solver_prepare(g.solver, r.options.tolerance);
+    g.watch = r.options.watch;
     std::fill_n(g.spent_row, LaneTraits<V>::COUNT, NOT_SPENT);
     g.solver.exact = job.exact;
     run_rows(g, *r.in, *r.starts, *r.out);
@@ -93,7 +91,7 @@ static std::vector<Job> jobs_of(const LogInput &in, const double *theta, std::si
     std::vector<Job> open, full;
     for (std::size_t row = 0; row < batch; ++row) {
         const Parameters p = parameters_from(theta + row * PARAMETER_COUNT);
-        check_parameters(p, in.kind != InputKind::CURRENT);
+        naming_the_set(row, batch, [&] { check_parameters(p, in.kind != InputKind::CURRENT); });
         const std::uint32_t effects = effects_of(p);
         if (!adaptive && flow_applies(effects, in.load_kind)) {
             full.push_back(Job{effects, true, {row}});
@@ -159,20 +157,6 @@ static double peak_of(const std::vector<double> &column) {
     return peak;
 }
 
-static void run_all(const Run &r, const std::vector<Job> &jobs, int threads) {
-    std::atomic<std::size_t> next{0};
-    const auto work = [&] {
-        for (std::size_t job = next++; job < jobs.size(); job = next++)
-            run_any(r, jobs[job]);
-    };
-    std::vector<std::thread> pool;
-    for (int n = 1; n < threads && static_cast<std::size_t>(n) < jobs.size(); ++n)
-        pool.emplace_back(work);
-    work();
-    for (std::thread &thread : pool)
-        thread.join();
-}
-
 static void fill_before_start(const LogInput &in, std::size_t batch, const LogStarts &starts, const LogOutput &out) {
     const std::size_t count = in.time_s.size();
     for (double *column : {out.current_a, out.supply_v, out.speed_rad_s, out.speed_measured_rad_s, out.angle_rad, out.angle_measured_rad})
@@ -198,7 +182,8 @@ void simulate_log(const LogInput &in, const double *theta, std::size_t batch, co
     std::vector<std::size_t> spent(batch, NOT_SPENT);
     Run run = run_of(in, theta, starts, out, options);
     run.spent_row = spent.data();
-    run_all(run, jobs_of(in, theta, batch, options.adaptive), options.threads);
+    const std::vector<Job> jobs = jobs_of(in, theta, batch, options.adaptive);
+    share_work(jobs.size(), options.threads, options.watch, [&](std::size_t job) { run_any(run, jobs[job]); });
     const std::size_t count = in.time_s.size();
     for (std::size_t row = 0; row < batch; ++row) {
         if (spent[row] != NOT_SPENT && !options.keep_unfinished)

@@ -3,9 +3,12 @@
 #define VGROOVE_PLANT_PLANT_HPP
 
 #include <cstddef>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "drivetrain.hpp"
+#include "watch.hpp"
 
 namespace vgroove {
 
@@ -47,8 +50,21 @@ struct SimulateOptions {
     int threads = 1;
     bool adaptive = false;         // Runge-Kutta everywhere: the reference mode; else exact where the drivetrain is linear between events
     double tolerance = 0.0;        // of Runge-Kutta, local error over scale; 0: the usual one
+    Watch *watch = nullptr;        // asked now and then whether the run is still wanted
     bool keep_unfinished = false;  // rows that a run's bounded steps do not reach are NaN, instead of std::runtime_error
 };
+
+// "parameter set n: ..." before what an exception says of one of several.
+template <class Work> void naming_the_set(std::size_t batch_row, std::size_t batch, const Work &work) {
+    const std::string name = batch > 1 ? "parameter set " + std::to_string(batch_row) + ": " : "";
+    try {
+        work();
+    } catch (const std::invalid_argument &error) {
+        throw std::invalid_argument(name + error.what());
+    } catch (const std::runtime_error &error) {
+        throw std::runtime_error(name + error.what());
+    }
+}
 
 // theta: batch x PARAMETER_COUNT. Same inputs give the same bytes whatever the batch and the threads. The work is bounded by the rows.
 void simulate_log(const LogInput &in, const double *theta, std::size_t batch, const LogStarts &starts, const SimulateOptions &options,

@@ -12,6 +12,7 @@
 
 namespace vgroove {
 
+constexpr std::size_t LOOK_ROWS = 64;  // so often a run asks whether it is still wanted
 constexpr std::size_t NOT_SPENT = std::numeric_limits<std::size_t>::max();
 
 // Where a lane stands in the log: rows in the lane's own time, the command column possibly shifted against them.
@@ -40,6 +41,7 @@ template <class V, int N> struct Group {
     std::size_t batch_row[LaneTraits<V>::COUNT];
     std::size_t spent_row[LaneTraits<V>::COUNT];  // first row that the lane's steps did not reach
     int lanes;                                    // in use; the rest repeat the first
+    Watch *watch;
 };
 
 template <class V> VGROOVE_INLINE void drive_command(Drive<V> &d, const LogInput &in, int lane, std::size_t row, double from, double scale) {
@@ -213,6 +215,8 @@ template <class V, int N> VGROOVE_INLINE void step_row(Group<V, N> &g, const Log
 template <class V, int N> VGROOVE_INLINE void run_group(Group<V, N> &g, const LogInput &in, const LogStarts &starts, const LogOutput &out) {
     std::size_t which = 0;
     for (std::size_t row = starts.rows.front(); row < in.time_s.size(); ++row) {
+        if (g.watch && row % LOOK_ROWS == 0)
+            g.watch->look();
         if (row > starts.rows.front())
             step_row(g, in, row);
         const bool start = which < starts.rows.size() && starts.rows[which] == row;

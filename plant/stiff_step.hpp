@@ -33,7 +33,10 @@ template <class V, int N> VGROOVE_INLINE Rates<V> stiff_rates(const Drivetrain<V
     Rates<V> r{};
     if (m.input != InputKind::CURRENT)
         r.current = rate_of_current<V, N>(m, in, mode, s);
-    r.speed = mode.slide * mode.slide * abs_of<V>(m.friction.viscous) * m.gear.inertia_inverse;
+    V drag = abs_of<V>(m.friction.viscous);
+    if (!(m.effects & EFFECT_TWO_BODIES))
+        drag += max_of<V>(load_speed_slope<V>(m.load, s.x[STATE_SPEED]), V{});
+    r.speed = mode.slide * mode.slide * drag * m.gear.inertia_inverse;
     if (m.effects & EFFECT_CURRENT_LAG)
         r.current_filter = m.sensors.current_lag_rate;
     if (m.effects & EFFECT_SPEED_LAG)

@@ -67,13 +67,13 @@ void add_steps(nb::dict &to, const std::string &name, const std::vector<vgroove:
 
 nb::dict simulate_drill(const nb::dict &parameters, const std::string &solver, double duration_s, double step_s, double tolerance, double step_max_s,
                         double row_s, bool timed, const std::vector<std::string> &columns) {
-    const vgroove::DrillRequest request{solver_of(solver), duration_s, step_s, tolerance, step_max_s, row_s, timed};
+    vgroove::DrillRequest request{solver_of(solver), duration_s, step_s, tolerance, step_max_s, row_s, timed, nullptr};
     const vgroove::DrillParameters p = parameters_of(parameters);
     vgroove::DrillRun run;
-    {
-        nb::gil_scoped_release unlocked;
+    run_watched([&](vgroove::Watch *watch) {
+        request.watch = watch;
         run = vgroove::drill_run(p, request);
-    }
+    });
     const std::size_t rows = run.rows.size() / vgroove::DRILL_ROW_COUNT;
     nb::dict result;
     for (std::size_t c = 0; c < vgroove::DRILL_ROW_COUNT; ++c)

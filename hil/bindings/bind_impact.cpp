@@ -127,10 +127,10 @@ nb::dict simulate_impact(const vgroove::LogInput &in, Matrix theta, const std::s
     out.keep_energy = energy;
     out.tolerance = tolerance;
     out.fixed_s = step_s;
-    {
-        nb::gil_scoped_release unlocked;
+    run_watched([&](vgroove::Watch *watch) {
+        out.watch = watch;
         vgroove::simulate_impact(in, theta.data(), batch, accuracy, threads, out);
-    }
+    });
     nb::dict result;
     for (std::size_t n = 0; n < vgroove::IMPACT_COLUMN_COUNT; ++n)
         result[vgroove::IMPACT_COLUMN_NAMES[n]] = nb::ndarray<nb::numpy, double, nb::ndim<2>>(out.columns[n], {batch, rows}, owner);
@@ -144,6 +144,12 @@ vgroove::ImpactPlant make_impact_plant(Column parameters, const std::string &loa
         throw std::invalid_argument("ImpactPlant: parameters is (" + std::to_string(vgroove::PARAMETER_COUNT) + ",)");
     return vgroove::ImpactPlant(vgroove::parameters_from(parameters.data()), load_kind(load), vgroove::hall_wheel(pulses, offset_rad, spacing), seed,
                                 accuracy_of(mode), step_s);
+}
+
+void check_impact_tool(Column parameters, const std::string &load) {
+    if (parameters.shape(0) != static_cast<std::size_t>(vgroove::PARAMETER_COUNT))
+        throw std::invalid_argument("check_impact_tool: parameters is (" + std::to_string(vgroove::PARAMETER_COUNT) + ",)");
+    vgroove::impact_from(vgroove::parameters_from(parameters.data()), load_kind(load), vgroove::InputKind::DUTY, false, 1.0);
 }
 
 void bind_impact_plant(nb::module_ &m) {
@@ -190,6 +196,7 @@ void bind_impact(nb::module_ &m) {
     for (const char *name : vgroove::IMPACT_EVENT_NAMES)
         events.append(name);
     m.attr("IMPACT_EVENTS") = events;
+    m.def("check_impact_tool", &check_impact_tool, "parameters"_a, "load_kind"_a, "ValueError with the reason where the plant cannot have such a tool.");
     m.def("simulate_impact", &simulate_impact, "log_input"_a, "theta"_a, "mode"_a = "reference", "threads"_a = 1, "trace_s"_a.none() = nb::none(),
           "history"_a = false, "energy"_a = false, "tolerance"_a = 0.0, "step_s"_a = vgroove::IMPACT_STEP_FIXED_S,
           "theta (B, P) -> dict of rows (B, n), 'blows' and 'statistics' per batch row; of the first batch row 'trace' at trace_s, step 'history', "

@@ -25,6 +25,8 @@ vgroove::LoadKind load_kind(const std::string &kind) {
         return vgroove::LoadKind::TORQUE;
     if (kind == "pendulum")
         return vgroove::LoadKind::PENDULUM;
+    if (kind == "free")
+        return vgroove::LoadKind::FREE;
     if (kind == "locked")
         return vgroove::LoadKind::LOCKED;
     if (kind == "hard_joint")
@@ -33,7 +35,7 @@ vgroove::LoadKind load_kind(const std::string &kind) {
         return vgroove::LoadKind::DISC_SPRING;
     if (kind == "wood_screw")
         return vgroove::LoadKind::WOOD_SCREW;
-    throw std::invalid_argument("load_kind is none, torque, pendulum, locked, hard_joint, disc_spring or wood_screw, not " + kind);
+    throw std::invalid_argument("load_kind is none, torque, pendulum, free, locked, hard_joint, disc_spring or wood_screw, not " + kind);
 }
 
 namespace {
@@ -54,8 +56,8 @@ vgroove::InputKind input_kind(const std::string &kind) {
 
 // Joints turn under an impact mechanism only.
 void require_drivetrain_load(vgroove::LoadKind kind) {
-    if (kind > vgroove::LoadKind::PENDULUM)
-        throw std::invalid_argument("a joint needs an impact mechanism: without one load_kind is none, torque or pendulum");
+    if (kind >= vgroove::LoadKind::LOCKED)
+        throw std::invalid_argument("a joint needs an impact mechanism: without one load_kind is none, torque, pendulum or free");
 }
 
 const double *column_of(const std::optional<Column> &column, std::size_t rows, const char *name) {
@@ -89,12 +91,12 @@ vgroove::SimulateOptions options_of(int threads, const std::string &solver, doub
         throw std::invalid_argument("simulate_log: solver is exact or adaptive, not " + solver);
     if (unfinished != "raise" && unfinished != "nan")
         throw std::invalid_argument("simulate_log: unfinished is raise or nan, not " + unfinished);
-    return {threads, solver == "adaptive", tolerance, unfinished == "nan"};
+    return {threads, solver == "adaptive", tolerance, nullptr, unfinished == "nan"};
 }
 
 nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cube state0, int threads, const std::string &solver, double tolerance,
                       const std::string &unfinished) {
-    const vgroove::SimulateOptions options = options_of(threads, solver, tolerance, unfinished);
+    vgroove::SimulateOptions options = options_of(threads, solver, tolerance, unfinished);
     const std::size_t batch = theta.shape(0), rows = in.time_s.size(), count = starts.shape(0);
     require_drivetrain_load(in.load_kind);
     if (theta.shape(1) != vgroove::PARAMETER_COUNT)
@@ -112,10 +114,10 @@ nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cu
     nb::capsule owner(block, [](void *p) noexcept { delete[] static_cast<double *>(p); });
     const std::size_t size = batch * rows;
     const vgroove::LogOutput out{block, block + size, block + 2 * size, block + 3 * size, block + 4 * size, block + 5 * size};
-    {
-        nb::gil_scoped_release unlocked;
+    run_watched([&](vgroove::Watch *watch) {
+        options.watch = watch;
         vgroove::simulate_log(in, theta.data(), batch, from, options, out);
-    }
+    });
     const std::pair<const char *, double *> columns[] = {{"current_a", out.current_a},     {"supply_v", out.supply_v},
                                                          {"speed_rad_s", out.speed_rad_s}, {"speed_measured_rad_s", out.speed_measured_rad_s},
                                                          {"angle_rad", out.angle_rad},     {"angle_measured_rad", out.angle_measured_rad}};

@@ -10,6 +10,7 @@
 
 #include "plant/hall_wheel.hpp"
 #include "plant/loads.hpp"
+#include "plant/watch.hpp"
 
 using Column = nanobind::ndarray<const double, nanobind::ndim<1>, nanobind::c_contig, nanobind::device::cpu>;  // in
 using Vector = nanobind::ndarray<nanobind::numpy, double, nanobind::ndim<1>>;                                  // out
@@ -31,6 +32,27 @@ template <class Plant> nanobind::tuple lockstep_period(Plant &self, bool coast, 
     for (int n = 0; n < r.edge_count; ++n)
         edges.append(r.edge_cycle[n]);
     return nanobind::make_tuple(r.current_a, r.supply_v, edges);
+}
+
+// Lets Ctrl-C end a run that has let go of the interpreter.
+class PythonWatch final : public vgroove::Watch {
+    bool wants_end() override {
+        const nanobind::gil_scoped_acquire held;
+        return PyErr_CheckSignals() != 0;
+    }
+};
+
+// work(watch) without the interpreter; KeyboardInterrupt where the user has ended it.
+template <class Work> void run_watched(const Work &work) {
+    PythonWatch watch;
+    try {
+        const nanobind::gil_scoped_release unlocked;
+        work(&watch);
+    } catch (...) {
+        if (PyErr_Occurred())
+            throw nanobind::python_error();
+        throw;
+    }
 }
 
 vgroove::LoadKind load_kind(const std::string &kind);  // bind_plant.cpp

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from vgroove.errors import VgrooveError
+from vgroove.errors import VgrooveError, refused_by_plant
 from vgroove.output import write_text
 
 SCHEMA = "vgroove.rig/1"
@@ -66,6 +66,7 @@ NOT_NEGATIVE = _number("a number of at least 0", lambda v: v >= 0)
 RELATIVE = _number("a number above -1", lambda v: v > -1)
 MAY_BE = _number("a finite number", lambda v: True, needed=False)
 SIGMA = _range(0, 1)
+RATE_MOST = 1e6  # per s, of the impact mechanism: what its solver can follow in bounded work
 
 JOINTS = ("locked", "hard_joint", "disc_spring", "wood_screw")
 ACTS_ON = {"joint_stiffness": JOINTS, "thread_friction": JOINTS[1:], "joint_hysteresis": ("disc_spring",), "wood_knot": JOINTS[1:]}
@@ -85,6 +86,10 @@ SECTIONS: dict[str, dict[str, Key]] = {
                 "hall_pulses_per_rev": _whole(0, 1_000_000, needed=False), "hall_timeout_s": _maybe(1e-4, 1e3),
                 "supply_noise_v": _maybe(0, 1e4), "position_lsb_rad": _maybe(0, 1e3)},
 }
+# physics.md section 3
+_FRICTION_LAW = {"torque_nm": _range(0, 1e5), "breakaway_ratio": _maybe(1, 10), "breakaway_rad_s": _maybe(1e-6, 1e4),
+                 "viscous_nm_s_per_rad": _maybe(0, 1e5), "form": _choice("stribeck", "exponential", needed=False),
+                 "threshold_rad_s": _maybe(1e-9, 1e4), "decay_s_per_rad": _maybe(0, 1e6)}
 _JOINT = {"stiffness_nm_per_rad": _range(1e-3, 1e9), "damping_nm_s_per_rad": _range(0, 1e6)}
 KINDS: dict[str, dict[str, dict[str, Key]]] = {
     "mechanism": {
@@ -109,10 +114,8 @@ KINDS: dict[str, dict[str, dict[str, Key]]] = {
         "torque": {},
         "pendulum": {"mass_kg": _range(1e-6, 1e5), "length_m": _range(1e-5, 1e2), "zero_rad": _maybe(-1e6, 1e6)},
         "locked": {**_JOINT},
-        "chuck": {"torque_nm": _range(0, 1e5), "from_s": _range(0, 1e4), "to_s": _range(0, 1e4), "breakaway_ratio": _maybe(1, 10),
-                  "breakaway_rad_s": _maybe(1e-6, 1e4), "viscous_nm_s_per_rad": _maybe(0, 1e5),
-                  "form": _choice("stribeck", "exponential", needed=False), "threshold_rad_s": _maybe(1e-9, 1e4),
-                  "decay_s_per_rad": _maybe(0, 1e6), "rise_nm_per_rad": _maybe(0, 1e8),
+        "free": {**_FRICTION_LAW},
+        "chuck": {**_FRICTION_LAW, "from_s": _range(0, 1e4), "to_s": _range(0, 1e4), "rise_nm_per_rad": _maybe(0, 1e8),
                   "rise_from_rad": _maybe(-1e6, 1e6), "rise_most_nm": _maybe(0, 1e8)},
         "hard_joint": {**_JOINT, "run_torque_nm": _range(0, 1e5), "slip_slope_nm_per_rad": _range(0, 1e8), "loosen_ratio": _range(0, 10)},
         "disc_spring": {**_JOINT, "run_torque_nm": _range(0, 1e5), "parallel": _whole(1, 1000), "series": _whole(1, 1000),
@@ -171,9 +174,10 @@ EFFECTS: dict[str, dict[str, Key]] = {
     "transport_delay": {"delay_s": NOT_NEGATIVE},
     "clock_skew": {"relative": _SKEW, "clock": _choice("logger", "command", needed=False)},
 }
-# Words in a rig that are numbers in the parameter vector: (effect, key) -> (parameter, word that reads 1).
+# Words in a rig that are numbers in the parameter vector: (effect, key) -> (parameter, word that reads 1); and of the load.
 WORDS = {("speed_lag", "form"): ("effects.speed_lag.delay_form", "delay"),
          ("clock_skew", "clock"): ("effects.clock_skew.command_clock", "command")}
+LOAD_FORM = ("load.exponential", "exponential")
 
 
 @dataclass(frozen=True)
@@ -247,16 +251,16 @@ class Rig:
             raise VgrooveError(f"{name}: the drill driver has no effects, so not {next(iter(self.effects))}")
         if self.input["kind"] != "duty" or self.bus_is_measured:
             raise VgrooveError(f"{name}: a duty and its own supply drive the drill driver, not {self.input['kind']} and a measured bus")
-        flat = {f"{s}.{k}": v for s in PLANT_SECTIONS for k, v in getattr(self, s).items()}
         known = _core.drill_parameters()
-        found = {key: float(value) for key, value in flat.items() if key in known}
-        found["load.exponential"] = float(self.load.get("form") == "exponential")
+        found = {key: value for key, value in self._flat().items() if key in known}
         if "slew_per_s" in self.input:
             found["drive.ramp_s"] = 1.0 / self.input["slew_per_s"]
         return known | found
 
     def _flat(self) -> dict[str, float]:
-        flat = {f"{s}.{k}": v for s in PLANT_SECTIONS for k, v in getattr(self, s).items() if _is_number(v)}
+        flat = {f"{s}.{k}": float(v) for s in PLANT_SECTIONS for k, v in getattr(self, s).items() if isinstance(v, int | float)}
+        if "form" in self.load:
+            flat[LOAD_FORM[0]] = float(self.load["form"] == LOAD_FORM[1])
         for effect, values in self.effects.items():
             for key, value in values.items():
                 parameter, word = WORDS.get((effect, key), (f"effects.{effect}.{key}", None))
@@ -321,8 +325,12 @@ def rig_from_dict(data: Mapping[str, Any], source: str) -> Rig:
         raise VgrooveError(f'{source}: [mechanism] kind = "drill_driver" and [load] kind = "chuck" go together')
     if rig.input["kind"] == "duty" and not rig.bus_is_measured and "voltage_v" not in rig.supply:
         raise VgrooveError(f"{source}: supply.voltage_v is missing: duty as input and a modelled bus need the open-circuit voltage")
+    if rig.load["kind"] == "free" and rig.mechanism["kind"] != "none":
+        raise VgrooveError(f'{source}: [load] kind = "free" is a friction behind the gear and needs [mechanism] kind = "none"; '
+                           'the anvil of an impact mechanism is free with [load] kind = "none"')
     _check_together(rig, source)
     _check_joint_effects(rig, source)
+    _check_impact_tool(rig, source)
     return rig
 
 
@@ -339,7 +347,9 @@ class Figure:
 
 def _check_together(rig: Rig, source: str) -> None:
     """Keys that are each possible must give a tool that is: their time constants bound what a solver has to follow."""
-    for figure in (*_mechanical_figures(rig), *(_electrical_figures(rig) if rig.input["kind"] != "current_a" else ())):
+    electrical = _electrical_figures(rig) if rig.input["kind"] != "current_a" else ()
+    impact = _impact_figures(rig) if rig.mechanism["kind"] == "impact" else ()
+    for figure in (*_mechanical_figures(rig), *electrical, *impact):
         if not figure.low <= figure.value <= figure.high:
             stated = ", ".join(f"{key} {rig.value(key):g}" for key in figure.keys)
             raise VgrooveError(f"{source}: {stated}: together they make {figure.words} {figure.value:.3g}, "
@@ -351,6 +361,15 @@ def _check_joint_effects(rig: Rig, source: str) -> None:
     for effect, loads in ACTS_ON.items():
         if effect in rig.effects and rig.load["kind"] not in loads:
             raise VgrooveError(f'{source}: effects.{effect} acts on a load of kind {" or ".join(loads)}, not {rig.load["kind"]}')
+
+
+def _check_impact_tool(rig: Rig, source: str) -> None:
+    """Lugs that fit one another, a hammer that starts between them and rises above them: the plant's own conditions."""
+    if rig.mechanism["kind"] == "impact":
+        from vgroove import _core
+
+        with refused_by_plant(source):
+            _core.check_impact_tool(rig.parameters(), rig.load["kind"])
 
 
 _MASSES = ("motor.inertia_kg_m2", "gearbox.output_inertia_kg_m2", "gearbox.ratio")
@@ -383,6 +402,27 @@ def _electrical_figures(rig: Rig) -> list[Figure]:
         pack = rig.value("supply.resistance_ohm") / resistance
         found += [Figure("Coulomb friction over stall torque", share, 0.0, 1.0, stall),
                   Figure("the ratio of the resistances", pack, 0.0, 100.0, ("supply.resistance_ohm", "motor.resistance_ohm"))]
+    return found
+
+
+def _impact_figures(rig: Rig) -> list[Figure]:
+    """Rates of contact, joint and spring. The reference set: 27 krad/s and 48,000 per s in a contact, 16 krad/s and 25,000 per s of the
+    anvil on its joint, 390 rad/s of the hammer on its spring."""
+    m, load = rig.mechanism, rig.load
+    hammer, anvil = "mechanism.hammer_inertia_kg_m2", "mechanism.anvil_inertia_kg_m2"
+    lug = m["lug_radius_m"] ** 2 * (1.0 / m["hammer_inertia_kg_m2"] + 1.0 / m["anvil_inertia_kg_m2"])
+    lugs = ("mechanism.lug_radius_m", hammer, anvil)
+    found = [Figure("the rate of the lugs' contact in rad/s", math.sqrt(m["contact_stiffness_n_per_m"] * lug), 1e2, RATE_MOST,
+                    ("mechanism.contact_stiffness_n_per_m", *lugs)),
+             Figure("the rate of the contact's damping per s", m["contact_damping_n_s_per_m"] * lug, 0.0, RATE_MOST,
+                    ("mechanism.contact_damping_n_s_per_m", *lugs)),
+             Figure("the rate of the hammer on its spring in rad/s", math.sqrt(m["spring_rate_n_per_m"] / m["hammer_mass_kg"]), 0.0, 1e5,
+                    ("mechanism.spring_rate_n_per_m", "mechanism.hammer_mass_kg"))]
+    if "stiffness_nm_per_rad" in load:
+        swing = math.sqrt(load["stiffness_nm_per_rad"] / m["anvil_inertia_kg_m2"])
+        decay = load["damping_nm_s_per_rad"] / m["anvil_inertia_kg_m2"]
+        found += [Figure("the rate of the anvil on its joint in rad/s", swing, 1.0, RATE_MOST, ("load.stiffness_nm_per_rad", anvil)),
+                  Figure("the rate of the joint's damping per s", decay, 0.0, RATE_MOST, ("load.damping_nm_s_per_rad", anvil))]
     return found
 
 

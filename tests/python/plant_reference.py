@@ -48,6 +48,7 @@ class Tool:
     mass: float = 0.0
     length: float = 0.0
     zero: float = 0.0
+    free: dict[str, float] = field(default_factory=dict)  # law of a free load: tc, tbrk, w_brk, f; the older form: w_th, cv instead
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def on(self, name: str) -> dict[str, float] | None:
@@ -55,6 +56,16 @@ class Tool:
 
     def get(self, name: str, parameter: str, off: float = 0.0) -> float:
         return self.effects.get(name, {}).get(parameter, off)
+
+
+def free_nm(w: float, tc: float, tbrk: float, w_brk: float = 0.0, f: float = 0.0, w_th: float = 0.0, cv: float = 0.0) -> float:
+    """physics.md section 3: the Simscape form, or with w_th the older one."""
+    if w_th:
+        at = max(abs(w), w_th)
+        torque = tc + (tbrk - tc) * np.exp(-cv * at) + f * at
+        return float(np.sign(w) * torque * min(abs(w) / w_th, 1.0))
+    share = w / (np.sqrt(2) * w_brk)
+    return float(np.sqrt(2 * np.e) * (tbrk - tc) * np.exp(-(share**2)) * share + tc * np.tanh(10 * w / w_brk) + f * w)
 
 
 def command_stretches(log: Log, tool: Tool) -> list[tuple[float, float, float, float, bool]]:
@@ -141,8 +152,10 @@ class Drivetrain:
         return {"i": i, "vs": vs, "v": v, "brush": brush, "r": r, "ibus": ibus, "voc": self.bus if measured else voc, "dead": dead}
 
     def load(self, t: float, y: np.ndarray) -> tuple[float, float]:
-        """Opposing torque and pendulum torque, both at the motor shaft."""
+        """Opposing torque, and that of a pendulum or a free load's friction, both at the motor shaft."""
         opposing = (self.tl0 + self.dtl * (t - self.t0)) / self.n if self.log.load_kind == "torque" else 0.0
+        if self.log.load_kind == "free":
+            return opposing, free_nm((y[W2] if self.two else y[W]) / self.n, **self.tool.free) / self.n
         if self.log.load_kind != "pendulum":
             return opposing, 0.0
         angle = (y[TH2] if self.two else y[TH]) / self.n

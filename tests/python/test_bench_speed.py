@@ -14,9 +14,10 @@ import pytest
 from rich.console import Console
 
 import impact_reference as reference
+from vgroove import _core as core
 from vgroove.bench import euler, timing
 from vgroove.bench.impact_tool import SLIPPING, ImpactTool, head_rad, rest
-from vgroove.bench.own import RIG_KEYS
+from vgroove.bench.own import RIG_KEYS, impact_log, impact_parameters
 
 KEPT = json.loads(reference.RESULTS.read_text())["cases"]
 # What a field of the comparison's tool is called in the reference's.
@@ -209,6 +210,7 @@ def made_figures() -> dict:
                    "head_error": 1e-5}],
         "growth": [{"of": "time", "size": 1.0, "seconds_each": 2e-3}],
         "drive": [{"name": "vgroove", "seconds": 1e-3, "times_real_time": 1e4, "speed_error": 1e-5, "rtol": None, "ratio": 1.0}],
+        "memory": [{"of": "impact", "seconds": 60, "log_mib": 6.5, "peak_mib": 7.5}],
         "missing": [{"name": "CasADi CVODES", "install": "pip install casadi"}],
     }
 
@@ -219,5 +221,27 @@ def test_tables_show_figures_and_missing_peers() -> None:
     for table in tables.speed_tables(made_figures()):
         console.print(table)
     text = console.export_text()
-    for words in ("peer missing", "pip install casadi", "slip 60 N m", "2 us", "5.0 %", "40 %", "1000.0", "10,000"):
+    for words in ("peer missing", "pip install casadi", "slip 60 N m", "2 us", "5.0 %", "40 %", "1000.0", "10,000", "7.5"):
         assert words in text, words
+
+
+@pytest.mark.parametrize("of", ["impact", "drivetrain"])
+def test_memory_of_a_run_is_bounded_by_its_log(of: str) -> None:
+    memory = importlib.import_module("vgroove.bench.memory")
+    found = memory.measure_memory((of,), (10, 60))
+    assert [m.seconds for m in found] == [10, 60]
+    assert found[1].log_mib > 5.5 * found[0].log_mib > 2.0
+    assert 0.5 < memory.growth_over_log(found, of) < 2.0
+
+
+def derivatives_of(seconds: float, tools: int) -> float:
+    """Derivatives that the plant takes for so many tools, each for so long: its work, whatever the machine does besides."""
+    log = impact_log(1.0, round(seconds * 1000))
+    theta = np.repeat(impact_parameters(SLIPPING["slip_60"])[None, :], tools, axis=0)
+    theta[:, core.PARAMETERS.index("supply.voltage_v")] *= np.linspace(0.98, 1.02, tools)
+    return sum(one["derivatives"] for one in core.simulate_impact(log, theta, mode="fast", threads=2)["statistics"])
+
+
+def test_work_grows_linearly_with_time_and_batch() -> None:
+    assert derivatives_of(6.0, 1) == pytest.approx(6.0 / 1.5 * derivatives_of(1.5, 1), rel=0.1)
+    assert derivatives_of(1.0, 64) == pytest.approx(8.0 * derivatives_of(1.0, 8), rel=0.05)

@@ -79,9 +79,9 @@ def drive_log(seed: int = 3, **kwargs: object) -> ref.Log:
     return ref.Log(**{**values, **kwargs})
 
 
-def plant_run(tool: ref.Tool, log: ref.Log, start: tuple[float, float, float]) -> dict[str, np.ndarray]:
+def plant_run(tool: ref.Tool, log: ref.Log, start: tuple[float, float, float], theta: np.ndarray | None = None) -> dict[str, np.ndarray]:
     given = core.LogInput(log.time_s, log.kind, log.command, log.slew_per_s, log.supply_v, log.load_nm, log.coast, log.load_kind)
-    out = core.simulate_log(given, theta_of(tool)[None, :], np.array([0]), np.array([start]), 1)
+    out = core.simulate_log(given, (theta_of(tool) if theta is None else theta)[None, :], np.array([0]), np.array([start]), 1)
     return {name: column[0] for name, column in out.items()}
 
 
@@ -114,6 +114,27 @@ def test_running_start_without_slew() -> None:
 def test_pendulum() -> None:
     log = drive_log(load_kind="pendulum")
     check(ref.Tool(mass=0.49, length=0.1, zero=0.3), log, (0.0, 0.0, 8.0))
+
+
+FREE = {
+    "stribeck": ({"tc": 1.5, "tbrk": 1.8, "w_brk": 8.0, "f": 2e-3},
+                 {"torque_nm": 1.5, "breakaway_ratio": 1.2, "breakaway_rad_s": 8.0, "viscous_nm_s_per_rad": 2e-3}),
+    "older form": ({"tc": 1.0, "tbrk": 1.5, "w_th": 2.0, "cv": 0.05, "f": 1e-3},
+                   {"torque_nm": 1.0, "breakaway_ratio": 1.5, "threshold_rad_s": 2.0, "decay_s_per_rad": 0.05, "viscous_nm_s_per_rad": 1e-3,
+                    "exponential": 1.0}),
+}
+
+
+@pytest.mark.parametrize("effect", [None, "load_dependent_friction", "coupler_compliance", "gear_backlash"])
+@pytest.mark.parametrize("form", FREE)
+def test_free_load(form: str, effect: str | None) -> None:
+    law, keys = FREE[form]
+    tool = ref.Tool(free=law, effects={effect: EFFECTS[effect]} if effect else {})
+    log, theta = drive_log(load_kind="free"), theta_of(tool)
+    for key, value in keys.items():
+        theta[core.PARAMETERS.index(f"load.{key}")] = value
+    found = worst(plant_run(tool, log, (0.0, 0.0, 0.0), theta), ref.simulate(tool, log, (0.0, 0.0, 0.0)))
+    assert max(found.values()) < AGREEMENT, found
 
 
 def test_voltage_input() -> None:

@@ -13,7 +13,7 @@ import tomli_w
 from made_log import RIG
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.rig import EFFECTS, KINDS, SECTIONS, WORDS, read_rig, rig_from_dict, write_rig
+from vgroove.rig import EFFECTS, KINDS, LOAD_FORM, SECTIONS, WORDS, read_rig, rig_from_dict, write_rig
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -190,7 +190,8 @@ def test_parameters_are_the_rig_in_the_plants_order() -> None:
 def test_every_parameter_of_the_plant_is_a_key_of_a_rig() -> None:
     known = {f"{s}.{k}" for s, keys in SECTIONS.items() for k in keys}
     known |= {f"{s}.{k}" for s, kinds in KINDS.items() for keys in kinds.values() for k in keys}
-    known |= {f"effects.{e}.{k}" for e, keys in EFFECTS.items() for k in keys} | {parameter for parameter, _ in WORDS.values()}
+    known |= {f"effects.{e}.{k}" for e, keys in EFFECTS.items() for k in keys}
+    known |= {parameter for parameter, _ in (*WORDS.values(), LOAD_FORM)}
     assert set(_core.PARAMETERS) <= known
 
 

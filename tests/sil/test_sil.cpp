@@ -7,6 +7,7 @@
 
 #include "hal/sim/sim.h"
 #include "plant/drive_plant.hpp"
+#include "unit/plant/reference_tool.hpp"
 
 namespace {
 
@@ -14,19 +15,9 @@ constexpr double SUPPLY_V = 18.5;
 constexpr double RPM = 30.0 / 3.14159265358979;
 constexpr int PERIODS_PER_MS = 31;
 
-// The reference drive of physics.md section 4, mechanism none.
+// The reference drive of physics.md section 4, mechanism none: hammer and anvil turn with the spindle.
 vgroove::Parameters reference() {
-    vgroove::Parameters p;
-    p.supply_voltage_v = SUPPLY_V;
-    p.supply_resistance_ohm = 0.10;
-    p.bridge_pwm_hz = 31372.5;
-    p.motor_resistance_ohm = 0.19;
-    p.motor_inductance_h = 100e-6;
-    p.motor_torque_constant = 0.0109;
-    p.motor_inertia_kg_m2 = 1.6e-5;
-    p.motor_viscous = 4.5e-6;
-    p.motor_coulomb_nm = 0.012;
-    p.gearbox_ratio = 5.6;
+    vgroove::Parameters p = reference_tool();
     p.gearbox_output_inertia = 6e-5;
     return p;
 }

@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from vgroove.bench import batch_speed, drive_speed, impact_speed, lockstep_speed
+from vgroove.bench import batch_speed, drive_speed, impact_speed, lockstep_speed, memory
 from vgroove.bench.impact_speed import Figure
 from vgroove.bench.impact_tool import ImpactTool
 from vgroove.bench.lockstep_speed import LockstepFigure, own_lockstep
@@ -80,14 +80,17 @@ def measure(peers: list[Peer], missing: list[Missing], run: tuple[int, int, int]
     batch = batch_speed.measure_batch(seed, repeats, rtol, done)
     costs = batch_speed.measure_growth(seed, repeats, done)
     drive, sensitivity = drive_speed.measure_drive(seconds, seed, repeats, done)
+    memories = memory.measure_memory()
     lockstep, step_s = lockstep_speed.pairs(impact, LOCKSTEP_PAIRS), mujoco_step_s()
-    asked = [*asked_of_impact(impact, lockstep), *asked_of_batch(batch, costs), *asked_of_drive(drive, sensitivity)]
+    asked = [*asked_of_impact(impact, lockstep), *asked_of_batch(batch, costs), *asked_of_drive(drive, sensitivity),
+             *asked_of_memory(memories)]
     return {
         "schema": SCHEMA, "cpu": cpu_name(), "cores": os.cpu_count(), "busy": busy_share(impact),
         "seed": seed, "repeats": repeats, "drive_seconds": seconds,
         "asked": [asdict(a) for a in asked],
         "impact": [asdict(f) | {"ratio": f.cpu_seconds / own_cpu_seconds(impact, f.case)} for f in impact],
         "lockstep": [asdict(f) for f in lockstep], "batch": [asdict(f) for f in batch], "growth": [asdict(c) for c in costs],
+        "memory": [asdict(m) for m in memories],
         "drive": [asdict(f) | {"ratio": f.cpu_seconds / drive[0].cpu_seconds} for f in drive], "drive_sensitivity_runs": sensitivity,
         "mujoco_step_s": step_s, "missing": [asdict(m) for m in missing + ([MUJOCO] if step_s is None else [])],
     }
@@ -159,3 +162,9 @@ def asked_of_drive(drive: list[drive_speed.DriveFigure], sensitivity: float) -> 
         judged("drivetrain: error of the speed", drive[0].speed_error, "<=", drive_speed.ACCURACY),
         judged("drivetrain: runs that a sensitivity costs", sensitivity, "<=", 1.5),
     ]
+
+
+def asked_of_memory(found: list[memory.Memory]) -> list[Asked]:
+    """Bounded by the log: every byte more that a longer run takes belongs to a copy of its columns."""
+    name = "{}: memory of a longer run over its log's"
+    return [judged(name.format(of), memory.growth_over_log(found, of), "<=", 2.0) for of in memory.RUNS]

@@ -13,7 +13,7 @@ CASES = {"slip_60": "slip 60 N m", "slope_700": "slope 700"}
 def speed_tables(figures: dict[str, Any]) -> list[Table]:
     """What was asked, then each comparison, then the peers that are missing."""
     impact = [impact_table(figures, case) for case in CASES if any(f["case"] == case for f in figures["impact"])]
-    others = [make(figures) for make in (lockstep_table, batch_table, growth_table, drive_table)]
+    others = [make(figures) for make in (lockstep_table, batch_table, growth_table, drive_table, memory_table)]
     return [asked_table(figures), *impact, *others, *([missing_table(figures)] if figures["missing"] else [])]
 
 
@@ -90,4 +90,11 @@ def drive_table(figures: dict[str, Any]) -> Table:
         rtol = "" if f["rtol"] is None else f"rtol {f['rtol']:g}"
         cells = (f"{1e3 * f['seconds']:.2f}", f"{f['times_real_time']:,.0f}", f"{f['speed_error']:.1e}", f"{f['ratio']:.2f}")
         table.add_row(f["name"], rtol, *cells)
+    return table
+
+
+def memory_table(figures: dict[str, Any]) -> Table:
+    table = narrow("run", "length", "log MiB", "peak MiB", title="Memory of a run in a process of its own, beyond the code's")
+    for m in figures["memory"]:
+        table.add_row(m["of"], f"{m['seconds']} s", f"{m['log_mib']:.1f}", f"{m['peak_mib']:.1f}")
     return table

@@ -193,11 +193,13 @@ def cycle_picture(found: dict[str, Any]) -> Picture:
 
 
 def shade(figure: go.Figure, found: dict[str, Any]) -> None:
-    """Phases behind all panels, named above the first where there is room."""
+    """Phases behind all panels, named above the first where there is room; the blow is named to the left of its beginning."""
     for p in found["phases"]:
         look = {"x0": p["start_ms"], "x1": p["end_ms"], "fillcolor": COLOURS[p["phase"]], "line_width": 0, "layer": "below"}
-        wide = p["end_ms"] - p["start_ms"] > 60 * found["period_s"] or p["phase"] == "blow"
+        blow = p["phase"] == "blow"
+        wide = p["end_ms"] - p["start_ms"] > 60 * found["period_s"] or blow
         named = {"annotation_text": p["phase"], "annotation_position": "top left", "annotation_yshift": 20} if wide else {}
+        named |= {"annotation_xanchor": "right" if blow else "left"} if wide else {}
         figure.add_vrect(**look, **named, row=1, col=1)
         for row in range(2, 6):
             figure.add_vrect(**look, row=row, col=1)

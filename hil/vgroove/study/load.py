@@ -16,6 +16,8 @@ CURVES = ("hard_joint", "disc_spring", "m6", "m8", "m10")
 CURVE_TURNS = {"hard_joint": 0.15, "disc_spring": 20.1, "m6": 25.5, "m8": 15.5, "m10": 10.5}  # from the start of the log
 COLOURS = ("#30343b", "#d1495b", "#edae49", "#00798c", "#66a182")
 DUTIES = (0.5, 1.0)
+PENDULUM = {"mass_kg": 0.49, "length_m": 0.1}  # gap contract, section 2
+FREE = {"coulomb_nm": 0.5, "breakaway_nm": 0.6, "w_brk": 5.0, "threshold": 0.5, "decay": 0.3}  # physics.md section 3, sizes E
 # physics.md section 6
 YOUNG_PA, POISSON = 206e9, 0.3
 DISC = {"outer_m": 40e-3, "inner_m": 20.4e-3, "thickness_m": 1.5e-3, "cone_m": 1.15e-3}
@@ -33,6 +35,22 @@ def disc_force(deflection_m: np.ndarray) -> np.ndarray:
     k1 = ((d - 1) / d) ** 2 / ((d + 1) / (d - 1) - 2 / np.log(d)) / np.pi
     s = deflection_m
     return 4 * YOUNG_PA / (1 - POISSON**2) * t**4 / (k1 * outer**2) * (s / t) * ((h0 / t - s / t) * (h0 / t - s / (2 * t)) + 1)
+
+
+def free_nm(speed_rad_s: np.ndarray, exponential: bool = False) -> np.ndarray:
+    """Friction of a free load at speeds (n,) by physics.md section 3: the Simscape form, or the older one."""
+    tc, tbrk, w_brk = FREE["coulomb_nm"], FREE["breakaway_nm"], FREE["w_brk"]
+    if exponential:
+        at = np.maximum(np.abs(speed_rad_s), FREE["threshold"])
+        torque = tc + (tbrk - tc) * np.exp(-FREE["decay"] * at)
+        return np.sign(speed_rad_s) * torque * np.minimum(np.abs(speed_rad_s) / FREE["threshold"], 1.0)
+    share = speed_rad_s / (np.sqrt(2) * w_brk)
+    return np.sqrt(2 * np.e) * (tbrk - tc) * np.exp(-(share**2)) * share + tc * np.tanh(10 * speed_rad_s / w_brk)
+
+
+def pendulum_nm(angle_rad: np.ndarray) -> np.ndarray:
+    """Torque of the pendulum against the shaft at angles (n,) from where it hangs."""
+    return PENDULUM["mass_kg"] * 9.81 * PENDULUM["length_m"] * np.sin(angle_rad)
 
 
 def lever_m(friction: float) -> float:
@@ -206,7 +224,7 @@ def load_study(rig: Rig, duration_s: float, tick: Tick) -> Study:
         coupler_table(coupler),
         motion_table(data["motion"]),
     ]
-    pictures = [curve_picture(curves), stack_picture(stack), coupler_picture(pulses), motion_picture(motions)]
+    pictures = [curve_picture(curves), other_picture(), stack_picture(stack), coupler_picture(pulses), motion_picture(motions)]
     return Study("load", f"Loads of the {rig.name or 'impact driver'}", load_lines(figures, bolt, coupler), tables, pictures, data)
 
 
@@ -341,6 +359,28 @@ def curve_picture(curves: dict[str, dict[str, np.ndarray]]) -> Picture:
     figure.update_yaxes(title_text="slip torque in N m", col=1)
     note = "Torque at which the head turns, from the start of the log (screws 12 turns deep, springs 4 turns tight); dashed: backwards."
     return Picture("Torque over angle", style(figure, 520), note)
+
+
+def other_picture() -> Picture:
+    """Loads that do not slip: elastic twist of a locked joint, pendulum, free load."""
+    figure = make_subplots(rows=1, cols=3, horizontal_spacing=0.09)
+    degrees, speed = np.linspace(-180.0, 180.0, 181), np.linspace(-30.0, 30.0, 601)
+    twist = np.linspace(-3.0, 3.0, 61)
+    stiffness = JOINTS["locked"]["stiffness_nm_per_rad"]
+    panels = (
+        (1, twist, stiffness * np.radians(twist), f"locked joint, {stiffness:,} N m/rad", COLOURS[0], "solid"),
+        (2, degrees, pendulum_nm(np.radians(degrees)), "pendulum, 0.49 kg at 0.1 m", COLOURS[1], "solid"),
+        (3, speed, free_nm(speed), "free load, Stribeck", COLOURS[3], "solid"),
+        (3, speed, free_nm(speed, exponential=True), "free load, older form", COLOURS[4], "dash"),
+    )
+    for col, x, y, name, colour, dash in panels:
+        line = {"color": colour, "width": 2, "dash": dash}
+        figure.add_trace(go.Scatter(x=x, y=y, name=name, mode="lines", line=line), row=1, col=col)
+    for col, words in enumerate(("elastic twist in °", "angle in °", "speed in rad/s"), 1):
+        figure.update_xaxes(title_text=words, row=1, col=col)
+    figure.update_yaxes(title_text="torque in N m", col=1)
+    note = "The free load's friction depends on speed instead of angle: 0.5 N m, breakaway 0.6 N m."
+    return Picture("Torque of the loads that do not slip", style(figure, 430), note)
 
 
 def stack_picture(found: dict[str, np.ndarray]) -> Picture:

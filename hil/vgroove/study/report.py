@@ -29,6 +29,7 @@ td,th{padding:3px 10px;border-bottom:1px solid #ddd;text-align:left} td.n,th.n{t
 p{margin:6px 0} .note{color:#555}"""
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM_LIMIT_S = 120
+LEAST_SHOWN = 1e-4
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,11 @@ class Table:
 
 
 def shown(cell: Any) -> str:
-    """A cell as people read it: four digits, a dash for nothing."""
+    """A cell as people read it: four digits, a dash for nothing; what is smaller than anyone measures is said to be."""
     if cell is None:
         return "–"
+    if isinstance(cell, float) and 0.0 < abs(cell) < LEAST_SHOWN:
+        return f"< {LEAST_SHOWN:g}"
     if isinstance(cell, float):
         return f"{cell:.4g}" if abs(cell) < 1e4 else f"{cell:,.0f}"
     return str(cell)
@@ -141,14 +144,14 @@ def thin(time: np.ndarray, *columns: np.ndarray, points: int = 3000) -> list[np.
     return [time[at], *(column[at] for column in columns)]
 
 
-def page(study: Study) -> str:
-    """The study as one HTML text that opens offline."""
+def page(study: Study, bar: bool | str = "hover") -> str:
+    """The study as one HTML text that opens offline; `bar`: when the buttons above a figure show."""
     body = [f"<h1>{html.escape(study.title)}</h1>"]
     body += [f"<p>{html.escape(line)}</p>" for line in study.lines]
     for n, picture in enumerate(study.pictures):
         body.append(f"<h2>{html.escape(picture.title)}</h2><p class=note>{html.escape(picture.note)}</p>")
         image = {"format": "svg", "filename": f"{study.name}_{n + 1}"}
-        config = {"displaylogo": False, "displayModeBar": "hover", "toImageButtonOptions": image}
+        config = {"displaylogo": False, "displayModeBar": bar, "toImageButtonOptions": image}
         body.append(picture.figure.to_html(full_html=False, include_plotlyjs=False, div_id=f"figure{n + 1}", config=config))
     for table in study.tables:
         body.append(f"<h2>{html.escape(table.title)}</h2>{table.as_html()}")
@@ -172,9 +175,10 @@ def find_chromium() -> str:
     return found
 
 
-def draw(chromium: str, html_path: Path, png_path: Path, height: int) -> None:
-    """Picture of a page, twice the page's resolution."""
-    part = png_path.with_name(f".{png_path.name}.part.png")
+def draw(chromium: str, text: str, png_path: Path, height: int) -> None:
+    """Picture of a page (its HTML text), twice the page's resolution."""
+    part, source = (png_path.with_name(f".{png_path.name}.part.{ending}") for ending in ("png", "html"))
+    write_text(source, text)
     command = [
         chromium,
         "--headless",
@@ -185,7 +189,7 @@ def draw(chromium: str, html_path: Path, png_path: Path, height: int) -> None:
         f"--window-size={PAGE_WIDTH + 60},{height}",
         "--virtual-time-budget=8000",
         f"--screenshot={part}",
-        html_path.resolve().as_uri(),
+        source.resolve().as_uri(),
     ]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=CHROMIUM_LIMIT_S, check=False)
@@ -196,6 +200,7 @@ def draw(chromium: str, html_path: Path, png_path: Path, height: int) -> None:
         raise VgrooveError(f"{png_path}: {chromium} drew no picture: {error}") from error
     finally:
         part.unlink(missing_ok=True)
+        source.unlink(missing_ok=True)
 
 
 def svg_of(chromium: str, figure: go.Figure) -> str:
@@ -251,5 +256,5 @@ def write(study: Study, places: Places) -> list[Path]:
         write_text(written[-1], table.as_csv())
     if places.chromium:
         written.append(places.file(f"{study.name}.png"))
-        draw(places.chromium, written[1], written[-1], page_height(study))
+        draw(places.chromium, page(study, bar=False), written[-1], page_height(study))
     return written

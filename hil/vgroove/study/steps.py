@@ -16,6 +16,7 @@ from vgroove.study.report import Picture, Study, Table, style
 DESIGN_STEPS_S = (70e-6, 40e-6, 35e-6)
 SWEEP_S = (10e-6, 100e-3)
 LIMIT = 0.01
+EVENT_TICK_US = 3e5  # where events are marked, above every step
 COLOURS = {"euler": "#d1495b", "rk4": "#edae49", "real_time": "#00798c"}
 STEP_COLOURS = {1: "#d1495b", 2: "#edae49", 3: "#00798c"}
 DASHES = {1: "solid", 2: "dash", 3: "dot"}
@@ -214,7 +215,7 @@ def drill_lines(largest: list[dict[str, Any]], timing: list[dict[str, Any]]) -> 
     """What was found, in sentences."""
 
     def word(step_s: float | None) -> str:
-        return "none of the sweep" if step_s is None else f"{step_s * 1e6:g} us"
+        return "none of the sweep" if step_s is None else f"{step_s * 1e6:g} us" if step_s < 1e-3 else f"{step_s * 1e3:g} ms"
 
     lines = []
     for solver, name in SOLVERS.items():
@@ -341,17 +342,17 @@ def history_picture(histories: list[dict[str, Any]], tolerance: float) -> Pictur
     figure.update_yaxes(type="log", title_text="step in µs", exponentformat="power", dtick=2)
     figure.update_xaxes(range=[0, DURATION_S])
     figure.update_xaxes(title_text="time in s", row=len(modes), col=1)
-    note = f"Accepted steps of the variable-step solver, tolerance {tolerance:g}; ticks: events of parameter step 1."
+    note = f"Accepted steps of the variable-step solver, tolerance {tolerance:g}; ticks above: events of parameter step 1."
     return Picture("Step size over the run", style(figure, 260 * len(modes) + 80), note)
 
 
 def event_marks(h: dict[str, Any], legend: bool) -> go.Scatter:
-    """The steps that an event ended."""
+    """When an event ended a step: ticks above the curves."""
     at = [n for n, mark in enumerate(h["mark"]) if mark != "none"]
-    marker = {"color": "#30343b", "size": 7, "symbol": "line-ns-open"}
+    marker = {"color": "#30343b", "size": 9, "symbol": "line-ns-open", "line": {"width": 1.5}}
     return go.Scatter(
         x=h["time_s"][at],
-        y=h["length_s"][at] * 1e6,
+        y=np.full(len(at), EVENT_TICK_US),
         name="event",
         mode="markers",
         marker=marker,
@@ -382,7 +383,9 @@ def sweep_picture(sweep: list[dict[str, Any]]) -> Picture:
                     showlegend=row == 1,
                 )
                 figure.add_trace(trace, row=row, col=1)
-        figure.add_hline(y=100 * LIMIT, line={"color": "#30343b", "width": 1}, annotation_text="1 %", row=row, col=1)
+        figure.add_hline(y=100 * LIMIT, line={"color": "#30343b", "width": 1}, row=row, col=1)
+        words = {"text": "1 %", "showarrow": False, "xanchor": "right", "yanchor": "bottom"}
+        figure.add_annotation(x=np.log10(0.17), y=np.log10(100 * LIMIT), **words, row=row, col=1)
         for step_s in DESIGN_STEPS_S:
             figure.add_vline(x=step_s, line={"color": "#bbb", "width": 1}, row=row, col=1)
     figure.update_yaxes(type="log", title_text="speed error in %", exponentformat="power", range=[-6.2, 2.5])

@@ -17,6 +17,7 @@ LOADS = ("locked", "slip_60", "hard_joint")
 DURATION_S, FROM_S = 0.8, 0.5
 COLOURS = {"locked": "#30343b", "slip_60": "#d1495b", "hard_joint": "#00798c"}
 TRACE_STEP_S = 2e-5
+STEP_FLOOR_US = 0.1  # what is shorter is drawn here
 
 
 def impact_history(rig: Rig, load: str, tolerance: float) -> dict[str, Any]:
@@ -127,13 +128,15 @@ def cycle_steps_picture(histories: list[dict[str, Any]], tolerance: float) -> Pi
         time_ms, step_us = 1e3 * (h["time_s"][at] - start), 1e6 * h["length_s"][at]
         line = {"color": COLOURS[h["load"]], "width": 1.4}
         name = JOINT_WORDS[h["load"]]
-        figure.add_trace(go.Scatter(x=time_ms, y=step_us, name=name, legendgroup=name, mode="lines", line=line), row=1, col=1)
         marked = [n for n, k in enumerate(at) if h["mark"][k] != "none"]
+        chosen = np.setdiff1d(np.arange(len(at)), marked)
+        curve = go.Scatter(x=time_ms[chosen], y=step_us[chosen], name=name, legendgroup=name, mode="lines", line=line)
+        figure.add_trace(curve, row=1, col=1)
         marker = {"color": COLOURS[h["load"]], "size": 6, "symbol": "circle-open"}
         figure.add_trace(
             go.Scatter(
                 x=time_ms[marked],
-                y=step_us[marked],
+                y=np.maximum(step_us[marked], STEP_FLOOR_US),
                 mode="markers",
                 marker=marker,
                 text=[h["mark"][at[n]] for n in marked],
@@ -152,8 +155,12 @@ def cycle_steps_picture(histories: list[dict[str, Any]], tolerance: float) -> Pi
             row=2,
             col=1,
         )
-    figure.update_yaxes(type="log", title_text="step in µs", exponentformat="power", dtick=1, range=[-2, 3], row=1, col=1)
+    look = {"type": "log", "exponentformat": "power", "dtick": 1}
+    figure.update_yaxes(title_text="step in µs", **look, range=[np.log10(STEP_FLOOR_US) - 0.2, 3], row=1, col=1)
     figure.update_yaxes(title_text="hammer in mm", row=2, col=1)
     figure.update_xaxes(title_text="time from the blow in ms", row=2, col=1)
-    note = f"Accepted steps, tolerance {tolerance:g}, events located; circles: steps cut short by an event."
+    note = (
+        f"Steps that the solver chose, tolerance {tolerance:g}; circles: steps that an event cut short, at {STEP_FLOOR_US:g} µs where they "
+        "are shorter still."
+    )
     return Picture("Step size over the impact cycle", style(figure, 640), note)

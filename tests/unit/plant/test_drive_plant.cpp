@@ -3,24 +3,9 @@
 #include <gtest/gtest.h>
 
 #include "plant/drive_plant.hpp"
+#include "reference_tool.hpp"
 
 using namespace vgroove;
-
-static Parameters reference_tool() {
-    Parameters p;
-    p.supply_voltage_v = 18.5;
-    p.supply_resistance_ohm = 0.10;
-    p.bridge_pwm_hz = 31372.5;
-    p.motor_resistance_ohm = 0.19;
-    p.motor_inductance_h = 1e-4;
-    p.motor_torque_constant = 0.0109;
-    p.motor_inertia_kg_m2 = 1.6e-5;
-    p.motor_viscous = 4.5e-6;
-    p.motor_coulomb_nm = 0.012;
-    p.gearbox_ratio = 5.6;
-    p.gearbox_output_inertia = 6e-6;
-    return p;
-}
 
 static DrivePlant tool(const Parameters &p, LoadKind load = LoadKind::NONE) {
     return DrivePlant(p, load, hall_wheel(4, 0.3, {}), 1);
