@@ -17,8 +17,8 @@ const char *const DRILL_ROW_NAMES[DRILL_ROW_COUNT] = {
 
 constexpr double LOCATE_S = 1e-12;  // an event is located this well
 constexpr double STEP_MIN_S = 1e-13;
-constexpr int STUCK_STEPS = 1000;  // that many steps of about LOCATE_S on end: changes of mode that never settle
-constexpr double DIVERGED = 1e3;   // sizes of a state
+constexpr int STUCK_STEPS = 1000;                        // that many steps of about LOCATE_S on end: changes of mode that never settle
+constexpr double DIVERGED = 1e3;                         // sizes of a state
 constexpr double STEPS_SECOND = 5e5, STEPS_SAVED = 1e6;  // the reference may try so many a simulated second, and so many besides
 constexpr std::size_t LOOK_STEPS = 256;                  // so often a run asks whether it is still wanted
 
@@ -223,7 +223,8 @@ DrillRun run_reference(const DrillParameters &p, const DrillRequest &request) {
     for (std::size_t tries = 1; r.s.time_s < request.duration_s - LOCATE_S; ++tries) {
         look(request, tries);
         if (static_cast<double>(tries) > STEPS_SAVED + STEPS_SECOND * r.s.time_s)
-            throw std::runtime_error("drill driver: needs too many steps at " + std::to_string(r.s.time_s) + " s: a stiffness, a damping or an "
+            throw std::runtime_error("drill driver: needs too many steps at " + std::to_string(r.s.time_s) +
+                                     " s: a stiffness, a damping or an "
                                      "inertia of the rig is far off, or the tolerance too tight");
         advance(r);
     }

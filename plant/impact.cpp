@@ -28,8 +28,9 @@ static void require_together(bool holds, const char *words, double a, double b) 
 
 // Hammer and anvil lugs: a gap between them, a hammer that rises above them and starts in a gap.
 static void check_lugs(const Impact &m, const Parameters &p) {
-    require_together(m.travel_m > m.lug_height_m, "mechanism.travel_rad lets the hammer rise by %.4g m: it must be more than mechanism.lug_height_m, %.4g",
-                     m.travel_m, m.lug_height_m);
+    require_together(m.travel_m > m.lug_height_m,
+                     "mechanism.travel_rad lets the hammer rise by %.4g m: it must be more than mechanism.lug_height_m, %.4g", m.travel_m,
+                     m.lug_height_m);
     const double place = m.start_rad - m.period_rad * std::floor(m.start_rad / m.period_rad);
     require_together(place == 0.0 || place >= m.overlap_rad,
                      "mechanism.hammer_start_rad %.4g starts the hammer on a lug: before the anvil's lug it may start up to %.4g rad (negative)",
@@ -43,12 +44,13 @@ static void check_impact(const Parameters &p) {
     require(p.groove_lead_m_per_rad > 0.0, "mechanism.groove_lead_m_per_rad must be positive");
     require(p.groove_radius_m > 0.0, "mechanism.groove_radius_m must be positive");
     require(p.lug_count >= 1.0 && p.lug_count == std::floor(p.lug_count), "mechanism.lug_count must be a whole number above 0");
-    require_together(p.lug_overlap_rad > 0.0 && p.lug_overlap_rad < TURN_RAD / p.lug_count,
-                     "mechanism.lug_overlap_rad %.4g leaves no gap between the lugs: it must be above 0 and below a turn over mechanism.lug_count, %.4g",
-                     p.lug_overlap_rad, TURN_RAD / p.lug_count);
+    require_together(
+        p.lug_overlap_rad > 0.0 && p.lug_overlap_rad < TURN_RAD / p.lug_count,
+        "mechanism.lug_overlap_rad %.4g leaves no gap between the lugs: it must be above 0 and below a turn over mechanism.lug_count, %.4g",
+        p.lug_overlap_rad, TURN_RAD / p.lug_count);
     require(p.lug_radius_m > 0.0, "mechanism.lug_radius_m must be positive");
-    require_together(p.lug_height_m - p.lug_wear_m > 0.0, "mechanism.lug_height_m %.4g must be more than effects.lug_wear.height_m, %.4g", p.lug_height_m,
-                     p.lug_wear_m);
+    require_together(p.lug_height_m - p.lug_wear_m > 0.0, "mechanism.lug_height_m %.4g must be more than effects.lug_wear.height_m, %.4g",
+                     p.lug_height_m, p.lug_wear_m);
     require(p.contact_stiffness > 0.0, "mechanism.contact_stiffness_n_per_m must be positive");
     require(p.contact_ramp_m > 0.0, "mechanism.contact_ramp_m must be positive");
     require(p.contact_exponent >= 1.0, "mechanism.contact_exponent must be at least 1");

@@ -346,9 +346,7 @@ void simulate_impact(const LogInput &in, const double *theta, std::size_t batch,
     out.stats.assign(batch, {});
     out.trace.assign(out.trace_s.size() * TRACE_COLUMN_COUNT, std::nan(""));
     out.energy.assign(out.keep_energy ? in.time_s.size() * ENERGY_COUNT : 0, 0.0);
-    const auto each = [&](auto what) {
-        return [&job, batch, what](std::size_t row) { naming_the_set(row, batch, [&] { what(job, row); }); };
-    };
+    const auto each = [&](auto what) { return [&job, batch, what](std::size_t row) { naming_the_set(row, batch, [&] { what(job, row); }); }; };
     share_work(batch, 1, nullptr, each(model_of));  // an impossible tool is named before any has run
     share_work(batch, threads, out.watch, each(run_any));
 }

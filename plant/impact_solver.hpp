@@ -21,10 +21,10 @@ constexpr double IMPACT_SAME_S = 1e-15;  // instants that only rounding parts
 constexpr double IMPACT_STEP_MIN_S = 1e-12;
 constexpr double IMPACT_FIRST_CONTACT_S = 4e-6;  // first step after a contact begins
 constexpr double FROZEN_TWIST_RAD = 1e-6, FROZEN_SPEED_RAD_S = 1e-2;
-constexpr double IMPACT_PIECE_S = 6e-6;  // fixed steps: longest piece in a contact (27 krad/s)
-constexpr int IMPACT_CUTS_MAX = 2;       // fixed steps: switches located in a piece
-constexpr int IMPACT_SWITCHES_MAX = 64;  // without a step in between
-constexpr int IMPACT_LOOK_STEPS = 256;   // so often a run asks whether it is still wanted
+constexpr double IMPACT_PIECE_S = 6e-6;                                // fixed steps: longest piece in a contact (27 krad/s)
+constexpr int IMPACT_CUTS_MAX = 2;                                     // fixed steps: switches located in a piece
+constexpr int IMPACT_SWITCHES_MAX = 64;                                // without a step in between
+constexpr int IMPACT_LOOK_STEPS = 256;                                 // so often a run asks whether it is still wanted
 constexpr double IMPACT_STEPS_SECOND = 1e6, IMPACT_STEPS_SAVED = 2e6;  // a run may try so many steps a simulated second, and save so many
 
 struct ImpactStats {
@@ -90,10 +90,10 @@ template <class L> struct ImpactSolver {
     double dropped_j;  // contact energy dropped at releases
     BlowRecorder recorder;
     ImpactStats stats;
-    int look_in;      // steps until the next look
-    double credit;    // steps that the run may still try
-    double looked_s;  // simulated time of the last look
-    Watch *watch;     // or null
+    int look_in;                   // steps until the next look
+    double credit;                 // steps that the run may still try
+    double looked_s;               // simulated time of the last look
+    Watch *watch;                  // or null
     const Parameters *parameters;  // where the model comes from, for what is said of a run that does not come forward
     std::vector<StepRecord> *history;
     ImpactObserver<L> *observer;

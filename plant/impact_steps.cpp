@@ -93,8 +93,8 @@ template <class L> __attribute__((noinline)) void impact_look(ImpactSolver<L> &s
     self.credit += IMPACT_STEPS_SECOND * (self.drive.time_s - self.looked_s) - IMPACT_LOOK_STEPS;
     self.looked_s = self.drive.time_s;
     if (self.credit < 0.0)
-        throw std::runtime_error("impact mechanism: needs too many steps at " + std::to_string(self.drive.time_s) + " s: " +
-                                 fastest_parameter(*self.parameters));
+        throw std::runtime_error("impact mechanism: needs too many steps at " + std::to_string(self.drive.time_s) +
+                                 " s: " + fastest_parameter(*self.parameters));
     self.credit = min_of(self.credit, IMPACT_STEPS_SAVED);
 }
 

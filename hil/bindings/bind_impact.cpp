@@ -196,7 +196,8 @@ void bind_impact(nb::module_ &m) {
     for (const char *name : vgroove::IMPACT_EVENT_NAMES)
         events.append(name);
     m.attr("IMPACT_EVENTS") = events;
-    m.def("check_impact_tool", &check_impact_tool, "parameters"_a, "load_kind"_a, "ValueError with the reason where the plant cannot have such a tool.");
+    m.def("check_impact_tool", &check_impact_tool, "parameters"_a, "load_kind"_a,
+          "ValueError with the reason where the plant cannot have such a tool.");
     m.def("simulate_impact", &simulate_impact, "log_input"_a, "theta"_a, "mode"_a = "reference", "threads"_a = 1, "trace_s"_a.none() = nb::none(),
           "history"_a = false, "energy"_a = false, "tolerance"_a = 0.0, "step_s"_a = vgroove::IMPACT_STEP_FIXED_S,
           "theta (B, P) -> dict of rows (B, n), 'blows' and 'statistics' per batch row; of the first batch row 'trace' at trace_s, step 'history', "

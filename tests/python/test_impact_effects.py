@@ -241,3 +241,11 @@ def test_backlash_is_a_play_with_stiff_flanks_between_motor_and_spindle() -> Non
     np.testing.assert_allclose(gear_nm[firm], pushed[firm], rtol=0, atol=1e-3)
     assert np.sum(t["calm"] & (over == 0.0)) > 50
     np.testing.assert_allclose(gear_nm[t["calm"] & (over == 0.0) & (q > 0.2)], 0.0, atol=1e-3)
+
+
+def test_the_arm_swings_under_the_housing_reaction() -> None:
+    """physics.md section 8: J_h ph'' + c ph' + k ph = T_h; 4e-3 kg m2, 0.25 N m s/rad, 25 N m/rad."""
+    t = motion("locked")
+    speed = np.gradient(t["arm_rad"], STEP_S)
+    assert np.max(np.abs(t["housing_nm"])) > 1.0
+    agrees(t, 4e-3 * np.gradient(speed, STEP_S) + 0.25 * speed + 25.0 * t["arm_rad"], t["housing_nm"], 1.0)

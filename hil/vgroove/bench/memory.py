@@ -1,10 +1,10 @@
 """Memory of a run of the plant: what a process takes for runs of different lengths, against the columns that go in and come out."""
 
 import json
-import resource
 import subprocess
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -44,8 +44,9 @@ def run(of: str, seconds: int) -> int:
 
 
 def peak_bytes() -> int:
-    """Largest resident size of this process so far."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * KIB
+    """Largest resident size of this program so far (getrusage's would be that of the process it was forked from, too)."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return int(next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM:"))) * KIB
 
 
 def measure_here(of: str, seconds: int) -> Memory:
