@@ -10,7 +10,7 @@ from vgroove import _core
 from vgroove.rig import Rig
 from vgroove.study.command import Tick
 from vgroove.study.impact_runs import JOINT_SHORT, JOINT_WORDS, JOINTS, blow_figures, simulate, with_joint
-from vgroove.study.report import Picture, Study, Table, style, thin
+from vgroove.study.report import LEAST_SHOWN, Picture, Study, Table, shown, style, thin
 
 CURVES = ("hard_joint", "disc_spring", "m6", "m8", "m10")
 CURVE_TURNS = {"hard_joint": 0.15, "disc_spring": 20.1, "m6": 25.5, "m8": 15.5, "m10": 10.5}  # from the start of the log
@@ -247,9 +247,10 @@ def load_lines(figures: dict[str, float], bolt: dict[str, Any], coupler: list[di
     """What was found, in sentences."""
     peak = {(r["load"], r["coupler"]): r for r in coupler}
     plain, coupled = peak["locked", "without"], peak["locked", "with"]
+    difference = shown(max(figures["largest_difference_percent"], LEAST_SHOWN))
     lines = [
-        f"The simulated stack of disc springs lies within {figures['largest_difference_percent']:.2g} % of the calculation; one spring at "
-        f"0.75 h0 carries {figures['single_at_0.75_n']:.0f} N.",
+        f"The simulated stack of disc springs lies within {difference} % of the calculation; one spring at 0.75 h0 carries "
+        f"{figures['single_at_0.75_n']:.0f} N.",
         f"Tightening factor {bolt['factor']:.2f}: {bolt['factor_friction']:.2f} from friction 0.10 to 0.14, {bolt['factor_supply']:.2f} "
         "from a supply of 17 to 20 V.",
     ]
