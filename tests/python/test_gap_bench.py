@@ -106,6 +106,16 @@ def test_retuning_takes_what_the_tolerances_explain_and_leaves_the_rest() -> Non
     assert bench_draw.gap_left(setting, within) < 0.1
     assert bench_draw.gap_left(setting, beyond) > 1.0
     assert bench_draw.gap_left(setting, {"brush_drop_v": 0.5}) > 1.0
+    near, above, below = ({"resistance_ohm": setting.rig.resistance_ohm * (1.0 + 0.02 * sigmas)} for sigmas in (2.5, 10.0, -10.0))
+    assert bench_draw.gap_left(setting, near) < 0.5
+    assert min(bench_draw.gap_left(setting, above), bench_draw.gap_left(setting, below)) > 1.0
+
+
+def test_a_tolerated_key_moves_under_its_prior_from_where_the_rig_says() -> None:
+    one, nothing = np.ones((1, 1)), np.zeros((1, 0))
+    for stands, left in ((0.0, 0.5), (1.0, 1.0), (-1.0, 0.0)):
+        found = responses.fit(np.ones(1), one, np.array([stands]), nothing, np.zeros(0))[1]
+        assert found == pytest.approx(left, abs=1e-3)
 
 
 def test_who_cannot_be_told_apart_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

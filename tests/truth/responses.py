@@ -221,7 +221,7 @@ def fit(found: np.ndarray, tolerated: np.ndarray, stands: np.ndarray, columns: n
     prior[:, :p] = np.eye(p)
     gram = aw.T @ aw + prior.T @ prior
     right = aw.T @ (found * w) - prior.T @ stands
-    root = np.linalg.cholesky(gram + 1e-9 * np.trace(gram) / len(gram) * np.eye(p + q))
+    root = np.linalg.cholesky(gram + (1e-9 * np.trace(gram) / len(gram) + 1e-12) * np.eye(p + q))
     low = np.concatenate([-PRIOR_MOST - stands - 1e-6, np.where(np.isfinite(least), least * scale[p:], -np.inf)])
     high = np.concatenate([PRIOR_MOST - stands + 1e-6, np.full(q, np.inf)])
     x = lsq_linear(root.T, np.linalg.solve(root, right), (low, high)).x / scale
