@@ -20,7 +20,7 @@ from bench_plan import SETS, Entry, plan  # isort: skip
 from forms import FORMS, other_form  # isort: skip
 from rigs import TOLERANCE  # isort: skip
 from vgroove.errors import VgrooveError
-from vgroove.gap_bench import cases, needs, score
+from vgroove.gap_bench import cases, needs, run, score
 from vgroove.gap_bench.command import chosen
 from vgroove.gap_bench.report import bench_page, tables
 
@@ -210,7 +210,7 @@ def test_figures_count_what_they_say(tmp_path: Path) -> None:
     figures = {"set": "tune", "engine": "0", "cases": 4} | score.score(table)
     rates = figures["rates"]
     assert (rates["exact"]["single"]["hits"], rates["exact"]["single"]["of"]) == (1, 3)
-    assert (rates["sure and wrong"]["hits"], rates["false alarms"]["hits"], rates["ambiguous though separable"]["hits"]) == (1, 1, 1)
+    assert (rates["sure_and_wrong"]["hits"], rates["false_alarms"]["hits"], rates["ambiguous_though_separable"]["hits"]) == (1, 1, 1)
     top = figures["calibration"][-1]
     assert (top["hits"], top["of"]) == (1, 2)
     assert ("brush_drop", "effect dead_time", 1) in figures["confusion"]
@@ -236,6 +236,27 @@ def test_cases_are_chosen_as_asked() -> None:
     assert chosen(list(range(100)), None, False, [7, 7, 2]) == [2, 7]
     with pytest.raises(VgrooveError, match="100"):
         chosen(list(range(100)), None, False, [100])
+
+
+def test_a_run_that_was_stopped_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    blind, asked = cases.BlindSet(tmp_path, "tune"), []
+
+    def diagnose_apart(case: Path, without: str | None) -> dict[str, Any]:
+        asked.append((case.name, without))
+        return {"verdict": {"verdict": "none"}, "seconds": 1.0, "cpu_seconds": 1.0, "memory_mib": 1.0}
+
+    monkeypatch.setattr(run, "diagnose_apart", diagnose_apart)
+    for engine, without in (("a", None), ("a", None), ("b", None), ("a", "brush_drop"), ("a", "brush_drop")):
+        assert run.kept_verdict(blind, engine, 7, "abc", without)["number"] == 7
+    assert asked == [("abc", None), ("abc", None), ("abc", "brush_drop")]
+
+
+def test_a_diagnosis_that_fails_is_a_case_that_failed(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("time_s,duty\n0.1,0\n")
+    (tmp_path / "rig.toml").write_text("schema = 'vgroove.rig/1'\n")
+    found = run.diagnose_apart(tmp_path, None)
+    assert found["verdict"]["verdict"] == "failed" and "exit code 2" in found["verdict"]["warnings"][0]
+    assert found["memory_mib"] > 10.0 and found["cpu_seconds"] > 0.0
 
 
 def test_without_a_checkout_the_command_says_what_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

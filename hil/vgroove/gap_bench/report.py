@@ -29,26 +29,26 @@ def rate_table(figures: dict[str, Any]) -> Table:
     table = Table(title=f"Blind set, {what}: right, with 95 % intervals")
     for name in ("", *(REGIMES.values())):
         table.add_column(name)
-    for kind in (*KINDS[:1], "single, nothing besides", *KINDS[1:]):
+    for kind in (*KINDS[:1], "single_alone", *KINDS[1:]):
         cells = []
         for regime in REGIMES:
             goal = GOALS[regime].get(kind)
             cells.append(share(figures["rates"][regime][kind]) + (f"  goal {100 * goal:.0f} %" if goal else ""))
-        table.add_row(kind, *cells)
+        table.add_row(kind.replace("single_alone", "single, nothing besides"), *cells)
     return table
 
 
 def further_table(figures: dict[str, Any]) -> Table:
-    rates, closed, cost, six = figures["rates"], figures["closed"], figures["cost"], figures["cost of logs of 5..7 s"]
+    rates, closed, cost, six = figures["rates"], figures["closed"], figures["cost"], figures["cost_of_6_s"]
     table = Table(title="Over all cases")
     for name in ("", "figure", "goal"):
         table.add_column(name)
-    table.add_row("named with 90 % and wrong", share(rates["sure and wrong"]), "at most 1 %")
-    table.add_row("false alarms of none", share(rates["false alarms"]), "at most 1 %")
-    table.add_row("ambiguous though separable", share(rates["ambiguous though separable"]), "at most 10 %")
+    table.add_row("named with 90 % and wrong", share(rates["sure_and_wrong"]), "at most 1 %")
+    table.add_row("false alarms of none", share(rates["false_alarms"]), "at most 1 %")
+    table.add_row("ambiguous_though_separable", share(rates["ambiguous_though_separable"]), "at most 10 %")
     table.add_row("failed", share(rates["failed"]), "0")
     table.add_row("gap closed, median", number(closed["closed"]["median"]), "0.97")
-    table.add_row("gap closed beyond retuning, median", number(closed["closed beyond retuning"]["median"]), "")
+    table.add_row("gap closed beyond retuning, median", number(closed["closed_beyond_retuning"]["median"]), "")
     table.add_row("parameter within 5 % or inside", share(figures["parameters"]["within 5 % or inside"]), "")
     table.add_row("parameter inside its interval", share(figures["parameters"]["inside the interval"]), "95 %")
     for name, one in (("all logs", cost), ("logs of 5..7 s", six)):

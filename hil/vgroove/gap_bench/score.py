@@ -129,11 +129,11 @@ def rates(cases: Sequence[Scored]) -> dict[str, Any]:
     for regime in ("exact", "hard"):
         mine = [c for c in cases if c.answer["regime"] == regime]
         out[regime] = {kind: rate(c.right for c in mine if c.kind == kind) for kind in KINDS}
-        out[regime]["single, nothing besides"] = rate(c.complete or c.honest_tie for c in mine if c.kind == "single")
+        out[regime]["single_alone"] = rate(c.complete or c.honest_tie for c in mine if c.kind == "single")
     clear = [c for c in cases if c.answer["label"] == "effect" and not c.tied]
     return out | {
-        "sure and wrong": rate(c.sure_and_wrong for c in cases), "false alarms": rate(c.word != "none" for c in cases if c.kind == "none"),
-        "ambiguous though separable": rate(c.word == "ambiguous" for c in clear), "failed": rate(c.word == "failed" for c in cases)}
+        "sure_and_wrong": rate(c.sure_and_wrong for c in cases), "false_alarms": rate(c.word != "none" for c in cases if c.kind == "none"),
+        "ambiguous_though_separable": rate(c.word == "ambiguous" for c in clear), "failed": rate(c.word == "failed" for c in cases)}
 
 
 def confusion(cases: Sequence[Scored]) -> list[tuple[str, str, int]]:
@@ -198,7 +198,7 @@ def parameters(cases: Sequence[Scored]) -> dict[str, Any]:
 def closed(cases: Sequence[Scored]) -> dict[str, Any]:
     """Share of the gap closed on held-out data where the effect is rightly named."""
     out = {}
-    for name, key in (("closed", "closed"), ("closed beyond retuning", "closed_beyond_retuning")):
+    for name, key in (("closed", "closed"), ("closed_beyond_retuning", "closed_beyond_retuning")):
         all_of_them = [c.verdict["gap"].get(key) for c in cases if c.answer["label"] == "effect" and c.right]
         shares = [x for x in all_of_them if x is not None]
         out[name] = {"median": float(np.median(shares)) if shares else None, "of": len(shares)}
@@ -261,8 +261,8 @@ def score(cases: Sequence[Scored]) -> dict[str, Any]:
     whole = [c for c in cases if c.without is None]
     out = {"of": len(whole), "rates": rates(whole), "confusion": confusion(whole), "calibration": calibration(whole), "power": power(whole),
            "needs": needs(whole),           "parameters": parameters(whole), "closed": closed(whole), "cost": cost(whole),
-           "cost of logs of 5..7 s": cost([c for c in whole if 5.0 <= c.answer["seconds"] <= 7.0]),
-           "failures": [line_of(c) for c in whole if not c.right], "sure and wrong": [c.number for c in whole if c.sure_and_wrong]}
+           "cost_of_6_s": cost([c for c in whole if 5.0 <= c.answer["seconds"] <= 7.0]),
+           "failures": [line_of(c) for c in whole if not c.right], "sure_and_wrong": [c.number for c in whole if c.sure_and_wrong]}
     gone = [c for c in cases if c.without is not None]
     return out | ({"removed": removed(gone)} if gone else {})
 
