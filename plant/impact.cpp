@@ -146,7 +146,10 @@ Impact impact_from(const Parameters &p, LoadKind load, InputKind input, bool bus
     m.arm_inertia_inverse = 1.0 / p.arm_inertia_kg_m2;
     m.arm_stiffness = p.arm_stiffness;
     m.arm_damping = p.arm_damping;
-    m.angle_scale = HAMMER_ANGLE_SCALE_RAD;
+    m.current_weight = 1.0 / m.drive.current_scale;
+    m.speed_weight = 1.0 / m.drive.speed_scale;
+    m.output_weight = m.ratio * m.speed_weight;
+    m.angle_weight = 1.0 / HAMMER_ANGLE_SCALE_RAD;
     return m;
 }
 

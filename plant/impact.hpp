@@ -82,7 +82,7 @@ struct Impact {
     double coupler_stiffness, coupler_damping, output_inertia, output_inertia_inverse;
     double pendulum_nm, zero_rad;
     double arm_inertia_inverse, arm_stiffness, arm_damping;
-    double angle_scale;  // rad: what errors of hammer and anvil are measured against
+    double current_weight, speed_weight, output_weight, angle_weight;  // of errors: 1 over stall current, free speed, that at the anvil, an angle
 };
 
 // Throws std::invalid_argument naming what is out of range.

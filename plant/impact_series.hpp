@@ -29,9 +29,7 @@ struct SeriesLaw {
 // The series as they grow, coefficient by coefficient; coefficients before the first are 0.
 struct SeriesJet {
     static constexpr int N = SERIES_ORDER + 1, M = SERIES_GROOVE + 1;
-    double i[N], w[N], hammer[N], anvil[N], twist[N];  // A, rad/s, rad
-    double relative[N], rate[N], lug[N], joint[N];     // hammer less anvil: of the flank met, and its rate; torques
-    double drive[N];                                   // torque on the spindle
+    double relative[N], rate[N];  // hammer less anvil: of the flank met, and its rate
     double root_inverse, square_inverse;
     double q[M], root[M], slope[M], square[M], share[M], carried[M], bend[M];
     double q_rate_of[SERIES_GROOVE + N], push_of[SERIES_GROOVE + N], axial_of[SERIES_GROOVE + N];
@@ -145,19 +143,13 @@ VGROOVE_INLINE void series_shares(const Impact &m, SeriesJet &y, int n) {
 
 template <class L> VGROOVE_INLINE void series_start(const ImpactSolver<L> &self, SeriesJet &y) {
     const Impact &m = self.model;
-    const double *s = self.state.x, *ds = self.slope.x;
-    y.anvil[0] = s[L::ANVIL_SPEED];
-    y.i[1] = ds[STATE_CURRENT];
-    y.w[1] = ds[STATE_SPEED];
-    y.hammer[1] = ds[L::HAMMER_SPEED];
-    y.anvil[1] = ds[L::ANVIL_SPEED];
-    y.twist[1] = ds[L::TWIST];
+    const double *s = self.state.x;
     for (int n = 0; n < SERIES_GROOVE; ++n)
         y.q_rate_of[n] = y.push_of[n] = y.axial_of[n] = y.share[n + 1] = y.carried[n + 1] = y.root[n + 1] = y.bend[n + 1] = 0.0;
     const double flank = self.mode.place == ContactPlace::BACKWARD ? self.mode.backward_rad : self.mode.forward_rad;
     y.relative[0] = impact_relative<L>(m, self.state) - flank;
     y.rate[0] = s[L::HAMMER_SPEED] - s[L::ANVIL_SPEED];
-    const double drive = m.spindle_inertia * m.ratio_inverse * y.w[1] + self.point.spindle_nm;
+    const double drive = m.spindle_inertia * m.ratio_inverse * self.slope.x[STATE_SPEED] + self.point.spindle_nm;
     y.push()[0] = self.point.lug_nm + m.hammer_inertia * m.spindle_inertia_inverse * drive;
     y.q[0] = self.point.q;
     y.q[1] = y.q_rate()[0] = self.point.q_rate;
@@ -170,65 +162,75 @@ template <class L> VGROOVE_INLINE void series_start(const ImpactSolver<L> &self,
     series_shares(m, y, 1);
 }
 
-// Torques of order n from states of that order.
-VGROOVE_INLINE void series_torques(const Impact &m, const SeriesLaw &a, SeriesJet &y, int n) {
-    const double before = SERIES_PARTS.of[n];
+// States of order n, the newest: kept apart from the arrays, for the next order waits for them.
+struct SeriesNow {
+    double i, w, hammer, anvil, twist, anvil_before;
+};
+
+// Torques of order n: lug and joint, and the groove's with all that does not wait for the newest states added first. A = F0 + k x + m s' q', the dot
+// of s its change in time.
+struct SeriesTorques {
+    double lug, joint, drive, groove;
+};
+VGROOVE_INLINE SeriesTorques series_torques(const Impact &m, const SeriesLaw &a, SeriesJet &y, const SeriesNow &now, int n) {
+    const double before = SERIES_PARTS.of[n], spindle = m.hammer_inertia * m.spindle_inertia_inverse;
+    double *axial = y.axial() + n, *push = y.push() + n, *q_rate = y.q_rate() + n;
+    double old_axial = n <= SERIES_GROOVE ? m.rate_n_per_m * m.groove.lead * y.root[n] : 0.0, old = 0.0;
+    for (int j = SERIES_GROOVE; j >= 1; --j)
+        old += y.share[j] * axial[-j] + y.carried[j] * push[-j];
+    for (int j = SERIES_GROOVE - 1; j >= 1; --j)
+        old_axial += y.bend[j] * q_rate[-j];
+    SeriesTorques t;
     y.relative[n] = before * y.rate[n - 1];
-    y.rate[n] = y.hammer[n] - y.anvil[n];
-    y.q_rate()[n] = y.w[n] * m.ratio_inverse - y.hammer[n];
-    y.lug[n] = a.lug_angle * y.relative[n] + a.lug_speed * y.rate[n];
+    double lug = a.lug_angle * y.relative[n];
+    y.rate[n] = now.hammer - now.anvil;
     if (a.lug_ramp != 0.0)
-        y.lug[n] += a.lug_ramp * series_product(y.relative, y.rate, 0, n, n);
-    y.drive[n] = a.drive_i * y.i[n] + a.drive_w * y.w[n];
-    y.push()[n] = y.lug[n] + m.hammer_inertia * m.spindle_inertia_inverse * y.drive[n];
-    y.joint[n] = a.joint_twist * y.twist[n] + a.joint_speed * y.anvil[n];
-    if (a.joint_head != 0.0 && n > 0)
-        y.joint[n] += a.joint_head * (before * y.anvil[n - 1] - y.twist[n]);
+        lug += a.lug_ramp * series_product(y.relative, y.rate, 0, n, n);
+    t.joint = a.joint_twist * now.twist + a.joint_speed * now.anvil;
+    if (a.joint_head != 0.0)
+        t.joint += a.joint_head * (before * now.anvil_before - now.twist);
+    t.drive = a.drive_i * now.i + a.drive_w * now.w;
+    t.lug = lug + a.lug_speed * y.rate[n];
+    push[0] = t.lug + spindle * t.drive;
+    axial[0] = old_axial + y.bend[0] * q_rate[0];
+    t.groove = ((old + y.share[0] * old_axial) + (y.carried[0] * spindle) * t.drive) + ((y.share[0] * y.bend[0]) * q_rate[0] + y.carried[0] * t.lug);
+    return t;
 }
 
-// The groove's torque of order n and the states of the next.
-VGROOVE_INLINE void series_states(const Impact &m, const SeriesLaw &a, SeriesJet &y, int n) {
+VGROOVE_INLINE SeriesNow series_states(const Impact &m, const SeriesLaw &a, const SeriesTorques &t, const SeriesNow &now, int n) {
     const double part = SERIES_PARTS.of[n + 1];
-    const double *axial = y.axial() + n, *push = y.push() + n;
-    double groove = 0.0;
-    for (int j = SERIES_GROOVE; j >= 0; --j)
-        groove += y.share[j] * axial[-j] + y.carried[j] * push[-j];
-    y.hammer[n + 1] = part * m.hammer_inertia_inverse * (groove - y.lug[n]);
-    y.w[n + 1] = part * m.ratio * m.spindle_inertia_inverse * (y.drive[n] - groove);
-    y.anvil[n + 1] = part * m.anvil_inertia_inverse * (y.lug[n] - y.joint[n]);
-    y.twist[n + 1] = part * (a.twist_speed * y.anvil[n] + a.twist_joint * y.joint[n] + a.twist_twist * y.twist[n]);
-    y.i[n + 1] = part * (a.current_i * y.i[n] + a.current_w * y.w[n]);
+    SeriesNow next;
+    next.hammer = (part * m.hammer_inertia_inverse) * (t.groove - t.lug);
+    next.w = (part * m.ratio * m.spindle_inertia_inverse) * (t.drive - t.groove);
+    next.anvil = (part * m.anvil_inertia_inverse) * (t.lug - t.joint);
+    next.twist = part * (a.twist_speed * now.anvil + a.twist_joint * t.joint + a.twist_twist * now.twist);
+    next.i = part * (a.current_i * now.i + a.current_w * now.w);
+    next.anvil_before = now.anvil;
+    return next;
 }
 
-// A = F0 + k x + m s' q', the dot of s its change in time.
-VGROOVE_INLINE void series_axial(const Impact &m, SeriesJet &y, int n) {
-    const double *q_rate = y.q_rate() + n;
-    double axial = 0.0;
-    for (int j = SERIES_GROOVE - 1; j >= 0; --j)
-        axial += y.bend[j] * q_rate[-j];
-    y.axial()[n] = n <= SERIES_GROOVE ? axial + m.rate_n_per_m * m.groove.lead * y.root[n] : axial;
-}
-
-// The states that follow others: angles, integrals, arm.
-template <class L> VGROOVE_INLINE void series_store(const Impact &m, const SeriesLaw &a, const SeriesJet &y, int n, ImpactSeries<L> &to) {
+// Order n + 1 of all states, with those that follow others: angles, integrals, arm.
+template <class L>
+VGROOVE_INLINE void series_store(const Impact &m, const SeriesLaw &a, const SeriesTorques &t, const SeriesNow &now, const SeriesNow &next, int n,
+                                 ImpactSeries<L> &to) {
     const double part = SERIES_PARTS.of[n + 1];
     double *c = to.c[n + 1].x;
     const double *last = to.c[n].x;
-    const double housing = y.drive[n] - (m.ratio - 1.0) * m.motor_inertia * (n + 1) * y.w[n + 1];
-    c[STATE_CURRENT] = y.i[n + 1];
-    c[STATE_SPEED] = y.w[n + 1];
-    c[STATE_ANGLE] = part * y.w[n];
-    c[STATE_CURRENT_TIME] = part * y.i[n];
-    c[STATE_BUS_TIME] = part * a.bus_i * y.i[n];
-    c[L::HAMMER_ANGLE] = part * y.hammer[n];
-    c[L::HAMMER_SPEED] = y.hammer[n + 1];
-    c[L::ANVIL_ANGLE] = part * y.anvil[n];
-    c[L::ANVIL_SPEED] = y.anvil[n + 1];
-    c[L::TWIST] = y.twist[n + 1];
+    const double housing = t.drive - (m.ratio - 1.0) * m.motor_inertia * (n + 1) * next.w;
+    c[STATE_CURRENT] = next.i;
+    c[STATE_SPEED] = next.w;
+    c[STATE_ANGLE] = part * now.w;
+    c[STATE_CURRENT_TIME] = part * now.i;
+    c[STATE_BUS_TIME] = part * a.bus_i * now.i;
+    c[L::HAMMER_ANGLE] = part * now.hammer;
+    c[L::HAMMER_SPEED] = next.hammer;
+    c[L::ANVIL_ANGLE] = part * now.anvil;
+    c[L::ANVIL_SPEED] = next.anvil;
+    c[L::TWIST] = next.twist;
     c[L::HOUSING_TIME] = part * housing;
-    c[L::LUG_IMPULSE] = part * y.lug[n];
+    c[L::LUG_IMPULSE] = part * t.lug;
     c[L::ARM_ANGLE] = part * last[L::ARM_SPEED];
-    c[L::ARM_SPEED] = part * m.arm_inertia_inverse * (housing - m.arm_damping * last[L::ARM_SPEED] - m.arm_stiffness * last[L::ARM_ANGLE]);
+    c[L::ARM_SPEED] = (part * m.arm_inertia_inverse) * (housing - m.arm_damping * last[L::ARM_SPEED] - m.arm_stiffness * last[L::ARM_ANGLE]);
 }
 
 template <class L> __attribute__((noinline)) void series_expand(ImpactSolver<L> &self) {
@@ -239,17 +241,22 @@ template <class L> __attribute__((noinline)) void series_expand(ImpactSolver<L> 
     series_start<L>(self, y);
     to.c[0] = self.state;
     to.c[1] = self.slope;
+    const double *first = self.slope.x;
+    SeriesNow now{first[STATE_CURRENT],  first[STATE_SPEED], first[L::HAMMER_SPEED],
+                  first[L::ANVIL_SPEED], first[L::TWIST],    self.state.x[L::ANVIL_SPEED]};
     for (int n = 1; n < SERIES_ORDER; ++n) {
-        series_torques(m, a, y, n);
+        const double q_rate = now.w * m.ratio_inverse - now.hammer;
+        y.q_rate()[n] = q_rate;
         if (n < SERIES_GROOVE) {
-            y.q[n + 1] = SERIES_PARTS.of[n + 1] * y.q_rate()[n];
+            y.q[n + 1] = SERIES_PARTS.of[n + 1] * q_rate;
             series_groove(m, y, n + 1);
         }
-        series_axial(m, y, n);
+        const SeriesTorques t = series_torques(m, a, y, now, n);
+        const SeriesNow next = series_states(m, a, t, now, n);
+        series_store<L>(m, a, t, now, next, n, to);
         if (n < SERIES_GROOVE)
             series_shares(m, y, n + 1);
-        series_states(m, a, y, n);
-        series_store<L>(m, a, y, n, to);
+        now = next;
     }
 }
 
@@ -262,10 +269,9 @@ VGROOVE_INLINE double series_root_inverse(double x, unsigned n) {
 // Largest of a state's coefficients in its share of the tolerance.
 template <class L> VGROOVE_INLINE double series_norm(const ImpactSolver<L> &self, const ImpactState<L> &c) {
     const Impact &m = self.model;
-    const double output = m.ratio / m.drive.speed_scale;
-    const double speeds = max_of(std::fabs(c.x[L::HAMMER_SPEED]), std::fabs(c.x[L::ANVIL_SPEED])) * output;
-    const double twist = max_of(std::fabs(c.x[L::TWIST]), std::fabs(c.x[L::HAMMER_ANGLE])) / m.angle_scale;
-    return max_of(speeds, max_of(twist, std::fabs(c.x[STATE_CURRENT]) / m.drive.current_scale)) / self.tolerance;
+    const double speeds = max_of(std::fabs(c.x[L::HAMMER_SPEED]), std::fabs(c.x[L::ANVIL_SPEED])) * m.output_weight;
+    const double twist = max_of(std::fabs(c.x[L::TWIST]), std::fabs(c.x[L::HAMMER_ANGLE])) * m.angle_weight;
+    return max_of(speeds, max_of(twist, std::fabs(c.x[STATE_CURRENT]) * m.current_weight)) / self.tolerance;
 }
 
 // The longest step whose last two terms lie within the tolerance.

@@ -9,15 +9,14 @@ namespace vgroove {
 
 template <class L> VGROOVE_INLINE double impact_error(const ImpactSolver<L> &self, double h, const ImpactState<L> &e) {
     const Impact &m = self.model;
-    const double speed = 1.0 / m.drive.speed_scale, output = m.ratio * speed, angle = 1.0 / m.angle_scale;
-    double worst = max_of(std::fabs(e.x[STATE_CURRENT]) / m.drive.current_scale, std::fabs(e.x[STATE_SPEED]) * speed);
+    const double speed = m.speed_weight, output = m.output_weight, angle = m.angle_weight, current = m.current_weight;
+    double worst = max_of(std::fabs(e.x[STATE_CURRENT]) * current, std::fabs(e.x[STATE_SPEED]) * speed);
     worst = max_of(worst, max_of(std::fabs(e.x[L::HAMMER_SPEED]), std::fabs(e.x[L::ANVIL_SPEED])) * output);
     worst = max_of(worst, max_of(max_of(std::fabs(e.x[L::HAMMER_ANGLE]), std::fabs(e.x[L::ANVIL_ANGLE])), std::fabs(e.x[L::TWIST])) * angle);
     if constexpr (L::FULL) {
         worst = max_of(worst, max_of(std::fabs(e.x[L::OUTPUT_SPEED]) * output, std::fabs(e.x[L::COUPLER_TWIST]) * angle));
         worst = max_of(worst, max_of(std::fabs(e.x[STATE_OUTPUT_SPEED]) * speed, std::fabs(e.x[STATE_TWIST]) * angle * m.ratio_inverse));
-        worst = max_of(worst, std::fabs(e.x[STATE_CURRENT_FILTER]) / m.drive.current_scale);
-        worst = max_of(worst, std::fabs(e.x[STATE_SPEED_FILTER]) * speed);
+        worst = max_of(worst, max_of(std::fabs(e.x[STATE_CURRENT_FILTER]) * current, std::fabs(e.x[STATE_SPEED_FILTER]) * speed));
     }
     return h * worst / self.tolerance;
 }
