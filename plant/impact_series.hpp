@@ -15,7 +15,7 @@ namespace vgroove {
 constexpr int SERIES_GROOVE = 3;
 constexpr double SERIES_SHARE = 0.7;    // of the length that the last terms allow
 constexpr double SERIES_REDUCE = 0.5;   // a step whose error is too large
-constexpr double SERIES_NEXT_S = 3e-4;  // first step of the other methods once the anvil is left alone
+constexpr double SERIES_NEXT_S = 4e-4;  // first step of the other methods once the anvil is left alone
 
 // Rates of change of what is linear, each over what it follows: i and w motor current and speed, the rest at hammer, anvil and joint.
 struct SeriesLaw {
