@@ -205,6 +205,8 @@ def made_figures() -> dict:
         "cpu": "made", "cores": 2, "busy": 0.4, "repeats": 5, "drive_seconds": 10, "mujoco_step_s": None,
         "asked": [{"name": "impact", "value": None, "relation": ">=", "asked": 12.0, "met": None}],
         "impact": [impact, impact | {"name": "far off", "reached": False, "tolerance": 2e-6, "tolerance_is": "step_s"}],
+        "tolerances": [{"name": "made peer", "case": "slope_700", "tolerance": 7e-5, "tolerance_is": "rtol", "head_error": 2e-3,
+                        "reached": False, "cpu_seconds": 1e-2, "ratio": 13.7}],
         "lockstep": [{"name": "vgroove, fast", "case": "slip_60", "alone_s": 2e-3, "lockstep_s": 2.1e-3, "extra": 0.05}],
         "batch": [{"name": "vgroove, fast", "rollouts": 512, "threads": 2, "per_second": 1000.0, "per_second_idle": 1200.0,
                    "head_error": 1e-5}],
@@ -215,13 +217,41 @@ def made_figures() -> dict:
     }
 
 
+def test_ratio_at_the_cheapest_tolerance_that_reaches_both_joints() -> None:
+    sensitivity = importlib.import_module("vgroove.bench.sensitivity")
+
+    def row(case: str, tolerance: float, ratio: float, reached: bool) -> object:
+        return sensitivity.Sensitivity("made", case, tolerance, "rtol", 0.0, reached, 1e-2, ratio)
+
+    rows = [row("slip_60", 1e-4, 9.0, False), row("slope_700", 1e-4, 8.0, True), row("slip_60", 7e-5, 13.0, True),
+            row("slope_700", 7e-5, 12.5, True), row("slip_60", 5e-5, 14.0, True), row("slope_700", 5e-5, 15.0, True)]
+    assert sensitivity.least_ratio(rows, "made") == 12.5
+    assert sensitivity.least_ratio(rows[:2], "made") is None
+    assert sensitivity.least_ratio(rows, "another") is None
+
+
+def test_every_tolerance_of_the_grid_is_run_beside_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    sensitivity = importlib.import_module("vgroove.bench.sensitivity")
+    solvers = importlib.import_module("vgroove.bench.solvers")
+    monkeypatch.setattr(sensitivity, "reference_head", lambda tool: 2.0)
+    monkeypatch.setattr(sensitivity, "peer_head", lambda peer, tool, tolerance: 2.0 * (1.0 + 1e2 * tolerance))
+    speed, heard = importlib.import_module("vgroove.bench.impact_speed"), []
+    peers = [solvers.Peer("made", None, (1e-5, 1e-6)), solvers.Peer("of one step", None, (1e-5,))]
+    chosen = [speed.Figure("made", case, 1.0, 1.0, 0.0, True, 1e-5, "rtol") for case in SLIPPING]
+    found = sensitivity.measure_sensitivity(lambda tool: lambda: sum(range(1000)), peers, chosen, 2, heard.append)
+    assert len(heard) == sensitivity.runs_of(peers) == len(SLIPPING)
+    assert [f.tolerance for f in found if f.case == "slip_60"] == [1e-5 * step for step in sensitivity.STEPS]
+    assert all(f.reached == (f.tolerance <= 1.001e-5) and f.head_error == pytest.approx(1e2 * f.tolerance) for f in found)
+
+
 def test_tables_show_figures_and_missing_peers() -> None:
     tables = importlib.import_module("vgroove.bench.speed_tables")
     console = Console(width=200, record=True, file=open("/dev/null", "w", encoding="utf-8"))
     for table in tables.speed_tables(made_figures()):
         console.print(table)
     text = console.export_text()
-    for words in ("peer missing", "pip install casadi", "slip 60 N m", "2 us", "5.0 %", "40 %", "1000.0", "10,000", "7.5"):
+    for words in ("peer missing", "pip install casadi", "slip 60 N m", "2 us", "5.0 %", "40 %", "1000.0", "10,000", "7.5", "rtol 7e-05",
+                  "13.7"):
         assert words in text, words
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from vgroove.bench import batch_speed, drive_speed, impact_speed, lockstep_speed, memory
+from vgroove.bench import batch_speed, drive_speed, impact_speed, lockstep_speed, memory, sensitivity
 from vgroove.bench.impact_speed import Figure
 from vgroove.bench.impact_tool import ImpactTool
 from vgroove.bench.lockstep_speed import LockstepFigure, own_lockstep
@@ -56,7 +56,8 @@ def runs_of(peers: list[Peer], repeats: int) -> int:
     """How often `measure` tells its progress."""
     batch = 1 + 2 * repeats
     growth = repeats * (len(batch_speed.TIMES_MS) + len(batch_speed.SIZES))
-    return impact_speed.runs_of(len(owns()), len(peers), repeats) + batch + growth + repeats * (2 + len(drive_speed.load_solvers()))
+    impact = impact_speed.runs_of(len(owns()), len(peers), repeats) + sensitivity.runs_of(peers)
+    return impact + batch + growth + repeats * (2 + len(drive_speed.load_solvers()))
 
 
 def own_prepare(mode: str) -> impact_speed.Prepare:
@@ -76,22 +77,24 @@ def measure(peers: list[Peer], missing: list[Missing], run: tuple[int, int, int]
     """Impact, lock-step, batch, growth and drivetrain in turn; run = drivetrain seconds, seed, repeats."""
     seconds, seed, repeats = run
     impact = impact_speed.measure(owns(), peers, repeats, done)
+    tolerances = sensitivity.measure_sensitivity(own_prepare("fast"), peers, impact, repeats, done)
     rtol = next((f.tolerance for f in impact if f.name == NUMBALSODA and f.case == "slip_60"), None)
     batch = batch_speed.measure_batch(seed, repeats, rtol, done)
     costs = batch_speed.measure_growth(seed, repeats, done)
-    drive, sensitivity = drive_speed.measure_drive(seconds, seed, repeats, done)
+    drive, sensitivity_runs = drive_speed.measure_drive(seconds, seed, repeats, done)
     memories = memory.measure_memory()
     lockstep, step_s = lockstep_speed.pairs(impact, LOCKSTEP_PAIRS), mujoco_step_s()
-    asked = [*asked_of_impact(impact, lockstep), *asked_of_batch(batch, costs), *asked_of_drive(drive, sensitivity),
-             *asked_of_memory(memories)]
+    asked = [*asked_of_impact(impact, lockstep), *asked_of_tolerances(tolerances), *asked_of_batch(batch, costs),
+             *asked_of_drive(drive, sensitivity_runs), *asked_of_memory(memories)]
     return {
         "schema": SCHEMA, "cpu": cpu_name(), "cores": os.cpu_count(), "busy": busy_share(impact),
         "seed": seed, "repeats": repeats, "drive_seconds": seconds,
         "asked": [asdict(a) for a in asked],
         "impact": [asdict(f) | {"ratio": f.cpu_seconds / own_cpu_seconds(impact, f.case)} for f in impact],
+        "tolerances": [asdict(f) for f in tolerances],
         "lockstep": [asdict(f) for f in lockstep], "batch": [asdict(f) for f in batch], "growth": [asdict(c) for c in costs],
         "memory": [asdict(m) for m in memories],
-        "drive": [asdict(f) | {"ratio": f.cpu_seconds / drive[0].cpu_seconds} for f in drive], "drive_sensitivity_runs": sensitivity,
+        "drive": [asdict(f) | {"ratio": f.cpu_seconds / drive[0].cpu_seconds} for f in drive], "drive_sensitivity_runs": sensitivity_runs,
         "mujoco_step_s": step_s, "missing": [asdict(m) for m in missing + ([MUJOCO] if step_s is None else [])],
     }
 
@@ -145,6 +148,10 @@ def asked_of_impact(figures: list[Figure], lockstep: list[LockstepFigure]) -> li
         judged("impact: the same, Euler at equal accuracy", worst_ratio(figures, EULER), ">=", 5.0),
         judged("impact: share that lock-step costs more", max(extra), "<=", 0.15),
     ]
+
+
+def asked_of_tolerances(found: list[sensitivity.Sensitivity]) -> list[Asked]:
+    return [judged("impact: the same, at its cheapest tolerance that passes", sensitivity.least_ratio(found, NUMBALSODA), ">=", 12.0)]
 
 
 def asked_of_batch(batch: list[batch_speed.BatchFigure], costs: list[batch_speed.Cost]) -> list[Asked]:

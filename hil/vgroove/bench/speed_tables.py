@@ -13,7 +13,7 @@ CASES = {"slip_60": "slip 60 N m", "slope_700": "slope 700"}
 def speed_tables(figures: dict[str, Any]) -> list[Table]:
     """What was asked, then each comparison, then the peers that are missing."""
     impact = [impact_table(figures, case) for case in CASES if any(f["case"] == case for f in figures["impact"])]
-    others = [make(figures) for make in (lockstep_table, batch_table, growth_table, drive_table, memory_table)]
+    others = [make(figures) for make in (tolerance_table, lockstep_table, batch_table, growth_table, drive_table, memory_table)]
     return [asked_table(figures), *impact, *others, *([missing_table(figures)] if figures["missing"] else [])]
 
 
@@ -37,7 +37,7 @@ def tolerance_text(figure: dict[str, Any]) -> str:
     """How tight a solver runs: its relative tolerance or its step."""
     if figure["tolerance"] is None:
         return ""
-    return f"{1e6 * figure['tolerance']:g} us" if figure["tolerance_is"] == "step_s" else f"rtol {figure['tolerance']:g}"
+    return f"{1e6 * figure['tolerance']:.3g} us" if figure["tolerance_is"] == "step_s" else f"rtol {figure['tolerance']:.3g}"
 
 
 def impact_table(figures: dict[str, Any], case: str) -> Table:
@@ -51,6 +51,16 @@ def impact_table(figures: dict[str, Any], case: str) -> Table:
     step = figures["mujoco_step_s"]
     if step is not None:
         table.caption = f"MuJoCo, soft contacts, accuracy not compared: {1e6 * step:.1f} us a step"
+    return table
+
+
+def tolerance_table(figures: dict[str, Any]) -> Table:
+    """Peers at tolerances around the one at which they are timed; a red error is beyond the accuracy of the comparison."""
+    table = narrow("solver", "joint", "at", "cpu ms", "head's error", "time / ours", title="Impact mode by tolerance")
+    for f in figures["tolerances"]:
+        error = f"{f['head_error']:.1e}"
+        cells = (f"{1e3 * f['cpu_seconds']:.2f}", error if f["reached"] else f"[red]{error}[/red]", f"{f['ratio']:.1f}")
+        table.add_row(f["name"], CASES[f["case"]], tolerance_text(f), *cells)
     return table
 
 
