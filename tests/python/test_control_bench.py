@@ -124,6 +124,31 @@ def test_parameters_go_into_the_eeprom() -> None:
         sil_run(reference(), mode="polish")
 
 
+def test_other_tools_scatter_by_a_tenth_and_the_reference_tool_does_not() -> None:
+    nominal = sync.tool(18.5, "locked", None)
+    for name in sync.TOOL_PARAMETERS:
+        shares = [sync.tool(18.5, "locked", seed).value(name) / nominal.value(name) for seed in range(60)]
+        assert 0.9 <= min(shares) < 0.93 and 1.07 < max(shares) <= 1.1
+    assert sync.tool(18.5, "locked", 5).value("motor.resistance_ohm") == sync.tool(18.5, "locked", 5).value("motor.resistance_ohm")
+    assert all("tool" not in cell for cell in sync.cells()) and all(cell["tool"] == cell["seed"] for cell in sync.other_cells())
+
+
+def test_a_cell_that_is_not_clean_has_a_reason() -> None:
+    cell = {"set": "tune", "supply_v": 16.0, "load": "slip_60", "trigger": 0.6, "seed": 3, "tool": None}
+    rows = [{**cell, "variant": "method 1", "clean": 0.96, "duty": 1.0}, {**cell, "variant": "method 2", "clean": 0.97, "duty": 1.0}]
+    assert [row["variant"] for row in sync.unclean(rows)] == ["method 1"] and len(sync.search_jobs(rows)) == 1
+    for best, duty, words in ((0.9, 1.0, "no constant duty"), (0.98, 1.0, "full duty"), (0.98, 0.9, "the controller's")):
+        searched = [{**cell, "tool": 4, "best_clean": 1.0, "best_duty": 0.5}, {**cell, "best_clean": best, "best_duty": 0.8}]
+        assert sync.with_reason({**rows[0], "duty": duty}, searched)["reason"].startswith(words)
+
+
+def test_the_search_finds_a_duty_that_is_clean_where_the_trigger_is_not() -> None:
+    cell = {"supply_v": 18.5, "load": "slip_60", "seed": 3}
+    assert sync.work(PLAIN, trigger=0.725, **cell)["clean"] < 0.97
+    found = sync.search_work(PLAIN, tool=None, **cell)
+    assert found["best_clean"] >= 0.97 and sync.work(PLAIN, trigger=found["best_duty"], **cell)["clean"] == found["best_clean"]
+
+
 def test_an_absent_controller_is_reported_not_run() -> None:
     row = do(Job(sync.work, Variant("method 9", "polish"), sync.cells()[0]))
     assert row["variant"] == "method 9" and "has no mode polish" in row["absent"] and "clean" not in row

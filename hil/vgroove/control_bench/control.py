@@ -46,8 +46,12 @@ def blows_part(choice: Choice) -> Study:
 
 
 def sync_part(choice: Choice) -> Study:
-    """Synchronisation."""
-    return sync_study(rows_of(sync.jobs(choice.of(sync.cells())), "synchronisation", choice))
+    """Synchronisation, of the reference tool and of others; what is not clean, and why."""
+    rows = rows_of(sync.jobs(choice.of(sync.cells())), "synchronisation", choice)
+    others = rows_of(sync.jobs(choice.of(sync.other_cells())), "other tools", choice)
+    unclean = sync.unclean([*rows, *others])
+    searched = rows_of(sync.search_jobs(unclean), "constant duties", choice)
+    return sync_study(rows, others, [sync.with_reason(row, searched) for row in unclean])
 
 
 def screwing_part(choice: Choice) -> Study:

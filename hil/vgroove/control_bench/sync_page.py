@@ -31,6 +31,19 @@ SUMMARY = [
     ("work ratio", "work_ratio"),
 ]
 
+UNCLEAN = [
+    ("tool drawn", "tool"),
+    ("variant", "variant"),
+    ("V", "supply_v"),
+    ("load", "load"),
+    ("trigger", "trigger"),
+    ("clean", "clean"),
+    ("mean duty", "duty"),
+    ("best of any constant duty", "best_clean"),
+    ("at", "best_duty"),
+    ("reason", "reason"),
+]
+
 
 def methods(rows: Sequence[Figures]) -> list[str]:
     """Variants that are there, but the plain one."""
@@ -114,17 +127,31 @@ def wave() -> Wave:
     return Wave("sync", "Motor speed and hammer displacement", "joint slips at 60 N m, 17.5 V, trigger 0.8", drives, panels)
 
 
-def sync_study(rows: Sequence[Figures]) -> Study:
+def kept_line(unclean: Sequence[Figures]) -> str:
+    """How many cells are not clean under control, of which tools."""
+    own = sum(r.get("tool") is None for r in unclean)
+    limit, off = sync.GOALS["clean"], f"{sync.TOLERANCE:.0%}"
+    counted = f"{own} runs of the reference tool, {len(unclean) - own} of tools off by up to {off}"
+    return f"Below {limit:g} clean under control: {counted}; each stands in a table with its reason."
+
+
+def sync_study(rows: Sequence[Figures], others: Sequence[Figures] = (), unclean: Sequence[Figures] = ()) -> Study:
     """The whole part."""
-    found = summaries(rows)
+    found, drawn = summaries(rows), summaries(others) if others else []
     listed = goals(found)
     before = [r["clean"] for r in rows if r["variant"] == PLAIN.name]
     lines = [
         f"Synchronisation: without control {np.mean(before):.3f} of the blows are clean over {len(before)} cells.",
         *([met_line(listed)] if listed else []),
+        kept_line(unclean),
         *absent_lines(rows, "synchronisation"),
     ]
     tables = [table_of("sync_summary", "Synchronisation", SUMMARY, found), goals_table("sync", listed), cell_table(rows)]
+    tables += [
+        table_of("sync_tools", f"Tools whose parameters are off by up to {sync.TOLERANCE:.0%}, one draw a cell", SUMMARY, drawn),
+        table_of("sync_unclean", "Cells that are not clean under control, and why", UNCLEAN, unclean),
+    ]
     pictures = [clean_picture(rows), wave_picture(wave())]
-    data = {"sync": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
+    cells = {"cells": list(rows), "tools": drawn, "unclean": list(unclean)}
+    data = {"sync": {"summary": found, "goals": [g.as_dict() for g in listed], **cells}}
     return Study("control", "Controllers", lines, [t for t in tables if t.rows], pictures, data)
