@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <utility>
 
 extern "C" {
 #include "controllers/torque.h"
@@ -26,6 +27,7 @@ struct Tool {
     double supply_v = 18.5, winding = 1.0, current_a = 13.0, duty = 0.0, own_v = 0.0;
     int16_t travel_q15 = INT16_MAX, wish = 0;
     int ticks = 0, steps = 0;
+    bool blows_busy = false;  // every fifth tick
 
     explicit Tool(int16_t target_nm) : set{target_nm} { torque_start(&torque, &set); }
 
@@ -40,7 +42,8 @@ struct Tool {
         in.supply_mv = static_cast<uint16_t>(supply_v * 1000);
         in.duty_q15 = static_cast<int16_t>(std::lround(duty * 255) * 257 / 2);
         blow.count = static_cast<uint16_t>(ticks / 50);
-        blow.busy = steps++ < 2;  // with its own beginning
+        blow.busy = steps < 2 || (blows_busy && steps % 5 == 1);  // with its own beginning, or with a blow
+        ++steps;
         wish = torque_step(&torque, &set, &in, &blow);
         duty = wish < 0 ? 0.0 : wish / 32767.0;
         ++ticks;
@@ -60,6 +63,17 @@ struct Tool {
         return torque_state(&torque) == state;
     }
 };
+
+// Milliseconds in the state that it is in.
+int stay(Tool &tool) {
+    const uint8_t state = torque_state(&tool.torque);
+    int ms = 0;
+    while (ms < 20000 && torque_state(&tool.torque) == state) {
+        tool.step();
+        ++ms;
+    }
+    return ms;
+}
 
 double amperes(int16_t a_q8) {
     return a_q8 / 256.0;
@@ -175,6 +189,84 @@ TEST(Torque, SaysMissedWhenTheSupplyNoLongerCarriesTheLevel) {
     EXPECT_FALSE(tool.run(400));
     EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_MISSED);
     EXPECT_NEAR(torque_estimate(&tool.torque), 980, 30);  // 10 V: about 98 N m
+}
+
+TEST(Torque, TheFirstBlowsAreTakenAQuarterOfAVoltLowAndNotAtOnce) {
+    Tool tool(100);
+    tool.current_a = 2.0;
+    for (int n = 0; n < 80; ++n) {
+        tool.ticks = 0;
+        tool.step();
+    }
+    EXPECT_NEAR(tool.duty * tool.supply_v, 80 * 0.03, 0.15);
+    for (int n = 80; n < 195; ++n) {
+        tool.ticks = 0;
+        tool.step();
+    }
+    EXPECT_GT(tool.own_v, 5.2);
+    EXPECT_LT(tool.own_v, 5.4);  // what a nominal tool does not need is found out later
+}
+
+TEST(Torque, ADriveTakenUpWhileTheShaftTurnsBeginsWithItsDuty) {
+    Tool tool(100);
+    tool.ticks = 80;
+    EXPECT_EQ(tool.step(), 81 * 197);
+}
+
+TEST(Torque, LooksAndSettlesForAsLongAsItTakes) {
+    struct Wanted {
+        int target, look_ms, settle_ms;
+    };
+    for (const Wanted &wanted : {Wanted{60, 1700, 3300}, {100, 1200, 2800}}) {
+        Tool tool(static_cast<int16_t>(wanted.target));
+        tool.current_a = amperes(torque_map_settled_a_q8(row_of(wanted.target))) + 0.5;
+        ASSERT_TRUE(tool.run_into(TORQUE_LEVEL));
+        const int way_ms = (torque_map_level_mv(row_of(wanted.target)) - tool.torque.level_mv) / 8;
+        EXPECT_NEAR(stay(tool), way_ms + wanted.look_ms, 8) << wanted.target;
+        ASSERT_EQ(torque_state(&tool.torque), TORQUE_SETTLE);
+        EXPECT_NEAR(stay(tool), wanted.settle_ms, 8) << wanted.target;
+    }
+}
+
+TEST(Torque, ASixteenthBesideIsMissed) {
+    for (const auto &[beside_nm, reason] : {std::pair{5, CONTROLLER_REASON_REACHED}, {9, CONTROLLER_REASON_MISSED}}) {
+        Tool tool(110);
+        tool.current_a = amperes(torque_map_settled_a_q8(row_of(110))) - 0.1;
+        ASSERT_TRUE(tool.run_into(TORQUE_RAISED));
+        tool.current_a = amperes(static_cast<int16_t>(torque_map_stop_a_q8(row_of(110)) + 12 * beside_nm));
+        EXPECT_FALSE(tool.run(3000));
+        EXPECT_EQ(torque_stop_reason(&tool.torque), reason) << beside_nm;
+        EXPECT_NEAR(torque_estimate(&tool.torque), 10 * (110 + beside_nm), 10);
+    }
+}
+
+TEST(Torque, ATargetThatIsNearlyThereForTooLongTimesOut) {
+    Tool tool(60);
+    tool.current_a = amperes(torque_map_settled_a_q8(row_of(60))) - 0.1;
+    ASSERT_TRUE(tool.run_into(TORQUE_RAISED));
+    tool.current_a = amperes(torque_map_stop_a_q8(row_of(60))) - 0.1;
+    EXPECT_NEAR(stay(tool), 8000 + (torque_map_raised_mv(row_of(60)) - torque_map_level_mv(row_of(60))) / 8, 10);
+    EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_TIMEOUT);
+}
+
+// Milliseconds from a step of the current, 1.5 A beyond the target's, to the stop.
+int lag_ms(int target_nm, bool busy = false) {
+    Tool tool(static_cast<int16_t>(target_nm));
+    tool.blows_busy = busy;
+    tool.current_a = amperes(torque_map_settled_a_q8(row_of(target_nm))) - 0.1;
+    tool.run_into(TORQUE_RAISED);
+    tool.current_a = amperes(torque_map_stop_a_q8(row_of(target_nm))) - 1.5;
+    EXPECT_TRUE(tool.run(2500)) << target_nm;
+    tool.current_a += 3.0;
+    return stay(tool);
+}
+
+TEST(Torque, AQuickGainOfTorqueIsSeenInTime) {
+    for (const auto &[target, most_ms] : {std::pair{70, 60}, {85, 115}, {100, 40}, {115, 40}}) {
+        const int quiet_ms = lag_ms(target);
+        EXPECT_LE(quiet_ms, most_ms) << target;
+        EXPECT_NEAR(lag_ms(target, true), quiet_ms, 6) << target;
+    }
 }
 
 TEST(Torque, OverIsOver) {
