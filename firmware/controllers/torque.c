@@ -27,7 +27,7 @@
 #define SLOW_BELOW_MV 7000
 #define RAISED_LOOK_MS 150u
 #define CHANGED_LOOK_MS 300u  // where the lugs are no longer hit twice
-#define LOW_LATE_MS 8u        // a low target found passed when its current is first looked at: the filters are so far behind
+#define LOW_LATE_MS 120u      // a low target found passed so soon behind the first look at its current: the joint is hard, and the filters are behind
 #define LOW_LATE_NM 4
 #define LOW_LOOK_MS 450u  // the slowest filter, behind the start of the motor
 #define RAISED_MS 8000u

@@ -172,6 +172,29 @@ TEST(Torque, SaysMissedAndWhereOnAJointTooHardForALowTarget) {
     EXPECT_NEAR(torque_estimate(&tool.torque), 560, 20);  // 52 N m and what the filters have not seen yet
 }
 
+TEST(Torque, ALowTargetPassedSoonBehindTheFirstLookIsMissedAndLaterReached) {
+    int missed = 0, reached = 0;
+    for (int from_ms = 250; from_ms < 600; from_ms += 10) {
+        Tool tool(40);
+        tool.current_a = amperes(torque_map_stop_a_q8(row_of(40))) - 1.0;
+        ASSERT_TRUE(tool.run_into(TORQUE_RAISED));
+        while (tool.torque.ticks < from_ms)
+            tool.step();
+        tool.current_a += 1.0 + 0.3;
+        int last = 0;
+        while (torque_state(&tool.torque) == TORQUE_RAISED && last < 4000) {
+            last = tool.torque.ticks;
+            tool.step();
+        }
+        const bool late = last + 1 < 450 + 120;
+        (late ? missed : reached)++;
+        EXPECT_EQ(torque_stop_reason(&tool.torque), late ? CONTROLLER_REASON_MISSED : CONTROLLER_REASON_REACHED) << last;
+        EXPECT_NEAR(torque_estimate(&tool.torque), late ? 440 : 400, late ? 20 : 10) << last;
+    }
+    EXPECT_GT(missed, 3);
+    EXPECT_GT(reached, 3);
+}
+
 TEST(Torque, GivesUpOnAJointThatTakesTooLong) {
     Tool tool(60);
     tool.current_a = 12.0;
