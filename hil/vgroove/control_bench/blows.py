@@ -28,7 +28,8 @@ def cells() -> list[dict[str, Any]]:
 
 
 def opened_s(run: Run) -> float:
-    """When the release opened the bridge: board and truth count until then. The run-out behind it, a blow or two without power, counts in neither."""
+    """When the release opened the bridge: board and truth count until then. The run-out behind it, a blow or two without power, counts in
+    neither."""
     driven = np.flatnonzero(run.telemetry["coast"] == 0)
     return float(run.telemetry["time_s"][driven[-1]])
 

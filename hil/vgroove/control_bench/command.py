@@ -1,6 +1,7 @@
 """The commands `vgroove bench control` (options, tables on the terminal, JSON and page) and `vgroove bench figures`."""
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -19,6 +20,12 @@ def check_parts(parts: Sequence[str], known: Sequence[str]) -> None:
     unknown = [name for name in parts if name not in known]
     if unknown:
         raise VgrooveError(f"--part must be one of {', '.join(known)}, not {unknown[0]}")
+
+
+def processor_s() -> float:
+    """Of this process and of its children that have ended."""
+    now = os.times()
+    return now.user + now.system + now.children_user + now.children_system
 
 
 def control_command(
@@ -46,6 +53,7 @@ def control_command(
     if half not in SETS or on not in ("sil", "avr"):
         raise VgrooveError(f"--set is one of {', '.join(SETS)}, --on sil or avr; not {half}, {on}")
     check_outputs((json_path, html_path))
+    began_s = processor_s()
     study = avr_bench(parts) if on == "avr" else control_bench(parts, Choice(None if half == "both" else half, only_fifth, draws))
     console = Console()
     console = console if console.is_terminal else Console(width=PIPED_WIDTH)
@@ -53,6 +61,7 @@ def control_command(
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     for table in study.tables:
         console.print(table.as_rich())
+    console.print(f"{processor_s() - began_s:.0f} s of processor time.", highlight=False)
     if json_path:
         write_text(json_path, json.dumps(study.data, indent=1, allow_nan=False) + "\n")
     if html_path:

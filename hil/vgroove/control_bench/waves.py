@@ -17,8 +17,8 @@ from vgroove.study.report import Picture, style, thin
 PLAIN_COLOUR, CONTROLLED_COLOURS = "#30343b", ("#c1394f", "#00798c", "#7a5195")
 BLOW_COLOUR, REPEAT_COLOUR = "#444444", "#e07b00"
 REFERENCE = {"dash": "dash", "color": "#666666", "width": 1}
-PANEL_HEIGHT, GAP, AIR = 175, 0.19, 0.08  # CSS pixels; share of it between panels; share of a panel's range that stays free above its curves
-POINTS = 1000  # of a curve, at most about
+PANEL_HEIGHT, GAP, AIR = 175, 0.19, 0.08  # CSS pixels; share of it between panels; share of a panel's range free above its curves
+POINTS = 420  # of a curve, at most about
 Quantity = Callable[[Run], np.ndarray]
 
 
@@ -97,9 +97,8 @@ def wave_picture(wave: Wave) -> Picture:
     """For the bench's page, and for a page of docs/controllers as a figure that prints."""
     found = runs_of(wave)
     headings = [drive.words for drive, _, _ in found]
-    shared = {"shared_xaxes": "columns", "shared_yaxes": "rows"}
-    figure = make_subplots(len(wave.panels), len(found), column_titles=headings, vertical_spacing=GAP / len(wave.panels), horizontal_spacing=0.03,
-                           **shared)
+    spaces = {"vertical_spacing": GAP / len(wave.panels), "horizontal_spacing": 0.03, "shared_xaxes": "columns", "shared_yaxes": "rows"}
+    figure = make_subplots(len(wave.panels), len(found), column_titles=headings, **spaces)
     for c, (drive, colour, run) in enumerate(found):
         add_drive(figure, drive, colour, run, wave.panels, c + 1)
         figure.update_xaxes(title="s from the trigger's pull", row=len(wave.panels), col=c + 1)
