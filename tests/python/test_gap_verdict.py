@@ -128,7 +128,7 @@ class Scored:
 
 def structure(significant: bool) -> locate.Structure:
     """What is left, as far as a verdict asks."""
-    return locate.Structure(significant, None, 0.0, None, [])
+    return locate.Structure(significant, None, 0.0, None)
 
 
 class Named(float):
@@ -173,7 +173,7 @@ def test_few_blocks_widen_intervals() -> None:
     assert few_blocks(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)  # Student's t for 5 degrees of freedom
     assert few_blocks(1000, 0.95) == pytest.approx(1.0, abs=0.002)
     time_s = np.arange(600) * 1e-3
-    blocks = make_blocks(np.zeros(600, int), time_s, np.ones(600, bool), 0.1, 0)
+    blocks = make_blocks(np.zeros(600, int), time_s, np.ones(600, bool), 0.1, 0, np.zeros(600, bool))
     low, high = interval(blocks, np.array([3.0, 0.2, 2.0, 0.1, 0.3, 3.0]) * 100.0, 0.99)
     assert low < 0.0 < 2.0 < high  # six blocks of one sign are no evidence at 99 %
 

@@ -9,6 +9,7 @@ from vgroove.gap.noise import RPM
 
 CLOCK = "clock"  # (B,): seconds of the logger in a second of the tool
 DROPS_EDGES = "drops_edges"  # (B,): the parameter set's Hall sensor misses edges
+MOST_PITCHES = 5.0  # that a sensor which drops edges takes for one
 Simulation = dict[str, np.ndarray]  # (B, rows) arrays of vgroove._core.simulate_log
 
 
@@ -106,18 +107,23 @@ class SpanChannel(Channel):
     def first_row(self) -> np.ndarray:
         return self.start.row - 1
 
+    def pitches(self, mean: np.ndarray) -> np.ndarray:
+        """Pitches (B, m) that a sensor which drops edges takes for one: as many as the model's mean speed (B, m) asks for."""
+        return np.clip(np.round(np.abs(mean) / np.maximum(np.abs(self.measured), 1e-9)), 1.0, MOST_PITCHES)
+
     def model(self, simulation: Simulation) -> np.ndarray:
         mean = (self.end.angle(simulation) - self.start.angle(simulation)) * (self.factor / self.length_s)
         if self.edges and CLOCK in simulation:
             mean = mean * simulation[CLOCK][:, None]  # edge periods are timed by the sensor's clock, spans lie on the logger's
-        if self.missed is not None and np.any(simulation.get(DROPS_EDGES, False)):
-            mean = np.where(simulation[DROPS_EDGES][:, None], mean / (1.0 + self.missed), mean)
+        drops = simulation[DROPS_EDGES][:, None] if self.missed is not None and DROPS_EDGES in simulation else np.zeros((1, 1), bool)
+        if drops.any():
+            mean = np.where(drops, mean / self.pitches(mean), mean)
         if not self.conditional.any():
             return mean
         # While an edge is awaited the row states the most that the speed can have been: no difference below that.
         limit = np.abs(self.measured)
         waited = np.where(np.abs(mean) > limit, self.measured + np.abs(mean) - limit, self.measured)
-        return np.where(self.conditional, waited, mean)
+        return np.where(self.conditional, np.where(drops, self.measured, waited), mean)  # a wait says nothing of a sensor that drops edges
 
 
 @dataclass(frozen=True)

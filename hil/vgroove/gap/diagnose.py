@@ -54,10 +54,12 @@ def diagnose(logs: Sequence[Any], rig: Rig, seed: int = 0, without: Sequence[str
     state = search.begin(engine, available(kinds, frozenset(without)), rows, seed, tell)
     state.without = frozenset(without)
     best, rivals = search.run(state)
+    best, problem = search.turn_for_good(state, problem, best), state.engine.problem
     tell("what is left, and where it lies")
-    left = locate.remaining(state, best, drivers_of(problem), problem.signal, [s.column for s in problem.signals], problem.floor())
+    drivers = drivers_of(problem, best.hypothesis.theta(problem.theta0, best.x[None, :])[0])
+    left = locate.remaining(state, best, drivers, problem.signal, [s.column for s in problem.signals], problem.floor())
     finding = verdict.decide(state, best, rivals, left, problem.floor())
-    return Diagnosis(assemble(problem, state, finding, kinds, without), problem, state, shown_of(state, finding))
+    return Diagnosis(assemble(problem, state, finding, kinds, without, drivers), problem, state, shown_of(state, finding))
 
 
 def shown_of(state: search.Search, finding: verdict.Finding) -> Fit:
@@ -65,8 +67,8 @@ def shown_of(state: search.Search, finding: verdict.Finding) -> Fit:
     return state.retuned if finding.verdict in ("none", "unlisted") else finding.best
 
 
-def assemble(problem: Problem, state: search.Search, finding: verdict.Finding, kinds: frozenset[str],
-             without: Sequence[str]) -> dict[str, Any]:
+def assemble(problem: Problem, state: search.Search, finding: verdict.Finding, kinds: frozenset[str], without: Sequence[str],
+             drivers: dict[str, np.ndarray]) -> dict[str, Any]:
     """The verdict as the contract's JSON."""
     floor, shown = problem.floor(), shown_of(state, finding)
     share = locate.shares(state, finding.best, floor) if finding.verdict != "none" else {}
@@ -76,16 +78,25 @@ def assemble(problem: Problem, state: search.Search, finding: verdict.Finding, k
         "schema": SCHEMA, "verdict": finding.verdict, "selected": verdict.selected(state, problem, finding, floor),
         "gap": verdict.gap_section(problem, state, shown, floor),
         "where": {"subsystem": max(known, key=lambda k: (known[k], k)) if any(known.values()) else None, "share": share,
-                  "by_regime": locate.by_regime(state, problem.regime, problem.regimes)},
+                  "by_regime": locate.by_regime(state, problem.regime, problem.regimes),
+                  "by_correlate": locate.by_correlate(state, drivers, problem.signal, [s.column for s in problem.signals], floor)},
         "effects": verdict.effects_section(problem, state, finding, floor),
         "indistinguishable": [o for o in same if o["id"] not in without],
         "retuned_parameters": verdict.retuned_parameters(state, shown),
         "next_experiment": experiment.propose(problem, state, finding),
-        "unexplained": {"significant": finding.left.significant, "best_correlate": finding.left.best_correlate,
-                        "signal": finding.left.signal, "share_of_squared_gap": finding.left.gain / max(state.score(state.nominal), 1e-9)},
+        "unexplained": unexplained_section(problem, state, finding),
         "warnings": list(problem.warnings),
     }
     return plain(out)
+
+
+def unexplained_section(problem: Problem, state: search.Search, finding: verdict.Finding) -> dict[str, Any]:
+    """What is left, what it follows, and what a smooth correction over that would gain: its points are in the signal's unit."""
+    left = finding.left
+    sigma = next((s.sigma for s in problem.signals if s.column == left.signal), 1.0)
+    return {"significant": left.significant, "best_correlate": left.best_correlate, "signal": left.signal,
+            "share_of_squared_gap": left.gain / max(state.score(state.nominal), 1e-9), "looks_like": left.looks_like,
+            "could_gain": left.could_gain, "correction": [[x, y * sigma] for x, y in left.correction]}
 
 
 def plain(value: Any) -> Any:
@@ -176,9 +187,11 @@ def scales_of(problem: Problem) -> Scales:
                   pwm_hz=rig.bridge.get("pwm_hz", 20000.0), supply_ohm=rig.supply.get("resistance_ohm", 0.0))
 
 
-def drivers_of(problem: Problem) -> dict[str, np.ndarray]:
-    """What a remainder may follow, per residual row (n,): measured signals, angles, time, heat, the command and its rate."""
-    tables = [log_drivers(problem, j) for j in range(len(problem.logs))]
+def drivers_of(problem: Problem, theta: np.ndarray) -> dict[str, np.ndarray]:
+    """What a remainder may follow, per residual row (n,): measured signals, angles of the model theta (P,) that restarts with the log's,
+    time, heat, the command and its rate."""
+    angles = [simulation["angle_rad"][0] for simulation in problem.simulate(theta)]
+    tables = [log_drivers(problem, j, angles[j]) for j in range(len(problem.logs))]
     names = set.intersection(*(set(t) for t in tables))
     out = {name: np.full(problem.n, np.nan) for name in sorted(names)}
     for j, table in enumerate(tables):
@@ -188,13 +201,12 @@ def drivers_of(problem: Problem) -> dict[str, np.ndarray]:
     return out
 
 
-def log_drivers(problem: Problem, j: int) -> dict[str, np.ndarray]:
-    """Drivers of one log per row."""
+def log_drivers(problem: Problem, j: int, angle: np.ndarray) -> dict[str, np.ndarray]:
+    """Drivers of one log per row; angle (rows,) of the motor."""
     log, ratio = problem.logs[j], problem.rig.gearbox["ratio"]
     t, speed = np.asarray(log.time_s, float), speed_rows(problem, j)
-    angle = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))])
     out = {"speed": speed, "sign of speed": np.sign(np.where(np.abs(speed) > 1.0, speed, 0.0)), "time since start": t - t[0],
-           "motor angle": np.mod(angle, 2.0 * np.pi), "output angle": np.mod(angle / ratio, 2.0 * np.pi)}
+           "motor angle": np.mod(angle, 2.0 * np.pi), "output angle": np.mod(angle / ratio, 2.0 * np.pi), "unwound motor angle": angle}
     current = None
     words = {"current_a": "current", "duty": "duty", "voltage_v": "voltage", "supply_v": "bus voltage", "load_nm": "load"}
     for name, word in words.items():

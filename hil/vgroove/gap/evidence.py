@@ -46,12 +46,13 @@ def correlation_time(residual: np.ndarray, time_s: np.ndarray, group: np.ndarray
     return worst
 
 
-def make_blocks(log: np.ndarray, time_s: np.ndarray, judged: np.ndarray, length_s: float, seed: int, draws: int = DRAWS) -> Blocks:
-    """Cut the judged rows into blocks of length_s and draw bootstrap samples of them."""
+def make_blocks(log: np.ndarray, time_s: np.ndarray, judged: np.ndarray, length_s: float, seed: int, conditional: np.ndarray,
+                draws: int = DRAWS) -> Blocks:
+    """Cut the judged rows into blocks of length_s and draw bootstrap samples of them; conditional rows may cost, but are no samples."""
     number = np.floor(time_s / length_s).astype(int)
     keys = log.astype(np.int64) * (int(number.max()) + 2) + number
     _, cluster = np.unique(keys, return_inverse=True)
-    rows = np.bincount(cluster, weights=judged.astype(float))
+    rows = np.bincount(cluster, weights=(judged & ~conditional).astype(float))
     used = np.flatnonzero(rows)
     counts = np.zeros((draws, len(rows)))
     rng = np.random.default_rng(seed)
@@ -85,6 +86,6 @@ def few_blocks(count: int, level: float) -> float:
     return float(t.ppf(quantile, count - 1) / norm.ppf(quantile) * np.sqrt(count / (count - 1.0)))
 
 
-def squared(one: Fit, clip: float, conditional: np.ndarray) -> np.ndarray:
-    """Clipped squares of the held-out residuals (n,); conditional rows that do not count (residual 0) stand at the noise."""
-    return np.where(conditional & (one.held == 0.0), 1.0, np.minimum(np.abs(one.held), clip) ** 2)
+def squared(one: Fit, clip: float) -> np.ndarray:
+    """Clipped squares of the held-out residuals (n,)."""
+    return np.minimum(np.abs(one.held), clip) ** 2

@@ -170,7 +170,7 @@ CATALOGUE: tuple[Effect, ...] = (
     Effect("hall_eccentricity", "sensor_speed", (
         Parameter("amplitude_rad", "rad", _const(0.02), high=_const(0.5)), PHASE), phase=True, needs=("edges",)),
     Effect("hall_dropout", "sensor_speed", (
-        Parameter("probability", "1", _const(0.01), _zero, _const(0.5)),), needs=("edges",)),
+        Parameter("probability", "1", _const(0.01), _zero, _const(0.5), (1.0,)),), needs=("edges",)),
     Effect("supply_gain", "sensor_supply", (_relative(0.02, 0.5),), needs=("supply",)),
     Effect("transport_delay", "timing", (
         Parameter("delay_s", "s", lambda s: 2.0 * s.interval, lambda s: s.least_delay, _const(0.1), (0.0, 4.0)),)),

@@ -10,12 +10,12 @@ from math import factorial
 
 import numpy as np
 
+from vgroove.gap import follows
 from vgroove.gap.evidence import block_sums, draw_means
 from vgroove.gap.fit import KEY_BOUND, Fit, bounded_step
 from vgroove.gap.hypotheses import BY_ID
 from vgroove.gap.search import LEVEL, WORTH, Search, extensions
 
-BINS = 12
 OWN = {"current_a": "current", "supply_v": "bus voltage"}  # a channel's noise would explain itself
 RIDGE = 1e-6
 
@@ -141,57 +141,95 @@ def by_regime(search: Search, regime: np.ndarray, names: list[str]) -> list[dict
 
 @dataclass(frozen=True)
 class Structure:
-    """What is left: is it more than noise, what it follows, and how much of the squared gap that correlate takes away."""
+    """What is left: is it more than noise, what it follows in which signal, how much of the squared gap that takes away; then what a smooth
+    correction over it would gain of what is left above the noise, its points, and what it looks like."""
 
     significant: bool
     best_correlate: str | None
     gain: float
     signal: str | None
-    shape: list[tuple[float, float]]
+    could_gain: float = 0.0
+    correction: tuple[tuple[float, float], ...] = ()
+    looks_like: str | None = None
 
 
 def remaining(search: Search, best: Fit, drivers: dict[str, np.ndarray], signal: np.ndarray, names: list[str], floor: float) -> Structure:
-    """Regress the held-out residual of each signal on bins of each driver, cross-validated over alternating blocks."""
+    """What the held-out residual of each signal follows, cross-validated over alternating blocks."""
     residual = np.clip(best.held, -search.clip, search.clip)
-    top: tuple[float, str | None, int, np.ndarray] = (0.0, None, -1, residual)
-    for name, driver in sorted(drivers.items()):
-        for s in (s for s in range(len(names)) if OWN.get(names[s]) != name):
-            rows = search.blocks.judged & (signal == s) & np.isfinite(driver)
+    known = [as_driver(name, value) for name, value in sorted(drivers.items()) if name != "unwound motor angle"]
+    top = strongest(search, residual, known, signal, names)
+    found = top is not None and significant(search, residual**2, top.left**2)
+    real = bool(found or search.score(best) / (floor**2 * search.level()) - 1.0 > 0.15)
+    if not real:
+        return Structure(False, None, top.gain if top else 0.0, None)
+    lines = spectral(search, residual, drivers, signal, names)
+    line = strongest(search, residual, lines, signal, names)
+    if line is not None and (not found or line.gain > top.gain) and significant(search, residual**2, line.left**2):
+        top, found = line, True
+    if not found:
+        return Structure(True, None, top.gain if top else 0.0, None)
+    rows = search.blocks.judged & (signal == top.signal) & np.isfinite(top.driver.value)
+    driver = follows.Driver(top.driver.name, top.driver.value[rows], top.driver.period)
+    x, y = follows.smooth_curve(residual[rows], driver)
+    gain = follows.gained(residual[rows], driver, search.blocks.cluster[rows]) * float((residual[rows] ** 2).sum())
+    above = max((search.score(best) - floor**2) * search.blocks.total, 1e-9)
+    return Structure(True, top.driver.name, top.gain, names[top.signal], float(np.clip(gain / above, 0.0, 1.0)),
+                     tuple((float(a), float(b)) for a, b in follows.thinned(x, y, 1.0)), follows.looks(x, y, driver))
+
+
+def as_driver(name: str, value: np.ndarray) -> follows.Driver:
+    """A driver of the log; angles come round."""
+    return follows.Driver(name, value, follows.TURN if name.endswith("angle") else 0.0)
+
+
+@dataclass(frozen=True)
+class Strongest:
+    """A driver with the signal that follows it, the gain of squared residual over all judged rows, and the residual that is left (n,)."""
+
+    driver: follows.Driver
+    signal: int
+    gain: float
+    left: np.ndarray
+
+
+def strongest(search: Search, residual: np.ndarray, drivers: list[follows.Driver], signal: np.ndarray,
+              names: list[str]) -> Strongest | None:
+    """The driver and the signal whose bins take most away; None where nothing gains."""
+    top: Strongest | None = None
+    for driver in drivers:
+        for s in (s for s in range(len(names)) if OWN.get(names[s]) != driver.name):
+            rows = search.blocks.judged & (signal == s) & np.isfinite(driver.value)
             corrected = residual.copy()
-            corrected[rows] -= predicted(residual[rows], driver[rows], search.blocks.cluster[rows])
+            corrected[rows] -= follows.predicted(residual[rows], driver.value[rows], search.blocks.cluster[rows])
             gain = float((residual[rows] ** 2 - corrected[rows] ** 2).sum()) / search.blocks.total
-            if gain > top[0]:
-                top = (gain, name, s, corrected)
-    found = top[1] is not None and significant(search, residual**2, top[3] ** 2)
-    excess = search.score(best) / (floor**2 * search.level()) - 1.0
-    shape = profile(residual, drivers[top[1]], signal == top[2], search.blocks.judged) if found and top[1] else []
-    return Structure(bool(found or excess > 0.15), top[1] if found else None, top[0], names[top[2]] if found else None, shape)
+            if gain > (top.gain if top else 0.0):
+                top = Strongest(driver, s, gain, corrected)
+    return top
 
 
-def edges_of(driver: np.ndarray) -> np.ndarray:
-    """Inner bin edges at quantiles of the driver (few values: between them)."""
-    levels = np.unique(driver)
-    if len(levels) <= BINS:
-        return (levels[1:] + levels[:-1]) / 2.0
-    return np.unique(np.quantile(driver, np.linspace(0.0, 1.0, BINS + 1)[1:-1]))
-
-
-def predicted(residual: np.ndarray, driver: np.ndarray, cluster: np.ndarray) -> np.ndarray:
-    """Bin means of the other half of the blocks (even blocks predict odd ones and the other way round)."""
-    if len(driver) < 4 * BINS:
-        return np.zeros_like(residual)
-    bins = np.searchsorted(edges_of(driver), driver)
-    out = np.zeros_like(residual)
-    for parity in (0, 1):
-        there, here = cluster % 2 == parity, cluster % 2 != parity
-        count = np.bincount(bins[there], minlength=BINS + 1)
-        mean = np.bincount(bins[there], weights=residual[there], minlength=BINS + 1) / (count + 3.0)
-        out[here] = mean[bins[here]]
+def spectral(search: Search, residual: np.ndarray, drivers: dict[str, np.ndarray], signal: np.ndarray,
+             names: list[str]) -> list[follows.Driver]:
+    """Lines of the residual's spectra over time and over the motor's angle, of every signal, as drivers."""
+    rows_of, out = search.rows, []
+    angle = drivers.get("unwound motor angle")
+    for s in range(len(names)):
+        rows = search.blocks.judged & (signal == s) & (residual != 0.0)
+        if angle is not None:
+            rows &= np.isfinite(angle)
+        if rows.sum() < 200:
+            continue
+        ratio = getattr(getattr(search.engine.problem, "rig", None), "gearbox", {"ratio": 1.0})["ratio"]
+        found = follows.lines(residual[rows], rows_of.time_s[rows], angle[rows] if angle is not None else None, ratio, rows_of.log[rows])
+        for one in found:
+            whole = np.full(len(residual), np.nan)
+            whole[rows] = one.value
+            out.append(follows.Driver(one.name, whole, one.period))
     return out
 
 
-def profile(residual: np.ndarray, driver: np.ndarray, mine: np.ndarray, judged: np.ndarray) -> list[tuple[float, float]]:
-    """Mean residual over bins of its best correlate: (driver, residual in sigma)."""
-    rows = mine & judged & np.isfinite(driver)
-    bins = np.searchsorted(edges_of(driver[rows]), driver[rows])
-    return [(float(driver[rows][bins == b].mean()), float(residual[rows][bins == b].mean())) for b in np.unique(bins)]
+def by_correlate(search: Search, drivers: dict[str, np.ndarray], signal: np.ndarray, names: list[str],
+                 floor: float) -> list[dict[str, object]]:
+    """What the gap that retuning leaves follows: share of its square above the noise per driver and signal, largest first."""
+    residual = np.clip(search.retuned.held, -search.clip, search.clip)
+    known = [as_driver(name, value) for name, value in sorted(drivers.items()) if name != "unwound motor angle"]
+    return follows.shares(residual, known, signal, names, OWN, search.blocks, floor)

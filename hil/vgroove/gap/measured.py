@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from vgroove import _core
 from vgroove.errors import VgrooveError
@@ -13,7 +12,9 @@ from vgroove.gap.blocks import Blocks
 from vgroove.gap.channels import RAD_S_TO_RPM, Channel, ForceChannel, Places, RowChannel, span_channel
 from vgroove.gap.columns import calmed, filled, held
 from vgroove.gap.dead import without_dead
+from vgroove.gap.edge_gain import edge_scale
 from vgroove.gap.edges import EdgePeriods, edge_periods, near_reversal
+from vgroove.gap.missed import as_if_seen, loosened, missed_edges
 from vgroove.gap.noise import RPM
 from vgroove.gap.regimes import regimes_of
 from vgroove.gap.sight import sight_of, speed_rows
@@ -25,7 +26,6 @@ FEW_CHAINS, FILTERED_SHARE = 20, 0.2  # more breaks than this, and than this sha
 LONGEST_PITCH_S = 0.02  # a filtered speed at longer periods says little about when
 FORCE_ROWS = 2  # rows between the instants of a second difference
 LONGEST_FORCE_S, DROWNED = 0.05, 4.0  # their longest distance, taken while the differences scatter less than DROWNED times their noise
-NEIGHBOURS = 4  # edge periods on each side that say whether a period is twice as long as it should be
 DUTY_LIMIT = 1.01  # a compare value of 256 of 255 is rounding; beyond that the column is no duty
 UNAIDED_RPM = 100.0  # by which a shaft may speed up without a command: noise, a hand
 HOLE_S, HOLE_ROWS = 0.02, 8  # a command unknown for longer than both (seconds, usual intervals) leaves the motion after it open
@@ -43,6 +43,8 @@ class Run:
     regime: np.ndarray
     regimes: list[str]
     warnings: list[str]
+    lost_s: np.ndarray  # instants at which edges may have been passed that no row shows
+    pitch_rad: float  # between two edges; 0 without edges
 
     @property
     def starts(self) -> np.ndarray:
@@ -74,7 +76,9 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     channels = tuple(channel for channel in channels if len(channel.row))
     speed = speed_rows(time_s, sight)
     regime, regimes = regimes_of(time_s, speed, command)
-    return Run(log, drive, restarts, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings)
+    pitch = 2.0 * np.pi / rig.sensors["hall_pulses_per_rev"] if edges is not None else 0.0
+    return Run(log, drive, restarts, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings,
+               chain_starts(edges), pitch)
 
 
 def _command(columns: dict[str, np.ndarray], rig: Rig, source: str) -> np.ndarray:
@@ -141,12 +145,31 @@ def _edges(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
     pulses = rig.sensors.get("hall_pulses_per_rev", 0)
     if pulses == 0 or "speed_rpm" not in columns:
         return None
-    found = edge_periods(time_s, columns["speed_rpm"], pulses, rig.sensors.get("speed_lsb_rpm", 0.0))
+    found = _read_edges(time_s, columns["speed_rpm"], pulses, rig.sensors.get("speed_lsb_rpm", 0.0), source, warnings)
     whole = found.chain[~found.falling]
     if len(np.unique(whole)) <= max(FEW_CHAINS, FILTERED_SHARE * len(whole)):
         return found
     warnings.append(f"{source}: the speeds are no edge periods that follow one another (filtered?): compared over a pitch before each row")
     return None
+
+
+def _read_edges(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float, source: str, warnings: list[str]) -> EdgePeriods:
+    """Edge periods of a speed column whose scale against the time stamps need not be 1; speeds stay as they were logged."""
+    scale = edge_scale(time_s, speed_rpm, pulses, lsb_rpm)
+    found = edge_periods(time_s, speed_rpm / scale, pulses, lsb_rpm)
+    if scale == 1.0:
+        return found
+    warnings.append(f"{source}: the edge periods behind speed_rpm follow one another on these time stamps only if the speeds are read "
+                    f"{100.0 * (scale - 1.0):+.3g} % off: the sensor's gain, or a clock")
+    return replace(found, speed_rpm=found.speed_rpm * scale)
+
+
+def chain_starts(edges: EdgePeriods | None) -> np.ndarray:
+    """Instants at which a chain of edges begins that is not the first: how many edges came before it no row tells."""
+    if edges is None:
+        return np.zeros(0)
+    whole = np.flatnonzero(~edges.falling)
+    return edges.end_s[whole[1:]][np.diff(edges.chain[whole]) != 0]
 
 
 def _filtered_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig) -> Channel:
@@ -230,8 +253,9 @@ def current_is_unsigned(columns: dict[str, np.ndarray], rig: Rig, sigma: float) 
 def _edge_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig, edges: EdgePeriods) -> Channel:
     """Speeds over their edge periods, and the rows that wait for an edge: at most one pitch over the time without one."""
     pulses = rig.sensors["hall_pulses_per_rev"]
-    jitter = noise.edge_jitter(edges, pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0))
-    sigma = noise.edge_sigma_rpm(rig, edges, jitter)
+    missed = missed_edges(edges)
+    jitter = noise.edge_jitter(as_if_seen(edges, missed), pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0))
+    sigma = noise.edge_sigma_rpm(rig, loosened(edges, missed), jitter)
     keep = ~edges.falling & ~near_reversal(edges)
     wait_start, wait_row = _waits(time_s, speed_rpm, edges, rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S))
     start = np.concatenate([edges.start_s[keep], wait_start])
@@ -243,27 +267,12 @@ def _edge_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig, edges: Edge
     least = max(rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0), noise.LEAST_SIGMA["speed_rpm"])
     wait_sigma = np.full(len(wait_row), float(np.median(sigma)) if len(sigma) else least)
     order = np.lexsort((waiting, row))
-    missed = _missed_edges(edges)
     later = np.searchsorted(edges.row[keep], wait_row)
     missed = np.concatenate([missed[keep], np.concatenate([missed[keep], [0]])[later]])
     channel = span_channel("speed_rpm", "rpm", time_s, (start[order], end[order]), row[order], measured[order],
                            np.concatenate([sigma[keep], wait_sigma])[order], waiting[order], RAD_S_TO_RPM, True,
                            "compared over the measured edge periods")
     return replace(channel, missed=missed[order].astype(float))
-
-
-def _missed_edges(edges: EdgePeriods) -> np.ndarray:
-    """Edges (m,) that each period seems to have missed: its speed is a half, a third, ... of its neighbours' median."""
-    whole = np.flatnonzero(~edges.falling)
-    missed = np.zeros(len(edges.row), dtype=int)
-    if len(whole) < 2 * NEIGHBOURS + 1:
-        return missed
-    speed = np.abs(edges.speed_rpm[whole])
-    around = median_filter(speed, 2 * NEIGHBOURS + 1, mode="nearest")
-    times = np.round(around / speed)
-    fits = (times >= 2.0) & (times <= 4.0) & (np.abs(speed * times / around - 1.0) < 0.12)
-    missed[whole] = np.where(fits, times - 1.0, 0.0)
-    return missed
 
 
 def _waits(time_s: np.ndarray, speed_rpm: np.ndarray, edges: EdgePeriods, timeout_s: float) -> tuple[np.ndarray, np.ndarray]:

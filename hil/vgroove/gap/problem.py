@@ -22,6 +22,7 @@ from vgroove.gap.blocks import Blocks
 from vgroove.gap.channels import CLOCK, DROPS_EDGES, Channel, Simulation, SpanChannel
 from vgroove.gap.filters import correct_filters
 from vgroove.gap.measured import Run, prepare_run
+from vgroove.gap.phases import aligned
 from vgroove.rig import Rig
 
 CLIP = figures.CLIP
@@ -210,7 +211,7 @@ def load_problem(logs: Sequence[Any], rig: Rig, restart_s: float = 0.25, threads
     runs = tuple(prepare_run(_read(log), rig, restart_s) for log in logs)
     problem = _join(rig, runs, restart_s, threads)
     _check_reach(problem)
-    return problem
+    return aligned(problem, problem.theta0)
 
 
 def _check_reach(problem: Problem) -> None:

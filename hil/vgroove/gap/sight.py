@@ -8,6 +8,7 @@ from vgroove.gap import noise, states
 from vgroove.gap.channels import Channel
 from vgroove.gap.columns import filled, held
 from vgroove.gap.edges import EdgePeriods, near_reversal
+from vgroove.gap.missed import as_if_seen, loosened, missed_edges, with_missed_counted
 from vgroove.gap.noise import RPM
 from vgroove.rig import Rig
 
@@ -56,10 +57,14 @@ def _interpolated(time_s: np.ndarray, angle: np.ndarray) -> Callable[[float], fl
 
 def _edge_sight(rig: Rig, edges: EdgePeriods, angle: float) -> tuple[states.Observations, Callable[[float], float]]:
     pulses = rig.sensors["hall_pulses_per_rev"]
+    missed = missed_edges(edges)
+    edges = with_missed_counted(edges, missed)
     whole = ~edges.falling & ~near_reversal(edges)
-    jitter = noise.edge_jitter(edges, pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0))
-    sigma = noise.edge_sigma_rpm(rig, edges, jitter)
-    seen = states.Observations(edges.start_s[whole], edges.end_s[whole], edges.speed_rpm[whole] * RPM, sigma[whole] * RPM)
+    jitter = noise.edge_jitter(as_if_seen(edges, missed), pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0))
+    sigma = noise.edge_sigma_rpm(rig, loosened(edges, missed), jitter)
+    pitches = 1.0 + missed[whole]
+    rad_s = pitches * RPM
+    seen = states.Observations(edges.start_s[whole], edges.end_s[whole], edges.speed_rpm[whole] * rad_s, sigma[whole] * rad_s)
     counted = ~edges.falling
     # On average the first edge comes half a pitch after rest.
     turns = (edges.count[counted] + 0.5 * np.sign(edges.count[counted][0])) / pulses

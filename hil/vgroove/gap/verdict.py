@@ -116,7 +116,7 @@ def closed_interval(search: Search, shown: Fit, before: float, floor: float) -> 
     """Block-bootstrap interval of `closed`; clipped as the reported gap is, whatever the search clips at."""
     if before - floor < 0.1:
         return None
-    squares = (squared(f, CLIP, search.rows.conditional) for f in (search.nominal, shown))
+    squares = (squared(f, CLIP) for f in (search.nominal, shown))
     b, a = (np.sqrt(draw_means(search.blocks, block_sums(search.blocks, s))) for s in squares)
     ratio = np.clip((b - a) / np.maximum(b - floor, 1e-6), 0.0, 1.0)
     return [float(q) for q in np.quantile(ratio, [0.025, 0.975])]

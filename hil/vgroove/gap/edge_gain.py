@@ -1,0 +1,49 @@
+"""Reads from a log alone how its edge speeds are scaled against its time stamps: edge periods chain up from row to row only unscaled."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from vgroove.gap.edges import edge_periods
+
+COARSE = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)  # relative scales that are tried, both ways
+REFINED = 7  # halvings of the step around the best of them
+UNSUSPICIOUS = 12  # chains that reversals and stops alone may leave: nothing is looked for
+FEWER = 3.0  # times fewer chains that make a scale believed,
+WHOLE = 0.03  # and at most so many chains an edge period
+LARGEST = 0.3
+
+
+def chains(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> int:
+    """Pieces that the edge periods of a speed column fall into."""
+    return len(np.unique(edge_periods(time_s, speed_rpm, pulses, lsb_rpm).chain))
+
+
+def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> float:
+    """Factor 1 + g of the speed column against its own edges; 1 where no scale chains them clearly better than none.
+
+    A speed read g too high makes each period too short: the edges run away from the rows that show them, and the chain tears every few
+    milliseconds over g. A sensor's gain does that, and a logger's clock that runs off; a filter behind the sensor tears it at any scale.
+    """
+    def torn(scale: float) -> int:
+        return chains(time_s, speed_rpm / scale, pulses, lsb_rpm)
+
+    as_read = torn(1.0)
+    if as_read <= UNSUSPICIOUS:
+        return 1.0
+    best, count = _finest(torn, as_read)
+    changes = int(np.count_nonzero(np.diff(speed_rpm[np.isfinite(speed_rpm)])))
+    return 1.0 + best if FEWER * count < as_read and count <= max(UNSUSPICIOUS, WHOLE * changes) else 1.0
+
+
+def _finest(torn: Callable[[float], int], as_read: int) -> tuple[float, int]:
+    """Relative scale with the fewest pieces, the smaller of equals, and that number."""
+    tried = {0.0: as_read} | {sign * g: torn(1.0 + sign * g) for g in COARSE for sign in (1.0, -1.0)}
+    best = min(tried, key=lambda g: (tried[g], abs(g)))
+    step = 0.5 * max(abs(best), COARSE[0])
+    for _ in range(REFINED):
+        tried |= {g: torn(1.0 + g) for g in (best - step, best + step) if g not in tried and abs(g) <= LARGEST}
+        best = min(tried, key=lambda g: (tried[g], abs(g)))
+        step *= 0.5
+    level = [g for g in tried if tried[g] == tried[best]]
+    return 0.5 * (min(level) + max(level)) if torn(1.0 + 0.5 * (min(level) + max(level))) <= tried[best] else best, tried[best]

@@ -1,0 +1,94 @@
+"""What a Hall wheel hides and what the log gives back: angles lost at stops, edges passed over, a speed that is read too high."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_log import MadeLog, drive_log, rig
+from vgroove.gap import phases
+from vgroove.gap.edge_gain import edge_scale
+from vgroove.gap.missed import believable, pitches
+from vgroove.gap.problem import load_problem
+
+STOPS = [(0.2, 0.5), (0.7, 0.0), (1.3, 0.8), (1.9, 0.0), (2.6, 0.4), (3.3, 0.0), (4.0, 0.9), (5.0, 0.0)]
+COGGING = {"torque_nm": 0.002, "periods_per_rev": 1.0, "phase_rad": 0.0}
+
+
+@pytest.fixture(scope="module")
+def stop_and_go() -> MadeLog:
+    return drive_log(rig(effects={"cogging_torque": COGGING}), levels=STOPS)
+
+
+def test_angles_lost_at_stops_are_found_again(stop_and_go: MadeLog) -> None:
+    problem = load_problem([stop_and_go], rig())
+    phase = problem.index("effects.cogging_torque.phase_rad")
+    theta = np.repeat(load_problem([stop_and_go], rig(effects={"cogging_torque": COGGING})).theta0[None], 16, axis=0)
+    theta[:, phase] = np.arange(16) * np.pi / 8.0  # the first edge lies anywhere
+    parts = phases.stretches(problem)
+    assert parts.count > 2 and problem.runs[0].pitch_rad == pytest.approx(np.pi / 2.0)
+    first = parts.of == 0
+    best = theta[int(np.argmin([problem.gap(r, first) for r in problem.residuals(theta)]))]
+    assert problem.gap(problem.residuals(best)[0]) > 1.3
+    assert problem.gap(phases.aligned(problem, best).residuals(best)[0]) < 1.2
+
+
+def test_nothing_is_turned_where_nothing_follows_the_angle(stop_and_go: MadeLog) -> None:
+    problem = load_problem([stop_and_go], rig())
+    assert phases.aligned(problem, problem.theta0) is problem
+
+
+def test_the_linear_search_finds_the_offsets_that_were_put_in() -> None:
+    rng, shift = np.random.default_rng(3), np.pi / 2.0 * np.array([0, 2, 3, 1])
+    normal = np.stack([np.diag(rng.uniform(50.0, 90.0, 2)) for _ in shift])
+    true = np.array([0.8, -0.5])
+    turned = [np.array([[np.cos(d), -np.sin(d)], [np.sin(d), np.cos(d)]]) @ true for d in shift]
+    swing = phases.Swing(1.0, normal, np.stack([-n @ t for n, t in zip(normal, turned, strict=True)]))
+    found = swing.best_shifts([np.pi / 2.0 * np.arange(4)] * 4)
+    assert np.mod(found - shift, 2.0 * np.pi) == pytest.approx(np.zeros(4), abs=1e-9)
+    assert swing.amplitudes(found) == pytest.approx(true, rel=1e-4)
+    assert swing.gain(found) > 2.0 * swing.gain(np.zeros(4))
+
+
+@pytest.mark.parametrize("gain", [0.004, -0.02])
+def test_a_speed_that_is_read_too_high_is_seen_in_its_own_edges(gain: float) -> None:
+    made = drive_log(rig())
+    speed = made.columns["speed_rpm"]
+    assert edge_scale(made.time_s, speed, 4, 0.5) == 1.0
+    assert edge_scale(made.time_s, np.round(2.0 * speed * (1.0 + gain)) / 2.0, 4, 0.5) - 1.0 == pytest.approx(gain, abs=2e-4)
+
+
+def test_a_filtered_speed_has_no_scale() -> None:
+    made = drive_log(rig())
+    late = made.columns["speed_rpm"].copy()
+    for n in range(1, len(late)):
+        late[n] = late[n - 1] + 0.3 * (late[n] - late[n - 1])
+    assert edge_scale(made.time_s, np.round(2.0 * late) / 2.0, 4, 0.5) == 1.0
+
+
+def test_a_gain_closes_to_the_noise() -> None:
+    made = drive_log(rig())
+    high = replace(made, columns=made.columns | {"speed_rpm": np.round(2.0 * made.columns["speed_rpm"] * 1.004) / 2.0})
+    problem = load_problem([high], rig(effects={"speed_gain": {"relative": 0.004}}))
+    assert problem.gap(problem.residuals(problem.theta0)[0]) < 1.15
+    assert any("edge periods behind speed_rpm" in w for w in problem.warnings)
+
+
+def test_a_fifth_of_the_edges_may_be_missing() -> None:
+    problem = load_problem([drive_log(rig(), dropout=0.2)], rig())
+    theta = np.repeat(problem.theta0[None], 2, axis=0)
+    theta[1, problem.index("effects.hall_dropout.probability")] = 0.2
+    before, after = (problem.gap(r) for r in problem.residuals(theta))
+    assert before > 2.0 and after < 1.1
+    assert problem.missed_share == pytest.approx(0.2, rel=0.1)
+
+
+def test_missed_edges_are_no_bend_of_the_motion() -> None:
+    speed = np.linspace(100.0, 400.0, 60)
+    count = np.ones(60, int)
+    count[[7, 20, 21, 40]] = [2, 2, 3, 4]
+    level = np.log(speed / count)
+    assert np.array_equal(pitches(level), count)
+    assert np.array_equal(believable(level, count), count - 1)
+    starting = np.log(np.sqrt(np.arange(1.0, 30.0)))  # uniformly accelerated from rest: neither half nor twice
+    assert np.array_equal(pitches(starting), np.ones(29, int))
