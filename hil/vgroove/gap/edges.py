@@ -7,6 +7,7 @@ import numpy as np
 TICK_S = 2e-6  # slack of every bound: time stamps and edge stamps are rounded to about this much
 WAIT_SLACK_S = 1e-5  # a falling row may miss the chain by this much; the row after it decides
 STRAIN_S = 1e-4  # a row's interval missed by more than this breaks the chain
+NEAR_END_S = 5e-6  # an edge this close to a row's end may have been read by either row
 SPLIT_S = 2e-5  # bounds that contradict one another by more than this come from an edge too many or too few
 ROUNDING_SHARE = 0.1  # rounding errors of successive periods are independent: they add up to about this share of the worst case
 COUNTING_PULSES = 16  # from so many edges a turn on, a row's speed counts the edges since the row before (gap contract, section 1)
@@ -152,14 +153,15 @@ class _Reader:
     def step(self, previous: float, period: float, count: int, rounding: float, interval: float) -> tuple[float, float, float]:
         """Time from the last edge to the count-th after it, its bound of error, and what of that adds up over a chain.
 
-        Edges that no row shows lie evenly between. A counting sensor does not say how many edges it counted: where several fit into a row,
+        Edges that no row shows lie as a steady acceleration puts them (evenly between, a run-up would add up to late ones). A counting sensor does not say how many edges it counted: where several fit into a row,
         the place of the last one is open within a period, row for row.
         """
         if self.counts:
             bound = count * rounding
             open_place = period if period < COUNTED_SHARE * interval else 0.0
             return count * period, bound + open_place, ROUNDING_SHARE * bound + open_place
-        steps = previous + (period - previous) * np.arange(1, count + 1) / count
+        rate = 1.0 / previous**2 + (1.0 / period**2 - 1.0 / previous**2) * np.arange(1, count + 1) / count
+        steps = 1.0 / np.sqrt(rate)
         bound = rounding + (0.02 * abs(period - previous) + rounding) * (count - 1)
         return float(steps.sum()), bound, ROUNDING_SHARE * bound
 
@@ -216,6 +218,16 @@ def _edge_times(chain: _Chain) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return offset + middle, width, piece
 
 
+def _either(time_s: np.ndarray, chain: _Chain, end: np.ndarray, slack: np.ndarray) -> np.ndarray:
+    """A period (edges,) where rows show the last of several edges and one of them lies so close to the row's end that it may belong to the
+    next row; else 0."""
+    row, period = np.asarray(chain.row), np.asarray(chain.period_s)
+    interval = time_s[row] - time_s[np.maximum(row - 1, 0)]
+    after = time_s[row] - end  # since the edge; it is the last one if the next comes later than the row
+    close = np.minimum(after, period - after) < slack + NEAR_END_S
+    return np.where(close & (period < interval), period, 0.0)
+
+
 def _intersect(low: np.ndarray, high: np.ndarray, drift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Middle and half width of the interval that all bounds leave to each edge's offset.
 
@@ -241,6 +253,7 @@ def edge_periods(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
         end, slack, piece = _edge_times(chain)
         piece += number
         number = piece[-1] + 1
+        slack = slack + _either(time_s, chain, end, slack)
         for i, (row, speed, length) in enumerate(zip(chain.row, chain.speed_rpm, chain.length_s, strict=True)):
             count += chain.span[i] * (1 if speed > 0.0 else -1)
             columns.append((row, end[i] - length, end[i], speed, slack[i], False, piece[i], count))

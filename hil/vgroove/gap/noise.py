@@ -6,13 +6,15 @@ from math import comb
 import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter
 
-from vgroove.gap.edges import EdgePeriods
+from vgroove.gap.edges import COUNTING_PULSES, EdgePeriods
 from vgroove.rig import Rig
 
 STEPS_LOOKED_AT, MOST_PARTS = 2000, 64  # differences that must fit a column's resolution, and steps in the smallest of them
 SCATTER_WINDOW, SCATTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
 DIFFERENCE_ORDERS = range(3, 9)  # of a position, in which white noise is looked for
 CALMED = 7  # rows over which columns.calmed takes the mean of a noisy voltage
+COUNTED_ROWS = 14  # of a sensor that counts edges, in which its jitter is looked for
+TOUCHING = 0.2  # of a period: two that begin and end closer than this share an edge
 RPM = 2.0 * np.pi / 60.0
 MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 LEAST_SIGMA = {"current_a": 1e-3, "supply_v": 1e-3, "speed_rpm": 1e-2, "position_rad": 1e-9}  # a noiseless log must not divide by zero
@@ -63,22 +65,25 @@ def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) ->
     """Jitter of the edges from a log's edge periods alone; none where the log is too short to tell.
 
     In windows of four turns a quintic motion and a pattern that repeats every turn (eccentric or unequal edges) are taken away. What stays
-    is rounding and jitter; neighbouring periods share an edge, so that jitter e makes period n err by e(n) - e(n-1).
+    is rounding and jitter; neighbouring periods share an edge, so that jitter e makes period n err by e(n) - e(n-1). Where a row shows the
+    last of several edges its neighbours share none.
     """
     whole = ~edges.falling
     speed, chain = edges.speed_rpm[whole] * RPM, edges.chain[whole]
     period = (edges.end_s - edges.start_s)[whole]
-    size = max(4 * pulses_per_rev, 12)
+    counted = pulses_per_rev >= COUNTING_PULSES  # each row spans several edges: no pattern of a turn is left, and a turn would be long
+    size = COUNTED_ROWS if counted else max(4 * pulses_per_rev, 12)
     starts = np.arange(0, len(speed) - size + 1, size // 2)
     starts = starts[chain[starts] == chain[starts + size - 1]]
     if len(starts) < 5:
         return Jitter()
     rows = starts[:, None] + np.arange(size)
-    keep = _what_motion_leaves(size, pulses_per_rev)
+    keep = _what_motion_leaves(size, 1 if counted else pulses_per_rev)
     mean_period = period[rows].mean(axis=1)
     error = (speed[rows] * mean_period[:, None]) @ keep
     rounding = np.trace(keep) * (rounding_rpm * RPM * mean_period) ** 2
-    shared = 2.0 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1)
+    touching = float(np.mean(np.abs(edges.start_s[whole][1:] - edges.end_s[whole][:-1]) < TOUCHING * period[1:]))
+    shared = 2.0 * np.eye(size) - touching * (np.eye(size, k=1) + np.eye(size, k=-1))
     variance = ((error**2).sum(axis=1) - rounding) / np.trace(keep @ shared @ keep)
     return _split_jitter(variance, (speed[rows].mean(axis=1)) ** 2)
 

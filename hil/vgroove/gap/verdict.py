@@ -17,7 +17,7 @@ LONG_S = 0.5
 SURE = 0.99
 NOT_WORTH = 0.4  # an effect that is significant and still not worth naming
 PATCHED = (1.0 + VISIBLE) ** 2 - 1.0  # excess power of the least gap that the contract calls one
-NEARLY_ALL = 0.98  # an effect whose form is off by a seventh of its size leaves (1 / 7)^2 of its squared gap
+NEARLY_ALL = {2: 0.92, 3: 0.95, 4: 0.95}  # effects whose forms are off by a quarter of their size leave (1 / 4)^2 of their squared gap
 UNSURE = 0.85  # most that is believed of a set beside which a significant remainder of that size stays
 
 
@@ -71,7 +71,7 @@ def imitates(search: Search, best: Fit, bulk: float, floor: float) -> bool:
 def patched(search: Search, best: Fit, bulk: float, floor: float) -> bool:
     """Whether a set of several effects looks like a patchwork: effects that are really there leave no visible gap, or a small part of a
     large one (their forms are not quite the catalogue's); several that leave more imitate something else."""
-    return len(best.ids) > 1 and bulk < NEARLY_ALL and excess(search, best, floor) > PATCHED
+    return len(best.ids) > 1 and bulk < NEARLY_ALL[len(best.ids)] and excess(search, best, floor) > PATCHED
 
 
 def is_left_out(search: Search, best: Fit) -> bool:
