@@ -143,7 +143,7 @@ def named_gap(after: float, count: int) -> Named:
     return one
 
 
-# A patchwork leaves more than the least visible gap (10 % above the noise: 1.21), and of two effects more than 0.08, of three 0.05 of the gap.
+# A patchwork leaves more than the least visible gap (10 % above the noise: 1.21), and more than 0.08 (two effects) or 0.05 of the gap.
 @pytest.mark.parametrize(("count", "retuned", "after", "patchwork"), [
     (2, 9.0, 1.62, False), (2, 9.0, 1.66, True), (1, 9.0, 1.66, False), (2, 15.0, 1.66, False), (3, 11.0, 1.52, True),
     (3, 11.0, 1.48, False), (2, 3.0, 1.20, False), (2, 3.0, 1.22, True)])

@@ -153,8 +153,9 @@ class _Reader:
     def step(self, previous: float, period: float, count: int, rounding: float, interval: float) -> tuple[float, float, float]:
         """Time from the last edge to the count-th after it, its bound of error, and what of that adds up over a chain.
 
-        Edges that no row shows lie as a steady acceleration puts them (evenly between, a run-up would add up to late ones). A counting sensor does not say how many edges it counted: where several fit into a row,
-        the place of the last one is open within a period, row for row.
+        Edges that no row shows lie as a steady acceleration puts them (evenly between, a run-up would add up to late ones). A counting
+        sensor does not say how many edges it counted: where several fit into a row, the place of the last one is open within a period,
+        row for row.
         """
         if self.counts:
             bound = count * rounding

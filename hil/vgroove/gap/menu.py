@@ -45,7 +45,7 @@ MENU: tuple[Course, ...] = (
           coasts=True),
     _held("stall pulse", "large currents near standstill: resistance, current sensor and bus without back-EMF",
           [1.0, *[0.0] * 9, 1.0, *[0.0] * 9, 0.5, *[0.0] * 9, 0.5, *[0.0] * 9]),
-    Course("slow sweep", "a slow passage through low speeds: break-away, dead band", (0.0, REST_S, 2.2, SECONDS), (0.0, 0.0, 0.15, 0.0), True),
+    Course("slow sweep", "a slow passage through low speeds: break-away", (0.0, REST_S, 2.2, SECONDS), (0.0, 0.0, 0.15, 0.0), True),
     _held("load steps", "current changed at constant speed", [0.8],
           load=((0.0, 0.0), (0.8, 0.0), (0.85, 0.5), (1.8, 0.5), (1.85, 1.0), (2.8, 1.0), (2.85, 0.2), (3.5, 0.0))),
     _held("hold at heat", "a long hold at the largest command", [1.0]),

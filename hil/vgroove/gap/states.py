@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,11 @@ class Observations:
     end_s: np.ndarray
     value: np.ndarray
     sigma: np.ndarray
+
+    @cached_property
+    def usual(self) -> float:
+        """Sigma that nine tenths of the spans reach: a state that is known worse only by worse spans is not known well."""
+        return float(np.quantile(self.sigma, 0.9))
 
 
 @dataclass(frozen=True)
@@ -76,7 +82,7 @@ def quadratic(seen: Observations, time_s: float, middle: int, neighbours: int) -
     freedom = len(a) - DEGREE - 1
     left = float(np.sum((weight * error) ** 2)) / freedom
     misfit = np.sqrt(max(1.0, left))
-    slope, bend, one = float(answer[1] / scale), 2.0 * float(answer[2]) / scale**2, float(np.median(sigma))
+    slope, bend, one = float(answer[1] / scale), 2.0 * float(answer[2]) / scale**2, min(float(np.median(sigma)), seen.usual)
     return Local(float(answer[0]), slope, bend, float(np.sqrt(covariance[0, 0])) * misfit / one, abs(slope) * UNREST_S / one,
                  left < 1.0 + NOISE_ALONE * np.sqrt(2.0 / freedom))
 
