@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from made_log import edge_times, hall_column
-from vgroove.gap.edges import edge_periods
-from vgroove.gap.noise import Jitter, edge_jitter
+from made_log import edge_times, hall_column, rig
+from vgroove.gap.edges import _Reader, edge_periods
+from vgroove.gap.noise import Jitter, edge_jitter, edge_sigma_rpm
 
 FINE = np.arange(0, 30001) * 1e-4
 ROWS = FINE[::10]
@@ -106,3 +106,25 @@ def test_time_jitter_is_told_from_motion_and_from_unequal_edges(jitter_s: float)
 def test_no_jitter_is_claimed_for_a_few_edges() -> None:
     edges = edge_times(FINE[:1000], motion(SPEEDS["ramp"])[:1000], 4)
     assert edge_jitter(edge_periods(ROWS[:100], hall_column(ROWS[:100], edges, 4, 0.3, 0.5), 4, 0.5), 4, 0.1) == Jitter()
+
+
+def test_edges_that_no_row_shows_lie_as_a_steady_acceleration_puts_them() -> None:
+    """Six edges between two shown periods while the speed rises by a third: evenly spaced they would come late, and a run-up adds that up."""
+    pitch, rate, w0, count = np.pi / 4.0, 9000.0, 500.0, 6
+    times = (np.sqrt(w0**2 + 2.0 * rate * pitch * np.arange(count + 2)) - w0) / rate
+    periods, exact = np.diff(times), times[-1] - times[1]
+    evenly = float(np.sum(periods[0] + (periods[-1] - periods[0]) * np.arange(1, count + 1) / count))
+    length, bound, drift = _Reader(ROWS, np.zeros(len(ROWS)), 8, 0.5).step(periods[0], periods[-1], count, 1e-8, 1.0 / 300.0)
+    assert abs(length - exact) < 0.05 * abs(evenly - exact)
+    assert abs(length - exact) < drift < bound
+
+
+def test_jitter_of_an_encoder_is_not_its_motion() -> None:
+    """32 edges a turn, slow and changing: what is left of a window is rounding, not the bend of the motion."""
+    fine = np.arange(0.0, 6.0, 1e-4)
+    speed = 60.0 + 50.0 * np.sin(2.0 * np.pi * 0.7 * fine)
+    edges = edge_times(fine, np.cumsum(speed) * 1e-4, 32)
+    rows = np.arange(1, 1799) / 300.0
+    found = edge_periods(rows, hall_column(rows, edges, 32, 0.05, 0.5), 32, 0.5)
+    jitter = edge_jitter(found, 32, 0.5 / np.sqrt(12.0))
+    assert edge_sigma_rpm(rig(sensors={"hall_pulses_per_rev": 32, "log_hz": 300}), found, jitter).mean() < 3.0

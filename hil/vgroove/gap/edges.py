@@ -10,6 +10,7 @@ STRAIN_S = 1e-4  # a row's interval missed by more than this breaks the chain
 NEAR_END_S = 5e-6  # an edge this close to a row's end may have been read by either row
 SPLIT_S = 2e-5  # bounds that contradict one another by more than this come from an edge too many or too few
 ROUNDING_SHARE = 0.1  # rounding errors of successive periods are independent: they add up to about this share of the worst case
+BEND_SHARE = 0.02  # of the change between two periods, by which each unseen period between them may differ from a steady acceleration's
 COUNTING_PULSES = 16  # from so many edges a turn on, a row's speed counts the edges since the row before (gap contract, section 1)
 COUNTED_SHARE = 0.8  # an edge period below this share of a row's interval: the number of edges in the row cannot be told
 REVERSAL_S = 0.1  # edge periods closer than this to a change of sign may count one edge twice
@@ -163,8 +164,8 @@ class _Reader:
             return count * period, bound + open_place, ROUNDING_SHARE * bound + open_place
         rate = 1.0 / previous**2 + (1.0 / period**2 - 1.0 / previous**2) * np.arange(1, count + 1) / count
         steps = 1.0 / np.sqrt(rate)
-        bound = rounding + (0.02 * abs(period - previous) + rounding) * (count - 1)
-        return float(steps.sum()), bound, ROUNDING_SHARE * bound
+        bend = BEND_SHARE * abs(period - previous) * (count - 1)  # all one way while a motion bends: it adds up in full
+        return float(steps.sum()), bend + rounding * count, bend + ROUNDING_SHARE * rounding * count
 
     def counts_to_try(self, now: float, period: float, previous: float) -> range:
         """Edges that may have passed since the last; where a sensor counts several a row: as many as the speed gives in the long run."""
