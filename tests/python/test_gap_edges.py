@@ -109,7 +109,7 @@ def test_no_jitter_is_claimed_for_a_few_edges() -> None:
 
 
 def test_edges_that_no_row_shows_lie_as_a_steady_acceleration_puts_them() -> None:
-    """Six edges between two shown periods while the speed rises by a third: evenly spaced they would come late, and a run-up adds that up."""
+    """Six edges between two shown periods while the speed rises by a third: evenly spaced they would be late, and run-ups add that up."""
     pitch, rate, w0, count = np.pi / 4.0, 9000.0, 500.0, 6
     times = (np.sqrt(w0**2 + 2.0 * rate * pitch * np.arange(count + 2)) - w0) / rate
     periods, exact = np.diff(times), times[-1] - times[1]
