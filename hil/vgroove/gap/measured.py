@@ -28,6 +28,7 @@ FORCE_ROWS = 2  # rows between the instants of a second difference
 LONGEST_FORCE_S, DROWNED = 0.05, 4.0  # their longest distance, taken while the differences scatter less than DROWNED times their noise
 DUTY_LIMIT = 1.01  # a compare value of 256 of 255 is rounding; beyond that the column is no duty
 UNAIDED_RPM = 100.0  # by which a shaft may speed up without a command: noise, a hand
+START_S, LATEST_START_S = 0.02, 0.15  # a log whose first speed begins so early begins in motion; its first good state comes at most so late
 HOLE_S, HOLE_ROWS = 0.02, 8  # a command unknown for longer than both (seconds, usual intervals) leaves the motion after it open
 
 
@@ -67,10 +68,13 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     load = filled(time_s, columns["load_nm"]) if rig.load["kind"] == "torque" and "load_nm" in columns else None
     channels = _widened(channels, time_s, noise.drive_sigma(rig, time_s, command, load, _volt_noise(columns, rig), restart_s))
     holes = _holes(time_s, columns[rig.input["kind"]])
-    restarts = states.restarts(sight, time_s, restart_s, [row for _, row in holes])
+    moving = _in_motion(sight, time_s)
+    restarts = states.restarts(sight, time_s, restart_s, [0] * moving + [row for _, row in holes])
+    holes += _rough_start(restarts, time_s) if moving else []
     channels = tuple(_clear_of_holes(_clear_of_restarts(channel, restarts.rows), restarts.rows, holes) for channel in channels)
-    if holes:
-        warnings.append(f"{source}: {len(holes)} holes in the command; what follows each is left out up to the next restart")
+    gaps = sum(before >= 0 for before, _ in holes)
+    if gaps:
+        warnings.append(f"{source}: {gaps} holes in the command; what follows each is left out up to the next restart")
     if not any(len(channel.row) for channel in channels):
         raise VgrooveError(f"{source}: nothing to judge: no sample is left between the holes of the log")
     channels = tuple(channel for channel in channels if len(channel.row))
@@ -347,6 +351,21 @@ def _holes(time_s: np.ndarray, command: np.ndarray) -> list[tuple[int, int]]:
     length = np.diff(time_s[known])
     limit = max(HOLE_S, HOLE_ROWS * float(np.median(np.diff(time_s))))
     return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(length > limit)]
+
+
+def _in_motion(sight: states.Sight, time_s: np.ndarray) -> bool:
+    """Whether a log begins in motion: its first speeds are there at once, and none is near rest."""
+    seen = sight.speed
+    if seen is None or len(seen.value) < 4 or seen.start_s[0] > time_s[0] + START_S:
+        return False
+    first = np.abs(seen.value[:4])
+    return bool(first.min() > 0.5 * first.max() and first.min() > 10.0 * seen.sigma[0])
+
+
+def _rough_start(restarts: states.Restarts, time_s: np.ndarray) -> list[tuple[int, int]]:
+    """A log that begins in motion is judged from its first good state on, as after a hole: what came before is not known."""
+    early = restarts.rows[(restarts.rows > 0) & (time_s[restarts.rows] < time_s[0] + LATEST_START_S)]
+    return [(-1, 1)] if len(early) and restarts.measured[0, 1] != 0.0 else []
 
 
 def _clear_of_holes(channel: Channel, starts: np.ndarray, holes: list[tuple[int, int]]) -> Channel:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from vgroove.gap.edges import EdgePeriods
 
@@ -66,9 +67,7 @@ def with_missed_counted(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
 
 def loosened(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
     """The periods with what a missed edge leaves open beside it: rows that show only the last of several periods place it by counting."""
-    if not len(missed):
-        return edges
-    near = np.convolve(missed > 0, np.ones(2 * REACH + 1), mode="same") > 0.0
+    near = maximum_filter1d(missed, 2 * REACH + 1) > 0 if len(missed) else missed > 0
     return replace(edges, slack_s=edges.slack_s + np.where(near, 0.5 * (edges.end_s - edges.start_s) / (1.0 + missed), 0.0))
 
 
