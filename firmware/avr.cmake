@@ -9,7 +9,7 @@ set_source_files_properties(app/calibrate.c app/execute.c app/param_command.c ap
   PROPERTIES COMPILE_OPTIONS -fno-inline-small-functions)
 target_include_directories(vgroove PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${build_hash_dir})
 target_compile_options(vgroove PRIVATE ${avr_flags})
-target_link_options(vgroove PRIVATE ${avr_flags} -Wl,--gc-sections -Wl,-Map=${CMAKE_BINARY_DIR}/vgroove.map)
+target_link_options(vgroove PRIVATE ${avr_flags} -Wl,--gc-sections -Wl,--sort-section=alignment -Wl,-Map=${CMAKE_BINARY_DIR}/vgroove.map)
 target_link_libraries(vgroove PRIVATE vgroove_warnings)
 set_target_properties(vgroove PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR} SUFFIX .elf POSITION_INDEPENDENT_CODE OFF)
 add_dependencies(vgroove vgroove_build_hash)

@@ -150,12 +150,14 @@ void app_tick(App *self, uint8_t ticks_late) {
         calibrate_step(self);
     }
     step_modes(self);
-    if (self->modes.state != MODES_DRIVE) {
+    const bool drives = self->modes.state == MODES_DRIVE;
+    if (!drives) {
         select_mode(self);
     }
+    profile_tick(&self->control.profile, drives);
     h_bridge_stage(&self->bridge, drive_step(self));
     share_tick(self);
-    if (self->modes.state != MODES_DRIVE) {
+    if (!drives) {
         control_prepare(&self->control, self->mode, self->params.value);
     }
     self->slow_turn = self->report.hold_slow && telemetry_slow_waits(&self->telemetry);

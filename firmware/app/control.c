@@ -87,7 +87,7 @@ INLINE_NEVER void control_start(Control *self, uint8_t mode, bool reverse) {
 
 static int16_t step(Control *self, const ControllerInputs *in) {
     switch (self->mode) { CONTROL_LIST(STEP_CASE) }
-    return in->travel_q15;
+    return profile_wish(&self->profile, in->travel_q15);
 }
 
 INLINE_NEVER int16_t control_step(Control *self, const ControllerInputs *in) {
@@ -107,7 +107,7 @@ void control_report(const Control *self, TelemetryControl *out) {
     out->blow_count = self->blow.count & TELEMETRY_BLOW_COUNT_MAX;
     out->blow_period_ms = period_q4 < TELEMETRY_BLOW_PERIOD_MS_MAX ? period_q4 : TELEMETRY_BLOW_PERIOD_MS_MAX;
     switch (self->mode) { CONTROL_LIST(REPORT_CASE) }
-    out->control_state = 0;
-    out->stop_reason = CONTROLLER_REASON_NONE;
+    out->control_state = self->profile.acts ? 1u : 0u;
+    out->stop_reason = self->stopped ? CONTROLLER_REASON_TIMEOUT : CONTROLLER_REASON_NONE;
     out->estimate = 0;
 }

@@ -21,6 +21,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "app/profile.h"
 #include "controllers/blow.h"
 #include "controllers/controller.h"
 #include "controllers/drill.h"
@@ -64,6 +65,7 @@ typedef struct {
         int16_t words[CONTROL_SETPOINTS_MOST];
         CONTROL_LIST(CONTROL_SETPOINTS)
     } set;
+    Profile profile;      // of mode duty
     ControllerInputs in;  // of this tick
     uint8_t mode;         // TELEMETRY_MODE_* of this drive
     bool stopped;         // the controller has ended it

@@ -9,8 +9,6 @@
 #define BYTES_A_TICK 2u  // some 70 commands a second with their ACKs; the queue holds three that come at once
 #define CONFIGURE_STEPS 7u
 
-enum { SETPOINT_DUTY_LIMIT_Q15 };
-
 static bool idle(const App *app) {
     return app->modes.state != MODES_DRIVE && app->modes.state != MODES_RELEASE && app->modes.state != MODES_STOPPED;
 }
@@ -81,10 +79,28 @@ static uint8_t set_mode(App *app, const Command *command) {
 static uint8_t set_point(App *app, const Command *command) {
     TelemetrySetpoint set;
     (void)telemetry_unpack_setpoint(&set, command->data);
-    if (set.setpoint_which != SETPOINT_DUTY_LIMIT_Q15 || set.setpoint_value < 0 || set.setpoint_value > INT16_MAX) {
+    if (set.setpoint_which == TELEMETRY_SETPOINT_WHICH_TORQUE_TARGET_NM) {
+        if (!idle(app)) {
+            return TELEMETRY_ACK_RESULT_NOT_NOW;
+        }
+        return param_try(&app->params, PARAM_TORQUE_TARGET_NM, set.setpoint_value) ? TELEMETRY_ACK_RESULT_OK : TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
+    }
+    if (set.setpoint_which != TELEMETRY_SETPOINT_WHICH_DUTY_LIMIT_Q15 || set.setpoint_value < 0 || set.setpoint_value > INT16_MAX) {
         return TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
     }
     app->duty_limit_q15 = (int16_t)set.setpoint_value;
+    return TELEMETRY_ACK_RESULT_OK;
+}
+
+static uint8_t take_profile(App *app, const Command *command) {
+    TelemetryProfile frame;
+    if (!telemetry_unpack_profile(&frame, command->data)) {
+        return TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
+    }
+    if (app->mode != TELEMETRY_MODE_DUTY) {
+        return TELEMETRY_ACK_RESULT_NOT_NOW;
+    }
+    profile_take(&app->control.profile, frame.profile_duty);
     return TELEMETRY_ACK_RESULT_OK;
 }
 
@@ -104,6 +120,8 @@ static uint8_t execute(App *app, const Command *command) {
         return set_point(app, command);
     case TELEMETRY_CALIBRATE_ID:
         return calibrate(app, command);
+    case TELEMETRY_PROFILE_ID:
+        return take_profile(app, command);
     }
     const uint8_t result = param_command(&app->params, &app->telemetry, command, idle(app));
     if (command->id == TELEMETRY_PARAM_WRITE_ID && result == TELEMETRY_ACK_RESULT_OK) {

@@ -124,13 +124,18 @@ void param_load(ParamStore *self) {
     take_values(self, count);
 }
 
-bool param_set(ParamStore *self, ParamIndex index, int32_t value) {
+bool param_try(ParamStore *self, ParamIndex index, int32_t value) {
     if ((uint8_t)index >= PARAM_COUNT || !in_range((uint8_t)index, value)) {
         return false;
     }
     self->value[index] = (int16_t)value;
-    self->step = STEP_VOID;
     return true;
+}
+
+bool param_set(ParamStore *self, ParamIndex index, int32_t value) {
+    const bool taken = param_try(self, index, value);
+    self->step = taken ? STEP_VOID : self->step;
+    return taken;
 }
 
 bool param_saving(const ParamStore *self) {

@@ -45,6 +45,9 @@ void param_load(ParamStore *self);
 // Sets a value and saves the set; false and no change when it is out of range. A save in progress starts over.
 bool param_set(ParamStore *self, ParamIndex index, int32_t value);
 
+// The same without saving it: it holds until the next start, unless the set is saved for another's sake.
+bool param_try(ParamStore *self, ParamIndex index, int32_t value);
+
 // A byte waits to be written, and the EEPROM is ready for it.
 bool param_due(const ParamStore *self);
 

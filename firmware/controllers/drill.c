@@ -117,12 +117,16 @@ static int32_t filtered(int32_t sum_a_q17) {
     return sum_a_q17 >> FILTER_SHIFT;
 }
 
+static int32_t gained(const Drill *self, int32_t off_a_q9) {
+    const int32_t slow = off_a_q9 * FILTER_GAIN;
+    return self->slow ? slow : 2 * slow;
+}
+
 // Load current i - J / k^2 e', filtered over 16 ms, or over 32 ms where the clutch is set low: noise counts for more, and the shaft is slower.
 static void track_load(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     const int32_t inertia_a_q9 = (int32_t)(int16_t)(self->emf_mv - emf_mv) * INERTIA_A_Q9_PER_MV;
-    const int8_t gain = self->slow ? FILTER_GAIN : 2 * FILTER_GAIN;
-    self->level_a_q17 += (current_a_q9 + inertia_a_q9 - filtered(self->level_a_q17)) * gain;
-    self->smooth_a_q17 += (filtered(self->level_a_q17) - filtered(self->smooth_a_q17)) * gain;
+    self->level_a_q17 += gained(self, current_a_q9 + inertia_a_q9 - filtered(self->level_a_q17));
+    self->smooth_a_q17 += gained(self, filtered(self->level_a_q17) - filtered(self->smooth_a_q17));
 }
 
 static void observe(Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {

@@ -11,10 +11,7 @@ void foldback_init(Foldback *self, int16_t limit_a_q9) {
     *self = (Foldback){.limit_a_q9 = limit_a_q9};
 }
 
-INLINE_NEVER static int32_t integrate(int32_t share_q23, int32_t excess_a_q9) {
-    if (share_q23 == 0 && excess_a_q9 <= 0) {
-        return 0;  // one of the two is so
-    }
+INLINE_NEVER static int32_t integrated(int32_t share_q23, int32_t excess_a_q9) {
     return fixed_clamp_i32(share_q23 + excess_a_q9 * GAIN_Q14, 0, DUTY_MAX_Q23);
 }
 
@@ -22,11 +19,18 @@ int16_t foldback_step(Foldback *self, int16_t wish_q15, int16_t current_a_q9) {
     if (!self->active && current_a_q9 <= self->limit_a_q9 && current_a_q9 >= -self->limit_a_q9) {
         return (int16_t)(wish_q15 < 0 ? 0 : wish_q15);  // the usual case
     }
-    self->less_q23 = integrate(self->less_q23, (int32_t)current_a_q9 - self->limit_a_q9);
-    self->more_q23 = integrate(self->more_q23, -(int32_t)current_a_q9 - self->limit_a_q9);
+    if (self->less_q23 > 0 || current_a_q9 > self->limit_a_q9) {
+        self->less_q23 = integrated(self->less_q23, (int32_t)current_a_q9 - self->limit_a_q9);
+    }
+    if (self->more_q23 > 0 || current_a_q9 < -self->limit_a_q9) {
+        self->more_q23 = integrated(self->more_q23, -(int32_t)current_a_q9 - self->limit_a_q9);
+    }
     self->active = self->less_q23 > 0 || self->more_q23 > 0;
-    const int32_t allowed_q15 = wish_q15 + ((self->more_q23 - self->less_q23) >> 8);
-    return (int16_t)fixed_clamp_i32(allowed_q15, 0, INT16_MAX);
+    if (self->more_q23 > 0) {
+        return (int16_t)fixed_clamp_i32(wish_q15 + ((self->more_q23 - self->less_q23) >> 8), 0, INT16_MAX);
+    }
+    const uint16_t less_q15 = (uint16_t)((uint32_t)(self->less_q23 + UINT8_MAX) >> 8);  // the usual case in 16 bits; a part of a step takes the whole
+    return (int16_t)(wish_q15 > 0 && (uint16_t)wish_q15 > less_q15 ? (uint16_t)wish_q15 - less_q15 : 0);
 }
 
 bool foldback_active(const Foldback *self) {

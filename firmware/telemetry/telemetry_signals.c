@@ -120,3 +120,9 @@ bool telemetry_unpack_setpoint(TelemetrySetpoint *signals, const uint8_t data[TE
     signals->setpoint_sequence = data[6];
     return signals->setpoint_which <= TELEMETRY_SETPOINT_WHICH_MAX;
 }
+
+bool telemetry_unpack_profile(TelemetryProfile *signals, const uint8_t data[TELEMETRY_DATA_BYTES]) {
+    signals->profile_duty = (int16_t)((uint16_t)data[0] | ((uint16_t)data[1] << 8));
+    signals->profile_sequence = data[6];
+    return signals->profile_duty >= TELEMETRY_PROFILE_DUTY_MIN;
+}

@@ -299,6 +299,8 @@ typedef struct {
 #define TELEMETRY_SETPOINT_CRC_SEED 0xCEu  // CRC-8 register after the id
 #define TELEMETRY_SETPOINT_WHICH_MIN 0u
 #define TELEMETRY_SETPOINT_WHICH_MAX 7u
+#define TELEMETRY_SETPOINT_WHICH_DUTY_LIMIT_Q15 0u
+#define TELEMETRY_SETPOINT_WHICH_TORQUE_TARGET_NM 1u
 #define TELEMETRY_SETPOINT_VALUE_MIN (-2147483647 - 1)
 #define TELEMETRY_SETPOINT_VALUE_MAX 2147483647
 #define TELEMETRY_SETPOINT_SEQUENCE_MIN 0u
@@ -308,6 +310,17 @@ typedef struct {
     int32_t setpoint_value;
     uint8_t setpoint_sequence;
 } TelemetrySetpoint;
+
+#define TELEMETRY_PROFILE_ID 518u
+#define TELEMETRY_PROFILE_CRC_SEED 0x3Eu  // CRC-8 register after the id
+#define TELEMETRY_PROFILE_DUTY_MIN (-1)
+#define TELEMETRY_PROFILE_DUTY_MAX 32767
+#define TELEMETRY_PROFILE_SEQUENCE_MIN 0u
+#define TELEMETRY_PROFILE_SEQUENCE_MAX 255u
+typedef struct {
+    int16_t profile_duty;
+    uint8_t profile_sequence;
+} TelemetryProfile;
 
 void telemetry_pack_fast(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryFast *signals);
 void telemetry_pack_state(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryState *signals);
@@ -323,5 +336,6 @@ bool telemetry_unpack_param_write(TelemetryParamWrite *signals, const uint8_t da
 bool telemetry_unpack_dump(TelemetryDump *signals, const uint8_t data[TELEMETRY_DATA_BYTES]);
 bool telemetry_unpack_calibrate(TelemetryCalibrate *signals, const uint8_t data[TELEMETRY_DATA_BYTES]);
 bool telemetry_unpack_setpoint(TelemetrySetpoint *signals, const uint8_t data[TELEMETRY_DATA_BYTES]);
+bool telemetry_unpack_profile(TelemetryProfile *signals, const uint8_t data[TELEMETRY_DATA_BYTES]);
 
 #endif

@@ -379,7 +379,7 @@ def test_raw_recording_keeps_the_time_that_the_crc_covers(tmp_path: Path) -> Non
         assert log.time_s[0] == (2**31 + 1) / 1000 and len(log) == 300 and log.warnings == []
 
 
-@pytest.mark.parametrize("name", ["SET_MODE", "PARAM_READ", "PARAM_WRITE", "DUMP", "CALIBRATE", "SETPOINT"])
+@pytest.mark.parametrize("name", ["SET_MODE", "PARAM_READ", "PARAM_WRITE", "DUMP", "CALIBRATE", "SETPOINT", "PROFILE"])
 def test_commands_leave_with_the_time_that_their_crc_covers(name: str) -> None:
     for time_ms in (0, 1, 1001, 999_999, 86_400_000, 2**32 - 1):
         message = command_message(name, 5, time_ms)

@@ -24,7 +24,7 @@ from vgroove.log import log_from_stream
 from vgroove.recorder import command_message
 
 OUTBOUND = ("FAST", "STATE", "BOOT", "PARAM", "PARAM_TABLE", "ACK", "HEALTH", "CONTROL")
-INBOUND = ("SET_MODE", "PARAM_READ", "PARAM_WRITE", "DUMP", "CALIBRATE", "SETPOINT")
+INBOUND = ("SET_MODE", "PARAM_READ", "PARAM_WRITE", "DUMP", "CALIBRATE", "SETPOINT", "PROFILE")
 ACK_RESULT = telemetry.database().get_message_by_name("ACK").get_signal_by_name("ack_result")
 RESULT = {str(name): value for value, name in ACK_RESULT.choices.items()}
 

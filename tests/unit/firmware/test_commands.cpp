@@ -176,4 +176,118 @@ TEST_F(HostTest, AtTheSlowRateItDecimatesAndLosesNothing) {
     EXPECT_EQ(read(BAUD_INDEX), 1);
 }
 
+// Host and hand together: the trigger held at `counts`, a duty commanded every 20 ms.
+struct ProfileTest : HostTest {
+    void SetUp() override {
+        HostTest::SetUp();
+        run(400);
+    }
+
+    void command(int16_t duty_q15, int ms) {
+        for (int k = 0; k < ms; k += 20) {
+            const auto raw = static_cast<std::uint16_t>(duty_q15);
+            const Bytes frame =
+                frame_of(TELEMETRY_PROFILE_ID, {static_cast<std::uint8_t>(raw), static_cast<std::uint8_t>(raw >> 8), 0, 0, 0, 0, ++sequence});
+            to_board.insert(to_board.end(), frame.begin(), frame.end());
+            run(20);
+        }
+    }
+
+    void press(int counts = 900) {
+        in.adc_counts[SIM_ADC_TRIGGER] = static_cast<std::uint16_t>(counts);
+        in.switches |= SIM_SWITCH_CONTACT;
+    }
+
+    void release() {
+        in.adc_counts[SIM_ADC_TRIGGER] = 100;
+        in.switches &= static_cast<std::uint8_t>(~SIM_SWITCH_CONTACT);
+    }
+
+    int stop_reason() { return frames[TELEMETRY_CONTROL_ID].back()[11] >> 4; }
+};
+
+constexpr int STOPPED = 5;
+constexpr int16_t QUARTER_Q15 = 8192;  // 64 counts of the bridge
+
+TEST_F(ProfileTest, IsObeyedWhileTheTriggerIsHeld) {
+    command(QUARTER_Q15, 100);
+    EXPECT_NE(out.coast, 0) << "not before";
+    press();
+    command(QUARTER_Q15, 300);
+    EXPECT_EQ(out.compare, 64);
+    command(2 * QUARTER_Q15, 100);
+    EXPECT_EQ(out.compare, 128);
+    command(-1, 100);
+    EXPECT_NE(out.coast, 0);
+    EXPECT_EQ(state(), DRIVE);
+    command(QUARTER_Q15, 100);
+    EXPECT_EQ(out.compare, 64);
+    release();
+    command(QUARTER_Q15, 100);
+    EXPECT_NE(out.coast, 0) << "not after";
+}
+
+TEST_F(ProfileTest, IsLimitedByTheTrigger) {
+    press(240);  // 140 of 820 counts: 44 of 255
+    command(INT16_MAX, 400);
+    EXPECT_EQ(out.coast, 0);
+    EXPECT_NEAR(out.compare, 255 * 140 / 820, 1);
+}
+
+TEST_F(ProfileTest, EndsFiftyMillisecondsAfterTheLastFrameUntilTheRelease) {
+    press();
+    command(QUARTER_Q15, 300);
+    ASSERT_EQ(out.compare, 64);
+    run(40);
+    EXPECT_EQ(out.compare, 64) << "the last frame came 60 ms ago, took 12 to be read, and holds for 50";
+    run(10);
+    EXPECT_NE(out.coast, 0);
+    run(100);
+    EXPECT_EQ(state(), STOPPED);
+    EXPECT_EQ(stop_reason(), static_cast<int>(TELEMETRY_STOP_REASON_TIMEOUT));
+    command(QUARTER_Q15, 200);
+    EXPECT_NE(out.coast, 0) << "over is over";
+    release();
+    run(400);
+    press();
+    run(300);
+    EXPECT_GT(out.compare, 200) << "the hand's again";
+}
+
+TEST_F(ProfileTest, IsRefusedInOtherModesAndOutOfRange) {
+    EXPECT_EQ(ask(TELEMETRY_PROFILE_ID, {0xFE, 0xFF}), TELEMETRY_ACK_RESULT_OUT_OF_RANGE);
+    EXPECT_EQ(ask(TELEMETRY_PROFILE_ID, {0xFF, 0xFF}), TELEMETRY_ACK_RESULT_OK);
+    ASSERT_EQ(ask(TELEMETRY_SET_MODE_ID, {TELEMETRY_MODE_SYNC}), TELEMETRY_ACK_RESULT_OK);
+    EXPECT_EQ(ask(TELEMETRY_PROFILE_ID, {0, 16}), TELEMETRY_ACK_RESULT_NOT_NOW);
+}
+
+TEST_F(ProfileTest, AFaultGoesBeforeIt) {
+    press();
+    command(QUARTER_Q15, 300);
+    ASSERT_EQ(out.compare, 64);
+    in.adc_counts[SIM_ADC_BUS] = 300;  // 7.5 V
+    command(QUARTER_Q15, 60);
+    EXPECT_NE(out.coast, 0);
+    in.adc_counts[SIM_ADC_BUS] = 740;
+    command(QUARTER_Q15, 200);
+    EXPECT_NE(out.coast, 0);
+}
+
+TEST_F(HostTest, TheTorqueTargetIsASetpointToo) {
+    constexpr int TORQUE_INDEX = PARAM_TORQUE_TARGET_NM;
+    run(400);
+    ASSERT_EQ(read(TORQUE_INDEX), 80);
+    EXPECT_EQ(ask(TELEMETRY_SETPOINT_ID, {1, 0, 95}), TELEMETRY_ACK_RESULT_OK);
+    EXPECT_EQ(read(TORQUE_INDEX), 95);
+    EXPECT_EQ(flags() & TELEMETRY_FLAGS_PARAM_SAVING, 0u) << "not saved";
+    EXPECT_EQ(ask(TELEMETRY_SETPOINT_ID, {1, 0, 121}), TELEMETRY_ACK_RESULT_OUT_OF_RANGE);
+    EXPECT_EQ(ask(TELEMETRY_SETPOINT_ID, {1, 0, 39}), TELEMETRY_ACK_RESULT_OUT_OF_RANGE);
+    EXPECT_EQ(ask(TELEMETRY_SETPOINT_ID, {2, 0, 95}), TELEMETRY_ACK_RESULT_OUT_OF_RANGE);
+    in.adc_counts[SIM_ADC_TRIGGER] = 900;
+    in.switches = SIM_SWITCH_CONTACT;
+    run(100);
+    EXPECT_EQ(ask(TELEMETRY_SETPOINT_ID, {1, 0, 60}), TELEMETRY_ACK_RESULT_NOT_NOW);
+    EXPECT_EQ(read(TORQUE_INDEX), 95);
+}
+
 }  // namespace
