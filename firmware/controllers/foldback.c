@@ -26,11 +26,8 @@ int16_t foldback_step(Foldback *self, int16_t wish_q15, int16_t current_a_q9) {
         self->more_q23 = integrated(self->more_q23, -(int32_t)current_a_q9 - self->limit_a_q9);
     }
     self->active = self->less_q23 > 0 || self->more_q23 > 0;
-    if (self->more_q23 > 0) {
-        return (int16_t)fixed_clamp_i32(wish_q15 + ((self->more_q23 - self->less_q23) >> 8), 0, INT16_MAX);
-    }
-    const uint16_t less_q15 = (uint16_t)((uint32_t)(self->less_q23 + UINT8_MAX) >> 8);  // the usual case in 16 bits; a part of a step takes the whole
-    return (int16_t)(wish_q15 > 0 && (uint16_t)wish_q15 > less_q15 ? (uint16_t)wish_q15 - less_q15 : 0);
+    const int32_t allowed_q15 = wish_q15 + ((self->more_q23 - self->less_q23) >> 8);
+    return (int16_t)fixed_clamp_i32(allowed_q15, 0, INT16_MAX);
 }
 
 bool foldback_active(const Foldback *self) {
