@@ -100,7 +100,7 @@ static uint8_t take_profile(App *app, const Command *command) {
     if (app->mode != TELEMETRY_MODE_DUTY) {
         return TELEMETRY_ACK_RESULT_NOT_NOW;
     }
-    profile_take(&app->control.profile, frame.profile_duty);
+    profile_take(&app->control.profile, frame.profile_duty_q15);
     return TELEMETRY_ACK_RESULT_OK;
 }
 

@@ -122,7 +122,7 @@ bool telemetry_unpack_setpoint(TelemetrySetpoint *signals, const uint8_t data[TE
 }
 
 bool telemetry_unpack_profile(TelemetryProfile *signals, const uint8_t data[TELEMETRY_DATA_BYTES]) {
-    signals->profile_duty = (int16_t)((uint16_t)data[0] | ((uint16_t)data[1] << 8));
+    signals->profile_duty_q15 = (int16_t)((uint16_t)data[0] | ((uint16_t)data[1] << 8));
     signals->profile_sequence = data[6];
-    return signals->profile_duty >= TELEMETRY_PROFILE_DUTY_MIN;
+    return signals->profile_duty_q15 >= TELEMETRY_PROFILE_DUTY_Q15_MIN;
 }

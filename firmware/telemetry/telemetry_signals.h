@@ -313,12 +313,12 @@ typedef struct {
 
 #define TELEMETRY_PROFILE_ID 518u
 #define TELEMETRY_PROFILE_CRC_SEED 0x3Eu  // CRC-8 register after the id
-#define TELEMETRY_PROFILE_DUTY_MIN (-1)
-#define TELEMETRY_PROFILE_DUTY_MAX 32767
+#define TELEMETRY_PROFILE_DUTY_Q15_MIN (-1)
+#define TELEMETRY_PROFILE_DUTY_Q15_MAX 32767
 #define TELEMETRY_PROFILE_SEQUENCE_MIN 0u
 #define TELEMETRY_PROFILE_SEQUENCE_MAX 255u
 typedef struct {
-    int16_t profile_duty;
+    int16_t profile_duty_q15;
     uint8_t profile_sequence;
 } TelemetryProfile;
 

@@ -12,7 +12,7 @@ OPEN = -1.0  # duty below 0: the bridge is open
 
 @dataclass
 class ProfileSender:
-    """Frames of `duty(t)`, t in s from `begin_s` on, for `duration_s`; values are held to OPEN or 0..1. A line of `vgroove.lockstep`, too."""
+    """Frames of `duty(t)`, t in s from `begin_s` on, for `duration_s`; held to OPEN or 0..1. A line of `vgroove.lockstep`."""
 
     duty: Callable[[float], float]
     duration_s: float
@@ -38,7 +38,6 @@ class ProfileSender:
 
 def profile_frame(duty: float, sequence: int, time_ms: int = 0) -> bytes:
     """One PROFILE frame on the wire: duty 0..1, below 0 the bridge is open; the sequence number modulo 256 differs from frame to frame."""
-    greatest = 1 - 2**-15
-    value = -(2**-15) if duty < 0 else min(duty, greatest)
-    frame = telemetry.frame_of_signals("PROFILE", time_ms, profile_duty=value, profile_sequence=sequence & 0xFF)
+    duty_q15 = -1 if duty < 0 else min(round(duty * 2**15), 2**15 - 1)
+    frame = telemetry.frame_of_signals("PROFILE", time_ms, profile_duty_q15=duty_q15, profile_sequence=sequence & 0xFF)
     return telemetry.frame_bytes(frame)

@@ -24,7 +24,8 @@ def flags_of_platformio(parser: configparser.ConfigParser) -> set[str]:
 
 def flags_of_cmake() -> set[str]:
     avr, root = (FIRMWARE / "avr.cmake").read_text(), (house.ROOT / "CMakeLists.txt").read_text()
-    flags = set(re.search(r"set\(avr_flags ([^)]*)\)", avr)[1].split()) | set(re.findall(r"-Wl,--(?:gc-sections|sort-section=alignment)", avr))
+    flags = set(re.search(r"set\(avr_flags ([^)]*)\)", avr)[1].split())
+    flags |= set(re.findall(r"-Wl,--(?:gc-sections|sort-section=alignment)", avr))
     warnings = re.search(r"target_compile_options\(vgroove_warnings INTERFACE(.*?)\)\n", root, re.DOTALL)[1]
     return (flags | set(re.findall(r"-W[a-z][\w-]*", warnings))) - NOT_OF_PLATFORMIO
 
