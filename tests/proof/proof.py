@@ -63,7 +63,8 @@ def gap_bench(half: str, folder: Path, jobs: int) -> dict:
     out = folder / f"gap_bench_{half}.json"
     out.parent.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "vgroove.cli", "gap", "bench", "--set", half, "--removed", "--jobs", str(jobs), "--json", out]
-    subprocess.run(command, check=True, cwd=ROOT)
+    page = ["--page", ROOT / "docs/gap_bench.md"] if half == "report" else []
+    subprocess.run([*command, *page], check=True, cwd=ROOT)
     return json.loads(out.read_text(encoding="utf-8"))
 
 

@@ -1,0 +1,54 @@
+"""Forty cases of the blind set's half for tuning that guard every change: made again from tests/truth/fixed_cases.json, judged, scored.
+
+`python tests/python/fixed_cases.py` judges all and prints the counts from which the floors of test_gap_fixed_a.py and _b.py are set.
+"""
+
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from truth_helpers import TRUTH
+
+import gap_bench  # isort: skip
+from vgroove.gap.diagnose import diagnose
+from vgroove.gap_bench.score import Scored
+from vgroove.log import read_log
+from vgroove.rig import read_rig
+
+ROWS = json.loads((TRUTH / "fixed_cases.json").read_text(encoding="utf-8"))
+
+
+def judged(row: dict, folder: Path) -> Scored:
+    """Make a case, diagnose it in this process, and put the answer beside it."""
+    case = gap_bench.thawed(row)
+    gap_bench.write_case(case, folder)
+    begin = time.process_time()
+    verdict = diagnose([read_log(folder / "log.csv")], read_rig(folder / "rig.toml")).verdict
+    seconds = time.process_time() - begin
+    return Scored(row["number"], folder.name, None, gap_bench.answer_of(case) | {"ties": row["ties"]}, verdict, seconds, seconds, 0.0)
+
+
+def story(cases: list[Scored]) -> str:
+    """A line for each case, for whoever reads a failure."""
+    return "\n".join(f"{c.number} {c.kind} {'+'.join(c.answer['ids'])} {c.answer['times_visible']} -> {c.word} {'+'.join(c.selected)} "
+                     f"{'right' if c.right else 'WRONG'} {c.cpu_seconds:.1f} s" for c in cases)
+
+
+def counts(cases: list[Scored]) -> dict[str, int]:
+    """What the floors speak of."""
+    return {"of": len(cases), "right": sum(c.right for c in cases), "sure_and_wrong": sum(c.sure_and_wrong for c in cases),
+            "false_alarms": sum(c.kind == "none" and c.word != "none" for c in cases)}
+
+
+def main() -> int:
+    for place in (0, 1):
+        with tempfile.TemporaryDirectory() as folder:
+            cases = [judged(row, Path(folder) / f"case_{n}") for n, row in enumerate(ROWS[place::2])]
+        sys.stdout.write(f"{story(cases)}\n{counts(cases)}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
