@@ -5,7 +5,8 @@ import pytest
 from fixed_cases import ROWS, counts, judged, story
 from vgroove.gap_bench.score import Scored
 
-# When the set was fixed: 7 right, 1 sure and wrong, 1 false alarm, of 20. Off by two standard deviations of a binomial of 20: single cases may move.
+# When the set was fixed: 7 right, 1 sure and wrong, 1 false alarm, of 20.
+# Off by two standard deviations of a binomial of 20: single cases may move.
 RIGHT_LEAST = 3
 SURE_AND_WRONG_MOST = 4
 FALSE_ALARMS_MOST = 2

@@ -5,7 +5,8 @@ import pytest
 from fixed_cases import ROWS, counts, judged, story
 from vgroove.gap_bench.score import Scored
 
-# When the set was fixed: 12 right, 3 sure and wrong, no false alarm, of 20. Off by two standard deviations of a binomial of 20: single cases may move.
+# When the set was fixed: 12 right, 3 sure and wrong, no false alarm, of 20.
+# Off by two standard deviations of a binomial of 20: single cases may move.
 RIGHT_LEAST = 8
 SURE_AND_WRONG_MOST = 6
 FALSE_ALARMS_MOST = 1
