@@ -45,7 +45,7 @@ def further_table(figures: dict[str, Any]) -> Table:
         table.add_column(name)
     table.add_row("named with 90 % and wrong", share(rates["sure_and_wrong"]), "at most 1 %")
     table.add_row("false alarms of none", share(rates["false_alarms"]), "at most 1 %")
-    table.add_row("ambiguous_though_separable", share(rates["ambiguous_though_separable"]), "at most 10 %")
+    table.add_row("ambiguous though separable", share(rates["ambiguous_though_separable"]), "at most 10 %")
     table.add_row("failed", share(rates["failed"]), "0")
     table.add_row("gap closed, median", number(closed["closed"]["median"]), "0.97")
     table.add_row("gap closed beyond retuning, median", number(closed["closed_beyond_retuning"]["median"]), "")
