@@ -45,6 +45,8 @@ namespace {
 template <class L> struct SolverBody final : ImpactBody {
     mutable ImpactSolver<L> solver{};                         // looking into a step shapes its interpolant
     double charge_as = 0.0, bus_vs = 0.0, housing_nms = 0.0;  // integrals at the start of the interval
+    mutable ImpactState<L> seen{};                            // state at the end of an interval, as it was given away,
+    mutable double seen_s = -1.0;                             // and when
 
     void run(double seconds, const TimedCommand &c, double load_from_nm, double load_rate) override {
         const double share = std::fabs(c.duty);
@@ -60,6 +62,12 @@ template <class L> struct SolverBody final : ImpactBody {
     double present(int n) const { return impact_present_of(solver, n); }
 
     void reset_means() override {
+        if (seen_s == now_s) {
+            charge_as = seen.x[STATE_CURRENT_TIME];
+            bus_vs = seen.x[STATE_BUS_TIME];
+            housing_nms = seen.x[L::HOUSING_TIME];
+            return;
+        }
         charge_as = present(STATE_CURRENT_TIME);
         bus_vs = present(STATE_BUS_TIME);
         housing_nms = present(L::HOUSING_TIME);
@@ -73,11 +81,23 @@ template <class L> struct SolverBody final : ImpactBody {
                 at.head_rad, 1e3 * at.x, at.housing_nm,    x.x[L::ARM_ANGLE]};
     }
 
+    // Means and values of this instant, from one look into the step; the whole derivative only where it decides the joint's torque.
     AdvanceResult result(double seconds) const override {
-        AdvanceResult r = now();
-        r.current_a = sensors_read_current(parameters, (present(STATE_CURRENT_TIME) - charge_as) / seconds);
-        r.supply_v = mean_bus(seconds);
-        r.housing_nm = (present(L::HOUSING_TIME) - housing_nms) / seconds;
+        if (solver.model.second_output)
+            return meant(now(), impact_present(solver), seconds);
+        const ImpactState<L> x = impact_present(solver);
+        const ImpactPoint at = impact_sight<L>(solver.model, solver.drive, solver.mode, solver.into_s, x);
+        const AdvanceResult r{0.0,        0.0, x.x[STATE_SPEED], x.x[STATE_ANGLE], at.joint_nm, x.x[L::ANVIL_ANGLE], at.head_rad,
+                              1e3 * at.x, 0.0, x.x[L::ARM_ANGLE]};
+        return meant(r, x, seconds);
+    }
+
+    AdvanceResult meant(AdvanceResult r, const ImpactState<L> &x, double seconds) const {
+        seen = x;
+        seen_s = now_s;
+        r.current_a = sensors_read_current(parameters, (x.x[STATE_CURRENT_TIME] - charge_as) / seconds);
+        r.supply_v = (x.x[STATE_BUS_TIME] - bus_vs) / seconds * (1.0 + parameters.supply_gain_relative);
+        r.housing_nm = (x.x[L::HOUSING_TIME] - housing_nms) / seconds;
         return r;
     }
 
