@@ -2,6 +2,7 @@
 #include "controllers/screwing.h"
 
 #include "core/divide.h"
+#include "core/inline.h"
 #include "core/slew.h"
 
 typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE } Stage;
@@ -32,7 +33,7 @@ static uint16_t phase_of(int16_t x, int16_t y) {
     const uint16_t along = (uint16_t)(x < 0 ? -x : x), across = (uint16_t)(y < 0 ? -y : y);
     const bool swap = across > along;
     const uint16_t less = swap ? along : across, more = swap ? across : along;
-    const uint16_t ratio_q16 = more == 0u ? 0u : divide_u16((uint32_t)less << 16, more);
+    const uint16_t ratio_q16 = more == 0u ? 0u : divide_by_u16((uint32_t)less << 16, more);
     const uint16_t slope = (uint16_t)(8192u + (uint16_t)(((uint32_t)2847u * (uint16_t)~ratio_q16) >> 16));
     uint16_t angle = (uint16_t)(((uint32_t)slope * ratio_q16) >> 16);
     angle = swap ? (uint16_t)(16384u - angle) : angle;
@@ -150,7 +151,7 @@ static void judge(Screwing *self, const ScrewingSetpoints *set) {
         learn(self, set);
         return;
     }
-    const uint16_t rise_q8 = divide_u16((uint32_t)(uint16_t)self->learned << 8, (uint16_t)self->now);
+    const uint16_t rise_q8 = divide_by_u16((uint32_t)(uint16_t)self->learned << 8, (uint16_t)self->now);
     const int16_t last_q8 = self->rise_q8;
     self->rise_q8 = (int16_t)(rise_q8 < 2048u ? rise_q8 : 2048u);
     if (self->rise_q8 < ONSET_Q8) {
@@ -164,7 +165,7 @@ static void judge(Screwing *self, const ScrewingSetpoints *set) {
 static void step_stage(Screwing *self, const ScrewingSetpoints *set, uint16_t supply_mv) {
     if (self->least_q15 == 0) {
         self->excess = (uint16_t)(2u * divide_u16(WAVE_SCALE, (uint32_t)set->pulses * set->turn_q8));
-        const uint16_t least_q15 = divide_u16((uint32_t)(uint16_t)set->least_mv << 15, supply_mv);
+        const uint16_t least_q15 = divide_by_u16((uint32_t)(uint16_t)set->least_mv << 15, supply_mv);
         self->least_q15 = (int16_t)(least_q15 < LEAST_MOST ? least_q15 : LEAST_MOST);
     } else if (self->stage == STAGE_PHASE) {
         self->stage = STAGE_JUDGE;

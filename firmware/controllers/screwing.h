@@ -22,7 +22,7 @@ typedef enum { SCREWING_RUN_IN, SCREWING_SETTLE, SCREWING_TRACK, SCREWING_SUSPEC
 #define SCREWING_AXES 3u
 
 typedef struct {
-    uint8_t pulses;        // Hall edges a turn of the motor
+    uint16_t pulses;       // Hall edges a turn of the motor
     uint16_t turn_q8;      // turns of the motor from lug to lug
     int16_t share_q15;     // of the trigger's duty, once it impacts
     int16_t least_mv;      // at the motor: less power is not taken, the hammer would stand still
