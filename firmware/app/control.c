@@ -29,8 +29,7 @@
 #define SETPOINTS_SYNC                                                                                                                               \
     PARAM_SYNC_METHOD, PARAM_SYNC_LOW_MV, PARAM_SYNC_HIGH_MV, PARAM_SYNC_DEPTH_MIN_Q15, PARAM_SYNC_DEPTH_MAX_Q15, PARAM_SYNC_CURRENT_A_Q9
 #define SETPOINTS_SCREWING                                                                                                                           \
-    PARAM_HALL_PULSES, PARAM_BLOW_TURN_Q8, PARAM_SCREWING_SHARE_Q15, PARAM_SCREWING_LEAST_MV, PARAM_SCREWING_SMALL_DEG_Q4,                             \
-        PARAM_SCREWING_RISE_Q8
+    PARAM_HALL_PULSES, PARAM_BLOW_TURN_Q8, PARAM_SCREWING_SHARE_Q15, PARAM_SCREWING_LEAST_MV, PARAM_SCREWING_SMALL_DEG_Q4, PARAM_SCREWING_RISE_Q8
 #define SETPOINTS_VIBRATION                                                                                                                          \
     PARAM_VIBRATION_METHOD, PARAM_VIBRATION_APPROACH_Q15, PARAM_VIBRATION_CLIMB_Q15, PARAM_VIBRATION_CLIMB_PER_MS_Q15,                               \
         PARAM_VIBRATION_CLIMB_TURN_Q8, PARAM_VIBRATION_SURGE_A_Q9, PARAM_VIBRATION_HARD_SHARE_Q15, PARAM_VIBRATION_HARD_MV, PARAM_MOTOR_MOHM,        \

@@ -80,6 +80,7 @@ static void take_edge(Screwing *self, uint16_t rpm) {
 
 // What the screw turned in this wave and the one before, a blow's worth: by what its phase lags, and six pitches are more than 90 degrees.
 static void take_phase(Screwing *self) {
+    BY_POINTER(self);
     const int16_t *found = self->found;
     const int16_t x = (int16_t)((2 * (int32_t)found[0] + found[1] - found[2]) >> 2);
     const int16_t y = (int16_t)((((int32_t)found[1] + found[2]) * 111) >> 8);  // sqrt(3) / 4
@@ -146,6 +147,7 @@ static void suspect(Screwing *self, const ScrewingSetpoints *set, int16_t jump_q
 }
 
 static void judge(Screwing *self, const ScrewingSetpoints *set) {
+    BY_POINTER(self);
     self->now = (int16_t)(self->now + part_q8((int16_t)(self->turn - self->now), memory_q8(self)));
     if (self->left > 0u) {
         learn(self, set);
@@ -195,6 +197,7 @@ static int16_t output(Screwing *self, int16_t travel_q15) {
 }
 
 int16_t screwing_step(Screwing *self, const ScrewingSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+    BY_POINTER(self);
     if (self->state == SCREWING_SEATED) {
         return CONTROLLER_STOP;
     }

@@ -319,8 +319,8 @@ def test_fifth_of_blow_detection(fifth: Any) -> None:
 def test_fifth_of_precise_screwing(fifth: Any) -> None:
     found, plain = summary(fifth("screwing"), "screwing"), summary(fifth("screwing"), "without")
     assert found["size"] == plain["size"] == "all"
-    assert found["past_deg_median"] <= 60.0 < plain["past_deg_median"] and found["stripped"] <= 0.4 * plain["stripped"]
-    assert found["rate_change_soft"] <= -0.15 and found["time_ratio"] <= 2.5
+    assert found["past_deg_median"] <= 45.0 < plain["past_deg_median"] and found["stripped"] <= 0.15 * plain["stripped"]
+    assert found["rate_change_soft"] <= -0.32 and found["time_ratio"] <= 2.6 and found["early"] <= 2
 
 
 def test_fifth_of_torque_control(fifth: Any) -> None:
