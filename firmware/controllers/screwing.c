@@ -26,7 +26,7 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE } Stage;
 #define GIVE_UP (60u * DEG)    // too flat for a seat
 #define SHARE_MORE 6144        // of power where a blow turns little
 #define LEAST_MOST 30000u      // 17/8 of it fit
-#define SLEW 400               // a tick: a step would brake
+#define SLEW 110               // a tick: a step would brake
 
 // Phase of (x, y), 2^16 a turn; within 0.0038 rad: atan r = r (pi / 4 + 0.273 (1 - r)).
 static uint16_t phase_of(int16_t x, int16_t y) {
