@@ -190,8 +190,12 @@ static int16_t output(Screwing *self, int16_t travel_q15) {
     if (self->state == SCREWING_RUN_IN || self->least_q15 == 0) {
         self->duty_q15 = travel_q15;
     } else {
-        const uint16_t wish = wish_q15(self, travel_q15);
-        self->duty_q15 = slew_towards(self->duty_q15, (int16_t)(wish < INT16_MAX ? wish : INT16_MAX), SLEW);
+        const uint16_t most = wish_q15(self, travel_q15);
+        const int16_t wish = (int16_t)(most < INT16_MAX ? most : INT16_MAX);
+        self->duty_q15 = slew_towards(self->duty_q15, wish, SLEW);
+        if (self->state == SCREWING_SETTLE && self->duty_q15 != wish) {
+            self->left = SETTLE_WAVES;  // not there yet
+        }
     }
     return self->duty_q15 < travel_q15 ? self->duty_q15 : travel_q15;
 }

@@ -141,6 +141,50 @@ INSTANTIATE_TEST_SUITE_P(Sizes, ScrewingSizes,
                          ::testing::Values(Screw{2.7, 6.0, 8000}, Screw{4.2, 11.0, 9500}, Screw{3.0, 11.0, 6500}, Screw{4.2, 18.0, 9800}),
                          [](const auto &one) { return "Case" + std::to_string(one.index); });
 
+// Too flat for a seat: after 60 degrees it is the wood, and what follows is measured against it.
+TEST(Screwing, ALevelThatStaysIsLearnedAnew) {
+    Tool t{[](double at) { return 9.0 * (1.0 + 0.25 * std::min(std::max((at - 1500) / 40, 0.0), 1.0)); }, 4.2, 9500};
+    EXPECT_FALSE(t.run(20, 1500 + 95));
+    EXPECT_EQ(screwing_state(&t.screwing), SCREWING_SUSPECT);
+    EXPECT_NEAR(screwing_estimate(&t.screwing), 1.25 * 256, 15);
+    EXPECT_FALSE(t.run(20, 1500 + 260));
+    EXPECT_EQ(screwing_state(&t.screwing), SCREWING_TRACK);
+    EXPECT_NEAR(screwing_estimate(&t.screwing), 256, 12);
+}
+
+TEST(Screwing, TheRiseIsThatOfTheParameter) {
+    double last = 0;
+    for (const int16_t rise : {int16_t{300}, int16_t{420}}) {
+        Tool t{seat_at(1500, 11.0), 4.2, 9500};
+        t.set.rise_q8 = rise;
+        ASSERT_TRUE(t.run(20, 3000));
+        EXPECT_GE(screwing_estimate(&t.screwing), rise);
+        EXPECT_GT(t.head_deg, last);
+        last = t.head_deg;
+    }
+}
+
+// Behind an edge the turn is learned over 12 degrees and four blows at least, large turns or small.
+TEST(Screwing, AnEdgeIsLearnedOverAngleAndBlows) {
+    for (const double end_nm : {5.0, 25.0}) {
+        Tool t{[=](double at) { return at > 1200 ? 1.8 * end_nm : end_nm; }, 4.2, 9500};
+        double begin = 0;
+        int blows = 0;
+        while (t.head_deg < 2400 && (begin == 0 || screwing_state(&t.screwing) == SCREWING_KNOT)) {
+            t.tick();
+            if (begin == 0 && screwing_state(&t.screwing) == SCREWING_KNOT) {
+                begin = t.head_deg;
+                blows = t.blows;
+            }
+        }
+        EXPECT_NEAR(begin, 1200, 40) << end_nm;
+        EXPECT_EQ(screwing_state(&t.screwing), SCREWING_TRACK);
+        EXPECT_GE(t.head_deg - begin, 10.0) << end_nm;
+        EXPECT_GE(t.blows - blows, 3) << end_nm;
+        EXPECT_LE(t.head_deg - begin, 60.0) << end_nm;
+    }
+}
+
 TEST(Screwing, TheTriggersPlaceDoesNotMoveTheStop) {
     double least = 1e9, most = 0.0;
     for (const double travel : {0.5, 0.65, 0.8, 1.0}) {
