@@ -116,14 +116,15 @@ static void learn_angle(Blow *self, int16_t angle) {
 }
 
 static void learn_period(Blow *self) {
+    const int16_t period_q7 = (int16_t)(self->period_q4 << 3);
     if (self->seen == 2u) {
-        self->mean_period_q4 = self->period_q4;
+        self->mean_period_q7 = period_q7;
         self->deviation_q8 = 0;
     }
-    const int16_t off_q4 = (int16_t)(self->period_q4 - self->mean_period_q4);
-    self->mean_period_q4 = (uint16_t)(self->mean_period_q4 + (uint16_t)((off_q4 + 4) >> MEAN_SHIFT));
-    self->deviation_q8 = (uint16_t)(self->deviation_q8 - (self->deviation_q8 >> MEAN_SHIFT) + 2u * (uint16_t)(off_q4 < 0 ? -off_q4 : off_q4));
-    const uint16_t spread_q15 = divide_by_u16(((uint32_t)self->deviation_q8 << 8) << 3, self->mean_period_q4);
+    const int16_t off_q7 = (int16_t)(period_q7 - self->mean_period_q7);
+    self->mean_period_q7 = (int16_t)(self->mean_period_q7 + (off_q7 >> MEAN_SHIFT));
+    self->deviation_q8 = (uint16_t)(self->deviation_q8 - (self->deviation_q8 >> MEAN_SHIFT) + ((uint16_t)(off_q7 < 0 ? -off_q7 : off_q7) >> 2));
+    const uint16_t spread_q15 = divide_by_u16((uint32_t)self->deviation_q8 << 14, (uint16_t)self->mean_period_q7);
     self->spread_q15 = (int16_t)(spread_q15 > INT16_MAX ? INT16_MAX : (int16_t)spread_q15);
 }
 
@@ -188,12 +189,21 @@ static uint8_t lugs_of(Blow *self) {
     return lugs;
 }
 
+// The hammer's swing takes its time: when from lug to lug, at the mean speed, takes longer than 31 ms it comes down on the same lug once more, and at
+// 51 ms a third time. Whether that leaves a valley of its own depends on the joint.
+static uint8_t repeats_of(const Blow *self) {
+    const int16_t lug = self->lug_angle;
+    if (self->seen == 0u || self->base_rpm >= 2 * lug + (lug >> 4)) {
+        return 0;
+    }
+    return self->seen == SEEN_MAX && self->base_rpm < lug + (lug >> 2) ? 2 : 1;
+}
+
 static void judge(Blow *self) {
     self->lugs = lugs_of(self);
-    self->struck = true;
-    self->repeat = self->lugs == 0u;
     self->impacting = self->seen > 0u;
-    if (!self->repeat) {
+    if (self->lugs > 0u) {
+        self->repeats = repeats_of(self);
         close_blow(self);
     }
     self->hit_angle = self->angle;
@@ -257,8 +267,6 @@ static bool turns_up(Blow *self) {
 
 void blow_step(Blow *self, const BlowSetpoints *set, const ControllerInputs *in) {
     BY_POINTER(self);
-    self->struck = false;
-    self->repeat = false;
     self->lugs = 0;
     self->busy = self->work != (uint8_t)WORK_NONE;
     work(self, set);

@@ -4,7 +4,7 @@
 // the motor while it climbs and lets go when it has passed a lug, or come down on one: a valley, found by a hysteresis of a share of the learned
 // ripple. The angle that the motor has turned since the last blow tells the rest, since from lug to lug it cannot be less than gear / lugs, and the
 // joint's own turn, which is learned, comes to it: soon after a hit comes the notch that it left itself, before 0.66 of the angle a second swing on the
-// same lug (repeat), and 0.56 beyond each lug there was another whose valley was not seen.
+// same lug, and 0.56 beyond each lug there was another whose valley was not seen.
 #ifndef VGROOVE_CONTROLLERS_BLOW_H
 #define VGROOVE_CONTROLLERS_BLOW_H
 
@@ -24,10 +24,9 @@ typedef struct {
 
 typedef struct {
     // Event of this tick.
-    bool struck;   // the hammer has hit: a blow or a repeat
-    bool repeat;   // on the lug of the last blow
-    bool busy;     // more was computed than in most ticks
-    uint8_t lugs;  // reached by this hit: 0 a repeat, 1, more where valleys were not seen
+    uint8_t lugs;     // struck: 0 none, 1, more where valleys were not seen
+    bool busy;        // more was computed than in most ticks
+    uint8_t repeats;  // of the last blow: how often each lug is struck again at its speed; these are no blows
 
     // Of the drive.
     bool impacting;  // hits follow one another
@@ -37,10 +36,10 @@ typedef struct {
     uint16_t period_q4;  // ms, of one lug
 
     // Running.
-    uint16_t mean_period_q4;  // ms, over about 8 blows; these two a tick after the blow
-    int16_t spread_q15;       // mean deviation of the periods from it, as a share of it
-    int16_t ripple_rpm;       // between the highest and the lowest speed from hit to hit
-    int16_t base_rpm;         // mean speed, over 16 ms
+    int16_t mean_period_q7;  // ms, over about 8 blows; these two a tick after the blow
+    int16_t spread_q15;      // mean deviation of the periods from it, as a share of it
+    int16_t ripple_rpm;      // between the highest and the lowest speed from hit to hit
+    int16_t base_rpm;        // mean speed, over 16 ms
 
     // Own.
     int16_t speed_rpm;    // by the source

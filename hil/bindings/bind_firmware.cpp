@@ -43,6 +43,18 @@ nb::bytes as_bytes(const void *data, std::size_t size) {
     return nb::bytes(static_cast<const char *>(data), size);
 }
 
+nb::list told_blows(const Firmware &self) {
+    need_owner(self);
+    const SimBlow *blows = nullptr;
+    const std::uint16_t count = sim_blows(&blows);
+    nb::list told;
+    for (std::uint16_t k = 0; k < count; ++k) {
+        const SimBlow &b = blows[k];
+        told.append(nb::make_tuple(b.time_ms / 1e3, b.lugs, b.repeats, b.period_q4 / 16e3, b.mean_period_q7 / 128e3, b.spread_q15 / 32768.0));
+    }
+    return told;
+}
+
 void firmware_init(Firmware *self, nb::object eeprom, int reset_cause, int target, int isr_cycles, int tick_cycles) {
     if (reset_cause < 0 || reset_cause > 15 || target < 0 || target > 15)
         throw std::invalid_argument("Firmware: reset_cause and target are 0..15");
@@ -132,6 +144,9 @@ void bind_firmware(nb::module_ &module) {
                          need_owner(self);
                          return as_bytes(sim_eeprom(), SIM_EEPROM_BYTES);
                      })
+        .def_prop_ro(
+            "blows", &told_blows,
+            "Blows as the firmware told them since its start: (time_s, lugs, repeats of each lug, period_s, running period_s before it, its spread)")
         .def_prop_ro("periods",
                      [](const Firmware &self) {
                          need_owner(self);

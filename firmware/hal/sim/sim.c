@@ -39,6 +39,8 @@ typedef struct {
     SimInputs in;
     SimOutputs out;
     uint8_t eeprom[SIM_EEPROM_BYTES];
+    SimBlow blows[SIM_BLOWS_MAX];
+    uint16_t blow_count;
     uint64_t cycles;  // from the timers' start to the begin of the period
     uint32_t periods;
     int32_t tick_at;
@@ -168,10 +170,25 @@ static void on_apply(void) {
     sim.apply_at = NEVER;
 }
 
+static void keep_blow(void) {
+    const Blow *blow = &sim.app.control.blow;
+    if (!sim.app.controlled || blow->lugs == 0u || sim.blow_count >= SIM_BLOWS_MAX) {
+        return;
+    }
+    sim.blows[sim.blow_count++] =
+        (SimBlow){sim.app.report.now_ms, blow->lugs, blow->repeats, blow->period_q4, (uint16_t)blow->mean_period_q7, blow->spread_q15};
+}
+
+uint16_t sim_blows(const SimBlow **blows) {
+    *blows = sim.blows;
+    return sim.blow_count;
+}
+
 static void on_main(void) {
     sim.ticks_waiting--;
     sim.main_at = NEVER;
     app_tick(&sim.app, sim.ticks_waiting);
+    keep_blow();
 }
 
 static void on_edge(void) {

@@ -36,6 +36,19 @@ void sim_period(const SimInputs *inputs, SimOutputs *outputs);
 // The EEPROM now, SIM_EEPROM_BYTES.
 const uint8_t *sim_eeprom(void);
 
+// A blow as the firmware told it: for benches, since telemetry has only the count.
+typedef struct {
+    uint32_t time_ms;  // of the tick
+    uint8_t lugs, repeats;
+    uint16_t period_q4, mean_period_q7;  // the running figures are those before it
+    int16_t spread_q15;
+} SimBlow;
+
+#define SIM_BLOWS_MAX 4096u  // later ones are lost
+
+// Those since sim_reset; returns how many.
+uint16_t sim_blows(const SimBlow **blows);
+
 // Periods simulated since sim_reset, and cycles from the timers' start to the begin of the next period.
 uint32_t sim_periods(void);
 uint64_t sim_cycles(void);

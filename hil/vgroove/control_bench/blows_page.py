@@ -19,12 +19,34 @@ SUMMARY = [
     ("set", "set"),
     ("cells", "cells"),
     ("blows", "blows"),
-    ("repeats among them", "repeats"),
     ("miscounted share", "error_of_all"),
     ("cells within 1 % or a blow", "cells_within"),
     ("worst cell", "worst"),
     ("least rate", "rate_least"),
     ("highest rate", "rate_most"),
+]
+REPEATS = [
+    ("variant", "variant"),
+    ("set", "set"),
+    ("repeats", "repeats"),
+    ("precision", "precision"),
+    ("recall", "recall"),
+    ("cells told right", "repeat_cells"),
+    ("cells", "cells"),
+    ("error of the period", "period_error"),
+    ("spread in step", "spread"),
+    ("spread told", "spread_told"),
+]
+REPEAT_CELLS = [
+    ("variant", "variant"),
+    ("set", "set"),
+    ("V", "supply_v"),
+    ("load", "load"),
+    ("trigger", "trigger"),
+    ("blows", "blows"),
+    ("repeats", "repeats"),
+    ("told", "repeats_told"),
+    ("right", "repeats_right"),
 ]
 CELLS = [
     ("variant", "variant"),
@@ -92,10 +114,20 @@ def blows_study(rows: Sequence[Figures]) -> Study:
     found = [{"variant": name, "set": half, **blows.summary(part)} for name, half, part in halves]
     listed = [Goal(f["variant"], f["set"], "cells off by more than 1 % and a blow", f["cells"] - f["cells_within"], 0) for f in found]
     listed += [Goal(f["variant"], f["set"], "miscounted share of all blows", f["error_of_all"], blows.GOAL) for f in found]
+    for words, key in (("repeats told, precision", "precision"), ("repeats told, recall", "recall")):
+        listed += [Goal(f["variant"], f["set"], words, f[key], blows.REPEAT_GOALS[key], at_most=False) for f in found]
+    listed += [Goal(f["variant"], f["set"], "error of the running period, mean", f["period_error"], blows.GOAL) for f in found]
     lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "blow detection")]
     tables = [
         table_of("blows_summary", "Blow detection", SUMMARY, found),
         goals_table("blows", listed),
+        table_of("blows_repeats", "Repeats told from blows, period and spread", REPEATS, found),
+        table_of(
+            "blows_repeat_cells",
+            "Repeats of every cell that has them, or where some are told",
+            REPEAT_CELLS,
+            [r for r in blows.in_range(chosen) if max(r["repeats"], r["repeats_told"]) > blows.FEW_REPEATS],
+        ),
         table_of("blows_cells", "Count of every cell that is off by more than a blow", CELLS, [r for r in chosen if abs(r["error"]) > 1]),
     ]
     pictures = [error_picture(chosen), wave_picture(wave())] if chosen else []

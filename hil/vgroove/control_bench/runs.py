@@ -23,6 +23,7 @@ HALL_PULSES = 4
 EEPROM_BYTES, SLOT_ADDRESS = 1024, 16  # firmware/app/param_store.h
 STATE_WITHIN, FLAG_DEFAULTS = 2000, 256  # bytes that hold the first STATE frame; its flag param_defaults
 TURN_RAD = 2 * np.pi
+TOLD = ("time_s", "lugs", "repeats", "period_s", "mean_period_s", "spread")  # a blow as the native firmware told it; repeats of each lug
 
 
 class AbsentError(VgrooveError):
@@ -90,6 +91,7 @@ class Run:
     """A finished run. Times count from the board's start; `tool` is the plant as the run left it.
 
     blows: time_s, approach_rad_s, engaged_m, impulse_nm_s, peak_torque_nm, kind (0 blow, 1 repeat, 2 rebound), lug, skipped.
+    told: (n, len(TOLD)), what the native firmware made of them; none from another board.
     """
 
     rig: Rig
@@ -98,6 +100,7 @@ class Run:
     duration_s: float
     blows: np.ndarray = field(repr=False)
     truth_rows: np.ndarray | None = field(repr=False, default=None)
+    told: np.ndarray = field(repr=False, default_factory=lambda: np.zeros((0, len(TOLD))))
 
     @property
     def hits(self) -> np.ndarray:
@@ -191,9 +194,10 @@ def sil_run(
         for progress in steps:
             if stop_when is not None and stop_when(tool, progress):
                 break
+        told = np.array(getattr(getattr(machine, "machine", None), "blows", []), float).reshape(-1, len(TOLD))
     check_start(bytes(progress.sent), mode, number)
     blows = tool.blows() if hasattr(tool, "blows") else np.zeros(0)
-    return Run(rig, tool, bytes(progress.sent), progress.time_s, blows, truth.rows if truth else None)
+    return Run(rig, tool, bytes(progress.sent), progress.time_s, blows, truth.rows if truth else None, told)
 
 
 def check_start(sent: bytes, mode: str | int, number: int) -> None:

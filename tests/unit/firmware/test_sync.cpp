@@ -22,7 +22,6 @@ ControllerInputs inputs(double travel, double supply_v, double current_a = 25.0)
 Blow impacting(double depth, bool struck) {
     Blow blow{};
     blow.impacting = true;
-    blow.struck = struck;
     blow.lugs = struck ? 1 : 0;
     blow.base_rpm = 8000;
     blow.ripple_rpm = static_cast<int16_t>(depth * 8000);
