@@ -58,6 +58,7 @@ INLINE_NEVER static void set_angle(Blow *self, int16_t mean) {
 static void take_setpoints(Blow *self, const BlowSetpoints *set) {
     self->lug_angle = (int16_t)(((uint32_t)set->turn_q8 * ANGLE_PER_TURN_Q7) >> 7);
     set_angle(self, (int16_t)(self->lug_angle + (self->lug_angle >> 3)));               // the joint's own turn
+    self->again_rpm = (int16_t)(2 * self->lug_angle + (self->lug_angle >> 4));          // 31 ms: an angle is rpm ms / 64
     self->rpm_per_mv_q15 = (uint16_t)(((uint32_t)set->motor_rpm_per_v * 16777u) >> 8);  // 2 * 2^15 / 1000
     const uint32_t per_a = ((uint32_t)set->motor_mohm * self->rpm_per_mv_q15) >> 9;     // rpm of an ampere, by 2^(16 - 9)
     self->rpm_per_a_q7 = (uint16_t)(per_a > UINT16_MAX ? UINT16_MAX : per_a);
@@ -116,15 +117,15 @@ static void learn_angle(Blow *self, int16_t angle) {
 }
 
 static void learn_period(Blow *self) {
-    const int16_t period_q7 = (int16_t)(self->period_q4 << 3);
     if (self->seen == 2u) {
-        self->mean_period_q7 = period_q7;
+        self->mean_period_q7 = (uint16_t)(self->period_q4 << MEAN_SHIFT);
         self->deviation_q8 = 0;
     }
-    const int16_t off_q7 = (int16_t)(period_q7 - self->mean_period_q7);
-    self->mean_period_q7 = (int16_t)(self->mean_period_q7 + (off_q7 >> MEAN_SHIFT));
-    self->deviation_q8 = (uint16_t)(self->deviation_q8 - (self->deviation_q8 >> MEAN_SHIFT) + ((uint16_t)(off_q7 < 0 ? -off_q7 : off_q7) >> 2));
-    const uint16_t spread_q15 = divide_by_u16((uint32_t)self->deviation_q8 << 14, (uint16_t)self->mean_period_q7);
+    const uint16_t mean_q4 = (uint16_t)(self->mean_period_q7 + 4u) >> MEAN_SHIFT;
+    const int16_t off_q4 = (int16_t)(self->period_q4 - mean_q4);
+    self->mean_period_q7 = (uint16_t)(self->mean_period_q7 + (uint16_t)off_q4);  // an eighth of it
+    self->deviation_q8 = (uint16_t)(self->deviation_q8 - (self->deviation_q8 >> MEAN_SHIFT) + 2u * (uint16_t)(off_q4 < 0 ? -off_q4 : off_q4));
+    const uint16_t spread_q15 = divide_by_u16(((uint32_t)self->deviation_q8 << 8) << 3, mean_q4);
     self->spread_q15 = (int16_t)(spread_q15 > INT16_MAX ? INT16_MAX : (int16_t)spread_q15);
 }
 
@@ -190,13 +191,12 @@ static uint8_t lugs_of(Blow *self) {
 }
 
 // The hammer's swing takes its time: when from lug to lug, at the mean speed, takes longer than 31 ms it comes down on the same lug once more, and at
-// 51 ms a third time. Whether that leaves a valley of its own depends on the joint.
+// 50 ms a third time. Whether that leaves a valley of its own depends on the joint.
 static uint8_t repeats_of(const Blow *self) {
-    const int16_t lug = self->lug_angle;
-    if (self->seen == 0u || self->base_rpm >= 2 * lug + (lug >> 4)) {
+    if (self->base_rpm >= self->again_rpm || self->seen == 0u) {
         return 0;
     }
-    return self->seen == SEEN_MAX && self->base_rpm < lug + (lug >> 2) ? 2 : 1;
+    return self->seen == SEEN_MAX && self->base_rpm < (self->again_rpm >> 1) + (self->again_rpm >> 3) ? 2 : 1;
 }
 
 static void judge(Blow *self) {

@@ -36,10 +36,10 @@ typedef struct {
     uint16_t period_q4;  // ms, of one lug
 
     // Running.
-    int16_t mean_period_q7;  // ms, over about 8 blows; these two a tick after the blow
-    int16_t spread_q15;      // mean deviation of the periods from it, as a share of it
-    int16_t ripple_rpm;      // between the highest and the lowest speed from hit to hit
-    int16_t base_rpm;        // mean speed, over 16 ms
+    uint16_t mean_period_q7;  // ms, over about 8 blows; these two a tick after the blow
+    int16_t spread_q15;       // mean deviation of the periods from it, as a share of it
+    int16_t ripple_rpm;       // between the highest and the lowest speed from hit to hit
+    int16_t base_rpm;         // mean speed, over 16 ms
 
     // Own.
     int16_t speed_rpm;    // by the source
@@ -59,6 +59,7 @@ typedef struct {
     int16_t lug_angle, mean_angle;   // from lug to lug: at least; as learned
     int16_t blow_angle;              // from a blow to where the next may be
     int16_t ahead_angle;             // where a lug is counted although it left no valley
+    int16_t again_rpm;               // below it a lug is struck again
     uint16_t rpm_per_mv_q15, rpm_per_a_q7;
     uint16_t deviation_q8;
 } Blow;

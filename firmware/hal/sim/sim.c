@@ -176,7 +176,7 @@ static void keep_blow(void) {
         return;
     }
     sim.blows[sim.blow_count++] =
-        (SimBlow){sim.app.report.now_ms, blow->lugs, blow->repeats, blow->period_q4, (uint16_t)blow->mean_period_q7, blow->spread_q15};
+        (SimBlow){sim.app.report.now_ms, blow->lugs, blow->repeats, blow->period_q4, blow->mean_period_q7, blow->spread_q15};
 }
 
 uint16_t sim_blows(const SimBlow **blows) {

@@ -102,7 +102,7 @@ TEST_P(BlowSources, LevelIsThatOfTheBlows) {
     EXPECT_NEAR(blow.ripple_rpm, 0.05 * mean, 0.02 * mean);
 }
 
-// From lug to lug in 31 ms or less the hammer has no time for a second swing, in 51 ms or more it has for a third.
+// From lug to lug in 31 ms or less the hammer has no time for a second swing, in 50 ms or more it has for a third.
 TEST_P(BlowSources, RepeatsFollowFromTheTimeOfALug) {
     const struct {
         double ms;
