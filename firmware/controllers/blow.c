@@ -25,6 +25,7 @@
 #define LUGS_MAX 8u
 #define SPEED_MAX_RPM 16383  // as far as the Hall speed goes: differences fit
 #define SEEN_MAX 3u
+#define THIRD_RPM 600  // above half of what a second swing needs: a third one
 typedef enum { WORK_NONE, WORK_NEXT, WORK_SET, WORK_HIT, WORK_LEARN } Work;
 
 static uint8_t one_more(uint8_t ms) {
@@ -196,7 +197,7 @@ static uint8_t repeats_of(const Blow *self) {
     if (self->base_rpm >= self->again_rpm || self->seen == 0u) {
         return 0;
     }
-    return self->seen == SEEN_MAX && self->base_rpm < (self->again_rpm >> 1) + (self->again_rpm >> 3) ? 2 : 1;
+    return self->seen == SEEN_MAX && self->base_rpm < (self->again_rpm >> 1) + THIRD_RPM ? 2 : 1;
 }
 
 static void judge(Blow *self) {
