@@ -13,7 +13,7 @@ from vgroove.gap.channels import RAD_S_TO_RPM, Channel, ForceChannel, Places, Ro
 from vgroove.gap.columns import calmed, filled, held
 from vgroove.gap.dead import without_dead
 from vgroove.gap.edge_gain import edge_scale
-from vgroove.gap.edges import EdgePeriods, edge_periods, near_reversal
+from vgroove.gap.edges import COUNTING_PULSES, EdgePeriods, edge_periods, near_reversal
 from vgroove.gap.missed import as_if_seen, loosened, missed_edges
 from vgroove.gap.noise import RPM
 from vgroove.gap.regimes import regimes_of
@@ -82,7 +82,7 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     regime, regimes = regimes_of(time_s, speed, command)
     pitch = 2.0 * np.pi / rig.sensors["hall_pulses_per_rev"] if edges is not None else 0.0
     return Run(log, drive, restarts, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings,
-               chain_starts(edges), pitch)
+               chain_starts(edges, rig.sensors.get("hall_pulses_per_rev", 0)), pitch)
 
 
 def _command(columns: dict[str, np.ndarray], rig: Rig, source: str) -> np.ndarray:
@@ -168,9 +168,10 @@ def _read_edges(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm:
     return replace(found, speed_rpm=found.speed_rpm * scale)
 
 
-def chain_starts(edges: EdgePeriods | None) -> np.ndarray:
-    """Instants at which a chain of edges begins that is not the first: how many edges came before it no row tells."""
-    if edges is None:
+def chain_starts(edges: EdgePeriods | None, pulses: int) -> np.ndarray:
+    """Instants at which a chain of edges begins that is not the first: how many edges came before it no row tells. A sensor that counts
+    edges tears its chain without losing the count: there so many offsets would fit any ripple."""
+    if edges is None or pulses >= COUNTING_PULSES:
         return np.zeros(0)
     whole = np.flatnonzero(~edges.falling)
     return edges.end_s[whole[1:]][np.diff(edges.chain[whole]) != 0]
