@@ -12,6 +12,7 @@ UNSUSPICIOUS = 12  # chains that reversals and stops alone may leave: nothing is
 FEWER = 3.0  # times fewer chains that make a scale believed,
 WHOLE = 0.03  # and at most so many chains an edge period
 LARGEST = 0.3
+GLANCE_ROWS, HOPEFUL = 600, 1.3  # rows at which a look shows whether any scale leaves so many times fewer chains
 
 
 def chains(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> int:
@@ -29,11 +30,23 @@ def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: 
         return chains(time_s, speed_rpm / scale, pulses, lsb_rpm)
 
     as_read = torn(1.0)
-    if as_read <= UNSUSPICIOUS:
+    if as_read <= UNSUSPICIOUS or not _hopeful(time_s, speed_rpm, pulses, lsb_rpm):
         return 1.0
     best, count = _finest(torn, as_read)
     changes = int(np.count_nonzero(np.diff(speed_rpm[np.isfinite(speed_rpm)])))
     return 1.0 + best if FEWER * count < as_read and count <= max(UNSUSPICIOUS, WHOLE * changes) else 1.0
+
+
+def _hopeful(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> bool:
+    """Whether some scale may chain the edges: a column that holds none tears everywhere at any scale, which a fast stretch shows."""
+    fast = np.convolve(np.nan_to_num(np.abs(speed_rpm)), np.ones(min(GLANCE_ROWS, len(speed_rpm))), mode="valid")
+    rows = slice(first := int(np.argmax(fast)), first + GLANCE_ROWS)
+
+    def torn(scale: float) -> int:
+        return chains(time_s[rows], speed_rpm[rows] / scale, pulses, lsb_rpm)
+
+    as_read = torn(1.0)
+    return as_read <= UNSUSPICIOUS or any(HOPEFUL * torn(1.0 + sign * g) < as_read for g in COARSE for sign in (1.0, -1.0))
 
 
 def _finest(torn: Callable[[float], int], as_read: int) -> tuple[float, int]:

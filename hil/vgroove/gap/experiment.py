@@ -33,8 +33,6 @@ PARTED = {
 }
 
 
-
-
 def propose(problem: Problem, state: Search, finding: Finding) -> dict[str, Any] | None:
     """Profile and reason when the verdict is ambiguous (the run that parts the rivals) or unlisted (the run that shows more of the gap)."""
     if finding.verdict == "ambiguous":
