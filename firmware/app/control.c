@@ -101,6 +101,10 @@ INLINE_NEVER int16_t control_step(Control *self, const ControllerInputs *in) {
     return self->stopped ? CONTROLLER_STOP : wish_q15;
 }
 
+bool control_was_heavy(const Control *self) {
+    return self->blow.busy || (self->mode == TELEMETRY_MODE_TORQUE && torque_has_measured(&self->state.torque));
+}
+
 void control_report(const Control *self, TelemetryControl *out) {
     const uint16_t period_q4 = self->blow.period_q4;
     out->blow_count = self->blow.count & TELEMETRY_BLOW_COUNT_MAX;

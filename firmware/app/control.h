@@ -83,6 +83,9 @@ void control_start(Control *self, uint8_t mode, bool reverse);
 // Duty 0..32767, CONTROLLER_STOP or CONTROLLER_COAST.
 int16_t control_step(Control *self, const ControllerInputs *in);
 
+// Whether the last step computed so much that the tick has no room for a slow frame.
+bool control_was_heavy(const Control *self);
+
 // For telemetry, of the drive that goes on or was the last; all but control_tick.
 void control_report(const Control *self, TelemetryControl *out);
 

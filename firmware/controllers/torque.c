@@ -270,7 +270,7 @@ static void act(Torque *self, const TorqueSetpoints *set, const ControllerInputs
         }
     } else if (!blow->busy || self->gathered > 2u) {
         measure_current(self);
-        if (!in->coasted) {
+        if (!in->coasted && !blow->busy) {  // the current, the voltage and a blow are too much for one tick
             measure_voltage(self, in);
         }
     }

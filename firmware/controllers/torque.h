@@ -56,6 +56,11 @@ typedef struct {
     int32_t slow_a_q24;     // and thrice
 } Torque;
 
+// Whether the step just made filtered current and voltage, which costs most.
+static inline bool torque_has_measured(const Torque *self) {
+    return self->gathered == 0u;
+}
+
 void torque_start(Torque *self, const TorqueSetpoints *set);
 int16_t torque_step(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in, const Blow *blow);
 uint8_t torque_state(const Torque *self);

@@ -152,6 +152,13 @@ void check_impact_tool(Column parameters, const std::string &load) {
     vgroove::impact_from(vgroove::parameters_from(parameters.data()), load_kind(load), vgroove::InputKind::DUTY, false, 1.0);
 }
 
+double governed(vgroove::ImpactPlant &plant, int rows, double row_s, double duty, double overspeed_rad_s) {
+    double now = duty;
+    for (int row = 0; row < rows; ++row)
+        now = plant.advance(row_s, now, false, 0.0).speed_rad_s > overspeed_rad_s ? 0.0 : duty;
+    return plant.head_rad();
+}
+
 void bind_impact_plant(nb::module_ &m) {
     using vgroove::AdvanceResult;
     using vgroove::ImpactPlant;
@@ -171,6 +178,8 @@ void bind_impact_plant(nb::module_ &m) {
              "hall_spacing"_a = std::vector<double>(), "seed"_a = 0, "mode"_a = "fast", "step_s"_a = vgroove::IMPACT_STEP_FIXED_S)
         .def("period", &lockstep_period<ImpactPlant>, "coast"_a, "duty"_a, "dead"_a, "load_nm"_a = 0.0, PERIOD_WORDS)
         .def("advance", &ImpactPlant::advance, "seconds"_a, "duty"_a, "coast"_a = false, "load_nm"_a = 0.0)
+        .def("governed", &governed, "rows"_a, "row_s"_a, "duty"_a, "overspeed_rad_s"_a,
+             "advance() row by row under a compiled controller that gives no duty after a row above a speed; the head's angle, rad.")
         .def(
             "statistics", [](ImpactPlant &self) { return statistics_of(self.statistics()); }, "Steps, rejected steps, switches, derivatives so far.")
         .def(

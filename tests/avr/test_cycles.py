@@ -131,14 +131,6 @@ def test_worst_tick_with_commands_at_every_phase(target: str, request: pytest.Fi
 
 TAPES = {"impacts": impact_tape, "wild": wild_tape}
 RUNS = list(itertools.product(CASES, TAPES))
-# Ticks over their budget, with the cycles measured: each must fail (strictly) until it is taken out of here.
-TICK_OVER = {("torque", "wild"): 5084}
-
-
-def tick_runs() -> list[object]:
-    """All runs, those that are known to be over the budget marked so."""
-    over = {run: pytest.mark.xfail(reason=f"{cycles} cycles", strict=True) for run, cycles in TICK_OVER.items()}
-    return [pytest.param(*run, marks=over.get(run, [])) for run in RUNS]
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +153,7 @@ def test_step_of_each_controller(cost: Callable[..., dict], case: str, tape: str
     assert said["control"]["worst_cycles"] <= CONTROL_CYCLES_MAX, json.dumps(said["control"])
 
 
-@pytest.mark.parametrize(("case", "tape"), tick_runs())
+@pytest.mark.parametrize(("case", "tape"), RUNS)
 def test_tick_of_each_controller(cost: Callable[..., dict], case: str, tape: str) -> None:
     said = cost(case, tape)
     assert said["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(said["tick"])

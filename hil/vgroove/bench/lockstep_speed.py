@@ -24,7 +24,13 @@ class LockstepFigure:
 
 
 def own_lockstep(tool: ImpactTool) -> Callable[[], float]:
-    """A second of the tool from rest, a Python controller every millisecond; gives the head's angle."""
+    """A second of the tool from rest, a compiled controller every millisecond, as firmware and the peer's are; gives the head's angle."""
+    theta = impact_parameters(tool)
+    return lambda: _core.ImpactPlant(theta, load_kind="hard_joint", mode="fast").governed(ROWS, ROW_S, tool.duty, OVERSPEED_RAD_S)
+
+
+def own_lockstep_in_python(tool: ImpactTool) -> Callable[[], float]:
+    """The same with a controller in Python."""
     theta = impact_parameters(tool)
 
     def run() -> float:

@@ -15,14 +15,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from vgroove.bench import batch_speed, drive_speed, impact_speed, lockstep_speed, memory, sensitivity
 from vgroove.bench.impact_speed import Figure
 from vgroove.bench.impact_tool import ImpactTool
-from vgroove.bench.lockstep_speed import LockstepFigure, own_lockstep
+from vgroove.bench.lockstep_speed import LockstepFigure, own_lockstep, own_lockstep_in_python
 from vgroove.bench.own import impact_heads
 from vgroove.bench.solvers import EULER, EULER_2_US, NUMBALSODA, NUMBALSODA_RESTARTED, Missing, Peer, load_peers
 from vgroove.errors import VgrooveError
 
 SCHEMA = "vgroove.bench_speed/1"
 FAST, REFERENCE, LOCKSTEP = "vgroove, fast", "vgroove, reference", "vgroove, lock-step"
-LOCKSTEP_PAIRS = {"vgroove, fast": (FAST, LOCKSTEP), "numbalsoda LSODA": (NUMBALSODA, NUMBALSODA_RESTARTED)}
+IN_PYTHON = "vgroove, lock-step in Python"
+LOCKSTEP_PAIRS = {"vgroove, fast": (FAST, LOCKSTEP), IN_PYTHON: (FAST, IN_PYTHON), "numbalsoda LSODA": (NUMBALSODA, NUMBALSODA_RESTARTED)}
 MUJOCO = Missing("MuJoCo (step cost)", "pip install mujoco")
 Done = Callable[[str], None]
 
@@ -70,7 +71,7 @@ def own_prepare(mode: str) -> impact_speed.Prepare:
 
 
 def owns() -> dict[str, impact_speed.Prepare]:
-    return {FAST: own_prepare("fast"), LOCKSTEP: own_lockstep, REFERENCE: own_prepare("reference")}
+    return {FAST: own_prepare("fast"), LOCKSTEP: own_lockstep, IN_PYTHON: own_lockstep_in_python, REFERENCE: own_prepare("reference")}
 
 
 def measure(peers: list[Peer], missing: list[Missing], run: tuple[int, int, int], done: Done) -> dict[str, Any]:
