@@ -76,7 +76,7 @@ CASES = {
     "vibration": [Case(f"vibration, method {n}", "vibration", lambda: reference("disc_spring"), {"vibration_method": n}) for n in (1, 2)],
     "torque": [
         tighten(80.0, 120.0, 5.2, "reached"),
-        tighten(80.0, 60.0, 3.8, "reached"),
+        tighten(80.0, 60.0, 5.2, "reached"),
         tighten(40.0, 240.0, 1.3, "missed"),
         Case("torque, 15 V", "torque", lambda: reference(supply_v=15.0), {"torque_target_nm": 120.0}, seconds=0.6, ends="unreachable"),
     ],
