@@ -65,7 +65,7 @@ bench: build ## comparisons with peers (installs them as the extra [bench])
 	$(VENV)/bin/vgroove bench trap --json build/bench_trap.json
 
 proof: build ## what takes longer; resumable, results into docs/results
-	VGROOVE_FIXED=1 $(PY) -m pytest -q -n $(JOBS) --dist loadfile tests/python/test_gap_fixed_a.py tests/python/test_gap_fixed_b.py
+	VGROOVE_FIXED=1 $(PY) -m pytest -q -n $(JOBS) --dist loadgroup tests/python/test_gap_fixed.py
 	$(PY) tests/proof/proof.py
 
 flash: build ## make flash PORT=/dev/ttyUSB0 [TARGET=uno|mega]

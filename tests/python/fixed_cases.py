@@ -1,6 +1,6 @@
 """Forty cases of the blind set's half for tuning that guard every change: made again from tests/truth/fixed_cases.json, judged, scored.
 
-`python tests/python/fixed_cases.py` judges all and prints the counts from which the floors of test_gap_fixed_a.py and _b.py are set.
+`python tests/python/fixed_cases.py` judges all and prints the counts from which the floors of test_gap_fixed.py are set.
 """
 
 import json

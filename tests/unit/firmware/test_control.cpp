@@ -2,7 +2,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cstring>
+#include <numeric>
 #include <random>
 #include <vector>
 
@@ -231,12 +233,17 @@ TEST_P(EveryMode, AnyAllowedParametersGiveADutyOrACode) {
     }
 }
 
+// Parameters that are told apart: 100 + number.
+std::array<int16_t, PARAM_COUNT> numbered() {
+    std::array<int16_t, PARAM_COUNT> value{};
+    std::iota(value.begin(), value.end(), int16_t{100});
+    return value;
+}
+
 TEST(Control, SetpointsAreTheParametersOfTheirName) {
-    int16_t value[PARAM_COUNT];
-    for (int n = 0; n < PARAM_COUNT; ++n)
-        value[n] = static_cast<int16_t>(100 + n);
+    const auto value = numbered();
     Control control{};
-    control_prepare(&control, TELEMETRY_MODE_SYNC, value);
+    control_prepare(&control, TELEMETRY_MODE_SYNC, value.data());
     EXPECT_EQ(control.blow_set.turn_q8, 100 + PARAM_BLOW_TURN_Q8);
     EXPECT_EQ(control.blow_set.source, BLOW_SOURCE_CURRENT) << "sync by neither speed nor current";
     EXPECT_EQ(control.blow_set.motor_mohm, 100 + PARAM_MOTOR_MOHM);
@@ -247,15 +254,15 @@ TEST(Control, SetpointsAreTheParametersOfTheirName) {
     EXPECT_EQ(control.set.sync.depth_min_q15, 100 + PARAM_SYNC_DEPTH_MIN_Q15);
     EXPECT_EQ(control.set.sync.depth_max_q15, 100 + PARAM_SYNC_DEPTH_MAX_Q15);
     EXPECT_EQ(control.set.sync.current_a_q9, 100 + PARAM_SYNC_CURRENT_A_Q9);
-    control_prepare(&control, TELEMETRY_MODE_SCREWING, value);
+    control_prepare(&control, TELEMETRY_MODE_SCREWING, value.data());
     EXPECT_EQ(control.blow_set.source, 100 + PARAM_BLOW_SOURCE);
     EXPECT_EQ(control.set.screwing.pulses, 100 + PARAM_HALL_PULSES);
     EXPECT_EQ(control.set.screwing.turn_q8, 100 + PARAM_BLOW_TURN_Q8);
     EXPECT_EQ(control.set.screwing.share_q15, 100 + PARAM_SCREWING_SHARE_Q15);
     EXPECT_EQ(control.set.screwing.rise_q8, 100 + PARAM_SCREWING_RISE_Q8);
-    control_prepare(&control, TELEMETRY_MODE_TORQUE, value);
+    control_prepare(&control, TELEMETRY_MODE_TORQUE, value.data());
     EXPECT_EQ(control.set.torque.target_nm, 100 + PARAM_TORQUE_TARGET_NM);
-    control_prepare(&control, TELEMETRY_MODE_DRILL, value);
+    control_prepare(&control, TELEMETRY_MODE_DRILL, value.data());
     EXPECT_EQ(control.set.drill.clutch_dnm, 100 + PARAM_DRILL_CLUTCH_DNM);
     EXPECT_EQ(control.set.drill.ratio_q8, 100 + PARAM_DRILL_RATIO_Q8);
     EXPECT_EQ(control.set.drill.motor_mohm, 100 + PARAM_MOTOR_MOHM);
@@ -265,11 +272,9 @@ TEST(Control, SetpointsAreTheParametersOfTheirName) {
 }
 
 TEST(Control, SetpointsOfLowVibrationAreTheParametersOfTheirName) {
-    int16_t value[PARAM_COUNT];
-    for (int n = 0; n < PARAM_COUNT; ++n)
-        value[n] = static_cast<int16_t>(100 + n);
+    const auto value = numbered();
     Control control{};
-    control_prepare(&control, TELEMETRY_MODE_VIBRATION, value);
+    control_prepare(&control, TELEMETRY_MODE_VIBRATION, value.data());
     const VibrationSetpoints &set = control.set.vibration;
     EXPECT_EQ(set.method, 100 + PARAM_VIBRATION_METHOD);
     EXPECT_EQ(set.approach_q15, 100 + PARAM_VIBRATION_APPROACH_Q15);
