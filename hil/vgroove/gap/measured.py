@@ -14,7 +14,7 @@ from vgroove.gap.columns import calmed, filled, held
 from vgroove.gap.dead import without_dead
 from vgroove.gap.edge_gain import edge_scale
 from vgroove.gap.edges import COUNTING_PULSES, EdgePeriods, edge_periods, near_reversal
-from vgroove.gap.missed import as_if_seen, loosened, missed_edges
+from vgroove.gap.missed import missed_edges
 from vgroove.gap.noise import RPM
 from vgroove.gap.regimes import regimes_of
 from vgroove.gap.sight import sight_of, speed_rows
@@ -259,8 +259,7 @@ def _edge_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig, edges: Edge
     """Speeds over their edge periods, and the rows that wait for an edge: at most one pitch over the time without one."""
     pulses = rig.sensors["hall_pulses_per_rev"]
     missed = missed_edges(edges)
-    jitter = noise.edge_jitter(as_if_seen(edges, missed), pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0))
-    sigma = noise.edge_sigma_rpm(rig, loosened(edges, missed), jitter)
+    sigma = noise.sigma_with_missed_rpm(rig, edges, missed)
     keep = ~edges.falling & ~near_reversal(edges)
     wait_start, wait_row = _waits(time_s, speed_rpm, edges, rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S))
     start = np.concatenate([edges.start_s[keep], wait_start])

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from vgroove.gap.edges import COUNTING_PULSES, EdgePeriods
+from vgroove.gap.missed import as_if_seen, loosened
 from vgroove.rig import Rig
 
 STEPS_LOOKED_AT, MOST_PARTS = 2000, 64  # differences that must fit a column's resolution, and steps in the smallest of them
@@ -177,6 +178,13 @@ def last_digit(command: np.ndarray) -> float:
         if np.all(np.abs(np.round(known, decimals) - known) < 1e-9):
             return 10.0**-decimals
     return 0.0
+
+
+def sigma_with_missed_rpm(rig: Rig, edges: EdgePeriods, missed: np.ndarray) -> np.ndarray:
+    """1 sigma (m,) of each edge period's speed, rpm, where missed (m,) edges were passed unseen: jitter is that of the edges as if seen."""
+    rounding = rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0)
+    jitter = edge_jitter(as_if_seen(edges, missed), rig.sensors["hall_pulses_per_rev"], rounding)
+    return edge_sigma_rpm(rig, loosened(edges, missed), jitter)
 
 
 def edge_sigma_rpm(rig: Rig, edges: EdgePeriods, jitter: Jitter) -> np.ndarray:

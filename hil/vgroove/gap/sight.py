@@ -8,7 +8,7 @@ from vgroove.gap import noise, states
 from vgroove.gap.channels import Channel
 from vgroove.gap.columns import filled, held
 from vgroove.gap.edges import EdgePeriods, near_reversal
-from vgroove.gap.missed import as_if_seen, loosened, missed_edges, with_missed_counted
+from vgroove.gap.missed import missed_edges, with_missed_counted
 from vgroove.gap.noise import RPM
 from vgroove.rig import Rig
 
@@ -60,8 +60,7 @@ def _edge_sight(rig: Rig, edges: EdgePeriods, angle: float) -> tuple[states.Obse
     missed = missed_edges(edges)
     edges = with_missed_counted(edges, missed)
     whole = ~edges.falling & ~near_reversal(edges)
-    jitter = noise.edge_jitter(as_if_seen(edges, missed), pulses, rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0))
-    sigma = noise.edge_sigma_rpm(rig, loosened(edges, missed), jitter)
+    sigma = noise.sigma_with_missed_rpm(rig, edges, missed)
     pitches = 1.0 + missed[whole]
     rad_s = pitches * RPM
     seen = states.Observations(edges.start_s[whole], edges.end_s[whole], edges.speed_rpm[whole] * rad_s, sigma[whole] * rad_s)
