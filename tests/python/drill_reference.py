@@ -7,10 +7,29 @@ begins or ends) or by the clock (ramp, load, halves of pulse mode).
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import LSODA, solve_ivp
 from scipy.optimize import brentq
 
 I, W, E, C, Q = range(5)  # noqa: E741  current, motor speed, twist, chuck speed, charge
+
+
+class ChainedLsoda(LSODA):
+    """LSODA whose interpolant begins where its step began: its own polynomial misses that by the step's error, so that the sign of a guard
+    that is next to 0 there could change without a root."""
+
+    def _step_impl(self) -> tuple[bool, str | None]:
+        self.y_before = self.y.copy()
+        return super()._step_impl()
+
+    def _dense_output_impl(self) -> object:
+        return chained(super()._dense_output_impl(), self.y_before)
+
+
+def chained(polynomial: object, y_before: np.ndarray) -> object:
+    """The polynomial, with y_before (5,) at the instant at which it begins."""
+    inside = polynomial._call_impl
+    polynomial._call_impl = lambda t: np.where(np.asarray(t) == polynomial.t_old, y_before if np.ndim(t) == 0 else y_before[:, None], inside(t))
+    return polynomial
 
 
 @dataclass
@@ -145,7 +164,7 @@ def run(d: Drill, rows: np.ndarray) -> dict[str, np.ndarray]:
         clock = [x for x in (0.3, 2.0, 3.0, s.switch, d.end, np.inf if s.pulse_start is None else s.pulse_start + 0.1) if x > t + 1e-12]
         stop = min(clock)
         guards = events_of(d, s)
-        found = solve_ivp(lambda u, x: rates(d, s, u, x), (t, np.nextafter(stop, 0.0)), y, "LSODA", rtol=1e-10,
+        found = solve_ivp(lambda u, x: rates(d, s, u, x), (t, np.nextafter(stop, 0.0)), y, ChainedLsoda, rtol=1e-10,
                           atol=[1e-8, 1e-6, 1e-13, 1e-8, 1e-10], events=list(guards.values()), dense_output=True)
         t1, name = (found.t[-1], None)
         for key, times in zip(guards, found.t_events, strict=True):
