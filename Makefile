@@ -56,7 +56,7 @@ unit: build
 test: build ## everything that guards a change, at most 15 minutes on 2 cores
 	ctest --preset dev -j $(JOBS)
 	$(VENV)/bin/ruff check .
-	$(PY) -m pytest -n $(JOBS) --dist loadfile tests
+	$(PY) -m pytest -n $(JOBS) --dist loadgroup --no-loadscope-reorder --durations=20 tests
 
 bench: build ## comparisons with peers (installs them as the extra [bench])
 	@$(MAKE) --no-print-directory apt APT=gfortran
@@ -65,7 +65,6 @@ bench: build ## comparisons with peers (installs them as the extra [bench])
 	$(VENV)/bin/vgroove bench trap --json build/bench_trap.json
 
 proof: build ## what takes longer; resumable, results into docs/results
-	VGROOVE_FIXED=1 $(PY) -m pytest -q -n $(JOBS) --dist loadgroup tests/python/test_gap_fixed.py
 	$(PY) tests/proof/proof.py
 
 flash: build ## make flash PORT=/dev/ttyUSB0 [TARGET=uno|mega]

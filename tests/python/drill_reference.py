@@ -28,7 +28,11 @@ class ChainedLsoda(LSODA):
 def chained(polynomial: object, y_before: np.ndarray) -> object:
     """The polynomial, with y_before (5,) at the instant at which it begins."""
     inside = polynomial._call_impl
-    polynomial._call_impl = lambda t: np.where(np.asarray(t) == polynomial.t_old, y_before if np.ndim(t) == 0 else y_before[:, None], inside(t))
+
+    def impl(t: np.ndarray) -> np.ndarray:
+        return np.where(t == polynomial.t_old, y_before if t.ndim == 0 else y_before[:, None], inside(t))
+
+    polynomial._call_impl = impl
     return polynomial
 
 

@@ -22,7 +22,7 @@ def test_the_friction_is_named_and_the_damping_kept() -> None:
     answer = trap.own_answer(seen, new)
     assert answer.says.startswith("The missing effect is coulomb friction:")
     assert answer.damping == pytest.approx(trap.DAMPING, rel=0.02) and answer.friction_nm == pytest.approx(trap.COULOMB, rel=0.02)
-    assert answer.speed_error < 0.01
+    assert answer.speed_error < 0.003
 
 
 def test_missing_peers_are_named_with_how_to_get_them(monkeypatch: pytest.MonkeyPatch) -> None:

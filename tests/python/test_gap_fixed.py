@@ -1,6 +1,5 @@
 """The forty fixed blind cases, in two halves that two workers can judge: the diagnosis stays as good on them as it was."""
 
-import os
 from dataclasses import dataclass
 
 import pytest
@@ -22,11 +21,8 @@ class Half:
 # When the set was fixed: 7 right, 1 sure and wrong, 1 false alarm, of 20; and 12, 3, none, of 20. Single cases may move.
 HALVES = (Half(0, 3, 4, 2), Half(1, 8, 6, 1))
 
-pytestmark = [
-    pytest.mark.skipif("VGROOVE_FIXED" not in os.environ, reason="two minutes on two cores: part of make proof (VGROOVE_FIXED=1)"),
-    pytest.mark.parametrize("half", [pytest.param(h, marks=pytest.mark.xdist_group(f"half_{h.first}")) for h in HALVES],
-                            ids=["even", "odd"], scope="module"),
-]
+pytestmark = pytest.mark.parametrize("half", [pytest.param(h, marks=pytest.mark.xdist_group(f"half_{h.first}")) for h in HALVES],
+                                     ids=["even", "odd"], scope="module")
 
 
 @pytest.fixture(scope="module")

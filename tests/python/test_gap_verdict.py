@@ -28,6 +28,11 @@ def named(toy: Toy, finding: tuple) -> list[str]:
     return verdict.selected(finding[0], toy, finding[1], FLOOR)
 
 
+def effects_of(toy: Toy, finding: tuple) -> list[dict]:
+    """The verdict's list of effects, with numbers as the search made them."""
+    return verdict.effects_section(toy, finding[0], finding[1], FLOOR, verdict.estimate_of(finding[0], finding[1].best))
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_noise_is_none(seed: int) -> None:
     toy = Toy({}, seed=seed)
@@ -40,7 +45,7 @@ def test_what_three_sigma_explain_is_none() -> None:
     found = decided(toy, {"motor.resistance_ohm": 0.02})
     assert found[1].verdict == "none"
     assert verdict.gap_of(toy, found[0].nominal.held) > 1.1
-    assert verdict.retuned_parameters(found[0], found[1].best)["motor.resistance_ohm"] == pytest.approx(0.19 * 1.04, rel=0.01)
+    assert verdict.estimate_of(found[0], found[1].best).tolerated()["motor.resistance_ohm"] == pytest.approx(0.19 * 1.04, rel=0.01)
 
 
 @pytest.mark.parametrize("name,size", [
@@ -60,7 +65,7 @@ def test_a_pair_is_named_strongest_first() -> None:
     toy = Toy({"effects.coulomb_friction.torque_nm": 0.00425, "effects.current_gain.relative": -0.0746})
     found = decided(toy)
     assert (found[1].verdict, named(toy, found)) == ("effect", ["coulomb_friction", "current_gain"])
-    effects = verdict.effects_section(toy, found[0], found[1], FLOOR)
+    effects = effects_of(toy, found)
     assert [e["id"] for e in effects[:2]] == ["coulomb_friction", "current_gain"]
     assert all(e["probability"] > 0.9 and e["lost_without"] > 0.0 for e in effects[:2])
     assert all(e["probability"] < 0.1 for e in effects[2:])
@@ -93,7 +98,7 @@ def test_a_true_tie_is_ambiguous() -> None:
     assert found[1].verdict == "ambiguous"
     rivals = {i for f in found[1].rivals for i in f.ids} | set(found[1].best.ids)
     assert {"coulomb_friction", "viscous_friction"} <= rivals
-    chance = {e["id"]: e["probability"] for e in verdict.effects_section(toy, found[0], found[1], FLOOR)}
+    chance = {e["id"]: e["probability"] for e in effects_of(toy, found)}
     assert max(chance.values()) < 0.9
 
 

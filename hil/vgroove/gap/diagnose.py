@@ -8,6 +8,7 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 from vgroove.gap import experiment, locate, search, verdict
+from vgroove.gap.estimate import Estimate, over_long_stretches
 from vgroove.gap.fit import Engine, Fit
 from vgroove.gap.hypotheses import BY_ID, CATALOGUE, Scales, available, span
 from vgroove.gap.problem import Problem, load_problem
@@ -27,10 +28,15 @@ class Diagnosis:
     verdict: dict[str, Any]
     problem: Problem
     search: search.Search
-    shown: Fit
+    estimate: Estimate
+
+    @property
+    def shown(self) -> Fit:
+        """The fit whose numbers are reported."""
+        return self.estimate.fit
 
     def theta(self) -> np.ndarray:
-        """Parameter vector (P,) of the model whose `after` is reported."""
+        """Parameter vector (P,) of the corrected model."""
         return theta_of(self.problem, self.shown)
 
     def corrected_rig(self) -> Rig:
@@ -59,7 +65,9 @@ def diagnose(logs: Sequence[Any], rig: Rig, seed: int = 0, without: Sequence[str
     drivers = drivers_of(problem, best.hypothesis.theta(problem.theta0, best.x[None, :])[0])
     left = locate.remaining(state, best, drivers, problem.signal, [s.column for s in problem.signals], problem.floor())
     finding = verdict.decide(state, best, rivals, left, problem.floor())
-    return Diagnosis(assemble(problem, state, finding, kinds, without, drivers), problem, state, shown_of(state, finding))
+    shown = shown_of(state, finding)
+    estimate = over_long_stretches(problem, state.engine, shown) or verdict.estimate_of(state, shown)
+    return Diagnosis(assemble(problem, state, finding, kinds, without, drivers, estimate), problem, state, estimate)
 
 
 def shown_of(state: search.Search, finding: verdict.Finding) -> Fit:
@@ -68,7 +76,7 @@ def shown_of(state: search.Search, finding: verdict.Finding) -> Fit:
 
 
 def assemble(problem: Problem, state: search.Search, finding: verdict.Finding, kinds: frozenset[str], without: Sequence[str],
-             drivers: dict[str, np.ndarray]) -> dict[str, Any]:
+             drivers: dict[str, np.ndarray], estimate: Estimate) -> dict[str, Any]:
     """The verdict as the contract's JSON."""
     floor, shown = problem.floor(), shown_of(state, finding)
     share = locate.shares(state, finding.best, floor) if finding.verdict != "none" else {}
@@ -80,9 +88,9 @@ def assemble(problem: Problem, state: search.Search, finding: verdict.Finding, k
         "where": {"subsystem": max(known, key=lambda k: (known[k], k)) if any(known.values()) else None, "share": share,
                   "by_regime": locate.by_regime(state, problem.regime, problem.regimes),
                   "by_correlate": locate.by_correlate(state, drivers, problem.signal, [s.column for s in problem.signals], floor)},
-        "effects": verdict.effects_section(problem, state, finding, floor),
+        "effects": verdict.effects_section(problem, state, finding, floor, estimate),
         "indistinguishable": [o for o in same if o["id"] not in without],
-        "retuned_parameters": verdict.retuned_parameters(state, shown),
+        "retuned_parameters": estimate.tolerated(),
         "next_experiment": experiment.propose(problem, state, finding),
         "unexplained": unexplained_section(problem, state, finding),
         "warnings": list(problem.warnings),

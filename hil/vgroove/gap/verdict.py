@@ -5,15 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgroove.gap import locate
+from vgroove.gap.estimate import Estimate, stretches_of
 from vgroove.gap.evidence import block_sums, draw_means, squared
-from vgroove.gap.fit import Fit, half_widths
-from vgroove.gap.hypotheses import BY_ID, SPECIAL_CASES, equivalents
+from vgroove.gap.fit import Fit
+from vgroove.gap.hypotheses import SPECIAL_CASES, equivalents
 from vgroove.gap.search import CLIP, VISIBLE, WORTH_FORM, Search, fit_set, key, plausible, win_shares
 
 BULK = {1: 0.7, 2: 0.85, 3: 0.9, 4: 0.9}  # of the squared gap: one effect by the contract; larger sets imitate more
 LARGER_PART = 0.5  # of the squared gap beyond retuning that one effect must close all the same
-Z95 = 1.96
-LONG_S = 0.5
 SURE = 0.99
 NOT_WORTH = 0.4  # an effect that is significant and still not worth naming
 PATCHED = (1.0 + VISIBLE) ** 2 - 1.0  # excess power of the least gap that the contract calls one
@@ -162,43 +161,9 @@ def share_among_rivals(out: dict[str, float], finding: Finding) -> dict[str, flo
     return out
 
 
-def parameters_of(search: Search, one: Fit, effect_id: str) -> dict[str, dict[str, object]]:
-    """Reported parameters of one effect in a fit, with clustered intervals."""
-    half = half_widths(search.engine, one, [search.blocks.cluster, long_clusters(search)]) if len(one.x) else np.zeros(0)
-    theta = one.hypothesis.theta(search.engine.problem.theta0, one.x[None, :])[0]
-    if effect_id == "hall_dropout":
-        return dropout_parameters(search.engine.problem)
-    out = {}
-    for parameter in (p for p in BY_ID[effect_id].parameters if p.reported):
-        name = BY_ID[effect_id].name(parameter)
-        value = float(theta[search.engine.problem.index(name)])
-        out[parameter.name] = {"value": value, "ci95": interval_of(one, name, value, half), "unit": parameter.unit}
-    return out
-
-
-def long_clusters(search: Search) -> np.ndarray:
-    """Stretches of LONG_S of each log (n,): about as long as a machine keeps doing one thing."""
-    rows = search.rows
-    stretch = np.floor(rows.time_s / LONG_S).astype(np.int64)
-    return np.unique(rows.log.astype(np.int64) * (int(stretch.max()) + 2) + stretch, return_inverse=True)[1]
-
-
-def dropout_parameters(problem: object) -> dict[str, dict[str, object]]:
-    """The share of missed edges is counted, not fitted: any probability above 0 makes the model show what was missed. Wilson's interval."""
-    missed, edges = problem.missed_edges
-    share, pull = missed / max(1.0, edges), Z95**2 / max(1.0, edges)
-    middle = (share + 0.5 * pull) / (1.0 + pull)
-    half = Z95 * np.sqrt(share * (1.0 - share) / max(1.0, edges) + 0.25 * (pull / Z95) ** 2) / (1.0 + pull)
-    return {"probability": {"value": share, "ci95": [float(middle - half), float(middle + half)], "unit": "1"}}
-
-
-def interval_of(one: Fit, name: str, value: float, half: np.ndarray) -> list[float] | None:
-    """95 % interval of a fitted flat parameter (the amplitude of a polar pair: the wider of its two)."""
-    for i, c in enumerate(one.hypothesis.coordinates):
-        if c.name == name or (name.endswith("backward_nm") and c.name.endswith("forward_nm") and len(c.columns) == 2):
-            wide = float(max(half[i], half[i + 1]) if c.role == "cosine" else half[i]) * abs(c.factors[0])
-            return [value - wide, value + wide]
-    return None
+def estimate_of(search: Search, one: Fit) -> Estimate:
+    """The numbers of a fit as the search made it."""
+    return Estimate(search.engine, one, (search.blocks.cluster, stretches_of(search.rows.log, search.rows.time_s)))
 
 
 def lost_without(search: Search, problem: object, best: Fit, effect_id: str, floor: float) -> float:
@@ -210,16 +175,17 @@ def lost_without(search: Search, problem: object, best: Fit, effect_id: str, flo
     return float(np.clip((without - after) / max(before - floor, 1e-9), 0.0, 1.0)) if before - floor >= 0.1 else 0.0
 
 
-def effects_section(problem: object, search: Search, finding: Finding, floor: float) -> list[dict[str, object]]:
-    """All effects that were tried: selected ones first, then by probability and by what they close alone."""
+def effects_section(problem: object, search: Search, finding: Finding, floor: float, estimate: Estimate) -> list[dict[str, object]]:
+    """All effects that were tried: selected ones first, then by probability and by what they close alone. The estimate's effects take their
+    numbers from it, the others from the fits of each alone."""
     chance, before, out = probabilities(search, finding, floor), gap_of(problem, search.nominal.held), []
     for effect in search.effects:
         alone = search.fits[(effect.id,)]
-        source = finding.best if effect.id in finding.best.ids else alone
+        source = estimate if effect.id in estimate.fit.ids else estimate_of(search, alone)
         out.append({"id": effect.id, "subsystem": effect.subsystem, "probability": round(chance[effect.id], 6),
                     "closes": closed(before, gap_of(problem, alone.held), floor),
                     "lost_without": lost_without(search, problem, finding.best, effect.id, floor) if finding.verdict != "unlisted" else 0.0,
-                    "parameters": parameters_of(search, source, effect.id)})
+                    "parameters": source.parameters(effect.id)})
     named = selected(search, problem, finding, floor)
     return sorted(out, key=lambda e: (named.index(e["id"]) if e["id"] in named else 99, -e["probability"], -(e["closes"] or 0.0), e["id"]))
 
@@ -247,9 +213,3 @@ def indistinguishable(problem: object, search: Search, finding: Finding, kinds: 
                 out.append({"id": new, "instead_of": gone[min(j, len(gone) - 1)],
                             "closes": closed(before, gap_of(problem, search.fits[(new,)].held), floor)})
     return out
-
-
-def retuned_parameters(search: Search, one: Fit) -> dict[str, float]:
-    """Values of the tolerated rig keys in a fit."""
-    theta = one.hypothesis.theta(search.engine.problem.theta0, one.x[None, :])[0] if len(one.x) else search.engine.problem.theta0
-    return {c.name: float(theta[c.columns[0]]) for c in search.engine.keys}

@@ -1,0 +1,70 @@
+"""Numbers over long stretches: what a joint remembers for longer than a restart is read from runs as long as that, and only there."""
+
+import tomllib
+from dataclasses import replace
+
+import pytest
+
+from vgroove.bench import trap
+from vgroove.gap.estimate import AT_NOISE, memory_s, over_long_stretches
+from vgroove.gap.fit import Engine
+from vgroove.gap.hypotheses import BY_ID, Scales
+from vgroove.gap.problem import Problem, load_problem
+from vgroove.log import Log
+from vgroove.rig import Rig, rig_from_dict
+
+COULOMB = [BY_ID["coulomb_friction"]]
+SCALES = Scales(volt=24.0, amp=0.2, speed=20.0, torque=0.2, inertia=trap.INERTIA, motor_inertia=trap.INERTIA, resistance=1.0, coulomb=0.0,
+                viscous=trap.BELIEVED_DAMPING, ratio=1.0, duration=20.0, interval=0.002, pwm_hz=20000.0, supply_ohm=0.0)
+
+
+def joint(**motor: float) -> Rig:
+    table = tomllib.loads(trap.RIG)
+    return rig_from_dict(table | {"motor": table["motor"] | motor}, "one joint")
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    seen = trap.measured(trap.moved(*trap.drive(2, trap.TRAIN_S, trap.TRAIN_NM)), 2)
+    columns = {"current_a": seen.torque_nm, "speed_rpm": seen.speed_rad_s * trap.RAD_S_TO_RPM, "position_rad": seen.angle_rad}
+    return load_problem([Log(seen.time_s, columns, "one joint")], joint())
+
+
+@pytest.fixture(scope="module")
+def engine(problem: Problem) -> Engine:
+    return Engine(problem, SCALES, problem.rig.tolerance)
+
+
+def test_memory_is_inertia_over_all_damping() -> None:
+    assert memory_s(joint()) == pytest.approx(trap.INERTIA / trap.BELIEVED_DAMPING)
+    table = tomllib.loads(trap.RIG)
+    driven = rig_from_dict(table | {"input": {"kind": "voltage_v"}}, "one joint")
+    assert memory_s(driven) == pytest.approx(trap.INERTIA / (trap.BELIEVED_DAMPING + 1.0))
+
+
+def test_long_stretches_tell_more_and_their_intervals_hold_the_truth(problem: Problem, engine: Engine) -> None:
+    short = engine.fit(engine.hypotheses(COULOMB), 8)[0]
+    found = over_long_stretches(problem, engine, short)
+    damping, friction = found.tolerated()["motor.viscous_nm_s_per_rad"], found.parameters("coulomb_friction")["torque_nm"]
+    before = short.hypothesis.theta(problem.theta0, short.x[None, :])[0][problem.index("motor.viscous_nm_s_per_rad")]
+    assert abs(damping - trap.DAMPING) < 0.5 * abs(before - trap.DAMPING)
+    assert damping == pytest.approx(trap.DAMPING, rel=0.01)
+    assert friction["ci95"][0] < trap.COULOMB < friction["ci95"][1]
+    assert friction["ci95"][1] - friction["ci95"][0] < 0.05 * trap.COULOMB
+
+
+def test_a_model_that_lacks_something_is_not_run_for_so_long(problem: Problem, engine: Engine) -> None:
+    retuned = engine.fit(engine.hypotheses([]), 8)[0]
+    assert problem.gap(retuned.residual) > AT_NOISE
+    assert over_long_stretches(problem, engine, retuned) is None
+
+
+def test_a_shaft_that_forgets_between_two_restarts_is_not_fitted_again(problem: Problem, engine: Engine) -> None:
+    one = engine.fit(engine.hypotheses(COULOMB), 1)[0]
+    forgetful = replace(problem, rig=joint(viscous_nm_s_per_rad=trap.INERTIA / (0.9 * problem.restart_s)))
+    assert over_long_stretches(forgetful, engine, one) is None
+
+
+def test_nothing_fitted_is_nothing_to_fit_again(problem: Problem) -> None:
+    bare = Engine(problem, SCALES, {})
+    assert over_long_stretches(problem, bare, bare.fit(bare.hypotheses([]), 0)[0]) is None
