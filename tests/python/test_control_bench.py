@@ -19,7 +19,7 @@ from vgroove.control_bench.runs import PULL_S, AbsentError, Run, eeprom_image, p
 from vgroove.control_bench.waves import POINTS, range_of, wave_picture
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import Profile
-from vgroove.study.report import thin
+from vgroove.page import thin
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOW = [(name, "f8") for name in ("time_s", "approach_rad_s", "engaged_m", "impulse_nm_s", "peak_torque_nm")]

@@ -4,7 +4,6 @@ import csv
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vgroove.study.report import CHROMIUM, Table, thin
+from browser import need_chromium, seen
+from vgroove.page import Table, thin
 from vgroove.study.steps import event_rows, largest_below
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,19 +24,6 @@ LIMIT_S = 300
 def vgroove(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", "vgroove.cli", *map(str, words)]
     return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False, cwd=cwd)
-
-
-def need_chromium() -> str:
-    found = next((path for path in map(shutil.which, CHROMIUM) if path), None)
-    if found is None:
-        pytest.skip("no Chromium here")
-    return found
-
-
-def drawn(chromium: str, page: Path) -> str:
-    """The page's elements after its scripts have run."""
-    command = [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", "--dump-dom", page.resolve().as_uri()]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
 
 
 def rows_of(folder: Path, name: str) -> list[dict[str, str]]:
@@ -107,7 +94,7 @@ def test_tables_agree_with_the_json(steps: Path, drill: dict) -> None:
 
 
 def test_a_browser_draws_the_page(steps: Path) -> None:
-    text = drawn(need_chromium(), steps / "steps.html")
+    text = seen(steps / "steps.html").dom
     assert len(re.findall(r'<svg[^>]*class="main-svg"', text)) >= 6  # two layers a figure
     assert "step in µs" in text and "1 %" in text and "Step sizes: impact cycle and drill driver" in text
     assert not re.search(r"(src|href)=['\"]https?://", text.split("<body", 1)[1])

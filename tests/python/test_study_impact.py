@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from test_study import drawn, need_chromium, rows_of, vgroove
+from browser import seen
+from test_study import rows_of, vgroove
 from vgroove.rig import read_rig
 from vgroove.study.impact import phases_of
 from vgroove.study.impact_runs import REFERENCE_RIG, clean, impact_rig
@@ -178,6 +179,6 @@ def test_a_rig_of_ones_own_on_its_own_joint(tmp_path: Path) -> None:
     ("impact", ("hammer back in mm", "lug height")),
 ])
 def test_browsers_draw_the_pages(name: str, words: tuple, request: pytest.FixtureRequest) -> None:
-    text = drawn(need_chromium(), request.getfixturevalue(name)[0] / f"{name}.html")
+    text = seen(request.getfixturevalue(name)[0] / f"{name}.html").dom
     assert len(re.findall(r'<svg[^>]*class="main-svg"', text)) >= 2
     assert all(word in text for word in words)

@@ -12,7 +12,8 @@ from vgroove.control_bench.runs import Run, pull, reference
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync import LOAD_WORDS, LOADS
 from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
-from vgroove.study.report import Picture, Study, style
+from vgroove.page import Picture, style
+from vgroove.study.report import Study
 
 SUMMARY = [
     ("variant", "variant"),

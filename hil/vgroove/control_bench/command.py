@@ -46,7 +46,6 @@ def control_command(
     from vgroove.control_bench.control import PARTS, Choice, control_bench
     from vgroove.errors import VgrooveError
     from vgroove.output import check_outputs, write_text
-    from vgroove.study.report import page
 
     parts = part or list(PARTS)
     check_parts(parts, list(PARTS))
@@ -65,7 +64,7 @@ def control_command(
     if json_path:
         write_text(json_path, json.dumps(study.data, indent=1, allow_nan=False) + "\n")
     if html_path:
-        write_text(html_path, page(study))
+        write_text(html_path, study.page().as_html())
 
 
 def figures_command(

@@ -12,8 +12,9 @@ from vgroove.control_bench.runs import pull
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
 from vgroove.lockstep import Profile
+from vgroove.page import Picture, style
 from vgroove.study.impact_runs import RPM
-from vgroove.study.report import Picture, Study, style
+from vgroove.study.report import Study
 
 CLUTCH = [
     ("set", "set"),

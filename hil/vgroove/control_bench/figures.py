@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from vgroove.chromium import find_chromium, svg_of
 from vgroove.control_bench import blows_page, drill_page, screwing_page, sync_page, torque_page, vibration_page
 from vgroove.control_bench.waves import Wave, wave_picture
 from vgroove.output import check_outputs, write_text
-from vgroove.study.report import find_chromium, svg_of
 
 WAVES: dict[str, Callable[[], Wave]] = {
     "blows": blows_page.wave,

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from vgroove.study.report import Table
+from vgroove.page import Table
 
 
 @dataclass(frozen=True)

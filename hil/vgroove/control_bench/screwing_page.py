@@ -13,8 +13,9 @@ from vgroove.control_bench.screwing import Watch
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync_page import methods
 from vgroove.control_bench.waves import Drive, Line, Panel, Wave, wave_picture
+from vgroove.page import Picture, style
 from vgroove.study.impact_runs import JOINT_SHORT
-from vgroove.study.report import Picture, Study, style
+from vgroove.study.report import Study
 
 SUMMARY = [
     ("variant", "variant"),

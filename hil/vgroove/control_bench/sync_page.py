@@ -12,8 +12,9 @@ from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
 from vgroove.control_bench.runs import pull, reference
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
+from vgroove.page import Picture, Table, style
 from vgroove.study.impact_runs import RPM
-from vgroove.study.report import Picture, Study, Table, style
+from vgroove.study.report import Study
 
 SUMMARY = [
     ("variant", "variant"),

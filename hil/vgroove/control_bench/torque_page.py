@@ -11,7 +11,8 @@ from vgroove.control_bench.jobs import PLAIN, Figures, Variant, absent_lines, pr
 from vgroove.control_bench.runs import Run
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.waves import Drive, Line, Panel, Wave, wave_picture
-from vgroove.study.report import Picture, Study, Table, style
+from vgroove.page import Picture, Table, style
+from vgroove.study.report import Study
 
 SUMMARY = [
     ("variant", "variant"),

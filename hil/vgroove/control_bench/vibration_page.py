@@ -11,8 +11,9 @@ from vgroove.control_bench.runs import PULL_S, reference
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync_page import methods
 from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
+from vgroove.page import Picture, style
 from vgroove.study.impact_runs import JOINT_WORDS
-from vgroove.study.report import Picture, Study, style
+from vgroove.study.report import Study
 
 SUMMARY = [
     ("variant", "variant"),

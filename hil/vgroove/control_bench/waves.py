@@ -11,8 +11,8 @@ from plotly.subplots import make_subplots
 from vgroove.control_bench.jobs import Variant
 from vgroove.control_bench.runs import PULL_S, AbsentError, Run, pull, sil_run
 from vgroove.lockstep import Profile
+from vgroove.page import Picture, style, thin
 from vgroove.rig import Rig
-from vgroove.study.report import Picture, style, thin
 
 PLAIN_COLOUR, CONTROLLED_COLOURS = "#30343b", ("#c1394f", "#00798c", "#7a5195")
 BLOW_COLOUR, REPEAT_COLOUR = "#444444", "#e07b00"

@@ -8,7 +8,8 @@ import tomli_w
 from rich.console import Console
 
 from vgroove.gap.diagnose import Diagnosis, diagnose
-from vgroove.gap.report import gap_figure, page, share_figure, summary, trace_figure
+from vgroove.gap.page import diagnosis_page
+from vgroove.gap.report import summary
 from vgroove.log import read_log
 from vgroove.output import check_outputs, write_text
 from vgroove.rig import read_rig
@@ -38,22 +39,8 @@ def outputs(found: Diagnosis, logs: Sequence[Path], json_path: Path | None, html
     if json_path:
         texts.append((json_path, json.dumps(found.verdict, indent=1, allow_nan=False) + "\n"))
     if html_path:
-        texts.append((html_path, html_page(found, logs)))
+        texts.append((html_path, diagnosis_page(found, [path.name for path in logs]).as_html()))
     if out_rig:
         texts.append((out_rig, tomli_w.dumps(found.corrected_rig().as_dict())))
     return texts
 
-
-def html_page(found: Diagnosis, logs: Sequence[Path]) -> str:
-    """The report page: shares, gap per signal, and for each log the traces of nominal and corrected model."""
-    problem, verdict = found.problem, found.verdict
-    figures = []
-    if any(verdict["where"]["share"].values()):
-        figures.append(("Where the gap lies", share_figure(verdict["where"]["share"])))
-    figures.append(("Gap per signal, held out", gap_figure(verdict["gap"])))
-    units = {s.column: s.unit for s in problem.signals}
-    nominal, corrected = problem.traces(problem.theta0), problem.traces(found.theta())
-    for j, path in enumerate(logs):
-        title = f"{path.name}: measured, nominal and corrected model (restarted every {problem.restart_s:g} s; held-out blocks shaded)"
-        figures.append((title, trace_figure(nominal[j], corrected[j], units, problem.held_out_s[j])))
-    return page(verdict, figures, f"Gap of {problem.rig.name or 'the rig'}: " + ", ".join(p.name for p in logs), verdict["warnings"])

@@ -33,7 +33,7 @@ def bench_command(
     check_outputs((json_path, html_path), ())
     figures = bench(half, count, fifth, number or [], removed, without or [], jobs, Console(stderr=True))
     for table in tables(figures):
-        Console().print(table)
+        Console().print(table.as_rich())
     if json_path:
         write_text(json_path, json.dumps(figures, indent=1) + "\n")
     if html_path:

@@ -7,9 +7,10 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove.errors import VgrooveError
+from vgroove.page import Picture, Table, style
 from vgroove.rig import Rig
 from vgroove.study.impact_runs import RPM, hits_between, simulate
-from vgroove.study.report import Picture, Study, Table, style
+from vgroove.study.report import Study
 
 TRACE_STEP_S = 5e-6
 MARGIN = 0.04  # of the cycle, shown before and after it

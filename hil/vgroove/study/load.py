@@ -7,10 +7,11 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove import _core
+from vgroove.page import LEAST_SHOWN, Picture, Table, shown, style, thin
 from vgroove.rig import Rig
 from vgroove.study.command import Tick
 from vgroove.study.impact_runs import JOINT_SHORT, JOINT_WORDS, JOINTS, blow_figures, simulate, with_joint
-from vgroove.study.report import LEAST_SHOWN, Picture, Study, Table, shown, style, thin
+from vgroove.study.report import Study
 
 CURVES = ("hard_joint", "disc_spring", "m6", "m8", "m10")
 CURVE_TURNS = {"hard_joint": 0.15, "disc_spring": 20.1, "m6": 25.5, "m8": 15.5, "m10": 10.5}  # from the start of the log

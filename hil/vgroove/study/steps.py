@@ -8,10 +8,11 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove import _core
+from vgroove.page import Picture, Table, style
 from vgroove.study import drill
 from vgroove.study.command import Tick
 from vgroove.study.drill import DURATION_S, GRID_S, MODES, PARAMETER_STEPS, SOLVERS, Case
-from vgroove.study.report import Picture, Study, Table, style
+from vgroove.study.report import Study
 
 DESIGN_STEPS_S = (70e-6, 40e-6, 35e-6)
 SWEEP_S = (10e-6, 100e-3)

@@ -7,10 +7,11 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove import _core
+from vgroove.page import Picture, Table, style
 from vgroove.rig import Rig
 from vgroove.study.command import Tick
 from vgroove.study.impact_runs import JOINT_WORDS, JOINTS, hits_between, simulate, with_joint
-from vgroove.study.report import Picture, Study, Table, style
+from vgroove.study.report import Study
 from vgroove.study.steps import event_rows, event_summary, micro
 
 LOADS = ("locked", "slip_60", "hard_joint")

@@ -7,10 +7,11 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from vgroove.page import Picture, Table, style
 from vgroove.rig import Rig
 from vgroove.study.command import Tick
 from vgroove.study.impact_runs import JOINT_SHORT, JOINT_WORDS, JOINTS, blow_figures, simulate, with_joint
-from vgroove.study.report import Picture, Study, Table, style
+from vgroove.study.report import Study
 
 LOADS = ("locked", "slip_60", "hard_joint", "slip_6", "m8")
 COLOURS = dict(zip(LOADS, ("#30343b", "#d1495b", "#edae49", "#00798c", "#66a182"), strict=True))

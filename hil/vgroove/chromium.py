@@ -1,0 +1,74 @@
+"""Draws pages and figures with a Chromium that is installed: a page as PNG, a figure as SVG."""
+
+import html
+import re
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from urllib.parse import unquote
+
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+
+from vgroove.errors import VgrooveError
+from vgroove.output import write_text
+from vgroove.page import PAGE_WIDTH
+
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
+CHROMIUM_LIMIT_S = 120
+
+
+def find_chromium() -> str:
+    """The browser that draws the picture; VgrooveError when there is none."""
+    found = next((path for path in map(shutil.which, CHROMIUM) if path), None)
+    if found is None:
+        raise VgrooveError(f"--png needs Chromium to draw the page, and none of {', '.join(CHROMIUM)} is installed")
+    return found
+
+
+def draw(chromium: str, text: str, png_path: Path, height: int) -> None:
+    """Picture of a page (its HTML text), twice the page's resolution."""
+    part, source = (png_path.with_name(f".{png_path.name}.part.{ending}") for ending in ("png", "html"))
+    write_text(source, text)
+    command = [
+        chromium,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--hide-scrollbars",
+        "--force-device-scale-factor=2",
+        f"--window-size={PAGE_WIDTH + 60},{height}",
+        "--virtual-time-budget=8000",
+        f"--screenshot={part}",
+        source.resolve().as_uri(),
+    ]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=CHROMIUM_LIMIT_S, check=False)
+        if done.returncode != 0 or not part.is_file():
+            raise VgrooveError(f"{png_path}: {chromium} drew no picture (exit code {done.returncode})")
+        part.replace(png_path)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise VgrooveError(f"{png_path}: {chromium} drew no picture: {error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+        source.unlink(missing_ok=True)
+
+
+def svg_of(chromium: str, figure: go.Figure) -> str:
+    """A figure as the SVG that plotly's camera saves."""
+    size = f"{{format:'svg',width:{figure.layout.width},height:{figure.layout.height}}}"
+    script = f"Plotly.newPlot('figure',{figure.to_json()}).then(g=>Plotly.toImage(g,{size})).then(u=>{{document.body.textContent=u}})"
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "figure.html"
+        scripts = f"<script>{get_plotlyjs()}</script><script>{script}</script>"
+        source.write_text(f"<!doctype html><meta charset=utf-8><div id=figure></div>{scripts}", encoding="utf-8")
+        command = [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000", "--dump-dom", source.as_uri()]
+        try:
+            dom = subprocess.run(command, capture_output=True, text=True, timeout=CHROMIUM_LIMIT_S, check=True).stdout
+        except (OSError, subprocess.SubprocessError) as error:
+            raise VgrooveError(f"{chromium} drew no figure: {error}") from error
+    found = re.search(r"data:image/svg\+xml,([^<\s]+)", dom)
+    if found is None:
+        raise VgrooveError(f"{chromium} drew no figure: its page holds none")
+    return unquote(html.unescape(found[1])) + "\n"
