@@ -82,8 +82,8 @@ def record(
 
 @app.command()
 def run(
-    scenario_path: Annotated[Path, typer.Argument(metavar="SCENARIO", help="TOML file: tool, trigger, load, duration.")],
-    on: Annotated[str, typer.Option(help="sil: native firmware; avr: the ELF on a simulated ATmega.")] = "sil",
+    scenario_path: Annotated[Path | None, typer.Argument(metavar="[SCENARIO]", help="TOML file: tool, trigger, load, duration.")] = None,
+    on: Annotated[str, typer.Option(help="sil: native firmware; avr: the ELF on a simulated ATmega; PORT: a board.")] = "sil",
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Log: FILE.csv, .mf4, .blf or .asc.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Instead of the scenario's seed.")] = None,
     target: Annotated[str, typer.Option(help="Board of --on avr: uno or mega.")] = "uno",
@@ -93,16 +93,26 @@ def run(
     real_time: Annotated[bool, typer.Option("--real-time", help="Do not run faster than the clock.")] = False,
     stats: Annotated[Path | None, typer.Option(help="Cycle statistics of --on avr as JSON.")] = None,
     eeprom: Annotated[Path | None, typer.Option(help="EEPROM image that survives the run.")] = None,
+    experiment: Annotated[str | None, typer.Option(help="On a board: a run of the diagnosis' menu, such as reversal.")] = None,
+    next_path: Annotated[Path | None, typer.Option("--next", metavar="VERDICT", help="On a board: the run it asks for.")] = None,
+    baud: Annotated[int, typer.Option(help="Rate of the board's line.")] = 250_000,
 ) -> None:
-    """Run a scenario: firmware and simulated tool in lock-step."""
+    """Run a scenario, firmware and simulated tool in lock-step; or a run of the diagnosis' menu on a board (--on PORT)."""
     from dataclasses import replace
 
     from vgroove.run import RunOptions, run_scenario
     from vgroove.scenario import read_scenario
 
+    options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom)
+    if scenario_path is None and on not in ("sil", "avr"):
+        from vgroove.board_run import course_of, run_on_board
+
+        run_on_board(options, course_of(experiment, next_path), baud)
+        return
+    if scenario_path is None or experiment or next_path:
+        raise VgrooveError("--on sil and --on avr run a SCENARIO; a board (--on PORT) performs --experiment NAME or --next VERDICT.json")
     scenario = read_scenario(scenario_path)
     scenario = scenario if seed is None else replace(scenario, seed=seed)
-    options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom)
     run_scenario(scenario, options, Console(), Console(stderr=True))
 
 

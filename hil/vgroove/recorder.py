@@ -32,7 +32,8 @@ DUMP_AFTER_S = 0.4  # a board that resets when the port opens speaks of itself; 
 DUMP_EVERY_S = 1.0
 DUMPS_MAX = 8
 FLUSH_S = 0.25
-ENDS = ("port lost", "interrupted", "board restarted", "time over", "board silent")  # besides what a disk or a converter does
+DONE = "run complete"  # a partner's end as it should be
+ENDS = ("port lost", "interrupted", "board restarted", "time over", "board silent", DONE)  # besides what a disk or a converter does
 SILENCE_S = 2.0
 MF4_ROWS = 200_000  # converted at a time
 SIDECAR_SCHEMA = "vgroove.recording/1"
@@ -57,6 +58,15 @@ class ResyncBus(SerialBus):
             raise can.CanOperationError(f"could not read from serial: {error}") from error
         return self.framer.feed(data)
 
+    def write(self, data: bytes) -> None:
+        """Bytes to the board."""
+        if not data:
+            return
+        try:
+            self._ser.write(data)
+        except (serial.SerialException, OSError) as error:
+            raise can.CanOperationError(f"could not write to serial: {error}") from error
+
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._waiting:
             self._waiting.extend(self.read_frames())
@@ -72,6 +82,21 @@ def command_message(name: str, sequence: int, time_ms: int, **signals: float) ->
     return message
 
 
+class Partner:
+    """Who speaks with the board while it is recorded: here nobody, and nothing but the recording's own limits ends it."""
+
+    over = ""  # why the recording is to end
+    most_silence_s = float("inf")
+
+    def hear(self, frames: list[telemetry.Frame]) -> list[telemetry.Frame]:
+        """Frames of the board; returns those that are to be recorded."""
+        return frames
+
+    def speak(self) -> bytes:
+        """What is to be sent now; asked after each hear()."""
+        return b""
+
+
 @dataclass
 class Recording:
     """What to record, and what became of it."""
@@ -80,6 +105,7 @@ class Recording:
     output: Path
     baud: int = 250_000
     seconds: float | None = None
+    partner: Partner = field(default_factory=Partner)
     session: telemetry.Session = field(default_factory=telemetry.Session)
     rows: int = 0
     ended: str = ""
@@ -89,6 +115,11 @@ class Recording:
         """Board time from the BOOT frame on."""
         first, last = self.session.first_ms, self.session.last_ms
         return 0.0 if first is None or last is None else (last - first) / 1000
+
+    @property
+    def most_silence_s(self) -> float:
+        """For how long the board may say nothing; infinite where only the user ends the recording."""
+        return self.partner.most_silence_s if self.seconds is None else SILENCE_S + self.seconds
 
 
 class Sink(ABC):
@@ -306,10 +337,11 @@ SINKS: dict[str, type[Sink]] = {".csv": CsvSink, ".mf4": Mf4Sink, ".blf": BlfSin
 
 
 def record(recording: Recording, stopped: Callable[[], bool], progress: Callable[[Recording], None] = lambda _: None) -> None:
-    """Record until `stopped()`, until `seconds` of board time are over or until the port goes away; the file is then complete.
+    """Record until `stopped()`, until `seconds` of board time or the partner's run are over, or until the port goes away; the file is then
+    complete.
 
     Raises VgrooveError: the port cannot be opened or shows no board, unknown protocol, file cannot be written, disk full (what was
-    recorded is kept), the port went away before `seconds` were over (likewise), no sample came.
+    recorded is kept), the port went away or the partner gave up before the end (likewise), no sample came.
     """
     sink_type = SINKS.get(recording.output.suffix.lower())
     if sink_type is None:
@@ -361,6 +393,10 @@ class _Dumper:
             raise can.CanOperationError(f"could not write to serial: {error}") from error
 
 
+def _from_boot(frames: list[telemetry.Frame]) -> list[telemetry.Frame]:
+    return frames[next(k for k, frame in enumerate(frames) if frame.id == telemetry.BOOT) :]
+
+
 def _wait_for_boot(bus: ResyncBus, recording: Recording, stopped: Callable[[], bool]) -> list[telemetry.Frame]:
     """Frames from the first BOOT frame on; what came before is counted."""
     session, dumper = recording.session, _Dumper(bus, DUMP_AFTER_S)
@@ -374,11 +410,11 @@ def _wait_for_boot(bus: ResyncBus, recording: Recording, stopped: Callable[[], b
             frames = bus.read_frames()
         except can.CanOperationError as error:
             raise VgrooveError(f"{recording.port}: the port was lost before the board said what it is ({error}).") from error
-        session.feed(frames)
+        kept = recording.partner.hear(frames)
+        session.feed(kept)
         if session.boot is not None:
-            boot = next(k for k, frame in enumerate(frames) if frame.id == telemetry.BOOT)
-            session.counters.begin(before, len(frames) - boot, bus.framer.held)
-            return frames[boot:]
+            session.counters.begin(before, len(_from_boot(frames)), bus.framer.held)
+            return _from_boot(kept)
         before = copy(session.counters)
     counters = session.counters
     heard = f"{counters.bytes} bytes, {counters.frames} intact frames"
@@ -404,7 +440,7 @@ def _record_into(sink: Sink, bus: ResyncBus, recording: Recording, begin: list[t
     recording.rows = sink.rows
     if sink.rows == 0:
         sink.discard()
-        raise VgrooveError(f"{recording.port}: no sample came within {recording.recorded_s:.1f} s ({recording.ended}), nothing is written.")
+        raise VgrooveError(f"{recording.port}: {recording.ended}; no sample was recorded, nothing is written.")
     _keep(sink, sink.publish)
     recording.output = sink.path
     _write_sidecar(recording, started)
@@ -432,17 +468,19 @@ def _keep(sink: Sink, work: Callable[[], None]) -> None:
 
 def _run(sink: Sink, bus: ResyncBus, recording: Recording, stopped: Callable[[], bool], progress: Callable[[Recording], None]) -> str:
     """Feed the sink until the recording ends; returns why it ended."""
-    session, dumper = recording.session, _Dumper(bus, DUMP_EVERY_S)
+    session, partner, dumper = recording.session, recording.partner, _Dumper(bus, DUMP_EVERY_S)
     flush_at = heard_at = time.monotonic()
     while True:
         try:
             if session.table is None:
                 dumper.ask()
             frames = bus.read_frames()
+            kept = partner.hear(frames)
+            bus.write(partner.speak())
         except can.CanOperationError:
             return "port lost"
-        session.feed(frames)
-        for frame in frames:
+        session.feed(kept)
+        for frame in kept:
             sink.frame(frame)
         now = time.monotonic()
         heard_at = now if frames else heard_at
@@ -451,14 +489,20 @@ def _run(sink: Sink, bus: ResyncBus, recording: Recording, stopped: Callable[[],
             sink.block(session.take_rows(session.ready_until()))
             recording.rows = sink.rows
             progress(recording)
-        if stopped():
-            return "interrupted"
-        if session.restarted:
-            return "board restarted"
-        if recording.seconds is not None and recording.recorded_s >= recording.seconds:
-            return "time over"
-        if recording.seconds is not None and now - heard_at > SILENCE_S + recording.seconds:
-            return "board silent"
+        ended = "interrupted" if stopped() else _ended(recording, now - heard_at)
+        if ended:
+            return ended
+
+
+def _ended(recording: Recording, silent_s: float) -> str:
+    """Why the recording is at its end; empty while it is not."""
+    if recording.session.restarted:
+        return "board restarted"
+    if recording.seconds is not None and recording.recorded_s >= recording.seconds:
+        return "time over"
+    if silent_s > recording.most_silence_s:
+        return "board silent"
+    return recording.partner.over
 
 
 def _sidecar(output: Path) -> Path:
@@ -493,5 +537,6 @@ def _complain(recording: Recording) -> None:
         raise VgrooveError(f"{recording.output}: the disk is full; {kept}.")
     if recording.ended not in ENDS:
         raise VgrooveError(f"{recording.ended}; {kept}.")
-    if recording.ended in ("port lost", "board silent") and recording.seconds is not None:
-        raise VgrooveError(f"{recording.port}: {recording.ended} after {recording.recorded_s:.1f} of {recording.seconds:g} s; {kept}.")
+    if recording.ended in ("port lost", "board silent", "board restarted") and recording.most_silence_s < float("inf"):
+        of = "" if recording.seconds is None else f" of {recording.seconds:g}"
+        raise VgrooveError(f"{recording.port}: {recording.ended} after {recording.recorded_s:.1f}{of} s; {kept}.")

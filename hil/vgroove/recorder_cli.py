@@ -1,4 +1,4 @@
-"""The terminal side of `vgroove record`: progress, counters, Ctrl-C."""
+"""The terminal side of a recording: progress, counters, Ctrl-C."""
 
 import signal
 from collections.abc import Iterator
@@ -29,7 +29,8 @@ class _Stop:
 
 
 @contextmanager
-def _signals_stop() -> Iterator[_Stop]:
+def signals_stop() -> Iterator[_Stop]:
+    """A callable that is true from the first Ctrl-C or terminate signal on."""
     stop = _Stop()
     before = {number: signal.signal(number, stop.on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -53,7 +54,8 @@ def _counters(recording: Recording) -> Table:
     return table
 
 
-def _summary(recording: Recording) -> str:
+def summary(recording: Recording) -> str:
+    """What was recorded and what was lost, in two lines."""
     counters, boot = recording.session.counters, recording.session.boot or {}
     lines = [
         f"{recording.output}: {recording.rows} rows, {recording.recorded_s:.1f} s, ended: {recording.ended}",
@@ -69,10 +71,10 @@ def record_with_progress(port: str, output: Path, seconds: float | None, baud: i
     """Record with a line of counters on the terminal; VgrooveError as `record` raises it."""
     console = Console(stderr=True)
     recording = Recording(port, output, baud, seconds)
-    with _signals_stop() as stop:
+    with signals_stop() as stop:
         if console.is_terminal:
             with Live(console=console, auto_refresh=False, transient=True) as live:
                 record(recording, stop, lambda now: live.update(_counters(now), refresh=True))
         else:
             record(recording, stop)
-    console.print(_summary(recording), highlight=False, markup=False, soft_wrap=True)
+    console.print(summary(recording), highlight=False, markup=False, soft_wrap=True)

@@ -55,7 +55,7 @@ def make_board(options: RunOptions, seed: int) -> AvrBoard | SilBoard:
     if options.on == "sil":
         return SilBoard(eeprom=_image(options.eeprom))
     if options.on != "avr":
-        raise VgrooveError(f"--on is sil or avr, not {options.on}")
+        raise VgrooveError(f"--on is sil or avr, not {options.on}; a board on a port performs --experiment NAME or --next VERDICT.json")
     if options.target not in MCUS:
         raise VgrooveError(f"--target is uno or mega, not {options.target}")
     elf = options.elf or default_elf(options.target)
@@ -92,11 +92,12 @@ def _line(scenario: Scenario, options: RunOptions, announce: Tell) -> Iterator[l
 
 
 @contextmanager
-def _bar(console: Console, duration_s: float) -> Iterator[Callable[[float], None]]:
+def progress_bar(console: Console, duration_s: float) -> Iterator[Callable[..., None]]:
+    """A bar on a terminal; what it yields takes the time in s, and words for `description`."""
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} / {task.total:.1f} s"), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("running", total=duration_s)
-        yield lambda time_s: progress.update(task, completed=time_s)
+        yield lambda time_s, **words: progress.update(task, completed=time_s, **words)
 
 
 def _drive(scenario: Scenario, options: RunOptions, sent: bytearray, announce: Tell, show: Callable[[float], None]) -> None:
@@ -146,7 +147,7 @@ def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: 
     sent = bytearray()
     begin = time.monotonic()
     try:
-        with _bar(errors, scenario.duration_s) as show:
+        with progress_bar(errors, scenario.duration_s) as show:
             _drive(scenario, options, sent, lambda name: out.print(name, highlight=False, soft_wrap=True), show)
     finally:
         rows = write_run(bytes(sent), options.output) if options.output and sent else None

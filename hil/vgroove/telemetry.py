@@ -19,6 +19,7 @@ PROTOCOL_VERSION = 2
 FRAME_BYTES = 19
 START, END, LENGTH = 0xAA, 0xBB, 8
 FAST, STATE, BOOT, PARAM, PARAM_TABLE, ACK, HEALTH, CONTROL = range(256, 264)
+SET_MODE, PARAM_READ, PARAM_WRITE, DUMP, CALIBRATE, SETPOINT, PROFILE = range(512, 519)
 OUTBOUND = frozenset(range(FAST, CONTROL + 1))
 STATE_DELAY_MS = 256  # state_tick and control_tick are bytes: such a frame is at most this much older than it says
 JUMP_MS = 10_000  # a gap in time that needs a second frame to be believed

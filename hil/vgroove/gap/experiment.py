@@ -81,7 +81,7 @@ def drive_of(problem: Problem, course: Course) -> _core.LogInput:
     if rig.bus_is_measured and kind == "duty":
         more["supply_v"] = np.full(len(time_s), rig.supply["voltage_v"])
     if course.coasts:
-        more["coast"] = ((share == 0.0) & (time_s > 0.5)).astype(float)
+        more["coast"] = ((share == 0.0) & course.opens(time_s)).astype(float)
     load = "none" if rig.load["kind"] == "torque" else rig.load["kind"]
     if course.load:
         most, load = max(float(np.nanmax(np.abs(log.columns["load_nm"]))) for log in problem.logs if "load_nm" in log.columns), "torque"

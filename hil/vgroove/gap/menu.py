@@ -1,8 +1,12 @@
 """The runs that a prototype can do by itself, as commands a simulation or a board can follow, scaled to a tool's input."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+
+from vgroove.errors import VgrooveError
 
 SECONDS, REST_S = 4.0, 0.2
 MOST_ROWS = 4000
@@ -26,6 +30,10 @@ class Course:
         if self.straight:
             return np.interp(time_s, self.time_s, self.level)
         return np.asarray(self.level)[np.searchsorted(self.time_s, time_s, side="right") - 1]
+
+    def opens(self, time_s: np.ndarray) -> np.ndarray:
+        """Where (n,) the bridge is open."""
+        return np.logical_and(self.coasts and time_s > self.time_s[1], self.command(time_s) == 0.0)
 
     def points(self) -> list[list[float]]:
         """[time, share of the largest command] of each change."""
@@ -64,3 +72,26 @@ def possible(has_duty: bool, has_load: bool, both_ways: bool) -> list[Course]:
         return (has_duty or not course.coasts) and (has_load or not course.load) and (both_ways or min(course.level) >= 0.0)
 
     return [course for course in MENU if can(course)]
+
+
+def named(name: str) -> Course:
+    """The run of that name; VgrooveError with those that there are."""
+    for course in MENU:
+        if course.name == name.replace("_", " ") or course.name == name:
+            return course
+    raise VgrooveError(f"there is no run {name}; the menu has {', '.join(course.name for course in MENU)}")
+
+
+def proposed(verdict: Mapping[str, Any], source: str) -> Course:
+    """The run that a verdict (gap contract, section 5) asks for, at its points; VgrooveError where it asks for none or they are no run."""
+    asked = verdict.get("next_experiment")
+    if not isinstance(asked, Mapping):
+        raise VgrooveError(f"{source}: its verdict is {verdict.get('verdict')} and asks for no further run")
+    course = named(str(asked.get("profile")))
+    try:
+        time_s, level = np.array(asked.get("points", course.points()), float).reshape(-1, 2).T
+    except (TypeError, ValueError):
+        raise VgrooveError(f"{source}: points of next_experiment are pairs [s, share of the largest command]") from None
+    if len(time_s) < 2 or time_s[0] != 0.0 or np.any(np.diff(time_s) <= 0.0) or time_s[-1] > SECONDS or not np.all(np.abs(level) <= 1.0):
+        raise VgrooveError(f"{source}: points of next_experiment begin at 0 s, go on in time to {SECONDS:g} s at most, and lie in -1..1")
+    return replace(course, time_s=tuple(time_s.tolist()), level=tuple(level.tolist()))

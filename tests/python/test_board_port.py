@@ -1,0 +1,165 @@
+"""`vgroove run --on PORT` as a process on a pty, behind it the ELF on the simulated ATmega, or the native firmware where that is enough."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tty
+from pathlib import Path
+
+import numpy as np
+import pytest
+from can.io import BLFReader
+
+from test_recorder import wait_for_part
+from test_run import VGROOVE, vgroove
+from vgroove import telemetry
+from vgroove.gap.menu import named
+from vgroove.log import Log, read_log
+
+LIMIT_S = 120
+
+
+def start_run(port: str, output: Path, *options: str) -> subprocess.Popen:
+    """`vgroove run --on PORT`."""
+    command = [*VGROOVE, "run", "--on", port, "-o", str(output), *(options or ("--experiment", "hold at heat"))]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for(process: subprocess.Popen, words: str) -> None:
+    """Until the operator is told so; what came before is passed over."""
+    for line in process.stderr:
+        if words in line:
+            return
+    raise AssertionError(f"the run ended with {process.wait()} and never said: {words}")
+
+
+def wait_for_the_drive(folder: Path) -> None:
+    """Until the run has driven for some time, as its rows tell."""
+    wait_for_part(folder / "log.csv", 60_000)
+
+
+def both(on: str, folder: Path, run_s: float, held_s: float = 60.0, *options: str) -> tuple[subprocess.Popen, subprocess.Popen]:
+    """A board and a hand on a pty, their own account in direct.blf, and the host that performs a run on it, recorded in log.csv."""
+    words = [str(Path(__file__).with_name("patient_board.py")), on, str(folder / "direct.blf"), str(run_s), str(held_s)]
+    board = subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True)
+    return board, start_run(board.stdout.readline().strip(), folder / "log.csv", *options)
+
+
+def last_answer_s(path: Path) -> float:
+    """When the board answered its last command, which it does some ms after having executed it."""
+    with BLFReader(path) as reader:
+        return max(message.timestamp for message in reader if message.arbitration_id == telemetry.ACK)
+
+
+def opens_after(path: Path) -> tuple[float, Log]:
+    """By how much the bridge drove on after the last answer, and the board's own log; from then on it is open."""
+    log = read_log(path)
+    drives = (log["coast"] == 0.0) & (log["duty"] != 0.0)
+    last = int(np.flatnonzero(drives)[-1])
+    assert log["coast"][last + 1 :].all() and len(log) > last + 500
+    return float(log.time_s[last]) - last_answer_s(path), log
+
+
+def test_the_elf_performs_the_run_of_a_verdict_and_the_log_is_the_boards_own(tmp_path: Path) -> None:
+    course = named("staircase")
+    asked = {"verdict": "ambiguous", "next_experiment": {"profile": course.name, "why": "test", "points": course.points()}}
+    (tmp_path / "v.json").write_text(json.dumps(asked))
+    board, host = both("avr", tmp_path, 6.5, 60.0, "--next", str(tmp_path / "v.json"))
+    _, said = host.communicate(timeout=LIMIT_S)
+    assert host.returncode == 0, said
+    assert board.wait(LIMIT_S) == 0 and "pull the trigger fully" in said and "ended: run complete" in said
+    log, direct = read_log(tmp_path / "log.csv"), read_log(tmp_path / "direct.blf")
+    rows = np.searchsorted(direct.time_s, log.time_s)
+    assert np.array_equal(direct.time_s[rows], log.time_s) and len(log) == pytest.approx(4500, abs=60)
+    assert all(np.allclose(direct[name][rows], log[name]) for name in ("duty", "coast", "current_a", "speed_rpm", "supply_v"))
+    for start, level in course.points()[1:]:
+        at = int(np.searchsorted(log.time_s, log.time_s[0] + start + 0.4))
+        assert log["duty"][at] == pytest.approx(level, abs=0.005)
+    side = json.loads((tmp_path / "log.csv.json").read_text())
+    assert side["counters"]["lost"] == 0 and side["ended"] == "run complete" and side["parameters"]["complete"]
+
+
+def test_a_killed_host_leaves_the_bridge_open_within_50_ms(tmp_path: Path) -> None:
+    board, host = both("avr", tmp_path, 5.5)
+    wait_for_the_drive(tmp_path)
+    host.send_signal(signal.SIGKILL)
+    host.wait(LIMIT_S)
+    assert board.wait(LIMIT_S) == 0
+    after_s, log = opens_after(tmp_path / "direct.blf")
+    assert 0.03 < after_s <= 0.051 and log["duty"].max() > 0.1 and log["trigger"][-1] == 1.0, "the trigger was held all the time"
+
+
+def test_ctrl_c_keeps_the_log_and_stops_the_motor(tmp_path: Path) -> None:
+    board, host = both("sil", tmp_path, 5.5)
+    wait_for_the_drive(tmp_path)
+    host.send_signal(signal.SIGINT)
+    _, said = host.communicate(timeout=LIMIT_S)
+    assert host.returncode == 130 and "ended: interrupted" in said and "Traceback" not in said
+    assert board.wait(LIMIT_S) == 0 and opens_after(tmp_path / "direct.blf")[0] <= 0.051
+    assert len(read_log(tmp_path / "log.csv")) > 500
+
+
+def test_a_released_trigger_is_a_sentence_and_the_log_is_kept(tmp_path: Path) -> None:
+    board, host = both("sil", tmp_path, 3.5, 2.0)
+    _, said = host.communicate(timeout=LIMIT_S)
+    assert host.returncode == 2 and "rows until then are in" in said
+    assert re.search(r"the trigger was released, [01]\.\d s into the run of 4\.0 s", said), said
+    log = read_log(tmp_path / "log.csv")
+    assert len(log) > 700 and log["duty"].max() > 0.5
+    board.kill()
+
+
+def test_a_port_that_goes_away_is_a_sentence_and_the_log_is_kept(tmp_path: Path) -> None:
+    board, host = both("sil", tmp_path, 30.0)
+    wait_for_the_drive(tmp_path)
+    board.kill()
+    _, said = host.communicate(timeout=LIMIT_S)
+    assert host.returncode == 2 and "port lost after" in said and "rows until then are in" in said and "Traceback" not in said
+    assert len(read_log(tmp_path / "log.csv")) > 500
+
+
+def test_ctrl_c_before_the_run_has_begun_leaves_nothing(tmp_path: Path) -> None:
+    board, host = both("sil", tmp_path, 30.0, 0.0)  # the hand never pulls
+    wait_for(host, "pull the trigger fully and hold it")
+    host.send_signal(signal.SIGINT)
+    _, said = host.communicate(timeout=LIMIT_S)
+    board.kill()
+    board.wait()
+    assert host.returncode == 130 and "Traceback" not in said
+    assert [name for name in os.listdir(tmp_path) if "log" in name] == []
+
+
+def test_a_port_without_a_board_is_a_sentence(tmp_path: Path) -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    host = start_run(os.ttyname(slave), tmp_path / "log.csv")
+    _, said = host.communicate(timeout=LIMIT_S)
+    os.close(master)
+    os.close(slave)
+    assert host.returncode == 2 and "no boot frame within 5 s" in said and os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), [
+    (["--on", "/dev/ttyNone", "-o", "log.csv"], "one run: --next VERDICT.json, or --experiment with one of staircase, reversal"),
+    (["--on", "/dev/ttyNone", "-o", "log.csv", "--experiment", "waltz"], "there is no run waltz; the menu has staircase"),
+    (["--on", "/dev/ttyNone", "--experiment", "reversal"], "say where with -o LOG"),
+    (["--on", "/dev/ttyNone", "--experiment", "reversal", "-o", "log.csv"], "/dev/ttyNone: the port cannot be opened"),
+    (["--on", "/dev/ttyNone", "--experiment", "reversal", "-o", "log.csv", "--real-time"], "belong to --on sil and --on avr"),
+    (["--on", "/dev/ttyNone", "--next", "none.json", "-o", "log.csv"], "none.json: cannot be read"),
+    (["--on", "avr", "--experiment", "reversal"], "run a SCENARIO"),
+    ([], "run a SCENARIO"),
+])
+def test_unusable_options_are_sentences(arguments: list[str], sentence: str) -> None:
+    done = vgroove("run", *arguments)
+    assert done.returncode == 2 and sentence in " ".join(done.stderr.split()) and "Traceback" not in done.stderr
+
+
+def test_a_verdict_that_is_none_is_a_sentence(tmp_path: Path) -> None:
+    none = '{"verdict": "none", "next_experiment": null}'
+    for text, sentence in (("{", "is no JSON"), ("[]", "is not a verdict"), (none, "asks for no further run")):
+        (tmp_path / "v.json").write_text(text)
+        done = vgroove("run", "--on", "/dev/ttyNone", "--next", tmp_path / "v.json", "-o", tmp_path / "log.csv")
+        assert done.returncode == 2 and sentence in done.stderr, done.stderr
