@@ -1,6 +1,7 @@
 """Several logs of one tool judged together, the run proposed where one log cannot decide, and what a gap and its remainder follow."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from made_log import MadeLog, drive_log, rig
 from vgroove import _core
 from vgroove.gap import follows
 from vgroove.gap.diagnose import diagnose
-from vgroove.gap.menu import MENU, possible, time_grid
+from vgroove.gap.experiment import propose
+from vgroove.gap.menu import MENU, named, possible, time_grid
 from vgroove.gap.simulate import judge
 
 
@@ -62,6 +64,16 @@ def test_a_run_is_only_proposed_to_a_tool_that_can_do_it() -> None:
     for course in MENU:
         share = course.command(time_grid(1e-3))
         assert share.shape == (4000,) and np.abs(share).max() <= 1.0 and share[0] == 0.0
+
+
+@pytest.mark.parametrize(("follows_", "torque", "name"), [
+    ("current", 0.5, "load steps"), ("current", 0.0, "staircase"), ("sign of speed", 0.5, "staircase"), (None, 0.5, "staircase")])
+def test_what_repeats_a_remainder_is_a_run_that_the_tool_can_do(follows_: str | None, torque: float, name: str) -> None:
+    log = MadeLog(np.arange(3.0), {"duty": np.array([0.0, 0.5, 1.0]), "load_nm": np.full(3, torque)})
+    problem = SimpleNamespace(rig=rig(load={"kind": "torque"}), logs=[log])
+    finding = SimpleNamespace(verdict="unlisted", left=SimpleNamespace(best_correlate=follows_))
+    asked = propose(problem, None, finding)
+    assert asked["profile"] == name and asked["points"] == named(name).points()
 
 
 def test_a_curve_over_what_is_followed_gains_what_is_there() -> None:

@@ -8,7 +8,7 @@ from vgroove import _core
 from vgroove.gap.channels import RAD_S_TO_RPM
 from vgroove.gap.fit import Fit
 from vgroove.gap.hypotheses import BY_ID
-from vgroove.gap.menu import MENU, Course, possible, time_grid
+from vgroove.gap.menu import Course, possible, time_grid
 from vgroove.gap.problem import Problem
 from vgroove.gap.search import Search
 from vgroove.gap.verdict import Finding
@@ -39,10 +39,10 @@ def propose(problem: Problem, state: Search, finding: Finding) -> dict[str, Any]
         return parting(problem, state, finding)
     if finding.verdict == "unlisted":
         follows = finding.left.best_correlate
-        name = REPEATS.get(follows or "", "staircase")
-        course = next(c for c in MENU if c.name == name)
+        runs = {c.name: c for c in runs_of(problem)}
+        course = runs.get(REPEATS.get(follows or "", ""), runs["staircase"])
         reason = f"what remains follows {follows}" if follows else "what remains follows none of the measured signals"
-        return {"profile": name, "why": f"{reason}; {course.shows} tell whether it repeats", "points": course.points()}
+        return {"profile": course.name, "why": f"{reason}; {course.shows} tell whether it repeats", "points": course.points()}
     return None
 
 

@@ -166,13 +166,13 @@ def bars(rows: Sequence[tuple[str, float]], axis: str) -> go.Figure:
     text = [f"{v:.3g}" for v in values]
     bar = go.Bar(x=values, y=names, orientation="h", marker_color=CORRECTED, text=text, textposition="outside", cliponaxis=False)
     figure = go.Figure(bar)
-    plain(figure, 90 + 34 * len(rows), xaxis_title=axis)
+    plain(figure, 106 + 34 * len(rows), xaxis_title=axis)
     return figure.update_layout(margin={"l": 260, "r": 60})
 
 
 def plain(figure: go.Figure, height: int, **layout: Any) -> go.Figure:
     """The house's look for a figure without a legend."""
-    return style(figure, height, **layout).update_layout(showlegend=False, margin={"t": 20})
+    return style(figure, height, **layout).update_layout(showlegend=False, margin={"t": 36})
 
 
 def trace_picture(name: str, nominal: Traces, corrected: Traces, units: dict[str, str], held_out: Sequence[Sequence[float]],
