@@ -5,6 +5,7 @@ import pytest
 
 from gap_toy import KINDS, MODELLED, SCALES, Toy
 from vgroove.gap import locate, search, verdict
+from vgroove.gap.evidence import Blocks, few_blocks, interval, make_blocks, typical_interval
 from vgroove.gap.fit import Engine
 from vgroove.gap.hypotheses import BY_ID
 
@@ -173,14 +174,43 @@ def test_a_gap_below_the_contracts_least_is_no_effect(retuned: float, after: flo
 
 
 def test_few_blocks_widen_intervals() -> None:
-    from vgroove.gap.evidence import few_blocks, interval, make_blocks
-
     assert few_blocks(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)  # Student's t for 5 degrees of freedom
     assert few_blocks(1000, 0.95) == pytest.approx(1.0, abs=0.002)
     time_s = np.arange(600) * 1e-3
     blocks = make_blocks(np.zeros(600, int), time_s, np.ones(600, bool), 0.1, 0, np.zeros(600, bool))
     low, high = interval(blocks, np.array([3.0, 0.2, 2.0, 0.1, 0.3, 3.0]) * 100.0, 0.99)
     assert low < 0.0 < 2.0 < high  # six blocks of one sign are no evidence at 99 %
+
+
+def blocks_of(count: int, rows: int = 10) -> Blocks:
+    """`count` blocks of as many rows each."""
+    time_s = np.arange(count * rows) * 1e-3
+    none = np.zeros(count * rows, int)
+    return make_blocks(none, time_s + 5e-7, none == 0, rows * 1e-3, 0, none == 1)
+
+
+@pytest.mark.parametrize("count", [6, 8, 14, 60])
+@pytest.mark.parametrize("law", ["normal", "laplace", "standard_cauchy"])
+def test_differences_without_meaning_seldom_pass(count: int, law: str) -> None:
+    blocks, rng = blocks_of(count), np.random.default_rng(1)
+    trials = getattr(rng, law)(size=(300, count))
+    passed = [typical_interval(blocks, trial, 0.9)[0] > 0.0 for trial in trials]
+    assert np.mean(passed) < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 300)
+
+
+def test_a_few_large_gains_among_small_ones_of_their_sign_are_significant() -> None:
+    gains = np.array([97.0, 22, 190, -5, 72, -5, 4149, 1971, 174, 3723, 52, 24, 3, 5])
+    assert interval(blocks_of(14), gains, 0.99)[0] > 0.0
+    one = np.array([97.0, -22, 190, -85, 72, -95, 9149, -71, -74, -123, 52, 24, -30, 5])
+    assert interval(blocks_of(14), one, 0.99)[0] < 0.0  # one lucky block
+
+
+@pytest.mark.parametrize(("above", "stands"), [
+    ([30.0] * 20, True), ([1.0] * 20, False), ([600.0] + [0.0] * 19, False), ([200.0] * 4 + [0.0] * 16, True)])
+def test_an_event_in_one_block_is_no_gap(above: list[float], stands: bool) -> None:
+    state = Scored(1.0, 1.0, 1.0 + sum(above) / 200.0)
+    state.blocks, state.sums = blocks_of(20), lambda one: 10.0 + np.array(above)
+    assert locate.stands_above(state, named_gap(state.best, 0), 1.0) is stands
 
 
 def test_a_form_that_others_mend_is_still_the_effect() -> None:

@@ -11,13 +11,14 @@ from math import factorial
 import numpy as np
 
 from vgroove.gap import follows
-from vgroove.gap.evidence import block_sums, draw_means
+from vgroove.gap.evidence import block_sums, draw_means, interval
 from vgroove.gap.fit import KEY_BOUND, Fit, bounded_step
 from vgroove.gap.hypotheses import BY_ID
-from vgroove.gap.search import LEVEL, WORTH, Search, extensions
+from vgroove.gap.search import LEVEL, LIKELY, WORTH, Search, extensions
 
 OWN = {"current_a": "current", "supply_v": "bus voltage"}  # a channel's noise would explain itself
 RIDGE = 1e-6
+LEFT = 0.15  # of the noise power: a smaller remainder is none
 
 
 @dataclass(frozen=True)
@@ -159,8 +160,7 @@ def remaining(search: Search, best: Fit, drivers: dict[str, np.ndarray], signal:
     known = [as_driver(name, value) for name, value in sorted(drivers.items()) if name != "unwound motor angle"]
     top = strongest(search, residual, known, signal, names)
     found = top is not None and significant(search, residual**2, top.left**2)
-    real = bool(found or search.score(best) / (floor**2 * search.level()) - 1.0 > 0.15)
-    if not real:
+    if not (found or stands_above(search, best, floor**2 * search.level())):
         return Structure(False, None, top.gain if top else 0.0, None)
     lines = spectral(search, residual, drivers, signal, names)
     line = strongest(search, residual, lines, signal, names)
@@ -175,6 +175,12 @@ def remaining(search: Search, best: Fit, drivers: dict[str, np.ndarray], signal:
     above = max((search.score(best) - floor**2) * search.blocks.total, 1e-9)
     return Structure(True, top.driver.name, top.gain, names[top.signal], float(np.clip(gain / above, 0.0, 1.0)),
                      tuple((float(a), float(b)) for a, b in follows.thinned(x, y, 1.0)), follows.looks(x, y, driver))
+
+
+def stands_above(search: Search, best: Fit, noise: float) -> bool:
+    """Whether what a fit leaves is more than the noise power, and not in a block or two only: that is an event of the run, no gap."""
+    above = search.sums(best) - noise * search.blocks.rows
+    return search.score(best) > (1.0 + LEFT) * noise and interval(search.blocks, above, LIKELY)[0] > WORTH * noise
 
 
 def as_driver(name: str, value: np.ndarray) -> follows.Driver:

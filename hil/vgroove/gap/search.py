@@ -21,6 +21,7 @@ VISIBLE = 0.1
 WORTH_SHARE = 0.01
 WORTH_FORM = 0.03
 LEVEL = 0.99
+LIKELY = 0.8  # interval whose lower end must still be worth it: the gain is not one lucky block's
 PROPOSALS = 6
 CONVERGED = 12  # rounds in which single effects end; most need four
 SCREEN_ABOVE, SCREENED = 6, 3  # starts of one effect beyond which they are screened, and how many are fitted then
@@ -80,7 +81,7 @@ class Search:
         """True when the fuller set is significantly better and by an amount that matters."""
         gain = self.score(leaner) - self.score(fuller)
         worth = worth * self.level() + WORTH_SHARE * max(0.0, self.score(leaner) - self.level())
-        return gain > worth and self.difference(leaner, fuller, LEVEL)[0] > 0.0
+        return gain > worth and self.difference(leaner, fuller, LEVEL)[0] > 0.0 and self.difference(leaner, fuller, LIKELY)[0] > worth
 
     def visible(self, one: Fit) -> bool:
         """The contract's least gap: below VISIBLE of the noise it is no gap, and what takes it away is no effect that could be named."""
