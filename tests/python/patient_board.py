@@ -1,8 +1,8 @@
-"""A board on a pty with a hand at its trigger that waits for the host: `python patient_board.py avr|sil LOG RUN_S HELD_S`.
+"""A board on a pty with a hand at its trigger that waits for the host: `python patient_board.py avr|sil LOG RUN_S HELD_S TRAVEL`.
 
-The hand pulls the trigger when the host commands a profile and holds it for HELD_S; RUN_S after the pull the run ends, and LOG is written.
-Time is real at most, and while the host commands it goes no further than the host has answered: a busy machine loses no frames. The port's
-name goes to stdout.
+The hand pulls the trigger to TRAVEL when the host commands a profile and holds it for HELD_S; RUN_S after the pull the run ends, and LOG
+is written. Time is real at most, and while the host commands it goes no further than the host has answered: a busy machine loses no frames.
+The port's name goes to stdout.
 """
 
 import struct
@@ -26,8 +26,8 @@ GONE_S = 1.5  # of the clock: a host that commands no longer; less than the sile
 class HostAndHand:
     """The host's end of the UART and the trigger, as a line of `vgroove.lockstep`."""
 
-    def __init__(self, pty: PtyLine, held_s: float) -> None:
-        self._pty, self._held_s, self._bytes = pty, held_s, bytearray()
+    def __init__(self, pty: PtyLine, held_s: float, pull: float) -> None:
+        self._pty, self._held_s, self._pull_to, self._bytes = pty, held_s, pull, bytearray()
         self.travel = [(0.0, 0.0)]
         self.pulled_s = float("inf")
         self._heard_s: float | None = None
@@ -65,16 +65,16 @@ class HostAndHand:
         if self.pulled_s == float("inf"):
             self.pulled_s = time_s + REACTION_S
             ends_s = self.pulled_s + self._held_s
-            self.travel += [(self.pulled_s, 0.0), (self.pulled_s, 1.0), (ends_s, 1.0), (ends_s, 0.0)]
+            self.travel += [(self.pulled_s, 0.0), (self.pulled_s, self._pull_to), (ends_s, self._pull_to), (ends_s, 0.0)]
 
 
-def main(on: str, log: Path, run_s: float, held_s: float) -> None:
+def main(on: str, log: Path, run_s: float, held_s: float, pull: float) -> None:
     tool, sent = make_plant(without_board_effects(read_rig(ROOT / "rigs" / "board_18v.toml")), 1), bytearray()
     with PtyLine() as pty, make_board(RunOptions(on, elf=elf() if on == "avr" else None), 1) as board:
         sys.stdout.write(pty.name + "\n")
         sys.stdout.flush()
         pty.wait_for_reader()
-        line = HostAndHand(pty, held_s)
+        line = HostAndHand(pty, held_s, pull)
         for progress in lockstep.steps(board, tool, lockstep.Profile(travel=line.travel), LONGEST_S, line=line):
             sent = progress.sent
             if progress.time_s > line.pulled_s + run_s:
@@ -84,4 +84,4 @@ def main(on: str, log: Path, run_s: float, held_s: float) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]), float(sys.argv[3]), float(sys.argv[4]))
+    main(sys.argv[1], Path(sys.argv[2]), *map(float, sys.argv[3:]))

@@ -23,6 +23,7 @@ from vgroove.gap.menu import named
 from vgroove.log import Log, read_log
 
 LIMIT_S = 120
+STAGED_ROWS = 2  # a command acts so much later than the state that gave it
 
 
 def start_run(port: str, output: Path, *options: str) -> subprocess.Popen:
@@ -44,11 +45,12 @@ def wait_for_the_drive(folder: Path) -> None:
     wait_for_part(folder / "log.csv", 60_000)
 
 
-def both(on: str, folder: Path, run_s: float, held_s: float = 60.0, *options: str) -> tuple[subprocess.Popen, subprocess.Popen]:
-    """A board and a hand on a pty, their own account in direct.blf, and the host that performs a run on it, recorded in log.csv."""
-    words = [str(Path(__file__).with_name("patient_board.py")), on, str(folder / "direct.blf"), str(run_s), str(held_s)]
+def both(on: str, folder: Path, run_s: float, *options: str, held_s: float = 60.0, travel: float = 1.0,
+         log: str = "log.csv") -> tuple[subprocess.Popen, subprocess.Popen]:
+    """A board and a hand on a pty, their own account in direct.blf, and the host that performs a run on it, recorded in `log`."""
+    words = [str(Path(__file__).with_name("patient_board.py")), on, str(folder / "direct.blf"), *map(str, (run_s, held_s, travel))]
     board = subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True)
-    return board, start_run(board.stdout.readline().strip(), folder / "log.csv", *options)
+    return board, start_run(board.stdout.readline().strip(), folder / log, *options)
 
 
 def complaint(*arguments: str) -> str:
@@ -77,7 +79,7 @@ def test_the_elf_performs_the_run_of_a_verdict_and_the_log_is_the_boards_own(tmp
     course = named("staircase")
     asked = {"verdict": "ambiguous", "next_experiment": {"profile": course.name, "why": "test", "points": course.points()}}
     (tmp_path / "v.json").write_text(json.dumps(asked))
-    board, host = both("avr", tmp_path, 6.5, 60.0, "--next", str(tmp_path / "v.json"))
+    board, host = both("avr", tmp_path, 6.5, "--next", str(tmp_path / "v.json"))
     _, said = host.communicate(timeout=LIMIT_S)
     assert host.returncode == 0, said
     assert board.wait(LIMIT_S) == 0 and "pull the trigger fully" in said and "ended: run complete" in said
@@ -112,14 +114,19 @@ def test_ctrl_c_keeps_the_log_and_stops_the_motor(tmp_path: Path) -> None:
     assert len(read_log(tmp_path / "log.csv")) > 500
 
 
-def test_a_released_trigger_is_a_sentence_and_the_log_is_kept(tmp_path: Path) -> None:
-    board, host = both("sil", tmp_path, 3.5, 2.0)
+def test_the_elf_drives_no_more_than_the_trigger_and_not_without_it(tmp_path: Path) -> None:
+    board, host = both("avr", tmp_path, 3.5, held_s=2.0, travel=0.6, log="log.blf")
     _, said = host.communicate(timeout=LIMIT_S)
-    assert host.returncode == 2 and "rows until then are in" in said
+    assert host.returncode == 2 and "rows until then are in" in said and "the trigger limited the run: at its least it allowed 6" in said
     assert re.search(r"the trigger was released, [01]\.\d s into the run of 4\.0 s", said), said
-    log = read_log(tmp_path / "log.csv")
-    assert len(log) > 700 and log["duty"].max() > 0.5
-    board.kill()
+    log = read_log(tmp_path / "log.blf")
+    assert len(log) > 700 and 0.5 < log["duty"].max() < 0.7
+    assert board.wait(LIMIT_S) == 0
+    direct = read_log(tmp_path / "direct.blf")
+    drives = (direct["coast"] == 0.0) & (direct["duty"] != 0.0)
+    held = (direct["trigger"] > 0.0) & (direct["state"] == 1.0)
+    assert drives.any() and direct["duty"].max() < 0.7
+    assert held[np.flatnonzero(drives) - STAGED_ROWS].all() and np.flatnonzero(drives)[-1] < np.flatnonzero(held)[-1] + STAGED_ROWS + 1
 
 
 def test_a_port_that_goes_away_is_a_sentence_and_the_log_is_kept(tmp_path: Path) -> None:
@@ -132,7 +139,7 @@ def test_a_port_that_goes_away_is_a_sentence_and_the_log_is_kept(tmp_path: Path)
 
 
 def test_ctrl_c_before_the_run_has_begun_leaves_nothing(tmp_path: Path) -> None:
-    board, host = both("sil", tmp_path, 30.0, 0.0)  # the hand never pulls
+    board, host = both("sil", tmp_path, 30.0, held_s=0.0)  # the hand never pulls
     wait_for(host, "pull the trigger fully and hold it")
     host.send_signal(signal.SIGINT)
     _, said = host.communicate(timeout=LIMIT_S)
