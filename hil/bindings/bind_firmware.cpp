@@ -126,8 +126,8 @@ void bind_firmware(nb::module_ &module) {
                          "The firmware built for this machine, in lock-step: period k begins at TOP k of the PWM. One at a time in a process.\n"
                          "eeprom: image of 1,024 bytes or None (erased); reset_cause and target as BOOT reports them; isr_cycles and\n"
                          "tick_cycles delay interrupts and the tick, which must not change what is sent.")
-        .def("__init__", &firmware_init, "eeprom"_a.none() = nb::none(), "reset_cause"_a = 1, "target"_a = 0, "isr_cycles"_a = 40,
-             "tick_cycles"_a = 400)
+        .def("__init__", &firmware_init, "eeprom"_a.none() = nb::none(), "reset_cause"_a = 1, "target"_a = 0, "isr_cycles"_a = SIM_ISR_CYCLES,
+             "tick_cycles"_a = SIM_TICK_CYCLES)
         .def("period", &period, "adc_counts"_a, "edges"_a = std::vector<int>(), "switches"_a = 0, "rx"_a = nb::bytes("", 0),
              "One period: counts of current, bus, trigger, temperature at its end; Hall edges as cycles 0..509; switches of SimInputs; bytes\n"
              "received in it. coast, compare, dead_counts and tx then hold the answer.")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from vgroove import telemetry
-from vgroove.board import BoardInputs, BoardOutputs, pack_inputs
+from vgroove.board import OUTPUT_BYTES, PERIOD_S, BoardInputs, BoardOutputs, pack_inputs, unpack_outputs
 from vgroove.lockstep import Board
 
 # What a machine says of itself: cycles and stack have no meaning on the host, and the hash names the build, not the behaviour.
@@ -36,11 +36,21 @@ class Difference:
         return f"{self.field} at {self.time_ms} ms: native {self.native}, AVR {self.avr}"
 
 
+def periods_of(outputs: bytes) -> list[BoardOutputs]:
+    """A board's recorded answers, period by period."""
+    return [unpack_outputs(outputs[i : i + OUTPUT_BYTES]) for i in range(0, len(outputs), OUTPUT_BYTES)]
+
+
 def sent_bytes(outputs: bytes) -> bytes:
     """The UART bytes in a board's recorded answers."""
-    from vgroove.board import OUTPUT_BYTES, unpack_outputs
+    return b"".join(period.tx for period in periods_of(outputs))
 
-    return b"".join(unpack_outputs(outputs[i : i + OUTPUT_BYTES]).tx for i in range(0, len(outputs), OUTPUT_BYTES))
+
+def bridge_differences(native: bytes, avr: bytes) -> list[Difference]:
+    """Periods of two boards' recorded answers in which the bridge is not the same: open or not, and while it drives the compare value."""
+    pairs = [((a.coast, a.compare, a.dead_counts), (b.coast, b.compare, b.dead_counts))
+             for a, b in zip(periods_of(native), periods_of(avr), strict=True)]
+    return [Difference("bridge", round(1000.0 * n * PERIOD_S), a, b) for n, (a, b) in enumerate(pairs) if a != b and not (a[0] and b[0])]
 
 
 def _masked(frame: telemetry.Frame) -> dict[str, float]:

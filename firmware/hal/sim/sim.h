@@ -26,8 +26,10 @@ typedef struct {
     uint16_t tick_cycles;   // tick to the begin of app_tick, 260 .. 8,000
 } SimStart;
 
+#define SIM_ISR_CYCLES 80u  // a result of the ADC comes 54 cycles before a period ends, and the ELF opens the bridge in the next one
+#define SIM_TICK_CYCLES 400u
 #define SIM_START_DEFAULT                                                                                                                            \
-    { 0, SIM_RESET_POWER_ON, SIM_TARGET_NATIVE, 40u, 400u }
+    { 0, SIM_RESET_POWER_ON, SIM_TARGET_NATIVE, SIM_ISR_CYCLES, SIM_TICK_CYCLES }
 
 // Period 0 begins at the first TOP after the timers' start; `outputs` are those in force in it.
 void sim_reset(const SimStart *start, SimOutputs *outputs);
