@@ -69,6 +69,38 @@ def test_sixteen_edges_a_turn_are_spans_between_last_edges() -> None:
     assert np.sqrt(np.mean(error**2)) < 2.0
 
 
+def steps_of_speed(top_rpm: float) -> np.ndarray:
+    """A shaft that follows steps of its command with a time constant of 25 ms, rpm / 9.55."""
+    goal = np.select([FINE < 0.8, FINE < 1.6, FINE < 2.4], [1.0, 0.5, 0.85], 0.6) * top_rpm * np.pi / 30.0
+    speed = np.zeros(len(FINE))
+    for i in range(1, len(FINE)):
+        speed[i] = speed[i - 1] + (goal[i] - speed[i - 1]) * 1e-4 / 0.025
+    return speed
+
+
+@pytest.mark.parametrize("pulses, log_hz, largest_s", [(4, 500, 4e-5), (8, 1000, 8e-5), (32, 1000, 2e-5)])
+def test_edges_are_placed_where_rows_show_the_last_of_several(pulses: int, log_hz: int, largest_s: float) -> None:
+    """Which edge a row shows is told by how the speeds then change; what is said to be known of its place is."""
+    rng, angle = np.random.default_rng(5), motion(steps_of_speed(12000.0))
+    edges = edge_times(FINE, angle, pulses)
+    edges = edges + 2e-7 * rng.standard_normal(len(edges))
+    rows = np.arange(1, 3 * log_hz) / log_hz
+    found = edge_periods(rows, hall_column(rows, edges, pulses, 0.3, 0.5), pulses, 0.5)
+    whole = ~found.falling & (found.end_s > 0.1)
+    true = edges[np.searchsorted(edges, rows[found.row[whole]], side="right") - 1]
+    error, slack = np.abs(found.end_s[whole] - true), found.slack_s[whole]
+    assert np.quantile(error, 0.9) < largest_s
+    assert np.mean(error > 3.0 * slack + 5e-6) < 0.05
+
+
+def test_a_vibration_is_not_taken_for_jitter() -> None:
+    swing = 400.0 + 300.0 * np.tanh(FINE / 0.5) + 8.0 * np.sin(2.0 * np.pi * 60.0 * FINE)
+    edges = edge_times(FINE, motion(swing), 4)
+    shaken = edges + 2e-7 * np.random.default_rng(7).standard_normal(len(edges))
+    found = edge_jitter(edge_periods(ROWS, hall_column(ROWS, shaken, 4, 0.3, 0.5), 4, 0.5), 4, 0.5 / np.sqrt(12.0))
+    assert np.hypot(found.angle_rad / 700.0, found.time_s) < 1e-6
+
+
 def test_a_wait_is_a_fall_and_ends_in_rest() -> None:
     speed = np.where(FINE < 1.0, 300.0, 0.0)
     edges = edge_times(FINE, motion(speed), 4)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from vgroove.gap.edges import edge_periods
+from vgroove.gap.edges import count_chains
 
 COARSE = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)  # relative scales that are tried, both ways
 REFINED = 7  # halvings of the step around the best of them
@@ -15,11 +15,6 @@ LARGEST = 0.3
 GLANCE_ROWS, HOPEFUL = 600, 1.3  # rows at which a look shows whether any scale leaves so many times fewer chains
 
 
-def chains(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> int:
-    """Pieces that the edge periods of a speed column fall into."""
-    return len(np.unique(edge_periods(time_s, speed_rpm, pulses, lsb_rpm).chain))
-
-
 def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> float:
     """Factor 1 + g of the speed column against its own edges; 1 where no scale chains them clearly better than none.
 
@@ -27,7 +22,7 @@ def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: 
     milliseconds over g. A sensor's gain does that, and a logger's clock that runs off; a filter behind the sensor tears it at any scale.
     """
     def torn(scale: float) -> int:
-        return chains(time_s, speed_rpm / scale, pulses, lsb_rpm)
+        return count_chains(time_s, speed_rpm / scale, pulses, lsb_rpm)
 
     as_read = torn(1.0)
     if as_read <= UNSUSPICIOUS or not _hopeful(time_s, speed_rpm, pulses, lsb_rpm):
@@ -43,7 +38,7 @@ def _hopeful(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: fl
     rows = slice(first := int(np.argmax(fast)), first + GLANCE_ROWS)
 
     def torn(scale: float) -> int:
-        return chains(time_s[rows], speed_rpm[rows] / scale, pulses, lsb_rpm)
+        return count_chains(time_s[rows], speed_rpm[rows] / scale, pulses, lsb_rpm)
 
     as_read = torn(1.0)
     return as_read <= UNSUSPICIOUS or any(HOPEFUL * torn(1.0 + sign * g) < as_read for g in COARSE for sign in (1.0, -1.0))

@@ -1,20 +1,22 @@
 """Recovers the Hall edges behind a logged speed column: which rows close a new edge period, and when that period began and ended."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
-TICK_S = 2e-6  # slack of every bound: time stamps and edge stamps are rounded to about this much
+from vgroove.gap.edge_places import BEND_SHARE, PLAIN, TICK_S, places
+
 WAIT_SLACK_S = 1e-5  # a falling row may miss the chain by this much; the row after it decides
 STRAIN_S = 1e-4  # a row's interval missed by more than this breaks the chain
 NEAR_END_S = 5e-6  # an edge this close to a row's end may have been read by either row
 SPLIT_S = 2e-5  # bounds that contradict one another by more than this come from an edge too many or too few
 ROUNDING_SHARE = 0.1  # rounding errors of successive periods are independent: they add up to about this share of the worst case
-BEND_SHARE = 0.02  # of the change between two periods, by which each unseen period between them may differ from a steady acceleration's
 COUNTING_PULSES = 16  # from so many edges a turn on, a row's speed counts the edges since the row before (gap contract, section 1)
 COUNTED_SHARE = 0.8  # an edge period below this share of a row's interval: the number of edges in the row cannot be told
 REVERSAL_S = 0.1  # edge periods closer than this to a change of sign may count one edge twice
 MISSING_ROWS_LIMIT = 3  # after more missing rows than this the number of edges in between is not certain any more
+BESIDE_HIDDEN = 150  # edges on both sides of rows that hide edges, which tell where these lie
 HOLE_ROWS = 8.5  # so many usual intervals without a row are a hole in the log, with the same consequence
 
 
@@ -50,11 +52,23 @@ class _Chain:
     period_s: list[float] = field(default_factory=list)
     length_s: list[float] = field(default_factory=list)  # of the span that the row's speed is the mean of: one period, or several counted
     span: list[int] = field(default_factory=list)  # edges that the step from the edge before spans
+    before_s: list[float] = field(default_factory=list)  # time of the row read before the one that shows the edge
     falls: list[tuple[int, int, float]] = field(default_factory=list)  # row, edge, speed
 
+    def part(self, first: int, last: int) -> "_Chain":
+        """Edges first..last - 1."""
+        lists = {f.name: getattr(self, f.name)[first:last] for f in fields(self) if f.name != "falls"}
+        return _Chain(**lists, falls=[(row, edge - first, speed) for row, edge, speed in self.falls if first <= edge < last])
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bounds on where the chain lies that each edge gives, and the rounding errors added up until there, all (edges,)."""
+        offset = np.asarray(self.offset_s)
+        return np.asarray(self.low_s) - offset, np.asarray(self.high_s) - offset, np.cumsum(self.growth_s)
+
     def add(self, row: int, speed: float, period: float, counted: bool, step: tuple[float, int], growth: float,
-            bounds: tuple[float, float]) -> None:
+            bounds: tuple[float, float], before_s: float) -> None:
         """Append an edge that lies `step` (seconds, edges) after the last one, within bounds of its absolute time."""
+        self.before_s.append(before_s)
         self.offset_s.append((self.offset_s[-1] if self.offset_s else 0.0) + step[0])
         self.span.append(step[1])
         self.growth_s.append(growth)
@@ -116,7 +130,7 @@ class _Reader:
         self.chain = _Chain()
         self.chains.append(self.chain)
         self.low, self.high = max(self.time[row] - period, self.before()) - slack - TICK_S, self.time[row] + TICK_S
-        self.chain.add(row, speed, period, self.counts, (0.0, 1), slack, (self.low, self.high))
+        self.chain.add(row, speed, period, self.counts, (0.0, 1), slack, (self.low, self.high), self.before())
 
     def follow(self, row: int, speed: float) -> None:
         now, (period, rounding) = self.time[row], self.period(speed)
@@ -191,8 +205,10 @@ class _Reader:
                 best = ((length, count), drift, low, high)
         step, drift, low, high = best
         if low - high > STRAIN_S:
-            return False
-        self.chain.add(row, speed, period, self.counts, step, drift, (floor, ceiling))
+            if period > PLAIN * (now - self.before()):
+                return False
+            low, high = floor, ceiling  # the count was a guess: the chain goes on, `_pieces` or `places` tells how
+        self.chain.add(row, speed, period, self.counts, step, drift, (floor, ceiling), self.before())
         self.low, self.high = min(low, high), max(low, high)
         return True
 
@@ -211,8 +227,7 @@ def _pieces(low: np.ndarray, high: np.ndarray, drift: np.ndarray) -> list[slice]
 
 def _edge_times(chain: _Chain) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Absolute times of a chain's edges, their half widths, and the piece of the chain that each belongs to."""
-    offset, drift = np.asarray(chain.offset_s), np.cumsum(chain.growth_s)
-    low, high = np.asarray(chain.low_s) - offset, np.asarray(chain.high_s) - offset
+    offset, (low, high, drift) = np.asarray(chain.offset_s), chain.bounds()
     middle, width, piece = np.empty_like(low), np.empty_like(low), np.empty(len(low), dtype=int)
     for number, part in enumerate(_pieces(low, high, drift)):
         middle[part], width[part] = _intersect(low[part], high[part], drift[part])
@@ -252,18 +267,51 @@ def edge_periods(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
     columns: list[tuple] = []
     number = count = 0
     for chain in _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm).read():
-        end, slack, piece = _edge_times(chain)
-        piece += number
+        end, slack, piece, span, length = _located(time_s, chain, pulses_per_rev >= COUNTING_PULSES, lsb_rpm)
+        piece = piece + number
         number = piece[-1] + 1
-        slack = slack + _either(time_s, chain, end, slack)
-        for i, (row, speed, length) in enumerate(zip(chain.row, chain.speed_rpm, chain.length_s, strict=True)):
-            count += chain.span[i] * (1 if speed > 0.0 else -1)
-            columns.append((row, end[i] - length, end[i], speed, slack[i], False, piece[i], count))
+        for i in np.flatnonzero(span > 0):
+            count += span[i] * (1 if chain.speed_rpm[i] > 0.0 else -1)
+            columns.append((chain.row[i], end[i] - length[i], end[i], chain.speed_rpm[i], slack[i], False, piece[i], count))
         for row, edge, speed in chain.falls:
             columns.append((row, end[edge], time_s[row], speed, slack[edge], True, piece[edge], 0))
     columns.sort()
     kinds = (int, float, float, float, float, bool, int, int)
     return EdgePeriods(*(np.array([c[k] for c in columns], dtype=kind) for k, kind in enumerate(kinds)))
+
+
+def count_chains(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int, lsb_rpm: float) -> int:
+    """Unbroken chains that the edge periods of a speed column fall into."""
+    chains = _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm).read()
+    return sum(len(_pieces(*chain.bounds())) for chain in chains)
+
+
+def _located(time_s: np.ndarray, chain: _Chain, counts: bool, lsb_rpm: float) -> tuple[np.ndarray, ...]:
+    """Of each edge of a chain: time, half width, piece of the chain, edges since the one before (0: its row repeats that one), length of
+    the span that its row's speed is the mean of."""
+    hidden = _hides_edges(time_s, chain)
+    hidden = np.full(len(hidden), hidden.any()) if counts else maximum_filter1d(hidden, 2 * BESIDE_HIDDEN + 1)
+    cuts = [0, *(np.flatnonzero(np.diff(hidden)) + 1), len(hidden)]
+    parts = [_part_located(time_s, chain.part(a, b), counts, 0.5 * lsb_rpm, bool(hidden[a])) for a, b in zip(cuts, cuts[1:], strict=False)]
+    end, slack, piece, span, length = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    torn = np.concatenate([[0], np.diff(piece) > 0])
+    return end, slack, np.cumsum(torn), span, length
+
+
+def _part_located(time_s: np.ndarray, chain: _Chain, counts: bool, half_lsb_rpm: float, hidden: bool) -> tuple[np.ndarray, ...]:
+    """As `_located`, of a part of a chain whose rows hide edges, or one whose rows hide none."""
+    row, period, span, length = (np.asarray(x) for x in (chain.row, chain.period_s, chain.span, chain.length_s))
+    found = places(time_s[row], chain, half_lsb_rpm, counts) if hidden else None
+    if found is None:
+        end, slack, piece = _edge_times(chain)
+        return end, slack + _either(time_s, chain, end, slack), piece, span, length
+    length = np.where(found.step > 0, found.step * period, period) if counts else length
+    return found.end_s, found.slack_s, np.zeros(len(row), dtype=int), found.step, length
+
+
+def _hides_edges(time_s: np.ndarray, chain: _Chain) -> np.ndarray:
+    """Whether each edge's row (edges,) may show only the last of several."""
+    return np.asarray(chain.period_s) < time_s[np.asarray(chain.row)] - np.asarray(chain.before_s)
 
 
 def near_reversal(edges: EdgePeriods) -> np.ndarray:

@@ -5,6 +5,7 @@ from math import comb
 
 import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.stats import chi2
 
 from vgroove.gap.edges import COUNTING_PULSES, EdgePeriods
 from vgroove.gap.missed import as_if_seen, loosened
@@ -85,7 +86,10 @@ def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) ->
     rounding = np.trace(keep) * (rounding_rpm * RPM * mean_period) ** 2
     touching = float(np.mean(np.abs(edges.start_s[whole][1:] - edges.end_s[whole][:-1]) < TOUCHING * period[1:]))
     shared = 2.0 * np.eye(size) - touching * (np.eye(size, k=1) + np.eye(size, k=-1))
-    variance = ((error**2).sum(axis=1) - rounding) / np.trace(keep @ shared @ keep)
+    seen = keep @ shared @ keep
+    freedom = np.trace(seen) ** 2 / np.sum(seen**2)
+    usual = chi2.median(freedom) / freedom  # the median of so few squares lies below their mean
+    variance = ((error**2).sum(axis=1) / usual - rounding) / np.trace(seen)
     return _split_jitter(variance, (speed[rows].mean(axis=1)) ** 2)
 
 
@@ -101,10 +105,13 @@ def _split_jitter(variance: np.ndarray, speed_squared: np.ndarray) -> Jitter:
 
 
 def _what_motion_leaves(size: int, pulses_per_rev: int) -> np.ndarray:
-    """Projection (size, size) that removes a quintic and a pattern with the period of a turn."""
-    place = np.linspace(-1.0, 1.0, size)
-    turn = np.eye(pulses_per_rev)[np.arange(size) % pulses_per_rev][:, 1:]
-    basis, _ = np.linalg.qr(np.column_stack([np.vander(place, 6), turn]))
+    """Projection (size, size) that removes all that is slower than half of the fastest wave, a quintic, and a pattern with the period of a
+    turn: jitter of shared edges is strongest in the fastest waves, where no motion and no vibration reaches."""
+    number = np.arange(size)
+    slow = np.cos(np.pi * (number[:, None] + 0.5) * np.arange(size // 2) / size)
+    turn = np.eye(pulses_per_rev)[number % pulses_per_rev][:, 1:]
+    basis, scale, _ = np.linalg.svd(np.column_stack([slow, np.vander(np.linspace(-1.0, 1.0, size), 6), turn]), full_matrices=False)
+    basis = basis[:, scale > 1e-9 * scale[0]]
     return np.eye(size) - basis @ basis.T
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from vgroove.gap.edges import edge_periods
+from vgroove.gap.edges import count_chains
 from vgroove.rig import Rig
 
 NEAR = 0.5  # of an interval: a stamp further from its place on the grid belongs to no even clock
@@ -43,8 +43,7 @@ def tracked(time_s: np.ndarray, interval: float) -> np.ndarray:
 
 def breaks(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig) -> int:
     """Chains of Hall edges that the rows of a speed column fall into: more where the stamps contradict the edge periods."""
-    edges = edge_periods(time_s, speed_rpm, rig.sensors["hall_pulses_per_rev"], rig.sensors.get("speed_lsb_rpm", 0.0))
-    return len(np.unique(edges.chain))
+    return count_chains(time_s, speed_rpm, rig.sensors["hall_pulses_per_rev"], rig.sensors.get("speed_lsb_rpm", 0.0))
 
 
 def is_rounding(time_s: np.ndarray, grid: np.ndarray) -> bool:

@@ -1,0 +1,218 @@
+"""Places in time the edges of a chain whose rows show only the last of several: how many came in between no row says.
+
+At a steady speed any place within a period fits the rows; while the speed changes only one does. So places are carried along the chain
+as weighted cells: each goes on from edge to edge by the measured periods, counts those that no row shows, and loses weight where the
+speeds would then jump.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+CELLS = 64
+MEMORY = 100  # edges over which later ones tell where an edge was: periods drift
+EVERY = 8  # edges after which cells that were given up are replaced
+TICK_S = 2e-6  # slack of every bound: time stamps and edge stamps are rounded to about this much
+EDGE_S = 5e-7  # jitter of an edge
+BEND_SHARE = 0.02  # of the change between two periods, by which each unseen period between them may differ from a steady acceleration's
+KINK_SHARE = 0.25  # of a sudden change of that change
+CURVED = 0.3  # of the change of speed in a period, by which it may differ from that before
+DULL = 3.0  # times the noise, within which a jump of the speed tells nothing
+NEARLY = 0.003  # of a period, by which a wait that a row seems to show may miss a cell that is wider
+PLAIN = 1.5  # times a row's length, from which on a period shows in a row of its own
+WORST = 16.0  # squared sigmas that one row costs at most
+HOPELESS = 25.0  # squared sigmas worse than the best at which a cell is given up
+CONTRADICTED = 0.05  # of the rows: beyond that the chain holds an edge too many or too few
+
+
+@dataclass(frozen=True)
+class Places:
+    """Of each edge that a row shows (m,): its time, the half width of what is known about it, edges since the one before."""
+
+    end_s: np.ndarray
+    slack_s: np.ndarray
+    step: np.ndarray
+
+
+@dataclass
+class _Cells:
+    """Where the last edge may be: time, cost, slope of the speed and the speed there, middle of its period, all (CELLS,); half width of a
+    cell; the last row's time, how fast speeds and periods changed in it, and how uneven the speeds are."""
+
+    time_s: np.ndarray
+    cost: np.ndarray
+    slope: np.ndarray
+    speed: np.ndarray
+    middle_s: np.ndarray
+    half_s: float
+    now_s: float
+    rate: float = 0.0
+    growth: float = 0.0
+    unrest: float = 0.0
+
+
+@dataclass
+class _Path:
+    """What became of the cells, edge by edge (m, CELLS): time, edges since the last, contradictions, which cell each was part of before and
+    how far from its middle; half width of the cells (m,)."""
+
+    time_s: np.ndarray
+    step: np.ndarray
+    wrong: np.ndarray
+    parent: np.ndarray
+    shift_s: np.ndarray
+    half_s: np.ndarray
+
+    @staticmethod
+    def of(m: int, start_s: np.ndarray, half_s: float) -> "_Path":
+        """Room for m edges, the first at start_s (CELLS,)."""
+        nothing = np.zeros((m, CELLS))
+        return _Path(np.tile(start_s, (m, 1)), np.ones((m, CELLS), dtype=int), nothing.copy(), np.tile(np.arange(CELLS), (m, 1)),
+                     nothing.copy(), np.full(m, half_s))
+
+
+def unseen_lengths(previous_s: float, period_s: float, most: int, counts: bool) -> np.ndarray:
+    """Time (most,) from an edge to the first, second, ... edge after it, if the last of them ends a period of period_s: unseen ones lie as
+    a steady acceleration puts them. A sensor that counts states the mean over all of them."""
+    if counts:
+        return period_s * np.arange(1, most + 1)
+    number = np.arange(1, most + 1)
+    share = np.tril(number[None, :] / number[:, None])
+    rate = 1.0 / previous_s**2 + (1.0 / period_s**2 - 1.0 / previous_s**2) * share
+    return np.tril(1.0 / np.sqrt(rate)).sum(axis=1)
+
+
+class Chain(Protocol):
+    """Edges that follow one another, a row each: see edges.py."""
+
+    row: list[int]
+    before_s: list[float]
+    speed_rpm: list[float]
+    period_s: list[float]
+    falls: list[tuple[int, int, float]]
+
+
+def places(now_s: np.ndarray, chain: Chain, half_lsb_rpm: float, counts: bool) -> Places | None:
+    """Places of a chain's edges, which rows at now_s (m,) show, each later than the row before; None where the rows contradict one
+    another."""
+    speed, period, before = (np.asarray(x) for x in (chain.speed_rpm, chain.period_s, chain.before_s))
+    rounding = period * half_lsb_rpm / np.abs(speed)
+    m, low = len(now_s), max(now_s[0] - period[0], before[0])
+    half = 0.5 * (now_s[0] - low) / CELLS
+    start = low + half * (2.0 * np.arange(CELLS) + 1.0)
+    cells = _Cells(start, np.zeros(CELLS), np.full(CELLS, np.nan), np.full(CELLS, speed[0]), start - 0.5 * period[0], half, now_s[0])
+    path = _Path.of(m, start, half)
+    for i in range(1, m):
+        path.step[i], path.wrong[i] = _follow(cells, (now_s[i - 1], before[i], now_s[i]), (speed[i - 1], speed[i]),
+                                              (period[i - 1], period[i]), rounding[i], counts)
+        if min(period[i - 1], period[i]) > PLAIN * (now_s[i] - before[i]) and _lost(cells, path.step[i], before[i]):
+            path.parent[i], path.step[i] = _begin_again(cells, before[i], now_s[i], period[i], speed[i])
+        path.time_s[i], path.half_s[i] = cells.time_s, cells.half_s
+        if i % EVERY == 0 or np.count_nonzero(cells.cost < HOPELESS) < CELLS // 2:
+            path.parent[i], path.shift_s[i] = _renew(cells)
+    return _traced(cells, path, rounding)
+
+
+def _follow(cells: _Cells, rows: tuple[float, float, float], speed: tuple[float, float], period: tuple[float, float], rounding: float,
+            counts: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Move every cell to the last edge up to now; the steps (CELLS,), and what contradicts the rows: that of the edge before, the last one
+    that seems to show no other edge, and now.
+
+    No edge of its own has, perhaps, a row that repeats a value, one that shows the wait for the next edge, and one of a sensor that counts
+    (it states the last period then).
+    """
+    (shown, before, now), plain = rows, min(period) > PLAIN * (rows[2] - rows[1])
+    most = int((now - cells.time_s.min()) / min(period)) + 2
+    length = unseen_lengths(period[0], period[1], most, counts)
+    repeats = speed[0] == speed[1]
+    unsure = min(cells.half_s, NEARLY * period[1]) + TICK_S + rounding
+    waits = (np.abs(now - cells.time_s - period[1]) < unsure) & (np.abs(speed[1]) < np.abs(cells.speed))
+    step = np.clip(np.searchsorted(length, now - cells.time_s, side="right"), 0 if repeats or counts else 1, most)
+    step[waits] = 0
+    stays = step == 0
+    number = np.maximum(step, 1)
+    first = length[0] if counts else unseen_first(period[0], period[1], number)
+    new = np.where(stays, cells.time_s, cells.time_s + length[number - 1])
+    growth = (period[1] - period[0]) / max(now - cells.now_s, 1e-6)
+    bend = period[1] * (BEND_SHARE * abs(growth) + KINK_SHARE * abs(growth - cells.growth))
+    drift = rounding * number + (0.0 if counts else bend * (number - 1))
+    slack = TICK_S + drift
+    late = (np.maximum(new - now - cells.half_s, 0.0) / slack) ** 2
+    early = (np.maximum((max(shown, before) if plain else shown) - cells.time_s - first - cells.half_s, 0.0) / slack) ** 2
+    wrong = np.minimum(late, HOPELESS) + np.minimum(early, HOPELESS)
+    middle = np.where(stays, cells.middle_s, new - 0.5 * period[1] * (number if counts else 1))
+    dt = np.maximum(middle - cells.middle_s, 1e-6)
+    slope = np.where(stays, cells.slope, (speed[1] - cells.speed) / dt)
+    jump = np.nan_to_num(np.abs(slope - cells.slope) * dt)
+    noise = abs(speed[1]) * (EDGE_S + rounding) / (period[1] * (np.mean(number) if counts else 1.0))
+    rate = abs(speed[1] - speed[0]) / max(now - cells.now_s, 1e-6)
+    scale = np.hypot(DULL * max(noise, cells.unrest), CURVED * max(rate, cells.rate) * period[1])
+    cells.cost = cells.cost + wrong + np.minimum((jump / scale) ** 2, WORST)
+    cells.cost -= cells.cost.min()
+    cells.now_s, cells.rate, cells.growth = now, rate, growth
+    cells.unrest = 0.9 * cells.unrest + 0.1 * float(jump[np.argmin(cells.cost)])
+    cells.time_s, cells.slope, cells.middle_s = np.minimum(new, now + TICK_S), slope, middle
+    cells.speed = np.where(stays, cells.speed, speed[1])
+    growth_s = float(np.median(drift))  # a speed that repeats is rounded alike every time
+    cells.half_s = cells.half_s + growth_s if repeats else float(np.hypot(cells.half_s, growth_s))
+    return step, wrong
+
+
+def _lost(cells: _Cells, step: np.ndarray, before: float) -> bool:
+    """Whether no cell that is alive has come to an edge in the row that shows one."""
+    here = (cells.time_s > before - cells.half_s - TICK_S) & (step > 0)
+    return not np.any(here & (cells.cost < HOPELESS))
+
+
+def _begin_again(cells: _Cells, before: float, now: float, period: float, speed: float) -> tuple[np.ndarray, np.ndarray]:
+    """Cells all over a row that shows an edge of its own; (parents, steps) of them."""
+    parent = np.full(CELLS, int(np.argmin(cells.cost)))
+    cells.half_s = 0.5 * (now - before) / CELLS
+    cells.time_s = before + cells.half_s * (2.0 * np.arange(CELLS) + 1.0)
+    cells.cost, cells.slope, cells.speed = np.zeros(CELLS), np.full(CELLS, np.nan), np.full(CELLS, speed)
+    cells.middle_s = cells.time_s - 0.5 * period
+    return parent, np.ones(CELLS, dtype=int)
+
+
+def unseen_first(previous_s: float, period_s: float, step: np.ndarray) -> np.ndarray:
+    """Length (cells,) of the first of `step` periods."""
+    return 1.0 / np.sqrt(1.0 / previous_s**2 + (1.0 / period_s**2 - 1.0 / previous_s**2) / step)
+
+
+def _renew(cells: _Cells) -> tuple[np.ndarray, np.ndarray]:
+    """Split the cells that are alive into as many as there were; (parents, shifts) of the new ones."""
+    alive = np.flatnonzero(cells.cost < HOPELESS)
+    count, number = len(alive), np.arange(CELLS)
+    if count > CELLS // 2:
+        return number, np.zeros(CELLS)
+    parent = alive[number * count // CELLS]
+    parts = np.bincount(parent, minlength=CELLS)[parent]
+    shift = cells.half_s * ((2.0 * (number - np.searchsorted(parent, parent)) + 1.0) / parts - 1.0)
+    cells.half_s *= count / CELLS
+    cells.time_s, cells.cost = cells.time_s[parent] + shift, cells.cost[parent]
+    cells.slope, cells.speed, cells.middle_s = cells.slope[parent], cells.speed[parent], cells.middle_s[parent] + shift
+    return parent, shift
+
+
+def _traced(cells: _Cells, path: _Path, rounding_s: np.ndarray) -> Places | None:
+    """Mean and spread over the cells of each edge's time, each cell's path followed back: what moved a cell moves its past."""
+    m, weight = len(path.time_s), np.exp(-0.5 * cells.cost)
+    weight /= weight.sum()
+    best = int(np.argmax(weight))
+    at, moved = np.arange(CELLS), np.zeros(CELLS)
+    end, spread, step, contradicted = np.empty(m), np.empty(m), np.ones(m, dtype=int), 0
+    for i in range(m - 1, -1, -1):
+        moved = np.clip((1.0 - 1.0 / MEMORY) * moved + path.shift_s[i][at], -path.half_s[i], path.half_s[i])
+        at = path.parent[i][at]
+        here = path.time_s[i][at] + moved
+        end[i] = weight @ here
+        spread[i] = np.sqrt(weight @ (here - end[i]) ** 2)
+        step[i] = path.step[i][at[best]]
+        contradicted += path.wrong[i][at[best]] > 1.0
+    if contradicted > max(2.0, CONTRADICTED * m):
+        return None
+    half = np.pad(np.append(path.half_s[1:], cells.half_s), (0, MEMORY - 1), mode="edge")
+    half = np.minimum(path.half_s, np.lib.stride_tricks.sliding_window_view(half, MEMORY).min(axis=1))
+    known = np.hypot(spread, half / np.sqrt(3.0))
+    return Places(end, np.sqrt(3.0) * known + rounding_s + TICK_S, step)
