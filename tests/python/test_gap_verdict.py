@@ -68,7 +68,7 @@ def test_a_pair_is_named_strongest_first() -> None:
     assert (found[1].verdict, named(toy, found)) == ("effect", ["coulomb_friction", "current_gain"])
     effects = effects_of(toy, found)
     assert [e["id"] for e in effects[:2]] == ["coulomb_friction", "current_gain"]
-    assert all(e["probability"] > 0.9 and e["lost_without"] > 0.0 for e in effects[:2])
+    assert all(e["probability"] > 0.5 and e["lost_without"] > 0.0 for e in effects[:2])  # of 12 blocks
     assert all(e["probability"] < 0.1 for e in effects[2:])
 
 

@@ -1,10 +1,10 @@
 """Says what the search found in the contract's terms: verdict, gap figures, effects with probability and intervals, rivals, remainder."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from vgroove.gap import locate
+from vgroove.gap import certainty, locate
 from vgroove.gap.estimate import Estimate, stretches_of
 from vgroove.gap.evidence import block_sums, draw_means, squared
 from vgroove.gap.fit import Fit
@@ -17,7 +17,6 @@ SURE = 0.99
 NOT_WORTH = 0.4  # an effect that is significant and still not worth naming
 PATCHED = (1.0 + VISIBLE) ** 2 - 1.0  # excess power of the least gap that the contract calls one
 NEARLY_ALL = {2: 0.92, 3: 0.95, 4: 0.95}  # effects whose forms are off by a quarter of their size leave (1 / 4)^2 of their squared gap
-UNSURE = 0.85  # most that is believed of a set beside which a significant remainder of that size stays
 
 
 @dataclass
@@ -28,7 +27,6 @@ class Finding:
     best: Fit
     rivals: list[Fit]
     left: locate.Structure
-    bulk: float
 
 
 def decide(search: Search, best: Fit, rivals: list[Fit], left: locate.Structure, floor: float) -> Finding:
@@ -36,14 +34,14 @@ def decide(search: Search, best: Fit, rivals: list[Fit], left: locate.Structure,
     bulk = closed_squared(search, best, floor)
     if not best.ids:
         real = left.significant and search.score(best) > floor**2 * (1.0 + PATCHED)
-        return Finding("unlisted" if real else "none", best, [], left, bulk)
+        return Finding("unlisted" if real else "none", best, [], left)
     doubtful = left.significant and (imitates(search, best, bulk, floor) or patched(search, best, bulk, floor))
     lead = leading(search, best, floor) if doubtful else None
     if lead is not None and not is_left_out(search, lead):
-        return Finding("effect", lead, [], left, closed_squared(search, lead, floor))
+        return Finding("effect", lead, [], left)
     if doubtful or is_left_out(search, best):
-        return Finding("unlisted", best, [], left, bulk)
-    return Finding("ambiguous" if rivals else "effect", best, rivals, left, bulk)
+        return Finding("unlisted", best, [], left)
+    return Finding("ambiguous" if rivals else "effect", best, rivals, left)
 
 
 def excess(search: Search, best: Fit, floor: float) -> float:
@@ -136,18 +134,16 @@ def by_signal(problem: object, search: Search, shown: Fit) -> dict[str, dict[str
 
 
 def probabilities(search: Search, finding: Finding, floor: float) -> dict[str, float]:
-    """Marginal probability of each effect: how often a set that holds it wins under the block bootstrap, less where much is left open."""
+    """Marginal probability of each effect: of a selected one by its signs, of any other how often a set that holds it wins under the block
+    bootstrap, and not more than what is not worth naming."""
     candidates = [search.retuned, *(f for k, f in sorted(search.fits.items()) if k and plausible(f))]
     share = win_shares(search, candidates)
     out = {e.id: float(sum(s for s, f in zip(share, candidates, strict=True) if e.id in f.ids)) for e in search.effects}
-    doubt = {"none": NOT_WORTH, "unlisted": max(0.0, min(NOT_WORTH, finding.bulk))}
-    trust = SURE * doubt.get(finding.verdict, 1.0)
-    if finding.verdict == "effect" and finding.left.significant and excess(search, finding.best, floor) > PATCHED:
-        trust = UNSURE * max(0.0, min(1.0, finding.bulk))
+    out |= {i: certainty.probability(certainty.signs(search, finding.best, i, floor)) for i in finding.best.ids}
     if finding.verdict == "ambiguous":
         out = share_among_rivals(out, finding)
-    known = {*finding.best.ids, *(i for f in finding.rivals for i in f.ids)}
-    return {i: p * trust if i in known else min(p * trust, NOT_WORTH) for i, p in out.items()}
+    known = {i for f in (finding.best, *finding.rivals) for i in f.ids} if finding.verdict in ("effect", "ambiguous") else set()
+    return {i: min(p, SURE if i in known else NOT_WORTH) for i, p in out.items()}
 
 
 def share_among_rivals(out: dict[str, float], finding: Finding) -> dict[str, float]:
@@ -179,13 +175,14 @@ def effects_section(problem: object, search: Search, finding: Finding, floor: fl
     """All effects that were tried: selected ones first, then by probability and by what they close alone. The estimate's effects take their
     numbers from it, the others from the fits of each alone."""
     chance, before, out = probabilities(search, finding, floor), gap_of(problem, search.nominal.held), []
+    signs = {i: asdict(certainty.signs(search, finding.best, i, floor)) for i in finding.best.ids}
     for effect in search.effects:
         alone = search.fits[(effect.id,)]
         source = estimate if effect.id in estimate.fit.ids else estimate_of(search, alone)
         out.append({"id": effect.id, "subsystem": effect.subsystem, "probability": round(chance[effect.id], 6),
                     "closes": closed(before, gap_of(problem, alone.held), floor),
                     "lost_without": lost_without(search, problem, finding.best, effect.id, floor) if finding.verdict != "unlisted" else 0.0,
-                    "parameters": source.parameters(effect.id)})
+                    "parameters": source.parameters(effect.id), "signs": signs.get(effect.id)})
     named = selected(search, problem, finding, floor)
     return sorted(out, key=lambda e: (named.index(e["id"]) if e["id"] in named else 99, -e["probability"], -(e["closes"] or 0.0), e["id"]))
 
