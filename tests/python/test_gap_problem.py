@@ -203,6 +203,19 @@ def test_encoder_is_judged_through_its_derivative(log: MadeLog) -> None:
     assert by_signal(wrong, wrong.residuals(wrong.theta0)[0])["position_rad"] > 2.0
 
 
+def test_an_encoder_knows_nothing_of_the_speed_sensors_gain(log: MadeLog) -> None:
+    tool = rig(sensors={"position_lsb_rad": 0.005})
+    drive = _core.LogInput(log.time_s, "duty", log.columns["duty"], slew_per_s=6.0)
+    angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))["angle_rad"][0]
+    columns = log.columns | {"position_rad": np.round(angle / 0.005) * 0.005, "speed_rpm": log.columns["speed_rpm"] * 1.01}
+    problem = load_problem([MadeLog(log.time_s, columns)], tool)
+    theta = np.repeat(problem.theta0[None], 2, axis=0)
+    theta[1, problem.index("effects.speed_gain.relative")] = 0.01
+    without, within = (by_signal(problem, r) for r in problem.residuals(theta))
+    assert within["position_rad"] < 1.05 and within["speed_rpm"] < 1.5
+    assert without["speed_rpm"] > 3.0
+
+
 def test_iso18571_rates_the_better_model_higher(problem: Problem) -> None:
     worse = problem.theta0.copy()
     worse[problem.index("motor.torque_constant_nm_per_a")] *= 1.1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vgroove.gap.noise import column_sigma, position_scatter
-from vgroove.gap.states import Observations, local_fit
+from vgroove.gap.states import Observations, Restarts, local_fit
 from vgroove.rig import read_rig
 
 TIME = np.arange(200) * 1e-3
@@ -48,3 +48,11 @@ def test_a_position_is_never_finer_than_its_step() -> None:
     rig = read_rig(Path(__file__).resolve().parents[2] / "rigs/impact_driver_drive.toml")
     steps = np.round(np.linspace(0.0, 30.0, 5000) / 0.01) * 0.01
     assert 0.999 < column_sigma(rig, "position_rad", steps) / (0.01 / np.sqrt(12.0)) < 1.2
+
+
+@pytest.mark.parametrize("from_angle, speed", [(True, 102.0), (False, 80.0)])
+def test_differences_of_an_angle_know_the_loggers_clock_and_no_speed_sensor(from_angle: bool, speed: float) -> None:
+    found = Restarts(np.array([0]), np.array([[3.0, 100.0, 0.0]]), np.array([[0.0, -1200.0]]), np.zeros((1, 2)), from_angle)
+    gain, offset, lag = np.array([[1.0, 1.1]]), np.array([[0.0, 0.0]]), np.array([[0.0, 0.01]])
+    state = found.states(gain, offset, lag, np.array([False]), np.array([1.02]))[0, 0]
+    assert state == pytest.approx([3.0, speed, 0.0])

@@ -8,6 +8,8 @@ import numpy as np
 from vgroove.gap.noise import RPM
 
 CLOCK = "clock"  # (B,): seconds of the logger in a second of the tool
+ENCODER = ("encoder_angle_rad", "encoder_speed_rad_s")  # (B, rows): what an encoder shows that is not the speed sensor
+SPEED_SENSOR = ("angle_measured_rad", "speed_measured_rad_s")
 DROPS_EDGES = "drops_edges"  # (B,): the parameter set's Hall sensor misses edges
 MOST_PITCHES = 5.0  # that a sensor which drops edges takes for one
 Simulation = dict[str, np.ndarray]  # (B, rows) arrays of vgroove._core.simulate_log
@@ -31,9 +33,9 @@ class Places:
     def __getitem__(self, keep: np.ndarray) -> "Places":
         return Places(self.row[keep], self.share[keep], self.length_s[keep])
 
-    def angle(self, simulation: Simulation) -> np.ndarray:
+    def angle(self, simulation: Simulation, sensor: tuple[str, str] = SPEED_SENSOR) -> np.ndarray:
         """Measured angle (B, m) of the model at the instants."""
-        angle, speed, f, g = simulation["angle_measured_rad"], simulation["speed_measured_rad_s"], self.share, 1.0 - self.share
+        (angle, speed), f, g = (simulation[name] for name in sensor), self.share, 1.0 - self.share
         slope = g * speed.take(self.row - 1, axis=1) - f * speed.take(self.row, axis=1)
         value = angle.take(self.row - 1, axis=1) * (g * g * (1.0 + 2.0 * f)) + angle.take(self.row, axis=1) * (f * f * (3.0 - 2.0 * f))
         if CLOCK in simulation:
@@ -103,6 +105,7 @@ class SpanChannel(Channel):
     length_s: np.ndarray | None = None
     missed: np.ndarray | None = None
     factor: float = 1.0
+    sensor: tuple[str, str] = SPEED_SENSOR
 
     def first_row(self) -> np.ndarray:
         return self.start.row - 1
@@ -112,7 +115,7 @@ class SpanChannel(Channel):
         return np.clip(np.round(np.abs(mean) / np.maximum(np.abs(self.measured), 1e-9)), 1.0, MOST_PITCHES)
 
     def model(self, simulation: Simulation) -> np.ndarray:
-        mean = (self.end.angle(simulation) - self.start.angle(simulation)) * (self.factor / self.length_s)
+        mean = (self.end.angle(simulation, self.sensor) - self.start.angle(simulation, self.sensor)) * (self.factor / self.length_s)
         if self.edges and CLOCK in simulation:
             mean = mean * simulation[CLOCK][:, None]  # edge periods are timed by the sensor's clock, spans lie on the logger's
         drops = simulation[DROPS_EDGES][:, None] if self.missed is not None and DROPS_EDGES in simulation else np.zeros((1, 1), bool)
@@ -137,7 +140,7 @@ class ForceChannel(Channel):
         return self.places[0].row - 1
 
     def model(self, simulation: Simulation) -> np.ndarray:
-        first, middle, last = (place.angle(simulation) for place in self.places)
+        first, middle, last = (place.angle(simulation, ENCODER) for place in self.places)
         return (last - 2.0 * middle + first) / self.length_s**2
 
 
@@ -147,6 +150,13 @@ def span_channel(column: str, unit: str, log_time_s: np.ndarray, spans: tuple[np
     start, end = spans
     return SpanChannel(column, unit, row, 0.5 * (start + end), measured, sigma, conditional, edges=edges, note=note,
                        start=Places.of(log_time_s, start), end=Places.of(log_time_s, end), length_s=end - start, factor=factor)
+
+
+def show_encoder(simulation: Simulation, gain: np.ndarray, lag_s: np.ndarray) -> None:
+    """Add what an encoder shows to a simulation: the eccentric wheel, but neither gain nor lag (B,) of the speed sensor."""
+    apart = (gain != 1.0) | (lag_s > 0.0)
+    for name, sensor, shaft in zip(ENCODER, SPEED_SENSOR, ("angle_rad", "speed_rad_s"), strict=True):
+        simulation[name] = np.where(apart[:, None], simulation[shaft], simulation[sensor]) if apart.any() else simulation[sensor]
 
 
 RAD_S_TO_RPM = 1.0 / RPM

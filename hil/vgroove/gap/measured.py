@@ -9,7 +9,7 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap import blocks, noise, states
 from vgroove.gap.blocks import Blocks
-from vgroove.gap.channels import RAD_S_TO_RPM, Channel, ForceChannel, Places, RowChannel, span_channel
+from vgroove.gap.channels import ENCODER, RAD_S_TO_RPM, Channel, ForceChannel, Places, RowChannel, span_channel
 from vgroove.gap.columns import calmed, filled, held
 from vgroove.gap.dead import without_dead
 from vgroove.gap.edge_gain import edge_scale
@@ -306,8 +306,10 @@ def _position(time_s: np.ndarray, position: np.ndarray, rig: Rig) -> Channel:
     close = last - first <= 5
     first, last = first[close], last[close]
     length = time_s[last] - time_s[first]
-    return span_channel("position_rad", "rad/s", time_s, (time_s[first], time_s[last]), last, (position[last] - position[first]) / length,
-                        np.sqrt(2.0) * sigma / length, np.zeros(len(last), dtype=bool), 1.0, False, "compared through its derivative")
+    speed, spread = (position[last] - position[first]) / length, np.sqrt(2.0) * sigma / length
+    channel = span_channel("position_rad", "rad/s", time_s, (time_s[first], time_s[last]), last, speed, spread,
+                           np.zeros(len(last), dtype=bool), 1.0, False, "compared through its derivative")
+    return replace(channel, sensor=ENCODER)
 
 
 def _force(time_s: np.ndarray, position: np.ndarray, known: np.ndarray, sigma: float, rig: Rig) -> ForceChannel:

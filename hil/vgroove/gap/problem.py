@@ -19,7 +19,7 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap import figures
 from vgroove.gap.blocks import Blocks
-from vgroove.gap.channels import CLOCK, DROPS_EDGES, Channel, Simulation, SpanChannel
+from vgroove.gap.channels import CLOCK, DROPS_EDGES, Channel, Simulation, SpanChannel, show_encoder
 from vgroove.gap.filters import correct_filters
 from vgroove.gap.measured import Run, prepare_run
 from vgroove.gap.phases import aligned
@@ -119,14 +119,16 @@ class Problem:
         theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
         gain, offset, lag = self._sensors(theta)
         command_clock = theta[:, self.index("effects.clock_skew.command_clock")] != 0.0
+        clock = 1.0 + np.where(command_clock, 0.0, theta[:, self.index("effects.clock_skew.relative")])
         delayed, found = theta[:, self.index("effects.speed_lag.delay_form")] != 0.0, []
         for run in self.runs:
-            states = run.restarts.states(gain, offset, lag, delayed)
+            states = run.restarts.states(gain, offset, lag, delayed, clock)
             found.append(_core.simulate_log(run.drive, theta, run.starts, states, threads=self.threads, unfinished=unfinished))
-            found[-1][CLOCK] = 1.0 + np.where(command_clock, 0.0, theta[:, self.index("effects.clock_skew.relative")])
+            found[-1][CLOCK] = clock
             found[-1][DROPS_EDGES] = theta[:, self.index("effects.hall_dropout.probability")] > 0.0
             if np.any(lag > 0.0):
                 correct_filters(found[-1], np.asarray(run.log.time_s), run.restarts, lag, delayed)
+            show_encoder(found[-1], gain[:, 1], lag[:, 1])
         return found
 
     def _sensors(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -20,7 +20,7 @@ def sight_of(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges
            channels: list[Channel]) -> states.Sight:
     """What shows the states: the finest measured speed, the current, and an angle to keep count by."""
     by_column = {channel.column: channel for channel in channels}
-    speed, angle_at = None, _standing(rig)
+    speed, angle_at, from_angle = None, _standing(rig), False
     if "speed_rpm" in by_column and edges is None:
         channel = by_column["speed_rpm"]
         speed = states.Observations(channel.time_s, channel.time_s, channel.measured * RPM, channel.sigma * RPM)
@@ -29,16 +29,17 @@ def sight_of(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges
     if edges is not None and not edges.falling.all():
         speed, angle_at = _edge_sight(rig, edges, _standing(rig)(0.0))
     if "position_rad" in by_column:
-        from_angle, angle_at = _position_sight(time_s, columns["position_rad"], rig)
-        speed = from_angle if speed is None or fineness(from_angle) / ANGLES < fineness(speed) else speed
+        differences, angle_at = _position_sight(time_s, columns["position_rad"], rig)
+        from_angle = speed is None or fineness(differences) / ANGLES < fineness(speed)
+        speed = differences if from_angle else speed
     current = None
     if rig.input["kind"] == "current_a":
         force = held(columns["current_a"])
-        return states.Sight(speed, None, angle_at, lambda t, w, dw: float(np.interp(t, time_s, force)))
+        return states.Sight(speed, None, angle_at, lambda t, w, dw: float(np.interp(t, time_s, force)), from_angle)
     if "current_a" in by_column and not by_column["current_a"].magnitude:
         channel = by_column["current_a"]
         current = states.row_means(time_s, columns["current_a"], float(channel.sigma[0]))
-    return states.Sight(speed, current, angle_at, lambda t, w, dw: _current_from_motion(rig, time_s, columns, t, w, dw))
+    return states.Sight(speed, current, angle_at, lambda t, w, dw: _current_from_motion(rig, time_s, columns, t, w, dw), from_angle)
 
 
 def fineness(seen: states.Observations) -> float:

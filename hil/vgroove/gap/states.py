@@ -96,12 +96,14 @@ def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observati
 
 @dataclass(frozen=True)
 class Sight:
-    """What shows the states: observations of speed_rad_s and current_a (None: not measured), the angle, the current behind a motion."""
+    """What shows the states: observations of speed_rad_s and current_a (None: not measured), the angle, the current behind a motion;
+    whether the speeds are differences of a measured angle over the log's times."""
 
     speed: Observations | None
     current: Observations | None
     angle_at: Callable[[float], float]
     current_from: Callable[[float, float, float], float]
+    from_angle: bool = False
 
     def state(self, time_s: float) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Measured state [current_a, speed_rad_s, angle_rad] at an instant, derivatives (2, 2) of the first two, doubt and unrest."""
@@ -118,18 +120,23 @@ class Sight:
 
 @dataclass(frozen=True)
 class Restarts:
-    """Rows (S,) at whose end the model starts anew, the measured states there (S, 3), slopes and bends (S, 2) of current and speed."""
+    """Rows (S,) at whose end the model starts anew, the measured states there (S, 3), slopes and bends (S, 2) of current and speed;
+    whether the speeds are differences of a measured angle."""
 
     rows: np.ndarray
     measured: np.ndarray
     slopes: np.ndarray
     bends: np.ndarray
+    from_angle: bool = False
 
-    def states(self, gain: np.ndarray, offset: np.ndarray, lag_s: np.ndarray, delayed: np.ndarray) -> np.ndarray:
+    def states(self, gain: np.ndarray, offset: np.ndarray, lag_s: np.ndarray, delayed: np.ndarray, clock: np.ndarray) -> np.ndarray:
         """True states (B, S, 3) behind the measured ones for sensors of gain, offset and lag (B, 2) for current and speed.
 
-        delayed (B,): the speed sensor is a delay, else a filter y' = (x - y) / lag.
+        delayed (B,): the speed sensor is a delay, else a filter y' = (x - y) / lag. clock (B,): seconds of the logger in a second of the
+        tool; a speed that is a difference of angles is one over the logger's time, and no speed sensor's.
         """
+        if self.from_angle:
+            gain, lag_s = np.column_stack([gain[:, 0], 1.0 / clock]), lag_s * [1.0, 0.0]
         true = np.repeat(self.measured[None], len(gain), axis=0)
         true[:, :, :2] += lag_s[:, None] * self.slopes
         true[:, :, 1] += 0.5 * (delayed * lag_s[:, 1] ** 2)[:, None] * self.bends[:, 1]
@@ -159,7 +166,7 @@ def restarts(sight: Sight, time_s: np.ndarray, restart_s: float, resume: Sequenc
             rows.append(chosen[0])
             found.append(chosen[1])
     rates = np.array([rate for _, rate in found])
-    return Restarts(np.array(rows), np.array([state for state, _ in found]), rates[:, :, 0], rates[:, :, 1])
+    return Restarts(np.array(rows), np.array([state for state, _ in found]), rates[:, :, 0], rates[:, :, 1], sight.from_angle)
 
 
 def _first_state(sight: Sight, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
