@@ -19,6 +19,7 @@ KEY_BOUND = 3.0
 STEP = 0.1
 CHUNK = 96
 LEAST_DAMPING = 0.02
+SHORTER = 2  # times a fold's step is shortened that makes its own rows worse
 
 
 class ProblemLike(Protocol):
@@ -225,9 +226,7 @@ class Engine:
         return width * max(1.0, float(1.4826 * np.median(np.abs(r[self.train]))))
 
     def _cost(self, one: Fit, x: np.ndarray, r: np.ndarray) -> float:
-        size = np.abs(r[self.train])
-        loss = np.where(size <= one.delta, size**2, 2.0 * one.delta * size - one.delta**2)
-        return float(loss.sum() + ((x * one.hypothesis.prior) ** 2).sum())
+        return _huber(r[self.train], one.delta) + float(((x * one.hypothesis.prior) ** 2).sum())
 
     def _differentiate(self, fits: Sequence[Fit], fresh: bool = False) -> None:
         """Forward differences, away from an upper bound, all hypotheses in one batch.
@@ -304,15 +303,31 @@ class Engine:
         if not todo:
             return
         self._differentiate(todo, fresh=True)
-        jobs = [(f.hypothesis, np.stack([f.x + self._fold_step(f, train) for train, _ in self.problem.folds])) for f in todo]
-        rows, folds = self.residuals(jobs), len(self.problem.folds)
-        for i, one in enumerate(todo):
-            for k, (_, test) in enumerate(self.problem.folds):
-                one.held[test] = rows[i * folds + k][test]
+        folds = self.problem.folds
+        open_ = [(one, k, self._fold_step(one, train)) for one in todo for k, (train, _) in enumerate(folds)]
+        for _ in range(1 + SHORTER):
+            rows = self.residuals([(one.hypothesis, one.x + step) for one, _, step in open_])
+            for (one, k, _), row in zip(open_, rows, strict=True):
+                one.held[folds[k][1]] = row[folds[k][1]]
+            failed = [self._is_worse(one, folds[k][0], row) for (one, k, _), row in zip(open_, rows, strict=True)]
+            open_ = [(one, k, 0.3 * step) for (one, k, step), worse in zip(open_, failed, strict=True) if worse]
+            if not open_:
+                break
+        for one in todo:
             one.exact = True
+
+    def _is_worse(self, one: Fit, train: np.ndarray, row: np.ndarray) -> bool:
+        """Whether a fold's step, of which the Jacobian promised a gain, makes its own training rows worse: there the model bends."""
+        return bool(_huber(row[train], one.delta) > _huber(one.residual[train], one.delta) + self._enough(one))
 
     def _fold_step(self, one: Fit, train: np.ndarray) -> np.ndarray:
         return np.zeros(len(one.x)) if np.array_equal(train, self.train) else self.step(one, train)
+
+
+def _huber(r: np.ndarray, delta: float) -> float:
+    """Huber's loss of residuals, square near 0."""
+    size = np.abs(r)
+    return float(np.where(size <= delta, size**2, 2.0 * delta * size - delta**2).sum())
 
 
 def bounded_step(normal: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -30,6 +30,7 @@ MANY_STARTS = 4  # of more starts than this two are taken on
 LARGE = 1.1  # squared gap after retuning, in noise, below which no start of a resonance, a play or a large ripple is looked for
 WITHIN_REACH = 1.5  # of the best squared gap: single effects beyond keep their first-order predictions
 FIRM, FIRMER = 100.0, 1.2  # squared sigmas that offsets at stops must gain an effect which follows the angle; times the gain without
+EXCHANGES = 3
 FLOORED = ("effects.transport_delay.delay_s",)
 
 
@@ -361,6 +362,7 @@ def run(search: Search) -> tuple[Fit, list[Fit]]:
         return best, []
     best = backward(search, lean(search, best))
     search.tell("rivals")
+    best = exchanged(search, best)
     return best, rivals(search, best)
 
 
@@ -438,9 +440,20 @@ def backward(search: Search, best: Fit) -> Fit:
     return best
 
 
+def exchanged(search: Search, best: Fit) -> Fit:
+    """The best set after exchanges of one member, as long as one is clearly better; steps that add one effect at a time miss pairs whose
+    members say little alone."""
+    for _ in range(EXCHANGES):
+        exchange(search, best)
+        other = search.ranked(len(best.ids))[0]
+        if other is best or search.score(other) >= search.score(best) or search.tied(best, other):
+            break
+        best = backward(search, lean(search, simplest(search, other)))
+    return best
+
+
 def rivals(search: Search, best: Fit) -> list[Fit]:
     """Converged sets that predict the held-out rows as well as best, are no larger, and do not just generalise it; best first."""
-    exchange(search, best)
     pool = [f for k, f in search.fits.items() if k and key(best.ids) != k and f.hypothesis.count <= best.hypothesis.count + 2]
     pool = [f for f in pool if len(f.ids) <= len(best.ids) and plausible(f) and not contains(f.ids, best.ids)]
     return sorted((f for f in pool if search.tied(f, best)), key=search.score)
