@@ -66,5 +66,12 @@ def test_stamps_rounded_to_milliseconds_are_unrounded_without_edges(rig: Rig) ->
     assert row_times(uneven, {"current_a": np.zeros(600)}, rig) is uneven
 
 
+@pytest.mark.parametrize("scatter, believed", [(0.05, False), (0.33, True)])
+def test_without_edges_a_small_scatter_is_lateness_and_a_large_one_is_real(rig: Rig, scatter: float, believed: bool) -> None:
+    stamps = GRID + np.random.default_rng(1).uniform(-scatter, scatter, len(GRID)) * 1e-3
+    found = row_times(stamps, {"current_a": np.zeros(len(GRID))}, rig)
+    assert found is stamps if believed else np.abs(found - GRID).max() < 5e-6
+
+
 def test_stamps_of_no_clock_have_no_grid() -> None:
     assert even_grid(np.cumsum(np.random.default_rng(1).uniform(5e-4, 1.5e-3, 2000))) is None

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from vgroove.gap.edges import count_chains
+from vgroove.gap.edges import COUNTING_PULSES, count_chains
 from vgroove.rig import Rig
 
 NEAR = 0.5  # of an interval: a stamp further from its place on the grid belongs to no even clock
 EXACT = 1e-3  # of an interval: stamps this close to the grid are left as they are
 FEWEST_BREAKS = 5  # contradictions between edges and stamps that may come from reversals alone
 CLEARLY = 4.0  # times fewer contradictions on the grid
+LATE = 0.1  # of an interval: stamps scatter by no more that are written late
 PULL = 0.1  # share of a stamp's distance by which the clock that counts rows follows it
 FINEST_ROUNDING = 0.02  # of an interval: a last digit below that does not show in a row
 
@@ -59,15 +60,16 @@ def row_times(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig) -> n
     """Times (n,) at which the rows closed: the stamps, or the grid behind them.
 
     Rows that are really uneven and stamps that scatter look alike in the stamps; the Hall edges tell them apart, since their periods are
-    measured by the sensor's own timer and chain up to the right rows only on the right time base. Without edges only rounding is undone.
+    measured by the sensor's own timer and chain up to the right rows only on the right time base. Where no edges tell (none, or a sensor
+    that counts them) a small scatter is taken for stamps that are written late, as by a host: a clock that starts the samples is steadier.
     """
     grid = even_grid(time_s) if len(time_s) > 2 else None
     if grid is None or np.abs(time_s - grid).max() < EXACT * np.median(np.diff(grid)):
         return time_s
     if is_rounding(time_s, grid):
         return grid
-    if rig.sensors.get("hall_pulses_per_rev", 0) == 0 or "speed_rpm" not in columns:
-        return time_s
+    if not 0 < rig.sensors.get("hall_pulses_per_rev", 0) < COUNTING_PULSES or "speed_rpm" not in columns:
+        return grid if np.abs(time_s - grid).max() < LATE * np.median(np.diff(grid)) else time_s
     stamped, even = (breaks(t, columns["speed_rpm"], rig) for t in (time_s, grid))
     return grid if stamped > FEWEST_BREAKS and stamped > CLEARLY * even else time_s
 
