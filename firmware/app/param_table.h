@@ -47,7 +47,7 @@
     X(SYNC_DEPTH_MAX_Q15,       "1",         1966,  0,     16383, 3) /* deeper ones raise it */ \
     X(SYNC_CURRENT_A_Q9,        "A",         12800, 1024,  28160, 3) /* method 2: mean current while impacting */ \
     /* screwing */                                                                                       \
-    X(SCREWING_SHARE_Q15,       "1",         9503, 0,  32767, 3) /* share of the trigger's duty once it impacts */ \
+    X(SCREWING_SHARE_Q15,       "1",         7373, 0,  32767, 3) /* share of the trigger's duty once it impacts */ \
     X(SCREWING_LEAST_MV,        "mV",        5800,  3000,  12000, 3) /* at the motor: less is not taken */ \
     X(SCREWING_SMALL_DEG_Q4,    "deg",       200,   0,     1440,  3) /* turn a blow below which there is more power */ \
     X(SCREWING_RISE_Q8,         "1",         340,   290,   512,   3) /* seat: torque over the learned one, at least */ \

@@ -5,7 +5,7 @@
 #include "core/inline.h"
 #include "core/slew.h"
 
-typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE } Stage;
+typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 
 #define DEG 364u               // a degree of a blow's turn
 #define WAVE_SCALE 100663296u  // 2^15 times what six pitches of the spindle are of 90 degrees, times pulses * turn_q8
@@ -13,20 +13,24 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE } Stage;
 #define SETTLE_WAVES 28u       // half a blow each
 #define UNSETTLED_WAVES 8u     // of them the first are not learned from
 #define POWER_WAVES 14u        // left when the power is chosen
-#define KNOT_WAVES 8u          // until the edge of a knot has passed the window
-#define KNOT_TURN (12u * DEG)
 #define TURN_LEAST (DEG / 5u)  // of a blow
-#define MEMORY_Q8 11u          // a turn is taken as it is from 16 degrees a blow on, else averaged over as many
-#define MEMORY_LEAST_Q8 26u    // 1/10
+#define SMALL_TURN 1024u       // 2.8 degrees a blow
+#define MEMORY_Q8 16u          // a turn is taken as it is from 11 degrees a blow on, else averaged over as many; over more where it is small
+#define MEMORY_LEAST_Q8 4u     // 1/64
 #define SETTLE_MEMORY_Q8 32u   // 1/8
-#define ONSET_Q8 287           // 1.12
-#define STEEP_Q8 402           // 1.57, and 0.008 for each degree that it turned since the onset by more than the learned turn
-#define JUMP_Q8 56             // 0.22 in half a blow: steeper is the edge of a knot
-#define SURE (8u * DEG)        // and 3/4 of the learned turn: behind the onset until a seat is believed
-#define GIVE_UP (60u * DEG)    // too flat for a seat
-#define SHARE_MORE 6144        // of power where a blow turns little
-#define LEAST_MOST 30000u      // 17/8 of it fit
-#define SLEW 110               // a tick: a step would brake
+#define PAIR_TURN (27 * (int16_t)DEG / 2)  // of a blow: below it two blows are taken together
+#define ONSET_Q8 287                       // 1.12
+#define SURE (5u * DEG)                    // and 3/4 of the learned turn: behind the onset until a slow rise is believed to be a seat
+#define WIDE_TURN (16 * (int16_t)DEG)      // of a blow: a knot's edge, drawn out over two blows, is slow as well
+#define SLOW_TURN (11 * (int16_t)DEG)      // of a blow: up to here a rise is slow when it is below 0.21 in the angle of a blow,
+#define SLOW_Q8 55                         // 0.21; above, 0.02 a degree
+#define SLOW_AREA_Q8 141                   // 0.55
+#define EDGE (9u * DEG)                    // and a fifth of the learned turn: see area_most
+#define LATE_AREA_Q8 77                    // 0.3
+#define GIVE_UP (60u * DEG)                // too flat for a seat
+#define SHARE_MORE 48u                     // an eighth of it, of power for what a blow's turn lacks: 0.067 a degree
+#define LEAST_MOST 30000u                  // 17/8 of it fit
+#define SLEW 110                           // a tick: a step would brake
 
 // Phase of (x, y), 2^16 a turn; within 0.0038 rad: atan r = r (pi / 4 + 0.273 (1 - r)).
 static uint16_t phase_of(int16_t x, int16_t y) {
@@ -89,77 +93,129 @@ static void take_phase(Screwing *self) {
     self->phase = phase;
     const int16_t turn = (int16_t)(((int32_t)half + self->half) >> 1);
     self->half = half;
+    self->before_last = self->last_turn;
+    self->last_turn = self->turn;
     self->turn = turn > (int16_t)TURN_LEAST ? turn : (int16_t)TURN_LEAST;
 }
 
 static int16_t part_q8(int16_t value, uint16_t share_q8) {
-    return (int16_t)(((int32_t)value * (int16_t)share_q8) >> 8);
+    return (int16_t)(((int32_t)value * (int16_t)share_q8 + 128) >> 8);
 }
 
 static uint16_t memory_q8(const Screwing *self) {
     if (self->state == SCREWING_SETTLE) {
         return self->left > SETTLE_WAVES - UNSETTLED_WAVES ? 256u : SETTLE_MEMORY_Q8;
     }
-    const uint16_t share_q8 = (uint16_t)(((uint32_t)(uint16_t)self->learned * MEMORY_Q8) >> 8);
+    const uint16_t learned = (uint16_t)self->learned;
+    const uint16_t share_q8 =
+        learned < SMALL_TURN ? (uint16_t)(((uint32_t)learned * learned) >> 14) : (uint16_t)(((uint32_t)learned * MEMORY_Q8) >> 8);
     return share_q8 < MEMORY_LEAST_Q8 ? MEMORY_LEAST_Q8 : share_q8 > 256u ? 256u : share_q8;
 }
 
-static bool is_small(const Screwing *self, const ScrewingSetpoints *set) {
-    const uint8_t shift = self->share_q15 == set->share_q15 ? 4u : 5u;
-    return self->share_q15 < INT16_MAX && (uint16_t)self->now < ((uint32_t)(uint16_t)set->small_deg_q4 * DEG) >> shift;
+// The Hall pitches lie otherwise at each blow, and the same again after two where a blow turns little: what that adds to the turn cancels.
+static int16_t steady_turn(const Screwing *self) {
+    return self->learned < PAIR_TURN ? (int16_t)(((int32_t)self->turn + self->before_last) >> 1) : self->turn;
 }
 
-// SETTLE and KNOT: the present turn is the learned one.
+// What a blow's turn lacks: to begin with of the setpoint, then of half of it.
+static uint16_t lacking(const Screwing *self, const ScrewingSetpoints *set) {
+    const uint8_t shift = self->share_q15 == set->share_q15 ? 4u : 5u;
+    const uint16_t small = (uint16_t)(((uint32_t)(uint16_t)set->small_deg_q4 * DEG) >> shift);
+    return (uint16_t)self->now < small && self->share_q15 < INT16_MAX ? (uint16_t)(small - (uint16_t)self->now) : 0u;
+}
+
+// An angle begins in which the rise is weighed.
+static void begin(Screwing *self, int16_t base_q8) {
+    self->base_q8 = base_q8;
+    self->turned = 0;
+    self->area = 0;
+    self->over_q8 = 0;
+}
+
+static void track(Screwing *self) {
+    begin(self, ONSET_Q8);
+    self->state = SCREWING_TRACK;
+}
+
+// SETTLE: the present turn is the learned one.
 static void learn(Screwing *self, const ScrewingSetpoints *set) {
     self->learned = self->now;
     self->rise_q8 = 256;
-    self->turned = (uint16_t)(self->turned + (uint16_t)self->turn / 2u);
-    if (self->left == POWER_WAVES && is_small(self, set)) {
-        self->share_q15 = self->share_q15 > INT16_MAX - SHARE_MORE ? INT16_MAX : (int16_t)(self->share_q15 + SHARE_MORE);
+    self->left--;
+    const uint16_t lack = self->left == POWER_WAVES ? lacking(self, set) : 0u;
+    if (lack > 0u) {
+        const uint32_t share_q15 = (uint32_t)(uint16_t)self->share_q15 + (((uint32_t)lack * SHARE_MORE) >> 3);
+        self->share_q15 = (int16_t)(share_q15 < INT16_MAX ? share_q15 : INT16_MAX);
         settle(self);
-    } else if (self->left > 1u) {
-        self->left--;
-    } else if (self->turned >= KNOT_TURN) {
-        self->left = 0;
-        self->state = SCREWING_TRACK;
+    } else if (self->left == 0u) {
+        track(self);
     }
 }
 
 // As wood changes with the depth, over 180 degrees.
 static void follow(Screwing *self) {
-    self->learned = (int16_t)(self->learned + (((int32_t)(self->turn - self->learned) * self->turn) >> 17));
-    self->turned = 0;
-    self->state = SCREWING_TRACK;
+    self->learned = (int16_t)(self->learned + (((int32_t)(self->turn - self->learned) * self->turn + 65536) >> 17));
+    track(self);
 }
 
-static void suspect(Screwing *self, const ScrewingSetpoints *set, int16_t jump_q8) {
+// No knot's edge would be as low at this angle: it is drawn out over two blows.
+static bool is_slow(const Screwing *self) {
+    const int16_t turn = self->learned < SLOW_TURN ? self->learned : SLOW_TURN;
+    return self->learned < WIDE_TURN && (int32_t)self->over_q8 * turn <= (int32_t)self->turned * SLOW_Q8;
+}
+
+// What the area between the rise and the onset, over the angle turned, may be at most in a seat, as a share of the rise: half of the angle makes a ramp,
+// all of it a knot's level. An edge, drawn out over some blows by the window and by the motor's inertia, is a ramp to begin with: it takes an angle until
+// both part. A slow rise need not wait for it.
+static int16_t area_most(const Screwing *self) {
+    const int16_t turned = (int16_t)self->turned, learned = self->learned;
+    if (is_slow(self) && turned >= (int16_t)SURE + part_q8(learned, 192)) {
+        return part_q8(turned, SLOW_AREA_Q8);
+    }
+    return (int16_t)(part_q8(turned, 205) - (int16_t)EDGE - part_q8(learned, 51));
+}
+
+static void add_wave(Screwing *self) {
+    const int16_t over_q8 = (int16_t)(self->rise_q8 - self->base_q8);
     self->turned = (uint16_t)(self->turned + (uint16_t)self->turn / 2u);
+    self->area += ((int32_t)(int16_t)(over_q8 + self->over_q8) * self->turn) >> 2;
+    self->over_q8 = over_q8;
+}
+
+static bool area_within(const Screwing *self, int16_t angle) {
+    return self->area <= (int32_t)self->over_q8 * angle;
+}
+
+// Where the area is much less than a ramp's the onset was another's, and what rises has only begun: it is weighed from there.
+static void suspect(Screwing *self, const ScrewingSetpoints *set) {
+    const int16_t last_q8 = self->over_q8;
     self->state = SCREWING_SUSPECT;
-    const int16_t steep_q8 = (int16_t)(STEEP_Q8 + ((3 * ((int32_t)self->turned - self->learned)) >> 9));
-    const bool steep = self->rise_q8 > steep_q8 || jump_q8 > JUMP_Q8;
-    if (steep || self->turned > GIVE_UP) {
-        self->state = SCREWING_KNOT;
-        self->left = KNOT_WAVES;
-        self->turned = 0;
-    } else if (self->turned >= SURE + (uint16_t)self->learned / 2u + (uint16_t)self->learned / 4u && self->rise_q8 >= set->rise_q8) {
+    add_wave(self);
+    if (last_q8 > 0 && area_within(self, part_q8((int16_t)self->turned, LATE_AREA_Q8))) {
+        begin(self, (int16_t)(self->base_q8 + last_q8));
+        add_wave(self);
+    }
+    if (self->rise_q8 >= set->rise_q8 && self->over_q8 > 0 && area_within(self, area_most(self))) {
         self->state = SCREWING_SEATED;
+    } else if (self->turned > GIVE_UP) {
+        self->learned = self->now;
+        track(self);
     }
 }
 
 static void judge(Screwing *self, const ScrewingSetpoints *set) {
     BY_POINTER(self);
-    self->now = (int16_t)(self->now + part_q8((int16_t)(self->turn - self->now), memory_q8(self)));
+    self->now = (int16_t)(self->now + part_q8((int16_t)(steady_turn(self) - self->now), memory_q8(self)));
     if (self->left > 0u) {
         learn(self, set);
         return;
     }
     const uint16_t rise_q8 = divide_by_u16((uint32_t)(uint16_t)self->learned << 8, (uint16_t)self->now);
-    const int16_t last_q8 = self->rise_q8;
     self->rise_q8 = (int16_t)(rise_q8 < 2048u ? rise_q8 : 2048u);
     if (self->rise_q8 < ONSET_Q8) {
         follow(self);
     } else {
-        suspect(self, set, (int16_t)(self->rise_q8 - last_q8));
+        self->stage = STAGE_WEIGH;
     }
 }
 
@@ -175,6 +231,9 @@ static void step_stage(Screwing *self, const ScrewingSetpoints *set, uint16_t su
     } else if (self->stage == STAGE_JUDGE) {
         self->stage = STAGE_NONE;
         judge(self, set);
+    } else if (self->stage == STAGE_WEIGH) {
+        self->stage = STAGE_NONE;
+        suspect(self, set);
     }
 }
 

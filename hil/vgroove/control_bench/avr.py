@@ -72,7 +72,7 @@ CASES = {
     "sync": [
         Case(f"sync, method {n}", "sync", lambda: reference("slip_60", supply_v=17.5), {"sync_method": n}, pull(0.8)) for n in (1, 2)
     ],
-    "screwing": [Case("screwing, M6", "screwing", lambda: screwing.screw("m6", 18.5, 1.0, False, 10), {}, pull(1.0), 4.7, "seated")],
+    "screwing": [Case("screwing, M6", "screwing", lambda: screwing.screw("m6", 18.5, 1.0, False, 10), {}, pull(1.0), 5.7, "seated")],
     "vibration": [Case(f"vibration, method {n}", "vibration", lambda: reference("disc_spring"), {"vibration_method": n}) for n in (1, 2)],
     "torque": [
         tighten(80.0, 120.0, 5.2, "reached"),

@@ -27,7 +27,7 @@ SECONDS_MOST = 45.0
 STRIPPED_MORE_RAD = 20.0  # a screw that turns so far past the end of its ramp is not watched further
 REST_S = 0.15  # the bridge open for so long: the drive is over
 VARIANTS = (PLAIN, Variant("screwing", "screwing"))
-GOALS = {"rate": -1 / 3, "turn_deg": 45.0, "early": 0.01, "time": 2.5}
+GOALS = {"rate": -0.33, "turn_deg": 45.0, "early": 0.01, "time": 2.5}
 
 
 def cells(repeats: int = 1) -> list[dict[str, Any]]:
