@@ -106,7 +106,7 @@ def places(now_s: np.ndarray, chain: Chain, half_lsb_rpm: float, counts: bool) -
     for i in range(1, m):
         path.step[i], path.wrong[i] = _follow(cells, (now_s[i - 1], before[i], now_s[i]), (speed[i - 1], speed[i]),
                                               (period[i - 1], period[i]), rounding[i], counts)
-        if min(period[i - 1], period[i]) > PLAIN * (now_s[i] - before[i]) and _lost(cells, path.step[i], before[i]):
+        if min(period[i - 1], period[i]) > PLAIN * (now_s[i] - before[i]) and _lost(cells, path.wrong[i]):
             path.parent[i], path.step[i] = _begin_again(cells, before[i], now_s[i], period[i], speed[i])
         path.time_s[i], path.half_s[i] = cells.time_s, cells.half_s
         if i % EVERY == 0 or np.count_nonzero(cells.cost < HOPELESS) < CELLS // 2:
@@ -159,10 +159,9 @@ def _follow(cells: _Cells, rows: tuple[float, float, float], speed: tuple[float,
     return step, wrong
 
 
-def _lost(cells: _Cells, step: np.ndarray, before: float) -> bool:
-    """Whether no cell that is alive has come to an edge in the row that shows one."""
-    here = (cells.time_s > before - cells.half_s - TICK_S) & (step > 0)
-    return not np.any(here & (cells.cost < HOPELESS))
+def _lost(cells: _Cells, wrong: np.ndarray) -> bool:
+    """Whether the row contradicts every cell that is alive; wrong (CELLS,) in squared sigmas."""
+    return not np.any((cells.cost < HOPELESS) & (wrong < WORST))
 
 
 def _begin_again(cells: _Cells, before: float, now: float, period: float, speed: float) -> tuple[np.ndarray, np.ndarray]:
