@@ -20,6 +20,7 @@ KINK_SHARE = 0.25  # of a sudden change of that change
 CURVED = 0.3  # of the change of speed in a period, by which it may differ from that before
 DULL = 3.0  # times the noise, within which a jump of the speed tells nothing
 NEARLY = 0.003  # of a period, by which a wait that a row seems to show may miss a cell that is wider
+BETWEEN = 3.0  # periods, and a row, that pass at most without an edge; longer, a row that seemed to wait showed one
 PLAIN = 1.5  # times a row's length, from which on a period shows in a row of its own
 WORST = 16.0  # squared sigmas that one row costs at most
 HOPELESS = 25.0  # squared sigmas worse than the best at which a cell is given up
@@ -104,9 +105,12 @@ def places(now_s: np.ndarray, chain: Chain, half_lsb_rpm: float, counts: bool) -
     cells = _Cells(start, np.zeros(CELLS), np.full(CELLS, np.nan), np.full(CELLS, speed[0]), start - 0.5 * period[0], half, now_s[0])
     path = _Path.of(m, start, half)
     for i in range(1, m):
+        unseen_s = now_s[i] - np.max(cells.time_s[cells.cost < HOPELESS])
         path.step[i], path.wrong[i] = _follow(cells, (now_s[i - 1], before[i], now_s[i]), (speed[i - 1], speed[i]),
                                               (period[i - 1], period[i]), rounding[i], counts)
-        if min(period[i - 1], period[i]) > PLAIN * (now_s[i] - before[i]) and _lost(cells, path.wrong[i]):
+        interval_s = now_s[i] - before[i]
+        plain = min(period[i - 1], period[i]) > PLAIN * interval_s
+        if plain and _lost(cells, path.wrong[i]) or unseen_s > interval_s + BETWEEN * period[i]:
             path.parent[i], path.step[i] = _begin_again(cells, before[i], now_s[i], period[i], speed[i])
         path.time_s[i], path.half_s[i] = cells.time_s, cells.half_s
         if i % EVERY == 0 or np.count_nonzero(cells.cost < HOPELESS) < CELLS // 2:

@@ -274,7 +274,10 @@ def edge_periods(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
             count += span[i] * (1 if chain.speed_rpm[i] > 0.0 else -1)
             columns.append((chain.row[i], end[i] - length[i], end[i], chain.speed_rpm[i], slack[i], False, piece[i], count))
         for row, edge, speed in chain.falls:
-            columns.append((row, end[edge], time_s[row], speed, slack[edge], True, piece[edge], 0))
+            wait = 60.0 / (pulses_per_rev * abs(speed))
+            unsure = slack[edge] + wait * lsb_rpm / abs(speed) + WAIT_SLACK_S
+            if abs(time_s[row] - wait - end[edge]) < unsure:  # else rows hid the edge that it waited since
+                columns.append((row, end[edge], time_s[row], speed, slack[edge], True, piece[edge], 0))
     columns.sort()
     kinds = (int, float, float, float, float, bool, int, int)
     return EdgePeriods(*(np.array([c[k] for c in columns], dtype=kind) for k, kind in enumerate(kinds)))
