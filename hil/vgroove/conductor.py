@@ -16,7 +16,6 @@ Time is the board's: without its telemetry no frame is due, and the board ends t
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from functools import cache
 
 import numpy as np
 
@@ -87,12 +86,6 @@ def legs_of(course: Course) -> list[Leg]:
     return legs
 
 
-@cache
-def _names(frame: str, signal: str) -> dict[int, str]:
-    """A value table of the signal list."""
-    return {int(k): str(v) for k, v in telemetry.database().get_message_by_name(frame).get_signal_by_name(signal).choices.items()}
-
-
 @dataclass(frozen=True)
 class BoardState:
     """A STATE frame."""
@@ -107,10 +100,10 @@ class BoardState:
     @classmethod
     def of(cls, frame: telemetry.Frame) -> "BoardState":
         """From the frame."""
-        raw = {name: int(value) for name, value in telemetry.decode(frame).items() if name != "trigger"}
-        faults = tuple(name for bit, name in _names("STATE", "faults").items() if raw["faults"] & bit)
-        state, mode = _names("STATE", "state")[raw["state"]], _names("STATE", "mode")[raw["mode"]]
-        return cls(state, mode, raw["reverse"] != 0, raw["contact"] != 0, telemetry.decode(frame)["trigger"], faults)
+        said = telemetry.decode(frame)
+        state, mode = (telemetry.value_table("STATE", name)[int(said[name])] for name in ("state", "mode"))
+        faults = tuple(name for bit, name in telemetry.value_table("STATE", "faults").items() if int(said["faults"]) & bit)
+        return cls(state, mode, said["reverse"] != 0, said["contact"] != 0, said["trigger"], faults)
 
 
 @dataclass
@@ -159,7 +152,7 @@ class Conductor(Partner):
 
     def _take_ack(self, frame: telemetry.Frame) -> None:
         ack = {name: int(value) for name, value in telemetry.decode(frame).items()}
-        result = _names("ACK", "ack_result").get(ack["ack_result"], "")
+        result = telemetry.value_table("ACK", "ack_result").get(ack["ack_result"], "")
         if ack["ack_command"] == telemetry.SET_MODE:
             self._mode_refused = result != "ok"
         elif ack["ack_command"] == telemetry.PROFILE:

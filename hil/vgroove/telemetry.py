@@ -93,6 +93,12 @@ def database() -> cantools.database.can.Database:
 
 
 @cache
+def value_table(frame: str, signal: str) -> dict[int, str]:
+    """Names of a signal's values."""
+    return {int(k): str(v) for k, v in (database().get_message_by_name(frame).get_signal_by_name(signal).choices or {}).items()}
+
+
+@cache
 def parameter_list() -> tuple[Parameter, ...]:
     """The packaged parameter list, by index."""
     content = json.loads(resources.files("vgroove").joinpath("data/parameters.json").read_text("utf-8"))

@@ -46,10 +46,9 @@ def sent_bytes(outputs: bytes) -> bytes:
     return b"".join(period.tx for period in periods_of(outputs))
 
 
-def bridge_differences(native: bytes, avr: bytes) -> list[Difference]:
-    """Periods of two boards' recorded answers in which the bridge is not the same: open or not, and while it drives the compare value."""
-    pairs = [((a.coast, a.compare, a.dead_counts), (b.coast, b.compare, b.dead_counts))
-             for a, b in zip(periods_of(native), periods_of(avr), strict=True)]
+def bridge_differences(native: list[BoardOutputs], avr: list[BoardOutputs]) -> list[Difference]:
+    """Periods in which two boards' bridges are not the same: open or not, and while they drive the compare value."""
+    pairs = [((a.coast, a.compare, a.dead_counts), (b.coast, b.compare, b.dead_counts)) for a, b in zip(native, avr, strict=True)]
     return [Difference("bridge", round(1000.0 * n * PERIOD_S), a, b) for n, (a, b) in enumerate(pairs) if a != b and not (a[0] and b[0])]
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from busy_line import busy_line_tape
-from equality import Difference, bridge_differences, damaged, differences, sent_bytes
+from equality import Difference, bridge_differences, damaged, differences, periods_of, sent_bytes
 from exercise import DURATION_S, record_tape
 from impact import CASES, acted, impact_tape, wild_tape
 from uneven import uneven_tape
@@ -46,12 +46,7 @@ def test_exercise_uses_every_driver(native: bytes) -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_native_and_avr_say_and_do_the_same_bit_for_bit(target: str, tape: bytes, request: pytest.FixtureRequest) -> None:
-    elf: Path = request.getfixturevalue(target)
-    mcu, number = TARGETS[target]
-    avr, native = board.replay(elf, tape, mcu=mcu), sil.replay(tape, target=number)
-    found = differences(sent_bytes(native), sent_bytes(avr)) + bridge_differences(native, avr)
-    assert not found, "native and AVR differ:\n" + _said(found)
-    assert damaged(sent_bytes(avr)) == 0
+    native_equals_avr(tape, target, request)
 
 
 def test_uneven_pitches_are_learned_and_found_again() -> None:
@@ -64,12 +59,15 @@ def test_uneven_pitches_are_learned_and_found_again() -> None:
 
 
 def native_equals_avr(tape: bytes, target: str, request: pytest.FixtureRequest) -> bytes:
-    """Replay a tape on both: what is sent and what the bridge does; returns what native sent."""
+    """Replay a tape on both: what is sent, undamaged, and what the bridge does; returns what native sent."""
     mcu, number = TARGETS[target]
-    native, avr = sil.replay(tape, target=number), board.replay(request.getfixturevalue(target), tape, mcu=mcu)
-    found = differences(sent_bytes(native), sent_bytes(avr)) + bridge_differences(native, avr)
-    assert not found, _said(found)
-    return sent_bytes(native)
+    native = periods_of(sil.replay(tape, target=number))
+    avr = periods_of(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
+    said, heard = (b"".join(period.tx for period in periods) for periods in (native, avr))
+    found = differences(said, heard) + bridge_differences(native, avr)
+    assert not found, "native and AVR differ:\n" + _said(found)
+    assert damaged(heard) == 0
+    return said
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 import subprocess
 from dataclasses import dataclass
 from html import unescape
@@ -10,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from vgroove.chromium import CHROMIUM
+from vgroove.chromium import find_chromium
+from vgroove.errors import VgrooveError
 
 WATCH = """<script>addEventListener('load', () => setTimeout(() => {
 document.body.dataset.loaded = JSON.stringify(performance.getEntriesByType('resource').map(entry => entry.name))}, 1000))</script>"""
@@ -27,10 +27,10 @@ class Seen:
 
 def need_chromium() -> str:
     """The browser; the test is skipped where there is none."""
-    found = next((path for path in map(shutil.which, CHROMIUM) if path), None)
-    if found is None:
+    try:
+        return find_chromium()
+    except VgrooveError:
         pytest.skip("no Chromium here")
-    return found
 
 
 def seen(page: Path) -> Seen:

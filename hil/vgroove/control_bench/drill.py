@@ -182,8 +182,8 @@ def normal_work(variant: Variant, *, gear: str, seed: int, **_: Any) -> Figures:
 
 def reasons(run: Run) -> set[str]:
     """Every reason that a drive of the run ended for."""
-    choices = telemetry.database().get_message_by_name("CONTROL").get_signal_by_name("stop_reason").choices
-    return {str(choices[int(code)]) for code in np.unique(run.control["stop_reason"])}
+    names = telemetry.value_table("CONTROL", "stop_reason")
+    return {names[int(code)] for code in np.unique(run.control["stop_reason"])}
 
 
 WORK = {"clutch": clutch_work, "lock": lock_work, SOUND: normal_work}

@@ -55,8 +55,7 @@ def front_ends(noise: bool = True) -> FrontEnds:
 
 def mode_number(mode: str | int) -> int:
     """Number of a mode by its name in the signal list."""
-    choices = telemetry.database().get_message_by_name("STATE").get_signal_by_name("mode").choices or {}
-    known = {str(name): int(number) for number, name in choices.items()}
+    known = {name: number for number, name in telemetry.value_table("STATE", "mode").items()}
     if isinstance(mode, str) and mode not in known:
         raise AbsentError(f"this firmware has no mode {mode}; it has {', '.join(known)}")
     return known[mode] if isinstance(mode, str) else mode

@@ -140,8 +140,7 @@ def reason_of(run: Run) -> str:
         return "unknown"
     from vgroove import telemetry
 
-    choices = telemetry.database().get_message_by_name("CONTROL").get_signal_by_name("stop_reason").choices
-    return str(choices[int(run.control["stop_reason"][-1])])
+    return telemetry.value_table("CONTROL", "stop_reason")[int(run.control["stop_reason"][-1])]
 
 
 def jobs(chosen: Sequence[dict[str, Any]], maps: Sequence[Figures], variants: Sequence[Variant] = VARIANTS) -> list[Job]:

@@ -37,7 +37,7 @@ class Diagnosis:
 
     def theta(self) -> np.ndarray:
         """Parameter vector (P,) of the corrected model."""
-        return theta_of(self.problem, self.shown)
+        return self.shown.theta(self.problem.theta0)
 
     def corrected_rig(self) -> Rig:
         """The rig with the retuned keys and the selected effects."""
@@ -62,7 +62,7 @@ def diagnose(logs: Sequence[Any], rig: Rig, seed: int = 0, without: Sequence[str
     best, rivals = search.run(state)
     best, problem = search.turn_for_good(state, problem, best), state.engine.problem
     tell("what is left, and where it lies")
-    drivers = drivers_of(problem, best.hypothesis.theta(problem.theta0, best.x[None, :])[0])
+    drivers = drivers_of(problem, best.theta(problem.theta0))
     left = locate.remaining(state, best, drivers, problem.signal, [s.column for s in problem.signals], problem.floor())
     finding = verdict.decide(state, best, rivals, left, problem.floor())
     shown = shown_of(state, finding)
@@ -120,14 +120,9 @@ def plain(value: Any) -> Any:
     return int(value) if isinstance(value, np.integer) else value
 
 
-def theta_of(problem: Problem, one: Fit) -> np.ndarray:
-    """Parameter vector of a fit."""
-    return one.hypothesis.theta(problem.theta0, one.x[None, :])[0]
-
-
 def effect_table(problem: Problem, one: Fit, effect_id: str) -> dict[str, Any]:
     """[effects.<id>] of a rig: all parameters of the fit, phases and forms included."""
-    theta, effect = theta_of(problem, one), BY_ID[effect_id]
+    theta, effect = one.theta(problem.theta0), BY_ID[effect_id]
     table: dict[str, Any] = {p.name: float(theta[problem.index(effect.name(p))]) for p in effect.parameters}
     if effect_id == "hall_dropout":
         table["probability"] = problem.missed_share

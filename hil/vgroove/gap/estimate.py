@@ -5,6 +5,7 @@ run than in eight pieces of it, each of which begins with a measured state.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -29,23 +30,25 @@ class Estimate:
     fit: Fit
     clusters: tuple[np.ndarray, ...]
 
+    @cached_property
+    def half(self) -> np.ndarray:
+        """Half widths (p,) of the 95 % intervals of the fitted numbers."""
+        return half_widths(self.engine, self.fit, self.clusters) if len(self.fit.x) else np.zeros(0)
+
     def parameters(self, effect_id: str) -> dict[str, dict[str, object]]:
         """Reported parameters of one effect of the fit, with clustered 95 % intervals."""
         if effect_id == "hall_dropout":
             return dropout_parameters(self.engine.problem)
-        one, out = self.fit, {}
-        half = half_widths(self.engine, one, self.clusters) if len(one.x) else np.zeros(0)
-        theta = one.hypothesis.theta(self.engine.problem.theta0, one.x[None, :])[0]
+        out, theta = {}, self.fit.theta(self.engine.problem.theta0)
         for parameter in (p for p in BY_ID[effect_id].parameters if p.reported):
             name = BY_ID[effect_id].name(parameter)
             value = float(theta[self.engine.problem.index(name)])
-            out[parameter.name] = {"value": value, "ci95": interval_of(one, name, value, half), "unit": parameter.unit}
+            out[parameter.name] = {"value": value, "ci95": interval_of(self.fit, name, value, self.half), "unit": parameter.unit}
         return out
 
     def tolerated(self) -> dict[str, float]:
         """Values of the tolerated rig keys."""
-        one, origin = self.fit, self.engine.problem.theta0
-        theta = one.hypothesis.theta(origin, one.x[None, :])[0] if len(one.x) else origin
+        theta = self.fit.theta(self.engine.problem.theta0)
         return {c.name: float(theta[c.columns[0]]) for c in self.engine.keys}
 
 
@@ -85,9 +88,8 @@ def memory_s(rig: Rig) -> float:
 def over_long_stretches(problem: Problem, engine: Engine, shown: Fit) -> Estimate | None:
     """The same effects and keys fitted over stretches of MEMORIES time constants; None where that tells no more than the restarts did, or
     the model does not stay at the noise for so long, or angles were set stretch by stretch."""
-    theta = shown.hypothesis.theta(problem.theta0, shown.x[None, :])[0]
     memory = memory_s(problem.rig)
-    if not len(shown.x) or memory < problem.restart_s or phases.active(problem, theta):
+    if not len(shown.x) or memory < problem.restart_s or phases.active(problem, shown.theta(problem.theta0)):
         return None
     length = float(min(MEMORIES * memory, max(log.time_s[-1] - log.time_s[0] for log in problem.logs)))
     longer = load_problem(problem.logs, problem.rig, length, problem.threads)

@@ -119,6 +119,10 @@ class Fit:
         """Effects of the hypothesis."""
         return self.hypothesis.ids
 
+    def theta(self, base: np.ndarray) -> np.ndarray:
+        """Parameter vector (P,) on top of the rig's own (P,)."""
+        return self.hypothesis.theta(base, self.x[None, :])[0]
+
 
 class Engine:
     """Builds hypotheses for one problem and runs their fits."""

@@ -77,7 +77,7 @@ def possible(has_duty: bool, has_load: bool, both_ways: bool) -> list[Course]:
 def named(name: str) -> Course:
     """The run of that name; VgrooveError with those that there are."""
     for course in MENU:
-        if course.name == name.replace("_", " ") or course.name == name:
+        if course.name == name.replace("_", " "):
             return course
     raise VgrooveError(f"there is no run {name}; the menu has {', '.join(course.name for course in MENU)}")
 

@@ -70,19 +70,18 @@ class Search:
         """Squared held-out gap."""
         return float(self.sums(one).sum()) / self.blocks.total
 
-    def difference(self, one: Fit, other: Fit, level: float = 0.95) -> tuple[float, float]:
-        """Bootstrap interval of squared gap of one minus that of the other."""
-        return interval(self.blocks, self.sums(one) - self.sums(other), level)
-
     def tied(self, one: Fit, best: Fit) -> bool:
         """The contract's rule: the 95 % interval of the difference contains 0."""
-        return self.difference(one, best)[0] <= 0.0
+        return interval(self.blocks, self.sums(one) - self.sums(best))[0] <= 0.0
 
     def better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
         """True when the fuller set is significantly better and by an amount that matters."""
         gain = self.score(leaner) - self.score(fuller)
         worth = worth * self.level() + WORTH_SHARE * max(0.0, self.score(leaner) - self.level())
-        return gain > worth and self.difference(leaner, fuller, LEVEL)[0] > 0.0 and self.difference(leaner, fuller, LIKELY)[0] > worth
+        if gain <= worth:
+            return False
+        apart = self.sums(leaner) - self.sums(fuller)
+        return interval(self.blocks, apart, LEVEL)[0] > 0.0 and interval(self.blocks, apart, LIKELY)[0] > worth
 
     def visible(self, one: Fit) -> bool:
         """The contract's least gap: below VISIBLE of the noise it is no gap, and what takes it away is no effect that could be named."""
@@ -198,7 +197,7 @@ def turn_again(search: Search) -> None:
     if not hasattr(search.engine.problem, "runs") or not search.better(best, search.retuned):
         return
     problem = search.engine.problem
-    search.engine.problem = phases.aligned(problem, best.hypothesis.theta(problem.theta0, best.x[None, :])[0])
+    search.engine.problem = phases.aligned(problem, best.theta(problem.theta0))
     if search.engine.problem is problem:
         return
     for one in mine:
@@ -208,7 +207,7 @@ def turn_again(search: Search) -> None:
 
 def turn_for_good(search: Search, loaded: Problem, best: Fit) -> Fit:
     """The selected fit with the shaft's angles as anyone finds them who loads the logs with its parameters (`vgroove sim`)."""
-    theta = best.hypothesis.theta(loaded.theta0, best.x[None, :])[0]
+    theta = best.theta(loaded.theta0)
     if not phases.active(loaded, theta):
         return best
     now, wanted = search.engine.problem, phases.aligned(loaded, theta)

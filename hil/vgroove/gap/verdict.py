@@ -133,13 +133,13 @@ def by_signal(problem: object, search: Search, shown: Fit) -> dict[str, dict[str
     return out
 
 
-def probabilities(search: Search, finding: Finding, floor: float) -> dict[str, float]:
+def probabilities(search: Search, finding: Finding, signs: dict[str, certainty.Signs]) -> dict[str, float]:
     """Marginal probability of each effect: of a selected one by its signs, of any other how often a set that holds it wins under the block
     bootstrap, and not more than what is not worth naming."""
     candidates = [search.retuned, *(f for k, f in sorted(search.fits.items()) if k and plausible(f))]
     share = win_shares(search, candidates)
     out = {e.id: float(sum(s for s, f in zip(share, candidates, strict=True) if e.id in f.ids)) for e in search.effects}
-    out |= {i: certainty.probability(certainty.signs(search, finding.best, i, floor)) for i in finding.best.ids}
+    out |= {i: certainty.probability(one) for i, one in signs.items()}
     if finding.verdict == "ambiguous":
         out = share_among_rivals(out, finding)
     known = {i for f in (finding.best, *finding.rivals) for i in f.ids} if finding.verdict in ("effect", "ambiguous") else set()
@@ -174,15 +174,15 @@ def lost_without(search: Search, problem: object, best: Fit, effect_id: str, flo
 def effects_section(problem: object, search: Search, finding: Finding, floor: float, estimate: Estimate) -> list[dict[str, object]]:
     """All effects that were tried: selected ones first, then by probability and by what they close alone. The estimate's effects take their
     numbers from it, the others from the fits of each alone."""
-    chance, before, out = probabilities(search, finding, floor), gap_of(problem, search.nominal.held), []
-    signs = {i: asdict(certainty.signs(search, finding.best, i, floor)) for i in finding.best.ids}
+    signs = {i: certainty.signs(search, finding.best, i, floor) for i in finding.best.ids}
+    chance, before, out = probabilities(search, finding, signs), gap_of(problem, search.nominal.held), []
     for effect in search.effects:
         alone = search.fits[(effect.id,)]
         source = estimate if effect.id in estimate.fit.ids else estimate_of(search, alone)
         out.append({"id": effect.id, "subsystem": effect.subsystem, "probability": round(chance[effect.id], 6),
                     "closes": closed(before, gap_of(problem, alone.held), floor),
                     "lost_without": lost_without(search, problem, finding.best, effect.id, floor) if finding.verdict != "unlisted" else 0.0,
-                    "parameters": source.parameters(effect.id), "signs": signs.get(effect.id)})
+                    "parameters": source.parameters(effect.id), "signs": asdict(signs[effect.id]) if effect.id in signs else None})
     named = selected(search, problem, finding, floor)
     return sorted(out, key=lambda e: (named.index(e["id"]) if e["id"] in named else 99, -e["probability"], -(e["closes"] or 0.0), e["id"]))
 
