@@ -4,7 +4,7 @@ All parameter sets that a step needs (every hypothesis, every finite difference)
 on all training rows first; the fits of the folds follow from the same Jacobian, one Newton step away.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Protocol
@@ -17,8 +17,9 @@ from vgroove.gap.hypotheses import Effect, Scales
 WIDE, NARROW = 20.0, 4.0
 KEY_BOUND = 3.0
 STEP = 0.1
-CHUNK = 96
+FARTHEST = 1e5  # residual beyond which a model has run away
 LEAST_DAMPING = 0.02
+DIFFERENCES = 192  # residual vectors that are held at once to make Jacobians
 SHORTER = 2  # times a fold's step is shortened that makes its own rows worse
 
 
@@ -188,14 +189,14 @@ class Engine:
         return [*pairs[1:-1], (first, (0.05,)), (second, (0.05,))]
 
     def residuals(self, jobs: Sequence[tuple[Hypothesis, np.ndarray]]) -> np.ndarray:
-        """Residuals (sum of rows, n) of hypotheses at coordinate vectors (B, p), in one batch per CHUNK rows; equal ones run once."""
+        """Residuals (sum of rows, n) of hypotheses at coordinate vectors (B, p) in one batch; equal ones run once."""
         theta = np.concatenate([h.theta(self.problem.theta0, np.atleast_2d(x)) for h, x in jobs])
         places: dict[bytes, int] = {}
         which = [places.setdefault(one.tobytes(), len(places)) for one in theta]
         theta = np.stack([np.frombuffer(one) for one in places])
         self.calls += len(theta)
-        parts = [self.problem.residuals(theta[i:i + CHUNK]) for i in range(0, len(theta), CHUNK)]
-        rows = np.clip(np.nan_to_num(np.concatenate(parts), nan=1e3, posinf=1e3, neginf=-1e3), -1e5, 1e5)
+        rows = self.problem.residuals(theta)
+        np.clip(rows, -FARTHEST, FARTHEST, out=rows)
         return rows if len(rows) == len(which) else rows[which]
 
     def fit(self, hypotheses: Sequence[Hypothesis], iterations: int = 6, tell: Callable[[int], None] | None = None) -> list[Fit]:
@@ -233,23 +234,26 @@ class Engine:
         return _huber(r[self.train], one.delta) + float(((x * one.hypothesis.prior) ** 2).sum())
 
     def _differentiate(self, fits: Sequence[Fit], fresh: bool = False) -> None:
-        """Forward differences, away from an upper bound, all hypotheses in one batch.
+        """Forward differences, away from an upper bound, of as many hypotheses in a batch as memory holds.
 
         What the tolerated keys do hardly hangs on the effects: the columns of the model without effects serve until a step fails, and are
         made anew where they are wanted fresh.
         """
-        jobs, steps = [], []
-        for one in fits:
-            fitted = one.hypothesis.count if one.keys_known and not fresh else len(one.x)
-            steps_up = np.array([c.step_at(float(x)) for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)])
-            signed = np.where(one.x + steps_up > one.hypothesis.high, -steps_up, steps_up)
-            steps.append(signed[:fitted])
-            jobs.append((one.hypothesis, one.x + np.diag(signed)[:fitted]))
-        rows, at = self.residuals(jobs), 0
-        for one, signed in zip(fits, steps, strict=True):
-            one.jacobian[:, :len(signed)] = ((rows[at:at + len(signed)] - one.residual) / signed[:, None]).T
-            one.keys_known = one.hypothesis.count > 0
-            at += len(signed)
+        steps = [self._signed_steps(one, fresh) for one in fits]
+        for part in portions([len(s) for s in steps], DIFFERENCES):
+            mine = list(zip(fits[part], steps[part], strict=True))
+            rows = self.residuals([(one.hypothesis, one.x + np.eye(len(signed), len(one.x)) * signed[:, None]) for one, signed in mine])
+            ends = np.cumsum([len(signed) for _, signed in mine])
+            for (one, signed), moved in zip(mine, np.split(rows, ends[:-1]), strict=True):
+                one.jacobian[:, :len(signed)] = ((moved - one.residual) / signed[:, None]).T
+                one.keys_known = one.hypothesis.count > 0
+
+    @staticmethod
+    def _signed_steps(one: Fit, fresh: bool) -> np.ndarray:
+        """Step of each difference that is wanted (k,)."""
+        fitted = one.hypothesis.count if one.keys_known and not fresh else len(one.x)
+        steps_up = np.array([c.step_at(float(x)) for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)])
+        return np.where(one.x + steps_up > one.hypothesis.high, -steps_up, steps_up)[:fitted]
 
     def _advance(self, fits: Sequence[Fit], round_: int) -> list[bool]:
         """One damped step each; True for those that should go on."""
@@ -326,6 +330,18 @@ class Engine:
 
     def _fold_step(self, one: Fit, train: np.ndarray) -> np.ndarray:
         return np.zeros(len(one.x)) if np.array_equal(train, self.train) else self.step(one, train)
+
+
+def portions(sizes: Sequence[int], most: int) -> Iterator[slice]:
+    """Slices over consecutive items whose sizes add up to `most` or less; an item larger than that is alone."""
+    first, total = 0, 0
+    for at, size in enumerate(sizes):
+        if total and total + size > most:
+            yield slice(first, at)
+            first, total = at, 0
+        total += size
+    if sizes:
+        yield slice(first, len(sizes))
 
 
 def _huber(r: np.ndarray, delta: float) -> float:

@@ -14,7 +14,7 @@ from vgroove.gap import follows
 from vgroove.gap.evidence import block_sums, draw_means, interval
 from vgroove.gap.fit import KEY_BOUND, Fit, bounded_step
 from vgroove.gap.hypotheses import BY_ID
-from vgroove.gap.search import LEVEL, LIKELY, WORTH, Search, extensions
+from vgroove.gap.search import LEVEL, LIKELY, WORTH, Search, columns_of, newcomers
 
 OWN = {"current_a": "current", "supply_v": "bus voltage"}  # a channel's noise would explain itself
 RIDGE = 1e-6
@@ -38,10 +38,9 @@ def bundle(search: Search, best: Fit) -> Bundle:
     """All subsystems' columns at the selected model; the target is the residual with every selected effect taken out again."""
     count = best.hypothesis.count
     columns, owner = [best.jacobian], [coordinate_owner(c.name) if not c.prior else "" for c in best.hypothesis.coordinates]
-    for one in extensions(search, best):
-        new = one.hypothesis.count - count
-        columns.append(one.jacobian[:, count:count + new])
-        owner += [BY_ID[one.ids[-1]].subsystem] * new
+    for h, rows in newcomers(search, best):
+        columns.append(columns_of(h, rows, count))
+        owner += [BY_ID[h.ids[-1]].subsystem] * (len(rows) - 1)
     target = best.residual - best.jacobian[:, :count] @ best.x[:count]
     stacked = np.hstack(columns)
     norm = np.sqrt((stacked**2).mean(axis=0))

@@ -8,6 +8,7 @@
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +30,8 @@ CLIP = figures.CLIP
 SENSOR_EFFECTS = ("current_gain.relative", "speed_gain.relative", "current_offset.offset_a", "current_lag.time_constant_s",
                   "speed_lag.time_constant_s")
 SIMULATED_LOADS = ("none", "torque", "pendulum")
+PORTION, PORTION_ROWS = 48, 600_000  # parameter sets that a thread takes on at once, and rows of their logs: what it holds in memory
+RAN_AWAY = 1e6
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ class Problem:
         missed, edges = self.missed_edges
         return missed / max(1.0, edges)
 
-    def simulate(self, theta: np.ndarray, unfinished: str = "nan") -> list[Simulation]:
+    def simulate(self, theta: np.ndarray, unfinished: str = "nan", threads: int = 1) -> list[Simulation]:
         """Every log's simulation, restarted as judged: (B, rows) arrays as vgroove._core.simulate_log gives, CLOCK and DROPS_EDGES."""
         theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
         gain, offset, lag = self._sensors(theta)
@@ -123,7 +126,7 @@ class Problem:
         delayed, found = theta[:, self.index("effects.speed_lag.delay_form")] != 0.0, []
         for run in self.runs:
             states = run.restarts.states(gain, offset, lag, delayed, clock)
-            found.append(_core.simulate_log(run.drive, theta, run.starts, states, threads=self.threads, unfinished=unfinished))
+            found.append(_core.simulate_log(run.drive, theta, run.starts, states, threads=threads, unfinished=unfinished))
             found[-1][CLOCK] = clock
             found[-1][DROPS_EDGES] = theta[:, self.index("effects.hall_dropout.probability")] > 0.0
             if np.any(lag > 0.0):
@@ -146,9 +149,25 @@ class Problem:
         return np.concatenate(parts, axis=1)
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:
-        """(measured - model) / sigma, (B, n) for theta (B, P) or (P,); unclipped, finite (a model that runs away reads 1e6)."""
-        residual = (self.measured - self.models(theta)) / self.sigma
-        return np.nan_to_num(residual, nan=1e6, posinf=1e6, neginf=-1e6)
+        """(measured - model) / sigma, (B, n) for theta (B, P) or (P,); unclipped, finite (a model that runs away reads 1e6).
+
+        Portions of the batch run side by side, the simulation and what is made of it.
+        """
+        theta = np.atleast_2d(theta)
+        out = np.empty((len(theta), self.n))
+        with ThreadPoolExecutor(self.threads) as pool:
+            list(pool.map(lambda part: self._fill(out[part], theta[part]), self._portions(len(theta))))
+        return out
+
+    def _portions(self, count: int) -> list[slice]:
+        rows = sum(len(log.time_s) for log in self.logs)
+        size = max(1, min(PORTION, PORTION_ROWS // rows, -(-count // self.threads)))
+        return [slice(first, first + size) for first in range(0, count, size)]
+
+    def _fill(self, out: np.ndarray, theta: np.ndarray) -> None:
+        np.subtract(self.measured, self.models(theta), out=out)
+        out /= self.sigma
+        out[~np.isfinite(out)] = RAN_AWAY
 
     def squared(self, residual: np.ndarray) -> np.ndarray:
         """Squares clipped at 10^2, same shape; nan where a conditional residual does not count."""

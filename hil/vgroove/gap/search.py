@@ -10,7 +10,7 @@ import numpy as np
 
 from vgroove.gap import phases
 from vgroove.gap.evidence import SHORTEST_S, Blocks, block_sums, correlation_time, draw_means, interval, make_blocks, squared
-from vgroove.gap.fit import NARROW, Engine, Fit, Hypothesis
+from vgroove.gap.fit import NARROW, Engine, Fit, Hypothesis, portions
 from vgroove.gap.hypotheses import BY_ID, RARE, SPECIAL_CASES, Effect, contains
 from vgroove.gap.problem import Problem
 
@@ -26,6 +26,7 @@ PROPOSALS = 6
 CONVERGED = 12  # rounds in which single effects end; most need four
 SCREEN_ABOVE, SCREENED = 6, 3  # starts of one effect beyond which they are screened, and how many are fitted then
 AMPLITUDES, PHASES = (3.0, 8.0), 8  # of a periodic effect, in its size, that are screened
+STARTS = 48  # that are fitted at once, with their Jacobians in memory
 MANY_STARTS = 4  # of more starts than this two are taken on
 LARGE = 1.1  # squared gap after retuning, in noise, below which no start of a resonance, a play or a large ripple is looked for
 WITHIN_REACH = 1.5  # of the best squared gap: single effects beyond keep their first-order predictions
@@ -143,8 +144,10 @@ def singles(search: Search) -> None:
     search.tell("each effect alone")
     x_keys, swings = search.retuned.x, swinging(search)
     starts = [screened(search, swings.get((e.id,)) or search.engine.hypotheses([e], x_keys)) for e in search.effects]
-    brief = search.engine.fit([h for group in starts for h in group], 2)
-    again = [replace(f.hypothesis, start=f.x) for group in by_effect(brief) for f in group[:2 if len(group) > MANY_STARTS else 1]]
+    again = []
+    for part in portions([len(group) for group in starts], STARTS):
+        brief = search.engine.fit([h for group in starts[part] for h in group], 2)
+        again += [replace(f.hypothesis, start=f.x) for group in by_effect(brief) for f in group[:2 if len(group) > MANY_STARTS else 1]]
     search.add(again, CONVERGED)
     turn_again(search)
     for effect in search.effects:
@@ -291,7 +294,10 @@ def reblock(search: Search) -> None:
 
 
 def extensions(search: Search, base: Fit) -> list[Fit]:
-    """First-order fits of base plus each further effect, best first: own Jacobian columns for the newcomer, those of base for the rest."""
+    """First-order fits of base plus each further effect, best first: own Jacobian columns for the newcomer, those of base for the rest.
+
+    They are many: they keep no Jacobian.
+    """
     return sorted((first_order(search, base, h, rows) for h, rows in newcomers(search, base)), key=search.score)
 
 
@@ -335,21 +341,26 @@ def same_coordinates(h: Hypothesis, base: Fit, count: int) -> bool:
     return h.coordinates[:count] == base.hypothesis.coordinates[:count] and set(base.hypothesis.fixed) <= set(h.fixed)
 
 
-def first_order(search: Search, base: Fit, h: Hypothesis, rows: np.ndarray) -> Fit:
-    """The extended fit as one Newton step from base predicts it."""
-    engine, count = search.engine, base.hypothesis.count
+def columns_of(h: Hypothesis, rows: np.ndarray, count: int) -> np.ndarray:
+    """Jacobian columns (n, new) of a newcomer after the first `count` numbers, from its residuals (1 + new, n)."""
     steps = np.array([c.step_at(float(x)) for c, x in zip(h.coordinates, h.start, strict=True)])[count:count + len(rows) - 1]
     columns = ((rows[1:] - rows[0]) / steps[:, None]).T
     # Next to no amplitude says nothing about periods: they stay as they start.
     columns[:, [c.name.endswith("periods_per_rev") for c in h.coordinates[count:count + len(steps)]]] = 0.0
-    jacobian = np.hstack([base.jacobian[:, :count], columns, base.jacobian[:, count:]])
+    return columns
+
+
+def first_order(search: Search, base: Fit, h: Hypothesis, rows: np.ndarray) -> Fit:
+    """The extended fit as one Newton step from base predicts it."""
+    engine, count = search.engine, base.hypothesis.count
+    jacobian = np.hstack([base.jacobian[:, :count], columns_of(h, rows, count), base.jacobian[:, count:]])
     one = Fit(h, h.start.copy(), rows[0], jacobian, np.inf, max(base.delta, NARROW))
     step = engine.step(one, engine.train)
     one.held = one.residual + jacobian @ step
     for train, test in engine.problem.folds:
         if not np.array_equal(train, engine.train):
             one.held[test] = one.residual[test] + jacobian[test] @ engine.step(one, train)
-    one.x, one.residual = one.x + step, one.residual + jacobian @ step
+    one.x, one.residual, one.jacobian = one.x + step, one.residual + jacobian @ step, jacobian[:0]
     return one
 
 
