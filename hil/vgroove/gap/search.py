@@ -20,6 +20,7 @@ WORTH = 0.05
 VISIBLE = 0.1
 WORTH_SHARE = 0.01
 WORTH_FORM = 0.03
+FORM_SHARE = 0.05  # of the squared gap that effects close: a form off by a quarter of its size leaves (1 / 4)^2
 LEVEL = 0.99
 LIKELY = 0.8  # interval whose lower end must still be worth it: the gain is not one lucky block's
 PROPOSALS = 6
@@ -372,7 +373,7 @@ def run(search: Search) -> tuple[Fit, list[Fit]]:
         return best, []
     best = backward(search, lean(search, best))
     search.tell("rivals")
-    best = exchanged(search, best)
+    best = trimmed(search, exchanged(search, best))
     return best, rivals(search, best)
 
 
@@ -445,6 +446,16 @@ def backward(search: Search, best: Fit) -> Fit:
         leaner = [fit_set(search, [i for i in best.ids if i != out], best) for out in best.ids]
         leanest = min(leaner, key=search.score)
         if search.better(best, leanest):
+            return best
+        best = leanest
+    return best
+
+
+def trimmed(search: Search, best: Fit) -> Fit:
+    """The best set without members that do so little beside the others that it may be what the others' forms leave."""
+    while len(best.ids) > 1:
+        leanest = min((fit_set(search, [i for i in best.ids if i != out], best) for out in best.ids), key=search.score)
+        if search.score(leanest) - search.score(best) > FORM_SHARE * (search.score(search.retuned) - search.score(leanest)):
             return best
         best = leanest
     return best
