@@ -1,5 +1,7 @@
 """Edges behind a speed column: found where they were, counted once, located to microseconds, whatever the speed does."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -99,6 +101,29 @@ def test_a_vibration_is_not_taken_for_jitter() -> None:
     shaken = edges + 2e-7 * np.random.default_rng(7).standard_normal(len(edges))
     found = edge_jitter(edge_periods(ROWS, hall_column(ROWS, shaken, 4, 0.3, 0.5), 4, 0.5), 4, 0.5 / np.sqrt(12.0))
     assert np.hypot(found.angle_rad / 700.0, found.time_s) < 1e-6
+
+
+def test_fast_motion_between_slow_rows_is_no_jitter_where_the_model_knows_it() -> None:
+    """At 300 Hz a ripple of 90 Hz is as fast as jitter; what a model expects is taken away, and a wrong expectation makes nothing worse."""
+    fine = np.arange(0.0, 6.0, 1e-4)
+    ripple = 3.0 * np.sin(2.0 * np.pi * 90.0 * fine)
+    angle = np.cumsum(1000.0 + 200.0 * np.sin(2.0 * np.pi * 0.8 * fine) + ripple) * 1e-4
+    edges = edge_times(fine, angle, 4)
+    shaken = edges + 2e-7 * np.random.default_rng(7).standard_normal(len(edges))
+    rows = np.arange(1, 1799) / 300.0
+    found = edge_periods(rows, hall_column(rows, shaken, 4, 0.3, 0.5), 4, 0.5)
+
+    def jitter_s(share: float) -> float:
+        known = np.cumsum(900.0 + share * ripple) * 1e-4
+        over = [np.interp(instants, fine, known) for instants in (found.start_s, found.end_s)]
+        expected = (over[1] - over[0]) / (found.end_s - found.start_s) * 60.0 / (2.0 * np.pi)
+        jitter = edge_jitter(replace(found, expected_rpm=expected), 4, 0.5 / np.sqrt(12.0))
+        return float(np.hypot(jitter.angle_rad / 1000.0, jitter.time_s))
+
+    unasked = edge_jitter(found, 4, 0.5 / np.sqrt(12.0))
+    plain = float(np.hypot(unasked.angle_rad / 1000.0, unasked.time_s))
+    assert plain > 5e-7 and jitter_s(-1.0) <= plain
+    assert 1e-7 < jitter_s(1.0) < 0.5 * plain
 
 
 def test_a_wait_is_a_fall_and_ends_in_rest() -> None:

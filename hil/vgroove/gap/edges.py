@@ -27,6 +27,7 @@ class EdgePeriods:
     row: row of the log that reports it; start_s, end_s: the span of the period; speed_rpm: the row's value (one pitch over the period);
     slack_s: half width of what is known about end_s; falling: no edge yet at end_s, the value is what the wait allows at most;
     chain: number of the unbroken chain of edges; count: edges passed since the first of all, signed, at end_s (whole periods only).
+    expected_rpm: what the nominal model does over each period, where it was asked: fast motion that is no jitter.
     """
 
     row: np.ndarray
@@ -37,6 +38,7 @@ class EdgePeriods:
     falling: np.ndarray
     chain: np.ndarray
     count: np.ndarray
+    expected_rpm: np.ndarray | None = None
 
 
 @dataclass

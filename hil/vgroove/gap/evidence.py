@@ -14,10 +14,10 @@ HOPELESS = 1e6  # an interval from one or two blocks says nothing
 
 @dataclass(frozen=True)
 class Blocks:
-    """Blocks of rows: the block of each row, rows judged, how often each bootstrap draw takes each (DRAWS, blocks), random subsets."""
+    """Blocks of rows: the block of each row, rows tested, how often each bootstrap draw takes each (DRAWS, blocks), random subsets."""
 
     cluster: np.ndarray
-    judged: np.ndarray
+    tested: np.ndarray
     draws: np.ndarray
     subsets: np.ndarray
     rows: np.ndarray
@@ -47,13 +47,13 @@ def correlation_time(residual: np.ndarray, time_s: np.ndarray, group: np.ndarray
     return worst
 
 
-def make_blocks(log: np.ndarray, time_s: np.ndarray, judged: np.ndarray, length_s: float, seed: int, conditional: np.ndarray,
+def make_blocks(log: np.ndarray, time_s: np.ndarray, tested: np.ndarray, length_s: float, seed: int, conditional: np.ndarray,
                 draws: int = DRAWS) -> Blocks:
-    """Cut the judged rows into blocks of length_s and draw bootstrap samples of them; conditional rows may cost, but are no samples."""
+    """Cut the tested rows into blocks of length_s and draw bootstrap samples of them; conditional rows may cost, but are no samples."""
     number = np.floor(time_s / length_s).astype(int)
     keys = log.astype(np.int64) * (int(number.max()) + 2) + number
     _, cluster = np.unique(keys, return_inverse=True)
-    rows = np.bincount(cluster, weights=(judged & ~conditional).astype(float))
+    rows = np.bincount(cluster, weights=(tested & ~conditional).astype(float))
     used = np.flatnonzero(rows)
     counts = np.zeros((draws, len(rows)))
     rng = np.random.default_rng(seed)
@@ -61,12 +61,12 @@ def make_blocks(log: np.ndarray, time_s: np.ndarray, judged: np.ndarray, length_
     subsets = np.zeros((draws, len(rows)))
     subsets[:, used] = rng.random((draws, len(used))) < 0.5
     subsets[np.ix_(~subsets.any(axis=1), used)] = 1.0
-    return Blocks(cluster, judged, counts, subsets, rows, length_s)
+    return Blocks(cluster, tested, counts, subsets, rows, length_s)
 
 
 def block_sums(blocks: Blocks, squared: np.ndarray) -> np.ndarray:
-    """Sum of squared residuals (n,) over the judged rows of each block (blocks,)."""
-    return np.bincount(blocks.cluster, weights=np.where(blocks.judged, squared, 0.0), minlength=len(blocks.rows))
+    """Sum of squared residuals (n,) over the tested rows of each block (blocks,)."""
+    return np.bincount(blocks.cluster, weights=np.where(blocks.tested, squared, 0.0), minlength=len(blocks.rows))
 
 
 def draw_means(blocks: Blocks, sums: np.ndarray) -> np.ndarray:

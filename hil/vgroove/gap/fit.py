@@ -29,7 +29,6 @@ class ProblemLike(Protocol):
     theta0: np.ndarray
     n: int
     folds: list[tuple[np.ndarray, np.ndarray]]
-    judged: np.ndarray
 
     def index(self, name: str) -> int: ...
     def residuals(self, theta: np.ndarray) -> np.ndarray: ...
@@ -102,7 +101,7 @@ class Hypothesis:
 
 @dataclass
 class Fit:
-    """A fitted hypothesis: residuals and Jacobian at x on all rows; held is every judged row as predicted by a fit that did not see it."""
+    """A fitted hypothesis: residuals and Jacobian at x on all rows; held is every row as predicted by a fit that did not see it."""
 
     hypothesis: Hypothesis
     x: np.ndarray

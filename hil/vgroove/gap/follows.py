@@ -136,11 +136,11 @@ def thinned(x: np.ndarray, y: np.ndarray, scale: float) -> list[list[float]]:
 def shares(residual: np.ndarray, drivers: list[Driver], signal: np.ndarray, names: list[str], own: dict[str, str], blocks: Blocks,
            floor: float) -> list[dict[str, object]]:
     """How much of the squared gap above the noise each driver explains in each signal, largest first; what explains a twentieth is told."""
-    total = float((residual[blocks.judged] ** 2 - floor**2).sum())
+    total = float((residual[blocks.tested] ** 2 - floor**2).sum())
     found = []
     for driver in drivers if total > 0.0 else []:
         for k in (k for k in range(len(names)) if own.get(names[k]) != driver.name):
-            rows = blocks.judged & (signal == k) & np.isfinite(driver.value) & (residual != 0.0)
+            rows = blocks.tested & (signal == k) & np.isfinite(driver.value) & (residual != 0.0)
             left = residual[rows] - predicted(residual[rows], driver.value[rows], blocks.cluster[rows])
             share = float((residual[rows] ** 2 - left**2).sum()) / total
             if share > 0.05:

@@ -70,7 +70,7 @@ def normals(search: Search, parts: Bundle) -> list[tuple[np.ndarray, np.ndarray]
 
 
 def value(search: Search, parts: Bundle, sums: list[tuple[np.ndarray, np.ndarray]], members: frozenset[str]) -> np.ndarray:
-    """Clipped squared residuals (n,) with the members' corrections (and the keys) fitted; judged rows are held out."""
+    """Clipped squared residuals (n,) with the members' corrections (and the keys) fitted; rows are held out."""
     use = np.flatnonzero(np.isin(parts.owner, [*members, ""]))
     out = parts.target.copy()
     if use.size:
@@ -95,7 +95,7 @@ def active_subsystems(search: Search, parts: Bundle, sums: list[tuple[np.ndarray
     while pool and len(chosen) < 6:
         base = value(search, parts, sums, frozenset(chosen))
         gains = {s: value(search, parts, sums, frozenset([*chosen, s])) for s in pool}
-        top = min(pool, key=lambda s: (float(gains[s][search.blocks.judged].sum()), s))
+        top = min(pool, key=lambda s: (float(gains[s][search.blocks.tested].sum()), s))
         if not significant(search, base, gains[top]):
             break
         chosen.append(top)
@@ -131,8 +131,8 @@ def shapley(players: list[str], worth: dict[frozenset[str], float], player: str)
 def by_regime(search: Search, regime: np.ndarray, names: list[str]) -> list[dict[str, object]]:
     """Share of the squared gap above the noise of each regime, largest first."""
     square = np.minimum(np.abs(search.nominal.held), search.clip) ** 2 - 1.0
-    judged = search.blocks.judged
-    sums = {name: max(0.0, float(square[judged & (regime == i)].sum())) for i, name in enumerate(names)}
+    tested = search.blocks.tested
+    sums = {name: max(0.0, float(square[tested & (regime == i)].sum())) for i, name in enumerate(names)}
     total = sum(sums.values())
     if total <= 0.0:
         return []
@@ -167,7 +167,7 @@ def remaining(search: Search, best: Fit, drivers: dict[str, np.ndarray], signal:
         top, found = line, True
     if not found:
         return Structure(True, None, top.gain if top else 0.0, None)
-    rows = search.blocks.judged & (signal == top.signal) & np.isfinite(top.driver.value)
+    rows = search.blocks.tested & (signal == top.signal) & np.isfinite(top.driver.value)
     driver = follows.Driver(top.driver.name, top.driver.value[rows], top.driver.period)
     x, y = follows.smooth_curve(residual[rows], driver)
     gain = follows.gained(residual[rows], driver, search.blocks.cluster[rows]) * float((residual[rows] ** 2).sum())
@@ -189,7 +189,7 @@ def as_driver(name: str, value: np.ndarray) -> follows.Driver:
 
 @dataclass(frozen=True)
 class Strongest:
-    """A driver with the signal that follows it, the gain of squared residual over all judged rows, and the residual that is left (n,)."""
+    """A driver with the signal that follows it, the gain of squared residual over all rows, and the residual that is left (n,)."""
 
     driver: follows.Driver
     signal: int
@@ -203,7 +203,7 @@ def strongest(search: Search, residual: np.ndarray, drivers: list[follows.Driver
     top: Strongest | None = None
     for driver in drivers:
         for s in (s for s in range(len(names)) if OWN.get(names[s]) != driver.name):
-            rows = search.blocks.judged & (signal == s) & np.isfinite(driver.value)
+            rows = search.blocks.tested & (signal == s) & np.isfinite(driver.value)
             corrected = residual.copy()
             corrected[rows] -= follows.predicted(residual[rows], driver.value[rows], search.blocks.cluster[rows])
             gain = float((residual[rows] ** 2 - corrected[rows] ** 2).sum()) / search.blocks.total
@@ -218,7 +218,7 @@ def spectral(search: Search, residual: np.ndarray, drivers: dict[str, np.ndarray
     rows_of, out = search.rows, []
     angle = drivers.get("unwound motor angle")
     for s in range(len(names)):
-        rows = search.blocks.judged & (signal == s) & (residual != 0.0)
+        rows = search.blocks.tested & (signal == s) & (residual != 0.0)
         if angle is not None:
             rows &= np.isfinite(angle)
         if rows.sum() < 200:

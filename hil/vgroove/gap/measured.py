@@ -12,6 +12,7 @@ from vgroove.gap.blocks import Blocks
 from vgroove.gap.channels import ENCODER, RAD_S_TO_RPM, Channel, ForceChannel, Places, RowChannel, span_channel
 from vgroove.gap.columns import calmed, filled, held
 from vgroove.gap.dead import without_dead
+from vgroove.gap.drive_noise import drive_sigma
 from vgroove.gap.edge_gain import edge_scale
 from vgroove.gap.edges import COUNTING_PULSES, EdgePeriods, edge_periods, near_reversal
 from vgroove.gap.missed import missed_edges
@@ -60,13 +61,14 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     source, warnings = str(getattr(log, "source", "log")), list(getattr(log, "warnings", []))
     drive, command = _drive(time_s, columns, rig, source, warnings)
-    edges = _edges(time_s, columns, rig, source, warnings)
+    edges = _with_expected(_edges(time_s, columns, rig, source, warnings), time_s, drive, rig)
     channels = _channels(time_s, columns, rig, edges, warnings)
     if not channels:
         raise VgrooveError(f"{source}: nothing to judge: besides the input {rig.input['kind']} no column that the model predicts")
     sight = sight_of(time_s, columns, rig, edges, channels)
     load = filled(time_s, columns["load_nm"]) if rig.load["kind"] == "torque" and "load_nm" in columns else None
-    channels = _widened(channels, time_s, noise.drive_sigma(rig, time_s, command, load, _volt_noise(columns, rig), restart_s))
+    left_open = drive_sigma(rig, time_s, command, load, columns.get("current_a"), _volt_noise(columns, rig), restart_s)
+    channels = _widened(channels, time_s, left_open)
     holes = _holes(time_s, columns[rig.input["kind"]])
     moving = _in_motion(sight, time_s)
     restarts = states.restarts(sight, time_s, restart_s, [0] * moving + [row for _, row in holes])
@@ -166,6 +168,16 @@ def _read_edges(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm:
     warnings.append(f"{source}: the edge periods behind speed_rpm follow one another on these time stamps only if the speeds are read "
                     f"{100.0 * (scale - 1.0):+.3g} % off: the sensor's gain, or a clock")
     return replace(found, speed_rpm=found.speed_rpm * scale)
+
+
+def _with_expected(edges: EdgePeriods | None, time_s: np.ndarray, drive: _core.LogInput, rig: Rig) -> EdgePeriods | None:
+    """The edge periods with the speed that the nominal model, run through from the first row, has over each."""
+    if edges is None:
+        return None
+    motion = _core.simulate_log(drive, rig.parameters()[None], np.zeros(1, dtype=int), np.zeros((1, 3)), threads=1, unfinished="nan")
+    start, end = (Places.of(time_s, instants_s).angle(motion)[0] for instants_s in (edges.start_s, edges.end_s))
+    expected = (end - start) / (edges.end_s - edges.start_s) * RAD_S_TO_RPM
+    return replace(edges, expected_rpm=expected) if np.isfinite(expected).all() else edges
 
 
 def chain_starts(edges: EdgePeriods | None, pulses: int) -> np.ndarray:

@@ -14,7 +14,6 @@ from vgroove.rig import Rig
 STEPS_LOOKED_AT, MOST_PARTS = 2000, 64  # differences that must fit a column's resolution, and steps in the smallest of them
 SCATTER_WINDOW, SCATTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
 DIFFERENCE_ORDERS = range(3, 9)  # of a position, in which white noise is looked for
-CALMED = 7  # rows over which columns.calmed takes the mean of a noisy voltage
 COUNTED_ROWS = 14  # of a sensor that counts edges, in which its jitter is looked for
 TOUCHING = 0.2  # of a period: two that begin and end closer than this share an edge
 RPM = 2.0 * np.pi / 60.0
@@ -69,6 +68,7 @@ def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) ->
     In windows of four turns a quintic motion and a pattern that repeats every turn (eccentric or unequal edges) are taken away. What stays
     is rounding and jitter; neighbouring periods share an edge, so that jitter e makes period n err by e(n) - e(n-1). Where a row shows the
     last of several edges its neighbours share none.
+    Rows that come slowly hold fast motion: what the nominal model expects is taken away where that leaves less, since motion only adds.
     """
     whole = ~edges.falling
     speed, chain = edges.speed_rpm[whole] * RPM, edges.chain[whole]
@@ -82,14 +82,15 @@ def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) ->
     rows = starts[:, None] + np.arange(size)
     keep = _what_motion_leaves(size, 1 if counted else pulses_per_rev)
     mean_period = period[rows].mean(axis=1)
-    error = (speed[rows] * mean_period[:, None]) @ keep
+    motions = [0.0] if edges.expected_rpm is None else [0.0, edges.expected_rpm[whole] * RPM]
+    squares = [(((speed - motion)[rows] * mean_period[:, None] @ keep) ** 2).sum(axis=1) for motion in motions]
     rounding = np.trace(keep) * (rounding_rpm * RPM * mean_period) ** 2
     touching = float(np.mean(np.abs(edges.start_s[whole][1:] - edges.end_s[whole][:-1]) < TOUCHING * period[1:]))
     shared = 2.0 * np.eye(size) - touching * (np.eye(size, k=1) + np.eye(size, k=-1))
     seen = keep @ shared @ keep
     freedom = np.trace(seen) ** 2 / np.sum(seen**2)
     usual = chi2.median(freedom) / freedom  # the median of so few squares lies below their mean
-    variance = ((error**2).sum(axis=1) / usual - rounding) / np.trace(seen)
+    variance = (min(squares, key=np.median) / usual - rounding) / np.trace(seen)
     return _split_jitter(variance, (speed[rows].mean(axis=1)) ** 2)
 
 
@@ -113,48 +114,6 @@ def _what_motion_leaves(size: int, pulses_per_rev: int) -> np.ndarray:
     basis, scale, _ = np.linalg.svd(np.column_stack([slow, np.vander(np.linspace(-1.0, 1.0, size), 6), turn]), full_matrices=False)
     basis = basis[:, scale > 1e-9 * scale[0]]
     return np.eye(size) - basis @ basis.T
-
-
-def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.ndarray | None, volt_noise: float = 0.0,
-                restart_s: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
-    """1 sigma (rows,) of speed, rad/s, and current, A, that the driving columns leave open: they too are measured and rounded.
-
-    A ramp is known to its column's resolution, a load step to the row it happens in, a measured current to its noise. The nominal motor
-    turns each into an impulse of speed that decays with its time constant, or is gone at the next restart. A constant command is known to
-    the last digit written.
-    A measured bus or terminal voltage has the noise volt_noise (V), the latter calmed: its current feels the mean of CALMED rows.
-    """
-    motor, ratio = rig.motor, rig.gearbox["ratio"]
-    inertia = motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / ratio**2
-    constant, resistance = motor["torque_constant_nm_per_a"], motor["resistance_ohm"]
-    dt = np.diff(time_s, prepend=2.0 * time_s[0] - time_s[1])
-    torque = np.zeros(len(time_s))
-    current = np.zeros(len(time_s))
-    volt = rig.supply.get("voltage_v", 1.0) if rig.input["kind"] == "duty" else 1.0
-    rate = constant**2 / resistance / inertia
-    if rig.input["kind"] == "current_a":
-        rate = motor["viscous_nm_s_per_rad"] / inertia
-        torque += constant * rig.sensors.get("current_noise_a", 0.0)
-    elif "slew_per_s" in rig.input:
-        changing = np.diff(command, prepend=command[0]) != 0.0
-        current = changing * step_of(command) / np.sqrt(12.0) * volt / resistance
-        torque += constant * current
-    if volt_noise > 0.0:
-        reached = 1.0 - np.exp(-dt * resistance / motor["inductance_h"])  # of the stationary current within a row
-        share = np.minimum(np.abs(command), 1.0) if rig.input["kind"] == "duty" else 1.0
-        noisy = share * volt_noise / resistance
-        felt = reached / np.sqrt(1.0 if rig.input["kind"] == "duty" else CALMED)
-        current, torque = np.hypot(current, noisy * felt), np.hypot(torque, constant * noisy)
-    if load_nm is not None:
-        torque = np.hypot(torque, np.abs(np.diff(load_nm, prepend=load_nm[0])) / np.sqrt(12.0) / ratio)
-    digit = last_digit(command) / np.sqrt(12.0) * volt / constant if rig.input["kind"] != "current_a" else 0.0
-    impulse, kept = (torque * dt / inertia) ** 2, np.exp(-2.0 * (rate + 1.0 / restart_s) * dt)
-    variance = np.empty(len(time_s))
-    last = 0.0
-    for i in range(len(time_s)):
-        last = variance[i] = last * kept[i] + impulse[i]
-    unsure = (np.abs(command) != 0.0) & (np.abs(command) != 1.0)
-    return np.hypot(np.sqrt(variance), digit * unsure), np.sqrt(current**2 + variance * (constant / resistance) ** 2)
 
 
 def step_of(command: np.ndarray) -> float:

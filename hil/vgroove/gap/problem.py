@@ -3,7 +3,8 @@
     problem = load_problem(logs, rig, restart_s=0.25, threads=2)
     problem.residuals(theta)        (B, P) -> (B, n): (measured - model) / sigma, unclipped, finite; theta0 holds the rig's own values
     problem.signal, log, row, time_s, block, regime, sigma, measured, conditional      (n,) what each residual is
-    problem.folds                   (train, test) masks; every judged residual is in one test mask; problem.judged is their union
+    problem.folds                   (train, test) masks; every residual is in one test mask
+    problem.judged                  (n,) residuals that the contract's figures are made of: a part of a long log, all of a short one
     problem.gap(r, mask)            RMS of r clipped at 10
 """
 
@@ -84,8 +85,8 @@ class Problem:
 
     @cached_property
     def folds(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Masks (train, test) of each fold that is judged."""
-        return [(self.fold != k, self.judged & (self.fold == k)) for k in np.unique(self.fold[self.judged])]
+        """Masks (train, test) of each fold."""
+        return [(self.fold != k, self.fold == k) for k in np.unique(self.fold)]
 
     @property
     def held_out(self) -> np.ndarray:

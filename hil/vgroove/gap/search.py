@@ -134,7 +134,8 @@ def begin(engine: Engine, effects: list[Effect], rows: Rows, seed: int, tell: Ca
         retuned = engine.fit(engine.hypotheses([]))[0]
         engine.settle([retuned])
         engine.key_columns = retuned.jacobian
-    blocks = make_blocks(rows.log, rows.time_s, engine.problem.judged, rows.restart_s, seed, rows.conditional)
+    tested = np.logical_or.reduce([test for _, test in engine.problem.folds])
+    blocks = make_blocks(rows.log, rows.time_s, tested, rows.restart_s, seed, rows.conditional)
     search = Search(engine, effects, rows, blocks, nominal, retuned, seed, tell=tell)
     search.fits[()] = retuned
     return search
@@ -281,8 +282,8 @@ def around(h: Hypothesis) -> list[Hypothesis]:
 
 def rescale(search: Search) -> None:
     """Where even the best fit is far from the noise (real machines), clip in units of what it leaves, so that models still compare."""
-    leanest = min(search.fits.values(), key=lambda f: np.median(np.abs(f.held[search.blocks.judged])))
-    left = 1.4826 * float(np.median(np.abs(leanest.held[search.blocks.judged])))
+    leanest = min(search.fits.values(), key=lambda f: np.median(np.abs(f.held[search.blocks.tested])))
+    left = 1.4826 * float(np.median(np.abs(leanest.held[search.blocks.tested])))
     search.clip = CLIP * max(1.0, left / 2.0)
 
 
@@ -291,7 +292,7 @@ def reblock(search: Search) -> None:
     rows, best = search.rows, min(search.fits.values(), key=search.score)
     memory = correlation_time(best.residual, rows.time_s, rows.log * 1000 + rows.signal, rows.restart_s)
     length = min(max(SHORTEST_S, 3.0 * memory), 2.0 * rows.restart_s)
-    search.blocks = make_blocks(rows.log, rows.time_s, search.blocks.judged, length, search.seed, rows.conditional)
+    search.blocks = make_blocks(rows.log, rows.time_s, search.blocks.tested, length, search.seed, rows.conditional)
 
 
 def extensions(search: Search, base: Fit) -> list[Fit]:

@@ -1,0 +1,63 @@
+"""What the driving columns leave open: a timer's compare value is what ran, a number that the logger rounded is not."""
+
+import numpy as np
+import pytest
+
+from made_log import rig
+from vgroove import _core
+from vgroove.gap.drive_noise import drive_sigma, of_one_row, on_smooth_ramps, ramp_sigma, winding_response
+from vgroove.rig import Rig
+
+STEP = 1.0 / 255.0
+FULL = STEP / np.sqrt(12.0)
+TIME_S = np.arange(1, 3001) / 500.0
+WAVE = 0.55 + 0.25 * np.sin(2.0 * np.pi * 0.9 * TIME_S) * np.sin(2.0 * np.pi * 0.13 * TIME_S)
+ROUNDED = np.round(WAVE / STEP) * STEP
+
+
+def tool() -> Rig:
+    return rig(input={"kind": "duty", "slew_per_s": 10.0})
+
+
+def current_of(command: np.ndarray, delay_rows: int = 0) -> np.ndarray:
+    """Current of the nominal tool that the command drives, as its sensor shows it, late by so many rows."""
+    one = tool()
+    drive = _core.LogInput(TIME_S - TIME_S[0], "duty", command, slew_per_s=10.0)
+    run = _core.simulate_log(drive, one.parameters()[None], np.zeros(1, dtype=int), np.zeros((1, 3)))
+    noise = one.sensors["current_noise_a"] * np.random.default_rng(5).standard_normal(len(TIME_S))
+    return np.roll(run["current_a"][0], delay_rows) + noise
+
+
+@pytest.mark.parametrize("delay_rows", [0, 3])
+def test_a_command_that_ran_as_it_is_written_leaves_little_open(delay_rows: int) -> None:
+    assert ramp_sigma(tool(), TIME_S, ROUNDED, current_of(ROUNDED, delay_rows)) < 0.5 * FULL
+
+
+def test_a_rounded_column_leaves_its_rounding_open() -> None:
+    assert ramp_sigma(tool(), TIME_S, ROUNDED, current_of(WAVE)) > 0.75 * FULL
+
+
+def test_without_a_current_or_its_noise_nothing_is_known_better() -> None:
+    assert ramp_sigma(tool(), TIME_S, ROUNDED, None) == pytest.approx(FULL, rel=1e-3)
+    silent = rig(input={"kind": "duty", "slew_per_s": 10.0})
+    del silent.sensors["current_noise_a"]
+    assert ramp_sigma(silent, TIME_S, ROUNDED, current_of(ROUNDED)) == pytest.approx(FULL, rel=1e-3)
+
+
+def test_steps_are_no_ramps() -> None:
+    stairs = np.interp(TIME_S, [0.0, 1.0, 1.004, 2.0, 2.02, 6.0], [0.2, 0.2, 0.204, 0.204, 0.8, 0.8])
+    assert not on_smooth_ramps(np.round(stairs / 0.004) * 0.004)[TIME_S > 1.5].any()
+    assert on_smooth_ramps(ROUNDED).mean() > 0.8
+
+
+def test_a_winding_follows_a_constant_and_half_of_one_rows_error() -> None:
+    assert np.allclose(winding_response(tool(), 1e-3, np.full(20, 0.7)), 0.7)
+    assert of_one_row(tool(), 10.0) == pytest.approx(np.sqrt(0.5), rel=0.02)
+    assert of_one_row(tool(), 1e-5) < 0.2
+
+
+def test_what_is_left_open_widens_only_where_the_command_changes() -> None:
+    stairs = np.where(TIME_S < 3.0, 0.2, WAVE)
+    speed, current = drive_sigma(tool(), TIME_S, stairs, None, None)
+    still, moving = TIME_S < 2.9, TIME_S > 3.1
+    assert current[moving].min() > 10.0 * max(current[still].max(), 1e-9) and speed[moving].min() > speed[still].max()
