@@ -201,6 +201,11 @@ class Rig:
         """Whether the supply_v column drives the model instead of being judged."""
         return self.input.get("bus", "modelled") == "measured"
 
+    @property
+    def shaft_inertia_kg_m2(self) -> float:
+        """Inertia at the motor's shaft, the gearbox's output referred to it."""
+        return self.motor["inertia_kg_m2"] + self.gearbox["output_inertia_kg_m2"] / self.gearbox["ratio"] ** 2
+
     def value(self, key: str) -> float:
         """Value of a dotted key such as motor.resistance_ohm, the default where the file leaves it out; KeyError for an unknown one."""
         section, name = key.split(".", 1)
@@ -375,17 +380,13 @@ def _check_impact_tool(rig: Rig, source: str) -> None:
 _MASSES = ("motor.inertia_kg_m2", "gearbox.output_inertia_kg_m2", "gearbox.ratio")
 
 
-def _inertia(rig: Rig) -> float:
-    return rig.motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / rig.gearbox["ratio"] ** 2
-
-
 def _mechanical_figures(rig: Rig) -> list[Figure]:
     added = rig.effects.get("added_inertia", {}).get("kg_m2", 0.0)
     drag = rig.motor["viscous_nm_s_per_rad"]
-    found = [Figure("the inertia at the motor with the added one in kg m2", _inertia(rig) + added, 1e-12, 1e6, _MASSES)]
+    found = [Figure("the inertia at the motor with the added one in kg m2", rig.shaft_inertia_kg_m2 + added, 1e-12, 1e6, _MASSES)]
     if drag > 0.0:
         keys = ("motor.viscous_nm_s_per_rad", *_MASSES)
-        found.append(Figure("the time constant J / b in s", _inertia(rig) / drag, 1e-5, math.inf, keys))
+        found.append(Figure("the time constant J / b in s", rig.shaft_inertia_kg_m2 / drag, 1e-5, math.inf, keys))
     return found
 
 
@@ -395,7 +396,7 @@ def _electrical_figures(rig: Rig) -> list[Figure]:
     resistance, k = motor["resistance_ohm"], motor["torque_constant_nm_per_a"]
     winding, run_up = ("motor.inductance_h", "motor.resistance_ohm"), ("motor.resistance_ohm", "motor.torque_constant_nm_per_a", *_MASSES)
     found = [Figure("the winding's time constant L / R in s", motor["inductance_h"] / resistance, 1e-6, 0.3, winding),
-             Figure("the run-up time constant J R / k^2 in s", _inertia(rig) * resistance / k**2, 1e-5, 1e3, run_up)]
+             Figure("the run-up time constant J R / k^2 in s", rig.shaft_inertia_kg_m2 * resistance / k**2, 1e-5, 1e3, run_up)]
     if rig.input["kind"] == "duty" and not rig.bus_is_measured:
         share = motor["coulomb_nm"] * resistance / (k * rig.supply["voltage_v"])
         stall = ("motor.coulomb_nm", "motor.torque_constant_nm_per_a", "supply.voltage_v", "motor.resistance_ohm")

@@ -1,12 +1,13 @@
 """Measured states to restart from: the width of the local fit follows noise and bend, and never reaches across a reversal."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from vgroove.gap.noise import column_sigma, position_scatter
-from vgroove.gap.states import Observations, Restarts, local_fit
+from vgroove.gap.states import Driven, Observations, Restarts, local_fit
 from vgroove.rig import read_rig
 
 TIME = np.arange(200) * 1e-3
@@ -26,6 +27,38 @@ def test_a_bend_is_followed_by_few_rows() -> None:
     bent = np.where(TIME < 0.1, 10.0, 10.0 + 2000.0 * (TIME - 0.1))
     assert local_fit(seen(bent, 0.1), 0.104).value == pytest.approx(18.0, abs=1.5)
     assert local_fit(seen(bent, 0.1), 0.085).value == pytest.approx(10.0, abs=0.05)
+
+
+RIPPLE = Driven(TIME, np.where(np.arange(200) // 8 % 2 == 0, 4000.0, -2500.0))  # a force in steps: no parabola follows its speed
+
+
+@pytest.mark.parametrize("length", [0.0, 0.7e-3, 5.3e-3])
+def test_a_known_force_costs_a_state_nothing_whatever_it_does(length: float) -> None:
+    noise, start, end = np.random.default_rng(4).normal(size=200), TIME - length, TIME
+    start = np.maximum(start, 0.0)
+    still = Observations(start, end, 300.0 + noise, np.ones(200))
+    driven = replace(still, value=still.value + RIPPLE.means(start, end), driven=RIPPLE)
+    for instant in (0.07, 0.0842, 0.1):
+        true = 300.0 + RIPPLE.at(np.array([instant]))[0][0]
+        found, alone = local_fit(driven, instant), local_fit(still, instant)
+        assert found.value - true == pytest.approx(alone.value - 300.0, abs=1e-9)
+        assert found.doubt == pytest.approx(alone.doubt)
+        assert local_fit(replace(driven, driven=None), instant).doubt > 1.5 * found.doubt
+
+
+def test_what_a_known_force_does_over_spans_is_its_integral() -> None:
+    fine = np.linspace(0.0, 0.199, 19901)
+    speed = np.concatenate([[0.0], np.cumsum(RIPPLE.rate[np.searchsorted(TIME, 0.5 * (fine[1:] + fine[:-1]))] * 1e-5)])
+    assert RIPPLE.at(fine)[0] == pytest.approx(speed, abs=1e-6)
+    span = slice(3210, 4771)
+    mean = np.mean(0.5 * (speed[span][1:] + speed[span][:-1]))
+    assert RIPPLE.means(fine[[span.start]], fine[[span.stop - 1]]) == pytest.approx([mean], abs=1e-6)
+
+
+def test_the_slope_of_a_driven_speed_is_that_of_the_speed() -> None:
+    steady = Driven(TIME, np.full(200, 500.0))
+    found = local_fit(replace(seen(500.0 * TIME - 80.0 * TIME, 0.1), driven=steady), 0.1)
+    assert (found.value, found.slope, found.bend) == pytest.approx((42.0, 420.0, 0.0), abs=1e-6)
 
 
 def test_no_fit_reaches_across_a_reversal() -> None:

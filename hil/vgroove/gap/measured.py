@@ -332,8 +332,7 @@ def _force(time_s: np.ndarray, position: np.ndarray, known: np.ndarray, sigma: f
     length = 0.5 * (time_s[last] - time_s[first])
     even = np.abs((time_s[middle] - time_s[first]) / length - 1.0) < 1e-3
     first, middle, last, length = first[even], middle[even], last[even], length[even]
-    inertia = rig.motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / rig.gearbox["ratio"] ** 2
-    force = rig.motor["torque_constant_nm_per_a"] * rig.sensors.get("current_noise_a", 0.0) / inertia
+    force = rig.motor["torque_constant_nm_per_a"] * rig.sensors.get("current_noise_a", 0.0) / rig.shaft_inertia_kg_m2
     spread = np.hypot(np.sqrt(6.0) * sigma / length**2, force * np.sqrt(2.0 / 3.0 / rows))
     measured = (position[last] - 2.0 * position[middle] + position[first]) / length**2
     return ForceChannel("position_rad", "rad/s^2", last, time_s[middle], measured, spread, np.zeros(len(last), dtype=bool),

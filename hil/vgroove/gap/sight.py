@@ -1,6 +1,7 @@
 """What of a log shows the states of the tool: the finest measured speed, the current, an angle to keep count by."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,6 +36,7 @@ def sight_of(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges
     current = None
     if rig.input["kind"] == "current_a":
         force = held(columns["current_a"])
+        speed = None if speed is None else replace(speed, driven=states.Driven(time_s, _nominal_rate(rig, force)))
         return states.Sight(speed, None, angle_at, lambda t, w, dw: float(np.interp(t, time_s, force)), from_angle)
     if "current_a" in by_column and not by_column["current_a"].magnitude:
         channel = by_column["current_a"]
@@ -81,10 +83,15 @@ def _position_sight(time_s: np.ndarray, position: np.ndarray, rig: Rig) -> tuple
     return speed, _interpolated(time_s[known], position[known])
 
 
+def _nominal_rate(rig: Rig, current_a: np.ndarray) -> np.ndarray:
+    """Acceleration (rows,) of the shaft under its motor's torque alone."""
+    return rig.motor["torque_constant_nm_per_a"] * current_a / rig.shaft_inertia_kg_m2
+
+
 def _current_from_motion(rig: Rig, time_s: np.ndarray, columns: dict[str, np.ndarray], t: float, w: float, dw: float) -> float:
     """Current that the nominal motor needs for a motion: a start for the model where no signed current is measured."""
     motor, ratio = rig.motor, rig.gearbox["ratio"]
-    torque = (motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / ratio**2) * dw + motor["viscous_nm_s_per_rad"] * w
+    torque = rig.shaft_inertia_kg_m2 * dw + motor["viscous_nm_s_per_rad"] * w
     torque += np.sign(w) * motor["coulomb_nm"]
     if "load_nm" in columns and rig.load["kind"] == "torque":
         torque += np.sign(w) * float(np.interp(t, time_s, filled(time_s, columns["load_nm"]))) / ratio

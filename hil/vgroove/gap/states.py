@@ -16,13 +16,49 @@ TRUST = 2.5  # a restart needs a state known to within this many sigma of the se
 
 
 @dataclass(frozen=True)
+class Driven:
+    """What a known force does to a speed, up to a constant: rates (rows,) in rad/s^2 over the intervals that end at time_s (rows,)."""
+
+    time_s: np.ndarray
+    rate: np.ndarray
+
+    @cached_property
+    def _sums(self) -> tuple[np.ndarray, np.ndarray]:
+        """Speed and angle (rows,) that have come about by each row."""
+        step = np.diff(self.time_s, prepend=self.time_s[0])
+        speed = np.cumsum(self.rate * step)
+        return speed, np.cumsum((speed - 0.5 * self.rate * step) * step)
+
+    def at(self, instants_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Speed and angle (m,) at instants (m,)."""
+        row = np.clip(np.searchsorted(self.time_s, instants_s), 1, len(self.time_s) - 1)
+        (speed, angle), before = self._sums, self.time_s[row] - instants_s
+        return speed[row] - self.rate[row] * before, angle[row] - (speed[row] - 0.5 * self.rate[row] * before) * before
+
+    def means(self, start_s: np.ndarray, end_s: np.ndarray) -> np.ndarray:
+        """Mean speeds (m,) over spans; an instant's is the speed there."""
+        (speed, first), (_, last), length = self.at(start_s), self.at(end_s), end_s - start_s
+        return np.where(length > 0.0, (last - first) / np.where(length > 0.0, length, 1.0), speed)
+
+
+@dataclass(frozen=True)
 class Observations:
-    """A signal's means over spans [start_s, end_s] (m,) in order of time, with 1 sigma each; start = end: an instant."""
+    """A signal's means over spans [start_s, end_s] (m,) in order of time, with 1 sigma each; start = end: an instant.
+
+    driven: what is known to move it; a polynomial then needs to follow the rest alone.
+    """
 
     start_s: np.ndarray
     end_s: np.ndarray
     value: np.ndarray
     sigma: np.ndarray
+    driven: Driven | None = None
+
+    def driven_from(self, time_s: float, part: slice) -> np.ndarray:
+        """What the known force adds to a part of the values from an instant on; zeros where none is known."""
+        if self.driven is None:
+            return np.zeros(len(self.value[part]))
+        return self.driven.means(self.start_s[part], self.end_s[part]) - self.driven.at(np.array([time_s]))[0]
 
     @cached_property
     def usual(self) -> float:
@@ -57,7 +93,8 @@ def local_fit(seen: Observations, time_s: float) -> Local:
 def quadratic(seen: Observations, time_s: float, middle: int, neighbours: int) -> Local:
     """Value of a signal at an instant from a quadratic through the spans around it, robust against single wrong ones.
 
-    The polynomial is fitted to the spans' means, not to their midpoints: long edge periods at low speed bend nothing.
+    The polynomial is fitted to the spans' means, not to their midpoints: long edge periods at low speed bend nothing; and to what a known
+    force leaves of them, so that its steps and ripple bend nothing either.
     """
     first, last = middle - neighbours, middle + neighbours
     if first < 0 or last > len(seen.value):
@@ -71,19 +108,22 @@ def quadratic(seen: Observations, time_s: float, middle: int, neighbours: int) -
     scale = max(-start[0], end[-1])
     a, b = start / scale, end / scale
     basis = np.column_stack([np.ones_like(a), 0.5 * (a + b), (a * a + a * b + b * b) / 3.0])
+    driven = seen.driven_from(time_s, slice(first, last))
     weight = np.ones_like(a)
     for _ in range(3):
         rows = (weight / sigma)[:, None]
-        answer, *_ = np.linalg.lstsq(basis * rows, value * rows[:, 0], rcond=None)
-        error = np.abs(value - basis @ answer) / sigma
+        both, *_ = np.linalg.lstsq(basis * rows, np.column_stack([value - driven, driven]) * rows, rcond=None)
+        error = np.abs(value - driven - basis @ both[:, 0]) / sigma
         spread = max(1.0, 1.5 * float(np.median(error)))
         weight = np.minimum(1.0, 3.0 * spread / np.maximum(error, 1e-12))
     covariance = np.linalg.inv((basis * rows).T @ (basis * rows))
     freedom = len(a) - DEGREE - 1
     left = float(np.sum((weight * error) ** 2)) / freedom
     misfit = np.sqrt(max(1.0, left))
-    slope, bend, one = float(answer[1] / scale), 2.0 * float(answer[2]) / scale**2, min(float(np.median(sigma)), seen.usual)
-    return Local(float(answer[0]), slope, bend, float(np.sqrt(covariance[0, 0])) * misfit / one, abs(slope) * UNREST_S / one,
+    _, slope, bend = both.sum(axis=1) / scale ** np.arange(3)
+    one = min(float(np.median(sigma)), seen.usual)
+    doubt = float(np.sqrt(covariance[0, 0])) * misfit / one
+    return Local(float(both[0, 0]), float(slope), 2.0 * float(bend), doubt, abs(float(slope)) * UNREST_S / one,
                  left < 1.0 + NOISE_ALONE * np.sqrt(2.0 / freedom))
 
 
