@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vgroove.gap.stamps import even_grid, is_rounding, on_its_clock, row_times
+from vgroove.gap.stamps import breaks, even_grid, is_rounding, on_its_clock, row_times
 from vgroove.log import Log
 from vgroove.rig import Rig, read_rig
 
@@ -44,6 +44,16 @@ def test_stamps_that_scatter_are_put_back_on_the_clock(rig: Rig) -> None:
 def test_rows_that_are_uneven_are_believed(rig: Rig) -> None:
     real = GRID + np.random.default_rng(1).uniform(-5e-5, 5e-5, len(GRID))
     assert row_times(real, {"speed_rpm": hall_speed(real)}, rig) is real
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_edges_that_tell_little_have_to_speak_against_lateness(rig: Rig, uneven: bool) -> None:
+    even = np.arange(1, 121) / 600.0
+    stamps = even + np.random.default_rng(1).uniform(-0.05, 0.05, len(even)) / 600.0
+    speed = hall_speed(stamps if uneven else even)
+    assert max(breaks(t, speed, rig) for t in (stamps, even)) <= 3
+    found = row_times(stamps, {"speed_rpm": speed}, rig)
+    assert found is stamps if uneven else np.abs(found - even).max() < 3e-5
 
 
 def test_an_exact_log_and_a_log_with_missing_rows_stay_as_they_are(rig: Rig) -> None:

@@ -62,16 +62,19 @@ def row_times(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig) -> n
     Rows that are really uneven and stamps that scatter look alike in the stamps; the Hall edges tell them apart, since their periods are
     measured by the sensor's own timer and chain up to the right rows only on the right time base. Where no edges tell (none, or a sensor
     that counts them) a small scatter is taken for stamps that are written late, as by a host: a clock that starts the samples is steadier.
+    Edges that tell little (a short log, few pulses a turn) have to speak against that.
     """
     grid = even_grid(time_s) if len(time_s) > 2 else None
     if grid is None or np.abs(time_s - grid).max() < EXACT * np.median(np.diff(grid)):
         return time_s
     if is_rounding(time_s, grid):
         return grid
+    late = bool(np.abs(time_s - grid).max() < LATE * np.median(np.diff(grid)))
     if not 0 < rig.sensors.get("hall_pulses_per_rev", 0) < COUNTING_PULSES or "speed_rpm" not in columns:
-        return grid if np.abs(time_s - grid).max() < LATE * np.median(np.diff(grid)) else time_s
+        return grid if late else time_s
     stamped, even = (breaks(t, columns["speed_rpm"], rig) for t in (time_s, grid))
-    return grid if stamped > FEWEST_BREAKS and stamped > CLEARLY * even else time_s
+    clear = stamped >= even if late else stamped > FEWEST_BREAKS and stamped > CLEARLY * even
+    return grid if clear else time_s
 
 
 def on_its_clock(log: Any, rig: Rig) -> Any:
