@@ -61,6 +61,7 @@ class Search:
     clip: float = CLIP
     without: frozenset[str] = frozenset()
     fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
+    leaned: Fit | None = None
     reach: dict[int, tuple[Fit, list[tuple[Hypothesis, np.ndarray]]]] = field(default_factory=dict)
     tell: Callable[[str], None] = lambda _: None
 
@@ -433,19 +434,33 @@ def fit_set(search: Search, ids: Sequence[str], near: Fit) -> Fit:
     if known is not None:
         search.engine.settle([known])
         return known
+    return search.add([started(search, ids, near)])[0]
+
+
+def started(search: Search, ids: Sequence[str], near: Fit) -> Hypothesis:
+    """Hypothesis of a set of ids that starts from the numbers of a related fit."""
     values = {c.name: x for c, x in zip(near.hypothesis.coordinates, near.x, strict=True)}
     members = search.engine.hypotheses([BY_ID[i] for i in ids])
     h = next((m for m in members if set(m.fixed) <= set(near.hypothesis.fixed)), members[0])
     start = np.array([values.get(c.name, s) for c, s in zip(h.coordinates, h.start, strict=True)])
-    return search.add([replace(h, start=np.clip(start, h.low, h.high))])[0]
+    return replace(h, start=np.clip(start, h.low, h.high))
+
+
+def leaner(search: Search, best: Fit) -> list[Fit]:
+    """The sets of all members but one. Each starts once from the best set's numbers too: what it was first fitted from may have led it
+    astray, and a member that is needed nowhere else would then be kept."""
+    sets = [[i for i in best.ids if i != out] for out in best.ids]
+    if search.leaned is not best:
+        search.add([started(search, ids, best) for ids in sets])
+        search.leaned = best
+    return [fit_set(search, ids, best) for ids in sets]
 
 
 def backward(search: Search, best: Fit) -> Fit:
     """Drop members that are not worth their place, the least useful first."""
     search.tell("is every effect needed")
     while len(best.ids) > 1:
-        leaner = [fit_set(search, [i for i in best.ids if i != out], best) for out in best.ids]
-        leanest = min(leaner, key=search.score)
+        leanest = min(leaner(search, best), key=search.score)
         if search.better(best, leanest):
             return best
         best = leanest
@@ -455,7 +470,7 @@ def backward(search: Search, best: Fit) -> Fit:
 def trimmed(search: Search, best: Fit) -> Fit:
     """The best set without members that do so little beside the others that it may be what the others' forms leave."""
     while len(best.ids) > 1:
-        leanest = min((fit_set(search, [i for i in best.ids if i != out], best) for out in best.ids), key=search.score)
+        leanest = min(leaner(search, best), key=search.score)
         if search.score(leanest) - search.score(best) > FORM_SHARE * (search.score(search.retuned) - search.score(leanest)):
             return best
         best = leanest
