@@ -21,6 +21,7 @@ VISIBLE = 0.1
 WORTH_SHARE = 0.01
 WORTH_FORM = 0.03
 FORM_SHARE = 0.05  # of the squared gap that effects close: a form off by a quarter of its size leaves (1 / 4)^2
+UNSURE_SHARE = 0.1  # of what the others close, that a member which goes by several names must gain
 LEVEL = 0.99
 LIKELY = 0.8  # interval whose lower end must still be worth it: the gain is not one lucky block's
 PROPOSALS = 6
@@ -375,8 +376,15 @@ def run(search: Search) -> tuple[Fit, list[Fit]]:
         return best, []
     best = backward(search, lean(search, best))
     search.tell("rivals")
-    best = trimmed(search, exchanged(search, best))
-    return best, rivals(search, best)
+    return settled(search, trimmed(search, exchanged(search, best), FORM_SHARE))
+
+
+def settled(search: Search, best: Fit) -> tuple[Fit, list[Fit]]:
+    """The selected fit and its rivals. A small member that goes by several names is none that could be named."""
+    found = rivals(search, best)
+    doubtful = [i for i in best.ids if any(i not in f.ids for f in found)]
+    leaner = trimmed(search, best, UNSURE_SHARE, doubtful) if doubtful else best
+    return (best, found) if leaner is best else settled(search, leaner)
 
 
 def forward(search: Search) -> Fit:
@@ -467,11 +475,13 @@ def backward(search: Search, best: Fit) -> Fit:
     return best
 
 
-def trimmed(search: Search, best: Fit) -> Fit:
-    """The best set without members that do so little beside the others that it may be what the others' forms leave."""
+def trimmed(search: Search, best: Fit, share: float, members: Sequence[str] | None = None) -> Fit:
+    """The best set without those members (default: any) that do so little beside the others that it may be what the others' forms leave."""
     while len(best.ids) > 1:
-        leanest = min(leaner(search, best), key=search.score)
-        if search.score(leanest) - search.score(best) > FORM_SHARE * (search.score(search.retuned) - search.score(leanest)):
+        leaner = [fit_set(search, [i for i in best.ids if i != out], best) for out in best.ids if members is None or out in members]
+        leanest = min(leaner, key=search.score, default=best)
+        gain, closed = search.score(leanest) - search.score(best), search.score(search.retuned) - search.score(leanest)
+        if leanest is best or gain > share * closed:
             return best
         best = leanest
     return best
