@@ -58,6 +58,12 @@ class Table:
         body = ["".join(f"<td{m}>{html.escape(shown(c))}</td>" for m, c in zip(marks, row, strict=True)) for row in self.rows]
         return f"<table><tr>{head}</tr>" + "".join(f"<tr>{row}</tr>" for row in body) + "</table>"
 
+    def as_markdown(self) -> str:
+        """For pages of documentation."""
+        ruler = ["---:" if self._is_number(column) else "---" for column in range(len(self.header))]
+        rows = [[shown(cell).replace("|", "\\|") for cell in row] for row in self.rows]
+        return "\n".join(f"| {' | '.join(cells)} |" for cells in (self.header, ruler, *rows))
+
     def height(self) -> int:
         """On the page, about, in CSS pixels."""
         return 100 + 32 * len(self.rows)

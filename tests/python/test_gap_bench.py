@@ -20,7 +20,7 @@ from bench_plan import SETS, Entry, plan  # isort: skip
 from forms import FORMS, other_form  # isort: skip
 from rigs import TOLERANCE  # isort: skip
 from vgroove.errors import VgrooveError
-from vgroove.gap_bench import cases, needs, run, score
+from vgroove.gap_bench import cases, needs, report, run, score
 from vgroove.gap_bench.command import chosen
 from vgroove.gap_bench.report import bench_page, tables
 
@@ -159,12 +159,12 @@ def test_the_model_of_the_tool_itself_leaves_nothing(kind: str) -> None:
 def test_the_table_of_needs_goes_where_its_marks_are() -> None:
     counted = score.needs([scored(["brush_drop"], "effect", names, input="duty", bus="absent", sensor="hall", two_way=False, load=True,
                                   profile="hand") for names in (["brush_drop"], ["dead_time"])])
-    page = needs.with_table(f"before\n{needs.BEGIN}\nold\n{needs.END}\nafter\n", counted)
+    page = report.between("before\n<!--needs-->\nold\n<!--end of needs-->\nafter\n", "needs", needs.needs_table(counted))
     row = next(line for line in page.splitlines() if line.startswith("| `brush_drop`"))
     assert [cell.strip() for cell in row.strip("|").split("|")][1:4] == ["1/2", ".", "."]
     assert "old" not in page and page.startswith("before") and page.endswith("after\n")
     with pytest.raises(ValueError, match="needs"):
-        needs.with_table("no marks", counted)
+        report.between("no marks", "needs", "")
 
 
 def test_the_page_shows_the_committed_figures() -> None:
@@ -172,7 +172,7 @@ def test_the_page_shows_the_committed_figures() -> None:
     if not results.exists():
         pytest.skip("no run of the blind set is committed")
     page = (house_root() / "docs" / "gap_bench.md").read_text(encoding="utf-8")
-    assert needs.with_table(page, json.loads(results.read_text(encoding="utf-8"))["needs"]) == page
+    assert report.renewed(page, json.loads(results.read_text(encoding="utf-8"))) == page
 
 
 def house_root() -> Path:

@@ -23,11 +23,10 @@ def bench_command(
     jobs: Annotated[int, typer.Option(min=1, help="Cases at a time.")] = 1,
     json_path: Annotated[Path | None, typer.Option("--json", help="Write all figures as JSON.")] = None,
     html_path: Annotated[Path | None, typer.Option("--html", help="Write one self-contained page.")] = None,
-    page: Annotated[Path | None, typer.Option(help="Renew the table of needs in this page (docs/gap_bench.md).")] = None,
+    page: Annotated[Path | None, typer.Option(help="Renew the tables in this page (docs/gap_bench.md).")] = None,
 ) -> None:
     """The blind set: sealed cases of an independent generator, diagnosed one by one (kept, so a run resumes), opened and scored."""
-    from vgroove.gap_bench.needs import with_table
-    from vgroove.gap_bench.report import bench_page, tables
+    from vgroove.gap_bench.report import bench_page, renewed, tables
     from vgroove.output import check_outputs, write_text
 
     check_outputs((json_path, html_path), ())
@@ -39,7 +38,7 @@ def bench_command(
     if html_path:
         write_text(html_path, bench_page(figures))
     if page:
-        write_text(page, with_table(page.read_text(encoding="utf-8"), figures["needs"]))
+        write_text(page, renewed(page.read_text(encoding="utf-8"), figures))
 
 
 def bench(half: str, count: int | None, fifth: bool, numbers: list[int], removed: bool, without: list[str], jobs: int,

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-BEGIN, END = "<!--needs-->", "<!--end of needs-->"
 COLUMNS = {
     "input": (("duty", "duty"), ("voltage_v", "voltage"), ("current_a", "current")),
     "bus": (("modelled", "bus judged"), ("measured", "bus drives"), ("absent", "no bus")),
@@ -25,12 +24,3 @@ def needs_table(needs: dict[str, dict[str, Any]]) -> str:
 
 def cell_text(cell: dict[str, int] | None) -> str:
     return f"{cell['hits']}/{cell['of']}" if cell else "."
-
-
-def with_table(page: str, needs: dict[str, dict[str, Any]]) -> str:
-    """The page with the table between its marks; ValueError where the marks are missing."""
-    head, mark, rest = page.partition(BEGIN)
-    _, end, tail = rest.partition(END)
-    if not mark or not end:
-        raise ValueError(f"the page has no {BEGIN} ... {END}")
-    return f"{head}{BEGIN}\n{needs_table(needs)}\n{END}{tail}"

@@ -4,6 +4,7 @@ from typing import Any
 
 import plotly.graph_objects as go
 
+from vgroove.gap_bench.needs import needs_table
 from vgroove.gap_bench.score import KINDS, POWER_EDGES
 from vgroove.page import Card, Page, Picture, Table, style
 
@@ -128,3 +129,19 @@ def bench_page(figures: dict[str, Any]) -> str:
     note = "of the names said with a probability, the share that is at work, with 95 % intervals"
     curve = Picture("Calibration", calibration_figure(figures), note)
     return Page("gap_bench", title, [], [*parts[:2], curve, *parts[2:]], cards=cards(figures)).as_html()
+
+
+def renewed(page: str, figures: dict[str, Any]) -> str:
+    """A Markdown page with the table of needs and all tables of figures between their marks."""
+    page = between(page, "needs", needs_table(figures["needs"]))
+    return between(page, "figures", "\n\n".join(f"**{one.title}**\n\n{one.as_markdown()}" for one in tables(figures)))
+
+
+def between(page: str, name: str, text: str) -> str:
+    """The page with a text between its marks of that name; ValueError where they are missing."""
+    begin, end = f"<!--{name}-->", f"<!--end of {name}-->"
+    head, mark, rest = page.partition(begin)
+    _, closing, tail = rest.partition(end)
+    if not mark or not closing:
+        raise ValueError(f"the page has no {begin} ... {end}")
+    return f"{head}{begin}\n{text}\n{end}{tail}"
