@@ -101,7 +101,10 @@ class Hypothesis:
 
 @dataclass
 class Fit:
-    """A fitted hypothesis: residuals and Jacobian at x on all rows; held is every row as predicted by a fit that did not see it."""
+    """A fitted hypothesis: residuals and Jacobian at x on all rows; held is every row as predicted by a fit that did not see it.
+
+    Jacobians are many and large: they are in single precision.
+    """
 
     hypothesis: Hypothesis
     x: np.ndarray
@@ -219,7 +222,7 @@ class Engine:
         rows = self.residuals([(h, h.start) for h in hypotheses])
         fits = []
         for h, r in zip(hypotheses, rows, strict=True):
-            one = Fit(h, h.start.copy(), r, np.zeros((len(r), len(h.start))), np.inf, self._delta(r, WIDE))
+            one = Fit(h, h.start.copy(), r, np.zeros((len(r), len(h.start)), np.float32), np.inf, self._delta(r, WIDE))
             one.cost = self._cost(one, one.x, r)
             if self.key_columns is not None and h.count:
                 one.jacobian[:, h.count:], one.keys_known = self.key_columns, True

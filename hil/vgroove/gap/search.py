@@ -3,6 +3,7 @@
 A further effect must be worth it twice: its held-out gain is significant under the block bootstrap, and it is large enough to matter.
 """
 
+import heapq
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -28,7 +29,7 @@ PROPOSALS = 6
 CONVERGED = 12  # rounds in which single effects end; most need four
 SCREEN_ABOVE, SCREENED = 6, 3  # starts of one effect beyond which they are screened, and how many are fitted then
 AMPLITUDES, PHASES = (3.0, 8.0), 8  # of a periodic effect, in its size, that are screened
-STARTS = 48  # that are fitted at once, with their Jacobians in memory
+STARTS = 32  # that are fitted at once, with their Jacobians in memory
 MANY_STARTS = 4  # of more starts than this two are taken on
 LARGE = 1.1  # squared gap after retuning, in noise, below which no start of a resonance, a play or a large ripple is looked for
 WITHIN_REACH = 1.5  # of the best squared gap: single effects beyond keep their first-order predictions
@@ -297,12 +298,11 @@ def reblock(search: Search) -> None:
     search.blocks = make_blocks(rows.log, rows.time_s, search.blocks.tested, length, search.seed, rows.conditional)
 
 
-def extensions(search: Search, base: Fit) -> list[Fit]:
-    """First-order fits of base plus each further effect, best first: own Jacobian columns for the newcomer, those of base for the rest.
-
-    They are many: they keep no Jacobian.
-    """
-    return sorted((first_order(search, base, h, rows) for h, rows in newcomers(search, base)), key=search.score)
+def extensions(search: Search, base: Fit, count: int = PROPOSALS) -> list[Fit]:
+    """The best first-order fits of base plus a further effect, best first: own Jacobian columns for the newcomer, those of base for the
+    rest. They are many: they keep no Jacobian."""
+    fits = (first_order(search, base, h, rows) for h, rows in newcomers(search, base))
+    return heapq.nsmallest(count, fits, key=search.score)
 
 
 def newcomers(search: Search, base: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
@@ -406,8 +406,8 @@ def grow(search: Search, base: Fit) -> Fit | None:
     search.tell(f"a further effect beside {', '.join(base.ids)}")
     size = len(base.ids) + 1
     rivals = [] if nothing_left(search, base) else [f for f in search.ranked(size - 1) if key(f.ids) != key(base.ids)][:2]
-    proposals = [f for rival in rivals for f in extensions(search, rival)[:3]]
-    search.add(distinct(extensions(search, base)[:PROPOSALS] + proposals))
+    proposals = [f for rival in rivals for f in extensions(search, rival, 3)]
+    search.add(distinct(extensions(search, base) + proposals))
     ranked = search.ranked(size)
     return simplest(search, ranked[0]) if ranked else None
 
@@ -513,7 +513,7 @@ def exchange(search: Search, best: Fit) -> None:
     close: list[Fit] = []
     for out in best.ids:
         rest = fit_set(search, [i for i in best.ids if i != out], best)
-        close += [f for f in extensions(search, rest)[:4] if key(f.ids) not in search.fits]
+        close += [f for f in extensions(search, rest, 4) if key(f.ids) not in search.fits]
     search.add(distinct(close))
 
 
