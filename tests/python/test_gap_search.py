@@ -1,8 +1,10 @@
 """Steps of the search for sets of effects: what a set is fitted from, and when the search looks further than one effect."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from gap_toy import MODELLED, SCALES, Toy
 from vgroove.gap import search
@@ -34,3 +36,44 @@ def test_a_leaner_set_starts_again_from_the_fuller_one() -> None:
     assert state.score(astray) > 1.2
     best = search.backward(state, state.fits[triple])
     assert search.key(best.ids) == pair and state.score(best) < 1.05
+
+
+class Stepped:
+    """A search whose sets have given squared gaps; a set is better by `worth`, and only if its step is significant."""
+
+    def __init__(self, gaps: list[float], significant: dict[int, bool]) -> None:
+        self.sets = [SimpleNamespace(ids=tuple("abcde"[:size]), gap=gap) for size, gap in enumerate(gaps)]
+        self.retuned, self.significant = self.sets[0], significant
+
+    def ranked(self, size: int) -> list[SimpleNamespace]:
+        return self.sets[size:size + 1]
+
+    def score(self, one: SimpleNamespace) -> float:
+        return one.gap
+
+    def better(self, fuller: SimpleNamespace, leaner: SimpleNamespace, worth: float = search.WORTH) -> bool:
+        steps = len(fuller.ids) - len(leaner.ids)
+        return leaner.gap - fuller.gap > worth and (steps > 1 or self.significant[len(fuller.ids)])
+
+    def least_gain(self, leaner: SimpleNamespace) -> float:
+        return search.WORTH
+
+    def level(self) -> float:
+        return 1.0
+
+    def visible(self, one: SimpleNamespace) -> bool:
+        return True
+
+
+# Squared gaps of the sets of 0, 1, 2, ... effects; a step of one is significant or not; how many are found. The least gap: 1.21.
+@pytest.mark.parametrize(("gaps", "second", "found"), [
+    ([9.0, 4.0, 2.0, 1.0], True, 3), ([9.0, 4.0, 2.0, 1.0], False, 3), ([9.0, 1.20, 1.1, 1.0], False, 1), ([9.0, 1.22, 1.1, 1.0], False, 3),
+    ([9.0, 1.30, 1.24, 1.21], False, 1), ([9.0, 4.0, 3.96, 1.0], False, 1), ([9.0, 4.0, 3.94, 1.0], False, 3),
+    ([9.0, 4.0, 2.0], False, 1)])
+def test_two_further_effects_are_looked_for_while_a_gap_is_left(gaps: list[float], second: bool, found: int,
+                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    state = Stepped(gaps, {1: True, 2: second, 3: True})
+    monkeypatch.setattr(search, "simplest", lambda _, best: best)
+    monkeypatch.setattr(search, "rescale", lambda _: None)
+    monkeypatch.setattr(search, "grow", lambda state, base: next(iter(state.ranked(len(base.ids) + 1)), None))
+    assert len(search.forward(state).ids) == found

@@ -81,12 +81,15 @@ class Search:
 
     def better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
         """True when the fuller set is significantly better and by an amount that matters."""
-        gain = self.score(leaner) - self.score(fuller)
-        worth = worth * self.level() + WORTH_SHARE * max(0.0, self.score(leaner) - self.level())
-        if gain <= worth:
+        worth = self.least_gain(leaner, worth)
+        if self.score(leaner) - self.score(fuller) <= worth:
             return False
         apart = self.sums(leaner) - self.sums(fuller)
         return interval(self.blocks, apart, LEVEL)[0] > 0.0 and interval(self.blocks, apart, LIKELY)[0] > worth
+
+    def least_gain(self, leaner: Fit, worth: float = WORTH) -> float:
+        """Squared gap that a fuller set must take away from a leaner one."""
+        return worth * self.level() + WORTH_SHARE * max(0.0, self.score(leaner) - self.level())
 
     def visible(self, one: Fit) -> bool:
         """The contract's least gap: below VISIBLE of the noise it is no gap, and what takes it away is no effect that could be named."""
@@ -395,10 +398,23 @@ def forward(search: Search) -> Fit:
         return pair if pair is not None and search.better(pair, search.retuned) and search.visible(pair) else search.retuned
     while len(best.ids) < LARGEST_SET:
         larger = grow(search, best)
-        if larger is None or not search.better(larger, best):
+        if larger is not None and not search.better(larger, best):
+            larger = two_further(search, best, larger)
+        if larger is None:
             return best
         best = larger
+        rescale(search)
     return best
+
+
+def two_further(search: Search, base: Fit, larger: Fit) -> Fit | None:
+    """A set of two more effects than base that is better than base, where one more gains enough and still is not: what the second leaves
+    may hide what the first gains. It is looked for only while base leaves a gap that is one."""
+    enough = search.score(base) - search.score(larger) > search.least_gain(base)
+    if not enough or not leaves_a_gap(search, base) or len(larger.ids) >= LARGEST_SET:
+        return None
+    both = grow(search, larger)
+    return both if both is not None and search.better(both, base, 2.0 * WORTH) else None
 
 
 def grow(search: Search, base: Fit) -> Fit | None:
@@ -410,6 +426,11 @@ def grow(search: Search, base: Fit) -> Fit | None:
     search.add(distinct(extensions(search, base) + proposals))
     ranked = search.ranked(size)
     return simplest(search, ranked[0]) if ranked else None
+
+
+def leaves_a_gap(search: Search, one: Fit) -> bool:
+    """Whether a set leaves a gap that the contract calls one."""
+    return search.score(one) >= (1.0 + VISIBLE) ** 2 * search.level()
 
 
 def nothing_left(search: Search, base: Fit) -> bool:
