@@ -48,6 +48,7 @@ class Channel:
     """One judged signal of one log: rows (m,), their times, measured values and sigmas in the signal's unit.
 
     conditional: (m,) rows that say only that no edge came: they count where the model would have passed one.
+    impulse: (m,) 1 sigma of an offset that all rows of one passage (m,), in order, share and that no model knows.
     """
 
     column: str
@@ -60,6 +61,8 @@ class Channel:
     edges: bool = False
     magnitude: bool = False
     note: str = ""
+    passage: np.ndarray | None = None
+    impulse: np.ndarray | None = None
 
     def first_row(self) -> np.ndarray:
         """Row (m,) before the first that each value depends on; a restart after it and up to `row` cuts the value in two."""
@@ -73,6 +76,21 @@ class Channel:
     def model(self, simulation: Simulation) -> np.ndarray:
         """What the model shows in this channel (B, m), in the signal's unit."""
         raise NotImplementedError
+
+    def compared(self, simulation: Simulation) -> np.ndarray:
+        """What the measurement is compared with (B, m): the model, and of offsets that no model knows what makes the residuals white."""
+        model = self.model(simulation)
+        return model if self.impulse is None else model + self._offset(self.measured - model)
+
+    def _offset(self, error: np.ndarray) -> np.ndarray:
+        """Part (B, m) of the errors (B, m) that is taken for the shared offsets: with s = impulse / sigma, the residuals r - s k (s.r) of
+        noise of covariance 1 + s s' have covariance 1."""
+        first = np.flatnonzero(np.diff(self.passage, prepend=self.passage[0] - 1))
+        share = self.impulse / self.sigma**2
+        seen = np.add.reduceat(self.impulse * share, first)
+        found = np.add.reduceat(error * share, first, axis=1)
+        weight = np.where(seen > 0.0, (1.0 - 1.0 / np.sqrt(1.0 + seen)) / np.where(seen > 0.0, seen, 1.0), 0.0)
+        return self.impulse * np.repeat(weight * found, np.diff(np.append(first, len(self.passage))), axis=1)
 
 
 def _part(value: Any, keep: np.ndarray) -> Any:

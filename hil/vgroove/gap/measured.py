@@ -9,6 +9,7 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap import blocks, noise, states
 from vgroove.gap.blocks import Blocks
+from vgroove.gap.breakaway import with_breakaways
 from vgroove.gap.channels import ENCODER, RAD_S_TO_RPM, Channel, ForceChannel, Places, RowChannel, span_channel
 from vgroove.gap.columns import calmed, filled, held
 from vgroove.gap.dead import without_dead
@@ -80,6 +81,7 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     if not any(len(channel.row) for channel in channels):
         raise VgrooveError(f"{source}: nothing to judge: no sample is left between the holes of the log")
     channels = tuple(channel for channel in channels if len(channel.row))
+    channels = with_breakaways(channels, sight.speed, rig, time_s[restarts.rows], time_s[0], moving)
     speed = speed_rows(time_s, sight)
     regime, regimes = regimes_of(time_s, speed, command)
     pitch = 2.0 * np.pi / rig.sensors["hall_pulses_per_rev"] if edges is not None else 0.0

@@ -143,10 +143,10 @@ class Problem:
         return gain, offset, np.stack([at["current_lag.time_constant_s"], at["speed_lag.time_constant_s"]], axis=1)
 
     def models(self, theta: np.ndarray) -> np.ndarray:
-        """What the model shows where something was measured: (B, n) in the signals' units."""
+        """What the measurement is compared with, the model with offsets that nobody knows: (B, n) in the signals' units."""
         parts = []
         for run, simulation in zip(self.runs, self.simulate(theta), strict=True):
-            parts += [channel.model(simulation) for channel in run.channels]
+            parts += [channel.compared(simulation) for channel in run.channels]
         return np.concatenate(parts, axis=1)
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:

@@ -1,0 +1,88 @@
+"""What pre-sliding friction leaves open after a rest: where it does, how much, and that the residuals stay white whatever it was."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vgroove.gap.breakaway import impulse_rad_s, passages, with_breakaways
+from vgroove.gap.channels import RAD_S_TO_RPM, RowChannel
+from vgroove.gap.states import Observations
+from vgroove.rig import Rig, read_rig
+
+TIME = np.arange(1, 401) * 5e-3
+SPEED = np.interp(TIME, [0.0, 0.2, 0.5, 0.9, 1.1, 1.4, 1.5, 2.0], [0.0, 0.0, 300.0, 300.0, -100.0, -100.0, 0.0, 0.0])  # turns at 1.05 s
+
+
+def seen(noise: float = 0.0) -> Observations:
+    return Observations(TIME - 5e-3, TIME, SPEED + noise * np.random.default_rng(1).normal(size=len(TIME)), np.full(len(TIME), 0.5))
+
+
+def speeds(sigma: np.ndarray) -> RowChannel:
+    count = len(TIME)
+    return RowChannel("speed_rpm", "rpm", np.arange(count), TIME, np.zeros(count), sigma, np.arange(count) % 7 == 3, key="speed")
+
+
+def residual(channel: RowChannel, error: np.ndarray) -> np.ndarray:
+    """Residuals (B, n) where the model is off by errors (B, n) of the signal."""
+    return (channel.measured - channel.compared({"speed": -error})) / channel.sigma
+
+
+@pytest.fixture
+def rig() -> Rig:
+    rig = read_rig(Path(__file__).resolve().parents[2] / "rigs/impact_driver_drive.toml")
+    return replace(rig, input={"kind": "current_a"}, motor=rig.motor | {"coulomb_nm": 0.01})
+
+
+@pytest.fixture
+def opened(rig: Rig) -> RowChannel:
+    sigma = np.random.default_rng(2).uniform(0.5, 4.0, len(TIME))
+    return with_breakaways((speeds(sigma),), seen(0.5), rig, np.array([0.0, 0.42, 0.8, 1.3]), 0.0, False)[0]
+
+
+def test_a_shaft_leaves_its_rest_where_it_starts_and_where_it_turns_round() -> None:
+    for noise in (0.0, 0.5):  # noise at rest turns nothing round
+        instants, acceleration = passages(seen(noise), 0.0, False)
+        assert instants == pytest.approx([0.2, 1.05], abs=0.011)
+        assert acceleration == pytest.approx([1000.0, 2000.0], rel=0.2)
+    assert len(passages(seen(), 0.0, True)[0]) == 1  # a log that begins in motion has no start
+
+
+@pytest.mark.parametrize("acceleration", [300.0, 2000.0, 15000.0])
+def test_the_impulse_is_that_of_a_friction_that_builds_up_over_a_small_angle(rig: Rig, acceleration: float) -> None:
+    inertia, coulomb, dt = rig.shaft_inertia_kg_m2, rig.motor["coulomb_nm"], 1e-6
+    speed = angle = 0.0
+    for _ in range(int(30e-3 / dt)):  # Dahl's friction, 0.8 mrad
+        speed += dt * (acceleration + coulomb / inertia * np.exp(-angle / 8e-4))
+        angle += dt * speed
+    gained = speed - 30e-3 * acceleration
+    assert 0.2 < gained / impulse_rad_s(rig, np.array([acceleration]))[0] < 2.0
+
+
+def test_it_lasts_up_to_the_next_restart_and_no_wait_knows_of_it(opened: RowChannel) -> None:
+    held = opened.impulse > 0.0
+    expected = (TIME > 0.2) & (TIME < 0.42) | (TIME > 1.05) & (TIME < 1.3)
+    unlike = TIME[held != (expected & ~opened.conditional)]
+    assert len(unlike) <= 2  # at 0.2 and 1.05 s the speed is too low to be told from rest
+    assert np.all(np.minimum(np.abs(unlike - 0.2), np.abs(unlike - 1.05)) < 0.011)
+
+
+def test_residuals_of_an_unknown_impulse_are_white(opened: RowChannel) -> None:
+    white = residual(opened, np.diag(opened.sigma)).T  # r' = white @ r
+    shared = np.stack([np.where(opened.passage == p, opened.impulse / opened.sigma, 0.0) for p in np.unique(opened.passage)])
+    assert white @ (np.eye(len(TIME)) + shared.T @ shared) @ white.T == pytest.approx(np.eye(len(TIME)), abs=1e-9)
+
+
+def test_a_likely_impulse_leaves_little_and_an_impossible_one_stays(opened: RowChannel) -> None:
+    first = (opened.passage == 0) & (opened.impulse > 0.0)
+    left = [residual(opened, np.where(first, factor * opened.impulse, 0.0)[None])[0] for factor in (1.0, 100.0)]
+    assert np.sum(left[0] ** 2) < 1.0 and np.sum(left[1] ** 2) > 1e3
+    assert not np.any(left[0][~first])
+
+
+def test_a_voltage_forgets_it(rig: Rig) -> None:
+    channel = speeds(np.ones(len(TIME)))
+    driven = replace(rig, input={"kind": "voltage_v"})
+    assert with_breakaways((channel,), seen(), driven, np.zeros(1), 0.0, False)[0] is channel
+    assert with_breakaways((channel,), seen(), rig, np.zeros(1), 0.0, False)[0].impulse.max() < RAD_S_TO_RPM * 5.0
