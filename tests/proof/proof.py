@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
+from gap_growth import gap_growth
 from rich.console import Console
 from rich.progress import track
 
@@ -83,6 +84,7 @@ def without_runs(part: dict) -> dict:
 
 
 PROOFS = {"demo_seeds": demo_seeds, "gap_bench": partial(gap_bench, "report"), "gap_bench_tune": partial(gap_bench, "tune")}
+PROOFS |= {"gap_growth": lambda _folder, _jobs: gap_growth()}
 PROOFS |= {f"control_{part}": partial(control, part) for part in CONTROL_DRAWS}
 GROUPS = {"control": [f"control_{part}" for part in CONTROL_DRAWS]}
 
