@@ -162,7 +162,7 @@ def kinds_of(problem: Problem) -> frozenset[str]:
     back = float((speed[moving] < 0.0).mean()) if moving.any() else 0.0
     torque = np.nanmax(np.abs(column(problem, "load_nm")), initial=0.0) > 0.0
     load = rig.load["kind"] == "pendulum" or (rig.load["kind"] == "torque" and torque)
-    reflected = rig.gearbox["output_inertia_kg_m2"] / rig.gearbox["ratio"] ** 2 / rig.motor["inertia_kg_m2"]
+    reflected = rig.shaft_inertia_kg_m2 / rig.motor["inertia_kg_m2"] - 1.0
     flags = {
         "duty": kind == "duty", "voltage": kind != "current_a", "current_input": kind == "current_a", "current": "current_a" in judged,
         "speed": "speed_rpm" in judged, "supply": "supply_v" in judged, "edges": any(s.edges for s in problem.signals),
@@ -183,8 +183,7 @@ def scales_of(problem: Problem) -> Scales:
     interval = float(np.median(np.concatenate([np.diff(t) for t in times])))
     # Whether a measured current belongs to the start or the end of its row is the logger's convention: one sample is no delay.
     least_delay = 1.5 * interval if rig.input["kind"] == "current_a" else 0.0
-    inertia = motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / rig.gearbox["ratio"] ** 2
-    return Scales(volt=volt, amp=amp, speed=speed, torque=k * amp, inertia=inertia, motor_inertia=motor["inertia_kg_m2"],
+    return Scales(volt=volt, amp=amp, speed=speed, torque=k * amp, inertia=rig.shaft_inertia_kg_m2, motor_inertia=motor["inertia_kg_m2"],
                   resistance=resistance, coulomb=motor["coulomb_nm"], viscous=motor["viscous_nm_s_per_rad"], ratio=rig.gearbox["ratio"],
                   duration=float(max(t[-1] - t[0] for t in times)), interval=interval, least_delay=least_delay,
                   pwm_hz=rig.bridge.get("pwm_hz", 20000.0), supply_ohm=rig.supply.get("resistance_ohm", 0.0))

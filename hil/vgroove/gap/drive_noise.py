@@ -24,8 +24,7 @@ def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.n
     constant command is known to the last digit written.
     A measured bus or terminal voltage has the noise volt_noise (V), the latter calmed: its current feels the mean of CALMED rows.
     """
-    motor, ratio = rig.motor, rig.gearbox["ratio"]
-    inertia = motor["inertia_kg_m2"] + rig.gearbox["output_inertia_kg_m2"] / ratio**2
+    motor, inertia = rig.motor, rig.shaft_inertia_kg_m2
     constant, resistance = motor["torque_constant_nm_per_a"], motor["resistance_ohm"]
     dt = np.diff(time_s, prepend=2.0 * time_s[0] - time_s[1])
     torque, current = np.zeros(len(time_s)), np.zeros(len(time_s))
@@ -44,7 +43,7 @@ def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.n
         felt = reached / np.sqrt(1.0 if rig.input["kind"] == "duty" else CALMED)
         current, torque = np.hypot(current, noisy * felt), np.hypot(torque, constant * noisy)
     if load_nm is not None:
-        torque = np.hypot(torque, np.abs(np.diff(load_nm, prepend=load_nm[0])) / np.sqrt(12.0) / ratio)
+        torque = np.hypot(torque, np.abs(np.diff(load_nm, prepend=load_nm[0])) / np.sqrt(12.0) / rig.gearbox["ratio"])
     digit = last_digit(command) / np.sqrt(12.0) * volt / constant if rig.input["kind"] != "current_a" else 0.0
     impulse, kept = (torque * dt / inertia) ** 2, np.exp(-2.0 * (rate + 1.0 / restart_s) * dt)
     variance = np.empty(len(time_s))

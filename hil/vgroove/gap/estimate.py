@@ -78,11 +78,10 @@ def stretches_of(log: np.ndarray, time_s: np.ndarray) -> np.ndarray:
 
 def memory_s(rig: Rig) -> float:
     """Time constant of the shaft's speed: inertia over damping, the drive's own included where a voltage drives it."""
-    motor, box = rig.motor, rig.gearbox
-    inertia = motor["inertia_kg_m2"] + box["output_inertia_kg_m2"] / box["ratio"] ** 2
+    motor = rig.motor
     drive = 0.0 if rig.input["kind"] == "current_a" else motor["torque_constant_nm_per_a"] ** 2 / motor["resistance_ohm"]
     damping = motor["viscous_nm_s_per_rad"] + drive
-    return inertia / damping if damping > 0.0 else np.inf
+    return rig.shaft_inertia_kg_m2 / damping if damping > 0.0 else np.inf
 
 
 def over_long_stretches(problem: Problem, engine: Engine, shown: Fit) -> Estimate | None:
