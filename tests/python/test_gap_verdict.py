@@ -5,7 +5,7 @@ import pytest
 
 from gap_toy import KINDS, MODELLED, SCALES, Toy
 from vgroove.gap import locate, search, verdict
-from vgroove.gap.evidence import Blocks, few_blocks, interval, make_blocks, typical_interval
+from vgroove.gap.evidence import Blocks, few_blocks, interval, least_loss, make_blocks, typical_interval
 from vgroove.gap.fit import Engine
 from vgroove.gap.hypotheses import BY_ID
 
@@ -141,6 +141,7 @@ class Scored:
     def level(self) -> float:
         return 1.0
 
+    least_gain = search.Search.least_gain
     without: frozenset[str] = frozenset()
 
 
@@ -215,6 +216,41 @@ def test_a_few_large_gains_among_small_ones_of_their_sign_are_significant() -> N
     assert interval(blocks_of(14), gains, 0.99)[0] > 0.0
     one = np.array([97.0, -22, 190, -85, 72, -95, 9149, -71, -74, -123, 52, 24, -30, 5])
     assert interval(blocks_of(14), one, 0.99)[0] < 0.0  # one lucky block
+
+
+def test_models_that_part_in_few_blocks_far_beyond_the_noise_are_told_apart() -> None:
+    blocks, left = blocks_of(18, 100), np.random.default_rng(3).normal(size=1800)
+    apart = np.zeros(1800)
+    apart[900:930] = 5.0
+    for distance, told in ((apart, True), (0.05 * apart, False), (0.0 * apart, False)):
+        sums = np.bincount(blocks.cluster, weights=(left + distance) ** 2 - left**2)
+        assert interval(blocks, sums)[0] <= 0.0
+        assert (least_loss(blocks, left + distance, left) > 0.0) is told
+
+
+def test_what_rivals_differ_by_must_also_matter() -> None:
+    state = Scored(4.0, 4.0, 1.0)
+    state.blocks, state.clip, noise = blocks_of(18, 1000), search.CLIP, np.random.default_rng(3).normal(size=18000)
+    state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.held**2)
+    best, part = named_gap(1.0, 1), np.arange(18000) < 3000
+    best.held = noise
+    for distance, tied in ((2.0, False), (0.4, True)):
+        one = named_gap(1.0, 1)
+        one.held = noise + distance * part
+        assert least_loss(state.blocks, one.held, best.held) > 0.0
+        assert search.Search.tied(state, one, best) is tied
+
+
+@pytest.mark.parametrize("alike", [False, True])
+@pytest.mark.parametrize("share", [0.1, 0.3, 1.0])
+def test_the_least_loss_on_a_run_is_seldom_overestimated(alike: bool, share: float) -> None:
+    """Noise of each row, or the same for all rows of a block, where two models differ in a share of the blocks."""
+    blocks, rng, over = blocks_of(30), np.random.default_rng(5), []
+    for _ in range(300):
+        apart = np.repeat(rng.normal(size=30) * (np.arange(30) < 30 * share), 10)
+        left = np.repeat(rng.normal(size=30), 10) if alike else rng.normal(size=300)
+        over.append(least_loss(blocks, left + apart, left) > float(apart @ apart) / 300)
+    assert np.mean(over) < 0.025 + 3.0 * np.sqrt(0.025 * 0.975 / 300)
 
 
 @pytest.mark.parametrize(("above", "stands"), [

@@ -9,6 +9,7 @@ from vgroove.gap.fit import Fit
 
 DRAWS = 2000
 SHORTEST_S = 0.05
+TINY = 1e-300
 HOPELESS = 1e6  # an interval from one or two blocks says nothing
 
 
@@ -82,6 +83,21 @@ def interval(blocks: Blocks, difference: np.ndarray, level: float = 0.95) -> tup
     middle, wider = difference.sum() / blocks.total, few_blocks(int(np.count_nonzero(blocks.rows)), level)
     least, most = typical_interval(blocks, difference, level)
     return max(float(middle + wider * (low - middle)), least), min(float(middle + wider * (high - middle)), most)
+
+
+def least_loss(blocks: Blocks, worse: np.ndarray, better: np.ndarray, level: float = 0.95) -> float:
+    """Lower end of the interval of the difference of two squared gaps on the run as it was, given held-out residuals (n,).
+
+    Where and by how much two models differ is the run's doing; chance is only in what the better one leaves there, alike over a block's
+    rows. Student's t for as many degrees of freedom as blocks matter (Satterthwaite 1946); no less scatter than white noise has.
+    """
+    apart, left = np.where(blocks.tested, worse - better, 0.0), np.where(blocks.tested, better, 0.0)
+    chance = 2.0 * np.bincount(blocks.cluster, weights=apart * left, minlength=len(blocks.rows))
+    power, distance = chance**2, float(apart @ apart)
+    freedom = max(1.0, float(power.sum() ** 2 / max(float((power**2).sum()), TINY)))
+    white = 4.0 * distance * float(left @ left) / blocks.total
+    scatter = np.sqrt(max(float(power.sum()), white))
+    return float(distance + chance.sum() - t.ppf(0.5 * (1.0 + level), freedom) * scatter) / blocks.total
 
 
 def typical_interval(blocks: Blocks, difference: np.ndarray, level: float) -> tuple[float, float]:

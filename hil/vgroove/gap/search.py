@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vgroove.gap import phases
-from vgroove.gap.evidence import SHORTEST_S, Blocks, block_sums, correlation_time, draw_means, interval, make_blocks, squared
+from vgroove.gap.evidence import SHORTEST_S, Blocks, block_sums, correlation_time, draw_means, interval, least_loss, make_blocks, squared
 from vgroove.gap.fit import NARROW, Engine, Fit, Hypothesis, portions
 from vgroove.gap.hypotheses import BY_ID, RARE, SPECIAL_CASES, Effect, contains
 from vgroove.gap.problem import Problem
@@ -76,8 +76,12 @@ class Search:
         return float(self.sums(one).sum()) / self.blocks.total
 
     def tied(self, one: Fit, best: Fit) -> bool:
-        """The contract's rule: the 95 % interval of the difference contains 0."""
-        return interval(self.blocks, self.sums(one) - self.sums(best))[0] <= 0.0
+        """The contract's rule: the 95 % interval of the difference contains 0. What tells two models apart may happen in few blocks, which
+        a draw of blocks may miss: far beyond the noise there, and large enough to matter, it tells them apart as well."""
+        if interval(self.blocks, self.sums(one) - self.sums(best))[0] > 0.0:
+            return False
+        worse, better = (np.clip(f.held, -self.clip, self.clip) for f in (one, best))
+        return least_loss(self.blocks, worse, better) <= self.least_gain(best)
 
     def better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
         """True when the fuller set is significantly better and by an amount that matters."""

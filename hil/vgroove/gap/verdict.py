@@ -6,7 +6,7 @@ import numpy as np
 
 from vgroove.gap import certainty, locate
 from vgroove.gap.estimate import Estimate, stretches_of
-from vgroove.gap.evidence import block_sums, draw_means, squared
+from vgroove.gap.evidence import block_sums, draw_means, make_blocks, squared
 from vgroove.gap.fit import Fit
 from vgroove.gap.hypotheses import SPECIAL_CASES, equivalents
 from vgroove.gap.search import CLIP, VISIBLE, WORTH_FORM, Search, fit_set, key, plausible, win_shares
@@ -102,19 +102,20 @@ def gap_section(problem: object, search: Search, shown: Fit, floor: float) -> di
     before, retuned, after = (gap_of(problem, f.held) for f in (search.nominal, search.retuned, shown))
     return {
         "before": before, "retuned": retuned, "after": after, "floor": floor,
-        "closed": closed(before, after, floor), "closed_ci95": closed_interval(search, shown, before, floor),
+        "closed": closed(before, after, floor), "closed_ci95": closed_interval(problem, search, shown, before, floor),
         "closed_by_retuning": closed(before, retuned, floor), "closed_beyond_retuning": closed(retuned, after, floor),
         "restart_s": float(problem.restart_s), "held_out_s": [[[float(a), float(b)] for a, b in log] for log in problem.held_out_s],
         "by_signal": by_signal(problem, search, shown),
     }
 
 
-def closed_interval(search: Search, shown: Fit, before: float, floor: float) -> list[float] | None:
-    """Block-bootstrap interval of `closed`; clipped as the reported gap is, whatever the search clips at."""
+def closed_interval(problem: object, search: Search, shown: Fit, before: float, floor: float) -> list[float] | None:
+    """Block-bootstrap interval of `closed` over the rows that count in it; clipped as the reported gap is, whatever the search clips at."""
     if before - floor < 0.1:
         return None
-    squares = (squared(f, CLIP) for f in (search.nominal, shown))
-    b, a = (np.sqrt(draw_means(search.blocks, block_sums(search.blocks, s))) for s in squares)
+    rows = search.rows
+    blocks = make_blocks(rows.log, rows.time_s, problem.judged, search.blocks.length_s, search.seed, rows.conditional)
+    b, a = (np.sqrt(draw_means(blocks, block_sums(blocks, squared(f, CLIP)))) for f in (search.nominal, shown))
     ratio = np.clip((b - a) / np.maximum(b - floor, 1e-6), 0.0, 1.0)
     return [float(q) for q in np.quantile(ratio, [0.025, 0.975])]
 
