@@ -21,6 +21,7 @@ WORTH = 0.05
 VISIBLE = 0.1
 WORTH_SHARE = 0.01
 WORTH_FORM = 0.03
+NEAR_NOISE = 2.0  # a set that leaves less has found what is there; real machines stay above
 FORM_SHARE = 0.05  # of the squared gap that effects close: a form off by a quarter of its size leaves (1 / 4)^2
 UNSURE_SHARE = 0.1  # of what the others close, that a member which goes by several names must gain
 LEVEL = 0.99
@@ -407,7 +408,8 @@ def forward(search: Search) -> Fit:
         if larger is None:
             return best
         best = larger
-        rescale(search)
+        if search.score(best) < NEAR_NOISE**2:
+            rescale(search)
     return best
 
 
@@ -501,12 +503,17 @@ def backward(search: Search, best: Fit) -> Fit:
 
 
 def trimmed(search: Search, best: Fit, share: float, members: Sequence[str] | None = None) -> Fit:
-    """The best set without those members (default: any) that do so little beside the others that it may be what the others' forms leave."""
+    """The best set without those members (default: any) that do so little beside the others that it may be what the others' forms leave.
+
+    Shares are of the gap as the contract clips it, whatever the search compares in.
+    """
+    def left(one: Fit) -> float:
+        return float(block_sums(search.blocks, squared(one, CLIP)).sum()) / search.blocks.total
+
     while len(best.ids) > 1:
         leaner = [fit_set(search, [i for i in best.ids if i != out], best) for out in best.ids if members is None or out in members]
         leanest = min(leaner, key=search.score, default=best)
-        gain, closed = search.score(leanest) - search.score(best), search.score(search.retuned) - search.score(leanest)
-        if leanest is best or gain > share * closed:
+        if leanest is best or left(leanest) - left(best) > share * (left(search.retuned) - left(leanest)):
             return best
         best = leanest
     return best
