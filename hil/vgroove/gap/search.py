@@ -415,12 +415,23 @@ def forward(search: Search) -> Fit:
 
 def two_further(search: Search, base: Fit, larger: Fit) -> Fit | None:
     """A set of two more effects than base that is better than base, where one more gains enough and still is not: what the second leaves
-    may hide what the first gains. It is looked for only while base leaves a gap that is one."""
+    may hide what the first gains. It is looked for only where both promise to close the larger part of what is left: effects that are
+    there leave nothing."""
     enough = search.score(base) - search.score(larger) > search.least_gain(base)
-    if not enough or not leaves_a_gap(search, base) or len(larger.ids) >= LARGEST_SET:
+    if not enough or not has_room_for_two(search, base) or len(larger.ids) >= LARGEST_SET:
         return None
-    both = grow(search, larger)
-    return both if both is not None and search.better(both, base, 2.0 * WORTH) else None
+    promised = extensions(search, larger)
+    if not promised or search.score(promised[0]) - search.level() > 0.5 * (search.score(base) - search.level()):
+        return None
+    search.add(distinct(promised))
+    both = simplest(search, search.ranked(len(larger.ids) + 1)[0])
+    return both if search.better(both, base, 2.0 * WORTH) else None
+
+
+def has_room_for_two(search: Search, base: Fit) -> bool:
+    """Whether base leaves a gap that is one, and one from which two effects could take more than its members' forms may leave."""
+    above = search.score(base) - search.level()
+    return leaves_a_gap(search, base) and above > 2.0 * FORM_SHARE * (search.score(search.retuned) - search.score(base))
 
 
 def grow(search: Search, base: Fit) -> Fit | None:
