@@ -84,3 +84,16 @@ def test_two_further_effects_are_looked_for_while_a_gap_is_left(
     monkeypatch.setattr(search, "extensions", lambda state, base: state.ranked(len(base.ids) + 1))
     monkeypatch.setattr(search, "grow", lambda state, base: next(iter(state.ranked(len(base.ids) + 1)), None))
     assert len(search.forward(state).ids) == found
+
+
+def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
+    """Where it ended alone it may have done another effect's work: kept to those numbers it gains little beside the other."""
+    state, stribeck = begun(Toy(HUMP)), BY_ID["stribeck_friction"]
+    gain = state.engine.fit(state.engine.hypotheses([BY_ID["current_gain"]]))[0]
+    state.engine.remember(fit_at(state, {"effects.stribeck_friction.speed_rad_s": 5.0}, ("stribeck_friction",), 0))
+    kept = search.starts_beside(state, gain, stribeck)
+    assert len(kept) == 1 and len(search.starts_beside(state, gain, stribeck, anew=True)) == 3
+    astray = min(search.first_order(state, gain, h, rows).held.std() for h, rows in search.differenced(state, gain, kept))
+    found = search.started_anew(state, gain)
+    assert [one.ids for one in found] == [("current_gain", "stribeck_friction")]
+    assert found[0].held.std() < 0.9 * astray

@@ -151,10 +151,15 @@ class Engine:
                 found.append(Coordinate(name, (column,), (sigma * value,), value, -KEY_BOUND, KEY_BOUND, prior=True))
         return tuple(found)
 
-    def hypotheses(self, effects: Sequence[Effect], x_keys: np.ndarray | None = None) -> list[Hypothesis]:
-        """All starts of a set of effects (the product of their parameters' starts); keys start at x_keys."""
+    def is_known(self, effect: Effect) -> bool:
+        """Whether larger sets start the effect where it ended alone."""
+        return any(effect.name(p) in self.known for p in effect.parameters)
+
+    def hypotheses(self, effects: Sequence[Effect], x_keys: np.ndarray | None = None, anew: Effect | None = None) -> list[Hypothesis]:
+        """All starts of a set of effects (the product of their parameters' starts), one of them, anew, wherever it ended alone; keys start
+        at x_keys."""
         ids = tuple(e.id for e in effects)
-        numbers = [pair for e in effects for pair in self._effect(e, ids)]
+        numbers = [pair for e in effects for pair in self._effect(e, ids, {} if e is anew else self.known)]
         keys = np.zeros(len(self.keys)) if x_keys is None else x_keys
         starts = np.meshgrid(*[np.array(s) for _, s in numbers], indexing="ij")
         grid = np.stack([g.ravel() for g in starts], axis=1) if numbers else np.zeros((1, 0))
@@ -163,7 +168,7 @@ class Engine:
         low, high = np.array([c.low for c in coordinates]), np.array([c.high for c in coordinates])
         return [Hypothesis(ids, coordinates, np.clip(np.concatenate([row, keys]), low, high), form) for form in forms for row in grid]
 
-    def _effect(self, effect: Effect, ids: tuple[str, ...]) -> list[tuple[Coordinate, tuple[float, ...]]]:
+    def _effect(self, effect: Effect, ids: tuple[str, ...], known: dict[str, float]) -> list[tuple[Coordinate, tuple[float, ...]]]:
         if effect.id == "asymmetric_friction" and "coulomb_friction" in ids:
             return [(self._offset(effect), (0.0,))]
         pairs = []
@@ -172,7 +177,7 @@ class Engine:
             column = self.problem.index(effect.name(parameter))
             low, high = parameter.low(self.scales) / size, parameter.high(self.scales) / size
             starts = parameter.starts if effect.id not in self.present else (float(self.problem.theta0[column]) / size,)
-            starts = (self.known[effect.name(parameter)],) if effect.name(parameter) in self.known else starts
+            starts = (known[effect.name(parameter)],) if effect.name(parameter) in known else starts
             pairs.append((Coordinate(effect.name(parameter), (column,), (size,), 0.0, low, high, parameter.step, parameter.least), starts))
         return self._polar(pairs) if effect.phase else pairs
 

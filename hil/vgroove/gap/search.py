@@ -325,15 +325,29 @@ def newcomers(search: Search, base: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
 
 
 def trials_beside(search: Search, base: Fit) -> list[Hypothesis]:
-    """Hypotheses of base plus each further effect, started from base and the newcomer's own starts; none twice."""
-    engine, count, trials = search.engine, base.hypothesis.count, {}
-    for effect in (e for e in search.effects if e.id not in base.ids):
-        for h in engine.hypotheses([*(BY_ID[i] for i in base.ids), effect]):
-            new = h.count - count
-            if new >= 1 and same_coordinates(h, base, count):
-                trial = replace(h, start=np.concatenate([base.x[:count], h.start[count:count + new], base.x[count:]]))
-                trials.setdefault((trial.ids, trial.fixed, trial.start.tobytes()), trial)
+    """Hypotheses of base plus each further effect, started from base and the newcomer's own starts."""
+    return [h for effect in search.effects if effect.id not in base.ids for h in starts_beside(search, base, effect)]
+
+
+def starts_beside(search: Search, base: Fit, effect: Effect, anew: bool = False) -> list[Hypothesis]:
+    """Hypotheses of base plus an effect, started from base and the effect's own starts, anew wherever it ended alone; none twice."""
+    count, trials = base.hypothesis.count, {}
+    for h in search.engine.hypotheses([*(BY_ID[i] for i in base.ids), effect], anew=effect if anew else None):
+        new = h.count - count
+        if new >= 1 and same_coordinates(h, base, count):
+            trial = replace(h, start=np.concatenate([base.x[:count], h.start[count:count + new], base.x[count:]]))
+            trials.setdefault((trial.fixed, trial.start.tobytes()), trial)
     return list(trials.values())
+
+
+def started_anew(search: Search, base: Fit) -> list[Fit]:
+    """First-order fits of base plus each effect of many starts, from the best of them beside base: where it ended alone it may have done
+    another effect's work."""
+    found = []
+    for effect in (e for e in search.effects if search.engine.is_known(e) and e.id not in base.ids):
+        trials = differenced(search, base, starts_beside(search, base, effect, anew=True))
+        found.append(min((first_order(search, base, h, rows) for h, rows in trials), key=search.score))
+    return found
 
 
 def differenced(search: Search, base: Fit, trials: list[Hypothesis]) -> list[tuple[Hypothesis, np.ndarray]]:
@@ -441,6 +455,10 @@ def grow(search: Search, base: Fit) -> Fit | None:
     rivals = [] if nothing_left(search, base) else [f for f in search.ranked(size - 1) if key(f.ids) != key(base.ids)][:2]
     proposals = [f for rival in rivals for f in extensions(search, rival, 3)]
     search.add(distinct(extensions(search, base) + proposals))
+    found = next(iter(search.ranked(size)), base)
+    if leaves_a_gap(search, found):
+        search.add(distinct([one for one in started_anew(search, base) if search.score(one) < search.score(found)]))
+        search.add([replace(f.hypothesis, start=f.x) for f in search.ranked(size)[:1]], CONVERGED)
     ranked = search.ranked(size)
     return simplest(search, ranked[0]) if ranked else None
 
