@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gap_toy import SCALES, Toy
-from vgroove.gap.fit import Engine, bounded_step, covariance
+from vgroove.gap.fit import SHORTER, Engine, bounded_step, covariance, portions
 from vgroove.gap.hypotheses import BY_ID, CATALOGUE, available, contains, equivalents
 
 TORQUE = "effects.coulomb_friction.torque_nm"
@@ -72,6 +72,17 @@ def test_a_held_out_block_is_predicted_without_having_been_seen() -> None:
     _, dirty = fit_of(spoilt, "coulomb_friction")
     moved = (dirty.held - clean.held)[test & (spoilt.signal == 1)]
     np.testing.assert_allclose(moved, shift / 20.0, atol=0.3)
+
+
+def test_a_folds_step_that_makes_its_own_rows_worse_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the model bends, the step that leaves a fold out may go astray: it must not be held against the effect."""
+    engine, one = fit_of(Toy({TORQUE: 0.004}), "coulomb_friction")
+    one.exact, far = False, np.full(len(one.x), 4.0)
+    monkeypatch.setattr(Engine, "_fold_step", lambda _self, _one, _train: far.copy())
+    engine.settle([one])
+    steps = [0.3**k * far for k in range(SHORTER + 1)]
+    rows = engine.residuals([(one.hypothesis, one.x + step) for step in steps])
+    assert not np.allclose(one.held, rows[0]) and np.allclose(one.held, rows[-1])
 
 
 def test_intervals_hold_the_truth() -> None:
@@ -146,3 +157,10 @@ def test_intervals_widen_where_folds_disagree() -> None:
     rotten = one.residual + 3.0 * one.jacobian[:, 0] * np.where(toy.block % 4 == 0, 0.05, -0.05 / 3.0)  # a block that wants another size
     moved = type(one)(one.hypothesis, one.x, rotten, one.jacobian, one.cost, 1e9)
     assert half_widths(engine, moved, [short])[0] > 2.0 * half_widths(engine, one, [short])[0]
+
+
+@pytest.mark.parametrize("sizes,expected", [([], []), ([3], [1]), ([2, 2, 2], [2, 1]), ([9, 1, 1], [1, 2]), ([0, 0, 5], [3])])
+def test_portions_hold_no_more_than_asked_and_miss_nothing(sizes: list[int], expected: list[int]) -> None:
+    parts = list(portions(sizes, 4))
+    assert [part.stop - part.start for part in parts] == expected
+    assert [n for part in parts for n in range(len(sizes))[part]] == list(range(len(sizes)))

@@ -38,6 +38,16 @@ def test_a_leaner_set_starts_again_from_the_fuller_one() -> None:
     assert search.key(best.ids) == pair and state.score(best) < 1.05
 
 
+def test_a_member_that_stands_in_for_the_true_one_is_exchanged() -> None:
+    truth = {"effects.coulomb_friction.torque_nm": 0.006, "effects.current_gain.relative": -0.08}
+    state = begun(Toy(truth))
+    wrong, pair = ("current_gain", "quadratic_drag"), ("coulomb_friction", "current_gain")
+    state.fits[wrong] = fit_at(state, {}, wrong, 6)
+    assert state.score(state.fits[wrong]) > 1.2 and pair not in state.fits
+    best = search.exchanged(state, state.fits[wrong])
+    assert search.key(best.ids) == pair and state.score(best) < 1.05
+
+
 class Stepped:
     """A search whose sets have given squared gaps; a set is better by `worth`, and only if its step is significant."""
 
