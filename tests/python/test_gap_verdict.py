@@ -1,5 +1,7 @@
 """Decisions on a problem with known answers: none, one effect, pairs, true ties, gaps outside the catalogue, and the figures reported."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -82,6 +84,28 @@ def test_what_closes_less_than_the_forms_of_the_others_may_leave_is_not_named(of
     assert (found[1].verdict, named(toy, found)) == ("effect", names)
     share = (found[0].score(alone) - found[0].score(pair)) / (found[0].score(found[0].retuned) - found[0].score(alone))
     assert (share > search.FORM_SHARE) == (len(names) == 2)
+
+
+@pytest.mark.parametrize("drag,named_alone", [(2e-8, True), (4e-8, False)])
+def test_a_law_that_only_bends_another_is_not_named_when_several_bend_it_as_well(
+        drag: float, named_alone: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    pair, other = ("quadratic_drag", "viscous_friction"), SimpleNamespace(ids=("viscous_friction", "stribeck_friction"))
+    monkeypatch.setattr(search, "rivals", lambda _, best: [other] if search.key(best.ids) == pair else [])
+    state = decided(Toy({"effects.viscous_friction.nm_s_per_rad": 1e-5, "effects.quadratic_drag.nm_s2_per_rad2": drag}))[0]
+    best, found = search.settled(state, state.fits[pair])
+    alone = state.fits[("viscous_friction",)]
+    share = (state.score(alone) - state.score(state.fits[pair])) / (state.score(state.retuned) - state.score(alone))
+    assert share > search.UNSURE_SHARE and (share < search.SHAPE_SHARE) is named_alone
+    assert (best, found) == ((alone, []) if named_alone else (state.fits[pair], [other]))
+
+
+@pytest.mark.parametrize("others,bends", [
+    ([("viscous_friction", "stribeck_friction")], ["quadratic_drag"]), ([("viscous_friction", "cold_grease")], []), ([], []),
+    ([("viscous_friction", "stribeck_friction"), ("viscous_friction", "winding_heating")], [])])
+def test_only_laws_of_friction_bend_one_another(others: list[tuple[str, ...]], bends: list[str]) -> None:
+    rivals = [SimpleNamespace(ids=ids) for ids in others]
+    assert search.bending(SimpleNamespace(ids=("viscous_friction", "quadratic_drag")), rivals) == bends
+    assert search.bending(SimpleNamespace(ids=("current_gain", "quadratic_drag")), rivals) == []
 
 
 def test_a_gap_outside_the_catalogue_is_unlisted() -> None:

@@ -191,6 +191,9 @@ SPECIAL_CASES: dict[str, tuple[str, ...]] = {
     "cogging_torque": ("gear_eccentricity",),
 }
 
+# Laws of one torque over speed: sums of some of them are others of slightly different form.
+FRICTION_LAWS = frozenset({"coulomb_friction", "viscous_friction", "stribeck_friction", "quadratic_drag"})
+
 # Of two effects that predict a log equally well these are the less likely: clocks seldom run off, dead time is known from the design.
 RARE = ("clock_skew", "dead_time", "inductance", "magnetic_saturation", "coupler_compliance", "supply_gain")
 

@@ -12,7 +12,7 @@ import numpy as np
 from vgroove.gap import phases
 from vgroove.gap.evidence import SHORTEST_S, Blocks, block_sums, correlation_time, draw_means, interval, least_loss, make_blocks, squared
 from vgroove.gap.fit import NARROW, Engine, Fit, Hypothesis, portions
-from vgroove.gap.hypotheses import BY_ID, RARE, SPECIAL_CASES, Effect, contains
+from vgroove.gap.hypotheses import BY_ID, FRICTION_LAWS, RARE, SPECIAL_CASES, Effect, contains
 from vgroove.gap.problem import Problem
 
 CLIP = 10.0
@@ -23,6 +23,7 @@ WORTH_SHARE = 0.01
 WORTH_FORM = 0.03
 NEAR_NOISE = 2.0  # a set that leaves less has found what is there; real machines stay above
 FORM_SHARE = 0.05  # of the squared gap that effects close: a form off by a quarter of its size leaves (1 / 4)^2
+SHAPE_SHARE = 0.3 / 0.7  # by the contract an effect of another form closes at least 0.7
 UNSURE_SHARE = 0.1  # of what the others close, that a member which goes by several names must gain
 LEVEL = 0.99
 LIKELY = 0.8  # interval whose lower end must still be worth it: the gain is not one lucky block's
@@ -402,11 +403,22 @@ def run(search: Search) -> tuple[Fit, list[Fit]]:
 
 
 def settled(search: Search, best: Fit) -> tuple[Fit, list[Fit]]:
-    """The selected fit and its rivals. A small member that goes by several names is none that could be named."""
+    """The selected fit and its rivals. A small member that goes by several names is none that could be named; nor is one that only bends
+    another law of friction, when several laws bend it as well."""
     found = rivals(search, best)
     doubtful = [i for i in best.ids if any(i not in f.ids for f in found)]
     leaner = trimmed(search, best, UNSURE_SHARE, doubtful) if doubtful else best
+    bends = bending(best, found)
+    leaner = trimmed(search, best, SHAPE_SHARE, bends) if leaner is best and bends else leaner
     return (best, found) if leaner is best else settled(search, leaner)
+
+
+def bending(best: Fit, found: Sequence[Fit]) -> list[str]:
+    """Laws of friction in the best set that rivals replace by other such laws, beside one that stays."""
+    replaced = {i: [set(f.ids) - set(best.ids) for f in found if i not in f.ids] for i in FRICTION_LAWS.intersection(best.ids)}
+    if len(replaced) < 2:
+        return []
+    return sorted(i for i, instead in replaced.items() if instead and all(new <= FRICTION_LAWS for new in instead))
 
 
 def forward(search: Search) -> Fit:
