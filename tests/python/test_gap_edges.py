@@ -1,5 +1,6 @@
 """Edges behind a speed column: found where they were, counted once, located to microseconds, whatever the speed does."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -93,6 +94,29 @@ def test_edges_are_placed_where_rows_show_the_last_of_several(pulses: int, log_h
     error, slack = np.abs(found.end_s[whole] - true), found.slack_s[whole]
     assert np.quantile(error, 0.9) < largest_s
     assert np.mean(error > 3.0 * slack + 5e-6) < 0.05
+
+
+def misplaced(pulses: int, log_hz: int, rest_of_speed: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Whether each period of a shaft that runs up and is braked, from nine instants within a row, lies where no edge was."""
+    rows, fine, found_so = np.arange(1, 1.4 * log_hz) / log_hz, FINE[:14001], []
+    for start_s in 1.0 + np.linspace(0.0, 1.0 / log_hz, 9):
+        speed = 1400.0 * (1.0 - np.exp(-fine / 0.1)) * rest_of_speed(np.maximum(fine - start_s, 0.0))
+        edges = edge_times(fine, np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(fine))]), pulses)
+        found = edge_periods(rows, hall_column(rows, edges, pulses, 0.3, 0.5), pulses, 0.5)
+        whole = ~found.falling & (found.end_s > 0.9)
+        away = np.min(np.abs(found.end_s[whole][:, None] - edges), axis=1)
+        found_so.append(away > 3.0 * found.slack_s[whole] + 2e-5)
+    return np.concatenate(found_so)
+
+
+def test_a_braked_shaft_is_followed_from_several_edges_a_row_to_waits() -> None:
+    """While it slows down a row may show the last edge or the one before, and a wait looks like an edge at the row's end."""
+    shares = []
+    for pulses, log_hz in ((2, 300), (4, 500)):
+        for decay_s in (0.03, 0.05, 0.08):
+            shares.append(np.mean(misplaced(pulses, log_hz, lambda since, decay_s=decay_s: np.exp(-since / decay_s))))
+            shares.append(np.mean(misplaced(pulses, log_hz, lambda since, decay_s=decay_s: np.maximum(1.0 - 0.5 * since / decay_s, 0.02))))
+    assert np.mean(shares) < 0.033
 
 
 def test_a_vibration_is_not_taken_for_jitter() -> None:

@@ -106,8 +106,10 @@ def places(now_s: np.ndarray, chain: Chain, half_lsb_rpm: float, counts: bool) -
     path = _Path.of(m, start, half)
     for i in range(1, m):
         unseen_s = now_s[i] - np.max(cells.time_s[cells.cost < HOPELESS])
+        before_that = path.parent[i - 1], path.shift_s[i - 1]
+        fewer = np.zeros(CELLS, dtype=bool) if counts else _branch(cells, before_that, (period[i - 1], period[i]), now_s[i])
         path.step[i], path.wrong[i] = _follow(cells, (now_s[i - 1], before[i], now_s[i]), (speed[i - 1], speed[i]),
-                                              (period[i - 1], period[i]), rounding[i], counts)
+                                              (period[i - 1], period[i]), rounding[i], counts, fewer)
         interval_s = now_s[i] - before[i]
         plain = min(period[i - 1], period[i]) > PLAIN * interval_s
         if plain and _lost(cells, path.wrong[i]) or unseen_s > interval_s + BETWEEN * period[i]:
@@ -119,7 +121,7 @@ def places(now_s: np.ndarray, chain: Chain, half_lsb_rpm: float, counts: bool) -
 
 
 def _follow(cells: _Cells, rows: tuple[float, float, float], speed: tuple[float, float], period: tuple[float, float], rounding: float,
-            counts: bool) -> tuple[np.ndarray, np.ndarray]:
+            counts: bool, fewer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Move every cell to the last edge up to now; the steps (CELLS,), and what contradicts the rows: that of the edge before, the last one
     that seems to show no other edge, and now.
 
@@ -133,6 +135,7 @@ def _follow(cells: _Cells, rows: tuple[float, float, float], speed: tuple[float,
     unsure = min(cells.half_s, NEARLY * period[1]) + TICK_S + rounding
     waits = (np.abs(now - cells.time_s - period[1]) < unsure) & (np.abs(speed[1]) < np.abs(cells.speed))
     step = np.clip(np.searchsorted(length, now - cells.time_s, side="right"), 0 if repeats or counts else 1, most)
+    step[fewer] -= 1
     step[waits] = 0
     stays = step == 0
     number = np.maximum(step, 1)
@@ -158,9 +161,27 @@ def _follow(cells: _Cells, rows: tuple[float, float, float], speed: tuple[float,
     cells.unrest = 0.9 * cells.unrest + 0.1 * float(jump[np.argmin(cells.cost)])
     cells.time_s, cells.slope, cells.middle_s = np.minimum(new, now + TICK_S), slope, middle
     cells.speed = np.where(stays, cells.speed, speed[1])
-    growth_s = float(np.median(drift))  # a speed that repeats is rounded alike every time
+    growth_s = float(drift[cells.cost < HOPELESS].max())  # a speed that repeats is rounded alike every time
     cells.half_s = cells.half_s + growth_s if repeats else float(np.hypot(cells.half_s, growth_s))
     return step, wrong
+
+
+def _branch(cells: _Cells, before: tuple[np.ndarray, np.ndarray], period: tuple[float, float], now: float) -> np.ndarray:
+    """Cells (CELLS,) that hold a row to show the edge before the last one that fits. While the shaft slows down a row may as well: such
+    cells go both ways, the other one in place of a cell that was given up. before: parents and shifts (CELLS,) of the row before."""
+    length = unseen_lengths(period[0], period[1], max(int((now - cells.time_s.min()) / min(period)) + 2, 2), False)
+    step = np.searchsorted(length, now - cells.time_s, side="right")
+    fewer = np.clip(step - 1, 1, len(length))
+    coming = cells.time_s + length[fewer - 1] + period[1] * (period[1] / period[0]) ** (1.0 / fewer)
+    alive = cells.cost < HOPELESS
+    torn, free = np.flatnonzero(alive & (step > 1) & (coming > now)), np.flatnonzero(~alive)
+    torn = torn[np.argsort(cells.cost[torn], kind="stable")][:len(free)]
+    other = free[:len(torn)]
+    for values in (cells.time_s, cells.cost, cells.slope, cells.speed, cells.middle_s, *before):
+        values[other] = values[torn]
+    fewer = np.zeros(CELLS, dtype=bool)
+    fewer[other] = True
+    return fewer
 
 
 def _lost(cells: _Cells, wrong: np.ndarray) -> bool:

@@ -55,12 +55,26 @@ class _Chain:
     length_s: list[float] = field(default_factory=list)  # of the span that the row's speed is the mean of: one period, or several counted
     span: list[int] = field(default_factory=list)  # edges that the step from the edge before spans
     before_s: list[float] = field(default_factory=list)  # time of the row read before the one that shows the edge
-    falls: list[tuple[int, int, float]] = field(default_factory=list)  # row, edge, speed
+    falls: list[tuple[int, int, float, float]] = field(default_factory=list)  # row, edge, speed, time of the row read before
 
     def part(self, first: int, last: int) -> "_Chain":
         """Edges first..last - 1."""
         lists = {f.name: getattr(self, f.name)[first:last] for f in fields(self) if f.name != "falls"}
-        return _Chain(**lists, falls=[(row, edge - first, speed) for row, edge, speed in self.falls if first <= edge < last])
+        return _Chain(**lists, falls=[(row, edge - first, *rest) for row, edge, *rest in self.falls if first <= edge < last])
+
+    def with_falls(self, among: np.ndarray, pulses: int) -> "_Chain":
+        """The chain in which rows that seem to wait for an edge that is `among` (edges,) stand as entries of their own: without a step."""
+        falls = [fall for fall in self.falls if among[fall[1]]]
+        row, edge, speed, before_s = (list(values) for values in zip(*falls, strict=True)) if falls else ([], [], [], [])
+        period = [60.0 / (pulses * abs(one)) for one in speed]
+        more = {"offset_s": [self.offset_s[k] for k in edge], "growth_s": [0.0] * len(edge), "low_s": [self.low_s[k] for k in edge],
+                "high_s": [self.high_s[k] for k in edge], "row": row, "speed_rpm": speed, "period_s": period, "length_s": period,
+                "span": [0] * len(edge), "before_s": before_s}
+        after = np.array(edge, dtype=int) + 1
+        merged = _Chain(**{name: np.insert(getattr(self, name), after, values).tolist() for name, values in more.items()})
+        place = {row: k for k, row in enumerate(merged.row)}
+        merged.falls = [(row, place.get(row, place[self.row[edge]]), *rest) for row, edge, *rest in self.falls]
+        return merged
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Bounds on where the chain lies that each edge gives, and the rounding errors added up until there, all (edges,)."""
@@ -142,7 +156,7 @@ class _Reader:
                 self.narrow(now - period - slack, now + TICK_S)
         elif self.is_fall(row, speed, now, period, slack + rounding):  # a board may truncate where a pitch over the wait is a bound
             self.narrow(now - period - slack - rounding, now - period + slack + rounding)
-            self.chain.falls.append((row, len(self.chain.row) - 1, speed))
+            self.chain.falls.append((row, len(self.chain.row) - 1, speed, self.before()))
         elif not self.new_edge(row, speed, now, period, rounding):
             self.begin(row, speed)
 
@@ -269,13 +283,13 @@ def edge_periods(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
     columns: list[tuple] = []
     number = count = 0
     for chain in _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm).read():
-        end, slack, piece, span, length = _located(time_s, chain, pulses_per_rev >= COUNTING_PULSES, lsb_rpm)
+        chain, (end, slack, piece, span, length) = _located(time_s, chain, pulses_per_rev, lsb_rpm)
         piece = piece + number
         number = piece[-1] + 1
         for i in np.flatnonzero(span > 0):
             count += span[i] * (1 if chain.speed_rpm[i] > 0.0 else -1)
             columns.append((chain.row[i], end[i] - length[i], end[i], chain.speed_rpm[i], slack[i], False, piece[i], count))
-        for row, edge, speed in chain.falls:
+        for row, edge, speed, _ in chain.falls:
             wait = 60.0 / (pulses_per_rev * abs(speed))
             unsure = slack[edge] + wait * lsb_rpm / abs(speed) + WAIT_SLACK_S
             if abs(time_s[row] - wait - end[edge]) < unsure:  # else rows hid the edge that it waited since
@@ -291,16 +305,20 @@ def count_chains(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
     return sum(len(_pieces(*chain.bounds())) for chain in chains)
 
 
-def _located(time_s: np.ndarray, chain: _Chain, counts: bool, lsb_rpm: float) -> tuple[np.ndarray, ...]:
-    """Of each edge of a chain: time, half width, piece of the chain, edges since the one before (0: its row repeats that one), length of
-    the span that its row's speed is the mean of."""
-    hidden = _hides_edges(time_s, chain)
+def _located(time_s: np.ndarray, chain: _Chain, pulses: int, lsb_rpm: float) -> tuple[_Chain, tuple[np.ndarray, ...]]:
+    """Of each edge of a chain: time, half width, piece of the chain, edges since the one before (0: its row repeats that one, or waits),
+    length of the span that its row's speed is the mean of. Where rows hide edges, rows that seem to wait are entries too: only there the
+    chain's own bounds may be wrong about them."""
+    hidden, counts = _hides_edges(time_s, chain), pulses >= COUNTING_PULSES
     hidden = np.full(len(hidden), hidden.any()) if counts else maximum_filter1d(hidden, 2 * BESIDE_HIDDEN + 1)
+    if not counts and hidden.any():
+        chain = chain.with_falls(hidden & _hides_edges(time_s, chain, PLAIN), pulses)
+        hidden = maximum_filter1d(_hides_edges(time_s, chain), 2 * BESIDE_HIDDEN + 1)
     cuts = [0, *(np.flatnonzero(np.diff(hidden)) + 1), len(hidden)]
     parts = [_part_located(time_s, chain.part(a, b), counts, 0.5 * lsb_rpm, bool(hidden[a])) for a, b in zip(cuts, cuts[1:], strict=False)]
     end, slack, piece, span, length = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     torn = np.concatenate([[0], np.diff(piece) > 0])
-    return end, slack, np.cumsum(torn), span, length
+    return chain, (end, slack, np.cumsum(torn), span, length)
 
 
 def _part_located(time_s: np.ndarray, chain: _Chain, counts: bool, half_lsb_rpm: float, hidden: bool) -> tuple[np.ndarray, ...]:
@@ -314,9 +332,9 @@ def _part_located(time_s: np.ndarray, chain: _Chain, counts: bool, half_lsb_rpm:
     return found.end_s, found.slack_s, np.zeros(len(row), dtype=int), found.step, length
 
 
-def _hides_edges(time_s: np.ndarray, chain: _Chain) -> np.ndarray:
-    """Whether each edge's row (edges,) may show only the last of several."""
-    return np.asarray(chain.period_s) < time_s[np.asarray(chain.row)] - np.asarray(chain.before_s)
+def _hides_edges(time_s: np.ndarray, chain: _Chain, rows: float = 1.0) -> np.ndarray:
+    """Whether each edge's row (edges,), or so many rows, may show only the last of several."""
+    return np.asarray(chain.period_s) < rows * (time_s[np.asarray(chain.row)] - np.asarray(chain.before_s))
 
 
 def near_reversal(edges: EdgePeriods) -> np.ndarray:
