@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gap_toy import MODELLED, SCALES, Toy
-from vgroove.gap import search
+from vgroove.gap import extend, search, search_state
 from vgroove.gap.fit import Engine, Fit
 from vgroove.gap.hypotheses import BY_ID
 
@@ -15,13 +15,13 @@ HUMP = {"effects.stribeck_friction.breakaway_nm": 0.01, "effects.stribeck_fricti
         "effects.current_gain.relative": 0.06}
 
 
-def begun(toy: Toy) -> search.Search:
+def begun(toy: Toy) -> search_state.Search:
     """A search with the nominal and retuned fits made."""
-    rows = search.Rows(toy.log, toy.time_s, toy.signal, np.zeros(toy.n, bool), 0.25)
-    return search.begin(Engine(toy, SCALES, {}), [BY_ID[i] for i in MODELLED], rows, 0, lambda _: None)
+    rows = search_state.Rows(toy.log, toy.time_s, toy.signal, np.zeros(toy.n, bool), 0.25)
+    return search_state.begin(Engine(toy, SCALES, {}), [BY_ID[i] for i in MODELLED], rows, 0, lambda _: None)
 
 
-def fit_at(state: search.Search, numbers: dict[str, float], ids: tuple[str, ...], rounds: int) -> Fit:
+def fit_at(state: search_state.Search, numbers: dict[str, float], ids: tuple[str, ...], rounds: int) -> Fit:
     """Fit of a set from given numbers (SI)."""
     h = state.engine.hypotheses([BY_ID[i] for i in ids])[0]
     start = np.array([numbers.get(c.name, 0.0) / c.factors[0] for c in h.coordinates])
@@ -35,7 +35,7 @@ def test_a_leaner_set_starts_again_from_the_fuller_one() -> None:
     state.fits |= {pair: astray, triple: fit_at(state, HUMP, triple, 6)}
     assert state.score(astray) > 1.2
     best = search.backward(state, state.fits[triple])
-    assert search.key(best.ids) == pair and state.score(best) < 1.05
+    assert search_state.key(best.ids) == pair and state.score(best) < 1.05
 
 
 def test_a_member_that_stands_in_for_the_true_one_is_exchanged() -> None:
@@ -45,7 +45,7 @@ def test_a_member_that_stands_in_for_the_true_one_is_exchanged() -> None:
     state.fits[wrong] = fit_at(state, {}, wrong, 6)
     assert state.score(state.fits[wrong]) > 1.2 and pair not in state.fits
     best = search.exchanged(state, state.fits[wrong])
-    assert search.key(best.ids) == pair and state.score(best) < 1.05
+    assert search_state.key(best.ids) == pair and state.score(best) < 1.05
 
 
 class Stepped:
@@ -64,12 +64,12 @@ class Stepped:
     def score(self, one: SimpleNamespace) -> float:
         return one.gap
 
-    def better(self, fuller: SimpleNamespace, leaner: SimpleNamespace, worth: float = search.WORTH) -> bool:
+    def better(self, fuller: SimpleNamespace, leaner: SimpleNamespace, worth: float = search_state.WORTH) -> bool:
         steps = len(fuller.ids) - len(leaner.ids)
         return leaner.gap - fuller.gap > worth and (steps > 1 or self.significant[len(fuller.ids)])
 
     def least_gain(self, leaner: SimpleNamespace) -> float:
-        return search.WORTH
+        return search_state.WORTH
 
     def level(self) -> float:
         return 1.0
@@ -101,9 +101,9 @@ def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
     state, stribeck = begun(Toy(HUMP)), BY_ID["stribeck_friction"]
     gain = state.engine.fit(state.engine.hypotheses([BY_ID["current_gain"]]))[0]
     state.engine.remember(fit_at(state, {"effects.stribeck_friction.speed_rad_s": 5.0}, ("stribeck_friction",), 0))
-    kept = search.starts_beside(state, gain, stribeck)
-    assert len(kept) == 1 and len(search.starts_beside(state, gain, stribeck, anew=True)) == 3
-    astray = min(search.first_order(state, gain, h, rows).held.std() for h, rows in search.differenced(state, gain, kept))
-    found = search.started_anew(state, gain)
+    kept = extend.starts_beside(state, gain, stribeck)
+    assert len(kept) == 1 and len(extend.starts_beside(state, gain, stribeck, anew=True)) == 3
+    astray = min(extend.first_order(state, gain, h, rows).held.std() for h, rows in extend.differenced(state, gain, kept))
+    found = extend.started_anew(state, gain)
     assert [one.ids for one in found] == [("current_gain", "stribeck_friction")]
     assert found[0].held.std() < 0.9 * astray

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gap_toy import KINDS, MODELLED, SCALES, Toy
-from vgroove.gap import locate, search, verdict
+from vgroove.gap import locate, search, search_state, verdict
 from vgroove.gap.evidence import Blocks, few_blocks, interval, least_loss, make_blocks, typical_interval
 from vgroove.gap.fit import Engine
 from vgroove.gap.hypotheses import BY_ID
@@ -19,7 +19,8 @@ def decided(toy: Toy, tolerance: dict[str, float] | None = None, without: tuple[
     kinds = KINDS - ({"both"} if one_way else set())
     effects = [BY_ID[i] for i in MODELLED if set(BY_ID[i].needs) <= kinds and i not in without]
     engine = Engine(toy, SCALES, tolerance or {})
-    state = search.begin(engine, effects, search.Rows(toy.log, toy.time_s, toy.signal, np.zeros(toy.n, bool), 0.25), 0, lambda _: None)
+    rows = search_state.Rows(toy.log, toy.time_s, toy.signal, np.zeros(toy.n, bool), 0.25)
+    state = search_state.begin(engine, effects, rows, 0, lambda _: None)
     best, rivals = search.run(state)
     drivers = {"speed": np.tile(toy.measured_rows[1], 3), "time": toy.time_s}
     left = locate.remaining(state, best, drivers, toy.signal, ["current_a", "speed_rpm", "supply_v"], FLOOR)
@@ -90,7 +91,7 @@ def test_what_closes_less_than_the_forms_of_the_others_may_leave_is_not_named(of
 def test_a_law_that_only_bends_another_is_not_named_when_several_bend_it_as_well(
         drag: float, named_alone: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     pair, other = ("quadratic_drag", "viscous_friction"), SimpleNamespace(ids=("viscous_friction", "stribeck_friction"))
-    monkeypatch.setattr(search, "rivals", lambda _, best: [other] if search.key(best.ids) == pair else [])
+    monkeypatch.setattr(search, "rivals", lambda _, best: [other] if search_state.key(best.ids) == pair else [])
     state = decided(Toy({"effects.viscous_friction.nm_s_per_rad": 1e-5, "effects.quadratic_drag.nm_s2_per_rad2": drag}))[0]
     best, found = search.settled(state, state.fits[pair])
     alone = state.fits[("viscous_friction",)]
@@ -165,7 +166,7 @@ class Scored:
     def level(self) -> float:
         return 1.0
 
-    least_gain = search.Search.least_gain
+    least_gain = search_state.Search.least_gain
     without: frozenset[str] = frozenset()
 
 
@@ -207,7 +208,7 @@ def test_what_closes_too_little_imitates_something_else(count: int, nominal: flo
 @pytest.mark.parametrize(("retuned", "after", "seen"), [
     (1.09**2, 1.0, False), (1.11**2, 1.0, True), (1.0, 0.85**2, True), (1.0, 0.95**2, False)])
 def test_a_gap_below_the_contracts_least_is_no_effect(retuned: float, after: float, seen: bool) -> None:
-    assert search.Search.visible(Scored(retuned, retuned, after), named_gap(after, 1)) is seen
+    assert search_state.Search.visible(Scored(retuned, retuned, after), named_gap(after, 1)) is seen
 
 
 def test_few_blocks_widen_intervals() -> None:
@@ -254,7 +255,7 @@ def test_models_that_part_in_few_blocks_far_beyond_the_noise_are_told_apart() ->
 
 def test_what_rivals_differ_by_must_also_matter() -> None:
     state = Scored(4.0, 4.0, 1.0)
-    state.blocks, state.clip, noise = blocks_of(18, 1000), search.CLIP, np.random.default_rng(3).normal(size=18000)
+    state.blocks, state.clip, noise = blocks_of(18, 1000), search_state.CLIP, np.random.default_rng(3).normal(size=18000)
     state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.held**2)
     best, part = named_gap(1.0, 1), np.arange(18000) < 3000
     best.held = noise
@@ -262,7 +263,7 @@ def test_what_rivals_differ_by_must_also_matter() -> None:
         one = named_gap(1.0, 1)
         one.held = noise + distance * part
         assert least_loss(state.blocks, one.held, best.held) > 0.0
-        assert search.Search.tied(state, one, best) is tied
+        assert search_state.Search.tied(state, one, best) is tied
 
 
 @pytest.mark.parametrize("alike", [False, True])

@@ -12,6 +12,8 @@ from vgroove.gap.estimate import Estimate, over_long_stretches
 from vgroove.gap.fit import Engine, Fit
 from vgroove.gap.hypotheses import BY_ID, CATALOGUE, Scales, available, span
 from vgroove.gap.problem import Problem, load_problem
+from vgroove.gap.search_state import Rows, Search, begin
+from vgroove.gap.singles import turn_for_good
 from vgroove.rig import WORDS, Rig
 
 SCHEMA = "vgroove.gap/1"
@@ -27,7 +29,7 @@ class Diagnosis:
 
     verdict: dict[str, Any]
     problem: Problem
-    search: search.Search
+    search: Search
     estimate: Estimate
 
     @property
@@ -56,11 +58,11 @@ def diagnose(logs: Sequence[Any], rig: Rig, seed: int = 0, without: Sequence[str
     problem = load_problem(logs, rig)
     kinds = kinds_of(problem)
     engine = Engine(problem, scales_of(problem), rig.tolerance, frozenset(rig.effects))
-    rows = search.Rows(problem.log, problem.time_s, problem.signal, problem.conditional, problem.restart_s)
-    state = search.begin(engine, available(kinds, frozenset(without)), rows, seed, tell)
+    rows = Rows(problem.log, problem.time_s, problem.signal, problem.conditional, problem.restart_s)
+    state = begin(engine, available(kinds, frozenset(without)), rows, seed, tell)
     state.without = frozenset(without)
     best, rivals = search.run(state)
-    best, problem = search.turn_for_good(state, problem, best), state.engine.problem
+    best, problem = turn_for_good(state, problem, best), state.engine.problem
     tell("what is left, and where it lies")
     drivers = drivers_of(problem, best.theta(problem.theta0))
     left = locate.remaining(state, best, drivers, problem.signal, [s.column for s in problem.signals], problem.floor())
@@ -70,12 +72,12 @@ def diagnose(logs: Sequence[Any], rig: Rig, seed: int = 0, without: Sequence[str
     return Diagnosis(assemble(problem, state, finding, kinds, without, drivers, estimate), problem, state, estimate)
 
 
-def shown_of(state: search.Search, finding: verdict.Finding) -> Fit:
+def shown_of(state: Search, finding: verdict.Finding) -> Fit:
     """The fit behind `after`: the selected set, or retuning alone where nothing is named."""
     return state.retuned if finding.verdict in ("none", "unlisted") else finding.best
 
 
-def assemble(problem: Problem, state: search.Search, finding: verdict.Finding, kinds: frozenset[str], without: Sequence[str],
+def assemble(problem: Problem, state: Search, finding: verdict.Finding, kinds: frozenset[str], without: Sequence[str],
              drivers: dict[str, np.ndarray], estimate: Estimate) -> dict[str, Any]:
     """The verdict as the contract's JSON."""
     floor, shown = problem.floor(), shown_of(state, finding)
@@ -98,7 +100,7 @@ def assemble(problem: Problem, state: search.Search, finding: verdict.Finding, k
     return plain(out)
 
 
-def unexplained_section(problem: Problem, state: search.Search, finding: verdict.Finding) -> dict[str, Any]:
+def unexplained_section(problem: Problem, state: Search, finding: verdict.Finding) -> dict[str, Any]:
     """What is left, what it follows, and what a smooth correction over that would gain: its points are in the signal's unit."""
     left = finding.left
     sigma = next((s.sigma for s in problem.signals if s.column == left.signal), 1.0)

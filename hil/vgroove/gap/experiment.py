@@ -10,7 +10,7 @@ from vgroove.gap.fit import Fit
 from vgroove.gap.hypotheses import BY_ID
 from vgroove.gap.menu import Course, possible, time_grid
 from vgroove.gap.problem import Problem
-from vgroove.gap.search import Search
+from vgroove.gap.search_state import Search
 from vgroove.gap.verdict import Finding
 
 RIVALS = 3

@@ -12,9 +12,10 @@ import numpy as np
 
 from vgroove.gap import follows
 from vgroove.gap.evidence import block_sums, draw_means, interval
+from vgroove.gap.extend import columns_of, newcomers
 from vgroove.gap.fit import KEY_BOUND, Fit, bounded_step
 from vgroove.gap.hypotheses import BY_ID
-from vgroove.gap.search import LEVEL, LIKELY, WORTH, Search, columns_of, newcomers
+from vgroove.gap.search_state import LEVEL, LIKELY, WORTH, Search
 
 OWN = {"current_a": "current", "supply_v": "bus voltage"}  # a channel's noise would explain itself
 RIDGE = 1e-6

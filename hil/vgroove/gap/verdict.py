@@ -9,7 +9,8 @@ from vgroove.gap.estimate import Estimate, stretches_of
 from vgroove.gap.evidence import block_sums, draw_means, make_blocks, squared
 from vgroove.gap.fit import Fit
 from vgroove.gap.hypotheses import SPECIAL_CASES, equivalents
-from vgroove.gap.search import CLIP, VISIBLE, WORTH_FORM, Search, fit_set, key, plausible, win_shares
+from vgroove.gap.search import WORTH_FORM, fit_set, win_shares
+from vgroove.gap.search_state import CLIP, VISIBLE, Search, key, plausible
 
 BULK = {1: 0.7, 2: 0.85, 3: 0.9, 4: 0.9}  # of the squared gap: one effect by the contract; larger sets imitate more
 LARGER_PART = 0.5  # of the squared gap beyond retuning that one effect must close all the same

@@ -1,0 +1,150 @@
+"""What a search for effects holds: fits of the sets that were tried, and how two of them are weighed on held-out rows.
+
+A fuller set must be worth it twice: its held-out gain is significant under the block bootstrap, and it is large enough to matter.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vgroove.gap.evidence import SHORTEST_S, Blocks, block_sums, correlation_time, interval, least_loss, make_blocks, squared
+from vgroove.gap.fit import Engine, Fit, Hypothesis
+from vgroove.gap.hypotheses import Effect
+
+CLIP = 10.0
+WORTH = 0.05
+VISIBLE = 0.1
+WORTH_SHARE = 0.01
+LEVEL = 0.99
+LIKELY = 0.8  # interval whose lower end must still be worth it: the gain is not one lucky block's
+WITHIN_REACH = 1.5  # of the best squared gap: single effects beyond keep their first-order predictions
+FLOORED = ("effects.transport_delay.delay_s",)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Where each residual comes from: log, time, signal (n,), whether it counts only when not 0, and how often the model restarts."""
+
+    log: np.ndarray
+    time_s: np.ndarray
+    signal: np.ndarray
+    conditional: np.ndarray
+    restart_s: float
+
+
+@dataclass
+class Search:
+    """State of the search; fits holds the best converged fit of each set that was tried."""
+
+    engine: Engine
+    effects: list[Effect]
+    rows: Rows
+    blocks: Blocks
+    nominal: Fit
+    retuned: Fit
+    seed: int = 0
+    clip: float = CLIP
+    without: frozenset[str] = frozenset()
+    fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
+    leaned: Fit | None = None
+    reach: dict[int, tuple[Fit, list[tuple[Hypothesis, np.ndarray]]]] = field(default_factory=dict)
+    tell: Callable[[str], None] = lambda _: None
+
+    def sums(self, one: Fit) -> np.ndarray:
+        """Clipped squared held-out residuals per bootstrap block (blocks,)."""
+        return block_sums(self.blocks, squared(one, self.clip))
+
+    def score(self, one: Fit) -> float:
+        """Squared held-out gap."""
+        return float(self.sums(one).sum()) / self.blocks.total
+
+    def tied(self, one: Fit, best: Fit) -> bool:
+        """The contract's rule: the 95 % interval of the difference contains 0. What tells two models apart may happen in few blocks, which
+        a draw of blocks may miss: far beyond the noise there, and large enough to matter, it tells them apart as well."""
+        if interval(self.blocks, self.sums(one) - self.sums(best))[0] > 0.0:
+            return False
+        worse, better = (np.clip(f.held, -self.clip, self.clip) for f in (one, best))
+        return least_loss(self.blocks, worse, better) <= self.least_gain(best)
+
+    def better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
+        """True when the fuller set is significantly better and by an amount that matters."""
+        worth = self.least_gain(leaner, worth)
+        if self.score(leaner) - self.score(fuller) <= worth:
+            return False
+        apart = self.sums(leaner) - self.sums(fuller)
+        return interval(self.blocks, apart, LEVEL)[0] > 0.0 and interval(self.blocks, apart, LIKELY)[0] > worth
+
+    def least_gain(self, leaner: Fit, worth: float = WORTH) -> float:
+        """Squared gap that a fuller set must take away from a leaner one."""
+        return worth * self.level() + WORTH_SHARE * max(0.0, self.score(leaner) - self.level())
+
+    def visible(self, one: Fit) -> bool:
+        """The contract's least gap: below VISIBLE of the noise it is no gap, and what takes it away is no effect that could be named."""
+        noise, left = np.sqrt(self.level()), np.sqrt(self.score(one))
+        return bool(np.sqrt(self.score(self.retuned)) - min(noise, left) >= VISIBLE * noise)
+
+    def level(self) -> float:
+        """Squared gap that is taken as noise: 1, or what the best fit leaves where no fit comes near 1."""
+        return (self.clip / CLIP) ** 2
+
+    def add(self, hypotheses: Sequence[Hypothesis], iterations: int = 6) -> list[Fit]:
+        """Fit, settle what comes near the best, and keep the best of each set."""
+        fits = self.engine.fit(hypotheses, iterations)
+        if fits:
+            near = WITHIN_REACH * min(self.score(f) for f in fits)
+            self.engine.settle([f for f in fits if self.score(f) <= near])
+        for one in fits:
+            known = self.fits.get(key(one.ids))
+            if known is None or one.cost < known.cost:
+                self.fits[key(one.ids)] = one
+        return [self.fits[k] for k in dict.fromkeys(key(h.ids) for h in hypotheses)]
+
+    def ranked(self, size: int) -> list[Fit]:
+        """Fits of sets of one size, best first; equal scores in catalogue order."""
+        mine = (f for k, f in self.fits.items() if len(k) == size and plausible(f))
+        return sorted(mine, key=lambda f: (round(self.score(f), 9), f.ids))
+
+
+def plausible(one: Fit) -> bool:
+    """False when a number that must not be zero (a delay beyond the logger's convention) is pressed against its lower bound."""
+    pressed = (c.low > 0.0 and x < 1.02 * c.low for c, x in zip(one.hypothesis.coordinates, one.x, strict=True) if c.name in FLOORED)
+    return not any(pressed)
+
+
+def key(ids: Sequence[str]) -> tuple[str, ...]:
+    """Order-free name of a set."""
+    return tuple(sorted(ids))
+
+
+def begin(engine: Engine, effects: list[Effect], rows: Rows, seed: int, tell: Callable[[str], None]) -> Search:
+    """Nominal and retuned fits, bootstrap blocks."""
+    tell("nominal and retuned model")
+    empty = Hypothesis((), (), np.zeros(0))
+    nominal = engine.fit([empty], 0)[0]
+    nominal.exact = True
+    retuned = nominal
+    if engine.keys:
+        retuned = engine.fit(engine.hypotheses([]))[0]
+        engine.settle([retuned])
+        engine.key_columns = retuned.jacobian
+    tested = np.logical_or.reduce([test for _, test in engine.problem.folds])
+    blocks = make_blocks(rows.log, rows.time_s, tested, rows.restart_s, seed, rows.conditional)
+    search = Search(engine, effects, rows, blocks, nominal, retuned, seed, tell=tell)
+    search.fits[()] = retuned
+    return search
+
+
+def rescale(search: Search) -> None:
+    """Where even the best fit is far from the noise (real machines), clip in units of what it leaves, so that models still compare."""
+    leanest = min(search.fits.values(), key=lambda f: np.median(np.abs(f.held[search.blocks.tested])))
+    left = 1.4826 * float(np.median(np.abs(leanest.held[search.blocks.tested])))
+    search.clip = CLIP * max(1.0, left / 2.0)
+
+
+def reblock(search: Search) -> None:
+    """Bootstrap blocks a few correlation times long, as the residual of the best single fit shows them."""
+    rows, best = search.rows, min(search.fits.values(), key=search.score)
+    memory = correlation_time(best.residual, rows.time_s, rows.log * 1000 + rows.signal, rows.restart_s)
+    length = min(max(SHORTEST_S, 3.0 * memory), 2.0 * rows.restart_s)
+    search.blocks = make_blocks(rows.log, rows.time_s, search.blocks.tested, length, search.seed, rows.conditional)
