@@ -31,15 +31,15 @@ def test_probabilities_hold_on_cases_they_were_not_fitted_to() -> None:
     assert proof.figures(said, true[whole])["log_loss"] <= proof.figures(before, true[whole])["log_loss"]
 
 
-@pytest.mark.parametrize(("sign", "up"), [("blocks", True), ("forms", True), ("closed", True), ("others", False), ("slow", False)])
+@pytest.mark.parametrize(("sign", "up"), [("blocks", True), ("forms", True), ("closed", True), ("others", False)])
 def test_every_sign_speaks_the_right_way(sign: str, up: bool) -> None:
-    middle = {"blocks": 1.5, "forms": 1.0, "closed": 2.0, "others": 1.0, "slow": 0.3}
+    middle = {"blocks": 1.5, "forms": 1.0, "closed": 2.0, "others": 1.0}
     low, high = (certainty.probability(certainty.Signs(**middle | {sign: middle[sign] + step})) for step in (-0.5, 0.5))
     assert (low < high) is up
 
 
 def test_a_name_without_a_margin_is_not_believed() -> None:
-    assert certainty.probability(certainty.Signs(0.0, 0.0, 5.0, 1.0, 0.0)) < 0.5
+    assert certainty.probability(certainty.Signs(0.0, 0.0, 5.0, 1.0)) < 0.5
 
 
 def test_signs_of_a_clear_effect_and_of_a_true_tie() -> None:

@@ -1,6 +1,5 @@
 """How sure a name is: its margin over the best set that lacks it, beside the scatter of blocks and beside what forms leave, and what its
-set closes, and whether what is left looks like noise in every signal. A logistic law of five signs; its coefficients are those of the
-opened cases in docs/results/gap_certainty.json.
+set closes. A logistic law of four signs; its coefficients are those of the opened cases in docs/results/gap_certainty.json.
 """
 
 from dataclasses import astuple, dataclass
@@ -13,21 +12,19 @@ from vgroove.gap.fit import Fit
 from vgroove.gap.hypotheses import contains
 from vgroove.gap.search_state import WORTH, Search, plausible
 
-FEWEST = 50  # residuals of a signal that tell slow from fast
 # Of 1 and the signs, in their order; printed by tests/proof/gap_certainty.py.
-COEFFICIENTS = (-0.42, 0.99, 0.33, 0.07, -1.01, 0.0)
+COEFFICIENTS = (-0.42, 0.99, 0.33, 0.07, -1.01)
 
 
 @dataclass(frozen=True)
 class Signs:
     """What speaks for a name: logarithms of the margin in standard deviations, of the margin in what the set leaves, and of what retuning
-    leaves in what the set leaves; the number of the set's other effects; the logarithm of what is slow in the worst signal."""
+    leaves in what the set leaves; last the number of the set's other effects."""
 
     blocks: float
     forms: float
     closed: float
     others: float
-    slow: float
 
 
 def signs(search: Search, best: Fit, effect_id: str, floor: float) -> Signs:
@@ -39,19 +36,7 @@ def signs(search: Search, best: Fit, effect_id: str, floor: float) -> Signs:
     margin = max(0.0, search.score(rival) - after)
     start = max(left, search.score(search.retuned) - noise + WORTH * noise)
     return Signs(float(np.log1p(margin / spread(search, rival, best))), float(np.log1p(margin / left)), float(np.log(start / left)),
-                 len(best.ids) - 1.0, slowness(search, best))
-
-
-def slowness(search: Search, best: Fit) -> float:
-    """Logarithm of the RMS of held-out residuals in units of their successive differences' (von Neumann 1941), of the signal and log where
-    it is largest: 0 for white noise."""
-    rows, held, worst = search.rows, np.clip(best.held, -search.clip, search.clip), 0.0
-    group = rows.log * (int(rows.signal.max()) + 1) + rows.signal
-    for g in np.unique(group):
-        mine = held[(group == g) & (held != 0.0)]
-        if len(mine) >= FEWEST:
-            worst = max(worst, 0.5 * float(np.log(2.0 * np.mean(mine**2) / max(np.mean(np.diff(mine) ** 2), 1e-12))))
-    return worst
+                 len(best.ids) - 1.0)
 
 
 def strongest_without(search: Search, best: Fit, effect_id: str) -> Fit:
