@@ -2,10 +2,10 @@
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
-from scipy.signal import lfilter, savgol_coeffs, savgol_filter
+from scipy.signal import lfilter
 
 from vgroove.gap.columns import filled
-from vgroove.gap.noise import SCATTER_ORDER, SCATTER_WINDOW, column_sigma, last_digit, step_of
+from vgroove.gap.noise import KEPT, SCATTER_WINDOW, column_sigma, fast_part, last_digit, step_of
 from vgroove.rig import Rig
 
 CALMED = 7  # rows over which columns.calmed takes the mean of a noisy voltage
@@ -76,26 +76,19 @@ def ramp_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, current_a: np.
         return rounded
     fast, seen = fast_part(expected), fast_part(filled(time_s, current_a))[rows]
     late = np.stack([np.roll(fast, lag)[rows] for lag in range(LAGS)], axis=1)
-    kept = 1.0 - savgol_coeffs(SCATTER_WINDOW, SCATTER_ORDER)[SCATTER_WINDOW // 2]
-    unreal = unreal_share(late, seen, kept, kept * column_sigma(rig, "current_a", current_a) ** 2)
-    return rounded * float(np.sqrt(unreal))
+    return rounded * float(np.sqrt(unreal_share(late, seen, KEPT * column_sigma(rig, "current_a", current_a) ** 2)))
 
 
-def unreal_share(late: np.ndarray, seen: np.ndarray, kept: float, noise: float) -> float:
+def unreal_share(late: np.ndarray, seen: np.ndarray, noise: float) -> float:
     """Share 0..1 of the power of a rounding that did not run: what a current (n,) lacks of what follows from it at several delays
-    (n, LAGS), and what it has besides over the sensor's noise power, both as large as the scatter of a part `kept` of n samples allows."""
-    power, freedom = max(float(np.mean(late[:, 0] ** 2)), 1e-12), kept * (len(seen) - LAGS)
+    (n, LAGS), and what it has besides over the sensor's noise power, both as large as the scatter of a part KEPT of n samples allows."""
+    power, freedom = max(float(np.mean(late[:, 0] ** 2)), 1e-12), KEPT * (len(seen) - LAGS)
     follows = late @ np.linalg.lstsq(late, seen, rcond=None)[0]
     spread = float(np.sum((seen - follows) ** 2)) / (len(seen) - LAGS)
     share = np.sqrt(max(0.0, float(np.mean(follows**2)) - LAGS * spread / freedom) / power)
     lacks = 1.0 - np.clip(share - 2.0 * np.sqrt(spread / freedom / power), 0.0, 1.0)
     besides = max(0.0, spread * (1.0 + 2.0 * np.sqrt(2.0 / freedom)) - noise) / power
     return float(np.clip(lacks**2 + besides, 0.0, 1.0))
-
-
-def fast_part(values: np.ndarray) -> np.ndarray:
-    """What a Savitzky-Golay filter takes for noise, which holds the rounding of a smooth line."""
-    return values - savgol_filter(values, SCATTER_WINDOW, SCATTER_ORDER)
 
 
 def on_smooth_ramps(command: np.ndarray) -> np.ndarray:

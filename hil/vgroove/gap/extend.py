@@ -24,10 +24,9 @@ def newcomers(search: Search, base: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
 
     Those of the last base asked for are kept: `where` asks again for what the search ended with.
     """
-    known = search.reach.get(0)
-    if known is None or known[0] is not base:
-        search.reach[0] = (base, differenced(search, base, trials_beside(search, base)))
-    return search.reach[0][1]
+    if search.reach is None or search.reach[0] is not base:
+        search.reach = base, differenced(search, base, trials_beside(search, base))
+    return search.reach[1]
 
 
 def trials_beside(search: Search, base: Fit) -> list[Hypothesis]:

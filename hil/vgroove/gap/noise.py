@@ -13,6 +13,7 @@ from vgroove.rig import Rig
 
 STEPS_LOOKED_AT, MOST_PARTS = 2000, 64  # differences that must fit a column's resolution, and steps in the smallest of them
 SCATTER_WINDOW, SCATTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
+KEPT = 1.0 - savgol_coeffs(SCATTER_WINDOW, SCATTER_ORDER)[SCATTER_WINDOW // 2]  # share of the power of white noise in it
 DIFFERENCE_ORDERS = range(3, 9)  # of a position, in which white noise is looked for
 COUNTED_ROWS = 14  # of a sensor that counts edges, in which its jitter is looked for
 TOUCHING = 0.2  # of a period: two that begin and end closer than this share an edge
@@ -26,10 +27,14 @@ def scatter(values: np.ndarray) -> float:
     finite = values[np.isfinite(values)]
     if len(finite) < 20:
         return float("nan")
-    residual = finite - savgol_filter(finite, SCATTER_WINDOW, SCATTER_ORDER)
-    kept = 1.0 - savgol_coeffs(SCATTER_WINDOW, SCATTER_ORDER)[SCATTER_WINDOW // 2]
+    residual = fast_part(finite)
     spread = MAD * np.median(np.abs(residual - np.median(residual)))
-    return float((spread if spread > 0.0 else residual.std()) / np.sqrt(kept))
+    return float((spread if spread > 0.0 else residual.std()) / np.sqrt(KEPT))
+
+
+def fast_part(values: np.ndarray) -> np.ndarray:
+    """What a smooth line through a column (n,) leaves: its noise, and its rounding."""
+    return values - savgol_filter(values, SCATTER_WINDOW, SCATTER_ORDER)
 
 
 def position_scatter(values: np.ndarray) -> float:

@@ -89,11 +89,6 @@ class Problem:
         return [(self.fold != k, self.fold == k) for k in np.unique(self.fold)]
 
     @property
-    def held_out(self) -> np.ndarray:
-        """Residuals in blocks 3, 7, 11, ... (or the third fold of thirds)."""
-        return self.fold == 0
-
-    @property
     def held_out_s(self) -> list[list[list[float]]]:
         """Judged stretches [from, to] in seconds, a list per log."""
         return [run.blocks.stretches() for run in self.runs]

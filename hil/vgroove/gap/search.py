@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vgroove.gap.evidence import block_sums, draw_means, squared
+from vgroove.gap.evidence import draw_means
 from vgroove.gap.extend import extensions, started_anew
 from vgroove.gap.fit import Fit, Hypothesis
 from vgroove.gap.hypotheses import BY_ID, FRICTION_LAWS, RARE, SPECIAL_CASES, contains
@@ -155,11 +155,20 @@ def started(search: Search, ids: Sequence[str], near: Fit) -> Hypothesis:
 def leaner(search: Search, best: Fit) -> list[Fit]:
     """The sets of all members but one. Each starts once from the best set's numbers too: what it was first fitted from may have led it
     astray, and a member that is needed nowhere else would then be kept."""
-    sets = [[i for i in best.ids if i != out] for out in best.ids]
     if search.leaned is not best:
-        search.add([started(search, ids, best) for ids in sets])
+        search.add([started(search, others(best, i), best) for i in best.ids])
         search.leaned = best
-    return [fit_set(search, ids, best) for ids in sets]
+    return [without(search, best, i) for i in best.ids]
+
+
+def without(search: Search, best: Fit, member: str) -> Fit:
+    """Converged fit of all members but one."""
+    return fit_set(search, others(best, member), best)
+
+
+def others(best: Fit, member: str) -> list[str]:
+    """All members but one."""
+    return [i for i in best.ids if i != member]
 
 
 def backward(search: Search, best: Fit) -> Fit:
@@ -178,13 +187,10 @@ def trimmed(search: Search, best: Fit, share: float, members: Sequence[str] | No
 
     Shares are of the gap as the contract clips it, whatever the search compares in.
     """
-    def left(one: Fit) -> float:
-        return float(block_sums(search.blocks, squared(one, CLIP)).sum()) / search.blocks.total
-
     while len(best.ids) > 1:
-        leaner = [fit_set(search, [i for i in best.ids if i != out], best) for out in best.ids if members is None or out in members]
-        leanest = min(leaner, key=search.score, default=best)
-        if leanest is best or left(leanest) - left(best) > share * (left(search.retuned) - left(leanest)):
+        leanest = min((without(search, best, i) for i in best.ids if members is None or i in members), key=search.score, default=best)
+        left, more, alone = (search.score(f, CLIP) for f in (best, leanest, search.retuned))
+        if leanest is best or more - left > share * (alone - more):
             return best
         best = leanest
     return best
@@ -215,8 +221,7 @@ def exchange(search: Search, best: Fit) -> None:
         return
     close: list[Fit] = []
     for out in best.ids:
-        rest = fit_set(search, [i for i in best.ids if i != out], best)
-        close += [f for f in extensions(search, rest, 4) if key(f.ids) not in search.fits]
+        close += [f for f in extensions(search, without(search, best, out), 4) if key(f.ids) not in search.fits]
     search.add(distinct(close))
 
 

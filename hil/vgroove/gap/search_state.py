@@ -48,16 +48,16 @@ class Search:
     without: frozenset[str] = frozenset()
     fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
     leaned: Fit | None = None
-    reach: dict[int, tuple[Fit, list[tuple[Hypothesis, np.ndarray]]]] = field(default_factory=dict)
+    reach: tuple[Fit, list[tuple[Hypothesis, np.ndarray]]] | None = None
     tell: Callable[[str], None] = lambda _: None
 
-    def sums(self, one: Fit) -> np.ndarray:
-        """Clipped squared held-out residuals per bootstrap block (blocks,)."""
-        return block_sums(self.blocks, squared(one, self.clip))
+    def sums(self, one: Fit, clip: float | None = None) -> np.ndarray:
+        """Squared held-out residuals per bootstrap block (blocks,), clipped as the search compares or as asked."""
+        return block_sums(self.blocks, squared(one, self.clip if clip is None else clip))
 
-    def score(self, one: Fit) -> float:
+    def score(self, one: Fit, clip: float | None = None) -> float:
         """Squared held-out gap."""
-        return float(self.sums(one).sum()) / self.blocks.total
+        return float(self.sums(one, clip).sum()) / self.blocks.total
 
     def tied(self, one: Fit, best: Fit) -> bool:
         """The contract's rule: the 95 % interval of the difference contains 0. What tells two models apart may happen in few blocks, which

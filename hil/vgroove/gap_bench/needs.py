@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from vgroove.page import Table
+
 COLUMNS = {
     "input": (("duty", "duty"), ("voltage_v", "voltage"), ("current_a", "current")),
     "bus": (("modelled", "bus judged"), ("measured", "bus drives"), ("absent", "no bus")),
@@ -15,11 +17,9 @@ COLUMNS = {
 def needs_table(needs: dict[str, dict[str, Any]]) -> str:
     """Rows of effects, columns of what the log holds: right answers / cases; a dot where no case was run."""
     heads = [word for group in COLUMNS.values() for _, word in group]
-    lines = ["| effect | " + " | ".join(heads) + " |", "| --- |" + " --- |" * len(heads)]
-    for effect, groups in needs.items():
-        cells = [cell_text(groups.get(name, {}).get(key)) for name, group in COLUMNS.items() for key, _ in group]
-        lines.append(f"| `{effect}` | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    rows = [[f"`{effect}`", *(cell_text(groups.get(name, {}).get(key)) for name, group in COLUMNS.items() for key, _ in group)]
+            for effect, groups in needs.items()]
+    return Table("needs", "", ["effect", *heads], rows).as_markdown()
 
 
 def cell_text(cell: dict[str, int] | None) -> str:

@@ -260,7 +260,7 @@ def score(cases: Sequence[Scored]) -> dict[str, Any]:
     """Everything that the bench prints."""
     whole = [c for c in cases if c.without is None]
     out = {"of": len(whole), "rates": rates(whole), "confusion": confusion(whole), "calibration": calibration(whole), "power": power(whole),
-           "needs": needs(whole),           "parameters": parameters(whole), "closed": closed(whole), "cost": cost(whole),
+           "needs": needs(whole), "parameters": parameters(whole), "closed": closed(whole), "cost": cost(whole),
            "cost_of_6_s": cost([c for c in whole if 5.0 <= c.answer["seconds"] <= 7.0]),
            "failures": [line_of(c) for c in whole if not c.right], "sure_and_wrong": [c.number for c in whole if c.sure_and_wrong]}
     gone = [c for c in cases if c.without is not None]
