@@ -13,7 +13,7 @@ from vgroove import cli
 from vgroove.errors import VgrooveError
 from vgroove.gap.problem import load_problem
 from vgroove.log import read_log
-from vgroove.rig import write_rig
+from vgroove.rig import read_rig, write_rig
 
 SHARED = Path(__file__).resolve().parents[3] / "shared/data/practice"
 
@@ -78,6 +78,15 @@ def test_practice_logs_without_an_effect_end_at_the_noise(case: str, low: float,
     for restart_s in ("0.25", "1000"):
         sim(folder / "rig.toml", "--log", folder / "log.csv", "--restart-s", restart_s, "--json", tmp_path / "out.json")
         assert low < json.loads((tmp_path / "out.json").read_text())["gap"] < high
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="../shared/data/practice is absent")
+def test_a_practice_log_ends_at_the_noise_with_the_effect_that_its_label_tells(tmp_path: Path) -> None:
+    folder = SHARED / "practice_001"
+    inertia = json.loads((folder / "label.json").read_text())["truth"]["added_inertia"]["dJ"]
+    write_rig(read_rig(folder / "rig.toml").with_effects({"added_inertia": {"kg_m2": inertia}}), tmp_path / "rig.toml")
+    sim(tmp_path / "rig.toml", "--log", folder / "log.csv", "--json", tmp_path / "out.json")
+    assert 0.9 < json.loads((tmp_path / "out.json").read_text())["gap"] < 1.08
 
 
 def scenario_of(tmp_path: Path, reverse: bool = False) -> Path:
