@@ -91,6 +91,11 @@ class Scored:
         return self.word == "effect" and bool(self.selected) and self.true_name(self.selected[0])
 
     @property
+    def listed_first(self) -> bool:
+        """The first name is true, whether it stands or has rivals."""
+        return self.first or self.word == "ambiguous" and bool(self.selected) and self.true_name(self.selected[0])
+
+    @property
     def right(self) -> bool:
         """Right as the goals count it: singles by their first name, pairs and triples with all names and no other; honest ties."""
         return self.honest_tie or (self.first if self.kind == "single" else self.complete)
@@ -130,6 +135,7 @@ def rates(cases: Sequence[Scored]) -> dict[str, Any]:
         mine = [c for c in cases if c.answer["regime"] == regime]
         out[regime] = {kind: rate(c.right for c in mine if c.kind == kind) for kind in KINDS}
         out[regime]["single_alone"] = rate(c.complete or c.honest_tie for c in mine if c.kind == "single")
+        out[regime]["single_listed_first"] = rate(c.listed_first or c.honest_tie for c in mine if c.kind == "single")
     clear = [c for c in cases if c.answer["label"] == "effect" and not c.tied]
     return out | {
         "sure_and_wrong": rate(c.sure_and_wrong for c in cases), "false_alarms": rate(c.word != "none" for c in cases if c.kind == "none"),
@@ -217,9 +223,10 @@ def cost(cases: Sequence[Scored]) -> dict[str, Any]:
 
 
 def removed(cases: Sequence[Scored]) -> dict[str, Any]:
-    """Cases of an effect that the catalogue lacked: unlisted or ambiguous, or none named with certainty."""
-    good = [not c.sure_and_wrong_without for c in map(WithoutEffect, cases)]
-    return {"not named wrongly": rate(good), "words": dict(Counter(c.word for c in cases)),
+    """Cases of an effect that the catalogue lacked: unlisted or ambiguous; and how often a wrong name was given with certainty."""
+    good = [not c.named_without for c in map(WithoutEffect, cases)]
+    return {"not named wrongly": rate(good), "named with 90 % and wrong": rate(c.sure_and_wrong for c in cases),
+            "words": dict(Counter(c.word for c in cases)),
             "by effect": {i: dict(Counter(f"{c.word} {'+'.join(c.selected)}".strip() for c in cases if c.without == i))
                           for i in sorted({c.without for c in cases if c.without})}}
 
@@ -231,7 +238,7 @@ class WithoutEffect:
     case: Scored
 
     @property
-    def sure_and_wrong_without(self) -> bool:
+    def named_without(self) -> bool:
         c = self.case
         return c.word not in ("unlisted", "ambiguous") and any(not c.true_name(i) for i in c.selected) or c.word in ("none", "failed")
 
