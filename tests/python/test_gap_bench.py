@@ -211,6 +211,7 @@ def test_figures_count_what_they_say(tmp_path: Path) -> None:
     rates = figures["rates"]
     assert (rates["exact"]["single"]["hits"], rates["exact"]["single"]["of"]) == (1, 3)
     assert (rates["sure_and_wrong"]["hits"], rates["false_alarms"]["hits"], rates["ambiguous_though_separable"]["hits"]) == (1, 1, 1)
+    assert rates["exact"]["single_listed_first"]["hits"] == 2
     top = figures["calibration"][-1]
     assert (top["hits"], top["of"]) == (1, 2)
     assert ("brush_drop", "effect dead_time", 1) in figures["confusion"]
@@ -224,10 +225,17 @@ def test_power_is_the_size_from_which_on_nearly_all_are_named(rows: list[tuple[f
     assert score.power_size(rows) == size
 
 
-def test_without_its_effect_a_sure_name_is_wrong() -> None:
+def test_without_its_effect_any_name_is_wrong_and_a_sure_one_counted_apart() -> None:
     gone = [replace(scored(["brush_drop"], word, names), without="brush_drop")
             for word, names in (("unlisted", []), ("ambiguous", ["dead_time"]), ("effect", ["dead_time"]), ("none", []))]
     assert score.removed(gone)["not named wrongly"]["hits"] == 2
+    assert score.removed(gone)["named with 90 % and wrong"]["hits"] == 1
+
+
+def test_a_late_speed_column_shows_whole_rows() -> None:
+    answer = {"sizes": {"speed_lag": 2.4e-5, "dead_time": 1e-6}, "log_hz": 1000.0, "truth": {"speed_delay_s": 2.4e-5}}
+    assert score.true_parameter(answer, "speed_lag") == pytest.approx(1e-3)
+    assert score.true_parameter(answer | {"truth": {"speed_lag_s": 2.4e-5}}, "speed_lag") == 2.4e-5
 
 
 def test_cases_are_chosen_as_asked() -> None:

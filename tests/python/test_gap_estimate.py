@@ -3,10 +3,11 @@
 import tomllib
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from vgroove.bench import trap
-from vgroove.gap.estimate import AT_NOISE, memory_s, over_long_stretches
+from vgroove.gap.estimate import AT_NOISE, FORM_ERROR, Estimate, memory_s, over_long_stretches
 from vgroove.gap.fit import Engine
 from vgroove.gap.hypotheses import BY_ID, Scales
 from vgroove.gap.problem import Problem, load_problem
@@ -50,7 +51,20 @@ def test_long_stretches_tell_more_and_their_intervals_hold_the_truth(problem: Pr
     assert abs(damping - trap.DAMPING) < 0.5 * abs(before - trap.DAMPING)
     assert damping == pytest.approx(trap.DAMPING, rel=0.01)
     assert friction["ci95"][0] < trap.COULOMB < friction["ci95"][1]
-    assert friction["ci95"][1] - friction["ci95"][0] < 0.05 * trap.COULOMB
+    assert 2.0 * scatter(found, "effects.coulomb_friction.torque_nm") < 0.05 * trap.COULOMB
+
+
+def scatter(found: Estimate, name: str) -> float:
+    """Half width of what the fit alone leaves open of a number."""
+    at = [c.name for c in found.fit.hypothesis.coordinates].index(name)
+    return float(found.half[at] * found.fit.hypothesis.coordinates[at].factors[0])
+
+
+def test_an_interval_leaves_room_for_a_form_that_is_nearly_the_catalogues(problem: Problem, engine: Engine) -> None:
+    found = over_long_stretches(problem, engine, engine.fit(engine.hypotheses(COULOMB), 8)[0])
+    friction = found.parameters("coulomb_friction")["torque_nm"]
+    half = 0.5 * (friction["ci95"][1] - friction["ci95"][0])
+    assert half == pytest.approx(np.hypot(scatter(found, "effects.coulomb_friction.torque_nm"), FORM_ERROR * friction["value"]))
 
 
 def test_a_model_that_lacks_something_is_not_run_for_so_long(problem: Problem, engine: Engine) -> None:

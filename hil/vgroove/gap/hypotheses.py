@@ -79,8 +79,8 @@ def _const(value: float) -> Callable[[Scales], float]:
     return lambda s: value
 
 
-def _relative(size: float, bound: float = 0.9, start: float = 0.0) -> Parameter:
-    return Parameter("relative", "1", _const(size), _const(-bound), _const(bound), (start,))
+def _relative(size: float, bound: float = 0.9, most: float | None = None) -> Parameter:
+    return Parameter("relative", "1", _const(size), _const(-bound), _const(bound if most is None else most))
 
 
 def _ohm(low: Callable[[Scales], float] = _zero) -> Parameter:
@@ -115,16 +115,16 @@ CATALOGUE: tuple[Effect, ...] = (
         _time("polarisation_s", (0.1, 0.6))), needs=("voltage",)),
     Effect("dead_time", "bridge", (
         Parameter("dead_time_s", "s", lambda s: 0.01 / s.pwm_hz, _zero, lambda s: 0.2 / s.pwm_hz),), needs=("duty",)),
-    Effect("winding_resistance", "motor_electrical", (_relative(0.05),), needs=("voltage",)),
+    Effect("winding_resistance", "motor_electrical", (_relative(0.05, most=3.0),), needs=("voltage",)),
     Effect("bridge_resistance", "bridge", (
         Parameter("resistance_ohm", "ohm", lambda s: 0.05 * s.resistance, lambda s: -0.9 * s.resistance,
-                  lambda s: 0.9 * s.resistance),), needs=("duty",)),
+                  lambda s: 3.0 * s.resistance),), needs=("duty",)),
     Effect("winding_heating", "motor_electrical", (
         Parameter("kelvin_per_joule", "K/J", lambda s: 20.0 / (s.amp**2 * s.resistance * s.duration), _zero, starts=(0.3,)),
         _time("cooling_s", (0.3, 2.0, 10.0))), needs=("voltage",)),
     Effect("brush_drop", "motor_electrical", (
         Parameter("voltage_v", "V", lambda s: 0.02 * s.volt, _zero, lambda s: 0.5 * s.volt),), needs=("voltage",)),
-    Effect("inductance", "motor_electrical", (_relative(0.2, 0.9),), needs=("voltage",)),
+    Effect("inductance", "motor_electrical", (_relative(0.2, most=9.0),), needs=("voltage",)),
     Effect("torque_constant", "motor_electrical", (_relative(0.02, 0.5),)),
     Effect("magnetic_saturation", "motor_electrical", (
         Parameter("saturation_a", "A", lambda s: s.amp, lambda s: 0.5 * s.amp, lambda s: 40.0 * s.amp, (5.0,)),)),
