@@ -56,6 +56,15 @@ def test_energy_drawn_is_lost_or_stored(params: dict[str, float]) -> None:
     assert inside["drawn_j"] > 10.0
 
 
+@pytest.mark.parametrize("params", [{"coupler_nm_per_rad": 0.4, "coupler_damping_ratio": 0.1}, {"play_rad": 0.05}])
+def test_two_bodies_keep_the_clock_however_long_the_step(params: dict[str, float]) -> None:
+    """Half a step of 25 us too early would be 0.015 rad at full speed, and look like less inertia."""
+    time, duty = np.array([0.0, 0.2, 1.0]), np.array([0.0, 1.0, 1.0])
+    angles = [Generator(step_s=step, **params).run(Command(time, duty, np.zeros(3), np.zeros(0), np.zeros(0)), np.array([1.0])).angle_rad[0]
+              for step in (2.5e-5, 1e-6)]
+    assert angles[0] == pytest.approx(angles[1], abs=2e-3)
+
+
 def test_coast_opens_the_bridge_and_brake_shorts_it() -> None:
     coasting, braking = TruthTool(), TruthTool()
     for tool in (coasting, braking):

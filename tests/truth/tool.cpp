@@ -282,10 +282,11 @@ double Tool::coupling_rate() const {
     return params.coupler_nm_per_rad > 0.0 ? params.coupler_nm_per_rad : out_inertia_ * 6.3e6;
 }
 
-// The spring between motor and output side, both referred to the motor shaft; free within the play.
-double Tool::coupling_torque() const {
+// The spring between motor and output side, both referred to the motor shaft; free within the play. It is taken where the bodies are halfway
+// through the step, so that neither makes energy nor runs ahead of the clock.
+double Tool::coupling_torque(double h) const {
     const double half = 0.5 * params.play_rad * params.ratio;
-    const double twist = state.angle_rad - state.out_angle_rad;
+    const double twist = state.angle_rad - state.out_angle_rad + 0.5 * h * (state.speed_rad_s - state.out_speed_rad_s);
     const double bent = twist > half ? twist - half : (twist < -half ? twist + half : 0.0);
     if (bent == 0.0) {
         return 0.0;
@@ -310,11 +311,11 @@ void Tool::step_output(double h) {
     if (!two_masses_) {
         return;
     }
-    coupling_nm_ = coupling_torque();
-    const double before = s.out_speed_rad_s;
-    s.out_speed_rad_s += h * (coupling_nm_ - torque) / out_inertia_;
-    s.out_angle_rad += h * s.out_speed_rad_s;  // with the new speed: symplectic, so that the spring makes no energy
-    sums.load_j += torque * 0.5 * h * (before + s.out_speed_rad_s);
+    coupling_nm_ = coupling_torque(h);
+    const double gained = h * (coupling_nm_ - torque) / out_inertia_, mean = s.out_speed_rad_s + 0.5 * gained;
+    s.out_speed_rad_s += gained;
+    s.out_angle_rad += h * mean;
+    sums.load_j += h * torque * mean;
 }
 
 // L i' = v - R i - k w, J w' = k i - T by the implicit midpoint rule; T and the brushes at the start of the step.
@@ -343,7 +344,7 @@ void Tool::step_shaft(double h, double volts, bool conducting) {
     s.current_a = params.current_source_a > 0.0 ? i_mid : i1;
     s.speed_rad_s = w0 + 2.0 * c * (k * i_mid - against);
     const double w_mid = 0.5 * (w0 + s.speed_rad_s);
-    s.angle_rad += h * (two_masses_ ? s.speed_rad_s : w_mid);
+    s.angle_rad += h * w_mid;
     bend(s.motor_bristle, s.speed_rad_s, 0.5 * h, limit);
     s.motor_bristle.torque_nm = friction - smooth;
     s.ripple_rad += h * w_mid * params.u_ripple_per_rev * s.ripple_rate;

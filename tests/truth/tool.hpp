@@ -107,7 +107,7 @@ private:
     void step_shaft(double h, double volts, bool conducting);
     void step_output(double h);
     double coupling_rate() const;
-    double coupling_torque() const;
+    double coupling_torque(double h) const;
     void step_bus(double h, double bus_a);
     void find_edges(double t0, double h, double angle0);
     double edge_angle(long index) const;
