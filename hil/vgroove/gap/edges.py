@@ -28,6 +28,7 @@ class EdgePeriods:
     slack_s: half width of what is known about end_s; falling: no edge yet at end_s, the value is what the wait allows at most;
     chain: number of the unbroken chain of edges; count: edges passed since the first of all, signed, at end_s (whole periods only).
     expected_rpm: what the nominal model does over each period, where it was asked: fast motion that is no jitter.
+    missed: edges that each period is known to have missed, where rows told.
     """
 
     row: np.ndarray
@@ -39,6 +40,7 @@ class EdgePeriods:
     chain: np.ndarray
     count: np.ndarray
     expected_rpm: np.ndarray | None = None
+    missed: np.ndarray | None = None
 
 
 @dataclass

@@ -15,8 +15,9 @@ from vgroove.gap.columns import calmed, filled, held
 from vgroove.gap.dead import without_dead
 from vgroove.gap.drive_noise import drive_sigma
 from vgroove.gap.edge_gain import edge_scale
-from vgroove.gap.edges import COUNTING_PULSES, EdgePeriods, edge_periods, near_reversal
+from vgroove.gap.edges import COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.missed import missed_edges
+from vgroove.gap.missed_rows import read_edges
 from vgroove.gap.noise import RPM
 from vgroove.gap.regimes import regimes_of
 from vgroove.gap.sight import sight_of, speed_rows
@@ -164,7 +165,7 @@ def _edges(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
 def _read_edges(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float, source: str, warnings: list[str]) -> EdgePeriods:
     """Edge periods of a speed column whose scale against the time stamps need not be 1; speeds stay as they were logged."""
     scale = edge_scale(time_s, speed_rpm, pulses, lsb_rpm)
-    found = edge_periods(time_s, speed_rpm / scale, pulses, lsb_rpm)
+    found = read_edges(time_s, speed_rpm / scale, pulses, lsb_rpm)
     if scale == 1.0:
         return found
     warnings.append(f"{source}: the edge periods behind speed_rpm follow one another on these time stamps only if the speeds are read "

@@ -17,7 +17,7 @@ BESIDE = 3  # corrected periods on each side that it is held against
 
 
 def missed_edges(edges: EdgePeriods) -> np.ndarray:
-    """Edges (m,) that each period seems to have missed; 0 for rows that still wait for an edge."""
+    """Edges (m,) that each period seems to have missed, or is known to; 0 for rows that still wait for an edge."""
     missed, whole = np.zeros(len(edges.row), dtype=int), np.flatnonzero(~edges.falling)
     speed = edges.speed_rpm[whole]
     apart = np.abs(edges.start_s[whole][1:] - edges.end_s[whole][:-1]) > 1.5 * np.maximum(*_neighbours(edges, whole))
@@ -25,7 +25,7 @@ def missed_edges(edges: EdgePeriods) -> np.ndarray:
     for part in np.split(np.arange(len(whole)), cuts):
         if len(part) > 2 * BESIDE:
             missed[whole[part]] = believable(np.log(np.abs(speed[part])), pitches(np.log(np.abs(speed[part]))))
-    return missed
+    return missed if edges.missed is None else np.maximum(missed, edges.missed)
 
 
 def _neighbours(edges: EdgePeriods, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
