@@ -48,6 +48,20 @@ def test_a_member_that_stands_in_for_the_true_one_is_exchanged() -> None:
     assert search_state.key(best.ids) == pair and state.score(best) < 1.05
 
 
+@pytest.mark.parametrize(("second", "named"), [("coulomb_friction", True), ("current_gain", False)])
+def test_what_a_form_leaves_lies_where_the_effect_shows(second: str, named: bool) -> None:
+    """Beside a large offset of the current a small friction, which the speed shows too, is no form of it; a small gain may be."""
+    small = {"coulomb_friction": {"effects.coulomb_friction.torque_nm": 0.002}, "current_gain": {"effects.current_gain.relative": 0.04}}
+    truth = {"effects.current_offset.offset_a": 1.2} | small[second]
+    state = begun(Toy(truth))
+    pair = search_state.key(("current_offset", second))
+    state.fits[pair] = fit_at(state, truth, pair, 6)
+    alone = state.add([state.engine.hypotheses([BY_ID["current_offset"]])[0]])[0]
+    assert state.better(state.fits[pair], alone)
+    assert state.score(alone) - state.score(state.fits[pair]) < search.FORM_SHARE * (state.score(state.retuned) - state.score(alone))
+    assert search.trimmed(state, state.fits[pair], search.FORM_SHARE) is (state.fits[pair] if named else alone)
+
+
 class Stepped:
     """A search whose sets have given squared gaps; a set is better by `worth`, and only if its step is significant."""
 

@@ -166,7 +166,7 @@ class Scored:
     def level(self) -> float:
         return 1.0
 
-    least_gain = search_state.Search.least_gain
+    least_gain, least_loss = search_state.Search.least_gain, search_state.Search.least_loss
     without: frozenset[str] = frozenset()
 
 
@@ -264,6 +264,18 @@ def test_what_rivals_differ_by_must_also_matter() -> None:
         one.held = noise + distance * part
         assert least_loss(state.blocks, one.held, best.held) > 0.0
         assert search_state.Search.tied(state, one, best) is tied
+
+
+@pytest.mark.parametrize(("distances", "better"), [
+    ([0.4, 3.0, 0.6, 5.0, 0.5, 0.8, 1.0], True), ([0.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0], False), ([0.1] * 7, False)])
+def test_a_gain_in_few_blocks_of_a_short_log_is_one_unless_one_block_makes_it(distances: list[float], better: bool) -> None:
+    state, noise = Scored(4.0, 4.0, 1.0), np.random.default_rng(3).normal(size=700)
+    state.blocks, state.clip = blocks_of(7, 100), search_state.CLIP
+    state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.held**2)
+    fuller, leaner = named_gap(1.0, 2), named_gap(4.0, 1)
+    fuller.held, leaner.held = noise, noise + np.repeat(distances, 100)
+    assert interval(state.blocks, state.sums(leaner) - state.sums(fuller), search_state.LEVEL)[0] <= 0.0 or not better
+    assert search_state.Search.better(state, fuller, leaner) is better
 
 
 @pytest.mark.parametrize("alike", [False, True])

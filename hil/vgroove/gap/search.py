@@ -183,17 +183,21 @@ def backward(search: Search, best: Fit) -> Fit:
 
 
 def trimmed(search: Search, best: Fit, share: float, members: Sequence[str] | None = None) -> Fit:
-    """The best set without those members (default: any) that do so little beside the others that it may be what the others' forms leave.
-
-    Shares are of the gap as the contract clips it, whatever the search compares in.
-    """
+    """The best set without those members (default: any) that do so little beside the others that it may be what the others' forms leave."""
     while len(best.ids) > 1:
         leanest = min((without(search, best, i) for i in best.ids if members is None or i in members), key=search.score, default=best)
-        left, more, alone = (search.score(f, CLIP) for f in (best, leanest, search.retuned))
-        if leanest is best or more - left > share * (alone - more):
+        if leanest is best or beyond_forms(search, best, leanest, share):
             return best
         best = leanest
     return best
+
+
+def beyond_forms(search: Search, best: Fit, leaner: Fit, share: float) -> bool:
+    """Whether a set gains more than a share of what a leaner one closes, over all signals or in one of them: what the form of an effect
+    leaves lies where the effect shows. Gaps are as the contract clips them, whatever the search compares in."""
+    left, more, alone = (search.by_signal(f, CLIP) for f in (best, leaner, search.retuned))
+    beyond = more - left - share * np.maximum(alone - more, 0.0)
+    return bool(np.sum(more - left) > share * np.sum(alone - more) or np.max(beyond) > search.least_gain(leaner))
 
 
 def exchanged(search: Search, best: Fit) -> Fit:

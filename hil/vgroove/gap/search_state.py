@@ -55,6 +55,11 @@ class Search:
         """Squared held-out residuals per bootstrap block (blocks,), clipped as the search compares or as asked."""
         return block_sums(self.blocks, squared(one, self.clip if clip is None else clip))
 
+    def by_signal(self, one: Fit, clip: float) -> np.ndarray:
+        """What each signal adds to the squared held-out gap (signals,)."""
+        weights = np.where(self.blocks.tested, squared(one, clip), 0.0)
+        return np.bincount(self.rows.signal, weights=weights) / self.blocks.total
+
     def score(self, one: Fit, clip: float | None = None) -> float:
         """Squared held-out gap."""
         return float(self.sums(one, clip).sum()) / self.blocks.total
@@ -64,16 +69,22 @@ class Search:
         a draw of blocks may miss: far beyond the noise there, and large enough to matter, it tells them apart as well."""
         if interval(self.blocks, self.sums(one) - self.sums(best))[0] > 0.0:
             return False
-        worse, better = (np.clip(f.held, -self.clip, self.clip) for f in (one, best))
-        return least_loss(self.blocks, worse, better) <= self.least_gain(best)
+        return self.least_loss(one, best) <= self.least_gain(best)
+
+    def least_loss(self, worse: Fit, better: Fit, level: float = 0.95) -> float:
+        """Squared gap that the worse fit surely loses on the run as it was."""
+        return least_loss(self.blocks, *(np.clip(f.held, -self.clip, self.clip) for f in (worse, better)), level)
 
     def better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
-        """True when the fuller set is significantly better and by an amount that matters."""
+        """True when the fuller set is significantly better, in any draw of blocks or on the run as it was, and by an amount that matters
+        in most draws."""
         worth = self.least_gain(leaner, worth)
         if self.score(leaner) - self.score(fuller) <= worth:
             return False
         apart = self.sums(leaner) - self.sums(fuller)
-        return interval(self.blocks, apart, LEVEL)[0] > 0.0 and interval(self.blocks, apart, LIKELY)[0] > worth
+        if interval(self.blocks, apart, LIKELY)[0] <= worth:
+            return False
+        return interval(self.blocks, apart, LEVEL)[0] > 0.0 or self.least_loss(leaner, fuller, LEVEL) > worth
 
     def least_gain(self, leaner: Fit, worth: float = WORTH) -> float:
         """Squared gap that a fuller set must take away from a leaner one."""
