@@ -1,6 +1,6 @@
 """Reads from a log alone how its edge speeds are scaled against its time stamps: edge periods chain up from row to row only unscaled."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -21,8 +21,8 @@ def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: 
     A speed read g too high makes each period too short: the edges run away from the rows that show them, and the chain tears every few
     milliseconds over g. A sensor's gain does that, and a logger's clock that runs off; a filter behind the sensor tears it at any scale.
     """
-    def torn(scale: float) -> int:
-        return count_chains(time_s, speed_rpm / scale, pulses, lsb_rpm)
+    def torn(scale: float, most: int | None = None) -> int:
+        return count_chains(time_s, speed_rpm / scale, pulses, lsb_rpm, most)
 
     as_read = torn(1.0)
     if as_read <= UNSUSPICIOUS or not _hopeful(time_s, speed_rpm, pulses, lsb_rpm):
@@ -44,14 +44,22 @@ def _hopeful(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: fl
     return as_read <= UNSUSPICIOUS or any(HOPEFUL * torn(1.0 + sign * g) < as_read for g in COARSE for sign in (1.0, -1.0))
 
 
-def _finest(torn: Callable[[float], int], as_read: int) -> tuple[float, int]:
-    """Relative scale with the fewest pieces, the smaller of equals, and that number."""
-    tried = {0.0: as_read} | {sign * g: torn(1.0 + sign * g) for g in COARSE for sign in (1.0, -1.0)}
-    best = min(tried, key=lambda g: (tried[g], abs(g)))
+def _finest(torn: Callable[[float, int], int], as_read: int) -> tuple[float, int]:
+    """Relative scale with the fewest pieces, the smaller of equals, and that number. A scale that leaves more than the best so far is
+    counted no further."""
+    tried = {0.0: as_read}
+
+    def best_with(scales: Iterable[float]) -> float:
+        for g in scales:
+            if g not in tried and abs(g) <= LARGEST:
+                tried[g] = torn(1.0 + g, min(tried.values()))
+        return min(tried, key=lambda g: (tried[g], abs(g)))
+
+    best = best_with(sign * g for g in COARSE for sign in (1.0, -1.0))
     step = 0.5 * max(abs(best), COARSE[0])
     for _ in range(REFINED):
-        tried |= {g: torn(1.0 + g) for g in (best - step, best + step) if g not in tried and abs(g) <= LARGEST}
-        best = min(tried, key=lambda g: (tried[g], abs(g)))
+        best = best_with((best - step, best + step))
         step *= 0.5
     level = [g for g in tried if tried[g] == tried[best]]
-    return 0.5 * (min(level) + max(level)) if torn(1.0 + 0.5 * (min(level) + max(level))) <= tried[best] else best, tried[best]
+    middle = 0.5 * (min(level) + max(level))
+    return (middle if torn(1.0 + middle, tried[best]) <= tried[best] else best), tried[best]

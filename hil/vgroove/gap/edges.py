@@ -1,6 +1,8 @@
 """Recovers the Hall edges behind a logged speed column: which rows close a new edge period, and when that period began and ended."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
+from math import inf, isnan
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -107,7 +109,7 @@ class _Reader:
     """Walks down the rows, keeps the interval [low, high] in which the last edge lies, and sorts each row: repeat, fall, new edge, rest."""
 
     def __init__(self, time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> None:
-        self.time, self.speed, self.pulses = time_s, speed_rpm, pulses
+        self.time, self.speed, self.pulses = time_s.tolist(), speed_rpm.tolist(), pulses  # Python's floats: far faster one by one
         self.half_lsb, self.counts = 0.5 * lsb_rpm, pulses >= COUNTING_PULSES
         self.hole_s = HOLE_ROWS * float(np.median(np.diff(time_s)))
         self.chains: list[_Chain] = []
@@ -122,8 +124,13 @@ class _Reader:
         return period, period * self.half_lsb / abs(speed)
 
     def read(self) -> list[_Chain]:
+        return list(self.torn_off())
+
+    def torn_off(self) -> Iterator[_Chain]:
+        """The chains, each as soon as the next one has begun."""
+        given = 0
         for row, speed in enumerate(self.speed):
-            if np.isnan(speed):
+            if isnan(speed):
                 continue
             if speed == 0.0:
                 self.chain = None
@@ -132,7 +139,10 @@ class _Reader:
             else:
                 self.follow(row, speed)
             self.last_row = row
-        return self.chains
+            if len(self.chains) > given + 1:
+                yield self.chains[given]
+                given += 1
+        yield from self.chains[given:]
 
     def is_far(self, row: int) -> bool:
         """Whether too much is missing between the last row read and this one to go on counting."""
@@ -140,7 +150,7 @@ class _Reader:
 
     def before(self) -> float:
         """Time of the last row that was read before this one: a new value's edge came after it."""
-        return self.time[self.last_row] if self.last_row >= 0 else -np.inf
+        return self.time[self.last_row] if self.last_row >= 0 else -inf
 
     def begin(self, row: int, speed: float) -> None:
         """First edge of a new chain: it lies in the row's interval."""
@@ -173,7 +183,7 @@ class _Reader:
         spread = slack + WAIT_SLACK_S
         if abs(speed) >= abs(self.chain.speed_rpm[-1]) or not self.low - spread <= now - period <= self.high + spread:
             return False
-        following = next((r for r in range(row + 1, min(row + 4, len(self.speed))) if not np.isnan(self.speed[r])), None)
+        following = next((r for r in range(row + 1, min(row + 4, len(self.speed))) if not isnan(self.speed[r])), None)
         if following is None or self.speed[following] == 0.0:
             return True
         if _same(self.speed[following], speed) and self.time[following] - now > 4.0 * slack:
@@ -194,7 +204,8 @@ class _Reader:
             bound = count * rounding
             open_place = period if period < COUNTED_SHARE * interval else 0.0
             return count * period, bound + open_place, ROUNDING_SHARE * bound + open_place
-        rate = 1.0 / previous**2 + (1.0 / period**2 - 1.0 / previous**2) * np.arange(1, count + 1) / count
+        first, last = 1.0 / (previous * previous), 1.0 / (period * period)
+        rate = first + (last - first) * np.arange(1, count + 1) / count
         steps = 1.0 / np.sqrt(rate)
         bend = BEND_SHARE * abs(period - previous) * (count - 1)  # all one way while a motion bends: it adds up in full
         return float(steps.sum()), bend + rounding * count, bend + ROUNDING_SHARE * rounding * count
@@ -213,7 +224,7 @@ class _Reader:
     def new_edge(self, row: int, speed: float, now: float, period: float, rounding: float) -> bool:
         """Append the row's last edge, with as many unseen edges before it as fit; False when none do."""
         # A row that repeats the value may close a period that ended in the rows before.
-        since = -np.inf if _same(speed, self.chain.speed_rpm[-1]) else self.before()
+        since = -inf if _same(speed, self.chain.speed_rpm[-1]) else self.before()
         floor, ceiling = max(now - period, since) - rounding - TICK_S, now + rounding + TICK_S
         previous, best = self.chain.period_s[-1], None
         for count in self.counts_to_try(now, period, previous):
@@ -233,13 +244,13 @@ class _Reader:
 
 def _pieces(low: np.ndarray, high: np.ndarray, drift: np.ndarray) -> list[slice]:
     """Cuts a chain where its bounds contradict one another: an edge too many or too few was counted there."""
-    cuts, top, bottom = [0], -np.inf, np.inf
-    for i in range(len(low)):
-        grown = drift[i] - drift[max(i - 1, 0)]
-        top, bottom = max(top - grown, low[i]), min(bottom + grown, high[i])
+    cuts, top, bottom = [0], -inf, inf
+    growth = np.diff(drift, prepend=drift[:1]).tolist()
+    for i, (least, most, grown) in enumerate(zip(low.tolist(), high.tolist(), growth, strict=True)):
+        top, bottom = max(top - grown, least), min(bottom + grown, most)
         if top - bottom > SPLIT_S:
             cuts.append(i)
-            top, bottom = low[i], high[i]
+            top, bottom = least, most
     return [slice(a, b) for a, b in zip(cuts, [*cuts[1:], len(low)], strict=True)]
 
 
@@ -301,10 +312,14 @@ def edge_periods(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
     return EdgePeriods(*(np.array([c[k] for c in columns], dtype=kind) for k, kind in enumerate(kinds)))
 
 
-def count_chains(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int, lsb_rpm: float) -> int:
-    """Unbroken chains that the edge periods of a speed column fall into."""
-    chains = _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm).read()
-    return sum(len(_pieces(*chain.bounds())) for chain in chains)
+def count_chains(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int, lsb_rpm: float, most: int | None = None) -> int:
+    """Unbroken chains that the edge periods of a speed column fall into; counting ends beyond `most` of them."""
+    reader, count = _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm), 0
+    for chain in reader.torn_off():
+        count += len(_pieces(*chain.bounds()))
+        if most is not None and count > most:
+            break
+    return count
 
 
 def _located(time_s: np.ndarray, chain: _Chain, pulses: int, lsb_rpm: float) -> tuple[_Chain, tuple[np.ndarray, ...]]:
