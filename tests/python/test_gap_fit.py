@@ -78,7 +78,7 @@ def test_a_folds_step_that_makes_its_own_rows_worse_is_shortened(monkeypatch: py
     """Where the model bends, the step that leaves a fold out may go astray: it must not be held against the effect."""
     engine, one = fit_of(Toy({TORQUE: 0.004}), "coulomb_friction")
     one.exact, far = False, np.full(len(one.x), 4.0)
-    monkeypatch.setattr(Engine, "_fold_step", lambda _self, _one, _train: far.copy())
+    monkeypatch.setattr(Engine, "_fold_steps", lambda _self, _one: np.tile(far, (4, 1)))
     engine.settle([one])
     steps = [0.3**k * far for k in range(SHORTER + 1)]
     rows = engine.residuals([(one.hypothesis, one.x + step) for step in steps])

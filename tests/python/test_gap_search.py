@@ -117,7 +117,7 @@ def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
     state.engine.remember(fit_at(state, {"effects.stribeck_friction.speed_rad_s": 5.0}, ("stribeck_friction",), 0))
     kept = extend.starts_beside(state, gain, stribeck)
     assert len(kept) == 1 and len(extend.starts_beside(state, gain, stribeck, anew=True)) == 3
-    astray = min(extend.first_order(state, gain, h, rows).held.std() for h, rows in extend.differenced(state, gain, kept))
+    astray = min(extend.first_order(state, gain, one).held.std() for one in extend.differenced(state, gain, kept))
     found = extend.started_anew(state, gain)
     assert [one.ids for one in found] == [("current_gain", "stribeck_friction")]
     assert found[0].held.std() < 0.9 * astray

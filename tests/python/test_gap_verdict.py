@@ -337,7 +337,7 @@ def test_no_search_goes_on_from_an_effect_that_cannot_be_seen(seen: bool, monkey
 def test_equal_parameters_run_once() -> None:
     engine = Engine(Toy({}), SCALES, {})
     h = engine.hypotheses([BY_ID["coulomb_friction"]])[0]
-    rows = engine.residuals([(h, np.array([[0.0], [1.0]])), (h, np.array([[1.0], [0.0], [0.0]]))])
+    rows = np.stack(engine.residuals([(h, np.array([[0.0], [1.0]])), (h, np.array([[1.0], [0.0], [0.0]]))]))
     assert engine.calls == 2
     np.testing.assert_array_equal(rows[[0, 1]], rows[[3, 2]])
     np.testing.assert_array_equal(rows[0], rows[4])

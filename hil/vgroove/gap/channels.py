@@ -1,9 +1,11 @@
 """Channels: one measured signal each, and how the model's rows turn into what that signal shows."""
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from vgroove.gap.noise import RPM
 
@@ -32,6 +34,14 @@ class Places:
 
     def __getitem__(self, keep: np.ndarray) -> "Places":
         return Places(self.row[keep], self.share[keep], self.length_s[keep])
+
+    def weights(self, rows: int) -> tuple[csr_array, csr_array]:
+        """Weights (m, rows) of the rows' angles and of their speeds in the angle at the instants."""
+        f, g = self.share, 1.0 - self.share
+        at = np.repeat(np.arange(len(f)), 2), np.column_stack([self.row - 1, self.row]).ravel()
+        value = np.column_stack([g * g * (1.0 + 2.0 * f), f * f * (3.0 - 2.0 * f)]).ravel()
+        slope = (np.column_stack([g, -f]) * (self.length_s * f * g)[:, None]).ravel()
+        return csr_array((value, at), shape=(len(f), rows)), csr_array((slope, at), shape=(len(f), rows))
 
     def angle(self, simulation: Simulation, sensor: tuple[str, str] = SPEED_SENSOR) -> np.ndarray:
         """Measured angle (B, m) of the model at the instants."""
@@ -128,23 +138,46 @@ class SpanChannel(Channel):
     def first_row(self) -> np.ndarray:
         return self.start.row - 1
 
+    @cached_property
+    def weights(self) -> tuple[csr_array, csr_array]:
+        """Weights (m, rows) of the rows' angles, and of their speeds in radians a second of the logger, in the mean speed."""
+        rows = int(max(self.start.row.max(), self.end.row.max())) + 1
+        found = [end - start for start, end in zip(self.start.weights(rows), self.end.weights(rows), strict=True)]
+        return tuple(csr_array(one.multiply((self.factor / self.length_s)[:, None])) for one in found)
+
+    @cached_property
+    def waiting(self) -> np.ndarray:
+        """Places (k,) of the rows that wait for an edge."""
+        return np.flatnonzero(self.conditional)
+
+    def mean_speed(self, simulation: Simulation) -> np.ndarray:
+        """Mean of the model's speed (B, m) over the spans."""
+        angle, speed = (simulation[name] for name in self.sensor)
+        by_angle, by_speed = self.weights
+        clock, rows = simulation.get(CLOCK, np.ones(len(angle))), by_angle.shape[1]
+        return np.stack([by_angle @ a[:rows] + (by_speed @ w[:rows]) / c for a, w, c in zip(angle, speed, clock, strict=True)])
+
     def pitches(self, mean: np.ndarray) -> np.ndarray:
         """Pitches (B, m) that a sensor which drops edges takes for one: as many as the model's mean speed (B, m) asks for."""
         return np.clip(np.round(np.abs(mean) / np.maximum(np.abs(self.measured), 1e-9)), 1.0, MOST_PITCHES)
 
     def model(self, simulation: Simulation) -> np.ndarray:
-        mean = (self.end.angle(simulation, self.sensor) - self.start.angle(simulation, self.sensor)) * (self.factor / self.length_s)
+        mean = self.mean_speed(simulation)
         if self.edges and CLOCK in simulation:
-            mean = mean * simulation[CLOCK][:, None]  # edge periods are timed by the sensor's clock, spans lie on the logger's
+            mean *= simulation[CLOCK][:, None]  # edge periods are timed by the sensor's clock, spans lie on the logger's
         drops = simulation[DROPS_EDGES][:, None] if self.missed is not None and DROPS_EDGES in simulation else np.zeros((1, 1), bool)
         if drops.any():
             mean = np.where(drops, mean / self.pitches(mean), mean)
-        if not self.conditional.any():
-            return mean
-        # While an edge is awaited the row states the most that the speed can have been: no difference below that.
-        limit = np.abs(self.measured)
-        waited = np.where(np.abs(mean) > limit, self.measured + np.abs(mean) - limit, self.measured)
-        return np.where(self.conditional, np.where(drops, self.measured, waited), mean)  # a wait says nothing of a sensor that drops edges
+        if len(self.waiting):
+            mean[:, self.waiting] = self.waited(mean[:, self.waiting], drops)
+        return mean
+
+    def waited(self, mean: np.ndarray, drops: np.ndarray) -> np.ndarray:
+        """What rows that wait for an edge show of a model's mean speed (B, k) over the wait: they state the most that it can have been, and
+        no difference below that; of a sensor that drops edges (B, 1) they say nothing."""
+        measured = self.measured[self.waiting]
+        beyond = np.abs(mean) - np.abs(measured)
+        return np.where(drops | (beyond <= 0.0), measured, measured + beyond)
 
 
 @dataclass(frozen=True)

@@ -1,32 +1,63 @@
 """Sets with one effect more, to first order: what a newcomer beside a fitted set promises."""
 
 import heapq
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.fit import NARROW, Fit, Hypothesis
+from vgroove.gap.fit import NARROW, Fit, Hypothesis, portions
 from vgroove.gap.hypotheses import BY_ID, Effect
-from vgroove.gap.search_state import Search
+from vgroove.gap.search_state import Search, key
 
 PROPOSALS = 6
 
 
+@dataclass(frozen=True)
+class Newcomer:
+    """A further effect beside a fitted set: the hypothesis of both, its residuals (n,) at its start, their slopes (n, new) along each new
+    number."""
+
+    hypothesis: Hypothesis
+    residual: np.ndarray
+    columns: np.ndarray
+
+
+@dataclass(frozen=True)
+class Promised:
+    """What was found beside a base as it was then: its best first-order extensions, best first."""
+
+    base: Fit
+    exact: bool
+    clip: float
+    fits: list[Fit]
+
+
 def extensions(search: Search, base: Fit, count: int = PROPOSALS) -> list[Fit]:
-    """The best first-order fits of base plus a further effect, best first: own Jacobian columns for the newcomer, those of base for the
-    rest. They are many: they keep no Jacobian."""
-    fits = (first_order(search, base, h, rows) for h, rows in newcomers(search, base))
-    return heapq.nsmallest(count, fits, key=search.score)
+    """The best first-order fits (at most PROPOSALS) of base plus a further effect, best first: own Jacobian columns for the newcomer, those
+    of base for the rest. They are many: they keep no Jacobian."""
+    known = search.promised.get(key(base.ids))
+    if known is None or known.base is not base or (known.exact, known.clip) != (base.exact, search.clip):
+        found = heapq.nsmallest(PROPOSALS, (first_order(search, base, one) for one in newcomers(search, base)), key=search.score)
+        search.promised[key(base.ids)] = known = Promised(base, base.exact, search.clip, found)
+    return known.fits[:count]
 
 
-def newcomers(search: Search, base: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
-    """Each further effect's hypothesis beside base, and its residuals (1 + new, n) at its start and one step along each new number.
+def newcomers(search: Search, base: Fit) -> Iterator[Newcomer]:
+    """Each further effect beside base. The slopes of the last set asked for that is no smaller are kept: `where` asks for them again."""
+    kept: list[tuple[Hypothesis, np.ndarray]] = []
+    for one in differenced(search, base, trials_beside(search, base)):
+        kept.append((one.hypothesis, one.columns))
+        yield one
+    if search.reach is None or len(base.ids) >= len(search.reach[0].ids):
+        search.reach = base, kept
 
-    Those of the last base asked for are kept: `where` asks again for what the search ended with.
-    """
-    if search.reach is None or search.reach[0] is not base:
-        search.reach = base, differenced(search, base, trials_beside(search, base))
-    return search.reach[1]
+
+def reach(search: Search, base: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
+    """Hypotheses of base plus each further effect, and the slopes (n, new) along the newcomer's numbers."""
+    if search.reach is not None and search.reach[0] is base:
+        return search.reach[1]
+    return [(one.hypothesis, one.columns) for one in newcomers(search, base)]
 
 
 def trials_beside(search: Search, base: Fit) -> list[Hypothesis]:
@@ -51,20 +82,30 @@ def started_anew(search: Search, base: Fit) -> list[Fit]:
     found = []
     for effect in (e for e in search.effects if search.engine.is_known(e) and e.id not in base.ids):
         trials = differenced(search, base, starts_beside(search, base, effect, anew=True))
-        found.append(min((first_order(search, base, h, rows) for h, rows in trials), key=search.score))
+        found.append(min((first_order(search, base, one) for one in trials), key=search.score))
     return found
 
 
-def differenced(search: Search, base: Fit, trials: list[Hypothesis]) -> list[tuple[Hypothesis, np.ndarray]]:
-    """Each trial with its residuals (1 + new, n) at its start and one step along each of its new numbers."""
-    count, jobs = base.hypothesis.count, []
-    for h in trials:
-        steps = np.diag([c.step_at(float(x)) for c, x in zip(h.coordinates, h.start, strict=True)])[count:h.count]
-        jobs.append((h, np.vstack([h.start, h.start + steps])))
-    if not jobs:
-        return []
-    rows, ends = search.engine.residuals(jobs), np.cumsum([len(points) for _, points in jobs])
-    return list(zip(trials, np.split(rows, ends[:-1]), strict=True))
+def differenced(search: Search, base: Fit, trials: list[Hypothesis]) -> Iterator[Newcomer]:
+    """Each trial's residuals at its start and their slopes along each of its new numbers, by one step forward."""
+    engine, count = search.engine, base.hypothesis.count
+    steps = [np.array([c.step_at(float(x)) for c, x in zip(h.coordinates, h.start, strict=True)])[count:h.count] for h in trials]
+    for part in portions([1 + len(s) for s in steps], engine.at_once):
+        mine = list(zip(trials[part], steps[part], strict=True))
+        jobs = [(h, np.vstack([h.start, h.start + np.eye(len(s), len(h.start), count) * s[:, None]])) for h, s in mine]
+        rows = iter(engine.residuals(jobs))
+        for h, s in mine:
+            start = next(rows)
+            yield Newcomer(h, start, slopes(h, start, [next(rows) for _ in s], count))
+
+
+def slopes(h: Hypothesis, start: np.ndarray, moved: Sequence[np.ndarray], count: int) -> np.ndarray:
+    """Slopes (n, new) in single precision along a newcomer's numbers, those after the first `count`, from residuals (n,) one step on."""
+    out = np.zeros((len(moved), len(start)), np.float32)
+    for column, c, x, row in zip(out, h.coordinates[count:], h.start[count:], moved, strict=False):
+        if not c.name.endswith("periods_per_rev"):  # next to no amplitude says nothing about periods: they stay as they start
+            column[:] = (row - start) / c.step_at(float(x))
+    return out.T
 
 
 def same_coordinates(h: Hypothesis, base: Fit, count: int) -> bool:
@@ -72,24 +113,12 @@ def same_coordinates(h: Hypothesis, base: Fit, count: int) -> bool:
     return h.coordinates[:count] == base.hypothesis.coordinates[:count] and set(base.hypothesis.fixed) <= set(h.fixed)
 
 
-def columns_of(h: Hypothesis, rows: np.ndarray, count: int) -> np.ndarray:
-    """Jacobian columns (n, new) of a newcomer after the first `count` numbers, from its residuals (1 + new, n)."""
-    steps = np.array([c.step_at(float(x)) for c, x in zip(h.coordinates, h.start, strict=True)])[count:count + len(rows) - 1]
-    columns = ((rows[1:] - rows[0]) / steps[:, None]).T
-    # Next to no amplitude says nothing about periods: they stay as they start.
-    columns[:, [c.name.endswith("periods_per_rev") for c in h.coordinates[count:count + len(steps)]]] = 0.0
-    return columns
-
-
-def first_order(search: Search, base: Fit, h: Hypothesis, rows: np.ndarray) -> Fit:
+def first_order(search: Search, base: Fit, newcomer: Newcomer) -> Fit:
     """The extended fit as one Newton step from base predicts it."""
-    engine, count = search.engine, base.hypothesis.count
-    jacobian = np.hstack([base.jacobian[:, :count], columns_of(h, rows, count), base.jacobian[:, count:]])
-    one = Fit(h, h.start.copy(), rows[0], jacobian, np.inf, max(base.delta, NARROW))
-    step = engine.step(one, engine.train)
-    one.held = one.residual + jacobian @ step
-    for train, test in engine.problem.folds:
-        if not np.array_equal(train, engine.train):
-            one.held[test] = one.residual[test] + jacobian[test] @ engine.step(one, train)
-    one.x, one.residual, one.jacobian = one.x + step, one.residual + jacobian @ step, jacobian[:0]
+    engine, count, h = search.engine, base.hypothesis.count, newcomer.hypothesis
+    jacobian = np.vstack([base.jacobian.T[:count], newcomer.columns.T, base.jacobian.T[count:]]).T
+    one = Fit(h, h.start.copy(), newcomer.residual, jacobian, np.inf, max(base.delta, NARROW))
+    whole, apart = engine.steps(one)
+    one.residual = one.held = engine.foretold(one, apart, whole)
+    one.x, one.jacobian = one.x + whole, jacobian[:0]
     return one

@@ -13,13 +13,14 @@ import numpy as np
 from scipy.stats import t
 
 from vgroove.gap.hypotheses import Effect, Scales
+from vgroove.gap.normals import Groups, huber, huber_weight
 
 WIDE, NARROW = 20.0, 4.0
 KEY_BOUND = 3.0
 STEP = 0.1
 FARTHEST = 1e5  # residual beyond which a model has run away
 LEAST_DAMPING = 0.02
-DIFFERENCES = 192  # residual vectors that are held at once to make Jacobians
+DIFFERENCES, HELD = 192, 8_000_000  # residual vectors, and residuals, that are held at once to make Jacobians
 SHORTER = 2  # times a fold's step is shortened that makes its own rows worse
 
 
@@ -134,6 +135,7 @@ class Engine:
         self.problem, self.scales, self.present = problem, scales, present
         self.keys = self._keys(tolerance)
         self.train = np.logical_or.reduce([train for train, _ in problem.folds])
+        self.groups = Groups(problem.folds)
         self.calls = 0
         self.known: dict[str, float] = {}
         self.key_columns: np.ndarray | None = None
@@ -195,8 +197,13 @@ class Engine:
         second = replace(phase, low=-bound, high=bound, role="sine")
         return [*pairs[1:-1], (first, (0.05,)), (second, (0.05,))]
 
-    def residuals(self, jobs: Sequence[tuple[Hypothesis, np.ndarray]]) -> np.ndarray:
-        """Residuals (sum of rows, n) of hypotheses at coordinate vectors (B, p) in one batch; equal ones run once."""
+    @property
+    def at_once(self) -> int:
+        """Parameter sets whose residuals are held at once."""
+        return max(1, min(DIFFERENCES, HELD // self.problem.n))
+
+    def residuals(self, jobs: Sequence[tuple[Hypothesis, np.ndarray]]) -> list[np.ndarray]:
+        """Residuals (n,), row by row, of hypotheses at coordinate vectors (B, p) in one batch; equal ones run, and are held, once."""
         theta = np.concatenate([h.theta(self.problem.theta0, np.atleast_2d(x)) for h, x in jobs])
         places: dict[bytes, int] = {}
         which = [places.setdefault(one.tobytes(), len(places)) for one in theta]
@@ -204,7 +211,8 @@ class Engine:
         self.calls += len(theta)
         rows = self.problem.residuals(theta)
         np.clip(rows, -FARTHEST, FARTHEST, out=rows)
-        return rows if len(rows) == len(which) else rows[which]
+        held = list(rows)
+        return [held[k] for k in which]
 
     def fit(self, hypotheses: Sequence[Hypothesis], iterations: int = 6, tell: Callable[[int], None] | None = None) -> list[Fit]:
         """Fit all hypotheses on the training rows, wide loss first, then narrow; their held-out rows are predicted to first order."""
@@ -227,7 +235,7 @@ class Engine:
         rows = self.residuals([(h, h.start) for h in hypotheses])
         fits = []
         for h, r in zip(hypotheses, rows, strict=True):
-            one = Fit(h, h.start.copy(), r, np.zeros((len(r), len(h.start)), np.float32), np.inf, self._delta(r, WIDE))
+            one = Fit(h, h.start.copy(), r.copy(), np.zeros((len(h.start), len(r)), np.float32).T, np.inf, self._delta(r, WIDE))
             one.cost = self._cost(one, one.x, r)
             if self.key_columns is not None and h.count:
                 one.jacobian[:, h.count:], one.keys_known = self.key_columns, True
@@ -235,10 +243,13 @@ class Engine:
         return fits
 
     def _delta(self, r: np.ndarray, width: float) -> float:
-        return width * max(1.0, float(1.4826 * np.median(np.abs(r[self.train]))))
+        return width * max(1.0, float(1.4826 * np.median(np.abs(self._trained(r)))))
+
+    def _trained(self, r: np.ndarray) -> np.ndarray:
+        return r if self.train.all() else r[self.train]
 
     def _cost(self, one: Fit, x: np.ndarray, r: np.ndarray) -> float:
-        return _huber(r[self.train], one.delta) + float(((x * one.hypothesis.prior) ** 2).sum())
+        return huber(self._trained(r), one.delta) + float(((x * one.hypothesis.prior) ** 2).sum())
 
     def _differentiate(self, fits: Sequence[Fit], fresh: bool = False) -> None:
         """Forward differences, away from an upper bound, of as many hypotheses in a batch as memory holds.
@@ -247,12 +258,13 @@ class Engine:
         made anew where they are wanted fresh.
         """
         steps = [self._signed_steps(one, fresh) for one in fits]
-        for part in portions([len(s) for s in steps], DIFFERENCES):
+        for part in portions([len(s) for s in steps], self.at_once):
             mine = list(zip(fits[part], steps[part], strict=True))
-            rows = self.residuals([(one.hypothesis, one.x + np.eye(len(signed), len(one.x)) * signed[:, None]) for one, signed in mine])
-            ends = np.cumsum([len(signed) for _, signed in mine])
-            for (one, signed), moved in zip(mine, np.split(rows, ends[:-1]), strict=True):
-                one.jacobian[:, :len(signed)] = ((moved - one.residual) / signed[:, None]).T
+            jobs = [(one.hypothesis, one.x + np.eye(len(signed), len(one.x)) * signed[:, None]) for one, signed in mine]
+            rows = iter(self.residuals(jobs))
+            for one, signed in mine:
+                for column, step in zip(one.jacobian.T, signed, strict=False):
+                    column[:] = (next(rows) - one.residual) / step
                 one.keys_known = one.hypothesis.count > 0
 
     @staticmethod
@@ -266,20 +278,20 @@ class Engine:
         """One damped step each; True for those that should go on."""
         trials = []
         for one in fits:
-            full = self.step(one, self.train)
+            full = self.steps(one)[0]
             trials.append(one.x + one.damping * np.array([[1.0], [0.35]]) * full)
         rows, moved = self.residuals([(f.hypothesis, t) for f, t in zip(fits, trials, strict=True)]), []
         for i, (one, trial) in enumerate(zip(fits, trials, strict=True)):
             moved.append(self._accept(one, trial, rows[2 * i:2 * i + 2], round_))
         return moved
 
-    def _accept(self, one: Fit, trial: np.ndarray, rows: np.ndarray, round_: int) -> bool:
+    def _accept(self, one: Fit, trial: np.ndarray, rows: Sequence[np.ndarray], round_: int) -> bool:
         costs = [self._cost(one, x, r) for x, r in zip(trial, rows, strict=True)]
         best = int(np.argmin(costs))
         gain = one.cost - costs[best]
-        promised = one.cost - self._cost(one, trial[0], one.residual + one.jacobian @ (trial[0] - one.x))
+        promised = one.cost - self._cost(one, trial[0], self.groups.moved(one.residual, one.jacobian, self._alike(trial[0] - one.x)))
         if gain > 0.0:
-            one.x, one.residual, one.cost = trial[best], rows[best], costs[best]
+            one.x, one.residual, one.cost = trial[best], rows[best].copy(), costs[best]
         if gain <= 0.0 and promised > self._enough(one) and one.damping > LEAST_DAMPING:
             one.damping *= 0.1  # a curved valley: the straight step promises much and holds nothing
             one.keys_known = False
@@ -296,21 +308,43 @@ class Engine:
         """Gain of a round below which a fit has converged."""
         return max(1.0, 2e-4 * one.cost)
 
-    def step(self, one: Fit, mask: np.ndarray) -> np.ndarray:
-        """Gauss-Newton step (p,) of the robust cost over mask, inside the bounds."""
-        weight = np.minimum(1.0, one.delta / np.maximum(np.abs(one.residual), 1e-9)) * mask
-        weighted = one.jacobian * weight[:, None]
-        prior = one.hypothesis.prior
-        normal = weighted.T @ one.jacobian + np.diag(prior)
-        gradient = weighted.T @ one.residual + prior * one.x
-        return bounded_step(normal, gradient, one.hypothesis.low - one.x, one.hypothesis.high - one.x)
+    def steps(self, one: Fit) -> tuple[np.ndarray, np.ndarray]:
+        """Gauss-Newton steps of the robust cost inside the bounds: over all training rows (p,), and over each fold's (folds, p)."""
+        sums = self.groups.sums(one.jacobian, one.residual, one.delta)
+        whole = self._step(one, sums.sum(axis=0, where=self.groups.trains.any(axis=0)[:, None, None]))
+        pairs = zip(self.groups.trains, self._leaves_out, strict=True)
+        return whole, np.array([self._step(one, sums[use].sum(axis=0)) if less else whole for use, less in pairs])
+
+    @property
+    def _leaves_out(self) -> np.ndarray:
+        """Whether each fold (folds,) trains on less than all folds together."""
+        trains = self.groups.trains
+        return (trains != trains.any(axis=0)).any(axis=1)
+
+    @staticmethod
+    def _step(one: Fit, sums: np.ndarray) -> np.ndarray:
+        h, p = one.hypothesis, len(one.x)
+        return bounded_step(sums[:, :p] + np.diag(h.prior), sums[:, p] + h.prior * one.x, h.low - one.x, h.high - one.x)
+
+    def _alike(self, step: np.ndarray) -> np.ndarray:
+        """The same step for every group of rows (groups, p)."""
+        return np.tile(step, (self.groups.count, 1))
+
+    def foretold(self, one: Fit, apart: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+        """Every row to first order as its own fold's step (folds, p) moves it; `otherwise` (p,) where no fold tests it."""
+        steps = np.vstack([apart, otherwise])[self.groups.tested_by]
+        return self.groups.moved(one.residual, one.jacobian, steps)
 
     def _held_linear(self, one: Fit) -> np.ndarray:
-        held = one.residual.copy()
-        for train, test in self.problem.folds:
-            if not np.array_equal(train, self.train):
-                held[test] += one.jacobian[test] @ self.step(one, train)
-        return held
+        return self.foretold(one, self._fold_steps(one), np.zeros(len(one.x)))
+
+    def _fold_steps(self, one: Fit) -> np.ndarray:
+        """Steps (folds, p) from a converged fit: none for a fold that leaves nothing out."""
+        return np.where(self._leaves_out[:, None], self.steps(one)[1], 0.0)
+
+    def steps_without(self, one: Fit) -> np.ndarray:
+        """Steps (folds, p) of the folds that leave something out."""
+        return self.steps(one)[1][self._leaves_out]
 
     def settle(self, fits: Sequence[Fit]) -> None:
         """Replace first-order held-out predictions by simulated ones, fold by fold, and refresh the Jacobians."""
@@ -319,7 +353,7 @@ class Engine:
             return
         self._differentiate(todo, fresh=True)
         folds = self.problem.folds
-        open_ = [(one, k, self._fold_step(one, train)) for one in todo for k, (train, _) in enumerate(folds)]
+        open_ = [(one, k, step) for one in todo for k, step in enumerate(self._fold_steps(one))]
         for _ in range(1 + SHORTER):
             rows = self.residuals([(one.hypothesis, one.x + step) for one, _, step in open_])
             for (one, k, _), row in zip(open_, rows, strict=True):
@@ -333,10 +367,7 @@ class Engine:
 
     def _is_worse(self, one: Fit, train: np.ndarray, row: np.ndarray) -> bool:
         """Whether a fold's step, of which the Jacobian promised a gain, makes its own training rows worse: there the model bends."""
-        return bool(_huber(row[train], one.delta) > _huber(one.residual[train], one.delta) + self._enough(one))
-
-    def _fold_step(self, one: Fit, train: np.ndarray) -> np.ndarray:
-        return np.zeros(len(one.x)) if np.array_equal(train, self.train) else self.step(one, train)
+        return bool(huber(row[train], one.delta) > huber(one.residual[train], one.delta) + self._enough(one))
 
 
 def portions(sizes: Sequence[int], most: int) -> Iterator[slice]:
@@ -349,12 +380,6 @@ def portions(sizes: Sequence[int], most: int) -> Iterator[slice]:
         total += size
     if sizes:
         yield slice(first, len(sizes))
-
-
-def _huber(r: np.ndarray, delta: float) -> float:
-    """Huber's loss of residuals, square near 0."""
-    size = np.abs(r)
-    return float(np.where(size <= delta, size**2, 2.0 * delta * size - delta**2).sum())
 
 
 def bounded_step(normal: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -378,8 +403,7 @@ def bounded_step(normal: np.ndarray, gradient: np.ndarray, low: np.ndarray, high
 
 def covariance(one: Fit, mask: np.ndarray, cluster: np.ndarray) -> np.ndarray:
     """Sandwich covariance (p, p) of the fitted numbers; rows of one cluster may be correlated in any way."""
-    weight = np.minimum(1.0, one.delta / np.maximum(np.abs(one.residual), 1e-9)) * mask
-    weighted = one.jacobian * weight[:, None]
+    weighted = one.jacobian * (huber_weight(one.residual, one.delta) * mask)[:, None]
     prior = np.diag(one.hypothesis.prior)
     bread = np.linalg.pinv(weighted.T @ one.jacobian + prior)
     score = weighted * one.residual[:, None]
@@ -400,9 +424,8 @@ def half_widths(engine: Engine, one: Fit, clusters: Sequence[np.ndarray]) -> np.
         groups = len(np.unique(cluster[engine.train]))
         spread = np.sqrt(np.maximum(np.diag(covariance(one, engine.train, cluster)), 0.0))
         found.append(spread * t.ppf(0.975, max(1, groups - 1)))
-    folds = [train for train, _ in engine.problem.folds if not np.array_equal(train, engine.train)]
-    if len(folds) >= 3:
-        moved = np.stack([engine.step(one, train) for train in folds])
-        variance = (len(folds) - 1) / len(folds) * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0)
-        found.append(np.sqrt(variance) * t.ppf(0.975, len(folds) - 1))
+    moved = engine.steps_without(one)
+    if len(moved) >= 3:
+        variance = (len(moved) - 1) / len(moved) * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0)
+        found.append(np.sqrt(variance) * t.ppf(0.975, len(moved) - 1))
     return np.max(found, axis=0)

@@ -12,7 +12,7 @@ import numpy as np
 
 from vgroove.gap import follows
 from vgroove.gap.evidence import block_sums, draw_means, interval
-from vgroove.gap.extend import columns_of, newcomers
+from vgroove.gap.extend import reach
 from vgroove.gap.fit import KEY_BOUND, Fit, bounded_step
 from vgroove.gap.hypotheses import BY_ID
 from vgroove.gap.search_state import LEVEL, LIKELY, WORTH, Search
@@ -39,9 +39,9 @@ def bundle(search: Search, best: Fit) -> Bundle:
     """All subsystems' columns at the selected model; the target is the residual with every selected effect taken out again."""
     count = best.hypothesis.count
     columns, owner = [best.jacobian], [coordinate_owner(c.name) if not c.prior else "" for c in best.hypothesis.coordinates]
-    for h, rows in newcomers(search, best):
-        columns.append(columns_of(h, rows, count))
-        owner += [BY_ID[h.ids[-1]].subsystem] * (len(rows) - 1)
+    for h, slopes in reach(search, best):
+        columns.append(slopes)
+        owner += [BY_ID[h.ids[-1]].subsystem] * slopes.shape[1]
     target = best.residual - best.jacobian[:, :count] @ best.x[:count]
     stacked = np.hstack(columns)
     norm = np.sqrt((stacked**2).mean(axis=0))

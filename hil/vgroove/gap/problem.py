@@ -31,7 +31,8 @@ CLIP = figures.CLIP
 SENSOR_EFFECTS = ("current_gain.relative", "speed_gain.relative", "current_offset.offset_a", "current_lag.time_constant_s",
                   "speed_lag.time_constant_s")
 SIMULATED_LOADS = ("none", "torque", "pendulum")
-PORTION, PORTION_ROWS = 48, 600_000  # parameter sets that a thread takes on at once, and rows of their logs: what it holds in memory
+PORTION, PORTION_ROWS = 48, 200_000  # parameter sets that a thread takes on at once, and rows of their logs: what stays in its cache
+LANES = 8  # parameter sets of like structure that the plant runs side by side
 RAN_AWAY = 1e6
 
 
@@ -147,23 +148,38 @@ class Problem:
     def residuals(self, theta: np.ndarray) -> np.ndarray:
         """(measured - model) / sigma, (B, n) for theta (B, P) or (P,); unclipped, finite (a model that runs away reads 1e6).
 
-        Portions of the batch run side by side, the simulation and what is made of it.
+        Portions of the batch, sets of like structure together, run side by side: the simulation and what is made of it.
         """
         theta = np.atleast_2d(theta)
-        out = np.empty((len(theta), self.n))
+        out, order = np.empty((len(theta), self.n)), self._alike(theta)
         with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(lambda part: self._fill(out[part], theta[part]), self._portions(len(theta))))
+            list(pool.map(lambda part: self._fill(out, order[part], theta[order[part]]), self._portions(len(theta))))
         return out
+
+    def _alike(self, theta: np.ndarray) -> np.ndarray:
+        """An order (B,) in which sets that depart from the rig in the same numbers follow one another."""
+        _, pattern = np.unique(theta != self.theta0, axis=0, return_inverse=True)
+        return np.argsort(pattern, kind="stable")
 
     def _portions(self, count: int) -> list[slice]:
         rows = sum(len(log.time_s) for log in self.logs)
         size = max(1, min(PORTION, PORTION_ROWS // rows, -(-count // self.threads)))
+        size = max(size // LANES, 1) * LANES if rows * LANES <= 2 * PORTION_ROWS else size
         return [slice(first, first + size) for first in range(0, count, size)]
 
-    def _fill(self, out: np.ndarray, theta: np.ndarray) -> None:
-        np.subtract(self.measured, self.models(theta), out=out)
-        out /= self.sigma
-        out[~np.isfinite(out)] = RAN_AWAY
+    def _fill(self, out: np.ndarray, places: np.ndarray, theta: np.ndarray) -> None:
+        """Write the residuals of theta to those rows of out, while what is simulated is at hand."""
+        first = 0
+        for run, simulation in zip(self.runs, self.simulate(theta), strict=True):
+            for channel in run.channels:
+                rows = slice(first, first := first + len(channel.row))
+                for place, model in zip(places, channel.compared(simulation), strict=True):
+                    np.subtract(channel.measured, model, out=out[place, rows])
+                    np.divide(out[place, rows], channel.sigma, out=out[place, rows])
+        for place in places:
+            residual = out[place]
+            if not np.isfinite(residual.sum()):
+                residual[~np.isfinite(residual)] = RAN_AWAY
 
     def squared(self, residual: np.ndarray) -> np.ndarray:
         """Squares clipped at 10^2, same shape; nan where a conditional residual does not count."""

@@ -5,6 +5,7 @@ A fuller set must be worth it twice: its held-out gain is significant under the 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +50,7 @@ class Search:
     fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
     leaned: Fit | None = None
     reach: tuple[Fit, list[tuple[Hypothesis, np.ndarray]]] | None = None
+    promised: dict[tuple[str, ...], Any] = field(default_factory=dict)
     tell: Callable[[str], None] = lambda _: None
 
     def sums(self, one: Fit, clip: float | None = None) -> np.ndarray:

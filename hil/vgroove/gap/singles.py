@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vgroove.gap import phases
-from vgroove.gap.extend import differenced
+from vgroove.gap.extend import Newcomer, differenced
 from vgroove.gap.fit import Fit, Hypothesis, portions
 from vgroove.gap.problem import Problem
 from vgroove.gap.search_state import Search, key, reblock, rescale
@@ -47,7 +47,7 @@ def swinging(search: Search) -> dict[tuple[str, ...], list[Hypothesis]]:
         return {}
     parts, found = phases.stretches(problem), {}
     free = parts.count > 1 and problem.rig.load["kind"] != "pendulum"
-    trials = [(h, swing_of(h, rows, parts, problem)) for h, rows in
+    trials = [(one.hypothesis, swing_of(one, parts, problem)) for one in
               differenced(search, search.retuned, [replace(h, start=with_swing(h, (1e-3, 1e-3))) for h in starts])]
     shift = firmest(problem, parts, [one for _, one in trials]) if free else np.zeros(parts.count)
     engine.problem = phases.turned(problem, parts, shift) if shift.any() else problem
@@ -56,11 +56,10 @@ def swinging(search: Search) -> dict[tuple[str, ...], list[Hypothesis]]:
     return found
 
 
-def swing_of(h: Hypothesis, rows: np.ndarray, parts: phases.Stretches, problem: Problem) -> phases.Swing:
-    """First order of a periodic effect from its residuals at next to no amplitude and one step along each of its numbers."""
-    at = cosine_at(h)
-    columns = (rows[1 + at:3 + at] - rows[0]).T / [c.step for c in h.coordinates[at:at + 2]]
-    return phases.Swing.of(parts, periods_of(h, problem.rig.gearbox["ratio"]), rows[0], columns)
+def swing_of(one: Newcomer, parts: phases.Stretches, problem: Problem) -> phases.Swing:
+    """First order of a periodic effect from its residuals at next to no amplitude and their slopes."""
+    at = cosine_at(one.hypothesis)
+    return phases.Swing.of(parts, periods_of(one.hypothesis, problem.rig.gearbox["ratio"]), one.residual, one.columns[:, at:at + 2])
 
 
 def firmest(problem: Problem, parts: phases.Stretches, swings: Sequence[phases.Swing]) -> np.ndarray:
@@ -143,8 +142,10 @@ def screened(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
 
 def promising(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
     """The SCREENED starts that predict best as they are."""
-    rows = np.abs(search.engine.residuals([(h, h.start) for h in starts])[:, search.engine.train])
-    cost = (np.minimum(rows, search.clip) ** 2).sum(axis=1)
+    cost = []
+    for part in portions([1] * len(starts), search.engine.at_once):
+        rows = search.engine.residuals([(h, h.start) for h in starts[part]])
+        cost += [float((np.minimum(np.abs(row[search.engine.train]), search.clip) ** 2).sum()) for row in rows]
     return [starts[k] for k in np.argsort(cost, kind="stable")[:SCREENED]]
 
 
