@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from gap_toy import SCALES, Toy
-from vgroove.gap.fit import SHORTER, Engine, bounded_step, covariance, portions
+from vgroove.gap.batches import alike, portions
+from vgroove.gap.fit import SHORTER, Engine, bounded_step, covariance
 from vgroove.gap.hypotheses import BY_ID, CATALOGUE, available, contains, equivalents
 
 TORQUE = "effects.coulomb_friction.torque_nm"
@@ -164,3 +165,12 @@ def test_portions_hold_no_more_than_asked_and_miss_nothing(sizes: list[int], exp
     parts = list(portions(sizes, 4))
     assert [part.stop - part.start for part in parts] == expected
     assert [n for part in parts for n in range(len(sizes))[part]] == list(range(len(sizes)))
+
+
+@pytest.mark.parametrize("most", [1, 8, 20])
+def test_a_batch_is_cut_into_sets_of_one_structure_and_misses_none(most: int) -> None:
+    kind = np.array([0, 1, 2, 0, 1] * 5)
+    parts = alike(np.eye(3, dtype=bool)[kind], most)
+    np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(25))
+    lanes = sum(-(-int(np.count_nonzero(kind[part] == k)) // 8) for part in parts for k in range(3))
+    assert lanes == 5  # 10, 10 and 5 sets, eight at a time

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.fit import NARROW, Fit, Hypothesis, portions
+from vgroove.gap.fit import NARROW, Fit, Hypothesis
 from vgroove.gap.hypotheses import BY_ID, Effect
 from vgroove.gap.search_state import Search, key
 
@@ -89,14 +89,12 @@ def started_anew(search: Search, base: Fit) -> list[Fit]:
 def differenced(search: Search, base: Fit, trials: list[Hypothesis]) -> Iterator[Newcomer]:
     """Each trial's residuals at its start and their slopes along each of its new numbers, by one step forward."""
     engine, count = search.engine, base.hypothesis.count
-    steps = [np.array([c.step_at(float(x)) for c, x in zip(h.coordinates, h.start, strict=True)])[count:h.count] for h in trials]
-    for part in portions([1 + len(s) for s in steps], engine.at_once):
-        mine = list(zip(trials[part], steps[part], strict=True))
-        jobs = [(h, np.vstack([h.start, h.start + np.eye(len(s), len(h.start), count) * s[:, None]])) for h, s in mine]
-        rows = iter(engine.residuals(jobs))
-        for h, s in mine:
-            start = next(rows)
-            yield Newcomer(h, start, slopes(h, start, [next(rows) for _ in s], count))
+    jobs = []
+    for h in trials:
+        steps = np.diag([c.step_at(float(x)) for c, x in zip(h.coordinates, h.start, strict=True)])[count:h.count]
+        jobs.append((h, np.vstack([h.start, h.start + steps])))
+    for h, (start, *moved) in zip(trials, engine.shown(jobs), strict=True):
+        yield Newcomer(h, start, slopes(h, start, moved, count))
 
 
 def slopes(h: Hypothesis, start: np.ndarray, moved: Sequence[np.ndarray], count: int) -> np.ndarray:

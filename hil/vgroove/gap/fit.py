@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 from scipy.stats import t
 
+from vgroove.gap.batches import portions
 from vgroove.gap.hypotheses import Effect, Scales
 from vgroove.gap.normals import Groups, huber, huber_weight
 
@@ -117,6 +118,7 @@ class Fit:
     held: np.ndarray = field(default_factory=lambda: np.zeros(0))
     exact: bool = False
     keys_known: bool = False
+    sloped: bool = False  # the Jacobian is that of x
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -214,33 +216,47 @@ class Engine:
         held = list(rows)
         return [held[k] for k in which]
 
+    def shown(self, jobs: Sequence[tuple[Hypothesis, np.ndarray]]) -> Iterator[list[np.ndarray]]:
+        """Residuals of each job's points (B, p), as many jobs in a batch as memory holds."""
+        for part in portions([len(points) for _, points in jobs], self.at_once):
+            rows = iter(self.residuals(jobs[part]))
+            for _, points in jobs[part]:
+                yield [next(rows) for _ in points]
+
     def fit(self, hypotheses: Sequence[Hypothesis], iterations: int = 6, tell: Callable[[int], None] | None = None) -> list[Fit]:
         """Fit all hypotheses on the training rows, wide loss first, then narrow; their held-out rows are predicted to first order."""
         if not hypotheses:
             return []
-        fits = self._begin(hypotheses)
+        fits = self._begin(hypotheses, iterations > 0)
         active = list(range(len(fits)))
         for round_ in range(iterations):
             if not active:
                 break
-            self._differentiate([fits[i] for i in active])
-            active = [i for i, moved in zip(active, self._advance([fits[i] for i in active], round_), strict=True) if moved]
+            self._differentiate([fits[i] for i in active if not fits[i].sloped])
+            going = self._advance([fits[i] for i in active], round_, round_ + 1 < iterations)
+            active = [i for i, moved in zip(active, going, strict=True) if moved]
             if tell:
                 tell(len(active))
         for one in fits:
             one.held = self._held_linear(one)
         return fits
 
-    def _begin(self, hypotheses: Sequence[Hypothesis]) -> list[Fit]:
-        rows = self.residuals([(h, h.start) for h in hypotheses])
-        fits = []
-        for h, r in zip(hypotheses, rows, strict=True):
-            one = Fit(h, h.start.copy(), r.copy(), np.zeros((len(h.start), len(r)), np.float32).T, np.inf, self._delta(r, WIDE))
-            one.cost = self._cost(one, one.x, r)
-            if self.key_columns is not None and h.count:
-                one.jacobian[:, h.count:], one.keys_known = self.key_columns, True
-            fits.append(one)
+    def _begin(self, hypotheses: Sequence[Hypothesis], ahead: bool) -> list[Fit]:
+        fits = [self._unfitted(h) for h in hypotheses]
+        steps = [self._signed_steps(one, one.x) if ahead else np.zeros(0) for one in fits]
+        jobs = [(one.hypothesis, np.vstack([one.x, around(one.x, signed)])) for one, signed in zip(fits, steps, strict=True)]
+        for one, signed, (start, *moved) in zip(fits, steps, self.shown(jobs), strict=True):
+            one.residual, one.delta = start.copy(), self._delta(start, WIDE)
+            one.cost = self._cost(one, one.x, start)
+            if ahead:
+                self._set_slopes(one, signed, moved)
         return fits
+
+    def _unfitted(self, h: Hypothesis) -> Fit:
+        one = Fit(h, h.start.copy(), np.zeros(0), np.zeros((len(h.start), self.problem.n), np.float32).T, np.inf, np.inf)
+        if self.key_columns is not None and h.count:
+            one.jacobian[:, h.count:], one.keys_known = self.key_columns, True
+        return one
 
     def _delta(self, r: np.ndarray, width: float) -> float:
         return width * max(1.0, float(1.4826 * np.median(np.abs(self._trained(r)))))
@@ -257,33 +273,37 @@ class Engine:
         What the tolerated keys do hardly hangs on the effects: the columns of the model without effects serve until a step fails, and are
         made anew where they are wanted fresh.
         """
-        steps = [self._signed_steps(one, fresh) for one in fits]
-        for part in portions([len(s) for s in steps], self.at_once):
-            mine = list(zip(fits[part], steps[part], strict=True))
-            jobs = [(one.hypothesis, one.x + np.eye(len(signed), len(one.x)) * signed[:, None]) for one, signed in mine]
-            rows = iter(self.residuals(jobs))
-            for one, signed in mine:
-                for column, step in zip(one.jacobian.T, signed, strict=False):
-                    column[:] = (next(rows) - one.residual) / step
-                one.keys_known = one.hypothesis.count > 0
+        steps = [self._signed_steps(one, one.x, fresh) for one in fits]
+        jobs = [(one.hypothesis, around(one.x, signed)) for one, signed in zip(fits, steps, strict=True)]
+        for one, signed, moved in zip(fits, steps, self.shown(jobs), strict=True):
+            self._set_slopes(one, signed, moved)
 
     @staticmethod
-    def _signed_steps(one: Fit, fresh: bool) -> np.ndarray:
-        """Step of each difference that is wanted (k,)."""
-        fitted = one.hypothesis.count if one.keys_known and not fresh else len(one.x)
-        steps_up = np.array([c.step_at(float(x)) for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)])
-        return np.where(one.x + steps_up > one.hypothesis.high, -steps_up, steps_up)[:fitted]
+    def _set_slopes(one: Fit, signed: np.ndarray, moved: Sequence[np.ndarray]) -> None:
+        """Columns of the Jacobian from residuals one step on."""
+        for column, step, row in zip(one.jacobian.T, signed, moved, strict=False):
+            column[:] = (row - one.residual) / step
+        one.keys_known, one.sloped = one.hypothesis.count > 0, True
 
-    def _advance(self, fits: Sequence[Fit], round_: int) -> list[bool]:
-        """One damped step each; True for those that should go on."""
-        trials = []
-        for one in fits:
-            full = self.steps(one)[0]
-            trials.append(one.x + one.damping * np.array([[1.0], [0.35]]) * full)
-        rows, moved = self.residuals([(f.hypothesis, t) for f, t in zip(fits, trials, strict=True)]), []
-        for i, (one, trial) in enumerate(zip(fits, trials, strict=True)):
-            moved.append(self._accept(one, trial, rows[2 * i:2 * i + 2], round_))
-        return moved
+    @staticmethod
+    def _signed_steps(one: Fit, x: np.ndarray, fresh: bool = False) -> np.ndarray:
+        """Step of each difference that is wanted at x (k,)."""
+        fitted = one.hypothesis.count if one.keys_known and not fresh else len(x)
+        steps_up = np.array([c.step_at(float(v)) for c, v in zip(one.hypothesis.coordinates, x, strict=True)])
+        return np.where(x + steps_up > one.hypothesis.high, -steps_up, steps_up)[:fitted]
+
+    def _advance(self, fits: Sequence[Fit], round_: int, ahead: bool) -> list[bool]:
+        """One damped step each; True for those that should go on. With them run, ahead, the differences that the whole step will need: the
+        plant's lanes are hardly filled by one fit's trials."""
+        trials = [one.x + one.damping * np.array([[1.0], [0.35]]) * self.steps(one)[0] for one in fits]
+        steps = [self._signed_steps(one, trial[0]) if ahead else np.zeros(0) for one, trial in zip(fits, trials, strict=True)]
+        points = [np.vstack([trial, around(trial[0], signed)]) for trial, signed in zip(trials, steps, strict=True)]
+        jobs, going = [(one.hypothesis, x) for one, x in zip(fits, points, strict=True)], []
+        for one, trial, signed, (full, part, *moved) in zip(fits, trials, steps, self.shown(jobs), strict=True):
+            going.append(self._accept(one, trial, (full, part), round_))
+            if ahead and going[-1] and np.array_equal(one.x, trial[0]):
+                self._set_slopes(one, signed, moved)
+        return going
 
     def _accept(self, one: Fit, trial: np.ndarray, rows: Sequence[np.ndarray], round_: int) -> bool:
         costs = [self._cost(one, x, r) for x, r in zip(trial, rows, strict=True)]
@@ -291,10 +311,10 @@ class Engine:
         gain = one.cost - costs[best]
         promised = one.cost - self._cost(one, trial[0], self.groups.moved(one.residual, one.jacobian, self._alike(trial[0] - one.x)))
         if gain > 0.0:
-            one.x, one.residual, one.cost = trial[best], rows[best].copy(), costs[best]
+            one.x, one.residual, one.cost, one.sloped = trial[best], rows[best].copy(), costs[best], False
         if gain <= 0.0 and promised > self._enough(one) and one.damping > LEAST_DAMPING:
             one.damping *= 0.1  # a curved valley: the straight step promises much and holds nothing
-            one.keys_known = False
+            one.keys_known = one.sloped = False
             return True
         one.damping = min(1.0, 3.0 * one.damping)
         if round_ == 0 or one.delta > 1.5 * self._delta(one.residual, NARROW):
@@ -355,10 +375,11 @@ class Engine:
         folds = self.problem.folds
         open_ = [(one, k, step) for one in todo for k, step in enumerate(self._fold_steps(one))]
         for _ in range(1 + SHORTER):
-            rows = self.residuals([(one.hypothesis, one.x + step) for one, _, step in open_])
-            for (one, k, _), row in zip(open_, rows, strict=True):
+            failed = []
+            jobs = [(one.hypothesis, (one.x + step)[None, :]) for one, _, step in open_]
+            for (one, k, _), (row,) in zip(open_, self.shown(jobs), strict=True):
                 one.held[folds[k][1]] = row[folds[k][1]]
-            failed = [self._is_worse(one, folds[k][0], row) for (one, k, _), row in zip(open_, rows, strict=True)]
+                failed.append(self._is_worse(one, folds[k][0], row))
             open_ = [(one, k, 0.3 * step) for (one, k, step), worse in zip(open_, failed, strict=True) if worse]
             if not open_:
                 break
@@ -370,16 +391,9 @@ class Engine:
         return bool(huber(row[train], one.delta) > huber(one.residual[train], one.delta) + self._enough(one))
 
 
-def portions(sizes: Sequence[int], most: int) -> Iterator[slice]:
-    """Slices over consecutive items whose sizes add up to `most` or less; an item larger than that is alone."""
-    first, total = 0, 0
-    for at, size in enumerate(sizes):
-        if total and total + size > most:
-            yield slice(first, at)
-            first, total = at, 0
-        total += size
-    if sizes:
-        yield slice(first, len(sizes))
+def around(x: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Points (k, p) one step (k,) from x (p,) along each of its first k numbers."""
+    return x + np.eye(len(steps), len(x)) * steps[:, None]
 
 
 def bounded_step(normal: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ import numpy as np
 from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap import figures
+from vgroove.gap.batches import alike
 from vgroove.gap.blocks import Blocks
 from vgroove.gap.channels import CLOCK, DROPS_EDGES, Channel, Simulation, SpanChannel, show_encoder
 from vgroove.gap.filters import correct_filters
@@ -32,7 +33,6 @@ SENSOR_EFFECTS = ("current_gain.relative", "speed_gain.relative", "current_offse
                   "speed_lag.time_constant_s")
 SIMULATED_LOADS = ("none", "torque", "pendulum")
 PORTION, PORTION_ROWS = 48, 200_000  # parameter sets that a thread takes on at once, and rows of their logs: what stays in its cache
-LANES = 8  # parameter sets of like structure that the plant runs side by side
 RAN_AWAY = 1e6
 
 
@@ -151,21 +151,13 @@ class Problem:
         Portions of the batch, sets of like structure together, run side by side: the simulation and what is made of it.
         """
         theta = np.atleast_2d(theta)
-        out, order = np.empty((len(theta), self.n)), self._alike(theta)
+        out, rows = np.empty((len(theta), self.n)), sum(len(log.time_s) for log in self.logs)
+        size = max(1, min(PORTION, PORTION_ROWS // rows, -(-len(theta) // self.threads)))
+        effects = [name.startswith("effects.") for name in self.parameters]
+        parts = alike((theta != self.theta0)[:, effects], size)
         with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(lambda part: self._fill(out, order[part], theta[order[part]]), self._portions(len(theta))))
+            list(pool.map(lambda part: self._fill(out, part, theta[part]), parts))
         return out
-
-    def _alike(self, theta: np.ndarray) -> np.ndarray:
-        """An order (B,) in which sets that depart from the rig in the same numbers follow one another."""
-        _, pattern = np.unique(theta != self.theta0, axis=0, return_inverse=True)
-        return np.argsort(pattern, kind="stable")
-
-    def _portions(self, count: int) -> list[slice]:
-        rows = sum(len(log.time_s) for log in self.logs)
-        size = max(1, min(PORTION, PORTION_ROWS // rows, -(-count // self.threads)))
-        size = max(size // LANES, 1) * LANES if rows * LANES <= 2 * PORTION_ROWS else size
-        return [slice(first, first + size) for first in range(0, count, size)]
 
     def _fill(self, out: np.ndarray, places: np.ndarray, theta: np.ndarray) -> None:
         """Write the residuals of theta to those rows of out, while what is simulated is at hand."""

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from vgroove.gap import phases
+from vgroove.gap.batches import portions
 from vgroove.gap.extend import Newcomer, differenced
-from vgroove.gap.fit import Fit, Hypothesis, portions
+from vgroove.gap.fit import Fit, Hypothesis
 from vgroove.gap.problem import Problem
 from vgroove.gap.search_state import Search, key, reblock, rescale
 
@@ -142,10 +143,8 @@ def screened(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
 
 def promising(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
     """The SCREENED starts that predict best as they are."""
-    cost = []
-    for part in portions([1] * len(starts), search.engine.at_once):
-        rows = search.engine.residuals([(h, h.start) for h in starts[part]])
-        cost += [float((np.minimum(np.abs(row[search.engine.train]), search.clip) ** 2).sum()) for row in rows]
+    shown = search.engine.shown([(h, h.start[None, :]) for h in starts])
+    cost = [float((np.minimum(np.abs(row[search.engine.train]), search.clip) ** 2).sum()) for row, in shown]
     return [starts[k] for k in np.argsort(cost, kind="stable")[:SCREENED]]
 
 
