@@ -7,13 +7,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from functools import cache
 from importlib import resources
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import can
-import cantools
 import numpy as np
 
 from vgroove.errors import VgrooveError
+
+if TYPE_CHECKING:  # they bring pandas with them: only what speaks CAN waits for that
+    import can
+    import cantools
 
 PROTOCOL_VERSION = 2
 FRAME_BYTES = 19
@@ -67,8 +69,10 @@ class Frame(NamedTuple):
     id: int
     data: bytes
 
-    def message(self) -> can.Message:
+    def message(self) -> "can.Message":
         """The frame as python-can's serial bus would deliver it."""
+        import can
+
         return can.Message(timestamp=self.time_ms / 1000, arbitration_id=self.id, is_extended_id=False, data=self.data)
 
 
@@ -87,8 +91,10 @@ class Parameter:
 
 
 @cache
-def database() -> cantools.database.can.Database:
+def database() -> "cantools.database.can.Database":
     """The packaged signal list."""
+    import cantools
+
     return cantools.database.load_string(resources.files("vgroove").joinpath("data/vgroove.dbc").read_text("utf-8"), "dbc", strict=True)
 
 
@@ -135,7 +141,7 @@ def frame_bytes(frame: Frame) -> bytes:
     return struct.pack("<BIBI", START, frame.time_ms, LENGTH, frame.id) + frame.data + bytes([END])
 
 
-def frame_from_message(message: can.Message) -> Frame | None:
+def frame_from_message(message: "can.Message") -> Frame | None:
     """A frame read by python-can; None where id, length or CRC do not fit."""
     time_ms = round(message.timestamp * 1000) & 0xFFFFFFFF
     frame = Frame(time_ms, message.arbitration_id, bytes(message.data))

@@ -400,7 +400,9 @@ def bounded_step(normal: np.ndarray, gradient: np.ndarray, low: np.ndarray, high
     """Minimise d' normal d / 2 + gradient' d within low <= d <= high by fixing violated coordinates one after another."""
     p = len(gradient)
     ridge = normal + np.diag(1e-9 * np.diag(normal) + 1e-12)
-    step, free = np.zeros(p), np.ones(p, bool)
+    step, free = -np.linalg.solve(ridge, gradient), np.ones(p, bool)
+    if np.all((low <= step) & (step <= high)):
+        return step
     for _ in range(p + 1):
         if not free.any():
             break
