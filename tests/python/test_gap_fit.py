@@ -75,6 +75,19 @@ def test_a_held_out_block_is_predicted_without_having_been_seen() -> None:
     np.testing.assert_allclose(moved, shift / 20.0, atol=0.3)
 
 
+def test_what_a_folds_rows_do_not_tell_stays_where_all_rows_put_it() -> None:
+    """Two offsets of the current; the second shows in the rows of one fold alone, but for a trace elsewhere that only noise could move."""
+    toy = Toy({"effects.current_offset.offset_a": 0.5})
+    engine, one = fit_of(toy, "current_offset", "current_gain")
+    test, noise = engine.problem.folds[1][1], np.random.default_rng(2).normal(size=toy.n)
+    one.jacobian, one.residual = one.jacobian.copy(), noise
+    one.jacobian[:, 0] = 1.0
+    one.jacobian[:, 1] = np.where(test, 1.0, 1e-4 * np.random.default_rng(3).normal(size=toy.n))
+    whole, apart = engine.steps(one)
+    assert np.abs(apart[1] - whole)[1] < 0.1
+    assert apart[0][0] == pytest.approx(-noise[engine.problem.folds[0][0]].mean(), abs=0.01)
+
+
 def test_a_folds_step_that_makes_its_own_rows_worse_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the model bends, the step that leaves a fold out may go astray: it must not be held against the effect."""
     engine, one = fit_of(Toy({TORQUE: 0.004}), "coulomb_friction")

@@ -22,6 +22,7 @@ STEP = 0.1
 FARTHEST = 1e5  # residual beyond which a model has run away
 LEAST_DAMPING = 0.02
 DIFFERENCES, HELD = 192, 8_000_000  # residual vectors, and residuals, that are held at once to make Jacobians
+UNTOLD = 1e-3  # of what all rows tell of a number, below which a fold's rows are taken not to tell it
 SHORTER = 2  # times a fold's step is shortened that makes its own rows worse
 
 
@@ -329,11 +330,15 @@ class Engine:
         return max(1.0, 2e-4 * one.cost)
 
     def steps(self, one: Fit) -> tuple[np.ndarray, np.ndarray]:
-        """Gauss-Newton steps of the robust cost inside the bounds: over all training rows (p,), and over each fold's (folds, p)."""
+        """Gauss-Newton steps of the robust cost inside the bounds: over all training rows (p,), and over each fold's (folds, p). What a
+        fold's rows do not tell stays where all rows put it."""
         sums = self.groups.sums(one.jacobian, one.residual, one.delta)
-        whole = self._step(one, sums.sum(axis=0, where=self.groups.trains.any(axis=0)[:, None, None]))
+        total = sums.sum(axis=0, where=self.groups.trains.any(axis=0)[:, None, None])
+        whole = self._step(one, total)
+        curvature = UNTOLD * total[:, :-1]
+        kept = np.column_stack([curvature, -curvature @ whole])
         pairs = zip(self.groups.trains, self._leaves_out, strict=True)
-        return whole, np.array([self._step(one, sums[use].sum(axis=0)) if less else whole for use, less in pairs])
+        return whole, np.array([self._step(one, sums[use].sum(axis=0) + kept) if less else whole for use, less in pairs])
 
     @property
     def _leaves_out(self) -> np.ndarray:
