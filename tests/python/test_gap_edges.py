@@ -150,6 +150,19 @@ def test_fast_motion_between_slow_rows_is_no_jitter_where_the_model_knows_it() -
     assert 1e-7 < jitter_s(1.0) < 0.5 * plain
 
 
+@pytest.mark.parametrize("pulses, log_hz, periods", [(4, 300, 2), (4, 300, 0), (6, 500, 3), (3, 1000, 0), (3, 300, 1), (1, 1000, 0)])
+def test_what_turns_with_the_shaft_is_no_jitter_where_rows_hide_edges(pulses: int, log_hz: int, periods: int) -> None:
+    """Two swings a turn make four edges early and late in turn, as jitter would; rows that show every second or third edge mix them up."""
+    fine = np.arange(0.0, 6.0, 1e-4)
+    angle = np.cumsum(900.0 + 250.0 * np.sin(2.0 * np.pi * 0.4 * fine)) * 1e-4
+    angle += 5e-4 * np.sin(periods * angle + 0.3 + 0.5 * np.pi * (periods > 1))
+    edges = edge_times(fine, angle, pulses)
+    shaken = edges + 2e-7 * np.random.default_rng(7).standard_normal(len(edges))
+    rows = np.arange(1, 6 * log_hz - 1) / log_hz
+    found = edge_jitter(edge_periods(rows, hall_column(rows, shaken, pulses, 0.3, 0.5), pulses, 0.5), pulses, 0.5 / np.sqrt(12.0))
+    assert 1.2e-7 < np.hypot(found.angle_rad / 1000.0, found.time_s) < 2.8e-7
+
+
 def test_a_wait_is_a_fall_and_ends_in_rest() -> None:
     speed = np.where(FINE < 1.0, 300.0, 0.0)
     edges = edge_times(FINE, motion(speed), 4)

@@ -44,6 +44,11 @@ class EdgePeriods:
     expected_rpm: np.ndarray | None = None
     missed: np.ndarray | None = None
 
+    def whole(self) -> "EdgePeriods":
+        """The periods alone, without the rows that wait for an edge."""
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
+        return EdgePeriods(**{name: None if values is None else values[~self.falling] for name, values in arrays.items()})
+
 
 @dataclass
 class _Chain:

@@ -49,6 +49,7 @@ class Run:
     warnings: list[str]
     lost_s: np.ndarray  # instants at which edges may have been passed that no row shows
     pitch_rad: float  # between two edges; 0 without edges
+    bridge_closed: np.ndarray  # (rows,): whether a voltage drives the motor, so that its back-EMF brakes it
 
     @property
     def starts(self) -> np.ndarray:
@@ -87,7 +88,7 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     regime, regimes = regimes_of(time_s, speed, command)
     pitch = 2.0 * np.pi / rig.sensors["hall_pulses_per_rev"] if edges is not None else 0.0
     return Run(log, drive, restarts, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings,
-               chain_starts(edges, rig.sensors.get("hall_pulses_per_rev", 0)), pitch)
+               chain_starts(edges, rig.sensors.get("hall_pulses_per_rev", 0)), pitch, _bridge_closed(columns, rig, len(time_s)))
 
 
 def _command(columns: dict[str, np.ndarray], rig: Rig, source: str) -> np.ndarray:
@@ -127,6 +128,12 @@ def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
     driving = calmed(driving, scatter)
     since = time_s - time_s[0]  # the plant steps in time since the first row: stamps far from 0 would cost it digits
     return _core.LogInput(since, kind, driving, load_kind=load, **more), driving
+
+
+def _bridge_closed(columns: dict[str, np.ndarray], rig: Rig, rows: int) -> np.ndarray:
+    if rig.input["kind"] == "current_a":
+        return np.zeros(rows, dtype=bool)
+    return held(columns["coast"]) == 0.0 if "coast" in columns else np.ones(rows, dtype=bool)
 
 
 def _refuse_unaided_start(speed_rpm: np.ndarray, kind: str, source: str) -> None:

@@ -15,6 +15,8 @@ STEPS_LOOKED_AT, MOST_PARTS = 2000, 64  # differences that must fit a column's r
 SCATTER_WINDOW, SCATTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
 KEPT = 1.0 - savgol_coeffs(SCATTER_WINDOW, SCATTER_ORDER)[SCATTER_WINDOW // 2]  # share of the power of white noise in it
 DIFFERENCE_ORDERS = range(3, 9)  # of a position, in which white noise is looked for
+FEWEST_WINDOWS = 5  # of edge periods, in which their jitter is looked for
+BESIDE_A_TURN = 14  # edge periods of a window besides two turns: room for what is slow, for a pattern of the turn, and for jitter
 COUNTED_ROWS = 14  # of a sensor that counts edges, in which its jitter is looked for
 TOUCHING = 0.2  # of a period: two that begin and end closer than this share an edge
 RPM = 2.0 * np.pi / 60.0
@@ -70,33 +72,42 @@ class Jitter:
 def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) -> Jitter:
     """Jitter of the edges from a log's edge periods alone; none where the log is too short to tell.
 
-    In windows of four turns a quintic motion and a pattern that repeats every turn (eccentric or unequal edges) are taken away. What stays
-    is rounding and jitter; neighbouring periods share an edge, so that jitter e makes period n err by e(n) - e(n-1). Where a row shows the
-    last of several edges its neighbours share none.
-    Rows that come slowly hold fast motion: what the nominal model expects is taken away where that leaves less, since motion only adds.
+    In windows of some turns a quintic motion and a pattern that repeats every turn (eccentric or unequal edges, cogging) are taken away.
+    What stays is rounding and jitter; neighbouring periods share an edge, so that jitter e makes period n err by e(n) - e(n-1). Where a row
+    shows the last of several edges its neighbours share none, and its place in the turn is counted along the edges that no row shows.
+    Rows that come slowly hold fast motion: what the nominal model expects is taken away. Motion only adds: the least that is found counts.
     """
-    whole = ~edges.falling
-    speed, chain = edges.speed_rpm[whole] * RPM, edges.chain[whole]
-    period = (edges.end_s - edges.start_s)[whole]
+    edges = edges.whole()
     counted = pulses_per_rev >= COUNTING_PULSES  # each row spans several edges: no pattern of a turn is left, and a turn would be long
-    size = COUNTED_ROWS if counted else max(4 * pulses_per_rev, 12)
-    starts = np.arange(0, len(speed) - size + 1, size // 2)
-    starts = starts[chain[starts] == chain[starts + size - 1]]
-    if len(starts) < 5:
+    turn = 1 if counted else pulses_per_rev
+    size = COUNTED_ROWS if counted else max(4 * turn, 2 * turn + BESIDE_A_TURN)
+    starts = np.arange(0, len(edges.row) - size + 1, size // 2)
+    starts = starts[edges.chain[starts] == edges.chain[starts + size - 1]]
+    if len(starts) < FEWEST_WINDOWS:
         return Jitter()
     rows = starts[:, None] + np.arange(size)
-    keep = _what_motion_leaves(size, 1 if counted else pulses_per_rev)
-    mean_period = period[rows].mean(axis=1)
-    motions = [0.0] if edges.expected_rpm is None else [0.0, edges.expected_rpm[whole] * RPM]
-    squares = [(((speed - motion)[rows] * mean_period[:, None] @ keep) ** 2).sum(axis=1) for motion in motions]
-    rounding = np.trace(keep) * (rounding_rpm * RPM * mean_period) ** 2
-    touching = float(np.mean(np.abs(edges.start_s[whole][1:] - edges.end_s[whole][:-1]) < TOUCHING * period[1:]))
-    shared = 2.0 * np.eye(size) - touching * (np.eye(size, k=1) + np.eye(size, k=-1))
-    seen = keep @ shared @ keep
-    freedom = np.trace(seen) ** 2 / np.sum(seen**2)
+    motions = [0.0] if edges.expected_rpm is None else [0.0, edges.expected_rpm]
+    places = [np.arange(len(edges.row)) % turn, edges.count % turn]
+    variance = min((_edge_variance(edges, rows, motion, place, rounding_rpm) for motion in motions for place in places), key=np.median)
+    return _split_jitter(variance, ((edges.speed_rpm * RPM)[rows].mean(axis=1)) ** 2)
+
+
+def _edge_variance(edges: EdgePeriods, rows: np.ndarray, motion_rpm: np.ndarray | float, place: np.ndarray,
+                   rounding_rpm: float) -> np.ndarray:
+    """Variance (m,) of an edge's angle, rad^2, in windows of rows (m, size), less a known motion (n,), if edges lie at places (n,) of the
+    turn."""
+    period, middle = edges.end_s - edges.start_s, 0.5 * (edges.start_s + edges.end_s)
+    mean_period, size = period[rows].mean(axis=1), rows.shape[1]
+    keep = _what_motion_leaves(middle[rows], place[rows])
+    touching = float(np.mean(np.abs(edges.start_s[1:] - edges.end_s[:-1]) < TOUCHING * period[1:]))
+    seen = keep @ (2.0 * np.eye(size) - touching * (np.eye(size, k=1) + np.eye(size, k=-1))) @ keep
+    power = np.trace(seen, axis1=1, axis2=2)
+    freedom = power**2 / np.sum(seen**2, axis=(1, 2))
     usual = chi2.median(freedom) / freedom  # the median of so few squares lies below their mean
-    variance = (min(squares, key=np.median) / usual - rounding) / np.trace(seen)
-    return _split_jitter(variance, (speed[rows].mean(axis=1)) ** 2)
+    angle = ((edges.speed_rpm - motion_rpm) * RPM)[rows] * mean_period[:, None]
+    square = np.sum(np.einsum("mi,mij->mj", angle, keep) ** 2, axis=1)
+    rounding = np.trace(keep, axis1=1, axis2=2) * (rounding_rpm * RPM * mean_period) ** 2
+    return (square / usual - rounding) / power
 
 
 def _split_jitter(variance: np.ndarray, speed_squared: np.ndarray) -> Jitter:
@@ -110,15 +121,18 @@ def _split_jitter(variance: np.ndarray, speed_squared: np.ndarray) -> Jitter:
     return Jitter(float(np.sqrt(angle)), float(np.sqrt(time)))
 
 
-def _what_motion_leaves(size: int, pulses_per_rev: int) -> np.ndarray:
-    """Projection (size, size) that removes all that is slower than half of the fastest wave, a quintic, and a pattern with the period of a
-    turn: jitter of shared edges is strongest in the fastest waves, where no motion and no vibration reaches."""
-    number = np.arange(size)
-    slow = np.cos(np.pi * (number[:, None] + 0.5) * np.arange(size // 2) / size)
-    turn = np.eye(pulses_per_rev)[number % pulses_per_rev][:, 1:]
-    basis, scale, _ = np.linalg.svd(np.column_stack([slow, np.vander(np.linspace(-1.0, 1.0, size), 6), turn]), full_matrices=False)
-    basis = basis[:, scale > 1e-9 * scale[0]]
-    return np.eye(size) - basis @ basis.T
+def _what_motion_leaves(time_s: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Projections (m, size, size) of windows of values at times (m, size) that remove all that is slower than half of the fastest wave, a
+    quintic, and what depends on the place (m, size) in the turn alone: jitter of shared edges is strongest in the fastest waves, where no
+    motion and no vibration reaches."""
+    size, since = time_s.shape[1], time_s - time_s[:, :1]
+    share = (0.5 + since * (size - 1) / since[:, -1:]) / size
+    slow = np.cos(np.pi * share[:, :, None] * np.arange(size // 2))
+    quintic = (2.0 * share[:, :, None] - 1.0) ** np.arange(6)
+    turn = place[:, :, None] == np.arange(1, int(place.max()) + 1)
+    basis, scale, _ = np.linalg.svd(np.concatenate([slow, quintic, turn], axis=2), full_matrices=False)
+    basis = basis * (scale > 1e-9 * scale[:, :1])[:, None, :]
+    return np.eye(size) - basis @ np.swapaxes(basis, 1, 2)
 
 
 def step_of(command: np.ndarray) -> float:

@@ -26,6 +26,7 @@ from vgroove.gap.channels import CLOCK, DROPS_EDGES, Channel, Simulation, SpanCh
 from vgroove.gap.filters import correct_filters
 from vgroove.gap.measured import Run, prepare_run
 from vgroove.gap.phases import aligned
+from vgroove.gap.ripples import corrected
 from vgroove.rig import Rig
 
 CLIP = figures.CLIP
@@ -122,7 +123,7 @@ class Problem:
         clock = 1.0 + np.where(command_clock, 0.0, theta[:, self.index("effects.clock_skew.relative")])
         delayed, found = theta[:, self.index("effects.speed_lag.delay_form")] != 0.0, []
         for run in self.runs:
-            states = run.restarts.states(gain, offset, lag, delayed, clock)
+            states = corrected(self, run, theta, run.restarts.states(gain, offset, lag, delayed, clock))
             found.append(_core.simulate_log(run.drive, theta, run.starts, states, threads=threads, unfinished=unfinished))
             found[-1][CLOCK] = clock
             found[-1][DROPS_EDGES] = theta[:, self.index("effects.hall_dropout.probability")] > 0.0

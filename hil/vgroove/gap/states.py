@@ -1,7 +1,7 @@
 """Measured states to restart the model from: local polynomials that do not lag, and where in a log they can be trusted."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -67,9 +67,21 @@ class Observations:
 
 
 @dataclass(frozen=True)
+class Smoothing:
+    """What a value at an instant was made of: spans (k,) in seconds from it, and the share of each span's mean in the value."""
+
+    start_s: np.ndarray
+    end_s: np.ndarray
+    share: np.ndarray
+
+
+NOT_SMOOTHED = Smoothing(np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+@dataclass(frozen=True)
 class Local:
-    """A signal at an instant: value, first and second derivative, the value's 1 sigma, lack of fit included, its unrest in sigmas, and
-    whether what the polynomial leaves is no more than noise."""
+    """A signal at an instant: value, first and second derivative, the value's 1 sigma, lack of fit included, its unrest in sigmas,
+    whether what the polynomial leaves is no more than noise, and what the value was made of."""
 
     value: float
     slope: float
@@ -77,6 +89,7 @@ class Local:
     doubt: float
     unrest: float
     fits: bool = True
+    smoothing: Smoothing = field(default=NOT_SMOOTHED, compare=False)
 
 
 NOWHERE = Local(0.0, 0.0, 0.0, np.inf, np.inf, False)
@@ -122,9 +135,10 @@ def quadratic(seen: Observations, time_s: float, middle: int, neighbours: int) -
     misfit = np.sqrt(max(1.0, left))
     _, slope, bend = both.sum(axis=1) / scale ** np.arange(3)
     one = min(float(np.median(sigma)), seen.usual)
+    share = covariance[0] @ basis.T * rows[:, 0] ** 2
     doubt = float(np.sqrt(covariance[0, 0])) * misfit / one
     return Local(float(both[0, 0]), float(slope), 2.0 * float(bend), doubt, abs(float(slope)) * UNREST_S / one,
-                 left < 1.0 + NOISE_ALONE * np.sqrt(2.0 / freedom))
+                 left < 1.0 + NOISE_ALONE * np.sqrt(2.0 / freedom), Smoothing(start, end, share))
 
 
 def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observations:
@@ -132,6 +146,15 @@ def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observati
     begin = np.concatenate([[2.0 * time_s[0] - time_s[1]], time_s[:-1]])
     known = np.isfinite(values)
     return Observations(begin[known], time_s[known], values[known], np.full(int(known.sum()), sigma))
+
+
+@dataclass(frozen=True)
+class State:
+    """Measured [current_a, speed_rad_s, angle_rad] at an instant, slope and bend of the first two, and what the speed was made of."""
+
+    value: np.ndarray
+    rates: np.ndarray = field(default_factory=lambda: np.zeros((2, 2)))
+    smoothing: Smoothing = NOT_SMOOTHED
 
 
 @dataclass(frozen=True)
@@ -145,29 +168,31 @@ class Sight:
     current_from: Callable[[float, float, float], float]
     from_angle: bool = False
 
-    def state(self, time_s: float) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Measured state [current_a, speed_rad_s, angle_rad] at an instant, derivatives (2, 2) of the first two, doubt and unrest."""
+    def state(self, time_s: float) -> tuple["State", float, float]:
+        """Measured state at an instant, doubt and unrest."""
         speed = local_fit(self.speed, time_s) if self.speed is not None else NOWHERE
         if not np.isfinite(speed.doubt):
-            return np.zeros(3), np.zeros((2, 2)), np.inf, np.inf
+            return State(np.zeros(3)), np.inf, np.inf
         if self.current is None:
             current = Local(self.current_from(time_s, speed.value, speed.slope), 0.0, 0.0, 0.0, 0.0)
         else:
             current = local_fit(self.current, time_s)
         state = np.array([current.value, speed.value, self.angle_at(time_s)])
-        return state, np.array([[current.slope, current.bend], [speed.slope, speed.bend]]), max(speed.doubt, current.doubt), speed.unrest
+        rates = np.array([[current.slope, current.bend], [speed.slope, speed.bend]])
+        return State(state, rates, speed.smoothing), max(speed.doubt, current.doubt), speed.unrest
 
 
 @dataclass(frozen=True)
 class Restarts:
     """Rows (S,) at whose end the model starts anew, the measured states there (S, 3), slopes and bends (S, 2) of current and speed;
-    whether the speeds are differences of a measured angle."""
+    whether the speeds are differences of a measured angle, and what each speed was made of."""
 
     rows: np.ndarray
     measured: np.ndarray
     slopes: np.ndarray
     bends: np.ndarray
     from_angle: bool = False
+    smoothing: tuple[Smoothing, ...] = ()
 
     def states(self, gain: np.ndarray, offset: np.ndarray, lag_s: np.ndarray, delayed: np.ndarray, clock: np.ndarray) -> np.ndarray:
         """True states (B, S, 3) behind the measured ones for sensors of gain, offset and lag (B, 2) for current and speed.
@@ -199,17 +224,18 @@ def restarts(sight: Sight, time_s: np.ndarray, restart_s: float, resume: Sequenc
             row = int(np.searchsorted(time_s, centre + shift))
             if not rows[-1] + 5 < row < len(time_s) - 5:
                 continue
-            state, rates, doubt, unrest = sight.state(float(time_s[row]))
+            state, doubt, unrest = sight.state(float(time_s[row]))
             if doubt < TRUST and doubt + unrest < best:
-                best, chosen = doubt + unrest, (row, (state, rates))
+                best, chosen = doubt + unrest, (row, state)
         if chosen is not None:
             rows.append(chosen[0])
             found.append(chosen[1])
-    rates = np.array([rate for _, rate in found])
-    return Restarts(np.array(rows), np.array([state for state, _ in found]), rates[:, :, 0], rates[:, :, 1], sight.from_angle)
+    rates = np.array([state.rates for state in found])
+    return Restarts(np.array(rows), np.array([state.value for state in found]), rates[:, :, 0], rates[:, :, 1], sight.from_angle,
+                    tuple(state.smoothing for state in found))
 
 
-def _first_state(sight: Sight, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _first_state(sight: Sight, time_s: np.ndarray) -> State:
     """State at the first row: at rest, or what the first observations say when they show motion."""
     state = np.array([0.0, 0.0, sight.angle_at(time_s[0])])
     for k, seen in enumerate((sight.current, sight.speed)):
@@ -219,4 +245,4 @@ def _first_state(sight: Sight, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarr
         line = np.polyfit(middle - time_s[0], seen.value[:NEIGHBOURS[0]], 1)
         if abs(np.mean(seen.value[:NEIGHBOURS[0]])) > 3.0 * seen.sigma[0]:
             state[k] = line[1]
-    return state, np.zeros((2, 2))
+    return State(state)
