@@ -4,11 +4,11 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import lfilter
 
+from vgroove.gap.calm import Calm
 from vgroove.gap.columns import filled
 from vgroove.gap.noise import KEPT, SCATTER_WINDOW, column_sigma, fast_part, last_digit, step_of
 from vgroove.rig import Rig
 
-CALMED = 7  # rows over which columns.calmed takes the mean of a noisy voltage
 KINK = 3.5  # steps of the column by which a line of rounded values may seem to bend
 LAGS = 8  # rows by which a current may come after its command
 LEAST_ROWS = 50  # of smooth ramps, below which they tell nothing
@@ -16,32 +16,32 @@ IMPULSE_ROWS = 64
 
 
 def drive_sigma(rig: Rig, time_s: np.ndarray, command: np.ndarray, load_nm: np.ndarray | None, current_a: np.ndarray | None,
-                volt_noise: float = 0.0, restart_s: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
+                driven: Calm | None = None, closed: np.ndarray | bool = True, restart_s: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
     """1 sigma (rows,) of speed, rad/s, and current, A, that the driving columns leave open.
 
     A ramp is known to its column's resolution or better (ramp_sigma), a load step to the row it happens in, a measured current to its
     noise. The nominal motor turns each into an impulse of speed that decays with its time constant, or is gone at the next restart. A
     constant command is known to the last digit written.
-    A measured bus or terminal voltage has the noise volt_noise (V), the latter calmed: its current feels the mean of CALMED rows.
+    A measured bus or terminal voltage (driven) has a noise that is white, or lasts as long as a mean over rows. A bridge that is not closed
+    (rows,) passes none on, and does not brake either.
     """
     motor, inertia = rig.motor, rig.shaft_inertia_kg_m2
     constant, resistance = motor["torque_constant_nm_per_a"], motor["resistance_ohm"]
     dt = np.diff(time_s, prepend=2.0 * time_s[0] - time_s[1])
     torque, current = np.zeros(len(time_s)), np.zeros(len(time_s))
-    volt, rate = full_volt(rig), constant**2 / resistance / inertia
+    volt, rate = full_volt(rig), (motor["viscous_nm_s_per_rad"] + constant**2 / resistance * closed) / inertia
     if rig.input["kind"] == "current_a":
-        rate = motor["viscous_nm_s_per_rad"] / inertia
         torque += constant * rig.sensors.get("current_noise_a", 0.0)
     elif "slew_per_s" in rig.input:
         amps = np.diff(command, prepend=command[0]) != 0.0
         amps = amps * ramp_sigma(rig, time_s, command, current_a) * volt / resistance
         current, torque = amps * of_one_row(rig, float(np.median(dt))), constant * amps
-    if volt_noise > 0.0:
+    if driven is not None:
         reached = 1.0 - np.exp(-dt * resistance / motor["inductance_h"])  # of the stationary current within a row
-        share = np.minimum(np.abs(command), 1.0) if rig.input["kind"] == "duty" else 1.0
-        noisy = share * volt_noise / resistance
-        felt = reached / np.sqrt(1.0 if rig.input["kind"] == "duty" else CALMED)
-        current, torque = np.hypot(current, noisy * felt), np.hypot(torque, constant * noisy)
+        amps = (np.minimum(np.abs(command), 1.0) if rig.input["kind"] == "duty" else 1.0) * closed / resistance
+        lasts = 0.5 * (driven.averaged - 1.0) * dt * (rate + 1.0 / restart_s)  # longer than the shaft remembers a white noise
+        current = np.hypot(current, amps * reached * np.hypot(driven.noise_v / np.sqrt(driven.averaged), driven.fast_v))
+        torque = np.hypot(torque, constant * amps * np.hypot(driven.noise_v / np.sqrt(1.0 + lasts), driven.fast_v))
     if load_nm is not None:
         torque = np.hypot(torque, np.abs(np.diff(load_nm, prepend=load_nm[0])) / np.sqrt(12.0) / rig.gearbox["ratio"])
     digit = last_digit(command) / np.sqrt(12.0) * volt / constant if rig.input["kind"] != "current_a" else 0.0

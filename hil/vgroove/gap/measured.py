@@ -10,8 +10,9 @@ from vgroove.errors import VgrooveError
 from vgroove.gap import blocks, noise, states
 from vgroove.gap.blocks import Blocks
 from vgroove.gap.breakaway import with_breakaways
+from vgroove.gap.calm import Calm, calmed
 from vgroove.gap.channels import ENCODER, RAD_S_TO_RPM, Channel, ForceChannel, Places, RowChannel, span_channel
-from vgroove.gap.columns import calmed, filled, held
+from vgroove.gap.columns import filled, held
 from vgroove.gap.dead import without_dead
 from vgroove.gap.drive_noise import drive_sigma
 from vgroove.gap.edge_gain import edge_scale
@@ -63,14 +64,15 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     time_s = np.asarray(log.time_s, dtype=float)
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     source, warnings = str(getattr(log, "source", "log")), list(getattr(log, "warnings", []))
-    drive, command = _drive(time_s, columns, rig, source, warnings)
+    drive, command, driven = _drive(time_s, columns, rig, source, warnings)
     edges = _with_expected(_edges(time_s, columns, rig, source, warnings), time_s, drive, rig)
     channels = _channels(time_s, columns, rig, edges, warnings)
     if not channels:
         raise VgrooveError(f"{source}: nothing to judge: besides the input {rig.input['kind']} no column that the model predicts")
     sight = sight_of(time_s, columns, rig, edges, channels)
     load = filled(time_s, columns["load_nm"]) if rig.load["kind"] == "torque" and "load_nm" in columns else None
-    left_open = drive_sigma(rig, time_s, command, load, columns.get("current_a"), _volt_noise(columns, rig), restart_s)
+    closed = _bridge_closed(columns, rig, len(time_s))
+    left_open = drive_sigma(rig, time_s, command, load, columns.get("current_a"), driven, closed, restart_s)
     channels = _widened(channels, time_s, left_open)
     holes = _holes(time_s, columns[rig.input["kind"]])
     moving = _in_motion(sight, time_s)
@@ -88,7 +90,7 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     regime, regimes = regimes_of(time_s, speed, command)
     pitch = 2.0 * np.pi / rig.sensors["hall_pulses_per_rev"] if edges is not None else 0.0
     return Run(log, drive, restarts, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings,
-               chain_starts(edges, rig.sensors.get("hall_pulses_per_rev", 0)), pitch, _bridge_closed(columns, rig, len(time_s)))
+               chain_starts(edges, rig.sensors.get("hall_pulses_per_rev", 0)), pitch, closed)
 
 
 def _command(columns: dict[str, np.ndarray], rig: Rig, source: str) -> np.ndarray:
@@ -108,7 +110,7 @@ def _command(columns: dict[str, np.ndarray], rig: Rig, source: str) -> np.ndarra
 
 
 def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source: str,
-           warnings: list[str]) -> tuple[_core.LogInput, np.ndarray]:
+           warnings: list[str]) -> tuple[_core.LogInput, np.ndarray, Calm | None]:
     kind, command, more = rig.input["kind"], _command(columns, rig, source), {}
     if rig.bus_is_measured and kind == "duty":
         if "supply_v" not in columns:
@@ -122,12 +124,16 @@ def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
         more["load_nm"] = filled(time_s, columns["load_nm"])
     if "coast" in columns:
         more["coast"] = held(columns["coast"])
-    driving, scatter = held(command), _volt_noise(columns, rig) if kind == "voltage_v" else 0.0
+    driving, driven, slack = held(command), None, noise.step_of(command)
+    if kind == "voltage_v":
+        driven = calmed(driving)
+        driving, slack = driven.values, slack + 4.0 * np.hypot(driven.noise_v, np.max(driven.fast_v))
+    elif "supply_v" in more:
+        driven = Calm(more["supply_v"], noise.column_sigma(rig, "supply_v", columns["supply_v"]))
     if "slew_per_s" in rig.input:  # noise must not make steps of a ramp
-        more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": noise.step_of(command) + 4.0 * scatter}
-    driving = calmed(driving, scatter)
+        more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": slack}
     since = time_s - time_s[0]  # the plant steps in time since the first row: stamps far from 0 would cost it digits
-    return _core.LogInput(since, kind, driving, load_kind=load, **more), driving
+    return _core.LogInput(since, kind, driving, load_kind=load, **more), driving, driven
 
 
 def _bridge_closed(columns: dict[str, np.ndarray], rig: Rig, rows: int) -> np.ndarray:
@@ -145,16 +151,6 @@ def _refuse_unaided_start(speed_rpm: np.ndarray, kind: str, source: str) -> None
     if fast > 2.0 * begin + UNAIDED_RPM:
         raise VgrooveError(f"{source}: the column {kind} is 0 throughout while the shaft speeds up from {begin:.4g} to {fast:.4g} rpm: "
                            "it is not the command of this log")
-
-
-def _volt_noise(columns: dict[str, np.ndarray], rig: Rig) -> float:
-    """1 sigma (V) of a measured voltage that drives the model: the bus at full duty, or the terminals; 0 where it is modelled."""
-    if rig.input["kind"] == "duty" and rig.bus_is_measured:
-        return noise.column_sigma(rig, "supply_v", columns["supply_v"])
-    if rig.input["kind"] == "voltage_v":
-        spread = noise.scatter(columns["voltage_v"])
-        return spread if np.isfinite(spread) else 0.0  # of the column; the calmed input keeps its slow part, which moves the speed
-    return 0.0
 
 
 def _edges(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source: str, warnings: list[str]) -> EdgePeriods | None:

@@ -29,9 +29,21 @@ def scatter(values: np.ndarray) -> float:
     finite = values[np.isfinite(values)]
     if len(finite) < 20:
         return float("nan")
-    residual = fast_part(finite)
-    spread = MAD * np.median(np.abs(residual - np.median(residual)))
-    return float((spread if spread > 0.0 else residual.std()) / np.sqrt(KEPT))
+    spread = usual_scatter(finite)
+    return spread if spread > 0.0 else float(fast_part(finite).std() / np.sqrt(KEPT))
+
+
+def usual_scatter(values: np.ndarray) -> float:
+    """Standard deviation of the scatter of a column (n,) in most of its samples; 0 where most repeat the one before."""
+    residual = fast_part(values)
+    return float(MAD * np.median(np.abs(residual - np.median(residual))) / np.sqrt(KEPT))
+
+
+def command_noise(values: np.ndarray) -> float:
+    """1 sigma of the noise of a measured command (n,); 0 for one without: a scatter within half a step of the column is its rounding."""
+    finite = values[np.isfinite(values)]
+    spread = usual_scatter(finite) if len(finite) >= SCATTER_WINDOW else 0.0
+    return spread if spread > 0.5 * step_of(finite) else 0.0
 
 
 def fast_part(values: np.ndarray) -> np.ndarray:
