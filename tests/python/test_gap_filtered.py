@@ -39,20 +39,6 @@ def test_edge_periods_are_still_compared_as_such() -> None:
     assert not any("filtered" in warning for warning in problem.warnings)
 
 
-def test_a_noisy_voltage_is_calmed_and_keeps_its_steps_and_slopes() -> None:
-    from vgroove.gap.columns import calmed
-
-    rng = np.random.default_rng(1)
-    clean = np.concatenate([np.zeros(300), np.full(300, 6.0), np.linspace(6.0, 12.0, 300), np.full(300, 12.0)])
-    noisy = clean + 0.05 * rng.standard_normal(len(clean))
-    quiet = calmed(noisy, 0.05)
-    inner = np.r_[10:290, 310:590, 910:1190]
-    assert (quiet - clean)[inner].std() < 0.5 * 0.05
-    assert abs((quiet - clean)[610:890].mean()) < 0.005  # a slope stays where it is
-    assert np.abs(quiet - clean)[[298, 299, 300, 301]].max() < 0.2  # a step of 6 V stays a step
-    assert calmed(clean, 0.0) is clean
-
-
 def test_a_noisy_voltage_that_drives_the_model_is_no_effect() -> None:
     tool = rig(input={"kind": "voltage_v", "slew_per_s": 110.0})
     log = drive_log(tool)

@@ -55,7 +55,7 @@ def test_a_speed_that_is_read_too_high_is_seen_in_its_own_edges(gain: float) -> 
     made = drive_log(rig())
     speed = made.columns["speed_rpm"]
     assert edge_scale(made.time_s, speed, 4, 0.5) == 1.0
-    assert edge_scale(made.time_s, np.round(2.0 * speed * (1.0 + gain)) / 2.0, 4, 0.5) - 1.0 == pytest.approx(gain, abs=2e-4)
+    assert edge_scale(made.time_s, np.round(2.0 * speed * (1.0 + gain)) / 2.0, 4, 0.5) - 1.0 == pytest.approx(gain, abs=3e-5)
 
 
 def test_a_filtered_speed_has_no_scale() -> None:

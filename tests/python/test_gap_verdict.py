@@ -1,5 +1,6 @@
 """Decisions on a problem with known answers: none, one effect, pairs, true ties, gaps outside the catalogue, and the figures reported."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -144,7 +145,21 @@ def test_between_equals_the_likelier_and_smaller_is_preferred() -> None:
     engine = Engine(Toy({}), SCALES, {})
     inertia, clock, compliance = (engine.fit(engine.hypotheses([BY_ID[i]])[:1], 0)[0]
                                   for i in ("added_inertia", "clock_skew", "coupler_compliance"))
-    assert search.preference(inertia) < search.preference(clock) < search.preference(compliance)
+    state = SimpleNamespace(contradicted=lambda one: False)
+    assert search.preference(state, inertia) < search.preference(state, clock) < search.preference(state, compliance)
+
+
+@pytest.mark.parametrize("scale, named", [(1.0, "added_inertia"), (1.0052, "clock_skew"), (1.002, "added_inertia"),
+                                          (0.995, "added_inertia")])
+def test_edges_on_another_clock_prefer_what_explains_it(scale: float, named: str) -> None:
+    toy = Toy({})
+    engine = Engine(toy, SCALES, {})
+    toy.runs = [SimpleNamespace(edge_scale=scale)]
+    inertia, clock = (engine.fit(engine.hypotheses([BY_ID[i]])[:1], 0)[0] for i in ("added_inertia", "clock_skew"))
+    state = search_state.Search(engine, [], None, None, inertia, inertia)
+    skewed = replace(clock, x=np.array([0.005 / clock.hypothesis.coordinates[0].factors[0]]))
+    assert min((inertia, skewed), key=lambda one: search.preference(state, one)).ids == (named,)
+    assert not state.contradicted(skewed) or scale < 1.004
 
 
 def test_closed_figures() -> None:
@@ -165,6 +180,9 @@ class Scored:
 
     def level(self) -> float:
         return 1.0
+
+    def contradicted(self, one: float) -> bool:
+        return False
 
     least_gain, least_loss = search_state.Search.least_gain, search_state.Search.least_loss
     without: frozenset[str] = frozenset()

@@ -9,7 +9,7 @@ from vgroove.gap.noise import command_noise
 MOST_REACH = 500  # samples on each side of one that is calmed
 TOGETHER = 4  # pairs of samples that may bend the window together
 BEND = 4.0  # sigmas by which they bend it for sure
-STEP_BACK = 6  # pairs before a bend that may belong to it
+STEP_BACK = 4  # pairs before a bend that may belong to it
 STILL = 3.0  # sigmas by which a command that stands still may seem to move across a window
 FEWEST_ROWS = 50  # that stand still, or move, to tell what scatters there
 LASTING = (1, 8, 32)  # rows over which the command's own scatter may last

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from vgroove.gap.edges import count_chains
+from vgroove.gap.edges import SPLIT_S, count_chains, longest_chain
 
 COARSE = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)  # relative scales that are tried, both ways
 REFINED = 7  # halvings of the step around the best of them
@@ -12,6 +12,7 @@ UNSUSPICIOUS = 12  # chains that reversals and stops alone may leave: nothing is
 FEWER = 3.0  # times fewer chains that make a scale believed,
 WHOLE = 0.03  # and at most so many chains an edge period
 LARGEST = 0.3
+STEPS = 16  # each way, in which a sharper scale is looked for
 GLANCE_ROWS, HOPEFUL = 600, 1.3  # rows at which a look shows whether any scale leaves so many times fewer chains
 
 
@@ -29,7 +30,32 @@ def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: 
         return 1.0
     best, count = _finest(torn, as_read)
     changes = int(np.count_nonzero(np.diff(speed_rpm[np.isfinite(speed_rpm)])))
-    return 1.0 + best if FEWER * count < as_read and count <= max(UNSUSPICIOUS, WHOLE * changes) else 1.0
+    if FEWER * count >= as_read or count > max(UNSUSPICIOUS, WHOLE * changes):
+        return 1.0
+
+    def chain(scale: float) -> tuple[float, float, int]:
+        return longest_chain(time_s, speed_rpm / scale, pulses, lsb_rpm)
+
+    return _sharpened(torn, chain, 1.0 + best)
+
+
+def _sharpened(torn: Callable[..., int], chain: Callable[[float], tuple[float, float, int]], scale: float) -> float:
+    """The scale near one that chains the edges well at which the longest chain fits its rows best: a small error runs away with its end.
+
+    Where chains still tear, edges are counted wrong to make up for a scale that is off: steps that move the end by what tears it are tried.
+    """
+    length_s, share, _ = chain(scale)
+    fitted = scale * (1.0 + share)
+    if torn(fitted) <= torn(scale) and chain(fitted)[2] == 0:
+        return fitted
+    best, fewest = scale, torn(scale)
+    for k in sorted(range(-STEPS, STEPS + 1), key=abs):
+        one = scale * (1.0 + k * SPLIT_S / length_s)
+        count = torn(one, fewest)
+        if count < fewest:
+            best, fewest = one, count
+    fitted = best * (1.0 + chain(best)[1])
+    return fitted if torn(fitted, fewest) <= fewest else best
 
 
 def _hopeful(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> bool:

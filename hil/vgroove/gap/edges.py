@@ -6,12 +6,14 @@ from math import inf, isnan
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
+from scipy.optimize import minimize_scalar
 
 from vgroove.gap.edge_places import BEND_SHARE, PLAIN, TICK_S, places
 
 WAIT_SLACK_S = 1e-5  # a falling row may miss the chain by this much; the row after it decides
 STRAIN_S = 1e-4  # a row's interval missed by more than this breaks the chain
 NEAR_END_S = 5e-6  # an edge this close to a row's end may have been read by either row
+MOST_STRETCH = 2e-3  # by which periods may all be too short where a chain still holds together
 SPLIT_S = 2e-5  # bounds that contradict one another by more than this come from an edge too many or too few
 ROUNDING_SHARE = 0.1  # rounding errors of successive periods are independent: they add up to about this share of the worst case
 COUNTING_PULSES = 16  # from so many edges a turn on, a row's speed counts the edges since the row before (gap contract, section 1)
@@ -31,6 +33,7 @@ class EdgePeriods:
     chain: number of the unbroken chain of edges; count: edges passed since the first of all, signed, at end_s (whole periods only).
     expected_rpm: what the nominal model does over each period, where it was asked: fast motion that is no jitter.
     missed: edges that each period is known to have missed, where rows told.
+    scale: by which speeds are read too high for the edges to follow one another on the log's time.
     """
 
     row: np.ndarray
@@ -43,11 +46,12 @@ class EdgePeriods:
     count: np.ndarray
     expected_rpm: np.ndarray | None = None
     missed: np.ndarray | None = None
+    scale: float = 1.0
 
     def whole(self) -> "EdgePeriods":
         """The periods alone, without the rows that wait for an edge."""
         arrays = {f.name: getattr(self, f.name) for f in fields(self)}
-        return EdgePeriods(**{name: None if values is None else values[~self.falling] for name, values in arrays.items()})
+        return EdgePeriods(**{name: v[~self.falling] if isinstance(v, np.ndarray) else v for name, v in arrays.items()})
 
 
 @dataclass
@@ -325,6 +329,17 @@ def count_chains(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
         if most is not None and count > most:
             break
     return count
+
+
+def longest_chain(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int, lsb_rpm: float) -> tuple[float, float, int]:
+    """Length in seconds of the longest chain of edge periods, the share by which all periods would have to be longer to lie best within the
+    bounds that its rows give them, and how often any chain tears in spite of its counts."""
+    chains = _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm).read()
+    longest = max(chains, key=lambda one: one.offset_s[-1])
+    offset, (low, high, _) = np.asarray(longest.offset_s), longest.bounds()
+    found = minimize_scalar(lambda share: np.max(low - share * offset) - np.min(high - share * offset), method="bounded",
+                            bounds=(-MOST_STRETCH, MOST_STRETCH), options={"xatol": 1e-7})  # the largest of straight lines: convex
+    return float(offset[-1]), float(found.x), sum(len(_pieces(*chain.bounds())) - 1 for chain in chains)
 
 
 def _located(time_s: np.ndarray, chain: _Chain, pulses: int, lsb_rpm: float) -> tuple[_Chain, tuple[np.ndarray, ...]]:

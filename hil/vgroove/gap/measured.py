@@ -51,6 +51,7 @@ class Run:
     lost_s: np.ndarray  # instants at which edges may have been passed that no row shows
     pitch_rad: float  # between two edges; 0 without edges
     bridge_closed: np.ndarray  # (rows,): whether a voltage drives the motor, so that its back-EMF brakes it
+    edge_scale: float = 1.0  # of the edge speeds against the stamps, as the edges themselves tell
 
     @property
     def starts(self) -> np.ndarray:
@@ -89,8 +90,9 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     speed = speed_rows(time_s, sight)
     regime, regimes = regimes_of(time_s, speed, command)
     pitch = 2.0 * np.pi / rig.sensors["hall_pulses_per_rev"] if edges is not None else 0.0
+    scale = edges.scale if edges is not None else 1.0
     return Run(log, drive, restarts, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings,
-               chain_starts(edges, rig.sensors.get("hall_pulses_per_rev", 0)), pitch, closed)
+               chain_starts(edges, rig.sensors.get("hall_pulses_per_rev", 0)), pitch, closed, scale)
 
 
 def _command(columns: dict[str, np.ndarray], rig: Rig, source: str) -> np.ndarray:
@@ -173,7 +175,7 @@ def _read_edges(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm:
         return found
     warnings.append(f"{source}: the edge periods behind speed_rpm follow one another on these time stamps only if the speeds are read "
                     f"{100.0 * (scale - 1.0):+.3g} % off: the sensor's gain, or a clock")
-    return replace(found, speed_rpm=found.speed_rpm * scale)
+    return replace(found, speed_rpm=found.speed_rpm * scale, scale=scale)
 
 
 def _with_expected(edges: EdgePeriods | None, time_s: np.ndarray, drive: _core.LogInput, rig: Rig) -> EdgePeriods | None:

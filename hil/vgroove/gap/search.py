@@ -232,17 +232,17 @@ def exchange(search: Search, best: Fit) -> None:
 def lean(search: Search, best: Fit) -> Fit:
     """Between equals the one with fewer numbers: a special case unless the general effect is clearly better, or any tied set; between tied
     sets of as many numbers the likelier effects (added inertia rather than a clock that is off)."""
-    for one in sorted((f for k, f in search.fits.items() if k and plausible(f)), key=lambda f: (*preference(f), search.score(f))):
-        if preference(one) >= preference(best) or len(one.ids) > len(best.ids):
+    for one in sorted((f for k, f in search.fits.items() if k and plausible(f)), key=lambda f: (*preference(search, f), search.score(f))):
+        if preference(search, one) >= preference(search, best) or len(one.ids) > len(best.ids):
             continue
         if not search.better(best, one, WORTH_FORM) if contains(best.ids, one.ids) else search.tied(one, best):
             return one
     return best
 
 
-def preference(one: Fit) -> tuple[int, int]:
-    """Smaller is preferred between equals: fitted numbers, then rare effects."""
-    return one.hypothesis.count, sum(i in RARE for i in one.ids)
+def preference(search: Search, one: Fit) -> tuple[bool, int, int]:
+    """Smaller is preferred between equals: what the edges do not contradict, fitted numbers, then rare effects."""
+    return search.contradicted(one), one.hypothesis.count, sum(i in RARE for i in one.ids)
 
 
 def win_shares(search: Search, candidates: Sequence[Fit]) -> np.ndarray:

@@ -20,6 +20,7 @@ WORTH_SHARE = 0.01
 LEVEL = 0.99
 LIKELY = 0.8  # interval whose lower end must still be worth it: the gain is not one lucky block's
 WITHIN_REACH = 1.5  # of the best squared gap: single effects beyond keep their first-order predictions
+SCALING = ("speed_gain.relative", "clock_skew.relative", "clock_skew.command_clock")  # what scales edge speeds against stamps
 FLOORED = ("effects.transport_delay.delay_s",)
 
 
@@ -68,7 +69,9 @@ class Search:
 
     def tied(self, one: Fit, best: Fit) -> bool:
         """The contract's rule: the 95 % interval of the difference contains 0. What tells two models apart may happen in few blocks, which
-        a draw of blocks may miss: far beyond the noise there, and large enough to matter, it tells them apart as well."""
+        a draw of blocks may miss: far beyond the noise there, and large enough to matter, it tells them apart as well. So do the edges."""
+        if self.contradicted(one) and not self.contradicted(best):
+            return False
         if interval(self.blocks, self.sums(one) - self.sums(best))[0] > 0.0:
             return False
         return self.least_loss(one, best) <= self.least_gain(best)
@@ -76,6 +79,17 @@ class Search:
     def least_loss(self, worse: Fit, better: Fit, level: float = 0.95) -> float:
         """Squared gap that the worse fit surely loses on the run as it was."""
         return least_loss(self.blocks, *(np.clip(f.held, -self.clip, self.clip) for f in (worse, better)), level)
+
+    def contradicted(self, one: Fit) -> bool:
+        """Whether a log's edges follow one another only on another scale than its time stamps, and no clock and no gain of the set explains
+        most of that: the sensor times edges by its own clock, far finer than what a motion shows."""
+        problem = self.engine.problem
+        scales = [run.edge_scale for run in getattr(problem, "runs", ()) if run.edge_scale != 1.0]
+        if not scales:
+            return False
+        gain, clock, of_command = (one.theta(problem.theta0)[problem.index(f"effects.{name}")] for name in SCALING)
+        told = (1.0 + gain) * (1.0 + (0.0 if of_command else clock))
+        return any(abs(scale - told) > 0.5 * abs(scale - 1.0) for scale in scales)
 
     def better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
         """True when the fuller set is significantly better, in any draw of blocks or on the run as it was, and by an amount that matters
