@@ -178,6 +178,9 @@ class Scored:
     def score(self, one: float) -> float:
         return one
 
+    def reported(self, one: float) -> float:
+        return one
+
     def level(self) -> float:
         return 1.0
 
@@ -220,6 +223,14 @@ def test_several_effects_that_leave_a_visible_gap_are_a_patchwork(count: int, re
     (2, 11.0, 11.0, 2.4, False), (2, 11.0, 11.0, 2.6, True), (2, 11.0, 3.0, 1.4, True)])
 def test_what_closes_too_little_imitates_something_else(count: int, nominal: float, retuned: float, after: float, imitation: bool) -> None:
     state, best = Scored(nominal, retuned, after), named_gap(after, count)
+    assert verdict.imitates(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR) is imitation
+
+
+# What all blocks leave, and what the contract's do; the larger part of what retuning leaves must go over all of them.
+@pytest.mark.parametrize(("after", "reported", "imitation"), [(4.1, 4.1, True), (4.1, 3.9, False), (5.9, 3.9, False), (6.1, 3.9, True)])
+def test_the_bulk_is_the_contracts_over_its_blocks_or_over_all(after: float, reported: float, imitation: bool) -> None:
+    state, best = Scored(11.0, 11.0, after), named_gap(after, 1)
+    state.reported = lambda one: reported if one is best else one
     assert verdict.imitates(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR) is imitation
 
 

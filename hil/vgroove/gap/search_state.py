@@ -67,6 +67,11 @@ class Search:
         """Squared held-out gap."""
         return float(self.sums(one, clip).sum()) / self.blocks.total
 
+    def reported(self, one: Fit) -> float:
+        """Squared held-out gap as the contract's figures have it: over their blocks alone."""
+        problem = self.engine.problem
+        return float(problem.gap(one.held, problem.judged)) ** 2
+
     def tied(self, one: Fit, best: Fit) -> bool:
         """The contract's rule: the 95 % interval of the difference contains 0. What tells two models apart may happen in few blocks, which
         a draw of blocks may miss: far beyond the noise there, and large enough to matter, it tells them apart as well. So do the edges."""

@@ -58,12 +58,12 @@ def leading(search: Search, best: Fit, floor: float) -> Fit | None:
 
 
 def imitates(search: Search, best: Fit, bulk: float, floor: float) -> bool:
-    """Whether the set closes too little to be what is there. One effect is held against the gap before retuning, as the contract says: what
-    retuning took of it counts for it, as long as the effect closes the larger part of the rest."""
+    """Whether the set closes too little to be what is there. One effect is held against the gap before retuning, as the contract says, over
+    the contract's blocks or over all: what retuning took of it counts for it, as long as the effect closes the larger part of the rest."""
     if len(best.ids) > 1:
         return bulk < BULK[len(best.ids)]
-    before, after = search.score(search.nominal), search.score(best)
-    return bulk < LARGER_PART or (before - after) / max(before - floor**2, 1e-9) < BULK[1]
+    shares = [(of(search.nominal) - of(best)) / max(of(search.nominal) - floor**2, 1e-9) for of in (search.score, search.reported)]
+    return bulk < LARGER_PART or max(shares) < BULK[1]
 
 
 def patched(search: Search, best: Fit, bulk: float, floor: float) -> bool:
