@@ -6,7 +6,7 @@
 
 namespace vgroove {
 
-// Output side in contact and moving with the motor: the twist is what the torque of a rigid shaft asks for.
+// Output side moving with the motor: the twist is what the torque of a rigid shaft asks for; in the middle of the play where there is none.
 template <class V, int N> VGROOVE_INLINE void settle_output(Solver<V, N> &s, int lane) {
     set(s.state.x[STATE_OUTPUT_SPEED], lane, get(s.state.x[STATE_SPEED], lane));
     set(s.state.x[STATE_TWIST], lane, 0.0);
@@ -21,7 +21,7 @@ template <class V, int N> VGROOVE_INLINE void settle_output(Solver<V, N> &s, int
     const double motor = 1.0 / get(s.model.gear.inertia_inverse, lane), output = 1.0 / get(s.model.gear.output_inertia_inverse, lane);
     const double torque = slide != 0.0 ? (free_nm * output + load * motor) / (motor + output) : load;
     const double half = get(s.model.gear.half_play, lane);
-    set(s.state.x[STATE_TWIST], lane, torque / get(s.model.gear.stiffness, lane) + (torque < 0.0 ? -half : half));
+    set(s.state.x[STATE_TWIST], lane, torque / get(s.model.gear.stiffness, lane) + sign_of(torque) * half);
 }
 
 // Output side with the twist that it has, at a speed; at rest it may hold.

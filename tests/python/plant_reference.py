@@ -104,9 +104,9 @@ class Drivetrain:
             j2 += coupler["inertia_kg_m2"]
             self.kc = coupler["stiffness_nm_per_rad"]
             self.cc = 2 * coupler["damping_ratio"] * np.sqrt(self.kc * j2)
-        elif self.two:  # docs/plant.md: the contact of play alone, 8000 rad/s and damping ratio 0.5 of the reduced inertia
+        elif self.two:  # docs/plant.md: the contact of play alone, 8000 rad/s and damping ratio 0.113 of the reduced inertia
             reduced = j1 * j2 / (j1 + j2)
-            self.kc, self.cc = 8000.0**2 * reduced, 2 * 0.5 * 8000.0 * reduced
+            self.kc, self.cc = 8000.0**2 * reduced, 2 * 0.113 * 8000.0 * reduced
         self.j1, self.j2 = (j1, j2) if self.two else (j1 + j2, 0.0)
         self.s1 = self.s2 = self.diode = 0.0
         self.u0 = self.du = self.tl0 = self.dtl = self.t0 = self.bus = 0.0
@@ -313,7 +313,7 @@ class Drivetrain:
 
 
 def settle(m: Drivetrain, y: np.ndarray, t: float) -> None:
-    """Filters settled, output side in contact and moving with the motor (twist of a rigid shaft)."""
+    """Filters settled, output side moving with the motor (twist of a rigid shaft), in the middle of a play without a torque."""
     y[IF] = y[I]
     hall = m.tool.on("hall_eccentricity")
     y[WF] = y[W] * (1 + hall["amplitude_rad"] * np.cos(y[TH] + hall.get("phase_rad", 0.0))) if hall else y[W]
@@ -328,7 +328,7 @@ def settle(m: Drivetrain, y: np.ndarray, t: float) -> None:
         k = m.constant(y[I])
         free = k * y[I] - m.angle_torque(y[TH]) - m.friction(t, y[W], m.s1, opposing + pendulum)
         torque = (free * m.j2 + load * m.j1) / (m.j1 + m.j2)
-    y[TH2] -= torque / m.kc + (-m.play if torque < 0 else m.play)
+    y[TH2] -= torque / m.kc + float(np.sign(torque)) * m.play
 
 
 def simulate(tool: Tool, log: Log, start: tuple[float, float, float], method: str = "DOP853") -> dict[str, np.ndarray]:
