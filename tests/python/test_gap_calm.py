@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vgroove.gap.calm import calmed, straight_means
-from vgroove.gap.noise import command_noise
+from vgroove.gap.noise import command_noise, scatter
 
 HOLDS = np.concatenate([np.zeros(300), np.full(300, 6.0), np.linspace(6.0, 12.0, 300), np.full(300, 12.0), np.full(400, 3.0)])
 LEVEL_V = 18.0 / 255.0
@@ -65,3 +65,10 @@ def test_a_window_ends_before_the_bend() -> None:
     mean, averaged = straight_means(noisy(clean, 0.02), 0.02)
     assert averaged[150] > 60 and abs(mean[150]) < 0.01
     assert averaged[199] < 20 and abs(mean[199]) < 0.06
+
+
+@pytest.mark.parametrize(("hold", "most"), [(400, 0.021), (16, 0.03), (10, 0.042)])
+def test_steps_that_follow_closely_are_hardly_taken_for_noise(hold: int, most: float) -> None:
+    random = np.random.default_rng(4)
+    levels = np.repeat(random.uniform(-10.0, 10.0, 8000 // hold), hold)
+    assert 0.019 < scatter(levels + 0.02 * random.standard_normal(8000)) < most

@@ -13,6 +13,7 @@ from vgroove.rig import Rig
 
 STEPS_LOOKED_AT, MOST_PARTS = 2000, 64  # differences that must fit a column's resolution, and steps in the smallest of them
 SCATTER_WINDOW, SCATTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
+SHORT = (5, 2)  # window and order of the filter that reaches across fewer steps
 KEPT = 1.0 - savgol_coeffs(SCATTER_WINDOW, SCATTER_ORDER)[SCATTER_WINDOW // 2]  # share of the power of white noise in it
 DIFFERENCE_ORDERS = range(3, 9)  # of a position, in which white noise is looked for
 FEWEST_WINDOWS = 5  # of edge periods, in which their jitter is looked for
@@ -34,9 +35,16 @@ def scatter(values: np.ndarray) -> float:
 
 
 def usual_scatter(values: np.ndarray) -> float:
-    """Standard deviation of the scatter of a column (n,) in most of its samples; 0 where most repeat the one before."""
-    residual = fast_part(values)
-    return float(MAD * np.median(np.abs(residual - np.median(residual))) / np.sqrt(KEPT))
+    """Standard deviation of the scatter of a column (n,) in most of its samples; 0 where most repeat the one before. Motion only adds:
+    where steps follow one another closely, windows that reach across fewer of them tell."""
+    spreads = [_usual(values, window, order) for window, order in ((SCATTER_WINDOW, SCATTER_ORDER), SHORT)]
+    return min(spreads) if min(spreads) > 0.0 else max(spreads)
+
+
+def _usual(values: np.ndarray, window: int, order: int) -> float:
+    """Standard deviation of white noise that leaves as much as most samples (n,) depart from a line through a window around them."""
+    residual = values - savgol_filter(values, window, order)
+    return float(MAD * np.median(np.abs(residual - np.median(residual))) / np.sqrt(1.0 - savgol_coeffs(window, order)[window // 2]))
 
 
 def command_noise(values: np.ndarray) -> float:
