@@ -232,6 +232,13 @@ def test_without_its_effect_any_name_is_wrong_and_a_sure_one_counted_apart() -> 
     assert score.removed(gone)["named with 90 % and wrong"]["hits"] == 1
 
 
+@pytest.mark.parametrize(("ties", "named", "right"), [
+    ([["speed_gain", "added_inertia"]], ["added_inertia", "speed_gain"], True), ([["speed_gain", "added_inertia"]], ["speed_gain"], False),
+    ([["speed_gain", "clock_skew"]], ["speed_gain", "clock_skew"], False), ([], ["added_inertia", "speed_gain"], False)])
+def test_a_special_case_that_nobody_could_tell_from_the_truth_is_right(ties: list[list[str]], named: list[str], right: bool) -> None:
+    assert scored(["speed_gain", "coupler_compliance"], "effect", named, ties=ties).right is right
+
+
 def test_a_late_speed_column_shows_whole_rows() -> None:
     answer = {"sizes": {"speed_lag": 2.4e-5, "dead_time": 1e-6}, "log_hz": 1000.0, "truth": {"speed_delay_s": 2.4e-5}}
     assert score.true_parameter(answer, "speed_lag") == pytest.approx(1e-3)

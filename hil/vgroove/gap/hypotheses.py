@@ -157,7 +157,8 @@ CATALOGUE: tuple[Effect, ...] = (
         Parameter("damping_ratio", "1", _const(0.05), _const(0.002), _const(1.0), (1.0,)),
         Parameter("inertia_kg_m2", "kg m2", lambda s: 0.1 * s.inertia, _zero, lambda s: 20.0 * s.inertia, (0.02, 1.0)))),
     Effect("gear_backlash", "gearbox", (
-        Parameter("play_rad", "rad", _const(0.02), _zero, _const(1.0), (0.25, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 32.0)),), needs=("output",)),
+        Parameter("play_rad", "rad", _const(0.02), _zero, _const(1.0), (0.25, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 32.0)),),
+           needs=("output",)),
     Effect("current_lag", "sensor_current", (_lag("time_constant_s"),), needs=("current",)),
     Effect("current_gain", "sensor_current", (_relative(0.03, 0.8),), needs=("current",)),
     Effect("current_offset", "sensor_current", (

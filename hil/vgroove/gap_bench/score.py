@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
+from vgroove.gap.hypotheses import contains
+
 SURE = 0.9
 CALIBRATION_EDGES = (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0000001)
 POWER_EDGES = (1.5, 2.0, 3.0, 4.5, 6.5, 10.01)
@@ -84,6 +86,18 @@ class Scored:
         return self.word == "ambiguous" and self.tied and all(set(ids) & self.named for ids in self.answer["accept"])
 
     @property
+    def simpler_tie(self) -> bool:
+        """Special cases of the truth named where nobody could tell them from it: between equals the contract selects fewer numbers."""
+        ids = tuple(self.answer["ids"])
+        simpler = (tie for tie in self.answer.get("ties") or [] if len(tie) == len(ids) and contains(ids, tuple(tie)))
+        return self.word == "effect" and any(set(tie) == set(self.selected) for tie in simpler)
+
+    @property
+    def fair_tie(self) -> bool:
+        """As much as anybody could say of a case that has ties."""
+        return self.honest_tie or self.simpler_tie
+
+    @property
     def first(self) -> bool:
         """The first name is true, as a verdict that stands."""
         if self.answer["label"] != "effect":
@@ -97,8 +111,8 @@ class Scored:
 
     @property
     def right(self) -> bool:
-        """Right as the goals count it: singles by their first name, pairs and triples with all names and no other; honest ties."""
-        return self.honest_tie or (self.first if self.kind == "single" else self.complete)
+        """Right as the goals count it: singles by their first name, pairs and triples with all names and no other; fair ties."""
+        return self.fair_tie or (self.first if self.kind == "single" else self.complete)
 
     @property
     def probabilities(self) -> dict[str, float]:
@@ -134,8 +148,8 @@ def rates(cases: Sequence[Scored]) -> dict[str, Any]:
     for regime in ("exact", "hard"):
         mine = [c for c in cases if c.answer["regime"] == regime]
         out[regime] = {kind: rate(c.right for c in mine if c.kind == kind) for kind in KINDS}
-        out[regime]["single_alone"] = rate(c.complete or c.honest_tie for c in mine if c.kind == "single")
-        out[regime]["single_listed_first"] = rate(c.listed_first or c.honest_tie for c in mine if c.kind == "single")
+        out[regime]["single_alone"] = rate(c.complete or c.fair_tie for c in mine if c.kind == "single")
+        out[regime]["single_listed_first"] = rate(c.listed_first or c.fair_tie for c in mine if c.kind == "single")
     clear = [c for c in cases if c.answer["label"] == "effect" and not c.tied]
     return out | {
         "sure_and_wrong": rate(c.sure_and_wrong for c in cases), "false_alarms": rate(c.word != "none" for c in cases if c.kind == "none"),
