@@ -21,8 +21,8 @@ class Half:
     false_alarms_most: int
 
 
-# When the set was fixed: 7 right, 1 sure and wrong, 1 false alarm, of 20; and 12, 3, none, of 20. At e040db3: 19, none, none; 17, none, none.
-# Single cases may move.
+# When the set was fixed: 7 right, 1 sure and wrong, 1 false alarm, of 20; and 12, 3, none, of 20. At e040db3: 19, none, none;
+# 17, none, none. Single cases may move.
 HALVES = (Half(0, 17, 1, 1), Half(1, 13, 1, 1))
 
 pytestmark = pytest.mark.parametrize("half", [pytest.param(h, marks=pytest.mark.xdist_group(f"half_{h.first}")) for h in HALVES],
