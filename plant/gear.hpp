@@ -8,9 +8,9 @@
 namespace vgroove {
 
 // Contact of backlash without a coupler: a stiff spring, its frequency against the reduced inertia (E); it ends well within a row of 1 ms. Its damping
-// ratio z leaves exp(-pi z / sqrt(1 - z^2)) of the speed: 0.7, as hardened steel at low speed (E).
+// ratio z leaves exp(-pi z / sqrt(1 - z^2)) of the speed: 0.6, as greased steel at low speed (E).
 constexpr double CONTACT_RAD_S = 8000.0;
-constexpr double CONTACT_DAMPING_RATIO = 0.113;
+constexpr double CONTACT_DAMPING_RATIO = 0.15;
 
 template <class V> struct Gear {
     V ratio_inverse;

@@ -104,9 +104,9 @@ class Drivetrain:
             j2 += coupler["inertia_kg_m2"]
             self.kc = coupler["stiffness_nm_per_rad"]
             self.cc = 2 * coupler["damping_ratio"] * np.sqrt(self.kc * j2)
-        elif self.two:  # docs/plant.md: the contact of play alone, 8000 rad/s and damping ratio 0.113 of the reduced inertia
+        elif self.two:  # docs/plant.md: the contact of play alone, 8000 rad/s and damping ratio 0.15 of the reduced inertia
             reduced = j1 * j2 / (j1 + j2)
-            self.kc, self.cc = 8000.0**2 * reduced, 2 * 0.113 * 8000.0 * reduced
+            self.kc, self.cc = 8000.0**2 * reduced, 2 * 0.15 * 8000.0 * reduced
         self.j1, self.j2 = (j1, j2) if self.two else (j1 + j2, 0.0)
         self.s1 = self.s2 = self.diode = 0.0
         self.u0 = self.du = self.tl0 = self.dtl = self.t0 = self.bus = 0.0

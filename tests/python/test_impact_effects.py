@@ -227,18 +227,19 @@ def test_a_coupler_is_a_spring_and_a_damper_before_an_inertia() -> None:
 
 
 def test_backlash_is_a_play_with_stiff_flanks_between_motor_and_spindle() -> None:
-    """docs/plant.md: flanks of 8,000 rad/s and damping ratio 0.5 against the reduced inertia, at the motor shaft."""
+    """docs/plant.md: flanks of 8,000 rad/s and damping ratio 0.15 against the reduced inertia, at the motor shaft."""
     t = motion(gear_backlash={"play_rad": 0.02})
     reduced = JM * (JJ / N**2) / (JM + JJ / N**2)
     q = np.sqrt((t["hammer_m"] / LEAD + 0.05) ** 2 - 0.05**2)  # of the spindle, up to its sign
     ahead = t["motor_rad"] / N - t["hammer_rad"]
     e = N * (ahead - np.where(np.abs(ahead - q) < np.abs(ahead + q), q, -q))
     over = np.where(np.abs(e) > 0.01 * N, e - np.sign(e) * 0.01 * N, 0.0)
-    pushed = 8000.0**2 * reduced * over + 8000.0 * reduced * np.gradient(e, STEP_S)
+    pushed = 8000.0**2 * reduced * over + 2.0 * 0.15 * 8000.0 * reduced * np.gradient(e, STEP_S)
     gear_nm = K * t["current_a"] - rubbing(t) - JM * t["d_speed_rad_s"]
-    firm = t["calm"] & (np.abs(over) > 1e-3) & (q > 0.2)
-    assert np.sum(firm) > 10000
-    np.testing.assert_allclose(gear_nm[firm], pushed[firm], rtol=0, atol=1e-3)
+    firm, push = t["calm"] & (np.abs(over) > 1e-3) & (q > 0.2), pushed * np.sign(over)
+    assert np.sum(firm & (push > 0.01)) > 10000
+    np.testing.assert_allclose(gear_nm[firm & (push > 0.01)], pushed[firm & (push > 0.01)], rtol=0, atol=1e-3)
+    assert np.sum(firm & (push < -0.01)) > 10 and np.min((gear_nm * np.sign(over))[firm]) > -0.01  # they push, never pull
     assert np.sum(t["calm"] & (over == 0.0)) > 50
     np.testing.assert_allclose(gear_nm[t["calm"] & (over == 0.0) & (q > 0.2)], 0.0, atol=1e-3)
 
