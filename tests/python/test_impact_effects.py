@@ -240,8 +240,9 @@ def test_backlash_is_a_play_with_stiff_flanks_between_motor_and_spindle() -> Non
     assert np.sum(firm & (push > 0.01)) > 10000
     np.testing.assert_allclose(gear_nm[firm & (push > 0.01)], pushed[firm & (push > 0.01)], rtol=0, atol=1e-3)
     assert np.sum(firm & (push < -0.01)) > 10 and np.min((gear_nm * np.sign(over))[firm]) > -0.01  # they push, never pull
-    assert np.sum(t["calm"] & (over == 0.0)) > 50
-    np.testing.assert_allclose(gear_nm[t["calm"] & (over == 0.0) & (q > 0.2)], 0.0, atol=1e-3)
+    loose = t["calm"] & (np.abs(e) + np.abs(np.gradient(e)) < 0.01 * N) & (q > 0.2)  # the rows before and after it too
+    assert np.sum(loose) > 50
+    np.testing.assert_allclose(gear_nm[loose], 0.0, atol=1e-3)
 
 
 def test_the_arm_swings_under_the_housing_reaction() -> None:
