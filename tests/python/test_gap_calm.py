@@ -25,6 +25,7 @@ def test_a_noisy_command_keeps_its_steps_and_slopes() -> None:
     found = calmed(noisy(HOLDS, 0.05)).values - HOLDS
     inner = np.r_[100:200, 400:500, 1000:1100, 1300:1500]
     assert np.sqrt(np.mean(found[inner] ** 2)) < 0.007  # 0.05 over the root of 200 rows, the windows' ends included
+    assert found[np.r_[10:290, 310:590, 910:1190]].std() < 0.5 * 0.05
     assert abs(found[610:890].mean()) < 0.005  # a slope stays where it is
     assert np.abs(found)[[298, 299, 300, 301]].max() < 0.2  # a step of 6 V stays a step
 

@@ -35,22 +35,23 @@ class Places:
     def __getitem__(self, keep: np.ndarray) -> "Places":
         return Places(self.row[keep], self.share[keep], self.length_s[keep])
 
-    def weights(self, rows: int) -> tuple[csr_array, csr_array]:
-        """Weights (m, rows) of the rows' angles and of their speeds in the angle at the instants."""
+    def shares(self) -> tuple[np.ndarray, np.ndarray]:
+        """Shares (2, m) of the angles of the rows before and after an instant, and of their speeds, in the angle there (Hermite)."""
         f, g = self.share, 1.0 - self.share
-        at = np.repeat(np.arange(len(f)), 2), np.column_stack([self.row - 1, self.row]).ravel()
-        value = np.column_stack([g * g * (1.0 + 2.0 * f), f * f * (3.0 - 2.0 * f)]).ravel()
-        slope = (np.column_stack([g, -f]) * (self.length_s * f * g)[:, None]).ravel()
-        return csr_array((value, at), shape=(len(f), rows)), csr_array((slope, at), shape=(len(f), rows))
+        return np.stack([g * g * (1.0 + 2.0 * f), f * f * (3.0 - 2.0 * f)]), np.stack([g, -f]) * (self.length_s * f * g)
+
+    def weights(self, rows: int) -> list[csr_array]:
+        """Weights (m, rows) of the rows' angles and of their speeds in the angle at the instants."""
+        at = np.repeat(np.arange(len(self.row)), 2), np.column_stack([self.row - 1, self.row]).ravel()
+        return [csr_array((share.T.ravel(), at), shape=(len(self.row), rows)) for share in self.shares()]
 
     def angle(self, simulation: Simulation, sensor: tuple[str, str] = SPEED_SENSOR) -> np.ndarray:
         """Measured angle (B, m) of the model at the instants."""
-        (angle, speed), f, g = (simulation[name] for name in sensor), self.share, 1.0 - self.share
-        slope = g * speed.take(self.row - 1, axis=1) - f * speed.take(self.row, axis=1)
-        value = angle.take(self.row - 1, axis=1) * (g * g * (1.0 + 2.0 * f)) + angle.take(self.row, axis=1) * (f * f * (3.0 - 2.0 * f))
+        value, slope = (before * simulation[name].take(self.row - 1, axis=1) + after * simulation[name].take(self.row, axis=1)
+                        for name, (before, after) in zip(sensor, self.shares(), strict=True))
         if CLOCK in simulation:
             slope = slope / simulation[CLOCK][:, None]  # radians in a second of the logger
-        return value + slope * (self.length_s * f * g)
+        return value + slope
 
 
 @dataclass(frozen=True)

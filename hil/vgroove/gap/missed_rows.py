@@ -11,6 +11,7 @@ import numpy as np
 
 from vgroove.gap.edges import COUNTING_PULSES, MISSING_ROWS_LIMIT, EdgePeriods, edge_periods
 from vgroove.gap.missed import MOST
+from vgroove.gap.noise import MAD
 
 SIDE = 4  # rows on each side through which the line goes
 PAIRS = np.array(list(combinations(range(2 * SIDE + 1), 2))).T
@@ -33,7 +34,7 @@ def motion(level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     best = np.arange(len(level)), np.nanargmax(votes, axis=1)
     on = np.where(np.abs(off[best]) < COARSEST, off[best], np.nan)
     shift = np.nanmedian(on, axis=1)
-    return start[best] + shift, 1.4826 * np.nanmedian(np.abs(on - shift[:, None]), axis=1)
+    return start[best] + shift, MAD * np.nanmedian(np.abs(on - shift[:, None]), axis=1)
 
 
 def missed_rows(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int) -> tuple[np.ndarray, np.ndarray]:

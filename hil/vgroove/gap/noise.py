@@ -14,7 +14,6 @@ from vgroove.rig import Rig
 STEPS_LOOKED_AT, MOST_PARTS = 2000, 64  # differences that must fit a column's resolution, and steps in the smallest of them
 SCATTER_WINDOW, SCATTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
 SHORT = (5, 2)  # window and order of the filter that reaches across fewer steps
-KEPT = 1.0 - savgol_coeffs(SCATTER_WINDOW, SCATTER_ORDER)[SCATTER_WINDOW // 2]  # share of the power of white noise in it
 DIFFERENCE_ORDERS = range(3, 9)  # of a position, in which white noise is looked for
 FEWEST_WINDOWS = 5  # of edge periods, in which their jitter is looked for
 BESIDE_A_TURN = 14  # edge periods of a window besides two turns: room for what is slow, for a pattern of the turn, and for jitter
@@ -23,6 +22,14 @@ TOUCHING = 0.2  # of a period: two that begin and end closer than this share an 
 RPM = 2.0 * np.pi / 60.0
 MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 LEAST_SIGMA = {"current_a": 1e-3, "supply_v": 1e-3, "speed_rpm": 1e-2, "position_rad": 1e-9}  # a noiseless log must not divide by zero
+
+
+def kept(window: int, order: int) -> float:
+    """Share of the power of white noise that a smooth line through a window around each sample leaves."""
+    return 1.0 - float(savgol_coeffs(window, order)[window // 2])
+
+
+KEPT = kept(SCATTER_WINDOW, SCATTER_ORDER)
 
 
 def scatter(values: np.ndarray) -> float:
@@ -43,8 +50,8 @@ def usual_scatter(values: np.ndarray) -> float:
 
 def _usual(values: np.ndarray, window: int, order: int) -> float:
     """Standard deviation of white noise that leaves as much as most samples (n,) depart from a line through a window around them."""
-    residual = values - savgol_filter(values, window, order)
-    return float(MAD * np.median(np.abs(residual - np.median(residual))) / np.sqrt(1.0 - savgol_coeffs(window, order)[window // 2]))
+    residual = fast_part(values, window, order)
+    return float(MAD * np.median(np.abs(residual - np.median(residual))) / np.sqrt(kept(window, order)))
 
 
 def command_noise(values: np.ndarray) -> float:
@@ -54,9 +61,9 @@ def command_noise(values: np.ndarray) -> float:
     return spread if spread > 0.5 * step_of(finite) else 0.0
 
 
-def fast_part(values: np.ndarray) -> np.ndarray:
+def fast_part(values: np.ndarray, window: int = SCATTER_WINDOW, order: int = SCATTER_ORDER) -> np.ndarray:
     """What a smooth line through a column (n,) leaves: its noise, and its rounding."""
-    return values - savgol_filter(values, SCATTER_WINDOW, SCATTER_ORDER)
+    return values - savgol_filter(values, window, order)
 
 
 def position_scatter(values: np.ndarray) -> float:

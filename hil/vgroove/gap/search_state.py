@@ -69,8 +69,7 @@ class Search:
 
     def reported(self, one: Fit) -> float:
         """Squared held-out gap as the contract's figures have it: over their blocks alone."""
-        problem = self.engine.problem
-        return float(problem.gap(one.held, problem.judged)) ** 2
+        return gap_of(self.engine.problem, one.held) ** 2
 
     def tied(self, one: Fit, best: Fit) -> bool:
         """The contract's rule: the 95 % interval of the difference contains 0. What tells two models apart may happen in few blocks, which
@@ -136,6 +135,11 @@ class Search:
         """Fits of sets of one size, best first; equal scores in catalogue order."""
         mine = (f for k, f in self.fits.items() if len(k) == size and plausible(f))
         return sorted(mine, key=lambda f: (round(self.score(f), 9), f.ids))
+
+
+def gap_of(problem: Any, held: np.ndarray) -> float:
+    """The contract's gap of held-out residuals."""
+    return float(problem.gap(held, problem.judged))
 
 
 def plausible(one: Fit) -> bool:

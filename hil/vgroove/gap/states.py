@@ -168,7 +168,7 @@ class Sight:
     current_from: Callable[[float, float, float], float]
     from_angle: bool = False
 
-    def state(self, time_s: float) -> tuple["State", float, float]:
+    def state(self, time_s: float) -> tuple[State, float, float]:
         """Measured state at an instant, doubt and unrest."""
         speed = local_fit(self.speed, time_s) if self.speed is not None else NOWHERE
         if not np.isfinite(speed.doubt):

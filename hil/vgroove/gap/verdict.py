@@ -10,7 +10,7 @@ from vgroove.gap.evidence import block_sums, draw_means, make_blocks, squared
 from vgroove.gap.fit import Fit
 from vgroove.gap.hypotheses import SPECIAL_CASES, equivalents
 from vgroove.gap.search import WORTH_FORM, fit_set, win_shares
-from vgroove.gap.search_state import CLIP, VISIBLE, Search, key, plausible
+from vgroove.gap.search_state import CLIP, VISIBLE, Search, gap_of, key, plausible
 
 BULK = {1: 0.7, 2: 0.85, 3: 0.9, 4: 0.9}  # of the squared gap: one effect by the contract; larger sets imitate more
 LARGER_PART = 0.5  # of the squared gap beyond retuning that one effect must close all the same
@@ -62,7 +62,7 @@ def imitates(search: Search, best: Fit, bulk: float, floor: float) -> bool:
     the contract's blocks or over all: what retuning took of it counts for it, as long as the effect closes the larger part of the rest."""
     if len(best.ids) > 1:
         return bulk < BULK[len(best.ids)]
-    shares = [(of(search.nominal) - of(best)) / max(of(search.nominal) - floor**2, 1e-9) for of in (search.score, search.reported)]
+    shares = (share_closed(of(search.nominal), of(best), floor) for of in (search.score, search.reported))
     return bulk < LARGER_PART or max(shares) < BULK[1]
 
 
@@ -84,18 +84,17 @@ def is_left_out(search: Search, best: Fit) -> bool:
 
 def closed_squared(search: Search, best: Fit, floor: float) -> float:
     """Share of the squared gap beyond retuning that the set closes."""
-    before, after = search.score(search.retuned), search.score(best)
+    return share_closed(search.score(search.retuned), search.score(best), floor)
+
+
+def share_closed(before: float, after: float, floor: float) -> float:
+    """Share of a squared gap above the noise that is gone."""
     return (before - after) / max(before - floor**2, 1e-9)
 
 
 def closed(before: float, after: float, floor: float) -> float | None:
     """The contract's share of the gap, null when there is hardly any."""
     return None if before - floor < 0.1 else float(np.clip((before - after) / (before - floor), 0.0, 1.0))
-
-
-def gap_of(problem: object, held: np.ndarray) -> float:
-    """The contract's gap of held-out residuals."""
-    return float(problem.gap(held, problem.judged))
 
 
 def gap_section(problem: object, search: Search, shown: Fit, floor: float) -> dict[str, object]:

@@ -98,16 +98,21 @@ class Scored:
         return self.honest_tie or self.simpler_tie
 
     @property
+    def leads(self) -> bool:
+        """The first name is true."""
+        return bool(self.selected) and self.true_name(self.selected[0])
+
+    @property
     def first(self) -> bool:
         """The first name is true, as a verdict that stands."""
         if self.answer["label"] != "effect":
             return self.complete
-        return self.word == "effect" and bool(self.selected) and self.true_name(self.selected[0])
+        return self.word == "effect" and self.leads
 
     @property
     def listed_first(self) -> bool:
         """The first name is true, whether it stands or has rivals."""
-        return self.first or self.word == "ambiguous" and bool(self.selected) and self.true_name(self.selected[0])
+        return self.first or self.word == "ambiguous" and self.leads
 
     @property
     def right(self) -> bool:
