@@ -102,7 +102,7 @@ class Stepped:
 def test_two_further_effects_are_looked_for_while_a_gap_is_left(
         gaps: list[float], second: bool, found: int, monkeypatch: pytest.MonkeyPatch) -> None:
     state = Stepped(gaps, {1: True, 2: second, 3: True})
-    monkeypatch.setattr(search, "simplest", lambda _, best: best)
+    monkeypatch.setattr(search, "simplest", lambda _, best, base=None: best)
     monkeypatch.setattr(search, "rescale", lambda _: None)
     monkeypatch.setattr(search, "distinct", lambda promised: promised)
     monkeypatch.setattr(search, "extensions", lambda state, base: state.ranked(len(base.ids) + 1))

@@ -73,14 +73,13 @@ def two_further(search: Search, base: Fit, larger: Fit) -> Fit | None:
     """A set of two more effects than base that is better than base, where one more gains enough and still is not: what the second leaves
     may hide what the first gains. It is looked for only where both promise to close the larger part of what is left: effects that are
     there leave nothing."""
-    enough = search.score(base) - search.score(larger) > search.least_gain(base)
-    if not enough or not has_room_for_two(search, base) or len(larger.ids) >= LARGEST_SET:
+    if not gains(search, larger, base) or not has_room_for_two(search, base) or len(larger.ids) >= LARGEST_SET:
         return None
     promised = extensions(search, larger)
     if not promised or search.score(promised[0]) - search.level() > 0.5 * (search.score(base) - search.level()):
         return None
     search.add(distinct(promised))
-    both = simplest(search, search.ranked(len(larger.ids) + 1)[0])
+    both = simplest(search, search.ranked(len(larger.ids) + 1)[0], base)
     return both if search.better(both, base, 2.0 * WORTH) else None
 
 
@@ -102,7 +101,7 @@ def grow(search: Search, base: Fit) -> Fit | None:
         search.add(distinct([one for one in started_anew(search, base) if search.score(one) < search.score(found)]))
         search.add([replace(f.hypothesis, start=f.x) for f in search.ranked(size)[:1]], CONVERGED)
     ranked = search.ranked(size)
-    return simplest(search, ranked[0]) if ranked else None
+    return simplest(search, ranked[0], base) if ranked else None
 
 
 def leaves_a_gap(search: Search, one: Fit) -> bool:
@@ -115,15 +114,20 @@ def nothing_left(search: Search, base: Fit) -> bool:
     return search.score(base) < (1.0 + WORTH) * search.level()
 
 
-def simplest(search: Search, best: Fit) -> Fit:
-    """Put special cases in the place of general effects that are not clearly better."""
+def simplest(search: Search, best: Fit, base: Fit | None = None) -> Fit:
+    """Put special cases in the place of general effects that are not clearly better, as long as they gain anything over a base."""
     for member in best.ids:
         known = {e.id for e in search.effects} - set(best.ids)
         for special in (s for s in SPECIAL_CASES.get(member, ()) if s in known):
             one = fit_set(search, [special if i == member else i for i in best.ids], best)
-            if not search.better(best, one, WORTH_FORM):
-                return simplest(search, one)
+            if not search.better(best, one, WORTH_FORM) and gains(search, one, base):
+                return simplest(search, one, base)
     return best
+
+
+def gains(search: Search, one: Fit, base: Fit | None) -> bool:
+    """Whether a set leaves less than a base by an amount that matters."""
+    return base is None or search.score(base) - search.score(one) > search.least_gain(base)
 
 
 def distinct(proposals: Sequence[Fit]) -> list[Hypothesis]:
