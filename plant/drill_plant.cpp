@@ -64,8 +64,8 @@ static double effective_duty(const DrillParameters &p, double duty, double dead,
     const double share = std::fabs(duty);
     if (share == 0.0 || share >= 1.0 || dead == 0.0)
         return duty;
-    const Bridge<double> bridge{0.0, PERIOD_S / (2.0 * p.inductance_h)};
-    return duty - dead * bridge_sign<double>(current_a, bridge_ripple<double>(bridge, duty, bus));
+    const Bridge<double> bridge{0.0, PERIOD_S / (2.0 * p.inductance_h), 0.0};
+    return duty - dead * bridge_sign<double>(bridge, current_a, bridge_ripple<double>(bridge, duty, bus));
 }
 
 // Tc in the middle of the period

@@ -15,6 +15,7 @@ template <class V> static void set_electrical(Drivetrain<V> &m, int lane, const 
     set(m.supply.polarisation_rate, lane, 1.0 / p.droop_polarisation_s);
     set(m.bridge.resistance_ohm, lane, p.bridge_resistance_ohm);
     set(m.bridge.ripple_a_per_v, lane, inductance > 0.0 ? 1.0 / (2.0 * inductance * p.bridge_pwm_hz) : 0.0);
+    set(m.bridge.at_edges, lane, p.dead_time_at_edges);
     set(m.dead_share, lane, 2.0 * p.dead_time_s * p.bridge_pwm_hz);
     set(m.motor.resistance_ohm, lane, p.motor_resistance_ohm * (1.0 + p.winding_relative));
     set(m.motor.inductance_inverse, lane, inductance > 0.0 ? 1.0 / inductance : 0.0);

@@ -85,6 +85,7 @@ constexpr double OFF_AT_INFINITY = std::numeric_limits<double>::infinity();
     X(droop_polarisation_ohm,      "effects.supply_droop.polarisation_ohm", 0.0) \
     X(droop_polarisation_s,        "effects.supply_droop.polarisation_s", 1.0) \
     X(dead_time_s,                 "effects.dead_time.dead_time_s", 0.0) \
+    X(dead_time_at_edges,          "effects.dead_time.at_edges", 0.0) \
     X(bridge_resistance_ohm,       "effects.bridge_resistance.resistance_ohm", 0.0) \
     X(winding_relative,            "effects.winding_resistance.relative", 0.0) \
     X(heating_kelvin_per_joule,    "effects.winding_heating.kelvin_per_joule", 0.0) \

@@ -25,7 +25,7 @@ template <class V, int N> VGROOVE_INLINE V rate_of_current(const Drivetrain<V> &
         ohm += abs_of<V>(m.motor.brush_v * (1.0 - share * share)) / max_of<V>(splat<V>(BRUSH_CURRENT_A), e.ripple_a);
     }
     if ((m.effects & EFFECT_DEAD_TIME) && m.input == InputKind::DUTY)
-        ohm += abs_of<V>(e.i) < e.ripple_a ? in.dead * e.bus_v / e.ripple_a : V{};
+        ohm += in.dead * e.bus_v * bridge_sign_slope<V>(m.bridge, e.i, e.ripple_a);
     return (in.open > 0.0) & (mode.diode == 0.0) ? V{} : ohm * m.motor.inductance_inverse;
 }
 

@@ -143,7 +143,9 @@ class Drivetrain:
             v = d * vs - tool.get("bridge_resistance", "resistance_ohm") * i
             dead = 0.0
             if tool.on("dead_time") and 0 < abs(d) < 1:
-                dead = 2 * tool.effects["dead_time"]["dead_time_s"] * tool.pwm_hz * vs * float(np.clip(i / ripple, -1, 1))
+                at_edges = [np.clip((i + way * ripple) / 0.2, -1, 1) for way in (-1, 1)]
+                sign = np.mean(at_edges) if tool.get("dead_time", "at_edges") else np.clip(i / ripple, -1, 1)
+                dead = 2 * tool.effects["dead_time"]["dead_time_s"] * tool.pwm_hz * vs * float(sign)
             v -= dead
         brush = 0.0
         if tool.on("brush_drop"):

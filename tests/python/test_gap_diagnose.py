@@ -4,11 +4,14 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import jsonschema
 import numpy as np
 import pytest
 
+from made_log import drive_log, rig
+from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.diagnose import diagnose
 from vgroove.gap.simulate import judge
@@ -88,6 +91,19 @@ def test_an_effect_left_out_is_not_named() -> None:
     assert "current_offset" not in {e["id"] for e in verdict["effects"]}
     with pytest.raises(VgrooveError, match="warp_drive"):
         diagnose([case / "log.csv"], read_rig(case / "rig.toml"), without=["warp_drive"])
+
+
+def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has_it() -> None:
+    """A light tool whose current falls below the ripple: there the mean over the ripple is no better than a brush drop."""
+    light = rig(motor={"coulomb_nm": 0.003, "viscous_nm_s_per_rad": 1e-6}, sensors={"current_noise_a": 0.05, "current_lsb_a": 0.01})
+    theta = light.with_effects({"dead_time": {"dead_time_s": 2e-7}}).parameters()
+    theta[_core.PARAMETERS.index("effects.dead_time.at_edges")] = 1.0
+    log = drive_log(SimpleNamespace(input=light.input, sensors=light.sensors, parameters=lambda: theta))
+    found = diagnose([log], light)
+    assert (found.verdict["verdict"], found.verdict["selected"]) == ("effect", ["dead_time"])
+    assert found.search.score(found.search.fits[("dead_time",)]) < 1.05 < found.verdict["gap"]["after"]
+    assert set(found.corrected_rig().effects["dead_time"]) == {"dead_time_s"}
+    assert judge(found.corrected_rig(), [log])[0]["gap"] == pytest.approx(found.verdict["gap"]["after"], rel=0.01)
 
 
 def small_rig(folder: Path) -> Path:

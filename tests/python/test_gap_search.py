@@ -48,6 +48,19 @@ def test_a_member_that_stands_in_for_the_true_one_is_exchanged() -> None:
     assert search_state.key(best.ids) == pair and state.score(best) < 1.05
 
 
+@pytest.mark.parametrize(("others", "member", "elsewhere"), [
+    (("current_saturation", "load_dependent_friction"), "supply_resistance", True), (("brush_drop",), "supply_resistance", False),
+    (("coulomb_friction",), "torque_constant", False), (("transport_delay",), "winding_heating", True),
+    (("speed_gain",), "current_gain", True), (("speed_gain",), "speed_lag", False), (("clock_skew",), "added_inertia", False),
+    (("transport_delay",), "inductance", False)])
+def test_what_enters_none_of_the_others_equations_works_elsewhere(others: tuple[str, ...], member: str, elsewhere: bool) -> None:
+    scored = SimpleNamespace(score=lambda one: one.left, level=lambda: 1.0)
+    leaner = SimpleNamespace(ids=others, left=3.0)
+    for left, larger_part in ((1.9, True), (2.1, False)):
+        best = SimpleNamespace(ids=(*others, member), left=left)
+        assert search.works_elsewhere(scored, best, leaner) is (elsewhere and larger_part)
+
+
 @pytest.mark.parametrize(("second", "named"), [("coulomb_friction", True), ("current_gain", False)])
 def test_what_a_form_leaves_lies_where_the_effect_shows(second: str, named: bool) -> None:
     """Beside a large offset of the current a small friction, which the speed shows too, is no form of it; a small gain may be."""

@@ -20,6 +20,7 @@ EFFECTS = {
     "supply_resistance": {"resistance_ohm": 0.03},
     "supply_droop": {"volt_per_coulomb": 0.3, "polarisation_ohm": 0.05, "polarisation_s": 0.2},
     "dead_time": {"dead_time_s": 1.2e-6},
+    "dead_time edges": {"dead_time_s": 1.2e-6, "at_edges": 1.0},
     "bridge_resistance": {"resistance_ohm": 0.02},
     "winding_resistance": {"relative": 0.12},
     "winding_heating": {"kelvin_per_joule": 0.5, "cooling_s": 0.5},
@@ -163,5 +164,6 @@ def test_coupler_with_play_and_pendulum() -> None:
 
 
 def test_all_drive_effects_together() -> None:
-    together = {name: values for name, values in EFFECTS.items() if name not in ("clock_skew", "clock_skew command", "current_saturation")}
+    apart = ("clock_skew", "clock_skew command", "current_saturation", "dead_time edges")
+    together = {name: values for name, values in EFFECTS.items() if name not in apart}
     check(ref.Tool(effects=together), drive_log())

@@ -119,6 +119,18 @@ def test_steady_speed_is_what_the_equation_gives(name: str) -> None:
     assert measured == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.parametrize(("share", "sign"), [(0.5, 0.0), (0.8, 0.0), (1.25, 1.0), (2.0, 1.0)])
+def test_dead_time_takes_nothing_while_the_current_changes_sign_between_the_edges(share: float, sign: float) -> None:
+    """At a share of the ripple's height: the law of `at_edges`; the mean of the sign over the ripple would be the share itself."""
+    duty, v, r, k, dead_s = 128 / 255, 18.0, 0.19, 0.0109, 4e-7
+    current = share * duty * (1.0 - duty) * v / (2.0 * 1e-4 * 20000.0)
+    rubbing = k * current - 4.5e-6 * duty * v / k
+    w = steady(duty, 1.6, dead_time_s=dead_s, coulomb_nm=rubbing)["speed_rad_s"]
+    drawn = (rubbing + 4.5e-6 * w) / k
+    taken = (duty * v - r * drawn - k * w) / (2.0 * dead_s * 20000.0 * v)
+    assert taken == pytest.approx(sign, abs=0.1)
+
+
 def test_directional_friction_turns_with_the_direction() -> None:
     plain = steady(0.6)["speed_rad_s"]
     forward = steady(0.6, directional_viscous_nm_s=4e-6)["speed_rad_s"]

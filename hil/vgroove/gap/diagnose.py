@@ -13,7 +13,7 @@ from vgroove.gap.fit import Engine, Fit
 from vgroove.gap.hypotheses import BY_ID, CATALOGUE, Scales, available, span
 from vgroove.gap.problem import Problem, load_problem
 from vgroove.gap.search_state import Rows, Search, begin
-from vgroove.gap.singles import turn_for_good
+from vgroove.gap.singles import as_stated, turn_for_good
 from vgroove.rig import WORDS, Rig
 
 SCHEMA = "vgroove.gap/1"
@@ -69,18 +69,19 @@ def diagnose(logs: Sequence[Any], rig: Rig, seed: int = 0, without: Sequence[str
     finding = verdict.decide(state, best, rivals, left, problem.floor())
     shown = shown_of(state, finding)
     estimate = over_long_stretches(problem, state.engine, shown) or verdict.estimate_of(state, shown)
-    return Diagnosis(assemble(problem, state, finding, kinds, without, drivers, estimate), problem, state, estimate)
+    return Diagnosis(assemble(problem, state, finding, kinds, without, drivers, shown, estimate), problem, state, estimate)
 
 
 def shown_of(state: Search, finding: verdict.Finding) -> Fit:
-    """The fit behind `after`: the selected set, or retuning alone where nothing is named."""
-    return state.retuned if finding.verdict in ("none", "unlisted") else finding.best
+    """The fit behind `after`: the selected set in forms that a rig can state, or retuning alone where nothing is named."""
+    named = finding.verdict not in ("none", "unlisted")
+    return as_stated(state, finding.best, {name for name, _ in WORDS.values()}) if named else state.retuned
 
 
 def assemble(problem: Problem, state: Search, finding: verdict.Finding, kinds: frozenset[str], without: Sequence[str],
-             drivers: dict[str, np.ndarray], estimate: Estimate) -> dict[str, Any]:
+             drivers: dict[str, np.ndarray], shown: Fit, estimate: Estimate) -> dict[str, Any]:
     """The verdict as the contract's JSON."""
-    floor, shown = problem.floor(), shown_of(state, finding)
+    floor = problem.floor()
     share = locate.shares(state, finding.best, floor) if finding.verdict != "none" else {}
     known = {k: v for k, v in share.items() if k != "unexplained"}
     same = verdict.indistinguishable(problem, state, finding, kinds, floor)

@@ -114,7 +114,8 @@ CATALOGUE: tuple[Effect, ...] = (
         Parameter("polarisation_ohm", "ohm", lambda s: 0.02 * s.volt / s.amp, _zero, starts=(0.5,)),
         _time("polarisation_s", (0.1, 0.6))), needs=("voltage",)),
     Effect("dead_time", "bridge", (
-        Parameter("dead_time_s", "s", lambda s: 0.01 / s.pwm_hz, _zero, lambda s: 0.2 / s.pwm_hz),), needs=("duty",)),
+        Parameter("dead_time_s", "s", lambda s: 0.01 / s.pwm_hz, _zero, lambda s: 0.2 / s.pwm_hz),), needs=("duty",),
+           forms=((), (("effects.dead_time.at_edges", 1.0),))),
     Effect("winding_resistance", "motor_electrical", (_relative(0.05, most=3.0),), needs=("voltage",)),
     Effect("bridge_resistance", "bridge", (
         Parameter("resistance_ohm", "ohm", lambda s: 0.05 * s.resistance, lambda s: -0.9 * s.resistance,
@@ -195,8 +196,20 @@ SPECIAL_CASES: dict[str, tuple[str, ...]] = {
 # Laws of one torque over speed: sums of some of them are others of slightly different form.
 FRICTION_LAWS = frozenset({"coulomb_friction", "viscous_friction", "stribeck_friction", "quadratic_drag"})
 
-# Of two effects that predict a log equally well these are the less likely: clocks seldom run off, dead time is known from the design.
+# Equations that an effect enters: those of its subsystem but for a few.
+EQUATIONS = {"supply": ("voltage",), "bridge": ("voltage",), "motor_electrical": ("voltage",), "motor_mechanical": ("torque",),
+             "gearbox": ("torque",), "timing": ("command",)}
+MORE_EQUATIONS = {"torque_constant": ("voltage", "torque"), "magnetic_saturation": ("voltage", "torque"),
+                  "inductance": ("voltage", "command"), "clock_skew": ("voltage", "torque", "command", "sensor_speed")}
+
+# Of two effects that predict a log alike these are the less likely: clocks seldom run off, dead time is known from the design.
 RARE = ("clock_skew", "dead_time", "inductance", "magnetic_saturation", "coupler_compliance", "supply_gain")
+
+
+def equations(effect_id: str) -> frozenset[str]:
+    """Equations of the model that an effect enters; a sensor's is its own."""
+    subsystem = BY_ID[effect_id].subsystem
+    return frozenset(MORE_EQUATIONS.get(effect_id, EQUATIONS.get(subsystem, (subsystem,))))
 
 
 def equivalents(effect_id: str, kinds: frozenset[str]) -> tuple[str, ...]:

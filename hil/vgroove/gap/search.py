@@ -8,7 +8,7 @@ import numpy as np
 from vgroove.gap.evidence import draw_means
 from vgroove.gap.extend import extensions, started_anew
 from vgroove.gap.fit import Fit, Hypothesis
-from vgroove.gap.hypotheses import BY_ID, FRICTION_LAWS, RARE, SPECIAL_CASES, contains
+from vgroove.gap.hypotheses import BY_ID, FRICTION_LAWS, RARE, SPECIAL_CASES, contains, equations
 from vgroove.gap.search_state import CLIP, VISIBLE, WORTH, Search, key, plausible, rescale
 from vgroove.gap.singles import CONVERGED, singles
 
@@ -16,6 +16,7 @@ LARGEST_SET = 4
 WORTH_FORM = 0.03
 NEAR_NOISE = 2.0  # a set that leaves less has found what is there; real machines stay above
 FORM_SHARE = 0.05  # of the squared gap that effects close: a form off by a quarter of its size leaves (1 / 4)^2
+ELSEWHERE_SHARE, ELSEWHERE_PART = 0.01, 0.5  # in equations that they do not enter; of what is left there, that one effect must close
 SHAPE_SHARE = 0.3 / 0.7  # by the contract an effect of another form closes at least 0.7
 UNSURE_SHARE = 0.1  # of what the others close, that a member which goes by several names must gain
 EXCHANGES = 3
@@ -190,10 +191,18 @@ def trimmed(search: Search, best: Fit, share: float, members: Sequence[str] | No
     """The best set without those members (default: any) that do so little beside the others that it may be what the others' forms leave."""
     while len(best.ids) > 1:
         leanest = min((without(search, best, i) for i in best.ids if members is None or i in members), key=search.score, default=best)
-        if leanest is best or beyond_forms(search, best, leanest, share):
+        if leanest is best or beyond_forms(search, best, leanest, ELSEWHERE_SHARE if works_elsewhere(search, best, leanest) else share):
             return best
         best = leanest
     return best
+
+
+def works_elsewhere(search: Search, best: Fit, leaner: Fit) -> bool:
+    """Whether what a leaner set lacks enters none of its equations and closes the larger part of what it leaves: there its forms leave
+    little, and what they leave no single effect closes."""
+    mine, others = (frozenset().union(*map(equations, ids)) for ids in (set(best.ids) - set(leaner.ids), leaner.ids))
+    gain = search.score(leaner) - search.score(best)
+    return not mine & others and gain > ELSEWHERE_PART * (search.score(leaner) - search.level())
 
 
 def beyond_forms(search: Search, best: Fit, leaner: Fit, share: float) -> bool:
@@ -234,14 +243,20 @@ def exchange(search: Search, best: Fit) -> None:
 
 
 def lean(search: Search, best: Fit) -> Fit:
-    """Between equals the one with fewer numbers: a special case unless the general effect is clearly better, or any tied set; between tied
-    sets of as many numbers the likelier effects (added inertia rather than a clock that is off)."""
+    """Between equals the one with fewer numbers: a special case unless the general effect is clearly better, or any tied set; between
+    sets of as many numbers that leave the same the likelier effects (added inertia rather than a clock that is off)."""
     for one in sorted((f for k, f in search.fits.items() if k and plausible(f)), key=lambda f: (*preference(search, f), search.score(f))):
-        if preference(search, one) >= preference(search, best) or len(one.ids) > len(best.ids):
+        if not preferred(search, one, best) or len(one.ids) > len(best.ids):
             continue
         if not search.better(best, one, WORTH_FORM) if contains(best.ids, one.ids) else search.tied(one, best):
             return one
     return best
+
+
+def preferred(search: Search, one: Fit, best: Fit) -> bool:
+    """Whether a set goes before the best one between equals; rare effects give way only where both leave the same."""
+    mine, its = preference(search, one), preference(search, best)
+    return mine[:2] < its[:2] or mine < its and search.alike(one, best)
 
 
 def preference(search: Search, one: Fit) -> tuple[bool, int, int]:

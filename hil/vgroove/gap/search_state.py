@@ -18,6 +18,7 @@ WORTH = 0.05
 VISIBLE = 0.1
 WORTH_SHARE = 0.01
 LEVEL = 0.99
+CHANCE = 3.84  # squared sigmas that one number gains by chance (95 % of chi-square)
 LIKELY = 0.8  # interval whose lower end must still be worth it: the gain is not one lucky block's
 WITHIN_REACH = 1.5  # of the best squared gap: single effects beyond keep their first-order predictions
 SCALING = ("speed_gain.relative", "clock_skew.relative", "clock_skew.command_clock")  # what scales edge speeds against stamps
@@ -71,11 +72,18 @@ class Search:
         """Squared held-out gap as the contract's figures have it: over their blocks alone."""
         return gap_of(self.engine.problem, one.held) ** 2
 
+    def alike(self, one: Fit, other: Fit) -> bool:
+        """Whether two sets leave the same but for what chance does to one number."""
+        return abs(float(self.sums(one).sum() - self.sums(other).sum())) <= CHANCE * self.level()
+
     def tied(self, one: Fit, best: Fit) -> bool:
-        """The contract's rule: the 95 % interval of the difference contains 0. What tells two models apart may happen in few blocks, which
-        a draw of blocks may miss: far beyond the noise there, and large enough to matter, it tells them apart as well. So do the edges."""
+        """The contract's rule: the 95 % interval of the difference contains 0, or both leave the same. What tells two models apart
+        may happen in few blocks, which a draw of blocks may miss: far beyond the noise there, and large enough to matter, it tells them
+        apart as well. So do the edges."""
         if self.contradicted(one) and not self.contradicted(best):
             return False
+        if self.alike(one, best):
+            return True
         if interval(self.blocks, self.sums(one) - self.sums(best))[0] > 0.0:
             return False
         return self.least_loss(one, best) <= self.least_gain(best)

@@ -104,6 +104,17 @@ def turn_for_good(search: Search, loaded: Problem, best: Fit) -> Fit:
     return again
 
 
+def as_stated(search: Search, best: Fit, stated: set[str]) -> Fit:
+    """The same effects in forms of which every parameter is one that is stated."""
+    problem, fixed = search.engine.problem, best.hypothesis.fixed
+    known = tuple((column, value) for column, value in fixed if column in {problem.index(name) for name in stated})
+    if known == fixed:
+        return best
+    again = search.engine.fit([replace(best.hypothesis, start=best.x, fixed=known)], CONVERGED)[0]
+    search.engine.settle([again])
+    return again
+
+
 def with_swing(h: Hypothesis, amplitudes: Sequence[float]) -> np.ndarray:
     """Start of a periodic effect with these sine and cosine amplitudes."""
     start = h.start.copy()

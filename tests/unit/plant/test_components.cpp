@@ -8,11 +8,11 @@
 using namespace vgroove;
 
 TEST(Bridge, RippleHasItsFloorAndPeak) {
-    const Bridge<double> p{0.0, 1.0 / (2.0 * 1e-4 * 20000.0)};
+    const Bridge<double> p{0.0, 1.0 / (2.0 * 1e-4 * 20000.0), 0.0};
     EXPECT_DOUBLE_EQ(bridge_ripple<double>(p, 0.0, 18.0), 0.2);
     EXPECT_DOUBLE_EQ(bridge_ripple<double>(p, -0.5, 18.0), 0.25 * 18.0 / 4.0);
-    EXPECT_DOUBLE_EQ(bridge_sign<double>(0.5, 1.0), 0.5);
-    EXPECT_DOUBLE_EQ(bridge_sign<double>(-3.0, 1.0), -1.0);
+    EXPECT_DOUBLE_EQ(bridge_sign<double>(p, 0.5, 1.0), 0.5);
+    EXPECT_DOUBLE_EQ(bridge_sign<double>(p, -3.0, 1.0), -1.0);
 }
 
 TEST(Motor, BrushDropIsOddAndSettlesAtItsVoltage) {
