@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_log import MadeLog, drive_log, rig
+from made_log import MadeLog, drive_log, edge_times, hall_column, rig
 from vgroove.gap import phases
-from vgroove.gap.edge_gain import edge_scale
+from vgroove.gap.edge_gain import agreed_share, edge_scale, waited_scale
 from vgroove.gap.missed import believable, pitches
 from vgroove.gap.problem import load_problem
 
@@ -56,6 +56,32 @@ def test_a_speed_that_is_read_too_high_is_seen_in_its_own_edges(gain: float) -> 
     speed = made.columns["speed_rpm"]
     assert edge_scale(made.time_s, speed, 4, 0.5) == 1.0
     assert edge_scale(made.time_s, np.round(2.0 * speed * (1.0 + gain)) / 2.0, 4, 0.5) - 1.0 == pytest.approx(gain, abs=3e-5)
+
+
+def stopping_column(gain: float, stops_per_s: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and speeds of an encoder on a shaft that speeds up to 6100 rpm and stops again and again."""
+    fine = np.arange(0, 60001) * 1e-4
+    speed = 640.0 * np.sin(stops_per_s * np.pi * fine) ** 2
+    edges = edge_times(fine, np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 1e-4)]), 32)
+    rows = fine[::20]
+    return rows, np.round(2.0 * (1.0 + gain) * hall_column(rows, edges, 32, 0.05, 0.0)) / 2.0
+
+
+@pytest.mark.parametrize(("gain", "stops_per_s", "error"), [(0.0, 1.5, 1e-12), (0.052, 1.5, 1e-4), (-0.06, 1.5, 1e-4), (0.052, 3.0, 2e-3)])
+def test_rows_that_wait_for_an_edge_tell_a_gain_that_many_edges_a_row_hide(gain: float, stops_per_s: float, error: float) -> None:
+    time_s, speed = stopping_column(gain, stops_per_s)
+    assert waited_scale(time_s, speed, 32, 0.5) - 1.0 == pytest.approx(gain, abs=3e-3)
+    assert edge_scale(time_s, speed, 32, 0.5) - 1.0 == pytest.approx(gain, abs=error)
+
+
+def test_a_shaft_that_never_stops_tells_no_scale_by_waiting() -> None:
+    time_s, speed = stopping_column(0.052)
+    assert waited_scale(time_s, np.where(speed > 500.0, speed, np.nan), 32, 0.5) == 1.0
+
+
+def test_the_share_that_most_stretches_allow_is_not_moved_by_a_few_that_miscount() -> None:
+    assert agreed_share(np.array([[-1.0, 3.0], [1.0, 4.0], [0.0, 2.0], [7.0, 8.0]])) == 1.5
+    assert agreed_share(np.zeros((0, 2))) == 0.0
 
 
 def test_a_filtered_speed_has_no_scale() -> None:

@@ -13,6 +13,8 @@ from vgroove.gap.edge_places import BEND_SHARE, PLAIN, TICK_S, places
 WAIT_SLACK_S = 1e-5  # a falling row may miss the chain by this much; the row after it decides
 STRAIN_S = 1e-4  # a row's interval missed by more than this breaks the chain
 NEAR_END_S = 5e-6  # an edge this close to a row's end may have been read by either row
+STRETCH_EDGES = 64  # of a stretch that tells a scale for itself: an edge counted wrong spoils no more
+STRETCH_SLACK_S, SHORTEST_S = 5e-6, 1e-3  # what a bound of a stretch may miss by, and the least time between edges that tell
 MOST_STRETCH = 2e-3  # by which periods may all be too short where a chain still holds together
 SPLIT_S = 2e-5  # bounds that contradict one another by more than this come from an edge too many or too few
 ROUNDING_SHARE = 0.1  # rounding errors of successive periods are independent: they add up to about this share of the worst case
@@ -340,6 +342,29 @@ def longest_chain(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int
     found = minimize_scalar(lambda share: np.max(low - share * offset) - np.min(high - share * offset), method="bounded",
                             bounds=(-MOST_STRETCH, MOST_STRETCH), options={"xatol": 1e-7})  # the largest of straight lines: convex
     return float(offset[-1]), float(found.x), sum(len(_pieces(*chain.bounds())) - 1 for chain in chains)
+
+
+def share_bounds(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int, lsb_rpm: float) -> np.ndarray:
+    """Least and largest share (m, 2) by which all periods may be longer for each stretch of edges to lie within the bounds of its rows.
+    Of a sensor that counts only stretches tell whose edges show in rows of their own."""
+    counts, found = pulses_per_rev >= COUNTING_PULSES, []
+    for chain in _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm).read():
+        hidden = _hides_edges(time_s, chain, PLAIN) & counts
+        cuts = np.union1d(np.arange(0, len(hidden), STRETCH_EDGES), np.flatnonzero(np.diff(hidden)) + 1)
+        for first, last in zip(cuts, [*cuts[1:], len(hidden)], strict=True):
+            if not hidden[first]:
+                found.append(_share_bounds(chain.part(first, last)))
+    bounds = np.array(found).reshape(-1, 2)
+    return bounds[np.isfinite(bounds).all(axis=1) & (bounds[:, 0] <= bounds[:, 1])]
+
+
+def _share_bounds(chain: _Chain) -> tuple[float, float]:
+    """As `share_bounds`, of one stretch: any two of its edges bound the time between them."""
+    (low, high, drift), (one, other) = chain.bounds(), np.triu_indices(len(chain.row), 1)
+    apart, slack = np.diff(np.asarray(chain.offset_s)[[one, other]], axis=0)[0], drift[other] - drift[one] + STRETCH_SLACK_S
+    one, other, apart, slack = (values[apart > SHORTEST_S] for values in (one, other, apart, slack))
+    return (float(np.max((low[other] - high[one] - slack) / apart, initial=-inf)),
+            float(np.min((high[other] - low[one] + slack) / apart, initial=inf)))
 
 
 def _located(time_s: np.ndarray, chain: _Chain, pulses: int, lsb_rpm: float) -> tuple[_Chain, tuple[np.ndarray, ...]]:
