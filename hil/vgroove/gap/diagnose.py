@@ -45,7 +45,8 @@ class Diagnosis:
         """The rig with the retuned keys and the selected effects."""
         problem = self.problem
         values = {key: float(v) for key, v in self.verdict["retuned_parameters"].items()}
-        effects = {i: effect_table(problem, self.shown, i) for i in self.shown.ids}
+        owners = dict.fromkeys([*self.shown.ids, *(p.of for i in self.shown.ids for p in BY_ID[i].parameters if p.of)])
+        effects = {i: effect_table(problem, self.shown, i) for i in owners}
         return problem.rig.with_values(values).with_effects(effects)
 
 
@@ -126,7 +127,7 @@ def plain(value: Any) -> Any:
 def effect_table(problem: Problem, one: Fit, effect_id: str) -> dict[str, Any]:
     """[effects.<id>] of a rig: all parameters of the fit, phases and forms included."""
     theta, effect = one.theta(problem.theta0), BY_ID[effect_id]
-    table: dict[str, Any] = {p.name: float(theta[problem.index(effect.name(p))]) for p in effect.parameters}
+    table: dict[str, Any] = {p.name: float(theta[problem.index(effect.name(p))]) for p in effect.parameters if not p.of}
     if effect_id == "hall_dropout":
         table["probability"] = problem.missed_share
     for (owner, key), (parameter, word) in WORDS.items():

@@ -82,7 +82,7 @@ def started_anew(search: Search, base: Fit) -> list[Fit]:
     found = []
     for effect in (e for e in search.effects if search.engine.is_known(e) and e.id not in base.ids):
         trials = differenced(search, base, starts_beside(search, base, effect, anew=True))
-        found.append(min((first_order(search, base, one) for one in trials), key=search.score))
+        found += heapq.nsmallest(1, (first_order(search, base, one) for one in trials), key=search.score)
     return found
 
 
@@ -107,7 +107,8 @@ def slopes(h: Hypothesis, start: np.ndarray, moved: Sequence[np.ndarray], count:
 
 
 def same_coordinates(h: Hypothesis, base: Fit, count: int) -> bool:
-    """True when an extension begins with its base's coordinates and form (a Coulomb newcomer changes what asymmetric_friction means)."""
+    """True when an extension begins with its base's coordinates and form (a Coulomb newcomer changes what asymmetric_friction means, a
+    coupler is the flanks of a play)."""
     return h.coordinates[:count] == base.hypothesis.coordinates[:count] and set(base.hypothesis.fixed) <= set(h.fixed)
 
 

@@ -177,9 +177,9 @@ class Engine:
         if effect.id == "asymmetric_friction" and "coulomb_friction" in ids:
             return [(self._offset(effect), (0.0,))]
         pairs = []
-        for parameter in effect.parameters:
+        for parameter in effect.beside({*ids, *self.present}):
             size = parameter.size(self.scales)
-            column = self.problem.index(effect.name(parameter))
+            column = self.problem.index(effect.column(parameter))
             low, high = parameter.low(self.scales) / size, parameter.high(self.scales) / size
             starts = parameter.starts if effect.id not in self.present else (float(self.problem.theta0[column]) / size,)
             starts = (known[effect.name(parameter)],) if effect.name(parameter) in known else starts

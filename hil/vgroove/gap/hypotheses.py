@@ -4,7 +4,7 @@ Sizes are those at which an effect shows on a log (a few per cent of the torque,
 in numbers near one on a wrist motor and on a machine axis alike.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +47,7 @@ class Parameter:
     step: float = 0.1
     least: float = 0.0
     reported: bool = True
+    of: str | None = None  # the effect whose key this number is in a rig, where it is another's
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,16 @@ class Effect:
         return len(self.parameters)
 
     def name(self, parameter: Parameter) -> str:
-        """Column name in the simulator's flat parameter vector."""
+        """Name of a fitted number."""
         return f"effects.{self.id}.{parameter.name}"
+
+    def column(self, parameter: Parameter) -> str:
+        """Name in the simulator's flat parameter vector."""
+        return f"effects.{parameter.of or self.id}.{parameter.name}"
+
+    def beside(self, ids: Iterable[str]) -> tuple[Parameter, ...]:
+        """Parameters that are left to it beside other effects."""
+        return tuple(p for p in self.parameters if p.of not in ids)
 
 
 def _zero(_: Scales) -> float:
@@ -94,6 +103,22 @@ def _torque(name: str, low: Callable[[Scales], float] = lambda s: -FREE, starts:
 def _viscous(low: Callable[[Scales], float], starts: tuple[float, ...] = (0.0,)) -> Parameter:
     return Parameter("nm_s_per_rad", "N m s/rad", lambda s: 0.03 * s.torque / s.speed, low, lambda s: 3.0 * s.torque / s.speed, starts)
 
+
+FLANK_RAD_S = 4000.0  # frequency of steel teeth in contact against both sides' inertia (E), within a factor of three either way
+
+
+def _flank(s: Scales) -> float:
+    """Stiffness that swings with FLANK_RAD_S; where all inertia hangs on the load that of a light output."""
+    return FLANK_RAD_S**2 * s.motor_inertia * max(1.0 - s.motor_inertia / s.inertia, 0.01)
+
+
+# Flanks of a play: what a rig calls a coupler's spring and damper. No data sheet says how far they throw back (starts: 0.8, 0.7 and 0.6 of
+# the speed), and a few per cent of that decide where in the play the next reversal finds the output side.
+FLANKS = (
+    Parameter("stiffness_nm_per_rad", "N m/rad", _flank, lambda s: 0.1 * _flank(s), lambda s: 10.0 * _flank(s), (0.5,), reported=False,
+              of="coupler_compliance"),
+    Parameter("damping_ratio", "1", lambda s: 0.1 * (s.motor_inertia / s.inertia) ** 0.5, _const(0.002), _const(1.0), (0.7, 1.1, 1.7),
+              step=0.02, reported=False, of="coupler_compliance"))
 
 PHASE = Parameter("phase_rad", "rad", _const(1.0), reported=False)
 TIME = {"unit": "s", "low": lambda s: 0.05 * s.duration, "high": lambda s: 20.0 * s.duration}
@@ -158,8 +183,8 @@ CATALOGUE: tuple[Effect, ...] = (
         Parameter("damping_ratio", "1", _const(0.05), _const(0.002), _const(1.0), (1.0,)),
         Parameter("inertia_kg_m2", "kg m2", lambda s: 0.1 * s.inertia, _zero, lambda s: 20.0 * s.inertia, (0.02, 1.0)))),
     Effect("gear_backlash", "gearbox", (
-        Parameter("play_rad", "rad", _const(0.02), _zero, _const(1.0), (0.25, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 32.0)),),
-           needs=("output",)),
+        Parameter("play_rad", "rad", _const(0.02), _zero, _const(1.0), tuple(0.25 * 1.25**n for n in range(23))),
+        *FLANKS), needs=("output",)),
     Effect("current_lag", "sensor_current", (_lag("time_constant_s"),), needs=("current",)),
     Effect("current_gain", "sensor_current", (_relative(0.03, 0.8),), needs=("current",)),
     Effect("current_offset", "sensor_current", (
