@@ -132,7 +132,7 @@ _SKEW = _number("a number within +-0.05", lambda v: abs(v) <= 0.05)
 EFFECTS: dict[str, dict[str, Key]] = {
     "supply_resistance": {"resistance_ohm": ANY},
     "supply_droop": {"volt_per_coulomb": ANY, "polarisation_ohm": ANY, "polarisation_s": POSITIVE},
-    "dead_time": {"dead_time_s": ANY},
+    "dead_time": {"dead_time_s": ANY, "form": _choice("mean", "edges", needed=False)},
     "bridge_resistance": {"resistance_ohm": ANY},
     "winding_resistance": {"relative": RELATIVE},
     "winding_heating": {"kelvin_per_joule": ANY, "cooling_s": POSITIVE},
@@ -175,7 +175,8 @@ EFFECTS: dict[str, dict[str, Key]] = {
     "clock_skew": {"relative": _SKEW, "clock": _choice("logger", "command", needed=False)},
 }
 # Words in a rig that are numbers in the parameter vector: (effect, key) -> (parameter, word that reads 1); and of the load.
-WORDS = {("speed_lag", "form"): ("effects.speed_lag.delay_form", "delay"),
+WORDS = {("dead_time", "form"): ("effects.dead_time.at_edges", "edges"),
+         ("speed_lag", "form"): ("effects.speed_lag.delay_form", "delay"),
          ("clock_skew", "clock"): ("effects.clock_skew.command_clock", "command")}
 LOAD_FORM = ("load.exponential", "exponential")
 

@@ -13,6 +13,7 @@ import pytest
 from made_log import drive_log, rig
 from vgroove import _core
 from vgroove.errors import VgrooveError
+from vgroove.gap import singles
 from vgroove.gap.diagnose import diagnose
 from vgroove.gap.simulate import judge
 from vgroove.output import write_text
@@ -93,16 +94,20 @@ def test_an_effect_left_out_is_not_named() -> None:
         diagnose([case / "log.csv"], read_rig(case / "rig.toml"), without=["warp_drive"])
 
 
-def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has_it() -> None:
-    """A light tool whose current falls below the ripple: there the mean over the ripple is no better than a brush drop."""
+@pytest.mark.parametrize(("visible", "form"), [(0.1, "edges"), (10.0, None)])
+def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has_it(
+        visible: float, form: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A light tool whose current falls below the ripple: the contract's mean over the ripple leaves a visible gap, a form of ours is stated."""
+    monkeypatch.setattr(singles, "VISIBLE", visible)
     light = rig(motor={"coulomb_nm": 0.003, "viscous_nm_s_per_rad": 1e-6}, sensors={"current_noise_a": 0.05, "current_lsb_a": 0.01})
-    theta = light.with_effects({"dead_time": {"dead_time_s": 2e-7}}).parameters()
+    theta = light.with_effects({"dead_time": {"dead_time_s": 3e-8}}).parameters()
     theta[_core.PARAMETERS.index("effects.dead_time.at_edges")] = 1.0
     log = drive_log(SimpleNamespace(input=light.input, sensors=light.sensors, parameters=lambda: theta))
     found = diagnose([log], light)
     assert (found.verdict["verdict"], found.verdict["selected"]) == ("effect", ["dead_time"])
-    assert found.search.score(found.search.fits[("dead_time",)]) < 1.05 < found.verdict["gap"]["after"]
-    assert set(found.corrected_rig().effects["dead_time"]) == {"dead_time_s"}
+    assert found.search.score(found.search.fits[("dead_time",)]) < 1.05
+    assert found.corrected_rig().effects["dead_time"].get("form") == form
+    assert (found.verdict["gap"]["after"] > 1.1) is (form is None)
     assert judge(found.corrected_rig(), [log])[0]["gap"] == pytest.approx(found.verdict["gap"]["after"], rel=0.01)
 
 

@@ -13,7 +13,7 @@ from vgroove.gap.fit import Engine, Fit
 from vgroove.gap.hypotheses import BY_ID, CATALOGUE, Scales, available, span
 from vgroove.gap.problem import Problem, load_problem
 from vgroove.gap.search_state import Rows, Search, begin
-from vgroove.gap.singles import as_stated, turn_for_good
+from vgroove.gap.singles import in_contract_form, turn_for_good
 from vgroove.rig import WORDS, Rig
 
 SCHEMA = "vgroove.gap/1"
@@ -74,9 +74,8 @@ def diagnose(logs: Sequence[Any], rig: Rig, seed: int = 0, without: Sequence[str
 
 
 def shown_of(state: Search, finding: verdict.Finding) -> Fit:
-    """The fit behind `after`: the selected set in forms that a rig can state, or retuning alone where nothing is named."""
-    named = finding.verdict not in ("none", "unlisted")
-    return as_stated(state, finding.best, {name for name, _ in WORDS.values()}) if named else state.retuned
+    """The fit behind `after`: the selected set in the contract's forms, or retuning alone where nothing is named."""
+    return state.retuned if finding.verdict in ("none", "unlisted") else in_contract_form(state, finding.best)
 
 
 def assemble(problem: Problem, state: Search, finding: verdict.Finding, kinds: frozenset[str], without: Sequence[str],

@@ -132,6 +132,9 @@ def _lag(name: str, starts: tuple[float, ...] = (0.0,)) -> Parameter:
     return Parameter(name, "s", lambda s: 2.0 * s.interval, _zero, lambda s: 0.1, starts, least=0.01)
 
 
+FURTHER_FORM = "effects.dead_time.at_edges"  # of which the contract knows nothing: what a bridge does, S(i) at the edges of the pulse
+
+
 CATALOGUE: tuple[Effect, ...] = (
     Effect("supply_resistance", "supply", (_ohm(lambda s: -s.supply_ohm),), needs=("voltage",)),
     Effect("supply_droop", "supply", (
@@ -140,7 +143,7 @@ CATALOGUE: tuple[Effect, ...] = (
         _time("polarisation_s", (0.1, 0.6))), needs=("voltage",)),
     Effect("dead_time", "bridge", (
         Parameter("dead_time_s", "s", lambda s: 0.01 / s.pwm_hz, _zero, lambda s: 0.2 / s.pwm_hz),), needs=("duty",),
-           forms=((), (("effects.dead_time.at_edges", 1.0),))),
+           forms=((), ((FURTHER_FORM, 1.0),))),
     Effect("winding_resistance", "motor_electrical", (_relative(0.05, most=3.0),), needs=("voltage",)),
     Effect("bridge_resistance", "bridge", (
         Parameter("resistance_ohm", "ohm", lambda s: 0.05 * s.resistance, lambda s: -0.9 * s.resistance,
