@@ -72,6 +72,20 @@ def test_sixteen_edges_a_turn_are_spans_between_last_edges() -> None:
     assert np.sqrt(np.mean(error**2)) < 2.0
 
 
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_row_after_a_missing_one_shows_the_mean_over_its_own_edges(lost: bool) -> None:
+    speed = steps_of_speed(6000.0)
+    angle, missing = motion(speed), np.random.default_rng(5).random(len(ROWS[::2])) < 0.1
+    column = hall_column(ROWS[::2], edge_times(FINE, angle, 32), 32, 0.05, 0.5)
+    rows, column = (ROWS[::2][~missing], column[~missing]) if lost else (ROWS[::2], np.where(missing, np.nan, column))
+    found = edge_periods(rows, column, 32, 0.5).whole()
+    mean = (np.interp(found.end_s, FINE, angle) - np.interp(found.start_s, FINE, angle)) / (found.end_s - found.start_s) * 30.0 / np.pi
+    after = np.flatnonzero(np.diff(found.row, prepend=-1) > 1) if not lost else np.flatnonzero(np.diff(rows, prepend=0.0)[found.row] > 3e-3)
+    assert len(after) > 50
+    assert np.quantile(np.abs(mean - found.speed_rpm)[after], 0.95) < 4.0
+    assert np.quantile(np.abs(mean - found.speed_rpm), 0.99) < 15.0
+
+
 def steps_of_speed(top_rpm: float) -> np.ndarray:
     """A shaft that follows steps of its command with a time constant of 25 ms, rpm / 9.55."""
     goal = np.select([FINE < 0.8, FINE < 1.6, FINE < 2.4], [1.0, 0.5, 0.85], 0.6) * top_rpm * np.pi / 30.0
@@ -208,7 +222,7 @@ def test_edges_that_no_row_shows_lie_as_a_steady_acceleration_puts_them() -> Non
     times = (np.sqrt(w0**2 + 2.0 * rate * pitch * np.arange(count + 2)) - w0) / rate
     periods, exact = np.diff(times), times[-1] - times[1]
     evenly = float(np.sum(periods[0] + (periods[-1] - periods[0]) * np.arange(1, count + 1) / count))
-    length, bound, drift = _Reader(ROWS, np.zeros(len(ROWS)), 8, 0.5).step(periods[0], periods[-1], count, 1e-8, 1.0 / 300.0)
+    length, bound, drift = _Reader(ROWS, np.zeros(len(ROWS)), 8, 0.5).step(periods[0], periods[-1], count, 1e-8, 0)
     assert abs(length - exact) < 0.05 * abs(evenly - exact)
     assert abs(length - exact) < drift < bound
 

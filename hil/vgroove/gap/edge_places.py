@@ -73,11 +73,20 @@ class _Path:
                      nothing.copy(), np.full(m, half_s))
 
 
-def unseen_lengths(previous_s: float, period_s: float, most: int, counts: bool) -> np.ndarray:
+def counted_lengths(previous_s: float, period_s: float, most: int, rows_s: tuple[float, float, float]) -> np.ndarray:
+    """Time (most,) from an edge to the first, second, ... edge after it of a sensor that counts: a row states the mean over its own edges.
+    Those of missing rows before it, between the ends of the row read before and of the last missing one, passed at the mean of both speeds.
+    """
+    number, (before, since, now) = np.arange(1, most + 1), rows_s
+    if since <= before:
+        return period_s * number
+    missing_s = 2.0 / (1.0 / previous_s + 1.0 / period_s)
+    return missing_s * number + (period_s - missing_s) * np.minimum(number, (now - since) / period_s)
+
+
+def unseen_lengths(previous_s: float, period_s: float, most: int) -> np.ndarray:
     """Time (most,) from an edge to the first, second, ... edge after it, if the last of them ends a period of period_s: unseen ones lie as
-    a steady acceleration puts them. A sensor that counts states the mean over all of them."""
-    if counts:
-        return period_s * np.arange(1, most + 1)
+    a steady acceleration puts them."""
     number = np.arange(1, most + 1)
     share = np.tril(number[None, :] / number[:, None])
     rate = 1.0 / previous_s**2 + (1.0 / period_s**2 - 1.0 / previous_s**2) * share
@@ -94,9 +103,9 @@ class Chain(Protocol):
     falls: list[tuple[int, int, float]]
 
 
-def places(now_s: np.ndarray, chain: Chain, half_lsb_rpm: float, counts: bool) -> Places | None:
-    """Places of a chain's edges, which rows at now_s (m,) show, each later than the row before; None where the rows contradict one
-    another."""
+def places(now_s: np.ndarray, start_s: np.ndarray, chain: Chain, half_lsb_rpm: float, counts: bool) -> Places | None:
+    """Places of a chain's edges, which rows from start_s to now_s (m,) show, each later than the row read before; None where the rows
+    contradict one another."""
     speed, period, before = (np.asarray(x) for x in (chain.speed_rpm, chain.period_s, chain.before_s))
     rounding = period * half_lsb_rpm / np.abs(speed)
     m, low = len(now_s), max(now_s[0] - period[0], before[0])
@@ -108,7 +117,7 @@ def places(now_s: np.ndarray, chain: Chain, half_lsb_rpm: float, counts: bool) -
         unseen_s = now_s[i] - np.max(cells.time_s[cells.cost < HOPELESS])
         before_that = path.parent[i - 1], path.shift_s[i - 1]
         fewer = np.zeros(CELLS, dtype=bool) if counts else _branch(cells, before_that, (period[i - 1], period[i]), now_s[i])
-        path.step[i], path.wrong[i] = _follow(cells, (now_s[i - 1], before[i], now_s[i]), (speed[i - 1], speed[i]),
+        path.step[i], path.wrong[i] = _follow(cells, (now_s[i - 1], before[i], start_s[i], now_s[i]), (speed[i - 1], speed[i]),
                                               (period[i - 1], period[i]), rounding[i], counts, fewer)
         interval_s = now_s[i] - before[i]
         plain = min(period[i - 1], period[i]) > PLAIN * interval_s
@@ -120,17 +129,18 @@ def places(now_s: np.ndarray, chain: Chain, half_lsb_rpm: float, counts: bool) -
     return _traced(cells, path, rounding)
 
 
-def _follow(cells: _Cells, rows: tuple[float, float, float], speed: tuple[float, float], period: tuple[float, float], rounding: float,
-            counts: bool, fewer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _follow(cells: _Cells, rows: tuple[float, float, float, float], speed: tuple[float, float], period: tuple[float, float],
+            rounding: float, counts: bool, fewer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Move every cell to the last edge up to now; the steps (CELLS,), and what contradicts the rows: that of the edge before, the last one
-    that seems to show no other edge, and now.
+    that seems to show no other edge, the start of the new one, and now.
 
     No edge of its own has, perhaps, a row that repeats a value, one that shows the wait for the next edge, and one of a sensor that counts
     (it states the last period then).
     """
-    (shown, before, now), plain = rows, min(period) > PLAIN * (rows[2] - rows[1])
+    (shown, before, since, now), plain = rows, min(period) > PLAIN * (rows[3] - rows[1])
+    missing = counts and since > before
     most = int((now - cells.time_s.min()) / min(period)) + 2
-    length = unseen_lengths(period[0], period[1], most, counts)
+    length = counted_lengths(*period, most, rows[1:]) if counts else unseen_lengths(*period, most)
     repeats = speed[0] == speed[1]
     unsure = min(cells.half_s, NEARLY * period[1]) + TICK_S + rounding
     waits = (np.abs(now - cells.time_s - period[1]) < unsure) & (np.abs(speed[1]) < np.abs(cells.speed))
@@ -143,12 +153,13 @@ def _follow(cells: _Cells, rows: tuple[float, float, float], speed: tuple[float,
     new = np.where(stays, cells.time_s, cells.time_s + length[number - 1])
     growth = (period[1] - period[0]) / max(now - cells.now_s, 1e-6)
     bend = period[1] * (BEND_SHARE * abs(growth) + KINK_SHARE * abs(growth - cells.growth))
-    drift = rounding * number + (0.0 if counts else bend * (number - 1))
+    drift = rounding * number + (0.0 if counts and not missing else bend * (number - 1))
     slack = TICK_S + drift
     late = (np.maximum(new - now - cells.half_s, 0.0) / slack) ** 2
     early = (np.maximum((max(shown, before) if plain else shown) - cells.time_s - first - cells.half_s, 0.0) / slack) ** 2
     wrong = np.minimum(late, HOPELESS) + np.minimum(early, HOPELESS)
-    middle = np.where(stays, cells.middle_s, new - 0.5 * period[1] * (number if counts else 1))
+    own = np.clip(np.ceil((new - since) / period[1]), 1, number) if missing else number
+    middle = np.where(stays, cells.middle_s, new - 0.5 * period[1] * (own if counts else 1))
     dt = np.maximum(middle - cells.middle_s, 1e-6)
     slope = np.where(stays, cells.slope, (speed[1] - cells.speed) / dt)
     jump = np.nan_to_num(np.abs(slope - cells.slope) * dt)
@@ -169,7 +180,7 @@ def _follow(cells: _Cells, rows: tuple[float, float, float], speed: tuple[float,
 def _branch(cells: _Cells, before: tuple[np.ndarray, np.ndarray], period: tuple[float, float], now: float) -> np.ndarray:
     """Cells (CELLS,) that hold a row to show the edge before the last one that fits. While the shaft slows down a row may as well: such
     cells go both ways, the other one in place of a cell that was given up. before: parents and shifts (CELLS,) of the row before."""
-    length = unseen_lengths(period[0], period[1], max(int((now - cells.time_s.min()) / min(period)) + 2, 2), False)
+    length = unseen_lengths(*period, max(int((now - cells.time_s.min()) / min(period)) + 2, 2))
     step = np.searchsorted(length, now - cells.time_s, side="right")
     fewer = np.clip(step - 1, 1, len(length))
     coming = cells.time_s + length[fewer - 1] + period[1] * (period[1] / period[0]) ** (1.0 / fewer)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 from scipy.optimize import minimize_scalar
 
-from vgroove.gap.edge_places import BEND_SHARE, PLAIN, TICK_S, places
+from vgroove.gap.edge_places import BEND_SHARE, PLAIN, TICK_S, counted_lengths, places
 
 WAIT_SLACK_S = 1e-5  # a falling row may miss the chain by this much; the row after it decides
 STRAIN_S = 1e-4  # a row's interval missed by more than this breaks the chain
@@ -23,6 +23,7 @@ COUNTED_SHARE = 0.8  # an edge period below this share of a row's interval: the 
 REVERSAL_S = 0.1  # edge periods closer than this to a change of sign may count one edge twice
 MISSING_ROWS_LIMIT = 3  # after more missing rows than this the number of edges in between is not certain any more
 BESIDE_HIDDEN = 150  # edges on both sides of rows that hide edges, which tell where these lie
+LOST_ROWS = 1.7  # usual intervals from one row to the next, from which on a row in between was lost: uneven rows come earlier
 HOLE_ROWS = 8.5  # so many usual intervals without a row are a hole in the log, with the same consequence
 
 
@@ -111,6 +112,13 @@ class _Chain:
         self.length_s.append(step[0] if counted and step[0] > 0.0 else period)
 
 
+def row_starts(time_s: np.ndarray) -> np.ndarray:
+    """When each row (n,) began: as the row before ended; where rows were lost, a usual interval before its own end."""
+    usual = np.median(np.diff(time_s))
+    length = np.diff(time_s, prepend=time_s[0] - usual)
+    return time_s - np.where(length > LOST_ROWS * usual, usual, length)
+
+
 def _same(one: float, other: float) -> bool:
     """Whether two rows report one period: equal up to arithmetic."""
     return abs(one - other) <= 1e-9 * abs(other)
@@ -121,7 +129,7 @@ class _Reader:
 
     def __init__(self, time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> None:
         self.time, self.speed, self.pulses = time_s.tolist(), speed_rpm.tolist(), pulses  # Python's floats: far faster one by one
-        self.half_lsb, self.counts = 0.5 * lsb_rpm, pulses >= COUNTING_PULSES
+        self.half_lsb, self.counts, self.starts = 0.5 * lsb_rpm, pulses >= COUNTING_PULSES, row_starts(time_s).tolist()
         self.hole_s = HOLE_ROWS * float(np.median(np.diff(time_s)))
         self.chains: list[_Chain] = []
         self.chain: _Chain | None = None
@@ -204,7 +212,7 @@ class _Reader:
             return True
         return period > self.time[following] - now + spread
 
-    def step(self, previous: float, period: float, count: int, rounding: float, interval: float) -> tuple[float, float, float]:
+    def step(self, previous: float, period: float, count: int, rounding: float, row: int) -> tuple[float, float, float]:
         """Time from the last edge to the count-th after it, its bound of error, and what of that adds up over a chain.
 
         Edges that no row shows lie as a steady acceleration puts them (evenly between, a run-up would add up to late ones). A counting
@@ -212,22 +220,22 @@ class _Reader:
         row for row.
         """
         if self.counts:
-            bound = count * rounding
-            open_place = period if period < COUNTED_SHARE * interval else 0.0
-            return count * period, bound + open_place, ROUNDING_SHARE * bound + open_place
+            bound, rows_s = count * rounding, (self.before(), self.starts[row], self.time[row])
+            open_place = period if period < COUNTED_SHARE * (rows_s[2] - rows_s[0]) else 0.0
+            return float(counted_lengths(previous, period, count, rows_s)[-1]), bound + open_place, ROUNDING_SHARE * bound + open_place
         first, last = 1.0 / (previous * previous), 1.0 / (period * period)
         rate = first + (last - first) * np.arange(1, count + 1) / count
         steps = 1.0 / np.sqrt(rate)
         bend = BEND_SHARE * abs(period - previous) * (count - 1)  # all one way while a motion bends: it adds up in full
         return float(steps.sum()), bend + rounding * count, bend + ROUNDING_SHARE * rounding * count
 
-    def counts_to_try(self, now: float, period: float, previous: float) -> range:
+    def counts_to_try(self, row: int, period: float, previous: float) -> range:
         """Edges that may have passed since the last; where a sensor counts several a row: as many as the speed gives in the long run."""
-        interval = now - self.before()
-        if not self.counts or period >= COUNTED_SHARE * interval:
+        now, since = self.time[row], self.starts[row]
+        if not self.counts or period >= COUNTED_SHARE * (now - self.before()):
             self.owed = 0.0
             return range(1, int((now - self.low) / min(period, previous)) + 3)
-        self.owed += interval / period
+        self.owed += (now - since) / period + 0.5 * (since - self.before()) * (1.0 / period + 1.0 / previous)
         count = max(1, round(self.owed))
         self.owed -= count
         return range(count, count + 1)
@@ -238,8 +246,8 @@ class _Reader:
         since = -inf if _same(speed, self.chain.speed_rpm[-1]) else self.before()
         floor, ceiling = max(now - period, since) - rounding - TICK_S, now + rounding + TICK_S
         previous, best = self.chain.period_s[-1], None
-        for count in self.counts_to_try(now, period, previous):
-            length, bound, drift = self.step(previous, period, count, rounding, now - self.before())
+        for count in self.counts_to_try(row, period, previous):
+            length, bound, drift = self.step(previous, period, count, rounding, row)
             low, high = max(self.low + length - bound, floor), min(self.high + length + bound, ceiling)
             if best is None or high - low > best[3] - best[2]:
                 best = ((length, count), drift, low, high)
@@ -386,12 +394,17 @@ def _located(time_s: np.ndarray, chain: _Chain, pulses: int, lsb_rpm: float) -> 
 def _part_located(time_s: np.ndarray, chain: _Chain, counts: bool, half_lsb_rpm: float, hidden: bool) -> tuple[np.ndarray, ...]:
     """As `_located`, of a part of a chain whose rows hide edges, or one whose rows hide none."""
     row, period, span, length = (np.asarray(x) for x in (chain.row, chain.period_s, chain.span, chain.length_s))
-    found = places(time_s[row], chain, half_lsb_rpm, counts) if hidden else None
+    start = row_starts(time_s)[row]
+    found = places(time_s[row], start, chain, half_lsb_rpm, counts) if hidden else None
     if found is None:
         end, slack, piece = _edge_times(chain)
-        return end, slack + _either(time_s, chain, end, slack), piece, span, length
-    length = np.where(found.step > 0, found.step * period, period) if counts else length
-    return found.end_s, found.slack_s, np.zeros(len(row), dtype=int), found.step, length
+        slack = slack + _either(time_s, chain, end, slack)
+    else:
+        end, slack, piece, span = found.end_s, found.slack_s, np.zeros(len(row), dtype=int), found.step
+        length = np.where(span > 0, span * period, period) if counts else length
+    missing = (start > np.asarray(chain.before_s)) & counts  # the row's speed is the mean over its own edges alone
+    own = np.minimum(np.maximum(np.ceil((end - start) / period), 1.0), np.maximum(span, 1))
+    return end, slack, piece, span, np.where(missing, own * period, length)
 
 
 def _hides_edges(time_s: np.ndarray, chain: _Chain, rows: float = 1.0) -> np.ndarray:
