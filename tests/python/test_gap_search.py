@@ -51,7 +51,8 @@ def test_a_member_that_stands_in_for_the_true_one_is_exchanged() -> None:
 @pytest.mark.parametrize(("others", "member", "elsewhere"), [
     (("current_saturation", "load_dependent_friction"), "supply_resistance", True), (("brush_drop",), "supply_resistance", False),
     (("coulomb_friction",), "torque_constant", False), (("transport_delay",), "winding_heating", True),
-    (("speed_gain",), "current_gain", True), (("speed_gain",), "speed_lag", False), (("clock_skew",), "added_inertia", False),
+    (("speed_gain",), "current_gain", True), (("supply_resistance",), "supply_gain", False),
+    (("speed_gain",), "speed_lag", False), (("clock_skew",), "added_inertia", False),
     (("transport_delay",), "inductance", False)])
 def test_what_enters_none_of_the_others_equations_works_elsewhere(others: tuple[str, ...], member: str, elsewhere: bool) -> None:
     scored = SimpleNamespace(score=lambda one: one.left, level=lambda: 1.0)

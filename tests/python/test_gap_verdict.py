@@ -76,16 +76,16 @@ def test_a_pair_is_named_strongest_first() -> None:
     assert all(e["probability"] < 0.1 for e in effects[2:])
 
 
-@pytest.mark.parametrize("offset_a,names", [(0.2, ["coulomb_friction", "current_offset"]), (0.1, ["coulomb_friction"])])
+@pytest.mark.parametrize("offset_a,names", [(0.4, ["coulomb_friction", "current_offset"]), (0.12, ["coulomb_friction"])])
 def test_what_closes_less_than_the_forms_of_the_others_may_leave_is_not_named(offset_a: float, names: list[str]) -> None:
-    """Both offsets are seen; beside a friction of ten times the noise the small one may be what another form of it leaves."""
+    """Both offsets are seen; beside a friction of ten times the noise the small one may be a friction of slightly other form."""
     toy = Toy({"effects.coulomb_friction.torque_nm": 0.012, "effects.current_offset.offset_a": offset_a})
     found = decided(toy)
     pair, alone = (found[0].fits[key] for key in (("coulomb_friction", "current_offset"), ("coulomb_friction",)))
     assert found[0].better(pair, alone)
     assert (found[1].verdict, named(toy, found)) == ("effect", names)
     share = (found[0].score(alone) - found[0].score(pair)) / (found[0].score(found[0].retuned) - found[0].score(alone))
-    assert (share > search.ELSEWHERE_SHARE) == (len(names) == 2) and share < search.FORM_SHARE
+    assert (share > search.FORM_SHARE) == (len(names) == 2)
 
 
 @pytest.mark.parametrize("drag,named_alone", [(2e-8, True), (4e-8, False)])

@@ -240,6 +240,12 @@ def equations(effect_id: str) -> frozenset[str]:
     return frozenset(MORE_EQUATIONS.get(effect_id, EQUATIONS.get(subsystem, (subsystem,))))
 
 
+def reached(effect_id: str) -> frozenset[str]:
+    """Equations in which an effect of another form may look like one more: its own, and the sensors', who see all but one another."""
+    sensors = frozenset(e.subsystem for e in CATALOGUE if e.subsystem.startswith("sensor_"))
+    return equations(effect_id) if BY_ID[effect_id].subsystem in sensors else equations(effect_id) | sensors
+
+
 def equivalents(effect_id: str, kinds: frozenset[str]) -> tuple[str, ...]:
     """Other members of the effect's class that no run with these columns can tell from it (contract section 3)."""
     classes = [("winding_resistance", "bridge_resistance")]

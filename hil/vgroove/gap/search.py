@@ -8,7 +8,7 @@ import numpy as np
 from vgroove.gap.evidence import draw_means
 from vgroove.gap.extend import extensions, started_anew
 from vgroove.gap.fit import Fit, Hypothesis
-from vgroove.gap.hypotheses import BY_ID, FRICTION_LAWS, RARE, SPECIAL_CASES, contains, equations
+from vgroove.gap.hypotheses import BY_ID, FRICTION_LAWS, RARE, SPECIAL_CASES, contains, equations, reached
 from vgroove.gap.search_state import CLIP, VISIBLE, WORTH, Search, key, plausible, rescale
 from vgroove.gap.singles import CONVERGED, singles
 
@@ -198,11 +198,11 @@ def trimmed(search: Search, best: Fit, share: float, members: Sequence[str] | No
 
 
 def works_elsewhere(search: Search, best: Fit, leaner: Fit) -> bool:
-    """Whether what a leaner set lacks enters none of its equations and closes the larger part of what it leaves: there its forms leave
-    little, and what they leave no single effect closes."""
-    mine, others = (frozenset().union(*map(equations, ids)) for ids in (set(best.ids) - set(leaner.ids), leaner.ids))
+    """Whether what a leaner set lacks enters equations that its forms do not reach, and closes the larger part of what it leaves: there
+    they leave little, and what they leave no single effect closes."""
+    mine = frozenset().union(*map(equations, set(best.ids) - set(leaner.ids)))
     gain = search.score(leaner) - search.score(best)
-    return not mine & others and gain > ELSEWHERE_PART * (search.score(leaner) - search.level())
+    return not mine & frozenset().union(*map(reached, leaner.ids)) and gain > ELSEWHERE_PART * (search.score(leaner) - search.level())
 
 
 def beyond_forms(search: Search, best: Fit, leaner: Fit, share: float) -> bool:
