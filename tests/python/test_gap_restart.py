@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from made_log import drive_log, rig
 from vgroove import _core
+from vgroove.gap.problem import load_problem
 
 BASE = {"supply.voltage_v": 18.0, "motor.resistance_ohm": 0.19, "motor.inductance_h": 1e-4, "motor.torque_constant_nm_per_a": 0.0109,
         "motor.inertia_kg_m2": 1.6e-5, "motor.viscous_nm_s_per_rad": 4.5e-6, "motor.coulomb_nm": 0.012, "gearbox.ratio": 5.6,
@@ -42,3 +44,23 @@ def instant_current(theta: np.ndarray, t: np.ndarray, duty: np.ndarray, row: int
     times = np.insert(t, row, t[row] - 1e-6)
     drive = _core.LogInput(times, "duty", np.insert(duty, row, duty[row]))
     return float(_core.simulate_log(drive, theta, np.array([0]), np.zeros((1, 3)), threads=1)["current_a"][0, row + 1])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_angle_at_restarts_goes_on_from_the_rest_before_the_first_edge(seed: int) -> None:
+    tool = rig(sensors={"hall_pulses_per_rev": 2})
+    made = drive_log(tool, seed=seed, seconds=3.0)
+    run = load_problem([made], tool).runs[0]
+    drive = _core.LogInput(made.time_s, "duty", made.columns["duty"], slew_per_s=6.0)
+    angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))["angle_rad"][0]
+    assert len(run.starts) > 6
+    assert np.abs(run.restarts.measured[:, 2] - angle[run.starts]).max() < 0.1
+
+
+def test_a_nominal_model_that_knows_nothing_of_the_start_moves_no_angle() -> None:
+    made, lame = drive_log(rig(), seconds=3.0), rig(motor={"inertia_kg_m2": 1.6e-3})
+    rows = load_problem([made], lame).runs[0].restarts
+    plain = load_problem([made], rig()).runs[0].restarts
+    assert np.array_equal(rows.rows, plain.rows)
+    apart = rows.measured[1:, 2] - plain.measured[1:, 2]
+    assert np.ptp(apart) < 1e-6 and abs(apart[0]) < np.pi

@@ -33,6 +33,7 @@ LONGEST_FORCE_S, DROWNED = 0.05, 4.0  # their longest distance, taken while the 
 DUTY_LIMIT = 1.01  # a compare value of 256 of 255 is rounding; beyond that the column is no duty
 UNAIDED_RPM = 100.0  # by which a shaft may speed up without a command: noise, a hand
 START_S, LATEST_START_S = 0.02, 0.15  # a log whose first speed begins so early begins in motion; its first good state comes at most so late
+FIRST_TURN_RAD = 2.0 * np.pi  # a nominal model that is further from the count by the first edge knows nothing of the start
 HOLE_S, HOLE_ROWS = 0.02, 8  # a command unknown for longer than both (seconds, usual intervals) leaves the motion after it open
 
 
@@ -66,7 +67,8 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     source, warnings = str(getattr(log, "source", "log")), list(getattr(log, "warnings", []))
     drive, command, driven = _drive(time_s, columns, rig, source, warnings)
-    edges = _with_expected(_edges(time_s, columns, rig, source, warnings), time_s, drive, rig)
+    edges, motion = _edges(time_s, columns, rig, source, warnings), nominal_motion(drive, rig)
+    edges = _with_expected(edges, time_s, motion)
     channels = _channels(time_s, columns, rig, edges, warnings)
     if not channels:
         raise VgrooveError(f"{source}: nothing to judge: besides the input {rig.input['kind']} no column that the model predicts")
@@ -77,6 +79,8 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     channels = _widened(channels, time_s, left_open)
     holes = _holes(time_s, columns[rig.input["kind"]])
     moving = _in_motion(sight, time_s)
+    if edges is not None and "position_rad" not in columns and not moving and rig.load["kind"] != "pendulum":
+        sight = counted_from_rest(sight, edges, time_s, motion)
     restarts = states.restarts(sight, time_s, restart_s, [0] * moving + [row for _, row in holes])
     holes += _rough_start(restarts, time_s) if moving else []
     channels = tuple(_clear_of_holes(_clear_of_restarts(channel, restarts.rows), restarts.rows, holes) for channel in channels)
@@ -178,14 +182,30 @@ def _read_edges(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm:
     return replace(found, speed_rpm=found.speed_rpm * scale, scale=scale)
 
 
-def _with_expected(edges: EdgePeriods | None, time_s: np.ndarray, drive: _core.LogInput, rig: Rig) -> EdgePeriods | None:
-    """The edge periods with the speed that the nominal model, run through from the first row, has over each."""
+def nominal_motion(drive: _core.LogInput, rig: Rig) -> dict[str, np.ndarray]:
+    """What the nominal model does when it runs through from the first row, at rest."""
+    return _core.simulate_log(drive, rig.parameters()[None], np.zeros(1, dtype=int), np.zeros((1, 3)), threads=1, unfinished="nan")
+
+
+def _with_expected(edges: EdgePeriods | None, time_s: np.ndarray, motion: dict[str, np.ndarray]) -> EdgePeriods | None:
+    """The edge periods with the speed that the nominal model has over each."""
     if edges is None:
         return None
-    motion = _core.simulate_log(drive, rig.parameters()[None], np.zeros(1, dtype=int), np.zeros((1, 3)), threads=1, unfinished="nan")
     start, end = (Places.of(time_s, instants_s).angle(motion)[0] for instants_s in (edges.start_s, edges.end_s))
     expected = (end - start) / (edges.end_s - edges.start_s) * RAD_S_TO_RPM
     return replace(edges, expected_rpm=expected) if np.isfinite(expected).all() else edges
+
+
+def counted_from_rest(sight: states.Sight, edges: EdgePeriods, time_s: np.ndarray, motion: dict[str, np.ndarray]) -> states.Sight:
+    """The angle counted along the edges, from where the nominal model has come to by the first one: how far the shaft stood from it, and
+    what edges a quick start hides, no row tells. A cogging would else start in another phase than it goes on in."""
+    if edges.falling.all():
+        return sight
+    first_s = edges.end_s[~edges.falling][0]
+    shift = float(Places.of(time_s, np.array([first_s])).angle(motion)[0, 0]) - sight.angle_at(first_s)
+    if not abs(shift) < FIRST_TURN_RAD:
+        return sight
+    return replace(sight, angle_at=lambda t: sight.angle_at(t) + (shift if t >= first_s else 0.0))
 
 
 def chain_starts(edges: EdgePeriods | None, pulses: int) -> np.ndarray:
