@@ -1,5 +1,6 @@
 """The speed at a restart: what a smooth curve through measured speeds does not follow of a swing, at an open bridge and at a closed one."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from vgroove.gap.ripples import Swing, answer_to_torque, corrected, not_followed
-from vgroove.gap.states import Observations, Restarts, local_fit
+from vgroove.gap.states import TRUST, Observations, Restarts, local_fit
 
 VALUES = {"motor.inertia_kg_m2": 1.6e-5, "gearbox.output_inertia_kg_m2": 6e-5, "gearbox.ratio": 5.6, "motor.resistance_ohm": 0.19,
           "motor.inductance_h": 1e-4, "motor.torque_constant_nm_per_a": 0.0109, "motor.viscous_nm_s_per_rad": 4.5e-6,
@@ -49,6 +50,26 @@ def test_a_restart_has_the_speed_that_the_shaft_has(periods: float, swing: float
         plain.append(found.value - true)
     assert np.std(errors) < 0.1 * swing
     assert np.std(plain) > 3.0 * np.std(errors) or np.std(plain) < 0.05 * swing
+
+
+@pytest.mark.parametrize("seen", [0.0, 1.0])
+@pytest.mark.parametrize("swing", [3.0, 20.0])
+def test_a_large_ripple_of_the_turn_leaves_a_state_to_restart_from(swing: float, seen: float) -> None:
+    for phase in np.arange(8) * np.pi / 4.0:
+        observed, true, angle = pitches(swing, 1.0, phase, seen)
+        counted = replace(observed, place=np.arange(len(observed.value)) % 4, places=4)
+        found = local_fit(counted, INSTANT_S)
+        assert found.doubt < TRUST < local_fit(observed, INSTANT_S).doubt
+        restarts = Restarts(np.array([100]), np.array([[0.0, found.value, angle]]), np.array([[0.0, found.slope]]),
+                            np.array([[0.0, found.bend]]), smoothing=(found.smoothing,))
+        one = Swing(1.0, np.array([swing]), np.array([phase]), of_shaft=seen == 0.0)
+        assert found.value + not_followed(restarts, one)[0] == pytest.approx(true, abs=0.03 * swing)
+
+
+def test_no_ripple_is_taken_away_where_a_place_of_the_turn_shows_no_edge() -> None:
+    observed, _, _ = pitches(20.0, 1.0, 0.3, 1.0)
+    three = replace(observed, place=np.arange(len(observed.value)) % 3, places=4)
+    assert local_fit(three, INSTANT_S) == local_fit(observed, INSTANT_S)
 
 
 @pytest.mark.parametrize("rate", [60.0, 900.0, -2500.0])

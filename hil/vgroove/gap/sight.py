@@ -8,7 +8,7 @@ import numpy as np
 from vgroove.gap import noise, states
 from vgroove.gap.channels import Channel
 from vgroove.gap.columns import filled, held
-from vgroove.gap.edges import EdgePeriods, near_reversal
+from vgroove.gap.edges import COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.missed import missed_edges, with_missed_counted
 from vgroove.gap.noise import RPM
 from vgroove.rig import Rig
@@ -66,7 +66,8 @@ def _edge_sight(rig: Rig, edges: EdgePeriods, angle: float) -> tuple[states.Obse
     sigma = noise.sigma_with_missed_rpm(rig, edges, missed)
     pitches = 1.0 + missed[whole]
     rad_s = pitches * RPM
-    seen = states.Observations(edges.start_s[whole], edges.end_s[whole], edges.speed_rpm[whole] * rad_s, sigma[whole] * rad_s)
+    turn = {} if pulses >= COUNTING_PULSES else {"place": edges.count[whole] % pulses, "places": pulses}
+    seen = states.Observations(edges.start_s[whole], edges.end_s[whole], edges.speed_rpm[whole] * rad_s, sigma[whole] * rad_s, **turn)
     counted = ~edges.falling
     # On average the first edge comes half a pitch after rest.
     turns = (edges.count[counted] + 0.5 * np.sign(edges.count[counted][0])) / pulses

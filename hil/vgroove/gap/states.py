@@ -45,7 +45,8 @@ class Driven:
 class Observations:
     """A signal's means over spans [start_s, end_s] (m,) in order of time, with 1 sigma each; start = end: an instant.
 
-    driven: what is known to move it; a polynomial then needs to follow the rest alone.
+    driven: what is known to move it; a polynomial then needs to follow the rest alone. place (m,): which of the `places` spans of a turn
+    each is.
     """
 
     start_s: np.ndarray
@@ -53,6 +54,13 @@ class Observations:
     value: np.ndarray
     sigma: np.ndarray
     driven: Driven | None = None
+    place: np.ndarray | None = None
+    places: int = 1
+
+    def of_a_turn(self, part: slice) -> np.ndarray:
+        """What repeats every turn and has no mean, as a share of the value: columns (part, places - 1)."""
+        which = np.equal(self.place[part, None], np.arange(self.places)).astype(float)
+        return (which[:, :-1] - which[:, -1:]) * (self.value[part] / np.mean(self.value[part]))[:, None]
 
     def driven_from(self, time_s: float, part: slice) -> np.ndarray:
         """What the known force adds to a part of the values from an instant on; zeros where none is known."""
@@ -97,14 +105,19 @@ NOWHERE = Local(0.0, 0.0, 0.0, np.inf, np.inf, False)
 
 def local_fit(seen: Observations, time_s: float) -> Local:
     """Value of a signal at an instant from the quadratic through the spans around it that leaves the least doubt: through few of them where
-    the motion bends, through many where it is noise that matters."""
+    the motion bends, through many where it is noise that matters. Where none can be trusted a ripple of the turn is taken away as well."""
     middle = int(np.searchsorted(0.5 * (seen.start_s + seen.end_s), time_s))
     narrow, *wider = (quadratic(seen, time_s, middle, count) for count in NEIGHBOURS)
-    return min((narrow, *(one for one in wider if one.fits)), key=lambda found: found.doubt)
+    best = min((narrow, *(one for one in wider if one.fits)), key=lambda found: found.doubt)
+    if best.doubt < TRUST or seen.place is None:
+        return best
+    rippled = (quadratic(seen, time_s, middle, count, True) for count in NEIGHBOURS if count >= seen.places + DEGREE)
+    return min((best, *(one for one in rippled if one.fits)), key=lambda found: found.doubt)
 
 
-def quadratic(seen: Observations, time_s: float, middle: int, neighbours: int) -> Local:
-    """Value of a signal at an instant from a quadratic through the spans around it, robust against single wrong ones.
+def quadratic(seen: Observations, time_s: float, middle: int, neighbours: int, ripples: bool = False) -> Local:
+    """Value of a signal at an instant from a quadratic through the spans around it, robust against single wrong ones; beside a pattern that
+    repeats every turn, where asked for (an eccentric wheel, cogging: `ripples.py` adds what the shaft has of it).
 
     The polynomial is fitted to the spans' means, not to their midpoints: long edge periods at low speed bend nothing; and to what a known
     force leaves of them, so that its steps and ripple bend nothing either.
@@ -121,6 +134,10 @@ def quadratic(seen: Observations, time_s: float, middle: int, neighbours: int) -
     scale = max(-start[0], end[-1])
     a, b = start / scale, end / scale
     basis = np.column_stack([np.ones_like(a), 0.5 * (a + b), (a * a + a * b + b * b) / 3.0])
+    if ripples:
+        if np.bincount(seen.place[first:last], minlength=seen.places).min() < 2:
+            return NOWHERE
+        basis = np.column_stack([basis, seen.of_a_turn(slice(first, last))])
     driven = seen.driven_from(time_s, slice(first, last))
     weight = np.ones_like(a)
     for _ in range(3):
@@ -130,10 +147,10 @@ def quadratic(seen: Observations, time_s: float, middle: int, neighbours: int) -
         spread = max(1.0, 1.5 * float(np.median(error)))
         weight = np.minimum(1.0, 3.0 * spread / np.maximum(error, 1e-12))
     covariance = np.linalg.inv((basis * rows).T @ (basis * rows))
-    freedom = len(a) - DEGREE - 1
+    freedom = len(a) - basis.shape[1]
     left = float(np.sum((weight * error) ** 2)) / freedom
     misfit = np.sqrt(max(1.0, left))
-    _, slope, bend = both.sum(axis=1) / scale ** np.arange(3)
+    _, slope, bend = both[:DEGREE + 1].sum(axis=1) / scale ** np.arange(3)
     one = min(float(np.median(sigma)), seen.usual)
     share = covariance[0] @ basis.T * rows[:, 0] ** 2
     doubt = float(np.sqrt(covariance[0, 0])) * misfit / one
