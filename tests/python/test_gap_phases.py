@@ -1,5 +1,6 @@
 """What a Hall wheel hides and what the log gives back: angles lost at stops, edges passed over, a speed that is read too high."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -77,6 +78,16 @@ def test_rows_that_wait_for_an_edge_tell_a_gain_that_many_edges_a_row_hide(gain:
 def test_a_shaft_that_never_stops_tells_no_scale_by_waiting() -> None:
     time_s, speed = stopping_column(0.052)
     assert waited_scale(time_s, np.where(speed > 500.0, speed, np.nan), 32, 0.5) == 1.0
+
+
+def test_however_many_rows_wait_no_more_than_fit_into_memory_are_asked() -> None:
+    time_s, speed = stopping_column(0.052)
+    period = time_s[-1] + time_s[1]
+    many = np.concatenate([time_s + k * period for k in range(100)])
+    tracemalloc.start()
+    assert waited_scale(many, np.tile(speed, 100), 32, 0.5) - 1.0 == pytest.approx(0.052, abs=3e-3)
+    assert tracemalloc.get_traced_memory()[1] < 100e6
+    tracemalloc.stop()
 
 
 def test_the_share_that_most_stretches_allow_is_not_moved_by_a_few_that_miscount() -> None:

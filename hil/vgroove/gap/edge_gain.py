@@ -14,7 +14,7 @@ WHOLE = 0.03  # and at most so many chains an edge period
 LARGEST = 0.3
 WAIT_ERROR = 0.03  # of the scale, that rounding may leave in what two rows that wait for an edge tell of it
 WAIT_NEAR = 0.005  # of the scale, besides rounding, within which rows that wait agree,
-FEWEST_WAITS = 4  # so many of them at least: rows of a shaft that slows down agree by chance
+FEWEST_WAITS, MOST_WAITS = 4, 1000  # so many of them at least: rows of a shaft that slows down agree by chance; the most that are asked
 VOTES = 3  # rounds in which stretches agree on a sharper scale
 STEPS = 16  # each way, in which a still sharper one is looked for
 GLANCE_ROWS, HOPEFUL = 600, 1.3  # rows at which a look shows whether any scale leaves so many times fewer chains
@@ -111,7 +111,8 @@ def waited_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm
     grown, error = np.diff(wait) / np.diff(time), (rounding[1:] + rounding[:-1]) / np.diff(time)
     alike = speed[1:] * speed[:-1] > 0.0
     told = alike & (np.abs(grown - 1.0 / (1.0 - LARGEST**2)) < LARGEST / (1.0 - LARGEST**2)) & (error < WAIT_ERROR)
-    grown, error = grown[told], error[told] + WAIT_NEAR
+    sharpest = np.argsort(error[told], kind="stable")[:MOST_WAITS]
+    grown, error = grown[told][sharpest], error[told][sharpest] + WAIT_NEAR
     agree = np.abs(grown[:, None] - grown) < np.minimum(error[:, None], error)
     votes = agree.sum(axis=1)
     if votes.max(initial=0) < FEWEST_WAITS:
