@@ -62,6 +62,21 @@ def test_what_enters_none_of_the_others_equations_works_elsewhere(others: tuple[
         assert search.works_elsewhere(scored, best, leaner) is (elsewhere and larger_part)
 
 
+@pytest.mark.parametrize(("first", "gain", "kept"), [
+    ("current_saturation", 3.0, True), ("current_saturation", 0.9, False), ("brush_drop", 3.0, False), ("brush_drop", 5.1, True)])
+def test_a_small_effect_in_other_equations_is_kept(first: str, gain: float, kept: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Retuning leaves 104, the first effect 4: a hundredth of what it closes is enough in equations that its form does not reach."""
+    left = {"": 104.0, first: 4.0, "supply_resistance": 90.0, f"{first} supply_resistance": 4.0 - gain}
+
+    def fit_of(*ids: str) -> SimpleNamespace:
+        return SimpleNamespace(ids=ids, left=left[" ".join(ids)])
+
+    state = SimpleNamespace(score=lambda one: one.left, level=lambda: 1.0, retuned=fit_of(), least_gain=lambda one: 0.1,
+                            by_signal=lambda one, clip: np.array([one.left]))
+    monkeypatch.setattr(search, "without", lambda _, best, i: fit_of(*(j for j in best.ids if j != i)))
+    assert (search.trimmed(state, fit_of(first, "supply_resistance"), search.FORM_SHARE).ids == (first, "supply_resistance")) is kept
+
+
 @pytest.mark.parametrize(("second", "named"), [("coulomb_friction", True), ("current_gain", False)])
 def test_what_a_form_leaves_lies_where_the_effect_shows(second: str, named: bool) -> None:
     """Beside a large offset of the current a small friction, which the speed shows too, is no form of it; a small gain may be."""
@@ -122,6 +137,21 @@ def test_two_further_effects_are_looked_for_while_a_gap_is_left(
     monkeypatch.setattr(search, "extensions", lambda state, base: state.ranked(len(base.ids) + 1))
     monkeypatch.setattr(search, "grow", lambda state, base: next(iter(state.ranked(len(base.ids) + 1)), None))
     assert len(search.forward(state).ids) == found
+
+
+@pytest.mark.parametrize(("special", "base", "named"), [
+    (4.40, 4.45, "asymmetric_friction"), (4.30, 4.45, "coulomb_friction"), (4.40, None, "coulomb_friction")])
+def test_a_special_case_that_gains_nothing_over_the_base_takes_no_place(
+        special: float, base: float | None, named: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The general effect is not significantly better, in so few blocks; but the special one would end the growth of the set."""
+    def fit_of(left: float, *ids: str) -> SimpleNamespace:
+        return SimpleNamespace(ids=ids, left=left)
+
+    state = SimpleNamespace(score=lambda one: one.left, least_gain=lambda one: 0.1, better=lambda fuller, leaner, worth: False,
+                            effects=[BY_ID["coulomb_friction"], BY_ID["asymmetric_friction"]])
+    monkeypatch.setattr(search, "fit_set", lambda _, ids, near: fit_of(special, *ids))
+    found = search.simplest(state, fit_of(3.0, "speed_gain", "asymmetric_friction"), None if base is None else fit_of(base, "speed_gain"))
+    assert found.ids == ("speed_gain", named)
 
 
 def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
