@@ -13,7 +13,7 @@ import pytest
 from made_log import drive_log, rig
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.gap import singles
+from vgroove.gap import estimate
 from vgroove.gap.diagnose import diagnose
 from vgroove.gap.simulate import judge
 from vgroove.output import write_text
@@ -98,7 +98,7 @@ def test_an_effect_left_out_is_not_named() -> None:
 def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has_it(
         visible: float, form: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """A light tool whose current falls below the ripple: what the contract's mean leaves there is visible, so a form of ours is stated."""
-    monkeypatch.setattr(singles, "VISIBLE", visible)
+    monkeypatch.setattr(estimate, "VISIBLE", visible)
     light = rig(motor={"coulomb_nm": 0.003, "viscous_nm_s_per_rad": 1e-6}, sensors={"current_noise_a": 0.05, "current_lsb_a": 0.01})
     theta = light.with_effects({"dead_time": {"dead_time_s": 3e-8}}).parameters()
     theta[_core.PARAMETERS.index("effects.dead_time.at_edges")] = 1.0

@@ -8,12 +8,12 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 from vgroove.gap import experiment, locate, search, verdict
-from vgroove.gap.estimate import Estimate, over_long_stretches
+from vgroove.gap.estimate import Estimate, in_contract_form, over_long_stretches
 from vgroove.gap.fit import Engine, Fit
 from vgroove.gap.hypotheses import BY_ID, CATALOGUE, Scales, available, span
 from vgroove.gap.problem import Problem, load_problem
 from vgroove.gap.search_state import Rows, Search, begin
-from vgroove.gap.singles import in_contract_form, turn_for_good
+from vgroove.gap.singles import turn_for_good
 from vgroove.rig import WORDS, Rig
 
 SCHEMA = "vgroove.gap/1"

@@ -314,8 +314,10 @@ def edge_periods(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
     """
     columns: list[tuple] = []
     number = count = 0
-    for chain in _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm).read():
-        chain, (end, slack, piece, span, length) = _located(time_s, chain, pulses_per_rev, lsb_rpm)
+    reader = _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm)
+    starts = np.array(reader.starts)
+    for chain in reader.read():
+        chain, (end, slack, piece, span, length) = _located(time_s, starts, chain, pulses_per_rev, lsb_rpm)
         piece = piece + number
         number = piece[-1] + 1
         for i in np.flatnonzero(span > 0):
@@ -375,26 +377,29 @@ def _share_bounds(chain: _Chain) -> tuple[float, float]:
             float(np.min((high[other] - low[one] + slack) / apart, initial=inf)))
 
 
-def _located(time_s: np.ndarray, chain: _Chain, pulses: int, lsb_rpm: float) -> tuple[_Chain, tuple[np.ndarray, ...]]:
-    """Of each edge of a chain: time, half width, piece of the chain, edges since the one before (0: its row repeats that one, or waits),
-    length of the span that its row's speed is the mean of. Where rows hide edges, rows that seem to wait are entries too: only there the
-    chain's own bounds may be wrong about them."""
+def _located(time_s: np.ndarray, starts: np.ndarray, chain: _Chain, pulses: int,
+             lsb_rpm: float) -> tuple[_Chain, tuple[np.ndarray, ...]]:
+    """Of each edge of a chain, whose rows last from starts to time_s (n,): time, half width, piece of the chain, edges since the one before
+    (0: its row repeats that one, or waits), length of the span that its row's speed is the mean of. Where rows hide edges, rows that seem
+    to wait are entries too: only there the chain's own bounds may be wrong about them."""
     hidden, counts = _hides_edges(time_s, chain), pulses >= COUNTING_PULSES
     hidden = np.full(len(hidden), hidden.any()) if counts else maximum_filter1d(hidden, 2 * BESIDE_HIDDEN + 1)
     if not counts and hidden.any():
         chain = chain.with_falls(hidden & _hides_edges(time_s, chain, PLAIN), pulses)
         hidden = maximum_filter1d(_hides_edges(time_s, chain), 2 * BESIDE_HIDDEN + 1)
     cuts = [0, *(np.flatnonzero(np.diff(hidden)) + 1), len(hidden)]
-    parts = [_part_located(time_s, chain.part(a, b), counts, 0.5 * lsb_rpm, bool(hidden[a])) for a, b in zip(cuts, cuts[1:], strict=False)]
+    parts = [_part_located(time_s, starts, chain.part(a, b), counts, 0.5 * lsb_rpm, bool(hidden[a]))
+             for a, b in zip(cuts, cuts[1:], strict=False)]
     end, slack, piece, span, length = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     torn = np.concatenate([[0], np.diff(piece) > 0])
     return chain, (end, slack, np.cumsum(torn), span, length)
 
 
-def _part_located(time_s: np.ndarray, chain: _Chain, counts: bool, half_lsb_rpm: float, hidden: bool) -> tuple[np.ndarray, ...]:
+def _part_located(time_s: np.ndarray, starts: np.ndarray, chain: _Chain, counts: bool, half_lsb_rpm: float,
+                  hidden: bool) -> tuple[np.ndarray, ...]:
     """As `_located`, of a part of a chain whose rows hide edges, or one whose rows hide none."""
     row, period, span, length = (np.asarray(x) for x in (chain.row, chain.period_s, chain.span, chain.length_s))
-    start = row_starts(time_s)[row]
+    start = starts[row]
     found = places(time_s[row], start, chain, half_lsb_rpm, counts) if hidden else None
     if found is None:
         end, slack, piece = _edge_times(chain)

@@ -11,8 +11,10 @@ import numpy as np
 
 from vgroove.gap import phases
 from vgroove.gap.fit import Engine, Fit, half_widths
-from vgroove.gap.hypotheses import BY_ID
+from vgroove.gap.hypotheses import BY_ID, FURTHER_FORM
 from vgroove.gap.problem import Problem, load_problem
+from vgroove.gap.search_state import VISIBLE, Search, gap_of
+from vgroove.gap.singles import CONVERGED
 from vgroove.rig import Rig
 
 MEMORIES = 16.0  # length of a stretch, in time constants of the shaft
@@ -71,6 +73,18 @@ def interval_of(one: Fit, name: str, value: float, half: np.ndarray) -> list[flo
             wide = float(np.hypot(wide, FORM_ERROR * value))
             return [value - wide, value + wide]
     return None
+
+
+def in_contract_form(search: Search, best: Fit) -> Fit:
+    """The same effects in forms that every reader of a rig knows, unless those leave a visible gap more."""
+    of_ours = search.engine.problem.index(FURTHER_FORM)
+    fixed = tuple((column, value) for column, value in best.hypothesis.fixed if column != of_ours)
+    if fixed == best.hypothesis.fixed:
+        return best
+    again = search.engine.fit([replace(best.hypothesis, start=best.x, fixed=fixed)], CONVERGED)[0]
+    search.engine.settle([again])
+    problem = search.engine.problem
+    return again if gap_of(problem, again.held) - gap_of(problem, best.held) <= VISIBLE else best
 
 
 def stretches_of(log: np.ndarray, time_s: np.ndarray) -> np.ndarray:

@@ -230,6 +230,8 @@ EQUATIONS = {"supply": ("voltage",), "bridge": ("voltage",), "motor_electrical":
 MORE_EQUATIONS = {"torque_constant": ("voltage", "torque"), "magnetic_saturation": ("voltage", "torque"),
                   "inductance": ("voltage", "command"), "clock_skew": ("voltage", "torque", "command", "sensor_speed")}
 
+SENSORS = frozenset(e.subsystem for e in CATALOGUE if e.subsystem.startswith("sensor_"))
+
 # Of two effects that predict a log alike these are the less likely: clocks seldom run off, dead time is known from the design.
 RARE = ("clock_skew", "dead_time", "inductance", "magnetic_saturation", "coupler_compliance", "supply_gain")
 
@@ -242,8 +244,7 @@ def equations(effect_id: str) -> frozenset[str]:
 
 def reached(effect_id: str) -> frozenset[str]:
     """Equations in which an effect of another form may look like one more: its own, and the sensors', who see all but one another."""
-    sensors = frozenset(e.subsystem for e in CATALOGUE if e.subsystem.startswith("sensor_"))
-    return equations(effect_id) if BY_ID[effect_id].subsystem in sensors else equations(effect_id) | sensors
+    return equations(effect_id) if BY_ID[effect_id].subsystem in SENSORS else equations(effect_id) | SENSORS
 
 
 def equivalents(effect_id: str, kinds: frozenset[str]) -> tuple[str, ...]:

@@ -9,9 +9,8 @@ from vgroove.gap import phases
 from vgroove.gap.batches import portions
 from vgroove.gap.extend import Newcomer, differenced
 from vgroove.gap.fit import Fit, Hypothesis
-from vgroove.gap.hypotheses import FURTHER_FORM
 from vgroove.gap.problem import Problem
-from vgroove.gap.search_state import VISIBLE, Search, gap_of, key, reblock, rescale
+from vgroove.gap.search_state import Search, key, reblock, rescale
 
 CONVERGED = 12  # rounds in which single effects end; most need four
 SCREEN_ABOVE, SCREENED = 6, 3  # starts of one effect beyond which they are screened, and how many are fitted then
@@ -103,18 +102,6 @@ def turn_for_good(search: Search, loaded: Problem, best: Fit) -> Fit:
     search.engine.settle([again])
     search.fits[key(best.ids)] = again
     return again
-
-
-def in_contract_form(search: Search, best: Fit) -> Fit:
-    """The same effects in forms that every reader of a rig knows, unless those leave a visible gap more."""
-    of_ours = search.engine.problem.index(FURTHER_FORM)
-    fixed = tuple((column, value) for column, value in best.hypothesis.fixed if column != of_ours)
-    if fixed == best.hypothesis.fixed:
-        return best
-    again = search.engine.fit([replace(best.hypothesis, start=best.x, fixed=fixed)], CONVERGED)[0]
-    search.engine.settle([again])
-    problem = search.engine.problem
-    return again if gap_of(problem, again.held) - gap_of(problem, best.held) <= VISIBLE else best
 
 
 def with_swing(h: Hypothesis, amplitudes: Sequence[float]) -> np.ndarray:
