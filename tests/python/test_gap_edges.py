@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from made_log import edge_times, hall_column, rig
+from vgroove.gap.edge_places import counted_lengths
 from vgroove.gap.edges import _Reader, edge_periods
 from vgroove.gap.noise import Jitter, edge_jitter, edge_sigma_rpm
 
@@ -187,6 +188,14 @@ def test_a_wait_is_a_fall_and_ends_in_rest() -> None:
     assert set(waiting[1:-1]) <= set(falls)
     assert np.allclose(found.start_s[found.falling], edges[-1], atol=2e-5)
     assert found.row.max() < np.flatnonzero(column == 0.0)[-1]
+
+
+def test_edges_of_a_missing_row_passed_at_the_mean_of_both_speeds() -> None:
+    """A row of 2 ms with 2 edges a millisecond after a missing one; the row before had 1. Four edges are its own, the others 2/3 ms apart."""
+    between = 2.0 / (1.0 / 1e-3 + 1.0 / 0.5e-3)
+    own = 0.5e-3 * np.arange(1, 5)
+    assert counted_lengths(1e-3, 0.5e-3, 7, (0.0, 2e-3, 4e-3)) == pytest.approx([*own, *(own[-1] + between * np.arange(1, 4))])
+    assert counted_lengths(1e-3, 0.5e-3, 7, (2e-3, 2e-3, 4e-3)) == pytest.approx(0.5e-3 * np.arange(1, 8))
 
 
 def test_missing_samples_and_reversals_break_nothing() -> None:
