@@ -191,7 +191,7 @@ def test_a_wait_is_a_fall_and_ends_in_rest() -> None:
 
 
 def test_edges_of_a_missing_row_passed_at_the_mean_of_both_speeds() -> None:
-    """A row of 2 ms with 2 edges a millisecond after a missing one; the row before had 1. Four edges are its own, the others 2/3 ms apart."""
+    """A row of 2 ms at 2 edges a millisecond after a missing one; the row before had 1. Four edges are its own, the others 2/3 ms apart."""
     between = 2.0 / (1.0 / 1e-3 + 1.0 / 0.5e-3)
     own = 0.5e-3 * np.arange(1, 5)
     assert counted_lengths(1e-3, 0.5e-3, 7, (0.0, 2e-3, 4e-3)) == pytest.approx([*own, *(own[-1] + between * np.arange(1, 4))])
