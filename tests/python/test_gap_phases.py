@@ -28,10 +28,24 @@ def test_angles_lost_at_stops_are_found_again(stop_and_go: MadeLog) -> None:
     theta[:, phase] = np.arange(16) * np.pi / 8.0  # the first edge lies anywhere
     parts = phases.stretches(problem)
     assert parts.count > 2 and problem.runs[0].pitch_rad == pytest.approx(np.pi / 2.0)
-    first = parts.of == 0
+    first = parts.of == parts.reference
     best = theta[int(np.argmin([problem.gap(r, first) for r in problem.residuals(theta)]))]
     assert problem.gap(problem.residuals(best)[0]) > 1.3
     assert problem.gap(phases.aligned(problem, best).residuals(best)[0]) < 1.2
+
+
+def test_a_rest_that_lies_elsewhere_before_the_first_edge_is_found() -> None:
+    strong = rig(effects={"cogging_torque": COGGING | {"torque_nm": 0.008}})
+    problem = load_problem([drive_log(strong, levels=STOPS)], strong)
+    parts, theta = phases.stretches(problem), problem.theta0
+    assert parts.rest.tolist() == [True] + [False] * (parts.count - 1) and parts.reference == 1
+    rest = parts.rest[parts.of]
+    best = problem.gap(problem.residuals(theta)[0], rest)
+    moved = phases.turned(problem, parts, np.where(parts.rest, 2.0, 0.0))
+    assert moved.gap(moved.residuals(theta)[0], rest) > 1.3 * best
+    again = phases.aligned(moved, theta)
+    assert again.gap(again.residuals(theta)[0], rest) < 1.05 * best
+    assert np.array_equal(again.residuals(theta)[0][~rest], moved.residuals(theta)[0][~rest])
 
 
 def test_nothing_is_turned_where_nothing_follows_the_angle(stop_and_go: MadeLog) -> None:

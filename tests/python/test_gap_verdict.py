@@ -202,6 +202,7 @@ class Scored:
         return False
 
     least_gain, least_loss = search_state.Search.least_gain, search_state.Search.least_loss
+    likely_better, closes_large = search_state.Search.likely_better, search_state.Search.closes_large
     without: frozenset[str] = frozenset()
 
 
@@ -310,7 +311,8 @@ def test_what_rivals_differ_by_must_also_matter() -> None:
 
 
 @pytest.mark.parametrize(("distances", "better"), [
-    ([0.4, 3.0, 0.6, 5.0, 0.5, 0.8, 1.0], True), ([0.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0], False), ([0.1] * 7, False)])
+    ([0.4, 3.0, 0.6, 5.0, 0.5, 0.8, 1.0], True), ([0.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0], False), ([0.1] * 7, False),
+    ([0.0, 6.0, 0.0, 3.5, 0.0, 0.0, 0.0], True), ([0.0, 6.0, 0.0, 1.0, 0.0, 0.0, 0.0], False)])
 def test_a_gain_in_few_blocks_of_a_short_log_is_one_unless_one_block_makes_it(distances: list[float], better: bool) -> None:
     state, noise = Scored(4.0, 4.0, 1.0), np.random.default_rng(3).normal(size=700)
     state.blocks, state.clip = blocks_of(7, 100), search_state.CLIP

@@ -53,6 +53,7 @@ class Run:
     pitch_rad: float  # between two edges; 0 without edges
     bridge_closed: np.ndarray  # (rows,): whether a voltage drives the motor, so that its back-EMF brakes it
     edge_scale: float = 1.0  # of the edge speeds against the stamps, as the edges themselves tell
+    from_rest: bool = False  # the angle is counted along edges from a rest that lies anywhere before the first of them
 
     @property
     def starts(self) -> np.ndarray:
@@ -79,7 +80,8 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     channels = _widened(channels, time_s, left_open)
     holes = _holes(time_s, columns[rig.input["kind"]])
     moving = _in_motion(sight, time_s)
-    if edges is not None and "position_rad" not in columns and not moving and rig.load["kind"] != "pendulum":
+    from_rest = edges is not None and "position_rad" not in columns and not moving and rig.load["kind"] != "pendulum"
+    if from_rest:
         sight = counted_from_rest(sight, edges, time_s, motion)
     restarts = states.restarts(sight, time_s, restart_s, [0] * moving + [row for _, row in holes])
     holes += _rough_start(restarts, time_s) if moving else []
@@ -96,7 +98,7 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     pitch = 2.0 * np.pi / rig.sensors["hall_pulses_per_rev"] if edges is not None else 0.0
     scale = edges.scale if edges is not None else 1.0
     return Run(log, drive, restarts, channels, blocks.cut(time_s, blocks.stroke_s(time_s, speed)), regime, regimes, warnings,
-               chain_starts(edges, rig.sensors.get("hall_pulses_per_rev", 0)), pitch, closed, scale)
+               chain_starts(edges, rig.sensors.get("hall_pulses_per_rev", 0)), pitch, closed, scale, from_rest)
 
 
 def _command(columns: dict[str, np.ndarray], rig: Rig, source: str) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Where the shaft stands: a count of edges is lost at every stop, each log begins anywhere. Effects that follow the angle tell how much.
 
 A stretch is a run of restarts over which the count holds. Its angle is known up to whole pitches of the Hall wheel (with edges) or not
-at all (without); nothing else of the tool changes from stretch to stretch. Offsets are read from what a cogging, an eccentric gear
-or an eccentric wheel leaves least with; a tool without such an effect does not feel them.
+at all (without, and from a rest to the first edge); nothing else of the tool changes from stretch to stretch. Offsets are read from what
+a cogging, an eccentric gear or an eccentric wheel leaves least with; a tool without such an effect does not feel them.
 """
 
 from dataclasses import dataclass, replace
@@ -21,9 +21,11 @@ CLIP = 10.0
 
 @dataclass(frozen=True)
 class Stretches:
-    """of (n,): stretch of each residual; first: whether each begins its log; log: which it lies in; restart: of each log's restarts."""
+    """of (n,): stretch of each residual; rest: whether each is the way from a rest to the first edge; first: whether it is its log's first
+    but for that; log: which it lies in; restart: of each log's restarts."""
 
     of: np.ndarray
+    rest: np.ndarray
     first: np.ndarray
     log: np.ndarray
     restart: list[np.ndarray]
@@ -33,23 +35,31 @@ class Stretches:
         """Stretches of all logs."""
         return len(self.first)
 
+    @property
+    def reference(self) -> int:
+        """The stretch whose angles the phases are told in."""
+        return int(np.argmax(self.first))
+
 
 def stretches(problem: "Problem") -> Stretches:
     """Stretches of all logs: a new one at the first restart after each instant at which the count may be lost."""
-    of, restart, first, log, number = np.zeros(problem.n, int), [], [], [], 0
+    of, restart, rest, first, log, number = np.zeros(problem.n, int), [], [], [], [], 0
     for j, run in enumerate(problem.runs):
         time_s = np.asarray(run.log.time_s)
         lost = np.searchsorted(run.lost_s, time_s[run.restarts.rows])
+        alone = run.from_rest and len(lost) > 1
+        lost[:1] -= alone
         group = np.unique(lost, return_inverse=True)[1] + number
         rows = problem.log == j
         window = np.searchsorted(run.restarts.rows, problem.row[rows], side="left") - 1  # a restart's own row shows what was before
         of[rows] = group[np.maximum(window, 0)]
         count = int(group[-1]) - number + 1
-        first += [k == 0 for k in range(count)]
+        rest += [alone and k == 0 for k in range(count)]
+        first += [k == alone for k in range(count)]
         log += [j] * count
         restart.append(group)
         number += count
-    return Stretches(of, np.array(first), np.array(log), restart)
+    return Stretches(of, np.array(rest), np.array(first), np.array(log), restart)
 
 
 def turned(problem: "Problem", parts: Stretches, shift_rad: np.ndarray) -> "Problem":
@@ -69,12 +79,12 @@ def active(problem: "Problem", theta: np.ndarray) -> list[str]:
 
 def offsets(problem: "Problem", parts: Stretches, stretch: int, periods: float) -> np.ndarray:
     """Offsets (k,) in rad that a stretch may have for an effect of so many periods a motor turn: with edges whole pitches, over a turn (at
-    a log's start: over the effect's period); without edges anything at a log's start."""
+    a log's start: over the effect's period); without edges at a log's start, and at a rest before the first edge, anything."""
     run, first = problem.runs[parts.log[stretch]], bool(parts.first[stretch])
     if not run.pitch_rad and not first:
         return np.zeros(1)
     period = 2.0 * np.pi / periods
-    if not run.pitch_rad:
+    if not run.pitch_rad or parts.rest[stretch]:
         return period / FINE * np.arange(FINE)
     found = np.arange(round(2.0 * np.pi / run.pitch_rad))
     if first and period > 2.0 * np.pi * 1.01:
@@ -95,7 +105,7 @@ def aligned(problem: "Problem", theta: np.ndarray) -> "Problem":
     if parts.count < 2 or not active(problem, theta) or problem.rig.load["kind"] == "pendulum":
         return problem
     choices = [offsets(problem, parts, g, periods_of(problem, theta)) for g in range(parts.count)]
-    choices[0] = np.zeros(1)  # the phases are told for the beginning of the first log
+    choices[parts.reference] = np.zeros(1)
     best, shift = np.full(parts.count, np.inf), np.zeros(parts.count)
     for k in range(max(len(c) for c in choices)):
         trial = np.array([c[k] if k < len(c) else 0.0 for c in choices])
@@ -143,8 +153,9 @@ class Swing:
         """Sine and cosine amplitude that take it away."""
         return -solved(*self.together(shift_rad))
 
-    def best_shifts(self, choices: list[np.ndarray]) -> np.ndarray:
-        """Offsets (stretches,) out of each stretch's choices that fit one amplitude and phase best: the stretch that shows most leads."""
+    def best_shifts(self, choices: list[np.ndarray], reference: int = 0) -> np.ndarray:
+        """Offsets (stretches,) against a reference, out of each stretch's choices, that fit one amplitude and phase best: the stretch that
+        shows most leads."""
         alone = np.array([b @ solved(n, b) for n, b in zip(self.normal, self.gradient, strict=True)])
         order, shift = np.argsort(-alone, kind="stable"), np.zeros(len(alone))
         normal, gradient = np.zeros((2, 2)), np.zeros(2)
@@ -154,7 +165,7 @@ class Swing:
             costs = [2.0 * b @ swing + swing @ n @ swing for n, b in seen]
             k = int(np.argmin(costs)) if normal.any() else 0
             shift[g], normal, gradient = choices[g][k], normal + seen[k][0], gradient + seen[k][1]
-        return shift - shift[0]
+        return shift - shift[reference]
 
 
 def solved(normal: np.ndarray, gradient: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ VISIBLE = 0.1
 WORTH_SHARE = 0.01
 LEVEL = 0.99
 CHANCE = 3.84  # squared sigmas that one number gains by chance (95 % of chi-square)
+LARGE, NEARLY_ALL = 0.5, 0.9  # squared gap above the noise, in noise, and share of it that no chance takes away
 LIKELY = 0.8  # interval whose lower end must still be worth it: the gain is not one lucky block's
 WITHIN_REACH = 1.5  # of the best squared gap: single effects beyond keep their first-order predictions
 SCALING = ("speed_gain.relative", "clock_skew.relative", "clock_skew.command_clock")  # what scales edge speeds against stamps
@@ -105,14 +106,25 @@ class Search:
 
     def better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
         """True when the fuller set is significantly better, in any draw of blocks or on the run as it was, and by an amount that matters
-        in most draws."""
-        worth = self.least_gain(leaner, worth)
-        if self.score(leaner) - self.score(fuller) <= worth:
+        in most draws; or when it closes a gap that is large."""
+        if self.closes_large(fuller, leaner):
+            return True
+        if not self.likely_better(fuller, leaner, worth):
             return False
         apart = self.sums(leaner) - self.sums(fuller)
-        if interval(self.blocks, apart, LIKELY)[0] <= worth:
-            return False
-        return interval(self.blocks, apart, LEVEL)[0] > 0.0 or self.least_loss(leaner, fuller, LEVEL) > worth
+        return interval(self.blocks, apart, LEVEL)[0] > 0.0 or self.least_loss(leaner, fuller, LEVEL) > self.least_gain(leaner, worth)
+
+    def closes_large(self, fuller: Fit, leaner: Fit) -> bool:
+        """True when the fuller set takes nearly all of a large gap, whichever block is left out: a short log has too few of them to show
+        more by draws."""
+        noise, more, left = self.level() * self.blocks.rows, self.sums(leaner), self.sums(fuller)
+        noise, above, gain = (float(x.sum()) - x for x in (noise, more - noise, more - left))
+        return bool(np.all(above > LARGE * noise) and np.all(gain > NEARLY_ALL * above))
+
+    def likely_better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
+        """True when the fuller set is better by an amount that matters in most draws of blocks."""
+        apart, worth = self.sums(leaner) - self.sums(fuller), self.least_gain(leaner, worth)
+        return float(apart.sum()) / self.blocks.total > worth and interval(self.blocks, apart, LIKELY)[0] > worth
 
     def least_gain(self, leaner: Fit, worth: float = WORTH) -> float:
         """Squared gap that a fuller set must take away from a leaner one."""

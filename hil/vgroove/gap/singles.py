@@ -18,7 +18,7 @@ AMPLITUDES, PHASES = (3.0, 8.0), 8  # of a periodic effect, in its size, that ar
 STARTS = 32  # that are fitted at once, with their Jacobians in memory
 MANY_STARTS = 4  # of more starts than this two are taken on
 LARGE = 1.1  # squared gap after retuning, in noise, below which no start of a resonance, a play or a large ripple is looked for
-FIRM, FIRMER = 100.0, 1.2  # squared sigmas that offsets at stops must gain an effect which follows the angle; times the gain without
+FIRM, FIRMER = 100.0, 1.2  # squared sigmas that offsets at stops must gain an effect which follows the angle; times the best gain without
 
 
 def singles(search: Search) -> None:
@@ -64,12 +64,13 @@ def swing_of(one: Newcomer, parts: phases.Stretches, problem: Problem) -> phases
 
 
 def firmest(problem: Problem, parts: phases.Stretches, swings: Sequence[phases.Swing]) -> np.ndarray:
-    """Offsets (stretches,) that the effect which gains most by them wants; zeros where none gains much."""
-    best, shift = FIRM, np.zeros(parts.count)
+    """Offsets (stretches,) that the effect which gains most by them wants; zeros where any gains about as much without."""
+    none = np.zeros(parts.count)
+    best, shift = max(FIRM, FIRMER * max(swing.gain(none) for swing in swings)), none
     for swing in swings:
-        found = swing.best_shifts([phases.offsets(problem, parts, g, swing.periods) for g in range(parts.count)])
-        gain, plain = swing.gain(found), swing.gain(np.zeros(parts.count))
-        if gain > best and gain > FIRMER * plain:
+        found = swing.best_shifts([phases.offsets(problem, parts, g, swing.periods) for g in range(parts.count)], parts.reference)
+        gain = swing.gain(found)
+        if gain > best:
             best, shift = gain, found
     return shift
 
@@ -78,7 +79,7 @@ def turn_again(search: Search) -> None:
     """Set the stretches anew by the converged fit of the best effect that follows the angle, where it is a good one; fit those again."""
     mine = [search.fits[(e.id,)] for e in search.effects if e.phase]
     best = min(mine, key=search.score, default=search.retuned)
-    if not hasattr(search.engine.problem, "runs") or not search.better(best, search.retuned):
+    if not hasattr(search.engine.problem, "runs") or not search.likely_better(best, search.retuned):
         return
     problem = search.engine.problem
     search.engine.problem = phases.aligned(problem, best.theta(problem.theta0))
