@@ -89,6 +89,14 @@ def test_a_curve_over_what_is_followed_gains_what_is_there() -> None:
     assert follows.looks(x, y, driver) == "grows with speed"
 
 
+def test_a_driver_that_mostly_stands_still_has_a_smooth_curve_too() -> None:
+    rng = np.random.default_rng(4)
+    crowded = 3e-7 * np.concatenate([1e-5 * rng.standard_normal(1200), rng.uniform(-1.0, 1.0, 400)])
+    x, y = follows.smooth_curve(2e7 * crowded + 0.1 * rng.standard_normal(1600), follows.Driver("speed", crowded))
+    assert np.all(np.diff(x) > 1e-4 * np.ptp(x))
+    assert np.interp([-2e-7, 0.0, 2e-7], x, y) == pytest.approx([-4.0, 0.0, 4.0], abs=0.2)
+
+
 def test_a_line_of_the_spectrum_is_found_and_noise_has_none() -> None:
     rng = np.random.default_rng(2)
     time_s, noise = np.sort(rng.uniform(0.0, 6.0, 5000)), rng.standard_normal(5000)

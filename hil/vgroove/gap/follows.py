@@ -9,6 +9,7 @@ from vgroove.gap.evidence import Blocks
 
 BINS = 12
 KNOTS = 60  # points of quantiles that a spline is drawn through
+CLOSE = 1e-3  # of the range: quantiles as close together are one point, or no spline could be told through them
 TURN = 2.0 * np.pi
 LINE = 30.0  # times the usual power by which a line of a spectrum stands out
 LONGEST_GRID = 1 << 16
@@ -53,18 +54,20 @@ def smooth_curve(residual: np.ndarray, driver: Driver) -> tuple[np.ndarray, np.n
         return x, y
     if driver.period:  # three turns of it, so that its ends meet
         x, y, weight = (np.concatenate([x - driver.period, x, x + driver.period]), np.tile(y, 3), np.tile(weight, 3))
-    curve = make_smoothing_spline(x, y, w=weight)
-    grid = np.linspace(0.0, driver.period, KNOTS) if driver.period else np.unique(x)
-    return grid, curve(grid)
+    scale = float(np.ptp(x))
+    curve = make_smoothing_spline(x / scale, y, w=weight)
+    grid = np.linspace(0.0, driver.period, KNOTS) if driver.period else x
+    return grid, curve(grid / scale)
 
 
 def _means(residual: np.ndarray, driver: Driver) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Means over quantiles of the driver (k,), of the residual there, and their weights (rows; the spline scales them)."""
-    inner = np.unique(np.quantile(driver.value, np.linspace(0.0, 1.0, KNOTS + 1)[1:-1]))
+    step = max(CLOSE * float(np.ptp(driver.value)), 1e-12)
+    inner = step * np.unique(np.round(np.quantile(driver.value, np.linspace(0.0, 1.0, KNOTS + 1)[1:-1]) / step))
     bins = np.unique(np.searchsorted(inner, driver.value), return_inverse=True)[1]
     count = np.bincount(bins)
     x, y = (np.bincount(bins, weights=v) / count for v in (driver.value, residual))
-    apart = np.concatenate([[True], np.diff(x) > 1e-9 * max(np.ptp(x), 1e-12)])
+    apart = np.concatenate([[True], np.diff(x) > 0.5 * step])
     return x[apart], y[apart], count[apart].astype(float)
 
 
