@@ -90,7 +90,8 @@ def test_the_answer_to_a_torque_is_that_of_shaft_and_winding(rate: float, closed
     assert answer_to_torque(value, run, np.array([rate]))[0] == pytest.approx(found, rel=0.02)
 
 
-def test_a_start_at_rest_and_a_parameter_set_without_a_swing_stay_as_measured() -> None:
+@pytest.mark.parametrize("viscous", [4.5e-6, 0.0])
+def test_a_start_at_rest_and_a_parameter_set_without_a_swing_stay_as_measured(viscous: float) -> None:
     observed, _, angle = pitches(1.5, 2.0, 0.3, 0.0)
     found = local_fit(observed, INSTANT_S)
     measured = np.array([[0.0, 0.0, 0.0], [0.0, found.value, angle]])
@@ -101,6 +102,7 @@ def test_a_start_at_rest_and_a_parameter_set_without_a_swing_stay_as_measured() 
     plain = np.array([VALUES[name] for name in NAMES])
     with_cogging = plain.copy()
     with_cogging[NAMES.index("effects.cogging_torque.torque_nm")] = 0.01
+    with_cogging[NAMES.index("motor.viscous_nm_s_per_rad")] = viscous
     states = corrected(problem, run, np.array([plain, with_cogging]), np.repeat(measured[None], 2, axis=0))
     assert np.array_equal(states[0], measured)
     assert np.array_equal(states[1, 0], measured[0]) and states[1, 1, 1] != measured[1, 1]
