@@ -11,7 +11,6 @@ from scipy.optimize import minimize_scalar
 from vgroove.gap.edge_places import BEND_SHARE, PLAIN, TICK_S, counted_lengths, places
 
 WAIT_SLACK_S = 1e-5  # a falling row may miss the chain by this much; the row after it decides
-SPURT = 3.0  # edges that may have passed in a row besides those that its speed, or the next one's, makes room for
 STRAIN_S = 1e-4  # a row's interval missed by more than this breaks the chain
 NEAR_END_S = 5e-6  # an edge this close to a row's end may have been read by either row
 STRETCH_EDGES = 64  # of a stretch that tells a scale for itself: an edge counted wrong spoils no more
@@ -79,11 +78,9 @@ class _Chain:
         lists = {f.name: getattr(self, f.name)[first:last] for f in fields(self) if f.name != "falls"}
         return _Chain(**lists, falls=[(row, edge - first, *rest) for row, edge, *rest in self.falls if first <= edge < last])
 
-    def with_falls(self, among: np.ndarray, pulses: int, half_lsb_rpm: float) -> "_Chain":
-        """The chain in which rows that seem to wait for an edge that is `among` (edges,) stand as entries of their own: without a step.
-        A wait that is so long that its rounding hides since when tells nothing."""
-        longest_s = STRAIN_S * pulses / 60.0
-        falls = [fall for fall in self.falls if among[fall[1]] and half_lsb_rpm / fall[2]**2 < longest_s]
+    def with_falls(self, among: np.ndarray, pulses: int) -> "_Chain":
+        """The chain in which rows that seem to wait for an edge that is `among` (edges,) stand as entries of their own: without a step."""
+        falls = [fall for fall in self.falls if among[fall[1]]]
         row, edge, speed, before_s = (list(values) for values in zip(*falls, strict=True)) if falls else ([], [], [], [])
         period = [60.0 / (pulses * abs(one)) for one in speed]
         more = {"offset_s": [self.offset_s[k] for k in edge], "growth_s": [0.0] * len(edge), "low_s": [self.low_s[k] for k in edge],
@@ -179,8 +176,7 @@ class _Reader:
         period, slack = self.period(speed)
         self.chain = _Chain()
         self.chains.append(self.chain)
-        self.low = max(self.time[row] - period - slack, self.before() - (0.0 if self.is_vague(slack) else slack)) - TICK_S
-        self.high = self.time[row] + TICK_S
+        self.low, self.high = max(self.time[row] - period, self.before()) - slack - TICK_S, self.time[row] + TICK_S
         self.chain.add(row, speed, period, self.counts, (0.0, 1), slack, (self.low, self.high), self.before())
 
     def follow(self, row: int, speed: float) -> None:
@@ -191,15 +187,9 @@ class _Reader:
                 self.narrow(now - period - slack, now + TICK_S)
         elif self.is_fall(row, speed, now, period, slack + rounding):  # a board may truncate where a pitch over the wait is a bound
             self.narrow(now - period - slack - rounding, now - period + slack + rounding)
-            if self.counts and not self.low <= now - period <= self.high:
-                self.low, self.high = now - period - slack - rounding, now - period + slack + rounding
             self.chain.falls.append((row, len(self.chain.row) - 1, speed, self.before()))
-        elif self.is_vague(rounding) or not self.new_edge(row, speed, now, period, rounding):
+        elif not self.new_edge(row, speed, now, period, rounding):
             self.begin(row, speed)
-
-    def is_vague(self, rounding: float) -> bool:
-        """Whether a speed is rounded too coarsely to tell when the edges passed that a sensor counts."""
-        return self.counts and rounding > STRAIN_S
 
     def narrow(self, low: float, high: float) -> None:
         """Add a bound on the last edge's time."""
@@ -210,41 +200,17 @@ class _Reader:
     def is_fall(self, row: int, speed: float, now: float, period: float, slack: float) -> bool:
         """Whether the row shows the wait for an edge: one pitch over the time since the last edge."""
         spread = slack + WAIT_SLACK_S
-        if abs(speed) >= abs(self.chain.speed_rpm[-1]):
+        if abs(speed) >= abs(self.chain.speed_rpm[-1]) or not self.low - spread <= now - period <= self.high + spread:
             return False
-        if not self.low - spread <= now - period <= self.high + spread:
-            return self.counts and slack < STRAIN_S and now - period <= self.before() and self.waits_on(row, now - period, slack)
-        following = self.following(row)
+        following = next((r for r in range(row + 1, min(row + 4, len(self.speed))) if not isnan(self.speed[r])), None)
         if following is None or self.speed[following] == 0.0:
             return True
         if _same(self.speed[following], speed) and self.time[following] - now > 4.0 * slack:
             return False
-        if self.waits_on(row, now - period, slack):
-            return True
-        spread = self.period(self.speed[following])[1]
-        return period > self.time[following] - now + spread and not (self.is_vague(slack) and self.counts_from_here(row, now - period))
-
-    def following(self, row: int) -> int | None:
-        """The next row that was read."""
-        return next((r for r in range(row + 1, min(row + 4, len(self.speed))) if not isnan(self.speed[r])), None)
-
-    def waits_on(self, row: int, since: float, slack: float) -> bool:
-        """Whether the row after this one still shows the wait since an instant, known to a slack."""
-        following = self.following(row)
-        if following is None or not 0.0 < abs(self.speed[following]) < abs(self.speed[row]):
-            return False
         then, spread = self.period(self.speed[following])
-        return abs(self.time[following] - then - since) <= slack + spread + TICK_S
-
-    def counts_from_here(self, row: int, since: float) -> bool:
-        """Whether the next row counts its edges from one in this row: since the last edge before it would have to count far more of them
-        than it, or the row after it, has room for. A long wait is rounded too coarsely to tell so by itself."""
-        first = self.following(row)
-        second = None if first is None else self.following(first)
-        if second is None or self.speed[first] == 0.0 or self.speed[second] == 0.0:
-            return False
-        lasts, then = (self.time[first] - self.time[row], self.time[second] - self.time[first]), self.period(self.speed[first])[0]
-        return (self.time[first] - since) / then > SPURT + max(lasts[0] / then, lasts[1] / self.period(self.speed[second])[0])
+        if abs((self.time[following] - then) - (now - period)) <= slack + spread + TICK_S:
+            return True
+        return period > self.time[following] - now + spread
 
     def step(self, previous: float, period: float, count: int, rounding: float, row: int) -> tuple[float, float, float]:
         """Time from the last edge to the count-th after it, its bound of error, and what of that adds up over a chain.
@@ -351,14 +317,13 @@ def edge_periods(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
     reader = _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm)
     starts = np.array(reader.starts)
     for chain in reader.read():
-        chain, (end, slack, piece, span, length, waited) = _located(time_s, starts, chain, pulses_per_rev, lsb_rpm)
+        chain, (end, slack, piece, span, length) = _located(time_s, starts, chain, pulses_per_rev, lsb_rpm)
         piece = piece + number
         number = piece[-1] + 1
         for i in np.flatnonzero(span > 0):
             count += span[i] * (1 if chain.speed_rpm[i] > 0.0 else -1)
-            if not waited[i]:
-                columns.append((chain.row[i], end[i] - length[i], end[i], chain.speed_rpm[i], slack[i], False, piece[i], count))
-        for row, edge, speed, _ in chain.falls + [(chain.row[i], i, chain.speed_rpm[i], 0.0) for i in np.flatnonzero(waited)]:
+            columns.append((chain.row[i], end[i] - length[i], end[i], chain.speed_rpm[i], slack[i], False, piece[i], count))
+        for row, edge, speed, _ in chain.falls:
             wait = 60.0 / (pulses_per_rev * abs(speed))
             unsure = slack[edge] + wait * lsb_rpm / abs(speed) + WAIT_SLACK_S
             if abs(time_s[row] - wait - end[edge]) < unsure:  # else rows hid the edge that it waited since
@@ -419,16 +384,15 @@ def _located(time_s: np.ndarray, starts: np.ndarray, chain: _Chain, pulses: int,
     to wait are entries too: only there the chain's own bounds may be wrong about them."""
     hidden, counts = _hides_edges(time_s, chain), pulses >= COUNTING_PULSES
     hidden = np.full(len(hidden), hidden.any()) if counts else maximum_filter1d(hidden, 2 * BESIDE_HIDDEN + 1)
-    if hidden.any():
-        chain = chain.with_falls(hidden & (counts | _hides_edges(time_s, chain, PLAIN)), pulses, 0.5 * lsb_rpm)
-        hides = _hides_edges(time_s, chain)
-        hidden = np.full(len(hides), True) if counts else maximum_filter1d(hides, 2 * BESIDE_HIDDEN + 1)
+    if not counts and hidden.any():
+        chain = chain.with_falls(hidden & _hides_edges(time_s, chain, PLAIN), pulses)
+        hidden = maximum_filter1d(_hides_edges(time_s, chain), 2 * BESIDE_HIDDEN + 1)
     cuts = [0, *(np.flatnonzero(np.diff(hidden)) + 1), len(hidden)]
     parts = [_part_located(time_s, starts, chain.part(a, b), counts, 0.5 * lsb_rpm, bool(hidden[a]))
              for a, b in zip(cuts, cuts[1:], strict=False)]
-    end, slack, piece, span, length, waited = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    end, slack, piece, span, length = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     torn = np.concatenate([[0], np.diff(piece) > 0])
-    return chain, (end, slack, np.cumsum(torn), span, length, waited)
+    return chain, (end, slack, np.cumsum(torn), span, length)
 
 
 def _part_located(time_s: np.ndarray, starts: np.ndarray, chain: _Chain, counts: bool, half_lsb_rpm: float,
@@ -436,18 +400,16 @@ def _part_located(time_s: np.ndarray, starts: np.ndarray, chain: _Chain, counts:
     """As `_located`, of a part of a chain whose rows hide edges, or one whose rows hide none."""
     row, period, span, length = (np.asarray(x) for x in (chain.row, chain.period_s, chain.span, chain.length_s))
     start = starts[row]
-    found, waited = places(time_s[row], start, chain, half_lsb_rpm, counts) if hidden else None, np.zeros(len(row), dtype=bool)
+    found = places(time_s[row], start, chain, half_lsb_rpm, counts) if hidden else None
     if found is None:
         end, slack, piece = _edge_times(chain)
         slack = slack + _either(time_s, chain, end, slack)
     else:
         end, slack, piece, span = found.end_s, found.slack_s, np.zeros(len(row), dtype=int), found.step
-        waited = found.waited
-        slack = slack + _either(time_s, chain, end, slack) if counts else slack
         length = np.where(span > 0, span * period, period) if counts else length
     missing = (start > np.asarray(chain.before_s)) & counts  # the row's speed is the mean over its own edges alone
     own = np.minimum(np.maximum(np.ceil((end - start) / period), 1.0), np.maximum(span, 1))
-    return end, slack, piece, span, np.where(missing, own * period, length), waited
+    return end, slack, piece, span, np.where(missing, own * period, length)
 
 
 def _hides_edges(time_s: np.ndarray, chain: _Chain, rows: float = 1.0) -> np.ndarray:

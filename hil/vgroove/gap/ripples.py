@@ -61,7 +61,7 @@ def swings(problem: "Problem", run: "Run", values: np.ndarray) -> Iterator[Swing
 
 def answer_to_torque(value: Callable[[str], float], run: "Run", rate: np.ndarray) -> np.ndarray:
     """What a torque of 1 N m sin(a) against the shaft, a growing at rate (S,) rad/s, adds to the speed: the complex amplitude (S,) of
-    cos(a), rad/s.
+    cos(a), rad/s; 0 where the shaft stands.
 
     J w' + (b + k^2 / (R + i rate L)) w = -torque; without the last term where the bridge is open or a current drives.
     """
@@ -69,7 +69,8 @@ def answer_to_torque(value: Callable[[str], float], run: "Run", rate: np.ndarray
     inertia += value("gearbox.output_inertia_kg_m2") / value("gearbox.ratio") ** 2
     winding = value("motor.resistance_ohm") + 1j * rate * value("motor.inductance_h")
     through_current = value("motor.torque_constant_nm_per_a") ** 2 / winding * run.bridge_closed[run.starts]
-    return 1j / (1j * rate * inertia + value("motor.viscous_nm_s_per_rad") + through_current)
+    against = 1j * rate * inertia + value("motor.viscous_nm_s_per_rad") + through_current
+    return np.divide(1j, against, out=np.zeros_like(against), where=rate != 0.0)
 
 
 def not_followed(restarts: Restarts, swing: Swing) -> np.ndarray:
