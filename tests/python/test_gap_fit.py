@@ -1,11 +1,13 @@
 """Fits of hypotheses: steps inside bounds, parameters recovered, keys under their prior, held-out rows unseen, intervals that hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gap_toy import SCALES, Toy
 from vgroove.gap.batches import alike, portions
-from vgroove.gap.fit import SHORTER, Engine, bounded_step, covariance
+from vgroove.gap.fit import SHORTER, Engine, Fit, bounded_step, covariance
 from vgroove.gap.hypotheses import BY_ID, CATALOGUE, available, contains, equivalents
 
 TORQUE = "effects.coulomb_friction.torque_nm"
@@ -88,15 +90,28 @@ def test_what_a_folds_rows_do_not_tell_stays_where_all_rows_put_it() -> None:
     assert apart[0][0] == pytest.approx(-noise[engine.problem.folds[0][0]].mean(), abs=0.01)
 
 
+def settled_by(monkeypatch: pytest.MonkeyPatch, engine: Engine, one: Fit, step: np.ndarray) -> list[np.ndarray]:
+    """Settle with this step in every fold; the residuals after each shortened step."""
+    one.exact = False
+    monkeypatch.setattr(Engine, "_fold_steps", lambda _self, _one: np.tile(step, (4, 1)))
+    engine.settle([one])
+    return engine.residuals([(one.hypothesis, one.x + 0.3**k * step) for k in range(SHORTER + 1)])
+
+
 def test_a_folds_step_that_makes_its_own_rows_worse_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the model bends, the step that leaves a fold out may go astray: it must not be held against the effect."""
-    engine, one = fit_of(Toy({TORQUE: 0.004}), "coulomb_friction")
-    one.exact, far = False, np.full(len(one.x), 4.0)
-    monkeypatch.setattr(Engine, "_fold_steps", lambda _self, _one: np.tile(far, (4, 1)))
-    engine.settle([one])
-    steps = [0.3**k * far for k in range(SHORTER + 1)]
-    rows = engine.residuals([(one.hypothesis, one.x + step) for step in steps])
-    assert not np.allclose(one.held, rows[0]) and np.allclose(one.held, rows[-1])
+    engine, best = fit_of(Toy({TORQUE: 0.004}), "coulomb_friction")
+    beside = engine.fit([replace(best.hypothesis, start=best.x - 0.36)], 0)[0]
+    rows = settled_by(monkeypatch, engine, beside, np.full(len(best.x), 0.36 / 0.3**SHORTER))
+    np.testing.assert_allclose(beside.held, rows[-1])
+    assert not np.allclose(beside.held, rows[0])
+
+
+def test_a_fold_that_no_part_of_its_step_makes_better_stays_where_all_rows_put_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    engine, best = fit_of(Toy({TORQUE: 0.004}), "coulomb_friction")
+    rows = settled_by(monkeypatch, engine, best, np.full(len(best.x), 4.0))
+    np.testing.assert_allclose(best.held, best.residual)
+    assert not np.allclose(best.held, rows[-1])
 
 
 def test_intervals_hold_the_truth() -> None:

@@ -120,6 +120,8 @@ class Stepped:
     def visible(self, one: SimpleNamespace) -> bool:
         return True
 
+    leaves_a_gap = search_state.Search.leaves_a_gap
+
 
 # Squared gaps of the sets of 0, 1, 2, ... effects; whether the second alone is significant; how many are found. The least gap: 1.21. Two
 # may not be what the first's form leaves, a tenth of what it closes, and must close the larger part of the rest.
@@ -133,6 +135,7 @@ def test_two_further_effects_are_looked_for_while_a_gap_is_left(
     state = Stepped(gaps, {1: True, 2: second, 3: True})
     monkeypatch.setattr(search, "simplest", lambda _, best, base=None: best)
     monkeypatch.setattr(search, "rescale", lambda _: None)
+    monkeypatch.setattr(search, "deepest", lambda _, best: best)
     monkeypatch.setattr(search, "distinct", lambda promised: promised)
     monkeypatch.setattr(search, "extensions", lambda state, base: state.ranked(len(base.ids) + 1))
     monkeypatch.setattr(search, "grow", lambda state, base: next(iter(state.ranked(len(base.ids) + 1)), None))

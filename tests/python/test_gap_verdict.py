@@ -375,6 +375,7 @@ def test_no_search_goes_on_from_an_effect_that_cannot_be_seen(seen: bool, monkey
     state, one = Scored(2.0, 1.1, 1.0), named_gap(1.0, 1)
     state.ranked, state.better, state.visible = lambda size: [one], lambda fuller, leaner: True, lambda fit: seen
     monkeypatch.setattr(search, "simplest", lambda _, best, base=None: best)
+    monkeypatch.setattr(search, "deepest", lambda _, best: best)
     monkeypatch.setattr(search, "grow", lambda *_: None)
     assert search.forward(state) == (one if seen else state.retuned)
 

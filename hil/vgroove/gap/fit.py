@@ -268,6 +268,15 @@ class Engine:
     def _cost(self, one: Fit, x: np.ndarray, r: np.ndarray) -> float:
         return huber(self._trained(r), one.delta) + float(((x * one.hypothesis.prior) ** 2).sum())
 
+    def costs(self, one: Fit, points: np.ndarray) -> list[float]:
+        """Robust costs of a fit's hypothesis at other points (k, p), as the fit's own is counted."""
+        rows = self.shown([(one.hypothesis, x[None, :]) for x in points])
+        return [self._cost(one, x, row) for x, (row,) in zip(points, rows, strict=True)]
+
+    def is_gain(self, one: Fit, cost: float) -> bool:
+        """Whether a cost lies below a fit's by more than what a converged fit may still gain."""
+        return one.cost - cost > self._enough(one)
+
     def _differentiate(self, fits: Sequence[Fit], fresh: bool = False) -> None:
         """Forward differences, away from an upper bound, of as many hypotheses in a batch as memory holds.
 
@@ -372,7 +381,8 @@ class Engine:
         return self.steps(one)[1][self._leaves_out]
 
     def settle(self, fits: Sequence[Fit]) -> None:
-        """Replace first-order held-out predictions by simulated ones, fold by fold, and refresh the Jacobians."""
+        """Replace first-order held-out predictions by simulated ones, fold by fold, and refresh the Jacobians. A fold whose own rows no
+        part of its step makes better stays where all rows put it."""
         todo = [f for f in fits if not f.exact]
         if not todo:
             return
@@ -388,6 +398,8 @@ class Engine:
             open_ = [(one, k, 0.3 * step) for (one, k, step), worse in zip(open_, failed, strict=True) if worse]
             if not open_:
                 break
+        for one, k, _ in open_:
+            one.held[folds[k][1]] = one.residual[folds[k][1]]
         for one in todo:
             one.exact = True
 

@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from vgroove.gap.basins import deepest
 from vgroove.gap.evidence import draw_means
 from vgroove.gap.extend import extensions, started_anew
 from vgroove.gap.fit import Fit, Hypothesis
 from vgroove.gap.hypotheses import BY_ID, FRICTION_LAWS, RARE, SPECIAL_CASES, contains, equations, reached
-from vgroove.gap.search_state import CLIP, VISIBLE, WORTH, Search, key, plausible, rescale
+from vgroove.gap.search_state import CLIP, WORTH, Search, key, plausible, rescale
 from vgroove.gap.singles import CONVERGED, singles
 
 LARGEST_SET = 4
@@ -54,7 +55,7 @@ def bending(best: Fit, found: Sequence[Fit]) -> list[str]:
 
 def forward(search: Search) -> Fit:
     """Grow the set while a further effect, or an exchange, is better in both senses."""
-    best = simplest(search, search.ranked(1)[0]) if search.ranked(1) else search.retuned
+    best = simplest(search, deepest(search, search.ranked(1)[0])) if search.ranked(1) else search.retuned
     if not search.better(best, search.retuned) or not search.visible(best):
         pair = grow(search, best)
         return pair if pair is not None and search.better(pair, search.retuned) and search.visible(pair) else search.retuned
@@ -87,7 +88,7 @@ def two_further(search: Search, base: Fit, larger: Fit) -> Fit | None:
 def has_room_for_two(search: Search, base: Fit) -> bool:
     """Whether base leaves a gap that is one, and one from which two effects could take more than its members' forms may leave."""
     above = search.score(base) - search.level()
-    return leaves_a_gap(search, base) and above > 2.0 * FORM_SHARE * (search.score(search.retuned) - search.score(base))
+    return search.leaves_a_gap(base) and above > 2.0 * FORM_SHARE * (search.score(search.retuned) - search.score(base))
 
 
 def grow(search: Search, base: Fit) -> Fit | None:
@@ -98,16 +99,11 @@ def grow(search: Search, base: Fit) -> Fit | None:
     proposals = [f for rival in rivals for f in extensions(search, rival, 3)]
     search.add(distinct(extensions(search, base) + proposals))
     found = next(iter(search.ranked(size)), base)
-    if leaves_a_gap(search, found):
+    if search.leaves_a_gap(found):
         search.add(distinct([one for one in started_anew(search, base) if search.score(one) < search.score(found)]))
         search.add([replace(f.hypothesis, start=f.x) for f in search.ranked(size)[:1]], CONVERGED)
     ranked = search.ranked(size)
-    return simplest(search, ranked[0], base) if ranked else None
-
-
-def leaves_a_gap(search: Search, one: Fit) -> bool:
-    """Whether a set leaves a gap that the contract calls one."""
-    return search.score(one) >= (1.0 + VISIBLE) ** 2 * search.level()
+    return simplest(search, deepest(search, ranked[0]), base) if ranked else None
 
 
 def nothing_left(search: Search, base: Fit) -> bool:

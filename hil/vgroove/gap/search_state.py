@@ -135,6 +135,10 @@ class Search:
         noise, left = np.sqrt(self.level()), np.sqrt(self.score(one))
         return bool(np.sqrt(self.score(self.retuned)) - min(noise, left) >= VISIBLE * noise)
 
+    def leaves_a_gap(self, one: Fit) -> bool:
+        """Whether a set leaves a gap that the contract calls one."""
+        return self.score(one) >= (1.0 + VISIBLE) ** 2 * self.level()
+
     def level(self) -> float:
         """Squared gap that is taken as noise: 1, or what the best fit leaves where no fit comes near 1."""
         return (self.clip / CLIP) ** 2
