@@ -39,6 +39,7 @@ def test_a_rest_that_lies_elsewhere_before_the_first_edge_is_found() -> None:
     problem = load_problem([drive_log(strong, levels=STOPS)], strong)
     parts, theta = phases.stretches(problem), problem.theta0
     assert parts.rest.tolist() == [True] + [False] * (parts.count - 1) and parts.reference == 1
+    assert parts.restart[0].tolist().count(0) == 1 and len(parts.restart[0]) > parts.count
     rest = parts.rest[parts.of]
     best = problem.gap(problem.residuals(theta)[0], rest)
     moved = phases.turned(problem, parts, np.where(parts.rest, 2.0, 0.0))
