@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.hypotheses import CATALOGUE, Scales
+from vgroove.gap.fit import Engine, Fit
+from vgroove.gap.folds import settle
+from vgroove.gap.hypotheses import BY_ID, CATALOGUE, Scales
 
 DT, WINDOW, COUNT = 1e-3, 250, 24
 RIG = {"motor.resistance_ohm": 0.19, "motor.torque_constant_nm_per_a": 0.0109, "motor.inertia_kg_m2": 1.8e-5,
@@ -143,3 +145,12 @@ def duty(t: np.ndarray) -> np.ndarray:
     knots_t = [0, 0.3, 0.5, 1.2, 1.3, 2.0, 2.3, 2.9, 3.2, 3.8, 4.1, 4.7, 5.0, 5.5, 6.0]
     knots_d = [0, 0.0, 0.6, 0.6, 0.9, 0.9, 0.2, 0.2, -0.5, -0.5, -0.8, -0.8, 0.4, 0.4, 0.1]
     return np.interp(t, knots_t, knots_d)
+
+
+def fit_of(toy: Toy, *ids: str, tolerance: dict[str, float] | None = None) -> tuple[Engine, Fit]:
+    """Best fit of a set over its starts."""
+    engine = Engine(toy, SCALES, tolerance or {})
+    fits = engine.fit(engine.hypotheses([BY_ID[i] for i in ids]))
+    best = min(fits, key=lambda f: f.cost)
+    settle(engine, [best])
+    return engine, best

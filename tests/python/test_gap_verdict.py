@@ -10,6 +10,7 @@ from gap_toy import KINDS, MODELLED, SCALES, Toy
 from vgroove.gap import locate, search, search_state, verdict
 from vgroove.gap.evidence import Blocks, few_blocks, interval, least_loss, make_blocks, typical_interval
 from vgroove.gap.fit import Engine
+from vgroove.gap.folds import settle
 from vgroove.gap.hypotheses import BY_ID
 
 FLOOR = 1.0
@@ -397,7 +398,7 @@ def test_kept_key_columns_lead_to_the_same_fit() -> None:
     for kept in (False, True):
         engine = Engine(toy, SCALES, tolerance)
         retuned = engine.fit(engine.hypotheses([]))[0]
-        engine.settle([retuned])
+        settle(engine, [retuned])
         engine.key_columns = retuned.jacobian if kept else None
         fits.append(engine.fit(engine.hypotheses([BY_ID["added_inertia"]], retuned.x), 12)[0])
         calls = engine.calls

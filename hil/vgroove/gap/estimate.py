@@ -11,6 +11,7 @@ import numpy as np
 
 from vgroove.gap import phases
 from vgroove.gap.fit import Engine, Fit, half_widths
+from vgroove.gap.folds import settle
 from vgroove.gap.hypotheses import BY_ID, FURTHER_FORM
 from vgroove.gap.problem import Problem, load_problem
 from vgroove.gap.search_state import VISIBLE, Search, gap_of
@@ -82,7 +83,7 @@ def in_contract_form(search: Search, best: Fit) -> Fit:
     if fixed == best.hypothesis.fixed:
         return best
     again = search.engine.fit([replace(best.hypothesis, start=best.x, fixed=fixed)], CONVERGED)[0]
-    search.engine.settle([again])
+    settle(search.engine, [again])
     problem = search.engine.problem
     return again if gap_of(problem, again.held) - gap_of(problem, best.held) <= VISIBLE else best
 

@@ -1,7 +1,7 @@
 """Fits many hypotheses at once: damped Gauss-Newton in lock step, robust, bounded, with the tolerated rig keys under their priors.
 
 All parameter sets that a step needs (every hypothesis, every finite difference) go to the simulator in one batch. A hypothesis is fitted
-on all training rows first; the fits of the folds follow from the same Jacobian, one Newton step away.
+on all training rows; the fits of the folds follow from the same Jacobian, one Newton step away (folds.py).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +23,6 @@ FARTHEST = 1e5  # residual beyond which a model has run away
 LEAST_DAMPING = 0.02
 DIFFERENCES, HELD = 192, 8_000_000  # residual vectors, and residuals, that are held at once to make Jacobians
 UNTOLD = 1e-3  # of what all rows tell of a number, below which a fold's rows are taken not to tell it
-SHORTER = 2  # times a fold's step is shortened that makes its own rows worse
 
 
 class ProblemLike(Protocol):
@@ -233,7 +232,7 @@ class Engine:
         for round_ in range(iterations):
             if not active:
                 break
-            self._differentiate([fits[i] for i in active if not fits[i].sloped])
+            self.differentiate([fits[i] for i in active if not fits[i].sloped])
             going = self._advance([fits[i] for i in active], round_, round_ + 1 < iterations)
             active = [i for i, moved in zip(active, going, strict=True) if moved]
             if tell:
@@ -248,7 +247,7 @@ class Engine:
         jobs = [(one.hypothesis, np.vstack([one.x, around(one.x, signed)])) for one, signed in zip(fits, steps, strict=True)]
         for one, signed, (start, *moved) in zip(fits, steps, self.shown(jobs), strict=True):
             one.residual, one.delta = start.copy(), self._delta(start, WIDE)
-            one.cost = self._cost(one, one.x, start)
+            one.cost = self.cost(one, one.x, start)
             if ahead:
                 self._set_slopes(one, signed, moved)
         return fits
@@ -265,19 +264,20 @@ class Engine:
     def _trained(self, r: np.ndarray) -> np.ndarray:
         return r if self.train.all() else r[self.train]
 
-    def _cost(self, one: Fit, x: np.ndarray, r: np.ndarray) -> float:
-        return huber(self._trained(r), one.delta) + float(((x * one.hypothesis.prior) ** 2).sum())
+    def cost(self, one: Fit, x: np.ndarray, r: np.ndarray, train: np.ndarray | None = None) -> float:
+        """Robust cost of residuals (n,) on rows (n,), by default those that any fold trains on, and of the keys' priors at x (p,)."""
+        return huber(self._trained(r) if train is None else r[train], one.delta) + float(((x * one.hypothesis.prior) ** 2).sum())
 
     def costs(self, one: Fit, points: np.ndarray) -> list[float]:
         """Robust costs of a fit's hypothesis at other points (k, p), as the fit's own is counted."""
         rows = self.shown([(one.hypothesis, x[None, :]) for x in points])
-        return [self._cost(one, x, row) for x, (row,) in zip(points, rows, strict=True)]
+        return [self.cost(one, x, row) for x, (row,) in zip(points, rows, strict=True)]
 
     def is_gain(self, one: Fit, cost: float) -> bool:
         """Whether a cost lies below a fit's by more than what a converged fit may still gain."""
-        return one.cost - cost > self._enough(one)
+        return one.cost - cost > self.enough(one)
 
-    def _differentiate(self, fits: Sequence[Fit], fresh: bool = False) -> None:
+    def differentiate(self, fits: Sequence[Fit], fresh: bool = False) -> None:
         """Forward differences, away from an upper bound, of as many hypotheses in a batch as memory holds.
 
         What the tolerated keys do hardly hangs on the effects: the columns of the model without effects serve until a step fails, and are
@@ -316,26 +316,26 @@ class Engine:
         return going
 
     def _accept(self, one: Fit, trial: np.ndarray, rows: Sequence[np.ndarray], round_: int) -> bool:
-        costs = [self._cost(one, x, r) for x, r in zip(trial, rows, strict=True)]
+        costs = [self.cost(one, x, r) for x, r in zip(trial, rows, strict=True)]
         best = int(np.argmin(costs))
         gain = one.cost - costs[best]
-        promised = one.cost - self._cost(one, trial[0], self.groups.moved(one.residual, one.jacobian, self._alike(trial[0] - one.x)))
+        promised = one.cost - self.cost(one, trial[0], self.groups.moved(one.residual, one.jacobian, self._alike(trial[0] - one.x)))
         if gain > 0.0:
             one.x, one.residual, one.cost, one.sloped = trial[best], rows[best].copy(), costs[best], False
-        if gain <= 0.0 and promised > self._enough(one) and one.damping > LEAST_DAMPING:
+        if gain <= 0.0 and promised > self.enough(one) and one.damping > LEAST_DAMPING:
             one.damping *= 0.1  # a curved valley: the straight step promises much and holds nothing
             one.keys_known = one.sloped = False
             return True
         one.damping = min(1.0, 3.0 * one.damping)
         if round_ == 0 or one.delta > 1.5 * self._delta(one.residual, NARROW):
             one.delta = self._delta(one.residual, NARROW)
-            one.cost = self._cost(one, one.x, one.residual)
+            one.cost = self.cost(one, one.x, one.residual)
             return True
-        return gain > self._enough(one)
+        return gain > self.enough(one)
 
     @staticmethod
-    def _enough(one: Fit) -> float:
-        """Gain of a round below which a fit has converged."""
+    def enough(one: Fit) -> float:
+        """Gain below which a fit has converged."""
         return max(1.0, 2e-4 * one.cost)
 
     def steps(self, one: Fit) -> tuple[np.ndarray, np.ndarray]:
@@ -370,42 +370,15 @@ class Engine:
         return self.groups.moved(one.residual, one.jacobian, steps)
 
     def _held_linear(self, one: Fit) -> np.ndarray:
-        return self.foretold(one, self._fold_steps(one), np.zeros(len(one.x)))
+        return self.foretold(one, self.fold_steps(one), np.zeros(len(one.x)))
 
-    def _fold_steps(self, one: Fit) -> np.ndarray:
+    def fold_steps(self, one: Fit) -> np.ndarray:
         """Steps (folds, p) from a converged fit: none for a fold that leaves nothing out."""
         return np.where(self._leaves_out[:, None], self.steps(one)[1], 0.0)
 
     def steps_without(self, one: Fit) -> np.ndarray:
         """Steps (folds, p) of the folds that leave something out."""
         return self.steps(one)[1][self._leaves_out]
-
-    def settle(self, fits: Sequence[Fit]) -> None:
-        """Replace first-order held-out predictions by simulated ones, fold by fold, and refresh the Jacobians. A fold whose own rows no
-        part of its step makes better stays where all rows put it."""
-        todo = [f for f in fits if not f.exact]
-        if not todo:
-            return
-        self._differentiate(todo, fresh=True)
-        folds = self.problem.folds
-        open_ = [(one, k, step) for one in todo for k, step in enumerate(self._fold_steps(one))]
-        for _ in range(1 + SHORTER):
-            failed = []
-            jobs = [(one.hypothesis, (one.x + step)[None, :]) for one, _, step in open_]
-            for (one, k, _), (row,) in zip(open_, self.shown(jobs), strict=True):
-                one.held[folds[k][1]] = row[folds[k][1]]
-                failed.append(self._is_worse(one, folds[k][0], row))
-            open_ = [(one, k, 0.3 * step) for (one, k, step), worse in zip(open_, failed, strict=True) if worse]
-            if not open_:
-                break
-        for one, k, _ in open_:
-            one.held[folds[k][1]] = one.residual[folds[k][1]]
-        for one in todo:
-            one.exact = True
-
-    def _is_worse(self, one: Fit, train: np.ndarray, row: np.ndarray) -> bool:
-        """Whether a fold's step, of which the Jacobian promised a gain, makes its own training rows worse: there the model bends."""
-        return bool(huber(row[train], one.delta) > huber(one.residual[train], one.delta) + self._enough(one))
 
 
 def around(x: np.ndarray, steps: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from vgroove.gap.basins import deepest
 from vgroove.gap.evidence import draw_means
 from vgroove.gap.extend import extensions, started_anew
 from vgroove.gap.fit import Fit, Hypothesis
+from vgroove.gap.folds import settle
 from vgroove.gap.hypotheses import BY_ID, FRICTION_LAWS, RARE, SPECIAL_CASES, contains, equations, reached
 from vgroove.gap.search_state import CLIP, WORTH, Search, key, plausible, rescale
 from vgroove.gap.singles import CONVERGED, singles
@@ -139,7 +140,7 @@ def fit_set(search: Search, ids: Sequence[str], near: Fit) -> Fit:
     """Converged fit of a set of ids, started from the numbers of a related fit."""
     known = search.fits.get(key(ids))
     if known is not None:
-        search.engine.settle([known])
+        settle(search.engine, [known])
         return known
     return search.add([started(search, ids, near)])[0]
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from vgroove.gap.evidence import SHORTEST_S, Blocks, block_sums, correlation_time, interval, least_loss, make_blocks, squared
 from vgroove.gap.fit import Engine, Fit, Hypothesis
+from vgroove.gap.folds import settle
 from vgroove.gap.hypotheses import Effect
 
 CLIP = 10.0
@@ -148,7 +149,7 @@ class Search:
         fits = self.engine.fit(hypotheses, iterations)
         if fits:
             near = WITHIN_REACH * min(self.score(f) for f in fits)
-            self.engine.settle([f for f in fits if self.score(f) <= near])
+            settle(self.engine, [f for f in fits if self.score(f) <= near])
         for one in fits:
             known = self.fits.get(key(one.ids))
             if known is None or one.cost < known.cost:
@@ -186,7 +187,7 @@ def begin(engine: Engine, effects: list[Effect], rows: Rows, seed: int, tell: Ca
     retuned = nominal
     if engine.keys:
         retuned = engine.fit(engine.hypotheses([]))[0]
-        engine.settle([retuned])
+        settle(engine, [retuned])
         engine.key_columns = retuned.jacobian
     tested = np.logical_or.reduce([test for _, test in engine.problem.folds])
     blocks = make_blocks(rows.log, rows.time_s, tested, rows.restart_s, seed, rows.conditional)

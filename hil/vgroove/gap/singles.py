@@ -9,6 +9,7 @@ from vgroove.gap import phases
 from vgroove.gap.batches import portions
 from vgroove.gap.extend import Newcomer, differenced
 from vgroove.gap.fit import Fit, Hypothesis
+from vgroove.gap.folds import settle
 from vgroove.gap.problem import Problem
 from vgroove.gap.search_state import Search, key, reblock, rescale
 
@@ -100,7 +101,7 @@ def turn_for_good(search: Search, loaded: Problem, best: Fit) -> Fit:
         return best
     search.engine.problem = wanted
     again = search.engine.fit([replace(best.hypothesis, start=best.x)], CONVERGED)[0]
-    search.engine.settle([again])
+    settle(search.engine, [again])
     search.fits[key(best.ids)] = again
     return again
 
