@@ -9,6 +9,7 @@ from vgroove.gap.edges import COUNTING_PULSES, SPLIT_S, count_chains, longest_ch
 COARSE = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)  # relative scales that are tried, both ways
 REFINED = 7  # halvings of the step around the best of them
 UNSUSPICIOUS = 12  # chains that reversals and stops alone may leave: nothing is looked for
+COUNTED_WELL = 0.01  # chains an edge period of a sensor that counts which say nothing: chance lets one of many scales chain them better
 FEWER = 3.0  # times fewer chains that make a scale believed,
 WHOLE = 0.03  # and at most so many chains an edge period
 LARGEST = 0.3
@@ -29,19 +30,19 @@ def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: 
     def torn(scale: float, most: int | None = None) -> int:
         return count_chains(time_s, speed_rpm / scale, pulses, lsb_rpm, most)
 
-    as_read = torn(1.0)
-    if as_read <= UNSUSPICIOUS:
+    as_read, counts = torn(1.0), pulses >= COUNTING_PULSES
+    changes = int(np.count_nonzero(np.diff(speed_rpm[np.isfinite(speed_rpm)])))
+    if as_read <= max(UNSUSPICIOUS, counts * COUNTED_WELL * changes):
         return 1.0
     scales = [waited_scale(time_s, speed_rpm, pulses, lsb_rpm), *(1.0 + sign * g for g in COARSE for sign in (1.0, -1.0))]
     if not _hopeful(time_s, speed_rpm, pulses, lsb_rpm, scales):
         return 1.0
     best, count = _finest(torn, as_read, scales)
-    changes = int(np.count_nonzero(np.diff(speed_rpm[np.isfinite(speed_rpm)])))
     if FEWER * count >= as_read or count > max(UNSUSPICIOUS, WHOLE * changes):
         return 1.0
     voted = _voted(time_s, speed_rpm, pulses, lsb_rpm, 1.0 + best)
-    if pulses >= COUNTING_PULSES:
-        return voted  # the number of edges in its rows is a guess: its chains fit several scales
+    if counts:  # the number of edges in its rows is a guess: its chains fit several scales
+        return voted if FEWER * torn(voted) < as_read else 1.0 + best
 
     def chain(scale: float) -> tuple[float, float, int]:
         return longest_chain(time_s, speed_rpm / scale, pulses, lsb_rpm)

@@ -28,8 +28,8 @@ from vgroove.rig import Rig
 DEFAULT_TIMEOUT_S = 0.25
 FEW_CHAINS, FILTERED_SHARE = 20, 0.2  # more breaks than this, and than this share of the periods: the column holds no edge periods
 LONGEST_PITCH_S = 0.02  # a filtered speed at longer periods says little about when
-FORCE_ROWS = 2  # rows between the instants of a second difference
-LONGEST_FORCE_S, DROWNED = 0.05, 4.0  # their longest distance, taken while the differences scatter less than DROWNED times their noise
+FORCE_ROWS = 2  # rows between the instants of a second difference, at least
+LONGEST_SPAN_S, DROWNED = 0.05, 4.0  # longest distance of an angle's instants, taken while it bends less than DROWNED times its noise
 DUTY_LIMIT = 1.01  # a compare value of 256 of 255 is rounding; beyond that the column is no duty
 UNAIDED_RPM = 100.0  # by which a shaft may speed up without a command: noise, a hand
 START_S, LATEST_START_S = 0.02, 0.15  # a log whose first speed begins so early begins in motion; its first good state comes at most so late
@@ -339,13 +339,15 @@ def _waits(time_s: np.ndarray, speed_rpm: np.ndarray, edges: EdgePeriods, timeou
 
 
 def _position(time_s: np.ndarray, position: np.ndarray, rig: Rig) -> Channel:
-    """An encoder: speed from row to row; where the input is a current or force, the acceleration, so that force is compared with force."""
+    """An encoder: mean speeds over spans of rows; where the input is a current or force, the acceleration, so that force is compared with
+    force."""
     sigma = noise.column_sigma(rig, "position_rad", position)
     known = np.flatnonzero(np.isfinite(position))
     if rig.input["kind"] == "current_a":
         return _force(time_s, position, known, sigma, rig)
-    first, last = known[:-1], known[1:]
-    close = last - first <= 5
+    rows = _span_rows(time_s[known], position[known], sigma, 1)
+    first, last = known[:-rows:rows], known[rows::rows]
+    close = last - first <= 5 * rows
     first, last = first[close], last[close]
     length = time_s[last] - time_s[first]
     speed, spread = (position[last] - position[first]) / length, np.sqrt(2.0) * sigma / length
@@ -355,7 +357,7 @@ def _position(time_s: np.ndarray, position: np.ndarray, rig: Rig) -> Channel:
 
 
 def _force(time_s: np.ndarray, position: np.ndarray, known: np.ndarray, sigma: float, rig: Rig) -> ForceChannel:
-    rows = _force_rows(time_s[known], position[known], sigma)
+    rows = _span_rows(time_s[known], position[known], sigma, FORCE_ROWS)
     first, middle, last = known[:-2 * rows:rows], known[rows:-rows:rows], known[2 * rows::rows]
     count = min(len(first), len(middle), len(last))
     first, middle, last = first[:count], middle[:count], last[:count]
@@ -370,10 +372,10 @@ def _force(time_s: np.ndarray, position: np.ndarray, known: np.ndarray, sigma: f
                         places=tuple(Places.of(time_s, time_s[rows]) for rows in (first, middle, last)), length_s=length)
 
 
-def _force_rows(time_s: np.ndarray, position: np.ndarray, sigma: float) -> int:
-    """Rows between the instants of a second difference: more where noise would drown the acceleration, up to LONGEST_FORCE_S."""
-    rows, step = FORCE_ROWS, float(np.median(np.diff(time_s)))
-    while 2 * rows * step <= LONGEST_FORCE_S and 6 * rows < len(position):
+def _span_rows(time_s: np.ndarray, position: np.ndarray, sigma: float, least: int) -> int:
+    """Rows between the instants of a difference, at least so many: more where noise would drown the acceleration, up to LONGEST_SPAN_S."""
+    rows, step = least, float(np.median(np.diff(time_s)))
+    while 2 * rows * step <= LONGEST_SPAN_S and 6 * rows < len(position):
         difference = position[2 * rows :] - 2.0 * position[rows:-rows] + position[: -2 * rows]
         if difference.std() > DROWNED * np.sqrt(6.0) * sigma:
             break
