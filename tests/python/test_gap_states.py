@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vgroove.gap.noise import column_sigma, position_scatter
+from vgroove.gap.noise import differences, position_scatter, position_sigma
 from vgroove.gap.states import Driven, Observations, Restarts, local_fit
 from vgroove.rig import read_rig
 
@@ -69,18 +69,28 @@ def test_no_fit_reaches_across_a_reversal() -> None:
     assert local_fit(seen(turning, 0.3), at) == local_fit(few, at)
 
 
+@pytest.mark.parametrize("uneven", [0.0, 0.3])
 @pytest.mark.parametrize("noise", [1e-4, 1e-2])
-def test_noise_of_a_position_is_found_under_its_motion(noise: float) -> None:
+def test_noise_of_a_position_is_found_under_its_motion_however_uneven_the_rows(noise: float, uneven: float) -> None:
     rng = np.random.default_rng(3)
-    t = np.arange(4000) / 500.0
+    t = (np.arange(4000) + uneven * rng.uniform(-1.0, 1.0, 4000)) / 500.0
     motion = 20.0 * np.sin(2.0 * t) + 3.0 * np.sin(11.0 * t)
-    assert position_scatter(motion + noise * rng.normal(size=4000)) == pytest.approx(noise, rel=0.1)
+    assert position_scatter(t, motion + noise * rng.normal(size=4000)) == pytest.approx(noise, rel=0.1)
+
+
+@pytest.mark.parametrize(("order", "rows"), [(2, 1), (2, 8), (4, 3)])
+def test_divided_differences_leave_noise_as_it_is_and_nothing_of_a_lower_polynomial(order: int, rows: int) -> None:
+    rng = np.random.default_rng(4)
+    t = np.cumsum(rng.uniform(0.2, 1.8, 4000)) * 1e-3
+    polynomial = np.polyval(rng.normal(size=order), t)
+    assert np.abs(differences(t, polynomial, order, rows)).max() < 1e-9
+    assert differences(t, polynomial + rng.normal(size=4000), order, rows).std() == pytest.approx(1.0, rel=0.05)
 
 
 def test_a_position_is_never_finer_than_its_step() -> None:
     rig = read_rig(Path(__file__).resolve().parents[2] / "rigs/impact_driver_drive.toml")
     steps = np.round(np.linspace(0.0, 30.0, 5000) / 0.01) * 0.01
-    assert 0.999 < column_sigma(rig, "position_rad", steps) / (0.01 / np.sqrt(12.0)) < 1.2
+    assert 0.999 < position_sigma(rig, np.arange(5000) * 1e-3, steps) / (0.01 / np.sqrt(12.0)) < 1.2
 
 
 @pytest.mark.parametrize("from_angle, speed", [(True, 102.0), (False, 80.0)])

@@ -341,7 +341,7 @@ def _waits(time_s: np.ndarray, speed_rpm: np.ndarray, edges: EdgePeriods, timeou
 def _position(time_s: np.ndarray, position: np.ndarray, rig: Rig) -> Channel:
     """An encoder: mean speeds over spans of rows; where the input is a current or force, the acceleration, so that force is compared with
     force."""
-    sigma = noise.column_sigma(rig, "position_rad", position)
+    sigma = noise.position_sigma(rig, time_s, position)
     known = np.flatnonzero(np.isfinite(position))
     if rig.input["kind"] == "current_a":
         return _force(time_s, position, known, sigma, rig)
@@ -376,8 +376,7 @@ def _span_rows(time_s: np.ndarray, position: np.ndarray, sigma: float, least: in
     """Rows between the instants of a difference, at least so many: more where noise would drown the acceleration, up to LONGEST_SPAN_S."""
     rows, step = least, float(np.median(np.diff(time_s)))
     while 2 * rows * step <= LONGEST_SPAN_S and 6 * rows < len(position):
-        difference = position[2 * rows :] - 2.0 * position[rows:-rows] + position[: -2 * rows]
-        if difference.std() > DROWNED * np.sqrt(6.0) * sigma:
+        if noise.differences(time_s, position, 2, rows).std() > DROWNED * sigma:
             break
         rows *= 2
     return rows

@@ -1,9 +1,9 @@
 """Sensor noise: what the rig states, and what a log alone tells where the rig is silent; a model's residual is never asked."""
 
 from dataclasses import dataclass
-from math import comb
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import savgol_coeffs, savgol_filter
 from scipy.stats import chi2
 
@@ -66,24 +66,38 @@ def fast_part(values: np.ndarray, window: int = SCATTER_WINDOW, order: int = SCA
     return values - savgol_filter(values, window, order)
 
 
-def position_scatter(values: np.ndarray) -> float:
-    """Standard deviation of the noise of a position (n,): a difference of high order leaves of a smooth motion little and of white noise
-    sqrt(2k over k). The least over the orders, since motion only adds; nan where fewer than 20 samples are there."""
-    finite = values[np.isfinite(values)]
-    if len(finite) < 20:
+def differences(time_s: np.ndarray, values: np.ndarray, order: int, rows: int = 1) -> np.ndarray:
+    """Divided differences of a column (n,) at its times (n,), each over instants so many rows apart: a polynomial of a lower order leaves
+    nothing, however uneven the rows, and white noise itself."""
+    times, values = (sliding_window_view(x, order * rows + 1)[:, ::rows] for x in (time_s, values))
+    length, weight = times[:, -1:] - times[:, :1], np.ones(times.shape)
+    for k in range(order + 1):
+        weight /= np.where(np.arange(order + 1) == k, 1.0, (times - times[:, k:k + 1]) / length)
+    return np.sum(weight * values, axis=1) / np.sqrt(np.sum(weight**2, axis=1))
+
+
+def position_scatter(time_s: np.ndarray, values: np.ndarray) -> float:
+    """Standard deviation of the noise of a position (n,) at its times (n,): differences of high order leave of a smooth motion little. The
+    least over the orders, since motion only adds; nan where fewer than 20 samples are there."""
+    known = np.isfinite(values)
+    if np.count_nonzero(known) < 20:
         return float("nan")
-    differences = ((order, np.diff(finite, order)) for order in DIFFERENCE_ORDERS)
-    return float(min(MAD * np.median(np.abs(d - np.median(d))) / np.sqrt(comb(2 * order, order)) for order, d in differences))
+    found = (differences(time_s[known], values[known], order) for order in DIFFERENCE_ORDERS)
+    return float(min(MAD * np.median(np.abs(d - np.median(d))) for d in found))
+
+
+def position_sigma(rig: Rig, time_s: np.ndarray, values: np.ndarray) -> float:
+    """1 sigma of the samples (n,) of an angle at their times (n,), rad: the log's scatter, at least its quantisation."""
+    rounding = rig.sensors.get("position_lsb_rad", step_of(values)) / np.sqrt(12.0)
+    return float(np.nanmax([position_scatter(time_s, values), rounding, LEAST_SIGMA["position_rad"]]))
 
 
 def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
     """1 sigma of a column's samples in its unit: stated noise and quantisation, or the log's scatter where no noise is stated."""
     noise_key, lsb_key = {"current_a": ("current_noise_a", "current_lsb_a"), "supply_v": ("supply_noise_v", ""),
-                          "speed_rpm": ("speed_noise_rpm", "speed_lsb_rpm"), "position_rad": ("", "position_lsb_rad")}[column]
+                          "speed_rpm": ("speed_noise_rpm", "speed_lsb_rpm")}[column]
     rounding = rig.sensors.get(lsb_key, step_of(values)) / np.sqrt(12.0)
     noise = rig.sensors.get(noise_key)
-    if column == "position_rad":
-        return float(np.nanmax([position_scatter(values), rounding, LEAST_SIGMA[column]]))
     sigma = np.hypot(noise, rounding) if noise is not None else max(scatter(values), rounding)
     return float(max(sigma, LEAST_SIGMA[column]))
 

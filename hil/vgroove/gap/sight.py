@@ -78,7 +78,7 @@ def _edge_sight(rig: Rig, edges: EdgePeriods, angle: float) -> tuple[states.Obse
 
 def _position_sight(time_s: np.ndarray, position: np.ndarray, rig: Rig) -> tuple[states.Observations, Callable[[float], float]]:
     known = np.flatnonzero(np.isfinite(position))
-    sigma = noise.column_sigma(rig, "position_rad", position)
+    sigma = noise.position_sigma(rig, time_s, position)
     length = np.diff(time_s[known])
     speed = states.Observations(time_s[known[:-1]], time_s[known[1:]], np.diff(position[known]) / length, np.sqrt(2.0) * sigma / length)
     return speed, _interpolated(time_s[known], position[known])
