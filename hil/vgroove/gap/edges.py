@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from vgroove.gap.edge_places import BEND_SHARE, PLAIN, TICK_S, counted_lengths, places
 
+CHANGING_S = 1e-5  # from edge to edge: no two periods that follow one another are alike then
 WAIT_SLACK_S = 1e-5  # a falling row may miss the chain by this much; the row after it decides
 STRAIN_S = 1e-4  # a row's interval missed by more than this breaks the chain
 NEAR_END_S = 5e-6  # an edge this close to a row's end may have been read by either row
@@ -202,7 +203,7 @@ class _Reader:
         spread = slack + WAIT_SLACK_S
         if abs(speed) >= abs(self.chain.speed_rpm[-1]) or not self.low - spread <= now - period <= self.high + spread:
             return False
-        following = next((r for r in range(row + 1, min(row + 4, len(self.speed))) if not isnan(self.speed[r])), None)
+        following = self.following(row)
         if following is None or self.speed[following] == 0.0:
             return True
         if _same(self.speed[following], speed) and self.time[following] - now > 4.0 * slack:
@@ -211,6 +212,10 @@ class _Reader:
         if abs((self.time[following] - then) - (now - period)) <= slack + spread + TICK_S:
             return True
         return period > self.time[following] - now + spread
+
+    def following(self, row: int) -> int | None:
+        """The next row that was read."""
+        return next((r for r in range(row + 1, min(row + 4, len(self.speed))) if not isnan(self.speed[r])), None)
 
     def step(self, previous: float, period: float, count: int, rounding: float, row: int) -> tuple[float, float, float]:
         """Time from the last edge to the count-th after it, its bound of error, and what of that adds up over a chain.
@@ -245,12 +250,14 @@ class _Reader:
         # A row that repeats the value may close a period that ended in the rows before.
         since = -inf if _same(speed, self.chain.speed_rpm[-1]) else self.before()
         floor, ceiling = max(now - period, since) - rounding - TICK_S, now + rounding + TICK_S
-        previous, best = self.chain.period_s[-1], None
+        previous, best, widest = self.chain.period_s[-1], None, -inf
+        still = self.not_before(row, speed, period, abs(period - previous)) - rounding
         for count in self.counts_to_try(row, period, previous):
             length, bound, drift = self.step(previous, period, count, rounding, row)
             low, high = max(self.low + length - bound, floor), min(self.high + length + bound, ceiling)
-            if best is None or high - low > best[3] - best[2]:
-                best = ((length, count), drift, low, high)
+            width = high - low if high > still else min(high - low, 0.0)
+            if width > widest:
+                widest, best = width, ((length, count), drift, low, high)
         step, drift, low, high = best
         if low - high > STRAIN_S:
             if period > PLAIN * (now - self.before()):
@@ -259,6 +266,16 @@ class _Reader:
         self.chain.add(row, speed, period, self.counts, step, drift, (floor, ceiling), self.before())
         self.low, self.high = min(low, high), max(low, high)
         return True
+
+
+    def not_before(self, row: int, speed: float, period: float, change: float) -> float:
+        """Time before which a row's last edge cannot lie if the next row repeats its value: as long as periods change, that row holds no
+        edge. No bound where it must hold one."""
+        following = self.following(row)
+        if change < CHANGING_S or following is None or not _same(self.speed[following], speed):
+            return -inf
+        since = self.time[following] - period
+        return since - change if since < self.time[row] else -inf
 
 
 def _pieces(low: np.ndarray, high: np.ndarray, drift: np.ndarray) -> list[slice]:
@@ -317,13 +334,14 @@ def edge_periods(time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int,
     reader = _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm)
     starts = np.array(reader.starts)
     for chain in reader.read():
-        chain, (end, slack, piece, span, length) = _located(time_s, starts, chain, pulses_per_rev, lsb_rpm)
+        chain, (end, slack, piece, span, length, waited) = _located(time_s, starts, chain, pulses_per_rev, lsb_rpm)
         piece = piece + number
         number = piece[-1] + 1
         for i in np.flatnonzero(span > 0):
             count += span[i] * (1 if chain.speed_rpm[i] > 0.0 else -1)
-            columns.append((chain.row[i], end[i] - length[i], end[i], chain.speed_rpm[i], slack[i], False, piece[i], count))
-        for row, edge, speed, _ in chain.falls:
+            if not waited[i]:
+                columns.append((chain.row[i], end[i] - length[i], end[i], chain.speed_rpm[i], slack[i], False, piece[i], count))
+        for row, edge, speed, _ in chain.falls + [(chain.row[i], i, chain.speed_rpm[i], 0.0) for i in np.flatnonzero(waited)]:
             wait = 60.0 / (pulses_per_rev * abs(speed))
             unsure = slack[edge] + wait * lsb_rpm / abs(speed) + WAIT_SLACK_S
             if abs(time_s[row] - wait - end[edge]) < unsure:  # else rows hid the edge that it waited since
@@ -380,8 +398,8 @@ def _share_bounds(chain: _Chain) -> tuple[float, float]:
 def _located(time_s: np.ndarray, starts: np.ndarray, chain: _Chain, pulses: int,
              lsb_rpm: float) -> tuple[_Chain, tuple[np.ndarray, ...]]:
     """Of each edge of a chain, whose rows last from starts to time_s (n,): time, half width, piece of the chain, edges since the one before
-    (0: its row repeats that one, or waits), length of the span that its row's speed is the mean of. Where rows hide edges, rows that seem
-    to wait are entries too: only there the chain's own bounds may be wrong about them."""
+    (0: its row repeats that one, or waits), length of the span that its row's speed is the mean of, and whether that is the wait since the
+    edge. Where rows hide edges, rows that seem to wait are entries too: only there the chain's own bounds may be wrong about them."""
     hidden, counts = _hides_edges(time_s, chain), pulses >= COUNTING_PULSES
     hidden = np.full(len(hidden), hidden.any()) if counts else maximum_filter1d(hidden, 2 * BESIDE_HIDDEN + 1)
     if not counts and hidden.any():
@@ -390,9 +408,9 @@ def _located(time_s: np.ndarray, starts: np.ndarray, chain: _Chain, pulses: int,
     cuts = [0, *(np.flatnonzero(np.diff(hidden)) + 1), len(hidden)]
     parts = [_part_located(time_s, starts, chain.part(a, b), counts, 0.5 * lsb_rpm, bool(hidden[a]))
              for a, b in zip(cuts, cuts[1:], strict=False)]
-    end, slack, piece, span, length = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    end, slack, piece, span, length, waited = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     torn = np.concatenate([[0], np.diff(piece) > 0])
-    return chain, (end, slack, np.cumsum(torn), span, length)
+    return chain, (end, slack, np.cumsum(torn), span, length, waited)
 
 
 def _part_located(time_s: np.ndarray, starts: np.ndarray, chain: _Chain, counts: bool, half_lsb_rpm: float,
@@ -400,16 +418,16 @@ def _part_located(time_s: np.ndarray, starts: np.ndarray, chain: _Chain, counts:
     """As `_located`, of a part of a chain whose rows hide edges, or one whose rows hide none."""
     row, period, span, length = (np.asarray(x) for x in (chain.row, chain.period_s, chain.span, chain.length_s))
     start = starts[row]
-    found = places(time_s[row], start, chain, half_lsb_rpm, counts) if hidden else None
+    found, waited = places(time_s[row], start, chain, half_lsb_rpm, counts) if hidden else None, np.zeros(len(row), dtype=bool)
     if found is None:
         end, slack, piece = _edge_times(chain)
         slack = slack + _either(time_s, chain, end, slack)
     else:
-        end, slack, piece, span = found.end_s, found.slack_s, np.zeros(len(row), dtype=int), found.step
+        end, slack, piece, span, waited = found.end_s, found.slack_s, np.zeros(len(row), dtype=int), found.step, found.waited
         length = np.where(span > 0, span * period, period) if counts else length
     missing = (start > np.asarray(chain.before_s)) & counts  # the row's speed is the mean over its own edges alone
     own = np.minimum(np.maximum(np.ceil((end - start) / period), 1.0), np.maximum(span, 1))
-    return end, slack, piece, span, np.where(missing, own * period, length)
+    return end, slack, piece, span, np.where(missing, own * period, length), waited
 
 
 def _hides_edges(time_s: np.ndarray, chain: _Chain, rows: float = 1.0) -> np.ndarray:
