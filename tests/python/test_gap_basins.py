@@ -8,6 +8,7 @@ import pytest
 from gap_toy import SCALES, Toy
 from vgroove.gap import basins, search_state
 from vgroove.gap.fit import Engine, Fit
+from vgroove.gap.folds import settle
 from vgroove.gap.hypotheses import BY_ID
 
 TREAD = 0.06  # width of a step, in the true ripple
@@ -35,7 +36,9 @@ def ended_at(swing: complex) -> tuple[search_state.Search, Fit]:
     at = next(i for i, c in enumerate(h.coordinates) if c.role == "cosine")
     start = h.start.copy()
     start[at:at + 2] = swing.real, swing.imag
-    return state, state.add([replace(h, start=start)], 0)[0]
+    ended = state.fits[("cogging_torque",)] = state.engine.fit([replace(h, start=start)], 0)[0]
+    settle(state.engine, [ended])
+    return state, ended
 
 
 @pytest.mark.parametrize("swing", [SWING * 1.35, SWING * 0.7, SWING * np.exp(0.5j), SWING * 1.2 * np.exp(-0.3j)])

@@ -168,3 +168,25 @@ def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
     found = extend.started_anew(state, gain)
     assert [one.ids for one in found] == [("current_gain", "stribeck_friction")]
     assert found[0].held.std() < 0.9 * astray
+
+
+def test_what_comes_near_the_best_goes_on_until_it_has_converged() -> None:
+    state = begun(Toy(HUMP))
+    near, far = (fit_at(state, {"effects.stribeck_friction.speed_rad_s": 200.0}, ids, 0).hypothesis
+                 for ids in (("current_gain", "stribeck_friction"), ("winding_resistance",)))
+    brief = state.engine.fit([near, far], 1)
+    assert all(one.moving for one in brief) and state.near(brief) == brief[:1]
+    found = state.add([near, far], 1)
+    assert found[0].cost == state.engine.fit([near], search_state.CONVERGED)[0].cost < brief[0].cost - 100.0
+    assert not found[0].moving and found[1].moving and found[1].cost == brief[1].cost
+
+
+def test_a_set_is_fitted_in_each_of_its_forms() -> None:
+    """A lag and a delay, the logger's clock and the command's: no slope leads from one form to another, whichever the related fit has."""
+    state = begun(Toy({}))
+    state.effects.append(BY_ID["speed_lag"])
+    related = state.engine.hypotheses([BY_ID["current_gain"], BY_ID["speed_lag"]])[-1]
+    near = state.engine.fit([replace(related, start=np.full(len(related.start), 0.5))], 0)[0]
+    tried = search.started(state, ["speed_lag", "clock_skew"], near)
+    assert len({h.fixed for h in tried}) == len(tried) == 4 and all(h.start[0] == 0.5 for h in tried)
+    assert len(search.distinct([near, near, replace(near, hypothesis=replace(related, fixed=()))])) == 2

@@ -11,8 +11,7 @@ import numpy as np
 from vgroove.gap.fit import Fit
 from vgroove.gap.folds import settle
 from vgroove.gap.rings import SPREADS, ring
-from vgroove.gap.search_state import Search, key
-from vgroove.gap.singles import CONVERGED
+from vgroove.gap.search_state import CONVERGED, Search, key
 
 MOVES = 3  # fits that one ring may ask for
 

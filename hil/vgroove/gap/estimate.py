@@ -14,8 +14,7 @@ from vgroove.gap.fit import Engine, Fit, half_widths
 from vgroove.gap.folds import settle
 from vgroove.gap.hypotheses import BY_ID, FURTHER_FORM
 from vgroove.gap.problem import Problem, load_problem
-from vgroove.gap.search_state import VISIBLE, Search, gap_of
-from vgroove.gap.singles import CONVERGED
+from vgroove.gap.search_state import CONVERGED, VISIBLE, Search, gap_of
 from vgroove.rig import Rig
 
 MEMORIES = 16.0  # length of a stretch, in time constants of the shaft

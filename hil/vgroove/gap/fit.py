@@ -119,6 +119,7 @@ class Fit:
     exact: bool = False
     keys_known: bool = False
     sloped: bool = False  # the Jacobian is that of x
+    moving: bool = True  # the last round gained
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -228,18 +229,22 @@ class Engine:
         if not hypotheses:
             return []
         fits = self._begin(hypotheses, iterations > 0)
-        active = list(range(len(fits)))
-        for round_ in range(iterations):
+        self.go_on(fits, range(iterations), tell)
+        return fits
+
+    def go_on(self, fits: Sequence[Fit], rounds: range, tell: Callable[[int], None] | None = None) -> None:
+        """Further rounds of the fits that have not converged; the held-out rows of all are predicted to first order."""
+        for round_ in rounds:
+            active = [one for one in fits if one.moving]
             if not active:
                 break
-            self.differentiate([fits[i] for i in active if not fits[i].sloped])
-            going = self._advance([fits[i] for i in active], round_, round_ + 1 < iterations)
-            active = [i for i, moved in zip(active, going, strict=True) if moved]
+            self.differentiate([one for one in active if not one.sloped])
+            for one, moved in zip(active, self._advance(active, round_, round_ + 1 < rounds.stop), strict=True):
+                one.moving = moved
             if tell:
-                tell(len(active))
+                tell(sum(one.moving for one in active))
         for one in fits:
             one.held = self._held_linear(one)
-        return fits
 
     def _begin(self, hypotheses: Sequence[Hypothesis], ahead: bool) -> list[Fit]:
         fits = [self._unfitted(h) for h in hypotheses]

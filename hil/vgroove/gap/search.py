@@ -12,7 +12,7 @@ from vgroove.gap.fit import Fit, Hypothesis
 from vgroove.gap.folds import settle
 from vgroove.gap.hypotheses import BY_ID, FRICTION_LAWS, RARE, SPECIAL_CASES, contains, equations, reached
 from vgroove.gap.search_state import CLIP, WORTH, Search, key, plausible, rescale
-from vgroove.gap.singles import CONVERGED, singles
+from vgroove.gap.singles import singles
 
 LARGEST_SET = 4
 WORTH_FORM = 0.03
@@ -102,7 +102,6 @@ def grow(search: Search, base: Fit) -> Fit | None:
     found = next(iter(search.ranked(size)), base)
     if search.leaves_a_gap(found):
         search.add(distinct([one for one in started_anew(search, base) if search.score(one) < search.score(found)]))
-        search.add([replace(f.hypothesis, start=f.x) for f in search.ranked(size)[:1]], CONVERGED)
     ranked = search.ranked(size)
     return simplest(search, deepest(search, ranked[0]), base) if ranked else None
 
@@ -129,10 +128,10 @@ def gains(search: Search, one: Fit, base: Fit | None) -> bool:
 
 
 def distinct(proposals: Sequence[Fit]) -> list[Hypothesis]:
-    """Hypotheses of first-order fits, each set once."""
-    seen: dict[tuple[str, ...], Hypothesis] = {}
+    """Hypotheses of first-order fits, each set once in each form."""
+    seen: dict[tuple[object, ...], Hypothesis] = {}
     for one in proposals:
-        seen.setdefault(key(one.ids), replace(one.hypothesis, start=one.x))
+        seen.setdefault((key(one.ids), one.hypothesis.fixed), replace(one.hypothesis, start=one.x))
     return list(seen.values())
 
 
@@ -142,23 +141,24 @@ def fit_set(search: Search, ids: Sequence[str], near: Fit) -> Fit:
     if known is not None:
         settle(search.engine, [known])
         return known
-    return search.add([started(search, ids, near)])[0]
+    return search.add(started(search, ids, near))[0]
 
 
-def started(search: Search, ids: Sequence[str], near: Fit) -> Hypothesis:
-    """Hypothesis of a set of ids that starts from the numbers of a related fit."""
+def started(search: Search, ids: Sequence[str], near: Fit) -> list[Hypothesis]:
+    """Hypotheses of a set of ids, one of each form (no slope leads to another), that start from the numbers of a related fit."""
     values = {c.name: x for c, x in zip(near.hypothesis.coordinates, near.x, strict=True)}
-    members = search.engine.hypotheses([BY_ID[i] for i in ids])
-    h = next((m for m in members if set(m.fixed) <= set(near.hypothesis.fixed)), members[0])
-    start = np.array([values.get(c.name, s) for c, s in zip(h.coordinates, h.start, strict=True)])
-    return replace(h, start=np.clip(start, h.low, h.high))
+    forms: dict[tuple[tuple[int, float], ...], Hypothesis] = {}
+    for h in search.engine.hypotheses([BY_ID[i] for i in ids]):
+        start = np.array([values.get(c.name, s) for c, s in zip(h.coordinates, h.start, strict=True)])
+        forms.setdefault(h.fixed, replace(h, start=np.clip(start, h.low, h.high)))
+    return list(forms.values())
 
 
 def leaner(search: Search, best: Fit) -> list[Fit]:
     """The sets of all members but one. Each starts once from the best set's numbers too: what it was first fitted from may have led it
     astray, and a member that is needed nowhere else would then be kept."""
     if search.leaned is not best:
-        search.add([started(search, others(best, i), best) for i in best.ids])
+        search.add([h for i in best.ids for h in started(search, others(best, i), best)])
         search.leaned = best
     return [without(search, best, i) for i in best.ids]
 

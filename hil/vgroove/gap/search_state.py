@@ -22,7 +22,8 @@ LEVEL = 0.99
 CHANCE = 3.84  # squared sigmas that one number gains by chance (95 % of chi-square)
 LARGE, NEARLY_ALL = 0.5, 0.9  # squared gap above the noise, in noise, and share of it that no chance takes away
 LIKELY = 0.8  # interval whose lower end must still be worth it: the gain is not one lucky block's
-WITHIN_REACH = 1.5  # of the best squared gap: single effects beyond keep their first-order predictions
+WITHIN_REACH = 1.5  # of the best squared gap: fits beyond stay where their first rounds put them, with first-order predictions
+CONVERGED = 12  # rounds in which fits end; most need four
 SCALING = ("speed_gain.relative", "clock_skew.relative", "clock_skew.command_clock")  # what scales edge speeds against stamps
 FLOORED = ("effects.transport_delay.delay_s",)
 
@@ -145,16 +146,21 @@ class Search:
         return (self.clip / CLIP) ** 2
 
     def add(self, hypotheses: Sequence[Hypothesis], iterations: int = 6) -> list[Fit]:
-        """Fit, settle what comes near the best, and keep the best of each set."""
+        """Fit, bring what comes near the best to convergence, settle it, and keep the best of each set."""
         fits = self.engine.fit(hypotheses, iterations)
         if fits:
-            near = WITHIN_REACH * min(self.score(f) for f in fits)
-            settle(self.engine, [f for f in fits if self.score(f) <= near])
+            self.engine.go_on(self.near(fits), range(iterations, CONVERGED))
+            settle(self.engine, self.near(fits))
         for one in fits:
             known = self.fits.get(key(one.ids))
             if known is None or one.cost < known.cost:
                 self.fits[key(one.ids)] = one
         return [self.fits[k] for k in dict.fromkeys(key(h.ids) for h in hypotheses)]
+
+    def near(self, fits: Sequence[Fit]) -> list[Fit]:
+        """Those of some fits that come near the best of them."""
+        reach = WITHIN_REACH * min(self.score(f) for f in fits)
+        return [f for f in fits if self.score(f) <= reach]
 
     def ranked(self, size: int) -> list[Fit]:
         """Fits of sets of one size, best first; equal scores in catalogue order."""

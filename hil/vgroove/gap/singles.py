@@ -11,9 +11,8 @@ from vgroove.gap.extend import Newcomer, differenced
 from vgroove.gap.fit import Fit, Hypothesis
 from vgroove.gap.folds import settle
 from vgroove.gap.problem import Problem
-from vgroove.gap.search_state import Search, key, reblock, rescale
+from vgroove.gap.search_state import CONVERGED, Search, key, reblock, rescale
 
-CONVERGED = 12  # rounds in which single effects end; most need four
 SCREEN_ABOVE, SCREENED = 6, 3  # starts of one effect beyond which they are screened, and how many are fitted then
 AMPLITUDES, PHASES = (3.0, 8.0), 8  # of a periodic effect, in its size, that are screened
 STARTS = 32  # that are fitted at once, with their Jacobians in memory
