@@ -204,6 +204,7 @@ class Scored:
 
     least_gain, least_loss = search_state.Search.least_gain, search_state.Search.least_loss
     likely_better, closes_large = search_state.Search.likely_better, search_state.Search.closes_large
+    surely_leaves_a_gap = search_state.Search.surely_leaves_a_gap
     without: frozenset[str] = frozenset()
 
 
@@ -356,8 +357,20 @@ def test_a_form_that_others_mend_is_still_the_effect() -> None:
 @pytest.mark.parametrize(("left", "significant", "said"), [
     (1.08**2, True, "none"), (1.09**2, True, "none"), (1.11**2, True, "unlisted"), (1.5, False, "none")])
 def test_a_remainder_below_the_contracts_least_gap_is_none(left: float, significant: bool, said: str) -> None:
-    found = verdict.decide(Scored(left, left, left), named_gap(left, 0), [], structure(significant), FLOOR)
+    state = Scored(left, left, left)
+    state.blocks, state.sums = blocks_of(20), lambda one: np.full(20, 10.0 * one)
+    found = verdict.decide(state, named_gap(left, 0), [], structure(significant), FLOOR)
     assert found.verdict == said
+
+
+@pytest.mark.parametrize(("above", "follows", "said"), [
+    ([4.0] * 20, None, "unlisted"), ([20.0] * 4 + [0.0] * 16, None, "none"), ([20.0] * 4 + [0.0] * 16, "speed", "unlisted")])
+def test_a_remainder_that_follows_nothing_must_be_a_gap_in_most_draws(above: list[float], follows: str | None, said: str) -> None:
+    """0.4 of the noise power in all: everywhere, or in four blocks of twenty."""
+    state = Scored(1.4, 1.4, 1.4)
+    state.blocks, state.sums = blocks_of(20), lambda one: 10.0 + np.array(above)
+    left = replace(structure(True), best_correlate=follows)
+    assert verdict.decide(state, named_gap(1.4, 0), [], left, FLOOR).verdict == said
 
 
 # squared gaps: before 11, what the set leaves, what its first member leaves alone

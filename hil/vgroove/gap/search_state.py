@@ -141,6 +141,11 @@ class Search:
         """Whether a set leaves a gap that the contract calls one."""
         return self.score(one) >= (1.0 + VISIBLE) ** 2 * self.level()
 
+    def surely_leaves_a_gap(self, one: Fit) -> bool:
+        """Whether what a set leaves is a gap of the contract in most draws of blocks: not by the few in which something happened."""
+        above = self.sums(one) - (1.0 + VISIBLE) ** 2 * self.level() * self.blocks.rows
+        return interval(self.blocks, above, LIKELY)[0] > 0.0
+
     def level(self) -> float:
         """Squared gap that is taken as noise: 1, or what the best fit leaves where no fit comes near 1."""
         return (self.clip / CLIP) ** 2

@@ -34,7 +34,8 @@ def decide(search: Search, best: Fit, rivals: list[Fit], left: locate.Structure,
     """The verdict from the selected set, its rivals and the structure of what remains."""
     bulk = closed_squared(search, best, floor)
     if not best.ids:
-        real = left.significant and search.score(best) > floor**2 * (1.0 + PATCHED)
+        follows = left.best_correlate is not None
+        real = left.significant and search.score(best) > floor**2 * (1.0 + PATCHED) and (follows or search.surely_leaves_a_gap(best))
         return Finding("unlisted" if real else "none", best, [], left)
     doubtful = left.significant and (imitates(search, best, bulk, floor) or patched(search, best, bulk, floor))
     lead = leading(search, best, floor) if doubtful else None
