@@ -1,5 +1,7 @@
 """Problem: a log of a tool that is exactly its rig ends at the noise, a wrong rig does not, and every array says what its residual is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -343,3 +345,12 @@ def test_stamps_that_do_not_begin_at_zero_change_nothing(log: MadeLog, shift_s: 
     moved = MadeLog(log.time_s + shift_s, log.columns)
     gaps = [p.gap(p.residuals(p.theta0)[0]) for p in (load_problem([made], tool) for made in (log, moved))]
     assert gaps[1] == pytest.approx(gaps[0], rel=0.03)  # equal but for restarts: of instants known equally well another may be taken
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("seen", [1, 2, 1000])
+def test_an_angle_that_was_hardly_seen_takes_no_restart_away(seen: int) -> None:
+    log = drive_log(rig())
+    angle = np.where(np.arange(len(log.time_s)) < seen, 0.0, np.nan)
+    with_angle = replace(log, columns=log.columns | {"position_rad": angle})
+    np.testing.assert_array_equal(load_problem([with_angle], rig()).runs[0].starts, load_problem([log], rig()).runs[0].starts)

@@ -267,7 +267,6 @@ class _Reader:
         self.low, self.high = min(low, high), max(low, high)
         return True
 
-
     def not_before(self, row: int, speed: float, period: float, change: float) -> float:
         """Time before which a row's last edge cannot lie if the next row repeats its value: as long as periods change, that row holds no
         edge. No bound where it must hold one."""

@@ -374,7 +374,7 @@ def _force(time_s: np.ndarray, position: np.ndarray, known: np.ndarray, sigma: f
 
 def _span_rows(time_s: np.ndarray, position: np.ndarray, sigma: float, least: int) -> int:
     """Rows between the instants of a difference, at least so many: more where noise would drown the acceleration, up to LONGEST_SPAN_S."""
-    rows, step = least, float(np.median(np.diff(time_s)))
+    rows, step = least, float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     while 2 * rows * step <= LONGEST_SPAN_S and 6 * rows < len(position):
         if noise.differences(time_s, position, 2, rows).std() > DROWNED * sigma:
             break

@@ -14,6 +14,7 @@ from vgroove.gap.noise import RPM
 from vgroove.rig import Rig
 
 ANGLES = states.NEIGHBOURS[0]  # by as much a fit to neighbouring angles beats their differences: the errors of neighbours cancel
+SEEN_SHARE = 0.5  # of a log that an angle must last: one that fails early shows no states beside a speed
 START_S = 0.02  # the shaft is taken to leave its rest this long before the first edge
 
 
@@ -29,7 +30,7 @@ def sight_of(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges
         angle_at = _interpolated(speed.start_s, angle)
     if edges is not None and not edges.falling.all():
         speed, angle_at = _edge_sight(rig, edges, _standing(rig)(0.0))
-    if "position_rad" in by_column:
+    if "position_rad" in by_column and (speed is None or np.ptp(by_column["position_rad"].time_s) > SEEN_SHARE * np.ptp(time_s)):
         differences, angle_at = _position_sight(time_s, columns["position_rad"], rig)
         from_angle = speed is None or fineness(differences) / ANGLES < fineness(speed)
         speed = differences if from_angle else speed
