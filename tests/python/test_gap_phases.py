@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from made_log import MadeLog, drive_log, edge_times, hall_column, rig
-from vgroove.gap import phases
+from vgroove.gap import edge_gain, phases
 from vgroove.gap.edge_gain import agreed_share, edge_scale, waited_scale
 from vgroove.gap.missed import believable, pitches
 from vgroove.gap.problem import load_problem
@@ -88,6 +88,23 @@ def test_rows_that_wait_for_an_edge_tell_a_gain_that_many_edges_a_row_hide(gain:
     time_s, speed = stopping_column(gain, stops_per_s)
     assert waited_scale(time_s, speed, 32, 0.5) - 1.0 == pytest.approx(gain, abs=3e-3)
     assert edge_scale(time_s, speed, 32, 0.5) - 1.0 == pytest.approx(gain, abs=error)
+
+
+@pytest.mark.parametrize(("pulses", "torn", "believed"), [(16, 13, False), (16, 100, True), (4, 13, True)])
+def test_a_few_torn_chains_of_a_sensor_that_counts_are_chance(pulses: int, torn: int, believed: bool,
+                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of many scales chains 2,500 periods better than all others; of a sensor that counts 1 % of them must tear to say anything."""
+    time_s = np.arange(2501) * 1e-3
+    speed = 3000.0 + time_s
+
+    def chains(_: np.ndarray, scaled: np.ndarray, *_more: object) -> int:
+        return 2 if scaled[0] > 3200.0 else torn
+
+    monkeypatch.setattr(edge_gain, "count_chains", chains)
+    monkeypatch.setattr(edge_gain, "share_bounds", lambda *_: np.zeros((0, 2)))
+    monkeypatch.setattr(edge_gain, "longest_chain", lambda *_: (1.0, 0.0, 0))
+    found = edge_scale(time_s, speed, pulses, 0.5)
+    assert found < 3000.0 / 3200.0 if believed else found == 1.0
 
 
 def test_a_shaft_that_never_stops_tells_no_scale_by_waiting() -> None:
