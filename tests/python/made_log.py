@@ -72,12 +72,12 @@ LEVELS = [(0.3, 0.35), (1.0, 0.8), (1.8, 0.5), (2.6, 1.0), (3.4, 0.25), (4.2, 0.
 
 
 def drive_log(tool: Rig, seed: int = 1, seconds: float = 6.0, levels: list[tuple[float, float]] | None = None,
-              noise: bool = True, dropout: float = 0.0) -> MadeLog:
+              noise: bool = True, dropout: float = 0.0, slew_per_s: float = 6.0) -> MadeLog:
     """A log of a tool that is exactly the plant with the rig's parameters; the sensors are those of the rig."""
     rng = np.random.default_rng(seed)
     fine = np.arange(0, round(seconds * 1e4) + 1) * 1e-4
     time_s = fine[::10]
-    duty = profile(time_s, LEVELS if levels is None else levels, 6.0)
+    duty = profile(time_s, LEVELS if levels is None else levels, slew_per_s)
     kind = tool.input["kind"]
     command = duty if kind == "duty" else duty * 18.0
     slew = tool.input.get("slew_per_s")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from made_log import drive_log, rig
+from made_log import MadeLog, drive_log, rig
 from vgroove import _core
 from vgroove.gap.problem import load_problem
 
@@ -64,3 +64,17 @@ def test_a_nominal_model_that_knows_nothing_of_the_start_moves_no_angle() -> Non
     assert np.array_equal(rows.rows, plain.rows)
     apart = rows.measured[1:, 2] - plain.measured[1:, 2]
     assert np.ptp(apart) < 1e-6 and abs(apart[0]) < np.pi
+
+
+def test_a_restart_in_a_clipped_current_goes_on_with_the_current_that_runs() -> None:
+    tool, limit = rig(), 3.0
+    triangle = [(0.05 + 0.5 * k, 1.0 - k % 2) for k in range(8)]
+    made = drive_log(tool, seconds=4.0, levels=triangle, noise=False, slew_per_s=2.0)
+    clipped = MadeLog(made.time_s, made.columns | {"current_a": np.clip(made.columns["current_a"], -limit, limit)})
+    problem = load_problem([clipped], tool)
+    theta = problem.theta0.copy()
+    theta[problem.index("effects.current_saturation.limit_a")] = limit
+    held = np.abs(problem.runs[0].restarts.measured[:, 0]) > 0.99 * limit
+    speeds = problem.signal == [s.column for s in problem.signals].index("speed_rpm")
+    assert np.count_nonzero(held) > 4
+    assert problem.gap(problem.residuals(theta)[0], speeds) < 1.0

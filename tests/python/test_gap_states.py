@@ -99,3 +99,11 @@ def test_differences_of_an_angle_know_the_loggers_clock_and_no_speed_sensor(from
     gain, offset, lag = np.array([[1.0, 1.1]]), np.array([[0.0, 0.0]]), np.array([[0.0, 0.01]])
     state = found.states(gain, offset, lag, np.array([False]), np.array([1.02]))[0, 0]
     assert state == pytest.approx([3.0, speed, 0.0])
+
+
+def test_behind_a_clipped_current_is_what_the_motion_asks_for() -> None:
+    found = Restarts(np.array([0]), np.array([[-5.0, 100.0, 0.0]]), np.zeros((1, 2)), np.zeros((1, 2)), motion_a=np.array([-30.0]))
+    none, sets = np.zeros((4, 2)), np.ones(4)
+    states = found.states(none + 1.0, none, none, sets == 0.0, sets, np.array([np.inf, 5.0, 5.5, 5.6]))
+    assert states[:, 0, 0] == pytest.approx([-5.0, -30.0, -30.0, -5.0])
+    assert np.all(states[:, 0, 1] == 100.0)

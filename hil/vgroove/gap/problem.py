@@ -122,8 +122,9 @@ class Problem:
         command_clock = theta[:, self.index("effects.clock_skew.command_clock")] != 0.0
         clock = 1.0 + np.where(command_clock, 0.0, theta[:, self.index("effects.clock_skew.relative")])
         delayed, found = theta[:, self.index("effects.speed_lag.delay_form")] != 0.0, []
+        limit_a = theta[:, self.index("effects.current_saturation.limit_a")]
         for run in self.runs:
-            states = corrected(self, run, theta, run.restarts.states(gain, offset, lag, delayed, clock))
+            states = corrected(self, run, theta, run.restarts.states(gain, offset, lag, delayed, clock, limit_a))
             found.append(_core.simulate_log(run.drive, theta, run.starts, states, threads=threads, unfinished=unfinished))
             found[-1][CLOCK] = clock
             found[-1][DROPS_EDGES] = theta[:, self.index("effects.hall_dropout.probability")] > 0.0

@@ -13,6 +13,7 @@ SEARCH_S, SEARCH_STEPS = 0.05, 11  # a restart may move this far, to the best of
 UNREST_S = 2e-4  # of two instants that are known equally well the quieter one is taken: this much of its acceleration counts as doubt
 NOISE_ALONE = 1.0  # a mean square of the residual so many standard deviations above noise's tells of a motion that the polynomial misses
 TRUST = 2.5  # a restart needs a state known to within this many sigma of the sensor
+CLIPPED = 0.9  # of a sensor's limit, beyond which it no longer shows the current: a soft one bends before it
 
 
 @dataclass(frozen=True)
@@ -167,9 +168,11 @@ def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observati
 
 @dataclass(frozen=True)
 class State:
-    """Measured [current_a, speed_rad_s, angle_rad] at an instant, slope and bend of the first two, and what the speed was made of."""
+    """Measured [current_a, speed_rad_s, angle_rad] at an instant, the current that the motion there asks for (nan: not known), slope and
+    bend of the first two, and what the speed was made of."""
 
     value: np.ndarray
+    motion_a: float = np.nan
     rates: np.ndarray = field(default_factory=lambda: np.zeros((2, 2)))
     smoothing: Smoothing = NOT_SMOOTHED
 
@@ -190,19 +193,17 @@ class Sight:
         speed = local_fit(self.speed, time_s) if self.speed is not None else NOWHERE
         if not np.isfinite(speed.doubt):
             return State(np.zeros(3)), np.inf, np.inf
-        if self.current is None:
-            current = Local(self.current_from(time_s, speed.value, speed.slope), 0.0, 0.0, 0.0, 0.0)
-        else:
-            current = local_fit(self.current, time_s)
+        motion_a = self.current_from(time_s, speed.value, speed.slope)
+        current = Local(motion_a, 0.0, 0.0, 0.0, 0.0) if self.current is None else local_fit(self.current, time_s)
         state = np.array([current.value, speed.value, self.angle_at(time_s)])
         rates = np.array([[current.slope, current.bend], [speed.slope, speed.bend]])
-        return State(state, rates, speed.smoothing), max(speed.doubt, current.doubt), speed.unrest
+        return State(state, motion_a, rates, speed.smoothing), max(speed.doubt, current.doubt), speed.unrest
 
 
 @dataclass(frozen=True)
 class Restarts:
     """Rows (S,) at whose end the model starts anew, the measured states there (S, 3), slopes and bends (S, 2) of current and speed;
-    whether the speeds are differences of a measured angle, and what each speed was made of."""
+    whether the speeds are differences of a measured angle, what each speed was made of, and the currents (S,) that the motion asks for."""
 
     rows: np.ndarray
     measured: np.ndarray
@@ -210,9 +211,14 @@ class Restarts:
     bends: np.ndarray
     from_angle: bool = False
     smoothing: tuple[Smoothing, ...] = ()
+    motion_a: np.ndarray | float = np.nan
 
-    def states(self, gain: np.ndarray, offset: np.ndarray, lag_s: np.ndarray, delayed: np.ndarray, clock: np.ndarray) -> np.ndarray:
+    def states(self, gain: np.ndarray, offset: np.ndarray, lag_s: np.ndarray, delayed: np.ndarray, clock: np.ndarray,
+               limit_a: np.ndarray | float = np.inf) -> np.ndarray:
         """True states (B, S, 3) behind the measured ones for sensors of gain, offset and lag (B, 2) for current and speed.
+
+        limit_a (B,): what a current is clipped at. Behind a clipped one is what the motion asks for: a start from the limit would lack, or
+        add, an impulse of torque as long as the winding's time constant, and where the bridge opens nothing takes it away again.
 
         delayed (B,): the speed sensor is a delay, else a filter y' = (x - y) / lag. clock (B,): seconds of the logger in a second of the
         tool; a speed that is a difference of angles is one over the logger's time, and no speed sensor's.
@@ -223,6 +229,8 @@ class Restarts:
         true[:, :, :2] += lag_s[:, None] * self.slopes
         true[:, :, 1] += 0.5 * (delayed * lag_s[:, 1] ** 2)[:, None] * self.bends[:, 1]
         true[:, :, :2] = (true[:, :, :2] - offset[:, None]) / gain[:, None]
+        clipped = np.abs(self.measured[:, 0]) > CLIPPED * np.reshape(limit_a, (-1, 1))
+        true[:, :, 0] = np.where(clipped & np.isfinite(self.motion_a), self.motion_a, true[:, :, 0])
         return true
 
 
@@ -249,7 +257,7 @@ def restarts(sight: Sight, time_s: np.ndarray, restart_s: float, resume: Sequenc
             found.append(chosen[1])
     rates = np.array([state.rates for state in found])
     return Restarts(np.array(rows), np.array([state.value for state in found]), rates[:, :, 0], rates[:, :, 1], sight.from_angle,
-                    tuple(state.smoothing for state in found))
+                    tuple(state.smoothing for state in found), np.array([state.motion_a for state in found]))
 
 
 def _first_state(sight: Sight, time_s: np.ndarray) -> State:
