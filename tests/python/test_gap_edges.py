@@ -190,6 +190,22 @@ def test_a_wait_is_a_fall_and_ends_in_rest() -> None:
     assert found.row.max() < np.flatnonzero(column == 0.0)[-1]
 
 
+@pytest.mark.parametrize("agree", [True, False])
+def test_rows_that_agree_on_a_wait_know_its_edge_better_than_the_steps_up_to_it(agree: bool) -> None:
+    """A shaft braked hard, logged at 300 Hz: its last edge came 40 us before where the steps up to it put it. One row could be an edge."""
+    edge_s, rows = -1.733e-3, np.array([-1, 0, 3, 4, 5, 6, 7]) / 300.0
+    waits = [1288.5, 1288.5, *np.round(15.0 / (rows[2:] - edge_s) * 2.0) / 2.0]
+    reader = _Reader(rows + 9e-3, np.array(waits if agree else [*waits[:3], 0.0, 0.0, 0.0, 0.0]), 4, 0.5)
+    reader.begin(1, 1288.5)
+    reader.last_row, reader.low, reader.high = 1, edge_s + 9.04e-3, edge_s + 9.13e-3
+    for row in range(2, 7 if agree else 3):
+        reader.follow(row, waits[row])
+        reader.last_row = row
+    assert [fall[0] for fall in reader.chain.falls] == ([2, 3, 4, 5, 6] if agree else [])
+    if agree:
+        assert reader.low < edge_s + 9e-3 < reader.high < reader.low + 2e-5
+
+
 def test_edges_of_a_missing_row_passed_at_the_mean_of_both_speeds() -> None:
     """A row of 2 ms at 2 edges a millisecond after a missing one; the row before had 1. Four edges are its own, the others 2/3 ms apart."""
     between = 2.0 / (1.0 / 1e-3 + 1.0 / 0.5e-3)

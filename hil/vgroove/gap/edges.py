@@ -12,6 +12,7 @@ from vgroove.gap.edge_places import BEND_SHARE, PLAIN, TICK_S, counted_lengths, 
 
 CHANGING_S = 1e-5  # from edge to edge: no two periods that follow one another are alike then
 WAIT_SLACK_S = 1e-5  # a falling row may miss the chain by this much; the row after it decides
+AGREE = 2  # rows after one that must show the same wait, for which the steps up to its edge may be wrong
 STRAIN_S = 1e-4  # a row's interval missed by more than this breaks the chain
 NEAR_END_S = 5e-6  # an edge this close to a row's end may have been read by either row
 STRETCH_EDGES = 64  # of a stretch that tells a scale for itself: an edge counted wrong spoils no more
@@ -187,7 +188,7 @@ class _Reader:
             if self.low + period > now + slack:  # else an equal period may just have ended: no bound follows
                 self.narrow(now - period - slack, now + TICK_S)
         elif self.is_fall(row, speed, now, period, slack + rounding):  # a board may truncate where a pitch over the wait is a bound
-            self.narrow(now - period - slack - rounding, now - period + slack + rounding)
+            self.wait(now - period - slack - rounding, now - period + slack + rounding)
             self.chain.falls.append((row, len(self.chain.row) - 1, speed, self.before()))
         elif not self.new_edge(row, speed, now, period, rounding):
             self.begin(row, speed)
@@ -198,9 +199,16 @@ class _Reader:
         if max(self.low, low) <= min(self.high, high):
             self.low, self.high = max(self.low, low), min(self.high, high)
 
+    def wait(self, low: float, high: float) -> None:
+        """Add what a wait says of the last edge's time: rows that agree on it know better than the steps up to that edge."""
+        strained = max(low - self.high, self.low - high) > WAIT_SLACK_S
+        self.narrow(low, high)
+        if strained:
+            self.low, self.high = low, high
+
     def is_fall(self, row: int, speed: float, now: float, period: float, slack: float) -> bool:
         """Whether the row shows the wait for an edge: one pitch over the time since the last edge."""
-        spread = slack + WAIT_SLACK_S
+        spread = slack + (STRAIN_S if self.are_waits(row, now - period, slack) else WAIT_SLACK_S)
         if abs(speed) >= abs(self.chain.speed_rpm[-1]) or not self.low - spread <= now - period <= self.high + spread:
             return False
         following = self.following(row)
@@ -212,6 +220,18 @@ class _Reader:
         if abs((self.time[following] - then) - (now - period)) <= slack + spread + TICK_S:
             return True
         return period > self.time[following] - now + spread
+
+    def are_waits(self, row: int, edge_s: float, slack: float) -> bool:
+        """Whether the next rows wait since the same edge as this one: new edges could not lie closer than the later one's period."""
+        for _ in range(AGREE):
+            row = self.following(row)
+            if row is None or self.speed[row] == 0.0:
+                return False
+            period, rounding = self.period(self.speed[row])
+            slack = max(slack, 2.0 * rounding + TICK_S)
+            if abs(self.time[row] - period - edge_s) > 2.0 * slack:
+                return False
+        return True
 
     def following(self, row: int) -> int | None:
         """The next row that was read."""

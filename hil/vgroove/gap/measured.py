@@ -12,11 +12,12 @@ from vgroove.gap.blocks import Blocks
 from vgroove.gap.breakaway import with_breakaways
 from vgroove.gap.calm import Calm, calmed
 from vgroove.gap.channels import ENCODER, RAD_S_TO_RPM, Channel, ForceChannel, Places, RowChannel, span_channel
-from vgroove.gap.columns import filled, held
+from vgroove.gap.columns import SELDOM, between, filled, held
 from vgroove.gap.dead import without_dead
 from vgroove.gap.drive_noise import drive_sigma
 from vgroove.gap.edge_gain import edge_scale
 from vgroove.gap.edges import COUNTING_PULSES, EdgePeriods, near_reversal
+from vgroove.gap.lost_rows import with_lost_rows
 from vgroove.gap.missed import missed_edges
 from vgroove.gap.missed_rows import read_edges
 from vgroove.gap.noise import RPM
@@ -34,6 +35,7 @@ DUTY_LIMIT = 1.01  # a compare value of 256 of 255 is rounding; beyond that the 
 UNAIDED_RPM = 100.0  # by which a shaft may speed up without a command: noise, a hand
 START_S, LATEST_START_S = 0.02, 0.15  # a log whose first speed begins so early begins in motion; its first good state comes at most so late
 FIRST_TURN_RAD = 2.0 * np.pi  # a nominal model that is further from the count by the first edge knows nothing of the start
+STEPPED = 0.1  # of a command's span: a change in a hole whose row would matter
 HOLE_S, HOLE_ROWS = 0.02, 8  # a command unknown for longer than both (seconds, usual intervals) leaves the motion after it open
 
 
@@ -63,7 +65,7 @@ class Run:
 
 def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     """Run of a log (time_s, columns) under a rig; VgrooveError when the input is missing or nothing is left to judge."""
-    log = on_its_clock(without_dead(log, rig), rig)
+    log = with_lost_rows(on_its_clock(without_dead(log, rig), rig), rig)
     time_s = np.asarray(log.time_s, dtype=float)
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     source, warnings = str(getattr(log, "source", "log")), list(getattr(log, "warnings", []))
@@ -78,7 +80,7 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     closed = _bridge_closed(columns, rig, len(time_s))
     left_open = drive_sigma(rig, time_s, command, load, columns.get("current_a"), driven, closed, restart_s)
     channels = _widened(channels, time_s, left_open)
-    holes = _holes(time_s, columns[rig.input["kind"]])
+    holes = _holes(time_s, columns[rig.input["kind"]], rig.input.get("slew_per_s", 0.0))
     moving = _in_motion(sight, time_s)
     from_rest = edges is not None and "position_rad" not in columns and not moving and rig.load["kind"] != "pendulum"
     if from_rest:
@@ -123,7 +125,7 @@ def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
     if rig.bus_is_measured and kind == "duty":
         if "supply_v" not in columns:
             raise VgrooveError(f"{source}: the column supply_v is missing, which drives the model according to the rig (input.bus)")
-        more["supply_v"] = held(columns["supply_v"])
+        more["supply_v"] = filled(time_s, columns["supply_v"])
     load = rig.load["kind"]
     if load == "torque" and "load_nm" not in columns:
         warnings.append(f"{source}: the rig has a load torque but the log no column load_nm: taken as no load")
@@ -132,7 +134,7 @@ def _drive(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source:
         more["load_nm"] = filled(time_s, columns["load_nm"])
     if "coast" in columns:
         more["coast"] = held(columns["coast"])
-    driving, driven, slack = held(command), None, noise.step_of(command)
+    driving, driven, slack = between(time_s, command), None, noise.step_of(command)
     if kind == "voltage_v":
         driven = calmed(driving)
         driving, slack = driven.values, slack + 4.0 * np.hypot(driven.noise_v, np.max(driven.fast_v))
@@ -389,12 +391,15 @@ def _widened(channels: list[Channel], time_s: np.ndarray, drive: tuple[np.ndarra
     return [replace(c, sigma=np.hypot(c.sigma, np.interp(c.time_s, time_s, more[c.unit]))) if c.unit in more else c for c in channels]
 
 
-def _holes(time_s: np.ndarray, command: np.ndarray) -> list[tuple[int, int]]:
-    """Rows (before, after) on both sides of each stretch in which the command is not known: missing rows or missing samples."""
+def _holes(time_s: np.ndarray, command: np.ndarray, slew_per_s: float) -> list[tuple[int, int]]:
+    """Rows (before, after) on both sides of each stretch in which the command is not known: missing rows or samples, few of them where the
+    command stepped in between, in which row none tells."""
     known = np.flatnonzero(np.isfinite(command))
-    length = np.diff(time_s[known])
+    length, change = np.diff(time_s[known]), np.abs(np.diff(command[known]))
     limit = max(HOLE_S, HOLE_ROWS * float(np.median(np.diff(time_s))))
-    return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(length > limit)]
+    between_rows = (np.diff(known) > 1) & (len(known) >= SELDOM * len(command))
+    stepped = between_rows & (change > slew_per_s * length + STEPPED * np.ptp(command[known]))
+    return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero((length > limit) | stepped)]
 
 
 def _in_motion(sight: states.Sight, time_s: np.ndarray) -> bool:

@@ -1,0 +1,108 @@
+"""Rows that a line lost: what follows a hole is a mean over its own interval, unless the current says that the logger waited."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_log import MadeLog, rig
+from vgroove import _core
+from vgroove.gap.columns import between
+from vgroove.gap.lost_rows import after_holes, with_lost_rows
+from vgroove.gap.measured import prepare_run
+from vgroove.gap.problem import load_problem
+from vgroove.rig import Rig
+
+HZ = 300
+GRID = np.arange(0, 4 * HZ + 1) / HZ
+HERE = np.random.default_rng(3).uniform(size=len(GRID)) > 0.03
+HERE[[0, -1]] = True
+
+
+def stepping() -> Rig:
+    made = rig(sensors={"log_hz": HZ, "hall_pulses_per_rev": 0, "speed_noise_rpm": 2.0})
+    return replace(made, input={"kind": "duty"})
+
+
+def steps(time_s: np.ndarray) -> np.ndarray:
+    """Duty that steps every 0.4 s to levels far apart."""
+    return np.array([0.0, 0.8, 0.2, 0.9, 0.4, 1.0, 0.1, 0.7, 0.3, 0.6, 0.6])[(np.maximum(time_s, 0.0) / 0.4).astype(int)]
+
+
+def logged(tool: Rig, time_s: np.ndarray) -> MadeLog:
+    """What a logger with rows at these times writes of the tool, with its noise."""
+    rng, duty = np.random.default_rng(1), steps(time_s - 1.0 / HZ)
+    rows = _core.simulate_log(_core.LogInput(time_s, "duty", duty), tool.parameters()[None], np.array([0]), np.zeros((1, 3)))
+    current = rows["current_a"][0] + 0.15 * rng.standard_normal(len(time_s))
+    speed = rows["speed_measured_rad_s"][0] * 30.0 / np.pi + 2.0 * rng.standard_normal(len(time_s))
+    return MadeLog(time_s, {"duty": duty, "current_a": current, "speed_rpm": speed})
+
+
+def without(log: MadeLog, here: np.ndarray) -> MadeLog:
+    return MadeLog(log.time_s[here], {name: values[here] for name, values in log.columns.items()})
+
+
+@pytest.mark.parametrize("waited", [False, True])
+def test_a_row_after_a_hole_is_read_as_the_logger_made_it(waited: bool) -> None:
+    """Rows lost on the line, or never taken: either log leaves the noise alone, though a current falls by half in three rows here."""
+    tool = stepping()
+    log = logged(tool, GRID[HERE]) if waited else without(logged(tool, GRID), HERE)
+    problem = load_problem([log], tool)
+    after = problem.time_s[problem.signal == 0]
+    left = problem.residuals(problem.theta0)[0][problem.signal == 0]
+    second = np.isin(np.round(after * HZ), np.round(GRID[np.flatnonzero(~HERE) + 1] * HZ))
+    assert second.sum() > 15
+    assert np.abs(left[second]).max() < 4.5
+    assert any("lost" in warning for warning in problem.warnings) is not waited
+
+
+def test_uneven_clocks_and_clocks_that_skip_often_have_no_holes() -> None:
+    assert np.array_equal(after_holes(GRID[HERE]), np.flatnonzero(np.diff(np.flatnonzero(HERE)) > 1) + 1)
+    uneven = GRID + np.random.default_rng(2).uniform(-0.3, 0.3, len(GRID)) / HZ
+    assert not len(after_holes(uneven[HERE]))
+    assert not len(after_holes(GRID[np.arange(len(GRID)) % 5 != 0]))
+    assert not len(after_holes(GRID))
+
+
+def test_a_long_hole_costs_one_row() -> None:
+    log = with_lost_rows(without(logged(stepping(), GRID), (GRID < 1.0) | (GRID > 3.0)), stepping())
+    assert len(log.time_s) == np.count_nonzero((GRID < 1.0) | (GRID > 3.0)) + 1
+    assert np.isnan(log.columns["current_a"]).sum() == 1
+
+
+@pytest.mark.parametrize("change", [0.6, 0.02])
+def test_a_step_in_a_hole_is_left_out_up_to_the_next_restart(change: float) -> None:
+    """In which row the command stepped none tells: what follows is a guess, where it matters."""
+    tool = stepping()
+    command = np.where(GRID > 2.0, 0.3 + change, 0.3)
+    command[np.abs(GRID - 2.0) < 0.5 / HZ] = np.nan
+    command[GRID < 0.2] = 0.9
+    rows = logged(tool, GRID)
+    run = prepare_run(replace(rows, columns=rows.columns | {"duty": command}), tool, 0.25)
+    judged = run.channels[0].time_s
+    after = judged[(judged > 2.0) & (judged < 2.05)]
+    assert len(after) == 0 if change > 0.1 else len(after) > 10
+    assert any("holes in the command" in warning for warning in run.warnings) is (change > 0.1)
+
+
+def test_a_ramp_runs_straight_through_missing_samples() -> None:
+    """A command that stood still in them would ask for a third of an ampere too little, and then for as much at once."""
+    tool = replace(stepping(), input={"kind": "duty", "slew_per_s": 6.0})
+    duty = 0.5 + 0.4 * np.abs(np.mod(GRID, 0.8) / 0.4 - 1.0)
+    rows = _core.simulate_log(_core.LogInput(GRID, "duty", duty, slew_per_s=6.0), tool.parameters()[None], np.array([0]), np.zeros((1, 3)))
+    rng = np.random.default_rng(5)
+    command = np.where(rng.uniform(size=len(GRID)) > 0.08, duty, np.nan)
+    current = rows["current_a"][0] + 0.02 * rng.standard_normal(len(GRID))
+    tool = replace(tool, sensors={"log_hz": HZ, "current_noise_a": 0.02})
+    problem = load_problem([MadeLog(GRID, {"duty": command, "current_a": current})], tool)
+    assert problem.gap(problem.residuals(problem.theta0)[0], problem.judged) < 1.3
+
+
+def test_a_missing_sample_takes_a_value_that_occurs_or_the_last_one_of_a_slow_column() -> None:
+    time_s = np.arange(40.0)
+    values = np.round(time_s / 3.0)
+    values[[12, 21]] = np.nan
+    assert between(time_s, values)[[12, 21]].tolist() == [4.0, 7.0]
+    assert set(between(time_s, values)) == set(values[np.isfinite(values)])
+    seldom = np.where(time_s % 4 == 0, time_s, np.nan)
+    assert np.array_equal(between(time_s, seldom), time_s - time_s % 4)
