@@ -70,6 +70,30 @@ def test_a_long_hole_costs_one_row() -> None:
     assert np.isnan(log.columns["current_a"]).sum() == 1
 
 
+def test_a_busy_command_with_missing_samples_is_not_left_out() -> None:
+    """Nearly all of a log that steps in every row would be behind such a step."""
+    tool, rng = stepping(), np.random.default_rng(4)
+    duty = rng.uniform(0.2, 0.9, len(GRID))
+    rows = _core.simulate_log(_core.LogInput(GRID, "duty", duty), tool.parameters()[None], np.array([0]), np.zeros((1, 3)))
+    speed = rows["speed_measured_rad_s"][0] * 30.0 / np.pi + 2.0 * rng.standard_normal(len(GRID))
+    command = np.where(rng.uniform(size=len(GRID)) > 0.02, duty, np.nan)
+    run = prepare_run(MadeLog(GRID, {"duty": command, "speed_rpm": speed}), tool, 0.25)
+    assert len(run.channels[0].row) > 0.9 * len(GRID)
+
+
+def test_without_a_current_a_row_closes_what_the_contract_says() -> None:
+    log = without(logged(stepping(), GRID), HERE)
+    quiet = MadeLog(log.time_s, {name: values for name, values in log.columns.items() if name != "current_a"})
+    assert with_lost_rows(quiet, stepping()) is quiet
+    blind = replace(log, columns=log.columns | {"current_a": np.full(len(log.time_s), np.nan)})
+    assert with_lost_rows(blind, stepping()) is blind
+
+
+def test_one_pause_off_the_clock_hides_no_lost_rows() -> None:
+    paused = GRID[HERE] + np.where(GRID[HERE] > 2.0, 0.4 / HZ, 0.0)
+    assert len(after_holes(paused)) >= len(after_holes(GRID[HERE])) - 1
+
+
 @pytest.mark.parametrize("change", [0.6, 0.02])
 def test_a_step_in_a_hole_is_left_out_up_to_the_next_restart(change: float) -> None:
     """In which row the command stepped none tells: what follows is a guess, where it matters."""

@@ -201,10 +201,9 @@ class _Reader:
 
     def wait(self, low: float, high: float) -> None:
         """Add what a wait says of the last edge's time: rows that agree on it know better than the steps up to that edge."""
-        strained = max(low - self.high, self.low - high) > WAIT_SLACK_S
+        if max(low - self.high, self.low - high) > WAIT_SLACK_S:
+            self.low, self.high = self.chain.low_s[-1], self.chain.high_s[-1] = low, high
         self.narrow(low, high)
-        if strained:
-            self.low, self.high = low, high
 
     def is_fall(self, row: int, speed: float, now: float, period: float, slack: float) -> bool:
         """Whether the row shows the wait for an edge: one pitch over the time since the last edge."""

@@ -36,6 +36,7 @@ UNAIDED_RPM = 100.0  # by which a shaft may speed up without a command: noise, a
 START_S, LATEST_START_S = 0.02, 0.15  # a log whose first speed begins so early begins in motion; its first good state comes at most so late
 FIRST_TURN_RAD = 2.0 * np.pi  # a nominal model that is further from the count by the first edge knows nothing of the start
 STEPPED = 0.1  # of a command's span: a change in a hole whose row would matter
+MOST_BEHIND = 0.1  # of a log's rows, that may be left out behind such steps
 HOLE_S, HOLE_ROWS = 0.02, 8  # a command unknown for longer than both (seconds, usual intervals) leaves the motion after it open
 
 
@@ -80,12 +81,17 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
     closed = _bridge_closed(columns, rig, len(time_s))
     left_open = drive_sigma(rig, time_s, command, load, columns.get("current_a"), driven, closed, restart_s)
     channels = _widened(channels, time_s, left_open)
-    holes = _holes(time_s, columns[rig.input["kind"]], rig.input.get("slew_per_s", 0.0))
+    holes = _holes(time_s, columns[rig.input["kind"]])
+    steps = _steps_in_holes(time_s, columns[rig.input["kind"]], rig.input.get("slew_per_s", 0.0))
     moving = _in_motion(sight, time_s)
     from_rest = edges is not None and "position_rad" not in columns and not moving and rig.load["kind"] != "pendulum"
     if from_rest:
         sight = counted_from_rest(sight, edges, time_s, motion)
-    restarts = states.restarts(sight, time_s, restart_s, [0] * moving + [row for _, row in holes])
+    restarts = states.restarts(sight, time_s, restart_s, [0] * moving + [row for _, row in holes + steps])
+    if _share_behind(steps, restarts.rows, len(time_s)) <= MOST_BEHIND:
+        holes += steps
+    else:  # a command that moves all the time steps in every hole: a guess leaves more than nothing
+        restarts = states.restarts(sight, time_s, restart_s, [0] * moving + [row for _, row in holes])
     holes += _rough_start(restarts, time_s) if moving else []
     channels = tuple(_clear_of_holes(_clear_of_restarts(channel, restarts.rows), restarts.rows, holes) for channel in channels)
     gaps = sum(before >= 0 for before, _ in holes)
@@ -391,15 +397,29 @@ def _widened(channels: list[Channel], time_s: np.ndarray, drive: tuple[np.ndarra
     return [replace(c, sigma=np.hypot(c.sigma, np.interp(c.time_s, time_s, more[c.unit]))) if c.unit in more else c for c in channels]
 
 
-def _holes(time_s: np.ndarray, command: np.ndarray, slew_per_s: float) -> list[tuple[int, int]]:
-    """Rows (before, after) on both sides of each stretch in which the command is not known: missing rows or samples, few of them where the
-    command stepped in between, in which row none tells."""
+def _holes(time_s: np.ndarray, command: np.ndarray) -> list[tuple[int, int]]:
+    """Rows (before, after) on both sides of each stretch in which the command is not known: missing rows or missing samples."""
     known = np.flatnonzero(np.isfinite(command))
-    length, change = np.diff(time_s[known]), np.abs(np.diff(command[known]))
+    length = np.diff(time_s[known])
     limit = max(HOLE_S, HOLE_ROWS * float(np.median(np.diff(time_s))))
-    between_rows = (np.diff(known) > 1) & (len(known) >= SELDOM * len(command))
-    stepped = between_rows & (change > slew_per_s * length + STEPPED * np.ptp(command[known]))
-    return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero((length > limit) | stepped)]
+    return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(length > limit)]
+
+
+def _steps_in_holes(time_s: np.ndarray, command: np.ndarray, slew_per_s: float) -> list[tuple[int, int]]:
+    """Rows (before, after) on both sides of each missing sample in which the command stepped, in which row none tells; none of a command
+    that comes less often than the rows."""
+    known = np.flatnonzero(np.isfinite(command))
+    if len(known) < SELDOM * len(command):
+        return []
+    length, change = np.diff(time_s[known]), np.abs(np.diff(command[known]))
+    stepped = (np.diff(known) > 1) & (change > slew_per_s * length + STEPPED * np.ptp(command[known]))
+    return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(stepped)]
+
+
+def _share_behind(holes: list[tuple[int, int]], starts: np.ndarray, rows: int) -> float:
+    """Share of a log's rows from each hole up to the next restart."""
+    ends = np.append(starts, rows)
+    return sum(int(ends[np.searchsorted(ends, after)]) - before for before, after in holes) / rows
 
 
 def _in_motion(sight: states.Sight, time_s: np.ndarray) -> bool:
