@@ -198,12 +198,14 @@ def test_rows_that_agree_on_a_wait_know_its_edge_better_than_the_steps_up_to_it(
     reader = _Reader(rows + 9e-3, np.array(waits if agree else [*waits[:3], 0.0, 0.0, 0.0, 0.0]), 4, 0.5)
     reader.begin(1, 1288.5)
     reader.last_row, reader.low, reader.high = 1, edge_s + 9.04e-3, edge_s + 9.13e-3
+    reader.chain.low_s[-1], reader.chain.high_s[-1] = reader.low, reader.high
     for row in range(2, 7 if agree else 3):
         reader.follow(row, waits[row])
         reader.last_row = row
     assert [fall[0] for fall in reader.chain.falls] == ([2, 3, 4, 5, 6] if agree else [])
     if agree:
         assert reader.low < edge_s + 9e-3 < reader.high < reader.low + 2e-5
+        assert reader.chain.low_s[-1] < edge_s + 9e-3 < reader.chain.high_s[-1]
 
 
 def test_edges_of_a_missing_row_passed_at_the_mean_of_both_speeds() -> None:

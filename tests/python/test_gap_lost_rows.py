@@ -1,4 +1,4 @@
-"""Rows that a line lost: what follows a hole is a mean over its own interval, unless the current says that the logger waited."""
+"""Rows that a line lost: what follows a hole is a mean over its own interval where the current says so, else over the hole."""
 
 from dataclasses import replace
 
