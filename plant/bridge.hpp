@@ -1,4 +1,5 @@
-// Bridge, averaged over the PWM period: sign-magnitude drive with synchronous rectification, dead time, switch resistance, diodes when open.
+// Bridge, averaged over the PWM period: sign-magnitude drive with synchronous rectification, dead
+// time, switch resistance, diodes when open.
 #ifndef VGROOVE_PLANT_BRIDGE_HPP
 #define VGROOVE_PLANT_BRIDGE_HPP
 
@@ -25,22 +26,26 @@ template <class V> VGROOVE_INLINE V within_one(V x) {
     return max_of<V>(splat<V>(-1.0), min_of<V>(splat<V>(1.0), x));
 }
 
-// S(i) = i / ir within +-1: the sign of the current averaged over the ripple; or averaged over the two edges of the pulse, where the current
-// is at i - ir and i + ir
+// S(i) = i / ir within +-1: the sign of the current averaged over the ripple; or averaged over the
+// two edges of the pulse, where the current is at i - ir and i + ir
 template <class V> VGROOVE_INLINE V bridge_sign(const Bridge<V> &p, V i, V ripple_a) {
-    const V edges = within_one<V>((i - ripple_a) / RIPPLE_FLOOR_A) + within_one<V>((i + ripple_a) / RIPPLE_FLOOR_A);
+    const V edges = within_one<V>((i - ripple_a) / RIPPLE_FLOOR_A) +
+                    within_one<V>((i + ripple_a) / RIPPLE_FLOOR_A);
     return p.at_edges > 0.0 ? 0.5 * edges : within_one<V>(i / ripple_a);
 }
 
 // Slope of S(i), 1/A
 template <class V> VGROOVE_INLINE V bridge_sign_slope(const Bridge<V> &p, V i, V ripple_a) {
-    const V edge = abs_of<V>(abs_of<V>(i) - ripple_a) < RIPPLE_FLOOR_A ? splat<V>(0.5 / RIPPLE_FLOOR_A) : V{};
+    const V edge =
+        abs_of<V>(abs_of<V>(i) - ripple_a) < RIPPLE_FLOOR_A ? splat<V>(0.5 / RIPPLE_FLOOR_A) : V{};
     const V mean = abs_of<V>(i) < ripple_a ? 1.0 / ripple_a : V{};
     return p.at_edges > 0.0 ? edge : mean;
 }
 
 // v = d Vs - dead Vs S(i) - resistance_ohm i
-template <class V> VGROOVE_INLINE V bridge_voltage(const Bridge<V> &p, std::uint32_t effects, const Drive<V> &in, V duty, V bus_v, V ripple_a, V i) {
+template <class V>
+VGROOVE_INLINE V bridge_voltage(const Bridge<V> &p, std::uint32_t effects, const Drive<V> &in,
+                                V duty, V bus_v, V ripple_a, V i) {
     const V v = duty * bus_v - p.resistance_ohm * i;
     if (!(effects & EFFECT_DEAD_TIME))
         return v;
@@ -48,9 +53,12 @@ template <class V> VGROOVE_INLINE V bridge_voltage(const Bridge<V> &p, std::uint
 }
 
 // Heat in switches and diodes: resistance_ohm i^2 + dead Vs S(i) i
-template <class V> VGROOVE_INLINE V bridge_loss(const Bridge<V> &p, std::uint32_t effects, const Drive<V> &in, V bus_v, V ripple_a, V i) {
+template <class V>
+VGROOVE_INLINE V bridge_loss(const Bridge<V> &p, std::uint32_t effects, const Drive<V> &in, V bus_v,
+                             V ripple_a, V i) {
     const V loss = p.resistance_ohm * i * i;
-    return effects & EFFECT_DEAD_TIME ? loss + in.dead * bus_v * bridge_sign<V>(p, i, ripple_a) * i : loss;
+    return effects & EFFECT_DEAD_TIME ? loss + in.dead * bus_v * bridge_sign<V>(p, i, ripple_a) * i
+                                      : loss;
 }
 
 }  // namespace vgroove

@@ -1,4 +1,5 @@
-// Contact and friction laws of lug flanks, lug tops and the end stop, in the symbols of the Simscape Multibody contact force library (2015).
+// Contact and friction laws of lug flanks, lug tops and the end stop, in the symbols of the
+// Simscape Multibody contact force library (2015).
 #ifndef VGROOVE_PLANT_CONTACT_HPP
 #define VGROOVE_PLANT_CONTACT_HPP
 
@@ -22,8 +23,10 @@ VGROOVE_INLINE double contact_spring(const Contact &p, double pen) {
     return pen > 0.0 ? p.stiffness * std::pow(pen, p.exponent) : 0.0;
 }
 
-// k x^e + b x' ramp while approaching, k x^e while separating; ramp runs from 0 to 1 over ramp_m. Which branch holds is a mode of the solver.
-VGROOVE_INLINE double contact_force(const Contact &p, double pen, double rate, bool approaching, bool ramped) {
+// k x^e + b x' ramp while approaching, k x^e while separating; ramp runs from 0 to 1 over ramp_m.
+// Which branch holds is a mode of the solver.
+VGROOVE_INLINE double contact_force(const Contact &p, double pen, double rate, bool approaching,
+                                    bool ramped) {
     const double spring = contact_spring(p, pen);
     if (!approaching)
         return spring;
@@ -35,7 +38,8 @@ VGROOVE_INLINE double contact_energy(const Contact &p, double pen) {
     return pen > 0.0 ? contact_spring(p, pen) * pen / (p.exponent + 1.0) : 0.0;
 }
 
-// mu_s v / v_th below v_th; mu_s - (v - v_th)(mu_s - mu_k) / (0.5 v_th) up to 1.5 v_th; mu_k above; odd in v
+// mu_s v / v_th below v_th; mu_s - (v - v_th)(mu_s - mu_k) / (0.5 v_th) up to 1.5 v_th; mu_k above;
+// odd in v
 VGROOVE_INLINE double contact_friction(const Contact &p, double v) {
     const double speed = std::fabs(v);
     double mu = p.mu_kinetic;

@@ -1,4 +1,5 @@
-// The drill driver of physics.md section 7: motor and gear, shaft with a slip clutch, chuck under a friction load, normal and pulse mode.
+// The drill driver of physics.md section 7: motor and gear, shaft with a slip clutch, chuck under a
+// friction load, normal and pulse mode.
 #ifndef VGROOVE_PLANT_DRILL_DRIVER_HPP
 #define VGROOVE_PLANT_DRILL_DRIVER_HPP
 
@@ -13,8 +14,8 @@ namespace vgroove {
 
 enum class DrillRange { ANY, NOT_NEGATIVE, POSITIVE };
 
-// X(member, name, default, range). SI units, named as rig keys; defaults: physics.md section 7 in low gear, section 4 for the motor, parameter
-// step 1.
+// X(member, name, default, range). SI units, named as rig keys; defaults: physics.md section 7 in
+// low gear, section 4 for the motor, parameter step 1.
 // clang-format off
 #define VGROOVE_DRILL_PARAMETERS(X) \
     X(supply_v,         "supply.voltage_v",                           18.0,     POSITIVE) \
@@ -62,7 +63,8 @@ struct DrillParameter {
     double DrillParameters::*member;
     DrillRange range;
 };
-#define VGROOVE_DRILL_ENTRY(member, name, value, range) DrillParameter{name, &DrillParameters::member, DrillRange::range},
+#define VGROOVE_DRILL_ENTRY(member, name, value, range)                                            \
+    DrillParameter{name, &DrillParameters::member, DrillRange::range},
 constexpr DrillParameter DRILL_PARAMETERS[] = {VGROOVE_DRILL_PARAMETERS(VGROOVE_DRILL_ENTRY)};
 #undef VGROOVE_DRILL_ENTRY
 
@@ -71,7 +73,8 @@ void drill_check(const DrillParameters &p);
 
 // What moves: motor current and speed, elastic twist of the shaft (at the output), chuck speed.
 enum DrillCore { DRILL_CURRENT, DRILL_SPEED, DRILL_TWIST, DRILL_CHUCK, DRILL_CORE_COUNT };
-// What only adds up: charge, angles, and the energies in J: work_in = the losses + work_load + change of what is stored.
+// What only adds up: charge, angles, and the energies in J: work_in = the losses + work_load +
+// change of what is stored.
 enum DrillSum {
     DRILL_CHARGE,
     DRILL_ANGLE,
@@ -87,8 +90,12 @@ enum DrillSum {
 using DrillVector = Eigen::Matrix<double, DRILL_CORE_COUNT, 1>;
 using DrillSums = Eigen::Matrix<double, DRILL_SUM_COUNT, 1>;
 
-enum class DrillBridge { CLOSED, DIODES, BLOCKED };  // diodes: the open bridge carries the current against the bus until it is 0
-enum class DrillControl { NORMAL, COAST, DRIVE };    // coast and drive: the two halves of pulse mode
+enum class DrillBridge {
+    CLOSED,
+    DIODES,
+    BLOCKED
+};  // diodes: the open bridge carries the current against the bus until it is 0
+enum class DrillControl { NORMAL, COAST, DRIVE };  // coast and drive: the two halves of pulse mode
 
 struct DrillMode {
     int slide = 0;   // of the motor: -1, 0 held by Coulomb friction, 1
@@ -96,12 +103,14 @@ struct DrillMode {
     DrillBridge bridge = DrillBridge::CLOSED;
     int diode = 0;  // sign of the bus across the motor while the diodes conduct
     DrillControl control = DrillControl::NORMAL;
-    double pulse_start_s = 0.0, switch_s = 0.0;  // start of pulse mode, next change between coast and drive
+    double pulse_start_s = 0.0,
+           switch_s = 0.0;  // start of pulse mode, next change between coast and drive
 };
 
 struct DrillInput {
-    double terminal_v, terminal_v_per_s;  // d Vs and its slope, or what the diodes put across the motor
-    double load_nm;                       // Tc of the friction law at the chuck; 0: no load
+    double terminal_v,
+        terminal_v_per_s;  // d Vs and its slope, or what the diodes put across the motor
+    double load_nm;        // Tc of the friction law at the chuck; 0: no load
 };
 
 struct DrillRates {
@@ -118,21 +127,29 @@ struct DrillSlopes {  // of the rates: by the core, and by time
 
 double drill_duty(const DrillParameters &p, const DrillMode &m, double time_s);
 DrillInput drill_input(const DrillParameters &p, const DrillMode &m, double time_s);
-// The same inputs later in a stretch within which nothing changes by the clock: a stretch does not see what begins at its end.
+// The same inputs later in a stretch within which nothing changes by the clock: a stretch does not
+// see what begins at its end.
 DrillInput drill_later(const DrillInput &in, double later_s);
 double drill_load_torque(const DrillParameters &p, double load_nm, double chuck_rad_s);
 double drill_load_slope(const DrillParameters &p, double load_nm, double chuck_rad_s);
 double drill_shaft_torque(const DrillParameters &p, const DrillMode &m, const DrillVector &x);
 double drill_stored_energy(const DrillParameters &p, const DrillVector &x);
-DrillRates drill_rates(const DrillParameters &p, const DrillMode &m, const DrillInput &in, const DrillVector &x);
-DrillSlopes drill_slopes(const DrillParameters &p, const DrillMode &m, const DrillInput &in, const DrillVector &x);
-// The size of each core state: stall current, free speed, twist at the clutch's limit, free speed at the chuck.
+DrillRates drill_rates(const DrillParameters &p, const DrillMode &m, const DrillInput &in,
+                       const DrillVector &x);
+DrillSlopes drill_slopes(const DrillParameters &p, const DrillMode &m, const DrillInput &in,
+                         const DrillVector &x);
+// The size of each core state: stall current, free speed, twist at the clutch's limit, free speed
+// at the chuck.
 DrillVector drill_scales(const DrillParameters &p);
 
-// The charge of the last pulse_average_s, for the moving average of the current: a ring that grows when it is full.
+// The charge of the last pulse_average_s, for the moving average of the current: a ring that grows
+// when it is full.
 class DrillCharge {
 public:
-    explicit DrillCharge(double window_s, double spacing_s, std::size_t capacity) : points_(capacity), window_s_(window_s), spacing_s_(spacing_s) {}
+    explicit DrillCharge(double window_s, double spacing_s, std::size_t capacity)
+        : points_(capacity),
+          window_s_(window_s),
+          spacing_s_(spacing_s) {}
     void push(double time_s, double charge, double current_a, bool always);
     double average(double time_s, double charge) const;
 
@@ -146,14 +163,22 @@ private:
     double window_s_, spacing_s_;
 };
 
-// What a fixed-step solver keeps, so that its ring never grows: points this far apart, and room for those at changes of mode.
+// What a fixed-step solver keeps, so that its ring never grows: points this far apart, and room for
+// those at changes of mode.
 constexpr double DRILL_CHARGE_SPACING_S = 50e-6;
 inline std::size_t drill_charge_points(const DrillParameters &p) {
     return static_cast<std::size_t>(p.pulse_average_s / DRILL_CHARGE_SPACING_S) + 4096;
 }
 
 // Instants at which the equations change. Below 0 a guard has been passed.
-enum DrillEvent { DRILL_EVENT_MOTOR, DRILL_EVENT_CLUTCH, DRILL_EVENT_DIODE, DRILL_EVENT_PULSE_ON, DRILL_EVENT_PULSE_OFF, DRILL_EVENT_COUNT };
+enum DrillEvent {
+    DRILL_EVENT_MOTOR,
+    DRILL_EVENT_CLUTCH,
+    DRILL_EVENT_DIODE,
+    DRILL_EVENT_PULSE_ON,
+    DRILL_EVENT_PULSE_OFF,
+    DRILL_EVENT_COUNT
+};
 using DrillGuards = std::array<double, DRILL_EVENT_COUNT>;
 
 struct DrillSystem {
@@ -165,7 +190,8 @@ struct DrillSystem {
     DrillCharge charge;
 
     // charge_spacing_s: least distance of the points kept for the moving average
-    explicit DrillSystem(const DrillParameters &parameters, double charge_spacing_s = 0.0, std::size_t charge_capacity = 64);
+    explicit DrillSystem(const DrillParameters &parameters, double charge_spacing_s = 0.0,
+                         std::size_t charge_capacity = 64);
 };
 
 DrillGuards drill_guards(const DrillSystem &s, double time_s, const DrillVector &x, double charge);
@@ -187,17 +213,30 @@ enum class DrillMark {
     LOAD_OFF,
     RAMP_END
 };
-constexpr const char *DRILL_MARKS[] = {
-    "none",         "motor breaks away", "motor comes to rest", "clutch slips", "clutch grips", "diodes block", "pulse mode begins",
-    "coast begins", "drive begins",      "normal again",        "load on",      "load off",     "ramp ends"};
+constexpr const char *DRILL_MARKS[] = {"none",
+                                       "motor breaks away",
+                                       "motor comes to rest",
+                                       "clutch slips",
+                                       "clutch grips",
+                                       "diodes block",
+                                       "pulse mode begins",
+                                       "coast begins",
+                                       "drive begins",
+                                       "normal again",
+                                       "load on",
+                                       "load off",
+                                       "ramp ends"};
 
-// Changes the mode where a guard is below 0, sets the state that the change fixes; the mark of the change.
+// Changes the mode where a guard is below 0, sets the state that the change fixes; the mark of the
+// change.
 DrillMark drill_switch(DrillSystem &s, const DrillGuards &g);
 // Timed changes: the halves of pulse mode. NONE when none is due.
 DrillMark drill_timers(DrillSystem &s);
-// The next instant after the system's time at which something changes by the clock alone; infinite when none.
+// The next instant after the system's time at which something changes by the clock alone; infinite
+// when none.
 double drill_next_time(const DrillSystem &s);
-// A commanded bridge: opening it ends pulse mode; closing it is left to pulse mode while that lasts.
+// A commanded bridge: opening it ends pulse mode; closing it is left to pulse mode while that
+// lasts.
 void drill_command_bridge(DrillSystem &s, bool open);
 // Marks of the inputs at a time (load on and off, end of the ramp), or NONE.
 DrillMark drill_input_mark(const DrillParameters &p, double time_s);

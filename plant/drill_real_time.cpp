@@ -1,9 +1,12 @@
-// The drill driver in real time: fixed steps of bounded work that stay exact and stable however stiff the shaft and however long the step.
+// The drill driver in real time: fixed steps of bounded work that stay exact and stable however
+// stiff the shaft and however long the step.
 //
-// Between two changes of mode everything but the chuck's friction law is linear, so a stretch is advanced by a matrix exponential made beforehand.
-// The law's torque is taken as constant over a stretch at its value at the stretch's end (implicit, one scalar equation), which is exact where the
-// law is flat and holds the chuck where it is steep. A step is cut into pieces of at most PIECE_S; a change of mode within a piece is found by
-// halving, with matrices of halved lengths, until the tick.
+// Between two changes of mode everything but the chuck's friction law is linear, so a stretch is
+// advanced by a matrix exponential made beforehand. The law's torque is taken as constant over a
+// stretch at its value at the stretch's end (implicit, one scalar equation), which is exact where
+// the law is flat and holds the chuck where it is steep. A step is cut into pieces of at most
+// PIECE_S; a change of mode within a piece is found by halving, with matrices of halved lengths,
+// until the tick.
 #include "drill_solvers.hpp"
 
 #include <Eigen/Dense>
@@ -19,14 +22,24 @@ namespace {
 
 constexpr double PIECE_S = 100e-6;
 constexpr int LOCATE_LEVELS = 12;  // a tick is a piece / 4096: 24 ns or less
-constexpr int LOCATED_MAX = 16;    // changes of mode located in one step; later ones are taken at the end of their piece
-constexpr int CLOCKED_MAX = 16;    // changes by the clock that a step of at most 1 s is planned for: two a pulse, the load, the ramp
+constexpr int LOCATED_MAX =
+    16;  // changes of mode located in one step; later ones are taken at the end of their piece
+constexpr int CLOCKED_MAX = 16;  // changes by the clock that a step of at most 1 s is planned for:
+                                 // two a pulse, the load, the ramp
 constexpr double NEVER_S = std::numeric_limits<double>::infinity();
 constexpr int HALVINGS_MAX = 40;  // of the search for the friction torque
 
-// Linear state: the core, charge, both angles. Linear input: terminal voltage and its slope, signs of motor friction and clutch, load torque.
+// Linear state: the core, charge, both angles. Linear input: terminal voltage and its slope, signs
+// of motor friction and clutch, load torque.
 enum { LINEAR_SUMS = DRILL_CORE_COUNT, LINEAR_STATES = LINEAR_SUMS + 3 };
-enum { INPUT_VOLT = LINEAR_STATES, INPUT_VOLT_RATE, INPUT_SLIDE, INPUT_CLUTCH, INPUT_LOAD, LINEAR_COUNT };
+enum {
+    INPUT_VOLT = LINEAR_STATES,
+    INPUT_VOLT_RATE,
+    INPUT_SLIDE,
+    INPUT_CLUTCH,
+    INPUT_LOAD,
+    LINEAR_COUNT
+};
 using Square = Eigen::Matrix<double, LINEAR_COUNT, LINEAR_COUNT>;
 using Advance = Eigen::Matrix<double, LINEAR_STATES, LINEAR_COUNT>;
 using Linear = Eigen::Matrix<double, LINEAR_COUNT, 1>;
@@ -65,10 +78,15 @@ Square linear_rates(const DrillParameters &p, bool conducts, bool slides, bool g
     return a;
 }
 
-// Chuck speed w with w = free + push (law(w) - law0): halving, the law's torque is bounded by its break-away torque and the viscous part
-double chuck_speed(const DrillParameters &p, double load_nm, double free, double push, double law0) {
-    const auto over = [&](double w) { return w - free - push * (drill_load_torque(p, load_nm, w) - law0); };
-    const double width = -push * (1.1 * p.breakaway_ratio * load_nm + std::fabs(law0) + p.load_viscous * std::fabs(free));
+// Chuck speed w with w = free + push (law(w) - law0): halving, the law's torque is bounded by its
+// break-away torque and the viscous part
+double chuck_speed(const DrillParameters &p, double load_nm, double free, double push,
+                   double law0) {
+    const auto over = [&](double w) {
+        return w - free - push * (drill_load_torque(p, load_nm, w) - law0);
+    };
+    const double width = -push * (1.1 * p.breakaway_ratio * load_nm + std::fabs(law0) +
+                                  p.load_viscous * std::fabs(free));
     double low = free - width, high = free + width;
     for (int n = 0; n < HALVINGS_MAX && high - low > 1e-12 * (1.0 + std::fabs(free)); ++n) {
         const double middle = 0.5 * (low + high);
@@ -86,13 +104,17 @@ struct DrillRealTime::Body {
     int levels;  // the finest; a step has 2^levels ticks
     long piece_ticks;
     int advances_taken = 0;
-    std::vector<Advance, Eigen::aligned_allocator<Advance>> advances;  // 8 kinds of mode x (levels + 1)
+    std::vector<Advance, Eigen::aligned_allocator<Advance>>
+        advances;  // 8 kinds of mode x (levels + 1)
 
-    Body(const DrillParameters &p, double h) : s(p, DRILL_CHARGE_SPACING_S, drill_charge_points(p)), step_s(h) {}
+    Body(const DrillParameters &p, double h)
+        : s(p, DRILL_CHARGE_SPACING_S, drill_charge_points(p)),
+          step_s(h) {}
 };
 
 static std::size_t variant_of(const DrillMode &m) {
-    return (m.bridge != DrillBridge::BLOCKED ? 1u : 0u) | (m.slide != 0 ? 2u : 0u) | (m.clutch == 0 ? 4u : 0u);
+    return (m.bridge != DrillBridge::BLOCKED ? 1u : 0u) | (m.slide != 0 ? 2u : 0u) |
+           (m.clutch == 0 ? 4u : 0u);
 }
 
 DrillRealTime::DrillRealTime(const DrillParameters &p, double step_s) {
@@ -107,9 +129,11 @@ DrillRealTime::DrillRealTime(const DrillParameters &p, double step_s) {
     body_->piece_ticks = 1L << LOCATE_LEVELS;
     body_->tick_s = std::ldexp(step_s, -body_->levels);
     for (unsigned variant = 0; variant < 8; ++variant) {
-        const Square a = linear_rates(p, (variant & 1u) != 0, (variant & 2u) != 0, (variant & 4u) != 0);
+        const Square a =
+            linear_rates(p, (variant & 1u) != 0, (variant & 2u) != 0, (variant & 4u) != 0);
         for (int level = 0; level <= body_->levels; ++level)
-            body_->advances.push_back((a * std::ldexp(step_s, -level)).exp().topRows<LINEAR_STATES>());
+            body_->advances.push_back(
+                (a * std::ldexp(step_s, -level)).exp().topRows<LINEAR_STATES>());
     }
 }
 
@@ -118,7 +142,8 @@ const DrillSystem &DrillRealTime::system() const {
     return body_->s;
 }
 int DrillRealTime::advances_max() const {
-    return (1 << (body_->levels - LOCATE_LEVELS)) + (2 * LOCATED_MAX + CLOCKED_MAX) * (LOCATE_LEVELS + 1);
+    return (1 << (body_->levels - LOCATE_LEVELS)) +
+           (2 * LOCATED_MAX + CLOCKED_MAX) * (LOCATE_LEVELS + 1);
 }
 int DrillRealTime::advances() const {
     return body_->advances_taken;
@@ -142,7 +167,8 @@ Linear linear_of(const DrillSystem &s, const DrillInput &in) {
     Linear z;
     z.head<DRILL_CORE_COUNT>() = s.x;
     z.segment<3>(LINEAR_SUMS) = s.sums.head<3>();
-    z.tail<5>() << in.terminal_v, in.terminal_v_per_s, s.mode.slide, s.mode.clutch, drill_load_torque(s.p, in.load_nm, s.x[DRILL_CHUCK]);
+    z.tail<5>() << in.terminal_v, in.terminal_v_per_s, s.mode.slide, s.mode.clutch,
+        drill_load_torque(s.p, in.load_nm, s.x[DRILL_CHUCK]);
     return z;
 }
 
@@ -176,13 +202,16 @@ struct Tried {
 
 static Tried tried(const DrillRealTime::Body &b, long at, long size) {
     const DrillSystem &s = b.s;
-    const int level = b.levels - static_cast<int>(std::lround(std::log2(static_cast<double>(size))));
+    const int level =
+        b.levels - static_cast<int>(std::lround(std::log2(static_cast<double>(size))));
     const DrillInput in = drill_input(s.p, s.mode, s.time_s);
-    const Advance &by = b.advances[variant_of(s.mode) * static_cast<std::size_t>(b.levels + 1) + static_cast<std::size_t>(level)];
+    const Advance &by = b.advances[variant_of(s.mode) * static_cast<std::size_t>(b.levels + 1) +
+                                   static_cast<std::size_t>(level)];
     Tried t;
     t.end = advanced(s.p, by, linear_of(s, in), in.load_nm);
     t.time_s = b.start_s + static_cast<double>(at + size) * b.tick_s;
-    t.guards = drill_guards(s, t.time_s, t.end.head<DRILL_CORE_COUNT>(), t.end[LINEAR_SUMS + DRILL_CHARGE]);
+    t.guards = drill_guards(s, t.time_s, t.end.head<DRILL_CORE_COUNT>(),
+                            t.end[LINEAR_SUMS + DRILL_CHARGE]);
     return t;
 }
 
@@ -190,7 +219,8 @@ static Tried tried(const DrillRealTime::Body &b, long at, long size) {
 static long next_stop(const DrillRealTime::Body &b, long at) {
     const long ticks = 1L << b.levels;
     const double next = (drill_next_time(b.s) - b.start_s) / b.tick_s;
-    return next < static_cast<double>(ticks) ? std::max(at + 1, static_cast<long>(std::ceil(next))) : ticks;
+    return next < static_cast<double>(ticks) ? std::max(at + 1, static_cast<long>(std::ceil(next)))
+                                             : ticks;
 }
 
 static DrillMark take(DrillSystem &s, const Tried &t, bool met) {
@@ -204,7 +234,8 @@ static DrillMark take(DrillSystem &s, const Tried &t, bool met) {
     return mark;
 }
 
-// Each located change and each clocked one costs at most one or two descents through the levels: advances_max().
+// Each located change and each clocked one costs at most one or two descents through the levels:
+// advances_max().
 void DrillRealTime::step() {
     Body &b = *body_;
     long size_max = b.piece_ticks;

@@ -1,4 +1,5 @@
-// The drill driver's variable-step reference (Rosenbrock, L-stable, events located) and its explicit fixed-step solvers.
+// The drill driver's variable-step reference (Rosenbrock, L-stable, events located) and its
+// explicit fixed-step solvers.
 #include "drill_solvers.hpp"
 
 #include <Eigen/LU>
@@ -12,15 +13,21 @@
 namespace vgroove {
 
 const char *const DRILL_ROW_NAMES[DRILL_ROW_COUNT] = {
-    "time_s",    "current_a", "speed_rad_s",     "twist_rad", "chuck_rad_s",    "shaft_nm",     "duty",         "control",       "stored_j",
-    "charge_as", "angle_rad", "chuck_angle_rad", "work_in_j", "loss_winding_j", "loss_motor_j", "loss_shaft_j", "loss_clutch_j", "work_load_j"};
+    "time_s",        "current_a",      "speed_rad_s",  "twist_rad",
+    "chuck_rad_s",   "shaft_nm",       "duty",         "control",
+    "stored_j",      "charge_as",      "angle_rad",    "chuck_angle_rad",
+    "work_in_j",     "loss_winding_j", "loss_motor_j", "loss_shaft_j",
+    "loss_clutch_j", "work_load_j"};
 
 constexpr double LOCATE_S = 1e-12;  // an event is located this well
 constexpr double STEP_MIN_S = 1e-13;
-constexpr int STUCK_STEPS = 1000;                        // that many steps of about LOCATE_S on end: changes of mode that never settle
-constexpr double DIVERGED = 1e3;                         // sizes of a state
-constexpr double STEPS_SECOND = 5e5, STEPS_SAVED = 1e6;  // the reference may try so many a simulated second, and so many besides
-constexpr std::size_t LOOK_STEPS = 256;                  // so often a run asks whether it is still wanted
+constexpr int STUCK_STEPS =
+    1000;  // that many steps of about LOCATE_S on end: changes of mode that never settle
+constexpr double DIVERGED = 1e3;  // sizes of a state
+constexpr double STEPS_SECOND = 5e5,
+                 STEPS_SAVED =
+                     1e6;  // the reference may try so many a simulated second, and so many besides
+constexpr std::size_t LOOK_STEPS = 256;  // so often a run asks whether it is still wanted
 
 namespace {
 
@@ -35,9 +42,12 @@ Point point_of(const DrillSystem &s, const DrillInput &in) {
     return {s.time_s, s.x, r.core, s.sums, r.sums};
 }
 
-template <class Vector> Vector between(const Vector &a, const Vector &a_slope, const Vector &b, const Vector &b_slope, double h, double u) {
+template <class Vector>
+Vector between(const Vector &a, const Vector &a_slope, const Vector &b, const Vector &b_slope,
+               double h, double u) {
     const Vector rise = b - a;
-    return a + u * rise + u * (1.0 - u) * ((1.0 - u) * (h * a_slope - rise) + u * (rise - h * b_slope));
+    return a + u * rise +
+           u * (1.0 - u) * ((1.0 - u) * (h * a_slope - rise) + u * (rise - h * b_slope));
 }
 
 struct Recorder {
@@ -62,30 +72,36 @@ struct Recorder {
     // Rows of the grid within a step, before its mode changes
     void fill(const DrillSystem &s, const Point &a, const Point &b) {
         const double h = b.time_s - a.time_s;
-        for (double t = static_cast<double>(next) * row_s; t <= b.time_s + LOCATE_S; t = static_cast<double>(next) * row_s) {
+        for (double t = static_cast<double>(next) * row_s; t <= b.time_s + LOCATE_S;
+             t = static_cast<double>(next) * row_s) {
             const double u = h > 0.0 ? std::min((t - a.time_s) / h, 1.0) : 1.0;
-            write(s, t, between<DrillVector>(a.x, a.slope, b.x, b.slope, h, u), between<DrillSums>(a.sums, a.sums_slope, b.sums, b.sums_slope, h, u));
+            write(s, t, between<DrillVector>(a.x, a.slope, b.x, b.slope, h, u),
+                  between<DrillSums>(a.sums, a.sums_slope, b.sums, b.sums_slope, h, u));
         }
     }
 };
 
-// RODAS, order 4(3), L-stable and stiffly accurate: Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed., IV.10.
+// RODAS, order 4(3), L-stable and stiffly accurate: Hairer and Wanner, Solving Ordinary
+// Differential Equations II, 2nd ed., IV.10.
 namespace rodas {
 constexpr double GAMMA = 0.25;
 constexpr double ALPHA[6] = {0.0, 0.386, 0.21, 0.63, 1.0, 1.0};
 constexpr double D[6] = {0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0};
-constexpr double A[6][5] = {{},
-                            {1.544},
-                            {0.9466785280815826, 0.2557011698983284},
-                            {3.314825187068521, 2.896124015972201, 0.9986419139977817},
-                            {1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950},
-                            {1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 1.0}};
-constexpr double C[6][5] = {{},
-                            {-5.6688},
-                            {-2.430093356833875, -0.2063599157091915},
-                            {-0.1073529058151375, -9.594562251023355, -20.47028614809616},
-                            {7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160},
-                            {8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054}};
+constexpr double A[6][5] = {
+    {},
+    {1.544},
+    {0.9466785280815826, 0.2557011698983284},
+    {3.314825187068521, 2.896124015972201, 0.9986419139977817},
+    {1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950},
+    {1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 1.0}};
+constexpr double C[6][5] = {
+    {},
+    {-5.6688},
+    {-2.430093356833875, -0.2063599157091915},
+    {-0.1073529058151375, -9.594562251023355, -20.47028614809616},
+    {7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160},
+    {8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136,
+     -6.058818238834054}};
 }  // namespace rodas
 
 struct Attempt {
@@ -94,10 +110,12 @@ struct Attempt {
     double error;  // local, over the tolerance
 };
 
-// Stage n: (1 / (h gamma) - J) U_n = f(t + alpha_n h, y + sum a U) + sum c U / h + h d_n f_t; the sums follow from their rows of J.
+// Stage n: (1 / (h gamma) - J) U_n = f(t + alpha_n h, y + sum a U) + sum c U / h + h d_n f_t; the
+// sums follow from their rows of J.
 Attempt attempt(const DrillSystem &s, const DrillSlopes &j, double h, double tolerance) {
     const DrillInput start = drill_input(s.p, s.mode, s.time_s);
-    const Eigen::Matrix4d inverse = (Eigen::Matrix4d::Identity() / (h * rodas::GAMMA) - j.core).inverse();
+    const Eigen::Matrix4d inverse =
+        (Eigen::Matrix4d::Identity() / (h * rodas::GAMMA) - j.core).inverse();
     DrillVector u[6];
     DrillSums us[6];
     Attempt a{s.x, s.sums, 0.0};
@@ -132,14 +150,20 @@ struct Reference {
     double next_h = 0.0;
     int stuck = 0;
 
-    explicit Reference(const DrillParameters &p, const DrillRequest &r) : s(p), request(r), recorder{run, r.row_s} {}
+    explicit Reference(const DrillParameters &p, const DrillRequest &r)
+        : s(p),
+          request(r),
+          recorder{run, r.row_s} {}
 };
 
-// First step after a change: a tenth of tolerance^(1/4) of the time in which the fastest state would cross its size
+// First step after a change: a tenth of tolerance^(1/4) of the time in which the fastest state
+// would cross its size
 double first_step(const Reference &r) {
-    const DrillRates f = drill_rates(r.s.p, r.s.mode, drill_input(r.s.p, r.s.mode, r.s.time_s), r.s.x);
+    const DrillRates f =
+        drill_rates(r.s.p, r.s.mode, drill_input(r.s.p, r.s.mode, r.s.time_s), r.s.x);
     const double rate = (f.core.array() / drill_scales(r.s.p).array()).abs().maxCoeff();
-    return std::min(r.request.step_max_s, 0.1 * std::pow(r.request.tolerance, 0.25) / std::max(rate, 1.0));
+    return std::min(r.request.step_max_s,
+                    0.1 * std::pow(r.request.tolerance, 0.25) / std::max(rate, 1.0));
 }
 
 DrillGuards guards_after(const Reference &r, const Attempt &a, double h) {
@@ -191,7 +215,8 @@ void advance(Reference &r) {
     Attempt a = attempt(s, j, h, r.request.tolerance);
     if (!(a.error <= 1.0) && h > STEP_MIN_S) {
         ++r.run.rejected;
-        r.next_h = h * (std::isfinite(a.error) ? std::max(0.2, 0.9 * std::pow(a.error, -0.25)) : 0.2);
+        r.next_h =
+            h * (std::isfinite(a.error) ? std::max(0.2, 0.9 * std::pow(a.error, -0.25)) : 0.2);
         return;
     }
     const double grown = h * std::min(5.0, 0.9 * std::pow(std::max(a.error, 1e-8), -0.25));
@@ -204,11 +229,14 @@ void advance(Reference &r) {
     mark = timed != DrillMark::NONE ? timed : mark;
     r.stuck = h < 10.0 * LOCATE_S ? r.stuck + 1 : 0;
     if (r.stuck > STUCK_STEPS)
-        throw std::runtime_error("drill driver: changes of mode follow one another without end at " + std::to_string(s.time_s) + " s");
+        throw std::runtime_error(
+            "drill driver: changes of mode follow one another without end at " +
+            std::to_string(s.time_s) + " s");
     r.run.steps.push_back({s.time_s, h, mark});
     if (mark != DrillMark::NONE)
         r.run.marks.push_back({s.time_s, h, mark});
-    r.next_h = mark != DrillMark::NONE ? first_step(r) : (reaches ? std::max(grown, r.next_h) : grown);
+    r.next_h =
+        mark != DrillMark::NONE ? first_step(r) : (reaches ? std::max(grown, r.next_h) : grown);
 }
 
 void look(const DrillRequest &request, std::size_t step) {
@@ -223,7 +251,8 @@ DrillRun run_reference(const DrillParameters &p, const DrillRequest &request) {
     for (std::size_t tries = 1; r.s.time_s < request.duration_s - LOCATE_S; ++tries) {
         look(request, tries);
         if (static_cast<double>(tries) > STEPS_SAVED + STEPS_SECOND * r.s.time_s)
-            throw std::runtime_error("drill driver: needs too many steps at " + std::to_string(r.s.time_s) +
+            throw std::runtime_error("drill driver: needs too many steps at " +
+                                     std::to_string(r.s.time_s) +
                                      " s: a stiffness, a damping or an "
                                      "inertia of the rig is far off, or the tolerance too tight");
         advance(r);
@@ -256,7 +285,8 @@ void rk4_step(DrillSystem &s, double h) {
 }
 
 // Changes of mode at the end of an explicit step, where they are first seen
-void explicit_step(DrillSystem &s, DrillSolver solver, double h, double end_s, std::vector<DrillStep> &marks) {
+void explicit_step(DrillSystem &s, DrillSolver solver, double h, double end_s,
+                   std::vector<DrillStep> &marks) {
     solver == DrillSolver::EULER ? euler_step(s, h) : rk4_step(s, h);
     s.time_s = end_s;
     s.charge.push(s.time_s, s.sums[DRILL_CHARGE], s.x[DRILL_CURRENT], false);
@@ -282,17 +312,22 @@ DrillRun run_fixed(const DrillParameters &p, const DrillRequest &request) {
     const DrillSystem &s = body ? body->system() : system;
     Recorder recorder{run, 0.0};
     recorder.write(s, 0.0, s.x, s.sums);
-    const auto count = static_cast<std::size_t>(std::floor(request.duration_s / request.step_s + 1e-9));
-    const auto every = static_cast<std::size_t>(std::max(1LL, std::llround(request.row_s / request.step_s)));
+    const auto count =
+        static_cast<std::size_t>(std::floor(request.duration_s / request.step_s + 1e-9));
+    const auto every =
+        static_cast<std::size_t>(std::max(1LL, std::llround(request.row_s / request.step_s)));
     for (std::size_t n = 1; n <= count; ++n) {
         look(request, n);
         const auto started = std::chrono::steady_clock::now();
         if (body)
             body->step();
         else
-            explicit_step(system, request.solver, request.step_s, static_cast<double>(n) * request.step_s, run.marks);
+            explicit_step(system, request.solver, request.step_s,
+                          static_cast<double>(n) * request.step_s, run.marks);
         if (request.timed)
-            run.execution_ns.push_back(std::chrono::duration<double, std::nano>(std::chrono::steady_clock::now() - started).count());
+            run.execution_ns.push_back(
+                std::chrono::duration<double, std::nano>(std::chrono::steady_clock::now() - started)
+                    .count());
         if (has_diverged(s)) {
             run.diverged_s = s.time_s;
             break;
@@ -308,7 +343,8 @@ DrillRun run_fixed(const DrillParameters &p, const DrillRequest &request) {
 DrillRun drill_run(const DrillParameters &p, const DrillRequest &request) {
     drill_check(p);
     if (p.rise_nm_per_rad != 0.0)
-        throw std::invalid_argument("load.rise_nm_per_rad is a load of the lock-step plant alone (vgroove sim, vgroove run)");
+        throw std::invalid_argument("load.rise_nm_per_rad is a load of the lock-step plant alone "
+                                    "(vgroove sim, vgroove run)");
     DrillRequest r = request;
     if (!(r.duration_s > 0.0 && r.duration_s <= 3600.0))
         throw std::invalid_argument("duration_s must be above 0 and at most 3600");

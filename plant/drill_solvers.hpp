@@ -1,4 +1,5 @@
-// Runs of the drill driver: variable-step reference with event location, fixed-step explicit Euler and RK4, and the real-time mode.
+// Runs of the drill driver: variable-step reference with event location, fixed-step explicit Euler
+// and RK4, and the real-time mode.
 #ifndef VGROOVE_PLANT_DRILL_SOLVERS_HPP
 #define VGROOVE_PLANT_DRILL_SOLVERS_HPP
 
@@ -15,8 +16,9 @@ enum class DrillSolver { REFERENCE, EULER, RK4, REAL_TIME };
 struct DrillRequest {
     DrillSolver solver = DrillSolver::REFERENCE;
     double duration_s = 4.0;
-    double step_s = 0.0;      // of the fixed-step solvers
-    double tolerance = 1e-8;  // of the reference: local error over the size of each state (drill_scales)
+    double step_s = 0.0;  // of the fixed-step solvers
+    double tolerance =
+        1e-8;  // of the reference: local error over the size of each state (drill_scales)
     double step_max_s = 0.0;  // of the reference; 0: a fiftieth of the run
     double row_s = 0.0;       // distance of the rows; 0: every step
     bool timed = false;       // measure the execution time of every fixed step
@@ -41,12 +43,14 @@ struct DrillStep {
 };
 
 struct DrillRun {
-    std::vector<double> rows;          // row-major, DRILL_ROW_COUNT a row
-    std::vector<DrillStep> steps;      // reference: all accepted ones
-    std::vector<DrillStep> marks;      // what happened when; fixed-step solvers see it at the end of the step
+    std::vector<double> rows;      // row-major, DRILL_ROW_COUNT a row
+    std::vector<DrillStep> steps;  // reference: all accepted ones
+    std::vector<DrillStep>
+        marks;  // what happened when; fixed-step solvers see it at the end of the step
     std::vector<double> execution_ns;  // timed fixed steps
-    std::size_t rejected = 0;          // reference: attempts thrown away, by their error or to locate an event
-    double diverged_s = 0.0;           // when a fixed-step solver left every physical range; 0: it did not
+    std::size_t rejected =
+        0;  // reference: attempts thrown away, by their error or to locate an event
+    double diverged_s = 0.0;  // when a fixed-step solver left every physical range; 0: it did not
 };
 
 // Throws std::invalid_argument for parameters or a request outside their range.
@@ -69,7 +73,8 @@ public:
     const DrillSystem &system() const;
     // Where the changes within the steps are noted, if anywhere; for records, not for real time.
     std::vector<DrillStep> *marks = nullptr;
-    // Linear advances that the last step took, and that a step can take at most: its pieces, and the search for the changes it may locate.
+    // Linear advances that the last step took, and that a step can take at most: its pieces, and
+    // the search for the changes it may locate.
     int advances() const;
     int advances_max() const;
 

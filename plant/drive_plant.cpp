@@ -1,4 +1,5 @@
-// One PWM period of the drivetrain: command, dead time and load into the solver, edges of the Hall wheel out of the angle.
+// One PWM period of the drivetrain: command, dead time and load into the solver, edges of the Hall
+// wheel out of the angle.
 #include "drive_plant.hpp"
 
 #include <cmath>
@@ -25,24 +26,28 @@ struct DrivePlant::Body {
     Parameters parameters;
     HallWheel wheel;
     Noise dropout;
-    std::deque<Command> commands;    // transport delay, whole periods
-    std::deque<std::int64_t> edges;  // pure delay of the speed sensor: cycles since start at which each is seen
-    std::int64_t cycles;             // since start, at the start of the period
+    std::deque<Command> commands;  // transport delay, whole periods
+    std::deque<std::int64_t>
+        edges;  // pure delay of the speed sensor: cycles since start at which each is seen
+    std::int64_t cycles;  // since start, at the start of the period
     double period_s;
     std::int64_t edge_delay;
     Sweep sweep;
 };
 
 static double seen_angle(const Inner &s, const Parameters &p) {
-    return sensors_seen_angle(s.model.sensors, s.model.effects, p, s.state.x[STATE_ANGLE], s.state.x[STATE_SPEED_FILTER]);
+    return sensors_seen_angle(s.model.sensors, s.model.effects, p, s.state.x[STATE_ANGLE],
+                              s.state.x[STATE_SPEED_FILTER]);
 }
 
 static double seen_speed(const Inner &s, const Parameters &p) {
     const double *x = s.state.x;
-    return sensors_seen_speed(s.model.sensors, s.model.effects, p, x[STATE_SPEED], x[STATE_ANGLE], x[STATE_SPEED_FILTER]);
+    return sensors_seen_speed(s.model.sensors, s.model.effects, p, x[STATE_SPEED], x[STATE_ANGLE],
+                              x[STATE_SPEED_FILTER]);
 }
 
-DrivePlant::DrivePlant(const Parameters &p, LoadKind load, HallWheel wheel, std::uint64_t seed) : body_(new Body{}) {
+DrivePlant::DrivePlant(const Parameters &p, LoadKind load, HallWheel wheel, std::uint64_t seed)
+    : body_(new Body{}) {
     check_parameters(p, true);
     Body &b = *body_;
     b.parameters = p;
@@ -57,7 +62,8 @@ DrivePlant::DrivePlant(const Parameters &p, LoadKind load, HallWheel wheel, std:
     solver_prepare(b.solver, 0.0);
     if (p.speed_lag_delay_form != 0.0)
         b.edge_delay = std::llround(p.speed_lag_s * CPU_HZ);
-    b.commands.assign(static_cast<std::size_t>(std::llround(p.transport_delay_s / b.period_s)), Command{true, 0.0, 0.0});
+    b.commands.assign(static_cast<std::size_t>(std::llround(p.transport_delay_s / b.period_s)),
+                      Command{true, 0.0, 0.0});
     reset(0.0, 0.0, 0.0);
 }
 
@@ -72,13 +78,15 @@ void DrivePlant::reset(double current_a, double speed_rad_s, double angle_rad) {
     b.sweep.end_speed = seen_speed(b.solver, b.parameters);
 }
 
-static void set_period(Inner &s, const Parameters &p, const Command &c, double load_nm, double period_s) {
+static void set_period(Inner &s, const Parameters &p, const Command &c, double load_nm,
+                       double period_s) {
     Drive<double> &d = s.drive;
     const double share = std::fabs(c.duty);
     d.command = c.duty;
     d.command_rate = 0.0;
     d.open = c.coast ? 1.0 : 0.0;
-    d.dead = !c.coast && share > 0.0 && share < 1.0 ? c.dead + 2.0 * p.dead_time_s * p.bridge_pwm_hz : 0.0;
+    d.dead = !c.coast && share > 0.0 && share < 1.0 ? c.dead + 2.0 * p.dead_time_s * p.bridge_pwm_hz
+                                                    : 0.0;
     d.load_rate = (load_nm - d.load_nm) / period_s;
     s.state.x[STATE_CURRENT_TIME] = 0.0;
     s.state.x[STATE_BUS_TIME] = 0.0;
@@ -94,7 +102,8 @@ __attribute__((flatten)) static void run_period(Inner &s, double period_s) {
 }
 
 static double sensed(const Inner &s, const Parameters &p) {
-    const double i = s.model.effects & EFFECT_CURRENT_LAG ? s.state.x[STATE_CURRENT_FILTER] : s.state.x[STATE_CURRENT];
+    const double i = s.model.effects & EFFECT_CURRENT_LAG ? s.state.x[STATE_CURRENT_FILTER]
+                                                          : s.state.x[STATE_CURRENT];
     return sensors_read_current(p, i);
 }
 
@@ -106,13 +115,21 @@ PeriodResult DrivePlant::period(bool coast, double duty, double dead, double loa
     b.commands.pop_front();
     run_period(s, b.period_s);
     if (s.spent[0])
-        throw std::runtime_error("DrivePlant needs too many steps at " + std::to_string(s.drive.time_s) + " s: " + fastest_parameter(b.parameters));
+        throw std::runtime_error("DrivePlant needs too many steps at " +
+                                 std::to_string(s.drive.time_s) +
+                                 " s: " + fastest_parameter(b.parameters));
     s.drive.load_nm = load_nm;
     const Sweep before = b.sweep;
-    b.sweep = Sweep{before.end_angle, before.end_speed, seen_angle(s, b.parameters), seen_speed(s, b.parameters)};
+    b.sweep = Sweep{before.end_angle, before.end_speed, seen_angle(s, b.parameters),
+                    seen_speed(s, b.parameters)};
     if (b.sweep.end_angle != b.sweep.angle && !b.wheel.edge_rad.empty())
-        hall_wheel_edges(b.wheel, b.sweep, b.parameters.hall_dropout_probability, b.dropout, b.cycles + b.edge_delay, b.edges);
-    PeriodResult r{sensed(s, b.parameters), s.state.x[STATE_BUS_TIME] / b.period_s * (1.0 + b.parameters.supply_gain_relative), 0, {}};
+        hall_wheel_edges(b.wheel, b.sweep, b.parameters.hall_dropout_probability, b.dropout,
+                         b.cycles + b.edge_delay, b.edges);
+    PeriodResult r{sensed(s, b.parameters),
+                   s.state.x[STATE_BUS_TIME] / b.period_s *
+                       (1.0 + b.parameters.supply_gain_relative),
+                   0,
+                   {}};
     hall_wheel_take(b.edges, b.cycles, r);
     b.cycles += PERIOD_CYCLES;
     return r;

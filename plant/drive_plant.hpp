@@ -1,4 +1,5 @@
-// The tool in lock-step with a board: one PWM period at a time, Hall edges in CPU cycles (docs/architecture.md).
+// The tool in lock-step with a board: one PWM period at a time, Hall edges in CPU cycles
+// (docs/architecture.md).
 #ifndef VGROOVE_PLANT_DRIVE_PLANT_HPP
 #define VGROOVE_PLANT_DRIVE_PLANT_HPP
 
@@ -16,7 +17,8 @@ public:
     ~DrivePlant();
     DrivePlant(DrivePlant &&) noexcept;
 
-    // dead: share of the bus that dead time takes, 0 when the bridge does not switch; load_nm: at the end of the period, linear in it.
+    // dead: share of the bus that dead time takes, 0 when the bridge does not switch; load_nm: at
+    // the end of the period, linear in it.
     PeriodResult period(bool coast, double duty, double dead, double load_nm);
     void reset(double current_a, double speed_rad_s, double angle_rad);
 

@@ -1,4 +1,5 @@
-// The drivetrain as one model: its constants, the derivative of its state and the quantities whose change of sign is an event.
+// The drivetrain as one model: its constants, the derivative of its state and the quantities whose
+// change of sign is an event.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_HPP
 
@@ -30,14 +31,21 @@ template <class V> struct Drivetrain {
     V torque_scale;                // N m
 };
 
-// Constants of one lane from its parameters. command_peak: the largest command of the run, for the error scales.
-template <class V> void drivetrain_set_lane(Drivetrain<V> &m, int lane, const Parameters &p, double command_peak, double mean_interval_s);
+// Constants of one lane from its parameters. command_peak: the largest command of the run, for the
+// error scales.
+template <class V>
+void drivetrain_set_lane(Drivetrain<V> &m, int lane, const Parameters &p, double command_peak,
+                         double mean_interval_s);
 
 // Electrical quantities at one instant.
-template <class V> struct Electrical { V i, k, r, duty, bus_v, bus_a, terminal_v, brush_v, source_v, ripple_a; };
+template <class V> struct Electrical {
+    V i, k, r, duty, bus_v, bus_a, terminal_v, brush_v, source_v, ripple_a;
+};
 
 template <class V, int N>
-VGROOVE_INLINE Electrical<V> drivetrain_electrical(const Drivetrain<V> &m, const Drive<V> &in, const Mode<V> &mode, V tau, const State<V, N> &s) {
+VGROOVE_INLINE Electrical<V> drivetrain_electrical(const Drivetrain<V> &m, const Drive<V> &in,
+                                                   const Mode<V> &mode, V tau,
+                                                   const State<V, N> &s) {
     Electrical<V> e{};
     const V command = in.command + in.command_rate * tau;
     e.source_v = supply_source<V, N>(m.supply, m.effects, s);
@@ -77,7 +85,8 @@ template <class V> struct Torques {
 };
 
 template <class V, int N>
-VGROOVE_INLINE Torques<V> drivetrain_torques(const Drivetrain<V> &m, const Drive<V> &in, V tau, V motor_nm, const State<V, N> &s) {
+VGROOVE_INLINE Torques<V> drivetrain_torques(const Drivetrain<V> &m, const Drive<V> &in, V tau,
+                                             V motor_nm, const State<V, N> &s) {
     Torques<V> t{};
     const V angle = s.x[STATE_ANGLE];
     const bool split = N > STATE_TWIST && (m.effects & EFFECT_TWO_BODIES);
@@ -96,7 +105,8 @@ VGROOVE_INLINE Torques<V> drivetrain_torques(const Drivetrain<V> &m, const Drive
     t.drive_nm = motor_nm - friction_of_angle<V>(m.friction, m.effects, angle);
     if constexpr (N > STATE_TWIST) {
         if (split) {
-            t.coupler_nm = gear_coupler_torque<V>(m.gear, m.effects, s.x[STATE_TWIST], s.x[STATE_SPEED] - s.x[STATE_OUTPUT_SPEED]);
+            t.coupler_nm = gear_coupler_torque<V>(m.gear, m.effects, s.x[STATE_TWIST],
+                                                  s.x[STATE_SPEED] - s.x[STATE_OUTPUT_SPEED]);
             t.drive_nm -= t.coupler_nm;
             t.output_drive_nm = t.coupler_nm - pendulum - t.free_nm;
             return t;
@@ -108,13 +118,16 @@ VGROOVE_INLINE Torques<V> drivetrain_torques(const Drivetrain<V> &m, const Drive
 
 // J w' = drive - friction - TL / N while it slides, w' = 0 while it sticks
 template <class V, int N>
-VGROOVE_INLINE void drivetrain_mechanical(const Drivetrain<V> &m, const Drive<V> &in, const Mode<V> &mode, V tau, const Torques<V> &t,
+VGROOVE_INLINE void drivetrain_mechanical(const Drivetrain<V> &m, const Drive<V> &in,
+                                          const Mode<V> &mode, V tau, const Torques<V> &t,
                                           const State<V, N> &s, State<V, N> &ds) {
     const V w = s.x[STATE_SPEED];
-    const V friction = friction_sliding<V>(m.friction, m.effects, mode.slide, w, t.load_nm, in.time_s + tau);
+    const V friction =
+        friction_sliding<V>(m.friction, m.effects, mode.slide, w, t.load_nm, in.time_s + tau);
     const bool split = N > STATE_TWIST && (m.effects & EFFECT_TWO_BODIES);
     const V opposing = split ? V{} : mode.slide * t.opposing_nm;
-    ds.x[STATE_SPEED] = mode.slide * mode.slide * (t.drive_nm - friction - opposing) * m.gear.inertia_inverse;
+    ds.x[STATE_SPEED] =
+        mode.slide * mode.slide * (t.drive_nm - friction - opposing) * m.gear.inertia_inverse;
     ds.x[STATE_ANGLE] = w;
     if constexpr (N > STATE_TWIST) {
         if (split) {
@@ -126,9 +139,11 @@ VGROOVE_INLINE void drivetrain_mechanical(const Drivetrain<V> &m, const Drive<V>
     }
 }
 
-// Powers for the energy audit, each from its own component; their integrals balance the change of drivetrain_stored.
+// Powers for the energy audit, each from its own component; their integrals balance the change of
+// drivetrain_stored.
 template <class V, int N>
-VGROOVE_INLINE void drivetrain_audit(const Drivetrain<V> &m, const Drive<V> &in, const Mode<V> &mode, V tau, const Electrical<V> &e,
+VGROOVE_INLINE void drivetrain_audit(const Drivetrain<V> &m, const Drive<V> &in,
+                                     const Mode<V> &mode, V tau, const Electrical<V> &e,
                                      const Torques<V> &t, const State<V, N> &s, State<V, N> &ds) {
     const V w = s.x[STATE_SPEED];
     const bool split = (m.effects & EFFECT_TWO_BODIES) != 0u;
@@ -140,31 +155,37 @@ VGROOVE_INLINE void drivetrain_audit(const Drivetrain<V> &m, const Drive<V> &in,
     else
         ds.x[STATE_WORK_IN] = m.input == InputKind::DUTY ? source_v * e.bus_a : e.terminal_v * e.i;
     if (m.input == InputKind::DUTY)
-        ds.x[STATE_LOSS_BUS] =
-            (m.bus_measured ? V{} : supply_loss<V>(m.supply, e.bus_a)) + bridge_loss<V>(m.bridge, m.effects, in, e.bus_v, e.ripple_a, e.i);
+        ds.x[STATE_LOSS_BUS] = (m.bus_measured ? V{} : supply_loss<V>(m.supply, e.bus_a)) +
+                               bridge_loss<V>(m.bridge, m.effects, in, e.bus_v, e.ripple_a, e.i);
     ds.x[STATE_LOSS_WINDING] = e.r * e.i * e.i + e.brush_v * e.i;
-    ds.x[STATE_LOSS_FRICTION] = friction_sliding<V>(m.friction, m.effects, mode.slide, w, t.load_nm, in.time_s + tau) * w;
+    ds.x[STATE_LOSS_FRICTION] =
+        friction_sliding<V>(m.friction, m.effects, mode.slide, w, t.load_nm, in.time_s + tau) * w;
     if (split)
-        ds.x[STATE_LOSS_COUPLER] = (t.coupler_nm - gear_spring_torque<V>(m.gear, s.x[STATE_TWIST])) * (w - output_w);
+        ds.x[STATE_LOSS_COUPLER] =
+            (t.coupler_nm - gear_spring_torque<V>(m.gear, s.x[STATE_TWIST])) * (w - output_w);
     ds.x[STATE_WORK_LOAD] = (output_slide * t.opposing_nm + t.free_nm) * output_w;
 }
 
 // Stored energy: inductance, turning masses, coupler, pendulum, cogging and eccentricity.
-template <class V, int N> VGROOVE_INLINE V drivetrain_stored(const Drivetrain<V> &m, const State<V, N> &s) {
+template <class V, int N>
+VGROOVE_INLINE V drivetrain_stored(const Drivetrain<V> &m, const State<V, N> &s) {
     const V i = s.x[STATE_CURRENT], w = s.x[STATE_SPEED], angle = s.x[STATE_ANGLE];
-    V stored = 0.5 * w * w / m.gear.inertia_inverse + friction_angle_energy<V>(m.friction, m.effects, angle);
+    V stored = 0.5 * w * w / m.gear.inertia_inverse +
+               friction_angle_energy<V>(m.friction, m.effects, angle);
     if (m.input != InputKind::CURRENT)
         stored += 0.5 * i * i / m.motor.inductance_inverse;
     if (!(m.effects & EFFECT_TWO_BODIES))
         return stored + load_energy<V>(m.load, angle);
     const V output_w = s.x[STATE_OUTPUT_SPEED], twist = s.x[STATE_TWIST];
-    stored += 0.5 * output_w * output_w / m.gear.output_inertia_inverse + gear_coupler_energy<V>(m.gear, twist);
+    stored += 0.5 * output_w * output_w / m.gear.output_inertia_inverse +
+              gear_coupler_energy<V>(m.gear, twist);
     return stored + load_energy<V>(m.load, angle - twist);
 }
 
 // The derivative of the whole state.
 template <class V, int N>
-VGROOVE_INLINE State<V, N> drivetrain_derivative(const Drivetrain<V> &m, const Drive<V> &in, const Mode<V> &mode, V tau, const State<V, N> &s) {
+VGROOVE_INLINE State<V, N> drivetrain_derivative(const Drivetrain<V> &m, const Drive<V> &in,
+                                                 const Mode<V> &mode, V tau, const State<V, N> &s) {
     State<V, N> ds{};
     const Electrical<V> e = drivetrain_electrical<V, N>(m, in, mode, tau, s);
     const V w = s.x[STATE_SPEED];
@@ -200,7 +221,8 @@ template <class V> struct Events {
 };
 
 template <class V, int N>
-VGROOVE_INLINE Events<V> drivetrain_events(const Drivetrain<V> &m, const Drive<V> &in, const Mode<V> &mode, V tau, const State<V, N> &s) {
+VGROOVE_INLINE Events<V> drivetrain_events(const Drivetrain<V> &m, const Drive<V> &in,
+                                           const Mode<V> &mode, V tau, const State<V, N> &s) {
     Events<V> g{};
     const Electrical<V> e = drivetrain_electrical<V, N>(m, in, mode, tau, s);
     const Torques<V> t = drivetrain_torques<V, N>(m, in, tau, e.k * e.i, s);
@@ -215,7 +237,8 @@ VGROOVE_INLINE Events<V> drivetrain_events(const Drivetrain<V> &m, const Drive<V
     if constexpr (N > STATE_TWIST) {
         if (split) {
             g.output_excess = excess_over<V>(t.output_drive_nm, carried, carried);
-            g.output = mode.output_slide == 0.0 ? -abs_of<V>(g.output_excess) : mode.output_slide * s.x[STATE_OUTPUT_SPEED];
+            g.output = mode.output_slide == 0.0 ? -abs_of<V>(g.output_excess)
+                                                : mode.output_slide * s.x[STATE_OUTPUT_SPEED];
         }
     }
     if (m.input == InputKind::CURRENT)

@@ -1,4 +1,5 @@
-// Which effects a set of parameters switches on: the key by which simulations are put together in one vector.
+// Which effects a set of parameters switches on: the key by which simulations are put together in
+// one vector.
 #ifndef VGROOVE_PLANT_EFFECTS_HPP
 #define VGROOVE_PLANT_EFFECTS_HPP
 
@@ -31,12 +32,15 @@ enum Effect : std::uint32_t {
 };
 
 // Effects that need states of their own beside current, speed and angle.
-constexpr std::uint32_t EFFECTS_WITH_STATES = EFFECT_DROOP | EFFECT_HEATING | EFFECT_TWO_BODIES | EFFECT_CURRENT_LAG | EFFECT_SPEED_LAG;
+constexpr std::uint32_t EFFECTS_WITH_STATES =
+    EFFECT_DROOP | EFFECT_HEATING | EFFECT_TWO_BODIES | EFFECT_CURRENT_LAG | EFFECT_SPEED_LAG;
 
-// Coefficient effects (a changed R, L, k, J, Coulomb, viscous torque) are folded into the model's constants and have no switch.
+// Coefficient effects (a changed R, L, k, J, Coulomb, viscous torque) are folded into the model's
+// constants and have no switch.
 std::uint32_t effects_of(const Parameters &p);
 
-// The parameter behind the fastest of the model's rates, with its value: the likely reason why steps must be tiny.
+// The parameter behind the fastest of the model's rates, with its value: the likely reason why
+// steps must be tiny.
 std::string fastest_parameter(const Parameters &p);
 
 }  // namespace vgroove

@@ -1,4 +1,5 @@
-// Friction law of free loads and the drill driver's chuck (physics.md section 3): a smooth torque over speed, in two forms.
+// Friction law of free loads and the drill driver's chuck (physics.md section 3): a smooth torque
+// over speed, in two forms.
 #ifndef VGROOVE_PLANT_FRICTION_LAW_HPP
 #define VGROOVE_PLANT_FRICTION_LAW_HPP
 
@@ -16,7 +17,8 @@ template <class V> struct FrictionLaw {
 // T = sqrt(2e) (Tbrk - Tc) exp(-(w / wSt)^2) w / wSt + Tc tanh(w / wCoul) + f w
 template <class V> VGROOVE_INLINE V friction_law_stribeck(const FrictionLaw<V> &p, V w) {
     const V share = w / (1.4142135623730951 * p.breakaway_rad_s);
-    const V peak = 2.331643981597124 * (p.breakaway_nm - p.coulomb_nm) * exp_of<V>(-share * share) * share;
+    const V peak =
+        2.331643981597124 * (p.breakaway_nm - p.coulomb_nm) * exp_of<V>(-share * share) * share;
     return peak + p.coulomb_nm * tanh_of<V>(10.0 * w / p.breakaway_rad_s) + p.viscous * w;
 }
 
@@ -24,7 +26,8 @@ template <class V> VGROOVE_INLINE V friction_law_stribeck(const FrictionLaw<V> &
 template <class V> VGROOVE_INLINE V friction_law_stribeck_slope(const FrictionLaw<V> &p, V w) {
     const V scale = 1.4142135623730951 * p.breakaway_rad_s;
     const V share = w / scale;
-    const V bump = 2.331643981597124 * (p.breakaway_nm - p.coulomb_nm) * exp_of<V>(-share * share) * (1.0 - 2.0 * share * share) / scale;
+    const V bump = 2.331643981597124 * (p.breakaway_nm - p.coulomb_nm) * exp_of<V>(-share * share) *
+                   (1.0 - 2.0 * share * share) / scale;
     const V sign = tanh_of<V>(10.0 * w / p.breakaway_rad_s);
     return bump + p.coulomb_nm * (1.0 - sign * sign) * 10.0 / p.breakaway_rad_s + p.viscous;
 }
@@ -33,7 +36,9 @@ template <class V> VGROOVE_INLINE V friction_law_stribeck_slope(const FrictionLa
 template <class V> VGROOVE_INLINE V friction_law_exponential(const FrictionLaw<V> &p, V w) {
     const V speed = abs_of<V>(w);
     const V at = max_of<V>(speed, p.threshold_rad_s);
-    const V torque = p.coulomb_nm + (p.breakaway_nm - p.coulomb_nm) * exp_of<V>(-p.decay_s_per_rad * at) + p.viscous * at;
+    const V torque = p.coulomb_nm +
+                     (p.breakaway_nm - p.coulomb_nm) * exp_of<V>(-p.decay_s_per_rad * at) +
+                     p.viscous * at;
     const V sized = speed < p.threshold_rad_s ? torque * speed / p.threshold_rad_s : torque;
     return w < 0.0 ? -sized : sized;
 }
@@ -44,7 +49,9 @@ template <class V> VGROOVE_INLINE V friction_law_exponential_slope(const Frictio
     const V at = max_of<V>(speed, p.threshold_rad_s);
     const V decaying = (p.breakaway_nm - p.coulomb_nm) * exp_of<V>(-p.decay_s_per_rad * at);
     const V beyond = p.viscous - p.decay_s_per_rad * decaying;
-    return speed < p.threshold_rad_s ? (p.coulomb_nm + decaying + p.viscous * at) / p.threshold_rad_s : beyond;
+    return speed < p.threshold_rad_s
+               ? (p.coulomb_nm + decaying + p.viscous * at) / p.threshold_rad_s
+               : beyond;
 }
 
 }  // namespace vgroove

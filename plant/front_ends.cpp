@@ -1,4 +1,5 @@
-// Counts of the board's front ends, rounded and clipped as a 10-bit converter does, and the seeded noise in front of them.
+// Counts of the board's front ends, rounded and clipped as a 10-bit converter does, and the seeded
+// noise in front of them.
 #include "front_ends.hpp"
 
 #include <algorithm>
@@ -7,7 +8,8 @@
 namespace vgroove {
 
 static int to_counts(double x) {
-    return static_cast<int>(std::min(std::max(std::floor(x + 0.5), 0.0), static_cast<double>(COUNTS_MAX)));
+    return static_cast<int>(
+        std::min(std::max(std::floor(x + 0.5), 0.0), static_cast<double>(COUNTS_MAX)));
 }
 
 int current_counts(double current_a, double offset_a, double noise_a) {
@@ -19,12 +21,14 @@ int bus_counts(double supply_v) {
 }
 
 int trigger_counts(double travel) {
-    const double share = TRIGGER_RELEASED_SHARE + (TRIGGER_PRESSED_SHARE - TRIGGER_RELEASED_SHARE) * travel;
+    const double share =
+        TRIGGER_RELEASED_SHARE + (TRIGGER_PRESSED_SHARE - TRIGGER_RELEASED_SHARE) * travel;
     return to_counts(COUNTS_MAX * share);
 }
 
 int temperature_counts(double degc) {
-    return to_counts((TEMPERATURE_V_AT_0_DEGC + TEMPERATURE_V_PER_K * degc) / ADC_REFERENCE_V * COUNTS_MAX);
+    return to_counts((TEMPERATURE_V_AT_0_DEGC + TEMPERATURE_V_PER_K * degc) / ADC_REFERENCE_V *
+                     COUNTS_MAX);
 }
 
 static std::uint64_t noise_word(Noise &noise) {

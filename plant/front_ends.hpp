@@ -1,4 +1,5 @@
-// Front ends of the board: physical values to 10-bit counts. The full scales stand here and in docs/plant.md, nowhere else.
+// Front ends of the board: physical values to 10-bit counts. The full scales stand here and in
+// docs/plant.md, nowhere else.
 #ifndef VGROOVE_PLANT_FRONT_ENDS_HPP
 #define VGROOVE_PLANT_FRONT_ENDS_HPP
 
@@ -21,7 +22,8 @@ int bus_counts(double supply_v);
 int trigger_counts(double travel);
 int temperature_counts(double degc);
 
-// Seeded noise with the same numbers on every machine: splitmix64 (Steele, Lea, Flood 2014) and Box-Muller.
+// Seeded noise with the same numbers on every machine: splitmix64 (Steele, Lea, Flood 2014) and
+// Box-Muller.
 struct Noise {
     std::uint64_t state;
 };

@@ -1,4 +1,5 @@
-// Blows: what each contact of a hammer lug with an anvil lug was, as physics.md section 4 counts them.
+// Blows: what each contact of a hammer lug with an anvil lug was, as physics.md section 4 counts
+// them.
 #ifndef VGROOVE_PLANT_IMPACT_BLOWS_HPP
 #define VGROOVE_PLANT_IMPACT_BLOWS_HPP
 
@@ -9,8 +10,9 @@
 
 namespace vgroove {
 
-constexpr double REPEAT_AFTER_S = 3e-3;      // a later contact with the same lug is a repeat ...
-constexpr double REPEAT_SPEED_SHARE = 0.25;  // ... at this share or more of the first one's speed, else a rebound
+constexpr double REPEAT_AFTER_S = 3e-3;  // a later contact with the same lug is a repeat ...
+constexpr double REPEAT_SPEED_SHARE =
+    0.25;  // ... at this share or more of the first one's speed, else a rebound
 
 enum BlowKind { BLOW_FIRST, BLOW_REPEAT, BLOW_REBOUND };
 
@@ -32,7 +34,8 @@ struct BlowRecorder {
     double impulse_before = 0.0;
 };
 
-VGROOVE_INLINE void blows_begin(BlowRecorder &r, double time_s, long lug, double approach, double engaged_m, double impulse) {
+VGROOVE_INLINE void blows_begin(BlowRecorder &r, double time_s, long lug, double approach,
+                                double engaged_m, double impulse) {
     const long last = r.any ? r.blows.back().lug : lug;
     const bool reached = !r.any || lug != last;
     Blow b{time_s, approach, engaged_m, 0.0, 0.0, BLOW_REBOUND, lug, 0};
@@ -42,7 +45,8 @@ VGROOVE_INLINE void blows_begin(BlowRecorder &r, double time_s, long lug, double
         b.skipped = between > 1 ? between - 1 : 0;
         r.first_s = time_s;
         r.first_speed = approach;
-    } else if (time_s - r.first_s > REPEAT_AFTER_S && approach >= REPEAT_SPEED_SHARE * r.first_speed) {
+    } else if (time_s - r.first_s > REPEAT_AFTER_S &&
+               approach >= REPEAT_SPEED_SHARE * r.first_speed) {
         b.kind = BLOW_REPEAT;
     }
     r.any = r.open = true;
@@ -57,14 +61,17 @@ VGROOVE_INLINE void blows_end(BlowRecorder &r, double impulse) {
 }
 
 // Largest joint torque along a step, from its values and slopes at both ends.
-VGROOVE_INLINE void blows_torque(BlowRecorder &r, double h, double from, double from_rate, double to, double to_rate) {
+VGROOVE_INLINE void blows_torque(BlowRecorder &r, double h, double from, double from_rate,
+                                 double to, double to_rate) {
     Blow &b = r.blows.back();
     const double a = std::fabs(to);
     b.peak_torque_nm = a > b.peak_torque_nm ? a : b.peak_torque_nm;
     if (from_rate * to_rate >= 0.0)
         return;
-    const double u = from_rate / (from_rate - to_rate), v = 1.0 - u;  // where the slope would pass 0
-    const double top = v * v * (1.0 + 2.0 * u) * from + u * u * (3.0 - 2.0 * u) * to + h * u * v * (v * from_rate - u * to_rate);
+    const double u = from_rate / (from_rate - to_rate),
+                 v = 1.0 - u;  // where the slope would pass 0
+    const double top = v * v * (1.0 + 2.0 * u) * from + u * u * (3.0 - 2.0 * u) * to +
+                       h * u * v * (v * from_rate - u * to_rate);
     b.peak_torque_nm = std::fabs(top) > b.peak_torque_nm ? std::fabs(top) : b.peak_torque_nm;
 }
 

@@ -1,4 +1,5 @@
-// Switches of the impact mechanism: for each, a function that is positive until it happens, and what changes then.
+// Switches of the impact mechanism: for each, a function that is positive until it happens, and
+// what changes then.
 #ifndef VGROOVE_PLANT_IMPACT_EVENTS_HPP
 #define VGROOVE_PLANT_IMPACT_EVENTS_HPP
 
@@ -49,10 +50,12 @@ constexpr unsigned impact_bit(ImpactEvent e) {
 }
 
 // Switches that can happen from a mode.
-VGROOVE_INLINE unsigned impact_possible(const Impact &m, const ImpactMode &mode, const Drive<double> &in) {
+VGROOVE_INLINE unsigned impact_possible(const Impact &m, const ImpactMode &mode,
+                                        const Drive<double> &in) {
     unsigned mask = impact_bit(IMPACT_MOTOR);
     if (mode.place != ContactPlace::NONE)
-        mask |= impact_bit(IMPACT_LEAVE) | impact_bit(IMPACT_TURN) | (mode.approaching ? impact_bit(IMPACT_RAMP) : 0u);
+        mask |= impact_bit(IMPACT_LEAVE) | impact_bit(IMPACT_TURN) |
+                (mode.approaching ? impact_bit(IMPACT_RAMP) : 0u);
     if (!mode.above) {
         mask |= impact_bit(IMPACT_HEIGHT);
         if (mode.place == ContactPlace::NONE)
@@ -63,7 +66,8 @@ VGROOVE_INLINE unsigned impact_possible(const Impact &m, const ImpactMode &mode,
         mask |= impact_bit(IMPACT_LAP);
     }
     if (!mode.frozen)
-        mask |= mode.slip == 0 ? impact_bit(IMPACT_SLIP_FORWARD) | impact_bit(IMPACT_SLIP_BACKWARD) : impact_bit(IMPACT_STICK);
+        mask |= mode.slip == 0 ? impact_bit(IMPACT_SLIP_FORWARD) | impact_bit(IMPACT_SLIP_BACKWARD)
+                               : impact_bit(IMPACT_STICK);
     if (mode.slip != 0 && m.joint.count > 1)
         mask |= impact_bit(IMPACT_SEGMENT_UP) | impact_bit(IMPACT_SEGMENT_DOWN);
     if (in.open > 0.0 && m.drive.input != InputKind::CURRENT)
@@ -73,7 +77,8 @@ VGROOVE_INLINE unsigned impact_possible(const Impact &m, const ImpactMode &mode,
     return mask;
 }
 
-// Share of a lug period by which the hammer lug is past a lug's flank, 0 .. period: on top of the lug while below the overlap.
+// Share of a lug period by which the hammer lug is past a lug's flank, 0 .. period: on top of the
+// lug while below the overlap.
 VGROOVE_INLINE double impact_lap(const Impact &m, double relative) {
     return relative - m.period_rad * std::floor(relative / m.period_rad);
 }
@@ -84,12 +89,15 @@ VGROOVE_INLINE double impact_rest_margin(double needed, double forward, double b
 
 // Whether forces decide a switch; the others can be read off angles and speeds (impact_sight).
 VGROOVE_INLINE bool impact_by_force(const ImpactMode &mode, int event) {
-    return event == IMPACT_AXIAL || (event == IMPACT_ROLL && mode.roll == 0.0) || (event == IMPACT_MOTOR && mode.drive.slide == 0.0) ||
+    return event == IMPACT_AXIAL || (event == IMPACT_ROLL && mode.roll == 0.0) ||
+           (event == IMPACT_MOTOR && mode.drive.slide == 0.0) ||
            (event == IMPACT_DIODE && mode.drive.diode == 0.0);
 }
 
 template <class L>
-VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode, const ImpactState<L> &s, const ImpactPoint &at, int event) {
+VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode,
+                                         const ImpactState<L> &s, const ImpactPoint &at,
+                                         int event) {
     switch (event) {
     case IMPACT_FORWARD:
         return mode.forward_rad - impact_relative<L>(m, s);
@@ -106,7 +114,8 @@ VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode
     case IMPACT_RAMP:
         return mode.ramped ? at.pen - m.contact.ramp_m : m.contact.ramp_m - at.pen;
     case IMPACT_LAP: {
-        const double relative = impact_relative<L>(m, s) - mode.forward_rad;  // forward_rad: flank of the lug below
+        const double relative =
+            impact_relative<L>(m, s) - mode.forward_rad;  // forward_rad: flank of the lug below
         return relative < 0.5 * m.overlap_rad ? relative : m.overlap_rad - relative;
     }
     case IMPACT_SLIP_FORWARD:
@@ -120,12 +129,16 @@ VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode
     case IMPACT_SEGMENT_DOWN:
         return at.head_rad - m.joint.segment[mode.segment].from_rad;
     case IMPACT_MOTOR:
-        return mode.drive.slide == 0.0 ? impact_rest_margin(at.held_nm, at.hold_forward_nm, at.hold_backward_nm)
-                                       : mode.drive.slide * s.x[STATE_SPEED];
+        return mode.drive.slide == 0.0
+                   ? impact_rest_margin(at.held_nm, at.hold_forward_nm, at.hold_backward_nm)
+                   : mode.drive.slide * s.x[STATE_SPEED];
     case IMPACT_DIODE:
-        return mode.drive.diode == 0.0 ? at.bus_v - std::fabs(at.emf_v) : mode.drive.diode * s.x[STATE_CURRENT];
+        return mode.drive.diode == 0.0 ? at.bus_v - std::fabs(at.emf_v)
+                                       : mode.drive.diode * s.x[STATE_CURRENT];
     case IMPACT_ROLL:
-        return mode.roll == 0.0 ? m.groove.ball_arm * std::fabs(at.axial_n) - std::fabs(at.roll_needed_nm) : mode.roll * at.q_rate;
+        return mode.roll == 0.0
+                   ? m.groove.ball_arm * std::fabs(at.axial_n) - std::fabs(at.roll_needed_nm)
+                   : mode.roll * at.q_rate;
     case IMPACT_AXIAL:
         return mode.axial_sign * at.axial_n;
     default:
@@ -135,7 +148,8 @@ VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode
 
 // Those of the possible switches that lie behind, as bits.
 template <class L>
-VGROOVE_INLINE unsigned impact_met(const Impact &m, const ImpactMode &mode, unsigned possible, const ImpactState<L> &s, const ImpactPoint &at) {
+VGROOVE_INLINE unsigned impact_met(const Impact &m, const ImpactMode &mode, unsigned possible,
+                                   const ImpactState<L> &s, const ImpactPoint &at) {
     unsigned met = 0u;
     for (unsigned left = possible; left != 0u; left &= left - 1u) {
         const int event = __builtin_ctz(left);

@@ -1,4 +1,5 @@
-// Rows of a log to stretches of straight command and load, solver over them, rows, trace and energies out of its states.
+// Rows of a log to stretches of straight command and load, solver over them, rows, trace and
+// energies out of its states.
 #include "impact_log.hpp"
 
 #include <algorithm>
@@ -8,13 +9,18 @@
 namespace vgroove {
 
 const char *const IMPACT_COLUMN_NAMES[IMPACT_COLUMN_COUNT] = {
-    "current_a", "supply_v",  "speed_rad_s", "speed_measured_rad_s", "angle_rad", "angle_measured_rad", "anvil_torque_nm", "anvil_angle_rad",
-    "head_rad",  "hammer_mm", "hammer_rad",  "housing_nm",           "arm_rad"};
+    "current_a", "supply_v",           "speed_rad_s",     "speed_measured_rad_s",
+    "angle_rad", "angle_measured_rad", "anvil_torque_nm", "anvil_angle_rad",
+    "head_rad",  "hammer_mm",          "hammer_rad",      "housing_nm",
+    "arm_rad"};
 const char *const TRACE_COLUMN_NAMES[TRACE_COLUMN_COUNT] = {
-    "current_a",   "speed_rad_s", "hammer_m", "hammer_m_per_s",  "hammer_rad",    "hammer_rad_s", "relative_rad",        "anvil_angle_rad",
-    "anvil_rad_s", "twist_rad",   "head_rad", "anvil_torque_nm", "lug_torque_nm", "housing_nm",   "housing_momentum_nm", "arm_rad"};
-const char *const IMPACT_ENERGY_NAMES[ENERGY_COUNT] = {"work_in",      "loss_electric", "loss_friction", "loss_groove",
-                                                       "loss_contact", "loss_joint",    "stored"};
+    "current_a",    "speed_rad_s",     "hammer_m",        "hammer_m_per_s", "hammer_rad",
+    "hammer_rad_s", "relative_rad",    "anvil_angle_rad", "anvil_rad_s",    "twist_rad",
+    "head_rad",     "anvil_torque_nm", "lug_torque_nm",   "housing_nm",     "housing_momentum_nm",
+    "arm_rad"};
+const char *const IMPACT_ENERGY_NAMES[ENERGY_COUNT] = {
+    "work_in",      "loss_electric", "loss_friction", "loss_groove",
+    "loss_contact", "loss_joint",    "stored"};
 
 // One stretch of a row in true time: command as a straight line.
 struct Stretch {
@@ -23,14 +29,18 @@ struct Stretch {
 };
 
 static bool is_switching(double start, double end) {
-    const double peak = std::max(std::fabs(start), std::fabs(end)), least = std::min(std::fabs(start), std::fabs(end));
+    const double peak = std::max(std::fabs(start), std::fabs(end)),
+                 least = std::min(std::fabs(start), std::fabs(end));
     return !(start == end && (peak == 0.0 || peak >= 1.0)) && peak > 0.0 && least < 1.0;
 }
 
-// Reads the command column in its own time: transport_delay later, or at another rate than the rows (clock_skew of the command's clock).
+// Reads the command column in its own time: transport_delay later, or at another rate than the rows
+// (clock_skew of the command's clock).
 class CommandReader {
 public:
-    CommandReader(const LogInput &in, const Parameters &p) : in_(in), delay_s_(p.transport_delay_s) {
+    CommandReader(const LogInput &in, const Parameters &p)
+        : in_(in),
+          delay_s_(p.transport_delay_s) {
         const double skew = 1.0 + p.clock_skew_relative;
         row_scale_ = p.clock_skew_command != 0.0 ? 1.0 : 1.0 / skew;
         command_scale_ = skew;
@@ -38,7 +48,9 @@ public:
     }
 
     double row_scale() const { return row_scale_; }  // true seconds per second of the log
-    double row_s(std::size_t row) const { return (in_.time_s[row] - in_.time_s[row - 1]) * row_scale_; }
+    double row_s(std::size_t row) const {
+        return (in_.time_s[row] - in_.time_s[row - 1]) * row_scale_;
+    }
 
     // The stretch that begins now_s after the first row, with left_s to the end of the row.
     Stretch next(std::size_t row, double now_s, double left_s) {
@@ -46,23 +58,28 @@ public:
             return of_row(row, 0.0, 1.0 / row_scale_, left_s);
         const double at = in_.time_s[0] + (now_s - delay_s_) * command_scale_;
         const std::size_t last = in_.time_s.size() - 1;
-        while (row_ < last && in_.time_s[row_] - at <= 1e-9 * (in_.time_s[row_ + 1] - in_.time_s[row_]))
+        while (row_ < last &&
+               in_.time_s[row_] - at <= 1e-9 * (in_.time_s[row_ + 1] - in_.time_s[row_]))
             ++row_;
         const double until = (in_.time_s[row_] - at) / command_scale_;
         if (until <= 0.0) {
-            Stretch s = of_row(row_, in_.time_s[row_] - in_.time_s[row_ > 0 ? row_ - 1 : 0], command_scale_, left_s);
+            Stretch s = of_row(row_, in_.time_s[row_] - in_.time_s[row_ > 0 ? row_ - 1 : 0],
+                               command_scale_, left_s);
             s.command_rate = 0.0;
             return s;
         }
-        return of_row(row_, row_ > 0 ? at - in_.time_s[row_ - 1] : 0.0, command_scale_, std::min(until, left_s));
+        return of_row(row_, row_ > 0 ? at - in_.time_s[row_ - 1] : 0.0, command_scale_,
+                      std::min(until, left_s));
     }
 
 private:
     Stretch of_row(std::size_t row, double from, double scale, double length_s) const {
         const double start = in_.command_start[row], end = in_.command_end[row];
-        const double rate = start != end ? (end - start) / (in_.time_s[row] - in_.time_s[row - 1]) : 0.0;
+        const double rate =
+            start != end ? (end - start) / (in_.time_s[row] - in_.time_s[row - 1]) : 0.0;
         const double open = in_.open.empty() ? 0.0 : in_.open[row];
-        return {length_s, start == end ? end : start + rate * from, rate * scale, open, is_switching(start, end) && !(open > 0.0)};
+        return {length_s, start == end ? end : start + rate * from, rate * scale, open,
+                is_switching(start, end) && !(open > 0.0)};
     }
 
     const LogInput &in_;
@@ -71,7 +88,8 @@ private:
     std::size_t row_ = 0;
 };
 
-template <class L> static void write_trace(const ImpactSolver<L> &s, const ImpactState<L> &x, double tau, double *to) {
+template <class L>
+static void write_trace(const ImpactSolver<L> &s, const ImpactState<L> &x, double tau, double *to) {
     ImpactState<L> ds{};
     const ImpactPoint at = impact_derivative<L>(s.model, s.drive, s.mode, tau, x, ds);
     double momentum = 0.0;
@@ -112,21 +130,27 @@ struct Tracer {
                 continue;
             impact_interpolate(s, h);
             const double part = at > from ? (at - from) / h : 0.0;
-            write_trace<L>(s, impact_between(s, part), part * h, out->trace.data() + next * TRACE_COLUMN_COUNT);
+            write_trace<L>(s, impact_between(s, part), part * h,
+                           out->trace.data() + next * TRACE_COLUMN_COUNT);
         }
     }
 };
 
-template <class L> static double seen_speed(const ImpactSolver<L> &s, const Parameters &p, const ImpactState<L> &x) {
+template <class L>
+static double seen_speed(const ImpactSolver<L> &s, const Parameters &p, const ImpactState<L> &x) {
     const Drivetrain<double> &d = s.model.drive;
-    return sensors_seen_speed(d.sensors, d.effects, p, x.x[STATE_SPEED], x.x[STATE_ANGLE], L::FULL ? x.x[STATE_SPEED_FILTER] : 0.0);
+    return sensors_seen_speed(d.sensors, d.effects, p, x.x[STATE_SPEED], x.x[STATE_ANGLE],
+                              L::FULL ? x.x[STATE_SPEED_FILTER] : 0.0);
 }
-template <class L> static double seen_angle(const ImpactSolver<L> &s, const Parameters &p, const ImpactState<L> &x) {
+template <class L>
+static double seen_angle(const ImpactSolver<L> &s, const Parameters &p, const ImpactState<L> &x) {
     const Drivetrain<double> &d = s.model.drive;
-    return sensors_seen_angle(d.sensors, d.effects, p, x.x[STATE_ANGLE], L::FULL ? x.x[STATE_SPEED_FILTER] : 0.0);
+    return sensors_seen_angle(d.sensors, d.effects, p, x.x[STATE_ANGLE],
+                              L::FULL ? x.x[STATE_SPEED_FILTER] : 0.0);
 }
 
-// effect speed_lag as a pure delay: speed and angle of the wheel delay_s before the end of each row. Before the start the shaft rests.
+// effect speed_lag as a pure delay: speed and angle of the wheel delay_s before the end of each
+// row. Before the start the shaft rests.
 struct Seen {
     double due_s, speed, angle;
 };
@@ -147,7 +171,8 @@ struct DelayedWheel {
             if (rows[next].due_s < 0.0)
                 continue;
             impact_interpolate(s, h);
-            const ImpactState<L> x = impact_between(s, std::max((rows[next].due_s - from) / h, 0.0));
+            const ImpactState<L> x =
+                impact_between(s, std::max((rows[next].due_s - from) / h, 0.0));
             rows[next].speed = seen_speed(s, parameters, x);
             rows[next].angle = seen_angle(s, parameters, x);
         }
@@ -176,14 +201,16 @@ template <class L> struct LogRun final : ImpactObserver<L> {
 };
 
 // Force and torque of the present; the whole derivative only where that decides them.
-template <class L> static ImpactPoint present_point(const ImpactSolver<L> &s, const ImpactState<L> &x, bool whole) {
+template <class L>
+static ImpactPoint present_point(const ImpactSolver<L> &s, const ImpactState<L> &x, bool whole) {
     if (!whole && !s.model.second_output)
         return impact_sight<L>(s.model, s.drive, s.mode, s.into_s, x);
     ImpactState<L> ds{};
     return impact_derivative<L>(s.model, s.drive, s.mode, s.into_s, x, ds);
 }
 
-template <class L> static void write_row(LogRun<L> &run, std::size_t row, const ImpactOutput &out, std::size_t at) {
+template <class L>
+static void write_row(LogRun<L> &run, std::size_t row, const ImpactOutput &out, std::size_t at) {
     ImpactSolver<L> &s = run.solver;
     const Parameters &p = run.parameters;
     const ImpactState<L> present = impact_present(s);
@@ -193,19 +220,20 @@ template <class L> static void write_row(LogRun<L> &run, std::size_t row, const 
     const double per_s = row > 0 ? 1.0 / run.reader.row_s(row) : 0.0;
     const double current = row > 0 ? (x[STATE_CURRENT_TIME] - run.charge_as) * per_s : now.i;
     const double bus = row > 0 ? (x[STATE_BUS_TIME] - run.bus_vs) * per_s : now.bus_v;
-    const double values[IMPACT_COLUMN_COUNT] = {sensors_read_current(p, current),
-                                                bus * (1.0 + p.supply_gain_relative),
-                                                x[STATE_SPEED],
-                                                delays ? run.delayed.rows[row].speed : seen_speed(s, p, present),
-                                                x[STATE_ANGLE],
-                                                delays ? run.delayed.rows[row].angle : seen_angle(s, p, present),
-                                                now.joint_nm,
-                                                x[L::ANVIL_ANGLE],
-                                                now.head_rad,
-                                                1e3 * now.x,
-                                                x[L::HAMMER_ANGLE],
-                                                row > 0 ? (x[L::HOUSING_TIME] - run.housing_nms) * per_s : now.housing_nm,
-                                                x[L::ARM_ANGLE]};
+    const double values[IMPACT_COLUMN_COUNT] = {
+        sensors_read_current(p, current),
+        bus * (1.0 + p.supply_gain_relative),
+        x[STATE_SPEED],
+        delays ? run.delayed.rows[row].speed : seen_speed(s, p, present),
+        x[STATE_ANGLE],
+        delays ? run.delayed.rows[row].angle : seen_angle(s, p, present),
+        now.joint_nm,
+        x[L::ANVIL_ANGLE],
+        now.head_rad,
+        1e3 * now.x,
+        x[L::HAMMER_ANGLE],
+        row > 0 ? (x[L::HOUSING_TIME] - run.housing_nms) * per_s : now.housing_nm,
+        x[L::ARM_ANGLE]};
     for (int n = 0; n < IMPACT_COLUMN_COUNT; ++n)
         out.columns[n][at] = values[n];
     run.charge_as = x[STATE_CURRENT_TIME];
@@ -231,13 +259,16 @@ template <class L> static void run_row(LogRun<L> &run, std::size_t row) {
     const double length = run.reader.row_s(row);
     const bool load = in.load_kind == LoadKind::TORQUE;
     const double load_rate = load ? (in.load_nm[row] - in.load_nm[row - 1]) / length : 0.0;
-    const double bus_v = in.bus_v.empty() ? 0.0 : in.bus_v[row] / (1.0 + run.parameters.supply_gain_relative);
+    const double bus_v =
+        in.bus_v.empty() ? 0.0 : in.bus_v[row] / (1.0 + run.parameters.supply_gain_relative);
     double left = length;
     while (left > 0.0) {
         const Stretch stretch = run.reader.next(row, run.now_s, left);
         const double load_nm = load ? in.load_nm[row - 1] + load_rate * (length - left) : 0.0;
         const ImpactDrive next{
-            stretch.command, stretch.command_rate, stretch.open, stretch.switching ? run.solver.model.drive.dead_share : 0.0, bus_v, load_nm,
+            stretch.command, stretch.command_rate,
+            stretch.open,    stretch.switching ? run.solver.model.drive.dead_share : 0.0,
+            bus_v,           load_nm,
             load_rate};
         impact_stretch(run.solver, next, run.now_s, stretch.length_s);
         run.now_s += stretch.length_s;
@@ -256,12 +287,16 @@ struct ImpactJob {
     ImpactOutput *out;
 };
 
-template <class L> static void prepare(LogRun<L> &run, const ImpactJob &job, std::size_t batch_row, const Impact &model) {
+template <class L>
+static void prepare(LogRun<L> &run, const ImpactJob &job, std::size_t batch_row,
+                    const Impact &model) {
     const LogInput &in = *job.in;
     ImpactOutput &out = *job.out;
     ImpactSolver<L> &s = run.solver;
     s.model = model;
-    s.tolerance = out.tolerance > 0.0 ? out.tolerance : (L::EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST);
+    s.tolerance = out.tolerance > 0.0
+                      ? out.tolerance
+                      : (L::EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST);
     s.fixed_s = job.accuracy == ImpactAccuracy::FIXED ? out.fixed_s : 0.0;
     s.history = batch_row == 0 && out.keep_history ? &out.history : nullptr;
     s.drive.load_nm = in.load_kind == LoadKind::TORQUE ? in.load_nm[0] : 0.0;
@@ -275,7 +310,8 @@ template <class L> static void prepare(LogRun<L> &run, const ImpactJob &job, std
     s.observer = run.tracer.out || !run.delayed.rows.empty() ? &run : nullptr;
 }
 
-template <class L> static void run_tool(const ImpactJob &job, std::size_t batch_row, const Impact &model) {
+template <class L>
+static void run_tool(const ImpactJob &job, std::size_t batch_row, const Impact &model) {
     const LogInput &in = *job.in;
     ImpactOutput &out = *job.out;
     LogRun<L> run(in, parameters_from(job.theta + batch_row * PARAMETER_COUNT));
@@ -300,7 +336,8 @@ template <class L> static void run_tool(const ImpactJob &job, std::size_t batch_
 
 static Impact model_of(const ImpactJob &job, std::size_t batch_row) {
     const Parameters p = parameters_from(job.theta + batch_row * PARAMETER_COUNT);
-    return impact_from(p, job.in->load_kind, job.in->kind, !job.in->bus_v.empty(), job.command_peak);
+    return impact_from(p, job.in->load_kind, job.in->kind, !job.in->bus_v.empty(),
+                       job.command_peak);
 }
 
 static void run_any(const ImpactJob &job, std::size_t batch_row) {
@@ -333,7 +370,8 @@ static void check_log(const LogInput &in) {
             throw std::invalid_argument("simulate_impact: time_s must increase");
 }
 
-void simulate_impact(const LogInput &in, const double *theta, std::size_t batch, ImpactAccuracy accuracy, int threads, ImpactOutput &out) {
+void simulate_impact(const LogInput &in, const double *theta, std::size_t batch,
+                     ImpactAccuracy accuracy, int threads, ImpactOutput &out) {
     check_log(in);
     check_trace(out.trace_s);
     if (accuracy == ImpactAccuracy::FIXED)
@@ -346,8 +384,13 @@ void simulate_impact(const LogInput &in, const double *theta, std::size_t batch,
     out.stats.assign(batch, {});
     out.trace.assign(out.trace_s.size() * TRACE_COLUMN_COUNT, std::nan(""));
     out.energy.assign(out.keep_energy ? in.time_s.size() * ENERGY_COUNT : 0, 0.0);
-    const auto each = [&](auto what) { return [&job, batch, what](std::size_t row) { naming_the_set(row, batch, [&] { what(job, row); }); }; };
-    share_work(batch, 1, nullptr, each(model_of));  // an impossible tool is named before any has run
+    const auto each = [&](auto what) {
+        return [&job, batch, what](std::size_t row) {
+            naming_the_set(row, batch, [&] { what(job, row); });
+        };
+    };
+    share_work(batch, 1, nullptr,
+               each(model_of));  // an impossible tool is named before any has run
     share_work(batch, threads, out.watch, each(run_any));
 }
 

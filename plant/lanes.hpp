@@ -1,4 +1,5 @@
-// The number type of the plant: one double, or a vector of doubles (one simulation a lane), and elementary functions with the same bits in every width.
+// The number type of the plant: one double, or a vector of doubles (one simulation a lane), and
+// elementary functions with the same bits in every width.
 #ifndef VGROOVE_PLANT_LANES_HPP
 #define VGROOVE_PLANT_LANES_HPP
 
@@ -6,7 +7,8 @@
 #include <cstring>
 
 #if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC diagnostic ignored "-Wpsabi"  // every function that takes a vector by value is inlined into its caller
+#pragma GCC diagnostic ignored                                                                     \
+    "-Wpsabi"  // every function that takes a vector by value is inlined into its caller
 #endif
 
 namespace vgroove {
@@ -97,11 +99,13 @@ template <class V> VGROOVE_INLINE V exp_of(V x) {
     return from_bits<V>(bits_of(y) + (bits_of(shifted) << 52));
 }
 
-// sin x = (-1)^n sin r, r = x - n pi, |r| <= pi / 2, Taylor to r^21; Cody and Waite's three parts of pi, good to |x| of 1e7.
+// sin x = (-1)^n sin r, r = x - n pi, |r| <= pi / 2, Taylor to r^21; Cody and Waite's three parts
+// of pi, good to |x| of 1e7.
 template <class V> VGROOVE_INLINE V sin_of(V x) {
     const V shifted = x * 0.31830988618379067 + ROUND_MAGIC;
     const V n = shifted - ROUND_MAGIC;
-    const V r = ((x - n * 3.141592651605606) - n * 1.9841871583270443e-09) - n * 1.034036596358821e-18;
+    const V r =
+        ((x - n * 3.141592651605606) - n * 1.9841871583270443e-09) - n * 1.034036596358821e-18;
     const V s = r * r;
     V y = splat<V>(1.0 / 51090942171709440000.0);
     y = y * s - 1.0 / 121645100408832000.0;
@@ -128,7 +132,8 @@ template <class V> VGROOVE_INLINE V tanh_of(V x) {
     return x < 0.0 ? -y : y;
 }
 
-// ln cosh x + ln 2 = |x| + log1p(e^-2|x|), log1p(y) = 2 artanh(y / (2 + y)) as a series in at most 1/9.
+// ln cosh x + ln 2 = |x| + log1p(e^-2|x|), log1p(y) = 2 artanh(y / (2 + y)) as a series in at most
+// 1/9.
 template <class V> VGROOVE_INLINE V log_two_cosh(V x) {
     const V magnitude = abs_of<V>(x);
     const V e = exp_of<V>(-2.0 * magnitude);

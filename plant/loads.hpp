@@ -1,4 +1,5 @@
-// Loads at the output shaft, referred to the motor shaft: a torque that opposes motion, a pendulum, a free load's friction. Joints are in joints.hpp.
+// Loads at the output shaft, referred to the motor shaft: a torque that opposes motion, a pendulum,
+// a free load's friction. Joints are in joints.hpp.
 #ifndef VGROOVE_PLANT_LOADS_HPP
 #define VGROOVE_PLANT_LOADS_HPP
 
@@ -39,21 +40,26 @@ template <class V> VGROOVE_INLINE V load_opposing(const Load<V> &p, const Drive<
 template <class V> VGROOVE_INLINE V load_of_angle(const Load<V> &p, V output_angle_motor) {
     if (p.kind != LoadKind::PENDULUM)
         return V{};
-    return p.pendulum_nm * p.ratio_inverse * sin_of<V>(output_angle_motor * p.ratio_inverse - p.zero_rad);
+    return p.pendulum_nm * p.ratio_inverse *
+           sin_of<V>(output_angle_motor * p.ratio_inverse - p.zero_rad);
 }
 
-// A free load: friction law of physics.md section 3 over the output's speed w / N, referred by 1 / N; its slope by 1 / N^2
+// A free load: friction law of physics.md section 3 over the output's speed w / N, referred by 1 /
+// N; its slope by 1 / N^2
 template <class V> VGROOVE_INLINE V load_of_speed(const Load<V> &p, V output_w_motor) {
     if (p.kind != LoadKind::FREE)
         return V{};
     const V w = output_w_motor * p.ratio_inverse;
-    return (p.exponential > 0.0 ? friction_law_exponential<V>(p.law, w) : friction_law_stribeck<V>(p.law, w)) * p.ratio_inverse;
+    return (p.exponential > 0.0 ? friction_law_exponential<V>(p.law, w)
+                                : friction_law_stribeck<V>(p.law, w)) *
+           p.ratio_inverse;
 }
 template <class V> VGROOVE_INLINE V load_speed_slope(const Load<V> &p, V output_w_motor) {
     if (p.kind != LoadKind::FREE)
         return V{};
     const V w = output_w_motor * p.ratio_inverse;
-    const V slope = p.exponential > 0.0 ? friction_law_exponential_slope<V>(p.law, w) : friction_law_stribeck_slope<V>(p.law, w);
+    const V slope = p.exponential > 0.0 ? friction_law_exponential_slope<V>(p.law, w)
+                                        : friction_law_stribeck_slope<V>(p.law, w);
     return slope * p.ratio_inverse * p.ratio_inverse;
 }
 

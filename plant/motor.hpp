@@ -1,4 +1,5 @@
-// Motor: armature circuit of a permanent-magnet brushed machine, its torque constant, winding heat and brushes.
+// Motor: armature circuit of a permanent-magnet brushed machine, its torque constant, winding heat
+// and brushes.
 #ifndef VGROOVE_PLANT_MOTOR_HPP
 #define VGROOVE_PLANT_MOTOR_HPP
 
@@ -28,7 +29,8 @@ template <class V> VGROOVE_INLINE V motor_constant(const Motor<V> &p, std::uint3
 }
 
 // R (1 + 0.0039 D)
-template <class V, int N> VGROOVE_INLINE V motor_resistance(const Motor<V> &p, std::uint32_t effects, const State<V, N> &s) {
+template <class V, int N>
+VGROOVE_INLINE V motor_resistance(const Motor<V> &p, std::uint32_t effects, const State<V, N> &s) {
     if constexpr (N > STATE_HEAT)
         if (effects & EFFECT_HEATING)
             return p.resistance_ohm * (1.0 + COPPER_PER_KELVIN * s.x[STATE_HEAT]);
@@ -37,13 +39,16 @@ template <class V, int N> VGROOVE_INLINE V motor_resistance(const Motor<V> &p, s
 
 // D' = kelvin_per_joule i^2 R (1 + 0.0039 D) - D / cooling_s
 template <class V, int N>
-VGROOVE_INLINE void motor_heat_derivative(const Motor<V> &p, std::uint32_t effects, V i, V r, const State<V, N> &s, State<V, N> &ds) {
+VGROOVE_INLINE void motor_heat_derivative(const Motor<V> &p, std::uint32_t effects, V i, V r,
+                                          const State<V, N> &s, State<V, N> &ds) {
     if (effects & EFFECT_HEATING)
         ds.x[STATE_HEAT] = p.kelvin_per_joule * i * i * r - s.x[STATE_HEAT] * p.cooling_rate;
 }
 
-// voltage_v tanh(i / 0.3 A), averaged over a ripple of +-ir: 0.3 / (2 ir) (ln cosh((i + ir) / 0.3) - ln cosh((i - ir) / 0.3))
-template <class V> VGROOVE_INLINE V motor_brush_voltage(const Motor<V> &p, std::uint32_t effects, V i, V ripple_a) {
+// voltage_v tanh(i / 0.3 A), averaged over a ripple of +-ir: 0.3 / (2 ir) (ln cosh((i + ir) / 0.3)
+// - ln cosh((i - ir) / 0.3))
+template <class V>
+VGROOVE_INLINE V motor_brush_voltage(const Motor<V> &p, std::uint32_t effects, V i, V ripple_a) {
     if (!(effects & EFFECT_BRUSH))
         return V{};
     const V upper = log_two_cosh<V>((i + ripple_a) / BRUSH_CURRENT_A);
@@ -52,7 +57,8 @@ template <class V> VGROOVE_INLINE V motor_brush_voltage(const Motor<V> &p, std::
 }
 
 // L i' = v - R i - k w - brush
-template <class V> VGROOVE_INLINE V motor_current_slope(const Motor<V> &p, V v, V r, V i, V k, V w, V brush_v) {
+template <class V>
+VGROOVE_INLINE V motor_current_slope(const Motor<V> &p, V v, V r, V i, V k, V w, V brush_v) {
     return (v - r * i - k * w - brush_v) * p.inductance_inverse;
 }
 

@@ -29,7 +29,8 @@ void check_parameters(const Parameters &p, bool electrical) {
     const double *values = reinterpret_cast<const double *>(&p);
     for (int n = 0; n < PARAMETER_COUNT; ++n)
         require(!std::isnan(values[n]), PARAMETER_NAMES[n]);
-    require(p.motor_inertia_kg_m2 + p.added_inertia_kg_m2 > 0.0, "motor.inertia_kg_m2 (with added_inertia) must be positive");
+    require(p.motor_inertia_kg_m2 + p.added_inertia_kg_m2 > 0.0,
+            "motor.inertia_kg_m2 (with added_inertia) must be positive");
     require(p.gearbox_ratio != 0.0, "gearbox.ratio must not be 0");
     require(p.gearbox_output_inertia >= 0.0, "gearbox.output_inertia_kg_m2 must not be negative");
     require(p.droop_polarisation_s > 0.0, "effects.supply_droop.polarisation_s must be positive");
@@ -37,7 +38,8 @@ void check_parameters(const Parameters &p, bool electrical) {
     require(p.saturation_a > 0.0, "effects.magnetic_saturation.saturation_a must be positive");
     require(p.stribeck_speed_rad_s > 0.0, "effects.stribeck_friction.speed_rad_s must be positive");
     require(p.grease_time_s > 0.0, "effects.cold_grease.time_s must be positive");
-    require(p.coupler_stiffness > 0.0, "effects.coupler_compliance.stiffness_nm_per_rad must be positive");
+    require(p.coupler_stiffness > 0.0,
+            "effects.coupler_compliance.stiffness_nm_per_rad must be positive");
     require(p.current_lag_s >= 0.0, "effects.current_lag.time_constant_s must not be negative");
     require(p.speed_lag_s >= 0.0, "effects.speed_lag.time_constant_s must not be negative");
     require(p.transport_delay_s >= 0.0, "effects.transport_delay.delay_s must not be negative");
@@ -47,8 +49,10 @@ void check_parameters(const Parameters &p, bool electrical) {
     require(p.free_threshold_rad_s > 0.0, "load.threshold_rad_s must be positive");
     if (!electrical)
         return;
-    require(p.motor_inductance_h * (1.0 + p.inductance_relative) > 0.0, "motor.inductance_h must be positive");
-    require(p.motor_resistance_ohm * (1.0 + p.winding_relative) >= 0.0, "motor.resistance_ohm must not be negative");
+    require(p.motor_inductance_h * (1.0 + p.inductance_relative) > 0.0,
+            "motor.inductance_h must be positive");
+    require(p.motor_resistance_ohm * (1.0 + p.winding_relative) >= 0.0,
+            "motor.resistance_ohm must not be negative");
     require(p.bridge_pwm_hz > 0.0, "bridge.pwm_hz must be positive");
 }
 

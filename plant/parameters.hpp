@@ -1,4 +1,5 @@
-// The flat parameter vector of the plant: rig keys, then the parameters of the effects, each a double named as the gap contract names it.
+// The flat parameter vector of the plant: rig keys, then the parameters of the effects, each a
+// double named as the gap contract names it.
 #ifndef VGROOVE_PLANT_PARAMETERS_HPP
 #define VGROOVE_PLANT_PARAMETERS_HPP
 
@@ -151,7 +152,8 @@ struct Parameters {
 #define VGROOVE_PLANT_COUNT(member, name, value) +1
 constexpr int PARAMETER_COUNT = 0 VGROOVE_PLANT_PARAMETERS(VGROOVE_PLANT_COUNT);
 #undef VGROOVE_PLANT_COUNT
-static_assert(sizeof(Parameters) == PARAMETER_COUNT * sizeof(double), "the parameters are a flat vector of doubles");
+static_assert(sizeof(Parameters) == PARAMETER_COUNT * sizeof(double),
+              "the parameters are a flat vector of doubles");
 
 extern const char *const PARAMETER_NAMES[PARAMETER_COUNT];
 

@@ -1,4 +1,5 @@
-// Rows of a log as the solver sees them: stretches of straight command and load, and what the sensors show at each row's end.
+// Rows of a log as the solver sees them: stretches of straight command and load, and what the
+// sensors show at each row's end.
 #ifndef VGROOVE_PLANT_ROWS_HPP
 #define VGROOVE_PLANT_ROWS_HPP
 
@@ -15,7 +16,8 @@ namespace vgroove {
 constexpr std::size_t LOOK_ROWS = 64;  // so often a run asks whether it is still wanted
 constexpr std::size_t NOT_SPENT = std::numeric_limits<std::size_t>::max();
 
-// Where a lane stands in the log: rows in the lane's own time, the command column possibly shifted against them.
+// Where a lane stands in the log: rows in the lane's own time, the command column possibly shifted
+// against them.
 struct Cursor {
     double row_scale;      // true seconds per second of the time stamps
     double command_scale;  // seconds of the command column per true second
@@ -44,7 +46,9 @@ template <class V, int N> struct Group {
     Watch *watch;
 };
 
-template <class V> VGROOVE_INLINE void drive_command(Drive<V> &d, const LogInput &in, int lane, std::size_t row, double from, double scale) {
+template <class V>
+VGROOVE_INLINE void drive_command(Drive<V> &d, const LogInput &in, int lane, std::size_t row,
+                                  double from, double scale) {
     const double start = in.command_start[row], end = in.command_end[row];
     double rate = 0.0;
     if (start != end)
@@ -54,22 +58,28 @@ template <class V> VGROOVE_INLINE void drive_command(Drive<V> &d, const LogInput
     set(d.open, lane, in.open.empty() ? 0.0 : in.open[row]);
     const double peak = std::max(std::fabs(start), std::fabs(end));
     const double least = std::min(std::fabs(start), std::fabs(end));
-    const bool switching = !(start == end && (peak == 0.0 || peak >= 1.0)) && peak > 0.0 && least < 1.0;
+    const bool switching =
+        !(start == end && (peak == 0.0 || peak >= 1.0)) && peak > 0.0 && least < 1.0;
     set(d.dead, lane, switching && !(get(d.open, lane) > 0.0) ? 1.0 : 0.0);
 }
 
 // The stretch of the command column that is in force now; its length in true time.
-template <class V, int N> VGROOVE_INLINE double shifted_stretch(Group<V, N> &g, const LogInput &in, int lane) {
+template <class V, int N>
+VGROOVE_INLINE double shifted_stretch(Group<V, N> &g, const LogInput &in, int lane) {
     Cursor &c = g.cursor[lane];
     const double at = in.time_s[0] + (c.now_s - c.delay_s) * c.command_scale;
     const std::size_t last = in.time_s.size() - 1;
-    while (c.command_row < last && in.time_s[c.command_row] - at <= 1e-9 * (in.time_s[c.command_row + 1] - in.time_s[c.command_row]))
+    while (c.command_row < last &&
+           in.time_s[c.command_row] - at <=
+               1e-9 * (in.time_s[c.command_row + 1] - in.time_s[c.command_row]))
         ++c.command_row;
     const std::size_t row = c.command_row;
     const double left = (in.time_s[row] - at) / c.command_scale;
     const double length = left > 0.0 && left < c.row_left_s ? left : c.row_left_s;
     const double from = row > 0 ? at - in.time_s[row - 1] : 0.0;
-    drive_command(g.solver.drive, in, lane, row, left > 0.0 ? from : in.time_s[row] - in.time_s[row > 0 ? row - 1 : 0], c.command_scale);
+    drive_command(g.solver.drive, in, lane, row,
+                  left > 0.0 ? from : in.time_s[row] - in.time_s[row > 0 ? row - 1 : 0],
+                  c.command_scale);
     if (left <= 0.0)
         set(g.solver.drive.command_rate, lane, 0.0);
     return length;
@@ -87,7 +97,8 @@ VGROOVE_INLINE double same_sign_stretch(double load_nm, double rate, double leng
     return zero > 1e-9 * length && zero < length * (1.0 - 1e-9) ? zero : length;
 }
 
-template <class V, int N> VGROOVE_INLINE bool next_stretch(Group<V, N> &g, const LogInput &in, std::size_t row, int lane) {
+template <class V, int N>
+VGROOVE_INLINE bool next_stretch(Group<V, N> &g, const LogInput &in, std::size_t row, int lane) {
     Cursor &c = g.cursor[lane];
     Solver<V, N> &s = g.solver;
     if (c.row_left_s <= 0.0 || s.spent[lane])
@@ -98,7 +109,8 @@ template <class V, int N> VGROOVE_INLINE bool next_stretch(Group<V, N> &g, const
     else
         drive_command(s.drive, in, lane, row, row_begun_s(c, in, row), 1.0 / c.row_scale);
     if (s.model.effects & EFFECT_LOAD_FRICTION)
-        length = same_sign_stretch(get(s.drive.load_nm, lane), get(s.drive.load_rate, lane), length);
+        length =
+            same_sign_stretch(get(s.drive.load_nm, lane), get(s.drive.load_rate, lane), length);
     set(s.drive.dead, lane, get(s.drive.dead, lane) * get(s.model.dead_share, lane));
     set(s.drive.time_s, lane, c.now_s);
     c.now_s += length;
@@ -109,7 +121,8 @@ template <class V, int N> VGROOVE_INLINE bool next_stretch(Group<V, N> &g, const
     return true;
 }
 
-template <class V, int N> VGROOVE_INLINE void begin_row(Group<V, N> &g, const LogInput &in, std::size_t row, int lane) {
+template <class V, int N>
+VGROOVE_INLINE void begin_row(Group<V, N> &g, const LogInput &in, std::size_t row, int lane) {
     Cursor &c = g.cursor[lane];
     Solver<V, N> &s = g.solver;
     c.row_left_s = (in.time_s[row] - in.time_s[row - 1]) * c.row_scale;
@@ -125,7 +138,8 @@ template <class V, int N> VGROOVE_INLINE void begin_row(Group<V, N> &g, const Lo
 }
 
 template <class V, int N>
-VGROOVE_INLINE void reset_lane(Group<V, N> &g, const LogInput &in, std::size_t row, int lane, const double *start, bool first) {
+VGROOVE_INLINE void reset_lane(Group<V, N> &g, const LogInput &in, std::size_t row, int lane,
+                               const double *start, bool first) {
     Solver<V, N> &s = g.solver;
     set(s.drive.load_nm, lane, in.load_kind == LoadKind::TORQUE ? in.load_nm[row] : 0.0);
     set(s.drive.load_rate, lane, 0.0);
@@ -141,9 +155,11 @@ inline double sensed_current(const Parameters &p, double mean_a) {
     return std::min(std::max(read, -p.current_limit_a), p.current_limit_a);
 }
 
-// Shaft quantities of one row; lag and eccentricity are applied to wheel speed and angle, gain to both.
+// Shaft quantities of one row; lag and eccentricity are applied to wheel speed and angle, gain to
+// both.
 template <class V, int N>
-VGROOVE_INLINE void write_shaft(const Group<V, N> &g, std::size_t at, int lane, V seen_speed, V seen_angle, const LogOutput &out) {
+VGROOVE_INLINE void write_shaft(const Group<V, N> &g, std::size_t at, int lane, V seen_speed,
+                                V seen_angle, const LogOutput &out) {
     const State<V, N> &x = g.solver.state;
     const Parameters &p = g.parameters[lane];
     out.speed_rad_s[at] = get(x.x[STATE_SPEED], lane);
@@ -160,23 +176,33 @@ VGROOVE_INLINE void write_shaft(const Group<V, N> &g, std::size_t at, int lane, 
 }
 
 // A lane whose steps are used up shows nothing from that row on; the first such row is kept.
-template <class V, int N> VGROOVE_INLINE void write_spent(Group<V, N> &g, std::size_t at, std::size_t row, int lane, const LogOutput &out) {
-    for (double *column : {out.current_a, out.supply_v, out.speed_rad_s, out.speed_measured_rad_s, out.angle_rad, out.angle_measured_rad})
+template <class V, int N>
+VGROOVE_INLINE void write_spent(Group<V, N> &g, std::size_t at, std::size_t row, int lane,
+                                const LogOutput &out) {
+    for (double *column : {out.current_a, out.supply_v, out.speed_rad_s, out.speed_measured_rad_s,
+                           out.angle_rad, out.angle_measured_rad})
         column[at] = std::numeric_limits<double>::quiet_NaN();
     g.spent_row[lane] = std::min(g.spent_row[lane], row);
 }
 
-template <class V, int N> VGROOVE_INLINE void write_row(Group<V, N> &g, const LogInput &in, std::size_t row, bool start, const LogOutput &out) {
+template <class V, int N>
+VGROOVE_INLINE void write_row(Group<V, N> &g, const LogInput &in, std::size_t row, bool start,
+                              const LogOutput &out) {
     const Solver<V, N> &s = g.solver;
-    const V speed = sensors_wheel_speed<V>(s.model.sensors, s.model.effects, s.state.x[STATE_SPEED], s.state.x[STATE_ANGLE]);
-    const V angle = sensors_wheel_angle<V>(s.model.sensors, s.model.effects, s.state.x[STATE_ANGLE]);
+    const V speed = sensors_wheel_speed<V>(s.model.sensors, s.model.effects, s.state.x[STATE_SPEED],
+                                           s.state.x[STATE_ANGLE]);
+    const V angle =
+        sensors_wheel_angle<V>(s.model.sensors, s.model.effects, s.state.x[STATE_ANGLE]);
     const Electrical<V> e = drivetrain_electrical<V, N>(s.model, s.drive, s.mode, V{}, s.state);
     for (int lane = 0; lane < g.lanes; ++lane) {
         const Parameters &p = g.parameters[lane];
         const std::size_t at = g.batch_row[lane] * in.time_s.size() + row;
-        const double seconds = start ? 1.0 : (in.time_s[row] - in.time_s[row - 1]) * g.cursor[lane].row_scale;
-        const double current = start ? get(s.state.x[STATE_CURRENT], lane) : get(s.state.x[STATE_CURRENT_TIME], lane) / seconds;
-        const double bus = start ? get(e.bus_v, lane) : get(s.state.x[STATE_BUS_TIME], lane) / seconds;
+        const double seconds =
+            start ? 1.0 : (in.time_s[row] - in.time_s[row - 1]) * g.cursor[lane].row_scale;
+        const double current = start ? get(s.state.x[STATE_CURRENT], lane)
+                                     : get(s.state.x[STATE_CURRENT_TIME], lane) / seconds;
+        const double bus =
+            start ? get(e.bus_v, lane) : get(s.state.x[STATE_BUS_TIME], lane) / seconds;
         out.current_a[at] = sensed_current(p, current);
         out.supply_v[at] = bus * (1.0 + p.supply_gain_relative);
         write_shaft(g, at, lane, speed, angle, out);
@@ -191,7 +217,9 @@ template <class V, int N> VGROOVE_INLINE void write_row(Group<V, N> &g, const Lo
     }
 }
 
-template <class V, int N> VGROOVE_INLINE void reset_group(Group<V, N> &g, const LogInput &in, const LogStarts &starts, std::size_t which) {
+template <class V, int N>
+VGROOVE_INLINE void reset_group(Group<V, N> &g, const LogInput &in, const LogStarts &starts,
+                                std::size_t which) {
     const std::size_t row = starts.rows[which];
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
         const std::size_t batch = starts.per_row ? g.batch_row[lane] * starts.rows.size() : 0;
@@ -200,19 +228,24 @@ template <class V, int N> VGROOVE_INLINE void reset_group(Group<V, N> &g, const 
             drive_command(g.solver.drive, in, lane, row, 0.0, 0.0);
         set(g.solver.drive.command, lane, in.command_end[row]);
         if (!in.bus_v.empty())
-            set(g.solver.drive.bus_v, lane, in.bus_v[row] / (1.0 + g.parameters[lane].supply_gain_relative));
+            set(g.solver.drive.bus_v, lane,
+                in.bus_v[row] / (1.0 + g.parameters[lane].supply_gain_relative));
     }
 }
 
-template <class V, int N> VGROOVE_INLINE void step_row(Group<V, N> &g, const LogInput &in, std::size_t row) {
+template <class V, int N>
+VGROOVE_INLINE void step_row(Group<V, N> &g, const LogInput &in, std::size_t row) {
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
         begin_row(g, in, row, lane);
     flush_tiny(g.solver.state);
     solver_run(
-        g.solver, [&](int lane) __attribute__((always_inline)) { return next_stretch(g, in, row, lane); });
+        g.solver, [&](int lane)
+                      __attribute__((always_inline)) { return next_stretch(g, in, row, lane); });
 }
 
-template <class V, int N> VGROOVE_INLINE void run_group(Group<V, N> &g, const LogInput &in, const LogStarts &starts, const LogOutput &out) {
+template <class V, int N>
+VGROOVE_INLINE void run_group(Group<V, N> &g, const LogInput &in, const LogStarts &starts,
+                              const LogOutput &out) {
     std::size_t which = 0;
     for (std::size_t row = starts.rows.front(); row < in.time_s.size(); ++row) {
         if (g.watch && row % LOOK_ROWS == 0)

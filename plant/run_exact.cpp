@@ -4,11 +4,13 @@
 
 namespace vgroove {
 
-VGROOVE_CLONES static void blocks(Group<double, STATE_CORE_COUNT> &g, const LogInput &in, const LogStarts &starts, const LogOutput &out) {
+VGROOVE_CLONES static void blocks(Group<double, STATE_CORE_COUNT> &g, const LogInput &in,
+                                  const LogStarts &starts, const LogOutput &out) {
     run_exact_rows(g, in, starts, out);
 }
 
-void run_exact(Group<double, STATE_CORE_COUNT> &g, const LogInput &in, const LogStarts &starts, const LogOutput &out) {
+void run_exact(Group<double, STATE_CORE_COUNT> &g, const LogInput &in, const LogStarts &starts,
+               const LogOutput &out) {
     blocks(g, in, starts, out);
 }
 

@@ -1,4 +1,5 @@
-// Sensors: what the shaft and the current look like through gain, lag, offset, clipping and an eccentric Hall wheel; counts of the board's front ends.
+// Sensors: what the shaft and the current look like through gain, lag, offset, clipping and an
+// eccentric Hall wheel; counts of the board's front ends.
 #ifndef VGROOVE_PLANT_SENSORS_HPP
 #define VGROOVE_PLANT_SENSORS_HPP
 
@@ -13,13 +14,15 @@ template <class V> struct Sensors {
 };
 
 // Speed of the wheel w (1 + A cos(th + phase)), the derivative of th + A sin(th + phase)
-template <class V> VGROOVE_INLINE V sensors_wheel_speed(const Sensors<V> &p, std::uint32_t effects, V w, V angle) {
+template <class V>
+VGROOVE_INLINE V sensors_wheel_speed(const Sensors<V> &p, std::uint32_t effects, V w, V angle) {
     if (!(effects & EFFECT_HALL))
         return w;
     return w * (1.0 + p.hall_amplitude * cos_of<V>(angle + p.hall_phase));
 }
 
-template <class V> VGROOVE_INLINE V sensors_wheel_angle(const Sensors<V> &p, std::uint32_t effects, V angle) {
+template <class V>
+VGROOVE_INLINE V sensors_wheel_angle(const Sensors<V> &p, std::uint32_t effects, V angle) {
     if (!(effects & EFFECT_HALL))
         return angle;
     return angle + p.hall_amplitude * sin_of<V>(angle + p.hall_phase);
@@ -27,7 +30,8 @@ template <class V> VGROOVE_INLINE V sensors_wheel_angle(const Sensors<V> &p, std
 
 // y' = (input - y) / time constant, for current and speed
 template <class V, int N>
-VGROOVE_INLINE void sensors_derivative(const Sensors<V> &p, std::uint32_t effects, V i, const State<V, N> &s, State<V, N> &ds) {
+VGROOVE_INLINE void sensors_derivative(const Sensors<V> &p, std::uint32_t effects, V i,
+                                       const State<V, N> &s, State<V, N> &ds) {
     if (effects & EFFECT_CURRENT_LAG)
         ds.x[STATE_CURRENT_FILTER] = (i - s.x[STATE_CURRENT_FILTER]) * p.current_lag_rate;
     if (effects & EFFECT_SPEED_LAG) {

@@ -1,7 +1,10 @@
-// Solver: embedded Runge-Kutta 5(4) of Dormand and Prince (J. Comp. Appl. Math. 6, 1980) with halved and doubled steps and located events.
+// Solver: embedded Runge-Kutta 5(4) of Dormand and Prince (J. Comp. Appl. Math. 6, 1980) with
+// halved and doubled steps and located events.
 //
-// Every lane keeps its own step, so that its result does not depend on its neighbours; a lane that waits takes steps of length 0,
-// which change nothing. Where the drivetrain is linear between events a step is exact at any length. An event (a body stops or breaks away, the diodes block) is found by repeating the step with the Illinois method.
+// Every lane keeps its own step, so that its result does not depend on its neighbours; a lane that
+// waits takes steps of length 0, which change nothing. Where the drivetrain is linear between
+// events a step is exact at any length. An event (a body stops or breaks away, the diodes block) is
+// found by repeating the step with the Illinois method.
 #ifndef VGROOVE_PLANT_SOLVER_HPP
 #define VGROOVE_PLANT_SOLVER_HPP
 
@@ -11,18 +14,23 @@
 
 namespace vgroove {
 
-constexpr double SOLVER_TOLERANCE = 2e-6;          // local error over the scale of the state
-constexpr double SOLVER_TOLERANCE_CONTACT = 1e-7;  // where flanks meet: an error there grows with every bounce
-constexpr double SOLVER_GROW_BELOW = 0.02;         // of the tolerance: the error grows by 2^5 when the step doubles
+constexpr double SOLVER_TOLERANCE = 2e-6;  // local error over the scale of the state
+constexpr double SOLVER_TOLERANCE_CONTACT =
+    1e-7;  // where flanks meet: an error there grows with every bounce
+constexpr double SOLVER_GROW_BELOW =
+    0.02;  // of the tolerance: the error grows by 2^5 when the step doubles
 constexpr double SOLVER_EVENT_S = 1e-10;           // events are located to this time
 constexpr double SOLVER_STEP_MIN = 1.0 / 65536.0;  // of the stretch
-constexpr double SOLVER_DOUBT = 2e-7;              // of the current scale: doubt about a ramp behind a supply resistance that is let pass
-constexpr double SOLVER_EXACT_SHARE = 0.0625;      // first step of an exact stretch, doubled after: where events are looked for
-constexpr int SOLVER_LOCATE_MAX = 60;              // repeats for one event
-constexpr double SOLVER_STEPS_ROW = 1000.0;        // a run may take so many steps a row,
-constexpr double SOLVER_STEPS_SECOND = 50000.0;    // so many a second of a row,
-constexpr double SOLVER_STEPS_SAVED = 200000.0;    // and save so many for rows that need more
-constexpr int SOLVER_EVENTS_MAX = 400;             // located events per stretch; later ones are taken at the end of their step
+constexpr double SOLVER_DOUBT =
+    2e-7;  // of the current scale: doubt about a ramp behind a supply resistance that is let pass
+constexpr double SOLVER_EXACT_SHARE =
+    0.0625;  // first step of an exact stretch, doubled after: where events are looked for
+constexpr int SOLVER_LOCATE_MAX = 60;            // repeats for one event
+constexpr double SOLVER_STEPS_ROW = 1000.0;      // a run may take so many steps a row,
+constexpr double SOLVER_STEPS_SECOND = 50000.0;  // so many a second of a row,
+constexpr double SOLVER_STEPS_SAVED = 200000.0;  // and save so many for rows that need more
+constexpr int SOLVER_EVENTS_MAX =
+    400;  // located events per stretch; later ones are taken at the end of their step
 
 enum EventIndex { EVENT_NONE = -1, EVENT_SHAFT, EVENT_OUTPUT, EVENT_DIODE, EVENT_COUNT };
 
@@ -48,13 +56,14 @@ template <class V, int N> struct Solver {
     double credit[LaneTraits<V>::COUNT];  // steps that the lane may still take
     bool spent[LaneTraits<V>::COUNT];     // it has taken them all and stands still
     double error_scale;                   // 1 / tolerance of the local error
-    bool careful;                         // a tolerance was asked for: events are looked for as in exact stretches
-    bool exact;                           // linear between events: flow.hpp instead of Runge-Kutta
+    bool careful;  // a tolerance was asked for: events are looked for as in exact stretches
+    bool exact;    // linear between events: flow.hpp instead of Runge-Kutta
 };
 
 constexpr double TINY = 1e-60;  // A, rad/s, V, K
 
-// What decays towards 0 ends there: subnormal numbers would make every later step several times as slow.
+// What decays towards 0 ends there: subnormal numbers would make every later step several times as
+// slow.
 template <class V, int N> VGROOVE_INLINE void flush_tiny(State<V, N> &s) {
     for (int n = 0; n < N; ++n)
         s.x[n] = abs_of<V>(s.x[n]) < TINY ? V{} : s.x[n];
@@ -62,15 +71,18 @@ template <class V, int N> VGROOVE_INLINE void flush_tiny(State<V, N> &s) {
 
 // tolerance: local error of a step over the scale of the state; 0: the usual one.
 template <class V, int N> VGROOVE_INLINE void solver_prepare(Solver<V, N> &self, double tolerance) {
-    const double usual = self.model.effects & EFFECT_TWO_BODIES ? SOLVER_TOLERANCE_CONTACT : SOLVER_TOLERANCE;
+    const double usual =
+        self.model.effects & EFFECT_TWO_BODIES ? SOLVER_TOLERANCE_CONTACT : SOLVER_TOLERANCE;
     self.careful = tolerance > 0.0;
     self.error_scale = 1.0 / (tolerance > 0.0 ? tolerance : usual);
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
         self.credit[lane] = SOLVER_STEPS_SAVED;
 }
 
-template <class V, int N> VGROOVE_INLINE void solver_earn(Solver<V, N> &self, int lane, int rows, double seconds) {
-    const double credit = self.credit[lane] + SOLVER_STEPS_ROW * rows + SOLVER_STEPS_SECOND * seconds;
+template <class V, int N>
+VGROOVE_INLINE void solver_earn(Solver<V, N> &self, int lane, int rows, double seconds) {
+    const double credit =
+        self.credit[lane] + SOLVER_STEPS_ROW * rows + SOLVER_STEPS_SECOND * seconds;
     self.credit[lane] = credit < SOLVER_STEPS_SAVED ? credit : SOLVER_STEPS_SAVED;
 }
 
@@ -79,7 +91,9 @@ template <class V, int N> struct Attempt {
     V error;  // largest local error over tolerance
 };
 
-template <class V, int N> VGROOVE_INLINE V solver_error(const Drivetrain<V> &m, V h, const State<V, N> &e, double error_scale) {
+template <class V, int N>
+VGROOVE_INLINE V solver_error(const Drivetrain<V> &m, V h, const State<V, N> &e,
+                              double error_scale) {
     V worst = abs_of<V>(e.x[STATE_SPEED]) / m.speed_scale;
     if (m.input != InputKind::CURRENT)
         worst = max_of<V>(worst, abs_of<V>(e.x[STATE_CURRENT]) / m.current_scale);
@@ -94,7 +108,8 @@ template <class V, int N> VGROOVE_INLINE V solver_error(const Drivetrain<V> &m, 
     return abs_of<V>(h) * worst * error_scale;
 }
 
-template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_attempt(const Solver<V, N> &self, V h) {
+template <class V, int N>
+VGROOVE_INLINE Attempt<V, N> solver_attempt(const Solver<V, N> &self, V h) {
     const Drivetrain<V> &m = self.model;
     const State<V, N> &y = self.state;
     const State<V, N> &k1 = self.slope;
@@ -106,45 +121,58 @@ template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_attempt(const Solv
         s.x[n] = y.x[n] + h * (3.0 / 40.0 * k1.x[n] + 9.0 / 40.0 * k2.x[n]);
     const State<V, N> k3 = drivetrain_derivative<V, N>(m, self.drive, self.mode, 0.3 * h, s);
     for (int n = 0; n < N; ++n)
-        s.x[n] = y.x[n] + h * (44.0 / 45.0 * k1.x[n] - 56.0 / 15.0 * k2.x[n] + 32.0 / 9.0 * k3.x[n]);
+        s.x[n] =
+            y.x[n] + h * (44.0 / 45.0 * k1.x[n] - 56.0 / 15.0 * k2.x[n] + 32.0 / 9.0 * k3.x[n]);
     const State<V, N> k4 = drivetrain_derivative<V, N>(m, self.drive, self.mode, 0.8 * h, s);
     for (int n = 0; n < N; ++n)
-        s.x[n] = y.x[n] + h * ((19372.0 / 6561.0 * k1.x[n] - 25360.0 / 2187.0 * k2.x[n]) + (64448.0 / 6561.0 * k3.x[n] - 212.0 / 729.0 * k4.x[n]));
+        s.x[n] = y.x[n] + h * ((19372.0 / 6561.0 * k1.x[n] - 25360.0 / 2187.0 * k2.x[n]) +
+                               (64448.0 / 6561.0 * k3.x[n] - 212.0 / 729.0 * k4.x[n]));
     const State<V, N> k5 = drivetrain_derivative<V, N>(m, self.drive, self.mode, 8.0 / 9.0 * h, s);
     for (int n = 0; n < N; ++n)
-        s.x[n] = y.x[n] + h * ((9017.0 / 3168.0 * k1.x[n] - 355.0 / 33.0 * k2.x[n]) + (46732.0 / 5247.0 * k3.x[n] + 49.0 / 176.0 * k4.x[n]) -
+        s.x[n] = y.x[n] + h * ((9017.0 / 3168.0 * k1.x[n] - 355.0 / 33.0 * k2.x[n]) +
+                               (46732.0 / 5247.0 * k3.x[n] + 49.0 / 176.0 * k4.x[n]) -
                                5103.0 / 18656.0 * k5.x[n]);
     const State<V, N> k6 = drivetrain_derivative<V, N>(m, self.drive, self.mode, h, s);
     Attempt<V, N> a;
     for (int n = 0; n < N; ++n)
-        a.state.x[n] = y.x[n] + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * k3.x[n]) + (125.0 / 192.0 * k4.x[n] - 2187.0 / 6784.0 * k5.x[n]) +
+        a.state.x[n] = y.x[n] + h * ((35.0 / 384.0 * k1.x[n] + 500.0 / 1113.0 * k3.x[n]) +
+                                     (125.0 / 192.0 * k4.x[n] - 2187.0 / 6784.0 * k5.x[n]) +
                                      11.0 / 84.0 * k6.x[n]);
     a.slope = drivetrain_derivative<V, N>(m, self.drive, self.mode, h, a.state);
     for (int n = 0; n < N; ++n)
-        s.x[n] = (71.0 / 57600.0 * k1.x[n] - 71.0 / 16695.0 * k3.x[n]) + (71.0 / 1920.0 * k4.x[n] - 17253.0 / 339200.0 * k5.x[n]) +
+        s.x[n] = (71.0 / 57600.0 * k1.x[n] - 71.0 / 16695.0 * k3.x[n]) +
+                 (71.0 / 1920.0 * k4.x[n] - 17253.0 / 339200.0 * k5.x[n]) +
                  (22.0 / 525.0 * k6.x[n] - 1.0 / 40.0 * a.slope.x[n]);
     a.error = solver_error<V, N>(m, h, s, self.error_scale);
     return a;
 }
 
 template <class V> VGROOVE_INLINE double event_value(const Events<V> &g, int event, int lane) {
-    return event == EVENT_SHAFT ? get(g.shaft, lane) : (event == EVENT_OUTPUT ? get(g.output, lane) : get(g.diode, lane));
+    return event == EVENT_SHAFT
+               ? get(g.shaft, lane)
+               : (event == EVENT_OUTPUT ? get(g.output, lane) : get(g.diode, lane));
 }
 
-template <class V, int N> VGROOVE_INLINE double event_tolerance(const Solver<V, N> &self, int event, int lane) {
-    const double slide = event == EVENT_SHAFT ? get(self.mode.slide, lane) : get(self.mode.output_slide, lane);
+template <class V, int N>
+VGROOVE_INLINE double event_tolerance(const Solver<V, N> &self, int event, int lane) {
+    const double slide =
+        event == EVENT_SHAFT ? get(self.mode.slide, lane) : get(self.mode.output_slide, lane);
     const double diode = get(self.mode.diode, lane);
     if (event == EVENT_DIODE)
-        return 1e-10 * (diode == 0.0 ? get(self.model.supply.open_circuit_v, lane) : get(self.model.current_scale, lane));
-    return 1e-10 * (slide == 0.0 ? get(self.model.torque_scale, lane) : get(self.model.speed_scale, lane));
+        return 1e-10 * (diode == 0.0 ? get(self.model.supply.open_circuit_v, lane)
+                                     : get(self.model.current_scale, lane));
+    return 1e-10 *
+           (slide == 0.0 ? get(self.model.torque_scale, lane) : get(self.model.speed_scale, lane));
 }
 
 VGROOVE_INLINE double sign_of(double x) {
     return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0);
 }
 
-// A body that has just come to rest, or is asked whether it still rests: sticks, or slides the way it is driven.
-template <class V, int N> VGROOVE_INLINE void solver_rest(Solver<V, N> &self, int lane, bool shaft, bool output) {
+// A body that has just come to rest, or is asked whether it still rests: sticks, or slides the way
+// it is driven.
+template <class V, int N>
+VGROOVE_INLINE void solver_rest(Solver<V, N> &self, int lane, bool shaft, bool output) {
     if (shaft) {
         set(self.mode.slide, lane, 0.0);
         set(self.state.x[STATE_SPEED], lane, 0.0);
@@ -162,7 +190,8 @@ template <class V, int N> VGROOVE_INLINE void solver_rest(Solver<V, N> &self, in
         set(self.mode.output_slide, lane, sign_of(get(g.output_excess, lane)));
 }
 
-// The diodes have carried the current to 0 and block, or the back-EMF has passed the bus and they conduct again.
+// The diodes have carried the current to 0 and block, or the back-EMF has passed the bus and they
+// conduct again.
 template <class V, int N> VGROOVE_INLINE void solver_diode(Solver<V, N> &self, int lane) {
     if (get(self.mode.diode, lane) != 0.0) {
         set(self.mode.diode, lane, 0.0);
@@ -172,7 +201,8 @@ template <class V, int N> VGROOVE_INLINE void solver_diode(Solver<V, N> &self, i
     }
 }
 
-template <class V, int N> VGROOVE_INLINE void solver_accept(Solver<V, N> &self, const Attempt<V, N> &a, int lane, double h) {
+template <class V, int N>
+VGROOVE_INLINE void solver_accept(Solver<V, N> &self, const Attempt<V, N> &a, int lane, double h) {
     for (int n = 0; n < N; ++n) {
         set(self.state.x[n], lane, get(a.state.x[n], lane));
         set(self.slope.x[n], lane, get(a.slope.x[n], lane));
@@ -196,13 +226,16 @@ template <class V, int N> VGROOVE_INLINE void solver_choose_step(Solver<V, N> &s
 VGROOVE_INLINE double illinois_step(const Locating &at) {
     const double width = at.high_s - at.low_s;
     const double guess = at.low_s + width * (at.g_low / (at.g_low - at.g_high));
-    const bool inside = guess > at.low_s + 1e-3 * width && guess < at.high_s - 1e-6 * width && at.repeats % 8 != 7;
+    const bool inside =
+        guess > at.low_s + 1e-3 * width && guess < at.high_s - 1e-6 * width && at.repeats % 8 != 7;
     return inside ? guess : at.low_s + 0.5 * width;
 }
 
-// Narrows the bracket of the event that the attempt of length h has met; true once the attempt ends at the event.
+// Narrows the bracket of the event that the attempt of length h has met; true once the attempt ends
+// at the event.
 template <class V, int N>
-VGROOVE_INLINE bool solver_locate(Solver<V, N> &self, const Events<V> &before, const Events<V> &after, int lane, int met, double h) {
+VGROOVE_INLINE bool solver_locate(Solver<V, N> &self, const Events<V> &before,
+                                  const Events<V> &after, int lane, int met, double h) {
     Locating &at = self.locating[lane];
     if (met != EVENT_NONE) {
         if (at.target != met) {
@@ -222,10 +255,12 @@ VGROOVE_INLINE bool solver_locate(Solver<V, N> &self, const Events<V> &before, c
     }
     ++at.repeats;
     const bool exact = met != EVENT_NONE && -at.g_high <= event_tolerance(self, met, lane);
-    const bool narrow = met != EVENT_NONE && (at.high_s - at.low_s <= SOLVER_EVENT_S || at.repeats > SOLVER_LOCATE_MAX);
+    const bool narrow = met != EVENT_NONE &&
+                        (at.high_s - at.low_s <= SOLVER_EVENT_S || at.repeats > SOLVER_LOCATE_MAX);
     if (exact || narrow || self.events[lane] > SOLVER_EVENTS_MAX)
         return met != EVENT_NONE;
-    self.next_s[lane] = met == EVENT_NONE && at.high_s - at.low_s <= SOLVER_EVENT_S ? at.high_s : illinois_step(at);
+    self.next_s[lane] =
+        met == EVENT_NONE && at.high_s - at.low_s <= SOLVER_EVENT_S ? at.high_s : illinois_step(at);
     return false;
 }
 
@@ -233,12 +268,15 @@ VGROOVE_INLINE int first_event(double shaft, double output, double diode, int ta
     const bool met[EVENT_COUNT] = {shaft < 0.0, output < 0.0, diode < 0.0};
     if (target != EVENT_NONE && met[target])
         return target;
-    return met[EVENT_SHAFT] ? EVENT_SHAFT : (met[EVENT_OUTPUT] ? EVENT_OUTPUT : (met[EVENT_DIODE] ? EVENT_DIODE : EVENT_NONE));
+    return met[EVENT_SHAFT]
+               ? EVENT_SHAFT
+               : (met[EVENT_OUTPUT] ? EVENT_OUTPUT : (met[EVENT_DIODE] ? EVENT_DIODE : EVENT_NONE));
 }
 
 // One lane's verdict on the attempt: too coarse, an event to locate, or accepted.
 template <class V, int N>
-VGROOVE_INLINE void solver_judge(Solver<V, N> &self, const Attempt<V, N> &a, const Events<V> &before, const Events<V> &after, int lane) {
+VGROOVE_INLINE void solver_judge(Solver<V, N> &self, const Attempt<V, N> &a,
+                                 const Events<V> &before, const Events<V> &after, int lane) {
     const double h = self.next_s[lane];
     const double level = get(self.level_s, lane);
     const double error = get(a.error, lane);
@@ -248,7 +286,8 @@ VGROOVE_INLINE void solver_judge(Solver<V, N> &self, const Attempt<V, N> &a, con
         solver_choose_step(self, lane);
         return;
     }
-    const double shaft = get(after.shaft, lane), output = get(after.output, lane), diode = get(after.diode, lane);
+    const double shaft = get(after.shaft, lane), output = get(after.output, lane),
+                 diode = get(after.diode, lane);
     const int met = first_event(shaft, output, diode, self.locating[lane].target);
     const bool searching = met != EVENT_NONE || self.locating[lane].target != EVENT_NONE;
     if (searching && !solver_locate(self, before, after, lane, met, h))
@@ -273,7 +312,8 @@ template <class V, int N> VGROOVE_INLINE void solver_refresh(Solver<V, N> &self)
         any = any || self.fresh[lane];
     if (!any)
         return;
-    const State<V, N> slope = drivetrain_derivative<V, N>(self.model, self.drive, self.mode, V{}, self.state);
+    const State<V, N> slope =
+        drivetrain_derivative<V, N>(self.model, self.drive, self.mode, V{}, self.state);
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
         if (!self.fresh[lane])
             continue;
@@ -283,8 +323,10 @@ template <class V, int N> VGROOVE_INLINE void solver_refresh(Solver<V, N> &self)
     }
 }
 
-// A new stretch for one lane: its drive is set, its modes follow (bridge opens or closes, resting bodies are asked again).
-template <class V, int N> VGROOVE_INLINE void solver_begin(Solver<V, N> &self, int lane, double length_s) {
+// A new stretch for one lane: its drive is set, its modes follow (bridge opens or closes, resting
+// bodies are asked again).
+template <class V, int N>
+VGROOVE_INLINE void solver_begin(Solver<V, N> &self, int lane, double length_s) {
     self.left_s[lane] = length_s;
     self.floor_s[lane] = SOLVER_STEP_MIN * length_s;
     self.events[lane] = 0;
@@ -301,7 +343,8 @@ template <class V, int N> VGROOVE_INLINE void solver_begin(Solver<V, N> &self, i
         set(self.mode.diode, lane, sign_of(get(self.state.x[STATE_CURRENT], lane)));
     bool output = false;
     if constexpr (N > STATE_TWIST)
-        output = (self.model.effects & EFFECT_TWO_BODIES) != 0u && get(self.state.x[STATE_OUTPUT_SPEED], lane) == 0.0;
+        output = (self.model.effects & EFFECT_TWO_BODIES) != 0u &&
+                 get(self.state.x[STATE_OUTPUT_SPEED], lane) == 0.0;
     const bool shaft = get(self.state.x[STATE_SPEED], lane) == 0.0;
     if (shaft || output)
         solver_rest(self, lane, shaft, output);
@@ -311,22 +354,26 @@ template <class V, int N> VGROOVE_INLINE void solver_begin(Solver<V, N> &self, i
 template <class V> VGROOVE_INLINE bool solver_any_event(const Events<V> &g) {
     bool any = false;
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
-        any = any || get(g.shaft, lane) < 0.0 || get(g.output, lane) < 0.0 || get(g.diode, lane) < 0.0;
+        any = any || get(g.shaft, lane) < 0.0 || get(g.output, lane) < 0.0 ||
+              get(g.diode, lane) < 0.0;
     return any;
 }
 
-// While every lane slides and its bridge is closed, the only event is a change of sign of a speed: no torque is needed to see it.
+// While every lane slides and its bridge is closed, the only event is a change of sign of a speed:
+// no torque is needed to see it.
 template <class V, int N> VGROOVE_INLINE bool solver_all_slide(const Solver<V, N> &self) {
     const bool split = N > STATE_TWIST && (self.model.effects & EFFECT_TWO_BODIES);
     bool all = true;
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
         const bool output = !split || get(self.mode.output_slide, lane) != 0.0;
-        all = all && output && get(self.mode.slide, lane) != 0.0 && get(self.drive.open, lane) == 0.0;
+        all =
+            all && output && get(self.mode.slide, lane) != 0.0 && get(self.drive.open, lane) == 0.0;
     }
     return all;
 }
 
-template <class V, int N> VGROOVE_INLINE Events<V> solver_events(const Solver<V, N> &self, V h, const State<V, N> &s) {
+template <class V, int N>
+VGROOVE_INLINE Events<V> solver_events(const Solver<V, N> &self, V h, const State<V, N> &s) {
     if (!solver_all_slide(self))
         return drivetrain_events<V, N>(self.model, self.drive, self.mode, h, s);
     Events<V> g{};
@@ -339,8 +386,11 @@ template <class V, int N> VGROOVE_INLINE Events<V> solver_events(const Solver<V,
     return g;
 }
 
-template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_attempt_stiff(const Solver<V, N> &self, const Rates<V> &rates, V h) {
-    const StiffStep<V, N> end = stiff_step<V, N>(self.model, self.drive, self.mode, rates, h, self.state, self.slope);
+template <class V, int N>
+VGROOVE_INLINE Attempt<V, N> solver_attempt_stiff(const Solver<V, N> &self, const Rates<V> &rates,
+                                                  V h) {
+    const StiffStep<V, N> end =
+        stiff_step<V, N>(self.model, self.drive, self.mode, rates, h, self.state, self.slope);
     Attempt<V, N> a;
     a.state = end.state;
     a.slope = drivetrain_derivative<V, N>(self.model, self.drive, self.mode, h, a.state);
@@ -349,7 +399,9 @@ template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_attempt_stiff(cons
 }
 
 // Each lane takes the step that its own rates ask for.
-template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_mixed(const Attempt<V, N> &stiff, const Attempt<V, N> &plain, const bool *which) {
+template <class V, int N>
+VGROOVE_INLINE Attempt<V, N> solver_mixed(const Attempt<V, N> &stiff, const Attempt<V, N> &plain,
+                                          const bool *which) {
     Attempt<V, N> a = plain;
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
         if (!which[lane])
@@ -378,7 +430,8 @@ template <class V, int N> VGROOVE_INLINE Attempt<V, N> solver_step(Solver<V, N> 
     bool stiff[LaneTraits<V>::COUNT];
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
         const double rate = get(fastest, lane);
-        stiff[lane] = rate * get(h, lane) > STIFF_STEP && rate * self.floor_s[lane] > STIFF_STRETCH * SOLVER_STEP_MIN;
+        stiff[lane] = rate * get(h, lane) > STIFF_STEP &&
+                      rate * self.floor_s[lane] > STIFF_STRETCH * SOLVER_STEP_MIN;
         const bool waits = get(h, lane) == 0.0;
         all = all && (stiff[lane] || waits);
         any = any || stiff[lane];
@@ -400,7 +453,8 @@ template <class V, int N> VGROOVE_INLINE bool solver_pays(Solver<V, N> &self, in
 }
 
 // Runs until every lane is at the end of its stretch and next_stretch(lane) gives it no other one.
-template <class V, int N, class NextStretch> VGROOVE_INLINE void solver_run(Solver<V, N> &self, NextStretch &&next_stretch) {
+template <class V, int N, class NextStretch>
+VGROOVE_INLINE void solver_run(Solver<V, N> &self, NextStretch &&next_stretch) {
     for (;;) {
         bool busy = false;
         V h{};

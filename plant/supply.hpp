@@ -13,20 +13,24 @@ template <class V> struct Supply {
 };
 
 // effect supply_droop: Voc falls by volt_per_coulomb q + vp
-template <class V, int N> VGROOVE_INLINE V supply_source(const Supply<V> &p, std::uint32_t effects, const State<V, N> &s) {
+template <class V, int N>
+VGROOVE_INLINE V supply_source(const Supply<V> &p, std::uint32_t effects, const State<V, N> &s) {
     if constexpr (N > STATE_POLARISATION)
         if (effects & EFFECT_DROOP)
-            return p.open_circuit_v - p.volt_per_coulomb * s.x[STATE_CHARGE] - s.x[STATE_POLARISATION];
+            return p.open_circuit_v - p.volt_per_coulomb * s.x[STATE_CHARGE] -
+                   s.x[STATE_POLARISATION];
     return p.open_circuit_v;
 }
 
 // q' = d i; vp' = (polarisation_ohm d i - vp) / polarisation_s
 template <class V, int N>
-VGROOVE_INLINE void supply_derivative(const Supply<V> &p, std::uint32_t effects, V bus_a, const State<V, N> &s, State<V, N> &ds) {
+VGROOVE_INLINE void supply_derivative(const Supply<V> &p, std::uint32_t effects, V bus_a,
+                                      const State<V, N> &s, State<V, N> &ds) {
     if (!(effects & EFFECT_DROOP))
         return;
     ds.x[STATE_CHARGE] = bus_a;
-    ds.x[STATE_POLARISATION] = (p.polarisation_ohm * bus_a - s.x[STATE_POLARISATION]) * p.polarisation_rate;
+    ds.x[STATE_POLARISATION] =
+        (p.polarisation_ohm * bus_a - s.x[STATE_POLARISATION]) * p.polarisation_rate;
 }
 
 // Vs = Voc - Rs d i

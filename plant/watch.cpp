@@ -67,7 +67,8 @@ struct Pool {
     }
 };
 
-// Until all helpers have ended; the caller may still end the run, the helpers hear of it at their next look.
+// Until all helpers have ended; the caller may still end the run, the helpers hear of it at their
+// next look.
 void await(Pool &pool, Watch *watch) {
     std::unique_lock<std::mutex> held(pool.lock);
     while (!pool.finished.wait_for(held, ASKED_EVERY, [&] { return pool.running == 0; })) {
@@ -84,7 +85,8 @@ void await(Pool &pool, Watch *watch) {
 
 }  // namespace
 
-void share_work(std::size_t count, int threads, Watch *watch, const std::function<void(std::size_t)> &work) {
+void share_work(std::size_t count, int threads, Watch *watch,
+                const std::function<void(std::size_t)> &work) {
     Pool pool{count, work, {}, {}, 0, count, nullptr, 0};
     std::vector<std::thread> helpers;
     for (int n = 1; n < threads && static_cast<std::size_t>(n) < count; ++n) {

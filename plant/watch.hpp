@@ -1,4 +1,5 @@
-// Long runs: whoever waits for one may end it, and work that consists of independent parts shares the processor's cores.
+// Long runs: whoever waits for one may end it, and work that consists of independent parts shares
+// the processor's cores.
 #ifndef VGROOVE_PLANT_WATCH_HPP
 #define VGROOVE_PLANT_WATCH_HPP
 
@@ -13,7 +14,8 @@ namespace vgroove {
 // What a run ends with when its caller no longer wants it.
 struct Interrupted {};
 
-// Asked by the run every so many steps, by any of its threads; the caller is asked in the thread that made the watch, every 50 ms.
+// Asked by the run every so many steps, by any of its threads; the caller is asked in the thread
+// that made the watch, every 50 ms.
 class Watch {
 public:
     Watch() : thread_(std::this_thread::get_id()), asked_(std::chrono::steady_clock::now()) {}
@@ -31,9 +33,11 @@ private:
     std::atomic<bool> ended_{false};
 };
 
-// work(n) for n from 0 to before `count` on at most `threads` threads, the caller's among them. Parts begin in their order; what the lowest that
-// fails throws comes out, the same whatever the threads.
-void share_work(std::size_t count, int threads, Watch *watch, const std::function<void(std::size_t)> &work);
+// work(n) for n from 0 to before `count` on at most `threads` threads, the caller's among them.
+// Parts begin in their order; what the lowest that fails throws comes out, the same whatever the
+// threads.
+void share_work(std::size_t count, int threads, Watch *watch,
+                const std::function<void(std::size_t)> &work);
 
 }  // namespace vgroove
 

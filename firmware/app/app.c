@@ -9,13 +9,16 @@
 #include "hal/hal.h"
 
 #define OVERRUN_FAULT_TICKS 2u
-#define FULL_TICKS_MAX 3u  // so long at most slow work waits: a quarter of the ticks is enough for the line
+#define FULL_TICKS_MAX                                                                             \
+    3u  // so long at most slow work waits: a quarter of the ticks is enough for the line
 
 void app_init(App *self, uint32_t build_hash) {
-    *self = (App){.duty_limit_q15 = INT16_MAX, .calibration = TELEMETRY_CALIBRATE_WHAT_CURRENT_OFFSET};
+    *self =
+        (App){.duty_limit_q15 = INT16_MAX, .calibration = TELEMETRY_CALIBRATE_WHAT_CURRENT_OFFSET};
     param_load(&self->params);
     adc_sequence_init(&self->adc);
-    current_sense_init(&self->current, self->params.value[PARAM_CURRENT_GAIN_A_Q15], self->params.value[PARAM_CURRENT_OFFSET_COUNT_Q4]);
+    current_sense_init(&self->current, self->params.value[PARAM_CURRENT_GAIN_A_Q15],
+                       self->params.value[PARAM_CURRENT_OFFSET_COUNT_Q4]);
     h_bridge_init(&self->bridge, (uint8_t)self->params.value[PARAM_DEAD_TIME_COUNT]);
     trigger_init(&self->trigger);
     self->host_mode = (uint8_t)self->params.value[PARAM_MODE];
@@ -29,9 +32,11 @@ void app_init(App *self, uint32_t build_hash) {
 }
 
 static void read_inputs(App *self) {
-    trigger_set_switches(&self->trigger, hal_switches());  // first: the pins are not latched by the tick
+    trigger_set_switches(&self->trigger,
+                         hal_switches());  // first: the pins are not latched by the tick
     h_bridge_next_row(&self->bridge);
-    measure_analog(&self->measured, &self->adc, &self->current, &self->trigger, self->params.value[PARAM_BUS_GAIN_MV_Q8]);
+    measure_analog(&self->measured, &self->adc, &self->current, &self->trigger,
+                   self->params.value[PARAM_BUS_GAIN_MV_Q8]);
     measure_speed(&self->measured, &self->hall);
     if (self->measured.adc.trips) {
         h_bridge_note_trip(&self->bridge);
@@ -39,7 +44,9 @@ static void read_inputs(App *self) {
 }
 
 static void find_faults(App *self) {
-    const FaultsDrive drive = {.compare = self->bridge.row_compare, .new_edge = self->hall.new_edges > 0u, .goes_on = self->driving};
+    const FaultsDrive drive = {.compare = self->bridge.row_compare,
+                               .new_edge = self->hall.new_edges > 0u,
+                               .goes_on = self->driving};
     faults_step(&self->faults, &self->measured, &self->fault_limits, &drive);
 }
 
@@ -49,7 +56,8 @@ INLINE_NEVER static bool rests(App *self) {
     const bool coasts = self->bridge.row_compare == H_BRIDGE_COAST;
     const bool settled = self->faults.settled_ms >= FAULTS_SETTLED_MS;
     const bool unseen = (self->faults.active & TELEMETRY_FAULTS_SENSOR_LOST) != 0u ||
-                        (ended && settled && !faults_draws_like_standing(&self->measured, self->bridge.row_compare));
+                        (ended && settled &&
+                         !faults_draws_like_standing(&self->measured, self->bridge.row_compare));
     const StandstillInputs in = {
         .lost = !coasts && unseen,
         .coasts = coasts,
@@ -99,7 +107,8 @@ static void select_mode(App *self) {
         return;
     }
     const uint8_t position = trigger_mode(&self->trigger);
-    self->mode = (uint8_t)(position == 0u ? self->host_mode : self->params.value[PARAM_MODE_SWITCH_1 + position - 1]);
+    self->mode = (uint8_t)(position == 0u ? self->host_mode
+                                          : self->params.value[PARAM_MODE_SWITCH_1 + position - 1]);
 }
 
 static void note_lateness(App *self, uint8_t ticks_late) {
@@ -130,11 +139,14 @@ static bool slow_work(App *self) {
     return true;
 }
 
-// Such work, a slow frame, a second edge and what a controller has to compute when the hammer strikes: one of them a tick. What was held back goes
-// next: a slow frame, or whatever there is.
+// Such work, a slow frame, a second edge and what a controller has to compute when the hammer
+// strikes: one of them a tick. What was held back goes next: a slow frame, or whatever there is.
 static void share_tick(App *self) {
-    const bool two_edges = self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
-    self->full_ticks = (uint8_t)((two_edges || self->heavy) && self->full_ticks < FULL_TICKS_MAX ? self->full_ticks + 1u : 0u);
+    const bool two_edges =
+        self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
+    self->full_ticks = (uint8_t)((two_edges || self->heavy) && self->full_ticks < FULL_TICKS_MAX
+                                     ? self->full_ticks + 1u
+                                     : 0u);
     const bool full = self->full_ticks > 0u;
     const bool worked = !full && !self->slow_turn && slow_work(self);
     self->report.hold_slow = worked || full;

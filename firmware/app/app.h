@@ -1,6 +1,7 @@
 // The whole state of the firmware, and what the hardware layer calls: start, tick, interrupts.
 //
-// A tick: read (edges, samples, switches) -> faults -> state machine -> controller -> fold-back -> stage the bridge -> commands -> report.
+// A tick: read (edges, samples, switches) -> faults -> state machine -> controller -> fold-back ->
+// stage the bridge -> commands -> report.
 #ifndef VGROOVE_APP_H
 #define VGROOVE_APP_H
 
@@ -52,13 +53,15 @@ typedef struct {
     int16_t ramp_q15;                         // of the trigger, at most slew_q15 a tick
     int16_t slew_q15;
     int16_t wish_q15;       // the controller's last
-    int16_t ramp_duty_q15;  // last duty that was driven, and the speed then: what a resumed drive begins with
+    int16_t ramp_duty_q15;  // last duty that was driven, and the speed then: what a resumed drive
+                            // begins with
     int16_t ramp_speed_rpm_q1;
     uint8_t calibration;  // TELEMETRY_CALIBRATE_WHAT_*, CANCEL: none
-    uint8_t host_mode;    // asked for by SET_MODE, at the start by the parameter; holds at position 0 of the mode switch
-    uint8_t mode;         // TELEMETRY_MODE_*, selected
-    bool driving;         // the ramp goes on
-    bool controlled;      // the controller acts
+    uint8_t host_mode;  // asked for by SET_MODE, at the start by the parameter; holds at position 0
+                        // of the mode switch
+    uint8_t mode;       // TELEMETRY_MODE_*, selected
+    bool driving;       // the ramp goes on
+    bool controlled;    // the controller acts
     uint16_t calibration_ticks;
     uint16_t trigger_least;  // counts seen while its ends are learned
     uint16_t trigger_greatest;
@@ -69,7 +72,8 @@ typedef struct {
     bool hall_taken;     // pitches learned so far were within their range
     bool command_waits;  // to be executed and acknowledged
     bool heavy;          // the drive had much to compute in this tick
-    uint8_t full_ticks;  // in which it had, or two edges, one after the other: all slow work is held back
+    uint8_t full_ticks;  // in which it had, or two edges, one after the other: all slow work is
+                         // held back
     bool slow_turn;      // a slow frame has been held back for other work: it goes first now
 } App;
 
@@ -82,7 +86,8 @@ void app_tick(App *self, uint8_t ticks_late);
 void app_on_tick(App *self);
 void app_on_apply(App *self);
 void app_on_edge(App *self, uint16_t stamp);
-uint8_t app_next_channel(const App *self);  // of the conversion after the one that has just completed; ask before app_on_sample
+uint8_t app_next_channel(const App *self);  // of the conversion after the one that has just
+                                            // completed; ask before app_on_sample
 void app_on_sample(App *self, uint16_t counts);
 void app_on_received(App *self, uint8_t byte, bool damaged);
 bool app_on_ready(App *self, uint8_t *byte);  // false: nothing left to send

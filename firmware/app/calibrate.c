@@ -26,7 +26,8 @@ bool calibrate_begin(App *app, uint8_t what) {
 
 static void offset_step(App *app) {
     bool implausible = false;
-    if (!current_sense_rest(&app->current, app->measured.adc.current_sum, app->measured.adc.current_count, &implausible)) {
+    if (!current_sense_rest(&app->current, app->measured.adc.current_sum,
+                            app->measured.adc.current_count, &implausible)) {
         return;
     }
     app->calibration = TELEMETRY_CALIBRATE_WHAT_CANCEL;
@@ -38,7 +39,8 @@ static void offset_step(App *app) {
     execute_parameters(app);
 }
 
-// Ends of the travel, a thirty-second part within the extremes that the user reached in five seconds.
+// Ends of the travel, a thirty-second part within the extremes that the user reached in five
+// seconds.
 static void trigger_step(App *app) {
     const AdcTick *adc = &app->measured.adc;
     if ((adc->fresh & (1u << HAL_ADC_TRIGGER)) != 0u) {
@@ -50,11 +52,14 @@ static void trigger_step(App *app) {
     if (app->calibration_ticks < TRIGGER_TICKS) {
         return;
     }
-    const uint16_t span = (uint16_t)(app->trigger_greatest > app->trigger_least ? app->trigger_greatest - app->trigger_least : 0);
+    const uint16_t span = (uint16_t)(app->trigger_greatest > app->trigger_least
+                                         ? app->trigger_greatest - app->trigger_least
+                                         : 0);
     const uint16_t margin = span >> 5;
     const bool wide = span >= TRIGGER_SPAN_LEAST;
-    app->calibrated = wide && param_set(&app->params, PARAM_TRIGGER_LOW_COUNT, app->trigger_least + margin) &&
-                      param_set(&app->params, PARAM_TRIGGER_HIGH_COUNT, app->trigger_greatest - margin);
+    app->calibrated =
+        wide && param_set(&app->params, PARAM_TRIGGER_LOW_COUNT, app->trigger_least + margin) &&
+        param_set(&app->params, PARAM_TRIGGER_HIGH_COUNT, app->trigger_greatest - margin);
     app->calibration = TELEMETRY_CALIBRATE_WHAT_CANCEL;
     execute_parameters(app);
 }
@@ -65,8 +70,11 @@ bool calibrate_pitch_due(const App *app) {
 
 INLINE_NEVER void calibrate_pitch(App *app) {
     const uint8_t k = (uint8_t)app->calibration_ticks;
-    const uint8_t pitch = (uint8_t)(app->hall.reverse ? (HALL_SPACING_PITCHES - k) % HALL_SPACING_PITCHES : k);  // stored forwards
-    const bool taken = param_set(&app->params, (ParamIndex)(PARAM_HALL_PITCH_0_Q15 + pitch), hall_spacing_share(&app->hall.spacing, k));
+    const uint8_t pitch =
+        (uint8_t)(app->hall.reverse ? (HALL_SPACING_PITCHES - k) % HALL_SPACING_PITCHES
+                                    : k);  // stored forwards
+    const bool taken = param_set(&app->params, (ParamIndex)(PARAM_HALL_PITCH_0_Q15 + pitch),
+                                 hall_spacing_share(&app->hall.spacing, k));
     app->hall_taken = taken && (k == 0u || app->hall_taken);
     app->calibration_ticks++;
     if (app->calibration_ticks < HALL_SPACING_PITCHES) {
@@ -90,5 +98,6 @@ INLINE_NEVER void calibrate_step(App *app) {
 }
 
 bool calibrate_holds(const App *app) {
-    return app->calibration == TELEMETRY_CALIBRATE_WHAT_CURRENT_OFFSET || app->calibration == TELEMETRY_CALIBRATE_WHAT_TRIGGER;
+    return app->calibration == TELEMETRY_CALIBRATE_WHAT_CURRENT_OFFSET ||
+           app->calibration == TELEMETRY_CALIBRATE_WHAT_TRIGGER;
 }

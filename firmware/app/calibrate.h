@@ -1,4 +1,5 @@
-// Calibrations: current offset at rest (at every start, and on command into the parameters), ends of the trigger, Hall pitches.
+// Calibrations: current offset at rest (at every start, and on command into the parameters), ends
+// of the trigger, Hall pitches.
 #ifndef VGROOVE_APP_CALIBRATE_H
 #define VGROOVE_APP_CALIBRATE_H
 
@@ -14,7 +15,8 @@ void calibrate_step(App *app);
 bool calibrate_pitch_due(const App *app);
 void calibrate_pitch(App *app);
 
-// Whether the state machine has to hold CALIBRATE: the Hall pitches are learned while the user drives.
+// Whether the state machine has to hold CALIBRATE: the Hall pitches are learned while the user
+// drives.
 bool calibrate_holds(const App *app);
 
 #endif

@@ -1,20 +1,30 @@
 // The controllers on the board: one of them acts, chosen by the mode.
 //
-// To plug one in (its functions: controllers/controller.h; its mode must be in the value table of `mode` in telemetry/vgroove.dbc):
-//   1. here: include its header and add its line to CONTROL_LIST, which alone says which modes exist; limits of PARAM_MODE_*: param_table.h;
-//   2. control.c: SETPOINTS_MODE names the parameter that each of its setpoints comes from (all of them are words);
+// To plug one in (its functions: controllers/controller.h; its mode must be in the value table of
+// `mode` in telemetry/vgroove.dbc):
+//   1. here: include its header and add its line to CONTROL_LIST, which alone says which modes
+//   exist; limits of PARAM_MODE_*: param_table.h;
+//   2. control.c: SETPOINTS_MODE names the parameter that each of its setpoints comes from (all of
+//   them are words);
 //   3. app/param_table.h: its parameters, behind its mark; then run telemetry/generate.py;
 //   4. CMakeLists.txt of the firmware: its source.
 //
 // What the frame does, so that no controller has to:
-//   - calls it in DRIVE only: trigger pressed, no fault, direction settled. Release, faults and the direction switch go over its head;
-//   - gives it a trigger that is ramped (slew_per_ms) and, when the shaft still turns, begins at the duty of that speed: a controller that returns
+//   - calls it in DRIVE only: trigger pressed, no fault, direction settled. Release, faults and the
+//   direction switch go over its head;
+//   - gives it a trigger that is ramped (slew_per_ms) and, when the shaft still turns, begins at
+//   the duty of that speed: a controller that returns
 //     in->travel_q15 is the plain mode;
-//   - limits what it returns to 0..32767 and to the current of the fold-back, and tells it what came of it two ticks later (in->duty_q15, in->coasted);
-//   - CONTROLLER_STOP: state `stopped` with the bridge open until the trigger's contact opens; the reason stays in telemetry until the next drive;
-//   - ticks of CONTROLLER_COAST belong to the drive: ramps, fold-back and the time of a stall go on over them;
-//   - a controller of one direction (CONTROL_FORWARD: what ends a drive at a torque or a depth) leaves reverse to the plain mode.
-// start and step of a drive's first tick come in the same tick: together within the cycles of a step.
+//   - limits what it returns to 0..32767 and to the current of the fold-back, and tells it what
+//   came of it two ticks later (in->duty_q15, in->coasted);
+//   - CONTROLLER_STOP: state `stopped` with the bridge open until the trigger's contact opens; the
+//   reason stays in telemetry until the next drive;
+//   - ticks of CONTROLLER_COAST belong to the drive: ramps, fold-back and the time of a stall go on
+//   over them;
+//   - a controller of one direction (CONTROL_FORWARD: what ends a drive at a torque or a depth)
+//   leaves reverse to the plain mode.
+// start and step of a drive's first tick come in the same tick: together within the cycles of a
+// step.
 #ifndef VGROOVE_APP_CONTROL_H
 #define VGROOVE_APP_CONTROL_H
 
@@ -74,7 +84,8 @@ typedef struct {
 // Whether the firmware has this mode.
 bool control_has(uint8_t mode);
 
-// Takes the setpoints of a mode out of the parameters: in each tick between drives, which are light, so that a drive begins with the latest.
+// Takes the setpoints of a mode out of the parameters: in each tick between drives, which are
+// light, so that a drive begins with the latest.
 void control_prepare(Control *self, uint8_t mode, const int16_t *value);
 
 // A drive of the mode that was prepared begins.

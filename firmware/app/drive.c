@@ -9,13 +9,15 @@ static int16_t along(const App *app, int16_t value) {
     return app->modes.reverse ? (int16_t)(value == INT16_MIN ? INT16_MAX : -value) : value;
 }
 
-// A drive that resumes while the shaft still turns begins with the duty whose back-EMF share matches: from 0 it would brake with all it has.
+// A drive that resumes while the shaft still turns begins with the duty whose back-EMF share
+// matches: from 0 it would brake with all it has.
 static int16_t resumed_duty(const App *app, int16_t speed_rpm_q1) {
     if (app->ramp_speed_rpm_q1 <= 0 || speed_rpm_q1 <= 0) {
         return 0;
     }
     const uint16_t ramp_q15 = (uint16_t)app->ramp_duty_q15;
-    const uint16_t duty_q15 = divide_by_u16((uint32_t)ramp_q15 * (uint16_t)speed_rpm_q1, (uint16_t)app->ramp_speed_rpm_q1);
+    const uint16_t duty_q15 = divide_by_u16((uint32_t)ramp_q15 * (uint16_t)speed_rpm_q1,
+                                            (uint16_t)app->ramp_speed_rpm_q1);
     return (int16_t)(duty_q15 < ramp_q15 ? duty_q15 : ramp_q15);
 }
 
@@ -23,7 +25,9 @@ static int16_t limited_travel(const App *app) {
     if (app->duty_limit_q15 == INT16_MAX) {
         return app->trigger.travel_q15;  // the usual case
     }
-    return (int16_t)(((uint32_t)(uint16_t)(2 * app->trigger.travel_q15) * (uint16_t)((uint16_t)app->duty_limit_q15 + 1u)) >> 16);
+    return (int16_t)(((uint32_t)(uint16_t)(2 * app->trigger.travel_q15) *
+                      (uint16_t)((uint16_t)app->duty_limit_q15 + 1u)) >>
+                     16);
 }
 
 // The trigger's ramp: what the plain mode drives with, and what the controllers see as the trigger.
@@ -42,7 +46,9 @@ static int16_t ramp(App *app, ModesCommand command, int16_t wanted_q15, int16_t 
 // The duty in force in the row just measured; a step of the bridge is 128.5.
 static int16_t applied_duty_q15(const App *app) {
     const int16_t compare = app->bridge.row_compare;
-    return (int16_t)(compare == H_BRIDGE_COAST ? 0 : (uint16_t)((uint16_t)(compare < 0 ? -compare : compare) * 257u) >> 1);
+    return (int16_t)(compare == H_BRIDGE_COAST
+                         ? 0
+                         : (uint16_t)((uint16_t)(compare < 0 ? -compare : compare) * 257u) >> 1);
 }
 
 static int16_t coast(App *app) {
@@ -69,7 +75,8 @@ static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) 
     return wish_q15;
 }
 
-// What a resumed drive begins with; a duty that brakes says nothing about the speed that it would hold.
+// What a resumed drive begins with; a duty that brakes says nothing about the speed that it would
+// hold.
 static void note_driven(App *app, int16_t duty_q15, const ControllerInputs *in) {
     if (in->current_a_q9 >= 0) {
         app->ramp_duty_q15 = duty_q15;
@@ -79,7 +86,9 @@ static void note_driven(App *app, int16_t duty_q15, const ControllerInputs *in) 
 
 int16_t drive_step(App *app) {
     app->heavy = false;
-    const ModesCommand command = modes_output(&app->modes, app->params.value[PARAM_RELEASE_MODE] != 0 && app->bridge.staged.phase != H_BRIDGE_OPEN);
+    const ModesCommand command =
+        modes_output(&app->modes, app->params.value[PARAM_RELEASE_MODE] != 0 &&
+                                      app->bridge.staged.phase != H_BRIDGE_OPEN);
     if (command == MODES_COMMAND_COAST) {
         return coast(app);
     }

@@ -1,4 +1,5 @@
-// From the state machine's command to the compare value of the bridge: controller, ramp, fold-back, direction.
+// From the state machine's command to the compare value of the bridge: controller, ramp, fold-back,
+// direction.
 #ifndef VGROOVE_APP_DRIVE_H
 #define VGROOVE_APP_DRIVE_H
 

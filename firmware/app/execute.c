@@ -6,11 +6,13 @@
 #include "app/calibrate.h"
 #include "app/param_command.h"
 
-#define BYTES_A_TICK 2u  // some 70 commands a second with their ACKs; the queue holds three that come at once
+#define BYTES_A_TICK                                                                               \
+    2u  // some 70 commands a second with their ACKs; the queue holds three that come at once
 #define CONFIGURE_STEPS 7u
 
 static bool idle(const App *app) {
-    return app->modes.state != MODES_DRIVE && app->modes.state != MODES_RELEASE && app->modes.state != MODES_STOPPED;
+    return app->modes.state != MODES_DRIVE && app->modes.state != MODES_RELEASE &&
+           app->modes.state != MODES_STOPPED;
 }
 
 bool execute_mode_may_change(const App *app) {
@@ -46,9 +48,11 @@ void execute_parameters_step(App *app) {
     if (step == 0u) {
         configure_limits(app);
     } else if (step == 1u) {
-        trigger_set_ends(&app->trigger, (uint16_t)value[PARAM_TRIGGER_LOW_COUNT], (uint16_t)value[PARAM_TRIGGER_HIGH_COUNT]);
+        trigger_set_ends(&app->trigger, (uint16_t)value[PARAM_TRIGGER_LOW_COUNT],
+                         (uint16_t)value[PARAM_TRIGGER_HIGH_COUNT]);
     } else if (step == 2u) {
-        hall_speed_configure(&app->hall, (uint8_t)value[PARAM_HALL_PULSES], (uint16_t)value[PARAM_HALL_TIMEOUT_MS]);
+        hall_speed_configure(&app->hall, (uint8_t)value[PARAM_HALL_PULSES],
+                             (uint16_t)value[PARAM_HALL_TIMEOUT_MS]);
     } else {
         configure_hall_pitch(app, (uint8_t)(step - 3u));
     }
@@ -83,9 +87,12 @@ static uint8_t set_point(App *app, const Command *command) {
         if (!idle(app)) {
             return TELEMETRY_ACK_RESULT_NOT_NOW;
         }
-        return param_try(&app->params, PARAM_TORQUE_TARGET_NM, set.setpoint_value) ? TELEMETRY_ACK_RESULT_OK : TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
+        return param_try(&app->params, PARAM_TORQUE_TARGET_NM, set.setpoint_value)
+                   ? TELEMETRY_ACK_RESULT_OK
+                   : TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
     }
-    if (set.setpoint_which != TELEMETRY_SETPOINT_WHICH_DUTY_LIMIT_Q15 || set.setpoint_value < 0 || set.setpoint_value > INT16_MAX) {
+    if (set.setpoint_which != TELEMETRY_SETPOINT_WHICH_DUTY_LIMIT_Q15 || set.setpoint_value < 0 ||
+        set.setpoint_value > INT16_MAX) {
         return TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
     }
     app->duty_limit_q15 = (int16_t)set.setpoint_value;
@@ -109,7 +116,8 @@ static uint8_t calibrate(App *app, const Command *command) {
     if (!telemetry_unpack_calibrate(&ask, command->data)) {
         return TELEMETRY_ACK_RESULT_OUT_OF_RANGE;
     }
-    return calibrate_begin(app, ask.calibrate_what) ? TELEMETRY_ACK_RESULT_OK : TELEMETRY_ACK_RESULT_NOT_NOW;
+    return calibrate_begin(app, ask.calibrate_what) ? TELEMETRY_ACK_RESULT_OK
+                                                    : TELEMETRY_ACK_RESULT_NOT_NOW;
 }
 
 static uint8_t execute(App *app, const Command *command) {
@@ -139,7 +147,8 @@ INLINE_NEVER static void answer(App *app) {
 }
 
 bool execute_pending(const App *app) {
-    return !telemetry_ack_waits(&app->telemetry) && (app->command_waits || !command_wants(&app->parser) || uart_received(&app->uart));
+    return !telemetry_ack_waits(&app->telemetry) &&
+           (app->command_waits || !command_wants(&app->parser) || uart_received(&app->uart));
 }
 
 void execute_received(App *app) {
@@ -152,7 +161,8 @@ void execute_received(App *app) {
         app->command_waits = command_step(&app->parser, &app->command);
         return;
     }
-    for (uint8_t k = BYTES_A_TICK; k > 0u && command_wants(&app->parser) && uart_receive(&app->uart, &byte); k--) {
+    for (uint8_t k = BYTES_A_TICK;
+         k > 0u && command_wants(&app->parser) && uart_receive(&app->uart, &byte); k--) {
         command_byte(&app->parser, byte);
     }
 }

@@ -7,13 +7,15 @@
 // Something has been received and is not held back by the ACK of the command before it.
 bool execute_pending(const App *app);
 
-// One step with that: some bytes, or a command checked, or executed and acknowledged, or the begin of a frame looked for in a damaged one.
+// One step with that: some bytes, or a command checked, or executed and acknowledged, or the begin
+// of a frame looked for in a damaged one.
 void execute_received(App *app);
 
 // Trigger released and shaft at rest.
 bool execute_mode_may_change(const App *app);
 
-// Parameters have changed: their drivers take them over in the ticks that follow, a few at a time, since each costs divisions.
+// Parameters have changed: their drivers take them over in the ticks that follow, a few at a time,
+// since each costs divisions.
 void execute_parameters(App *app);
 void execute_parameters_step(App *app);
 bool execute_parameters_pending(const App *app);

@@ -23,13 +23,17 @@ static int16_t magnitude(int16_t value) {
     return (int16_t)(value < 0 ? -(int16_t)(value + 1) : value);
 }
 
-// |i| * 0.5 ohm > |duty| Vs: the reference motor has 0.29 ohm standing, 10 ohm turning freely and 0.6 ohm at 30 A (physics.md).
+// |i| * 0.5 ohm > |duty| Vs: the reference motor has 0.29 ohm standing, 10 ohm turning freely and
+// 0.6 ohm at 30 A (physics.md).
 INLINE_NEVER bool faults_draws_like_standing(const Measurement *m, int16_t compare) {
-    const uint32_t current_ma = fixed_byte_down((uint32_t)(uint16_t)magnitude(m->current_a_q9) * 1000u) >> 1;
-    return current_ma * HAL_COMPARE_MAX > 2u * ((uint32_t)m->supply_mv * (uint16_t)magnitude(compare));
+    const uint32_t current_ma =
+        fixed_byte_down((uint32_t)(uint16_t)magnitude(m->current_a_q9) * 1000u) >> 1;
+    return current_ma * HAL_COMPARE_MAX >
+           2u * ((uint32_t)m->supply_mv * (uint16_t)magnitude(compare));
 }
 
-static uint8_t find_no_edge(Faults *self, const Measurement *m, uint16_t stall_ms, const FaultsDrive *drive) {
+static uint8_t find_no_edge(Faults *self, const Measurement *m, uint16_t stall_ms,
+                            const FaultsDrive *drive) {
     const bool open = drive->compare == H_BRIDGE_COAST;
     self->settled_ms = held_for(!open, self->settled_ms, FAULTS_SETTLED_MS);
     if (drive->new_edge || !drive->goes_on) {
@@ -45,27 +49,34 @@ static uint8_t find_no_edge(Faults *self, const Measurement *m, uint16_t stall_m
     if (self->settled_ms < FAULTS_SETTLED_MS) {
         return 0;
     }
-    return faults_draws_like_standing(m, drive->compare) ? TELEMETRY_FAULTS_STALL : TELEMETRY_FAULTS_SENSOR_LOST;
+    return faults_draws_like_standing(m, drive->compare) ? TELEMETRY_FAULTS_STALL
+                                                         : TELEMETRY_FAULTS_SENSOR_LOST;
 }
 
 static void count_conditions(Faults *self, const Measurement *m, const FaultLimits *limits) {
-    self->under_voltage_ms = held_for(m->supply_mv < limits->under_voltage_mv, self->under_voltage_ms, UNDER_VOLTAGE_MS);
+    self->under_voltage_ms =
+        held_for(m->supply_mv < limits->under_voltage_mv, self->under_voltage_ms, UNDER_VOLTAGE_MS);
     const bool hot = m->temperature_c_q4 > limits->over_temperature_c_q4;
-    self->over_temperature_ms = held_for(hot && !m->temperature_lost, self->over_temperature_ms, OVER_TEMPERATURE_MS);
-    self->temperature_lost_ms = held_for(m->temperature_lost, self->temperature_lost_ms, OVER_TEMPERATURE_MS);
+    self->over_temperature_ms =
+        held_for(hot && !m->temperature_lost, self->over_temperature_ms, OVER_TEMPERATURE_MS);
+    self->temperature_lost_ms =
+        held_for(m->temperature_lost, self->temperature_lost_ms, OVER_TEMPERATURE_MS);
 }
 
 static uint8_t bit_if(bool holds, uint8_t bit) {
     return holds ? bit : 0u;
 }
 
-void faults_step(Faults *self, const Measurement *m, const FaultLimits *limits, const FaultsDrive *drive) {
+void faults_step(Faults *self, const Measurement *m, const FaultLimits *limits,
+                 const FaultsDrive *drive) {
     uint8_t active = find_no_edge(self, m, limits->stall_ms, drive);
     count_conditions(self, m, limits);
     active |= bit_if(m->adc.trips, TELEMETRY_FAULTS_OVER_CURRENT);
     active |= bit_if(self->under_voltage_ms >= UNDER_VOLTAGE_MS, TELEMETRY_FAULTS_UNDER_VOLTAGE);
-    active |= bit_if(self->over_temperature_ms >= OVER_TEMPERATURE_MS, TELEMETRY_FAULTS_OVER_TEMPERATURE);
-    active |= bit_if(self->temperature_lost_ms >= OVER_TEMPERATURE_MS || self->current_implausible, TELEMETRY_FAULTS_SENSOR_LOST);
+    active |=
+        bit_if(self->over_temperature_ms >= OVER_TEMPERATURE_MS, TELEMETRY_FAULTS_OVER_TEMPERATURE);
+    active |= bit_if(self->temperature_lost_ms >= OVER_TEMPERATURE_MS || self->current_implausible,
+                     TELEMETRY_FAULTS_SENSOR_LOST);
     active |= bit_if(m->adc.lost, TELEMETRY_FAULTS_ADC_CADENCE);
     active |= bit_if(self->overrun, TELEMETRY_FAULTS_OVERRUN);
     self->overrun = false;

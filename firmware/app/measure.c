@@ -35,11 +35,13 @@ static void take_current(Measurement *self, const CurrentSense *current) {
         return;
     }
     bool saturated = adc->saturated;
-    self->current_a_q9 = current_sense_a_q9(current, current_sense_mean_q4(adc->current_sum, adc->current_count), &saturated);
+    self->current_a_q9 = current_sense_a_q9(
+        current, current_sense_mean_q4(adc->current_sum, adc->current_count), &saturated);
     note(self, saturated, TELEMETRY_FLAGS_CURRENT_SATURATED);
 }
 
-void measure_analog(Measurement *self, AdcSequence *adc, const CurrentSense *current, Trigger *trigger, int16_t bus_gain_mv_q8) {
+void measure_analog(Measurement *self, AdcSequence *adc, const CurrentSense *current,
+                    Trigger *trigger, int16_t bus_gain_mv_q8) {
     self->flags = 0;
     adc_sequence_tick(adc, &self->adc);
     take_current(self, current);

@@ -23,7 +23,8 @@ typedef struct {
 } Measurement;
 
 // The slow channels keep their last value; everything else is of this tick.
-void measure_analog(Measurement *self, AdcSequence *adc, const CurrentSense *current, Trigger *trigger, int16_t bus_gain_mv_q8);
+void measure_analog(Measurement *self, AdcSequence *adc, const CurrentSense *current,
+                    Trigger *trigger, int16_t bus_gain_mv_q8);
 void measure_speed(Measurement *self, HallSpeed *hall);
 
 #endif

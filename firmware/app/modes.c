@@ -52,7 +52,8 @@ ModesCommand modes_output(const Modes *self, bool release_ramps) {
     if (self->state == MODES_DRIVE) {
         return MODES_COMMAND_DRIVE;
     }
-    return self->state == MODES_RELEASE && release_ramps ? MODES_COMMAND_RAMP_DOWN : MODES_COMMAND_COAST;
+    return self->state == MODES_RELEASE && release_ramps ? MODES_COMMAND_RAMP_DOWN
+                                                         : MODES_COMMAND_COAST;
 }
 
 void modes_step(Modes *self, const ModesInputs *m) {

@@ -3,8 +3,10 @@
 //                 offset known, trigger calibrated, or cancelled
 //   CALIBRATE <-----------------------------------------------> IDLE <------------------- FAULT
 //                 asked for at standstill                        | ^    released, no        ^
-//                                       pressed, armed, at rest  | |    condition left      | any fault,
-//                                                                v | at rest                | from everywhere
+//                                       pressed, armed, at rest  | |    condition left      | any
+//                                       fault,
+//                                                                v | at rest                | from
+//                                                                everywhere
 //                                                   +-------> DRIVE|---> STOPPED            |
 //                                    pressed, armed |            | |       (contact open: IDLE)
 //                                                   |  released, | |
@@ -12,8 +14,8 @@
 //                                                   +--------- RELEASE
 //
 // STOPPED: the controller has ended the drive; open until the contact opens.
-// armed: the contact was seen open since the start, the last fault, the last stop and the last change of direction. The direction follows its switch at
-// standstill in IDLE only.
+// armed: the contact was seen open since the start, the last fault, the last stop and the last
+// change of direction. The direction follows its switch at standstill in IDLE only.
 #ifndef VGROOVE_APP_MODES_H
 #define VGROOVE_APP_MODES_H
 

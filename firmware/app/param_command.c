@@ -42,6 +42,8 @@ TelemetryParams param_report(const ParamStore *store) {
     return (TelemetryParams){
         .value = store->value,
         .count = PARAM_COUNT,
-        .table = {.table_version = PARAM_VERSION, .table_slot = store->slot, .table_status = store->status},
+        .table = {.table_version = PARAM_VERSION,
+                  .table_slot = store->slot,
+                  .table_status = store->status},
     };
 }

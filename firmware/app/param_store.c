@@ -16,7 +16,8 @@
 #define STEP_VOID 1u
 #define STEP_VERSION (SLOT_BYTES + 1u)
 
-_Static_assert(SLOT_BYTES <= PARAM_SLOT_STRIDE && STEP_VERSION <= UINT8_MAX, "too many parameters for a slot");
+_Static_assert(SLOT_BYTES <= PARAM_SLOT_STRIDE && STEP_VERSION <= UINT8_MAX,
+               "too many parameters for a slot");
 
 typedef struct {
     int16_t initial;
@@ -24,7 +25,8 @@ typedef struct {
     int16_t greatest;
 } Limits;
 
-#define PARAM_LIMITS(name, unit, initial, least, greatest, version) {(initial), (least), (greatest)},
+#define PARAM_LIMITS(name, unit, initial, least, greatest, version)                                \
+    {(initial), (least), (greatest)},
 static const Limits limits[PARAM_COUNT] FLASH_TABLE = {PARAM_LIST(PARAM_LIMITS)};
 
 // Parameters that a set of some version holds.
@@ -55,7 +57,8 @@ static uint8_t slot_byte(uint8_t slot, uint16_t at) {
 }
 
 static uint16_t slot_word(uint8_t slot, uint16_t at) {
-    return (uint16_t)(slot_byte(slot, at) | (uint16_t)((uint16_t)slot_byte(slot, (uint16_t)(at + 1u)) << 8));
+    return (uint16_t)(slot_byte(slot, at) |
+                      (uint16_t)((uint16_t)slot_byte(slot, (uint16_t)(at + 1u)) << 8));
 }
 
 // Whole: not void, fits the stride, CRC right; says nothing about whether the version is known.
@@ -71,7 +74,8 @@ static bool slot_whole(uint8_t slot) {
     return crc == slot_word(slot, crc_at);
 }
 
-// An erased EEPROM reads 0xFF; a slot torn while its version was void does not read 0xFF in its count.
+// An erased EEPROM reads 0xFF; a slot torn while its version was void does not read 0xFF in its
+// count.
 static bool slot_erased(uint8_t slot) {
     return slot_byte(slot, 0) == VERSION_VOID && slot_byte(slot, COUNT_AT) == UINT8_MAX;
 }
@@ -79,7 +83,8 @@ static bool slot_erased(uint8_t slot) {
 static uint8_t newest_slot(void) {
     const bool whole[PARAM_SLOTS] = {slot_whole(0), slot_whole(1)};
     if (whole[0] && whole[1]) {
-        const uint16_t ahead = (uint16_t)(slot_word(1, GENERATION_AT) - slot_word(0, GENERATION_AT));
+        const uint16_t ahead =
+            (uint16_t)(slot_word(1, GENERATION_AT) - slot_word(0, GENERATION_AT));
         return (uint8_t)(ahead != 0u && ahead < 0x8000u ? 1u : 0u);
     }
     if (whole[0] || whole[1]) {

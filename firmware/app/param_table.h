@@ -1,8 +1,10 @@
-// The only list of parameters. Append only: an older EEPROM slot holds the parameters whose version is not newer than its own, in this order.
+// The only list of parameters. Append only: an older EEPROM slot holds the parameters whose version
+// is not newer than its own, in this order.
 //
 // PARAM_LIST(X): X(NAME, unit, default, least, greatest, version)
 //   The parameters of a controller begin with its mode's name and stand behind its mark.
-//   NAME ends in _Qn where the stored integer is the quantity times 2^n; the unit is that of the quantity. version: the first one that has it.
+//   NAME ends in _Qn where the stored integer is the quantity times 2^n; the unit is that of the
+//   quantity. version: the first one that has it.
 #ifndef VGROOVE_APP_PARAM_TABLE_H
 #define VGROOVE_APP_PARAM_TABLE_H
 

@@ -1,8 +1,11 @@
-// A duty profile that the host performs: it commands a duty frame by frame, and the trigger allows it.
+// A duty profile that the host performs: it commands a duty frame by frame, and the trigger allows
+// it.
 //
-// Acts in mode duty from the first frame on that is accepted. It never drives more than the trigger, and not at all while that is released: states,
-// faults and the fold-back are those of any drive. When no frame has come for PROFILE_HOLD_MS the drive is over, as a controller ends one: the bridge
-// stays open until the trigger is released. A profile that has ended at a released trigger leaves it to the hand again.
+// Acts in mode duty from the first frame on that is accepted. It never drives more than the
+// trigger, and not at all while that is released: states, faults and the fold-back are those of any
+// drive. When no frame has come for PROFILE_HOLD_MS the drive is over, as a controller ends one:
+// the bridge stays open until the trigger is released. A profile that has ended at a released
+// trigger leaves it to the hand again.
 #ifndef VGROOVE_APP_PROFILE_H
 #define VGROOVE_APP_PROFILE_H
 

@@ -12,7 +12,9 @@ static uint16_t flags_of_start(uint8_t cause, uint8_t params) {
     flags |= (cause & RESET_WATCHDOG) != 0u ? TELEMETRY_FLAGS_WATCHDOG_RESET : 0u;
     flags |= (cause & RESET_BROWN_OUT) != 0u ? TELEMETRY_FLAGS_BROWN_OUT_RESET : 0u;
     flags |= params == PARAM_BLANK || params == PARAM_CORRUPT ? TELEMETRY_FLAGS_PARAM_DEFAULTS : 0u;
-    flags |= params == PARAM_UNKNOWN_VERSION ? TELEMETRY_FLAGS_PARAM_DEFAULTS | TELEMETRY_FLAGS_PARAM_REFUSED : 0u;
+    flags |= params == PARAM_UNKNOWN_VERSION
+                 ? TELEMETRY_FLAGS_PARAM_DEFAULTS | TELEMETRY_FLAGS_PARAM_REFUSED
+                 : 0u;
     return flags;
 }
 
@@ -49,10 +51,13 @@ static uint8_t sum_u8(uint8_t a, uint8_t b) {
 static void fill_health(const App *app, TelemetryHealth *health) {
     const uint16_t stack = hal_stack_free();
     health->worst_tick_cycles = app->worst_cycles;
-    health->stack_free_bytes = stack < TELEMETRY_STACK_FREE_BYTES_MAX ? stack : TELEMETRY_STACK_FREE_BYTES_MAX;
+    health->stack_free_bytes =
+        stack < TELEMETRY_STACK_FREE_BYTES_MAX ? stack : TELEMETRY_STACK_FREE_BYTES_MAX;
     health->overruns = app->overruns;
     health->missed_edges = app->hall.missed;
-    health->double_edges = app->hall.doubled < TELEMETRY_DOUBLE_EDGES_MAX ? app->hall.doubled : TELEMETRY_DOUBLE_EDGES_MAX;
+    health->double_edges = app->hall.doubled < TELEMETRY_DOUBLE_EDGES_MAX
+                               ? app->hall.doubled
+                               : TELEMETRY_DOUBLE_EDGES_MAX;
     health->rx_errors = sum_u8(app->parser.errors, app->uart.receive_errors);
 }
 

@@ -5,7 +5,8 @@
 
 // Time to run down from a speed, at most the whole.
 static uint16_t run_down_ms(uint16_t rpm_q1) {
-    const uint16_t ms = (uint16_t)(((uint32_t)rpm_q1 * (uint32_t)(2u * STANDSTILL_RUN_DOWN_MS)) >> 16);
+    const uint16_t ms =
+        (uint16_t)(((uint32_t)rpm_q1 * (uint32_t)(2u * STANDSTILL_RUN_DOWN_MS)) >> 16);
     return ms < STANDSTILL_RUN_DOWN_MS ? ms : STANDSTILL_RUN_DOWN_MS;
 }
 

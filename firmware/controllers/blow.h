@@ -1,10 +1,14 @@
-// Blows of the hammer, from the valleys that each swing of it leaves in the motor's speed; shared by the controllers of the impact tool.
+// Blows of the hammer, from the valleys that each swing of it leaves in the motor's speed; shared
+// by the controllers of the impact tool.
 //
-// Signal: the Hall speed, or the speed that the current tells, (duty supply - R i) rpm/V: a dip of the speed is a peak of the current. The hammer brakes
-// the motor while it climbs and lets go when it has passed a lug, or come down on one: a valley, found by a hysteresis of a share of the learned
-// ripple. The angle that the motor has turned since the last blow tells the rest, since from lug to lug it cannot be less than gear / lugs, and the
-// joint's own turn, which is learned, comes to it: soon after a hit comes the notch that it left itself, before 0.66 of the angle a second swing on the
-// same lug, and 0.56 beyond each lug there was another whose valley was not seen.
+// Signal: the Hall speed, or the speed that the current tells, (duty supply - R i) rpm/V: a dip of
+// the speed is a peak of the current. The hammer brakes the motor while it climbs and lets go when
+// it has passed a lug, or come down on one: a valley, found by a hysteresis of a share of the
+// learned ripple. The angle that the motor has turned since the last blow tells the rest, since
+// from lug to lug it cannot be less than gear / lugs, and the joint's own turn, which is learned,
+// comes to it: soon after a hit comes the notch that it left itself, before 0.66 of the angle a
+// second swing on the same lug, and 0.56 beyond each lug there was another whose valley was not
+// seen.
 #ifndef VGROOVE_CONTROLLERS_BLOW_H
 #define VGROOVE_CONTROLLERS_BLOW_H
 
@@ -16,9 +20,9 @@
 typedef enum { BLOW_SOURCE_SPEED, BLOW_SOURCE_CURRENT } BlowSource;
 
 typedef struct {
-    uint16_t turn_q8;          // turns of the motor from lug to lug on a joint that holds: gear / lugs
-    uint16_t source;           // BLOW_SOURCE_*
-    uint16_t motor_mohm;       // winding
+    uint16_t turn_q8;     // turns of the motor from lug to lug on a joint that holds: gear / lugs
+    uint16_t source;      // BLOW_SOURCE_*
+    uint16_t motor_mohm;  // winding
     uint16_t motor_rpm_per_v;  // of back-EMF
 } BlowSetpoints;
 
@@ -26,11 +30,13 @@ typedef struct {
     // Event of this tick.
     uint8_t lugs;     // struck: 0 none, 1, more where valleys were not seen
     bool busy;        // more was computed than in most ticks
-    uint8_t repeats;  // of the last blow: how often each lug is struck again at its speed; these are no blows
+    uint8_t repeats;  // of the last blow: how often each lug is struck again at its speed; these
+                      // are no blows
 
     // Of the drive.
     bool impacting;  // hits follow one another
-    uint16_t count;  // blows, without repeats; one that left no valley counts when the angle says so
+    uint16_t
+        count;  // blows, without repeats; one that left no valley counts when the angle says so
 
     // Of the last hit that stands for one or two lugs.
     uint16_t period_q4;  // ms, of one lug
@@ -48,11 +54,12 @@ typedef struct {
     int16_t extreme_rpm;  // last valley or top
     int16_t hysteresis_rpm;
     bool rising;
-    bool even;                       // the hammer swings once a lug
-    uint8_t seen;                    // blows: 0 none yet, 1, 2 the period is known, 3
-    uint8_t work;                    // still to be done in the next tick
-    uint16_t over_rpm, step_rpm;     // which is over / step
-    uint8_t last_fraction_q4;        // of a tick, between the crossing of the hysteresis and the tick that saw it
+    bool even;                    // the hammer swings once a lug
+    uint8_t seen;                 // blows: 0 none yet, 1, 2 the period is known, 3
+    uint8_t work;                 // still to be done in the next tick
+    uint16_t over_rpm, step_rpm;  // which is over / step
+    uint8_t last_fraction_q4;     // of a tick, between the crossing of the hysteresis and the tick
+                                  // that saw it
     uint8_t since_ms, since_hit_ms;  // the last blow, the last hit
     int16_t angle, hit_angle;        // since the last blow; at the last hit. rpm ms / 64
     int16_t late_angle;              // what it was over, or short of it

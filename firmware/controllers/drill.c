@@ -1,4 +1,5 @@
-// Drill driver, see drill.h. Numbers without another source: physics.md section 7, and the reference tool of its section 4.
+// Drill driver, see drill.h. Numbers without another source: physics.md section 7, and the
+// reference tool of its section 4.
 #include "controllers/drill.h"
 
 #include "core/divide.h"
@@ -17,10 +18,12 @@
 #define BIN_MS 10u
 #define BIN_SHIFT 4u
 #define PULSE_OFF_SUM Q(8.0 * 100.0 / 16.0, 9)  // of 100 ms at 8 A, as the bins hold it
-#define PULSE_A 44u                             // the voltage of a pulse stays within that of what the shaft induces;
-#define RESUME_A 30u                            // at first, when it may be falling unseen, within this
+#define PULSE_A 44u   // the voltage of a pulse stays within that of what the shaft induces;
+#define RESUME_A 30u  // at first, when it may be falling unseen, within this
 #define RESUME_MS 3u
-#define PULSE_SLEW_Q15 500  // a step of the voltage would look like one of the emf: the winding follows it in half a millisecond
+#define PULSE_SLEW_Q15                                                                             \
+    500  // a step of the voltage would look like one of the emf: the winding follows it in half a
+         // millisecond
 
 #define INDUCTANCE_MV_Q0 100     // per A: L / 1 ms
 #define INERTIA_A_Q9_PER_MV 69   // J / k^2 / 1 ms = 0.1347 A/mV
@@ -28,10 +31,13 @@
 #define BLIND_TICKS 2u           // after an open bridge the current has first to build up
 #define GAP_MAX 80u
 
-// A jam in either gear takes the load current that stalls the motor, 55 A (16 V, a pack of 0.1 ohm) to 108 A, at once; the largest ordinary loads, 12 N m
-// in low gear and 3.5 N m in high gear, take 36 A. 45 A are 334 mV/ms.
+// A jam in either gear takes the load current that stalls the motor, 55 A (16 V, a pack of 0.1 ohm)
+// to 108 A, at once; the largest ordinary loads, 12 N m in low gear and 3.5 N m in high gear, take
+// 36 A. 45 A are 334 mV/ms.
 #define FALL_MV_PER_MS 334
-#define FALL_BY_INERTIA_MV 150  // 20 A of inertia at least: below it the load is an overload, which the fold-back and the stall fault know
+#define FALL_BY_INERTIA_MV                                                                         \
+    150  // 20 A of inertia at least: below it the load is an overload, which the fold-back and the
+         // stall fault know
 #define FALLEN_MV 300
 #define FALLEN_CLUTCH_MV 900  // with the clutch set, which is quicker where it can be
 #define FALLEN_TICK_MV 160    // one tick alone is no jam
@@ -47,11 +53,15 @@
 #define NOISE_A_Q4 Q(1.6, 4)  // a noisy estimate passes the setting early by this much
 #define NOISE_SLOW_A_Q4 Q(1.0, 4)
 #define LEAD_TICKS 2  // from the middle of a measured tick to the bridge's opening
-#define LIMIT_MV 750  // speed that the clutch allows: what a joint of 30 degrees turns into torque without passing the setting
+#define LIMIT_MV                                                                                   \
+    750  // speed that the clutch allows: what a joint of 30 degrees turns into torque without
+         // passing the setting
 #define LIMIT_MV_PER_DNM 32
 #define LIMIT_MV_PER_A 27
 #define RISING_MAX_A_Q9 2000
-#define SWING_NUMERATOR 416  // J / k^2 e i' in A^2 Q8 from mV and A Q9 per tick, behind a shift of 12; half as much again: the slope lags
+#define SWING_NUMERATOR                                                                            \
+    416  // J / k^2 e i' in A^2 Q8 from mV and A Q9 per tick, behind a shift of 12; half as much
+         // again: the slope lags
 
 static int16_t not_below_0(int32_t value) {
     if (value < 0) {
@@ -77,7 +87,8 @@ static void set_clutch(Drill *self, const DrillSetpoints *set) {
     self->slow = load_a_q4 < SLOW_A_Q4;
     const int16_t set_a_q4 = (int16_t)(load_a_q4 + (self->slow ? NOISE_SLOW_A_Q4 : NOISE_A_Q4));
     self->set_a2_q8 = (int32_t)set_a_q4 * set_a_q4;
-    self->limit_mv = (int16_t)(LIMIT_MV + LIMIT_MV_PER_DNM * set->clutch_dnm + ((LIMIT_MV_PER_A * set_a_q4) >> 4));
+    self->limit_mv = (int16_t)(LIMIT_MV + LIMIT_MV_PER_DNM * set->clutch_dnm +
+                               ((LIMIT_MV_PER_A * set_a_q4) >> 4));
 }
 
 void drill_start(Drill *self, const DrillSetpoints *set) {
@@ -87,7 +98,8 @@ void drill_start(Drill *self, const DrillSetpoints *set) {
 
 // e = d Vs - R i - L i'
 static int16_t emf_of(const DrillSetpoints *set, const ControllerInputs *in, int16_t last_a_q9) {
-    const uint16_t applied_mv = (uint16_t)(((uint32_t)(uint16_t)(2u * (uint16_t)in->duty_q15) * in->supply_mv) >> 16);
+    const uint16_t applied_mv =
+        (uint16_t)(((uint32_t)(uint16_t)(2u * (uint16_t)in->duty_q15) * in->supply_mv) >> 16);
     int32_t drop_mv = ((int32_t)in->current_a_q9 * (int16_t)set->motor_mohm) >> 8;
     FIXED_HIDE(drop_mv);
     const int16_t rise_a_q8 = (int16_t)(in->current_a_q9 / 2 - last_a_q9 / 2);
@@ -95,7 +107,8 @@ static int16_t emf_of(const DrillSetpoints *set, const ControllerInputs *in, int
     return not_below_0((int32_t)applied_mv - (drop_mv >> 1) - rise_mv);
 }
 
-// Adds up what falls beyond ordinary loads; while the drive brakes it falls by the drive's own doing.
+// Adds up what falls beyond ordinary loads; while the drive brakes it falls by the drive's own
+// doing.
 static void judge_fall(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     const int16_t fall_mv = (int16_t)(self->emf_mv - emf_mv);
     if (current_a_q9 <= 0 || fall_mv <= FALL_BY_INERTIA_MV) {
@@ -103,13 +116,15 @@ static void judge_fall(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
         return;
     }
     const int16_t seen_mv = fall_mv > FALL_MAX_MV ? FALL_MAX_MV : fall_mv;
-    int16_t beyond_mv = (int16_t)(seen_mv - FALL_MV_PER_MS + (((current_a_q9 >> 6) * MV_PER_A) >> 3));
+    int16_t beyond_mv =
+        (int16_t)(seen_mv - FALL_MV_PER_MS + (((current_a_q9 >> 6) * MV_PER_A) >> 3));
     if (self->gap > 1u) {
         beyond_mv = (int16_t)(beyond_mv - (int16_t)(self->gap - 1u) * FALL_MV_PER_MS);
     } else if (beyond_mv > FALLEN_TICK_MV) {
         beyond_mv = FALLEN_TICK_MV;
     }
-    const int16_t fallen_mv = (int16_t)((self->fallen_mv > FALLEN_MAX_MV ? FALLEN_MAX_MV : self->fallen_mv) + beyond_mv);
+    const int16_t fallen_mv =
+        (int16_t)((self->fallen_mv > FALLEN_MAX_MV ? FALLEN_MAX_MV : self->fallen_mv) + beyond_mv);
     self->fallen_mv = (int16_t)(fallen_mv < 0 ? 0 : fallen_mv);
 }
 
@@ -122,7 +137,8 @@ static int32_t gained(const Drill *self, int32_t off_a_q9) {
     return self->slow ? slow : 2 * slow;
 }
 
-// Load current i - J / k^2 e', filtered over 16 ms, or over 32 ms where the clutch is set low: noise counts for more, and the shaft is slower.
+// Load current i - J / k^2 e', filtered over 16 ms, or over 32 ms where the clutch is set low:
+// noise counts for more, and the shaft is slower.
 static void track_load(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     const int32_t inertia_a_q9 = (int32_t)(int16_t)(self->emf_mv - emf_mv) * INERTIA_A_Q9_PER_MV;
     self->level_a_q17 += gained(self, current_a_q9 + inertia_a_q9 - filtered(self->level_a_q17));
@@ -158,7 +174,9 @@ static bool clutch_reached(Drill *self) {
     const int16_t short_a_q9 = (int16_t)fixed_clamp_i32(apart_a_q9, INT16_MIN, INT16_MAX);
     const int16_t slope_a_q9 = (int16_t)(self->slow ? short_a_q9 >> 5 : short_a_q9 >> 4);  // a tick
     const int32_t now_a_q9 = level_a_q9 + apart_a_q9 + (int16_t)(LEAD_TICKS * slope_a_q9);
-    const int16_t now_a_q4 = (int16_t)(now_a_q9 < 0 ? 0 : now_a_q9 > UINT16_MAX ? 2047 : (uint16_t)now_a_q9 >> 5);
+    const int16_t now_a_q4 = (int16_t)(now_a_q9 < 0            ? 0
+                                       : now_a_q9 > UINT16_MAX ? 2047
+                                                               : (uint16_t)now_a_q9 >> 5);
     const int16_t most_a_q9 = slope_a_q9 > RISING_MAX_A_Q9 ? RISING_MAX_A_Q9 : slope_a_q9;
     const int16_t rising_a_q13 = (int16_t)(slope_a_q9 < 0 ? 0 : most_a_q9 << 4);  // 4 of the 12
     const int16_t swing = (int16_t)(((int32_t)self->emf_mv * rising_a_q13) >> 16);
@@ -170,14 +188,19 @@ static int16_t duty_of(uint32_t volt_mv, uint16_t supply_mv) {
     return volt_mv >= supply_mv ? INT16_MAX : (int16_t)divide_by_u16(volt_mv << 15, supply_mv);
 }
 
-// Holds the clutch's speed under load: its voltage and three quarters of what the load takes in the winding.
+// Holds the clutch's speed under load: its voltage and three quarters of what the load takes in the
+// winding.
 static int16_t governed(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
     const int16_t load_a_q9 = not_below_0(filtered(self->level_a_q17));
-    const int16_t load_a_q4 = (int16_t)(load_a_q9 > CLUTCH_A_Q9_MAX ? CLUTCH_A_Q4_MAX : load_a_q9 >> 5);
-    const int16_t drop_mv = (int16_t)(((int32_t)(int16_t)(load_a_q4 << 2) * (int16_t)(3u * set->motor_mohm)) >> 8);
-    const uint16_t now_mv = (uint16_t)(((uint32_t)(uint16_t)(2u * (uint16_t)self->duty_q15) * in->supply_mv) >> 16);
+    const int16_t load_a_q4 =
+        (int16_t)(load_a_q9 > CLUTCH_A_Q9_MAX ? CLUTCH_A_Q4_MAX : load_a_q9 >> 5);
+    const int16_t drop_mv =
+        (int16_t)(((int32_t)(int16_t)(load_a_q4 << 2) * (int16_t)(3u * set->motor_mohm)) >> 8);
+    const uint16_t now_mv =
+        (uint16_t)(((uint32_t)(uint16_t)(2u * (uint16_t)self->duty_q15) * in->supply_mv) >> 16);
     const int32_t missing_mv = (int32_t)self->limit_mv + drop_mv - now_mv;
-    return (int16_t)fixed_clamp_i32(self->duty_q15 + missing_mv + (missing_mv >> 1), 0, in->travel_q15);  // 1.5: below 2^15 / 20.5 V
+    return (int16_t)fixed_clamp_i32(self->duty_q15 + missing_mv + (missing_mv >> 1), 0,
+                                    in->travel_q15);  // 1.5: below 2^15 / 20.5 V
 }
 
 // Mean over the last 0.1 s below 8 A; asked in steps of 10 ms.
@@ -198,13 +221,15 @@ static bool eased(Drill *self, int16_t current_a_q9) {
     return self->pulse_ms >= PULSE_PERIOD_MS && sum < PULSE_OFF_SUM;
 }
 
-static DrillState next_state(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in, bool pulse_over) {
+static DrillState next_state(const Drill *self, const DrillSetpoints *set,
+                             const ControllerInputs *in, bool pulse_over) {
     if (pulse_over) {
         return DRILL_RUN;
     }
     switch ((DrillState)self->state) {
     case DRILL_RUN:
-        return set->pulse && in->current_a_q9 > PULSE_ON_A_Q9 && self->fallen_mv == 0 ? DRILL_COAST : DRILL_RUN;
+        return set->pulse && in->current_a_q9 > PULSE_ON_A_Q9 && self->fallen_mv == 0 ? DRILL_COAST
+                                                                                      : DRILL_RUN;
     case DRILL_COAST:
         return self->phase_ms >= PULSE_COAST_MS ? DRILL_PULSE : DRILL_COAST;
     case DRILL_PULSE:
@@ -232,21 +257,29 @@ static void change_pulse(Drill *self, const DrillSetpoints *set, const Controlle
 }
 
 static uint16_t induced_mv(const Drill *self, int16_t speed_rpm_q1) {
-    return (uint16_t)(((uint32_t)(uint16_t)(speed_rpm_q1 > 0 ? speed_rpm_q1 : 0) * self->mv_per_rpm_q16) >> 16);
+    return (uint16_t)(((uint32_t)(uint16_t)(speed_rpm_q1 > 0 ? speed_rpm_q1 : 0) *
+                       self->mv_per_rpm_q16) >>
+                      16);
 }
 
-// While nothing drives, the Hall sensor alone tells of a jam: more is gone at the end of a coast than an ordinary load takes.
+// While nothing drives, the Hall sensor alone tells of a jam: more is gone at the end of a coast
+// than an ordinary load takes.
 static bool jammed_coasting(const Drill *self, const ControllerInputs *in) {
     return self->state == DRILL_COAST && self->phase_ms == PULSE_COAST_MS &&
-           (int32_t)self->emf_mv - induced_mv(self, in->speed_rpm_q1) > (int32_t)PULSE_COAST_MS * FALL_MV_PER_MS;
+           (int32_t)self->emf_mv - induced_mv(self, in->speed_rpm_q1) >
+               (int32_t)PULSE_COAST_MS * FALL_MV_PER_MS;
 }
 
 // Full duty, within 44 A of what the shaft induces: it may have stood still meanwhile.
-static int16_t pulse_duty(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
+static int16_t pulse_duty(const Drill *self, const DrillSetpoints *set,
+                          const ControllerInputs *in) {
     const bool resuming = self->phase_ms <= PULSE_COAST_MS + RESUME_MS;
     const uint32_t beyond_mv = (uint32_t)set->motor_mohm * (resuming ? RESUME_A : PULSE_A);
-    const int16_t wanted_q15 = duty_of(induced_mv(self, in->speed_rpm_q1) + beyond_mv, in->supply_mv);
-    return self->phase_ms == PULSE_COAST_MS ? wanted_q15 : slew_towards(self->duty_q15, wanted_q15, PULSE_SLEW_Q15);
+    const int16_t wanted_q15 =
+        duty_of(induced_mv(self, in->speed_rpm_q1) + beyond_mv, in->supply_mv);
+    return self->phase_ms == PULSE_COAST_MS
+               ? wanted_q15
+               : slew_towards(self->duty_q15, wanted_q15, PULSE_SLEW_Q15);
 }
 
 static int16_t output(Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
@@ -255,7 +288,8 @@ static int16_t output(Drill *self, const DrillSetpoints *set, const ControllerIn
         const int16_t wanted_q15 = set->clutch_dnm > 0 ? governed(self, set, in) : in->travel_q15;
         const bool loaded = set->clutch_dnm > 0 && self->level_a_q17 > LOADED_A_Q17;
         const int16_t up_q15 = loaded ? DUTY_LOADED_Q15 : DUTY_UP_Q15;
-        self->duty_q15 = slew_towards(self->duty_q15, wanted_q15, self->duty_q15 > wanted_q15 ? DUTY_DOWN_Q15 : up_q15);
+        self->duty_q15 = slew_towards(self->duty_q15, wanted_q15,
+                                      self->duty_q15 > wanted_q15 ? DUTY_DOWN_Q15 : up_q15);
         return self->duty_q15;
     }
     case DRILL_COAST:
@@ -269,7 +303,8 @@ static int16_t output(Drill *self, const DrillSetpoints *set, const ControllerIn
     return CONTROLLER_STOP;
 }
 
-// The first step has the division of the clutch, and nothing has been driven that could be observed.
+// The first step has the division of the clutch, and nothing has been driven that could be
+// observed.
 static int16_t begin(Drill *self, const DrillSetpoints *set, int16_t travel_q15) {
     self->begun = true;
     self->duty_q15 = travel_q15;  // a turning shaft is taken up where it is
@@ -279,7 +314,8 @@ static int16_t begin(Drill *self, const DrillSetpoints *set, int16_t travel_q15)
     return self->state == DRILL_STOPPED ? CONTROLLER_STOP : travel_q15;
 }
 
-int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInputs *in,
+                   const Blow *blow) {
     BY_POINTER(self);
     (void)blow;
     if (self->state == DRILL_STOPPED) {
@@ -289,7 +325,8 @@ int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInput
         return begin(self, set, in->travel_q15);
     }
     observe(self, set, in);
-    if (set->kickback && (self->fallen_mv > (set->clutch_dnm > 0 ? FALLEN_CLUTCH_MV : FALLEN_MV) || jammed_coasting(self, in))) {
+    if (set->kickback && (self->fallen_mv > (set->clutch_dnm > 0 ? FALLEN_CLUTCH_MV : FALLEN_MV) ||
+                          jammed_coasting(self, in))) {
         stop(self, CONTROLLER_REASON_KICKBACK);
     } else if (set->clutch_dnm > 0) {
         if (clutch_reached(self)) {

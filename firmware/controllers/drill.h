@@ -6,10 +6,12 @@
 //      |                                                |                              |
 //      +------ mean of 0.1 s below 8 A, from 0.1 s after the first coast on -----------+
 //     any ---- the shaft falls faster than any ordinary load can slow it ------> STOPPED (kickback)
-//     RUN ---- the chuck's torque would come to rest at the clutch's setting --> STOPPED (clutch); a setting out of reach: refused
+//     RUN ---- the chuck's torque would come to rest at the clutch's setting --> STOPPED (clutch);
+//     a setting out of reach: refused
 //
-// What turns is followed by the voltage that it induces, e = d Vs - R i - L i', which no Hall edge delays. Its fall tells the inertia's torque:
-// i - J / k^2 e' is the current that the load alone takes. A jam takes away more speed in a few ms than the current can explain.
+// What turns is followed by the voltage that it induces, e = d Vs - R i - L i', which no Hall edge
+// delays. Its fall tells the inertia's torque: i - J / k^2 e' is the current that the load alone
+// takes. A jam takes away more speed in a few ms than the current can explain.
 #ifndef VGROOVE_CONTROLLERS_DRILL_H
 #define VGROOVE_CONTROLLERS_DRILL_H
 
@@ -64,9 +66,11 @@ typedef struct {
 } Drill;
 
 void drill_start(Drill *self, const DrillSetpoints *set);
-int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInputs *in, const Blow *blow);
+int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInputs *in,
+                   const Blow *blow);
 uint8_t drill_state(const Drill *self);
 uint8_t drill_stop_reason(const Drill *self);
-int16_t drill_estimate(const Drill *self);  // load current of the clutch in 1/16 A; (i - Tc / k) N k is the torque at the chuck
+int16_t drill_estimate(const Drill *self);  // load current of the clutch in 1/16 A; (i - Tc / k) N
+                                            // k is the torque at the chuck
 
 #endif

@@ -1,8 +1,10 @@
-// Current limit below the trip: takes duty away while the current is above the limit, adds some while braking current is.
+// Current limit below the trip: takes duty away while the current is above the limit, adds some
+// while braking current is.
 //
-// Integrator on the excess, clamped at 0. Two ticks lie between a duty and the mean current that shows it, the plant's gain is at most
-// Vs / R = 20.5 V / 0.19 ohm = 108 A per unit duty (the electrical time constant of 0.5 ms is below a tick): z^2 (z - 1) + g G is stable for
-// g G < 0.618; g = 0.0025 per A and tick gives 0.27.
+// Integrator on the excess, clamped at 0. Two ticks lie between a duty and the mean current that
+// shows it, the plant's gain is at most Vs / R = 20.5 V / 0.19 ohm = 108 A per unit duty (the
+// electrical time constant of 0.5 ms is below a tick): z^2 (z - 1) + g G is stable for g G < 0.618;
+// g = 0.0025 per A and tick gives 0.27.
 #ifndef VGROOVE_CONTROLLERS_FOLDBACK_H
 #define VGROOVE_CONTROLLERS_FOLDBACK_H
 

@@ -7,30 +7,39 @@
 
 typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 
-#define DEG 364u               // a degree of a blow's turn
-#define WAVE_SCALE 100663296u  // 2^15 times what six pitches of the spindle are of 90 degrees, times pulses * turn_q8
+#define DEG 364u  // a degree of a blow's turn
+#define WAVE_SCALE                                                                                 \
+    100663296u  // 2^15 times what six pitches of the spindle are of 90 degrees, times pulses *
+                // turn_q8
 #define EDGES_MOST 2u          // a tick: more have no ripple to tell
 #define SETTLE_WAVES 28u       // half a blow each
 #define UNSETTLED_WAVES 8u     // of them the first are not learned from
 #define POWER_WAVES 14u        // left when the power is chosen
 #define TURN_LEAST (DEG / 5u)  // of a blow
 #define SMALL_TURN 1024u       // 2.8 degrees a blow
-#define MEMORY_Q8 16u          // a turn is taken as it is from 11 degrees a blow on, else averaged over as many; over more where it is small
-#define MEMORY_LEAST_Q8 4u     // 1/64
-#define SETTLE_MEMORY_Q8 32u   // 1/8
+#define MEMORY_Q8                                                                                  \
+    16u  // a turn is taken as it is from 11 degrees a blow on, else averaged over as many; over
+         // more where it is small
+#define MEMORY_LEAST_Q8 4u                 // 1/64
+#define SETTLE_MEMORY_Q8 32u               // 1/8
 #define PAIR_TURN (27 * (int16_t)DEG / 2)  // of a blow: below it two blows are taken together
 #define ONSET_Q8 287                       // 1.12
-#define SURE (5u * DEG)                    // and 3/4 of the learned turn: behind the onset until a slow rise is believed to be a seat
-#define WIDE_TURN (16 * (int16_t)DEG)      // of a blow: a knot's edge, drawn out over two blows, is slow as well
-#define SLOW_TURN (11 * (int16_t)DEG)      // of a blow: up to here a rise is slow when it is below 0.21 in the angle of a blow,
-#define SLOW_Q8 55                         // 0.21; above, 0.02 a degree
-#define SLOW_AREA_Q8 141                   // 0.55
-#define EDGE (9u * DEG)                    // and a fifth of the learned turn: see area_most
-#define LATE_AREA_Q8 77                    // 0.3
-#define GIVE_UP (60u * DEG)                // too flat for a seat
-#define SHARE_MORE 48u                     // an eighth of it, of power for what a blow's turn lacks: 0.067 a degree
-#define LEAST_MOST 30000u                  // 17/8 of it fit
-#define SLEW 110                           // a tick: a step would brake
+#define SURE                                                                                       \
+    (5u * DEG)  // and 3/4 of the learned turn: behind the onset until a slow rise is believed to be
+                // a seat
+#define WIDE_TURN                                                                                  \
+    (16 * (int16_t)DEG)  // of a blow: a knot's edge, drawn out over two blows, is slow as well
+#define SLOW_TURN                                                                                  \
+    (11 * (int16_t)DEG)   // of a blow: up to here a rise is slow when it is below 0.21 in the angle
+                          // of a blow,
+#define SLOW_Q8 55        // 0.21; above, 0.02 a degree
+#define SLOW_AREA_Q8 141  // 0.55
+#define EDGE (9u * DEG)   // and a fifth of the learned turn: see area_most
+#define LATE_AREA_Q8 77   // 0.3
+#define GIVE_UP (60u * DEG)  // too flat for a seat
+#define SHARE_MORE 48u     // an eighth of it, of power for what a blow's turn lacks: 0.067 a degree
+#define LEAST_MOST 30000u  // 17/8 of it fit
+#define SLEW 110           // a tick: a step would brake
 
 // Phase of (x, y), 2^16 a turn; within 0.0038 rad: atan r = r (pi / 4 + 0.273 (1 - r)).
 static uint16_t phase_of(int16_t x, int16_t y) {
@@ -38,7 +47,8 @@ static uint16_t phase_of(int16_t x, int16_t y) {
     const bool swap = across > along;
     const uint16_t less = swap ? along : across, more = swap ? across : along;
     const uint16_t ratio_q16 = more == 0u ? 0u : divide_by_u16((uint32_t)less << 16, more);
-    const uint16_t slope = (uint16_t)(8192u + (uint16_t)(((uint32_t)2847u * (uint16_t)~ratio_q16) >> 16));
+    const uint16_t slope =
+        (uint16_t)(8192u + (uint16_t)(((uint32_t)2847u * (uint16_t)~ratio_q16) >> 16));
     uint16_t angle = (uint16_t)(((uint32_t)slope * ratio_q16) >> 16);
     angle = swap ? (uint16_t)(16384u - angle) : angle;
     angle = x < 0 ? (uint16_t)(32768u - angle) : angle;
@@ -56,7 +66,8 @@ static void settle(Screwing *self) {
     self->rise_q8 = 0;
 }
 
-// A wave has ended. Its sums of sums, less those of two waves ago, weigh 18 pitches as a trapezium: a level, a slope and the ripple once a lug cancel.
+// A wave has ended. Its sums of sums, less those of two waves ago, weigh 18 pitches as a trapezium:
+// a level, a slope and the ripple once a lug cancel.
 static void close_wave(Screwing *self) {
     for (uint8_t n = 0; n < SCREWING_AXES; n++) {
         self->found[n] = (int16_t)(self->twice[n] - self->before[n]);
@@ -68,7 +79,8 @@ static void close_wave(Screwing *self) {
     self->stage = STAGE_PHASE;
 }
 
-// A pitch; in the second half of a wave it counts the other way. All is modulo 2^16, what is found fits.
+// A pitch; in the second half of a wave it counts the other way. All is modulo 2^16, what is found
+// fits.
 static void take_edge(Screwing *self, uint16_t rpm) {
     const bool second = self->place >= SCREWING_AXES;
     uint16_t *sum = &self->sum[second ? self->place - SCREWING_AXES : self->place];
@@ -82,7 +94,8 @@ static void take_edge(Screwing *self, uint16_t rpm) {
     }
 }
 
-// What the screw turned in this wave and the one before, a blow's worth: by what its phase lags, and six pitches are more than 90 degrees.
+// What the screw turned in this wave and the one before, a blow's worth: by what its phase lags,
+// and six pitches are more than 90 degrees.
 static void take_phase(Screwing *self) {
     BY_POINTER(self);
     const int16_t *found = self->found;
@@ -107,21 +120,26 @@ static uint16_t memory_q8(const Screwing *self) {
         return self->left > SETTLE_WAVES - UNSETTLED_WAVES ? 256u : SETTLE_MEMORY_Q8;
     }
     const uint16_t learned = (uint16_t)self->learned;
-    const uint16_t share_q8 =
-        learned < SMALL_TURN ? (uint16_t)(((uint32_t)learned * learned) >> 14) : (uint16_t)(((uint32_t)learned * MEMORY_Q8) >> 8);
+    const uint16_t share_q8 = learned < SMALL_TURN
+                                  ? (uint16_t)(((uint32_t)learned * learned) >> 14)
+                                  : (uint16_t)(((uint32_t)learned * MEMORY_Q8) >> 8);
     return share_q8 < MEMORY_LEAST_Q8 ? MEMORY_LEAST_Q8 : share_q8 > 256u ? 256u : share_q8;
 }
 
-// The Hall pitches lie otherwise at each blow, and the same again after two where a blow turns little: what that adds to the turn cancels.
+// The Hall pitches lie otherwise at each blow, and the same again after two where a blow turns
+// little: what that adds to the turn cancels.
 static int16_t steady_turn(const Screwing *self) {
-    return self->learned < PAIR_TURN ? (int16_t)(((int32_t)self->turn + self->before_last) >> 1) : self->turn;
+    return self->learned < PAIR_TURN ? (int16_t)(((int32_t)self->turn + self->before_last) >> 1)
+                                     : self->turn;
 }
 
 // What a blow's turn lacks: to begin with of the setpoint, then of half of it.
 static uint16_t lacking(const Screwing *self, const ScrewingSetpoints *set) {
     const uint8_t shift = self->share_q15 == set->share_q15 ? 4u : 5u;
     const uint16_t small = (uint16_t)(((uint32_t)(uint16_t)set->small_deg_q4 * DEG) >> shift);
-    return (uint16_t)self->now < small && self->share_q15 < INT16_MAX ? (uint16_t)(small - (uint16_t)self->now) : 0u;
+    return (uint16_t)self->now < small && self->share_q15 < INT16_MAX
+               ? (uint16_t)(small - (uint16_t)self->now)
+               : 0u;
 }
 
 // An angle begins in which the rise is weighed.
@@ -144,7 +162,8 @@ static void learn(Screwing *self, const ScrewingSetpoints *set) {
     self->left--;
     const uint16_t lack = self->left == POWER_WAVES ? lacking(self, set) : 0u;
     if (lack > 0u) {
-        const uint32_t share_q15 = (uint32_t)(uint16_t)self->share_q15 + (((uint32_t)lack * SHARE_MORE) >> 3);
+        const uint32_t share_q15 =
+            (uint32_t)(uint16_t)self->share_q15 + (((uint32_t)lack * SHARE_MORE) >> 3);
         self->share_q15 = (int16_t)(share_q15 < INT16_MAX ? share_q15 : INT16_MAX);
         settle(self);
     } else if (self->left == 0u) {
@@ -154,19 +173,22 @@ static void learn(Screwing *self, const ScrewingSetpoints *set) {
 
 // As wood changes with the depth, over 180 degrees.
 static void follow(Screwing *self) {
-    self->learned = (int16_t)(self->learned + (((int32_t)(self->turn - self->learned) * self->turn + 65536) >> 17));
+    self->learned = (int16_t)(self->learned +
+                              (((int32_t)(self->turn - self->learned) * self->turn + 65536) >> 17));
     track(self);
 }
 
 // No knot's edge would be as low at this angle: it is drawn out over two blows.
 static bool is_slow(const Screwing *self) {
     const int16_t turn = self->learned < SLOW_TURN ? self->learned : SLOW_TURN;
-    return self->learned < WIDE_TURN && (int32_t)self->over_q8 * turn <= (int32_t)self->turned * SLOW_Q8;
+    return self->learned < WIDE_TURN &&
+           (int32_t)self->over_q8 * turn <= (int32_t)self->turned * SLOW_Q8;
 }
 
-// What the area between the rise and the onset, over the angle turned, may be at most in a seat, as a share of the rise: half of the angle makes a ramp,
-// all of it a knot's level. An edge, drawn out over some blows by the window and by the motor's inertia, is a ramp to begin with: it takes an angle until
-// both part. A slow rise need not wait for it.
+// What the area between the rise and the onset, over the angle turned, may be at most in a seat, as
+// a share of the rise: half of the angle makes a ramp, all of it a knot's level. An edge, drawn out
+// over some blows by the window and by the motor's inertia, is a ramp to begin with: it takes an
+// angle until both part. A slow rise need not wait for it.
 static int16_t area_most(const Screwing *self) {
     const int16_t turned = (int16_t)self->turned, learned = self->learned;
     if (is_slow(self) && turned >= (int16_t)SURE + part_q8(learned, 192)) {
@@ -186,7 +208,8 @@ static bool area_within(const Screwing *self, int16_t angle) {
     return self->area <= (int32_t)self->over_q8 * angle;
 }
 
-// Where the area is much less than a ramp's the onset was another's, and what rises has only begun: it is weighed from there.
+// Where the area is much less than a ramp's the onset was another's, and what rises has only begun:
+// it is weighed from there.
 static void suspect(Screwing *self, const ScrewingSetpoints *set) {
     const int16_t last_q8 = self->over_q8;
     self->state = SCREWING_SUSPECT;
@@ -205,12 +228,14 @@ static void suspect(Screwing *self, const ScrewingSetpoints *set) {
 
 static void judge(Screwing *self, const ScrewingSetpoints *set) {
     BY_POINTER(self);
-    self->now = (int16_t)(self->now + part_q8((int16_t)(steady_turn(self) - self->now), memory_q8(self)));
+    self->now =
+        (int16_t)(self->now + part_q8((int16_t)(steady_turn(self) - self->now), memory_q8(self)));
     if (self->left > 0u) {
         learn(self, set);
         return;
     }
-    const uint16_t rise_q8 = divide_by_u16((uint32_t)(uint16_t)self->learned << 8, (uint16_t)self->now);
+    const uint16_t rise_q8 =
+        divide_by_u16((uint32_t)(uint16_t)self->learned << 8, (uint16_t)self->now);
     self->rise_q8 = (int16_t)(rise_q8 < 2048u ? rise_q8 : 2048u);
     if (self->rise_q8 < ONSET_Q8) {
         follow(self);
@@ -219,11 +244,14 @@ static void judge(Screwing *self, const ScrewingSetpoints *set) {
     }
 }
 
-// None beside edges, which leave ticks enough at the speeds driven here: first what the setpoints come to, then what follows on the end of a wave.
+// None beside edges, which leave ticks enough at the speeds driven here: first what the setpoints
+// come to, then what follows on the end of a wave.
 static void step_stage(Screwing *self, const ScrewingSetpoints *set, uint16_t supply_mv) {
     if (self->least_q15 == 0) {
-        self->excess = (uint16_t)(2u * divide_u16(WAVE_SCALE, (uint32_t)set->pulses * set->turn_q8));
-        const uint16_t least_q15 = divide_by_u16((uint32_t)(uint16_t)set->least_mv << 15, supply_mv);
+        self->excess =
+            (uint16_t)(2u * divide_u16(WAVE_SCALE, (uint32_t)set->pulses * set->turn_q8));
+        const uint16_t least_q15 =
+            divide_by_u16((uint32_t)(uint16_t)set->least_mv << 15, supply_mv);
         self->least_q15 = (int16_t)(least_q15 < LEAST_MOST ? least_q15 : LEAST_MOST);
     } else if (self->stage == STAGE_PHASE) {
         self->stage = STAGE_JUDGE;
@@ -237,10 +265,13 @@ static void step_stage(Screwing *self, const ScrewingSetpoints *set, uint16_t su
     }
 }
 
-// Of the trigger's duty a share and half of the least on top, between the least and what still shows the ripple.
+// Of the trigger's duty a share and half of the least on top, between the least and what still
+// shows the ripple.
 static uint16_t wish_q15(const Screwing *self, int16_t travel_q15) {
-    const uint16_t least = (uint16_t)self->least_q15, share = (uint16_t)(2u * (uint16_t)self->share_q15);
-    const uint16_t wish = (uint16_t)((uint16_t)(((uint32_t)(uint16_t)travel_q15 * share) >> 16) + least / 2u);
+    const uint16_t least = (uint16_t)self->least_q15,
+                   share = (uint16_t)(2u * (uint16_t)self->share_q15);
+    const uint16_t wish =
+        (uint16_t)((uint16_t)(((uint32_t)(uint16_t)travel_q15 * share) >> 16) + least / 2u);
     const uint16_t most = (uint16_t)(2u * least + least / 8u);
     return wish < least ? least : wish > most ? most : wish;
 }
@@ -259,7 +290,8 @@ static int16_t output(Screwing *self, int16_t travel_q15) {
     return self->duty_q15 < travel_q15 ? self->duty_q15 : travel_q15;
 }
 
-int16_t screwing_step(Screwing *self, const ScrewingSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+int16_t screwing_step(Screwing *self, const ScrewingSetpoints *set, const ControllerInputs *in,
+                      const Blow *blow) {
     BY_POINTER(self);
     if (self->state == SCREWING_SEATED) {
         return CONTROLLER_STOP;
@@ -277,7 +309,8 @@ int16_t screwing_step(Screwing *self, const ScrewingSetpoints *set, const Contro
     for (uint8_t n = 0; n < in->edges && n < EDGES_MOST; n++) {
         take_edge(self, (uint16_t)in->speed_rpm_q1 / 2u);
     }
-    return self->state == SCREWING_SEATED ? CONTROLLER_STOP : output(self, in->travel_q15 > 0 ? in->travel_q15 : 0);
+    return self->state == SCREWING_SEATED ? CONTROLLER_STOP
+                                          : output(self, in->travel_q15 > 0 ? in->travel_q15 : 0);
 }
 
 uint8_t screwing_state(const Screwing *self) {

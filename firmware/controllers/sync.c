@@ -16,8 +16,9 @@
 #define STEP_FAST_MV 250
 #define STEP_DOWN_MV 60
 #define CURRENT_DEAD_A_Q9 1536  // 3 A
-#define CURRENT_STEP_SHIFT 4u   // 32 mV a blow for each A beyond: with 3 A/V and three blows of lag far from swinging
-#define SEEK_SHIFT 1u           // dips of twice the limit: out of step
+#define CURRENT_STEP_SHIFT                                                                         \
+    4u  // 32 mV a blow for each A beyond: with 3 A/V and three blows of lag far from swinging
+#define SEEK_SHIFT 1u  // dips of twice the limit: out of step
 
 typedef enum { TURN_FOLLOW, TURN_TRIM, TURN_LEVEL, TURN_APPROACH } Turn;
 
@@ -27,19 +28,24 @@ void sync_start(Sync *self, const SyncSetpoints *set) {
 }
 
 static void follow(Sync *self, const ControllerInputs *in) {
-    const uint16_t now = (uint16_t)(in->supply_mv > INT16_MAX ? UINT16_MAX - 1u : 2u * in->supply_mv);
+    const uint16_t now =
+        (uint16_t)(in->supply_mv > INT16_MAX ? UINT16_MAX - 1u : 2u * in->supply_mv);
     if (self->supply_mv_q1 == 0u) {
         self->supply_mv_q1 = now;
     } else if (now >= self->supply_mv_q1) {
-        self->supply_mv_q1 = (uint16_t)(self->supply_mv_q1 + ((uint16_t)(now - self->supply_mv_q1) >> SUPPLY_SHIFT));
+        self->supply_mv_q1 =
+            (uint16_t)(self->supply_mv_q1 + ((uint16_t)(now - self->supply_mv_q1) >> SUPPLY_SHIFT));
     } else {
-        self->supply_mv_q1 = (uint16_t)(self->supply_mv_q1 - ((uint16_t)(self->supply_mv_q1 - now) >> SUPPLY_SHIFT));
+        self->supply_mv_q1 =
+            (uint16_t)(self->supply_mv_q1 - ((uint16_t)(self->supply_mv_q1 - now) >> SUPPLY_SHIFT));
     }
-    const int16_t half = (int16_t)((in->current_a_q9 >> 1) - (self->current_a_q9 >> 1));  // of two int16_t
+    const int16_t half =
+        (int16_t)((in->current_a_q9 >> 1) - (self->current_a_q9 >> 1));  // of two int16_t
     self->current_a_q9 = (int16_t)(self->current_a_q9 + (half >> (CURRENT_SHIFT - 1u)));
 }
 
-// value * share / 2^15, less its last bit: the high word of a product is a move, a shift by 15 is not.
+// value * share / 2^15, less its last bit: the high word of a product is a move, a shift by 15 is
+// not.
 static int16_t part_of(int16_t value, int16_t share_q15) {
     return (int16_t)(2 * (int16_t)(((int32_t)value * share_q15) >> 16));
 }
@@ -54,7 +60,8 @@ static int16_t trim_by_depth(int16_t ripple_rpm, int16_t deep_rpm, int16_t shall
 static int16_t trim_by_current(const Sync *self, const SyncSetpoints *set) {
     const int32_t off_a_q9 = (int32_t)set->current_a_q9 - self->current_a_q9;
     const int32_t dead_a_q9 = fixed_clamp_i32(off_a_q9, -CURRENT_DEAD_A_Q9, CURRENT_DEAD_A_Q9);
-    return (int16_t)((int16_t)fixed_clamp_i32(off_a_q9 - dead_a_q9, INT16_MIN, INT16_MAX) >> CURRENT_STEP_SHIFT);
+    return (int16_t)((int16_t)fixed_clamp_i32(off_a_q9 - dead_a_q9, INT16_MIN, INT16_MAX) >>
+                     CURRENT_STEP_SHIFT);
 }
 
 static int16_t base_mv(const SyncSetpoints *set, int16_t travel_q15) {
@@ -65,27 +72,35 @@ static int16_t base_mv(const SyncSetpoints *set, int16_t travel_q15) {
 static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow) {
     const int16_t deep = part_of(blow->base_rpm, set->depth_max_q15);
     const bool lost = blow->ripple_rpm >> SEEK_SHIFT > deep;
-    const int16_t by_dips = trim_by_depth(blow->ripple_rpm, deep, part_of(blow->base_rpm, set->depth_min_q15));
-    const int16_t even = (uint8_t)set->method == SYNC_METHOD_SPEED ? by_dips : trim_by_current(self, set);
+    const int16_t by_dips =
+        trim_by_depth(blow->ripple_rpm, deep, part_of(blow->base_rpm, set->depth_min_q15));
+    const int16_t even =
+        (uint8_t)set->method == SYNC_METHOD_SPEED ? by_dips : trim_by_current(self, set);
     const int16_t step = lost ? STEP_FAST_MV : even;
-    if (step < 0 || self->goal_q15 < INT16_MAX) {  // else there is nothing more to be had from this battery
-        self->trim_mv = (int16_t)fixed_clamp_i32((int32_t)self->trim_mv + step, -TRIM_MAX_MV, TRIM_MAX_MV);
+    if (step < 0 ||
+        self->goal_q15 < INT16_MAX) {  // else there is nothing more to be had from this battery
+        self->trim_mv =
+            (int16_t)fixed_clamp_i32((int32_t)self->trim_mv + step, -TRIM_MAX_MV, TRIM_MAX_MV);
     }
     self->state = lost ? SYNC_SEEK : SYNC_HOLD;
 }
 
 static void set_level(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
     const int16_t base = base_mv(set, travel_q15);
-    self->level_mv = (int16_t)fixed_clamp_i32((int32_t)base + self->trim_mv, LEVEL_MIN_MV, LEVEL_MAX_MV);
+    self->level_mv =
+        (int16_t)fixed_clamp_i32((int32_t)base + self->trim_mv, LEVEL_MIN_MV, LEVEL_MAX_MV);
     self->trim_mv = (int16_t)(self->level_mv - base);  // no more than what it does
 }
 
-// The duty that gives the level, by steps that leave a sixth of what is missing or less: 3/2 stands for 2^15 over the supply, and no division is needed.
+// The duty that gives the level, by steps that leave a sixth of what is missing or less: 3/2 stands
+// for 2^15 over the supply, and no division is needed.
 static void approach(Sync *self) {
-    const int16_t given_mv = (int16_t)(uint16_t)(((uint32_t)(uint16_t)self->goal_q15 * self->supply_mv_q1) >> 16);
+    const int16_t given_mv =
+        (int16_t)(uint16_t)(((uint32_t)(uint16_t)self->goal_q15 * self->supply_mv_q1) >> 16);
     const int16_t off_mv = (int16_t)(self->level_mv - given_mv);
     const int16_t more_q15 = (int16_t)(off_mv + (off_mv >> 1));
-    self->goal_q15 = more_q15 > INT16_MAX - self->goal_q15 ? INT16_MAX : (int16_t)(self->goal_q15 + more_q15);
+    self->goal_q15 =
+        more_q15 > INT16_MAX - self->goal_q15 ? INT16_MAX : (int16_t)(self->goal_q15 + more_q15);
     self->goal_q15 = self->goal_q15 < 0 ? 0 : self->goal_q15;
 }
 
@@ -98,8 +113,10 @@ static void engage(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
     set_level(self, set, travel_q15);
 }
 
-// One piece a tick, none while the blow itself is worked out; what a blow says is looked at when all of it is known.
-static void take_turn(Sync *self, const SyncSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+// One piece a tick, none while the blow itself is worked out; what a blow says is looked at when
+// all of it is known.
+static void take_turn(Sync *self, const SyncSetpoints *set, const ControllerInputs *in,
+                      const Blow *blow) {
     switch ((Turn)self->turn) {
     case TURN_FOLLOW:
         follow(self, in);
@@ -121,7 +138,8 @@ static void take_turn(Sync *self, const SyncSetpoints *set, const ControllerInpu
     }
 }
 
-static void hold(Sync *self, const SyncSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+static void hold(Sync *self, const SyncSetpoints *set, const ControllerInputs *in,
+                 const Blow *blow) {
     if (self->state == SYNC_PLAIN) {
         engage(self, set, in->travel_q15);
     } else if (!blow->busy) {
@@ -138,7 +156,8 @@ static void release(Sync *self, const ControllerInputs *in, const Blow *blow) {
     }
 }
 
-int16_t sync_step(Sync *self, const SyncSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+int16_t sync_step(Sync *self, const SyncSetpoints *set, const ControllerInputs *in,
+                  const Blow *blow) {
     BY_POINTER(self);
     if (blow->impacting && in->travel_q15 >= TRAVEL_LEAST_Q15) {
         hold(self, set, in, blow);
@@ -146,7 +165,8 @@ int16_t sync_step(Sync *self, const SyncSetpoints *set, const ControllerInputs *
         release(self, in, blow);
     }
     const bool plain_rise = self->state == SYNC_PLAIN && self->duty_q15 <= in->travel_q15;
-    self->duty_q15 = plain_rise ? in->travel_q15 : slew_towards(self->duty_q15, self->goal_q15, SLEW_Q15);
+    self->duty_q15 =
+        plain_rise ? in->travel_q15 : slew_towards(self->duty_q15, self->goal_q15, SLEW_Q15);
     return self->duty_q15;
 }
 

@@ -1,17 +1,21 @@
 // Synchronisation: keeps the hammer in step with the lugs, whatever the battery and the trigger.
 //
-// The swing of the hammer and the time from lug to lug fit together in a band of the motor's mean voltage, duty times bus, that hardly depends on
-// load and supply (docs/controllers/sync.md). While the tool impacts the duty is that which gives the level; the trigger moves the level within the
+// The swing of the hammer and the time from lug to lug fit together in a band of the motor's mean
+// voltage, duty times bus, that hardly depends on load and supply (docs/controllers/sync.md). While
+// the tool impacts the duty is that which gives the level; the trigger moves the level within the
 // band, and what the blows show trims it:
-//   method 1, speed: depth of the dips that the blows leave in the speed. Deep: the hammer falls out of step below the band; shallow: it comes too
+//   method 1, speed: depth of the dips that the blows leave in the speed. Deep: the hammer falls
+//   out of step below the band; shallow: it comes too
 //                    high, above the band;
-//   method 2, current: mean current of a blow, held near a setpoint; an uneven current ripple, the same sign as deep dips, goes before it.
+//   method 2, current: mean current of a blow, held near a setpoint; an uneven current ripple, the
+//   same sign as deep dips, goes before it.
 //
 //            impacts                                dips of twice the limit
 //   PLAIN ----------> HOLD (level = base + trim) ------------------------> SEEK (trim rises fast)
 //     ^                 |        ^                                           |
 //     '-----------------'        '-------------------------------------------'
-//     no blow any more, or the trigger nearly released: the duty is the trigger's; the trim is kept for the drive
+//     no blow any more, or the trigger nearly released: the duty is the trigger's; the trim is kept
+//     for the drive
 #ifndef VGROOVE_CONTROLLERS_SYNC_H
 #define VGROOVE_CONTROLLERS_SYNC_H
 
@@ -44,7 +48,8 @@ typedef struct {
 } Sync;
 
 void sync_start(Sync *self, const SyncSetpoints *set);
-int16_t sync_step(Sync *self, const SyncSetpoints *set, const ControllerInputs *in, const Blow *blow);
+int16_t sync_step(Sync *self, const SyncSetpoints *set, const ControllerInputs *in,
+                  const Blow *blow);
 uint8_t sync_state(const Sync *self);
 uint8_t sync_stop_reason(const Sync *self);
 

@@ -11,8 +11,11 @@
 #define DROP_MV_Q16 24320
 #define EXCESS_MOST_MV 4000  // a supply and a winding beyond this are a broken sensor
 #define TAKEN_LEAST_MV (-1500)
-#define TAKEN_FIRST_MV (-250)  // a strong supply and a cold winding: the first blows must not be too hard, what they turn stays turned
-#define RUN_MV 5500            // the least level at which the hammer still climbs over the lugs, with a margin
+#define TAKEN_FIRST_MV                                                                             \
+    (-250)  // a strong supply and a cold winding: the first blows must not be too hard, what they
+            // turn stays turned
+#define RUN_MV                                                                                     \
+    5500  // the least level at which the hammer still climbs over the lugs, with a margin
 #define RUN_MV_PER_MS 30
 #define MV_PER_MS 8
 #define RUN_MS 100u
@@ -27,7 +30,9 @@
 #define SLOW_BELOW_MV 7000
 #define RAISED_LOOK_MS 150u
 #define CHANGED_LOOK_MS 300u  // where the lugs are no longer hit twice
-#define LOW_LATE_MS 120u      // a low target found passed so soon behind the first look at its current: the joint is hard, and the filters are behind
+#define LOW_LATE_MS                                                                                \
+    120u  // a low target found passed so soon behind the first look at its current: the joint is
+          // hard, and the filters are behind
 #define LOW_LATE_NM 4
 #define LOW_LOOK_MS 450u  // the slowest filter, behind the start of the motor
 #define RAISED_MS 8000u
@@ -35,14 +40,19 @@
 #define TWICE_ABOVE_MV 8000    // lugs are hit thrice below, twice above,
 #define CHANGED_ABOVE_MV 9200  // once above this
 #define LEAD_ABOVE_MV 11000    // quick gain of torque: the filters' lag is made up for
-#define LOW_BEGIN_A_Q8 64      // the filters of a low target begin so far below its current: before lies the start of the motor
-#define A_Q8_PER_NM 12u        // on the raised levels: 11 to 16, 6 where the lugs are just hit once
-#define MV_PER_NM 105u         // of the levels of the map
-#define MISSED_SHARE 16u       // a sixteenth beside the target is beside it
+#define LOW_BEGIN_A_Q8                                                                             \
+    64  // the filters of a low target begin so far below its current: before lies the start of the
+        // motor
+#define A_Q8_PER_NM 12u   // on the raised levels: 11 to 16, 6 where the lugs are just hit once
+#define MV_PER_NM 105u    // of the levels of the map
+#define MISSED_SHARE 16u  // a sixteenth beside the target is beside it
 
 void torque_start(Torque *self, const TorqueSetpoints *set) {
-    const bool known = set->target_nm >= TORQUE_MAP_FIRST_NM && set->target_nm <= TORQUE_MAP_LAST_NM;
-    *self = (Torque){.taken_mv_q16 = (int32_t)TAKEN_FIRST_MV * 65536, .excess_mv_q16 = (int32_t)TAKEN_FIRST_MV * 65536, .goal_mv = RUN_MV};
+    const bool known =
+        set->target_nm >= TORQUE_MAP_FIRST_NM && set->target_nm <= TORQUE_MAP_LAST_NM;
+    *self = (Torque){.taken_mv_q16 = (int32_t)TAKEN_FIRST_MV * 65536,
+                     .excess_mv_q16 = (int32_t)TAKEN_FIRST_MV * 65536,
+                     .goal_mv = RUN_MV};
     if (!known) {
         self->state = TORQUE_OVER;
         self->reason = CONTROLLER_REASON_UNREACHABLE;
@@ -60,7 +70,8 @@ static int16_t high_word(int32_t value) {
 
 // A first-order low-pass of 65536 / gain steps of its own.
 static int32_t low_pass(int32_t value_q16, int16_t in, uint16_t gain_q16) {
-    FIXED_HIDE(gain_q16);  // a product costs a third of the shift that the compiler would make of it
+    FIXED_HIDE(
+        gain_q16);  // a product costs a third of the shift that the compiler would make of it
     return value_q16 + (int32_t)(int16_t)(in - high_word(value_q16)) * (int16_t)gain_q16;
 }
 
@@ -68,14 +79,16 @@ static int16_t emf_mv(const ControllerInputs *in) {
     return high_word((int32_t)in->speed_rpm_q1 * EMF_MV_Q16);
 }
 
-// The mean of two ticks, or of three with the weight of three: a tick left out where the blow is would be missed.
+// The mean of two ticks, or of three with the weight of three: a tick left out where the blow is
+// would be missed.
 static void measure_current(Torque *self) {
     const bool three = self->gathered > 2u;
     const int16_t mean_a_q8 = three ? high_word((int32_t)self->sum_a_q7 * 43691) : self->sum_a_q7;
     const uint16_t gain = three ? 6144u : 4096u;
     self->quick_a_q24 = low_pass(self->quick_a_q24, mean_a_q8, gain);
     self->current_a_q24 = low_pass(self->current_a_q24, high_word(self->quick_a_q24), gain);
-    self->slow_a_q24 = low_pass(self->slow_a_q24, high_word(self->current_a_q24), (uint16_t)(gain >> 1));
+    self->slow_a_q24 =
+        low_pass(self->slow_a_q24, high_word(self->current_a_q24), (uint16_t)(gain >> 1));
     self->sum_a_q7 = 0;
     self->gathered = 0;
 }
@@ -85,20 +98,26 @@ static int16_t share_mv(int16_t duty_q15, uint16_t supply_mv) {
     return (int16_t)(((uint32_t)(uint16_t)duty_q15 * twice_mv) >> 16);
 }
 
-// What the bridge gives beyond the motor's own voltage: back-EMF and the drop of the nominal winding.
+// What the bridge gives beyond the motor's own voltage: back-EMF and the drop of the nominal
+// winding.
 static void measure_voltage(Torque *self, const ControllerInputs *in) {
     const int16_t given_mv = share_mv(in->duty_q15, in->supply_mv);
     const int16_t drop_mv = high_word((int32_t)in->current_a_q9 * DROP_MV_Q16);
-    const int16_t own_mv = (int16_t)(((emf_mv(in) >> 1) + (drop_mv >> 1)));  // halves: no sum of these leaves 16 bits
+    const int16_t own_mv =
+        (int16_t)(((emf_mv(in) >> 1) + (drop_mv >> 1)));  // halves: no sum of these leaves 16 bits
     int16_t excess_mv = (int16_t)((given_mv >> 1) - own_mv);
-    excess_mv = (int16_t)(excess_mv > EXCESS_MOST_MV / 2 ? EXCESS_MOST_MV / 2 : (excess_mv < -EXCESS_MOST_MV / 2 ? -EXCESS_MOST_MV / 2 : excess_mv));
+    excess_mv =
+        (int16_t)(excess_mv > EXCESS_MOST_MV / 2
+                      ? EXCESS_MOST_MV / 2
+                      : (excess_mv < -EXCESS_MOST_MV / 2 ? -EXCESS_MOST_MV / 2 : excess_mv));
     self->excess_mv_q16 = low_pass(self->excess_mv_q16, (int16_t)(2 * excess_mv), 2048);
     if (self->state != TORQUE_RUN || self->ticks > RUN_MS) {
         self->taken_mv_q16 = low_pass(self->taken_mv_q16, high_word(self->excess_mv_q16), 1024);
     }
 }
 
-// Where the lugs are hit twice the current comes up to that of the raised level from below: it counts on the way.
+// Where the lugs are hit twice the current comes up to that of the raised level from below: it
+// counts on the way.
 static bool told_at_once(const Torque *self) {
     return self->raised_mv > TWICE_ABOVE_MV && self->raised_mv < CHANGED_ABOVE_MV;
 }
@@ -122,7 +141,8 @@ static uint16_t settle_ms(const Torque *self) {
     return self->goal_mv < SLOW_BELOW_MV ? SLOW_SETTLE_MS : SETTLE_MS;
 }
 
-// Whether the current counts: on the raised level once the filters have left behind what was before.
+// Whether the current counts: on the raised level once the filters have left behind what was
+// before.
 static bool may_tell(const Torque *self) {
     if (told_at_once(self)) {
         return true;
@@ -152,7 +172,8 @@ static TorqueState next_state(const Torque *self, const ControllerInputs *in, co
         if (self->ticks < REST_MS && !in_reach(self, in->supply_mv)) {
             return TORQUE_OVER;
         }
-        if (blow->count < BLOWS_FIRST && (self->ticks < BLOWS_MS || high_word(self->current_a_q24) < BLOWS_A_Q8)) {
+        if (blow->count < BLOWS_FIRST &&
+            (self->ticks < BLOWS_MS || high_word(self->current_a_q24) < BLOWS_A_Q8)) {
             return TORQUE_RUN;
         }
         return self->settled_a_q8 == TORQUE_MAP_NEVER ? TORQUE_RAISED : TORQUE_LEVEL;
@@ -164,7 +185,9 @@ static TorqueState next_state(const Torque *self, const ControllerInputs *in, co
     case TORQUE_SETTLE:
         return self->ticks < settle_ms(self) ? TORQUE_SETTLE : TORQUE_OVER;
     case TORQUE_RAISED:
-        return self->ticks < RAISED_MS && (!may_tell(self) || told_a_q8(self) < self->stop_a_q8) ? TORQUE_RAISED : TORQUE_OVER;
+        return self->ticks < RAISED_MS && (!may_tell(self) || told_a_q8(self) < self->stop_a_q8)
+                   ? TORQUE_RAISED
+                   : TORQUE_OVER;
     case TORQUE_OVER:
         break;
     }
@@ -173,14 +196,17 @@ static TorqueState next_state(const Torque *self, const ControllerInputs *in, co
 
 // How far from the target, by the current or the level beside its own.
 static int16_t beside_nm(int16_t difference, uint8_t per_nm) {
-    const int16_t rows = (int16_t)divide_by_u16((uint16_t)(difference < 0 ? -difference : difference), per_nm);
+    const int16_t rows =
+        (int16_t)divide_by_u16((uint16_t)(difference < 0 ? -difference : difference), per_nm);
     return (int16_t)(difference < 0 ? -rows : rows);
 }
 
 // The drive is over: what it came to, and why.
 static void conclude(Torque *self, int16_t target_nm, const ControllerInputs *in) {
     int16_t beside = 0;
-    self->reason = self->state == TORQUE_RAISED && self->ticks >= RAISED_MS ? CONTROLLER_REASON_TIMEOUT : CONTROLLER_REASON_REACHED;
+    self->reason = self->state == TORQUE_RAISED && self->ticks >= RAISED_MS
+                       ? CONTROLLER_REASON_TIMEOUT
+                       : CONTROLLER_REASON_REACHED;
     if (self->state == TORQUE_RUN) {
         self->reason = CONTROLLER_REASON_UNREACHABLE;
         return;
@@ -195,7 +221,8 @@ static void conclude(Torque *self, int16_t target_nm, const ControllerInputs *in
         }
     }
     self->estimate_nm = (int16_t)(target_nm + beside > 0 ? target_nm + beside : 0);
-    if (self->full_looks >= FULL_LOOKS || (beside < 0 ? -beside : beside) > (int16_t)((uint16_t)target_nm / MISSED_SHARE)) {
+    if (self->full_looks >= FULL_LOOKS ||
+        (beside < 0 ? -beside : beside) > (int16_t)((uint16_t)target_nm / MISSED_SHARE)) {
         self->reason = CONTROLLER_REASON_MISSED;
     }
 }
@@ -234,7 +261,8 @@ static void move_level(Torque *self, const ControllerInputs *in) {
 
 // In LEVEL and RAISED from the arrival on; in RUN no further than it counts.
 static void count_tick(Torque *self) {
-    const bool on_its_way = (self->state == TORQUE_LEVEL || self->state == TORQUE_RAISED) && !arrived(self);
+    const bool on_its_way =
+        (self->state == TORQUE_LEVEL || self->state == TORQUE_RAISED) && !arrived(self);
     if (!on_its_way && (self->state != TORQUE_RUN || self->ticks < BLOWS_MS)) {
         self->ticks++;
     }
@@ -247,11 +275,14 @@ static void set_duty(Torque *self, uint16_t supply_mv) {
     if (wish_mv <= 0) {
         self->duty_q15 = 0;
     } else {
-        self->duty_q15 = full ? INT16_MAX : (int16_t)(divide_by_u16((uint32_t)(uint16_t)wish_mv << 16, supply_mv) >> 1);
+        self->duty_q15 =
+            full ? INT16_MAX
+                 : (int16_t)(divide_by_u16((uint32_t)(uint16_t)wish_mv << 16, supply_mv) >> 1);
     }
 }
 
-static void decide(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+static void decide(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in,
+                   const Blow *blow) {
     const TorqueState next = next_state(self, in, blow);
     if (next != self->state) {
         enter(self, next, set->target_nm, in);
@@ -260,8 +291,10 @@ static void decide(Torque *self, const TorqueSetpoints *set, const ControllerInp
     }
 }
 
-// What costs time takes turns: the duty in one tick, the sensors in the next, neither where the blow detection needs the time.
-static void act(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+// What costs time takes turns: the duty in one tick, the sensors in the next, neither where the
+// blow detection needs the time.
+static void act(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in,
+                const Blow *blow) {
     self->sum_a_q7 = (int16_t)(self->sum_a_q7 + (in->current_a_q9 >> 2));
     self->gathered++;
     if (self->gathered == 1u) {
@@ -270,13 +303,15 @@ static void act(Torque *self, const TorqueSetpoints *set, const ControllerInputs
         }
     } else if (!blow->busy || self->gathered > 2u) {
         measure_current(self);
-        if (!in->coasted && !blow->busy) {  // the current, the voltage and a blow are too much for one tick
+        if (!in->coasted &&
+            !blow->busy) {  // the current, the voltage and a blow are too much for one tick
             measure_voltage(self, in);
         }
     }
 }
 
-int16_t torque_step(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+int16_t torque_step(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in,
+                    const Blow *blow) {
     BY_POINTER(self);
     if (self->state != TORQUE_OVER) {
         move_level(self, in);

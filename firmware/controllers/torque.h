@@ -1,17 +1,22 @@
-// Torque control: tightens a joint to a torque by the level at which the tool hammers, without knowing the joint.
+// Torque control: tightens a joint to a torque by the level at which the tool hammers, without
+// knowing the joint.
 //
-// The level is the voltage that the motor makes of itself, k w + R i with the nominal R: what the bridge gives less what supply, heat and winding take
-// from it. Held there, a joint takes every supply and winding alike, and stops turning at a torque that belongs to the level (torque_map.h). A soft joint
-// would take long to get there: it is hammered on a higher level, and stopped by the current, which rises as its blows turn it less.
+// The level is the voltage that the motor makes of itself, k w + R i with the nominal R: what the
+// bridge gives less what supply, heat and winding take from it. Held there, a joint takes every
+// supply and winding alike, and stops turning at a torque that belongs to the level (torque_map.h).
+// A soft joint would take long to get there: it is hammered on a higher level, and stopped by the
+// current, which rises as its blows turn it less.
 //
 //               blows                  current of a hard joint            settle_ms
-//     RUN ----------------> LEVEL --------------------------> SETTLE ----------------> OVER (reached)
+//     RUN ----------------> LEVEL --------------------------> SETTLE ----------------> OVER
+//     (reached)
 //      |                      |  current of a soft one
 //      | low target           +-----------------------------> RAISED
-//      +---------------------------------------------------->    |  current of the target, or RAISED_MS
-//      |                                                         +--------------------> OVER (reached, missed, timeout)
-//      | target or supply out of reach
-//      +-----------------------------------------------------------------------------> OVER (unreachable)
+//      +---------------------------------------------------->    |  current of the target, or
+//      RAISED_MS |                                                         +-------------------->
+//      OVER (reached, missed, timeout) | target or supply out of reach
+//      +-----------------------------------------------------------------------------> OVER
+//      (unreachable)
 //     bridge fully on for 0.3 s without holding the level -> OVER (missed)
 #ifndef VGROOVE_CONTROLLERS_TORQUE_H
 #define VGROOVE_CONTROLLERS_TORQUE_H
@@ -62,7 +67,8 @@ static inline bool torque_has_measured(const Torque *self) {
 }
 
 void torque_start(Torque *self, const TorqueSetpoints *set);
-int16_t torque_step(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in, const Blow *blow);
+int16_t torque_step(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in,
+                    const Blow *blow);
 uint8_t torque_state(const Torque *self);
 uint8_t torque_stop_reason(const Torque *self);
 

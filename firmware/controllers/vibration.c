@@ -7,19 +7,24 @@
 #include "core/slew.h"
 
 #define APPROACH_MS 90u  // without a dip: the hammer need not climb here
-#define SETTLE_MS 12u    // the current has followed the first rise of the duty, and the Hall sensor has seen two edges or none
-#define CLIMB_MS 100u    // longer than any climb at the duty that it has risen to by then
+#define SETTLE_MS                                                                                  \
+    12u  // the current has followed the first rise of the duty, and the Hall sensor has seen two
+         // edges or none
+#define CLIMB_MS 100u  // longer than any climb at the duty that it has risen to by then
 #define SURGE_MS 100u
 #define APPROACH_STEP_Q15 Q(0.08, 15)  // a ms
 #define SURGE_STEP_Q15 Q(0.12, 15)     // a ms
 #define RUN_STEP_Q15 Q(0.006, 15)      // a ms: the trigger's own ramp
-#define LIMIT_STEP_Q15 Q(0.002, 15)    // a ms: a blow or two until a hard joint is told, 0.1 s to its voltage
-#define PREPARED 4u                    // ticks
-#define TURNED_SHIFT 4u                // sums of mV ms in 16 bits
+#define LIMIT_STEP_Q15                                                                             \
+    Q(0.002, 15)         // a ms: a blow or two until a hard joint is told, 0.1 s to its voltage
+#define PREPARED 4u      // ticks
+#define TURNED_SHIFT 4u  // sums of mV ms in 16 bits
 #define TURN_Q8 469u
 #define MOHM_MOST 511u  // counts as that
 #define LOW_SURGE_A_Q9 Q(30.5, 9)
-#define LOW_256MV 66u  // a battery at rest below 16.9 V: the third climb of a hard joint would end on top of a lug
+#define LOW_256MV                                                                                  \
+    66u  // a battery at rest below 16.9 V: the third climb of a hard joint would end on top of a
+         // lug
 
 // What a tick says of the motor: the voltage applied, and the part of it that is back-EMF.
 typedef struct {
@@ -40,19 +45,25 @@ static uint16_t emf_by_current(const Vibration *self, uint16_t applied_mv, int16
 }
 
 static uint16_t emf_by_speed(const Vibration *self, int16_t speed_rpm_q1) {
-    return speed_rpm_q1 > 0 ? (uint16_t)(fixed_byte_down((uint32_t)(uint16_t)speed_rpm_q1 * self->mv_per_rpm_q12) >> 4) : 0u;
+    return speed_rpm_q1 > 0 ? (uint16_t)(fixed_byte_down((uint32_t)(uint16_t)speed_rpm_q1 *
+                                                         self->mv_per_rpm_q12) >>
+                                         4)
+                            : 0u;
 }
 
 static Seen look(const Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
     const uint16_t supply_mv = in->supply_mv < INT16_MAX ? in->supply_mv : INT16_MAX;
     Seen seen = {.applied_mv = high_word((uint32_t)(2u * (uint16_t)in->duty_q15) * supply_mv)};
-    seen.emf_mv =
-        (uint8_t)set->method == VIBRATION_BY_SPEED ? emf_by_speed(self, in->speed_rpm_q1) : emf_by_current(self, seen.applied_mv, in->current_a_q9);
+    seen.emf_mv = (uint8_t)set->method == VIBRATION_BY_SPEED
+                      ? emf_by_speed(self, in->speed_rpm_q1)
+                      : emf_by_current(self, seen.applied_mv, in->current_a_q9);
     return seen;
 }
 
 void vibration_start(Vibration *self, const VibrationSetpoints *set) {
-    *self = (Vibration){.limit_q15 = INT16_MAX, .mohm_q7 = (uint16_t)((set->motor_mohm < MOHM_MOST ? set->motor_mohm : MOHM_MOST) << 7)};
+    *self = (Vibration){
+        .limit_q15 = INT16_MAX,
+        .mohm_q7 = (uint16_t)((set->motor_mohm < MOHM_MOST ? set->motor_mohm : MOHM_MOST) << 7)};
 }
 
 static uint8_t next_phase(const Vibration *self, const ControllerInputs *in, const Seen *seen) {
@@ -63,43 +74,52 @@ static uint8_t next_phase(const Vibration *self, const ControllerInputs *in, con
         }
         return self->phase_ms >= APPROACH_MS ? VIBRATION_RUN : VIBRATION_APPROACH;
     case VIBRATION_CLIMB:
-        return self->turned >= self->climb_turn || self->phase_ms >= CLIMB_MS ? VIBRATION_SURGE : VIBRATION_CLIMB;
+        return self->turned >= self->climb_turn || self->phase_ms >= CLIMB_MS ? VIBRATION_SURGE
+                                                                              : VIBRATION_CLIMB;
     case VIBRATION_SURGE:
-        return self->duty_q15 >= in->trigger_q15 || self->phase_ms >= SURGE_MS ? VIBRATION_RUN : VIBRATION_SURGE;
+        return self->duty_q15 >= in->trigger_q15 || self->phase_ms >= SURGE_MS ? VIBRATION_RUN
+                                                                               : VIBRATION_SURGE;
     case VIBRATION_RUN:
         break;
     }
     return VIBRATION_RUN;
 }
 
-// The duty that lets the current rise to surge_a: the one in force and what the resistance wants for the rest.
+// The duty that lets the current rise to surge_a: the one in force and what the resistance wants
+// for the rest.
 static int16_t surge(const Vibration *self, const ControllerInputs *in) {
     const uint16_t most_q15 = (uint16_t)(self->duty_q15 + SURGE_STEP_Q15);
     if (in->current_a_q9 >= self->surge_a_q9) {
         return self->duty_q15;
     }
     const uint16_t rest_a_q9 = (uint16_t)self->surge_a_q9 - (uint16_t)in->current_a_q9;
-    const uint16_t wanted_q15 = (uint16_t)((uint16_t)in->duty_q15 + high_word((uint32_t)rest_a_q9 * self->rise_q16));
+    const uint16_t wanted_q15 =
+        (uint16_t)((uint16_t)in->duty_q15 + high_word((uint32_t)rest_a_q9 * self->rise_q16));
     const uint16_t duty_q15 = wanted_q15 < most_q15 ? wanted_q15 : most_q15;
     return duty_q15 > INT16_MAX ? INT16_MAX : (int16_t)duty_q15;
 }
 
 // On a hard joint the motor is slow for its voltage.
-static int16_t limited(const Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in, const Seen *seen, const Blow *blow) {
+static int16_t limited(const Vibration *self, const VibrationSetpoints *set,
+                       const ControllerInputs *in, const Seen *seen, const Blow *blow) {
     if (blow->impacting && seen->applied_mv > set->hard_mv &&
-        seen->emf_mv < high_word((uint32_t)seen->applied_mv * (uint16_t)(2 * set->hard_share_q15))) {
-        const int16_t from_q15 = self->limit_q15 < in->trigger_q15 ? self->limit_q15 : in->trigger_q15;
+        seen->emf_mv <
+            high_word((uint32_t)seen->applied_mv * (uint16_t)(2 * set->hard_share_q15))) {
+        const int16_t from_q15 =
+            self->limit_q15 < in->trigger_q15 ? self->limit_q15 : in->trigger_q15;
         return slew_towards(from_q15, 0, LIMIT_STEP_Q15);
     }
     return slew_towards(self->limit_q15, INT16_MAX, LIMIT_STEP_Q15);
 }
 
 static int16_t climb(const Vibration *self, const VibrationSetpoints *set) {
-    const uint32_t duty_q15 = (uint16_t)set->climb_q15 + (uint32_t)(uint16_t)set->climb_per_ms_q15 * self->phase_ms;
+    const uint32_t duty_q15 =
+        (uint16_t)set->climb_q15 + (uint32_t)(uint16_t)set->climb_per_ms_q15 * self->phase_ms;
     return (int16_t)(duty_q15 < INT16_MAX ? (uint16_t)duty_q15 : INT16_MAX);
 }
 
-static int16_t output(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in, const Seen *seen, const Blow *blow) {
+static int16_t output(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in,
+                      const Seen *seen, const Blow *blow) {
     switch ((VibrationPhase)self->phase) {
     case VIBRATION_APPROACH:
         return slew_towards(self->duty_q15, set->approach_q15, APPROACH_STEP_Q15);
@@ -114,7 +134,8 @@ static int16_t output(Vibration *self, const VibrationSetpoints *set, const Cont
     return slew_towards(self->duty_q15, self->limit_q15, RUN_STEP_Q15);
 }
 
-// Never beyond the trigger; a trigger that is let go a little is followed at the trigger's own rate.
+// Never beyond the trigger; a trigger that is let go a little is followed at the trigger's own
+// rate.
 static int16_t within_trigger(const Vibration *self, const ControllerInputs *in, int16_t wish_q15) {
     const int16_t down_q15 = (int16_t)(self->duty_q15 - RUN_STEP_Q15);
     const int16_t most_q15 = in->trigger_q15 > down_q15 ? in->trigger_q15 : down_q15;
@@ -123,13 +144,15 @@ static int16_t within_trigger(const Vibration *self, const ControllerInputs *in,
 
 // A turn is 60,000 * 2 rpm Q1 ms, 1/256 of it TURN_Q8.
 static uint16_t climb_turn(const Vibration *self, const VibrationSetpoints *set) {
-    const uint16_t per_q8_mv_ms = (uint16_t)(fixed_byte_down((uint32_t)TURN_Q8 * self->mv_per_rpm_q12) >> 4);
+    const uint16_t per_q8_mv_ms =
+        (uint16_t)(fixed_byte_down((uint32_t)TURN_Q8 * self->mv_per_rpm_q12) >> 4);
     const uint32_t turn = ((uint32_t)set->climb_turn_q8 * per_q8_mv_ms) >> TURNED_SHIFT;
     return (uint16_t)(turn > UINT16_MAX ? UINT16_MAX : turn);
 }
 
-// What needs a division is worked out in the first ticks, one piece each. The back-EMF of a speed Q1 is 500 mV / (rpm/V); duty Q15 per current Q9
-// through the winding: 2^15 * 2^16 * 1000 / (1000 * 2^9) = 2^22 mohm / mV.
+// What needs a division is worked out in the first ticks, one piece each. The back-EMF of a speed
+// Q1 is 500 mV / (rpm/V); duty Q15 per current Q9 through the winding: 2^15 * 2^16 * 1000 / (1000 *
+// 2^9) = 2^22 mohm / mV.
 static void prepare(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
     switch (++self->prepared) {
     case 1:
@@ -142,7 +165,10 @@ static void prepare(Vibration *self, const VibrationSetpoints *set, const Contro
         self->mv_per_rpm_q12 = divide_by_u16((uint32_t)500u << 12, set->motor_rpm_per_v);
         break;
     case 3:
-        self->surge_a_q9 = (uint8_t)(in->supply_mv >> 8) < LOW_256MV && set->surge_a_q9 > LOW_SURGE_A_Q9 ? LOW_SURGE_A_Q9 : set->surge_a_q9;
+        self->surge_a_q9 =
+            (uint8_t)(in->supply_mv >> 8) < LOW_256MV && set->surge_a_q9 > LOW_SURGE_A_Q9
+                ? LOW_SURGE_A_Q9
+                : set->surge_a_q9;
         self->rise_q16 = divide_by_u16((uint32_t)(self->mohm_q7 >> 7) << 22, in->supply_mv);
         break;
     case PREPARED:
@@ -155,14 +181,16 @@ static void prepare(Vibration *self, const VibrationSetpoints *set, const Contro
 
 static void note(Vibration *self, const Seen *seen) {
     if (self->phase == VIBRATION_APPROACH) {
-        self->top_mv = self->phase_ms >= SETTLE_MS && seen->emf_mv > self->top_mv ? seen->emf_mv : self->top_mv;
+        self->top_mv = self->phase_ms >= SETTLE_MS && seen->emf_mv > self->top_mv ? seen->emf_mv
+                                                                                  : self->top_mv;
     } else if (self->phase == VIBRATION_CLIMB) {
         const uint16_t turned = (uint16_t)(self->turned + fixed_sixteenth(seen->emf_mv));
         self->turned = turned < self->turned ? UINT16_MAX : turned;
     }
 }
 
-int16_t vibration_step(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in, const Blow *blow) {
+int16_t vibration_step(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in,
+                       const Blow *blow) {
     BY_POINTER(self);
     if (self->prepared < PREPARED) {
         prepare(self, set, in);

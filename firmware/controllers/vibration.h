@@ -1,13 +1,18 @@
-// Low vibration: the first blow is taken softly, the next ones at speed, and a hard joint with the voltage at which the hammer lands smoothly.
+// Low vibration: the first blow is taken softly, the next ones at speed, and a hard joint with the
+// voltage at which the hammer lands smoothly.
 //
-// What shakes the housing most is the hammer that comes down on top of a lug instead of behind it: it happens while the tool gets going, when the
-// spindle is too fast for a soft landing and too slow for the hammer to pass the lug. So the tool approaches the joint with little voltage, lets the
-// hammer climb over the first lug with what its momentum has left, and gives all it may in the instant in which the hammer is let go: then the next
-// climb is quick enough.
+// What shakes the housing most is the hammer that comes down on top of a lug instead of behind it:
+// it happens while the tool gets going, when the spindle is too fast for a soft landing and too
+// slow for the hammer to pass the lug. So the tool approaches the joint with little voltage, lets
+// the hammer climb over the first lug with what its momentum has left, and gives all it may in the
+// instant in which the hammer is let go: then the next climb is quick enough.
 //
-//   APPROACH --speed dips: the hammer has met the anvil--> CLIMB --angle turned: the hammer is let go--> SURGE --duty reaches the trigger--> RUN
-//      |                                                     | 100 ms: all the same                       | 100 ms: all the same         ^
-//      +--90 ms without a dip, or the shaft turned at the start: as the plain mode ------------------------------------------------------+
+//   APPROACH --speed dips: the hammer has met the anvil--> CLIMB --angle turned: the hammer is let
+//   go--> SURGE --duty reaches the trigger--> RUN
+//      |                                                     | 100 ms: all the same | 100 ms: all
+//      the same         ^
+//      +--90 ms without a dip, or the shaft turned at the start: as the plain mode
+//      ------------------------------------------------------+
 //
 // "Speed" is that of the Hall sensor (method 1) or the one that current and duty tell (method 2).
 #ifndef VGROOVE_CONTROLLERS_VIBRATION_H
@@ -51,7 +56,8 @@ typedef struct {
 } Vibration;
 
 void vibration_start(Vibration *self, const VibrationSetpoints *set);
-int16_t vibration_step(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in, const Blow *blow);
+int16_t vibration_step(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in,
+                       const Blow *blow);
 uint8_t vibration_state(const Vibration *self);
 uint8_t vibration_stop_reason(const Vibration *self);
 

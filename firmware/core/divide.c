@@ -7,9 +7,9 @@
 
 #define BITS 16u
 
-// For dividend / 2^16 < divisor: quotient in the high word, remainder in the low one. The high word of `rest` is what is left, the quotient comes in
-// from below. The compiler's loop takes twice as long as
-// that by hand, four bits a turn.
+// For dividend / 2^16 < divisor: quotient in the high word, remainder in the low one. The high word
+// of `rest` is what is left, the quotient comes in from below. The compiler's loop takes twice as
+// long as that by hand, four bits a turn.
 INLINE_NEVER static uint32_t divided(uint32_t rest, uint16_t divisor) {
 #ifdef __AVR__
     uint8_t turns = BITS / 4u;
@@ -50,7 +50,8 @@ INLINE_NEVER static uint32_t divided(uint32_t rest, uint16_t divisor) {
 #endif
 }
 
-// The same for a divisor of more than 16 bits: 48 bits of rest. No dividend of 32 bits reaches 2^16 times such a divisor.
+// The same for a divisor of more than 16 bits: 48 bits of rest. No dividend of 32 bits reaches 2^16
+// times such a divisor.
 INLINE_NEVER static uint16_t quotient_by_long(uint32_t rest, uint32_t divisor) {
 #ifdef __AVR__
     uint16_t high = 0;
@@ -86,11 +87,13 @@ INLINE_NEVER static uint16_t quotient_by_long(uint32_t rest, uint32_t divisor) {
 }
 
 INLINE_NEVER uint16_t divide_by_u16(uint32_t dividend, uint16_t divisor) {
-    return (uint16_t)(dividend >> BITS) >= divisor ? UINT16_MAX : (uint16_t)(divided(dividend, divisor) >> BITS);
+    return (uint16_t)(dividend >> BITS) >= divisor ? UINT16_MAX
+                                                   : (uint16_t)(divided(dividend, divisor) >> BITS);
 }
 
 INLINE_NEVER uint16_t divide_u16(uint32_t dividend, uint32_t divisor) {
-    return divisor > UINT16_MAX ? quotient_by_long(dividend, divisor) : divide_by_u16(dividend, (uint16_t)divisor);
+    return divisor > UINT16_MAX ? quotient_by_long(dividend, divisor)
+                                : divide_by_u16(dividend, (uint16_t)divisor);
 }
 
 uint32_t divide_u32(uint32_t dividend, uint16_t divisor) {

@@ -1,4 +1,5 @@
-// Constant tables in flash: on AVR they would otherwise cost RAM; on the host they are plain constants.
+// Constant tables in flash: on AVR they would otherwise cost RAM; on the host they are plain
+// constants.
 #ifndef VGROOVE_CORE_FLASH_H
 #define VGROOVE_CORE_FLASH_H
 
@@ -7,7 +8,9 @@
 #ifdef __AVR__
 #include <avr/pgmspace.h>
 #define FLASH_TABLE PROGMEM
-#define FLASH_PAGE __attribute__((aligned(256)))  // a table of 256 bytes whose index is the low byte of its address
+#define FLASH_PAGE                                                                                 \
+    __attribute__((                                                                                \
+        aligned(256)))  // a table of 256 bytes whose index is the low byte of its address
 #define FLASH_U8(place) pgm_read_byte(place)
 #define FLASH_I16(place) ((int16_t)pgm_read_word(place))
 #else

@@ -1,4 +1,5 @@
-// Queues between one interrupt and the tick, without locks: one side pushes, the other pops, indices are single bytes.
+// Queues between one interrupt and the tick, without locks: one side pushes, the other pops,
+// indices are single bytes.
 #ifndef VGROOVE_CORE_RING_H
 #define VGROOVE_CORE_RING_H
 
@@ -33,8 +34,9 @@ typedef struct {
 
 // How many whole frames fit, at most 3.
 uint8_t ring_frames_free(const RingFrames *self);
-uint8_t *ring_frame_at(RingFrames *self, uint8_t ahead);  // place of the next frame (0) or the one after it (1)
-void ring_push_frames(RingFrames *self, uint8_t count);   // that have been built there
+uint8_t *ring_frame_at(RingFrames *self,
+                       uint8_t ahead);  // place of the next frame (0) or the one after it (1)
+void ring_push_frames(RingFrames *self, uint8_t count);  // that have been built there
 bool ring_pop_frame_byte(RingFrames *self, uint8_t *item);
 
 // False when full: the item is dropped.

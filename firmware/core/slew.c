@@ -4,7 +4,9 @@
 int16_t slew_towards(int16_t now, int16_t target, int16_t step) {
     // A distance may have 16 bits and no sign.
     if (target > now) {
-        return (uint16_t)((uint16_t)target - (uint16_t)now) > (uint16_t)step ? (int16_t)(now + step) : target;
+        return (uint16_t)((uint16_t)target - (uint16_t)now) > (uint16_t)step ? (int16_t)(now + step)
+                                                                             : target;
     }
-    return (uint16_t)((uint16_t)now - (uint16_t)target) > (uint16_t)step ? (int16_t)(now - step) : target;
+    return (uint16_t)((uint16_t)now - (uint16_t)target) > (uint16_t)step ? (int16_t)(now - step)
+                                                                         : target;
 }

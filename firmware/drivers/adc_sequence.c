@@ -9,18 +9,24 @@
 #define SAMPLES_A_TICK (HAL_CYCLES_PER_TICK / HAL_CYCLES_PER_SAMPLE)
 #define CYCLES_BEYOND (HAL_CYCLES_PER_TICK % HAL_CYCLES_PER_SAMPLE)
 #define FIRST_USABLE (HAL_FIRST_SAMPLE_CYCLES + HAL_LATENCY_CYCLES)
-#define LATE_SAMPLES 6u  // conversions during the longest wait of a tick for its turn; more left over means that the count has slipped
-#define LEFT_BEHIND 2u   // after a surplus, so that the next tick is not short
+#define LATE_SAMPLES                                                                               \
+    6u  // conversions during the longest wait of a tick for its turn; more left over means that the
+        // count has slipped
+#define LEFT_BEHIND 2u  // after a surplus, so that the next tick is not short
 
-// Every fourth slot, from the third on, is not the current's: neither the interrupt nor the tick's loop needs a table to know.
+// Every fourth slot, from the third on, is not the current's: neither the interrupt nor the tick's
+// loop needs a table to know.
 #define OTHER_EVERY 4u
 #define OTHER_AT 2u
 
-_Static_assert(offsetof(AdcSequence, high) == offsetof(AdcSequence, low) + ADC_SEQUENCE_RING, "sample_of");
+_Static_assert(offsetof(AdcSequence, high) == offsetof(AdcSequence, low) + ADC_SEQUENCE_RING,
+               "sample_of");
 
 static const uint8_t slots[ADC_SEQUENCE_SLOTS] FLASH_TABLE = {
-    HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_BUS, HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_TRIGGER,     HAL_ADC_CURRENT,
-    HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_BUS, HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_TEMPERATURE, HAL_ADC_CURRENT,
+    HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_BUS,         HAL_ADC_CURRENT,
+    HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_TRIGGER,     HAL_ADC_CURRENT,
+    HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_BUS,         HAL_ADC_CURRENT,
+    HAL_ADC_CURRENT, HAL_ADC_CURRENT, HAL_ADC_TEMPERATURE, HAL_ADC_CURRENT,
 };
 
 void adc_sequence_init(AdcSequence *self) {
@@ -40,7 +46,8 @@ void adc_sequence_set_trip(AdcSequence *self, uint16_t low, uint16_t high) {
     hal_unlock(lock);
 }
 
-// How many samples belong to the tick that begins; `*lost` becomes true when the ring does not hold what the cadence says.
+// How many samples belong to the tick that begins; `*lost` becomes true when the ring does not hold
+// what the cadence says.
 static uint8_t samples_due(AdcSequence *self, bool *lost) {
     const uint8_t held = (uint8_t)(self->head - self->tail);
     uint8_t due = SAMPLES_A_TICK;
@@ -60,14 +67,16 @@ static uint8_t samples_due(AdcSequence *self, bool *lost) {
     return 0;
 }
 
-// Two compares, one limit at a time: a single one of (counts - low) would need two more registers in the interrupt, 8 cycles.
+// Two compares, one limit at a time: a single one of (counts - low) would need two more registers
+// in the interrupt, 8 cycles.
 static bool trips(const AdcSequence *self, uint16_t counts) {
     return counts < self->trip_low || counts > self->trip_high;
 }
 
 // One address for both bytes: the arrays lie one after the other.
 static uint16_t sample_of(const AdcSequence *self, uint8_t slot) {
-    const volatile uint8_t *place = (const volatile uint8_t *)self + offsetof(AdcSequence, low) + slot % ADC_SEQUENCE_RING;
+    const volatile uint8_t *place =
+        (const volatile uint8_t *)self + offsetof(AdcSequence, low) + slot % ADC_SEQUENCE_RING;
     return (uint16_t)(place[0] | (uint16_t)((uint16_t)place[ADC_SEQUENCE_RING] << 8));
 }
 
@@ -80,7 +89,8 @@ static void take_other(AdcTick *out, uint8_t channel, uint16_t counts) {
     out->fresh = (uint8_t)(out->fresh | bit);
 }
 
-// Beyond the trip, which lies within the scale: what is saturated is so, too. One compare of what lies above the lower limit.
+// Beyond the trip, which lies within the scale: what is saturated is so, too. One compare of what
+// lies above the lower limit.
 static void note_beyond(AdcTick *out, uint16_t counts) {
     out->trips = true;
     if (counts == 0u || counts == ADC_SEQUENCE_TOP_COUNT) {
@@ -120,7 +130,8 @@ uint8_t adc_sequence_channel(uint8_t slot) {
     return FLASH_U8(&slots[slot % ADC_SEQUENCE_SLOTS]);
 }
 
-// Nothing interrupts it: `head` may move before the sample is in its place, which keeps a register free.
+// Nothing interrupts it: `head` may move before the sample is in its place, which keeps a register
+// free.
 bool adc_sequence_on_result(AdcSequence *self, uint16_t counts) {
     const uint8_t head = self->head;
     const uint8_t at = head % ADC_SEQUENCE_RING;

@@ -1,6 +1,8 @@
-// What the ADC converts when, and which results a tick may use: as many as the exact cadence says, however late an interrupt was.
+// What the ADC converts when, and which results a tick may use: as many as the exact cadence says,
+// however late an interrupt was.
 //
-// One conversion in every fourth PWM period, 7 or 8 a tick. The 16 slots are 12 x current, 2 x bus, trigger, temperature.
+// One conversion in every fourth PWM period, 7 or 8 a tick. The 16 slots are 12 x current, 2 x bus,
+// trigger, temperature.
 #ifndef VGROOVE_DRIVERS_ADC_SEQUENCE_H
 #define VGROOVE_DRIVERS_ADC_SEQUENCE_H
 
@@ -25,13 +27,17 @@ typedef struct {
 typedef struct {
     volatile uint16_t trip_low;   // least current counts that are allowed
     volatile uint16_t trip_high;  // and greatest
-    uint8_t next_channel;   // of the conversion after the one that completes next: known before the interrupt, so that it can be set first of all
-    volatile uint8_t head;  // conversions so far, modulo 256: head modulo 16 is the slot and the place in the ring
+    uint8_t next_channel;   // of the conversion after the one that completes next: known before the
+                            // interrupt, so that it can be set first of all
+    volatile uint8_t head;  // conversions so far, modulo 256: head modulo 16 is the slot and the
+                            // place in the ring
     uint8_t tail;           // conversions taken so far
-    int16_t cycles_ahead;   // of the tick, since the newest sample that it may use; negative before the first
+    int16_t cycles_ahead;   // of the tick, since the newest sample that it may use; negative before
+                            // the first
     volatile uint8_t low[ADC_SEQUENCE_RING];
     volatile uint8_t high[ADC_SEQUENCE_RING];
-    uint8_t after[ADC_SEQUENCE_SLOTS];  // channel two slots on; in RAM and beside the samples, where the interrupt reaches it at once
+    uint8_t after[ADC_SEQUENCE_SLOTS];  // channel two slots on; in RAM and beside the samples,
+                                        // where the interrupt reaches it at once
 } AdcSequence;
 
 void adc_sequence_init(AdcSequence *self);

@@ -23,7 +23,8 @@ uint16_t analog_supply_25mv(uint16_t supply_mv, bool *saturated) {
 
 int16_t analog_temperature_c_q4(uint16_t counts) {
     // 5 V / 1024 / 10 mV/C * 16 = 7.8125 = 7 + 13 / 16: in 16 bits
-    return (int16_t)((int16_t)(7u * counts + fixed_sixteenth((uint16_t)(13u * counts + 8u))) - TEMPERATURE_ZERO_Q4);
+    return (int16_t)((int16_t)(7u * counts + fixed_sixteenth((uint16_t)(13u * counts + 8u))) -
+                     TEMPERATURE_ZERO_Q4);
 }
 
 bool analog_temperature_plausible(uint16_t counts) {

@@ -6,7 +6,8 @@
 #include "core/flash.h"
 
 #define ADC_TOP 1023
-#define SPAN_MOST_Q4 16384u  // the whole scale: beyond it no limit changes, and sums with the offset stay in 16 bits
+#define SPAN_MOST_Q4                                                                               \
+    16384u  // the whole scale: beyond it no limit changes, and sums with the offset stay in 16 bits
 #define MID_SCALE_Q4 8192
 #define SAMPLES_MAX 8u
 // counts Q4 times A/count Q15 is A Q19; the result is Q9.
@@ -15,7 +16,8 @@
 
 // 2^20 / n turns a sum of n counts into their mean in Q4 with a shift by 16; high and low word.
 static const uint8_t factor_high[SAMPLES_MAX + 1u] FLASH_TABLE = {0, 16, 8, 5, 4, 3, 2, 2, 2};
-static const int16_t factor_low[SAMPLES_MAX + 1u] FLASH_TABLE = {0, 0, 0, 21845, 0, 13107, (int16_t)43691, 18725, 0};
+static const int16_t factor_low[SAMPLES_MAX + 1u] FLASH_TABLE = {
+    0, 0, 0, 21845, 0, 13107, (int16_t)43691, 18725, 0};
 
 void current_sense_init(CurrentSense *self, int16_t gain_a_q15, int16_t offset_q4) {
     *self = (CurrentSense){.gain_a_q15 = gain_a_q15, .offset_q4 = offset_q4};
@@ -23,7 +25,8 @@ void current_sense_init(CurrentSense *self, int16_t gain_a_q15, int16_t offset_q
 
 int16_t current_sense_mean_q4(uint16_t sum, uint8_t count) {
     const uint8_t n = count <= SAMPLES_MAX ? count : SAMPLES_MAX;
-    const uint16_t low = (uint16_t)(((uint32_t)sum * (uint16_t)FLASH_I16(&factor_low[n]) + 0x8000u) >> 16);
+    const uint16_t low =
+        (uint16_t)(((uint32_t)sum * (uint16_t)FLASH_I16(&factor_low[n]) + 0x8000u) >> 16);
     return (int16_t)(sum * FLASH_U8(&factor_high[n]) + low);
 }
 
@@ -40,7 +43,8 @@ static uint16_t within_scale(int16_t counts) {
 }
 
 CurrentLimits current_sense_limits(const CurrentSense *self, int16_t trip_a_q9) {
-    const uint16_t wanted_q4 = divide_by_u16((uint32_t)(uint16_t)trip_a_q9 << PRODUCT_SHIFT, (uint16_t)self->gain_a_q15);
+    const uint16_t wanted_q4 =
+        divide_by_u16((uint32_t)(uint16_t)trip_a_q9 << PRODUCT_SHIFT, (uint16_t)self->gain_a_q15);
     const int16_t span_q4 = (int16_t)(wanted_q4 < SPAN_MOST_Q4 ? wanted_q4 : SPAN_MOST_Q4);
     const int16_t low = (int16_t)((int16_t)(self->offset_q4 - span_q4 + 15) >> UNITS_COUNT_Q);
     const int16_t high = (int16_t)((int16_t)(self->offset_q4 + span_q4) >> UNITS_COUNT_Q);
@@ -58,8 +62,10 @@ bool current_sense_rest(CurrentSense *self, uint16_t sum, uint8_t count, bool *i
     if (self->rest_count < REST_SAMPLES) {
         return false;
     }
-    const int16_t mean_q4 = (int16_t)divide_by_u16((self->rest_sum << UNITS_COUNT_Q) + self->rest_count / 2u, self->rest_count);
-    *implausible = mean_q4 > MID_SCALE_Q4 + CURRENT_SENSE_REST_SPREAD_Q4 || mean_q4 < MID_SCALE_Q4 - CURRENT_SENSE_REST_SPREAD_Q4;
+    const int16_t mean_q4 = (int16_t)divide_by_u16(
+        (self->rest_sum << UNITS_COUNT_Q) + self->rest_count / 2u, self->rest_count);
+    *implausible = mean_q4 > MID_SCALE_Q4 + CURRENT_SENSE_REST_SPREAD_Q4 ||
+                   mean_q4 < MID_SCALE_Q4 - CURRENT_SENSE_REST_SPREAD_Q4;
     if (!*implausible) {
         self->offset_q4 = mean_q4;
     }

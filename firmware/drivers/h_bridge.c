@@ -27,7 +27,8 @@ void h_bridge_init(HBridge *self, uint8_t dead_counts) {
 
 int16_t h_bridge_compare(int16_t duty_q15) {
     const uint16_t magnitude = (uint16_t)(duty_q15 < 0 ? -(int32_t)duty_q15 : duty_q15);
-    const int16_t compare = (int16_t)(((uint32_t)magnitude * COMPARE_FACTOR + 0x8000u) >> (UNITS_DUTY_Q + 1u));
+    const int16_t compare =
+        (int16_t)(((uint32_t)magnitude * COMPARE_FACTOR + 0x8000u) >> (UNITS_DUTY_Q + 1u));
     return (int16_t)(duty_q15 < 0 ? -compare : compare);
 }
 
@@ -40,7 +41,8 @@ void h_bridge_leg_a(HBridgeOrder *order, uint8_t compare, uint8_t dead_counts) {
         return;
     }
     order->high_below = (uint8_t)(compare > below ? compare - below : 0);
-    order->low_above = (uint8_t)(compare < HAL_COMPARE_MAX - above ? compare + above : HAL_COMPARE_MAX);
+    order->low_above =
+        (uint8_t)(compare < HAL_COMPARE_MAX - above ? compare + above : HAL_COMPARE_MAX);
 }
 
 void h_bridge_next_row(HBridge *self) {
@@ -56,10 +58,12 @@ static HBridgePhase next_phase(const HBridge *self, bool leg_b_high) {
     return self->staged.leg_b_high == leg_b_high ? H_BRIDGE_DRIVING : H_BRIDGE_OPEN;
 }
 
-// Where leg A begins or ceases to conduct fully, one side turns on at the TOP at which the other turns off. So it goes there and back by way of
-// the value at which the low side rests already and the high side still keeps the whole dead time; values between the two would shorten it.
+// Where leg A begins or ceases to conduct fully, one side turns on at the TOP at which the other
+// turns off. So it goes there and back by way of the value at which the low side rests already and
+// the high side still keeps the whole dead time; values between the two would shorten it.
 static int16_t leg_a_reached(const HBridge *self, int16_t wanted) {
-    const int16_t beside_full = (int16_t)(HAL_COMPARE_MAX - (self->dead_counts - self->dead_counts / 2u));
+    const int16_t beside_full =
+        (int16_t)(HAL_COMPARE_MAX - (self->dead_counts - self->dead_counts / 2u));
     const bool full = self->staged.high_below == HAL_COMPARE_MAX;
     const bool low_rests = self->staged.low_above == HAL_COMPARE_MAX;
     const bool driving = self->staged.phase == H_BRIDGE_DRIVING;
@@ -89,7 +93,8 @@ static HBridgeOrder order_of(const HBridge *self, int16_t compare) {
 }
 
 void h_bridge_stage(HBridge *self, int16_t compare) {
-    if (self->staged.phase == H_BRIDGE_DRIVING && self->staged.compare == compare && self->staged_compare == compare) {
+    if (self->staged.phase == H_BRIDGE_DRIVING && self->staged.compare == compare &&
+        self->staged_compare == compare) {
         hal_apply_at(self->cycles_to_top < HAL_APPLY_MARGIN_CYCLES);
         return;  // the order stands
     }

@@ -1,6 +1,8 @@
-// Sign-magnitude bridge with synchronous rectification: a signed compare value becomes an order to the timer, applied by an interrupt of the tick timer.
+// Sign-magnitude bridge with synchronous rectification: a signed compare value becomes an order to
+// the timer, applied by an interrupt of the tick timer.
 //
-// Leg A switches, leg B is held: low in forward, v = c / 255 Vs; high in reverse, leg A at 255 - |c|, v = (c_A / 255 - 1) Vs. c = 0 brakes.
+// Leg A switches, leg B is held: low in forward, v = c / 255 Vs; high in reverse, leg A at 255 -
+// |c|, v = (c_A / 255 - 1) Vs. c = 0 brakes.
 //
 //            c                  c, same leg B
 //   OPEN --------> ARMED ---------------------> DRIVING --+
@@ -8,8 +10,9 @@
 //    +---------------+----------------------------+
 //       coast, the other leg B, or a trip
 //
-// The order is applied with the tick or 256 cycles after it, chosen so that both compare registers are written at least HAL_APPLY_MARGIN_CYCLES before the TOP
-// that latches them: which period a command starts in does not depend on interrupt latency.
+// The order is applied with the tick or 256 cycles after it, chosen so that both compare registers
+// are written at least HAL_APPLY_MARGIN_CYCLES before the TOP that latches them: which period a
+// command starts in does not depend on interrupt latency.
 #ifndef VGROOVE_DRIVERS_H_BRIDGE_H
 #define VGROOVE_DRIVERS_H_BRIDGE_H
 
@@ -51,11 +54,13 @@ int16_t h_bridge_compare(int16_t duty_q15);
 // Compare values of leg A for c in 0..255, `dead_counts` apart unless it does not switch at all.
 void h_bridge_leg_a(HBridgeOrder *order, uint8_t compare, uint8_t dead_counts);
 
-// Begin of a tick: moves the rows on. End of a tick: orders `compare` (-255..255 or H_BRIDGE_COAST) for the next one.
+// Begin of a tick: moves the rows on. End of a tick: orders `compare` (-255..255 or H_BRIDGE_COAST)
+// for the next one.
 void h_bridge_next_row(HBridge *self);
 void h_bridge_stage(HBridge *self, int16_t compare);
 
-// The tick has seen the over-current: what the interrupt did becomes what the rows report. Clearing is allowed once the fault is cleared.
+// The tick has seen the over-current: what the interrupt did becomes what the rows report. Clearing
+// is allowed once the fault is cleared.
 void h_bridge_note_trip(HBridge *self);
 void h_bridge_clear_trip(HBridge *self);
 

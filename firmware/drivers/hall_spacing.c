@@ -4,15 +4,23 @@
 #include "core/divide.h"
 #include "core/inline.h"
 
-#define UNIT_SHIFT 8u         // cycles of a period in 1/256
-#define LEARN_SHIFT 4u        // while learning: periods of up to 65 ms
-#define STEADY_SHIFT 5u       // two rounds agree within 1/32: an even speed
-#define ROUND_MAX (1u << 14)  // a round of up to 0.26 s: shares that add up to twice the whole give misfits below 2^16, too
+#define UNIT_SHIFT 8u    // cycles of a period in 1/256
+#define LEARN_SHIFT 4u   // while learning: periods of up to 65 ms
+#define STEADY_SHIFT 5u  // two rounds agree within 1/32: an even speed
+#define ROUND_MAX                                                                                  \
+    (1u << 14)  // a round of up to 0.26 s: shares that add up to twice the whole give misfits below
+                // 2^16, too
 #define CLEAR_RATIO 2u        // the best phase fits twice as well as the next
 #define UNEVEN_LEAST_Q15 164  // 0.5 %: pitches closer than this to a quarter need no index
 
-// Steps of a search: the round that is wanted, then a phase each; then it is over, until a new round begins.
-enum { SEARCH_NONE, SEARCH_WANTED, SEARCH_PHASES, SEARCH_OVER = SEARCH_PHASES + HALL_SPACING_PITCHES };
+// Steps of a search: the round that is wanted, then a phase each; then it is over, until a new
+// round begins.
+enum {
+    SEARCH_NONE,
+    SEARCH_WANTED,
+    SEARCH_PHASES,
+    SEARCH_OVER = SEARCH_PHASES + HALL_SPACING_PITCHES
+};
 
 void hall_spacing_forget(HallSpacing *self) {
     self->last_round = 0;  // no round is steady after it: sums begin anew with the next
@@ -29,7 +37,9 @@ void hall_spacing_learn(HallSpacing *self) {
 }
 
 INLINE_NEVER static bool steady(const HallSpacing *self) {
-    const uint32_t apart = self->this_round > self->last_round ? self->this_round - self->last_round : self->last_round - self->this_round;
+    const uint32_t apart = self->this_round > self->last_round
+                               ? self->this_round - self->last_round
+                               : self->last_round - self->this_round;
     return apart <= self->this_round >> STEADY_SHIFT;
 }
 
@@ -64,7 +74,8 @@ INLINE_NEVER bool hall_spacing_period(HallSpacing *self, uint32_t cycles) {
         return false;
     }
     if (self->learning) {
-        self->sum[self->at] += at_most_u16(cycles >> LEARN_SHIFT);  // no variable shift: a loop on the AVR
+        self->sum[self->at] +=
+            at_most_u16(cycles >> LEARN_SHIFT);  // no variable shift: a loop on the AVR
     } else {
         self->round[self->at] = at_most_u16(cycles >> UNIT_SHIFT);
     }
@@ -82,7 +93,8 @@ INLINE_NEVER bool hall_spacing_period(HallSpacing *self, uint32_t cycles) {
     return self->rounds >= HALL_SPACING_ROUNDS;
 }
 
-// Q15: the part has at most 22 bits and takes 10 more; the whole gives up the other 5, and has at least 13 left at the fastest edges.
+// Q15: the part has at most 22 bits and takes 10 more; the whole gives up the other 5, and has at
+// least 13 left at the fastest edges.
 int16_t hall_spacing_share(const HallSpacing *self, uint8_t pitch) {
     const uint32_t whole = (self->sum[0] + self->sum[1] + self->sum[2] + self->sum[3]) >> 5;
     return (int16_t)divide_u16((self->sum[pitch] << 10) + whole / 2u, whole);
@@ -158,7 +170,9 @@ static uint8_t conclude(HallSpacing *self, bool reverse) {
     return clear && self->phase == before ? now : HALL_SPACING_UNKNOWN;
 }
 
-INLINE_NEVER uint8_t hall_spacing_search(HallSpacing *self, const int16_t share_q15[HALL_SPACING_PITCHES], bool reverse) {
+INLINE_NEVER uint8_t hall_spacing_search(HallSpacing *self,
+                                         const int16_t share_q15[HALL_SPACING_PITCHES],
+                                         bool reverse) {
     BY_POINTER(self);
     if (self->step == SEARCH_WANTED) {
         begin_search(self, share_q15);

@@ -5,18 +5,23 @@
 #include "core/inline.h"
 #include "hal/hal.h"
 
-// rpm Q1 = 2 * 60 s/min * f_cpu * pitch / period, pitch in turns = 4 * share Q15 / 2^15 / pulses, 1 / pulses when it is an equal one.
+// rpm Q1 = 2 * 60 s/min * f_cpu * pitch / period, pitch in turns = 4 * share Q15 / 2^15 / pulses, 1
+// / pulses when it is an equal one.
 #define FACTOR_OF_TURN ((uint32_t)2 * 60u * HAL_CPU_HZ)  // 1.92e9 < 2^32
-#define SHARE_BITS 13u                                   // of an equal pitch, HALL_SPEED_PITCH_EQUAL_Q15
+#define SHARE_BITS 13u  // of an equal pitch, HALL_SPEED_PITCH_EQUAL_Q15
 #define SPEED_MAX_Q1 INT16_MAX
 #define CYCLES_PER_MS (HAL_CPU_HZ / 1000u)
-#define DOUBLE_RATIO 4u   // an edge after less than a quarter of the last period is a second edge of the same magnet
-#define MISSED_RATIO 11u  // times the least: below 2,979 rpm the drive can really halve its speed within a pitch
+#define DOUBLE_RATIO                                                                               \
+    4u  // an edge after less than a quarter of the last period is a second edge of the same magnet
+#define MISSED_RATIO                                                                               \
+    11u  // times the least: below 2,979 rpm the drive can really halve its speed within a pitch
 
-// The factor of a pitch is to that of an equal one as their shares: in two parts, since the product has 45 bits.
+// The factor of a pitch is to that of an equal one as their shares: in two parts, since the product
+// has 45 bits.
 static uint32_t factor_of_share(uint32_t factor_equal, int16_t share_q15) {
     const uint32_t share = (uint16_t)share_q15;
-    return (factor_equal >> SHARE_BITS) * share + (((factor_equal & (HALL_SPEED_PITCH_EQUAL_Q15 - 1u)) * share) >> SHARE_BITS);
+    return (factor_equal >> SHARE_BITS) * share +
+           (((factor_equal & (HALL_SPEED_PITCH_EQUAL_Q15 - 1u)) * share) >> SHARE_BITS);
 }
 
 static void restart_spacing(HallSpeed *self) {
@@ -62,14 +67,17 @@ static uint16_t speed_of(uint32_t factor, uint32_t period) {
     return divide_u16(factor + period / 2u, period);
 }
 
-// Within half of the last period: neither a second edge of the same magnet nor the one after a missed one. Most are, and are spared the rest.
+// Within half of the last period: neither a second edge of the same magnet nor the one after a
+// missed one. Most are, and are spared the rest.
 static bool is_even(const HallSpeed *self, uint32_t period) {
     const uint32_t half = self->period_cycles >> 1;
-    return self->edges >= 2u && period >= self->least_cycles && period >= half && period - half <= self->period_cycles;
+    return self->edges >= 2u && period >= self->least_cycles && period >= half &&
+           period - half <= self->period_cycles;
 }
 
 static bool is_double(const HallSpeed *self, uint32_t period) {
-    return period < self->least_cycles || (self->edges >= 2u && period < self->period_cycles / DOUBLE_RATIO);
+    return period < self->least_cycles ||
+           (self->edges >= 2u && period < self->period_cycles / DOUBLE_RATIO);
 }
 
 static bool is_missed(const HallSpeed *self, uint32_t period) {
@@ -77,10 +85,12 @@ static bool is_missed(const HallSpeed *self, uint32_t period) {
     if (self->edges < 2u || self->before_cycles == 0u || last > self->fast_cycles) {
         return false;
     }
-    const uint32_t change = last > self->before_cycles ? last - self->before_cycles : self->before_cycles - last;
+    const uint32_t change =
+        last > self->before_cycles ? last - self->before_cycles : self->before_cycles - last;
     const uint32_t quarter = last >> 2;
-    const uint32_t missing = 2u * last - period;                                  // of the second of two
-    return change <= quarter >> 1 && missing + quarter - 1u < 2u * quarter - 1u;  // the last two agree within an eighth
+    const uint32_t missing = 2u * last - period;  // of the second of two
+    return change <= quarter >> 1 &&
+           missing + quarter - 1u < 2u * quarter - 1u;  // the last two agree within an eighth
 }
 
 void hall_speed_learn(HallSpeed *self, bool learning) {
@@ -98,9 +108,11 @@ static void note_period(HallSpeed *self, uint32_t period) {
     self->spacing.learning = self->spacing.learning && !self->learned;
 }
 
-// The division of an edge by a long period leaves no time for it; fast edges, which may come in every tick, do.
+// The division of an edge by a long period leaves no time for it; fast edges, which may come in
+// every tick, do.
 bool hall_speed_search_due(const HallSpeed *self) {
-    return hall_spacing_search_due(&self->spacing) && (self->new_edges == 0u || self->period_cycles <= UINT16_MAX);
+    return hall_spacing_search_due(&self->spacing) &&
+           (self->new_edges == 0u || self->period_cycles <= UINT16_MAX);
 }
 
 CLONE_NEVER void hall_speed_search(HallSpeed *self) {
@@ -158,7 +170,8 @@ static void take_edges(HallSpeed *self, HallSpeedResult *result) {
     }
 }
 
-// With equal pitches the value falls once the age exceeds the last period; otherwise it may a little earlier.
+// With equal pitches the value falls once the age exceeds the last period; otherwise it may a
+// little earlier.
 static bool may_fall(const HallSpeed *self, uint32_t age) {
     return age > (self->index_known ? self->period_cycles / 2u : self->period_cycles);
 }
@@ -168,11 +181,14 @@ static uint16_t bound_of(const HallSpeed *self, uint32_t age) {
     return divide_u16(factor_at(self, self->index), age);
 }
 
-// Whether one pitch over the age is less than the speed that the tick's edge gives: told without a division, so that a tick needs only one. Both times
-// are below 2^16 here: the age of an edge that a tick takes is below 2^15, and the period less than twice that when the value may fall. In doubt, by
-// less than 0.02 % with four pulses a turn, it is: never more than one pitch over the age.
+// Whether one pitch over the age is less than the speed that the tick's edge gives: told without a
+// division, so that a tick needs only one. Both times are below 2^16 here: the age of an edge that
+// a tick takes is below 2^15, and the period less than twice that when the value may fall. In
+// doubt, by less than 0.02 % with four pulses a turn, it is: never more than one pitch over the
+// age.
 static bool bound_is_less(const HallSpeed *self, uint32_t factor, uint32_t age) {
-    const uint32_t bound = (uint32_t)(uint16_t)(factor_at(self, self->index) >> 16) * (uint16_t)self->period_cycles;
+    const uint32_t bound =
+        (uint32_t)(uint16_t)(factor_at(self, self->index) >> 16) * (uint16_t)self->period_cycles;
     return bound <= (uint32_t)(uint16_t)((factor >> 16) + 1u) * (uint16_t)age;
 }
 
@@ -180,7 +196,8 @@ static bool bound_is_less(const HallSpeed *self, uint32_t factor, uint32_t age) 
 static uint16_t fresh_speed(const HallSpeed *self, uint32_t age) {
     const uint32_t factor = self->edge_known ? self->edge_factor : self->factor_equal;
     // With equal pitches the bound is less, since the age exceeds the period.
-    const bool falls = may_fall(self, age) && (!self->index_known || bound_is_less(self, factor, age));
+    const bool falls =
+        may_fall(self, age) && (!self->index_known || bound_is_less(self, factor, age));
     return falls ? bound_of(self, age) : speed_of(factor, self->period_cycles);
 }
 

@@ -1,7 +1,9 @@
-// Motor speed from Hall edges: one pitch over the last period, falling with the time since the last edge, 0 after the time-out.
+// Motor speed from Hall edges: one pitch over the last period, falling with the time since the last
+// edge, 0 after the time-out.
 //
-// The four pitches that repeat (magnets and switching points are never evenly spaced) are shares of their sum, learned by hall_spacing.h. Which
-// of the four an edge closes is known only while `index_known`; until then all pitches count as equal.
+// The four pitches that repeat (magnets and switching points are never evenly spaced) are shares of
+// their sum, learned by hall_spacing.h. Which of the four an edge closes is known only while
+// `index_known`; until then all pitches count as equal.
 #ifndef VGROOVE_DRIVERS_HALL_SPEED_H
 #define VGROOVE_DRIVERS_HALL_SPEED_H
 
@@ -51,7 +53,8 @@ typedef struct {
     bool overflowed;
 } HallSpeedResult;
 
-// A freshly zeroed HallSpeed is one at rest. pulses: edges a turn; the pitches are to be set after it.
+// A freshly zeroed HallSpeed is one at rest. pulses: edges a turn; the pitches are to be set after
+// it.
 void hall_speed_configure(HallSpeed *self, uint8_t pulses, uint16_t timeout_ms);
 void hall_speed_set_pitch(HallSpeed *self, uint8_t pitch, int16_t share_q15);
 HallSpeedResult hall_speed_tick(HallSpeed *self);
@@ -62,10 +65,12 @@ bool hall_speed_at_rest(const HallSpeed *self);
 // Speed of the last period, without sign; 0 when the last edge was the only one since standstill.
 uint16_t hall_speed_last_rpm_q1(const HallSpeed *self);
 
-// One Hall gives no sign: it is that of the drive, and is taken over at standstill only. False while the shaft turns.
+// One Hall gives no sign: it is that of the drive, and is taken over at standstill only. False
+// while the shaft turns.
 bool hall_speed_set_reverse(HallSpeed *self, bool reverse);
 
-// From now on the pitches are learned, or no longer; `learned` says when their shares are there. It needs 256 edges at an even speed.
+// From now on the pitches are learned, or no longer; `learned` says when their shares are there. It
+// needs 256 edges at an even speed.
 void hall_speed_learn(HallSpeed *self, bool learning);
 
 // The index of uneven pitches is wanted: a step of its search, for a tick that has the time.

@@ -25,11 +25,14 @@ void trigger_set_travel(Trigger *self, uint16_t counts) {
     } else if (counts >= self->high_count) {
         self->travel_q15 = INT16_MAX;
     } else {
-        self->travel_q15 = (int16_t)(((uint32_t)(uint16_t)(2u * (counts - self->low_count)) * self->factor_q7) >> (FACTOR_Q + 1u));
+        self->travel_q15 =
+            (int16_t)(((uint32_t)(uint16_t)(2u * (counts - self->low_count)) * self->factor_q7) >>
+                      (FACTOR_Q + 1u));
     }
 }
 
-// Counters in bit planes: plane k holds bit k of the count of every switch, so that four are debounced in the time of one.
+// Counters in bit planes: plane k holds bit k of the count of every switch, so that four are
+// debounced in the time of one.
 void trigger_set_switches(Trigger *self, uint8_t raw) {
     const uint8_t differs = raw ^ self->stable;
     if (differs == 0u) {
@@ -43,7 +46,8 @@ void trigger_set_switches(Trigger *self, uint8_t raw) {
     self->ticks[0] = (uint8_t)(~one & differs);
     self->ticks[1] = (two ^ one) & differs;
     self->ticks[2] = (self->ticks[2] ^ (two & one)) & differs;
-    const uint8_t reached = (uint8_t)(self->ticks[2] & ~self->ticks[1] & self->ticks[0]);  // 5 = TRIGGER_DEBOUNCE_TICKS
+    const uint8_t reached =
+        (uint8_t)(self->ticks[2] & ~self->ticks[1] & self->ticks[0]);  // 5 = TRIGGER_DEBOUNCE_TICKS
     self->stable ^= reached;
     self->ticks[0] &= (uint8_t)~reached;
     self->ticks[2] &= (uint8_t)~reached;

@@ -1,4 +1,5 @@
-// Trigger travel, its contact and the switches: dead bands, debouncing. The ramp of the duty is core/slew.h.
+// Trigger travel, its contact and the switches: dead bands, debouncing. The ramp of the duty is
+// core/slew.h.
 #ifndef VGROOVE_DRIVERS_TRIGGER_H
 #define VGROOVE_DRIVERS_TRIGGER_H
 
@@ -13,10 +14,12 @@ typedef struct {
     uint32_t factor_q7;   // 2^22 / (high - low): Q15 travel of a count, with 7 more binary places
     int16_t travel_q15;
     uint8_t stable;    // debounced, HAL_SWITCH_*
-    uint8_t ticks[3];  // binary counters of all switches side by side: for how long each has differed from its stable value
+    uint8_t ticks[3];  // binary counters of all switches side by side: for how long each has
+                       // differed from its stable value
 } Trigger;
 
-// Begins with the contact taken for closed: a tool that is switched on with the trigger held must not start.
+// Begins with the contact taken for closed: a tool that is switched on with the trigger held must
+// not start.
 void trigger_init(Trigger *self);
 void trigger_set_ends(Trigger *self, uint16_t low_count, uint16_t high_count);
 void trigger_set_travel(Trigger *self, uint16_t counts);

@@ -1,4 +1,5 @@
-// The whole boundary between the firmware and the machine: raw counts, cycles, bytes. hal/avr, hal/sim or hal/native is linked behind it.
+// The whole boundary between the firmware and the machine: raw counts, cycles, bytes. hal/avr,
+// hal/sim or hal/native is linked behind it.
 #ifndef VGROOVE_HAL_H
 #define VGROOVE_HAL_H
 
@@ -12,11 +13,14 @@
 #define HAL_CYCLES_PER_TICK 16000u  // Timer2: tick k at 16,000 (k + 1)
 #define HAL_CYCLES_PER_PERIOD 510u  // Timer0: TOP j at 255 + 510 j, BOTTOM between
 #define HAL_FIRST_TOP_CYCLES 255u
-#define HAL_CYCLES_PER_SAMPLE 2040u    // ADC: every fourth BOTTOM, first at 510
-#define HAL_FIRST_SAMPLE_CYCLES 2241u  // its result: 13.5 ADC clocks of 128 cycles and 3 of synchronisation later
-#define HAL_LATENCY_CYCLES 319u        // a tick uses the results that came this long before it (docs/firmware.md, "Timing")
-#define HAL_APPLY_LATER_CYCLES 256u    // second compare of Timer2 after the tick
-#define HAL_APPLY_MARGIN_CYCLES 250u   // compare values are written this long before the TOP that latches them, at least
+#define HAL_CYCLES_PER_SAMPLE 2040u  // ADC: every fourth BOTTOM, first at 510
+#define HAL_FIRST_SAMPLE_CYCLES                                                                    \
+    2241u  // its result: 13.5 ADC clocks of 128 cycles and 3 of synchronisation later
+#define HAL_LATENCY_CYCLES                                                                         \
+    319u  // a tick uses the results that came this long before it (docs/firmware.md, "Timing")
+#define HAL_APPLY_LATER_CYCLES 256u  // second compare of Timer2 after the tick
+#define HAL_APPLY_MARGIN_CYCLES                                                                    \
+    250u  // compare values are written this long before the TOP that latches them, at least
 #define HAL_COMPARE_MAX 255
 
 enum {
@@ -38,20 +42,24 @@ enum {
 };
 
 // Leg A is the PWM leg (Timer0), leg B is held low (forward) or high (reverse).
-void hal_bridge_cut(void);                                   // all gates off, at once
-void hal_bridge_open(void);                                  // the same, and leg A prepared to stay off when armed
-void hal_bridge_arm(bool leg_b_high);                        // from open only: leg B chosen, leg A connected but off, driver still disabled
-void hal_bridge_set(uint8_t high_below, uint8_t low_above);  // from armed on: compare values of leg A, latched at TOP; driver enabled
-void hal_apply_at(bool later);                               // when app_on_apply comes: with the next tick, or HAL_APPLY_LATER_CYCLES after it
-uint8_t hal_switches(void);                                  // HAL_SWITCH_*, closed = 1
+void hal_bridge_cut(void);             // all gates off, at once
+void hal_bridge_open(void);            // the same, and leg A prepared to stay off when armed
+void hal_bridge_arm(bool leg_b_high);  // from open only: leg B chosen, leg A connected but off,
+                                       // driver still disabled
+void hal_bridge_set(
+    uint8_t high_below,
+    uint8_t low_above);  // from armed on: compare values of leg A, latched at TOP; driver enabled
+void hal_apply_at(
+    bool later);  // when app_on_apply comes: with the next tick, or HAL_APPLY_LATER_CYCLES after it
+uint8_t hal_switches(void);  // HAL_SWITCH_*, closed = 1
 void hal_uart_start(uint8_t baud);
 void hal_uart_wake(void);                       // bytes wait in the transmit ring
 uint16_t hal_tick_cycles(uint16_t tick_stamp);  // cycles since the tick
 uint16_t hal_stack_free(void);                  // bytes the stack has never touched
-uint8_t hal_reset_cause(void);                  // bit 0 power-on, 1 external, 2 brown-out, 3 watchdog
-uint8_t hal_target(void);                       // TELEMETRY_TARGET_*
-void hal_mark_control(bool runs);               // for the bench: the controller's step begins or ends
-uint8_t hal_lock(void);                         // interrupts off; returns what hal_unlock wants back
+uint8_t hal_reset_cause(void);     // bit 0 power-on, 1 external, 2 brown-out, 3 watchdog
+uint8_t hal_target(void);          // TELEMETRY_TARGET_*
+void hal_mark_control(bool runs);  // for the bench: the controller's step begins or ends
+uint8_t hal_lock(void);            // interrupts off; returns what hal_unlock wants back
 void hal_unlock(uint8_t before);
 
 #endif

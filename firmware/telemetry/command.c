@@ -35,7 +35,8 @@ static void count_errors(CommandParser *self, uint8_t bytes) {
     self->errors = (uint8_t)(self->errors > UINT8_MAX - bytes ? UINT8_MAX : self->errors + bytes);
 }
 
-// Gives up the first byte and some after it that cannot start a frame; true when the next one can, or there is none.
+// Gives up the first byte and some after it that cannot start a frame; true when the next one can,
+// or there is none.
 INLINE_NEVER static bool resynchronise(CommandParser *self) {
     uint8_t first = 1;
     while (first < GIVEN_UP_MAX && !plausible(self, first)) {
@@ -64,7 +65,8 @@ static void take_frame(const CommandParser *self, Command *out) {
         out->result = TELEMETRY_ACK_RESULT_BAD_CRC;
     } else if (id[2] != 0u || id[3] != 0u) {
         out->result = TELEMETRY_ACK_RESULT_UNKNOWN_ID;
-    } else if (out->id == self->last_id && out->sequence == self->last_sequence && self->buffer[CRC_AT] == self->last_crc) {
+    } else if (out->id == self->last_id && out->sequence == self->last_sequence &&
+               self->buffer[CRC_AT] == self->last_crc) {
         out->result = self->last_result;
     } else {
         out->result = TELEMETRY_ACK_RESULT_OK;
@@ -121,7 +123,9 @@ bool command_next(CommandParser *self, uint8_t byte, Command *out) {
 }
 
 void command_answered(CommandParser *self, const Command *command, Telemetry *telemetry) {
-    const TelemetryAck ack = {.ack_command = command->id, .ack_sequence = command->sequence, .ack_result = command->result};
+    const TelemetryAck ack = {.ack_command = command->id,
+                              .ack_sequence = command->sequence,
+                              .ack_result = command->result};
     if (command->fresh) {
         self->last_id = command->id;
         self->last_sequence = command->sequence;

@@ -1,7 +1,8 @@
-// Inbound frames out of a stream of bytes: resynchronises after garbage, checks the CRC, recognises a command that is sent again.
+// Inbound frames out of a stream of bytes: resynchronises after garbage, checks the CRC, recognises
+// a command that is sent again.
 //
-// A command is answered before the next is parsed, so that every command gets its ACK. What costs time comes in steps of its own, for ticks that read
-// nothing:
+// A command is answered before the next is parsed, so that every command gets its ACK. What costs
+// time comes in steps of its own, for ticks that read nothing:
 //     if (!telemetry_ack_waits(&telemetry)) {
 //         if (command_wants(&parser)) {
 //             while (command_wants(&parser) && uart_read(&byte)) command_byte(&parser, byte);
@@ -50,7 +51,8 @@ typedef struct {
 bool command_wants(const CommandParser *self);
 void command_byte(CommandParser *self, uint8_t byte);  // only when wanted
 
-// When no byte is wanted: true when it hands out a command, false when it has checked one or looked for the begin of a frame in what there is.
+// When no byte is wanted: true when it hands out a command, false when it has checked one or looked
+// for the begin of a frame in what there is.
 bool command_step(CommandParser *self, Command *out);
 
 // Takes one received byte, with all steps; true when it completes a frame, which is then in `out`.

@@ -1,4 +1,6 @@
-"""Generate what follows from the signal list (vgroove.dbc) and the parameter list (param_table.h); --check only compares."""
+"""Generate what follows from the signal list (vgroove.dbc) and the parameter list (param_table.h);
+--check only compares.
+"""
 
 import argparse
 import difflib
@@ -46,10 +48,24 @@ def crc8(data: bytes, crc: int = CRC8_INIT) -> int:
 def read_parameters(text: str) -> tuple[int, list[Parameter]]:
     """Version and lines of the X-macro list in param_table.h."""
     version = int(re.search(r"#define PARAM_VERSION (\d+)u", text).group(1))
-    pattern = r'X\((\w+),\s*"([^"]*)",\s*(-?\d+),\s*(-?\d+),\s*(-?\d+),\s*(\d+)\)\s*/\*\s*(.*?)\s*\*/'
+    pattern = (
+        r'X\((\w+),\s*"([^"]*)",\s*(-?\d+),\s*(-?\d+),\s*(-?\d+),\s*(\d+)\)\s*/\*\s*(.*?)\s*\*/'
+    )
     found = [
-        Parameter(index, name.lower(), unit, q_of(name), int(default), int(least), int(greatest), int(since), note)
-        for index, (name, unit, default, least, greatest, since, note) in enumerate(re.findall(pattern, text))
+        Parameter(
+            index,
+            name.lower(),
+            unit,
+            q_of(name),
+            int(default),
+            int(least),
+            int(greatest),
+            int(since),
+            note,
+        )
+        for index, (name, unit, default, least, greatest, since, note) in enumerate(
+            re.findall(pattern, text)
+        )
     ]
     check_parameters(version, found, text)
     return version, found
@@ -65,15 +81,23 @@ def check_parameters(version: int, parameters: list[Parameter], text: str) -> No
     """Refuse a list that the firmware could not hold or migrate."""
     lines = sum(1 for line in text.splitlines() if re.match(r"\s*X\(", line))
     if lines != len(parameters):
-        raise SystemExit(f"{PARAM_TABLE.name}: {lines} lines begin with X( but {len(parameters)} could be read")
+        raise SystemExit(
+            f"{PARAM_TABLE.name}: {lines} lines begin with X( but {len(parameters)} could be read"
+        )
     for earlier, later in zip(parameters, parameters[1:], strict=False):
         if later.version < earlier.version:
-            raise SystemExit(f"{PARAM_TABLE.name}: {later.name} must stand before parameters of a newer version")
+            raise SystemExit(
+                f"{PARAM_TABLE.name}: {later.name} must stand before parameters of a newer version"
+            )
     for p in parameters:
         if not -32768 <= p.minimum <= p.default <= p.maximum <= 32767:
-            raise SystemExit(f"{PARAM_TABLE.name}: {p.name} needs -32768 <= least <= default <= greatest <= 32767")
+            raise SystemExit(
+                f"{PARAM_TABLE.name}: {p.name} needs -32768 <= least <= default <= greatest <= 32767"
+            )
     if parameters[-1].version != version:
-        raise SystemExit(f"{PARAM_TABLE.name}: PARAM_VERSION is {version}, the newest parameter is of version {parameters[-1].version}")
+        raise SystemExit(
+            f"{PARAM_TABLE.name}: PARAM_VERSION is {version}, the newest parameter is of version {parameters[-1].version}"
+        )
 
 
 def c_type(signal: Signal) -> str:
@@ -85,7 +109,9 @@ def c_type(signal: Signal) -> str:
 def raw_limits(signal: Signal) -> tuple[int, int]:
     """Least and greatest raw value that the list allows."""
     scale = signal.scale
-    return round((signal.minimum - signal.offset) / scale), round((signal.maximum - signal.offset) / scale)
+    return round((signal.minimum - signal.offset) / scale), round(
+        (signal.maximum - signal.offset) / scale
+    )
 
 
 def c_literal(value: int, signal: Signal) -> str:
@@ -126,7 +152,10 @@ def header_message(message: Message) -> list[str]:
     """Identifier, limits, value names and struct of one message."""
     prefix = f"TELEMETRY_{message.name}"
     seed = crc8(message.frame_id.to_bytes(4, "little"))
-    lines = [f"#define {prefix}_ID {message.frame_id}u", f"#define {prefix}_CRC_SEED 0x{seed:02X}u  // CRC-8 register after the id"]
+    lines = [
+        f"#define {prefix}_ID {message.frame_id}u",
+        f"#define {prefix}_CRC_SEED 0x{seed:02X}u  // CRC-8 register after the id",
+    ]
     for signal in payload(message):
         name = f"TELEMETRY_{signal.name.upper()}"
         least, greatest = raw_limits(signal)
@@ -147,7 +176,9 @@ def snake(message: Message) -> str:
 
 
 def prototype(message: Message) -> str:
-    """Signature of a message's one function: pack for outbound, unpack (false: out of range) for inbound frames."""
+    """Signature of a message's one function: pack for outbound, unpack (false: out of range) for
+    inbound frames.
+    """
     kind = f"Telemetry{camel(message.name)}"
     if is_inbound(message):
         return f"bool telemetry_unpack_{snake(message)}({kind} *signals, const uint8_t data[TELEMETRY_DATA_BYTES])"
@@ -195,9 +226,17 @@ def raw_value(signal: Signal) -> str:
 
 
 def is_shifted(signal: Signal) -> bool:
-    """Whether a signal is shifted to its first byte once: its upper byte is then a move, while a shift by 3 to 7 is a loop on the AVR."""
+    """Whether a signal is shifted to its first byte once: its upper byte is then a move, while a
+    shift by 3 to 7 is a loop on the AVR.
+    """
     offset = signal.start % 8
-    return not signal.is_signed and signal.length > 8 and 0 < offset and signal.length > 8 - offset and signal.length + offset <= 16
+    return (
+        not signal.is_signed
+        and signal.length > 8
+        and 0 < offset
+        and signal.length > 8 - offset
+        and signal.length + offset <= 16
+    )
 
 
 def packed_part(signal: Signal, byte: int) -> str | None:
@@ -208,7 +247,11 @@ def packed_part(signal: Signal, byte: int) -> str | None:
     shift = 8 * byte - first
     top = last - 8 * byte  # bit of the byte that the signal's last bit would take
     if is_shifted(signal):
-        return f"{signal.name} & 0xFFu" if shift < 0 else f"({signal.name} >> 8) & 0x{(1 << (top + 1)) - 1:X}u"
+        return (
+            f"{signal.name} & 0xFFu"
+            if shift < 0
+            else f"({signal.name} >> 8) & 0x{(1 << (top + 1)) - 1:X}u"
+        )
     value = raw_value(signal)
     if shift > 0:
         value = f"{value} >> {shift}"
@@ -221,7 +264,9 @@ def pack_function(message: Message) -> list[str]:
     """Body that assembles each byte from the signals that touch it; bits of no signal are 0."""
     lines = [prototype(message) + " {"]
     for signal in filter(is_shifted, payload(message)):
-        lines.append(f"    const uint16_t {signal.name} = (uint16_t)(signals->{signal.name} << {signal.start % 8});")
+        lines.append(
+            f"    const uint16_t {signal.name} = (uint16_t)(signals->{signal.name} << {signal.start % 8});"
+        )
     for byte in range(7):
         parts = [part for signal in payload(message) if (part := packed_part(signal, byte))]
         if not parts:
@@ -229,20 +274,30 @@ def pack_function(message: Message) -> list[str]:
         elif len(parts) == 1:
             lines.append(f"    data[{byte}] = (uint8_t)({parts[0]});")
         else:
-            lines.append(f"    data[{byte}] = (uint8_t)(" + " | ".join(bracketed(part) for part in parts) + ");")
+            lines.append(
+                f"    data[{byte}] = (uint8_t)("
+                + " | ".join(bracketed(part) for part in parts)
+                + ");"
+            )
     return [*lines, "}", ""]
 
 
 def unpack_value(message: Message, signal: Signal) -> str:
     """C expression of an inbound signal, which must lie on whole bytes."""
     if signal.start % 8 or signal.length not in (8, 16, 32):
-        raise SystemExit(f"{DBC.name}: {message.name}.{signal.name}: an inbound signal must fill 1, 2 or 4 whole bytes")
+        raise SystemExit(
+            f"{DBC.name}: {message.name}.{signal.name}: an inbound signal must fill 1, 2 or 4 whole bytes"
+        )
     first = signal.start // 8
     wide = f"uint{signal.length}_t"
     places = range(signal.length // 8)
-    parts = [f"({wide})data[{first + k}] << {8 * k}" if k else f"({wide})data[{first}]" for k in places]
+    parts = [
+        f"({wide})data[{first + k}] << {8 * k}" if k else f"({wide})data[{first}]" for k in places
+    ]
     value = " | ".join(bracketed(part) for part in parts)
-    return f"({c_type(signal)})({value})" if len(parts) > 1 or signal.is_signed else f"data[{first}]"
+    return (
+        f"({c_type(signal)})({value})" if len(parts) > 1 or signal.is_signed else f"data[{first}]"
+    )
 
 
 def unpack_function(message: Message) -> list[str]:
@@ -252,7 +307,11 @@ def unpack_function(message: Message) -> list[str]:
         lines.append(f"    signals->{signal.name} = {unpack_value(message, signal)};")
         least, greatest = raw_limits(signal)
         name = f"TELEMETRY_{signal.name.upper()}"
-        lower, upper = (-(2 ** (signal.length - 1)), 2 ** (signal.length - 1) - 1) if signal.is_signed else (0, 2**signal.length - 1)
+        lower, upper = (
+            (-(2 ** (signal.length - 1)), 2 ** (signal.length - 1) - 1)
+            if signal.is_signed
+            else (0, 2**signal.length - 1)
+        )
         checks += [f"signals->{signal.name} >= {name}_MIN"] if least > lower else []
         checks += [f"signals->{signal.name} <= {name}_MAX"] if greatest < upper else []
     return [*lines, f"    return {' && '.join(checks) or 'true'};", "}", ""]
@@ -260,7 +319,10 @@ def unpack_function(message: Message) -> list[str]:
 
 def source(messages: list[Message]) -> str:
     """telemetry_signals.c"""
-    lines = ["// Packing and unpacking of every telemetry frame.", f"// {NOTE.format(source=DBC.name)}"]
+    lines = [
+        "// Packing and unpacking of every telemetry frame.",
+        f"// {NOTE.format(source=DBC.name)}",
+    ]
     lines += ['#include "telemetry/telemetry_signals.h"', ""]
     for message in messages:
         lines += unpack_function(message) if is_inbound(message) else pack_function(message)
@@ -298,7 +360,9 @@ def parameters_page(version: int, parameters: list[Parameter]) -> str:
     for p in parameters:
         values = f"{physical(p.default, p)} | {physical(p.minimum, p)} .. {physical(p.maximum, p)}"
         raw = f"{p.default} | {p.minimum} .. {p.maximum}"
-        lines.append(f"| {p.index} | `{p.name}` | {p.unit} | {values} | {raw} | {p.version} | {p.text} |")
+        lines.append(
+            f"| {p.index} | `{p.name}` | {p.unit} | {values} | {raw} | {p.version} | {p.text} |"
+        )
     return "\n".join([*lines, ""])
 
 
@@ -322,7 +386,14 @@ def differences(texts: dict[Path, str]) -> list[str]:
     for path, text in texts.items():
         old = path.read_text(encoding="utf-8") if path.exists() else ""
         name = path.relative_to(ROOT).as_posix()
-        found += difflib.unified_diff(old.splitlines(), text.splitlines(), f"{name} (checked in)", f"{name} (generated)", lineterm="", n=1)
+        found += difflib.unified_diff(
+            old.splitlines(),
+            text.splitlines(),
+            f"{name} (checked in)",
+            f"{name} (generated)",
+            lineterm="",
+            n=1,
+        )
     return found
 
 

@@ -22,7 +22,8 @@ enum { TURN_STATE, TURN_CONTROL, TURN_OTHER, TURNS };
 #define DIVIDER_LEAST_250000 1u
 #define DIVIDER_LEAST_115200 2u
 
-static void finish_frame(uint8_t frame[TELEMETRY_FRAME_BYTES], uint16_t id, uint8_t crc_seed, uint32_t now_ms) {
+static void finish_frame(uint8_t frame[TELEMETRY_FRAME_BYTES], uint16_t id, uint8_t crc_seed,
+                         uint32_t now_ms) {
     frame[0] = FRAME_START;
     frame[1] = (uint8_t)now_ms;
     frame[2] = (uint8_t)(now_ms >> 8);
@@ -62,12 +63,14 @@ bool telemetry_ack_waits(const Telemetry *self) {
 }
 
 static bool to_be_packed(const Telemetry *self) {
-    return self->state_waits || self->control_waits || self->boot_waits || self->ack_waits || self->health_waits ||
-           self->dump_next != TELEMETRY_NONE || self->read_index != TELEMETRY_NONE;
+    return self->state_waits || self->control_waits || self->boot_waits || self->ack_waits ||
+           self->health_waits || self->dump_next != TELEMETRY_NONE ||
+           self->read_index != TELEMETRY_NONE;
 }
 
 bool telemetry_slow_waits(const Telemetry *self) {
-    return self->slow_packed || self->dumped_waits || (self->budget + self->budget_per_tick >= BUDGET_MAX && to_be_packed(self));
+    return self->slow_packed || self->dumped_waits ||
+           (self->budget + self->budget_per_tick >= BUDGET_MAX && to_be_packed(self));
 }
 
 bool telemetry_health_due(const Telemetry *self) {
@@ -80,17 +83,21 @@ bool telemetry_health_sent(const Telemetry *self) {
 
 static bool trigger_moved(uint8_t before, uint8_t now) {
     const uint8_t distance = (uint8_t)(before > now ? before - now : now - before);
-    return distance >= TRIGGER_STEP || (distance > 0u && (now == 0u || now == TELEMETRY_TRIGGER_MAX));
+    return distance >= TRIGGER_STEP ||
+           (distance > 0u && (now == 0u || now == TELEMETRY_TRIGGER_MAX));
 }
 
 static bool state_changed(const TelemetryState *before, const TelemetryState *now, uint16_t flags) {
-    return trigger_moved(before->trigger, now->trigger) || before->state != now->state || before->mode != now->mode ||
-           before->reverse != now->reverse || before->faults != now->faults || before->contact != now->contact || before->flags != flags;
+    return trigger_moved(before->trigger, now->trigger) || before->state != now->state ||
+           before->mode != now->mode || before->reverse != now->reverse ||
+           before->faults != now->faults || before->contact != now->contact ||
+           before->flags != flags;
 }
 
 static void note_state(Telemetry *self, const TelemetryInputs *in) {
     // A flag of one tick is not lost while the frame waits.
-    const uint16_t flags = self->state_waits ? in->state.flags | self->state.flags : in->state.flags;
+    const uint16_t flags =
+        self->state_waits ? in->state.flags | self->state.flags : in->state.flags;
     if (!state_changed(&self->state, &in->state, flags)) {
         return;
     }
@@ -108,7 +115,8 @@ static void note_state(Telemetry *self, const TelemetryInputs *in) {
 // Period and estimate go along: by themselves they are no news.
 static void note_control(Telemetry *self, const TelemetryInputs *in) {
     const TelemetryControl *now = &in->control;
-    if (self->control.blow_count == now->blow_count && self->control.control_state == now->control_state &&
+    if (self->control.blow_count == now->blow_count &&
+        self->control.control_state == now->control_state &&
         self->control.stop_reason == now->stop_reason) {
         return;
     }
@@ -131,7 +139,8 @@ static void note_second(Telemetry *self, uint32_t now_ms) {
 }
 
 static int16_t mean_of(int32_t sum, uint8_t count) {
-    const uint16_t mean = divide_by_u16((uint32_t)(sum < 0 ? -sum : sum) + (uint32_t)count / 2u, count);
+    const uint16_t mean =
+        divide_by_u16((uint32_t)(sum < 0 ? -sum : sum) + (uint32_t)count / 2u, count);
     return (int16_t)(sum < 0 ? -(int32_t)mean : (int32_t)mean);
 }
 
@@ -148,8 +157,10 @@ static void take_means(Telemetry *self, TelemetryFast *fast) {
     self->supply_sum = 0;
 }
 
-static void send_fast(Telemetry *self, const TelemetryFast *now, uint32_t now_ms, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
-    TelemetryFast fast = {now->current_a, now->speed_rpm, now->duty_compare, now->supply_v, self->fast_counter};
+static void send_fast(Telemetry *self, const TelemetryFast *now, uint32_t now_ms,
+                      uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+    TelemetryFast fast = {now->current_a, now->speed_rpm, now->duty_compare, now->supply_v,
+                          self->fast_counter};
     if (self->boot.fast_divider > 1u) {
         take_means(self, &fast);
     }
@@ -167,7 +178,8 @@ static void name_slow(Telemetry *self, uint16_t id, uint8_t crc_seed) {
 static void pack_state(Telemetry *self) {
     telemetry_pack_state(self->slow, &self->state);
     name_slow(self, TELEMETRY_STATE_ID, TELEMETRY_STATE_CRC_SEED);
-    self->state.state_counter = (uint8_t)((self->state.state_counter + 1u) & TELEMETRY_STATE_COUNTER_MAX);
+    self->state.state_counter =
+        (uint8_t)((self->state.state_counter + 1u) & TELEMETRY_STATE_COUNTER_MAX);
     self->state_waits = false;
 }
 
@@ -178,14 +190,17 @@ static void pack_control(Telemetry *self) {
 }
 
 static void pack_param(Telemetry *self, uint8_t index, const TelemetryInputs *in) {
-    const TelemetryParam param = {.param_index = index, .param_count = in->params.count, .param_value = in->params.value[index]};
+    const TelemetryParam param = {.param_index = index,
+                                  .param_count = in->params.count,
+                                  .param_value = in->params.value[index]};
     telemetry_pack_param(self->slow, &param);
     name_slow(self, TELEMETRY_PARAM_ID, TELEMETRY_PARAM_CRC_SEED);
 }
 
 // The CRC of the dump takes a parameter in: a tick's share like a slow frame's data.
 static void take_dumped(Telemetry *self) {
-    const uint8_t sign = self->dumped_value < 0 ? UINT8_MAX : 0u;  // the frame's value has four bytes
+    const uint8_t sign =
+        self->dumped_value < 0 ? UINT8_MAX : 0u;  // the frame's value has four bytes
     uint16_t crc = crc16_next(self->dump_crc16, (uint8_t)(self->dump_next - 1u));
     crc = crc16_next(crc, (uint8_t)self->dumped_value);
     crc = crc16_next(crc, (uint8_t)((uint16_t)self->dumped_value >> 8));
@@ -313,9 +328,11 @@ void telemetry_init(Telemetry *self, const TelemetryBoot *boot, uint8_t baud) {
     self->slow_packed = true;
 }
 
-// A slow frame takes two ticks, one for its data and one for the rest, and begins when the line has caught up: so no FAST frame waits for it, and its
-// ticks are spared the interrupts of what is still being sent. Returns how many frames are whole.
-static uint8_t step_slow(Telemetry *self, const TelemetryInputs *in, uint8_t frame[TELEMETRY_FRAME_BYTES]) {
+// A slow frame takes two ticks, one for its data and one for the rest, and begins when the line has
+// caught up: so no FAST frame waits for it, and its ticks are spared the interrupts of what is
+// still being sent. Returns how many frames are whole.
+static uint8_t step_slow(Telemetry *self, const TelemetryInputs *in,
+                         uint8_t frame[TELEMETRY_FRAME_BYTES]) {
     if (self->slow_packed) {
         send_slow(self, in->now_ms, frame);
         self->budget = (uint16_t)(self->budget - FRAME_COST);
@@ -329,12 +346,14 @@ static uint8_t step_slow(Telemetry *self, const TelemetryInputs *in, uint8_t fra
     return 0;
 }
 
-uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast, uint8_t out[TELEMETRY_TICK_BYTES_MAX]) {
+uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast,
+                       uint8_t out[TELEMETRY_TICK_BYTES_MAX]) {
     uint8_t *const place[2] = {out, &out[TELEMETRY_FRAME_BYTES]};
     return (uint8_t)(telemetry_frames(self, in, fast, place) * TELEMETRY_FRAME_BYTES);
 }
 
-uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast, uint8_t *const place[2]) {
+uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast,
+                         uint8_t *const place[2]) {
     uint8_t frames = 0;
     if (!in->hold_state) {
         note_state(self, in);

@@ -1,9 +1,12 @@
-// What the tool reports, when: frames in python-can's serial format, chosen from a byte budget that the line can carry.
+// What the tool reports, when: frames in python-can's serial format, chosen from a byte budget that
+// the line can carry.
 //
-// A frame is 0xAA, time (uint32 LE, ms), 8, id (uint32 LE), data[0..6], CRC-8 over id, time and data[0..6], 0xBB. FAST goes out every
-// `fast_divider` ticks and never waits; slow frames take what is left, at most one a tick: BOOT, then STATE, CONTROL and the others (ACK,
-// HEALTH, PARAM and PARAM_TABLE) in turn. The budget grows by baud/10,000 bytes a tick whether or not the UART has drained, so what is sent is a function of the
-// inputs alone; TELEMETRY_QUEUE_BYTES bounds what the UART's ring must hold.
+// A frame is 0xAA, time (uint32 LE, ms), 8, id (uint32 LE), data[0..6], CRC-8 over id, time and
+// data[0..6], 0xBB. FAST goes out every `fast_divider` ticks and never waits; slow frames take what
+// is left, at most one a tick: BOOT, then STATE, CONTROL and the others (ACK, HEALTH, PARAM and
+// PARAM_TABLE) in turn. The budget grows by baud/10,000 bytes a tick whether or not the UART has
+// drained, so what is sent is a function of the inputs alone; TELEMETRY_QUEUE_BYTES bounds what the
+// UART's ring must hold.
 #ifndef VGROOVE_TELEMETRY_H
 #define VGROOVE_TELEMETRY_H
 
@@ -28,7 +31,8 @@ typedef struct {
     TelemetryParamTable table;  // table_count and table_crc16 are filled in here
 } TelemetryParams;
 
-// All that one tick reports, but for FAST. Counters, state_tick, control_tick and the CRC of the parameters are filled in by the module.
+// All that one tick reports, but for FAST. Counters, state_tick, control_tick and the CRC of the
+// parameters are filled in by the module.
 typedef struct {
     uint32_t now_ms;
     TelemetryState state;
@@ -71,14 +75,18 @@ typedef struct {
 
 #define TELEMETRY_NONE 0xFFu
 
-// `boot` without protocol_version and with the wished fast_divider, which becomes what `baud` carries at least.
+// `boot` without protocol_version and with the wished fast_divider, which becomes what `baud`
+// carries at least.
 void telemetry_init(Telemetry *self, const TelemetryBoot *boot, uint8_t baud);
 
-// Frames of this tick, a slow one before the fast one, each into its place; returns how many. A slow one takes two ticks: data first, CRC then.
-uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast, uint8_t *const place[2]);
+// Frames of this tick, a slow one before the fast one, each into its place; returns how many. A
+// slow one takes two ticks: data first, CRC then.
+uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast,
+                         uint8_t *const place[2]);
 
 // The same one after the other into `out`; returns their bytes.
-uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast, uint8_t out[TELEMETRY_TICK_BYTES_MAX]);
+uint8_t telemetry_tick(Telemetry *self, const TelemetryInputs *in, const TelemetryFast *fast,
+                       uint8_t out[TELEMETRY_TICK_BYTES_MAX]);
 
 // A slow frame waits, and the line will have caught up for it with the next tick.
 bool telemetry_slow_waits(const Telemetry *self);
@@ -86,7 +94,8 @@ bool telemetry_slow_waits(const Telemetry *self);
 // Whether the next tick may send HEALTH: only then must its inputs be filled in.
 bool telemetry_health_due(const Telemetry *self);
 
-// True in the tick that took the figures of a HEALTH frame: the owner of the figures may restart its maxima.
+// True in the tick that took the figures of a HEALTH frame: the owner of the figures may restart
+// its maxima.
 bool telemetry_health_sent(const Telemetry *self);
 
 // BOOT, all parameters, PARAM_TABLE; STATE and HEALTH as they are now between them.

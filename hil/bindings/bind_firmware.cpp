@@ -1,4 +1,5 @@
-// Python face of the native firmware: vgroove._core.Firmware, one PWM period a call or a whole recorded run at once.
+// Python face of the native firmware: vgroove._core.Firmware, one PWM period a call or a whole
+// recorded run at once.
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/vector.h>
 
@@ -13,19 +14,23 @@
 namespace nb = nanobind;
 using namespace nb::literals;
 
-// The simulation HAL is one instance a process: the newest Firmware owns it, an older one may not be used any more.
+// The simulation HAL is one instance a process: the newest Firmware owns it, an older one may not
+// be used any more.
 static std::uint32_t owner = 0;
-static bool held = false;  // by a thread that runs it without the interpreter's lock; read and written with that lock only
+static bool held = false;  // by a thread that runs it without the interpreter's lock; read and
+                           // written with that lock only
 
 static void need_free() {
     if (held)
-        throw std::runtime_error("Firmware: another thread is running the simulation; only one can run in a process");
+        throw std::runtime_error(
+            "Firmware: another thread is running the simulation; only one can run in a process");
 }
 
 void need_owner(const Firmware &self) {
     need_free();
     if (self.number != owner)
-        throw std::runtime_error("Firmware: a newer instance has taken the simulation over; only one can run in a process");
+        throw std::runtime_error("Firmware: a newer instance has taken the simulation over; only "
+                                 "one can run in a process");
 }
 
 FirmwareHold::FirmwareHold(const Firmware &self) {
@@ -50,12 +55,14 @@ nb::list told_blows(const Firmware &self) {
     nb::list told;
     for (std::uint16_t k = 0; k < count; ++k) {
         const SimBlow &b = blows[k];
-        told.append(nb::make_tuple(b.time_ms / 1e3, b.lugs, b.repeats, b.period_q4 / 16e3, b.mean_period_q7 / 128e3, b.spread_q15 / 32768.0));
+        told.append(nb::make_tuple(b.time_ms / 1e3, b.lugs, b.repeats, b.period_q4 / 16e3,
+                                   b.mean_period_q7 / 128e3, b.spread_q15 / 32768.0));
     }
     return told;
 }
 
-void firmware_init(Firmware *self, nb::object eeprom, int reset_cause, int target, int isr_cycles, int tick_cycles) {
+void firmware_init(Firmware *self, nb::object eeprom, int reset_cause, int target, int isr_cycles,
+                   int tick_cycles) {
     if (reset_cause < 0 || reset_cause > 15 || target < 0 || target > 15)
         throw std::invalid_argument("Firmware: reset_cause and target are 0..15");
     if (isr_cycles < 0 || isr_cycles > 300 || tick_cycles < 260 || tick_cycles > 8000)
@@ -65,7 +72,8 @@ void firmware_init(Firmware *self, nb::object eeprom, int reset_cause, int targe
     if (!eeprom.is_none()) {
         const nb::bytes given = nb::cast<nb::bytes>(eeprom);
         if (given.size() != SIM_EEPROM_BYTES)
-            throw std::invalid_argument("Firmware: an EEPROM image has " + std::to_string(SIM_EEPROM_BYTES) + " bytes");
+            throw std::invalid_argument("Firmware: an EEPROM image has " +
+                                        std::to_string(SIM_EEPROM_BYTES) + " bytes");
         image.assign(given.c_str(), given.size());
         start.eeprom = reinterpret_cast<const std::uint8_t *>(image.data());
     }
@@ -78,12 +86,15 @@ void firmware_init(Firmware *self, nb::object eeprom, int reset_cause, int targe
     sim_reset(&start, &self->outputs);
 }
 
-SimInputs inputs_of(const std::vector<int> &adc, const std::vector<int> &edges, int switches, const nb::bytes &rx) {
+SimInputs inputs_of(const std::vector<int> &adc, const std::vector<int> &edges, int switches,
+                    const nb::bytes &rx) {
     if (adc.size() != SIM_ADC_CHANNELS || edges.size() > SIM_EDGES_MAX || rx.size() > SIM_BYTES_MAX)
         throw std::invalid_argument("Firmware.period: 4 adc_counts, at most 8 edges and 4 bytes");
     SimInputs in{};
     for (std::size_t k = 0; k < adc.size(); ++k)
-        in.adc_counts[k] = static_cast<std::uint16_t>(adc[k] < 0 ? 0 : adc[k] > 1023 ? 1023 : adc[k]);
+        in.adc_counts[k] = static_cast<std::uint16_t>(adc[k] < 0      ? 0
+                                                      : adc[k] > 1023 ? 1023
+                                                                      : adc[k]);
     int before = -1;
     for (std::size_t k = 0; k < edges.size(); ++k) {
         if (edges[k] <= before || edges[k] >= static_cast<int>(SIM_CYCLES_PER_PERIOD))
@@ -97,7 +108,8 @@ SimInputs inputs_of(const std::vector<int> &adc, const std::vector<int> &edges, 
     return in;
 }
 
-void period(Firmware &self, const std::vector<int> &adc_counts, const std::vector<int> &edges, int switches, const nb::bytes &rx) {
+void period(Firmware &self, const std::vector<int> &adc_counts, const std::vector<int> &edges,
+            int switches, const nb::bytes &rx) {
     need_owner(self);
     const SimInputs in = inputs_of(adc_counts, edges, switches, rx);
     sim_period(&in, &self.outputs);
@@ -107,7 +119,8 @@ void period(Firmware &self, const std::vector<int> &adc_counts, const std::vecto
 nb::bytes exchange(Firmware &self, const nb::bytes &inputs) {
     need_owner(self);
     if (inputs.size() % sizeof(SimInputs) != 0)
-        throw std::invalid_argument("Firmware.exchange: whole SimInputs of " + std::to_string(sizeof(SimInputs)) + " bytes");
+        throw std::invalid_argument("Firmware.exchange: whole SimInputs of " +
+                                    std::to_string(sizeof(SimInputs)) + " bytes");
     std::vector<SimInputs> in(inputs.size() / sizeof(SimInputs));
     std::vector<SimOutputs> out(in.size());
     if (!in.empty())
@@ -122,31 +135,44 @@ nb::bytes exchange(Firmware &self, const nb::bytes &inputs) {
 }  // namespace
 
 void bind_firmware(nb::module_ &module) {
-    nb::class_<Firmware>(module, "Firmware",
-                         "The firmware built for this machine, in lock-step: period k begins at TOP k of the PWM. One at a time in a process.\n"
-                         "eeprom: image of 1,024 bytes or None (erased); reset_cause and target as BOOT reports them; isr_cycles and\n"
-                         "tick_cycles delay interrupts and the tick, which must not change what is sent.")
-        .def("__init__", &firmware_init, "eeprom"_a.none() = nb::none(), "reset_cause"_a = 1, "target"_a = 0, "isr_cycles"_a = SIM_ISR_CYCLES,
-             "tick_cycles"_a = SIM_TICK_CYCLES)
-        .def("period", &period, "adc_counts"_a, "edges"_a = std::vector<int>(), "switches"_a = 0, "rx"_a = nb::bytes("", 0),
-             "One period: counts of current, bus, trigger, temperature at its end; Hall edges as cycles 0..509; switches of SimInputs; bytes\n"
+    nb::class_<Firmware>(
+        module, "Firmware",
+        "The firmware built for this machine, in lock-step: period k begins at TOP k of the PWM. "
+        "One at a time in a process.\n"
+        "eeprom: image of 1,024 bytes or None (erased); reset_cause and target as BOOT reports "
+        "them; isr_cycles and\n"
+        "tick_cycles delay interrupts and the tick, which must not change what is sent.")
+        .def("__init__", &firmware_init, "eeprom"_a.none() = nb::none(), "reset_cause"_a = 1,
+             "target"_a = 0, "isr_cycles"_a = SIM_ISR_CYCLES, "tick_cycles"_a = SIM_TICK_CYCLES)
+        .def("period", &period, "adc_counts"_a, "edges"_a = std::vector<int>(), "switches"_a = 0,
+             "rx"_a = nb::bytes("", 0),
+             "One period: counts of current, bus, trigger, temperature at its end; Hall edges as "
+             "cycles 0..509; switches of SimInputs; bytes\n"
              "received in it. coast, compare, dead_counts and tx then hold the answer.")
-        .def("exchange", &exchange, "inputs"_a, "Any number of packed SimInputs in, as many packed SimOutputs out (firmware/hal/sim/sim_io.h).")
+        .def("exchange", &exchange, "inputs"_a,
+             "Any number of packed SimInputs in, as many packed SimOutputs out "
+             "(firmware/hal/sim/sim_io.h).")
         .def_prop_ro(
-            "coast", [](const Firmware &self) { return self.outputs.coast != 0; }, "bridge open in the next period")
+            "coast", [](const Firmware &self) { return self.outputs.coast != 0; },
+            "bridge open in the next period")
         .def_prop_ro(
-            "compare", [](const Firmware &self) { return static_cast<int>(self.outputs.compare); }, "-255..255, in force in the next period")
-        .def_prop_ro("dead_counts", [](const Firmware &self) { return static_cast<int>(self.outputs.dead_counts); })
+            "compare", [](const Firmware &self) { return static_cast<int>(self.outputs.compare); },
+            "-255..255, in force in the next period")
         .def_prop_ro(
-            "tx", [](const Firmware &self) { return as_bytes(self.outputs.tx, self.outputs.tx_count); }, "bytes sent in the last period")
+            "dead_counts",
+            [](const Firmware &self) { return static_cast<int>(self.outputs.dead_counts); })
+        .def_prop_ro(
+            "tx",
+            [](const Firmware &self) { return as_bytes(self.outputs.tx, self.outputs.tx_count); },
+            "bytes sent in the last period")
         .def_prop_ro("eeprom",
                      [](const Firmware &self) {
                          need_owner(self);
                          return as_bytes(sim_eeprom(), SIM_EEPROM_BYTES);
                      })
-        .def_prop_ro(
-            "blows", &told_blows,
-            "Blows as the firmware told them since its start: (time_s, lugs, repeats of each lug, period_s, running period_s before it, its spread)")
+        .def_prop_ro("blows", &told_blows,
+                     "Blows as the firmware told them since its start: (time_s, lugs, repeats of "
+                     "each lug, period_s, running period_s before it, its spread)")
         .def_prop_ro("periods",
                      [](const Firmware &self) {
                          need_owner(self);

@@ -1,4 +1,5 @@
-// Python face of the impact tool: simulate_impact with rows, blows, trace, energies and step history.
+// Python face of the impact tool: simulate_impact with rows, blows, trace, energies and step
+// history.
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
@@ -32,7 +33,8 @@ template <class T> nb::object bytes_as(const std::vector<T> &values, const nb::o
 nb::object blow_dtype() {
     const nb::object numpy = nb::module_::import_("numpy");
     nb::list fields;
-    for (const char *name : {"time_s", "approach_rad_s", "engaged_m", "impulse_nm_s", "peak_torque_nm"})
+    for (const char *name :
+         {"time_s", "approach_rad_s", "engaged_m", "impulse_nm_s", "peak_torque_nm"})
         fields.append(nb::make_tuple(name, "f8"));
     for (const char *name : {"kind", "lug", "skipped"})
         fields.append(nb::make_tuple(name, "i8"));
@@ -43,7 +45,9 @@ nb::object history_dtype() {
     const nb::object numpy = nb::module_::import_("numpy");
     nb::dict layout;
     nb::list names, formats, offsets;
-    const std::size_t at[] = {offsetof(vgroove::StepRecord, time_s), offsetof(vgroove::StepRecord, step_s), offsetof(vgroove::StepRecord, event)};
+    const std::size_t at[] = {offsetof(vgroove::StepRecord, time_s),
+                              offsetof(vgroove::StepRecord, step_s),
+                              offsetof(vgroove::StepRecord, event)};
     const char *const name[] = {"time_s", "step_s", "event"}, *const format[] = {"f8", "f8", "i4"};
     for (int n = 0; n < 3; ++n) {
         names.append(name[n]);
@@ -59,7 +63,8 @@ nb::object history_dtype() {
 
 static_assert(sizeof(vgroove::Blow) == 8 * sizeof(double), "blow_dtype lists the members of Blow");
 
-template <std::size_t N> nb::dict table_of(const std::vector<double> &rows, const char *const (&names)[N]) {
+template <std::size_t N>
+nb::dict table_of(const std::vector<double> &rows, const char *const (&names)[N]) {
     nb::dict result;
     const std::size_t count = rows.size() / N;
     for (std::size_t column = 0; column < N; ++column) {
@@ -108,11 +113,13 @@ void add_lists(nb::dict &result, const vgroove::ImpactOutput &out) {
         result["history"] = bytes_as(out.history, history_dtype());
 }
 
-nb::dict simulate_impact(const vgroove::LogInput &in, Matrix theta, const std::string &mode, int threads, std::optional<Column> trace_s, bool history,
-                         bool energy, double tolerance, double step_s) {
+nb::dict simulate_impact(const vgroove::LogInput &in, Matrix theta, const std::string &mode,
+                         int threads, std::optional<Column> trace_s, bool history, bool energy,
+                         double tolerance, double step_s) {
     const std::size_t batch = theta.shape(0), rows = in.time_s.size(), size = batch * rows;
     if (theta.shape(1) != vgroove::PARAMETER_COUNT)
-        throw std::invalid_argument("simulate_impact: theta is (B, " + std::to_string(vgroove::PARAMETER_COUNT) + ")");
+        throw std::invalid_argument("simulate_impact: theta is (B, " +
+                                    std::to_string(vgroove::PARAMETER_COUNT) + ")");
     const vgroove::ImpactAccuracy accuracy = accuracy_of(mode);
     if (energy && accuracy != vgroove::ImpactAccuracy::REFERENCE)
         throw std::invalid_argument("simulate_impact: energies come with mode reference");
@@ -133,26 +140,33 @@ nb::dict simulate_impact(const vgroove::LogInput &in, Matrix theta, const std::s
     });
     nb::dict result;
     for (std::size_t n = 0; n < vgroove::IMPACT_COLUMN_COUNT; ++n)
-        result[vgroove::IMPACT_COLUMN_NAMES[n]] = nb::ndarray<nb::numpy, double, nb::ndim<2>>(out.columns[n], {batch, rows}, owner);
+        result[vgroove::IMPACT_COLUMN_NAMES[n]] =
+            nb::ndarray<nb::numpy, double, nb::ndim<2>>(out.columns[n], {batch, rows}, owner);
     add_lists(result, out);
     return result;
 }
 
-vgroove::ImpactPlant make_impact_plant(Column parameters, const std::string &load, int pulses, double offset_rad, const std::vector<double> &spacing,
+vgroove::ImpactPlant make_impact_plant(Column parameters, const std::string &load, int pulses,
+                                       double offset_rad, const std::vector<double> &spacing,
                                        std::uint64_t seed, const std::string &mode, double step_s) {
     if (parameters.shape(0) != static_cast<std::size_t>(vgroove::PARAMETER_COUNT))
-        throw std::invalid_argument("ImpactPlant: parameters is (" + std::to_string(vgroove::PARAMETER_COUNT) + ",)");
-    return vgroove::ImpactPlant(vgroove::parameters_from(parameters.data()), load_kind(load), vgroove::hall_wheel(pulses, offset_rad, spacing), seed,
+        throw std::invalid_argument("ImpactPlant: parameters is (" +
+                                    std::to_string(vgroove::PARAMETER_COUNT) + ",)");
+    return vgroove::ImpactPlant(vgroove::parameters_from(parameters.data()), load_kind(load),
+                                vgroove::hall_wheel(pulses, offset_rad, spacing), seed,
                                 accuracy_of(mode), step_s);
 }
 
 void check_impact_tool(Column parameters, const std::string &load) {
     if (parameters.shape(0) != static_cast<std::size_t>(vgroove::PARAMETER_COUNT))
-        throw std::invalid_argument("check_impact_tool: parameters is (" + std::to_string(vgroove::PARAMETER_COUNT) + ",)");
-    vgroove::impact_from(vgroove::parameters_from(parameters.data()), load_kind(load), vgroove::InputKind::DUTY, false, 1.0);
+        throw std::invalid_argument("check_impact_tool: parameters is (" +
+                                    std::to_string(vgroove::PARAMETER_COUNT) + ",)");
+    vgroove::impact_from(vgroove::parameters_from(parameters.data()), load_kind(load),
+                         vgroove::InputKind::DUTY, false, 1.0);
 }
 
-double governed(vgroove::ImpactPlant &plant, int rows, double row_s, double duty, double overspeed_rad_s) {
+double governed(vgroove::ImpactPlant &plant, int rows, double row_s, double duty,
+                double overspeed_rad_s) {
     double now = duty;
     for (int row = 0; row < rows; ++row)
         now = plant.advance(row_s, now, false, 0.0).speed_rad_s > overspeed_rad_s ? 0.0 : duty;
@@ -162,7 +176,9 @@ double governed(vgroove::ImpactPlant &plant, int rows, double row_s, double duty
 void bind_impact_plant(nb::module_ &m) {
     using vgroove::AdvanceResult;
     using vgroove::ImpactPlant;
-    nb::class_<AdvanceResult>(m, "ImpactInterval", "An interval of the impact tool: means of current, bus and housing reaction, the rest at its end.")
+    nb::class_<AdvanceResult>(m, "ImpactInterval",
+                              "An interval of the impact tool: means of current, bus and housing "
+                              "reaction, the rest at its end.")
         .def_ro("current_a", &AdvanceResult::current_a)
         .def_ro("supply_v", &AdvanceResult::supply_v)
         .def_ro("speed_rad_s", &AdvanceResult::speed_rad_s)
@@ -173,17 +189,26 @@ void bind_impact_plant(nb::module_ &m) {
         .def_ro("hammer_mm", &AdvanceResult::hammer_mm)
         .def_ro("housing_nm", &AdvanceResult::housing_nm)
         .def_ro("arm_rad", &AdvanceResult::arm_rad);
-    nb::class_<ImpactPlant>(m, "ImpactPlant", "The impact tool in lock-step: period() as DrivePlant's, advance() for any interval.")
-        .def(nb::new_(&make_impact_plant), "parameters"_a, "load_kind"_a = "none", "hall_pulses_per_rev"_a = 4, "hall_offset_rad"_a = 0.0,
-             "hall_spacing"_a = std::vector<double>(), "seed"_a = 0, "mode"_a = "fast", "step_s"_a = vgroove::IMPACT_STEP_FIXED_S)
-        .def("period", &lockstep_period<ImpactPlant>, "coast"_a, "duty"_a, "dead"_a, "load_nm"_a = 0.0, PERIOD_WORDS)
-        .def("advance", &ImpactPlant::advance, "seconds"_a, "duty"_a, "coast"_a = false, "load_nm"_a = 0.0)
+    nb::class_<ImpactPlant>(
+        m, "ImpactPlant",
+        "The impact tool in lock-step: period() as DrivePlant's, advance() for any interval.")
+        .def(nb::new_(&make_impact_plant), "parameters"_a, "load_kind"_a = "none",
+             "hall_pulses_per_rev"_a = 4, "hall_offset_rad"_a = 0.0,
+             "hall_spacing"_a = std::vector<double>(), "seed"_a = 0, "mode"_a = "fast",
+             "step_s"_a = vgroove::IMPACT_STEP_FIXED_S)
+        .def("period", &lockstep_period<ImpactPlant>, "coast"_a, "duty"_a, "dead"_a,
+             "load_nm"_a = 0.0, PERIOD_WORDS)
+        .def("advance", &ImpactPlant::advance, "seconds"_a, "duty"_a, "coast"_a = false,
+             "load_nm"_a = 0.0)
         .def("governed", &governed, "rows"_a, "row_s"_a, "duty"_a, "overspeed_rad_s"_a,
-             "advance() row by row under a compiled controller that gives no duty after a row above a speed; the head's angle, rad.")
+             "advance() row by row under a compiled controller that gives no duty after a row "
+             "above a speed; the head's angle, rad.")
         .def(
-            "statistics", [](ImpactPlant &self) { return statistics_of(self.statistics()); }, "Steps, rejected steps, switches, derivatives so far.")
+            "statistics", [](ImpactPlant &self) { return statistics_of(self.statistics()); },
+            "Steps, rejected steps, switches, derivatives so far.")
         .def(
-            "blows", [](ImpactPlant &self) { return bytes_as(self.take_blows(), blow_dtype()); }, "Blows since the last call.")
+            "blows", [](ImpactPlant &self) { return bytes_as(self.take_blows(), blow_dtype()); },
+            "Blows since the last call.")
         .def_prop_ro("current_a", &ImpactPlant::current_a)
         .def_prop_ro("speed_rad_s", &ImpactPlant::speed_rad_s)
         .def_prop_ro("angle_rad", &ImpactPlant::angle_rad)
@@ -207,8 +232,10 @@ void bind_impact(nb::module_ &m) {
     m.attr("IMPACT_EVENTS") = events;
     m.def("check_impact_tool", &check_impact_tool, "parameters"_a, "load_kind"_a,
           "ValueError with the reason where the plant cannot have such a tool.");
-    m.def("simulate_impact", &simulate_impact, "log_input"_a, "theta"_a, "mode"_a = "reference", "threads"_a = 1, "trace_s"_a.none() = nb::none(),
-          "history"_a = false, "energy"_a = false, "tolerance"_a = 0.0, "step_s"_a = vgroove::IMPACT_STEP_FIXED_S,
-          "theta (B, P) -> dict of rows (B, n), 'blows' and 'statistics' per batch row; of the first batch row 'trace' at trace_s, step 'history', "
+    m.def("simulate_impact", &simulate_impact, "log_input"_a, "theta"_a, "mode"_a = "reference",
+          "threads"_a = 1, "trace_s"_a.none() = nb::none(), "history"_a = false, "energy"_a = false,
+          "tolerance"_a = 0.0, "step_s"_a = vgroove::IMPACT_STEP_FIXED_S,
+          "theta (B, P) -> dict of rows (B, n), 'blows' and 'statistics' per batch row; of the "
+          "first batch row 'trace' at trace_s, step 'history', "
           "'energy'.");
 }

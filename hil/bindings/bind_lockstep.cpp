@@ -1,4 +1,5 @@
-// Python face of the lock-step in C++: run_lockstep over a chunk of stimuli, and Truth, which keeps what the tool really did.
+// Python face of the lock-step in C++: run_lockstep over a chunk of stimuli, and Truth, which keeps
+// what the tool really did.
 #include "lockstep.hpp"
 
 #include <nanobind/ndarray.h>
@@ -16,7 +17,9 @@ using namespace nb::literals;
 
 double lockstep_dead(const LockstepGates &gates) {
     const int share = gates.compare < 0 ? -gates.compare : gates.compare;
-    return share > 0 && share < COMPARE_TOP ? gates.dead_counts / static_cast<double>(2 * COMPARE_TOP) : 0.0;
+    return share > 0 && share < COMPARE_TOP
+               ? gates.dead_counts / static_cast<double>(2 * COMPARE_TOP)
+               : 0.0;
 }
 
 LockstepGates lockstep_gates(const SimOutputs &outputs) {
@@ -29,9 +32,11 @@ static std::uint16_t counts_of(double value) {
     return static_cast<std::uint16_t>(value >= ADC_COUNTS ? ADC_COUNTS - 1.0 : value);
 }
 
-SimInputs lockstep_message(const LockstepInputs &in, std::size_t at, const vgroove::PeriodResult &tool) {
+SimInputs lockstep_message(const LockstepInputs &in, std::size_t at,
+                           const vgroove::PeriodResult &tool) {
     SimInputs message{};
-    message.adc_counts[SIM_ADC_CURRENT] = counts_of(tool.current_a * in.per_ampere + in.current_counts[at]);
+    message.adc_counts[SIM_ADC_CURRENT] =
+        counts_of(tool.current_a * in.per_ampere + in.current_counts[at]);
     message.adc_counts[SIM_ADC_BUS] = counts_of(tool.supply_v * in.per_volt + in.supply_counts[at]);
     message.adc_counts[SIM_ADC_TRIGGER] = static_cast<std::uint16_t>(in.trigger[at]);
     message.adc_counts[SIM_ADC_TEMPERATURE] = static_cast<std::uint16_t>(in.temperature);
@@ -46,12 +51,13 @@ SimInputs lockstep_message(const LockstepInputs &in, std::size_t at, const vgroo
     return message;
 }
 
-static void truth_row(Truth &truth, const LockstepGates &gates, double time_s, double current_a, double speed_rad_s,
-                      const vgroove::AdvanceResult &mechanism) {
+static void truth_row(Truth &truth, const LockstepGates &gates, double time_s, double current_a,
+                      double speed_rad_s, const vgroove::AdvanceResult &mechanism) {
     truth.housing_sum += mechanism.housing_nm;
     if (++truth.waiting < truth.every)
         return;
-    const double duty = gates.coast ? std::numeric_limits<double>::quiet_NaN() : gates.compare / static_cast<double>(COMPARE_TOP);
+    const double duty = gates.coast ? std::numeric_limits<double>::quiet_NaN()
+                                    : gates.compare / static_cast<double>(COMPARE_TOP);
     const double row[TRUTH_COLUMN_COUNT] = {time_s,
                                             current_a,
                                             speed_rad_s,
@@ -79,7 +85,8 @@ void truth_note(Truth &truth, const vgroove::DrillPlant &tool, const LockstepGat
     vgroove::AdvanceResult chuck{};
     chuck.head_rad = s.sums[vgroove::DRILL_CHUCK_ANGLE];
     chuck.anvil_torque_nm = tool.shaft_nm();
-    truth_row(truth, gates, tool.time_s(), s.x[vgroove::DRILL_CURRENT], s.x[vgroove::DRILL_SPEED], chuck);
+    truth_row(truth, gates, tool.time_s(), s.x[vgroove::DRILL_CURRENT], s.x[vgroove::DRILL_SPEED],
+              chuck);
 }
 
 namespace {
@@ -94,9 +101,11 @@ template <class T> const T *values_of(const Column<T> &column, std::size_t perio
 
 // Columns in the order of lockstep.Stimuli, then the bytes to the board.
 template <class Tool>
-nb::bytes run(Firmware &board, Tool &tool, Column<std::int64_t> trigger, Column<std::int64_t> switches, Column<double> load_nm,
-              Column<double> current_counts, Column<double> supply_counts, Column<bool> broken, Column<std::int16_t> received,
-              const std::tuple<double, double, int> &front, const std::tuple<bool, int, int> &gates, Truth *truth) {
+nb::bytes run(Firmware &board, Tool &tool, Column<std::int64_t> trigger,
+              Column<std::int64_t> switches, Column<double> load_nm, Column<double> current_counts,
+              Column<double> supply_counts, Column<bool> broken, Column<std::int16_t> received,
+              const std::tuple<double, double, int> &front, const std::tuple<bool, int, int> &gates,
+              Truth *truth) {
     need_owner(board);
     const std::size_t periods = trigger.shape(0);
     const LockstepInputs in{trigger.data(),
@@ -114,16 +123,20 @@ nb::bytes run(Firmware &board, Tool &tool, Column<std::int64_t> trigger, Column<
     {
         const FirmwareHold hold(board);
         nb::gil_scoped_release unlocked;
-        sent = lockstep_run(board, tool, in, {std::get<0>(gates), std::get<1>(gates), std::get<2>(gates)}, truth);
+        sent = lockstep_run(board, tool, in,
+                            {std::get<0>(gates), std::get<1>(gates), std::get<2>(gates)}, truth);
     }
     return nb::bytes(sent.data(), sent.size());
 }
 
 template <class Tool> void bind_run(nb::module_ &m) {
-    m.def("run_lockstep", &run<Tool>, "firmware"_a, "tool"_a, "trigger"_a, "switches"_a, "load_nm"_a, "current_counts"_a, "supply_counts"_a,
-          "broken"_a, "received"_a, "front"_a, "gates"_a, "truth"_a.none() = nb::none(),
-          "A chunk of lock-step, a value of each column a period; received: a byte or -1. front: counts per A and V, temperature counts; gates:\n"
-          "coast, compare, dead_counts in force in the first period. Returns the bytes sent; the firmware holds the gates of the next period.");
+    m.def("run_lockstep", &run<Tool>, "firmware"_a, "tool"_a, "trigger"_a, "switches"_a,
+          "load_nm"_a, "current_counts"_a, "supply_counts"_a, "broken"_a, "received"_a, "front"_a,
+          "gates"_a, "truth"_a.none() = nb::none(),
+          "A chunk of lock-step, a value of each column a period; received: a byte or -1. front: "
+          "counts per A and V, temperature counts; gates:\n"
+          "coast, compare, dead_counts in force in the first period. Returns the bytes sent; the "
+          "firmware holds the gates of the next period.");
 }
 
 // Rows (n, 8) and their columns' names.
@@ -132,7 +145,8 @@ nb::object truth_rows(const Truth &self) {
     auto *data = new double[self.rows.size() + 1];
     nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<double *>(p); });
     std::copy(self.rows.begin(), self.rows.end(), data);
-    return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(data, {count, static_cast<std::size_t>(TRUTH_COLUMN_COUNT)}, owner));
+    return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(
+        data, {count, static_cast<std::size_t>(TRUTH_COLUMN_COUNT)}, owner));
 }
 
 template <class Tool> void note(Truth &self, const Tool &tool, bool coast, int compare) {
@@ -142,7 +156,8 @@ template <class Tool> void note(Truth &self, const Tool &tool, bool coast, int c
 }  // namespace
 
 void bind_lockstep(nb::module_ &m) {
-    nb::class_<Truth>(m, "Truth", "What a tool really did in lock-step, a row every `every` PWM periods.")
+    nb::class_<Truth>(m, "Truth",
+                      "What a tool really did in lock-step, a row every `every` PWM periods.")
         .def(
             "__init__",
             [](Truth *self, int every) {
@@ -152,7 +167,8 @@ void bind_lockstep(nb::module_ &m) {
                 self->every = static_cast<std::size_t>(every);
             },
             "every"_a = 1)
-        .def("note", &note<vgroove::ImpactPlant>, "tool"_a, "coast"_a, "compare"_a, "After a period of a loop of one's own.")
+        .def("note", &note<vgroove::ImpactPlant>, "tool"_a, "coast"_a, "compare"_a,
+             "After a period of a loop of one's own.")
         .def("note", &note<vgroove::DrivePlant>, "tool"_a, "coast"_a, "compare"_a)
         .def("note", &note<vgroove::DrillPlant>, "tool"_a, "coast"_a, "compare"_a)
         .def_prop_ro("rows", &truth_rows, "(n, columns) in the order of TRUTH_COLUMNS");

@@ -35,7 +35,9 @@ vgroove::LoadKind load_kind(const std::string &kind) {
         return vgroove::LoadKind::DISC_SPRING;
     if (kind == "wood_screw")
         return vgroove::LoadKind::WOOD_SCREW;
-    throw std::invalid_argument("load_kind is none, torque, pendulum, free, locked, hard_joint, disc_spring or wood_screw, not " + kind);
+    throw std::invalid_argument("load_kind is none, torque, pendulum, free, locked, hard_joint, "
+                                "disc_spring or wood_screw, not " +
+                                kind);
 }
 
 namespace {
@@ -57,18 +59,21 @@ vgroove::InputKind input_kind(const std::string &kind) {
 // Joints turn under an impact mechanism only.
 void require_drivetrain_load(vgroove::LoadKind kind) {
     if (kind >= vgroove::LoadKind::LOCKED)
-        throw std::invalid_argument("a joint needs an impact mechanism: without one load_kind is none, torque, pendulum or free");
+        throw std::invalid_argument("a joint needs an impact mechanism: without one load_kind is "
+                                    "none, torque, pendulum or free");
 }
 
 const double *column_of(const std::optional<Column> &column, std::size_t rows, const char *name) {
     if (column->shape(0) != rows)
-        throw std::invalid_argument(std::string("LogInput: ") + name + " needs as many rows as time_s");
+        throw std::invalid_argument(std::string("LogInput: ") + name +
+                                    " needs as many rows as time_s");
     return column->data();
 }
 
-void log_input_init(vgroove::LogInput *self, Column time_s, const std::string &kind, Column command, std::optional<double> slew_per_s,
-                    std::optional<Column> supply_v, std::optional<Column> load_nm, std::optional<Column> coast, const std::string &load,
-                    double slew_slack) {
+void log_input_init(vgroove::LogInput *self, Column time_s, const std::string &kind, Column command,
+                    std::optional<double> slew_per_s, std::optional<Column> supply_v,
+                    std::optional<Column> load_nm, std::optional<Column> coast,
+                    const std::string &load, double slew_slack) {
     new (self) vgroove::LogInput();
     const std::size_t rows = time_s.shape(0);
     self->time_s.assign(time_s.data(), time_s.data() + rows);
@@ -86,7 +91,8 @@ void log_input_init(vgroove::LogInput *self, Column time_s, const std::string &k
         self->open = vgroove::hold_missing(column_of(coast, rows, "coast"), rows, 0.0);
 }
 
-vgroove::SimulateOptions options_of(int threads, const std::string &solver, double tolerance, const std::string &unfinished) {
+vgroove::SimulateOptions options_of(int threads, const std::string &solver, double tolerance,
+                                    const std::string &unfinished) {
     if (solver != "exact" && solver != "adaptive")
         throw std::invalid_argument("simulate_log: solver is exact or adaptive, not " + solver);
     if (unfinished != "raise" && unfinished != "nan")
@@ -94,58 +100,72 @@ vgroove::SimulateOptions options_of(int threads, const std::string &solver, doub
     return {threads, solver == "adaptive", tolerance, nullptr, unfinished == "nan"};
 }
 
-nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cube state0, int threads, const std::string &solver, double tolerance,
+nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cube state0,
+                      int threads, const std::string &solver, double tolerance,
                       const std::string &unfinished) {
     vgroove::SimulateOptions options = options_of(threads, solver, tolerance, unfinished);
     const std::size_t batch = theta.shape(0), rows = in.time_s.size(), count = starts.shape(0);
     require_drivetrain_load(in.load_kind);
     if (theta.shape(1) != vgroove::PARAMETER_COUNT)
-        throw std::invalid_argument("simulate_log: theta is (B, " + std::to_string(vgroove::PARAMETER_COUNT) + ")");
+        throw std::invalid_argument("simulate_log: theta is (B, " +
+                                    std::to_string(vgroove::PARAMETER_COUNT) + ")");
     vgroove::LogStarts from;
     for (std::size_t n = 0; n < count; ++n)
-        from.rows.push_back(starts.data()[n] < 0 ? rows : static_cast<std::size_t>(starts.data()[n]));
+        from.rows.push_back(starts.data()[n] < 0 ? rows
+                                                 : static_cast<std::size_t>(starts.data()[n]));
     from.per_row = state0.ndim() == 3;
-    const bool fits = from.per_row ? state0.shape(0) == batch && state0.shape(1) == count && state0.shape(2) == 3
-                                   : state0.ndim() == 2 && state0.shape(0) == count && state0.shape(1) == 3;
+    const bool fits =
+        from.per_row ? state0.shape(0) == batch && state0.shape(1) == count && state0.shape(2) == 3
+                     : state0.ndim() == 2 && state0.shape(0) == count && state0.shape(1) == 3;
     if (!fits)
-        throw std::invalid_argument("simulate_log: state0 is (S, 3) or (B, S, 3): current_a, speed_rad_s, angle_rad");
+        throw std::invalid_argument(
+            "simulate_log: state0 is (S, 3) or (B, S, 3): current_a, speed_rad_s, angle_rad");
     from.state = state0.data();
     double *block = new double[6 * batch * rows + 1];
     nb::capsule owner(block, [](void *p) noexcept { delete[] static_cast<double *>(p); });
     const std::size_t size = batch * rows;
-    const vgroove::LogOutput out{block, block + size, block + 2 * size, block + 3 * size, block + 4 * size, block + 5 * size};
+    const vgroove::LogOutput out{
+        block,           block + size, block + 2 * size, block + 3 * size, block + 4 * size,
+        block + 5 * size};
     run_watched([&](vgroove::Watch *watch) {
         options.watch = watch;
         vgroove::simulate_log(in, theta.data(), batch, from, options, out);
     });
-    const std::pair<const char *, double *> columns[] = {{"current_a", out.current_a},     {"supply_v", out.supply_v},
-                                                         {"speed_rad_s", out.speed_rad_s}, {"speed_measured_rad_s", out.speed_measured_rad_s},
-                                                         {"angle_rad", out.angle_rad},     {"angle_measured_rad", out.angle_measured_rad}};
+    const std::pair<const char *, double *> columns[] = {
+        {"current_a", out.current_a},     {"supply_v", out.supply_v},
+        {"speed_rad_s", out.speed_rad_s}, {"speed_measured_rad_s", out.speed_measured_rad_s},
+        {"angle_rad", out.angle_rad},     {"angle_measured_rad", out.angle_measured_rad}};
     nb::dict result;
     for (const auto &column : columns)
-        result[column.first] = nb::ndarray<nb::numpy, double, nb::ndim<2>>(column.second, {batch, rows}, owner);
+        result[column.first] =
+            nb::ndarray<nb::numpy, double, nb::ndim<2>>(column.second, {batch, rows}, owner);
     return result;
 }
 
 nb::dict audit_log(const vgroove::LogInput &in, Column theta, Rows starts, Matrix state0) {
     const std::size_t rows = in.time_s.size(), count = starts.shape(0);
     require_drivetrain_load(in.load_kind);
-    if (theta.shape(0) != static_cast<std::size_t>(vgroove::PARAMETER_COUNT) || state0.shape(0) != count || state0.shape(1) != 3)
+    if (theta.shape(0) != static_cast<std::size_t>(vgroove::PARAMETER_COUNT) ||
+        state0.shape(0) != count || state0.shape(1) != 3)
         throw std::invalid_argument("audit_log: theta is (P,), state0 (S, 3)");
     vgroove::LogStarts from;
     for (std::size_t n = 0; n < count; ++n)
-        from.rows.push_back(starts.data()[n] < 0 ? rows : static_cast<std::size_t>(starts.data()[n]));
+        from.rows.push_back(starts.data()[n] < 0 ? rows
+                                                 : static_cast<std::size_t>(starts.data()[n]));
     from.state = state0.data();
     std::vector<double> block(6 * rows), energy(rows * vgroove::ENERGY_COLUMNS);
     double *b = block.data();
-    vgroove::audit_log(in, theta.data(), from, {b, b + rows, b + 2 * rows, b + 3 * rows, b + 4 * rows, b + 5 * rows, energy.data()});
+    vgroove::audit_log(
+        in, theta.data(), from,
+        {b, b + rows, b + 2 * rows, b + 3 * rows, b + 4 * rows, b + 5 * rows, energy.data()});
     nb::dict result;
     for (int n = 0; n < vgroove::ENERGY_COLUMNS; ++n) {
         auto *column = new double[rows];
         nb::capsule owner(column, [](void *p) noexcept { delete[] static_cast<double *>(p); });
         for (std::size_t row = 0; row < rows; ++row)
             column[row] = energy[row * vgroove::ENERGY_COLUMNS + static_cast<std::size_t>(n)];
-        result[vgroove::ENERGY_NAMES[n]] = nb::ndarray<nb::numpy, double, nb::ndim<1>>(column, {rows}, owner);
+        result[vgroove::ENERGY_NAMES[n]] =
+            nb::ndarray<nb::numpy, double, nb::ndim<1>>(column, {rows}, owner);
     }
     return result;
 }
@@ -153,15 +173,19 @@ nb::dict audit_log(const vgroove::LogInput &in, Column theta, Rows starts, Matri
 nb::ndarray<nb::numpy, double, nb::ndim<1>> parameter_defaults() {
     auto *p = new vgroove::Parameters();
     nb::capsule owner(p, [](void *q) noexcept { delete static_cast<vgroove::Parameters *>(q); });
-    return {reinterpret_cast<double *>(p), {static_cast<std::size_t>(vgroove::PARAMETER_COUNT)}, owner};
+    return {
+        reinterpret_cast<double *>(p), {static_cast<std::size_t>(vgroove::PARAMETER_COUNT)}, owner};
 }
 
-vgroove::DrivePlant make_drive_plant(Column parameters, const std::string &load, int pulses, double offset_rad, const std::vector<double> &spacing,
+vgroove::DrivePlant make_drive_plant(Column parameters, const std::string &load, int pulses,
+                                     double offset_rad, const std::vector<double> &spacing,
                                      std::uint64_t seed) {
     if (parameters.shape(0) != static_cast<std::size_t>(vgroove::PARAMETER_COUNT))
-        throw std::invalid_argument("DrivePlant: parameters is (" + std::to_string(vgroove::PARAMETER_COUNT) + ",)");
+        throw std::invalid_argument("DrivePlant: parameters is (" +
+                                    std::to_string(vgroove::PARAMETER_COUNT) + ",)");
     require_drivetrain_load(load_kind(load));
-    return vgroove::DrivePlant(vgroove::parameters_from(parameters.data()), load_kind(load), vgroove::hall_wheel(pulses, offset_rad, spacing), seed);
+    return vgroove::DrivePlant(vgroove::parameters_from(parameters.data()), load_kind(load),
+                               vgroove::hall_wheel(pulses, offset_rad, spacing), seed);
 }
 
 struct FrontEnds {
@@ -169,17 +193,24 @@ struct FrontEnds {
     double current_offset_a, current_noise_a;
 };
 
-nb::tuple front_end_counts(FrontEnds &self, double current_a, double supply_v, double travel, double degc) {
-    const double noise = self.current_noise_a > 0.0 ? self.current_noise_a * vgroove::noise_normal(self.noise) : 0.0;
-    return nb::make_tuple(vgroove::current_counts(current_a, self.current_offset_a, noise), vgroove::bus_counts(supply_v),
-                          vgroove::trigger_counts(travel), vgroove::temperature_counts(degc));
+nb::tuple front_end_counts(FrontEnds &self, double current_a, double supply_v, double travel,
+                           double degc) {
+    const double noise =
+        self.current_noise_a > 0.0 ? self.current_noise_a * vgroove::noise_normal(self.noise) : 0.0;
+    return nb::make_tuple(vgroove::current_counts(current_a, self.current_offset_a, noise),
+                          vgroove::bus_counts(supply_v), vgroove::trigger_counts(travel),
+                          vgroove::temperature_counts(degc));
 }
 
 void bind_drive_plant(nb::module_ &m) {
-    nb::class_<vgroove::DrivePlant>(m, "DrivePlant", "The tool in lock-step with a board, one PWM period of 510 CPU cycles a call.")
-        .def(nb::new_(&make_drive_plant), "parameters"_a, "load_kind"_a = "none", "hall_pulses_per_rev"_a = 4, "hall_offset_rad"_a = 0.0,
+    nb::class_<vgroove::DrivePlant>(
+        m, "DrivePlant",
+        "The tool in lock-step with a board, one PWM period of 510 CPU cycles a call.")
+        .def(nb::new_(&make_drive_plant), "parameters"_a, "load_kind"_a = "none",
+             "hall_pulses_per_rev"_a = 4, "hall_offset_rad"_a = 0.0,
              "hall_spacing"_a = std::vector<double>(), "seed"_a = 0)
-        .def("period", &lockstep_period<vgroove::DrivePlant>, "coast"_a, "duty"_a, "dead"_a, "load_nm"_a = 0.0, PERIOD_WORDS)
+        .def("period", &lockstep_period<vgroove::DrivePlant>, "coast"_a, "duty"_a, "dead"_a,
+             "load_nm"_a = 0.0, PERIOD_WORDS)
         .def("reset", &vgroove::DrivePlant::reset, "current_a"_a, "speed_rad_s"_a, "angle_rad"_a)
         .def_prop_ro("current_a", &vgroove::DrivePlant::current_a)
         .def_prop_ro("speed_rad_s", &vgroove::DrivePlant::speed_rad_s)
@@ -187,18 +218,21 @@ void bind_drive_plant(nb::module_ &m) {
         .def_prop_ro("time_s", &vgroove::DrivePlant::time_s)
         .def_prop_ro("winding_kelvin", &vgroove::DrivePlant::winding_kelvin);
     m.attr("PERIOD_S") = vgroove::PERIOD_S;
-    m.def("current_counts", &vgroove::current_counts, "current_a"_a, "offset_a"_a = 0.0, "noise_a"_a = 0.0, "noise_a: the noise of this sample");
+    m.def("current_counts", &vgroove::current_counts, "current_a"_a, "offset_a"_a = 0.0,
+          "noise_a"_a = 0.0, "noise_a: the noise of this sample");
     m.def("bus_counts", &vgroove::bus_counts, "supply_v"_a);
     m.def("trigger_counts", &vgroove::trigger_counts, "travel"_a);
     m.def("temperature_counts", &vgroove::temperature_counts, "degc"_a);
-    nb::class_<FrontEnds>(m, "FrontEnds", "All four front ends of the board; noise is 1 sigma in A, seeded.")
+    nb::class_<FrontEnds>(m, "FrontEnds",
+                          "All four front ends of the board; noise is 1 sigma in A, seeded.")
         .def(
             "__init__",
             [](FrontEnds *self, std::uint64_t seed, double offset_a, double noise_a) {
                 new (self) FrontEnds{{seed}, offset_a, noise_a};
             },
             "seed"_a = 0, "current_offset_a"_a = 0.0, "current_noise_a"_a = 0.0)
-        .def("counts", &front_end_counts, "current_a"_a, "supply_v"_a, "trigger"_a, "temperature_degc"_a = 25.0,
+        .def("counts", &front_end_counts, "current_a"_a, "supply_v"_a, "trigger"_a,
+             "temperature_degc"_a = 25.0,
              "-> (current, bus, trigger, temperature) in the order of the lock-step message");
 }
 
@@ -209,17 +243,25 @@ void bind_plant(nb::module_ &m) {
     for (const char *name : vgroove::PARAMETER_NAMES)
         names.append(name);
     m.attr("PARAMETERS") = names;
-    m.def("parameter_defaults", &parameter_defaults, "(P,) neutral parameters in the order of PARAMETERS: every effect off.");
-    nb::class_<vgroove::LogInput>(m, "LogInput", "Columns that drive the model; see docs/plant.md for how rows are read.")
-        .def("__init__", &log_input_init, "time_s"_a, "kind"_a, "command"_a, "slew_per_s"_a.none() = nb::none(), "supply_v"_a.none() = nb::none(),
-             "load_nm"_a.none() = nb::none(), "coast"_a.none() = nb::none(), "load_kind"_a = "none", "slew_slack"_a = 0.0);
-    m.def("simulate_log", &simulate_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a, "threads"_a = 2, "solver"_a = "exact", "tolerance"_a = 0.0,
-          "unfinished"_a = "raise",
-          "theta (B, P), starts (S,) row indices, state0 (S, 3) or (B, S, 3): current_a, speed_rad_s, angle_rad -> dict of (B, n).\n"
-          "solver: exact (where the drivetrain is linear between events, else Runge-Kutta) or adaptive (Runge-Kutta everywhere, to `tolerance`).\n"
-          "unfinished: what becomes of a run whose bounded steps do not reach its end: raise (RuntimeError naming row, time and parameter) or nan.");
+    m.def("parameter_defaults", &parameter_defaults,
+          "(P,) neutral parameters in the order of PARAMETERS: every effect off.");
+    nb::class_<vgroove::LogInput>(
+        m, "LogInput", "Columns that drive the model; see docs/plant.md for how rows are read.")
+        .def("__init__", &log_input_init, "time_s"_a, "kind"_a, "command"_a,
+             "slew_per_s"_a.none() = nb::none(), "supply_v"_a.none() = nb::none(),
+             "load_nm"_a.none() = nb::none(), "coast"_a.none() = nb::none(), "load_kind"_a = "none",
+             "slew_slack"_a = 0.0);
+    m.def("simulate_log", &simulate_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a,
+          "threads"_a = 2, "solver"_a = "exact", "tolerance"_a = 0.0, "unfinished"_a = "raise",
+          "theta (B, P), starts (S,) row indices, state0 (S, 3) or (B, S, 3): current_a, "
+          "speed_rad_s, angle_rad -> dict of (B, n).\n"
+          "solver: exact (where the drivetrain is linear between events, else Runge-Kutta) or "
+          "adaptive (Runge-Kutta everywhere, to `tolerance`).\n"
+          "unfinished: what becomes of a run whose bounded steps do not reach its end: raise "
+          "(RuntimeError naming row, time and parameter) or nan.");
     m.def("audit_log", &audit_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a,
-          "theta (P,) -> dict of (n,) energies in J since the first start: work_in = losses + work_load + change of stored.");
+          "theta (P,) -> dict of (n,) energies in J since the first start: work_in = losses + "
+          "work_load + change of stored.");
     bind_drive_plant(m);
     bind_impact(m);
 }

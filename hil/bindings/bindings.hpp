@@ -12,8 +12,9 @@
 #include "plant/loads.hpp"
 #include "plant/watch.hpp"
 
-using Column = nanobind::ndarray<const double, nanobind::ndim<1>, nanobind::c_contig, nanobind::device::cpu>;  // in
-using Vector = nanobind::ndarray<nanobind::numpy, double, nanobind::ndim<1>>;                                  // out
+using Column = nanobind::ndarray<const double, nanobind::ndim<1>, nanobind::c_contig,
+                                 nanobind::device::cpu>;                       // in
+using Vector = nanobind::ndarray<nanobind::numpy, double, nanobind::ndim<1>>;  // out
 
 // (count,) of get(n)
 template <class Get> Vector vector_of(std::size_t count, Get get) {
@@ -25,8 +26,10 @@ template <class Get> Vector vector_of(std::size_t count, Get get) {
 }
 
 // The lock-step period that every tool has, as a method in Python.
-constexpr const char *PERIOD_WORDS = "-> (current_a as sensed at the end, supply_v mean, edges: CPU cycles 0..509 of Hall edges)";
-template <class Plant> nanobind::tuple lockstep_period(Plant &self, bool coast, double duty, double dead, double load_nm) {
+constexpr const char *PERIOD_WORDS =
+    "-> (current_a as sensed at the end, supply_v mean, edges: CPU cycles 0..509 of Hall edges)";
+template <class Plant>
+nanobind::tuple lockstep_period(Plant &self, bool coast, double duty, double dead, double load_nm) {
     const vgroove::PeriodResult r = self.period(coast, duty, dead, load_nm);
     nanobind::list edges;
     for (int n = 0; n < r.edge_count; ++n)

@@ -1,4 +1,5 @@
-// The native firmware as the bindings hold it: one simulation a process, owned by the newest instance and run by one thread at a time.
+// The native firmware as the bindings hold it: one simulation a process, owned by the newest
+// instance and run by one thread at a time.
 #ifndef VGROOVE_HIL_FIRMWARE_HPP
 #define VGROOVE_HIL_FIRMWARE_HPP
 
@@ -11,7 +12,8 @@ struct Firmware {
     SimOutputs outputs;  // in force in the next period
 };
 
-// Throws std::runtime_error when a newer instance has taken the simulation over, or another thread is running it.
+// Throws std::runtime_error when a newer instance has taken the simulation over, or another thread
+// is running it.
 void need_owner(const Firmware &self);
 
 // Holds the simulation for a run without the interpreter's lock.

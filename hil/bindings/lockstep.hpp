@@ -1,4 +1,5 @@
-// A chunk of lock-step, firmware and tool both in this process: what lockstep._run_chunk does, a PWM period at a time, to the same bytes.
+// A chunk of lock-step, firmware and tool both in this process: what lockstep._run_chunk does, a
+// PWM period at a time, to the same bytes.
 #ifndef VGROOVE_HIL_LOCKSTEP_HPP
 #define VGROOVE_HIL_LOCKSTEP_HPP
 
@@ -43,10 +44,12 @@ enum TruthColumn {
     TRUTH_DUTY,
     TRUTH_COLUMN_COUNT,
 };
-constexpr const char *TRUTH_COLUMN_NAMES[TRUTH_COLUMN_COUNT] = {"time_s",   "current_a", "speed_rad_s", "hammer_mm",
-                                                                "head_rad", "joint_nm",  "housing_nm",  "duty"};
+constexpr const char *TRUTH_COLUMN_NAMES[TRUTH_COLUMN_COUNT] = {
+    "time_s",   "current_a", "speed_rad_s", "hammer_mm",
+    "head_rad", "joint_nm",  "housing_nm",  "duty"};
 
-// What really happened, a row every so many periods: values at the row's end, the housing reaction as its mean, NaN for the duty of an open bridge.
+// What really happened, a row every so many periods: values at the row's end, the housing reaction
+// as its mean, NaN for the duty of an open bridge.
 struct Truth {
     std::size_t every = 1, waiting = 0;
     double housing_sum = 0.0;
@@ -55,20 +58,25 @@ struct Truth {
 
 void truth_note(Truth &truth, const vgroove::ImpactPlant &tool, const LockstepGates &gates);
 void truth_note(Truth &truth, const vgroove::DrivePlant &tool, const LockstepGates &gates);
-void truth_note(Truth &truth, const vgroove::DrillPlant &tool, const LockstepGates &gates);  // head: the chuck; joint: the shaft
+void truth_note(Truth &truth, const vgroove::DrillPlant &tool,
+                const LockstepGates &gates);  // head: the chuck; joint: the shaft
 
 // One period's message to the board.
-SimInputs lockstep_message(const LockstepInputs &in, std::size_t at, const vgroove::PeriodResult &tool);
+SimInputs lockstep_message(const LockstepInputs &in, std::size_t at,
+                           const vgroove::PeriodResult &tool);
 
 double lockstep_dead(const LockstepGates &gates);
 LockstepGates lockstep_gates(const SimOutputs &outputs);
 
 // Runs the chunk; returns the bytes that the board sent. truth: nullptr for a run without.
-template <class Tool> std::string lockstep_run(Firmware &board, Tool &tool, const LockstepInputs &in, LockstepGates gates, Truth *truth) {
+template <class Tool>
+std::string lockstep_run(Firmware &board, Tool &tool, const LockstepInputs &in, LockstepGates gates,
+                         Truth *truth) {
     std::string sent;
     for (std::size_t at = 0; at < in.periods; ++at) {
         const double duty = gates.compare / static_cast<double>(COMPARE_TOP);
-        const SimInputs message = lockstep_message(in, at, tool.period(gates.coast, duty, lockstep_dead(gates), in.load_nm[at]));
+        const SimInputs message = lockstep_message(
+            in, at, tool.period(gates.coast, duty, lockstep_dead(gates), in.load_nm[at]));
         if (truth)
             truth_note(*truth, tool, gates);
         sim_period(&message, &board.outputs);

@@ -1,4 +1,5 @@
-// vgroove._core: what Python sees of the plant and of the native firmware; one bind_ function a room.
+// vgroove._core: what Python sees of the plant and of the native firmware; one bind_ function a
+// room.
 #include <nanobind/nanobind.h>
 
 #include "bindings.hpp"

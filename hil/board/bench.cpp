@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The bench: boots the program, keeps the message's period on the timer's, and reports what was measured.
+// The bench: boots the program, keeps the message's period on the timer's, and reports what was
+// measured.
 #include "bench.hpp"
 
 #include <cstdio>
@@ -12,13 +13,15 @@ namespace {
 
 constexpr unsigned MCUSR = 0x54;
 constexpr std::uint8_t BORF = 4;
-constexpr Cycle BOOT_LIMIT = 3200000;  // 0.2 s: a program that has not started Timer0 by then runs on free periods
+constexpr Cycle BOOT_LIMIT =
+    3200000;  // 0.2 s: a program that has not started Timer0 by then runs on free periods
 constexpr Cycle PERIOD = SIM_CYCLES_PER_PERIOD;
 constexpr Cycle RECEIVE_CYCLE = 128;  // within the period, as firmware/hal/sim has it
 constexpr unsigned MUX_BANDGAP = 0x1e;
 constexpr unsigned BANDGAP_COUNTS = 225;  // 1.1 V of 5 V
 
-std::vector<std::uint8_t> eeprom_content(const std::string &file, const std::vector<std::uint8_t> &from_elf) {
+std::vector<std::uint8_t> eeprom_content(const std::string &file,
+                                         const std::vector<std::uint8_t> &from_elf) {
     std::ifstream stream(file, std::ios::binary);
     if (file.empty() || !stream) {
         return from_elf;
@@ -38,7 +41,8 @@ Unmodelled::Unmodelled(Machine &machine) : machine_(machine) {
 void Unmodelled::write(unsigned short address, std::uint8_t value) {
     if (value != 0) {
         char text[80];
-        std::snprintf(text, sizeof text, "the program uses register 0x%02x, which the bench does not model", address);
+        std::snprintf(text, sizeof text,
+                      "the program uses register 0x%02x, which the bench does not model", address);
         throw BoardError(text);
     }
     machine_.reg(address) = value;
@@ -54,7 +58,8 @@ Bench::Bench(const Options &options)
       prescaler_reset_(machine_, {&pwm_, &hall_}, tick_),
       converter_(machine_, pwm_, *this, map_.converter),
       serial_(machine_, map_.receive, map_.empty, map_.complete),
-      eeprom_(machine_, map_.eeprom, eeprom_content(options.eeprom, machine_.elf_eeprom()), options.seed),
+      eeprom_(machine_, map_.eeprom, eeprom_content(options.eeprom, machine_.elf_eeprom()),
+              options.seed),
       watchdog_(machine_, map_.watchdog),
       ports_(machine_, map_),
       line_(machine_, hall_, ports_, map_.hall_pin),
@@ -83,7 +88,8 @@ unsigned Bench::counts(unsigned mux, Cycle at) const {
     return 0;
 }
 
-// The next TOP of a running Timer0, else a period's length from here; a TOP right after a restart is passed over.
+// The next TOP of a running Timer0, else a period's length from here; a TOP right after a restart
+// is passed over.
 Cycle Bench::period_end() const {
     if (!pwm_.running() || !pwm_.phase_correct()) {
         return end_ + PERIOD;
@@ -162,7 +168,8 @@ void Bench::save_eeprom() const {
     }
     std::ofstream stream(options_.eeprom, std::ios::binary);
     const auto &content = eeprom_.content();
-    stream.write(reinterpret_cast<const char *>(content.data()), static_cast<std::streamsize>(content.size()));
+    stream.write(reinterpret_cast<const char *>(content.data()),
+                 static_cast<std::streamsize>(content.size()));
     if (!stream) {
         throw BoardError("cannot write " + options_.eeprom);
     }
@@ -172,41 +179,54 @@ std::string Bench::statistics() const {
     std::ostringstream json;
     const Cycle now = machine_.now();
     const Cycle measured = profile_.measured_since() == 0 ? 1 : now - profile_.measured_since();
-    json << "{\"mcu\": \"" << options_.mcu << "\", \"cycles\": " << now << ", \"periods\": " << periods_ << ", \"odd_periods\": " << odd_periods_
-         << ", \"boot_cycles\": " << end_ - periods_ * PERIOD << ", \"resets\": " << machine_.resets() << ",\n \"isr\": {";
+    json << "{\"mcu\": \"" << options_.mcu << "\", \"cycles\": " << now
+         << ", \"periods\": " << periods_ << ", \"odd_periods\": " << odd_periods_
+         << ", \"boot_cycles\": " << end_ - periods_ * PERIOD
+         << ", \"resets\": " << machine_.resets() << ",\n \"isr\": {";
     const char *separator = "";
     for (const auto &[number, name] : map_.vector_names) {
         const VectorCost &cost = profile_.vector(number);
         if (cost.count > 0) {
-            json << separator << "\"" << name << "\": {\"count\": " << cost.count << ", \"worst_cycles\": " << cost.worst
-                 << ", \"mean_cycles\": " << static_cast<double>(cost.total) / static_cast<double>(cost.count)
-                 << ", \"longest_wait_cycles\": " << cost.longest_wait << ", \"waited_at_address\": " << cost.waited_at << "}";
+            json << separator << "\"" << name << "\": {\"count\": " << cost.count
+                 << ", \"worst_cycles\": " << cost.worst << ", \"mean_cycles\": "
+                 << static_cast<double>(cost.total) / static_cast<double>(cost.count)
+                 << ", \"longest_wait_cycles\": " << cost.longest_wait
+                 << ", \"waited_at_address\": " << cost.waited_at << "}";
             separator = ",\n  ";
         }
     }
     const TickCost &tick = profile_.tick();
     const ControlCost &control = profile_.control();
-    json << "},\n \"isr_share\": " << static_cast<double>(profile_.interrupt_cycles()) / static_cast<double>(measured)
-         << ", \"isr_share_worst_100ms\": " << profile_.worst_window_share() << ",\n \"tick\": {\"count\": " << tick.count
-         << ", \"worst_cycles\": " << tick.worst << ", \"worst_at_cycle\": " << tick.worst_at
-         << ", \"mean_cycles\": " << (tick.count > 0 ? static_cast<double>(tick.total) / static_cast<double>(tick.count) : 0.0)
-         << ", \"late\": " << tick.late << "},\n \"control\": {\"count\": " << control.count << ", \"worst_cycles\": " << control.worst
-         << ", \"worst_at_cycle\": " << control.worst_at
-         << ", \"mean_cycles\": " << (control.count > 0 ? static_cast<double>(control.total) / static_cast<double>(control.count) : 0.0)
+    json << "},\n \"isr_share\": "
+         << static_cast<double>(profile_.interrupt_cycles()) / static_cast<double>(measured)
+         << ", \"isr_share_worst_100ms\": " << profile_.worst_window_share()
+         << ",\n \"tick\": {\"count\": " << tick.count << ", \"worst_cycles\": " << tick.worst
+         << ", \"worst_at_cycle\": " << tick.worst_at << ", \"mean_cycles\": "
+         << (tick.count > 0 ? static_cast<double>(tick.total) / static_cast<double>(tick.count)
+                            : 0.0)
+         << ", \"late\": " << tick.late << "},\n \"control\": {\"count\": " << control.count
+         << ", \"worst_cycles\": " << control.worst << ", \"worst_at_cycle\": " << control.worst_at
+         << ", \"mean_cycles\": "
+         << (control.count > 0
+                 ? static_cast<double>(control.total) / static_cast<double>(control.count)
+                 : 0.0)
          << "},\n \"stack\": {\"free_bytes\": " << profile_.stack_free()
          << ", \"variables_bytes\": " << machine_.ram_used_end() - machine_.io_end() - 1 << "}";
     const ConverterReport &converter = converter_.report();
-    json << ",\n \"adc\": {\"conversions\": " << converter.conversions << ", \"lost\": " << converter.lost
-         << ", \"channel_races\": " << converter.channel_races
+    json << ",\n \"adc\": {\"conversions\": " << converter.conversions
+         << ", \"lost\": " << converter.lost << ", \"channel_races\": " << converter.channel_races
          << ", \"shortest_cadence_cycles\": " << (converter.longest > 0 ? converter.shortest : 0)
          << ", \"longest_cadence_cycles\": " << converter.longest << "}";
     const HallReport &line = line_.report();
-    json << ",\n \"hall\": {\"edges\": " << line.edges << ", \"captured\": " << line.captured << ", \"deaf\": " << line.deaf << "}";
+    json << ",\n \"hall\": {\"edges\": " << line.edges << ", \"captured\": " << line.captured
+         << ", \"deaf\": " << line.deaf << "}";
     const SerialReport &serial = serial_.report();
-    json << ",\n \"uart\": {\"baud\": " << serial.baud << ", \"sent\": " << serial.sent << ", \"received\": " << serial.received
-         << ", \"overruns\": " << serial.overruns << "},\n \"eeprom\": {\"writes\": " << eeprom_.writes()
+    json << ",\n \"uart\": {\"baud\": " << serial.baud << ", \"sent\": " << serial.sent
+         << ", \"received\": " << serial.received << ", \"overruns\": " << serial.overruns
+         << "},\n \"eeprom\": {\"writes\": " << eeprom_.writes()
          << ", \"first_write_cycle\": " << eeprom_.first_write()
-         << "},\n \"bridge\": {\"shortest_dead_cycles\": " << (bridge_.shortest_dead() == NEVER ? -1 : bridge_.shortest_dead()) << "}}\n";
+         << "},\n \"bridge\": {\"shortest_dead_cycles\": "
+         << (bridge_.shortest_dead() == NEVER ? -1 : bridge_.shortest_dead()) << "}}\n";
     return json.str();
 }
 

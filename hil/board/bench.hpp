@@ -22,13 +22,14 @@ struct Options {
     std::string stats;
     std::string profile;           // cycles by address, for tests/avr/hot_spots.py
     std::uint8_t reset_cause = 1;  // MCUSR: power-on
-    Cycle cut = NEVER;             // power fails at this cycle: the run ends, a byte being written is torn
-    Cycle brown_out = NEVER;       // brown-out reset at this cycle
+    Cycle cut = NEVER;  // power fails at this cycle: the run ends, a byte being written is torn
+    Cycle brown_out = NEVER;  // brown-out reset at this cycle
     Cycle least_dead = 2;
     std::uint32_t seed = 1;
 };
 
-// Traps registers of peripherals that the bench does not model: writing anything but zero there ends the run.
+// Traps registers of peripherals that the bench does not model: writing anything but zero there
+// ends the run.
 class Unmodelled final : public Device {
 public:
     explicit Unmodelled(Machine &machine);
@@ -45,7 +46,8 @@ private:
 class Bench final : public AnalogueSource {
 public:
     explicit Bench(const Options &options);
-    bool period(const SimInputs &inputs, SimOutputs &outputs);  // false: power was cut within this period
+    bool period(const SimInputs &inputs,
+                SimOutputs &outputs);  // false: power was cut within this period
     void save_eeprom() const;
     std::string statistics() const;
     std::string address_table() const { return profile_.address_table(); }

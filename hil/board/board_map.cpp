@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The two boards: register addresses and vectors from the data sheets of ATmega328P (DS40002061) and ATmega2560 (DS40002211).
+// The two boards: register addresses and vectors from the data sheets of ATmega328P (DS40002061)
+// and ATmega2560 (DS40002211).
 #include "board_map.hpp"
 
 namespace board {

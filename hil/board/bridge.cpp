@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The bridge: a leg whose two transistors conduct together, or follow one another within the dead time, ends the run.
+// The bridge: a leg whose two transistors conduct together, or follow one another within the dead
+// time, ends the run.
 #include "bridge.hpp"
 
 #include <algorithm>
@@ -34,7 +35,8 @@ unsigned Ports::base_of(unsigned address) const {
 void Ports::write(unsigned short address, std::uint8_t value) {
     const unsigned port = base_of(address);
     if (address == port) {
-        machine_.reg(port + 2) = static_cast<std::uint8_t>(machine_.reg(port + 2) ^ value);  // writing PINx toggles PORTx
+        machine_.reg(port + 2) = static_cast<std::uint8_t>(machine_.reg(port + 2) ^
+                                                           value);  // writing PINx toggles PORTx
     } else {
         machine_.reg(address) = value;
     }
@@ -78,13 +80,20 @@ Bridge::Bridge(Machine &machine, const BoardMap &map, const Timer &pwm, Cycle le
       pwm_(pwm),
       least_dead_(least_dead) {}
 
-// A pin that is no output is held off by its pull-down, and the driver holds all gates off until it is enabled.
+// A pin that is no output is held off by its pull-down, and the driver holds all gates off until it
+// is enabled.
 Bridge::Drive Bridge::drive_of(int gate) const {
     const Pin &pin = map_.gates[static_cast<std::size_t>(gate)];
-    const auto high = [this](unsigned address, int bit) { return (machine_.peek(address) >> bit & 1) != 0; };
-    const bool enabled = high(map_.enable.port + 1, map_.enable.bit) && high(map_.enable.port + 2, map_.enable.bit);
+    const auto high = [this](unsigned address, int bit) {
+        return (machine_.peek(address) >> bit & 1) != 0;
+    };
+    const bool enabled =
+        high(map_.enable.port + 1, map_.enable.bit) && high(map_.enable.port + 2, map_.enable.bit);
     const bool output = enabled && high(pin.port + 1, pin.bit);
-    const unsigned com = gate > LEG_A_LOW ? 0u : static_cast<unsigned>(machine_.peek(TCCR0A)) >> (gate == LEG_A_HIGH ? 6 : 4) & 3u;
+    const unsigned com =
+        gate > LEG_A_LOW
+            ? 0u
+            : static_cast<unsigned>(machine_.peek(TCCR0A)) >> (gate == LEG_A_HIGH ? 6 : 4) & 3u;
     if (!output) {
         return Drive::OFF;
     }
@@ -107,7 +116,8 @@ Bridge::Drives Bridge::drives_now() const {
 
 void Bridge::changed() {
     const Drives drives = drives_now();
-    const Drives &before = current_.changes.empty() ? current_.drives : current_.changes.back().drives;
+    const Drives &before =
+        current_.changes.empty() ? current_.drives : current_.changes.back().drives;
     if (drives != before) {
         current_.changes.push_back({machine_.now(), drives});
     }
@@ -128,7 +138,8 @@ void Bridge::turned_on(int leg, const char *which, Cycle at, Cycle other_off) {
     const Cycle dead = at - other_off;
     shortest_dead_ = std::min(shortest_dead_, dead);
     if (dead < least_dead_) {
-        throw BoardError("shoot-through: " + std::string(which) + " side of leg " + (leg == 0 ? "A" : "B") + " turns on " + std::to_string(dead) +
+        throw BoardError("shoot-through: " + std::string(which) + " side of leg " +
+                         (leg == 0 ? "A" : "B") + " turns on " + std::to_string(dead) +
                          " cycles after the other side turned off, at cycle " + std::to_string(at));
     }
 }
@@ -136,7 +147,8 @@ void Bridge::turned_on(int leg, const char *which, Cycle at, Cycle other_off) {
 void Bridge::set_leg(int leg, bool high, bool low, Cycle at) {
     Leg &state = legs_[static_cast<std::size_t>(leg)];
     if (high && low) {
-        throw BoardError("shoot-through: both sides of leg " + std::string(leg == 0 ? "A" : "B") + " are on at cycle " + std::to_string(at));
+        throw BoardError("shoot-through: both sides of leg " + std::string(leg == 0 ? "A" : "B") +
+                         " are on at cycle " + std::to_string(at));
     }
     state.high_off = state.high && !high ? at : state.high_off;
     state.low_off = state.low && !low ? at : state.low_off;
@@ -156,7 +168,8 @@ void Bridge::check_instant(const Period &period, Cycle at) {
         drives = change.at <= at ? &change.drives : drives;
     }
     for (int leg = 0; leg < 2; ++leg) {
-        set_leg(leg, level(period, *drives, 2 * leg, at), level(period, *drives, 2 * leg + 1, at), at);
+        set_leg(leg, level(period, *drives, 2 * leg, at), level(period, *drives, 2 * leg + 1, at),
+                at);
     }
 }
 
@@ -178,7 +191,8 @@ void Bridge::check(const Period &period) {
     }
 }
 
-// A period like the one before needs no look; when the repetition ends, its last period is looked at for the switching times it left behind.
+// A period like the one before needs no look; when the repetition ends, its last period is looked
+// at for the switching times it left behind.
 void Bridge::end_period(Cycle start, Cycle end) {
     current_.start = start;
     current_.end = end;
@@ -202,7 +216,8 @@ void Bridge::end_period(Cycle start, Cycle end) {
     }
 }
 
-// The value that the two compare registers stand around; where one of them is clipped at an end, the other and the dead time tell it.
+// The value that the two compare registers stand around; where one of them is clipped at an end,
+// the other and the dead time tell it.
 int Bridge::leg_a_compare() const {
     const auto [high_below, low_above] = current_.latched;
     const int below = dead_counts_ / 2;
@@ -214,8 +229,11 @@ int Bridge::leg_a_compare() const {
 
 BridgeOutput Bridge::output() const {
     BridgeOutput output;
-    const auto on = [this](int gate) { return current_.drives[static_cast<std::size_t>(gate)] == Drive::ON; };
-    const bool switching = current_.drives[LEG_A_HIGH] == Drive::WAVE && current_.drives[LEG_A_LOW] == Drive::INVERTED;
+    const auto on = [this](int gate) {
+        return current_.drives[static_cast<std::size_t>(gate)] == Drive::ON;
+    };
+    const bool switching =
+        current_.drives[LEG_A_HIGH] == Drive::WAVE && current_.drives[LEG_A_LOW] == Drive::INVERTED;
     if (!switching || on(LEG_B_HIGH) == on(LEG_B_LOW) || !pwm_.running()) {
         return output;
     }

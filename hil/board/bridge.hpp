@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Port pins and the H-bridge on them: gate signals from compare registers, COM bits and ports, and the check of the dead time.
+// Port pins and the H-bridge on them: gate signals from compare registers, COM bits and ports, and
+// the check of the dead time.
 #ifndef VGROOVE_BOARD_BRIDGE_HPP
 #define VGROOVE_BOARD_BRIDGE_HPP
 
@@ -28,7 +29,8 @@ private:
     Machine &machine_;
     const BoardMap &map_;
     Bridge *bridge_ = nullptr;
-    std::array<std::uint8_t, 0x140> pulled_low_{};  // by PINx address: bits that a closed switch holds low
+    std::array<std::uint8_t, 0x140>
+        pulled_low_{};  // by PINx address: bits that a closed switch holds low
 };
 
 struct BridgeOutput {
@@ -41,7 +43,8 @@ class Bridge {
 public:
     Bridge(Machine &machine, const BoardMap &map, const Timer &pwm, Cycle least_dead);
     void changed();                           // a gate register was written now
-    void end_period(Cycle start, Cycle end);  // checks the period, then latches the compare registers, which is what TOP does
+    void end_period(Cycle start, Cycle end);  // checks the period, then latches the compare
+                                              // registers, which is what TOP does
     BridgeOutput output() const;
     Cycle shortest_dead() const { return shortest_dead_; }
 
@@ -52,14 +55,16 @@ private:
         Cycle at;
         Drives drives;
     };
-    struct Period {  // from TOP to TOP: compare values are constant, drives change when the program writes
+    struct Period {  // from TOP to TOP: compare values are constant, drives change when the program
+                     // writes
         Cycle start = 0;
         Cycle end = 0;
         std::array<int, 2> latched{};  // OCR0A, OCR0B in force
         Drives drives{};               // at the start
         std::vector<Change> changes;
         bool repeats(const Period &other) const {
-            return changes.empty() && other.changes.empty() && latched == other.latched && drives == other.drives;
+            return changes.empty() && other.changes.empty() && latched == other.latched &&
+                   drives == other.drives;
         }
     };
     struct Leg {

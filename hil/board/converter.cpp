@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The converter's timing: ATmega328P data sheet, "Prescaling and Conversion Timing" (sample 1.5, 2 or 13.5 clocks after the start).
+// The converter's timing: ATmega328P data sheet, "Prescaling and Conversion Timing" (sample 1.5, 2
+// or 13.5 clocks after the start).
 #include "converter.hpp"
 
 namespace board {
 namespace {
 
-constexpr Cycle SYNCHRONISATION = 3;  // CPU cycles between a trigger and the start of its conversion
+constexpr Cycle SYNCHRONISATION =
+    3;  // CPU cycles between a trigger and the start of its conversion
 constexpr unsigned ADCL = 0x78;
 constexpr unsigned ADCH = 0x79;
 constexpr unsigned ADCSRB = 0x7b;
@@ -35,7 +37,8 @@ Converter::Converter(Machine &machine, Timer &trigger, const AnalogueSource &sou
 }
 
 void Converter::triggered(Cycle at) {
-    const bool armed = bit(ADEN) && bit(ADATE) && (machine_.peek(ADCSRB) & 7u) == SOURCE_TIMER0_OVERFLOW;
+    const bool armed =
+        bit(ADEN) && bit(ADATE) && (machine_.peek(ADCSRB) & 7u) == SOURCE_TIMER0_OVERFLOW;
     if (!armed || busy_) {
         return;
     }
@@ -64,8 +67,10 @@ void Converter::start(Cycle at, Cycle half_clocks_to_sample, Cycle half_clocks_t
 
 void Converter::write_control(std::uint8_t value) {
     const std::uint8_t before = machine_.peek(CONTROL);
-    const std::uint8_t flag = static_cast<std::uint8_t>(before & ADIF & ~value);  // written one clears it
-    machine_.reg(CONTROL) = static_cast<std::uint8_t>((value & ~(ADIF | ADSC)) | flag | (busy_ ? ADSC : 0));
+    const std::uint8_t flag =
+        static_cast<std::uint8_t>(before & ADIF & ~value);  // written one clears it
+    machine_.reg(CONTROL) =
+        static_cast<std::uint8_t>((value & ~(ADIF | ADSC)) | flag | (busy_ ? ADSC : 0));
     if ((value & ADEN) == 0) {
         busy_ = false;
         fresh_ = true;
@@ -77,18 +82,21 @@ void Converter::write_control(std::uint8_t value) {
 }
 
 void Converter::write(unsigned short address, std::uint8_t value) {
-    trigger_.advance(machine_.now());  // an overflow before this write must not trigger what this write arms
+    trigger_.advance(
+        machine_.now());  // an overflow before this write must not trigger what this write arms
     advance(machine_.now());
     if (address == CONTROL) {
         write_control(value);
     } else if (address == ADMUX || address == ADCSRB) {
         const Cycle clock = Cycle{1} << (machine_.peek(CONTROL) & 7u);
-        if (address == ADMUX && busy_ && bit(ADATE) && value != machine_.peek(ADMUX) && machine_.now() - started_ < clock) {
+        if (address == ADMUX && busy_ && bit(ADATE) && value != machine_.peek(ADMUX) &&
+            machine_.now() - started_ < clock) {
             ++report_.channel_races;
         }
         machine_.reg(address) = value;
     }
-    trigger_.arm_overflow(bit(ADEN) && bit(ADATE) && (machine_.peek(ADCSRB) & 7u) == SOURCE_TIMER0_OVERFLOW);
+    trigger_.arm_overflow(bit(ADEN) && bit(ADATE) &&
+                          (machine_.peek(ADCSRB) & 7u) == SOURCE_TIMER0_OVERFLOW);
     update();
     machine_.refresh();
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The analogue-to-digital converter: single, free-running and Timer0-triggered conversions with their sample instants.
+// The analogue-to-digital converter: single, free-running and Timer0-triggered conversions with
+// their sample instants.
 #ifndef VGROOVE_BOARD_CONVERTER_HPP
 #define VGROOVE_BOARD_CONVERTER_HPP
 
@@ -17,7 +18,8 @@ public:
 struct ConverterReport {
     long conversions = 0;
     long lost = 0;           // finished while the last result was half read
-    long channel_races = 0;  // ADMUX written within one ADC clock of a trigger: which channel is converted is undefined on silicon
+    long channel_races = 0;  // ADMUX written within one ADC clock of a trigger: which channel is
+                             // converted is undefined on silicon
     Cycle shortest = NEVER;  // between two triggered conversions
     Cycle longest = 0;
 };

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Hall edges: pin level, noise canceller (four equal samples, ATmega328P data sheet, "Noise Canceler"), edge select.
+// Hall edges: pin level, noise canceller (four equal samples, ATmega328P data sheet, "Noise
+// Canceler"), edge select.
 #include "hall_line.hpp"
 
 namespace board {
@@ -9,7 +10,11 @@ constexpr Cycle FILTER_CYCLES = 4;
 
 }  // namespace
 
-HallLine::HallLine(Machine &machine, Timer &timer, Ports &ports, const Pin &pin) : machine_(machine), timer_(timer), ports_(ports), pin_(pin) {
+HallLine::HallLine(Machine &machine, Timer &timer, Ports &ports, const Pin &pin)
+    : machine_(machine),
+      timer_(timer),
+      ports_(ports),
+      pin_(pin) {
     machine.add(*this);
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The Hall sensor's line into the capture pin: it toggles at exact cycles; the capture unit sees a level 4 cycles later where its filter is on.
+// The Hall sensor's line into the capture pin: it toggles at exact cycles; the capture unit sees a
+// level 4 cycles later where its filter is on.
 #ifndef VGROOVE_BOARD_HALL_LINE_HPP
 #define VGROOVE_BOARD_HALL_LINE_HPP
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The simulated microcontroller: runs simavr's core from event to event and enters interrupts as silicon does.
+// The simulated microcontroller: runs simavr's core from event to event and enters interrupts as
+// silicon does.
 #include "machine.hpp"
 
 #include <cstdarg>
@@ -19,7 +20,8 @@ namespace {
 
 constexpr unsigned SMCR = 0x53;
 constexpr unsigned MCUSR = 0x54;
-constexpr Cycle WAKE_CYCLES = 4;  // ATmega328P data sheet, "Sleep Modes": halted for four cycles in addition to the start-up time
+constexpr Cycle WAKE_CYCLES = 4;  // ATmega328P data sheet, "Sleep Modes": halted for four cycles in
+                                  // addition to the start-up time
 
 void quiet_logger(avr_t *, const int level, const char *format, va_list arguments) {
     if (level <= LOG_ERROR) {
@@ -36,7 +38,8 @@ unsigned symbol_address(const elf_firmware_t &firmware, const char *name) {
     return 0;
 }
 
-// Architecture for which an AVR ELF was linked: the low bits of e_flags, 5 for the ATmega328P, 6 for the ATmega2560.
+// Architecture for which an AVR ELF was linked: the low bits of e_flags, 5 for the ATmega328P, 6
+// for the ATmega2560.
 int linked_architecture(const std::string &elf) {
     std::ifstream stream(elf, std::ios::binary);
     constexpr std::streamoff E_FLAGS = 36;
@@ -49,12 +52,14 @@ int linked_architecture(const std::string &elf) {
 Machine::Machine(const std::string &mcu, const std::string &elf, std::uint32_t seed) {
     avr_global_logger_set(quiet_logger);
     load(mcu, elf);
-    for (auto &slot : avr_->io) {  // every peripheral of simavr is unplugged: what is not owned by a device is plain memory
+    for (auto &slot : avr_->io) {  // every peripheral of simavr is unplugged: what is not owned by
+                                   // a device is plain memory
         slot.r.c = nullptr;
         slot.w.c = nullptr;
     }
     fill_ram(seed);
-    avr_irq_register_notify(avr_get_interrupt_irq(avr_, AVR_INT_ANY) + AVR_INT_IRQ_RUNNING, reti_hook, this);
+    avr_irq_register_notify(avr_get_interrupt_irq(avr_, AVR_INT_ANY) + AVR_INT_IRQ_RUNNING,
+                            reti_hook, this);
     avr_->state = cpu_Running;
 }
 
@@ -72,7 +77,8 @@ void Machine::load(const std::string &mcu, const std::string &elf) {
         throw BoardError(elf + " does not fit into the flash of the " + mcu);
     }
     used_end_ = symbol_address(firmware, "_end");
-    if (linked_architecture(elf) != (avr_->address_size == 3 ? 6 : 5) || used_end_ <= avr_->ioend || used_end_ > avr_->ramend) {
+    if (linked_architecture(elf) != (avr_->address_size == 3 ? 6 : 5) || used_end_ <= avr_->ioend ||
+        used_end_ > avr_->ramend) {
         throw BoardError(elf + " was not linked for the " + mcu);
     }
     if (firmware.eeprom != nullptr) {
@@ -84,7 +90,8 @@ void Machine::load(const std::string &mcu, const std::string &elf) {
     avr_->pc = avr_->reset_pc;
 }
 
-// SRAM holds anything after power-up: a program that relies on zeros there fails here as on silicon.
+// SRAM holds anything after power-up: a program that relies on zeros there fails here as on
+// silicon.
 void Machine::fill_ram(std::uint32_t seed) {
     std::mt19937 random(seed);
     for (unsigned address = avr_->ioend + 1u; address <= avr_->ramend; ++address) {
@@ -100,7 +107,8 @@ void Machine::own(unsigned address, Device &device) {
     slot.r.param = &device;
 }
 
-// simavr asks the modules in turn when the program executes WDR; the last one attached is asked first.
+// simavr asks the modules in turn when the program executes WDR; the last one attached is asked
+// first.
 void Machine::attach(avr_io_t &io) {
     avr_register_io(avr_, &io);
 }
@@ -116,7 +124,8 @@ std::uint8_t Machine::read_hook(avr_t *, avr_io_addr_t address, void *device) {
 void Machine::reti_hook(avr_irq_t *, std::uint32_t, void *param) {
     auto *machine = static_cast<Machine *>(param);
     if (machine->watch_ != nullptr) {
-        machine->watch_->left(machine->now() + machine->entry_cycles());  // RETI takes as long as the entry
+        machine->watch_->left(machine->now() +
+                              machine->entry_cycles());  // RETI takes as long as the entry
     }
 }
 
@@ -141,7 +150,8 @@ void Machine::refresh() {
 
 // SBI touches one bit of the flag registers below 0x40; simavr reads and writes them whole.
 bool Machine::current_is_sbi(std::uint8_t &mask) const {
-    const unsigned opcode = avr_->flash[avr_->pc] | static_cast<unsigned>(avr_->flash[avr_->pc + 1]) << 8;
+    const unsigned opcode = avr_->flash[avr_->pc] | static_cast<unsigned>(avr_->flash[avr_->pc + 1])
+                                                        << 8;
     mask = static_cast<std::uint8_t>(1u << (opcode & 7u));
     return (opcode & 0xff00u) == 0x9a00u;
 }
@@ -181,14 +191,16 @@ void Machine::enter_interrupt() {
 void Machine::check_state() const {
     if (avr_->state != cpu_Running && avr_->state != cpu_Sleeping) {
         char text[120];
-        std::snprintf(text, sizeof text, "the program crashed at cycle %lld, address 0x%04x, stack pointer 0x%04x", static_cast<long long>(now()),
-                      avr_->pc, stack_pointer());
+        std::snprintf(text, sizeof text,
+                      "the program crashed at cycle %lld, address 0x%04x, stack pointer 0x%04x",
+                      static_cast<long long>(now()), avr_->pc, stack_pointer());
         throw BoardError(text);
     }
 }
 
 void Machine::step(Cycle budget) {
-    const bool interrupts_just_enabled = avr_->interrupt_state < 0;  // then one more instruction comes before any interrupt
+    const bool interrupts_just_enabled =
+        avr_->interrupt_state < 0;  // then one more instruction comes before any interrupt
     avr_->interrupt_state = 0;
     const bool single = interrupts_just_enabled || counted_ != nullptr;
     avr_->run_cycle_count = single ? 1u : static_cast<avr_cycle_count_t>(budget);
@@ -219,7 +231,8 @@ void Machine::run_until(Cycle end) {
     }
 }
 
-// Everything but SRAM and the general registers goes back to its start value; `cause` is a bit of MCUSR.
+// Everything but SRAM and the general registers goes back to its start value; `cause` is a bit of
+// MCUSR.
 void Machine::reset(std::uint8_t cause) {
     const std::uint8_t causes = static_cast<std::uint8_t>(reg(MCUSR) | cause);
     std::memset(avr_->data + 32, 0, avr_->ioend - 31u);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The simulated microcontroller: simavr's instruction core, driven by devices, interrupts and a clock of the bench's own.
+// The simulated microcontroller: simavr's instruction core, driven by devices, interrupts and a
+// clock of the bench's own.
 #ifndef VGROOVE_BOARD_MACHINE_HPP
 #define VGROOVE_BOARD_MACHINE_HPP
 
@@ -26,7 +27,8 @@ struct BoardError : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-// A peripheral: owns registers, raises interrupt lines, and says at which cycle it next wants to be advanced.
+// A peripheral: owns registers, raises interrupt lines, and says at which cycle it next wants to be
+// advanced.
 class Device {
 public:
     Device() = default;
@@ -61,7 +63,9 @@ public:
     std::uint8_t peek(unsigned address) const { return avr_->data[address]; }
     unsigned ram_end() const { return avr_->ramend; }
     unsigned ram_used_end() const { return used_end_; }
-    unsigned stack_pointer() const { return avr_->data[R_SPL] | static_cast<unsigned>(avr_->data[R_SPH]) << 8; }
+    unsigned stack_pointer() const {
+        return avr_->data[R_SPL] | static_cast<unsigned>(avr_->data[R_SPH]) << 8;
+    }
     std::size_t flash_words() const { return (avr_->flashend + 1u) / 2u; }
     unsigned io_end() const { return avr_->ioend; }
     int eeprom_size() const { return static_cast<int>(avr_->e2end) + 1; }
@@ -78,7 +82,9 @@ public:
     void stall(Cycle cycles) { avr_->cycle += static_cast<avr_cycle_count_t>(cycles); }
     void refresh();
     bool current_is_sbi(std::uint8_t &mask) const;
-    void count_addresses(std::vector<Cycle> &cycles) { counted_ = &cycles; }  // by word address, from now on
+    void count_addresses(std::vector<Cycle> &cycles) {
+        counted_ = &cycles;
+    }  // by word address, from now on
     void run_until(Cycle end);
     void reset(std::uint8_t cause);
 

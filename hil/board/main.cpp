@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// vgroove-board: runs an ELF on a simulated ATmega, one SimInputs from stdin and one SimOutputs to stdout a PWM period.
+// vgroove-board: runs an ELF on a simulated ATmega, one SimInputs from stdin and one SimOutputs to
+// stdout a PWM period.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -17,10 +18,12 @@ using board::BoardError;
 
 constexpr int EXIT_USAGE = 2;
 constexpr int EXIT_BOARD = 3;
-constexpr const char *USAGE =
-    "usage: vgroove-board ELF [--mcu atmega328p|atmega2560] [--eeprom FILE] [--stats FILE] [--reset-cause por|ext|bor|wdt]\n"
-    "                     [--cut CYCLE] [--brown-out CYCLE] [--least-dead CYCLES] [--profile FILE] [--seed N]\n"
-    "Reads one SimInputs a PWM period on stdin, answers one SimOutputs on stdout (firmware/hal/sim/sim_io.h). Ends with stdin.\n";
+constexpr const char *USAGE = "usage: vgroove-board ELF [--mcu atmega328p|atmega2560] [--eeprom "
+                              "FILE] [--stats FILE] [--reset-cause por|ext|bor|wdt]\n"
+                              "                     [--cut CYCLE] [--brown-out CYCLE] "
+                              "[--least-dead CYCLES] [--profile FILE] [--seed N]\n"
+                              "Reads one SimInputs a PWM period on stdin, answers one SimOutputs "
+                              "on stdout (firmware/hal/sim/sim_io.h). Ends with stdin.\n";
 
 std::uint8_t reset_cause(const std::string &name) {
     const char *names[] = {"por", "ext", "bor", "wdt"};
@@ -83,7 +86,8 @@ board::Options parse(int count, char **arguments) {
     return options;
 }
 
-// simavr prints to stdout; the message stream gets a descriptor of its own and stray text goes to stderr.
+// simavr prints to stdout; the message stream gets a descriptor of its own and stray text goes to
+// stderr.
 int take_stdout() {
     const int stream = dup(STDOUT_FILENO);
     dup2(STDERR_FILENO, STDOUT_FILENO);
@@ -117,7 +121,8 @@ bool write_whole(int stream, const void *data, std::size_t size) {
 void serve(board::Bench &bench, int stream) {
     SimInputs inputs;
     SimOutputs outputs;
-    while (read_whole(&inputs, sizeof inputs) && bench.period(inputs, outputs) && write_whole(stream, &outputs, sizeof outputs)) {
+    while (read_whole(&inputs, sizeof inputs) && bench.period(inputs, outputs) &&
+           write_whole(stream, &outputs, sizeof outputs)) {
     }
 }
 

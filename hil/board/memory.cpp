@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// EEPROM and watchdog timing: ATmega328P data sheet, "EEPROM Data Memory" (3.4 ms a byte) and "Watchdog Timer" (128 kHz).
+// EEPROM and watchdog timing: ATmega328P data sheet, "EEPROM Data Memory" (3.4 ms a byte) and
+// "Watchdog Timer" (128 kHz).
 #include "memory.hpp"
 
 #include <utility>
@@ -48,14 +49,17 @@ Eeprom::Eeprom(Machine &machine, int vector, std::vector<std::uint8_t> content, 
 }
 
 unsigned Eeprom::address() const {
-    return (machine_.peek(EEARL) | static_cast<unsigned>(machine_.peek(EEARH)) << 8) % static_cast<unsigned>(content_.size());
+    return (machine_.peek(EEARL) | static_cast<unsigned>(machine_.peek(EEARH)) << 8) %
+           static_cast<unsigned>(content_.size());
 }
 
 void Eeprom::start_write(unsigned mode) {
     busy_ = true;
     target_ = address();
     const std::uint8_t data = machine_.peek(EEDR);
-    value_ = mode == 1 ? 0xff : mode == 2 ? static_cast<std::uint8_t>(content_[target_] & data) : data;
+    value_ = mode == 1   ? 0xff
+             : mode == 2 ? static_cast<std::uint8_t>(content_[target_] & data)
+                         : data;
     content_[target_] = static_cast<std::uint8_t>(random_());
     done_at_ = machine_.now() + (mode == 0 ? ATOMIC_CYCLES : HALF_CYCLES);
     first_write_ = first_write_ < 0 ? machine_.now() : first_write_;
@@ -83,7 +87,8 @@ void Eeprom::write(unsigned short, std::uint8_t value) {
 std::uint8_t Eeprom::read(unsigned short) {
     advance(machine_.now());
     const bool enabled = machine_.now() <= enabled_until_;
-    return static_cast<std::uint8_t>((machine_.reg(EECR) & 0x38) | (busy_ ? EEPE : 0) | (enabled ? EEMPE : 0));
+    return static_cast<std::uint8_t>((machine_.reg(EECR) & 0x38) | (busy_ ? EEPE : 0) |
+                                     (enabled ? EEMPE : 0));
 }
 
 void Eeprom::advance(Cycle now) {
@@ -137,7 +142,8 @@ void Watchdog::kick() {
     machine_.refresh();
 }
 
-// WDE and the prescaler change only within four cycles of a write of WDCE and WDE together; WDIE and WDIF always.
+// WDE and the prescaler change only within four cycles of a write of WDCE and WDE together; WDIE
+// and WDIF always.
 void Watchdog::write(unsigned short, std::uint8_t value) {
     const std::uint8_t before = machine_.peek(WDTCSR);
     const bool open = machine_.now() <= change_until_;

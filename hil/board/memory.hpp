@@ -28,7 +28,8 @@ private:
 
     Machine &machine_;
     int vector_;
-    std::vector<std::uint8_t> content_;  // while a byte is being written it holds garbage, as after a power cut
+    std::vector<std::uint8_t>
+        content_;  // while a byte is being written it holds garbage, as after a power cut
     std::mt19937 random_;
     bool busy_ = false;
     Cycle enabled_until_ = -1;

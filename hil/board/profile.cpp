@@ -111,7 +111,8 @@ void Profile::spend(Cycle cycles, Cycle at) {
 }
 
 double Profile::worst_window_share() const {
-    return static_cast<double>(std::max(worst_window_, window_cycles_)) / static_cast<double>(WINDOW_CYCLES);
+    return static_cast<double>(std::max(worst_window_, window_cycles_)) /
+           static_cast<double>(WINDOW_CYCLES);
 }
 
 void Profile::reset() {
@@ -128,21 +129,25 @@ std::string Profile::address_table() const {
     std::string table;
     for (std::size_t i = 0; i < counted_.size(); ++i) {
         if (counted_[i] > 0) {
-            table += std::to_string(2 * i) + " " + std::to_string(counted_[i]) + " " + std::to_string(worst_tick_[i]) + "\n";
+            table += std::to_string(2 * i) + " " + std::to_string(counted_[i]) + " " +
+                     std::to_string(worst_tick_[i]) + "\n";
         }
     }
     return table;
 }
 
-// What lies between the variables and the stack when the program's start is over; bytes that change later were stack.
+// What lies between the variables and the stack when the program's start is over; bytes that change
+// later were stack.
 void Profile::snapshot_stack() {
     snapshot_.clear();
-    for (unsigned address = machine_.ram_used_end(); address <= machine_.stack_pointer(); ++address) {
+    for (unsigned address = machine_.ram_used_end(); address <= machine_.stack_pointer();
+         ++address) {
         snapshot_.push_back(machine_.peek(address));
     }
 }
 
-// Bytes between the variables and the lowest byte that the stack has touched since the snapshot, or the lowest entry of an interrupt.
+// Bytes between the variables and the lowest byte that the stack has touched since the snapshot, or
+// the lowest entry of an interrupt.
 unsigned Profile::stack_free() const {
     unsigned lowest = lowest_stack_;
     for (unsigned i = 0; i < snapshot_.size(); ++i) {

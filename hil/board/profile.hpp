@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What the program costs: cycles of each interrupt and tick, the interrupts' share of time, the stack's low-water mark.
+// What the program costs: cycles of each interrupt and tick, the interrupts' share of time, the
+// stack's low-water mark.
 #ifndef VGROOVE_BOARD_PROFILE_HPP
 #define VGROOVE_BOARD_PROFILE_HPP
 
@@ -17,7 +18,8 @@ struct VectorCost {
 
 struct TickCost {
     long count = 0;
-    Cycle worst = 0;  // from the compare match of Timer2 to the end of the tick's work, interrupts included
+    Cycle worst =
+        0;  // from the compare match of Timer2 to the end of the tick's work, interrupts included
     Cycle total = 0;
     Cycle worst_at = 0;
     long late = 0;  // ticks that lasted beyond the next compare match
@@ -30,7 +32,8 @@ struct ControlCost {
     Cycle worst_at = 0;
 };
 
-// GPIOR0 holds the program's marks: bit 0 is 1 while a tick's work runs, bit 1 while the controller's step in it does.
+// GPIOR0 holds the program's marks: bit 0 is 1 while a tick's work runs, bit 1 while the
+// controller's step in it does.
 class Profile final : public Device, public InterruptWatch {
 public:
     Profile(Machine &machine, const Timer &tick);
@@ -42,11 +45,14 @@ public:
     void entered(int vector, Cycle at, Cycle waited, unsigned pc) override;
     void left(Cycle at) override;
 
-    void count_addresses();             // slower: each instruction is looked at
-    std::string address_table() const;  // lines of: byte address, cycles in all, cycles in the worst tick
+    void count_addresses();  // slower: each instruction is looked at
+    std::string
+    address_table() const;  // lines of: byte address, cycles in all, cycles in the worst tick
     void snapshot_stack();
     unsigned stack_free() const;
-    const VectorCost &vector(int number) const { return vectors_[static_cast<std::size_t>(number)]; }
+    const VectorCost &vector(int number) const {
+        return vectors_[static_cast<std::size_t>(number)];
+    }
     const TickCost &tick() const { return ticks_; }
     const ControlCost &control() const { return controls_; }
     Cycle measured_since() const { return since_; }

@@ -25,7 +25,11 @@ constexpr long CPU_HZ = 16000000;
 
 }  // namespace
 
-Serial::Serial(Machine &machine, int receive, int empty, int complete) : machine_(machine), receive_(receive), empty_(empty), complete_(complete) {
+Serial::Serial(Machine &machine, int receive, int empty, int complete)
+    : machine_(machine),
+      receive_(receive),
+      empty_(empty),
+      complete_(complete) {
     machine.add(*this);
     for (const int vector : {receive, empty, complete}) {
         machine.serve(vector, *this);
@@ -46,14 +50,16 @@ void Serial::write(unsigned short address, std::uint8_t value) {
     switch (address) {
     case UCSRA:
         complete_flag_ = complete_flag_ && (value & TXC) == 0;
-        machine_.reg(UCSRA) = static_cast<std::uint8_t>((machine_.reg(UCSRA) & ~U2X) | (value & U2X));
+        machine_.reg(UCSRA) =
+            static_cast<std::uint8_t>((machine_.reg(UCSRA) & ~U2X) | (value & U2X));
         break;
     case UDR:
         send(value);
         break;
     case UCSRC:
         if (value != FRAME_8N1) {
-            throw BoardError("the bench models the UART with 8 data bits, no parity and one stop bit only");
+            throw BoardError(
+                "the bench models the UART with 8 data bits, no parity and one stop bit only");
         }
         machine_.reg(address) = value;
         break;
@@ -137,7 +143,8 @@ void Serial::advance(Cycle now) {
 
 void Serial::update() {
     std::uint8_t &status = machine_.reg(UCSRA);
-    status = static_cast<std::uint8_t>((status & U2X) | (received_.empty() ? 0 : RXC) | (complete_flag_ ? TXC : 0) | (waiting_ ? 0 : UDRE) |
+    status = static_cast<std::uint8_t>((status & U2X) | (received_.empty() ? 0 : RXC) |
+                                       (complete_flag_ ? TXC : 0) | (waiting_ ? 0 : UDRE) |
                                        (overrun_ ? DOR : 0));
     machine_.line(receive_, !received_.empty() && enabled(0x80));
     machine_.line(empty_, !waiting_ && enabled(0x20));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// USART0 with its real buffers: one byte waits behind the shift register, two received bytes wait for the program.
+// USART0 with its real buffers: one byte waits behind the shift register, two received bytes wait
+// for the program.
 #ifndef VGROOVE_BOARD_SERIAL_HPP
 #define VGROOVE_BOARD_SERIAL_HPP
 

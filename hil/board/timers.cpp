@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Timer/counters: positions are computed from the cycle counter, so nothing is simulated between events.
+// Timer/counters: positions are computed from the cycle counter, so nothing is simulated between
+// events.
 #include "timers.hpp"
 
 #include <utility>
@@ -21,11 +22,13 @@ Cycle floor_div(Cycle a, Cycle b) {
 
 Timer::Timer(Machine &machine, const TimerMap &map) : machine_(machine), map_(map) {
     machine.add(*this);
-    for (const unsigned address : {map.tccra, map.tccrb, map.timsk, map.tifr, map.tcnt, map.ocra, map.ocrb}) {
+    for (const unsigned address :
+         {map.tccra, map.tccrb, map.timsk, map.tifr, map.tcnt, map.ocra, map.ocrb}) {
         machine.own(address, *this);
     }
     if (map.bits == 16) {
-        for (const unsigned address : {map.tcnt + 1, map.ocra + 1, map.ocrb + 1, map.icr, map.icr + 1}) {
+        for (const unsigned address :
+             {map.tcnt + 1, map.ocra + 1, map.ocrb + 1, map.icr, map.icr + 1}) {
             machine.own(address, *this);
         }
         machine.serve(map.capture, *this);
@@ -62,7 +65,8 @@ Cycle Timer::ticks(Cycle now) const {
 
 unsigned Timer::count(Cycle now) const {
     const Cycle position = ticks(now);
-    return static_cast<unsigned>(mode_ == Mode::PHASE && position > TIMER_TOP ? 2 * TIMER_TOP - position : position);
+    return static_cast<unsigned>(
+        mode_ == Mode::PHASE && position > TIMER_TOP ? 2 * TIMER_TOP - position : position);
 }
 
 // First cycle after `after` at which the position is `phase`.
@@ -72,13 +76,16 @@ Cycle Timer::occurrence(Cycle phase, Cycle after) const {
     return first + length * (floor_div(after - first, length) + 1);
 }
 
-// A compare flag is set on the timer clock after the match; the second match of phase-correct PWM is not modelled (configure() refuses its use).
+// A compare flag is set on the timer clock after the match; the second match of phase-correct PWM
+// is not modelled (configure() refuses its use).
 std::array<Timer::Source, 3> Timer::sources() const {
     const Cycle top = period() - 1;
     const Cycle a = static_cast<Cycle>(compare(map_.ocra));
     const Cycle b = static_cast<Cycle>(compare(map_.ocrb));
     const Cycle overflow = mode_ == Mode::CTC ? -1 : 0;
-    return {{{TOV, overflow}, {OCFA, a > top ? -1 : (a + 1) % (top + 1)}, {OCFB, b > top ? -1 : (b + 1) % (top + 1)}}};
+    return {{{TOV, overflow},
+             {OCFA, a > top ? -1 : (a + 1) % (top + 1)},
+             {OCFB, b > top ? -1 : (b + 1) % (top + 1)}}};
 }
 
 void Timer::freeze(Cycle now) {
@@ -86,12 +93,14 @@ void Timer::freeze(Cycle now) {
     running_ = false;
 }
 
-// The next tick comes with the next edge of the prescaler, which runs on its own from its last reset.
+// The next tick comes with the next edge of the prescaler, which runs on its own from its last
+// reset.
 void Timer::thaw(Cycle now) {
     if (prescale_ == 0 || held_) {
         return;
     }
-    const Cycle next = prescaler_origin_ + prescale_ * (floor_div(now - prescaler_origin_, prescale_) + 1);
+    const Cycle next =
+        prescaler_origin_ + prescale_ * (floor_div(now - prescaler_origin_, prescale_) + 1);
     base_ = next - prescale_ * (frozen_ + 1);
     running_ = true;
     synced_ = now;
@@ -103,13 +112,15 @@ void Timer::configure() {
     const unsigned wgm = (a & 3u) | (b & (map_.bits == 16 ? 0x18u : 0x08u)) >> 1;
     const bool wide_pwm = map_.bits == 16 && (wgm & 3u) != 0;
     if (wgm > 4 || wide_pwm || (map_.bits == 8 && wgm == 4)) {
-        throw BoardError("the bench does not model waveform mode " + std::to_string(wgm) + " of timer " + std::to_string(map_.number));
+        throw BoardError("the bench does not model waveform mode " + std::to_string(wgm) +
+                         " of timer " + std::to_string(map_.number));
     }
     const Mode narrow[] = {Mode::NORMAL, Mode::PHASE, Mode::CTC, Mode::FAST};
     mode_ = wgm == 4 ? Mode::CTC : narrow[wgm];
     const int prescale = map_.prescales[b & 7u];
     if (prescale < 0) {
-        throw BoardError("the bench does not model an external clock of timer " + std::to_string(map_.number));
+        throw BoardError("the bench does not model an external clock of timer " +
+                         std::to_string(map_.number));
     }
     prescale_ = prescale;
 }
@@ -263,7 +274,10 @@ void Timer::update() {
 }
 
 void Timer::acknowledge(int vector) {
-    const std::uint8_t flag = vector == map_.overflow ? TOV : vector == map_.compare_a ? OCFA : vector == map_.compare_b ? OCFB : ICF;
+    const std::uint8_t flag = vector == map_.overflow    ? TOV
+                              : vector == map_.compare_a ? OCFA
+                              : vector == map_.compare_b ? OCFB
+                                                         : ICF;
     advance(machine_.now());
     machine_.reg(map_.tifr) = static_cast<std::uint8_t>(machine_.reg(map_.tifr) & ~flag);
     update();
@@ -280,7 +294,8 @@ void Timer::reset() {
     due = NEVER;
 }
 
-// `edge` is the cycle at which the capture unit sees the edge; the stamp is the count at that cycle, however late the program is.
+// `edge` is the cycle at which the capture unit sees the edge; the stamp is the count at that
+// cycle, however late the program is.
 void Timer::capture(Cycle edge) {
     const unsigned stamp = count(edge);
     machine_.reg(map_.icr) = static_cast<std::uint8_t>(stamp);
@@ -316,7 +331,8 @@ void Timer::arm_overflow(bool armed) {
     machine_.refresh();
 }
 
-PrescalerReset::PrescalerReset(Machine &machine, std::vector<Timer *> synchronous, Timer &asynchronous)
+PrescalerReset::PrescalerReset(Machine &machine, std::vector<Timer *> synchronous,
+                               Timer &asynchronous)
     : machine_(machine),
       synchronous_(std::move(synchronous)),
       asynchronous_(asynchronous) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Timer/counters 0, 1 (or 4, 5) and 2: exact counts, flags, input capture and the prescalers' common reset.
+// Timer/counters 0, 1 (or 4, 5) and 2: exact counts, flags, input capture and the prescalers'
+// common reset.
 #ifndef VGROOVE_BOARD_TIMERS_HPP
 #define VGROOVE_BOARD_TIMERS_HPP
 
@@ -32,7 +33,9 @@ public:
     bool running() const { return running_; }
     bool phase_correct() const { return mode_ == Mode::PHASE; }
     Cycle next_top(Cycle after) const { return occurrence(TIMER_TOP, after); }
-    bool captures(bool rising) const { return ((machine_.peek(map_.tccrb) & 0x40u) != 0) == rising; }
+    bool captures(bool rising) const {
+        return ((machine_.peek(map_.tccrb) & 0x40u) != 0) == rising;
+    }
     bool filters() const { return (machine_.peek(map_.tccrb) & 0x80u) != 0; }
     void capture(Cycle edge);
     void hold(Cycle now, bool held);

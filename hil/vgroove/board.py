@@ -1,4 +1,6 @@
-"""The simulated AVR as a board: one `vgroove-board` process that runs the real ELF, a message of fixed size each PWM period."""
+"""The simulated AVR as a board: one `vgroove-board` process that runs the real ELF, a message of
+fixed size each PWM period.
+"""
 
 import json
 import os
@@ -27,7 +29,9 @@ _NO_EDGES = (0,) * EDGES_MAX
 
 
 class BoardInputs(NamedTuple):
-    """What the pins see in a period: ADC counts at its end (ADC_CHANNELS), Hall edges by cycle 0..509, switches (SWITCH_*), UART bytes."""
+    """What the pins see in a period: ADC counts at its end (ADC_CHANNELS), Hall edges by cycle
+    0..509, switches (SWITCH_*), UART bytes.
+    """
 
     adc_counts: tuple[int, int, int, int]
     edges: Sequence[int] = ()
@@ -36,7 +40,9 @@ class BoardInputs(NamedTuple):
 
 
 class BoardOutputs(NamedTuple):
-    """What the bridge does in the next period (compare value -255..255, dead time in timer counts) and the bytes sent in this one."""
+    """What the bridge does in the next period (compare value -255..255, dead time in timer counts)
+    and the bytes sent in this one.
+    """
 
     coast: bool
     compare: int
@@ -45,11 +51,15 @@ class BoardOutputs(NamedTuple):
 
 
 def pack_inputs(inputs: BoardInputs) -> bytes:
-    """The period's message to a board; more than 8 edges or 4 bytes in a period is an error of the caller."""
+    """The period's message to a board; more than 8 edges or 4 bytes in a period is an error of the
+    caller.
+    """
     adc_counts, edges, switches, rx = inputs
     count = len(edges)
     if count > EDGES_MAX or len(rx) > BYTES_MAX:
-        raise ValueError(f"{count} edges and {len(rx)} bytes in one period; at most {EDGES_MAX} and {BYTES_MAX} fit")
+        raise ValueError(
+            f"{count} edges and {len(rx)} bytes in one period; at most {EDGES_MAX} and {BYTES_MAX} fit"
+        )
     padded = (*edges, *_NO_EDGES[count:]) if count else _NO_EDGES
     return _INPUTS.pack(*adc_counts, *padded, count, switches, len(rx), rx)
 
@@ -62,14 +72,19 @@ def unpack_outputs(message: bytes) -> BoardOutputs:
 
 def find_tool() -> Path:
     """Path of vgroove-board: $VGROOVE_BOARD, the newest in the tree's build folders, or PATH."""
-    built = sorted((Path(__file__).resolve().parents[2] / "build").glob("*/hil/board/vgroove-board"), key=lambda path: path.stat().st_mtime)
+    built = sorted(
+        (Path(__file__).resolve().parents[2] / "build").glob("*/hil/board/vgroove-board"),
+        key=lambda path: path.stat().st_mtime,
+    )
     named = os.environ.get("VGROOVE_BOARD")
     if named and not Path(named).is_file():
         raise VgrooveError(f"VGROOVE_BOARD names {named}, which is no file")
     for candidate in (named, *reversed(built), shutil.which("vgroove-board")):
         if candidate:
             return Path(candidate)
-    raise VgrooveError("the bench tool vgroove-board is missing: build it with `make build`, or name it in VGROOVE_BOARD")
+    raise VgrooveError(
+        "the bench tool vgroove-board is missing: build it with `make build`, or name it in VGROOVE_BOARD"
+    )
 
 
 def default_elf(target: str = "uno") -> Path:
@@ -79,14 +94,20 @@ def default_elf(target: str = "uno") -> Path:
 
 def _checked_elf(elf: Path) -> Path:
     if not Path(elf).is_file():
-        raise VgrooveError(f"there is no firmware at {elf}: build it with `make build`, or name another with --elf")
+        raise VgrooveError(
+            f"there is no firmware at {elf}: build it with `make build`, or name another with --elf"
+        )
     return Path(elf)
 
 
 def _sentence(errors: bytes, code: int) -> str:
     lines = errors.decode(errors="replace").splitlines()
-    said = [line.removeprefix("vgroove-board: ") for line in lines if line.startswith("vgroove-board: ")]
-    return said[0] if said else " ".join(lines) or f"vgroove-board ended by itself (exit code {code})"
+    said = [
+        line.removeprefix("vgroove-board: ") for line in lines if line.startswith("vgroove-board: ")
+    ]
+    return (
+        said[0] if said else " ".join(lines) or f"vgroove-board ended by itself (exit code {code})"
+    )
 
 
 def _arguments(elf: Path, mcu: str, options: dict[str, object]) -> list[str]:
@@ -100,15 +121,21 @@ def _arguments(elf: Path, mcu: str, options: dict[str, object]) -> list[str]:
 class AvrBoard:
     """The ELF on a simulated ATmega, a period at a time; a context manager.
 
-    Options are those of the tool: eeprom (file that survives the run), stats (file), seed, cut, brown_out, least_dead, reset_cause.
-    Raises VgrooveError with the tool's sentence when the tool or the ELF is missing, does not fit the part, or the run ends by itself.
+    Options are those of the tool: eeprom (file that survives the run), stats (file), seed, cut,
+    brown_out, least_dead, reset_cause. Raises VgrooveError with the tool's sentence when the tool
+    or the ELF is missing, does not fit the part, or the run ends by itself.
     """
 
     def __init__(self, elf: Path, *, mcu: str = "atmega328p", **options: object) -> None:
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  lives as long as the process
         command = _arguments(elf, mcu, options)
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, start_new_session=True)
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            start_new_session=True,
+        )
         self._to = self._process.stdin.fileno()
         self._from = self._process.stdout.fileno()
 
@@ -119,7 +146,9 @@ class AvrBoard:
         self.close()
 
     def period(self, inputs: BoardInputs) -> BoardOutputs:
-        """Advance 510 cycles with `inputs`; the gates in force in the next period and the bytes sent in this one."""
+        """Advance 510 cycles with `inputs`; the gates in force in the next period and the bytes
+        sent in this one.
+        """
         try:
             os.write(self._to, pack_inputs(inputs))
             message = os.read(self._from, OUTPUT_BYTES)
@@ -144,8 +173,12 @@ class AvrBoard:
 
 
 def replay(elf: Path, inputs: bytes, *, mcu: str = "atmega328p", **options: object) -> bytes:
-    """Answers of a board to recorded inputs (whole messages one after the other), without a tool in the loop: as fast as it goes."""
-    done = subprocess.run(_arguments(elf, mcu, options), input=inputs, capture_output=True, check=False)
+    """Answers of a board to recorded inputs (whole messages one after the other), without a tool in
+    the loop: as fast as it goes.
+    """
+    done = subprocess.run(
+        _arguments(elf, mcu, options), input=inputs, capture_output=True, check=False
+    )
     if done.returncode != 0:
         raise VgrooveError(_sentence(done.stderr, done.returncode))
     return done.stdout

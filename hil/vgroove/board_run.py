@@ -1,4 +1,6 @@
-"""`vgroove run --on PORT`: a run of the diagnosis' menu on a real board, recorded as `vgroove record` records."""
+"""`vgroove run --on PORT`: a run of the diagnosis' menu on a real board, recorded as `vgroove
+record` records.
+"""
 
 import json
 from collections.abc import Callable
@@ -18,7 +20,9 @@ def course_of(experiment: str | None, verdict: Path | None) -> Course:
     """The run that the options ask for; VgrooveError where they ask for none, or for two."""
     if (experiment is None) == (verdict is None):
         names = ", ".join(course.name for course in MENU)
-        raise VgrooveError(f"a board performs one run: --next VERDICT.json, or --experiment with one of {names}")
+        raise VgrooveError(
+            f"a board performs one run: --next VERDICT.json, or --experiment with one of {names}"
+        )
     if experiment is not None:
         return named(experiment)
     try:
@@ -33,7 +37,9 @@ def course_of(experiment: str | None, verdict: Path | None) -> Course:
 
 
 class Operator:
-    """Tells the person at the trigger what to do: on a terminal in the bar, else line by line, each once."""
+    """Tells the person at the trigger what to do: on a terminal in the bar, else line by line, each
+    once.
+    """
 
     def __init__(self, console: Console, conductor: Conductor, bar: Callable[..., None]) -> None:
         self._console, self._conductor, self._bar, self._said = console, conductor, bar, ""
@@ -48,9 +54,13 @@ class Operator:
 
 
 def run_on_board(options: RunOptions, course: Course, baud: int) -> None:
-    """Perform and record; VgrooveError as `record` raises it or with what ended the run, KeyboardInterrupt on Ctrl-C: both keep the log."""
+    """Perform and record; VgrooveError as `record` raises it or with what ended the run,
+    KeyboardInterrupt on Ctrl-C: both keep the log.
+    """
     if options != RunOptions(options.on, output=options.output):
-        raise VgrooveError("--target, --elf, --pty, --real-time, --stats and --eeprom belong to --on sil and --on avr")
+        raise VgrooveError(
+            "--target, --elf, --pty, --real-time, --stats and --eeprom belong to --on sil and --on avr"
+        )
     if options.output is None:
         raise VgrooveError("a run on a board is recorded: say where with -o LOG")
     console = Console(stderr=True)

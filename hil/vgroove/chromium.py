@@ -23,13 +23,17 @@ def find_chromium() -> str:
     """The browser that draws the picture; VgrooveError when there is none."""
     found = next((path for path in map(shutil.which, CHROMIUM) if path), None)
     if found is None:
-        raise VgrooveError(f"--png needs Chromium to draw the page, and none of {', '.join(CHROMIUM)} is installed")
+        raise VgrooveError(
+            f"--png needs Chromium to draw the page, and none of {', '.join(CHROMIUM)} is installed"
+        )
     return found
 
 
 def draw(chromium: str, text: str, png_path: Path, height: int) -> None:
     """Picture of a page (its HTML text), twice the page's resolution."""
-    part, source = (png_path.with_name(f".{png_path.name}.part.{ending}") for ending in ("png", "html"))
+    part, source = (
+        png_path.with_name(f".{png_path.name}.part.{ending}") for ending in ("png", "html")
+    )
     write_text(source, text)
     command = [
         chromium,
@@ -44,9 +48,13 @@ def draw(chromium: str, text: str, png_path: Path, height: int) -> None:
         source.resolve().as_uri(),
     ]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=CHROMIUM_LIMIT_S, check=False)
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=CHROMIUM_LIMIT_S, check=False
+        )
         if done.returncode != 0 or not part.is_file():
-            raise VgrooveError(f"{png_path}: {chromium} drew no picture (exit code {done.returncode})")
+            raise VgrooveError(
+                f"{png_path}: {chromium} drew no picture (exit code {done.returncode})"
+            )
         part.replace(png_path)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise VgrooveError(f"{png_path}: {chromium} drew no picture: {error}") from error
@@ -62,10 +70,22 @@ def svg_of(chromium: str, figure: go.Figure) -> str:
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "figure.html"
         scripts = f"<script>{get_plotlyjs()}</script><script>{script}</script>"
-        source.write_text(f"<!doctype html><meta charset=utf-8><div id=figure></div>{scripts}", encoding="utf-8")
-        command = [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000", "--dump-dom", source.as_uri()]
+        source.write_text(
+            f"<!doctype html><meta charset=utf-8><div id=figure></div>{scripts}", encoding="utf-8"
+        )
+        command = [
+            chromium,
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--virtual-time-budget=20000",
+            "--dump-dom",
+            source.as_uri(),
+        ]
         try:
-            dom = subprocess.run(command, capture_output=True, text=True, timeout=CHROMIUM_LIMIT_S, check=True).stdout
+            dom = subprocess.run(
+                command, capture_output=True, text=True, timeout=CHROMIUM_LIMIT_S, check=True
+            ).stdout
         except (OSError, subprocess.SubprocessError) as error:
             raise VgrooveError(f"{chromium} drew no figure: {error}") from error
     found = re.search(r"data:image/svg\+xml,([^<\s]+)", dom)

@@ -1,4 +1,6 @@
-"""Command line: each command's work is done in the module it names; here stand only arguments, errors and exit codes."""
+"""Command line: each command's work is done in the module it names; here stand only arguments,
+errors and exit codes.
+"""
 
 import json
 import os
@@ -15,11 +17,14 @@ from vgroove.errors import VgrooveError
 from vgroove.gap_bench.command import bench_command
 from vgroove.study.command import app as study_app
 
-# The plant has threads of its own; those of BLAS only get in their way. It counts until numpy is first imported, by a command.
+# The plant has threads of its own; those of BLAS only get in their way. It counts until numpy is
+# first imported, by a command.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
-gap_app = typer.Typer(no_args_is_help=True, help="Diagnose the gap between a log and its simulation.")
+gap_app = typer.Typer(
+    no_args_is_help=True, help="Diagnose the gap between a log and its simulation."
+)
 app.add_typer(gap_app, name="gap")
 bench_app = typer.Typer(no_args_is_help=True, help="Compare with peers in one run on one machine.")
 app.add_typer(bench_app, name="bench")
@@ -36,12 +41,20 @@ def bench() -> None:
 
 @bench_app.command("speed")
 def bench_speed_command(
-    seconds: Annotated[int, typer.Option(min=1, help="Seconds of the drivetrain's staircase.")] = 10,
+    seconds: Annotated[
+        int, typer.Option(min=1, help="Seconds of the drivetrain's staircase.")
+    ] = 10,
     seed: Annotated[int, typer.Option(help="Seed of the staircase and of the batch's tools.")] = 1,
-    repeats: Annotated[int, typer.Option(min=1, help="Timed rounds; the figures are their medians.")] = 5,
-    json_path: Annotated[Path | None, typer.Option("--json", help="Write all figures as JSON.")] = None,
+    repeats: Annotated[
+        int, typer.Option(min=1, help="Timed rounds; the figures are their medians.")
+    ] = 5,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write all figures as JSON.")
+    ] = None,
 ) -> None:
-    """Speed of the plant against general-purpose solvers at equal accuracy: impact mode, lock-step, batches, drivetrain."""
+    """Speed of the plant against general-purpose solvers at equal accuracy: impact mode, lock-step,
+    batches, drivetrain.
+    """
     from vgroove.bench.speed import bench_speed
     from vgroove.bench.speed_tables import speed_tables
 
@@ -56,9 +69,13 @@ def bench_speed_command(
 @bench_app.command("trap")
 def bench_trap_command(
     seed: Annotated[int, typer.Option(help="Seed of drive and noise.")] = 1,
-    json_path: Annotated[Path | None, typer.Option("--json", help="Write all answers as JSON.")] = None,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write all answers as JSON.")
+    ] = None,
 ) -> None:
-    """A joint whose model lacks its Coulomb friction: who retunes the damping, and who names the friction?"""
+    """A joint whose model lacks its Coulomb friction: who retunes the damping, and who names the
+    friction?
+    """
     from vgroove.bench.trap import bench_trap, trap_table
 
     _check_outputs(json_path)
@@ -69,9 +86,21 @@ def bench_trap_command(
 
 @app.command()
 def record(
-    port: Annotated[str, typer.Argument(help="Serial port of the board: /dev/ttyACM0, COM3, a pty, or a pyserial URL.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="FILE.csv, .mf4, .blf or .asc; board and losses go to FILE.json.")],
-    seconds: Annotated[float | None, typer.Option(help="Board time to record; without it until Ctrl-C.")] = None,
+    port: Annotated[
+        str,
+        typer.Argument(
+            help="Serial port of the board: /dev/ttyACM0, COM3, a pty, or a pyserial URL."
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", help="FILE.csv, .mf4, .blf or .asc; board and losses go to FILE.json."
+        ),
+    ],
+    seconds: Annotated[
+        float | None, typer.Option(help="Board time to record; without it until Ctrl-C.")
+    ] = None,
     baud: Annotated[int, typer.Option(help="Rate of the line.")] = 250_000,
 ) -> None:
     """Record the board's telemetry; Ctrl-C ends it with a complete file."""
@@ -82,22 +111,49 @@ def record(
 
 @app.command()
 def run(
-    scenario_path: Annotated[Path | None, typer.Argument(metavar="[SCENARIO]", help="TOML file: tool, trigger, load, duration.")] = None,
-    on: Annotated[str, typer.Option(help="sil: native firmware; avr: the ELF on a simulated ATmega; PORT: a board.")] = "sil",
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Log: FILE.csv, .mf4, .blf or .asc.")] = None,
+    scenario_path: Annotated[
+        Path | None,
+        typer.Argument(metavar="[SCENARIO]", help="TOML file: tool, trigger, load, duration."),
+    ] = None,
+    on: Annotated[
+        str,
+        typer.Option(
+            help="sil: native firmware; avr: the ELF on a simulated ATmega; PORT: a board."
+        ),
+    ] = "sil",
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Log: FILE.csv, .mf4, .blf or .asc.")
+    ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Instead of the scenario's seed.")] = None,
     target: Annotated[str, typer.Option(help="Board of --on avr: uno or mega.")] = "uno",
-    elf: Annotated[Path | None, typer.Option(help="Firmware instead of the one that make build leaves.")] = None,
-    pty: Annotated[bool, typer.Option("--pty", help="Put the UART on a pseudo-terminal and print its name.")] = False,
-    wait: Annotated[bool, typer.Option(help="With --pty: begin when somebody has opened it.")] = True,
-    real_time: Annotated[bool, typer.Option("--real-time", help="Do not run faster than the clock.")] = False,
-    stats: Annotated[Path | None, typer.Option(help="Cycle statistics of --on avr as JSON.")] = None,
+    elf: Annotated[
+        Path | None, typer.Option(help="Firmware instead of the one that make build leaves.")
+    ] = None,
+    pty: Annotated[
+        bool, typer.Option("--pty", help="Put the UART on a pseudo-terminal and print its name.")
+    ] = False,
+    wait: Annotated[
+        bool, typer.Option(help="With --pty: begin when somebody has opened it.")
+    ] = True,
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="Do not run faster than the clock.")
+    ] = False,
+    stats: Annotated[
+        Path | None, typer.Option(help="Cycle statistics of --on avr as JSON.")
+    ] = None,
     eeprom: Annotated[Path | None, typer.Option(help="EEPROM image that survives the run.")] = None,
-    experiment: Annotated[str | None, typer.Option(help="On a board: a run of the diagnosis' menu, such as reversal.")] = None,
-    next_path: Annotated[Path | None, typer.Option("--next", metavar="VERDICT", help="On a board: the run it asks for.")] = None,
+    experiment: Annotated[
+        str | None, typer.Option(help="On a board: a run of the diagnosis' menu, such as reversal.")
+    ] = None,
+    next_path: Annotated[
+        Path | None,
+        typer.Option("--next", metavar="VERDICT", help="On a board: the run it asks for."),
+    ] = None,
     baud: Annotated[int, typer.Option(help="Rate of the board's line.")] = 250_000,
 ) -> None:
-    """Run a scenario, firmware and simulated tool in lock-step; or a run of the diagnosis' menu on a board (--on PORT)."""
+    """Run a scenario, firmware and simulated tool in lock-step; or a run of the diagnosis' menu on
+    a board (--on PORT).
+    """
     from dataclasses import replace
 
     from vgroove.run import RunOptions, run_scenario
@@ -110,7 +166,9 @@ def run(
         run_on_board(options, course_of(experiment, next_path), baud)
         return
     if scenario_path is None or experiment or next_path:
-        raise VgrooveError("--on sil and --on avr run a SCENARIO; a board (--on PORT) performs --experiment NAME or --next VERDICT.json")
+        raise VgrooveError(
+            "--on sil and --on avr run a SCENARIO; a board (--on PORT) performs --experiment NAME or --next VERDICT.json"
+        )
     scenario = read_scenario(scenario_path)
     scenario = scenario if seed is None else replace(scenario, seed=seed)
     run_scenario(scenario, options, Console(), Console(stderr=True))
@@ -120,32 +178,59 @@ def run(
 def flash(
     port: Annotated[str, typer.Argument(help="Serial port of the board: /dev/ttyACM0, COM3.")],
     target: Annotated[str, typer.Option(help="Board: uno or mega.")] = "uno",
-    image: Annotated[Path | None, typer.Option("--hex", help="Hex file instead of the one that make build leaves.")] = None,
+    image: Annotated[
+        Path | None,
+        typer.Option("--hex", help="Hex file instead of the one that make build leaves."),
+    ] = None,
 ) -> None:
     """Write the firmware through the board's bootloader and read it back (avrdude)."""
     from vgroove.flash import flash as flash_board
 
-    flash_board(port, target, image, lambda line: Console(stderr=True).print(line, highlight=False, markup=False, soft_wrap=True))
+    flash_board(
+        port,
+        target,
+        image,
+        lambda line: Console(stderr=True).print(
+            line, highlight=False, markup=False, soft_wrap=True
+        ),
+    )
 
 
 @app.command()
 def sim(
     path: Annotated[
         Path,
-        typer.Argument(metavar="RIG|SCENARIO", help="With --log a rig; alone a scenario (travel is duty) or a rig at full trigger."),
+        typer.Argument(
+            metavar="RIG|SCENARIO",
+            help="With --log a rig; alone a scenario (travel is duty) or a rig at full trigger.",
+        ),
     ],
-    log: Annotated[list[Path] | None, typer.Option("--log", help="Log whose input drives the rig; may be given again.")] = None,
-    json_path: Annotated[Path | None, typer.Option("--json", help="Write the figures as JSON.")] = None,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the simulated log as CSV.")] = None,
-    restart_s: Annotated[float, typer.Option(help="With --log: the model restarts from measured states about this often.")] = 0.25,
+    log: Annotated[
+        list[Path] | None,
+        typer.Option("--log", help="Log whose input drives the rig; may be given again."),
+    ] = None,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write the figures as JSON.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Write the simulated log as CSV.")
+    ] = None,
+    restart_s: Annotated[
+        float,
+        typer.Option(help="With --log: the model restarts from measured states about this often."),
+    ] = 0.25,
 ) -> None:
-    """The plant alone: a scenario, a rig at full trigger, or a rig driven by a log's input and the gap on its held-out blocks."""
+    """The plant alone: a scenario, a rig at full trigger, or a rig driven by a log's input and the
+    gap on its held-out blocks.
+    """
     _check_outputs(json_path, output, inputs=[path, *(log or [])])
     figures = _sim_logs(path, log, output, restart_s) if log else _sim_scenario(path, output)
     _write_json(json_path, figures)
 
 
-def _sim_logs(rig_path: Path, logs: list[Path], output: Path | None, restart_s: float) -> dict[str, Any]:
+def _sim_logs(
+    rig_path: Path, logs: list[Path], output: Path | None, restart_s: float
+) -> dict[str, Any]:
     from vgroove.gap.simulate import gap_table, judge, write_simulation
     from vgroove.log import read_log
     from vgroove.rig import read_rig
@@ -157,7 +242,9 @@ def _sim_logs(rig_path: Path, logs: list[Path], output: Path | None, restart_s: 
     figures, problem = judge(read_rig(rig_path), [read_log(path) for path in logs], restart_s)
     Console().print(gap_table(figures))
     for warning in figures["warnings"]:
-        Console(stderr=True).print(f"vgroove: {warning}", style="yellow", highlight=False, markup=False, soft_wrap=True)
+        Console(stderr=True).print(
+            f"vgroove: {warning}", style="yellow", highlight=False, markup=False, soft_wrap=True
+        )
     if output:
         write_simulation(problem, output)
     return figures
@@ -191,15 +278,31 @@ def _check_outputs(*outputs: Path | None, inputs: Sequence[Path] = ()) -> None:
 
 @gap_app.command("diagnose")
 def gap_diagnose(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of one tool, judged together.")],
-    rig: Annotated[Path, typer.Option("--rig", help="What the simulation believes about the tool.")],
-    json_path: Annotated[Path | None, typer.Option("--json", help="Write the verdict as JSON.")] = None,
-    html_path: Annotated[Path | None, typer.Option("--html", help="Write one self-contained page.")] = None,
-    out_rig: Annotated[Path | None, typer.Option("--out-rig", help="Write the rig with retuned keys and selected effects.")] = None,
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="Logs of one tool, judged together.")
+    ],
+    rig: Annotated[
+        Path, typer.Option("--rig", help="What the simulation believes about the tool.")
+    ],
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write the verdict as JSON.")
+    ] = None,
+    html_path: Annotated[
+        Path | None, typer.Option("--html", help="Write one self-contained page.")
+    ] = None,
+    out_rig: Annotated[
+        Path | None,
+        typer.Option("--out-rig", help="Write the rig with retuned keys and selected effects."),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
-    without: Annotated[list[str] | None, typer.Option("--without", metavar="ID", help="Leave an effect out; may be given again.")] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option("--without", metavar="ID", help="Leave an effect out; may be given again."),
+    ] = None,
 ) -> None:
-    """Say where the gap between logs and simulation lies, which effect is missing, and how far the gap shrinks with it."""
+    """Say where the gap between logs and simulation lies, which effect is missing, and how far the
+    gap shrinks with it.
+    """
     from vgroove.gap.command import diagnose_files
 
     diagnose_files(logs, rig, json_path, html_path, out_rig, seed, without or [])
@@ -207,10 +310,17 @@ def gap_diagnose(
 
 @gap_app.command("emps")
 def gap_emps(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with log.csv and rig.toml of the EMPS axis.")],
-    json_path: Annotated[Path | None, typer.Option("--json", help="Write all figures as JSON.")] = None,
+    directory: Annotated[
+        Path,
+        typer.Argument(metavar="DIR", help="Folder with log.csv and rig.toml of the EMPS axis."),
+    ],
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write all figures as JSON.")
+    ] = None,
 ) -> None:
-    """Print the ladder of force errors of the EMPS benchmark axis: M, + viscous, + Coulomb, + offset, + directional viscous."""
+    """Print the ladder of force errors of the EMPS benchmark axis: M, + viscous, + Coulomb, +
+    offset, + directional viscous.
+    """
     from vgroove.gap.emps import emps_figures, emps_tables
 
     _check_outputs(json_path)
@@ -221,11 +331,15 @@ def gap_emps(
 
 
 def main() -> None:
-    """Run the command line; a VgrooveError becomes its sentence on stderr and exit code 2, Ctrl-C exit code 130."""
+    """Run the command line; a VgrooveError becomes its sentence on stderr and exit code 2, Ctrl-C
+    exit code 130.
+    """
     try:
         app()
     except VgrooveError as error:
-        Console(stderr=True).print(f"vgroove: {error}", style="red", highlight=False, markup=False, soft_wrap=True)
+        Console(stderr=True).print(
+            f"vgroove: {error}", style="red", highlight=False, markup=False, soft_wrap=True
+        )
         sys.exit(2)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

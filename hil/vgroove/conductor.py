@@ -1,14 +1,14 @@
-"""Leads a board through a run of the diagnosis' menu: what the operator is to do, PROFILE frames by the board's own clock, how it ended.
+"""Leads a board through a run of the diagnosis' menu: what the operator is to do, PROFILE frames by
+the board's own clock, how it ended.
 
     READY --> PRESS <--> HOLD --> PLAY --> COAST --> OVER
       ^                            |
       +--------- next leg ---------+
 
-READY  no frames: trigger open, mode duty, the leg's direction and the board's parameters are awaited
-PRESS  duty 0 is commanded, so that a pressed trigger turns nothing
-HOLD   the trigger is held; the run begins in a moment
-PLAY   the leg's duties; whatever ends the drive ends the run
-COAST  the frames have ended and the board opens its bridge; recorded a little longer
+READY  no frames: trigger open, mode duty, the leg's direction and the board's parameters are
+awaited PRESS  duty 0 is commanded, so that a pressed trigger turns nothing HOLD   the trigger is
+held; the run begins in a moment PLAY   the leg's duties; whatever ends the drive ends the run COAST
+the frames have ended and the board opens its bridge; recorded a little longer
 
 Time is the board's: without its telemetry no frame is due, and the board ends the drive by itself.
 """
@@ -27,11 +27,14 @@ from vgroove.recorder import DONE, SILENCE_S, Partner
 HOLD_S = 1.0
 AFTER_S = 0.5
 PATIENCE_S = 120.0
-UNANSWERED_MOST = 25  # frames in a row: half a second, less than HOLD_S, so that no run begins unheard
+# frames in a row: half a second, less than HOLD_S, so that no run begins unheard
+UNANSWERED_MOST = 25
 ASK_MODE_S = 1.0
 JUMP_MS = 1000  # in time, that is damage and no telemetry
 SLACK = 0.02  # a trigger so little below what is commanded limits nothing
-UNANSWERED = "the board speaks but answers no command for half a second: does the line reach its RX pin?"
+UNANSWERED = (
+    "the board speaks but answers no command for half a second: does the line reach its RX pin?"
+)
 REFUSALS = {
     "unknown_id": "the board's firmware knows no PROFILE frames: flash the firmware of this version",
     "not_now": "the board performs a run in mode duty only: turn the mode switch to position 0",
@@ -55,7 +58,9 @@ SPEAKING = (Phase.PRESS, Phase.HOLD, Phase.PLAY)
 
 @dataclass(frozen=True)
 class Leg:
-    """A stretch of a course in one direction, in steps of PERIOD_S: magnitude of the duty (n,), and where the bridge is open (n,)."""
+    """A stretch of a course in one direction, in steps of PERIOD_S: magnitude of the duty (n,), and
+    where the bridge is open (n,).
+    """
 
     reverse: bool
     duty: np.ndarray
@@ -67,7 +72,9 @@ class Leg:
         return len(self.duty) * PERIOD_S
 
     def slewed(self, slew_per_s: float) -> np.ndarray:
-        """Duties (n,), OPEN where the bridge is open, that change as fast as the trigger's ramp: a step from rest would trip the board."""
+        """Duties (n,), OPEN where the bridge is open, that change as fast as the trigger's ramp: a
+        step from rest would trip the board.
+        """
         most, now, out = slew_per_s * PERIOD_S, 0.0, np.full(len(self.duty), OPEN)
         for k in range(len(self.duty)):
             now = 0.0 if self.opens[k] else now + float(np.clip(self.duty[k] - now, -most, most))
@@ -76,7 +83,9 @@ class Leg:
 
 
 def legs_of(course: Course) -> list[Leg]:
-    """A course as legs: rests and forward levels, then rests and backward ones. A board's direction follows its switch, at standstill."""
+    """A course as legs: rests and forward levels, then rests and backward ones. A board's direction
+    follows its switch, at standstill.
+    """
     time_s = np.arange(round(SECONDS / PERIOD_S)) * PERIOD_S
     share, opens = course.command(time_s), course.opens(time_s)
     legs = []
@@ -101,8 +110,14 @@ class BoardState:
     def of(cls, frame: telemetry.Frame) -> "BoardState":
         """From the frame."""
         said = telemetry.decode(frame)
-        state, mode = (telemetry.value_table("STATE", name)[int(said[name])] for name in ("state", "mode"))
-        faults = tuple(name for bit, name in telemetry.value_table("STATE", "faults").items() if int(said["faults"]) & bit)
+        state, mode = (
+            telemetry.value_table("STATE", name)[int(said[name])] for name in ("state", "mode")
+        )
+        faults = tuple(
+            name
+            for bit, name in telemetry.value_table("STATE", "faults").items()
+            if int(said["faults"]) & bit
+        )
         return cls(state, mode, said["reverse"] != 0, said["contact"] != 0, said["trigger"], faults)
 
 
@@ -134,7 +149,9 @@ class Conductor(Partner):
         self.legs = legs_of(self.course)
 
     def hear(self, frames: Sequence[telemetry.Frame]) -> list[telemetry.Frame]:
-        """Takes what the board says, and hands out what is to be recorded: no rows before the run has begun."""
+        """Takes what the board says, and hands out what is to be recorded: no rows before the run
+        has begun.
+        """
         for frame in frames:
             self._take_time(frame.time_ms)
             if frame.id == telemetry.STATE:
@@ -187,21 +204,41 @@ class Conductor(Partner):
     def _suits(self) -> bool:
         """Whether mode and direction are those of the leg."""
         board = self._board
-        return board is not None and board.mode == "duty" and board.reverse == self.legs[self._leg].reverse and not board.faults
+        return (
+            board is not None
+            and board.mode == "duty"
+            and board.reverse == self.legs[self._leg].reverse
+            and not board.faults
+        )
 
     def _next_phase(self) -> Phase:
         """The phase that follows from what the board says."""
-        impatient = self.phase in WAITING and self._now_s - (self._waits_since_s or 0.0) > PATIENCE_S
+        impatient = (
+            self.phase in WAITING and self._now_s - (self._waits_since_s or 0.0) > PATIENCE_S
+        )
         if impatient or self.unanswered > UNANSWERED_MOST:
             return Phase.OVER
         match self.phase:
             case Phase.READY:
-                ready = self._suits() and self._board.state == "idle" and not self._board.contact and self.session.table is not None
+                ready = (
+                    self._suits()
+                    and self._board.state == "idle"
+                    and not self._board.contact
+                    and self.session.table is not None
+                )
                 return Phase.PRESS if ready else Phase.READY
             case Phase.PRESS:
-                return Phase.HOLD if self._drives() else Phase.PRESS if self._suits() else Phase.READY
+                return (
+                    Phase.HOLD if self._drives() else Phase.PRESS if self._suits() else Phase.READY
+                )
             case Phase.HOLD:
-                return Phase.PRESS if not self._drives() else Phase.PLAY if self._phase_s >= HOLD_S else Phase.HOLD
+                return (
+                    Phase.PRESS
+                    if not self._drives()
+                    else Phase.PLAY
+                    if self._phase_s >= HOLD_S
+                    else Phase.HOLD
+                )
             case Phase.PLAY:
                 return self._next_of_play()
             case Phase.COAST:
@@ -226,9 +263,15 @@ class Conductor(Partner):
             self._leg, self._waits_since_s = self._leg + 1, self._now_s
 
     def _play(self) -> None:
-        slew = next(k for k, p in enumerate(telemetry.parameter_list()) if p.name == "slew_per_ms_q15")
+        slew = next(
+            k for k, p in enumerate(telemetry.parameter_list()) if p.name == "slew_per_ms_q15"
+        )
         self._duties = self.legs[self._leg].slewed(self.session.parameters[slew] / 2**15 * 1000)
-        self._sender = ProfileSender(lambda t: float(self._duties[round(t / PERIOD_S)]), self.legs[self._leg].duration_s, self._now_s)
+        self._sender = ProfileSender(
+            lambda t: float(self._duties[round(t / PERIOD_S)]),
+            self.legs[self._leg].duration_s,
+            self._now_s,
+        )
         if not self.begun:
             self.begun, self.session.first_ms = True, self.session.last_ms
 
@@ -246,11 +289,18 @@ class Conductor(Partner):
     def _ask_mode(self) -> bytes:
         """Mode duty, where the board stands still in another one."""
         board = self._board
-        wanted = board is not None and board.state == "idle" and not board.contact and board.mode != "duty"
+        wanted = (
+            board is not None
+            and board.state == "idle"
+            and not board.contact
+            and board.mode != "duty"
+        )
         if not wanted or self._now_s - self._mode_asked_s < ASK_MODE_S:
             return b""
         self._mode_asked_s = self._now_s
-        return telemetry.frame_bytes(telemetry.frame_of_signals("SET_MODE", self._now_ms & 0xFFFFFFFF, mode_request=0))
+        return telemetry.frame_bytes(
+            telemetry.frame_of_signals("SET_MODE", self._now_ms & 0xFFFFFFFF, mode_request=0)
+        )
 
     def _end(self, reason: str) -> None:
         self.phase, self.over = Phase.OVER, reason
@@ -292,9 +342,17 @@ class Conductor(Partner):
                 return self._wish()
             case Phase.PRESS:
                 stopped = self._board.state in ("stopped", "release")
-                return "release the trigger" if stopped else "pull the trigger fully and hold it: nothing turns until the run begins"
+                return (
+                    "release the trigger"
+                    if stopped
+                    else "pull the trigger fully and hold it: nothing turns until the run begins"
+                )
             case Phase.HOLD:
-                short = f"; it allows {100 * self._board.trigger:.0f} % only: pull it fully" if self._board.trigger < 1.0 - SLACK else ""
+                short = (
+                    f"; it allows {100 * self._board.trigger:.0f} % only: pull it fully"
+                    if self._board.trigger < 1.0 - SLACK
+                    else ""
+                )
                 return f"hold the trigger, the run begins{short}"
             case Phase.PLAY:
                 return f"{self.course.name}: hold the trigger{self._load_words()}"
@@ -308,9 +366,15 @@ class Conductor(Partner):
         if board.faults:
             return f"the board reports {' and '.join(board.faults)}: release the trigger, remove the cause"
         if board.contact:
-            return "release the trigger" + (f", then set the direction switch to {way}" if self._leg else "")
+            return "release the trigger" + (
+                f", then set the direction switch to {way}" if self._leg else ""
+            )
         if board.mode != "duty":
-            return "turn the mode switch to position 0" if self._mode_refused else "the board is to go to mode duty"
+            return (
+                "turn the mode switch to position 0"
+                if self._mode_refused
+                else "the board is to go to mode duty"
+            )
         if board.reverse != self.legs[self._leg].reverse:
             return f"set the direction switch to {way}"
         if self.session.table is None:
@@ -327,11 +391,17 @@ class Conductor(Partner):
         out = []
         if self.limited_to < 1.0:
             least = f"at its least it allowed {100 * self.limited_to:.0f} %"
-            out.append(f"the trigger limited the run: {least}; the log holds the duty that was driven")
+            out.append(
+                f"the trigger limited the run: {least}; the log holds the duty that was driven"
+            )
         if self.sent > self.answered:
-            out.append(f"{self.sent - self.answered} of {self.sent} frames to the board were not answered")
+            out.append(
+                f"{self.sent - self.answered} of {self.sent} frames to the board were not answered"
+            )
         if self.course.load:
-            out.append("the log lacks the brake's torque: add it as the column load_nm before it is diagnosed")
+            out.append(
+                "the log lacks the brake's torque: add it as the column load_nm before it is diagnosed"
+            )
         if self._mode_asked_s >= 0.0:
             out.append("the board stays in mode duty until it starts anew or is told another")
         return out

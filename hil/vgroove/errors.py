@@ -10,7 +10,9 @@ class VgrooveError(Exception):
 
 @contextmanager
 def refused_by_plant(what: str) -> Iterator[None]:
-    """What the plant will not or cannot simulate becomes a sentence about `what` (ValueError: a value, RuntimeError: a run)."""
+    """What the plant will not or cannot simulate becomes a sentence about `what` (ValueError: a
+    value, RuntimeError: a run).
+    """
     try:
         yield
     except (ValueError, RuntimeError) as error:

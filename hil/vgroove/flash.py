@@ -1,4 +1,6 @@
-"""`vgroove flash`: hands the firmware's hex file to avrdude, which talks to the board's bootloader and reads back what it wrote."""
+"""`vgroove flash`: hands the firmware's hex file to avrdude, which talks to the board's bootloader
+and reads back what it wrote.
+"""
 
 import shutil
 import subprocess
@@ -8,27 +10,55 @@ from pathlib import Path
 from vgroove.board import default_elf
 from vgroove.errors import VgrooveError
 
-# Arduino bootloaders: Optiboot of the Uno speaks STK500v1, that of the Mega 2560 STK500v2 ("wiring"); both at 115,200 Bd.
+# Arduino bootloaders: Optiboot of the Uno speaks STK500v1, that of the Mega 2560 STK500v2
+# ("wiring"); both at 115,200 Bd.
 PROGRAMMERS = {"uno": ("arduino", "m328p", 115200), "mega": ("wiring", "m2560", 115200)}
 
 
 def flash_command(port: str, target: str, image: Path) -> list[str]:
-    """The avrdude command line: no chip erase (the bootloader erases pages), write, verify by reading back."""
+    """The avrdude command line: no chip erase (the bootloader erases pages), write, verify by
+    reading back.
+    """
     if target not in PROGRAMMERS:
         raise VgrooveError(f"--target is uno or mega, not {target}")
     if not image.is_file():
-        raise VgrooveError(f"there is no firmware at {image}: build it with `make build`, or name a hex file with --hex")
+        raise VgrooveError(
+            f"there is no firmware at {image}: build it with `make build`, or name a hex file with --hex"
+        )
     avrdude = shutil.which("avrdude")
     if avrdude is None:
         raise VgrooveError("avrdude is missing: run `make setup`")
     programmer, part, baud = PROGRAMMERS[target]
-    return [avrdude, "-q", "-c", programmer, "-p", part, "-P", port, "-b", str(baud), "-D", "-U", f"flash:w:{image}:i"]
+    return [
+        avrdude,
+        "-q",
+        "-c",
+        programmer,
+        "-p",
+        part,
+        "-P",
+        port,
+        "-b",
+        str(baud),
+        "-D",
+        "-U",
+        f"flash:w:{image}:i",
+    ]
 
 
-def flash(port: str, target: str = "uno", image: Path | None = None, say: Callable[[str], None] = lambda _: None) -> None:
-    """Flash and verify; VgrooveError with avrdude's last sentence when a byte differs or the board does not answer."""
+def flash(
+    port: str,
+    target: str = "uno",
+    image: Path | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> None:
+    """Flash and verify; VgrooveError with avrdude's last sentence when a byte differs or the board
+    does not answer.
+    """
     command = flash_command(port, target, image or default_elf(target).with_suffix(".hex"))
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
+    )
     lines = []
     for line in process.stdout or ():
         if line.strip():

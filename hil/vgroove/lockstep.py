@@ -1,4 +1,6 @@
-"""The one loop that joins a board with a tool: a PWM period at a time, sensors in between, and the UART's bytes both ways."""
+"""The one loop that joins a board with a tool: a PWM period at a time, sensors in between, and the
+UART's bytes both ways.
+"""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -7,15 +9,25 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vgroove.board import CYCLES_PER_PERIOD, PERIOD_S, SWITCH_CONTACT, SWITCH_MODE_SHIFT, SWITCH_REVERSE, BoardInputs, BoardOutputs
+from vgroove.board import (
+    CYCLES_PER_PERIOD,
+    PERIOD_S,
+    SWITCH_CONTACT,
+    SWITCH_MODE_SHIFT,
+    SWITCH_REVERSE,
+    BoardInputs,
+    BoardOutputs,
+)
 from vgroove.errors import refused_by_plant
 from vgroove.sil import SilBoard
 
 COMPARE_TOP = 255
-CHUNK_PERIODS = 512  # 16.3 ms: stimuli are computed, and the line is served, so many periods at a time
+# 16.3 ms: stimuli are computed, and the line is served, so many periods at a time
+CHUNK_PERIODS = 512
 BYTE_CYCLES = 640  # 10 bits at 250 kBd
 ADC_VOLTS, ADC_COUNTS = 5.0, 1024
-TRAVEL_AT_REST, TRAVEL_SPAN = 0.1, 0.8  # of the reference: the trigger's potentiometer keeps off the rails
+# of the reference: the trigger's potentiometer keeps off the rails
+TRAVEL_AT_REST, TRAVEL_SPAN = 0.1, 0.8
 
 
 class Board(Protocol):
@@ -29,14 +41,18 @@ class Board(Protocol):
 class Tool(Protocol):
     """Plant or truth generator: the same 510 cycles from the other side."""
 
-    def period(self, coast: bool, duty: float, dead: float, load_nm: float, /) -> tuple[float, float, Sequence[int]]:
+    def period(
+        self, coast: bool, duty: float, dead: float, load_nm: float, /
+    ) -> tuple[float, float, Sequence[int]]:
         """(motor current in A and bus in V at the period's end, Hall edges by cycle 0..509)."""
         ...
 
 
 @dataclass(frozen=True)
 class FrontEnds:
-    """Sensors and dividers as board.h lists them; noise is 1 sigma of a single sample, before the converter."""
+    """Sensors and dividers as board.h lists them; noise is 1 sigma of a single sample, before the
+    converter.
+    """
 
     current_a_per_count: float = 0.125
     supply_v_per_count: float = 0.025
@@ -55,10 +71,12 @@ class FrontEnds:
 
 @dataclass(frozen=True)
 class Profile:
-    """What hand and bench do over time. Points are (time_s, value), straight in between; steps are two points at one time.
+    """What hand and bench do over time. Points are (time_s, value), straight in between; steps are
+    two points at one time.
 
-    `travel` 0..1 of the trigger, whose contact closes at `contact_travel` and bounces for `bounce_s`; `load_nm` acts at the output.
-    `gaps` are spans (from_s, to_s) in which the Hall line is broken; `current_add_a` is added before the current's converter.
+    `travel` 0..1 of the trigger, whose contact closes at `contact_travel` and bounces for
+    `bounce_s`; `load_nm` acts at the output. `gaps` are spans (from_s, to_s) in which the Hall line
+    is broken; `current_add_a` is added before the current's converter.
     """
 
     travel: Sequence[tuple[float, float]] = ((0.0, 0.0),)
@@ -88,7 +106,9 @@ def step_values(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np
 
 @dataclass
 class Stimuli:
-    """One chunk of n periods, (n,) each: trigger counts, switches, load, what is added to current and supply, broken Hall line."""
+    """One chunk of n periods, (n,) each: trigger counts, switches, load, what is added to current
+    and supply, broken Hall line.
+    """
 
     trigger: np.ndarray
     switches: np.ndarray
@@ -99,7 +119,14 @@ class Stimuli:
 
     def columns(self) -> tuple[np.ndarray, ...]:
         """In the order of run_lockstep."""
-        return self.trigger, self.switches, self.load_nm, self.current_counts, self.supply_counts, self.broken
+        return (
+            self.trigger,
+            self.switches,
+            self.load_nm,
+            self.current_counts,
+            self.supply_counts,
+            self.broken,
+        )
 
     def periods(self) -> Iterator[tuple[int, int, float, float, float, bool]]:
         """The columns' values period by period."""
@@ -121,20 +148,37 @@ class Stimulus:
         time_s = (np.arange(first, first + count) + 1) * PERIOD_S
         travel = np.clip(curve(p.travel, time_s), 0.0, 1.0)
         noise = self.random.standard_normal((2, count))
-        current = 512.5 + (curve(p.current_add_a, time_s) + front.current_noise_a * noise[0]) / front.current_a_per_count
+        current = (
+            512.5
+            + (curve(p.current_add_a, time_s) + front.current_noise_a * noise[0])
+            / front.current_a_per_count
+        )
         supply = 0.5 + front.supply_noise_v * noise[1] / front.supply_v_per_count
         broken = np.zeros(count, bool)
         for begin, end in p.gaps:
             broken |= (time_s >= begin) & (time_s < end)
-        trigger = np.round((TRAVEL_AT_REST + TRAVEL_SPAN * travel) * (ADC_COUNTS - 1)).astype(np.int64)
-        return Stimuli(trigger, self._switches(travel, time_s).astype(np.int64), curve(p.load_nm, time_s), current, supply, broken)
+        trigger = np.round((TRAVEL_AT_REST + TRAVEL_SPAN * travel) * (ADC_COUNTS - 1)).astype(
+            np.int64
+        )
+        return Stimuli(
+            trigger,
+            self._switches(travel, time_s).astype(np.int64),
+            curve(p.load_nm, time_s),
+            current,
+            supply,
+            broken,
+        )
 
     def _switches(self, travel: np.ndarray, time_s: np.ndarray) -> np.ndarray:
         contact = travel >= self.profile.contact_travel
         if self.profile.bounce_s > 0:
             contact = self._bounced(contact, time_s)
         reverse = step_values(self.profile.reverse, time_s) > 0.5
-        return contact * SWITCH_CONTACT + reverse * SWITCH_REVERSE + ((self.profile.mode & 3) << SWITCH_MODE_SHIFT)
+        return (
+            contact * SWITCH_CONTACT
+            + reverse * SWITCH_REVERSE
+            + ((self.profile.mode & 3) << SWITCH_MODE_SHIFT)
+        )
 
     def _bounced(self, contact: np.ndarray, time_s: np.ndarray) -> np.ndarray:
         """After each change the contact is at random for bounce_s."""
@@ -242,7 +286,11 @@ def _is_native(board: Board, tool: Tool) -> bool:
     """Both are ours and in this process: the same loop runs in C++."""
     from vgroove import _core
 
-    return type(board) is SilBoard and type(tool) in (_core.DrivePlant, _core.ImpactPlant, _core.DrillPlant)
+    return type(board) is SilBoard and type(tool) in (
+        _core.DrivePlant,
+        _core.ImpactPlant,
+        _core.DrillPlant,
+    )
 
 
 def _run_chunk_native(run: _Run, stimuli: Stimuli, progress: Progress) -> None:
@@ -250,7 +298,9 @@ def _run_chunk_native(run: _Run, stimuli: Stimuli, progress: Progress) -> None:
 
     machine, received = run.board.machine, run.pacer.take(len(stimuli.trigger))
     gates = progress.gates[:3]
-    progress.sent += _core.run_lockstep(machine, run.tool, *stimuli.columns(), received, run.front.scales(), gates, run.truth)
+    progress.sent += _core.run_lockstep(
+        machine, run.tool, *stimuli.columns(), received, run.front.scales(), gates, run.truth
+    )
     progress.gates = BoardOutputs(machine.coast, machine.compare, machine.dead_counts, machine.tx)
 
 
@@ -260,11 +310,20 @@ def _run_chunk(run: _Run, stimuli: Stimuli, progress: Progress) -> None:
     coast, compare, dead_counts, _ = progress.gates
     sent = progress.sent
     for trigger, switches, load_nm, current_counts, supply_counts, broken in stimuli.periods():
-        dead = dead_counts / (2 * COMPARE_TOP) if 0 < compare < COMPARE_TOP or -COMPARE_TOP < compare < 0 else 0.0
+        dead = (
+            dead_counts / (2 * COMPARE_TOP)
+            if 0 < compare < COMPARE_TOP or -COMPARE_TOP < compare < 0
+            else 0.0
+        )
         current, supply, edges = tool.period(coast, compare / COMPARE_TOP, dead, load_nm)
         if truth is not None:
             truth.note(tool, coast, compare)
-        counts = (_counts(current * per_ampere + current_counts), _counts(supply * per_volt + supply_counts), trigger, temperature)
+        counts = (
+            _counts(current * per_ampere + current_counts),
+            _counts(supply * per_volt + supply_counts),
+            trigger,
+            temperature,
+        )
         gates = board.period(BoardInputs(counts, () if broken else edges, switches, pacer.next()))
         coast, compare, dead_counts, tx = gates
         if tx:
@@ -272,12 +331,22 @@ def _run_chunk(run: _Run, stimuli: Stimuli, progress: Progress) -> None:
     progress.gates = gates
 
 
-def steps(board: Board, tool: Tool, profile: Profile, duration_s: float, *, front: FrontEnds | None = None, line: Line | None = None,
-          seed: int = 1, truth: Any = None) -> Iterator[Progress]:
-    """Run board and tool in lock-step from rest and yield after each chunk; Progress.sent holds all bytes that the board has sent.
+def steps(
+    board: Board,
+    tool: Tool,
+    profile: Profile,
+    duration_s: float,
+    *,
+    front: FrontEnds | None = None,
+    line: Line | None = None,
+    seed: int = 1,
+    truth: Any = None,
+) -> Iterator[Progress]:
+    """Run board and tool in lock-step from rest and yield after each chunk; Progress.sent holds all
+    bytes that the board has sent.
 
-    With a native board and a tool of the plant the loop runs in C++, to the same bytes. `truth`, a vgroove._core.Truth, keeps what such a
-    tool really did.
+    With a native board and a tool of the plant the loop runs in C++, to the same bytes. `truth`, a
+    vgroove._core.Truth, keeps what such a tool really did.
     """
     front, line = front or FrontEnds(), line or Script()
     stimulus, progress = Stimulus(profile, front, seed), Progress()
@@ -295,8 +364,17 @@ def steps(board: Board, tool: Tool, profile: Profile, duration_s: float, *, fron
         yield progress
 
 
-def run(board: Board, tool: Tool, profile: Profile, duration_s: float, *, front: FrontEnds | None = None, line: Line | None = None,
-        seed: int = 1, on_progress: Callable[[Progress], None] | None = None) -> bytes:
+def run(
+    board: Board,
+    tool: Tool,
+    profile: Profile,
+    duration_s: float,
+    *,
+    front: FrontEnds | None = None,
+    line: Line | None = None,
+    seed: int = 1,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> bytes:
     """Run to the end; returns the bytes that the board sent. Same arguments, same bytes."""
     progress = Progress()
     for progress in steps(board, tool, profile, duration_s, front=front, line=line, seed=seed):

@@ -1,4 +1,6 @@
-"""Logs: one table of samples over time, from a CSV, a CAN recording, the board, the simulation or a bench (gap contract, section 1)."""
+"""Logs: one table of samples over time, from a CSV, a CAN recording, the board, the simulation or a
+bench (gap contract, section 1).
+"""
 
 import csv
 import io
@@ -23,7 +25,16 @@ UNITS = {
     "anvil_torque_nm": "Nm", "anvil_angle_rad": "rad", "hammer_mm": "mm", "coast": "", "trigger": "", "state": "",
     **dict.fromkeys((*telemetry.STATE_COLUMNS, *telemetry.CONTROL_COLUMNS), ""), "blow_period_ms": "ms",
 }  # fmt: skip
-MEASURED = ("voltage_v", "supply_v", "current_a", "speed_rpm", "position_rad", "anvil_torque_nm", "anvil_angle_rad", "hammer_mm")
+MEASURED = (
+    "voltage_v",
+    "supply_v",
+    "current_a",
+    "speed_rpm",
+    "position_rad",
+    "anvil_torque_nm",
+    "anvil_angle_rad",
+    "hammer_mm",
+)
 USABLE_MIN = 50
 UNSIGNED_ROWS_MIN = 20
 UNSIGNED_CURRENT_A = 1.0
@@ -31,9 +42,11 @@ UNSIGNED_CURRENT_A = 1.0
 
 @dataclass
 class Log:
-    """Samples over time: `time_s` strictly increasing, `columns` of the same length with NaN where a sample is missing.
+    """Samples over time: `time_s` strictly increasing, `columns` of the same length with NaN where
+    a sample is missing.
 
-    `source` names where it came from (for messages), `meta` holds what a recording says of the board (boot, parameters, counters).
+    `source` names where it came from (for messages), `meta` holds what a recording says of the
+    board (boot, parameters, counters).
     """
 
     time_s: np.ndarray
@@ -59,9 +72,16 @@ class Log:
 
 
 def read_log(path: str | os.PathLike[str]) -> Log:
-    """Read a CSV, MF4, BLF or ASC log; VgrooveError with file, line and column for everything that the contract rejects."""
+    """Read a CSV, MF4, BLF or ASC log; VgrooveError with file, line and column for everything that
+    the contract rejects.
+    """
     path = Path(path)
-    readers: dict[str, Callable[[Path], Log]] = {".csv": _read_csv, ".mf4": _read_mf4, ".blf": _read_blf, ".asc": _read_asc}
+    readers: dict[str, Callable[[Path], Log]] = {
+        ".csv": _read_csv,
+        ".mf4": _read_mf4,
+        ".blf": _read_blf,
+        ".asc": _read_asc,
+    }
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise VgrooveError(f"{path}: a log ends in .csv, .mf4, .blf or .asc.")
@@ -83,21 +103,31 @@ def _check_ending(path: Path) -> None:
         head = file.read(4096)
     for kind, magic in _MAGIC.items():
         if (kind == ending) != head.startswith(magic):
-            found = f"it is a {kind[1:].upper()} file" if head.startswith(magic) else "its first bytes are not those of one"
+            found = (
+                f"it is a {kind[1:].upper()} file"
+                if head.startswith(magic)
+                else "its first bytes are not those of one"
+            )
             raise VgrooveError(f"{path}: is not what its ending {ending} says: {found}.")
     if ending in (".csv", ".asc") and b"\0" in head:
-        raise VgrooveError(f"{path}: is not what its ending {ending} says: it holds binary data (text must be UTF-8).")
+        raise VgrooveError(
+            f"{path}: is not what its ending {ending} says: it holds binary data (text must be UTF-8)."
+        )
     if ending == ".csv" and re.match(rb"date \w+ \w+ ", head):
         raise VgrooveError(f"{path}: is not what its ending .csv says: it is an ASC file.")
     if ending == ".asc" and not re.match(rb"\s*(//.*\s*)*date ", head):
-        raise VgrooveError(f"{path}: is not what its ending .asc says: an ASC file begins with its date.")
+        raise VgrooveError(
+            f"{path}: is not what its ending .asc says: an ASC file begins with its date."
+        )
 
 
 def _read_csv(path: Path) -> Log:
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise VgrooveError(f"{path}: is not what its ending .csv says: byte {error.start} is not UTF-8 text.") from error
+        raise VgrooveError(
+            f"{path}: is not what its ending .csv says: byte {error.start} is not UTF-8 text."
+        ) from error
     header, lines, rows = _csv_rows(path, text)
     warnings = _check_header(path, header)
     known = [k for k, name in enumerate(header) if name == "time_s" or name in UNITS]
@@ -124,7 +154,9 @@ def _csv_rows(path: Path, text: str) -> tuple[list[str], list[int], list[list[st
     header = [cell.strip() for cell in rows[0]]
     for line, row in zip(lines[1:], rows[1:], strict=True):
         if len(row) != len(header):
-            raise VgrooveError(f"{path}: line {line}: has {len(row)} cells, the header has {len(header)} columns.")
+            raise VgrooveError(
+                f"{path}: line {line}: has {len(row)} cells, the header has {len(header)} columns."
+            )
     return header, lines[1:], rows[1:]
 
 
@@ -137,17 +169,27 @@ def _is_number(cell: str) -> bool:
 
 
 def _check_header(path: Path, header: list[str]) -> list[str]:
-    """Warnings for columns that are ignored; the header must name time, an input and something measured, each once."""
+    """Warnings for columns that are ignored; the header must name time, an input and something
+    measured, each once.
+    """
     if any(_is_number(name) for name in header):
         number = next(k for k, name in enumerate(header) if _is_number(name))
-        raise VgrooveError(f"{path}: line 1, column {number + 1}: no header: {header[number]} is a number, not a name.")
+        raise VgrooveError(
+            f"{path}: line 1, column {number + 1}: no header: {header[number]} is a number, not a name."
+        )
     if len(header) == 1 and re.search(r"[;\t]", header[0]):
         raise VgrooveError(f"{path}: line 1: columns must be separated by commas.")
     for name in header:
         if name and header.count(name) > 1:
-            raise VgrooveError(f"{path}: line 1: the column {name} appears {header.count(name)} times.")
+            raise VgrooveError(
+                f"{path}: line 1: the column {name} appears {header.count(name)} times."
+            )
     _check_columns(str(path), header)
-    return [f"{path}: line 1: the unknown column {name or '(no name)'} is ignored." for name in header if name not in (*UNITS, "time_s")]
+    return [
+        f"{path}: line 1: the unknown column {name or '(no name)'} is ignored."
+        for name in header
+        if name not in (*UNITS, "time_s")
+    ]
 
 
 def _check_columns(source: str, names: Iterable[str]) -> None:
@@ -155,23 +197,36 @@ def _check_columns(source: str, names: Iterable[str]) -> None:
     if "time_s" not in names:
         raise VgrooveError(f"{source}: line 1: the required column time_s is missing.")
     if not names & set(INPUTS):
-        raise VgrooveError(f"{source}: line 1: a required column is missing: one input of {', '.join(INPUTS)}.")
+        raise VgrooveError(
+            f"{source}: line 1: a required column is missing: one input of {', '.join(INPUTS)}."
+        )
     if not any(names & (set(MEASURED) - {given}) for given in names & set(INPUTS)):
-        raise VgrooveError(f"{source}: line 1: a required column is missing: a measured signal besides the input, such as speed_rpm.")
+        raise VgrooveError(
+            f"{source}: line 1: a required column is missing: a measured signal besides the input, such as speed_rpm."
+        )
 
 
-def _numbers(path: Path, name: str, lines: list[int], cells: Sequence[str], underscores: bool) -> np.ndarray:
-    """Cells of a column as floats, empty ones as NaN; VgrooveError for the first one that is no number or infinite."""
+def _numbers(
+    path: Path, name: str, lines: list[int], cells: Sequence[str], underscores: bool
+) -> np.ndarray:
+    """Cells of a column as floats, empty ones as NaN; VgrooveError for the first one that is no
+    number or infinite.
+    """
     try:
         if underscores:
             raise ValueError  # float() would take 1_0 for 10
         values = np.fromiter(map(float, cells), float, len(cells))
     except ValueError:
-        values = np.array([_number(path, name, line, cell) for line, cell in zip(lines, cells, strict=True)], float)
+        values = np.array(
+            [_number(path, name, line, cell) for line, cell in zip(lines, cells, strict=True)],
+            float,
+        )
     infinite = np.isinf(values)
     if infinite.any():
         at = int(np.argmax(infinite))
-        raise VgrooveError(f"{path}: line {lines[at]}, column {name}: {cells[at].strip()} is infinite.")
+        raise VgrooveError(
+            f"{path}: line {lines[at]}, column {name}: {cells[at].strip()} is infinite."
+        )
     return values
 
 
@@ -184,22 +239,32 @@ def _number(path: Path, name: str, line: int, cell: str) -> float:
 
 
 def _checked(log: Log, lines: list[int] | None = None) -> Log:
-    """The laws of every log: time increases, enough usable samples, nothing infinite; `lines` of a text file for the messages."""
+    """The laws of every log: time increases, enough usable samples, nothing infinite; `lines` of a
+    text file for the messages.
+    """
     place = (lambda k: f"line {lines[k]}") if lines else (lambda k: f"sample {k + 1}")
     bad = ~np.isfinite(log.time_s)
     if bad.any():
-        raise VgrooveError(f"{log.source}: {place(int(np.argmax(bad)))}, column time_s: the time is missing.")
+        raise VgrooveError(
+            f"{log.source}: {place(int(np.argmax(bad)))}, column time_s: the time is missing."
+        )
     still = np.diff(log.time_s) <= 0
     if still.any():
         at = int(np.argmax(still)) + 1
         values = f"{log.time_s[at]:.10g} s after {log.time_s[at - 1]:.10g} s"
-        raise VgrooveError(f"{log.source}: {place(at)}, column time_s: time does not increase ({values}).")
+        raise VgrooveError(
+            f"{log.source}: {place(at)}, column time_s: time does not increase ({values})."
+        )
     for name, values in log.columns.items():
         if np.isinf(values).any():
-            raise VgrooveError(f"{log.source}: {place(int(np.argmax(np.isinf(values))))}, column {name}: an infinite value.")
+            raise VgrooveError(
+                f"{log.source}: {place(int(np.argmax(np.isinf(values))))}, column {name}: an infinite value."
+            )
     usable = _usable(log)
     if usable < USABLE_MIN:
-        raise VgrooveError(f"{log.source}: {usable} usable samples, at least {USABLE_MIN} are needed.")
+        raise VgrooveError(
+            f"{log.source}: {usable} usable samples, at least {USABLE_MIN} are needed."
+        )
     log.warnings += _doubts(log)
     return log
 
@@ -218,14 +283,20 @@ def _doubts(log: Log) -> list[str]:
     """What a log is accepted with, but should be known."""
     found = []
     if "duty" in log and np.nanmax(np.abs(log["duty"]), initial=0.0) > 1 + 1e-6:
-        found.append(f"{log.source}: column duty: the greatest magnitude is {np.nanmax(np.abs(log['duty'])):.4g}, not within -1..1.")
+        found.append(
+            f"{log.source}: column duty: the greatest magnitude is {np.nanmax(np.abs(log['duty'])):.4g}, not within -1..1."
+        )
     if current_is_unsigned(log):
-        found.append(f"{log.source}: column current_a: never negative while the drive brakes or reverses, so it is unsigned.")
+        found.append(
+            f"{log.source}: column current_a: never negative while the drive brakes or reverses, so it is unsigned."
+        )
     return found
 
 
 def current_is_unsigned(log: Log) -> bool:
-    """True where the current should be negative for a while (reverse drive, or brake from forward) and never is."""
+    """True where the current should be negative for a while (reverse drive, or brake from forward)
+    and never is.
+    """
     if not all(name in log for name in ("duty", "current_a", "speed_rpm")):
         return False
     duty, current, speed = log["duty"], log["current_a"], log["speed_rpm"]
@@ -233,10 +304,14 @@ def current_is_unsigned(log: Log) -> bool:
     braked = shut & (duty <= 0) & (speed > 0)
     reversed_ = shut & (duty < 0) & (speed <= 0)
     rows = (braked | reversed_) & (np.abs(current) > UNSIGNED_CURRENT_A)
-    return bool(rows.sum() >= UNSIGNED_ROWS_MIN and np.nanmin(current) > -0.02 * np.nanmax(np.abs(current)))
+    return bool(
+        rows.sum() >= UNSIGNED_ROWS_MIN and np.nanmin(current) > -0.02 * np.nanmax(np.abs(current))
+    )
 
 
-def log_from_frames(frames: Iterable[telemetry.Frame], source: str, needs_boot: bool = False) -> Log:
+def log_from_frames(
+    frames: Iterable[telemetry.Frame], source: str, needs_boot: bool = False
+) -> Log:
     """Intact frames to a log, unchecked (it may be short)."""
     session = telemetry.Session(needs_boot=needs_boot)
     session.feed(frames)
@@ -244,7 +319,9 @@ def log_from_frames(frames: Iterable[telemetry.Frame], source: str, needs_boot: 
 
 
 def log_from_stream(data: bytes, source: str) -> Log:
-    """The bytes that a board sent, from its start on, to a log; unchecked (it may be short), damage is in meta['counters']."""
+    """The bytes that a board sent, from its start on, to a log; unchecked (it may be short), damage
+    is in meta['counters'].
+    """
     session = telemetry.Session()
     session.feed(telemetry.Framer(session.counters).feed(data))
     return log_from_session(session, source)
@@ -257,12 +334,20 @@ def log_from_session(session: telemetry.Session, source: str) -> Log:
 
 
 def _log_from_messages(path: Path, messages: Iterable[Any], likely_ms: Iterable[int] = (0,)) -> Log:
-    """A CAN recording through the signal list; where the file kept only time differences the CRCs tell the board's time."""
+    """A CAN recording through the signal list; where the file kept only time differences the CRCs
+    tell the board's time.
+    """
     session = telemetry.Session(needs_boot=False)
     frames = [
-        telemetry.Frame(round(message.timestamp * 1000) & 0xFFFFFFFF, message.arbitration_id, bytes(message.data))
+        telemetry.Frame(
+            round(message.timestamp * 1000) & 0xFFFFFFFF,
+            message.arbitration_id,
+            bytes(message.data),
+        )
         for message in messages
-        if message.arbitration_id in telemetry.OUTBOUND and len(message.data) == telemetry.LENGTH and not message.is_error_frame
+        if message.arbitration_id in telemetry.OUTBOUND
+        and len(message.data) == telemetry.LENGTH
+        and not message.is_error_frame
     ]
     likely_ms = list(likely_ms)
     offset = telemetry.time_offset(frames, likely_ms) or 0
@@ -271,18 +356,26 @@ def _log_from_messages(path: Path, messages: Iterable[Any], likely_ms: Iterable[
     session.counters.frames = len(intact)
     session.counters.corrupt = len(frames) - len(intact)
     if not intact:
-        raise VgrooveError(f"{path}: holds no intact telemetry frame of a vgroove board ({len(frames)} frames with its ids).")
+        raise VgrooveError(
+            f"{path}: holds no intact telemetry frame of a vgroove board ({len(frames)} frames with its ids)."
+        )
     session.feed(intact)
     log = log_from_session(session, str(path))
     if offset not in likely_ms:
-        log.warnings.append(f"{path}: keeps only time differences: the start of time_s may not be the board's.")
+        log.warnings.append(
+            f"{path}: keeps only time differences: the start of time_s may not be the board's."
+        )
     counters = session.counters
     if counters.corrupt or counters.lost:
-        log.warnings.append(f"{path}: {counters.corrupt} frames are corrupt, {counters.lost} FAST frames were lost.")
+        log.warnings.append(
+            f"{path}: {counters.corrupt} frames are corrupt, {counters.lost} FAST frames were lost."
+        )
     if session.boot is None:
         log.warnings.append(f"{path}: holds no BOOT frame: duty 1 is taken as compare value 255.")
     if session.restarted:
-        log.warnings.append(f"{path}: {telemetry.RESTARTED} at {log.time_s[-1] if len(log) else 0:.3f} s, what follows is left out.")
+        log.warnings.append(
+            f"{path}: {telemetry.RESTARTED} at {log.time_s[-1] if len(log) else 0:.3f} s, what follows is left out."
+        )
     return _checked(log)
 
 
@@ -294,7 +387,9 @@ def _damage_named(path: Path, kind: str) -> Iterator[None]:
     except (VgrooveError, OSError, MemoryError):
         raise
     except Exception as error:
-        raise VgrooveError(f"{path}: is a damaged or truncated {kind} file: {error or type(error).__name__}.") from error
+        raise VgrooveError(
+            f"{path}: is a damaged or truncated {kind} file: {error or type(error).__name__}."
+        ) from error
 
 
 def _read_blf(path: Path) -> Log:
@@ -303,7 +398,9 @@ def _read_blf(path: Path) -> Log:
     with _damage_named(path, "BLF"), BLFReader(path) as reader:
         messages = list(reader)
         if reader.object_count > len(messages):
-            raise ValueError(f"its header counts {reader.object_count} objects, {len(messages)} can be read")
+            raise ValueError(
+                f"its header counts {reader.object_count} objects, {len(messages)} can be read"
+            )
         size = path.stat().st_size
         if reader.file_size not in (0, size) and size < reader.file_size:
             raise ValueError(f"its header states {reader.file_size} bytes, it has {size}")
@@ -323,8 +420,12 @@ def _read_asc(path: Path) -> Log:
 
 
 def _asc_offsets(text: str) -> list[int]:
-    """Likely offsets: python-can writes times since the first frame and that frame's time as a local date, milliseconds without padding."""
-    match = re.search(r"Begin Triggerblock \w+ (\w+ \d+ \d+:\d+:\d+)\.(\d+) (\d+)", text, re.IGNORECASE)
+    """Likely offsets: python-can writes times since the first frame and that frame's time as a
+    local date, milliseconds without padding.
+    """
+    match = re.search(
+        r"Begin Triggerblock \w+ (\w+ \d+ \d+:\d+:\d+)\.(\d+) (\d+)", text, re.IGNORECASE
+    )
     if match is None:
         return [0]
     moment = datetime.strptime(f"{match[1]} {match[3]}", "%b %d %H:%M:%S %Y").replace(tzinfo=UTC)
@@ -350,7 +451,9 @@ def _mf4_messages(path: Path) -> list[Any]:
 
 
 def _mf4_channels(path: Path, mdf: Any) -> Log:
-    """Channels that carry the contract's names, on the time base of the group that holds most of them."""
+    """Channels that carry the contract's names, on the time base of the group that holds most of
+    them.
+    """
     places = {name: mdf.channels_db[name] for name in UNITS if name in mdf.channels_db}
     groups = [group for entries in places.values() for group, _ in entries]
     _check_columns(str(path), {"time_s", *places} if groups else set())
@@ -367,7 +470,11 @@ def _mf4_channels(path: Path, mdf: Any) -> Log:
             raise VgrooveError(f"{path}: column {name}: its samples are not numbers.")
         log.columns[name] = samples.astype(float)
     known = {*UNITS, "time_s", "time", "t"}
-    log.warnings += [f"{path}: the unknown column {name} is ignored." for name in mdf.channels_db if name not in known]
+    log.warnings += [
+        f"{path}: the unknown column {name} is ignored."
+        for name in mdf.channels_db
+        if name not in known
+    ]
     _check_columns(str(path), {"time_s", *log.columns})
     return _checked(log)
 
@@ -378,7 +485,9 @@ def csv_header(names: Iterable[str]) -> bytes:
 
 
 def csv_rows(time_s: np.ndarray, columns: Iterable[np.ndarray]) -> bytes:
-    """Rows of a CSV log: time to the last bit (stamps since 1970 need 17 digits), the rest to 12 digits, missing samples as NaN."""
+    """Rows of a CSV log: time to the last bit (stamps since 1970 need 17 digits), the rest to 12
+    digits, missing samples as NaN.
+    """
     table = [np.asarray(column, float).tolist() for column in (time_s, *columns)]
     line = "%r" + ",%.12g" * (len(table) - 1) + "\n"
     return "".join(line % row for row in zip(*table, strict=True)).replace("nan", "NaN").encode()

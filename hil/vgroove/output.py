@@ -1,4 +1,6 @@
-"""Files that the package writes: whole or not at all, and known to be writable before the work that fills them begins."""
+"""Files that the package writes: whole or not at all, and known to be writable before the work that
+fills them begins.
+"""
 
 import os
 import stat
@@ -29,7 +31,9 @@ def _mode(path: Path) -> int:
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """A binary file that takes the place of `path` when the block ends well, and leaves nothing behind when it does not; OSError."""
+    """A binary file that takes the place of `path` when the block ends well, and leaves nothing
+    behind when it does not; OSError.
+    """
     path = Path(path)
     if _is_device(path):
         with path.open("wb") as device:
@@ -70,9 +74,11 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path] = ()) -> None:
-    """VgrooveError for a file that could not be written at the end: called before the work, so that nothing is done in vain.
+    """VgrooveError for a file that could not be written at the end: called before the work, so that
+    nothing is done in vain.
 
-    None (an output that is not wanted) passes; so do the devices of /dev. No two outputs, and no output and input, may be one file.
+    None (an output that is not wanted) passes; so do the devices of /dev. No two outputs, and no
+    output and input, may be one file.
     """
     taken = {os.path.realpath(path): path for path in inputs}
     for path in (path for path in outputs if path is not None):
@@ -101,5 +107,7 @@ def _check_output(path: Path) -> None:
         if not os.access(path, os.W_OK):
             raise VgrooveError(f"{path}: cannot be written: it is read-only.")
     if not _is_device(path):
-        with tempfile.NamedTemporaryFile(prefix=PART_PREFIX, suffix=PART_SUFFIX, dir=Path(os.path.realpath(path)).parent):
+        with tempfile.NamedTemporaryFile(
+            prefix=PART_PREFIX, suffix=PART_SUFFIX, dir=Path(os.path.realpath(path)).parent
+        ):
             pass

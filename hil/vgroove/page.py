@@ -1,4 +1,6 @@
-"""Pages of the house: tables, figures and cards as one HTML text that opens offline; what every report is shown on."""
+"""Pages of the house: tables, figures and cards as one HTML text that opens offline; what every
+report is shown on.
+"""
 
 import csv
 import html
@@ -27,7 +29,9 @@ font-size:13px;letter-spacing:.04em;color:#555} .card span{font-size:14px;color:
 
 @dataclass(frozen=True)
 class Table:
-    """One table: `name` ends its file's name; a column's header carries its unit; cells are texts, numbers or None."""
+    """One table: `name` ends its file's name; a column's header carries its unit; cells are texts,
+    numbers or None.
+    """
 
     name: str
     title: str
@@ -39,23 +43,35 @@ class Table:
         buffer = io.StringIO()
         writer = csv.writer(buffer, lineterminator="\n")
         writer.writerow(self.header)
-        writer.writerows([f"{c:.6g}" if isinstance(c, float) else ("" if c is None else c) for c in row] for row in self.rows)
+        writer.writerows(
+            [f"{c:.6g}" if isinstance(c, float) else ("" if c is None else c) for c in row]
+            for row in self.rows
+        )
         return buffer.getvalue()
 
     def as_rich(self) -> rich.table.Table:
         """For the terminal."""
         table = rich.table.Table(title=self.title, title_justify="left", title_style="bold")
         for column, name in enumerate(self.header):
-            table.add_column(name, justify="right" if self._is_number(column) else "left", overflow="fold")
+            table.add_column(
+                name, justify="right" if self._is_number(column) else "left", overflow="fold"
+            )
         for row in self.rows:
             table.add_row(*(shown(cell) for cell in row))
         return table
 
     def as_html(self) -> str:
         """For the page."""
-        marks = [" class=n" if self._is_number(column) else "" for column in range(len(self.header))]
-        head = "".join(f"<th{m}>{html.escape(n)}</th>" for m, n in zip(marks, self.header, strict=True))
-        body = ["".join(f"<td{m}>{html.escape(shown(c))}</td>" for m, c in zip(marks, row, strict=True)) for row in self.rows]
+        marks = [
+            " class=n" if self._is_number(column) else "" for column in range(len(self.header))
+        ]
+        head = "".join(
+            f"<th{m}>{html.escape(n)}</th>" for m, n in zip(marks, self.header, strict=True)
+        )
+        body = [
+            "".join(f"<td{m}>{html.escape(shown(c))}</td>" for m, c in zip(marks, row, strict=True))
+            for row in self.rows
+        ]
         return f"<table><tr>{head}</tr>" + "".join(f"<tr>{row}</tr>" for row in body) + "</table>"
 
     def as_markdown(self) -> str:
@@ -73,7 +89,9 @@ class Table:
 
 
 def shown(cell: Any) -> str:
-    """A cell as people read it: four digits, a dash for nothing; what is smaller than anyone measures is said to be."""
+    """A cell as people read it: four digits, a dash for nothing; what is smaller than anyone
+    measures is said to be.
+    """
     if cell is None:
         return "–"
     if isinstance(cell, float) and 0.0 < abs(cell) < LEAST_SHOWN:
@@ -133,7 +151,9 @@ Part = Table | Picture | Note
 
 @dataclass(frozen=True)
 class Page:
-    """A page from top to bottom; `lead` is its finding in a sentence, `name` that of the pictures saved from it."""
+    """A page from top to bottom; `lead` is its finding in a sentence, `name` that of the pictures
+    saved from it.
+    """
 
     name: str
     title: str
@@ -147,14 +167,20 @@ class Page:
         """One text that opens offline; `bar`: when the buttons above a figure show."""
         body = [f"<h1>{html.escape(self.title)}</h1>"]
         body += [f"<p class=lead>{html.escape(self.lead)}</p>"] if self.lead else []
-        body += [f"<div class=cards>{''.join(card.as_html() for card in self.cards)}</div>"] if self.cards else []
+        body += (
+            [f"<div class=cards>{''.join(card.as_html() for card in self.cards)}</div>"]
+            if self.cards
+            else []
+        )
         body += [f"<p>{html.escape(line)}</p>" for line in self.lines]
         body += [f"<p class=warn>{html.escape(line)}</p>" for line in self.warnings]
         figures = 0
         for part in self.parts:
             figures += isinstance(part, Picture)
             body.append(f"<h2>{html.escape(part.title)}</h2>")
-            body.append(self._drawn(part, figures, bar) if isinstance(part, Picture) else part.as_html())
+            body.append(
+                self._drawn(part, figures, bar) if isinstance(part, Picture) else part.as_html()
+            )
         return (
             f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{html.escape(self.title)}</title><style>{CSS}</style>"
             f"<link rel=icon href='data:,'><script>{get_plotlyjs()}</script></head><body>{''.join(body)}</body></html>\n"
@@ -163,17 +189,32 @@ class Page:
     def _drawn(self, picture: Picture, number: int, bar: bool | str) -> str:
         image = {"format": "svg", "filename": f"{self.name}_{number}"}
         config = {"displaylogo": False, "displayModeBar": bar, "toImageButtonOptions": image}
-        figure = picture.figure.to_html(full_html=False, include_plotlyjs=False, div_id=f"figure{number}", config=config)
+        figure = picture.figure.to_html(
+            full_html=False, include_plotlyjs=False, div_id=f"figure{number}", config=config
+        )
         return f"<p class=note>{html.escape(picture.note)}</p>{figure}"
 
     def height(self) -> int:
         """About its height in CSS pixels."""
-        return 180 + 34 * len(self.lines) + 200 * bool(self.cards) + sum(part.height() for part in self.parts)
+        return (
+            180
+            + 34 * len(self.lines)
+            + 200 * bool(self.cards)
+            + sum(part.height() for part in self.parts)
+        )
 
 
 def style(figure: go.Figure, height: int, **layout: Any) -> go.Figure:
-    """The house's look: white, type that is read at half a page, legend above, the camera saves an SVG."""
-    legend = {"orientation": "h", "y": 1.0 - 30.0 / height, "yref": "container", "yanchor": "top", "x": 0.0}
+    """The house's look: white, type that is read at half a page, legend above, the camera saves an
+    SVG.
+    """
+    legend = {
+        "orientation": "h",
+        "y": 1.0 - 30.0 / height,
+        "yref": "container",
+        "yanchor": "top",
+        "x": 0.0,
+    }
     figure.update_layout(
         template="plotly_white",
         width=PAGE_WIDTH,
@@ -189,7 +230,9 @@ def style(figure: go.Figure, height: int, **layout: Any) -> go.Figure:
 
 
 def thin(time: np.ndarray, *columns: np.ndarray, points: int = 3000) -> list[np.ndarray]:
-    """`time` and columns (n,) with at most about `points` samples each; of every stretch the extremes of each column stay."""
+    """`time` and columns (n,) with at most about `points` samples each; of every stretch the
+    extremes of each column stay.
+    """
     count = len(time)
     if count <= points:
         return [time, *columns]

@@ -1,4 +1,6 @@
-"""`vgroove sim SCENARIO`: the plant alone, its trigger travel taken as the duty, no firmware and no sensors in between."""
+"""`vgroove sim SCENARIO`: the plant alone, its trigger travel taken as the duty, no firmware and no
+sensors in between.
+"""
 
 from typing import Any
 
@@ -15,97 +17,164 @@ SCHEMA = "vgroove.sim_scenario/1"
 ROW_S = 1e-3
 DRILL_STEP_S = ROW_S / 32  # of the drill driver, next to a PWM period
 CHUCK_CHANNELS = ("chuck_rpm", "shaft_nm", "chuck_load_nm")
-BENCH_CHANNELS = ("anvil_torque_nm", "anvil_angle_rad", "hammer_mm", "head_rad", "housing_nm", "arm_rad")
+BENCH_CHANNELS = (
+    "anvil_torque_nm",
+    "anvil_angle_rad",
+    "hammer_mm",
+    "head_rad",
+    "housing_nm",
+    "arm_rad",
+)
 RAD_S_TO_RPM = 30.0 / np.pi
 
 
 def profile_columns(profile: Profile, time_s: np.ndarray) -> dict[str, np.ndarray]:
-    """`duty` (travel, negative in reverse), `coast` (contact open) and `load_nm` of a profile; a row's value holds over the whole row."""
+    """`duty` (travel, negative in reverse), `coast` (contact open) and `load_nm` of a profile; a
+    row's value holds over the whole row.
+    """
     starts = np.maximum(time_s - ROW_S, 0.0)
     travel = curve(profile.travel, starts)
     pressed = travel >= profile.contact_travel
     sign = np.where(step_values(profile.reverse, starts) > 0.0, -1.0, 1.0)
-    return {"duty": np.where(pressed, sign * travel, 0.0), "coast": np.where(pressed, 0.0, 1.0), "load_nm": curve(profile.load_nm, time_s)}
+    return {
+        "duty": np.where(pressed, sign * travel, 0.0),
+        "coast": np.where(pressed, 0.0, 1.0),
+        "load_nm": curve(profile.load_nm, time_s),
+    }
 
 
 def simulate_scenario(scenario: Scenario) -> Log:
-    """Rows of 1 ms, the first at rest: current (A) and bus (V) as means of the row, speed (rpm) and angle (rad) of the shaft at its end.
+    """Rows of 1 ms, the first at rest: current (A) and bus (V) as means of the row, speed (rpm) and
+    angle (rad) of the shaft at its end.
 
-    An impact tool has its bench channels too (torque of the joint, angle of anvil and head, hammer, housing, arm), and what its impacts
-    came to in `meta`.
-    A drill driver has speed and load of the chuck and the shaft's torque, and its pulse mode where the rig says `pulse = true`.
+    An impact tool has its bench channels too (torque of the joint, angle of anvil and head, hammer,
+    housing, arm), and what its impacts came to in `meta`. A drill driver has speed and load of the
+    chuck and the shaft's torque, and its pulse mode where the rig says `pulse = true`.
     """
     from vgroove import _core
 
     tool = scenario.tool
     if tool.input["kind"] != "duty":
-        raise VgrooveError(f"{scenario.source}: a trigger drives the bridge: the rig's [input] kind must be duty, not {tool.input['kind']}")
+        raise VgrooveError(
+            f"{scenario.source}: a trigger drives the bridge: the rig's [input] kind must be duty, not {tool.input['kind']}"
+        )
     time_s = ROW_S * np.arange(round(scenario.duration_s / ROW_S) + 1)
     columns = profile_columns(scenario.profile, time_s)
     if tool.mechanism["kind"] == "drill_driver":
         return _simulate_drill(scenario, time_s, columns)
-    drive = _core.LogInput(time_s, "duty", columns["duty"], slew_per_s=tool.input.get("slew_per_s"), load_nm=columns["load_nm"],
-                           coast=columns["coast"], load_kind=tool.load.get("kind", "none"))
+    drive = _core.LogInput(
+        time_s,
+        "duty",
+        columns["duty"],
+        slew_per_s=tool.input.get("slew_per_s"),
+        load_nm=columns["load_nm"],
+        coast=columns["coast"],
+        load_kind=tool.load.get("kind", "none"),
+    )
     meta = {}
     with refused_by_plant(scenario.source):
         if tool.mechanism["kind"] == "impact":
             rows = _core.simulate_impact(drive, tool.parameters()[None, :], mode="fast")
             columns |= {name: rows[name][0] for name in BENCH_CHANNELS}
-            meta = impact_figures(while_pulled(rows["blows"][0], time_s, columns["duty"]), float(rows["head_rad"][0, -1]))
+            meta = impact_figures(
+                while_pulled(rows["blows"][0], time_s, columns["duty"]),
+                float(rows["head_rad"][0, -1]),
+            )
         else:
-            rows = _core.simulate_log(drive, tool.parameters()[None, :], np.array([0]), np.zeros((1, 3)), threads=1)
+            rows = _core.simulate_log(
+                drive, tool.parameters()[None, :], np.array([0]), np.zeros((1, 3)), threads=1
+            )
     columns |= {name: rows[name][0] for name in ("supply_v", "current_a")}
-    columns |= {"speed_rpm": rows["speed_rad_s"][0] * RAD_S_TO_RPM, "position_rad": rows["angle_rad"][0]}
+    columns |= {
+        "speed_rpm": rows["speed_rad_s"][0] * RAD_S_TO_RPM,
+        "position_rad": rows["angle_rad"][0],
+    }
     return Log(time_s, columns, scenario.source, meta=meta)
 
 
 def straight_from(duty: np.ndarray, slew_per_s: float | None) -> np.ndarray:
-    """Where each row's duty (n,) begins its straight line: at the row before, unless it changes by more than the slew allows."""
+    """Where each row's duty (n,) begins its straight line: at the row before, unless it changes by
+    more than the slew allows.
+    """
     before = np.concatenate([duty[:1], duty[:-1]])
-    return np.where(np.abs(duty - before) <= (slew_per_s or 0.0) * ROW_S * (1.0 + 1e-9), before, duty)
+    return np.where(
+        np.abs(duty - before) <= (slew_per_s or 0.0) * ROW_S * (1.0 + 1e-9), before, duty
+    )
 
 
 def make_drill(tool: Rig) -> Any:
     """The drill driver of a rig for runs without a board: steps of DRILL_STEP_S."""
     from vgroove import _core
 
-    return _core.DrillPlant(tool.drill_parameters(), tool.value("supply.resistance_ohm"), hall_pulses_per_rev=0, step_s=DRILL_STEP_S)
+    return _core.DrillPlant(
+        tool.drill_parameters(),
+        tool.value("supply.resistance_ohm"),
+        hall_pulses_per_rev=0,
+        step_s=DRILL_STEP_S,
+    )
 
 
 def _simulate_drill(scenario: Scenario, time_s: np.ndarray, columns: dict[str, np.ndarray]) -> Log:
     begins = straight_from(columns["duty"], scenario.tool.input.get("slew_per_s"))
     with refused_by_plant(scenario.source):
         plant = make_drill(scenario.tool)
-        commands = (column[1:].tolist() for column in (columns["duty"], columns["coast"] != 0.0, columns["load_nm"], begins))
+        commands = (
+            column[1:].tolist()
+            for column in (columns["duty"], columns["coast"] != 0.0, columns["load_nm"], begins)
+        )
         rows = [plant.advance(ROW_S, *command) for command in zip(*commands, strict=True)]
 
     def column(name: str, first: float = 0.0) -> np.ndarray:
         return np.array([first, *(getattr(row, name) for row in rows)])
 
-    columns |= {"supply_v": column("supply_v", scenario.tool.supply["voltage_v"]), "current_a": column("current_a"),
-                "speed_rpm": column("speed_rad_s") * RAD_S_TO_RPM, "position_rad": column("angle_rad")}
-    columns |= dict(zip(CHUCK_CHANNELS, (column("chuck_rad_s") * RAD_S_TO_RPM, column("shaft_nm"), column("load_nm")), strict=True))
-    meta = {"chuck_peak_rpm": float(np.max(np.abs(columns["chuck_rpm"]))), "shaft_peak_nm": float(np.max(column("shaft_peak_nm"))),
-            "clutch_slipped_s": float(np.sum(column("slipped_s")))}
+    columns |= {
+        "supply_v": column("supply_v", scenario.tool.supply["voltage_v"]),
+        "current_a": column("current_a"),
+        "speed_rpm": column("speed_rad_s") * RAD_S_TO_RPM,
+        "position_rad": column("angle_rad"),
+    }
+    columns |= dict(
+        zip(
+            CHUCK_CHANNELS,
+            (column("chuck_rad_s") * RAD_S_TO_RPM, column("shaft_nm"), column("load_nm")),
+            strict=True,
+        )
+    )
+    meta = {
+        "chuck_peak_rpm": float(np.max(np.abs(columns["chuck_rpm"]))),
+        "shaft_peak_nm": float(np.max(column("shaft_peak_nm"))),
+        "clutch_slipped_s": float(np.sum(column("slipped_s"))),
+    }
     return Log(time_s, columns, scenario.source, meta=meta)
 
 
 def while_pulled(blows: np.ndarray, time_s: np.ndarray, duty: np.ndarray) -> np.ndarray:
-    """The blows (structured, as simulate_impact gives them) that fall while the duty (n,) stands at its largest size."""
+    """The blows (structured, as simulate_impact gives them) that fall while the duty (n,) stands at
+    its largest size.
+    """
     row = np.minimum(np.searchsorted(time_s, blows["time_s"]), len(duty) - 1)
     return blows[np.abs(duty[row]) >= np.max(np.abs(duty))]
 
 
 def impact_figures(blows: np.ndarray, head_rad: float) -> dict[str, float | int]:
-    """What blows came to: their number and repeats, rate and regularity of the second half of them, torque, height, head angle."""
+    """What blows came to: their number and repeats, rate and regularity of the second half of them,
+    torque, height, head angle.
+    """
     first = blows[blows["kind"] == 0]
     late = first[len(first) // 2 :]
     period = np.diff(late["time_s"])
-    figures: dict[str, float | int] = {"blows": len(first), "repeats": int(np.sum(blows["kind"] == 1)),
-                                       "head_end_rad": head_rad}
+    figures: dict[str, float | int] = {
+        "blows": len(first),
+        "repeats": int(np.sum(blows["kind"] == 1)),
+        "head_end_rad": head_rad,
+    }
     if len(period):
-        figures |= {"blows_per_min": float(60.0 / period.mean()), "period_spread_percent": float(100.0 * period.std() / period.mean()),
-                    "torque_peak_nm": float(late["peak_torque_nm"].max()), "engaged_mean_mm": float(1e3 * late["engaged_m"].mean())}
+        figures |= {
+            "blows_per_min": float(60.0 / period.mean()),
+            "period_spread_percent": float(100.0 * period.std() / period.mean()),
+            "torque_peak_nm": float(late["peak_torque_nm"].max()),
+            "engaged_mean_mm": float(1e3 * late["engaged_m"].mean()),
+        }
     return figures
 
 

@@ -1,4 +1,6 @@
-"""The simulated board's UART as a pseudo-terminal that recorders open like a serial port; nothing is lost while somebody reads."""
+"""The simulated board's UART as a pseudo-terminal that recorders open like a serial port; nothing
+is lost while somebody reads.
+"""
 
 import fcntl
 import os
@@ -10,15 +12,20 @@ import tty
 
 from vgroove.errors import VgrooveError
 
-SETTLE_S = 0.3  # a serial library flushes its input while it opens a port; a real board is still in its bootloader then
+# a serial library flushes its input while it opens a port; a real board is still in its bootloader
+# then
+SETTLE_S = 0.3
 DRAIN_S = 5.0
-QUIET_S = 0.3  # the kernel refills what the reader sees from a hidden buffer, later on a busy machine: empty once is not yet drained
+# the kernel refills what the reader sees from a hidden buffer, later on a busy machine: empty once
+# is not yet drained
+QUIET_S = 0.3
 
 
 class PtyLine:
     """One end is the board; the other, `name`, is a raw terminal for the reader. A context manager.
 
-    While a reader has the port open, sending blocks until there is room. While none has, bytes are dropped, as on a wire.
+    While a reader has the port open, sending blocks until there is room. While none has, bytes are
+    dropped, as on a wire.
     """
 
     def __init__(self) -> None:
@@ -28,7 +35,8 @@ class PtyLine:
             raise VgrooveError(f"no pseudo-terminal is to be had: {error.strerror}") from error
         tty.setraw(slave)
         self.name = os.ttyname(slave)
-        os.close(slave)  # from now on the master tells by a hang-up whether somebody has the port open
+        # from now on the master tells by a hang-up whether somebody has the port open
+        os.close(slave)
         os.set_blocking(self._master, False)
         self._poll = select.poll()
         self._poll.register(self._master, select.POLLOUT | select.POLLIN)
@@ -49,7 +57,9 @@ class PtyLine:
         return not self._state() & select.POLLHUP
 
     def wait_for_reader(self, limit_s: float | None = None) -> bool:
-        """Wait until somebody has opened the port and is settled; False when the limit passes first."""
+        """Wait until somebody has opened the port and is settled; False when the limit passes
+        first.
+        """
         begin = time.monotonic()
         while not self.has_reader():
             if limit_s is not None and time.monotonic() - begin > limit_s:
@@ -59,14 +69,16 @@ class PtyLine:
         return True
 
     def send(self, data: bytes) -> None:
-        """Hand bytes to the reader; blocks while its buffer is full, drops them when the port is closed."""
+        """Hand bytes to the reader; blocks while its buffer is full, drops them when the port is
+        closed.
+        """
         while data:
             state = self._state(100)
             if state & select.POLLHUP:
                 self.dropped += len(data)
                 return
             if state & select.POLLOUT:
-                data = data[self._write(data):]
+                data = data[self._write(data) :]
 
     def _write(self, data: bytes) -> int:
         try:

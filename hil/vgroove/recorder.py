@@ -33,16 +33,21 @@ DUMP_EVERY_S = 1.0
 DUMPS_MAX = 8
 FLUSH_S = 0.25
 DONE = "run complete"  # a partner's end as it should be
-ENDS = ("port lost", "interrupted", "board restarted", "time over", "board silent", DONE)  # besides what a disk or a converter does
+# besides what a disk or a converter does
+ENDS = ("port lost", "interrupted", "board restarted", "time over", "board silent", DONE)
 SILENCE_S = 2.0
 MF4_ROWS = 200_000  # converted at a time
 SIDECAR_SCHEMA = "vgroove.recording/1"
 
 
 class ResyncBus(SerialBus):
-    """python-can's serial bus whose recv survives damage: it goes on with the next intact frame and counts what it skipped."""
+    """python-can's serial bus whose recv survives damage: it goes on with the next intact frame and
+    counts what it skipped.
+    """
 
-    def __init__(self, channel: str, baudrate: int = 250_000, timeout: float = 0.05, **kwargs: Any) -> None:
+    def __init__(
+        self, channel: str, baudrate: int = 250_000, timeout: float = 0.05, **kwargs: Any
+    ) -> None:
         self.framer = telemetry.Framer()
         self._waiting: deque[telemetry.Frame] = deque()
         super().__init__(channel, baudrate=baudrate, timeout=timeout, **kwargs)
@@ -75,7 +80,11 @@ class ResyncBus(SerialBus):
 
 def command_message(name: str, sequence: int, time_ms: int, **signals: float) -> can.Message:
     """An inbound frame as python-can sends it; signals in physical values."""
-    sequence_name = next(s.name for s in telemetry.database().get_message_by_name(name).signals if s.name.endswith("_sequence"))
+    sequence_name = next(
+        s.name
+        for s in telemetry.database().get_message_by_name(name).signals
+        if s.name.endswith("_sequence")
+    )
     frame = telemetry.frame_of_signals(name, time_ms, **signals, **{sequence_name: sequence})
     message = frame.message()
     message.timestamp = (time_ms + 0.5) / 1000  # python-can truncates
@@ -83,7 +92,9 @@ def command_message(name: str, sequence: int, time_ms: int, **signals: float) ->
 
 
 class Partner:
-    """Who speaks with the board while it is recorded: here nobody, and nothing but the recording's own limits ends it."""
+    """Who speaks with the board while it is recorded: here nobody, and nothing but the recording's
+    own limits ends it.
+    """
 
     over = ""  # why the recording is to end
     most_silence_s = float("inf")
@@ -144,7 +155,9 @@ class Sink(ABC):
 
     @abstractmethod
     def rescue(self) -> None:
-        """The disk is full: complete the part file with what it holds, without more room; `path` then says under which name."""
+        """The disk is full: complete the part file with what it holds, without more room; `path`
+        then says under which name.
+        """
 
     def publish(self) -> None:
         """Give the part file its name."""
@@ -165,7 +178,9 @@ class Sink(ABC):
 
 
 class PlainFile(io.FileIO):
-    """A file without a buffer that writes all or raises: what could not be written is not tried again on closing."""
+    """A file without a buffer that writes all or raises: what could not be written is not tried
+    again on closing.
+    """
 
     def write(self, data: Any) -> int:
         view = memoryview(data).cast("B")
@@ -201,7 +216,9 @@ class CsvSink(Sink):
 
 
 class Mf4Sink(Sink):
-    """The same columns as channels with units, made by asammdf at the end from a CSV file that grows meanwhile and stays if that fails."""
+    """The same columns as channels with units, made by asammdf at the end from a CSV file that
+    grows meanwhile and stays if that fails.
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -235,7 +252,9 @@ class Mf4Sink(Sink):
 
 
 def _mf4_of_csv(source: Path, target: Path) -> None:
-    """Rows of a CSV log of ours as an MF4 file, MF4_ROWS at a time; a file without rows becomes an empty one."""
+    """Rows of a CSV log of ours as an MF4 file, MF4_ROWS at a time; a file without rows becomes an
+    empty one.
+    """
     from asammdf import MDF, Signal
 
     with MDF(version="4.10") as mdf, source.open(encoding="ascii") as file:
@@ -243,15 +262,22 @@ def _mf4_of_csv(source: Path, target: Path) -> None:
         while lines := list(islice(file, MF4_ROWS)):
             time_s, *columns = np.loadtxt(lines, delimiter=",", ndmin=2).T
             if mdf.groups:
-                mdf.extend(0, [(np.ascontiguousarray(values), None) for values in (time_s, *columns)])
+                mdf.extend(
+                    0, [(np.ascontiguousarray(values), None) for values in (time_s, *columns)]
+                )
             else:
-                signals = [Signal(values, time_s, unit=UNITS[name], name=name) for name, values in zip(names, columns, strict=True)]
+                signals = [
+                    Signal(values, time_s, unit=UNITS[name], name=name)
+                    for name, values in zip(names, columns, strict=True)
+                ]
                 mdf.append(signals, comment="vgroove record")
         mdf.save(target, overwrite=True)
 
 
 class BoardAscWriter(ASCWriter):
-    """python-can's ASC writer with the board's own time, which the frames' CRC covers, instead of the time since the first frame."""
+    """python-can's ASC writer with the board's own time, which the frames' CRC covers, instead of
+    the time since the first frame.
+    """
 
     def __init__(self, file: Any, **kwargs: Any) -> None:
         super().__init__(file, **kwargs)
@@ -336,12 +362,17 @@ class AscSink(Sink):
 SINKS: dict[str, type[Sink]] = {".csv": CsvSink, ".mf4": Mf4Sink, ".blf": BlfSink, ".asc": AscSink}
 
 
-def record(recording: Recording, stopped: Callable[[], bool], progress: Callable[[Recording], None] = lambda _: None) -> None:
-    """Record until `stopped()`, until `seconds` of board time or the partner's run are over, or until the port goes away; the file is then
-    complete.
+def record(
+    recording: Recording,
+    stopped: Callable[[], bool],
+    progress: Callable[[Recording], None] = lambda _: None,
+) -> None:
+    """Record until `stopped()`, until `seconds` of board time or the partner's run are over, or
+    until the port goes away; the file is then complete.
 
-    Raises VgrooveError: the port cannot be opened or shows no board, unknown protocol, file cannot be written, disk full (what was
-    recorded is kept), the port went away or the partner gave up before the end (likewise), no sample came.
+    Raises VgrooveError: the port cannot be opened or shows no board, unknown protocol, file cannot
+    be written, disk full (what was recorded is kept), the port went away or the partner gave up
+    before the end (likewise), no sample came.
     """
     sink_type = SINKS.get(recording.output.suffix.lower())
     if sink_type is None:
@@ -397,7 +428,9 @@ def _from_boot(frames: list[telemetry.Frame]) -> list[telemetry.Frame]:
     return frames[next(k for k, frame in enumerate(frames) if frame.id == telemetry.BOOT) :]
 
 
-def _wait_for_boot(bus: ResyncBus, recording: Recording, stopped: Callable[[], bool]) -> list[telemetry.Frame]:
+def _wait_for_boot(
+    bus: ResyncBus, recording: Recording, stopped: Callable[[], bool]
+) -> list[telemetry.Frame]:
     """Frames from the first BOOT frame on; what came before is counted."""
     session, dumper = recording.session, _Dumper(bus, DUMP_AFTER_S)
     deadline = time.monotonic() + BOOT_WAIT_S
@@ -409,7 +442,9 @@ def _wait_for_boot(bus: ResyncBus, recording: Recording, stopped: Callable[[], b
             dumper.ask()
             frames = bus.read_frames()
         except can.CanOperationError as error:
-            raise VgrooveError(f"{recording.port}: the port was lost before the board said what it is ({error}).") from error
+            raise VgrooveError(
+                f"{recording.port}: the port was lost before the board said what it is ({error})."
+            ) from error
         kept = recording.partner.hear(frames)
         session.feed(kept)
         if session.boot is not None:
@@ -424,8 +459,14 @@ def _wait_for_boot(bus: ResyncBus, recording: Recording, stopped: Callable[[], b
     )
 
 
-def _record_into(sink: Sink, bus: ResyncBus, recording: Recording, begin: list[telemetry.Frame], stopped: Callable[[], bool],
-                 progress: Callable[[Recording], None]) -> None:
+def _record_into(
+    sink: Sink,
+    bus: ResyncBus,
+    recording: Recording,
+    begin: list[telemetry.Frame],
+    stopped: Callable[[], bool],
+    progress: Callable[[Recording], None],
+) -> None:
     """Fill, complete and publish the sink, whatever happens to it; the sidecar says how it ended."""
     started = datetime.now(UTC)
     try:
@@ -440,7 +481,9 @@ def _record_into(sink: Sink, bus: ResyncBus, recording: Recording, begin: list[t
     recording.rows = sink.rows
     if sink.rows == 0:
         sink.discard()
-        raise VgrooveError(f"{recording.port}: {recording.ended}; no sample was recorded, nothing is written.")
+        raise VgrooveError(
+            f"{recording.port}: {recording.ended}; no sample was recorded, nothing is written."
+        )
     _keep(sink, sink.publish)
     recording.output = sink.path
     _write_sidecar(recording, started)
@@ -459,14 +502,24 @@ def _ended_by(error: BaseException, path: Path) -> str:
 
 
 def _keep(sink: Sink, work: Callable[[], None]) -> None:
-    """Complete or rename the part file; where even that fails it stays as it is, and the sentence names it."""
+    """Complete or rename the part file; where even that fails it stays as it is, and the sentence
+    names it.
+    """
     try:
         work()
     except OSError as error:
-        raise VgrooveError(f"{sink.path}: cannot be written: {error.strerror or error}; what was recorded is in {sink.part}.") from error
+        raise VgrooveError(
+            f"{sink.path}: cannot be written: {error.strerror or error}; what was recorded is in {sink.part}."
+        ) from error
 
 
-def _run(sink: Sink, bus: ResyncBus, recording: Recording, stopped: Callable[[], bool], progress: Callable[[Recording], None]) -> str:
+def _run(
+    sink: Sink,
+    bus: ResyncBus,
+    recording: Recording,
+    stopped: Callable[[], bool],
+    progress: Callable[[Recording], None],
+) -> str:
     """Feed the sink until the recording ends; returns why it ended."""
     session, partner, dumper = recording.session, recording.partner, _Dumper(bus, DUMP_EVERY_S)
     flush_at = heard_at = time.monotonic()
@@ -527,7 +580,9 @@ def _write_sidecar(recording: Recording, started: datetime) -> None:
             file.write((json.dumps(content, indent=2) + "\n").encode())
     except OSError as error:
         done = f"{recording.rows} rows are in {recording.output}"
-        raise VgrooveError(f"{path}: cannot be written: {error.strerror or error}; {done}.") from error
+        raise VgrooveError(
+            f"{path}: cannot be written: {error.strerror or error}; {done}."
+        ) from error
 
 
 def _complain(recording: Recording) -> None:
@@ -537,6 +592,12 @@ def _complain(recording: Recording) -> None:
         raise VgrooveError(f"{recording.output}: the disk is full; {kept}.")
     if recording.ended not in ENDS:
         raise VgrooveError(f"{recording.ended}; {kept}.")
-    if recording.ended in ("port lost", "board silent", "board restarted") and recording.most_silence_s < float("inf"):
+    if recording.ended in (
+        "port lost",
+        "board silent",
+        "board restarted",
+    ) and recording.most_silence_s < float("inf"):
         of = "" if recording.seconds is None else f" of {recording.seconds:g}"
-        raise VgrooveError(f"{recording.port}: {recording.ended} after {recording.recorded_s:.1f}{of} s; {kept}.")
+        raise VgrooveError(
+            f"{recording.port}: {recording.ended} after {recording.recorded_s:.1f}{of} s; {kept}."
+        )

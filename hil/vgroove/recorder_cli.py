@@ -32,7 +32,9 @@ class _Stop:
 def signals_stop() -> Iterator[_Stop]:
     """A callable that is true from the first Ctrl-C or terminate signal on."""
     stop = _Stop()
-    before = {number: signal.signal(number, stop.on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {
+        number: signal.signal(number, stop.on_signal) for number in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
         yield stop
     finally:

@@ -1,4 +1,6 @@
-"""`vgroove run`: a scenario on the native firmware or on the simulated AVR, its log written as `vgroove record` would have written it."""
+"""`vgroove run`: a scenario on the native firmware or on the simulated AVR, its log written as
+`vgroove record` would have written it.
+"""
 
 import time
 from collections.abc import Callable, Iterator
@@ -55,11 +57,15 @@ def make_board(options: RunOptions, seed: int) -> AvrBoard | SilBoard:
     if options.on == "sil":
         return SilBoard(eeprom=_image(options.eeprom))
     if options.on != "avr":
-        raise VgrooveError(f"--on is sil or avr, not {options.on}; a board on a port performs --experiment NAME or --next VERDICT.json")
+        raise VgrooveError(
+            f"--on is sil or avr, not {options.on}; a board on a port performs --experiment NAME or --next VERDICT.json"
+        )
     if options.target not in MCUS:
         raise VgrooveError(f"--target is uno or mega, not {options.target}")
     elf = options.elf or default_elf(options.target)
-    return AvrBoard(elf, mcu=MCUS[options.target], stats=options.stats, eeprom=options.eeprom, seed=seed)
+    return AvrBoard(
+        elf, mcu=MCUS[options.target], stats=options.stats, eeprom=options.eeprom, seed=seed
+    )
 
 
 class Both:
@@ -94,18 +100,39 @@ def _line(scenario: Scenario, options: RunOptions, announce: Tell) -> Iterator[l
 @contextmanager
 def progress_bar(console: Console, duration_s: float) -> Iterator[Callable[..., None]]:
     """A bar on a terminal; what it yields takes the time in s, and words for `description`."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.1f} / {task.total:.1f} s"), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.1f} / {task.total:.1f} s"),
+        TimeElapsedColumn(),
+    )
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
         task = progress.add_task("running", total=duration_s)
         yield lambda time_s, **words: progress.update(task, completed=time_s, **words)
 
 
-def _drive(scenario: Scenario, options: RunOptions, sent: bytearray, announce: Tell, show: Callable[[float], None]) -> None:
-    """Run the scenario; `sent` grows with what the board sends, so that an interrupted run leaves what it had."""
-    tool, front, seed = make_plant(scenario.tool, scenario.seed), scenario.front_ends(), scenario.seed
+def _drive(
+    scenario: Scenario,
+    options: RunOptions,
+    sent: bytearray,
+    announce: Tell,
+    show: Callable[[float], None],
+) -> None:
+    """Run the scenario; `sent` grows with what the board sends, so that an interrupted run leaves
+    what it had.
+    """
+    tool, front, seed = (
+        make_plant(scenario.tool, scenario.seed),
+        scenario.front_ends(),
+        scenario.seed,
+    )
     with make_board(options, scenario.seed) as board, _line(scenario, options, announce) as line:
         begin, done = time.monotonic(), 0
-        for progress in lockstep.steps(board, tool, scenario.profile, scenario.duration_s, front=front, line=line, seed=seed):
+        for progress in lockstep.steps(
+            board, tool, scenario.profile, scenario.duration_s, front=front, line=line, seed=seed
+        ):
             sent += progress.sent[done:]
             done = len(progress.sent)
             show(progress.time_s)
@@ -116,7 +143,9 @@ def _drive(scenario: Scenario, options: RunOptions, sent: bytearray, announce: T
 
 
 def write_run(data: bytes, path: Path) -> int:
-    """Write what a board sent as .csv, .mf4, .blf or .asc; returns the rows. Nothing appears under `path` before it is complete."""
+    """Write what a board sent as .csv, .mf4, .blf or .asc; returns the rows. Nothing appears under
+    `path` before it is complete.
+    """
     sink_type = SINKS.get(path.suffix.lower())
     if sink_type is None:
         raise VgrooveError(f"{path}: a log ends in .csv, .mf4, .blf or .asc")
@@ -140,17 +169,32 @@ def write_run(data: bytes, path: Path) -> int:
 
 
 def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: Console) -> None:
-    """Run and write; on Ctrl-C the log holds what had been sent until then, and KeyboardInterrupt goes on."""
+    """Run and write; on Ctrl-C the log holds what had been sent until then, and KeyboardInterrupt
+    goes on.
+    """
     if options.output and options.output.suffix.lower() not in SINKS:
         raise VgrooveError(f"{options.output}: a log ends in .csv, .mf4, .blf or .asc")
-    check_outputs((options.output, options.stats, options.eeprom), (scenario.rig_path, Path(scenario.source)))
+    check_outputs(
+        (options.output, options.stats, options.eeprom), (scenario.rig_path, Path(scenario.source))
+    )
     sent = bytearray()
     begin = time.monotonic()
     try:
         with progress_bar(errors, scenario.duration_s) as show:
-            _drive(scenario, options, sent, lambda name: out.print(name, highlight=False, soft_wrap=True), show)
+            _drive(
+                scenario,
+                options,
+                sent,
+                lambda name: out.print(name, highlight=False, soft_wrap=True),
+                show,
+            )
     finally:
         rows = write_run(bytes(sent), options.output) if options.output and sent else None
     took = time.monotonic() - begin
     speed = f"{scenario.duration_s:g} s simulated in {took:.1f} s ({scenario.duration_s / took:.1f} x real time)"
-    errors.print(speed + (f", {rows} rows in {options.output}" if rows is not None else ""), highlight=False, markup=False, soft_wrap=True)
+    errors.print(
+        speed + (f", {rows} rows in {options.output}" if rows is not None else ""),
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
+    )

@@ -1,4 +1,6 @@
-"""Telemetry of the board: bytes to frames to signals, with everything that was lost or damaged counted (docs/telemetry.md)."""
+"""Telemetry of the board: bytes to frames to signals, with everything that was lost or damaged
+counted (docs/telemetry.md).
+"""
 
 import itertools
 import json
@@ -23,7 +25,8 @@ START, END, LENGTH = 0xAA, 0xBB, 8
 FAST, STATE, BOOT, PARAM, PARAM_TABLE, ACK, HEALTH, CONTROL = range(256, 264)
 SET_MODE, PARAM_READ, PARAM_WRITE, DUMP, CALIBRATE, SETPOINT, PROFILE = range(512, 519)
 OUTBOUND = frozenset(range(FAST, CONTROL + 1))
-STATE_DELAY_MS = 256  # state_tick and control_tick are bytes: such a frame is at most this much older than it says
+# state_tick and control_tick are bytes: such a frame is at most this much older than it says
+STATE_DELAY_MS = 256
 JUMP_MS = 10_000  # a gap in time that needs a second frame to be believed
 STATE_COLUMNS = ("trigger", "state", "mode")
 CONTROL_COLUMNS = ("control_state", "stop_reason", "blow_count", "blow_period_ms", "estimate")
@@ -63,7 +66,9 @@ def crc16(data: bytes) -> int:
 
 
 class Frame(NamedTuple):
-    """An intact frame: board time in ms (modulo 2^32), id, 8 data bytes of which the last is the CRC."""
+    """An intact frame: board time in ms (modulo 2^32), id, 8 data bytes of which the last is the
+    CRC.
+    """
 
     time_ms: int
     id: int
@@ -73,7 +78,12 @@ class Frame(NamedTuple):
         """The frame as python-can's serial bus would deliver it."""
         import can
 
-        return can.Message(timestamp=self.time_ms / 1000, arbitration_id=self.id, is_extended_id=False, data=self.data)
+        return can.Message(
+            timestamp=self.time_ms / 1000,
+            arbitration_id=self.id,
+            is_extended_id=False,
+            data=self.data,
+        )
 
 
 @dataclass(frozen=True)
@@ -95,19 +105,30 @@ def database() -> "cantools.database.can.Database":
     """The packaged signal list."""
     import cantools
 
-    return cantools.database.load_string(resources.files("vgroove").joinpath("data/vgroove.dbc").read_text("utf-8"), "dbc", strict=True)
+    return cantools.database.load_string(
+        resources.files("vgroove").joinpath("data/vgroove.dbc").read_text("utf-8"),
+        "dbc",
+        strict=True,
+    )
 
 
 @cache
 def value_table(frame: str, signal: str) -> dict[int, str]:
     """Names of a signal's values."""
-    return {int(k): str(v) for k, v in (database().get_message_by_name(frame).get_signal_by_name(signal).choices or {}).items()}
+    return {
+        int(k): str(v)
+        for k, v in (
+            database().get_message_by_name(frame).get_signal_by_name(signal).choices or {}
+        ).items()
+    }
 
 
 @cache
 def parameter_list() -> tuple[Parameter, ...]:
     """The packaged parameter list, by index."""
-    content = json.loads(resources.files("vgroove").joinpath("data/parameters.json").read_text("utf-8"))
+    content = json.loads(
+        resources.files("vgroove").joinpath("data/parameters.json").read_text("utf-8")
+    )
     return tuple(Parameter(**entry) for entry in content["parameters"])
 
 
@@ -130,7 +151,10 @@ def frame_of(time_ms: int, frame_id: int, payload: bytes) -> Frame:
 def frame_of_signals(name: str, time_ms: int, **signals: float) -> Frame:
     """A frame from physical values of its signals; those not named are 0, the CRC is computed."""
     message = database().get_message_by_name(name)
-    values = {signal.name: signals.pop(signal.name, 0 if (signal.minimum or 0) <= 0 else signal.minimum) for signal in message.signals}
+    values = {
+        signal.name: signals.pop(signal.name, 0 if (signal.minimum or 0) <= 0 else signal.minimum)
+        for signal in message.signals
+    }
     if signals:
         raise VgrooveError(f"{name} has no signal {', '.join(sorted(signals))}.")
     return frame_of(time_ms, message.frame_id, message.encode(values))
@@ -146,7 +170,11 @@ def frame_from_message(message: "can.Message") -> Frame | None:
     time_ms = round(message.timestamp * 1000) & 0xFFFFFFFF
     frame = Frame(time_ms, message.arbitration_id, bytes(message.data))
     plain = not (message.is_extended_id or message.is_error_frame or message.is_remote_frame)
-    return frame if plain and len(frame.data) == LENGTH and frame_crc(*frame) == frame.data[7] else None
+    return (
+        frame
+        if plain and len(frame.data) == LENGTH and frame_crc(*frame) == frame.data[7]
+        else None
+    )
 
 
 @cache
@@ -157,7 +185,9 @@ def _time_in_crc() -> tuple[np.ndarray, np.ndarray]:
     for first in (0, 16):
         half = np.zeros(1 << 16, np.uint8)
         for bit in range(16):
-            half[1 << bit : 2 << bit] = half[: 1 << bit] ^ (frame_crc(1 << (first + bit), 0, bytes(7)) ^ none)
+            half[1 << bit : 2 << bit] = half[: 1 << bit] ^ (
+                frame_crc(1 << (first + bit), 0, bytes(7)) ^ none
+            )
         halves.append(half)
     return halves[0], halves[1]
 
@@ -166,14 +196,19 @@ def _offsets_that_fit(frames: list[Frame]) -> np.ndarray:
     """All offsets (ms, modulo 2^32) that make the CRC of every one of these frames right."""
     low, high = _time_in_crc()
     wanted = [frame.data[7] ^ frame_crc(0, frame.id, frame.data) for frame in frames]
-    order = np.argsort(low, kind="stable").reshape(256, 256)  # low halves by what they change: 256 of each
+    # low halves by what they change: 256 of each
+    order = np.argsort(low, kind="stable").reshape(256, 256)
     found = []
     for block in np.split(np.arange(1 << 16, dtype=np.uint32), 64):
-        times = ((block << np.uint32(16))[:, None] | order[high[block] ^ wanted[0]].astype(np.uint32)).ravel()
+        times = (
+            (block << np.uint32(16))[:, None] | order[high[block] ^ wanted[0]].astype(np.uint32)
+        ).ravel()
         offsets = times - np.uint32(frames[0].time_ms)
         for frame, want in zip(frames[1:], wanted[1:], strict=True):
             times = offsets + np.uint32(frame.time_ms)
-            offsets = offsets[(low[times & np.uint32(0xFFFF)] ^ high[times >> np.uint32(16)]) == want]
+            offsets = offsets[
+                (low[times & np.uint32(0xFFFF)] ^ high[times >> np.uint32(16)]) == want
+            ]
         found.append(offsets)
     return np.concatenate(found)
 
@@ -184,16 +219,21 @@ def _agreeing(frames: list[Frame], offsets: np.ndarray) -> np.ndarray:
     count = np.zeros(len(offsets), int)
     for frame in frames:
         times = offsets + np.uint32(frame.time_ms)
-        count += (low[times & np.uint32(0xFFFF)] ^ high[times >> np.uint32(16)]) == frame.data[7] ^ frame_crc(0, frame.id, frame.data)
+        count += (low[times & np.uint32(0xFFFF)] ^ high[times >> np.uint32(16)]) == frame.data[
+            7
+        ] ^ frame_crc(0, frame.id, frame.data)
     return count
 
 
 def time_offset(frames: list[Frame], likely: Iterable[int] = (0,)) -> int | None:
-    """What to add to the frames' times (ms) to get the board's, where a recording kept only time differences; None if nothing fits.
+    """What to add to the frames' times (ms) to get the board's, where a recording kept only time
+    differences; None if nothing fits.
 
-    The CRC covers the time, so the frames themselves tell: an offset is right when most of 200 frames, spread over all, agree with it.
-    The `likely` ones are tried first. Of the others the least that fits is taken: high bits of the time that never change in the recording
-    are known only up to the 8 bits of the CRC, so the start may be wrong by multiples of a minute and more; differences are right.
+    The CRC covers the time, so the frames themselves tell: an offset is right when most of 200
+    frames, spread over all, agree with it. The `likely` ones are tried first. Of the others the
+    least that fits is taken: high bits of the time that never change in the recording are known
+    only up to the 8 bits of the CRC, so the start may be wrong by multiples of a minute and more;
+    differences are right.
     """
     sample = frames[:: max(1, len(frames) // 200)]
     stride = len(sample) // 6
@@ -212,11 +252,15 @@ def decode(frame: Frame) -> dict[str, float]:
 
 
 def decode_many(name: str, frames: list[Frame]) -> dict[str, np.ndarray]:
-    """Physical values of many frames of one kind, each an array over the frames; the same as `decode`, all at once."""
+    """Physical values of many frames of one kind, each an array over the frames; the same as
+    `decode`, all at once.
+    """
     words = np.frombuffer(b"".join(frame.data for frame in frames), "<u8")
     columns = {}
     for signal in database().get_message_by_name(name).signals:
-        raw = ((words >> np.uint64(signal.start)) & np.uint64((1 << signal.length) - 1)).astype(np.int64)
+        raw = ((words >> np.uint64(signal.start)) & np.uint64((1 << signal.length) - 1)).astype(
+            np.int64
+        )
         if signal.is_signed:
             raw = raw - ((raw >> (signal.length - 1)) << signal.length)
         columns[signal.name] = raw * float(signal.scale) + float(signal.offset)
@@ -225,12 +269,15 @@ def decode_many(name: str, frames: list[Frame]) -> dict[str, np.ndarray]:
 
 @dataclass
 class Counters:
-    """What came and what did not. bytes = 19 * frames + skipped_bytes + what the framer still holds."""
+    """What came and what did not. bytes = 19 * frames + skipped_bytes + what the framer still
+    holds.
+    """
 
     bytes: int = 0
     frames: int = 0
     skipped_bytes: int = 0  # belonged to no intact frame
-    corrupt: int = 0  # frames complete in form whose CRC is wrong, or whose time or counter cannot be
+    # frames complete in form whose CRC is wrong, or whose time or counter cannot be
+    corrupt: int = 0
     fast: int = 0
     lost: int = 0  # FAST frames that were sent between two received ones
     not_sent: int = 0  # ticks for which the board itself sent no FAST frame
@@ -238,7 +285,9 @@ class Counters:
     restarts: int = 0
 
     def begin(self, before: "Counters", frames: int, held: int) -> None:
-        """Count from the BOOT frame on: `frames` with it, `held` bytes behind them; damage up to `before` is not the recording's."""
+        """Count from the BOOT frame on: `frames` with it, `held` bytes behind them; damage up to
+        `before` is not the recording's.
+        """
         self.frames = frames
         self.skipped_bytes -= before.skipped_bytes
         self.corrupt -= before.corrupt
@@ -250,7 +299,9 @@ class Counters:
 
 
 class Framer:
-    """Finds intact frames in a stream of bytes; after damage it looks for the next start byte inside what it has."""
+    """Finds intact frames in a stream of bytes; after damage it looks for the next start byte
+    inside what it has.
+    """
 
     def __init__(self, counters: Counters | None = None) -> None:
         self.counters = counters or Counters()
@@ -317,9 +368,13 @@ class Held:
         self._events.append((since, signals))
 
     def at(self, times: np.ndarray) -> dict[str, np.ndarray]:
-        """The signals in force at each tick; NaN before the first frame. What is older is forgotten."""
+        """The signals in force at each tick; NaN before the first frame. What is older is
+        forgotten.
+        """
         events = sorted(self._events, key=lambda event: event[0])
-        known = [self._now or dict.fromkeys(self._names, np.nan)] + [signals for _, signals in events]
+        known = [self._now or dict.fromkeys(self._names, np.nan)] + [
+            signals for _, signals in events
+        ]
         which = np.searchsorted([since for since, _ in events], times, side="right")
         if len(times):
             self._now = known[which[-1]] if which[-1] or self._now else None
@@ -331,9 +386,10 @@ class Held:
 class Session:
     """One run of the board: from a BOOT frame on, frames in the order of their arrival.
 
-    `boot`, `parameters` (raw values by index) and `table` describe the board; FAST, STATE and CONTROL frames wait for `take_rows`.
-    A BOOT frame of an unknown protocol version raises VgrooveError. After a restart of the board (`restarted`) further frames are ignored:
-    they belong to another run.
+    `boot`, `parameters` (raw values by index) and `table` describe the board; FAST, STATE and
+    CONTROL frames wait for `take_rows`. A BOOT frame of an unknown protocol version raises
+    VgrooveError. After a restart of the board (`restarted`) further frames are ignored: they belong
+    to another run.
     """
 
     counters: Counters = field(default_factory=Counters)
@@ -385,7 +441,9 @@ class Session:
             self._dispatch(frame)
 
     def _dispatch(self, frame: Frame) -> None:
-        step = frame.time_ms if self.last_ms is None else (frame.time_ms - self.last_ms) & 0xFFFFFFFF
+        step = (
+            frame.time_ms if self.last_ms is None else (frame.time_ms - self.last_ms) & 0xFFFFFFFF
+        )
         if self.last_ms is not None and step >= 1 << 31:
             self._restart(frame)
             return
@@ -409,12 +467,19 @@ class Session:
                 self._controls.take(self.last_ms, "control_tick", decode(frame))
 
     def _restart(self, frame: Frame) -> None:
-        """Another run begins: before the parameters were complete nothing is lost by starting over, later the run ends here."""
+        """Another run begins: before the parameters were complete nothing is lost by starting over,
+        later the run ends here.
+        """
         self.counters.restarts += 1
         if frame.id != BOOT or self.table is not None:
             self.restarted = True
             return
-        self._fast, self._states, self._controls, self._last_fast = [], Held(STATE_COLUMNS), Held(CONTROL_COLUMNS), None
+        self._fast, self._states, self._controls, self._last_fast = (
+            [],
+            Held(STATE_COLUMNS),
+            Held(CONTROL_COLUMNS),
+            None,
+        )
         self.first_ms = self.last_ms = frame.time_ms
         self._take_boot(frame)
 
@@ -440,15 +505,24 @@ class Session:
         self.parameters[index] = value
 
     def _take_table(self, frame: Frame) -> None:
-        """Closes a dump; with a parameter missing or wrong the table stays None, so that the dump is asked for again."""
+        """Closes a dump; with a parameter missing or wrong the table stays None, so that the dump
+        is asked for again.
+        """
         table = {key: int(value) for key, value in decode(frame).items()}
         whole = sorted(self.parameters) == list(range(table["table_count"]))
         if whole and self._dump_crc16() == table["table_crc16"]:
             self.table = table
 
     def _dump_crc16(self) -> int:
-        """CRC-16 of the parameters as they are known, in the order of a dump (a PARAM_READ in between must not disturb it)."""
-        return crc16(b"".join(struct.pack("<Bi", index, self.parameters[index]) for index in sorted(self.parameters)))
+        """CRC-16 of the parameters as they are known, in the order of a dump (a PARAM_READ in
+        between must not disturb it).
+        """
+        return crc16(
+            b"".join(
+                struct.pack("<Bi", index, self.parameters[index])
+                for index in sorted(self.parameters)
+            )
+        )
 
     def _take_fast(self, frame: Frame) -> None:
         counter = frame.data[6] >> 4
@@ -464,7 +538,9 @@ class Session:
         self._fast.append((now, frame))
 
     def _fast_sent_since(self, now: int, counter: int) -> int | None:
-        """Frames that the board sent up to this one: congruent to the counter, nearest to the time; None where both cannot be true."""
+        """Frames that the board sent up to this one: congruent to the counter, nearest to the time;
+        None where both cannot be true.
+        """
         before, counter_before = self._last_fast
         divider = max(1, self.boot["fast_divider"] if self.boot else 1)
         ticks = (now - before) // divider
@@ -478,11 +554,15 @@ class Session:
         return sent
 
     def ready_until(self) -> int:
-        """Rows up to this tick can be taken: no STATE or CONTROL frame that concerns them can still come."""
+        """Rows up to this tick can be taken: no STATE or CONTROL frame that concerns them can still
+        come.
+        """
         return -1 if self.last_ms is None else self.last_ms - STATE_DELAY_MS
 
     def take_rows(self, until_ms: int | None = None) -> dict[str, np.ndarray]:
-        """Rows up to a tick (None: all that there are) as columns `time_s` and COLUMNS; taken rows are forgotten."""
+        """Rows up to a tick (None: all that there are) as columns `time_s` and COLUMNS; taken rows
+        are forgotten.
+        """
         count = sum(1 for time_ms, _ in self._fast if until_ms is None or time_ms <= until_ms)
         taken, self._fast = self._fast[:count], self._fast[count:]
         times = np.array([time_ms for time_ms, _ in taken], dtype=np.int64)
@@ -503,11 +583,19 @@ class Session:
         """Boot, parameters and counters, as the sidecar file and a Log carry them."""
         known = parameter_list()
         values = {parameter_name(index): raw for index, raw in sorted(self.parameters.items())}
-        physical = {p.name: self.parameters[k] / 2**p.q for k, p in enumerate(known) if k in self.parameters}
+        physical = {
+            p.name: self.parameters[k] / 2**p.q for k, p in enumerate(known) if k in self.parameters
+        }
         units = {p.name: p.unit for k, p in enumerate(known) if k in self.parameters}
         return {
             "boot": self.boot,
-            "parameters": {"raw": values, "value": physical, "unit": units, "complete": self.table is not None, "table": self.table},
+            "parameters": {
+                "raw": values,
+                "value": physical,
+                "unit": units,
+                "complete": self.table is not None,
+                "table": self.table,
+            },
             "counters": self.counters.as_dict(),
             "health": self.health,
         }

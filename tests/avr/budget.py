@@ -1,4 +1,6 @@
-"""What the ELFs may cost: flash, static RAM, no floating point at run time. Prints the figures; code 1 when one is over."""
+"""What the ELFs may cost: flash, static RAM, no floating point at run time. Prints the figures;
+code 1 when one is over.
+"""
 
 import re
 import subprocess
@@ -11,7 +13,9 @@ FLASH_LIMIT = 28 * 1024
 RAM_LIMIT = int(1.5 * 1024)
 TICK_CYCLES_MAX = 5000  # of 16,000, with the interrupts that preempt it
 CONTROL_CYCLES_MAX = 1500
-SOFT_FLOAT = re.compile(r"__(add|sub|mul|div|cmp|eq|ne|lt|le|gt|ge|fix|fixuns|float|floatun|neg|fp_)[a-z]*(sf|df|si)?[23]?$")
+SOFT_FLOAT = re.compile(
+    r"__(add|sub|mul|div|cmp|eq|ne|lt|le|gt|ge|fix|fixuns|float|floatun|neg|fp_)[a-z]*(sf|df|si)?[23]?$"
+)
 FLOAT_MARK = re.compile(r"sf|df|fp_")
 
 
@@ -27,7 +31,9 @@ class Budget:
         """Sentences for what is over its limit."""
         out = [f"flash {self.flash} > {FLASH_LIMIT} bytes"] if self.flash > FLASH_LIMIT else []
         out += [f"static RAM {self.ram} > {RAM_LIMIT} bytes"] if self.ram > RAM_LIMIT else []
-        return out + ([f"soft-float routines: {', '.join(self.soft_float)}"] if self.soft_float else [])
+        return out + (
+            [f"soft-float routines: {', '.join(self.soft_float)}"] if self.soft_float else []
+        )
 
 
 def tool(*command: str) -> str:
@@ -41,17 +47,26 @@ def soft_float(symbols: list[str]) -> tuple[str, ...]:
 
 def measure(elf: Path) -> Budget:
     """Sizes by section: .text and .data lie in flash, .data, .bss and .noinit in RAM."""
-    sections = {m[1]: int(m[2]) for m in re.finditer(r"^(\.\w+)\s+(\d+)", tool("avr-size", "-A", str(elf)), re.MULTILINE)}
+    sections = {
+        m[1]: int(m[2])
+        for m in re.finditer(r"^(\.\w+)\s+(\d+)", tool("avr-size", "-A", str(elf)), re.MULTILINE)
+    }
     symbols = [line.split()[-1] for line in tool("avr-nm", str(elf)).splitlines() if line.strip()]
     flash = sections.get(".text", 0) + sections.get(".data", 0)
-    return Budget(flash, sum(sections.get(name, 0) for name in (".data", ".bss", ".noinit")), soft_float(symbols))
+    return Budget(
+        flash,
+        sum(sections.get(name, 0) for name in (".data", ".bss", ".noinit")),
+        soft_float(symbols),
+    )
 
 
 def main() -> int:
     broken = []
     for name in sys.argv[1:] or ["build/avr-uno/vgroove.elf", "build/avr-mega/vgroove.elf"]:
         budget = measure(ROOT / name)
-        sys.stdout.write(f"{name}: flash {budget.flash} of {FLASH_LIMIT}, static RAM {budget.ram} of {RAM_LIMIT} bytes\n")
+        sys.stdout.write(
+            f"{name}: flash {budget.flash} of {FLASH_LIMIT}, static RAM {budget.ram} of {RAM_LIMIT} bytes\n"
+        )
         broken += [f"{name}: {sentence}" for sentence in budget.broken()]
     sys.stdout.write("".join(f"{line}\n" for line in broken))
     return 1 if broken else 0

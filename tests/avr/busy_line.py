@@ -1,4 +1,6 @@
-"""Taped pins of a tool at full speed whose host sends commands at every phase of the tick while the trigger moves."""
+"""Taped pins of a tool at full speed whose host sends commands at every phase of the tick while the
+trigger moves.
+"""
 
 from uneven import PERIODS_A_SECOND, command
 
@@ -20,9 +22,21 @@ def commands() -> list[tuple[int, bytes]]:
     pairs, at = [], int(COMMANDS_S * PERIODS_A_SECOND)
     while at < (DURATION_S - 0.1) * PERIODS_A_SECOND:
         k = len(pairs)
-        second = (command("SETPOINT", setpoint_which=0, setpoint_value=32767, setpoint_sequence=(2 * k + 1) % 256) if k % 2 else
-                  command("PARAM_WRITE", write_index=3, write_value=8192, write_sequence=(2 * k + 1) % 256))
-        pairs.append((at, command("PARAM_READ", read_index=k % 20, read_sequence=2 * k % 256) + second))
+        second = (
+            command(
+                "SETPOINT",
+                setpoint_which=0,
+                setpoint_value=32767,
+                setpoint_sequence=(2 * k + 1) % 256,
+            )
+            if k % 2
+            else command(
+                "PARAM_WRITE", write_index=3, write_value=8192, write_sequence=(2 * k + 1) % 256
+            )
+        )
+        pairs.append(
+            (at, command("PARAM_READ", read_index=k % 20, read_sequence=2 * k % 256) + second)
+        )
         at += GAPS_PERIODS[k % len(GAPS_PERIODS)]
     return pairs
 
@@ -42,7 +56,13 @@ def busy_line_tape() -> bytes:
             edge += EDGE_CYCLES
         driven = k > (DRIVE_S - 0.05) * PERIODS_A_SECOND
         travel = 700 + 60 * (k // TRAVEL_PERIODS % 3) if driven else 100
-        inputs.append(pack_inputs(BoardInputs((520, 740, travel, 154), edges, CONTACT if driven else 0, received.get(k, b""))))
+        inputs.append(
+            pack_inputs(
+                BoardInputs(
+                    (520, 740, travel, 154), edges, CONTACT if driven else 0, received.get(k, b"")
+                )
+            )
+        )
     return b"".join(inputs)
 
 

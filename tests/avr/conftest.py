@@ -1,4 +1,6 @@
-"""Programs of the AVR tests: the bench's own probe, built once a session, and the firmware's ELF files that `make build` left."""
+"""Programs of the AVR tests: the bench's own probe, built once a session, and the firmware's ELF
+files that `make build` left.
+"""
 
 import os
 import re
@@ -19,7 +21,10 @@ def probe_elfs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("probe")
     elfs = {mcu: folder / f"probe_{mcu}.elf" for mcu in MCUS.values()}
     for mcu, elf in elfs.items():
-        subprocess.run(["avr-gcc", f"-mmcu={mcu}", *FLAGS, "-o", str(elf), str(HERE / "probe_board.c")], check=True)
+        subprocess.run(
+            ["avr-gcc", f"-mmcu={mcu}", *FLAGS, "-o", str(elf), str(HERE / "probe_board.c")],
+            check=True,
+        )
     return elfs
 
 
@@ -44,18 +49,44 @@ def mega_elf() -> Path:
 
 @pytest.fixture(scope="session")
 def broken_elf(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The firmware for the ATmega328P with one shift of the current's rounding changed from 16 to 15, built from a copy."""
+    """The firmware for the ATmega328P with one shift of the current's rounding changed from 16 to
+    15, built from a copy.
+    """
     folder = tmp_path_factory.mktemp("broken")
     copy, build = folder / "tree", folder / "build"
     copy.mkdir()
-    subprocess.run(["cp", "-r", *(str(ROOT / name) for name in ("CMakeLists.txt", "cmake", "firmware")), str(copy)], check=True)
+    subprocess.run(
+        [
+            "cp",
+            "-r",
+            *(str(ROOT / name) for name in ("CMakeLists.txt", "cmake", "firmware")),
+            str(copy),
+        ],
+        check=True,
+    )
     source = copy / "firmware" / "drivers" / "current_sense.c"
     body = re.compile(r"(current_sense_mean_q4\([^)]*\) \{.*?>> )(16)(\);)", re.DOTALL)
     text, shifts = body.subn(r"\1TEST_SHIFT\3", source.read_text())
-    assert shifts == 1, f"{shifts} shifts by 16 in current_sense_mean_q4() of current_sense.c, where this test breaks the one: adapt it"
+    assert shifts == 1, (
+        f"{shifts} shifts by 16 in current_sense_mean_q4() of current_sense.c, where this test breaks the one: adapt it"
+    )
     source.write_text(text)
-    configure = ["cmake", "-S", str(copy), "-B", str(build), "-G", "Ninja", "--toolchain", str(copy / "cmake" / "avr-gcc.cmake")]
-    options = ["-DVGROOVE_MCU=atmega328p", "-DCMAKE_BUILD_TYPE=MinSizeRel", "-DCMAKE_C_FLAGS=-DTEST_SHIFT=15"]
+    configure = [
+        "cmake",
+        "-S",
+        str(copy),
+        "-B",
+        str(build),
+        "-G",
+        "Ninja",
+        "--toolchain",
+        str(copy / "cmake" / "avr-gcc.cmake"),
+    ]
+    options = [
+        "-DVGROOVE_MCU=atmega328p",
+        "-DCMAKE_BUILD_TYPE=MinSizeRel",
+        "-DCMAKE_C_FLAGS=-DTEST_SHIFT=15",
+    ]
     subprocess.run([*configure, *options], check=True, stdout=subprocess.DEVNULL)
     subprocess.run(["cmake", "--build", str(build)], check=True, stdout=subprocess.DEVNULL)
     return build / "vgroove.elf"

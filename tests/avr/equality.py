@@ -1,12 +1,22 @@
-"""Processor-in-the-loop equality: what a board's pins saw is taped once and replayed into both; streams are compared by field."""
+"""Processor-in-the-loop equality: what a board's pins saw is taped once and replayed into both;
+streams are compared by field.
+"""
 
 from dataclasses import dataclass
 
 from vgroove import telemetry
-from vgroove.board import OUTPUT_BYTES, PERIOD_S, BoardInputs, BoardOutputs, pack_inputs, unpack_outputs
+from vgroove.board import (
+    OUTPUT_BYTES,
+    PERIOD_S,
+    BoardInputs,
+    BoardOutputs,
+    pack_inputs,
+    unpack_outputs,
+)
 from vgroove.lockstep import Board
 
-# What a machine says of itself: cycles and stack have no meaning on the host, and the hash names the build, not the behaviour.
+# What a machine says of itself: cycles and stack have no meaning on the host, and the hash names
+# the build, not the behaviour.
 OF_THE_MACHINE = {"worst_tick_cycles", "stack_free_bytes", "build_hash", "target"}
 
 
@@ -38,7 +48,9 @@ class Difference:
 
 def periods_of(outputs: bytes) -> list[BoardOutputs]:
     """A board's recorded answers, period by period."""
-    return [unpack_outputs(outputs[i : i + OUTPUT_BYTES]) for i in range(0, len(outputs), OUTPUT_BYTES)]
+    return [
+        unpack_outputs(outputs[i : i + OUTPUT_BYTES]) for i in range(0, len(outputs), OUTPUT_BYTES)
+    ]
 
 
 def sent_bytes(outputs: bytes) -> bytes:
@@ -47,22 +59,39 @@ def sent_bytes(outputs: bytes) -> bytes:
 
 
 def bridge_differences(native: list[BoardOutputs], avr: list[BoardOutputs]) -> list[Difference]:
-    """Periods in which two boards' bridges are not the same: open or not, and while they drive the compare value."""
-    pairs = [((a.coast, a.compare, a.dead_counts), (b.coast, b.compare, b.dead_counts)) for a, b in zip(native, avr, strict=True)]
-    return [Difference("bridge", round(1000.0 * n * PERIOD_S), a, b) for n, (a, b) in enumerate(pairs) if a != b and not (a[0] and b[0])]
+    """Periods in which two boards' bridges are not the same: open or not, and while they drive the
+    compare value.
+    """
+    pairs = [
+        ((a.coast, a.compare, a.dead_counts), (b.coast, b.compare, b.dead_counts))
+        for a, b in zip(native, avr, strict=True)
+    ]
+    return [
+        Difference("bridge", round(1000.0 * n * PERIOD_S), a, b)
+        for n, (a, b) in enumerate(pairs)
+        if a != b and not (a[0] and b[0])
+    ]
 
 
 def _masked(frame: telemetry.Frame) -> dict[str, float]:
-    return {name: value for name, value in telemetry.decode(frame).items() if name not in OF_THE_MACHINE and not name.endswith("_crc")}
+    return {
+        name: value
+        for name, value in telemetry.decode(frame).items()
+        if name not in OF_THE_MACHINE and not name.endswith("_crc")
+    }
 
 
 def differences(native: bytes, avr: bytes) -> list[Difference]:
-    """First difference of each field between two streams, in order of time; empty when they say the same, frame by frame, bit for bit."""
+    """First difference of each field between two streams, in order of time; empty when they say the
+    same, frame by frame, bit for bit.
+    """
     first: dict[str, Difference] = {}
     frames = [telemetry.Framer().feed(stream) for stream in (native, avr)]
     for a, b in zip(*frames, strict=False):
         if (a.id, a.time_ms) != (b.id, b.time_ms):
-            first.setdefault("frame", Difference("frame", a.time_ms, (a.id, a.time_ms), (b.id, b.time_ms)))
+            first.setdefault(
+                "frame", Difference("frame", a.time_ms, (a.id, a.time_ms), (b.id, b.time_ms))
+            )
             break
         if a.data == b.data:
             continue

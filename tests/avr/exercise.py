@@ -1,4 +1,6 @@
-"""Ten seconds that use every driver: both directions, over-current, missed and double edges, edges on ticks, bounce, EEPROM writes."""
+"""Ten seconds that use every driver: both directions, over-current, missed and double edges, edges
+on ticks, bounce, EEPROM writes.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,10 +18,43 @@ RIG = Path(__file__).resolve().parents[2] / "rigs" / "board_18v.toml"
 DURATION_S = 10.0
 FIRST_TOP, TICK = 255, 16000
 PROFILE = Profile(
-    travel=((0, 0), (0.3, 0), (0.5, 1), (1.4, 1), (1.45, 0), (2.0, 0), (2.1, 0.3), (2.9, 0.6), (3.4, 0.2), (3.6, 0), (4.7, 0), (4.8, 0.5),
-            (5.6, 0.9), (5.9, 0.1), (6.0, 0), (7.0, 0), (7.1, 1), (7.6, 1), (7.7, 0), (8.2, 0), (8.3, 0.7), (9.4, 0.7), (9.5, 0)),
+    travel=(
+        (0, 0),
+        (0.3, 0),
+        (0.5, 1),
+        (1.4, 1),
+        (1.45, 0),
+        (2.0, 0),
+        (2.1, 0.3),
+        (2.9, 0.6),
+        (3.4, 0.2),
+        (3.6, 0),
+        (4.7, 0),
+        (4.8, 0.5),
+        (5.6, 0.9),
+        (5.9, 0.1),
+        (6.0, 0),
+        (7.0, 0),
+        (7.1, 1),
+        (7.6, 1),
+        (7.7, 0),
+        (8.2, 0),
+        (8.3, 0.7),
+        (9.4, 0.7),
+        (9.5, 0),
+    ),
     reverse=((0, 0), (4.2, 1), (6.6, 0)),
-    current_add_a=((0, 0), (5.2, 0), (5.2, 12), (5.25, 12), (5.25, 0), (7.4, 0), (7.4, 62), (7.403, 62), (7.403, 0)),
+    current_add_a=(
+        (0, 0),
+        (5.2, 0),
+        (5.2, 12),
+        (5.25, 12),
+        (5.25, 0),
+        (7.4, 0),
+        (7.4, 62),
+        (7.403, 62),
+        (7.403, 0),
+    ),
     load_nm=((0, 0), (2.2, 0), (2.6, 0.6), (3.0, 0.2), (8.4, 0), (8.8, 1.0), (9.2, 0.2)),
     gaps=((1.0, 1.004), (2.7, 2.702), (8.9, 9.15)),
     mode=0,
@@ -28,7 +63,9 @@ PROFILE = Profile(
 
 
 class AwkwardEdges:
-    """A tool whose Hall edges are moved onto the ticks where they come near, doubled now and then, and missed now and then."""
+    """A tool whose Hall edges are moved onto the ticks where they come near, doubled now and then,
+    and missed now and then.
+    """
 
     def __init__(self, tool: Tool) -> None:
         self._tool = tool
@@ -37,7 +74,9 @@ class AwkwardEdges:
         self.on_ticks = 0
         self.doubled = 0
 
-    def period(self, coast: bool, duty: float, dead: float, load_nm: float) -> tuple[float, float, Sequence[int]]:
+    def period(
+        self, coast: bool, duty: float, dead: float, load_nm: float
+    ) -> tuple[float, float, Sequence[int]]:
         """The tool's period with its edges made awkward."""
         current, supply, edges = self._tool.period(coast, duty, dead, load_nm)
         begin, self._begin = self._begin, self._begin + CYCLES_PER_PERIOD
@@ -48,7 +87,8 @@ class AwkwardEdges:
         tick = -begin % TICK
         if tick < CYCLES_PER_PERIOD and len(edges) == 1:
             self.on_ticks += 1
-            return [min(max(tick - 12 + self._edges % 17, 0), CYCLES_PER_PERIOD - 1)]  # the capture's filter delays by 4
+            # the capture's filter delays by 4
+            return [min(max(tick - 12 + self._edges % 17, 0), CYCLES_PER_PERIOD - 1)]
         if self._edges % 23 == 0 and edges[0] < 60:
             self.doubled += 1
             return [edges[0], edges[0] + 420]
@@ -56,7 +96,9 @@ class AwkwardEdges:
 
 
 class SettledSwitches:
-    """Contacts that hold still while a tick reads them: what a pin that changes just then gives depends on latency, on silicon as here."""
+    """Contacts that hold still while a tick reads them: what a pin that changes just then gives
+    depends on latency, on silicon as here.
+    """
 
     def __init__(self, board: TapeBoard) -> None:
         self._board = board
@@ -73,10 +115,15 @@ class SettledSwitches:
 
 def _frames() -> list[tuple[float, bytes]]:
     """Commands of every kind, one of them damaged."""
-    def frame(time_s: float, name: str, **signals: float) -> tuple[float, bytes]:
-        return time_s, telemetry.frame_bytes(telemetry.frame_of_signals(name, round(time_s * 1000), **signals))
 
-    slew = next(i for i, p in enumerate(telemetry.parameter_list()) if p.name.lower().startswith("slew"))
+    def frame(time_s: float, name: str, **signals: float) -> tuple[float, bytes]:
+        return time_s, telemetry.frame_bytes(
+            telemetry.frame_of_signals(name, round(time_s * 1000), **signals)
+        )
+
+    slew = next(
+        i for i, p in enumerate(telemetry.parameter_list()) if p.name.lower().startswith("slew")
+    )
     time_s, damaged = frame(3.3, "PARAM_READ", read_index=1, read_sequence=9)
     return [
         frame(0.7, "DUMP", dump_sequence=1),
@@ -97,5 +144,13 @@ def record_tape(duration_s: float = DURATION_S, seed: int = 5) -> tuple[bytes, A
     tool = AwkwardEdges(make_plant(without_board_effects(read_rig(RIG)), seed))
     board = TapeBoard(SilBoard(target=1))
     front = FrontEnds(current_noise_a=0.3, supply_noise_v=0.03)
-    lockstep.run(SettledSwitches(board), tool, PROFILE, duration_s, front=front, line=lockstep.Script(_frames()), seed=seed)
+    lockstep.run(
+        SettledSwitches(board),
+        tool,
+        PROFILE,
+        duration_s,
+        front=front,
+        line=lockstep.Script(_frames()),
+        seed=seed,
+    )
     return bytes(board.tape), tool

@@ -1,6 +1,8 @@
-"""Where the worst tick's cycles go: `hot_spots.py ELF [SCENARIO]` runs a scenario on the bench and lists functions by cycles.
+"""Where the worst tick's cycles go: `hot_spots.py ELF [SCENARIO]` runs a scenario on the bench and
+lists functions by cycles.
 
-Link-time optimisation folds most of a tick into main; an ELF built with -DCMAKE_C_FLAGS=-fno-inline shows the functions.
+Link-time optimisation folds most of a tick into main; an ELF built with -DCMAKE_C_FLAGS=-fno-inline
+shows the functions.
 """
 
 import argparse
@@ -19,9 +21,18 @@ STRESS = Path(__file__).resolve().parents[2] / "scenarios" / "stress.toml"
 
 def symbols(elf: Path) -> list[tuple[int, str]]:
     """(address, name) of the ELF's code symbols, increasing."""
-    listing = subprocess.run(["avr-nm", "-n", str(elf)], capture_output=True, text=True, check=True).stdout
-    rows = [(int(address, 16), kind, name) for address, kind, name in (line.split() for line in listing.splitlines())]
-    return [(address, name) for address, kind, name in rows if kind in "tTwW" and address < 0x800000 and name != "__stack"]
+    listing = subprocess.run(
+        ["avr-nm", "-n", str(elf)], capture_output=True, text=True, check=True
+    ).stdout
+    rows = [
+        (int(address, 16), kind, name)
+        for address, kind, name in (line.split() for line in listing.splitlines())
+    ]
+    return [
+        (address, name)
+        for address, kind, name in rows
+        if kind in "tTwW" and address < 0x800000 and name != "__stack"
+    ]
 
 
 def by_function(table: Path, elf: Path) -> tuple[Counter[str], Counter[str]]:
@@ -48,8 +59,14 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         table, stats = Path(folder) / "profile", Path(folder) / "stats"
         with AvrBoard(arguments.elf, mcu=arguments.mcu, profile=table, stats=stats) as board:
-            lockstep.run(board, make_plant(scenario.tool, 1), scenario.profile, scenario.duration_s, front=scenario.front_ends(),
-                         line=lockstep.Script(command_messages(scenario.commands)))
+            lockstep.run(
+                board,
+                make_plant(scenario.tool, 1),
+                scenario.profile,
+                scenario.duration_s,
+                front=scenario.front_ends(),
+                line=lockstep.Script(command_messages(scenario.commands)),
+            )
         everything, worst = by_function(table, arguments.elf)
         report = read_statistics(stats)
     print(f"{'function':32}{'worst tick':>12}{'whole run':>14}   worst tick {report['tick']}")  # noqa: T201

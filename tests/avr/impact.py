@@ -1,4 +1,6 @@
-"""Taped pins of the tool in each mode: impacts that take each controller through its heavy states, and sensors that say anything."""
+"""Taped pins of the tool in each mode: impacts that take each controller through its heavy states,
+and sensors that say anything.
+"""
 
 from dataclasses import dataclass, field
 
@@ -17,7 +19,19 @@ from vgroove.sil import SilBoard
 
 DURATION_S = 1.9
 COMMAND_S = 0.2  # the current offset is known by then
-PULLS = Profile(travel=((0, 0), (0.35, 0), (0.37, 1.0), (1.45, 1.0), (1.47, 0), (1.55, 0), (1.57, 0.7), (1.8, 0.7), (1.82, 0)))
+PULLS = Profile(
+    travel=(
+        (0, 0),
+        (0.35, 0),
+        (0.37, 1.0),
+        (1.45, 1.0),
+        (1.47, 0),
+        (1.55, 0),
+        (1.57, 0.7),
+        (1.8, 0.7),
+        (1.82, 0),
+    )
+)
 
 
 @dataclass(frozen=True)
@@ -46,12 +60,17 @@ def _frames(case: Case) -> list[tuple[float, bytes]]:
     """The commands that choose the mode and its parameters."""
     names = [parameter.name for parameter in telemetry.parameter_list()]
     asked = [("SET_MODE", {"mode_request": mode_number(case.mode)})]
-    asked += [("PARAM_WRITE", {"write_index": names.index(name), "write_value": value}) for name, value in case.params.items()]
+    asked += [
+        ("PARAM_WRITE", {"write_index": names.index(name), "write_value": value})
+        for name, value in case.params.items()
+    ]
     frames = []
     for k, (name, signals) in enumerate(asked):
         time_s = COMMAND_S + 0.02 * k
         sequence = f"{name.split('_')[-1].lower()}_sequence"
-        frame = telemetry.frame_of_signals(name, round(time_s * 1000), **signals, **{sequence: k + 1})
+        frame = telemetry.frame_of_signals(
+            name, round(time_s * 1000), **signals, **{sequence: k + 1}
+        )
         frames.append((time_s, telemetry.frame_bytes(frame)))
     return frames
 
@@ -60,8 +79,20 @@ def impact_tape(name: str) -> bytes:
     """What the pins saw in a native run of the case."""
     case = CASES[name]
     board = TapeBoard(SilBoard(target=1))
-    tool = make_plant(drill_rig("low", 18.0, 1.5, 5.0), 3) if case.mode == "drill" else make_tool(reference(case.joint, case.values), 3)
-    lockstep.run(SettledSwitches(board), tool, PULLS, DURATION_S, front=front_ends(), line=lockstep.Script(_frames(case)), seed=3)
+    tool = (
+        make_plant(drill_rig("low", 18.0, 1.5, 5.0), 3)
+        if case.mode == "drill"
+        else make_tool(reference(case.joint, case.values), 3)
+    )
+    lockstep.run(
+        SettledSwitches(board),
+        tool,
+        PULLS,
+        DURATION_S,
+        front=front_ends(),
+        line=lockstep.Script(_frames(case)),
+        seed=3,
+    )
     return bytes(board.tape)
 
 
@@ -69,7 +100,9 @@ def acted(name: str, log: Log) -> bool:
     """Whether the log shows the case's mode with its controller at work."""
     driven = log["state"] == 1
     at_work = log["current_a"] > 20 if CASES[name].mode == "drill" else log["blow_count"] > 10
-    return bool((log["mode"][driven] == mode_number(CASES[name].mode)).all() and at_work[driven].any())
+    return bool(
+        (log["mode"][driven] == mode_number(CASES[name].mode)).all() and at_work[driven].any()
+    )
 
 
 class _WildEdges:
@@ -91,20 +124,34 @@ class _WildEdges:
 
 
 def wild_tape(name: str, seed: int = 11) -> bytes:
-    """The case's mode, driven for a second while speed, current and supply jump about, saturate, stick and fall silent."""
+    """The case's mode, driven for a second while speed, current and supply jump about, saturate,
+    stick and fall silent.
+    """
     rng = np.random.default_rng(seed)
     times_s = (0.3004, 1.3004, 1.35)  # not at a tick, where the switches are read
     pulled, released, end = (round(time_s * 16e6 / CYCLES_PER_PERIOD) for time_s in times_s)
-    starts = [(round(time_s * 16e6 / CYCLES_PER_PERIOD), frame) for time_s, frame in _frames(CASES[name])]
+    starts = [
+        (round(time_s * 16e6 / CYCLES_PER_PERIOD), frame) for time_s, frame in _frames(CASES[name])
+    ]
     received = {at + 2 * n: frame[n : n + 1] for at, frame in starts for n in range(len(frame))}
     current, bus, pitch_s, inputs, hall = 520, 740, 1e-3, [], _WildEdges(rng)
     for k in range(end):
         if k % 63 == 0 and rng.random() < 0.3:
-            current, bus = int(rng.choice([180, 512, 516, 600, 700, 800, 890])), int(rng.choice([640, 700, 740, 800, 820, 1023]))
+            current, bus = (
+                int(rng.choice([180, 512, 516, 600, 700, 800, 890])),
+                int(rng.choice([640, 700, 740, 800, 820, 1023])),
+            )
         if k % 313 == 0:
             pitch_s = rng.choice([1.0, 4e-3, 2e-3, 1.2e-3, 1e-3, 0.95e-3])
         driven = pulled <= k < released
-        counts = (current + int(rng.integers(-6, 7)) if driven else 512, bus, 900 if driven else 100, 154)
+        counts = (
+            current + int(rng.integers(-6, 7)) if driven else 512,
+            bus,
+            900 if driven else 100,
+            154,
+        )
         edges = hall.of(k * CYCLES_PER_PERIOD, pitch_s) if driven else []
-        inputs.append(pack_inputs(BoardInputs(counts, edges, 1 if driven else 0, received.get(k, b""))))
+        inputs.append(
+            pack_inputs(BoardInputs(counts, edges, 1 if driven else 0, received.get(k, b"")))
+        )
     return b"".join(inputs)

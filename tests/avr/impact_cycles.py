@@ -1,4 +1,6 @@
-"""What the controllers cost on the ELF: `impact_cycles.py [CASE ...]` replays the tapes of impact.py; without names all of them."""
+"""What the controllers cost on the ELF: `impact_cycles.py [CASE ...]` replays the tapes of
+impact.py; without names all of them.
+"""
 
 import sys
 import tempfile
@@ -21,14 +23,18 @@ def line(tape: bytes) -> str:
         said = read_statistics(stats)
     control, tick = said["control"], said["tick"]
     found = differences(sent_bytes(sil.replay(tape, target=1)), avr)
-    return (f"step worst {control['worst_cycles']} mean {control['mean_cycles']:.0f}, tick worst {tick['worst_cycles']} mean "
-            f"{tick['mean_cycles']:.0f}, stack free {said['stack']['free_bytes']}; {found[0] if found else 'equals native'}")
+    return (
+        f"step worst {control['worst_cycles']} mean {control['mean_cycles']:.0f}, tick worst {tick['worst_cycles']} mean "
+        f"{tick['mean_cycles']:.0f}, stack free {said['stack']['free_bytes']}; {found[0] if found else 'equals native'}"
+    )
 
 
 def main() -> None:
     """Two lines a case."""
     for name in sys.argv[1:] or CASES:
-        sys.stdout.write(f"{name:10} impacts: {line(impact_tape(name))}\n{name:10} wild:    {line(wild_tape(name))}\n")
+        sys.stdout.write(
+            f"{name:10} impacts: {line(impact_tape(name))}\n{name:10} wild:    {line(wild_tape(name))}\n"
+        )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-// Test program of the bench itself: one-letter commands over the UART exercise timers, capture, ADC, EEPROM, watchdog and bridge.
+// Test program of the bench itself: one-letter commands over the UART exercise timers, capture,
+// ADC, EEPROM, watchdog and bridge.
 //
-// Events go out as a letter and two bytes, high byte first: T tick stamp, C capture stamp, A result (channel in the top bits), E EEPROM busy
-// time in 8 cycles, G EEPROM byte, R reset cause, S pins, N number of conversions.
+// Events go out as a letter and two bytes, high byte first: T tick stamp, C capture stamp, A result
+// (channel in the top bits), E EEPROM busy time in 8 cycles, G EEPROM byte, R reset cause, S pins,
+// N number of conversions.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>

@@ -1,4 +1,6 @@
-"""A duty profile that a host commands while the trigger is held: it ends, and after a release the hand drives."""
+"""A duty profile that a host commands while the trigger is held: it ends, and after a release the
+hand drives.
+"""
 
 from equality import TapeBoard
 from exercise import SettledSwitches
@@ -11,7 +13,19 @@ from vgroove.sil import SilBoard
 
 DURATION_S = 1.9
 BEGIN_S, LASTS_S = 0.3, 0.8
-PULLS = Profile(travel=((0, 0), (0.35, 0), (0.37, 0.7), (1.4, 0.7), (1.42, 0), (1.6, 0), (1.62, 0.4), (1.85, 0.4), (1.87, 0)))
+PULLS = Profile(
+    travel=(
+        (0, 0),
+        (0.35, 0),
+        (0.37, 0.7),
+        (1.4, 0.7),
+        (1.42, 0),
+        (1.6, 0),
+        (1.62, 0.4),
+        (1.85, 0.4),
+        (1.87, 0),
+    )
+)
 
 
 def stairs(time_s: float) -> float:
@@ -24,5 +38,7 @@ def profile_tape() -> bytes:
     board = TapeBoard(SilBoard(target=1))
     tool = make_tool(reference("slip_60", {}), 3)
     line = ProfileSender(stairs, LASTS_S, BEGIN_S)
-    lockstep.run(SettledSwitches(board), tool, PULLS, DURATION_S, front=front_ends(), line=line, seed=3)
+    lockstep.run(
+        SettledSwitches(board), tool, PULLS, DURATION_S, front=front_ends(), line=line, seed=3
+    )
     return bytes(board.tape)

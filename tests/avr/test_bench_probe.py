@@ -1,4 +1,6 @@
-"""The bench itself, tried on both microcontrollers with a program of its own, probe_board.c: facts that simavr alone lacks."""
+"""The bench itself, tried on both microcontrollers with a program of its own, probe_board.c: facts
+that simavr alone lacks.
+"""
 
 from pathlib import Path
 
@@ -13,7 +15,9 @@ FIRST_TOP = 255  # cycles from the timers' start to the begin of period 0
 
 
 class Probe:
-    """The test program on a board: sends commands a byte every second period and collects its events."""
+    """The test program on a board: sends commands a byte every second period and collects its
+    events.
+    """
 
     def __init__(self, board: AvrBoard) -> None:
         self.board = board
@@ -21,7 +25,11 @@ class Probe:
         self.last: BoardOutputs | None = None
 
     def run(
-        self, commands: bytes = b"", periods: int = 100, edges: dict[int, tuple[int, ...]] | None = None, switches: int = 0
+        self,
+        commands: bytes = b"",
+        periods: int = 100,
+        edges: dict[int, tuple[int, ...]] | None = None,
+        switches: int = 0,
     ) -> list[tuple[str, int]]:
         """Events of so many periods; `edges` by period from the begin of this call."""
         sent = bytearray()
@@ -55,7 +63,11 @@ def test_tick_comes_every_16000_cycles(probe: Probe) -> None:
 def test_capture_stamps_are_exact_to_the_cycle(probe: Probe) -> None:
     probe.run(b"c\x01", 10)
     begin = probe.periods * 510 + FIRST_TOP
-    stamps = [value for letter, value in probe.run(periods=40, edges={3: (10, 500), 5: (0,), 6: (509,)}) if letter == "C"]
+    stamps = [
+        value
+        for letter, value in probe.run(periods=40, edges={3: (10, 500), 5: (0,), 6: (509,)})
+        if letter == "C"
+    ]
     expected = [begin + 3 * 510 + 10, begin + 3 * 510 + 500, begin + 5 * 510, begin + 6 * 510 + 509]
     assert stamps == [(cycle + 4) & 0xFFFF for cycle in expected]  # 4: the noise canceller
 
@@ -66,7 +78,9 @@ def test_noise_canceller_swallows_a_pulse_of_two_cycles(probe: Probe) -> None:
     assert len(probe.run(periods=40, edges={3: (100, 400)})) == 2
 
 
-def test_converter_follows_every_fourth_bottom_and_the_right_channel(probe: Probe, mcu: str) -> None:
+def test_converter_follows_every_fourth_bottom_and_the_right_channel(
+    probe: Probe, mcu: str
+) -> None:
     events = [value for letter, value in probe.run(b"a\x08", 200) if letter == "A"]
     assert len(events) == 8
     channels = [value >> 14 for value in events]
@@ -102,9 +116,17 @@ def test_compare_registers_become_a_signed_compare_value(probe: Probe, reverse: 
     assert probe.last is not None and probe.last.coast == 1
 
 
-@pytest.mark.parametrize(("first", "second"), [((101, 99), None), ((100, 101), None), ((255, 255), (99, 101)), ((99, 101), (255, 255))])
-def test_shoot_through_ends_the_run(probe_elfs: dict[str, Path], mcu: str, first: tuple[int, int], second: tuple[int, int] | None) -> None:
-    with AvrBoard(probe_elfs[mcu], mcu=mcu) as board, pytest.raises(VgrooveError, match="shoot-through.*leg A.*cycle"):
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [((101, 99), None), ((100, 101), None), ((255, 255), (99, 101)), ((99, 101), (255, 255))],
+)
+def test_shoot_through_ends_the_run(
+    probe_elfs: dict[str, Path], mcu: str, first: tuple[int, int], second: tuple[int, int] | None
+) -> None:
+    with (
+        AvrBoard(probe_elfs[mcu], mcu=mcu) as board,
+        pytest.raises(VgrooveError, match="shoot-through.*leg A.*cycle"),
+    ):
         probe = Probe(board)
         probe.run(b"b" + bytes([*first, 0]), 60)
         if second:
@@ -130,13 +152,18 @@ def test_brown_out_resets_and_says_so(probe_elfs: dict[str, Path], mcu: str) -> 
         assert dict(probe.run(b"r", 100))["R"] == 4
 
 
-def test_power_cut_tears_only_the_byte_that_is_being_written(probe_elfs: dict[str, Path], mcu: str, tmp_path: Path) -> None:
+def test_power_cut_tears_only_the_byte_that_is_being_written(
+    probe_elfs: dict[str, Path], mcu: str, tmp_path: Path
+) -> None:
     memory = tmp_path / "eeprom.bin"
     memory.write_bytes(bytes(range(256)) * 4)
     torn = set()
     for seed in range(1, 9):
         memory.write_bytes(bytes(range(256)) * 4)
-        with AvrBoard(probe_elfs[mcu], mcu=mcu, eeprom=memory, cut=30_000, seed=seed) as board, pytest.raises(VgrooveError):
+        with (
+            AvrBoard(probe_elfs[mcu], mcu=mcu, eeprom=memory, cut=30_000, seed=seed) as board,
+            pytest.raises(VgrooveError),
+        ):
             Probe(board).run(b"e\x05\x77", 200)
             pytest.fail("the power was not cut")
         board.close()
@@ -146,7 +173,9 @@ def test_power_cut_tears_only_the_byte_that_is_being_written(probe_elfs: dict[st
     assert len(torn) > 4  # garbage, neither the old value nor the new one
 
 
-def test_statistics_count_the_cycles_of_each_interrupt(probe_elfs: dict[str, Path], mcu: str, tmp_path: Path) -> None:
+def test_statistics_count_the_cycles_of_each_interrupt(
+    probe_elfs: dict[str, Path], mcu: str, tmp_path: Path
+) -> None:
     stats = tmp_path / "stats.json"
     with AvrBoard(probe_elfs[mcu], mcu=mcu, stats=stats) as board:
         Probe(board).run(b"m", 400, edges={50: (7,)})
@@ -164,13 +193,24 @@ def test_statistics_count_the_cycles_of_each_interrupt(probe_elfs: dict[str, Pat
     assert report["stack"]["free_bytes"] > 1000
 
 
-def test_missing_elf_and_wrong_part_are_sentences(probe_elfs: dict[str, Path], tmp_path: Path) -> None:
+def test_missing_elf_and_wrong_part_are_sentences(
+    probe_elfs: dict[str, Path], tmp_path: Path
+) -> None:
     with pytest.raises(VgrooveError, match="no firmware at .*none.elf"):
         AvrBoard(tmp_path / "none.elf")
     (tmp_path / "text.elf").write_text("not an ELF")
-    with AvrBoard(tmp_path / "text.elf") as board, pytest.raises(VgrooveError, match="not an AVR ELF"):
+    with (
+        AvrBoard(tmp_path / "text.elf") as board,
+        pytest.raises(VgrooveError, match="not an AVR ELF"),
+    ):
         board.period(BoardInputs(ADC))
-    with AvrBoard(probe_elfs["atmega2560"], mcu="atmega328p") as board, pytest.raises(VgrooveError, match="not linked for the atmega328p"):
+    with (
+        AvrBoard(probe_elfs["atmega2560"], mcu="atmega328p") as board,
+        pytest.raises(VgrooveError, match="not linked for the atmega328p"),
+    ):
         board.period(BoardInputs(ADC))
-    with AvrBoard(probe_elfs["atmega328p"], mcu="atmega8") as board, pytest.raises(VgrooveError, match="knows atmega328p and atmega2560"):
+    with (
+        AvrBoard(probe_elfs["atmega328p"], mcu="atmega8") as board,
+        pytest.raises(VgrooveError, match="knows atmega328p and atmega2560"),
+    ):
         board.period(BoardInputs(ADC))

@@ -18,7 +18,9 @@ def test_elf_keeps_its_budgets(elf: str, request: pytest.FixtureRequest) -> None
 @pytest.mark.skipif(not shutil.which("avr-gcc"), reason="avr-gcc is not installed")
 def test_a_float_division_is_noticed(tmp_path: Path) -> None:
     source = tmp_path / "f.c"
-    source.write_text("volatile float a = 1, b = 2; volatile long c; int main(void) { c = (long)(a / b); for (;;) {} }\n")
+    source.write_text(
+        "volatile float a = 1, b = 2; volatile long c; int main(void) { c = (long)(a / b); for (;;) {} }\n"
+    )
     elf = tmp_path / "f.elf"
     subprocess.run(["avr-gcc", "-mmcu=atmega328p", "-Os", str(source), "-o", str(elf)], check=True)
     found = budget.measure(elf).soft_float
@@ -27,8 +29,13 @@ def test_a_float_division_is_noticed(tmp_path: Path) -> None:
 
 def test_limits_are_exact() -> None:
     assert budget.Budget(budget.FLASH_LIMIT, budget.RAM_LIMIT, ()).broken() == []
-    assert len(budget.Budget(budget.FLASH_LIMIT + 1, budget.RAM_LIMIT + 1, ("__addsf3",)).broken()) == 3
+    assert (
+        len(budget.Budget(budget.FLASH_LIMIT + 1, budget.RAM_LIMIT + 1, ("__addsf3",)).broken())
+        == 3
+    )
 
 
 def test_integer_routines_are_no_float() -> None:
-    assert budget.soft_float(["__udivmodsi4", "__mulsi3", "__muluhisi3", "__divmodhi4", "main"]) == ()
+    assert (
+        budget.soft_float(["__udivmodsi4", "__mulsi3", "__muluhisi3", "__divmodhi4", "main"]) == ()
+    )

@@ -1,4 +1,6 @@
-"""Cycle budgets of the real ELF, measured on the bench under stress: full speed, four edges a turn, full telemetry, commands coming in."""
+"""Cycle budgets of the real ELF, measured on the bench under stress: full speed, four edges a turn,
+full telemetry, commands coming in.
+"""
 
 import functools
 import itertools
@@ -36,14 +38,25 @@ def stress_statistics(elf: Path, mcu: str, folder: Path) -> dict:
     tool = make_plant(scenario.tool, scenario.seed)
     speeds = []
     with AvrBoard(elf, mcu=mcu, stats=stats, least_dead=2) as avr:
-        lockstep.run(avr, tool, scenario.profile, scenario.duration_s, front=scenario.front_ends(),
-                     line=lockstep.Script(command_messages(scenario.commands)), on_progress=lambda _: speeds.append(tool.speed_rad_s))
+        lockstep.run(
+            avr,
+            tool,
+            scenario.profile,
+            scenario.duration_s,
+            front=scenario.front_ends(),
+            line=lockstep.Script(command_messages(scenario.commands)),
+            on_progress=lambda _: speeds.append(tool.speed_rad_s),
+        )
     return {**read_statistics(stats), "rpm": max(speeds) * 30 / 3.141592653589793}
 
 
 @pytest.fixture(scope="module", params=TARGETS)
 def stress(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict:
-    return stress_statistics(request.getfixturevalue(request.param), TARGETS[request.param], tmp_path_factory.mktemp("stress"))
+    return stress_statistics(
+        request.getfixturevalue(request.param),
+        TARGETS[request.param],
+        tmp_path_factory.mktemp("stress"),
+    )
 
 
 def test_the_stress_is_stress(stress: dict) -> None:
@@ -60,12 +73,18 @@ def test_worst_tick_with_the_interrupts_in_it(stress: dict) -> None:
 
 
 def test_each_interrupt(stress: dict) -> None:
-    over = {name: cost["worst_cycles"] for name, cost in stress["isr"].items() if cost["worst_cycles"] > ISR_CYCLES_MAX}
+    over = {
+        name: cost["worst_cycles"]
+        for name, cost in stress["isr"].items()
+        if cost["worst_cycles"] > ISR_CYCLES_MAX
+    }
     assert not over
 
 
 def test_the_adc_is_armed_in_time_whatever_waits(stress: dict) -> None:
-    """Any interrupt but UDRE arms it at its begin: ahead of it are at most the one under way and two UDRE."""
+    """Any interrupt but UDRE arms it at its begin: ahead of it are at most the one under way and
+    two UDRE.
+    """
     worst = {name: cost["worst_cycles"] for name, cost in stress["isr"].items()}
     udre = next(cycles for name, cycles in worst.items() if "UDRE" in name)
     under_way = max(cycles for name, cycles in worst.items() if name != "ADC")
@@ -90,10 +109,18 @@ def test_no_edge_byte_or_conversion_is_lost(stress: dict) -> None:
 
 @pytest.fixture(scope="module", params=TARGETS)
 def exercise(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict:
-    """The bench's report of ten seconds in which every driver is exercised, with damaged commands, missed and double edges."""
+    """The bench's report of ten seconds in which every driver is exercised, with damaged commands,
+    missed and double edges.
+    """
     tape, _ = record_tape()
     stats = tmp_path_factory.mktemp("exercise") / "stats.json"
-    board.replay(request.getfixturevalue(request.param), tape, mcu=TARGETS[request.param], stats=stats, least_dead=2)
+    board.replay(
+        request.getfixturevalue(request.param),
+        tape,
+        mcu=TARGETS[request.param],
+        stats=stats,
+        least_dead=2,
+    )
     return read_statistics(stats)
 
 
@@ -109,7 +136,9 @@ def test_the_other_budgets_hold_in_the_exercise(exercise: dict) -> None:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_worst_tick_of_a_calibration_of_uneven_pitches(target: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+def test_worst_tick_of_a_calibration_of_uneven_pitches(
+    target: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
     stats = tmp_path / "stats.json"
     board.replay(request.getfixturevalue(target), uneven_tape(), mcu=TARGETS[target], stats=stats)
     tick = read_statistics(stats)["tick"]
@@ -118,10 +147,16 @@ def test_worst_tick_of_a_calibration_of_uneven_pitches(target: str, request: pyt
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_worst_tick_with_commands_at_every_phase(target: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
-    """Bytes come in while slow frames are packed and completed, and while commands are checked and executed; none is lost."""
+def test_worst_tick_with_commands_at_every_phase(
+    target: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    """Bytes come in while slow frames are packed and completed, and while commands are checked and
+    executed; none is lost.
+    """
     stats = tmp_path / "stats.json"
-    out = board.replay(request.getfixturevalue(target), busy_line_tape(), mcu=TARGETS[target], stats=stats)
+    out = board.replay(
+        request.getfixturevalue(target), busy_line_tape(), mcu=TARGETS[target], stats=stats
+    )
     said = read_statistics(stats)
     sent = b"".join(pair for _, pair in commands())
     assert said["uart"]["received"] == len(sent) and said["uart"]["overruns"] == 0
@@ -134,13 +169,19 @@ RUNS = list(itertools.product(CASES, TAPES))
 
 
 @pytest.fixture(scope="module")
-def cost(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., dict]:
-    """Statistics of a controller's run: through its heavy states under impacts, or with sensors that say anything."""
+def cost(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., dict]:
+    """Statistics of a controller's run: through its heavy states under impacts, or with sensors
+    that say anything.
+    """
 
     @functools.cache
     def measured(case: str, tape: str, target: str = "uno_elf") -> dict:
         stats = tmp_path_factory.mktemp("cost") / "stats.json"
-        board.replay(request.getfixturevalue(target), TAPES[tape](case), mcu=TARGETS[target], stats=stats)
+        board.replay(
+            request.getfixturevalue(target), TAPES[tape](case), mcu=TARGETS[target], stats=stats
+        )
         return read_statistics(stats)
 
     return measured
@@ -149,7 +190,8 @@ def cost(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 @pytest.mark.parametrize(("case", "tape"), RUNS)
 def test_step_of_each_controller(cost: Callable[..., dict], case: str, tape: str) -> None:
     said = cost(case, tape)
-    assert said["control"]["count"] > (500 if tape == "impacts" else 40)  # sensors that say anything end a drive of mode drill early
+    # sensors that say anything end a drive of mode drill early
+    assert said["control"]["count"] > (500 if tape == "impacts" else 40)
     assert said["control"]["worst_cycles"] <= CONTROL_CYCLES_MAX, json.dumps(said["control"])
 
 
@@ -161,7 +203,9 @@ def test_tick_of_each_controller(cost: Callable[..., dict], case: str, tape: str
 
 @pytest.mark.parametrize(("case", "tape"), RUNS)
 @pytest.mark.parametrize("target", TARGETS)
-def test_stack_and_punctuality_of_each_controller(cost: Callable[..., dict], case: str, tape: str, target: str) -> None:
+def test_stack_and_punctuality_of_each_controller(
+    cost: Callable[..., dict], case: str, tape: str, target: str
+) -> None:
     said = cost(case, tape, target)
     assert said["stack"]["free_bytes"] >= STACK_BYTES_MIN
     assert said["tick"]["late"] == 0

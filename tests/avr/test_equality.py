@@ -1,4 +1,6 @@
-"""Native firmware and AVR say the same, bit for bit, when their pins see the same (the equality test of processor-in-the-loop practice)."""
+"""Native firmware and AVR say the same, bit for bit, when their pins see the same (the equality
+test of processor-in-the-loop practice).
+"""
 
 from pathlib import Path
 
@@ -41,11 +43,17 @@ def test_exercise_uses_every_driver(native: bytes) -> None:
     assert set(telemetry.OUTBOUND) == {frame.id for frame in frames}
     assert any(state["faults"] for state in states), "the over-current did not trip"
     health = [telemetry.decode(frame) for frame in frames if frame.id == telemetry.HEALTH]
-    assert health[-1]["missed_edges"] > 0 and health[-1]["double_edges"] > 0 and health[-1]["rx_errors"] > 0
+    assert (
+        health[-1]["missed_edges"] > 0
+        and health[-1]["double_edges"] > 0
+        and health[-1]["rx_errors"] > 0
+    )
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_native_and_avr_say_and_do_the_same_bit_for_bit(target: str, tape: bytes, request: pytest.FixtureRequest) -> None:
+def test_native_and_avr_say_and_do_the_same_bit_for_bit(
+    target: str, tape: bytes, request: pytest.FixtureRequest
+) -> None:
     native_equals_avr(tape, target, request)
 
 
@@ -55,11 +63,15 @@ def test_uneven_pitches_are_learned_and_found_again() -> None:
     log = log_from_stream(native, "uneven")
     time_s, speed = log["time_s"], log["speed_rpm"]
     assert abs(speed[(time_s > 2.0) & (time_s < 2.5)] - 6000).max() < 12, "learned"
-    assert abs(speed[(time_s > 3.8) & (time_s < 4.19)] - 2500).max() < 5, "found again after the stop"
+    assert abs(speed[(time_s > 3.8) & (time_s < 4.19)] - 2500).max() < 5, (
+        "found again after the stop"
+    )
 
 
 def native_equals_avr(tape: bytes, target: str, request: pytest.FixtureRequest) -> bytes:
-    """Replay a tape on both: what is sent, undamaged, and what the bridge does; returns what native sent."""
+    """Replay a tape on both: what is sent, undamaged, and what the bridge does; returns what native
+    sent.
+    """
     mcu, number = TARGETS[target]
     native = periods_of(sil.replay(tape, target=number))
     avr = periods_of(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
@@ -76,30 +88,40 @@ def test_uneven_pitches_are_equal_bit_for_bit(target: str, request: pytest.Fixtu
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_commands_at_every_phase_are_equal_bit_for_bit(target: str, request: pytest.FixtureRequest) -> None:
+def test_commands_at_every_phase_are_equal_bit_for_bit(
+    target: str, request: pytest.FixtureRequest
+) -> None:
     native_equals_avr(busy_line_tape(), target, request)
 
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("target", TARGETS)
-def test_each_controller_is_equal_bit_for_bit(case: str, target: str, request: pytest.FixtureRequest) -> None:
+def test_each_controller_is_equal_bit_for_bit(
+    case: str, target: str, request: pytest.FixtureRequest
+) -> None:
     native = native_equals_avr(impact_tape(case), target, request)
     assert acted(case, log_from_stream(native, case))
 
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("target", TARGETS)
-def test_sensors_that_say_anything_are_equal_bit_for_bit(case: str, target: str, request: pytest.FixtureRequest) -> None:
+def test_sensors_that_say_anything_are_equal_bit_for_bit(
+    case: str, target: str, request: pytest.FixtureRequest
+) -> None:
     native_equals_avr(wild_tape(case), target, request)
 
 
 @pytest.mark.parametrize(("isr_cycles", "tick_cycles"), [(0, 260), (150, 1500), (300, 5000)])
-def test_what_is_sent_does_not_depend_on_latencies(isr_cycles: int, tick_cycles: int, tape: bytes, native: bytes) -> None:
+def test_what_is_sent_does_not_depend_on_latencies(
+    isr_cycles: int, tick_cycles: int, tape: bytes, native: bytes
+) -> None:
     other = sent_bytes(sil.replay(tape, target=1, isr_cycles=isr_cycles, tick_cycles=tick_cycles))
     assert not differences(native, other), _said(differences(native, other))
 
 
-def test_one_changed_shift_in_the_avr_build_is_caught(broken_elf: Path, tape: bytes, native: bytes) -> None:
+def test_one_changed_shift_in_the_avr_build_is_caught(
+    broken_elf: Path, tape: bytes, native: bytes
+) -> None:
     found = differences(native, sent_bytes(board.replay(broken_elf, tape[: len(tape) // 8])))
     assert found
     assert found[0].field in ("current_a", "flags", "faults", "state")
@@ -108,9 +130,17 @@ def test_one_changed_shift_in_the_avr_build_is_caught(broken_elf: Path, tape: by
 
 def test_differences_name_field_and_time(native: bytes) -> None:
     frames = telemetry.Framer().feed(native)
-    index = next(i for i, frame in enumerate(frames) if frame.id == telemetry.FAST and frame.time_ms > 700)
+    index = next(
+        i for i, frame in enumerate(frames) if frame.id == telemetry.FAST and frame.time_ms > 700
+    )
     other = frames[index]
     payload = bytes([other.data[0] ^ 1]) + other.data[1:7]
-    changed = [*frames[:index], telemetry.frame_of(other.time_ms, other.id, payload), *frames[index + 1 :]]
+    changed = [
+        *frames[:index],
+        telemetry.frame_of(other.time_ms, other.id, payload),
+        *frames[index + 1 :],
+    ]
     found = differences(native, b"".join(telemetry.frame_bytes(frame) for frame in changed))
-    assert [(difference.field, difference.time_ms) for difference in found] == [("current_a", other.time_ms)]
+    assert [(difference.field, difference.time_ms) for difference in found] == [
+        ("current_a", other.time_ms)
+    ]

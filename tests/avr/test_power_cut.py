@@ -1,4 +1,6 @@
-"""Power cut at any moment of a parameter write on the real ELF: the next start finds the old value or the new one, nothing else."""
+"""Power cut at any moment of a parameter write on the real ELF: the next start finds the old value
+or the new one, nothing else.
+"""
 
 from pathlib import Path
 
@@ -15,7 +17,11 @@ WRITE_AT, WRITE_PERIODS, START_PERIODS = 9000, 31372 * 2, 31372
 
 
 def slew_index() -> int:
-    return next(i for i, parameter in enumerate(telemetry.parameter_list()) if parameter.name.lower().startswith("slew"))
+    return next(
+        i
+        for i, parameter in enumerate(telemetry.parameter_list())
+        if parameter.name.lower().startswith("slew")
+    )
 
 
 def inputs(periods: int, frame: bytes = b"", at: int = 0) -> bytes:
@@ -27,14 +33,20 @@ def inputs(periods: int, frame: bytes = b"", at: int = 0) -> bytes:
 
 
 def write_frame() -> bytes:
-    frame = telemetry.frame_of_signals("PARAM_WRITE", 0, write_index=slew_index(), write_value=NEW, write_sequence=1)
+    frame = telemetry.frame_of_signals(
+        "PARAM_WRITE", 0, write_index=slew_index(), write_value=NEW, write_sequence=1
+    )
     return telemetry.frame_bytes(frame)
 
 
 def value_after_start(elf: Path, memory: Path) -> float:
     """What the board says of the parameter after a start from this EEPROM."""
     sent = sent_bytes(board.replay(elf, inputs(START_PERIODS), eeprom=memory))
-    frames = [telemetry.decode(frame) for frame in telemetry.Framer().feed(sent) if frame.id == telemetry.PARAM]
+    frames = [
+        telemetry.decode(frame)
+        for frame in telemetry.Framer().feed(sent)
+        if frame.id == telemetry.PARAM
+    ]
     return next(frame["param_value"] for frame in frames if frame["param_index"] == slew_index())
 
 
@@ -43,18 +55,28 @@ def whole_write(uno_elf: Path, tmp_path_factory: pytest.TempPathFactory) -> tupl
     """(first cycle, bytes) of an undisturbed write; it takes effect."""
     folder = tmp_path_factory.mktemp("write")
     memory, stats = folder / "eeprom.bin", folder / "stats.json"
-    board.replay(uno_elf, inputs(WRITE_PERIODS, write_frame(), WRITE_AT), eeprom=memory, stats=stats)
+    board.replay(
+        uno_elf, inputs(WRITE_PERIODS, write_frame(), WRITE_AT), eeprom=memory, stats=stats
+    )
     assert value_after_start(uno_elf, memory) == NEW
     eeprom = read_statistics(stats)["eeprom"]
     return eeprom["first_write_cycle"], eeprom["writes"]
 
 
 @pytest.mark.parametrize("share", [0.005, 0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9, 0.985, 0.999])
-def test_old_or_new_value_survives(share: float, uno_elf: Path, whole_write: tuple[int, int], tmp_path: Path) -> None:
+def test_old_or_new_value_survives(
+    share: float, uno_elf: Path, whole_write: tuple[int, int], tmp_path: Path
+) -> None:
     first, count = whole_write
     cut = first + int(share * count * 54_400)
     memory = tmp_path / "eeprom.bin"
-    board.replay(uno_elf, inputs(WRITE_PERIODS, write_frame(), WRITE_AT), eeprom=memory, cut=cut, seed=int(share * 1000))
+    board.replay(
+        uno_elf,
+        inputs(WRITE_PERIODS, write_frame(), WRITE_AT),
+        eeprom=memory,
+        cut=cut,
+        seed=int(share * 1000),
+    )
     assert value_after_start(uno_elf, memory) in (OLD, NEW)
 
 

@@ -1,4 +1,6 @@
-"""The commanded profile: obeyed within the trigger, over 50 ms after its last frame, and the same on the AVR, bit for bit."""
+"""The commanded profile: obeyed within the trigger, over 50 ms after its last frame, and the same
+on the AVR, bit for bit.
+"""
 
 from pathlib import Path
 
@@ -55,7 +57,9 @@ def test_every_frame_is_answered(tape: bytes) -> None:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_native_and_avr_are_equal_bit_for_bit(target: str, tape: bytes, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+def test_native_and_avr_are_equal_bit_for_bit(
+    target: str, tape: bytes, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
     mcu, number = TARGETS[target]
     stats = tmp_path / "stats.json"
     avr = sent_bytes(board.replay(request.getfixturevalue(target), tape, mcu=mcu, stats=stats))

@@ -1,4 +1,6 @@
-"""A whole run of the real ELF at 115,200 Bd: it decimates instead of dropping, within the budget of a tick."""
+"""A whole run of the real ELF at 115,200 Bd: it decimates instead of dropping, within the budget of
+a tick.
+"""
 
 from itertools import pairwise
 from pathlib import Path
@@ -17,14 +19,27 @@ TARGETS = {"uno_elf": "atmega328p", "mega_elf": "atmega2560"}
 
 def remember_slow_rate(elf: Path, mcu: str, memory: Path) -> None:
     """Write the parameter into the board's EEPROM, over its own line."""
-    index = next(i for i, parameter in enumerate(telemetry.parameter_list()) if parameter.name.lower().startswith("baud"))
-    write = telemetry.frame_of_signals("PARAM_WRITE", 0, write_index=index, write_value=1, write_sequence=1)
+    index = next(
+        i
+        for i, parameter in enumerate(telemetry.parameter_list())
+        if parameter.name.lower().startswith("baud")
+    )
+    write = telemetry.frame_of_signals(
+        "PARAM_WRITE", 0, write_index=index, write_value=1, write_sequence=1
+    )
     board.replay(elf, inputs(2 * 31372, telemetry.frame_bytes(write), 9000), mcu=mcu, eeprom=memory)
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_every_second_row_arrives_and_none_is_lost(target: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
-    elf, mcu, memory, stats = request.getfixturevalue(target), TARGETS[target], tmp_path / "eeprom.bin", tmp_path / "stats.json"
+def test_every_second_row_arrives_and_none_is_lost(
+    target: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    elf, mcu, memory, stats = (
+        request.getfixturevalue(target),
+        TARGETS[target],
+        tmp_path / "eeprom.bin",
+        tmp_path / "stats.json",
+    )
     remember_slow_rate(elf, mcu, memory)
     sent = sent_bytes(board.replay(elf, record_tape()[0], mcu=mcu, eeprom=memory, stats=stats))
     frames, said = telemetry.Framer().feed(sent), read_statistics(stats)

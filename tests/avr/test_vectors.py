@@ -1,4 +1,6 @@
-"""The golden vectors of the fixed-point code, evaluated on both simulated microcontrollers: the same bits as on the host."""
+"""The golden vectors of the fixed-point code, evaluated on both simulated microcontrollers: the
+same bits as on the host.
+"""
 
 import re
 import shutil
@@ -13,15 +15,28 @@ ROOT = Path(__file__).resolve().parents[2]
 TARGETS = {"atmega328p": "uno", "atmega2560": "mega"}
 PERIODS_MAX = 31372 * 20
 SOURCES = ("tests/avr/vectors_main.c", "tests/vectors/vectors.c", "firmware/hal/avr/serial.c")
-FLAGS = ["-DF_CPU=16000000UL", "-std=c11", "-Os", "-flto", "-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-Wall"]
+FLAGS = [
+    "-DF_CPU=16000000UL",
+    "-std=c11",
+    "-Os",
+    "-flto",
+    "-ffunction-sections",
+    "-fdata-sections",
+    "-Wl,--gc-sections",
+    "-Wall",
+]
 
 
 def build(mcu: str, elf: Path, tree: Path = ROOT) -> Path:
     """The target program of the vectors, with the firmware's own sources from `tree`."""
     rooms = (tree / "firmware" / room for room in ("core", "drivers", "controllers"))
-    sources = [str(path) for room in rooms for path in sorted(room.glob("*.c"))] + [str(ROOT / source) for source in SOURCES]
+    sources = [str(path) for room in rooms for path in sorted(room.glob("*.c"))] + [
+        str(ROOT / source) for source in SOURCES
+    ]
     include = [f"-I{tree / 'firmware'}", f"-I{ROOT / 'tests' / 'vectors'}"]
-    subprocess.run(["avr-gcc", f"-mmcu={mcu}", *FLAGS, *include, "-o", str(elf), *sources], check=True)
+    subprocess.run(
+        ["avr-gcc", f"-mmcu={mcu}", *FLAGS, *include, "-o", str(elf), *sources], check=True
+    )
     return elf
 
 
@@ -48,7 +63,9 @@ def test_a_lost_widening_is_caught(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "firmware", tmp_path / "firmware")
     source = tmp_path / "firmware" / "drivers" / "analog.c"
     text = source.read_text()
-    assert "(uint32_t)counts" in text, "analog.c has no longer the widening that this test takes away"
+    assert "(uint32_t)counts" in text, (
+        "analog.c has no longer the widening that this test takes away"
+    )
     source.write_text(text.replace("(uint32_t)counts", "(uint16_t)counts"))
     said = said_by(build("atmega328p", tmp_path / "vectors.elf", tmp_path), "atmega328p")
     passed, count = map(int, re.search(r"pass (\d+) of (\d+)\n", said).groups())

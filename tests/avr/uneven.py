@@ -1,4 +1,6 @@
-"""Taped pins of a shaft whose Hall pitches are uneven: they are learned by a calibration run, saved, and found again after a stop."""
+"""Taped pins of a shaft whose Hall pitches are uneven: they are learned by a calibration run,
+saved, and found again after a stop.
+"""
 
 import math
 
@@ -10,7 +12,8 @@ CONTACT = 1
 SHARES = (0.27, 0.23, 0.265, 0.235)
 HALL_PITCH = 1  # of CALIBRATE
 DURATION_S = 5.5
-# (from, rpm): learning wants 256 edges at an even speed; after the stop the index is searched; at the last speed edges and bounds meet.
+# (from, rpm): learning wants 256 edges at an even speed; after the stop the index is searched; at
+# the last speed edges and bounds meet.
 SPEEDS = ((0.6, 6000.0), (2.6, 0.0), (3.4, 2500.0), (4.2, 14500.0))
 PERIODS_A_SECOND = 16e6 / CYCLES_PER_PERIOD
 
@@ -39,11 +42,19 @@ def command(name: str, **signals: float) -> bytes:
 
 def uneven_tape() -> bytes:
     """Board inputs, a period each: CALIBRATE at rest, two drives."""
-    pulled = [rpm_at(k / PERIODS_A_SECOND + 0.05) > 0.0 for k in range(int(DURATION_S * PERIODS_A_SECOND))]
-    inputs = [BoardInputs((512, 740, 900 if pull else 100, 154), switches=CONTACT if pull else 0) for pull in pulled]
+    pulled = [
+        rpm_at(k / PERIODS_A_SECOND + 0.05) > 0.0 for k in range(int(DURATION_S * PERIODS_A_SECOND))
+    ]
+    inputs = [
+        BoardInputs((512, 740, 900 if pull else 100, 154), switches=CONTACT if pull else 0)
+        for pull in pulled
+    ]
     edges: dict[int, list[int]] = {}
     for cycle in edge_cycles():
         edges.setdefault(cycle // CYCLES_PER_PERIOD, []).append(cycle % CYCLES_PER_PERIOD)
     sent = enumerate(command("CALIBRATE", calibrate_what=HALL_PITCH, calibrate_sequence=1))
     received = {int(0.4 * PERIODS_A_SECOND) + 2 * k: bytes([byte]) for k, byte in sent}
-    return b"".join(pack_inputs(period._replace(edges=edges.get(k, ()), rx=received.get(k, b""))) for k, period in enumerate(inputs))
+    return b"".join(
+        pack_inputs(period._replace(edges=edges.get(k, ()), rx=received.get(k, b"")))
+        for k, period in enumerate(inputs)
+    )

@@ -1,4 +1,5 @@
-// Runs the golden vectors on the target and says over UART (250 kBd) "pass N" or, for each that fails, "fail INDEX GOT".
+// Runs the golden vectors on the target and says over UART (250 kBd) "pass N" or, for each that
+// fails, "fail INDEX GOT".
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>

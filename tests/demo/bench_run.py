@@ -1,4 +1,6 @@
-"""The demo's run: the real ELF on the simulated ATmega against the sealed tool, its RS232 recorded through python-can from a pty."""
+"""The demo's run: the real ELF on the simulated ATmega against the sealed tool, its RS232 recorded
+through python-can from a pty.
+"""
 
 import subprocess
 import sys
@@ -27,7 +29,9 @@ class Recorded:
 
 
 def trigger_profile() -> Profile:
-    """The staircase with reversal as a hand makes it: travel of the trigger, and the direction switch at standstill."""
+    """The staircase with reversal as a hand makes it: travel of the trigger, and the direction
+    switch at standstill.
+    """
     travel, before = [(0.0, 0.0)], 0.0
     for time_s, duty in DEMO_STEPS:
         travel += [(time_s + REST_S, before), (time_s + REST_S, abs(duty))]
@@ -35,16 +39,28 @@ def trigger_profile() -> Profile:
     return Profile(travel=travel, reverse=((0.0, 0.0), (REVERSE_AT_S, 1.0)))
 
 
-def record_run(elf: Path, tool: TruthTool, folder: Path, seed: int, progress: Callable[[Progress], None]) -> Recorded:
-    """Run board and tool in lock-step while `vgroove record` takes the telemetry from the pty; RuntimeError when it fails."""
+def record_run(
+    elf: Path, tool: TruthTool, folder: Path, seed: int, progress: Callable[[Progress], None]
+) -> Recorded:
+    """Run board and tool in lock-step while `vgroove record` takes the telemetry from the pty;
+    RuntimeError when it fails.
+    """
     log = folder / "run.csv"
     with PtyLine() as line, AvrBoard(elf) as board:
-        recorder = subprocess.Popen([sys.executable, "-m", "vgroove.cli", "record", line.name, "-o", str(log)],
-                                    stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        recorder = subprocess.Popen(
+            [sys.executable, "-m", "vgroove.cli", "record", line.name, "-o", str(log)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
         if not line.wait_for_reader(20.0):
             recorder.kill()
-            raise RuntimeError("the recorder did not open the pty: " + (recorder.communicate()[0] or ""))
-        for now in steps(board, tool, trigger_profile(), REST_S + DEMO_SECONDS + TAIL_S, line=line, seed=seed):
+            raise RuntimeError(
+                "the recorder did not open the pty: " + (recorder.communicate()[0] or "")
+            )
+        for now in steps(
+            board, tool, trigger_profile(), REST_S + DEMO_SECONDS + TAIL_S, line=line, seed=seed
+        ):
             progress(now)
         line.drain()
         recorder.terminate()

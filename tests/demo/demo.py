@@ -1,4 +1,6 @@
-"""The demo: the real ELF drives a tool with a sealed effect, its RS232 is recorded and diagnosed, and then the seal is opened."""
+"""The demo: the real ELF drives a tool with a sealed effect, its RS232 is recorded and diagnosed,
+and then the seal is opened.
+"""
 
 import argparse
 import json
@@ -31,24 +33,48 @@ def show_progress(now: Progress) -> None:
 
 
 def diagnose(log: Path, folder: Path) -> dict:
-    """`vgroove gap diagnose` as anybody would call it; what it says goes to the terminal, its verdict is returned."""
+    """`vgroove gap diagnose` as anybody would call it; what it says goes to the terminal, its
+    verdict is returned.
+    """
     verdict = folder / "verdict.json"
-    command = [sys.executable, "-m", "vgroove.cli", "gap", "diagnose", str(log), "--rig", str(HERE / "rig.toml"),
-               "--json", str(verdict), "--html", str(folder / "report.html"), "--out-rig", str(folder / "rig_corrected.toml")]
+    command = [
+        sys.executable,
+        "-m",
+        "vgroove.cli",
+        "gap",
+        "diagnose",
+        str(log),
+        "--rig",
+        str(HERE / "rig.toml"),
+        "--json",
+        str(verdict),
+        "--html",
+        str(folder / "report.html"),
+        "--out-rig",
+        str(folder / "rig_corrected.toml"),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise RuntimeError(f"vgroove gap diagnose ended with {done.returncode}: {done.stderr.strip()}")
+        raise RuntimeError(
+            f"vgroove gap diagnose ended with {done.returncode}: {done.stderr.strip()}"
+        )
     say("".join(f"  {line}\n" for line in done.stdout.strip().splitlines()).rstrip("\n"))
     return json.loads(verdict.read_text(encoding="utf-8"))
 
 
 def is_right(verdict: dict, answer: dict) -> bool:
-    """Whether the verdict is of the sealed kind and, for an effect, names it or a member of its class, and nothing else."""
+    """Whether the verdict is of the sealed kind and, for an effect, names it or a member of its
+    class, and nothing else.
+    """
     if answer["label"] != "effect":
         return verdict["verdict"] == answer["label"]
     accepted = answer["accept"]
     named = verdict["selected"]
-    return verdict["verdict"] == "effect" and len(named) == len(accepted) and all(set(ids) & set(named) for ids in accepted)
+    return (
+        verdict["verdict"] == "effect"
+        and len(named) == len(accepted)
+        and all(set(ids) & set(named) for ids in accepted)
+    )
 
 
 def truth_in_words(answer: dict) -> str:
@@ -63,8 +89,15 @@ def truth_in_words(answer: dict) -> str:
 def parse(arguments: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--elf", type=Path, default=default_elf("uno"), help="firmware of the ATmega328P")
-    parser.add_argument("--out", type=Path, default=None, help="folder for log, verdict and report; default runs/demo_SEED")
+    parser.add_argument(
+        "--elf", type=Path, default=default_elf("uno"), help="firmware of the ATmega328P"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=None,
+        help="folder for log, verdict and report; default runs/demo_SEED",
+    )
     return parser.parse_args(arguments)
 
 
@@ -75,8 +108,12 @@ def main(arguments: list[str]) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     begin = time.monotonic()
     sealed = draw_sealed(args.seed, folder)
-    say(f"1  A tool is drawn by seed {args.seed}. What is wrong with it is sealed; SHA-256 of the answer:\n  {sealed.commitment}")
-    say("2  The ELF runs cycle by cycle on a simulated ATmega328P and drives that tool; python-can records its RS232 from a pty.")
+    say(
+        f"1  A tool is drawn by seed {args.seed}. What is wrong with it is sealed; SHA-256 of the answer:\n  {sealed.commitment}"
+    )
+    say(
+        "2  The ELF runs cycle by cycle on a simulated ATmega328P and drives that tool; python-can records its RS232 from a pty."
+    )
     recorded = record_run(args.elf, sealed.tool, folder, args.seed, show_progress)
     say("\r" + "\n".join(f"  {line}" for line in recorded.said.splitlines()))
     say("3  Where does this log depart from the nominal simulation, and which effect is missing?")
@@ -85,13 +122,21 @@ def main(arguments: list[str]) -> int:
     right = is_right(verdict, answer)
     gap = verdict["gap"]
     say(f"4  The seal is opened: {truth_in_words(answer)}")
-    say(f"  verdict {verdict['verdict']} {' '.join(verdict['selected'])}: {'RIGHT' if right else 'WRONG'}; "
-        f"gap before {gap['before']:.2f}, after {gap['after']:.2f}, floor {gap['floor']:.2f}; {time.monotonic() - begin:.0f} s")
+    say(
+        f"  verdict {verdict['verdict']} {' '.join(verdict['selected'])}: {'RIGHT' if right else 'WRONG'}; "
+        f"gap before {gap['before']:.2f}, after {gap['after']:.2f}, floor {gap['floor']:.2f}; {time.monotonic() - begin:.0f} s"
+    )
     paths = {"log": recorded.log, "json": folder / "verdict.json", "plot": folder / "report.html"}
     for name, path in paths.items():
         say(f"  {name:5}{path}")
-    result = {"seed": args.seed, "right": right, "verdict": verdict["verdict"], "selected": verdict["selected"], "gap": gap,
-              "truth": answer}
+    result = {
+        "seed": args.seed,
+        "right": right,
+        "verdict": verdict["verdict"],
+        "selected": verdict["selected"],
+        "gap": gap,
+        "truth": answer,
+    }
     (folder / "demo.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     return 0
 

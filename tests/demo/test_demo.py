@@ -1,4 +1,6 @@
-"""The demo as a newcomer runs it ends in a verdict that is right, and its judging of right and wrong is strict."""
+"""The demo as a newcomer runs it ends in a verdict that is right, and its judging of right and
+wrong is strict.
+"""
 
 import json
 import os
@@ -15,7 +17,11 @@ import demo  # noqa: E402
 
 from vgroove.board import default_elf  # noqa: E402
 
-EFFECT = {"label": "effect", "ids": ["bridge_resistance"], "accept": [["bridge_resistance", "winding_resistance"]]}
+EFFECT = {
+    "label": "effect",
+    "ids": ["bridge_resistance"],
+    "accept": [["bridge_resistance", "winding_resistance"]],
+}
 
 
 def verdict(kind: str, *ids: str) -> dict:
@@ -43,12 +49,31 @@ def test_demo_names_the_sealed_effect(seed: int, tmp_path: Path) -> None:
     elf = Path(os.environ.get("VGROOVE_ELF", default_elf("uno")))
     if not elf.is_file():
         pytest.skip(f"no firmware at {elf}: make build")
-    done = subprocess.run([sys.executable, str(HERE / "demo.py"), "--seed", str(seed), "--elf", str(elf), "--out", str(tmp_path)],
-                          capture_output=True, text=True, check=False, timeout=300)
+    done = subprocess.run(
+        [
+            sys.executable,
+            str(HERE / "demo.py"),
+            "--seed",
+            str(seed),
+            "--elf",
+            str(elf),
+            "--out",
+            str(tmp_path),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
     assert done.returncode == 0, done.stderr
     result = json.loads((tmp_path / "demo.json").read_text())
     assert result["right"], done.stdout
     assert result["gap"]["after"] < 1.2 < result["gap"]["before"]
-    order = [done.stdout.index(text) for text in ("SHA-256", "The missing effect", "The seal is opened")]
+    order = [
+        done.stdout.index(text) for text in ("SHA-256", "The missing effect", "The seal is opened")
+    ]
     assert order == sorted(order)
-    assert all((tmp_path / name).is_file() for name in ("run.csv", "verdict.json", "report.html", "rig_corrected.toml"))
+    assert all(
+        (tmp_path / name).is_file()
+        for name in ("run.csv", "verdict.json", "report.html", "rig_corrected.toml")
+    )

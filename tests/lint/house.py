@@ -1,4 +1,6 @@
-"""Laws of the house as functions over source text: who may include whom, how long a function may be, how a file opens."""
+"""Laws of the house as functions over source text: who may include whom, how long a function may
+be, how a file opens.
+"""
 
 import ast
 import re
@@ -9,13 +11,20 @@ ROOT = Path(__file__).resolve().parents[2]
 C_ENDINGS = {".c", ".h", ".cpp", ".hpp"}
 FUNCTION_LINES_LIMIT = 60
 
-# Room -> rooms it may see. A room always sees itself; the C library and a room's third-party libraries are not rooms.
+# Room -> rooms it may see. A room always sees itself; the C library and a room's third-party
+# libraries are not rooms.
 MAY_SEE = {
     "firmware/core": set(),
     "firmware/controllers": {"firmware/core"},
     "firmware/telemetry": {"firmware/core"},
     "firmware/drivers": {"firmware/core", "firmware/hal"},
-    "firmware/app": {"firmware/core", "firmware/controllers", "firmware/drivers", "firmware/telemetry", "firmware/hal"},
+    "firmware/app": {
+        "firmware/core",
+        "firmware/controllers",
+        "firmware/drivers",
+        "firmware/telemetry",
+        "firmware/hal",
+    },
     "firmware/hal": {"firmware/core", "firmware/drivers", "firmware/app"},
     "plant": set(),
     "hil": {"plant", "firmware/hal"},
@@ -34,19 +43,25 @@ class Violation:
 
 
 def room_of(path: str) -> str | None:
-    """The longest room name that is a prefix of a repository path; None for paths outside every room."""
+    """The longest room name that is a prefix of a repository path; None for paths outside every
+    room.
+    """
     rooms = [room for room in (*MAY_SEE, *SEES_ALL) if path == room or path.startswith(room + "/")]
     return max(rooms, key=len, default=None)
 
 
 def resolve(path: str, spelling: str, known: dict[str, str]) -> str | None:
-    """The header of the house that an include line in `path` finds: one beside it first, as the compiler does; None for foreign headers."""
+    """The header of the house that an include line in `path` finds: one beside it first, as the
+    compiler does; None for foreign headers.
+    """
     beside = f"{path.rsplit('/', 1)[0]}/{spelling}"
     return beside if beside in known.values() else known.get(spelling)
 
 
 def include_violations(path: str, text: str, known: dict[str, str]) -> list[Violation]:
-    """Includes of `path` that go against MAY_SEE; `known` maps each way a project header can be spelled to its repository path."""
+    """Includes of `path` that go against MAY_SEE; `known` maps each way a project header can be
+    spelled to its repository path.
+    """
     room = room_of(path)
     if room is None or room in SEES_ALL:
         return []
@@ -56,7 +71,9 @@ def include_violations(path: str, text: str, known: dict[str, str]) -> list[Viol
         target = resolve(path, match.group(1), known) if match else None
         other = room_of(target) if target else None
         if other and other != room and other not in MAY_SEE[room]:
-            found.append(Violation(path, number, f"{room} must not include {other} ({match.group(1)})"))
+            found.append(
+                Violation(path, number, f"{room} must not include {other} ({match.group(1)})")
+            )
     return found
 
 
@@ -68,7 +85,9 @@ def imported_names(node: ast.AST) -> list[str]:
 
 
 def import_violations(path: str, text: str) -> list[Violation]:
-    """Imports of a Python file that go against MAY_SEE: the package sees no tests, the truth generator sees nothing of ours."""
+    """Imports of a Python file that go against MAY_SEE: the package sees no tests, the truth
+    generator sees nothing of ours.
+    """
     room = room_of(path)
     forbidden = {"hil": ("tests", "truth"), "tests/truth": ("vgroove", "tests")}.get(room or "", ())
     found = []
@@ -86,27 +105,46 @@ def long_python_functions(path: str, text: str) -> list[Violation]:
         if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             continue
         doc = node.body[0] if ast.get_docstring(node, clean=False) else None
-        lines = (node.end_lineno or node.lineno) - node.lineno + 1 - ((doc.end_lineno or 0) - doc.lineno + 1 if doc else 0)
+        lines = (
+            (node.end_lineno or node.lineno)
+            - node.lineno
+            + 1
+            - ((doc.end_lineno or 0) - doc.lineno + 1 if doc else 0)
+        )
         if lines > FUNCTION_LINES_LIMIT:
-            found.append(Violation(path, node.lineno, f"{node.name} has {lines} lines, the limit is {FUNCTION_LINES_LIMIT}"))
+            found.append(
+                Violation(
+                    path,
+                    node.lineno,
+                    f"{node.name} has {lines} lines, the limit is {FUNCTION_LINES_LIMIT}",
+                )
+            )
     return found
 
 
-NO_CODE = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|'
-                     r'^[ \t]*#(?:\\\n|[^\n])*|\b(?:public|private|protected)[ \t]*:',
-                     re.DOTALL | re.MULTILINE)
-NO_FUNCTION = re.compile(r"\s*(?:(?:if|else|for|while|do|switch|catch|try|return|namespace|enum|extern|\w+\s+alignas)\b|"
-                         r"[^()]*$|[^(]*[^=!<>(]=[^=])")
+NO_CODE = re.compile(
+    r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|'
+    r"^[ \t]*#(?:\\\n|[^\n])*|\b(?:public|private|protected)[ \t]*:",
+    re.DOTALL | re.MULTILINE,
+)
+NO_FUNCTION = re.compile(
+    r"\s*(?:(?:if|else|for|while|do|switch|catch|try|return|namespace|enum|extern|\w+\s+alignas)\b|"
+    r"[^()]*$|[^(]*[^=!<>(]=[^=])"
+)
 
 
 def code_only(text: str) -> str:
-    """C source with comments, literals and preprocessor lines as blanks, a{1} as a(1); every character keeps its place."""
+    """C source with comments, literals and preprocessor lines as blanks, a{1} as a(1); every
+    character keeps its place.
+    """
     plain = NO_CODE.sub(lambda match: re.sub(r"[^\n]", " ", match.group()), text)
     return re.sub(r"(?<=\w)\{([^{}\n]*)\}", r"(\1)", plain)
 
 
 def c_functions(text: str) -> list[tuple[int, int, str]]:
-    """Functions of C or C++ source, members of classes too: first line of the signature, line of the closing brace, signature."""
+    """Functions of C or C++ source, members of classes too: first line of the signature, line of
+    the closing brace, signature.
+    """
     found, head, parens, depth, inside = [], 0, 0, 0, None
     code = code_only(text)
     for at, sign in enumerate(code):
@@ -118,7 +156,7 @@ def c_functions(text: str) -> list[tuple[int, int, str]]:
         if sign == "}" and parens == 0:
             if inside and inside[0] == depth:
                 first, last = (code.count("\n", 0, place) + 1 for place in (inside[1], at))
-                found.append((first, last, " ".join(code[inside[1]:at].split("{")[0].split())))
+                found.append((first, last, " ".join(code[inside[1] : at].split("{")[0].split())))
                 inside = None
             depth -= 1
         if sign in "{};" and parens == 0:
@@ -127,36 +165,72 @@ def c_functions(text: str) -> list[tuple[int, int, str]]:
 
 
 def long_c_functions(path: str, text: str) -> list[Violation]:
-    """C and C++ functions longer than the limit, from the first line of the signature, however it is wrapped, to the closing brace."""
-    return [Violation(path, first, f"{signature} has {last - first + 1} lines, the limit is {FUNCTION_LINES_LIMIT}")
-            for first, last, signature in c_functions(text) if last - first + 1 > FUNCTION_LINES_LIMIT]
+    """C and C++ functions longer than the limit, from the first line of the signature, however it
+    is wrapped, to the closing brace.
+    """
+    return [
+        Violation(
+            path,
+            first,
+            f"{signature} has {last - first + 1} lines, the limit is {FUNCTION_LINES_LIMIT}",
+        )
+        for first, last, signature in c_functions(text)
+        if last - first + 1 > FUNCTION_LINES_LIMIT
+    ]
 
 
 def missing_opening(path: str, text: str) -> list[Violation]:
-    """A file opens with one sentence: what it is for (after the licence line of the GPL bench tool)."""
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith(("#!", "// SPDX", "# SPDX", "/* SPDX"))]
+    """A file opens with one sentence: what it is for (after the licence line of the GPL bench
+    tool).
+    """
+    lines = [
+        line
+        for line in text.splitlines()
+        if line.strip() and not line.startswith(("#!", "// SPDX", "# SPDX", "/* SPDX"))
+    ]
     opening = lines[0].lstrip() if lines else ""
-    sentence = opening.startswith(("//", "/*", '"""', 'r"""')) if Path(path).suffix != ".cmake" else opening.startswith("#")
-    return [] if sentence else [Violation(path, 1, "the file does not open with a sentence that says what it is for")]
+    sentence = (
+        opening.startswith(("//", "/*", '"""', 'r"""'))
+        if Path(path).suffix != ".cmake"
+        else opening.startswith("#")
+    )
+    return (
+        []
+        if sentence
+        else [Violation(path, 1, "the file does not open with a sentence that says what it is for")]
+    )
 
 
 def gpl_violations(path: str, text: str) -> list[Violation]:
     """simavr is GPL: only hil/board and the bench's own test probes may include it."""
     if path.startswith("hil/board/"):
         return []
-    return [Violation(path, n, "only hil/board may include simavr") for n, line in enumerate(text.splitlines(), 1)
-            if re.match(r"\s*#\s*include\s+[<\"](simavr/|sim_avr|avr_(ioport|uart|adc|timer|eeprom)\.h)", line)]
+    return [
+        Violation(path, n, "only hil/board may include simavr")
+        for n, line in enumerate(text.splitlines(), 1)
+        if re.match(
+            r"\s*#\s*include\s+[<\"](simavr/|sim_avr|avr_(ioport|uart|adc|timer|eeprom)\.h)", line
+        )
+    ]
 
 
 def tracked_files(endings: set[str]) -> list[str]:
-    """Repository paths of the source files with one of the endings, build and environment folders left out."""
+    """Repository paths of the source files with one of the endings, build and environment folders
+    left out.
+    """
     rooms = ("firmware", "plant", "hil", "tests", "cmake")
-    return sorted(str(p.relative_to(ROOT)) for room in rooms for p in (ROOT / room).rglob("*")
-                  if p.suffix in endings and not {"__pycache__", "build"} & set(p.parts))
+    return sorted(
+        str(p.relative_to(ROOT))
+        for room in rooms
+        for p in (ROOT / room).rglob("*")
+        if p.suffix in endings and not {"__pycache__", "build"} & set(p.parts)
+    )
 
 
 def known_headers() -> dict[str, str]:
-    """Each way in which a header of the house can be spelled in an include line -> its repository path."""
+    """Each way in which a header of the house can be spelled in an include line -> its repository
+    path.
+    """
     known: dict[str, str] = {}
     for path in tracked_files({".h", ".hpp"}):
         parts = path.split("/")

@@ -1,4 +1,6 @@
-"""Which C and C++ files clang-format would change. `python tests/lint/layout.py --fix` formats all and drops the list of the rest."""
+"""Which C and C++ files clang-format would change. `python tests/lint/layout.py --fix` formats all
+and drops the list of the rest.
+"""
 
 import subprocess
 import sys
@@ -11,12 +13,24 @@ LATER = Path(__file__).with_name("unformatted.txt")
 
 
 def unformatted(paths: list[str]) -> list[str]:
-    """Those of the files that clang-format, with the .clang-format of the tree, would write otherwise."""
+    """Those of the files that clang-format, with the .clang-format of the tree, would write
+    otherwise.
+    """
     if not paths:
         return []
-    command = ["clang-format", "--dry-run", "-Werror", f"--style=file:{house.ROOT}/.clang-format", *paths]
+    command = [
+        "clang-format",
+        "--dry-run",
+        "-Werror",
+        f"--style=file:{house.ROOT}/.clang-format",
+        *paths,
+    ]
     done = subprocess.run(command, cwd=house.ROOT, capture_output=True, text=True, check=False)
-    found = {line.split(":")[0] for line in done.stderr.splitlines() if "-Wclang-format-violations" in line}
+    found = {
+        line.split(":")[0]
+        for line in done.stderr.splitlines()
+        if "-Wclang-format-violations" in line
+    }
     if done.returncode and not found:
         raise SystemExit(done.stderr)
     return sorted(found)
@@ -34,7 +48,11 @@ def listed() -> list[str]:
 
 def fix(paths: list[str]) -> None:
     """Format the files."""
-    subprocess.run(["clang-format", "-i", f"--style=file:{house.ROOT}/.clang-format", *paths], cwd=house.ROOT, check=True)
+    subprocess.run(
+        ["clang-format", "-i", f"--style=file:{house.ROOT}/.clang-format", *paths],
+        cwd=house.ROOT,
+        check=True,
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""A controller's page shows its states as a diagram, all those of its header and no others, and its waveforms."""
+"""A controller's page shows its states as a diagram, all those of its header and no others, and its
+waveforms.
+"""
 
 import re
 from pathlib import Path
@@ -18,7 +20,11 @@ def states_of_header(name: str) -> set[str]:
     text = re.sub(r"//[^\n]*", "", (FIRMWARE / f"{name}.h").read_text(encoding="utf-8"))
     body = re.search(r"typedef enum \{([^}]*)\} \w+(?:State|Phase);", text)
     assert body, name
-    return {entry.strip().removeprefix(f"{name.upper()}_") for entry in body[1].split(",") if entry.strip()}
+    return {
+        entry.strip().removeprefix(f"{name.upper()}_")
+        for entry in body[1].split(",")
+        if entry.strip()
+    }
 
 
 def states_of_page(text: str) -> set[str]:
@@ -35,7 +41,9 @@ def states_of_page(text: str) -> set[str]:
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_diagram_has_the_states_of_the_header(name: str) -> None:
-    assert states_of_page((PAGES / f"{name}.md").read_text(encoding="utf-8")) == states_of_header(name)
+    assert states_of_page((PAGES / f"{name}.md").read_text(encoding="utf-8")) == states_of_header(
+        name
+    )
 
 
 def test_a_forgotten_state_is_seen() -> None:

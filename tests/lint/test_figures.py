@@ -1,4 +1,6 @@
-"""A page may quote a measured figure only as <!--result FILE:KEY-->VALUE<!--end-->, and the value must stand in docs/results."""
+"""A page may quote a measured figure only as <!--result FILE:KEY-->VALUE<!--end-->, and the value
+must stand in docs/results.
+"""
 
 import json
 import re
@@ -21,8 +23,11 @@ def value_of(name: str, key: str, folder: Path = RESULTS) -> str:
 
 
 def wrong_quotes(text: str, folder: Path = RESULTS) -> list[str]:
-    return [f"{name}:{key} is {value_of(name, key, folder)}, quoted as {quoted}" for name, key, quoted in QUOTE.findall(text)
-            if quoted.strip() != value_of(name, key, folder)]
+    return [
+        f"{name}:{key} is {value_of(name, key, folder)}, quoted as {quoted}"
+        for name, key, quoted in QUOTE.findall(text)
+        if quoted.strip() != value_of(name, key, folder)
+    ]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
@@ -31,12 +36,24 @@ def test_pages_quote_the_results(page: Path) -> None:
 
 
 def test_a_wrong_quote_is_caught(tmp_path: Path) -> None:
-    (tmp_path / "demo.json").write_text(json.dumps({"right": 19, "runs": [{"gap": 1.5}]}), encoding="utf-8")
-    assert wrong_quotes("<!--result demo:right-->19<!--end--> <!--result demo:runs.0.gap-->1.5<!--end-->", tmp_path) == []
+    (tmp_path / "demo.json").write_text(
+        json.dumps({"right": 19, "runs": [{"gap": 1.5}]}), encoding="utf-8"
+    )
+    assert (
+        wrong_quotes(
+            "<!--result demo:right-->19<!--end--> <!--result demo:runs.0.gap-->1.5<!--end-->",
+            tmp_path,
+        )
+        == []
+    )
     assert len(wrong_quotes("<!--result demo:right-->20<!--end-->", tmp_path)) == 1
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_links_of_a_page_lead_somewhere(page: Path) -> None:
-    links = [link.split("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")) if "://" not in link]
+    links = [
+        link.split("#")[0]
+        for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8"))
+        if "://" not in link
+    ]
     assert [link for link in links if link and not (page.parent / link).exists()] == []

@@ -1,4 +1,6 @@
-"""Every C and C++ file is laid out as .clang-format says; the check is itself tried on a file that is not."""
+"""Every C and C++ file is laid out as .clang-format says; the check is itself tried on a file that
+is not.
+"""
 
 import shutil
 from pathlib import Path
@@ -6,7 +8,9 @@ from pathlib import Path
 import layout
 import pytest
 
-pytestmark = pytest.mark.skipif(not shutil.which("clang-format"), reason="clang-format is not installed")
+pytestmark = pytest.mark.skipif(
+    not shutil.which("clang-format"), reason="clang-format is not installed"
+)
 
 
 def test_files_are_formatted() -> None:

@@ -33,7 +33,12 @@ def test_imports_go_one_way() -> None:
 
 def test_functions_are_short() -> None:
     broken = [v for path in PY_FILES for v in house.long_python_functions(path, read(path))]
-    broken += [v for path in C_FILES if not path.startswith(GENERATED) for v in house.long_c_functions(path, read(path))]
+    broken += [
+        v
+        for path in C_FILES
+        if not path.startswith(GENERATED)
+        for v in house.long_c_functions(path, read(path))
+    ]
     assert not broken, explain(broken)
 
 
@@ -50,40 +55,74 @@ def test_simavr_stays_in_the_bench_tool() -> None:
 def test_gpl_is_said_in_each_file_of_the_bench_tool() -> None:
     files = [path for path in C_FILES if path.startswith("hil/board/")]
     assert files
-    assert [path for path in files if "SPDX-License-Identifier: GPL-3.0-or-later" not in read(path)] == []
+    assert [
+        path for path in files if "SPDX-License-Identifier: GPL-3.0-or-later" not in read(path)
+    ] == []
     licence = read("hil/board/COPYING")
-    assert "GNU GENERAL PUBLIC LICENSE\n                       Version 3" in licence and "END OF TERMS AND CONDITIONS" in licence
+    assert (
+        "GNU GENERAL PUBLIC LICENSE\n                       Version 3" in licence
+        and "END OF TERMS AND CONDITIONS" in licence
+    )
     assert "hil/board/COPYING" in read("README.md")
 
 
-PLACES = re.compile(r"(?<![\w.])/(?:work|home|root|srv|mnt|opt|tmp)/\w|\b(?:10|127|192\.168)\.\d+\.\d+\.\d+\b|index[-]url")
+PLACES = re.compile(
+    r"(?<![\w.])/(?:work|home|root|srv|mnt|opt|tmp)/\w|\b(?:10|127|192\.168)\.\d+\.\d+\.\d+\b|index[-]url"
+)
 
 
 def test_no_file_names_a_place_on_somebodys_machine() -> None:
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=house.ROOT, capture_output=True, check=False)
+    listed = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=house.ROOT, capture_output=True, check=False
+    )
     if listed.returncode:
         pytest.skip("not in a git work tree")
-    texts = {path: (house.ROOT / path).read_bytes() for path in listed.stdout.decode().split("\0") if (house.ROOT / path).is_file()}
-    found = [f"{path}: {match.group()}" for path, text in texts.items() if b"\0" not in text
-             for match in PLACES.finditer(text.decode("utf-8", errors="replace"))]
+    texts = {
+        path: (house.ROOT / path).read_bytes()
+        for path in listed.stdout.decode().split("\0")
+        if (house.ROOT / path).is_file()
+    }
+    found = [
+        f"{path}: {match.group()}"
+        for path, text in texts.items()
+        if b"\0" not in text
+        for match in PLACES.finditer(text.decode("utf-8", errors="replace"))
+    ]
     assert found == []
 
 
-@pytest.mark.parametrize("text", ["see /" + "work/main", "cd /" + "home/me", "http://10" + ".1.2.3/simple", "--index" + "-url x"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "see /" + "work/main",
+        "cd /" + "home/me",
+        "http://10" + ".1.2.3/simple",
+        "--index" + "-url x",
+    ],
+)
 def test_a_place_is_caught(text: str) -> None:
-    assert PLACES.search(text) and not PLACES.search("the work/home/root of 3.14/opt/x, /dev/ttyACM0, ../shared/tmp/x")
+    assert PLACES.search(text) and not PLACES.search(
+        "the work/home/root of 3.14/opt/x, /dev/ttyACM0, ../shared/tmp/x"
+    )
 
 
-@pytest.mark.parametrize(("path", "line"), [
-    ("firmware/core/x.c", '#include "hal/hal.h"'),
-    ("firmware/controllers/x.c", '#include "drivers/h_bridge.h"'),
-    ("firmware/telemetry/x.c", '#include "app/app.h"'),
-    ("plant/x.cpp", '#include "hal/hal.h"'),
-    ("tests/truth/x.cpp", '#include "plant/motor.hpp"'),
-])
+@pytest.mark.parametrize(
+    ("path", "line"),
+    [
+        ("firmware/core/x.c", '#include "hal/hal.h"'),
+        ("firmware/controllers/x.c", '#include "drivers/h_bridge.h"'),
+        ("firmware/telemetry/x.c", '#include "app/app.h"'),
+        ("plant/x.cpp", '#include "hal/hal.h"'),
+        ("tests/truth/x.cpp", '#include "plant/motor.hpp"'),
+    ],
+)
 def test_the_include_law_catches(path: str, line: str) -> None:
-    known = {"hal/hal.h": "firmware/hal/hal.h", "drivers/h_bridge.h": "firmware/drivers/h_bridge.h", "app/app.h": "firmware/app/app.h",
-             "plant/motor.hpp": "plant/motor.hpp"}
+    known = {
+        "hal/hal.h": "firmware/hal/hal.h",
+        "drivers/h_bridge.h": "firmware/drivers/h_bridge.h",
+        "app/app.h": "firmware/app/app.h",
+        "plant/motor.hpp": "plant/motor.hpp",
+    }
     assert len(house.include_violations(path, line, known)) == 1
     assert house.include_violations("tests/unit/x.cpp", line, known) == []
 
@@ -91,31 +130,61 @@ def test_the_include_law_catches(path: str, line: str) -> None:
 def test_the_other_laws_catch() -> None:
     long_c = "static void f(void) {\n" + "    x();\n" * 60 + "}\n"
     long_py = "def f():\n" + "    x()\n" * 61
-    assert house.long_c_functions("a.c", long_c) and not house.long_c_functions("a.c", long_c.replace("    x();\n" * 5, "", 1))
+    assert house.long_c_functions("a.c", long_c) and not house.long_c_functions(
+        "a.c", long_c.replace("    x();\n" * 5, "", 1)
+    )
     assert house.long_python_functions("a.py", long_py)
     assert house.import_violations("tests/truth/a.py", "import vgroove.rig")
     assert house.import_violations("hil/vgroove/a.py", "from truth import x")
-    assert house.missing_opening("a.c", "#include <stdint.h>\n") and not house.missing_opening("a.c", "// What it is for.\n")
+    assert house.missing_opening("a.c", "#include <stdint.h>\n") and not house.missing_opening(
+        "a.c", "// What it is for.\n"
+    )
     simavr = "#include <simavr/sim_avr.h>"
-    assert house.gpl_violations("plant/a.cpp", simavr) and not house.gpl_violations("hil/board/a.c", simavr)
+    assert house.gpl_violations("plant/a.cpp", simavr) and not house.gpl_violations(
+        "hil/board/a.c", simavr
+    )
 
 
-@pytest.mark.parametrize(("around", "signature"), [
-    ("", "static void f(int16_t a,\n              int16_t b) {"), ("", "void\nf(void)\n{"), ("", "T C::f(int a) const noexcept {"),
-    ("", "C::C(int a)\n    : a_(a), b_{1}, c_(a ? 1 : 2) {"), ("", "template <class V, int N>\nV f(const V &a = V(1),\n    int b = 2) {"),
-    ("", "bool operator==(const A &a, const A &b) {"), ("", "struct A f(int a) {"), ("", "auto f(int a) -> int {"),
-    ("", "TEST(Suite, Name) {"), ("", "ISR(TIMER2_COMPA_vect) {"),
-    ("namespace a {\nclass B {\npublic:\n", "    int f(int a) override {"), ('extern "C" {\n', "int f() {")])
+@pytest.mark.parametrize(
+    ("around", "signature"),
+    [
+        ("", "static void f(int16_t a,\n              int16_t b) {"),
+        ("", "void\nf(void)\n{"),
+        ("", "T C::f(int a) const noexcept {"),
+        ("", "C::C(int a)\n    : a_(a), b_{1}, c_(a ? 1 : 2) {"),
+        ("", "template <class V, int N>\nV f(const V &a = V(1),\n    int b = 2) {"),
+        ("", "bool operator==(const A &a, const A &b) {"),
+        ("", "struct A f(int a) {"),
+        ("", "auto f(int a) -> int {"),
+        ("", "TEST(Suite, Name) {"),
+        ("", "ISR(TIMER2_COMPA_vect) {"),
+        ("namespace a {\nclass B {\npublic:\n", "    int f(int a) override {"),
+        ('extern "C" {\n', "int f() {"),
+    ],
+)
 def test_a_long_c_function_is_found_however_it_is_written(around: str, signature: str) -> None:
     body = "    if (x) {  // }\n        y(\"}\", '{');\n    }\n" * 18
     fill = 60 - 54 - len(signature.split("\n")) - 1
     for more, found in ((0, 0), (1, 1)):
-        text = around + signature + "\n" + body + "    z();\n" * (fill + more) + "}\n" * (1 + around.count("{"))
+        text = (
+            around
+            + signature
+            + "\n"
+            + body
+            + "    z();\n" * (fill + more)
+            + "}\n" * (1 + around.count("{"))
+        )
         assert len(house.long_c_functions("a.cpp", text)) == found, text
 
 
 def test_long_data_is_no_long_function() -> None:
-    for head in ("static const int TABLE[] = {", "enum Mode {", "struct alignas(16) A {", "const A a = make(b) + {", "namespace x {"):
+    for head in (
+        "static const int TABLE[] = {",
+        "enum Mode {",
+        "struct alignas(16) A {",
+        "const A a = make(b) + {",
+        "namespace x {",
+    ):
         assert house.long_c_functions("a.cpp", head + "\n" + "    1,\n" * 80 + "};\n") == []
 
 

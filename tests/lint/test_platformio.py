@@ -1,4 +1,6 @@
-"""platformio.ini builds what CMake builds: the same sources, flags, warnings and clock, and the same files for speed."""
+"""platformio.ini builds what CMake builds: the same sources, flags, warnings and clock, and the
+same files for speed.
+"""
 
 import configparser
 import re
@@ -7,7 +9,8 @@ from pathlib import Path
 import house
 
 FIRMWARE = house.ROOT / "firmware"
-NOT_OF_CMAKE = {"-Ifirmware", "-std=c11"}  # CMake says these by target_include_directories and CMAKE_C_STANDARD
+# CMake says these by target_include_directories and CMAKE_C_STANDARD
+NOT_OF_CMAKE = {"-Ifirmware", "-std=c11"}
 NOT_OF_PLATFORMIO = {"-mmcu=${VGROOVE_MCU}", "-DF_CPU=16000000UL"}  # its boards' own
 BOARDS = {"uno": "uno", "mega": "megaatmega2560"}  # ATmega328P and ATmega2560
 
@@ -26,20 +29,31 @@ def flags_of_cmake() -> set[str]:
     avr, root = (FIRMWARE / "avr.cmake").read_text(), (house.ROOT / "CMakeLists.txt").read_text()
     flags = set(re.search(r"set\(avr_flags ([^)]*)\)", avr)[1].split())
     flags |= set(re.findall(r"-Wl,--(?:gc-sections|sort-section=alignment)", avr))
-    warnings = re.search(r"target_compile_options\(vgroove_warnings INTERFACE(.*?)\)\n", root, re.DOTALL)[1]
+    warnings = re.search(
+        r"target_compile_options\(vgroove_warnings INTERFACE(.*?)\)\n", root, re.DOTALL
+    )[1]
     return (flags | set(re.findall(r"-W[a-z][\w-]*", warnings))) - NOT_OF_PLATFORMIO
 
 
 def sources_of_cmake() -> set[str]:
-    listed = re.search(r"set\(firmware_sources(.*?)\)", (FIRMWARE / "CMakeLists.txt").read_text(), re.DOTALL)[1].split()
-    avr = re.search(r"add_executable\(vgroove \$\{firmware_sources\}([^)]*)\)", (FIRMWARE / "avr.cmake").read_text())[1].split()
+    listed = re.search(
+        r"set\(firmware_sources(.*?)\)", (FIRMWARE / "CMakeLists.txt").read_text(), re.DOTALL
+    )[1].split()
+    avr = re.search(
+        r"add_executable\(vgroove \$\{firmware_sources\}([^)]*)\)",
+        (FIRMWARE / "avr.cmake").read_text(),
+    )[1].split()
     return set(listed) | set(avr)
 
 
 def sources_of_platformio(parser: configparser.ConfigParser, root: Path = FIRMWARE) -> set[str]:
     """C files that build_src_filter selects, as PlatformIO reads it: +<folder/> or +<pattern>."""
     patterns = re.findall(r"\+<([^>]*)>", parser["env"]["build_src_filter"])
-    found = (path for pattern in patterns for path in root.glob(pattern + "**/*.c" if pattern.endswith("/") else pattern))
+    found = (
+        path
+        for pattern in patterns
+        for path in root.glob(pattern + "**/*.c" if pattern.endswith("/") else pattern)
+    )
     return {path.relative_to(root).as_posix() for path in found}
 
 
@@ -56,15 +70,24 @@ def test_clock_boards_and_rates() -> None:
     assert parser["env"]["board_build.f_cpu"] == "16000000L"
     assert {name: parser[f"env:{name}"]["board"] for name in BOARDS} == BOARDS
     assert parser["env"]["monitor_speed"] == "250000"
-    assert not any(option.startswith("framework") for section in parser.sections() for option in parser[section]), "bare AVR"
+    assert not any(
+        option.startswith("framework")
+        for section in parser.sections()
+        for option in parser[section]
+    ), "bare AVR"
 
 
 def test_the_files_for_speed_come_from_cmake() -> None:
     scripts = re.findall(r"pre:(\S+)", ini()["env"]["extra_scripts"])
     assert all((house.ROOT / script).is_file() for script in scripts)
     assert "firmware/hal/avr/platformio_speed.py" in scripts
-    pattern = re.search(r're\.findall\(r"(.*?)", cmake\)', (FIRMWARE / "hal/avr/platformio_speed.py").read_text())[1]
-    listed = {option: set(names.split()) for names, option in re.findall(pattern, (FIRMWARE / "avr.cmake").read_text())}
+    pattern = re.search(
+        r're\.findall\(r"(.*?)", cmake\)', (FIRMWARE / "hal/avr/platformio_speed.py").read_text()
+    )[1]
+    listed = {
+        option: set(names.split())
+        for names, option in re.findall(pattern, (FIRMWARE / "avr.cmake").read_text())
+    }
     assert listed.keys() == {"-O2", "-fno-inline-small-functions"}
     assert "hal/avr/isr.c" in listed["-O2"] and set.union(*listed.values()) <= sources_of_cmake()
 

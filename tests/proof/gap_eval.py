@@ -1,4 +1,6 @@
-"""Diagnose folders of labelled cases and count: `gap_eval.py DIR [DIR ...] [--jobs N] [--json FILE]`; labels are read after verdicts."""
+"""Diagnose folders of labelled cases and count: `gap_eval.py DIR [DIR ...] [--jobs N] [--json
+FILE]`; labels are read after verdicts.
+"""
 
 import argparse
 import json
@@ -10,12 +12,15 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does: the plant has threads of its own
+# as the command line does: the plant has threads of its own
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from vgroove.gap.diagnose import diagnose  # noqa: E402
 from vgroove.rig import read_rig  # noqa: E402
 
-HIDDEN = 1.05  # a gap that retuning brings below this: stated tolerances explain the effect, `none` is what the contract asks for
+# a gap that retuning brings below this: stated tolerances explain the effect, `none` is what the
+# contract asks for
+HIDDEN = 1.05
 
 
 def judge(folder: Path) -> dict[str, Any]:
@@ -24,23 +29,48 @@ def judge(folder: Path) -> dict[str, Any]:
     try:
         verdict = diagnose([folder / "log.csv"], read_rig(folder / "rig.toml")).verdict
     except Exception as error:  # the count goes on
-        verdict = {"verdict": f"crash: {error}", "selected": [], "indistinguishable": [], "effects": [],
-                   "gap": dict.fromkeys(("before", "retuned", "after"), float("nan")) | {"closed": None}}
+        verdict = {
+            "verdict": f"crash: {error}",
+            "selected": [],
+            "indistinguishable": [],
+            "effects": [],
+            "gap": dict.fromkeys(("before", "retuned", "after"), float("nan")) | {"closed": None},
+        }
     seconds, busy = time.perf_counter() - start, time.process_time() - busy
     label = json.loads((folder / "label.json").read_text())
-    return {"case": str(folder), "label": label, "verdict": verdict, "seconds": seconds, "cpu_seconds": busy} | score(label, verdict)
+    return {
+        "case": str(folder),
+        "label": label,
+        "verdict": verdict,
+        "seconds": seconds,
+        "cpu_seconds": busy,
+    } | score(label, verdict)
 
 
 def score(label: dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
-    """right: verdict and names as labelled; first: the first name is true; tie: ambiguous, truth among the rivals; hidden: see HIDDEN."""
+    """right: verdict and names as labelled; first: the first name is true; tie: ambiguous, truth
+    among the rivals; hidden: see HIDDEN.
+    """
     wanted, named, kind = label.get("accept", []), verdict["selected"], verdict["verdict"]
     if label["label"] != "effect":
-        return {"right": kind == label["label"], "first": kind == label["label"], "tie": False, "hidden": False}
+        return {
+            "right": kind == label["label"],
+            "first": kind == label["label"],
+            "tie": False,
+            "hidden": False,
+        }
     rivals = {r["id"] for r in verdict["indistinguishable"]} | set(named)
-    right = kind == "effect" and len(named) == len(wanted) and all(any(i in ids for i in named) for ids in wanted)
-    return {"right": right, "first": bool(named) and any(named[0] in ids for ids in wanted),
-            "tie": kind == "ambiguous" and all(any(i in ids for i in rivals) for ids in wanted),
-            "hidden": kind == "none" and verdict["gap"]["retuned"] < HIDDEN <= verdict["gap"]["before"]}
+    right = (
+        kind == "effect"
+        and len(named) == len(wanted)
+        and all(any(i in ids for i in named) for ids in wanted)
+    )
+    return {
+        "right": right,
+        "first": bool(named) and any(named[0] in ids for ids in wanted),
+        "tie": kind == "ambiguous" and all(any(i in ids for i in rivals) for ids in wanted),
+        "hidden": kind == "none" and verdict["gap"]["retuned"] < HIDDEN <= verdict["gap"]["before"],
+    }
 
 
 def row(result: dict[str, Any]) -> str:
@@ -51,14 +81,20 @@ def row(result: dict[str, Any]) -> str:
     rivals = ",".join(r["id"] for r in verdict["indistinguishable"])
     top = verdict["effects"][0]["probability"] if verdict["effects"] else 0.0
     sizes = "/".join(f"{v:.1f}" for v in label.get("times_visible", {}).values())
-    return (f"{mark:6s} {Path(result['case']).name} {label.get('profile', ''):11s} {truth} x{sizes} -> {verdict['verdict']} "
-            f"{'+'.join(verdict['selected'])} [{rivals}] p {top:.2f} gap {gap['before']:.2f}/{gap['retuned']:.2f}/{gap['after']:.2f} "
-            f"{result['seconds']:.1f} s (cpu {result['cpu_seconds']:.1f})")
+    return (
+        f"{mark:6s} {Path(result['case']).name} {label.get('profile', ''):11s} {truth} x{sizes} -> {verdict['verdict']} "
+        f"{'+'.join(verdict['selected'])} [{rivals}] p {top:.2f} gap {gap['before']:.2f}/{gap['retuned']:.2f}/{gap['after']:.2f} "
+        f"{result['seconds']:.1f} s (cpu {result['cpu_seconds']:.1f})"
+    )
 
 
 def kind_of(label: dict[str, Any]) -> str:
     """none, unlisted, single, pair or triple."""
-    return label["label"] if label["label"] != "effect" else ("single", "pair", "triple")[min(len(label["ids"]), 3) - 1]
+    return (
+        label["label"]
+        if label["label"] != "effect"
+        else ("single", "pair", "triple")[min(len(label["ids"]), 3) - 1]
+    )
 
 
 def totals(results: list[dict[str, Any]]) -> list[str]:
@@ -69,27 +105,48 @@ def totals(results: list[dict[str, Any]]) -> list[str]:
         counts = {k: sum(r[k] for r in mine) for k in ("right", "tie", "hidden", "first")}
         if mine:
             lines.append(f"{kind:9s} {len(mine):4d} cases: {counts}")
-    wrong = [r for r in results if not r["first"] and r["verdict"]["selected"] and r["verdict"]["effects"][0]["probability"] >= 0.9]
+    wrong = [
+        r
+        for r in results
+        if not r["first"]
+        and r["verdict"]["selected"]
+        and r["verdict"]["effects"][0]["probability"] >= 0.9
+    ]
     lines.append(f"confident (>= 0.9) wrong first name: {len(wrong)} of {len(results)}")
     for what in ("seconds", "cpu_seconds"):
         times = sorted(r[what] for r in results)
         tenth = times[int(0.9 * (len(times) - 1))]
-        lines.append(f"{what}: median {times[len(times) // 2]:.1f}, tenth above {tenth:.1f}, most {times[-1]:.1f}")
+        lines.append(
+            f"{what}: median {times[len(times) // 2]:.1f}, tenth above {tenth:.1f}, most {times[-1]:.1f}"
+        )
     return lines + confusion(results) + closing(results)
 
 
 def confusion(results: list[dict[str, Any]]) -> list[str]:
     """Wrong answers as truth -> answer."""
     wrong = [r for r in results if not (r["right"] or r["tie"] or r["hidden"])]
-    names = Counter(("+".join(r["label"]["ids"]) or r["label"]["label"], f"{r['verdict']['verdict']} {'+'.join(r['verdict']['selected'])}")
-                    for r in wrong)
+    names = Counter(
+        (
+            "+".join(r["label"]["ids"]) or r["label"]["label"],
+            f"{r['verdict']['verdict']} {'+'.join(r['verdict']['selected'])}",
+        )
+        for r in wrong
+    )
     return [f"  {count} x {truth} -> {answer}" for (truth, answer), count in names.most_common()]
 
 
 def closing(results: list[dict[str, Any]]) -> list[str]:
     """Share of the gap closed where the answer is right."""
-    closed = sorted(r["verdict"]["gap"]["closed"] for r in results if r["right"] and r["verdict"]["gap"]["closed"] is not None)
-    return [f"closed (right answers): median {closed[len(closed) // 2]:.3f}, least {closed[0]:.3f}"] if closed else []
+    closed = sorted(
+        r["verdict"]["gap"]["closed"]
+        for r in results
+        if r["right"] and r["verdict"]["gap"]["closed"] is not None
+    )
+    return (
+        [f"closed (right answers): median {closed[len(closed) // 2]:.3f}, least {closed[0]:.3f}"]
+        if closed
+        else []
+    )
 
 
 def main(arguments: list[str]) -> int:
@@ -98,7 +155,10 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--json", type=Path)
     args = parser.parse_args(arguments)
-    cases, results = sorted(p.parent for folder in args.folders for p in folder.rglob("label.json")), []
+    cases, results = (
+        sorted(p.parent for folder in args.folders for p in folder.rglob("label.json")),
+        [],
+    )
     with ProcessPoolExecutor(args.jobs) as pool:
         for result in pool.map(judge, cases):
             results.append(result)

@@ -1,7 +1,9 @@
-"""How the cost of a diagnosis grows with the log's length and with the number of effects: `gap_growth.py [--json FILE]`, about two minutes.
+"""How the cost of a diagnosis grows with the log's length and with the number of effects:
+`gap_growth.py [--json FILE]`, about two minutes.
 
-One run of the plant with an effect in it, of several lengths; catalogues of every n-th effect beside the true one, the mean over all n
-beginnings, since effects differ in cost. Growth is the exponent of the processor time between the smallest and the largest, 1 is linear.
+One run of the plant with an effect in it, of several lengths; catalogues of every n-th effect
+beside the true one, the mean over all n beginnings, since effects differ in cost. Growth is the
+exponent of the processor time between the smallest and the largest, 1 is linear.
 """
 
 import argparse
@@ -12,7 +14,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does: the plant has threads of its own
+# as the command line does: the plant has threads of its own
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np  # noqa: E402
 from rich.console import Console  # noqa: E402
@@ -33,20 +36,33 @@ PERIOD_S = 3.0
 
 def cost(seconds: float, every: int = 1, begin: int = 0) -> dict[str, Any]:
     """One diagnosis: processor and wall seconds, simulated rows, what it said."""
-    levels = [(start + PERIOD_S * n, level) for n in range(int(seconds / PERIOD_S)) for start, level in PATTERN]
+    levels = [
+        (start + PERIOD_S * n, level)
+        for n in range(int(seconds / PERIOD_S))
+        for start, level in PATTERN
+    ]
     log = drive_log(rig().with_effects(EFFECT), seconds=seconds, levels=levels)
     kept = {next(iter(EFFECT)), *(e.id for e in CATALOGUE[begin::every])}
     wall, busy = time.perf_counter(), time.process_time()
     found = diagnose([log], rig(), without=[e.id for e in CATALOGUE if e.id not in kept])
     wall, busy = time.perf_counter() - wall, time.process_time() - busy
-    return {"log_s": seconds, "effects": len(found.search.effects), "cpu_s": busy, "wall_s": wall,
-            "runs": found.search.engine.calls, "named": found.verdict["selected"]}
+    return {
+        "log_s": seconds,
+        "effects": len(found.search.effects),
+        "cpu_s": busy,
+        "wall_s": wall,
+        "runs": found.search.engine.calls,
+        "named": found.verdict["selected"],
+    }
 
 
 def mean_cost(seconds: float, every: int) -> dict[str, Any]:
     """The mean over catalogues of every n-th effect."""
     parts = [cost(seconds, every, begin) for begin in range(every)]
-    means = {key: float(np.mean([part[key] for part in parts])) for key in ("log_s", "effects", "cpu_s", "wall_s", "runs")}
+    means = {
+        key: float(np.mean([part[key] for part in parts]))
+        for key in ("log_s", "effects", "cpu_s", "wall_s", "runs")
+    }
     return means | {"named": sorted({name for part in parts for name in part["named"]})}
 
 
@@ -58,9 +74,16 @@ def growth(rows: list[dict[str, Any]], size: str, key: str) -> float:
 
 def gap_growth() -> dict[str, Any]:
     """Costs over lengths and over catalogues, and their exponents."""
-    lengths, catalogues = [cost(seconds) for seconds in SECONDS], [mean_cost(6.0, every) for every in EVERY]
-    return {"lengths": lengths, "catalogues": catalogues, "with_length": growth(lengths, "log_s", "cpu_s"),
-            "with_effects": growth(catalogues, "effects", "cpu_s")}
+    lengths, catalogues = (
+        [cost(seconds) for seconds in SECONDS],
+        [mean_cost(6.0, every) for every in EVERY],
+    )
+    return {
+        "lengths": lengths,
+        "catalogues": catalogues,
+        "with_length": growth(lengths, "log_s", "cpu_s"),
+        "with_effects": growth(catalogues, "effects", "cpu_s"),
+    }
 
 
 def main(arguments: list[str]) -> None:
@@ -70,8 +93,15 @@ def main(arguments: list[str]) -> None:
     found = gap_growth()
     header = ["log, s", "effects", "processor, s", "wall, s", "runs of the log", "named"]
     for key, size in (("lengths", "with_length"), ("catalogues", "with_effects")):
-        rows = [[r["log_s"], r["effects"], r["cpu_s"], r["wall_s"], r["runs"], ", ".join(r["named"])] for r in found[key]]
-        Console().print(Table(key, f"Cost {size.replace('_', ' ')}: exponent {found[size]:.2f}", header, rows).as_rich())
+        rows = [
+            [r["log_s"], r["effects"], r["cpu_s"], r["wall_s"], r["runs"], ", ".join(r["named"])]
+            for r in found[key]
+        ]
+        Console().print(
+            Table(
+                key, f"Cost {size.replace('_', ' ')}: exponent {found[size]:.2f}", header, rows
+            ).as_rich()
+        )
     if args.json:
         args.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 

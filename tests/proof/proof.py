@@ -1,4 +1,6 @@
-"""`make proof`: what takes longer than a change may wait. Resumable: results are kept under build/proof until the commit changes."""
+"""`make proof`: what takes longer than a change may wait. Resumable: results are kept under
+build/proof until the commit changes.
+"""
 
 import argparse
 import json
@@ -18,14 +20,25 @@ from vgroove.control_bench.control import PARTS, Choice
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "docs" / "results"
 DEMO_SEEDS = range(1, 21)
-CONTROL_DRAWS = {"blows": 1, "sync": 1, "screwing": 3, "vibration": 1, "torque": 20, "drill": 10}  # times the bench's usual number of draws
+# times the bench's usual number of draws
+CONTROL_DRAWS = {"blows": 1, "sync": 1, "screwing": 3, "vibration": 1, "torque": 20, "drill": 10}
 CONTROL_ROWS_MOST = 250
 
 
 def commit() -> str:
     """Short hash of HEAD, with a plus sign when tracked files differ from it."""
-    head = subprocess.run(["git", "-C", ROOT, "rev-parse", "--short=10", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
-    dirty = subprocess.run(["git", "-C", ROOT, "diff", "--quiet", "HEAD", "--", ":!docs"], check=False).returncode != 0
+    head = subprocess.run(
+        ["git", "-C", ROOT, "rev-parse", "--short=10", "HEAD"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.strip()
+    dirty = (
+        subprocess.run(
+            ["git", "-C", ROOT, "diff", "--quiet", "HEAD", "--", ":!docs"], check=False
+        ).returncode
+        != 0
+    )
     return head + ("+" if dirty else "")
 
 
@@ -52,38 +65,82 @@ def demo(seed: int, folder: Path) -> dict:
 def demo_seeds(folder: Path, jobs: int) -> dict:
     """The demo for every seed: how many verdicts are right."""
     with ThreadPoolExecutor(jobs) as pool:
-        work = pool.map(lambda seed: kept(folder, f"demo_{seed}", lambda: demo(seed, folder)), DEMO_SEEDS)
+        work = pool.map(
+            lambda seed: kept(folder, f"demo_{seed}", lambda: demo(seed, folder)), DEMO_SEEDS
+        )
         runs = list(track(work, "demo", total=len(DEMO_SEEDS)))
-    rows = [{"seed": r["seed"], "right": r["right"], "verdict": r["verdict"], "selected": r["selected"], "truth": r["truth"].get("ids", []),
-             "label": r["truth"]["label"], "before": round(r["gap"]["before"], 3), "after": round(r["gap"]["after"], 3)} for r in runs]
+    rows = [
+        {
+            "seed": r["seed"],
+            "right": r["right"],
+            "verdict": r["verdict"],
+            "selected": r["selected"],
+            "truth": r["truth"].get("ids", []),
+            "label": r["truth"]["label"],
+            "before": round(r["gap"]["before"], 3),
+            "after": round(r["gap"]["after"], 3),
+        }
+        for r in runs
+    ]
     return {"right": sum(r["right"] for r in runs), "of": len(rows), "runs": rows}
 
 
 def gap_bench(half: str, folder: Path, jobs: int) -> dict:
-    """A half of the blind set, as a user runs it, single effects once more without their effect; the bench keeps its verdicts by itself."""
+    """A half of the blind set, as a user runs it, single effects once more without their effect;
+    the bench keeps its verdicts by itself.
+    """
     out = folder / f"gap_bench_{half}.json"
     out.parent.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "vgroove.cli", "gap", "bench", "--set", half, "--removed", "--jobs", str(jobs), "--json", out]
+    command = [
+        sys.executable,
+        "-m",
+        "vgroove.cli",
+        "gap",
+        "bench",
+        "--set",
+        half,
+        "--removed",
+        "--jobs",
+        str(jobs),
+        "--json",
+        out,
+    ]
     page = ["--page", ROOT / "docs/gap_bench.md"] if half == "report" else []
     subprocess.run([*command, *page], check=True, cwd=ROOT)
     return json.loads(out.read_text(encoding="utf-8"))
 
 
 def control(part: str, folder: Path, jobs: int) -> dict:
-    """The whole matrix of a part of the controllers' bench; finished cells are kept in the folder, pages quote summaries and goals."""
+    """The whole matrix of a part of the controllers' bench; finished cells are kept in the folder,
+    pages quote summaries and goals.
+    """
     choice = Choice(draws=CONTROL_DRAWS[part], workers=jobs, keep=folder / f"control_{part}")
     found = without_runs(PARTS[part](choice).data[part])
     goals = found.get("goals", [])
-    missed = [f"{goal['variant']}, {goal['set']}: {goal['goal']}" for goal in goals if not goal["met"]]
-    return {"goals_met": sum(goal["met"] for goal in goals), "goals_asked": len(goals), "missed": missed} | found
+    missed = [
+        f"{goal['variant']}, {goal['set']}: {goal['goal']}" for goal in goals if not goal["met"]
+    ]
+    return {
+        "goals_met": sum(goal["met"] for goal in goals),
+        "goals_asked": len(goals),
+        "missed": missed,
+    } | found
 
 
 def without_runs(part: dict) -> dict:
     """A part without its lists of single runs; cells of a matrix stay."""
-    return {key: value for key, value in part.items() if not (isinstance(value, list) and len(value) > CONTROL_ROWS_MOST)}
+    return {
+        key: value
+        for key, value in part.items()
+        if not (isinstance(value, list) and len(value) > CONTROL_ROWS_MOST)
+    }
 
 
-PROOFS = {"demo_seeds": demo_seeds, "gap_bench": partial(gap_bench, "report"), "gap_bench_tune": partial(gap_bench, "tune")}
+PROOFS = {
+    "demo_seeds": demo_seeds,
+    "gap_bench": partial(gap_bench, "report"),
+    "gap_bench_tune": partial(gap_bench, "tune"),
+}
 PROOFS |= {"gap_growth": lambda _folder, _jobs: gap_growth()}
 PROOFS |= {f"control_{part}": partial(control, part) for part in CONTROL_DRAWS}
 GROUPS = {"control": [f"control_{part}" for part in CONTROL_DRAWS]}
@@ -98,7 +155,9 @@ def main(arguments: list[str]) -> int:
     at = commit()
     RESULTS.mkdir(parents=True, exist_ok=True)
     for name in [name for asked in args.names or PROOFS for name in GROUPS.get(asked, [asked])]:
-        result = {"commit": at, "command": f"tests/proof/proof.py {name}"} | PROOFS[name](ROOT / "build" / "proof" / at, args.jobs)
+        result = {"commit": at, "command": f"tests/proof/proof.py {name}"} | PROOFS[name](
+            ROOT / "build" / "proof" / at, args.jobs
+        )
         (RESULTS / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
         Console().print(f"{name}: written to docs/results/{name}.json")
     return 0

@@ -1,4 +1,6 @@
-"""A page in a real Chromium: its elements after the scripts have run, what its console said, and what it loaded besides itself."""
+"""A page in a real Chromium: its elements after the scripts have run, what its console said, and
+what it loaded besides itself.
+"""
 
 import json
 import re
@@ -36,10 +38,22 @@ def need_chromium() -> str:
 def seen(page: Path) -> Seen:
     """The page as a browser sees it."""
     watched = page.with_name(f"watched_{page.name}")
-    watched.write_text(page.read_text(encoding="utf-8").replace("</head>", WATCH + "</head>", 1), encoding="utf-8")
-    command = [need_chromium(), "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--virtual-time-budget=8000",
-               "--dump-dom", watched.resolve().as_uri()]
+    watched.write_text(
+        page.read_text(encoding="utf-8").replace("</head>", WATCH + "</head>", 1), encoding="utf-8"
+    )
+    command = [
+        need_chromium(),
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--enable-logging=stderr",
+        "--virtual-time-budget=8000",
+        "--dump-dom",
+        watched.resolve().as_uri(),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     loaded = re.search(r'data-loaded="([^"]*)"', done.stdout)
     assert loaded, "the page's scripts have not come to their end"
-    return Seen(done.stdout, re.findall(r".*CONSOLE.*", done.stderr), json.loads(unescape(loaded[1])))
+    return Seen(
+        done.stdout, re.findall(r".*CONSOLE.*", done.stderr), json.loads(unescape(loaded[1]))
+    )

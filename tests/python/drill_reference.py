@@ -1,7 +1,9 @@
-"""Second opinion on the drill driver: physics.md sections 1 to 3 and 7 in SciPy, rtol 1e-10; shares no code with plant/.
+"""Second opinion on the drill driver: physics.md sections 1 to 3 and 7 in SciPy, rtol 1e-10; shares
+no code with plant/.
 
-A run is a chain of LSODA integrations, each ended by an event (motor breaks away or stops, clutch slips or grips, diodes block, pulse mode
-begins or ends) or by the clock (ramp, load, halves of pulse mode).
+A run is a chain of LSODA integrations, each ended by an event (motor breaks away or stops, clutch
+slips or grips, diodes block, pulse mode begins or ends) or by the clock (ramp, load, halves of
+pulse mode).
 """
 
 from dataclasses import dataclass, field
@@ -14,8 +16,9 @@ I, W, E, C, Q = range(5)  # noqa: E741  current, motor speed, twist, chuck speed
 
 
 class ChainedLsoda(LSODA):
-    """LSODA whose interpolant begins where its step began: its own polynomial misses that by the step's error, so that the sign of a guard
-    that is next to 0 there could change without a root."""
+    """LSODA whose interpolant begins where its step began: its own polynomial misses that by the
+    step's error, so that the sign of a guard that is next to 0 there could change without a root.
+    """
 
     def _step_impl(self) -> tuple[bool, str | None]:
         self.y_before = self.y.copy()
@@ -30,7 +33,9 @@ def chained(polynomial: object, y_before: np.ndarray) -> object:
     inside = polynomial._call_impl
 
     def impl(t: np.ndarray) -> np.ndarray:
-        return np.where(t == polynomial.t_old, y_before if t.ndim == 0 else y_before[:, None], inside(t))
+        return np.where(
+            t == polynomial.t_old, y_before if t.ndim == 0 else y_before[:, None], inside(t)
+        )
 
     polynomial._call_impl = impl
     return polynomial
@@ -60,7 +65,9 @@ class Drill:
 
 @dataclass
 class State:
-    """What holds between two events: signs of sliding and slipping, whether the bridge is open, and pulse mode's clock."""
+    """What holds between two events: signs of sliding and slipping, whether the bridge is open, and
+    pulse mode's clock.
+    """
 
     slide: int = 0
     slip: int = 0
@@ -73,7 +80,9 @@ class State:
 def stribeck(d: Drill, tc: float, w: float) -> float:
     """Section 3: T = sqrt(2e) (Tbrk - Tc) exp(-(w/wSt)^2) w/wSt + Tc tanh(w/wCoul), Tbrk = 1.2 Tc."""
     st, coul = np.sqrt(2.0) * d.w_brk, d.w_brk / 10.0
-    return np.sqrt(2.0 * np.e) * 0.2 * tc * np.exp(-((w / st) ** 2)) * w / st + tc * np.tanh(w / coul)
+    return np.sqrt(2.0 * np.e) * 0.2 * tc * np.exp(-((w / st) ** 2)) * w / st + tc * np.tanh(
+        w / coul
+    )
 
 
 def grip(d: Drill, y: np.ndarray) -> float:
@@ -108,7 +117,11 @@ def events_of(d: Drill, s: State) -> dict[str, object]:
         guards["break"] = lambda t, y: d.tc - abs(d.k * y[I] - grip(d, y) / d.n)
     else:
         guards["rest"] = lambda t, y: s.slide * y[W]
-    guards["clutch"] = (lambda t, y: s.slip * grip(d, y) - d.clutch) if s.slip else (lambda t, y: d.clutch - abs(grip(d, y)))
+    guards["clutch"] = (
+        (lambda t, y: s.slip * grip(d, y) - d.clutch)
+        if s.slip
+        else (lambda t, y: d.clutch - abs(grip(d, y)))
+    )
     if s.open:
         guards["diode"] = lambda t, y: y[I] if y[I] != 0.0 else 1.0
     if d.pulse and s.pulse_start is None:
@@ -119,7 +132,9 @@ def events_of(d: Drill, s: State) -> dict[str, object]:
 
 
 def normal_again(d: Drill, s: State, sol: object, t0: float, t1: float) -> float | None:
-    """First instant in t0..t1 at which the moving average over 0.1 s, tested from 0.1 s after pulse mode began, is below 8 A."""
+    """First instant in t0..t1 at which the moving average over 0.1 s, tested from 0.1 s after pulse
+    mode began, is below 8 A.
+    """
     if s.pulse_start is None or t1 < s.pulse_start + 0.1:
         return None
 
@@ -133,7 +148,11 @@ def normal_again(d: Drill, s: State, sol: object, t0: float, t1: float) -> float
     if not below.size:
         return None
     first = below[0]
-    return float(grid[0]) if first == 0 else float(brentq(over, grid[first - 1], grid[first], xtol=1e-12))
+    return (
+        float(grid[0])
+        if first == 0
+        else float(brentq(over, grid[first - 1], grid[first], xtol=1e-12))
+    )
 
 
 def switch_pulse(s: State, t: float) -> None:
@@ -165,16 +184,37 @@ def run(d: Drill, rows: np.ndarray) -> dict[str, np.ndarray]:
     s, y, t = State(), np.zeros(5), 0.0
     out = np.full((len(rows), 5), np.nan)
     while t < d.end - 1e-12:
-        clock = [x for x in (0.3, 2.0, 3.0, s.switch, d.end, np.inf if s.pulse_start is None else s.pulse_start + 0.1) if x > t + 1e-12]
+        clock = [
+            x
+            for x in (
+                0.3,
+                2.0,
+                3.0,
+                s.switch,
+                d.end,
+                np.inf if s.pulse_start is None else s.pulse_start + 0.1,
+            )
+            if x > t + 1e-12
+        ]
         stop = min(clock)
         guards = events_of(d, s)
-        found = solve_ivp(lambda u, x: rates(d, s, u, x), (t, np.nextafter(stop, 0.0)), y, ChainedLsoda, rtol=1e-10,
-                          atol=[1e-8, 1e-6, 1e-13, 1e-8, 1e-10], events=list(guards.values()), dense_output=True)
+        found = solve_ivp(
+            lambda u, x: rates(d, s, u, x),
+            (t, np.nextafter(stop, 0.0)),
+            y,
+            ChainedLsoda,
+            rtol=1e-10,
+            atol=[1e-8, 1e-6, 1e-13, 1e-8, 1e-10],
+            events=list(guards.values()),
+            dense_output=True,
+        )
         t1, name = (found.t[-1], None)
         for key, times in zip(guards, found.t_events, strict=True):
             name = key if times.size and times[0] == t1 else name
         again = normal_again(d, s, found.sol, t, t1)
-        t1, name = (again, "again") if again is not None and again < t1 else (t1 if name else stop, name)
+        t1, name = (
+            (again, "again") if again is not None and again < t1 else (t1 if name else stop, name)
+        )
         here = (rows >= t) & (rows <= t1)
         out[here] = found.sol(rows[here]).T if here.any() else np.empty((0, 5))
         s.pieces = [p for p in s.pieces if p[1] > t - 0.2] + [(t, t1, found.sol)]

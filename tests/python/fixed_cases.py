@@ -1,6 +1,8 @@
-"""Forty cases of the blind set's half for tuning that guard every change: made again from tests/truth/fixed_cases.json, judged, scored.
+"""Forty cases of the blind set's half for tuning that guard every change: made again from
+tests/truth/fixed_cases.json, judged, scored.
 
-`python tests/python/fixed_cases.py` judges all and prints the counts from which the floors of test_gap_fixed.py are set.
+`python tests/python/fixed_cases.py` judges all and prints the counts from which the floors of
+test_gap_fixed.py are set.
 """
 
 import json
@@ -27,25 +29,43 @@ def judged(row: dict, folder: Path) -> Scored:
     begin = time.process_time()
     verdict = diagnose([read_log(folder / "log.csv")], read_rig(folder / "rig.toml")).verdict
     seconds = time.process_time() - begin
-    return Scored(row["number"], folder.name, None, gap_bench.answer_of(case) | {"ties": row["ties"]}, verdict, seconds, seconds, 0.0)
+    return Scored(
+        row["number"],
+        folder.name,
+        None,
+        gap_bench.answer_of(case) | {"ties": row["ties"]},
+        verdict,
+        seconds,
+        seconds,
+        0.0,
+    )
 
 
 def story(cases: list[Scored]) -> str:
     """A line for each case, for whoever reads a failure."""
-    return "\n".join(f"{c.number} {c.kind} {'+'.join(c.answer['ids'])} {c.answer['times_visible']} -> {c.word} {'+'.join(c.selected)} "
-                     f"{'right' if c.right else 'WRONG'} {c.cpu_seconds:.1f} s" for c in cases)
+    return "\n".join(
+        f"{c.number} {c.kind} {'+'.join(c.answer['ids'])} {c.answer['times_visible']} -> {c.word} {'+'.join(c.selected)} "
+        f"{'right' if c.right else 'WRONG'} {c.cpu_seconds:.1f} s"
+        for c in cases
+    )
 
 
 def counts(cases: list[Scored]) -> dict[str, int]:
     """What the floors speak of."""
-    return {"of": len(cases), "right": sum(c.right for c in cases), "sure_and_wrong": sum(c.sure_and_wrong for c in cases),
-            "false_alarms": sum(c.kind == "none" and c.word != "none" for c in cases)}
+    return {
+        "of": len(cases),
+        "right": sum(c.right for c in cases),
+        "sure_and_wrong": sum(c.sure_and_wrong for c in cases),
+        "false_alarms": sum(c.kind == "none" and c.word != "none" for c in cases),
+    }
 
 
 def main() -> int:
     for place in (0, 1):
         with tempfile.TemporaryDirectory() as folder:
-            cases = [judged(row, Path(folder) / f"case_{n}") for n, row in enumerate(ROWS[place::2])]
+            cases = [
+                judged(row, Path(folder) / f"case_{n}") for n, row in enumerate(ROWS[place::2])
+            ]
         sys.stdout.write(f"{story(cases)}\n{counts(cases)}\n")
     return 0
 

@@ -1,6 +1,8 @@
-"""A small problem with the interface of gap/problem.py, made of numpy alone: tests of the decision logic need neither plant nor logs.
+"""A small problem with the interface of gap/problem.py, made of numpy alone: tests of the decision
+logic need neither plant nor logs.
 
-Windows of 0.25 s restart from the true state and run in parallel; the winding's inductance is left out, so that steps of 1 ms are enough.
+Windows of 0.25 s restart from the true state and run in parallel; the winding's inductance is left
+out, so that steps of 1 ms are enough.
 """
 
 from dataclasses import dataclass
@@ -12,16 +14,50 @@ from vgroove.gap.folds import settle
 from vgroove.gap.hypotheses import BY_ID, CATALOGUE, Scales
 
 DT, WINDOW, COUNT = 1e-3, 250, 24
-RIG = {"motor.resistance_ohm": 0.19, "motor.torque_constant_nm_per_a": 0.0109, "motor.inertia_kg_m2": 1.8e-5,
-       "motor.viscous_nm_s_per_rad": 4.5e-6, "motor.coulomb_nm": 0.012, "supply.voltage_v": 18.0}
+RIG = {
+    "motor.resistance_ohm": 0.19,
+    "motor.torque_constant_nm_per_a": 0.0109,
+    "motor.inertia_kg_m2": 1.8e-5,
+    "motor.viscous_nm_s_per_rad": 4.5e-6,
+    "motor.coulomb_nm": 0.012,
+    "supply.voltage_v": 18.0,
+}
 NEUTRAL = {"effects.stribeck_friction.speed_rad_s": 1.0}
 SIGMA = {"current_a": 0.15, "speed_rpm": 20.0, "supply_v": 0.02}
 KINDS = frozenset({"duty", "voltage", "current", "speed", "supply", "both"})
-MODELLED = ("supply_resistance", "winding_resistance", "brush_drop", "torque_constant", "coulomb_friction", "viscous_friction",
-            "stribeck_friction", "quadratic_drag", "asymmetric_friction", "directional_viscous", "added_inertia", "current_gain",
-            "current_offset", "speed_gain", "transport_delay")
-SCALES = Scales(volt=18.0, amp=40.0, speed=1500.0, torque=0.4, inertia=1.8e-5, motor_inertia=1.8e-5, resistance=0.19, coulomb=0.012,
-                viscous=4.5e-6, ratio=5.6, duration=6.0, interval=1e-3, pwm_hz=2e4, supply_ohm=0.0)
+MODELLED = (
+    "supply_resistance",
+    "winding_resistance",
+    "brush_drop",
+    "torque_constant",
+    "coulomb_friction",
+    "viscous_friction",
+    "stribeck_friction",
+    "quadratic_drag",
+    "asymmetric_friction",
+    "directional_viscous",
+    "added_inertia",
+    "current_gain",
+    "current_offset",
+    "speed_gain",
+    "transport_delay",
+)
+SCALES = Scales(
+    volt=18.0,
+    amp=40.0,
+    speed=1500.0,
+    torque=0.4,
+    inertia=1.8e-5,
+    motor_inertia=1.8e-5,
+    resistance=0.19,
+    coulomb=0.012,
+    viscous=4.5e-6,
+    ratio=5.6,
+    duration=6.0,
+    interval=1e-3,
+    pwm_hz=2e4,
+    supply_ohm=0.0,
+)
 
 
 @dataclass
@@ -36,11 +72,21 @@ class Signal:
 class Toy:
     """Simulates itself with hidden effects, adds noise, and offers residuals."""
 
-    def __init__(self, hidden: dict[str, float], seed: int = 1, still_speed: bool = False, hum: float = 0.0) -> None:
-        self.parameters = [*RIG, *(e.name(p) for e in CATALOGUE for p in e.parameters),
-                           "effects.speed_lag.delay_form", "effects.clock_skew.command_clock"]
+    def __init__(
+        self, hidden: dict[str, float], seed: int = 1, still_speed: bool = False, hum: float = 0.0
+    ) -> None:
+        self.parameters = [
+            *RIG,
+            *(e.name(p) for e in CATALOGUE for p in e.parameters),
+            "effects.speed_lag.delay_form",
+            "effects.clock_skew.command_clock",
+        ]
         self.theta0 = np.array([RIG.get(n, NEUTRAL.get(n, 0.0)) for n in self.parameters])
-        self.signals = [Signal("current_a", "A", 0.15), Signal("speed_rpm", "rpm", 20.0), Signal("supply_v", "V", 0.02)]
+        self.signals = [
+            Signal("current_a", "A", 0.15),
+            Signal("speed_rpm", "rpm", 20.0),
+            Signal("supply_v", "V", 0.02),
+        ]
         t = np.arange(COUNT * WINDOW) * DT
         self.duty = np.where(t > 0.4, 0.6, 0.0) if still_speed else duty(t)
         truth = self.theta0.copy()
@@ -48,8 +94,10 @@ class Toy:
             truth[self.index(name)] = value
         self.starts = np.zeros(COUNT)
         whole = self._run(truth[None, :], self.duty[None, :], np.zeros((1, 1)))
-        speed = whole[1, 0] * np.pi / 30.0 / (1.0 + truth[self.index("effects.speed_gain.relative")])
-        self.starts = np.concatenate([[0.0], speed[WINDOW - 1:-1:WINDOW]])
+        speed = (
+            whole[1, 0] * np.pi / 30.0 / (1.0 + truth[self.index("effects.speed_gain.relative")])
+        )
+        self.starts = np.concatenate([[0.0], speed[WINDOW - 1 : -1 : WINDOW]])
         exact = self.simulate(truth[None, :])[:, 0]
         rng = np.random.default_rng(seed)
         sigma = np.array([s.sigma for s in self.signals])[:, None]
@@ -78,7 +126,9 @@ class Toy:
 
     def simulate(self, theta: np.ndarray) -> np.ndarray:
         """Signals (3, B, n)."""
-        out = self._run(theta, self.duty.reshape(COUNT, WINDOW), self.starts[None, :].repeat(len(theta), 0))
+        out = self._run(
+            theta, self.duty.reshape(COUNT, WINDOW), self.starts[None, :].repeat(len(theta), 0)
+        )
         return out.reshape(3, len(theta), -1)
 
     def _run(self, theta: np.ndarray, commands: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -94,33 +144,65 @@ class Toy:
         times = (np.arange(commands.size) * DT).reshape(commands.shape)
         rows = []
         for n in range(commands.shape[1]):
-            d = np.interp(times[:, n][None, :] - e("transport_delay.delay_s"), np.arange(self.duty.size) * DT, self.duty)
+            d = np.interp(
+                times[:, n][None, :] - e("transport_delay.delay_s"),
+                np.arange(self.duty.size) * DT,
+                self.duty,
+            )
             emf = k * w
-            i = (d * p("supply.voltage_v") - emf) / (r + d * d * e("supply_resistance.resistance_ohm"))
+            i = (d * p("supply.voltage_v") - emf) / (
+                r + d * d * e("supply_resistance.resistance_ohm")
+            )
             drop = np.minimum(np.abs(i) * r, e("brush_drop.voltage_v"))
             i = i - np.sign(i) * drop / r
             s = np.tanh(w / 2.0)
             friction = (p("motor.coulomb_nm") + e("coulomb_friction.torque_nm")) * s + (
-                p("motor.viscous_nm_s_per_rad") + e("viscous_friction.nm_s_per_rad")) * w
-            friction = friction + e("stribeck_friction.breakaway_nm") * np.exp(-(w / e("stribeck_friction.speed_rad_s")) ** 2) * s
-            friction = friction + e("quadratic_drag.nm_s2_per_rad2") * w * np.abs(w) + e("directional_viscous.nm_s_per_rad") * np.abs(w)
-            friction = friction + np.where(s > 0, s * e("asymmetric_friction.forward_nm"), s * e("asymmetric_friction.backward_nm"))
+                p("motor.viscous_nm_s_per_rad") + e("viscous_friction.nm_s_per_rad")
+            ) * w
+            friction = (
+                friction
+                + e("stribeck_friction.breakaway_nm")
+                * np.exp(-((w / e("stribeck_friction.speed_rad_s")) ** 2))
+                * s
+            )
+            friction = (
+                friction
+                + e("quadratic_drag.nm_s2_per_rad2") * w * np.abs(w)
+                + e("directional_viscous.nm_s_per_rad") * np.abs(w)
+            )
+            friction = friction + np.where(
+                s > 0,
+                s * e("asymmetric_friction.forward_nm"),
+                s * e("asymmetric_friction.backward_nm"),
+            )
             w = w + DT * (k * i - friction) / inertia
-            rows.append((i * (1 + e("current_gain.relative")) + e("current_offset.offset_a"),
-                         w * 30 / np.pi * (1 + e("speed_gain.relative")),
-                         p("supply.voltage_v") - e("supply_resistance.resistance_ohm") * d * i))
+            rows.append(
+                (
+                    i * (1 + e("current_gain.relative")) + e("current_offset.offset_a"),
+                    w * 30 / np.pi * (1 + e("speed_gain.relative")),
+                    p("supply.voltage_v") - e("supply_resistance.resistance_ohm") * d * i,
+                )
+            )
         stacked = np.stack([np.stack(np.broadcast_arrays(*row)) for row in rows], axis=-1)
         return stacked.reshape(3, len(theta), -1)
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:
         """Normalised, (B, n)."""
         sim = self.simulate(np.atleast_2d(theta))
-        return ((self.measured_rows[:, None] - sim) / np.array([s.sigma for s in self.signals])[:, None, None]).transpose(1, 0, 2).reshape(
-            len(np.atleast_2d(theta)), -1)
+        return (
+            (
+                (self.measured_rows[:, None] - sim)
+                / np.array([s.sigma for s in self.signals])[:, None, None]
+            )
+            .transpose(1, 0, 2)
+            .reshape(len(np.atleast_2d(theta)), -1)
+        )
 
     def gap(self, r: np.ndarray, mask: np.ndarray | None = None) -> float:
         """Clipped RMS."""
-        return float(np.sqrt((np.clip(r[self.judged if mask is None else mask], -10, 10) ** 2).mean()))
+        return float(
+            np.sqrt((np.clip(r[self.judged if mask is None else mask], -10, 10) ** 2).mean())
+        )
 
     def floor(self, mask: np.ndarray | None = None) -> float:
         """The noise is exact here."""
@@ -128,8 +210,11 @@ class Toy:
 
     def gap_by_signal(self, r: np.ndarray, mask: np.ndarray) -> dict[str, float]:
         """RMS in units."""
-        return {s.column: s.sigma * float(np.sqrt((np.clip(r[mask & (self.signal == i)], -10, 10) ** 2).mean()))
-                for i, s in enumerate(self.signals)}
+        return {
+            s.column: s.sigma
+            * float(np.sqrt((np.clip(r[mask & (self.signal == i)], -10, 10) ** 2).mean()))
+            for i, s in enumerate(self.signals)
+        }
 
     def floor_by_signal(self, mask: np.ndarray) -> dict[str, float]:
         """What noise alone gives."""

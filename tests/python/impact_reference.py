@@ -1,12 +1,16 @@
-"""Second opinion on the impact mechanism: physics.md sections 1, 2, 4, 5 and 6 integrated by SciPy at rtol 1e-10.
+"""Second opinion on the impact mechanism: physics.md sections 1, 2, 4, 5 and 6 integrated by SciPy
+at rtol 1e-10.
 
-Written from that page alone; shares no code with plant/. Contact, lug, joint and friction are modes: inside a mode the right-hand
-side is smooth, and a mode ends where one of its margins passes zero, located to rounding. Slow on purpose, so the runs that the
-tests compare with are kept in impact_reference.json, made by `python tests/python/impact_reference.py [CASE...]` (Radau, ten minutes).
+Written from that page alone; shares no code with plant/. Contact, lug, joint and friction are
+modes: inside a mode the right-hand side is smooth, and a mode ends where one of its margins passes
+zero, located to rounding. Slow on purpose, so the runs that the tests compare with are kept in
+impact_reference.json, made by `python tests/python/impact_reference.py [CASE...]` (Radau, ten
+minutes).
 
-Where the page leaves room: the hammer's start angle is that of its flank before the anvil's flank; the contact ramp is linear; lug
-top and end stop have stiffness, damping and ramp of the flanks; only touches of the forward flank are blows; the head angle that
-counts for the slip torque is at least 0; release and the end of an overlap drop the contact force at once.
+Where the page leaves room: the hammer's start angle is that of its flank before the anvil's flank;
+the contact ramp is linear; lug top and end stop have stiffness, damping and ramp of the flanks;
+only touches of the forward flank are blows; the head angle that counts for the slip torque is at
+least 0; release and the end of an overlap drop the contact force at once.
 """
 
 from __future__ import annotations
@@ -30,16 +34,21 @@ MAX_STEP_S = 2e-5
 REPEAT_AFTER_S, REPEAT_SPEED = 3e-3, 0.25
 I, THJ, WJ, THS, WS, THA, WA, E, CHARGE, BUS, TURN = range(11)  # noqa: E741
 ATOL = np.array([1e-9, 1e-12, 1e-9, 1e-12, 1e-9, 1e-13, 1e-9, 1e-13, 1e-10, 1e-10, 1e-10])
-FREE, RAMP, FULL, BACK = range(4)  # a contact: apart, approaching within the ramp, approaching beyond it, separating
-GAP, CLEAR, OVER = range(3)  # the hammer's lugs: in a gap below h, above h beside the lugs, over a lug
+# a contact: apart, approaching within the ramp, approaching beyond it, separating
+FREE, RAMP, FULL, BACK = range(4)
+# the hammer's lugs: in a gap below h, above h beside the lugs, over a lug
+GAP, CLEAR, OVER = range(3)
 STICK, FORWARD, BACKWARD = range(3)  # the joint
 BLOW, REPEAT, LATER = range(3)  # kinds of first contacts
-PEN_EPS, RATE_EPS, ANGLE_EPS, TORQUE_EPS, CURRENT_EPS = 1e-13, 1e-10, 1e-12, 1e-9, 1e-10  # a margin ends its mode this far beyond zero
+# a margin ends its mode this far beyond zero
+PEN_EPS, RATE_EPS, ANGLE_EPS, TORQUE_EPS, CURRENT_EPS = 1e-13, 1e-10, 1e-12, 1e-9, 1e-10
 
 
 @dataclass(frozen=True)
 class Tool:
-    """Reference set of physics.md section 4; the joint by its slip torque forwards run_nm + slope * head angle."""
+    """Reference set of physics.md section 4; the joint by its slip torque forwards run_nm + slope *
+    head angle.
+    """
 
     voc: float = 18.5
     rs: float = 0.10
@@ -95,9 +104,25 @@ class Tool:
         return both[::-1] if self.mirrored else both
 
 
-# Section 6: lag screw M6 (the contract's keys), disc springs 40 x 20.4 x 1.5 with n = 4, i = 42, bolt M16.
-WOOD_START, WOOD_END, WOOD_TURNS, WOOD_SEAT, WOOD_SEAT_DEG, WOOD_STRIPPED, WOOD_LOOSEN = 0.5, 6.0, 36.0, 12.0, 90.0, 0.35, 0.6
-DISC_OUTER, DISC_INNER, DISC_T, DISC_H0, DISC_PARALLEL, DISC_SERIES = 0.040, 0.0204, 1.5e-3, 1.15e-3, 4, 42
+# Section 6: lag screw M6 (the contract's keys), disc springs 40 x 20.4 x 1.5 with n = 4, i = 42,
+# bolt M16.
+WOOD_START, WOOD_END, WOOD_TURNS, WOOD_SEAT, WOOD_SEAT_DEG, WOOD_STRIPPED, WOOD_LOOSEN = (
+    0.5,
+    6.0,
+    36.0,
+    12.0,
+    90.0,
+    0.35,
+    0.6,
+)
+DISC_OUTER, DISC_INNER, DISC_T, DISC_H0, DISC_PARALLEL, DISC_SERIES = (
+    0.040,
+    0.0204,
+    1.5e-3,
+    1.15e-3,
+    4,
+    42,
+)
 BOLT_PITCH, BOLT_FLANK, BOLT_HEAD, BOLT_MU = 2e-3, 14.701e-3, 20e-3, 0.12
 
 
@@ -108,7 +133,9 @@ def wood_nm(turns: float) -> float:
     beyond_deg = 360.0 * (turns - WOOD_TURNS)
     if beyond_deg <= WOOD_SEAT_DEG:
         return WOOD_END + (WOOD_SEAT - WOOD_END) * beyond_deg / WOOD_SEAT_DEG
-    return max(WOOD_SEAT * (1.0 - 0.5 * (beyond_deg - WOOD_SEAT_DEG) / 90.0), WOOD_STRIPPED * WOOD_SEAT)
+    return max(
+        WOOD_SEAT * (1.0 - 0.5 * (beyond_deg - WOOD_SEAT_DEG) / 90.0), WOOD_STRIPPED * WOOD_SEAT
+    )
 
 
 def discs_n(turns: float) -> float:
@@ -116,7 +143,15 @@ def discs_n(turns: float) -> float:
     d = DISC_OUTER / DISC_INNER
     k1 = ((d - 1) / d) ** 2 / ((d + 1) / (d - 1) - 2 / math.log(d)) / math.pi
     s, h = BOLT_PITCH * max(turns, 0.0) / DISC_SERIES / DISC_T, DISC_H0 / DISC_T
-    single = 4 * 206e9 / (1 - 0.3**2) * DISC_T**4 / (k1 * DISC_OUTER**2) * s * ((h - s) * (h - s / 2) + 1)
+    single = (
+        4
+        * 206e9
+        / (1 - 0.3**2)
+        * DISC_T**4
+        / (k1 * DISC_OUTER**2)
+        * s
+        * ((h - s) * (h - s / 2) + 1)
+    )
     return DISC_PARALLEL * single
 
 
@@ -148,7 +183,16 @@ CASES = {
     "slip_60_20.5_v": Case(0.5, {"run_nm": 60.0, "voc": 20.5}),
     "wood": Case(0.5, {"joint": "wood", "from_turns": 12.0, "kj": 100.0}),
     "wood_seating": Case(0.5, {"joint": "wood", "from_turns": 35.0, "kj": 100.0}),
-    "wood_loosened": Case(0.5, {"joint": "wood", "from_turns": 30.0, "kj": 100.0, "mirrored": True, "start": 2.0 - math.pi}),
+    "wood_loosened": Case(
+        0.5,
+        {
+            "joint": "wood",
+            "from_turns": 30.0,
+            "kj": 100.0,
+            "mirrored": True,
+            "start": 2.0 - math.pi,
+        },
+    ),
     "discs": Case(0.5, {"joint": "discs", "from_turns": 4.0, "run_nm": 0.3}),
     "ramp": Case(0.5, SLOPE_700 | {"slew": 5.0}),
     "braked": Case(0.3, SLOPE_700 | {"stop_s": 0.2}),
@@ -156,14 +200,29 @@ CASES = {
     "free": Case(0.5, {"start": -1000.0}),
 }
 ROW_S = 1e-2
-COLUMNS = ["time_s", "charge_as", "bus_vs", "current_a", "speed_rad_s", "angle_rad", "anvil_torque_nm", "anvil_angle_rad", "head_rad",
-           "hammer_mm", "hammer_rad", "housing_nms"]  # at the instant; charge, bus and housing are integrals from 0
+COLUMNS = [
+    "time_s",
+    "charge_as",
+    "bus_vs",
+    "current_a",
+    "speed_rad_s",
+    "angle_rad",
+    "anvil_torque_nm",
+    "anvil_angle_rad",
+    "head_rad",
+    # at the instant; charge, bus and housing are integrals from 0
+    "hammer_mm",
+    "hammer_rad",
+    "housing_nms",
+]
 
 
 @dataclass
 class Mode:
     lugs: int = GAP
-    index: int = 0  # gap in which, or lug over which, the hammer's lug is; lug g is behind gap g, lug g + 1 in front of it
+    # gap in which, or lug over which, the hammer's lug is; lug g is behind gap g, lug g + 1 in
+    # front of it
+    index: int = 0
     forward: int = FREE
     rear: int = FREE
     top: int = FREE
@@ -176,7 +235,9 @@ class Mode:
 
 @dataclass
 class Contact:
-    """A touch of a flank, lugs counted from 0; peak_nm is the largest joint torque, either way, until the next touch."""
+    """A touch of a flank, lugs counted from 0; peak_nm is the largest joint torque, either way,
+    until the next touch.
+    """
 
     time_s: float
     lug: int
@@ -199,7 +260,11 @@ def push(pen: float, rate: float, mode: int, tool: Tool) -> float:
     """Contact law of section 5, exponent 1, of a frozen mode, N."""
     if mode == FREE:
         return 0.0
-    damping = tool.cb * rate if mode == FULL else (tool.cb * rate * pen / tool.ramp if mode == RAMP else 0.0)
+    damping = (
+        tool.cb * rate
+        if mode == FULL
+        else (tool.cb * rate * pen / tool.ramp if mode == RAMP else 0.0)
+    )
     return tool.ck * pen + damping
 
 
@@ -234,10 +299,16 @@ class Impact:
     def groove(self, q: float) -> tuple[float, float, float]:
         """x, s = dx/dq, s' = ds/dq of the rounded vertex."""
         root = math.hypot(q, self.tool.vertex)
-        return self.tool.lead * (root - self.tool.vertex), self.tool.lead * q / root, self.tool.lead * self.tool.vertex**2 / root**3
+        return (
+            self.tool.lead * (root - self.tool.vertex),
+            self.tool.lead * q / root,
+            self.tool.lead * self.tool.vertex**2 / root**3,
+        )
 
     def flank(self, y: np.ndarray) -> float:
-        """Angle of the hammer's lug flank in front of the forward flank of lug index + 1 (GAP, CLEAR) or of lug index (OVER)."""
+        """Angle of the hammer's lug flank in front of the forward flank of lug index + 1 (GAP,
+        CLEAR) or of lug index (OVER).
+        """
         lug = self.mode.index - (1 if self.mode.lugs == OVER else 0)
         return y[THS] - y[THA] - lug * self.pitch
 
@@ -261,14 +332,22 @@ class Impact:
     def joint(self, y: np.ndarray) -> float:
         forward, backward = self.limits(y)
         sticking = self.tool.kj * y[E] + self.tool.cj * y[WA]
-        return sticking if self.mode.joint == STICK else (forward if self.mode.joint == FORWARD else -backward)
+        return (
+            sticking
+            if self.mode.joint == STICK
+            else (forward if self.mode.joint == FORWARD else -backward)
+        )
 
     def forces(self, y: np.ndarray) -> tuple[float, float]:
-        """Torque on the hammer's lugs (Tlug, N m) and axial contact force on the hammer (Faxial, N, end stop positive)."""
+        """Torque on the hammer's lugs (Tlug, N m) and axial contact force on the hammer (Faxial, N,
+        end stop positive).
+        """
         touch, mode, tool = self.touches(y), self.mode, self.tool
         axial = push(*touch["stop"], mode.stop, tool)
         if mode.lugs == GAP:
-            lug = push(*touch["forward"], mode.forward, tool) - push(*touch["rear"], mode.rear, tool)
+            lug = push(*touch["forward"], mode.forward, tool) - push(
+                *touch["rear"], mode.rear, tool
+            )
             return tool.r_lug * lug, axial
         if mode.lugs == OVER:
             axial -= push(*touch["top"], mode.top, tool)
@@ -280,7 +359,9 @@ class Impact:
         return t.n * (t.kt * y[I] - t.b * t.n * y[WJ] - t.tc * self.mode.spin)
 
     def accelerations(self, y: np.ndarray) -> tuple[float, float, float]:
-        """Spindle and hammer from the 2x2 mass matrix, rad/s^2, and the torque that holds the spindle at rest beyond the drive."""
+        """Spindle and hammer from the 2x2 mass matrix, rad/s^2, and the torque that holds the
+        spindle at rest beyond the drive.
+        """
         t, lug_axial = self.tool, self.forces(y)
         x, s, ds = self.groove(y[THJ] - y[THS])
         axial = t.f0 + t.k * x + lug_axial[1] + t.m * ds * (y[WJ] - y[WS]) ** 2
@@ -290,18 +371,30 @@ class Impact:
             return 0.0, a_s, drive - s * (axial - t.m * s * a_s)
         spindle = drive - s * axial
         det = (self.jsp + ms2) * (t.js + ms2) - ms2 * ms2
-        return ((t.js + ms2) * spindle + ms2 * hammer) / det, (ms2 * spindle + (self.jsp + ms2) * hammer) / det, 0.0
+        return (
+            ((t.js + ms2) * spindle + ms2 * hammer) / det,
+            (ms2 * spindle + (self.jsp + ms2) * hammer) / det,
+            0.0,
+        )
 
     def housing(self, y: np.ndarray, spindle_acceleration: float) -> float:
         """Reaction of stator, ring gear and bearings, N m."""
         held = 0.0 if self.mode.spin else self.accelerations(y)[2]
-        return self.drive(y) - held - (self.tool.n - 1) * self.tool.jm * self.tool.n * spindle_acceleration
+        return (
+            self.drive(y)
+            - held
+            - (self.tool.n - 1) * self.tool.jm * self.tool.n * spindle_acceleration
+        )
 
     def duty(self, t: float) -> float:
         """The command, or that of the diodes: their current flows against the bus."""
         if self.mode.stopped:
             return -self.mode.diode
-        return min(self.tool.duty, self.tool.slew * t) if math.isfinite(self.tool.slew) else self.tool.duty
+        return (
+            min(self.tool.duty, self.tool.slew * t)
+            if math.isfinite(self.tool.slew)
+            else self.tool.duty
+        )
 
     def rhs(self, time_s: float, y: np.ndarray) -> np.ndarray:
         t, duty = self.tool, self.duty(time_s)
@@ -312,7 +405,9 @@ class Impact:
         twist = y[WA] if self.mode.joint == STICK else (torque - t.kj * y[E]) / t.cj
         blocked = self.mode.stopped and t.coast and self.mode.diode == 0.0
         current = 0.0 if blocked else (duty * bus - t.r * y[I] - t.kt * t.n * y[WJ]) / t.l
-        return np.array([current, y[WJ], a_j, y[WS], a_s, y[WA], a_a, twist, y[I], bus, self.housing(y, a_j)])
+        return np.array(
+            [current, y[WJ], a_j, y[WS], a_s, y[WA], a_a, twist, y[I], bus, self.housing(y, a_j)]
+        )
 
     def joint_margins(self, y: np.ndarray) -> list[float]:
         forward, backward = self.limits(y)
@@ -320,7 +415,10 @@ class Impact:
             return []
         sticking = self.tool.kj * y[E] + self.tool.cj * y[WA]
         above, below = (sticking - forward) / TORQUE_EPS, (-backward - sticking) / TORQUE_EPS
-        return [above if self.mode.joint == FORWARD else -above, below if self.mode.joint == BACKWARD else -below]
+        return [
+            above if self.mode.joint == FORWARD else -above,
+            below if self.mode.joint == BACKWARD else -below,
+        ]
 
     def margins(self, y: np.ndarray) -> list[float]:
         """All above -1 while the mode holds."""
@@ -362,7 +460,9 @@ class Impact:
             mode.lugs = GAP if below else CLEAR
 
     def switch(self, y: np.ndarray) -> int | None:
-        """All modes from the state just beyond a margin; the lug whose flank has just been touched, if any."""
+        """All modes from the state just beyond a margin; the lug whose flank has just been touched,
+        if any.
+        """
         mode, t = self.mode, self.tool
         was_touching = mode.lugs == GAP and (mode.forward != FREE or mode.rear != FREE)
         self.pass_lugs(y)
@@ -371,7 +471,9 @@ class Impact:
             setattr(mode, name, contact_mode(*touch[name], t) if name in touch else FREE)
         forward, backward = self.limits(y)
         sticking = t.kj * y[E] + t.cj * y[WA]
-        mode.joint = FORWARD if sticking > forward else (BACKWARD if sticking < -backward else STICK)
+        mode.joint = (
+            FORWARD if sticking > forward else (BACKWARD if sticking < -backward else STICK)
+        )
         if mode.diode * y[I] < 0.0:
             mode.diode, y[I] = 0.0, 0.0
         if mode.spin * y[WJ] <= 0.0:
@@ -386,8 +488,20 @@ class Impact:
         """The COLUMNS at one instant."""
         tool = self.tool
         hammer_mm = 1e3 * self.groove(y[THJ] - y[THS])[0]
-        return [t, y[CHARGE], y[BUS], y[I], tool.n * y[WJ], tool.n * (y[THJ] - tool.start), self.joint(y), y[THA], y[THA] - y[E], hammer_mm,
-                y[THS] - tool.start, y[TURN]]
+        return [
+            t,
+            y[CHARGE],
+            y[BUS],
+            y[I],
+            tool.n * y[WJ],
+            tool.n * (y[THJ] - tool.start),
+            self.joint(y),
+            y[THA],
+            y[THA] - y[E],
+            hammer_mm,
+            y[THS] - tool.start,
+            y[TURN],
+        ]
 
 
 def kind_of(blows: list[Contact], lug: int, t: float, approach: float) -> int:
@@ -395,11 +509,18 @@ def kind_of(blows: list[Contact], lug: int, t: float, approach: float) -> int:
     if not blows or lug != blows[-1].lug:
         return BLOW
     last = blows[-1]
-    return REPEAT if t - last.time_s > REPEAT_AFTER_S and approach >= REPEAT_SPEED * last.approach_rad_s else LATER
+    return (
+        REPEAT
+        if t - last.time_s > REPEAT_AFTER_S and approach >= REPEAT_SPEED * last.approach_rad_s
+        else LATER
+    )
 
 
-def first_violation(plant: Impact, dense: Callable[[float], np.ndarray], t0: float, t1: float) -> float:
+def first_violation(
+    plant: Impact, dense: Callable[[float], np.ndarray], t0: float, t1: float
+) -> float:
     """The instant in (t0, t1] where the first margin passes -1, on the far side of it."""
+
     def lowest(t: float) -> float:
         return min(plant.margins(dense(t))) + 1.0
 
@@ -417,7 +538,12 @@ def torque_peak(before: list[float], after: list[float]) -> float:
     if not d0 > 0.0 >= d1:
         return max(p0, p1)
     u, h = np.linspace(0.0, 1.0, 33), t1 - t0
-    cubic = (2 * u**3 - 3 * u**2 + 1) * p0 + (u**3 - 2 * u**2 + u) * h * d0 + (3 * u**2 - 2 * u**3) * p1 + (u**3 - u**2) * h * d1
+    cubic = (
+        (2 * u**3 - 3 * u**2 + 1) * p0
+        + (u**3 - 2 * u**2 + u) * h * d0
+        + (3 * u**2 - 2 * u**3) * p1
+        + (u**3 - u**2) * h * d1
+    )
     return float(np.max(cubic))
 
 
@@ -428,21 +554,31 @@ def torque_slope(plant: Impact, t: float, y: np.ndarray) -> list[float]:
         return [t, plant.joint(y), plant.tool.kj * y[WA] + plant.tool.cj * dy[WA]]
     side, head = (0, 1.0) if plant.mode.joint == FORWARD else (1, -1.0)
     angle, step = y[THA] - y[E], 1e-6
-    gradient = (plant.tool.slip(angle + step)[side] - plant.tool.slip(angle - step)[side]) / (2 * step)
+    gradient = (plant.tool.slip(angle + step)[side] - plant.tool.slip(angle - step)[side]) / (
+        2 * step
+    )
     return [t, plant.joint(y), head * gradient * (dy[THA] - dy[E])]
 
 
-def note_extremes(plant: Impact, out: Result, before: list[float], after: list[float], y: np.ndarray) -> None:
+def note_extremes(
+    plant: Impact, out: Result, before: list[float], after: list[float], y: np.ndarray
+) -> None:
     """Peak torque of the last contact and the hammer's travel."""
     out.hammer_mm = max(out.hammer_mm, 1e3 * plant.groove(y[THJ] - y[THS])[0])
     if out.contacts:
         other = [[t, -torque, -slope] for t, torque, slope in (before, after)]
-        out.contacts[-1].peak_nm = max(out.contacts[-1].peak_nm, torque_peak(before, after), torque_peak(*other))
+        out.contacts[-1].peak_nm = max(
+            out.contacts[-1].peak_nm, torque_peak(before, after), torque_peak(*other)
+        )
 
 
-def stretch(plant: Impact, y: np.ndarray, t: float, end: float, out: Result, method: str, rtol: float) -> tuple[np.ndarray, float, bool]:
+def stretch(
+    plant: Impact, y: np.ndarray, t: float, end: float, out: Result, method: str, rtol: float
+) -> tuple[np.ndarray, float, bool]:
     """Integrate in the present mode until a margin ends it (True) or `end`."""
-    solver = SOLVERS[method](plant.rhs, t, y, end, rtol=rtol, atol=ATOL * rtol / RTOL, max_step=MAX_STEP_S)
+    solver = SOLVERS[method](
+        plant.rhs, t, y, end, rtol=rtol, atol=ATOL * rtol / RTOL, max_step=MAX_STEP_S
+    )
     slope = torque_slope(plant, t, y)
     while solver.status == "running":
         message = solver.step()
@@ -461,7 +597,9 @@ def stretch(plant: Impact, y: np.ndarray, t: float, end: float, out: Result, met
     return y.copy(), t, False
 
 
-def simulate(tool: Tool, seconds: float, method: str = "DOP853", rtol: float = RTOL, row_s: float = 1e-3) -> Result:
+def simulate(
+    tool: Tool, seconds: float, method: str = "DOP853", rtol: float = RTOL, row_s: float = 1e-3
+) -> Result:
     """A run from rest with a constant duty; rows every row_s from 0 on."""
     plant, out = Impact(tool), Result()
     y, t = np.zeros(11), 0.0
@@ -469,33 +607,56 @@ def simulate(tool: Tool, seconds: float, method: str = "DOP853", rtol: float = R
     out.rows.append(plant.row(t, y))
     for row in range(1, round(seconds / row_s) + 1):
         if t >= tool.stop_s - 1e-9 and not plant.mode.stopped:
-            plant.mode.stopped, plant.mode.diode = True, math.copysign(1.0, y[I]) if tool.coast else 0.0
+            plant.mode.stopped, plant.mode.diode = (
+                True,
+                math.copysign(1.0, y[I]) if tool.coast else 0.0,
+            )
         while t < row * row_s:
             y, t, left = stretch(plant, y, t, row * row_s, out, method, rtol)
             lug = plant.switch(y) if left else None
             if lug is not None:
                 approach = abs(float(y[WS] - y[WA]))
-                out.contacts.append(Contact(t, lug, kind_of(out.blows(), lug, t, approach), approach))
+                out.contacts.append(
+                    Contact(t, lug, kind_of(out.blows(), lug, t, approach), approach)
+                )
         out.rows.append(plant.row(t, y))
     return out
 
 
 def as_json(case: Case, result: Result) -> dict:
     """One case of the file, twelve digits."""
+
     def short(value: float) -> float:
         return float(f"{value:.12g}")
 
-    contacts = [[short(c.time_s), c.lug, c.kind, short(c.approach_rad_s), short(c.peak_nm)] for c in result.contacts]
-    return {"changes": case.changes, "seconds": case.seconds, "hammer_mm": short(result.hammer_mm), "contacts": contacts,
-            "rows": [[short(v) for v in row] for row in result.rows]}
+    contacts = [
+        [short(c.time_s), c.lug, c.kind, short(c.approach_rad_s), short(c.peak_nm)]
+        for c in result.contacts
+    ]
+    return {
+        "changes": case.changes,
+        "seconds": case.seconds,
+        "hammer_mm": short(result.hammer_mm),
+        "contacts": contacts,
+        "rows": [[short(v) for v in row] for row in result.rows],
+    }
 
 
 def make(method: str, rtol: float, names: list[str]) -> dict:
     """The whole file; with names only those cases are run again."""
     kept = json.loads(RESULTS.read_text())["cases"] if names else {}
-    run = {name: as_json(CASES[name], simulate(CASES[name].tool(), CASES[name].seconds, method, rtol, ROW_S)) for name in names or CASES}
-    return {"made_by": f"python tests/python/impact_reference.py ({method}, rtol {rtol:g})", "columns": COLUMNS,
-            "contact_columns": [f.name for f in dataclasses.fields(Contact)], "cases": {name: (kept | run)[name] for name in CASES}}
+    run = {
+        name: as_json(
+            CASES[name], simulate(CASES[name].tool(), CASES[name].seconds, method, rtol, ROW_S)
+        )
+        for name in names or CASES
+    }
+    return {
+        "made_by": f"python tests/python/impact_reference.py ({method}, rtol {rtol:g})",
+        "columns": COLUMNS,
+        "contact_columns": [f.name for f in dataclasses.fields(Contact)],
+        "cases": {name: (kept | run)[name] for name in CASES},
+    }
 
 
 if __name__ == "__main__":

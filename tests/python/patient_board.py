@@ -1,8 +1,10 @@
-"""A board on a pty with a hand at its trigger that waits for the host: `python patient_board.py avr|sil LOG RUN_S HELD_S TRAVEL`.
+"""A board on a pty with a hand at its trigger that waits for the host: `python patient_board.py
+avr|sil LOG RUN_S HELD_S TRAVEL`.
 
-The hand pulls the trigger to TRAVEL when the host commands a profile and holds it for HELD_S; RUN_S after the pull the run ends, and LOG
-is written. Time is real at most, and while the host commands it goes no further than the host has answered: a busy machine loses no frames.
-The port's name goes to stdout.
+The hand pulls the trigger to TRAVEL when the host commands a profile and holds it for HELD_S; RUN_S
+after the pull the run ends, and LOG is written. Time is real at most, and while the host commands
+it goes no further than the host has answered: a busy machine loses no frames. The port's name goes
+to stdout.
 """
 
 import struct
@@ -42,7 +44,11 @@ class HostAndHand:
         got = self._take(time_s)
         time.sleep(max(0.0, time_s - (time.monotonic() - self._began)))
         deadline = time.monotonic() + GONE_S
-        while self._heard_s is not None and time_s - self._heard_s > PERIOD_S + 0.004 and self._pty.has_reader():
+        while (
+            self._heard_s is not None
+            and time_s - self._heard_s > PERIOD_S + 0.004
+            and self._pty.has_reader()
+        ):
             if time.monotonic() > deadline:
                 self._heard_s = None
                 break
@@ -65,17 +71,30 @@ class HostAndHand:
         if self.pulled_s == float("inf"):
             self.pulled_s = time_s + REACTION_S
             ends_s = self.pulled_s + self._held_s
-            self.travel += [(self.pulled_s, 0.0), (self.pulled_s, self._pull_to), (ends_s, self._pull_to), (ends_s, 0.0)]
+            self.travel += [
+                (self.pulled_s, 0.0),
+                (self.pulled_s, self._pull_to),
+                (ends_s, self._pull_to),
+                (ends_s, 0.0),
+            ]
 
 
 def main(on: str, log: Path, run_s: float, held_s: float, pull: float) -> None:
-    tool, sent = make_plant(without_board_effects(read_rig(ROOT / "rigs" / "board_18v.toml")), 1), bytearray()
-    with PtyLine() as pty, make_board(RunOptions(on, elf=elf() if on == "avr" else None), 1) as board:
+    tool, sent = (
+        make_plant(without_board_effects(read_rig(ROOT / "rigs" / "board_18v.toml")), 1),
+        bytearray(),
+    )
+    with (
+        PtyLine() as pty,
+        make_board(RunOptions(on, elf=elf() if on == "avr" else None), 1) as board,
+    ):
         sys.stdout.write(pty.name + "\n")
         sys.stdout.flush()
         pty.wait_for_reader()
         line = HostAndHand(pty, held_s, pull)
-        for progress in lockstep.steps(board, tool, lockstep.Profile(travel=line.travel), LONGEST_S, line=line):
+        for progress in lockstep.steps(
+            board, tool, lockstep.Profile(travel=line.travel), LONGEST_S, line=line
+        ):
             sent = progress.sent
             if progress.time_s > line.pulled_s + run_s:
                 break

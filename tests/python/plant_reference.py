@@ -1,7 +1,9 @@
-"""Second opinion on the drivetrain: physics.md sections 1, 2, 6 and gap-contract.md section 3 in SciPy at rtol 1e-10.
+"""Second opinion on the drivetrain: physics.md sections 1, 2, 6 and gap-contract.md section 3 in
+SciPy at rtol 1e-10.
 
-Written from those two pages alone; shares no code with plant/. Slow on purpose: every straight stretch of command and load is one or
-more calls of solve_ivp, ended by an event wherever a body stops or breaks away or the diodes block.
+Written from those two pages alone; shares no code with plant/. Slow on purpose: every straight
+stretch of command and load is one or more calls of solve_ivp, ended by an event wherever a body
+stops or breaks away or the diodes block.
 """
 
 from __future__ import annotations
@@ -18,7 +20,9 @@ I, W, TH, QI, QV, CHARGE, POL, HEAT, IF, WF, W2, TH2 = range(12)  # noqa: E741
 
 @dataclass
 class Log:
-    """Rows as the contract reads them; command, load and coast are those of the row that ends at time_s."""
+    """Rows as the contract reads them; command, load and coast are those of the row that ends at
+    time_s.
+    """
 
     time_s: np.ndarray
     command: np.ndarray
@@ -48,7 +52,8 @@ class Tool:
     mass: float = 0.0
     length: float = 0.0
     zero: float = 0.0
-    free: dict[str, float] = field(default_factory=dict)  # law of a free load: tc, tbrk, w_brk, f; the older form: w_th, cv instead
+    # law of a free load: tc, tbrk, w_brk, f; the older form: w_th, cv instead
+    free: dict[str, float] = field(default_factory=dict)
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def on(self, name: str) -> dict[str, float] | None:
@@ -58,29 +63,52 @@ class Tool:
         return self.effects.get(name, {}).get(parameter, off)
 
 
-def free_nm(w: float, tc: float, tbrk: float, w_brk: float = 0.0, f: float = 0.0, w_th: float = 0.0, cv: float = 0.0) -> float:
+def free_nm(
+    w: float,
+    tc: float,
+    tbrk: float,
+    w_brk: float = 0.0,
+    f: float = 0.0,
+    w_th: float = 0.0,
+    cv: float = 0.0,
+) -> float:
     """physics.md section 3: the Simscape form, or with w_th the older one."""
     if w_th:
         at = max(abs(w), w_th)
         torque = tc + (tbrk - tc) * np.exp(-cv * at) + f * at
         return float(np.sign(w) * torque * min(abs(w) / w_th, 1.0))
     share = w / (np.sqrt(2) * w_brk)
-    return float(np.sqrt(2 * np.e) * (tbrk - tc) * np.exp(-(share**2)) * share + tc * np.tanh(10 * w / w_brk) + f * w)
+    return float(
+        np.sqrt(2 * np.e) * (tbrk - tc) * np.exp(-(share**2)) * share
+        + tc * np.tanh(10 * w / w_brk)
+        + f * w
+    )
 
 
 def command_stretches(log: Log, tool: Tool) -> list[tuple[float, float, float, float, bool]]:
-    """Stretches of the command in true time since the first row: start, end, value at start, value at end, open."""
+    """Stretches of the command in true time since the first row: start, end, value at start, value
+    at end, open.
+    """
     t = log.time_s - log.time_s[0]
     skew = 1 + tool.get("clock_skew", "relative")
     delay = tool.get("transport_delay", "delay_s")
-    pieces = [(-1e9, 0.0, log.command[0], log.command[0], bool(log.coast is not None and log.coast[0]))]
+    pieces = [
+        (-1e9, 0.0, log.command[0], log.command[0], bool(log.coast is not None and log.coast[0]))
+    ]
     for row in range(1, len(t)):
         first, last = log.command[row], log.command[row]
-        if log.slew_per_s and abs(last - log.command[row - 1]) <= log.slew_per_s * (t[row] - t[row - 1]) * (1 + 1e-9):
+        if log.slew_per_s and abs(last - log.command[row - 1]) <= log.slew_per_s * (
+            t[row] - t[row - 1]
+        ) * (1 + 1e-9):
             first = log.command[row - 1]
-        pieces.append((t[row - 1], t[row], first, last, bool(log.coast is not None and log.coast[row])))
+        pieces.append(
+            (t[row - 1], t[row], first, last, bool(log.coast is not None and log.coast[row]))
+        )
     pieces.append((t[-1], 1e9, log.command[-1], log.command[-1], pieces[-1][4]))
-    return [(a / skew + delay, b / skew + delay, first, last, coast) for a, b, first, last, coast in pieces]
+    return [
+        (a / skew + delay, b / skew + delay, first, last, coast)
+        for a, b, first, last, coast in pieces
+    ]
 
 
 class Drivetrain:
@@ -104,7 +132,9 @@ class Drivetrain:
             j2 += coupler["inertia_kg_m2"]
             self.kc = coupler["stiffness_nm_per_rad"]
             self.cc = 2 * coupler["damping_ratio"] * np.sqrt(self.kc * j2)
-        elif self.two:  # docs/plant.md: the contact of play alone, 8000 rad/s and damping ratio 0.15 of the reduced inertia
+        # docs/plant.md: the contact of play alone, 8000 rad/s and damping ratio 0.15 of the reduced
+        # inertia
+        elif self.two:
             reduced = j1 * j2 / (j1 + j2)
             self.kc, self.cc = 8000.0**2 * reduced, 2 * 0.15 * 8000.0 * reduced
         self.j1, self.j2 = (j1, j2) if self.two else (j1 + j2, 0.0)
@@ -132,7 +162,16 @@ class Drivetrain:
         measured = log.supply_v is not None
         vs = self.bus if measured else voc
         if log.kind == "current_a":
-            return {"i": i, "vs": vs, "v": 0.0, "brush": 0.0, "r": r, "ibus": 0.0, "voc": vs, "dead": 0.0}
+            return {
+                "i": i,
+                "vs": vs,
+                "v": 0.0,
+                "brush": 0.0,
+                "r": r,
+                "ibus": 0.0,
+                "voc": vs,
+                "dead": 0.0,
+            }
         if log.kind == "voltage_v":
             v = d * vs if self.open else u
             ripple, ibus, dead = 0.2, 0.0, 0.0
@@ -144,24 +183,52 @@ class Drivetrain:
             dead = 0.0
             if tool.on("dead_time") and 0 < abs(d) < 1:
                 at_edges = [np.clip((i + way * ripple) / 0.2, -1, 1) for way in (-1, 1)]
-                sign = np.mean(at_edges) if tool.get("dead_time", "at_edges") else np.clip(i / ripple, -1, 1)
+                sign = (
+                    np.mean(at_edges)
+                    if tool.get("dead_time", "at_edges")
+                    else np.clip(i / ripple, -1, 1)
+                )
                 dead = 2 * tool.effects["dead_time"]["dead_time_s"] * tool.pwm_hz * vs * float(sign)
             v -= dead
         brush = 0.0
         if tool.on("brush_drop"):
             up, low = (i + ripple) / 0.3, (i - ripple) / 0.3
-            brush = tool.effects["brush_drop"]["voltage_v"] * 0.3 / (2 * ripple) * (np.logaddexp(up, -up) - np.logaddexp(low, -low))
-        return {"i": i, "vs": vs, "v": v, "brush": brush, "r": r, "ibus": ibus, "voc": self.bus if measured else voc, "dead": dead}
+            brush = (
+                tool.effects["brush_drop"]["voltage_v"]
+                * 0.3
+                / (2 * ripple)
+                * (np.logaddexp(up, -up) - np.logaddexp(low, -low))
+            )
+        return {
+            "i": i,
+            "vs": vs,
+            "v": v,
+            "brush": brush,
+            "r": r,
+            "ibus": ibus,
+            "voc": self.bus if measured else voc,
+            "dead": dead,
+        }
 
     def load(self, t: float, y: np.ndarray) -> tuple[float, float]:
-        """Opposing torque, and that of a pendulum or a free load's friction, both at the motor shaft."""
-        opposing = (self.tl0 + self.dtl * (t - self.t0)) / self.n if self.log.load_kind == "torque" else 0.0
+        """Opposing torque, and that of a pendulum or a free load's friction, both at the motor
+        shaft.
+        """
+        opposing = (
+            (self.tl0 + self.dtl * (t - self.t0)) / self.n
+            if self.log.load_kind == "torque"
+            else 0.0
+        )
         if self.log.load_kind == "free":
-            return opposing, free_nm((y[W2] if self.two else y[W]) / self.n, **self.tool.free) / self.n
+            return opposing, free_nm(
+                (y[W2] if self.two else y[W]) / self.n, **self.tool.free
+            ) / self.n
         if self.log.load_kind != "pendulum":
             return opposing, 0.0
         angle = (y[TH2] if self.two else y[TH]) / self.n
-        return opposing, self.tool.mass * G * self.tool.length * np.sin(angle - self.tool.zero) / self.n
+        return opposing, self.tool.mass * G * self.tool.length * np.sin(
+            angle - self.tool.zero
+        ) / self.n
 
     def coupler(self, y: np.ndarray) -> float:
         twist, slip = y[TH] - y[TH2], y[W] - y[W2]
@@ -174,20 +241,34 @@ class Drivetrain:
 
     def limits(self, tl: float) -> tuple[float, float]:
         t = self.tool
-        c = t.tc + t.get("coulomb_friction", "torque_nm") + t.get("stribeck_friction", "breakaway_nm")
+        c = (
+            t.tc
+            + t.get("coulomb_friction", "torque_nm")
+            + t.get("stribeck_friction", "breakaway_nm")
+        )
         c += t.get("load_dependent_friction", "relative") * abs(tl)
-        return c + t.get("asymmetric_friction", "forward_nm"), c + t.get("asymmetric_friction", "backward_nm")
+        return c + t.get("asymmetric_friction", "forward_nm"), c + t.get(
+            "asymmetric_friction", "backward_nm"
+        )
 
     def friction(self, t: float, w: float, s: float, tl: float) -> float:
         tool = self.tool
-        c = tool.tc + tool.get("coulomb_friction", "torque_nm") + tool.get("load_dependent_friction", "relative") * abs(tl)
+        c = (
+            tool.tc
+            + tool.get("coulomb_friction", "torque_nm")
+            + tool.get("load_dependent_friction", "relative") * abs(tl)
+        )
         if tool.on("stribeck_friction"):
             e = tool.effects["stribeck_friction"]
             c += e["breakaway_nm"] * np.exp(-((w / e["speed_rad_s"]) ** 2))
         torque = c * s + tool.b * w + tool.get("viscous_friction", "nm_s_per_rad") * w
         torque += tool.get("quadratic_drag", "nm_s2_per_rad2") * w * abs(w)
         torque += tool.get("directional_viscous", "nm_s_per_rad") * abs(w)
-        torque += tool.get("asymmetric_friction", "forward_nm") if s > 0 else -tool.get("asymmetric_friction", "backward_nm")
+        torque += (
+            tool.get("asymmetric_friction", "forward_nm")
+            if s > 0
+            else -tool.get("asymmetric_friction", "backward_nm")
+        )
         if tool.on("cold_grease"):
             e = tool.effects["cold_grease"]
             torque += e["nm_s_per_rad"] * np.exp(-t / e["time_s"]) * w
@@ -238,12 +319,18 @@ class Drivetrain:
         if d := tool.on("speed_lag"):
             if not d.get("delay_form"):
                 hall = tool.on("hall_eccentricity")
-                seen = y[W] * (1 + hall["amplitude_rad"] * np.cos(y[TH] + hall.get("phase_rad", 0.0))) if hall else y[W]
+                seen = (
+                    y[W] * (1 + hall["amplitude_rad"] * np.cos(y[TH] + hall.get("phase_rad", 0.0)))
+                    if hall
+                    else y[W]
+                )
                 dy[WF] = (seen - y[WF]) / d["time_constant_s"]
         return dy
 
     def excess(self, drive: float, forward: float, backward: float) -> float:
-        return drive - forward if drive > forward else (drive + backward if drive < -backward else 0.0)
+        return (
+            drive - forward if drive > forward else (drive + backward if drive < -backward else 0.0)
+        )
 
     def excesses(self, t: float, y: np.ndarray) -> tuple[float, float]:
         drive, drive2, opposing, load = self.drives(t, y)
@@ -253,13 +340,19 @@ class Drivetrain:
         return self.excess(drive, forward + own, backward + own), self.excess(drive2, held, held)
 
     def events(self, t: float, y: np.ndarray) -> tuple[float, float, float, float]:
-        """Each positive before its event, negative after; the last turns positive where the flanks of a play meet."""
+        """Each positive before its event, negative after; the last turns positive where the flanks
+        of a play meet.
+        """
         ex1, ex2 = self.excesses(t, y)
         first = self.s1 * y[W] if self.s1 else self.slack_nm - abs(ex1)
         second = 1.0 if not self.two else (self.s2 * y[W2] if self.s2 else self.slack_nm - abs(ex2))
         third = 1.0
         if self.open:
-            third = self.diode * y[I] if self.diode else self.electrical(t, y)["vs"] - abs(self.k * y[W])
+            third = (
+                self.diode * y[I]
+                if self.diode
+                else self.electrical(t, y)["vs"] - abs(self.k * y[W])
+            )
         return first, second, third, abs(y[TH] - y[TH2]) - self.play - 1e-13 if self.play else 1.0
 
     def ask_rest(self, t: float, y: np.ndarray, shaft: bool, output: bool) -> None:
@@ -277,8 +370,10 @@ class Drivetrain:
         """Terminal events of solve_ivp."""
         found = []
         for which in range(4):
+
             def event(t: float, y: np.ndarray, which: int = which) -> float:
                 return self.events(t, y)[which]
+
             event.terminal, event.direction = True, (1.0 if which == 3 else -1.0)
             found.append(event)
         return found
@@ -294,7 +389,8 @@ class Drivetrain:
             hit[0], hit[1] = hit[0] or not self.s1, hit[1] or not self.s2
         if hit[0] or hit[1]:
             self.ask_rest(t, y, hit[0], hit[1])
-        if stalled and not hit[3]:  # let go and stopped in the same instant: it rests until the drive has grown
+        # let go and stopped in the same instant: it rests until the drive has grown
+        if stalled and not hit[3]:
             self.s1, self.s2 = (0.0 if hit[0] else self.s1), (0.0 if hit[1] else self.s2)
 
     def run(self, t0: float, t1: float, y: np.ndarray, method: str) -> np.ndarray:
@@ -305,7 +401,9 @@ class Drivetrain:
             self.diode = float(np.sign(y[I]))
         self.ask_rest(t0, y, y[W] == 0.0, self.two and y[W2] == 0.0)
         while t1 - t0 > 1e-13:
-            sol = solve_ivp(self.rhs, (t0, t1), y, method=method, rtol=RTOL, atol=1e-9, events=self.watch())
+            sol = solve_ivp(
+                self.rhs, (t0, t1), y, method=method, rtol=RTOL, atol=1e-9, events=self.watch()
+            )
             assert sol.success, sol.message
             stalled = float(sol.t[-1]) - t0 < 1e-13
             self.slack_nm = 100 * self.slack_nm if stalled else 1e-12
@@ -315,10 +413,16 @@ class Drivetrain:
 
 
 def settle(m: Drivetrain, y: np.ndarray, t: float) -> None:
-    """Filters settled, output side moving with the motor (twist of a rigid shaft), in the middle of a play without a torque."""
+    """Filters settled, output side moving with the motor (twist of a rigid shaft), in the middle of
+    a play without a torque.
+    """
     y[IF] = y[I]
     hall = m.tool.on("hall_eccentricity")
-    y[WF] = y[W] * (1 + hall["amplitude_rad"] * np.cos(y[TH] + hall.get("phase_rad", 0.0))) if hall else y[W]
+    y[WF] = (
+        y[W] * (1 + hall["amplitude_rad"] * np.cos(y[TH] + hall.get("phase_rad", 0.0)))
+        if hall
+        else y[W]
+    )
     y[W2], y[TH2] = y[W], y[TH]
     m.s1 = m.s2 = float(np.sign(y[W]))
     if not m.two:
@@ -333,7 +437,9 @@ def settle(m: Drivetrain, y: np.ndarray, t: float) -> None:
     y[TH2] -= torque / m.kc + float(np.sign(torque)) * m.play
 
 
-def simulate(tool: Tool, log: Log, start: tuple[float, float, float], method: str = "DOP853") -> dict[str, np.ndarray]:
+def simulate(
+    tool: Tool, log: Log, start: tuple[float, float, float], method: str = "DOP853"
+) -> dict[str, np.ndarray]:
     """One run from the first row; columns as vgroove._core.simulate_log names them."""
     m = Drivetrain(tool, log)
     own_clock = bool(tool.get("clock_skew", "command_clock"))
@@ -366,7 +472,9 @@ def simulate(tool: Tool, log: Log, start: tuple[float, float, float], method: st
     return columns(tool, log, stamps, np.array(states), start)
 
 
-def columns(tool: Tool, log: Log, stamps: np.ndarray, y: np.ndarray, start: tuple[float, float, float]) -> dict[str, np.ndarray]:
+def columns(
+    tool: Tool, log: Log, stamps: np.ndarray, y: np.ndarray, start: tuple[float, float, float]
+) -> dict[str, np.ndarray]:
     dt = np.diff(stamps)
     mean = np.concatenate([[start[0]], y[1:, QI] / dt])
     bus = np.concatenate([[np.nan], y[1:, QV] / dt])
@@ -380,7 +488,11 @@ def columns(tool: Tool, log: Log, stamps: np.ndarray, y: np.ndarray, start: tupl
         speed, angle = y[:, WF], angle - lag["time_constant_s"] * y[:, WF]
     gain_w = 1 + tool.get("speed_gain", "relative")
     return {
-        "current_a": np.clip(mean * gain + offset, -limit, limit), "supply_v": bus * (1 + tool.get("supply_gain", "relative")),
-        "speed_rad_s": y[:, W], "speed_measured_rad_s": speed * gain_w, "angle_rad": y[:, TH], "angle_measured_rad": angle * gain_w,
+        "current_a": np.clip(mean * gain + offset, -limit, limit),
+        "supply_v": bus * (1 + tool.get("supply_gain", "relative")),
+        "speed_rad_s": y[:, W],
+        "speed_measured_rad_s": speed * gain_w,
+        "angle_rad": y[:, TH],
+        "angle_measured_rad": angle * gain_w,
         "states": y,
     }

@@ -1,4 +1,6 @@
-"""A simulated Optiboot: the STK500v1 protocol (Atmel AVR061) on a pty, with the flash of an ATmega328P behind it."""
+"""A simulated Optiboot: the STK500v1 protocol (Atmel AVR061) on a pty, with the flash of an
+ATmega328P behind it.
+"""
 
 import os
 import select
@@ -11,7 +13,9 @@ IN_SYNC, OK, UNKNOWN, EOP = 0x14, 0x10, 0x12, 0x20
 
 
 class Bootloader:
-    """Answers on `name` until closed; `corrupt_at` is a flash address whose bit 0 does not take. A context manager."""
+    """Answers on `name` until closed; `corrupt_at` is a flash address whose bit 0 does not take. A
+    context manager.
+    """
 
     def __init__(self, corrupt_at: int | None = None) -> None:
         self._master, slave = os.openpty()
@@ -81,5 +85,7 @@ class Bootloader:
 
     def _write(self, page: bytes) -> None:
         self.flash[self._address : self._address + len(page)] = page
-        if self.corrupt_at is not None and self._address <= self.corrupt_at < self._address + len(page):
+        if self.corrupt_at is not None and self._address <= self.corrupt_at < self._address + len(
+            page
+        ):
             self.flash[self.corrupt_at] ^= 1

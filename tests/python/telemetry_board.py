@@ -1,4 +1,6 @@
-"""The firmware's telemetry and parameters, compiled for the host, as a board that tests drive: by the tick, or in real time on a pty."""
+"""The firmware's telemetry and parameters, compiled for the host, as a board that tests drive: by
+the tick, or in real time on a pty.
+"""
 
 import ctypes
 import os
@@ -29,18 +31,33 @@ def _c_type(signal: object) -> type:
 
 
 def struct_of(name: str) -> type[ctypes.Structure]:
-    """The C struct of a message as the generator lays it out: every signal but the CRC, in the order of the bits."""
-    signals = sorted((s for s in telemetry.database().get_message_by_name(name).signals if s.start != 56), key=lambda s: s.start)
-    return type(f"Telemetry_{name}", (ctypes.Structure,), {"_fields_": [(s.name, _c_type(s)) for s in signals]})
+    """The C struct of a message as the generator lays it out: every signal but the CRC, in the
+    order of the bits.
+    """
+    signals = sorted(
+        (s for s in telemetry.database().get_message_by_name(name).signals if s.start != 56),
+        key=lambda s: s.start,
+    )
+    return type(
+        f"Telemetry_{name}",
+        (ctypes.Structure,),
+        {"_fields_": [(s.name, _c_type(s)) for s in signals]},
+    )
 
 
-Boot, Fast, State, Control, Health, ParamTable = (struct_of(name) for name in ("BOOT", "FAST", "STATE", "CONTROL", "HEALTH", "PARAM_TABLE"))
+Boot, Fast, State, Control, Health, ParamTable = (
+    struct_of(name) for name in ("BOOT", "FAST", "STATE", "CONTROL", "HEALTH", "PARAM_TABLE")
+)
 
 
 class Params(ctypes.Structure):
     """TelemetryParams."""
 
-    _fields_ = [("value", ctypes.POINTER(ctypes.c_int16)), ("count", ctypes.c_uint8), ("table", ParamTable)]
+    _fields_ = [
+        ("value", ctypes.POINTER(ctypes.c_int16)),
+        ("count", ctypes.c_uint8),
+        ("table", ParamTable),
+    ]
 
 
 class Inputs(ctypes.Structure):
@@ -65,8 +82,31 @@ def library() -> ctypes.CDLL:
     compiler = shutil.which("cc") or shutil.which("gcc")
     assert compiler, "a C compiler is needed"
     target = Path(tempfile.mkdtemp(prefix="vgroove-shim-")) / "shim.so"
-    checks = ["-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover=all"]
-    subprocess.run([compiler, "-std=c11", "-O1", "-shared", "-fPIC", *checks, "-Ifirmware", "-o", target, *SOURCES], cwd=ROOT, check=True)
+    checks = [
+        "-Wall",
+        "-Wextra",
+        "-Wconversion",
+        "-Wsign-conversion",
+        "-Werror",
+        "-fsanitize=undefined",
+        "-fno-sanitize-recover=all",
+    ]
+    subprocess.run(
+        [
+            compiler,
+            "-std=c11",
+            "-O1",
+            "-shared",
+            "-fPIC",
+            *checks,
+            "-Ifirmware",
+            "-o",
+            target,
+            *SOURCES,
+        ],
+        cwd=ROOT,
+        check=True,
+    )
     loaded = ctypes.CDLL(str(target))
     loaded.shim_board_store.restype = ctypes.POINTER(Store)
     loaded.shim_board_bytes.restype = ctypes.c_size_t
@@ -95,7 +135,13 @@ class Board:
     def __init__(self, fast_divider: int = 1, baud_select: int = 0, now_ms: int = 0) -> None:
         self.lib = library()
         self._memory = ctypes.create_string_buffer(self.lib.shim_board_bytes())
-        boot = Boot(build_hash=0xABCDEF, duty_full_scale=255, fast_divider=fast_divider, reset_cause=1, target=0)
+        boot = Boot(
+            build_hash=0xABCDEF,
+            duty_full_scale=255,
+            fast_divider=fast_divider,
+            reset_cause=1,
+            target=0,
+        )
         self.lib.shim_board_init(self._memory, ctypes.byref(boot), ctypes.c_uint8(baud_select))
         self.inputs = Inputs(now_ms=now_ms)
         self.fast = Fast()
@@ -112,7 +158,9 @@ class Board:
         """One millisecond: received bytes are taken, then the bytes of this tick come back."""
         self.inputs.now_ms = (self.inputs.now_ms + 1) & 0xFFFFFFFF
         self._take(idle)
-        count = self.lib.shim_board_tick(self._memory, ctypes.byref(self.inputs), ctypes.byref(self.fast), self._out)
+        count = self.lib.shim_board_tick(
+            self._memory, ctypes.byref(self.inputs), ctypes.byref(self.fast), self._out
+        )
         return self._out.raw[:count]
 
     def receive(self, data: bytes) -> None:
@@ -122,7 +170,12 @@ class Board:
     def _take(self, idle: bool) -> None:
         result = ctypes.c_uint8()
         while self._received:
-            kind = self.lib.shim_board_receive(self._memory, ctypes.c_uint8(self._received[0]), ctypes.c_bool(idle), ctypes.byref(result))
+            kind = self.lib.shim_board_receive(
+                self._memory,
+                ctypes.c_uint8(self._received[0]),
+                ctypes.c_bool(idle),
+                ctypes.byref(result),
+            )
             if kind == 3:
                 return
             del self._received[0]
@@ -151,7 +204,9 @@ def moving(board: Board) -> Callable[[int], None]:
 
 
 def wait_until(condition: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
-    """Poll until the condition holds; AssertionError naming `what` when it does not within the time."""
+    """Poll until the condition holds; AssertionError naming `what` when it does not within the
+    time.
+    """
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, f"not within {seconds:g} s: {what}"
@@ -159,9 +214,13 @@ def wait_until(condition: Callable[[], bool], what: str, seconds: float = 60.0) 
 
 
 class PtyBoard:
-    """A board on a pty in real time: 1,000 ticks a second, commands answered; `damage` may change what goes out."""
+    """A board on a pty in real time: 1,000 ticks a second, commands answered; `damage` may change
+    what goes out.
+    """
 
-    def __init__(self, damage: Callable[[bytes], bytes] = lambda data: data, rate: float = 1.0) -> None:
+    def __init__(
+        self, damage: Callable[[bytes], bytes] = lambda data: data, rate: float = 1.0
+    ) -> None:
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)

@@ -1,4 +1,6 @@
-"""`vgroove bench trap`: the truth obeys its own equations, and the diagnosis names the friction that the model lacks."""
+"""`vgroove bench trap`: the truth obeys its own equations, and the diagnosis names the friction
+that the model lacks.
+"""
 
 import numpy as np
 import pytest
@@ -7,11 +9,15 @@ from vgroove.bench import trap
 
 
 def test_truth_is_the_joints_equation() -> None:
-    """Away from standstill J w' = torque - damping w - Coulomb sign(w); at rest a torque below the friction moves nothing."""
+    """Away from standstill J w' = torque - damping w - Coulomb sign(w); at rest a torque below the
+    friction moves nothing.
+    """
     step = 1.0 / trap.LOG_HZ
     time_s = step * np.arange(1, 201)
     motion = trap.moved(time_s, np.full(200, 0.1))
-    rest = (0.1 - trap.COULOMB) / trap.DAMPING * (1.0 - np.exp(-time_s * trap.DAMPING / trap.INERTIA))
+    rest = (
+        (0.1 - trap.COULOMB) / trap.DAMPING * (1.0 - np.exp(-time_s * trap.DAMPING / trap.INERTIA))
+    )
     assert motion.speed_rad_s == pytest.approx(rest, rel=1e-4)
     assert not trap.moved(time_s, np.full(200, 0.99 * trap.COULOMB)).speed_rad_s.any()
 
@@ -21,7 +27,9 @@ def test_the_friction_is_named_and_the_damping_kept() -> None:
     new = trap.moved(*trap.drive(1003, trap.NEW_S, trap.NEW_NM))
     answer = trap.own_answer(seen, new)
     assert answer.says.startswith("The missing effect is coulomb friction:")
-    assert answer.damping == pytest.approx(trap.DAMPING, rel=0.02) and answer.friction_nm == pytest.approx(trap.COULOMB, rel=0.02)
+    assert answer.damping == pytest.approx(
+        trap.DAMPING, rel=0.02
+    ) and answer.friction_nm == pytest.approx(trap.COULOMB, rel=0.02)
     assert answer.speed_error < 0.003
 
 

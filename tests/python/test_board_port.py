@@ -1,4 +1,6 @@
-"""`vgroove run --on PORT` as a process on a pty, behind it the ELF on the simulated ATmega, or the native firmware where that is enough."""
+"""`vgroove run --on PORT` as a process on a pty, behind it the ELF on the simulated ATmega, or the
+native firmware where that is enough.
+"""
 
 import json
 import os
@@ -28,7 +30,15 @@ STAGED_ROWS = 2  # a command acts so much later than the state that gave it
 
 def start_run(port: str, output: Path, *options: str) -> subprocess.Popen:
     """`vgroove run --on PORT`."""
-    command = [*VGROOVE, "run", "--on", port, "-o", str(output), *(options or ("--experiment", "hold at heat"))]
+    command = [
+        *VGROOVE,
+        "run",
+        "--on",
+        port,
+        "-o",
+        str(output),
+        *(options or ("--experiment", "hold at heat")),
+    ]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 
 
@@ -45,10 +55,24 @@ def wait_for_the_drive(folder: Path) -> None:
     wait_for_part(folder / "log.csv", 60_000)
 
 
-def both(on: str, folder: Path, run_s: float, *options: str, held_s: float = 60.0, travel: float = 1.0,
-         log: str = "log.csv") -> tuple[subprocess.Popen, subprocess.Popen]:
-    """A board and a hand on a pty, their own account in direct.blf, and the host that performs a run on it, recorded in `log`."""
-    words = [str(Path(__file__).with_name("patient_board.py")), on, str(folder / "direct.blf"), *map(str, (run_s, held_s, travel))]
+def both(
+    on: str,
+    folder: Path,
+    run_s: float,
+    *options: str,
+    held_s: float = 60.0,
+    travel: float = 1.0,
+    log: str = "log.csv",
+) -> tuple[subprocess.Popen, subprocess.Popen]:
+    """A board and a hand on a pty, their own account in direct.blf, and the host that performs a
+    run on it, recorded in `log`.
+    """
+    words = [
+        str(Path(__file__).with_name("patient_board.py")),
+        on,
+        str(folder / "direct.blf"),
+        *map(str, (run_s, held_s, travel)),
+    ]
     board = subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True)
     return board, start_run(board.stdout.readline().strip(), folder / log, *options)
 
@@ -63,11 +87,15 @@ def complaint(*arguments: str) -> str:
 def last_answer_s(path: Path) -> float:
     """When the board answered its last command, which it does some ms after having executed it."""
     with BLFReader(path) as reader:
-        return max(message.timestamp for message in reader if message.arbitration_id == telemetry.ACK)
+        return max(
+            message.timestamp for message in reader if message.arbitration_id == telemetry.ACK
+        )
 
 
 def opens_after(path: Path) -> tuple[float, Log]:
-    """By how much the bridge drove on after the last answer, and the board's own log; from then on it is open."""
+    """By how much the bridge drove on after the last answer, and the board's own log; from then on
+    it is open.
+    """
     log = read_log(path)
     drives = (log["coast"] == 0.0) & (log["duty"] != 0.0)
     last = int(np.flatnonzero(drives)[-1])
@@ -75,23 +103,41 @@ def opens_after(path: Path) -> tuple[float, Log]:
     return float(log.time_s[last]) - last_answer_s(path), log
 
 
-def test_the_elf_performs_the_run_of_a_verdict_and_the_log_is_the_boards_own(tmp_path: Path) -> None:
+def test_the_elf_performs_the_run_of_a_verdict_and_the_log_is_the_boards_own(
+    tmp_path: Path,
+) -> None:
     course = named("staircase")
-    asked = {"verdict": "ambiguous", "next_experiment": {"profile": course.name, "why": "test", "points": course.points()}}
+    asked = {
+        "verdict": "ambiguous",
+        "next_experiment": {"profile": course.name, "why": "test", "points": course.points()},
+    }
     (tmp_path / "v.json").write_text(json.dumps(asked))
     board, host = both("avr", tmp_path, 6.5, "--next", str(tmp_path / "v.json"))
     _, said = host.communicate(timeout=LIMIT_S)
     assert host.returncode == 0, said
-    assert board.wait(LIMIT_S) == 0 and "pull the trigger fully" in said and "ended: run complete" in said
+    assert (
+        board.wait(LIMIT_S) == 0
+        and "pull the trigger fully" in said
+        and "ended: run complete" in said
+    )
     log, direct = read_log(tmp_path / "log.csv"), read_log(tmp_path / "direct.blf")
     rows = np.searchsorted(direct.time_s, log.time_s)
-    assert np.array_equal(direct.time_s[rows], log.time_s) and len(log) == pytest.approx(4500, abs=60)
-    assert all(np.allclose(direct[name][rows], log[name]) for name in ("duty", "coast", "current_a", "speed_rpm", "supply_v"))
+    assert np.array_equal(direct.time_s[rows], log.time_s) and len(log) == pytest.approx(
+        4500, abs=60
+    )
+    assert all(
+        np.allclose(direct[name][rows], log[name])
+        for name in ("duty", "coast", "current_a", "speed_rpm", "supply_v")
+    )
     for start, level in course.points()[1:]:
         at = int(np.searchsorted(log.time_s, log.time_s[0] + start + 0.4))
         assert log["duty"][at] == pytest.approx(level, abs=0.005)
     side = json.loads((tmp_path / "log.csv.json").read_text())
-    assert side["counters"]["lost"] == 0 and side["ended"] == "run complete" and side["parameters"]["complete"]
+    assert (
+        side["counters"]["lost"] == 0
+        and side["ended"] == "run complete"
+        and side["parameters"]["complete"]
+    )
 
 
 def test_a_killed_host_leaves_the_bridge_open_within_50_ms(tmp_path: Path) -> None:
@@ -101,7 +147,9 @@ def test_a_killed_host_leaves_the_bridge_open_within_50_ms(tmp_path: Path) -> No
     host.wait(LIMIT_S)
     assert board.wait(LIMIT_S) == 0
     after_s, log = opens_after(tmp_path / "direct.blf")
-    assert 0.03 < after_s <= 0.051 and log["duty"].max() > 0.1 and log["trigger"][-1] == 1.0, "the trigger was held all the time"
+    assert 0.03 < after_s <= 0.051 and log["duty"].max() > 0.1 and log["trigger"][-1] == 1.0, (
+        "the trigger was held all the time"
+    )
 
 
 def test_ctrl_c_keeps_the_log_and_stops_the_motor(tmp_path: Path) -> None:
@@ -117,7 +165,11 @@ def test_ctrl_c_keeps_the_log_and_stops_the_motor(tmp_path: Path) -> None:
 def test_the_elf_drives_no_more_than_the_trigger_and_not_without_it(tmp_path: Path) -> None:
     board, host = both("avr", tmp_path, 3.5, held_s=2.0, travel=0.6, log="log.blf")
     _, said = host.communicate(timeout=LIMIT_S)
-    assert host.returncode == 2 and "rows until then are in" in said and "the trigger limited the run: at its least it allowed 6" in said
+    assert (
+        host.returncode == 2
+        and "rows until then are in" in said
+        and "the trigger limited the run: at its least it allowed 6" in said
+    )
     assert re.search(r"the trigger was released, [01]\.\d s into the run of 4\.0 s", said), said
     log = read_log(tmp_path / "log.blf")
     assert len(log) > 700 and 0.5 < log["duty"].max() < 0.7
@@ -126,7 +178,10 @@ def test_the_elf_drives_no_more_than_the_trigger_and_not_without_it(tmp_path: Pa
     drives = (direct["coast"] == 0.0) & (direct["duty"] != 0.0)
     held = (direct["trigger"] > 0.0) & (direct["state"] == 1.0)
     assert drives.any() and direct["duty"].max() < 0.7
-    assert held[np.flatnonzero(drives) - STAGED_ROWS].all() and np.flatnonzero(drives)[-1] < np.flatnonzero(held)[-1] + STAGED_ROWS + 1
+    assert (
+        held[np.flatnonzero(drives) - STAGED_ROWS].all()
+        and np.flatnonzero(drives)[-1] < np.flatnonzero(held)[-1] + STAGED_ROWS + 1
+    )
 
 
 def test_a_port_that_goes_away_is_a_sentence_and_the_log_is_kept(tmp_path: Path) -> None:
@@ -134,7 +189,12 @@ def test_a_port_that_goes_away_is_a_sentence_and_the_log_is_kept(tmp_path: Path)
     wait_for_the_drive(tmp_path)
     board.kill()
     _, said = host.communicate(timeout=LIMIT_S)
-    assert host.returncode == 2 and "port lost after" in said and "rows until then are in" in said and "Traceback" not in said
+    assert (
+        host.returncode == 2
+        and "port lost after" in said
+        and "rows until then are in" in said
+        and "Traceback" not in said
+    )
     assert len(read_log(tmp_path / "log.csv")) > 500
 
 
@@ -156,25 +216,56 @@ def test_a_port_without_a_board_is_a_sentence(tmp_path: Path) -> None:
     _, said = host.communicate(timeout=LIMIT_S)
     os.close(master)
     os.close(slave)
-    assert host.returncode == 2 and "no boot frame within 5 s" in said and os.listdir(tmp_path) == []
+    assert (
+        host.returncode == 2 and "no boot frame within 5 s" in said and os.listdir(tmp_path) == []
+    )
 
 
-@pytest.mark.parametrize(("arguments", "sentence"), [
-    (["--on", "/dev/ttyNone", "-o", "log.csv"], "one run: --next VERDICT.json, or --experiment with one of staircase, reversal"),
-    (["--on", "/dev/ttyNone", "-o", "log.csv", "--experiment", "waltz"], "there is no run waltz; the menu has staircase"),
-    (["--on", "/dev/ttyNone", "--experiment", "reversal"], "say where with -o LOG"),
-    (["--on", "/dev/ttyNone", "--experiment", "reversal", "-o", "log.csv"], "/dev/ttyNone: the port cannot be opened"),
-    (["--on", "/dev/ttyNone", "--experiment", "reversal", "-o", "log.csv", "--real-time"], "belong to --on sil and --on avr"),
-    (["--on", "/dev/ttyNone", "--next", "none.json", "-o", "log.csv"], "none.json: cannot be read"),
-    (["--on", "avr", "--experiment", "reversal"], "run a SCENARIO"),
-    ([], "run a SCENARIO"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (
+            ["--on", "/dev/ttyNone", "-o", "log.csv"],
+            "one run: --next VERDICT.json, or --experiment with one of staircase, reversal",
+        ),
+        (
+            ["--on", "/dev/ttyNone", "-o", "log.csv", "--experiment", "waltz"],
+            "there is no run waltz; the menu has staircase",
+        ),
+        (["--on", "/dev/ttyNone", "--experiment", "reversal"], "say where with -o LOG"),
+        (
+            ["--on", "/dev/ttyNone", "--experiment", "reversal", "-o", "log.csv"],
+            "/dev/ttyNone: the port cannot be opened",
+        ),
+        (
+            ["--on", "/dev/ttyNone", "--experiment", "reversal", "-o", "log.csv", "--real-time"],
+            "belong to --on sil and --on avr",
+        ),
+        (
+            ["--on", "/dev/ttyNone", "--next", "none.json", "-o", "log.csv"],
+            "none.json: cannot be read",
+        ),
+        (["--on", "avr", "--experiment", "reversal"], "run a SCENARIO"),
+        ([], "run a SCENARIO"),
+    ],
+)
 def test_unusable_options_are_sentences(arguments: list[str], sentence: str) -> None:
     assert sentence in complaint(*arguments)
 
 
 def test_a_verdict_that_is_none_is_a_sentence(tmp_path: Path) -> None:
     none = '{"verdict": "none", "next_experiment": null}'
-    for text, sentence in (("{", "is no JSON"), ("[]", "is not a verdict"), (none, "asks for no further run")):
+    for text, sentence in (
+        ("{", "is no JSON"),
+        ("[]", "is not a verdict"),
+        (none, "asks for no further run"),
+    ):
         (tmp_path / "v.json").write_text(text)
-        assert sentence in complaint("--on", "/dev/ttyNone", "--next", str(tmp_path / "v.json"), "-o", str(tmp_path / "log.csv"))
+        assert sentence in complaint(
+            "--on",
+            "/dev/ttyNone",
+            "--next",
+            str(tmp_path / "v.json"),
+            "-o",
+            str(tmp_path / "log.csv"),
+        )

@@ -1,4 +1,6 @@
-"""A run of the diagnosis' menu on a board: the conductor in lock-step with the native firmware, trigger and switches in a hand's way."""
+"""A run of the diagnosis' menu on a board: the conductor in lock-step with the native firmware,
+trigger and switches in a hand's way.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,18 +25,28 @@ HELD = ((0.0, 0.0), (PRESSED_S, 0.0), (PRESSED_S + 0.02, 1.0))
 
 
 class Line:
-    """The host's end of a lock-step run: what `vgroove run --on PORT` does, without a port; `cut(time_s)` breaks its TX."""
+    """The host's end of a lock-step run: what `vgroove run --on PORT` does, without a port;
+    `cut(time_s)` breaks its TX.
+    """
 
-    def __init__(self, course: str, cut: Callable[[float], bool] = lambda _: False, first: bytes = b"") -> None:
+    def __init__(
+        self, course: str, cut: Callable[[float], bool] = lambda _: False, first: bytes = b""
+    ) -> None:
         self.session = telemetry.Session()
         self.conductor = Conductor(named(course), self.session)
-        self._framer, self._out, self._cut = telemetry.Framer(self.session.counters), bytearray(first), cut
+        self._framer, self._out, self._cut = (
+            telemetry.Framer(self.session.counters),
+            bytearray(first),
+            cut,
+        )
         self.acked_s, self.hints = 0.0, [""]
 
     def send(self, data: bytes) -> None:
         """From the board."""
         frames = self._framer.feed(data)
-        self.acked_s = max([self.acked_s, *(frame.time_ms / 1000 for frame in frames if frame.id == telemetry.ACK)])
+        self.acked_s = max(
+            [self.acked_s, *(frame.time_ms / 1000 for frame in frames if frame.id == telemetry.ACK)]
+        )
         kept = self.conductor.hear(frames)
         self.session.feed([] if self.conductor.over else kept)
         self._out += self.conductor.speak()
@@ -48,10 +60,14 @@ class Line:
 
 
 def performed(line: Line, seconds: float = 8.0, travel: tuple = HELD, **hand: object) -> Log:
-    """All that the native board sent while the line's run was performed; `travel` of the trigger over time, `hand`: what else it does."""
+    """All that the native board sent while the line's run was performed; `travel` of the trigger
+    over time, `hand`: what else it does.
+    """
     tool = make_plant(without_board_effects(read_rig(RIG)), 1)
     profile = lockstep.Profile(travel=travel, **hand)
-    return log_from_stream(lockstep.run(SilBoard(target=1), tool, profile, seconds, line=line, seed=1), "board")
+    return log_from_stream(
+        lockstep.run(SilBoard(target=1), tool, profile, seconds, line=line, seed=1), "board"
+    )
 
 
 def begin_s(line: Line) -> float:
@@ -69,17 +85,26 @@ def test_a_staircase_is_performed_and_recorded_from_its_beginning() -> None:
     log = performed(line)
     assert line.conductor.over == DONE and line.conductor.remarks() == []
     begin, course = begin_s(line), named("staircase")
-    assert begin == pytest.approx(PRESSED_S + 1.0, abs=0.1) and not driven(log)[log.time_s <= begin].any()
+    assert (
+        begin == pytest.approx(PRESSED_S + 1.0, abs=0.1)
+        and not driven(log)[log.time_s <= begin].any()
+    )
     for start, level in course.points()[1:]:
         at = np.abs(log.time_s - (begin + start + 0.4)) < 0.01
         assert log["duty"][at] == pytest.approx(level, abs=0.005), (start, level)
     kept = log_from_session(line.session, "kept")
-    assert kept.time_s[0] == pytest.approx(begin, abs=0.03) and kept.time_s[-1] == pytest.approx(begin + 4.5, abs=0.1)
+    assert kept.time_s[0] == pytest.approx(begin, abs=0.03) and kept.time_s[-1] == pytest.approx(
+        begin + 4.5, abs=0.1
+    )
     assert line.session.counters.lost == 0 and (kept["mode"] == 0).all()
     assert log["coast"][log.time_s > begin + 4.1].all(), "open 50 ms after the last frame"
     told = [hint.split(":")[0] for hint in line.hints if "it allows" not in hint]
     assert told[-4:] == [
-        "pull the trigger fully and hold it", "hold the trigger, the run begins", "staircase", "release the trigger"]
+        "pull the trigger fully and hold it",
+        "hold the trigger, the run begins",
+        "staircase",
+        "release the trigger",
+    ]
 
 
 def test_the_trigger_limits_the_run_and_the_log_says_what_was_driven() -> None:
@@ -94,11 +119,17 @@ def test_a_reversal_is_two_legs_with_the_switch_moved_by_the_operator_in_between
     travel = (*HELD, (6.0, 1.0), (6.02, 0.0), (8.0, 0.0), (8.02, 1.0))
     log = performed(line, 13.0, travel, reverse=((0.0, 0.0), (7.0, 1.0)))
     assert line.conductor.over == DONE
-    assert [leg.reverse for leg in line.conductor.legs] == [False, True] and line.conductor.total_s == pytest.approx(4.2, abs=0.1)
+    assert [leg.reverse for leg in line.conductor.legs] == [
+        False,
+        True,
+    ] and line.conductor.total_s == pytest.approx(4.2, abs=0.1)
     duty = log["duty"]
     assert duty[log.time_s < 7.0].min() == 0.0 and duty[log.time_s > 7.0].max() == 0.0
     assert (duty.min(), duty.max()) == (-1.0, 1.0)
-    assert "set the direction switch to backward" in line.hints and len(log_from_session(line.session, "kept")) > 8000
+    assert (
+        "set the direction switch to backward" in line.hints
+        and len(log_from_session(line.session, "kept")) > 8000
+    )
 
 
 def test_a_coast_down_opens_the_bridge_where_its_level_is_0() -> None:
@@ -106,7 +137,9 @@ def test_a_coast_down_opens_the_bridge_where_its_level_is_0() -> None:
     log = performed(line)
     begin = begin_s(line)
     spans = ((0.0, 0.15), (0.3, 1.1), (1.25, 2.0), (3.2, 3.9))
-    opened = [log["coast"][(log.time_s > begin + a) & (log.time_s < begin + b)].mean() for a, b in spans]
+    opened = [
+        log["coast"][(log.time_s > begin + a) & (log.time_s < begin + b)].mean() for a, b in spans
+    ]
     assert opened == [0.0, 0.0, 1.0, 1.0] and line.conductor.over == DONE
 
 
@@ -114,8 +147,12 @@ def test_a_coast_down_opens_the_bridge_where_its_level_is_0() -> None:
 def test_every_run_of_the_menu_is_performed_without_a_fault(course: str) -> None:
     line = Line(course)
     both = course == "reversal"
-    log = performed(line, 13.0 if both else 8.0, (*HELD, (6.0, 1.0), (6.02, 0.0), (8.0, 0.0), (8.02, 1.0)) if both else HELD,
-                    reverse=((0.0, 0.0), (7.0, 1.0)) if both else ((0.0, 0.0),))
+    log = performed(
+        line,
+        13.0 if both else 8.0,
+        (*HELD, (6.0, 1.0), (6.02, 0.0), (8.0, 0.0), (8.02, 1.0)) if both else HELD,
+        reverse=((0.0, 0.0), (7.0, 1.0)) if both else ((0.0, 0.0),),
+    )
     assert line.conductor.over == DONE and 5 not in log["state"][log.time_s < begin_s(line)]
     assert (3 != log["state"]).all() and np.abs(log["current_a"]).max() < 50.0
     assert ("load_nm" in " ".join(line.conductor.remarks())) == (course == "load steps")
@@ -123,8 +160,12 @@ def test_every_run_of_the_menu_is_performed_without_a_fault(course: str) -> None
 
 def test_a_released_trigger_ends_the_run() -> None:
     line = Line("hold at heat")
-    log = performed(line, travel=(*HELD, (4.0, 1.0), (4.02, 0.0), (5.0, 0.0), (5.02, 1.0), (6.0, 1.0)))
-    assert line.conductor.over.startswith("the trigger was released, 1.") and line.conductor.over.endswith("s into the run of 4.0 s")
+    log = performed(
+        line, travel=(*HELD, (4.0, 1.0), (4.02, 0.0), (5.0, 0.0), (5.02, 1.0), (6.0, 1.0))
+    )
+    assert line.conductor.over.startswith(
+        "the trigger was released, 1."
+    ) and line.conductor.over.endswith("s into the run of 4.0 s")
     assert not driven(log)[(log.time_s > 4.03) & (log.time_s < 5.0)].any()
     assert driven(log)[log.time_s > 5.3].all(), "the hand's again"
 
@@ -132,9 +173,15 @@ def test_a_released_trigger_ends_the_run() -> None:
 def test_a_line_that_breaks_stops_the_motor_within_50_ms() -> None:
     line = Line("hold at heat", cut=lambda time_s: time_s > 4.0)
     log = performed(line)
-    assert line.conductor.over.startswith("frames were lost on the line: the board heard none for 50 ms and ended the drive, 1.")
+    assert line.conductor.over.startswith(
+        "frames were lost on the line: the board heard none for 50 ms and ended the drive, 1."
+    )
     last_s = log.time_s[driven(log)].max()
-    assert 4.0 < line.acked_s < 4.02 and 0.04 < last_s - line.acked_s <= 0.051 and log["coast"][log.time_s > last_s].all()
+    assert (
+        4.0 < line.acked_s < 4.02
+        and 0.04 < last_s - line.acked_s <= 0.051
+        and log["coast"][log.time_s > last_s].all()
+    )
 
 
 def test_a_line_without_tx_is_told_before_anything_turns() -> None:
@@ -147,7 +194,11 @@ def test_a_line_without_tx_is_told_before_anything_turns() -> None:
 def test_a_trigger_that_is_held_already_is_to_be_released_first() -> None:
     line = Line("staircase")
     performed(line, 3.0, ((0.0, 0.0), (0.1, 0.0), (0.12, 0.6)))
-    assert line.conductor.phase is Phase.READY and line.conductor.sent == 0 and line.hints[-1] == "release the trigger"
+    assert (
+        line.conductor.phase is Phase.READY
+        and line.conductor.sent == 0
+        and line.hints[-1] == "release the trigger"
+    )
 
 
 def test_nobody_at_the_trigger_ends_the_run_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,13 +210,21 @@ def test_nobody_at_the_trigger_ends_the_run_in_time(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_mode_that_the_host_has_chosen_is_changed_and_one_of_the_switch_is_not() -> None:
-    sync = telemetry.frame_bytes(telemetry.frame_of_signals("SET_MODE", 1, mode_request=1, mode_sequence=9))
+    sync = telemetry.frame_bytes(
+        telemetry.frame_of_signals("SET_MODE", 1, mode_request=1, mode_sequence=9)
+    )
     line = Line("staircase", first=sync)
     performed(line, travel=((0.0, 0.0), (3.0, 0.0), (3.02, 1.0)), seconds=9.0)
-    assert line.conductor.over == DONE and "the board stays in mode duty" in line.conductor.remarks()[-1]
+    assert (
+        line.conductor.over == DONE
+        and "the board stays in mode duty" in line.conductor.remarks()[-1]
+    )
     switched = Line("staircase")
     performed(switched, 4.0, mode=1)
-    assert switched.conductor.phase is Phase.READY and "turn the mode switch to position 0" in switched.hints
+    assert (
+        switched.conductor.phase is Phase.READY
+        and "turn the mode switch to position 0" in switched.hints
+    )
 
 
 def test_a_leg_never_changes_faster_than_the_boards_ramp() -> None:
@@ -176,15 +235,35 @@ def test_a_leg_never_changes_faster_than_the_boards_ramp() -> None:
             assert np.abs(np.diff(duty))[closed].max() <= 6.0 * 0.02 + 1e-12 and duty.max() <= 1.0
 
 
-@pytest.mark.parametrize(("verdict", "words"), [
-    ({"verdict": "effect", "next_experiment": None}, "asks for no further run"),
-    ({"next_experiment": {"profile": "waltz"}}, "no run waltz; the menu has staircase"),
-    ({"next_experiment": {"profile": "staircase", "points": [[0.0, 0.0], [1.0, 1.5]]}}, "lie in -1..1"),
-    ({"next_experiment": {"profile": "staircase", "points": [[0.0, 0.0], [1.0, float("nan")]]}}, "lie in -1..1"),
-    ({"next_experiment": {"profile": "staircase", "points": [[0.0, 0.0], [0.0, 0.5]]}}, "go on in time"),
-    ({"next_experiment": {"profile": "staircase", "points": [[0.0, 0.0], [9.0, 0.5]]}}, "to 4 s at most"),
-    ({"next_experiment": {"profile": "staircase", "points": "none"}}, "are pairs"),
-])
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        ({"verdict": "effect", "next_experiment": None}, "asks for no further run"),
+        ({"next_experiment": {"profile": "waltz"}}, "no run waltz; the menu has staircase"),
+        (
+            {"next_experiment": {"profile": "staircase", "points": [[0.0, 0.0], [1.0, 1.5]]}},
+            "lie in -1..1",
+        ),
+        (
+            {
+                "next_experiment": {
+                    "profile": "staircase",
+                    "points": [[0.0, 0.0], [1.0, float("nan")]],
+                }
+            },
+            "lie in -1..1",
+        ),
+        (
+            {"next_experiment": {"profile": "staircase", "points": [[0.0, 0.0], [0.0, 0.5]]}},
+            "go on in time",
+        ),
+        (
+            {"next_experiment": {"profile": "staircase", "points": [[0.0, 0.0], [9.0, 0.5]]}},
+            "to 4 s at most",
+        ),
+        ({"next_experiment": {"profile": "staircase", "points": "none"}}, "are pairs"),
+    ],
+)
 def test_a_verdict_without_a_run_is_a_sentence(verdict: dict, words: str) -> None:
     with pytest.raises(VgrooveError, match=words):
         proposed(verdict, "v.json")
@@ -192,6 +271,23 @@ def test_a_verdict_without_a_run_is_a_sentence(verdict: dict, words: str) -> Non
 
 def test_the_run_of_a_verdict_is_that_of_the_menu_at_its_points() -> None:
     for course in MENU:
-        assert proposed({"next_experiment": {"profile": course.name, "points": course.points()}}, "v.json") == course
-    other = proposed({"next_experiment": {"profile": "coast-down", "points": [[0.0, 0.0], [0.2, 0.4], [2.0, 0.0]]}}, "v.json")
-    assert other.level == (0.0, 0.4, 0.0) and other.opens(np.array([0.1, 0.3, 3.0])).tolist() == [False, False, True]
+        assert (
+            proposed(
+                {"next_experiment": {"profile": course.name, "points": course.points()}}, "v.json"
+            )
+            == course
+        )
+    other = proposed(
+        {
+            "next_experiment": {
+                "profile": "coast-down",
+                "points": [[0.0, 0.0], [0.2, 0.4], [2.0, 0.0]],
+            }
+        },
+        "v.json",
+    )
+    assert other.level == (0.0, 0.4, 0.0) and other.opens(np.array([0.1, 0.3, 3.0])).tolist() == [
+        False,
+        False,
+        True,
+    ]

@@ -1,4 +1,6 @@
-"""The controllers' bench judges as issue 5 says, and a fifth of its cells holds what the controllers promise."""
+"""The controllers' bench judges as issue 5 says, and a fifth of its cells holds what the
+controllers promise.
+"""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,19 +12,41 @@ import plotly.graph_objects as go
 import pytest
 from scipy import signal
 
-from vgroove.control_bench import avr, blows, bound, drill, scores, screwing, sync, torque, vibration
+from vgroove.control_bench import (
+    avr,
+    blows,
+    bound,
+    drill,
+    scores,
+    screwing,
+    sync,
+    torque,
+    vibration,
+)
 from vgroove.control_bench.control import PARTS, Choice
 from vgroove.control_bench.figures import WAVES, image_path
 from vgroove.control_bench.goals import Goal
 from vgroove.control_bench.jobs import PLAIN, Job, Variant, do, run_jobs
-from vgroove.control_bench.runs import PULL_S, AbsentError, Run, eeprom_image, parameter, pull, reference, sil_run
+from vgroove.control_bench.runs import (
+    PULL_S,
+    AbsentError,
+    Run,
+    eeprom_image,
+    parameter,
+    pull,
+    reference,
+    sil_run,
+)
 from vgroove.control_bench.waves import POINTS, range_of, wave_picture
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import Profile
 from vgroove.page import thin
 
 ROOT = Path(__file__).resolve().parents[2]
-BLOW = [(name, "f8") for name in ("time_s", "approach_rad_s", "engaged_m", "impulse_nm_s", "peak_torque_nm")]
+BLOW = [
+    (name, "f8")
+    for name in ("time_s", "approach_rad_s", "engaged_m", "impulse_nm_s", "peak_torque_nm")
+]
 BLOW += [(name, "i8") for name in ("kind", "lug", "skipped")]
 
 
@@ -37,7 +61,9 @@ def struck(times: list[float], **changes: dict[int, Any]) -> np.ndarray:
 
 
 def run_of(hits: np.ndarray, rig: Any, truth: np.ndarray | None = None) -> Run:
-    return Run(rig, SimpleNamespace(), b"", float(hits["time_s"][-1]) if len(hits) else 1.0, hits, truth)
+    return Run(
+        rig, SimpleNamespace(), b"", float(hits["time_s"][-1]) if len(hits) else 1.0, hits, truth
+    )
 
 
 def clean_of(hits: np.ndarray) -> float:
@@ -52,17 +78,36 @@ def test_clean_is_what_the_issue_says() -> None:
     assert clean_of(struck(regular, skipped={4: 1})) == 0.9
     assert clean_of(struck(regular, engaged_m={4: 2.24e-3})) == 0.9
     assert clean_of(struck(regular, engaged_m={4: 2.26e-3})) == 1.0
-    assert clean_of(struck([*regular[:5], 0.089, *regular[5:]], kind={5: 1})) == pytest.approx(10 / 11)  # a repeat
-    assert clean_of(struck([*regular[:5], 0.0805, *regular[5:]], kind={5: 2})) == 1.0  # a rebound belongs to its blow
+    # a repeat
+    assert clean_of(struck([*regular[:5], 0.089, *regular[5:]], kind={5: 1})) == pytest.approx(
+        10 / 11
+    )
+    # a rebound belongs to its blow
+    assert clean_of(struck([*regular[:5], 0.0805, *regular[5:]], kind={5: 2})) == 1.0
     late = [*regular[:9], 0.16 + 0.02 * 1.11]
-    assert clean_of(struck(late)) == 0.9 and clean_of(struck([*regular[:9], 0.16 + 0.02 * 1.09])) == 1.0
+    assert (
+        clean_of(struck(late)) == 0.9
+        and clean_of(struck([*regular[:9], 0.16 + 0.02 * 1.09])) == 1.0
+    )
 
 
 def test_halves_and_seeds_are_apart() -> None:
-    for cells in (sync.cells(), blows.cells(), vibration.cells(), screwing.cells(2), torque.cells(3), drill.cells()):
-        seeds = {half: {c["seed"] for c in cells if c["set"] == half} for half in ("tune", "report")}
+    for cells in (
+        sync.cells(),
+        blows.cells(),
+        vibration.cells(),
+        screwing.cells(2),
+        torque.cells(3),
+        drill.cells(),
+    ):
+        seeds = {
+            half: {c["seed"] for c in cells if c["set"] == half} for half in ("tune", "report")
+        }
         assert seeds["tune"] and seeds["report"] and not seeds["tune"] & seeds["report"]
-    pairs = {half: {(c["supply_v"], c["load"]) for c in sync.cells() if c["set"] == half} for half in ("tune", "report")}
+    pairs = {
+        half: {(c["supply_v"], c["load"]) for c in sync.cells() if c["set"] == half}
+        for half in ("tune", "report")
+    }
     assert len(sync.cells()) == 72 and not pairs["tune"] & pairs["report"]
     assert len(Choice(only_fifth=True).of(sync.cells())) == 15
 
@@ -76,21 +121,34 @@ def housing_run(wave: Any, seconds: float = 3.0) -> Run:
 
 @pytest.mark.parametrize(("hz", "gain"), [(2.0, 0.0), (50.0, 1.0), (300.0, 1.0), (4000.0, 0.0)])
 def test_vibration_is_the_rms_in_the_band(hz: float, gain: float) -> None:
-    found = scores.vibration(housing_run(lambda t: 5.0 + np.sqrt(2.0) * np.sin(2 * np.pi * hz * t)), 1.0, 3.0)
+    found = scores.vibration(
+        housing_run(lambda t: 5.0 + np.sqrt(2.0) * np.sin(2 * np.pi * hz * t)), 1.0, 3.0
+    )
     assert found["rms_nm"] == pytest.approx(gain, abs=0.02)
 
 
-WEIGHTS = [(6.3, 0.727), (8.0, 0.873), (16.0, 0.896), (31.5, 0.519), (63.0, 0.258), (125.0, 0.127), (500.0, 0.0314)]
+WEIGHTS = [
+    (6.3, 0.727),
+    (8.0, 0.873),
+    (16.0, 0.896),
+    (31.5, 0.519),
+    (63.0, 0.258),
+    (125.0, 0.127),
+    (500.0, 0.0314),
+]
 
 
 @pytest.mark.parametrize(("hz", "weight"), WEIGHTS)
 def test_weighting_is_that_of_iso_5349(hz: float, weight: float) -> None:
-    _, response = signal.sosfreqz(scores.hand_arm_filter(), [hz], fs=scores.HOUSING_HZ)  # ISO 5349-1, table A.2
+    # ISO 5349-1, table A.2
+    _, response = signal.sosfreqz(scores.hand_arm_filter(), [hz], fs=scores.HOUSING_HZ)
     assert abs(response[0]) == pytest.approx(weight, rel=0.02)
 
 
 def test_ripple_takes_no_notice_of_what_was_before() -> None:
-    run = housing_run(lambda t: np.where(t < 1.0, 0.0, 6.0 + np.sqrt(2.0) * np.sin(2 * np.pi * 100 * t)))
+    run = housing_run(
+        lambda t: np.where(t < 1.0, 0.0, 6.0 + np.sqrt(2.0) * np.sin(2 * np.pi * 100 * t))
+    )
     assert scores.ripple(run, 1.0005, 3.0) == pytest.approx(1.0, abs=0.03)
     assert scores.vibration(run, 1.0005, 1.5)["rms_nm"] > 1.2  # with the jump
 
@@ -105,16 +163,24 @@ def test_work_is_slip_torque_times_way() -> None:
 
 def test_a_goal_is_met_up_to_its_limit() -> None:
     assert Goal("m", "all", "x", 0.5, 0.5).met and not Goal("m", "all", "x", 0.51, 0.5).met
-    assert Goal("m", "all", "x", 0.97, 0.97, at_most=False).met and not Goal("m", "all", "x", 0.96, 0.97, at_most=False).met
+    assert (
+        Goal("m", "all", "x", 0.97, 0.97, at_most=False).met
+        and not Goal("m", "all", "x", 0.96, 0.97, at_most=False).met
+    )
     assert not Goal("m", "all", "x", None, 0.5).met
 
 
 def test_parameters_go_into_the_eeprom() -> None:
     run = sil_run(reference(), params={"FOLDBACK_A": 20.5, "stall_ms": 400}, duration_s=0.8)
     values = run.session.parameters
-    names = [entry.name for entry in __import__("vgroove.telemetry", fromlist=["x"]).parameter_list()]
+    names = [
+        entry.name for entry in __import__("vgroove.telemetry", fromlist=["x"]).parameter_list()
+    ]
     assert run.session.table["table_status"] == 0
-    assert values[names.index("foldback_a_q9")] == 20.5 * 512 and values[names.index("stall_ms")] == 400
+    assert (
+        values[names.index("foldback_a_q9")] == 20.5 * 512
+        and values[names.index("stall_ms")] == 400
+    )
     assert run.faults == 0 and len(run.hits) > 5 and run.truth_rows is None
     with pytest.raises(VgrooveError, match="stall_ms is 50 to 5000"):
         eeprom_image({"stall_ms": 20})
@@ -127,18 +193,43 @@ def test_parameters_go_into_the_eeprom() -> None:
 def test_other_tools_scatter_by_a_tenth_and_the_reference_tool_does_not() -> None:
     nominal = sync.tool(18.5, "locked", None)
     for name in sync.TOOL_PARAMETERS:
-        shares = [sync.tool(18.5, "locked", seed).value(name) / nominal.value(name) for seed in range(60)]
+        shares = [
+            sync.tool(18.5, "locked", seed).value(name) / nominal.value(name) for seed in range(60)
+        ]
         assert 0.9 <= min(shares) < 0.93 and 1.07 < max(shares) <= 1.1
-    assert sync.tool(18.5, "locked", 5).value("motor.resistance_ohm") == sync.tool(18.5, "locked", 5).value("motor.resistance_ohm")
-    assert all("tool" not in cell for cell in sync.cells()) and all(cell["tool"] == cell["seed"] for cell in sync.other_cells())
+    assert sync.tool(18.5, "locked", 5).value("motor.resistance_ohm") == sync.tool(
+        18.5, "locked", 5
+    ).value("motor.resistance_ohm")
+    assert all("tool" not in cell for cell in sync.cells()) and all(
+        cell["tool"] == cell["seed"] for cell in sync.other_cells()
+    )
 
 
 def test_a_cell_that_is_not_clean_has_a_reason() -> None:
-    cell = {"set": "tune", "supply_v": 16.0, "load": "slip_60", "trigger": 0.6, "seed": 3, "tool": None}
-    rows = [{**cell, "variant": "method 1", "clean": 0.96, "duty": 1.0}, {**cell, "variant": "method 2", "clean": 0.97, "duty": 1.0}]
-    assert [row["variant"] for row in sync.unclean(rows)] == ["method 1"] and len(sync.search_jobs(rows)) == 1
-    for best, duty, words in ((0.9, 1.0, "no constant duty"), (0.98, 1.0, "full duty"), (0.98, 0.9, "the controller's")):
-        searched = [{**cell, "tool": 4, "best_clean": 1.0, "best_duty": 0.5}, {**cell, "best_clean": best, "best_duty": 0.8}]
+    cell = {
+        "set": "tune",
+        "supply_v": 16.0,
+        "load": "slip_60",
+        "trigger": 0.6,
+        "seed": 3,
+        "tool": None,
+    }
+    rows = [
+        {**cell, "variant": "method 1", "clean": 0.96, "duty": 1.0},
+        {**cell, "variant": "method 2", "clean": 0.97, "duty": 1.0},
+    ]
+    assert [row["variant"] for row in sync.unclean(rows)] == ["method 1"] and len(
+        sync.search_jobs(rows)
+    ) == 1
+    for best, duty, words in (
+        (0.9, 1.0, "no constant duty"),
+        (0.98, 1.0, "full duty"),
+        (0.98, 0.9, "the controller's"),
+    ):
+        searched = [
+            {**cell, "tool": 4, "best_clean": 1.0, "best_duty": 0.5},
+            {**cell, "best_clean": best, "best_duty": 0.8},
+        ]
         assert sync.with_reason({**rows[0], "duty": duty}, searched)["reason"].startswith(words)
 
 
@@ -146,12 +237,19 @@ def test_the_search_finds_a_duty_that_is_clean_where_the_trigger_is_not() -> Non
     cell = {"supply_v": 18.5, "load": "slip_60", "seed": 3}
     assert sync.work(PLAIN, trigger=0.725, **cell)["clean"] < 0.97
     found = sync.search_work(PLAIN, tool=None, **cell)
-    assert found["best_clean"] >= 0.97 and sync.work(PLAIN, trigger=found["best_duty"], **cell)["clean"] == found["best_clean"]
+    assert (
+        found["best_clean"] >= 0.97
+        and sync.work(PLAIN, trigger=found["best_duty"], **cell)["clean"] == found["best_clean"]
+    )
 
 
 def test_an_absent_controller_is_reported_not_run() -> None:
     row = do(Job(sync.work, Variant("method 9", "polish"), sync.cells()[0]))
-    assert row["variant"] == "method 9" and "has no mode polish" in row["absent"] and "clean" not in row
+    assert (
+        row["variant"] == "method 9"
+        and "has no mode polish" in row["absent"]
+        and "clean" not in row
+    )
 
 
 def test_the_operator_lets_go_behind_the_seat() -> None:
@@ -160,15 +258,24 @@ def test_the_operator_lets_go_behind_the_seat() -> None:
     closed = run.truth["time_s"][~np.isnan(run.truth["duty"])]
     assert closed[-1] - seated == pytest.approx(screwing.RELEASE_S, abs=0.03)
     figures = screwing.screw_figures(run)
-    assert not figures["early"] and figures["past_deg"] > 0 and figures["seat_s"] == pytest.approx(seated - PULL_S)
+    assert (
+        not figures["early"]
+        and figures["past_deg"] > 0
+        and figures["seat_s"] == pytest.approx(seated - PULL_S)
+    )
 
 
 def test_screws_scatter_as_said() -> None:
     rigs = [screwing.screw("m8", 18.5, 1.25, True, seed) for seed in range(200)]
     starts = np.array([rig.load["start_nm"] for rig in rigs]) / (0.9 * 1.25)
-    assert starts.mean() == pytest.approx(1.0, abs=0.04) and starts.std() == pytest.approx(0.15, abs=0.03)
+    assert starts.mean() == pytest.approx(1.0, abs=0.04) and starts.std() == pytest.approx(
+        0.15, abs=0.03
+    )
     assert {rig.load["seat_nm"] for rig in rigs} == {22 * 1.25}
-    assert all(0 < rig.effects["wood_knot"]["from_rad"] < 2 * np.pi * (26 - rig.load["from_turns"]) for rig in rigs)
+    assert all(
+        0 < rig.effects["wood_knot"]["from_rad"] < 2 * np.pi * (26 - rig.load["from_turns"])
+        for rig in rigs
+    )
 
 
 def test_joints_scatter_by_a_tenth() -> None:
@@ -183,18 +290,28 @@ def test_joints_scatter_by_a_tenth() -> None:
 
 
 def test_the_map_names_blow_and_step() -> None:
-    found = {"slope": 120.0, "time_s": np.array([0.1, 0.12, 0.14]), "torque_nm": np.array([30.0, 50.0, 52.0])}
+    found = {
+        "slope": 120.0,
+        "time_s": np.array([0.1, 0.12, 0.14]),
+        "torque_nm": np.array([30.0, 50.0, 52.0]),
+    }
     rows = {target: torque.map_row(found, target) for target in (40.0, 51.0, 60.0)}
-    assert (rows[40.0]["blow"], rows[40.0]["kind"]) == (2, "too fast") and rows[40.0]["step"] == pytest.approx(0.5)
+    assert (rows[40.0]["blow"], rows[40.0]["kind"]) == (2, "too fast") and rows[40.0][
+        "step"
+    ] == pytest.approx(0.5)
     assert (rows[51.0]["blow"], rows[51.0]["kind"]) == (3, "in reach")
     assert (rows[60.0]["blow"], rows[60.0]["kind"]) == (None, "out of reach")
 
 
 def test_what_is_told_as_missed_is_no_error() -> None:
     cell = {"target_nm": 100.0, "slope": 60.0, "variant": "torque", "seed": 1}
-    rows = [{**cell, "torque_nm": t, "reason": "reached"} for t in (98.0, 102.0)] + [{**cell, "torque_nm": 70.0, "reason": "missed"}]
+    rows = [{**cell, "torque_nm": t, "reason": "reached"} for t in (98.0, 102.0)] + [
+        {**cell, "torque_nm": 70.0, "reason": "missed"}
+    ]
     found = torque.cell_figures(rows, 100.0, 60.0, "torque")
-    assert (found["told"], found["mean_error"]) == (1, pytest.approx(0.0)) and found["std"] == pytest.approx(0.02)
+    assert (found["told"], found["mean_error"]) == (1, pytest.approx(0.0)) and found[
+        "std"
+    ] == pytest.approx(0.02)
 
 
 def test_the_plain_shape_is_the_uncontrolled_tool() -> None:
@@ -207,19 +324,28 @@ def test_the_plain_shape_is_the_uncontrolled_tool() -> None:
 def words_of(figure: go.Figure) -> set[str]:
     """What a figure says besides the numbers on its axes."""
     axes = [axis.title.text for axis in (*figure.select_xaxes(), *figure.select_yaxes())]
-    return {" ".join(words.split()) for words in [*axes, *(note.text for note in figure.layout.annotations)] if words}
+    return {
+        " ".join(words.split())
+        for words in [*axes, *(note.text for note in figure.layout.annotations)]
+        if words
+    }
 
 
 @pytest.mark.parametrize("part", list(WAVES))
 def test_the_command_still_makes_the_figures_of_the_pages(part: str) -> None:
     wave = WAVES[part]()
     figure = wave_picture(wave).figure
-    shown = ElementTree.fromstring(image_path(ROOT / "docs" / "images", wave).read_text(encoding="utf-8"))
+    shown = ElementTree.fromstring(
+        image_path(ROOT / "docs" / "images", wave).read_text(encoding="utf-8")
+    )
     told = {" ".join("".join(e.itertext()).split()) for e in shown.iter() if e.tag.endswith("text")}
-    assert words_of(figure) <= told, f"make it anew: vgroove bench figures docs/images --part {part}"
+    assert words_of(figure) <= told, (
+        f"make it anew: vgroove bench figures docs/images --part {part}"
+    )
     curves = [trace for trace in figure.data if trace.mode == "lines"]
     drawn = [e.get("d", "") for e in shown.iter() if e.get("class") == "js-line"]
-    assert len([d for d in drawn if d]) >= len(curves) == len(wave.drives) * len(wave.panels)  # a gap makes two lines of one
+    # a gap makes two lines of one
+    assert len([d for d in drawn if d]) >= len(curves) == len(wave.drives) * len(wave.panels)
     assert min(len(np.unique(curve.y)) for curve in curves) > 1
 
 
@@ -227,7 +353,9 @@ def test_a_figures_curve_keeps_its_peak() -> None:
     time = np.linspace(0.0, 1.0, 20_001)
     value = np.where(np.arange(len(time)) == 7777, 5.0, np.sin(time))
     assert max(thin(time, value, points=POINTS)[1]) == 5.0
-    assert range_of([0.2, 1.0]) == (0.0, pytest.approx(1.064)) and range_of([900.0, 1000.0])[0] == pytest.approx(892.0)
+    assert range_of([0.2, 1.0]) == (0.0, pytest.approx(1.064)) and range_of([900.0, 1000.0])[
+        0
+    ] == pytest.approx(892.0)
 
 
 def told_blows(times_s: list[float], repeats: int = 0, lugs: int = 1) -> np.ndarray:
@@ -239,29 +367,44 @@ def test_repeats_are_judged_from_blow_to_blow() -> None:
     blows_s = np.array([1.0, 1.025, 1.05])
     told = told_blows([1.01, 1.03, 1.06], repeats=1)
     again = np.array([1.012, 1.04, 1.045])
-    assert blows.repeat_figures(told, blows_s, again) == {"repeats": 3, "repeats_told": 3, "repeats_right": 2}
-    assert blows.repeat_figures(told_blows([1.01], 1, 2), blows_s, again)["repeats_told"] == 2  # of each lug
+    assert blows.repeat_figures(told, blows_s, again) == {
+        "repeats": 3,
+        "repeats_told": 3,
+        "repeats_right": 2,
+    }
+    # of each lug
+    assert blows.repeat_figures(told_blows([1.01], 1, 2), blows_s, again)["repeats_told"] == 2
     assert blows.repeat_figures(told, blows_s, np.zeros(0))["repeats_right"] == 0
     row = {"repeats": 100, "repeats_told": 100, "repeats_right": 90}
     assert blows.repeats_right(row) and not blows.repeats_right({**row, "repeats_right": 89})
-    assert not blows.repeats_right({**row, "repeats_told": 106}) and blows.repeats_right({**row, "repeats_told": 105})
+    assert not blows.repeats_right({**row, "repeats_told": 106}) and blows.repeats_right(
+        {**row, "repeats_told": 105}
+    )
     few = blows.FEW_REPEATS
     assert blows.repeats_right({"repeats": few, "repeats_told": few, "repeats_right": 0})
-    assert not blows.repeats_right({"repeats": few + 1, "repeats_told": few, "repeats_right": few // 2})
+    assert not blows.repeats_right(
+        {"repeats": few + 1, "repeats_told": few, "repeats_right": few // 2}
+    )
 
 
 def test_periods_are_judged_behind_the_settling() -> None:
     times = list(np.arange(0.3, 2.0, 0.025))
     found = blows.period_figures(told_blows(times), np.array(times))
-    assert found["period_error"] == pytest.approx(0.0, abs=1e-9) and found["spread"] == pytest.approx(0.0, abs=1e-9)
+    assert found["period_error"] == pytest.approx(0.0, abs=1e-9) and found[
+        "spread"
+    ] == pytest.approx(0.0, abs=1e-9)
     assert found["spread_told"] == pytest.approx(0.02)
-    assert blows.period_figures(told_blows(times), 1.02 * np.array(times))["period_error"] == pytest.approx(1 - 1 / 1.02)
+    assert blows.period_figures(told_blows(times), 1.02 * np.array(times))[
+        "period_error"
+    ] == pytest.approx(1 - 1 / 1.02)
     assert blows.period_figures(told_blows(times[:20]), np.array(times))["period_error"] is None
 
 
 def test_workers_give_what_one_process_gives() -> None:
     jobs = sync.jobs(sync.cells()[:3], [PLAIN])
-    assert run_jobs(jobs, lambda words: None, "", workers=2) == run_jobs(jobs, lambda words: None, "", workers=1)
+    assert run_jobs(jobs, lambda words: None, "", workers=2) == run_jobs(
+        jobs, lambda words: None, "", workers=1
+    )
 
 
 def test_kept_figures_are_taken_and_those_of_other_cells_are_not(tmp_path: Any) -> None:
@@ -272,22 +415,49 @@ def test_kept_figures_are_taken_and_those_of_other_cells_are_not(tmp_path: Any) 
         return {"figure": 0.1 * n}
 
     def run(numbers: list[int]) -> list[dict]:
-        return run_jobs([Job(work, PLAIN, {"n": n}) for n in numbers], lambda words: None, "part", workers=1, keep=tmp_path)
+        return run_jobs(
+            [Job(work, PLAIN, {"n": n}) for n in numbers],
+            lambda words: None,
+            "part",
+            workers=1,
+            keep=tmp_path,
+        )
 
     first = run(list(range(120)))
-    assert first[7] == {"variant": "without", "n": 7, "figure": 0.1 * 7} and done == list(range(120))
+    assert first[7] == {"variant": "without", "n": 7, "figure": 0.1 * 7} and done == list(
+        range(120)
+    )
     (tmp_path / "part_50.json").unlink()  # as after an interruption
     assert run(list(range(120))) == first and done[120:] == list(range(50, 100))
-    assert [row["n"] for row in run(list(range(1, 60)))] == list(range(1, 60)) and len(done) == 170 + 59
+    assert [row["n"] for row in run(list(range(1, 60)))] == list(range(1, 60)) and len(
+        done
+    ) == 170 + 59
 
 
 def test_the_subset_on_the_elf_has_every_controller_and_every_end() -> None:
     cases = [case for part in avr.CASES.values() for case in part]
-    assert {case.mode for case in cases} == {"duty", "sync", "screwing", "vibration", "torque", "drill"}
-    assert {case.ends for case in cases} == {"none", "seated", "reached", "missed", "unreachable", "clutch", "kickback"}
+    assert {case.mode for case in cases} == {
+        "duty",
+        "sync",
+        "screwing",
+        "vibration",
+        "torque",
+        "drill",
+    }
+    assert {case.ends for case in cases} == {
+        "none",
+        "seated",
+        "reached",
+        "missed",
+        "unreachable",
+        "clutch",
+        "kickback",
+    }
 
 
-@pytest.mark.parametrize("case", [case for part in avr.CASES.values() for case in part], ids=lambda case: case.name)
+@pytest.mark.parametrize(
+    "case", [case for part in avr.CASES.values() for case in part], ids=lambda case: case.name
+)
 def test_the_elf_decides_alike(case: avr.Case) -> None:
     row = avr.differing(case)
     assert row["equal"], row
@@ -295,8 +465,19 @@ def test_the_elf_decides_alike(case: avr.Case) -> None:
 
 
 def test_an_end_that_is_not_the_expected_one_is_no_equal_decision() -> None:
-    row = avr.differing(avr.Case("refused", "torque", reference, {"torque_target_nm": 120.0}, seconds=0.5, ends="unreachable"))
-    assert row["differ"] == row["frames_differ"] == 0 and row["reason"] == "none" and not row["equal"]
+    row = avr.differing(
+        avr.Case(
+            "refused",
+            "torque",
+            reference,
+            {"torque_target_nm": 120.0},
+            seconds=0.5,
+            ends="unreachable",
+        )
+    )
+    assert (
+        row["differ"] == row["frames_differ"] == 0 and row["reason"] == "none" and not row["equal"]
+    )
 
 
 FIFTH = Choice(only_fifth=True, workers=1)
@@ -326,41 +507,68 @@ def summary(part: dict, variant: str) -> dict:
 @pytest.mark.parametrize("method", ["method 1", "method 2"])
 def test_fifth_of_synchronisation(fifth: Any, method: str) -> None:
     found = summary(fifth("sync"), method)
-    assert found["clean"] >= 0.97 > found["clean_before"] and found["unclean_ratio"] <= 0.5 and found["worse_cells"] == 0
+    assert (
+        found["clean"] >= 0.97 > found["clean_before"]
+        and found["unclean_ratio"] <= 0.5
+        and found["worse_cells"] == 0
+    )
 
 
 @pytest.mark.parametrize("method", ["method 1", "method 2"])
 def test_fifth_of_low_vibration(fifth: Any, method: str) -> None:
     found = summary(fifth("vibration"), method)
-    assert found["change"] <= -0.1 and found["worst"] <= 0.03 and found["time_most"] <= 0.05 and found["not_reached"] == 0
+    assert (
+        found["change"] <= -0.1
+        and found["worst"] <= 0.03
+        and found["time_most"] <= 0.05
+        and found["not_reached"] == 0
+    )
 
 
 @pytest.mark.parametrize("supply_v", [16.25, 16.45, 16.7])
 def test_a_hard_joint_between_the_supplies_of_the_matrix_shakes_no_more(supply_v: float) -> None:
-    rows = [vibration.work(variant, supply_v=supply_v, load="hard_joint", seed=7) for variant in vibration.VARIANTS]
+    rows = [
+        vibration.work(variant, supply_v=supply_v, load="hard_joint", seed=7)
+        for variant in vibration.VARIANTS
+    ]
     for row in rows[1:]:
-        assert row["rms_nm"] <= 1.03 * rows[0]["rms_nm"] and row["time_s"] <= 1.05 * rows[0]["time_s"]
+        assert (
+            row["rms_nm"] <= 1.03 * rows[0]["rms_nm"] and row["time_s"] <= 1.05 * rows[0]["time_s"]
+        )
 
 
 def test_fifth_of_blow_detection(fifth: Any) -> None:
     for source in ("by speed", "by current"):
         found = summary(fifth("blows"), source)
         off = found["cells"] - found["cells_within"]
-        assert found["cells"] > 20 and found["error_of_all"] <= 0.01 and off <= (0 if source == "by speed" else 2)
-        assert found["precision"] >= 0.85 and found["recall"] >= 0.9 and found["period_error"] <= 0.015
+        assert (
+            found["cells"] > 20
+            and found["error_of_all"] <= 0.01
+            and off <= (0 if source == "by speed" else 2)
+        )
+        assert (
+            found["precision"] >= 0.85 and found["recall"] >= 0.9 and found["period_error"] <= 0.015
+        )
 
 
 def test_fifth_of_precise_screwing(fifth: Any) -> None:
     found, plain = summary(fifth("screwing"), "screwing"), summary(fifth("screwing"), "without")
     assert found["size"] == plain["size"] == "all"
-    assert found["past_deg_median"] <= 45.0 < plain["past_deg_median"] and found["stripped"] <= 0.15 * plain["stripped"]
+    assert (
+        found["past_deg_median"] <= 45.0 < plain["past_deg_median"]
+        and found["stripped"] <= 0.15 * plain["stripped"]
+    )
     assert found["rate_change_soft"] <= -0.32 and found["time_ratio"] <= 2.6 and found["early"] <= 2
 
 
 def test_fifth_of_torque_control(fifth: Any) -> None:
     plain = summary(fifth("torque"), torque.FIXED_COUNT)
     found = summary(fifth("torque"), "torque")
-    assert found["cells"] == plain["cells"] > 5 and found["cells_met"] >= 1 and found["std_rms"] <= 0.08
+    assert (
+        found["cells"] == plain["cells"] > 5
+        and found["cells_met"] >= 1
+        and found["std_rms"] <= 0.08
+    )
 
 
 @pytest.mark.parametrize("gear", list(drill.GEARS))
@@ -368,7 +576,15 @@ def test_fifth_of_torque_control(fifth: Any) -> None:
 def test_a_jam_opens_the_bridge_in_both_directions(gear: str, reverse: float) -> None:
     load = ((0.0, 0.0), (0.8, 0.0), (0.805, 1.5 * drill.stall_nm(gear, 18.0)))
     profile = Profile(travel=drill.pulled(1.0), reverse=((0.0, reverse),), load_nm=load)
-    run = drill.drill_run(drill.CONTROLLER, drill.drill_rig(gear, 18.0), drill.drill_params(gear), profile, 1.0, 3, truth_every=4)
+    run = drill.drill_run(
+        drill.CONTROLLER,
+        drill.drill_rig(gear, 18.0),
+        drill.drill_params(gear),
+        profile,
+        1.0,
+        3,
+        truth_every=4,
+    )
     first_s, good_s = drill.opened_s(run, 0.8)
     assert torque.reason_of(run) == "kickback" and first_s - 0.8 <= 0.03 and good_s - 0.8 <= 0.03
     assert np.sign(run.truth["speed_rad_s"][run.truth["time_s"] < 0.8][-1]) == 1.0 - 2.0 * reverse
@@ -378,4 +594,7 @@ def test_fifth_of_the_drill_driver(fifth: Any) -> None:
     goals = {goal["goal"]: goal for goal in fifth("drill")["goals"] if goal["set"] == "all"}
     if not goals:
         pytest.skip("the drill driver is absent from this firmware")
-    assert goals["locks that the bridge did not open on"]["met"] and goals["lock to open bridge in ms, most"]["met"]
+    assert (
+        goals["locks that the bridge did not open on"]["met"]
+        and goals["lock to open bridge in ms, most"]["met"]
+    )

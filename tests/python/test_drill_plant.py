@@ -1,4 +1,6 @@
-"""The drill driver in lock-step and alone: it agrees with its reference and with SciPy's, keeps its clutch, runs under the firmware."""
+"""The drill driver in lock-step and alone: it agrees with its reference and with SciPy's, keeps its
+clutch, runs under the firmware.
+"""
 
 import json
 from pathlib import Path
@@ -21,14 +23,19 @@ ROW_S = 1e-3
 
 
 def rig(gear: str = "low", **changes: object) -> Rig:
-    return read_rig(ROOT / f"rigs/drill_driver_{gear}.toml").with_values({key.replace("__", "."): value for key, value in changes.items()})
+    return read_rig(ROOT / f"rigs/drill_driver_{gear}.toml").with_values(
+        {key.replace("__", "."): value for key, value in changes.items()}
+    )
 
 
 def alone(tool: Rig, seconds: float = 4.0) -> dict[str, np.ndarray]:
     """Rows of 1 ms of a full trigger in the ramp of 0.3 s, met exactly; (n,) each."""
     plant = make_drill(tool)
     duty = np.minimum(np.arange(round(seconds / ROW_S) + 1) * ROW_S / 0.3, 1.0)
-    rows = [plant.advance(ROW_S, float(b), False, 0.0, float(a)) for a, b in zip(duty[:-1], duty[1:], strict=True)]
+    rows = [
+        plant.advance(ROW_S, float(b), False, 0.0, float(a))
+        for a, b in zip(duty[:-1], duty[1:], strict=True)
+    ]
     names = ("speed_rad_s", "chuck_rad_s", "current_a", "shaft_nm", "shaft_peak_nm")
     return {name: np.array([getattr(row, name) for row in rows]) for name in names}
 
@@ -50,28 +57,37 @@ def test_agrees_with_scipy_in_the_older_form_of_the_law_too() -> None:
     other = run(Drill(pulse=True, end=2.6), np.arange(1, 2600) * ROW_S)
     rows = alone(tool, 2.6)
     for name in ("speed_rad_s", "chuck_rad_s"):
-        assert np.max(np.abs(rows[name][:2599] - other[name])) < 1e-3 * np.max(np.abs(other[name])), name
+        assert np.max(np.abs(rows[name][:2599] - other[name])) < 1e-3 * np.max(
+            np.abs(other[name])
+        ), name
     older = alone(rig("low", load__form="exponential", load__from_s=0.0, load__to_s=9.0), 1.0)
     p = tool.drill_parameters()
     friction = 0.012 + 4.5e-6 * older["speed_rad_s"][-1]
-    torque = 6.0 + 1.2 * np.exp(-10.0 * older["chuck_rad_s"][-1])  # Tc + (Tbrk - Tc) exp(-cv w) at a steady speed
+    # Tc + (Tbrk - Tc) exp(-cv w) at a steady speed
+    torque = 6.0 + 1.2 * np.exp(-10.0 * older["chuck_rad_s"][-1])
     assert older["shaft_nm"][-1] == pytest.approx(torque, rel=1e-3)
-    assert older["current_a"][-1] * p["motor.torque_constant_nm_per_a"] * 31.5 == pytest.approx(torque + 31.5 * friction, rel=1e-3)
+    assert older["current_a"][-1] * p["motor.torque_constant_nm_per_a"] * 31.5 == pytest.approx(
+        torque + 31.5 * friction, rel=1e-3
+    )
 
 
 def test_the_shaft_never_carries_more_than_the_clutch() -> None:
     rows = alone(rig("low", mechanism__clutch_nm=4.0), 3.2)
     assert 3.99 < rows["shaft_peak_nm"].max() <= 4.0 + 1e-9
-    assert rows["chuck_rad_s"][2900] < 0.1 < rows["speed_rad_s"][2900]  # the chuck stands, the motor goes on
+    # the chuck stands, the motor goes on
+    assert rows["chuck_rad_s"][2900] < 0.1 < rows["speed_rad_s"][2900]
 
 
 def test_a_load_that_rises_with_the_angle_stops_the_chuck_where_the_torques_meet() -> None:
-    plant = make_drill(rig("low", load__torque_nm=0.0, load__rise_nm_per_rad=20.0, load__rise_from_rad=3.0))
+    plant = make_drill(
+        rig("low", load__torque_nm=0.0, load__rise_nm_per_rad=20.0, load__rise_from_rad=3.0)
+    )
     for _ in range(1200):
         row = plant.advance(ROW_S, 0.3)
     stall = 31.5 * (0.0109 * 0.3 * 18.0 / 0.19 - 0.012)
     assert row.load_nm == pytest.approx(20.0 * (row.chuck_angle_rad - 3.0), rel=1e-3)
-    assert stall < 0.95 * row.load_nm  # its own inertia took it past the stall torque, and friction holds it
+    # its own inertia took it past the stall torque, and friction holds it
+    assert stall < 0.95 * row.load_nm
     assert row.chuck_rad_s < 0.02
 
 
@@ -84,7 +100,9 @@ def test_hall_edges_and_pack_resistance() -> None:
         least = min(least, supply - (18.0 - 0.1 * min(n / 9411, 1.0) * current))
     assert abs(edges - plant.angle_rad / (np.pi / 2.0)) <= 1.0
     assert edges > 300 and abs(least) < 0.02
-    assert current == pytest.approx((1.0 / 8.75 + 0.012 + 4.5e-6 * plant.speed_rad_s) / 0.0109, rel=1e-3)
+    assert current == pytest.approx(
+        (1.0 / 8.75 + 0.012 + 4.5e-6 * plant.speed_rad_s) / 0.0109, rel=1e-3
+    )
 
 
 def test_dead_time_costs_its_share_of_the_bus() -> None:
@@ -107,13 +125,19 @@ def test_an_open_bridge_takes_the_current_through_the_diodes_and_then_nothing() 
     assert plant.advance(ROW_S, 1.0, True).current_a == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(("words", "call"), [
-    ("whole number of steps", lambda: make_drill(rig()).advance(1.01e-3, 1.0)),
-    ("duty must be", lambda: make_drill(rig()).advance(1e-3, 1.1)),
-    ("no pack resistance", lambda: make_drill(rig(mechanism__pulse=True, supply__resistance_ohm=0.1))),
-    ("lock-step plant alone", lambda: _core.simulate_drill({"load.rise_nm_per_rad": 1.0})),
-    ("unknown parameter motor.volt", lambda: _core.DrillPlant({"motor.volt": 1.0})),
-])
+@pytest.mark.parametrize(
+    ("words", "call"),
+    [
+        ("whole number of steps", lambda: make_drill(rig()).advance(1.01e-3, 1.0)),
+        ("duty must be", lambda: make_drill(rig()).advance(1e-3, 1.1)),
+        (
+            "no pack resistance",
+            lambda: make_drill(rig(mechanism__pulse=True, supply__resistance_ohm=0.1)),
+        ),
+        ("lock-step plant alone", lambda: _core.simulate_drill({"load.rise_nm_per_rad": 1.0})),
+        ("unknown parameter motor.volt", lambda: _core.DrillPlant({"motor.volt": 1.0})),
+    ],
+)
 def test_what_does_not_fit_is_refused(words: str, call: object) -> None:
     with pytest.raises(ValueError, match=words):
         call()
@@ -134,22 +158,39 @@ def test_rigs_that_do_not_fit_are_a_sentence() -> None:
 
 def test_a_row_begins_where_the_one_before_ended_within_the_slew() -> None:
     duty = np.array([0.0, 0.003, 0.5, 0.5])
-    assert np.array_equal(straight_from(duty, 4.0), [0.0, 0.0, 0.5, 0.5]) and np.array_equal(straight_from(duty, None), duty)
+    assert np.array_equal(straight_from(duty, 4.0), [0.0, 0.0, 0.5, 0.5]) and np.array_equal(
+        straight_from(duty, None), duty
+    )
 
 
 def invoke(*arguments: object) -> None:
-    assert CliRunner().invoke(cli.app, list(map(str, arguments)), catch_exceptions=False).exit_code == 0
+    assert (
+        CliRunner().invoke(cli.app, list(map(str, arguments)), catch_exceptions=False).exit_code
+        == 0
+    )
 
 
-@pytest.mark.parametrize(("gear", "slow", "fast", "mean", "peak"), [("low", 296, 394, 19, 37), ("high", 980, 1342, 22, 42)])
-def test_sim_shows_section_7(gear: str, slow: float, fast: float, mean: float, peak: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("gear", "slow", "fast", "mean", "peak"),
+    [("low", 296, 394, 19, 37), ("high", 980, 1342, 22, 42)],
+)
+def test_sim_shows_section_7(
+    gear: str, slow: float, fast: float, mean: float, peak: float, tmp_path: Path
+) -> None:
     write_rig(rig(gear, mechanism__pulse=True), tmp_path / "rig.toml")
-    invoke("sim", tmp_path / "rig.toml", "-o", tmp_path / "log.csv", "--json", tmp_path / "out.json")
+    invoke(
+        "sim", tmp_path / "rig.toml", "-o", tmp_path / "log.csv", "--json", tmp_path / "out.json"
+    )
     log, figures = read_log(tmp_path / "log.csv"), json.loads((tmp_path / "out.json").read_text())
     load = (log.time_s >= 2.2) & (log.time_s <= 3.0)
     chuck = log["speed_rpm"][load] / (31.5 if gear == "low" else 8.75)
-    assert len(log) == 4001 and (chuck.min(), chuck.max()) == (pytest.approx(slow, rel=0.01), pytest.approx(fast, rel=0.01))
-    assert log["current_a"][load].mean() == pytest.approx(mean, abs=0.6) and log["current_a"].max() == pytest.approx(peak, abs=1.0)
+    assert len(log) == 4001 and (chuck.min(), chuck.max()) == (
+        pytest.approx(slow, rel=0.01),
+        pytest.approx(fast, rel=0.01),
+    )
+    assert log["current_a"][load].mean() == pytest.approx(mean, abs=0.6) and log[
+        "current_a"
+    ].max() == pytest.approx(peak, abs=1.0)
     assert figures["shaft_peak_nm"] < 30.0 and figures["clutch_slipped_s"] == 0.0
 
 
@@ -167,8 +208,12 @@ def test_run_in_sil_agrees_with_the_plant_alone(tmp_path: Path) -> None:
     board, model = read_log(tmp_path / "run.csv"), read_log(tmp_path / "sim.csv")
     for begin, end in ((1.0, 1.9), (2.2, 2.55)):  # free, and under 6 N m
         seen, believed = ((log.time_s > begin) & (log.time_s < end) for log in (board, model))
-        assert board["speed_rpm"][seen].mean() == pytest.approx(model["speed_rpm"][believed].mean(), rel=2e-3)
-        assert board["current_a"][seen].mean() == pytest.approx(model["current_a"][believed].mean(), abs=0.15)
+        assert board["speed_rpm"][seen].mean() == pytest.approx(
+            model["speed_rpm"][believed].mean(), rel=2e-3
+        )
+        assert board["current_a"][seen].mean() == pytest.approx(
+            model["current_a"][believed].mean(), abs=0.15
+        )
 
 
 def test_run_on_the_simulated_avr_writes_the_same_rows(tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""Flashing: the real avrdude against a simulated bootloader on a pty; its flash is compared byte for byte with the hex file."""
+"""Flashing: the real avrdude against a simulated bootloader on a pty; its flash is compared byte
+for byte with the hex file.
+"""
 
 import shutil
 import subprocess
@@ -11,7 +13,9 @@ from stk500_bootloader import FLASH_BYTES, Bootloader
 from vgroove.errors import VgrooveError
 from vgroove.flash import flash, flash_command
 
-pytestmark = pytest.mark.skipif(shutil.which("avrdude") is None, reason="avrdude is not installed (make setup)")
+pytestmark = pytest.mark.skipif(
+    shutil.which("avrdude") is None, reason="avrdude is not installed (make setup)"
+)
 ROOT = Path(__file__).resolve().parents[2]
 PROBE = ROOT / "tests" / "avr" / "probe_board.c"
 
@@ -30,14 +34,31 @@ def hex_bytes(path: Path) -> dict[int, int]:
 
 @pytest.fixture(scope="module")
 def image(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The firmware's hex file, made from its ELF as the build makes it; from the bench's test program before the first `make build`."""
+    """The firmware's hex file, made from its ELF as the build makes it; from the bench's test
+    program before the first `make build`.
+    """
     folder = tmp_path_factory.mktemp("flash")
     elf = ROOT / "build" / "avr-uno" / "vgroove.elf"
     if not elf.is_file():
         elf = folder / "probe.elf"
-        subprocess.run(["avr-gcc", "-mmcu=atmega328p", "-DF_CPU=16000000UL", "-Os", "-std=c11", "-o", elf, PROBE], check=True)
+        subprocess.run(
+            [
+                "avr-gcc",
+                "-mmcu=atmega328p",
+                "-DF_CPU=16000000UL",
+                "-Os",
+                "-std=c11",
+                "-o",
+                elf,
+                PROBE,
+            ],
+            check=True,
+        )
     made = folder / "vgroove.hex"
-    subprocess.run(["avr-objcopy", "-O", "ihex", "-R", ".eeprom", "-R", ".fuse", "-R", ".lock", elf, made], check=True)
+    subprocess.run(
+        ["avr-objcopy", "-O", "ihex", "-R", ".eeprom", "-R", ".fuse", "-R", ".lock", elf, made],
+        check=True,
+    )
     return made
 
 
@@ -59,9 +80,16 @@ def test_one_corrupt_byte_fails(image: Path) -> None:
 def test_command_line_flashes_and_exits_2_on_corruption(image: Path) -> None:
     command = [sys.executable, "-m", "vgroove.cli", "flash"]
     with Bootloader() as board:
-        assert subprocess.run([*command, board.name, "--hex", image], capture_output=True, check=False).returncode == 0
+        assert (
+            subprocess.run(
+                [*command, board.name, "--hex", image], capture_output=True, check=False
+            ).returncode
+            == 0
+        )
     with Bootloader(corrupt_at=2) as board:
-        failed = subprocess.run([*command, board.name, "--hex", image], capture_output=True, text=True, check=False)
+        failed = subprocess.run(
+            [*command, board.name, "--hex", image], capture_output=True, text=True, check=False
+        )
     assert failed.returncode == 2
     assert "avrdude could not flash" in failed.stderr
 
@@ -71,4 +99,11 @@ def test_unusable_input_is_a_sentence(tmp_path: Path, image: Path) -> None:
         flash("/dev/null", "uno", tmp_path / "none.hex")
     with pytest.raises(VgrooveError, match="uno or mega"):
         flash_command("/dev/null", "nano", image)
-    assert flash_command("COM3", "mega", image)[2:8] == ["-c", "wiring", "-p", "m2560", "-P", "COM3"]
+    assert flash_command("COM3", "mega", image)[2:8] == [
+        "-c",
+        "wiring",
+        "-p",
+        "m2560",
+        "-P",
+        "COM3",
+    ]

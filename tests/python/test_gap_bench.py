@@ -1,4 +1,6 @@
-"""The blind set: its plan is what the project promises, its answers stay sealed, and its scoring takes no wrong answer for a right one."""
+"""The blind set: its plan is what the project promises, its answers stay sealed, and its scoring
+takes no wrong answer for a right one.
+"""
 
 import json
 import subprocess
@@ -27,17 +29,53 @@ from vgroove.gap_bench.report import bench_page, tables
 R = ["bridge_resistance", "winding_resistance"]
 
 
-def scored(ids: list[str], verdict: str, selected: list[str], probability: float = 0.95, rivals: tuple[str, ...] = (),
-           **answer: Any) -> score.Scored:
+def scored(
+    ids: list[str],
+    verdict: str,
+    selected: list[str],
+    probability: float = 0.95,
+    rivals: tuple[str, ...] = (),
+    **answer: Any,
+) -> score.Scored:
     """A case as the scorer sees it."""
     accept = [R if i in R else [i] for i in ids]
     kind = {0: "none", 1: "single", 2: "pair", 3: "triple"}[len(ids)]
-    words = {"kind": kind, "label": "effect" if ids else kind, "ids": ids, "accept": accept, "regime": "exact",
-             "sizes": dict.fromkeys(ids, 1.0), "times_visible": dict.fromkeys(ids, 4.0), "seconds": 6.0, "number": 0, **answer}
-    words = {key: "" for key in ("rig", "input", "bus", "sensor", "position", "profile", "logger", "log_hz", "load", "two_way")} | words
+    words = {
+        "kind": kind,
+        "label": "effect" if ids else kind,
+        "ids": ids,
+        "accept": accept,
+        "regime": "exact",
+        "sizes": dict.fromkeys(ids, 1.0),
+        "times_visible": dict.fromkeys(ids, 4.0),
+        "seconds": 6.0,
+        "number": 0,
+        **answer,
+    }
+    words = {
+        key: ""
+        for key in (
+            "rig",
+            "input",
+            "bus",
+            "sensor",
+            "position",
+            "profile",
+            "logger",
+            "log_hz",
+            "load",
+            "two_way",
+        )
+    } | words
     effects = [{"id": i, "probability": probability, "parameters": {}} for i in selected]
-    said = {"verdict": verdict, "selected": selected, "effects": effects, "indistinguishable": [{"id": i} for i in rivals],
-            "gap": {"closed": 0.98, "closed_beyond_retuning": 0.9}, "warnings": []}
+    said = {
+        "verdict": verdict,
+        "selected": selected,
+        "effects": effects,
+        "indistinguishable": [{"id": i} for i in rivals],
+        "gap": {"closed": 0.98, "closed_beyond_retuning": 0.9},
+        "warnings": [],
+    }
     return score.Scored(0, "x", None, words, said, 1.0, 1.0, 100.0)
 
 
@@ -68,7 +106,7 @@ def test_sealed_answers_cannot_be_read_and_not_be_changed(tmp_path: Path) -> Non
     assert len(line) == len(gap_bench.seal({"ids": []}, "abc"))
     assert gap_bench.opened(path) == {"abc": {"ids": ["brush_drop"]}}
     at = line.rindex(" ") + 5
-    path.write_text(line[:at] + ("0" if line[at] != "0" else "1") + line[at + 1:])
+    path.write_text(line[:at] + ("0" if line[at] != "0" else "1") + line[at + 1 :])
     with pytest.raises(ValueError, match="abc"):
         gap_bench.opened(path)
 
@@ -78,13 +116,20 @@ def test_a_case_is_the_same_whenever_it_is_made(tmp_path: Path) -> None:
     for folder in ("a", "b"):
         gap_bench.make(tmp_path / folder, [entry]) if (tmp_path / folder).mkdir() is None else None
     names = ["answers.sealed", *(f"cases/{entry.name}/{n}" for n in ("log.csv", "rig.toml"))]
-    assert all((tmp_path / "a" / n).read_bytes() == (tmp_path / "b" / n).read_bytes() for n in names)
-    assert sorted(p.name for p in (tmp_path / "a" / "cases" / entry.name).iterdir()) == ["log.csv", "rig.toml"]
+    assert all(
+        (tmp_path / "a" / n).read_bytes() == (tmp_path / "b" / n).read_bytes() for n in names
+    )
+    assert sorted(p.name for p in (tmp_path / "a" / "cases" / entry.name).iterdir()) == [
+        "log.csv",
+        "rig.toml",
+    ]
 
 
 @pytest.mark.parametrize("effect_id", sorted(FORMS))
 def test_other_forms_are_other_and_not_something_else(effect_id: str) -> None:
-    profile = {"load": "load_steps", "two_way": "reversals", "slow": "crawl", "": "staircase"}[BY_ID[effect_id].needs]
+    profile = {"load": "load_steps", "two_way": "reversals", "slow": "crawl", "": "staircase"}[
+        BY_ID[effect_id].needs
+    ]
     setting = setting_of(profile, seconds=3.0)
     size = (0.2 if effect_id == "current_saturation" else 0.03) * BY_ID[effect_id].top(setting.rig)
     made = bench_draw.effect_params(setting, effect_id, size)
@@ -106,7 +151,10 @@ def test_retuning_takes_what_the_tolerances_explain_and_leaves_the_rest() -> Non
     assert bench_draw.gap_left(setting, within) < 0.1
     assert bench_draw.gap_left(setting, beyond) > 1.0
     assert bench_draw.gap_left(setting, {"brush_drop_v": 0.5}) > 1.0
-    near, above, below = ({"resistance_ohm": setting.rig.resistance_ohm * (1.0 + 0.02 * sigmas)} for sigmas in (2.5, 10.0, -10.0))
+    near, above, below = (
+        {"resistance_ohm": setting.rig.resistance_ohm * (1.0 + 0.02 * sigmas)}
+        for sigmas in (2.5, 10.0, -10.0)
+    )
     assert bench_draw.gap_left(setting, near) < 0.5
     assert min(bench_draw.gap_left(setting, above), bench_draw.gap_left(setting, below)) > 1.0
 
@@ -122,22 +170,45 @@ def test_who_cannot_be_told_apart_is_found(monkeypatch: pytest.MonkeyPatch) -> N
     setting = setting_of("staircase", seconds=1.5)
     entry = Entry("tune", 0, "single", "exact", "winding_resistance")
     ids, sizes = ("supply_gain",), {"supply_gain": 0.004}
-    clear = bench_draw.Case(entry, setting, ids, sizes, {"supply_gain": 3.0}, {"supply_gain": 0.004})
+    clear = bench_draw.Case(
+        entry, setting, ids, sizes, {"supply_gain": 3.0}, {"supply_gain": 0.004}
+    )
     assert bench_draw.ties_of(clear) == []
-    same = replace(clear, ids=("bridge_resistance",), sizes={"bridge_resistance": 0.02}, params={"bridge_resistance_ohm": 0.02})
+    same = replace(
+        clear,
+        ids=("bridge_resistance",),
+        sizes={"bridge_resistance": 0.02},
+        params={"bridge_resistance_ohm": 0.02},
+    )
     assert bench_draw.ties_of(same) == []  # the class is no tie: either name is right
     monkeypatch.setattr(bench_draw, "accepts", lambda effect_id, setting: [effect_id])
     assert bench_draw.ties_of(same) == [["winding_resistance"]]
 
 
 def test_a_case_is_made_again_from_what_its_search_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = next(e for e in plan("tune") if e.kind == "single" and e.first == "current_offset" and e.regime == "hard")
-    row = {"half": "tune", "number": entry.number, "attempt": 3, "ids": ["current_offset"], "sizes": {"current_offset": 0.5},
-           "multiples": {"current_offset": 2.0}, "ties": []}
+    entry = next(
+        e
+        for e in plan("tune")
+        if e.kind == "single" and e.first == "current_offset" and e.regime == "hard"
+    )
+    row = {
+        "half": "tune",
+        "number": entry.number,
+        "attempt": 3,
+        "ids": ["current_offset"],
+        "sizes": {"current_offset": 0.5},
+        "multiples": {"current_offset": 2.0},
+        "ties": [],
+    }
     case = gap_bench.thawed(row)
-    assert case.params == {"current_offset_a": 0.5} and case.setting.seed == gap_bench.thawed(row).setting.seed
+    assert (
+        case.params == {"current_offset_a": 0.5}
+        and case.setting.seed == gap_bench.thawed(row).setting.seed
+    )
     keys = [key.split(".")[1] for key in case.setting.rig.tolerance]
-    assert keys and all(getattr(case.setting.tool, key) != getattr(case.setting.rig, key) for key in keys)
+    assert keys and all(
+        getattr(case.setting.tool, key) != getattr(case.setting.rig, key) for key in keys
+    )
     with pytest.raises(ValueError, match="freeze"):
         gap_bench.thawed(row | {"ids": ["brush_drop"]})
 
@@ -147,9 +218,17 @@ def test_the_model_of_the_tool_itself_leaves_nothing(kind: str) -> None:
     for bus in ("modelled", "measured") if kind == "duty" else ("absent",):
         setting = setting_of("staircase", seconds=1.5, input=kind, bus=bus)
         log = responses.seen(setting, {})
-        assert responses.clipped_rms(responses.deviation(log)) < (0.35 if kind == "current_a" else 0.15)
-        judged = {"duty": {"modelled": ("current_a", "supply_v", "speed_rpm"), "measured": ("current_a", "speed_rpm")},
-                  "voltage_v": {"absent": ("current_a", "speed_rpm")}, "current_a": {"absent": ("speed_rpm",)}}[kind][bus]
+        assert responses.clipped_rms(responses.deviation(log)) < (
+            0.35 if kind == "current_a" else 0.15
+        )
+        judged = {
+            "duty": {
+                "modelled": ("current_a", "supply_v", "speed_rpm"),
+                "measured": ("current_a", "speed_rpm"),
+            },
+            "voltage_v": {"absent": ("current_a", "speed_rpm")},
+            "current_a": {"absent": ("speed_rpm",)},
+        }[kind][bus]
         assert responses.channels(setting.rig) == judged
         table = gap_bench.log_table(setting, {})
         assert {"duty": "duty", "voltage_v": "voltage_v", "current_a": "current_a"}[kind] in table
@@ -157,9 +236,27 @@ def test_the_model_of_the_tool_itself_leaves_nothing(kind: str) -> None:
 
 
 def test_the_table_of_needs_goes_where_its_marks_are() -> None:
-    counted = score.needs([scored(["brush_drop"], "effect", names, input="duty", bus="absent", sensor="hall", two_way=False, load=True,
-                                  profile="hand") for names in (["brush_drop"], ["dead_time"])])
-    page = report.between("before\n<!--needs-->\nold\n<!--end of needs-->\nafter\n", "needs", needs.needs_table(counted))
+    counted = score.needs(
+        [
+            scored(
+                ["brush_drop"],
+                "effect",
+                names,
+                input="duty",
+                bus="absent",
+                sensor="hall",
+                two_way=False,
+                load=True,
+                profile="hand",
+            )
+            for names in (["brush_drop"], ["dead_time"])
+        ]
+    )
+    page = report.between(
+        "before\n<!--needs-->\nold\n<!--end of needs-->\nafter\n",
+        "needs",
+        needs.needs_table(counted),
+    )
     row = next(line for line in page.splitlines() if line.startswith("| `brush_drop`"))
     assert [cell.strip() for cell in row.strip("|").split("|")][1:4] == ["1/2", ".", "."]
     assert "old" not in page and page.startswith("before") and page.endswith("after\n")
@@ -192,25 +289,41 @@ def test_only_true_names_are_right() -> None:
     assert not scored(["brush_drop"], "none", []).right
     assert not scored([], "effect", ["brush_drop"]).right
     assert not scored(["brush_drop", "current_lag"], "effect", ["brush_drop"]).right
-    assert not scored(["brush_drop", "current_lag"], "effect", ["brush_drop", "current_lag", "speed_gain"]).right
+    assert not scored(
+        ["brush_drop", "current_lag"], "effect", ["brush_drop", "current_lag", "speed_gain"]
+    ).right
     extra = scored(["brush_drop"], "effect", ["brush_drop", "speed_gain"])
     assert extra.right and not extra.complete and extra.sure_and_wrong
 
 
 def test_a_tie_is_right_only_where_there_is_one() -> None:
-    honest = scored(["brush_drop"], "ambiguous", ["dead_time"], rivals=("brush_drop",), ties=[["dead_time"]])
+    honest = scored(
+        ["brush_drop"], "ambiguous", ["dead_time"], rivals=("brush_drop",), ties=[["dead_time"]]
+    )
     assert honest.right
-    assert not scored(["brush_drop"], "ambiguous", ["brush_drop"], rivals=("dead_time",), ties=[]).right
-    assert not scored(["brush_drop"], "ambiguous", ["dead_time"], rivals=("speed_gain",), ties=[["dead_time"]]).right
+    assert not scored(
+        ["brush_drop"], "ambiguous", ["brush_drop"], rivals=("dead_time",), ties=[]
+    ).right
+    assert not scored(
+        ["brush_drop"], "ambiguous", ["dead_time"], rivals=("speed_gain",), ties=[["dead_time"]]
+    ).right
 
 
 def test_figures_count_what_they_say(tmp_path: Path) -> None:
-    table = [scored(["brush_drop"], "effect", ["brush_drop"]), scored(["brush_drop"], "effect", ["dead_time"]),
-             scored(["brush_drop"], "ambiguous", ["brush_drop"], 0.6, ("dead_time",)), scored([], "effect", ["dead_time"], 0.7)]
+    table = [
+        scored(["brush_drop"], "effect", ["brush_drop"]),
+        scored(["brush_drop"], "effect", ["dead_time"]),
+        scored(["brush_drop"], "ambiguous", ["brush_drop"], 0.6, ("dead_time",)),
+        scored([], "effect", ["dead_time"], 0.7),
+    ]
     figures = {"set": "tune", "engine": "0", "cases": 4} | score.score(table)
     rates = figures["rates"]
     assert (rates["exact"]["single"]["hits"], rates["exact"]["single"]["of"]) == (1, 3)
-    assert (rates["sure_and_wrong"]["hits"], rates["false_alarms"]["hits"], rates["ambiguous_though_separable"]["hits"]) == (1, 1, 1)
+    assert (
+        rates["sure_and_wrong"]["hits"],
+        rates["false_alarms"]["hits"],
+        rates["ambiguous_though_separable"]["hits"],
+    ) == (1, 1, 1)
     assert rates["exact"]["single_listed_first"]["hits"] == 2
     top = figures["calibration"][-1]
     assert (top["hits"], top["of"]) == (1, 2)
@@ -219,28 +332,55 @@ def test_figures_count_what_they_say(tmp_path: Path) -> None:
     assert tables(figures) and "Calibration" in bench_page(figures)
 
 
-@pytest.mark.parametrize(("rows", "size"), [([(2.0, False), (3.0, True), (5.0, True)], 3.0), ([(2.0, True), (3.0, False)], None),
-                                            ([], None)])
-def test_power_is_the_size_from_which_on_nearly_all_are_named(rows: list[tuple[float, bool]], size: float | None) -> None:
+@pytest.mark.parametrize(
+    ("rows", "size"),
+    [
+        ([(2.0, False), (3.0, True), (5.0, True)], 3.0),
+        ([(2.0, True), (3.0, False)], None),
+        ([], None),
+    ],
+)
+def test_power_is_the_size_from_which_on_nearly_all_are_named(
+    rows: list[tuple[float, bool]], size: float | None
+) -> None:
     assert score.power_size(rows) == size
 
 
 def test_without_its_effect_any_name_is_wrong_and_a_sure_one_counted_apart() -> None:
-    gone = [replace(scored(["brush_drop"], word, names), without="brush_drop")
-            for word, names in (("unlisted", []), ("ambiguous", ["dead_time"]), ("effect", ["dead_time"]), ("none", []))]
+    gone = [
+        replace(scored(["brush_drop"], word, names), without="brush_drop")
+        for word, names in (
+            ("unlisted", []),
+            ("ambiguous", ["dead_time"]),
+            ("effect", ["dead_time"]),
+            ("none", []),
+        )
+    ]
     assert score.removed(gone)["not named wrongly"]["hits"] == 2
     assert score.removed(gone)["named with 90 % and wrong"]["hits"] == 1
 
 
-@pytest.mark.parametrize(("ties", "named", "right"), [
-    ([["speed_gain", "added_inertia"]], ["added_inertia", "speed_gain"], True), ([["speed_gain", "added_inertia"]], ["speed_gain"], False),
-    ([["speed_gain", "clock_skew"]], ["speed_gain", "clock_skew"], False), ([], ["added_inertia", "speed_gain"], False)])
-def test_a_special_case_that_nobody_could_tell_from_the_truth_is_right(ties: list[list[str]], named: list[str], right: bool) -> None:
+@pytest.mark.parametrize(
+    ("ties", "named", "right"),
+    [
+        ([["speed_gain", "added_inertia"]], ["added_inertia", "speed_gain"], True),
+        ([["speed_gain", "added_inertia"]], ["speed_gain"], False),
+        ([["speed_gain", "clock_skew"]], ["speed_gain", "clock_skew"], False),
+        ([], ["added_inertia", "speed_gain"], False),
+    ],
+)
+def test_a_special_case_that_nobody_could_tell_from_the_truth_is_right(
+    ties: list[list[str]], named: list[str], right: bool
+) -> None:
     assert scored(["speed_gain", "coupler_compliance"], "effect", named, ties=ties).right is right
 
 
 def test_a_late_speed_column_shows_whole_rows() -> None:
-    answer = {"sizes": {"speed_lag": 2.4e-5, "dead_time": 1e-6}, "log_hz": 1000.0, "truth": {"speed_delay_s": 2.4e-5}}
+    answer = {
+        "sizes": {"speed_lag": 2.4e-5, "dead_time": 1e-6},
+        "log_hz": 1000.0,
+        "truth": {"speed_delay_s": 2.4e-5},
+    }
     assert score.true_parameter(answer, "speed_lag") == pytest.approx(1e-3)
     assert score.true_parameter(answer | {"truth": {"speed_lag_s": 2.4e-5}}, "speed_lag") == 2.4e-5
 
@@ -258,10 +398,21 @@ def test_a_run_that_was_stopped_goes_on(tmp_path: Path, monkeypatch: pytest.Monk
 
     def diagnose_apart(case: Path, without: str | None) -> dict[str, Any]:
         asked.append((case.name, without))
-        return {"verdict": {"verdict": "none"}, "seconds": 1.0, "cpu_seconds": 1.0, "memory_mib": 1.0}
+        return {
+            "verdict": {"verdict": "none"},
+            "seconds": 1.0,
+            "cpu_seconds": 1.0,
+            "memory_mib": 1.0,
+        }
 
     monkeypatch.setattr(run, "diagnose_apart", diagnose_apart)
-    for engine, without in (("a", None), ("a", None), ("b", None), ("a", "brush_drop"), ("a", "brush_drop")):
+    for engine, without in (
+        ("a", None),
+        ("a", None),
+        ("b", None),
+        ("a", "brush_drop"),
+        ("a", "brush_drop"),
+    ):
         assert run.kept_verdict(blind, engine, 7, "abc", without)["number"] == 7
     assert asked == [("abc", None), ("abc", None), ("abc", "brush_drop")]
 
@@ -270,11 +421,15 @@ def test_a_diagnosis_that_fails_is_a_case_that_failed(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("time_s,duty\n0.1,0\n")
     (tmp_path / "rig.toml").write_text("schema = 'vgroove.rig/1'\n")
     found = run.diagnose_apart(tmp_path, None)
-    assert found["verdict"]["verdict"] == "failed" and "exit code 2" in found["verdict"]["warnings"][0]
+    assert (
+        found["verdict"]["verdict"] == "failed" and "exit code 2" in found["verdict"]["warnings"][0]
+    )
     assert found["memory_mib"] > 10.0 and found["cpu_seconds"] > 0.0
 
 
-def test_without_a_checkout_the_command_says_what_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_checkout_the_command_says_what_it_needs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(cases, "__file__", str(tmp_path / "cases.py"))
     with pytest.raises(VgrooveError, match="checkout"):

@@ -1,4 +1,6 @@
-"""What pre-sliding friction leaves open after a rest: where it does, how much, and that the residuals stay white whatever it was."""
+"""What pre-sliding friction leaves open after a rest: where it does, how much, and that the
+residuals stay white whatever it was.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,16 +14,35 @@ from vgroove.gap.states import Observations
 from vgroove.rig import Rig, read_rig
 
 TIME = np.arange(1, 401) * 5e-3
-SPEED = np.interp(TIME, [0.0, 0.2, 0.5, 0.9, 1.1, 1.4, 1.5, 2.0], [0.0, 0.0, 300.0, 300.0, -100.0, -100.0, 0.0, 0.0])  # turns at 1.05 s
+# turns at 1.05 s
+SPEED = np.interp(
+    TIME,
+    [0.0, 0.2, 0.5, 0.9, 1.1, 1.4, 1.5, 2.0],
+    [0.0, 0.0, 300.0, 300.0, -100.0, -100.0, 0.0, 0.0],
+)
 
 
 def seen(noise: float = 0.0) -> Observations:
-    return Observations(TIME - 5e-3, TIME, SPEED + noise * np.random.default_rng(1).normal(size=len(TIME)), np.full(len(TIME), 0.5))
+    return Observations(
+        TIME - 5e-3,
+        TIME,
+        SPEED + noise * np.random.default_rng(1).normal(size=len(TIME)),
+        np.full(len(TIME), 0.5),
+    )
 
 
 def speeds(sigma: np.ndarray) -> RowChannel:
     count = len(TIME)
-    return RowChannel("speed_rpm", "rpm", np.arange(count), TIME, np.zeros(count), sigma, np.arange(count) % 7 == 3, key="speed")
+    return RowChannel(
+        "speed_rpm",
+        "rpm",
+        np.arange(count),
+        TIME,
+        np.zeros(count),
+        sigma,
+        np.arange(count) % 7 == 3,
+        key="speed",
+    )
 
 
 def residual(channel: RowChannel, error: np.ndarray) -> np.ndarray:
@@ -38,7 +59,9 @@ def rig() -> Rig:
 @pytest.fixture
 def opened(rig: Rig) -> RowChannel:
     sigma = np.random.default_rng(2).uniform(0.5, 4.0, len(TIME))
-    return with_breakaways((speeds(sigma),), seen(0.5), rig, np.array([0.0, 0.42, 0.8, 1.3]), 0.0, False)[0]
+    return with_breakaways(
+        (speeds(sigma),), seen(0.5), rig, np.array([0.0, 0.42, 0.8, 1.3]), 0.0, False
+    )[0]
 
 
 def test_a_shaft_leaves_its_rest_where_it_starts_and_where_it_turns_round() -> None:
@@ -50,7 +73,9 @@ def test_a_shaft_leaves_its_rest_where_it_starts_and_where_it_turns_round() -> N
 
 
 @pytest.mark.parametrize("acceleration", [300.0, 2000.0, 15000.0])
-def test_the_impulse_is_that_of_a_friction_that_builds_up_over_a_small_angle(rig: Rig, acceleration: float) -> None:
+def test_the_impulse_is_that_of_a_friction_that_builds_up_over_a_small_angle(
+    rig: Rig, acceleration: float
+) -> None:
     inertia, coulomb, dt = rig.shaft_inertia_kg_m2, rig.motor["coulomb_nm"], 1e-6
     speed = angle = 0.0
     for _ in range(int(30e-3 / dt)):  # Dahl's friction, 0.8 mrad
@@ -70,13 +95,23 @@ def test_it_lasts_up_to_the_next_restart_and_no_wait_knows_of_it(opened: RowChan
 
 def test_residuals_of_an_unknown_impulse_are_white(opened: RowChannel) -> None:
     white = residual(opened, np.diag(opened.sigma)).T  # r' = white @ r
-    shared = np.stack([np.where(opened.passage == p, opened.impulse / opened.sigma, 0.0) for p in np.unique(opened.passage)])
-    assert white @ (np.eye(len(TIME)) + shared.T @ shared) @ white.T == pytest.approx(np.eye(len(TIME)), abs=1e-9)
+    shared = np.stack(
+        [
+            np.where(opened.passage == p, opened.impulse / opened.sigma, 0.0)
+            for p in np.unique(opened.passage)
+        ]
+    )
+    assert white @ (np.eye(len(TIME)) + shared.T @ shared) @ white.T == pytest.approx(
+        np.eye(len(TIME)), abs=1e-9
+    )
 
 
 def test_a_likely_impulse_leaves_little_and_an_impossible_one_stays(opened: RowChannel) -> None:
     first = (opened.passage == 0) & (opened.impulse > 0.0)
-    left = [residual(opened, np.where(first, factor * opened.impulse, 0.0)[None])[0] for factor in (1.0, 100.0)]
+    left = [
+        residual(opened, np.where(first, factor * opened.impulse, 0.0)[None])[0]
+        for factor in (1.0, 100.0)
+    ]
     assert np.sum(left[0] ** 2) < 1.0 and np.sum(left[1] ** 2) > 1e3
     assert not np.any(left[0][~first])
 
@@ -85,4 +120,7 @@ def test_a_voltage_forgets_it(rig: Rig) -> None:
     channel = speeds(np.ones(len(TIME)))
     driven = replace(rig, input={"kind": "voltage_v"})
     assert with_breakaways((channel,), seen(), driven, np.zeros(1), 0.0, False)[0] is channel
-    assert with_breakaways((channel,), seen(), rig, np.zeros(1), 0.0, False)[0].impulse.max() < RAD_S_TO_RPM * 5.0
+    assert (
+        with_breakaways((channel,), seen(), rig, np.zeros(1), 0.0, False)[0].impulse.max()
+        < RAD_S_TO_RPM * 5.0
+    )

@@ -1,4 +1,6 @@
-"""A measured command: its noise goes, its steps, ramps and roundings stay, and what is said to be wrong with it is."""
+"""A measured command: its noise goes, its steps, ramps and roundings stay, and what is said to be
+wrong with it is.
+"""
 
 import numpy as np
 import pytest
@@ -6,14 +8,25 @@ import pytest
 from vgroove.gap.calm import calmed, straight_means
 from vgroove.gap.noise import command_noise, scatter
 
-HOLDS = np.concatenate([np.zeros(300), np.full(300, 6.0), np.linspace(6.0, 12.0, 300), np.full(300, 12.0), np.full(400, 3.0)])
+HOLDS = np.concatenate(
+    [
+        np.zeros(300),
+        np.full(300, 6.0),
+        np.linspace(6.0, 12.0, 300),
+        np.full(300, 12.0),
+        np.full(400, 3.0),
+    ]
+)
 LEVEL_V = 18.0 / 255.0
 
 
 def slewed(rows_per_ramp: int, level_v: float = LEVEL_V) -> np.ndarray:
     """Plateaus of 400 rows and ramps between them, in whole levels of a timer."""
     ends = np.random.default_rng(2).uniform(0.0, 18.0, 12)
-    parts = [np.concatenate([np.full(400, a), np.linspace(a, b, rows_per_ramp)]) for a, b in zip(ends, ends[1:], strict=False)]
+    parts = [
+        np.concatenate([np.full(400, a), np.linspace(a, b, rows_per_ramp)])
+        for a, b in zip(ends, ends[1:], strict=False)
+    ]
     return np.round(np.concatenate(parts) / level_v) * level_v
 
 
@@ -24,13 +37,16 @@ def noisy(clean: np.ndarray, sigma: float) -> np.ndarray:
 def test_a_noisy_command_keeps_its_steps_and_slopes() -> None:
     found = calmed(noisy(HOLDS, 0.05)).values - HOLDS
     inner = np.r_[100:200, 400:500, 1000:1100, 1300:1500]
-    assert np.sqrt(np.mean(found[inner] ** 2)) < 0.007  # 0.05 over the root of 200 rows, the windows' ends included
+    # 0.05 over the root of 200 rows, the windows' ends included
+    assert np.sqrt(np.mean(found[inner] ** 2)) < 0.007
     assert found[np.r_[10:290, 310:590, 910:1190]].std() < 0.5 * 0.05
     assert abs(found[610:890].mean()) < 0.005  # a slope stays where it is
     assert np.abs(found)[[298, 299, 300, 301]].max() < 0.2  # a step of 6 V stays a step
 
 
-@pytest.mark.parametrize("clean", [HOLDS, slewed(60), slewed(400), np.round(HOLDS / 0.07) * 0.07, np.full(500, 3.0)])
+@pytest.mark.parametrize(
+    "clean", [HOLDS, slewed(60), slewed(400), np.round(HOLDS / 0.07) * 0.07, np.full(500, 3.0)]
+)
 def test_a_command_without_noise_stays_as_it_is(clean: np.ndarray) -> None:
     found = calmed(clean)
     assert found.values is clean and found.noise_v == 0.0 and found.fast_v == 0.0
@@ -41,14 +57,26 @@ def test_few_steps_between_long_holds_are_no_noise() -> None:
     assert command_noise(np.repeat([0.0, 7.0, 0.0, 11.0, 0.0], 700)) == 0.0
 
 
-@pytest.mark.parametrize("clean, sigma", [(HOLDS, 0.05), (slewed(60), 0.02), (slewed(150), 0.02), (slewed(60, 0.14), 0.02),
-                                          (slewed(400), 0.05)])
+@pytest.mark.parametrize(
+    "clean, sigma",
+    [
+        (HOLDS, 0.05),
+        (slewed(60), 0.02),
+        (slewed(150), 0.02),
+        (slewed(60, 0.14), 0.02),
+        (slewed(400), 0.05),
+    ],
+)
 @pytest.mark.parametrize("rows", [1, 10, 40])
 def test_what_is_said_to_be_wrong_is(clean: np.ndarray, sigma: float, rows: int) -> None:
     """Row by row and over as many rows as a shaft remembers."""
     found = calmed(noisy(clean, sigma))
     error = np.convolve(found.values - clean, np.full(rows, 1.0 / rows), mode="valid")
-    said = np.sqrt(np.mean(found.noise_v**2 / (found.averaged + rows - 1.0) + np.asarray(found.fast_v) ** 2 / rows))
+    said = np.sqrt(
+        np.mean(
+            found.noise_v**2 / (found.averaged + rows - 1.0) + np.asarray(found.fast_v) ** 2 / rows
+        )
+    )
     assert 0.6 < said / np.sqrt(np.mean(error**2)) < 1.7
 
 

@@ -1,4 +1,6 @@
-"""How sure a name is: the coefficients are the fit to the kept cases, and every sign speaks the right way."""
+"""How sure a name is: the coefficients are the fit to the kept cases, and every sign speaks the
+right way.
+"""
 
 import importlib.util
 import json
@@ -28,13 +30,21 @@ def test_probabilities_hold_on_cases_they_were_not_fitted_to() -> None:
     said, sure = proof.foreseen(ROWS)[whole], true[whole][proof.foreseen(ROWS)[whole] >= 0.9]
     assert len(sure) >= 10 and sure.mean() >= 0.9
     before = np.array([r["said"] for r in ROWS])[whole]
-    assert proof.figures(said, true[whole])["log_loss"] <= proof.figures(before, true[whole])["log_loss"]
+    assert (
+        proof.figures(said, true[whole])["log_loss"]
+        <= proof.figures(before, true[whole])["log_loss"]
+    )
 
 
-@pytest.mark.parametrize(("sign", "up"), [("blocks", True), ("forms", True), ("closed", True), ("others", False)])
+@pytest.mark.parametrize(
+    ("sign", "up"), [("blocks", True), ("forms", True), ("closed", True), ("others", False)]
+)
 def test_every_sign_speaks_the_right_way(sign: str, up: bool) -> None:
     middle = {"blocks": 1.5, "forms": 1.0, "closed": 2.0, "others": 1.0}
-    low, high = (certainty.probability(certainty.Signs(**middle | {sign: middle[sign] + step})) for step in (-0.5, 0.5))
+    low, high = (
+        certainty.probability(certainty.Signs(**middle | {sign: middle[sign] + step}))
+        for step in (-0.5, 0.5)
+    )
     assert (low < high) is up
 
 
@@ -43,7 +53,13 @@ def test_a_name_without_a_margin_is_not_believed() -> None:
 
 
 def test_signs_of_a_clear_effect_and_of_a_true_tie() -> None:
-    clear, tie = Toy({"effects.current_offset.offset_a": 0.6}), Toy({"effects.coulomb_friction.torque_nm": 0.004}, still_speed=True)
+    clear, tie = (
+        Toy({"effects.current_offset.offset_a": 0.6}),
+        Toy({"effects.coulomb_friction.torque_nm": 0.004}, still_speed=True),
+    )
     for toy, one_way, sure in ((clear, False, True), (tie, True, False)):
         state, finding = decided(toy, one_way=one_way)
-        assert (certainty.probability(certainty.signs(state, finding.best, finding.best.ids[0], FLOOR)) > 0.9) is sure
+        assert (
+            certainty.probability(certainty.signs(state, finding.best, finding.best.ids[0], FLOOR))
+            > 0.9
+        ) is sure

@@ -1,4 +1,6 @@
-"""Dead samples: what no sensor shows is taken as missing, what a tool can show is left alone, and a lifeless log is refused."""
+"""Dead samples: what no sensor shows is taken as missing, what a tool can show is left alone, and a
+lifeless log is refused.
+"""
 
 import tomllib
 from collections.abc import Callable
@@ -47,14 +49,26 @@ def rig() -> Rig:
 
 @pytest.fixture
 def log() -> Log:
-    """Two strokes with a rest between them; speeds repeat themselves between edges, the current is 0 where the bridge is open."""
+    """Two strokes with a rest between them; speeds repeat themselves between edges, the current is
+    0 where the bridge is open.
+    """
     rng, time_s = np.random.default_rng(3), 1e-3 * np.arange(ROWS)
     duty = 0.6 * np.abs(np.sin(np.pi * time_s / 2.0))
     coast = (np.abs(time_s - 2.0) < 0.1).astype(float)
     speed = np.round(15000.0 * duty / 0.5 * (1.0 + 0.002 * rng.standard_normal(ROWS))) * 0.5
     current = np.round((6.0 + 8.0 * duty + 0.15 * rng.standard_normal(ROWS)) * (coast == 0.0), 1)
     supply = np.round(18.0 - 0.01 * current + 0.02 * rng.standard_normal(ROWS), 2)
-    return Log(time_s, {"duty": duty, "coast": coast, "current_a": current, "speed_rpm": speed, "supply_v": supply}, "made")
+    return Log(
+        time_s,
+        {
+            "duty": duty,
+            "coast": coast,
+            "current_a": current,
+            "speed_rpm": speed,
+            "supply_v": supply,
+        },
+        "made",
+    )
 
 
 def missing(log: Log, rig: Rig, name: str) -> np.ndarray:
@@ -102,21 +116,36 @@ def test_spikes_all_over_are_no_disturbance(log: Log, rig: Rig) -> None:
     assert len(missing(log, rig, "current_a")) == 0
 
 
-@pytest.mark.parametrize("change", [
-    lambda c: c["current_a"].__setitem__(slice(1950, 2050), 0.0),  # open bridge
-    lambda c: c["speed_rpm"].__setitem__(slice(1980, 2020), 0.0),  # standstill
-    lambda c: c.__setitem__("current_a", np.minimum(c["current_a"], 9.0)),  # a clipped sensor stands at its limit
-    lambda c: c["speed_rpm"].__setitem__(slice(20, 60), 150.0),  # a slow shaft between edges
-    lambda c: c["speed_rpm"].__setitem__(800, 0.5 * c["speed_rpm"][800]),  # an edge that was missed
-])
-def test_what_a_tool_can_show_is_left_alone(log: Log, rig: Rig, change: Callable[[dict], None]) -> None:
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda c: c["current_a"].__setitem__(slice(1950, 2050), 0.0),  # open bridge
+        lambda c: c["speed_rpm"].__setitem__(slice(1980, 2020), 0.0),  # standstill
+        # a clipped sensor stands at its limit
+        lambda c: c.__setitem__("current_a", np.minimum(c["current_a"], 9.0)),
+        lambda c: c["speed_rpm"].__setitem__(slice(20, 60), 150.0),  # a slow shaft between edges
+        lambda c: c["speed_rpm"].__setitem__(
+            800, 0.5 * c["speed_rpm"][800]
+        ),  # an edge that was missed
+    ],
+)
+def test_what_a_tool_can_show_is_left_alone(
+    log: Log, rig: Rig, change: Callable[[dict], None]
+) -> None:
     change(log.columns)
     assert without_dead(log, rig) is log
 
 
 def test_a_quiet_sensor_that_stands_while_nothing_moves_is_left_alone(log: Log, rig: Rig) -> None:
-    for name, value in (("duty", 0.5), ("current_a", 10.0), ("speed_rpm", 12500.0), ("supply_v", 17.9)):
-        ramp = np.concatenate([np.linspace(0.0, 1.0, 1000), np.ones(2000), np.linspace(1.0, 0.0, 1000)])
+    for name, value in (
+        ("duty", 0.5),
+        ("current_a", 10.0),
+        ("speed_rpm", 12500.0),
+        ("supply_v", 17.9),
+    ):
+        ramp = np.concatenate(
+            [np.linspace(0.0, 1.0, 1000), np.ones(2000), np.linspace(1.0, 0.0, 1000)]
+        )
         log.columns[name] = value * ramp + (name == "supply_v") * (1.0 - ramp) * 18.0
     log.columns["coast"][:] = 0.0
     assert without_dead(log, rig) is log

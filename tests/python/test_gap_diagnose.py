@@ -1,4 +1,6 @@
-"""The command from files to verdict: practice data, EMPS, schema, determinism, the corrected rig, unusable input leaves nothing behind."""
+"""The command from files to verdict: practice data, EMPS, schema, determinism, the corrected rig,
+unusable input leaves nothing behind.
+"""
 
 import json
 import subprocess
@@ -21,7 +23,9 @@ from vgroove.rig import read_rig
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 PRACTICE = SHARED / "data" / "practice"
-needs_shared = pytest.mark.skipif(not PRACTICE.is_dir(), reason="../shared is absent: its practice data and schemas are needed")
+needs_shared = pytest.mark.skipif(
+    not PRACTICE.is_dir(), reason="../shared is absent: its practice data and schemas are needed"
+)
 FIRST = {f"practice_{n:03d}" for n in range(1, 13)}
 
 
@@ -35,31 +39,50 @@ def command(*arguments: object) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("case", sorted(FIRST))
 def test_practice(case: str) -> None:
     label = json.loads((PRACTICE / case / "label.json").read_text())
-    verdict = diagnose([PRACTICE / case / "log.csv"], read_rig(PRACTICE / case / "rig.toml")).verdict
+    verdict = diagnose(
+        [PRACTICE / case / "log.csv"], read_rig(PRACTICE / case / "rig.toml")
+    ).verdict
     assert verdict["verdict"] == label["label"]
     assert len(verdict["selected"]) == len(label["ids"])
-    assert all(any(i in accepted for i in verdict["selected"]) for accepted in label.get("accept", []))
+    assert all(
+        any(i in accepted for i in verdict["selected"]) for accepted in label.get("accept", [])
+    )
     if label["label"] == "effect":
         assert verdict["gap"]["closed"] > 0.9 and verdict["gap"]["after"] < 1.15
-        assert all(e["probability"] > 0.5 for e in verdict["effects"] if e["id"] in verdict["selected"])
-    jsonschema.validate(verdict, json.loads((SHARED / "schema" / "verdict.schema.json").read_text()))
+        assert all(
+            e["probability"] > 0.5 for e in verdict["effects"] if e["id"] in verdict["selected"]
+        )
+    jsonschema.validate(
+        verdict, json.loads((SHARED / "schema" / "verdict.schema.json").read_text())
+    )
 
 
 @needs_shared
 def test_sizes_are_those_of_the_tool() -> None:
-    """practice_011 holds 7.093 mN m more Coulomb friction, practice_003 a delay of 4.23 ms and a tool off by its tolerances."""
-    friction = diagnose([PRACTICE / "practice_011" / "log.csv"], read_rig(PRACTICE / "practice_011" / "rig.toml")).verdict
+    """practice_011 holds 7.093 mN m more Coulomb friction, practice_003 a delay of 4.23 ms and a
+    tool off by its tolerances.
+    """
+    friction = diagnose(
+        [PRACTICE / "practice_011" / "log.csv"], read_rig(PRACTICE / "practice_011" / "rig.toml")
+    ).verdict
     torque = friction["effects"][0]["parameters"]["torque_nm"]
     assert torque["value"] == pytest.approx(0.007093, rel=0.02)
     assert torque["ci95"][0] < torque["value"] < torque["ci95"][1]
-    late = diagnose([PRACTICE / "practice_003" / "log.csv"], read_rig(PRACTICE / "practice_003" / "rig.toml")).verdict
+    late = diagnose(
+        [PRACTICE / "practice_003" / "log.csv"], read_rig(PRACTICE / "practice_003" / "rig.toml")
+    ).verdict
     assert late["effects"][0]["parameters"]["delay_s"]["value"] == pytest.approx(0.00423, rel=0.02)
-    assert late["gap"]["retuned"] < 0.8 * late["gap"]["before"] and late["gap"]["closed_by_retuning"] > 0.2
+    assert (
+        late["gap"]["retuned"] < 0.8 * late["gap"]["before"]
+        and late["gap"]["closed_by_retuning"] > 0.2
+    )
 
 
 @needs_shared
 def test_emps_is_named_unaided() -> None:
-    verdict = diagnose([SHARED / "data" / "emps" / "log.csv"], read_rig(SHARED / "data" / "emps" / "rig.toml")).verdict
+    verdict = diagnose(
+        [SHARED / "data" / "emps" / "log.csv"], read_rig(SHARED / "data" / "emps" / "rig.toml")
+    ).verdict
     assert verdict["verdict"] == "effect"
     assert set(verdict["selected"][:2]) == {"viscous_friction", "coulomb_friction"}
     assert verdict["selected"][2:] in (["directional_viscous"], ["asymmetric_friction"])
@@ -70,11 +93,17 @@ def test_emps_is_named_unaided() -> None:
 def test_same_input_same_bytes_and_the_corrected_rig_gives_the_gap_after(tmp_path: Path) -> None:
     case = PRACTICE / "practice_005"
     for name in ("one", "two"):
-        out = [x for kind in ("json", "html", "toml") for x in (f"--{'out-rig' if kind == 'toml' else kind}", tmp_path / f"{name}.{kind}")]
+        out = [
+            x
+            for kind in ("json", "html", "toml")
+            for x in (f"--{'out-rig' if kind == 'toml' else kind}", tmp_path / f"{name}.{kind}")
+        ]
         done = command(case / "log.csv", "--rig", case / "rig.toml", *out, "--seed", 3)
         assert done.returncode == 0 and "current gain" in done.stdout
     for ending in ("json", "html", "toml"):
-        assert (tmp_path / f"one.{ending}").read_bytes() == (tmp_path / f"two.{ending}").read_bytes()
+        assert (tmp_path / f"one.{ending}").read_bytes() == (
+            tmp_path / f"two.{ending}"
+        ).read_bytes()
     gap = json.loads((tmp_path / "one.json").read_text())["gap"]
     after, _ = judge(read_rig(tmp_path / "one.toml"), [case / "log.csv"], 0.25)
     before, _ = judge(read_rig(case / "rig.toml"), [case / "log.csv"], 0.25)
@@ -87,7 +116,9 @@ def test_same_input_same_bytes_and_the_corrected_rig_gives_the_gap_after(tmp_pat
 @needs_shared
 def test_an_effect_left_out_is_not_named() -> None:
     case = PRACTICE / "practice_008"
-    verdict = diagnose([case / "log.csv"], read_rig(case / "rig.toml"), without=["current_offset"]).verdict
+    verdict = diagnose(
+        [case / "log.csv"], read_rig(case / "rig.toml"), without=["current_offset"]
+    ).verdict
     assert verdict["verdict"] in ("unlisted", "ambiguous")
     assert "current_offset" not in {e["id"] for e in verdict["effects"]}
     with pytest.raises(VgrooveError, match="warp_drive"):
@@ -96,46 +127,79 @@ def test_an_effect_left_out_is_not_named() -> None:
 
 @pytest.mark.parametrize(("visible", "form"), [(0.1, "edges"), (10.0, None)])
 def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has_it(
-        visible: float, form: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A light tool whose current falls below the ripple: what the contract's mean leaves there is visible, so a form of ours is stated."""
+    visible: float, form: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A light tool whose current falls below the ripple: what the contract's mean leaves there is
+    visible, so a form of ours is stated.
+    """
     monkeypatch.setattr(estimate, "VISIBLE", visible)
-    light = rig(motor={"coulomb_nm": 0.003, "viscous_nm_s_per_rad": 1e-6}, sensors={"current_noise_a": 0.05, "current_lsb_a": 0.01})
+    light = rig(
+        motor={"coulomb_nm": 0.003, "viscous_nm_s_per_rad": 1e-6},
+        sensors={"current_noise_a": 0.05, "current_lsb_a": 0.01},
+    )
     theta = light.with_effects({"dead_time": {"dead_time_s": 3e-8}}).parameters()
     theta[_core.PARAMETERS.index("effects.dead_time.at_edges")] = 1.0
-    log = drive_log(SimpleNamespace(input=light.input, sensors=light.sensors, parameters=lambda: theta))
+    log = drive_log(
+        SimpleNamespace(input=light.input, sensors=light.sensors, parameters=lambda: theta)
+    )
     found = diagnose([log], light)
     assert (found.verdict["verdict"], found.verdict["selected"]) == ("effect", ["dead_time"])
     assert found.search.score(found.search.fits[("dead_time",)]) < 1.05
     assert found.corrected_rig().effects["dead_time"].get("form") == form
     assert (found.verdict["gap"]["after"] > 1.1) is (form is None)
     again = judge(found.corrected_rig(), [log])[0]["gap"]
-    assert again == pytest.approx(found.verdict["gap"]["after"], rel=0.01 if form else 0.1)  # a bad model's folds differ
+    # a bad model's folds differ
+    assert again == pytest.approx(found.verdict["gap"]["after"], rel=0.01 if form else 0.1)
 
 
 def small_rig(folder: Path) -> Path:
     """A complete rig."""
     path = folder / "rig.toml"
-    path.write_text('schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n[motor]\nresistance_ohm = 0.19\n'
-                    'inductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\ninertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\n'
-                    'coulomb_nm = 0.012\n[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
-                    '[load]\nkind = "none"\n')
+    path.write_text(
+        'schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n[motor]\nresistance_ohm = 0.19\n'
+        "inductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\ninertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\n"
+        'coulomb_nm = 0.012\n[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
+        '[load]\nkind = "none"\n'
+    )
     return path
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("time_s,duty,current_a\n0.001,0.1,x\n", "current_a"), ("duty,current_a\n0.1,0.2\n", "time_s"), ("", "empty"),
-    ("time_s,duty,current_a\n0.002,0.1,1\n0.001,0.1,1\n", "increase"), ("time_s,duty,current_a\n0.001,0.1,1\n", "usable")])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("time_s,duty,current_a\n0.001,0.1,x\n", "current_a"),
+        ("duty,current_a\n0.1,0.2\n", "time_s"),
+        ("", "empty"),
+        ("time_s,duty,current_a\n0.002,0.1,1\n0.001,0.1,1\n", "increase"),
+        ("time_s,duty,current_a\n0.001,0.1,1\n", "usable"),
+    ],
+)
 def test_unusable_logs_leave_nothing_behind(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "log.csv").write_text(text)
-    done = command(tmp_path / "log.csv", "--rig", small_rig(tmp_path), "--json", tmp_path / "out.json", "--html", tmp_path / "out.html",
-                   "--out-rig", tmp_path / "out.toml")
+    done = command(
+        tmp_path / "log.csv",
+        "--rig",
+        small_rig(tmp_path),
+        "--json",
+        tmp_path / "out.json",
+        "--html",
+        tmp_path / "out.html",
+        "--out-rig",
+        tmp_path / "out.toml",
+    )
     assert done.returncode == 2
     assert words in done.stderr and "Traceback" not in done.stderr
     assert sorted(p.name for p in tmp_path.iterdir()) == ["log.csv", "rig.toml"]
 
 
 def test_an_output_in_no_folder_is_refused_before_the_work(tmp_path: Path) -> None:
-    done = command(tmp_path / "log.csv", "--rig", small_rig(tmp_path), "--json", tmp_path / "absent" / "out.json")
+    done = command(
+        tmp_path / "log.csv",
+        "--rig",
+        small_rig(tmp_path),
+        "--json",
+        tmp_path / "absent" / "out.json",
+    )
     assert done.returncode == 2 and "does not exist" in done.stderr
 
 
@@ -150,5 +214,8 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
 def test_the_verdict_holds_plain_numbers_only() -> None:
     from vgroove.gap.diagnose import plain
 
-    text = json.dumps(plain({"a": np.float64(0.1) + 1e-14, "b": [np.int64(3), np.bool_(True), None]}), allow_nan=False)
+    text = json.dumps(
+        plain({"a": np.float64(0.1) + 1e-14, "b": [np.int64(3), np.bool_(True), None]}),
+        allow_nan=False,
+    )
     assert text == '{"a": 0.1, "b": [3, true, null]}'

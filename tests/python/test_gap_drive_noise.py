@@ -1,11 +1,19 @@
-"""What the driving columns leave open: a timer's compare value is what ran, a number that the logger rounded is not."""
+"""What the driving columns leave open: a timer's compare value is what ran, a number that the
+logger rounded is not.
+"""
 
 import numpy as np
 import pytest
 
 from made_log import rig
 from vgroove import _core
-from vgroove.gap.drive_noise import drive_sigma, of_one_row, on_smooth_ramps, ramp_sigma, winding_response
+from vgroove.gap.drive_noise import (
+    drive_sigma,
+    of_one_row,
+    on_smooth_ramps,
+    ramp_sigma,
+    winding_response,
+)
 from vgroove.rig import Rig
 
 STEP = 1.0 / 255.0
@@ -20,10 +28,14 @@ def tool() -> Rig:
 
 
 def current_of(command: np.ndarray, delay_rows: int = 0) -> np.ndarray:
-    """Current of the nominal tool that the command drives, as its sensor shows it, late by so many rows."""
+    """Current of the nominal tool that the command drives, as its sensor shows it, late by so many
+    rows.
+    """
     one = tool()
     drive = _core.LogInput(TIME_S - TIME_S[0], "duty", command, slew_per_s=10.0)
-    run = _core.simulate_log(drive, one.parameters()[None], np.zeros(1, dtype=int), np.zeros((1, 3)))
+    run = _core.simulate_log(
+        drive, one.parameters()[None], np.zeros(1, dtype=int), np.zeros((1, 3))
+    )
     noise = one.sensors["current_noise_a"] * np.random.default_rng(5).standard_normal(len(TIME_S))
     return np.roll(run["current_a"][0], delay_rows) + noise
 
@@ -45,7 +57,9 @@ def test_without_a_current_or_its_noise_nothing_is_known_better() -> None:
 
 
 def test_steps_are_no_ramps() -> None:
-    stairs = np.interp(TIME_S, [0.0, 1.0, 1.004, 2.0, 2.02, 6.0], [0.2, 0.2, 0.204, 0.204, 0.8, 0.8])
+    stairs = np.interp(
+        TIME_S, [0.0, 1.0, 1.004, 2.0, 2.02, 6.0], [0.2, 0.2, 0.204, 0.204, 0.8, 0.8]
+    )
     assert not on_smooth_ramps(np.round(stairs / 0.004) * 0.004)[TIME_S > 1.5].any()
     assert on_smooth_ramps(ROUNDED).mean() > 0.8
 
@@ -60,4 +74,7 @@ def test_what_is_left_open_widens_only_where_the_command_changes() -> None:
     stairs = np.where(TIME_S < 3.0, 0.2, WAVE)
     speed, current = drive_sigma(tool(), TIME_S, stairs, None, None)
     still, moving = TIME_S < 2.9, TIME_S > 3.1
-    assert current[moving].min() > 10.0 * max(current[still].max(), 1e-9) and speed[moving].min() > speed[still].max()
+    assert (
+        current[moving].min() > 10.0 * max(current[still].max(), 1e-9)
+        and speed[moving].min() > speed[still].max()
+    )

@@ -1,4 +1,6 @@
-"""Edges behind a speed column: found where they were, counted once, located to microseconds, whatever the speed does."""
+"""Edges behind a speed column: found where they were, counted once, located to microseconds,
+whatever the speed does.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,7 +9,15 @@ import numpy as np
 import pytest
 
 from made_log import edge_times, hall_column, rig
-from vgroove.gap.edge_places import CELLS, Places, _bend, _Cells, _last_in_row, counted_lengths, unseen_lengths
+from vgroove.gap.edge_places import (
+    CELLS,
+    Places,
+    _bend,
+    _Cells,
+    _last_in_row,
+    counted_lengths,
+    unseen_lengths,
+)
 from vgroove.gap.edges import _Reader, edge_periods
 from vgroove.gap.noise import Jitter, edge_jitter, edge_sigma_rpm
 
@@ -34,7 +44,12 @@ def test_each_period_is_found_once_and_shows_the_mean_speed_over_it(name: str, l
     found = edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, lsb), 4, lsb)
     whole = ~found.falling
     start, end = found.start_s[whole], found.end_s[whole]
-    mean = (np.interp(end, FINE, angle) - np.interp(start, FINE, angle)) / (end - start) * 60.0 / (2.0 * np.pi)
+    mean = (
+        (np.interp(end, FINE, angle) - np.interp(start, FINE, angle))
+        / (end - start)
+        * 60.0
+        / (2.0 * np.pi)
+    )
     assert np.quantile(np.abs(mean - found.speed_rpm[whole]), 0.99) < 0.3 + lsb
     last = np.searchsorted(edges, ROWS, side="right") - 1
     seen = len(np.unique(last[last >= 1]))
@@ -67,8 +82,16 @@ def test_sixteen_edges_a_turn_are_spans_between_last_edges() -> None:
     whole = ~found.falling
     start, end, slack = found.start_s[whole][5:], found.end_s[whole][5:], found.slack_s[whole][5:]
     assert np.median(end - start) == pytest.approx(1e-3, rel=0.2)
-    mean = (np.interp(end, FINE, angle) - np.interp(start, FINE, angle)) / (end - start) * 60.0 / (2.0 * np.pi)
-    error, rate = mean - found.speed_rpm[whole][5:], np.abs(np.interp(end, FINE, np.gradient(SPEEDS["wave"], FINE))) * 60.0 / (2.0 * np.pi)
+    mean = (
+        (np.interp(end, FINE, angle) - np.interp(start, FINE, angle))
+        / (end - start)
+        * 60.0
+        / (2.0 * np.pi)
+    )
+    error, rate = (
+        mean - found.speed_rpm[whole][5:],
+        np.abs(np.interp(end, FINE, np.gradient(SPEEDS["wave"], FINE))) * 60.0 / (2.0 * np.pi),
+    )
     assert np.quantile(np.abs(error) / (0.3 + rate * slack), 0.95) < 3.0
     assert np.sqrt(np.mean(error**2)) < 2.0
 
@@ -78,10 +101,23 @@ def test_a_row_after_a_missing_one_shows_the_mean_over_its_own_edges(lost: bool)
     speed = steps_of_speed(6000.0)
     angle, missing = motion(speed), np.random.default_rng(5).random(len(ROWS[::2])) < 0.1
     column = hall_column(ROWS[::2], edge_times(FINE, angle, 32), 32, 0.05, 0.5)
-    rows, column = (ROWS[::2][~missing], column[~missing]) if lost else (ROWS[::2], np.where(missing, np.nan, column))
+    rows, column = (
+        (ROWS[::2][~missing], column[~missing])
+        if lost
+        else (ROWS[::2], np.where(missing, np.nan, column))
+    )
     found = edge_periods(rows, column, 32, 0.5).whole()
-    mean = (np.interp(found.end_s, FINE, angle) - np.interp(found.start_s, FINE, angle)) / (found.end_s - found.start_s) * 30.0 / np.pi
-    after = np.flatnonzero(np.diff(found.row, prepend=-1) > 1) if not lost else np.flatnonzero(np.diff(rows, prepend=0.0)[found.row] > 3e-3)
+    mean = (
+        (np.interp(found.end_s, FINE, angle) - np.interp(found.start_s, FINE, angle))
+        / (found.end_s - found.start_s)
+        * 30.0
+        / np.pi
+    )
+    after = (
+        np.flatnonzero(np.diff(found.row, prepend=-1) > 1)
+        if not lost
+        else np.flatnonzero(np.diff(rows, prepend=0.0)[found.row] > 3e-3)
+    )
     assert len(after) > 50
     assert np.quantile(np.abs(mean - found.speed_rpm)[after], 0.95) < 4.0
     assert np.quantile(np.abs(mean - found.speed_rpm), 0.99) < 15.0
@@ -89,16 +125,27 @@ def test_a_row_after_a_missing_one_shows_the_mean_over_its_own_edges(lost: bool)
 
 def steps_of_speed(top_rpm: float) -> np.ndarray:
     """A shaft that follows steps of its command with a time constant of 25 ms, rpm / 9.55."""
-    goal = np.select([FINE < 0.8, FINE < 1.6, FINE < 2.4], [1.0, 0.5, 0.85], 0.6) * top_rpm * np.pi / 30.0
+    goal = (
+        np.select([FINE < 0.8, FINE < 1.6, FINE < 2.4], [1.0, 0.5, 0.85], 0.6)
+        * top_rpm
+        * np.pi
+        / 30.0
+    )
     speed = np.zeros(len(FINE))
     for i in range(1, len(FINE)):
         speed[i] = speed[i - 1] + (goal[i] - speed[i - 1]) * 1e-4 / 0.025
     return speed
 
 
-@pytest.mark.parametrize("pulses, log_hz, largest_s", [(4, 500, 4e-5), (8, 1000, 8e-5), (32, 1000, 2e-5)])
-def test_edges_are_placed_where_rows_show_the_last_of_several(pulses: int, log_hz: int, largest_s: float) -> None:
-    """Which edge a row shows is told by how the speeds then change; what is said to be known of its place is."""
+@pytest.mark.parametrize(
+    "pulses, log_hz, largest_s", [(4, 500, 4e-5), (8, 1000, 8e-5), (32, 1000, 2e-5)]
+)
+def test_edges_are_placed_where_rows_show_the_last_of_several(
+    pulses: int, log_hz: int, largest_s: float
+) -> None:
+    """Which edge a row shows is told by how the speeds then change; what is said to be known of its
+    place is.
+    """
     rng, angle = np.random.default_rng(5), motion(steps_of_speed(12000.0))
     edges = edge_times(FINE, angle, pulses)
     edges = edges + 2e-7 * rng.standard_normal(len(edges))
@@ -111,12 +158,22 @@ def test_edges_are_placed_where_rows_show_the_last_of_several(pulses: int, log_h
     assert np.mean(error > 3.0 * slack + 5e-6) < 0.05
 
 
-def misplaced(pulses: int, log_hz: int, rest_of_speed: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Whether each period of a shaft that runs up and is braked, from nine instants within a row, lies where no edge was."""
+def misplaced(
+    pulses: int, log_hz: int, rest_of_speed: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """Whether each period of a shaft that runs up and is braked, from nine instants within a row,
+    lies where no edge was.
+    """
     rows, fine, found_so = np.arange(1, 1.4 * log_hz) / log_hz, FINE[:14001], []
     for start_s in 1.0 + np.linspace(0.0, 1.0 / log_hz, 9):
-        speed = 1400.0 * (1.0 - np.exp(-fine / 0.1)) * rest_of_speed(np.maximum(fine - start_s, 0.0))
-        edges = edge_times(fine, np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(fine))]), pulses)
+        speed = (
+            1400.0 * (1.0 - np.exp(-fine / 0.1)) * rest_of_speed(np.maximum(fine - start_s, 0.0))
+        )
+        edges = edge_times(
+            fine,
+            np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(fine))]),
+            pulses,
+        )
         found = edge_periods(rows, hall_column(rows, edges, pulses, 0.3, 0.5), pulses, 0.5)
         whole = ~found.falling & (found.end_s > 0.9)
         away = np.min(np.abs(found.end_s[whole][:, None] - edges), axis=1)
@@ -125,12 +182,30 @@ def misplaced(pulses: int, log_hz: int, rest_of_speed: Callable[[np.ndarray], np
 
 
 def test_a_braked_shaft_is_followed_from_several_edges_a_row_to_waits() -> None:
-    """While it slows down a row may show the last edge or the one before, and a wait looks like an edge at the row's end."""
+    """While it slows down a row may show the last edge or the one before, and a wait looks like an
+    edge at the row's end.
+    """
     shares = []
     for pulses, log_hz in ((2, 300), (4, 500)):
         for decay_s in (0.03, 0.05, 0.08):
-            shares.append(np.mean(misplaced(pulses, log_hz, lambda since, decay_s=decay_s: np.exp(-since / decay_s))))
-            shares.append(np.mean(misplaced(pulses, log_hz, lambda since, decay_s=decay_s: np.maximum(1.0 - 0.5 * since / decay_s, 0.02))))
+            shares.append(
+                np.mean(
+                    misplaced(
+                        pulses, log_hz, lambda since, decay_s=decay_s: np.exp(-since / decay_s)
+                    )
+                )
+            )
+            shares.append(
+                np.mean(
+                    misplaced(
+                        pulses,
+                        log_hz,
+                        lambda since, decay_s=decay_s: np.maximum(
+                            1.0 - 0.5 * since / decay_s, 0.02
+                        ),
+                    )
+                )
+            )
     assert np.mean(shares) < 0.01
 
 
@@ -138,12 +213,16 @@ def test_a_vibration_is_not_taken_for_jitter() -> None:
     swing = 400.0 + 300.0 * np.tanh(FINE / 0.5) + 8.0 * np.sin(2.0 * np.pi * 60.0 * FINE)
     edges = edge_times(FINE, motion(swing), 4)
     shaken = edges + 2e-7 * np.random.default_rng(7).standard_normal(len(edges))
-    found = edge_jitter(edge_periods(ROWS, hall_column(ROWS, shaken, 4, 0.3, 0.5), 4, 0.5), 4, 0.5 / np.sqrt(12.0))
+    found = edge_jitter(
+        edge_periods(ROWS, hall_column(ROWS, shaken, 4, 0.3, 0.5), 4, 0.5), 4, 0.5 / np.sqrt(12.0)
+    )
     assert np.hypot(found.angle_rad / 700.0, found.time_s) < 1e-6
 
 
 def test_fast_motion_between_slow_rows_is_no_jitter_where_the_model_knows_it() -> None:
-    """At 300 Hz a ripple of 90 Hz is as fast as jitter; what a model expects is taken away, and a wrong expectation makes nothing worse."""
+    """At 300 Hz a ripple of 90 Hz is as fast as jitter; what a model expects is taken away, and a
+    wrong expectation makes nothing worse.
+    """
     fine = np.arange(0.0, 6.0, 1e-4)
     ripple = 3.0 * np.sin(2.0 * np.pi * 90.0 * fine)
     angle = np.cumsum(1000.0 + 200.0 * np.sin(2.0 * np.pi * 0.8 * fine) + ripple) * 1e-4
@@ -165,16 +244,27 @@ def test_fast_motion_between_slow_rows_is_no_jitter_where_the_model_knows_it() -
     assert 1e-7 < jitter_s(1.0) < 0.5 * plain
 
 
-@pytest.mark.parametrize("pulses, log_hz, periods", [(4, 300, 2), (4, 300, 0), (6, 500, 3), (3, 1000, 0), (3, 300, 1), (1, 1000, 0)])
-def test_what_turns_with_the_shaft_is_no_jitter_where_rows_hide_edges(pulses: int, log_hz: int, periods: int) -> None:
-    """Two swings a turn make four edges early and late in turn, as jitter would; rows that show every second or third edge mix them up."""
+@pytest.mark.parametrize(
+    "pulses, log_hz, periods",
+    [(4, 300, 2), (4, 300, 0), (6, 500, 3), (3, 1000, 0), (3, 300, 1), (1, 1000, 0)],
+)
+def test_what_turns_with_the_shaft_is_no_jitter_where_rows_hide_edges(
+    pulses: int, log_hz: int, periods: int
+) -> None:
+    """Two swings a turn make four edges early and late in turn, as jitter would; rows that show
+    every second or third edge mix them up.
+    """
     fine = np.arange(0.0, 6.0, 1e-4)
     angle = np.cumsum(900.0 + 250.0 * np.sin(2.0 * np.pi * 0.4 * fine)) * 1e-4
     angle += 5e-4 * np.sin(periods * angle + 0.3 + 0.5 * np.pi * (periods > 1))
     edges = edge_times(fine, angle, pulses)
     shaken = edges + 2e-7 * np.random.default_rng(7).standard_normal(len(edges))
     rows = np.arange(1, 6 * log_hz - 1) / log_hz
-    found = edge_jitter(edge_periods(rows, hall_column(rows, shaken, pulses, 0.3, 0.5), pulses, 0.5), pulses, 0.5 / np.sqrt(12.0))
+    found = edge_jitter(
+        edge_periods(rows, hall_column(rows, shaken, pulses, 0.3, 0.5), pulses, 0.5),
+        pulses,
+        0.5 / np.sqrt(12.0),
+    )
     assert 1.2e-7 < np.hypot(found.angle_rad / 1000.0, found.time_s) < 2.8e-7
 
 
@@ -191,11 +281,17 @@ def test_a_wait_is_a_fall_and_ends_in_rest() -> None:
 
 
 @pytest.mark.parametrize("agree", [True, False])
-def test_rows_that_agree_on_a_wait_know_its_edge_better_than_the_steps_up_to_it(agree: bool) -> None:
-    """A shaft braked hard, logged at 300 Hz: its last edge came 40 us before where the steps up to it put it. One row could be an edge."""
+def test_rows_that_agree_on_a_wait_know_its_edge_better_than_the_steps_up_to_it(
+    agree: bool,
+) -> None:
+    """A shaft braked hard, logged at 300 Hz: its last edge came 40 us before where the steps up to
+    it put it. One row could be an edge.
+    """
     edge_s, rows = -1.733e-3, np.array([-1, 0, 3, 4, 5, 6, 7]) / 300.0
     waits = [1288.5, 1288.5, *np.round(15.0 / (rows[2:] - edge_s) * 2.0) / 2.0]
-    reader = _Reader(rows + 9e-3, np.array(waits if agree else [*waits[:3], 0.0, 0.0, 0.0, 0.0]), 4, 0.5)
+    reader = _Reader(
+        rows + 9e-3, np.array(waits if agree else [*waits[:3], 0.0, 0.0, 0.0, 0.0]), 4, 0.5
+    )
     reader.begin(1, 1288.5)
     reader.last_row, reader.low, reader.high = 1, edge_s + 9.04e-3, edge_s + 9.13e-3
     reader.chain.low_s[-1], reader.chain.high_s[-1] = reader.low, reader.high
@@ -209,11 +305,17 @@ def test_rows_that_agree_on_a_wait_know_its_edge_better_than_the_steps_up_to_it(
 
 
 def test_edges_of_a_missing_row_passed_at_the_mean_of_both_speeds() -> None:
-    """A row of 2 ms at 2 edges a millisecond after a missing one; the row before had 1. Four edges are its own, the others 2/3 ms apart."""
+    """A row of 2 ms at 2 edges a millisecond after a missing one; the row before had 1. Four edges
+    are its own, the others 2/3 ms apart.
+    """
     between = 2.0 / (1.0 / 1e-3 + 1.0 / 0.5e-3)
     own = 0.5e-3 * np.arange(1, 5)
-    assert counted_lengths(1e-3, 0.5e-3, 7, (0.0, 2e-3, 4e-3)) == pytest.approx([*own, *(own[-1] + between * np.arange(1, 4))])
-    assert counted_lengths(1e-3, 0.5e-3, 7, (2e-3, 2e-3, 4e-3)) == pytest.approx(0.5e-3 * np.arange(1, 8))
+    assert counted_lengths(1e-3, 0.5e-3, 7, (0.0, 2e-3, 4e-3)) == pytest.approx(
+        [*own, *(own[-1] + between * np.arange(1, 4))]
+    )
+    assert counted_lengths(1e-3, 0.5e-3, 7, (2e-3, 2e-3, 4e-3)) == pytest.approx(
+        0.5e-3 * np.arange(1, 8)
+    )
 
 
 def test_missing_samples_and_reversals_break_nothing() -> None:
@@ -231,8 +333,12 @@ def test_missing_samples_and_reversals_break_nothing() -> None:
 def test_time_jitter_is_told_from_motion_and_from_unequal_edges(jitter_s: float) -> None:
     rng = np.random.default_rng(3)
     edges = edge_times(FINE, motion(SPEEDS["wave"]), 4)
-    uneven = np.tile([0.0, 3e-3, -2e-3, 1e-3], len(edges) // 4 + 1)[:len(edges)] / np.interp(edges, FINE, SPEEDS["wave"])
-    column = hall_column(ROWS, edges + uneven + jitter_s * rng.standard_normal(len(edges)), 4, 0.3, 0.5)
+    uneven = np.tile([0.0, 3e-3, -2e-3, 1e-3], len(edges) // 4 + 1)[: len(edges)] / np.interp(
+        edges, FINE, SPEEDS["wave"]
+    )
+    column = hall_column(
+        ROWS, edges + uneven + jitter_s * rng.standard_normal(len(edges)), 4, 0.3, 0.5
+    )
     found = edge_jitter(edge_periods(ROWS, column, 4, 0.5), 4, 0.5 / np.sqrt(12.0))
     fast = 900.0
     assert 0.6 < np.hypot(found.angle_rad / fast, found.time_s) / jitter_s < 1.7
@@ -240,35 +346,57 @@ def test_time_jitter_is_told_from_motion_and_from_unequal_edges(jitter_s: float)
 
 def test_no_jitter_is_claimed_for_a_few_edges() -> None:
     edges = edge_times(FINE[:1000], motion(SPEEDS["ramp"])[:1000], 4)
-    assert edge_jitter(edge_periods(ROWS[:100], hall_column(ROWS[:100], edges, 4, 0.3, 0.5), 4, 0.5), 4, 0.1) == Jitter()
+    assert (
+        edge_jitter(
+            edge_periods(ROWS[:100], hall_column(ROWS[:100], edges, 4, 0.3, 0.5), 4, 0.5), 4, 0.1
+        )
+        == Jitter()
+    )
 
 
 def test_edges_that_no_row_shows_lie_as_a_steady_acceleration_puts_them() -> None:
-    """Six edges between two shown periods while the speed rises by a third: evenly spaced they would be late, and run-ups add that up."""
+    """Six edges between two shown periods while the speed rises by a third: evenly spaced they
+    would be late, and run-ups add that up.
+    """
     pitch, rate, w0, count = np.pi / 4.0, 9000.0, 500.0, 6
     times = (np.sqrt(w0**2 + 2.0 * rate * pitch * np.arange(count + 2)) - w0) / rate
     periods, exact = np.diff(times), times[-1] - times[1]
-    evenly = float(np.sum(periods[0] + (periods[-1] - periods[0]) * np.arange(1, count + 1) / count))
-    length, bound, drift = _Reader(ROWS, np.zeros(len(ROWS)), 8, 0.5).step(periods[0], periods[-1], count, 1e-8, 0)
+    evenly = float(
+        np.sum(periods[0] + (periods[-1] - periods[0]) * np.arange(1, count + 1) / count)
+    )
+    length, bound, drift = _Reader(ROWS, np.zeros(len(ROWS)), 8, 0.5).step(
+        periods[0], periods[-1], count, 1e-8, 0
+    )
     assert abs(length - exact) < 0.05 * abs(evenly - exact)
     assert abs(length - exact) < drift < bound
 
 
 def test_jitter_of_an_encoder_is_not_its_motion() -> None:
-    """32 edges a turn, slow and changing: what is left of a window is rounding, not the bend of the motion."""
+    """32 edges a turn, slow and changing: what is left of a window is rounding, not the bend of the
+    motion.
+    """
     fine = np.arange(0.0, 6.0, 1e-4)
     speed = 60.0 + 50.0 * np.sin(2.0 * np.pi * 0.7 * fine)
     edges = edge_times(fine, np.cumsum(speed) * 1e-4, 32)
     rows = np.arange(1, 1799) / 300.0
     found = edge_periods(rows, hall_column(rows, edges, 32, 0.05, 0.5), 32, 0.5)
     jitter = edge_jitter(found, 32, 0.5 / np.sqrt(12.0))
-    assert edge_sigma_rpm(rig(sensors={"hall_pulses_per_rev": 32, "log_hz": 300}), found, jitter).mean() < 3.0
+    assert (
+        edge_sigma_rpm(
+            rig(sensors={"hall_pulses_per_rev": 32, "log_hz": 300}), found, jitter
+        ).mean()
+        < 3.0
+    )
 
 
 @pytest.mark.parametrize("number", [2, 3, 5])
 @pytest.mark.parametrize("after_s", [1.9e-3, 2.2e-3])
-def test_a_motion_may_bend_suddenly_in_the_first_of_unseen_periods_or_in_the_last(number: int, after_s: float) -> None:
-    """A command steps anywhere in a row: the last edge lies within what is said of it, and not far within."""
+def test_a_motion_may_bend_suddenly_in_the_first_of_unseen_periods_or_in_the_last(
+    number: int, after_s: float
+) -> None:
+    """A command steps anywhere in a row: the last edge lies within what is said of it, and not far
+    within.
+    """
     before_s, zero = 2e-3, np.zeros(CELLS)
     cells = _Cells(zero, zero, zero, zero, zero, zero, now_s=0.0, growth=0.0, kink=1e-4)
     bend = _bend(cells, (before_s, after_s), number * after_s, np.full(CELLS, number))[0]
@@ -287,9 +415,15 @@ def test_a_motion_that_bends_as_it_always_does_is_known_better() -> None:
 
 
 @pytest.mark.parametrize("following_rpm, span", [(3781.0, 2), (3750.5, 1)])
-def test_a_value_that_repeats_while_periods_grow_shows_a_row_without_an_edge(following_rpm: float, span: int) -> None:
-    """Both numbers of edges fit the long row; only after an edge at its end has the row after it room for none."""
-    reader = _Reader(np.array([-5.154e-3, 0.0, 2.186e-3]), np.array([3842.5, 3781.0, following_rpm]), 4, 0.5)
+def test_a_value_that_repeats_while_periods_grow_shows_a_row_without_an_edge(
+    following_rpm: float, span: int
+) -> None:
+    """Both numbers of edges fit the long row; only after an edge at its end has the row after it
+    room for none.
+    """
+    reader = _Reader(
+        np.array([-5.154e-3, 0.0, 2.186e-3]), np.array([3842.5, 3781.0, following_rpm]), 4, 0.5
+    )
     reader.begin(0, 3842.5)
     reader.last_row, reader.low, reader.high = 0, -7.965e-3, -7.828e-3
     reader.follow(1, 3781.0)
@@ -297,7 +431,9 @@ def test_a_value_that_repeats_while_periods_grow_shows_a_row_without_an_edge(fol
 
 
 def test_a_row_shows_its_last_edge() -> None:
-    """An edge after its row's end is the one before, one that another follows within the row is the next, beyond what is known."""
+    """An edge after its row's end is the one before, one that another follows within the row is the
+    next, beyond what is known.
+    """
     now = np.arange(1, 7) * 5e-3
     end = now + 1e-3 * np.array([-0.5, 0.2, -0.5, -2.2, -2.05, -0.5])
     found = Places(end, np.full(6, 1e-4), np.array([1, 3, 2, 2, 3, 2]), np.zeros(6, dtype=bool))

@@ -1,4 +1,6 @@
-"""Numbers over long stretches: what a joint remembers for longer than a restart is read from runs as long as that, and only there."""
+"""Numbers over long stretches: what a joint remembers for longer than a restart is read from runs
+as long as that, and only there.
+"""
 
 import tomllib
 from dataclasses import replace
@@ -15,8 +17,22 @@ from vgroove.log import Log
 from vgroove.rig import Rig, rig_from_dict
 
 COULOMB = [BY_ID["coulomb_friction"]]
-SCALES = Scales(volt=24.0, amp=0.2, speed=20.0, torque=0.2, inertia=trap.INERTIA, motor_inertia=trap.INERTIA, resistance=1.0, coulomb=0.0,
-                viscous=trap.BELIEVED_DAMPING, ratio=1.0, duration=20.0, interval=0.002, pwm_hz=20000.0, supply_ohm=0.0)
+SCALES = Scales(
+    volt=24.0,
+    amp=0.2,
+    speed=20.0,
+    torque=0.2,
+    inertia=trap.INERTIA,
+    motor_inertia=trap.INERTIA,
+    resistance=1.0,
+    coulomb=0.0,
+    viscous=trap.BELIEVED_DAMPING,
+    ratio=1.0,
+    duration=20.0,
+    interval=0.002,
+    pwm_hz=20000.0,
+    supply_ohm=0.0,
+)
 
 
 def joint(**motor: float) -> Rig:
@@ -27,7 +43,11 @@ def joint(**motor: float) -> Rig:
 @pytest.fixture(scope="module")
 def problem() -> Problem:
     seen = trap.measured(trap.moved(*trap.drive(2, trap.TRAIN_S, trap.TRAIN_NM)), 2)
-    columns = {"current_a": seen.torque_nm, "speed_rpm": seen.speed_rad_s * trap.RAD_S_TO_RPM, "position_rad": seen.angle_rad}
+    columns = {
+        "current_a": seen.torque_nm,
+        "speed_rpm": seen.speed_rad_s * trap.RAD_S_TO_RPM,
+        "position_rad": seen.angle_rad,
+    }
     return load_problem([Log(seen.time_s, columns, "one joint")], joint())
 
 
@@ -43,11 +63,18 @@ def test_memory_is_inertia_over_all_damping() -> None:
     assert memory_s(driven) == pytest.approx(trap.INERTIA / (trap.BELIEVED_DAMPING + 1.0))
 
 
-def test_long_stretches_tell_more_and_their_intervals_hold_the_truth(problem: Problem, engine: Engine) -> None:
+def test_long_stretches_tell_more_and_their_intervals_hold_the_truth(
+    problem: Problem, engine: Engine
+) -> None:
     short = engine.fit(engine.hypotheses(COULOMB), 8)[0]
     found = over_long_stretches(problem, engine, short)
-    damping, friction = found.tolerated()["motor.viscous_nm_s_per_rad"], found.parameters("coulomb_friction")["torque_nm"]
-    before = short.hypothesis.theta(problem.theta0, short.x[None, :])[0][problem.index("motor.viscous_nm_s_per_rad")]
+    damping, friction = (
+        found.tolerated()["motor.viscous_nm_s_per_rad"],
+        found.parameters("coulomb_friction")["torque_nm"],
+    )
+    before = short.hypothesis.theta(problem.theta0, short.x[None, :])[0][
+        problem.index("motor.viscous_nm_s_per_rad")
+    ]
     assert abs(damping - trap.DAMPING) < 0.5 * abs(before - trap.DAMPING)
     assert damping == pytest.approx(trap.DAMPING, rel=0.01)
     assert friction["ci95"][0] < trap.COULOMB < friction["ci95"][1]
@@ -60,22 +87,34 @@ def scatter(found: Estimate, name: str) -> float:
     return float(found.half[at] * found.fit.hypothesis.coordinates[at].factors[0])
 
 
-def test_an_interval_leaves_room_for_a_form_that_is_nearly_the_catalogues(problem: Problem, engine: Engine) -> None:
+def test_an_interval_leaves_room_for_a_form_that_is_nearly_the_catalogues(
+    problem: Problem, engine: Engine
+) -> None:
     found = over_long_stretches(problem, engine, engine.fit(engine.hypotheses(COULOMB), 8)[0])
     friction = found.parameters("coulomb_friction")["torque_nm"]
     half = 0.5 * (friction["ci95"][1] - friction["ci95"][0])
-    assert half == pytest.approx(np.hypot(scatter(found, "effects.coulomb_friction.torque_nm"), FORM_ERROR * friction["value"]))
+    assert half == pytest.approx(
+        np.hypot(
+            scatter(found, "effects.coulomb_friction.torque_nm"), FORM_ERROR * friction["value"]
+        )
+    )
 
 
-def test_a_model_that_lacks_something_is_not_run_for_so_long(problem: Problem, engine: Engine) -> None:
+def test_a_model_that_lacks_something_is_not_run_for_so_long(
+    problem: Problem, engine: Engine
+) -> None:
     retuned = engine.fit(engine.hypotheses([]), 8)[0]
     assert problem.gap(retuned.residual) > AT_NOISE
     assert over_long_stretches(problem, engine, retuned) is None
 
 
-def test_a_shaft_that_forgets_between_two_restarts_is_not_fitted_again(problem: Problem, engine: Engine) -> None:
+def test_a_shaft_that_forgets_between_two_restarts_is_not_fitted_again(
+    problem: Problem, engine: Engine
+) -> None:
     one = engine.fit(engine.hypotheses(COULOMB), 1)[0]
-    forgetful = replace(problem, rig=joint(viscous_nm_s_per_rad=trap.INERTIA / (0.9 * problem.restart_s)))
+    forgetful = replace(
+        problem, rig=joint(viscous_nm_s_per_rad=trap.INERTIA / (0.9 * problem.restart_s))
+    )
     assert over_long_stretches(forgetful, engine, one) is None
 
 

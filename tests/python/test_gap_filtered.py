@@ -1,4 +1,6 @@
-"""A speed column that a filter has smoothed holds no edge periods: it is compared over the pitch before each row, and its lag is found."""
+"""A speed column that a filter has smoothed holds no edge periods: it is compared over the pitch
+before each row, and its lag is found.
+"""
 
 import numpy as np
 import pytest
@@ -28,7 +30,8 @@ def test_a_filtered_edge_speed_shows_its_lag(lag_s: float) -> None:
     problem = load_problem([filtered(drive_log(rig()), lag_s)], rig())
     assert any("filtered" in warning for warning in problem.warnings)
     speed = problem.signal == [s.column for s in problem.signals].index("speed_rpm")
-    assert np.median(problem.sigma[speed]) < 30.0  # an edge chain that keeps breaking would leave the speed without weight
+    # an edge chain that keeps breaking would leave the speed without weight
+    assert np.median(problem.sigma[speed]) < 30.0
     assert gap_at(problem, lag_s) < 1.15 < 1.3 < gap_at(problem, 0.0)
     assert gap_at(problem, lag_s) < gap_at(problem, 2.0 * lag_s)
 
@@ -42,7 +45,11 @@ def test_edge_periods_are_still_compared_as_such() -> None:
 def test_a_noisy_voltage_that_drives_the_model_is_no_effect() -> None:
     tool = rig(input={"kind": "voltage_v", "slew_per_s": 110.0})
     log = drive_log(tool)
-    volt = log.columns["voltage_v"] + 0.05 * np.random.default_rng(5).standard_normal(len(log.time_s))
-    log = MadeLog(log.time_s, {**{k: v for k, v in log.columns.items() if k != "supply_v"}, "voltage_v": volt})
+    volt = log.columns["voltage_v"] + 0.05 * np.random.default_rng(5).standard_normal(
+        len(log.time_s)
+    )
+    log = MadeLog(
+        log.time_s, {**{k: v for k, v in log.columns.items() if k != "supply_v"}, "voltage_v": volt}
+    )
     problem = load_problem([log], tool)
     assert problem.gap(problem.residuals(problem.theta0)[0]) < 1.1

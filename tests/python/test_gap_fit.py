@@ -1,5 +1,6 @@
-"""Fits of hypotheses: steps inside bounds, parameters recovered, keys under their prior, intervals that hold."""
-
+"""Fits of hypotheses: steps inside bounds, parameters recovered, keys under their prior, intervals
+that hold.
+"""
 
 import numpy as np
 import pytest
@@ -19,16 +20,33 @@ def value(toy: Toy, one: object, name: str) -> float:
 
 def test_bounded_step_is_the_constrained_minimum() -> None:
     normal, gradient = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-3.0, -3.0])
-    np.testing.assert_allclose(bounded_step(normal, gradient, np.full(2, -9.0), np.full(2, 9.0)), [1.0, 1.0], rtol=1e-6)
-    np.testing.assert_allclose(bounded_step(normal, gradient, np.full(2, -9.0), np.array([0.4, 9.0])), [0.4, 1.3], rtol=1e-6)
+    np.testing.assert_allclose(
+        bounded_step(normal, gradient, np.full(2, -9.0), np.full(2, 9.0)), [1.0, 1.0], rtol=1e-6
+    )
+    np.testing.assert_allclose(
+        bounded_step(normal, gradient, np.full(2, -9.0), np.array([0.4, 9.0])),
+        [0.4, 1.3],
+        rtol=1e-6,
+    )
 
 
-@pytest.mark.parametrize(("name", "size"), [
-    ("winding_resistance.relative", 0.1), ("coulomb_friction.torque_nm", 0.004), ("current_offset.offset_a", -0.8),
-    ("transport_delay.delay_s", 0.006), ("added_inertia.kg_m2", 2e-6), ("supply_resistance.resistance_ohm", 0.01),
-    ("stribeck_friction.breakaway_nm", 0.02)])
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [
+        ("winding_resistance.relative", 0.1),
+        ("coulomb_friction.torque_nm", 0.004),
+        ("current_offset.offset_a", -0.8),
+        ("transport_delay.delay_s", 0.006),
+        ("added_inertia.kg_m2", 2e-6),
+        ("supply_resistance.resistance_ohm", 0.01),
+        ("stribeck_friction.breakaway_nm", 0.02),
+    ],
+)
 def test_a_size_is_recovered(name: str, size: float) -> None:
-    toy = Toy({f"effects.{name}": size} | ({"effects.stribeck_friction.speed_rad_s": 80.0} if "stribeck" in name else {}))
+    toy = Toy(
+        {f"effects.{name}": size}
+        | ({"effects.stribeck_friction.speed_rad_s": 80.0} if "stribeck" in name else {})
+    )
     _, best = fit_of(toy, name.split(".")[0])
     assert value(toy, best, f"effects.{name}") == pytest.approx(size, rel=0.05)
     assert toy.gap(best.held) < 1.02
@@ -53,11 +71,15 @@ def test_keys_stay_within_three_sigma_and_take_what_they_may() -> None:
     retuned = engine.fit(engine.hypotheses([]))[0]
     assert value(toy, retuned, "motor.resistance_ohm") == pytest.approx(0.19 * 1.06, rel=1e-3)
     free, _ = fit_of(toy, tolerance={"motor.resistance_ohm": 0.2})
-    assert value(toy, free.fit(free.hypotheses([]))[0], "motor.resistance_ohm") == pytest.approx(0.19 * 1.15, rel=0.01)
+    assert value(toy, free.fit(free.hypotheses([]))[0], "motor.resistance_ohm") == pytest.approx(
+        0.19 * 1.15, rel=0.01
+    )
 
 
 def test_what_a_folds_rows_do_not_tell_stays_where_all_rows_put_it() -> None:
-    """Two offsets of the current; the second shows in the rows of one fold alone, but for a trace elsewhere that only noise could move."""
+    """Two offsets of the current; the second shows in the rows of one fold alone, but for a trace
+    elsewhere that only noise could move.
+    """
     toy = Toy({"effects.current_offset.offset_a": 0.5})
     engine, one = fit_of(toy, "current_offset", "current_gain")
     test, noise = engine.problem.folds[1][1], np.random.default_rng(2).normal(size=toy.n)
@@ -75,7 +97,10 @@ def test_intervals_hold_the_truth() -> None:
         toy = Toy({TORQUE: 0.004}, seed=seed)
         engine, best = fit_of(toy, "coulomb_friction")
         cluster = (toy.time_s / 0.05).astype(int)
-        spread = np.sqrt(covariance(best, engine.train, cluster)[0, 0]) * best.hypothesis.coordinates[0].factors[0]
+        spread = (
+            np.sqrt(covariance(best, engine.train, cluster)[0, 0])
+            * best.hypothesis.coordinates[0].factors[0]
+        )
         inside += abs(value(toy, best, TORQUE) - 0.004) < 1.96 * spread
     assert 34 <= inside <= 40
 
@@ -86,7 +111,10 @@ def test_offset_beside_coulomb_is_one_number() -> None:
     beside = engine.hypotheses([BY_ID["coulomb_friction"], BY_ID["asymmetric_friction"]])[0]
     assert (alone.count, beside.count) == (2, 2)
     theta = beside.theta(engine.problem.theta0, np.array([[0.0, 1.0]]))[0]
-    forward, backward = (theta[engine.problem.index(f"effects.asymmetric_friction.{s}_nm")] for s in ("forward", "backward"))
+    forward, backward = (
+        theta[engine.problem.index(f"effects.asymmetric_friction.{s}_nm")]
+        for s in ("forward", "backward")
+    )
     assert forward == -backward != 0.0
 
 
@@ -95,17 +123,32 @@ def test_phase_and_amplitude_come_from_sine_and_cosine() -> None:
     h = engine.hypotheses([BY_ID["gear_eccentricity"]])[0]
     theta = h.theta(engine.problem.theta0, np.array([[0.3, 0.4]]))[0]
     size = h.coordinates[0].factors[0]
-    assert theta[engine.problem.index("effects.gear_eccentricity.torque_nm")] == pytest.approx(0.5 * size)
-    assert theta[engine.problem.index("effects.gear_eccentricity.phase_rad")] == pytest.approx(np.arctan2(0.4, 0.3))
+    assert theta[engine.problem.index("effects.gear_eccentricity.torque_nm")] == pytest.approx(
+        0.5 * size
+    )
+    assert theta[engine.problem.index("effects.gear_eccentricity.phase_rad")] == pytest.approx(
+        np.arctan2(0.4, 0.3)
+    )
 
 
 def test_catalogue_follows_the_kind_of_log() -> None:
-    full = frozenset({"duty", "voltage", "current", "speed", "supply", "both", "load", "gear", "edges", "output"})
+    full = frozenset(
+        {"duty", "voltage", "current", "speed", "supply", "both", "load", "gear", "edges", "output"}
+    )
     assert {e.id for e in CATALOGUE} - {e.id for e in available(full)} == {"bridge_resistance"}
     force = {e.id for e in available(frozenset({"current_input", "position", "both"}))}
-    assert not force & {"winding_resistance", "brush_drop", "current_gain", "current_offset", "supply_gain", "speed_gain"}
+    assert not force & {
+        "winding_resistance",
+        "brush_drop",
+        "current_gain",
+        "current_offset",
+        "supply_gain",
+        "speed_gain",
+    }
     assert {"coulomb_friction", "asymmetric_friction", "torque_constant"} <= force
-    assert "winding_resistance" not in {e.id for e in available(full, frozenset({"winding_resistance"}))}
+    assert "winding_resistance" not in {
+        e.id for e in available(full, frozenset({"winding_resistance"}))
+    }
     assert "asymmetric_friction" not in {e.id for e in available(full - {"both"})}
 
 
@@ -119,7 +162,9 @@ def test_classes_and_special_cases() -> None:
 
 
 def test_differences_of_positive_numbers_are_relative() -> None:
-    """A stiffness of 0.05 in its size is not differenced over 0.1: the slope there says nothing about the valley at 0.05."""
+    """A stiffness of 0.05 in its size is not differenced over 0.1: the slope there says nothing
+    about the valley at 0.05.
+    """
     from vgroove.gap.fit import Coordinate
 
     stiffness = Coordinate("k", (0,), (1.0,), 0.0, 0.01, 900.0, 0.1)
@@ -138,13 +183,21 @@ def test_intervals_widen_where_folds_disagree() -> None:
     short = np.unique(np.floor(toy.time_s / 0.05), return_inverse=True)[1]
     alone = 1.96 * np.sqrt(np.diag(covariance(one, engine.train, short)))
     assert np.all(half_widths(engine, one, [short]) >= alone)
-    rotten = one.residual + 3.0 * one.jacobian[:, 0] * np.where(toy.block % 4 == 0, 0.05, -0.05 / 3.0)  # a block that wants another size
+    # a block that wants another size
+    rotten = one.residual + 3.0 * one.jacobian[:, 0] * np.where(
+        toy.block % 4 == 0, 0.05, -0.05 / 3.0
+    )
     moved = type(one)(one.hypothesis, one.x, rotten, one.jacobian, one.cost, 1e9)
     assert half_widths(engine, moved, [short])[0] > 2.0 * half_widths(engine, one, [short])[0]
 
 
-@pytest.mark.parametrize("sizes,expected", [([], []), ([3], [1]), ([2, 2, 2], [2, 1]), ([9, 1, 1], [1, 2]), ([0, 0, 5], [3])])
-def test_portions_hold_no_more_than_asked_and_miss_nothing(sizes: list[int], expected: list[int]) -> None:
+@pytest.mark.parametrize(
+    "sizes,expected",
+    [([], []), ([3], [1]), ([2, 2, 2], [2, 1]), ([9, 1, 1], [1, 2]), ([0, 0, 5], [3])],
+)
+def test_portions_hold_no_more_than_asked_and_miss_nothing(
+    sizes: list[int], expected: list[int]
+) -> None:
     parts = list(portions(sizes, 4))
     assert [part.stop - part.start for part in parts] == expected
     assert [n for part in parts for n in range(len(sizes))[part]] == list(range(len(sizes)))

@@ -1,4 +1,6 @@
-"""The forty fixed blind cases, in two halves that two workers can judge: the diagnosis stays as good on them as it was."""
+"""The forty fixed blind cases, in two halves that two workers can judge: the diagnosis stays as
+good on them as it was.
+"""
 
 import tempfile
 from dataclasses import dataclass
@@ -13,7 +15,9 @@ from vgroove.gap_bench.score import Scored
 
 @dataclass(frozen=True)
 class Half:
-    """Every second case from `first` on, and what was counted last less two standard deviations of a binomial of 20."""
+    """Every second case from `first` on, and what was counted last less two standard deviations of
+    a binomial of 20.
+    """
 
     first: int
     right_least: int
@@ -21,19 +25,24 @@ class Half:
     false_alarms_most: int
 
 
-# When the set was fixed: 7 right, 1 sure and wrong, 1 false alarm, of 20; and 12, 3, none, of 20. At e040db3: 19, none, none;
-# 17, none, none. Single cases may move.
+# When the set was fixed: 7 right, 1 sure and wrong, 1 false alarm, of 20; and 12, 3, none, of 20.
+# At e040db3: 19, none, none; 17, none, none. Single cases may move.
 HALVES = (Half(0, 17, 1, 1), Half(1, 13, 1, 1))
 
-pytestmark = pytest.mark.parametrize("half", [pytest.param(h, marks=pytest.mark.xdist_group(f"half_{h.first}")) for h in HALVES],
-                                     ids=["even", "odd"])
+pytestmark = pytest.mark.parametrize(
+    "half",
+    [pytest.param(h, marks=pytest.mark.xdist_group(f"half_{h.first}")) for h in HALVES],
+    ids=["even", "odd"],
+)
 
 
 @cache
 def verdicts(half: Half) -> list[Scored]:
     """Made once, whatever order the tests of a half come in."""
     with tempfile.TemporaryDirectory() as folder:
-        return [judged(row, Path(folder) / f"case_{n}") for n, row in enumerate(ROWS[half.first :: 2])]
+        return [
+            judged(row, Path(folder) / f"case_{n}") for n, row in enumerate(ROWS[half.first :: 2])
+        ]
 
 
 @pytest.fixture

@@ -1,4 +1,6 @@
-"""Where: shares that add to one and sit where the effect is, sensors not mistaken for physics, and what a remainder follows."""
+"""Where: shares that add to one and sit where the effect is, sensors not mistaken for physics, and
+what a remainder follows.
+"""
 
 import numpy as np
 import pytest
@@ -8,10 +10,17 @@ from test_gap_verdict import FLOOR, decided
 from vgroove.gap import locate
 
 
-@pytest.mark.parametrize("name,size,place", [
-    ("winding_resistance.relative", 0.08, "motor_electrical"), ("coulomb_friction.torque_nm", 0.003, "motor_mechanical"),
-    ("current_gain.relative", 0.06, "sensor_current"), ("speed_gain.relative", 0.01, "sensor_speed"),
-    ("supply_resistance.resistance_ohm", 0.01, "supply"), ("transport_delay.delay_s", 0.003, "timing")])
+@pytest.mark.parametrize(
+    "name,size,place",
+    [
+        ("winding_resistance.relative", 0.08, "motor_electrical"),
+        ("coulomb_friction.torque_nm", 0.003, "motor_mechanical"),
+        ("current_gain.relative", 0.06, "sensor_current"),
+        ("speed_gain.relative", 0.01, "sensor_speed"),
+        ("supply_resistance.resistance_ohm", 0.01, "supply"),
+        ("transport_delay.delay_s", 0.003, "timing"),
+    ],
+)
 def test_the_share_lies_where_the_effect_is(name: str, size: float, place: str) -> None:
     state, finding = decided(Toy({f"effects.{name}": size}))
     shares = locate.shares(state, finding.best, FLOOR)
@@ -21,7 +30,9 @@ def test_the_share_lies_where_the_effect_is(name: str, size: float, place: str) 
 
 
 def test_two_places_share() -> None:
-    state, finding = decided(Toy({"effects.coulomb_friction.torque_nm": 0.003, "effects.current_offset.offset_a": 0.5}))
+    state, finding = decided(
+        Toy({"effects.coulomb_friction.torque_nm": 0.003, "effects.current_offset.offset_a": 0.5})
+    )
     shares = locate.shares(state, finding.best, FLOOR)
     assert shares["motor_mechanical"] > 0.2 and shares["sensor_current"] > 0.2
     assert sum(shares.values()) == pytest.approx(1.0)

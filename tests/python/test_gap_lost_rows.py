@@ -1,4 +1,6 @@
-"""Rows that a line lost: what follows a hole is a mean over its own interval where the current says so, else over the hole."""
+"""Rows that a line lost: what follows a hole is a mean over its own interval where the current says
+so, else over the hole.
+"""
 
 from dataclasses import replace
 
@@ -26,13 +28,20 @@ def stepping() -> Rig:
 
 def steps(time_s: np.ndarray) -> np.ndarray:
     """Duty that steps every 0.4 s to levels far apart."""
-    return np.array([0.0, 0.8, 0.2, 0.9, 0.4, 1.0, 0.1, 0.7, 0.3, 0.6, 0.6])[(np.maximum(time_s, 0.0) / 0.4).astype(int)]
+    return np.array([0.0, 0.8, 0.2, 0.9, 0.4, 1.0, 0.1, 0.7, 0.3, 0.6, 0.6])[
+        (np.maximum(time_s, 0.0) / 0.4).astype(int)
+    ]
 
 
 def logged(tool: Rig, time_s: np.ndarray) -> MadeLog:
     """What a logger with rows at these times writes of the tool, with its noise."""
     rng, duty = np.random.default_rng(1), steps(time_s - 1.0 / HZ)
-    rows = _core.simulate_log(_core.LogInput(time_s, "duty", duty), tool.parameters()[None], np.array([0]), np.zeros((1, 3)))
+    rows = _core.simulate_log(
+        _core.LogInput(time_s, "duty", duty),
+        tool.parameters()[None],
+        np.array([0]),
+        np.zeros((1, 3)),
+    )
     current = rows["current_a"][0] + 0.15 * rng.standard_normal(len(time_s))
     speed = rows["speed_measured_rad_s"][0] * 30.0 / np.pi + 2.0 * rng.standard_normal(len(time_s))
     return MadeLog(time_s, {"duty": duty, "current_a": current, "speed_rpm": speed})
@@ -44,7 +53,9 @@ def without(log: MadeLog, here: np.ndarray) -> MadeLog:
 
 @pytest.mark.parametrize("waited", [False, True])
 def test_a_row_after_a_hole_is_read_as_the_logger_made_it(waited: bool) -> None:
-    """Rows lost on the line, or never taken: either log leaves the noise alone, though a current falls by half in three rows here."""
+    """Rows lost on the line, or never taken: either log leaves the noise alone, though a current
+    falls by half in three rows here.
+    """
     tool = stepping()
     log = logged(tool, GRID[HERE]) if waited else without(logged(tool, GRID), HERE)
     problem = load_problem([log], tool)
@@ -57,7 +68,9 @@ def test_a_row_after_a_hole_is_read_as_the_logger_made_it(waited: bool) -> None:
 
 
 def test_uneven_clocks_and_clocks_that_skip_often_have_no_holes() -> None:
-    assert np.array_equal(after_holes(GRID[HERE]), np.flatnonzero(np.diff(np.flatnonzero(HERE)) > 1) + 1)
+    assert np.array_equal(
+        after_holes(GRID[HERE]), np.flatnonzero(np.diff(np.flatnonzero(HERE)) > 1) + 1
+    )
     uneven = GRID + np.random.default_rng(2).uniform(-0.3, 0.3, len(GRID)) / HZ
     assert not len(after_holes(uneven[HERE]))
     assert not len(after_holes(GRID[np.arange(len(GRID)) % 5 != 0]))
@@ -74,7 +87,9 @@ def test_a_busy_command_with_missing_samples_is_not_left_out() -> None:
     """Nearly all of a log that steps in every row would be behind such a step."""
     tool, rng = stepping(), np.random.default_rng(4)
     duty = rng.uniform(0.2, 0.9, len(GRID))
-    rows = _core.simulate_log(_core.LogInput(GRID, "duty", duty), tool.parameters()[None], np.array([0]), np.zeros((1, 3)))
+    rows = _core.simulate_log(
+        _core.LogInput(GRID, "duty", duty), tool.parameters()[None], np.array([0]), np.zeros((1, 3))
+    )
     speed = rows["speed_measured_rad_s"][0] * 30.0 / np.pi + 2.0 * rng.standard_normal(len(GRID))
     command = np.where(rng.uniform(size=len(GRID)) > 0.02, duty, np.nan)
     run = prepare_run(MadeLog(GRID, {"duty": command, "speed_rpm": speed}), tool, 0.25)
@@ -83,7 +98,9 @@ def test_a_busy_command_with_missing_samples_is_not_left_out() -> None:
 
 def test_without_a_current_a_row_closes_what_the_contract_says() -> None:
     log = without(logged(stepping(), GRID), HERE)
-    quiet = MadeLog(log.time_s, {name: values for name, values in log.columns.items() if name != "current_a"})
+    quiet = MadeLog(
+        log.time_s, {name: values for name, values in log.columns.items() if name != "current_a"}
+    )
     assert with_lost_rows(quiet, stepping()) is quiet
     blind = replace(log, columns=log.columns | {"current_a": np.full(len(log.time_s), np.nan)})
     assert with_lost_rows(blind, stepping()) is blind
@@ -110,10 +127,17 @@ def test_a_step_in_a_hole_is_left_out_up_to_the_next_restart(change: float) -> N
 
 
 def test_a_ramp_runs_straight_through_missing_samples() -> None:
-    """A command that stood still in them would ask for a third of an ampere too little, and then for as much at once."""
+    """A command that stood still in them would ask for a third of an ampere too little, and then
+    for as much at once.
+    """
     tool = replace(stepping(), input={"kind": "duty", "slew_per_s": 6.0})
     duty = 0.5 + 0.4 * np.abs(np.mod(GRID, 0.8) / 0.4 - 1.0)
-    rows = _core.simulate_log(_core.LogInput(GRID, "duty", duty, slew_per_s=6.0), tool.parameters()[None], np.array([0]), np.zeros((1, 3)))
+    rows = _core.simulate_log(
+        _core.LogInput(GRID, "duty", duty, slew_per_s=6.0),
+        tool.parameters()[None],
+        np.array([0]),
+        np.zeros((1, 3)),
+    )
     rng = np.random.default_rng(5)
     command = np.where(rng.uniform(size=len(GRID)) > 0.08, duty, np.nan)
     current = rows["current_a"][0] + 0.02 * rng.standard_normal(len(GRID))

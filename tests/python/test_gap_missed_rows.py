@@ -1,4 +1,6 @@
-"""Missed edges where rows show only the last of several: found, placed, and never seen in a log that misses none."""
+"""Missed edges where rows show only the last of several: found, placed, and never seen in a log
+that misses none.
+"""
 
 import numpy as np
 import pytest
@@ -31,7 +33,13 @@ def test_periods_of_several_pitches_are_found_and_lie_where_the_edges_were(share
     assert np.mean(found.missed[whole] > 0) == pytest.approx(share, abs=0.4 * share)
     away = np.min(np.abs(found.end_s[whole][:, None] - edges), axis=1)
     assert np.median(away) < 5e-5
-    mean_rpm = turned[whole] / (found.end_s - found.start_s)[whole] * 30.0 / np.pi / (1.0 + found.missed[whole])
+    mean_rpm = (
+        turned[whole]
+        / (found.end_s - found.start_s)[whole]
+        * 30.0
+        / np.pi
+        / (1.0 + found.missed[whole])
+    )
     assert np.quantile(np.abs(mean_rpm - found.speed_rpm[whole]), 0.95) < 10.0
 
 

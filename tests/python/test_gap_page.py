@@ -1,4 +1,6 @@
-"""The page of a diagnosis in a real Chromium, for a verdict of each kind: all of it drawn, nothing on the console, nothing loaded."""
+"""The page of a diagnosis in a real Chromium, for a verdict of each kind: all of it drawn, nothing
+on the console, nothing loaded.
+"""
 
 from pathlib import Path
 
@@ -18,14 +20,18 @@ SHORT = [(0.2, 0.4), (0.8, 0.9), (1.4, 0.5)]
 def hummed() -> MadeLog:
     """A current with a hum that no effect makes."""
     made = drive_log(rig(), seconds=2.0, levels=SHORT)
-    made.columns["current_a"] = made.columns["current_a"] + 0.8 * np.sin(2.0 * np.pi * 37.0 * made.time_s)
+    made.columns["current_a"] = made.columns["current_a"] + 0.8 * np.sin(
+        2.0 * np.pi * 37.0 * made.time_s
+    )
     return made
 
 
 LOGS = {
     "none": lambda: drive_log(rig(), seconds=2.0, levels=SHORT),
     "effect": lambda: drive_log(rig(effects={"coulomb_friction": {"torque_nm": 0.003}})),
-    "ambiguous": lambda: drive_log(rig(effects={"viscous_friction": {"nm_s_per_rad": 6e-7}}), seconds=2.0, levels=[(0.2, 0.5)]),
+    "ambiguous": lambda: drive_log(
+        rig(effects={"viscous_friction": {"nm_s_per_rad": 6e-7}}), seconds=2.0, levels=[(0.2, 0.5)]
+    ),
     "unlisted": hummed,
 }
 CARDS = {
@@ -35,11 +41,30 @@ CARDS = {
     "unlisted": ("unexplained", "none of the catalogue", "record: "),
 }
 SECTIONS = {
-    "none": ("How far: the gap of each signal", "Which: effects, ranked", "measured, nominal and retuned model", "is noise"),
-    "effect": ("Where: subsystems", "Where: regimes", "What the gap follows", "measured, nominal and corrected model", "What is left"),
-    "ambiguous": ("Rivals that predict the held-out data as well", "What next: record the run", "How far each run would part the rivals",
-                  "vgroove run --on PORT --next VERDICT.json -o next.csv"),
-    "unlisted": ("What is left follows time at", "a smooth correction over it would take", "What next: record the run"),
+    "none": (
+        "How far: the gap of each signal",
+        "Which: effects, ranked",
+        "measured, nominal and retuned model",
+        "is noise",
+    ),
+    "effect": (
+        "Where: subsystems",
+        "Where: regimes",
+        "What the gap follows",
+        "measured, nominal and corrected model",
+        "What is left",
+    ),
+    "ambiguous": (
+        "Rivals that predict the held-out data as well",
+        "What next: record the run",
+        "How far each run would part the rivals",
+        "vgroove run --on PORT --next VERDICT.json -o next.csv",
+    ),
+    "unlisted": (
+        "What is left follows time at",
+        "a smooth correction over it would take",
+        "What next: record the run",
+    ),
 }
 
 
@@ -50,14 +75,20 @@ def found() -> dict[str, Diagnosis]:
 
 
 @pytest.mark.parametrize("kind", LOGS)
-def test_a_browser_draws_the_page_of_each_verdict(kind: str, found: dict[str, Diagnosis], tmp_path: Path) -> None:
+def test_a_browser_draws_the_page_of_each_verdict(
+    kind: str, found: dict[str, Diagnosis], tmp_path: Path
+) -> None:
     assert found[kind].verdict["verdict"] == kind
     page = tmp_path / f"{kind}.html"
     page.write_text(diagnosis_page(found[kind], ["<run> & 1.csv"]).as_html(), encoding="utf-8")
     shown = seen(page)
     assert shown.console == [] and shown.loaded == []
     assert shown.dom.count('class="main-svg"') >= 4 and "&lt;run&gt; &amp; 1.csv" in shown.dom
-    missing = [words for words in (*CARDS[kind], *SECTIONS[kind], "WHERE", "WHICH", "HOW FAR", "WHAT NEXT") if words not in shown.dom]
+    missing = [
+        words
+        for words in (*CARDS[kind], *SECTIONS[kind], "WHERE", "WHICH", "HOW FAR", "WHAT NEXT")
+        if words not in shown.dom
+    ]
     assert missing == []
 
 
@@ -65,19 +96,42 @@ def test_the_cards_hold_the_verdicts_figures(found: dict[str, Diagnosis]) -> Non
     verdict = found["effect"].verdict
     where, which, far, following = cards(verdict)
     torque = verdict["effects"][0]["parameters"]["torque_nm"]
-    assert f"torque_nm {torque['value']:.4g} [{torque['ci95'][0]:.4g}, {torque['ci95'][1]:.4g}] N m" in which.support
-    assert far.answer == f"{verdict['gap']['before']:.2f} → {verdict['gap']['after']:.2f}" and "--out-rig" in following.support
+    assert (
+        f"torque_nm {torque['value']:.4g} [{torque['ci95'][0]:.4g}, {torque['ci95'][1]:.4g}] N m"
+        in which.support
+    )
+    assert (
+        far.answer == f"{verdict['gap']['before']:.2f} → {verdict['gap']['after']:.2f}"
+        and "--out-rig" in following.support
+    )
     assert where.answer.endswith(" %") and "seen in" in where.support
     tied = found["ambiguous"].verdict
     probability = {e["id"]: e["probability"] for e in tied["effects"]}
     for rival in tied["indistinguishable"]:
-        assert f"{rival['id'].replace('_', ' ')} {100 * probability[rival['id']]:.0f} %" in cards(tied)[1].support
+        assert (
+            f"{rival['id'].replace('_', ' ')} {100 * probability[rival['id']]:.0f} %"
+            in cards(tied)[1].support
+        )
 
 
 def test_what_goes_wrong_in_a_page_is_seen(tmp_path: Path) -> None:
     page = tmp_path / "bad.html"
-    text = Page("bad", "Bad", ["a <b>"], [Table("t", "T", ["n"], [[1.0]]), Note("N", ["x < y"], "vgroove <run>")]).as_html()
-    page.write_text(text.replace("</body>", f"<script src={ABROAD}></script><script>console.error('broken')</script></body>"))
+    text = Page(
+        "bad",
+        "Bad",
+        ["a <b>"],
+        [Table("t", "T", ["n"], [[1.0]]), Note("N", ["x < y"], "vgroove <run>")],
+    ).as_html()
+    page.write_text(
+        text.replace(
+            "</body>",
+            f"<script src={ABROAD}></script><script>console.error('broken')</script></body>",
+        )
+    )
     shown = seen(page)
     assert any("broken" in line for line in shown.console) and shown.loaded == [ABROAD]
-    assert "x &lt; y" in shown.dom and "vgroove &lt;run&gt;" in shown.dom and "a &lt;b&gt;" in shown.dom
+    assert (
+        "x &lt; y" in shown.dom
+        and "vgroove &lt;run&gt;" in shown.dom
+        and "a &lt;b&gt;" in shown.dom
+    )

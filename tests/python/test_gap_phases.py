@@ -1,4 +1,6 @@
-"""What a Hall wheel hides and what the log gives back: angles lost at stops, edges passed over, a speed that is read too high."""
+"""What a Hall wheel hides and what the log gives back: angles lost at stops, edges passed over, a
+speed that is read too high.
+"""
 
 import tracemalloc
 from dataclasses import replace
@@ -12,7 +14,16 @@ from vgroove.gap.edge_gain import agreed_share, edge_scale, waited_scale
 from vgroove.gap.missed import believable, pitches
 from vgroove.gap.problem import load_problem
 
-STOPS = [(0.2, 0.5), (0.7, 0.0), (1.3, 0.8), (1.9, 0.0), (2.6, 0.4), (3.3, 0.0), (4.0, 0.9), (5.0, 0.0)]
+STOPS = [
+    (0.2, 0.5),
+    (0.7, 0.0),
+    (1.3, 0.8),
+    (1.9, 0.0),
+    (2.6, 0.4),
+    (3.3, 0.0),
+    (4.0, 0.9),
+    (5.0, 0.0),
+]
 COGGING = {"torque_nm": 0.002, "periods_per_rev": 1.0, "phase_rad": 0.0}
 
 
@@ -24,7 +35,11 @@ def stop_and_go() -> MadeLog:
 def test_angles_lost_at_stops_are_found_again(stop_and_go: MadeLog) -> None:
     problem = load_problem([stop_and_go], rig())
     phase = problem.index("effects.cogging_torque.phase_rad")
-    theta = np.repeat(load_problem([stop_and_go], rig(effects={"cogging_torque": COGGING})).theta0[None], 16, axis=0)
+    theta = np.repeat(
+        load_problem([stop_and_go], rig(effects={"cogging_torque": COGGING})).theta0[None],
+        16,
+        axis=0,
+    )
     theta[:, phase] = np.arange(16) * np.pi / 8.0  # the first edge lies anywhere
     parts = phases.stretches(problem)
     assert parts.count > 2 and problem.runs[0].pitch_rad == pytest.approx(np.pi / 2.0)
@@ -59,7 +74,9 @@ def test_the_linear_search_finds_the_offsets_that_were_put_in() -> None:
     normal = np.stack([np.diag(rng.uniform(50.0, 90.0, 2)) for _ in shift])
     true = np.array([0.8, -0.5])
     turned = [np.array([[np.cos(d), -np.sin(d)], [np.sin(d), np.cos(d)]]) @ true for d in shift]
-    swing = phases.Swing(1.0, normal, np.stack([-n @ t for n, t in zip(normal, turned, strict=True)]))
+    swing = phases.Swing(
+        1.0, normal, np.stack([-n @ t for n, t in zip(normal, turned, strict=True)])
+    )
     found = swing.best_shifts([np.pi / 2.0 * np.arange(4)] * 4)
     assert np.mod(found - shift, 2.0 * np.pi) == pytest.approx(np.zeros(4), abs=1e-9)
     assert swing.amplitudes(found) == pytest.approx(true, rel=1e-4)
@@ -71,29 +88,45 @@ def test_a_speed_that_is_read_too_high_is_seen_in_its_own_edges(gain: float) -> 
     made = drive_log(rig())
     speed = made.columns["speed_rpm"]
     assert edge_scale(made.time_s, speed, 4, 0.5) == 1.0
-    assert edge_scale(made.time_s, np.round(2.0 * speed * (1.0 + gain)) / 2.0, 4, 0.5) - 1.0 == pytest.approx(gain, abs=3e-5)
+    assert edge_scale(
+        made.time_s, np.round(2.0 * speed * (1.0 + gain)) / 2.0, 4, 0.5
+    ) - 1.0 == pytest.approx(gain, abs=3e-5)
 
 
 def stopping_column(gain: float, stops_per_s: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and speeds of an encoder on a shaft that speeds up to 6100 rpm and stops again and again."""
+    """Rows and speeds of an encoder on a shaft that speeds up to 6100 rpm and stops again and
+    again.
+    """
     fine = np.arange(0, 60001) * 1e-4
     speed = 640.0 * np.sin(stops_per_s * np.pi * fine) ** 2
-    edges = edge_times(fine, np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 1e-4)]), 32)
+    edges = edge_times(
+        fine, np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 1e-4)]), 32
+    )
     rows = fine[::20]
     return rows, np.round(2.0 * (1.0 + gain) * hall_column(rows, edges, 32, 0.05, 0.0)) / 2.0
 
 
-@pytest.mark.parametrize(("gain", "stops_per_s", "error"), [(0.0, 1.5, 1e-12), (0.052, 1.5, 1e-4), (-0.06, 1.5, 1e-4), (0.052, 3.0, 2e-3)])
-def test_rows_that_wait_for_an_edge_tell_a_gain_that_many_edges_a_row_hide(gain: float, stops_per_s: float, error: float) -> None:
+@pytest.mark.parametrize(
+    ("gain", "stops_per_s", "error"),
+    [(0.0, 1.5, 1e-12), (0.052, 1.5, 1e-4), (-0.06, 1.5, 1e-4), (0.052, 3.0, 2e-3)],
+)
+def test_rows_that_wait_for_an_edge_tell_a_gain_that_many_edges_a_row_hide(
+    gain: float, stops_per_s: float, error: float
+) -> None:
     time_s, speed = stopping_column(gain, stops_per_s)
     assert waited_scale(time_s, speed, 32, 0.5) - 1.0 == pytest.approx(gain, abs=3e-3)
     assert edge_scale(time_s, speed, 32, 0.5) - 1.0 == pytest.approx(gain, abs=error)
 
 
-@pytest.mark.parametrize(("pulses", "torn", "believed"), [(16, 13, False), (16, 100, True), (4, 13, True)])
-def test_a_few_torn_chains_of_a_sensor_that_counts_are_chance(pulses: int, torn: int, believed: bool,
-                                                              monkeypatch: pytest.MonkeyPatch) -> None:
-    """One of many scales chains 2,500 periods better than all others; of a sensor that counts 1 % of them must tear to say anything."""
+@pytest.mark.parametrize(
+    ("pulses", "torn", "believed"), [(16, 13, False), (16, 100, True), (4, 13, True)]
+)
+def test_a_few_torn_chains_of_a_sensor_that_counts_are_chance(
+    pulses: int, torn: int, believed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of many scales chains 2,500 periods better than all others; of a sensor that counts 1 %
+    of them must tear to say anything.
+    """
     time_s = np.arange(2501) * 1e-3
     speed = 3000.0 + time_s
 
@@ -137,7 +170,11 @@ def test_a_filtered_speed_has_no_scale() -> None:
 
 def test_a_gain_closes_to_the_noise() -> None:
     made = drive_log(rig())
-    high = replace(made, columns=made.columns | {"speed_rpm": np.round(2.0 * made.columns["speed_rpm"] * 1.004) / 2.0})
+    high = replace(
+        made,
+        columns=made.columns
+        | {"speed_rpm": np.round(2.0 * made.columns["speed_rpm"] * 1.004) / 2.0},
+    )
     problem = load_problem([high], rig(effects={"speed_gain": {"relative": 0.004}}))
     assert problem.gap(problem.residuals(problem.theta0)[0]) < 1.15
     assert any("edge periods behind speed_rpm" in w for w in problem.warnings)
@@ -159,5 +196,6 @@ def test_missed_edges_are_no_bend_of_the_motion() -> None:
     level = np.log(speed / count)
     assert np.array_equal(pitches(level), count)
     assert np.array_equal(believable(level, count), count - 1)
-    starting = np.log(np.sqrt(np.arange(1.0, 30.0)))  # uniformly accelerated from rest: neither half nor twice
+    # uniformly accelerated from rest: neither half nor twice
+    starting = np.log(np.sqrt(np.arange(1.0, 30.0)))
     assert np.array_equal(pitches(starting), np.ones(29, int))

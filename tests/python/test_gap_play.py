@@ -1,4 +1,6 @@
-"""A play is named whatever its flanks throw back, which no rig states; the corrected rig holds them as a coupler's spring and damper."""
+"""A play is named whatever its flanks throw back, which no rig states; the corrected rig holds them
+as a coupler's spring and damper.
+"""
 
 import numpy as np
 import pytest
@@ -8,21 +10,43 @@ from vgroove.gap.diagnose import diagnose
 from vgroove.gap.simulate import judge
 from vgroove.rig import Rig
 
-UP_AND_DOWN = [(0.2, 0.8), (0.7, 0.1), (1.2, 0.9), (1.8, 0.2), (2.3, 0.6), (2.8, 0.0), (3.3, 0.7), (3.7, 0.1)]
+UP_AND_DOWN = [
+    (0.2, 0.8),
+    (0.7, 0.1),
+    (1.2, 0.9),
+    (1.8, 0.2),
+    (2.3, 0.6),
+    (2.8, 0.0),
+    (3.3, 0.7),
+    (3.7, 0.1),
+]
 
 
 def with_play(thrown_back: float, flank_rad_s: float) -> Rig:
-    """A tool with 0.15 rad of play between flanks that throw back so much of the speed and swing so fast with both sides."""
+    """A tool with 0.15 rad of play between flanks that throw back so much of the speed and swing so
+    fast with both sides.
+    """
     plain = rig(gearbox={"output_inertia_kg_m2": 2.4e-4})
-    motor, output = plain.motor["inertia_kg_m2"], plain.gearbox["output_inertia_kg_m2"] / plain.gearbox["ratio"] ** 2
+    motor, output = (
+        plain.motor["inertia_kg_m2"],
+        plain.gearbox["output_inertia_kg_m2"] / plain.gearbox["ratio"] ** 2,
+    )
     reduced = motor * output / (motor + output)
-    damping = -np.log(thrown_back) / np.hypot(np.pi, np.log(thrown_back)) * np.sqrt(reduced / output)
-    flanks = {"stiffness_nm_per_rad": flank_rad_s**2 * reduced, "damping_ratio": damping, "inertia_kg_m2": 0.0}
+    damping = (
+        -np.log(thrown_back) / np.hypot(np.pi, np.log(thrown_back)) * np.sqrt(reduced / output)
+    )
+    flanks = {
+        "stiffness_nm_per_rad": flank_rad_s**2 * reduced,
+        "damping_ratio": damping,
+        "inertia_kg_m2": 0.0,
+    }
     return plain.with_effects({"gear_backlash": {"play_rad": 0.15}, "coupler_compliance": flanks})
 
 
 @pytest.mark.parametrize(("thrown_back", "flank_rad_s"), [(0.55, 5000.0), (0.75, 2500.0)])
-def test_a_play_is_named_whatever_its_flanks_throw_back(thrown_back: float, flank_rad_s: float) -> None:
+def test_a_play_is_named_whatever_its_flanks_throw_back(
+    thrown_back: float, flank_rad_s: float
+) -> None:
     made = drive_log(with_play(thrown_back, flank_rad_s), seconds=4.2, levels=UP_AND_DOWN)
     found = diagnose([made], rig(gearbox={"output_inertia_kg_m2": 2.4e-4}))
     verdict = found.verdict
@@ -31,4 +55,6 @@ def test_a_play_is_named_whatever_its_flanks_throw_back(thrown_back: float, flan
     assert set(verdict["effects"][0]["parameters"]) == {"play_rad"}
     assert verdict["effects"][0]["parameters"]["play_rad"]["value"] == pytest.approx(0.15, rel=0.03)
     assert set(found.corrected_rig().effects) == {"gear_backlash", "coupler_compliance"}
-    assert judge(found.corrected_rig(), [made])[0]["gap"] == pytest.approx(verdict["gap"]["after"], rel=0.01)
+    assert judge(found.corrected_rig(), [made])[0]["gap"] == pytest.approx(
+        verdict["gap"]["after"], rel=0.01
+    )

@@ -1,4 +1,6 @@
-"""Problem: a log of a tool that is exactly its rig ends at the noise, a wrong rig does not, and every array says what its residual is."""
+"""Problem: a log of a tool that is exactly its rig ends at the noise, a wrong rig does not, and
+every array says what its residual is.
+"""
 
 from dataclasses import replace
 
@@ -27,12 +29,17 @@ def problem(log: MadeLog) -> Problem:
 
 
 def by_signal(problem: Problem, residual: np.ndarray) -> dict[str, float]:
-    return {s.column: problem.gap(residual, problem.judged & (problem.signal == k)) for k, s in enumerate(problem.signals)}
+    return {
+        s.column: problem.gap(residual, problem.judged & (problem.signal == k))
+        for k, s in enumerate(problem.signals)
+    }
 
 
 @pytest.mark.parametrize("restart_s", [0.1, 0.25, 100.0])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_true_rig_ends_at_the_noise_with_and_without_restarts(restart_s: float, seed: int) -> None:
+def test_a_true_rig_ends_at_the_noise_with_and_without_restarts(
+    restart_s: float, seed: int
+) -> None:
     problem = load_problem([drive_log(rig(), seed=seed)], rig(), restart_s=restart_s)
     residual = problem.residuals(problem.theta0)[0]
     assert problem.gap(residual) == pytest.approx(1.0, abs=0.05)
@@ -41,20 +48,47 @@ def test_a_true_rig_ends_at_the_noise_with_and_without_restarts(restart_s: float
     assert (len(problem.runs[0].starts) > 15) == (restart_s < 1.0)
 
 
-@pytest.mark.parametrize("change", [{"motor.resistance_ohm": 0.21}, {"motor.inertia_kg_m2": 1.7e-5}, {"motor.coulomb_nm": 0.014},
-                                    {"motor.torque_constant_nm_per_a": 0.0111}, {"supply.resistance_ohm": 0.01}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"motor.resistance_ohm": 0.21},
+        {"motor.inertia_kg_m2": 1.7e-5},
+        {"motor.coulomb_nm": 0.014},
+        {"motor.torque_constant_nm_per_a": 0.0111},
+        {"supply.resistance_ohm": 0.01},
+    ],
+)
 def test_a_wrong_rig_does_not(log: MadeLog, change: dict) -> None:
     problem = load_problem([log], rig().with_values(change))
     assert problem.gap(problem.residuals(problem.theta0)[0]) > 1.3
 
 
-@pytest.mark.parametrize("effect", [{"transport_delay": {"delay_s": 0.004}}, {"speed_lag": {"time_constant_s": 0.004}},
-                                    {"speed_lag": {"time_constant_s": 0.004, "form": "delay"}}, {"current_lag": {"time_constant_s": 0.003}},
-                                    {"current_offset": {"offset_a": 0.5}}, {"speed_gain": {"relative": 0.01}},
-                                    {"winding_heating": {"kelvin_per_joule": 0.3, "cooling_s": 20.0}}])
+@pytest.mark.parametrize(
+    "effect",
+    [
+        {"transport_delay": {"delay_s": 0.004}},
+        {"speed_lag": {"time_constant_s": 0.004}},
+        {"speed_lag": {"time_constant_s": 0.004, "form": "delay"}},
+        {"current_lag": {"time_constant_s": 0.003}},
+        {"current_offset": {"offset_a": 0.5}},
+        {"speed_gain": {"relative": 0.01}},
+        {"winding_heating": {"kelvin_per_joule": 0.3, "cooling_s": 20.0}},
+    ],
+)
 def test_an_effect_opens_the_gap_and_its_rig_closes_it(effect: dict) -> None:
     tool = rig().with_effects(effect)
-    made = drive_log(tool, levels=[(0.3, 0.35), (1.0, 0.8), (1.8, 0.5), (2.6, 1.0), (3.4, 0.4), (4.2, 0.7), (5.2, 0.5)])
+    made = drive_log(
+        tool,
+        levels=[
+            (0.3, 0.35),
+            (1.0, 0.8),
+            (1.8, 0.5),
+            (2.6, 1.0),
+            (3.4, 0.4),
+            (4.2, 0.7),
+            (5.2, 0.5),
+        ],
+    )
     before, after = (load_problem([made], one) for one in (rig(), tool))
     assert before.gap(before.residuals(before.theta0)[0]) > 1.3
     assert after.gap(after.residuals(after.theta0)[0]) == pytest.approx(1.0, abs=0.08)
@@ -79,7 +113,9 @@ def test_arrays_say_what_each_residual_is(problem: Problem, log: MadeLog) -> Non
     speeds = (problem.signal == names.index("speed_rpm")) & ~problem.conditional
     assert np.array_equal(problem.measured[speeds], log.columns["speed_rpm"][problem.row[speeds]])
     assert 2000 < speeds.sum() < 5000
-    assert problem.runs[0].starts[1:].tolist() == sorted(set(problem.runs[0].starts[1:]) - set(problem.row[rows]))
+    assert problem.runs[0].starts[1:].tolist() == sorted(
+        set(problem.runs[0].starts[1:]) - set(problem.row[rows])
+    )
     model = problem.measured - problem.residuals(problem.theta0)[0] * problem.sigma
     trace = problem.traces(problem.theta0)[0]["speed_rpm"]
     assert np.allclose(trace[2], model[speeds])
@@ -89,7 +125,11 @@ def test_a_row_that_repeats_an_edge_counts_once(problem: Problem, log: MadeLog) 
     slow = (log.time_s > 3.6) & (log.time_s < 4.2)
     passed = float(np.sum(log.columns["speed_rpm"][slow]) / 60.0 * 4 * 1e-3)
     names = [s.column for s in problem.signals]
-    counted = (problem.signal == names.index("speed_rpm")) & ~problem.conditional & np.isin(problem.row, np.flatnonzero(slow))
+    counted = (
+        (problem.signal == names.index("speed_rpm"))
+        & ~problem.conditional
+        & np.isin(problem.row, np.flatnonzero(slow))
+    )
     assert 0.9 * passed - 8 < counted.sum() < passed + 2 < 0.4 * slow.sum()
 
 
@@ -107,13 +147,19 @@ def test_a_long_log_holds_out_blocks_three_seven_eleven() -> None:
     problem = load_problem([drive_log(rig(), seconds=12.0)], rig())
     assert problem.held_out_s == [[[2.0, 3.0], [6.0, 7.0], [10.0, 11.0]]]
     assert np.array_equal(problem.judged, np.isin(problem.block, [3, 7, 11]))
-    assert any(np.array_equal(test, problem.judged) for _, test in problem.folds), "the figures are of blocks that one fit did not see"
+    assert any(np.array_equal(test, problem.judged) for _, test in problem.folds), (
+        "the figures are of blocks that one fit did not see"
+    )
 
 
 def test_the_search_weighs_every_block_of_a_long_log() -> None:
-    """The contract's figures are of a quarter of a long log; what decides between effects is all of it, each block predicted unseen."""
+    """The contract's figures are of a quarter of a long log; what decides between effects is all of
+    it, each block predicted unseen.
+    """
     problem = load_problem([drive_log(rig(), seconds=12.0)], rig())
-    assert len(problem.folds) == 4 and all(not np.any(train & test) for train, test in problem.folds)
+    assert len(problem.folds) == 4 and all(
+        not np.any(train & test) for train, test in problem.folds
+    )
     assert np.all(np.sum([test for _, test in problem.folds], axis=0) == 1)
 
 
@@ -131,8 +177,12 @@ def test_two_logs_are_judged_together() -> None:
     logs = [drive_log(rig(), seed=s, seconds=4.0) for s in (3, 4)]
     both = load_problem(logs, rig())
     parts = [load_problem([one], rig()) for one in logs]
-    assert both.n == sum(p.n for p in parts) and set(both.log) == {0, 1} and len(both.held_out_s) == 2
-    assert np.allclose(both.residuals(both.theta0)[0], np.concatenate([p.residuals(p.theta0)[0] for p in parts]))
+    assert (
+        both.n == sum(p.n for p in parts) and set(both.log) == {0, 1} and len(both.held_out_s) == 2
+    )
+    assert np.allclose(
+        both.residuals(both.theta0)[0], np.concatenate([p.residuals(p.theta0)[0] for p in parts])
+    )
 
 
 def test_missing_samples_are_left_out(log: MadeLog) -> None:
@@ -158,11 +208,17 @@ def test_unsigned_current_is_recognised_and_compared_by_magnitude() -> None:
 
 def signed_speed(made: MadeLog) -> np.ndarray:
     """Speed column with the direction of the command a little later, as a board would give it."""
-    return np.abs(made.columns["speed_rpm"]) * np.where(np.roll(made.columns["duty"], 30) < 0.0, -1.0, 1.0)
+    return np.abs(made.columns["speed_rpm"]) * np.where(
+        np.roll(made.columns["duty"], 30) < 0.0, -1.0, 1.0
+    )
 
 
 def test_a_stuck_tool_counts_only_where_the_model_would_have_passed_an_edge(log: MadeLog) -> None:
-    columns = {**log.columns, "speed_rpm": np.zeros(len(log.time_s)), "current_a": log.columns["duty"] * 18.0 / 0.19}
+    columns = {
+        **log.columns,
+        "speed_rpm": np.zeros(len(log.time_s)),
+        "current_a": log.columns["duty"] * 18.0 / 0.19,
+    }
     problem = load_problem([MadeLog(log.time_s, columns)], rig())
     residual = problem.residuals(problem.theta0)[0]
     waits = problem.conditional & np.isfinite(problem.squared(residual))
@@ -177,7 +233,10 @@ def test_nothing_to_judge_and_no_input_are_refused(log: MadeLog) -> None:
     with pytest.raises(VgrooveError, match="duty"):
         load_problem([MadeLog(log.time_s, {"current_a": log.columns["current_a"]})], rig())
     with pytest.raises(VgrooveError, match="supply_v"):
-        load_problem([MadeLog(log.time_s, {k: log.columns[k] for k in ("duty", "speed_rpm")})], rig(input={"bus": "measured"}))
+        load_problem(
+            [MadeLog(log.time_s, {k: log.columns[k] for k in ("duty", "speed_rpm")})],
+            rig(input={"bus": "measured"}),
+        )
     with pytest.raises(VgrooveError, match="no log"):
         load_problem([], rig())
 
@@ -191,7 +250,9 @@ def test_a_measured_bus_drives_the_model(log: MadeLog) -> None:
 
 
 def test_stated_noise_wins_and_unstated_noise_comes_from_the_log(log: MadeLog) -> None:
-    assert noise.column_sigma(rig(), "current_a", log.columns["current_a"]) == pytest.approx(np.hypot(0.15, 0.1 / np.sqrt(12.0)))
+    assert noise.column_sigma(rig(), "current_a", log.columns["current_a"]) == pytest.approx(
+        np.hypot(0.15, 0.1 / np.sqrt(12.0))
+    )
     silent = rig()
     silent.sensors.pop("current_noise_a")
     estimate = noise.column_sigma(silent, "current_a", log.columns["current_a"])
@@ -202,20 +263,35 @@ def test_encoder_is_judged_through_its_derivative(log: MadeLog) -> None:
     lsb = 2.0 * np.pi / 4096
     tool = rig(sensors={"position_lsb_rad": lsb})
     drive = _core.LogInput(log.time_s, "duty", log.columns["duty"], slew_per_s=6.0)
-    angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))["angle_rad"][0]
-    columns = {"duty": log.columns["duty"], "current_a": log.columns["current_a"], "position_rad": np.round(angle / lsb) * lsb}
+    angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))[
+        "angle_rad"
+    ][0]
+    columns = {
+        "duty": log.columns["duty"],
+        "current_a": log.columns["current_a"],
+        "position_rad": np.round(angle / lsb) * lsb,
+    }
     problem = load_problem([MadeLog(log.time_s, columns)], tool)
     gaps = by_signal(problem, problem.residuals(problem.theta0)[0])
-    assert gaps["position_rad"] == pytest.approx(1.0, abs=0.15) and gaps["current_a"] == pytest.approx(1.0, abs=0.1)
-    wrong = load_problem([MadeLog(log.time_s, columns)], tool.with_values({"motor.coulomb_nm": 0.016}))
+    assert gaps["position_rad"] == pytest.approx(1.0, abs=0.15) and gaps[
+        "current_a"
+    ] == pytest.approx(1.0, abs=0.1)
+    wrong = load_problem(
+        [MadeLog(log.time_s, columns)], tool.with_values({"motor.coulomb_nm": 0.016})
+    )
     assert by_signal(wrong, wrong.residuals(wrong.theta0)[0])["position_rad"] > 2.0
 
 
 def test_an_encoder_knows_nothing_of_the_speed_sensors_gain(log: MadeLog) -> None:
     tool = rig(sensors={"position_lsb_rad": 0.005})
     drive = _core.LogInput(log.time_s, "duty", log.columns["duty"], slew_per_s=6.0)
-    angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))["angle_rad"][0]
-    columns = log.columns | {"position_rad": np.round(angle / 0.005) * 0.005, "speed_rpm": log.columns["speed_rpm"] * 1.01}
+    angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))[
+        "angle_rad"
+    ][0]
+    columns = log.columns | {
+        "position_rad": np.round(angle / 0.005) * 0.005,
+        "speed_rpm": log.columns["speed_rpm"] * 1.01,
+    }
     problem = load_problem([MadeLog(log.time_s, columns)], tool)
     theta = np.repeat(problem.theta0[None], 2, axis=0)
     theta[1, problem.index("effects.speed_gain.relative")] = 0.01
@@ -237,7 +313,9 @@ def test_missed_edges_open_the_gap_and_a_sensor_that_drops_edges_closes_it() -> 
     theta = np.repeat(problem.theta0[None], 2, axis=0)
     theta[1, problem.index("effects.hall_dropout.probability")] = 0.03
     names = [s.column for s in problem.signals]
-    before, after = (problem.gap(r, problem.signal == names.index("speed_rpm")) for r in problem.residuals(theta))
+    before, after = (
+        problem.gap(r, problem.signal == names.index("speed_rpm")) for r in problem.residuals(theta)
+    )
     assert before > 1.7 and after < 1.3
     assert problem.missed_share == pytest.approx(0.03, rel=0.3)
     assert load_problem([drive_log(rig())], rig()).missed_share < 0.002
@@ -249,34 +327,64 @@ def test_regimes_cover_the_log(problem: Problem) -> None:
 
 
 def axis_log(offset: float = 0.0) -> MadeLog:
-    """A linear axis driven to and fro by a known force: 95 kg, viscous and Coulomb friction, encoder of 5e-8 m."""
+    """A linear axis driven to and fro by a known force: 95 kg, viscous and Coulomb friction,
+    encoder of 5e-8 m.
+    """
     time_s = np.arange(0.0, 12.0, 1e-3)
     force = 60.0 * np.sin(2.0 * np.pi * time_s / 6.0) + 25.0 * np.sin(2.0 * np.pi * time_s / 0.7)
     drive = _core.LogInput(time_s, "current_a", force)
     theta = axis_rig(offset).parameters()[None]
     place = _core.simulate_log(drive, theta, np.array([0]), np.zeros((1, 3)))["angle_rad"][0]
     rng = np.random.default_rng(2)
-    return MadeLog(time_s, {"current_a": force + 0.16 * rng.standard_normal(len(time_s)), "position_rad": np.round(place / 5e-8) * 5e-8})
+    return MadeLog(
+        time_s,
+        {
+            "current_a": force + 0.16 * rng.standard_normal(len(time_s)),
+            "position_rad": np.round(place / 5e-8) * 5e-8,
+        },
+    )
 
 
 def axis_rig(offset: float = 0.0) -> Rig:
-    motor = {"resistance_ohm": 1.0, "inductance_h": 1e-3, "torque_constant_nm_per_a": 1.0, "inertia_kg_m2": 95.0,
-             "viscous_nm_s_per_rad": 200.0, "coulomb_nm": 20.0}
-    made = rig_from_dict({**RIG, "input": {"kind": "current_a"}, "motor": motor, "gearbox": {"ratio": 1.0, "output_inertia_kg_m2": 0.0},
-                          "sensors": {"log_hz": 1000, "current_noise_a": 0.16}}, "axis")
-    return made.with_effects({"asymmetric_friction": {"forward_nm": offset, "backward_nm": -offset}}) if offset else made
+    motor = {
+        "resistance_ohm": 1.0,
+        "inductance_h": 1e-3,
+        "torque_constant_nm_per_a": 1.0,
+        "inertia_kg_m2": 95.0,
+        "viscous_nm_s_per_rad": 200.0,
+        "coulomb_nm": 20.0,
+    }
+    made = rig_from_dict(
+        {
+            **RIG,
+            "input": {"kind": "current_a"},
+            "motor": motor,
+            "gearbox": {"ratio": 1.0, "output_inertia_kg_m2": 0.0},
+            "sensors": {"log_hz": 1000, "current_noise_a": 0.16},
+        },
+        "axis",
+    )
+    return (
+        made.with_effects({"asymmetric_friction": {"forward_nm": offset, "backward_nm": -offset}})
+        if offset
+        else made
+    )
 
 
 def test_a_force_driven_axis_is_judged_by_its_acceleration_and_restarts() -> None:
     log = axis_log()
     problem = load_problem([log], axis_rig())
-    assert [s.column for s in problem.signals] == ["position_rad"] and problem.signals[0].unit == "rad/s^2"
+    assert [s.column for s in problem.signals] == ["position_rad"] and problem.signals[
+        0
+    ].unit == "rad/s^2"
     assert len(problem.folds) == 3 and len(problem.runs[0].starts) > 20
     assert problem.gap(problem.residuals(problem.theta0)[0]) == pytest.approx(1.0, abs=0.15)
     wrong = load_problem([axis_log(offset=3.0)], axis_rig())
     right = load_problem([axis_log(offset=3.0)], axis_rig(offset=3.0))
     assert right.gap(right.residuals(right.theta0)[0]) == pytest.approx(1.0, abs=0.15)
-    assert wrong.gap(wrong.residuals(wrong.theta0)[0]) > 1.5 * right.gap(right.residuals(right.theta0)[0])
+    assert wrong.gap(wrong.residuals(wrong.theta0)[0]) > 1.5 * right.gap(
+        right.residuals(right.theta0)[0]
+    )
 
 
 def test_a_loggers_slow_clock_is_seen_against_the_sensors_own() -> None:
@@ -285,10 +393,20 @@ def test_a_loggers_slow_clock_is_seen_against_the_sensors_own() -> None:
     problem = load_problem([skewed], rig())
     theta = np.repeat(problem.theta0[None], 2, axis=0)
     theta[1, problem.index("effects.clock_skew.relative")] = 0.02
-    steady = (problem.signal == 2) & ~problem.conditional & (problem.time_s > 2.3) & (problem.time_s < 2.6)
+    steady = (
+        (problem.signal == 2)
+        & ~problem.conditional
+        & (problem.time_s > 2.3)
+        & (problem.time_s < 2.6)
+    )
     before, after = np.abs(problem.residuals(theta)[:, steady] * problem.sigma[steady])
-    assert np.median(after) < 0.5 and problem.gap(problem.residuals(theta))[1] < 0.75 * problem.gap(problem.residuals(theta))[0]
-    assert np.median(before) < 0.5  # a steady motor runs at the same speed whatever the logger's clock
+    assert (
+        np.median(after) < 0.5
+        and problem.gap(problem.residuals(theta))[1]
+        < 0.75 * problem.gap(problem.residuals(theta))[0]
+    )
+    # a steady motor runs at the same speed whatever the logger's clock
+    assert np.median(before) < 0.5
 
 
 def test_a_duty_in_percent_is_refused(log: MadeLog) -> None:
@@ -319,13 +437,19 @@ def test_a_hole_in_the_command_is_left_out_up_to_the_next_restart(log: MadeLog, 
 def test_the_noise_of_a_measured_bus_belongs_to_sigma(log: MadeLog) -> None:
     rng = np.random.default_rng(5)
     tool = rig(input={"bus": "measured"}, sensors={"supply_noise_v": 0.2})
-    noisy = MadeLog(log.time_s, {**log.columns, "supply_v": 18.0 + 0.2 * rng.standard_normal(len(log.time_s))})
+    noisy = MadeLog(
+        log.time_s, {**log.columns, "supply_v": 18.0 + 0.2 * rng.standard_normal(len(log.time_s))}
+    )
     problem = load_problem([noisy], tool)
     assert problem.gap(problem.residuals(problem.theta0)[0]) == pytest.approx(1.0, abs=0.15)
 
 
 def test_warnings_of_the_reader_and_of_dead_columns_reach_the_verdict(log: MadeLog) -> None:
-    dead = MadeLog(log.time_s, {**log.columns, "current_a": np.zeros(len(log.time_s))}, warnings=["the unknown column x is ignored."])
+    dead = MadeLog(
+        log.time_s,
+        {**log.columns, "current_a": np.zeros(len(log.time_s))},
+        warnings=["the unknown column x is ignored."],
+    )
     warnings = load_problem([dead], rig()).warnings
     assert "the unknown column x is ignored." in warnings
     assert any("current_a" in w and "connected" in w for w in warnings)
@@ -338,13 +462,26 @@ def test_the_resolution_of_a_fast_encoder_is_seen(step: float) -> None:
 
 
 @pytest.mark.parametrize("shift_s", [-3.0, 1000.0])
-@pytest.mark.parametrize("effect", [{}, {"clock_skew": {"relative": 0.01}}, {"clock_skew": {"relative": 0.01, "clock": "command"}},
-                                    {"transport_delay": {"delay_s": 0.004}}])
-def test_stamps_that_do_not_begin_at_zero_change_nothing(log: MadeLog, shift_s: float, effect: dict) -> None:
+@pytest.mark.parametrize(
+    "effect",
+    [
+        {},
+        {"clock_skew": {"relative": 0.01}},
+        {"clock_skew": {"relative": 0.01, "clock": "command"}},
+        {"transport_delay": {"delay_s": 0.004}},
+    ],
+)
+def test_stamps_that_do_not_begin_at_zero_change_nothing(
+    log: MadeLog, shift_s: float, effect: dict
+) -> None:
     tool = rig().with_effects(effect)
     moved = MadeLog(log.time_s + shift_s, log.columns)
-    gaps = [p.gap(p.residuals(p.theta0)[0]) for p in (load_problem([made], tool) for made in (log, moved))]
-    assert gaps[1] == pytest.approx(gaps[0], rel=0.03)  # equal but for restarts: of instants known equally well another may be taken
+    gaps = [
+        p.gap(p.residuals(p.theta0)[0])
+        for p in (load_problem([made], tool) for made in (log, moved))
+    ]
+    # equal but for restarts: of instants known equally well another may be taken
+    assert gaps[1] == pytest.approx(gaps[0], rel=0.03)
 
 
 @pytest.mark.filterwarnings("error")
@@ -353,4 +490,6 @@ def test_an_angle_that_was_hardly_seen_takes_no_restart_away(seen: int) -> None:
     log = drive_log(rig())
     angle = np.where(np.arange(len(log.time_s)) < seen, 0.0, np.nan)
     with_angle = replace(log, columns=log.columns | {"position_rad": angle})
-    np.testing.assert_array_equal(load_problem([with_angle], rig()).runs[0].starts, load_problem([log], rig()).runs[0].starts)
+    np.testing.assert_array_equal(
+        load_problem([with_angle], rig()).runs[0].starts, load_problem([log], rig()).runs[0].starts
+    )

@@ -1,4 +1,6 @@
-"""Restarts of the model: from its own states it goes on as if nothing had happened, the output side that no sensor shows too."""
+"""Restarts of the model: from its own states it goes on as if nothing had happened, the output side
+that no sensor shows too.
+"""
 
 import numpy as np
 import pytest
@@ -7,11 +9,22 @@ from made_log import MadeLog, drive_log, rig
 from vgroove import _core
 from vgroove.gap.problem import load_problem
 
-BASE = {"supply.voltage_v": 18.0, "motor.resistance_ohm": 0.19, "motor.inductance_h": 1e-4, "motor.torque_constant_nm_per_a": 0.0109,
-        "motor.inertia_kg_m2": 1.6e-5, "motor.viscous_nm_s_per_rad": 4.5e-6, "motor.coulomb_nm": 0.012, "gearbox.ratio": 5.6,
-        "gearbox.output_inertia_kg_m2": 2.4e-4}
-COUPLER = {"coupler_compliance.stiffness_nm_per_rad": 0.02, "coupler_compliance.damping_ratio": 0.1,
-           "coupler_compliance.inertia_kg_m2": 1e-7}
+BASE = {
+    "supply.voltage_v": 18.0,
+    "motor.resistance_ohm": 0.19,
+    "motor.inductance_h": 1e-4,
+    "motor.torque_constant_nm_per_a": 0.0109,
+    "motor.inertia_kg_m2": 1.6e-5,
+    "motor.viscous_nm_s_per_rad": 4.5e-6,
+    "motor.coulomb_nm": 0.012,
+    "gearbox.ratio": 5.6,
+    "gearbox.output_inertia_kg_m2": 2.4e-4,
+}
+COUPLER = {
+    "coupler_compliance.stiffness_nm_per_rad": 0.02,
+    "coupler_compliance.damping_ratio": 0.1,
+    "coupler_compliance.inertia_kg_m2": 1e-7,
+}
 
 
 def theta_of(effects: dict[str, float]) -> np.ndarray:
@@ -22,8 +35,15 @@ def theta_of(effects: dict[str, float]) -> np.ndarray:
     return theta[None, :]
 
 
-@pytest.mark.parametrize("effects", [{}, COUPLER, {"gear_backlash.play_rad": 0.1}, {"winding_heating.kelvin_per_joule": 0.2,
-                                                                                     "winding_heating.cooling_s": 2.0}])
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {},
+        COUPLER,
+        {"gear_backlash.play_rad": 0.1},
+        {"winding_heating.kelvin_per_joule": 0.2, "winding_heating.cooling_s": 2.0},
+    ],
+)
 def test_a_restart_from_the_models_own_states_changes_nothing(effects: dict[str, float]) -> None:
     t = np.arange(1, 1201) * 1e-3
     duty = np.where(t % 0.2 < 0.1, 0.7, 0.45)
@@ -31,19 +51,40 @@ def test_a_restart_from_the_models_own_states_changes_nothing(effects: dict[str,
     drive = _core.LogInput(t, "duty", duty)
     whole = _core.simulate_log(drive, theta, np.array([0]), rest, threads=1)
     rows = np.array([0, 330, 655, 901])
-    at_row = np.stack([[0.0, 0.0, 0.0], *([instant_current(theta, t, duty, r), whole["speed_rad_s"][0, r], whole["angle_rad"][0, r]]
-                                         for r in rows[1:])])
+    at_row = np.stack(
+        [
+            [0.0, 0.0, 0.0],
+            *(
+                [
+                    instant_current(theta, t, duty, r),
+                    whole["speed_rad_s"][0, r],
+                    whole["angle_rad"][0, r],
+                ]
+                for r in rows[1:]
+            ),
+        ]
+    )
     again = _core.simulate_log(drive, theta, rows, at_row, threads=1)
     between = np.setdiff1d(np.arange(len(t)), rows)
-    assert np.abs(again["speed_rad_s"] - whole["speed_rad_s"]).max() < 2e-3 * np.abs(whole["speed_rad_s"]).max()
-    assert np.abs(again["current_a"] - whole["current_a"])[:, between].max() < 0.02 * np.abs(whole["current_a"]).max()
+    assert (
+        np.abs(again["speed_rad_s"] - whole["speed_rad_s"]).max()
+        < 2e-3 * np.abs(whole["speed_rad_s"]).max()
+    )
+    assert (
+        np.abs(again["current_a"] - whole["current_a"])[:, between].max()
+        < 0.02 * np.abs(whole["current_a"]).max()
+    )
 
 
 def instant_current(theta: np.ndarray, t: np.ndarray, duty: np.ndarray, row: int) -> float:
     """Current at the end of a row: the mean over a microsecond's row put in there."""
     times = np.insert(t, row, t[row] - 1e-6)
     drive = _core.LogInput(times, "duty", np.insert(duty, row, duty[row]))
-    return float(_core.simulate_log(drive, theta, np.array([0]), np.zeros((1, 3)), threads=1)["current_a"][0, row + 1])
+    return float(
+        _core.simulate_log(drive, theta, np.array([0]), np.zeros((1, 3)), threads=1)["current_a"][
+            0, row + 1
+        ]
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -52,7 +93,9 @@ def test_the_angle_at_restarts_goes_on_from_the_rest_before_the_first_edge(seed:
     made = drive_log(tool, seed=seed, seconds=3.0)
     run = load_problem([made], tool).runs[0]
     drive = _core.LogInput(made.time_s, "duty", made.columns["duty"], slew_per_s=6.0)
-    angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))["angle_rad"][0]
+    angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))[
+        "angle_rad"
+    ][0]
     assert len(run.starts) > 6
     assert np.abs(run.restarts.measured[:, 2] - angle[run.starts]).max() < 0.1
 
@@ -70,7 +113,9 @@ def test_a_restart_in_a_clipped_current_goes_on_with_the_current_that_runs() -> 
     tool, limit = rig(), 3.0
     triangle = [(0.05 + 0.5 * k, 1.0 - k % 2) for k in range(8)]
     made = drive_log(tool, seconds=4.0, levels=triangle, noise=False, slew_per_s=2.0)
-    clipped = MadeLog(made.time_s, made.columns | {"current_a": np.clip(made.columns["current_a"], -limit, limit)})
+    clipped = MadeLog(
+        made.time_s, made.columns | {"current_a": np.clip(made.columns["current_a"], -limit, limit)}
+    )
     problem = load_problem([clipped], tool)
     theta = problem.theta0.copy()
     theta[problem.index("effects.current_saturation.limit_a")] = limit

@@ -1,4 +1,6 @@
-"""The speed at a restart: what a smooth curve through measured speeds does not follow of a swing, at an open bridge and at a closed one."""
+"""The speed at a restart: what a smooth curve through measured speeds does not follow of a swing,
+at an open bridge and at a closed one.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,11 +12,23 @@ from scipy.integrate import solve_ivp
 from vgroove.gap.ripples import Swing, answer_to_torque, corrected, not_followed
 from vgroove.gap.states import TRUST, Observations, Restarts, local_fit
 
-VALUES = {"motor.inertia_kg_m2": 1.6e-5, "gearbox.output_inertia_kg_m2": 6e-5, "gearbox.ratio": 5.6, "motor.resistance_ohm": 0.19,
-          "motor.inductance_h": 1e-4, "motor.torque_constant_nm_per_a": 0.0109, "motor.viscous_nm_s_per_rad": 4.5e-6,
-          "effects.added_inertia.kg_m2": 2e-6, "effects.cogging_torque.torque_nm": 0.0, "effects.cogging_torque.periods_per_rev": 3.0,
-          "effects.cogging_torque.phase_rad": 0.4, "effects.gear_eccentricity.torque_nm": 0.0, "effects.gear_eccentricity.phase_rad": 1.1,
-          "effects.hall_eccentricity.amplitude_rad": 0.0, "effects.hall_eccentricity.phase_rad": 0.7}
+VALUES = {
+    "motor.inertia_kg_m2": 1.6e-5,
+    "gearbox.output_inertia_kg_m2": 6e-5,
+    "gearbox.ratio": 5.6,
+    "motor.resistance_ohm": 0.19,
+    "motor.inductance_h": 1e-4,
+    "motor.torque_constant_nm_per_a": 0.0109,
+    "motor.viscous_nm_s_per_rad": 4.5e-6,
+    "effects.added_inertia.kg_m2": 2e-6,
+    "effects.cogging_torque.torque_nm": 0.0,
+    "effects.cogging_torque.periods_per_rev": 3.0,
+    "effects.cogging_torque.phase_rad": 0.4,
+    "effects.gear_eccentricity.torque_nm": 0.0,
+    "effects.gear_eccentricity.phase_rad": 1.1,
+    "effects.hall_eccentricity.amplitude_rad": 0.0,
+    "effects.hall_eccentricity.phase_rad": 0.7,
+}
 NAMES = list(VALUES)
 SPEED, SLOPE, INSTANT_S = 700.0, -900.0, 0.1
 
@@ -23,28 +37,44 @@ def value(name: str) -> float:
     return VALUES[name]
 
 
-def pitches(swing: float, periods: float, phase: float, seen: float) -> tuple[Observations, float, float]:
-    """Edge periods, 4 a turn, of a shaft that slows down and whose speed (or, seen, whose sensor) swings; true speed and angle there."""
+def pitches(
+    swing: float, periods: float, phase: float, seen: float
+) -> tuple[Observations, float, float]:
+    """Edge periods, 4 a turn, of a shaft that slows down and whose speed (or, seen, whose sensor)
+    swings; true speed and angle there.
+    """
     fine = np.arange(0.0, 0.2, 1e-6)
     mean = SPEED + SLOPE * (fine - INSTANT_S)
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (mean[1:] + mean[:-1]) * 1e-6)])
-    shift = swing / (periods * SPEED) * np.sin(periods * angle + phase)  # of the angle: its rate is the swing of the speed
+    # of the angle: its rate is the swing of the speed
+    shift = swing / (periods * SPEED) * np.sin(periods * angle + phase)
     edges = np.interp(np.arange(np.pi / 2.0, angle[-1] - 1.0, np.pi / 2.0), angle + shift, fine)
     value = (np.pi / 2.0) / np.diff(edges)
     at = int(INSTANT_S * 1e6)
     true = mean[at] + (1.0 - seen) * swing * np.cos(periods * angle[at] + phase)
-    return Observations(edges[:-1], edges[1:], value, np.full(len(value), 0.05)), float(true), float(angle[at])
+    return (
+        Observations(edges[:-1], edges[1:], value, np.full(len(value), 0.05)),
+        float(true),
+        float(angle[at]),
+    )
 
 
 @pytest.mark.parametrize("seen", [0.0, 1.0])
 @pytest.mark.parametrize("periods, swing", [(1.0 / 5.6, 0.4), (1.0, 0.6), (2.0, 1.5), (3.0, 2.0)])
-def test_a_restart_has_the_speed_that_the_shaft_has(periods: float, swing: float, seen: float) -> None:
+def test_a_restart_has_the_speed_that_the_shaft_has(
+    periods: float, swing: float, seen: float
+) -> None:
     errors, plain = [], []
     for phase in np.arange(8) * np.pi / 4.0:
         observed, true, angle = pitches(swing, periods, phase, seen)
         found = local_fit(observed, INSTANT_S)
-        restarts = Restarts(np.array([100]), np.array([[0.0, found.value, angle]]), np.array([[0.0, found.slope]]),
-                            np.array([[0.0, found.bend]]), smoothing=(found.smoothing,))
+        restarts = Restarts(
+            np.array([100]),
+            np.array([[0.0, found.value, angle]]),
+            np.array([[0.0, found.slope]]),
+            np.array([[0.0, found.bend]]),
+            smoothing=(found.smoothing,),
+        )
         one = Swing(periods, np.array([swing]), np.array([phase]), of_shaft=seen == 0.0)
         errors.append(found.value + not_followed(restarts, one)[0] - true)
         plain.append(found.value - true)
@@ -54,14 +84,21 @@ def test_a_restart_has_the_speed_that_the_shaft_has(periods: float, swing: float
 
 @pytest.mark.parametrize("seen", [0.0, 1.0])
 @pytest.mark.parametrize("swing", [3.0, 20.0])
-def test_a_large_ripple_of_the_turn_leaves_a_state_to_restart_from(swing: float, seen: float) -> None:
+def test_a_large_ripple_of_the_turn_leaves_a_state_to_restart_from(
+    swing: float, seen: float
+) -> None:
     for phase in np.arange(8) * np.pi / 4.0:
         observed, true, angle = pitches(swing, 1.0, phase, seen)
         counted = replace(observed, place=np.arange(len(observed.value)) % 4, places=4)
         found = local_fit(counted, INSTANT_S)
         assert found.doubt < TRUST < local_fit(observed, INSTANT_S).doubt
-        restarts = Restarts(np.array([100]), np.array([[0.0, found.value, angle]]), np.array([[0.0, found.slope]]),
-                            np.array([[0.0, found.bend]]), smoothing=(found.smoothing,))
+        restarts = Restarts(
+            np.array([100]),
+            np.array([[0.0, found.value, angle]]),
+            np.array([[0.0, found.slope]]),
+            np.array([[0.0, found.bend]]),
+            smoothing=(found.smoothing,),
+        )
         one = Swing(1.0, np.array([swing]), np.array([phase]), of_shaft=seen == 0.0)
         assert found.value + not_followed(restarts, one)[0] == pytest.approx(true, abs=0.03 * swing)
 
@@ -79,30 +116,43 @@ def test_the_answer_to_a_torque_is_that_of_shaft_and_winding(rate: float, closed
 
     def slope(t: float, state: np.ndarray) -> list[float]:
         current, speed = state
-        return [closed * (-0.0109 * speed - 0.19 * current) / 1e-4, (0.0109 * current - 4.5e-6 * speed - 0.01 * np.sin(rate * t)) / inertia]
+        return [
+            closed * (-0.0109 * speed - 0.19 * current) / 1e-4,
+            (0.0109 * current - 4.5e-6 * speed - 0.01 * np.sin(rate * t)) / inertia,
+        ]
 
     period = 2.0 * np.pi / abs(rate)
     start_s = period * np.ceil((0.6 if closed else 0.0) / period)
     t = start_s + np.linspace(0.0, period, 400, endpoint=False)
-    speed = solve_ivp(slope, (0.0, t[-1]), [0.0, 0.0], t_eval=t, max_step=period / 40.0, rtol=1e-8, atol=1e-10).y[1]
+    speed = solve_ivp(
+        slope, (0.0, t[-1]), [0.0, 0.0], t_eval=t, max_step=period / 40.0, rtol=1e-8, atol=1e-10
+    ).y[1]
     found = 2.0 * np.mean((speed - speed.mean()) * np.exp(-1j * rate * t)) / 0.01
     run = SimpleNamespace(starts=np.array([5]), bridge_closed=np.full(10, closed))
     assert answer_to_torque(value, run, np.array([rate]))[0] == pytest.approx(found, rel=0.02)
 
 
 @pytest.mark.parametrize("viscous", [4.5e-6, 0.0])
-def test_a_start_at_rest_and_a_parameter_set_without_a_swing_stay_as_measured(viscous: float) -> None:
+def test_a_start_at_rest_and_a_parameter_set_without_a_swing_stay_as_measured(
+    viscous: float,
+) -> None:
     observed, _, angle = pitches(1.5, 2.0, 0.3, 0.0)
     found = local_fit(observed, INSTANT_S)
     measured = np.array([[0.0, 0.0, 0.0], [0.0, found.value, angle]])
     made_of = (local_fit(observed, -1.0).smoothing, found.smoothing)
-    restarts = Restarts(np.array([0, 100]), measured, np.zeros((2, 2)), np.zeros((2, 2)), smoothing=made_of)
-    run = SimpleNamespace(restarts=restarts, starts=restarts.rows, bridge_closed=np.zeros(200, dtype=bool))
+    restarts = Restarts(
+        np.array([0, 100]), measured, np.zeros((2, 2)), np.zeros((2, 2)), smoothing=made_of
+    )
+    run = SimpleNamespace(
+        restarts=restarts, starts=restarts.rows, bridge_closed=np.zeros(200, dtype=bool)
+    )
     problem = SimpleNamespace(index=NAMES.index)
     plain = np.array([VALUES[name] for name in NAMES])
     with_cogging = plain.copy()
     with_cogging[NAMES.index("effects.cogging_torque.torque_nm")] = 0.01
     with_cogging[NAMES.index("motor.viscous_nm_s_per_rad")] = viscous
-    states = corrected(problem, run, np.array([plain, with_cogging]), np.repeat(measured[None], 2, axis=0))
+    states = corrected(
+        problem, run, np.array([plain, with_cogging]), np.repeat(measured[None], 2, axis=0)
+    )
     assert np.array_equal(states[0], measured)
     assert np.array_equal(states[1, 0], measured[0]) and states[1, 1, 1] != measured[1, 1]

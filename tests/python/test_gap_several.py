@@ -1,4 +1,6 @@
-"""Several logs of one tool judged together, the run proposed where one log cannot decide, and what a gap and its remainder follow."""
+"""Several logs of one tool judged together, the run proposed where one log cannot decide, and what
+a gap and its remainder follow.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -26,17 +28,36 @@ def every_second(made: MadeLog) -> MadeLog:
 
 def test_logs_of_other_length_rate_and_columns_are_judged_together() -> None:
     tool = rig(effects={"coulomb_friction": {"torque_nm": 0.003}})
-    long, short = drive_log(tool), every_second(drive_log(tool, seed=2, seconds=3.0, levels=[(0.2, 0.9), (1.0, 0.3), (2.0, 0.6)]))
-    angle = _core.simulate_log(_core.LogInput(short.time_s, "duty", short.columns["duty"], slew_per_s=6.0), tool.parameters()[None],
-                               np.array([0]), np.zeros((1, 3)))["angle_rad"][0]
-    short = replace(short, columns=short.columns | {"position_rad": np.round(angle / 0.001) * 0.001})
+    long, short = (
+        drive_log(tool),
+        every_second(
+            drive_log(tool, seed=2, seconds=3.0, levels=[(0.2, 0.9), (1.0, 0.3), (2.0, 0.6)])
+        ),
+    )
+    angle = _core.simulate_log(
+        _core.LogInput(short.time_s, "duty", short.columns["duty"], slew_per_s=6.0),
+        tool.parameters()[None],
+        np.array([0]),
+        np.zeros((1, 3)),
+    )["angle_rad"][0]
+    short = replace(
+        short, columns=short.columns | {"position_rad": np.round(angle / 0.001) * 0.001}
+    )
     found = diagnose([long, short], rig())
     verdict = found.verdict
     assert (verdict["verdict"], verdict["selected"]) == ("effect", ["coulomb_friction"])
     torque = verdict["effects"][0]["parameters"]["torque_nm"]
-    assert torque["value"] == pytest.approx(0.003, rel=0.03) and torque["ci95"][0] < 0.003 < torque["ci95"][1]
+    assert (
+        torque["value"] == pytest.approx(0.003, rel=0.03)
+        and torque["ci95"][0] < 0.003 < torque["ci95"][1]
+    )
     assert [held[-1][1] for held in verdict["gap"]["held_out_s"]] == pytest.approx([6.0, 3.0])
-    assert set(verdict["gap"]["by_signal"]) == {"current_a", "supply_v", "speed_rpm", "position_rad"}
+    assert set(verdict["gap"]["by_signal"]) == {
+        "current_a",
+        "supply_v",
+        "speed_rpm",
+        "position_rad",
+    }
     again = judge(found.corrected_rig(), [long, short])[0]
     assert again["gap"] == pytest.approx(verdict["gap"]["after"], rel=0.01)
     top = verdict["where"]["by_correlate"][0]
@@ -48,11 +69,20 @@ def test_the_proposed_run_decides_what_one_log_leaves_open() -> None:
     one = drive_log(tool, seconds=2.0, levels=[(0.2, 0.5)])  # one speed: any friction does
     open_ = diagnose([one], rig()).verdict
     assert open_["verdict"] == "ambiguous"
-    assert "viscous_friction" in [*open_["selected"], *(r["id"] for r in open_["indistinguishable"])]
+    assert "viscous_friction" in [
+        *open_["selected"],
+        *(r["id"] for r in open_["indistinguishable"]),
+    ]
     proposed = open_["next_experiment"]
     told = [s["sigma"] for s in proposed["separation"]]
-    assert proposed["separation"][0]["profile"] == proposed["profile"] and told == sorted(told, reverse=True) and told[0] > 2.0 * told[-1]
-    two = drive_log(tool, seed=5, seconds=4.0, levels=[tuple(point) for point in proposed["points"]])
+    assert (
+        proposed["separation"][0]["profile"] == proposed["profile"]
+        and told == sorted(told, reverse=True)
+        and told[0] > 2.0 * told[-1]
+    )
+    two = drive_log(
+        tool, seed=5, seconds=4.0, levels=[tuple(point) for point in proposed["points"]]
+    )
     both = diagnose([one, two], rig()).verdict
     assert (both["verdict"], both["selected"]) == ("effect", ["viscous_friction"])
 
@@ -60,16 +90,29 @@ def test_the_proposed_run_decides_what_one_log_leaves_open() -> None:
 def test_a_run_is_only_proposed_to_a_tool_that_can_do_it() -> None:
     names = {c.name for c in possible(has_duty=False, has_load=False, both_ways=False)}
     assert names == {"staircase", "stall pulse", "slow sweep", "hold at heat", "fast ramps"}
-    assert {c.name for c in possible(has_duty=True, has_load=True, both_ways=True)} == {c.name for c in MENU}
+    assert {c.name for c in possible(has_duty=True, has_load=True, both_ways=True)} == {
+        c.name for c in MENU
+    }
     for course in MENU:
         share = course.command(time_grid(1e-3))
         assert share.shape == (4000,) and np.abs(share).max() <= 1.0 and share[0] == 0.0
 
 
-@pytest.mark.parametrize(("follows_", "torque", "name"), [
-    ("current", 0.5, "load steps"), ("current", 0.0, "staircase"), ("sign of speed", 0.5, "staircase"), (None, 0.5, "staircase")])
-def test_what_repeats_a_remainder_is_a_run_that_the_tool_can_do(follows_: str | None, torque: float, name: str) -> None:
-    log = MadeLog(np.arange(3.0), {"duty": np.array([0.0, 0.5, 1.0]), "load_nm": np.full(3, torque)})
+@pytest.mark.parametrize(
+    ("follows_", "torque", "name"),
+    [
+        ("current", 0.5, "load steps"),
+        ("current", 0.0, "staircase"),
+        ("sign of speed", 0.5, "staircase"),
+        (None, 0.5, "staircase"),
+    ],
+)
+def test_what_repeats_a_remainder_is_a_run_that_the_tool_can_do(
+    follows_: str | None, torque: float, name: str
+) -> None:
+    log = MadeLog(
+        np.arange(3.0), {"duty": np.array([0.0, 0.5, 1.0]), "load_nm": np.full(3, torque)}
+    )
     problem = SimpleNamespace(rig=rig(load={"kind": "torque"}), logs=[log])
     finding = SimpleNamespace(verdict="unlisted", left=SimpleNamespace(best_correlate=follows_))
     asked = propose(problem, None, finding)
@@ -82,7 +125,9 @@ def test_a_curve_over_what_is_followed_gains_what_is_there() -> None:
     noise = rng.standard_normal(4000)
     bent = noise + 2.0 * np.abs(speed) / 100.0
     driver = follows.Driver("speed", speed)
-    assert follows.gained(bent, driver, cluster) == pytest.approx(1.0 - 1.0 / np.mean(bent**2), abs=0.03)
+    assert follows.gained(bent, driver, cluster) == pytest.approx(
+        1.0 - 1.0 / np.mean(bent**2), abs=0.03
+    )
     assert follows.gained(noise, driver, cluster) < 0.01
     x, y = follows.smooth_curve(bent, driver)
     assert np.interp([-80.0, 0.0, 80.0], x, y) == pytest.approx([1.6, 0.05, 1.6], abs=0.3)
@@ -92,7 +137,9 @@ def test_a_curve_over_what_is_followed_gains_what_is_there() -> None:
 def test_a_driver_that_mostly_stands_still_has_a_smooth_curve_too() -> None:
     rng = np.random.default_rng(4)
     crowded = 3e-7 * np.concatenate([1e-5 * rng.standard_normal(1200), rng.uniform(-1.0, 1.0, 400)])
-    x, y = follows.smooth_curve(2e7 * crowded + 0.1 * rng.standard_normal(1600), follows.Driver("speed", crowded))
+    x, y = follows.smooth_curve(
+        2e7 * crowded + 0.1 * rng.standard_normal(1600), follows.Driver("speed", crowded)
+    )
     assert np.all(np.diff(x) > 1e-4 * np.ptp(x))
     assert np.interp([-2e-7, 0.0, 2e-7], x, y) == pytest.approx([-4.0, 0.0, 4.0], abs=0.2)
 
@@ -101,7 +148,11 @@ def test_a_line_of_the_spectrum_is_found_and_noise_has_none() -> None:
     rng = np.random.default_rng(2)
     time_s, noise = np.sort(rng.uniform(0.0, 6.0, 5000)), rng.standard_normal(5000)
     assert follows.spectral_line(noise, time_s) is None
-    assert follows.spectral_line(noise + 0.7 * np.sin(2.0 * np.pi * 50.0 * time_s), time_s) == pytest.approx(50.0, abs=0.1)
+    assert follows.spectral_line(
+        noise + 0.7 * np.sin(2.0 * np.pi * 50.0 * time_s), time_s
+    ) == pytest.approx(50.0, abs=0.1)
     angle = 300.0 * time_s
-    found = follows.lines(noise + 0.7 * np.sin(0.37 * angle), time_s, angle, 1.0, np.zeros(5000, int))
+    found = follows.lines(
+        noise + 0.7 * np.sin(0.37 * angle), time_s, angle, 1.0, np.zeros(5000, int)
+    )
     assert [d.name for d in found if "0.37" in d.name] == ["output angle, 0.37 periods a turn"]

@@ -1,4 +1,6 @@
-"""Stamps that scatter around an even clock are undone, uneven rows are believed: the Hall edges tell which is which."""
+"""Stamps that scatter around an even clock are undone, uneven rows are believed: the Hall edges
+tell which is which.
+"""
 
 import numpy as np
 import pytest
@@ -11,22 +13,28 @@ from vgroove.rig import Rig, read_rig
 @pytest.fixture
 def rig(tmp_path) -> Rig:
     path = tmp_path / "rig.toml"
-    path.write_text('schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n[motor]\nresistance_ohm = 0.19\n'
-                    'inductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\ninertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\n'
-                    'coulomb_nm = 0.012\n[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
-                    '[load]\nkind = "none"\n[sensors]\nhall_pulses_per_rev = 4\nspeed_lsb_rpm = 0.5\n')
+    path.write_text(
+        'schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n[motor]\nresistance_ohm = 0.19\n'
+        "inductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\ninertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\n"
+        'coulomb_nm = 0.012\n[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
+        '[load]\nkind = "none"\n[sensors]\nhall_pulses_per_rev = 4\nspeed_lsb_rpm = 0.5\n'
+    )
     return read_rig(path)
 
 
 def hall_speed(t: np.ndarray) -> np.ndarray:
-    """Speed of a shaft that swells and slows, from four edges a turn, as rows at the times t show it, in steps of 0.5 rpm."""
+    """Speed of a shaft that swells and slows, from four edges a turn, as rows at the times t show
+    it, in steps of 0.5 rpm.
+    """
     fine = np.linspace(0.0, t[-1] + 0.1, 400_001)
     speed = 600.0 + 250.0 * np.sin(4.0 * fine)
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(fine))])
     pitch = np.pi / 2.0
     edges = np.interp(np.arange(1, int(angle[-1] / pitch)) * pitch, angle, fine)
     last = np.searchsorted(edges, t, side="right") - 1
-    period = np.where(last >= 1, edges[np.maximum(last, 1)] - edges[np.maximum(last, 1) - 1], np.inf)
+    period = np.where(
+        last >= 1, edges[np.maximum(last, 1)] - edges[np.maximum(last, 1) - 1], np.inf
+    )
     shown = np.where(last >= 1, pitch / np.maximum(period, t - edges[np.maximum(last, 0)]), 0.0)
     return np.round(shown * 30.0 / np.pi / 0.5) * 0.5
 
@@ -70,14 +78,19 @@ def test_missing_rows_do_not_hide_the_clock() -> None:
 
 def test_stamps_rounded_to_milliseconds_are_unrounded_without_edges(rig: Rig) -> None:
     even = np.arange(600) / 300.0
-    assert np.abs(row_times(np.round(even, 3), {"current_a": np.zeros(600)}, rig) - even).max() < 1e-4
-    uneven = np.round(even + np.random.default_rng(1).uniform(-5e-4, 5e-4, 600), 3)  # scatter beyond the last digit is no rounding
+    assert (
+        np.abs(row_times(np.round(even, 3), {"current_a": np.zeros(600)}, rig) - even).max() < 1e-4
+    )
+    # scatter beyond the last digit is no rounding
+    uneven = np.round(even + np.random.default_rng(1).uniform(-5e-4, 5e-4, 600), 3)
     assert even_grid(uneven) is not None and not is_rounding(uneven, even_grid(uneven))
     assert row_times(uneven, {"current_a": np.zeros(600)}, rig) is uneven
 
 
 @pytest.mark.parametrize("scatter, believed", [(0.05, False), (0.33, True)])
-def test_without_edges_a_small_scatter_is_lateness_and_a_large_one_is_real(rig: Rig, scatter: float, believed: bool) -> None:
+def test_without_edges_a_small_scatter_is_lateness_and_a_large_one_is_real(
+    rig: Rig, scatter: float, believed: bool
+) -> None:
     stamps = GRID + np.random.default_rng(1).uniform(-scatter, scatter, len(GRID)) * 1e-3
     found = row_times(stamps, {"current_a": np.zeros(len(GRID))}, rig)
     assert found is stamps if believed else np.abs(found - GRID).max() < 5e-6

@@ -1,4 +1,6 @@
-"""Measured states to restart from: the width of the local fit follows noise and bend, and never reaches across a reversal."""
+"""Measured states to restart from: the width of the local fit follows noise and bend, and never
+reaches across a reversal.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +21,10 @@ def seen(values: np.ndarray, sigma: float) -> Observations:
 
 def test_noise_on_a_smooth_motion_is_averaged_over_many_rows() -> None:
     rng = np.random.default_rng(1)
-    errors = [local_fit(seen(300.0 + 50.0 * TIME + rng.normal(size=200), 1.0), 0.1).value - 305.0 for _ in range(200)]
+    errors = [
+        local_fit(seen(300.0 + 50.0 * TIME + rng.normal(size=200), 1.0), 0.1).value - 305.0
+        for _ in range(200)
+    ]
     assert np.std(errors) < 0.42  # eight rows alone leave 0.53
 
 
@@ -29,7 +34,8 @@ def test_a_bend_is_followed_by_few_rows() -> None:
     assert local_fit(seen(bent, 0.1), 0.085).value == pytest.approx(10.0, abs=0.05)
 
 
-RIPPLE = Driven(TIME, np.where(np.arange(200) // 8 % 2 == 0, 4000.0, -2500.0))  # a force in steps: no parabola follows its speed
+# a force in steps: no parabola follows its speed
+RIPPLE = Driven(TIME, np.where(np.arange(200) // 8 % 2 == 0, 4000.0, -2500.0))
 
 
 @pytest.mark.parametrize("length", [0.0, 0.7e-3, 5.3e-3])
@@ -48,11 +54,15 @@ def test_a_known_force_costs_a_state_nothing_whatever_it_does(length: float) -> 
 
 def test_what_a_known_force_does_over_spans_is_its_integral() -> None:
     fine = np.linspace(0.0, 0.199, 19901)
-    speed = np.concatenate([[0.0], np.cumsum(RIPPLE.rate[np.searchsorted(TIME, 0.5 * (fine[1:] + fine[:-1]))] * 1e-5)])
+    speed = np.concatenate(
+        [[0.0], np.cumsum(RIPPLE.rate[np.searchsorted(TIME, 0.5 * (fine[1:] + fine[:-1]))] * 1e-5)]
+    )
     assert RIPPLE.at(fine)[0] == pytest.approx(speed, abs=1e-6)
     span = slice(3210, 4771)
     mean = np.mean(0.5 * (speed[span][1:] + speed[span][:-1]))
-    assert RIPPLE.means(fine[[span.start]], fine[[span.stop - 1]]) == pytest.approx([mean], abs=1e-6)
+    assert RIPPLE.means(fine[[span.start]], fine[[span.stop - 1]]) == pytest.approx(
+        [mean], abs=1e-6
+    )
 
 
 def test_the_slope_of_a_driven_speed_is_that_of_the_speed() -> None:
@@ -63,7 +73,9 @@ def test_the_slope_of_a_driven_speed_is_that_of_the_speed() -> None:
 
 def test_no_fit_reaches_across_a_reversal() -> None:
     rng = np.random.default_rng(2)
-    turning = np.where(TIME < 0.1, 40.0 * (TIME - 0.1), 80.0 * (TIME - 0.1)) + 0.3 * rng.normal(size=200)
+    turning = np.where(TIME < 0.1, 40.0 * (TIME - 0.1), 80.0 * (TIME - 0.1)) + 0.3 * rng.normal(
+        size=200
+    )
     at = 0.101
     few = Observations(TIME[97:105], TIME[97:105], turning[97:105], np.full(8, 0.3))
     assert local_fit(seen(turning, 0.3), at) == local_fit(few, at)
@@ -71,20 +83,28 @@ def test_no_fit_reaches_across_a_reversal() -> None:
 
 @pytest.mark.parametrize("uneven", [0.0, 0.3])
 @pytest.mark.parametrize("noise", [1e-4, 1e-2])
-def test_noise_of_a_position_is_found_under_its_motion_however_uneven_the_rows(noise: float, uneven: float) -> None:
+def test_noise_of_a_position_is_found_under_its_motion_however_uneven_the_rows(
+    noise: float, uneven: float
+) -> None:
     rng = np.random.default_rng(3)
     t = (np.arange(4000) + uneven * rng.uniform(-1.0, 1.0, 4000)) / 500.0
     motion = 20.0 * np.sin(2.0 * t) + 3.0 * np.sin(11.0 * t)
-    assert position_scatter(t, motion + noise * rng.normal(size=4000)) == pytest.approx(noise, rel=0.1)
+    assert position_scatter(t, motion + noise * rng.normal(size=4000)) == pytest.approx(
+        noise, rel=0.1
+    )
 
 
 @pytest.mark.parametrize(("order", "rows"), [(2, 1), (2, 8), (4, 3)])
-def test_divided_differences_leave_noise_as_it_is_and_nothing_of_a_lower_polynomial(order: int, rows: int) -> None:
+def test_divided_differences_leave_noise_as_it_is_and_nothing_of_a_lower_polynomial(
+    order: int, rows: int
+) -> None:
     rng = np.random.default_rng(4)
     t = np.cumsum(rng.uniform(0.2, 1.8, 4000)) * 1e-3
     polynomial = np.polyval(rng.normal(size=order), t)
     assert np.abs(differences(t, polynomial, order, rows)).max() < 1e-9
-    assert differences(t, polynomial + rng.normal(size=4000), order, rows).std() == pytest.approx(1.0, rel=0.05)
+    assert differences(t, polynomial + rng.normal(size=4000), order, rows).std() == pytest.approx(
+        1.0, rel=0.05
+    )
 
 
 def test_a_position_is_never_finer_than_its_step() -> None:
@@ -94,16 +114,32 @@ def test_a_position_is_never_finer_than_its_step() -> None:
 
 
 @pytest.mark.parametrize("from_angle, speed", [(True, 102.0), (False, 80.0)])
-def test_differences_of_an_angle_know_the_loggers_clock_and_no_speed_sensor(from_angle: bool, speed: float) -> None:
-    found = Restarts(np.array([0]), np.array([[3.0, 100.0, 0.0]]), np.array([[0.0, -1200.0]]), np.zeros((1, 2)), from_angle)
+def test_differences_of_an_angle_know_the_loggers_clock_and_no_speed_sensor(
+    from_angle: bool, speed: float
+) -> None:
+    found = Restarts(
+        np.array([0]),
+        np.array([[3.0, 100.0, 0.0]]),
+        np.array([[0.0, -1200.0]]),
+        np.zeros((1, 2)),
+        from_angle,
+    )
     gain, offset, lag = np.array([[1.0, 1.1]]), np.array([[0.0, 0.0]]), np.array([[0.0, 0.01]])
     state = found.states(gain, offset, lag, np.array([False]), np.array([1.02]))[0, 0]
     assert state == pytest.approx([3.0, speed, 0.0])
 
 
 def test_behind_a_clipped_current_is_what_the_motion_asks_for() -> None:
-    found = Restarts(np.array([0]), np.array([[-5.0, 100.0, 0.0]]), np.zeros((1, 2)), np.zeros((1, 2)), motion_a=np.array([-30.0]))
+    found = Restarts(
+        np.array([0]),
+        np.array([[-5.0, 100.0, 0.0]]),
+        np.zeros((1, 2)),
+        np.zeros((1, 2)),
+        motion_a=np.array([-30.0]),
+    )
     none, sets = np.zeros((4, 2)), np.ones(4)
-    states = found.states(none + 1.0, none, none, sets == 0.0, sets, np.array([np.inf, 5.0, 5.5, 5.6]))
+    states = found.states(
+        none + 1.0, none, none, sets == 0.0, sets, np.array([np.inf, 5.0, 5.5, 5.6])
+    )
     assert states[:, 0, 0] == pytest.approx([-5.0, -30.0, -30.0, -5.0])
     assert np.all(states[:, 0, 1] == 100.0)

@@ -1,4 +1,6 @@
-"""Decisions on a problem with known answers: none, one effect, pairs, true ties, gaps outside the catalogue, and the figures reported."""
+"""Decisions on a problem with known answers: none, one effect, pairs, true ties, gaps outside the
+catalogue, and the figures reported.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,7 +10,14 @@ import pytest
 
 from gap_toy import KINDS, MODELLED, SCALES, Toy
 from vgroove.gap import locate, search, search_state, verdict
-from vgroove.gap.evidence import Blocks, few_blocks, interval, least_loss, make_blocks, typical_interval
+from vgroove.gap.evidence import (
+    Blocks,
+    few_blocks,
+    interval,
+    least_loss,
+    make_blocks,
+    typical_interval,
+)
 from vgroove.gap.fit import Engine
 from vgroove.gap.folds import settle
 from vgroove.gap.hypotheses import BY_ID
@@ -16,7 +25,12 @@ from vgroove.gap.hypotheses import BY_ID
 FLOOR = 1.0
 
 
-def decided(toy: Toy, tolerance: dict[str, float] | None = None, without: tuple[str, ...] = (), one_way: bool = False) -> tuple:
+def decided(
+    toy: Toy,
+    tolerance: dict[str, float] | None = None,
+    without: tuple[str, ...] = (),
+    one_way: bool = False,
+) -> tuple:
     """(search, finding) on a toy problem."""
     kinds = KINDS - ({"both"} if one_way else set())
     effects = [BY_ID[i] for i in MODELLED if set(BY_ID[i].needs) <= kinds and i not in without]
@@ -25,7 +39,9 @@ def decided(toy: Toy, tolerance: dict[str, float] | None = None, without: tuple[
     state = search_state.begin(engine, effects, rows, 0, lambda _: None)
     best, rivals = search.run(state)
     drivers = {"speed": np.tile(toy.measured_rows[1], 3), "time": toy.time_s}
-    left = locate.remaining(state, best, drivers, toy.signal, ["current_a", "speed_rpm", "supply_v"], FLOOR)
+    left = locate.remaining(
+        state, best, drivers, toy.signal, ["current_a", "speed_rpm", "supply_v"], FLOOR
+    )
     return state, verdict.decide(state, best, rivals, left, FLOOR)
 
 
@@ -36,7 +52,9 @@ def named(toy: Toy, finding: tuple) -> list[str]:
 
 def effects_of(toy: Toy, finding: tuple) -> list[dict]:
     """The verdict's list of effects, with numbers as the search made them."""
-    return verdict.effects_section(toy, finding[0], finding[1], FLOOR, verdict.estimate_of(finding[0], finding[1].best))
+    return verdict.effects_section(
+        toy, finding[0], finding[1], FLOOR, verdict.estimate_of(finding[0], finding[1].best)
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -51,15 +69,29 @@ def test_what_three_sigma_explain_is_none() -> None:
     found = decided(toy, {"motor.resistance_ohm": 0.02})
     assert found[1].verdict == "none"
     assert verdict.gap_of(toy, found[0].nominal.held) > 1.1
-    assert verdict.estimate_of(found[0], found[1].best).tolerated()["motor.resistance_ohm"] == pytest.approx(0.19 * 1.04, rel=0.01)
+    assert verdict.estimate_of(found[0], found[1].best).tolerated()[
+        "motor.resistance_ohm"
+    ] == pytest.approx(0.19 * 1.04, rel=0.01)
 
 
-@pytest.mark.parametrize("name,size", [
-    ("supply_resistance.resistance_ohm", 0.01), ("winding_resistance.relative", 0.08), ("brush_drop.voltage_v", 0.1),
-    ("torque_constant.relative", -0.02), ("coulomb_friction.torque_nm", 0.003), ("viscous_friction.nm_s_per_rad", 2e-6),
-    ("quadratic_drag.nm_s2_per_rad2", 3e-9), ("directional_viscous.nm_s_per_rad", 2e-6), ("added_inertia.kg_m2", 1.5e-6),
-    ("current_offset.offset_a", 0.6), ("current_gain.relative", 0.06), ("transport_delay.delay_s", 0.003),
-    ("asymmetric_friction.forward_nm", 0.004)])
+@pytest.mark.parametrize(
+    "name,size",
+    [
+        ("supply_resistance.resistance_ohm", 0.01),
+        ("winding_resistance.relative", 0.08),
+        ("brush_drop.voltage_v", 0.1),
+        ("torque_constant.relative", -0.02),
+        ("coulomb_friction.torque_nm", 0.003),
+        ("viscous_friction.nm_s_per_rad", 2e-6),
+        ("quadratic_drag.nm_s2_per_rad2", 3e-9),
+        ("directional_viscous.nm_s_per_rad", 2e-6),
+        ("added_inertia.kg_m2", 1.5e-6),
+        ("current_offset.offset_a", 0.6),
+        ("current_gain.relative", 0.06),
+        ("transport_delay.delay_s", 0.003),
+        ("asymmetric_friction.forward_nm", 0.004),
+    ],
+)
 def test_one_effect_is_named(name: str, size: float) -> None:
     toy = Toy({f"effects.{name}": size})
     found = decided(toy)
@@ -68,46 +100,87 @@ def test_one_effect_is_named(name: str, size: float) -> None:
 
 
 def test_a_pair_is_named_strongest_first() -> None:
-    toy = Toy({"effects.coulomb_friction.torque_nm": 0.00425, "effects.current_gain.relative": -0.0746})
+    toy = Toy(
+        {"effects.coulomb_friction.torque_nm": 0.00425, "effects.current_gain.relative": -0.0746}
+    )
     found = decided(toy)
     assert (found[1].verdict, named(toy, found)) == ("effect", ["coulomb_friction", "current_gain"])
     effects = effects_of(toy, found)
     assert [e["id"] for e in effects[:2]] == ["coulomb_friction", "current_gain"]
-    assert all(e["probability"] > 0.5 and e["lost_without"] > 0.0 for e in effects[:2])  # of 12 blocks
+    # of 12 blocks
+    assert all(e["probability"] > 0.5 and e["lost_without"] > 0.0 for e in effects[:2])
     assert all(e["probability"] < 0.1 for e in effects[2:])
 
 
-@pytest.mark.parametrize("offset_a,names", [(0.4, ["coulomb_friction", "current_offset"]), (0.12, ["coulomb_friction"])])
-def test_what_closes_less_than_the_forms_of_the_others_may_leave_is_not_named(offset_a: float, names: list[str]) -> None:
-    """Both offsets are seen; beside a friction of ten times the noise the small one may be a friction of slightly other form."""
-    toy = Toy({"effects.coulomb_friction.torque_nm": 0.012, "effects.current_offset.offset_a": offset_a})
+@pytest.mark.parametrize(
+    "offset_a,names", [(0.4, ["coulomb_friction", "current_offset"]), (0.12, ["coulomb_friction"])]
+)
+def test_what_closes_less_than_the_forms_of_the_others_may_leave_is_not_named(
+    offset_a: float, names: list[str]
+) -> None:
+    """Both offsets are seen; beside a friction of ten times the noise the small one may be a
+    friction of slightly other form.
+    """
+    toy = Toy(
+        {"effects.coulomb_friction.torque_nm": 0.012, "effects.current_offset.offset_a": offset_a}
+    )
     found = decided(toy)
-    pair, alone = (found[0].fits[key] for key in (("coulomb_friction", "current_offset"), ("coulomb_friction",)))
+    pair, alone = (
+        found[0].fits[key]
+        for key in (("coulomb_friction", "current_offset"), ("coulomb_friction",))
+    )
     assert found[0].better(pair, alone)
     assert (found[1].verdict, named(toy, found)) == ("effect", names)
-    share = (found[0].score(alone) - found[0].score(pair)) / (found[0].score(found[0].retuned) - found[0].score(alone))
+    share = (found[0].score(alone) - found[0].score(pair)) / (
+        found[0].score(found[0].retuned) - found[0].score(alone)
+    )
     assert (share > search.FORM_SHARE) == (len(names) == 2)
 
 
 @pytest.mark.parametrize("drag,named_alone", [(2e-8, True), (4e-8, False)])
 def test_a_law_that_only_bends_another_is_not_named_when_several_bend_it_as_well(
-        drag: float, named_alone: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    pair, other = ("quadratic_drag", "viscous_friction"), SimpleNamespace(ids=("viscous_friction", "stribeck_friction"))
-    monkeypatch.setattr(search, "rivals", lambda _, best: [other] if search_state.key(best.ids) == pair else [])
-    state = decided(Toy({"effects.viscous_friction.nm_s_per_rad": 1e-5, "effects.quadratic_drag.nm_s2_per_rad2": drag}))[0]
+    drag: float, named_alone: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pair, other = (
+        ("quadratic_drag", "viscous_friction"),
+        SimpleNamespace(ids=("viscous_friction", "stribeck_friction")),
+    )
+    monkeypatch.setattr(
+        search, "rivals", lambda _, best: [other] if search_state.key(best.ids) == pair else []
+    )
+    state = decided(
+        Toy(
+            {
+                "effects.viscous_friction.nm_s_per_rad": 1e-5,
+                "effects.quadratic_drag.nm_s2_per_rad2": drag,
+            }
+        )
+    )[0]
     best, found = search.settled(state, state.fits[pair])
     alone = state.fits[("viscous_friction",)]
-    share = (state.score(alone) - state.score(state.fits[pair])) / (state.score(state.retuned) - state.score(alone))
+    share = (state.score(alone) - state.score(state.fits[pair])) / (
+        state.score(state.retuned) - state.score(alone)
+    )
     assert share > search.UNSURE_SHARE and (share < search.SHAPE_SHARE) is named_alone
     assert (best, found) == ((alone, []) if named_alone else (state.fits[pair], [other]))
 
 
-@pytest.mark.parametrize("others,bends", [
-    ([("viscous_friction", "stribeck_friction")], ["quadratic_drag"]), ([("viscous_friction", "cold_grease")], []), ([], []),
-    ([("viscous_friction", "stribeck_friction"), ("viscous_friction", "winding_heating")], [])])
-def test_only_laws_of_friction_bend_one_another(others: list[tuple[str, ...]], bends: list[str]) -> None:
+@pytest.mark.parametrize(
+    "others,bends",
+    [
+        ([("viscous_friction", "stribeck_friction")], ["quadratic_drag"]),
+        ([("viscous_friction", "cold_grease")], []),
+        ([], []),
+        ([("viscous_friction", "stribeck_friction"), ("viscous_friction", "winding_heating")], []),
+    ],
+)
+def test_only_laws_of_friction_bend_one_another(
+    others: list[tuple[str, ...]], bends: list[str]
+) -> None:
     rivals = [SimpleNamespace(ids=ids) for ids in others]
-    assert search.bending(SimpleNamespace(ids=("viscous_friction", "quadratic_drag")), rivals) == bends
+    assert (
+        search.bending(SimpleNamespace(ids=("viscous_friction", "quadratic_drag")), rivals) == bends
+    )
     assert search.bending(SimpleNamespace(ids=("current_gain", "quadratic_drag")), rivals) == []
 
 
@@ -129,7 +202,9 @@ def test_equivalent_members_are_listed_and_do_not_make_it_ambiguous() -> None:
     found = decided(toy)
     assert found[1].verdict == "effect"
     listed = verdict.indistinguishable(toy, found[0], found[1], KINDS, FLOOR)
-    assert [(o["id"], o["instead_of"]) for o in listed] == [("bridge_resistance", "winding_resistance")]
+    assert [(o["id"], o["instead_of"]) for o in listed] == [
+        ("bridge_resistance", "winding_resistance")
+    ]
 
 
 def test_sets_that_leave_the_same_but_for_chance_are_tied() -> None:
@@ -137,7 +212,9 @@ def test_sets_that_leave_the_same_but_for_chance_are_tied() -> None:
     search_of, _ = decided(Toy({"effects.coulomb_friction.torque_nm": 0.004}))[:2]
     one = search_of.fits[("coulomb_friction",)]
     for squares, tied in ((2.0, True), (6.0, False)):
-        rows = np.where(search_of.blocks.tested, squares / np.count_nonzero(search_of.blocks.tested), 0.0)
+        rows = np.where(
+            search_of.blocks.tested, squares / np.count_nonzero(search_of.blocks.tested), 0.0
+        )
         other = replace(one, held=np.sqrt(one.held**2 + rows))
         assert search_of.tied(other, one) is tied
 
@@ -154,21 +231,38 @@ def test_a_true_tie_is_ambiguous() -> None:
 
 def test_between_equals_the_likelier_and_smaller_is_preferred() -> None:
     engine = Engine(Toy({}), SCALES, {})
-    inertia, clock, compliance = (engine.fit(engine.hypotheses([BY_ID[i]])[:1], 0)[0]
-                                  for i in ("added_inertia", "clock_skew", "coupler_compliance"))
+    inertia, clock, compliance = (
+        engine.fit(engine.hypotheses([BY_ID[i]])[:1], 0)[0]
+        for i in ("added_inertia", "clock_skew", "coupler_compliance")
+    )
     for alike in (True, False):
-        state = SimpleNamespace(contradicted=lambda one: False, alike=lambda one, other, alike=alike: alike)
-        assert search.preferred(state, inertia, clock) == alike and search.preferred(state, clock, compliance)
-        assert not search.preferred(state, clock, inertia) and not search.preferred(state, compliance, clock)
+        state = SimpleNamespace(
+            contradicted=lambda one: False, alike=lambda one, other, alike=alike: alike
+        )
+        assert search.preferred(state, inertia, clock) == alike and search.preferred(
+            state, clock, compliance
+        )
+        assert not search.preferred(state, clock, inertia) and not search.preferred(
+            state, compliance, clock
+        )
 
 
-@pytest.mark.parametrize("scale, named", [(1.0, "added_inertia"), (1.0052, "clock_skew"), (1.002, "added_inertia"),
-                                          (0.995, "added_inertia")])
+@pytest.mark.parametrize(
+    "scale, named",
+    [
+        (1.0, "added_inertia"),
+        (1.0052, "clock_skew"),
+        (1.002, "added_inertia"),
+        (0.995, "added_inertia"),
+    ],
+)
 def test_edges_on_another_clock_prefer_what_explains_it(scale: float, named: str) -> None:
     toy = Toy({})
     engine = Engine(toy, SCALES, {})
     toy.runs = [SimpleNamespace(edge_scale=scale)]
-    inertia, clock = (engine.fit(engine.hypotheses([BY_ID[i]])[:1], 0)[0] for i in ("added_inertia", "clock_skew"))
+    inertia, clock = (
+        engine.fit(engine.hypotheses([BY_ID[i]])[:1], 0)[0] for i in ("added_inertia", "clock_skew")
+    )
     state = search_state.Search(engine, [], None, None, inertia, inertia)
     skewed = replace(clock, x=np.array([0.005 / clock.hypothesis.coordinates[0].factors[0]]))
     assert min((inertia, skewed), key=lambda one: search.preference(state, one)).ids == (named,)
@@ -203,7 +297,10 @@ class Scored:
         return False
 
     least_gain, least_loss = search_state.Search.least_gain, search_state.Search.least_loss
-    likely_better, closes_large = search_state.Search.likely_better, search_state.Search.closes_large
+    likely_better, closes_large = (
+        search_state.Search.likely_better,
+        search_state.Search.closes_large,
+    )
     surely_leaves_a_gap = search_state.Search.surely_leaves_a_gap
     without: frozenset[str] = frozenset()
 
@@ -225,43 +322,89 @@ def named_gap(after: float, count: int) -> Named:
     return one
 
 
-# A patchwork leaves more than the least visible gap (10 % above the noise: 1.21), and more than 0.08 (two effects) or 0.05 of the gap.
-@pytest.mark.parametrize(("count", "retuned", "after", "patchwork"), [
-    (2, 9.0, 1.62, False), (2, 9.0, 1.66, True), (1, 9.0, 1.66, False), (2, 15.0, 1.66, False), (3, 11.0, 1.52, True),
-    (3, 11.0, 1.48, False), (2, 3.0, 1.20, False), (2, 3.0, 1.22, True)])
-def test_several_effects_that_leave_a_visible_gap_are_a_patchwork(count: int, retuned: float, after: float, patchwork: bool) -> None:
+# A patchwork leaves more than the least visible gap (10 % above the noise: 1.21), and more than
+# 0.08 (two effects) or 0.05 of the gap.
+@pytest.mark.parametrize(
+    ("count", "retuned", "after", "patchwork"),
+    [
+        (2, 9.0, 1.62, False),
+        (2, 9.0, 1.66, True),
+        (1, 9.0, 1.66, False),
+        (2, 15.0, 1.66, False),
+        (3, 11.0, 1.52, True),
+        (3, 11.0, 1.48, False),
+        (2, 3.0, 1.20, False),
+        (2, 3.0, 1.22, True),
+    ],
+)
+def test_several_effects_that_leave_a_visible_gap_are_a_patchwork(
+    count: int, retuned: float, after: float, patchwork: bool
+) -> None:
     state, best = Scored(retuned, retuned, after), named_gap(after, count)
-    assert verdict.patched(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR) is patchwork
+    assert (
+        verdict.patched(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR) is patchwork
+    )
 
 
-# One effect: 0.7 of the gap before retuning (contract) and the larger part of the rest; two: 0.85 of what retuning leaves.
-@pytest.mark.parametrize(("count", "nominal", "retuned", "after", "imitation"), [
-    (1, 11.0, 11.0, 3.9, False), (1, 11.0, 11.0, 4.1, True), (1, 11.0, 3.0, 1.9, False), (1, 11.0, 3.0, 2.1, True),
-    (2, 11.0, 11.0, 2.4, False), (2, 11.0, 11.0, 2.6, True), (2, 11.0, 3.0, 1.4, True)])
-def test_what_closes_too_little_imitates_something_else(count: int, nominal: float, retuned: float, after: float, imitation: bool) -> None:
+# One effect: 0.7 of the gap before retuning (contract) and the larger part of the rest; two: 0.85
+# of what retuning leaves.
+@pytest.mark.parametrize(
+    ("count", "nominal", "retuned", "after", "imitation"),
+    [
+        (1, 11.0, 11.0, 3.9, False),
+        (1, 11.0, 11.0, 4.1, True),
+        (1, 11.0, 3.0, 1.9, False),
+        (1, 11.0, 3.0, 2.1, True),
+        (2, 11.0, 11.0, 2.4, False),
+        (2, 11.0, 11.0, 2.6, True),
+        (2, 11.0, 3.0, 1.4, True),
+    ],
+)
+def test_what_closes_too_little_imitates_something_else(
+    count: int, nominal: float, retuned: float, after: float, imitation: bool
+) -> None:
     state, best = Scored(nominal, retuned, after), named_gap(after, count)
-    assert verdict.imitates(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR) is imitation
+    assert (
+        verdict.imitates(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR)
+        is imitation
+    )
 
 
-# What all blocks leave, and what the contract's do; the larger part of what retuning leaves must go over all of them.
-@pytest.mark.parametrize(("after", "reported", "imitation"), [(4.1, 4.1, True), (4.1, 3.9, False), (5.9, 3.9, False), (6.1, 3.9, True)])
-def test_the_bulk_is_the_contracts_over_its_blocks_or_over_all(after: float, reported: float, imitation: bool) -> None:
+# What all blocks leave, and what the contract's do; the larger part of what retuning leaves must go
+# over all of them.
+@pytest.mark.parametrize(
+    ("after", "reported", "imitation"),
+    [(4.1, 4.1, True), (4.1, 3.9, False), (5.9, 3.9, False), (6.1, 3.9, True)],
+)
+def test_the_bulk_is_the_contracts_over_its_blocks_or_over_all(
+    after: float, reported: float, imitation: bool
+) -> None:
     state, best = Scored(11.0, 11.0, after), named_gap(after, 1)
     state.reported = lambda one: reported if one is best else one
-    assert verdict.imitates(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR) is imitation
+    assert (
+        verdict.imitates(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR)
+        is imitation
+    )
 
 
-@pytest.mark.parametrize(("retuned", "after", "seen"), [
-    (1.09**2, 1.0, False), (1.11**2, 1.0, True), (1.0, 0.85**2, True), (1.0, 0.95**2, False)])
-def test_a_gap_below_the_contracts_least_is_no_effect(retuned: float, after: float, seen: bool) -> None:
+@pytest.mark.parametrize(
+    ("retuned", "after", "seen"),
+    [(1.09**2, 1.0, False), (1.11**2, 1.0, True), (1.0, 0.85**2, True), (1.0, 0.95**2, False)],
+)
+def test_a_gap_below_the_contracts_least_is_no_effect(
+    retuned: float, after: float, seen: bool
+) -> None:
     assert search_state.Search.visible(Scored(retuned, retuned, after), named_gap(after, 1)) is seen
 
 
 def test_few_blocks_widen_intervals() -> None:
-    assert few_blocks(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)  # Student's t for 5 degrees of freedom
+    # Student's t for 5 degrees of freedom
+    assert few_blocks(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)
     assert few_blocks(1000, 0.95) == pytest.approx(1.0, abs=0.002)
     time_s = np.arange(600) * 1e-3
-    blocks = make_blocks(np.zeros(600, int), time_s, np.ones(600, bool), 0.1, 0, np.zeros(600, bool))
+    blocks = make_blocks(
+        np.zeros(600, int), time_s, np.ones(600, bool), 0.1, 0, np.zeros(600, bool)
+    )
     low, high = interval(blocks, np.array([3.0, 0.2, 2.0, 0.1, 0.3, 3.0]) * 100.0, 0.99)
     assert low < 0.0 < 2.0 < high  # six blocks of one sign are no evidence at 99 %
 
@@ -301,7 +444,11 @@ def test_models_that_part_in_few_blocks_far_beyond_the_noise_are_told_apart() ->
 
 def test_what_rivals_differ_by_must_also_matter() -> None:
     state = Scored(4.0, 4.0, 1.0)
-    state.blocks, state.clip, noise = blocks_of(18, 1000), search_state.CLIP, np.random.default_rng(3).normal(size=18000)
+    state.blocks, state.clip, noise = (
+        blocks_of(18, 1000),
+        search_state.CLIP,
+        np.random.default_rng(3).normal(size=18000),
+    )
     state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.held**2)
     best, part = named_gap(1.0, 1), np.arange(18000) < 3000
     best.held = noise
@@ -312,23 +459,38 @@ def test_what_rivals_differ_by_must_also_matter() -> None:
         assert search_state.Search.tied(state, one, best) is tied
 
 
-@pytest.mark.parametrize(("distances", "better"), [
-    ([0.4, 3.0, 0.6, 5.0, 0.5, 0.8, 1.0], True), ([0.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0], False), ([0.1] * 7, False),
-    ([0.0, 6.0, 0.0, 3.5, 0.0, 0.0, 0.0], True), ([0.0, 6.0, 0.0, 1.0, 0.0, 0.0, 0.0], False)])
-def test_a_gain_in_few_blocks_of_a_short_log_is_one_unless_one_block_makes_it(distances: list[float], better: bool) -> None:
+@pytest.mark.parametrize(
+    ("distances", "better"),
+    [
+        ([0.4, 3.0, 0.6, 5.0, 0.5, 0.8, 1.0], True),
+        ([0.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0], False),
+        ([0.1] * 7, False),
+        ([0.0, 6.0, 0.0, 3.5, 0.0, 0.0, 0.0], True),
+        ([0.0, 6.0, 0.0, 1.0, 0.0, 0.0, 0.0], False),
+    ],
+)
+def test_a_gain_in_few_blocks_of_a_short_log_is_one_unless_one_block_makes_it(
+    distances: list[float], better: bool
+) -> None:
     state, noise = Scored(4.0, 4.0, 1.0), np.random.default_rng(3).normal(size=700)
     state.blocks, state.clip = blocks_of(7, 100), search_state.CLIP
     state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.held**2)
     fuller, leaner = named_gap(1.0, 2), named_gap(4.0, 1)
     fuller.held, leaner.held = noise, noise + np.repeat(distances, 100)
-    assert interval(state.blocks, state.sums(leaner) - state.sums(fuller), search_state.LEVEL)[0] <= 0.0 or not better
+    assert (
+        interval(state.blocks, state.sums(leaner) - state.sums(fuller), search_state.LEVEL)[0]
+        <= 0.0
+        or not better
+    )
     assert search_state.Search.better(state, fuller, leaner) is better
 
 
 @pytest.mark.parametrize("alike", [False, True])
 @pytest.mark.parametrize("share", [0.1, 0.3, 1.0])
 def test_the_least_loss_on_a_run_is_seldom_overestimated(alike: bool, share: float) -> None:
-    """Noise of each row, or the same for all rows of a block, where two models differ in a share of the blocks."""
+    """Noise of each row, or the same for all rows of a block, where two models differ in a share of
+    the blocks.
+    """
     blocks, rng, over = blocks_of(30), np.random.default_rng(5), []
     for _ in range(300):
         apart = np.repeat(rng.normal(size=30) * (np.arange(30) < 30 * share), 10)
@@ -337,8 +499,15 @@ def test_the_least_loss_on_a_run_is_seldom_overestimated(alike: bool, share: flo
     assert np.mean(over) < 0.025 + 3.0 * np.sqrt(0.025 * 0.975 / 300)
 
 
-@pytest.mark.parametrize(("above", "stands"), [
-    ([30.0] * 20, True), ([1.0] * 20, False), ([600.0] + [0.0] * 19, False), ([200.0] * 4 + [0.0] * 16, True)])
+@pytest.mark.parametrize(
+    ("above", "stands"),
+    [
+        ([30.0] * 20, True),
+        ([1.0] * 20, False),
+        ([600.0] + [0.0] * 19, False),
+        ([200.0] * 4 + [0.0] * 16, True),
+    ],
+)
 def test_an_event_in_one_block_is_no_gap(above: list[float], stands: bool) -> None:
     state = Scored(1.0, 1.0, 1.0 + sum(above) / 200.0)
     state.blocks, state.sums = blocks_of(20), lambda one: 10.0 + np.array(above)
@@ -346,7 +515,9 @@ def test_an_event_in_one_block_is_no_gap(above: list[float], stands: bool) -> No
 
 
 def test_a_form_that_others_mend_is_still_the_effect() -> None:
-    """A doubtful pair gives way to its member that closes the bulk alone; without such a member it stays unlisted."""
+    """A doubtful pair gives way to its member that closes the bulk alone; without such a member it
+    stays unlisted.
+    """
     state, pair = Scored(11.0, 11.0, 1.9), named_gap(2.6, 2)
     state.fits = {("a",): named_gap(3.0, 1), ("b",): named_gap(9.0, 1)}
     assert verdict.leading(state, pair, FLOOR) is state.fits[("a",)]
@@ -354,18 +525,35 @@ def test_a_form_that_others_mend_is_still_the_effect() -> None:
     assert verdict.leading(state, pair, FLOOR) is None
 
 
-@pytest.mark.parametrize(("left", "significant", "said"), [
-    (1.08**2, True, "none"), (1.09**2, True, "none"), (1.11**2, True, "unlisted"), (1.5, False, "none")])
-def test_a_remainder_below_the_contracts_least_gap_is_none(left: float, significant: bool, said: str) -> None:
+@pytest.mark.parametrize(
+    ("left", "significant", "said"),
+    [
+        (1.08**2, True, "none"),
+        (1.09**2, True, "none"),
+        (1.11**2, True, "unlisted"),
+        (1.5, False, "none"),
+    ],
+)
+def test_a_remainder_below_the_contracts_least_gap_is_none(
+    left: float, significant: bool, said: str
+) -> None:
     state = Scored(left, left, left)
     state.blocks, state.sums = blocks_of(20), lambda one: np.full(20, 10.0 * one)
     found = verdict.decide(state, named_gap(left, 0), [], structure(significant), FLOOR)
     assert found.verdict == said
 
 
-@pytest.mark.parametrize(("above", "follows", "said"), [
-    ([4.0] * 20, None, "unlisted"), ([20.0] * 4 + [0.0] * 16, None, "none"), ([20.0] * 4 + [0.0] * 16, "speed", "unlisted")])
-def test_a_remainder_that_follows_nothing_must_be_a_gap_in_most_draws(above: list[float], follows: str | None, said: str) -> None:
+@pytest.mark.parametrize(
+    ("above", "follows", "said"),
+    [
+        ([4.0] * 20, None, "unlisted"),
+        ([20.0] * 4 + [0.0] * 16, None, "none"),
+        ([20.0] * 4 + [0.0] * 16, "speed", "unlisted"),
+    ],
+)
+def test_a_remainder_that_follows_nothing_must_be_a_gap_in_most_draws(
+    above: list[float], follows: str | None, said: str
+) -> None:
     """0.4 of the noise power in all: everywhere, or in four blocks of twenty."""
     state = Scored(1.4, 1.4, 1.4)
     state.blocks, state.sums = blocks_of(20), lambda one: 10.0 + np.array(above)
@@ -374,10 +562,20 @@ def test_a_remainder_that_follows_nothing_must_be_a_gap_in_most_draws(above: lis
 
 
 # squared gaps: before 11, what the set leaves, what its first member leaves alone
-@pytest.mark.parametrize(("count", "after", "alone", "significant", "said", "named"), [
-    (2, 1.9, 9.0, True, "unlisted", 2), (2, 1.9, 3.0, True, "effect", 1), (2, 1.9, 3.0, False, "effect", 2),
-    (2, 1.7, 3.0, True, "effect", 2), (1, 5.0, 5.0, True, "unlisted", 1), (1, 3.0, 3.0, True, "effect", 1)])
-def test_doubtful_sets_are_not_named(count: int, after: float, alone: float, significant: bool, said: str, named: int) -> None:
+@pytest.mark.parametrize(
+    ("count", "after", "alone", "significant", "said", "named"),
+    [
+        (2, 1.9, 9.0, True, "unlisted", 2),
+        (2, 1.9, 3.0, True, "effect", 1),
+        (2, 1.9, 3.0, False, "effect", 2),
+        (2, 1.7, 3.0, True, "effect", 2),
+        (1, 5.0, 5.0, True, "unlisted", 1),
+        (1, 3.0, 3.0, True, "effect", 1),
+    ],
+)
+def test_doubtful_sets_are_not_named(
+    count: int, after: float, alone: float, significant: bool, said: str, named: int
+) -> None:
     state = Scored(11.0, 11.0, after)
     state.fits = {("a",): named_gap(alone, 1), ("b",): named_gap(9.5, 1)}
     found = verdict.decide(state, named_gap(after, count), [], structure(significant), FLOOR)
@@ -385,9 +583,15 @@ def test_doubtful_sets_are_not_named(count: int, after: float, alone: float, sig
 
 
 @pytest.mark.parametrize("seen", [True, False])
-def test_no_search_goes_on_from_an_effect_that_cannot_be_seen(seen: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_search_goes_on_from_an_effect_that_cannot_be_seen(
+    seen: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     state, one = Scored(2.0, 1.1, 1.0), named_gap(1.0, 1)
-    state.ranked, state.better, state.visible = lambda size: [one], lambda fuller, leaner: True, lambda fit: seen
+    state.ranked, state.better, state.visible = (
+        lambda size: [one],
+        lambda fuller, leaner: True,
+        lambda fit: seen,
+    )
     monkeypatch.setattr(search, "simplest", lambda _, best, base=None: best)
     monkeypatch.setattr(search, "deepest", lambda _, best: best)
     monkeypatch.setattr(search, "grow", lambda *_: None)
@@ -397,7 +601,9 @@ def test_no_search_goes_on_from_an_effect_that_cannot_be_seen(seen: bool, monkey
 def test_equal_parameters_run_once() -> None:
     engine = Engine(Toy({}), SCALES, {})
     h = engine.hypotheses([BY_ID["coulomb_friction"]])[0]
-    rows = np.stack(engine.residuals([(h, np.array([[0.0], [1.0]])), (h, np.array([[1.0], [0.0], [0.0]]))]))
+    rows = np.stack(
+        engine.residuals([(h, np.array([[0.0], [1.0]])), (h, np.array([[1.0], [0.0], [0.0]]))])
+    )
     assert engine.calls == 2
     np.testing.assert_array_equal(rows[[0, 1]], rows[[3, 2]])
     np.testing.assert_array_equal(rows[0], rows[4])
@@ -405,7 +611,11 @@ def test_equal_parameters_run_once() -> None:
 
 
 def test_kept_key_columns_lead_to_the_same_fit() -> None:
-    tolerance = {"motor.resistance_ohm": 0.02, "motor.torque_constant_nm_per_a": 0.004, "motor.coulomb_nm": 0.05}
+    tolerance = {
+        "motor.resistance_ohm": 0.02,
+        "motor.torque_constant_nm_per_a": 0.004,
+        "motor.coulomb_nm": 0.05,
+    }
     toy = Toy({"effects.added_inertia.kg_m2": 2e-6, "motor.resistance_ohm": 0.19 * 1.03})
     fits = []
     for kept in (False, True):

@@ -1,7 +1,9 @@
-"""Each effect in impact mode does what the gap contract's equation says: its term is read back from the motion, by balances.
+"""Each effect in impact mode does what the gap contract's equation says: its term is read back from
+the motion, by balances.
 
-The torque on motor, spindle and hammer together is N (k i - T) = (JJ + N^2 Jm) w' / N + JS wS' + Tlug, whatever the groove does, so the
-friction T at the motor shaft follows from the motion; so do the voltage across the winding and the torque through the groove.
+The torque on motor, spindle and hammer together is N (k i - T) = (JJ + N^2 Jm) w' / N + JS wS' +
+Tlug, whatever the groove does, so the friction T at the motor shaft follows from the motion; so do
+the voltage across the winding and the torque through the groove.
 """
 
 from __future__ import annotations
@@ -14,7 +16,19 @@ import pytest
 from test_impact_laws import EFFECTS, JOINTS, drive
 from test_impact_plant import rig_with
 
-N, K, JM, JJ, JS, L_H, R, RS, VOC, B, TC = 5.6, 0.0109, 1.6e-5, 6e-6, 4.5e-5, 1e-4, 0.19, 0.10, 18.5, 4.5e-6, 0.012
+N, K, JM, JJ, JS, L_H, R, RS, VOC, B, TC = (
+    5.6,
+    0.0109,
+    1.6e-5,
+    6e-6,
+    4.5e-5,
+    1e-4,
+    0.19,
+    0.10,
+    18.5,
+    4.5e-6,
+    0.012,
+)
 F0, RATE, MASS, LEAD, RADIUS, JA = 220.0, 29400.0, 0.19, 4.4e-3, 0.010, 1.2e-5
 PWM_HZ, DUTY = 31372.5, 0.9
 STEP_S, FROM_S, TO_S = 2e-6, 0.06, 0.12
@@ -22,16 +36,24 @@ Trace = dict[str, np.ndarray]
 
 
 def motion(joint: str = "slip 60", duty: float = DUTY, **effects: dict[str, float]) -> Trace:
-    """Every 2 us from rest, with time derivatives; impacts go on and nothing switches where `smooth`, no lug is touched where `calm`."""
+    """Every 2 us from rest, with time derivatives; impacts go on and nothing switches where
+    `smooth`, no lug is touched where `calm`.
+    """
     time_s = np.arange(0.0, TO_S, STEP_S)
-    t = drive(rig_with(JOINTS[joint]).with_effects(effects), np.full(125, duty), trace_s=time_s)["trace"]
+    t = drive(rig_with(JOINTS[joint]).with_effects(effects), np.full(125, duty), trace_s=time_s)[
+        "trace"
+    ]
     moving = ("current_a", "speed_rad_s", "hammer_rad_s", "anvil_rad_s", "hammer_m_per_s")
     t |= {f"d_{name}": np.gradient(t[name], STEP_S) for name in moving}
     bend = np.abs(np.diff(t["d_anvil_rad_s"], 2, prepend=0.0, append=0.0))
-    smooth = np.convolve(bend > 0.02 * np.max(np.abs(t["d_anvil_rad_s"])), np.ones(9), "same") == 0.0
+    smooth = (
+        np.convolve(bend > 0.02 * np.max(np.abs(t["d_anvil_rad_s"])), np.ones(9), "same") == 0.0
+    )
     smooth &= (time_s > FROM_S) & (time_s < TO_S - 9 * STEP_S)
     struck = np.convolve(t["lug_torque_nm"] != 0.0, np.ones(9), "same") > 0.0
-    t["motor_rad"] = np.concatenate([[0.0], np.cumsum(0.5 * STEP_S * (t["speed_rad_s"][1:] + t["speed_rad_s"][:-1]))])
+    t["motor_rad"] = np.concatenate(
+        [[0.0], np.cumsum(0.5 * STEP_S * (t["speed_rad_s"][1:] + t["speed_rad_s"][:-1]))]
+    )
     return t | {"time_s": time_s, "smooth": smooth, "calm": smooth & ~struck}
 
 
@@ -45,7 +67,11 @@ def integrated(rate: Callable[[int, float], float], count: int) -> np.ndarray:
 
 def friction_nm(t: Trace, inertia: float = JM, constant: float | np.ndarray = K) -> np.ndarray:
     """T at the motor shaft from the balance of all that turns up to the hammer."""
-    turning = (JJ + N**2 * inertia) * t["d_speed_rad_s"] / N + JS * t["d_hammer_rad_s"] + t["lug_torque_nm"]
+    turning = (
+        (JJ + N**2 * inertia) * t["d_speed_rad_s"] / N
+        + JS * t["d_hammer_rad_s"]
+        + t["lug_torque_nm"]
+    )
     return constant * t["current_a"] - turning / N
 
 
@@ -59,7 +85,9 @@ def terminal_v(t: Trace, voc: float | np.ndarray = VOC, ohm: float = RS) -> np.n
     return DUTY * (voc - ohm * DUTY * t["current_a"])
 
 
-def agrees(t: Trace, found: np.ndarray, expected: np.ndarray, scale: float, where: str = "calm") -> None:
+def agrees(
+    t: Trace, found: np.ndarray, expected: np.ndarray, scale: float, where: str = "calm"
+) -> None:
     """Within a five-hundredth of `scale`."""
     assert np.sum(t[where]) * STEP_S > 0.7 * (TO_S - FROM_S)
     np.testing.assert_allclose(found[t[where]], expected[t[where]], rtol=0, atol=2e-3 * scale)
@@ -78,17 +106,26 @@ def test_the_balances_hold_without_an_effect() -> None:
 # What each effect adds to T, at the size that EFFECTS gives it.
 FRICTIONS: dict[str, Callable[[Trace, dict[str, float]], np.ndarray]] = {
     "coulomb_friction": lambda t, e: e["torque_nm"] * np.sign(t["speed_rad_s"]),
-    "stribeck_friction": lambda t, e: e["breakaway_nm"] * np.exp(-((t["speed_rad_s"] / e["speed_rad_s"]) ** 2)),
+    "stribeck_friction": lambda t, e: (
+        e["breakaway_nm"] * np.exp(-((t["speed_rad_s"] / e["speed_rad_s"]) ** 2))
+    ),
     "viscous_friction": lambda t, e: e["nm_s_per_rad"] * t["speed_rad_s"],
-    "quadratic_drag": lambda t, e: e["nm_s2_per_rad2"] * t["speed_rad_s"] * np.abs(t["speed_rad_s"]),
+    "quadratic_drag": lambda t, e: (
+        e["nm_s2_per_rad2"] * t["speed_rad_s"] * np.abs(t["speed_rad_s"])
+    ),
     "asymmetric_friction": lambda t, e: np.full_like(t["time_s"], e["forward_nm"]),
     "directional_viscous": lambda t, e: e["nm_s_per_rad"] * np.abs(t["speed_rad_s"]),
-    "cold_grease": lambda t, e: e["nm_s_per_rad"] * np.exp(-t["time_s"] / e["time_s"]) * t["speed_rad_s"],
+    "cold_grease": lambda t, e: (
+        e["nm_s_per_rad"] * np.exp(-t["time_s"] / e["time_s"]) * t["speed_rad_s"]
+    ),
     "load_dependent_friction": lambda t, e: e["relative"] * np.abs(K * t["current_a"]),
     "cogging_torque": lambda t, e: e["torque_nm"] * np.sin(e["periods_per_rev"] * t["motor_rad"]),
     "gear_eccentricity": lambda t, e: e["torque_nm"] * np.sin(t["motor_rad"] / N),
 }
-SLOW = {"stribeck_friction": {"breakaway_nm": 0.02, "speed_rad_s": 800.0}, "quadratic_drag": {"nm_s2_per_rad2": 2e-8}}
+SLOW = {
+    "stribeck_friction": {"breakaway_nm": 0.02, "speed_rad_s": 800.0},
+    "quadratic_drag": {"nm_s2_per_rad2": 2e-8},
+}
 
 
 @pytest.mark.parametrize("effect", FRICTIONS)
@@ -106,8 +143,10 @@ def test_added_inertia_turns_with_the_motor() -> None:
 
 
 def test_torque_constant_and_saturation_act_on_torque_and_voltage() -> None:
-    for name, values, factor in (("torque_constant", {"relative": -0.05}, lambda i: 0.95 + 0.0 * i),
-                                 ("magnetic_saturation", {"saturation_a": 100.0}, lambda i: 1.0 / (1.0 + (i / 100.0) ** 2))):
+    for name, values, factor in (
+        ("torque_constant", {"relative": -0.05}, lambda i: 0.95 + 0.0 * i),
+        ("magnetic_saturation", {"saturation_a": 100.0}, lambda i: 1.0 / (1.0 + (i / 100.0) ** 2)),
+    ):
         t = motion(**{name: values})
         constant = K * factor(t["current_a"])
         agrees(t, friction_nm(t, constant=constant), rubbing(t), 0.01)
@@ -120,7 +159,8 @@ VOLTAGES: dict[str, Callable[[Trace, dict[str, float]], np.ndarray]] = {
     "bridge_resistance": lambda t, e: e["resistance_ohm"] * t["current_a"],
     "winding_resistance": lambda t, e: e["relative"] * R * t["current_a"],
     "dead_time": lambda t, e: 2.0 * e["dead_time_s"] * PWM_HZ * (VOC - RS * DUTY * t["current_a"]),
-    "brush_drop": lambda t, e: np.full_like(t["time_s"], e["voltage_v"]),  # 16 A and more: tanh(i / 0.3 A) is 1, the ripple is 4 A
+    # 16 A and more: tanh(i / 0.3 A) is 1, the ripple is 4 A
+    "brush_drop": lambda t, e: np.full_like(t["time_s"], e["voltage_v"]),
     "winding_heating": lambda t, e: 0.0039 * R * t["current_a"] * heat_kelvin(t, e),
     "supply_droop": lambda t, e: DUTY * droop_v(t, e),
 }
@@ -129,14 +169,18 @@ VOLTAGES: dict[str, Callable[[Trace, dict[str, float]], np.ndarray]] = {
 def heat_kelvin(t: Trace, e: dict[str, float]) -> np.ndarray:
     """D' = kelvin_per_joule i^2 R (1 + 0.0039 D) - D / cooling_s"""
     heating = e["kelvin_per_joule"] * R * t["current_a"] ** 2
-    return integrated(lambda n, d: heating[n] * (1.0 + 0.0039 * d) - d / e["cooling_s"], len(heating))
+    return integrated(
+        lambda n, d: heating[n] * (1.0 + 0.0039 * d) - d / e["cooling_s"], len(heating)
+    )
 
 
 def droop_v(t: Trace, e: dict[str, float]) -> np.ndarray:
     """volt_per_coulomb q + vp, q' = d i, vp' = (polarisation_ohm d i - vp) / polarisation_s"""
     bus_a = DUTY * t["current_a"]
     charge = integrated(lambda n, _: bus_a[n], len(bus_a))
-    polarised = integrated(lambda n, vp: (e["polarisation_ohm"] * bus_a[n] - vp) / e["polarisation_s"], len(bus_a))
+    polarised = integrated(
+        lambda n, vp: (e["polarisation_ohm"] * bus_a[n] - vp) / e["polarisation_s"], len(bus_a)
+    )
     return e["volt_per_coulomb"] * charge + polarised
 
 
@@ -170,7 +214,10 @@ def groove_nm(t: Trace) -> np.ndarray:
     return JS * t["d_hammer_rad_s"] + t["lug_torque_nm"]
 
 
-@pytest.mark.parametrize(("effect", "rate", "preload"), [(None, 1.0, 1.0), ("spring_rate", 1.1, 1.0), ("spring_preload", 1.0, 1.1)])
+@pytest.mark.parametrize(
+    ("effect", "rate", "preload"),
+    [(None, 1.0, 1.0), ("spring_rate", 1.1, 1.0), ("spring_preload", 1.0, 1.1)],
+)
 def test_spring(effect: str | None, rate: float, preload: float) -> None:
     t = motion(**({effect: EFFECTS[effect]} if effect else {}))
     agrees(t, groove_nm(t), slope_m(t) * axial_n(t, rate * RATE, preload * F0), 2.0)
@@ -198,7 +245,12 @@ def test_lug_wear_lets_go_at_a_lower_height() -> None:
 def test_impact_damping_is_the_force_beyond_the_spring_while_approaching() -> None:
     for relative in (0.0, 0.5):
         t = motion("locked", **({"impact_damping": {"relative": relative}} if relative else {}))
-        pen = 0.015 * (t["hammer_rad"] - 1.0 - t["anvil_angle_rad"] - np.pi * np.round((t["hammer_rad"] - 1.0) / np.pi))
+        pen = 0.015 * (
+            t["hammer_rad"]
+            - 1.0
+            - t["anvil_angle_rad"]
+            - np.pi * np.round((t["hammer_rad"] - 1.0) / np.pi)
+        )
         rate = 0.015 * (t["hammer_rad_s"] - t["anvil_rad_s"])
         deep = t["smooth"] & (t["lug_torque_nm"] > 0.0) & (pen > 2e-5) & (rate > 0.0)
         assert np.sum(deep) > 20
@@ -208,11 +260,19 @@ def test_impact_damping_is_the_force_beyond_the_spring_while_approaching() -> No
 
 def test_joint_stiffness_carries_the_twist() -> None:
     t = motion("locked", joint_stiffness={"relative": -0.2})
-    agrees(t, t["anvil_torque_nm"], 0.8 * 3000.0 * t["twist_rad"] + 0.3 * t["anvil_rad_s"], 50.0, "smooth")
+    agrees(
+        t,
+        t["anvil_torque_nm"],
+        0.8 * 3000.0 * t["twist_rad"] + 0.3 * t["anvil_rad_s"],
+        50.0,
+        "smooth",
+    )
 
 
 def test_thread_friction_raises_the_torque_at_which_the_joint_slips() -> None:
-    assert np.max(motion(thread_friction={"relative": 0.2})["anvil_torque_nm"]) == pytest.approx(72.0, rel=1e-9)
+    assert np.max(motion(thread_friction={"relative": 0.2})["anvil_torque_nm"]) == pytest.approx(
+        72.0, rel=1e-9
+    )
 
 
 def test_a_coupler_is_a_spring_and_a_damper_before_an_inertia() -> None:
@@ -227,7 +287,9 @@ def test_a_coupler_is_a_spring_and_a_damper_before_an_inertia() -> None:
 
 
 def test_backlash_is_a_play_with_stiff_flanks_between_motor_and_spindle() -> None:
-    """docs/plant.md: flanks of 8,000 rad/s and damping ratio 0.15 against the reduced inertia, at the motor shaft."""
+    """docs/plant.md: flanks of 8,000 rad/s and damping ratio 0.15 against the reduced inertia, at
+    the motor shaft.
+    """
     t = motion(gear_backlash={"play_rad": 0.02})
     reduced = JM * (JJ / N**2) / (JM + JJ / N**2)
     q = np.sqrt((t["hammer_m"] / LEAD + 0.05) ** 2 - 0.05**2)  # of the spindle, up to its sign
@@ -238,9 +300,13 @@ def test_backlash_is_a_play_with_stiff_flanks_between_motor_and_spindle() -> Non
     gear_nm = K * t["current_a"] - rubbing(t) - JM * t["d_speed_rad_s"]
     firm, push = t["calm"] & (np.abs(over) > 1e-3) & (q > 0.2), pushed * np.sign(over)
     assert np.sum(firm & (push > 0.01)) > 10000
-    np.testing.assert_allclose(gear_nm[firm & (push > 0.01)], pushed[firm & (push > 0.01)], rtol=0, atol=1e-3)
-    assert np.sum(firm & (push < -0.01)) > 10 and np.min((gear_nm * np.sign(over))[firm]) > -0.01  # they push, never pull
-    loose = t["calm"] & (np.abs(e) + np.abs(np.gradient(e)) < 0.01 * N) & (q > 0.2)  # the rows before and after it too
+    np.testing.assert_allclose(
+        gear_nm[firm & (push > 0.01)], pushed[firm & (push > 0.01)], rtol=0, atol=1e-3
+    )
+    # they push, never pull
+    assert np.sum(firm & (push < -0.01)) > 10 and np.min((gear_nm * np.sign(over))[firm]) > -0.01
+    # the rows before and after it too
+    loose = t["calm"] & (np.abs(e) + np.abs(np.gradient(e)) < 0.01 * N) & (q > 0.2)
     assert np.sum(loose) > 50
     np.testing.assert_allclose(gear_nm[loose], 0.0, atol=1e-3)
 
@@ -250,4 +316,9 @@ def test_the_arm_swings_under_the_housing_reaction() -> None:
     t = motion("locked")
     speed = np.gradient(t["arm_rad"], STEP_S)
     assert np.max(np.abs(t["housing_nm"])) > 1.0
-    agrees(t, 4e-3 * np.gradient(speed, STEP_S) + 0.25 * speed + 25.0 * t["arm_rad"], t["housing_nm"], 1.0)
+    agrees(
+        t,
+        4e-3 * np.gradient(speed, STEP_S) + 0.25 * speed + 25.0 * t["arm_rad"],
+        t["housing_nm"],
+        1.0,
+    )

@@ -1,4 +1,6 @@
-"""Laws that the impact plant keeps whatever its parameters: energy, momentum, torques of climb and release, order of blows, effects."""
+"""Laws that the impact plant keeps whatever its parameters: energy, momentum, torques of climb and
+release, order of blows, effects.
+"""
 
 import numpy as np
 import pytest
@@ -12,10 +14,29 @@ JOINTS = {
     "slip 60": {**HARD, "run_torque_nm": 60.0},
     "slope 700": {**HARD, "run_torque_nm": 0.3, "slip_slope_nm_per_rad": 700},
     "free": {"kind": "none"},
-    "screw": {"kind": "wood_screw", "stiffness_nm_per_rad": 100, "damping_nm_s_per_rad": 0.3, "start_nm": 0.5, "end_nm": 6.0, "turns": 36,
-              "seat_nm": 12.0, "seat_deg": 90, "stripped_ratio": 0.35, "from_turns": 34, "loosen_ratio": 0.6},
-    "discs": {"kind": "disc_spring", "stiffness_nm_per_rad": 3000, "damping_nm_s_per_rad": 0.3, "parallel": 4, "series": 42,
-              "friction": 0.12, "from_turns": 4, "run_torque_nm": 0.3},
+    "screw": {
+        "kind": "wood_screw",
+        "stiffness_nm_per_rad": 100,
+        "damping_nm_s_per_rad": 0.3,
+        "start_nm": 0.5,
+        "end_nm": 6.0,
+        "turns": 36,
+        "seat_nm": 12.0,
+        "seat_deg": 90,
+        "stripped_ratio": 0.35,
+        "from_turns": 34,
+        "loosen_ratio": 0.6,
+    },
+    "discs": {
+        "kind": "disc_spring",
+        "stiffness_nm_per_rad": 3000,
+        "damping_nm_s_per_rad": 0.3,
+        "parallel": 4,
+        "series": 42,
+        "friction": 0.12,
+        "from_turns": 4,
+        "run_torque_nm": 0.3,
+    },
     "pendulum": {"kind": "pendulum", "mass_kg": 0.49, "length_m": 0.1},
     "torque": {"kind": "torque"},
 }
@@ -23,24 +44,50 @@ JOINTS = {
 EFFECTS = {
     "supply_resistance": {"resistance_ohm": 0.05},
     "supply_droop": {"volt_per_coulomb": 0.05, "polarisation_ohm": 0.03, "polarisation_s": 0.05},
-    "dead_time": {"dead_time_s": 1e-6}, "bridge_resistance": {"resistance_ohm": 0.02}, "winding_resistance": {"relative": 0.1},
-    "winding_heating": {"kelvin_per_joule": 0.5, "cooling_s": 5.0}, "brush_drop": {"voltage_v": 0.5}, "inductance": {"relative": 0.2},
-    "torque_constant": {"relative": -0.05}, "magnetic_saturation": {"saturation_a": 100.0}, "coulomb_friction": {"torque_nm": 0.01},
-    "stribeck_friction": {"breakaway_nm": 0.02, "speed_rad_s": 100.0}, "viscous_friction": {"nm_s_per_rad": 1e-5},
-    "quadratic_drag": {"nm_s2_per_rad2": 1e-8}, "asymmetric_friction": {"forward_nm": 0.01, "backward_nm": 0.0},
-    "directional_viscous": {"nm_s_per_rad": 1e-5}, "cogging_torque": {"torque_nm": 0.02, "periods_per_rev": 6.0},
-    "added_inertia": {"kg_m2": 2e-6}, "cold_grease": {"nm_s_per_rad": 2e-5, "time_s": 1.0}, "load_dependent_friction": {"relative": 0.1},
+    "dead_time": {"dead_time_s": 1e-6},
+    "bridge_resistance": {"resistance_ohm": 0.02},
+    "winding_resistance": {"relative": 0.1},
+    "winding_heating": {"kelvin_per_joule": 0.5, "cooling_s": 5.0},
+    "brush_drop": {"voltage_v": 0.5},
+    "inductance": {"relative": 0.2},
+    "torque_constant": {"relative": -0.05},
+    "magnetic_saturation": {"saturation_a": 100.0},
+    "coulomb_friction": {"torque_nm": 0.01},
+    "stribeck_friction": {"breakaway_nm": 0.02, "speed_rad_s": 100.0},
+    "viscous_friction": {"nm_s_per_rad": 1e-5},
+    "quadratic_drag": {"nm_s2_per_rad2": 1e-8},
+    "asymmetric_friction": {"forward_nm": 0.01, "backward_nm": 0.0},
+    "directional_viscous": {"nm_s_per_rad": 1e-5},
+    "cogging_torque": {"torque_nm": 0.02, "periods_per_rev": 6.0},
+    "added_inertia": {"kg_m2": 2e-6},
+    "cold_grease": {"nm_s_per_rad": 2e-5, "time_s": 1.0},
+    "load_dependent_friction": {"relative": 0.1},
     "gear_eccentricity": {"torque_nm": 0.01},
-    "coupler_compliance": {"stiffness_nm_per_rad": 2000.0, "damping_ratio": 0.5, "inertia_kg_m2": 2e-5},
-    "gear_backlash": {"play_rad": 0.01}, "groove_friction": {"coefficient": 0.1}, "spring_rate": {"relative": 0.1},
-    "spring_preload": {"relative": 0.1}, "impact_damping": {"relative": 0.5}, "lug_wear": {"height_m": 5e-4},
-    "joint_stiffness": {"relative": -0.2}, "thread_friction": {"relative": 0.2},
+    "coupler_compliance": {
+        "stiffness_nm_per_rad": 2000.0,
+        "damping_ratio": 0.5,
+        "inertia_kg_m2": 2e-5,
+    },
+    "gear_backlash": {"play_rad": 0.01},
+    "groove_friction": {"coefficient": 0.1},
+    "spring_rate": {"relative": 0.1},
+    "spring_preload": {"relative": 0.1},
+    "impact_damping": {"relative": 0.5},
+    "lug_wear": {"height_m": 5e-4},
+    "joint_stiffness": {"relative": -0.2},
+    "thread_friction": {"relative": 0.2},
     "wood_knot": {"torque_nm": 20.0, "from_rad": 0.05, "to_rad": 0.08},
 }
 
 
-def drive(rig: Rig, duty: np.ndarray, mode: str = "reference", coast: np.ndarray | None = None, load_nm: float = 5.0,
-          **options: object) -> dict:
+def drive(
+    rig: Rig,
+    duty: np.ndarray,
+    mode: str = "reference",
+    coast: np.ndarray | None = None,
+    load_nm: float = 5.0,
+    **options: object,
+) -> dict:
     """The tool from rest, rows of 1 ms; a torque load is 5 N m unless told otherwise."""
     time_s = np.arange(duty.size) * 1e-3
     load = np.full(duty.size, load_nm) if rig.load["kind"] == "torque" else None
@@ -49,7 +96,9 @@ def drive(rig: Rig, duty: np.ndarray, mode: str = "reference", coast: np.ndarray
 
 
 def imbalance(energy: dict) -> float:
-    """Largest difference between source and losses plus change of stored energy, as a share of the source."""
+    """Largest difference between source and losses plus change of stored energy, as a share of the
+    source.
+    """
     spent = sum(energy[name] for name in energy if name.startswith("loss_"))
     rest = energy["work_in"] - spent - (energy["stored"] - energy["stored"][0])
     return float(np.max(np.abs(rest)) / np.max(np.abs(energy["work_in"])))
@@ -64,13 +113,22 @@ def test_energy_of_every_joint_adds_up(joint: str) -> None:
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_energy_adds_up_with_every_effect(effect: str) -> None:
     rig = rig_with(JOINTS["slope 700"]).with_effects({effect: EFFECTS[effect]})
-    assert imbalance(drive(rig, np.concatenate([np.full(250, 0.9), np.full(50, 0.5)]), energy=True)["energy"]) < 1e-6
+    assert (
+        imbalance(
+            drive(rig, np.concatenate([np.full(250, 0.9), np.full(50, 0.5)]), energy=True)["energy"]
+        )
+        < 1e-6
+    )
 
 
 def test_energy_adds_up_with_friction_on_the_flanks_and_a_curved_contact() -> None:
-    rig = rig_with(JOINTS["slip 60"], mechanism__friction_static=0.15, mechanism__friction_kinetic=0.10)
+    rig = rig_with(
+        JOINTS["slip 60"], mechanism__friction_static=0.15, mechanism__friction_kinetic=0.10
+    )
     assert imbalance(drive(rig, np.full(300, 1.0), energy=True)["energy"]) < 1e-5
-    curved = rig_with(LOCKED, mechanism__contact_exponent=1.5, mechanism__contact_stiffness_n_per_m=1.5e9)
+    curved = rig_with(
+        LOCKED, mechanism__contact_exponent=1.5, mechanism__contact_stiffness_n_per_m=1.5e9
+    )
     assert imbalance(drive(curved, np.full(300, 1.0), energy=True)["energy"]) < 1e-6
 
 
@@ -81,20 +139,26 @@ def test_energy_never_grows_with_the_input_off(joint: str, brake: bool) -> None:
         return
     duty, coast = np.full(500, 1.0), np.zeros(500)
     duty[300:], coast[300:] = 0.0, 0.0 if brake else 1.0
-    stored = drive(rig_with(JOINTS[joint]), duty, coast=coast, energy=True)["energy"]["stored"][301:]
+    stored = drive(rig_with(JOINTS[joint]), duty, coast=coast, energy=True)["energy"]["stored"][
+        301:
+    ]
     assert stored[0] > 0.05
     assert np.max(np.diff(stored)) <= 1e-9 * stored[0]
     assert stored[-1] < 0.9 * stored[0]
 
 
-@pytest.mark.parametrize("effect", [None, "gear_backlash", "coupler_compliance", "groove_friction", "added_inertia"])
+@pytest.mark.parametrize(
+    "effect", [None, "gear_backlash", "coupler_compliance", "groove_friction", "added_inertia"]
+)
 def test_housing_reaction_both_ways(effect: str | None) -> None:
     rig = rig_with(JOINTS["slip 60"])
     rig = rig.with_effects({effect: EFFECTS[effect]}) if effect else rig
     trace = drive(rig, np.full(300, 1.0), trace_s=np.linspace(0.0, 0.295, 20001))["trace"]
     assert np.max(np.abs(trace["housing_nm"])) > 3.0
     largest = np.max(np.abs(trace["lug_torque_nm"]))
-    np.testing.assert_allclose(trace["housing_nm"], trace["housing_momentum_nm"], rtol=0, atol=1e-9 * largest)
+    np.testing.assert_allclose(
+        trace["housing_nm"], trace["housing_momentum_nm"], rtol=0, atol=1e-9 * largest
+    )
 
 
 def integral(time_s: np.ndarray, values: np.ndarray) -> float:
@@ -115,15 +179,25 @@ def test_momentum_balances_at_each_blow(joint: str) -> None:
         lug = integral(time_s[contact], trace["lug_torque_nm"][contact])
         assert lug == pytest.approx(blow["impulse_nm_s"], rel=1e-4)
         joint_nms = integral(time_s[contact], trace["anvil_torque_nm"][contact])
-        assert 1.2e-5 * np.diff(trace["anvil_rad_s"][contact][[0, -1]])[0] == pytest.approx(lug - joint_nms, abs=1e-4 * lug)
-        turning = (6e-6 + 5.6**2 * 1.6e-5) * np.diff(trace["speed_rad_s"][contact][[0, -1]])[0] / 5.6
+        assert 1.2e-5 * np.diff(trace["anvil_rad_s"][contact][[0, -1]])[0] == pytest.approx(
+            lug - joint_nms, abs=1e-4 * lug
+        )
+        turning = (
+            (6e-6 + 5.6**2 * 1.6e-5) * np.diff(trace["speed_rad_s"][contact][[0, -1]])[0] / 5.6
+        )
         turning += 4.5e-5 * np.diff(trace["hammer_rad_s"][contact][[0, -1]])[0]
-        spindle_nm = 5.6 * (0.0109 * trace["current_a"][contact] - 0.012 - 4.5e-6 * trace["speed_rad_s"][contact])
+        spindle_nm = 5.6 * (
+            0.0109 * trace["current_a"][contact] - 0.012 - 4.5e-6 * trace["speed_rad_s"][contact]
+        )
         assert turning == pytest.approx(integral(time_s[contact], spindle_nm) - lug, abs=1e-3 * lug)
 
 
-def ramped(rig: Rig, seconds: float, torque_nm: float, **options: object) -> tuple[np.ndarray, dict]:
-    """Spindle torque rising from 0 to torque_nm, no motor friction but a heavy viscous one: a climb without swings."""
+def ramped(
+    rig: Rig, seconds: float, torque_nm: float, **options: object
+) -> tuple[np.ndarray, dict]:
+    """Spindle torque rising from 0 to torque_nm, no motor friction but a heavy viscous one: a climb
+    without swings.
+    """
     time_s = np.arange(round(seconds * 1000) + 1) * 1e-3
     current = torque_nm / (5.6 * 0.0109) * time_s / seconds
     log = core.LogInput(time_s, "current_a", current, slew_per_s=1e6, load_kind=rig.load["kind"])
@@ -133,8 +207,13 @@ def ramped(rig: Rig, seconds: float, torque_nm: float, **options: object) -> tup
 def test_climb_and_release_torque() -> None:
     """Climbs at l F0 in the limit of a sharp vertex, releases at l (F0 + k h)."""
     lead, preload, rate, height = 4.4e-3, 220.0, 29400.0, 4.5e-3
-    rig = rig_with(LOCKED, mechanism__vertex_rad=1e-3, mechanism__hammer_start_rad=-1e-5, motor__coulomb_nm=0.0,
-                   motor__viscous_nm_s_per_rad=0.002)
+    rig = rig_with(
+        LOCKED,
+        mechanism__vertex_rad=1e-3,
+        mechanism__hammer_start_rad=-1e-5,
+        motor__coulomb_nm=0.0,
+        motor__viscous_nm_s_per_rad=0.002,
+    )
     fine_s = np.linspace(0.0, 4.0, 40001)
     trace = ramped(rig, 4.0, 1.2 * lead * (preload + rate * height), trace_s=fine_s)[1]["trace"]
     torque, x = trace["anvil_torque_nm"], trace["hammer_m"]
@@ -149,7 +228,11 @@ def test_climb_and_release_torque() -> None:
 @pytest.mark.parametrize("duty", [0.3, 0.55, 0.8, 1.0])
 @pytest.mark.parametrize("lugs", [2, 3])
 def test_no_more_blows_than_lugs_per_relative_turn(joint: str, duty: float, lugs: int) -> None:
-    rig = rig_with(JOINTS[joint], mechanism__lug_count=lugs, mechanism__lug_overlap_rad=1.0 if lugs == 2 else 0.7)
+    rig = rig_with(
+        JOINTS[joint],
+        mechanism__lug_count=lugs,
+        mechanism__lug_overlap_rad=1.0 if lugs == 2 else 0.7,
+    )
     out = drive(rig, np.full(500, duty), trace_s=np.array([0.0, 0.498]))
     turns = np.ptp(out["trace"]["relative_rad"]) / (2 * np.pi)
     blows = int(np.sum(out["blows"][0]["kind"] == 0))
@@ -160,7 +243,9 @@ def off_values(effect: str) -> dict[str, float]:
     """The effect at its neutral size: the defaults, except for keys that only shape it."""
     defaults = dict(zip(core.PARAMETERS, core.parameter_defaults(), strict=True))
     off = {key: float(defaults[f"effects.{effect}.{key}"]) for key in EFFECTS[effect]}
-    return {key: value if np.isfinite(value) else EFFECTS[effect][key] for key, value in off.items()}
+    return {
+        key: value if np.isfinite(value) else EFFECTS[effect][key] for key, value in off.items()
+    }
 
 
 AT_INFINITY = ("magnetic_saturation", "coupler_compliance")  # no file can hold their off value
@@ -171,28 +256,47 @@ AT_INFINITY = ("magnetic_saturation", "coupler_compliance")  # no file can hold 
 def test_every_effect_acts_and_is_neutral_at_its_off_value(effect: str, mode: str) -> None:
     rig = rig_with(JOINTS["slope 700"])
     duty = np.full(250, 0.9)
-    plain, on = drive(rig, duty, mode), drive(rig.with_effects({effect: EFFECTS[effect]}), duty, mode)
+    plain, on = (
+        drive(rig, duty, mode),
+        drive(rig.with_effects({effect: EFFECTS[effect]}), duty, mode),
+    )
     names = ("current_a", "speed_rad_s", "head_rad")
-    changed = max(float(np.max(np.abs(on[name] - plain[name])) / np.max(np.abs(plain[name]))) for name in names)
+    changed = max(
+        float(np.max(np.abs(on[name] - plain[name])) / np.max(np.abs(plain[name])))
+        for name in names
+    )
     assert changed > 1e-3
     if effect not in AT_INFINITY:
         off = drive(rig.with_effects({effect: off_values(effect)}), duty, mode)
         assert off["speed_rad_s"].tobytes() == plain["speed_rad_s"].tobytes()
 
 
-SENSOR_EFFECTS = {"current_lag": {"time_constant_s": 2e-3}, "current_gain": {"relative": 0.05}, "current_offset": {"offset_a": 1.0},
-                  "current_saturation": {"limit_a": 20.0}, "speed_gain": {"relative": 0.02}, "supply_gain": {"relative": -0.01}}
+SENSOR_EFFECTS = {
+    "current_lag": {"time_constant_s": 2e-3},
+    "current_gain": {"relative": 0.05},
+    "current_offset": {"offset_a": 1.0},
+    "current_saturation": {"limit_a": 20.0},
+    "speed_gain": {"relative": 0.02},
+    "supply_gain": {"relative": -0.01},
+}
 
 
 @pytest.mark.parametrize("effect", SENSOR_EFFECTS)
 def test_sensor_effects_leave_the_tool_alone(effect: str) -> None:
     rig, duty = rig_with(JOINTS["slip 60"]), np.full(250, 0.9)
-    plain, on = drive(rig, duty, "fast"), drive(rig.with_effects({effect: SENSOR_EFFECTS[effect]}), duty, "fast")
+    plain, on = (
+        drive(rig, duty, "fast"),
+        drive(rig.with_effects({effect: SENSOR_EFFECTS[effect]}), duty, "fast"),
+    )
     assert np.allclose(on["speed_rad_s"], plain["speed_rad_s"], rtol=1e-4, atol=0.1)
     i, w, v = (plain[name][0] for name in ("current_a", "speed_rad_s", "supply_v"))
-    expected = {"current_gain": ("current_a", 1.05 * i), "current_offset": ("current_a", i + 1.0),
-                "current_saturation": ("current_a", np.minimum(i, 20.0)),
-                "speed_gain": ("speed_measured_rad_s", 1.02 * w), "supply_gain": ("supply_v", 0.99 * v)}
+    expected = {
+        "current_gain": ("current_a", 1.05 * i),
+        "current_offset": ("current_a", i + 1.0),
+        "current_saturation": ("current_a", np.minimum(i, 20.0)),
+        "speed_gain": ("speed_measured_rad_s", 1.02 * w),
+        "supply_gain": ("supply_v", 0.99 * v),
+    }
     if effect in expected:
         name, values = expected[effect]
         np.testing.assert_allclose(on[name][0], values, rtol=1e-9, atol=1e-9)
@@ -203,7 +307,12 @@ def test_sensor_effects_leave_the_tool_alone(effect: str) -> None:
 
 def test_a_delayed_speed_is_the_speed_of_then() -> None:
     rig, duty = rig_with(JOINTS["slip 60"]), np.full(250, 0.9)
-    late = rig.with_effects({"speed_lag": {"time_constant_s": 2.5e-3, "form": "delay"}, "hall_eccentricity": {"amplitude_rad": 0.05}})
+    late = rig.with_effects(
+        {
+            "speed_lag": {"time_constant_s": 2.5e-3, "form": "delay"},
+            "hall_eccentricity": {"amplitude_rad": 0.05},
+        }
+    )
     out = drive(late, duty, trace_s=np.maximum(np.arange(250) * 1e-3 - 2.5e-3, 0.0))
     angle = np.interp(np.arange(3, 249) - 2.5, np.arange(250), out["angle_rad"][0])
     eccentric = out["trace"]["speed_rad_s"][3:-1] * (1 + 0.05 * np.cos(angle))
@@ -213,9 +322,16 @@ def test_a_delayed_speed_is_the_speed_of_then() -> None:
 
 def test_commands_act_late_and_clocks_differ() -> None:
     rig, duty = rig_with(LOCKED), np.concatenate([np.zeros(20), np.full(230, 0.9)])
-    plain, late = (drive(r, duty, "fast") for r in (rig, rig.with_effects({"transport_delay": {"delay_s": 3e-3}})))
-    np.testing.assert_allclose(late["current_a"][0, 3:], plain["current_a"][0, :-3], rtol=1e-3, atol=1e-2)
-    skewed = drive(rig.with_effects({"clock_skew": {"relative": 0.02}}), np.full(250, 0.9))["blows"][0]
+    plain, late = (
+        drive(r, duty, "fast")
+        for r in (rig, rig.with_effects({"transport_delay": {"delay_s": 3e-3}}))
+    )
+    np.testing.assert_allclose(
+        late["current_a"][0, 3:], plain["current_a"][0, :-3], rtol=1e-3, atol=1e-2
+    )
+    skewed = drive(rig.with_effects({"clock_skew": {"relative": 0.02}}), np.full(250, 0.9))[
+        "blows"
+    ][0]
     straight = drive(rig, np.full(250, 0.9))["blows"][0]
     n = min(len(skewed), len(straight))
     np.testing.assert_allclose(skewed["time_s"][:n], 1.02 * straight["time_s"][:n], rtol=1e-5)
@@ -226,4 +342,8 @@ def test_hysteresis_of_disc_springs_acts_while_loosening_only() -> None:
     soft = rig.with_effects({"joint_hysteresis": {"relative": 0.8}})
     forward, backward = np.full(200, 1.0), np.full(400, -1.0)
     assert drive(rig, forward)["head_rad"].tobytes() == drive(soft, forward)["head_rad"].tobytes()
-    assert drive(soft, backward)["head_rad"][0, -1] < 1.2 * drive(rig, backward)["head_rad"][0, -1] < 0.0
+    assert (
+        drive(soft, backward)["head_rad"][0, -1]
+        < 1.2 * drive(rig, backward)["head_rad"][0, -1]
+        < 0.0
+    )

@@ -1,4 +1,6 @@
-"""The impact tool as a whole: the reference set's figures, lock-step equal to the log's run, what `vgroove sim` makes of it."""
+"""The impact tool as a whole: the reference set's figures, lock-step equal to the log's run, what
+`vgroove sim` makes of it.
+"""
 
 import copy
 import re
@@ -14,7 +16,13 @@ from vgroove.scenario import make_plant, read_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCKED = {"kind": "locked", "stiffness_nm_per_rad": 3000, "damping_nm_s_per_rad": 0.3}
-HARD = {"kind": "hard_joint", "stiffness_nm_per_rad": 3000, "damping_nm_s_per_rad": 0.3, "slip_slope_nm_per_rad": 0, "loosen_ratio": 0.75}
+HARD = {
+    "kind": "hard_joint",
+    "stiffness_nm_per_rad": 3000,
+    "damping_nm_s_per_rad": 0.3,
+    "slip_slope_nm_per_rad": 0,
+    "loosen_ratio": 0.75,
+}
 
 
 def rig_with(load: dict, **values: float) -> Rig:
@@ -24,7 +32,9 @@ def rig_with(load: dict, **values: float) -> Rig:
     return rig.with_values({key.replace("__", "."): value for key, value in values.items()})
 
 
-def run(rig: Rig, duty: float = 1.0, seconds: float = 1.0, mode: str = "reference", **options: object) -> dict:
+def run(
+    rig: Rig, duty: float = 1.0, seconds: float = 1.0, mode: str = "reference", **options: object
+) -> dict:
     """The tool from rest at constant duty, rows of 1 ms."""
     time_s = np.arange(round(seconds * 1000) + 1) * 1e-3
     log = core.LogInput(time_s, "duty", np.full(time_s.size, duty), load_kind=rig.load["kind"])
@@ -32,7 +42,9 @@ def run(rig: Rig, duty: float = 1.0, seconds: float = 1.0, mode: str = "referenc
 
 
 def settled(out: dict) -> tuple[float, float, float, np.ndarray]:
-    """Blows per minute, spread of the period, mean current after half a second, and the blows since."""
+    """Blows per minute, spread of the period, mean current after half a second, and the blows
+    since.
+    """
     blows = out["blows"][0]
     late = blows[blows["time_s"] > 0.5]
     period = np.diff(late["time_s"][late["kind"] == 0])
@@ -41,10 +53,18 @@ def settled(out: dict) -> tuple[float, float, float, np.ndarray]:
 
 
 # physics.md section 4, last row of the reference set.
-@pytest.mark.parametrize(("load", "rate", "current"), [
-    (LOCKED, 2857, 32.3), ({**HARD, "run_torque_nm": 60.0}, 3241, 27.5), ({**HARD, "run_torque_nm": 6.0}, 2771, 25.5)])
+@pytest.mark.parametrize(
+    ("load", "rate", "current"),
+    [
+        (LOCKED, 2857, 32.3),
+        ({**HARD, "run_torque_nm": 60.0}, 3241, 27.5),
+        ({**HARD, "run_torque_nm": 6.0}, 2771, 25.5),
+    ],
+)
 @pytest.mark.parametrize("mode", ["reference", "fast"])
-def test_blows_and_current_of_the_reference_set(load: dict, rate: float, current: float, mode: str) -> None:
+def test_blows_and_current_of_the_reference_set(
+    load: dict, rate: float, current: float, mode: str
+) -> None:
     blows_per_min, spread, mean_a, _ = settled(run(rig_with(load), mode=mode))
     assert blows_per_min == pytest.approx(rate, rel=1e-3)
     assert mean_a == pytest.approx(current, abs=0.05)
@@ -81,15 +101,33 @@ def test_synchronism_is_lost_at_duty_07_and_at_205_volts() -> None:
     assert np.mean(late["engaged_m"]) == pytest.approx(0.5 * 4.5e-3, rel=0.25)
 
 
-@pytest.mark.parametrize("load", [LOCKED, {**HARD, "run_torque_nm": 60.0}, {**HARD, "run_torque_nm": 0.3, "slip_slope_nm_per_rad": 700}])
+@pytest.mark.parametrize(
+    "load",
+    [
+        LOCKED,
+        {**HARD, "run_torque_nm": 60.0},
+        {**HARD, "run_torque_nm": 0.3, "slip_slope_nm_per_rad": 700},
+    ],
+)
 def test_lock_step_gives_the_rows_of_the_log(load: dict) -> None:
     rig = rig_with(load)
     rows = run(rig, mode="fast", seconds=0.3)
     plant = core.ImpactPlant(rig.parameters(), load_kind=load["kind"])
     for row in range(1, 301):
         at = plant.advance(1e-3, 1.0)
-        for name in ("current_a", "supply_v", "speed_rad_s", "anvil_angle_rad", "head_rad", "hammer_mm", "housing_nm"):
-            assert getattr(at, name) == pytest.approx(rows[name][0, row], rel=1e-3, abs=1e-3), (name, row)
+        for name in (
+            "current_a",
+            "supply_v",
+            "speed_rad_s",
+            "anvil_angle_rad",
+            "head_rad",
+            "hammer_mm",
+            "housing_nm",
+        ):
+            assert getattr(at, name) == pytest.approx(rows[name][0, row], rel=1e-3, abs=1e-3), (
+                name,
+                row,
+            )
 
 
 def test_a_pwm_period_at_a_time_is_the_same_tool() -> None:
@@ -109,12 +147,24 @@ def test_a_scenario_of_an_impact_rig_is_simulated() -> None:
     log = simulate_scenario(read_scenario(ROOT / "scenarios/impact_hard_joint.toml"))
     figures = scenario_figures(log)
     assert figures["blows"] > 40 and 140 < figures["torque_peak_nm"] < 150
-    assert {"anvil_torque_nm", "anvil_angle_rad", "hammer_mm", "head_rad", "housing_nm", "arm_rad"} <= set(log.columns)
-    assert log["head_rad"][-1] == pytest.approx(figures["head_end_rad"]) and np.ptp(log["housing_nm"]) > 1.0
+    assert {
+        "anvil_torque_nm",
+        "anvil_angle_rad",
+        "hammer_mm",
+        "head_rad",
+        "housing_nm",
+        "arm_rad",
+    } <= set(log.columns)
+    assert (
+        log["head_rad"][-1] == pytest.approx(figures["head_end_rad"])
+        and np.ptp(log["housing_nm"]) > 1.0
+    )
 
 
 def test_same_bytes_whatever_batch_and_threads() -> None:
-    theta = np.array([rig_with({**HARD, "run_torque_nm": nm}).parameters() for nm in (20.0, 40.0, 60.0)])
+    theta = np.array(
+        [rig_with({**HARD, "run_torque_nm": nm}).parameters() for nm in (20.0, 40.0, 60.0)]
+    )
     time_s = np.arange(201) * 1e-3
     log = core.LogInput(time_s, "duty", np.ones(201), load_kind="hard_joint")
     together = core.simulate_impact(log, theta, mode="fast", threads=2)
@@ -125,7 +175,9 @@ def test_same_bytes_whatever_batch_and_threads() -> None:
             assert alone[name][0].tobytes() == together[name][row].tobytes(), name
 
 
-@pytest.mark.parametrize("load", [LOCKED, {**HARD, "run_torque_nm": 60.0}, {**HARD, "run_torque_nm": 6.0}])
+@pytest.mark.parametrize(
+    "load", [LOCKED, {**HARD, "run_torque_nm": 60.0}, {**HARD, "run_torque_nm": 6.0}]
+)
 def test_fixed_steps_give_the_blows_of_the_reference(load: dict) -> None:
     rig = rig_with(load)
     kept, fixed = (run(rig, mode=mode) for mode in ("reference", "fixed"))
@@ -142,15 +194,30 @@ def test_a_fixed_step_that_is_too_long_says_so() -> None:
 
 
 def test_random_tools_end_and_keep_their_energy() -> None:
-    """Every key of mechanism and motor up to threefold either way; those that no mechanism can have are refused by a sentence."""
+    """Every key of mechanism and motor up to threefold either way; those that no mechanism can have
+    are refused by a sentence.
+    """
     rng = np.random.default_rng(4)
-    names = [n for n, key in enumerate(core.PARAMETERS) if key.startswith(("mechanism.", "motor.")) and key.split(".")[1] not in
-             ("lug_count", "hammer_start_rad", "contact_exponent", "friction_static", "friction_kinetic")]
+    names = [
+        n
+        for n, key in enumerate(core.PARAMETERS)
+        if key.startswith(("mechanism.", "motor."))
+        and key.split(".")[1]
+        not in (
+            "lug_count",
+            "hammer_start_rad",
+            "contact_exponent",
+            "friction_static",
+            "friction_kinetic",
+        )
+    ]
     time_s, done = np.arange(201) * 1e-3, 0
     for _ in range(40):
         theta = rig_with({**HARD, "run_torque_nm": 40.0}).parameters()
         theta[names] *= 3.0 ** rng.uniform(-1.0, 1.0, len(names))
-        log = core.LogInput(time_s, "duty", np.full(201, rng.uniform(0.3, 1.0)), load_kind="hard_joint")
+        log = core.LogInput(
+            time_s, "duty", np.full(201, rng.uniform(0.3, 1.0)), load_kind="hard_joint"
+        )
         try:
             energy = core.simulate_impact(log, theta[None, :], energy=True)["energy"]
         except ValueError as refused:

@@ -1,4 +1,6 @@
-"""The lock-step loop in C++ gives what the Python loop gives, byte for byte, and keeps the truth beside it."""
+"""The lock-step loop in C++ gives what the Python loop gives, byte for byte, and keeps the truth
+beside it.
+"""
 
 import threading
 from pathlib import Path
@@ -18,9 +20,15 @@ PULL = ((0.0, 0.0), (0.2, 0.0), (0.25, 1.0), (0.55, 1.0), (0.56, 0.0))
 READ = frame_bytes(frame_of_signals("PARAM_READ", 100, read_index=3, read_sequence=1))
 PROFILES = {
     "drill_driver_low": lockstep.Profile(travel=PULL, load_nm=((0.0, 0.0), (0.4, 4.0))),
-    "impact_driver": lockstep.Profile(travel=PULL, reverse=((0.0, 0.0), (0.5, 1.0)), bounce_s=0.003),
+    "impact_driver": lockstep.Profile(
+        travel=PULL, reverse=((0.0, 0.0), (0.5, 1.0)), bounce_s=0.003
+    ),
     "board_18v": lockstep.Profile(
-        travel=PULL, load_nm=((0.0, 0.0), (0.4, 0.3)), gaps=((0.3, 0.33),), current_add_a=((0.0, 0.0), (0.5, 70.0))),
+        travel=PULL,
+        load_nm=((0.0, 0.0), (0.4, 0.3)),
+        gaps=((0.3, 0.33),),
+        current_add_a=((0.0, 0.0), (0.5, 70.0)),
+    ),
 }
 
 
@@ -32,7 +40,9 @@ def run(board_type: type, rig: str, seed: int = 7) -> tuple[bytes, np.ndarray]:
     tool, truth = make_plant(read_rig(RIGS / f"{rig}.toml"), 1), _core.Truth(3)
     line = lockstep.Script([(0.1, READ), (0.3, READ * 3)])
     with board_type() as board:
-        *_, last = lockstep.steps(board, tool, PROFILES[rig], 0.6, front=FRONT, line=line, seed=seed, truth=truth)
+        *_, last = lockstep.steps(
+            board, tool, PROFILES[rig], 0.6, front=FRONT, line=line, seed=seed, truth=truth
+        )
     return bytes(last.sent), truth.rows
 
 
@@ -54,10 +64,15 @@ def test_truth_is_the_tool_s_own() -> None:
             pass
     column = dict(zip(_core.TRUTH_COLUMNS, truth.rows.T, strict=True))
     assert np.allclose(np.diff(column["time_s"]), lockstep.PERIOD_S, rtol=1e-9)
-    assert (column["speed_rad_s"][-1], column["hammer_mm"][-1], column["head_rad"][-1]) == (tool.speed_rad_s, tool.hammer_mm, tool.head_rad)
+    assert (column["speed_rad_s"][-1], column["hammer_mm"][-1], column["head_rad"][-1]) == (
+        tool.speed_rad_s,
+        tool.hammer_mm,
+        tool.head_rad,
+    )
     driven = column["time_s"] > 0.25
     assert np.isnan(column["duty"][~driven][:100]).all() and column["duty"][driven].max() == 1.0
-    momentum = np.cumsum(column["housing_nm"]) * lockstep.PERIOD_S  # the housing takes what the joint and all that turns have got
+    # the housing takes what the joint and all that turns have got
+    momentum = np.cumsum(column["housing_nm"]) * lockstep.PERIOD_S
     joint = np.cumsum(column["joint_nm"]) * lockstep.PERIOD_S
     assert momentum[-1] == pytest.approx(joint[-1], abs=0.35)
 
@@ -72,7 +87,9 @@ def test_pacer_takes_a_chunk_as_it_takes_periods() -> None:
 
 
 def test_one_thread_at_a_time() -> None:
-    """While a thread runs the firmware without the interpreter's lock another one is refused, and the next run is unharmed."""
+    """While a thread runs the firmware without the interpreter's lock another one is refused, and
+    the next run is unharmed.
+    """
     alone = run(SilBoard, "impact_driver")[0]
     said: list[str] = []
     over = threading.Event()
@@ -97,12 +114,21 @@ def test_one_thread_at_a_time() -> None:
 
 
 def refused_of_a_run() -> list[str]:
-    """A run of a second, in the way of another thread; what it was refused with, when the other one came first."""
+    """A run of a second, in the way of another thread; what it was refused with, when the other one
+    came first.
+    """
     count = 30_000
     stimuli = lockstep.Stimulus(PROFILES["impact_driver"], FRONT, 7).chunk(0, count)
     try:
         board, tool = SilBoard(), make_plant(read_rig(RIGS / "impact_driver.toml"), 1)
-        _core.run_lockstep(board.machine, tool, *stimuli.columns(), np.full(count, -1, np.int16), FRONT.scales(), (True, 0, 0))
+        _core.run_lockstep(
+            board.machine,
+            tool,
+            *stimuli.columns(),
+            np.full(count, -1, np.int16),
+            FRONT.scales(),
+            (True, 0, 0),
+        )
     except RuntimeError as error:
         return [str(error)]
     return []

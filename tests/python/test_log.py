@@ -1,4 +1,6 @@
-"""Logs of every kind are read, and every rejection of the gap contract's section 1 is a sentence with file, line and column."""
+"""Logs of every kind are read, and every rejection of the gap contract's section 1 is a sentence
+with file, line and column.
+"""
 
 import csv
 import os
@@ -26,11 +28,15 @@ PRACTICE = ROOT.parent / "shared/data/practice/practice_001/log.csv"
 def sample_log(rows: int = 200) -> Log:
     rng = np.random.default_rng(4)
     names = ("duty", "supply_v", "current_a", "speed_rpm")
-    return Log(np.arange(1, rows + 1) / 1000, {name: rng.uniform(-1, 1, rows) for name in names}, "sample")
+    return Log(
+        np.arange(1, rows + 1) / 1000, {name: rng.uniform(-1, 1, rows) for name in names}, "sample"
+    )
 
 
 def csv_lines(rows: int = 60) -> list[str]:
-    return ["time_s,duty,current_a,speed_rpm"] + [f"{k / 1000:.3f},0.5,{k / 10},{k}" for k in range(1, rows + 1)]
+    return ["time_s,duty,current_a,speed_rpm"] + [
+        f"{k / 1000:.3f},0.5,{k / 10},{k}" for k in range(1, rows + 1)
+    ]
 
 
 def written(path: Path, lines: list[str], end: str = "\n") -> Path:
@@ -49,12 +55,18 @@ def refused(path: Path, *parts: str) -> str:
 
 def test_a_csv_is_read_column_by_column(tmp_path: Path) -> None:
     log = read_log(written(tmp_path / "a.csv", csv_lines()))
-    assert len(log) == 60 and log.time_s[0] == 0.001 and list(log.columns) == ["duty", "current_a", "speed_rpm"]
+    assert (
+        len(log) == 60
+        and log.time_s[0] == 0.001
+        and list(log.columns) == ["duty", "current_a", "speed_rpm"]
+    )
     assert log["current_a"][9] == 1.0 and log.warnings == []
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_line_ends_byte_order_mark_blanks_and_quotes_do_not_matter(tmp_path: Path, end: str) -> None:
+def test_line_ends_byte_order_mark_blanks_and_quotes_do_not_matter(
+    tmp_path: Path, end: str
+) -> None:
     lines = csv_lines()
     lines[0] = '\ufefftime_s, duty ,"current_a",speed_rpm'
     lines[3] = '"0.003", 0.5 ,0.3,3'
@@ -64,11 +76,18 @@ def test_line_ends_byte_order_mark_blanks_and_quotes_do_not_matter(tmp_path: Pat
 
 
 def test_columns_in_any_order_and_unknown_ones_ignored_with_a_warning(tmp_path: Path) -> None:
-    lines = [",".join([cells[3], "words", cells[1], cells[0], cells[2]]) for cells in (line.split(",") for line in csv_lines())]
+    lines = [
+        ",".join([cells[3], "words", cells[1], cells[0], cells[2]])
+        for cells in (line.split(",") for line in csv_lines())
+    ]
     lines[0] = "speed_rpm,note,duty,time_s,current_a"
     log = read_log(written(tmp_path / "a.csv", lines))
     assert log["speed_rpm"][4] == 5 and "note" not in log
-    assert len(log.warnings) == 1 and "unknown column note" in log.warnings[0] and "a.csv" in log.warnings[0]
+    assert (
+        len(log.warnings) == 1
+        and "unknown column note" in log.warnings[0]
+        and "a.csv" in log.warnings[0]
+    )
 
 
 def test_nan_and_empty_cells_are_missing_samples(tmp_path: Path) -> None:
@@ -99,7 +118,12 @@ def test_rejects_a_missing_required_column(tmp_path: Path, header: str, column: 
 
 
 def test_rejects_a_column_that_appears_twice(tmp_path: Path) -> None:
-    refused(written(tmp_path / "a.csv", ["time_s,duty,duty,speed_rpm", *csv_lines()[1:]]), "line 1", "duty", "2 times")
+    refused(
+        written(tmp_path / "a.csv", ["time_s,duty,duty,speed_rpm", *csv_lines()[1:]]),
+        "line 1",
+        "duty",
+        "2 times",
+    )
 
 
 @pytest.mark.parametrize("stamp", ["0.009", "0.008", "-1"])
@@ -115,7 +139,9 @@ def test_rejects_a_missing_time(tmp_path: Path) -> None:
     refused(written(tmp_path / "a.csv", lines), "line 11", "time_s", "missing")
 
 
-@pytest.mark.parametrize("cell", ["abc", "1,5"[:1] + ";5", "0x10", "1_000", "--1", "1.2.3", "#N/A", "True"])
+@pytest.mark.parametrize(
+    "cell", ["abc", "1,5"[:1] + ";5", "0x10", "1_000", "--1", "1.2.3", "#N/A", "True"]
+)
 def test_rejects_a_non_numeric_cell(tmp_path: Path, cell: str) -> None:
     lines = csv_lines()
     lines.insert(5, "")
@@ -151,7 +177,9 @@ def test_rejects_fewer_than_50_usable_samples(tmp_path: Path, rows: int, enough:
         refused(path, "49 usable samples", "50")
 
 
-def test_samples_without_input_or_without_measurement_do_not_count_as_usable(tmp_path: Path) -> None:
+def test_samples_without_input_or_without_measurement_do_not_count_as_usable(
+    tmp_path: Path,
+) -> None:
     lines = csv_lines(60)
     for k in range(1, 12):
         lines[k] = f"{k / 1000},,,{k}" if k % 2 else f"{k / 1000},0.5,,"
@@ -186,33 +214,65 @@ def test_rejects_columns_separated_by_semicolons(tmp_path: Path) -> None:
 
 def test_warns_of_a_duty_in_percent(tmp_path: Path) -> None:
     lines = csv_lines()
-    log = read_log(written(tmp_path / "a.csv", [lines[0], *(line.replace(",0.5,", ",50,") for line in lines[1:])]))
+    log = read_log(
+        written(
+            tmp_path / "a.csv", [lines[0], *(line.replace(",0.5,", ",50,") for line in lines[1:])]
+        )
+    )
     assert any("duty" in warning and "50" in warning for warning in log.warnings)
 
 
 def test_recognises_an_unsigned_current_and_only_that() -> None:
     duty = np.repeat([0.8, -0.8, 0.8, 0.0], 50)
-    current, speed = np.repeat([5.0, -5.0, 5.0, -8.0], 50), np.repeat([900.0, -900.0, 900.0, 500.0], 50)
-    signed = Log(np.arange(200) / 1000, {"duty": duty, "current_a": current, "speed_rpm": speed}, "x")
+    current, speed = (
+        np.repeat([5.0, -5.0, 5.0, -8.0], 50),
+        np.repeat([900.0, -900.0, 900.0, 500.0], 50),
+    )
+    signed = Log(
+        np.arange(200) / 1000, {"duty": duty, "current_a": current, "speed_rpm": speed}, "x"
+    )
     unsigned = Log(signed.time_s, signed.columns | {"current_a": np.abs(current)}, "x")
-    forward = Log(signed.time_s[:50], {name: values[:50] for name, values in unsigned.columns.items()}, "x")
-    assert current_is_unsigned(unsigned) and not current_is_unsigned(signed) and not current_is_unsigned(forward)
+    forward = Log(
+        signed.time_s[:50], {name: values[:50] for name, values in unsigned.columns.items()}, "x"
+    )
+    assert (
+        current_is_unsigned(unsigned)
+        and not current_is_unsigned(signed)
+        and not current_is_unsigned(forward)
+    )
 
 
 STAMPS = st.lists(st.floats(-2e9, 2e9), min_size=60, max_size=80, unique=True)
 STEPS = st.sampled_from([1e-6, 1e-4, 1e-3, 0.1])
-CLOSE = st.builds(lambda start, step, count: list(start + step * np.arange(count)), st.floats(0, 2e9), STEPS, st.integers(60, 80))
+CLOSE = st.builds(
+    lambda start, step, count: list(start + step * np.arange(count)),
+    st.floats(0, 2e9),
+    STEPS,
+    st.integers(60, 80),
+)
 
 
-@given(STAMPS | CLOSE, st.lists(st.floats(allow_infinity=False, min_value=-1e300, max_value=1e300) | st.just(float("nan")), min_size=80))
+@given(
+    STAMPS | CLOSE,
+    st.lists(
+        st.floats(allow_infinity=False, min_value=-1e300, max_value=1e300) | st.just(float("nan")),
+        min_size=80,
+    ),
+)
 @settings(max_examples=60, deadline=None)
-def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, times: list[float], speeds: list[float]) -> None:
+def test_what_is_written_is_read_back(
+    tmp_path_factory: pytest.TempPathFactory, times: list[float], speeds: list[float]
+) -> None:
     """Time to the last bit, whatever its origin; the rest to 12 digits."""
     path, time_s = tmp_path_factory.mktemp("log") / "a.csv", np.unique(times)
     count = len(time_s)
     if count < 60:  # steps below the resolution of the stamps
         return
-    columns = {"duty": np.full(count, 1 / 255), "current_a": np.ones(count), "speed_rpm": np.array(speeds[:count])}
+    columns = {
+        "duty": np.full(count, 1 / 255),
+        "current_a": np.ones(count),
+        "speed_rpm": np.array(speeds[:count]),
+    }
     write_csv(Log(time_s, columns, "x"), path)
     back = read_log(path)
     assert np.array_equal(back.time_s, time_s)
@@ -221,19 +281,29 @@ def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, 
 
 
 def test_a_recording_is_written_exactly_and_stays_small(tmp_path: Path, stream: bytes) -> None:
-    """Current in steps of 2^-9 A needs 11 digits up to 64 A; a row of the board's fourteen columns takes less than 110 bytes."""
+    """Current in steps of 2^-9 A needs 11 digits up to 64 A; a row of the board's fourteen columns
+    takes less than 110 bytes.
+    """
     log, path = log_from_stream(stream, "stream"), tmp_path / "a.csv"
     log.columns["current_a"] = np.linspace(-32768, 32767, len(log)).round() / 512
     write_csv(log, path)
     back = read_log(path)
-    assert np.array_equal(back["current_a"], log["current_a"]) and np.array_equal(back.time_s, log.time_s)
-    assert np.array_equal((back["duty"] * 255).round(), (log["duty"] * 255).round()) and path.stat().st_size < 110 * len(log)
+    assert np.array_equal(back["current_a"], log["current_a"]) and np.array_equal(
+        back.time_s, log.time_s
+    )
+    assert np.array_equal(
+        (back["duty"] * 255).round(), (log["duty"] * 255).round()
+    ) and path.stat().st_size < 110 * len(log)
 
 
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.csv"
     path.write_text("old")
-    monkeypatch.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    monkeypatch.setattr(
+        os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device"))
+    )
     with pytest.raises(VgrooveError, match="a.csv: cannot be written: No space left"):
         write_csv(sample_log(), path)
     assert path.read_text() == "old" and os.listdir(tmp_path) == ["a.csv"]
@@ -248,8 +318,13 @@ def processor_time_s(work: Callable[[], object]) -> float:
 def test_a_large_file_is_read_at_the_cost_of_its_numbers(tmp_path: Path) -> None:
     rows, path = 100_000, tmp_path / "a.csv"
     rng = np.random.default_rng(1)
-    columns = {"duty": np.round(rng.uniform(-1, 1, rows), 4), "supply_v": np.round(rng.normal(18, 0.1, rows), 2),
-               "current_a": np.round(rng.normal(0, 9, rows), 2), "speed_rpm": np.round(rng.normal(0, 5000, rows), 1)}  # fmt: skip
+    columns = {
+        "duty": np.round(rng.uniform(-1, 1, rows), 4),
+        "supply_v": np.round(rng.normal(18, 0.1, rows), 2),
+        # fmt: skip
+        "current_a": np.round(rng.normal(0, 9, rows), 2),
+        "speed_rpm": np.round(rng.normal(0, 5000, rows), 1),
+    }
     write_csv(Log(np.arange(1, rows + 1) / 1000, columns, "x"), path)
 
     def bare() -> list[list[float]]:
@@ -284,10 +359,14 @@ def by_python_can(path: Path, stream: bytes, skip: int = 0) -> Path:
 
 
 @pytest.mark.parametrize("ending", [".blf", ".asc", ".mf4"])
-def test_a_recording_by_python_can_gives_the_log_of_the_stream(tmp_path: Path, stream: bytes, ending: str) -> None:
+def test_a_recording_by_python_can_gives_the_log_of_the_stream(
+    tmp_path: Path, stream: bytes, ending: str
+) -> None:
     log = read_log(by_python_can(tmp_path / f"a{ending}", stream))
     direct = log_from_stream(stream, "stream")
-    assert len(log) == 3000 and np.allclose(log.time_s - log.time_s[0], direct.time_s - direct.time_s[0], rtol=0, atol=1e-9)
+    assert len(log) == 3000 and np.allclose(
+        log.time_s - log.time_s[0], direct.time_s - direct.time_s[0], rtol=0, atol=1e-9
+    )
     if ending == ".blf":  # python-can's writer keeps no start time before 1990
         assert any("only time differences" in warning for warning in log.warnings)
     else:
@@ -298,14 +377,18 @@ def test_a_recording_by_python_can_gives_the_log_of_the_stream(tmp_path: Path, s
 
 
 @pytest.mark.parametrize("ending", [".blf", ".asc", ".mf4"])
-def test_a_recording_that_begins_in_the_middle_is_read_with_a_warning(tmp_path: Path, stream: bytes, ending: str) -> None:
+def test_a_recording_that_begins_in_the_middle_is_read_with_a_warning(
+    tmp_path: Path, stream: bytes, ending: str
+) -> None:
     log = read_log(by_python_can(tmp_path / f"a{ending}", stream, skip=1500))
     assert len(log) > 1000 and (log.time_s[-1] == 126.456 or ending == ".blf")
     assert any("no BOOT frame" in warning for warning in log.warnings)
 
 
 @pytest.mark.parametrize("ending", [".blf", ".asc", ".mf4"])
-def test_corrupt_frames_in_a_recording_are_counted_not_decoded(tmp_path: Path, stream: bytes, ending: str) -> None:
+def test_corrupt_frames_in_a_recording_are_counted_not_decoded(
+    tmp_path: Path, stream: bytes, ending: str
+) -> None:
     with can.Logger(tmp_path / f"a{ending}") as logger:
         for k, message in enumerate(messages_of(stream)):
             if message.arbitration_id == telemetry.FAST and k % 100 == 50:
@@ -329,7 +412,9 @@ def test_rejects_a_truncated_recording(tmp_path: Path, stream: bytes, ending: st
 
 
 @pytest.mark.parametrize("ending", [".blf", ".asc", ".mf4"])
-def test_damage_in_a_recording_is_a_sentence_or_a_shorter_log_never_a_wrong_one(tmp_path: Path, stream: bytes, ending: str) -> None:
+def test_damage_in_a_recording_is_a_sentence_or_a_shorter_log_never_a_wrong_one(
+    tmp_path: Path, stream: bytes, ending: str
+) -> None:
     whole = by_python_can(tmp_path / f"a{ending}", stream).read_bytes()
     direct = log_from_stream(stream, "stream")
     rng = random.Random(3)
@@ -352,7 +437,14 @@ def test_damage_in_a_recording_is_a_sentence_or_a_shorter_log_never_a_wrong_one(
 def test_rejects_a_recording_of_something_else(tmp_path: Path, ending: str) -> None:
     with can.Logger(tmp_path / f"a{ending}") as logger:
         for k in range(100):
-            logger(can.Message(timestamp=1e9 + k / 1000, arbitration_id=0x123, data=bytes(8), is_extended_id=False))
+            logger(
+                can.Message(
+                    timestamp=1e9 + k / 1000,
+                    arbitration_id=0x123,
+                    data=bytes(8),
+                    is_extended_id=False,
+                )
+            )
     refused(tmp_path / f"a{ending}", "no intact telemetry frame")
 
 
@@ -360,13 +452,21 @@ def test_rejects_a_recording_of_something_else(tmp_path: Path, ending: str) -> N
 def test_the_boards_time_is_found_again_from_the_crcs(up_ms: int) -> None:
     eeprom_set()
     frames = telemetry.Framer().feed(Board(now_ms=up_ms).run(3000))
-    shifted = [frame._replace(time_ms=(frame.time_ms - frames[0].time_ms) & 0xFFFFFFFF) for frame in frames]
+    shifted = [
+        frame._replace(time_ms=(frame.time_ms - frames[0].time_ms) & 0xFFFFFFFF) for frame in frames
+    ]
     shifted[0] = shifted[0]._replace(data=bytes(8))
     offset = telemetry.time_offset(shifted)
     assert offset == frames[0].time_ms or (up_ms > 1 << 16 and offset < frames[0].time_ms)
     for frame in shifted[1:]:
-        assert telemetry.frame_crc((frame.time_ms + offset) & 0xFFFFFFFF, frame.id, frame.data) == frame.data[7]
-    assert telemetry.time_offset(frames) == 0 and telemetry.time_offset(shifted, [frames[0].time_ms]) == frames[0].time_ms
+        assert (
+            telemetry.frame_crc((frame.time_ms + offset) & 0xFFFFFFFF, frame.id, frame.data)
+            == frame.data[7]
+        )
+    assert (
+        telemetry.time_offset(frames) == 0
+        and telemetry.time_offset(shifted, [frames[0].time_ms]) == frames[0].time_ms
+    )
     assert telemetry.time_offset([frame._replace(data=bytes(range(8))) for frame in frames]) is None
 
 
@@ -380,7 +480,9 @@ def mf4(path: Path, samples: dict[str, np.ndarray], time_s: np.ndarray) -> Path:
 def test_an_mf4_with_the_contracts_channels_is_read(tmp_path: Path) -> None:
     log = sample_log()
     back = read_log(mf4(tmp_path / "a.mf4", log.columns | {"extra": np.zeros(200)}, log.time_s))
-    assert np.array_equal(back.time_s, log.time_s) and np.array_equal(back["speed_rpm"], log["speed_rpm"])
+    assert np.array_equal(back.time_s, log.time_s) and np.array_equal(
+        back["speed_rpm"], log["speed_rpm"]
+    )
     assert [w for w in back.warnings if "extra" in w]
 
 
@@ -392,7 +494,9 @@ def test_an_mf4_with_the_contracts_channels_is_read(tmp_path: Path) -> None:
      (lambda s, t: (s, np.where(np.arange(200) == 7, t[6], t)), ("sample 8", "time_s", "does not increase")),
      (lambda s, t: ({"x": s["duty"]}, t), ("time_s", "missing"))],
 )  # fmt: skip
-def test_rejects_in_an_mf4_what_it_rejects_in_a_csv(tmp_path: Path, change: Callable, parts: tuple[str, ...]) -> None:
+def test_rejects_in_an_mf4_what_it_rejects_in_a_csv(
+    tmp_path: Path, change: Callable, parts: tuple[str, ...]
+) -> None:
     log = sample_log()
     refused(mf4(tmp_path / "a.mf4", *change(log.columns, log.time_s)), *parts)
 
@@ -401,4 +505,8 @@ def test_practice_log_is_read_as_it_stands() -> None:
     if not PRACTICE.exists():
         pytest.skip("the shared practice data are not there")
     log = read_log(PRACTICE)
-    assert len(log) == 6000 and log.warnings == [] and list(log.columns) == ["duty", "supply_v", "current_a", "speed_rpm"]
+    assert (
+        len(log) == 6000
+        and log.warnings == []
+        and list(log.columns) == ["duty", "supply_v", "current_a", "speed_rpm"]
+    )

@@ -1,4 +1,6 @@
-"""One log of the ELF leaves two effects open; the run that the verdict asks for, performed by the ELF, decides between them."""
+"""One log of the ELF leaves two effects open; the run that the verdict asks for, performed by the
+ELF, decides between them.
+"""
 
 import numpy as np
 
@@ -21,11 +23,16 @@ ONE_SPEED = ((0.0, 0.0), (0.6, 0.0), (0.62, 0.5))
 def told(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log:
     """What the ELF says of a tool with the effect, as the trigger is pulled."""
     sensors = read_rig(RIG).sensors
-    noise_a, noise_v = sensors["current_noise_a"] * SAMPLES_A_ROW[0] ** 0.5, sensors["supply_noise_v"]
+    noise_a, noise_v = (
+        sensors["current_noise_a"] * SAMPLES_A_ROW[0] ** 0.5,
+        sensors["supply_noise_v"],
+    )
     front = lockstep.FrontEnds(current_noise_a=noise_a, supply_noise_v=noise_v)
     tool = make_plant(without_board_effects(read_rig(RIG)).with_effects(EFFECT), 1)
     with AvrBoard(elf()) as board:
-        sent = lockstep.run(board, tool, lockstep.Profile(travel=travel), seconds, front=front, line=line, seed=seed)
+        sent = lockstep.run(
+            board, tool, lockstep.Profile(travel=travel), seconds, front=front, line=line, seed=seed
+        )
     return log_from_stream(sent, "ELF")
 
 
@@ -33,7 +40,10 @@ def test_the_run_that_a_verdict_asks_for_decides_what_one_log_leaves_open() -> N
     one = told(ONE_SPEED, 2.6, None, 1)
     open_ = diagnose([one], read_rig(RIG)).verdict
     assert open_["verdict"] == "ambiguous"
-    assert "viscous_friction" in [*open_["selected"], *(rival["id"] for rival in open_["indistinguishable"])]
+    assert "viscous_friction" in [
+        *open_["selected"],
+        *(rival["id"] for rival in open_["indistinguishable"]),
+    ]
     line = Line("staircase")
     line.conductor = Conductor(proposed(open_, "verdict"), line.session)
     told(HELD, 7.2, line, 2)

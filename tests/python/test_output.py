@@ -18,14 +18,20 @@ def test_what_is_written_replaces_the_old_file_and_keeps_its_permissions(tmp_pat
     path.write_text("old")
     path.chmod(0o640)
     write_text(path, "new \N{DEGREE SIGN}\n")
-    assert path.read_bytes() == b"new \xc2\xb0\n" and path.stat().st_mode & 0o777 == 0o640 and os.listdir(tmp_path) == ["a.txt"]
+    assert (
+        path.read_bytes() == b"new \xc2\xb0\n"
+        and path.stat().st_mode & 0o777 == 0o640
+        and os.listdir(tmp_path) == ["a.txt"]
+    )
 
 
 def test_a_link_stays_a_link(tmp_path: Path) -> None:
     (tmp_path / "real").mkdir()
     (tmp_path / "link.txt").symlink_to(tmp_path / "real" / "a.txt")
     write_text(tmp_path / "link.txt", "text")
-    assert (tmp_path / "link.txt").is_symlink() and (tmp_path / "real" / "a.txt").read_text() == "text"
+    assert (tmp_path / "link.txt").is_symlink() and (
+        tmp_path / "real" / "a.txt"
+    ).read_text() == "text"
 
 
 def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
@@ -38,17 +44,39 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path)
 
 
 def test_a_device_is_written_in_place() -> None:
-    done = subprocess.run([sys.executable, "-c", "from pathlib import Path; from vgroove.output import check_outputs, write_text;"
-                           "check_outputs([Path('/dev/stdout')]); write_text('/dev/stdout', 'seen')"], capture_output=True, text=True,
-                          check=True)
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "from pathlib import Path; from vgroove.output import check_outputs, write_text;"
+            "check_outputs([Path('/dev/stdout')]); write_text('/dev/stdout', 'seen')",
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     write_text("/dev/null", "unseen")
-    assert done.stdout == "seen" and Path("/dev/stdout").is_symlink() and Path("/dev/null").is_char_device()
+    assert (
+        done.stdout == "seen"
+        and Path("/dev/stdout").is_symlink()
+        and Path("/dev/null").is_char_device()
+    )
 
 
-@pytest.mark.parametrize(("name", "words"), [
-    ("", "folder"), ("/", "folder"), (".", "folder"), ("folder", "folder"), ("none/a.json", "none does not exist"),
-    ("file/a.json", "file does not exist"), ("x" * 300 + ".json", "cannot be written"), ("a\0b", "not the name of a file"),
-    ("/proc/a.json", "cannot be written")])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("", "folder"),
+        ("/", "folder"),
+        (".", "folder"),
+        ("folder", "folder"),
+        ("none/a.json", "none does not exist"),
+        ("file/a.json", "file does not exist"),
+        ("x" * 300 + ".json", "cannot be written"),
+        ("a\0b", "not the name of a file"),
+        ("/proc/a.json", "cannot be written"),
+    ],
+)
 def test_what_cannot_be_written_is_refused(tmp_path: Path, name: str, words: str) -> None:
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").touch()
@@ -62,10 +90,16 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     (tmp_path / "log.csv").touch()
     (tmp_path / "again.csv").symlink_to(tmp_path / "log.csv")
     with pytest.raises(VgrooveError, match="given twice"):
-        check_outputs([tmp_path / "a.json", tmp_path / "b" / ".." / "a.json"] if (tmp_path / "b").mkdir() is None else [])
+        check_outputs(
+            [tmp_path / "a.json", tmp_path / "b" / ".." / "a.json"]
+            if (tmp_path / "b").mkdir() is None
+            else []
+        )
     with pytest.raises(VgrooveError, match="given twice"):
         check_outputs([tmp_path / "again.csv"], [tmp_path / "log.csv"])
-    check_outputs([Path("/dev/null"), Path("/dev/null"), tmp_path / "a.json"], [tmp_path / "log.csv"])
+    check_outputs(
+        [Path("/dev/null"), Path("/dev/null"), tmp_path / "a.json"], [tmp_path / "log.csv"]
+    )
 
 
 def vgroove(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -73,7 +107,8 @@ def vgroove(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, cwd=ROOT, capture_output=True, text=True, timeout=30, check=False)
 
 
-# Commands: each option that names a file to write, given a folder; inputs that are not there are not even asked for.
+# Commands: each option that names a file to write, given a folder; inputs that are not there are
+# not even asked for.
 COMMANDS = [
     ("gap diagnose none.csv --rig none.toml", ("--json", "--html", "--out-rig")),
     ("gap emps .", ("--json",)),
@@ -84,18 +119,30 @@ COMMANDS = [
 ]
 
 
-@pytest.mark.parametrize(("command", "option"), [(command, option) for command, options in COMMANDS for option in options])
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [(command, option) for command, options in COMMANDS for option in options],
+)
 def test_every_command_refuses_before_the_work(tmp_path: Path, command: str, option: str) -> None:
     for name in ("/", str(tmp_path), str(tmp_path / "none" / "out")):
         done = vgroove(*command.split(), option, name)
         assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
-        assert done.stderr.startswith(f"vgroove: {name}: cannot be written: ") and len(done.stderr.splitlines()) == 1
+        assert (
+            done.stderr.startswith(f"vgroove: {name}: cannot be written: ")
+            and len(done.stderr.splitlines()) == 1
+        )
         assert done.stdout == ""
 
 
 @pytest.mark.parametrize("command", ["run scenarios/spin_up.toml", "record no_such_port"])
-def test_a_log_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path, command: str) -> None:
+def test_a_log_that_cannot_be_written_is_refused_before_the_work(
+    tmp_path: Path, command: str
+) -> None:
     (tmp_path / "dir.csv").mkdir()
     for name in (tmp_path / "dir.csv", tmp_path / "none" / "run.csv"):
         done = vgroove(*command.split(), "-o", str(name))
-        assert done.returncode == 2 and done.stderr.startswith(f"vgroove: {name}: cannot be written: ") and done.stdout == ""
+        assert (
+            done.returncode == 2
+            and done.stderr.startswith(f"vgroove: {name}: cannot be written: ")
+            and done.stdout == ""
+        )

@@ -1,4 +1,6 @@
-"""The parameter store of the firmware: ranges, two slots, migration, and a power failure at every byte of a save."""
+"""The parameter store of the firmware: ranges, two slots, migration, and a power failure at every
+byte of a save.
+"""
 
 import ctypes
 import re
@@ -65,7 +67,13 @@ def test_a_blank_eeprom_gives_the_defaults() -> None:
 @pytest.mark.parametrize("index", range(len(LIST)))
 def test_each_parameter_takes_its_limits_and_nothing_beyond(index: int) -> None:
     p, store = LIST[index], load()
-    for value, fits in ((p.minimum, True), (p.maximum, True), (p.minimum - 1, False), (p.maximum + 1, False), (p.minimum + 65536, False)):
+    for value, fits in (
+        (p.minimum, True),
+        (p.maximum, True),
+        (p.minimum - 1, False),
+        (p.maximum + 1, False),
+        (p.minimum + 65536, False),
+    ):
         before = values(store)
         assert save(store, index, value) == fits
         assert values(store)[index] == (value if fits else before[index])
@@ -81,7 +89,12 @@ def test_saves_alternate_between_the_slots_and_the_newest_is_loaded() -> None:
     store = load()
     for k, value in enumerate((600, 601, 602, 603)):
         assert save(store, 12, value)
-        assert store.slot == k % 2 and load().slot == k % 2 and values(load())[12] == value and load().status == LOADED
+        assert (
+            store.slot == k % 2
+            and load().slot == k % 2
+            and values(load())[12] == value
+            and load().status == LOADED
+        )
 
 
 def test_what_is_written_is_the_documented_layout() -> None:
@@ -126,16 +139,22 @@ def test_a_change_during_a_save_is_in_the_set_that_is_saved() -> None:
 
 
 def prepared(kind: str) -> bytes:
-    """EEPROM before the save that fails: never used, used once, used twice, with an older version in one slot."""
+    """EEPROM before the save that fails: never used, used once, used twice, with an older version
+    in one slot.
+    """
     old = [*DEFAULTS]
     old[12] = 700
-    one = slot_image(NEWEST, 8, [700 if k == 12 else p.default + (k == 13) for k, p in enumerate(LIST)])
+    one = slot_image(
+        NEWEST, 8, [700 if k == 12 else p.default + (k == 13) for k, p in enumerate(LIST)]
+    )
     first = slot_image(1, 9, [p.default for p in LIST if p.version == 1])
     return {
         "blank": BLANK,
         "one slot": eeprom_with((0, slot_image(NEWEST, 9, old))),
         "both slots": eeprom_with((0, slot_image(NEWEST, 9, old)), (1, one)),
-        "older version": eeprom_with((0, first), (1, slot_image(1, 8, [p.default for p in LIST if p.version == 1]))),
+        "older version": eeprom_with(
+            (0, first), (1, slot_image(1, 8, [p.default for p in LIST if p.version == 1]))
+        ),
     }[kind]
 
 
@@ -177,7 +196,9 @@ def test_a_slot_is_void_from_the_first_byte_of_a_save_to_the_last() -> None:
 
 
 def test_a_void_slot_is_not_loaded_whatever_its_crc() -> None:
-    eeprom_set(eeprom_with((0, slot_image(NEWEST, 4, DEFAULTS)), (1, slot_image(0xFF, 5, DEFAULTS))))
+    eeprom_set(
+        eeprom_with((0, slot_image(NEWEST, 4, DEFAULTS)), (1, slot_image(0xFF, 5, DEFAULTS)))
+    )
     assert load().status == LOADED and load().slot == 0
 
 
@@ -206,7 +227,9 @@ def test_an_older_version_is_migrated_and_new_parameters_take_their_defaults() -
 def test_an_unknown_version_is_refused_with_defaults_and_kept_until_the_next_save() -> None:
     known = [*DEFAULTS]
     known[12] = 700
-    content = eeprom_with((0, slot_image(NEWEST, 4, known)), (1, slot_image(NEWEST + 1, 5, [1] * 30)))
+    content = eeprom_with(
+        (0, slot_image(NEWEST, 4, known)), (1, slot_image(NEWEST + 1, 5, [1] * 30))
+    )
     eeprom_set(content)
     store = load()
     assert values(store) == DEFAULTS and store.status == UNKNOWN_VERSION and eeprom_get() == content
@@ -219,7 +242,12 @@ def test_an_unknown_version_is_refused_with_defaults_and_kept_until_the_next_sav
 def test_a_changed_byte_voids_its_slot(position: int) -> None:
     image = bytearray(slot_image(NEWEST, 5, DEFAULTS))
     image[position] ^= 0x10
-    eeprom_set(eeprom_with((0, bytes(image)), (1, slot_image(NEWEST, 4, [700 if k == 12 else d for k, d in enumerate(DEFAULTS)]))))
+    eeprom_set(
+        eeprom_with(
+            (0, bytes(image)),
+            (1, slot_image(NEWEST, 4, [700 if k == 12 else d for k, d in enumerate(DEFAULTS)])),
+        )
+    )
     assert values(load())[12] == 700 and load().status == LOADED
     eeprom_set(eeprom_with((0, bytes(image))))
     assert values(load()) == DEFAULTS and load().status == CORRUPT
@@ -230,19 +258,38 @@ def test_a_stored_value_out_of_range_is_replaced_and_said() -> None:
     content[12], content[7] = 5001, 20000
     eeprom_set(eeprom_with((0, slot_image(NEWEST, 5, content))))
     store = load()
-    assert values(store)[12] == DEFAULTS[12] and values(store)[7] == 20000 and store.status == REPAIRED
+    assert (
+        values(store)[12] == DEFAULTS[12] and values(store)[7] == 20000 and store.status == REPAIRED
+    )
 
 
 def test_a_board_reports_where_its_parameters_came_from() -> None:
-    eeprom_set(eeprom_with((1, slot_image(NEWEST, 5, [900 if k == 12 else d for k, d in enumerate(DEFAULTS)]))))
+    eeprom_set(
+        eeprom_with(
+            (1, slot_image(NEWEST, 5, [900 if k == 12 else d for k, d in enumerate(DEFAULTS)]))
+        )
+    )
     session = telemetry.Session()
     session.feed(telemetry.Framer().feed(Board().run(400)))
-    assert session.parameters[12] == 900 and session.table["table_slot"] == 1 and session.table["table_status"] == LOADED
+    assert (
+        session.parameters[12] == 900
+        and session.table["table_slot"] == 1
+        and session.table["table_status"] == LOADED
+    )
 
 
 def test_status_names_on_the_wire_are_those_of_the_store() -> None:
-    choices = telemetry.database().get_message_by_name("PARAM_TABLE").get_signal_by_name("table_status").choices
-    enumeration = re.search(r"typedef enum \{\n(.*?)\} ParamStatus", (ROOT / "firmware/app/param_store.h").read_text(), re.DOTALL)
+    choices = (
+        telemetry.database()
+        .get_message_by_name("PARAM_TABLE")
+        .get_signal_by_name("table_status")
+        .choices
+    )
+    enumeration = re.search(
+        r"typedef enum \{\n(.*?)\} ParamStatus",
+        (ROOT / "firmware/app/param_store.h").read_text(),
+        re.DOTALL,
+    )
     order = [name.lower() for name in re.findall(r"PARAM_(\w+),", enumeration.group(1))]
     assert order
     assert order == [str(choices[k]) for k in range(len(order))]

@@ -1,4 +1,6 @@
-"""Energy is a law of the plant: what the source gives is lost, done on the load or stored, with every effect and load in turn."""
+"""Energy is a law of the plant: what the source gives is lost, done on the load or stored, with
+every effect and load in turn.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +15,28 @@ BALANCE = 2e-6  # of the largest energy that flows
 LOSSES = ("loss_bus", "loss_winding", "loss_friction", "loss_coupler")
 
 
-def audit(tool: ref.Tool, log: ref.Log, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> dict[str, np.ndarray]:
-    given = core.LogInput(log.time_s, log.kind, log.command, log.slew_per_s, log.supply_v, log.load_nm, log.coast, log.load_kind)
+def audit(
+    tool: ref.Tool, log: ref.Log, start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> dict[str, np.ndarray]:
+    given = core.LogInput(
+        log.time_s,
+        log.kind,
+        log.command,
+        log.slew_per_s,
+        log.supply_v,
+        log.load_nm,
+        log.coast,
+        log.load_kind,
+    )
     return core.audit_log(given, theta_of(tool), np.array([0]), np.array([start]))
 
 
 def check_balance(energy: dict[str, np.ndarray]) -> None:
     spent = sum(energy[name] for name in LOSSES) + energy["work_load"]
     missing = energy["work_in"] - spent - (energy["stored"] - energy["stored"][0])
-    assert np.max(np.abs(missing)) < BALANCE * np.max(np.abs(energy["work_in"])), np.max(np.abs(missing))
+    assert np.max(np.abs(missing)) < BALANCE * np.max(np.abs(energy["work_in"])), np.max(
+        np.abs(missing)
+    )
 
 
 @pytest.mark.parametrize("name", [None, *EFFECTS])
@@ -34,7 +49,13 @@ def test_balance(name: str | None) -> None:
 
 @pytest.mark.parametrize("name", ["coupler_compliance", "gear_backlash", "brush_drop"])
 def test_balance_with_pendulum(name: str) -> None:
-    check_balance(audit(ref.Tool(mass=0.49, length=0.1, effects={name: EFFECTS[name]}), drive_log(load_kind="pendulum"), (0.0, 20.0, 1.0)))
+    check_balance(
+        audit(
+            ref.Tool(mass=0.49, length=0.1, effects={name: EFFECTS[name]}),
+            drive_log(load_kind="pendulum"),
+            (0.0, 20.0, 1.0),
+        )
+    )
 
 
 @pytest.mark.parametrize("kind,factor", [("voltage_v", 18.0), ("current_a", 12.0)])
@@ -46,7 +67,10 @@ def test_balance_of_other_inputs(kind: str, factor: float) -> None:
     check_balance(audit(ref.Tool(), log))
 
 
-@pytest.mark.parametrize("name", [None, "dead_time", "brush_drop", "cogging_torque", "gear_backlash", "coupler_compliance"])
+@pytest.mark.parametrize(
+    "name",
+    [None, "dead_time", "brush_drop", "cogging_torque", "gear_backlash", "coupler_compliance"],
+)
 def test_losses_never_give_energy_back(name: str | None) -> None:
     energy = audit(ref.Tool(effects={} if name is None else {name: EFFECTS[name]}), drive_log())
     for loss in LOSSES:

@@ -1,4 +1,6 @@
-"""The exact solver of linear drivetrains against the adaptive one, blocks against single rows, and the bound on every run's work."""
+"""The exact solver of linear drivetrains against the adaptive one, blocks against single rows, and
+the bound on every run's work.
+"""
 
 from __future__ import annotations
 
@@ -16,41 +18,82 @@ from test_plant_reference import EFFECTS, theta_of
 from vgroove import _core as core
 
 AGREEMENT = 1e-6  # of a signal's largest value
-LINEAR_EFFECTS = ("coulomb_friction", "asymmetric_friction", "directional_viscous", "load_dependent_friction", "hall_eccentricity",
-                  "clock_skew", "bridge_resistance", "winding_resistance", "speed_gain", "current_saturation", "supply_gain")
+LINEAR_EFFECTS = (
+    "coulomb_friction",
+    "asymmetric_friction",
+    "directional_viscous",
+    "load_dependent_friction",
+    "hall_eccentricity",
+    "clock_skew",
+    "bridge_resistance",
+    "winding_resistance",
+    "speed_gain",
+    "current_saturation",
+    "supply_gain",
+)
 SCALE = {"duty": 1.0, "voltage_v": 18.0, "current_a": 30.0}
 STATE = np.array([[0.0, 0.0, 0.0], [3.0, -200.0, 1.0]])
 STARTS = np.array([0, 90])
 
 
 def random_tool(rng: np.random.Generator) -> ref.Tool:
-    """A motor from overdamped to underdamped, with or without friction, supply resistance and a few effects."""
-    tool = ref.Tool(voltage=18.0, r=rng.uniform(0.02, 0.5), l=10 ** rng.uniform(-4.7, -3.3), j=10 ** rng.uniform(-5.5, -4.5),
-                    k=rng.uniform(0.004, 0.03) * rng.choice([1, 1, 1, -1]), tc=rng.choice([0.0, 1.0]) * rng.uniform(0.0, 0.03),
-                    b=10 ** rng.uniform(-7.0, -4.5), n=rng.uniform(1.0, 30.0), j_out=10 ** rng.uniform(-6.0, -4.0),
-                    supply_ohm=rng.choice([0.0, 1.0]) * rng.uniform(0.0, 0.2))
+    """A motor from overdamped to underdamped, with or without friction, supply resistance and a few
+    effects.
+    """
+    tool = ref.Tool(
+        voltage=18.0,
+        r=rng.uniform(0.02, 0.5),
+        l=10 ** rng.uniform(-4.7, -3.3),
+        j=10 ** rng.uniform(-5.5, -4.5),
+        k=rng.uniform(0.004, 0.03) * rng.choice([1, 1, 1, -1]),
+        tc=rng.choice([0.0, 1.0]) * rng.uniform(0.0, 0.03),
+        b=10 ** rng.uniform(-7.0, -4.5),
+        n=rng.uniform(1.0, 30.0),
+        j_out=10 ** rng.uniform(-6.0, -4.0),
+        supply_ohm=rng.choice([0.0, 1.0]) * rng.uniform(0.0, 0.2),
+    )
     tool.effects = {name: EFFECTS[name] for name in LINEAR_EFFECTS if rng.random() < 0.15}
     return tool
 
 
 def random_log(rng: np.random.Generator) -> core.LogInput:
-    """200 rows, regular or not: stairs or lines, reversals, load steps through 0, coasting, any input."""
+    """200 rows, regular or not: stairs or lines, reversals, load steps through 0, coasting, any
+    input.
+    """
     count, kind = 200, str(rng.choice(["duty", "duty", "voltage_v", "current_a"]))
-    time_s = np.cumsum(rng.uniform(0.0005, 0.004, count)) if rng.random() < 0.5 else np.arange(1, count + 1) * 1e-3
+    time_s = (
+        np.cumsum(rng.uniform(0.0005, 0.004, count))
+        if rng.random() < 0.5
+        else np.arange(1, count + 1) * 1e-3
+    )
     knots = np.sort(rng.uniform(0.0, time_s[-1], 8))
     lines = np.interp(time_s, knots, rng.uniform(-1.0, 1.0, 8) * rng.choice([0.0, 1.0, 1.0], 8))
     duty = lines if rng.random() < 0.7 else np.repeat(rng.uniform(-1.0, 1.0, 20), 10)
     slew = rng.choice([np.nan, 6.0, 30.0]) * SCALE[kind]
-    least = 0.0 if kind == "current_a" else -0.5  # a load that helps can start a shaft at rest either way
+    # a load that helps can start a shaft at rest either way
+    least = 0.0 if kind == "current_a" else -0.5
     load = np.interp(time_s, knots, rng.uniform(least, 1.5, 8)) if rng.random() < 0.6 else None
     coast = np.repeat(rng.random(20) < 0.1, 10).astype(float) if rng.random() < 0.4 else None
     bus = rng.uniform(15.0, 20.0, count) if rng.random() < 0.2 else None
-    return core.LogInput(time_s, kind, duty * SCALE[kind], None if np.isnan(slew) else float(slew), bus, load, coast,
-                         "none" if load is None else "torque")
+    return core.LogInput(
+        time_s,
+        kind,
+        duty * SCALE[kind],
+        None if np.isnan(slew) else float(slew),
+        bus,
+        load,
+        coast,
+        "none" if load is None else "torque",
+    )
 
 
 def disagreement(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> dict[str, float]:
-    return {name: float(np.max(np.abs(one[name] - other[name])) / max(np.max(np.abs(other[name])), 1e-9)) for name in one}
+    return {
+        name: float(
+            np.max(np.abs(one[name] - other[name])) / max(np.max(np.abs(other[name])), 1e-9)
+        )
+        for name in one
+    }
 
 
 @settings(max_examples=80, deadline=None, derandomize=True)
@@ -59,7 +102,9 @@ def test_exact_and_adaptive_agree(seed: int) -> None:
     rng = np.random.default_rng(seed)
     theta, log = theta_of(random_tool(rng))[None, :], random_log(rng)
     exact = core.simulate_log(log, theta, STARTS, STATE, 1)
-    found = disagreement(exact, core.simulate_log(log, theta, STARTS, STATE, 1, solver="adaptive", tolerance=1e-11))
+    found = disagreement(
+        exact, core.simulate_log(log, theta, STARTS, STATE, 1, solver="adaptive", tolerance=1e-11)
+    )
     assert max(found.values()) < AGREEMENT, found
 
 
@@ -77,11 +122,15 @@ def test_blocks_and_single_rows_agree(seed: int) -> None:
 
 
 def test_free_run_is_the_textbook_exponential() -> None:
-    """Coasting with viscous friction alone: w = w0 exp(-b t / J), angle = w0 J / b (1 - exp(-b t / J)), whatever the rows."""
+    """Coasting with viscous friction alone: w = w0 exp(-b t / J), angle = w0 J / b (1 - exp(-b t /
+    J)), whatever the rows.
+    """
     tool = ref.Tool(tc=0.0, b=2e-5, j=2e-5, n=1.0, j_out=0.0)
     time_s = np.concatenate([[0.0], np.cumsum(np.random.default_rng(5).uniform(1e-4, 0.05, 300))])
     log = core.LogInput(time_s, "duty", np.zeros(301), None, None, None, np.ones(301))
-    out = core.simulate_log(log, theta_of(tool)[None, :], np.array([0]), np.array([[0.0, 400.0, 0.0]]), 1)
+    out = core.simulate_log(
+        log, theta_of(tool)[None, :], np.array([0]), np.array([[0.0, 400.0, 0.0]]), 1
+    )
     assert np.allclose(out["speed_rad_s"][0], 400.0 * np.exp(-time_s), rtol=1e-12)
     assert np.allclose(out["angle_rad"][0], 400.0 * -np.expm1(-time_s), rtol=1e-11, atol=1e-12)
 
@@ -121,8 +170,12 @@ print("done")
 
 
 def test_no_rig_and_no_log_hangs() -> None:
-    """108 runs of 6,000 rows of absurd tools, and 1e6 rows at rest twice; a hang runs into the limit."""
-    done = subprocess.run([sys.executable, "-c", STIFF], capture_output=True, text=True, timeout=240, check=False)
+    """108 runs of 6,000 rows of absurd tools, and 1e6 rows at rest twice; a hang runs into the
+    limit.
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", STIFF], capture_output=True, text=True, timeout=240, check=False
+    )
     assert done.stdout.strip() == "done", done.stderr
 
 
@@ -135,7 +188,13 @@ def test_a_run_out_of_steps_names_row_time_and_parameter() -> None:
     log = core.LogInput(np.arange(1000) * 1e-3, "duty", np.full(1000, 0.5))
     named = r"parameter set 1 .* row \d+, 0\.\d+ s: .*effects\.coupler_compliance\.stiffness_nm_per_rad = 1e\+09"
     with pytest.raises(RuntimeError, match=named):
-        core.simulate_log(log, np.array([coupled(2.0), coupled(1e9)]), np.array([0]), np.array([[5.0, 300.0, 0.0]]), 1)
+        core.simulate_log(
+            log,
+            np.array([coupled(2.0), coupled(1e9)]),
+            np.array([0]),
+            np.array([[5.0, 300.0, 0.0]]),
+            1,
+        )
 
 
 def test_unfinished_rows_are_nan_and_leave_their_neighbours_alone() -> None:
@@ -144,14 +203,18 @@ def test_unfinished_rows_are_nan_and_leave_their_neighbours_alone() -> None:
     theta = np.array([coupled(2.0), coupled(1e9), theta_of(ref.Tool())])
     both = core.simulate_log(log, theta, starts, state0, 1, unfinished="nan")
     missing = np.isnan(both["current_a"][1])
-    assert 0 < missing.sum() < 1000 and np.all(np.diff(missing.astype(int)) >= 0), "every row from the first unfinished one on"
+    assert 0 < missing.sum() < 1000 and np.all(np.diff(missing.astype(int)) >= 0), (
+        "every row from the first unfinished one on"
+    )
     assert all(np.array_equal(np.isnan(column[1]), missing) for column in both.values())
     for row in (0, 2):
         alone = core.simulate_log(log, theta[row : row + 1], starts, state0, 1)
         assert all(both[name][row].tobytes() == alone[name][0].tobytes() for name in both)
 
 
-def seconds(log: core.LogInput, theta: np.ndarray, start: tuple[float, float, float], **options: str) -> float:
+def seconds(
+    log: core.LogInput, theta: np.ndarray, start: tuple[float, float, float], **options: str
+) -> float:
     best = np.inf
     for _ in range(9):
         begun = time.perf_counter()
@@ -163,18 +226,33 @@ def seconds(log: core.LogInput, theta: np.ndarray, start: tuple[float, float, fl
 def test_rest_after_braking_costs_no_more_than_running() -> None:
     """Currents that die away must not end in subnormal numbers, which are slow."""
     time_s, theta = np.arange(20000) * 1e-3, theta_of(ref.Tool())[None, :]
-    rest = seconds(core.LogInput(time_s, "duty", np.zeros(20000)), theta, (0.0, 300.0, 0.0), solver="adaptive")
-    runs = seconds(core.LogInput(time_s, "duty", np.full(20000, 0.5)), theta, (0.0, 300.0, 0.0), solver="adaptive")
+    rest = seconds(
+        core.LogInput(time_s, "duty", np.zeros(20000)), theta, (0.0, 300.0, 0.0), solver="adaptive"
+    )
+    runs = seconds(
+        core.LogInput(time_s, "duty", np.full(20000, 0.5)),
+        theta,
+        (0.0, 300.0, 0.0),
+        solver="adaptive",
+    )
     assert rest < 2.0 * runs
 
 
 def test_brushes_around_zero_current_are_no_stiffer_than_they_look() -> None:
-    """9 V across brushes at some 0.01 A are 30 ohm: braking with them takes no more than braking with 0.5 V."""
-    log, starts = core.LogInput(np.arange(3000) * 1e-3, "duty", np.zeros(3000)), np.arange(0, 3000, 250)
+    """9 V across brushes at some 0.01 A are 30 ohm: braking with them takes no more than braking
+    with 0.5 V.
+    """
+    log, starts = (
+        core.LogInput(np.arange(3000) * 1e-3, "duty", np.zeros(3000)),
+        np.arange(0, 3000, 250),
+    )
     state0 = np.outer(np.linspace(0.0, 1500.0, 12), [0.0, 1.0, 0.0])
     took = []
     for volts in (0.5, 9.0):
-        theta, best = theta_of(ref.Tool(effects={"brush_drop": {"voltage_v": volts}}))[None, :], np.inf
+        theta, best = (
+            theta_of(ref.Tool(effects={"brush_drop": {"voltage_v": volts}}))[None, :],
+            np.inf,
+        )
         for _ in range(5):
             begun = time.process_time()
             core.simulate_log(log, theta, starts, state0, 1)
@@ -197,4 +275,6 @@ def test_sensitivities_cost_one_run_each() -> None:
 def test_unknown_options_are_refused(option: dict[str, str]) -> None:
     log = core.LogInput(np.arange(100) * 1e-3, "duty", np.zeros(100))
     with pytest.raises(ValueError, match=next(iter(option.values()))):
-        core.simulate_log(log, theta_of(ref.Tool())[None, :], np.array([0]), np.zeros((1, 3)), 1, **option)
+        core.simulate_log(
+            log, theta_of(ref.Tool())[None, :], np.array([0]), np.zeros((1, 3)), 1, **option
+        )

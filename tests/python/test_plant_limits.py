@@ -1,4 +1,6 @@
-"""Long and impossible runs of the plant: Ctrl-C ends them, an absurd rig ends with a sentence, a batch names its impossible tool."""
+"""Long and impossible runs of the plant: Ctrl-C ends them, an absurd rig ends with a sentence, a
+batch names its impossible tool.
+"""
 
 import subprocess
 import sys
@@ -44,9 +46,15 @@ ENDLESS = {
 def test_ctrl_c_ends_a_run(name: str) -> None:
     load = "none" if name == "drivetrain" else "locked"
     words = [sys.executable, "-c", BEGIN + ENDLESS[name]]
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as run:
         try:
-            run.stdin.write(f"{rig_with(LOCKED).parameters().tolist()!r}\n".replace("inf", "float('inf')") + load + "\n")
+            run.stdin.write(
+                f"{rig_with(LOCKED).parameters().tolist()!r}\n".replace("inf", "float('inf')")
+                + load
+                + "\n"
+            )
             run.stdin.flush()
             assert run.stdout.readline() == "go\n"
             time.sleep(0.3)
@@ -61,14 +69,35 @@ def test_ctrl_c_ends_a_run(name: str) -> None:
 
 def test_ctrl_c_at_the_command_line_leaves_no_file_and_exit_code_130(tmp_path: Path) -> None:
     rig = tomllib.loads((ROOT / "rigs/impact_driver.toml").read_text())
-    rig["effects"] = {"gear_backlash": {"play_rad": 0.01}, "groove_friction": {"coefficient": 0.05}}  # the slowest of solvers
+    # the slowest of solvers
+    rig["effects"] = {"gear_backlash": {"play_rad": 0.01}, "groove_friction": {"coefficient": 0.05}}
     (tmp_path / "rig.toml").write_text(tomli_w.dumps(rig))
-    scenario = {"schema": "vgroove.scenario/1", "rig": "rig.toml", "duration_s": 3600.0, "trigger": {"travel": [[0.0, 1.0]]}}
+    scenario = {
+        "schema": "vgroove.scenario/1",
+        "rig": "rig.toml",
+        "duration_s": 3600.0,
+        "trigger": {"travel": [[0.0, 1.0]]},
+    }
     (tmp_path / "long.toml").write_text(tomli_w.dumps(scenario))
-    words = [sys.executable, "-X", "importtime", "-m", "vgroove.cli", "sim", "long.toml", "-o", "out.csv", "--json", "out.json"]
-    with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+    words = [
+        sys.executable,
+        "-X",
+        "importtime",
+        "-m",
+        "vgroove.cli",
+        "sim",
+        "long.toml",
+        "-o",
+        "out.csv",
+        "--json",
+        "out.json",
+    ]
+    with subprocess.Popen(
+        words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as run:
         try:
-            while "vgroove.plant_alone" not in (line := run.stderr.readline()):  # importing takes as long as the machine lets it
+            # importing takes as long as the machine lets it
+            while "vgroove.plant_alone" not in (line := run.stderr.readline()):
                 assert line
             time.sleep(1.0)
             assert run.poll() is None
@@ -86,20 +115,45 @@ def changed(section: str, key: str, value: float) -> dict:
     return data
 
 
-@pytest.mark.parametrize(("section", "key", "value", "words"), [
-    ("motor", "resistance_ohm", 1e9, ["motor.resistance_ohm", "10000"]),
-    ("mechanism", "lug_overlap_rad", 3.2, ["mechanism.lug_overlap_rad 3.2", "gap", "lug_count", "3.142"]),
-    ("mechanism", "lug_count", 7, ["mechanism.lug_overlap_rad 1", "lug_count", "0.8976"]),
-    ("mechanism", "hammer_start_rad", 0.5, ["mechanism.hammer_start_rad 0.5", "on a lug", "2.142"]),
-    ("mechanism", "hammer_start_rad", -2.2, ["mechanism.hammer_start_rad -2.2", "on a lug"]),
-    ("mechanism", "travel_rad", 1.0, ["mechanism.travel_rad", "lug_height_m"]),
-    ("mechanism", "contact_stiffness_n_per_m", 1e12, ["mechanism.contact_stiffness_n_per_m", "contact in rad/s", "unit"]),
-    ("mechanism", "contact_damping_n_s_per_m", 1e8, ["mechanism.contact_damping_n_s_per_m", "per s"]),
-    ("mechanism", "anvil_inertia_kg_m2", 1e-9, ["mechanism.anvil_inertia_kg_m2"]),
-    ("load", "damping_nm_s_per_rad", 1e6, ["load.damping_nm_s_per_rad", "per s"]),
-    ("load", "stiffness_nm_per_rad", 1e9, ["load.stiffness_nm_per_rad", "rad/s"]),
-])
-def test_what_the_plant_refuses_the_rig_refuses(section: str, key: str, value: float, words: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("section", "key", "value", "words"),
+    [
+        ("motor", "resistance_ohm", 1e9, ["motor.resistance_ohm", "10000"]),
+        (
+            "mechanism",
+            "lug_overlap_rad",
+            3.2,
+            ["mechanism.lug_overlap_rad 3.2", "gap", "lug_count", "3.142"],
+        ),
+        ("mechanism", "lug_count", 7, ["mechanism.lug_overlap_rad 1", "lug_count", "0.8976"]),
+        (
+            "mechanism",
+            "hammer_start_rad",
+            0.5,
+            ["mechanism.hammer_start_rad 0.5", "on a lug", "2.142"],
+        ),
+        ("mechanism", "hammer_start_rad", -2.2, ["mechanism.hammer_start_rad -2.2", "on a lug"]),
+        ("mechanism", "travel_rad", 1.0, ["mechanism.travel_rad", "lug_height_m"]),
+        (
+            "mechanism",
+            "contact_stiffness_n_per_m",
+            1e12,
+            ["mechanism.contact_stiffness_n_per_m", "contact in rad/s", "unit"],
+        ),
+        (
+            "mechanism",
+            "contact_damping_n_s_per_m",
+            1e8,
+            ["mechanism.contact_damping_n_s_per_m", "per s"],
+        ),
+        ("mechanism", "anvil_inertia_kg_m2", 1e-9, ["mechanism.anvil_inertia_kg_m2"]),
+        ("load", "damping_nm_s_per_rad", 1e6, ["load.damping_nm_s_per_rad", "per s"]),
+        ("load", "stiffness_nm_per_rad", 1e9, ["load.stiffness_nm_per_rad", "rad/s"]),
+    ],
+)
+def test_what_the_plant_refuses_the_rig_refuses(
+    section: str, key: str, value: float, words: list[str]
+) -> None:
     with pytest.raises(VgrooveError) as error:
         rig_from_dict(changed(section, key, value), "x.toml")
     for word in ("x.toml", *words):
@@ -107,7 +161,10 @@ def test_what_the_plant_refuses_the_rig_refuses(section: str, key: str, value: f
 
 
 def test_an_effect_may_make_a_tool_impossible() -> None:
-    with pytest.raises(VgrooveError, match=r"mechanism.lug_height_m 0.0045 must be more than effects.lug_wear.height_m, 0.005"):
+    with pytest.raises(
+        VgrooveError,
+        match=r"mechanism.lug_height_m 0.0045 must be more than effects.lug_wear.height_m, 0.005",
+    ):
         rig_with(LOCKED).with_effects({"lug_wear": {"height_m": 5e-3}})
 
 
@@ -115,11 +172,18 @@ def test_a_free_load_needs_a_tool_without_mechanism() -> None:
     free = {"kind": "free", "torque_nm": 0.5}
     with pytest.raises(VgrooveError, match=r"free.*mechanism.*none"):
         rig_with(free)
-    data = rig_with(LOCKED).as_dict() | {"mechanism": {"kind": "none"}, "load": {**free, "form": "exponential"}}
+    data = rig_with(LOCKED).as_dict() | {
+        "mechanism": {"kind": "none"},
+        "load": {**free, "form": "exponential"},
+    }
     rig = rig_from_dict(data, "x")
     assert dict(zip(core.PARAMETERS, rig.parameters(), strict=True))["load.exponential"] == 1.0
-    speed = [simulate_scenario(full_trigger(rig_from_dict(data | {"load": load}, "x"), "x")).columns["speed_rpm"][-1]
-             for load in ({"kind": "none"}, free, {**free, "torque_nm": 1.0})]
+    speed = [
+        simulate_scenario(full_trigger(rig_from_dict(data | {"load": load}, "x"), "x")).columns[
+            "speed_rpm"
+        ][-1]
+        for load in ({"kind": "none"}, free, {**free, "torque_nm": 1.0})
+    ]
     assert speed[0] > speed[1] > speed[2] > 0.5 * speed[0]
 
 
@@ -128,7 +192,9 @@ def test_a_batch_names_its_impossible_tool() -> None:
     log = core.LogInput(time_s, "duty", np.ones(50), load_kind="locked")
     theta = np.repeat(rig_with(LOCKED).parameters()[None, :], 5, 0)
     theta[3, core.PARAMETERS.index("mechanism.hammer_mass_kg")] = -1.0
-    with pytest.raises(ValueError, match=r"parameter set 3: .*mechanism.hammer_mass_kg must be positive"):
+    with pytest.raises(
+        ValueError, match=r"parameter set 3: .*mechanism.hammer_mass_kg must be positive"
+    ):
         core.simulate_impact(log, theta, mode="fast", threads=2)
     drive = core.LogInput(time_s, "duty", np.ones(50))
     theta[1, core.PARAMETERS.index("motor.inductance_h")] = 0.0
@@ -137,11 +203,19 @@ def test_a_batch_names_its_impossible_tool() -> None:
 
 
 def drawn_rig(rng: np.random.Generator) -> Rig | None:
-    """A tool each of whose values is off by up to a factor of a thousand; None where the rig refuses it with a sentence."""
-    data = rig_with(JOINTS[str(rng.choice(["locked", "slip 60", "slope 700", "screw", "discs"]))]).as_dict()
+    """A tool each of whose values is off by up to a factor of a thousand; None where the rig
+    refuses it with a sentence.
+    """
+    data = rig_with(
+        JOINTS[str(rng.choice(["locked", "slip 60", "slope 700", "screw", "discs"]))]
+    ).as_dict()
     for section in ("motor", "mechanism", "load"):
         for key, value in data[section].items():
-            if isinstance(value, float | int) and key not in ("lug_count", "parallel", "series") and rng.random() < 0.3:
+            if (
+                isinstance(value, float | int)
+                and key not in ("lug_count", "parallel", "series")
+                and rng.random() < 0.3
+            ):
                 data[section][key] = float(value * 10.0 ** rng.uniform(-3.0, 3.0))
     try:
         return rig_from_dict(data, "x.toml")
@@ -161,5 +235,7 @@ def test_any_rig_runs_or_ends_with_a_sentence(seed: int) -> None:
         out = core.simulate_impact(log, rig.parameters()[None, :], mode="fast")
         assert np.all(np.isfinite(out["current_a"]))
     except RuntimeError as error:
-        assert "impact mechanism: " in str(error) and (" s: the fastest rate" in str(error) or "switch" in str(error))
+        assert "impact mechanism: " in str(error) and (
+            " s: the fastest rate" in str(error) or "switch" in str(error)
+        )
     assert time.process_time() - began < 20.0

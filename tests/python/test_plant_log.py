@@ -1,4 +1,6 @@
-"""simulate_log as an interface: bytes, restarts, missing samples, delays, ranges, and how much faster than real time it is."""
+"""simulate_log as an interface: bytes, restarts, missing samples, delays, ranges, and how much
+faster than real time it is.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,15 @@ def long_log(seconds: float = 6.0) -> core.LogInput:
 
 def batch_theta(count: int) -> np.ndarray:
     rng = np.random.default_rng(RNG_SEED)
-    names = [None, "coulomb_friction", "stribeck_friction", "brush_drop", "supply_droop", "coupler_compliance", "transport_delay"]
+    names = [
+        None,
+        "coulomb_friction",
+        "stribeck_friction",
+        "brush_drop",
+        "supply_droop",
+        "coupler_compliance",
+        "transport_delay",
+    ]
     rows = []
     for n in range(count):
         name = names[n % len(names)]
@@ -56,8 +66,12 @@ def test_same_bytes_whatever_batch_and_threads() -> None:
 
 def test_starts_reset_fast_states_and_leave_rows_before_the_first_empty() -> None:
     log, theta = long_log(0.5), theta_of(ref.Tool())[None, :]
-    out = core.simulate_log(log, theta, np.array([100, 300]), np.array([[3.0, 200.0, 7.0], [-1.0, 50.0, 2.0]]), 1)
-    assert np.all(np.isnan(out["current_a"][0, :100])) and np.all(np.isfinite(out["current_a"][0, 100:]))
+    out = core.simulate_log(
+        log, theta, np.array([100, 300]), np.array([[3.0, 200.0, 7.0], [-1.0, 50.0, 2.0]]), 1
+    )
+    assert np.all(np.isnan(out["current_a"][0, :100])) and np.all(
+        np.isfinite(out["current_a"][0, 100:])
+    )
     assert out["current_a"][0, [100, 300]].tolist() == [3.0, -1.0]
     assert out["speed_rad_s"][0, [100, 300]].tolist() == [200.0, 50.0]
     assert out["angle_rad"][0, [100, 300]].tolist() == [7.0, 2.0]
@@ -72,12 +86,22 @@ def test_restart_on_the_own_path_changes_nothing() -> None:
     assert np.allclose(again["angle_rad"][0, at:], free["angle_rad"][0, at:], rtol=1e-9)
 
 
-@pytest.mark.parametrize("name,slow", [("winding_heating", True), ("supply_droop", True), ("cold_grease", True), ("current_lag", False)])
+@pytest.mark.parametrize(
+    "name,slow",
+    [
+        ("winding_heating", True),
+        ("supply_droop", True),
+        ("cold_grease", True),
+        ("current_lag", False),
+    ],
+)
 def test_slow_states_run_through_restarts(name: str, slow: bool) -> None:
     log = long_log(1.0)
     theta = theta_of(ref.Tool(effects={name: EFFECTS[name]}))[None, :]
     state = np.array([[5.0, 300.0, 0.0]])
-    through = core.simulate_log(log, theta, np.array([0, 800]), np.concatenate([state, state]), 1)["current_a"][0, 805]
+    through = core.simulate_log(log, theta, np.array([0, 800]), np.concatenate([state, state]), 1)[
+        "current_a"
+    ][0, 805]
     cold_log = core.simulate_log(log, theta, np.array([800]), state, 1)["current_a"][0, 805]
     if name == "cold_grease":  # its clock is the log's, so the later start knows it too
         assert through == pytest.approx(cold_log, rel=1e-9)
@@ -91,9 +115,13 @@ def test_missing_command_and_load_hold_the_last_value() -> None:
     time_s = np.arange(1, 201) / 1000.0
     duty, load = np.full(200, 0.5), np.full(200, 0.3)
     given = theta_of(ref.Tool())[None, :], np.array([0]), np.zeros((1, 3)), 1
-    whole = core.simulate_log(core.LogInput(time_s, "duty", duty, None, None, load, None, "torque"), *given)
+    whole = core.simulate_log(
+        core.LogInput(time_s, "duty", duty, None, None, load, None, "torque"), *given
+    )
     duty[50:60], load[80] = np.nan, np.nan
-    holed = core.simulate_log(core.LogInput(time_s, "duty", duty, None, None, load, None, "torque"), *given)
+    holed = core.simulate_log(
+        core.LogInput(time_s, "duty", duty, None, None, load, None, "torque"), *given
+    )
     assert whole["current_a"].tobytes() == holed["current_a"].tobytes()
 
 
@@ -105,9 +133,16 @@ def test_pure_delay_of_the_speed_sensor() -> None:
     assert np.allclose(late["speed_rad_s"], plain["speed_rad_s"])
     rows = np.flatnonzero(log.time_s > 0.0034)
     angle = np.interp(log.time_s[rows] - 0.0034, log.time_s, plain["angle_rad"])
-    assert np.max(np.abs(late["angle_measured_rad"][rows] - angle)) < 1.0  # chord against curve, rows of up to 9 ms
+    # chord against curve, rows of up to 9 ms
+    assert np.max(np.abs(late["angle_measured_rad"][rows] - angle)) < 1.0
     steady = core.LogInput(np.arange(0, 2001) / 1000.0, "voltage_v", np.full(2001, 9.0))
-    out = core.simulate_log(steady, theta_of(ref.Tool(effects={"speed_lag": lag}))[None, :], np.array([0]), np.zeros((1, 3)), 1)
+    out = core.simulate_log(
+        steady,
+        theta_of(ref.Tool(effects={"speed_lag": lag}))[None, :],
+        np.array([0]),
+        np.zeros((1, 3)),
+        1,
+    )
     behind = out["angle_rad"][0, -1] - out["angle_measured_rad"][0, -1]
     assert behind == pytest.approx(0.0034 * out["speed_rad_s"][0, -1], rel=1e-6)
 
@@ -125,7 +160,13 @@ def test_rest_is_exact_up_to_the_coulomb_torque() -> None:
 
 
 @pytest.mark.parametrize(
-    "key,value", [("motor.inductance_h", 0.0), ("motor.inertia_kg_m2", -1.0), ("gearbox.ratio", 0.0), ("motor.coulomb_nm", np.nan)]
+    "key,value",
+    [
+        ("motor.inductance_h", 0.0),
+        ("motor.inertia_kg_m2", -1.0),
+        ("gearbox.ratio", 0.0),
+        ("motor.coulomb_nm", np.nan),
+    ],
 )
 def test_values_outside_physics_are_refused_by_name(key: str, value: float) -> None:
     theta = theta_of(ref.Tool())
@@ -137,7 +178,13 @@ def test_values_outside_physics_are_refused_by_name(key: str, value: float) -> N
 def test_bad_shapes_and_times_are_refused() -> None:
     theta = theta_of(ref.Tool())[None, :]
     with pytest.raises(ValueError, match="increase"):
-        core.simulate_log(core.LogInput(np.array([0.0, 1.0, 1.0]), "duty", np.zeros(3)), theta, np.array([0]), np.zeros((1, 3)), 1)
+        core.simulate_log(
+            core.LogInput(np.array([0.0, 1.0, 1.0]), "duty", np.zeros(3)),
+            theta,
+            np.array([0]),
+            np.zeros((1, 3)),
+            1,
+        )
     with pytest.raises(ValueError, match="starts"):
         core.simulate_log(long_log(0.1), theta, np.array([5, 5]), np.zeros((2, 3)), 1)
     with pytest.raises(ValueError, match="state0"):
@@ -147,7 +194,9 @@ def test_bad_shapes_and_times_are_refused() -> None:
 
 
 def speed_figure(effects: dict[str, dict[str, float]], lanes: int, threads: int) -> float:
-    """Times real time per core, all lanes together; the best of nine in processor time, which a busy machine leaves alone."""
+    """Times real time per core, all lanes together; the best of nine in processor time, which a
+    busy machine leaves alone.
+    """
     log = long_log(30.0)
     theta = np.repeat(theta_of(ref.Tool(effects=effects))[None, :], lanes, axis=0)
     theta[:, core.PARAMETERS.index("motor.resistance_ohm")] *= np.linspace(0.95, 1.05, lanes)
@@ -163,6 +212,8 @@ def test_speed_figure(record_property: pytest.FixtureRequest) -> None:
     """Prints with pytest -s; the limit is far below the figure so that a busy machine passes."""
     single = speed_figure({}, 1, 1)
     batch = speed_figure({}, 32, 2)
-    print(f"\nsimulate_log, 1 kHz: one lane {single:,.0f} x real time, 32 lanes on 2 threads {batch:,.0f} x per core")  # noqa: T201
+    print(
+        f"\nsimulate_log, 1 kHz: one lane {single:,.0f} x real time, 32 lanes on 2 threads {batch:,.0f} x per core"
+    )  # noqa: T201
     assert single > 1500.0
     assert batch > 0.5 * single

@@ -1,4 +1,6 @@
-"""simulate_log against an independent SciPy solution at rtol 1e-10: nominal drive, every effect in turn, every input and load."""
+"""simulate_log against an independent SciPy solution at rtol 1e-10: nominal drive, every effect in
+turn, every input and load.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +11,20 @@ import plant_reference as ref
 from vgroove import _core as core
 
 RIG_KEYS = {
-    "voltage": "supply.voltage_v", "supply_ohm": "supply.resistance_ohm", "pwm_hz": "bridge.pwm_hz", "r": "motor.resistance_ohm",
-    "l": "motor.inductance_h", "k": "motor.torque_constant_nm_per_a", "j": "motor.inertia_kg_m2", "b": "motor.viscous_nm_s_per_rad",
-    "tc": "motor.coulomb_nm", "n": "gearbox.ratio", "j_out": "gearbox.output_inertia_kg_m2", "mass": "load.mass_kg",
-    "length": "load.length_m", "zero": "load.zero_rad",
+    "voltage": "supply.voltage_v",
+    "supply_ohm": "supply.resistance_ohm",
+    "pwm_hz": "bridge.pwm_hz",
+    "r": "motor.resistance_ohm",
+    "l": "motor.inductance_h",
+    "k": "motor.torque_constant_nm_per_a",
+    "j": "motor.inertia_kg_m2",
+    "b": "motor.viscous_nm_s_per_rad",
+    "tc": "motor.coulomb_nm",
+    "n": "gearbox.ratio",
+    "j_out": "gearbox.output_inertia_kg_m2",
+    "mass": "load.mass_kg",
+    "length": "load.length_m",
+    "zero": "load.zero_rad",
 }
 AGREEMENT = 1e-4  # of the signal's largest value: 0.01 %
 
@@ -39,7 +51,11 @@ EFFECTS = {
     "cold_grease": {"nm_s_per_rad": 3e-5, "time_s": 0.15},
     "load_dependent_friction": {"relative": 0.12},
     "gear_eccentricity": {"torque_nm": 0.008, "phase_rad": 1.0},
-    "coupler_compliance": {"stiffness_nm_per_rad": 2.0, "damping_ratio": 0.1, "inertia_kg_m2": 2e-6},
+    "coupler_compliance": {
+        "stiffness_nm_per_rad": 2.0,
+        "damping_ratio": 0.1,
+        "inertia_kg_m2": 2e-6,
+    },
     "gear_backlash": {"play_rad": 0.03},
     "current_lag": {"time_constant_s": 0.002},
     "current_gain": {"relative": 0.05},
@@ -68,21 +84,48 @@ def theta_of(tool: ref.Tool) -> np.ndarray:
 
 
 def drive_log(seed: int = 3, **kwargs: object) -> ref.Log:
-    """Start, rest under load, reversal, braking, coasting and load steps over 0.3 s; irregular rows of 2 to 9 ms, ramps and steps."""
+    """Start, rest under load, reversal, braking, coasting and load steps over 0.3 s; irregular rows
+    of 2 to 9 ms, ramps and steps.
+    """
     rng = np.random.default_rng(seed)
     time_s = np.concatenate([[0.0], np.cumsum(rng.uniform(0.002, 0.009, 54))])
     knots = np.array([0.0, 0.02, 0.06, 0.10, 0.11, 0.15, 0.155, 0.19, 0.20, 0.24, 0.26, 0.4])
-    duty = np.interp(time_s, knots, [0.02, 0.05, 0.8, 0.8, 0.3, 0.25, -0.6, -0.5, 0.0, 0.0, 0.9, 0.9])
+    duty = np.interp(
+        time_s, knots, [0.02, 0.05, 0.8, 0.8, 0.3, 0.25, -0.6, -0.5, 0.0, 0.0, 0.9, 0.9]
+    )
     coast = ((time_s > 0.165) & (time_s < 0.178)).astype(float)
     load = np.where((time_s > 0.08) & (time_s < 0.13), 1.2, 0.2)
-    values: dict[str, object] = {"time_s": time_s, "command": duty, "slew_per_s": 30.0, "load_nm": load, "coast": coast}
+    values: dict[str, object] = {
+        "time_s": time_s,
+        "command": duty,
+        "slew_per_s": 30.0,
+        "load_nm": load,
+        "coast": coast,
+    }
     values["load_kind"] = "torque"
     return ref.Log(**{**values, **kwargs})
 
 
-def plant_run(tool: ref.Tool, log: ref.Log, start: tuple[float, float, float], theta: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    given = core.LogInput(log.time_s, log.kind, log.command, log.slew_per_s, log.supply_v, log.load_nm, log.coast, log.load_kind)
-    out = core.simulate_log(given, (theta_of(tool) if theta is None else theta)[None, :], np.array([0]), np.array([start]), 1)
+def plant_run(
+    tool: ref.Tool, log: ref.Log, start: tuple[float, float, float], theta: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
+    given = core.LogInput(
+        log.time_s,
+        log.kind,
+        log.command,
+        log.slew_per_s,
+        log.supply_v,
+        log.load_nm,
+        log.coast,
+        log.load_kind,
+    )
+    out = core.simulate_log(
+        given,
+        (theta_of(tool) if theta is None else theta)[None, :],
+        np.array([0]),
+        np.array([start]),
+        1,
+    )
     return {name: column[0] for name, column in out.items()}
 
 
@@ -94,7 +137,9 @@ def worst(plant: dict[str, np.ndarray], truth: dict[str, np.ndarray]) -> dict[st
     return found
 
 
-def check(tool: ref.Tool, log: ref.Log, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+def check(
+    tool: ref.Tool, log: ref.Log, start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> None:
     found = worst(plant_run(tool, log, start), ref.simulate(tool, log, start))
     assert max(found.values()) < AGREEMENT, found
 
@@ -118,15 +163,32 @@ def test_pendulum() -> None:
 
 
 FREE = {
-    "stribeck": ({"tc": 1.5, "tbrk": 1.8, "w_brk": 8.0, "f": 2e-3},
-                 {"torque_nm": 1.5, "breakaway_ratio": 1.2, "breakaway_rad_s": 8.0, "viscous_nm_s_per_rad": 2e-3}),
-    "older form": ({"tc": 1.0, "tbrk": 1.5, "w_th": 2.0, "cv": 0.05, "f": 1e-3},
-                   {"torque_nm": 1.0, "breakaway_ratio": 1.5, "threshold_rad_s": 2.0, "decay_s_per_rad": 0.05, "viscous_nm_s_per_rad": 1e-3,
-                    "exponential": 1.0}),
+    "stribeck": (
+        {"tc": 1.5, "tbrk": 1.8, "w_brk": 8.0, "f": 2e-3},
+        {
+            "torque_nm": 1.5,
+            "breakaway_ratio": 1.2,
+            "breakaway_rad_s": 8.0,
+            "viscous_nm_s_per_rad": 2e-3,
+        },
+    ),
+    "older form": (
+        {"tc": 1.0, "tbrk": 1.5, "w_th": 2.0, "cv": 0.05, "f": 1e-3},
+        {
+            "torque_nm": 1.0,
+            "breakaway_ratio": 1.5,
+            "threshold_rad_s": 2.0,
+            "decay_s_per_rad": 0.05,
+            "viscous_nm_s_per_rad": 1e-3,
+            "exponential": 1.0,
+        },
+    ),
 }
 
 
-@pytest.mark.parametrize("effect", [None, "load_dependent_friction", "coupler_compliance", "gear_backlash"])
+@pytest.mark.parametrize(
+    "effect", [None, "load_dependent_friction", "coupler_compliance", "gear_backlash"]
+)
 @pytest.mark.parametrize("form", FREE)
 def test_free_load(form: str, effect: str | None) -> None:
     law, keys = FREE[form]
@@ -134,7 +196,9 @@ def test_free_load(form: str, effect: str | None) -> None:
     log, theta = drive_log(load_kind="free"), theta_of(tool)
     for key, value in keys.items():
         theta[core.PARAMETERS.index(f"load.{key}")] = value
-    found = worst(plant_run(tool, log, (0.0, 0.0, 0.0), theta), ref.simulate(tool, log, (0.0, 0.0, 0.0)))
+    found = worst(
+        plant_run(tool, log, (0.0, 0.0, 0.0), theta), ref.simulate(tool, log, (0.0, 0.0, 0.0))
+    )
     assert max(found.values()) < AGREEMENT, found
 
 
@@ -149,7 +213,15 @@ def test_current_input() -> None:
     log = drive_log(kind="current_a")
     log.command = 12.0 * log.command
     log.slew_per_s, log.coast = None, None
-    check(ref.Tool(effects={"stribeck_friction": EFFECTS["stribeck_friction"], "cogging_torque": EFFECTS["cogging_torque"]}), log)
+    check(
+        ref.Tool(
+            effects={
+                "stribeck_friction": EFFECTS["stribeck_friction"],
+                "cogging_torque": EFFECTS["cogging_torque"],
+            }
+        ),
+        log,
+    )
 
 
 def test_measured_bus_drives_the_model() -> None:
@@ -159,7 +231,10 @@ def test_measured_bus_drives_the_model() -> None:
 
 
 def test_coupler_with_play_and_pendulum() -> None:
-    effects = {"coupler_compliance": EFFECTS["coupler_compliance"], "gear_backlash": EFFECTS["gear_backlash"]}
+    effects = {
+        "coupler_compliance": EFFECTS["coupler_compliance"],
+        "gear_backlash": EFFECTS["gear_backlash"],
+    }
     check(ref.Tool(mass=0.3, length=0.1, effects=effects), drive_log(load_kind="pendulum"))
 
 

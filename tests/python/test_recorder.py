@@ -1,4 +1,6 @@
-"""`vgroove record` as a process on a pty: the firmware's own telemetry in real time, damage, Ctrl-C, a full disk, a lost port."""
+"""`vgroove record` as a process on a pty: the firmware's own telemetry in real time, damage,
+Ctrl-C, a full disk, a lost port.
+"""
 
 import errno
 import io
@@ -23,7 +25,16 @@ from test_telemetry import damaged
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
 from vgroove.log import log_from_stream, read_log
-from vgroove.recorder import AscSink, BlfSink, CsvSink, Mf4Sink, Recording, ResyncBus, command_message, record
+from vgroove.recorder import (
+    AscSink,
+    BlfSink,
+    CsvSink,
+    Mf4Sink,
+    Recording,
+    ResyncBus,
+    command_message,
+    record,
+)
 
 ENDINGS = [".csv", ".mf4", ".blf", ".asc"]
 HEADER = ",".join(("time_s", *telemetry.COLUMNS))
@@ -38,23 +49,34 @@ def start(port: str, output: Path, *options: str, limit: int | None = None) -> s
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
     command = [sys.executable, "-m", "vgroove.cli", "record", port, "-o", str(output), *options]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=before)
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=before
+    )
 
 
 def wait_for_part(output: Path, size: int) -> None:
     """Until the recorder has begun and written so much."""
     grows = output.with_name(output.name + ".csv") if output.suffix == ".mf4" else output
     part = grows.with_name(f".{grows.stem}.part{grows.suffix}")
-    wait_until(lambda: part.exists() and part.stat().st_size >= size, f"{part} reaches {size} bytes")
+    wait_until(
+        lambda: part.exists() and part.stat().st_size >= size, f"{part} reaches {size} bytes"
+    )
 
 
 def direct_log(pty: PtyBoard) -> dict[float, tuple]:
     """What the board sent, row by row."""
     log = log_from_stream(b"".join(pty.sent), "sent")
-    return {t: tuple(row) for t, row in zip(log.time_s.tolist(), np.column_stack(list(log.columns.values())).tolist(), strict=True)}
+    return {
+        t: tuple(row)
+        for t, row in zip(
+            log.time_s.tolist(), np.column_stack(list(log.columns.values())).tolist(), strict=True
+        )
+    }
 
 
-TOLD_LATE_ROWS = 60  # STATE and CONTROL say since which tick they hold: what tells the last rows may come after a recording's end
+# STATE and CONTROL say since which tick they hold: what tells the last rows may come after a
+# recording's end
+TOLD_LATE_ROWS = 60
 
 
 def same_rows(path: Path, pty: PtyBoard, states_may_lack: bool = False) -> int:
@@ -63,9 +85,12 @@ def same_rows(path: Path, pty: PtyBoard, states_may_lack: bool = False) -> int:
     got = np.column_stack([log[name] for name in telemetry.COLUMNS])
     expected = np.array([sent[time_s] for time_s in log.time_s.tolist()])
     assert np.allclose(got[:, :5], expected[:, :5], rtol=1e-9, atol=1e-12)
-    if not states_may_lack:  # a trigger that moves while the first STATE frame waits leaves a few rows without one
+    # a trigger that moves while the first STATE frame waits leaves a few rows without one
+    if not states_may_lack:
         told = slice(20, -TOLD_LATE_ROWS)
-        assert np.allclose(got[told, 5:], expected[told, 5:], rtol=1e-9), np.flatnonzero((got[told, 5:] != expected[told, 5:]).any(axis=1))
+        assert np.allclose(got[told, 5:], expected[told, 5:], rtol=1e-9), np.flatnonzero(
+            (got[told, 5:] != expected[told, 5:]).any(axis=1)
+        )
     return len(log)
 
 
@@ -79,9 +104,16 @@ def test_records_what_the_board_sent(tmp_path: Path, ending: str) -> None:
     rows = same_rows(output, pty)
     assert rows >= 1500 and "lost 0, corrupt 0, skipped bytes 0" in text and "abcdef" in text
     side = json.loads((tmp_path / f"run{ending}.json").read_text())
-    assert side["boot"]["build_hash"] == 0xABCDEF and side["ended"] == "time over" and side["rows"] == rows
+    assert (
+        side["boot"]["build_hash"] == 0xABCDEF
+        and side["ended"] == "time over"
+        and side["rows"] == rows
+    )
     assert side["parameters"]["complete"] and side["parameters"]["value"]["trip_a_q9"] == 50.0
-    assert side["counters"]["lost"] == 0 and sorted(os.listdir(tmp_path)) == [f"run{ending}", f"run{ending}.json"]
+    assert side["counters"]["lost"] == 0 and sorted(os.listdir(tmp_path)) == [
+        f"run{ending}",
+        f"run{ending}.json",
+    ]
 
 
 def test_a_csv_has_the_contracts_columns(tmp_path: Path) -> None:
@@ -95,7 +127,10 @@ def test_a_csv_has_the_contracts_columns(tmp_path: Path) -> None:
     assert (log["duty"][log["coast"] == 1] == 0).all() and (log["coast"] == 1).sum() > 0
 
 
-@pytest.mark.parametrize(("ending", "number"), [*((ending, signal.SIGINT) for ending in ENDINGS), (".csv", signal.SIGTERM)])
+@pytest.mark.parametrize(
+    ("ending", "number"),
+    [*((ending, signal.SIGINT) for ending in ENDINGS), (".csv", signal.SIGTERM)],
+)
 def test_ctrl_c_leaves_a_complete_file(tmp_path: Path, ending: str, number: signal.Signals) -> None:
     output = tmp_path / f"run{ending}"
     with PtyBoard() as pty:
@@ -130,7 +165,10 @@ def test_a_damaged_line_is_survived_and_counted(tmp_path: Path) -> None:
     counters = json.loads((tmp_path / "run.csv.json").read_text())["counters"]
     log = read_log(output)
     assert counters["lost"] > 0 and counters["skipped_bytes"] > 0
-    assert rows == counters["fast"] and rows + counters["lost"] == round((log.time_s[-1] - log.time_s[0]) * 1000) + 1
+    assert (
+        rows == counters["fast"]
+        and rows + counters["lost"] == round((log.time_s[-1] - log.time_s[0]) * 1000) + 1
+    )
 
 
 def test_a_board_that_already_runs_is_asked_for_its_boot_frame(tmp_path: Path) -> None:
@@ -152,8 +190,13 @@ def test_a_board_that_already_runs_is_asked_for_its_boot_frame(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("ending", [".csv", ".blf", ".asc"])
-def test_a_full_disk_is_a_sentence_and_what_was_recorded_is_kept(tmp_path: Path, ending: str) -> None:
-    output, limit = tmp_path / f"run{ending}", {".csv": 60_000, ".blf": 30_000, ".asc": 120_000}[ending]
+def test_a_full_disk_is_a_sentence_and_what_was_recorded_is_kept(
+    tmp_path: Path, ending: str
+) -> None:
+    output, limit = (
+        tmp_path / f"run{ending}",
+        {".csv": 60_000, ".blf": 30_000, ".asc": 120_000}[ending],
+    )
     with PtyBoard() as pty:
         process = start(pty.port, output, limit=limit)
         _, text = process.communicate(timeout=60)
@@ -167,19 +210,39 @@ def test_an_mf4_for_whose_rows_there_is_no_room_stays_as_csv(tmp_path: Path) -> 
     with PtyBoard() as pty:
         process = start(pty.port, tmp_path / "run.mf4", limit=40_000)
         _, text = process.communicate(timeout=60)
-    assert process.returncode == 2 and "the disk is full" in text and "rows until then are in" in text and "Traceback" not in text, text
+    assert (
+        process.returncode == 2
+        and "the disk is full" in text
+        and "rows until then are in" in text
+        and "Traceback" not in text
+    ), text
     assert same_rows(tmp_path / "run.mf4.csv", pty) > 200
     assert sorted(os.listdir(tmp_path)) == ["run.mf4.csv", "run.mf4.csv.json"]
 
 
-@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left"), MemoryError("no memory"), ValueError("a bug of asammdf")])
-def test_an_mf4_that_cannot_be_made_stays_as_csv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError(errno.ENOSPC, "No space left"),
+        MemoryError("no memory"),
+        ValueError("a bug of asammdf"),
+    ],
+)
+def test_an_mf4_that_cannot_be_made_stays_as_csv(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
     def failing(source: Path, target: Path) -> None:
         target.write_bytes(b"half")
         raise error
 
     monkeypatch.setattr("vgroove.recorder._mf4_of_csv", failing)
-    with PtyBoard() as pty, pytest.raises(VgrooveError, match=f"run.mf4: the MF4 file could not be made: {error.args[-1]}; .*run.mf4.csv"):
+    with (
+        PtyBoard() as pty,
+        pytest.raises(
+            VgrooveError,
+            match=f"run.mf4: the MF4 file could not be made: {error.args[-1]}; .*run.mf4.csv",
+        ),
+    ):
         record(Recording(pty.port, tmp_path / "run.mf4", seconds=0.5), lambda: False)
     assert same_rows(tmp_path / "run.mf4.csv", pty) >= 500
     assert sorted(os.listdir(tmp_path)) == ["run.mf4.csv", "run.mf4.csv.json"]
@@ -191,7 +254,11 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     """A disk of its own with room for 108 kB, where mounting one is allowed."""
     folder = tmp_path / "disk"
     folder.mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=108k", "vgroove-test", folder], capture_output=True, check=False).returncode:
+    if subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=108k", "vgroove-test", folder],
+        capture_output=True,
+        check=False,
+    ).returncode:
         pytest.skip("a small disk can only be mounted by root")
     yield folder
     subprocess.run(["umount", folder], check=True)
@@ -204,22 +271,37 @@ def test_a_disk_that_is_really_full_keeps_what_was_recorded(small_disk: Path, en
         _, text = process.communicate(timeout=60)
     assert process.returncode == 2 and "Traceback" not in text, text
     kept = small_disk / ("run.mf4.csv" if ending == ".mf4" else f"run{ending}")
-    assert str(kept) in text.replace("\n", "") and "No space left" in text or "the disk is full" in text
-    assert same_rows(kept, pty) > 300 and {path.name for path in small_disk.iterdir()} <= {kept.name, f"{kept.name}.json"}
+    assert (
+        str(kept) in text.replace("\n", "")
+        and "No space left" in text
+        or "the disk is full" in text
+    )
+    assert same_rows(kept, pty) > 300 and {path.name for path in small_disk.iterdir()} <= {
+        kept.name,
+        f"{kept.name}.json",
+    }
 
 
 def test_a_disk_with_room_for_the_rows_but_not_for_the_mf4_of_them(small_disk: Path) -> None:
     with PtyBoard() as pty:
         process = start(pty.port, small_disk / "run.mf4", "--seconds", "1.2")
         _, text = process.communicate(timeout=60)
-    assert process.returncode == 2 and "the MF4 file could not be made: No space left" in text and "Traceback" not in text, text
-    assert same_rows(small_disk / "run.mf4.csv", pty) >= 1200 and not (small_disk / "run.mf4").exists()
+    assert (
+        process.returncode == 2
+        and "the MF4 file could not be made: No space left" in text
+        and "Traceback" not in text
+    ), text
+    assert (
+        same_rows(small_disk / "run.mf4.csv", pty) >= 1200 and not (small_disk / "run.mf4").exists()
+    )
 
 
 def test_a_long_mf4_is_converted_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("vgroove.recorder.MF4_ROWS", 7)
     sink, rng = Mf4Sink(tmp_path / "run.mf4"), np.random.default_rng(1)
-    rows = {name: np.round(rng.normal(0, 9, 100), 3) for name in telemetry.COLUMNS} | {"time_s": 1.7e9 + np.arange(100) / 1000}
+    rows = {name: np.round(rng.normal(0, 9, 100), 3) for name in telemetry.COLUMNS} | {
+        "time_s": 1.7e9 + np.arange(100) / 1000
+    }
     for first in (0, 40):
         sink.block({name: values[first : first + 40 + first // 2] for name, values in rows.items()})
     sink.finish()
@@ -229,10 +311,17 @@ def test_a_long_mf4_is_converted_in_parts(tmp_path: Path, monkeypatch: pytest.Mo
     assert all(np.array_equal(log[name], rows[name]) for name in telemetry.COLUMNS)
 
 
-@pytest.mark.parametrize(("error", "words"), [(OSError(errno.EIO, "Input/output error"), "Input/output error; "),
-                                              (MemoryError(), "MemoryError; "), (KeyboardInterrupt(), "")])
-def test_whatever_ends_a_recording_what_was_recorded_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException,
-                                                              words: str) -> None:
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (OSError(errno.EIO, "Input/output error"), "Input/output error; "),
+        (MemoryError(), "MemoryError; "),
+        (KeyboardInterrupt(), ""),
+    ],
+)
+def test_whatever_ends_a_recording_what_was_recorded_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, words: str
+) -> None:
     blocks = CsvSink.block
 
     def failing(self: CsvSink, columns: dict[str, np.ndarray]) -> None:
@@ -255,7 +344,11 @@ def test_a_name_that_is_taken_meanwhile_leaves_the_part_file(tmp_path: Path) -> 
         wait_for_part(tmp_path / "run.csv", 20_000)
         (tmp_path / "run.csv").mkdir()
         _, text = process.communicate(timeout=60)
-        assert process.returncode == 2 and "what was recorded is in" in text and ".run.part.csv" in text
+        assert (
+            process.returncode == 2
+            and "what was recorded is in" in text
+            and ".run.part.csv" in text
+        )
         assert same_rows(tmp_path / ".run.part.csv", pty) >= 1000
 
 
@@ -266,12 +359,18 @@ def test_a_port_that_goes_away_is_a_sentence_and_the_file_complete(tmp_path: Pat
         wait_for_part(output, 40_000)
         pty.close()
         _, text = process.communicate(timeout=30)
-        assert process.returncode == 2 and "port lost after" in text and "rows until then are in" in text
+        assert (
+            process.returncode == 2
+            and "port lost after" in text
+            and "rows until then are in" in text
+        )
         assert same_rows(output, pty) > 300
 
 
 @pytest.mark.parametrize("noise", [b"", bytes(range(256))])
-def test_something_that_is_no_board_is_refused_with_a_sentence(tmp_path: Path, noise: bytes) -> None:
+def test_something_that_is_no_board_is_refused_with_a_sentence(
+    tmp_path: Path, noise: bytes
+) -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     process = start(os.ttyname(slave), tmp_path / "run.csv", "--baud", "115200")
@@ -281,12 +380,18 @@ def test_something_that_is_no_board_is_refused_with_a_sentence(tmp_path: Path, n
     _, text = process.communicate(timeout=30)
     os.close(master)
     os.close(slave)
-    assert process.returncode == 2 and "no boot frame within 5 s at 115200 Bd" in text and os.listdir(tmp_path) == []
+    assert (
+        process.returncode == 2
+        and "no boot frame within 5 s at 115200 Bd" in text
+        and os.listdir(tmp_path) == []
+    )
 
 
 def test_a_board_of_another_protocol_is_refused_with_a_sentence(tmp_path: Path) -> None:
     master, slave = os.openpty()
-    boot = telemetry.frame_of_signals("BOOT", 5, protocol_version=9, duty_full_scale=255, fast_divider=1)
+    boot = telemetry.frame_of_signals(
+        "BOOT", 5, protocol_version=9, duty_full_scale=255, fast_divider=1
+    )
     process = start(os.ttyname(slave), tmp_path / "run.csv")
     while process.poll() is None:  # opening the port throws away what had come before
         os.write(master, telemetry.frame_bytes(boot))
@@ -294,20 +399,31 @@ def test_a_board_of_another_protocol_is_refused_with_a_sentence(tmp_path: Path) 
     _, text = process.communicate(timeout=30)
     os.close(master)
     os.close(slave)
-    assert process.returncode == 2 and "telemetry protocol 9, this vgroove knows 2" in text and os.listdir(tmp_path) == []
+    assert (
+        process.returncode == 2
+        and "telemetry protocol 9, this vgroove knows 2" in text
+        and os.listdir(tmp_path) == []
+    )
 
 
 @pytest.mark.parametrize("port", ["/dev/ttyNoSuchPort", "COM99"])
 def test_a_port_that_is_not_there_is_a_sentence(tmp_path: Path, port: str) -> None:
     process = start(port, tmp_path / "run.csv")
     _, text = process.communicate(timeout=30)
-    assert process.returncode == 2 and f"{port}: the port cannot be opened" in text and "Traceback" not in text
+    assert (
+        process.returncode == 2
+        and f"{port}: the port cannot be opened" in text
+        and "Traceback" not in text
+    )
 
 
 def test_an_unknown_ending_or_an_unwritable_place_is_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(VgrooveError, match="ends in .csv, .mf4, .blf or .asc"):
         record(Recording("none", tmp_path / "run.txt"), lambda: True)
-    with PtyBoard() as pty, pytest.raises(VgrooveError, match="run.csv: cannot be written: the folder"):
+    with (
+        PtyBoard() as pty,
+        pytest.raises(VgrooveError, match="run.csv: cannot be written: the folder"),
+    ):
         record(Recording(pty.port, tmp_path / "none" / "run.csv"), lambda: False)
 
 
@@ -324,7 +440,9 @@ def test_a_board_that_restarts_ends_the_recording_with_a_complete_file(tmp_path:
     assert (np.diff(log.time_s) > 0).all() and len(log) > 300
 
 
-def test_a_disk_that_takes_part_of_a_block_keeps_whole_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_takes_part_of_a_block_keeps_whole_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sink = CsvSink(tmp_path / "run.csv")
     rows = {name: np.zeros(10) for name in ("time_s", *telemetry.COLUMNS)}
     sink.block(rows)
@@ -343,7 +461,9 @@ def test_a_disk_that_takes_part_of_a_block_keeps_whole_rows(tmp_path: Path, monk
 
 
 def test_python_cans_bus_survives_damage(tmp_path: Path) -> None:
-    """recv delivers every intact frame, as a can.Notifier or a viewer would call it, where python-can's own bus raises."""
+    """recv delivers every intact frame, as a can.Notifier or a viewer would call it, where
+    python-can's own bus raises.
+    """
     eeprom_set(b"\xff" * EEPROM_BYTES)
     board = Board()
     clean = board.run(100, moving(board))
@@ -379,11 +499,15 @@ def test_raw_recording_keeps_the_time_that_the_crc_covers(tmp_path: Path) -> Non
         assert log.time_s[0] == (2**31 + 1) / 1000 and len(log) == 300 and log.warnings == []
 
 
-@pytest.mark.parametrize("name", ["SET_MODE", "PARAM_READ", "PARAM_WRITE", "DUMP", "CALIBRATE", "SETPOINT", "PROFILE"])
+@pytest.mark.parametrize(
+    "name", ["SET_MODE", "PARAM_READ", "PARAM_WRITE", "DUMP", "CALIBRATE", "SETPOINT", "PROFILE"]
+)
 def test_commands_leave_with_the_time_that_their_crc_covers(name: str) -> None:
     for time_ms in (0, 1, 1001, 999_999, 86_400_000, 2**32 - 1):
         message = command_message(name, 5, time_ms)
         assert int(message.timestamp * 1000) == time_ms
-        assert message.data[7] == telemetry.frame_crc(time_ms, message.arbitration_id, bytes(message.data)) and message.data[6] == 5
-
-
+        assert (
+            message.data[7]
+            == telemetry.frame_crc(time_ms, message.arbitration_id, bytes(message.data))
+            and message.data[6] == 5
+        )

@@ -1,4 +1,6 @@
-"""Rigs: what the contract allows is read, written back the same and turned into parameters; everything else is refused by name."""
+"""Rigs: what the contract allows is read, written back the same and turned into parameters;
+everything else is refused by name.
+"""
 
 import copy
 import json
@@ -13,16 +15,29 @@ import tomli_w
 from made_log import RIG
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.rig import EFFECTS, KINDS, LOAD_FORM, SECTIONS, WORDS, read_rig, rig_from_dict, write_rig
+from vgroove.rig import (
+    EFFECTS,
+    KINDS,
+    LOAD_FORM,
+    SECTIONS,
+    WORDS,
+    read_rig,
+    rig_from_dict,
+    write_rig,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
-needs_shared = pytest.mark.skipif(not (SHARED / "gap-contract.md").is_file(), reason="../shared is absent")
+needs_shared = pytest.mark.skipif(
+    not (SHARED / "gap-contract.md").is_file(), reason="../shared is absent"
+)
 
 
 def refused(change: dict, *words: str) -> None:
-    """The rig with dotted keys changed (None: left out) is refused with a sentence that holds the words."""
+    """The rig with dotted keys changed (None: left out) is refused with a sentence that holds the
+    words.
+    """
     data = copy.deepcopy(RIG)
     for key, value in change.items():
         *path, last = key.split("/")
@@ -39,62 +54,100 @@ def refused(change: dict, *words: str) -> None:
         assert word in str(error.value)
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    ({"schema": None}, ["vgroove.rig/1"]),
-    ({"schema": "vgroove.rig/2"}, ["vgroove.rig/1"]),
-    ({"motr": {}}, ["motr", "motor"]),
-    ({"motor/resistance_omh": 0.2}, ["motor.resistance_omh", "motor.resistance_ohm"]),
-    ({"input/slew_per_sec": 6.0}, ["input.slew_per_sec", "input.slew_per_s"]),
-    ({"sensors/hall_pulses": 4}, ["sensors.hall_pulses", "sensors.hall_pulses_per_rev"]),
-    ({"effects/coulomb_frction": {"torque_nm": 0.1}}, ["effects.coulomb_frction", "effects.coulomb_friction"]),
-    ({"effects/coulomb_friction": {"torque": 0.1}}, ["effects.coulomb_friction.torque", "torque_nm"]),
-    ({"effects/supply_droop": {"volt_per_coulomb": 0.1, "polarisation_s": 1.0}}, ["effects.supply_droop.polarisation_ohm", "missing"]),
-    ({"effects/speed_lag": {"time_constant_s": 0.01, "form": "box"}}, ["effects.speed_lag.form", "filter, delay"]),
-    ({"effects/clock_skew": {"relative": 0.06}}, ["effects.clock_skew.relative", "0.05"]),
-    ({"effects/hall_dropout": {"probability": 1.5}}, ["effects.hall_dropout.probability"]),
-    ({"tolerance/motor.resistance": 0.02}, ["motor.resistance", "motor.resistance_ohm"]),
-    ({"tolerance/motor.resistance_ohm": -0.02}, ["tolerance.motor.resistance_ohm", "from 0 to 1"]),
-    ({"tolerance/load.mass_kg": 0.02}, ["load.mass_kg"]),
-    ({"motor/inertia_kg_m2": 0.0}, ["motor.inertia_kg_m2", "from 1e-11 to 10000", "not 0.0"]),
-    ({"motor/resistance_ohm": -0.1}, ["motor.resistance_ohm"]),
-    ({"motor/viscous_nm_s_per_rad": -1e-9}, ["motor.viscous_nm_s_per_rad", "from 0 to 100000", "not -1e-09"]),
-    ({"motor/inductance_h": float("nan")}, ["motor.inductance_h"]),
-    ({"motor/inductance_h": float("inf")}, ["motor.inductance_h"]),
-    ({"motor/coulomb_nm": True}, ["motor.coulomb_nm"]),
-    ({"motor/coulomb_nm": "0.01"}, ["motor.coulomb_nm"]),
-    ({"motor/coulomb_nm": None}, ["motor.coulomb_nm", "missing"]),
-    ({"motor": None}, ["[motor]", "missing"]),
-    ({"load": None}, ["[load]", "missing"]),
-    ({"motor": 3}, ["motor", "section"]),
-    ({"name": 3}, ["name"]),
-    ({"gearbox/ratio": 0}, ["gearbox.ratio"]),
-    ({"input/kind": "torque"}, ["input.kind", "duty, voltage_v, current_a"]),
-    ({"input/bus": "guessed"}, ["input.bus", "modelled, measured"]),
-    ({"input/slew_per_s": 0.0}, ["input.slew_per_s"]),
-    ({"supply/voltage_v": 0.0}, ["supply.voltage_v"]),
-    ({"supply": None}, ["supply.voltage_v", "missing"]),
-    ({"sensors/hall_pulses_per_rev": 4.5}, ["sensors.hall_pulses_per_rev", "whole"]),
-    ({"sensors/current_noise_a": -0.1}, ["sensors.current_noise_a"]),
-    ({"mechanism/kind": "hammer"}, ["mechanism.kind", "none, impact"]),
-    ({"mechanism/kind": "impact"}, ["mechanism.hammer_inertia_kg_m2", "missing"]),
-    ({"load/kind": "pendulum"}, ["load.mass_kg", "missing"]),
-    ({"load/kind": "lever"}, ["load.kind"]),
-    ({"load/mass_kg": 0.3}, ["load.mass_kg"]),
-    ({"motor/resistance_ohm": 1e9}, ["motor.resistance_ohm", "from 0.0001 to 10000", "not 1000000000.0"]),
-    ({"motor/inertia_kg_m2": 1e-30}, ["motor.inertia_kg_m2", "1e-30"]),
-    ({"motor/inductance_h": 1e-30}, ["motor.inductance_h", "1e-30"]),
-    ({"tolerance/motor.resistance_ohm": 2}, ["tolerance.motor.resistance_ohm", "from 0 to 1", "not 2"]),
-    ({"motor/inertia_kg_m2": 160}, ["motor.inertia_kg_m2 160", "J R / k^2"]),  # g cm2
-    ({"motor/resistance_ohm": 190}, ["motor.resistance_ohm 190", "L / R"]),  # mOhm
-    ({"motor/inductance_h": 0.1}, ["motor.inductance_h 0.1", "L / R"]),  # mH
-    ({"motor/inductance_h": 100}, ["motor.inductance_h", "not 100"]),  # uH
-    ({"motor/torque_constant_nm_per_a": 10.9}, ["motor.torque_constant_nm_per_a 10.9", "J R / k^2"]),  # mN m/A
-    ({"motor/coulomb_nm": 12}, ["motor.coulomb_nm 12", "stall torque 11.6", "from 0 to 1"]),  # mN m
-    ({"supply/resistance_ohm": 100}, ["supply.resistance_ohm 100", "ratio of the resistances"]),  # mOhm
-    ({"supply/voltage_v": 18500}, ["supply.voltage_v", "not 18500"]),  # mV
-    ({"motor/viscous_nm_s_per_rad": 4.5}, ["motor.viscous_nm_s_per_rad 4.5", "J / b"]),
-    ({"effects/added_inertia": {"kg_m2": -2e-5}}, ["inertia at the motor", "motor.inertia_kg_m2 1.6e-05"]),
-])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"schema": None}, ["vgroove.rig/1"]),
+        ({"schema": "vgroove.rig/2"}, ["vgroove.rig/1"]),
+        ({"motr": {}}, ["motr", "motor"]),
+        ({"motor/resistance_omh": 0.2}, ["motor.resistance_omh", "motor.resistance_ohm"]),
+        ({"input/slew_per_sec": 6.0}, ["input.slew_per_sec", "input.slew_per_s"]),
+        ({"sensors/hall_pulses": 4}, ["sensors.hall_pulses", "sensors.hall_pulses_per_rev"]),
+        (
+            {"effects/coulomb_frction": {"torque_nm": 0.1}},
+            ["effects.coulomb_frction", "effects.coulomb_friction"],
+        ),
+        (
+            {"effects/coulomb_friction": {"torque": 0.1}},
+            ["effects.coulomb_friction.torque", "torque_nm"],
+        ),
+        (
+            {"effects/supply_droop": {"volt_per_coulomb": 0.1, "polarisation_s": 1.0}},
+            ["effects.supply_droop.polarisation_ohm", "missing"],
+        ),
+        (
+            {"effects/speed_lag": {"time_constant_s": 0.01, "form": "box"}},
+            ["effects.speed_lag.form", "filter, delay"],
+        ),
+        ({"effects/clock_skew": {"relative": 0.06}}, ["effects.clock_skew.relative", "0.05"]),
+        ({"effects/hall_dropout": {"probability": 1.5}}, ["effects.hall_dropout.probability"]),
+        ({"tolerance/motor.resistance": 0.02}, ["motor.resistance", "motor.resistance_ohm"]),
+        (
+            {"tolerance/motor.resistance_ohm": -0.02},
+            ["tolerance.motor.resistance_ohm", "from 0 to 1"],
+        ),
+        ({"tolerance/load.mass_kg": 0.02}, ["load.mass_kg"]),
+        ({"motor/inertia_kg_m2": 0.0}, ["motor.inertia_kg_m2", "from 1e-11 to 10000", "not 0.0"]),
+        ({"motor/resistance_ohm": -0.1}, ["motor.resistance_ohm"]),
+        (
+            {"motor/viscous_nm_s_per_rad": -1e-9},
+            ["motor.viscous_nm_s_per_rad", "from 0 to 100000", "not -1e-09"],
+        ),
+        ({"motor/inductance_h": float("nan")}, ["motor.inductance_h"]),
+        ({"motor/inductance_h": float("inf")}, ["motor.inductance_h"]),
+        ({"motor/coulomb_nm": True}, ["motor.coulomb_nm"]),
+        ({"motor/coulomb_nm": "0.01"}, ["motor.coulomb_nm"]),
+        ({"motor/coulomb_nm": None}, ["motor.coulomb_nm", "missing"]),
+        ({"motor": None}, ["[motor]", "missing"]),
+        ({"load": None}, ["[load]", "missing"]),
+        ({"motor": 3}, ["motor", "section"]),
+        ({"name": 3}, ["name"]),
+        ({"gearbox/ratio": 0}, ["gearbox.ratio"]),
+        ({"input/kind": "torque"}, ["input.kind", "duty, voltage_v, current_a"]),
+        ({"input/bus": "guessed"}, ["input.bus", "modelled, measured"]),
+        ({"input/slew_per_s": 0.0}, ["input.slew_per_s"]),
+        ({"supply/voltage_v": 0.0}, ["supply.voltage_v"]),
+        ({"supply": None}, ["supply.voltage_v", "missing"]),
+        ({"sensors/hall_pulses_per_rev": 4.5}, ["sensors.hall_pulses_per_rev", "whole"]),
+        ({"sensors/current_noise_a": -0.1}, ["sensors.current_noise_a"]),
+        ({"mechanism/kind": "hammer"}, ["mechanism.kind", "none, impact"]),
+        ({"mechanism/kind": "impact"}, ["mechanism.hammer_inertia_kg_m2", "missing"]),
+        ({"load/kind": "pendulum"}, ["load.mass_kg", "missing"]),
+        ({"load/kind": "lever"}, ["load.kind"]),
+        ({"load/mass_kg": 0.3}, ["load.mass_kg"]),
+        (
+            {"motor/resistance_ohm": 1e9},
+            ["motor.resistance_ohm", "from 0.0001 to 10000", "not 1000000000.0"],
+        ),
+        ({"motor/inertia_kg_m2": 1e-30}, ["motor.inertia_kg_m2", "1e-30"]),
+        ({"motor/inductance_h": 1e-30}, ["motor.inductance_h", "1e-30"]),
+        (
+            {"tolerance/motor.resistance_ohm": 2},
+            ["tolerance.motor.resistance_ohm", "from 0 to 1", "not 2"],
+        ),
+        ({"motor/inertia_kg_m2": 160}, ["motor.inertia_kg_m2 160", "J R / k^2"]),  # g cm2
+        ({"motor/resistance_ohm": 190}, ["motor.resistance_ohm 190", "L / R"]),  # mOhm
+        ({"motor/inductance_h": 0.1}, ["motor.inductance_h 0.1", "L / R"]),  # mH
+        ({"motor/inductance_h": 100}, ["motor.inductance_h", "not 100"]),  # uH
+        # mN m/A
+        (
+            {"motor/torque_constant_nm_per_a": 10.9},
+            ["motor.torque_constant_nm_per_a 10.9", "J R / k^2"],
+        ),
+        (
+            {"motor/coulomb_nm": 12},
+            ["motor.coulomb_nm 12", "stall torque 11.6", "from 0 to 1"],
+        ),  # mN m
+        # mOhm
+        ({"supply/resistance_ohm": 100}, ["supply.resistance_ohm 100", "ratio of the resistances"]),
+        ({"supply/voltage_v": 18500}, ["supply.voltage_v", "not 18500"]),  # mV
+        ({"motor/viscous_nm_s_per_rad": 4.5}, ["motor.viscous_nm_s_per_rad 4.5", "J / b"]),
+        (
+            {"effects/added_inertia": {"kg_m2": -2e-5}},
+            ["inertia at the motor", "motor.inertia_kg_m2 1.6e-05"],
+        ),
+    ],
+)
 def test_refused(change: dict, words: list[str]) -> None:
     refused(change, *words)
 
@@ -110,9 +163,14 @@ def edges() -> list[tuple[str, float, float]]:
 
 
 @pytest.mark.parametrize(("key", "low", "high"), edges())
-def test_just_outside_a_range_is_refused_and_just_inside_is_the_keys_own_business(key: str, low: float, high: float) -> None:
+def test_just_outside_a_range_is_refused_and_just_inside_is_the_keys_own_business(
+    key: str, low: float, high: float
+) -> None:
     whole = key.endswith("hall_pulses_per_rev")
-    words = [key.replace("/", "."), f"from {int(low) if whole else f'{low:g}'} to {int(high) if whole else f'{high:g}'}"]
+    words = [
+        key.replace("/", "."),
+        f"from {int(low) if whole else f'{low:g}'} to {int(high) if whole else f'{high:g}'}",
+    ]
     refused({key: int(low) - 1 if whole else low - max(abs(low), 1e-12) * 1e-6}, *words)
     refused({key: int(high) + 1 if whole else high * 1.000001}, *words)
     section, name = key.split("/")
@@ -122,11 +180,16 @@ def test_just_outside_a_range_is_refused_and_just_inside_is_the_keys_own_busines
 
 # Makers' figures, rounded: supply V, winding ohm and H, N m/A, rotor kg m2.
 MOTORS = {
-    "coreless 6 mm, 0.3 W": (3.0, 8.8, 29e-6, 1.8e-3, 5e-10), "coreless 8 mm, 0.5 W": (12.0, 204.0, 1.5e-3, 8.6e-3, 3e-9),
-    "toy 130 class, 1 W": (3.0, 1.0, 3e-4, 2.3e-3, 6e-8), "graphite brushes, 150 W": (24.0, 0.317, 8.2e-5, 0.0302, 1.42e-5),
-    "775 class, 250 W": (18.5, 0.19, 1e-4, 0.0109, 1.6e-5), "disc armature, 1 kW": (60.0, 0.3, 5e-5, 0.12, 5e-4),
-    "starter, 2 kW": (12.0, 0.012, 3e-5, 0.012, 2e-3), "golf cart, 5 kW": (48.0, 0.02, 8e-5, 0.12, 0.03),
-    "traction, 10 kW": (96.0, 0.014, 1.2e-4, 0.21, 0.06), "mill, 400 kW": (600.0, 0.03, 1e-3, 5.0, 40.0),
+    "coreless 6 mm, 0.3 W": (3.0, 8.8, 29e-6, 1.8e-3, 5e-10),
+    "coreless 8 mm, 0.5 W": (12.0, 204.0, 1.5e-3, 8.6e-3, 3e-9),
+    "toy 130 class, 1 W": (3.0, 1.0, 3e-4, 2.3e-3, 6e-8),
+    "graphite brushes, 150 W": (24.0, 0.317, 8.2e-5, 0.0302, 1.42e-5),
+    "775 class, 250 W": (18.5, 0.19, 1e-4, 0.0109, 1.6e-5),
+    "disc armature, 1 kW": (60.0, 0.3, 5e-5, 0.12, 5e-4),
+    "starter, 2 kW": (12.0, 0.012, 3e-5, 0.012, 2e-3),
+    "golf cart, 5 kW": (48.0, 0.02, 8e-5, 0.12, 0.03),
+    "traction, 10 kW": (96.0, 0.014, 1.2e-4, 0.21, 0.06),
+    "mill, 400 kW": (600.0, 0.03, 1e-3, 5.0, 40.0),
 }
 
 
@@ -135,20 +198,38 @@ MOTORS = {
 def test_motors_of_every_size_pass(name: str, scale: float) -> None:
     voltage, resistance, inductance, k, inertia = MOTORS[name]
     stall = k * voltage / resistance
-    motor = {"resistance_ohm": resistance, "inductance_h": inductance * scale, "torque_constant_nm_per_a": k,
-             "inertia_kg_m2": inertia / scale, "viscous_nm_s_per_rad": 0.01 * stall * k / voltage, "coulomb_nm": 0.05 * stall * scale}
-    data = {**copy.deepcopy(RIG), "motor": motor, "supply": {"voltage_v": voltage, "resistance_ohm": 0.2 * resistance}}
+    motor = {
+        "resistance_ohm": resistance,
+        "inductance_h": inductance * scale,
+        "torque_constant_nm_per_a": k,
+        "inertia_kg_m2": inertia / scale,
+        "viscous_nm_s_per_rad": 0.01 * stall * k / voltage,
+        "coulomb_nm": 0.05 * stall * scale,
+    }
+    data = {
+        **copy.deepcopy(RIG),
+        "motor": motor,
+        "supply": {"voltage_v": voltage, "resistance_ohm": 0.2 * resistance},
+    }
     data["gearbox"] = {"ratio": 1.0, "output_inertia_kg_m2": inertia}
     assert rig_from_dict(data, "x").motor == motor
 
 
 @pytest.mark.parametrize("kind", ["current_a", "voltage_v"])
 def test_a_linear_axis_passes(kind: str) -> None:
-    """95 kg read as kg m2, 35 N/V as N m/A, 204 N s/m, 20 N; and a current as input leaves the winding's numbers alone."""
+    """95 kg read as kg m2, 35 N/V as N m/A, 204 N s/m, 20 N; and a current as input leaves the
+    winding's numbers alone.
+    """
     data = copy.deepcopy(RIG)
     data["input"] = {"kind": kind}
-    data["motor"] = {"resistance_ohm": 1.0, "inductance_h": 1e-3, "torque_constant_nm_per_a": 35.15, "inertia_kg_m2": 95.1,
-                     "viscous_nm_s_per_rad": 203.5, "coulomb_nm": 20.4}
+    data["motor"] = {
+        "resistance_ohm": 1.0,
+        "inductance_h": 1e-3,
+        "torque_constant_nm_per_a": 35.15,
+        "inertia_kg_m2": 95.1,
+        "viscous_nm_s_per_rad": 203.5,
+        "coulomb_nm": 20.4,
+    }
     data["gearbox"] = {"ratio": 1.0, "output_inertia_kg_m2": 1e-9}
     assert rig_from_dict(data, "x")
     data["motor"]["torque_constant_nm_per_a"] = 0.01  # J R / k^2 would be 1e6 s
@@ -177,13 +258,22 @@ def test_a_measured_bus_needs_no_voltage() -> None:
 
 def test_parameters_are_the_rig_in_the_plants_order() -> None:
     data = copy.deepcopy(RIG)
-    data["effects"] = {"coulomb_friction": {"torque_nm": 0.004}, "speed_lag": {"time_constant_s": 0.002, "form": "delay"},
-                       "clock_skew": {"relative": 0.01, "clock": "logger"}}
+    data["effects"] = {
+        "coulomb_friction": {"torque_nm": 0.004},
+        "speed_lag": {"time_constant_s": 0.002, "form": "delay"},
+        "clock_skew": {"relative": 0.01, "clock": "logger"},
+    }
     theta = dict(zip(_core.PARAMETERS, rig_from_dict(data, "x").parameters(), strict=True))
     neutral = dict(zip(_core.PARAMETERS, _core.parameter_defaults(), strict=True))
-    stated = {f"{s}.{k}": v for s in ("supply", "bridge", "motor", "gearbox") for k, v in RIG[s].items()}
-    stated |= {"effects.coulomb_friction.torque_nm": 0.004, "effects.speed_lag.time_constant_s": 0.002, "effects.speed_lag.delay_form": 1.0,
-               "effects.clock_skew.relative": 0.01}
+    stated = {
+        f"{s}.{k}": v for s in ("supply", "bridge", "motor", "gearbox") for k, v in RIG[s].items()
+    }
+    stated |= {
+        "effects.coulomb_friction.torque_nm": 0.004,
+        "effects.speed_lag.time_constant_s": 0.002,
+        "effects.speed_lag.delay_form": 1.0,
+        "effects.clock_skew.relative": 0.01,
+    }
     assert theta == {**neutral, **stated}
 
 
@@ -201,21 +291,41 @@ def test_an_effect_of_the_impact_mechanism_needs_one() -> None:
         rig_from_dict(data, "x").parameters()
 
 
-@pytest.mark.parametrize(("effect", "values", "kind"), [
-    ("joint_hysteresis", {"relative": 0.3}, "hard_joint"), ("thread_friction", {"relative": 0.3}, "locked"),
-    ("wood_knot", {"torque_nm": 2.0, "from_rad": 0.0, "to_rad": 1.0}, "locked"), ("joint_stiffness", {"relative": 0.1}, "torque")])
-def test_an_effect_of_a_joint_needs_one_that_it_acts_on(effect: str, values: dict, kind: str) -> None:
+@pytest.mark.parametrize(
+    ("effect", "values", "kind"),
+    [
+        ("joint_hysteresis", {"relative": 0.3}, "hard_joint"),
+        ("thread_friction", {"relative": 0.3}, "locked"),
+        ("wood_knot", {"torque_nm": 2.0, "from_rad": 0.0, "to_rad": 1.0}, "locked"),
+        ("joint_stiffness", {"relative": 0.1}, "torque"),
+    ],
+)
+def test_an_effect_of_a_joint_needs_one_that_it_acts_on(
+    effect: str, values: dict, kind: str
+) -> None:
     tool = read_rig(ROOT / "rigs" / "impact_driver.toml")
-    keys = {"stiffness_nm_per_rad", "damping_nm_s_per_rad"} if kind == "locked" else set(tool.load) if kind == "hard_joint" else set()
+    keys = (
+        {"stiffness_nm_per_rad", "damping_nm_s_per_rad"}
+        if kind == "locked"
+        else set(tool.load)
+        if kind == "hard_joint"
+        else set()
+    )
     load = {key: value for key, value in tool.load.items() if key in keys} | {"kind": kind}
-    with pytest.raises(VgrooveError, match=f"effects.{effect} acts on a load of kind .*, not {kind}"):
+    with pytest.raises(
+        VgrooveError, match=f"effects.{effect} acts on a load of kind .*, not {kind}"
+    ):
         rig_from_dict(tool.as_dict() | {"load": load, "effects": {effect: values}}, "a rig")
-    assert rig_from_dict(tool.as_dict() | {"load": load, "effects": {}}, "a rig").load["kind"] == kind
+    assert (
+        rig_from_dict(tool.as_dict() | {"load": load, "effects": {}}, "a rig").load["kind"] == kind
+    )
 
 
 def test_changed_rigs_come_back_from_their_file(tmp_path: Path) -> None:
     rig = rig_from_dict({**copy.deepcopy(RIG), "tolerance": {"motor.resistance_ohm": 0.02}}, "x")
-    changed = rig.with_values({"motor.resistance_ohm": 0.2}).with_effects({"cogging_torque": {"torque_nm": 0.01, "periods_per_rev": 6.0}})
+    changed = rig.with_values({"motor.resistance_ohm": 0.2}).with_effects(
+        {"cogging_torque": {"torque_nm": 0.01, "periods_per_rev": 6.0}}
+    )
     write_rig(changed, tmp_path / "out.toml")
     back = read_rig(tmp_path / "out.toml")
     assert back == changed and back != rig
@@ -228,13 +338,18 @@ def test_changed_rigs_come_back_from_their_file(tmp_path: Path) -> None:
 
 def contract_rigs() -> list[dict]:
     """Every complete rig in the contract's text; a lone load is put into the impact rig."""
-    blocks = [tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", (SHARED / "gap-contract.md").read_text(), re.S)]
+    blocks = [
+        tomllib.loads(text)
+        for text in re.findall(r"```toml\n(.*?)```", (SHARED / "gap-contract.md").read_text(), re.S)
+    ]
     impact = next(b for b in blocks if b.get("mechanism", {}).get("kind") == "impact")
     return [b if "schema" in b else {**impact, **b} for b in blocks]
 
 
 @needs_shared
-def test_the_contracts_examples_and_the_practice_rigs_are_read_and_pass_the_schema(tmp_path: Path) -> None:
+def test_the_contracts_examples_and_the_practice_rigs_are_read_and_pass_the_schema(
+    tmp_path: Path,
+) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     schema = json.loads((SHARED / "schema/rig.schema.json").read_text())
     paths = sorted((SHARED / "data").rglob("rig.toml"))
@@ -248,7 +363,8 @@ def test_the_contracts_examples_and_the_practice_rigs_are_read_and_pass_the_sche
         jsonschema.validate(tomllib.loads((tmp_path / "rig.toml").read_text()), schema)
 
 
-FURTHER = {"dead_time": {"form"}}  # optional keys of our plant, as the contract allows them (docs/plant.md)
+# optional keys of our plant, as the contract allows them (docs/plant.md)
+FURTHER = {"dead_time": {"form"}}
 
 
 @needs_shared
@@ -260,7 +376,9 @@ def test_keys_and_needs_are_the_schemas() -> None:
     for name, kinds in KINDS.items():
         for option in schema[name]["oneOf"]:
             keys = kinds[option["properties"]["kind"]["const"]]
-            assert {k for k, key in keys.items() if key.needed} | {"kind"} == set(option["required"])
+            assert {k for k, key in keys.items() if key.needed} | {"kind"} == set(
+                option["required"]
+            )
             assert set(option["properties"]) <= set(keys) | {"kind"}
     for name, option in schema["effects"]["properties"].items():
         assert set(EFFECTS[name]) - FURTHER.get(name, set()) == set(option["properties"])

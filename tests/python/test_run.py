@@ -1,4 +1,6 @@
-"""`vgroove run`: determinism, pty with python-can's own logger and viewer and with `vgroove record`, Ctrl-C, speed of the loop."""
+"""`vgroove run`: determinism, pty with python-can's own logger and viewer and with `vgroove
+record`, Ctrl-C, speed of the loop.
+"""
 
 import fcntl
 import os
@@ -37,14 +39,20 @@ def board_options(on: str) -> list[str]:
 
 def short_scenario(folder: Path, duration_s: float) -> Path:
     """The spin-up, cut short."""
-    text = SCENARIO.read_text().replace("duration_s = 3.0", f"duration_s = {duration_s}").replace("../rigs", str(ROOT / "rigs"))
+    text = (
+        SCENARIO.read_text()
+        .replace("duration_s = 3.0", f"duration_s = {duration_s}")
+        .replace("../rigs", str(ROOT / "rigs"))
+    )
     path = folder / "short.toml"
     path.write_text(text)
     return path
 
 
 def vgroove(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*VGROOVE, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(
+        [*VGROOVE, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False
+    )
 
 
 @pytest.mark.parametrize("on", ["sil", "avr"])
@@ -70,7 +78,9 @@ def test_other_endings_hold_the_same_rows(ending: str, tmp_path: Path) -> None:
         assert vgroove("run", scenario, "-o", tmp_path / f"log.{suffix}").returncode == 0
     csv, other = read_log(tmp_path / "log.csv"), read_log(tmp_path / f"log.{ending}")
     assert len(csv) == len(other)
-    assert (csv["current_a"] == other["current_a"]).all() and (csv["speed_rpm"] == other["speed_rpm"]).all()
+    assert (csv["current_a"] == other["current_a"]).all() and (
+        csv["speed_rpm"] == other["speed_rpm"]
+    ).all()
 
 
 def start_on_pty(on: str, scenario: Path, *options: str) -> tuple[subprocess.Popen[str], str]:
@@ -84,7 +94,19 @@ def start_on_pty(on: str, scenario: Path, *options: str) -> tuple[subprocess.Pop
 def test_python_can_logger_reads_the_pty_unchanged(on: str, tmp_path: Path) -> None:
     process, port = start_on_pty(on, short_scenario(tmp_path, 1.0))
     output = tmp_path / "can.csv"
-    command = [sys.executable, "-m", "can.logger", "-i", "serial", "-c", port, "--bus-kwargs", "baudrate=250000", "-f", str(output)]
+    command = [
+        sys.executable,
+        "-m",
+        "can.logger",
+        "-i",
+        "serial",
+        "-c",
+        port,
+        "--bus-kwargs",
+        "baudrate=250000",
+        "-f",
+        str(output),
+    ]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as logger:
         process.wait(60)
         logger.send_signal(signal.SIGINT)
@@ -100,9 +122,21 @@ def test_python_can_viewer_shows_the_pty_unchanged(tmp_path: Path) -> None:
     process, port = start_on_pty("sil", short_scenario(tmp_path, 3.0), "--real-time")
     terminal, slave = os.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 120, 0, 0))
-    command = [sys.executable, "-m", "can.viewer", "-i", "serial", "-c", port, "--bus-kwargs", "baudrate=250000"]
+    command = [
+        sys.executable,
+        "-m",
+        "can.viewer",
+        "-i",
+        "serial",
+        "-c",
+        port,
+        "--bus-kwargs",
+        "baudrate=250000",
+    ]
     shown = bytearray()
-    with subprocess.Popen(command, stdin=slave, stdout=slave, stderr=slave, env={**os.environ, "TERM": "xterm"}) as viewer:
+    with subprocess.Popen(
+        command, stdin=slave, stdout=slave, stderr=slave, env={**os.environ, "TERM": "xterm"}
+    ) as viewer:
         os.close(slave)
         end = time.monotonic() + 60
         while not all(name in shown for name in SHOWN) and time.monotonic() < end:
@@ -124,7 +158,9 @@ def test_recorder_on_the_pty_gives_the_log_of_the_run(tmp_path: Path) -> None:
     a, b = read_log(direct), read_log(recorded)
     rows = min(len(a), len(b))
     assert rows >= 890
-    assert (a["current_a"][:rows] == b["current_a"][:rows]).all() and (a["time_s"][:rows] == b["time_s"][:rows]).all()
+    assert (a["current_a"][:rows] == b["current_a"][:rows]).all() and (
+        a["time_s"][:rows] == b["time_s"][:rows]
+    ).all()
 
 
 def test_a_slow_reader_loses_nothing() -> None:
@@ -159,7 +195,9 @@ def test_without_a_reader_bytes_go_nowhere_and_nothing_blocks() -> None:
 
 def test_ctrl_c_leaves_a_valid_log_and_exits_130(tmp_path: Path) -> None:
     output = tmp_path / "cut.csv"
-    process, port = start_on_pty("sil", short_scenario(tmp_path, 600.0), "-o", str(output), "--real-time")
+    process, port = start_on_pty(
+        "sil", short_scenario(tmp_path, 600.0), "-o", str(output), "--real-time"
+    )
     reader, seen = os.open(port, os.O_RDONLY | os.O_NOCTTY), 0
     while seen < 20_000:
         seen += len(os.read(reader, 4096))
@@ -170,14 +208,19 @@ def test_ctrl_c_leaves_a_valid_log_and_exits_130(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"short.toml", "cut.csv"}
 
 
-@pytest.mark.parametrize(("arguments", "sentence"), [
-    (["--on", "real"], "--on is sil or avr"),
-    (["--on", "avr", "--elf", "none.elf"], "no firmware at none.elf"),
-    (["--on", "avr", "--target", "nano"], "--target is uno or mega"),
-    (["-o", "log.txt"], "ends in .csv, .mf4, .blf or .asc"),
-    (["-o", "no/such/folder/log.csv"], "cannot be written"),
-])
-def test_unusable_options_are_sentences(arguments: list[str], sentence: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--on", "real"], "--on is sil or avr"),
+        (["--on", "avr", "--elf", "none.elf"], "no firmware at none.elf"),
+        (["--on", "avr", "--target", "nano"], "--target is uno or mega"),
+        (["-o", "log.txt"], "ends in .csv, .mf4, .blf or .asc"),
+        (["-o", "no/such/folder/log.csv"], "cannot be written"),
+    ],
+)
+def test_unusable_options_are_sentences(
+    arguments: list[str], sentence: str, tmp_path: Path
+) -> None:
     done = vgroove("run", short_scenario(tmp_path, 0.1), *arguments)
     assert done.returncode == 2
     assert sentence in done.stderr
@@ -201,7 +244,9 @@ class Meter:
     def __init__(self) -> None:
         self.commands: list[tuple[bool, float, float, float]] = []
 
-    def period(self, coast: bool, duty: float, dead: float, load_nm: float) -> tuple[float, float, list[int]]:
+    def period(
+        self, coast: bool, duty: float, dead: float, load_nm: float
+    ) -> tuple[float, float, list[int]]:
         self.commands.append((coast, duty, dead, load_nm))
         return 10.0, 18.0, [7]
 
@@ -210,7 +255,8 @@ def test_loop_joins_board_and_tool_by_the_interface() -> None:
     board, tool = Echo(), Meter()
     sent = lockstep.run(board, tool, lockstep.Profile(load_nm=((0, 0.5),)), 0.01)
     assert sent == b"\x55"
-    assert tool.commands[0] == (True, 0.0, 0.0, 0.5)  # the gates are open before the board has spoken
+    # the gates are open before the board has spoken
+    assert tool.commands[0] == (True, 0.0, 0.0, 0.5)
     assert tool.commands[1] == (False, -51 / 255, 1 / 255, 0.5)
     assert board.inputs[0].adc_counts[:2] == (512 + 80, 720)
     assert list(board.inputs[0].edges) == [7]
@@ -228,8 +274,13 @@ def test_an_eeprom_image_survives_the_native_run(tmp_path: Path) -> None:
     scenario, image = short_scenario(tmp_path, 1.0), tmp_path / "eeprom.bin"
     assert vgroove("run", scenario, "--eeprom", image).returncode == 0
     assert image.read_bytes() == b"\xff" * 1024, "a run without a write leaves it erased"
-    text = scenario.read_text() + '[[command]]\ntime_s = 0.3\nframe = "PARAM_WRITE"\nwrite_index = 13\nwrite_value = 98\n'
-    scenario.write_text(text.replace("[0.3, 0.0], [0.5, 1.0], [2.0, 1.0], [2.1, 0.0]", "[2.1, 0.0]"))
+    text = (
+        scenario.read_text()
+        + '[[command]]\ntime_s = 0.3\nframe = "PARAM_WRITE"\nwrite_index = 13\nwrite_value = 98\n'
+    )
+    scenario.write_text(
+        text.replace("[0.3, 0.0], [0.5, 1.0], [2.0, 1.0], [2.1, 0.0]", "[2.1, 0.0]")
+    )
     assert vgroove("run", scenario, "--eeprom", image).returncode == 0
     assert image.read_bytes() != b"\xff" * 1024
     image.write_bytes(b"\xff" * 5)

@@ -1,4 +1,6 @@
-"""Scenarios: what is read, what is refused and how the refusal is worded; stimuli that a profile makes."""
+"""Scenarios: what is read, what is refused and how the refusal is worded; stimuli that a profile
+makes.
+"""
 
 import struct
 from pathlib import Path
@@ -37,7 +39,9 @@ def written(tmp_path: Path, text: str = GOOD) -> Path:
     return path
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "scenarios").glob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "scenarios").glob("*.toml")), ids=lambda path: path.stem
+)
 def test_every_scenario_in_the_tree_is_valid(path: Path) -> None:
     scenario = read_scenario(path)
     assert scenario.duration_s > 0
@@ -61,25 +65,34 @@ def test_effects_of_the_scenario_turn_the_tool_and_not_the_belief(tmp_path: Path
     assert "dead_time" not in without_board_effects(scenario.rig).effects
 
 
-@pytest.mark.parametrize(("old", "new", "sentence"), [
-    ("duration_s", "duration", "unknown key duration; the nearest known one is duration_s"),
-    ("travel =", "travell =", r"\[trigger\]: unknown key travell; the nearest known one is travel"),
-    ("torque_nm = [[", "torque = [[", "unknown key torque; the nearest known one is torque_nm"),
-    ("seed = 3", "seed = 3.5", "seed: wants a whole number"),
-    ("seed = 3", "seed = true", "seed: wants a whole number"),
-    ("duration_s = 1.0", "duration_s = -1.0", "duration_s: wants a number from 0.01"),
-    ("duration_s = 1.0\n", "", "the key duration_s is missing"),
-    ("[0.5, 1.0]", "[0.5, 1.5]", "value of point 2: wants a number from 0 to 1, not 1.5"),
-    ("[0.5, 1.0]", "[0.5]", r"point 2: wants \[time_s, value\]"),
-    ("[[0.0, 0.0], [0.5, 1.0]]", "[[0.5, 0.0], [0.2, 1.0]]", "its time 0.2 s comes before"),
-    ("scenario/1", "scenario/2", 'this version reads "vgroove.scenario/1"'),
-    ('"DUMP"', '"DUMPS"', "takes no frame DUMPS; the nearest known one is DUMP"),
-    ('"DUMP"', '"PARAM_READ"', "read_index: wants a number from 0 to 255, not None"),
-    ('"DUMP"', '"DUMP"\nspeed = 1', "unknown key speed"),
-    ("coulomb_friction", "coulomb_frictoin", "coulomb_friction"),
-    ("seed = 3", "seed = ", "is not TOML"),
-])
-def test_refusals_name_key_and_nearest_known_one(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("duration_s", "duration", "unknown key duration; the nearest known one is duration_s"),
+        (
+            "travel =",
+            "travell =",
+            r"\[trigger\]: unknown key travell; the nearest known one is travel",
+        ),
+        ("torque_nm = [[", "torque = [[", "unknown key torque; the nearest known one is torque_nm"),
+        ("seed = 3", "seed = 3.5", "seed: wants a whole number"),
+        ("seed = 3", "seed = true", "seed: wants a whole number"),
+        ("duration_s = 1.0", "duration_s = -1.0", "duration_s: wants a number from 0.01"),
+        ("duration_s = 1.0\n", "", "the key duration_s is missing"),
+        ("[0.5, 1.0]", "[0.5, 1.5]", "value of point 2: wants a number from 0 to 1, not 1.5"),
+        ("[0.5, 1.0]", "[0.5]", r"point 2: wants \[time_s, value\]"),
+        ("[[0.0, 0.0], [0.5, 1.0]]", "[[0.5, 0.0], [0.2, 1.0]]", "its time 0.2 s comes before"),
+        ("scenario/1", "scenario/2", 'this version reads "vgroove.scenario/1"'),
+        ('"DUMP"', '"DUMPS"', "takes no frame DUMPS; the nearest known one is DUMP"),
+        ('"DUMP"', '"PARAM_READ"', "read_index: wants a number from 0 to 255, not None"),
+        ('"DUMP"', '"DUMP"\nspeed = 1', "unknown key speed"),
+        ("coulomb_friction", "coulomb_frictoin", "coulomb_friction"),
+        ("seed = 3", "seed = ", "is not TOML"),
+    ],
+)
+def test_refusals_name_key_and_nearest_known_one(
+    tmp_path: Path, old: str, new: str, sentence: str
+) -> None:
     assert old in GOOD
     with pytest.raises(VgrooveError, match=sentence):
         read_scenario(written(tmp_path, GOOD.replace(old, new)))
@@ -87,7 +100,10 @@ def test_refusals_name_key_and_nearest_known_one(tmp_path: Path, old: str, new: 
 
 def test_a_torque_beside_a_joint_is_refused(tmp_path: Path) -> None:
     text = GOOD.replace("{rig}", str(ROOT / "rigs" / "impact_driver.toml"))
-    with pytest.raises(VgrooveError, match="load.torque_nm acts on a free output, but a hard_joint makes its own torque"):
+    with pytest.raises(
+        VgrooveError,
+        match="load.torque_nm acts on a free output, but a hard_joint makes its own torque",
+    ):
         read_scenario(written(tmp_path, text))
     without = text.replace("[load]\ntorque_nm = [[0.0, 0.0], [1.0, 0.5]]\n", "")
     assert read_scenario(written(tmp_path, without)).rig.load["kind"] == "hard_joint"
@@ -108,21 +124,32 @@ def test_commands_become_intact_frames(tmp_path: Path) -> None:
 
 
 def test_stimuli_follow_the_profile_whatever_the_chunks() -> None:
-    profile = Profile(travel=((0, 0), (0.01, 1)), reverse=((0, 0), (0.005, 1)), load_nm=((0, 0), (0.004, 0), (0.004, 2), (0.02, 2)), mode=2)
+    profile = Profile(
+        travel=((0, 0), (0.01, 1)),
+        reverse=((0, 0), (0.005, 1)),
+        load_nm=((0, 0), (0.004, 0), (0.004, 2), (0.02, 2)),
+        mode=2,
+    )
     whole = Stimulus(profile, FrontEnds(), 1).chunk(0, 400)
     parts = Stimulus(profile, FrontEnds(), 1)
     first, second = parts.chunk(0, 150), parts.chunk(150, 250)
     for one, two, both in zip(first.columns(), second.columns(), whole.columns(), strict=True):
         assert np.array_equal(np.concatenate((one, two)), both)
-    assert whole.trigger[0] == pytest.approx(0.1 * 1023, abs=3) and whole.trigger[-1] == round(0.9 * 1023)
-    steps = [k for k in range(1, 400) if (whole.switches[k] ^ whole.switches[k - 1]) & SWITCH_REVERSE]
+    assert whole.trigger[0] == pytest.approx(0.1 * 1023, abs=3) and whole.trigger[-1] == round(
+        0.9 * 1023
+    )
+    steps = [
+        k for k in range(1, 400) if (whole.switches[k] ^ whole.switches[k - 1]) & SWITCH_REVERSE
+    ]
     assert [round(k * PERIOD_S, 4) for k in steps] == [pytest.approx(0.005, abs=1e-4)]
     assert {switches >> 2 for switches in whole.switches} == {2}
     assert set(whole.load_nm) == {0.0, 2.0}
 
 
 def test_contact_bounces_and_settles() -> None:
-    stimulus = Stimulus(Profile(travel=((0, 0), (0.01, 0), (0.01, 1), (1, 1)), bounce_s=0.004), FrontEnds(), 1)
+    stimulus = Stimulus(
+        Profile(travel=((0, 0), (0.01, 0), (0.01, 1), (1, 1)), bounce_s=0.004), FrontEnds(), 1
+    )
     contact = np.array(stimulus.chunk(0, 1000).switches) & SWITCH_CONTACT
     changes = np.flatnonzero(np.diff(contact)) * PERIOD_S
     assert len(changes) > 10

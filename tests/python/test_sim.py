@@ -1,4 +1,6 @@
-"""vgroove sim RIG --log LOG: the gap it prints is the problem's, its CSV is a log, bad input leaves nothing behind."""
+"""vgroove sim RIG --log LOG: the gap it prints is the problem's, its CSV is a log, bad input leaves
+nothing behind.
+"""
 
 import json
 import time
@@ -21,7 +23,12 @@ SHARED = Path(__file__).resolve().parents[3] / "shared/data/practice"
 def write_log(log: MadeLog, path: Path) -> Path:
     names = list(log.columns)
     rows = zip(log.time_s, *log.columns.values(), strict=True)
-    path.write_text("\n".join([",".join(["time_s", *names]), *(",".join(f"{v:.9g}" for v in row) for row in rows)]) + "\n")
+    path.write_text(
+        "\n".join(
+            [",".join(["time_s", *names]), *(",".join(f"{v:.9g}" for v in row) for row in rows)]
+        )
+        + "\n"
+    )
     return path
 
 
@@ -38,7 +45,9 @@ def test_the_gap_is_the_problems_and_names_its_stretches(tmp_path: Path) -> None
     shown = sim(tmp_path / "rig.toml", "--log", log, "--json", tmp_path / "out.json")
     figures = json.loads((tmp_path / "out.json").read_text())
     problem = load_problem([log], believed)
-    assert figures["gap"] == pytest.approx(problem.gap(problem.residuals(problem.theta0)[0]), rel=1e-9)
+    assert figures["gap"] == pytest.approx(
+        problem.gap(problem.residuals(problem.theta0)[0]), rel=1e-9
+    )
     assert f"gap {figures['gap']:.3f}" in shown
     assert figures["restart_s"] == 0.25 and figures["held_out_s"] == [[[0.0, 6.0]]]
     assert set(figures["by_signal"]) == {"current_a", "supply_v", "speed_rpm"}
@@ -57,42 +66,68 @@ def test_the_simulated_log_is_a_log_without_a_gap_of_its_own(tmp_path: Path) -> 
     write_rig(rig(), tmp_path / "rig.toml")
     sim(tmp_path / "rig.toml", "--log", log, "-o", tmp_path / "sim.csv")
     made, original = read_log(tmp_path / "sim.csv"), read_log(log)
-    assert np.array_equal(made.time_s, original.time_s) and np.array_equal(made.columns["duty"], original.columns["duty"])
-    assert np.std(made.columns["current_a"] - original.columns["current_a"]) == pytest.approx(0.153, rel=0.1)
+    assert np.array_equal(made.time_s, original.time_s) and np.array_equal(
+        made.columns["duty"], original.columns["duty"]
+    )
+    assert np.std(made.columns["current_a"] - original.columns["current_a"]) == pytest.approx(
+        0.153, rel=0.1
+    )
 
 
 def test_a_missing_rig_and_two_outputs_are_refused(tmp_path: Path) -> None:
     write_rig(rig(), tmp_path / "rig.toml")
     logs = [write_log(drive_log(rig(), seed=s, seconds=2.0), tmp_path / f"{s}.csv") for s in (1, 2)]
-    for arguments in ([tmp_path / "none.toml"], [tmp_path / "none.toml", "--log", logs[0]],
-                      [tmp_path / "rig.toml", "--log", logs[0], "--log", logs[1], "-o", tmp_path / "out.csv"]):
+    for arguments in (
+        [tmp_path / "none.toml"],
+        [tmp_path / "none.toml", "--log", logs[0]],
+        [tmp_path / "rig.toml", "--log", logs[0], "--log", logs[1], "-o", tmp_path / "out.csv"],
+    ):
         with pytest.raises(VgrooveError):
             CliRunner().invoke(cli.app, ["sim", *map(str, arguments)], catch_exceptions=False)
     assert not (tmp_path / "out.csv").exists()
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="../shared/data/practice is absent")
-@pytest.mark.parametrize(("case", "low", "high"), [("002", 0.9, 1.06), ("012", 0.9, 1.08), ("001", 2.0, 3.8)])
-def test_practice_logs_without_an_effect_end_at_the_noise(case: str, low: float, high: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("case", "low", "high"), [("002", 0.9, 1.06), ("012", 0.9, 1.08), ("001", 2.0, 3.8)]
+)
+def test_practice_logs_without_an_effect_end_at_the_noise(
+    case: str, low: float, high: float, tmp_path: Path
+) -> None:
     folder = SHARED / f"practice_{case}"
     for restart_s in ("0.25", "1000"):
-        sim(folder / "rig.toml", "--log", folder / "log.csv", "--restart-s", restart_s, "--json", tmp_path / "out.json")
+        sim(
+            folder / "rig.toml",
+            "--log",
+            folder / "log.csv",
+            "--restart-s",
+            restart_s,
+            "--json",
+            tmp_path / "out.json",
+        )
         assert low < json.loads((tmp_path / "out.json").read_text())["gap"] < high
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="../shared/data/practice is absent")
-def test_a_practice_log_ends_at_the_noise_with_the_effect_that_its_label_tells(tmp_path: Path) -> None:
+def test_a_practice_log_ends_at_the_noise_with_the_effect_that_its_label_tells(
+    tmp_path: Path,
+) -> None:
     folder = SHARED / "practice_001"
     inertia = json.loads((folder / "label.json").read_text())["truth"]["added_inertia"]["dJ"]
-    write_rig(read_rig(folder / "rig.toml").with_effects({"added_inertia": {"kg_m2": inertia}}), tmp_path / "rig.toml")
+    write_rig(
+        read_rig(folder / "rig.toml").with_effects({"added_inertia": {"kg_m2": inertia}}),
+        tmp_path / "rig.toml",
+    )
     sim(tmp_path / "rig.toml", "--log", folder / "log.csv", "--json", tmp_path / "out.json")
     assert 0.9 < json.loads((tmp_path / "out.json").read_text())["gap"] < 1.08
 
 
 def scenario_of(tmp_path: Path, reverse: bool = False) -> Path:
     write_rig(rig(), tmp_path / "rig.toml")
-    text = ('schema = "vgroove.scenario/1"\nrig = "rig.toml"\nduration_s = 2.0\n[trigger]\ntravel = [[0.0, 0.0], [0.2, 0.0], [0.2, 1.0]]\n'
-            f"reverse = [[0.0, {str(reverse).lower()}]]\n")
+    text = (
+        'schema = "vgroove.scenario/1"\nrig = "rig.toml"\nduration_s = 2.0\n[trigger]\ntravel = [[0.0, 0.0], [0.2, 0.0], [0.2, 1.0]]\n'
+        f"reverse = [[0.0, {str(reverse).lower()}]]\n"
+    )
     (tmp_path / "scenario.toml").write_text(text)
     return tmp_path / "scenario.toml"
 
@@ -100,12 +135,16 @@ def scenario_of(tmp_path: Path, reverse: bool = False) -> Path:
 def test_a_scenario_drives_the_plant_alone(tmp_path: Path) -> None:
     sim(scenario_of(tmp_path), "-o", tmp_path / "sim.csv", "--json", tmp_path / "out.json")
     made, believed = read_log(tmp_path / "sim.csv"), rig()
-    assert np.all(made.columns["speed_rpm"][made.time_s <= 0.2] == 0.0) and np.all(made.columns["coast"][made.time_s <= 0.2] == 1.0)
+    assert np.all(made.columns["speed_rpm"][made.time_s <= 0.2] == 0.0) and np.all(
+        made.columns["coast"][made.time_s <= 0.2] == 1.0
+    )
     k, current = believed.motor["torque_constant_nm_per_a"], made.columns["current_a"][-1]
     resistance = believed.motor["resistance_ohm"] + believed.supply.get("resistance_ohm", 0.0)
     steady_rpm = (believed.supply["voltage_v"] - resistance * current) / k * 30.0 / np.pi
     assert made.columns["speed_rpm"][-1] == pytest.approx(steady_rpm, rel=1e-3)
-    assert json.loads((tmp_path / "out.json").read_text())["speed_end_rpm"] == pytest.approx(made.columns["speed_rpm"][-1], rel=1e-6)
+    assert json.loads((tmp_path / "out.json").read_text())["speed_end_rpm"] == pytest.approx(
+        made.columns["speed_rpm"][-1], rel=1e-6
+    )
 
 
 def test_the_plant_alone_is_the_same_backwards(tmp_path: Path) -> None:
@@ -124,16 +163,24 @@ def test_figures_that_cannot_be_written_are_a_sentence(tmp_path: Path) -> None:
 def dull(**columns: float | np.ndarray) -> MadeLog:
     """A log of the tool with some columns replaced."""
     log = drive_log(rig(), seed=3)
-    log.columns |= {name: np.full(len(log.time_s), value) if np.isscalar(value) else value for name, value in columns.items()}
+    log.columns |= {
+        name: np.full(len(log.time_s), value) if np.isscalar(value) else value
+        for name, value in columns.items()
+    }
     return log
 
 
-@pytest.mark.parametrize(("columns", "words"), [
-    ({"duty": np.nan}, "column duty.* holds no value"),
-    ({"duty": 0.0}, "column duty is 0 throughout while the shaft speeds up"),
-    ({"current_a": np.nan, "speed_rpm": np.nan, "supply_v": np.nan}, "0 usable samples"),
-])
-def test_a_log_without_a_command_or_a_measurement_is_a_sentence(tmp_path: Path, columns: dict[str, float], words: str) -> None:
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"duty": np.nan}, "column duty.* holds no value"),
+        ({"duty": 0.0}, "column duty is 0 throughout while the shaft speeds up"),
+        ({"current_a": np.nan, "speed_rpm": np.nan, "supply_v": np.nan}, "0 usable samples"),
+    ],
+)
+def test_a_log_without_a_command_or_a_measurement_is_a_sentence(
+    tmp_path: Path, columns: dict[str, float], words: str
+) -> None:
     log = write_log(dull(**columns), tmp_path / "log.csv")
     write_rig(rig(), tmp_path / "rig.toml")
     begin = time.process_time()
@@ -142,10 +189,18 @@ def test_a_log_without_a_command_or_a_measurement_is_a_sentence(tmp_path: Path, 
     assert time.process_time() - begin < 5.0
 
 
-@pytest.mark.parametrize("columns", [
-    {"duty": 0.0, "current_a": 0.0, "speed_rpm": 0.0, "supply_v": 18.0}, {"duty": 0.0, "current_a": 0.0, "speed_rpm": 0.0, "supply_v": 0.0},
-    {"current_a": 0.0, "speed_rpm": 0.0, "supply_v": 0.0}, {"duty": 0.5, "current_a": 3.0, "speed_rpm": 5000.0, "supply_v": 18.0}])
-def test_a_log_whose_sensors_show_nothing_is_a_sentence(tmp_path: Path, columns: dict[str, float]) -> None:
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {"duty": 0.0, "current_a": 0.0, "speed_rpm": 0.0, "supply_v": 18.0},
+        {"duty": 0.0, "current_a": 0.0, "speed_rpm": 0.0, "supply_v": 0.0},
+        {"current_a": 0.0, "speed_rpm": 0.0, "supply_v": 0.0},
+        {"duty": 0.5, "current_a": 3.0, "speed_rpm": 5000.0, "supply_v": 18.0},
+    ],
+)
+def test_a_log_whose_sensors_show_nothing_is_a_sentence(
+    tmp_path: Path, columns: dict[str, float]
+) -> None:
     log = write_log(dull(**columns), tmp_path / "log.csv")
     write_rig(rig(), tmp_path / "rig.toml")
     with pytest.raises(VgrooveError, match="no measured column changes"):
@@ -158,7 +213,9 @@ def test_a_shaft_that_runs_down_by_itself_is_judged_within_five_seconds(tmp_path
     write_rig(rig(), tmp_path / "rig.toml")
     begin = time.process_time()
     sim(tmp_path / "rig.toml", "--log", log, "--json", tmp_path / "out.json")
-    assert time.process_time() - begin < 5.0 and np.isfinite(json.loads((tmp_path / "out.json").read_text())["gap"])
+    assert time.process_time() - begin < 5.0 and np.isfinite(
+        json.loads((tmp_path / "out.json").read_text())["gap"]
+    )
 
 
 RIGS = Path(__file__).resolve().parents[2] / "rigs"
@@ -168,7 +225,8 @@ def test_an_impact_rig_alone_runs_at_full_trigger(tmp_path: Path) -> None:
     sim(RIGS / "impact_driver.toml", "--json", tmp_path / "out.json")
     figures = json.loads((tmp_path / "out.json").read_text())
     assert figures["rows"] == 1001
-    assert figures["blows_per_min"] == pytest.approx(2857, rel=2e-3)  # physics.md section 4, hard joint
+    # physics.md section 4, hard joint
+    assert figures["blows_per_min"] == pytest.approx(2857, rel=2e-3)
     assert figures["torque_peak_nm"] == pytest.approx(144, rel=0.01)
 
 
@@ -177,7 +235,9 @@ def test_a_rig_alone_is_driven_no_faster_than_its_slew(tmp_path: Path) -> None:
     sim(tmp_path / "rig.toml", "-o", tmp_path / "sim.csv")
     duty = read_log(tmp_path / "sim.csv").columns["duty"]
     slew = rig().input["slew_per_s"]
-    assert duty[0] == 0.0 and duty[-1] == 1.0 and np.max(np.diff(duty)) <= slew * 1e-3 * (1.0 + 1e-9)
+    assert (
+        duty[0] == 0.0 and duty[-1] == 1.0 and np.max(np.diff(duty)) <= slew * 1e-3 * (1.0 + 1e-9)
+    )
 
 
 @pytest.mark.parametrize(("key", "value"), [("lug_overlap_rad", 3.2), ("hammer_start_rad", 0.5)])
@@ -193,4 +253,7 @@ def test_what_only_the_plant_refuses_is_a_sentence(key: str, value: float, tmp_p
 def test_rate_and_spread_are_those_of_the_pulled_trigger(tmp_path: Path) -> None:
     sim(RIGS.parent / "scenarios/impact_hard_joint.toml", "--json", tmp_path / "out.json")
     figures = json.loads((tmp_path / "out.json").read_text())
-    assert figures["blows_per_min"] == pytest.approx(2857, rel=5e-3) and figures["period_spread_percent"] < 1.0
+    assert (
+        figures["blows_per_min"] == pytest.approx(2857, rel=5e-3)
+        and figures["period_spread_percent"] < 1.0
+    )

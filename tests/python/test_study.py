@@ -1,4 +1,6 @@
-"""The studies as a user runs them, on reduced grids: laws in their JSON, tables that agree with it, a page that a browser draws."""
+"""The studies as a user runs them, on reduced grids: laws in their JSON, tables that agree with it,
+a page that a browser draws.
+"""
 
 import csv
 import json
@@ -23,7 +25,9 @@ LIMIT_S = 300
 
 def vgroove(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", "vgroove.cli", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False, cwd=cwd)
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=LIMIT_S, check=False, cwd=cwd
+    )
 
 
 def rows_of(folder: Path, name: str) -> list[dict[str, str]]:
@@ -49,13 +53,19 @@ def test_real_time_mode_holds_at_every_step(drill: dict) -> None:
     mine = [row for row in drill["sweep"] if row["solver"] == "real_time"]
     assert {row["step_s"] for row in mine} >= {10e-6, 35e-6, 40e-6, 70e-6, 0.1}
     assert max(row["speed_error"] for row in mine) < 1e-5
-    assert all(row["speed_s"] == row["chuck_s"] == 0.1 for row in drill["largest"] if row["solver"] == "real_time")
+    assert all(
+        row["speed_s"] == row["chuck_s"] == 0.1
+        for row in drill["largest"]
+        if row["solver"] == "real_time"
+    )
 
 
 def test_the_designs_steps_become_possible_one_by_one(drill: dict) -> None:
     """Euler: none of 70, 40 and 35 us in parameter step 1, not 70 us in step 2, all in step 3."""
     rows = [row for row in drill["sweep"] if (row["solver"], row["mode"]) == ("euler", "pulse")]
-    pulse = {(row["parameter_step"], round(row["step_s"] * 1e6)): row["speed_error"] for row in rows}
+    pulse = {
+        (row["parameter_step"], round(row["step_s"] * 1e6)): row["speed_error"] for row in rows
+    }
     assert all(pulse[1, us] > 0.01 for us in (35, 40, 70))
     assert pulse[2, 35] < 0.01 and pulse[2, 40] < 0.01 and pulse[2, 70] > 0.01
     assert all(pulse[3, us] < 0.01 for us in (35, 40, 70))
@@ -65,7 +75,11 @@ def test_explicit_solvers_fail_beyond_their_stability(drill: dict) -> None:
     for row in drill["largest"]:
         if row["solver"] == "real_time":
             continue
-        same = [r for r in drill["sweep"] if all(r[k] == row[k] for k in ("mode", "parameter_step", "solver"))]
+        same = [
+            r
+            for r in drill["sweep"]
+            if all(r[k] == row[k] for k in ("mode", "parameter_step", "solver"))
+        ]
         beyond = [r["chuck_error"] for r in same if r["step_s"] > 1.1 * row["stability_limit_s"]]
         assert beyond and all(error is None or error > 0.05 for error in beyond)
         assert row["chuck_s"] is None or row["chuck_s"] < row["stability_limit_s"]
@@ -77,7 +91,9 @@ def test_each_parameter_step_lets_the_variable_step_grow(drill: dict) -> None:
         assert counts[0] > 1.5 * counts[1] > 2.25 * counts[2]
     events = {(r["mode"], r["parameter_step"], r["event"]): r for r in drill["events"]}
     assert all(row["smallest_after_s"] <= row["before_s"] for row in events.values())
-    assert events["normal", 1, "load on"]["recovery_s"] > events["normal", 3, "load on"]["recovery_s"]
+    assert (
+        events["normal", 1, "load on"]["recovery_s"] > events["normal", 3, "load on"]["recovery_s"]
+    )
     assert events["pulse", 1, "drive begins"]["count"] == 11
     assert not any(event == "drive begins" for mode, _, event in events if mode != "pulse")
 
@@ -88,27 +104,51 @@ def test_tables_agree_with_the_json(steps: Path, drill: dict) -> None:
     for row, wanted in zip(largest, drill["largest"], strict=True):
         assert row["mode"] == wanted["mode"]
         value = row["behind the gear in us"]
-        assert (float(value) if value else None) == (pytest.approx(wanted["speed_s"] * 1e6, rel=1e-5) if wanted["speed_s"] else None)
+        assert (float(value) if value else None) == (
+            pytest.approx(wanted["speed_s"] * 1e6, rel=1e-5) if wanted["speed_s"] else None
+        )
     timing = rows_of(steps, "steps_execution.csv")
-    assert all(0 < float(r["mean in ns"]) <= float(r["worst in ns"]) >= float(r["99.9 % in ns"]) > 0 for r in timing)
+    assert all(
+        0 < float(r["mean in ns"]) <= float(r["worst in ns"]) >= float(r["99.9 % in ns"]) > 0
+        for r in timing
+    )
 
 
 def test_a_browser_draws_the_page(steps: Path) -> None:
     text = seen(steps / "steps.html").dom
     assert len(re.findall(r'<svg[^>]*class="main-svg"', text)) >= 6  # two layers a figure
-    assert "step in µs" in text and "1 %" in text and "Step sizes: impact cycle and drill driver" in text
+    assert (
+        "step in µs" in text
+        and "1 %" in text
+        and "Step sizes: impact cycle and drill driver" in text
+    )
     assert not re.search(r"(src|href)=['\"]https?://", text.split("<body", 1)[1])
 
 
 def test_a_rig_changes_the_result_and_png_is_drawn(tmp_path: Path) -> None:
     need_chromium()
     rig = ROOT / "rigs/drill_driver_high.toml"
-    done = vgroove("study", "steps", "--rig", rig, "--points", "2", "--repeats", "1", "--png", "--only", "drill", cwd=tmp_path)
+    done = vgroove(
+        "study",
+        "steps",
+        "--rig",
+        rig,
+        "--points",
+        "2",
+        "--repeats",
+        "1",
+        "--png",
+        "--only",
+        "drill",
+        cwd=tmp_path,
+    )
     assert done.returncode == 0, done.stderr
     data = json.loads((tmp_path / "study/steps.json").read_text())
     assert "impact" not in data
     data = data["drill"]
-    assert data["parameters"]["gearbox.ratio"] == 8.75 and data["parameters"]["load.torque_nm"] == 2.0
+    assert (
+        data["parameters"]["gearbox.ratio"] == 8.75 and data["parameters"]["load.torque_nm"] == 2.0
+    )
     assert (tmp_path / "study/steps.png").read_bytes().startswith(b"\x89PNG")
     assert not [p.name for p in (tmp_path / "study").iterdir() if "part" in p.name]
 
@@ -118,13 +158,15 @@ def test_a_rig_changes_the_result_and_png_is_drawn(tmp_path: Path) -> None:
     [
         (("--rig", ROOT / "rigs/impact_driver.toml"), "drill_driver"),
         (("--rig", "absent.toml"), "absent.toml"),
-    (("--rig", "mixed.toml"), "go together"),
+        (("--rig", "mixed.toml"), "go together"),
         (("--tolerance", "1"), "--tolerance must be from"),
         (("-o", "file"), "file: this folder cannot be made"),
         (("--json", "absent/x.json"), "absent"),
     ],
 )
-def test_bad_input_is_a_sentence_and_exit_code_2(tmp_path: Path, words: tuple, sentence: str) -> None:
+def test_bad_input_is_a_sentence_and_exit_code_2(
+    tmp_path: Path, words: tuple, sentence: str
+) -> None:
     (tmp_path / "file").write_text("")
     low = (ROOT / "rigs/drill_driver_low.toml").read_text()
     (tmp_path / "mixed.toml").write_text(low.split("[load]")[0] + '[load]\nkind = "none"\n')
@@ -136,7 +178,9 @@ def test_bad_input_is_a_sentence_and_exit_code_2(tmp_path: Path, words: tuple, s
 
 def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "vgroove.cli", "study", "steps", "--points", "200"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path) as run:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path
+    ) as run:
         deadline = time.monotonic() + 60
         while not (tmp_path / "study").is_dir() and time.monotonic() < deadline:
             time.sleep(0.05)
@@ -156,7 +200,9 @@ def test_recovery_is_the_time_to_half_of_the_step_before() -> None:
 
 
 def test_a_longest_step_is_one_up_to_which_all_hold() -> None:
-    rows = [{"step_s": s, "e": e} for s, e in ((1.0, 0.001), (2.0, 0.009), (3.0, 0.02), (4.0, 0.001))]
+    rows = [
+        {"step_s": s, "e": e} for s, e in ((1.0, 0.001), (2.0, 0.009), (3.0, 0.02), (4.0, 0.001))
+    ]
     assert largest_below(rows, "e") == 2.0
     assert largest_below(rows[2:], "e") is None
     assert largest_below([{"step_s": 1.0, "e": None}], "e") is None

@@ -1,4 +1,6 @@
-"""The studies of the impact tool as a user runs them, on reduced grids: laws of physics.md sections 4 and 6 in their JSON."""
+"""The studies of the impact tool as a user runs them, on reduced grids: laws of physics.md sections
+4 and 6 in their JSON.
+"""
 
 import json
 import re
@@ -27,7 +29,9 @@ def made(folder: Path, *words: str) -> dict:
 @pytest.fixture(scope="module")
 def supply(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
     folder = tmp_path_factory.mktemp("supply")
-    return folder / "out", made(folder, "supply", "--step", "0.5", "--from", "16", "--to", "21", "--seconds", "1.2")
+    return folder / "out", made(
+        folder, "supply", "--step", "0.5", "--from", "16", "--to", "21", "--seconds", "1.2"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +53,9 @@ def test_the_reference_tool_is_the_rig_of_the_tree() -> None:
     assert REFERENCE_RIG["load"]["kind"] == "locked"
 
 
-def test_rate_and_current_rise_with_the_supply_and_synchronism_is_lost(supply: tuple[Path, dict]) -> None:
+def test_rate_and_current_rise_with_the_supply_and_synchronism_is_lost(
+    supply: tuple[Path, dict],
+) -> None:
     rows = supply[1]["rows"]
     for joint in {row["load"] for row in rows}:
         mine = [row for row in rows if row["load"] == joint]
@@ -59,12 +65,18 @@ def test_rate_and_current_rise_with_the_supply_and_synchronism_is_lost(supply: t
         assert all(0.0 <= row["synchronism"] <= 1.0 for row in mine)
     slipping = {row["supply_v"]: row for row in rows if row["load"] == "slip_60"}
     assert slipping[18.5]["synchronism"] == 1.0
-    assert slipping[20.5]["engaged_percent"] == pytest.approx(50, abs=12)  # physics.md section 4: "about half of the lug height"
+    # physics.md section 4: "about half of the lug height"
+    assert slipping[20.5]["engaged_percent"] == pytest.approx(50, abs=12)
     assert slipping[21.0]["synchronism"] < 0.5
 
 
-@pytest.mark.parametrize(("joint", "rate", "current"), [("locked", 2857, 32.3), ("slip_60", 3241, 27.5), ("slip_6", 2771, 25.5)])
-def test_the_reference_set_shows_its_figures(supply: tuple[Path, dict], joint: str, rate: float, current: float) -> None:
+@pytest.mark.parametrize(
+    ("joint", "rate", "current"),
+    [("locked", 2857, 32.3), ("slip_60", 3241, 27.5), ("slip_6", 2771, 25.5)],
+)
+def test_the_reference_set_shows_its_figures(
+    supply: tuple[Path, dict], joint: str, rate: float, current: float
+) -> None:
     row = next(r for r in supply[1]["rows"] if (r["load"], r["supply_v"]) == (joint, 18.5))
     assert row["blows_per_min"] == pytest.approx(rate, rel=2e-3)
     assert row["current_a"] == pytest.approx(current, abs=0.1)
@@ -73,7 +85,9 @@ def test_the_reference_set_shows_its_figures(supply: tuple[Path, dict], joint: s
 def test_supply_table_agrees_with_the_json(supply: tuple[Path, dict]) -> None:
     table, rows = rows_of(supply[0], "supply_runs.csv"), supply[1]["rows"]
     assert len(table) == len(rows)
-    assert [float(r["blows/min"]) for r in table] == pytest.approx([r["blows_per_min"] for r in rows], rel=1e-5)
+    assert [float(r["blows/min"]) for r in table] == pytest.approx(
+        [r["blows_per_min"] for r in rows], rel=1e-5
+    )
 
 
 def test_clean_blows() -> None:
@@ -85,7 +99,9 @@ def test_clean_blows() -> None:
     assert clean(hits(*regular[:5], (0.1, 2.26e-3, 0, 0)), 4.5e-3).all()
     assert list(clean(hits(*regular[:5], (0.1, 2.24e-3, 0, 0)), 4.5e-3)) == [True] * 5 + [False]
     assert list(clean(hits(*regular[:5], (0.1, 4e-3, 0, 1)), 4.5e-3)) == [True] * 5 + [False]
-    assert list(clean(hits(*regular[:5], (0.0823, 4e-3, 1, 0), (0.1, 4e-3, 0, 0)), 4.5e-3)) == [True] * 5 + [False, True]
+    assert list(clean(hits(*regular[:5], (0.0823, 4e-3, 1, 0), (0.1, 4e-3, 0, 0)), 4.5e-3)) == [
+        True
+    ] * 5 + [False, True]
     assert list(clean(hits(*regular[:5], (0.1019, 4e-3, 0, 0)), 4.5e-3)) == [True] * 6
     assert list(clean(hits(*regular[:5], (0.1021, 4e-3, 0, 0)), 4.5e-3)) == [True] * 5 + [False]
 
@@ -94,11 +110,22 @@ def test_loads_hold_the_laws_of_section_6(load: tuple[Path, dict]) -> None:
     data = load[1]
     springs = data["disc_springs"]
     assert springs["single_at_0.75_n"] == pytest.approx(2621, abs=1)
-    assert springs["largest_difference_percent"] < 0.01 and springs["samples"] > 1000 and springs["deepest_mm"] > 40
-    assert [row["torque_nm"] for row in data["bolt"]["bolt"]] == pytest.approx([310, 354, 395], abs=0.6)
-    assert [row["preload_kn"] for row in data["bolt"]["bolt"]] == pytest.approx([142.5, 139.2, 135.6], abs=0.06)
+    assert (
+        springs["largest_difference_percent"] < 0.01
+        and springs["samples"] > 1000
+        and springs["deepest_mm"] > 40
+    )
+    assert [row["torque_nm"] for row in data["bolt"]["bolt"]] == pytest.approx(
+        [310, 354, 395], abs=0.6
+    )
+    assert [row["preload_kn"] for row in data["bolt"]["bolt"]] == pytest.approx(
+        [142.5, 139.2, 135.6], abs=0.06
+    )
     assert data["bolt"]["factor_friction"] == pytest.approx(lever_m(0.14) / lever_m(0.10))
-    assert data["bolt"]["factor"] > data["bolt"]["factor_friction"] > 1.0 and data["bolt"]["factor_supply"] > 1.0
+    assert (
+        data["bolt"]["factor"] > data["bolt"]["factor_friction"] > 1.0
+        and data["bolt"]["factor_supply"] > 1.0
+    )
     most = {row["joint"]: row["most_nm"] for row in data["joints"]}
     assert [most[j] for j in ("m6", "m8", "m10")] == pytest.approx([12, 22, 38], rel=0.05)
 
@@ -108,24 +135,38 @@ def test_the_coupler_takes_the_tip_off_the_peaks(load: tuple[Path, dict]) -> Non
     assert peak["locked", "with"] < 0.85 * peak["locked", "without"]
     assert peak["slip_60", "without"] == pytest.approx(60.0, abs=0.1)
     half, full = load[1]["motion"]
-    assert half["torque_peak_nm"] < full["torque_peak_nm"] and half["current_mean_a"] < full["current_mean_a"]
+    assert (
+        half["torque_peak_nm"] < full["torque_peak_nm"]
+        and half["current_mean_a"] < full["current_mean_a"]
+    )
 
 
 def test_disc_springs_by_hand() -> None:
-    """DIN EN 16984: no force without deflection; a flat spring carries 4 E / (1 - nu^2) h0 t^3 / (K1 De^2), K1 0.69 at De / Di = 2."""
+    """DIN EN 16984: no force without deflection; a flat spring carries 4 E / (1 - nu^2) h0 t^3 /
+    (K1 De^2), K1 0.69 at De / Di = 2.
+    """
     assert disc_force(np.array([0.0]))[0] == 0.0
-    assert disc_force(np.array([1.15e-3]))[0] == pytest.approx(4 * 206e9 / 0.91 * 1.15e-3 * 1.5e-3**3 / (0.685 * 0.04**2), rel=1e-2)
+    assert disc_force(np.array([1.15e-3]))[0] == pytest.approx(
+        4 * 206e9 / 0.91 * 1.15e-3 * 1.5e-3**3 / (0.685 * 0.04**2), rel=1e-2
+    )
 
 
 def test_the_cycle_on_the_locked_joint(impact: tuple[Path, dict]) -> None:
     data = impact[1]
     figures = data["figures"]
     assert figures["period_ms"] == pytest.approx(21.0, abs=0.05)
-    assert figures["joint_peak_nm"] == pytest.approx(144, abs=2) and figures["hammer_max_mm"] == pytest.approx(10.9, abs=0.05)
+    assert figures["joint_peak_nm"] == pytest.approx(144, abs=2) and figures[
+        "hammer_max_mm"
+    ] == pytest.approx(10.9, abs=0.05)
     assert figures["hammer_turn_deg"] == pytest.approx(180.0, abs=0.1)  # two lugs a turn
     assert [p["phase"] for p in data["phases"]] == ["blow", "rebound", "over", "return", "stroke"]
-    assert data["phases"][0]["start_ms"] == 0.0 and data["phases"][-1]["end_ms"] == pytest.approx(figures["period_ms"], abs=0.02)
-    assert all(a["end_ms"] == b["start_ms"] for a, b in zip(data["phases"], data["phases"][1:], strict=False))
+    assert data["phases"][0]["start_ms"] == 0.0 and data["phases"][-1]["end_ms"] == pytest.approx(
+        figures["period_ms"], abs=0.02
+    )
+    assert all(
+        a["end_ms"] == b["start_ms"]
+        for a, b in zip(data["phases"], data["phases"][1:], strict=False)
+    )
 
 
 def test_phases_follow_height_and_motion() -> None:
@@ -134,7 +175,9 @@ def test_phases_follow_height_and_motion() -> None:
     lug = np.where(t < 5e-4, 10.0, 0.0)
     found = phases_of(t, lug, height, 4e-3)
     assert [name for name, _, _ in found] == ["blow", "rebound", "over", "return", "stroke"]
-    assert found[2][1] == pytest.approx(5e-3, abs=1e-4) and found[3][1] == pytest.approx(10e-3, abs=1e-4)
+    assert found[2][1] == pytest.approx(5e-3, abs=1e-4) and found[3][1] == pytest.approx(
+        10e-3, abs=1e-4
+    )
     assert found[4][1] == pytest.approx(15e-3, abs=1e-4) and found[-1][2] == pytest.approx(0.02)
 
 
@@ -145,20 +188,29 @@ def test_a_blow_shrinks_the_step_and_the_cycle_recovers_it(tmp_path: Path) -> No
         blow = events[joint, "lug meets the lug ahead"]
         assert blow["smallest_after_s"] < 0.2 * blow["before_s"]
         assert 1e-4 < blow["recovery_s"] < 5e-3
-        assert events[joint, "hammer passes the lug height"]["count"] == pytest.approx(2 * blow["count"], abs=2)
+        assert events[joint, "hammer passes the lug height"]["count"] == pytest.approx(
+            2 * blow["count"], abs=2
+        )
     assert events["slip_60", "joint slips"]["count"] == events["slip_60", "joint sticks"]["count"]
-    assert all(row["smallest_s"] < row["median_s"] < row["largest_s"] <= 5e-4 for row in data["cycles"])
+    assert all(
+        row["smallest_s"] < row["median_s"] < row["largest_s"] <= 5e-4 for row in data["cycles"]
+    )
 
 
-@pytest.mark.parametrize(("words", "sentence"), [
-    (("impact", "--rig", ROOT / "rigs/pendulum.toml"), 'kind = "impact"'),
-    (("impact", "--joint", "nut"), "--joint must be one of"),
-    (("impact", "--duty", "0.05"), "there is no cycle to show"),
-    (("supply", "--from", "21", "--to", "14"), "no range"),
-    (("load", "--rig", "absent.toml"), "absent.toml"),
-    (("steps", "--only", "neither"), "--only must be"),
-])
-def test_bad_input_is_a_sentence_and_exit_code_2(tmp_path: Path, words: tuple, sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("impact", "--rig", ROOT / "rigs/pendulum.toml"), 'kind = "impact"'),
+        (("impact", "--joint", "nut"), "--joint must be one of"),
+        (("impact", "--duty", "0.05"), "there is no cycle to show"),
+        (("supply", "--from", "21", "--to", "14"), "no range"),
+        (("load", "--rig", "absent.toml"), "absent.toml"),
+        (("steps", "--only", "neither"), "--only must be"),
+    ],
+)
+def test_bad_input_is_a_sentence_and_exit_code_2(
+    tmp_path: Path, words: tuple, sentence: str
+) -> None:
     done = vgroove("study", *words, cwd=tmp_path)
     assert done.returncode == 2
     assert sentence in " ".join(done.stderr.split()) and "Traceback" not in done.stderr
@@ -166,18 +218,25 @@ def test_bad_input_is_a_sentence_and_exit_code_2(tmp_path: Path, words: tuple, s
 
 
 def test_a_rig_of_ones_own_on_its_own_joint(tmp_path: Path) -> None:
-    text = (ROOT / "rigs/impact_driver.toml").read_text().replace("voltage_v = 18.5", "voltage_v = 17.0")
+    text = (
+        (ROOT / "rigs/impact_driver.toml")
+        .read_text()
+        .replace("voltage_v = 18.5", "voltage_v = 17.0")
+    )
     (tmp_path / "rig.toml").write_text(text)
     data = made(tmp_path, "impact", "--rig", "rig.toml", "--joint", "rig")
     assert data["supply_v"] == 17.0 and data["load"]["slip_slope_nm_per_rad"] == 700
     assert data["figures"]["current_mean_a"] < 30.0
 
 
-@pytest.mark.parametrize(("name", "words"), [
-    ("supply", ("clean blows in %", "lag screw M8")),
-    ("load", ("slip torque in N m", "DIN EN 16984")),
-    ("impact", ("hammer back in mm", "lug height")),
-])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("supply", ("clean blows in %", "lag screw M8")),
+        ("load", ("slip torque in N m", "DIN EN 16984")),
+        ("impact", ("hammer back in mm", "lug height")),
+    ],
+)
 def test_browsers_draw_the_pages(name: str, words: tuple, request: pytest.FixtureRequest) -> None:
     text = seen(request.getfixturevalue(name)[0] / f"{name}.html").dom
     assert len(re.findall(r'<svg[^>]*class="main-svg"', text)) >= 2

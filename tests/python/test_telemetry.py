@@ -17,7 +17,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from telemetry_board import ROOT, Board, PtyBoard, eeprom_set, library, moving, struct_of, wait_until
+from telemetry_board import (
+    ROOT,
+    Board,
+    PtyBoard,
+    eeprom_set,
+    library,
+    moving,
+    struct_of,
+    wait_until,
+)
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
 from vgroove.log import log_from_stream
@@ -30,7 +39,9 @@ RESULT = {str(name): value for value, name in ACK_RESULT.choices.items()}
 
 
 def generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("generate", ROOT / "firmware/telemetry/generate.py")
+    spec = importlib.util.spec_from_file_location(
+        "generate", ROOT / "firmware/telemetry/generate.py"
+    )
     module = importlib.util.module_from_spec(spec)
     sys.modules["generate"] = module
     spec.loader.exec_module(module)
@@ -52,7 +63,9 @@ def session_of(data: bytes) -> telemetry.Session:
 
 def command_bytes(name: str, sequence: int, time_ms: int = 0, **signals: float) -> bytes:
     message = command_message(name, sequence, time_ms, **signals)
-    return telemetry.frame_bytes(telemetry.Frame(time_ms, message.arbitration_id, bytes(message.data)))
+    return telemetry.frame_bytes(
+        telemetry.Frame(time_ms, message.arbitration_id, bytes(message.data))
+    )
 
 
 @pytest.fixture(autouse=True)
@@ -61,7 +74,11 @@ def _blank_eeprom() -> None:
 
 
 def test_generated_files_are_those_of_the_signal_and_parameter_lists() -> None:
-    run = subprocess.run([sys.executable, ROOT / "firmware/telemetry/generate.py", "--check"], capture_output=True, text=True)
+    run = subprocess.run(
+        [sys.executable, ROOT / "firmware/telemetry/generate.py", "--check"],
+        capture_output=True,
+        text=True,
+    )
     assert run.returncode == 0, run.stdout
 
 
@@ -95,7 +112,12 @@ def test_c_and_python_compute_the_same_crcs(data: bytes) -> None:
 
 def raw_values(draw: st.DrawFn, name: str) -> dict[str, int]:
     signals = [s for s in telemetry.database().get_message_by_name(name).signals if s.start != 56]
-    limit = {s.name: (-(1 << (s.length - 1)), (1 << (s.length - 1)) - 1) if s.is_signed else (0, (1 << s.length) - 1) for s in signals}
+    limit = {
+        s.name: (-(1 << (s.length - 1)), (1 << (s.length - 1)) - 1)
+        if s.is_signed
+        else (0, (1 << s.length) - 1)
+        for s in signals
+    }
     return {name: draw(st.integers(*bounds)) for name, bounds in limit.items()}
 
 
@@ -108,13 +130,17 @@ def test_c_packs_every_outbound_frame_as_cantools_does(data: st.DataObject) -> N
     crc = next(s.name for s in message.signals if s.start == 56)
     expected = message.encode({**values, crc: 0x5A}, scaling=False, strict=False)
     buffer = ctypes.create_string_buffer(b"\xa5" * 7 + b"\x5a", 8)
-    getattr(library(), f"telemetry_pack_{name.lower()}")(buffer, ctypes.byref(struct_of(name)(**values)))
+    getattr(library(), f"telemetry_pack_{name.lower()}")(
+        buffer, ctypes.byref(struct_of(name)(**values))
+    )
     assert buffer.raw == expected
 
 
 @given(st.data())
 @settings(max_examples=200)
-def test_c_unpacks_every_inbound_frame_as_cantools_packs_it_and_checks_the_range(data: st.DataObject) -> None:
+def test_c_unpacks_every_inbound_frame_as_cantools_packs_it_and_checks_the_range(
+    data: st.DataObject,
+) -> None:
     name = data.draw(st.sampled_from(INBOUND))
     message = telemetry.database().get_message_by_name(name)
     values = raw_values(data.draw, name)
@@ -125,20 +151,34 @@ def test_c_unpacks_every_inbound_frame_as_cantools_packs_it_and_checks_the_range
     unpack.restype = ctypes.c_bool
     fits = unpack(ctypes.byref(unpacked), packed)
     assert {key: getattr(unpacked, key) for key in values} == values
-    assert fits == all(s.minimum <= values[s.name] <= s.maximum for s in message.signals if s.name in values)
+    assert fits == all(
+        s.minimum <= values[s.name] <= s.maximum for s in message.signals if s.name in values
+    )
 
 
-@given(st.lists(st.binary(min_size=8, max_size=8), min_size=1, max_size=20), st.sampled_from(OUTBOUND))
+@given(
+    st.lists(st.binary(min_size=8, max_size=8), min_size=1, max_size=20), st.sampled_from(OUTBOUND)
+)
 def test_many_frames_decode_as_cantools_decodes_each(payloads: list[bytes], name: str) -> None:
     frame_id = telemetry.database().get_message_by_name(name).frame_id
     frames = [telemetry.Frame(0, frame_id, data) for data in payloads]
     together = telemetry.decode_many(name, frames)
     for k, frame in enumerate(frames):
-        assert {key: float(values[k]) for key, values in together.items()} == pytest.approx(telemetry.decode(frame), abs=1e-12)
+        assert {key: float(values[k]) for key, values in together.items()} == pytest.approx(
+            telemetry.decode(frame), abs=1e-12
+        )
 
 
-@given(st.integers(-32768, 32767), st.integers(-32768, 32767), st.integers(-511, 511), st.integers(0, 1023), st.integers(0, 2**32 - 2))
-def test_a_row_arrives_as_the_firmware_reported_it(current: int, speed: int, duty: int, supply: int, now: int) -> None:
+@given(
+    st.integers(-32768, 32767),
+    st.integers(-32768, 32767),
+    st.integers(-511, 511),
+    st.integers(0, 1023),
+    st.integers(0, 2**32 - 2),
+)
+def test_a_row_arrives_as_the_firmware_reported_it(
+    current: int, speed: int, duty: int, supply: int, now: int
+) -> None:
     board = Board(now_ms=now)
     fast = board.fast
     fast.current_a, fast.speed_rpm, fast.duty_compare, fast.supply_v = current, speed, duty, supply
@@ -146,14 +186,21 @@ def test_a_row_arrives_as_the_firmware_reported_it(current: int, speed: int, dut
     assert [frame.id for frame in frames] == [telemetry.BOOT, telemetry.FAST]
     row = telemetry.decode(frames[1])
     assert frames[1].time_ms == now + 1
-    assert (row["current_a"] * 512, row["speed_rpm"] * 2, row["duty_compare"]) == (current, speed, duty)
+    assert (row["current_a"] * 512, row["speed_rpm"] * 2, row["duty_compare"]) == (
+        current,
+        speed,
+        duty,
+    )
     assert row["supply_v"] == pytest.approx(supply * 0.025)
 
 
 @pytest.mark.parametrize(
-    ("baud_select", "asked", "divider", "per_tick"), [(0, 1, 1, 25.0), (1, 1, 2, 11.52), (1, 5, 5, 11.52), (0, 63, 63, 25.0)]
+    ("baud_select", "asked", "divider", "per_tick"),
+    [(0, 1, 1, 25.0), (1, 1, 2, 11.52), (1, 5, 5, 11.52), (0, 63, 63, 25.0)],
 )
-def test_the_line_is_never_overfull_and_no_fast_frame_waits(baud_select: int, asked: int, divider: int, per_tick: float) -> None:
+def test_the_line_is_never_overfull_and_no_fast_frame_waits(
+    baud_select: int, asked: int, divider: int, per_tick: float
+) -> None:
     board, queued, sent = Board(asked, baud_select), 0.0, bytearray()
     each = moving(board)
     for k in range(4100):
@@ -169,10 +216,20 @@ def test_the_line_is_never_overfull_and_no_fast_frame_waits(baud_select: int, as
         assert len(fast) == ((k + 1) % divider == 0), f"tick {k}"
         sent += data
     kinds = [frame.id for frame in frames_of(bytes(sent))]
-    assert kinds[0] == telemetry.BOOT and telemetry.decode(frames_of(bytes(sent))[0])["fast_divider"] == divider
-    assert kinds.count(telemetry.BOOT) == 2 and kinds.count(telemetry.PARAM_TABLE) == 2 and kinds.count(telemetry.HEALTH) == 5
+    assert (
+        kinds[0] == telemetry.BOOT
+        and telemetry.decode(frames_of(bytes(sent))[0])["fast_divider"] == divider
+    )
+    assert (
+        kinds.count(telemetry.BOOT) == 2
+        and kinds.count(telemetry.PARAM_TABLE) == 2
+        and kinds.count(telemetry.HEALTH) == 5
+    )
     assert kinds.count(telemetry.PARAM) == 2 * len(telemetry.parameter_list())
-    assert kinds.count(telemetry.STATE) == pytest.approx(kinds.count(telemetry.CONTROL), rel=0.02, abs=1)  # they take turns
+    # they take turns
+    assert kinds.count(telemetry.STATE) == pytest.approx(
+        kinds.count(telemetry.CONTROL), rel=0.02, abs=1
+    )
     assert len(sent) <= 4100 * per_tick + 57
     assert session_of(bytes(sent)).counters.lost == 0
 
@@ -184,7 +241,9 @@ def test_a_decimated_row_holds_means_and_the_last_command() -> None:
     for current, supply, duty in values:
         board.fast.current_a, board.fast.supply_v, board.fast.duty_compare = current, supply, duty
         sent += board.tick()
-    row = telemetry.decode(next(frame for frame in frames_of(bytes(sent)) if frame.id == telemetry.FAST))
+    row = telemetry.decode(
+        next(frame for frame in frames_of(bytes(sent)) if frame.id == telemetry.FAST)
+    )
     assert (row["current_a"] * 512, row["duty_compare"]) == (-3, 13)  # -2.5, half away from zero
     assert row["supply_v"] == pytest.approx(702 * 0.025)  # 702.25
 
@@ -197,7 +256,10 @@ def test_state_goes_out_on_change_with_its_tick_and_once_a_second() -> None:
     board.inputs.state.state = 3
     sent = frames_of(board.run(6))
     state = next(frame for frame in sent if frame.id == telemetry.STATE)
-    assert telemetry.decode(state)["state"] == 3 and telemetry.decode(state)["state_tick"] == 1401 & 0xFF
+    assert (
+        telemetry.decode(state)["state"] == 3
+        and telemetry.decode(state)["state_tick"] == 1401 & 0xFF
+    )
 
 
 def test_control_goes_out_on_change_with_its_tick_and_rows_carry_it() -> None:
@@ -205,14 +267,22 @@ def test_control_goes_out_on_change_with_its_tick_and_rows_carry_it() -> None:
 
     def each(k: int) -> None:
         control = board.inputs.control
-        control.blow_count, control.stop_reason, control.estimate = 4000 + (k - 600) // 25 if k >= 600 else 0, 2 * (k >= 900), k
+        control.blow_count, control.stop_reason, control.estimate = (
+            4000 + (k - 600) // 25 if k >= 600 else 0,
+            2 * (k >= 900),
+            k,
+        )
 
     stream = board.run(1200, each)
     frames = [frame for frame in frames_of(stream) if frame.id == telemetry.CONTROL]
-    assert len(frames) == 1 + 24 and telemetry.decode(frames[-1])["estimate"] == 1175, "the estimate alone is no news"
+    assert len(frames) == 1 + 24 and telemetry.decode(frames[-1])["estimate"] == 1175, (
+        "the estimate alone is no news"
+    )
     log = log_from_stream(stream, "board")
     since = np.round(log.time_s * 1000).astype(int) - 1
-    assert (log["blow_count"][100:] == np.where(since[100:] >= 600, 4000 + (since[100:] - 600) // 25, 0)).all()
+    assert (
+        log["blow_count"][100:] == np.where(since[100:] >= 600, 4000 + (since[100:] - 600) // 25, 0)
+    ).all()
     assert (log["stop_reason"][100:] == np.where(since[100:] >= 900, 2, 0)).all()
 
 
@@ -242,7 +312,9 @@ def test_rows_carry_the_state_of_their_own_tick_though_its_frame_comes_later() -
     known = np.isfinite(log["state"])
     expected = np.where(log.time_s >= 0.701, 2, 1)
     assert known[-1400:].all() and (log["state"][known] == expected[known]).all()
-    assert log["trigger"][-700:] == pytest.approx(np.where(log.time_s[-700:] >= 0.901, 200, 100) / 255)
+    assert log["trigger"][-700:] == pytest.approx(
+        np.where(log.time_s[-700:] >= 0.901, 200, 100) / 255
+    )
 
 
 def test_a_recording_knows_every_parameter_and_their_crc() -> None:
@@ -254,16 +326,22 @@ def test_a_recording_knows_every_parameter_and_their_crc() -> None:
 
 def test_a_dump_with_a_missing_or_changed_parameter_is_not_taken_for_complete() -> None:
     frames = frames_of(Board().run(400))
-    third = next(k for k, frame in enumerate(frames) if frame.id == telemetry.PARAM and frame.data[0] == 3)
+    third = next(
+        k for k, frame in enumerate(frames) if frame.id == telemetry.PARAM and frame.data[0] == 3
+    )
     missing, changed = telemetry.Session(), telemetry.Session()
     missing.feed(frames[:third] + frames[third + 1 :])
-    other = telemetry.frame_of(frames[third].time_ms, telemetry.PARAM, frames[third].data[:2] + b"\1\2\0\0" + b"\0")
+    other = telemetry.frame_of(
+        frames[third].time_ms, telemetry.PARAM, frames[third].data[:2] + b"\1\2\0\0" + b"\0"
+    )
     changed.feed([*frames[:third], other, *frames[third + 1 :]])
     assert missing.table is None and changed.table is None
 
 
 def test_an_unknown_protocol_is_refused_with_a_sentence() -> None:
-    boot = telemetry.frame_of_signals("BOOT", 5, protocol_version=9, duty_full_scale=255, fast_divider=1)
+    boot = telemetry.frame_of_signals(
+        "BOOT", 5, protocol_version=9, duty_full_scale=255, fast_divider=1
+    )
     with pytest.raises(VgrooveError, match="speaks telemetry protocol 9, this vgroove knows 2"):
         telemetry.Session().feed([boot])
 
@@ -276,7 +354,11 @@ def test_an_unknown_protocol_is_refused_with_a_sentence() -> None:
         (command_bytes("PARAM_READ", 1, read_index=200), True, "unknown_index"),
         (command_bytes("PARAM_WRITE", 1, write_index=12, write_value=5000), True, "ok"),
         (command_bytes("PARAM_WRITE", 1, write_index=12, write_value=5001), True, "out_of_range"),
-        (command_bytes("PARAM_WRITE", 1, write_index=12, write_value=50 + 65536), True, "out_of_range"),
+        (
+            command_bytes("PARAM_WRITE", 1, write_index=12, write_value=50 + 65536),
+            True,
+            "out_of_range",
+        ),
         (command_bytes("PARAM_WRITE", 1, write_index=12, write_value=50), True, "ok"),
         (command_bytes("PARAM_WRITE", 1, write_index=12, write_value=49), True, "out_of_range"),
         (command_bytes("PARAM_WRITE", 1, write_index=12, write_value=-1), True, "out_of_range"),
@@ -294,15 +376,25 @@ def test_every_command_is_answered_with_its_result(command: bytes, idle: bool, r
     sent = b"".join(board.tick(idle) for _ in range(30))
     acks = [telemetry.decode(frame) for frame in frames_of(sent) if frame.id == telemetry.ACK]
     assert [ack["ack_result"] for ack in acks] == [RESULT[result]]
-    assert acks[0]["ack_sequence"] == command[16] and acks[0]["ack_command"] == struct.unpack_from("<H", command, 6)[0]
+    assert (
+        acks[0]["ack_sequence"] == command[16]
+        and acks[0]["ack_command"] == struct.unpack_from("<H", command, 6)[0]
+    )
     changed = list(board.store.value) != before
-    assert changed == (result == "ok" and b"\x02\x02" in command[6:8] and list(board.store.value)[12] in (5000, 50))
+    assert changed == (
+        result == "ok" and b"\x02\x02" in command[6:8] and list(board.store.value)[12] in (5000, 50)
+    )
 
 
 def test_the_same_command_sent_again_is_answered_again_but_not_executed_again() -> None:
     board = Board()
     write = command_bytes("PARAM_WRITE", 7, 100, write_index=12, write_value=600)
-    for data in (write, write, command_bytes("PARAM_WRITE", 8, 150, write_index=12, write_value=700), write):
+    for data in (
+        write,
+        write,
+        command_bytes("PARAM_WRITE", 8, 150, write_index=12, write_value=700),
+        write,
+    ):
         board.receive(data)
         board.run(20)
     assert board.results == [("executed", 0), ("answered", 0), ("executed", 0), ("executed", 0)]
@@ -313,9 +405,13 @@ def test_a_read_answers_with_the_parameter_before_its_ack_is_old() -> None:
     board = Board()
     board.run(400)
     board.receive(command_bytes("PARAM_READ", 9, read_index=7))
-    frames = [frame for frame in frames_of(board.run(30)) if frame.id in (telemetry.PARAM, telemetry.ACK)]
+    frames = [
+        frame for frame in frames_of(board.run(30)) if frame.id in (telemetry.PARAM, telemetry.ACK)
+    ]
     assert sorted(frame.id for frame in frames) == [telemetry.PARAM, telemetry.ACK]
-    assert telemetry.decode(next(f for f in frames if f.id == telemetry.PARAM))["param_value"] == 25600
+    assert (
+        telemetry.decode(next(f for f in frames if f.id == telemetry.PARAM))["param_value"] == 25600
+    )
 
 
 @given(st.lists(st.binary(max_size=30), min_size=1, max_size=6), st.randoms(use_true_random=False))
@@ -345,32 +441,46 @@ def test_a_frame_that_begins_inside_a_damaged_one_is_found() -> None:
 def error_syndromes() -> list[int]:
     """What each single flipped bit of id, time, data and CRC changes in the CRC comparison."""
     base = telemetry.crc8(bytes(15))
-    flips = [telemetry.crc8(bytes(1 << (b % 8) if k == b // 8 else 0 for k in range(15))) ^ base for b in range(120)]
+    flips = [
+        telemetry.crc8(bytes(1 << (b % 8) if k == b // 8 else 0 for k in range(15))) ^ base
+        for b in range(120)
+    ]
     return flips + [1 << bit for bit in range(8)]
 
 
 def test_the_crc_sees_every_error_of_one_to_three_bits_that_leaves_the_id_known() -> None:
     syndromes = error_syndromes()
-    missed = [pair for pair in itertools.combinations(range(128), 2) if syndromes[pair[0]] == syndromes[pair[1]]]
+    missed = [
+        pair
+        for pair in itertools.combinations(range(128), 2)
+        if syndromes[pair[0]] == syndromes[pair[1]]
+    ]
     assert all(pair[0] < 32 for pair in missed), "an undetected pair must touch the id"
     for first, _ in missed:
         ids = [frame_id ^ (1 << first) for frame_id in telemetry.OUTBOUND]
         assert not set(ids) & telemetry.OUTBOUND
-    # The polynomial holds the factor x + 1: each syndrome has an odd number of ones, so the sum of an odd number of them is never 0.
+    # The polynomial holds the factor x + 1: each syndrome has an odd number of ones, so the sum of
+    # an odd number of them is never 0.
     assert all(syndrome.bit_count() % 2 == 1 for syndrome in syndromes)
 
 
 def test_of_the_errors_of_four_bits_one_in_127_passes_as_the_page_says() -> None:
     pairs = [a ^ b for a, b in itertools.combinations(error_syndromes(), 2)]
     alike = np.bincount(pairs)
-    passing = sum(count * (count - 1) // 2 for count in alike.tolist()) / 3  # each set of four is three pairs of pairs
+    # each set of four is three pairs of pairs
+    passing = sum(count * (count - 1) // 2 for count in alike.tolist()) / 3
     assert 127 * passing / math.comb(128, 4) == pytest.approx(1, abs=0.02)
     page = (ROOT / "docs/telemetry.md").read_text()
     for rate, said in ((1e-6, "3.8e8 years"), (1e-4, "3.8 years"), (1e-3, "3.8 hours")):
-        undetected = sum(math.comb(128, k) * rate**k * (1 - rate) ** (128 - k) for k in range(4, 129, 2)) / 127
+        undetected = (
+            sum(math.comb(128, k) * rate**k * (1 - rate) ** (128 - k) for k in range(4, 129, 2))
+            / 127
+        )
         hours = 1 / (undetected * 1000) / 3600
         value, unit = said.split()
-        assert said in page and hours / (8766 if unit == "years" else 1) == pytest.approx(float(value), rel=0.03)
+        assert said in page and hours / (8766 if unit == "years" else 1) == pytest.approx(
+            float(value), rel=0.03
+        )
 
 
 def test_the_crc_sees_every_burst_of_up_to_eight_bits() -> None:
@@ -409,7 +519,9 @@ def damaged(data: bytes, rng: random.Random, rate: float) -> bytes:
 
 @pytest.mark.parametrize("rate", [1e-4, 1e-3, 5e-3])
 @pytest.mark.parametrize("seed", range(3))
-def test_what_a_damaged_stream_yields_adds_up_and_nothing_wrong_passes_as_right(rate: float, seed: int) -> None:
+def test_what_a_damaged_stream_yields_adds_up_and_nothing_wrong_passes_as_right(
+    rate: float, seed: int
+) -> None:
     board = Board()
     clean = board.run(6000, moving(board))
     sent = {f.time_ms: f for f in frames_of(clean) if f.id == telemetry.FAST}
@@ -422,7 +534,9 @@ def test_what_a_damaged_stream_yields_adds_up_and_nothing_wrong_passes_as_right(
     got = [(time_ms, frame) for time_ms, frame in session._fast]
     assert all(sent[time_ms] == frame for time_ms, frame in got)
     assert counters.fast == len(got) and counters.fast + counters.lost == got[-1][0] - got[0][0] + 1
-    assert counters.bytes == len(broken) == 19 * counters.frames + counters.skipped_bytes + framer.held
+    assert (
+        counters.bytes == len(broken) == 19 * counters.frames + counters.skipped_bytes + framer.held
+    )
     assert counters.lost > 0 and not session.restarted and counters.not_sent == 0
 
 
@@ -434,13 +548,20 @@ def test_a_whole_stream_has_no_losses_however_it_is_cut() -> None:
         step = rng.randrange(1, 60)
         session.feed(framer.feed(clean[at : at + step]))
         at += step
-    assert framer.counters.skipped_bytes == framer.counters.corrupt == session.counters.lost == 0 and len(session._fast) == 500
+    assert (
+        framer.counters.skipped_bytes == framer.counters.corrupt == session.counters.lost == 0
+        and len(session._fast) == 500
+    )
 
 
 def test_time_goes_on_when_the_boards_clock_wraps() -> None:
     board = Board(now_ms=2**32 - 300)
     log = log_from_stream(board.run(1000, moving(board)), "board")
-    assert len(log) == 1000 and np.allclose(np.diff(log.time_s), 0.001) and log.meta["counters"]["lost"] == 0
+    assert (
+        len(log) == 1000
+        and np.allclose(np.diff(log.time_s), 0.001)
+        and log.meta["counters"]["lost"] == 0
+    )
 
 
 def test_a_restart_ends_the_run_but_not_before_its_parameters_are_known() -> None:
@@ -458,15 +579,30 @@ def test_a_single_frame_from_another_time_is_not_believed() -> None:
     stray = telemetry.frame_of(3_000_000, telemetry.FAST, bytes(7))
     session = telemetry.Session()
     session.feed([*frames[:700], stray, *frames[700:]])
-    assert session.counters.corrupt == 1 and session.counters.lost == 0 and len(session._fast) == 1000
+    assert (
+        session.counters.corrupt == 1 and session.counters.lost == 0 and len(session._fast) == 1000
+    )
 
 
 def test_python_can_reads_the_undamaged_stream(tmp_path: Path) -> None:
     target = tmp_path / "can.asc"
     board = PtyBoard()
-    command = [sys.executable, "-m", "can.logger", "-i", "serial", "-c", board.port, "-f", str(target), "--bus-kwargs", "baudrate=250000"]
+    command = [
+        sys.executable,
+        "-m",
+        "can.logger",
+        "-i",
+        "serial",
+        "-c",
+        board.port,
+        "-f",
+        str(target),
+        "--bus-kwargs",
+        "baudrate=250000",
+    ]
     logger = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    wait_until(target.exists, f"{target} appears")  # made once the port is open and flushed: python-can needs a frame's begin
+    # made once the port is open and flushed: python-can needs a frame's begin
+    wait_until(target.exists, f"{target} appears")
     with board:
         wait_until(lambda: target.stat().st_size > 100_000, f"{target} grows")
         logger.send_signal(2)

@@ -1,4 +1,6 @@
-"""Every effect of the generator is seen, in the signals and with the sign that its physics asks for."""
+"""Every effect of the generator is seen, in the signals and with the sign that its physics asks
+for.
+"""
 
 from collections.abc import Callable
 
@@ -24,8 +26,18 @@ from truth_helpers import (
     visible_limit,
 )
 
-SENSORS = {"current_gain": "i", "current_offset": "i", "current_lag": "i", "current_saturation": "i", "u_mains_hum": "i",
-           "supply_gain": "v", "speed_gain": "w", "speed_lag": "w", "hall_eccentricity": "w", "hall_dropout": "w"}
+SENSORS = {
+    "current_gain": "i",
+    "current_offset": "i",
+    "current_lag": "i",
+    "current_saturation": "i",
+    "u_mains_hum": "i",
+    "supply_gain": "v",
+    "speed_gain": "w",
+    "speed_lag": "w",
+    "hall_eccentricity": "w",
+    "hall_dropout": "w",
+}
 PROFILE = {"load": "load_steps", "two_way": "reversals", "slow": "crawl", "": "staircase"}
 
 
@@ -56,7 +68,10 @@ def test_effect_can_be_seen_and_grows_with_its_size(effect_id: str) -> None:
     setting = setting_of(PROFILE[effect.needs], seconds=4.0)
     reference = simulate(setting, SILENT)[0]
     top = effect.top(setting.rig)
-    large, small = visibility(setting, reference, effect_id, 0.7 * top), visibility(setting, reference, effect_id, 1e-4 * top)
+    large, small = (
+        visibility(setting, reference, effect_id, 0.7 * top),
+        visibility(setting, reference, effect_id, 1e-4 * top),
+    )
     assert large > 1.0
     assert small < 0.7 * large
 
@@ -69,8 +84,19 @@ def test_sensor_effect_leaves_the_tool_alone(effect_id: str) -> None:
     assert np.array_equal(without.supply_v, with_it.supply_v) == (SENSORS[effect_id] != "v")
 
 
-SLOWER = ("supply_resistance", "winding_resistance", "bridge_resistance", "brush_drop", "coulomb_friction", "viscous_friction",
-          "quadratic_drag", "cold_grease", "winding_heating", "dead_time", "supply_droop")
+SLOWER = (
+    "supply_resistance",
+    "winding_resistance",
+    "bridge_resistance",
+    "brush_drop",
+    "coulomb_friction",
+    "viscous_friction",
+    "quadratic_drag",
+    "cold_grease",
+    "winding_heating",
+    "dead_time",
+    "supply_droop",
+)
 MORE_CURRENT = ("coulomb_friction", "viscous_friction", "quadratic_drag", "cold_grease")
 
 
@@ -87,7 +113,9 @@ def test_friction_costs_current(effect_id: str) -> None:
 
 
 def held_sizes() -> dict[str, Callable[[], tuple[float, float]]]:
-    """Effect -> (measured, expected) where steady state gives the size by hand; reference tool at duty 0.6 unless said."""
+    """Effect -> (measured, expected) where steady state gives the size by hand; reference tool at
+    duty 0.6 unless said.
+    """
     base, v, r, k = steady(0.6), 18.0, 0.19, 0.0109
     friction = 0.012 + 4.5e-6 * base["speed_rad_s"]
 
@@ -99,16 +127,33 @@ def held_sizes() -> dict[str, Callable[[], tuple[float, float]]]:
 
     return {
         "nominal": lambda: (base["speed_rad_s"], solved(0.6 * v, r, k, 0.012, 4.5e-6)),
-        "winding_resistance": lambda: (speed(resistance_ohm=0.3), solved(0.6 * v, 0.3, k, 0.012, 4.5e-6)),
-        "bridge_resistance": lambda: (speed(bridge_resistance_ohm=0.11), solved(0.6 * v, 0.3, k, 0.012, 4.5e-6)),
-        "torque_constant": lambda: (speed(torque_constant_nm_per_a=0.012), solved(0.6 * v, r, 0.012, 0.012, 4.5e-6)),
+        "winding_resistance": lambda: (
+            speed(resistance_ohm=0.3),
+            solved(0.6 * v, 0.3, k, 0.012, 4.5e-6),
+        ),
+        "bridge_resistance": lambda: (
+            speed(bridge_resistance_ohm=0.11),
+            solved(0.6 * v, 0.3, k, 0.012, 4.5e-6),
+        ),
+        "torque_constant": lambda: (
+            speed(torque_constant_nm_per_a=0.012),
+            solved(0.6 * v, r, 0.012, 0.012, 4.5e-6),
+        ),
         "coulomb_friction": lambda: (speed(coulomb_nm=0.03), solved(0.6 * v, r, k, 0.03, 4.5e-6)),
-        "viscous_friction": lambda: (speed(viscous_nm_s_per_rad=2e-5), solved(0.6 * v, r, k, 0.012, 2e-5)),
+        "viscous_friction": lambda: (
+            speed(viscous_nm_s_per_rad=2e-5),
+            solved(0.6 * v, r, k, 0.012, 2e-5),
+        ),
         "forward_nm": lambda: (speed(forward_nm=0.01), solved(0.6 * v, r, k, 0.022, 4.5e-6)),
         "backward_nm": lambda: (speed(backward_nm=0.01), solved(0.6 * v, r, k, 0.012, 4.5e-6)),
-        "dead_time": lambda: (speed(dead_time_s=5e-7), solved(0.6 * v - 2 * 5e-7 * 20000 * v, r, k, 0.012, 4.5e-6)),
-        "brush_drop": lambda: (steady(1.0, brush_drop_v=0.8)["speed_rad_s"],
-                               solved(v - 0.8 * (1 - np.exp(-1.85 / 0.25)), r, k, 0.012, 4.5e-6)),
+        "dead_time": lambda: (
+            speed(dead_time_s=5e-7),
+            solved(0.6 * v - 2 * 5e-7 * 20000 * v, r, k, 0.012, 4.5e-6),
+        ),
+        "brush_drop": lambda: (
+            steady(1.0, brush_drop_v=0.8)["speed_rad_s"],
+            solved(v - 0.8 * (1 - np.exp(-1.85 / 0.25)), r, k, 0.012, 4.5e-6),
+        ),
         "friction": lambda: (base["friction_nm"] + 4.5e-6 * base["speed_rad_s"], friction),
     }
 
@@ -120,8 +165,12 @@ def test_steady_speed_is_what_the_equation_gives(name: str) -> None:
 
 
 @pytest.mark.parametrize(("share", "sign"), [(0.5, 0.0), (0.8, 0.0), (1.25, 1.0), (2.0, 1.0)])
-def test_dead_time_takes_nothing_while_the_current_changes_sign_between_the_edges(share: float, sign: float) -> None:
-    """At a share of the ripple's height: the law of `at_edges`; the mean of the sign over the ripple would be the share itself."""
+def test_dead_time_takes_nothing_while_the_current_changes_sign_between_the_edges(
+    share: float, sign: float
+) -> None:
+    """At a share of the ripple's height: the law of `at_edges`; the mean of the sign over the
+    ripple would be the share itself.
+    """
     duty, v, r, k, dead_s = 128 / 255, 18.0, 0.19, 0.0109, 4e-7
     current = share * duty * (1.0 - duty) * v / (2.0 * 1e-4 * 20000.0)
     rubbing = k * current - 4.5e-6 * duty * v / k
@@ -148,8 +197,13 @@ def test_supply_resistance_drops_the_bus_by_the_bus_current() -> None:
 
 
 def test_inertia_slows_the_run_up_and_nothing_else() -> None:
-    assert steady(0.6, seconds=0.03, inertia_kg_m2=3e-5)["speed_rad_s"] < 0.75 * steady(0.6, seconds=0.03)["speed_rad_s"]
-    assert steady(0.6, seconds=1.5, inertia_kg_m2=3e-5)["speed_rad_s"] == pytest.approx(steady(0.6, seconds=1.5)["speed_rad_s"], rel=1e-4)
+    assert (
+        steady(0.6, seconds=0.03, inertia_kg_m2=3e-5)["speed_rad_s"]
+        < 0.75 * steady(0.6, seconds=0.03)["speed_rad_s"]
+    )
+    assert steady(0.6, seconds=1.5, inertia_kg_m2=3e-5)["speed_rad_s"] == pytest.approx(
+        steady(0.6, seconds=1.5)["speed_rad_s"], rel=1e-4
+    )
 
 
 def test_heat_raises_resistance_by_copper_and_cools() -> None:
@@ -163,16 +217,22 @@ def test_transport_delay_shifts_the_run_by_its_length() -> None:
     setting = setting_of("ramps")
     without = simulate(setting, SILENT)[0]
     late = simulate(setting, {"transport_delay_s": 0.01} | SILENT)[0]
-    assert np.max(np.abs(late.speed_rad_s[10:] - without.speed_rad_s[:-10])) < 0.01 * top_speed(setting.rig)
+    assert np.max(np.abs(late.speed_rad_s[10:] - without.speed_rad_s[:-10])) < 0.01 * top_speed(
+        setting.rig
+    )
     assert np.max(np.abs(late.speed_rad_s - without.speed_rad_s)) > 0.02 * top_speed(setting.rig)
 
 
 def test_current_gain_offset_and_limit_are_exact() -> None:
     setting = setting_of("staircase")
     plain = simulate(setting, SILENT)[0].current_a
-    changed = simulate(setting, {"current_gain": 0.1, "current_offset_a": -0.5} | SILENT)[0].current_a
+    changed = simulate(setting, {"current_gain": 0.1, "current_offset_a": -0.5} | SILENT)[
+        0
+    ].current_a
     assert np.allclose(changed, 1.1 * plain - 0.5, atol=1e-9)
-    assert np.max(simulate(setting, {"current_limit_a": 2.0} | SILENT)[0].current_a) == pytest.approx(2.0)
+    assert np.max(
+        simulate(setting, {"current_limit_a": 2.0} | SILENT)[0].current_a
+    ) == pytest.approx(2.0)
 
 
 def test_lost_edges_halve_single_speeds() -> None:
@@ -198,4 +258,6 @@ def test_visible_limit_has_visibility_one(effect_id: str) -> None:
     setting = setting_of(PROFILE[BY_ID[effect_id].needs], seconds=4.0)
     limit = visible_limit(setting, effect_id)
     assert limit is not None
-    assert visibility(setting, simulate(setting, SILENT)[0], effect_id, limit) == pytest.approx(1.0, abs=0.06)
+    assert visibility(setting, simulate(setting, SILENT)[0], effect_id, limit) == pytest.approx(
+        1.0, abs=0.06
+    )

@@ -1,11 +1,24 @@
-"""With every effect off the generator agrees with the nominal page, integrated by SciPy with an averaged bridge, to about the noise."""
+"""With every effect off the generator agrees with the nominal page, integrated by SciPy with an
+averaged bridge, to about the noise.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from truth_helpers import RPM, SILENT, Command, columns, deviations, gap, hall_rows, nominal_run, setting_of, simulate
+from truth_helpers import (
+    RPM,
+    SILENT,
+    Command,
+    columns,
+    deviations,
+    gap,
+    hall_rows,
+    nominal_run,
+    setting_of,
+    simulate,
+)
 
 PROFILES = ("staircase", "ramps", "reversals", "load_steps", "hand", "chirp", "crawl")
 
@@ -14,7 +27,13 @@ def logged_command(table: dict[str, np.ndarray]) -> Command:
     """What a reader of the log knows of the command: its rows, straight in between."""
     time = np.concatenate([[0.0], table["time_s"]])
     load = table.get("load_nm", np.zeros(len(table["time_s"])))
-    return Command(time, np.concatenate([[0.0], table["duty"]]), np.zeros(len(time)), time, np.concatenate([[0.0], load]))
+    return Command(
+        time,
+        np.concatenate([[0.0], table["duty"]]),
+        np.zeros(len(time)),
+        time,
+        np.concatenate([[0.0], load]),
+    )
 
 
 @pytest.mark.parametrize("profile", PROFILES)
@@ -24,7 +43,11 @@ def test_effect_free_run_is_the_nominal_page(profile: str) -> None:
     model = nominal_run(setting.rig, logged_command(columns(setting, SILENT)), run.time_s)
     found = deviations(run, model, sensors, sensors)
     limits = {"current_a": 0.15, "supply_v": 0.15, "speed_rpm": 0.9}
-    assert not {name: gap({name: values}) for name, values in found.items() if gap({name: values}) > limits[name]}
+    assert not {
+        name: gap({name: values})
+        for name, values in found.items()
+        if gap({name: values}) > limits[name]
+    }
 
 
 def test_supply_resistance_of_the_rig_is_the_nominal_page() -> None:
@@ -73,7 +96,11 @@ def test_speed_column_is_one_pitch_over_the_last_edge_period_and_falls() -> None
 def test_counting_speed_of_an_encoder_follows_the_shaft() -> None:
     setting = setting_of("staircase")
     sensors = replace(setting.rig.sensors, hall_pulses_per_rev=64)
-    setting = replace(setting, rig=replace(setting.rig, sensors=sensors), tool=replace(setting.tool, sensors=sensors))
+    setting = replace(
+        setting,
+        rig=replace(setting.rig, sensors=sensors),
+        tool=replace(setting.tool, sensors=sensors),
+    )
     run, _, _, sensors = simulate(setting, SILENT)
     speed = hall_rows(run, sensors)[0]
     fast = np.abs(run.speed_rad_s) > 200.0

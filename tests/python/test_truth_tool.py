@@ -1,4 +1,6 @@
-"""The generator's own laws: bristle friction, energy, the bridge in lock-step, determinism, and the seal."""
+"""The generator's own laws: bristle friction, energy, the bridge in lock-step, determinism, and the
+seal.
+"""
 
 import hashlib
 import json
@@ -14,13 +16,19 @@ from truth_helpers import TRUTH, Command, Generator, TruthTool, sealed, steady
 PERIOD_S = 510 / 16e6
 
 
-def run_lockstep(tool: TruthTool, periods: int, coast: int = 0, duty: float = 0.0, dead: float = 0.0) -> list[tuple]:
+def run_lockstep(
+    tool: TruthTool, periods: int, coast: int = 0, duty: float = 0.0, dead: float = 0.0
+) -> list[tuple]:
     return [tool.period(coast, duty, dead) for _ in range(periods)]
 
 
 def test_shaft_at_rest_holds_up_to_the_breakaway_torque() -> None:
-    held = steady(1.0, voltage_v=0.85 * 0.19 * 0.02 / 0.0109, breakaway_nm=0.008, stribeck_rad_s=30.0)
-    freed = steady(1.0, voltage_v=1.05 * 0.19 * 0.02 / 0.0109, breakaway_nm=0.008, stribeck_rad_s=30.0)
+    held = steady(
+        1.0, voltage_v=0.85 * 0.19 * 0.02 / 0.0109, breakaway_nm=0.008, stribeck_rad_s=30.0
+    )
+    freed = steady(
+        1.0, voltage_v=1.05 * 0.19 * 0.02 / 0.0109, breakaway_nm=0.008, stribeck_rad_s=30.0
+    )
     assert abs(held["angle_rad"]) < 0.005
     assert abs(held["speed_rad_s"]) < 0.01
     assert freed["angle_rad"] > 1.0
@@ -31,7 +39,9 @@ def test_sliding_friction_is_the_steady_curve(duty: float) -> None:
     inside = steady(duty, seconds=2.0, breakaway_nm=0.006, stribeck_rad_s=120.0)
     w = inside["speed_rad_s"]
     assert abs(w) > 20.0
-    assert inside["friction_nm"] == pytest.approx(np.sign(w) * (0.012 + 0.006 * np.exp(-(w / 120.0) ** 2)), rel=0.01)
+    assert inside["friction_nm"] == pytest.approx(
+        np.sign(w) * (0.012 + 0.006 * np.exp(-((w / 120.0) ** 2))), rel=0.01
+    )
 
 
 def test_bristle_springs_back_below_breakaway() -> None:
@@ -43,25 +53,39 @@ def test_bristle_springs_back_below_breakaway() -> None:
     assert abs(run.angle_rad[1]) < 0.6 * run.angle_rad[0]
 
 
-@pytest.mark.parametrize("params", [{}, {"brush_drop_v": 0.5}, {"coupler_nm_per_rad": 0.05}, {"breakaway_nm": 0.01}])
+@pytest.mark.parametrize(
+    "params", [{}, {"brush_drop_v": 0.5}, {"coupler_nm_per_rad": 0.05}, {"breakaway_nm": 0.01}]
+)
 def test_energy_drawn_is_lost_or_stored(params: dict[str, float]) -> None:
     tool = Generator(step_s=2e-6, **params)
     time = np.array([0.0, 0.4, 0.4, 0.7, 0.7, 1.0])
     duty = np.array([0.8, 0.8, -0.5, -0.5, 0.3, 0.3])
-    tool.run(Command(time, duty, np.zeros(6), np.array([0.0, 1.0]), np.array([0.2, 0.2])), np.array([1.0]))
+    tool.run(
+        Command(time, duty, np.zeros(6), np.array([0.0, 1.0]), np.array([0.2, 0.2])),
+        np.array([1.0]),
+    )
     inside = tool.inside()
     lost = inside["copper_j"] + inside["friction_j"] + inside["load_j"]
-    coupled = 0.05 * inside["drawn_j"] if "coupler_nm_per_rad" in params else 0.0  # its spring and damper are not in the audit
-    assert inside["drawn_j"] == pytest.approx(lost + inside["stored_j"], abs=0.004 * inside["drawn_j"] + coupled)
+    # its spring and damper are not in the audit
+    coupled = 0.05 * inside["drawn_j"] if "coupler_nm_per_rad" in params else 0.0
+    assert inside["drawn_j"] == pytest.approx(
+        lost + inside["stored_j"], abs=0.004 * inside["drawn_j"] + coupled
+    )
     assert inside["drawn_j"] > 10.0
 
 
-@pytest.mark.parametrize("params", [{"coupler_nm_per_rad": 0.4, "coupler_damping_ratio": 0.1}, {"play_rad": 0.05}])
+@pytest.mark.parametrize(
+    "params", [{"coupler_nm_per_rad": 0.4, "coupler_damping_ratio": 0.1}, {"play_rad": 0.05}]
+)
 def test_two_bodies_keep_the_clock_however_long_the_step(params: dict[str, float]) -> None:
     """Half a step of 25 us too early would be 0.015 rad at full speed, and look like less inertia."""
     time, duty = np.array([0.0, 0.2, 1.0]), np.array([0.0, 1.0, 1.0])
-    angles = [Generator(step_s=step, **params).run(Command(time, duty, np.zeros(3), np.zeros(0), np.zeros(0)), np.array([1.0])).angle_rad[0]
-              for step in (2.5e-5, 1e-6)]
+    angles = [
+        Generator(step_s=step, **params)
+        .run(Command(time, duty, np.zeros(3), np.zeros(0), np.zeros(0)), np.array([1.0]))
+        .angle_rad[0]
+        for step in (2.5e-5, 1e-6)
+    ]
     assert angles[0] == pytest.approx(angles[1], abs=2e-3)
 
 
@@ -118,8 +142,21 @@ def test_unknown_parameter_is_refused_by_name() -> None:
 
 
 def make(folder: Path, seed: int) -> None:
-    command = [sys.executable, str(TRUTH / "make_cases.py"), str(folder), "--seed", str(seed), "--count", "3", "--seconds", "3",
-               "--kind", "single,none,unlisted", "--logger", "mixed"]
+    command = [
+        sys.executable,
+        str(TRUTH / "make_cases.py"),
+        str(folder),
+        "--seed",
+        str(seed),
+        "--count",
+        "3",
+        "--seconds",
+        "3",
+        "--kind",
+        "single,none,unlisted",
+        "--logger",
+        "mixed",
+    ]
     subprocess.run(command, check=True, capture_output=True)
 
 
@@ -128,8 +165,12 @@ def test_cases_are_the_same_bytes_for_the_same_seed(tmp_path: Path) -> None:
         make(tmp_path / name, seed)
     files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*.*"))
     assert len(files) == 9
-    assert all((tmp_path / "a" / f).read_bytes() == (tmp_path / "b" / f).read_bytes() for f in files)
-    assert any((tmp_path / "a" / f).read_bytes() != (tmp_path / "c" / f).read_bytes() for f in files)
+    assert all(
+        (tmp_path / "a" / f).read_bytes() == (tmp_path / "b" / f).read_bytes() for f in files
+    )
+    assert any(
+        (tmp_path / "a" / f).read_bytes() != (tmp_path / "c" / f).read_bytes() for f in files
+    )
     labels = [json.loads((tmp_path / "a" / f).read_text()) for f in files if f.name == "label.json"]
     assert [label["label"] for label in labels] == ["effect", "none", "unlisted"]
     assert not labels[1]["truth"]
@@ -139,6 +180,7 @@ def test_rigs_of_cases_obey_the_schema(tmp_path: Path) -> None:
     import tomllib
 
     import jsonschema
+
     schema = TRUTH.parents[2] / "shared" / "schema" / "rig.schema.json"
     if not schema.exists():
         pytest.skip("the shared rig schema is not here")
@@ -150,10 +192,14 @@ def test_rigs_of_cases_obey_the_schema(tmp_path: Path) -> None:
 def test_seal_tells_nothing_and_opens_to_the_answer(tmp_path: Path) -> None:
     shut = sealed.draw_sealed(4, tmp_path)
     data = shut.path.read_bytes()
-    assert not any(name.encode() in data for name in (*sealed.DEMO_IDS, *sealed.OUTSIDE_IDS, "label", "params"))
+    assert not any(
+        name.encode() in data for name in (*sealed.DEMO_IDS, *sealed.OUTSIDE_IDS, "label", "params")
+    )
     answer = sealed.open_sealed(shut.path, shut.commitment)
     assert answer == sealed.draw_answer(4)
-    changed = {name: value for name, value in answer["params"].items() if shut.tool.get(name) != value}
+    changed = {
+        name: value for name, value in answer["params"].items() if shut.tool.get(name) != value
+    }
     assert answer["params"] and not changed
 
 
@@ -171,7 +217,9 @@ def test_seal_refuses_a_changed_file_and_a_wrong_commitment(tmp_path: Path) -> N
 def test_of_ten_seeds_one_has_no_effect_and_one_is_outside_the_catalogue() -> None:
     answers = [sealed.draw_answer(seed) for seed in range(1, 11)]
     assert sorted(answer["label"] for answer in answers) == ["effect"] * 8 + ["none", "unlisted"]
-    assert all(1.5 <= answer["times_visible"] <= 8.0 for answer in answers if answer["label"] != "none")
+    assert all(
+        1.5 <= answer["times_visible"] <= 8.0 for answer in answers if answer["label"] != "none"
+    )
     assert len(sealed.DEMO_IDS) >= 10
 
 

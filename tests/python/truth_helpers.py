@@ -1,4 +1,6 @@
-"""Shared by the tests of the generator: its folder on the path, settings to test with, and the nominal page integrated by SciPy."""
+"""Shared by the tests of the generator: its folder on the path, settings to test with, and the
+nominal page integrated by SciPy.
+"""
 
 import sys
 from dataclasses import replace
@@ -20,16 +22,44 @@ from signals import RPM, deviations, gap, hall_rows, speed_column  # noqa: E402
 from truth import Command, Generator, Run, TruthTool  # noqa: E402
 
 __all__ = [
-    "BY_ID", "CATALOGUE", "FIRST", "OUTSIDE", "RPM", "SILENT", "TRUTH", "Command", "Generator", "Run", "Setting", "TruthTool",
-    "columns", "deviations", "effect_params", "gap", "hall_rows", "nominal_run", "sealed", "setting_of", "simulate",
-    "speed_column", "steady", "top_speed", "visibility", "visible_limit",
+    "BY_ID",
+    "CATALOGUE",
+    "FIRST",
+    "OUTSIDE",
+    "RPM",
+    "SILENT",
+    "TRUTH",
+    "Command",
+    "Generator",
+    "Run",
+    "Setting",
+    "TruthTool",
+    "columns",
+    "deviations",
+    "effect_params",
+    "gap",
+    "hall_rows",
+    "nominal_run",
+    "sealed",
+    "setting_of",
+    "simulate",
+    "speed_column",
+    "steady",
+    "top_speed",
+    "visibility",
+    "visible_limit",
 ]
 
 
 def setting_of(profile: str, seconds: float = 3.0, seed: int = 5, **rig_changes: object) -> Setting:
     """The reference tool on a profile; loads of about 6 A where the profile has some."""
     rig = replace(REFERENCE, slew_per_s=6.0, **rig_changes)
-    made = draw(profile, seconds, 6.0 * rig.torque_constant_nm_per_a * rig.ratio, np.random.default_rng(seed))
+    made = draw(
+        profile,
+        seconds,
+        6.0 * rig.torque_constant_nm_per_a * rig.ratio,
+        np.random.default_rng(seed),
+    )
     rig = replace(rig, load="torque" if len(made.load_time_s) else "none")
     return Setting(rig, rig, made, seconds, seed)
 
@@ -38,31 +68,47 @@ def steady(duty: float, seconds: float = 0.8, **params: float) -> dict[str, floa
     """Inner quantities of the reference tool after `seconds` at a duty from rest."""
     tool = Generator(**params)
     time = np.array([0.0, seconds + 1.0])
-    tool.run(Command(time, np.full(2, duty), np.zeros(2), np.zeros(0), np.zeros(0)), np.array([seconds]))
+    tool.run(
+        Command(time, np.full(2, duty), np.zeros(2), np.zeros(0), np.zeros(0)), np.array([seconds])
+    )
     return tool.inside()
 
 
 class Nominal:
-    """physics.md sections 1 and 2, bridge averaged, friction as a sign with sticking; states i, w, angle, charge, bus volt seconds."""
+    """physics.md sections 1 and 2, bridge averaged, friction as a sign with sticking; states i, w,
+    angle, charge, bus volt seconds.
+    """
 
     def __init__(self, rig: Rig, command: Command) -> None:
         self.rig, self.command, self.way = rig, command, 0
         self.inertia = rig.inertia_kg_m2 + rig.output_inertia_kg_m2 / rig.ratio**2
 
     def dry(self, t: float) -> float:
-        load = np.interp(t, self.command.load_time_s, self.command.load_nm) if len(self.command.load_time_s) else 0.0
+        load = (
+            np.interp(t, self.command.load_time_s, self.command.load_nm)
+            if len(self.command.load_time_s)
+            else 0.0
+        )
         return self.rig.coulomb_nm + load / self.rig.ratio
 
     def rates(self, t: float, x: np.ndarray) -> list[float]:
         rig, current, speed = self.rig, x[0], x[1] if self.way else 0.0
         duty = np.interp(t, self.command.time_s, self.command.duty)
         bus = rig.voltage_v - rig.supply_resistance_ohm * duty * current
-        current_rate = (duty * bus - rig.resistance_ohm * current - rig.torque_constant_nm_per_a * speed) / rig.inductance_h
-        torque = rig.torque_constant_nm_per_a * current - rig.viscous_nm_s_per_rad * speed - self.way * self.dry(t)
+        current_rate = (
+            duty * bus - rig.resistance_ohm * current - rig.torque_constant_nm_per_a * speed
+        ) / rig.inductance_h
+        torque = (
+            rig.torque_constant_nm_per_a * current
+            - rig.viscous_nm_s_per_rad * speed
+            - self.way * self.dry(t)
+        )
         return [current_rate, torque / self.inertia if self.way else 0.0, speed, current, bus]
 
     def leaves(self, t: float, x: np.ndarray) -> float:
-        """Falls through zero when the regime ends: the shaft stops, or the torque at rest passes what is held."""
+        """Falls through zero when the regime ends: the shaft stops, or the torque at rest passes
+        what is held.
+        """
         if self.way:
             return self.way * x[1] + 1e-9
         return self.dry(t) - abs(self.rig.torque_constant_nm_per_a * x[0])
@@ -75,7 +121,9 @@ class Nominal:
 
 
 def nominal_run(rig: Rig, command: Command, rows: np.ndarray) -> Run:
-    """The nominal page over the rows (n,), LSODA, rtol 1e-8; means of current and bus over each row."""
+    """The nominal page over the rows (n,), LSODA, rtol 1e-8; means of current and bus over each
+    row.
+    """
     model, t, x = Nominal(rig, command), 0.0, np.zeros(5)
 
     def leaves(time: float, state: np.ndarray) -> float:
@@ -84,8 +132,18 @@ def nominal_run(rig: Rig, command: Command, rows: np.ndarray) -> Run:
     leaves.terminal, leaves.direction = True, -1.0
     found = [x.copy()]
     while len(found) <= len(rows):
-        ahead = rows[len(found) - 1:]
-        part = solve_ivp(model.rates, (t, rows[-1]), x, "LSODA", ahead, events=leaves, rtol=1e-8, atol=1e-9, max_step=2e-3)
+        ahead = rows[len(found) - 1 :]
+        part = solve_ivp(
+            model.rates,
+            (t, rows[-1]),
+            x,
+            "LSODA",
+            ahead,
+            events=leaves,
+            rtol=1e-8,
+            atol=1e-9,
+            max_step=2e-3,
+        )
         found += list(part.y.T)
         if part.status != 1:
             break
@@ -95,4 +153,14 @@ def nominal_run(rig: Rig, command: Command, rows: np.ndarray) -> Run:
     length = np.diff(rows, prepend=0.0)
     mean = np.diff(states[:, 3:], axis=0) / length[:, None]
     none = np.zeros(0)
-    return Run(0.0, rows, mean[:, 0], mean[:, 1], states[1:, 1], states[1:, 2], np.zeros(len(rows)), none, none)
+    return Run(
+        0.0,
+        rows,
+        mean[:, 0],
+        mean[:, 1],
+        states[1:, 1],
+        states[1:, 2],
+        np.zeros(len(rows)),
+        none,
+        none,
+    )

@@ -1,4 +1,6 @@
-"""Draws a case of the blind set: tool, rig, profile, logger, effects of a visible size, and who could be mistaken for them in principle."""
+"""Draws a case of the blind set: tool, rig, profile, logger, effects of a visible size, and who
+could be mistaken for them in principle.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -32,9 +34,17 @@ ROWS_MOST = 24000
 CLOSES_LEAST = 0.75  # of the squared gap: an effect in another form must still be that effect
 OUTSIDE_MOST = 0.6  # of the squared gap of a case outside the catalogue that any one effect takes
 RATES = (300.0, 500.0, 1000.0, 1000.0, 1000.0, 2000.0, 4000.0)
-LOGGERS = ("ideal",) * 10 + ("irregular",) * 3 + ("missing",) * 3 + ("jitter",) * 2 + ("mixed",) + ("lost",)
+LOGGERS = (
+    ("ideal",) * 10
+    + ("irregular",) * 3
+    + ("missing",) * 3
+    + ("jitter",) * 2
+    + ("mixed",)
+    + ("lost",)
+)
 NEAR = 0.5
-GENERAL = {"coulomb_friction": ("asymmetric_friction",)}  # contain the effect as a special case: no rivals
+# contain the effect as a special case: no rivals
+GENERAL = {"coulomb_friction": ("asymmetric_friction",)}
 NEEDED = {"two_way": ("reversals",), "load": ("load_steps", "reversals"), "slow": ("crawl",)}
 
 
@@ -70,7 +80,9 @@ def chance(entry: Entry, attempt: int) -> np.random.Generator:
     return np.random.default_rng([SEED, SETS.index(entry.set), entry.number, attempt])
 
 
-def case_again(entry: Entry, attempt: int, sizes: dict[str, float], multiples: dict[str, float]) -> Case:
+def case_again(
+    entry: Entry, attempt: int, sizes: dict[str, float], multiples: dict[str, float]
+) -> Case:
     """A case that was drawn before, without the search for its sizes."""
     rng = chance(entry, attempt)
     ids = partners(entry, rng)
@@ -89,7 +101,9 @@ def attempt_case(entry: Entry, rng: np.random.Generator) -> Case:
     level = level_of(setting)
     sizes, multiples, params = {}, {}, {}
     for effect_id in ids:
-        sizes[effect_id], multiples[effect_id] = draw_size(setting, level, effect_id, entry.regime, rng)
+        sizes[effect_id], multiples[effect_id] = draw_size(
+            setting, level, effect_id, entry.regime, rng
+        )
         params |= formed(setting, level, effect_id, sizes[effect_id], entry.regime)
     assess(setting, entry.kind, ids, sizes, params)
     return Case(entry, setting, tuple(ids), sizes, multiples, params)
@@ -116,43 +130,93 @@ def draw_setting(entry: Entry, ids: list[str], rng: np.random.Generator) -> Sett
     rate = float(rng.choice(RATES))
     seconds = round(min(float(np.exp(rng.uniform(np.log(3.0), np.log(20.0)))), ROWS_MOST / rate), 2)
     sensors = draw_sensors(rate, kind, rng)
-    slew = (None if rng.uniform() < 0.25 else 10.0 if name in ("hand", "stop_and_go", "chirp", "coast_down") else 6.0)
-    bus = str(rng.choice(["modelled", "measured", "absent"], p=[0.65, 0.15, 0.2])) if kind == "duty" else "absent"
+    slew = (
+        None
+        if rng.uniform() < 0.25
+        else 10.0
+        if name in ("hand", "stop_and_go", "chirp", "coast_down")
+        else 6.0
+    )
+    bus = (
+        str(rng.choice(["modelled", "measured", "absent"], p=[0.65, 0.15, 0.2]))
+        if kind == "duty"
+        else "absent"
+    )
     rig = draw_rig(rng, sensors=sensors, slew_per_s=slew, input=kind, bus=bus)
     rig = replace(rig, tolerance=TOLERANCE) if entry.regime == "hard" else rig
     rig = replace(rig, supply_resistance_ohm=0.0) if kind != "duty" else rig
-    load_nm = float(rng.uniform(3.0, 9.0)) * rig.torque_constant_nm_per_a * rig.ratio * (rig.voltage_v / 18.0) ** 0.5
+    load_nm = (
+        float(rng.uniform(3.0, 9.0))
+        * rig.torque_constant_nm_per_a
+        * rig.ratio
+        * (rig.voltage_v / 18.0) ** 0.5
+    )
     profile = draw(name, seconds, load_nm, rng)
     profile = replace(profile, coast_at_zero=profile.coast_at_zero and kind == "duty")
     rig = replace(rig, load="torque" if len(profile.load_time_s) else "none")
     logger = str(rng.choice(LOGGERS)) if kind == "duty" else "ideal"
-    logger = "ideal" if logger == "lost" and bus == "measured" else logger  # a model cannot be driven by rows that are not there
+    # a model cannot be driven by rows that are not there
+    logger = "ideal" if logger == "lost" and bus == "measured" else logger
     return Setting(rig, draw_tool(rig, rng), profile, seconds, int(rng.integers(1, 2**31)), logger)
 
 
 def draw_sensors(rate: float, kind: str, rng: np.random.Generator) -> Sensors:
-    """Hall, encoder or tachometer; now and then an angle as well, or alone. A current that drives the model is measured finely: its noise
-    would add up to a speed that no sensor's sigma speaks of."""
-    fine = {"current_noise_a": 0.001, "current_lsb_a": 0.0005} if kind == "current_a" else {
-        "current_noise_a": float(rng.choice([0.05, 0.1, 0.15, 0.3])), "current_lsb_a": float(rng.choice([0.05, 0.1, 0.125]))}
+    """Hall, encoder or tachometer; now and then an angle as well, or alone. A current that drives
+    the model is measured finely: its noise would add up to a speed that no sensor's sigma speaks
+    of.
+    """
+    fine = (
+        {"current_noise_a": 0.001, "current_lsb_a": 0.0005}
+        if kind == "current_a"
+        else {
+            "current_noise_a": float(rng.choice([0.05, 0.1, 0.15, 0.3])),
+            "current_lsb_a": float(rng.choice([0.05, 0.1, 0.125])),
+        }
+    )
     what = str(rng.choice(["hall", "encoder", "tacho", "angle"], p=[0.6, 0.2, 0.12, 0.08]))
-    edges = {"hall": int(rng.choice([2, 4, 4, 4, 6, 8])), "encoder": int(rng.choice([16, 32, 64])), "tacho": 0, "angle": 0}[what]
-    lsb = 2.0 * np.pi / float(rng.choice([1024, 4096])) if what == "angle" or rng.uniform() < 0.08 else 0.0
-    return Sensors(log_hz=rate, hall_pulses_per_rev=edges, hall_timeout_s=float(rng.choice([0.05, 0.1, 0.3])),
-                   position_lsb_rad=round(lsb, 9), speed_noise_rpm=float(rng.choice([3.0, 10.0])) if what == "tacho" else 0.0, **fine)
+    edges = {
+        "hall": int(rng.choice([2, 4, 4, 4, 6, 8])),
+        "encoder": int(rng.choice([16, 32, 64])),
+        "tacho": 0,
+        "angle": 0,
+    }[what]
+    lsb = (
+        2.0 * np.pi / float(rng.choice([1024, 4096]))
+        if what == "angle" or rng.uniform() < 0.08
+        else 0.0
+    )
+    return Sensors(
+        log_hz=rate,
+        hall_pulses_per_rev=edges,
+        hall_timeout_s=float(rng.choice([0.05, 0.1, 0.3])),
+        position_lsb_rad=round(lsb, 9),
+        speed_noise_rpm=float(rng.choice([3.0, 10.0])) if what == "tacho" else 0.0,
+        **fine,
+    )
 
 
 def level_of(setting: Setting) -> Level:
     run = simulate(setting, FAST | SILENT)[0]
-    return Level(max(float(np.sqrt(np.mean(run.current_a**2))), 0.1), max(float(np.sqrt(np.mean(run.speed_rad_s**2))), 1.0))
+    return Level(
+        max(float(np.sqrt(np.mean(run.current_a**2))), 0.1),
+        max(float(np.sqrt(np.mean(run.speed_rad_s**2))), 1.0),
+    )
 
 
-def formed(setting: Setting, level: Level, effect_id: str, size: float, regime: str) -> dict[str, float]:
+def formed(
+    setting: Setting, level: Level, effect_id: str, size: float, regime: str
+) -> dict[str, float]:
     """Parameters of an effect, in another form than the catalogue's where the regime says so."""
     made = effect_params(setting, effect_id, size)
     if regime != "hard":
         return made
-    return other_form(effect_id, setting.tool, made, level, np.random.default_rng([setting.seed, 31, *effect_id.encode()]))
+    return other_form(
+        effect_id,
+        setting.tool,
+        made,
+        level,
+        np.random.default_rng([setting.seed, 31, *effect_id.encode()]),
+    )
 
 
 def gap_left(setting: Setting, params: dict[str, float]) -> float:
@@ -160,10 +224,14 @@ def gap_left(setting: Setting, params: dict[str, float]) -> float:
     log = seen(setting, params)
     base = modelled(log, {})
     found = measured(log) - base
-    return clipped_rms(fit(found, *tolerance_columns(log, base), np.zeros((len(found), 0)), np.zeros(0))[1])
+    return clipped_rms(
+        fit(found, *tolerance_columns(log, base), np.zeros((len(found), 0)), np.zeros(0))[1]
+    )
 
 
-def draw_size(setting: Setting, level: Level, effect_id: str, regime: str, rng: np.random.Generator) -> tuple[float, float]:
+def draw_size(
+    setting: Setting, level: Level, effect_id: str, regime: str, rng: np.random.Generator
+) -> tuple[float, float]:
     """(size with its sign, multiple of the visible limit): log-uniform over the regime's multiples."""
     effect = BY_ID[effect_id]
     sign = float(rng.choice([-1.0, 1.0])) if effect.signed else 1.0
@@ -177,8 +245,12 @@ def draw_size(setting: Setting, level: Level, effect_id: str, regime: str, rng: 
     return sign * limit * multiple, multiple
 
 
-def visible_limit(setting: Setting, level: Level, effect_id: str, sign: float, regime: str) -> float:
-    """The size at which the gap without noise is 1 after retuning, within 15 %; it is sought first where it shows before retuning."""
+def visible_limit(
+    setting: Setting, level: Level, effect_id: str, sign: float, regime: str
+) -> float:
+    """The size at which the gap without noise is 1 after retuning, within 15 %; it is sought first
+    where it shows before retuning.
+    """
     effect = BY_ID[effect_id]
     top = effect.top(setting.tool)
     untuned = replace(setting, rig=replace(setting.rig, tolerance={}))
@@ -186,11 +258,19 @@ def visible_limit(setting: Setting, level: Level, effect_id: str, sign: float, r
     def left(size: float, judged: Setting) -> float:
         return gap_left(judged, formed(setting, level, effect_id, sign * size, regime))
 
-    near = search_size(lambda size: left(size, untuned), min(effect.guess(setting.tool), top), top, 0.4, effect_id)
-    return search_size(lambda size: left(size, setting), near, top, 0.15, effect_id) if setting.rig.tolerance else near
+    near = search_size(
+        lambda size: left(size, untuned), min(effect.guess(setting.tool), top), top, 0.4, effect_id
+    )
+    return (
+        search_size(lambda size: left(size, setting), near, top, 0.15, effect_id)
+        if setting.rig.tolerance
+        else near
+    )
 
 
-def search_size(left: Callable[[float], float], size: float, top: float, within: float, effect_id: str) -> float:
+def search_size(
+    left: Callable[[float], float], size: float, top: float, within: float, effect_id: str
+) -> float:
     """The size at which `left` is 1."""
     low, high = 0.0, np.inf
     for _ in range(9):
@@ -215,28 +295,43 @@ class Linear:
         self.found = measured(self.log) - self.base
         self.tolerated, self.stands = tolerance_columns(self.log, self.base)
 
-    def left_by(self, columns: Sequence[np.ndarray], least: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    def left_by(
+        self, columns: Sequence[np.ndarray], least: Sequence[float]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """(coefficients, what is left)."""
         table = np.array(columns).T.reshape(len(self.found), len(columns))
         return fit(self.found, self.tolerated, self.stands, table, np.array(least, dtype=float))
 
     def truth(self, ids: Sequence[str], sizes: dict[str, float]) -> list[np.ndarray]:
         """Responses to the true effects in the catalogue's form."""
-        return [modelled(self.log, effect_params(self.setting, i, sizes[i])) - self.base for i in ids]
+        return [
+            modelled(self.log, effect_params(self.setting, i, sizes[i])) - self.base for i in ids
+        ]
 
     def rms(self, columns: Sequence[np.ndarray]) -> float:
         return clipped_rms(self.left_by(columns, [-np.inf] * len(columns))[1])
 
 
-def assess(setting: Setting, kind: str, ids: list[str], sizes: dict[str, float], params: dict[str, float]) -> None:
-    """Raises Unfit when the catalogue's form of the truth would not be the answer, or one of several effects hides behind the others."""
+def assess(
+    setting: Setting, kind: str, ids: list[str], sizes: dict[str, float], params: dict[str, float]
+) -> None:
+    """Raises Unfit when the catalogue's form of the truth would not be the answer, or one of
+    several effects hides behind the others.
+    """
     if kind == "none" or "hall_dropout" in ids:
         return
     linear = Linear(setting, params)
     retuned = linear.rms([])
     if kind == "unlisted":
         for rival in rivals(linear.log, linear.base):
-            closes = 1.0 - (clipped_rms(linear.left_by(list(rival.columns.T), list(rival.least))[1]) / retuned) ** 2
+            closes = (
+                1.0
+                - (
+                    clipped_rms(linear.left_by(list(rival.columns.T), list(rival.least))[1])
+                    / retuned
+                )
+                ** 2
+            )
             if closes > OUTSIDE_MOST:
                 raise Unfit(f"{ids[0]}: {rival.id} takes {closes:.2f}")
         return
@@ -245,13 +340,15 @@ def assess(setting: Setting, kind: str, ids: list[str], sizes: dict[str, float],
     if 1.0 - (left / retuned) ** 2 < CLOSES_LEAST:
         raise Unfit(f"{ids}: the catalogue's form closes {1.0 - (left / retuned) ** 2:.2f}")
     for k in range(len(own) if len(own) > 1 else 0):
-        if linear.rms(own[:k] + own[k + 1:]) ** 2 - left**2 < 1.0:
+        if linear.rms(own[:k] + own[k + 1 :]) ** 2 - left**2 < 1.0:
             raise Unfit(f"{ids}: {ids[k]} hides behind the others")
 
 
 def ties_of(case: Case) -> list[list[str]]:
-    """Sets of effects of the catalogue that nobody could tell from the truth on this log: replaced by a rival, one or several of the true
-    effects leave as little, or the difference lies within what blocks and noise leave open."""
+    """Sets of effects of the catalogue that nobody could tell from the truth on this log: replaced
+    by a rival, one or several of the true effects leave as little, or the difference lies within
+    what blocks and noise leave open.
+    """
     if case.entry.kind in ("none", "unlisted") or "hall_dropout" in case.ids:
         return []
     linear = Linear(case.setting, case.params)
@@ -266,12 +363,20 @@ def ties_of(case: Case) -> list[list[str]]:
     return sorted(list(one) for one in found)
 
 
-def verdict_on(rival: Rival, linear: Linear, kept: list[np.ndarray], truth: np.ndarray, time_s: np.ndarray) -> int:
-    """As `tied`; a rival that comes near is simulated again at the size that the fit gave it, since its response is not quite linear."""
+def verdict_on(
+    rival: Rival, linear: Linear, kept: list[np.ndarray], truth: np.ndarray, time_s: np.ndarray
+) -> int:
+    """As `tied`; a rival that comes near is simulated again at the size that the fit gave it, since
+    its response is not quite linear.
+    """
     free = [-np.inf] * len(kept)
     size, left = linear.left_by([*kept, *rival.columns.T], [*free, *rival.least])
     part = float(size[-1])
-    if rival.columns.shape[1] != 1 or abs(part) < 1e-3 or clipped_rms(left) > NEAR * clipped_rms(linear.found):
+    if (
+        rival.columns.shape[1] != 1
+        or abs(part) < 1e-3
+        or clipped_rms(left) > NEAR * clipped_rms(linear.found)
+    ):
         return tied(time_s, truth, left)
     for _ in range(2):
         try:
@@ -291,5 +396,9 @@ def kept_sets(count: int) -> list[tuple[int, ...]]:
 def accepts(effect_id: str, setting: Setting) -> list[str]:
     """Ids that are the same thing on this log."""
     ids = accepted(BY_ID[effect_id], setting.profile.two_way)
-    classes = (("torque_constant", "current_gain"), ("asymmetric_friction", "current_offset")) if setting.rig.input == "current_a" else ()
+    classes = (
+        (("torque_constant", "current_gain"), ("asymmetric_friction", "current_offset"))
+        if setting.rig.input == "current_a"
+        else ()
+    )
     return sorted({*ids, *(i for group in classes if effect_id in group for i in group)})

@@ -1,4 +1,6 @@
-"""The plan of the blind set: which cases there are, in which half, of which kind and regime; nothing is drawn here but their order."""
+"""The plan of the blind set: which cases there are, in which half, of which kind and regime;
+nothing is drawn here but their order.
+"""
 
 import hashlib
 from dataclasses import dataclass
@@ -10,12 +12,17 @@ SEED = 20261121
 SETS = ("tune", "report")
 PER_EFFECT, NONES, PAIRS, TRIPLES, OUTSIDE = 20, 300, 150, 40, 100
 SIZES = {"exact": (3.0, 10.0), "hard": (1.5, 10.0)}  # times the visible limit after retuning
-TOGETHER_NEVER = (frozenset(("coulomb_friction", "asymmetric_friction")), frozenset(("speed_lag", "hall_dropout")))
+TOGETHER_NEVER = (
+    frozenset(("coulomb_friction", "asymmetric_friction")),
+    frozenset(("speed_lag", "hall_dropout")),
+)
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A case to draw: `exact`: rig exact, plain forms, three times visible and more; `hard`: rig off, other forms, down to just visible."""
+    """A case to draw: `exact`: rig exact, plain forms, three times visible and more; `hard`: rig
+    off, other forms, down to just visible.
+    """
 
     set: str
     number: int
@@ -30,25 +37,44 @@ class Entry:
 
 
 def plan(half: str) -> list[Entry]:
-    """The cases of a half in the order in which they are run: any beginning of it is a fair sample of the whole."""
+    """The cases of a half in the order in which they are run: any beginning of it is a fair sample
+    of the whole.
+    """
     kinds: list[tuple[str, str, str]] = []
     for effect in CATALOGUE:
         kinds += [("single", ("exact", "hard")[n % 2], effect.id) for n in range(PER_EFFECT // 2)]
     kinds += [("none", ("exact", "hard")[n % 2], "") for n in range(NONES // 2)]
-    kinds += [("pair", ("exact", "hard")[n % 2], CATALOGUE[n % len(CATALOGUE)].id) for n in range(PAIRS // 2)]
-    kinds += [("triple", "hard", CATALOGUE[(3 * n) % len(CATALOGUE)].id) for n in range(TRIPLES // 2)]
-    kinds += [("unlisted", ("exact", "hard")[n // len(OUTSIDE_IDS) % 2], OUTSIDE_IDS[n % len(OUTSIDE_IDS)]) for n in range(OUTSIDE // 2)]
+    kinds += [
+        ("pair", ("exact", "hard")[n % 2], CATALOGUE[n % len(CATALOGUE)].id)
+        for n in range(PAIRS // 2)
+    ]
+    kinds += [
+        ("triple", "hard", CATALOGUE[(3 * n) % len(CATALOGUE)].id) for n in range(TRIPLES // 2)
+    ]
+    kinds += [
+        (
+            "unlisted",
+            ("exact", "hard")[n // len(OUTSIDE_IDS) % 2],
+            OUTSIDE_IDS[n % len(OUTSIDE_IDS)],
+        )
+        for n in range(OUTSIDE // 2)
+    ]
     order = np.random.default_rng([SEED, SETS.index(half)]).permutation(len(kinds))
     return [Entry(half, n, *kinds[k]) for n, k in enumerate(order)]
 
 
 def alike(one: str, other: str) -> bool:
     """Whether two ids are the same thing, or too near to be put into one case."""
-    return bool(set(accepted(BY_ID[one], True)) & set(accepted(BY_ID[other], True))) or frozenset((one, other)) in TOGETHER_NEVER
+    return (
+        bool(set(accepted(BY_ID[one], True)) & set(accepted(BY_ID[other], True)))
+        or frozenset((one, other)) in TOGETHER_NEVER
+    )
 
 
 def partners(entry: Entry, rng: np.random.Generator) -> list[str]:
-    """Ids of a case: the planned one, and for pairs and triples others that are not the same thing by another name."""
+    """Ids of a case: the planned one, and for pairs and triples others that are not the same thing
+    by another name.
+    """
     if entry.kind == "none":
         return []
     ids = [entry.first]

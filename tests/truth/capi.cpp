@@ -37,7 +37,8 @@ private:
     int n_, k_ = 0;
 };
 
-// Part of the delay that changes at random every few milliseconds, with numbers of its own so that nothing else moves.
+// Part of the delay that changes at random every few milliseconds, with numbers of its own so that
+// nothing else moves.
 class Jitter {
 public:
     explicit Jitter(const truth::Params &params)
@@ -62,7 +63,8 @@ struct RowOut {
 };
 
 void close_row(Tool &tool, double length, RowOut &row) {
-    row = {tool.sums.current_as / length, tool.sums.bus_vs / length, tool.state.speed_rad_s, tool.state.angle_rad, tool.state.winding_kelvin};
+    row = {tool.sums.current_as / length, tool.sums.bus_vs / length, tool.state.speed_rad_s,
+           tool.state.angle_rad, tool.state.winding_kelvin};
     tool.sums.current_as = 0.0;
     tool.sums.bus_vs = 0.0;
 }
@@ -106,12 +108,15 @@ void truth_start(Tool *tool) {
     tool->start();
 }
 
-// Rows end at row_s[0..rows-1]; the first begins at begin_s. Returns the number of edges, which truth_edges then hands over; -1 when the numbers ran away.
-int truth_run(Tool *tool, const TruthCommand *command, double begin_s, const double *row_s, int rows, double *out) {
+// Rows end at row_s[0..rows-1]; the first begins at begin_s. Returns the number of edges, which
+// truth_edges then hands over; -1 when the numbers ran away.
+int truth_run(Tool *tool, const TruthCommand *command, double begin_s, const double *row_s,
+              int rows, double *out) {
     tool->start();
     tool->state.time_s = begin_s;
     const double period = 1.0 / tool->params.pwm_hz, levels = tool->params.duty_levels;
-    Curve duty(command->time_s, command->duty, command->count), coast(command->time_s, command->coast, command->count);
+    Curve duty(command->time_s, command->duty, command->count),
+        coast(command->time_s, command->coast, command->count);
     Curve load(command->load_time_s, command->load_nm, command->load_count);
     Curve bus(command->bus_time_s, command->bus_v, command->bus_count);
     Jitter jitter(tool->params);
@@ -120,7 +125,8 @@ int truth_run(Tool *tool, const TruthCommand *command, double begin_s, const dou
     double row_begin = begin_s;
     for (std::int64_t n = 0; row < rows; ++n) {
         const double now = begin_s + static_cast<double>(n) * period;
-        const double commanded = now + 0.5 * period - tool->params.transport_delay_s - jitter.at(now);  // as the middle of the period asks
+        const double commanded = now + 0.5 * period - tool->params.transport_delay_s -
+                                 jitter.at(now);  // as the middle of the period asks
         Drive drive;
         const double wanted = duty.at(commanded);
         drive.duty = levels > 0.0 ? std::round(wanted * levels) / levels : wanted;
@@ -153,12 +159,16 @@ struct TruthPeriod {
     std::int32_t edge_cycle[8];
 };
 
-// One lock-step period of 510 cycles of 16 MHz; `dead` is the loss of duty by dead time, as the board's message says.
-void truth_period(Tool *tool, int coast, double duty, double dead, double load_nm, TruthPeriod *out) {
+// One lock-step period of 510 cycles of 16 MHz; `dead` is the loss of duty by dead time, as the
+// board's message says.
+void truth_period(Tool *tool, int coast, double duty, double dead, double load_nm,
+                  TruthPeriod *out) {
     constexpr double PERIOD_S = 510.0 / 16e6;
-    const auto late = static_cast<std::size_t>(std::llround(tool->params.transport_delay_s / PERIOD_S));
+    const auto late =
+        static_cast<std::size_t>(std::llround(tool->params.transport_delay_s / PERIOD_S));
     tool->commands.push_back({coast != 0, duty, 0.5 * dead * PERIOD_S, 0.0});
-    Drive drive = tool->commands.size() > late ? tool->commands.front() : Drive{true, 0.0, 0.0, 0.0};
+    Drive drive =
+        tool->commands.size() > late ? tool->commands.front() : Drive{true, 0.0, 0.0, 0.0};
     if (tool->commands.size() > late) {
         tool->commands.pop_front();
     }
@@ -168,16 +178,19 @@ void truth_period(Tool *tool, int coast, double duty, double dead, double load_n
     tool->begin_period(PERIOD_S, drive);
     tool->advance(1e300);
     tool->state.time_s = begin + PERIOD_S;
-    out->current_a = tool->sensed_current(tool->state.sensed_a) + tool->params.current_noise_a * tool->chance.normal();
+    out->current_a = tool->sensed_current(tool->state.sensed_a) +
+                     tool->params.current_noise_a * tool->chance.normal();
     out->supply_v = tool->sensed_supply() + tool->params.supply_noise_v * tool->chance.normal();
     out->edge_count = static_cast<std::int32_t>(std::min<std::size_t>(tool->edges.size(), 8));
     for (std::int32_t n = 0; n < out->edge_count; ++n) {
-        const double cycle = std::floor((tool->edges[static_cast<std::size_t>(n)].time_s - begin) * 16e6);
+        const double cycle =
+            std::floor((tool->edges[static_cast<std::size_t>(n)].time_s - begin) * 16e6);
         out->edge_cycle[n] = static_cast<std::int32_t>(std::clamp(cycle, 0.0, 509.0));
     }
 }
 
-// Inner quantities for the tests: current, bus, speed, angle, bristle, then the energies of the audit.
+// Inner quantities for the tests: current, bus, speed, angle, bristle, then the energies of the
+// audit.
 void truth_inside(const Tool *tool, double *out) {
     const truth::State &s = tool->state;
     const double values[12] = {s.time_s,

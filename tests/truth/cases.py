@@ -1,4 +1,6 @@
-"""A case: a rig, the tool that is really there, a profile, effects of a size; its run, its log, and how visible an effect is."""
+"""A case: a rig, the tool that is really there, a profile, effects of a size; its run, its log, and
+how visible an effect is.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -15,7 +17,9 @@ SILENT = {"hall_jitter_s": 0.0}
 
 @dataclass(frozen=True)
 class Setting:
-    """Everything of a case but its effects; `tool` is `rig` off by its tolerances, `logger` says how rows come about."""
+    """Everything of a case but its effects; `tool` is `rig` off by its tolerances, `logger` says
+    how rows come about.
+    """
 
     rig: Rig
     tool: Rig
@@ -35,8 +39,12 @@ def row_times(setting: Setting) -> np.ndarray:
     return np.sort(np.round(grid + step * rng.uniform(-0.33, 0.33, len(grid)), 6))
 
 
-def simulate(setting: Setting, params: dict[str, float]) -> tuple[Run, Command, np.ndarray, Sensors]:
-    """Run the tool with an effect's parameters; (run, command in true time, time stamps of the rows, sensors of the logger)."""
+def simulate(
+    setting: Setting, params: dict[str, float]
+) -> tuple[Run, Command, np.ndarray, Sensors]:
+    """Run the tool with an effect's parameters; (run, command in true time, time stamps of the
+    rows, sensors of the logger).
+    """
     tool_params, logger = split(params)
     stamps = row_times(setting)
     true_time = stamps / (1.0 + logger.get("clock_skew", 0.0))
@@ -44,10 +52,17 @@ def simulate(setting: Setting, params: dict[str, float]) -> tuple[Run, Command, 
     made = command(setting.profile, setting.rig.slew_per_s, grid, LEVELS)
     phase = np.random.default_rng([setting.seed, 12]).uniform(0.1, 1.4)
     largest = float(np.max(setting.profile.load_nm, initial=0.0)) / setting.rig.ratio
-    tool = Generator(**generator_params(setting.tool), hall_offset_rad=phase, load_reference_nm=max(largest, 0.005), seed=setting.seed + 1)
+    tool = Generator(
+        **generator_params(setting.tool),
+        hall_offset_rad=phase,
+        load_reference_nm=max(largest, 0.005),
+        seed=setting.seed + 1,
+    )
     tool.set(duty_levels=0.0)
     tool.set(**tool_params)
-    sensors = replace(setting.rig.sensors, **{k: v for k, v in logger.items() if k.startswith("speed")})
+    sensors = replace(
+        setting.rig.sensors, **{k: v for k, v in logger.items() if k.startswith("speed")}
+    )
     return tool.run(made, true_time), made, stamps, sensors
 
 
@@ -62,7 +77,11 @@ def columns(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarray]
     if setting.profile.coast_at_zero:
         out["coast"] = held(made.time_s, made.coast, at)
     if setting.rig.load == "torque":
-        out["load_nm"] = np.interp(run.time_s, made.load_time_s, made.load_nm) if len(made.load_time_s) else np.zeros(len(stamps))
+        out["load_nm"] = (
+            np.interp(run.time_s, made.load_time_s, made.load_nm)
+            if len(made.load_time_s)
+            else np.zeros(len(stamps))
+        )
     if setting.logger in ("missing", "mixed"):
         for name in ("supply_v", "current_a", "speed_rpm"):
             out[name] = np.where(rng.uniform(size=len(stamps)) < 0.01, np.nan, out[name])
@@ -73,7 +92,9 @@ def columns(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarray]
 
 
 def effect_params(setting: Setting, effect_id: str, size: float) -> dict[str, float]:
-    """Parameters of an effect on the setting's tool; what the effect draws besides its size depends on the seed alone."""
+    """Parameters of an effect on the setting's tool; what the effect draws besides its size depends
+    on the seed alone.
+    """
     rng = np.random.default_rng([setting.seed, *effect_id.encode()])
     return BY_ID[effect_id].make(setting.tool, size, rng)
 
@@ -88,16 +109,22 @@ def visibility(setting: Setting, reference: Run, effect_id: str, size: float) ->
 
 
 def simulate_skewed(setting: Setting, skew: float) -> Run:
-    """What a model makes of a log with a wrong clock: the tool driven with the command as the log tells it, in true time."""
+    """What a model makes of a log with a wrong clock: the tool driven with the command as the log
+    tells it, in true time.
+    """
     grid = np.concatenate([[0.0], row_times(setting)])
     made = command(setting.profile, setting.rig.slew_per_s, grid, LEVELS)
-    made = Command(made.time_s * (1.0 + skew), made.duty, made.coast, made.load_time_s, made.load_nm)
+    made = Command(
+        made.time_s * (1.0 + skew), made.duty, made.coast, made.load_time_s, made.load_nm
+    )
     tool = Generator(**generator_params(setting.tool), duty_levels=0.0)
     return tool.run(made, row_times(setting))
 
 
 def visible_limit(setting: Setting, effect_id: str, sign: float = 1.0) -> float | None:
-    """The size (unsigned) at which the visibility is 1, within 3 %; None when the effect cannot be seen at any size that makes sense."""
+    """The size (unsigned) at which the visibility is 1, within 3 %; None when the effect cannot be
+    seen at any size that makes sense.
+    """
     effect = BY_ID[effect_id]
     reference = simulate(setting, SILENT)[0]
     top = effect.top(setting.rig)

@@ -1,4 +1,6 @@
-"""What can be wrong with a generated tool: the catalogue's effects and others, each with one size in physical units."""
+"""What can be wrong with a generated tool: the catalogue's effects and others, each with one size
+in physical units.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,14 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 from rigs import Rig
 
-# Keys of an effect that belong to the logger and not to the tool; everything else is a parameter of params.hpp.
-LOGGER_KEYS = ("speed_gain", "speed_lag_s", "speed_lag2_s", "speed_delay_s", "clock_skew", "command_skew")
+# Keys of an effect that belong to the logger and not to the tool; everything else is a parameter of
+# params.hpp.
+LOGGER_KEYS = (
+    "speed_gain",
+    "speed_lag_s",
+    "speed_lag2_s",
+    "speed_delay_s",
+    "clock_skew",
+    "command_skew",
+)
 Made = Callable[[Rig, float, np.random.Generator], dict[str, float]]
 
 
 @dataclass(frozen=True)
 class Effect:
-    """`make(rig, size, rng)` gives the changed parameters; `guess(rig)` a size of the visible order; `top` the largest sensible one."""
+    """`make(rig, size, rng)` gives the changed parameters; `guess(rig)` a size of the visible
+    order; `top` the largest sensible one.
+    """
 
     id: str
     make: Made
@@ -60,7 +72,11 @@ def shaft_inertia(rig: Rig) -> float:
 
 
 def _droop(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
-    return {"droop_volt_per_coulomb": size, "polarisation_ohm": size * rng.uniform(0.5, 3.0), "polarisation_s": rng.uniform(0.4, 2.0)}
+    return {
+        "droop_volt_per_coulomb": size,
+        "polarisation_ohm": size * rng.uniform(0.5, 3.0),
+        "polarisation_s": rng.uniform(0.4, 2.0),
+    }
 
 
 def _stribeck(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
@@ -72,7 +88,11 @@ def _asymmetric(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, fl
 
 
 def _cogging(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
-    return {"cogging_nm": size, "cogging_per_rev": float(rng.choice([1, 2, 4, 6])), "cogging_phase_rad": rng.uniform(0, 6.28)}
+    return {
+        "cogging_nm": size,
+        "cogging_per_rev": float(rng.choice([1, 2, 4, 6])),
+        "cogging_phase_rad": rng.uniform(0, 6.28),
+    }
 
 
 def _grease(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
@@ -81,11 +101,19 @@ def _grease(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]
 
 def _coupler(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
     inertia = float(rng.uniform(0.0, 0.05)) * rig.inertia_kg_m2 * min(size / 10.0, 1.0)
-    return {"coupler_nm_per_rad": min(1.0 / size, 50.0), "coupler_damping_ratio": rng.uniform(0.05, 0.2), "coupler_inertia_kg_m2": inertia}
+    return {
+        "coupler_nm_per_rad": min(1.0 / size, 50.0),
+        "coupler_damping_ratio": rng.uniform(0.05, 0.2),
+        "coupler_inertia_kg_m2": inertia,
+    }
 
 
 def _heating(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
-    return {"heating_kelvin_per_joule": size, "heating_cooling_s": rng.uniform(4.0, 20.0), "heating_housing_share": rng.uniform(0.1, 0.3)}
+    return {
+        "heating_kelvin_per_joule": size,
+        "heating_cooling_s": rng.uniform(4.0, 20.0),
+        "heating_housing_share": rng.uniform(0.1, 0.3),
+    }
 
 
 def _speed_lag(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
@@ -101,18 +129,33 @@ def _phase(key: str, phase: str) -> Made:
 
 
 def _gated(key: str) -> Made:
-    return lambda rig, size, rng: {key: size, "gate_on_s": rng.uniform(0.08, 0.2), "gate_off_s": rng.uniform(0.25, 0.6)}
+    return lambda rig, size, rng: {
+        key: size,
+        "gate_on_s": rng.uniform(0.08, 0.2),
+        "gate_off_s": rng.uniform(0.25, 0.6),
+    }
 
 
 def _glitch(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
-    return {"u_glitch": size, "gate_on_s": rng.uniform(0.004, 0.012), "gate_off_s": rng.uniform(0.1, 0.3)}
+    return {
+        "u_glitch": size,
+        "gate_on_s": rng.uniform(0.004, 0.012),
+        "gate_off_s": rng.uniform(0.1, 0.3),
+    }
 
 
 def _tight(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
-    """A spot that comes round only every few dozen turns of the output, as a drum or a lead screw has it."""
+    """A spot that comes round only every few dozen turns of the output, as a drum or a lead screw
+    has it.
+    """
     every = 2 * np.pi * rng.uniform(12.0, 30.0)
     at = rng.uniform(0.2, 0.9) * every
-    return {"u_tight_nm": size, "u_tight_every_rad": every, "u_tight_width_rad": 0.09 * every, "u_tight_at_rad": at}
+    return {
+        "u_tight_nm": size,
+        "u_tight_every_rad": every,
+        "u_tight_width_rad": 0.09 * every,
+        "u_tight_at_rad": at,
+    }
 
 
 def _wander(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
@@ -124,7 +167,11 @@ def _torque_hum(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, fl
 
 
 def _ripple(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
-    return {"u_ripple_nm": size, "u_ripple_per_rev": rng.uniform(0.05, 0.2), "u_ripple_wander": rng.uniform(0.8, 2.0)}
+    return {
+        "u_ripple_nm": size,
+        "u_ripple_per_rev": rng.uniform(0.05, 0.2),
+        "u_ripple_wander": rng.uniform(0.8, 2.0),
+    }
 
 
 def _hum(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
@@ -132,66 +179,195 @@ def _hum(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
 
 
 _R = ("winding_resistance", "bridge_resistance")
-CATALOGUE = tuple(Effect(*row[:4], **row[4]) for row in (
-    ("supply_resistance", _added("supply_resistance_ohm"), _const(1e-3), lambda r: 0.6 * r.resistance_ohm, {"first": True}),
-    ("winding_resistance", _relative("resistance_ohm"), _const(0.01), _const(0.8), {"first": True, "accept": _R, "signed": True}),
-    ("bridge_resistance", _plain("bridge_resistance_ohm"), lambda r: 0.01 * r.resistance_ohm, lambda r: 0.8 * r.resistance_ohm,
-     {"first": True, "accept": _R}),
-    ("brush_drop", _plain("brush_drop_v"), _const(0.01), lambda r: 0.12 * r.voltage_v, {"first": True}),
-    ("torque_constant", _relative("torque_constant_nm_per_a"), _const(1e-3), _const(0.25), {"first": True, "signed": True}),
-    ("coulomb_friction", _added("coulomb_nm"), _coulomb(0.02), _coulomb(2.5), {"first": True}),
-    ("viscous_friction", _added("viscous_nm_s_per_rad"), _viscous(0.05), _viscous(6.0), {"first": True}),
-    ("asymmetric_friction", _asymmetric, _coulomb(0.02), _coulomb(0.9), {"first": True, "needs": "two_way", "one_way": "coulomb_friction"}),
-    ("directional_viscous", _plain("directional_viscous_nm_s"), _viscous(0.05), _viscous(3.0),
-     {"first": True, "signed": True, "needs": "two_way", "one_way": "viscous_friction"}),
-    ("stribeck_friction", _stribeck, _coulomb(0.05), _coulomb(2.5), {"first": True, "needs": "slow"}),
-    ("quadratic_drag", _plain("quadratic_nm_s2"), lambda r: 0.02 * r.coulomb_nm / top_speed(r) ** 2,
-     lambda r: 3.0 * r.coulomb_nm / top_speed(r) ** 2, {"first": True}),
-    ("added_inertia", _added("inertia_kg_m2"), lambda r: 0.005 * shaft_inertia(r), lambda r: 0.45 * shaft_inertia(r),
-     {"first": True, "signed": True}),
-    ("current_offset", _plain("current_offset_a"), _const(0.1), _const(4.0), {"first": True, "signed": True}),
-    ("current_gain", _plain("current_gain"), _const(0.03), _const(0.4), {"first": True, "signed": True}),
-    ("transport_delay", _plain("transport_delay_s"), _const(2e-4), _const(0.03), {"first": True}),
-    ("supply_droop", _droop, _const(2e-3), _const(0.2), {}),
-    ("dead_time", _plain("dead_time_s"), _const(2e-8), _const(2e-6), {}),
-    ("winding_heating", _heating, _const(0.02), _const(4.0), {}),
-    ("inductance", _relative("inductance_h"), _const(0.2), _const(1.5), {}),
-    ("magnetic_saturation", lambda rig, size, rng: {"saturation_a": size**-0.5}, _const(2e-5), _const(5e-3), {"needs": "load"}),
-    ("cogging_torque", _cogging, _coulomb(0.1), _coulomb(3.0), {}),
-    ("cold_grease", _grease, _viscous(0.1), _viscous(10.0), {}),
-    ("load_dependent_friction", _plain("load_friction"), _const(0.01), _const(0.6), {"needs": "load"}),
-    ("gear_eccentricity", _phase("eccentricity_nm", "eccentricity_phase_rad"), _coulomb(0.05), _coulomb(1.0), {}),
-    ("coupler_compliance", _coupler, _const(0.3), _const(60.0), {}),
-    ("gear_backlash", _plain("play_rad"), _const(0.02), _const(0.5), {"needs": "two_way"}),
-    ("current_lag", _plain("current_lag_s"), _const(1e-3), _const(0.08), {}),
-    ("current_saturation", lambda rig, size, rng: {"current_limit_a": 1.0 / size}, _const(0.05), _const(1.0), {}),
-    ("speed_gain", _plain("speed_gain"), _const(5e-4), _const(0.2), {"signed": True}),
-    ("speed_lag", _speed_lag, _const(5e-4), _const(0.08), {}),
-    ("hall_eccentricity", _phase("hall_eccentricity_rad", "hall_eccentricity_phase_rad"), _const(5e-4), _const(0.3), {}),
-    ("hall_dropout", _plain("hall_dropout"), _const(3e-3), _const(0.2), {}),
-    ("supply_gain", _plain("supply_gain"), _const(1e-3), _const(0.15), {"signed": True}),
-    ("clock_skew", _skew, _const(1e-3), _const(0.05), {"signed": True}),
-))
-# Outside the catalogue: what they do comes and goes, or follows a clock, so that no constant term of the catalogue takes the bulk of it.
-OUTSIDE = tuple(Effect(*row) for row in (
-    ("u_load_comes_and_goes", _gated("u_load_nm"), _coulomb(0.05), _coulomb(8.0)),
-    ("u_brush_contact", _gated("u_brush_ohm"), lambda r: 0.05 * r.resistance_ohm, lambda r: 20.0 * r.resistance_ohm),
-    ("u_battery_contact", _gated("u_contact_ohm"), lambda r: 0.05 * r.resistance_ohm, lambda r: 10.0 * r.resistance_ohm),
-    ("u_duty_glitches", _glitch, _const(0.05), _const(1.0)),
-    ("u_tight_spot", _tight, _coulomb(0.1), _coulomb(6.0)),
-    ("u_wandering_friction", _wander, _coulomb(0.05), _coulomb(0.95)),
-    ("u_loose_magnet", _gated("u_flux_loss"), _const(2e-3), _const(0.3)),
-    ("u_torque_hum", _torque_hum, _coulomb(0.05), _coulomb(2.0)),
-    ("u_random_ripple", _ripple, _coulomb(0.05), _coulomb(3.0)),
-    ("u_mains_hum", _hum, _const(0.2), _const(8.0)),
-))
+CATALOGUE = tuple(
+    Effect(*row[:4], **row[4])
+    for row in (
+        (
+            "supply_resistance",
+            _added("supply_resistance_ohm"),
+            _const(1e-3),
+            lambda r: 0.6 * r.resistance_ohm,
+            {"first": True},
+        ),
+        (
+            "winding_resistance",
+            _relative("resistance_ohm"),
+            _const(0.01),
+            _const(0.8),
+            {"first": True, "accept": _R, "signed": True},
+        ),
+        (
+            "bridge_resistance",
+            _plain("bridge_resistance_ohm"),
+            lambda r: 0.01 * r.resistance_ohm,
+            lambda r: 0.8 * r.resistance_ohm,
+            {"first": True, "accept": _R},
+        ),
+        (
+            "brush_drop",
+            _plain("brush_drop_v"),
+            _const(0.01),
+            lambda r: 0.12 * r.voltage_v,
+            {"first": True},
+        ),
+        (
+            "torque_constant",
+            _relative("torque_constant_nm_per_a"),
+            _const(1e-3),
+            _const(0.25),
+            {"first": True, "signed": True},
+        ),
+        ("coulomb_friction", _added("coulomb_nm"), _coulomb(0.02), _coulomb(2.5), {"first": True}),
+        (
+            "viscous_friction",
+            _added("viscous_nm_s_per_rad"),
+            _viscous(0.05),
+            _viscous(6.0),
+            {"first": True},
+        ),
+        (
+            "asymmetric_friction",
+            _asymmetric,
+            _coulomb(0.02),
+            _coulomb(0.9),
+            {"first": True, "needs": "two_way", "one_way": "coulomb_friction"},
+        ),
+        (
+            "directional_viscous",
+            _plain("directional_viscous_nm_s"),
+            _viscous(0.05),
+            _viscous(3.0),
+            {"first": True, "signed": True, "needs": "two_way", "one_way": "viscous_friction"},
+        ),
+        (
+            "stribeck_friction",
+            _stribeck,
+            _coulomb(0.05),
+            _coulomb(2.5),
+            {"first": True, "needs": "slow"},
+        ),
+        (
+            "quadratic_drag",
+            _plain("quadratic_nm_s2"),
+            lambda r: 0.02 * r.coulomb_nm / top_speed(r) ** 2,
+            lambda r: 3.0 * r.coulomb_nm / top_speed(r) ** 2,
+            {"first": True},
+        ),
+        (
+            "added_inertia",
+            _added("inertia_kg_m2"),
+            lambda r: 0.005 * shaft_inertia(r),
+            lambda r: 0.45 * shaft_inertia(r),
+            {"first": True, "signed": True},
+        ),
+        (
+            "current_offset",
+            _plain("current_offset_a"),
+            _const(0.1),
+            _const(4.0),
+            {"first": True, "signed": True},
+        ),
+        (
+            "current_gain",
+            _plain("current_gain"),
+            _const(0.03),
+            _const(0.4),
+            {"first": True, "signed": True},
+        ),
+        (
+            "transport_delay",
+            _plain("transport_delay_s"),
+            _const(2e-4),
+            _const(0.03),
+            {"first": True},
+        ),
+        ("supply_droop", _droop, _const(2e-3), _const(0.2), {}),
+        ("dead_time", _plain("dead_time_s"), _const(2e-8), _const(2e-6), {}),
+        ("winding_heating", _heating, _const(0.02), _const(4.0), {}),
+        ("inductance", _relative("inductance_h"), _const(0.2), _const(1.5), {}),
+        (
+            "magnetic_saturation",
+            lambda rig, size, rng: {"saturation_a": size**-0.5},
+            _const(2e-5),
+            _const(5e-3),
+            {"needs": "load"},
+        ),
+        ("cogging_torque", _cogging, _coulomb(0.1), _coulomb(3.0), {}),
+        ("cold_grease", _grease, _viscous(0.1), _viscous(10.0), {}),
+        (
+            "load_dependent_friction",
+            _plain("load_friction"),
+            _const(0.01),
+            _const(0.6),
+            {"needs": "load"},
+        ),
+        (
+            "gear_eccentricity",
+            _phase("eccentricity_nm", "eccentricity_phase_rad"),
+            _coulomb(0.05),
+            _coulomb(1.0),
+            {},
+        ),
+        ("coupler_compliance", _coupler, _const(0.3), _const(60.0), {}),
+        ("gear_backlash", _plain("play_rad"), _const(0.02), _const(0.5), {"needs": "two_way"}),
+        ("current_lag", _plain("current_lag_s"), _const(1e-3), _const(0.08), {}),
+        (
+            "current_saturation",
+            lambda rig, size, rng: {"current_limit_a": 1.0 / size},
+            _const(0.05),
+            _const(1.0),
+            {},
+        ),
+        ("speed_gain", _plain("speed_gain"), _const(5e-4), _const(0.2), {"signed": True}),
+        ("speed_lag", _speed_lag, _const(5e-4), _const(0.08), {}),
+        (
+            "hall_eccentricity",
+            _phase("hall_eccentricity_rad", "hall_eccentricity_phase_rad"),
+            _const(5e-4),
+            _const(0.3),
+            {},
+        ),
+        ("hall_dropout", _plain("hall_dropout"), _const(3e-3), _const(0.2), {}),
+        ("supply_gain", _plain("supply_gain"), _const(1e-3), _const(0.15), {"signed": True}),
+        ("clock_skew", _skew, _const(1e-3), _const(0.05), {"signed": True}),
+    )
+)
+# Outside the catalogue: what they do comes and goes, or follows a clock, so that no constant term
+# of the catalogue takes the bulk of it.
+OUTSIDE = tuple(
+    Effect(*row)
+    for row in (
+        ("u_load_comes_and_goes", _gated("u_load_nm"), _coulomb(0.05), _coulomb(8.0)),
+        (
+            "u_brush_contact",
+            _gated("u_brush_ohm"),
+            lambda r: 0.05 * r.resistance_ohm,
+            lambda r: 20.0 * r.resistance_ohm,
+        ),
+        (
+            "u_battery_contact",
+            _gated("u_contact_ohm"),
+            lambda r: 0.05 * r.resistance_ohm,
+            lambda r: 10.0 * r.resistance_ohm,
+        ),
+        ("u_duty_glitches", _glitch, _const(0.05), _const(1.0)),
+        ("u_tight_spot", _tight, _coulomb(0.1), _coulomb(6.0)),
+        ("u_wandering_friction", _wander, _coulomb(0.05), _coulomb(0.95)),
+        ("u_loose_magnet", _gated("u_flux_loss"), _const(2e-3), _const(0.3)),
+        ("u_torque_hum", _torque_hum, _coulomb(0.05), _coulomb(2.0)),
+        ("u_random_ripple", _ripple, _coulomb(0.05), _coulomb(3.0)),
+        ("u_mains_hum", _hum, _const(0.2), _const(8.0)),
+    )
+)
 OUTSIDE_IDS = tuple(effect.id for effect in OUTSIDE)
 BY_ID = {effect.id: effect for effect in (*CATALOGUE, *OUTSIDE)}
 FIRST = tuple(effect.id for effect in CATALOGUE if effect.first)
 
 
 def accepted(effect: Effect, two_way: bool) -> list[str]:
-    """Ids that are right answers for an effect: its equivalence class, and what it is in a one-way log."""
+    """Ids that are right answers for an effect: its equivalence class, and what it is in a one-way
+    log.
+    """
     ids = list(effect.accept) or [effect.id]
     if effect.one_way and not two_way:
         ids.append(effect.one_way)
@@ -200,5 +376,7 @@ def accepted(effect: Effect, two_way: bool) -> list[str]:
 
 def split(params: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
     """(parameters of the tool, settings of the logger)."""
-    return ({key: value for key, value in params.items() if key not in LOGGER_KEYS},
-            {key: value for key, value in params.items() if key in LOGGER_KEYS})
+    return (
+        {key: value for key, value in params.items() if key not in LOGGER_KEYS},
+        {key: value for key, value in params.items() if key in LOGGER_KEYS},
+    )

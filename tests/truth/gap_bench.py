@@ -1,4 +1,6 @@
-"""The blind set's own command, `gap_bench.py list|make|open FOLDER [--set ...] [--numbers ...]`: answers are sealed as cases are made."""
+"""The blind set's own command, `gap_bench.py list|make|open FOLDER [--set ...] [--numbers ...]`:
+answers are sealed as cases are made.
+"""
 
 import argparse
 import hashlib
@@ -18,8 +20,17 @@ from signals import Sensors
 
 SEALED = "answers.sealed"
 LOST = 0.01  # share of the rows that a logger of the kind "lost" never wrote
-FORMATS = {"time_s": "{:.6f}", "duty": "{:.4f}", "coast": "{:.0f}", "supply_v": "{:.2f}", "current_a": "{:.4f}", "speed_rpm": "{:.1f}",
-           "load_nm": "{:.4f}", "voltage_v": "{:.3f}", "position_rad": "{:.6f}"}
+FORMATS = {
+    "time_s": "{:.6f}",
+    "duty": "{:.4f}",
+    "coast": "{:.0f}",
+    "supply_v": "{:.2f}",
+    "current_a": "{:.4f}",
+    "speed_rpm": "{:.1f}",
+    "load_nm": "{:.4f}",
+    "voltage_v": "{:.3f}",
+    "position_rad": "{:.6f}",
+}
 
 
 def log_table(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarray]:
@@ -29,7 +40,9 @@ def log_table(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarra
     rng = np.random.default_rng([setting.seed, 17])
     angle = table.pop("angle_rad")
     if rig.input == "voltage_v":
-        table["voltage_v"] = table["duty"] * rig.voltage_v + (0.02 * rng.standard_normal(len(angle)) if setting.seed % 2 else 0.0)
+        table["voltage_v"] = table["duty"] * rig.voltage_v + (
+            0.02 * rng.standard_normal(len(angle)) if setting.seed % 2 else 0.0
+        )
     if rig.input != "duty":
         del table["duty"]
     if rig.input != "duty" or rig.bus == "absent":
@@ -37,7 +50,10 @@ def log_table(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarra
     if "speed_rpm" not in judged:
         del table["speed_rpm"]
     if "position_rad" in judged:
-        table["position_rad"] = np.floor(hall_angle(angle, split(params)[0]) / rig.sensors.position_lsb_rad) * rig.sensors.position_lsb_rad
+        table["position_rad"] = (
+            np.floor(hall_angle(angle, split(params)[0]) / rig.sensors.position_lsb_rad)
+            * rig.sensors.position_lsb_rad
+        )
     if setting.logger == "lost":
         here = rng.uniform(size=len(angle)) >= LOST
         table = {name: values[here] for name, values in table.items()}
@@ -45,8 +61,14 @@ def log_table(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarra
 
 
 def write_log(path: Path, table: dict[str, np.ndarray]) -> None:
-    texts = [["" if np.isnan(v) else FORMATS[name].format(v + 0.0) for v in values] for name, values in table.items()]
-    path.write_text("\n".join([",".join(table), *(",".join(row) for row in zip(*texts, strict=True))]) + "\n", encoding="utf-8")
+    texts = [
+        ["" if np.isnan(v) else FORMATS[name].format(v + 0.0) for v in values]
+        for name, values in table.items()
+    ]
+    path.write_text(
+        "\n".join([",".join(table), *(",".join(row) for row in zip(*texts, strict=True))]) + "\n",
+        encoding="utf-8",
+    )
 
 
 def write_case(case: Case, folder: Path) -> None:
@@ -60,13 +82,30 @@ def answer_of(case: Case) -> dict[str, object]:
     """What is sealed about a case."""
     setting, rig, s = case.setting, case.setting.rig, case.setting.rig.sensors
     label = case.entry.kind if case.entry.kind in ("none", "unlisted") else "effect"
-    return {"label": label, "kind": case.entry.kind, "regime": case.entry.regime, "number": case.entry.number, "attempt": case.attempt,
-            "ids": list(case.ids), "accept": [accepts(i, setting) for i in case.ids] if label == "effect" else [],
-            "sizes": case.sizes, "times_visible": case.multiples, "truth": case.params,
-            "tool": {key: getattr(setting.tool, key.split(".")[1]) for key in rig.tolerance},
-            "input": rig.input, "bus": rig.bus if rig.input == "duty" else "none", "sensor": sensor_word(s),
-            "position": s.position_lsb_rad > 0.0, "profile": setting.profile.name, "two_way": setting.profile.two_way,
-            "load": rig.load == "torque", "logger": setting.logger, "seconds": setting.seconds, "log_hz": s.log_hz, "rig": rig.name}
+    return {
+        "label": label,
+        "kind": case.entry.kind,
+        "regime": case.entry.regime,
+        "number": case.entry.number,
+        "attempt": case.attempt,
+        "ids": list(case.ids),
+        "accept": [accepts(i, setting) for i in case.ids] if label == "effect" else [],
+        "sizes": case.sizes,
+        "times_visible": case.multiples,
+        "truth": case.params,
+        "tool": {key: getattr(setting.tool, key.split(".")[1]) for key in rig.tolerance},
+        "input": rig.input,
+        "bus": rig.bus if rig.input == "duty" else "none",
+        "sensor": sensor_word(s),
+        "position": s.position_lsb_rad > 0.0,
+        "profile": setting.profile.name,
+        "two_way": setting.profile.two_way,
+        "load": rig.load == "torque",
+        "logger": setting.logger,
+        "seconds": setting.seconds,
+        "log_hz": s.log_hz,
+        "rig": rig.name,
+    }
 
 
 def sensor_word(s: Sensors) -> str:
@@ -101,14 +140,20 @@ def opened(path: Path) -> dict[str, dict[str, object]]:
 
 
 def make(folder: Path, entries: list[Entry]) -> None:
-    """Make the cases that are missing; each one's answer is sealed before its folder gets its name, and what is sealed is made as it is."""
+    """Make the cases that are missing; each one's answer is sealed before its folder gets its name,
+    and what is sealed is made as it is.
+    """
     path = folder / SEALED
     here = opened(path)
     for entry in entries:
         target = folder / "cases" / entry.name
         if entry.name not in here or not target.exists():
             a = here.get(entry.name)
-            case = case_again(entry, a["attempt"], a["sizes"], a["times_visible"]) if a else draw_case(entry)
+            case = (
+                case_again(entry, a["attempt"], a["sizes"], a["times_visible"])
+                if a
+                else draw_case(entry)
+            )
             fresh = target.with_suffix(".part")
             write_case(case, fresh)
             if entry.name not in here:
@@ -120,26 +165,39 @@ def make(folder: Path, entries: list[Entry]) -> None:
 
 
 def freeze(folder: Path, entries: list[Entry]) -> list[dict[str, object]]:
-    """What makes sealed cases again without their search, ties included: for sets that stand in the repository."""
+    """What makes sealed cases again without their search, ties included: for sets that stand in the
+    repository.
+    """
     known = show(folder, entries, with_ties=True)
     rows = []
     for entry in entries:
         answer = known[entry.name]
-        rows.append({"half": entry.set, **{key: answer[key] for key in ("number", "attempt", "ids", "sizes", "ties")},
-                     "multiples": answer["times_visible"]})
+        rows.append(
+            {
+                "half": entry.set,
+                **{key: answer[key] for key in ("number", "attempt", "ids", "sizes", "ties")},
+                "multiples": answer["times_visible"],
+            }
+        )
     return rows
 
 
 def thawed(row: dict[str, object]) -> Case:
     """The case of a row of `freeze`; ValueError when the generator would draw another."""
-    case = case_again(plan(row["half"])[row["number"]], row["attempt"], row["sizes"], row["multiples"])
+    case = case_again(
+        plan(row["half"])[row["number"]], row["attempt"], row["sizes"], row["multiples"]
+    )
     if list(case.ids) != row["ids"]:
-        raise ValueError(f"case {row['number']} of {row['half']} holds {case.ids}, not {row['ids']}: freeze it anew")
+        raise ValueError(
+            f"case {row['number']} of {row['half']} holds {case.ids}, not {row['ids']}: freeze it anew"
+        )
     return case
 
 
 def show(folder: Path, entries: list[Entry], with_ties: bool) -> dict[str, object]:
-    """Answers of the entries; with ties as far as they are asked for, which are kept beside the sealed file."""
+    """Answers of the entries; with ties as far as they are asked for, which are kept beside the
+    sealed file.
+    """
     here = opened(folder / SEALED)
     out = {entry.name: here[entry.name] for entry in entries if entry.name in here}
     kept = folder / "ties.sealed"
@@ -147,7 +205,9 @@ def show(folder: Path, entries: list[Entry], with_ties: bool) -> dict[str, objec
     for entry in entries if with_ties else []:
         if entry.name not in known and entry.name in out:
             a = out[entry.name]
-            known[entry.name] = {"ties": ties_of(case_again(entry, a["attempt"], a["sizes"], a["times_visible"]))}
+            known[entry.name] = {
+                "ties": ties_of(case_again(entry, a["attempt"], a["sizes"], a["times_visible"]))
+            }
             with kept.open("a", encoding="utf-8") as file:
                 file.write(seal(known[entry.name], entry.name))
     return {name: answer | known.get(name, {}) for name, answer in out.items()}
@@ -159,11 +219,21 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--set", dest="half", choices=SETS, default="tune")
     parser.add_argument("--numbers", default="all", help="numbers with commas")
-    parser.add_argument("--ties", action="store_true", help="open: say also who cannot be told from the truth in principle")
-    parser.add_argument("--kinds", action="store_true", help="list: with kinds and ids, for people only")
+    parser.add_argument(
+        "--ties",
+        action="store_true",
+        help="open: say also who cannot be told from the truth in principle",
+    )
+    parser.add_argument(
+        "--kinds", action="store_true", help="list: with kinds and ids, for people only"
+    )
     args = parser.parse_args(arguments)
     entries = plan(args.half)
-    entries = entries if args.numbers == "all" else [entries[int(n)] for n in args.numbers.split(",") if n]
+    entries = (
+        entries
+        if args.numbers == "all"
+        else [entries[int(n)] for n in args.numbers.split(",") if n]
+    )
     args.folder.mkdir(parents=True, exist_ok=True)
     if args.what == "make":
         make(args.folder, entries)
@@ -172,7 +242,10 @@ def main(arguments: list[str]) -> int:
     elif args.what == "open":
         sys.stdout.write(json.dumps(show(args.folder, entries, args.ties)) + "\n")
     else:
-        rows = [[e.number, e.name, *([e.kind, e.regime, e.first] if args.kinds else [])] for e in entries]
+        rows = [
+            [e.number, e.name, *([e.kind, e.regime, e.first] if args.kinds else [])]
+            for e in entries
+        ]
         sys.stdout.write(json.dumps(rows) + "\n")
     return 0
 

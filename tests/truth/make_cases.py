@@ -1,4 +1,6 @@
-"""Make folders of measured-like logs with rig, label and sealed truth: `make_cases.py OUT --seed N --count M [--kind ...]`."""
+"""Make folders of measured-like logs with rig, label and sealed truth: `make_cases.py OUT --seed N
+--count M [--kind ...]`.
+"""
 
 import argparse
 import json
@@ -14,8 +16,15 @@ from profiles import NAMES, draw
 from rigs import TOLERANCE, draw_rig, draw_tool, toml
 from signals import Sensors
 
-FORMATS = {"time_s": "{:.6g}", "duty": "{:.4f}", "coast": "{:.0f}", "supply_v": "{:.2f}", "current_a": "{:.2f}", "speed_rpm": "{:.1f}",
-           "load_nm": "{:.4f}"}
+FORMATS = {
+    "time_s": "{:.6g}",
+    "duty": "{:.4f}",
+    "coast": "{:.0f}",
+    "supply_v": "{:.2f}",
+    "current_a": "{:.2f}",
+    "speed_rpm": "{:.1f}",
+    "load_nm": "{:.4f}",
+}
 KINDS = ("single", "none", "unlisted", "pair")
 
 
@@ -36,7 +45,9 @@ class Order:
 
 def draw_setting(order: Order, rng: np.random.Generator, need: str) -> Setting:
     """Tool, profile and logger of a case; `need` is what the effect wants of the profile."""
-    wanted = {"two_way": ("reversals",), "load": ("load_steps",), "slow": ("crawl",)}.get(need, order.profiles)
+    wanted = {"two_way": ("reversals",), "load": ("load_steps",), "slow": ("crawl",)}.get(
+        need, order.profiles
+    )
     sensors = Sensors(log_hz=order.log_hz)
     rig = draw_rig(rng, sensors=sensors, slew_per_s=None if rng.uniform() < order.steps else 6.0)
     if rng.uniform() < order.tolerance:
@@ -44,14 +55,23 @@ def draw_setting(order: Order, rng: np.random.Generator, need: str) -> Setting:
     name = str(rng.choice(wanted))
     if name in ("hand", "stop_and_go", "chirp") and rig.slew_per_s:
         rig = replace(rig, slew_per_s=10.0)
-    load_nm = float(rng.uniform(3.0, 9.0)) * rig.torque_constant_nm_per_a * rig.ratio * (rig.voltage_v / 18.0) ** 0.5
+    load_nm = (
+        float(rng.uniform(3.0, 9.0))
+        * rig.torque_constant_nm_per_a
+        * rig.ratio
+        * (rig.voltage_v / 18.0) ** 0.5
+    )
     profile = draw(name, order.seconds, load_nm, rng)
     rig = replace(rig, load="torque" if len(profile.load_time_s) else "none")
-    return Setting(rig, draw_tool(rig, rng), profile, order.seconds, int(rng.integers(1, 2**31)), order.logger)
+    return Setting(
+        rig, draw_tool(rig, rng), profile, order.seconds, int(rng.integers(1, 2**31)), order.logger
+    )
 
 
 def effects_of(kind: str, index: int, order: Order, rng: np.random.Generator) -> list[str]:
-    """Ids of a case: singles go round the list, pairs are drawn from different subsystems' ids, unlisted from outside the catalogue."""
+    """Ids of a case: singles go round the list, pairs are drawn from different subsystems' ids,
+    unlisted from outside the catalogue.
+    """
     if kind == "none":
         return []
     if kind == "unlisted":
@@ -59,12 +79,20 @@ def effects_of(kind: str, index: int, order: Order, rng: np.random.Generator) ->
     first = order.ids[index % len(order.ids)]
     if kind == "single":
         return [first]
-    others = [i for i in order.ids if i != first and not set(accepted(BY_ID[i], True)) & set(accepted(BY_ID[first], True))]
+    others = [
+        i
+        for i in order.ids
+        if i != first and not set(accepted(BY_ID[i], True)) & set(accepted(BY_ID[first], True))
+    ]
     return [first, str(rng.choice(others))]
 
 
-def draw_case(kind: str, index: int, order: Order, seed: int) -> tuple[Setting, dict[str, float], dict[str, float]]:
-    """(setting, size per effect, multiple of the visible limit per effect); draws again where an effect cannot be seen."""
+def draw_case(
+    kind: str, index: int, order: Order, seed: int
+) -> tuple[Setting, dict[str, float], dict[str, float]]:
+    """(setting, size per effect, multiple of the visible limit per effect); draws again where an
+    effect cannot be seen.
+    """
     for attempt in range(20):
         rng = np.random.default_rng([seed, index, attempt])
         ids = effects_of(kind, index, order, rng)
@@ -81,8 +109,12 @@ def draw_case(kind: str, index: int, order: Order, seed: int) -> tuple[Setting, 
     raise RuntimeError(f"no visible case of {ids} in 20 draws")
 
 
-def draw_size(setting: Setting, effect_id: str, order: Order, rng: np.random.Generator) -> tuple[float, float] | None:
-    """(size, multiple of the visible limit), log-uniform over the multiples asked for; None where that is beyond what makes sense."""
+def draw_size(
+    setting: Setting, effect_id: str, order: Order, rng: np.random.Generator
+) -> tuple[float, float] | None:
+    """(size, multiple of the visible limit), log-uniform over the multiples asked for; None where
+    that is beyond what makes sense.
+    """
     effect = BY_ID[effect_id]
     sign = float(rng.choice([-1.0, 1.0])) if effect.signed else 1.0
     multiple = float(np.exp(rng.uniform(*np.log(order.sizes))))
@@ -100,7 +132,9 @@ def cell(name: str, value: float) -> str:
 
 def write_log(path: Path, table: dict[str, np.ndarray]) -> None:
     names = list(table)
-    rows = [",".join(cell(name, table[name][n]) for name in names) for n in range(len(table["time_s"]))]
+    rows = [
+        ",".join(cell(name, table[name][n]) for name in names) for n in range(len(table["time_s"]))
+    ]
     path.write_text("\n".join([",".join(names), *rows]) + "\n")
 
 
@@ -121,19 +155,33 @@ def write_case(folder: Path, kind: str, index: int, order: Order, seed: int) -> 
     return f"{folder.name} {kind} {setting.rig.name} {setting.profile.name} {sizes_text}"
 
 
-def label_of(kind: str, setting: Setting, sizes: dict[str, float], multiples: dict[str, float],
-             params: dict[str, float]) -> dict[str, object]:
+def label_of(
+    kind: str,
+    setting: Setting,
+    sizes: dict[str, float],
+    multiples: dict[str, float],
+    params: dict[str, float],
+) -> dict[str, object]:
     """The label in the form of the practice data; `truth` is all that was changed on the tool."""
     two_way = setting.profile.two_way
     label = {"single": "effect", "pair": "effect"}.get(kind, kind)
     ids = list(sizes) if label == "effect" else []
-    found = {"label": label, "ids": ids, "accept": [accepted(BY_ID[i], two_way) for i in ids],
-             "sizes": sizes, "times_visible": {i: round(m, 3) for i, m in multiples.items()}, "truth": params,
-             "profile": setting.profile.name, "seed": setting.seed}
+    found = {
+        "label": label,
+        "ids": ids,
+        "accept": [accepted(BY_ID[i], two_way) for i in ids],
+        "sizes": sizes,
+        "times_visible": {i: round(m, 3) for i, m in multiples.items()},
+        "truth": params,
+        "profile": setting.profile.name,
+        "seed": setting.seed,
+    }
     if label == "unlisted":
         found["what"] = next(iter(sizes))
     if setting.rig.tolerance:
-        found["tool"] = {key: getattr(setting.tool, key.split(".")[1]) for key in setting.rig.tolerance}
+        found["tool"] = {
+            key: getattr(setting.tool, key.split(".")[1]) for key in setting.rig.tolerance
+        }
     return found
 
 
@@ -142,24 +190,59 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, Order]:
     parser.add_argument("out", type=Path)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--kind", default="mixed", help="single, none, unlisted, pair, mixed, or several with commas")
+    parser.add_argument(
+        "--kind",
+        default="mixed",
+        help="single, none, unlisted, pair, mixed, or several with commas",
+    )
     parser.add_argument("--ids", default="first", help="first, all, or ids with commas")
     parser.add_argument("--size", default="1.5:8", help="multiples of the visible limit, low:high")
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--log-hz", type=float, default=1000.0)
     parser.add_argument("--profiles", default="all")
-    parser.add_argument("--tolerance", type=float, default=0.25, help="share of cases whose tool is off by a stated tolerance")
-    parser.add_argument("--steps", type=float, default=0.2, help="share of cases whose command steps from row to row, without a slew rate")
-    parser.add_argument("--logger", default="ideal", choices=("ideal", "irregular", "missing", "jitter", "mixed"))
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=0.25,
+        help="share of cases whose tool is off by a stated tolerance",
+    )
+    parser.add_argument(
+        "--steps",
+        type=float,
+        default=0.2,
+        help="share of cases whose command steps from row to row, without a slew rate",
+    )
+    parser.add_argument(
+        "--logger", default="ideal", choices=("ideal", "irregular", "missing", "jitter", "mixed")
+    )
     parser.add_argument("--jobs", type=int, default=2)
     args = parser.parse_args(arguments)
     # mixed: of 20 cases 15 singles, 2 without effect, 2 unlisted, 1 pair
-    mixed = ("single",) * 7 + ("none",) + ("single",) * 5 + ("unlisted",) + ("single",) * 3 + ("none", "unlisted", "pair")
+    mixed = (
+        ("single",) * 7
+        + ("none",)
+        + ("single",) * 5
+        + ("unlisted",)
+        + ("single",) * 3
+        + ("none", "unlisted", "pair")
+    )
     kinds = mixed if args.kind == "mixed" else tuple(args.kind.split(","))
-    ids = {"first": FIRST, "all": tuple(e.id for e in CATALOGUE)}.get(args.ids) or tuple(args.ids.split(","))
+    ids = {"first": FIRST, "all": tuple(e.id for e in CATALOGUE)}.get(args.ids) or tuple(
+        args.ids.split(",")
+    )
     low, high = (float(x) for x in args.size.split(":"))
     profiles = NAMES if args.profiles == "all" else tuple(args.profiles.split(","))
-    return args, Order(kinds, ids, (low, high), args.seconds, args.log_hz, profiles, args.tolerance, args.logger, args.steps)
+    return args, Order(
+        kinds,
+        ids,
+        (low, high),
+        args.seconds,
+        args.log_hz,
+        profiles,
+        args.tolerance,
+        args.logger,
+        args.steps,
+    )
 
 
 def main(arguments: list[str]) -> int:
@@ -172,7 +255,15 @@ def main(arguments: list[str]) -> int:
     serial = {kind: 0 for kind in kinds}
     plan = []
     for n, kind in enumerate(kinds):
-        plan.append((args.out / f"case_{n + 1:03d}", kind, serial[kind] if kind == "single" else n, order, args.seed))
+        plan.append(
+            (
+                args.out / f"case_{n + 1:03d}",
+                kind,
+                serial[kind] if kind == "single" else n,
+                order,
+                args.seed,
+            )
+        )
         serial[kind] += 1
     with ProcessPoolExecutor(args.jobs) as pool:
         for line in pool.map(write_case, *zip(*plan, strict=True)):

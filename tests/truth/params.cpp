@@ -11,7 +11,7 @@ struct Field {
     double Params::*member;
 };
 
-#define FIELD(member)                                                                                                                                \
+#define FIELD(member)                                                                              \
     { #member, &Params::member }
 
 const Field FIELDS[] = {

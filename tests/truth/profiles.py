@@ -1,4 +1,6 @@
-"""Command profiles of the cases: what a bench or a hand does with the trigger, and loads that the bench applies."""
+"""Command profiles of the cases: what a bench or a hand does with the trigger, and loads that the
+bench applies.
+"""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +13,9 @@ BENCH_NAMES = (*NAMES, "coast_down")
 
 @dataclass(frozen=True)
 class Profile:
-    """Targets that hold from their times on, or a curve through them (`smooth`), whether the bridge opens at rest, and load points."""
+    """Targets that hold from their times on, or a curve through them (`smooth`), whether the bridge
+    opens at rest, and load points.
+    """
 
     name: str
     time_s: np.ndarray
@@ -27,9 +31,20 @@ class Profile:
 
 
 def draw(name: str, seconds: float, load_nm: float, rng: np.random.Generator) -> Profile:
-    """One profile of a name, `seconds` long; `load_nm` is the size of the loads of a profile that has some."""
-    made = {"staircase": _staircase, "ramps": _ramps, "reversals": _reversals, "load_steps": _load_steps, "hand": _hand,
-            "stop_and_go": _stop_and_go, "chirp": _chirp, "crawl": _crawl, "coast_down": _coast_down}[name]
+    """One profile of a name, `seconds` long; `load_nm` is the size of the loads of a profile that
+    has some.
+    """
+    made = {
+        "staircase": _staircase,
+        "ramps": _ramps,
+        "reversals": _reversals,
+        "load_steps": _load_steps,
+        "hand": _hand,
+        "stop_and_go": _stop_and_go,
+        "chirp": _chirp,
+        "crawl": _crawl,
+        "coast_down": _coast_down,
+    }[name]
     return made(seconds, load_nm, rng)
 
 
@@ -39,8 +54,15 @@ def _times(seconds: float, dwell: float, rng: np.random.Generator) -> np.ndarray
     return 0.2 + (seconds - 0.6) / count * (np.arange(count) + rng.uniform(0.0, 0.3, count))
 
 
-def _holding(name: str, times: np.ndarray, levels: np.ndarray, seconds: float, **more: object) -> Profile:
-    return Profile(name, np.concatenate([[0.0], times, [seconds - 0.25]]), np.concatenate([[0.0], levels, [0.0]]), **more)
+def _holding(
+    name: str, times: np.ndarray, levels: np.ndarray, seconds: float, **more: object
+) -> Profile:
+    return Profile(
+        name,
+        np.concatenate([[0.0], times, [seconds - 0.25]]),
+        np.concatenate([[0.0], levels, [0.0]]),
+        **more,
+    )
 
 
 def _staircase(seconds: float, _: float, rng: np.random.Generator) -> Profile:
@@ -62,16 +84,32 @@ def _reversals(seconds: float, load_nm: float, rng: np.random.Generator) -> Prof
     times = _times(seconds, 0.5, rng)
     way = np.where(np.arange(len(times)) // 2 % 2 == 0, 1.0, -1.0)
     loads = _loads(seconds, load_nm, rng) if rng.uniform() < 0.5 else (np.zeros(0), np.zeros(0))
-    return _holding("reversals", times, way * rng.uniform(0.2, 1.0, len(times)), seconds, load_time_s=loads[0], load_nm=loads[1])
+    return _holding(
+        "reversals",
+        times,
+        way * rng.uniform(0.2, 1.0, len(times)),
+        seconds,
+        load_time_s=loads[0],
+        load_nm=loads[1],
+    )
 
 
 def _load_steps(seconds: float, load_nm: float, rng: np.random.Generator) -> Profile:
     times = _times(seconds, 0.8, rng)
     loads = _loads(seconds, load_nm, rng)
-    return _holding("load_steps", times, rng.uniform(0.35, 1.0, len(times)), seconds, load_time_s=loads[0], load_nm=loads[1])
+    return _holding(
+        "load_steps",
+        times,
+        rng.uniform(0.35, 1.0, len(times)),
+        seconds,
+        load_time_s=loads[0],
+        load_nm=loads[1],
+    )
 
 
-def _loads(seconds: float, load_nm: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _loads(
+    seconds: float, load_nm: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Load torque that comes and goes over ramps of 30 ms."""
     times, levels, now = [0.0], [0.0], 0.0
     for at in _times(seconds, 0.7, rng) + 0.2:
@@ -119,7 +157,11 @@ def _coast_down(seconds: float, _: float, rng: np.random.Generator) -> Profile:
 def _crawl(seconds: float, _: float, rng: np.random.Generator) -> Profile:
     """Slow running, where friction of the Stribeck kind lives, with a fast stretch now and then."""
     times = _times(seconds, 0.6, rng)
-    levels = np.where(np.arange(len(times)) % 4 == 3, rng.uniform(0.4, 0.9, len(times)), rng.uniform(0.04, 0.14, len(times)))
+    levels = np.where(
+        np.arange(len(times)) % 4 == 3,
+        rng.uniform(0.4, 0.9, len(times)),
+        rng.uniform(0.04, 0.14, len(times)),
+    )
     return _holding("crawl", times, levels, seconds)
 
 
@@ -135,7 +177,9 @@ def _chirp(seconds: float, _: float, rng: np.random.Generator) -> Profile:
 
 
 def slewed(times: np.ndarray, targets: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the straight lines along which the command follows held targets at `rate` per second."""
+    """Points of the straight lines along which the command follows held targets at `rate` per
+    second.
+    """
     t_out, y_out, value = [0.0], [float(targets[0])], float(targets[0])
     for n, target in enumerate(targets):
         until = times[n + 1] if n + 1 < len(times) else times[n] + 10.0
@@ -167,14 +211,22 @@ def snapped(times: np.ndarray, grid: np.ndarray) -> np.ndarray:
 
 
 def command(profile: Profile, slew_per_s: float | None, grid: np.ndarray, levels: float) -> Command:
-    """The command that the bridge gets: slewed lines, or (without a slew rate) values that are constant over each row of `grid`.
+    """The command that the bridge gets: slewed lines, or (without a slew rate) values that are
+    constant over each row of `grid`.
 
-    The controller decides at the instants of `grid` in steps of 1 / levels; between them the PWM runs straight on the slewed lines.
+    The controller decides at the instants of `grid` in steps of 1 / levels; between them the PWM
+    runs straight on the slewed lines.
     """
-    loads = (snapped(profile.load_time_s, grid) if len(profile.load_time_s) else profile.load_time_s, profile.load_nm)
+    loads = (
+        snapped(profile.load_time_s, grid) if len(profile.load_time_s) else profile.load_time_s,
+        profile.load_nm,
+    )
     if slew_per_s is None:
-        values = np.interp(grid, profile.time_s, profile.duty) if profile.smooth else profile.duty[
-            np.searchsorted(profile.time_s, grid + 1e-9, side="right") - 1]
+        values = (
+            np.interp(grid, profile.time_s, profile.duty)
+            if profile.smooth
+            else profile.duty[np.searchsorted(profile.time_s, grid + 1e-9, side="right") - 1]
+        )
         time, duty = np.repeat(grid, 2)[1:], np.repeat(values, 2)[:-1]
     elif profile.smooth:
         time, duty = profile.time_s, limited(profile.time_s, profile.duty, slew_per_s)

@@ -1,4 +1,6 @@
-"""What a log shows and what a model makes of it, without noise, in units of the sensors' noise; retuning and rivals as linear responses."""
+"""What a log shows and what a model makes of it, without noise, in units of the sensors' noise;
+retuning and rivals as linear responses.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -24,7 +26,9 @@ DRAWS = 400
 
 @dataclass(frozen=True)
 class Seen:
-    """A log without noise: the run per row on the logger's time, the samples of speed, and the command that a model gets from it."""
+    """A log without noise: the run per row on the logger's time, the samples of speed, and the
+    command that a model gets from it.
+    """
 
     setting: Setting
     run: Run
@@ -52,12 +56,18 @@ def seen(setting: Setting, params: dict[str, float]) -> Seen:
     logger = split(params)[1]
     clock = 1.0 + logger.get("clock_skew", 0.0)
     logged = replace(run, time_s=stamps, edge_s=run.edge_s * clock)
-    told = replace(made, time_s=made.time_s * clock * (1.0 + logger.get("command_skew", 0.0)), load_time_s=made.load_time_s * clock)
+    told = replace(
+        made,
+        time_s=made.time_s * clock * (1.0 + logger.get("command_skew", 0.0)),
+        load_time_s=made.load_time_s * clock,
+    )
     if setting.rig.bus == "measured":
         told = replace(told, bus_time_s=np.concatenate([[0.0], stamps[:-1]]), bus_v=logged.supply_v)
     if setting.rig.input == "current_a":
         told = current_command(told, stamps, logged.current_a)
-    return Seen(setting, logged, told, *speed_samples(run, sensors, clock), 1.0 + sensors.speed_gain)
+    return Seen(
+        setting, logged, told, *speed_samples(run, sensors, clock), 1.0 + sensors.speed_gain
+    )
 
 
 def current_command(told: Command, stamps: np.ndarray, current_a: np.ndarray) -> Command:
@@ -68,7 +78,9 @@ def current_command(told: Command, stamps: np.ndarray, current_a: np.ndarray) ->
 
 
 def speed_samples(run: Run, sensors: Sensors, clock: float) -> tuple[np.ndarray, ...]:
-    """(row, time, span, speed, sigma) of each speed that the log shows: one for each new edge, or one for each row of a tachometer."""
+    """(row, time, span, speed, sigma) of each speed that the log shows: one for each new edge, or
+    one for each row of a tachometer.
+    """
     speed, lsb = speed_column(run, sensors), sensors.speed_lsb_rpm / RPM / 12**0.5
     if not sensors.hall_pulses_per_rev:
         sigma = np.full(len(speed), np.hypot(lsb, sensors.speed_noise_rpm / RPM))
@@ -76,19 +88,44 @@ def speed_samples(run: Run, sensors: Sensors, clock: float) -> tuple[np.ndarray,
     _, at, period = hall_rows(run, sensors)
     fresh = ~np.isnan(at) & (np.diff(np.where(np.isnan(at), -1.0, at), prepend=-1.0) != 0)
     at, period, speed = at[fresh], period[fresh], np.abs(speed[fresh])
-    return np.flatnonzero(fresh), at * clock, period * clock, speed, np.hypot(lsb, speed * 2**0.5 * sensors.edge_jitter_s / period)
+    return (
+        np.flatnonzero(fresh),
+        at * clock,
+        period * clock,
+        speed,
+        np.hypot(lsb, speed * 2**0.5 * sensors.edge_jitter_s / period),
+    )
 
 
 def modelled(log: Seen, change: dict[str, float]) -> np.ndarray:
-    """All judged samples (n,) in units of sigma as the tool's model with a change of plain form has them."""
+    """All judged samples (n,) in units of sigma as the tool's model with a change of plain form has
+    them.
+    """
     setting = log.setting
     tool_change, logger = split(change)
     clock, late = 1.0 + logger.get("clock_skew", 0.0), 1.0 + logger.get("command_skew", 0.0)
     told = log.told
-    told = replace(told, time_s=told.time_s / (clock * late), load_time_s=told.load_time_s / clock, bus_time_s=told.bus_time_s / clock)
+    told = replace(
+        told,
+        time_s=told.time_s / (clock * late),
+        load_time_s=told.load_time_s / clock,
+        bus_time_s=told.bus_time_s / clock,
+    )
     largest = float(np.max(setting.profile.load_nm, initial=0.0)) / setting.rig.ratio
-    tool = Generator(**generator_params(setting.tool), load_reference_nm=max(largest, 0.005), seed=setting.seed + 1, duty_levels=0.0)
-    tool.set(**(FAST | SILENT | tool_change | ({"current_source_a": 1.0} if setting.rig.input == "current_a" else {})))
+    tool = Generator(
+        **generator_params(setting.tool),
+        load_reference_nm=max(largest, 0.005),
+        seed=setting.seed + 1,
+        duty_levels=0.0,
+    )
+    tool.set(
+        **(
+            FAST
+            | SILENT
+            | tool_change
+            | ({"current_source_a": 1.0} if setting.rig.input == "current_a" else {})
+        )
+    )
     run = tool.run(told, log.run.time_s / clock)
     run = replace(run, time_s=log.run.time_s, speed_rad_s=run.speed_rad_s / clock)
     return in_sigma(log, run, tool_change, logger, clock)
@@ -98,14 +135,20 @@ def measured(log: Seen) -> np.ndarray:
     """The same samples as the log has them."""
     parts = []
     for name, sigma in sigmas(log).items():
-        values = {"current_a": log.run.current_a, "supply_v": log.run.supply_v, "speed_rpm": since_restart(log, log.speed),
-                  "position_rad": steps_of(log, log.run.angle_rad)}[name]
+        values = {
+            "current_a": log.run.current_a,
+            "supply_v": log.run.supply_v,
+            "speed_rpm": since_restart(log, log.speed),
+            "position_rad": steps_of(log, log.run.angle_rad),
+        }[name]
         parts.append(values / sigma)
     return np.concatenate(parts)
 
 
 def since_restart(log: Seen, speed: np.ndarray) -> np.ndarray:
-    """With a current as input nothing holds the model's speed, whose errors add up from the last restart on (0.25 s, the contract's)."""
+    """With a current as input nothing holds the model's speed, whose errors add up from the last
+    restart on (0.25 s, the contract's).
+    """
     if log.setting.rig.input != "current_a" or len(speed) == 0:
         return speed
     window = (log.at_s / RESTART_S).astype(int)
@@ -114,16 +157,24 @@ def since_restart(log: Seen, speed: np.ndarray) -> np.ndarray:
 
 def sigmas(log: Seen) -> dict[str, np.ndarray | float]:
     s = log.setting.rig.sensors
-    table = {"current_a": np.hypot(s.current_noise_a, s.current_lsb_a / 12**0.5),
-             "supply_v": np.hypot(s.supply_noise_v, s.supply_lsb_v / 12**0.5),
-             "speed_rpm": log.sigma, "position_rad": s.position_lsb_rad / 6**0.5}
+    table = {
+        "current_a": np.hypot(s.current_noise_a, s.current_lsb_a / 12**0.5),
+        "supply_v": np.hypot(s.supply_noise_v, s.supply_lsb_v / 12**0.5),
+        "speed_rpm": log.sigma,
+        "position_rad": s.position_lsb_rad / 6**0.5,
+    }
     return {name: table[name] for name in channels(log.setting.rig)}
 
 
 def times(log: Seen) -> np.ndarray:
     """Time of each sample (n,)."""
     rows = log.run.time_s
-    table = {"current_a": rows, "supply_v": rows, "speed_rpm": log.at_s, "position_rad": steps_of(log, rows, late=True)}
+    table = {
+        "current_a": rows,
+        "supply_v": rows,
+        "speed_rpm": log.at_s,
+        "position_rad": steps_of(log, rows, late=True),
+    }
     return np.concatenate([table[name] for name in channels(log.setting.rig)])
 
 
@@ -133,12 +184,18 @@ def steps_of(log: Seen, values: np.ndarray, late: bool = False) -> np.ndarray:
     return values[stride::stride] if late else np.diff(values[::stride])
 
 
-def in_sigma(log: Seen, run: Run, tool_change: dict[str, float], logger: dict[str, float], clock: float) -> np.ndarray:
+def in_sigma(
+    log: Seen, run: Run, tool_change: dict[str, float], logger: dict[str, float], clock: float
+) -> np.ndarray:
     parts = []
     for name, sigma in sigmas(log).items():
         angle = steps_of(log, hall_angle(run.angle_rad, tool_change))
         values = {"current_a": run.current_a, "supply_v": run.supply_v, "position_rad": angle}
-        here = since_restart(log, speeds(log, run, tool_change, logger, clock)) if name == "speed_rpm" else values[name]
+        here = (
+            since_restart(log, speeds(log, run, tool_change, logger, clock))
+            if name == "speed_rpm"
+            else values[name]
+        )
         parts.append(here / sigma)
     return np.concatenate(parts)
 
@@ -146,26 +203,38 @@ def in_sigma(log: Seen, run: Run, tool_change: dict[str, float], logger: dict[st
 def hall_angle(angle: np.ndarray, change: dict[str, float]) -> np.ndarray:
     """The angle as an eccentric sensor has it."""
     amplitude = change.get("hall_eccentricity_rad", 0.0)
-    return angle + amplitude * np.sin(angle + change.get("hall_eccentricity_phase_rad", 0.0)) if amplitude else angle
+    return (
+        angle + amplitude * np.sin(angle + change.get("hall_eccentricity_phase_rad", 0.0))
+        if amplitude
+        else angle
+    )
 
 
-def speeds(log: Seen, run: Run, tool_change: dict[str, float], logger: dict[str, float], clock: float) -> np.ndarray:
+def speeds(
+    log: Seen, run: Run, tool_change: dict[str, float], logger: dict[str, float], clock: float
+) -> np.ndarray:
     """The model's speed over each measured edge period, through the sensor's gain and lag."""
     time = np.concatenate([[run.begin_s], run.time_s])
     speed = np.concatenate([[0.0], run.speed_rad_s])
     if log.setting.rig.sensors.hall_pulses_per_rev:
-        begin, end = (hall_angle(angles(run, t), tool_change) for t in (log.at_s - log.span_s, log.at_s))
+        begin, end = (
+            hall_angle(angles(run, t), tool_change) for t in (log.at_s - log.span_s, log.at_s)
+        )
         out = np.abs(end - begin) / log.span_s
         sign = np.sign(np.interp(log.at_s, time, speed))
     else:
         out, sign = np.interp(log.at_s, time, speed), 1.0
     if logger.get("speed_lag_s") or logger.get("speed_delay_s"):
-        out = sign * behind(log, run, sign * out, logger.get("speed_lag_s", 0.0), logger.get("speed_delay_s", 0.0))
+        out = sign * behind(
+            log, run, sign * out, logger.get("speed_lag_s", 0.0), logger.get("speed_delay_s", 0.0)
+        )
     return out * (1.0 + logger.get("speed_gain", 0.0)) * clock
 
 
 def behind(log: Seen, run: Run, samples: np.ndarray, lag_s: float, delay_s: float) -> np.ndarray:
-    """The sensor's electronics see each sample held until the next; rows of the samples after its lag or delay."""
+    """The sensor's electronics see each sample held until the next; rows of the samples after its
+    lag or delay.
+    """
     last = np.searchsorted(log.row, np.arange(len(run.time_s)), side="right") - 1
     held = np.where(last >= 0, samples[np.maximum(last, 0)], 0.0)
     if delay_s:
@@ -181,8 +250,12 @@ def angles(run: Run, t: np.ndarray) -> np.ndarray:
     k = np.clip(np.searchsorted(time, t, side="right") - 1, 0, len(time) - 2)
     h = time[k + 1] - time[k]
     x = np.clip((t - time[k]) / h, 0.0, 1.0)
-    return ((1 + 2 * x) * (1 - x) ** 2 * angle[k] + x * (1 - x) ** 2 * h * speed[k]
-            + x * x * (3 - 2 * x) * angle[k + 1] + x * x * (x - 1) * h * speed[k + 1])
+    return (
+        (1 + 2 * x) * (1 - x) ** 2 * angle[k]
+        + x * (1 - x) ** 2 * h * speed[k]
+        + x * x * (3 - 2 * x) * angle[k + 1]
+        + x * x * (x - 1) * h * speed[k + 1]
+    )
 
 
 def deviation(log: Seen) -> np.ndarray:
@@ -196,7 +269,9 @@ def tolerance_columns(log: Seen, base: np.ndarray) -> tuple[np.ndarray, np.ndarr
     for key, sigma in rig.tolerance.items():
         name = key.split(".")[1]
         nominal = getattr(rig, name)
-        columns.append(2.0 * (modelled(log, {name: getattr(tool, name) + 0.5 * sigma * nominal}) - base))
+        columns.append(
+            2.0 * (modelled(log, {name: getattr(tool, name) + 0.5 * sigma * nominal}) - base)
+        )
         stands.append((getattr(tool, name) / nominal - 1.0) / sigma)
     return np.array(columns).T.reshape(len(base), len(columns)), np.array(stands)
 
@@ -206,9 +281,16 @@ def weights(found: np.ndarray) -> np.ndarray:
     return np.minimum(1.0, ROBUST / np.maximum(np.abs(found), 1e-9))
 
 
-def fit(found: np.ndarray, tolerated: np.ndarray, stands: np.ndarray, columns: np.ndarray,
-        least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(coefficients of `columns`, what they and the tolerated keys leave of `found` (n,)); keys under their prior, within 3 sigma."""
+def fit(
+    found: np.ndarray,
+    tolerated: np.ndarray,
+    stands: np.ndarray,
+    columns: np.ndarray,
+    least: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(coefficients of `columns`, what they and the tolerated keys leave of `found` (n,)); keys
+    under their prior, within 3 sigma.
+    """
     w = weights(found)
     p, q = tolerated.shape[1], columns.shape[1]
     if p + q == 0:
@@ -222,7 +304,9 @@ def fit(found: np.ndarray, tolerated: np.ndarray, stands: np.ndarray, columns: n
     gram = aw.T @ aw + prior.T @ prior
     right = aw.T @ (found * w) - prior.T @ stands
     root = np.linalg.cholesky(gram + (1e-9 * np.trace(gram) / len(gram) + 1e-12) * np.eye(p + q))
-    low = np.concatenate([-PRIOR_MOST - stands - 1e-6, np.where(np.isfinite(least), least * scale[p:], -np.inf)])
+    low = np.concatenate(
+        [-PRIOR_MOST - stands - 1e-6, np.where(np.isfinite(least), least * scale[p:], -np.inf)]
+    )
     high = np.concatenate([PRIOR_MOST - stands + 1e-6, np.full(q, np.inf)])
     x = lsq_linear(root.T, np.linalg.solve(root, right), (low, high)).x / scale
     return x[p:], found - a @ x
@@ -243,27 +327,56 @@ def after_retuning(log: Seen) -> float:
     return clipped_rms(fit(found, tolerated, stands, np.zeros((len(found), 0)), NONE)[1])
 
 
-def variants(effect_id: str, tool: Rig, size: float, top_rad_s: float) -> list[list[dict[str, float]]]:
-    """Ways in which an effect of the catalogue may act, each as the columns that a linear fit gives it."""
+def variants(
+    effect_id: str, tool: Rig, size: float, top_rad_s: float
+) -> list[list[dict[str, float]]]:
+    """Ways in which an effect of the catalogue may act, each as the columns that a linear fit gives
+    it.
+    """
     c, s = 0.0, np.pi / 2
     special = {
-        "supply_droop": lambda: [[{"droop_volt_per_coulomb": size}, {"polarisation_ohm": size * 2, "polarisation_s": t}]
-                                 for t in (0.4, 1.0, 2.5)],
-        "stribeck_friction": lambda: [[{"breakaway_nm": size, "stribeck_rad_s": v * top_rad_s}] for v in (0.04, 0.08, 0.15)],
+        "supply_droop": lambda: [
+            [{"droop_volt_per_coulomb": size}, {"polarisation_ohm": size * 2, "polarisation_s": t}]
+            for t in (0.4, 1.0, 2.5)
+        ],
+        "stribeck_friction": lambda: [
+            [{"breakaway_nm": size, "stribeck_rad_s": v * top_rad_s}] for v in (0.04, 0.08, 0.15)
+        ],
         "asymmetric_friction": lambda: [[{"forward_nm": size}, {"backward_nm": size}]],
-        "cogging_torque": lambda: [[{"cogging_nm": size, "cogging_per_rev": n, "cogging_second": 0.0, "cogging_phase_rad": f}
-                                    for f in (c, s)]
-                                   for n in (1.0, 2.0, 4.0, 6.0)],
-        "gear_eccentricity": lambda: [[{"eccentricity_nm": size, "eccentricity_phase_rad": f} for f in (c, s)]],
-        "hall_eccentricity": lambda: [[{"hall_eccentricity_rad": size, "hall_eccentricity_phase_rad": f} for f in (c, s)]],
+        "cogging_torque": lambda: [
+            [
+                {
+                    "cogging_nm": size,
+                    "cogging_per_rev": n,
+                    "cogging_second": 0.0,
+                    "cogging_phase_rad": f,
+                }
+                for f in (c, s)
+            ]
+            for n in (1.0, 2.0, 4.0, 6.0)
+        ],
+        "gear_eccentricity": lambda: [
+            [{"eccentricity_nm": size, "eccentricity_phase_rad": f} for f in (c, s)]
+        ],
+        "hall_eccentricity": lambda: [
+            [{"hall_eccentricity_rad": size, "hall_eccentricity_phase_rad": f} for f in (c, s)]
+        ],
         "cold_grease": lambda: [[{"grease_nm_s": size, "grease_s": t}] for t in (0.6, 1.5, 4.0)],
-        "coupler_compliance": lambda: [[{"coupler_nm_per_rad": 1.0 / size, "coupler_damping_ratio": 0.1}]],
-        "winding_heating": lambda: [[{"heating_kelvin_per_joule": size, "heating_cooling_s": t}] for t in (4.0, 15.0)],
+        "coupler_compliance": lambda: [
+            [{"coupler_nm_per_rad": 1.0 / size, "coupler_damping_ratio": 0.1}]
+        ],
+        "winding_heating": lambda: [
+            [{"heating_kelvin_per_joule": size, "heating_cooling_s": t}] for t in (4.0, 15.0)
+        ],
         "speed_lag": lambda: [[{"speed_lag_s": size}], [{"speed_delay_s": size}]],
         "clock_skew": lambda: [[{"clock_skew": size}], [{"command_skew": size}]],
         "hall_dropout": list,
     }
-    return special[effect_id]() if effect_id in special else [[BY_ID[effect_id].make(tool, size, np.random.default_rng(0))]]
+    return (
+        special[effect_id]()
+        if effect_id in special
+        else [[BY_ID[effect_id].make(tool, size, np.random.default_rng(0))]]
+    )
 
 
 def applicable(effect_id: str, setting: Setting) -> bool:
@@ -310,23 +423,31 @@ def rivals(log: Seen, base: np.ndarray) -> list[Rival]:
             again = partial(scaled, effect.id, setting.tool, size, top_rad_s, n)
             columns = np.array([modelled(log, params) - base for params in ways]).T
             free = effect.signed or len(ways) > 1
-            out.append(Rival(effect.id, columns, np.full(len(ways), -np.inf if free else 0.0), again))
+            out.append(
+                Rival(effect.id, columns, np.full(len(ways), -np.inf if free else 0.0), again)
+            )
     return out
 
 
-def scaled(effect_id: str, tool: Rig, size: float, top_rad_s: float, way: int, part: float) -> dict[str, float]:
+def scaled(
+    effect_id: str, tool: Rig, size: float, top_rad_s: float, way: int, part: float
+) -> dict[str, float]:
     """A single-column variant at a multiple of its size, within what makes sense."""
     top = BY_ID[effect_id].top(tool)
     return variants(effect_id, tool, float(np.clip(size * part, -top, top)), top_rad_s)[way][0]
 
 
 def tied(time_s: np.ndarray, truth: np.ndarray, rival: np.ndarray) -> int:
-    """-1: the rival is decidedly worse; 0: blocks and noise leave it open (as the contract has it, by a block bootstrap); 1: better."""
+    """-1: the rival is decidedly worse; 0: blocks and noise leave it open (as the contract has it,
+    by a block bootstrap); 1: better.
+    """
     block = (time_s / BLOCK_S).astype(int)
     truth, rival = np.clip(truth, -CLIP, CLIP), np.clip(rival, -CLIP, CLIP)
     worse = np.bincount(block, rival**2 - truth**2)
     rng = np.random.default_rng(0)
     totals = worse[rng.integers(0, len(worse), (DRAWS, len(worse)))].sum(axis=1)
-    totals = totals + 2.0 * float(np.sqrt(np.sum((rival - truth) ** 2))) * rng.standard_normal(DRAWS)
+    totals = totals + 2.0 * float(np.sqrt(np.sum((rival - truth) ** 2))) * rng.standard_normal(
+        DRAWS
+    )
     low, high = np.quantile(totals, [0.025, 0.975])
     return -1 if low > 0.0 else (1 if high < 0.0 else 0)

@@ -1,4 +1,6 @@
-"""Tools of the cases: what the simulation believes (rig.toml) and the generator's parameters for the same tool."""
+"""Tools of the cases: what the simulation believes (rig.toml) and the generator's parameters for
+the same tool.
+"""
 
 from dataclasses import asdict, dataclass, field, replace
 
@@ -32,19 +34,56 @@ class Rig:
     tolerance: dict[str, float] = field(default_factory=dict)
 
 
-# Classes of tools as the catalogues of makers show them; numbers estimated from no-load speed, stall current and mass of the rotor.
+# Classes of tools as the catalogues of makers show them; numbers estimated from no-load speed,
+# stall current and mass of the rotor.
 TOOLS = (
     Rig("compact drill, 18 V", 18.0, 0.082, 6.2e-5, 0.0076, 9.5e-6, 3.1e-6, 0.0085, 11.0, 8e-5),
     Rig("impact driver, 18 V", 18.0, 0.17, 9e-5, 0.0102, 1.5e-5, 4e-6, 0.0105, 6.2, 5.5e-5),
     Rig("impact wrench, 36 V", 36.0, 0.14, 1.9e-4, 0.0215, 4.6e-5, 1.2e-5, 0.034, 5.4, 2.4e-4),
     Rig("screwdriver, 12 V", 12.0, 0.41, 2.1e-4, 0.0079, 5.2e-6, 1.7e-6, 0.0052, 16.0, 3.5e-5),
-    Rig("ratchet, 14.4 V", 14.4, 0.28, 1.5e-4, 0.0094, 9e-6, 2.6e-6, 0.0075, 21.0, 9e-5, supply_resistance_ohm=0.02),
+    Rig(
+        "ratchet, 14.4 V",
+        14.4,
+        0.28,
+        1.5e-4,
+        0.0094,
+        9e-6,
+        2.6e-6,
+        0.0075,
+        21.0,
+        9e-5,
+        supply_resistance_ohm=0.02,
+    ),
 )
 # The reference set of the nominal page with its measured-load gear: the tool of the demo.
-REFERENCE = Rig("impact driver, 18 V", 18.0, 0.19, 1e-4, 0.0109, 1.6e-5, 4.5e-6, 0.012, 5.6, 6e-5, slew_per_s=None)
-TOLERANCE = {"motor.resistance_ohm": 0.02, "motor.torque_constant_nm_per_a": 0.004, "motor.inertia_kg_m2": 0.02,
-             "motor.viscous_nm_s_per_rad": 0.08, "motor.coulomb_nm": 0.05}
-VARIED = ("resistance_ohm", "inductance_h", "torque_constant_nm_per_a", "inertia_kg_m2", "viscous_nm_s_per_rad", "coulomb_nm")
+REFERENCE = Rig(
+    "impact driver, 18 V",
+    18.0,
+    0.19,
+    1e-4,
+    0.0109,
+    1.6e-5,
+    4.5e-6,
+    0.012,
+    5.6,
+    6e-5,
+    slew_per_s=None,
+)
+TOLERANCE = {
+    "motor.resistance_ohm": 0.02,
+    "motor.torque_constant_nm_per_a": 0.004,
+    "motor.inertia_kg_m2": 0.02,
+    "motor.viscous_nm_s_per_rad": 0.08,
+    "motor.coulomb_nm": 0.05,
+}
+VARIED = (
+    "resistance_ohm",
+    "inductance_h",
+    "torque_constant_nm_per_a",
+    "inertia_kg_m2",
+    "viscous_nm_s_per_rad",
+    "coulomb_nm",
+)
 
 
 def three_digits(value: float) -> float:
@@ -54,7 +93,9 @@ def three_digits(value: float) -> float:
 def draw_rig(rng: np.random.Generator, **changes: object) -> Rig:
     """One of the tools with its numbers moved by up to 20 %, as rounded as a data sheet."""
     base = TOOLS[int(rng.integers(len(TOOLS)))]
-    moved = {key: three_digits(getattr(base, key) * float(rng.uniform(0.82, 1.2))) for key in VARIED}
+    moved = {
+        key: three_digits(getattr(base, key) * float(rng.uniform(0.82, 1.2))) for key in VARIED
+    }
     return replace(base, **moved, **changes)
 
 
@@ -63,13 +104,23 @@ def draw_tool(rig: Rig, rng: np.random.Generator) -> Rig:
     real = {}
     for key, sigma in rig.tolerance.items():
         name = key.split(".")[1]
-        real[name] = getattr(rig, name) * (1.0 + sigma * float(np.clip(rng.standard_normal(), -2.0, 2.0)))
+        real[name] = getattr(rig, name) * (
+            1.0 + sigma * float(np.clip(rng.standard_normal(), -2.0, 2.0))
+        )
     return replace(rig, **real)
 
 
 def generator_params(rig: Rig) -> dict[str, float]:
     """Parameters of params.hpp for a rig, effects off."""
-    same = ("voltage_v", "supply_resistance_ohm", "pwm_hz", "ratio", "output_inertia_kg_m2", "pendulum_mass_kg", "pendulum_length_m")
+    same = (
+        "voltage_v",
+        "supply_resistance_ohm",
+        "pwm_hz",
+        "ratio",
+        "output_inertia_kg_m2",
+        "pendulum_mass_kg",
+        "pendulum_length_m",
+    )
     params = {name: float(getattr(rig, name)) for name in (*same, *VARIED)}
     params["hall_edges"] = float(rig.sensors.hall_pulses_per_rev)
     params["hall_jitter_s"] = rig.sensors.edge_jitter_s
@@ -81,18 +132,53 @@ def toml(rig: Rig) -> str:
     d = asdict(rig)
     s = rig.sensors
     volts = rig.voltage_v if rig.input == "voltage_v" else 1.0
-    slew = [f"slew_per_s = {rig.slew_per_s * volts}"] if rig.slew_per_s and rig.input != "current_a" else []
+    slew = (
+        [f"slew_per_s = {rig.slew_per_s * volts}"]
+        if rig.slew_per_s and rig.input != "current_a"
+        else []
+    )
     slew += ['bus = "measured"'] if rig.bus == "measured" else []
-    pendulum = [f"mass_kg = {rig.pendulum_mass_kg}", f"length_m = {rig.pendulum_length_m}"] if rig.load == "pendulum" else []
-    tolerance = ["[tolerance]", *(f'"{key}" = {value}' for key, value in rig.tolerance.items())] if rig.tolerance else []
-    lines = ['schema = "vgroove.rig/1"', f'name = "{rig.name}"', "[input]", f'kind = "{rig.input}"', *slew,
-             "[supply]", f"voltage_v = {rig.voltage_v}", f"resistance_ohm = {rig.supply_resistance_ohm}",
-             "[bridge]", f"pwm_hz = {rig.pwm_hz}", "[motor]", *(f"{key} = {d[key]!r}" for key in VARIED),
-             "[gearbox]", f"ratio = {rig.ratio}", f"output_inertia_kg_m2 = {rig.output_inertia_kg_m2!r}",
-             "[mechanism]", 'kind = "none"', "[load]", f'kind = "{rig.load}"', *pendulum,
-             "[sensors]", f"log_hz = {s.log_hz:g}", f"current_noise_a = {s.current_noise_a}", f"current_lsb_a = {s.current_lsb_a}",
-             f"speed_lsb_rpm = {s.speed_lsb_rpm}", f"hall_pulses_per_rev = {s.hall_pulses_per_rev}",
-             f"hall_timeout_s = {s.hall_timeout_s}", f"supply_noise_v = {s.supply_noise_v}",
-             *([f"speed_noise_rpm = {s.speed_noise_rpm}"] if s.speed_noise_rpm else []),
-             *([f"position_lsb_rad = {s.position_lsb_rad!r}"] if s.position_lsb_rad else []), *tolerance]
+    pendulum = (
+        [f"mass_kg = {rig.pendulum_mass_kg}", f"length_m = {rig.pendulum_length_m}"]
+        if rig.load == "pendulum"
+        else []
+    )
+    tolerance = (
+        ["[tolerance]", *(f'"{key}" = {value}' for key, value in rig.tolerance.items())]
+        if rig.tolerance
+        else []
+    )
+    lines = [
+        'schema = "vgroove.rig/1"',
+        f'name = "{rig.name}"',
+        "[input]",
+        f'kind = "{rig.input}"',
+        *slew,
+        "[supply]",
+        f"voltage_v = {rig.voltage_v}",
+        f"resistance_ohm = {rig.supply_resistance_ohm}",
+        "[bridge]",
+        f"pwm_hz = {rig.pwm_hz}",
+        "[motor]",
+        *(f"{key} = {d[key]!r}" for key in VARIED),
+        "[gearbox]",
+        f"ratio = {rig.ratio}",
+        f"output_inertia_kg_m2 = {rig.output_inertia_kg_m2!r}",
+        "[mechanism]",
+        'kind = "none"',
+        "[load]",
+        f'kind = "{rig.load}"',
+        *pendulum,
+        "[sensors]",
+        f"log_hz = {s.log_hz:g}",
+        f"current_noise_a = {s.current_noise_a}",
+        f"current_lsb_a = {s.current_lsb_a}",
+        f"speed_lsb_rpm = {s.speed_lsb_rpm}",
+        f"hall_pulses_per_rev = {s.hall_pulses_per_rev}",
+        f"hall_timeout_s = {s.hall_timeout_s}",
+        f"supply_noise_v = {s.supply_noise_v}",
+        *([f"speed_noise_rpm = {s.speed_noise_rpm}"] if s.speed_noise_rpm else []),
+        *([f"position_lsb_rad = {s.position_lsb_rad!r}"] if s.position_lsb_rad else []),
+        *tolerance,
+    ]
     return "\n".join(lines) + "\n"

@@ -1,4 +1,6 @@
-"""The sealed effect of the demo: drawn by seed, committed to by its hash, opened only after the verdict."""
+"""The sealed effect of the demo: drawn by seed, committed to by its hash, opened only after the
+verdict.
+"""
 
 import hashlib
 import json
@@ -13,15 +15,38 @@ from rigs import REFERENCE, generator_params
 from signals import Sensors
 from truth import TruthTool
 
-# The board calibrates the current's offset away at rest, so that effect would be no effect of the demo's tool.
+# The board calibrates the current's offset away at rest, so that effect would be no effect of the
+# demo's tool.
 DEMO_IDS = tuple(name for name in FIRST if name != "current_offset")
-# What the 1 kHz frame of the board amounts to: about eight samples of 0.15 A and 0.125 A a row, capture at 16 MHz.
-BOARD = Sensors(current_noise_a=0.055, current_lsb_a=0.0125, supply_noise_v=0.02, supply_lsb_v=0.025, speed_lsb_rpm=0.5)
+# What the 1 kHz frame of the board amounts to: about eight samples of 0.15 A and 0.125 A a row,
+# capture at 16 MHz.
+BOARD = Sensors(
+    current_noise_a=0.055,
+    current_lsb_a=0.0125,
+    supply_noise_v=0.02,
+    supply_lsb_v=0.025,
+    speed_lsb_rpm=0.5,
+)
 TOOL_NOISE = {"current_noise_a": 0.15, "supply_noise_v": 0.02, "hall_jitter_s": 2e-7}
-# Trigger of the demo: (time, signed duty); zero is the released trigger, where the bridge opens. Upwards only: on the way down the current
-# would cross zero within the PWM ripple, where the averaged dead time of the nominal bridge is no longer what a bridge does.
-DEMO_STEPS = ((0.0, 0.0), (0.2, 0.08), (0.7, 0.16), (1.1, 0.3), (1.5, 0.5), (1.9, 0.75), (2.3, 1.0), (2.8, 0.0),
-              (5.4, -0.1), (5.9, -0.25), (6.3, -0.45), (6.7, -0.7), (7.1, -1.0), (7.6, 0.0))
+# Trigger of the demo: (time, signed duty); zero is the released trigger, where the bridge opens.
+# Upwards only: on the way down the current would cross zero within the PWM ripple, where the
+# averaged dead time of the nominal bridge is no longer what a bridge does.
+DEMO_STEPS = (
+    (0.0, 0.0),
+    (0.2, 0.08),
+    (0.7, 0.16),
+    (1.1, 0.3),
+    (1.5, 0.5),
+    (1.9, 0.75),
+    (2.3, 1.0),
+    (2.8, 0.0),
+    (5.4, -0.1),
+    (5.9, -0.25),
+    (6.3, -0.45),
+    (6.7, -0.7),
+    (7.1, -1.0),
+    (7.6, 0.0),
+)
 DEMO_SECONDS = 8.4
 SIZES = (1.5, 8.0)
 PREFIX = b"vgroove sealed truth 1\n"
@@ -29,7 +54,9 @@ PREFIX = b"vgroove sealed truth 1\n"
 
 @dataclass(frozen=True)
 class Sealed:
-    """A tool with a sealed effect: `commitment` is the SHA-256 of what `open_sealed(path, commitment)` will show."""
+    """A tool with a sealed effect: `commitment` is the SHA-256 of what `open_sealed(path,
+    commitment)` will show.
+    """
 
     tool: TruthTool
     commitment: str
@@ -44,14 +71,23 @@ def demo_setting(seed: int) -> Setting:
 
 
 def draw_answer(seed: int) -> dict[str, object]:
-    """Label, ids, accepted ids, size and tool parameters that a seed stands for: a tenth none, a tenth outside the catalogue."""
+    """Label, ids, accepted ids, size and tool parameters that a seed stands for: a tenth none, a
+    tenth outside the catalogue.
+    """
     block, place = divmod(seed - 1, 10)
-    kind = int(np.random.default_rng([block % 2**32, 26]).permutation(10)[place])  # of ten seeds in a row, one is 0 and one is 1
+    # of ten seeds in a row, one is 0 and one is 1
+    kind = int(np.random.default_rng([block % 2**32, 26]).permutation(10)[place])
     for attempt in range(20):
         rng = np.random.default_rng([seed, 19, attempt])
         setting = demo_setting(int(rng.integers(1, 2**31)))
         if kind == 0:
-            return {"label": "none", "ids": [], "accept": [], "tool_seed": setting.seed, "params": {}}
+            return {
+                "label": "none",
+                "ids": [],
+                "accept": [],
+                "tool_seed": setting.seed,
+                "params": {},
+            }
         effect_id = str(rng.choice(OUTSIDE_IDS if kind == 1 else DEMO_IDS))
         sign = float(rng.choice([-1.0, 1.0])) if BY_ID[effect_id].signed else 1.0
         multiple = float(np.exp(rng.uniform(*np.log(SIZES))))
@@ -64,10 +100,20 @@ def draw_answer(seed: int) -> dict[str, object]:
 def answer_of(setting: Setting, effect_id: str, size: float, multiple: float) -> dict[str, object]:
     """The sealed answer for one effect."""
     params = {key: float(value) for key, value in effect_params(setting, effect_id, size).items()}
-    found: dict[str, object] = {"label": "effect", "ids": [effect_id], "accept": [accepted(BY_ID[effect_id], two_way=True)]}
+    found: dict[str, object] = {
+        "label": "effect",
+        "ids": [effect_id],
+        "accept": [accepted(BY_ID[effect_id], two_way=True)],
+    }
     if effect_id in OUTSIDE_IDS:
         found = {"label": "unlisted", "ids": [], "accept": [], "what": effect_id}
-    return {**found, "size": size, "times_visible": multiple, "tool_seed": setting.seed, "params": params}
+    return {
+        **found,
+        "size": size,
+        "times_visible": multiple,
+        "tool_seed": setting.seed,
+        "params": params,
+    }
 
 
 def tool_of(answer: dict[str, object]) -> TruthTool:
@@ -75,7 +121,14 @@ def tool_of(answer: dict[str, object]) -> TruthTool:
     seed = int(answer["tool_seed"])
     phase = float(np.random.default_rng([seed, 12]).uniform(0.1, 1.4))
     rig = replace(REFERENCE, sensors=BOARD)
-    return TruthTool(**(generator_params(rig) | TOOL_NOISE | {"hall_offset_rad": phase, "seed": seed + 1} | dict(answer["params"])))
+    return TruthTool(
+        **(
+            generator_params(rig)
+            | TOOL_NOISE
+            | {"hall_offset_rad": phase, "seed": seed + 1}
+            | dict(answer["params"])
+        )
+    )
 
 
 def draw_sealed(seed: int, folder: Path) -> Sealed:
@@ -95,14 +148,16 @@ def open_sealed(path: Path, commitment: str) -> dict[str, object]:
     data = path.read_bytes()
     if not data.startswith(PREFIX):
         raise ValueError(f"{path} is no sealed truth")
-    text = mask(data[len(PREFIX):], commitment)
+    text = mask(data[len(PREFIX) :], commitment)
     if hashlib.sha256(text).hexdigest() != commitment:
         raise ValueError(f"{path} is not what was committed to: {commitment}")
     return json.loads(text)
 
 
 def mask(text: bytes, key: str) -> bytes:
-    """Exclusive or with a stream of hashes: nothing that a search or a glance reads, the same call undoes it."""
+    """Exclusive or with a stream of hashes: nothing that a search or a glance reads, the same call
+    undoes it.
+    """
     blocks = (hashlib.sha256(f"{key} {n}".encode()).digest() for n in range(len(text) // 32 + 1))
-    stream = b"".join(blocks)[:len(text)]
+    stream = b"".join(blocks)[: len(text)]
     return bytes(a ^ b for a, b in zip(text, stream, strict=True))

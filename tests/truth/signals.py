@@ -1,4 +1,6 @@
-"""From a run to what a logger writes, and how far two runs lie apart in units of the sensors' noise."""
+"""From a run to what a logger writes, and how far two runs lie apart in units of the sensors'
+noise.
+"""
 
 from dataclasses import dataclass
 
@@ -30,7 +32,9 @@ class Sensors:
 
 
 def hall_rows(run: Run, sensors: Sensors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(speed in rad/s per row, time of the row's last edge, period it stands on; nan without one): one pitch over the last edge period."""
+    """(speed in rad/s per row, time of the row's last edge, period it stands on; nan without one):
+    one pitch over the last edge period.
+    """
     pitch = 2.0 * np.pi / sensors.hall_pulses_per_rev
     last = np.searchsorted(run.edge_s, run.time_s, side="right") - 1
     gaps = np.diff(run.edge_s, prepend=-np.inf)
@@ -43,15 +47,21 @@ def hall_rows(run: Run, sensors: Sensors) -> tuple[np.ndarray, np.ndarray, np.nd
         period, steps = counted(run, last, period)
     shown = np.maximum(period, waiting)
     alive = has & (shown <= sensors.hall_timeout_s)
-    direction = run.edge_direction[np.maximum(last, 0)] if len(run.edge_s) else np.ones(len(run.time_s))
+    direction = (
+        run.edge_direction[np.maximum(last, 0)] if len(run.edge_s) else np.ones(len(run.time_s))
+    )
     pitches = np.where(waiting > period, 1.0, steps)
-    speed = np.where(alive, direction * pitches * pitch / np.where(alive, np.maximum(shown, 1e-9), 1.0), 0.0)
+    speed = np.where(
+        alive, direction * pitches * pitch / np.where(alive, np.maximum(shown, 1e-9), 1.0), 0.0
+    )
     fresh = alive & (waiting <= period)
     return speed, np.where(fresh, at, np.nan), np.where(fresh, period, np.nan)
 
 
 def counted(run: Run, last: np.ndarray, period: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """From 16 edges a turn on: (time, edges) between the last edges of this row and of the row before."""
+    """From 16 edges a turn on: (time, edges) between the last edges of this row and of the row
+    before.
+    """
     before = np.concatenate([[-1], last[:-1]])
     moved = (last > before) & (before >= 0)
     safe = np.maximum(before, 0)
@@ -60,11 +70,15 @@ def counted(run: Run, last: np.ndarray, period: np.ndarray) -> tuple[np.ndarray,
 
 
 def speed_column(run: Run, sensors: Sensors) -> np.ndarray:
-    """Speed as the tool would log it, rad/s: gain, lag or delay of the sensor's own electronics included."""
+    """Speed as the tool would log it, rad/s: gain, lag or delay of the sensor's own electronics
+    included.
+    """
     speed = hall_rows(run, sensors)[0] if sensors.hall_pulses_per_rev else run.speed_rad_s
     speed = speed * (1.0 + sensors.speed_gain)
     if sensors.speed_delay_s > 0.0:
-        late = np.searchsorted(run.time_s, run.time_s - sensors.speed_delay_s + 1e-9, side="right") - 1
+        late = (
+            np.searchsorted(run.time_s, run.time_s - sensors.speed_delay_s + 1e-9, side="right") - 1
+        )
         speed = np.where(late >= 0, speed[np.maximum(late, 0)], 0.0)
     for lag_s in (sensors.speed_lag_s, sensors.speed_lag2_s):
         if lag_s > 0.0:
@@ -74,7 +88,11 @@ def speed_column(run: Run, sensors: Sensors) -> np.ndarray:
 
 def lagged(run: Run, values: np.ndarray, lag_s: float) -> np.ndarray:
     """Values per row behind a first-order filter."""
-    keep, out, value = np.exp(-np.diff(run.time_s, prepend=run.begin_s) / lag_s), np.empty_like(values), 0.0
+    keep, out, value = (
+        np.exp(-np.diff(run.time_s, prepend=run.begin_s) / lag_s),
+        np.empty_like(values),
+        0.0,
+    )
     for n in range(len(values)):
         value = values[n] + (value - values[n]) * keep[n]
         out[n] = value
@@ -83,13 +101,20 @@ def lagged(run: Run, values: np.ndarray, lag_s: float) -> np.ndarray:
 
 def noisy(run: Run, sensors: Sensors, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """The three measured columns with noise and steps of the converters."""
+
     def steps(values: np.ndarray, lsb: float) -> np.ndarray:
         return np.round(values / lsb) * lsb if lsb > 0 else values
 
     n = len(run.time_s)
-    current = steps(run.current_a + sensors.current_noise_a * rng.standard_normal(n), sensors.current_lsb_a)
-    supply = steps(run.supply_v + sensors.supply_noise_v * rng.standard_normal(n), sensors.supply_lsb_v)
-    noise = sensors.speed_noise_rpm * rng.standard_normal(n) if sensors.speed_noise_rpm > 0.0 else 0.0
+    current = steps(
+        run.current_a + sensors.current_noise_a * rng.standard_normal(n), sensors.current_lsb_a
+    )
+    supply = steps(
+        run.supply_v + sensors.supply_noise_v * rng.standard_normal(n), sensors.supply_lsb_v
+    )
+    noise = (
+        sensors.speed_noise_rpm * rng.standard_normal(n) if sensors.speed_noise_rpm > 0.0 else 0.0
+    )
     speed = steps(speed_column(run, sensors) * RPM + noise, sensors.speed_lsb_rpm)
     return {"supply_v": supply, "current_a": current, "speed_rpm": speed}
 
@@ -102,20 +127,38 @@ def _angle_at(run: Run, t: np.ndarray) -> np.ndarray:
     k = np.clip(np.searchsorted(time, t, side="right") - 1, 0, len(time) - 2)
     h = time[k + 1] - time[k]
     x = np.clip((t - time[k]) / h, 0.0, 1.0)
-    return ((1 + 2 * x) * (1 - x) ** 2 * angle[k] + x * (1 - x) ** 2 * h * speed[k]
-            + x * x * (3 - 2 * x) * angle[k + 1] + x * x * (x - 1) * h * speed[k + 1])
+    return (
+        (1 + 2 * x) * (1 - x) ** 2 * angle[k]
+        + x * (1 - x) ** 2 * h * speed[k]
+        + x * x * (3 - 2 * x) * angle[k + 1]
+        + x * x * (x - 1) * h * speed[k + 1]
+    )
 
 
-def deviations(measured: Run, model: Run, sensors: Sensors, model_sensors: Sensors) -> dict[str, np.ndarray]:
-    """(measured - model) / sigma per signal, without noise: speeds over the measured edge periods, a repeated edge once."""
-    out = {"current_a": (measured.current_a - model.current_a) / np.hypot(sensors.current_noise_a, sensors.current_lsb_a / 12**0.5),
-           "supply_v": (measured.supply_v - model.supply_v) / np.hypot(sensors.supply_noise_v, sensors.supply_lsb_v / 12**0.5)}
+def deviations(
+    measured: Run, model: Run, sensors: Sensors, model_sensors: Sensors
+) -> dict[str, np.ndarray]:
+    """(measured - model) / sigma per signal, without noise: speeds over the measured edge periods,
+    a repeated edge once.
+    """
+    out = {
+        "current_a": (measured.current_a - model.current_a)
+        / np.hypot(sensors.current_noise_a, sensors.current_lsb_a / 12**0.5),
+        "supply_v": (measured.supply_v - model.supply_v)
+        / np.hypot(sensors.supply_noise_v, sensors.supply_lsb_v / 12**0.5),
+    }
     _, at, period = hall_rows(measured, sensors)
     speed = speed_column(measured, sensors)
     fresh = ~np.isnan(at) & (np.diff(np.where(np.isnan(at), -1.0, at), prepend=-1.0) != 0)
     at, period, speed = at[fresh], period[fresh], np.abs(speed[fresh])
-    modelled = np.abs(_angle_at(model, at) - _angle_at(model, at - period)) / period * (1.0 + model_sensors.speed_gain)
-    sigma = np.hypot(sensors.speed_lsb_rpm / RPM / 12**0.5, speed * 2**0.5 * sensors.edge_jitter_s / period)
+    modelled = (
+        np.abs(_angle_at(model, at) - _angle_at(model, at - period))
+        / period
+        * (1.0 + model_sensors.speed_gain)
+    )
+    sigma = np.hypot(
+        sensors.speed_lsb_rpm / RPM / 12**0.5, speed * 2**0.5 * sensors.edge_jitter_s / period
+    )
     out["speed_rpm"] = (speed - modelled) / sigma
     return out
 

@@ -1,4 +1,5 @@
-// The equations of motion of a generated tool and their integration between the switching instants of the bridge.
+// The equations of motion of a generated tool and their integration between the switching instants
+// of the bridge.
 #include "tool.hpp"
 
 #include <algorithm>
@@ -14,22 +15,27 @@ double sign(double x) {
     return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0);
 }
 
-// (|x| / reference)^power, level below a fiftieth of the reference so that no power runs away at rest; 1 for the power 0, whatever x.
+// (|x| / reference)^power, level below a fiftieth of the reference so that no power runs away at
+// rest; 1 for the power 0, whatever x.
 double grown(double x, double reference, double power) {
     return power == 0.0 ? 1.0 : std::pow(std::max(std::abs(x) / reference, 0.02), power);
 }
 
 // Drag that grows with speed: viscous, quadratic, one-sided, each with its power.
 double drag_torque(const Params &p, double w) {
-    double torque = p.viscous_nm_s_per_rad * w + p.quadratic_nm_s2 * w * std::abs(w) * grown(w, p.reference_rad_s, p.quadratic_power - 2.0);
-    torque += p.directional_viscous_nm_s * std::abs(w) * grown(w, p.reference_rad_s, p.directional_power - 1.0);
+    double torque =
+        p.viscous_nm_s_per_rad * w +
+        p.quadratic_nm_s2 * w * std::abs(w) * grown(w, p.reference_rad_s, p.quadratic_power - 2.0);
+    torque += p.directional_viscous_nm_s * std::abs(w) *
+              grown(w, p.reference_rad_s, p.directional_power - 1.0);
     if (p.extra_viscous_nm_s != 0.0) {
         torque += p.extra_viscous_nm_s * w * grown(w, p.reference_rad_s, p.viscous_power - 1.0);
     }
     return torque;
 }
 
-// z' = w - |w| z / z_ss solved exactly over h at constant speed; |z| never exceeds what the surface holds.
+// z' = w - |w| z / z_ss solved exactly over h at constant speed; |z| never exceeds what the surface
+// holds.
 void bend(Bristle &bristle, double speed, double h, double limit_rad) {
     if (limit_rad <= 1e-12) {
         bristle.deflection_rad = 0.0;
@@ -37,11 +43,13 @@ void bend(Bristle &bristle, double speed, double h, double limit_rad) {
     }
     const double target = sign(speed) * limit_rad;
     const double keep = std::exp(-std::abs(speed) * h / limit_rad);
-    bristle.deflection_rad = std::clamp(target + (bristle.deflection_rad - target) * keep, -limit_rad, limit_rad);
+    bristle.deflection_rad =
+        std::clamp(target + (bristle.deflection_rad - target) * keep, -limit_rad, limit_rad);
 }
 
 // LuGre torque: spring, and a damping that fades away as the surface slides.
-double bristle_torque(const Bristle &bristle, double speed, double stiffness, double damping, double limit_rad) {
+double bristle_torque(const Bristle &bristle, double speed, double stiffness, double damping,
+                      double limit_rad) {
     if (limit_rad <= 1e-12) {
         return 0.0;
     }
@@ -68,24 +76,28 @@ double Chance::normal() {
 
 void Tool::start() {
     const double squared = params.ratio * params.ratio;
-    const double pendulum = params.pendulum_mass_kg * params.pendulum_length_m * params.pendulum_length_m;
+    const double pendulum =
+        params.pendulum_mass_kg * params.pendulum_length_m * params.pendulum_length_m;
     state = State{};
     sums = Sums{};
     edges.clear();
     commands.clear();
     chance = Chance(static_cast<std::uint64_t>(params.seed));
-    out_inertia_ = (params.output_inertia_kg_m2 + pendulum) / squared + params.coupler_inertia_kg_m2;
+    out_inertia_ =
+        (params.output_inertia_kg_m2 + pendulum) / squared + params.coupler_inertia_kg_m2;
     two_masses_ = (params.coupler_nm_per_rad > 0.0 || params.play_rad > 0.0) && out_inertia_ > 0.0;
     inertia_ = params.inertia_kg_m2 + (two_masses_ ? 0.0 : out_inertia_);
     stiffness_ = std::max(params.coulomb_nm, 1e-4) / params.bristle_rad;
     load_stiffness_ = std::max(params.load_reference_nm, 1e-4) / params.bristle_rad;
     // A stiff coupling wants steps of a thirtieth of its period at most.
-    const double swing = two_masses_ ? std::sqrt(coupling_rate() * (1.0 / out_inertia_ + 1.0 / inertia_)) : 1.0;
+    const double swing =
+        two_masses_ ? std::sqrt(coupling_rate() * (1.0 / out_inertia_ + 1.0 / inertia_)) : 1.0;
     step_s_ = std::min(params.step_s, 0.2 / swing);
     state.bus_v = params.voltage_v;
     state.gate_until_s = params.gate_off_s * (0.5 + chance.uniform());
     state.ripple_rad = TURN * chance.uniform();
-    state.edge_index = static_cast<long>(std::floor((hall_angle(0.0) - params.hall_offset_rad) * params.hall_edges / TURN));
+    state.edge_index = static_cast<long>(
+        std::floor((hall_angle(0.0) - params.hall_offset_rad) * params.hall_edges / TURN));
     while (params.hall_edges > 0.0 && edge_angle(state.edge_index + 1) <= hall_angle(0.0)) {
         ++state.edge_index;
     }
@@ -109,7 +121,8 @@ void Tool::move_gate() {
         return;
     }
     state.gate = !state.gate;
-    state.gate_until_s = state.time_s + (state.gate ? params.gate_on_s : params.gate_off_s) * (0.5 + chance.uniform());
+    state.gate_until_s = state.time_s + (state.gate ? params.gate_on_s : params.gate_off_s) *
+                                            (0.5 + chance.uniform());
 }
 
 // What changes little within a PWM period: heat, charge, grease, and the random events.
@@ -117,18 +130,25 @@ void Tool::slow_states(double period_s) {
     move_gate();
     const double bus_a = drive_.coast ? 0.0 : drive_.duty * state.current_a;
     state.charge_c += bus_a * period_s;
-    state.polarisation_v += (params.polarisation_ohm * bus_a - state.polarisation_v) * period_s / params.polarisation_s;
-    state.polarisation2_v += (params.polarisation2_ohm * bus_a - state.polarisation2_v) * period_s / params.polarisation2_s;
+    state.polarisation_v +=
+        (params.polarisation_ohm * bus_a - state.polarisation_v) * period_s / params.polarisation_s;
+    state.polarisation2_v += (params.polarisation2_ohm * bus_a - state.polarisation2_v) * period_s /
+                             params.polarisation2_s;
     resistance_ = params.resistance_ohm * (1.0 + COPPER_PER_KELVIN * state.winding_kelvin);
     const double heat_w = state.current_a * state.current_a * resistance_;
-    const double to_housing = (state.winding_kelvin - state.housing_kelvin) / params.heating_cooling_s;
+    const double to_housing =
+        (state.winding_kelvin - state.housing_kelvin) / params.heating_cooling_s;
     state.winding_kelvin += period_s * (params.heating_kelvin_per_joule * heat_w - to_housing);
     state.housing_kelvin += period_s * params.heating_housing_share * to_housing;
-    resistance_ += params.bridge_resistance_ohm + (state.gate ? params.u_brush_ohm : 0.0) + extra_resistance();
-    open_circuit_v_ = params.voltage_v - params.droop_volt_per_coulomb * state.charge_c - state.polarisation_v - state.polarisation2_v;
-    source_ohm_ = params.supply_resistance_ohm + (state.gate ? params.u_contact_ohm : 0.0) + params.u_supply_square_ohm_per_a * std::abs(bus_a);
+    resistance_ +=
+        params.bridge_resistance_ohm + (state.gate ? params.u_brush_ohm : 0.0) + extra_resistance();
+    open_circuit_v_ = params.voltage_v - params.droop_volt_per_coulomb * state.charge_c -
+                      state.polarisation_v - state.polarisation2_v;
+    source_ohm_ = params.supply_resistance_ohm + (state.gate ? params.u_contact_ohm : 0.0) +
+                  params.u_supply_square_ohm_per_a * std::abs(bus_a);
     if (params.extra_source_ohm != 0.0) {
-        source_ohm_ += params.extra_source_ohm * grown(bus_a, params.reference_a, params.source_power);
+        source_ohm_ +=
+            params.extra_source_ohm * grown(bus_a, params.reference_a, params.source_power);
     }
     if (drive_.bus_v > 0.0) {
         open_circuit_v_ = drive_.bus_v;
@@ -136,10 +156,12 @@ void Tool::slow_states(double period_s) {
     }
     k_ = params.torque_constant_nm_per_a * (1.0 - (state.gate ? params.u_flux_loss : 0.0));
     state.ripple_rate += (1.0 - state.ripple_rate) * period_s / 0.05 +
-                         params.u_ripple_wander * std::sqrt(period_s / 0.05) * (params.u_ripple_nm != 0.0 ? chance.normal() : 0.0);
+                         params.u_ripple_wander * std::sqrt(period_s / 0.05) *
+                             (params.u_ripple_nm != 0.0 ? chance.normal() : 0.0);
 }
 
-// Leg A carries a pulse centred in the period; leg B stands high in reverse, so that the motor sees (pulse - 1) Vs.
+// Leg A carries a pulse centred in the period; leg B stands high in reverse, so that the motor sees
+// (pulse - 1) Vs.
 void Tool::plan_spans(double period_s) {
     const double t0 = state.time_s, end = t0 + period_s;
     span_ = 0;
@@ -157,7 +179,10 @@ void Tool::plan_spans(double period_s) {
         return;
     }
     const double current = std::abs(state.current_a);
-    const double dead = drive_.dead_s + params.dead_time_s * (params.dead_knee_a > 0.0 ? current / (current + params.dead_knee_a) : 1.0);
+    const double dead =
+        drive_.dead_s +
+        params.dead_time_s *
+            (params.dead_knee_a > 0.0 ? current / (current + params.dead_knee_a) : 1.0);
     double marks[5] = {rise - dead, rise + dead, fall - dead, fall + dead, end};
     for (double &mark : marks) {
         mark = std::clamp(mark, t0, end);
@@ -171,7 +196,8 @@ void Tool::plan_spans(double period_s) {
         }
         const double middle = 0.5 * (from + mark);
         const bool floating = std::abs(middle - rise) < dead || std::abs(middle - fall) < dead;
-        spans_[span_count_++] = {mark, floating ? -1 : (middle > rise && middle < fall ? 1 : 0), leg_b};
+        spans_[span_count_++] = {mark, floating ? -1 : (middle > rise && middle < fall ? 1 : 0),
+                                 leg_b};
         from = mark;
     }
 }
@@ -196,7 +222,8 @@ bool Tool::advance(double cut_s) {
     return state.time_s >= cut_s;
 }
 
-// Which way the bus is applied to the motor: -1, 0, 1. A floating leg follows the current through its diodes.
+// Which way the bus is applied to the motor: -1, 0, 1. A floating leg follows the current through
+// its diodes.
 int Tool::bridge_sign(int leg_a, int leg_b) const {
     const double current = state.current_a;
     const int a = leg_a >= 0 ? leg_a : (current > 0.0 ? 0 : 1);
@@ -223,19 +250,26 @@ double Tool::inductance(double current_a) const {
 
 // A resistance that rises with the current by a power.
 double Tool::extra_resistance() const {
-    return params.extra_ohm == 0.0 ? 0.0 : params.extra_ohm * grown(state.current_a, params.reference_a, params.extra_ohm_power);
+    return params.extra_ohm == 0.0 ? 0.0
+                                   : params.extra_ohm * grown(state.current_a, params.reference_a,
+                                                              params.extra_ohm_power);
 }
 
 // Torque that the sliding surface of the motor holds at most: everything dry.
 double Tool::dry_level(double speed) const {
     const double p = params.stribeck_rad_s;
-    const double near = params.stribeck_power == 2.0 ? speed * speed / (p * p) : std::pow(std::abs(speed) / p, params.stribeck_power);
+    const double near = params.stribeck_power == 2.0
+                            ? speed * speed / (p * p)
+                            : std::pow(std::abs(speed) / p, params.stribeck_power);
     const double fluff = params.breakaway_nm != 0.0 ? params.breakaway_nm * std::exp(-near) : 0.0;
-    const double side = state.motor_bristle.deflection_rad >= 0.0 ? params.forward_nm : params.backward_nm;
-    const double load = load_at_shaft_nm_ * grown(load_at_shaft_nm_, params.load_reference_nm, params.load_friction_power - 1.0);
+    const double side =
+        state.motor_bristle.deflection_rad >= 0.0 ? params.forward_nm : params.backward_nm;
+    const double load = load_at_shaft_nm_ * grown(load_at_shaft_nm_, params.load_reference_nm,
+                                                  params.load_friction_power - 1.0);
     double level = params.coulomb_nm + fluff + side + params.load_friction * load;
     if (params.power_coulomb_nm != 0.0) {
-        level += params.power_coulomb_nm * grown(speed, params.reference_rad_s, params.coulomb_power);
+        level +=
+            params.power_coulomb_nm * grown(speed, params.reference_rad_s, params.coulomb_power);
     }
     if (state.gate) {
         level += params.u_load_nm;
@@ -244,7 +278,8 @@ double Tool::dry_level(double speed) const {
         level += params.u_wander_nm * std::sin(TURN * state.time_s / params.u_wander_s);
     }
     if (params.u_tight_nm != 0.0) {
-        const double from_spot = std::remainder(state.angle_rad / params.ratio - params.u_tight_at_rad, params.u_tight_every_rad);
+        const double from_spot = std::remainder(
+            state.angle_rad / params.ratio - params.u_tight_at_rad, params.u_tight_every_rad);
         const double x = from_spot / params.u_tight_width_rad;
         level += params.u_tight_nm * std::exp(-x * x);
     }
@@ -257,16 +292,19 @@ double Tool::smooth_torque() const {
     const double w = state.speed_rad_s, angle = state.angle_rad;
     double torque = drag_torque(p, w);
     if (p.grease_nm_s != 0.0) {
-        const double fresh = (1.0 - p.grease_tail) * std::exp(-state.time_s / p.grease_s) + p.grease_tail * std::exp(-state.time_s / p.grease_tail_s);
+        const double fresh = (1.0 - p.grease_tail) * std::exp(-state.time_s / p.grease_s) +
+                             p.grease_tail * std::exp(-state.time_s / p.grease_tail_s);
         torque += p.grease_nm_s * fresh * w;
     }
     if (p.cogging_nm != 0.0) {
         const double phase = p.cogging_per_rev * angle + p.cogging_phase_rad;
-        torque += p.cogging_nm * (std::sin(phase) + p.cogging_second * std::sin(2.0 * phase) + p.cogging_third * std::sin(3.0 * phase));
+        torque += p.cogging_nm * (std::sin(phase) + p.cogging_second * std::sin(2.0 * phase) +
+                                  p.cogging_third * std::sin(3.0 * phase));
     }
     if (p.eccentricity_nm != 0.0) {
         const double phase = angle / p.ratio + p.eccentricity_phase_rad;
-        torque += p.eccentricity_nm * (std::sin(phase) + p.eccentricity_second * std::sin(2.0 * phase));
+        torque +=
+            p.eccentricity_nm * (std::sin(phase) + p.eccentricity_second * std::sin(2.0 * phase));
     }
     if (p.u_torque_hum_nm != 0.0) {
         torque += p.u_torque_hum_nm * std::sin(TURN * p.u_torque_hz * state.time_s);
@@ -282,18 +320,21 @@ double Tool::coupling_rate() const {
     return params.coupler_nm_per_rad > 0.0 ? params.coupler_nm_per_rad : out_inertia_ * 6.3e6;
 }
 
-// The spring between motor and output side, both referred to the motor shaft; free within the play. It is taken where the bodies are halfway
-// through the step, so that neither makes energy nor runs ahead of the clock.
+// The spring between motor and output side, both referred to the motor shaft; free within the play.
+// It is taken where the bodies are halfway through the step, so that neither makes energy nor runs
+// ahead of the clock.
 double Tool::coupling_torque(double h) const {
     const double half = 0.5 * params.play_rad * params.ratio;
-    const double twist = state.angle_rad - state.out_angle_rad + 0.5 * h * (state.speed_rad_s - state.out_speed_rad_s);
+    const double twist = state.angle_rad - state.out_angle_rad +
+                         0.5 * h * (state.speed_rad_s - state.out_speed_rad_s);
     const double bent = twist > half ? twist - half : (twist < -half ? twist + half : 0.0);
     if (bent == 0.0) {
         return 0.0;
     }
     const double rate = coupling_rate();
     const double damping = 2.0 * params.coupler_damping_ratio * std::sqrt(rate * out_inertia_);
-    return rate * bent * (1.0 + params.coupler_cubic_per_rad2 * bent * bent) + damping * (state.speed_rad_s - state.out_speed_rad_s);
+    return rate * bent * (1.0 + params.coupler_cubic_per_rad2 * bent * bent) +
+           damping * (state.speed_rad_s - state.out_speed_rad_s);
 }
 
 void Tool::step_output(double h) {
@@ -301,24 +342,29 @@ void Tool::step_output(double h) {
     const double limit = load_at_shaft_nm_ / load_stiffness_;
     const double speed = two_masses_ ? s.out_speed_rad_s : s.speed_rad_s;
     bend(s.load_bristle, speed, 0.5 * h, limit);
-    const double damping = 2.0 * params.bristle_damping * std::sqrt(load_stiffness_ * (inertia_ + out_inertia_));
+    const double damping =
+        2.0 * params.bristle_damping * std::sqrt(load_stiffness_ * (inertia_ + out_inertia_));
     double torque = bristle_torque(s.load_bristle, speed, load_stiffness_, damping, limit);
     if (params.pendulum_mass_kg > 0.0) {
-        const double angle = (two_masses_ ? s.out_angle_rad : s.angle_rad) / params.ratio - params.pendulum_zero_rad;
-        torque += params.pendulum_mass_kg * 9.81 * params.pendulum_length_m * std::sin(angle) / params.ratio;
+        const double angle =
+            (two_masses_ ? s.out_angle_rad : s.angle_rad) / params.ratio - params.pendulum_zero_rad;
+        torque += params.pendulum_mass_kg * 9.81 * params.pendulum_length_m * std::sin(angle) /
+                  params.ratio;
     }
     s.load_bristle.torque_nm = torque;
     if (!two_masses_) {
         return;
     }
     coupling_nm_ = coupling_torque(h);
-    const double gained = h * (coupling_nm_ - torque) / out_inertia_, mean = s.out_speed_rad_s + 0.5 * gained;
+    const double gained = h * (coupling_nm_ - torque) / out_inertia_,
+                 mean = s.out_speed_rad_s + 0.5 * gained;
     s.out_speed_rad_s += gained;
     s.out_angle_rad += h * mean;
     sums.load_j += h * torque * mean;
 }
 
-// L i' = v - R i - k w, J w' = k i - T by the implicit midpoint rule; T and the brushes at the start of the step.
+// L i' = v - R i - k w, J w' = k i - T by the implicit midpoint rule; T and the brushes at the
+// start of the step.
 void Tool::step_shaft(double h, double volts, bool conducting) {
     State &s = state;
     const double k = saturated_k(s.current_a);
@@ -326,19 +372,24 @@ void Tool::step_shaft(double h, double volts, bool conducting) {
     bend(s.motor_bristle, s.speed_rad_s, 0.5 * h, limit);
     const double damping = 2.0 * params.bristle_damping * std::sqrt(stiffness_ * inertia_);
     const double smooth = smooth_torque();
-    const double friction = smooth + bristle_torque(s.motor_bristle, s.speed_rad_s, stiffness_, damping, limit);
+    const double friction =
+        smooth + bristle_torque(s.motor_bristle, s.speed_rad_s, stiffness_, damping, limit);
     const double against = friction + (two_masses_ ? coupling_nm_ : s.load_bristle.torque_nm);
-    const double drop =
-        params.brush_drop_v != 0.0 ? params.brush_drop_v * sign(s.current_a) * (1.0 - std::exp(-std::abs(s.current_a) / params.brush_knee_a)) : 0.0;
+    const double drop = params.brush_drop_v != 0.0
+                            ? params.brush_drop_v * sign(s.current_a) *
+                                  (1.0 - std::exp(-std::abs(s.current_a) / params.brush_knee_a))
+                            : 0.0;
     const double i0 = s.current_a, w0 = s.speed_rad_s;
     double i1 = 0.0;
     const double a = 0.5 * h / inductance(s.current_a), c = 0.5 * h / inertia_;
     if (conducting) {
-        const double i_mid = (i0 + a * (volts - drop - k * (w0 - c * against))) / (1.0 + a * resistance_ + a * c * k * k);
+        const double i_mid = (i0 + a * (volts - drop - k * (w0 - c * against))) /
+                             (1.0 + a * resistance_ + a * c * k * k);
         i1 = 2.0 * i_mid - i0;
     }
     if (params.current_source_a > 0.0) {
-        i1 = 2.0 * params.current_source_a * drive_.duty - i0;  // the mean over the step is what the source gives
+        i1 = 2.0 * params.current_source_a * drive_.duty -
+             i0;  // the mean over the step is what the source gives
     }
     const double i_mid = 0.5 * (i0 + i1);
     s.current_a = params.current_source_a > 0.0 ? i_mid : i1;
@@ -376,7 +427,8 @@ void Tool::step(double h, int leg_a, int leg_b) {
     bool conducting = true;
     if (floating && i0 == 0.0) {
         const double emf = k_ * s.speed_rad_s;
-        const double high = leg_b < 0 ? s.bus_v : s.bus_v * (1 - leg_b), low = high - s.bus_v * (leg_b < 0 ? 2.0 : 1.0);
+        const double high = leg_b < 0 ? s.bus_v : s.bus_v * (1 - leg_b),
+                     low = high - s.bus_v * (leg_b < 0 ? 2.0 : 1.0);
         conducting = emf > high || emf < low;
         way = emf > high ? (leg_b == 1 ? 0 : 1) : (leg_b == 0 ? 0 : -1);
     }
@@ -403,8 +455,12 @@ void Tool::sense_current(double mean_a, double h) {
         s.sensed_a = s.current_a;
         return;
     }
-    s.sensed_first_a = params.current_lag2_s > 0.0 ? mean_a + (s.sensed_first_a - mean_a) * std::exp(-h / params.current_lag2_s) : mean_a;
-    s.sensed_a = s.sensed_first_a + (s.sensed_a - s.sensed_first_a) * std::exp(-h / params.current_lag_s);
+    s.sensed_first_a =
+        params.current_lag2_s > 0.0
+            ? mean_a + (s.sensed_first_a - mean_a) * std::exp(-h / params.current_lag2_s)
+            : mean_a;
+    s.sensed_a =
+        s.sensed_first_a + (s.sensed_a - s.sensed_first_a) * std::exp(-h / params.current_lag_s);
 }
 
 double Tool::sensed_current(double filtered_a) const {
@@ -415,9 +471,12 @@ double Tool::sensed_current(double filtered_a) const {
         value += p.u_hum_a * std::sin(TURN * p.u_hum_hz * state.time_s);
     }
     if (p.current_limit_a > 0.0 && p.current_limit_power > 0.0) {
-        return value / std::pow(1.0 + std::pow(std::abs(value) / p.current_limit_a, p.current_limit_power), 1.0 / p.current_limit_power);
+        return value /
+               std::pow(1.0 + std::pow(std::abs(value) / p.current_limit_a, p.current_limit_power),
+                        1.0 / p.current_limit_power);
     }
-    return p.current_limit_a > 0.0 ? std::clamp(value, -p.current_limit_a, p.current_limit_a) : value;
+    return p.current_limit_a > 0.0 ? std::clamp(value, -p.current_limit_a, p.current_limit_a)
+                                   : value;
 }
 
 double Tool::sensed_supply() const {
@@ -426,7 +485,8 @@ double Tool::sensed_supply() const {
 
 double Tool::stored_energy() const {
     const State &s = state;
-    double energy = 0.5 * params.inductance_h * s.current_a * s.current_a + 0.5 * inertia_ * s.speed_rad_s * s.speed_rad_s;
+    double energy = 0.5 * params.inductance_h * s.current_a * s.current_a +
+                    0.5 * inertia_ * s.speed_rad_s * s.speed_rad_s;
     if (two_masses_) {
         energy += 0.5 * out_inertia_ * s.out_speed_rad_s * s.out_speed_rad_s;
     }
@@ -438,18 +498,21 @@ double Tool::hall_angle(double angle) const {
         return angle;
     }
     const double phase = angle + params.hall_eccentricity_phase_rad;
-    return angle + params.hall_eccentricity_rad * (std::sin(phase) + params.hall_second * std::sin(2.0 * phase));
+    return angle + params.hall_eccentricity_rad *
+                       (std::sin(phase) + params.hall_second * std::sin(2.0 * phase));
 }
 
 double Tool::edge_angle(long index) const {
     const double pitch = TURN / params.hall_edges;
     const long turn = static_cast<long>(params.hall_edges);
     const long place = ((index % turn) + turn) % turn;
-    const double uneven = params.hall_spacing_rad * std::sin(2.4 * static_cast<double>(place + 1) * static_cast<double>(place + 1));
+    const double uneven = params.hall_spacing_rad * std::sin(2.4 * static_cast<double>(place + 1) *
+                                                             static_cast<double>(place + 1));
     return params.hall_offset_rad + static_cast<double>(index) * pitch + uneven;
 }
 
-// Edges passed in a step, located by linear interpolation; backwards a little later, by the sensor's hysteresis.
+// Edges passed in a step, located by linear interpolation; backwards a little later, by the
+// sensor's hysteresis.
 void Tool::find_edges(double t0, double h, double angle0) {
     if (params.hall_edges <= 0.0 || !(std::abs(state.angle_rad - angle0) < 1.0)) {
         return;  // no sensor, or numbers that are none any more
@@ -457,9 +520,12 @@ void Tool::find_edges(double t0, double h, double angle0) {
     const double a0 = hall_angle(angle0), a1 = hall_angle(state.angle_rad);
     const auto keep = [&](double at, int direction) {
         const double part = a1 != a0 ? std::clamp((at - a0) / (a1 - a0), 0.0, 1.0) : 1.0;
-        const double jitter = params.hall_jitter_s > 0.0 ? params.hall_jitter_s * chance.normal() : 0.0;
+        const double jitter =
+            params.hall_jitter_s > 0.0 ? params.hall_jitter_s * chance.normal() : 0.0;
         if (params.hall_dropout > 0.0) {
-            state.missed = chance.uniform() < (state.missed && params.hall_burst > 0.0 ? params.hall_burst : params.hall_dropout);
+            state.missed =
+                chance.uniform() <
+                (state.missed && params.hall_burst > 0.0 ? params.hall_burst : params.hall_dropout);
             if (state.missed) {
                 return;
             }

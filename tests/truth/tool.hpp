@@ -1,4 +1,5 @@
-// A power tool's drive as it runs in reality: switched bridge, bristle friction, edges found within the step.
+// A power tool's drive as it runs in reality: switched bridge, bristle friction, edges found within
+// the step.
 #pragma once
 
 #include <cstdint>
@@ -36,7 +37,8 @@ struct State {
     double current_a = 0.0;
     double bus_v = 0.0;
     double speed_rad_s = 0.0, angle_rad = 0.0;
-    double out_speed_rad_s = 0.0, out_angle_rad = 0.0;  // referred to the motor shaft; equal to the above while rigid
+    double out_speed_rad_s = 0.0,
+           out_angle_rad = 0.0;  // referred to the motor shaft; equal to the above while rigid
     Bristle motor_bristle, load_bristle;
     double charge_c = 0.0, polarisation_v = 0.0;
     double winding_kelvin = 0.0, housing_kelvin = 0.0;
@@ -58,7 +60,8 @@ struct Sums {
 struct Drive {
     bool coast = false;
     double duty = 0.0;
-    double dead_s = 0.0;  // each edge of the switching leg may move by this much, against the current
+    double dead_s =
+        0.0;  // each edge of the switching leg may move by this much, against the current
     double load_nm = 0.0;
     double bus_v = 0.0;  // above 0: the bus is this, whatever the source
 };
@@ -73,7 +76,8 @@ public:
     std::deque<Drive> commands;  // of the lock-step, those that the bridge has yet to act on
 
     void start();
-    // One PWM period of the given length from state.time_s on, cut at `cut_s` if that lies inside; returns true when cut.
+    // One PWM period of the given length from state.time_s on, cut at `cut_s` if that lies inside;
+    // returns true when cut.
     void begin_period(double period_s, const Drive &drive);
     bool advance(double cut_s);
     double sensed_current(double filtered_a) const;
@@ -89,8 +93,10 @@ private:
     Span spans_[6];
     int span_count_ = 0, span_ = 0;
     Drive drive_;
-    double load_at_shaft_nm_ = 0.0, k_ = 0.0, resistance_ = 0.0, open_circuit_v_ = 0.0, source_ohm_ = 0.0;
-    double inertia_ = 0.0, out_inertia_ = 0.0, stiffness_ = 0.0, load_stiffness_ = 0.0, step_s_ = 5e-6, coupling_nm_ = 0.0;
+    double load_at_shaft_nm_ = 0.0, k_ = 0.0, resistance_ = 0.0, open_circuit_v_ = 0.0,
+           source_ohm_ = 0.0;
+    double inertia_ = 0.0, out_inertia_ = 0.0, stiffness_ = 0.0, load_stiffness_ = 0.0,
+           step_s_ = 5e-6, coupling_nm_ = 0.0;
     bool two_masses_ = false;
 
     void slow_states(double period_s);

@@ -1,4 +1,6 @@
-"""The generated tool as Python sees it: the shared library by ctypes, runs that become logs, and the lock-step tool of the demo."""
+"""The generated tool as Python sees it: the shared library by ctypes, runs that become logs, and
+the lock-step tool of the demo.
+"""
 
 import ctypes
 import os
@@ -8,26 +10,53 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-INSIDE = ("time_s", "current_a", "bus_v", "speed_rad_s", "angle_rad", "bristle_rad", "friction_nm",
-          "stored_j", "drawn_j", "copper_j", "friction_j", "load_j")
+INSIDE = (
+    "time_s",
+    "current_a",
+    "bus_v",
+    "speed_rad_s",
+    "angle_rad",
+    "bristle_rad",
+    "friction_nm",
+    "stored_j",
+    "drawn_j",
+    "copper_j",
+    "friction_j",
+    "load_j",
+)
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
 
 
 class _Command(ctypes.Structure):
-    _fields_ = [("time_s", _DOUBLES), ("duty", _DOUBLES), ("coast", _DOUBLES), ("count", ctypes.c_int),
-                ("load_time_s", _DOUBLES), ("load_nm", _DOUBLES), ("load_count", ctypes.c_int),
-                ("bus_time_s", _DOUBLES), ("bus_v", _DOUBLES), ("bus_count", ctypes.c_int)]
+    _fields_ = [
+        ("time_s", _DOUBLES),
+        ("duty", _DOUBLES),
+        ("coast", _DOUBLES),
+        ("count", ctypes.c_int),
+        ("load_time_s", _DOUBLES),
+        ("load_nm", _DOUBLES),
+        ("load_count", ctypes.c_int),
+        ("bus_time_s", _DOUBLES),
+        ("bus_v", _DOUBLES),
+        ("bus_count", ctypes.c_int),
+    ]
 
 
 class _Period(ctypes.Structure):
-    _fields_ = [("current_a", ctypes.c_double), ("supply_v", ctypes.c_double),
-                ("edge_count", ctypes.c_int32), ("edge_cycle", ctypes.c_int32 * 8)]
+    _fields_ = [
+        ("current_a", ctypes.c_double),
+        ("supply_v", ctypes.c_double),
+        ("edge_count", ctypes.c_int32),
+        ("edge_cycle", ctypes.c_int32 * 8),
+    ]
 
 
 @dataclass(frozen=True)
 class Command:
-    """Bridge command and load over time, straight between points; a step is two points at one time. `coast` holds from its point on.
-    A bus that is given holds from its points on and stands for the source."""
+    """Bridge command and load over time, straight between points; a step is two points at one time.
+    `coast` holds from its point on. A bus that is given holds from its points on and stands for the
+    source.
+    """
 
     time_s: np.ndarray
     duty: np.ndarray
@@ -40,7 +69,9 @@ class Command:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run left behind: per row (n,) means and end values without noise, and the Hall edges (m,)."""
+    """What a run left behind: per row (n,) means and end values without noise, and the Hall edges
+    (m,).
+    """
 
     begin_s: float
     time_s: np.ndarray
@@ -54,17 +85,22 @@ class Run:
 
 
 def library_path() -> Path:
-    """The shared library: VGROOVE_TRUTH_LIB, or the newest under build/*/truth/ that Python can load (no sanitizer build).
+    """The shared library: VGROOVE_TRUTH_LIB, or the newest under build/*/truth/ that Python can
+    load (no sanitizer build).
 
     Raises FileNotFoundError with the command that builds it.
     """
     named = os.environ.get("VGROOVE_TRUTH_LIB")
     if named:
         return Path(named)
-    built = [path for path in ROOT.glob("build/*/truth/libvgroove_truth.so") if "asan" not in path.parts]
+    built = [
+        path for path in ROOT.glob("build/*/truth/libvgroove_truth.so") if "asan" not in path.parts
+    ]
     found = sorted(built, key=lambda path: path.stat().st_mtime)
     if not found:
-        raise FileNotFoundError("libvgroove_truth.so is not built: cmake -S tests/truth -B build/truth && cmake --build build/truth")
+        raise FileNotFoundError(
+            "libvgroove_truth.so is not built: cmake -S tests/truth -B build/truth && cmake --build build/truth"
+        )
     return found[-1]
 
 
@@ -76,10 +112,24 @@ def _load() -> ctypes.CDLL:
     lib.truth_get.argtypes = [ctypes.c_void_p, ctypes.c_char_p]
     for name in ("truth_free", "truth_start"):
         getattr(lib, name).argtypes = [ctypes.c_void_p]
-    lib.truth_run.argtypes = [ctypes.c_void_p, ctypes.POINTER(_Command), ctypes.c_double, _DOUBLES, ctypes.c_int, _DOUBLES]
+    lib.truth_run.argtypes = [
+        ctypes.c_void_p,
+        ctypes.POINTER(_Command),
+        ctypes.c_double,
+        _DOUBLES,
+        ctypes.c_int,
+        _DOUBLES,
+    ]
     lib.truth_edges.argtypes = [ctypes.c_void_p, _DOUBLES, _DOUBLES]
     lib.truth_inside.argtypes = [ctypes.c_void_p, _DOUBLES]
-    lib.truth_period.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_double, ctypes.c_double, ctypes.c_double, ctypes.POINTER(_Period)]
+    lib.truth_period.argtypes = [
+        ctypes.c_void_p,
+        ctypes.c_int,
+        ctypes.c_double,
+        ctypes.c_double,
+        ctypes.c_double,
+        ctypes.POINTER(_Period),
+    ]
     lib.truth_period.restype = None
     return lib
 
@@ -89,7 +139,9 @@ def _pointer(array: np.ndarray) -> "ctypes._Pointer":
 
 
 class Generator:
-    """One tool of the generator: named parameters in SI units (params.hpp), runs, and its inner quantities."""
+    """One tool of the generator: named parameters in SI units (params.hpp), runs, and its inner
+    quantities.
+    """
 
     _lib: ctypes.CDLL | None = None
 
@@ -124,16 +176,39 @@ class Generator:
 
     def run(self, command: Command, row_s: np.ndarray, begin_s: float = 0.0) -> Run:
         """Run from rest; rows end at `row_s` (n,), the first begins at `begin_s`."""
-        arrays = [np.ascontiguousarray(a, dtype=float) for a in
-                  (command.time_s, command.duty, command.coast, command.load_time_s, command.load_nm, command.bus_time_s, command.bus_v)]
+        arrays = [
+            np.ascontiguousarray(a, dtype=float)
+            for a in (
+                command.time_s,
+                command.duty,
+                command.coast,
+                command.load_time_s,
+                command.load_nm,
+                command.bus_time_s,
+                command.bus_v,
+            )
+        ]
         rows = np.ascontiguousarray(row_s, dtype=float)
-        message = _Command(_pointer(arrays[0]), _pointer(arrays[1]), _pointer(arrays[2]), len(arrays[0]),
-                           _pointer(arrays[3]), _pointer(arrays[4]), len(arrays[3]),
-                           _pointer(arrays[5]), _pointer(arrays[6]), len(arrays[5]))
+        message = _Command(
+            _pointer(arrays[0]),
+            _pointer(arrays[1]),
+            _pointer(arrays[2]),
+            len(arrays[0]),
+            _pointer(arrays[3]),
+            _pointer(arrays[4]),
+            len(arrays[3]),
+            _pointer(arrays[5]),
+            _pointer(arrays[6]),
+            len(arrays[5]),
+        )
         out = np.zeros((len(rows), 5))
-        count = Generator._lib.truth_run(self._tool, ctypes.byref(message), begin_s, _pointer(rows), len(rows), _pointer(out))
+        count = Generator._lib.truth_run(
+            self._tool, ctypes.byref(message), begin_s, _pointer(rows), len(rows), _pointer(out)
+        )
         if count < 0:
-            raise ArithmeticError("the generator's numbers ran away: parameters too stiff for its step")
+            raise ArithmeticError(
+                "the generator's numbers ran away: parameters too stiff for its step"
+            )
         edges = np.zeros((2, count))
         Generator._lib.truth_edges(self._tool, _pointer(edges[0]), _pointer(edges[1]))
         order = np.argsort(edges[0], kind="stable")
@@ -141,7 +216,9 @@ class Generator:
 
 
 class TruthTool(Generator):
-    """The tool in lock-step with the board: one call is 510 cycles of 16 MHz, the unit of docs/architecture.md."""
+    """The tool in lock-step with the board: one call is 510 cycles of 16 MHz, the unit of
+    docs/architecture.md.
+    """
 
     def __init__(self, **params: float) -> None:
         super().__init__(**params)
@@ -150,8 +227,12 @@ class TruthTool(Generator):
         self._reference = ctypes.byref(self._answer)
         self._call = Generator._lib.truth_period
 
-    def period(self, coast: int, duty: float, dead: float, load_nm: float = 0.0) -> tuple[float, float, list[int]]:
-        """(current in A at the period's end, supply in V, Hall edges as cycles 0..509), sensor noise included."""
+    def period(
+        self, coast: int, duty: float, dead: float, load_nm: float = 0.0
+    ) -> tuple[float, float, list[int]]:
+        """(current in A at the period's end, supply in V, Hall edges as cycles 0..509), sensor
+        noise included.
+        """
         answer = self._answer
         self._call(self._tool, coast, duty, dead, load_nm, self._reference)
-        return answer.current_a, answer.supply_v, answer.edge_cycle[:answer.edge_count]
+        return answer.current_a, answer.supply_v, answer.edge_cycle[: answer.edge_count]

@@ -1,4 +1,6 @@
-"""Golden vectors of the firmware's arithmetic from exact rationals, no code of the firmware in it. --check only compares."""
+"""Golden vectors of the firmware's arithmetic from exact rationals, no code of the firmware in it.
+--check only compares.
+"""
 
 import argparse
 import random
@@ -21,8 +23,19 @@ def saturate(value: int) -> int:
 
 
 def mean_q4(total: int, count: int) -> int:
-    """Mean of `count` ADC counts in 1/16; the firmware multiplies by 2^20 / count cut to an integer (nearest for 6) and shifts."""
-    factor = {1: 1048576, 2: 524288, 3: 349525, 4: 262144, 5: 209715, 6: 174763, 7: 149797, 8: 131072}[count]
+    """Mean of `count` ADC counts in 1/16; the firmware multiplies by 2^20 / count cut to an integer
+    (nearest for 6) and shifts.
+    """
+    factor = {
+        1: 1048576,
+        2: 524288,
+        3: 349525,
+        4: 262144,
+        5: 209715,
+        6: 174763,
+        7: 149797,
+        8: 131072,
+    }[count]
     assert abs(Fraction(factor) - Fraction(1 << 20, count)) < 1
     return nearest(Fraction(total * factor, 1 << 16))
 
@@ -51,10 +64,14 @@ def temperature_c_q4(counts: int) -> int:
 
 
 def travel_q15(counts: int, low: int) -> int:
-    """Travel for an upper dead band at low + 820, with the firmware's factor cut to 7 binary places."""
+    """Travel for an upper dead band at low + 820, with the firmware's factor cut to 7 binary
+    places.
+    """
     if counts <= low:
         return 0
-    return 32767 if counts >= low + 820 else floor(Fraction((counts - low) * ((1 << 22) // 820), 128))
+    return (
+        32767 if counts >= low + 820 else floor(Fraction((counts - low) * ((1 << 22) // 820), 128))
+    )
 
 
 def speed_rpm_q1(period: int, pulses: int) -> int:
@@ -71,31 +88,74 @@ def cases() -> list[tuple[str, int, int, int]]:
     """(function, a, b, expected): ends of every range, their neighbours, and seeded values between."""
     draw = random.Random(SEED)
     edge16 = [-32768, -32767, -129, -128, -1, 0, 1, 127, 128, 255, 256, 32766, 32767]
-    out = [("SATURATE", v, 0, saturate(v)) for v in (*edge16, 32768, -32769, 65535, 65536, -65536, 2**31 - 1, -(2**31))]
+    out = [
+        ("SATURATE", v, 0, saturate(v))
+        for v in (*edge16, 32768, -32769, 65535, 65536, -65536, 2**31 - 1, -(2**31))
+    ]
     for count in range(1, 9):
-        out += [("MEAN", t, count, mean_q4(t, count)) for t in (0, 1, 512 * count, 1023 * count, draw.randrange(1023 * count))]
+        out += [
+            ("MEAN", t, count, mean_q4(t, count))
+            for t in (0, 1, 512 * count, 1023 * count, draw.randrange(1023 * count))
+        ]
     for gain in (1024, 4096, 4097, 16384):
         means = (0, 8191, 8192, 8193, 16368, 8192 + 2047, 8192 + 2048, draw.randrange(16368))
         out += [("CURRENT", m, gain, current_a_q9(m, gain)) for m in means]
-    out += [("COMPARE", d, 0, compare(d)) for d in (*edge16, *(draw.randrange(-32768, 32768) for _ in range(20)))]
-    out += [("SUPPLY", c, g, supply_mv(c, g)) for c in (0, 1, 511, 740, 1023) for g in (2560, 6400, 12800)]
-    out += [("SUPPLY_25MV", v, 0, supply_25mv(v)) for v in (0, 12, 13, 37, 38, 18500, 25587, 25588, 51150)]
+    out += [
+        ("COMPARE", d, 0, compare(d))
+        for d in (*edge16, *(draw.randrange(-32768, 32768) for _ in range(20)))
+    ]
+    out += [
+        ("SUPPLY", c, g, supply_mv(c, g))
+        for c in (0, 1, 511, 740, 1023)
+        for g in (2560, 6400, 12800)
+    ]
+    out += [
+        ("SUPPLY_25MV", v, 0, supply_25mv(v))
+        for v in (0, 12, 13, 37, 38, 18500, 25587, 25588, 51150)
+    ]
     out += [("TEMPERATURE", c, 0, temperature_c_q4(c)) for c in (20, 102, 103, 154, 287, 1003)]
-    out += [("TRAVEL", c, low, travel_q15(c, low)) for low in (0, 100) for c in (low, low + 1, 410 + low, low + 819, low + 820, 1023)]
+    out += [
+        ("TRAVEL", c, low, travel_q15(c, low))
+        for low in (0, 100)
+        for c in (low, low + 1, 410 + low, low + 819, low + 820, 1023)
+    ]
     periods = (14648, 14649, 15238, 16000, 65535, 65536, 65537, 100000, 1000003, 4000000, 4799999)
-    out += [("SPEED", p, n, speed_rpm_q1(p, n)) for p in periods for n in (1, 4) if speed_rpm_q1(p, n) < 32767 or n == 4]
-    out += [("SPEED", p, 4, speed_rpm_q1(p, 4)) for p in (draw.randrange(14600, 4_800_000) for _ in range(20))]
-    out += [("SLEW", a, b, slewed(a, b)) for a in (-32768, 0, 32767) for b in (-32768, -198, -197, 0, 197, 198, 32767)]
+    out += [
+        ("SPEED", p, n, speed_rpm_q1(p, n))
+        for p in periods
+        for n in (1, 4)
+        if speed_rpm_q1(p, n) < 32767 or n == 4
+    ]
+    out += [
+        ("SPEED", p, 4, speed_rpm_q1(p, 4))
+        for p in (draw.randrange(14600, 4_800_000) for _ in range(20))
+    ]
+    out += [
+        ("SLEW", a, b, slewed(a, b))
+        for a in (-32768, 0, 32767)
+        for b in (-32768, -198, -197, 0, 197, 198, 32767)
+    ]
     return out
 
 
 def text() -> str:
     rows = cases()
     names = list(dict.fromkeys(row[0] for row in rows))
-    lines = ["// Golden vectors of the firmware's arithmetic: {function, a, b, expected}.",
-             "// Generated by make_vectors.py: edit that, not this.", "#ifndef VGROOVE_TESTS_FIRMWARE_VECTORS_H",
-             "#define VGROOVE_TESTS_FIRMWARE_VECTORS_H", "", "enum {"]
-    lines += [f"    VECTORS_{name}," for name in names] + ["};", "", f"#define VECTORS_COUNT {len(rows)}u", "", "#define VECTORS_TABLE \\"]
+    lines = [
+        "// Golden vectors of the firmware's arithmetic: {function, a, b, expected}.",
+        "// Generated by make_vectors.py: edit that, not this.",
+        "#ifndef VGROOVE_TESTS_FIRMWARE_VECTORS_H",
+        "#define VGROOVE_TESTS_FIRMWARE_VECTORS_H",
+        "",
+        "enum {",
+    ]
+    lines += [f"    VECTORS_{name}," for name in names] + [
+        "};",
+        "",
+        f"#define VECTORS_COUNT {len(rows)}u",
+        "",
+        "#define VECTORS_TABLE \\",
+    ]
     least = {-(2**31): "(-2147483647 - 1)"}
     lines += [f"    {{VECTORS_{n}, {least.get(a, a)}, {b}, {e}}}, \\" for n, a, b, e in rows]
     return "\n".join(lines) + "\n    /* end */\n\n#endif\n"

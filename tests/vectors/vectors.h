@@ -1,4 +1,5 @@
-// The firmware's arithmetic behind one call, so that the same golden vectors run on the host and on the AVR.
+// The firmware's arithmetic behind one call, so that the same golden vectors run on the host and on
+// the AVR.
 #ifndef VGROOVE_TESTS_VECTORS_H
 #define VGROOVE_TESTS_VECTORS_H
 

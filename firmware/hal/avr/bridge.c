@@ -1,4 +1,5 @@
-// The gates: leg A on Timer0's compare outputs, leg B on two port pins, the driver's enable on another.
+// The gates: leg A on Timer0's compare outputs, leg B on two port pins, the driver's enable on
+// another.
 #include <avr/io.h>
 
 #include "hal/avr/board.h"
@@ -7,7 +8,8 @@
 #define DISCONNECTED (1u << WGM00)  // phase-correct PWM, TOP 255; the pins follow PORT, which is 0
 #define CONNECTED (DISCONNECTED | (1u << COM0A1) | (1u << COM0B1) | (1u << COM0B0))
 
-// Always in line: it stands in the ADC interrupt, where a call would cost the saving of ten more registers.
+// Always in line: it stands in the ADC interrupt, where a call would cost the saving of ten more
+// registers.
 __attribute__((always_inline)) static inline void cut(void) {
     BOARD_ENABLE_PORT = (uint8_t)(BOARD_ENABLE_PORT & ~(1u << BOARD_ENABLE_BIT));
     TCCR0A = DISCONNECTED;

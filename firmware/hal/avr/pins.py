@@ -17,7 +17,11 @@ HEAD = """# Pins and timers
 
 def rows_of(block: str, columns: int) -> list[str]:
     """Table rows out of the defines of a block whose comment has `columns` cells."""
-    cells = [[cell.strip() for cell in match.group(1).split("|")] for line in block.splitlines() if (match := LINE.match(line))]
+    cells = [
+        [cell.strip() for cell in match.group(1).split("|")]
+        for line in block.splitlines()
+        if (match := LINE.match(line))
+    ]
     wrong = [row for row in cells if len(row) != columns]
     if wrong:
         raise SystemExit(f"{BOARD.name}: {columns} cells wanted: {wrong[0]}")
@@ -28,8 +32,16 @@ def page(text: str) -> str:
     """The whole page for the text of board.h."""
     out = [HEAD]
     for board in re.finditer(r"^// board: ([^\n]*)$(.*?)^// end$", text, re.MULTILINE | re.DOTALL):
-        pins, timers = re.search(r"^// pins$(.*?)^// timers$(.*?)^// registers", board.group(2), re.MULTILINE | re.DOTALL).groups()
-        out += [f"## {board.group(1)}\n", "| pin | function | connected to |", "| --- | --- | --- |", *rows_of(pins, 3), ""]
+        pins, timers = re.search(
+            r"^// pins$(.*?)^// timers$(.*?)^// registers", board.group(2), re.MULTILINE | re.DOTALL
+        ).groups()
+        out += [
+            f"## {board.group(1)}\n",
+            "| pin | function | connected to |",
+            "| --- | --- | --- |",
+            *rows_of(pins, 3),
+            "",
+        ]
         out += ["| timer | pins | use |", "| --- | --- | --- |", *rows_of(timers, 3), ""]
     return "\n".join(out)
 

@@ -1,4 +1,6 @@
-"""PlatformIO pre-build step: writes build_hash.h (first 24 bits of the commit's hash, 0 outside git) where the compiler finds it."""
+"""PlatformIO pre-build step: writes build_hash.h (first 24 bits of the commit's hash, 0 outside
+git) where the compiler finds it.
+"""
 
 import re
 import subprocess
@@ -6,7 +8,9 @@ from pathlib import Path
 
 Import("env")  # noqa: F821  given by PlatformIO's SCons
 
-found = subprocess.run(["git", "rev-parse", "--short=6", "HEAD"], capture_output=True, text=True, check=False)
+found = subprocess.run(
+    ["git", "rev-parse", "--short=6", "HEAD"], capture_output=True, text=True, check=False
+)
 commit = found.stdout.strip()[:6] if found.returncode == 0 else "0"
 folder = Path(env.subst("$BUILD_DIR")) / "generated"  # noqa: F821
 folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,6 @@
-"""PlatformIO pre-build step: what firmware/avr.cmake compiles for speed, or for least size, is compiled so here, too."""
+"""PlatformIO pre-build step: what firmware/avr.cmake compiles for speed, or for least size, is
+compiled so here, too.
+"""
 
 import re
 from pathlib import Path
@@ -6,7 +8,9 @@ from pathlib import Path
 Import("env")  # noqa: F821  given by PlatformIO's SCons
 
 cmake = (Path(env.subst("$PROJECT_DIR")) / "firmware" / "avr.cmake").read_text()  # noqa: F821
-listed = re.findall(r"set_source_files_properties\(([^)]*?)\s+PROPERTIES COMPILE_OPTIONS ([^)\s]+)\)", cmake)
+listed = re.findall(
+    r"set_source_files_properties\(([^)]*?)\s+PROPERTIES COMPILE_OPTIONS ([^)\s]+)\)", cmake
+)
 options = {name: option for names, option in listed for name in names.split()}
 
 

@@ -16,7 +16,8 @@ uint8_t avr_reset_cause __attribute__((section(".noinit")));
 
 void avr_first(void) __attribute__((naked, used, section(".init3")));
 
-// The watchdog stays on after a reset that it caused, with the shortest time-out (avr-libc manual, <avr/wdt.h>).
+// The watchdog stays on after a reset that it caused, with the shortest time-out (avr-libc manual,
+// <avr/wdt.h>).
 void avr_first(void) {
     avr_reset_cause = MCUSR;
     MCUSR = 0;
@@ -26,7 +27,8 @@ void avr_first(void) {
 static void start_adc(void) {
     DIDR0 = 0x0Fu;
     ADMUX = (uint8_t)((1u << REFS0) | adc_sequence_channel(0));
-    // The first conversion takes 25 instead of 13.5 ADC clocks: done here, so that all that count take the same time.
+    // The first conversion takes 25 instead of 13.5 ADC clocks: done here, so that all that count
+    // take the same time.
     ADCSRA = (1u << ADEN) | (1u << ADSC) | ADC_PRESCALE_128;
     while ((ADCSRA & (1u << ADSC)) != 0u) {
     }
@@ -36,7 +38,8 @@ static void start_adc(void) {
 }
 
 void avr_start_pins(void) {
-    // Reset has left every PORT bit 0 and the compare outputs disconnected: the gates stay off as the pins become outputs.
+    // Reset has left every PORT bit 0 and the compare outputs disconnected: the gates stay off as
+    // the pins become outputs.
     TCCR0A = 1u << WGM00;
     OCR0B = HAL_COMPARE_MAX;
     BOARD_ENABLE_DDR |= 1u << BOARD_ENABLE_BIT;
@@ -49,8 +52,8 @@ void avr_start_pins(void) {
     BOARD_MODE_PORT |= (1u << BOARD_MODE_0_BIT) | (1u << BOARD_MODE_1_BIT);
 }
 
-// Timer2 starts when its prescaler is released, the other two 2 and 4 cycles later (an sts each) with counts to match: as if all had begun at 0
-// together.
+// Timer2 starts when its prescaler is released, the other two 2 and 4 cycles later (an sts each)
+// with counts to match: as if all had begun at 0 together.
 static void release_timers(uint8_t hall_control) {
     BOARD_TCNT = 2;
     TCNT0 = 4;
@@ -58,7 +61,8 @@ static void release_timers(uint8_t hall_control) {
                      "sts %[tccr_hall], %[hall]\n\t"
                      "sts %[tccr0b], %[pwm]\n\t"
                      :
-                     : [gtccr] "n"(_SFR_MEM_ADDR(GTCCR)), [tccr_hall] "n"(_SFR_MEM_ADDR(BOARD_TCCRB)), [hall] "r"(hall_control),
+                     : [gtccr] "n"(_SFR_MEM_ADDR(GTCCR)),
+                       [tccr_hall] "n"(_SFR_MEM_ADDR(BOARD_TCCRB)), [hall] "r"(hall_control),
                        [tccr0b] "n"(_SFR_MEM_ADDR(TCCR0B)), [pwm] "r"((uint8_t)(1u << CS00)));
 }
 
@@ -74,5 +78,6 @@ void avr_start_timers(void) {
     TIMSK2 = (1u << OCIE2A) | (1u << OCIE2B);
     BOARD_TCCRA = 0;
     BOARD_TIMSK = 1u << BOARD_ICIE;
-    release_timers((uint8_t)((1u << BOARD_ICNC) | (hall_high ? 0u : 1u << BOARD_ICES) | (1u << BOARD_CS_CLK1)));
+    release_timers((uint8_t)((1u << BOARD_ICNC) | (hall_high ? 0u : 1u << BOARD_ICES) |
+                             (1u << BOARD_CS_CLK1)));
 }

@@ -1,4 +1,5 @@
-// A fake machine for unit tests: what the firmware asked of it is written down, what it reads is set by the test.
+// A fake machine for unit tests: what the firmware asked of it is written down, what it reads is
+// set by the test.
 #ifndef VGROOVE_HAL_NATIVE_H
 #define VGROOVE_HAL_NATIVE_H
 

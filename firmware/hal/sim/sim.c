@@ -1,4 +1,5 @@
-// The ATmega's timers, ADC, UART, EEPROM and bridge outputs as the firmware sees them, event by event within a PWM period.
+// The ATmega's timers, ADC, UART, EEPROM and bridge outputs as the firmware sees them, event by
+// event within a PWM period.
 #include "hal/sim/sim.h"
 
 #include <string.h>
@@ -8,8 +9,9 @@
 #include "hal/hal.h"
 
 #define PERIOD ((int32_t)HAL_CYCLES_PER_PERIOD)
-#define CAPTURE_CYCLES 4             // noise canceller of the input capture
-#define EEPROM_WRITE_CYCLES 54400    // 3.4 ms, data sheet of the ATmega328P, "EEPROM Programming Time"
+#define CAPTURE_CYCLES 4  // noise canceller of the input capture
+#define EEPROM_WRITE_CYCLES                                                                        \
+    54400  // 3.4 ms, data sheet of the ATmega328P, "EEPROM Programming Time"
 #define CYCLES_PER_BYTE_250000 640   // 10 bits of 64 cycles
 #define CYCLES_PER_BYTE_115200 1360  // 10 bits of 8 (16 + 1) cycles: 117,647 Bd
 #define NEVER INT32_MAX
@@ -176,7 +178,8 @@ static void keep_blow(void) {
         return;
     }
     sim.blows[sim.blow_count++] =
-        (SimBlow){sim.app.report.now_ms, blow->lugs, blow->repeats, blow->period_q4, blow->mean_period_q7, blow->spread_q15};
+        (SimBlow){sim.app.report.now_ms, blow->lugs,           blow->repeats,
+                  blow->period_q4,       blow->mean_period_q7, blow->spread_q15};
 }
 
 uint16_t sim_blows(const SimBlow **blows) {
@@ -299,7 +302,8 @@ static int16_t signed_compare(void) {
     const uint8_t dead = sim.app.bridge.dead_counts;
     int16_t leg_a = sim.low_above;
     if (sim.low_above == HAL_COMPARE_MAX) {
-        leg_a = (int16_t)(sim.high_below == HAL_COMPARE_MAX ? HAL_COMPARE_MAX : sim.high_below + dead / 2u);
+        leg_a = (int16_t)(sim.high_below == HAL_COMPARE_MAX ? HAL_COMPARE_MAX
+                                                            : sim.high_below + dead / 2u);
     } else if (sim.low_above > 0u) {
         leg_a = (int16_t)(sim.low_above - (dead - dead / 2u));
     }

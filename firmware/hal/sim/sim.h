@@ -1,7 +1,8 @@
-// The native firmware in lock-step with a tool: one call simulates one PWM period of 510 CPU cycles (docs/architecture.md).
+// The native firmware in lock-step with a tool: one call simulates one PWM period of 510 CPU cycles
+// (docs/architecture.md).
 //
-// The firmware's interrupt entries are called at the cycles at which the ATmega's hardware raises them. One instance a process; sim_reset()
-// starts another run from nothing.
+// The firmware's interrupt entries are called at the cycles at which the ATmega's hardware raises
+// them. One instance a process; sim_reset() starts another run from nothing.
 #ifndef VGROOVE_HAL_SIM_SIM_H
 #define VGROOVE_HAL_SIM_SIM_H
 
@@ -17,7 +18,8 @@ extern "C" {
 #define SIM_RESET_POWER_ON 1u
 #define SIM_TARGET_NATIVE 0u
 
-// What a run starts from. The latencies change when code runs, not what it computes: a test varies them.
+// What a run starts from. The latencies change when code runs, not what it computes: a test varies
+// them.
 typedef struct {
     const uint8_t *eeprom;  // SIM_EEPROM_BYTES, NULL: erased
     uint8_t reset_cause;    // bit 0 power-on, 1 external, 2 brown-out, 3 watchdog
@@ -26,9 +28,11 @@ typedef struct {
     uint16_t tick_cycles;   // tick to the begin of app_tick, 260 .. 8,000
 } SimStart;
 
-#define SIM_ISR_CYCLES 80u  // a result of the ADC comes 54 cycles before a period ends, and the ELF opens the bridge in the next one
+#define SIM_ISR_CYCLES                                                                             \
+    80u  // a result of the ADC comes 54 cycles before a period ends, and the ELF opens the bridge
+         // in the next one
 #define SIM_TICK_CYCLES 400u
-#define SIM_START_DEFAULT                                                                                                                            \
+#define SIM_START_DEFAULT                                                                          \
     { 0, SIM_RESET_POWER_ON, SIM_TARGET_NATIVE, SIM_ISR_CYCLES, SIM_TICK_CYCLES }
 
 // Period 0 begins at the first TOP after the timers' start; `outputs` are those in force in it.
@@ -51,7 +55,8 @@ typedef struct {
 // Those since sim_reset; returns how many.
 uint16_t sim_blows(const SimBlow **blows);
 
-// Periods simulated since sim_reset, and cycles from the timers' start to the begin of the next period.
+// Periods simulated since sim_reset, and cycles from the timers' start to the begin of the next
+// period.
 uint32_t sim_periods(void);
 uint64_t sim_cycles(void);
 

@@ -1,4 +1,5 @@
-// The message that board and tool exchange once a PWM period (docs/architecture.md): one struct each way, little endian, packed.
+// The message that board and tool exchange once a PWM period (docs/architecture.md): one struct
+// each way, little endian, packed.
 #ifndef VGROOVE_HAL_SIM_SIM_IO_H
 #define VGROOVE_HAL_SIM_SIM_IO_H
 

@@ -1,4 +1,6 @@
-"""Batches of different tools on all cores, and how the cost of impact mode grows with simulated time and with the batch."""
+"""Batches of different tools on all cores, and how the cost of impact mode grows with simulated
+time and with the batch.
+"""
 
 import dataclasses
 import os
@@ -19,12 +21,20 @@ Done = Callable[[str], None]
 OWN_BATCH, PEER_BATCH, CHECKED = 512, 32, 4
 TIMES_MS = (500, 1000, 2000, 4000)
 SIZES = (64, 128, 256, 512)
-SPREAD = {"supply_v": 0.03, "preload_n": 0.03, "rate_n_m": 0.03, "hammer_inertia": 0.03, "torque_constant": 0.02, "run_nm": 0.2}
+SPREAD = {
+    "supply_v": 0.03,
+    "preload_n": 0.03,
+    "rate_n_m": 0.03,
+    "hammer_inertia": 0.03,
+    "torque_constant": 0.02,
+    "run_nm": 0.2,
+}
 
 
 @dataclass(frozen=True)
 class BatchFigure:
-    """One-second roll-outs of different tools a second, waited for and on an idle machine (by processor time).
+    """One-second roll-outs of different tools a second, waited for and on an idle machine (by
+    processor time).
 
     head_error: the largest of the first CHECKED tools.
     """
@@ -39,7 +49,9 @@ class BatchFigure:
 
 @dataclass(frozen=True)
 class Cost:
-    """Processor seconds of one simulated second (`of` = time) or of one roll-out (`of` = batch) at one size."""
+    """Processor seconds of one simulated second (`of` = time) or of one roll-out (`of` = batch) at
+    one size.
+    """
 
     of: str
     size: float
@@ -50,31 +62,59 @@ def different_tools(count: int, seed: int) -> list[ImpactTool]:
     """Tools around the reference: battery, spring, hammer and joint within a few per cent of it."""
     rng, base = np.random.default_rng(seed), ImpactTool()
     factors = {name: 1.0 + width * rng.uniform(-1.0, 1.0, count) for name, width in SPREAD.items()}
-    return [dataclasses.replace(base, **{name: getattr(base, name) * factor[i] for name, factor in factors.items()}) for i in range(count)]
+    return [
+        dataclasses.replace(
+            base, **{name: getattr(base, name) * factor[i] for name, factor in factors.items()}
+        )
+        for i in range(count)
+    ]
 
 
 def largest_error(heads: Floats, references: Floats) -> float:
     return float(np.max(np.abs(heads[: references.size] / references - 1.0)))
 
 
-def measure_batch(seed: int, repeats: int, peer_rtol: float | None, done: Done) -> list[BatchFigure]:
-    """Our fast mode, and numbalsoda's LSODA in a parallel loop where it is at hand (`peer_rtol`), on the same tools."""
+def measure_batch(
+    seed: int, repeats: int, peer_rtol: float | None, done: Done
+) -> list[BatchFigure]:
+    """Our fast mode, and numbalsoda's LSODA in a parallel loop where it is at hand (`peer_rtol`),
+    on the same tools.
+    """
     threads = os.cpu_count() or 1
     tools = different_tools(OWN_BATCH, seed)
     references = np.array([reference_head(tool) for tool in tools[:CHECKED]])
     done("batch: reference")
-    works, counts = {"vgroove, fast": impact_heads(tools, ROWS, "fast", threads)}, {"vgroove, fast": OWN_BATCH}
+    works, counts = (
+        {"vgroove, fast": impact_heads(tools, ROWS, "fast", threads)},
+        {"vgroove, fast": OWN_BATCH},
+    )
     if peer_rtol is not None:
-        works["numbalsoda LSODA"], counts["numbalsoda LSODA"] = _numbalsoda_batch(tools[:PEER_BATCH], peer_rtol), PEER_BATCH
+        works["numbalsoda LSODA"], counts["numbalsoda LSODA"] = (
+            _numbalsoda_batch(tools[:PEER_BATCH], peer_rtol),
+            PEER_BATCH,
+        )
     seconds = medians(works, repeats, lambda name: done(f"batch: {name}"))
-    return [BatchFigure(name, counts[name], threads, counts[name] / seconds[name].wall, counts[name] * threads / seconds[name].cpu,
-                        largest_error(work(), references)) for name, work in works.items()]
+    return [
+        BatchFigure(
+            name,
+            counts[name],
+            threads,
+            counts[name] / seconds[name].wall,
+            counts[name] * threads / seconds[name].cpu,
+            largest_error(work(), references),
+        )
+        for name, work in works.items()
+    ]
 
 
 def _numbalsoda_batch(tools: list[ImpactTool], rtol: float) -> Callable[[], Floats]:
     from vgroove.bench.impact_peers import Numbalsoda
 
-    batch, sets, times = Numbalsoda().batch, np.stack([tool.vector() for tool in tools]), row_times(ROWS)
+    batch, sets, times = (
+        Numbalsoda().batch,
+        np.stack([tool.vector() for tool in tools]),
+        row_times(ROWS),
+    )
 
     def run() -> Floats:
         ends = batch(times, rest(), sets, rtol)
@@ -84,14 +124,25 @@ def _numbalsoda_batch(tools: list[ImpactTool], rtol: float) -> Callable[[], Floa
 
 
 def measure_growth(seed: int, repeats: int, done: Done) -> list[Cost]:
-    """Cost of one simulated second over the length of a run, and of one roll-out over the size of a batch."""
+    """Cost of one simulated second over the length of a run, and of one roll-out over the size of a
+    batch.
+    """
     tools, threads = different_tools(max(SIZES), seed), os.cpu_count() or 1
     works = {("time", float(ms)): impact_heads(tools[:1], ms, "fast") for ms in TIMES_MS}
-    works |= {("batch", float(size)): impact_heads(tools[:size], ROWS, "fast", threads) for size in SIZES}
+    works |= {
+        ("batch", float(size)): impact_heads(tools[:size], ROWS, "fast", threads) for size in SIZES
+    }
     names = {f"{of} {size:g}": (of, size) for of, size in works}
-    seconds = medians({name: works[key] for name, key in names.items()}, repeats, lambda name: done(f"growth: {name}"))
+    seconds = medians(
+        {name: works[key] for name, key in names.items()},
+        repeats,
+        lambda name: done(f"growth: {name}"),
+    )
     each = {name: size / 1000.0 if of == "time" else size for name, (of, size) in names.items()}
-    return [Cost(of, size / 1000.0 if of == "time" else size, seconds[name].cpu / each[name]) for name, (of, size) in names.items()]
+    return [
+        Cost(of, size / 1000.0 if of == "time" else size, seconds[name].cpu / each[name])
+        for name, (of, size) in names.items()
+    ]
 
 
 def growth(costs: list[Cost], of: str) -> float:

@@ -1,4 +1,6 @@
-"""The impact model once more as a CasADi expression, for CVODES with its exact Jacobian; impact_model.py has the equations' sources."""
+"""The impact model once more as a CasADi expression, for CVODES with its exact Jacobian;
+impact_model.py has the equations' sources.
+"""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -19,7 +21,9 @@ def contact(pen: ca.SX, rate: ca.SX, t: dict[str, ca.SX]) -> ca.SX:
     return ca.if_else(pen > 0, t["contact_n_m"] * pen + damping, 0)
 
 
-def lug_forces(x: ca.SX, dx: ca.SX, phi: ca.SX, dphi: ca.SX, t: dict[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
+def lug_forces(
+    x: ca.SX, dx: ca.SX, phi: ca.SX, dphi: ca.SX, t: dict[str, ca.SX]
+) -> tuple[ca.SX, ca.SX]:
     """Torque on the hammer's lugs and axial force on the hammer."""
     radius, overlap = t["lug_radius_m"], t["overlap_rad"]
     into = phi - t["pitch_rad"] * ca.floor(phi / t["pitch_rad"])
@@ -52,24 +56,42 @@ def expression() -> tuple[ca.SX, ca.SX, ca.SX]:
     det = a * b + (a + b) * ms2
     gained = t["slope_nm_rad"] * ca.fmax(y[5] - y[7], 0)
     sticking = t["joint_nm_rad"] * y[7] + t["joint_nm_s_rad"] * y[6]
-    torque = ca.fmax(-t["run_nm"] - t["loosen_ratio"] * gained, ca.fmin(t["run_nm"] + gained, sticking))
+    torque = ca.fmax(
+        -t["run_nm"] - t["loosen_ratio"] * gained, ca.fmin(t["run_nm"] + gained, sticking)
+    )
     volts = t["duty"] * (t["supply_v"] - t["supply_ohm"] * t["duty"] * y[0])
-    rates = [(volts - t["resistance_ohm"] * y[0] - t["torque_constant"] * speed) / t["inductance_h"],
-             y[2], ((b + ms2) * spindle + ms2 * hammer) / det, y[4], (ms2 * spindle + (a + ms2) * hammer) / det,
-             y[6], (lug - torque) / t["anvil_inertia"], (torque - t["joint_nm_rad"] * y[7]) / t["joint_nm_s_rad"]]
+    rates = [
+        (volts - t["resistance_ohm"] * y[0] - t["torque_constant"] * speed) / t["inductance_h"],
+        y[2],
+        ((b + ms2) * spindle + ms2 * hammer) / det,
+        y[4],
+        (ms2 * spindle + (a + ms2) * hammer) / det,
+        y[6],
+        (lug - torque) / t["anvil_inertia"],
+        (torque - t["joint_nm_rad"] * y[7]) / t["joint_nm_s_rad"],
+    ]
     return y, p, ca.vertcat(*rates)
 
 
 def load_casadi() -> Callable[[Floats, Floats, Floats, float], Floats]:
-    """CVODES (BDF, faster here than Adams) with the right-hand side in CasADi's own virtual machine."""
+    """CVODES (BDF, faster here than Adams) with the right-hand side in CasADi's own virtual
+    machine.
+    """
     y, p, rates = expression()
     made: dict[tuple[float, int], ca.Function] = {}
 
     def run(times: Floats, y0: Floats, parameters: Floats, rtol: float) -> Floats:
         key = (rtol, times.size)
         if key not in made:
-            options = {"reltol": rtol, "abstol": rtol, "max_num_steps": 1_000_000, "show_eval_warnings": False}
-            made[key] = ca.integrator("run", "cvodes", {"x": y, "p": p, "ode": rates}, float(times[0]), times[1:], options)
+            options = {
+                "reltol": rtol,
+                "abstol": rtol,
+                "max_num_steps": 1_000_000,
+                "show_eval_warnings": False,
+            }
+            made[key] = ca.integrator(
+                "run", "cvodes", {"x": y, "p": p, "ode": rates}, float(times[0]), times[1:], options
+            )
         states = np.array(made[key](x0=y0, p=parameters)["xf"]).T
         return np.vstack([y0[None, :], states])
 

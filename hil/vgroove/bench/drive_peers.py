@@ -1,4 +1,6 @@
-"""The nominal drivetrain for general-purpose solvers: numbalsoda, scikit-sundae and SciPy, right-hand side compiled by numba."""
+"""The nominal drivetrain for general-purpose solvers: numbalsoda, scikit-sundae and SciPy,
+right-hand side compiled by numba.
+"""
 
 from collections.abc import Callable
 
@@ -10,13 +12,16 @@ from scipy.integrate import odeint
 Floats = npt.NDArray[np.float64]
 Solver = Callable[[Floats, Floats, Floats, float], Floats]
 
-# A general solver needs a smooth sign(): narrow enough to change the run by less than the accuracy that is compared.
+# A general solver needs a smooth sign(): narrow enough to change the run by less than the accuracy
+# that is compared.
 SIGN_WIDTH_RAD_S = 0.02
 
 
 @nb.njit(cache=False, fastmath=False)
 def _derivative(t: float, y: Floats, dy: Floats, p: Floats) -> None:
-    """y = current A, speed rad/s, angle rad; p = v0, v_rate, t0, R, L, k, J, b, Tc (voltage v0 + v_rate (t - t0))."""
+    """y = current A, speed rad/s, angle rad; p = v0, v_rate, t0, R, L, k, J, b, Tc (voltage v0 +
+    v_rate (t - t0)).
+    """
     voltage = p[0] + p[1] * (t - p[2])
     dy[0] = (voltage - p[3] * y[0] - p[5] * y[1]) / p[4]
     dy[1] = (p[5] * y[0] - p[7] * y[1] - p[8] * np.tanh(y[1] / SIGN_WIDTH_RAD_S)) / p[6]
@@ -55,10 +60,16 @@ def load_sundae() -> Solver:
     from sksundae.cvode import CVODE
 
     def run(times: Floats, y0: Floats, p: Floats, rtol: float) -> Floats:
-        solver = CVODE(lambda t, y, dy: _derivative(t, y, dy, p), rtol=rtol, atol=rtol * 1e-2, max_num_steps=100_000)
+        solver = CVODE(
+            lambda t, y, dy: _derivative(t, y, dy, p),
+            rtol=rtol,
+            atol=rtol * 1e-2,
+            max_num_steps=100_000,
+        )
         if times.size > 2:
             return solver.solve(times, y0).y
-        between = np.array([times[0], 0.5 * (times[0] + times[1]), times[1]])  # given two times it would return its own steps
+        # given two times it would return its own steps
+        between = np.array([times[0], 0.5 * (times[0] + times[1]), times[1]])
         return solver.solve(between, y0).y[[0, 2]]
 
     return run
@@ -68,4 +79,8 @@ def load_scipy() -> Solver:
     return scipy_lsoda
 
 
-LOADERS = {"numbalsoda LSODA": load_numbalsoda, "SciPy LSODA": load_scipy, "scikit-sundae CVODE": load_sundae}
+LOADERS = {
+    "numbalsoda LSODA": load_numbalsoda,
+    "SciPy LSODA": load_scipy,
+    "scikit-sundae CVODE": load_sundae,
+}

@@ -1,6 +1,8 @@
-// The peer that a user would write by hand: the impact tool of physics.md section 4 by semi-implicit Euler with a fixed step.
+// The peer that a user would write by hand: the impact tool of physics.md section 4 by
+// semi-implicit Euler with a fixed step.
 //
-// Parameters and states are those of impact_model.py; built by euler.py with -O3 when the comparison runs.
+// Parameters and states are those of impact_model.py; built by euler.py with -O3 when the
+// comparison runs.
 #include <cmath>
 #include <cstdint>
 
@@ -8,7 +10,8 @@ namespace {
 
 // The order is that of ImpactTool in impact_model.py.
 struct Tool {
-    double supply, supply_ohm, resistance, inductance, torque_constant, motor_inertia, viscous, coulomb, ratio;
+    double supply, supply_ohm, resistance, inductance, torque_constant, motor_inertia, viscous,
+        coulomb, ratio;
     double spindle_inertia, hammer_inertia, hammer_mass, lead, vertex, travel, preload, rate;
     double pitch, height, radius, overlap, stiffness, damping, ramp;
     double anvil_inertia, joint_stiffness, joint_damping, run, slope, loosen, duty;
@@ -23,7 +26,8 @@ enum class Lugs { GAP, ABOVE };
 // "In the gap, or above the lugs" is a state.
 struct Place {
     Lugs lugs = Lugs::GAP;
-    double flank = 0.0;  // relative angle of the anvil flank in front of the hammer's lug, or under it
+    double flank =
+        0.0;  // relative angle of the anvil flank in front of the hammer's lug, or under it
 };
 
 struct Groove {
@@ -32,7 +36,8 @@ struct Groove {
 
 inline Groove groove_of(const Tool &p, double q) {
     const double root = std::sqrt(q * q + p.vertex * p.vertex);
-    return {p.lead * (root - p.vertex), p.lead * q / root, p.lead * p.vertex * p.vertex / (root * root * root)};
+    return {p.lead * (root - p.vertex), p.lead * q / root,
+            p.lead * p.vertex * p.vertex / (root * root * root)};
 }
 
 // Section 5, exponent 1.
@@ -47,7 +52,8 @@ struct Forces {
     double lug_torque, axial;
 };
 
-inline Forces lug_forces(const Tool &p, Place &place, double x, double dx, double phi, double dphi) {
+inline Forces lug_forces(const Tool &p, Place &place, double x, double dx, double phi,
+                         double dphi) {
     const double gap = p.pitch - p.overlap;
     double ahead = phi - place.flank;  // negative in the gap, 0..overlap over the lug in front
     if (place.lugs == Lugs::GAP) {
@@ -73,7 +79,8 @@ inline Forces lug_forces(const Tool &p, Place &place, double x, double dx, doubl
     return {0.0, 0.0};
 }
 
-// Torque of the joint, and the twist a step later (implicit while it slips: the twist settles within 0.1 ms).
+// Torque of the joint, and the twist a step later (implicit while it slips: the twist settles
+// within 0.1 ms).
 inline double joint_step(const Tool &p, State &y, double step) {
     const double gained = p.slope * std::fmax(y.anvil - y.twist, 0.0);
     const double forward = p.run + gained, backward = -p.run - p.loosen * gained;
@@ -82,7 +89,8 @@ inline double joint_step(const Tool &p, State &y, double step) {
     if (torque == sticking) {
         y.twist += step * y.anvil_speed;
     } else {
-        const double settled = torque / p.joint_stiffness, relax = step * p.joint_stiffness / p.joint_damping;
+        const double settled = torque / p.joint_stiffness,
+                     relax = step * p.joint_stiffness / p.joint_damping;
         y.twist = (y.twist + relax * settled) / (1.0 + relax);
     }
     return torque;
@@ -98,17 +106,21 @@ inline void euler_step(const Tool &p, State &y, Place &place, double step) {
     const double dq = y.spindle_speed - y.hammer_speed;
     const Groove g = groove_of(p, y.spindle - y.hammer);
     const double dx = g.s * dq, travel = groove_of(p, p.travel).x;
-    const Forces f = lug_forces(p, place, g.x, dx, y.hammer - y.anvil, y.hammer_speed - y.anvil_speed);
+    const Forces f =
+        lug_forces(p, place, g.x, dx, y.hammer - y.anvil, y.hammer_speed - y.anvil_speed);
     const double stop = contact(p, g.x - travel, dx);
     const double axial = p.preload + p.rate * g.x + f.axial + stop + p.hammer_mass * g.ds * dq * dq;
     const double speed = p.ratio * y.spindle_speed, drive = p.torque_constant * y.current;
-    const double spindle = p.ratio * (drive - p.viscous * speed - friction(p, speed, drive)) - g.s * axial;
+    const double spindle =
+        p.ratio * (drive - p.viscous * speed - friction(p, speed, drive)) - g.s * axial;
     const double hammer = g.s * axial - f.lug_torque;
-    const double ms2 = p.hammer_mass * g.s * g.s, a = p.spindle_inertia + p.ratio * p.ratio * p.motor_inertia, b = p.hammer_inertia;
+    const double ms2 = p.hammer_mass * g.s * g.s,
+                 a = p.spindle_inertia + p.ratio * p.ratio * p.motor_inertia, b = p.hammer_inertia;
     const double det = a * b + (a + b) * ms2;
     const double volts = p.duty * (p.supply - p.supply_ohm * p.duty * y.current);
     const double torque = joint_step(p, y, step);
-    y.current += step * (volts - p.resistance * y.current - p.torque_constant * speed) / p.inductance;
+    y.current +=
+        step * (volts - p.resistance * y.current - p.torque_constant * speed) / p.inductance;
     y.spindle_speed += step * ((b + ms2) * spindle + ms2 * hammer) / det;
     y.hammer_speed += step * (ms2 * spindle + (a + ms2) * hammer) / det;
     y.anvil_speed += step * (f.lug_torque - torque) / p.anvil_inertia;
@@ -119,8 +131,10 @@ inline void euler_step(const Tool &p, State &y, Place &place, double step) {
 
 }  // namespace
 
-// Runs `rows` rows of `steps_per_row` steps from `state` (8 doubles, changed) and writes the states at the rows' ends.
-extern "C" void vgroove_euler(const double *parameters, double *state, double step, std::int64_t rows, std::int64_t steps_per_row, double *out) {
+// Runs `rows` rows of `steps_per_row` steps from `state` (8 doubles, changed) and writes the states
+// at the rows' ends.
+extern "C" void vgroove_euler(const double *parameters, double *state, double step,
+                              std::int64_t rows, std::int64_t steps_per_row, double *out) {
     const Tool &p = *reinterpret_cast<const Tool *>(parameters);
     State &y = *reinterpret_cast<State *>(state);
     Place place;

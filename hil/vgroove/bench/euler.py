@@ -29,7 +29,12 @@ def build() -> ctypes.CDLL:
     """The shared library, built in a directory of its own that goes once it is loaded."""
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "euler.so"
-        done = subprocess.run([compiler(), *FLAGS, "-o", str(library), str(SOURCE)], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [compiler(), *FLAGS, "-o", str(library), str(SOURCE)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         if done.returncode:
             raise ImportError(f"euler.cpp does not build: {done.stderr.strip()}", name="c++")
         return ctypes.CDLL(str(library))

@@ -1,4 +1,6 @@
-"""The Hall column of a run, compared as the diagnosis compares it: the mean speed over each row's last edge period."""
+"""The Hall column of a run, compared as the diagnosis compares it: the mean speed over each row's
+last edge period.
+"""
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +14,9 @@ NEWTON_STEPS = 4
 
 
 def edge_times(time_s: Floats, angle_rad: Floats, speed_rad_s: Floats) -> Floats:
-    """Instants (m,) at which a growing angle passes a multiple of the pitch, by the cubic through angles and speeds at the rows."""
+    """Instants (m,) at which a growing angle passes a multiple of the pitch, by the cubic through
+    angles and speeds at the rows.
+    """
     pitch = 2.0 * np.pi / PULSES_PER_TURN
     target = pitch * np.arange(1, int(angle_rad[-1] / pitch) + 1)
     row = np.searchsorted(angle_rad, target)
@@ -21,15 +25,31 @@ def edge_times(time_s: Floats, angle_rad: Floats, speed_rad_s: Floats) -> Floats
     square, cube = 3.0 * (after - before) - 2.0 * start - end, 2.0 * (before - after) + start + end
     f = (target - before) / (after - before)
     for _ in range(NEWTON_STEPS):
-        f -= (before + f * (start + f * (square + f * cube)) - target) / (start + f * (2.0 * square + f * 3.0 * cube))
+        f -= (before + f * (start + f * (square + f * cube)) - target) / (
+            start + f * (2.0 * square + f * 3.0 * cube)
+        )
     return time_s[row - 1] + f * length
 
 
 def hall_channel(time_s: Floats, edges_s: Floats) -> SpanChannel:
-    """The channel of a log whose edges lie so; its `measured` is the Hall column in rad/s, its `row` the rows from the second edge on."""
+    """The channel of a log whose edges lie so; its `measured` is the Hall column in rad/s, its
+    `row` the rows from the second edge on.
+    """
     last = np.searchsorted(edges_s, time_s, side="right") - 1
     row = np.flatnonzero(last >= 1)
     start, end = edges_s[last[row] - 1], edges_s[last[row]]
     measured = 2.0 * np.pi / PULSES_PER_TURN / (end - start)
     nothing = np.zeros(row.size)
-    return span_channel("speed_rpm", "rad/s", time_s, (start, end), row, measured, nothing, nothing.astype(bool), 1.0, True, "")
+    return span_channel(
+        "speed_rpm",
+        "rad/s",
+        time_s,
+        (start, end),
+        row,
+        measured,
+        nothing,
+        nothing.astype(bool),
+        1.0,
+        True,
+        "",
+    )

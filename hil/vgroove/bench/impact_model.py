@@ -1,8 +1,10 @@
-"""The impact tool of physics.md section 4 as one right-hand side compiled by numba, for general-purpose solvers that know no events.
+"""The impact tool of physics.md section 4 as one right-hand side compiled by numba, for
+general-purpose solvers that know no events.
 
-The state "in the gap, or above the lugs" has to be read off the angles here: below the lug's height a hammer lug that has passed a
-forward flank by less than NEAR_RAD touches it; so it does a rear flank, if it is lower than DEEP_M; everywhere else over a lug it
-stands on its top. That gives the page's states in the runs that are timed. The equations are the page's.
+The state "in the gap, or above the lugs" has to be read off the angles here: below the lug's height
+a hammer lug that has passed a forward flank by less than NEAR_RAD touches it; so it does a rear
+flank, if it is lower than DEEP_M; everywhere else over a lug it stands on its top. That gives the
+page's states in the runs that are timed. The equations are the page's.
 """
 
 import math
@@ -34,7 +36,9 @@ def lug_forces(x: float, dx: float, phi: float, dphi: float, p: Floats) -> tuple
     if into < NEAR_RAD:
         return radius * contact(radius * into, radius * dphi, p[21], p[22], p[23]), 0.0
     if into > overlap - NEAR_RAD and height - x > DEEP_M:
-        return -radius * contact(radius * (overlap - into), -radius * dphi, p[21], p[22], p[23]), 0.0
+        return -radius * contact(
+            radius * (overlap - into), -radius * dphi, p[21], p[22], p[23]
+        ), 0.0
     return 0.0, -contact(height - x, -dx, p[21], p[22], p[23])
 
 
@@ -43,7 +47,11 @@ def derivative(y: Floats, dy: Floats, p: Floats) -> None:
     """dy/dt of STATES."""
     q, dq = y[1] - y[3], y[2] - y[4]
     root = math.sqrt(q * q + p[13] * p[13])
-    x, s, ds = p[12] * (root - p[13]), p[12] * q / root, p[12] * p[13] * p[13] / (root * root * root)
+    x, s, ds = (
+        p[12] * (root - p[13]),
+        p[12] * q / root,
+        p[12] * p[13] * p[13] / (root * root * root),
+    )
     lug, axial = lug_forces(x, s * dq, y[3] - y[5], y[4] - y[6], p)
     travel = p[12] * (math.sqrt(p[14] * p[14] + p[13] * p[13]) - p[13])
     axial += contact(x - travel, s * dq, p[21], p[22], p[23])

@@ -1,7 +1,9 @@
-"""The impact model for general-purpose solvers that share one compiled right-hand side: numbalsoda, scikit-sundae CVODE, SciPy LSODA.
+"""The impact model for general-purpose solvers that share one compiled right-hand side: numbalsoda,
+scikit-sundae CVODE, SciPy LSODA.
 
-Each gives the states at 1 kHz rows, as a user who wants a log asks for them; none knows events. Methods and absolute tolerances (the
-relative one, in A, rad and rad/s) are those that served each peer best.
+Each gives the states at 1 kHz rows, as a user who wants a log asks for them; none knows events.
+Methods and absolute tolerances (the relative one, in A, rad and rad/s) are those that served each
+peer best.
 """
 
 from collections.abc import Callable
@@ -15,7 +17,8 @@ from vgroove.bench.impact_model import derivative
 from vgroove.bench.impact_tool import PARAMETER_COUNT, STATES
 
 Floats = npt.NDArray[np.float64]
-Run = Callable[[Floats, Floats, Floats, float], Floats]  # times (n,), start (8,), parameters, tolerance -> states (n, 8)
+# times (n,), start (8,), parameters, tolerance -> states (n, 8)
+Run = Callable[[Floats, Floats, Floats, float], Floats]
 COUNT = len(STATES)
 MAX_STEPS = 100_000  # between two rows
 
@@ -34,7 +37,9 @@ def scipy_lsoda(times: Floats, y0: Floats, p: Floats, rtol: float) -> Floats:
 
 def reference(times: Floats, y0: Floats, p: Floats) -> Floats:
     """odeint at the tightest useful tolerance, with steps too short to step over a contact."""
-    return odeint(_rhs, y0, times, args=(p,), rtol=1e-11, atol=1e-12, tfirst=True, mxstep=MAX_STEPS, hmax=1e-5)
+    return odeint(
+        _rhs, y0, times, args=(p,), rtol=1e-11, atol=1e-12, tfirst=True, mxstep=MAX_STEPS, hmax=1e-5
+    )
 
 
 def load_sundae() -> Run:
@@ -42,7 +47,13 @@ def load_sundae() -> Run:
     from sksundae.cvode import CVODE
 
     def run(times: Floats, y0: Floats, p: Floats, rtol: float) -> Floats:
-        solver = CVODE(lambda _t, y, dy: derivative(y, dy, p), method="Adams", rtol=rtol, atol=rtol, max_num_steps=MAX_STEPS)
+        solver = CVODE(
+            lambda _t, y, dy: derivative(y, dy, p),
+            method="Adams",
+            rtol=rtol,
+            atol=rtol,
+            max_num_steps=MAX_STEPS,
+        )
         solution = solver.solve(times, y0)
         return solution.y if solution.success else np.full((times.size, y0.size), np.nan)
 
@@ -50,14 +61,18 @@ def load_sundae() -> Run:
 
 
 class Numbalsoda:
-    """numbalsoda's LSODA: one call, restarted every row as in lock-step with a controller, and a batch on all threads."""
+    """numbalsoda's LSODA: one call, restarted every row as in lock-step with a controller, and a
+    batch on all threads.
+    """
 
     def __init__(self) -> None:
         from numbalsoda import lsoda, lsoda_sig
 
         @nb.cfunc(lsoda_sig)
         def rhs(_t, u, du, p):  # noqa: ANN001, ANN202 (the signature is numbalsoda's)
-            derivative(nb.carray(u, (COUNT,)), nb.carray(du, (COUNT,)), nb.carray(p, (PARAMETER_COUNT,)))
+            derivative(
+                nb.carray(u, (COUNT,)), nb.carray(du, (COUNT,)), nb.carray(p, (PARAMETER_COUNT,))
+            )
 
         self._rhs, self._lsoda = rhs, lsoda
         address = rhs.address
@@ -67,7 +82,9 @@ class Numbalsoda:
             states = np.empty((times.size, y0.size))
             states[0] = y0
             for row in range(1, times.size):
-                last, ok = lsoda(address, states[row - 1].copy(), times[row - 1 : row + 1], p, rtol, rtol)
+                last, ok = lsoda(
+                    address, states[row - 1].copy(), times[row - 1 : row + 1], p, rtol, rtol
+                )
                 states[row] = last[1]
                 if not ok:
                     states[row] = np.nan

@@ -1,6 +1,8 @@
-"""Impact mode against general-purpose solvers at equal accuracy: the screw's angle after a second, slipping at 60 N m and slope 700.
+"""Impact mode against general-purpose solvers at equal accuracy: the screw's angle after a second,
+slipping at 60 N m and slope 700.
 
-A peer runs at the loosest tolerance that reaches the accuracy on both joints: its user does not know the joint beforehand.
+A peer runs at the loosest tolerance that reaches the accuracy on both joints: its user does not
+know the joint beforehand.
 """
 
 import math
@@ -15,7 +17,8 @@ from vgroove.bench.solvers import Peer
 from vgroove.bench.timing import Seconds, medians
 
 Floats = npt.NDArray[np.float64]
-Prepare = Callable[[ImpactTool], Callable[[], float]]  # what is timed: a second of the tool, giving its head's angle
+# what is timed: a second of the tool, giving its head's angle
+Prepare = Callable[[ImpactTool], Callable[[], float]]
 Done = Callable[[str], None]
 
 ACCURACY = 1e-3  # of the head's angle
@@ -24,7 +27,9 @@ ROWS = 1000  # of 1 ms: one simulated second
 
 @dataclass(frozen=True)
 class Figure:
-    """Median seconds (wall and processor) of one simulated second and the error of the head's angle; reached: within ACCURACY."""
+    """Median seconds (wall and processor) of one simulated second and the error of the head's
+    angle; reached: within ACCURACY.
+    """
 
     name: str
     case: str
@@ -68,20 +73,33 @@ def peer_head(peer: Peer, tool: ImpactTool, tolerance: float) -> float:
 
 def errors_at(peer: Peer, tolerance: float, heads: dict[str, float]) -> dict[str, float]:
     """Relative error of the head's angle by joint, infinite where the solver gives up."""
-    errors = {case: abs(peer_head(peer, SLIPPING[case], tolerance) / head - 1.0) for case, head in heads.items()}
+    errors = {
+        case: abs(peer_head(peer, SLIPPING[case], tolerance) / head - 1.0)
+        for case, head in heads.items()
+    }
     return {case: error if math.isfinite(error) else math.inf for case, error in errors.items()}
 
 
 def choose(peer: Peer, heads: dict[str, float]) -> dict[str, Choice]:
-    """By joint, at the loosest tolerance that reaches ACCURACY on all; where none does, at the one that comes nearest."""
+    """By joint, at the loosest tolerance that reaches ACCURACY on all; where none does, at the one
+    that comes nearest.
+    """
     tried: list[tuple[float, dict[str, float]]] = []
     for tolerance in peer.tolerances:
         tried.append((tolerance, errors_at(peer, tolerance, heads)))
         if max(tried[-1][1].values()) <= ACCURACY:
             break
     tolerance, errors = min(tried, key=lambda one: max(max(one[1].values()), ACCURACY))
-    return {case: Choice(peer.name, _head_work(peer, SLIPPING[case], tolerance), error, tolerance, peer.tolerance_is)
-            for case, error in errors.items()}
+    return {
+        case: Choice(
+            peer.name,
+            _head_work(peer, SLIPPING[case], tolerance),
+            error,
+            tolerance,
+            peer.tolerance_is,
+        )
+        for case, error in errors.items()
+    }
 
 
 def _head_work(peer: Peer, tool: ImpactTool, tolerance: float) -> Callable[[], float]:
@@ -102,15 +120,30 @@ def measure(owns: dict[str, Prepare], peers: list[Peer], repeats: int, done: Don
         done(f"tolerance of {peer.name}")
     figures = []
     for case, tool in SLIPPING.items():
-        choices = [own_choice(name, prepare, tool, heads[case]) for name, prepare in owns.items()] + [by_case[case] for by_case in chosen]
-        seconds = medians({c.name: c.work for c in choices}, repeats, lambda name, case=case: done(f"{case}: {name}"))
+        choices = [
+            own_choice(name, prepare, tool, heads[case]) for name, prepare in owns.items()
+        ] + [by_case[case] for by_case in chosen]
+        seconds = medians(
+            {c.name: c.work for c in choices},
+            repeats,
+            lambda name, case=case: done(f"{case}: {name}"),
+        )
         figures += [figure_of(choice, case, seconds[choice.name]) for choice in choices]
     return figures
 
 
 def figure_of(choice: Choice, case: str, seconds: Seconds) -> Figure:
     reached = bool(choice.error <= ACCURACY)
-    return Figure(choice.name, case, seconds.wall, seconds.cpu, choice.error, reached, choice.tolerance, choice.tolerance_is)
+    return Figure(
+        choice.name,
+        case,
+        seconds.wall,
+        seconds.cpu,
+        choice.error,
+        reached,
+        choice.tolerance,
+        choice.tolerance_is,
+    )
 
 
 def runs_of(owns: int, peers: int, repeats: int) -> int:

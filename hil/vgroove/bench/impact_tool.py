@@ -1,4 +1,6 @@
-"""The tool and the joints that the impact comparison runs: physics.md section 4's reference set, as numbers for any solver."""
+"""The tool and the joints that the impact comparison runs: physics.md section 4's reference set, as
+numbers for any solver.
+"""
 
 import math
 from dataclasses import astuple, dataclass
@@ -8,13 +10,25 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 
-STATES = ("current_a", "spindle_rad", "spindle_rad_s", "hammer_rad", "hammer_rad_s", "anvil_rad", "anvil_rad_s", "twist_rad")
-NEAR_RAD, DEEP_M = 0.02, 2e-4  # which contact a lug below the lug height has, where a solver keeps no state: impact_model.py
+STATES = (
+    "current_a",
+    "spindle_rad",
+    "spindle_rad_s",
+    "hammer_rad",
+    "hammer_rad_s",
+    "anvil_rad",
+    "anvil_rad_s",
+    "twist_rad",
+)
+# which contact a lug below the lug height has, where a solver keeps no state: impact_model.py
+NEAR_RAD, DEEP_M = 0.02, 2e-4
 
 
 @dataclass(frozen=True)
 class ImpactTool:
-    """Reference set in the order that `derivative` reads; the joint slips at run_nm + slope * head angle."""
+    """Reference set in the order that `derivative` reads; the joint slips at run_nm + slope * head
+    angle.
+    """
 
     supply_v: float = 18.5
     supply_ohm: float = 0.10

@@ -1,4 +1,6 @@
-"""Impact mode in lock-step with a 1 ms controller: the plant advances a millisecond, the controller sees it and commands the next."""
+"""Impact mode in lock-step with a 1 ms controller: the plant advances a millisecond, the controller
+sees it and commands the next.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,12 +11,15 @@ from vgroove.bench.impact_tool import ImpactTool
 from vgroove.bench.own import impact_parameters
 
 ROW_S = 1e-3
-OVERSPEED_RAD_S = 1e9  # the controller looks at every row and never has to act: the same run as without it
+# the controller looks at every row and never has to act: the same run as without it
+OVERSPEED_RAD_S = 1e9
 
 
 @dataclass(frozen=True)
 class LockstepFigure:
-    """Processor seconds of one simulated second alone and in lock-step, one solver; extra = share that lock-step costs more."""
+    """Processor seconds of one simulated second alone and in lock-step, one solver; extra = share
+    that lock-step costs more.
+    """
 
     name: str
     case: str
@@ -24,9 +29,13 @@ class LockstepFigure:
 
 
 def own_lockstep(tool: ImpactTool) -> Callable[[], float]:
-    """A second of the tool from rest, a compiled controller every millisecond, as firmware and the peer's are; gives the head's angle."""
+    """A second of the tool from rest, a compiled controller every millisecond, as firmware and the
+    peer's are; gives the head's angle.
+    """
     theta = impact_parameters(tool)
-    return lambda: _core.ImpactPlant(theta, load_kind="hard_joint", mode="fast").governed(ROWS, ROW_S, tool.duty, OVERSPEED_RAD_S)
+    return lambda: _core.ImpactPlant(theta, load_kind="hard_joint", mode="fast").governed(
+        ROWS, ROW_S, tool.duty, OVERSPEED_RAD_S
+    )
 
 
 def own_lockstep_in_python(tool: ImpactTool) -> Callable[[], float]:
@@ -45,7 +54,9 @@ def own_lockstep_in_python(tool: ImpactTool) -> Callable[[], float]:
 
 
 def pairs(figures: list[Figure], names: dict[str, tuple[str, str]]) -> list[LockstepFigure]:
-    """Lock-step against alone, by case, from figures measured in turn; names: solver -> (alone, lock-step)."""
+    """Lock-step against alone, by case, from figures measured in turn; names: solver -> (alone,
+    lock-step).
+    """
     seconds = {(f.name, f.case): f.cpu_seconds for f in figures}
     found = []
     for name, (alone, lockstep) in names.items():

@@ -1,4 +1,6 @@
-"""What a step of MuJoCo costs for a tool of the same parts; a step cost only: soft constraints stand for groove and steel."""
+"""What a step of MuJoCo costs for a tool of the same parts; a step cost only: soft constraints
+stand for groove and steel.
+"""
 
 import time
 
@@ -6,7 +8,8 @@ import mujoco
 
 STEP_S = 2e-5  # lugs of steel would need a shorter one
 
-# Spindle, hammer (turning and sliding on it, tied to its groove by a polynomial x = f(q), spring), anvil with a joint of dry friction.
+# Spindle, hammer (turning and sliding on it, tied to its groove by a polynomial x = f(q), spring),
+# anvil with a joint of dry friction.
 MODEL = f"""
 <mujoco>
   <option timestep="{STEP_S}" integrator="implicitfast" gravity="0 0 0" cone="elliptic"/>

@@ -1,4 +1,6 @@
-"""The peers of the impact comparison by name: how each is loaded, its tolerances from loose to tight, how to install it."""
+"""The peers of the impact comparison by name: how each is loaded, its tolerances from loose to
+tight, how to install it.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
-Run = Callable[[Floats, Floats, Floats, float], Floats]  # times (n,) at 1 kHz, start (8,), parameters, tolerance -> states (n, 8)
+# times (n,) at 1 kHz, start (8,), parameters, tolerance -> states (n, 8)
+Run = Callable[[Floats, Floats, Floats, float], Floats]
 
 RTOLS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 1e-7, 1e-8)
 NUMBALSODA, NUMBALSODA_RESTARTED = "numbalsoda LSODA", "numbalsoda, restarted"
@@ -17,7 +20,9 @@ STEPS_S = (1e-5, 5e-6, 2e-6, 1e-6, 5e-7, 2e-7, 1e-7)
 
 @dataclass(frozen=True)
 class Peer:
-    """A solver of the shared model; `tolerance` is a relative tolerance or, for fixed steps, the step in seconds."""
+    """A solver of the shared model; `tolerance` is a relative tolerance or, for fixed steps, the
+    step in seconds.
+    """
 
     name: str
     run: Run

@@ -12,9 +12,28 @@ CASES = {"slip_60": "slip 60 N m", "slope_700": "slope 700"}
 
 def speed_tables(figures: dict[str, Any]) -> list[Table]:
     """What was asked, then each comparison, then the peers that are missing."""
-    impact = [impact_table(figures, case) for case in CASES if any(f["case"] == case for f in figures["impact"])]
-    others = [make(figures) for make in (tolerance_table, lockstep_table, batch_table, growth_table, drive_table, memory_table)]
-    return [asked_table(figures), *impact, *others, *([missing_table(figures)] if figures["missing"] else [])]
+    impact = [
+        impact_table(figures, case)
+        for case in CASES
+        if any(f["case"] == case for f in figures["impact"])
+    ]
+    others = [
+        make(figures)
+        for make in (
+            tolerance_table,
+            lockstep_table,
+            batch_table,
+            growth_table,
+            drive_table,
+            memory_table,
+        )
+    ]
+    return [
+        asked_table(figures),
+        *impact,
+        *others,
+        *([missing_table(figures)] if figures["missing"] else []),
+    ]
 
 
 def narrow(*columns: str, title: str) -> Table:
@@ -29,7 +48,12 @@ def asked_table(figures: dict[str, Any]) -> Table:
         table.caption = f"[red]the machine gave {100 * figures['busy']:.0f} % of the time to other programs: wall times are too long[/red]"
     for a in figures["asked"]:
         met = {True: "yes", False: "[red]no[/red]", None: "peer missing"}[a["met"]]
-        table.add_row(a["name"], "-" if a["value"] is None else f"{a['value']:.4g}", f"{a['relation']} {a['asked']:g}", met)
+        table.add_row(
+            a["name"],
+            "-" if a["value"] is None else f"{a['value']:.4g}",
+            f"{a['relation']} {a['asked']:g}",
+            met,
+        )
     return table
 
 
@@ -37,7 +61,11 @@ def tolerance_text(figure: dict[str, Any]) -> str:
     """How tight a solver runs: its relative tolerance or its step."""
     if figure["tolerance"] is None:
         return ""
-    return f"{1e6 * figure['tolerance']:.3g} us" if figure["tolerance_is"] == "step_s" else f"rtol {figure['tolerance']:.3g}"
+    return (
+        f"{1e6 * figure['tolerance']:.3g} us"
+        if figure["tolerance_is"] == "step_s"
+        else f"rtol {figure['tolerance']:.3g}"
+    )
 
 
 def impact_table(figures: dict[str, Any], case: str) -> Table:
@@ -47,7 +75,13 @@ def impact_table(figures: dict[str, Any], case: str) -> Table:
     for f in (f for f in figures["impact"] if f["case"] == case):
         error = f"{f['head_error']:.1e}"
         times = (f"{1e3 * f['seconds']:.2f}", f"{1e3 * f['cpu_seconds']:.2f}")
-        table.add_row(f["name"], tolerance_text(f), *times, error if f["reached"] else f"[red]{error}[/red]", f"{f['ratio']:.1f}")
+        table.add_row(
+            f["name"],
+            tolerance_text(f),
+            *times,
+            error if f["reached"] else f"[red]{error}[/red]",
+            f"{f['ratio']:.1f}",
+        )
     step = figures["mujoco_step_s"]
     if step is not None:
         table.caption = f"MuJoCo, soft contacts, accuracy not compared: {1e6 * step:.1f} us a step"
@@ -55,11 +89,25 @@ def impact_table(figures: dict[str, Any], case: str) -> Table:
 
 
 def tolerance_table(figures: dict[str, Any]) -> Table:
-    """Peers at tolerances around the one at which they are timed; a red error is beyond the accuracy of the comparison."""
-    table = narrow("solver", "joint", "at", "cpu ms", "head's error", "time / ours", title="Impact mode by tolerance")
+    """Peers at tolerances around the one at which they are timed; a red error is beyond the
+    accuracy of the comparison.
+    """
+    table = narrow(
+        "solver",
+        "joint",
+        "at",
+        "cpu ms",
+        "head's error",
+        "time / ours",
+        title="Impact mode by tolerance",
+    )
     for f in figures["tolerances"]:
         error = f"{f['head_error']:.1e}"
-        cells = (f"{1e3 * f['cpu_seconds']:.2f}", error if f["reached"] else f"[red]{error}[/red]", f"{f['ratio']:.1f}")
+        cells = (
+            f"{1e3 * f['cpu_seconds']:.2f}",
+            error if f["reached"] else f"[red]{error}[/red]",
+            f"{f['ratio']:.1f}",
+        )
         table.add_row(f["name"], CASES[f["case"]], tolerance_text(f), *cells)
     return table
 
@@ -72,24 +120,51 @@ def missing_table(figures: dict[str, Any]) -> Table:
 
 
 def lockstep_table(figures: dict[str, Any]) -> Table:
-    table = narrow("joint", "solver", "alone ms", "lock-step ms", "extra", title="In lock-step with a 1 ms controller")
+    table = narrow(
+        "joint",
+        "solver",
+        "alone ms",
+        "lock-step ms",
+        "extra",
+        title="In lock-step with a 1 ms controller",
+    )
     for f in figures["lockstep"]:
-        table.add_row(CASES[f["case"]], f["name"], f"{1e3 * f['alone_s']:.2f}", f"{1e3 * f['lockstep_s']:.2f}", f"{100 * f['extra']:.1f} %")
+        table.add_row(
+            CASES[f["case"]],
+            f["name"],
+            f"{1e3 * f['alone_s']:.2f}",
+            f"{1e3 * f['lockstep_s']:.2f}",
+            f"{100 * f['extra']:.1f} %",
+        )
     return table
 
 
 def batch_table(figures: dict[str, Any]) -> Table:
-    table = narrow("solver", "roll-outs", "threads", "per second", "idle", "head's error", title="Batch of different tools, 1 s each")
+    table = narrow(
+        "solver",
+        "roll-outs",
+        "threads",
+        "per second",
+        "idle",
+        "head's error",
+        title="Batch of different tools, 1 s each",
+    )
     for f in figures["batch"]:
         rates = (f"{f['per_second']:.1f}", f"{f['per_second_idle']:.1f}")
-        table.add_row(f["name"], str(f["rollouts"]), str(f["threads"]), *rates, f"{f['head_error']:.1e}")
+        table.add_row(
+            f["name"], str(f["rollouts"]), str(f["threads"]), *rates, f"{f['head_error']:.1e}"
+        )
     return table
 
 
 def growth_table(figures: dict[str, Any]) -> Table:
     table = narrow("of", "size", "ms each", title="Cost of a second, of a roll-out")
     for c in figures["growth"]:
-        table.add_row(c["of"], f"{c['size']:g}" + (" s" if c["of"] == "time" else ""), f"{1e3 * c['seconds_each']:.3f}")
+        table.add_row(
+            c["of"],
+            f"{c['size']:g}" + (" s" if c["of"] == "time" else ""),
+            f"{1e3 * c['seconds_each']:.3f}",
+        )
     return table
 
 
@@ -98,13 +173,24 @@ def drive_table(figures: dict[str, Any]) -> Table:
     table = narrow("solver", "at", "ms", "x real time", "speed error", "time / ours", title=title)
     for f in figures["drive"]:
         rtol = "" if f["rtol"] is None else f"rtol {f['rtol']:g}"
-        cells = (f"{1e3 * f['seconds']:.2f}", f"{f['times_real_time']:,.0f}", f"{f['speed_error']:.1e}", f"{f['ratio']:.2f}")
+        cells = (
+            f"{1e3 * f['seconds']:.2f}",
+            f"{f['times_real_time']:,.0f}",
+            f"{f['speed_error']:.1e}",
+            f"{f['ratio']:.2f}",
+        )
         table.add_row(f["name"], rtol, *cells)
     return table
 
 
 def memory_table(figures: dict[str, Any]) -> Table:
-    table = narrow("run", "length", "log MiB", "peak MiB", title="Memory of a run in a process of its own, beyond the code's")
+    table = narrow(
+        "run",
+        "length",
+        "log MiB",
+        "peak MiB",
+        title="Memory of a run in a process of its own, beyond the code's",
+    )
     for m in figures["memory"]:
         table.add_row(m["of"], f"{m['seconds']} s", f"{m['log_mib']:.1f}", f"{m['peak_mib']:.1f}")
     return table

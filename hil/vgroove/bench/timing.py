@@ -1,6 +1,8 @@
-"""Timing for comparisons: everything of one comparison takes turns, so that a busy machine is unfair to nobody; medians.
+"""Timing for comparisons: everything of one comparison takes turns, so that a busy machine is
+unfair to nobody; medians.
 
-Wall time is what a user waits; processor time beside it tells how much of that the machine spent on others.
+Wall time is what a user waits; processor time beside it tells how much of that the machine spent on
+others.
 """
 
 import statistics
@@ -27,7 +29,9 @@ def seconds_of(work: Callable[[], Any]) -> Seconds:
 
 
 def median_of(samples: list[Seconds]) -> Seconds:
-    return Seconds(statistics.median(s.wall for s in samples), statistics.median(s.cpu for s in samples))
+    return Seconds(
+        statistics.median(s.wall for s in samples), statistics.median(s.cpu for s in samples)
+    )
 
 
 def calls_in_round(seconds: float) -> int:
@@ -35,8 +39,12 @@ def calls_in_round(seconds: float) -> int:
     return max(1, min(MOST_CALLS, int(ROUND_S / max(seconds, 1e-9))))
 
 
-def medians(works: dict[str, Callable[[], Any]], repeats: int, done: Callable[[str], None]) -> dict[str, Seconds]:
-    """Median seconds of a call of each, over `repeats` rounds after a warm-up; `done` hears each name after its turn."""
+def medians(
+    works: dict[str, Callable[[], Any]], repeats: int, done: Callable[[str], None]
+) -> dict[str, Seconds]:
+    """Median seconds of a call of each, over `repeats` rounds after a warm-up; `done` hears each
+    name after its turn.
+    """
     calls = {}
     for name, work in works.items():
         work()

@@ -1,4 +1,6 @@
-"""MuJoCo's system identification on the trap's joint: damping alone as its user would, and with the friction added by hand."""
+"""MuJoCo's system identification on the trap's joint: damping alone as its user would, and with the
+friction added by hand.
+"""
 
 import time
 
@@ -23,13 +25,16 @@ JOINT = f"""
   <sensor><jointpos name="position" joint="joint"/><jointvel name="velocity" joint="joint"/></sensor>
 </mujoco>
 """
-FIELDS = {"damping": (trap.BELIEVED_DAMPING, 0.0, 0.05), "frictionloss": (1e-3, 0.0, 0.5)}  # start, bounds
+# start, bounds
+FIELDS = {"damping": (trap.BELIEVED_DAMPING, 0.0, 0.05), "frictionloss": (1e-3, 0.0, 0.5)}
 
 
 def answers(seen: Motion, new: Motion) -> list[Answer]:
     """Damping alone; damping and friction."""
-    return [answer("MuJoCo sysid, damping", ("damping",), seen, new),
-            answer("MuJoCo sysid, friction added by hand", ("damping", "frictionloss"), seen, new)]
+    return [
+        answer("MuJoCo sysid, damping", ("damping",), seen, new),
+        answer("MuJoCo sysid, friction added by hand", ("damping", "frictionloss"), seen, new),
+    ]
 
 
 def answer(name: str, fields: tuple[str, ...], seen: Motion, new: Motion) -> Answer:
@@ -37,7 +42,8 @@ def answer(name: str, fields: tuple[str, ...], seen: Motion, new: Motion) -> Ans
     start = time.process_time()
     fitted = fit(fields, seen)
     busy = time.process_time() - start
-    says = "; ".join(insight["title"] for insight in AutomatedInsights("", fitted)._insights)  # the report's text has no public getter
+    # the report's text has no public getter
+    says = "; ".join(insight["title"] for insight in AutomatedInsights("", fitted)._insights)
     found = {field: float(np.ravel(fitted[field].value)[0]) for field in fields}
     error = trap.relative_error(free_run(found, new), new)
     return Answer(name, says, found["damping"], found.get("frictionloss"), error, busy)
@@ -50,13 +56,27 @@ def fit(fields: tuple[str, ...], seen: Motion) -> sysid.ParameterDict:
     parameters = sysid.ParameterDict()
     for field in fields:
         value, low, high = FIELDS[field]
-        parameters.add(sysid.Parameter(field, nominal=value, min_value=low, max_value=high,
-                                       modifier=lambda s, p, field=field: set_field(s, field, float(p.value[0]))))
+        parameters.add(
+            sysid.Parameter(
+                field,
+                nominal=value,
+                min_value=low,
+                max_value=high,
+                modifier=lambda s, p, field=field: set_field(s, field, float(p.value[0])),
+            )
+        )
     begin = sysid.create_initial_state(model, np.zeros(1), np.zeros(1), np.zeros(0))
-    sensors = sysid.TimeSeries.from_names(seen.time_s, np.column_stack([seen.angle_rad, seen.speed_rad_s]), model)
-    control = sysid.TimeSeries(seen.time_s - 1.0 / trap.LOG_HZ, seen.torque_nm[:, None])  # held from the row's start
+    sensors = sysid.TimeSeries.from_names(
+        seen.time_s, np.column_stack([seen.angle_rad, seen.speed_rad_s]), model
+    )
+    # held from the row's start
+    control = sysid.TimeSeries(seen.time_s - 1.0 / trap.LOG_HZ, seen.torque_nm[:, None])
     sequences = sysid.ModelSequences("joint", spec, "measured", begin, control, sensors)
-    fitted, _ = sysid.optimize(initial_params=parameters, residual_fn=sysid.build_residual_fn(models_sequences=[sequences]), verbose=False)
+    fitted, _ = sysid.optimize(
+        initial_params=parameters,
+        residual_fn=sysid.build_residual_fn(models_sequences=[sequences]),
+        verbose=False,
+    )
     return fitted
 
 

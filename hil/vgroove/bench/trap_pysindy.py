@@ -1,4 +1,6 @@
-"""PySINDy's sparse regression of what the nominal joint leaves of the acceleration, on the trap's log."""
+"""PySINDy's sparse regression of what the nominal joint leaves of the acceleration, on the trap's
+log.
+"""
 
 import time
 import warnings
@@ -24,16 +26,29 @@ def answers(seen: Motion, new: Motion) -> list[Answer]:
     damping = trap.BELIEVED_DAMPING - trap.INERTIA * terms["w"]
     friction = -trap.INERTIA * terms["sign(w)"]
     error = trap.relative_error(free_run(terms, new), new)
-    return [Answer("PySINDy residual", f"acceleration lacks {says} rad/s2", damping, friction or None, error, busy)]
+    return [
+        Answer(
+            "PySINDy residual",
+            f"acceleration lacks {says} rad/s2",
+            damping,
+            friction or None,
+            error,
+            busy,
+        )
+    ]
 
 
 def residual_terms(seen: Motion) -> dict[str, float]:
-    """Coefficients of the terms in the acceleration that the nominal joint does not explain, rad/s2."""
+    """Coefficients of the terms in the acceleration that the nominal joint does not explain,
+    rad/s2.
+    """
     speed = savgol_filter(seen.speed_rad_s, WINDOW, ORDER)
     rate = savgol_filter(seen.speed_rad_s, WINDOW, ORDER, deriv=1, delta=1.0 / trap.LOG_HZ)
     torque = savgol_filter(seen.torque_nm, WINDOW, ORDER)
     residual = rate - (torque - trap.BELIEVED_DAMPING * speed) / trap.INERTIA
-    library = pysindy.CustomLibrary([f for _, f in TERMS], [lambda x, n=name: n for name, _ in TERMS])
+    library = pysindy.CustomLibrary(
+        [f for _, f in TERMS], [lambda x, n=name: n for name, _ in TERMS]
+    )
     model = pysindy.SINDy(feature_library=library, optimizer=pysindy.STLSQ(threshold=THRESHOLD))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -42,7 +57,9 @@ def residual_terms(seen: Motion) -> dict[str, float]:
 
 
 def free_run(terms: dict[str, float], new: Motion) -> Floats:
-    """Speed (n,) rad/s of the nominal joint with the terms, from rest; a sign that would turn the speed round holds it."""
+    """Speed (n,) rad/s of the nominal joint with the terms, from rest; a sign that would turn the
+    speed round holds it.
+    """
     step, speed = 1.0 / trap.LOG_HZ / 20, 0.0
     out = np.empty(len(new.time_s))
     for row, torque in enumerate(new.torque_nm.tolist()):

@@ -1,4 +1,6 @@
-"""A named subset of the bench on the ELF, simulated instruction by instruction: the same drives must send the same bytes as in SIL."""
+"""A named subset of the bench on the ELF, simulated instruction by instruction: the same drives
+must send the same bytes as in SIL.
+"""
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -34,7 +36,9 @@ DECISIONS = ("duty", "coast", "state")
 
 @dataclass(frozen=True)
 class Case:
-    """One drive of the subset, long enough for what the controller decides: `ends` is the stop reason that it comes to."""
+    """One drive of the subset, long enough for what the controller decides: `ends` is the stop
+    reason that it comes to.
+    """
 
     name: str
     mode: str
@@ -48,44 +52,109 @@ class Case:
 def tighten(target_nm: float, slope: float, seconds: float, ends: str) -> Case:
     """Torque control of a scattered joint."""
     name = f"torque, {target_nm:g} N m at {slope:g} N m/rad"
-    return Case(name, "torque", lambda: torque.joint(slope, 3), {"torque_target_nm": target_nm}, seconds=seconds, ends=ends)
+    return Case(
+        name,
+        "torque",
+        lambda: torque.joint(slope, 3),
+        {"torque_target_nm": target_nm},
+        seconds=seconds,
+        ends=ends,
+    )
 
 
 def jam(gear: str) -> Case:
     """Drill driver whose bit jams within 5 ms to the stall torque and more."""
-    load = ((0.0, 0.0), (drill.LOCK_AT_S, 0.0), (drill.LOCK_AT_S + drill.LOCK_S, 1.5 * drill.stall_nm(gear, 18.0)))
+    load = (
+        (0.0, 0.0),
+        (drill.LOCK_AT_S, 0.0),
+        (drill.LOCK_AT_S + drill.LOCK_S, 1.5 * drill.stall_nm(gear, 18.0)),
+    )
     profile = replace(pull(), load_nm=load)
     params = drill.drill_params(gear)
-    return Case(f"drill, {gear} gear jams", "drill", lambda: drill.drill_rig(gear, 18.0), params, profile, 1.2, "kickback")
+    return Case(
+        f"drill, {gear} gear jams",
+        "drill",
+        lambda: drill.drill_rig(gear, 18.0),
+        params,
+        profile,
+        1.2,
+        "kickback",
+    )
 
 
 def clutch(gear: str, torque_nm: float, seconds: float) -> Case:
     """Drill driver on a joint that its clutch stops."""
     rig = (gear, 18.0, 2.0 * torque_nm, 5.0)
     params = drill.drill_params(gear, torque_nm)
-    return Case(f"drill, clutch {torque_nm:g} N m", "drill", lambda: drill.drill_rig(*rig), params, seconds=seconds, ends="clutch")
+    return Case(
+        f"drill, clutch {torque_nm:g} N m",
+        "drill",
+        lambda: drill.drill_rig(*rig),
+        params,
+        seconds=seconds,
+        ends="clutch",
+    )
 
 
 PULSE_LOAD = replace(pull(), load_nm=((0.0, 0.0), (0.7, 0.0), (0.75, 6.0), (1.2, 6.0), (1.25, 0.0)))
 CASES = {
     "blows": [Case("duty, locked", "duty", lambda: reference("locked"))],
     "sync": [
-        Case(f"sync, method {n}", "sync", lambda: reference("slip_60", supply_v=17.5), {"sync_method": n}, pull(0.8)) for n in (1, 2)
+        Case(
+            f"sync, method {n}",
+            "sync",
+            lambda: reference("slip_60", supply_v=17.5),
+            {"sync_method": n},
+            pull(0.8),
+        )
+        for n in (1, 2)
     ],
-    "screwing": [Case("screwing, M6", "screwing", lambda: screwing.screw("m6", 18.5, 1.0, False, 10), {}, pull(1.0), 5.7, "seated")],
-    "vibration": [Case(f"vibration, method {n}", "vibration", lambda: reference("disc_spring"), {"vibration_method": n}) for n in (1, 2)],
+    "screwing": [
+        Case(
+            "screwing, M6",
+            "screwing",
+            lambda: screwing.screw("m6", 18.5, 1.0, False, 10),
+            {},
+            pull(1.0),
+            5.7,
+            "seated",
+        )
+    ],
+    "vibration": [
+        Case(
+            f"vibration, method {n}",
+            "vibration",
+            lambda: reference("disc_spring"),
+            {"vibration_method": n},
+        )
+        for n in (1, 2)
+    ],
     "torque": [
         tighten(80.0, 120.0, 5.2, "reached"),
         tighten(80.0, 60.0, 5.2, "reached"),
         tighten(40.0, 240.0, 1.3, "missed"),
-        Case("torque, 15 V", "torque", lambda: reference(supply_v=15.0), {"torque_target_nm": 120.0}, seconds=0.6, ends="unreachable"),
+        Case(
+            "torque, 15 V",
+            "torque",
+            lambda: reference(supply_v=15.0),
+            {"torque_target_nm": 120.0},
+            seconds=0.6,
+            ends="unreachable",
+        ),
     ],
     "drill": [
         clutch("low", 5.0, 1.3),
         clutch("high", 2.0, 1.0),
         jam("low"),
         jam("high"),
-        Case("drill, pulse mode", "drill", lambda: drill.drill_rig("low", 18.0), drill.drill_params("low", pulse=True), PULSE_LOAD, 1.6),
+        Case(
+            "drill, pulse mode",
+            "drill",
+            lambda: drill.drill_rig("low", 18.0),
+            drill.drill_params("low", pulse=True),
+            PULSE_LOAD,
+            1.6,
+        ),
     ],
 }
 SEED = 5
@@ -100,10 +169,18 @@ def avr_board(image: bytes, folder: Path) -> AvrBoard:
 
 def both(case: Case) -> tuple[Run, Run]:
     """The drive on the native firmware and on the ELF."""
-    options: dict[str, Any] = {"mode": case.mode, "params": case.params, "profile": case.profile, "duration_s": case.seconds, "seed": SEED}
+    options: dict[str, Any] = {
+        "mode": case.mode,
+        "params": case.params,
+        "profile": case.profile,
+        "duration_s": case.seconds,
+        "seed": SEED,
+    }
     native = sil_run(case.rig(), **options)
     with tempfile.TemporaryDirectory() as folder:
-        return native, sil_run(case.rig(), board=lambda image: avr_board(image, Path(folder)), **options)
+        return native, sil_run(
+            case.rig(), board=lambda image: avr_board(image, Path(folder)), **options
+        )
 
 
 def differing(case: Case) -> dict[str, Any]:
@@ -111,12 +188,27 @@ def differing(case: Case) -> dict[str, Any]:
     native, avr = both(case)
     a, b = native.telemetry, avr.telemetry
     _, at_a, at_b = np.intersect1d(a["time_s"], b["time_s"], return_indices=True)
-    same = [(a[name][at_a] == b[name][at_b]) | (np.isnan(a[name][at_a]) & np.isnan(b[name][at_b])) for name in DECISIONS]
+    same = [
+        (a[name][at_a] == b[name][at_b]) | (np.isnan(a[name][at_a]) & np.isnan(b[name][at_b]))
+        for name in DECISIONS
+    ]
     end_s = min(a["time_s"][-1], b["time_s"][-1])  # the last row of one may still be on the line
-    count, alone = len(at_a), sum(int((rows["time_s"] <= end_s).sum()) for rows in (a, b)) - 2 * len(at_a)
+    count, alone = (
+        len(at_a),
+        sum(int((rows["time_s"] <= end_s).sum()) for rows in (a, b)) - 2 * len(at_a),
+    )
     differ = count - int(np.all(same, axis=0).sum()) + alone
-    controls = [[f for f in run.frames if f.id == telemetry.database().get_message_by_name("CONTROL").frame_id] for run in (native, avr)]
-    frames = sum(x != y for x, y in zip(*controls, strict=False)) + abs(len(controls[0]) - len(controls[1]))
+    controls = [
+        [
+            f
+            for f in run.frames
+            if f.id == telemetry.database().get_message_by_name("CONTROL").frame_id
+        ]
+        for run in (native, avr)
+    ]
+    frames = sum(x != y for x, y in zip(*controls, strict=False)) + abs(
+        len(controls[0]) - len(controls[1])
+    )
     reason = torque.reason_of(avr)
     return {
         "case": case.name,
@@ -144,7 +236,10 @@ def avr_bench(parts: Sequence[str]) -> Study:
                 lines.append(f"{case.name}: absent ({error}).")
             tick(case.name)
     equal = sum(row["equal"] for row in rows)
-    lines.insert(0, f"{equal} of {len(rows)} drives decide alike, as expected, on the native firmware and on the ATmega328P's ELF.")
+    lines.insert(
+        0,
+        f"{equal} of {len(rows)} drives decide alike, as expected, on the native firmware and on the ATmega328P's ELF.",
+    )
     return Study(
         "control_avr",
         "Controllers on the ELF",

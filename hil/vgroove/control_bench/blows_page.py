@@ -69,14 +69,28 @@ def error_picture(rows: Sequence[Figures]) -> Picture:
     figure = go.Figure()
     for load, colour in zip(LOADS, COLOURS, strict=True):
         for variant, symbol in zip(blows.VARIANTS, ("circle", "x"), strict=True):
-            chosen = [r for r in rows if (r["load"], r["variant"]) == (load, variant.name) and r["blows"]]
+            chosen = [
+                r for r in rows if (r["load"], r["variant"]) == (load, variant.name) and r["blows"]
+            ]
             error = [100.0 * r["error"] / r["blows"] for r in chosen]
             rate = [r["blows_per_min"] for r in chosen]
             name = f"{LOAD_WORDS[load]}, {variant.name}"
-            figure.add_trace(go.Scatter(x=rate, y=error, mode="markers", name=name, marker={"color": colour, "symbol": symbol}))
+            figure.add_trace(
+                go.Scatter(
+                    x=rate,
+                    y=error,
+                    mode="markers",
+                    name=name,
+                    marker={"color": colour, "symbol": symbol},
+                )
+            )
     figure.update_xaxes(title="blows per minute")
     figure.update_yaxes(title="error of the count in %")
-    return Picture("Blow detection", style(figure, 480), "every supply, load and trigger; a drive of 2.5 s each, its start included")
+    return Picture(
+        "Blow detection",
+        style(figure, 480),
+        "every supply, load and trigger; a drive of 2.5 s each, its start included",
+    )
 
 
 def hall_rpm(run: Run) -> np.ndarray:
@@ -93,31 +107,68 @@ def counted(run: Run) -> np.ndarray:
 
 
 def wave() -> Wave:
-    """The speed that the board sees, the hammer that makes it so, and the count, in step and out of it."""
+    """The speed that the board sees, the hammer that makes it so, and the count, in step and out of
+    it.
+    """
     locked = reference("locked")
     drives = [
         Drive("18.5 V, full trigger: in step", locked, PLAIN, pull(1.0), from_s=0.9, to_s=1.2),
-        Drive("half trigger: each lug is hit twice", locked, PLAIN, pull(0.5), from_s=0.9, to_s=1.2),
+        Drive(
+            "half trigger: each lug is hit twice", locked, PLAIN, pull(0.5), from_s=0.9, to_s=1.2
+        ),
     ]
     panels = (
         Panel(hall_rpm, "Hall speed on the board in rpm"),
         Panel("hammer_mm", "hammer displacement in mm; ticks: blows, repeats orange", blows=True),
         Panel(counted, "blows counted less blows struck"),
     )
-    return Wave("blow", "Blow detection", "locked joint; ticks: blows black, repeats orange", drives, panels)
+    return Wave(
+        "blow", "Blow detection", "locked joint; ticks: blows black, repeats orange", drives, panels
+    )
 
 
 def blows_study(rows: Sequence[Figures]) -> Study:
     """The whole part."""
     chosen = present(rows)
     names = dict.fromkeys(r["variant"] for r in chosen)
-    halves = [(name, *part) for name in names for part in by_half([r for r in chosen if r["variant"] == name])]
+    halves = [
+        (name, *part)
+        for name in names
+        for part in by_half([r for r in chosen if r["variant"] == name])
+    ]
     found = [{"variant": name, "set": half, **blows.summary(part)} for name, half, part in halves]
-    listed = [Goal(f["variant"], f["set"], "cells off by more than 1 % and a blow", f["cells"] - f["cells_within"], 0) for f in found]
-    listed += [Goal(f["variant"], f["set"], "miscounted share of all blows", f["error_of_all"], blows.GOAL) for f in found]
-    for words, key in (("repeats told, precision", "precision"), ("repeats told, recall", "recall")):
-        listed += [Goal(f["variant"], f["set"], words, f[key], blows.REPEAT_GOALS[key], at_most=False) for f in found]
-    listed += [Goal(f["variant"], f["set"], "error of the running period, mean", f["period_error"], blows.GOAL) for f in found]
+    listed = [
+        Goal(
+            f["variant"],
+            f["set"],
+            "cells off by more than 1 % and a blow",
+            f["cells"] - f["cells_within"],
+            0,
+        )
+        for f in found
+    ]
+    listed += [
+        Goal(f["variant"], f["set"], "miscounted share of all blows", f["error_of_all"], blows.GOAL)
+        for f in found
+    ]
+    for words, key in (
+        ("repeats told, precision", "precision"),
+        ("repeats told, recall", "recall"),
+    ):
+        listed += [
+            Goal(f["variant"], f["set"], words, f[key], blows.REPEAT_GOALS[key], at_most=False)
+            for f in found
+        ]
+    listed += [
+        Goal(
+            f["variant"],
+            f["set"],
+            "error of the running period, mean",
+            f["period_error"],
+            blows.GOAL,
+        )
+        for f in found
+    ]
     lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "blow detection")]
     tables = [
         table_of("blows_summary", "Blow detection", SUMMARY, found),
@@ -127,10 +178,21 @@ def blows_study(rows: Sequence[Figures]) -> Study:
             "blows_repeat_cells",
             "Repeats of every cell that has them, or where some are told",
             REPEAT_CELLS,
-            [r for r in blows.in_range(chosen) if max(r["repeats"], r["repeats_told"]) > blows.FEW_REPEATS],
+            [
+                r
+                for r in blows.in_range(chosen)
+                if max(r["repeats"], r["repeats_told"]) > blows.FEW_REPEATS
+            ],
         ),
-        table_of("blows_cells", "Count of every cell that is off by more than a blow", CELLS, [r for r in chosen if abs(r["error"]) > 1]),
+        table_of(
+            "blows_cells",
+            "Count of every cell that is off by more than a blow",
+            CELLS,
+            [r for r in chosen if abs(r["error"]) > 1],
+        ),
     ]
     pictures = [error_picture(chosen), wave_picture(wave())] if chosen else []
-    data = {"blows": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
+    data = {
+        "blows": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}
+    }
     return Study("control", "Controllers", lines, [t for t in tables if t.rows], pictures, data)

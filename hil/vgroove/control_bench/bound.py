@@ -1,4 +1,6 @@
-"""What full knowledge could do about vibration: the duty over the start and a harmonic locked to the true blows, found by search."""
+"""What full knowledge could do about vibration: the duty over the start and a harmonic locked to
+the true blows, found by search.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -20,12 +22,15 @@ NODES_S = np.arange(0.0, 0.301, 0.025)  # of the duty's course at the start
 RAMP_PER_S = 6.0  # of the firmware's duty
 START = np.r_[np.minimum(RAMP_PER_S * NODES_S, 1.0), 0.0, 0.0]  # the uncontrolled tool
 LEAST, MOST = -0.3, 1.2
-STEP, STEP_LEAST, SHARE = 0.2, 0.05, 0.4  # of the search: standard deviation, and how many of the numbers change at once
+# of the search: standard deviation, and how many of the numbers change at once
+STEP, STEP_LEAST, SHARE = 0.2, 0.05, 0.4
 PHASE_ERRORS = np.linspace(-0.5, 0.5, 17)  # of a period
 
 
 def shaped_duty(shape: np.ndarray, time_s: float, phase: float | None) -> float:
-    """The course over time and, where the phase is known, cos and sin of the cycle from blow to blow; within what the bridge can do."""
+    """The course over time and, where the phase is known, cos and sin of the cycle from blow to
+    blow; within what the bridge can do.
+    """
     duty = np.interp(time_s, NODES_S, shape[:-2])
     if phase is not None:
         duty += shape[-2] * np.cos(2 * np.pi * phase) + shape[-1] * np.sin(2 * np.pi * phase)
@@ -50,8 +55,12 @@ class KnownPhase:
         return None if self._period_s is None else ((time_s - self._last_s) / self._period_s) % 1.0
 
 
-def known_run(rig: Rig, shape: np.ndarray, aim: float, *, phase_error: float = 0.0, give_up_s: float = 10.0) -> Run:
-    """The plant alone under a shape until the aim or give_up_s: the duty at NODES_S, then cos and sin locked to the true blows."""
+def known_run(
+    rig: Rig, shape: np.ndarray, aim: float, *, phase_error: float = 0.0, give_up_s: float = 10.0
+) -> Run:
+    """The plant alone under a shape until the aim or give_up_s: the duty at NODES_S, then cos and
+    sin locked to the true blows.
+    """
     tool = _core.ImpactPlant(rig.parameters(), load_kind=rig.load["kind"], hall_pulses_per_rev=0)
     known, rows, blows = KnownPhase(), [], []
     for tick in range(round(vibration.SECONDS / TICK_S)):
@@ -87,11 +96,15 @@ def price(shape: np.ndarray, rig: Rig, aim: float, plain_s: float) -> float:
     figures = vibration.run_figures(known_run(rig, shape, aim, give_up_s=1.2 * plain_s), aim)
     if figures["rms_nm"] is None:
         return 100.0
-    return figures["rms_nm"] * (1.0 + TIME_PRICE * max(0.0, figures["time_s"] / plain_s - TIME_LIMIT))
+    return figures["rms_nm"] * (
+        1.0 + TIME_PRICE * max(0.0, figures["time_s"] / plain_s - TIME_LIMIT)
+    )
 
 
 def best_shape(rig: Rig, aim: float, plain_s: float, seed: int) -> np.ndarray:
-    """By an evolution strategy of one parent and one child, whose step grows with each success (Rechenberg's rule)."""
+    """By an evolution strategy of one parent and one child, whose step grows with each success
+    (Rechenberg's rule).
+    """
     random = np.random.default_rng(seed)
     best, step = START, STEP
     least = price(best, rig, aim, plain_s)
@@ -106,22 +119,33 @@ def best_shape(rig: Rig, aim: float, plain_s: float, seed: int) -> np.ndarray:
     return best
 
 
-def work(variant: Variant, *, supply_v: float, load: str, seed: int, margin: bool = False, **_: Any) -> Figures:
+def work(
+    variant: Variant, *, supply_v: float, load: str, seed: int, margin: bool = False, **_: Any
+) -> Figures:
     """The best shape of one cell, and how its gain goes with an error of the phase."""
     del variant
     rig, aim = reference(load, supply_v=supply_v), vibration.aim_rad(supply_v, load)
     plain = vibration.run_figures(known_run(rig, START, aim), aim)
     best = best_shape(rig, aim, plain["time_s"], seed)
-    found = {**vibration.run_figures(known_run(rig, best, aim), aim), "shape": best.tolist(), "plain": plain}
+    found = {
+        **vibration.run_figures(known_run(rig, best, aim), aim),
+        "shape": best.tolist(),
+        "plain": plain,
+    }
     if margin:
-        found["margin"] = [phase_row(rig, best, aim, error, plain["rms_nm"]) for error in PHASE_ERRORS]
+        found["margin"] = [
+            phase_row(rig, best, aim, error, plain["rms_nm"]) for error in PHASE_ERRORS
+        ]
     return found
 
 
 def phase_row(rig: Rig, shape: np.ndarray, aim: float, error: float, plain_nm: float) -> Figures:
     """Change of RMS when the shape stands `error` of a period beside the blows."""
     figures = vibration.run_figures(known_run(rig, shape, aim, phase_error=error), aim)
-    return {"phase_error": float(error), "change": None if figures["rms_nm"] is None else figures["rms_nm"] / plain_nm - 1.0}
+    return {
+        "phase_error": float(error),
+        "change": None if figures["rms_nm"] is None else figures["rms_nm"] / plain_nm - 1.0,
+    }
 
 
 def jobs(chosen: Sequence[dict[str, Any]]) -> list[Job]:

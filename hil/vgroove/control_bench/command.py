@@ -1,4 +1,6 @@
-"""The commands `vgroove bench control` (options, tables on the terminal, JSON and page) and `vgroove bench figures`."""
+"""The commands `vgroove bench control` (options, tables on the terminal, JSON and page) and
+`vgroove bench figures`.
+"""
 
 import json
 import os
@@ -30,18 +32,36 @@ def processor_s() -> float:
 
 def control_command(
     part: Annotated[
-        list[str] | None, typer.Option("--part", help="blows, sync, screwing, vibration, torque, drill; again for more. Without: all.")
+        list[str] | None,
+        typer.Option(
+            "--part",
+            help="blows, sync, screwing, vibration, torque, drill; again for more. Without: all.",
+        ),
     ] = None,
-    half: Annotated[str, typer.Option("--set", help="Half of the matrix values: tune, report, or both.")] = "both",
+    half: Annotated[
+        str, typer.Option("--set", help="Half of the matrix values: tune, report, or both.")
+    ] = "both",
     on: Annotated[
-        str, typer.Option(help="sil: native firmware; avr: a named subset on the ELF, its decisions against those of sil.")
+        str,
+        typer.Option(
+            help="sil: native firmware; avr: a named subset on the ELF, its decisions against those of sil."
+        ),
     ] = "sil",
     only_fifth: Annotated[bool, typer.Option("--fifth", help="Every fifth cell.")] = False,
-    draws: Annotated[int, typer.Option(min=1, help="Draws of each scattered cell, times the usual number.")] = 1,
-    json_path: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write every figure as JSON.")] = None,
-    html_path: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write tables and plots as one page.")] = None,
+    draws: Annotated[
+        int, typer.Option(min=1, help="Draws of each scattered cell, times the usual number.")
+    ] = 1,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write every figure as JSON.")
+    ] = None,
+    html_path: Annotated[
+        Path | None,
+        typer.Option("--html", metavar="FILE", help="Write tables and plots as one page."),
+    ] = None,
 ) -> None:
-    """Controllers against no control: synchronism, screwing, vibration, torque, drill driver, blow detection, in SIL."""
+    """Controllers against no control: synchronism, screwing, vibration, torque, drill driver, blow
+    detection, in SIL.
+    """
     from vgroove.control_bench.avr import avr_bench
     from vgroove.control_bench.control import PARTS, Choice, control_bench
     from vgroove.errors import VgrooveError
@@ -53,7 +73,11 @@ def control_command(
         raise VgrooveError(f"--set is one of {', '.join(SETS)}, --on sil or avr; not {half}, {on}")
     check_outputs((json_path, html_path))
     began_s = processor_s()
-    study = avr_bench(parts) if on == "avr" else control_bench(parts, Choice(None if half == "both" else half, only_fifth, draws))
+    study = (
+        avr_bench(parts)
+        if on == "avr"
+        else control_bench(parts, Choice(None if half == "both" else half, only_fifth, draws))
+    )
     console = Console()
     console = console if console.is_terminal else Console(width=PIPED_WIDTH)
     for line in study.lines:
@@ -69,7 +93,9 @@ def control_command(
 
 def figures_command(
     folder: Annotated[Path, typer.Argument(help="Where the figures go, e.g. docs/images.")],
-    part: Annotated[list[str] | None, typer.Option("--part", help="As in `bench control`. Without: all.")] = None,
+    part: Annotated[
+        list[str] | None, typer.Option("--part", help="As in `bench control`. Without: all.")
+    ] = None,
 ) -> None:
     """Waveforms of the controllers' pages as SVG: the same drives with and without control, in SIL."""
     from vgroove.control_bench.figures import WAVES, write_figures

@@ -20,7 +20,9 @@ from vgroove.study.report import Study, joined
 
 @dataclass(frozen=True)
 class Choice:
-    """How much is run: one half or both, a fifth of the cells, several draws of each; in how many processes; where figures are kept."""
+    """How much is run: one half or both, a fifth of the cells, several draws of each; in how many
+    processes; where figures are kept.
+    """
 
     half: str | None = None
     only_fifth: bool = False
@@ -56,7 +58,9 @@ def sync_part(choice: Choice) -> Study:
 
 def screwing_part(choice: Choice) -> Study:
     """Precise screwing."""
-    return screwing_study(rows_of(screwing.jobs(choice.of(screwing.cells(choice.draws))), "precise screwing", choice))
+    return screwing_study(
+        rows_of(screwing.jobs(choice.of(screwing.cells(choice.draws))), "precise screwing", choice)
+    )
 
 
 def vibration_part(choice: Choice) -> Study:
@@ -69,14 +73,20 @@ def vibration_part(choice: Choice) -> Study:
 
 def torque_part(choice: Choice) -> Study:
     """Torque control."""
-    maps = [row for found in rows_of(torque.map_jobs(), "reachable targets", choice) for row in found["map"]]
+    maps = [
+        row
+        for found in rows_of(torque.map_jobs(), "reachable targets", choice)
+        for row in found["map"]
+    ]
     cells = choice.of(torque.cells(torque.RUNS * choice.draws))
     return torque_study(rows_of(torque.jobs(cells, maps), "torque control", choice), maps)
 
 
 def drill_part(choice: Choice) -> Study:
     """Drill driver."""
-    return drill_study(rows_of(drill.jobs(choice.of(drill.cells(choice.draws))), "drill driver", choice))
+    return drill_study(
+        rows_of(drill.jobs(choice.of(drill.cells(choice.draws))), "drill driver", choice)
+    )
 
 
 PARTS: dict[str, Callable[[Choice], Study]] = {
@@ -91,7 +101,9 @@ PARTS: dict[str, Callable[[Choice], Study]] = {
 
 def control_bench(parts: Sequence[str], choice: Choice) -> Study:
     """The named parts as one study."""
-    study = joined("Controllers: every figure with and without", [PARTS[name](choice) for name in parts])
+    study = joined(
+        "Controllers: every figure with and without", [PARTS[name](choice) for name in parts]
+    )
     study.data["set"] = choice.half or "both"
     study.data["fifth"] = choice.only_fifth
     return study

@@ -47,18 +47,42 @@ def goals(rows: Sequence[Figures], half: str) -> list[Goal]:
     if clutch:
         spreads = [c["spread"] for c in clutch]
         listed += [
-            Goal(name, half, "clutch, spread of the worst setting", None if None in spreads else max(spreads), drill.GOALS["clutch"]),
-            Goal(name, half, "clutch, runs not stopped by it", sum(c["runs"] - c["stopped"] for c in clutch), 0),
+            Goal(
+                name,
+                half,
+                "clutch, spread of the worst setting",
+                None if None in spreads else max(spreads),
+                drill.GOALS["clutch"],
+            ),
+            Goal(
+                name,
+                half,
+                "clutch, runs not stopped by it",
+                sum(c["runs"] - c["stopped"] for c in clutch),
+                0,
+            ),
         ]
     if locks:
         missed = sum(g["locks"] - g["opened"] for g in locks)
         listed += [
             Goal(name, half, "locks that the bridge did not open on", missed, 0),
-            Goal(name, half, "lock to open bridge in ms, most", max((g["most_ms"] or 1e3) for g in locks), drill.GOALS["open_ms"]),
+            Goal(
+                name,
+                half,
+                "lock to open bridge in ms, most",
+                max((g["most_ms"] or 1e3) for g in locks),
+                drill.GOALS["open_ms"],
+            ),
         ]
     if normal:
         listed += [
-            Goal(name, half, f"stopped among {len(normal)} normal runs", sum(r["reason"] not in ("none", "unknown") for r in normal), 0)
+            Goal(
+                name,
+                half,
+                f"stopped among {len(normal)} normal runs",
+                sum(r["reason"] not in ("none", "unknown") for r in normal),
+                0,
+            )
         ]
     return listed
 
@@ -80,7 +104,9 @@ def open_picture(rows: Sequence[Figures]) -> Picture:
     figure.add_hline(y=drill.GOALS["open_ms"], line={"dash": "dash", "color": "#888"})
     figure.update_xaxes(title="trigger")
     figure.update_yaxes(title="lock to open bridge in ms")
-    return Picture("Anti-kickback", style(figure, 460), "from the begin of a lock that builds up in 5 ms")
+    return Picture(
+        "Anti-kickback", style(figure, 460), "from the begin of a lock that builds up in 5 ms"
+    )
 
 
 def wave() -> Wave:
@@ -91,9 +117,29 @@ def wave() -> Wave:
     jammed = Variant("jam", drive, drill.drill_params("low"))
     jam = loaded((0.9, 2.0), (0.905, 1.5 * drill.stall_nm("low", 18.0)))
     drives = [
-        Drive("pulse mode, 6 N m for 0.6 s", rig, pulsed, loaded((0.9, 0.0), (0.95, 6.0), (1.5, 6.0), (1.55, 0.0)), to_s=1.9),
-        Drive("clutch at 5 N m, joint of 30 degrees", drill.drill_rig("low", 18.0, 9.5, 5.0), clutched, to_s=1.3),
-        Drive("jam within 5 ms", rig, jammed, jam, from_s=0.88, to_s=0.95, every=1, event=(0.9, "jam begins")),
+        Drive(
+            "pulse mode, 6 N m for 0.6 s",
+            rig,
+            pulsed,
+            loaded((0.9, 0.0), (0.95, 6.0), (1.5, 6.0), (1.55, 0.0)),
+            to_s=1.9,
+        ),
+        Drive(
+            "clutch at 5 N m, joint of 30 degrees",
+            drill.drill_rig("low", 18.0, 9.5, 5.0),
+            clutched,
+            to_s=1.3,
+        ),
+        Drive(
+            "jam within 5 ms",
+            rig,
+            jammed,
+            jam,
+            from_s=0.88,
+            to_s=0.95,
+            every=1,
+            event=(0.9, "jam begins"),
+        ),
     ]
     per_turn = RPM / drill.GEARS["low"][0]
     panels = (
@@ -105,7 +151,9 @@ def wave() -> Wave:
 
 
 def loaded(*points: tuple[float, float]) -> Profile:
-    """The trigger pulled, and a load in N m at the chuck over time, as at the first point up to there."""
+    """The trigger pulled, and a load in N m at the chuck over time, as at the first point up to
+    there.
+    """
     return replace(pull(), load_nm=((0.0, 0.0), (0.6, 0.0), (0.65, points[0][1]), *points))
 
 
@@ -123,5 +171,12 @@ def drill_study(rows: Sequence[Figures]) -> Study:
         table_of("drill_locks", "Anti-kickback", LOCKS, locks),
     ]
     pictures = [open_picture(chosen), wave_picture(wave())] if chosen else []
-    data = {"drill": {"goals": [g.as_dict() for g in listed], "clutch": clutch, "locks": locks, "runs": list(rows)}}
+    data = {
+        "drill": {
+            "goals": [g.as_dict() for g in listed],
+            "clutch": clutch,
+            "locks": locks,
+            "runs": list(rows),
+        }
+    }
     return Study("control", "Controllers", lines, [t for t in tables if t.rows], pictures, data)

@@ -4,7 +4,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from vgroove.chromium import find_chromium, svg_of
-from vgroove.control_bench import blows_page, drill_page, screwing_page, sync_page, torque_page, vibration_page
+from vgroove.control_bench import (
+    blows_page,
+    drill_page,
+    screwing_page,
+    sync_page,
+    torque_page,
+    vibration_page,
+)
 from vgroove.control_bench.waves import Wave, wave_picture
 from vgroove.output import check_outputs, write_text
 

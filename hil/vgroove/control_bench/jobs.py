@@ -1,4 +1,6 @@
-"""Many runs side by side: each in a process of its own, since the firmware is one instance a process; what is done may be kept on disk."""
+"""Many runs side by side: each in a process of its own, since the firmware is one instance a
+process; what is done may be kept on disk.
+"""
 
 import json
 import os
@@ -48,9 +50,17 @@ def do(job: Job) -> Figures:
     return {"variant": job.variant.name, **job.cell, **figures}
 
 
-def run_jobs(jobs: Sequence[Job], tick: Tick, words: str, workers: int | None = None, keep: Path | None = None) -> list[Figures]:
-    """Every job's figures in the order of the jobs; ticks once a job. `keep`: a folder with figures of earlier runs of the same software,
-    which are taken from it; those of this run are added, KEPT_JOBS at a time."""
+def run_jobs(
+    jobs: Sequence[Job],
+    tick: Tick,
+    words: str,
+    workers: int | None = None,
+    keep: Path | None = None,
+) -> list[Figures]:
+    """Every job's figures in the order of the jobs; ticks once a job. `keep`: a folder with figures
+    of earlier runs of the same software, which are taken from it; those of this run are added,
+    KEPT_JOBS at a time.
+    """
     if keep is None:
         return _run(jobs, tick, words, workers)
     keep.mkdir(parents=True, exist_ok=True)
@@ -61,12 +71,16 @@ def run_jobs(jobs: Sequence[Job], tick: Tick, words: str, workers: int | None = 
     return found
 
 
-def _kept(path: Path, jobs: Sequence[Job], tick: Tick, words: str, workers: int | None) -> list[Figures]:
+def _kept(
+    path: Path, jobs: Sequence[Job], tick: Tick, words: str, workers: int | None
+) -> list[Figures]:
     """Figures of the file when they are of these jobs; else they are made and written."""
     asked = [{"variant": job.variant.name, **job.cell} for job in jobs]
     if path.is_file():
         rows = json.loads(path.read_text(encoding="utf-8"))
-        if len(rows) == len(asked) and all(row | cell == row for row, cell in zip(rows, asked, strict=True)):
+        if len(rows) == len(asked) and all(
+            row | cell == row for row, cell in zip(rows, asked, strict=True)
+        ):
             return [_ticked(row, tick, words) for row in rows]
     rows = _run(jobs, tick, words, workers)
     write_text(path, json.dumps(rows, allow_nan=False))

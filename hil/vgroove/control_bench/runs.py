@@ -1,4 +1,6 @@
-"""One run of the real firmware on the plant: mode and parameters by name in, telemetry and truth out."""
+"""One run of the real firmware on the plant: mode and parameters by name in, telemetry and truth
+out.
+"""
 
 import struct
 from collections.abc import Mapping
@@ -21,9 +23,11 @@ PULL_RAMP_S = 0.02
 NOISE_A, NOISE_V = 0.15, 0.02  # of a row, 1 sigma: rigs/impact_driver_18v.toml
 HALL_PULSES = 4
 EEPROM_BYTES, SLOT_ADDRESS = 1024, 16  # firmware/app/param_store.h
-STATE_WITHIN, FLAG_DEFAULTS = 2000, 256  # bytes that hold the first STATE frame; its flag param_defaults
+# bytes that hold the first STATE frame; its flag param_defaults
+STATE_WITHIN, FLAG_DEFAULTS = 2000, 256
 TURN_RAD = 2 * np.pi
-TOLD = ("time_s", "lugs", "repeats", "period_s", "mean_period_s", "spread")  # a blow as the native firmware told it; repeats of each lug
+# a blow as the native firmware told it; repeats of each lug
+TOLD = ("time_s", "lugs", "repeats", "period_s", "mean_period_s", "spread")
 
 
 class AbsentError(VgrooveError):
@@ -31,9 +35,14 @@ class AbsentError(VgrooveError):
 
 
 def reference(
-    joint: str | Mapping[str, Any] = "locked", values: Mapping[str, float] | None = None, *, supply_v: float | None = None
+    joint: str | Mapping[str, Any] = "locked",
+    values: Mapping[str, float] | None = None,
+    *,
+    supply_v: float | None = None,
 ) -> Rig:
-    """The reference tool on a joint of vgroove.study.impact_runs.JOINTS or a [load] of its own, other dotted keys with it."""
+    """The reference tool on a joint of vgroove.study.impact_runs.JOINTS or a [load] of its own,
+    other dotted keys with it.
+    """
     load = JOINTS[joint] if isinstance(joint, str) else joint
     supply = {} if supply_v is None else {"supply.voltage_v": supply_v}
     return with_joint(impact_rig(None), load, {**supply, **(values or {})})
@@ -50,7 +59,10 @@ def pull(trigger: float = 1.0, release_s: float | None = None, at_s: float = PUL
 def front_ends(noise: bool = True) -> FrontEnds:
     """The bench's sensors: a row's noise, spread over the samples that a row averages."""
     share = 1.0 if noise else 0.0
-    return FrontEnds(current_noise_a=share * NOISE_A * SAMPLES_A_ROW[0] ** 0.5, supply_noise_v=share * NOISE_V * SAMPLES_A_ROW[1] ** 0.5)
+    return FrontEnds(
+        current_noise_a=share * NOISE_A * SAMPLES_A_ROW[0] ** 0.5,
+        supply_noise_v=share * NOISE_V * SAMPLES_A_ROW[1] ** 0.5,
+    )
 
 
 def mode_number(mode: str | int) -> int:
@@ -80,7 +92,9 @@ def eeprom_image(params: Mapping[str, float]) -> bytes:
             low, high = entry.minimum / 2**entry.q, entry.maximum / 2**entry.q
             raise VgrooveError(f"{entry.name} is {low:g} to {high:g} {entry.unit}, not {value:g}")
         values[entry.name] = raw
-    slot = struct.pack(f"<BBH{len(known)}h", max(entry.version for entry in known), len(known), 1, *values.values())
+    slot = struct.pack(
+        f"<BBH{len(known)}h", max(entry.version for entry in known), len(known), 1, *values.values()
+    )
     slot += struct.pack("<H", telemetry.crc16(slot))
     return (bytes([255]) * SLOT_ADDRESS + slot).ljust(EEPROM_BYTES, bytes([255]))
 
@@ -89,8 +103,9 @@ def eeprom_image(params: Mapping[str, float]) -> bytes:
 class Run:
     """A finished run. Times count from the board's start; `tool` is the plant as the run left it.
 
-    blows: time_s, approach_rad_s, engaged_m, impulse_nm_s, peak_torque_nm, kind (0 blow, 1 repeat, 2 rebound), lug, skipped.
-    told: (n, len(TOLD)), what the native firmware made of them; none from another board.
+    blows: time_s, approach_rad_s, engaged_m, impulse_nm_s, peak_torque_nm, kind (0 blow, 1 repeat,
+    2 rebound), lug, skipped. told: (n, len(TOLD)), what the native firmware made of them; none from
+    another board.
     """
 
     rig: Rig
@@ -131,12 +146,17 @@ class Run:
         return self.session.take_rows()
 
     def signals(self, message: str) -> dict[str, np.ndarray]:
-        """Every frame of a kind: its signals and time_s, (n,) each; empty arrays where none came or the firmware has no such frame."""
+        """Every frame of a kind: its signals and time_s, (n,) each; empty arrays where none came or
+        the firmware has no such frame.
+        """
         known = {m.name: m for m in telemetry.database().messages}
         if message not in known:
             return {"time_s": np.zeros(0)}
         frames = [frame for frame in self.frames if frame.id == known[message].frame_id]
-        return {"time_s": np.array([frame.time_ms for frame in frames]) / 1000, **telemetry.decode_many(message, frames)}
+        return {
+            "time_s": np.array([frame.time_ms for frame in frames]) / 1000,
+            **telemetry.decode_many(message, frames),
+        }
 
     @cached_property
     def control(self) -> dict[str, np.ndarray]:
@@ -177,36 +197,56 @@ def sil_run(
     stop_when: Any = None,
     board: Any = None,
 ) -> Run:
-    """The native firmware on a rig, from switching on; by default the trigger is pulled fully at 0.25 s.
+    """The native firmware on a rig, from switching on; by default the trigger is pulled fully at
+    0.25 s.
 
-    mode: a name of STATE.mode in the signal list. params: physical values by name, put into the EEPROM before the start.
-    seed: of the sensors' noise and of the Hall sensor's place on the shaft. truth_every: keep what the tool did every so many PWM periods.
-    stop_when: called with (tool, Progress) after each 16 ms; True ends the run early. board: instead of the native firmware.
-    Raises AbsentError for a mode or a parameter that this firmware does not have.
+    mode: a name of STATE.mode in the signal list. params: physical values by name, put into the
+    EEPROM before the start. seed: of the sensors' noise and of the Hall sensor's place on the
+    shaft. truth_every: keep what the tool did every so many PWM periods. stop_when: called with
+    (tool, Progress) after each 16 ms; True ends the run early. board: instead of the native
+    firmware. Raises AbsentError for a mode or a parameter that this firmware does not have.
     """
     number = mode_number(mode)
     image = eeprom_image({**(params or {}), "mode": number})
     tool = make_tool(rig, seed)
     truth = _core.Truth(truth_every) if truth_every else None
     with board(image) if board else SilBoard(eeprom=image) as machine:
-        steps = lockstep.steps(machine, tool, profile or pull(), duration_s, front=front_ends(noise), seed=seed, truth=truth)
+        steps = lockstep.steps(
+            machine,
+            tool,
+            profile or pull(),
+            duration_s,
+            front=front_ends(noise),
+            seed=seed,
+            truth=truth,
+        )
         for progress in steps:
             if stop_when is not None and stop_when(tool, progress):
                 break
-        told = np.array(getattr(getattr(machine, "machine", None), "blows", []), float).reshape(-1, len(TOLD))
+        told = np.array(getattr(getattr(machine, "machine", None), "blows", []), float).reshape(
+            -1, len(TOLD)
+        )
     check_start(bytes(progress.sent), mode, number)
     blows = tool.blows() if hasattr(tool, "blows") else np.zeros(0)
-    return Run(rig, tool, bytes(progress.sent), progress.time_s, blows, truth.rows if truth else None, told)
+    return Run(
+        rig, tool, bytes(progress.sent), progress.time_s, blows, truth.rows if truth else None, told
+    )
 
 
 def check_start(sent: bytes, mode: str | int, number: int) -> None:
     """The board took the EEPROM and has the mode; AbsentError or VgrooveError otherwise."""
-    states = [frame for frame in telemetry.Framer().feed(sent[:STATE_WITHIN]) if frame.id == telemetry.STATE]
+    states = [
+        frame
+        for frame in telemetry.Framer().feed(sent[:STATE_WITHIN])
+        if frame.id == telemetry.STATE
+    ]
     if not states:
         raise VgrooveError("the board said nothing of its state")
     state = telemetry.decode(states[0])
     if int(state["flags"]) & FLAG_DEFAULTS:
-        raise VgrooveError("the firmware did not take the parameters: its list is another one than Python's; run `pip install -e .` again")
+        raise VgrooveError(
+            "the firmware did not take the parameters: its list is another one than Python's; run `pip install -e .` again"
+        )
     if int(state["mode"]) != number:
         raise AbsentError(f"this firmware does not have mode {mode} yet")
 
@@ -216,6 +256,14 @@ def make_tool(rig: Rig, seed: int) -> Any:
     offset = float(np.random.default_rng(seed).uniform(0.0, TURN_RAD))
     if rig.mechanism["kind"] == "drill_driver":
         parameters, pack_ohm = rig.drill_parameters(), rig.value("supply.resistance_ohm")
-        return _core.DrillPlant(parameters, pack_ohm, hall_pulses_per_rev=HALL_PULSES, hall_offset_rad=offset)
+        return _core.DrillPlant(
+            parameters, pack_ohm, hall_pulses_per_rev=HALL_PULSES, hall_offset_rad=offset
+        )
     kind = {"none": _core.DrivePlant, "impact": _core.ImpactPlant}[rig.mechanism["kind"]]
-    return kind(rig.parameters(), load_kind=rig.load["kind"], hall_pulses_per_rev=HALL_PULSES, hall_offset_rad=offset, seed=seed)
+    return kind(
+        rig.parameters(),
+        load_kind=rig.load["kind"],
+        hall_pulses_per_rev=HALL_PULSES,
+        hall_offset_rad=offset,
+        seed=seed,
+    )

@@ -19,7 +19,9 @@ SETTLE_S = 0.05
 
 
 def sync_figures(run: Run, from_s: float) -> dict[str, Any]:
-    """Clean share, spread, rate, tightening work per second from from_s to the end. A tool that does not strike has no clean blow."""
+    """Clean share, spread, rate, tightening work per second from from_s to the end. A tool that
+    does not strike has no clean blow.
+    """
     hits = run.hits[run.hits["time_s"] >= from_s]
     period = np.diff(hits["time_s"][hits["kind"] == 0])
     enough = len(hits) >= FEWEST_HITS and len(period) > 1
@@ -48,7 +50,9 @@ def tightening_work(run: Run, from_s: float, to_s: float) -> float:
 
 
 def housing_20k(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Housing reaction T_h in N m at 20 kHz: each sample the mean over the 50 us that end at its time, from the means over PWM periods."""
+    """Housing reaction T_h in N m at 20 kHz: each sample the mean over the 50 us that end at its
+    time, from the means over PWM periods.
+    """
     time_s, mean = run.truth["time_s"], run.truth["housing_nm"]
     edges = np.concatenate(([2 * time_s[0] - time_s[1]], time_s))
     momentum = np.concatenate(([0.0], np.cumsum(mean * np.diff(edges))))
@@ -66,23 +70,36 @@ def band_filter() -> np.ndarray:
 def hand_arm_filter() -> np.ndarray:
     """Weighting W_h of ISO 5349-1 (annex A) by the bilinear transform, at 20 kHz."""
     w = {key: 2 * HOUSING_HZ * np.tan(np.pi * hz / HOUSING_HZ) for key, hz in ISO_HZ.items()}
-    band = ([w["f2"] ** 2, 0.0, 0.0], np.polymul([1.0, w["f1"] / ISO_Q["q1"], w["f1"] ** 2], [1.0, w["f2"] / ISO_Q["q1"], w["f2"] ** 2]))
-    weight = (np.array([1.0, w["f3"]]) * w["f4"] ** 2 / w["f3"], [1.0, w["f4"] / ISO_Q["q2"], w["f4"] ** 2])
+    band = (
+        [w["f2"] ** 2, 0.0, 0.0],
+        np.polymul(
+            [1.0, w["f1"] / ISO_Q["q1"], w["f1"] ** 2], [1.0, w["f2"] / ISO_Q["q1"], w["f2"] ** 2]
+        ),
+    )
+    weight = (
+        np.array([1.0, w["f3"]]) * w["f4"] ** 2 / w["f3"],
+        [1.0, w["f4"] / ISO_Q["q2"], w["f4"] ** 2],
+    )
     zeros, poles = np.polymul(band[0], weight[0]), np.polymul(band[1], weight[1])
     return signal.tf2sos(*signal.bilinear(zeros, poles, HOUSING_HZ))
 
 
 def vibration(run: Run, from_s: float, to_s: float) -> dict[str, float]:
-    """AC RMS of T_h in N m from from_s to to_s: in the band, and weighted as ISO 5349-1 weights a hand-arm acceleration."""
+    """AC RMS of T_h in N m from from_s to to_s: in the band, and weighted as ISO 5349-1 weights a
+    hand-arm acceleration.
+    """
     time_s, housing = housing_20k(run)
     inside = (time_s >= from_s) & (time_s <= to_s)
     return {
-        name: rms(signal.sosfilt(sos, housing)[inside]) for name, sos in (("rms_nm", band_filter()), ("weighted_nm", hand_arm_filter()))
+        name: rms(signal.sosfilt(sos, housing)[inside])
+        for name, sos in (("rms_nm", band_filter()), ("weighted_nm", hand_arm_filter()))
     }
 
 
 def ripple(run: Run, from_s: float, to_s: float) -> float:
-    """AC RMS of T_h in the band in N m over that stretch alone: the filter begins settled on the mean of its first 50 ms."""
+    """AC RMS of T_h in the band in N m over that stretch alone: the filter begins settled on the
+    mean of its first 50 ms.
+    """
     time_s, housing = housing_20k(run)
     inside = housing[(time_s >= from_s) & (time_s <= to_s)]
     settled = signal.sosfilt_zi(band_filter()) * inside[: round(SETTLE_S * HOUSING_HZ)].mean()

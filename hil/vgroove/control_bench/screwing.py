@@ -1,4 +1,6 @@
-"""Precise screwing: three screws in wood of every kind; how slowly, how far past the seat, what strips or stops early, how long."""
+"""Precise screwing: three screws in wood of every kind; how slowly, how far past the seat, what
+strips or stops early, how long.
+"""
 
 from collections.abc import Sequence
 from itertools import product
@@ -24,7 +26,8 @@ KNOT_TURNS = 1.0
 TURNS_LEFT = (4.0, 12.0)  # drawn: the run begins so many turns before the seat
 RELEASE_S = 0.2  # the operator, behind the seat
 SECONDS_MOST = 45.0
-STRIPPED_MORE_RAD = 20.0  # a screw that turns so far past the end of its ramp is not watched further
+# a screw that turns so far past the end of its ramp is not watched further
+STRIPPED_MORE_RAD = 20.0
 REST_S = 0.15  # the bridge open for so long: the drive is over
 VARIANTS = (PLAIN, Variant("screwing", "screwing"))
 GOALS = {"rate": -0.33, "turn_deg": 45.0, "early": 0.01, "time": 2.5}
@@ -33,16 +36,35 @@ GOALS = {"rate": -0.33, "turn_deg": 45.0, "early": 0.01, "time": 2.5}
 def cells(repeats: int = 1) -> list[dict[str, Any]]:
     """All cells, each in one of the halves; each repeat draws another screw."""
     found = []
-    everything = product(enumerate(SIZES), enumerate(SUPPLIES_V), enumerate(WOODS), enumerate(TRIGGERS), KNOTS, range(repeats))
+    everything = product(
+        enumerate(SIZES),
+        enumerate(SUPPLIES_V),
+        enumerate(WOODS),
+        enumerate(TRIGGERS),
+        KNOTS,
+        range(repeats),
+    )
     for (n, size), (s, supply_v), (w, wood), (t, trigger), knot, repeat in everything:
         half = half_of(n + w, s + t)
         seed = seed_of(half, n, s, w, t, int(knot), repeat)
-        found.append({"set": half, "size": size, "supply_v": supply_v, "wood": wood, "trigger": trigger, "knot": knot, "seed": seed})
+        found.append(
+            {
+                "set": half,
+                "size": size,
+                "supply_v": supply_v,
+                "wood": wood,
+                "trigger": trigger,
+                "knot": knot,
+                "seed": seed,
+            }
+        )
     return found
 
 
 def screw(size: str, supply_v: float, wood: float, knot: bool, seed: int) -> Rig:
-    """The tool on one screw of a box: its start and end torque drawn, its seat scaled with the wood."""
+    """The tool on one screw of a box: its start and end torque drawn, its seat scaled with the
+    wood.
+    """
     random = np.random.default_rng([seed, 9])
     scatter = np.clip(1.0 + SCATTER * random.standard_normal(2), *SCATTER_LIMITS)
     load = JOINTS[size]
@@ -57,12 +79,18 @@ def screw(size: str, supply_v: float, wood: float, knot: bool, seed: int) -> Rig
     if not knot:
         return rig
     begin = 2 * np.pi * (load["turns"] - changed["from_turns"]) * random.uniform(1 / 3, 2 / 3)
-    torque = {"torque_nm": KNOT_SHARE * changed["end_nm"], "from_rad": begin, "to_rad": begin + 2 * np.pi * KNOT_TURNS}
+    torque = {
+        "torque_nm": KNOT_SHARE * changed["end_nm"],
+        "from_rad": begin,
+        "to_rad": begin + 2 * np.pi * KNOT_TURNS,
+    }
     return rig.with_effects({"wood_knot": torque})
 
 
 class Watch:
-    """Ends a run once the bridge has been open for a while behind the drive, or the screw is stripped."""
+    """Ends a run once the bridge has been open for a while behind the drive, or the screw is
+    stripped.
+    """
 
     def __init__(self, stripped_rad: float) -> None:
         self._stripped_rad, self._open_since, self._driven = stripped_rad, None, False
@@ -78,8 +106,12 @@ class Watch:
 
 
 def ramp_end_rad(rig: Rig) -> float:
-    """Head angle at which the seating ramp ends and the screw begins to strip, from the run's start."""
-    return 2 * np.pi * (rig.load["turns"] - rig.load["from_turns"]) + np.radians(rig.load["seat_deg"])
+    """Head angle at which the seating ramp ends and the screw begins to strip, from the run's
+    start.
+    """
+    return 2 * np.pi * (rig.load["turns"] - rig.load["from_turns"]) + np.radians(
+        rig.load["seat_deg"]
+    )
 
 
 def passing_s(run: Run, angle_rad: float) -> float | None:
@@ -92,14 +124,34 @@ def passing_s(run: Run, angle_rad: float) -> float | None:
 def plain_run(rig: Rig, trigger: float, seed: int) -> Run:
     """Uncontrolled: the operator lets go RELEASE_S behind the seat."""
     seat = {"duration_s": SECONDS_MOST, "seed": seed, "truth_every": 31}
-    probe = sil_run(rig, profile=pull(trigger), stop_when=lambda tool, _: tool.head_rad > ramp_end_rad(rig), **seat)
+    probe = sil_run(
+        rig,
+        profile=pull(trigger),
+        stop_when=lambda tool, _: tool.head_rad > ramp_end_rad(rig),
+        **seat,
+    )
     seated_s = passing_s(probe, probe.seat_rad)
     if seated_s is None:
         return probe
-    return sil_run(rig, profile=pull(trigger, release_s=seated_s + RELEASE_S), stop_when=Watch(ramp_end_rad(rig)), **seat)
+    return sil_run(
+        rig,
+        profile=pull(trigger, release_s=seated_s + RELEASE_S),
+        stop_when=Watch(ramp_end_rad(rig)),
+        **seat,
+    )
 
 
-def work(variant: Variant, *, size: str, supply_v: float, wood: float, trigger: float, knot: bool, seed: int, **_: Any) -> Figures:
+def work(
+    variant: Variant,
+    *,
+    size: str,
+    supply_v: float,
+    wood: float,
+    trigger: float,
+    knot: bool,
+    seed: int,
+    **_: Any,
+) -> Figures:
     """One screw."""
     rig = screw(size, supply_v, wood, knot, seed)
     if variant.name == PLAIN.name:
@@ -183,7 +235,11 @@ def compare(rows: Sequence[Figures], variant: str, size: str | None = None) -> F
     plain = {cell_key(r): r for r in rows if r["variant"] == PLAIN.name}
     chosen = [r for r in rows if r["variant"] == variant and size in (None, r["size"])]
     pairs = [(plain[cell_key(r)], r) for r in chosen]
-    rates = [b["rate_per_s"] / a["rate_per_s"] - 1.0 for a, b in pairs if is_soft(b) and a["rate_per_s"] and b["rate_per_s"]]
+    rates = [
+        b["rate_per_s"] / a["rate_per_s"] - 1.0
+        for a, b in pairs
+        if is_soft(b) and a["rate_per_s"] and b["rate_per_s"]
+    ]
     times = [b["seat_s"] / a["seat_s"] for a, b in pairs if a["seat_s"] and b["seat_s"]]
     return {
         "variant": variant,

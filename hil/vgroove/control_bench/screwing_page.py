@@ -42,7 +42,10 @@ def summaries(rows: Sequence[Figures]) -> list[Figures]:
     found = []
     for name in (PLAIN.name, *methods(rows)):
         for half, part in by_half(chosen):
-            found += [{"set": half, **screwing.compare(part, name, size)} for size in (*screwing.SIZES, None)]
+            found += [
+                {"set": half, **screwing.compare(part, name, size)}
+                for size in (*screwing.SIZES, None)
+            ]
     return [f for f in found if f["screws"]]
 
 
@@ -54,10 +57,28 @@ def goals(found: Sequence[Figures]) -> list[Goal]:
             continue
         name, half, limits = f["variant"], f["set"], screwing.GOALS
         listed += [
-            Goal(name, half, "impact rate change, small and soft", f["rate_change_soft"], limits["rate"]),
-            Goal(name, half, "turn past the seat in deg, median", f["past_deg_median"], f["limit_deg_median"]),
+            Goal(
+                name,
+                half,
+                "impact rate change, small and soft",
+                f["rate_change_soft"],
+                limits["rate"],
+            ),
+            Goal(
+                name,
+                half,
+                "turn past the seat in deg, median",
+                f["past_deg_median"],
+                f["limit_deg_median"],
+            ),
             Goal(name, half, "screws past the end of the ramp", f["stripped"], 0),
-            Goal(name, half, "share stopped before the seat", f["early"] / f["screws"], limits["early"]),
+            Goal(
+                name,
+                half,
+                "share stopped before the seat",
+                f["early"] / f["screws"],
+                limits["early"],
+            ),
             Goal(name, half, "time to seat with / without, mean", f["time_ratio"], limits["time"]),
         ]
     return listed
@@ -79,7 +100,9 @@ def past_picture(rows: Sequence[Figures]) -> Picture:
                 jitter=0.4,
             )
         )
-    figure.add_hline(y=90.0, line={"dash": "dash", "color": "#888"}, annotation_text="the ramp ends: stripped")
+    figure.add_hline(
+        y=90.0, line={"dash": "dash", "color": "#888"}, annotation_text="the ramp ends: stripped"
+    )
     figure.add_hline(y=0.0, line={"color": "#888"})
     figure.update_layout(boxmode="group")
     figure.update_yaxes(title="turn past the seat in deg", range=[-120, 300])
@@ -91,17 +114,37 @@ def past_picture(rows: Sequence[Figures]) -> Picture:
 
 
 def wave() -> Wave:
-    """Turns of the screw, torque and motor current up to the seat and beyond; without control the operator lets go behind it."""
+    """Turns of the screw, torque and motor current up to the seat and beyond; without control the
+    operator lets go behind it.
+    """
     rig = screwing.screw("m6", 18.5, 1.0, False, 6)
     plain = screwing.plain_run(rig, 0.8, 6)
     seated_s = screwing.passing_s(plain, plain.seat_rad)
     released = pull(0.8, release_s=seated_s + screwing.RELEASE_S)
     drives = [
-        Drive("without control: released 0.2 s behind the seat", rig, PLAIN, released, to_s=seated_s + 0.5, every=31),
-        Drive("precise screwing", rig, screwing.VARIANTS[1], pull(0.8), to_s=screwing.SECONDS_MOST, every=31, stop_when=Watch(1e9)),
+        Drive(
+            "without control: released 0.2 s behind the seat",
+            rig,
+            PLAIN,
+            released,
+            to_s=seated_s + 0.5,
+            every=31,
+        ),
+        Drive(
+            "precise screwing",
+            rig,
+            screwing.VARIANTS[1],
+            pull(0.8),
+            to_s=screwing.SECONDS_MOST,
+            every=31,
+            stop_when=Watch(1e9),
+        ),
     ]
     turns = 0.5 / np.pi
-    ends = (Line(turns * plain.seat_rad, "head contact", below=True), Line(turns * screwing.ramp_end_rad(rig), "ramp ends: stripped"))
+    ends = (
+        Line(turns * plain.seat_rad, "head contact", below=True),
+        Line(turns * screwing.ramp_end_rad(rig), "ramp ends: stripped"),
+    )
     panels = (
         Panel("head_rad", "screw in turns", turns, lines=ends),
         Panel("joint_nm", "torque on the screw in N m"),
@@ -115,6 +158,18 @@ def screwing_study(rows: Sequence[Figures]) -> Study:
     found = summaries(rows)
     listed = goals(found)
     lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "precise screwing")]
-    tables = [table_of("screwing_summary", "Precise screwing", SUMMARY, found), goals_table("screwing", listed)]
-    data = {"screwing": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}}
-    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [past_picture(present(rows)), wave_picture(wave())], data)
+    tables = [
+        table_of("screwing_summary", "Precise screwing", SUMMARY, found),
+        goals_table("screwing", listed),
+    ]
+    data = {
+        "screwing": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}
+    }
+    return Study(
+        "control",
+        "Controllers",
+        lines,
+        [t for t in tables if t.rows],
+        [past_picture(present(rows)), wave_picture(wave())],
+        data,
+    )

@@ -1,4 +1,6 @@
-"""Halves of a matrix: controllers are tuned on one and judged on the other, whose pairs of supply and load they have not seen."""
+"""Halves of a matrix: controllers are tuned on one and judged on the other, whose pairs of supply
+and load they have not seen.
+"""
 
 from collections.abc import Sequence
 from itertools import product

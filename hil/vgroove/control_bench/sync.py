@@ -1,4 +1,6 @@
-"""Synchronisation: 4 supplies x 3 triggers x 6 loads, with and without control; which blows are clean."""
+"""Synchronisation: 4 supplies x 3 triggers x 6 loads, with and without control; which blows are
+clean.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +17,11 @@ from vgroove.study.impact_runs import JOINT_WORDS, JOINTS
 LOADS = ("locked", "slip_60", "slip_15", "slip_6", "m8", "disc_spring")
 LOAD_WORDS = {**JOINT_WORDS, "slip_15": "slips at 15 N m", "m8": "wood, M8"}
 TRIGGERS = (0.6, 0.8, 1.0)
-VARIANTS = (PLAIN, Variant("method 1", "sync", {"sync_method": 1}), Variant("method 2", "sync", {"sync_method": 2}))
+VARIANTS = (
+    PLAIN,
+    Variant("method 1", "sync", {"sync_method": 1}),
+    Variant("method 2", "sync", {"sync_method": 2}),
+)
 SETTLE_S = 0.5  # behind the pull: run-up and the first blows
 SECONDS = 2.0  # of the run
 POOR = 0.83  # cells whose clean share is below this without control
@@ -23,7 +29,8 @@ TOLERANCE = 0.10  # of every parameter of another tool, uniform, independent
 TOOL_PARAMETERS = ("motor.resistance_ohm", "motor.torque_constant_nm_per_a", "motor.inertia_kg_m2", "mechanism.spring_rate_n_per_m",
                    "mechanism.spring_preload_n", "mechanism.hammer_inertia_kg_m2", "mechanism.hammer_mass_kg", "mechanism.lug_height_m",
                    "supply.resistance_ohm")  # fmt: skip
-DUTIES = tuple(round(0.30 + 0.025 * n, 3) for n in range(29))  # of the search for a constant duty that is clean
+# of the search for a constant duty that is clean
+DUTIES = tuple(round(0.30 + 0.025 * n, 3) for n in range(29))
 FULL_DUTY = 0.98
 GOALS = {"unclean_ratio": 0.5, "poor_gain": 0.20, "clean": 0.97, "spread": 0.012}
 
@@ -39,7 +46,9 @@ def cells() -> list[dict[str, Any]]:
     for half, supply_v, load in halved(SUPPLIES_V, LOADS):
         for n, trigger in enumerate(TRIGGERS):
             seed = seed_of(half, SUPPLIES_V.index(supply_v), LOADS.index(load), n)
-            found.append({"set": half, "supply_v": supply_v, "load": load, "trigger": trigger, "seed": seed})
+            found.append(
+                {"set": half, "supply_v": supply_v, "load": load, "trigger": trigger, "seed": seed}
+            )
     return found
 
 
@@ -53,11 +62,24 @@ def tool(supply_v: float, load: str, drawn: int | None) -> Rig:
     rig = reference(load_of(load), supply_v=supply_v)
     if drawn is None:
         return rig
-    share = 1.0 + np.random.default_rng([drawn, 6]).uniform(-TOLERANCE, TOLERANCE, len(TOOL_PARAMETERS))
-    return rig.with_values({name: rig.value(name) * float(s) for name, s in zip(TOOL_PARAMETERS, share, strict=True)})
+    share = 1.0 + np.random.default_rng([drawn, 6]).uniform(
+        -TOLERANCE, TOLERANCE, len(TOOL_PARAMETERS)
+    )
+    return rig.with_values(
+        {name: rig.value(name) * float(s) for name, s in zip(TOOL_PARAMETERS, share, strict=True)}
+    )
 
 
-def work(variant: Variant, *, supply_v: float, load: str, trigger: float, seed: int, tool: int | None = None, **_: Any) -> Figures:
+def work(
+    variant: Variant,
+    *,
+    supply_v: float,
+    load: str,
+    trigger: float,
+    seed: int,
+    tool: int | None = None,
+    **_: Any,
+) -> Figures:
     """One cell."""
     run = drive(variant, (supply_v, load, tool), trigger, seed)
     from_s = PULL_S + SETTLE_S
@@ -73,7 +95,11 @@ def drive(variant: Variant, what: tuple[float, str, int | None], trigger: float,
 
 def unclean(rows: Sequence[Figures]) -> list[Figures]:
     """Runs under control with less than the clean share that is asked for in the mean."""
-    return [r for r in rows if r["variant"] != PLAIN.name and "absent" not in r and r["clean"] < GOALS["clean"]]
+    return [
+        r
+        for r in rows
+        if r["variant"] != PLAIN.name and "absent" not in r and r["clean"] < GOALS["clean"]
+    ]
 
 
 def search_jobs(rows: Sequence[Figures]) -> list[Job]:
@@ -83,23 +109,35 @@ def search_jobs(rows: Sequence[Figures]) -> list[Job]:
     return [Job(search_work, PLAIN, cell) for cell in found.values()]
 
 
-def search_work(variant: Variant, *, supply_v: float, load: str, seed: int, tool: int | None, **_: Any) -> Figures:
+def search_work(
+    variant: Variant, *, supply_v: float, load: str, seed: int, tool: int | None, **_: Any
+) -> Figures:
     """The constant duty with the largest clean share; of equals the largest."""
-    shares = [sync_figures(drive(variant, (supply_v, load, tool), duty, seed), PULL_S + SETTLE_S)["clean"] for duty in DUTIES]
+    shares = [
+        sync_figures(drive(variant, (supply_v, load, tool), duty, seed), PULL_S + SETTLE_S)["clean"]
+        for duty in DUTIES
+    ]
     best = max(range(len(DUTIES)), key=lambda n: (shares[n], DUTIES[n]))
     return {"best_clean": shares[best], "best_duty": DUTIES[best]}
 
 
 def with_reason(row: Figures, searched: Sequence[Figures]) -> Figures:
     """A run that is not clean, beside what a constant duty could do there."""
-    same = [s for s in searched if cell_key(s) == cell_key(row) and s.get("tool") == row.get("tool")][0]
+    same = [
+        s for s in searched if cell_key(s) == cell_key(row) and s.get("tool") == row.get("tool")
+    ][0]
     if same["best_clean"] < GOALS["clean"]:
         reason = "no constant duty is clean"
     elif row["duty"] >= FULL_DUTY:
         reason = "full duty gives less than the band that is held"
     else:
         reason = "the controller's"
-    return {**row, "best_clean": same["best_clean"], "best_duty": same["best_duty"], "reason": reason}
+    return {
+        **row,
+        "best_clean": same["best_clean"],
+        "best_duty": same["best_duty"],
+        "reason": reason,
+    }
 
 
 def jobs(chosen: Sequence[dict[str, Any]], variants: Sequence[Variant] = VARIANTS) -> list[Job]:

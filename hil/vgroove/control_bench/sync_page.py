@@ -48,12 +48,18 @@ UNCLEAN = [
 
 def methods(rows: Sequence[Figures]) -> list[str]:
     """Variants that are there, but the plain one."""
-    return [name for name in dict.fromkeys(r["variant"] for r in present(rows)) if name != PLAIN.name]
+    return [
+        name for name in dict.fromkeys(r["variant"] for r in present(rows)) if name != PLAIN.name
+    ]
 
 
 def summaries(rows: Sequence[Figures]) -> list[Figures]:
     """Each method on each half and on all."""
-    return [{"set": half, **sync.compare(chosen, name)} for name in methods(rows) for half, chosen in by_half(present(rows))]
+    return [
+        {"set": half, **sync.compare(chosen, name)}
+        for name in methods(rows)
+        for half, chosen in by_half(present(rows))
+    ]
 
 
 def goals(found: Sequence[Figures]) -> list[Goal]:
@@ -62,9 +68,22 @@ def goals(found: Sequence[Figures]) -> list[Goal]:
     for f in found:
         name, half = f["variant"], f["set"]
         listed += [
-            Goal(name, half, "unclean with / without", f["unclean_ratio"], sync.GOALS["unclean_ratio"]),
+            Goal(
+                name,
+                half,
+                "unclean with / without",
+                f["unclean_ratio"],
+                sync.GOALS["unclean_ratio"],
+            ),
             Goal(name, half, "clean, mean", f["clean"], sync.GOALS["clean"], at_most=False),
-            Goal(name, half, "gain where clean was below 0.83", f["poor_gain"], sync.GOALS["poor_gain"], at_most=False),
+            Goal(
+                name,
+                half,
+                "gain where clean was below 0.83",
+                f["poor_gain"],
+                sync.GOALS["poor_gain"],
+                at_most=False,
+            ),
             Goal(name, half, "cells worse than without", f["worse_cells"], 0),
             Goal(name, half, "period spread, mean", f["spread"], sync.GOALS["spread"]),
             Goal(name, half, "work per second with / without", f["work_ratio"], 1.0, at_most=False),
@@ -85,7 +104,9 @@ def cell_table(rows: Sequence[Figures]) -> Table:
     body = []
     for (half, supply_v, load, trigger), found in cells.items():
         figures = [
-            found[name].get(key) if name in found else None for name in names for key in ("clean", "blows_per_min", "spread", "work_w")
+            found[name].get(key) if name in found else None
+            for name in names
+            for key in ("clean", "blows_per_min", "spread", "work_w")
         ]
         body.append([half, supply_v, sync.LOAD_WORDS[load], trigger, *figures])
     return Table("sync_cells", "Clean share of blows, every cell", header, body)
@@ -96,12 +117,16 @@ def clean_picture(rows: Sequence[Figures]) -> Picture:
     chosen = present(rows)
     names = list(dict.fromkeys(r["variant"] for r in chosen))
     columns = [(v, t) for v in sync.SUPPLIES_V for t in sync.TRIGGERS]
-    figure = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.08, subplot_titles=names)
+    figure = make_subplots(
+        rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.08, subplot_titles=names
+    )
     for n, name in enumerate(names):
         share = np.full((len(sync.LOADS), len(columns)), np.nan)
         for r in chosen:
             if r["variant"] == name:
-                share[sync.LOADS.index(r["load"]), columns.index((r["supply_v"], r["trigger"]))] = r["clean"]
+                share[sync.LOADS.index(r["load"]), columns.index((r["supply_v"], r["trigger"]))] = (
+                    r["clean"]
+                )
         cells = go.Heatmap(
             z=share,
             x=[f"{v:g} V, {t:g}" for v, t in columns],
@@ -113,19 +138,33 @@ def clean_picture(rows: Sequence[Figures]) -> Picture:
             texttemplate="%{z:.2f}",
         )
         figure.add_trace(cells, row=n + 1, col=1)
-    return Picture("Clean share of blows", style(figure, 130 + 250 * len(names)), "supply and trigger across, joints down; 1 is all clean")
+    return Picture(
+        "Clean share of blows",
+        style(figure, 130 + 250 * len(names)),
+        "supply and trigger across, joints down; 1 is all clean",
+    )
 
 
 def wave() -> Wave:
     """Motor speed and hammer displacement in a cell that loses its step without control."""
     rig = reference(sync.load_of("slip_60"), supply_v=17.5)
-    words = {PLAIN.name: "without control", "method 1": "method 1, motor speed", "method 2": "method 2, motor current"}
+    words = {
+        PLAIN.name: "without control",
+        "method 1": "method 1, motor speed",
+        "method 2": "method 2, motor current",
+    }
     drives = [Drive(words[v.name], rig, v, pull(0.8), from_s=1.0, to_s=1.25) for v in sync.VARIANTS]
     panels = (
         Panel("speed_rad_s", "motor speed in rpm", RPM),
         Panel("hammer_mm", "hammer displacement in mm; ticks: blows, repeats orange", blows=True),
     )
-    return Wave("sync", "Motor speed and hammer displacement", "joint slips at 60 N m, 17.5 V, trigger 0.8", drives, panels)
+    return Wave(
+        "sync",
+        "Motor speed and hammer displacement",
+        "joint slips at 60 N m, 17.5 V, trigger 0.8",
+        drives,
+        panels,
+    )
 
 
 def kept_line(unclean: Sequence[Figures]) -> str:
@@ -133,10 +172,14 @@ def kept_line(unclean: Sequence[Figures]) -> str:
     own = sum(r.get("tool") is None for r in unclean)
     limit, off = sync.GOALS["clean"], f"{sync.TOLERANCE:.0%}"
     counted = f"{own} runs of the reference tool, {len(unclean) - own} of tools off by up to {off}"
-    return f"Below {limit:g} clean under control: {counted}; each stands in a table with its reason."
+    return (
+        f"Below {limit:g} clean under control: {counted}; each stands in a table with its reason."
+    )
 
 
-def sync_study(rows: Sequence[Figures], others: Sequence[Figures] = (), unclean: Sequence[Figures] = ()) -> Study:
+def sync_study(
+    rows: Sequence[Figures], others: Sequence[Figures] = (), unclean: Sequence[Figures] = ()
+) -> Study:
     """The whole part."""
     found, drawn = summaries(rows), summaries(others) if others else []
     listed = goals(found)
@@ -147,10 +190,21 @@ def sync_study(rows: Sequence[Figures], others: Sequence[Figures] = (), unclean:
         kept_line(unclean),
         *absent_lines(rows, "synchronisation"),
     ]
-    tables = [table_of("sync_summary", "Synchronisation", SUMMARY, found), goals_table("sync", listed), cell_table(rows)]
+    tables = [
+        table_of("sync_summary", "Synchronisation", SUMMARY, found),
+        goals_table("sync", listed),
+        cell_table(rows),
+    ]
     tables += [
-        table_of("sync_tools", f"Tools whose parameters are off by up to {sync.TOLERANCE:.0%}, one draw a cell", SUMMARY, drawn),
-        table_of("sync_unclean", "Cells that are not clean under control, and why", UNCLEAN, unclean),
+        table_of(
+            "sync_tools",
+            f"Tools whose parameters are off by up to {sync.TOLERANCE:.0%}, one draw a cell",
+            SUMMARY,
+            drawn,
+        ),
+        table_of(
+            "sync_unclean", "Cells that are not clean under control, and why", UNCLEAN, unclean
+        ),
     ]
     pictures = [clean_picture(rows), wave_picture(wave())]
     cells = {"cells": list(rows), "tools": drawn, "unclean": list(unclean)}

@@ -1,4 +1,6 @@
-"""Torque control: targets on joints of every slope, friction, slope, supply and winding scattered; what the joint holds in the end."""
+"""Torque control: targets on joints of every slope, friction, slope, supply and winding scattered;
+what the joint holds in the end.
+"""
 
 from collections.abc import Sequence
 from itertools import product
@@ -31,17 +33,27 @@ PRACTICE_ALPHA = (2.5, 4.0)  # impact wrench, VDI 2230 part 1, table A8
 def cells(runs: int = RUNS) -> list[dict[str, Any]]:
     """Every target on every slope, so many scattered joints each, in one of the halves."""
     found = []
-    for (t, target_nm), (s, slope), n in product(enumerate(TARGETS_NM), enumerate(SLOPES), range(runs)):
+    for (t, target_nm), (s, slope), n in product(
+        enumerate(TARGETS_NM), enumerate(SLOPES), range(runs)
+    ):
         half = half_of(t, s)
-        found.append({"set": half, "target_nm": target_nm, "slope": slope, "seed": seed_of(half, t, s, n)})
+        found.append(
+            {"set": half, "target_nm": target_nm, "slope": slope, "seed": seed_of(half, t, s, n)}
+        )
     return found
 
 
 def joint(slope: float, seed: int | None) -> Rig:
     """The reference tool on a hard joint; with a seed all four quantities are drawn."""
-    scatter = np.zeros(4) if seed is None else np.random.default_rng([seed, 5]).uniform(-SCATTER, SCATTER, 4)
+    scatter = (
+        np.zeros(4)
+        if seed is None
+        else np.random.default_rng([seed, 5]).uniform(-SCATTER, SCATTER, 4)
+    )
     friction, of_slope, supply, winding = 1.0 + scatter
-    rig = reference({**JOINTS["hard_joint"], "slip_slope_nm_per_rad": slope * of_slope}, supply_v=18.5 * supply)
+    rig = reference(
+        {**JOINTS["hard_joint"], "slip_slope_nm_per_rad": slope * of_slope}, supply_v=18.5 * supply
+    )
     rig = rig.with_values({"motor.resistance_ohm": 0.19 * winding})
     return rig.with_effects({"thread_friction": {"relative": friction - 1.0}})
 
@@ -61,9 +73,15 @@ def nominal(slope: float) -> dict[str, Any]:
 
 
 def map_row(found: dict[str, Any], target_nm: float) -> Figures:
-    """Blow and time at which the nominal joint passes a target, and how much that blow adds, as a share of the target."""
+    """Blow and time at which the nominal joint passes a target, and how much that blow adds, as a
+    share of the target.
+    """
     there = np.flatnonzero(found["torque_nm"] >= target_nm)
-    row: Figures = {"target_nm": target_nm, "slope": found["slope"], "most_nm": float(found["torque_nm"][-1])}
+    row: Figures = {
+        "target_nm": target_nm,
+        "slope": found["slope"],
+        "most_nm": float(found["torque_nm"][-1]),
+    }
     if not len(there):
         return {**row, "blow": None, "time_s": None, "step": None, "kind": "out of reach"}
     at = int(there[0])
@@ -71,7 +89,13 @@ def map_row(found: dict[str, Any], target_nm: float) -> Figures:
     step = float((found["torque_nm"][at] - before) / target_nm)
     later = found["time_s"][at + 1] if at + 1 < len(found["time_s"]) else found["time_s"][at] + 0.02
     kind = "in reach" if step < FAST_STEP else "too fast"
-    return {**row, "blow": at + 1, "time_s": float(0.5 * (found["time_s"][at] + later)), "step": step, "kind": kind}
+    return {
+        **row,
+        "blow": at + 1,
+        "time_s": float(0.5 * (found["time_s"][at] + later)),
+        "step": step,
+        "kind": kind,
+    }
 
 
 def map_work(variant: Variant, *, slope: float) -> Figures:
@@ -101,13 +125,32 @@ class Watch:
         return progress.time_s - last > REST_S
 
 
-def work(variant: Variant, *, target_nm: float, slope: float, seed: int, blow: int | None, time_s: float | None, **_: Any) -> Figures:
-    """One scattered joint. Fixed time and fixed count stop where the nominal joint would have its target."""
+def work(
+    variant: Variant,
+    *,
+    target_nm: float,
+    slope: float,
+    seed: int,
+    blow: int | None,
+    time_s: float | None,
+    **_: Any,
+) -> Figures:
+    """One scattered joint. Fixed time and fixed count stop where the nominal joint would have its
+    target.
+    """
     rig = joint(slope, seed)
     if variant.mode == "duty":
         return fixed_work(rig, variant.name, blow, time_s, seed)
     params = {**variant.params, "torque_target_nm": target_nm}
-    run = sil_run(rig, mode=variant.mode, params=params, profile=pull(), duration_s=SECONDS_MOST, seed=seed, stop_when=Watch())
+    run = sil_run(
+        rig,
+        mode=variant.mode,
+        params=params,
+        profile=pull(),
+        duration_s=SECONDS_MOST,
+        seed=seed,
+        stop_when=Watch(),
+    )
     told = len(run.control["time_s"]) > 0
     return {
         "torque_nm": run.tightened_nm,
@@ -124,7 +167,12 @@ def fixed_work(rig: Rig, rule: str, blow: int | None, time_s: float | None, seed
         return {"torque_nm": None, "reason": "out of reach", "blows": 0, "faults": 0}
     seconds = time_s + 0.02 if rule == FIXED_TIME else 3.0 * time_s + 0.3
     run = sil_run(rig, duration_s=PULL_S + seconds, seed=seed, truth_every=15)
-    return {"torque_nm": fixed_torque(run, rule, blow, time_s), "reason": "stopped", "blows": blow, "faults": run.faults}
+    return {
+        "torque_nm": fixed_torque(run, rule, blow, time_s),
+        "reason": "stopped",
+        "blows": blow,
+        "faults": run.faults,
+    }
 
 
 def fixed_torque(run: Run, rule: str, blow: int, time_s: float) -> float:
@@ -143,7 +191,11 @@ def reason_of(run: Run) -> str:
     return telemetry.value_table("CONTROL", "stop_reason")[int(run.control["stop_reason"][-1])]
 
 
-def jobs(chosen: Sequence[dict[str, Any]], maps: Sequence[Figures], variants: Sequence[Variant] = VARIANTS) -> list[Job]:
+def jobs(
+    chosen: Sequence[dict[str, Any]],
+    maps: Sequence[Figures],
+    variants: Sequence[Variant] = VARIANTS,
+) -> list[Job]:
     """Every chosen joint under every variant."""
     where = {(row["target_nm"], row["slope"]): row for row in maps}
     found = []
@@ -153,10 +205,20 @@ def jobs(chosen: Sequence[dict[str, Any]], maps: Sequence[Figures], variants: Se
     return found
 
 
-def cell_figures(rows: Sequence[Figures], target_nm: float, slope: float, variant: str) -> Figures | None:
+def cell_figures(
+    rows: Sequence[Figures], target_nm: float, slope: float, variant: str
+) -> Figures | None:
     """Spread and mean error of one cell over its joints; refused and missed ones are counted apart."""
-    chosen = [r for r in rows if (r["target_nm"], r["slope"], r["variant"]) == (target_nm, slope, variant)]
-    done = np.array([r["torque_nm"] for r in chosen if r["torque_nm"] is not None and r["reason"] not in REASONS_REFUSED])
+    chosen = [
+        r for r in rows if (r["target_nm"], r["slope"], r["variant"]) == (target_nm, slope, variant)
+    ]
+    done = np.array(
+        [
+            r["torque_nm"]
+            for r in chosen
+            if r["torque_nm"] is not None and r["reason"] not in REASONS_REFUSED
+        ]
+    )
     if not chosen:
         return None
     return {
@@ -173,7 +235,9 @@ def cell_figures(rows: Sequence[Figures], target_nm: float, slope: float, varian
 
 
 def compare(rows: Sequence[Figures], maps: Sequence[Figures], variant: str) -> Figures:
-    """Over the cells in reach: typical and worst spread and error, and the tightening factor with a bolt's friction."""
+    """Over the cells in reach: typical and worst spread and error, and the tightening factor with a
+    bolt's friction.
+    """
     reach = [(m["target_nm"], m["slope"]) for m in maps if m["kind"] == "in reach"]
     found = [f for f in (cell_figures(rows, *cell, variant) for cell in reach) if f]
     good = [f for f in found if f["std"] is not None]
@@ -190,7 +254,10 @@ def compare(rows: Sequence[Figures], maps: Sequence[Figures], variant: str) -> F
     return {
         "variant": variant,
         "cells": len(found),
-        "cells_met": sum(f["std"] <= GOALS["std"] and abs(f["mean_error"]) <= GOALS["mean"] and f["told"] == 0 for f in good),
+        "cells_met": sum(
+            f["std"] <= GOALS["std"] and abs(f["mean_error"]) <= GOALS["mean"] and f["told"] == 0
+            for f in good
+        ),
         "std_rms": float(np.sqrt(np.mean([f["std"] ** 2 for f in good]))) if good else None,
         "std_most": max((f["std"] for f in good), default=None),
         "mean_error_most": max((abs(f["mean_error"]) for f in good), default=None),
@@ -200,10 +267,15 @@ def compare(rows: Sequence[Figures], maps: Sequence[Figures], variant: str) -> F
 
 
 def alpha(share: np.ndarray) -> Figures:
-    """Tightening factor F_max / F_min of VDI 2230: of the torque alone (mean +- 2 sigma) and with a bolt's friction of 0.10 to 0.14."""
+    """Tightening factor F_max / F_min of VDI 2230: of the torque alone (mean +- 2 sigma) and with a
+    bolt's friction of 0.10 to 0.14.
+    """
     if len(share) < 2:
         return {"alpha_torque": None, "alpha": None}
     from vgroove.study.load import lever_m
 
     of_torque = float((share.mean() + 2 * share.std()) / (share.mean() - 2 * share.std()))
-    return {"alpha_torque": of_torque, "alpha": of_torque * lever_m(FRICTION_RANGE[1]) / lever_m(FRICTION_RANGE[0])}
+    return {
+        "alpha_torque": of_torque,
+        "alpha": of_torque * lever_m(FRICTION_RANGE[1]) / lever_m(FRICTION_RANGE[0]),
+    }

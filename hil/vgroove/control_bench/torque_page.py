@@ -60,13 +60,19 @@ def cell_words(cell: Figures) -> str:
     """One cell of the map."""
     if cell["blow"] is None:
         return "out of reach"
-    return f"blow {cell['blow']}: {100 * cell['step']:.1f} %" + (", too fast" if cell["kind"] == "too fast" else "")
+    return f"blow {cell['blow']}: {100 * cell['step']:.1f} %" + (
+        ", too fast" if cell["kind"] == "too fast" else ""
+    )
 
 
 def cell_rows(rows: Sequence[Figures], maps: Sequence[Figures]) -> list[Figures]:
     """Every cell under every variant."""
     names = dict.fromkeys(r["variant"] for r in rows)
-    found = [(m, torque.cell_figures(rows, m["target_nm"], m["slope"], name)) for name in names for m in maps]
+    found = [
+        (m, torque.cell_figures(rows, m["target_nm"], m["slope"], name))
+        for name in names
+        for m in maps
+    ]
     return [{**f, "kind": m["kind"]} for m, f in found if f]
 
 
@@ -78,8 +84,20 @@ def goals(found: Sequence[Figures]) -> list[Goal]:
             continue
         name, half = f["variant"], f["set"]
         listed += [
-            Goal(name, half, "standard deviation, worst cell in reach", f["std_most"], torque.GOALS["std"]),
-            Goal(name, half, "mean error, worst cell in reach", f["mean_error_most"], torque.GOALS["mean"]),
+            Goal(
+                name,
+                half,
+                "standard deviation, worst cell in reach",
+                f["std_most"],
+                torque.GOALS["std"],
+            ),
+            Goal(
+                name,
+                half,
+                "mean error, worst cell in reach",
+                f["mean_error_most"],
+                torque.GOALS["mean"],
+            ),
             Goal(name, half, "told as missed although in reach", f["told"], 0),
         ]
     return listed
@@ -89,7 +107,11 @@ def error_picture(cells: Sequence[Figures]) -> Picture:
     """Mean and spread of each cell."""
     figure = go.Figure()
     for name, colour in zip(dict.fromkeys(c["variant"] for c in cells), COLOURS, strict=False):
-        chosen = [c for c in cells if c["variant"] == name and c["std"] is not None and c["kind"] == "in reach"]
+        chosen = [
+            c
+            for c in cells
+            if c["variant"] == name and c["std"] is not None and c["kind"] == "in reach"
+        ]
         spread = {"type": "data", "array": [100.0 * c["std"] for c in chosen]}
         figure.add_trace(
             go.Scatter(
@@ -103,7 +125,9 @@ def error_picture(cells: Sequence[Figures]) -> Picture:
         )
     figure.add_hrect(y0=-3.0, y1=3.0, fillcolor="#66a182", opacity=0.15, line_width=0)
     figure.update_yaxes(title="error of the torque in %, mean +- 1 sigma")
-    return Picture("Torque control", style(figure, 520), "targets in reach; target and slope in N m/rad below")
+    return Picture(
+        "Torque control", style(figure, 520), "targets in reach; target and slope in N m/rad below"
+    )
 
 
 def held_nm(run: Run) -> np.ndarray:
@@ -112,26 +136,50 @@ def held_nm(run: Run) -> np.ndarray:
 
 
 def wave() -> Wave:
-    """Torque of the joint, motor current and duty over a tightening: without control, and to 80 N m on a soft and on a hard joint."""
+    """Torque of the joint, motor current and duty over a tightening: without control, and to 80 N m
+    on a soft and on a hard joint.
+    """
     aimed = Variant("torque", "torque", {"torque_target_nm": WAVE_NM})
     drives = [
         Drive("without control, 120 N m/rad", torque.joint(120.0, 3), PLAIN, to_s=1.5),
-        Drive("to 80 N m, 60 N m/rad", torque.joint(60.0, 3), aimed, to_s=4.0, stop_when=torque.Watch()),
-        Drive("to 80 N m, 240 N m/rad", torque.joint(240.0, 3), aimed, to_s=6.0, stop_when=torque.Watch()),
+        Drive(
+            "to 80 N m, 60 N m/rad",
+            torque.joint(60.0, 3),
+            aimed,
+            to_s=4.0,
+            stop_when=torque.Watch(),
+        ),
+        Drive(
+            "to 80 N m, 240 N m/rad",
+            torque.joint(240.0, 3),
+            aimed,
+            to_s=6.0,
+            stop_when=torque.Watch(),
+        ),
     ]
     panels = (
         Panel(held_nm, "torque that the joint holds in N m", lines=(Line(WAVE_NM, "target"),)),
         Panel("current_a", "motor current in A"),
         Panel("duty", "duty"),
     )
-    return Wave("torque", "Torque control over time", "friction, slope, supply and winding scattered", drives, panels)
+    return Wave(
+        "torque",
+        "Torque control over time",
+        "friction, slope, supply and winding scattered",
+        drives,
+        panels,
+    )
 
 
 def torque_study(rows: Sequence[Figures], maps: Sequence[Figures]) -> Study:
     """The whole part."""
     chosen = present(rows)
     names = dict.fromkeys(r["variant"] for r in chosen)
-    found = [{"set": half, **torque.compare(part, maps, name)} for name in names for half, part in by_half(chosen)]
+    found = [
+        {"set": half, **torque.compare(part, maps, name)}
+        for name in names
+        for half, part in by_half(chosen)
+    ]
     listed, cells = goals(found), cell_rows(chosen, maps)
     low, high = torque.PRACTICE_ALPHA
     lines = [
@@ -145,5 +193,20 @@ def torque_study(rows: Sequence[Figures], maps: Sequence[Figures]) -> Study:
         goals_table("torque", listed),
         table_of("torque_cells", "Torque reached, every cell", CELLS, cells),
     ]
-    data = {"torque": {"map": list(maps), "summary": found, "goals": [g.as_dict() for g in listed], "cells": cells, "runs": list(rows)}}
-    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [error_picture(cells), wave_picture(wave())], data)
+    data = {
+        "torque": {
+            "map": list(maps),
+            "summary": found,
+            "goals": [g.as_dict() for g in listed],
+            "cells": cells,
+            "runs": list(rows),
+        }
+    }
+    return Study(
+        "control",
+        "Controllers",
+        lines,
+        [t for t in tables if t.rows],
+        [error_picture(cells), wave_picture(wave())],
+        data,
+    )

@@ -1,4 +1,6 @@
-"""Low vibration: AC RMS of the housing reaction until the same work is done, with and without control, three joints at three supplies."""
+"""Low vibration: AC RMS of the housing reaction until the same work is done, with and without
+control, three joints at three supplies.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,8 +19,13 @@ from vgroove.rig import Rig
 
 LOADS = ("hard_joint", "disc_spring", "m8")
 SUPPLIES_V = (16.0, 18.5, 20.5)
-VARIANTS = (PLAIN, Variant("method 1", "vibration", {"vibration_method": 1}), Variant("method 2", "vibration", {"vibration_method": 2}))
-TORQUE_S, TORQUE_SHARE = 1.0, 0.8  # the joint's aim: this share of what the uncontrolled tool reaches in this time
+VARIANTS = (
+    PLAIN,
+    Variant("method 1", "vibration", {"vibration_method": 1}),
+    Variant("method 2", "vibration", {"vibration_method": 2}),
+)
+# the joint's aim: this share of what the uncontrolled tool reaches in this time
+TORQUE_S, TORQUE_SHARE = 1.0, 0.8
 TURNS = 4.0
 SECONDS = 4.0  # at most
 DISTURBANCES = ("none", "Hall line broken", "current off", "period jumps")
@@ -32,14 +39,21 @@ GOALS = {"mean": -0.19, "aim": -0.30, "worst": 0.03, "time": 0.05}
 def cells() -> list[dict[str, Any]]:
     """All cells, each in one of the halves."""
     return [
-        {"set": half, "supply_v": supply_v, "load": load, "seed": seed_of(half, SUPPLIES_V.index(supply_v), LOADS.index(load))}
+        {
+            "set": half,
+            "supply_v": supply_v,
+            "load": load,
+            "seed": seed_of(half, SUPPLIES_V.index(supply_v), LOADS.index(load)),
+        }
         for half, supply_v, load in halved(SUPPLIES_V, LOADS)
     ]
 
 
 @lru_cache(maxsize=32)
 def aim_rad(supply_v: float, load: str) -> float:
-    """Head angle that ends a run: 80 % of the torque that the uncontrolled tool reaches in 1 s, the seat, or 4 turns."""
+    """Head angle that ends a run: 80 % of the torque that the uncontrolled tool reaches in 1 s, the
+    seat, or 4 turns.
+    """
     run = sil_run(reference(load, supply_v=supply_v), duration_s=PULL_S + TORQUE_S)
     if load == "m8":
         return min(run.seat_rad, TURNS * TURN_RAD)
@@ -72,12 +86,22 @@ def work(variant: Variant, *, supply_v: float, load: str, seed: int, **_: Any) -
 
 
 def run_figures(run: Run, aim: float) -> Figures:
-    """Vibration from the pull of the trigger to the aim, and from the first blow on; a run that does not get there has no figure."""
+    """Vibration from the pull of the trigger to the aim, and from the first blow on; a run that
+    does not get there has no figure.
+    """
     end_s, first = until(run, aim), run.hits["time_s"]
-    figures: Figures = {"aim_rad": aim, "time_s": None if end_s is None else end_s - PULL_S, "faults": run.faults if run.sent else 0}
+    figures: Figures = {
+        "aim_rad": aim,
+        "time_s": None if end_s is None else end_s - PULL_S,
+        "faults": run.faults if run.sent else 0,
+    }
     if end_s is None or not len(first) or first[0] >= end_s:
         return {**figures, "rms_nm": None, "weighted_nm": None, "impacting_nm": None}
-    return {**figures, **vibration(run, PULL_S, end_s), "impacting_nm": ripple(run, float(first[0]), end_s)}
+    return {
+        **figures,
+        **vibration(run, PULL_S, end_s),
+        "impacting_nm": ripple(run, float(first[0]), end_s),
+    }
 
 
 def disturbed(name: str, aim: float) -> tuple[Rig, Profile]:
@@ -90,23 +114,41 @@ def disturbed(name: str, aim: float) -> tuple[Rig, Profile]:
         pulse = ((0.0, 0.0), (from_s, 0.0), (from_s, MARGIN_A), (to_s, MARGIN_A), (to_s, 0.0))
         profile = replace(profile, current_add_a=pulse)
     if name == "period jumps":
-        torque = float(_core.joint_slip_torques(rig.parameters(), rig.load["kind"], np.array([0.5 * aim]))[0][0])
-        rig = rig.with_effects({"wood_knot": {"torque_nm": torque, "from_rad": 0.3 * aim, "to_rad": 0.6 * aim}})
+        torque = float(
+            _core.joint_slip_torques(rig.parameters(), rig.load["kind"], np.array([0.5 * aim]))[0][
+                0
+            ]
+        )
+        rig = rig.with_effects(
+            {"wood_knot": {"torque_nm": torque, "from_rad": 0.3 * aim, "to_rad": 0.6 * aim}}
+        )
     return rig, profile
 
 
 def margin_work(variant: Variant, *, disturbance: str, seed: int) -> Figures:
-    """One disturbance: what the board is told, or the joint, departs from the rule in the middle of the drive."""
+    """One disturbance: what the board is told, or the joint, departs from the rule in the middle of
+    the drive.
+    """
     aim = aim_rad(MARGIN_V, MARGIN_LOAD)
     rig, profile = disturbed(disturbance, aim)
     options = {"profile": profile, "duration_s": SECONDS, "seed": seed, "truth_every": 1}
-    run = sil_run(rig, mode=variant.mode, params=variant.params, stop_when=lambda tool, _: tool.head_rad > 1.02 * aim + 0.05, **options)
+    run = sil_run(
+        rig,
+        mode=variant.mode,
+        params=variant.params,
+        stop_when=lambda tool, _: tool.head_rad > 1.02 * aim + 0.05,
+        **options,
+    )
     return run_figures(run, aim)
 
 
 def margin_jobs(variants: Sequence[Variant] = VARIANTS) -> list[Job]:
     """Every disturbance under every variant."""
-    return [Job(margin_work, variant, {"disturbance": name, "seed": 1}) for variant in variants for name in DISTURBANCES]
+    return [
+        Job(margin_work, variant, {"disturbance": name, "seed": 1})
+        for variant in variants
+        for name in DISTURBANCES
+    ]
 
 
 def jobs(chosen: Sequence[dict[str, Any]], variants: Sequence[Variant] = VARIANTS) -> list[Job]:
@@ -119,7 +161,10 @@ def compare(rows: Sequence[Figures], variant: str) -> Figures:
     plain = {(r["supply_v"], r["load"]): r for r in rows if r["variant"] == PLAIN.name}
     pairs = [(plain[r["supply_v"], r["load"]], r) for r in rows if r["variant"] == variant]
     done = [(a, b) for a, b in pairs if b["rms_nm"] is not None]
-    changes = {key: [b[key] / a[key] - 1.0 for a, b in done] for key in ("rms_nm", "weighted_nm", "time_s", "impacting_nm")}
+    changes = {
+        key: [b[key] / a[key] - 1.0 for a, b in done]
+        for key in ("rms_nm", "weighted_nm", "time_s", "impacting_nm")
+    }
     return {
         "variant": variant,
         "cells": len(pairs),

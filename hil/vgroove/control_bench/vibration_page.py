@@ -37,7 +37,13 @@ CELLS = [
     ("while impacting", "impacting_nm"),
     ("time in s", "time_s"),
 ]
-MARGIN = [("variant", "variant"), ("disturbance", "disturbance"), ("RMS in N m", "rms_nm"), ("change", "change"), ("time in s", "time_s")]
+MARGIN = [
+    ("variant", "variant"),
+    ("disturbance", "disturbance"),
+    ("RMS in N m", "rms_nm"),
+    ("change", "change"),
+    ("time in s", "time_s"),
+]
 COLOURS = ("#30343b", "#d1495b", "#00798c", "#edae49")
 
 
@@ -70,28 +76,45 @@ def cell_picture(rows: Sequence[Figures]) -> Picture:
         )
     figure.update_yaxes(title="AC RMS of the reaction in N m")
     return Picture(
-        "Vibration from the motor to the housing", style(figure, 520), "6 to 1,250 Hz, from the pull of the trigger to the same work done"
+        "Vibration from the motor to the housing",
+        style(figure, 520),
+        "6 to 1,250 Hz, from the pull of the trigger to the same work done",
     )
 
 
 def wave() -> Wave:
     """Motor torque, housing reaction and hammer from the pull of the trigger on."""
     rig = reference("disc_spring", supply_v=18.5)
-    words = {PLAIN.name: "without control", "method 1": "method 1, motor speed", "method 2": "method 2, motor current"}
-    drives = [Drive(words[v.name], rig, v, from_s=PULL_S - 0.01, to_s=PULL_S + 0.35) for v in vibration.VARIANTS]
+    words = {
+        PLAIN.name: "without control",
+        "method 1": "method 1, motor speed",
+        "method 2": "method 2, motor current",
+    }
+    drives = [
+        Drive(words[v.name], rig, v, from_s=PULL_S - 0.01, to_s=PULL_S + 0.35)
+        for v in vibration.VARIANTS
+    ]
     panels = (
         Panel("current_a", "motor torque k i in N m", rig.value("motor.torque_constant_nm_per_a")),
         Panel("housing_nm", "reaction on the housing in N m"),
         Panel("hammer_mm", "hammer displacement in mm; ticks: blows", blows=True),
     )
-    return Wave("vibration", "Motor torque and what the housing feels", "disc springs, 18.5 V, full trigger", drives, panels)
+    return Wave(
+        "vibration",
+        "Motor torque and what the housing feels",
+        "disc springs, 18.5 V, full trigger",
+        drives,
+        panels,
+    )
 
 
 def margin_rows(rows: Sequence[Figures]) -> list[Figures]:
     """Each disturbance under each method against no control under the same disturbance."""
     plain = {r["disturbance"]: r["rms_nm"] for r in rows if r["variant"] == PLAIN.name}
     chosen = [r for r in rows if r["variant"] != PLAIN.name]
-    changes = [None if r["rms_nm"] is None else r["rms_nm"] / plain[r["disturbance"]] - 1.0 for r in chosen]
+    changes = [
+        None if r["rms_nm"] is None else r["rms_nm"] / plain[r["disturbance"]] - 1.0 for r in chosen
+    ]
     return [{**r, "change": change} for r, change in zip(chosen, changes, strict=True)]
 
 
@@ -101,20 +124,34 @@ def margin_picture(rows: Sequence[Figures]) -> Picture:
     for name, colour in zip(dict.fromkeys(r["variant"] for r in rows), COLOURS[1:], strict=False):
         chosen = [r for r in rows if r["variant"] == name]
         change = [None if r["change"] is None else 100.0 * r["change"] for r in chosen]
-        figure.add_trace(go.Bar(x=[r["disturbance"] for r in chosen], y=change, name=name, marker={"color": colour}))
+        figure.add_trace(
+            go.Bar(
+                x=[r["disturbance"] for r in chosen], y=change, name=name, marker={"color": colour}
+            )
+        )
     figure.update_yaxes(title="change of the RMS in %")
     note = f"three blows long, on disc springs at {vibration.MARGIN_V:g} V; against no control under the same disturbance"
-    return Picture("Margin of the controllers: missed blows and a jump of the period", style(figure, 460), note)
+    return Picture(
+        "Margin of the controllers: missed blows and a jump of the period", style(figure, 460), note
+    )
 
 
 def phase_picture(rows: Sequence[Figures]) -> Picture | None:
-    """What an error of the phase does to a shape that is locked to the true blows; None where none was searched."""
+    """What an error of the phase does to a shape that is locked to the true blows; None where none
+    was searched.
+    """
     found = [r for r in rows if r.get("margin")]
     if not found:
         return None
     points = [p for p in found[0]["margin"] if p["change"] is not None]
     figure = go.Figure()
-    figure.add_trace(go.Scatter(x=[p["phase_error"] for p in points], y=[100.0 * p["change"] for p in points], mode="lines+markers"))
+    figure.add_trace(
+        go.Scatter(
+            x=[p["phase_error"] for p in points],
+            y=[100.0 * p["change"] for p in points],
+            mode="lines+markers",
+        )
+    )
     figure.update_xaxes(title="error of the phase in periods")
     figure.update_yaxes(title="change of the RMS in %")
     note = f"full knowledge, {JOINT_WORDS[found[0]['load']]} at {found[0]['supply_v']:g} V"
@@ -124,7 +161,11 @@ def phase_picture(rows: Sequence[Figures]) -> Picture | None:
 def vibration_study(rows: Sequence[Figures], margin: Sequence[Figures] = ()) -> Study:
     """The whole part."""
     chosen = present(rows)
-    found = [{"set": half, **vibration.compare(part, name)} for name in methods(rows) for half, part in by_half(chosen)]
+    found = [
+        {"set": half, **vibration.compare(part, name)}
+        for name in methods(rows)
+        for half, part in by_half(chosen)
+    ]
     listed = goals([f for f in found if f["variant"] != vibration.BOUND])
     lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "low vibration")]
     tables = [
@@ -134,6 +175,25 @@ def vibration_study(rows: Sequence[Figures], margin: Sequence[Figures] = ()) -> 
     ]
     margins = margin_rows(present(margin))
     tables.append(table_of("vibration_margin", "Margin: three blows disturbed", MARGIN, margins))
-    pictures = [cell_picture(chosen), wave_picture(wave()), margin_picture(margins) if margins else None, phase_picture(chosen)]
-    data = {"vibration": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows), "margin": margins}}
-    return Study("control", "Controllers", lines, [t for t in tables if t.rows], [p for p in pictures if p], data)
+    pictures = [
+        cell_picture(chosen),
+        wave_picture(wave()),
+        margin_picture(margins) if margins else None,
+        phase_picture(chosen),
+    ]
+    data = {
+        "vibration": {
+            "summary": found,
+            "goals": [g.as_dict() for g in listed],
+            "cells": list(rows),
+            "margin": margins,
+        }
+    }
+    return Study(
+        "control",
+        "Controllers",
+        lines,
+        [t for t in tables if t.rows],
+        [p for p in pictures if p],
+        data,
+    )

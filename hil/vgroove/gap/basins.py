@@ -1,7 +1,8 @@
 """Looks around a fit with a ripple of torque, where no slope leads on.
 
-A cogging that stops the shaft makes the squared gap a staircase over its amplitude and phase; Gauss-Newton ends on some step of it. The
-steps near by are tried as they are, rings of them around the fit, coarse to fine, and a better one is fitted in its turn.
+A cogging that stops the shaft makes the squared gap a staircase over its amplitude and phase;
+Gauss-Newton ends on some step of it. The steps near by are tried as they are, rings of them around
+the fit, coarse to fine, and a better one is fitted in its turn.
 """
 
 from dataclasses import replace
@@ -17,7 +18,9 @@ MOVES = 3  # fits that one ring may ask for
 
 
 def deepest(search: Search, one: Fit) -> Fit:
-    """The best fit of a set that leaves a gap around one of it, its ripples somewhat larger, smaller or turned."""
+    """The best fit of a set that leaves a gap around one of it, its ripples somewhat larger,
+    smaller or turned.
+    """
     best = one
     for spread in SPREADS if search.leaves_a_gap(one) else ():
         for _ in range(MOVES):
@@ -32,12 +35,16 @@ def deepest(search: Search, one: Fit) -> Fit:
 
 
 def better_neighbour(search: Search, one: Fit, spread: float) -> Fit | None:
-    """A converged fit that leaves less than one, from the best point of the rings around it; none where no point leaves less."""
+    """A converged fit that leaves less than one, from the best point of the rings around it; none
+    where no point leaves less.
+    """
     points = ring(one, spread)
     if not len(points):
         return None
     costs = search.engine.costs(one, points)
     if not search.engine.is_gain(one, min(costs)):
         return None
-    again = search.engine.fit([replace(one.hypothesis, start=points[int(np.argmin(costs))])], CONVERGED)[0]
+    again = search.engine.fit(
+        [replace(one.hypothesis, start=points[int(np.argmin(costs))])], CONVERGED
+    )[0]
     return again if search.engine.is_gain(one, again.cost) else None

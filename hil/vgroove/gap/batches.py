@@ -8,7 +8,9 @@ LANES = 8  # parameter sets of one structure that the plant runs side by side
 
 
 def portions(sizes: Sequence[int], most: int) -> Iterator[slice]:
-    """Slices over consecutive items whose sizes add up to `most` or less; an item larger than that is alone."""
+    """Slices over consecutive items whose sizes add up to `most` or less; an item larger than that
+    is alone.
+    """
     first, total = 0, 0
     for at, size in enumerate(sizes):
         if total and total + size > most:
@@ -20,9 +22,11 @@ def portions(sizes: Sequence[int], most: int) -> Iterator[slice]:
 
 
 def alike(structure: np.ndarray, most: int) -> list[np.ndarray]:
-    """Members of a batch in parts of `most` or so, those of equal structure (B, k) together and their lanes not torn apart."""
+    """Members of a batch in parts of `most` or so, those of equal structure (B, k) together and
+    their lanes not torn apart.
+    """
     _, kind = np.unique(structure, axis=0, return_inverse=True)
     order = np.argsort(kind, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(kind[order])) + 1)
-    lanes = [group[at:at + LANES] for group in groups for at in range(0, len(group), LANES)]
+    lanes = [group[at : at + LANES] for group in groups for at in range(0, len(group), LANES)]
     return [np.concatenate(lanes[part]) for part in portions([len(one) for one in lanes], most)]

@@ -12,7 +12,9 @@ HELD_OUT = 3  # of every four blocks, counted from 1
 
 @dataclass(frozen=True)
 class Blocks:
-    """Blocks of one log: edges_s (k+1,) their borders; folds: their number; rotate: every block is judged once, by a fit to the others."""
+    """Blocks of one log: edges_s (k+1,) their borders; folds: their number; rotate: every block is
+    judged once, by a fit to the others.
+    """
 
     edges_s: np.ndarray
     folds: int
@@ -45,7 +47,9 @@ class Blocks:
 
 
 def stroke_s(time_s: np.ndarray, speed: np.ndarray) -> float:
-    """Mean time between reversals of a signed speed; the log's length when it never reverses. Below 2 % of the top a speed has no sign."""
+    """Mean time between reversals of a signed speed; the log's length when it never reverses. Below
+    2 % of the top a speed has no sign.
+    """
     known = np.isfinite(speed)
     top = np.max(np.abs(speed[known]), initial=0.0)
     moving = known & (np.abs(speed) > 0.02 * top)
@@ -58,8 +62,9 @@ def stroke_s(time_s: np.ndarray, speed: np.ndarray) -> float:
 def cut(time_s: np.ndarray, stroke: float) -> Blocks:
     """Blocks of a log whose motion keeps one direction for `stroke` seconds.
 
-    1 s, or an eighth of a shorter log; blocks 3, 7, 11, ... are held out, logs under 10 s rotate the four folds. Where a longer log goes to
-    and fro in strokes longer than that, thirds take turns, so that both directions are in every fit.
+    1 s, or an eighth of a shorter log; blocks 3, 7, 11, ... are held out, logs under 10 s rotate
+    the four folds. Where a longer log goes to and fro in strokes longer than that, thirds take
+    turns, so that both directions are in every fit.
     """
     start = float(time_s[0])
     length = float(time_s[-1]) - start

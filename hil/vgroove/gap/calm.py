@@ -1,4 +1,6 @@
-"""A measured command without most of its noise and with all of its steps, ramps and roundings, and what noise is left in it."""
+"""A measured command without most of its noise and with all of its steps, ramps and roundings, and
+what noise is left in it.
+"""
 
 from dataclasses import dataclass
 
@@ -18,8 +20,9 @@ LEAST_AVERAGED = 5  # samples in a mean beside which a scatter shows
 
 @dataclass(frozen=True)
 class Calm:
-    """A command (rows,) and 1 sigma of what is wrong with it: noise_v in a mean of so many samples (averaged), which lasts for as many
-    rows, and fast_v, from row to row; both (rows,) or a number."""
+    """A command (rows,) and 1 sigma of what is wrong with it: noise_v in a mean of so many samples
+    (averaged), which lasts for as many rows, and fast_v, from row to row; both (rows,) or a number.
+    """
 
     values: np.ndarray
     noise_v: float = 0.0
@@ -28,10 +31,12 @@ class Calm:
 
 
 def calmed(values: np.ndarray) -> Calm:
-    """Each sample (n,) as the mean of the widest window around it that does not bend, as many on both sides: straight lines stay.
+    """Each sample (n,) as the mean of the widest window around it that does not bend, as many on
+    both sides: straight lines stay.
 
-    What scatters more on ramps than at rest is the command's own rounding and stays, as far as noise lets it be seen. Where nothing is at
-    rest to tell them apart half of the scatter stays: wrong by half, whichever it is.
+    What scatters more on ramps than at rest is the command's own rounding and stays, as far as
+    noise lets it be seen. Where nothing is at rest to tell them apart half of the scatter stays:
+    wrong by half, whichever it is.
     """
     scatter = command_noise(values)
     if scatter == 0.0:
@@ -50,12 +55,18 @@ def calmed(values: np.ndarray) -> Calm:
 
 
 def straight_means(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Means (n,) over the widest window around each sample that does not bend, and the number of samples (n,) in each."""
-    n, reach, grows = len(values), np.zeros(len(values), dtype=int), np.ones(len(values), dtype=bool)
+    """Means (n,) over the widest window around each sample that does not bend, and the number of
+    samples (n,) in each.
+    """
+    n, reach, grows = (
+        len(values),
+        np.zeros(len(values), dtype=int),
+        np.ones(len(values), dtype=bool),
+    )
     most = min(MOST_REACH, (n - 1) // 2)
     total = np.concatenate([[0.0], np.cumsum(values)])
     for k in range(1, most + 1):
-        at = np.flatnonzero(grows[k:n - k]) + k
+        at = np.flatnonzero(grows[k : n - k]) + k
         if not len(at):
             break
         bent = np.zeros(len(at), dtype=bool)
@@ -63,7 +74,9 @@ def straight_means(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.nda
             inner = 2 * (k - pairs) + 1
             inside = total[at + k - pairs + 1] - total[at - k + pairs]
             outside = total[at + k + 1] - total[at - k] - inside
-            bent |= np.abs(outside / (2 * pairs) - inside / inner) > BEND * sigma * np.sqrt(0.5 / pairs + 1.0 / inner)
+            bent |= np.abs(outside / (2 * pairs) - inside / inner) > BEND * sigma * np.sqrt(
+                0.5 / pairs + 1.0 / inner
+            )
         grows[at[bent]] = False
         reach[at[bent]] = max(0, k - 1 - STEP_BACK)
         reach[at[~bent]] = k
@@ -72,7 +85,9 @@ def straight_means(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.nda
 
 
 def moving(mean: np.ndarray, averaged: np.ndarray, sigma: float) -> np.ndarray:
-    """Whether the command (n,) moves around each sample: more across the half of its window than its noise."""
+    """Whether the command (n,) moves around each sample: more across the half of its window than
+    its noise.
+    """
     reach = np.minimum(averaged // 2, np.minimum(np.arange(len(mean)), np.arange(len(mean))[::-1]))
     half = np.maximum(reach // 2, 1)
     row = np.arange(len(mean))
@@ -81,6 +96,8 @@ def moving(mean: np.ndarray, averaged: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def power(rest: np.ndarray, rows: np.ndarray) -> float:
-    """Power of what scatters (n,) at rows (mask), as of the white noise that is as strong where it is slow: steps that last add up."""
+    """Power of what scatters (n,) at rows (mask), as of the white noise that is as strong where it
+    is slow: steps that last add up.
+    """
     slow = [np.convolve(rest, np.full(length, length**-0.5), mode="same") for length in LASTING]
     return max(float(np.mean(part[rows] ** 2)) for part in slow)

@@ -10,7 +10,8 @@ from scipy.sparse import csr_array
 from vgroove.gap.noise import RPM
 
 CLOCK = "clock"  # (B,): seconds of the logger in a second of the tool
-ENCODER = ("encoder_angle_rad", "encoder_speed_rad_s")  # (B, rows): what an encoder shows that is not the speed sensor
+# (B, rows): what an encoder shows that is not the speed sensor
+ENCODER = ("encoder_angle_rad", "encoder_speed_rad_s")
 SPEED_SENSOR = ("angle_measured_rad", "speed_measured_rad_s")
 DROPS_EDGES = "drops_edges"  # (B,): the parameter set's Hall sensor misses edges
 MOST_PITCHES = 5.0  # that a sensor which drops edges takes for one
@@ -19,7 +20,9 @@ Simulation = dict[str, np.ndarray]  # (B, rows) arrays of vgroove._core.simulate
 
 @dataclass(frozen=True)
 class Places:
-    """Instants (m,) between rows, for cubic Hermite interpolation: row at the interval's end, share of it that has passed, its length."""
+    """Instants (m,) between rows, for cubic Hermite interpolation: row at the interval's end, share
+    of it that has passed, its length.
+    """
 
     row: np.ndarray
     share: np.ndarray
@@ -36,19 +39,31 @@ class Places:
         return Places(self.row[keep], self.share[keep], self.length_s[keep])
 
     def shares(self) -> tuple[np.ndarray, np.ndarray]:
-        """Shares (2, m) of the angles of the rows before and after an instant, and of their speeds, in the angle there (Hermite)."""
+        """Shares (2, m) of the angles of the rows before and after an instant, and of their speeds,
+        in the angle there (Hermite).
+        """
         f, g = self.share, 1.0 - self.share
-        return np.stack([g * g * (1.0 + 2.0 * f), f * f * (3.0 - 2.0 * f)]), np.stack([g, -f]) * (self.length_s * f * g)
+        return np.stack([g * g * (1.0 + 2.0 * f), f * f * (3.0 - 2.0 * f)]), np.stack([g, -f]) * (
+            self.length_s * f * g
+        )
 
     def weights(self, rows: int) -> list[csr_array]:
         """Weights (m, rows) of the rows' angles and of their speeds in the angle at the instants."""
-        at = np.repeat(np.arange(len(self.row)), 2), np.column_stack([self.row - 1, self.row]).ravel()
-        return [csr_array((share.T.ravel(), at), shape=(len(self.row), rows)) for share in self.shares()]
+        at = (
+            np.repeat(np.arange(len(self.row)), 2),
+            np.column_stack([self.row - 1, self.row]).ravel(),
+        )
+        return [
+            csr_array((share.T.ravel(), at), shape=(len(self.row), rows)) for share in self.shares()
+        ]
 
     def angle(self, simulation: Simulation, sensor: tuple[str, str] = SPEED_SENSOR) -> np.ndarray:
         """Measured angle (B, m) of the model at the instants."""
-        value, slope = (before * simulation[name].take(self.row - 1, axis=1) + after * simulation[name].take(self.row, axis=1)
-                        for name, (before, after) in zip(sensor, self.shares(), strict=True))
+        value, slope = (
+            before * simulation[name].take(self.row - 1, axis=1)
+            + after * simulation[name].take(self.row, axis=1)
+            for name, (before, after) in zip(sensor, self.shares(), strict=True)
+        )
         if CLOCK in simulation:
             slope = slope / simulation[CLOCK][:, None]  # radians in a second of the logger
         return value + slope
@@ -56,10 +71,12 @@ class Places:
 
 @dataclass(frozen=True)
 class Channel:
-    """One judged signal of one log: rows (m,), their times, measured values and sigmas in the signal's unit.
+    """One judged signal of one log: rows (m,), their times, measured values and sigmas in the
+    signal's unit.
 
-    conditional: (m,) rows that say only that no edge came: they count where the model would have passed one.
-    impulse: (m,) 1 sigma of an offset that all rows of one passage (m,), in order, share and that no model knows.
+    conditional: (m,) rows that say only that no edge came: they count where the model would have
+    passed one. impulse: (m,) 1 sigma of an offset that all rows of one passage (m,), in order,
+    share and that no model knows.
     """
 
     column: str
@@ -76,7 +93,9 @@ class Channel:
     impulse: np.ndarray | None = None
 
     def first_row(self) -> np.ndarray:
-        """Row (m,) before the first that each value depends on; a restart after it and up to `row` cuts the value in two."""
+        """Row (m,) before the first that each value depends on; a restart after it and up to `row`
+        cuts the value in two.
+        """
         return self.row - 1
 
     def kept(self, keep: np.ndarray) -> "Channel":
@@ -89,19 +108,26 @@ class Channel:
         raise NotImplementedError
 
     def compared(self, simulation: Simulation) -> np.ndarray:
-        """What the measurement is compared with (B, m): the model, and of offsets that no model knows what makes the residuals white."""
+        """What the measurement is compared with (B, m): the model, and of offsets that no model
+        knows what makes the residuals white.
+        """
         model = self.model(simulation)
         return model if self.impulse is None else model + self._offset(self.measured - model)
 
     def _offset(self, error: np.ndarray) -> np.ndarray:
-        """Part (B, m) of the errors (B, m) that is taken for the shared offsets: with s = impulse / sigma, the residuals r - s k (s.r) of
-        noise of covariance 1 + s s' have covariance 1."""
+        """Part (B, m) of the errors (B, m) that is taken for the shared offsets: with s = impulse /
+        sigma, the residuals r - s k (s.r) of noise of covariance 1 + s s' have covariance 1.
+        """
         first = np.flatnonzero(np.diff(self.passage, prepend=self.passage[0] - 1))
         share = self.impulse / self.sigma**2
         seen = np.add.reduceat(self.impulse * share, first)
         found = np.add.reduceat(error * share, first, axis=1)
-        weight = np.where(seen > 0.0, (1.0 - 1.0 / np.sqrt(1.0 + seen)) / np.where(seen > 0.0, seen, 1.0), 0.0)
-        return self.impulse * np.repeat(weight * found, np.diff(np.append(first, len(self.passage))), axis=1)
+        weight = np.where(
+            seen > 0.0, (1.0 - 1.0 / np.sqrt(1.0 + seen)) / np.where(seen > 0.0, seen, 1.0), 0.0
+        )
+        return self.impulse * np.repeat(
+            weight * found, np.diff(np.append(first, len(self.passage))), axis=1
+        )
 
 
 def _part(value: Any, keep: np.ndarray) -> Any:
@@ -126,7 +152,8 @@ class RowChannel(Channel):
 class SpanChannel(Channel):
     """A mean speed over a span between two instants: the difference quotient of the measured angle.
 
-    missed (m,): edges that seem to have been passed unseen in the span. A model whose Hall sensor drops edges shows one pitch for all.
+    missed (m,): edges that seem to have been passed unseen in the span. A model whose Hall sensor
+    drops edges shows one pitch for all.
     """
 
     start: Places | None = None
@@ -141,10 +168,17 @@ class SpanChannel(Channel):
 
     @cached_property
     def weights(self) -> tuple[csr_array, csr_array]:
-        """Weights (m, rows) of the rows' angles, and of their speeds in radians a second of the logger, in the mean speed."""
+        """Weights (m, rows) of the rows' angles, and of their speeds in radians a second of the
+        logger, in the mean speed.
+        """
         rows = int(max(self.start.row.max(), self.end.row.max())) + 1
-        found = [end - start for start, end in zip(self.start.weights(rows), self.end.weights(rows), strict=True)]
-        return tuple(csr_array(one.multiply((self.factor / self.length_s)[:, None])) for one in found)
+        found = [
+            end - start
+            for start, end in zip(self.start.weights(rows), self.end.weights(rows), strict=True)
+        ]
+        return tuple(
+            csr_array(one.multiply((self.factor / self.length_s)[:, None])) for one in found
+        )
 
     @cached_property
     def waiting(self) -> np.ndarray:
@@ -156,17 +190,31 @@ class SpanChannel(Channel):
         angle, speed = (simulation[name] for name in self.sensor)
         by_angle, by_speed = self.weights
         clock, rows = simulation.get(CLOCK, np.ones(len(angle))), by_angle.shape[1]
-        return np.stack([by_angle @ a[:rows] + (by_speed @ w[:rows]) / c for a, w, c in zip(angle, speed, clock, strict=True)])
+        return np.stack(
+            [
+                by_angle @ a[:rows] + (by_speed @ w[:rows]) / c
+                for a, w, c in zip(angle, speed, clock, strict=True)
+            ]
+        )
 
     def pitches(self, mean: np.ndarray) -> np.ndarray:
-        """Pitches (B, m) that a sensor which drops edges takes for one: as many as the model's mean speed (B, m) asks for."""
-        return np.clip(np.round(np.abs(mean) / np.maximum(np.abs(self.measured), 1e-9)), 1.0, MOST_PITCHES)
+        """Pitches (B, m) that a sensor which drops edges takes for one: as many as the model's mean
+        speed (B, m) asks for.
+        """
+        return np.clip(
+            np.round(np.abs(mean) / np.maximum(np.abs(self.measured), 1e-9)), 1.0, MOST_PITCHES
+        )
 
     def model(self, simulation: Simulation) -> np.ndarray:
         mean = self.mean_speed(simulation)
         if self.edges and CLOCK in simulation:
-            mean *= simulation[CLOCK][:, None]  # edge periods are timed by the sensor's clock, spans lie on the logger's
-        drops = simulation[DROPS_EDGES][:, None] if self.missed is not None and DROPS_EDGES in simulation else np.zeros((1, 1), bool)
+            # edge periods are timed by the sensor's clock, spans lie on the logger's
+            mean *= simulation[CLOCK][:, None]
+        drops = (
+            simulation[DROPS_EDGES][:, None]
+            if self.missed is not None and DROPS_EDGES in simulation
+            else np.zeros((1, 1), bool)
+        )
         if drops.any():
             mean = np.where(drops, mean / self.pitches(mean), mean)
         if len(self.waiting):
@@ -174,8 +222,10 @@ class SpanChannel(Channel):
         return mean
 
     def waited(self, mean: np.ndarray, drops: np.ndarray) -> np.ndarray:
-        """What rows that wait for an edge show of a model's mean speed (B, k) over the wait: they state the most that it can have been, and
-        no difference below that; of a sensor that drops edges (B, 1) they say nothing."""
+        """What rows that wait for an edge show of a model's mean speed (B, k) over the wait: they
+        state the most that it can have been, and no difference below that; of a sensor that drops
+        edges (B, 1) they say nothing.
+        """
         measured = self.measured[self.waiting]
         beyond = np.abs(mean) - np.abs(measured)
         return np.where(drops | (beyond <= 0.0), measured, measured + beyond)
@@ -183,7 +233,9 @@ class SpanChannel(Channel):
 
 @dataclass(frozen=True)
 class ForceChannel(Channel):
-    """Acceleration between three instants, the second difference of the angle: force compared with force where the input is a force."""
+    """Acceleration between three instants, the second difference of the angle: force compared with
+    force where the input is a force.
+    """
 
     places: tuple[Places, Places, Places] | None = None
     length_s: np.ndarray | None = None
@@ -196,19 +248,53 @@ class ForceChannel(Channel):
         return (last - 2.0 * middle + first) / self.length_s**2
 
 
-def span_channel(column: str, unit: str, log_time_s: np.ndarray, spans: tuple[np.ndarray, np.ndarray], row: np.ndarray,
-                 measured: np.ndarray, sigma: np.ndarray, conditional: np.ndarray, factor: float, edges: bool, note: str) -> SpanChannel:
-    """A channel of mean speeds over spans (start_s, end_s); factor turns rad/s into the signal's unit."""
+def span_channel(
+    column: str,
+    unit: str,
+    log_time_s: np.ndarray,
+    spans: tuple[np.ndarray, np.ndarray],
+    row: np.ndarray,
+    measured: np.ndarray,
+    sigma: np.ndarray,
+    conditional: np.ndarray,
+    factor: float,
+    edges: bool,
+    note: str,
+) -> SpanChannel:
+    """A channel of mean speeds over spans (start_s, end_s); factor turns rad/s into the signal's
+    unit.
+    """
     start, end = spans
-    return SpanChannel(column, unit, row, 0.5 * (start + end), measured, sigma, conditional, edges=edges, note=note,
-                       start=Places.of(log_time_s, start), end=Places.of(log_time_s, end), length_s=end - start, factor=factor)
+    return SpanChannel(
+        column,
+        unit,
+        row,
+        0.5 * (start + end),
+        measured,
+        sigma,
+        conditional,
+        edges=edges,
+        note=note,
+        start=Places.of(log_time_s, start),
+        end=Places.of(log_time_s, end),
+        length_s=end - start,
+        factor=factor,
+    )
 
 
 def show_encoder(simulation: Simulation, gain: np.ndarray, lag_s: np.ndarray) -> None:
-    """Add what an encoder shows to a simulation: the eccentric wheel, but neither gain nor lag (B,) of the speed sensor."""
+    """Add what an encoder shows to a simulation: the eccentric wheel, but neither gain nor lag (B,)
+    of the speed sensor.
+    """
     apart = (gain != 1.0) | (lag_s > 0.0)
-    for name, sensor, shaft in zip(ENCODER, SPEED_SENSOR, ("angle_rad", "speed_rad_s"), strict=True):
-        simulation[name] = np.where(apart[:, None], simulation[shaft], simulation[sensor]) if apart.any() else simulation[sensor]
+    for name, sensor, shaft in zip(
+        ENCODER, SPEED_SENSOR, ("angle_rad", "speed_rad_s"), strict=True
+    ):
+        simulation[name] = (
+            np.where(apart[:, None], simulation[shaft], simulation[sensor])
+            if apart.any()
+            else simulation[sensor]
+        )
 
 
 RAD_S_TO_RPM = 1.0 / RPM

@@ -1,4 +1,6 @@
-"""Columns of a log with their missing samples filled, for what must have a value in every row: inputs and loads."""
+"""Columns of a log with their missing samples filled, for what must have a value in every row:
+inputs and loads.
+"""
 
 import numpy as np
 
@@ -21,7 +23,9 @@ def filled(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def between(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """As filled, by values that occur: a rounded column keeps its steps. A column that comes less often than the rows holds its values."""
+    """As filled, by values that occur: a rounded column keeps its steps. A column that comes less
+    often than the rows holds its values.
+    """
     known = np.isfinite(values)
     if np.mean(known) < SELDOM:
         return held(values)

@@ -1,4 +1,6 @@
-"""The command `vgroove gap diagnose`: reads, shows progress, writes what was asked for, whole or not at all."""
+"""The command `vgroove gap diagnose`: reads, shows progress, writes what was asked for, whole or
+not at all.
+"""
 
 import json
 from collections.abc import Sequence
@@ -15,8 +17,15 @@ from vgroove.output import check_outputs, write_text
 from vgroove.rig import read_rig
 
 
-def diagnose_files(logs: Sequence[Path], rig_path: Path, json_path: Path | None, html_path: Path | None, out_rig: Path | None, seed: int,
-                   without: Sequence[str]) -> None:
+def diagnose_files(
+    logs: Sequence[Path],
+    rig_path: Path,
+    json_path: Path | None,
+    html_path: Path | None,
+    out_rig: Path | None,
+    seed: int,
+    without: Sequence[str],
+) -> None:
     """Diagnose log files; the verdict in words goes to stdout, progress and warnings to stderr."""
     check_outputs((json_path, html_path, out_rig), (*logs, rig_path))
     notes = Console(stderr=True)
@@ -25,15 +34,22 @@ def diagnose_files(logs: Sequence[Path], rig_path: Path, json_path: Path | None,
         found = diagnose(tables, rig, seed, without, lambda text: status.update(text))
         texts = outputs(found, logs, json_path, html_path, out_rig)
     for warning in found.verdict["warnings"]:
-        notes.print(f"vgroove: {warning}", style="yellow", highlight=False, markup=False, soft_wrap=True)
+        notes.print(
+            f"vgroove: {warning}", style="yellow", highlight=False, markup=False, soft_wrap=True
+        )
     for path, text in texts:
         write_text(path, text)
     for line in summary(found.verdict):
         Console().print(line, highlight=False, markup=False, soft_wrap=True)
 
 
-def outputs(found: Diagnosis, logs: Sequence[Path], json_path: Path | None, html_path: Path | None,
-            out_rig: Path | None) -> list[tuple[Path, str]]:
+def outputs(
+    found: Diagnosis,
+    logs: Sequence[Path],
+    json_path: Path | None,
+    html_path: Path | None,
+    out_rig: Path | None,
+) -> list[tuple[Path, str]]:
     """Texts of the files that were asked for; all are made before any is written."""
     texts = []
     if json_path:
@@ -43,4 +59,3 @@ def outputs(found: Diagnosis, logs: Sequence[Path], json_path: Path | None, html
     if out_rig:
         texts.append((out_rig, tomli_w.dumps(found.corrected_rig().as_dict())))
     return texts
-

@@ -1,4 +1,6 @@
-"""log + rig -> locate -> hypotheses -> fit -> verdict: the whole diagnosis of one tool's logs, as a verdict of the contract."""
+"""log + rig -> locate -> hypotheses -> fit -> verdict: the whole diagnosis of one tool's logs, as a
+verdict of the contract.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -45,17 +47,28 @@ class Diagnosis:
         """The rig with the retuned keys and the selected effects."""
         problem = self.problem
         values = {key: float(v) for key, v in self.verdict["retuned_parameters"].items()}
-        owners = dict.fromkeys([*self.shown.ids, *(p.of for i in self.shown.ids for p in BY_ID[i].parameters if p.of)])
+        owners = dict.fromkeys(
+            [*self.shown.ids, *(p.of for i in self.shown.ids for p in BY_ID[i].parameters if p.of)]
+        )
         effects = {i: effect_table(problem, self.shown, i) for i in owners}
         return problem.rig.with_values(values).with_effects(effects)
 
 
-def diagnose(logs: Sequence[Any], rig: Rig, seed: int = 0, without: Sequence[str] = (),
-             tell: Callable[[str], None] = lambda _: None) -> Diagnosis:
-    """Diagnose logs (paths or Log objects) of one tool against its rig; VgrooveError for unusable input or an unknown id in without."""
+def diagnose(
+    logs: Sequence[Any],
+    rig: Rig,
+    seed: int = 0,
+    without: Sequence[str] = (),
+    tell: Callable[[str], None] = lambda _: None,
+) -> Diagnosis:
+    """Diagnose logs (paths or Log objects) of one tool against its rig; VgrooveError for unusable
+    input or an unknown id in without.
+    """
     for name in without:
         if name not in BY_ID:
-            raise VgrooveError(f"--without: {name} is not in the catalogue of this diagnosis ({', '.join(e.id for e in CATALOGUE)})")
+            raise VgrooveError(
+                f"--without: {name} is not in the catalogue of this diagnosis ({', '.join(e.id for e in CATALOGUE)})"
+            )
     problem = load_problem(logs, rig)
     kinds = kinds_of(problem)
     engine = Engine(problem, scales_of(problem), rig.tolerance, frozenset(rig.effects))
@@ -66,31 +79,61 @@ def diagnose(logs: Sequence[Any], rig: Rig, seed: int = 0, without: Sequence[str
     best, problem = turn_for_good(state, problem, best), state.engine.problem
     tell("what is left, and where it lies")
     drivers = drivers_of(problem, best.theta(problem.theta0))
-    left = locate.remaining(state, best, drivers, problem.signal, [s.column for s in problem.signals], problem.floor())
+    left = locate.remaining(
+        state, best, drivers, problem.signal, [s.column for s in problem.signals], problem.floor()
+    )
     finding = verdict.decide(state, best, rivals, left, problem.floor())
     shown = shown_of(state, finding)
-    estimate = over_long_stretches(problem, state.engine, shown) or verdict.estimate_of(state, shown)
-    return Diagnosis(assemble(problem, state, finding, kinds, without, drivers, shown, estimate), problem, state, estimate)
+    estimate = over_long_stretches(problem, state.engine, shown) or verdict.estimate_of(
+        state, shown
+    )
+    return Diagnosis(
+        assemble(problem, state, finding, kinds, without, drivers, shown, estimate),
+        problem,
+        state,
+        estimate,
+    )
 
 
 def shown_of(state: Search, finding: verdict.Finding) -> Fit:
-    """The fit behind `after`: the selected set in the contract's forms, or retuning alone where nothing is named."""
-    return state.retuned if finding.verdict in ("none", "unlisted") else in_contract_form(state, finding.best)
+    """The fit behind `after`: the selected set in the contract's forms, or retuning alone where
+    nothing is named.
+    """
+    return (
+        state.retuned
+        if finding.verdict in ("none", "unlisted")
+        else in_contract_form(state, finding.best)
+    )
 
 
-def assemble(problem: Problem, state: Search, finding: verdict.Finding, kinds: frozenset[str], without: Sequence[str],
-             drivers: dict[str, np.ndarray], shown: Fit, estimate: Estimate) -> dict[str, Any]:
+def assemble(
+    problem: Problem,
+    state: Search,
+    finding: verdict.Finding,
+    kinds: frozenset[str],
+    without: Sequence[str],
+    drivers: dict[str, np.ndarray],
+    shown: Fit,
+    estimate: Estimate,
+) -> dict[str, Any]:
     """The verdict as the contract's JSON."""
     floor = problem.floor()
     share = locate.shares(state, finding.best, floor) if finding.verdict != "none" else {}
     known = {k: v for k, v in share.items() if k != "unexplained"}
     same = verdict.indistinguishable(problem, state, finding, kinds, floor)
     out = {
-        "schema": SCHEMA, "verdict": finding.verdict, "selected": verdict.selected(state, problem, finding, floor),
+        "schema": SCHEMA,
+        "verdict": finding.verdict,
+        "selected": verdict.selected(state, problem, finding, floor),
         "gap": verdict.gap_section(problem, state, shown, floor),
-        "where": {"subsystem": max(known, key=lambda k: (known[k], k)) if any(known.values()) else None, "share": share,
-                  "by_regime": locate.by_regime(state, problem.regime, problem.regimes),
-                  "by_correlate": locate.by_correlate(state, drivers, problem.signal, [s.column for s in problem.signals], floor)},
+        "where": {
+            "subsystem": max(known, key=lambda k: (known[k], k)) if any(known.values()) else None,
+            "share": share,
+            "by_regime": locate.by_regime(state, problem.regime, problem.regimes),
+            "by_correlate": locate.by_correlate(
+                state, drivers, problem.signal, [s.column for s in problem.signals], floor
+            ),
+        },
         "effects": verdict.effects_section(problem, state, finding, floor, estimate),
         "indistinguishable": [o for o in same if o["id"] not in without],
         "retuned_parameters": estimate.tolerated(),
@@ -101,17 +144,29 @@ def assemble(problem: Problem, state: Search, finding: verdict.Finding, kinds: f
     return plain(out)
 
 
-def unexplained_section(problem: Problem, state: Search, finding: verdict.Finding) -> dict[str, Any]:
-    """What is left, what it follows, and what a smooth correction over that would gain: its points are in the signal's unit."""
+def unexplained_section(
+    problem: Problem, state: Search, finding: verdict.Finding
+) -> dict[str, Any]:
+    """What is left, what it follows, and what a smooth correction over that would gain: its points
+    are in the signal's unit.
+    """
     left = finding.left
     sigma = next((s.sigma for s in problem.signals if s.column == left.signal), 1.0)
-    return {"significant": left.significant, "best_correlate": left.best_correlate, "signal": left.signal,
-            "share_of_squared_gap": left.gain / max(state.score(state.nominal), 1e-9), "looks_like": left.looks_like,
-            "could_gain": left.could_gain, "correction": [[x, y * sigma] for x, y in left.correction]}
+    return {
+        "significant": left.significant,
+        "best_correlate": left.best_correlate,
+        "signal": left.signal,
+        "share_of_squared_gap": left.gain / max(state.score(state.nominal), 1e-9),
+        "looks_like": left.looks_like,
+        "could_gain": left.could_gain,
+        "correction": [[x, y * sigma] for x, y in left.correction],
+    }
 
 
 def plain(value: Any) -> Any:
-    """The same as Python numbers, with enough digits and not more, so that the text does not hang on the last bit."""
+    """The same as Python numbers, with enough digits and not more, so that the text does not hang
+    on the last bit.
+    """
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -126,7 +181,9 @@ def plain(value: Any) -> Any:
 def effect_table(problem: Problem, one: Fit, effect_id: str) -> dict[str, Any]:
     """[effects.<id>] of a rig: all parameters of the fit, phases and forms included."""
     theta, effect = one.theta(problem.theta0), BY_ID[effect_id]
-    table: dict[str, Any] = {p.name: float(theta[problem.index(effect.name(p))]) for p in effect.parameters if not p.of}
+    table: dict[str, Any] = {
+        p.name: float(theta[problem.index(effect.name(p))]) for p in effect.parameters if not p.of
+    }
     if effect_id == "hall_dropout":
         table["probability"] = problem.missed_share
     for (owner, key), (parameter, word) in WORDS.items():
@@ -147,14 +204,20 @@ def speed_rows(problem: Problem, j: int) -> np.ndarray:
     if "speed_rpm" in log.columns:
         return filled(np.asarray(log.columns["speed_rpm"], float)) * RPM
     if "position_rad" in log.columns:
-        return np.gradient(filled(np.asarray(log.columns["position_rad"], float)), np.asarray(log.time_s, float))
+        return np.gradient(
+            filled(np.asarray(log.columns["position_rad"], float)), np.asarray(log.time_s, float)
+        )
     return np.zeros(len(log.time_s))
 
 
 def filled(values: np.ndarray) -> np.ndarray:
     """Missing samples interpolated."""
     good = np.isfinite(values)
-    return np.interp(np.arange(len(values)), np.flatnonzero(good), values[good]) if good.any() else np.zeros(len(values))
+    return (
+        np.interp(np.arange(len(values)), np.flatnonzero(good), values[good])
+        if good.any()
+        else np.zeros(len(values))
+    )
 
 
 def kinds_of(problem: Problem) -> frozenset[str]:
@@ -167,9 +230,16 @@ def kinds_of(problem: Problem) -> frozenset[str]:
     load = rig.load["kind"] == "pendulum" or (rig.load["kind"] == "torque" and torque)
     reflected = rig.shaft_inertia_kg_m2 / rig.motor["inertia_kg_m2"] - 1.0
     flags = {
-        "duty": kind == "duty", "voltage": kind != "current_a", "current_input": kind == "current_a", "current": "current_a" in judged,
-        "speed": "speed_rpm" in judged, "supply": "supply_v" in judged, "edges": any(s.edges for s in problem.signals),
-        "both": BOTH_WAYS < back < 1.0 - BOTH_WAYS, "load": bool(load), "gear": rig.gearbox["ratio"] > 1.0,
+        "duty": kind == "duty",
+        "voltage": kind != "current_a",
+        "current_input": kind == "current_a",
+        "current": "current_a" in judged,
+        "speed": "speed_rpm" in judged,
+        "supply": "supply_v" in judged,
+        "edges": any(s.edges for s in problem.signals),
+        "both": BOTH_WAYS < back < 1.0 - BOTH_WAYS,
+        "load": bool(load),
+        "gear": rig.gearbox["ratio"] > 1.0,
         "output": bool(load) or reflected > 0.01,
     }
     return frozenset(name for name, here in flags.items() if here)
@@ -179,22 +249,42 @@ def scales_of(problem: Problem) -> Scales:
     """Sizes of effects from what the logs and the rig span."""
     rig, motor = problem.rig, problem.rig.motor
     resistance, k = motor["resistance_ohm"], motor["torque_constant_nm_per_a"]
-    volt = span(column(problem, "supply_v"), rig.supply.get("voltage_v", 0.0) or span(column(problem, "voltage_v"), 1.0))
+    volt = span(
+        column(problem, "supply_v"),
+        rig.supply.get("voltage_v", 0.0) or span(column(problem, "voltage_v"), 1.0),
+    )
     amp = span(column(problem, "current_a"), 0.3 * volt / resistance)
-    speed = span(np.concatenate([speed_rows(problem, j) for j in range(len(problem.logs))]), volt / k)
+    speed = span(
+        np.concatenate([speed_rows(problem, j) for j in range(len(problem.logs))]), volt / k
+    )
     times = [np.asarray(log.time_s, float) for log in problem.logs]
     interval = float(np.median(np.concatenate([np.diff(t) for t in times])))
-    # Whether a measured current belongs to the start or the end of its row is the logger's convention: one sample is no delay.
+    # Whether a measured current belongs to the start or the end of its row is the logger's
+    # convention: one sample is no delay.
     least_delay = 1.5 * interval if rig.input["kind"] == "current_a" else 0.0
-    return Scales(volt=volt, amp=amp, speed=speed, torque=k * amp, inertia=rig.shaft_inertia_kg_m2, motor_inertia=motor["inertia_kg_m2"],
-                  resistance=resistance, coulomb=motor["coulomb_nm"], viscous=motor["viscous_nm_s_per_rad"], ratio=rig.gearbox["ratio"],
-                  duration=float(max(t[-1] - t[0] for t in times)), interval=interval, least_delay=least_delay,
-                  pwm_hz=rig.bridge.get("pwm_hz", 20000.0), supply_ohm=rig.supply.get("resistance_ohm", 0.0))
+    return Scales(
+        volt=volt,
+        amp=amp,
+        speed=speed,
+        torque=k * amp,
+        inertia=rig.shaft_inertia_kg_m2,
+        motor_inertia=motor["inertia_kg_m2"],
+        resistance=resistance,
+        coulomb=motor["coulomb_nm"],
+        viscous=motor["viscous_nm_s_per_rad"],
+        ratio=rig.gearbox["ratio"],
+        duration=float(max(t[-1] - t[0] for t in times)),
+        interval=interval,
+        least_delay=least_delay,
+        pwm_hz=rig.bridge.get("pwm_hz", 20000.0),
+        supply_ohm=rig.supply.get("resistance_ohm", 0.0),
+    )
 
 
 def drivers_of(problem: Problem, theta: np.ndarray) -> dict[str, np.ndarray]:
-    """What a remainder may follow, per residual row (n,): measured signals, angles of the model theta (P,) that restarts with the log's,
-    time, heat, the command and its rate."""
+    """What a remainder may follow, per residual row (n,): measured signals, angles of the model
+    theta (P,) that restarts with the log's, time, heat, the command and its rate.
+    """
     angles = [simulation["angle_rad"][0] for simulation in problem.simulate(theta)]
     tables = [log_drivers(problem, j, angles[j]) for j in range(len(problem.logs))]
     names = set.intersection(*(set(t) for t in tables))
@@ -210,10 +300,22 @@ def log_drivers(problem: Problem, j: int, angle: np.ndarray) -> dict[str, np.nda
     """Drivers of one log per row; angle (rows,) of the motor."""
     log, ratio = problem.logs[j], problem.rig.gearbox["ratio"]
     t, speed = np.asarray(log.time_s, float), speed_rows(problem, j)
-    out = {"speed": speed, "sign of speed": np.sign(np.where(np.abs(speed) > 1.0, speed, 0.0)), "time since start": t - t[0],
-           "motor angle": np.mod(angle, 2.0 * np.pi), "output angle": np.mod(angle / ratio, 2.0 * np.pi), "unwound motor angle": angle}
+    out = {
+        "speed": speed,
+        "sign of speed": np.sign(np.where(np.abs(speed) > 1.0, speed, 0.0)),
+        "time since start": t - t[0],
+        "motor angle": np.mod(angle, 2.0 * np.pi),
+        "output angle": np.mod(angle / ratio, 2.0 * np.pi),
+        "unwound motor angle": angle,
+    }
     current = None
-    words = {"current_a": "current", "duty": "duty", "voltage_v": "voltage", "supply_v": "bus voltage", "load_nm": "load"}
+    words = {
+        "current_a": "current",
+        "duty": "duty",
+        "voltage_v": "voltage",
+        "supply_v": "bus voltage",
+        "load_nm": "load",
+    }
     for name, word in words.items():
         if name in log.columns:
             out[word] = smooth(filled(np.asarray(log.columns[name], float)))
@@ -228,7 +330,9 @@ def log_drivers(problem: Problem, j: int, angle: np.ndarray) -> dict[str, np.nda
 
 def smooth(values: np.ndarray) -> np.ndarray:
     """Moving mean, so that a sample's own noise is not what it is explained by."""
-    return np.convolve(np.pad(values, SMOOTH // 2, mode="edge"), np.full(SMOOTH, 1.0 / SMOOTH), mode="valid")
+    return np.convolve(
+        np.pad(values, SMOOTH // 2, mode="edge"), np.full(SMOOTH, 1.0 / SMOOTH), mode="valid"
+    )
 
 
 def heat(current: np.ndarray, t: np.ndarray) -> np.ndarray:

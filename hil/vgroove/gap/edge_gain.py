@@ -1,4 +1,6 @@
-"""Reads from a log alone how its edge speeds are scaled against its time stamps: edge periods chain up from row to row only unscaled."""
+"""Reads from a log alone how its edge speeds are scaled against its time stamps: edge periods chain
+up from row to row only unscaled.
+"""
 
 from collections.abc import Callable, Iterable
 
@@ -9,24 +11,32 @@ from vgroove.gap.edges import COUNTING_PULSES, SPLIT_S, count_chains, longest_ch
 COARSE = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)  # relative scales that are tried, both ways
 REFINED = 7  # halvings of the step around the best of them
 UNSUSPICIOUS = 12  # chains that reversals and stops alone may leave: nothing is looked for
-COUNTED_WELL = 0.01  # chains an edge period of a sensor that counts which say nothing: chance lets one of many scales chain them better
+# chains an edge period of a sensor that counts which say nothing: chance lets one of many scales
+# chain them better
+COUNTED_WELL = 0.01
 FEWER = 3.0  # times fewer chains that make a scale believed,
 WHOLE = 0.03  # and at most so many chains an edge period
 LARGEST = 0.3
-WAIT_ERROR = 0.03  # of the scale, that rounding may leave in what two rows that wait for an edge tell of it
+# of the scale, that rounding may leave in what two rows that wait for an edge tell of it
+WAIT_ERROR = 0.03
 WAIT_NEAR = 0.005  # of the scale, besides rounding, within which rows that wait agree,
-FEWEST_WAITS, MOST_WAITS = 4, 1000  # so many of them at least: rows of a shaft that slows down agree by chance; the most that are asked
+# so many of them at least: rows of a shaft that slows down agree by chance; the most that are asked
+FEWEST_WAITS, MOST_WAITS = 4, 1000
 VOTES = 3  # rounds in which stretches agree on a sharper scale
 STEPS = 16  # each way, in which a still sharper one is looked for
-GLANCE_ROWS, HOPEFUL = 600, 1.3  # rows at which a look shows whether any scale leaves so many times fewer chains
+# rows at which a look shows whether any scale leaves so many times fewer chains
+GLANCE_ROWS, HOPEFUL = 600, 1.3
 
 
 def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> float:
-    """Factor 1 + g of the speed column against its own edges; 1 where no scale chains them clearly better than none.
+    """Factor 1 + g of the speed column against its own edges; 1 where no scale chains them clearly
+    better than none.
 
-    A speed read g too high makes each period too short: the edges run away from the rows that show them, and the chain tears every few
-    milliseconds over g. A sensor's gain does that, and a logger's clock that runs off; a filter behind the sensor tears it at any scale.
+    A speed read g too high makes each period too short: the edges run away from the rows that show
+    them, and the chain tears every few milliseconds over g. A sensor's gain does that, and a
+    logger's clock that runs off; a filter behind the sensor tears it at any scale.
     """
+
     def torn(scale: float, most: int | None = None) -> int:
         return count_chains(time_s, speed_rpm / scale, pulses, lsb_rpm, most)
 
@@ -34,7 +44,10 @@ def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: 
     changes = int(np.count_nonzero(np.diff(speed_rpm[np.isfinite(speed_rpm)])))
     if as_read <= max(UNSUSPICIOUS, counts * COUNTED_WELL * changes):
         return 1.0
-    scales = [waited_scale(time_s, speed_rpm, pulses, lsb_rpm), *(1.0 + sign * g for g in COARSE for sign in (1.0, -1.0))]
+    scales = [
+        waited_scale(time_s, speed_rpm, pulses, lsb_rpm),
+        *(1.0 + sign * g for g in COARSE for sign in (1.0, -1.0)),
+    ]
     if not _hopeful(time_s, speed_rpm, pulses, lsb_rpm, scales):
         return 1.0
     best, count = _finest(torn, as_read, scales)
@@ -50,9 +63,13 @@ def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: 
     return _sharpened(torn, chain, voted if torn(voted, count) <= count else 1.0 + best)
 
 
-def _voted(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float, scale: float) -> float:
-    """The scale near one that chains the edges well that most stretches of them allow: one that counts an edge wrong to make up for a scale
-    that is off is outvoted. The edges are read anew with each."""
+def _voted(
+    time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float, scale: float
+) -> float:
+    """The scale near one that chains the edges well that most stretches of them allow: one that
+    counts an edge wrong to make up for a scale that is off is outvoted. The edges are read anew
+    with each.
+    """
     for _ in range(VOTES):
         scale *= 1.0 + agreed_share(share_bounds(time_s, speed_rpm / scale, pulses, lsb_rpm))
     return scale
@@ -68,10 +85,14 @@ def agreed_share(bounds: np.ndarray) -> float:
     return float(0.5 * (ends[order][most] + ends[order][most + 1]))
 
 
-def _sharpened(torn: Callable[..., int], chain: Callable[[float], tuple[float, float, int]], scale: float) -> float:
-    """The scale near one that chains the edges well at which the longest chain fits its rows best: a small error runs away with its end.
+def _sharpened(
+    torn: Callable[..., int], chain: Callable[[float], tuple[float, float, int]], scale: float
+) -> float:
+    """The scale near one that chains the edges well at which the longest chain fits its rows best:
+    a small error runs away with its end.
 
-    Where chains still tear, edges are counted wrong to make up for a scale that is off: steps that move the end by what tears it are tried.
+    Where chains still tear, edges are counted wrong to make up for a scale that is off: steps that
+    move the end by what tears it are tried.
     """
     length_s, share, _ = chain(scale)
     fitted = scale * (1.0 + share)
@@ -87,9 +108,15 @@ def _sharpened(torn: Callable[..., int], chain: Callable[[float], tuple[float, f
     return fitted if torn(fitted, fewest) <= fewest else best
 
 
-def _hopeful(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float, scales: list[float]) -> bool:
-    """Whether one of the scales may chain the edges: a column that holds none tears everywhere at any scale, which a fast stretch shows."""
-    fast = np.convolve(np.nan_to_num(np.abs(speed_rpm)), np.ones(min(GLANCE_ROWS, len(speed_rpm))), mode="valid")
+def _hopeful(
+    time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float, scales: list[float]
+) -> bool:
+    """Whether one of the scales may chain the edges: a column that holds none tears everywhere at
+    any scale, which a fast stretch shows.
+    """
+    fast = np.convolve(
+        np.nan_to_num(np.abs(speed_rpm)), np.ones(min(GLANCE_ROWS, len(speed_rpm))), mode="valid"
+    )
     rows = slice(first := int(np.argmax(fast)), first + GLANCE_ROWS)
 
     def torn(scale: float) -> int:
@@ -102,8 +129,9 @@ def _hopeful(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: fl
 def waited_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> float:
     """Factor of the speed column that most rows that wait for an edge tell, 1 where too few do.
 
-    A pitch over what such a row shows is the time without an edge: read too short by the factor, it grows by so much less than the time
-    from row to row. Few counts of pieces tell a scale from afar where a fast shaft hides edges; this one needs no guess.
+    A pitch over what such a row shows is the time without an edge: read too short by the factor, it
+    grows by so much less than the time from row to row. Few counts of pieces tell a scale from afar
+    where a fast shaft hides edges; this one needs no guess.
     """
     shows = np.isfinite(speed_rpm) & (speed_rpm != 0.0)
     time, speed = time_s[shows], speed_rpm[shows]
@@ -111,7 +139,11 @@ def waited_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm
     rounding = 0.5 * lsb_rpm * wait / np.abs(speed)
     grown, error = np.diff(wait) / np.diff(time), (rounding[1:] + rounding[:-1]) / np.diff(time)
     alike = speed[1:] * speed[:-1] > 0.0
-    told = alike & (np.abs(grown - 1.0 / (1.0 - LARGEST**2)) < LARGEST / (1.0 - LARGEST**2)) & (error < WAIT_ERROR)
+    told = (
+        alike
+        & (np.abs(grown - 1.0 / (1.0 - LARGEST**2)) < LARGEST / (1.0 - LARGEST**2))
+        & (error < WAIT_ERROR)
+    )
     sharpest = np.argsort(error[told], kind="stable")[:MOST_WAITS]
     grown, error = grown[told][sharpest], error[told][sharpest] + WAIT_NEAR
     agree = np.abs(grown[:, None] - grown) < np.minimum(error[:, None], error)
@@ -122,9 +154,12 @@ def waited_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm
     return float(1.0 / np.average(grown[most], weights=error[most] ** -2.0))
 
 
-def _finest(torn: Callable[[float, int], int], as_read: int, scales: list[float]) -> tuple[float, int]:
-    """Relative scale near one of these with the fewest pieces, the smaller of equals, and that number. One that leaves more than the best
-    so far is counted no further."""
+def _finest(
+    torn: Callable[[float, int], int], as_read: int, scales: list[float]
+) -> tuple[float, int]:
+    """Relative scale near one of these with the fewest pieces, the smaller of equals, and that
+    number. One that leaves more than the best so far is counted no further.
+    """
     tried = {0.0: as_read}
 
     def best_with(scales: Iterable[float]) -> float:

@@ -15,8 +15,9 @@ PROPOSALS = 6
 
 @dataclass(frozen=True)
 class Newcomer:
-    """A further effect beside a fitted set: the hypothesis of both, its residuals (n,) at its start, their slopes (n, new) along each new
-    number."""
+    """A further effect beside a fitted set: the hypothesis of both, its residuals (n,) at its
+    start, their slopes (n, new) along each new number.
+    """
 
     hypothesis: Hypothesis
     residual: np.ndarray
@@ -34,17 +35,29 @@ class Promised:
 
 
 def extensions(search: Search, base: Fit, count: int = PROPOSALS) -> list[Fit]:
-    """The best first-order fits (at most PROPOSALS) of base plus a further effect, best first: own Jacobian columns for the newcomer, those
-    of base for the rest. They are many: they keep no Jacobian."""
+    """The best first-order fits (at most PROPOSALS) of base plus a further effect, best first: own
+    Jacobian columns for the newcomer, those of base for the rest. They are many: they keep no
+    Jacobian.
+    """
     known = search.promised.get(key(base.ids))
-    if known is None or known.base is not base or (known.exact, known.clip) != (base.exact, search.clip):
-        found = heapq.nsmallest(PROPOSALS, (first_order(search, base, one) for one in newcomers(search, base)), key=search.score)
+    if (
+        known is None
+        or known.base is not base
+        or (known.exact, known.clip) != (base.exact, search.clip)
+    ):
+        found = heapq.nsmallest(
+            PROPOSALS,
+            (first_order(search, base, one) for one in newcomers(search, base)),
+            key=search.score,
+        )
         search.promised[key(base.ids)] = known = Promised(base, base.exact, search.clip, found)
     return known.fits[:count]
 
 
 def newcomers(search: Search, base: Fit) -> Iterator[Newcomer]:
-    """Each further effect beside base. The slopes of the last set asked for that is no smaller are kept: `where` asks for them again."""
+    """Each further effect beside base. The slopes of the last set asked for that is no smaller are
+    kept: `where` asks for them again.
+    """
     kept: list[tuple[Hypothesis, np.ndarray]] = []
     for one in differenced(search, base, trials_beside(search, base)):
         kept.append((one.hypothesis, one.columns))
@@ -54,7 +67,9 @@ def newcomers(search: Search, base: Fit) -> Iterator[Newcomer]:
 
 
 def reach(search: Search, base: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
-    """Hypotheses of base plus each further effect, and the slopes (n, new) along the newcomer's numbers."""
+    """Hypotheses of base plus each further effect, and the slopes (n, new) along the newcomer's
+    numbers.
+    """
     if search.reach is not None and search.reach[0] is base:
         return search.reach[1]
     return [(one.hypothesis, one.columns) for one in newcomers(search, base)]
@@ -62,54 +77,83 @@ def reach(search: Search, base: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
 
 def trials_beside(search: Search, base: Fit) -> list[Hypothesis]:
     """Hypotheses of base plus each further effect, started from base and the newcomer's own starts."""
-    return [h for effect in search.effects if effect.id not in base.ids for h in starts_beside(search, base, effect)]
+    return [
+        h
+        for effect in search.effects
+        if effect.id not in base.ids
+        for h in starts_beside(search, base, effect)
+    ]
 
 
-def starts_beside(search: Search, base: Fit, effect: Effect, anew: bool = False) -> list[Hypothesis]:
-    """Hypotheses of base plus an effect, started from base and the effect's own starts, anew wherever it ended alone; none twice."""
+def starts_beside(
+    search: Search, base: Fit, effect: Effect, anew: bool = False
+) -> list[Hypothesis]:
+    """Hypotheses of base plus an effect, started from base and the effect's own starts, anew
+    wherever it ended alone; none twice.
+    """
     count, trials = base.hypothesis.count, {}
-    for h in search.engine.hypotheses([*(BY_ID[i] for i in base.ids), effect], anew=effect if anew else None):
+    for h in search.engine.hypotheses(
+        [*(BY_ID[i] for i in base.ids), effect], anew=effect if anew else None
+    ):
         new = h.count - count
         if new >= 1 and same_coordinates(h, base, count):
-            trial = replace(h, start=np.concatenate([base.x[:count], h.start[count:count + new], base.x[count:]]))
+            trial = replace(
+                h,
+                start=np.concatenate(
+                    [base.x[:count], h.start[count : count + new], base.x[count:]]
+                ),
+            )
             trials.setdefault((trial.fixed, trial.start.tobytes()), trial)
     return list(trials.values())
 
 
 def started_anew(search: Search, base: Fit) -> list[Fit]:
-    """First-order fits of base plus each effect of many starts, from the best of them beside base: where it ended alone it may have done
-    another effect's work."""
+    """First-order fits of base plus each effect of many starts, from the best of them beside base:
+    where it ended alone it may have done another effect's work.
+    """
     found = []
     for effect in (e for e in search.effects if search.engine.is_known(e) and e.id not in base.ids):
         trials = differenced(search, base, starts_beside(search, base, effect, anew=True))
-        found += heapq.nsmallest(1, (first_order(search, base, one) for one in trials), key=search.score)
+        found += heapq.nsmallest(
+            1, (first_order(search, base, one) for one in trials), key=search.score
+        )
     return found
 
 
 def differenced(search: Search, base: Fit, trials: list[Hypothesis]) -> Iterator[Newcomer]:
-    """Each trial's residuals at its start and their slopes along each of its new numbers, by one step forward."""
+    """Each trial's residuals at its start and their slopes along each of its new numbers, by one
+    step forward.
+    """
     engine, count = search.engine, base.hypothesis.count
     jobs = []
     for h in trials:
-        steps = np.diag([c.step_at(float(x)) for c, x in zip(h.coordinates, h.start, strict=True)])[count:h.count]
+        steps = np.diag([c.step_at(float(x)) for c, x in zip(h.coordinates, h.start, strict=True)])[
+            count : h.count
+        ]
         jobs.append((h, np.vstack([h.start, h.start + steps])))
     for h, (start, *moved) in zip(trials, engine.shown(jobs), strict=True):
         yield Newcomer(h, start, slopes(h, start, moved, count))
 
 
 def slopes(h: Hypothesis, start: np.ndarray, moved: Sequence[np.ndarray], count: int) -> np.ndarray:
-    """Slopes (n, new) in single precision along a newcomer's numbers, those after the first `count`, from residuals (n,) one step on."""
+    """Slopes (n, new) in single precision along a newcomer's numbers, those after the first
+    `count`, from residuals (n,) one step on.
+    """
     out = np.zeros((len(moved), len(start)), np.float32)
     for column, c, x, row in zip(out, h.coordinates[count:], h.start[count:], moved, strict=False):
-        if not c.name.endswith("periods_per_rev"):  # next to no amplitude says nothing about periods: they stay as they start
+        # next to no amplitude says nothing about periods: they stay as they start
+        if not c.name.endswith("periods_per_rev"):
             column[:] = (row - start) / c.step_at(float(x))
     return out.T
 
 
 def same_coordinates(h: Hypothesis, base: Fit, count: int) -> bool:
-    """True when an extension begins with its base's coordinates and form (a Coulomb newcomer changes what asymmetric_friction means, a
-    coupler is the flanks of a play)."""
-    return h.coordinates[:count] == base.hypothesis.coordinates[:count] and set(base.hypothesis.fixed) <= set(h.fixed)
+    """True when an extension begins with its base's coordinates and form (a Coulomb newcomer
+    changes what asymmetric_friction means, a coupler is the flanks of a play).
+    """
+    return h.coordinates[:count] == base.hypothesis.coordinates[:count] and set(
+        base.hypothesis.fixed
+    ) <= set(h.fixed)
 
 
 def first_order(search: Search, base: Fit, newcomer: Newcomer) -> Fit:

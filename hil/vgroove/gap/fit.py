@@ -1,7 +1,9 @@
-"""Fits many hypotheses at once: damped Gauss-Newton in lock step, robust, bounded, with the tolerated rig keys under their priors.
+"""Fits many hypotheses at once: damped Gauss-Newton in lock step, robust, bounded, with the
+tolerated rig keys under their priors.
 
-All parameter sets that a step needs (every hypothesis, every finite difference) go to the simulator in one batch. A hypothesis is fitted
-on all training rows; the fits of the folds follow from the same Jacobian, one Newton step away (folds.py).
+All parameter sets that a step needs (every hypothesis, every finite difference) go to the simulator
+in one batch. A hypothesis is fitted on all training rows; the fits of the folds follow from the
+same Jacobian, one Newton step away (folds.py).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,8 +23,10 @@ KEY_BOUND = 3.0
 STEP = 0.1
 FARTHEST = 1e5  # residual beyond which a model has run away
 LEAST_DAMPING = 0.02
-DIFFERENCES, HELD = 192, 8_000_000  # residual vectors, and residuals, that are held at once to make Jacobians
-UNTOLD = 1e-3  # of what all rows tell of a number, below which a fold's rows are taken not to tell it
+# residual vectors, and residuals, that are held at once to make Jacobians
+DIFFERENCES, HELD = 192, 8_000_000
+# of what all rows tell of a number, below which a fold's rows are taken not to tell it
+UNTOLD = 1e-3
 
 
 class ProblemLike(Protocol):
@@ -38,8 +42,9 @@ class ProblemLike(Protocol):
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One fitted number x: theta[columns] = origin + factors * x, 0 where |x| < least. A cosine and the sine after it are an amplitude and
-    its phase."""
+    """One fitted number x: theta[columns] = origin + factors * x, 0 where |x| < least. A cosine and
+    the sine after it are an amplitude and its phase.
+    """
 
     name: str
     columns: tuple[int, ...]
@@ -53,13 +58,17 @@ class Coordinate:
     role: str = "plain"
 
     def step_at(self, x: float) -> float:
-        """Step of a difference at x: of a number that must stay above 0 (a stiffness, a time) at most a tenth."""
+        """Step of a difference at x: of a number that must stay above 0 (a stiffness, a time) at
+        most a tenth.
+        """
         return min(self.step, 0.1 * abs(x)) if self.low > 0.0 and x != 0.0 else self.step
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A set of effects with one start; coordinates hold the effects' numbers first, the tolerated keys last."""
+    """A set of effects with one start; coordinates hold the effects' numbers first, the tolerated
+    keys last.
+    """
 
     ids: tuple[str, ...]
     coordinates: tuple[Coordinate, ...]
@@ -94,7 +103,9 @@ class Hypothesis:
         for i, c in enumerate(self.coordinates):
             if c.role == "plain":
                 for column, factor in zip(c.columns, c.factors, strict=True):
-                    out[:, column] = c.origin + factor * np.where(np.abs(x[:, i]) < c.least, 0.0, x[:, i])
+                    out[:, column] = c.origin + factor * np.where(
+                        np.abs(x[:, i]) < c.least, 0.0, x[:, i]
+                    )
             elif c.role == "cosine":
                 out[:, c.columns[0]] = c.factors[0] * np.hypot(x[:, i], x[:, i + 1])
                 out[:, self.coordinates[i + 1].columns[0]] = np.arctan2(x[:, i + 1], x[:, i])
@@ -103,7 +114,8 @@ class Hypothesis:
 
 @dataclass
 class Fit:
-    """A fitted hypothesis: residuals and Jacobian at x on all rows; held is every row as predicted by a fit that did not see it.
+    """A fitted hypothesis: residuals and Jacobian at x on all rows; held is every row as predicted
+    by a fit that did not see it.
 
     Jacobians are many and large: they are in single precision.
     """
@@ -134,7 +146,13 @@ class Fit:
 class Engine:
     """Builds hypotheses for one problem and runs their fits."""
 
-    def __init__(self, problem: ProblemLike, scales: Scales, tolerance: dict[str, float], present: frozenset[str] = frozenset()) -> None:
+    def __init__(
+        self,
+        problem: ProblemLike,
+        scales: Scales,
+        tolerance: dict[str, float],
+        present: frozenset[str] = frozenset(),
+    ) -> None:
         self.problem, self.scales, self.present = problem, scales, present
         self.keys = self._keys(tolerance)
         self.train = np.logical_or.reduce([train for train, _ in problem.folds])
@@ -145,7 +163,11 @@ class Engine:
 
     def remember(self, one: Fit) -> None:
         """Larger sets start an effect of many starts where it ended alone."""
-        self.known |= {c.name: float(x) for c, x in zip(one.hypothesis.coordinates, one.x, strict=True) if not c.prior}
+        self.known |= {
+            c.name: float(x)
+            for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)
+            if not c.prior
+        }
 
     def _keys(self, tolerance: dict[str, float]) -> tuple[Coordinate, ...]:
         found = []
@@ -153,27 +175,48 @@ class Engine:
             column = self.problem.index(name)
             value = float(self.problem.theta0[column])
             if sigma > 0.0 and value != 0.0:
-                found.append(Coordinate(name, (column,), (sigma * value,), value, -KEY_BOUND, KEY_BOUND, prior=True))
+                found.append(
+                    Coordinate(
+                        name, (column,), (sigma * value,), value, -KEY_BOUND, KEY_BOUND, prior=True
+                    )
+                )
         return tuple(found)
 
     def is_known(self, effect: Effect) -> bool:
         """Whether larger sets start the effect where it ended alone."""
         return any(effect.name(p) in self.known for p in effect.parameters)
 
-    def hypotheses(self, effects: Sequence[Effect], x_keys: np.ndarray | None = None, anew: Effect | None = None) -> list[Hypothesis]:
-        """All starts of a set of effects (the product of their parameters' starts), one of them, anew, wherever it ended alone; keys start
-        at x_keys."""
+    def hypotheses(
+        self,
+        effects: Sequence[Effect],
+        x_keys: np.ndarray | None = None,
+        anew: Effect | None = None,
+    ) -> list[Hypothesis]:
+        """All starts of a set of effects (the product of their parameters' starts), one of them,
+        anew, wherever it ended alone; keys start at x_keys.
+        """
         ids = tuple(e.id for e in effects)
-        numbers = [pair for e in effects for pair in self._effect(e, ids, {} if e is anew else self.known)]
+        numbers = [
+            pair for e in effects for pair in self._effect(e, ids, {} if e is anew else self.known)
+        ]
         keys = np.zeros(len(self.keys)) if x_keys is None else x_keys
         starts = np.meshgrid(*[np.array(s) for _, s in numbers], indexing="ij")
         grid = np.stack([g.ravel() for g in starts], axis=1) if numbers else np.zeros((1, 0))
         coordinates = tuple(c for c, _ in numbers) + self.keys
-        forms = [tuple((self.problem.index(n), v) for form in forms for n, v in form) for forms in product(*[e.forms for e in effects])]
+        forms = [
+            tuple((self.problem.index(n), v) for form in forms for n, v in form)
+            for forms in product(*[e.forms for e in effects])
+        ]
         low, high = np.array([c.low for c in coordinates]), np.array([c.high for c in coordinates])
-        return [Hypothesis(ids, coordinates, np.clip(np.concatenate([row, keys]), low, high), form) for form in forms for row in grid]
+        return [
+            Hypothesis(ids, coordinates, np.clip(np.concatenate([row, keys]), low, high), form)
+            for form in forms
+            for row in grid
+        ]
 
-    def _effect(self, effect: Effect, ids: tuple[str, ...], known: dict[str, float]) -> list[tuple[Coordinate, tuple[float, ...]]]:
+    def _effect(
+        self, effect: Effect, ids: tuple[str, ...], known: dict[str, float]
+    ) -> list[tuple[Coordinate, tuple[float, ...]]]:
         if effect.id == "asymmetric_friction" and "coulomb_friction" in ids:
             return [(self._offset(effect), (0.0,))]
         pairs = []
@@ -181,9 +224,27 @@ class Engine:
             size = parameter.size(self.scales)
             column = self.problem.index(effect.column(parameter))
             low, high = parameter.low(self.scales) / size, parameter.high(self.scales) / size
-            starts = parameter.starts if effect.id not in self.present else (float(self.problem.theta0[column]) / size,)
+            starts = (
+                parameter.starts
+                if effect.id not in self.present
+                else (float(self.problem.theta0[column]) / size,)
+            )
             starts = (known[effect.name(parameter)],) if effect.name(parameter) in known else starts
-            pairs.append((Coordinate(effect.name(parameter), (column,), (size,), 0.0, low, high, parameter.step, parameter.least), starts))
+            pairs.append(
+                (
+                    Coordinate(
+                        effect.name(parameter),
+                        (column,),
+                        (size,),
+                        0.0,
+                        low,
+                        high,
+                        parameter.step,
+                        parameter.least,
+                    ),
+                    starts,
+                )
+            )
         return self._polar(pairs) if effect.phase else pairs
 
     def _offset(self, effect: Effect) -> Coordinate:
@@ -193,7 +254,9 @@ class Engine:
         return Coordinate(effect.name(effect.parameters[0]), columns, (size, -size), 0.0, -1e6, 1e6)
 
     @staticmethod
-    def _polar(pairs: list[tuple[Coordinate, tuple[float, ...]]]) -> list[tuple[Coordinate, tuple[float, ...]]]:
+    def _polar(
+        pairs: list[tuple[Coordinate, tuple[float, ...]]],
+    ) -> list[tuple[Coordinate, tuple[float, ...]]]:
         amplitude, phase = pairs[0][0], pairs[-1][0]
         bound = max(abs(amplitude.high), 1.0)
         first = replace(amplitude, low=-bound, high=bound, role="cosine")
@@ -206,7 +269,9 @@ class Engine:
         return max(1, min(DIFFERENCES, HELD // self.problem.n))
 
     def residuals(self, jobs: Sequence[tuple[Hypothesis, np.ndarray]]) -> list[np.ndarray]:
-        """Residuals (n,), row by row, of hypotheses at coordinate vectors (B, p) in one batch; equal ones run, and are held, once."""
+        """Residuals (n,), row by row, of hypotheses at coordinate vectors (B, p) in one batch;
+        equal ones run, and are held, once.
+        """
         theta = np.concatenate([h.theta(self.problem.theta0, np.atleast_2d(x)) for h, x in jobs])
         places: dict[bytes, int] = {}
         which = [places.setdefault(one.tobytes(), len(places)) for one in theta]
@@ -224,22 +289,35 @@ class Engine:
             for _, points in jobs[part]:
                 yield [next(rows) for _ in points]
 
-    def fit(self, hypotheses: Sequence[Hypothesis], iterations: int = 6, tell: Callable[[int], None] | None = None) -> list[Fit]:
-        """Fit all hypotheses on the training rows, wide loss first, then narrow; their held-out rows are predicted to first order."""
+    def fit(
+        self,
+        hypotheses: Sequence[Hypothesis],
+        iterations: int = 6,
+        tell: Callable[[int], None] | None = None,
+    ) -> list[Fit]:
+        """Fit all hypotheses on the training rows, wide loss first, then narrow; their held-out
+        rows are predicted to first order.
+        """
         if not hypotheses:
             return []
         fits = self._begin(hypotheses, iterations > 0)
         self.go_on(fits, range(iterations), tell)
         return fits
 
-    def go_on(self, fits: Sequence[Fit], rounds: range, tell: Callable[[int], None] | None = None) -> None:
-        """Further rounds of the fits that have not converged; the held-out rows of all are predicted to first order."""
+    def go_on(
+        self, fits: Sequence[Fit], rounds: range, tell: Callable[[int], None] | None = None
+    ) -> None:
+        """Further rounds of the fits that have not converged; the held-out rows of all are
+        predicted to first order.
+        """
         for round_ in rounds:
             active = [one for one in fits if one.moving]
             if not active:
                 break
             self.differentiate([one for one in active if not one.sloped])
-            for one, moved in zip(active, self._advance(active, round_, round_ + 1 < rounds.stop), strict=True):
+            for one, moved in zip(
+                active, self._advance(active, round_, round_ + 1 < rounds.stop), strict=True
+            ):
                 one.moving = moved
             if tell:
                 tell(sum(one.moving for one in active))
@@ -249,7 +327,10 @@ class Engine:
     def _begin(self, hypotheses: Sequence[Hypothesis], ahead: bool) -> list[Fit]:
         fits = [self._unfitted(h) for h in hypotheses]
         steps = [self._signed_steps(one, one.x) if ahead else np.zeros(0) for one in fits]
-        jobs = [(one.hypothesis, np.vstack([one.x, around(one.x, signed)])) for one, signed in zip(fits, steps, strict=True)]
+        jobs = [
+            (one.hypothesis, np.vstack([one.x, around(one.x, signed)]))
+            for one, signed in zip(fits, steps, strict=True)
+        ]
         for one, signed, (start, *moved) in zip(fits, steps, self.shown(jobs), strict=True):
             one.residual, one.delta = start.copy(), self._delta(start, WIDE)
             one.cost = self.cost(one, one.x, start)
@@ -258,9 +339,16 @@ class Engine:
         return fits
 
     def _unfitted(self, h: Hypothesis) -> Fit:
-        one = Fit(h, h.start.copy(), np.zeros(0), np.zeros((len(h.start), self.problem.n), np.float32).T, np.inf, np.inf)
+        one = Fit(
+            h,
+            h.start.copy(),
+            np.zeros(0),
+            np.zeros((len(h.start), self.problem.n), np.float32).T,
+            np.inf,
+            np.inf,
+        )
         if self.key_columns is not None and h.count:
-            one.jacobian[:, h.count:], one.keys_known = self.key_columns, True
+            one.jacobian[:, h.count :], one.keys_known = self.key_columns, True
         return one
 
     def _delta(self, r: np.ndarray, width: float) -> float:
@@ -269,9 +357,15 @@ class Engine:
     def _trained(self, r: np.ndarray) -> np.ndarray:
         return r if self.train.all() else r[self.train]
 
-    def cost(self, one: Fit, x: np.ndarray, r: np.ndarray, train: np.ndarray | None = None) -> float:
-        """Robust cost of residuals (n,) on rows (n,), by default those that any fold trains on, and of the keys' priors at x (p,)."""
-        return huber(self._trained(r) if train is None else r[train], one.delta) + float(((x * one.hypothesis.prior) ** 2).sum())
+    def cost(
+        self, one: Fit, x: np.ndarray, r: np.ndarray, train: np.ndarray | None = None
+    ) -> float:
+        """Robust cost of residuals (n,) on rows (n,), by default those that any fold trains on, and
+        of the keys' priors at x (p,).
+        """
+        return huber(self._trained(r) if train is None else r[train], one.delta) + float(
+            ((x * one.hypothesis.prior) ** 2).sum()
+        )
 
     def costs(self, one: Fit, points: np.ndarray) -> list[float]:
         """Robust costs of a fit's hypothesis at other points (k, p), as the fit's own is counted."""
@@ -283,13 +377,16 @@ class Engine:
         return one.cost - cost > self.enough(one)
 
     def differentiate(self, fits: Sequence[Fit], fresh: bool = False) -> None:
-        """Forward differences, away from an upper bound, of as many hypotheses in a batch as memory holds.
+        """Forward differences, away from an upper bound, of as many hypotheses in a batch as memory
+        holds.
 
-        What the tolerated keys do hardly hangs on the effects: the columns of the model without effects serve until a step fails, and are
-        made anew where they are wanted fresh.
+        What the tolerated keys do hardly hangs on the effects: the columns of the model without
+        effects serve until a step fails, and are made anew where they are wanted fresh.
         """
         steps = [self._signed_steps(one, one.x, fresh) for one in fits]
-        jobs = [(one.hypothesis, around(one.x, signed)) for one, signed in zip(fits, steps, strict=True)]
+        jobs = [
+            (one.hypothesis, around(one.x, signed)) for one, signed in zip(fits, steps, strict=True)
+        ]
         for one, signed, moved in zip(fits, steps, self.shown(jobs), strict=True):
             self._set_slopes(one, signed, moved)
 
@@ -304,17 +401,31 @@ class Engine:
     def _signed_steps(one: Fit, x: np.ndarray, fresh: bool = False) -> np.ndarray:
         """Step of each difference that is wanted at x (k,)."""
         fitted = one.hypothesis.count if one.keys_known and not fresh else len(x)
-        steps_up = np.array([c.step_at(float(v)) for c, v in zip(one.hypothesis.coordinates, x, strict=True)])
+        steps_up = np.array(
+            [c.step_at(float(v)) for c, v in zip(one.hypothesis.coordinates, x, strict=True)]
+        )
         return np.where(x + steps_up > one.hypothesis.high, -steps_up, steps_up)[:fitted]
 
     def _advance(self, fits: Sequence[Fit], round_: int, ahead: bool) -> list[bool]:
-        """One damped step each; True for those that should go on. With them run, ahead, the differences that the whole step will need: the
-        plant's lanes are hardly filled by one fit's trials."""
-        trials = [one.x + one.damping * np.array([[1.0], [0.35]]) * self.steps(one)[0] for one in fits]
-        steps = [self._signed_steps(one, trial[0]) if ahead else np.zeros(0) for one, trial in zip(fits, trials, strict=True)]
-        points = [np.vstack([trial, around(trial[0], signed)]) for trial, signed in zip(trials, steps, strict=True)]
+        """One damped step each; True for those that should go on. With them run, ahead, the
+        differences that the whole step will need: the plant's lanes are hardly filled by one fit's
+        trials.
+        """
+        trials = [
+            one.x + one.damping * np.array([[1.0], [0.35]]) * self.steps(one)[0] for one in fits
+        ]
+        steps = [
+            self._signed_steps(one, trial[0]) if ahead else np.zeros(0)
+            for one, trial in zip(fits, trials, strict=True)
+        ]
+        points = [
+            np.vstack([trial, around(trial[0], signed)])
+            for trial, signed in zip(trials, steps, strict=True)
+        ]
         jobs, going = [(one.hypothesis, x) for one, x in zip(fits, points, strict=True)], []
-        for one, trial, signed, (full, part, *moved) in zip(fits, trials, steps, self.shown(jobs), strict=True):
+        for one, trial, signed, (full, part, *moved) in zip(
+            fits, trials, steps, self.shown(jobs), strict=True
+        ):
             going.append(self._accept(one, trial, (full, part), round_))
             if ahead and going[-1] and np.array_equal(one.x, trial[0]):
                 self._set_slopes(one, signed, moved)
@@ -324,9 +435,18 @@ class Engine:
         costs = [self.cost(one, x, r) for x, r in zip(trial, rows, strict=True)]
         best = int(np.argmin(costs))
         gain = one.cost - costs[best]
-        promised = one.cost - self.cost(one, trial[0], self.groups.moved(one.residual, one.jacobian, self._alike(trial[0] - one.x)))
+        promised = one.cost - self.cost(
+            one,
+            trial[0],
+            self.groups.moved(one.residual, one.jacobian, self._alike(trial[0] - one.x)),
+        )
         if gain > 0.0:
-            one.x, one.residual, one.cost, one.sloped = trial[best], rows[best].copy(), costs[best], False
+            one.x, one.residual, one.cost, one.sloped = (
+                trial[best],
+                rows[best].copy(),
+                costs[best],
+                False,
+            )
         if gain <= 0.0 and promised > self.enough(one) and one.damping > LEAST_DAMPING:
             one.damping *= 0.1  # a curved valley: the straight step promises much and holds nothing
             one.keys_known = one.sloped = False
@@ -344,15 +464,21 @@ class Engine:
         return max(1.0, 2e-4 * one.cost)
 
     def steps(self, one: Fit) -> tuple[np.ndarray, np.ndarray]:
-        """Gauss-Newton steps of the robust cost inside the bounds: over all training rows (p,), and over each fold's (folds, p). What a
-        fold's rows do not tell stays where all rows put it."""
+        """Gauss-Newton steps of the robust cost inside the bounds: over all training rows (p,), and
+        over each fold's (folds, p). What a fold's rows do not tell stays where all rows put it.
+        """
         sums = self.groups.sums(one.jacobian, one.residual, one.delta)
         total = sums.sum(axis=0, where=self.groups.trains.any(axis=0)[:, None, None])
         whole = self._step(one, total)
         curvature = UNTOLD * total[:, :-1]
         kept = np.column_stack([curvature, -curvature @ whole])
         pairs = zip(self.groups.trains, self._leaves_out, strict=True)
-        return whole, np.array([self._step(one, sums[use].sum(axis=0) + kept) if less else whole for use, less in pairs])
+        return whole, np.array(
+            [
+                self._step(one, sums[use].sum(axis=0) + kept) if less else whole
+                for use, less in pairs
+            ]
+        )
 
     @property
     def _leaves_out(self) -> np.ndarray:
@@ -363,14 +489,21 @@ class Engine:
     @staticmethod
     def _step(one: Fit, sums: np.ndarray) -> np.ndarray:
         h, p = one.hypothesis, len(one.x)
-        return bounded_step(sums[:, :p] + np.diag(h.prior), sums[:, p] + h.prior * one.x, h.low - one.x, h.high - one.x)
+        return bounded_step(
+            sums[:, :p] + np.diag(h.prior),
+            sums[:, p] + h.prior * one.x,
+            h.low - one.x,
+            h.high - one.x,
+        )
 
     def _alike(self, step: np.ndarray) -> np.ndarray:
         """The same step for every group of rows (groups, p)."""
         return np.tile(step, (self.groups.count, 1))
 
     def foretold(self, one: Fit, apart: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-        """Every row to first order as its own fold's step (folds, p) moves it; `otherwise` (p,) where no fold tests it."""
+        """Every row to first order as its own fold's step (folds, p) moves it; `otherwise` (p,)
+        where no fold tests it.
+        """
         steps = np.vstack([apart, otherwise])[self.groups.tested_by]
         return self.groups.moved(one.residual, one.jacobian, steps)
 
@@ -391,8 +524,12 @@ def around(x: np.ndarray, steps: np.ndarray) -> np.ndarray:
     return x + np.eye(len(steps), len(x)) * steps[:, None]
 
 
-def bounded_step(normal: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Minimise d' normal d / 2 + gradient' d within low <= d <= high by fixing violated coordinates one after another."""
+def bounded_step(
+    normal: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """Minimise d' normal d / 2 + gradient' d within low <= d <= high by fixing violated coordinates
+    one after another.
+    """
     p = len(gradient)
     ridge = normal + np.diag(1e-9 * np.diag(normal) + 1e-12)
     step, free = -np.linalg.solve(ridge, gradient), np.ones(p, bool)
@@ -413,22 +550,28 @@ def bounded_step(normal: np.ndarray, gradient: np.ndarray, low: np.ndarray, high
 
 
 def covariance(one: Fit, mask: np.ndarray, cluster: np.ndarray) -> np.ndarray:
-    """Sandwich covariance (p, p) of the fitted numbers; rows of one cluster may be correlated in any way."""
+    """Sandwich covariance (p, p) of the fitted numbers; rows of one cluster may be correlated in
+    any way.
+    """
     weighted = one.jacobian * (huber_weight(one.residual, one.delta) * mask)[:, None]
     prior = np.diag(one.hypothesis.prior)
     bread = np.linalg.pinv(weighted.T @ one.jacobian + prior)
     score = weighted * one.residual[:, None]
-    sums = np.stack([np.bincount(cluster, weights=score[:, j]) for j in range(score.shape[1])], axis=1)
+    sums = np.stack(
+        [np.bincount(cluster, weights=score[:, j]) for j in range(score.shape[1])], axis=1
+    )
     groups = max(2, len(np.unique(cluster[mask])))
     meat = sums.T @ sums * groups / (groups - 1) + prior
     return bread @ meat @ bread
 
 
 def half_widths(engine: Engine, one: Fit, clusters: Sequence[np.ndarray]) -> np.ndarray:
-    """Half widths (p,) of 95 % intervals of the fitted numbers: the widest that any clustering of the rows, or the folds, ask for.
+    """Half widths (p,) of 95 % intervals of the fitted numbers: the widest that any clustering of
+    the rows, or the folds, ask for.
 
-    Noise asks for little. A model of slightly other form is wrong alike over whole strokes: longer clusters show it, and estimates
-    that differ when a fold is left out (jackknife). Both have Student's t for their few degrees of freedom.
+    Noise asks for little. A model of slightly other form is wrong alike over whole strokes: longer
+    clusters show it, and estimates that differ when a fold is left out (jackknife). Both have
+    Student's t for their few degrees of freedom.
     """
     found = [np.zeros(len(one.x))]
     for cluster in clusters:

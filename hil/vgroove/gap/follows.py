@@ -1,4 +1,6 @@
-"""What a residual follows (measured signals, angles, time, lines of a spectrum), and what a smooth correction over it would gain."""
+"""What a residual follows (measured signals, angles, time, lines of a spectrum), and what a smooth
+correction over it would gain.
+"""
 
 from dataclasses import dataclass
 
@@ -9,7 +11,8 @@ from vgroove.gap.evidence import Blocks
 
 BINS = 12
 KNOTS = 60  # points of quantiles that a spline is drawn through
-CLOSE = 1e-3  # of the range: quantiles as close together are one point, or no spline could be told through them
+# of the range: quantiles as close together are one point, or no spline could be told through them
+CLOSE = 1e-3
 TURN = 2.0 * np.pi
 LINE = 30.0  # times the usual power by which a line of a spectrum stands out
 LONGEST_GRID = 1 << 16
@@ -34,7 +37,9 @@ def edges_of(driver: np.ndarray) -> np.ndarray:
 
 
 def predicted(residual: np.ndarray, driver: np.ndarray, cluster: np.ndarray) -> np.ndarray:
-    """Bin means of the other half of the blocks (even blocks predict odd ones and the other way round)."""
+    """Bin means of the other half of the blocks (even blocks predict odd ones and the other way
+    round).
+    """
     if len(driver) < 4 * BINS:
         return np.zeros_like(residual)
     bins = np.searchsorted(edges_of(driver), driver)
@@ -48,12 +53,18 @@ def predicted(residual: np.ndarray, driver: np.ndarray, cluster: np.ndarray) -> 
 
 
 def smooth_curve(residual: np.ndarray, driver: Driver) -> tuple[np.ndarray, np.ndarray]:
-    """A smoothing spline (stiffness by generalised cross-validation) through means over quantiles: points (k,) and values."""
+    """A smoothing spline (stiffness by generalised cross-validation) through means over quantiles:
+    points (k,) and values.
+    """
     x, y, weight = _means(residual, driver)
     if len(x) < 5:
         return x, y
     if driver.period:  # three turns of it, so that its ends meet
-        x, y, weight = (np.concatenate([x - driver.period, x, x + driver.period]), np.tile(y, 3), np.tile(weight, 3))
+        x, y, weight = (
+            np.concatenate([x - driver.period, x, x + driver.period]),
+            np.tile(y, 3),
+            np.tile(weight, 3),
+        )
     scale = float(np.ptp(x))
     curve = make_smoothing_spline(x / scale, y, w=weight)
     grid = np.linspace(0.0, driver.period, KNOTS) if driver.period else x
@@ -61,9 +72,13 @@ def smooth_curve(residual: np.ndarray, driver: Driver) -> tuple[np.ndarray, np.n
 
 
 def _means(residual: np.ndarray, driver: Driver) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means over quantiles of the driver (k,), of the residual there, and their weights (rows; the spline scales them)."""
+    """Means over quantiles of the driver (k,), of the residual there, and their weights (rows; the
+    spline scales them).
+    """
     step = max(CLOSE * float(np.ptp(driver.value)), 1e-12)
-    inner = step * np.unique(np.round(np.quantile(driver.value, np.linspace(0.0, 1.0, KNOTS + 1)[1:-1]) / step))
+    inner = step * np.unique(
+        np.round(np.quantile(driver.value, np.linspace(0.0, 1.0, KNOTS + 1)[1:-1]) / step)
+    )
     bins = np.unique(np.searchsorted(inner, driver.value), return_inverse=True)[1]
     count = np.bincount(bins)
     x, y = (np.bincount(bins, weights=v) / count for v in (driver.value, residual))
@@ -72,34 +87,59 @@ def _means(residual: np.ndarray, driver: Driver) -> tuple[np.ndarray, np.ndarray
 
 
 def gained(residual: np.ndarray, driver: Driver, cluster: np.ndarray) -> float:
-    """Share of the squared residual (m,) that a smooth correction takes from blocks that it was not drawn through."""
+    """Share of the squared residual (m,) that a smooth correction takes from blocks that it was not
+    drawn through.
+    """
     left = residual.copy()
     for parity in (0, 1):
         there, here = cluster % 2 == parity, cluster % 2 != parity
         if there.sum() < 4 * BINS or not here.any():
             return 0.0
-        x, y = smooth_curve(residual[there], Driver(driver.name, driver.value[there], driver.period))
+        x, y = smooth_curve(
+            residual[there], Driver(driver.name, driver.value[there], driver.period)
+        )
         left[here] -= np.interp(driver.value[here], x, y)
     return float(1.0 - (left**2).sum() / max(float((residual**2).sum()), 1e-12))
 
 
 def spectral_line(residual: np.ndarray, place: np.ndarray) -> float | None:
-    """Frequency (per unit of place) of the line that stands out in the residual's spectrum over a growing place; None where none does."""
+    """Frequency (per unit of place) of the line that stands out in the residual's spectrum over a
+    growing place; None where none does.
+    """
     span = float(np.ptp(place))
     if span <= 0.0 or len(place) < 200:
         return None
     cells = int(min(LONGEST_GRID, 2 ** np.ceil(np.log2(2 * len(place)))))
     cell = np.minimum(((place - place.min()) / span * (cells - 1)).astype(int), cells - 1)
-    power = np.abs(np.fft.rfft(np.bincount(cell, weights=residual - residual.mean(), minlength=cells), 2 * cells)) ** 2
+    power = (
+        np.abs(
+            np.fft.rfft(
+                np.bincount(cell, weights=residual - residual.mean(), minlength=cells), 2 * cells
+            )
+        )
+        ** 2
+    )
     power = power[: len(place) // 2]
     power[:16] = 0.0  # slow drifts are no line
     top = int(np.argmax(power))
-    usual = np.median(power[max(16, top // 2): 2 * top + 32])
-    return top / (2.0 * span * cells / (cells - 1)) if usual > 0.0 and power[top] > LINE * usual / np.log(2.0) else None
+    usual = np.median(power[max(16, top // 2) : 2 * top + 32])
+    return (
+        top / (2.0 * span * cells / (cells - 1))
+        if usual > 0.0 and power[top] > LINE * usual / np.log(2.0)
+        else None
+    )
 
 
-def lines(residual: np.ndarray, time_s: np.ndarray, angle: np.ndarray | None, ratio: float, log: np.ndarray) -> list[Driver]:
-    """Lines of the spectra over time and over the motor's angle (of the first log), as angles of their own that the residual may follow."""
+def lines(
+    residual: np.ndarray,
+    time_s: np.ndarray,
+    angle: np.ndarray | None,
+    ratio: float,
+    log: np.ndarray,
+) -> list[Driver]:
+    """Lines of the spectra over time and over the motor's angle (of the first log), as angles of
+    their own that the residual may follow.
+    """
     found, first = [], log == log[0]
     line = spectral_line(residual[first], time_s[first])
     if line is not None:
@@ -107,7 +147,11 @@ def lines(residual: np.ndarray, time_s: np.ndarray, angle: np.ndarray | None, ra
     if angle is not None:
         line = spectral_line(residual[first], angle[first] / TURN)
         if line is not None:
-            whose = f"motor angle, {line:.4g} periods a turn" if line * ratio > 1.5 else f"output angle, {line * ratio:.4g} periods a turn"
+            whose = (
+                f"motor angle, {line:.4g} periods a turn"
+                if line * ratio > 1.5
+                else f"output angle, {line * ratio:.4g} periods a turn"
+            )
             found.append(Driver(whose, np.mod(angle * line, TURN), TURN))
     return found
 
@@ -117,7 +161,11 @@ def looks(x: np.ndarray, y: np.ndarray, driver: Driver) -> str:
     name = driver.name
     if driver.period:
         turns = " at " not in name and "periods" not in name
-        return f"repeats with every turn of the {name.replace(' angle', '')}" if turns else f"periodic in {name}"
+        return (
+            f"repeats with every turn of the {name.replace(' angle', '')}"
+            if turns
+            else f"periodic in {name}"
+        )
     if name == "sign of speed":
         return "changes with the direction of motion"
     if len(x) < 3 or np.ptp(y) <= 0.0:
@@ -136,15 +184,26 @@ def thinned(x: np.ndarray, y: np.ndarray, scale: float) -> list[list[float]]:
     return [[float(x[i]), float(y[i] * scale)] for i in chosen]
 
 
-def shares(residual: np.ndarray, drivers: list[Driver], signal: np.ndarray, names: list[str], own: dict[str, str], blocks: Blocks,
-           floor: float) -> list[dict[str, object]]:
-    """How much of the squared gap above the noise each driver explains in each signal, largest first; what explains a twentieth is told."""
+def shares(
+    residual: np.ndarray,
+    drivers: list[Driver],
+    signal: np.ndarray,
+    names: list[str],
+    own: dict[str, str],
+    blocks: Blocks,
+    floor: float,
+) -> list[dict[str, object]]:
+    """How much of the squared gap above the noise each driver explains in each signal, largest
+    first; what explains a twentieth is told.
+    """
     total = float((residual[blocks.tested] ** 2 - floor**2).sum())
     found = []
     for driver in drivers if total > 0.0 else []:
         for k in (k for k in range(len(names)) if own.get(names[k]) != driver.name):
             rows = blocks.tested & (signal == k) & np.isfinite(driver.value) & (residual != 0.0)
-            left = residual[rows] - predicted(residual[rows], driver.value[rows], blocks.cluster[rows])
+            left = residual[rows] - predicted(
+                residual[rows], driver.value[rows], blocks.cluster[rows]
+            )
             share = float((residual[rows] ** 2 - left**2).sum()) / total
             if share > 0.05:
                 found.append({"follows": driver.name, "signal": names[k], "share": min(1.0, share)})

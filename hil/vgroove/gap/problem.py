@@ -1,10 +1,14 @@
-"""Turns logs and a rig into normalised residuals, batched over parameter sets: the one function that every fit and figure is made from.
+"""Turns logs and a rig into normalised residuals, batched over parameter sets: the one function
+that every fit and figure is made from.
 
     problem = load_problem(logs, rig, restart_s=0.25, threads=2)
-    problem.residuals(theta)        (B, P) -> (B, n): (measured - model) / sigma, unclipped, finite; theta0 holds the rig's own values
-    problem.signal, log, row, time_s, block, regime, sigma, measured, conditional      (n,) what each residual is
+    problem.residuals(theta)        (B, P) -> (B, n): (measured - model) / sigma, unclipped, finite;
+    theta0 holds the rig's own values
+    problem.signal, log, row, time_s, block, regime, sigma, measured, conditional      (n,) what
+    each residual is
     problem.folds                   (train, test) masks; every residual is in one test mask
-    problem.judged                  (n,) residuals that the contract's figures are made of: a part of a long log, all of a short one
+    problem.judged                  (n,) residuals that the contract's figures are made of: a part
+    of a long log, all of a short one
     problem.gap(r, mask)            RMS of r clipped at 10
 """
 
@@ -30,16 +34,24 @@ from vgroove.gap.ripples import corrected
 from vgroove.rig import Rig
 
 CLIP = figures.CLIP
-SENSOR_EFFECTS = ("current_gain.relative", "speed_gain.relative", "current_offset.offset_a", "current_lag.time_constant_s",
-                  "speed_lag.time_constant_s")
+SENSOR_EFFECTS = (
+    "current_gain.relative",
+    "speed_gain.relative",
+    "current_offset.offset_a",
+    "current_lag.time_constant_s",
+    "speed_lag.time_constant_s",
+)
 SIMULATED_LOADS = ("none", "torque", "pendulum")
-PORTION, PORTION_ROWS = 48, 200_000  # parameter sets that a thread takes on at once, and rows of their logs: what stays in its cache
+# parameter sets that a thread takes on at once, and rows of their logs: what stays in its cache
+PORTION, PORTION_ROWS = 48, 200_000
 RAN_AWAY = 1e6
 
 
 @dataclass(frozen=True)
 class SignalInfo:
-    """One judged column over all logs: unit, median sigma in that unit, whether it is made from edges or compared by magnitude."""
+    """One judged column over all logs: unit, median sigma in that unit, whether it is made from
+    edges or compared by magnitude.
+    """
 
     column: str
     unit: str
@@ -51,7 +63,9 @@ class SignalInfo:
 
 @dataclass(frozen=True)
 class Problem:
-    """Logs and a rig, ready to be asked how far any parameter set is from the measurement; see the file's head for the arrays."""
+    """Logs and a rig, ready to be asked how far any parameter set is from the measurement; see the
+    file's head for the arrays.
+    """
 
     rig: Rig
     runs: tuple[Run, ...]
@@ -105,27 +119,46 @@ class Problem:
     @property
     def missed_edges(self) -> tuple[float, float]:
         """Edges that the speed columns seem to have missed, and all edges, seen or not."""
-        channels = [c for run in self.runs for c in run.channels if isinstance(c, SpanChannel) and c.missed is not None]
+        channels = [
+            c
+            for run in self.runs
+            for c in run.channels
+            if isinstance(c, SpanChannel) and c.missed is not None
+        ]
         missed = sum(float(c.missed[~c.conditional].sum()) for c in channels)
         return missed, missed + sum(np.count_nonzero(~c.conditional) for c in channels)
 
     @property
     def missed_share(self) -> float:
-        """Share of the edges that the speed columns seem to have missed: what hall_dropout's probability would be."""
+        """Share of the edges that the speed columns seem to have missed: what hall_dropout's
+        probability would be.
+        """
         missed, edges = self.missed_edges
         return missed / max(1.0, edges)
 
-    def simulate(self, theta: np.ndarray, unfinished: str = "nan", threads: int = 1) -> list[Simulation]:
-        """Every log's simulation, restarted as judged: (B, rows) arrays as vgroove._core.simulate_log gives, CLOCK and DROPS_EDGES."""
+    def simulate(
+        self, theta: np.ndarray, unfinished: str = "nan", threads: int = 1
+    ) -> list[Simulation]:
+        """Every log's simulation, restarted as judged: (B, rows) arrays as
+        vgroove._core.simulate_log gives, CLOCK and DROPS_EDGES.
+        """
         theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
         gain, offset, lag = self._sensors(theta)
         command_clock = theta[:, self.index("effects.clock_skew.command_clock")] != 0.0
-        clock = 1.0 + np.where(command_clock, 0.0, theta[:, self.index("effects.clock_skew.relative")])
+        clock = 1.0 + np.where(
+            command_clock, 0.0, theta[:, self.index("effects.clock_skew.relative")]
+        )
         delayed, found = theta[:, self.index("effects.speed_lag.delay_form")] != 0.0, []
         limit_a = theta[:, self.index("effects.current_saturation.limit_a")]
         for run in self.runs:
-            states = corrected(self, run, theta, run.restarts.states(gain, offset, lag, delayed, clock, limit_a))
-            found.append(_core.simulate_log(run.drive, theta, run.starts, states, threads=threads, unfinished=unfinished))
+            states = corrected(
+                self, run, theta, run.restarts.states(gain, offset, lag, delayed, clock, limit_a)
+            )
+            found.append(
+                _core.simulate_log(
+                    run.drive, theta, run.starts, states, threads=threads, unfinished=unfinished
+                )
+            )
             found[-1][CLOCK] = clock
             found[-1][DROPS_EDGES] = theta[:, self.index("effects.hall_dropout.probability")] > 0.0
             if np.any(lag > 0.0):
@@ -134,23 +167,35 @@ class Problem:
         return found
 
     def _sensors(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Gain, offset and lag (B, 2) of the current and speed sensors, through which a measured state is seen."""
+        """Gain, offset and lag (B, 2) of the current and speed sensors, through which a measured
+        state is seen.
+        """
         at = {name: theta[:, self.index(f"effects.{name}")] for name in SENSOR_EFFECTS}
-        gain = np.stack([1.0 + at["current_gain.relative"], 1.0 + at["speed_gain.relative"]], axis=1)
+        gain = np.stack(
+            [1.0 + at["current_gain.relative"], 1.0 + at["speed_gain.relative"]], axis=1
+        )
         offset = np.stack([at["current_offset.offset_a"], np.zeros(len(theta))], axis=1)
-        return gain, offset, np.stack([at["current_lag.time_constant_s"], at["speed_lag.time_constant_s"]], axis=1)
+        return (
+            gain,
+            offset,
+            np.stack([at["current_lag.time_constant_s"], at["speed_lag.time_constant_s"]], axis=1),
+        )
 
     def models(self, theta: np.ndarray) -> np.ndarray:
-        """What the measurement is compared with, the model with offsets that nobody knows: (B, n) in the signals' units."""
+        """What the measurement is compared with, the model with offsets that nobody knows: (B, n)
+        in the signals' units.
+        """
         parts = []
         for run, simulation in zip(self.runs, self.simulate(theta), strict=True):
             parts += [channel.compared(simulation) for channel in run.channels]
         return np.concatenate(parts, axis=1)
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:
-        """(measured - model) / sigma, (B, n) for theta (B, P) or (P,); unclipped, finite (a model that runs away reads 1e6).
+        """(measured - model) / sigma, (B, n) for theta (B, P) or (P,); unclipped, finite (a model
+        that runs away reads 1e6).
 
-        Portions of the batch, sets of like structure together, run side by side: the simulation and what is made of it.
+        Portions of the batch, sets of like structure together, run side by side: the simulation and
+        what is made of it.
         """
         theta = np.atleast_2d(theta)
         out, rows = np.empty((len(theta), self.n)), sum(len(log.time_s) for log in self.logs)
@@ -181,19 +226,28 @@ class Problem:
         return np.where(self.conditional & (residual == 0.0), np.nan, square)
 
     def gap(self, residual: np.ndarray, mask: np.ndarray | None = None) -> Any:
-        """RMS over the mask (default: judged) of residuals (n,) -> float or (B, n) -> (B,), each clipped at 10; 0 where nothing counts."""
+        """RMS over the mask (default: judged) of residuals (n,) -> float or (B, n) -> (B,), each
+        clipped at 10; 0 where nothing counts.
+        """
         mask = self.judged if mask is None else mask
         square = self.squared(residual)[..., mask]
         counted = np.isfinite(square)
-        value = np.sqrt(np.where(counted, square, 0.0).sum(axis=-1) / np.maximum(counted.sum(axis=-1), 1))
+        value = np.sqrt(
+            np.where(counted, square, 0.0).sum(axis=-1) / np.maximum(counted.sum(axis=-1), 1)
+        )
         return float(value) if np.ndim(value) == 0 else value
 
-    def gap_by_signal(self, residual: np.ndarray, mask: np.ndarray | None = None) -> dict[str, float]:
+    def gap_by_signal(
+        self, residual: np.ndarray, mask: np.ndarray | None = None
+    ) -> dict[str, float]:
         """RMS error of each signal in its unit, each error clipped at 10 sigma; residual (n,)."""
         mask = self.judged if mask is None else mask
         square = self.squared(residual) * self.sigma**2
         chosen = [mask & (self.signal == k) & np.isfinite(square) for k in range(len(self.signals))]
-        return {s.column: float(np.sqrt(square[m].mean())) if m.any() else 0.0 for s, m in zip(self.signals, chosen, strict=True)}
+        return {
+            s.column: float(np.sqrt(square[m].mean())) if m.any() else 0.0
+            for s, m in zip(self.signals, chosen, strict=True)
+        }
 
     def floor_by_signal(self, mask: np.ndarray | None = None) -> dict[str, float]:
         """What noise alone gives each signal in its unit."""
@@ -203,32 +257,60 @@ class Problem:
         """What noise alone gives the gap: 1, since sigma is the sensors' own."""
         return 1.0
 
-    def iso18571(self, residual: np.ndarray, mask: np.ndarray | None = None) -> dict[str, float | None]:
-        """ISO/TS 18571 overall rating 0..1 of each signal over the mask; None where a signal is too short or flat to rate."""
+    def iso18571(
+        self, residual: np.ndarray, mask: np.ndarray | None = None
+    ) -> dict[str, float | None]:
+        """ISO/TS 18571 overall rating 0..1 of each signal over the mask; None where a signal is too
+        short or flat to rate.
+        """
         mask = (self.judged if mask is None else mask) & ~self.conditional
         model = self.measured - residual * self.sigma
         ratings: dict[str, float | None] = {}
         for k, signal in enumerate(self.signals):
             parts = [mask & (self.signal == k) & (self.log == j) for j in range(len(self.runs))]
-            found = [figures.iso18571(self.time_s[m], self.measured[m], model[m]) for m in parts if m.any()]
+            found = [
+                figures.iso18571(self.time_s[m], self.measured[m], model[m])
+                for m in parts
+                if m.any()
+            ]
             rated = [(rating, count) for rating, count in found if rating is not None]
-            ratings[signal.column] = float(np.average([r for r, _ in rated], weights=[c for _, c in rated])) if rated else None
+            ratings[signal.column] = (
+                float(np.average([r for r, _ in rated], weights=[c for _, c in rated]))
+                if rated
+                else None
+            )
         return ratings
 
-    def traces(self, theta: np.ndarray) -> list[dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]]:
-        """For plots, per log: column -> (time_s, measured, model) in units; conditional rows are left out."""
+    def traces(
+        self, theta: np.ndarray
+    ) -> list[dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]]:
+        """For plots, per log: column -> (time_s, measured, model) in units; conditional rows are
+        left out.
+        """
         model = self.models(np.atleast_2d(theta)[:1])[0]
         found = []
         for j in range(len(self.runs)):
-            masks = {s.column: (self.log == j) & (self.signal == k) & ~self.conditional for k, s in enumerate(self.signals)}
-            found.append({c: (self.time_s[m], self.measured[m], model[m]) for c, m in masks.items() if m.any()})
+            masks = {
+                s.column: (self.log == j) & (self.signal == k) & ~self.conditional
+                for k, s in enumerate(self.signals)
+            }
+            found.append(
+                {
+                    c: (self.time_s[m], self.measured[m], model[m])
+                    for c, m in masks.items()
+                    if m.any()
+                }
+            )
         return found
 
 
-def load_problem(logs: Sequence[Any], rig: Rig, restart_s: float = 0.25, threads: int = 2) -> Problem:
+def load_problem(
+    logs: Sequence[Any], rig: Rig, restart_s: float = 0.25, threads: int = 2
+) -> Problem:
     """Problem of one tool's logs (Log objects or paths) and a rig.
 
-    VgrooveError when the rig's input column is missing, nothing else is measured, or the rig's mechanism or load is not simulated yet.
+    VgrooveError when the rig's input column is missing, nothing else is measured, or the rig's
+    mechanism or load is not simulated yet.
     """
     _check_simulated(rig)
     if not logs:
@@ -242,7 +324,9 @@ def load_problem(logs: Sequence[Any], rig: Rig, restart_s: float = 0.25, threads
 
 
 def _check_reach(problem: Problem) -> None:
-    """A rig that the plant cannot follow through its logs is refused; parameter sets of a fit only read as far off."""
+    """A rig that the plant cannot follow through its logs is refused; parameter sets of a fit only
+    read as far off.
+    """
     try:
         problem.simulate(problem.theta0, unfinished="raise")
     except RuntimeError as error:
@@ -259,30 +343,48 @@ def _read(log: Any) -> Any:
 
 def _check_simulated(rig: Rig) -> None:
     if rig.mechanism["kind"] != "none":
-        raise VgrooveError(f"a log of a tool with mechanism {rig.mechanism['kind']} cannot be judged yet, only one with mechanism none")
+        raise VgrooveError(
+            f"a log of a tool with mechanism {rig.mechanism['kind']} cannot be judged yet, only one with mechanism none"
+        )
     if rig.load["kind"] not in SIMULATED_LOADS:
-        raise VgrooveError(f"a log of a tool with load {rig.load['kind']} cannot be judged yet, only with {', '.join(SIMULATED_LOADS)}")
+        raise VgrooveError(
+            f"a log of a tool with load {rig.load['kind']} cannot be judged yet, only with {', '.join(SIMULATED_LOADS)}"
+        )
 
 
 def _join(rig: Rig, runs: tuple[Run, ...], restart_s: float, threads: int) -> Problem:
-    """Concatenate the channels of all logs; the order is log by log, channel by channel, as Problem.models gives it."""
+    """Concatenate the channels of all logs; the order is log by log, channel by channel, as
+    Problem.models gives it.
+    """
     pairs = [(j, run, channel) for j, run in enumerate(runs) for channel in run.channels]
     columns = list(dict.fromkeys(channel.column for _, _, channel in pairs))
     regimes = list(dict.fromkeys(name for run in runs for name in run.regimes))
-    signals = [_signal_info(column, [c for _, _, c in pairs if c.column == column]) for column in columns]
+    signals = [
+        _signal_info(column, [c for _, _, c in pairs if c.column == column]) for column in columns
+    ]
     block = np.concatenate([run.blocks.of(channel.time_s) for _, run, channel in pairs])
     sizes = [len(channel.row) for _, _, channel in pairs]
     return Problem(
-        rig=rig, runs=runs, theta0=rig.parameters(), restart_s=restart_s, threads=threads, signals=signals, regimes=regimes,
+        rig=rig,
+        runs=runs,
+        theta0=rig.parameters(),
+        restart_s=restart_s,
+        threads=threads,
+        signals=signals,
+        regimes=regimes,
         signal=np.repeat([columns.index(c.column) for _, _, c in pairs], sizes),
         log=np.repeat([j for j, _, _ in pairs], sizes),
-        row=np.concatenate([c.row for _, _, c in pairs]), time_s=np.concatenate([c.time_s for _, _, c in pairs]),
-        measured=np.concatenate([c.measured for _, _, c in pairs]), sigma=np.concatenate([c.sigma for _, _, c in pairs]),
-        conditional=np.concatenate([c.conditional for _, _, c in pairs]), block=block,
+        row=np.concatenate([c.row for _, _, c in pairs]),
+        time_s=np.concatenate([c.time_s for _, _, c in pairs]),
+        measured=np.concatenate([c.measured for _, _, c in pairs]),
+        sigma=np.concatenate([c.sigma for _, _, c in pairs]),
+        conditional=np.concatenate([c.conditional for _, _, c in pairs]),
+        block=block,
         regime=np.concatenate([_regime_of(run, channel, regimes) for _, run, channel in pairs]),
         fold=_per_log(pairs, block, lambda blocks, b: blocks.fold_of(b)),
         judged=_per_log(pairs, block, lambda blocks, b: blocks.judged(b)),
-        warnings=[warning for run in runs for warning in run.warnings])
+        warnings=[warning for run in runs for warning in run.warnings],
+    )
 
 
 def _regime_of(run: Run, channel: Channel, regimes: list[str]) -> np.ndarray:
@@ -294,7 +396,7 @@ def _per_log(pairs: list[tuple[int, Run, Channel]], block: np.ndarray, ask: Any)
     parts, first = [], 0
     for _, run, channel in pairs:
         blocks: Blocks = run.blocks
-        parts.append(ask(blocks, block[first:first + len(channel.row)]))
+        parts.append(ask(blocks, block[first : first + len(channel.row)]))
         first += len(channel.row)
     return np.concatenate(parts)
 
@@ -302,4 +404,11 @@ def _per_log(pairs: list[tuple[int, Run, Channel]], block: np.ndarray, ask: Any)
 def _signal_info(column: str, channels: list[Channel]) -> SignalInfo:
     sigma = float(np.median(np.concatenate([c.sigma for c in channels])))
     notes = "; ".join(dict.fromkeys(c.note for c in channels if c.note))
-    return SignalInfo(column, channels[0].unit, sigma, any(c.edges for c in channels), any(c.magnitude for c in channels), notes)
+    return SignalInfo(
+        column,
+        channels[0].unit,
+        sigma,
+        any(c.edges for c in channels),
+        any(c.magnitude for c in channels),
+        notes,
+    )

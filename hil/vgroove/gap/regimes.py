@@ -3,8 +3,12 @@
 import numpy as np
 
 
-def regimes_of(time_s: np.ndarray, speed: np.ndarray, command: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Regime of each row: standstill, start, speeding up, braking, reversal, and steady in bands of speed."""
+def regimes_of(
+    time_s: np.ndarray, speed: np.ndarray, command: np.ndarray
+) -> tuple[np.ndarray, list[str]]:
+    """Regime of each row: standstill, start, speeding up, braking, reversal, and steady in bands of
+    speed.
+    """
     top = float(np.max(np.abs(speed)))
     if top == 0.0:
         return np.zeros(len(time_s), dtype=int), ["whole log"]

@@ -27,13 +27,23 @@ def summary(verdict: dict) -> list[str]:
     lines = [sentence(verdict)]
     shares = {k: v for k, v in verdict["where"]["share"].items() if v >= 0.005}
     if shares:
-        lines.append("where: " + ", ".join(f"{k} {100 * v:.0f} %" for k, v in sorted(shares.items(), key=lambda i: -i[1])))
+        lines.append(
+            "where: "
+            + ", ".join(
+                f"{k} {100 * v:.0f} %" for k, v in sorted(shares.items(), key=lambda i: -i[1])
+            )
+        )
     for effect in [e for e in verdict["effects"] if e["id"] in verdict["selected"]]:
-        lines.append(f"{effect['id']}: probability {effect['probability']:.2f}, " + ", ".join(parameter_words(effect)))
+        lines.append(
+            f"{effect['id']}: probability {effect['probability']:.2f}, "
+            + ", ".join(parameter_words(effect))
+        )
     for other in verdict["indistinguishable"]:
         lines.append(f"not to be told from {other['instead_of']}: {other['id']}")
     if verdict["next_experiment"]:
-        lines.append(f"next run: {verdict['next_experiment']['profile']} ({verdict['next_experiment']['why']})")
+        lines.append(
+            f"next run: {verdict['next_experiment']['profile']} ({verdict['next_experiment']['why']})"
+        )
     return lines
 
 

@@ -1,6 +1,8 @@
-"""What a search for effects holds: fits of the sets that were tried, and how two of them are weighed on held-out rows.
+"""What a search for effects holds: fits of the sets that were tried, and how two of them are
+weighed on held-out rows.
 
-A fuller set must be worth it twice: its held-out gain is significant under the block bootstrap, and it is large enough to matter.
+A fuller set must be worth it twice: its held-out gain is significant under the block bootstrap, and
+it is large enough to matter.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,7 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from vgroove.gap.evidence import SHORTEST_S, Blocks, block_sums, correlation_time, interval, least_loss, make_blocks, squared
+from vgroove.gap.evidence import (
+    SHORTEST_S,
+    Blocks,
+    block_sums,
+    correlation_time,
+    interval,
+    least_loss,
+    make_blocks,
+    squared,
+)
 from vgroove.gap.fit import Engine, Fit, Hypothesis
 from vgroove.gap.folds import settle
 from vgroove.gap.hypotheses import Effect
@@ -20,17 +31,23 @@ VISIBLE = 0.1
 WORTH_SHARE = 0.01
 LEVEL = 0.99
 CHANCE = 3.84  # squared sigmas that one number gains by chance (95 % of chi-square)
-LARGE, NEARLY_ALL = 0.5, 0.9  # squared gap above the noise, in noise, and share of it that no chance takes away
+# squared gap above the noise, in noise, and share of it that no chance takes away
+LARGE, NEARLY_ALL = 0.5, 0.9
 LIKELY = 0.8  # interval whose lower end must still be worth it: the gain is not one lucky block's
-WITHIN_REACH = 1.5  # of the best squared gap: fits beyond stay where their first rounds put them, with first-order predictions
+# of the best squared gap: fits beyond stay where their first rounds put them, with first-order
+# predictions
+WITHIN_REACH = 1.5
 CONVERGED = 12  # rounds in which fits end; most need four
-SCALING = ("speed_gain.relative", "clock_skew.relative", "clock_skew.command_clock")  # what scales edge speeds against stamps
+# what scales edge speeds against stamps
+SCALING = ("speed_gain.relative", "clock_skew.relative", "clock_skew.command_clock")
 FLOORED = ("effects.transport_delay.delay_s",)
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Where each residual comes from: log, time, signal (n,), whether it counts only when not 0, and how often the model restarts."""
+    """Where each residual comes from: log, time, signal (n,), whether it counts only when not 0,
+    and how often the model restarts.
+    """
 
     log: np.ndarray
     time_s: np.ndarray
@@ -59,7 +76,9 @@ class Search:
     tell: Callable[[str], None] = lambda _: None
 
     def sums(self, one: Fit, clip: float | None = None) -> np.ndarray:
-        """Squared held-out residuals per bootstrap block (blocks,), clipped as the search compares or as asked."""
+        """Squared held-out residuals per bootstrap block (blocks,), clipped as the search compares
+        or as asked.
+        """
         return block_sums(self.blocks, squared(one, self.clip if clip is None else clip))
 
     def by_signal(self, one: Fit, clip: float) -> np.ndarray:
@@ -80,9 +99,11 @@ class Search:
         return abs(float(self.sums(one).sum() - self.sums(other).sum())) <= CHANCE * self.level()
 
     def tied(self, one: Fit, best: Fit) -> bool:
-        """The contract's rule: the 95 % interval of the difference contains 0, or both leave the same. What tells two models apart
-        may happen in few blocks, which a draw of blocks may miss: far beyond the noise there, and large enough to matter, it tells them
-        apart as well. So do the edges."""
+        """The contract's rule: the 95 % interval of the difference contains 0, or both leave the
+        same. What tells two models apart may happen in few blocks, which a draw of blocks may miss:
+        far beyond the noise there, and large enough to matter, it tells them apart as well. So do
+        the edges.
+        """
         if self.contradicted(one) and not self.contradicted(best):
             return False
         if self.alike(one, best):
@@ -93,32 +114,42 @@ class Search:
 
     def least_loss(self, worse: Fit, better: Fit, level: float = 0.95) -> float:
         """Squared gap that the worse fit surely loses on the run as it was."""
-        return least_loss(self.blocks, *(np.clip(f.held, -self.clip, self.clip) for f in (worse, better)), level)
+        return least_loss(
+            self.blocks, *(np.clip(f.held, -self.clip, self.clip) for f in (worse, better)), level
+        )
 
     def contradicted(self, one: Fit) -> bool:
-        """Whether a log's edges follow one another only on another scale than its time stamps, and no clock and no gain of the set explains
-        most of that: the sensor times edges by its own clock, far finer than what a motion shows."""
+        """Whether a log's edges follow one another only on another scale than its time stamps, and
+        no clock and no gain of the set explains most of that: the sensor times edges by its own
+        clock, far finer than what a motion shows.
+        """
         problem = self.engine.problem
         scales = [run.edge_scale for run in getattr(problem, "runs", ()) if run.edge_scale != 1.0]
         if not scales:
             return False
-        gain, clock, of_command = (one.theta(problem.theta0)[problem.index(f"effects.{name}")] for name in SCALING)
+        gain, clock, of_command = (
+            one.theta(problem.theta0)[problem.index(f"effects.{name}")] for name in SCALING
+        )
         told = (1.0 + gain) * (1.0 + (0.0 if of_command else clock))
         return any(abs(scale - told) > 0.5 * abs(scale - 1.0) for scale in scales)
 
     def better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
-        """True when the fuller set is significantly better, in any draw of blocks or on the run as it was, and by an amount that matters
-        in most draws; or when it closes a gap that is large."""
+        """True when the fuller set is significantly better, in any draw of blocks or on the run as
+        it was, and by an amount that matters in most draws; or when it closes a gap that is large.
+        """
         if self.closes_large(fuller, leaner):
             return True
         if not self.likely_better(fuller, leaner, worth):
             return False
         apart = self.sums(leaner) - self.sums(fuller)
-        return interval(self.blocks, apart, LEVEL)[0] > 0.0 or self.least_loss(leaner, fuller, LEVEL) > self.least_gain(leaner, worth)
+        return interval(self.blocks, apart, LEVEL)[0] > 0.0 or self.least_loss(
+            leaner, fuller, LEVEL
+        ) > self.least_gain(leaner, worth)
 
     def closes_large(self, fuller: Fit, leaner: Fit) -> bool:
-        """True when the fuller set takes nearly all of a large gap, whichever block is left out: a short log has too few of them to show
-        more by draws."""
+        """True when the fuller set takes nearly all of a large gap, whichever block is left out: a
+        short log has too few of them to show more by draws.
+        """
         noise, more, left = self.level() * self.blocks.rows, self.sums(leaner), self.sums(fuller)
         noise, above, gain = (float(x.sum()) - x for x in (noise, more - noise, more - left))
         return bool(np.all(above > LARGE * noise) and np.all(gain > NEARLY_ALL * above))
@@ -126,14 +157,19 @@ class Search:
     def likely_better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
         """True when the fuller set is better by an amount that matters in most draws of blocks."""
         apart, worth = self.sums(leaner) - self.sums(fuller), self.least_gain(leaner, worth)
-        return float(apart.sum()) / self.blocks.total > worth and interval(self.blocks, apart, LIKELY)[0] > worth
+        return (
+            float(apart.sum()) / self.blocks.total > worth
+            and interval(self.blocks, apart, LIKELY)[0] > worth
+        )
 
     def least_gain(self, leaner: Fit, worth: float = WORTH) -> float:
         """Squared gap that a fuller set must take away from a leaner one."""
         return worth * self.level() + WORTH_SHARE * max(0.0, self.score(leaner) - self.level())
 
     def visible(self, one: Fit) -> bool:
-        """The contract's least gap: below VISIBLE of the noise it is no gap, and what takes it away is no effect that could be named."""
+        """The contract's least gap: below VISIBLE of the noise it is no gap, and what takes it away
+        is no effect that could be named.
+        """
         noise, left = np.sqrt(self.level()), np.sqrt(self.score(one))
         return bool(np.sqrt(self.score(self.retuned)) - min(noise, left) >= VISIBLE * noise)
 
@@ -142,16 +178,22 @@ class Search:
         return self.score(one) >= (1.0 + VISIBLE) ** 2 * self.level()
 
     def surely_leaves_a_gap(self, one: Fit) -> bool:
-        """Whether what a set leaves is a gap of the contract in most draws of blocks: not by the few in which something happened."""
+        """Whether what a set leaves is a gap of the contract in most draws of blocks: not by the
+        few in which something happened.
+        """
         above = self.sums(one) - (1.0 + VISIBLE) ** 2 * self.level() * self.blocks.rows
         return interval(self.blocks, above, LIKELY)[0] > 0.0
 
     def level(self) -> float:
-        """Squared gap that is taken as noise: 1, or what the best fit leaves where no fit comes near 1."""
+        """Squared gap that is taken as noise: 1, or what the best fit leaves where no fit comes
+        near 1.
+        """
         return (self.clip / CLIP) ** 2
 
     def add(self, hypotheses: Sequence[Hypothesis], iterations: int = 6) -> list[Fit]:
-        """Fit, bring what comes near the best to convergence, settle it, and keep the best of each set."""
+        """Fit, bring what comes near the best to convergence, settle it, and keep the best of each
+        set.
+        """
         fits = self.engine.fit(hypotheses, iterations)
         if fits:
             self.engine.go_on(self.near(fits), range(iterations, CONVERGED))
@@ -179,8 +221,14 @@ def gap_of(problem: Any, held: np.ndarray) -> float:
 
 
 def plausible(one: Fit) -> bool:
-    """False when a number that must not be zero (a delay beyond the logger's convention) is pressed against its lower bound."""
-    pressed = (c.low > 0.0 and x < 1.02 * c.low for c, x in zip(one.hypothesis.coordinates, one.x, strict=True) if c.name in FLOORED)
+    """False when a number that must not be zero (a delay beyond the logger's convention) is pressed
+    against its lower bound.
+    """
+    pressed = (
+        c.low > 0.0 and x < 1.02 * c.low
+        for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)
+        if c.name in FLOORED
+    )
     return not any(pressed)
 
 
@@ -189,7 +237,9 @@ def key(ids: Sequence[str]) -> tuple[str, ...]:
     return tuple(sorted(ids))
 
 
-def begin(engine: Engine, effects: list[Effect], rows: Rows, seed: int, tell: Callable[[str], None]) -> Search:
+def begin(
+    engine: Engine, effects: list[Effect], rows: Rows, seed: int, tell: Callable[[str], None]
+) -> Search:
     """Nominal and retuned fits, bootstrap blocks."""
     tell("nominal and retuned model")
     empty = Hypothesis((), (), np.zeros(0))
@@ -208,15 +258,25 @@ def begin(engine: Engine, effects: list[Effect], rows: Rows, seed: int, tell: Ca
 
 
 def rescale(search: Search) -> None:
-    """Where even the best fit is far from the noise (real machines), clip in units of what it leaves, so that models still compare."""
-    leanest = min(search.fits.values(), key=lambda f: np.median(np.abs(f.held[search.blocks.tested])))
+    """Where even the best fit is far from the noise (real machines), clip in units of what it
+    leaves, so that models still compare.
+    """
+    leanest = min(
+        search.fits.values(), key=lambda f: np.median(np.abs(f.held[search.blocks.tested]))
+    )
     left = 1.4826 * float(np.median(np.abs(leanest.held[search.blocks.tested])))
     search.clip = CLIP * max(1.0, left / 2.0)
 
 
 def reblock(search: Search) -> None:
-    """Bootstrap blocks a few correlation times long, as the residual of the best single fit shows them."""
+    """Bootstrap blocks a few correlation times long, as the residual of the best single fit shows
+    them.
+    """
     rows, best = search.rows, min(search.fits.values(), key=search.score)
-    memory = correlation_time(best.residual, rows.time_s, rows.log * 1000 + rows.signal, rows.restart_s)
+    memory = correlation_time(
+        best.residual, rows.time_s, rows.log * 1000 + rows.signal, rows.restart_s
+    )
     length = min(max(SHORTEST_S, 3.0 * memory), 2.0 * rows.restart_s)
-    search.blocks = make_blocks(rows.log, rows.time_s, search.blocks.tested, length, search.seed, rows.conditional)
+    search.blocks = make_blocks(
+        rows.log, rows.time_s, search.blocks.tested, length, search.seed, rows.conditional
+    )

@@ -1,4 +1,6 @@
-"""What of a log shows the states of the tool: the finest measured speed, the current, an angle to keep count by."""
+"""What of a log shows the states of the tool: the finest measured speed, the current, an angle to
+keep count by.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,36 +15,61 @@ from vgroove.gap.missed import missed_edges, with_missed_counted
 from vgroove.gap.noise import RPM
 from vgroove.rig import Rig
 
-ANGLES = states.NEIGHBOURS[0]  # by as much a fit to neighbouring angles beats their differences: the errors of neighbours cancel
-SEEN_SHARE = 0.5  # of a log that an angle must last: one that fails early shows no states beside a speed
+# by as much a fit to neighbouring angles beats their differences: the errors of neighbours cancel
+ANGLES = states.NEIGHBOURS[0]
+# of a log that an angle must last: one that fails early shows no states beside a speed
+SEEN_SHARE = 0.5
 START_S = 0.02  # the shaft is taken to leave its rest this long before the first edge
 
 
-def sight_of(time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, edges: EdgePeriods | None,
-           channels: list[Channel]) -> states.Sight:
+def sight_of(
+    time_s: np.ndarray,
+    columns: dict[str, np.ndarray],
+    rig: Rig,
+    edges: EdgePeriods | None,
+    channels: list[Channel],
+) -> states.Sight:
     """What shows the states: the finest measured speed, the current, and an angle to keep count by."""
     by_column = {channel.column: channel for channel in channels}
     speed, angle_at, from_angle = None, _standing(rig), False
     if "speed_rpm" in by_column and edges is None:
         channel = by_column["speed_rpm"]
-        speed = states.Observations(channel.time_s, channel.time_s, channel.measured * RPM, channel.sigma * RPM)
-        angle = angle_at(0.0) + np.concatenate([[0.0], np.cumsum(0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.start_s))])
+        speed = states.Observations(
+            channel.time_s, channel.time_s, channel.measured * RPM, channel.sigma * RPM
+        )
+        angle = angle_at(0.0) + np.concatenate(
+            [[0.0], np.cumsum(0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.start_s))]
+        )
         angle_at = _interpolated(speed.start_s, angle)
     if edges is not None and not edges.falling.all():
         speed, angle_at = _edge_sight(rig, edges, _standing(rig)(0.0))
-    if "position_rad" in by_column and (speed is None or np.ptp(by_column["position_rad"].time_s) > SEEN_SHARE * np.ptp(time_s)):
+    if "position_rad" in by_column and (
+        speed is None or np.ptp(by_column["position_rad"].time_s) > SEEN_SHARE * np.ptp(time_s)
+    ):
         differences, angle_at = _position_sight(time_s, columns["position_rad"], rig)
         from_angle = speed is None or fineness(differences) / ANGLES < fineness(speed)
         speed = differences if from_angle else speed
     current = None
     if rig.input["kind"] == "current_a":
         force = held(columns["current_a"])
-        speed = None if speed is None else replace(speed, driven=states.Driven(time_s, _nominal_rate(rig, force)))
-        return states.Sight(speed, None, angle_at, lambda t, w, dw: float(np.interp(t, time_s, force)), from_angle)
+        speed = (
+            None
+            if speed is None
+            else replace(speed, driven=states.Driven(time_s, _nominal_rate(rig, force)))
+        )
+        return states.Sight(
+            speed, None, angle_at, lambda t, w, dw: float(np.interp(t, time_s, force)), from_angle
+        )
     if "current_a" in by_column and not by_column["current_a"].magnitude:
         channel = by_column["current_a"]
         current = states.row_means(time_s, columns["current_a"], float(channel.sigma[0]))
-    return states.Sight(speed, current, angle_at, lambda t, w, dw: _current_from_motion(rig, time_s, columns, t, w, dw), from_angle)
+    return states.Sight(
+        speed,
+        current,
+        angle_at,
+        lambda t, w, dw: _current_from_motion(rig, time_s, columns, t, w, dw),
+        from_angle,
+    )
 
 
 def fineness(seen: states.Observations) -> float:
@@ -59,7 +86,9 @@ def _interpolated(time_s: np.ndarray, angle: np.ndarray) -> Callable[[float], fl
     return lambda t: float(np.interp(t, time_s, angle))
 
 
-def _edge_sight(rig: Rig, edges: EdgePeriods, angle: float) -> tuple[states.Observations, Callable[[float], float]]:
+def _edge_sight(
+    rig: Rig, edges: EdgePeriods, angle: float
+) -> tuple[states.Observations, Callable[[float], float]]:
     pulses = rig.sensors["hall_pulses_per_rev"]
     missed = missed_edges(edges)
     edges = with_missed_counted(edges, missed)
@@ -67,8 +96,18 @@ def _edge_sight(rig: Rig, edges: EdgePeriods, angle: float) -> tuple[states.Obse
     sigma = noise.sigma_with_missed_rpm(rig, edges, missed)
     pitches = 1.0 + missed[whole]
     rad_s = pitches * RPM
-    turn = {} if pulses >= COUNTING_PULSES else {"place": edges.count[whole] % pulses, "places": pulses}
-    seen = states.Observations(edges.start_s[whole], edges.end_s[whole], edges.speed_rpm[whole] * rad_s, sigma[whole] * rad_s, **turn)
+    turn = (
+        {}
+        if pulses >= COUNTING_PULSES
+        else {"place": edges.count[whole] % pulses, "places": pulses}
+    )
+    seen = states.Observations(
+        edges.start_s[whole],
+        edges.end_s[whole],
+        edges.speed_rpm[whole] * rad_s,
+        sigma[whole] * rad_s,
+        **turn,
+    )
     counted = ~edges.falling
     # On average the first edge comes half a pitch after rest.
     turns = (edges.count[counted] + 0.5 * np.sign(edges.count[counted][0])) / pulses
@@ -77,11 +116,18 @@ def _edge_sight(rig: Rig, edges: EdgePeriods, angle: float) -> tuple[states.Obse
     return seen, _interpolated(times, angle + 2.0 * np.pi * np.concatenate([[0.0], turns]))
 
 
-def _position_sight(time_s: np.ndarray, position: np.ndarray, rig: Rig) -> tuple[states.Observations, Callable[[float], float]]:
+def _position_sight(
+    time_s: np.ndarray, position: np.ndarray, rig: Rig
+) -> tuple[states.Observations, Callable[[float], float]]:
     known = np.flatnonzero(np.isfinite(position))
     sigma = noise.position_sigma(rig, time_s, position)
     length = np.diff(time_s[known])
-    speed = states.Observations(time_s[known[:-1]], time_s[known[1:]], np.diff(position[known]) / length, np.sqrt(2.0) * sigma / length)
+    speed = states.Observations(
+        time_s[known[:-1]],
+        time_s[known[1:]],
+        np.diff(position[known]) / length,
+        np.sqrt(2.0) * sigma / length,
+    )
     return speed, _interpolated(time_s[known], position[known])
 
 
@@ -90,13 +136,19 @@ def _nominal_rate(rig: Rig, current_a: np.ndarray) -> np.ndarray:
     return rig.motor["torque_constant_nm_per_a"] * current_a / rig.shaft_inertia_kg_m2
 
 
-def _current_from_motion(rig: Rig, time_s: np.ndarray, columns: dict[str, np.ndarray], t: float, w: float, dw: float) -> float:
-    """Current that the nominal motor needs for a motion: a start for the model where no signed current is measured."""
+def _current_from_motion(
+    rig: Rig, time_s: np.ndarray, columns: dict[str, np.ndarray], t: float, w: float, dw: float
+) -> float:
+    """Current that the nominal motor needs for a motion: a start for the model where no signed
+    current is measured.
+    """
     motor, ratio = rig.motor, rig.gearbox["ratio"]
     torque = rig.shaft_inertia_kg_m2 * dw + motor["viscous_nm_s_per_rad"] * w
     torque += np.sign(w) * motor["coulomb_nm"]
     if "load_nm" in columns and rig.load["kind"] == "torque":
-        torque += np.sign(w) * float(np.interp(t, time_s, filled(time_s, columns["load_nm"]))) / ratio
+        torque += (
+            np.sign(w) * float(np.interp(t, time_s, filled(time_s, columns["load_nm"]))) / ratio
+        )
     return float(torque / motor["torque_constant_nm_per_a"])
 
 

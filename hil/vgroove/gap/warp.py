@@ -1,4 +1,6 @@
-"""The ISO/TS 18571 rating of objective_rating_metrics with its time warping done in numpy: the package's own compiles for 15 s first."""
+"""The ISO/TS 18571 rating of objective_rating_metrics with its time warping done in numpy: the
+package's own compiles for 15 s first.
+"""
 
 import sys
 from functools import cache
@@ -10,7 +12,9 @@ UNUSED = ("dtwalign", "dtwalign.step_pattern", "dtwalign.window")
 
 
 def overall_rating(reference: np.ndarray, comparison: np.ndarray, dt: float) -> float:
-    """ISO/TS 18571 overall rating of a curve (n, 2: time, value) against a reference on the same grid."""
+    """ISO/TS 18571 overall rating of a curve (n, 2: time, value) against a reference on the same
+    grid.
+    """
     metric = _metric()
     with np.errstate(invalid="ignore", divide="ignore"):
         return float(metric(reference, comparison, dt=dt).overall_rating())
@@ -18,7 +22,9 @@ def overall_rating(reference: np.ndarray, comparison: np.ndarray, dt: float) -> 
 
 @cache
 def _metric() -> type:
-    """The package's class with our alignment; its own (numba, matplotlib: seconds of start-up) is kept out while it is imported."""
+    """The package's class with our alignment; its own (numba, matplotlib: seconds of start-up) is
+    kept out while it is imported.
+    """
     absent = {name: MagicMock() for name in UNUSED if name not in sys.modules}
     with patch.dict(sys.modules, absent):
         from objective_rating_metrics.rating import ISO18571
@@ -33,7 +39,9 @@ def aligned(x: np.ndarray, y: np.ndarray, window_size: float) -> tuple[np.ndarra
 
 
 def align(x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
-    """Warping path (k, 2) of least squared distance between x (n,) and y (n,), |i - j| <= reach, ends tied, all steps of weight one."""
+    """Warping path (k, 2) of least squared distance between x (n,) and y (n,), |i - j| <= reach,
+    ends tied, all steps of weight one.
+    """
     n = len(x)
     step = np.zeros((2 * n - 1, n), np.int8)
     before, last = np.full(n + 1, np.inf), np.full(n + 1, np.inf)
@@ -45,7 +53,8 @@ def align(x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
         if k == 0:
             now[1] = cost[0]
         else:
-            ways = np.stack([last[i], last[i + 1], before[i]])  # from (i-1, j), (i, j-1), (i-1, j-1); index 0 is outside
+            # from (i-1, j), (i, j-1), (i-1, j-1); index 0 is outside
+            ways = np.stack([last[i], last[i + 1], before[i]])
             best = np.argmin(ways, axis=0)
             step[k, i] = best
             now[i + 1] = cost + ways[best, np.arange(len(i))]

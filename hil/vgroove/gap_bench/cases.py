@@ -1,4 +1,6 @@
-"""Cases of the blind set as the bench gets them: made and opened by the generator's own command, which shares nothing with this package."""
+"""Cases of the blind set as the bench gets them: made and opened by the generator's own command,
+which shares nothing with this package.
+"""
 
 import hashlib
 import json
@@ -12,8 +14,14 @@ from typing import Any
 from vgroove.errors import VgrooveError
 
 COMMAND = Path("tests/truth/gap_bench.py")
-SOURCES = ("hil/vgroove/gap/*.py", "hil/vgroove/rig.py", "hil/vgroove/log.py", "hil/vgroove/telemetry.py", "plant/*.?pp",
-           "hil/bindings/*.cpp")
+SOURCES = (
+    "hil/vgroove/gap/*.py",
+    "hil/vgroove/rig.py",
+    "hil/vgroove/log.py",
+    "hil/vgroove/telemetry.py",
+    "plant/*.?pp",
+    "hil/bindings/*.cpp",
+)
 
 
 @dataclass(frozen=True)
@@ -29,17 +37,35 @@ class BlindSet:
 
     def ask(self, what: str, numbers: Sequence[int], *more: str) -> subprocess.Popen[str]:
         """Start the generator's command."""
-        command = [sys.executable, str(self.checkout / COMMAND), what, str(self.folder), "--set", self.half,
-                   "--numbers", ",".join(map(str, numbers)), *more]
+        command = [
+            sys.executable,
+            str(self.checkout / COMMAND),
+            what,
+            str(self.folder),
+            "--set",
+            self.half,
+            "--numbers",
+            ",".join(map(str, numbers)),
+            *more,
+        ]
         return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def names(self, numbers: Sequence[int]) -> dict[int, str]:
         """Name of each case by its number; without numbers all."""
-        rows = json.loads(finished(self.ask("list", numbers)) if numbers else finished(self.ask_all()))
+        rows = json.loads(
+            finished(self.ask("list", numbers)) if numbers else finished(self.ask_all())
+        )
         return {number: name for number, name in rows}
 
     def ask_all(self) -> subprocess.Popen[str]:
-        command = [sys.executable, str(self.checkout / COMMAND), "list", str(self.folder), "--set", self.half]
+        command = [
+            sys.executable,
+            str(self.checkout / COMMAND),
+            "list",
+            str(self.folder),
+            "--set",
+            self.half,
+        ]
         return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def make(self, numbers: Sequence[int], tell: Callable[[int], None]) -> None:
@@ -49,11 +75,17 @@ class BlindSet:
                 tell(int(line.split()[0]))
             error = process.stderr.read() if process.stderr else ""
         if process.returncode != 0:
-            raise VgrooveError(f"the generator failed: {error.strip().splitlines()[-1] if error.strip() else process.returncode}")
+            raise VgrooveError(
+                f"the generator failed: {error.strip().splitlines()[-1] if error.strip() else process.returncode}"
+            )
 
     def answers(self, numbers: Sequence[int], with_ties: bool = False) -> dict[str, dict[str, Any]]:
         """Opened answers by name, after the verdicts."""
-        return json.loads(finished(self.ask("open", numbers, *(["--ties"] if with_ties else [])))) if numbers else {}
+        return (
+            json.loads(finished(self.ask("open", numbers, *(["--ties"] if with_ties else []))))
+            if numbers
+            else {}
+        )
 
     def case(self, name: str) -> Path:
         return self.folder / "cases" / name
@@ -71,14 +103,20 @@ def finished(process: subprocess.Popen[str]) -> str:
     """What a command printed; VgrooveError with its last line when it failed."""
     out, error = process.communicate()
     if process.returncode != 0:
-        raise VgrooveError(f"the generator failed: {error.strip().splitlines()[-1] if error.strip() else process.returncode}")
+        raise VgrooveError(
+            f"the generator failed: {error.strip().splitlines()[-1] if error.strip() else process.returncode}"
+        )
     return out
 
 
 def find_checkout() -> Path:
-    """The checkout that holds the generator: the working folder or one above it, else where this package was installed from (editable)."""
+    """The checkout that holds the generator: the working folder or one above it, else where this
+    package was installed from (editable).
+    """
     for start in (Path.cwd(), Path(__file__).resolve().parent):
         for folder in (start, *start.parents):
             if (folder / COMMAND).exists():
                 return folder
-    raise VgrooveError(f"the blind set needs the project's checkout: no {COMMAND} here or above (it is no part of the installed package)")
+    raise VgrooveError(
+        f"the blind set needs the project's checkout: no {COMMAND} here or above (it is no part of the installed package)"
+    )

@@ -1,1 +1,3 @@
-"""The design's studies: each makes tables, a JSON object and figures, written by vgroove.study.report."""
+"""The design's studies: each makes tables, a JSON object and figures, written by
+vgroove.study.report.
+"""

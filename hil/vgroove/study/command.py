@@ -1,4 +1,6 @@
-"""The commands `vgroove study ...`: options, progress on stderr, tables on stdout, files into a folder."""
+"""The commands `vgroove study ...`: options, progress on stderr, tables on stdout, files into a
+folder.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,9 +13,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 app = typer.Typer(no_args_is_help=True, help="The design's studies: table, JSON and plot of each.")
 
-Folder = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the files: page, tables, JSON.")]
-JsonPath = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="JSON elsewhere than in the folder.")]
-Png = Annotated[bool, typer.Option("--png", help="Draw the page into a PNG as well (needs Chromium).")]
+Folder = Annotated[
+    Path,
+    typer.Option("-o", "--output", metavar="DIR", help="Folder of the files: page, tables, JSON."),
+]
+JsonPath = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", help="JSON elsewhere than in the folder.")
+]
+Png = Annotated[
+    bool, typer.Option("--png", help="Draw the page into a PNG as well (needs Chromium).")
+]
 PIPED_WIDTH = 130  # of tables that go into a file or a pipe
 Tick = Callable[[str], None]
 
@@ -21,7 +30,12 @@ Tick = Callable[[str], None]
 @contextmanager
 def progress(total: int) -> Iterator[Tick]:
     """A bar on stderr that `tick(words)` moves by one; it leaves nothing behind."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total)
         yield lambda words: bar.update(task, advance=1, description=words)
@@ -48,24 +62,40 @@ def study() -> None:
 
 
 ImpactRig = Annotated[
-    Path | None, typer.Option("--rig", help="Impact tool; without: the reference set of 18 V class. Its load is the study's.")
+    Path | None,
+    typer.Option(
+        "--rig",
+        help="Impact tool; without: the reference set of 18 V class. Its load is the study's.",
+    ),
 ]
 Duty = Annotated[float, typer.Option(min=0.05, max=1.0, help="Duty of the bridge, from rest.")]
 
 
 @app.command("steps")
 def steps_command(
-    rig: Annotated[Path | None, typer.Option("--rig", help="Drill driver; without: low gear, 18 V.")] = None,
-    impact: Annotated[Path | None, typer.Option("--impact-rig", help="Impact tool; without: the reference set.")] = None,
+    rig: Annotated[
+        Path | None, typer.Option("--rig", help="Drill driver; without: low gear, 18 V.")
+    ] = None,
+    impact: Annotated[
+        Path | None, typer.Option("--impact-rig", help="Impact tool; without: the reference set.")
+    ] = None,
     only: Annotated[str, typer.Option(help="drill, impact or both.")] = "both",
-    points: Annotated[int, typer.Option(min=2, max=200, help="Fixed steps of the sweep from 10 us to 100 ms.")] = 41,
-    tolerance: Annotated[float, typer.Option(help="Local error of the variable-step solvers, of each state's size.")] = 1e-6,
-    repeats: Annotated[int, typer.Option(min=1, max=50, help="Runs behind each execution time.")] = 5,
+    points: Annotated[
+        int, typer.Option(min=2, max=200, help="Fixed steps of the sweep from 10 us to 100 ms.")
+    ] = 41,
+    tolerance: Annotated[
+        float, typer.Option(help="Local error of the variable-step solvers, of each state's size.")
+    ] = 1e-6,
+    repeats: Annotated[
+        int, typer.Option(min=1, max=50, help="Runs behind each execution time.")
+    ] = 5,
     folder: Folder = Path("study"),
     json_path: JsonPath = None,
     png: Png = False,
 ) -> None:
-    """Variable step over the impact cycle and the drill driver's run; fixed steps against the reference; execution time per step."""
+    """Variable step over the impact cycle and the drill driver's run; fixed steps against the
+    reference; execution time per step.
+    """
     from vgroove import _core
     from vgroove.errors import VgrooveError
     from vgroove.rig import read_rig
@@ -99,23 +129,35 @@ def steps_command(
 @app.command("supply")
 def supply_command(
     rig: ImpactRig = None,
-    low_v: Annotated[float, typer.Option("--from", min=1.0, max=1000.0, help="Lowest supply voltage.")] = 14.0,
-    high_v: Annotated[float, typer.Option("--to", min=1.0, max=1000.0, help="Highest supply voltage.")] = 21.0,
-    step_v: Annotated[float, typer.Option("--step", min=0.001, help="Distance of the voltages.")] = 0.5,
-    seconds: Annotated[float, typer.Option(min=0.8, max=60.0, help="Length of each run; figures from 0.5 s on.")] = 1.5,
+    low_v: Annotated[
+        float, typer.Option("--from", min=1.0, max=1000.0, help="Lowest supply voltage.")
+    ] = 14.0,
+    high_v: Annotated[
+        float, typer.Option("--to", min=1.0, max=1000.0, help="Highest supply voltage.")
+    ] = 21.0,
+    step_v: Annotated[
+        float, typer.Option("--step", min=0.001, help="Distance of the voltages.")
+    ] = 0.5,
+    seconds: Annotated[
+        float, typer.Option(min=0.8, max=60.0, help="Length of each run; figures from 0.5 s on.")
+    ] = 1.5,
     duty: Duty = 1.0,
     folder: Folder = Path("study"),
     json_path: JsonPath = None,
     png: Png = False,
 ) -> None:
-    """Influence of the supply voltage on impact rate, current, torque and synchronism, on five joints."""
+    """Influence of the supply voltage on impact rate, current, torque and synchronism, on five
+    joints.
+    """
     from vgroove.errors import VgrooveError
     from vgroove.study.impact_runs import impact_rig
     from vgroove.study.report import prepare
     from vgroove.study.supply import LOADS, supply_study, supply_voltages
 
     if not high_v > low_v or (high_v - low_v) / step_v > 1000:
-        raise VgrooveError(f"--from {low_v:g} --to {high_v:g} --step {step_v:g}: this is no range of at most 1,000 voltages")
+        raise VgrooveError(
+            f"--from {low_v:g} --to {high_v:g} --step {step_v:g}: this is no range of at most 1,000 voltages"
+        )
     tool = impact_rig(rig)
     places = prepare("supply", folder, json_path, png)
     with progress(len(LOADS)) as tick:
@@ -131,7 +173,9 @@ def load_command(
     json_path: JsonPath = None,
     png: Png = False,
 ) -> None:
-    """Torque over angle of the joints, disc springs, tightening factor, the coupler's effect, motion at 50 and 100 % duty."""
+    """Torque over angle of the joints, disc springs, tightening factor, the coupler's effect,
+    motion at 50 and 100 % duty.
+    """
     from vgroove.study.impact_runs import impact_rig
     from vgroove.study.load import LOAD_TICKS, load_study
     from vgroove.study.report import prepare
@@ -147,15 +191,23 @@ def load_command(
 def impact_command(
     rig: ImpactRig = None,
     joint: Annotated[
-        str, typer.Option(help="locked, hard_joint, slip_60, slip_6, disc_spring, m6, m8, m10; or rig: the rig's own load.")
+        str,
+        typer.Option(
+            help="locked, hard_joint, slip_60, slip_6, disc_spring, m6, m8, m10; or rig: the rig's own load."
+        ),
     ] = "locked",
-    seconds: Annotated[float, typer.Option(min=0.1, max=20.0, help="Length of the run; its last whole cycle is shown.")] = 1.0,
+    seconds: Annotated[
+        float,
+        typer.Option(min=0.1, max=20.0, help="Length of the run; its last whole cycle is shown."),
+    ] = 1.0,
     duty: Duty = 1.0,
     folder: Folder = Path("study"),
     json_path: JsonPath = None,
     png: Png = False,
 ) -> None:
-    """One cycle: hammer displacement, rotation, motor current and speed, with the blow's phases marked."""
+    """One cycle: hammer displacement, rotation, motor current and speed, with the blow's phases
+    marked.
+    """
     from vgroove.errors import VgrooveError
     from vgroove.study.impact import impact_study
     from vgroove.study.impact_runs import JOINT_WORDS, JOINTS, impact_rig, with_joint

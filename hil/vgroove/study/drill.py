@@ -1,4 +1,6 @@
-"""The drill driver's runs for the studies: parameters from a rig, the design's parameter steps, errors, limits of stability."""
+"""The drill driver's runs for the studies: parameters from a rig, the design's parameter steps,
+errors, limits of stability.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -28,10 +30,14 @@ SPEEDS = ("speed_rad_s", "chuck_rad_s")
 
 
 def parameters_of(rig: Rig) -> dict[str, float]:
-    """The drill driver's parameters of a rig with mechanism drill_driver and load chuck; VgrooveError for another one."""
+    """The drill driver's parameters of a rig with mechanism drill_driver and load chuck;
+    VgrooveError for another one.
+    """
     parameters = rig.drill_parameters()
     if rig.supply.get("resistance_ohm", 0.0) != 0.0:
-        raise VgrooveError(f"{rig.name or 'the rig'}: the solvers compared have no pack resistance: supply.resistance_ohm must be 0")
+        raise VgrooveError(
+            f"{rig.name or 'the rig'}: the solvers compared have no pack resistance: supply.resistance_ohm must be 0"
+        )
     return parameters
 
 
@@ -54,31 +60,57 @@ class Case:
         p = self.parameters
         r, k = p["motor.resistance_ohm"], p["motor.torque_constant_nm_per_a"]
         volts = p["supply.voltage_v"] * abs(p["drive.duty"])
-        motor = (k * volts - r * p["motor.coulomb_nm"]) / (k * k + r * p["motor.viscous_nm_s_per_rad"])
+        motor = (k * volts - r * p["motor.coulomb_nm"]) / (
+            k * k + r * p["motor.viscous_nm_s_per_rad"]
+        )
         return {"speed_rad_s": motor, "chuck_rad_s": motor / p["gearbox.ratio"]}
 
 
 def cases(parameters: dict[str, float], modes: list[str] | None = None) -> list[Case]:
     """Every mode in each of the three parameter steps."""
-    return [Case(mode, step, parameters | PARAMETER_STEPS[step] | MODES[mode]) for mode in modes or MODES for step in PARAMETER_STEPS]
+    return [
+        Case(mode, step, parameters | PARAMETER_STEPS[step] | MODES[mode])
+        for mode in modes or MODES
+        for step in PARAMETER_STEPS
+    ]
 
 
 def reference(case: Case) -> dict[str, np.ndarray]:
     """Speeds of the reference on the grid, (n,) each; tolerance 1e-9."""
-    return _core.simulate_drill(case.parameters, duration_s=DURATION_S, tolerance=1e-9, row_s=GRID_S, columns=["time_s", *SPEEDS])
+    return _core.simulate_drill(
+        case.parameters,
+        duration_s=DURATION_S,
+        tolerance=1e-9,
+        row_s=GRID_S,
+        columns=["time_s", *SPEEDS],
+    )
 
 
 def fixed(case: Case, solver: str, step_s: float, timed: bool = False) -> dict[str, Any]:
     """A fixed-step run, a row every step."""
-    return _core.simulate_drill(case.parameters, solver, duration_s=DURATION_S, step_s=step_s, timed=timed, columns=["time_s", *SPEEDS])
+    return _core.simulate_drill(
+        case.parameters,
+        solver,
+        duration_s=DURATION_S,
+        step_s=step_s,
+        timed=timed,
+        columns=["time_s", *SPEEDS],
+    )
 
 
-def speed_errors(case: Case, run: dict[str, Any], best: dict[str, np.ndarray]) -> dict[str, float | None]:
-    """Largest difference over the run at its own instants, as a share of the no-load speed; None where it left every physical range."""
+def speed_errors(
+    case: Case, run: dict[str, Any], best: dict[str, np.ndarray]
+) -> dict[str, float | None]:
+    """Largest difference over the run at its own instants, as a share of the no-load speed; None
+    where it left every physical range.
+    """
     if run["diverged_s"] is not None:
         return dict.fromkeys(SPEEDS)
     at = np.minimum(np.rint(run["time_s"] / GRID_S).astype(int), len(best["time_s"]) - 1)
-    return {name: float(np.max(np.abs(run[name] - best[name][at]))) / case.free_rad_s[name] for name in SPEEDS}
+    return {
+        name: float(np.max(np.abs(run[name] - best[name][at]))) / case.free_rad_s[name]
+        for name in SPEEDS
+    }
 
 
 def amplification(solver: str, z: np.ndarray) -> np.ndarray:
@@ -87,9 +119,13 @@ def amplification(solver: str, z: np.ndarray) -> np.ndarray:
 
 
 def stability_limit_s(case: Case, solver: str) -> float:
-    """The longest step with which an explicit solver damps every mode of the turning drive; the load's law counts only where it is flat."""
+    """The longest step with which an explicit solver damps every mode of the turning drive; the
+    load's law counts only where it is flat.
+    """
     states = [False] if case.mode != "slipping" else [False, True]
-    eigenvalues = np.concatenate([np.linalg.eigvals(_core.drill_jacobian(case.parameters, slips)) for slips in states])
+    eigenvalues = np.concatenate(
+        [np.linalg.eigvals(_core.drill_jacobian(case.parameters, slips)) for slips in states]
+    )
     for step_s in np.geomspace(1e-7, 1e-2, 5000):
         if np.any(amplification(solver, step_s * eigenvalues) > 1.0 + 1e-9):
             return float(step_s)

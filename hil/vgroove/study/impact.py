@@ -1,4 +1,6 @@
-"""`vgroove study impact`: one cycle of the impact tool: hammer displacement, rotation, motor current and speed, phases of the blow."""
+"""`vgroove study impact`: one cycle of the impact tool: hammer displacement, rotation, motor
+current and speed, phases of the blow.
+"""
 
 from typing import Any
 
@@ -33,7 +35,9 @@ LINES = ("#30343b", "#d1495b", "#00798c")
 
 
 def find_cycle(rig: Rig, duration_s: float, duty: float) -> tuple[float, float]:
-    """The last whole cycle from blow to blow that ends 5 ms before the run does: start, end; VgrooveError when there is none."""
+    """The last whole cycle from blow to blow that ends 5 ms before the run does: start, end;
+    VgrooveError when there is none.
+    """
     rows = simulate([rig], duration_s, duty)
     blows = hits_between(rows["blows"][0], 0.0, duration_s - 5e-3)
     first = blows["time_s"][blows["kind"] == 0]
@@ -44,11 +48,19 @@ def find_cycle(rig: Rig, duration_s: float, duty: float) -> tuple[float, float]:
     return float(first[-2]), float(first[-1])
 
 
-def phases_of(time_s: np.ndarray, lug_nm: np.ndarray, hammer_m: np.ndarray, lug_height_m: float) -> list[tuple[str, float, float]]:
-    """(phase, start, end) along a cycle from blow to blow: contact, then by the hammer's height and the sign of its motion."""
+def phases_of(
+    time_s: np.ndarray, lug_nm: np.ndarray, hammer_m: np.ndarray, lug_height_m: float
+) -> list[tuple[str, float, float]]:
+    """(phase, start, end) along a cycle from blow to blow: contact, then by the hammer's height and
+    the sign of its motion.
+    """
     rising = np.gradient(hammer_m, time_s) >= 0.0
     above = hammer_m >= lug_height_m
-    names = np.where(lug_nm != 0.0, "blow", np.where(above, np.where(rising, "over", "return"), np.where(rising, "rebound", "stroke")))
+    names = np.where(
+        lug_nm != 0.0,
+        "blow",
+        np.where(above, np.where(rising, "over", "return"), np.where(rising, "rebound", "stroke")),
+    )
     touching = np.flatnonzero(
         (lug_nm != 0.0) & (time_s < time_s[0] + 3e-3)
     )  # rebounds within 3 ms belong to the blow (physics.md section 4)
@@ -56,7 +68,10 @@ def phases_of(time_s: np.ndarray, lug_nm: np.ndarray, hammer_m: np.ndarray, lug_
         names[: touching[-1] + 1] = "blow"
     starts = np.flatnonzero(np.r_[True, names[1:] != names[:-1]])
     ends = np.r_[starts[1:], len(names) - 1]
-    return [(str(names[a]), float(time_s[a]), float(time_s[b])) for a, b in zip(starts, ends, strict=True)]
+    return [
+        (str(names[a]), float(time_s[a]), float(time_s[b]))
+        for a, b in zip(starts, ends, strict=True)
+    ]
 
 
 def cycle(rig: Rig, duration_s: float, duty: float) -> dict[str, Any]:
@@ -80,15 +95,22 @@ def cycle(rig: Rig, duration_s: float, duty: float) -> dict[str, Any]:
     }
     for name in ("hammer_deg", "anvil_deg", "head_deg"):
         columns[name] = columns[name] - np.interp(0.0, columns["time_ms"], columns[name])
-    phases = phases_of(time_s[inside], trace["lug_torque_nm"][inside], trace["hammer_m"][inside], height)
+    phases = phases_of(
+        time_s[inside], trace["lug_torque_nm"][inside], trace["hammer_m"][inside], height
+    )
     if len(phases) > MOST_PHASES:
-        raise VgrooveError(f"{rig.name or 'the rig'}: {len(phases)} phases between two blows: this load makes no impact cycle to show")
+        raise VgrooveError(
+            f"{rig.name or 'the rig'}: {len(phases)} phases between two blows: this load makes no impact cycle to show"
+        )
     return {
         "columns": columns,
         "start_s": start,
         "period_s": end - start,
         "lug_height_mm": 1e3 * height,
-        "phases": [{"phase": name, "start_ms": 1e3 * (a - start), "end_ms": 1e3 * (b - start)} for name, a, b in phases],
+        "phases": [
+            {"phase": name, "start_ms": 1e3 * (a - start), "end_ms": 1e3 * (b - start)}
+            for name, a, b in phases
+        ],
     }
 
 
@@ -123,7 +145,10 @@ def impact_study(rig: Rig, joint: str, duration_s: float, duty: float) -> Study:
         "supply_v": rig.supply["voltage_v"],
         "figures": figures,
         "phases": found["phases"],
-        "trace": {name: [round(float(v), 6) for v in values[::10]] for name, values in found["columns"].items()},
+        "trace": {
+            name: [round(float(v), 6) for v in values[::10]]
+            for name, values in found["columns"].items()
+        },
     }
     lines = [
         f"{figures['blows_per_min']:.0f} blows per minute ({figures['period_ms']:.2f} ms), {figures['joint_peak_nm']:.1f} N m peaks, "
@@ -157,7 +182,14 @@ def cycle_picture(found: dict[str, Any]) -> Picture:
     """Five panels over the time from the blow, phases shaded."""
     panels = (
         ("hammer back in mm", [("hammer_mm", "hammer displacement")]),
-        ("rotation in °", [("hammer_deg", "hammer rotation"), ("anvil_deg", "anvil rotation"), ("head_deg", "screw head")]),
+        (
+            "rotation in °",
+            [
+                ("hammer_deg", "hammer rotation"),
+                ("anvil_deg", "anvil rotation"),
+                ("head_deg", "screw head"),
+            ],
+        ),
         ("speed in rpm", [("hammer_rpm", "hammer speed"), ("spindle_rpm", "spindle speed")]),
         ("current in A", [("current_a", "motor current")]),
         ("torque in N m", [("joint_nm", "joint torque")]),
@@ -180,26 +212,50 @@ def cycle_picture(found: dict[str, Any]) -> Picture:
             )
         figure.update_yaxes(title_text=words, row=row, col=1)
     figure.add_hline(
-        y=found["lug_height_mm"], line={"color": "#888", "dash": "dash", "width": 1}, annotation_text="lug height", row=1, col=1
+        y=found["lug_height_mm"],
+        line={"color": "#888", "dash": "dash", "width": 1},
+        annotation_text="lug height",
+        row=1,
+        col=1,
     )
     shade(figure, found)
     figure.update_xaxes(title_text="time from the blow in ms", row=len(panels), col=1)
     figure.update_xaxes(range=[time[0], time[-1]])
     note = (
         "Shaded: "
-        + "; ".join(f"{name}: {words}" for name, words in PHASES.items() if any(p["phase"] == name for p in found["phases"]))
+        + "; ".join(
+            f"{name}: {words}"
+            for name, words in PHASES.items()
+            if any(p["phase"] == name for p in found["phases"])
+        )
         + "."
     )
     return Picture("One cycle from blow to blow", style(figure, 1000), note)
 
 
 def shade(figure: go.Figure, found: dict[str, Any]) -> None:
-    """Phases behind all panels, named above the first where there is room; the blow is named to the left of its beginning."""
+    """Phases behind all panels, named above the first where there is room; the blow is named to the
+    left of its beginning.
+    """
     for p in found["phases"]:
-        look = {"x0": p["start_ms"], "x1": p["end_ms"], "fillcolor": COLOURS[p["phase"]], "line_width": 0, "layer": "below"}
+        look = {
+            "x0": p["start_ms"],
+            "x1": p["end_ms"],
+            "fillcolor": COLOURS[p["phase"]],
+            "line_width": 0,
+            "layer": "below",
+        }
         blow = p["phase"] == "blow"
         wide = p["end_ms"] - p["start_ms"] > 60 * found["period_s"] or blow
-        named = {"annotation_text": p["phase"], "annotation_position": "top left", "annotation_yshift": 20} if wide else {}
+        named = (
+            {
+                "annotation_text": p["phase"],
+                "annotation_position": "top left",
+                "annotation_yshift": 20,
+            }
+            if wide
+            else {}
+        )
         named |= {"annotation_xanchor": "right" if blow else "left"} if wide else {}
         figure.add_vrect(**look, **named, row=1, col=1)
         for row in range(2, 6):

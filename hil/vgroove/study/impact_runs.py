@@ -1,4 +1,6 @@
-"""Runs of the impact tool for the studies: the reference set, the joints of the design, statistics of blows."""
+"""Runs of the impact tool for the studies: the reference set, the joints of the design, statistics
+of blows.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -58,13 +60,53 @@ _WOOD = {
 # Joints of physics.md sections 4 and 6 and of the gap contract
 JOINTS: dict[str, dict[str, Any]] = {
     "locked": {"kind": "locked", **_STIFF},
-    "hard_joint": {"kind": "hard_joint", **_STIFF, "run_torque_nm": 0.3, "slip_slope_nm_per_rad": 700, "loosen_ratio": 0.75},
-    "slip_60": {"kind": "hard_joint", **_STIFF, "run_torque_nm": 60, "slip_slope_nm_per_rad": 0, "loosen_ratio": 0.75},
-    "slip_6": {"kind": "hard_joint", **_STIFF, "run_torque_nm": 6, "slip_slope_nm_per_rad": 0, "loosen_ratio": 0.75},
-    "disc_spring": {"kind": "disc_spring", **_STIFF, "parallel": 4, "series": 42, "friction": 0.12, "from_turns": 4, "run_torque_nm": 0.3},
+    "hard_joint": {
+        "kind": "hard_joint",
+        **_STIFF,
+        "run_torque_nm": 0.3,
+        "slip_slope_nm_per_rad": 700,
+        "loosen_ratio": 0.75,
+    },
+    "slip_60": {
+        "kind": "hard_joint",
+        **_STIFF,
+        "run_torque_nm": 60,
+        "slip_slope_nm_per_rad": 0,
+        "loosen_ratio": 0.75,
+    },
+    "slip_6": {
+        "kind": "hard_joint",
+        **_STIFF,
+        "run_torque_nm": 6,
+        "slip_slope_nm_per_rad": 0,
+        "loosen_ratio": 0.75,
+    },
+    "disc_spring": {
+        "kind": "disc_spring",
+        **_STIFF,
+        "parallel": 4,
+        "series": 42,
+        "friction": 0.12,
+        "from_turns": 4,
+        "run_torque_nm": 0.3,
+    },
     "m6": {**_WOOD, "start_nm": 0.5, "end_nm": 6.0, "turns": 36, "seat_nm": 12.0, "from_turns": 12},
-    "m8": {**_WOOD, "start_nm": 0.9, "end_nm": 11.0, "turns": 26, "seat_nm": 22.0, "from_turns": 12},
-    "m10": {**_WOOD, "start_nm": 1.5, "end_nm": 18.0, "turns": 21, "seat_nm": 38.0, "from_turns": 12},
+    "m8": {
+        **_WOOD,
+        "start_nm": 0.9,
+        "end_nm": 11.0,
+        "turns": 26,
+        "seat_nm": 22.0,
+        "from_turns": 12,
+    },
+    "m10": {
+        **_WOOD,
+        "start_nm": 1.5,
+        "end_nm": 18.0,
+        "turns": 21,
+        "seat_nm": 38.0,
+        "from_turns": 12,
+    },
 }
 JOINT_WORDS = {
     "locked": "locked",
@@ -91,30 +133,44 @@ RPM = 30.0 / np.pi
 
 
 def impact_rig(path: Path | None) -> Rig:
-    """The rig of a file, or the reference set; VgrooveError when it has no impact mechanism or is not driven by a duty."""
+    """The rig of a file, or the reference set; VgrooveError when it has no impact mechanism or is
+    not driven by a duty.
+    """
     rig = read_rig(path) if path else rig_from_dict(REFERENCE_RIG, "the reference set")
     if rig.mechanism["kind"] != "impact":
         raise VgrooveError(f'{path}: this study needs [mechanism] kind = "impact"')
     if rig.input["kind"] != "duty" or "voltage_v" not in rig.supply:
-        raise VgrooveError(f"{path}: this study drives the tool by a duty: [input] kind and [supply] voltage_v")
+        raise VgrooveError(
+            f"{path}: this study drives the tool by a duty: [input] kind and [supply] voltage_v"
+        )
     return rig
 
 
 def with_joint(rig: Rig, load: Mapping[str, Any], values: Mapping[str, float] | None = None) -> Rig:
     """The same tool on another joint, other values of dotted keys with it."""
-    return rig_from_dict({**rig.as_dict(), "load": dict(load)}, "the rig on another joint").with_values(values or {})
+    return rig_from_dict(
+        {**rig.as_dict(), "load": dict(load)}, "the rig on another joint"
+    ).with_values(values or {})
 
 
 def simulate(rigs: Sequence[Rig], duration_s: float, duty: float, **options: Any) -> dict[str, Any]:
-    """Rows of 1 ms of tools that differ in values only, from rest at a constant duty, reference accuracy.
+    """Rows of 1 ms of tools that differ in values only, from rest at a constant duty, reference
+    accuracy.
 
-    `row_s` among the options changes the rows' distance; the others are those of vgroove._core.simulate_impact.
+    `row_s` among the options changes the rows' distance; the others are those of
+    vgroove._core.simulate_impact.
     """
     row_s = options.pop("row_s", 1e-3)
     time_s = np.linspace(0.0, duration_s, round(duration_s / row_s) + 1)
-    drive = _core.LogInput(time_s, "duty", np.full(len(time_s), duty), load_kind=rigs[0].load["kind"])
+    drive = _core.LogInput(
+        time_s, "duty", np.full(len(time_s), duty), load_kind=rigs[0].load["kind"]
+    )
     with refused_by_plant(rigs[0].name or "the rig"):
-        rows = _core.simulate_impact(drive, np.array([rig.parameters() for rig in rigs]), **{"mode": "reference", "threads": 2, **options})
+        rows = _core.simulate_impact(
+            drive,
+            np.array([rig.parameters() for rig in rigs]),
+            **{"mode": "reference", "threads": 2, **options},
+        )
     return {"time_s": time_s, **rows}
 
 
@@ -125,16 +181,26 @@ def hits_between(blows: np.ndarray, start_s: float, end_s: float) -> np.ndarray:
 
 
 def clean(hits: np.ndarray, lug_height_m: float) -> np.ndarray:
-    """Which hits are clean (n,): not a repeat, no lug skipped, half of the lug height engaged, 10 % from the median period at most."""
+    """Which hits are clean (n,): not a repeat, no lug skipped, half of the lug height engaged, 10 %
+    from the median period at most.
+    """
     first = hits["kind"] == 0
     period = np.full(len(hits), np.nan)
     period[first] = np.diff(hits["time_s"][first], prepend=np.nan)
     median = np.nanmedian(period) if np.isfinite(period).any() else np.nan
-    regular = ~(np.abs(period - median) > CLEAN_PERIOD * median)  # the first hit has no period: it is not held against it
-    return first & (hits["skipped"] == 0) & (hits["engaged_m"] >= CLEAN_HEIGHT * lug_height_m) & regular
+    # the first hit has no period: it is not held against it
+    regular = ~(np.abs(period - median) > CLEAN_PERIOD * median)
+    return (
+        first
+        & (hits["skipped"] == 0)
+        & (hits["engaged_m"] >= CLEAN_HEIGHT * lug_height_m)
+        & regular
+    )
 
 
-def blow_figures(rows: Mapping[str, Any], index: int, start_s: float, lug_height_m: float) -> dict[str, float | int | None]:
+def blow_figures(
+    rows: Mapping[str, Any], index: int, start_s: float, lug_height_m: float
+) -> dict[str, float | int | None]:
     """Rate, current, torque and synchronism of one run from start_s to its end."""
     time_s = rows["time_s"]
     end_s, late = float(time_s[-1]), time_s > start_s

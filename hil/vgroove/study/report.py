@@ -1,4 +1,6 @@
-"""What every study hands over, and how it is written: tables as CSV, one JSON, one page, a picture of it."""
+"""What every study hands over, and how it is written: tables as CSV, one JSON, one page, a picture
+of it.
+"""
 
 import json
 from collections.abc import Sequence
@@ -60,14 +62,19 @@ def prepare(name: str, folder: Path, json_path: Path | None, png: bool) -> Place
     except OSError as error:
         raise VgrooveError(f"{folder}: this folder cannot be made: {error.strerror}") from error
     places = Places(folder, json_path or folder / f"{name}.json", find_chromium() if png else None)
-    check_outputs([places.json_path, places.file(f"{name}.html"), places.file(f"{name}.png") if png else None])
+    check_outputs(
+        [places.json_path, places.file(f"{name}.html"), places.file(f"{name}.png") if png else None]
+    )
     return places
 
 
 def write(study: Study, places: Places) -> list[Path]:
     """Every file of the study; a file is whole or not there."""
     written = [places.json_path, places.file(f"{study.name}.html")]
-    write_text(written[0], json.dumps({"study": study.name, **study.data}, indent=1, allow_nan=False) + "\n")
+    write_text(
+        written[0],
+        json.dumps({"study": study.name, **study.data}, indent=1, allow_nan=False) + "\n",
+    )
     write_text(written[1], study.page().as_html())
     for table in study.tables:
         written.append(places.file(f"{study.name}_{table.name}.csv"))

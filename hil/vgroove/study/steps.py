@@ -1,4 +1,6 @@
-"""`vgroove study steps`: what shrinks a variable-step solver's step, how fast it recovers; how long a fixed step may be; what it costs."""
+"""`vgroove study steps`: what shrinks a variable-step solver's step, how fast it recovers; how long
+a fixed step may be; what it costs.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,18 +23,29 @@ EVENT_TICK_US = 3e5  # where events are marked, above every step
 COLOURS = {"euler": "#d1495b", "rk4": "#edae49", "real_time": "#00798c"}
 STEP_COLOURS = {1: "#d1495b", 2: "#edae49", 3: "#00798c"}
 DASHES = {1: "solid", 2: "dash", 3: "dot"}
-MODE_WORDS = {"normal": "normal mode", "pulse": "pulse mode", "slipping": "normal mode, clutch set to 4 N m: slips under the load"}
+MODE_WORDS = {
+    "normal": "normal mode",
+    "pulse": "pulse mode",
+    "slipping": "normal mode, clutch set to 4 N m: slips under the load",
+}
 
 
 def sweep_steps(points: int) -> np.ndarray:
-    """Fixed steps (n,) from 10 us to 100 ms, multiples of the reference's grid, the design's three among them."""
+    """Fixed steps (n,) from 10 us to 100 ms, multiples of the reference's grid, the design's three
+    among them.
+    """
     wanted = np.concatenate([np.geomspace(*SWEEP_S, points), DESIGN_STEPS_S])
     return np.unique(np.rint(wanted / GRID_S)) * (GRID_S * 1e6) / 1e6  # 35e-6 to the last bit
 
 
 def history(case: Case, tolerance: float) -> dict[str, Any]:
     """The variable-step run: its accepted steps with what ended each."""
-    run = _core.simulate_drill(case.parameters, duration_s=DURATION_S, tolerance=tolerance, columns=["time_s", "current_a", "chuck_rad_s"])
+    run = _core.simulate_drill(
+        case.parameters,
+        duration_s=DURATION_S,
+        tolerance=tolerance,
+        columns=["time_s", "current_a", "chuck_rad_s"],
+    )
     return {
         "case": case,
         "time_s": run["steps"]["time_s"],
@@ -44,11 +57,15 @@ def history(case: Case, tolerance: float) -> dict[str, Any]:
     }
 
 
-def event_rows(time_s: np.ndarray, length_s: np.ndarray, marks: Sequence[str]) -> list[dict[str, Any]]:
-    """Per event of a step history: the step before it (largest of five), and the smallest after it until half of that is reached again.
+def event_rows(
+    time_s: np.ndarray, length_s: np.ndarray, marks: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Per event of a step history: the step before it (largest of five), and the smallest after it
+    until half of that is reached again.
 
-    Steps that an event cuts short are no choice of the solver: they do not count as smallest. `recovery_s` is the time until the step has
-    recovered, later events or not; None when the run ends first.
+    Steps that an event cuts short are no choice of the solver: they do not count as smallest.
+    `recovery_s` is the time until the step has recovered, later events or not; None when the run
+    ends first.
     """
     rows = []
     chosen = np.where([mark == "none" for mark in marks], length_s, np.inf)
@@ -70,7 +87,9 @@ def event_rows(time_s: np.ndarray, length_s: np.ndarray, marks: Sequence[str]) -
 
 
 def event_summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Events of one kind together, in the order of their first appearance: medians, and the smallest step of all."""
+    """Events of one kind together, in the order of their first appearance: medians, and the
+    smallest step of all.
+    """
     found = []
     for kind in dict.fromkeys(row["event"] for row in rows):
         same = [row for row in rows if row["event"] == kind]
@@ -109,7 +128,9 @@ def sweep_case(case: Case, steps_s: np.ndarray, tick: Tick) -> list[dict[str, An
 
 
 def largest_below(rows: Sequence[dict[str, Any]], key: str) -> float | None:
-    """The longest step up to which every shorter one stays under 1 %; None when the shortest already fails."""
+    """The longest step up to which every shorter one stays under 1 %; None when the shortest
+    already fails.
+    """
     longest = None
     for row in sorted(rows, key=lambda r: r["step_s"]):
         if row[key] is None or row[key] >= LIMIT:
@@ -119,11 +140,17 @@ def largest_below(rows: Sequence[dict[str, Any]], key: str) -> float | None:
 
 
 def largest_steps(sweep: Sequence[dict[str, Any]], chosen: Sequence[Case]) -> list[dict[str, Any]]:
-    """Largest step under 1 % per case and solver, with the limit that linear stability sets to the explicit ones."""
+    """Largest step under 1 % per case and solver, with the limit that linear stability sets to the
+    explicit ones.
+    """
     found = []
     for case in chosen:
         for solver in SOLVERS:
-            rows = [r for r in sweep if (r["mode"], r["parameter_step"], r["solver"]) == (case.mode, case.step, solver)]
+            rows = [
+                r
+                for r in sweep
+                if (r["mode"], r["parameter_step"], r["solver"]) == (case.mode, case.step, solver)
+            ]
             theory = None if solver == "real_time" else drill.stability_limit_s(case, solver)
             found.append(
                 {
@@ -139,11 +166,18 @@ def largest_steps(sweep: Sequence[dict[str, Any]], chosen: Sequence[Case]) -> li
 
 
 def execution(case: Case, repeats: int, tick: Tick) -> list[dict[str, Any]]:
-    """Execution time per step in ns. The run is deterministic: the least of `repeats` runs is what a step takes undisturbed."""
+    """Execution time per step in ns. The run is deterministic: the least of `repeats` runs is what
+    a step takes undisturbed.
+    """
     rows = []
     for solver in SOLVERS:
         for step_s in DESIGN_STEPS_S:
-            runs = np.array([drill.fixed(case, solver, step_s, timed=True)["execution_ns"] for _ in range(repeats)])
+            runs = np.array(
+                [
+                    drill.fixed(case, solver, step_s, timed=True)["execution_ns"]
+                    for _ in range(repeats)
+                ]
+            )
             least = runs.min(axis=0)
             rows.append(
                 {
@@ -160,7 +194,9 @@ def execution(case: Case, repeats: int, tick: Tick) -> list[dict[str, Any]]:
     return rows
 
 
-def drill_steps(parameters: dict[str, float], points: int, tolerance: float, repeats: int, tick: Tick) -> Study:
+def drill_steps(
+    parameters: dict[str, float], points: int, tolerance: float, repeats: int, tick: Tick
+) -> Study:
     """The drill driver's part of the study; ticks drill_ticks() times."""
     chosen = drill.cases(parameters)
     histories = []
@@ -186,9 +222,22 @@ def drill_steps(parameters: dict[str, float], points: int, tolerance: float, rep
         "largest": largest,
         "execution": timing,
     }
-    tables = [variable_table(variable), event_table(events), fixed_table(sweep), largest_table(largest), execution_table(timing)]
+    tables = [
+        variable_table(variable),
+        event_table(events),
+        fixed_table(sweep),
+        largest_table(largest),
+        execution_table(timing),
+    ]
     pictures = [history_picture(histories, tolerance), sweep_picture(sweep)]
-    return Study("steps", "Step sizes of the drill driver", drill_lines(largest, timing), tables, pictures, {"drill": data})
+    return Study(
+        "steps",
+        "Step sizes of the drill driver",
+        drill_lines(largest, timing),
+        tables,
+        pictures,
+        {"drill": data},
+    )
 
 
 def drill_ticks() -> int:
@@ -216,15 +265,27 @@ def drill_lines(largest: list[dict[str, Any]], timing: list[dict[str, Any]]) -> 
     """What was found, in sentences."""
 
     def word(step_s: float | None) -> str:
-        return "none of the sweep" if step_s is None else f"{step_s * 1e6:g} us" if step_s < 1e-3 else f"{step_s * 1e3:g} ms"
+        return (
+            "none of the sweep"
+            if step_s is None
+            else f"{step_s * 1e6:g} us"
+            if step_s < 1e-3
+            else f"{step_s * 1e3:g} ms"
+        )
 
     lines = []
     for solver, name in SOLVERS.items():
         rows = [row for row in largest if row["solver"] == solver and row["mode"] == "pulse"]
-        found = ", ".join(f"{word(row['speed_s'])} in parameter step {row['parameter_step']}" for row in rows)
+        found = ", ".join(
+            f"{word(row['speed_s'])} in parameter step {row['parameter_step']}" for row in rows
+        )
         lines.append(f"Largest step under 1 % speed error in pulse mode, {name}: {found}.")
-    worst = max((row for row in timing if row["solver"] == "real_time"), key=lambda r: r["worst_ns"])
-    lines.append(f"In real time a step of {worst['step_s'] * 1e6:g} us takes at most {worst['worst_ns'] / 1e3:.1f} us on this machine.")
+    worst = max(
+        (row for row in timing if row["solver"] == "real_time"), key=lambda r: r["worst_ns"]
+    )
+    lines.append(
+        f"In real time a step of {worst['step_s'] * 1e6:g} us takes at most {worst['worst_ns'] / 1e3:.1f} us on this machine."
+    )
     return lines
 
 
@@ -238,9 +299,23 @@ def variable_table(rows: list[dict[str, Any]]) -> Table:
     return Table(
         "variable",
         "Variable-step solver (RODAS 4(3), events located)",
-        ["mode", "param. step", "steps", "rejected", "smallest in us", "median in us", "largest in us"],
         [
-            [r["mode"], r["parameter_step"], r["steps"], r["rejected"], *(micro(r[k]) for k in ("smallest_s", "median_s", "largest_s"))]
+            "mode",
+            "param. step",
+            "steps",
+            "rejected",
+            "smallest in us",
+            "median in us",
+            "largest in us",
+        ],
+        [
+            [
+                r["mode"],
+                r["parameter_step"],
+                r["steps"],
+                r["rejected"],
+                *(micro(r[k]) for k in ("smallest_s", "median_s", "largest_s")),
+            ]
             for r in rows
         ],
     )
@@ -251,7 +326,15 @@ def event_table(rows: list[dict[str, Any]]) -> Table:
     return Table(
         "events",
         "Events that shrink the step, and the time until half of the step before is reached again (medians)",
-        ["mode", "param. step", "event", "count", "step before in us", "smallest after in us", "recovery in ms"],
+        [
+            "mode",
+            "param. step",
+            "event",
+            "count",
+            "step before in us",
+            "smallest after in us",
+            "recovery in ms",
+        ],
         [
             [
                 r["mode"],
@@ -270,7 +353,10 @@ def event_table(rows: list[dict[str, Any]]) -> Table:
 def fixed_table(sweep: list[dict[str, Any]]) -> Table:
     """The design's three steps against the reference."""
     wanted = {round(step / GRID_S) for step in DESIGN_STEPS_S}
-    rows = sorted((r for r in sweep if round(r["step_s"] / GRID_S) in wanted), key=lambda r: (r["mode"], r["parameter_step"], -r["step_s"]))
+    rows = sorted(
+        (r for r in sweep if round(r["step_s"] / GRID_S) in wanted),
+        key=lambda r: (r["mode"], r["parameter_step"], -r["step_s"]),
+    )
     keys = list(dict.fromkeys((r["mode"], r["parameter_step"], r["step_s"]) for r in rows))
     by = {(r["mode"], r["parameter_step"], r["step_s"], r["solver"]): r for r in rows}
 
@@ -278,7 +364,16 @@ def fixed_table(sweep: list[dict[str, Any]]) -> Table:
         return "diverges" if value is None else 100 * value
 
     cells = [
-        [m, p, micro(s), *(percent(by[m, p, s, solver][key]) for solver in SOLVERS for key in ("speed_error", "chuck_error"))]
+        [
+            m,
+            p,
+            micro(s),
+            *(
+                percent(by[m, p, s, solver][key])
+                for solver in SOLVERS
+                for key in ("speed_error", "chuck_error")
+            ),
+        ]
         for m, p, s in keys
     ]
     header = [f"{name}: {what} in %" for name in SOLVERS.values() for what in ("speed", "chuck")]
@@ -295,9 +390,23 @@ def largest_table(rows: list[dict[str, Any]]) -> Table:
     return Table(
         "largest",
         "Largest step of the sweep (10 us to 100 ms) under 1 % speed error",
-        ["mode", "param. step", "solver", "behind the gear in us", "at the chuck in us", "stability limit in us"],
         [
-            [r["mode"], r["parameter_step"], SOLVERS[r["solver"]], micro(r["speed_s"]), micro(r["chuck_s"]), micro(r["stability_limit_s"])]
+            "mode",
+            "param. step",
+            "solver",
+            "behind the gear in us",
+            "at the chuck in us",
+            "stability limit in us",
+        ],
+        [
+            [
+                r["mode"],
+                r["parameter_step"],
+                SOLVERS[r["solver"]],
+                micro(r["speed_s"]),
+                micro(r["chuck_s"]),
+                micro(r["stability_limit_s"]),
+            ]
             for r in rows
         ],
     )
@@ -309,7 +418,15 @@ def execution_table(rows: list[dict[str, Any]]) -> Table:
     return Table(
         "execution",
         title,
-        ["solver", "step in us", "mean in ns", "99.9 % in ns", "worst in ns", "worst in % of the step", "worst as measured in ns"],
+        [
+            "solver",
+            "step in us",
+            "mean in ns",
+            "99.9 % in ns",
+            "worst in ns",
+            "worst in % of the step",
+            "worst as measured in ns",
+        ],
         [
             [
                 SOLVERS[r["solver"]],
@@ -328,13 +445,26 @@ def execution_table(rows: list[dict[str, Any]]) -> Table:
 def history_picture(histories: list[dict[str, Any]], tolerance: float) -> Picture:
     """Step size over time, a row for each mode, events as ticks."""
     modes = list(dict.fromkeys(h["case"].mode for h in histories))
-    figure = make_subplots(rows=len(modes), cols=1, shared_xaxes=True, vertical_spacing=0.05, subplot_titles=[MODE_WORDS[m] for m in modes])
+    figure = make_subplots(
+        rows=len(modes),
+        cols=1,
+        shared_xaxes=True,
+        vertical_spacing=0.05,
+        subplot_titles=[MODE_WORDS[m] for m in modes],
+    )
     for h in histories:
         row, step = modes.index(h["case"].mode) + 1, h["case"].step
         group = {"legendgroup": str(step), "showlegend": row == 1}
         line = {"color": STEP_COLOURS[step], "width": 1.2}
         figure.add_trace(
-            go.Scatter(x=h["time_s"], y=h["length_s"] * 1e6, name=f"parameter step {step}", mode="lines", line=line, **group),
+            go.Scatter(
+                x=h["time_s"],
+                y=h["length_s"] * 1e6,
+                name=f"parameter step {step}",
+                mode="lines",
+                line=line,
+                **group,
+            ),
             row=row,
             col=1,
         )
@@ -366,12 +496,25 @@ def event_marks(h: dict[str, Any], legend: bool) -> go.Scatter:
 def sweep_picture(sweep: list[dict[str, Any]]) -> Picture:
     """Speed error over the fixed step, a panel for each mode."""
     modes = list(dict.fromkeys(r["mode"] for r in sweep))
-    figure = make_subplots(rows=len(modes), cols=1, shared_xaxes=True, vertical_spacing=0.05, subplot_titles=[MODE_WORDS[m] for m in modes])
+    figure = make_subplots(
+        rows=len(modes),
+        cols=1,
+        shared_xaxes=True,
+        vertical_spacing=0.05,
+        subplot_titles=[MODE_WORDS[m] for m in modes],
+    )
     for row, mode in enumerate(modes, 1):
         for solver, name in SOLVERS.items():
             for step in PARAMETER_STEPS:
-                points = [r for r in sweep if (r["mode"], r["solver"], r["parameter_step"]) == (mode, solver, step)]
-                shown = [None if r["speed_error"] is None else max(100 * r["speed_error"], 1e-6) for r in points]
+                points = [
+                    r
+                    for r in sweep
+                    if (r["mode"], r["solver"], r["parameter_step"]) == (mode, solver, step)
+                ]
+                shown = [
+                    None if r["speed_error"] is None else max(100 * r["speed_error"], 1e-6)
+                    for r in points
+                ]
                 line = {"color": COLOURS[solver], "dash": DASHES[step], "width": 1.6}
                 trace = go.Scatter(
                     x=[r["step_s"] for r in points],
@@ -389,8 +532,14 @@ def sweep_picture(sweep: list[dict[str, Any]]) -> Picture:
         figure.add_annotation(x=np.log10(0.17), y=np.log10(100 * LIMIT), **words, row=row, col=1)
         for step_s in DESIGN_STEPS_S:
             figure.add_vline(x=step_s, line={"color": "#bbb", "width": 1}, row=row, col=1)
-    figure.update_yaxes(type="log", title_text="speed error in %", exponentformat="power", range=[-6.2, 2.5])
-    figure.update_xaxes(type="log", tickvals=[1e-5, 1e-4, 1e-3, 1e-2, 1e-1], ticktext=["10 µs", "100 µs", "1 ms", "10 ms", "100 ms"])
+    figure.update_yaxes(
+        type="log", title_text="speed error in %", exponentformat="power", range=[-6.2, 2.5]
+    )
+    figure.update_xaxes(
+        type="log",
+        tickvals=[1e-5, 1e-4, 1e-3, 1e-2, 1e-1],
+        ticktext=["10 µs", "100 µs", "1 ms", "10 ms", "100 ms"],
+    )
     figure.update_xaxes(title_text="fixed step", row=len(modes), col=1)
     note = (
         "Largest difference of the speed behind the gear from the reference, as a share of the no-load speed. "

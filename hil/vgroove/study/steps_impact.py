@@ -1,4 +1,6 @@
-"""The impact tool's part of `vgroove study steps`: step size of the variable-step solver over the cycle, and what shrinks it."""
+"""The impact tool's part of `vgroove study steps`: step size of the variable-step solver over the
+cycle, and what shrinks it.
+"""
 
 from typing import Any
 
@@ -22,10 +24,14 @@ STEP_FLOOR_US = 0.1  # what is shorter is drawn here
 
 
 def impact_history(rig: Rig, load: str, tolerance: float) -> dict[str, Any]:
-    """Step history of one joint from FROM_S on, and its last cycle; rows as long as the run: only accuracy and events set the step."""
+    """Step history of one joint from FROM_S on, and its last cycle; rows as long as the run: only
+    accuracy and events set the step.
+    """
     tool = with_joint(rig, JOINTS[load])
     time_s = np.arange(FROM_S, DURATION_S, TRACE_STEP_S)
-    run = simulate([tool], DURATION_S, 1.0, row_s=DURATION_S, history=True, tolerance=tolerance, trace_s=time_s)
+    run = simulate(
+        [tool], DURATION_S, 1.0, row_s=DURATION_S, history=True, tolerance=tolerance, trace_s=time_s
+    )
     late = run["history"][run["history"]["time_s"] >= FROM_S]
     marks = ["none" if n < 0 else _core.IMPACT_EVENTS[n] for n in late["event"]]
     blows = hits_between(run["blows"][0], FROM_S, DURATION_S)
@@ -48,10 +54,21 @@ def impact_steps(rig: Rig, tolerance: float, tick: Tick) -> Study:
     for load in LOADS:
         histories.append(impact_history(rig, load, tolerance))
         tick(f"impact cycle: {JOINT_WORDS[load]}")
-    events = [{"load": h["load"], **row} for h in histories for row in event_summary(event_rows(h["time_s"], h["length_s"], h["mark"]))]
+    events = [
+        {"load": h["load"], **row}
+        for h in histories
+        for row in event_summary(event_rows(h["time_s"], h["length_s"], h["mark"]))
+    ]
     cycles = [cycle_row(h) for h in histories]
     tables = [cycle_table(cycles), impact_event_table(events)]
-    data = {"rig": rig.name, "tolerance": tolerance, "from_s": FROM_S, "duration_s": DURATION_S, "cycles": cycles, "events": events}
+    data = {
+        "rig": rig.name,
+        "tolerance": tolerance,
+        "from_s": FROM_S,
+        "duration_s": DURATION_S,
+        "cycles": cycles,
+        "events": events,
+    }
     return Study(
         "steps",
         "Step sizes over the impact cycle",
@@ -94,7 +111,12 @@ def cycle_table(rows: list[dict[str, Any]]) -> Table:
         "Variable step over one impact cycle",
         ["joint", "cycle in ms", "steps", "smallest in us", "median in us", "largest in us"],
         [
-            [JOINT_WORDS[r["load"]], r["period_ms"], r["steps"], *(micro(r[k]) for k in ("smallest_s", "median_s", "largest_s"))]
+            [
+                JOINT_WORDS[r["load"]],
+                r["period_ms"],
+                r["steps"],
+                *(micro(r[k]) for k in ("smallest_s", "median_s", "largest_s")),
+            ]
             for r in rows
         ],
     )
@@ -122,7 +144,9 @@ def impact_event_table(rows: list[dict[str, Any]]) -> Table:
 
 def cycle_steps_picture(histories: list[dict[str, Any]], tolerance: float) -> Picture:
     """Step size and hammer displacement over one cycle; events as marks with their names."""
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.7, 0.3])
+    figure = make_subplots(
+        rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.7, 0.3]
+    )
     for h in histories:
         start, end = h["cycle"]
         at = np.flatnonzero((h["time_s"] >= start - 1e-3) & (h["time_s"] <= end + 1e-3))
@@ -131,7 +155,14 @@ def cycle_steps_picture(histories: list[dict[str, Any]], tolerance: float) -> Pi
         name = JOINT_WORDS[h["load"]]
         marked = [n for n, k in enumerate(at) if h["mark"][k] != "none"]
         chosen = np.setdiff1d(np.arange(len(at)), marked)
-        curve = go.Scatter(x=time_ms[chosen], y=step_us[chosen], name=name, legendgroup=name, mode="lines", line=line)
+        curve = go.Scatter(
+            x=time_ms[chosen],
+            y=step_us[chosen],
+            name=name,
+            legendgroup=name,
+            mode="lines",
+            line=line,
+        )
         figure.add_trace(curve, row=1, col=1)
         marker = {"color": COLOURS[h["load"]], "size": 6, "symbol": "circle-open"}
         figure.add_trace(
@@ -151,13 +182,20 @@ def cycle_steps_picture(histories: list[dict[str, Any]], tolerance: float) -> Pi
         shown = (h["trace_s"] >= start - 1e-3) & (h["trace_s"] <= end + 1e-3)
         figure.add_trace(
             go.Scatter(
-                x=1e3 * (h["trace_s"][shown] - start), y=h["hammer_mm"][shown], mode="lines", line=line, legendgroup=name, showlegend=False
+                x=1e3 * (h["trace_s"][shown] - start),
+                y=h["hammer_mm"][shown],
+                mode="lines",
+                line=line,
+                legendgroup=name,
+                showlegend=False,
             ),
             row=2,
             col=1,
         )
     look = {"type": "log", "exponentformat": "power", "dtick": 1}
-    figure.update_yaxes(title_text="step in µs", **look, range=[np.log10(STEP_FLOOR_US) - 0.2, 3], row=1, col=1)
+    figure.update_yaxes(
+        title_text="step in µs", **look, range=[np.log10(STEP_FLOOR_US) - 0.2, 3], row=1, col=1
+    )
     figure.update_yaxes(title_text="hammer in mm", row=2, col=1)
     figure.update_xaxes(title_text="time from the blow in ms", row=2, col=1)
     note = (

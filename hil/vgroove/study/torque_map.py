@@ -1,9 +1,11 @@
-"""Makes firmware/controllers/torque_map.c out of the plant: which level and which current belong to a torque (docs/controllers/torque.md).
+"""Makes firmware/controllers/torque_map.c out of the plant: which level and which current belong to
+a torque (docs/controllers/torque.md).
 
-    python -m vgroove.study.torque_map firmware/controllers/torque_map.c
+python -m vgroove.study.torque_map firmware/controllers/torque_map.c
 
-Joints of the fit have slopes other than the controller is judged on. The tool is hammered as the firmware does it: sensors in steps of the
-board, a command that acts a tick later, the filters of torque.c.
+Joints of the fit have slopes other than the controller is judged on. The tool is hammered as the
+firmware does it: sensors in steps of the board, a command that acts a tick later, the filters of
+torque.c.
 """
 
 import itertools
@@ -22,13 +24,17 @@ K_V_S, R_OHM = 0.0109, 0.19  # nominal motor, as EMF_MV_Q16 and DROP_MV_Q16 of t
 RUN_V, LOOK_S, SETTLE_S = 5.5, 1.2, 2.8
 SLOW_BELOW_V, SLOW_LOOK_S, SLOW_SETTLE_S = 7.0, 1.7, 3.3
 LEVEL_STEP_V = 0.04
-LEAST_HELD_NM = 60  # less than the weakest blows that pass over the lugs turn a joint to: one level only
+# less than the weakest blows that pass over the lugs turn a joint to: one level only
+LEAST_HELD_NM = 60
 HARD_SLOPES = (130.0, 200.0, 330.0, 500.0, 800.0)  # N m/rad, for the torque that a level leads to
-HELD_TOOLS = ((18.5, 1.0), (16.9, 1.08), (20.1, 0.92))  # supply in V, share of the winding resistance
+# supply in V, share of the winding resistance
+HELD_TOOLS = ((18.5, 1.0), (16.9, 1.08), (20.1, 0.92))
 DIVIDING_SLOPE, SLOW_DIVIDING_SLOPE = 100.0, 88.0  # softer joints go to the raised level
-DIVIDING_MARGIN_A = 0.1  # below the least current of a hard joint: where hammering is irregular it says little
+# below the least current of a hard joint: where hammering is irregular it says little
+DIVIDING_MARGIN_A = 0.1
 SOFT_SLOPES = (50.0, 58.0, 68.0, 80.0, 94.0, 110.0, 130.0)
-# raised level and the rows that it is for, N m: where the current tells the torque, and a blow is small enough
+# raised level and the rows that it is for, N m: where the current tells the torque, and a blow is
+# small enough
 RAISED_V = ((5.6, 40, 57), (8.6, 58, 81), (10.0, 82, 90), (12.7, 91, 105), (13.6, 106, 120))
 NOISE_A = 0.03  # by which the filtered current of the lowest level runs ahead of itself
 
@@ -63,7 +69,9 @@ class Tool:
         first = int(np.floor((self.angle_rad + self.phase_rad) / self.pitch_rad)) + 1
         last = int(np.floor((angle_rad + self.phase_rad) / self.pitch_rad))
         for edge in range(first, last + 1):
-            at = self.time_s - 1e-3 * (1.0 - self._share(edge * self.pitch_rad - self.phase_rad, angle_rad, rate_rad_s))
+            at = self.time_s - 1e-3 * (
+                1.0 - self._share(edge * self.pitch_rad - self.phase_rad, angle_rad, rate_rad_s)
+            )
             self.period_s, self.edge_s = at - self.edge_s, at
         self.angle_rad, self.rate_rad_s = angle_rad, rate_rad_s
         if self.period_s > 0:
@@ -123,8 +131,13 @@ class Level:
 class Run:
     """One joint, from rest to blows on the run level."""
 
-    def __init__(self, rig: Rig, slope: float, supply_v: float = 18.5, resistance: float = 1.0) -> None:
-        values = {"supply.voltage_v": supply_v, "motor.resistance_ohm": rig.motor["resistance_ohm"] * resistance}
+    def __init__(
+        self, rig: Rig, slope: float, supply_v: float = 18.5, resistance: float = 1.0
+    ) -> None:
+        values = {
+            "supply.voltage_v": supply_v,
+            "motor.resistance_ohm": rig.motor["resistance_ohm"] * resistance,
+        }
         here = with_joint(rig, {**JOINTS["hard_joint"], "slip_slope_nm_per_rad": slope}, values)
         self.tool = Tool(_core.ImpactPlant(here.parameters(), "hard_joint"), supply_v=supply_v)
         self.level, self.slope = Level(), slope
@@ -156,8 +169,13 @@ def look(run: Run, level_v: float) -> float:
 
 
 def held(rig: Rig, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each level: torques where hard joints settle (n, joints), and the current that divides them from soft ones (n,)."""
-    torque, current = np.zeros((len(levels), len(HARD_SLOPES) * len(HELD_TOOLS))), np.zeros(len(levels))
+    """For each level: torques where hard joints settle (n, joints), and the current that divides
+    them from soft ones (n,).
+    """
+    torque, current = (
+        np.zeros((len(levels), len(HARD_SLOPES) * len(HELD_TOOLS))),
+        np.zeros(len(levels)),
+    )
     for n, level in enumerate(levels):
         looked = []
         for m, (slope, tool) in enumerate(itertools.product(HARD_SLOPES, HELD_TOOLS)):
@@ -171,7 +189,9 @@ def held(rig: Rig, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def choose_levels(torque: np.ndarray) -> np.ndarray:
-    """Index of the level of each torque from LEAST_HELD_NM on: the one that leads no joint far from it, nor do those a step beside."""
+    """Index of the level of each torque from LEAST_HELD_NM on: the one that leads no joint far from
+    it, nor do those a step beside.
+    """
     targets = np.arange(LEAST_HELD_NM, LAST_NM + 1)
     wrong = np.abs(torque[None] - targets[:, None, None]).max(axis=2)
     wide = np.pad(wrong, ((0, 0), (1, 1)), mode="edge")
@@ -179,7 +199,9 @@ def choose_levels(torque: np.ndarray) -> np.ndarray:
 
 
 def raised(rig: Rig, level_v: float, first_nm: int, last_nm: int, before_v: float) -> np.ndarray:
-    """Current on a raised level at each torque first..last: cubic over the joints, each weighted alike."""
+    """Current on a raised level at each torque first..last: cubic over the joints, each weighted
+    alike.
+    """
     points = []
     for slope in SOFT_SLOPES:
         for supply_v, resistance in ((18.5, 1.0), (17.0, 1.07), (20.0, 0.93)):
@@ -194,7 +216,9 @@ def raised(rig: Rig, level_v: float, first_nm: int, last_nm: int, before_v: floa
                     one.append((run.torque_nm, run.level.told_a(level_v)))
             if len(one) > 40:
                 thinned = np.array(one)[:: max(len(one) // 200, 1)]
-                points.append(np.column_stack([thinned, np.full(len(thinned), len(thinned) ** -0.5)]))
+                points.append(
+                    np.column_stack([thinned, np.full(len(thinned), len(thinned) ** -0.5)])
+                )
     t, current, weight = np.concatenate(points).T
     fit = np.polynomial.Polynomial.fit(t, current, 3, w=weight)
     early_a = NOISE_A if level_v < RUN_V + 0.5 else 0.0
@@ -208,7 +232,10 @@ def tables(rig: Rig) -> dict[str, np.ndarray]:
     torque, dividing = held(rig, levels)
     chosen = choose_levels(torque)
     low = np.full(LEAST_HELD_NM - FIRST_NM, np.nan)
-    result = {"level": np.concatenate([low, levels[chosen]]), "settled": np.concatenate([low, dividing[chosen]])}
+    result = {
+        "level": np.concatenate([low, levels[chosen]]),
+        "settled": np.concatenate([low, dividing[chosen]]),
+    }
     result["raised"], result["stop"] = np.zeros(len(targets)), np.zeros(len(targets))
     for level_v, first_nm, last_nm in RAISED_V:
         rows = slice(first_nm - FIRST_NM, last_nm + 1 - FIRST_NM)
@@ -220,7 +247,11 @@ def tables(rig: Rig) -> dict[str, np.ndarray]:
 
 def _bytes(name: str, values: np.ndarray, kind: str) -> str:
     lines = [", ".join(str(int(v)) for v in values[n : n + 20]) for n in range(0, len(values), 20)]
-    return f"static const {kind} {name}[TORQUE_MAP_ROWS] FLASH_TABLE = {{\n    " + ",\n    ".join(lines) + "};\n"
+    return (
+        f"static const {kind} {name}[TORQUE_MAP_ROWS] FLASH_TABLE = {{\n    "
+        + ",\n    ".join(lines)
+        + "};\n"
+    )
 
 
 def source(table: dict[str, np.ndarray]) -> str:

@@ -1,4 +1,5 @@
-// An EEPROM whose first slot holds the default parameters but for some, for runs that begin with them.
+// An EEPROM whose first slot holds the default parameters but for some, for runs that begin with
+// them.
 #pragma once
 
 #include <array>

@@ -108,7 +108,8 @@ TEST_F(AdcTest, TripsJustBeyondTheLimitsAndOnCurrentOnly) {
         const bool current = adc_sequence_channel(static_cast<uint8_t>(k)) == HAL_ADC_CURRENT;
         const uint16_t counts[] = {111, 112, 912, 913};
         const uint16_t given = counts[k / 16];
-        EXPECT_EQ(adc_sequence_on_result(&adc, given), current && (given < 112 || given > 912)) << given;
+        EXPECT_EQ(adc_sequence_on_result(&adc, given), current && (given < 112 || given > 912))
+            << given;
         AdcTick out;
         if (k % 8 == 7)
             adc_sequence_tick(&adc, &out);
@@ -119,7 +120,8 @@ TEST_F(AdcTest, TheTickSeesTheTripThatTheInterruptSaw) {
     adc_sequence_set_trip(&adc, 112, 912);
     for (uint32_t k = 0; k < 50; ++k) {
         bool interrupt = false;
-        while (HAL_FIRST_SAMPLE_CYCLES + 2040ull * conversions <= 16000ull * (k + 1) - HAL_LATENCY_CYCLES) {
+        while (HAL_FIRST_SAMPLE_CYCLES + 2040ull * conversions <=
+               16000ull * (k + 1) - HAL_LATENCY_CYCLES) {
             interrupt |= adc_sequence_on_result(&adc, conversions % 97 == 0 ? 913 : 500);
             ++conversions;
         }

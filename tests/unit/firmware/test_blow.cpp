@@ -1,4 +1,5 @@
-// Blow detection on made signals: counts, repeats, notches, missed valleys, pauses, and any input at all.
+// Blow detection on made signals: counts, repeats, notches, missed valleys, pauses, and any input
+// at all.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -14,7 +15,8 @@ namespace {
 
 constexpr double TURN = 2.8;  // of the motor, from lug to lug
 constexpr double PI = 3.14159265358979;
-const BlowSetpoints SPEED{717, BLOW_SOURCE_SPEED, 190, 876}, CURRENT{717, BLOW_SOURCE_CURRENT, 190, 876};
+const BlowSetpoints SPEED{717, BLOW_SOURCE_SPEED, 190, 876},
+    CURRENT{717, BLOW_SOURCE_CURRENT, 190, 876};
 constexpr double SUPPLY_MV = 17000, MOHM = 190, RPM_PER_V = 876, DUTY = 0.8;
 
 // What the board measures of a motor at a speed, at constant duty.
@@ -35,11 +37,14 @@ struct Swing {
     double second = 0.0;     // depth of a second valley, as a share of the first
 };
 
-// Mean speed such that the motor turns TURN from blow to blow; valleys at phase 0 and, the second, at 0.4.
+// Mean speed such that the motor turns TURN from blow to blow; valleys at phase 0 and, the second,
+// at 0.4.
 double speed_at(const Swing &s, double time_s) {
     const double phase = time_s * s.per_min / 60.0;
     const double mean = TURN * s.per_min;
-    const auto dip = [](double x) { return std::exp(-40.0 * (1.0 - std::cos(2.0 * PI * x)) / 8.0); };
+    const auto dip = [](double x) {
+        return std::exp(-40.0 * (1.0 - std::cos(2.0 * PI * x)) / 8.0);
+    };
     return mean * (1.0 + s.ripple * (0.3 - dip(phase) - s.second * dip(phase - 0.4)));
 }
 
@@ -77,7 +82,8 @@ TEST_P(BlowSources, CountsEveryBlowFrom1200To4000AMinute) {
             blow_start(&blow, &GetParam());
             run(blow, GetParam(), {rate, ripple}, 0.0, 0.2);
             const Found found = run(blow, GetParam(), {rate, ripple}, 0.2, 2.2);
-            EXPECT_NEAR(found.lugs, rate / 30.0, 0.01 * rate / 30.0 + 1.0) << rate << " ripple " << ripple;
+            EXPECT_NEAR(found.lugs, rate / 30.0, 0.01 * rate / 30.0 + 1.0)
+                << rate << " ripple " << ripple;
         }
 }
 
@@ -102,7 +108,8 @@ TEST_P(BlowSources, LevelIsThatOfTheBlows) {
     EXPECT_NEAR(blow.ripple_rpm, 0.05 * mean, 0.02 * mean);
 }
 
-// From lug to lug in 31 ms or less the hammer has no time for a second swing, in 50 ms or more it has for a third.
+// From lug to lug in 31 ms or less the hammer has no time for a second swing, in 50 ms or more it
+// has for a third.
 TEST_P(BlowSources, RepeatsFollowFromTheTimeOfALug) {
     const struct {
         double ms;
@@ -132,7 +139,9 @@ TEST_P(BlowSources, NoRippleNoBlow) {
 
 TEST_P(BlowSources, ARunUpHasNoBlow) {
     for (int ms = 0; ms < 400; ++ms) {
-        const ControllerInputs in = measured(11000.0 * (1.0 - std::exp(-(ms + 20) / 80.0)));  // from where the current is within its range
+        const ControllerInputs in = measured(
+            11000.0 *
+            (1.0 - std::exp(-(ms + 20) / 80.0)));  // from where the current is within its range
         blow_step(&blow, &GetParam(), &in);
         ASSERT_EQ(blow.lugs, 0) << ms;
     }
@@ -145,7 +154,8 @@ TEST_P(BlowSources, AnUnseenValleyStandsForTwo) {
     for (int ms = 500; ms < 600; ++ms) {  // 4 periods of 25 ms, the valley at 550 is missing
         const double phase = ms * 0.04;
         const bool filled = phase > 21.6 && phase < 22.4;
-        const ControllerInputs in = measured(filled ? TURN * 2400 * 1.03 : speed_at({2400, 0.1}, 1e-3 * ms));
+        const ControllerInputs in =
+            measured(filled ? TURN * 2400 * 1.03 : speed_at({2400, 0.1}, 1e-3 * ms));
         blow_step(&blow, &GetParam(), &in);
         lugs += blow.lugs;
     }
@@ -153,7 +163,8 @@ TEST_P(BlowSources, AnUnseenValleyStandsForTwo) {
     EXPECT_EQ(blow.count - before, 4);
 }
 
-// A lug is counted ahead when the next valley does not come; the first blow after the pause makes it good, and brings its first contact, which leaves no valley.
+// A lug is counted ahead when the next valley does not come; the first blow after the pause makes
+// it good, and brings its first contact, which leaves no valley.
 TEST_P(BlowSources, APauseEndsTheImpacts) {
     run(blow, GetParam(), {2400, 0.1}, 0.0, 0.5);
     EXPECT_TRUE(blow.impacting);
@@ -165,7 +176,8 @@ TEST_P(BlowSources, APauseEndsTheImpacts) {
     EXPECT_NEAR(blow.count - count, 1 + 40, 1.5);
 }
 
-// A ripple of a twentieth is below the hysteresis until that has been forgotten: an eighth of a second.
+// A ripple of a twentieth is below the hysteresis until that has been forgotten: an eighth of a
+// second.
 TEST_P(BlowSources, FollowsAChangeOfRateAndRipple) {
     const Found slow = run(blow, GetParam(), {1500, 0.25}, 0.0, 1.0);
     const Found fast = run(blow, GetParam(), {3600, 0.012}, 1.0, 2.0);
@@ -204,7 +216,9 @@ TEST_P(BlowSources, AnyInputGivesOneConsistentEvent) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Sources, BlowSources, ::testing::Values(SPEED, CURRENT),
-                         [](const auto &set) { return set.param.source == BLOW_SOURCE_SPEED ? "Speed" : "Current"; });
+                         [](const auto &set) {
+                             return set.param.source == BLOW_SOURCE_SPEED ? "Speed" : "Current";
+                         });
 
 TEST(Blow, CoastingHidesTheCurrentsSpeed) {
     Blow blow{};

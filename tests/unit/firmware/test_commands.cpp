@@ -14,7 +14,8 @@ extern "C" {
 
 namespace {
 
-constexpr int TRIGGER_LOW_INDEX = 15, TRIGGER_HIGH_INDEX = 16, MODE_INDEX = 17, BAUD_INDEX = 18, OFFSET_INDEX = 6;
+constexpr int TRIGGER_LOW_INDEX = 15, TRIGGER_HIGH_INDEX = 16, MODE_INDEX = 17, BAUD_INDEX = 18,
+              OFFSET_INDEX = 6;
 constexpr double PERIODS_A_MS = 16000.0 / 510;
 
 struct HostTest : testing::Test {
@@ -70,19 +71,26 @@ struct HostTest : testing::Test {
 
     int write(int index, int value) {
         return ask(TELEMETRY_PARAM_WRITE_ID,
-                   {static_cast<std::uint8_t>(index), 0, static_cast<std::uint8_t>(value), static_cast<std::uint8_t>(value >> 8), 0, 0});
+                   {static_cast<std::uint8_t>(index), 0, static_cast<std::uint8_t>(value),
+                    static_cast<std::uint8_t>(value >> 8), 0, 0});
     }
 
     int read(int index) {
-        EXPECT_EQ(ask(TELEMETRY_PARAM_READ_ID, {static_cast<std::uint8_t>(index)}), TELEMETRY_ACK_RESULT_OK);
+        EXPECT_EQ(ask(TELEMETRY_PARAM_READ_ID, {static_cast<std::uint8_t>(index)}),
+                  TELEMETRY_ACK_RESULT_OK);
         const Bytes &frame = frames[TELEMETRY_PARAM_ID].back();
         EXPECT_EQ(frame[10], index);
         return frame[12] | frame[13] << 8;
     }
 
-    int calibrate(unsigned what) { return ask(TELEMETRY_CALIBRATE_ID, {static_cast<std::uint8_t>(what)}); }
+    int calibrate(unsigned what) {
+        return ask(TELEMETRY_CALIBRATE_ID, {static_cast<std::uint8_t>(what)});
+    }
     int state() { return frames[TELEMETRY_STATE_ID].back()[12] & 15; }
-    unsigned flags() { return static_cast<unsigned>(frames[TELEMETRY_STATE_ID].back()[14] | frames[TELEMETRY_STATE_ID].back()[15] << 8); }
+    unsigned flags() {
+        return static_cast<unsigned>(frames[TELEMETRY_STATE_ID].back()[14] |
+                                     frames[TELEMETRY_STATE_ID].back()[15] << 8);
+    }
 };
 
 constexpr int IDLE = 0, DRIVE = 1, CALIBRATE = 4;
@@ -126,7 +134,8 @@ TEST_F(HostTest, CalibrateTriggerThatIsNotMovedChangesNothing) {
 
 TEST_F(HostTest, CalibrateIsCancelled) {
     run(400);
-    for (const unsigned what : {TELEMETRY_CALIBRATE_WHAT_TRIGGER, TELEMETRY_CALIBRATE_WHAT_HALL_PITCH}) {
+    for (const unsigned what :
+         {TELEMETRY_CALIBRATE_WHAT_TRIGGER, TELEMETRY_CALIBRATE_WHAT_HALL_PITCH}) {
         ASSERT_EQ(calibrate(what), TELEMETRY_ACK_RESULT_OK);
         EXPECT_EQ(calibrate(TELEMETRY_CALIBRATE_WHAT_CANCEL), TELEMETRY_ACK_RESULT_OK);
         run(20);
@@ -154,7 +163,8 @@ TEST_F(HostTest, AModeThatDoesNotExistIsRefused) {
     EXPECT_EQ(ask(TELEMETRY_SET_MODE_ID, {6}), TELEMETRY_ACK_RESULT_OUT_OF_RANGE);
 }
 
-// The parameter is saved, the next start has the slow line: every second tick a row, no counter left out, and all slow frames still come.
+// The parameter is saved, the next start has the slow line: every second tick a row, no counter
+// left out, and all slow frames still come.
 TEST_F(HostTest, AtTheSlowRateItDecimatesAndLosesNothing) {
     run(400);
     ASSERT_EQ(write(BAUD_INDEX, 1), TELEMETRY_ACK_RESULT_OK);
@@ -186,8 +196,9 @@ struct ProfileTest : HostTest {
     void command(int16_t duty_q15, int ms) {
         for (int k = 0; k < ms; k += 20) {
             const auto raw = static_cast<std::uint16_t>(duty_q15);
-            const Bytes frame =
-                frame_of(TELEMETRY_PROFILE_ID, {static_cast<std::uint8_t>(raw), static_cast<std::uint8_t>(raw >> 8), 0, 0, 0, 0, ++sequence});
+            const Bytes frame = frame_of(TELEMETRY_PROFILE_ID, {static_cast<std::uint8_t>(raw),
+                                                                static_cast<std::uint8_t>(raw >> 8),
+                                                                0, 0, 0, 0, ++sequence});
             to_board.insert(to_board.end(), frame.begin(), frame.end());
             run(20);
         }
@@ -239,7 +250,8 @@ TEST_F(ProfileTest, EndsFiftyMillisecondsAfterTheLastFrameUntilTheRelease) {
     command(QUARTER_Q15, 300);
     ASSERT_EQ(out.compare, 64);
     run(40);
-    EXPECT_EQ(out.compare, 64) << "the last frame came 60 ms ago, took 12 to be read, and holds for 50";
+    EXPECT_EQ(out.compare, 64)
+        << "the last frame came 60 ms ago, took 12 to be read, and holds for 50";
     run(10);
     EXPECT_NE(out.coast, 0);
     run(100);

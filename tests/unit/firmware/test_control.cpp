@@ -1,4 +1,5 @@
-// Laws of every controller, whatever the sensors say: what comes out is a duty or a code, the same inputs give the same, a stop is final.
+// Laws of every controller, whatever the sensors say: what comes out is a duty or a code, the same
+// inputs give the same, a stop is final.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -41,7 +42,8 @@ Inputs impacting(unsigned seed) {
     std::mt19937 rng(seed);
     std::uniform_real_distribution<double> unit(0, 1);
     Inputs tape;
-    const double period = 15 + 25 * unit(rng), level = 4000 + 12000 * unit(rng), swing = 0.7 * unit(rng), noise = 0.05 * unit(rng);
+    const double period = 15 + 25 * unit(rng), level = 4000 + 12000 * unit(rng),
+                 swing = 0.7 * unit(rng), noise = 0.05 * unit(rng);
     double turned = 0;  // pitches
     for (int k = 0; k < TICKS; ++k) {
         const double phase = k / period - std::floor(k / period), run_up = std::min(1.0, k / 200.0);
@@ -63,7 +65,8 @@ Inputs impacting(unsigned seed) {
 int16_t any_i16(std::mt19937 &rng) {
     constexpr int BORDERS[] = {-32768, -32767, -1, 0, 1, 32766, 32767};
     const auto pick = rng() % 16;
-    return static_cast<int16_t>(pick < 7 ? BORDERS[pick] : static_cast<int>(rng() & 0xFFFF) - 32768);
+    return static_cast<int16_t>(pick < 7 ? BORDERS[pick]
+                                         : static_cast<int>(rng() & 0xFFFF) - 32768);
 }
 
 Inputs wild(unsigned seed) {
@@ -76,7 +79,8 @@ Inputs wild(unsigned seed) {
         if (rng() % 4 == 0)
             in.current_a_q9 = any_i16(rng);
         if (rng() % 8 == 0)
-            in.supply_mv = static_cast<uint16_t>(rng() % 3 == 0 ? (rng() % 2) * 65535u : rng() & 0xFFFFu);
+            in.supply_mv =
+                static_cast<uint16_t>(rng() % 3 == 0 ? (rng() % 2) * 65535u : rng() & 0xFFFFu);
         if (rng() % 8 == 0)
             in.travel_q15 = static_cast<int16_t>(any_i16(rng) & 0x7FFF);
         in.duty_q15 = static_cast<int16_t>(any_i16(rng) & 0x7FFF);
@@ -140,12 +144,14 @@ std::vector<Inputs> tapes() {
     std::vector<Inputs> all;
     for (unsigned seed = 1; seed <= 12; ++seed) {
         all.push_back(wild(seed));
-        all.push_back(with_broken(impacting(seed), static_cast<Broken>(seed % static_cast<unsigned>(Broken::LAST))));
+        all.push_back(with_broken(impacting(seed),
+                                  static_cast<Broken>(seed % static_cast<unsigned>(Broken::LAST))));
     }
     return all;
 }
 
-std::vector<int16_t> replay(Control *control, uint8_t mode, const Inputs &tape, const int16_t *value) {
+std::vector<int16_t> replay(Control *control, uint8_t mode, const Inputs &tape,
+                            const int16_t *value) {
     std::vector<int16_t> out;
     control_prepare(control, mode, value);
     control_start(control, mode, false);
@@ -170,7 +176,8 @@ TEST_P(EveryMode, GivesADutyOrACodeAndAStopIsFinal) {
         TelemetryControl said{};
         control_report(&control, &said);
         ASSERT_LE(said.stop_reason, CONTROLLER_REASON_TIMEOUT);
-        ASSERT_EQ(stopped, said.stop_reason != CONTROLLER_REASON_NONE) << "a stop has a reason, and nothing else has";
+        ASSERT_EQ(stopped, said.stop_reason != CONTROLLER_REASON_NONE)
+            << "a stop has a reason, and nothing else has";
     }
 }
 
@@ -191,7 +198,8 @@ TEST_P(EveryMode, ADriveKnowsNothingOfTheOneBefore) {
         std::memset(&used, 0xA5, sizeof used);
         used.profile = Profile{};  // the host's: it outlives a drive
         replay(&used, GetParam(), all[k], defaults());
-        ASSERT_EQ(replay(&used, GetParam(), all[k + 1], defaults()), replay(&fresh, GetParam(), all[k + 1], defaults()));
+        ASSERT_EQ(replay(&used, GetParam(), all[k + 1], defaults()),
+                  replay(&fresh, GetParam(), all[k + 1], defaults()));
     }
 }
 
@@ -209,7 +217,8 @@ TEST_P(EveryMode, NothingIsKeptOutsideItsStruct) {
     }
 }
 
-// Every parameter at its borders and anywhere between: none of them, and no two of them, may break the law of the duty.
+// Every parameter at its borders and anywhere between: none of them, and no two of them, may break
+// the law of the duty.
 TEST_P(EveryMode, AnyAllowedParametersGiveADutyOrACode) {
     struct Limits {
         int32_t least, greatest;
@@ -225,10 +234,13 @@ TEST_P(EveryMode, AnyAllowedParametersGiveADutyOrACode) {
             const auto span = static_cast<uint32_t>(limits[n].greatest - limits[n].least) + 1;
             const auto inside = limits[n].least + static_cast<int32_t>(rng() % span);
             const auto pick = rng() % 4;
-            value[n] = static_cast<int16_t>(pick == 0 ? limits[n].least : pick == 1 ? limits[n].greatest : inside);
+            value[n] = static_cast<int16_t>(pick == 0   ? limits[n].least
+                                            : pick == 1 ? limits[n].greatest
+                                                        : inside);
         }
         Control control{};
-        for (const int16_t wish : replay(&control, GetParam(), all[static_cast<size_t>(k) % all.size()], value))
+        for (const int16_t wish :
+             replay(&control, GetParam(), all[static_cast<size_t>(k) % all.size()], value))
             ASSERT_GE(wish, CONTROLLER_COAST) << k;
     }
 }
@@ -331,7 +343,8 @@ TEST(Control, TheParametersAllowTheModesOfTheListAndNoOthers) {
 #define GREATEST(name, unit, initial, least, greatest, version) greatest,
     const int32_t greatest[] = {PARAM_LIST(GREATEST)};
 #undef GREATEST
-    for (const int index : {PARAM_MODE, PARAM_MODE_SWITCH_1, PARAM_MODE_SWITCH_2, PARAM_MODE_SWITCH_3})
+    for (const int index :
+         {PARAM_MODE, PARAM_MODE_SWITCH_1, PARAM_MODE_SWITCH_2, PARAM_MODE_SWITCH_3})
         EXPECT_EQ(greatest[index], modes().back()) << index;
     EXPECT_EQ(modes().size(), modes().back() + 1u);
 }

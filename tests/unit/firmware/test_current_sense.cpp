@@ -18,7 +18,9 @@ CurrentSense sense(int16_t gain_a_q15 = 4096, int16_t offset_q4 = 8192) {
 TEST(CurrentSense, MeanIsExactToAnSixteenth) {
     for (uint16_t count = 1; count <= 8; ++count)
         for (uint32_t sum = 0; sum <= 1023u * count; ++sum)
-            ASSERT_NEAR(current_sense_mean_q4(static_cast<uint16_t>(sum), static_cast<uint8_t>(count)), 16.0 * sum / count, 0.51)
+            ASSERT_NEAR(
+                current_sense_mean_q4(static_cast<uint16_t>(sum), static_cast<uint8_t>(count)),
+                16.0 * sum / count, 0.51)
                 << sum << "/" << count;
 }
 

@@ -1,4 +1,5 @@
-// The drill driver's controller on a made motor: ramp, pulse mode, clutch, jams and what is none, borders, and any input at all.
+// The drill driver's controller on a made motor: ramp, pulse mode, clutch, jams and what is none,
+// borders, and any input at all.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -12,7 +13,8 @@ extern "C" {
 
 namespace {
 
-constexpr double R = 0.19, L = 1e-4, CAPACITY = 0.1347, FRICTION_A = 1.1;  // of the reference motor: J / k^2, Tc / k
+constexpr double R = 0.19, L = 1e-4, CAPACITY = 0.1347,
+                 FRICTION_A = 1.1;  // of the reference motor: J / k^2, Tc / k
 constexpr double TICK_S = 1e-3;
 constexpr int SUBSTEPS = 50;
 const DrillSetpoints PLAIN{0, 8064, 190, 876, false, true};
@@ -30,7 +32,9 @@ struct Drive {
     double supply_v = 18.0, emf_v = 0.0, current_a = 0.0, turned = 0.0;
     int16_t now = CONTROLLER_COAST, wish = CONTROLLER_COAST;
 
-    explicit Drive(const DrillSetpoints &s, double volts = 18.0) : set(s), supply_v(volts) { drill_start(&drill, &set); }
+    explicit Drive(const DrillSetpoints &s, double volts = 18.0) : set(s), supply_v(volts) {
+        drill_start(&drill, &set);
+    }
 
     // The trigger's ramp begins at 0 for a shaft at rest.
     Drive &begun() {
@@ -48,7 +52,9 @@ struct Drive {
             const double across = open ? (current_a > 0.0 ? -supply_v : emf_v) : volts;
             current_a += h / L * (across - R * current_a - emf_v);
             current_a = open ? std::max(current_a, 0.0) : current_a;
-            const double torque_a = current_a - (emf_v > 0.0 ? load_a + FRICTION_A : std::min(current_a, load_a + FRICTION_A));
+            const double torque_a =
+                current_a -
+                (emf_v > 0.0 ? load_a + FRICTION_A : std::min(current_a, load_a + FRICTION_A));
             emf_v = std::max(0.0, emf_v + h / CAPACITY * torque_a);
             mean_a += current_a / SUBSTEPS;
             turned += h * emf_v;
@@ -100,7 +106,8 @@ TEST(Drill, ATurningShaftIsTakenUpWhereItIs) {
 TEST(Drill, PulsesPast15AWhereItMayAndNotAt14) {
     DrillSetpoints pulse = PLAIN;
     pulse.pulse = true;
-    for (const auto &[set, load_a, expected] : {std::tuple{pulse, 16.0, true}, {pulse, 13.0, false}, {PLAIN, 16.0, false}}) {
+    for (const auto &[set, load_a, expected] :
+         {std::tuple{pulse, 16.0, true}, {pulse, 13.0, false}, {PLAIN, 16.0, false}}) {
         Drive drive = Drive(set).begun();
         drive.run(800, 1.0, 0.0);
         EXPECT_EQ(drive.until(DRILL_COAST, 400, 1.0, load_a) > 0, expected) << load_a;
@@ -170,13 +177,15 @@ TEST(Drill, AntiKickbackCanBeTurnedOff) {
     EXPECT_EQ(drill_state(&drive.drill), DRILL_RUN);
 }
 
-// A screw whose torque rises with the angle: current i_set is reached after so many turns of the chuck.
+// A screw whose torque rises with the angle: current i_set is reached after so many turns of the
+// chuck.
 double tightened_a(Drive &drive, double set_a, double degrees) {
     drive.run(500, 1.0, 0.0);
     const double from = drive.turned;
     const double span = degrees / 180.0 * 3.14159265 * 31.5 * 0.0109;  // emf time: k N angle
     double load_a = 0.0;
-    for (int ms = 0; ms < 3000 && (drill_state(&drive.drill) != DRILL_STOPPED || drive.emf_v > 0.01); ++ms) {
+    for (int ms = 0;
+         ms < 3000 && (drill_state(&drive.drill) != DRILL_STOPPED || drive.emf_v > 0.01); ++ms) {
         load_a = set_a * (drive.turned - from) / span;
         drive.tick(1.0, load_a);
     }
@@ -189,7 +198,8 @@ TEST(Drill, TheClutchStopsAtItsSettingOnSoftAndHardJoints) {
             for (const double volts : {16.0, 20.5}) {
                 Drive drive = Drive(with_clutch(torque_nm), volts).begun();
                 const double set_a = torque_nm / 31.5 / 0.0109;
-                EXPECT_NEAR(tightened_a(drive, set_a, degrees) / set_a, 1.03, 0.11) << torque_nm << " N m, " << degrees << " deg, " << volts << " V";
+                EXPECT_NEAR(tightened_a(drive, set_a, degrees) / set_a, 1.03, 0.11)
+                    << torque_nm << " N m, " << degrees << " deg, " << volts << " V";
                 EXPECT_EQ(drill_stop_reason(&drive.drill), CONTROLLER_REASON_CLUTCH);
             }
 }
@@ -211,7 +221,9 @@ TEST(Drill, ATorqueOutOfReachIsRefused) {
 
 TEST(Drill, AnyInputGivesADutyOrACode) {
     std::mt19937 random(5);
-    const auto any = [&random](int low, int high) { return std::uniform_int_distribution<int>(low, high)(random); };
+    const auto any = [&random](int low, int high) {
+        return std::uniform_int_distribution<int>(low, high)(random);
+    };
     for (int round = 0; round < 300; ++round) {
         const DrillSetpoints set{static_cast<int16_t>(any(0, 300)),
                                  static_cast<uint16_t>(any(256, 32767)),

@@ -99,7 +99,8 @@ TEST_F(FaultsTest, NeitherBelowSixPercentNorWithEdgesNorCoasting) {
     EXPECT_EQ(ticks_to(0xFF, 16), 501);
 }
 
-// A standing shaft in a controller's pulses: its time adds up over the pauses, and the rise of the current after them is not taken for a turning shaft.
+// A standing shaft in a controller's pulses: its time adds up over the pauses, and the rise of the
+// current after them is not taken for a turning shaft.
 TEST_F(FaultsTest, AStallInPulsesIsFoundAndNotTakenForALostSensor) {
     int driven = 0;
     for (int k = 0; k < 3000 && faults.latched == 0; ++k) {

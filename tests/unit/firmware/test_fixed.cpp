@@ -89,7 +89,8 @@ TEST(Ring, DropsTheByteThatDoesNotFit) {
     EXPECT_TRUE(ring_push_byte(&ring, 0xFF));
 }
 
-// Frames are built in their places and leave byte by byte; a place is free again when the last byte of its frame has left.
+// Frames are built in their places and leave byte by byte; a place is free again when the last byte
+// of its frame has left.
 TEST(RingFramesQueue, KeepsFramesWholeAndInOrder) {
     RingFrames ring{};
     uint8_t out = 0;
@@ -116,24 +117,34 @@ TEST(RingFramesQueue, HoldsThreeFramesAndNotOneMore) {
     }
     EXPECT_EQ(ring_frames_free(&ring), 0);
     EXPECT_TRUE(ring_pop_frame_byte(&ring, &out));
-    EXPECT_EQ(ring_frames_free(&ring), 1) << "there is a fourth place: head and tail must not meet, no more";
+    EXPECT_EQ(ring_frames_free(&ring), 1)
+        << "there is a fourth place: head and tail must not meet, no more";
 }
 
 TEST(Divide, IsTheFloorAtEveryBorder) {
-    const uint32_t divisors[] = {1,           2,           3,         255, 256, 32767, 32768, 65535, 65536, 65537, 131071, 1u << 24, (1u << 24) + 1,
-                                 0x7FFFFFFFu, 0x80000000u, UINT32_MAX};
+    const uint32_t divisors[] = {
+        1,           2,         3,     255,    256,      32767,          32768,
+        65535,       65536,     65537, 131071, 1u << 24, (1u << 24) + 1, 0x7FFFFFFFu,
+        0x80000000u, UINT32_MAX};
     for (const uint32_t divisor : divisors) {
-        for (uint64_t q : {0ull, 1ull, 2ull, 255ull, 32767ull, 32768ull, 65534ull, 65535ull, 65536ull}) {
+        for (uint64_t q :
+             {0ull, 1ull, 2ull, 255ull, 32767ull, 32768ull, 65534ull, 65535ull, 65536ull}) {
             for (const int64_t beside : {-1, 0, 1}) {
                 const int64_t dividend = static_cast<int64_t>(q * divisor) + beside;
                 if (dividend < 0 || dividend > UINT32_MAX)
                     continue;
-                const uint64_t wanted = std::min<uint64_t>(static_cast<uint64_t>(dividend) / divisor, UINT16_MAX);
-                ASSERT_EQ(divide_u16(static_cast<uint32_t>(dividend), divisor), wanted) << dividend << " / " << divisor;
+                const uint64_t wanted =
+                    std::min<uint64_t>(static_cast<uint64_t>(dividend) / divisor, UINT16_MAX);
+                ASSERT_EQ(divide_u16(static_cast<uint32_t>(dividend), divisor), wanted)
+                    << dividend << " / " << divisor;
                 if (divisor > UINT16_MAX)
                     continue;
-                ASSERT_EQ(divide_by_u16(static_cast<uint32_t>(dividend), static_cast<uint16_t>(divisor)), wanted);
-                ASSERT_EQ(divide_u32(static_cast<uint32_t>(dividend), static_cast<uint16_t>(divisor)), static_cast<uint64_t>(dividend) / divisor);
+                ASSERT_EQ(
+                    divide_by_u16(static_cast<uint32_t>(dividend), static_cast<uint16_t>(divisor)),
+                    wanted);
+                ASSERT_EQ(
+                    divide_u32(static_cast<uint32_t>(dividend), static_cast<uint16_t>(divisor)),
+                    static_cast<uint64_t>(dividend) / divisor);
             }
         }
     }

@@ -36,7 +36,8 @@ TEST(Foldback, StaysADutyWhateverHappens) {
     }
 }
 
-// A locked shaft at 20.5 V and full trigger: the static gain is the highest there is. Current follows within a tick, two ticks late.
+// A locked shaft at 20.5 V and full trigger: the static gain is the highest there is. Current
+// follows within a tick, two ticks late.
 TEST(Foldback, LimitsALockedMotorWithoutTripping) {
     for (const double resistance : {0.19, 0.29}) {
         Foldback self = foldback();
@@ -47,7 +48,9 @@ TEST(Foldback, LimitsALockedMotorWithoutTripping) {
             worst = std::max(worst, current);
             applied = staged;
             wish = slew_towards(wish, 32767, 197);
-            staged = foldback_step(&self, wish, static_cast<int16_t>(std::min(32767.0, current * 512))) / 32768.0;
+            staged =
+                foldback_step(&self, wish, static_cast<int16_t>(std::min(32767.0, current * 512))) /
+                32768.0;
         }
         EXPECT_LT(worst, 50.0) << resistance;
         EXPECT_NEAR(current, 45.0, 0.5) << resistance;

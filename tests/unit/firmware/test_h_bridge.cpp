@@ -1,4 +1,5 @@
-// Bridge: compare values, dead time, phases, never both transistors of a leg, when an order is applied.
+// Bridge: compare values, dead time, phases, never both transistors of a leg, when an order is
+// applied.
 #include <gtest/gtest.h>
 
 extern "C" {
@@ -26,7 +27,8 @@ struct BridgeTest : testing::Test {
 
 TEST(HBridge, CompareIsTheNearest) {
     for (int duty = -32768; duty <= 32767; ++duty)
-        ASSERT_NEAR(h_bridge_compare(static_cast<int16_t>(duty)), duty * 255.0 / 32768.0, 0.5) << duty;
+        ASSERT_NEAR(h_bridge_compare(static_cast<int16_t>(duty)), duty * 255.0 / 32768.0, 0.5)
+            << duty;
     EXPECT_EQ(h_bridge_compare(32767), 255);
     EXPECT_EQ(h_bridge_compare(-32768), -255);
 }
@@ -62,7 +64,8 @@ TEST_F(BridgeTest, ArmsForOneTickBeforeItDrives) {
     EXPECT_EQ(native.high_below, 100);
     EXPECT_EQ(native.low_above, 102);
     tick(103);
-    EXPECT_EQ(bridge.row_compare, 101) << "the row that closes had the compare value applied at its begin";
+    EXPECT_EQ(bridge.row_compare, 101)
+        << "the row that closes had the compare value applied at its begin";
 }
 
 TEST_F(BridgeTest, ReverseHoldsLegBHigh) {
@@ -129,12 +132,15 @@ TEST_F(BridgeTest, ATripOpensAtOnceAndHoldsUntilCleared) {
     EXPECT_TRUE(native.enabled);
 }
 
-// The compare values are written far enough from the TOP that latches them, whatever phase the tick falls in.
+// The compare values are written far enough from the TOP that latches them, whatever phase the tick
+// falls in.
 TEST_F(BridgeTest, IsAppliedWithAMarginBeforeTop) {
     for (uint64_t k = 0; k < 5000; ++k) {
         h_bridge_next_row(&bridge);
         h_bridge_stage(&bridge, 10);
-        const uint64_t applied = 16000 * (k + 2) + (native.apply_later ? HAL_APPLY_LATER_CYCLES : 0);  // by the tick after this one
+        const uint64_t applied =
+            16000 * (k + 2) +
+            (native.apply_later ? HAL_APPLY_LATER_CYCLES : 0);  // by the tick after this one
         const uint64_t since_top = (applied - HAL_FIRST_TOP_CYCLES) % HAL_CYCLES_PER_PERIOD;
         ASSERT_GE(HAL_CYCLES_PER_PERIOD - since_top, HAL_APPLY_MARGIN_CYCLES) << k;
         ASSERT_EQ(native.locks, 0);

@@ -1,4 +1,5 @@
-// Speed: accuracy over the range, fall and time-out, missed and double edges, unequal pitches, sign.
+// Speed: accuracy over the range, fall and time-out, missed and double edges, unequal pitches,
+// sign.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -194,7 +195,8 @@ TEST_F(HallTest, AnOverflowOfTheRingIsSaid) {
     EXPECT_FALSE(last.overflowed);
 }
 
-// Calibration run, then a restart: the learned shares fit, the phase is found again, the speed is even.
+// Calibration run, then a restart: the learned shares fit, the phase is found again, the speed is
+// even.
 TEST(HallSpacing, IsLearnedAndFoundAgain) {
     const double share[4] = {9000, 7600, 8600, 7568};
     for (const bool reverse : {false, true}) {
@@ -207,7 +209,8 @@ TEST(HallSpacing, IsLearnedAndFoundAgain) {
             double spread = 0.0;
             for (int t = 0; t < ticks; ++t) {
                 std::vector<uint64_t> edges;
-                for (; at <= static_cast<double>(shaft.now + 16000); pitch = (pitch + (reverse ? 3 : 1)) % 4) {
+                for (; at <= static_cast<double>(shaft.now + 16000);
+                     pitch = (pitch + (reverse ? 3 : 1)) % 4) {
                     edges.push_back(static_cast<uint64_t>(at));
                     at += 96000.0 * share[pitch] / 32768.0;
                 }
@@ -237,7 +240,8 @@ TEST(HallSpacing, IsLearnedAndFoundAgain) {
     }
 }
 
-// Learning that is given up, or a write of parameters meanwhile: the index is searched again, and learning goes on, in turn.
+// Learning that is given up, or a write of parameters meanwhile: the index is searched again, and
+// learning goes on, in turn.
 TEST(HallSpacing, LearningIsGivenUpOrGoesOnAcrossAConfiguration) {
     const double share[4] = {9000, 7600, 8600, 7568};
     for (const bool cancelled : {true, false}) {

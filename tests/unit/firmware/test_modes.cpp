@@ -15,7 +15,8 @@ Modes in_state(ModesState state, bool armed = true, bool reverse = false) {
     return self;
 }
 
-constexpr ModesState ALL[] = {MODES_IDLE, MODES_DRIVE, MODES_RELEASE, MODES_FAULT, MODES_CALIBRATE, MODES_STOPPED};
+constexpr ModesState ALL[] = {MODES_IDLE,  MODES_DRIVE,     MODES_RELEASE,
+                              MODES_FAULT, MODES_CALIBRATE, MODES_STOPPED};
 
 ModesInputs inputs_of(unsigned bits) {
     return {(bits & 1) != 0,  (bits & 2) != 0,  (bits & 4) != 0,  (bits & 8) != 0,

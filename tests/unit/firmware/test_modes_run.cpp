@@ -1,4 +1,5 @@
-// Whole runs in every mode with pins that say anything: a released trigger and every fault open the bridge, the mode changes at rest only.
+// Whole runs in every mode with pins that say anything: a released trigger and every fault open the
+// bridge, the mode changes at rest only.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -19,7 +20,8 @@ extern "C" {
 namespace {
 
 constexpr double PERIODS_A_MS = 16000.0 / 510;
-constexpr int RELEASED_MS = 12;  // 5 to debounce, 2 until the order acts, conversions of the trigger between
+constexpr int RELEASED_MS =
+    12;  // 5 to debounce, 2 until the order acts, conversions of the trigger between
 constexpr int HALL_TIMEOUT_MS = 300;
 
 struct ModeTest : testing::TestWithParam<uint8_t> {
@@ -164,17 +166,20 @@ TEST_P(ModeTest, EveryFaultOpensTheBridgeAndHoldsItOpenUntilTheRelease) {
     }
 }
 
-// Without an edge and with the current of a standing shaft: whatever a controller makes of it, the bridge is open in the end.
+// Without an edge and with the current of a standing shaft: whatever a controller makes of it, the
+// bridge is open in the end.
 TEST_P(ModeTest, AStallEnds) {
     drive();
     turn(0);
     for (int ms = 0; ms < 3000 && state() == TELEMETRY_STATE_DRIVE; ++ms) {
-        in.adc_counts[SIM_ADC_CURRENT] = static_cast<uint16_t>(out.coast != 0 ? 512 : 512 + std::min(360, out.compare * 3));
+        in.adc_counts[SIM_ADC_CURRENT] =
+            static_cast<uint16_t>(out.coast != 0 ? 512 : 512 + std::min(360, out.compare * 3));
         run(1);
     }
     run(20);
     EXPECT_NE(out.coast, 0);
-    EXPECT_TRUE(faults() == TELEMETRY_FAULTS_STALL || state() == TELEMETRY_STATE_STOPPED) << faults() << ' ' << state();
+    EXPECT_TRUE(faults() == TELEMETRY_FAULTS_STALL || state() == TELEMETRY_STATE_STOPPED)
+        << faults() << ' ' << state();
 }
 
 TEST_P(ModeTest, TheModeIsRefusedWhileDrivenTurningOrPressed) {
@@ -198,7 +203,8 @@ TEST_P(ModeTest, TheModeIsRefusedWhileDrivenTurningOrPressed) {
 
 TEST_P(ModeTest, TheModeSwitchGoesBeforeTheHost) {
     const auto index = static_cast<uint8_t>(PARAM_MODE_SWITCH_2);
-    ASSERT_EQ(ask(TELEMETRY_PARAM_WRITE_ID, {index, 0, GetParam(), 0, 0, 0}), TELEMETRY_ACK_RESULT_OK);
+    ASSERT_EQ(ask(TELEMETRY_PARAM_WRITE_ID, {index, 0, GetParam(), 0, 0, 0}),
+              TELEMETRY_ACK_RESULT_OK);
     ASSERT_EQ(set_mode(0), TELEMETRY_ACK_RESULT_OK);
     in.switches = SIM_SWITCH_MODE_1;
     run(50);
@@ -225,13 +231,16 @@ TEST_P(ModeTest, LawsHoldWhateverThePinsSay) {
         } else if (pick < 7) {
             press(static_cast<int>(100 + any(924)));
         } else if (pick == 7) {
-            in.switches ^= static_cast<uint8_t>((any(4) == 0 ? SIM_SWITCH_REVERSE : 0) | (any(4) == 0 ? SIM_SWITCH_MODE_0 : 0) |
+            in.switches ^= static_cast<uint8_t>((any(4) == 0 ? SIM_SWITCH_REVERSE : 0) |
+                                                (any(4) == 0 ? SIM_SWITCH_MODE_0 : 0) |
                                                 (any(4) == 0 ? SIM_SWITCH_MODE_1 : 0));
         } else if (pick == 8) {
             turn(any(3) == 0 ? 0.0 : 100.0 + any(17000));
         } else {
-            in.adc_counts[SIM_ADC_CURRENT] = static_cast<uint16_t>(any(8) == 0 ? any(1024) : 512 + any(300));
-            in.adc_counts[SIM_ADC_BUS] = static_cast<uint16_t>(any(16) == 0 ? any(1024) : 640 + any(180));
+            in.adc_counts[SIM_ADC_CURRENT] =
+                static_cast<uint16_t>(any(8) == 0 ? any(1024) : 512 + any(300));
+            in.adc_counts[SIM_ADC_BUS] =
+                static_cast<uint16_t>(any(16) == 0 ? any(1024) : 640 + any(180));
         }
         if (step % 20 == 18) {  // runs down, and rests with the mode switch in any position
             release();
@@ -239,9 +248,11 @@ TEST_P(ModeTest, LawsHoldWhateverThePinsSay) {
         } else if (step % 20 == 19) {
             release();
             turn(0);
-            in.switches ^= static_cast<uint8_t>(any(2) * SIM_SWITCH_MODE_0 + any(2) * SIM_SWITCH_MODE_1);
+            in.switches ^=
+                static_cast<uint8_t>(any(2) * SIM_SWITCH_MODE_0 + any(2) * SIM_SWITCH_MODE_1);
         }
-        const long end = period + static_cast<long>(step % 20 < 18 ? any(600) + 1 : 600 * PERIODS_A_MS);
+        const long end =
+            period + static_cast<long>(step % 20 < 18 ? any(600) + 1 : 600 * PERIODS_A_MS);
         while (period < end) {
             const bool contact = (in.switches & SIM_SWITCH_CONTACT) != 0;
             released_at = contact ? period : released_at;
@@ -258,8 +269,12 @@ TEST_P(ModeTest, LawsHoldWhateverThePinsSay) {
                     continue;
                 last_mode = mode_of(said[states]);
                 const size_t at = since(said[states]);
-                ASSERT_FALSE(std::all_of(&closed[at - 6], &closed[at], [](char c) { return c != 0; })) << "pressed at " << at;
-                ASSERT_FALSE(std::any_of(&edges[at - HALL_TIMEOUT_MS + 2], &edges[at], [](char e) { return e != 0; })) << "turning at " << at;
+                ASSERT_FALSE(
+                    std::all_of(&closed[at - 6], &closed[at], [](char c) { return c != 0; }))
+                    << "pressed at " << at;
+                ASSERT_FALSE(std::any_of(&edges[at - HALL_TIMEOUT_MS + 2], &edges[at],
+                                         [](char e) { return e != 0; }))
+                    << "turning at " << at;
                 ++changes;
             }
         }

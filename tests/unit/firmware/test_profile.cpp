@@ -1,4 +1,5 @@
-// Laws of the commanded profile: never beyond the trigger, never longer than it holds, and the hand has the trigger back at its release.
+// Laws of the commanded profile: never beyond the trigger, never longer than it holds, and the hand
+// has the trigger back at its release.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -29,7 +30,8 @@ TEST(Profile, AFrameHoldsForItsTimeAndNotATickLonger) {
     profile_tick(&profile, true);
     EXPECT_EQ(profile_wish(&profile, 20000), CONTROLLER_STOP);
     profile_tick(&profile, true);
-    EXPECT_EQ(profile_wish(&profile, 20000), CONTROLLER_STOP) << "while the drive goes on it does not become the hand's";
+    EXPECT_EQ(profile_wish(&profile, 20000), CONTROLLER_STOP)
+        << "while the drive goes on it does not become the hand's";
 }
 
 TEST(Profile, TheTriggerLimitsIt) {
@@ -52,7 +54,8 @@ TEST(Profile, OverAtAReleasedTriggerItLeavesTheTriggerToTheHand) {
     profile_take(&profile, 100);
     for (unsigned ms = 0; ms < PROFILE_HOLD_MS; ++ms)
         profile_tick(&profile, false);
-    EXPECT_EQ(profile_wish(&profile, 20000), CONTROLLER_STOP) << "a trigger pulled in this very tick is still the profile's";
+    EXPECT_EQ(profile_wish(&profile, 20000), CONTROLLER_STOP)
+        << "a trigger pulled in this very tick is still the profile's";
     profile_tick(&profile, false);
     EXPECT_EQ(profile_wish(&profile, 20000), 20000);
 }

@@ -1,4 +1,5 @@
-// Whole runs of the firmware on the lock-step machine against a motor: start, release, faults, direction, latency law, EEPROM.
+// Whole runs of the firmware on the lock-step machine against a motor: start, release, faults,
+// direction, latency law, EEPROM.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -47,8 +48,10 @@ struct Tool {
         if (o.coast != 0 && std::fabs(i) < 0.3)
             i = 0;
         const double torque = 0.0109 * i - 4.5e-6 * w;
-        const double free = std::fabs(torque) > friction ? torque - std::copysign(friction, torque) : 0.0;
-        const double next = w == 0 ? h * free / 1.8e-5 : w + h * (torque - std::copysign(friction, w)) / 1.8e-5;
+        const double free =
+            std::fabs(torque) > friction ? torque - std::copysign(friction, torque) : 0.0;
+        const double next =
+            w == 0 ? h * free / 1.8e-5 : w + h * (torque - std::copysign(friction, w)) / 1.8e-5;
         w = locked || next * w < 0 ? 0 : next;
         angle += w * h;
         const long now = std::lround(std::floor(angle / (M_PI / 2)));
@@ -92,7 +95,8 @@ struct RunTest : testing::Test {
 
     void press(double travel, bool reverse = false) {
         in.adc_counts[SIM_ADC_TRIGGER] = static_cast<uint16_t>(100 + 820 * travel + 0.5);
-        in.switches = static_cast<uint8_t>((travel > 0 ? SIM_SWITCH_CONTACT : 0) | (reverse ? SIM_SWITCH_REVERSE : 0));
+        in.switches = static_cast<uint8_t>((travel > 0 ? SIM_SWITCH_CONTACT : 0) |
+                                           (reverse ? SIM_SWITCH_REVERSE : 0));
     }
 
     void run(double seconds) {
@@ -108,20 +112,24 @@ struct RunTest : testing::Test {
         }
     }
 
-    static uint16_t counts(double value) { return static_cast<uint16_t>(std::min(1023.0, std::max(0.0, std::round(value)))); }
+    static uint16_t counts(double value) {
+        return static_cast<uint16_t>(std::min(1023.0, std::max(0.0, std::round(value))));
+    }
 
     void parse() {
         for (; line.size() >= 19; line.erase(line.begin(), line.begin() + 19)) {
             ASSERT_EQ(line[0], 0xAA);
             ASSERT_EQ(line[18], 0xBB);
             const uint8_t *d = &line[10];
-            const uint32_t ms = uint32_t{line[1]} | uint32_t{line[2]} << 8u | uint32_t{line[3]} << 16u;
+            const uint32_t ms =
+                uint32_t{line[1]} | uint32_t{line[2]} << 8u | uint32_t{line[3]} << 16u;
             const int id = line[6] | line[7] << 8;
             ++frames[id];
             if (id == TELEMETRY_FAST_ID) {
                 const int packed = d[4] | d[5] << 8 | d[6] << 16;
                 fast.push_back({ms, int16_t(d[0] | d[1] << 8), int16_t(d[2] | d[3] << 8),
-                                (packed & 1023) > 511 ? (packed & 1023) - 1024 : packed & 1023, packed >> 10 & 1023});
+                                (packed & 1023) > 511 ? (packed & 1023) - 1024 : packed & 1023,
+                                packed >> 10 & 1023});
             } else if (id == TELEMETRY_STATE_ID) {
                 states.push_back({ms, d[1], d[2] & 15, d[2] >> 7, d[3], d[4] | d[5] << 8});
             }
@@ -189,7 +197,8 @@ TEST_F(RunTest, AnOverCurrentOpensTheBridgeAtOnceAndIsClearedByRelease) {
         tool.i = 63.0;
         run(PERIOD_S / 2);
     }
-    EXPECT_LE(periods, 13) << "one slot of three may measure something else, and a conversion lasts four periods";
+    EXPECT_LE(periods, 13)
+        << "one slot of three may measure something else, and a conversion lasts four periods";
     run(0.05);
     EXPECT_EQ(faults(), TELEMETRY_FAULTS_OVER_CURRENT);
     EXPECT_EQ(state(), TELEMETRY_STATE_FAULT);
@@ -203,7 +212,8 @@ TEST_F(RunTest, AnOverCurrentOpensTheBridgeAtOnceAndIsClearedByRelease) {
     EXPECT_EQ(out.coast, 0);
 }
 
-// Counts of the bridge's sensor, through ADC, faults and state machine, to the open bridge and back.
+// Counts of the bridge's sensor, through ADC, faults and state machine, to the open bridge and
+// back.
 TEST_F(RunTest, AnOverheatedBridgeStopsTheDriveUntilItIsCoolAndReleased) {
     constexpr uint16_t AT_90_C = 287, AT_91_C = 289;  // (T + 50) / 0.48828
     run(0.5);
@@ -293,7 +303,8 @@ TEST_F(RunTest, AReleaseThatRampsGoesDownFromWhatTheControllerDroveInAnyMode) {
         EXPECT_EQ(faults(), 0) << mode;
         for (size_t k = 1; k < fast.size(); ++k) {
             const bool braked = fast[k].current_q9 < -30 * 512;  // where the fold-back adds some
-            ASSERT_TRUE(fast[k].compare <= std::max(fast[k - 1].compare, 0) || braked) << mode << ' ' << k;
+            ASSERT_TRUE(fast[k].compare <= std::max(fast[k - 1].compare, 0) || braked)
+                << mode << ' ' << k;
             ASSERT_LE(fast[k].compare, std::max(released, 0)) << mode;
         }
         EXPECT_LT(fast.back().compare, 60) << mode;
@@ -322,7 +333,8 @@ TEST_F(RunTest, TheDirectionChangesAtStandstillOnly) {
 
 // Every row after the sensor's end: while the shaft turns the tool does not drive against it.
 TEST_F(RunTest, ALostSensorDoesNotLetTheDirectionChangeWhileTheShaftTurns) {
-    for (const double driven_s : {0.7, 0.4, 0.1}) {  // fault found; time-out in the drive; time-out while coasting
+    for (const double driven_s :
+         {0.7, 0.4, 0.1}) {  // fault found; time-out in the drive; time-out while coasting
         start(SIM_START_DEFAULT);
         tool.friction = 0.006;
         run(0.5);
@@ -345,7 +357,8 @@ TEST_F(RunTest, ALostSensorDoesNotLetTheDirectionChangeWhileTheShaftTurns) {
     }
 }
 
-// The sensor dies at low speed or at rest, the drive goes on for less than any time-out: what it may have given the shaft is waited for.
+// The sensor dies at low speed or at rest, the drive goes on for less than any time-out: what it
+// may have given the shaft is waited for.
 TEST_F(RunTest, AccelerationThatNoEdgeShowsDoesNotLetTheDirectionChange) {
     for (const bool from_rest : {true, false}) {
         for (const double driven_s : {0.08, 0.15, 0.25}) {
@@ -398,7 +411,8 @@ TEST_F(RunTest, ATriggerHeldAtTheStartDoesNotStart) {
     EXPECT_EQ(tool.w, 0);
 }
 
-// What is sent is a function of edges and counts alone: the law that makes native and AVR telemetry equal.
+// What is sent is a function of edges and counts alone: the law that makes native and AVR telemetry
+// equal.
 TEST_F(RunTest, TelemetryDoesNotDependOnLatency) {
     std::vector<uint8_t> first;
     std::vector<SimInputs> tape;

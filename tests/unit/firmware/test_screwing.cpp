@@ -1,4 +1,5 @@
-// Precise screwing on a tool of pure kinematics: blows that turn a screw by an energy over its torque, and the Hall edges of the motor behind them.
+// Precise screwing on a tool of pure kinematics: blows that turn a screw by an energy over its
+// torque, and the Hall edges of the motor behind them.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -45,7 +46,8 @@ struct Tool {
         since_s += STEP_S;
         if (std::floor(motor_turns * PULSES) > before) {
             in.edges++;
-            const double after_s = (motor_turns * PULSES - std::floor(motor_turns * PULSES)) / (turns * PULSES) * STEP_S;
+            const double after_s = (motor_turns * PULSES - std::floor(motor_turns * PULSES)) /
+                                   (turns * PULSES) * STEP_S;
             period_s = since_s - after_s;
             since_s = after_s;
         }
@@ -69,7 +71,8 @@ struct Tool {
         }
         for (int n = 0; n < TICK_STEPS; ++n)
             advance(in);
-        in.speed_rpm_q1 = static_cast<int16_t>(std::lround(2 * 60.0 / (PULSES * std::max(period_s, since_s))));
+        in.speed_rpm_q1 =
+            static_cast<int16_t>(std::lround(2 * 60.0 / (PULSES * std::max(period_s, since_s))));
         blow.impacting = blows > 0;
         blow.count = static_cast<uint16_t>(blows);
         const int16_t answer = screwing_step(&screwing, &set, &in, &blow);
@@ -102,7 +105,9 @@ struct Screw {
 
 class ScrewingSizes : public ::testing::TestWithParam<Screw> {
 protected:
-    Tool tool(const Torque &torque) const { return Tool{torque, GetParam().energy_j, GetParam().rpm}; }
+    Tool tool(const Torque &torque) const {
+        return Tool{torque, GetParam().energy_j, GetParam().rpm};
+    }
 };
 
 TEST_P(ScrewingSizes, StopsOnTheRampOfTheSeat) {
@@ -118,14 +123,17 @@ TEST_P(ScrewingSizes, LearnsTheTurnOfABlow) {
     Tool t = tool([this](double) { return GetParam().end_nm; });
     EXPECT_FALSE(t.run(4, 1e9));
     EXPECT_EQ(screwing_state(&t.screwing), SCREWING_TRACK);
-    const double twelve_pitches = 12 * 360 / (GEAR * PULSES), measured = t.blow_deg() * twelve_pitches / (180 + t.blow_deg());
+    const double twelve_pitches = 12 * 360 / (GEAR * PULSES),
+                 measured = t.blow_deg() * twelve_pitches / (180 + t.blow_deg());
     EXPECT_NEAR(t.screwing.learned / 364.0, measured, 0.01 * measured + 0.1);
     EXPECT_NEAR(screwing_estimate(&t.screwing), 256, 8);
 }
 
 TEST_P(ScrewingSizes, AKnotIsNoSeat) {
     const double end = GetParam().end_nm;
-    Tool t = tool([=](double at) { return seat_at(2400, end)(at) + (at > 1200 && at < 1560 ? 0.7 * end : 0.0); });
+    Tool t = tool([=](double at) {
+        return seat_at(2400, end)(at) + (at > 1200 && at < 1560 ? 0.7 * end : 0.0);
+    });
     ASSERT_TRUE(t.run(30, 3600));
     EXPECT_GT(t.head_deg, 2400);
     EXPECT_LT(t.head_deg, 2400 + 75);
@@ -138,12 +146,16 @@ TEST_P(ScrewingSizes, TorqueThatRisesWithTheDepthIsNoSeat) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Sizes, ScrewingSizes,
-                         ::testing::Values(Screw{2.7, 6.0, 8000}, Screw{4.2, 11.0, 9500}, Screw{3.0, 11.0, 6500}, Screw{4.2, 18.0, 9800}),
+                         ::testing::Values(Screw{2.7, 6.0, 8000}, Screw{4.2, 11.0, 9500},
+                                           Screw{3.0, 11.0, 6500}, Screw{4.2, 18.0, 9800}),
                          [](const auto &one) { return "Case" + std::to_string(one.index); });
 
 // Too flat for a seat: after 60 degrees it is the wood, and what follows is measured against it.
 TEST(Screwing, ALevelThatStaysIsLearnedAnew) {
-    Tool t{[](double at) { return 9.0 * (1.0 + 0.25 * std::min(std::max((at - 1500) / 40, 0.0), 1.0)); }, 4.2, 9500};
+    Tool t{[](double at) {
+               return 9.0 * (1.0 + 0.25 * std::min(std::max((at - 1500) / 40, 0.0), 1.0));
+           },
+           4.2, 9500};
     EXPECT_FALSE(t.run(20, 1500 + 80));
     EXPECT_EQ(screwing_state(&t.screwing), SCREWING_SUSPECT);
     EXPECT_NEAR(screwing_estimate(&t.screwing), 1.25 * 256, 15);
@@ -229,14 +241,17 @@ TEST(ScrewingLaw, WhatABlowLacksIsGivenAsPower) {
             judged.wave(turn);
         EXPECT_EQ(judged.s.share_q15, SET.share_q15);
         judged.wave(turn);
-        EXPECT_NEAR(judged.s.share_q15, SET.share_q15 + 48.0 / 8.0 * UNIT * (12.5 - turn), 30) << turn;
+        EXPECT_NEAR(judged.s.share_q15, SET.share_q15 + 48.0 / 8.0 * UNIT * (12.5 - turn), 30)
+            << turn;
         EXPECT_EQ(judged.s.left, 28);
         EXPECT_EQ(judged.s.state, SCREWING_SETTLE);
     }
 }
 
-// Degrees at which a seat is found where the torque follows `rise` over the angle; -1: none up to the last.
-double seat_deg(double learned_deg, const std::function<double(double)> &rise, double last_deg = 360.0) {
+// Degrees at which a seat is found where the torque follows `rise` over the angle; -1: none up to
+// the last.
+double seat_deg(double learned_deg, const std::function<double(double)> &rise,
+                double last_deg = 360.0) {
     Judged judged(learned_deg);
     double at = 0.0;
     while (at < last_deg) {
@@ -254,22 +269,26 @@ double slope_seat_deg(double learned_deg, double per_deg) {
 
 TEST(ScrewingLaw, ASlowRiseIsASeatAtOnce) {
     const double lag_deg = 10.0;
-    for (const auto &[learned, per_deg] : {std::pair{14.0, 0.012}, std::pair{8.0, 0.014}, std::pair{5.0, 0.022}}) {
+    for (const auto &[learned, per_deg] :
+         {std::pair{14.0, 0.012}, std::pair{8.0, 0.014}, std::pair{5.0, 0.022}}) {
         EXPECT_GE(slope_seat_deg(learned, per_deg), 0.33 / per_deg);
         EXPECT_LE(slope_seat_deg(learned, per_deg), 0.33 / per_deg + lag_deg);
     }
 }
 
 TEST(ScrewingLaw, ASteepRiseWaitsForTheAngleThatTellsAnEdgeFromARamp) {
-    for (const auto &[learned, per_deg] : {std::pair{5.0, 0.055}, std::pair{8.0, 0.036}, std::pair{14.0, 0.036}}) {
+    for (const auto &[learned, per_deg] :
+         {std::pair{5.0, 0.055}, std::pair{8.0, 0.036}, std::pair{14.0, 0.036}}) {
         const double onset = 0.12 / per_deg;
-        EXPECT_NEAR(slope_seat_deg(learned, per_deg) - onset, (9.0 + learned / 5.0) / 0.3, 9.0) << learned;
+        EXPECT_NEAR(slope_seat_deg(learned, per_deg) - onset, (9.0 + learned / 5.0) / 0.3, 9.0)
+            << learned;
     }
 }
 
 // Up to 11 degrees a blow the limit between both is inverse to the turn, then 0.0195 a degree.
 TEST(ScrewingLaw, WhatIsSlowDependsOnTheTurnOfABlow) {
-    for (const auto &[learned, slow, steep] : {std::tuple{5.5, 0.034, 0.046}, std::tuple{14.0, 0.017, 0.027}}) {
+    for (const auto &[learned, slow, steep] :
+         {std::tuple{5.5, 0.034, 0.046}, std::tuple{14.0, 0.017, 0.027}}) {
         const double waits = (9.0 + learned / 5.0) / 0.3;
         EXPECT_LT(slope_seat_deg(learned, slow), waits) << learned;
         EXPECT_GT(slope_seat_deg(learned, steep), waits) << learned;
@@ -288,7 +307,11 @@ TEST(ScrewingLaw, NoLevelIsASeat) {
         for (const double level : {1.55, 1.7, 2.0})
             for (const double blows : {0.0, 1.0, 2.0}) {
                 const double edge = 1e-3 + blows * learned / level;
-                EXPECT_EQ(seat_deg(learned, [=](double at) { return 1.0 + (level - 1.0) * std::min(at / edge, 1.0); }), -1.0)
+                EXPECT_EQ(seat_deg(learned,
+                                   [=](double at) {
+                                       return 1.0 + (level - 1.0) * std::min(at / edge, 1.0);
+                                   }),
+                          -1.0)
                     << learned << ' ' << level << ' ' << blows;
             }
 }
@@ -319,11 +342,14 @@ TEST(ScrewingLaw, WhatFallsBackIsForgotten) {
     EXPECT_EQ(judged.s.over_q8, 0);
 }
 
-// An onset that lasts without growing, and then an edge: not the ramp that both together look like; and no worse a seat.
+// An onset that lasts without growing, and then an edge: not the ramp that both together look like;
+// and no worse a seat.
 TEST(ScrewingLaw, WhatRisesBehindAnEarlyOnsetIsWeighedByItself) {
     for (const double learned : {9.0, 14.0, 18.0}) {
-        EXPECT_EQ(seat_deg(learned, [](double at) { return at < 30.0 ? 1.14 : 1.7; }), -1.0) << learned;
-        const double seat = seat_deg(learned, [](double at) { return 1.14 + 0.014 * std::max(at - 30.0, 0.0); });
+        EXPECT_EQ(seat_deg(learned, [](double at) { return at < 30.0 ? 1.14 : 1.7; }), -1.0)
+            << learned;
+        const double seat =
+            seat_deg(learned, [](double at) { return 1.14 + 0.014 * std::max(at - 30.0, 0.0); });
         EXPECT_GT(seat, 30.0 + 13.0) << learned;
         EXPECT_LT(seat, 30.0 + 80.0) << learned;
     }
@@ -405,14 +431,18 @@ int16_t settled_wish(double travel, double torque_nm) {
     return t.wish;
 }
 
-// 0.067 of the trigger's duty for each degree that a blow turns the screw by less than the setpoint, once; then by less than half of it.
+// 0.067 of the trigger's duty for each degree that a blow turns the screw by less than the
+// setpoint, once; then by less than half of it.
 TEST(Screwing, ALittleTurnGetsMorePower) {
-    constexpr double WIDE_NM = 4.0, LITTLE_NM = 26.0, LEAST_NM = 60.0;  // 60, 9 and 4 degrees a blow
+    constexpr double WIDE_NM = 4.0, LITTLE_NM = 26.0,
+                     LEAST_NM = 60.0;  // 60, 9 and 4 degrees a blow
     const double per_deg = 48.0 / 8.0 * UNIT, small_deg = 12.5;
-    const double little_deg = 4.2 / LITTLE_NM * 180 / M_PI, measured_deg = little_deg * 12 * 360 / (GEAR * PULSES) / (180 + little_deg);
+    const double little_deg = 4.2 / LITTLE_NM * 180 / M_PI,
+                 measured_deg = little_deg * 12 * 360 / (GEAR * PULSES) / (180 + little_deg);
     const auto power = [](double share_q15) { return share_q15 * 32767 / 32768 + LEAST / 2; };
     EXPECT_NEAR(settled_wish(1.0, WIDE_NM), power(SET.share_q15), 3);
-    EXPECT_NEAR(settled_wish(1.0, LITTLE_NM), power(SET.share_q15 + per_deg * (small_deg - measured_deg)), 400);
+    EXPECT_NEAR(settled_wish(1.0, LITTLE_NM),
+                power(SET.share_q15 + per_deg * (small_deg - measured_deg)), 400);
     EXPECT_NEAR(settled_wish(1.0, LEAST_NM), 17 * LEAST / 8, 3);
     EXPECT_NEAR(settled_wish(0.5, LEAST_NM), 16383, 3);
 }
@@ -464,9 +494,10 @@ TEST(Screwing, AnyInputGivesADutyOrAStop) {
     std::mt19937 random(11);
     std::uniform_int_distribution<int> any(-32768, 32767);
     for (int drive = 0; drive < 200; ++drive) {
-        const ScrewingSetpoints set{static_cast<uint8_t>(1 + random() % 64), static_cast<uint16_t>(128 + random() % 1873),
-                                    static_cast<int16_t>(random() % 32768),  static_cast<int16_t>(3000 + random() % 9001),
-                                    static_cast<int16_t>(random() % 1441),   static_cast<int16_t>(290 + random() % 223)};
+        const ScrewingSetpoints set{
+            static_cast<uint8_t>(1 + random() % 64), static_cast<uint16_t>(128 + random() % 1873),
+            static_cast<int16_t>(random() % 32768),  static_cast<int16_t>(3000 + random() % 9001),
+            static_cast<int16_t>(random() % 1441),   static_cast<int16_t>(290 + random() % 223)};
         Screwing s{};
         screwing_start(&s, &set);
         for (int n = 0; n < 1000; ++n) {
@@ -479,7 +510,9 @@ TEST(Screwing, AnyInputGivesADutyOrAStop) {
             blow.impacting = random() % 50 != 0;
             blow.count = 9;
             const int16_t wish = screwing_step(&s, &set, &in, &blow);
-            ASSERT_TRUE(wish == CONTROLLER_STOP || (wish >= 0 && wish <= std::max<int>(in.travel_q15, 0))) << wish;
+            ASSERT_TRUE(wish == CONTROLLER_STOP ||
+                        (wish >= 0 && wish <= std::max<int>(in.travel_q15, 0)))
+                << wish;
             ASSERT_LE(screwing_state(&s), SCREWING_SEATED);
             ASSERT_GE(screwing_estimate(&s), 0);
         }

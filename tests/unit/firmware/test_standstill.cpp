@@ -1,4 +1,5 @@
-// Standstill: believed at once after slow edges, after the run-down where the shaft may turn unseen; values at the limits.
+// Standstill: believed at once after slow edges, after the run-down where the shaft may turn
+// unseen; values at the limits.
 #include <gtest/gtest.h>
 
 extern "C" {
@@ -69,9 +70,12 @@ TEST(Standstill, WaitsForWhatTheDriveMayHaveGivenUnseen) {
     EXPECT_EQ(rest_after_drive(0, 255, false), 0);
     EXPECT_EQ(rest_after_drive(1, 255, false), 636 * 10000 / 65536);
     EXPECT_EQ(rest_after_drive(10, -255, false), 6360 * 10000 / 65536);
-    EXPECT_EQ(rest_after_drive(99, 255, false), 255 * 128 * 10000 / 65536) << "full duty, full speed";
-    EXPECT_EQ(rest_after_drive(99, 20, false), 20 * 128 * 10000 / 65536) << "no faster than the duty";
-    EXPECT_EQ(rest_after_drive(99, 255, true), 255 * 128 * 10000 / 65536) << "too early to believe the current";
+    EXPECT_EQ(rest_after_drive(99, 255, false), 255 * 128 * 10000 / 65536)
+        << "full duty, full speed";
+    EXPECT_EQ(rest_after_drive(99, 20, false), 20 * 128 * 10000 / 65536)
+        << "no faster than the duty";
+    EXPECT_EQ(rest_after_drive(99, 255, true), 255 * 128 * 10000 / 65536)
+        << "too early to believe the current";
     EXPECT_EQ(rest_after_drive(100, 255, true), 0) << "a shaft that stands under load";
     EXPECT_EQ(rest_after_drive(300, 255, false), 255 * 128 * 10000 / 65536);
 }

@@ -1,4 +1,5 @@
-// Synchronisation on made blows: level over supply, trim by dips and by current, borders, and any input at all.
+// Synchronisation on made blows: level over supply, trim by dips and by current, borders, and any
+// input at all.
 #include <gtest/gtest.h>
 
 #include <cstdint>
@@ -11,11 +12,18 @@ extern "C" {
 namespace {
 
 constexpr double V = 1000.0;
-const SyncSetpoints BY_SPEED{SYNC_METHOD_SPEED, 14200, 15500, 393, 1966, 12800}, BY_CURRENT{SYNC_METHOD_CURRENT, 14200, 15500, 393, 1966, 12800};
+const SyncSetpoints BY_SPEED{SYNC_METHOD_SPEED, 14200, 15500, 393, 1966, 12800},
+    BY_CURRENT{SYNC_METHOD_CURRENT, 14200, 15500, 393, 1966, 12800};
 
 ControllerInputs inputs(double travel, double supply_v, double current_a = 25.0) {
-    return {
-        static_cast<int16_t>(travel * 32767), 16000, static_cast<int16_t>(current_a * 512), static_cast<uint16_t>(supply_v * V), 20000, false, 0, 0};
+    return {static_cast<int16_t>(travel * 32767),
+            16000,
+            static_cast<int16_t>(current_a * 512),
+            static_cast<uint16_t>(supply_v * V),
+            20000,
+            false,
+            0,
+            0};
 }
 
 // Impacts at 8,000 rpm with dips of a depth; a blow comes with `struck`.
@@ -147,11 +155,14 @@ TEST_P(SyncMethods, WhateverComesTheDutyIsOne) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, SyncMethods, ::testing::Values(BY_SPEED, BY_CURRENT),
-                         [](const auto &set) { return set.param.method == SYNC_METHOD_SPEED ? "Speed" : "Current"; });
+                         [](const auto &set) {
+                             return set.param.method == SYNC_METHOD_SPEED ? "Speed" : "Current";
+                         });
 
 TEST(Sync, DeepDipsRaiseAndShallowOnesLower) {
     Tool tool(BY_SPEED);
-    EXPECT_NEAR(tool.run(100, 0.6, 18.5, 0.0601), 14.98 + 0.5, 0.12);  // five blows: the limit is 0.06
+    EXPECT_NEAR(tool.run(100, 0.6, 18.5, 0.0601), 14.98 + 0.5,
+                0.12);  // five blows: the limit is 0.06
     Tool even(BY_SPEED);
     EXPECT_NEAR(even.run(100, 0.6, 18.5, 0.0597), 14.98, 0.03);
     EXPECT_NEAR(even.run(100, 0.6, 18.5, 0.0121), 14.98, 0.03);

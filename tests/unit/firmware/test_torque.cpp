@@ -1,4 +1,5 @@
-// Torque control on a motor at rest in its cycle: the level behind any supply and winding, hard and soft joints, what is refused and what is missed.
+// Torque control on a motor at rest in its cycle: the level behind any supply and winding, hard and
+// soft joints, what is refused and what is missed.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -19,7 +20,8 @@ uint8_t row_of(int target_nm) {
     return static_cast<uint8_t>(target_nm - TORQUE_MAP_FIRST_NM);
 }
 
-// A motor that draws a given current at once, behind any supply and winding; a command acts a tick later.
+// A motor that draws a given current at once, behind any supply and winding; a command acts a tick
+// later.
 struct Tool {
     TorqueSetpoints set;
     Torque torque{};
@@ -36,13 +38,15 @@ struct Tool {
         own_v = K * speed + R * current_a;
         ControllerInputs in{};
         in.trigger_q15 = travel_q15;
-        in.travel_q15 = static_cast<int16_t>(std::min<int>(travel_q15, 197 * (ticks + 1)));  // the frame's ramp
+        in.travel_q15 =
+            static_cast<int16_t>(std::min<int>(travel_q15, 197 * (ticks + 1)));  // the frame's ramp
         in.speed_rpm_q1 = static_cast<int16_t>(std::fmin(std::lround(2 * speed * RPM), 32767));
         in.current_a_q9 = static_cast<int16_t>(std::lround(current_a * 512));
         in.supply_mv = static_cast<uint16_t>(supply_v * 1000);
         in.duty_q15 = static_cast<int16_t>(std::lround(duty * 255) * 257 / 2);
         blow.count = static_cast<uint16_t>(ticks / 50);
-        blow.busy = steps < 2 || (blows_busy && steps % 5 == 1);  // with its own beginning, or with a blow
+        blow.busy =
+            steps < 2 || (blows_busy && steps % 5 == 1);  // with its own beginning, or with a blow
         ++steps;
         wish = torque_step(&torque, &set, &in, &blow);
         duty = wish < 0 ? 0.0 : wish / 32767.0;
@@ -133,7 +137,8 @@ TEST(Torque, HoldsItsLevelBehindAnySupplyAndWinding) {
                     tool.step();
                     sum += tool.own_v / 500;
                 }
-                EXPECT_NEAR(sum, torque_map_level_mv(row_of(target)) / 1000.0, 0.05) << target << " " << supply_v << " " << winding;
+                EXPECT_NEAR(sum, torque_map_level_mv(row_of(target)) / 1000.0, 0.05)
+                    << target << " " << supply_v << " " << winding;
             }
         }
     }
@@ -169,7 +174,8 @@ TEST(Torque, SaysMissedAndWhereOnAJointTooHardForALowTarget) {
     tool.current_a = amperes(torque_map_stop_a_q8(row_of(52))) + 0.01;
     EXPECT_FALSE(tool.run(3000));
     EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_MISSED);
-    EXPECT_NEAR(torque_estimate(&tool.torque), 560, 20);  // 52 N m and what the filters have not seen yet
+    EXPECT_NEAR(torque_estimate(&tool.torque), 560,
+                20);  // 52 N m and what the filters have not seen yet
 }
 
 TEST(Torque, ALowTargetPassedSoonBehindTheFirstLookIsMissedAndLaterReached) {
@@ -188,7 +194,9 @@ TEST(Torque, ALowTargetPassedSoonBehindTheFirstLookIsMissedAndLaterReached) {
         }
         const bool late = last + 1 < 450 + 120;
         (late ? missed : reached)++;
-        EXPECT_EQ(torque_stop_reason(&tool.torque), late ? CONTROLLER_REASON_MISSED : CONTROLLER_REASON_REACHED) << last;
+        EXPECT_EQ(torque_stop_reason(&tool.torque),
+                  late ? CONTROLLER_REASON_MISSED : CONTROLLER_REASON_REACHED)
+            << last;
         EXPECT_NEAR(torque_estimate(&tool.torque), late ? 440 : 400, late ? 20 : 10) << last;
     }
     EXPECT_GT(missed, 3);
@@ -252,11 +260,13 @@ TEST(Torque, LooksAndSettlesForAsLongAsItTakes) {
 }
 
 TEST(Torque, ASixteenthBesideIsMissed) {
-    for (const auto &[beside_nm, reason] : {std::pair{5, CONTROLLER_REASON_REACHED}, {9, CONTROLLER_REASON_MISSED}}) {
+    for (const auto &[beside_nm, reason] :
+         {std::pair{5, CONTROLLER_REASON_REACHED}, {9, CONTROLLER_REASON_MISSED}}) {
         Tool tool(110);
         tool.current_a = amperes(torque_map_settled_a_q8(row_of(110))) - 0.1;
         ASSERT_TRUE(tool.run_into(TORQUE_RAISED));
-        tool.current_a = amperes(static_cast<int16_t>(torque_map_stop_a_q8(row_of(110)) + 12 * beside_nm));
+        tool.current_a =
+            amperes(static_cast<int16_t>(torque_map_stop_a_q8(row_of(110)) + 12 * beside_nm));
         EXPECT_FALSE(tool.run(3000));
         EXPECT_EQ(torque_stop_reason(&tool.torque), reason) << beside_nm;
         EXPECT_NEAR(torque_estimate(&tool.torque), 10 * (110 + beside_nm), 10);
@@ -268,7 +278,9 @@ TEST(Torque, ATargetThatIsNearlyThereForTooLongTimesOut) {
     tool.current_a = amperes(torque_map_settled_a_q8(row_of(60))) - 0.1;
     ASSERT_TRUE(tool.run_into(TORQUE_RAISED));
     tool.current_a = amperes(torque_map_stop_a_q8(row_of(60))) - 0.1;
-    EXPECT_NEAR(stay(tool), 8000 + (torque_map_raised_mv(row_of(60)) - torque_map_level_mv(row_of(60))) / 8, 10);
+    EXPECT_NEAR(stay(tool),
+                8000 + (torque_map_raised_mv(row_of(60)) - torque_map_level_mv(row_of(60))) / 8,
+                10);
     EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_TIMEOUT);
 }
 
@@ -308,9 +320,12 @@ TEST(Torque, MapIsWhatTheSearchNeeds) {
         EXPECT_GT(torque_map_raised_mv(row), torque_map_level_mv(row));
         EXPECT_LE(torque_map_raised_mv(row), 14000);
         if (row > 0) {
-            EXPECT_GE(torque_map_raised_mv(row), torque_map_raised_mv(static_cast<uint8_t>(row - 1)));
+            EXPECT_GE(torque_map_raised_mv(row),
+                      torque_map_raised_mv(static_cast<uint8_t>(row - 1)));
             if (torque_map_raised_mv(row) == torque_map_raised_mv(static_cast<uint8_t>(row - 1))) {
-                EXPECT_GE(torque_map_stop_a_q8(row), torque_map_stop_a_q8(static_cast<uint8_t>(row - 1))) << int{row};
+                EXPECT_GE(torque_map_stop_a_q8(row),
+                          torque_map_stop_a_q8(static_cast<uint8_t>(row - 1)))
+                    << int{row};
             }
         }
     }

@@ -19,8 +19,11 @@ TEST(Trigger, TravelIsLinearBetweenTheDeadBands) {
         Trigger self = trigger(static_cast<uint16_t>(low), static_cast<uint16_t>(high));
         for (int counts = 0; counts <= 1023; ++counts) {
             trigger_set_travel(&self, static_cast<uint16_t>(counts));
-            const double share = counts <= low ? 0.0 : counts >= high ? 1.0 : double(counts - low) / (high - low);
-            ASSERT_NEAR(self.travel_q15, std::min(32767.0, share * 32768.0), 12.0) << low << " " << counts;
+            const double share = counts <= low    ? 0.0
+                                 : counts >= high ? 1.0
+                                                  : double(counts - low) / (high - low);
+            ASSERT_NEAR(self.travel_q15, std::min(32767.0, share * 32768.0), 12.0)
+                << low << " " << counts;
         }
     }
 }

@@ -20,7 +20,8 @@ VibrationSetpoints setpoints(uint8_t method) {
 }
 
 // What the board measures of a motor at a speed with a duty.
-ControllerInputs measured(double rpm, int16_t duty_q15, int16_t trigger_q15 = FULL, int16_t travel_q15 = 0) {
+ControllerInputs measured(double rpm, int16_t duty_q15, int16_t trigger_q15 = FULL,
+                          int16_t travel_q15 = 0) {
     const double current = (duty_q15 / 32768.0 * SUPPLY_V - rpm / RPM_PER_V) / OHM;
     ControllerInputs in{};
     in.travel_q15 = travel_q15;
@@ -38,7 +39,9 @@ struct Drive {
     Blow blow{};
     int16_t duty_q15 = 0;
 
-    explicit Drive(uint8_t method = VIBRATION_BY_CURRENT) : set(setpoints(method)) { vibration_start(&self, &set); }
+    explicit Drive(uint8_t method = VIBRATION_BY_CURRENT) : set(setpoints(method)) {
+        vibration_start(&self, &set);
+    }
     int16_t step(double rpm, int16_t trigger_q15 = FULL, int16_t travel_q15 = 0) {
         const ControllerInputs in = measured(rpm, duty_q15, trigger_q15, travel_q15);
         duty_q15 = vibration_step(&self, &set, &in, &blow);
@@ -63,7 +66,8 @@ struct Drive {
 };
 
 class BothMethods : public testing::TestWithParam<int> {};
-INSTANTIATE_TEST_SUITE_P(Vibration, BothMethods, testing::Values(VIBRATION_BY_SPEED, VIBRATION_BY_CURRENT));
+INSTANTIATE_TEST_SUITE_P(Vibration, BothMethods,
+                         testing::Values(VIBRATION_BY_SPEED, VIBRATION_BY_CURRENT));
 
 TEST_P(BothMethods, ApproachesWithLittleDuty) {
     Drive drive(static_cast<uint8_t>(GetParam()));
@@ -140,7 +144,11 @@ TEST(Vibration, AWeakBatterySurgesWithLess) {
     struct Wanted {
         double supply_v, set_a, surge_a;
     };
-    for (const Wanted &wanted : {Wanted{16.89, 42, 30.5}, {16.9, 42, 42}, {16.0, 42, 30.5}, {16.0, 20, 20}, {18.5, 20, 20}}) {
+    for (const Wanted &wanted : {Wanted{16.89, 42, 30.5},
+                                 {16.9, 42, 42},
+                                 {16.0, 42, 30.5},
+                                 {16.0, 20, 20},
+                                 {18.5, 20, 20}}) {
         VibrationSetpoints set = setpoints(VIBRATION_BY_CURRENT);
         set.surge_a_q9 = static_cast<int16_t>(512 * wanted.set_a);
         Vibration self{};
@@ -165,13 +173,15 @@ TEST(Vibration, SurgeAddsWhatTheWindingWants) {
         double current;
         int duty;
     };
-    for (const Case &c : {Case{34.0, 15000 + 2075}, Case{10.0, 15000 + 3932}, Case{39.99, 15000 + 3}, Case{40.0, 15000}, Case{47.0, 15000}}) {
+    for (const Case &c : {Case{34.0, 15000 + 2075}, Case{10.0, 15000 + 3932},
+                          Case{39.99, 15000 + 3}, Case{40.0, 15000}, Case{47.0, 15000}}) {
         Drive drive;
         drive.release();
         drive.self.duty_q15 = 15000;
         ControllerInputs in = measured(3000, 15000);
         in.current_a_q9 = static_cast<int16_t>(std::lround(512 * c.current));
-        EXPECT_NEAR(vibration_step(&drive.self, &drive.set, &in, &drive.blow), c.duty, 3) << c.current;
+        EXPECT_NEAR(vibration_step(&drive.self, &drive.set, &in, &drive.blow), c.duty, 3)
+            << c.current;
     }
 }
 
@@ -242,14 +252,17 @@ TEST(Vibration, SilentSensorsEndInThePlainMode) {
 
 TEST(Vibration, AnyInputGivesADutyWithinTheTrigger) {
     std::mt19937 random(7);
-    std::uniform_int_distribution<int> word(INT16_MIN, INT16_MAX), unsigned_word(0, UINT16_MAX), coin(0, 3);
+    std::uniform_int_distribution<int> word(INT16_MIN, INT16_MAX), unsigned_word(0, UINT16_MAX),
+        coin(0, 3);
     for (int run = 0; run < 200; ++run) {
         Drive drive(static_cast<uint8_t>(1 + run % 2));
         int16_t last = 0;
         bool first = true;
         for (int n = 0; n < 400; ++n) {
             ControllerInputs in{};
-            const auto duty = [&] { return static_cast<int16_t>(std::max(0, coin(random) != 0 ? word(random) : FULL)); };
+            const auto duty = [&] {
+                return static_cast<int16_t>(std::max(0, coin(random) != 0 ? word(random) : FULL));
+            };
             in.travel_q15 = in.trigger_q15 = duty();
             in.speed_rpm_q1 = static_cast<int16_t>(coin(random) != 0 ? word(random) : 0);
             in.current_a_q9 = static_cast<int16_t>(word(random));
@@ -258,7 +271,8 @@ TEST(Vibration, AnyInputGivesADutyWithinTheTrigger) {
             drive.blow.impacting = coin(random) == 0;
             const int16_t wish = vibration_step(&drive.self, &drive.set, &in, &drive.blow);
             ASSERT_GE(wish, 0);
-            ASSERT_LE(wish, std::max<int>(in.trigger_q15, first ? in.travel_q15 : last)) << run << ' ' << n;
+            ASSERT_LE(wish, std::max<int>(in.trigger_q15, first ? in.travel_q15 : last))
+                << run << ' ' << n;
             ASSERT_LE(vibration_state(&drive.self), VIBRATION_RUN);
             ASSERT_GE(vibration_estimate(&drive.self), 0);
             last = wish;

@@ -19,8 +19,10 @@ TEST(Motor, BrushDropIsOddAndSettlesAtItsVoltage) {
     Motor<double> p{};
     p.brush_v = 0.6;
     EXPECT_NEAR(motor_brush_voltage<double>(p, EFFECT_BRUSH, 20.0, 1.0), 0.6, 1e-12);
-    EXPECT_NEAR(motor_brush_voltage<double>(p, EFFECT_BRUSH, 0.3, 1e-4), 0.6 * std::tanh(1.0), 1e-7);
-    EXPECT_DOUBLE_EQ(motor_brush_voltage<double>(p, EFFECT_BRUSH, -0.4, 0.7), -motor_brush_voltage<double>(p, EFFECT_BRUSH, 0.4, 0.7));
+    EXPECT_NEAR(motor_brush_voltage<double>(p, EFFECT_BRUSH, 0.3, 1e-4), 0.6 * std::tanh(1.0),
+                1e-7);
+    EXPECT_DOUBLE_EQ(motor_brush_voltage<double>(p, EFFECT_BRUSH, -0.4, 0.7),
+                     -motor_brush_voltage<double>(p, EFFECT_BRUSH, 0.4, 0.7));
     EXPECT_EQ(motor_brush_voltage<double>(p, 0u, 20.0, 1.0), 0.0);
 }
 
@@ -62,8 +64,10 @@ TEST(FrictionLaw, BothFormsMeetTheirNamedTorques) {
     EXPECT_EQ(friction_law_stribeck<double>(law, 0.0), 0.0);
     EXPECT_NEAR(friction_law_stribeck<double>(law, 0.1), 7.2, 0.01);
     EXPECT_NEAR(friction_law_stribeck<double>(law, 5.0), 6.0, 1e-9);
-    EXPECT_DOUBLE_EQ(friction_law_stribeck<double>(law, -0.05), -friction_law_stribeck<double>(law, 0.05));
-    EXPECT_NEAR(friction_law_exponential<double>(law, 0.01), 0.5 * friction_law_exponential<double>(law, 0.02), 1e-12);
+    EXPECT_DOUBLE_EQ(friction_law_stribeck<double>(law, -0.05),
+                     -friction_law_stribeck<double>(law, 0.05));
+    EXPECT_NEAR(friction_law_exponential<double>(law, 0.01),
+                0.5 * friction_law_exponential<double>(law, 0.02), 1e-12);
     EXPECT_NEAR(friction_law_exponential<double>(law, 0.02), 6.0 + 1.2 * std::exp(-0.8), 1e-12);
     EXPECT_NEAR(friction_law_exponential<double>(law, -5.0), -6.0, 1e-9);
 }

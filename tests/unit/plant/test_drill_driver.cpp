@@ -1,4 +1,5 @@
-// Laws of the drill driver (physics.md section 7): energy, clutch, rest, slopes, and its solvers against one another.
+// Laws of the drill driver (physics.md section 7): energy, clutch, rest, slopes, and its solvers
+// against one another.
 #include <algorithm>
 #include <cmath>
 #include <gtest/gtest.h>
@@ -27,7 +28,8 @@ static std::size_t rows_of(const DrillRun &run) {
 
 static double unbalanced(const DrillRun &run, std::size_t row) {
     double energy = at(run, row, DRILL_ROW_SUMS + DRILL_WORK_IN) - at(run, row, DRILL_ROW_STORED);
-    for (const DrillSum loss : {DRILL_LOSS_WINDING, DRILL_LOSS_MOTOR, DRILL_LOSS_SHAFT, DRILL_LOSS_CLUTCH, DRILL_WORK_LOAD})
+    for (const DrillSum loss : {DRILL_LOSS_WINDING, DRILL_LOSS_MOTOR, DRILL_LOSS_SHAFT,
+                                DRILL_LOSS_CLUTCH, DRILL_WORK_LOAD})
         energy -= at(run, row, DRILL_ROW_SUMS + loss);
     return energy;
 }
@@ -48,10 +50,15 @@ TEST_P(DrillOfClutch, EnergyIsAccountedFor) {
         const DrillRun run = run_of(parameters(pulse), DrillSolver::REFERENCE, 0.0, 1e-3);
         ASSERT_EQ(rows_of(run), 4001u);
         for (std::size_t n = 0; n < rows_of(run); ++n)
-            ASSERT_NEAR(unbalanced(run, n), 0.0, 1e-6 * at(run, rows_of(run) - 1, DRILL_ROW_SUMS + DRILL_WORK_IN)) << at(run, n, DRILL_ROW_TIME);
-        for (const DrillSum loss : {DRILL_LOSS_WINDING, DRILL_LOSS_MOTOR, DRILL_LOSS_SHAFT, DRILL_LOSS_CLUTCH, DRILL_WORK_LOAD})
+            ASSERT_NEAR(unbalanced(run, n), 0.0,
+                        1e-6 * at(run, rows_of(run) - 1, DRILL_ROW_SUMS + DRILL_WORK_IN))
+                << at(run, n, DRILL_ROW_TIME);
+        for (const DrillSum loss : {DRILL_LOSS_WINDING, DRILL_LOSS_MOTOR, DRILL_LOSS_SHAFT,
+                                    DRILL_LOSS_CLUTCH, DRILL_WORK_LOAD})
             for (std::size_t n = 1; n < rows_of(run); ++n)
-                ASSERT_GE(at(run, n, DRILL_ROW_SUMS + loss), at(run, n - 1, DRILL_ROW_SUMS + loss) - 1e-9) << loss;
+                ASSERT_GE(at(run, n, DRILL_ROW_SUMS + loss),
+                          at(run, n - 1, DRILL_ROW_SUMS + loss) - 1e-9)
+                    << loss;
     }
 }
 
@@ -73,7 +80,8 @@ TEST_P(DrillOfClutch, RealTimeKeepsToTheReferenceAtEveryStep) {
         ASSERT_EQ(rows_of(run), rows_of(reference));
         const double free = parameters(true).supply_v / parameters(true).constant;
         for (std::size_t n = 0; n < rows_of(run); ++n)
-            ASSERT_NEAR(at(run, n, DRILL_ROW_CORE + DRILL_SPEED), at(reference, n, DRILL_ROW_CORE + DRILL_SPEED), 1e-5 * free)
+            ASSERT_NEAR(at(run, n, DRILL_ROW_CORE + DRILL_SPEED),
+                        at(reference, n, DRILL_ROW_CORE + DRILL_SPEED), 1e-5 * free)
                 << at(run, n, DRILL_ROW_TIME);
     }
 }
@@ -84,7 +92,8 @@ TEST(DrillDriver, SlippingClutchHoldsTheChuckOfAStrongerLoad) {
     DrillParameters p;
     p.clutch_nm = 4.0;
     const DrillRun run = run_of(p, DrillSolver::REFERENCE, 0.0, 1e-3);
-    EXPECT_NEAR(at(run, 2500, DRILL_ROW_CORE + DRILL_CHUCK), 0.01 * std::atanh(4.0 / 6.0), 0.02);  // the law's steep middle
+    EXPECT_NEAR(at(run, 2500, DRILL_ROW_CORE + DRILL_CHUCK), 0.01 * std::atanh(4.0 / 6.0),
+                0.02);  // the law's steep middle
     EXPECT_DOUBLE_EQ(at(run, 2500, DRILL_ROW_SHAFT), 4.0);
     EXPECT_GT(at(run, 2500, DRILL_ROW_CORE + DRILL_SPEED), 1300.0);
 }
@@ -92,7 +101,8 @@ TEST(DrillDriver, SlippingClutchHoldsTheChuckOfAStrongerLoad) {
 // k i < Tc: 12 mN m are 1.1 A are 0.21 V
 TEST(DrillDriver, MotorRestsBelowItsCoulombTorque) {
     DrillParameters p;
-    for (const DrillSolver solver : {DrillSolver::REFERENCE, DrillSolver::REAL_TIME, DrillSolver::EULER, DrillSolver::RK4}) {
+    for (const DrillSolver solver :
+         {DrillSolver::REFERENCE, DrillSolver::REAL_TIME, DrillSolver::EULER, DrillSolver::RK4}) {
         p.duty = 0.0115;
         EXPECT_EQ(at(run_of(p, solver, 5e-6, 1.0), 4, DRILL_ROW_CORE + DRILL_SPEED), 0.0);
         p.duty = 0.0118;
@@ -108,7 +118,8 @@ TEST(DrillDriver, ReverseIsTheMirrorImage) {
     const DrillRun backward = run_of(p, DrillSolver::REFERENCE, 0.0, 1e-2);
     for (std::size_t n = 0; n < rows_of(forward); ++n)
         for (const DrillCore state : {DRILL_CURRENT, DRILL_SPEED, DRILL_CHUCK})
-            ASSERT_NEAR(at(forward, n, DRILL_ROW_CORE + state), -at(backward, n, DRILL_ROW_CORE + state), 1e-9);
+            ASSERT_NEAR(at(forward, n, DRILL_ROW_CORE + state),
+                        -at(backward, n, DRILL_ROW_CORE + state), 1e-9);
 }
 
 TEST(DrillDriver, CoastingTakesNothingFromTheSupply) {
@@ -121,7 +132,8 @@ TEST(DrillDriver, CoastingTakesNothingFromTheSupply) {
             continue;
         ++coasting;
         ASSERT_LE(at(run, n, DRILL_ROW_STORED), at(run, n - 1, DRILL_ROW_STORED) + 1e-9);
-        ASSERT_LE(at(run, n, DRILL_ROW_SUMS + DRILL_WORK_IN), at(run, n - 1, DRILL_ROW_SUMS + DRILL_WORK_IN) + 1e-12);
+        ASSERT_LE(at(run, n, DRILL_ROW_SUMS + DRILL_WORK_IN),
+                  at(run, n - 1, DRILL_ROW_SUMS + DRILL_WORK_IN) + 1e-12);
         ASSERT_GE(at(run, n, DRILL_ROW_CORE + DRILL_CURRENT), 0.0);
     }
     EXPECT_NEAR(static_cast<double>(coasting) * 1e-4, 11 * 0.025, 0.005);
@@ -143,7 +155,8 @@ TEST(DrillDriver, SlopesAreThoseOfTheRates) {
         const DrillSlopes j = drill_slopes(p, m, in, x);
         for (int n = 0; n < DRILL_CORE_COUNT; ++n) {
             const double e = 1e-6 * drill_scales(p)[n];
-            const DrillRates high = drill_rates(p, m, in, x + e * DrillVector::Unit(n)), low = drill_rates(p, m, in, x - e * DrillVector::Unit(n));
+            const DrillRates high = drill_rates(p, m, in, x + e * DrillVector::Unit(n)),
+                             low = drill_rates(p, m, in, x - e * DrillVector::Unit(n));
             const double core = ((high.core - low.core) / (2.0 * e) - j.core.col(n)).norm(),
                          sums = ((high.sums - low.sums) / (2.0 * e) - j.sums.col(n)).norm();
             EXPECT_LE(core, 1e-5 * j.core.col(n).norm() + 1e-9) << number << " by " << n;
@@ -166,12 +179,14 @@ TEST(DrillDriver, ReferenceErrorFollowsItsTolerance) {
         steps[n] = static_cast<double>(run.steps.size());
         error[n] = 0.0;
         for (std::size_t row = 0; row < rows_of(best); ++row)
-            error[n] = std::max(error[n], std::fabs(at(run, row, DRILL_ROW_CORE + DRILL_SPEED) - at(best, row, DRILL_ROW_CORE + DRILL_SPEED)));
+            error[n] = std::max(error[n], std::fabs(at(run, row, DRILL_ROW_CORE + DRILL_SPEED) -
+                                                    at(best, row, DRILL_ROW_CORE + DRILL_SPEED)));
     }
     EXPECT_LT(error[1], 0.1 * error[0]);
     EXPECT_LT(error[2], 0.1 * error[1]);
     EXPECT_LT(error[2], 1e-6 * p.supply_v / p.constant);
-    EXPECT_LT(steps[2], 15.0 * steps[1]);  // order 4 needs 3.2 times the steps for a hundredth of the error, events none
+    EXPECT_LT(steps[2], 15.0 * steps[1]);  // order 4 needs 3.2 times the steps for a hundredth of
+                                           // the error, events none
 }
 
 // Every change of mode is in the record of steps, and the steps add to the run.
@@ -184,8 +199,12 @@ TEST(DrillDriver, StepsAddToTheRun) {
         total += step.length_s;
     EXPECT_NEAR(total, 4.0, 1e-9);
     EXPECT_EQ(run.steps.size() + 1, rows_of(run));
-    EXPECT_EQ(std::count_if(run.steps.begin(), run.steps.end(), [](const DrillStep &s) { return s.mark == DrillMark::LOAD_ON; }), 1);
-    EXPECT_EQ(std::count_if(run.marks.begin(), run.marks.end(), [](const DrillStep &s) { return s.mark == DrillMark::PULSE_ON; }), 1);
+    EXPECT_EQ(std::count_if(run.steps.begin(), run.steps.end(),
+                            [](const DrillStep &s) { return s.mark == DrillMark::LOAD_ON; }),
+              1);
+    EXPECT_EQ(std::count_if(run.marks.begin(), run.marks.end(),
+                            [](const DrillStep &s) { return s.mark == DrillMark::PULSE_ON; }),
+              1);
 }
 
 TEST(DrillDriver, RealTimeWorkIsBounded) {
@@ -227,8 +246,14 @@ TEST(FrictionLaw, SlopesAreThoseOfTheTorques) {
     for (const double w : {-3.0, -0.1, -0.004, 0.0, 0.011, 0.05, 0.3, 20.0}) {
         const double e = 1e-7;
         EXPECT_NEAR(friction_law_stribeck_slope<double>(law, w),
-                    (friction_law_stribeck<double>(law, w + e) - friction_law_stribeck<double>(law, w - e)) / (2 * e), 1e-4);
+                    (friction_law_stribeck<double>(law, w + e) -
+                     friction_law_stribeck<double>(law, w - e)) /
+                        (2 * e),
+                    1e-4);
         EXPECT_NEAR(friction_law_exponential_slope<double>(law, w),
-                    (friction_law_exponential<double>(law, w + e) - friction_law_exponential<double>(law, w - e)) / (2 * e), 1e-4);
+                    (friction_law_exponential<double>(law, w + e) -
+                     friction_law_exponential<double>(law, w - e)) /
+                        (2 * e),
+                    1e-4);
     }
 }

@@ -1,4 +1,5 @@
-// The lock-step tool shows the reference tool of physics.md: free speed, stall current, braking, coasting, edges.
+// The lock-step tool shows the reference tool of physics.md: free speed, stall current, braking,
+// coasting, edges.
 #include <cmath>
 #include <gtest/gtest.h>
 
@@ -11,7 +12,8 @@ static DrivePlant tool(const Parameters &p, LoadKind load = LoadKind::NONE) {
     return DrivePlant(p, load, hall_wheel(4, 0.3, {}), 1);
 }
 
-static void run_for(DrivePlant &plant, double seconds, double duty, bool coast = false, double dead = 0.0, double load_nm = 0.0) {
+static void run_for(DrivePlant &plant, double seconds, double duty, bool coast = false,
+                    double dead = 0.0, double load_nm = 0.0) {
     for (int n = 0; n < static_cast<int>(seconds / PERIOD_S); ++n)
         plant.period(coast, duty, dead, load_nm);
 }
@@ -52,7 +54,8 @@ TEST(DrivePlant, CoastEmptiesTheCurrentAndStaysOpen) {
 
 TEST(DrivePlant, RestHoldsExactlyUpToTheCoulombTorque) {
     const Parameters p = reference_tool();
-    const double held = p.motor_coulomb_nm / p.motor_torque_constant * (p.motor_resistance_ohm) / p.supply_voltage_v;
+    const double held = p.motor_coulomb_nm / p.motor_torque_constant * (p.motor_resistance_ohm) /
+                        p.supply_voltage_v;
     DrivePlant plant = tool(p);
     run_for(plant, 0.5, 0.999 * held);
     EXPECT_EQ(plant.speed_rad_s(), 0.0);
@@ -62,13 +65,16 @@ TEST(DrivePlant, RestHoldsExactlyUpToTheCoulombTorque) {
 }
 
 TEST(DrivePlant, DeadTimeTakesItsShareOfTheBus) {
-    DrivePlant plain = tool(reference_tool(), LoadKind::TORQUE), dead = tool(reference_tool(), LoadKind::TORQUE);
+    DrivePlant plain = tool(reference_tool(), LoadKind::TORQUE),
+               dead = tool(reference_tool(), LoadKind::TORQUE);
     run_for(plain, 1.0, 0.5 - 0.02, false, 0.0, 1.0);
     run_for(dead, 1.0, 0.5, false, 0.02, 1.0);
-    EXPECT_NEAR(dead.speed_rad_s(), plain.speed_rad_s(), 2.0);  // the bus sags with d i, so not exactly
+    EXPECT_NEAR(dead.speed_rad_s(), plain.speed_rad_s(),
+                2.0);  // the bus sags with d i, so not exactly
     run_for(plain, 1.0, 1.0, false, 0.0, 1.0);
     run_for(dead, 1.0, 1.0, false, 0.02, 1.0);
-    EXPECT_NEAR(dead.speed_rad_s(), plain.speed_rad_s(), 1e-6);  // a bridge that does not switch loses nothing
+    EXPECT_NEAR(dead.speed_rad_s(), plain.speed_rad_s(),
+                1e-6);  // a bridge that does not switch loses nothing
 }
 
 TEST(DrivePlant, EdgesCountTheAngleBothWays) {
@@ -94,10 +100,12 @@ TEST(DrivePlant, EdgesCountTheAngleBothWays) {
 TEST(DrivePlant, UnequalSpacingAndEccentricityMoveEdgesNotTheShaft) {
     Parameters p = reference_tool();
     p.hall_amplitude_rad = 0.1;
-    DrivePlant plain = tool(reference_tool()), odd(p, LoadKind::NONE, hall_wheel(4, 0.3, {0.2, 0.3, 0.24, 0.26}), 1);
+    DrivePlant plain = tool(reference_tool()),
+               odd(p, LoadKind::NONE, hall_wheel(4, 0.3, {0.2, 0.3, 0.24, 0.26}), 1);
     int differ = 0, plain_edges = 0, odd_edges = 0;
     for (int n = 0; n < 30000; ++n) {
-        const PeriodResult a = plain.period(false, 1.0, 0.0, 0.0), b = odd.period(false, 1.0, 0.0, 0.0);
+        const PeriodResult a = plain.period(false, 1.0, 0.0, 0.0),
+                           b = odd.period(false, 1.0, 0.0, 0.0);
         plain_edges += a.edge_count;
         odd_edges += b.edge_count;
         differ += a.edge_count != b.edge_count;

@@ -1,4 +1,5 @@
-// Components of the impact mechanism: groove, contact and friction laws, joints and their published figures, counting of blows.
+// Components of the impact mechanism: groove, contact and friction laws, joints and their published
+// figures, counting of blows.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -24,21 +25,25 @@ TEST(VGroove, SlopesAreTheDerivatives) {
     const VGroove g{4.4e-3, 0.05 * 0.05, 0.05, 0.0};
     for (const double q : {-0.7, -0.05, 0.01, 0.08, 1.5}) {
         const double h = 1e-6;
-        EXPECT_NEAR(v_groove_at(g, q).s, (v_groove_at(g, q + h).x - v_groove_at(g, q - h).x) / (2.0 * h), 1e-11);
-        EXPECT_NEAR(v_groove_at(g, q).c, (v_groove_at(g, q + h).s - v_groove_at(g, q - h).s) / (2.0 * h), 1e-9);
+        EXPECT_NEAR(v_groove_at(g, q).s,
+                    (v_groove_at(g, q + h).x - v_groove_at(g, q - h).x) / (2.0 * h), 1e-11);
+        EXPECT_NEAR(v_groove_at(g, q).c,
+                    (v_groove_at(g, q + h).s - v_groove_at(g, q - h).s) / (2.0 * h), 1e-9);
     }
 }
 
 TEST(VGroove, EqualGroovesHaveTheLeadOfEitherAndUnequalOnesLieBetween) {
     EXPECT_NEAR(v_groove_lead(4.4e-3, 0.010, 4.4e-3, 0.010), 4.4e-3, 1e-18);
     const double lead = v_groove_lead(4.4e-3, 0.010, 5.0e-3, 0.012);
-    const double spindle = 0.010 / std::cos(std::atan(0.44)), hammer = 0.012 / std::cos(std::atan(5.0 / 12.0));
+    const double spindle = 0.010 / std::cos(std::atan(0.44)),
+                 hammer = 0.012 / std::cos(std::atan(5.0 / 12.0));
     const double share = hammer / (spindle + hammer);
     EXPECT_NEAR(lead, 4.4e-3 * share + 5.0e-3 * (1.0 - share), 1e-15);
 }
 
 TEST(VGroove, BallFrictionArmIsRadiusOverCosineOfTheAngle) {
-    EXPECT_NEAR(v_groove_ball_arm(0.1, 4.4e-3, 0.010), 0.1 * 0.010 / std::cos(std::atan(4.4e-3 / 0.010)), 1e-15);
+    EXPECT_NEAR(v_groove_ball_arm(0.1, 4.4e-3, 0.010),
+                0.1 * 0.010 / std::cos(std::atan(4.4e-3 / 0.010)), 1e-15);
 }
 
 static const Contact STEEL{3e7, 2e3, 1e-5, 1.0, 0.15, 0.10, 0.05};
@@ -47,7 +52,8 @@ TEST(Contact, DampsOnlyWhileApproachingAndRampsUp) {
     EXPECT_DOUBLE_EQ(contact_force(STEEL, 2e-5, 1.0, true, true), 3e7 * 2e-5 + 2e3);
     EXPECT_DOUBLE_EQ(contact_force(STEEL, 5e-6, 1.0, true, false), 3e7 * 5e-6 + 2e3 * 0.5);
     EXPECT_DOUBLE_EQ(contact_force(STEEL, 2e-5, -1.0, false, true), 3e7 * 2e-5);
-    EXPECT_DOUBLE_EQ(contact_force(STEEL, 1e-5, 1.0, true, false), contact_force(STEEL, 1e-5, 1.0, true, true));
+    EXPECT_DOUBLE_EQ(contact_force(STEEL, 1e-5, 1.0, true, false),
+                     contact_force(STEEL, 1e-5, 1.0, true, true));
     EXPECT_EQ(contact_force(STEEL, 0.0, 1.0, true, false), 0.0);
 }
 
@@ -77,13 +83,15 @@ TEST(DiscSpring, ReferenceSpringAtThreeQuartersOfItsTravel) {
 
 TEST(DiscSpring, StacksAddForceInParallelAndTravelInSeries) {
     const DiscSpring disc{40e-3, 20.4e-3, 1.5e-3, 1.15e-3};
-    EXPECT_DOUBLE_EQ(disc_stack_force(disc, 4.0, 42.0, 42.0 * 0.5e-3), 4.0 * disc_spring_force(disc, 0.5e-3));
+    EXPECT_DOUBLE_EQ(disc_stack_force(disc, 4.0, 42.0, 42.0 * 0.5e-3),
+                     4.0 * disc_spring_force(disc, 0.5e-3));
     EXPECT_NEAR(disc_stack_length(disc, 4.0, 42.0), 42.0 * (2.65e-3 + 3.0 * 1.5e-3), 1e-12);
 }
 
 TEST(Bolt, TighteningTorqueOfM16) {
     const Bolt bolt;
-    const double friction[] = {0.10, 0.12, 0.14}, force_kn[] = {142.5, 139.2, 135.6}, torque_nm[] = {310.0, 354.0, 395.0};
+    const double friction[] = {0.10, 0.12, 0.14}, force_kn[] = {142.5, 139.2, 135.6},
+                 torque_nm[] = {310.0, 354.0, 395.0};
     for (int n = 0; n < 3; ++n) {
         const double force = bolt_preload(bolt, friction[n]);
         EXPECT_NEAR(force, force_kn[n] * 1e3, 60.0);
@@ -106,7 +114,8 @@ TEST(Joint, HardJointSlipsAtRunTorqueThenAtTheSlope) {
     EXPECT_DOUBLE_EQ(slip_at(j, 0.2).backward_nm, 0.3 + 0.75 * 140.0);
     p.thread_friction_relative = 0.1;
     EXPECT_NEAR(slip_at(joint_from(p, LoadKind::HARD_JOINT), 0.2).forward_nm, 1.1 * 140.3, 1e-12);
-    EXPECT_EQ(slip_at(joint_from(p, LoadKind::LOCKED), 0.2).forward_nm, std::numeric_limits<double>::infinity());
+    EXPECT_EQ(slip_at(joint_from(p, LoadKind::LOCKED), 0.2).forward_nm,
+              std::numeric_limits<double>::infinity());
     EXPECT_EQ(slip_at(joint_from(p, LoadKind::NONE), 0.2).forward_nm, 0.0);
 }
 
@@ -144,7 +153,8 @@ TEST(Joint, AKnotAddsItsTorqueBetweenTwoHeadAngles) {
     const Joint knotted = joint_from(p, LoadKind::WOOD_SCREW);
     EXPECT_DOUBLE_EQ(slip_at(knotted, 9.999).forward_nm, slip_at(clear, 9.999).forward_nm);
     EXPECT_NEAR(slip_at(knotted, 10.0).forward_nm, slip_at(clear, 10.0).forward_nm + 3.0, 1e-12);
-    EXPECT_NEAR(slip_at(knotted, 11.999).forward_nm, slip_at(clear, 11.999).forward_nm + 3.0, 1e-12);
+    EXPECT_NEAR(slip_at(knotted, 11.999).forward_nm, slip_at(clear, 11.999).forward_nm + 3.0,
+                1e-12);
     EXPECT_NEAR(slip_at(knotted, 12.0).forward_nm, slip_at(clear, 12.0).forward_nm, 1e-12);
 }
 
@@ -157,9 +167,11 @@ TEST(Joint, DiscStackThroughTheBolt) {
     const Joint j = joint_from(p, LoadKind::DISC_SPRING);
     const DiscSpring disc{40e-3, 20.4e-3, 1.5e-3, 1.15e-3};
     for (const double turns : {0.0, 3.0, 12.0}) {
-        const double force = disc_stack_force(disc, 4.0, 42.0, 2e-3 * (4.0 + turns)), head = 2.0 * PI * turns;
+        const double force = disc_stack_force(disc, 4.0, 42.0, 2e-3 * (4.0 + turns)),
+                     head = 2.0 * PI * turns;
         const double friction = (0.58 * 14.701e-3 + 0.01) * 0.12;
-        EXPECT_NEAR(slip_at(j, head).forward_nm, 0.3 + bolt_torque(Bolt{}, force, 0.12, 0.12), 1e-9);
+        EXPECT_NEAR(slip_at(j, head).forward_nm, 0.3 + bolt_torque(Bolt{}, force, 0.12, 0.12),
+                    1e-9);
         EXPECT_NEAR(slip_at(j, head).backward_nm, 0.3 + force * (friction - 0.16 * 2e-3), 1e-9);
     }
     const double flat = 2.0 * PI * (42.0 * 1.15 / 2.0 - 4.0);
@@ -167,7 +179,8 @@ TEST(Joint, DiscStackThroughTheBolt) {
     p.joint_hysteresis_relative = 0.2;
     const Joint lossy = joint_from(p, LoadKind::DISC_SPRING);
     EXPECT_DOUBLE_EQ(slip_at(lossy, 1.0).forward_nm, slip_at(j, 1.0).forward_nm);
-    EXPECT_NEAR(slip_at(lossy, 1.0).backward_nm - 0.3, 0.8 * (slip_at(j, 1.0).backward_nm - 0.3), 1e-9);
+    EXPECT_NEAR(slip_at(lossy, 1.0).backward_nm - 0.3, 0.8 * (slip_at(j, 1.0).backward_nm - 0.3),
+                1e-9);
 }
 
 TEST(Blows, NewLugIsABlowLaterContactsAreRepeatsOrRebounds) {
@@ -188,20 +201,25 @@ TEST(Blows, NewLugIsABlowLaterContactsAreRepeatsOrRebounds) {
 TEST(Impact, ParametersOutOfRangeAreNamed) {
     Parameters p = reference_tool();
     p.lug_overlap_rad = 3.2;
-    EXPECT_THROW(impact_from(p, LoadKind::LOCKED, InputKind::DUTY, false, 1.0), std::invalid_argument);
+    EXPECT_THROW(impact_from(p, LoadKind::LOCKED, InputKind::DUTY, false, 1.0),
+                 std::invalid_argument);
     p = reference_tool();
     p.travel_rad = 1.0;  // 4.2 mm: below the lugs
-    EXPECT_THROW(impact_from(p, LoadKind::LOCKED, InputKind::DUTY, false, 1.0), std::invalid_argument);
+    EXPECT_THROW(impact_from(p, LoadKind::LOCKED, InputKind::DUTY, false, 1.0),
+                 std::invalid_argument);
     p = reference_tool();
     p.hammer_start_rad = 0.5;  // on a lug
-    EXPECT_THROW(impact_from(p, LoadKind::LOCKED, InputKind::DUTY, false, 1.0), std::invalid_argument);
+    EXPECT_THROW(impact_from(p, LoadKind::LOCKED, InputKind::DUTY, false, 1.0),
+                 std::invalid_argument);
     p.hammer_start_rad = -2.2;
-    EXPECT_THROW(impact_from(p, LoadKind::LOCKED, InputKind::DUTY, false, 1.0), std::invalid_argument);
+    EXPECT_THROW(impact_from(p, LoadKind::LOCKED, InputKind::DUTY, false, 1.0),
+                 std::invalid_argument);
     p.hammer_start_rad = -2.1;
     EXPECT_NO_THROW(impact_from(p, LoadKind::LOCKED, InputKind::DUTY, false, 1.0));
 }
 
-// Largest number of derivatives that a fixed step of step_s may need: three cuts of six in each piece, and their switches.
+// Largest number of derivatives that a fixed step of step_s may need: three cuts of six in each
+// piece, and their switches.
 static double most_work(double step_s) {
     return std::ceil(step_s / IMPACT_PIECE_S) * (IMPACT_CUTS_MAX + 1) * (6.0 + 8.0);
 }
@@ -224,7 +242,8 @@ TEST(ImpactPlant, FixedStepsHaveBoundedWork) {
 }
 
 // Contacts of 0.2 s of steps of a PWM period, the last 0.04 s with the bridge open.
-static std::vector<Blow> contacts_of(const Parameters &p, ImpactAccuracy accuracy, double duty, double dead) {
+static std::vector<Blow> contacts_of(const Parameters &p, ImpactAccuracy accuracy, double duty,
+                                     double dead) {
     ImpactPlant tool(p, LoadKind::HARD_JOINT, HallWheel{}, 1, accuracy, 0.0);
     std::vector<Blow> found;
     for (int n = 0; n * PERIOD_S < 0.2; ++n) {
@@ -235,7 +254,8 @@ static std::vector<Blow> contacts_of(const Parameters &p, ImpactAccuracy accurac
     return found;
 }
 
-// On either flank, with dead time and with an open bridge: the series of a contact are the reference's motion.
+// On either flank, with dead time and with an open bridge: the series of a contact are the
+// reference's motion.
 TEST(ImpactPlant, FastModeMeetsTheReferencesContacts) {
     Parameters p = reference_tool();
     for (const double run_nm : {6.0, 60.0, 400.0}) {
@@ -243,14 +263,18 @@ TEST(ImpactPlant, FastModeMeetsTheReferencesContacts) {
         for (const double duty : {1.0, -1.0, 0.8}) {
             const double dead = duty == 0.8 ? 0.05 : 0.0;
             const std::vector<Blow> fast = contacts_of(p, ImpactAccuracy::FAST, duty, dead);
-            const std::vector<Blow> reference = contacts_of(p, ImpactAccuracy::REFERENCE, duty, dead);
+            const std::vector<Blow> reference =
+                contacts_of(p, ImpactAccuracy::REFERENCE, duty, dead);
             ASSERT_EQ(fast.size(), reference.size());
             ASSERT_GE(fast.size(), 5u);
             for (std::size_t n = 0; n < fast.size(); ++n) {
                 EXPECT_EQ(fast[n].lug, reference[n].lug);
-                EXPECT_NEAR(fast[n].time_s, reference[n].time_s, 20e-6) << run_nm << " N m, duty " << duty;
-                EXPECT_NEAR(fast[n].impulse_nm_s, reference[n].impulse_nm_s, 2e-3 * std::fabs(reference.back().impulse_nm_s));
-                EXPECT_NEAR(fast[n].peak_torque_nm, reference[n].peak_torque_nm, 2e-3 * reference.back().peak_torque_nm);
+                EXPECT_NEAR(fast[n].time_s, reference[n].time_s, 20e-6)
+                    << run_nm << " N m, duty " << duty;
+                EXPECT_NEAR(fast[n].impulse_nm_s, reference[n].impulse_nm_s,
+                            2e-3 * std::fabs(reference.back().impulse_nm_s));
+                EXPECT_NEAR(fast[n].peak_torque_nm, reference[n].peak_torque_nm,
+                            2e-3 * reference.back().peak_torque_nm);
             }
         }
     }
@@ -270,7 +294,8 @@ TEST(ImpactPlant, FastModeTakesFewStepsABlow) {
 }
 
 TEST(ImpactPlant, RestsUntilItIsDriven) {
-    ImpactPlant tool(reference_tool(), LoadKind::LOCKED, hall_wheel(4, 0.3, {}), 1, ImpactAccuracy::FAST, 0.0);
+    ImpactPlant tool(reference_tool(), LoadKind::LOCKED, hall_wheel(4, 0.3, {}), 1,
+                     ImpactAccuracy::FAST, 0.0);
     for (int n = 0; n < 1000; ++n)
         EXPECT_EQ(tool.period(false, 0.0, 0.0, 0.0).edge_count, 0);
     EXPECT_EQ(tool.speed_rad_s(), 0.0);
@@ -279,7 +304,8 @@ TEST(ImpactPlant, RestsUntilItIsDriven) {
 
 TEST(ImpactPlant, BlowsAreHandedOverOnce) {
     ImpactPlant tool(reference_tool(), LoadKind::LOCKED, HallWheel{}, 1, ImpactAccuracy::FAST, 0.0);
-    ImpactPlant whole(reference_tool(), LoadKind::LOCKED, HallWheel{}, 1, ImpactAccuracy::FAST, 0.0);
+    ImpactPlant whole(reference_tool(), LoadKind::LOCKED, HallWheel{}, 1, ImpactAccuracy::FAST,
+                      0.0);
     std::vector<Blow> pieces;
     for (int n = 0; n < 300; ++n) {
         tool.advance(1e-3, 1.0, false, 0.0);

@@ -29,7 +29,9 @@ TEST(Lanes, TanhAndLogCosh) {
     for (int n = 0; n < 400; ++n) {
         const double x = 0.2 * spread(n);
         EXPECT_NEAR(tanh_of<double>(x), std::tanh(x), 3e-16) << x;
-        EXPECT_NEAR(log_two_cosh<double>(x), std::fabs(x) + std::log1p(std::exp(-2.0 * std::fabs(x))), 1e-14) << x;
+        EXPECT_NEAR(log_two_cosh<double>(x),
+                    std::fabs(x) + std::log1p(std::exp(-2.0 * std::fabs(x))), 1e-14)
+            << x;
     }
 }
 
@@ -37,7 +39,8 @@ TEST(Lanes, VectorHasTheBitsOfTheScalar) {
     Lanes8 x;
     for (int lane = 0; lane < 8; ++lane)
         set(x, lane, spread(40 * lane + 7));
-    const Lanes8 e = exp_of<Lanes8>(-x), s = sin_of<Lanes8>(x), t = tanh_of<Lanes8>(x), l = log_two_cosh<Lanes8>(x);
+    const Lanes8 e = exp_of<Lanes8>(-x), s = sin_of<Lanes8>(x), t = tanh_of<Lanes8>(x),
+                 l = log_two_cosh<Lanes8>(x);
     for (int lane = 0; lane < 8; ++lane) {
         const double one = get(x, lane);
         EXPECT_EQ(get(e, lane), exp_of<double>(-one));

@@ -1,4 +1,5 @@
-// Long runs: what a pool's parts throw comes out the same whatever the threads, a run may be ended, and one that does not come forward ends itself.
+// Long runs: what a pool's parts throw comes out the same whatever the threads, a run may be ended,
+// and one that does not come forward ends itself.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -80,17 +81,20 @@ static LogInput full_trigger(std::size_t rows, double row_s) {
     return in;
 }
 
-static void simulate(const std::vector<Parameters> &tools, double row_s, ImpactAccuracy accuracy, int threads, Watch *watch) {
+static void simulate(const std::vector<Parameters> &tools, double row_s, ImpactAccuracy accuracy,
+                     int threads, Watch *watch) {
     const std::size_t rows = 100;
     std::vector<double> columns(IMPACT_COLUMN_COUNT * tools.size() * rows);
     ImpactOutput out{};
     for (std::size_t n = 0; n < IMPACT_COLUMN_COUNT; ++n)
         out.columns[n] = columns.data() + n * tools.size() * rows;
     out.watch = watch;
-    simulate_impact(full_trigger(rows, row_s), reinterpret_cast<const double *>(tools.data()), tools.size(), accuracy, threads, out);
+    simulate_impact(full_trigger(rows, row_s), reinterpret_cast<const double *>(tools.data()),
+                    tools.size(), accuracy, threads, out);
 }
 
-static std::string refusal(const std::vector<Parameters> &tools, ImpactAccuracy accuracy, int threads) {
+static std::string refusal(const std::vector<Parameters> &tools, ImpactAccuracy accuracy,
+                           int threads) {
     try {
         simulate(tools, 1e-3, accuracy, threads, nullptr);
     } catch (const std::exception &error) {
@@ -104,8 +108,12 @@ TEST(ImpactRun, ABatchNamesItsImpossibleTool) {
     tools[3].lug_overlap_rad = 3.2;
     tools[4].hammer_mass_kg = 0.0;
     for (const int threads : {1, 3}) {
-        EXPECT_EQ(refusal(tools, ImpactAccuracy::FAST, threads).rfind("parameter set 3: mechanism.lug_overlap_rad 3.2 leaves no gap", 0), 0u);
-        EXPECT_EQ(refusal({tools[3]}, ImpactAccuracy::FAST, threads).rfind("mechanism.lug_overlap_rad 3.2", 0), 0u);
+        EXPECT_EQ(refusal(tools, ImpactAccuracy::FAST, threads)
+                      .rfind("parameter set 3: mechanism.lug_overlap_rad 3.2 leaves no gap", 0),
+                  0u);
+        EXPECT_EQ(refusal({tools[3]}, ImpactAccuracy::FAST, threads)
+                      .rfind("mechanism.lug_overlap_rad 3.2", 0),
+                  0u);
     }
 }
 
@@ -114,16 +122,20 @@ TEST(ImpactRun, OneThatDoesNotComeForwardEndsWithTheParameterBehindIt) {
     tools[1].joint_damping = 1e6;  // 8e10 per s
     for (const ImpactAccuracy accuracy : {ImpactAccuracy::FAST, ImpactAccuracy::REFERENCE}) {
         const std::string words = refusal(tools, accuracy, 1);
-        EXPECT_EQ(words.rfind("parameter set 1: impact mechanism: needs too many steps at 0.", 0), 0u) << words;
+        EXPECT_EQ(words.rfind("parameter set 1: impact mechanism: needs too many steps at 0.", 0),
+                  0u)
+            << words;
         EXPECT_NE(words.find("load.damping_nm_s_per_rad = 1e+06"), std::string::npos) << words;
     }
 }
 
 TEST(ImpactRun, EndsWhenTheCallerWantsIt) {
-    for (const ImpactAccuracy accuracy : {ImpactAccuracy::FAST, ImpactAccuracy::REFERENCE, ImpactAccuracy::FIXED}) {
+    for (const ImpactAccuracy accuracy :
+         {ImpactAccuracy::FAST, ImpactAccuracy::REFERENCE, ImpactAccuracy::FIXED}) {
         Impatient watch(2);
         const auto began = std::chrono::steady_clock::now();
-        EXPECT_THROW(simulate({reference_tool()}, 1e3, accuracy, 1, &watch), Interrupted);  // 100,000 s
+        EXPECT_THROW(simulate({reference_tool()}, 1e3, accuracy, 1, &watch),
+                     Interrupted);  // 100,000 s
         EXPECT_LT(std::chrono::steady_clock::now() - began, std::chrono::seconds(20));
     }
 }

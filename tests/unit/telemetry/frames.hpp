@@ -12,14 +12,16 @@ extern "C" {
 
 using Bytes = std::vector<std::uint8_t>;
 
-// The CRC of a frame of 19 bytes as docs/telemetry.md defines it: over id, time and the first seven data bytes.
+// The CRC of a frame of 19 bytes as docs/telemetry.md defines it: over id, time and the first seven
+// data bytes.
 inline std::uint8_t frame_crc(const Bytes &frame) {
     std::uint8_t crc = crc8_over(CRC8_INIT, &frame[6], 4);
     crc = crc8_over(crc, &frame[1], 4);
     return static_cast<std::uint8_t>(crc8_over(crc, &frame[10], 7) ^ CRC8_FINAL_XOR);
 }
 
-inline Bytes frame_of(std::uint32_t id, const std::array<std::uint8_t, 7> &data, std::uint32_t ms = 0) {
+inline Bytes frame_of(std::uint32_t id, const std::array<std::uint8_t, 7> &data,
+                      std::uint32_t ms = 0) {
     Bytes frame{0xAA};
     for (int k = 0; k < 4; ++k)
         frame.push_back(static_cast<std::uint8_t>(ms >> (8 * k)));

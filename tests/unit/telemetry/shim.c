@@ -1,4 +1,5 @@
-// Telemetry and parameters of the firmware as a shared library for tests in Python: an EEPROM that fails on demand, flat calls.
+// Telemetry and parameters of the firmware as a shared library for tests in Python: an EEPROM that
+// fails on demand, flat calls.
 #include <stddef.h>
 #include <string.h>
 
@@ -23,7 +24,8 @@ void shim_eeprom_fail_at(uint32_t write, uint8_t garbage);
 uint32_t shim_eeprom_writes(void);
 size_t shim_board_bytes(void);
 void shim_board_init(ShimBoard *board, const TelemetryBoot *boot, uint8_t baud);
-uint8_t shim_board_tick(ShimBoard *board, const TelemetryInputs *wanted, const TelemetryFast *fast, uint8_t *out);
+uint8_t shim_board_tick(ShimBoard *board, const TelemetryInputs *wanted, const TelemetryFast *fast,
+                        uint8_t *out);
 uint8_t shim_board_receive(ShimBoard *board, uint8_t byte, bool idle, uint8_t *result);
 ParamStore *shim_board_store(ShimBoard *board);
 CommandParser *shim_board_parser(ShimBoard *board);
@@ -49,7 +51,8 @@ uint8_t hal_eeprom_read(uint16_t address) {
     return eeprom[address];
 }
 
-// Write number `fail_at` (counted from 1) leaves garbage behind; later ones do nothing, as the power is gone.
+// Write number `fail_at` (counted from 1) leaves garbage behind; later ones do nothing, as the
+// power is gone.
 void hal_eeprom_start_write(uint16_t address, uint8_t value) {
     writes++;
     busy = busy_steps;
@@ -95,7 +98,8 @@ void shim_board_init(ShimBoard *board, const TelemetryBoot *boot, uint8_t baud) 
     telemetry_init(&board->telemetry, boot, baud);
 }
 
-uint8_t shim_board_tick(ShimBoard *board, const TelemetryInputs *wanted, const TelemetryFast *fast, uint8_t *out) {
+uint8_t shim_board_tick(ShimBoard *board, const TelemetryInputs *wanted, const TelemetryFast *fast,
+                        uint8_t *out) {
     TelemetryInputs in = *wanted;
     in.params = param_report(&board->store);
     param_step(&board->store);

@@ -1,4 +1,5 @@
-// The inbound parser: what is whole is handed out once, what is truncated, damaged, over-long or of an unknown id is not executed, and nothing behind it is lost.
+// The inbound parser: what is whole is handed out once, what is truncated, damaged, over-long or of
+// an unknown id is not executed, and nothing behind it is lost.
 #include <gtest/gtest.h>
 
 #include "frames.hpp"
@@ -55,7 +56,8 @@ TEST(CommandParser, HandsOutAWholeFrame) {
 
 TEST(CommandParser, ATruncatedFrameCostsOnlyItself) {
     for (std::size_t length = 1; length < READ.size(); ++length) {
-        const Parsed got = parse(joined({Bytes(READ.begin(), READ.begin() + static_cast<long>(length)), READ}));
+        const Parsed got =
+            parse(joined({Bytes(READ.begin(), READ.begin() + static_cast<long>(length)), READ}));
         ASSERT_EQ(got.fresh, 1) << length;
         ASSERT_EQ(got.errors, static_cast<int>(length));
     }
@@ -82,7 +84,8 @@ TEST(CommandParser, AnOverlongFrameAndItsLengthAreRefused) {
 }
 
 TEST(CommandParser, AWrongIdIsAnsweredButNotExecuted) {
-    for (const std::uint32_t id : {0x10000u + TELEMETRY_PARAM_READ_ID, 0x01000000u + TELEMETRY_PARAM_READ_ID}) {
+    for (const std::uint32_t id :
+         {0x10000u + TELEMETRY_PARAM_READ_ID, 0x01000000u + TELEMETRY_PARAM_READ_ID}) {
         const Parsed got = parse(frame_of(id, {7, 0, 0, 0, 0, 0, 41}));
         ASSERT_EQ(got.results, std::vector<int>{TELEMETRY_ACK_RESULT_UNKNOWN_ID}) << id;
         EXPECT_EQ(got.fresh, 0);

@@ -1,4 +1,5 @@
-// Outbound frames: framing, values at the borders of their fields, the schedule of slow frames and the order at the start.
+// Outbound frames: framing, values at the borders of their fields, the schedule of slow frames and
+// the order at the start.
 #include <gtest/gtest.h>
 
 #include "frames.hpp"
@@ -29,7 +30,8 @@ struct Line {
         ++in.now_ms;
         const std::uint8_t bytes = telemetry_tick(&telemetry, &in, &fast, out);
         frames.clear();
-        for (std::uint8_t at = 0; at < bytes; at = static_cast<std::uint8_t>(at + TELEMETRY_FRAME_BYTES))
+        for (std::uint8_t at = 0; at < bytes;
+             at = static_cast<std::uint8_t>(at + TELEMETRY_FRAME_BYTES))
             frames.emplace_back(out + at, out + at + TELEMETRY_FRAME_BYTES);
     }
 };
@@ -58,7 +60,8 @@ TEST(Telemetry, EveryFrameIsFramedAndItsCrcRight) {
             ASSERT_EQ(frame[8] | frame[9], 0);
             ASSERT_EQ(frame[17], frame_crc(frame));
             ASSERT_EQ(frame[18], 0xBB);
-            ASSERT_EQ(static_cast<std::uint32_t>(frame[1] | frame[2] << 8 | frame[3] << 16) | static_cast<std::uint32_t>(frame[4]) << 24,
+            ASSERT_EQ(static_cast<std::uint32_t>(frame[1] | frame[2] << 8 | frame[3] << 16) |
+                          static_cast<std::uint32_t>(frame[4]) << 24,
                       line.in.now_ms);
             slow += id_of(frame) != TELEMETRY_FAST_ID ? 1 : 0;
         }
@@ -70,7 +73,8 @@ TEST(Telemetry, FastHoldsItsFieldsAtTheirBorders) {
     struct Case {
         int current, speed, duty, supply;
     };
-    for (const Case &c : {Case{-32768, 32767, -512, 0}, Case{32767, -32768, 255, 1023}, Case{-1, -1, -1, 1}, Case{0, 0, -255, 512}}) {
+    for (const Case &c : {Case{-32768, 32767, -512, 0}, Case{32767, -32768, 255, 1023},
+                          Case{-1, -1, -1, 1}, Case{0, 0, -255, 512}}) {
         Line line;
         line.fast.current_a = static_cast<std::int16_t>(c.current);
         line.fast.speed_rpm = static_cast<std::int16_t>(c.speed);
@@ -123,7 +127,8 @@ TEST(Telemetry, TheSlowLineDecimatesAndMeans) {
             continue;
         EXPECT_EQ(k % 2, 0);
         EXPECT_EQ(line.frames.back()[16] >> 4, fast % 16) << "no counter is left out";
-        EXPECT_EQ(static_cast<std::int16_t>(line.frames.back()[10] | line.frames.back()[11] << 8), -102);
+        EXPECT_EQ(static_cast<std::int16_t>(line.frames.back()[10] | line.frames.back()[11] << 8),
+                  -102);
         ++fast;
     }
     EXPECT_EQ(fast, 200);
