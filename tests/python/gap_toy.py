@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.fit import Engine, Fit
-from vgroove.gap.folds import settle
-from vgroove.gap.hypotheses import BY_ID, CATALOGUE, Scales
+from vgroove.gap.catalogue.effects import BY_ID, CATALOGUE, Scales
+from vgroove.gap.fitting.cross_validation import settle
+from vgroove.gap.fitting.fit import Engine, Fit
 
 DT, WINDOW, COUNT = 1e-3, 250, 24
 RIG = {

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from gap_toy import SCALES, Toy
-from vgroove.gap import basins, search_state
-from vgroove.gap.fit import Engine, Fit
-from vgroove.gap.folds import settle
-from vgroove.gap.hypotheses import BY_ID
+from vgroove.gap.catalogue.effects import BY_ID
+from vgroove.gap.fitting.cross_validation import settle
+from vgroove.gap.fitting.fit import Engine, Fit
+from vgroove.gap.selection import basins, search_state
 
 TREAD = 0.06  # width of a step, in the true ripple
 SWING = 3.0 * np.exp(1j)  # the true ripple in its size: amplitude and phase

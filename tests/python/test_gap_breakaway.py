@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vgroove.gap.breakaway import impulse_rad_s, passages, with_breakaways
-from vgroove.gap.channels import RAD_S_TO_RPM, RowChannel
-from vgroove.gap.states import Observations
+from vgroove.gap.residual.breakaway import impulse_rad_s, passages, with_breakaways
+from vgroove.gap.residual.channels import RAD_S_TO_RPM, RowChannel
+from vgroove.gap.residual.restarts import Observations
 from vgroove.rig import Rig, read_rig
 
 TIME = np.arange(1, 401) * 5e-3

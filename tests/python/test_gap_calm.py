@@ -5,8 +5,8 @@ wrong with it is.
 import numpy as np
 import pytest
 
-from vgroove.gap.calm import calmed, straight_means
-from vgroove.gap.noise import command_noise, scatter
+from vgroove.gap.cleaning.denoised_command import calmed, straight_means
+from vgroove.gap.cleaning.sensor_noise import command_noise, scatter
 
 HOLDS = np.concatenate(
     [

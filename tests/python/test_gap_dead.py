@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.dead import without_dead
+from vgroove.gap.cleaning.dead_samples import without_dead
 from vgroove.log import Log
 from vgroove.rig import Rig, rig_from_dict
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from made_log import edge_times, hall_column, rig
-from vgroove.gap.edge_places import (
+from vgroove.gap.hall_edges.hidden_edges import (
     CELLS,
     Places,
     _bend,
@@ -18,8 +18,8 @@ from vgroove.gap.edge_places import (
     counted_lengths,
     unseen_lengths,
 )
-from vgroove.gap.edges import _Reader, edge_periods
-from vgroove.gap.noise import Jitter, edge_jitter, edge_sigma_rpm
+from vgroove.gap.hall_edges.jitter import Jitter, edge_jitter, edge_sigma_rpm
+from vgroove.gap.hall_edges.reader import _Reader, edge_periods
 
 FINE = np.arange(0, 30001) * 1e-4
 ROWS = FINE[::10]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gap_toy import Toy, fit_of
-from vgroove.gap.fit import Engine, Fit
-from vgroove.gap.folds import SHORTER, near, settle
+from vgroove.gap.fitting.cross_validation import SHORTER, near, settle
+from vgroove.gap.fitting.fit import Engine, Fit
 
 TORQUE = "effects.coulomb_friction.torque_nm"
 

@@ -9,10 +9,10 @@ import pytest
 
 from made_log import MadeLog, rig
 from vgroove import _core
-from vgroove.gap.columns import between
-from vgroove.gap.lost_rows import after_holes, with_lost_rows
-from vgroove.gap.measured import prepare_run
-from vgroove.gap.problem import load_problem
+from vgroove.gap.cleaning.lost_rows import after_holes, with_lost_rows
+from vgroove.gap.cleaning.missing_values import between
+from vgroove.gap.residual.measured_run import prepare_run
+from vgroove.gap.residual.problem import load_problem
 from vgroove.rig import Rig
 
 HZ = 300

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vgroove.gap.ripples import Swing, answer_to_torque, corrected, not_followed
-from vgroove.gap.states import TRUST, Observations, Restarts, local_fit
+from vgroove.gap.residual.restarts import TRUST, Observations, Restarts, local_fit
+from vgroove.gap.residual.speed_ripple import Swing, answer_to_torque, corrected, not_followed
 
 VALUES = {
     "motor.inertia_kg_m2": 1.6e-5,

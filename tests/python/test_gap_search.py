@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from gap_toy import MODELLED, SCALES, Toy
-from vgroove.gap import extend, search, search_state
-from vgroove.gap.fit import Engine, Fit
-from vgroove.gap.hypotheses import BY_ID
+from vgroove.gap.catalogue.effects import BY_ID
+from vgroove.gap.fitting.fit import Engine, Fit
+from vgroove.gap.selection import extension, search, search_state
 
 HUMP = {
     "effects.stribeck_friction.breakaway_nm": 0.01,
@@ -263,13 +263,13 @@ def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
     state.engine.remember(
         fit_at(state, {"effects.stribeck_friction.speed_rad_s": 5.0}, ("stribeck_friction",), 0)
     )
-    kept = extend.starts_beside(state, gain, stribeck)
-    assert len(kept) == 1 and len(extend.starts_beside(state, gain, stribeck, anew=True)) == 3
+    kept = extension.starts_beside(state, gain, stribeck)
+    assert len(kept) == 1 and len(extension.starts_beside(state, gain, stribeck, anew=True)) == 3
     astray = min(
-        extend.first_order(state, gain, one).held.std()
-        for one in extend.differenced(state, gain, kept)
+        extension.first_order(state, gain, one).held.std()
+        for one in extension.differenced(state, gain, kept)
     )
-    found = extend.started_anew(state, gain)
+    found = extension.started_anew(state, gain)
     assert [one.ids for one in found] == [("current_gain", "stribeck_friction")]
     assert found[0].held.std() < 0.9 * astray
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vgroove.gap.noise import differences, position_scatter, position_sigma
-from vgroove.gap.states import Driven, Observations, Restarts, local_fit
+from vgroove.gap.cleaning.sensor_noise import differences, position_scatter, position_sigma
+from vgroove.gap.residual.restarts import Driven, Observations, Restarts, local_fit
 from vgroove.rig import read_rig
 
 TIME = np.arange(200) * 1e-3
