@@ -11,7 +11,7 @@ import pytest
 from made_log import edge_times, hall_column, rig
 from vgroove.gap.hall_edges.hidden_edges import (
     CELLS,
-    Places,
+    HiddenEdges,
     _bend,
     _Cells,
     _last_in_row,
@@ -436,7 +436,9 @@ def test_a_row_shows_its_last_edge() -> None:
     """
     now = np.arange(1, 7) * 5e-3
     end = now + 1e-3 * np.array([-0.5, 0.2, -0.5, -2.2, -2.05, -0.5])
-    found = Places(end, np.full(6, 1e-4), np.array([1, 3, 2, 2, 3, 2]), np.zeros(6, dtype=bool))
+    found = HiddenEdges(
+        end, np.full(6, 1e-4), np.array([1, 3, 2, 2, 3, 2]), np.zeros(6, dtype=bool)
+    )
     placed = _last_in_row(found, now, np.full(6, 2e-3))
     assert np.allclose(placed.end_s - now, 1e-3 * np.array([-0.5, -1.8, -0.5, -0.2, -2.05, -0.5]))
     assert placed.step.tolist() == [1, 2, 3, 3, 2, 2]

@@ -23,7 +23,7 @@ from vgroove.gap.verdict import location
 )
 def test_the_share_lies_where_the_effect_is(name: str, size: float, place: str) -> None:
     state, finding = decided(Toy({f"effects.{name}": size}))
-    shares = location.shares(state, finding.best, FLOOR)
+    shares = location.shapley_shares(state, finding.best, FLOOR)
     assert sum(shares.values()) == pytest.approx(1.0)
     assert max(shares, key=shares.get) == place and shares[place] > 0.9
     assert all(v >= 0.0 for v in shares.values())
@@ -33,7 +33,7 @@ def test_two_places_share() -> None:
     state, finding = decided(
         Toy({"effects.coulomb_friction.torque_nm": 0.003, "effects.current_offset.offset_a": 0.5})
     )
-    shares = location.shares(state, finding.best, FLOOR)
+    shares = location.shapley_shares(state, finding.best, FLOOR)
     assert shares["motor_mechanical"] > 0.2 and shares["sensor_current"] > 0.2
     assert sum(shares.values()) == pytest.approx(1.0)
 

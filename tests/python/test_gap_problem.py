@@ -459,7 +459,9 @@ def test_warnings_of_the_reader_and_of_dead_columns_reach_the_verdict(log: MadeL
 @pytest.mark.parametrize("step", [0.02, 2.0 * np.pi / 4096])
 def test_the_resolution_of_a_fast_encoder_is_seen(step: float) -> None:
     angle = 0.5 * 900.0 * np.linspace(0.0, 1.0, 1001) ** 2 + 40.0 * np.linspace(0.0, 1.0, 1001)
-    assert sensor_noise.step_of(np.round(angle / step) * step) == pytest.approx(step, rel=1e-6)
+    assert sensor_noise.resolution_of(np.round(angle / step) * step) == pytest.approx(
+        step, rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("shift_s", [-3.0, 1000.0])

@@ -212,7 +212,7 @@ def test_two_further_effects_are_looked_for_while_a_gap_is_left(
     state = Stepped(gaps, {1: True, 2: second, 3: True})
     monkeypatch.setattr(search, "simplest", lambda _, best, base=None: best)
     monkeypatch.setattr(search, "rescale", lambda _: None)
-    monkeypatch.setattr(search, "deepest", lambda _, best: best)
+    monkeypatch.setattr(search, "deepest_minimum", lambda _, best: best)
     monkeypatch.setattr(search, "distinct", lambda promised: promised)
     monkeypatch.setattr(search, "extensions", lambda state, base: state.ranked(len(base.ids) + 1))
     monkeypatch.setattr(
@@ -269,7 +269,7 @@ def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
         extension.first_order(state, gain, one).held.std()
         for one in extension.differenced(state, gain, kept)
     )
-    found = extension.started_anew(state, gain)
+    found = extension.restarted_extensions(state, gain)
     assert [one.ids for one in found] == [("current_gain", "stribeck_friction")]
     assert found[0].held.std() < 0.9 * astray
 

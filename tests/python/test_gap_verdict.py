@@ -10,7 +10,7 @@ import pytest
 
 from gap_toy import KINDS, MODELLED, SCALES, Toy
 from vgroove.gap.catalogue.effects import BY_ID
-from vgroove.gap.fitting.cross_validation import settle
+from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.fit import Engine
 from vgroove.gap.selection import search, search_state
 from vgroove.gap.selection.model_comparison import (
@@ -595,7 +595,7 @@ def test_no_search_goes_on_from_an_effect_that_cannot_be_seen(
         lambda fit: seen,
     )
     monkeypatch.setattr(search, "simplest", lambda _, best, base=None: best)
-    monkeypatch.setattr(search, "deepest", lambda _, best: best)
+    monkeypatch.setattr(search, "deepest_minimum", lambda _, best: best)
     monkeypatch.setattr(search, "grow", lambda *_: None)
     assert search.forward(state) == (one if seen else state.retuned)
 
@@ -623,7 +623,7 @@ def test_kept_key_columns_lead_to_the_same_fit() -> None:
     for kept in (False, True):
         engine = Engine(toy, SCALES, tolerance)
         retuned = engine.fit(engine.hypotheses([]))[0]
-        settle(engine, [retuned])
+        predict_held_out(engine, [retuned])
         engine.key_columns = retuned.jacobian if kept else None
         fits.append(engine.fit(engine.hypotheses([BY_ID["added_inertia"]], retuned.x), 12)[0])
         calls = engine.calls

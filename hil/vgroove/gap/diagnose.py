@@ -14,9 +14,9 @@ from vgroove.gap.fitting.fit import Engine, Fit
 from vgroove.gap.next_run import experiment_design
 from vgroove.gap.residual.problem import Problem, load_problem
 from vgroove.gap.selection import search
-from vgroove.gap.selection.intervals import Estimate, in_contract_form, over_long_stretches
+from vgroove.gap.selection.intervals import Estimate, in_catalogue_form, over_long_stretches
 from vgroove.gap.selection.search_state import Rows, Search, begin
-from vgroove.gap.selection.single_effects import turn_for_good
+from vgroove.gap.selection.single_effects import align_to_selection
 from vgroove.gap.verdict import decision, location
 from vgroove.rig import WORDS, Rig
 
@@ -78,7 +78,7 @@ def diagnose(
     state = begin(engine, available(kinds, frozenset(without)), rows, seed, tell)
     state.without = frozenset(without)
     best, rivals = search.run(state)
-    best, problem = turn_for_good(state, problem, best), state.engine.problem
+    best, problem = align_to_selection(state, problem, best), state.engine.problem
     tell("what is left, and where it lies")
     drivers = drivers_of(problem, best.theta(problem.theta0))
     left = location.remaining(
@@ -104,7 +104,7 @@ def shown_of(state: Search, finding: decision.Finding) -> Fit:
     return (
         state.retuned
         if finding.verdict in ("none", "unlisted")
-        else in_contract_form(state, finding.best)
+        else in_catalogue_form(state, finding.best)
     )
 
 
@@ -120,7 +120,7 @@ def assemble(
 ) -> dict[str, Any]:
     """The verdict as the contract's JSON."""
     floor = problem.floor()
-    share = location.shares(state, finding.best, floor) if finding.verdict != "none" else {}
+    share = location.shapley_shares(state, finding.best, floor) if finding.verdict != "none" else {}
     known = {k: v for k, v in share.items() if k != "unexplained"}
     same = decision.indistinguishable(problem, state, finding, kinds, floor)
     out = {

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.cleaning.missing_values import held
-from vgroove.gap.cleaning.sensor_noise import scatter
+from vgroove.gap.cleaning.missing_values import hold_last_value
+from vgroove.gap.cleaning.sensor_noise import high_frequency_sigma
 from vgroove.rig import Rig
 
 MEASURED = ("current_a", "supply_v", "speed_rpm", "position_rad")
@@ -33,7 +33,7 @@ PITCHES = 3.0  # edges that a speed must leave in a time-out before it cannot be
 SHORT_TIMEOUT_S = 0.05
 
 
-def without_dead(log: Any, rig: Rig) -> Any:
+def remove_dead_samples(log: Any, rig: Rig) -> Any:
     """The log with dead samples as nan and a warning for each column that had any; VgrooveError
     where no measured column ever changes.
     """
@@ -79,11 +79,11 @@ def driven(columns: dict[str, np.ndarray], rig: Rig) -> np.ndarray:
     """
     command = columns.get(rig.input["kind"])
     known = (
-        held(command) != 0.0
+        hold_last_value(command) != 0.0
         if command is not None
         else np.ones(len(next(iter(columns.values()))), bool)
     )
-    return known & (held(columns["coast"]) == 0.0) if "coast" in columns else known
+    return known & (hold_last_value(columns["coast"]) == 0.0) if "coast" in columns else known
 
 
 def usual_change(values: np.ndarray) -> float:
@@ -124,14 +124,17 @@ def spiked(columns: dict[str, np.ndarray], name: str, rig: Rig) -> np.ndarray:
     out = np.zeros(len(values), bool)
     if name == "speed_rpm" or command is None or len(values) < 4 * BESIDE:
         return out
-    whole, limit = held(values), SPIKE * max(usual_change(values[np.isfinite(values)]), 1e-12)
+    whole, limit = (
+        hold_last_value(values),
+        SPIKE * max(usual_change(values[np.isfinite(values)]), 1e-12),
+    )
     around = np.lib.stride_tricks.sliding_window_view(np.pad(whole, 2, mode="edge"), 5)[
         :, [0, 1, 3, 4]
     ]
     far = np.abs(whole - np.median(around, axis=1)) > limit
-    still = maximum_filter1d(held(command), 7) - minimum_filter1d(
-        held(command), 7
-    ) <= STILL * np.ptp(held(command))
+    still = maximum_filter1d(hold_last_value(command), 7) - minimum_filter1d(
+        hold_last_value(command), 7
+    ) <= STILL * np.ptp(hold_last_value(command))
     out = far & (np.ptp(around, axis=1) < 0.5 * limit) & still & np.isfinite(values)
     return out if out.mean() < MANY else np.zeros(len(values), bool)
 
@@ -215,7 +218,9 @@ def _jumps(columns: dict[str, np.ndarray], name: str, rig: Rig, last: int) -> bo
     after = values[last + 1 : last + 1 + BESIDE]
     if command is None or not len(after) or _pitch_s(rig, 1.0) * (name == "speed_rpm") > 0.0:
         return False
-    if np.ptp(held(command)[last : last + 1 + BESIDE]) > STILL * np.ptp(held(command)):
+    if np.ptp(hold_last_value(command)[last : last + 1 + BESIDE]) > STILL * np.ptp(
+        hold_last_value(command)
+    ):
         return False
     changes = np.abs(np.diff(values[np.isfinite(values)]))
     changing = changes[changes > 0.0]
@@ -234,10 +239,10 @@ def _moves(columns: dict[str, np.ndarray], name: str, rig: Rig, first: int, last
         values = columns.get(other)
         if values is None or not np.isfinite(values[first : last + 1]).any():
             continue
-        whole = held(values)
+        whole = hold_last_value(values)
         middles = [np.median(part) for part in np.array_split(whole[first : last + 1], PARTS)]
         span = float(np.subtract(*np.quantile(whole, [0.99, 0.01])))
-        noise = 0.0 if other == rig.input["kind"] else scatter(values)
+        noise = 0.0 if other == rig.input["kind"] else high_frequency_sigma(values)
         if np.ptp(middles) > max(
             MOVES * span, FAR * noise / np.sqrt(max(1.0, (last - first) / PARTS)), 1e-12
         ):

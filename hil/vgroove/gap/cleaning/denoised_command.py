@@ -19,7 +19,7 @@ LEAST_AVERAGED = 5  # samples in a mean beside which a scatter shows
 
 
 @dataclass(frozen=True)
-class Calm:
+class DenoisedCommand:
     """A command (rows,) and 1 sigma of what is wrong with it: noise_v in a mean of so many samples
     (averaged), which lasts for as many rows, and fast_v, from row to row; both (rows,) or a number.
     """
@@ -30,7 +30,7 @@ class Calm:
     fast_v: np.ndarray | float = 0.0
 
 
-def calmed(values: np.ndarray) -> Calm:
+def denoise_command(values: np.ndarray) -> DenoisedCommand:
     """Each sample (n,) as the mean of the widest window around it that does not bend, as many on
     both sides: straight lines stay.
 
@@ -40,18 +40,18 @@ def calmed(values: np.ndarray) -> Calm:
     """
     scatter = command_noise(values)
     if scatter == 0.0:
-        return Calm(values)
+        return DenoisedCommand(values)
     mean, averaged = straight_means(values, scatter)
     rest = values - mean
     wide = averaged >= LEAST_AVERAGED
     moves = moving(mean, averaged, scatter)
     if np.count_nonzero(wide & ~moves) < FEWEST_ROWS:
-        return Calm(mean + 0.5 * rest, 0.0, 1.0, 0.5 * scatter)
+        return DenoisedCommand(mean + 0.5 * rest, 0.0, 1.0, 0.5 * scatter)
     noise_v = float(np.sqrt(np.mean(rest[wide & ~moves] ** 2)))
     mine = wide & moves
     own = max(0.0, power(rest, mine) - noise_v**2) if np.count_nonzero(mine) >= FEWEST_ROWS else 0.0
     real = np.where(moves, own / (own + noise_v**2), 0.0)
-    return Calm(mean + real * rest, noise_v, averaged, np.sqrt(real) * noise_v)
+    return DenoisedCommand(mean + real * rest, noise_v, averaged, np.sqrt(real) * noise_v)
 
 
 def straight_means(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:

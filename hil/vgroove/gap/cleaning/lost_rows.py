@@ -20,7 +20,7 @@ FAR = 4.0  # sigma that a row lies off both readings, where a step of the comman
 SURE = 9.0  # squared sigmas by which the rows together must speak for lost ones
 
 
-def after_holes(time_s: np.ndarray) -> np.ndarray:
+def rows_after_holes(time_s: np.ndarray) -> np.ndarray:
     """Rows (k,) of an otherwise even clock before which one or several rows are missing."""
     steps = np.diff(time_s)
     usual = float(np.median(steps)) if len(steps) else 1.0
@@ -34,7 +34,7 @@ def after_holes(time_s: np.ndarray) -> np.ndarray:
     )
 
 
-def speaks_for_lost(
+def evidence_for_lost_rows(
     time_s: np.ndarray, values: np.ndarray, after: np.ndarray, sigma: float
 ) -> float:
     """Squared sigmas by which a column of means (n,) lies, after each hole, nearer to its
@@ -66,19 +66,22 @@ def cubic(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
     return total
 
 
-def with_lost_rows(log: Any, rig: Rig) -> Any:
+def insert_lost_rows(log: Any, rig: Rig) -> Any:
     """The log with an empty row where the last row of each hole is missing, if its current shows
     means over the last interval alone; else a row's interval is what the contract says: since the
     row before.
     """
     time_s, after = (
         np.asarray(log.time_s, dtype=float),
-        after_holes(np.asarray(log.time_s, dtype=float)),
+        rows_after_holes(np.asarray(log.time_s, dtype=float)),
     )
     if not len(after) or "current_a" not in log.columns or rig.input["kind"] == "current_a":
         return log
     current = np.asarray(log.columns["current_a"], dtype=float)
-    if not speaks_for_lost(time_s, current, after, column_sigma(rig, "current_a", current)) > SURE:
+    if (
+        not evidence_for_lost_rows(time_s, current, after, column_sigma(rig, "current_a", current))
+        > SURE
+    ):
         return log
     lost_s = time_s[after] - float(np.median(np.diff(time_s)))
     columns = {

@@ -16,31 +16,35 @@ DIFFERENCE_ORDERS = range(3, 9)  # of a position, in which white noise is looked
 RPM = 2.0 * np.pi / 60.0
 MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 # a noiseless log must not divide by zero
-LEAST_SIGMA = {"current_a": 1e-3, "supply_v": 1e-3, "speed_rpm": 1e-2, "position_rad": 1e-9}
+MIN_SIGMA = {"current_a": 1e-3, "supply_v": 1e-3, "speed_rpm": 1e-2, "position_rad": 1e-9}
 
 
-def kept(window: int, order: int) -> float:
+def residual_power_share(window: int, order: int) -> float:
     """Share of the power of white noise that a smooth line through a window around each sample
     leaves.
     """
     return 1.0 - float(savgol_coeffs(window, order)[window // 2])
 
 
-KEPT = kept(SCATTER_WINDOW, SCATTER_ORDER)
+RESIDUAL_POWER_SHARE = residual_power_share(SCATTER_WINDOW, SCATTER_ORDER)
 
 
-def scatter(values: np.ndarray) -> float:
+def high_frequency_sigma(values: np.ndarray) -> float:
     """Standard deviation of a column's (n,) high-frequency scatter, robust against steps; nan where
     fewer than 20 samples are there.
     """
     finite = values[np.isfinite(values)]
     if len(finite) < 20:
         return float("nan")
-    spread = usual_scatter(finite)
-    return spread if spread > 0.0 else float(fast_part(finite).std() / np.sqrt(KEPT))
+    spread = typical_sigma(finite)
+    return (
+        spread
+        if spread > 0.0
+        else float(high_pass_residual(finite).std() / np.sqrt(RESIDUAL_POWER_SHARE))
+    )
 
 
-def usual_scatter(values: np.ndarray) -> float:
+def typical_sigma(values: np.ndarray) -> float:
     """Standard deviation of the scatter of a column (n,) in most of its samples; 0 where most
     repeat the one before. Motion only adds: where steps follow one another closely, windows that
     reach across fewer of them tell.
@@ -55,9 +59,11 @@ def _usual(values: np.ndarray, window: int, order: int) -> float:
     """Standard deviation of white noise that leaves as much as most samples (n,) depart from a line
     through a window around them.
     """
-    residual = fast_part(values, window, order)
+    residual = high_pass_residual(values, window, order)
     return float(
-        MAD * np.median(np.abs(residual - np.median(residual))) / np.sqrt(kept(window, order))
+        MAD
+        * np.median(np.abs(residual - np.median(residual)))
+        / np.sqrt(residual_power_share(window, order))
     )
 
 
@@ -66,18 +72,20 @@ def command_noise(values: np.ndarray) -> float:
     step of the column is its rounding.
     """
     finite = values[np.isfinite(values)]
-    spread = usual_scatter(finite) if len(finite) >= SCATTER_WINDOW else 0.0
-    return spread if spread > 0.5 * step_of(finite) else 0.0
+    spread = typical_sigma(finite) if len(finite) >= SCATTER_WINDOW else 0.0
+    return spread if spread > 0.5 * resolution_of(finite) else 0.0
 
 
-def fast_part(
+def high_pass_residual(
     values: np.ndarray, window: int = SCATTER_WINDOW, order: int = SCATTER_ORDER
 ) -> np.ndarray:
     """What a smooth line through a column (n,) leaves: its noise, and its rounding."""
     return values - savgol_filter(values, window, order)
 
 
-def differences(time_s: np.ndarray, values: np.ndarray, order: int, rows: int = 1) -> np.ndarray:
+def divided_differences(
+    time_s: np.ndarray, values: np.ndarray, order: int, rows: int = 1
+) -> np.ndarray:
     """Divided differences of a column (n,) at its times (n,), each over instants so many rows
     apart: a polynomial of a lower order leaves nothing, however uneven the rows, and white noise
     itself.
@@ -97,7 +105,9 @@ def position_scatter(time_s: np.ndarray, values: np.ndarray) -> float:
     known = np.isfinite(values)
     if np.count_nonzero(known) < 20:
         return float("nan")
-    found = (differences(time_s[known], values[known], order) for order in DIFFERENCE_ORDERS)
+    found = (
+        divided_differences(time_s[known], values[known], order) for order in DIFFERENCE_ORDERS
+    )
     return float(min(MAD * np.median(np.abs(d - np.median(d))) for d in found))
 
 
@@ -105,10 +115,8 @@ def position_sigma(rig: Rig, time_s: np.ndarray, values: np.ndarray) -> float:
     """1 sigma of the samples (n,) of an angle at their times (n,), rad: the log's scatter, at least
     its quantisation.
     """
-    rounding = rig.sensors.get("position_lsb_rad", step_of(values)) / np.sqrt(12.0)
-    return float(
-        np.nanmax([position_scatter(time_s, values), rounding, LEAST_SIGMA["position_rad"]])
-    )
+    rounding = rig.sensors.get("position_lsb_rad", resolution_of(values)) / np.sqrt(12.0)
+    return float(np.nanmax([position_scatter(time_s, values), rounding, MIN_SIGMA["position_rad"]]))
 
 
 def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
@@ -120,13 +128,17 @@ def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
         "supply_v": ("supply_noise_v", ""),
         "speed_rpm": ("speed_noise_rpm", "speed_lsb_rpm"),
     }[column]
-    rounding = rig.sensors.get(lsb_key, step_of(values)) / np.sqrt(12.0)
+    rounding = rig.sensors.get(lsb_key, resolution_of(values)) / np.sqrt(12.0)
     noise = rig.sensors.get(noise_key)
-    sigma = np.hypot(noise, rounding) if noise is not None else max(scatter(values), rounding)
-    return float(max(sigma, LEAST_SIGMA[column]))
+    sigma = (
+        np.hypot(noise, rounding)
+        if noise is not None
+        else max(high_frequency_sigma(values), rounding)
+    )
+    return float(max(sigma, MIN_SIGMA[column]))
 
 
-def step_of(command: np.ndarray) -> float:
+def resolution_of(command: np.ndarray) -> float:
     """Resolution of a column: the greatest step of which all differences between its values are
     multiples, at most the smallest difference.
 
@@ -148,7 +160,7 @@ def step_of(command: np.ndarray) -> float:
     return least
 
 
-def last_digit(command: np.ndarray) -> float:
+def decimal_resolution(command: np.ndarray) -> float:
     """Value of the last decimal digit that a column is rounded to; 0 where values look exact: up to
     three decimals, or more than six.
     """

@@ -11,14 +11,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from vgroove.gap.fitting.fit import Engine, Fit, around
-from vgroove.gap.fitting.neighbour_points import SPREADS, ring
+from vgroove.gap.fitting.neighbour_points import SPREADS, ripple_neighbours
 
 SHORTER = 2  # times a fold's step is shortened that makes its own rows worse
 
 Step = tuple[Fit, int, np.ndarray]
 
 
-def settle(engine: Engine, fits: Sequence[Fit]) -> None:
+def predict_held_out(engine: Engine, fits: Sequence[Fit]) -> None:
     """Replace first-order held-out predictions by simulated ones, fold by fold, and refresh the
     Jacobians.
     """
@@ -77,7 +77,7 @@ def near(one: Fit) -> np.ndarray:
     )
     points = [
         one.x[None, :],
-        *(ring(one, spread) for spread in SPREADS),
+        *(ripple_neighbours(one, spread) for spread in SPREADS),
         around(one.x, steps),
         around(one.x, -steps),
     ]

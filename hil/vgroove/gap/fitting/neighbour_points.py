@@ -11,7 +11,7 @@ SPREADS = (0.4, 0.2, 0.1, 0.05)
 SIDE = np.linspace(-1.0, 1.0, 5)
 
 
-def ring(one: Fit, spread: float) -> np.ndarray:
+def ripple_neighbours(one: Fit, spread: float) -> np.ndarray:
     """Points (k, p) around a fit, one torque that follows the angle moved in each: its amplitude
     and phase as a complex number, times 1 and up to spread more or less along and across.
     """

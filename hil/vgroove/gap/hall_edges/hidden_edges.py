@@ -39,7 +39,7 @@ CONTRADICTED = 0.05  # of the rows: beyond that the chain holds an edge too many
 
 
 @dataclass(frozen=True)
-class Places:
+class HiddenEdges:
     """Of each edge that a row shows (m,): its time, the half width of what is known about it, edges
     since the one before, and whether the row's speed is not the period that it ends but the wait
     since.
@@ -131,7 +131,7 @@ def unseen_lengths(previous_s: float, period_s: float, most: int) -> np.ndarray:
     return np.tril(1.0 / np.sqrt(rate)).sum(axis=1)
 
 
-class Chain(Protocol):
+class RowChain(Protocol):
     """Edges that follow one another, a row each: see edges.py."""
 
     row: list[int]
@@ -141,9 +141,9 @@ class Chain(Protocol):
     falls: list[tuple[int, int, float]]
 
 
-def places(
-    now_s: np.ndarray, start_s: np.ndarray, chain: Chain, half_lsb_rpm: float, counts: bool
-) -> Places | None:
+def track_hidden_edges(
+    now_s: np.ndarray, start_s: np.ndarray, chain: RowChain, half_lsb_rpm: float, counts: bool
+) -> HiddenEdges | None:
     """Places of a chain's edges, which rows from start_s to now_s (m,) show, each later than the
     row read before; None where the rows contradict one another.
     """
@@ -198,7 +198,7 @@ def places(
     return found if found is None or counts else _last_in_row(found, now_s, period)
 
 
-def _last_in_row(found: Places, now_s: np.ndarray, period_s: np.ndarray) -> Places:
+def _last_in_row(found: HiddenEdges, now_s: np.ndarray, period_s: np.ndarray) -> HiddenEdges:
     """Places of which each is that of the last edge before its row's end: when a row passed, its
     cell may have been too wide to tell.
     """
@@ -213,7 +213,7 @@ def _last_in_row(found: Places, now_s: np.ndarray, period_s: np.ndarray) -> Plac
                 else -float(unseen_first(period_s[i], period_s[i + 1], step[i + 1] + 1))
             )
             step[i], step[i + 1] = step[i] + more, step[i + 1] - more
-    return Places(end, found.slack_s, step, found.waited)
+    return HiddenEdges(end, found.slack_s, step, found.waited)
 
 
 def _follow(
@@ -444,7 +444,7 @@ def _renew(cells: _Cells, counts: bool) -> tuple[np.ndarray, np.ndarray]:
     return parent, shift
 
 
-def _traced(cells: _Cells, path: _Path, rounding_s: np.ndarray) -> Places | None:
+def _traced(cells: _Cells, path: _Path, rounding_s: np.ndarray) -> HiddenEdges | None:
     """Mean and spread over the cells of each edge's time, each cell's path followed back: what
     moved a cell moves its past.
     """
@@ -479,4 +479,4 @@ def _traced(cells: _Cells, path: _Path, rounding_s: np.ndarray) -> Places | None
         )
         half[part] = np.minimum(path.half_s[part], ahead.min(axis=1)) if len(part) else half[part]
     known = np.hypot(spread, half / np.sqrt(3.0))
-    return Places(end, np.sqrt(3.0) * known + rounding_s + TICK_S, step, waited)
+    return HiddenEdges(end, np.sqrt(3.0) * known + rounding_s + TICK_S, step, waited)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from vgroove.gap.cleaning.sensor_noise import LEAST_SIGMA, RPM
-from vgroove.gap.hall_edges.missed_edges import as_if_seen, loosened
+from vgroove.gap.cleaning.sensor_noise import MIN_SIGMA, RPM
+from vgroove.gap.hall_edges.missed_edges import as_single_pitches, widen_beside_missed
 from vgroove.gap.hall_edges.reader import COUNTING_PULSES, EdgePeriods
 from vgroove.rig import Rig
 
@@ -123,8 +123,10 @@ def sigma_with_missed_rpm(rig: Rig, edges: EdgePeriods, missed: np.ndarray) -> n
     jitter is that of the edges as if seen.
     """
     rounding = rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0)
-    jitter = edge_jitter(as_if_seen(edges, missed), rig.sensors["hall_pulses_per_rev"], rounding)
-    return edge_sigma_rpm(rig, loosened(edges, missed), jitter)
+    jitter = edge_jitter(
+        as_single_pitches(edges, missed), rig.sensors["hall_pulses_per_rev"], rounding
+    )
+    return edge_sigma_rpm(rig, widen_beside_missed(edges, missed), jitter)
 
 
 def edge_sigma_rpm(rig: Rig, edges: EdgePeriods, jitter: Jitter) -> np.ndarray:
@@ -140,7 +142,7 @@ def edge_sigma_rpm(rig: Rig, edges: EdgePeriods, jitter: Jitter) -> np.ndarray:
         + noise**2
         + edge**2
         + _place_error_rpm(edges) ** 2
-        + LEAST_SIGMA["speed_rpm"] ** 2
+        + MIN_SIGMA["speed_rpm"] ** 2
     )
 
 

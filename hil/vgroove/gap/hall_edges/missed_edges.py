@@ -30,8 +30,8 @@ def missed_edges(edges: EdgePeriods) -> np.ndarray:
     cuts = np.flatnonzero(apart | (np.sign(speed[1:]) != np.sign(speed[:-1]))) + 1
     for part in np.split(np.arange(len(whole)), cuts):
         if len(part) > 2 * BESIDE:
-            missed[whole[part]] = believable(
-                np.log(np.abs(speed[part])), pitches(np.log(np.abs(speed[part])))
+            missed[whole[part]] = consistent_missed_edges(
+                np.log(np.abs(speed[part])), most_likely_pitches(np.log(np.abs(speed[part])))
             )
     return missed if edges.missed is None else np.maximum(missed, edges.missed)
 
@@ -42,7 +42,7 @@ def _neighbours(edges: EdgePeriods, whole: np.ndarray) -> tuple[np.ndarray, np.n
     return length[:-1], length[1:]
 
 
-def pitches(level: np.ndarray) -> np.ndarray:
+def most_likely_pitches(level: np.ndarray) -> np.ndarray:
     """Pitches (m,) in each period that make the logarithms of speed (m,) bend least (Viterbi over
     pairs of neighbours).
     """
@@ -66,7 +66,7 @@ def pitches(level: np.ndarray) -> np.ndarray:
     return np.array(found[::-1]) + 1
 
 
-def believable(level: np.ndarray, count: np.ndarray) -> np.ndarray:
+def consistent_missed_edges(level: np.ndarray, count: np.ndarray) -> np.ndarray:
     """Missed edges (m,) of those periods that fall in with the corrected speed beside them."""
     corrected = level + np.log(count)
     around = np.lib.stride_tricks.sliding_window_view(
@@ -75,13 +75,13 @@ def believable(level: np.ndarray, count: np.ndarray) -> np.ndarray:
     return np.where(np.abs(corrected - np.median(around, axis=1)) < NEAR, count - 1, 0)
 
 
-def with_missed_counted(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
+def count_missed_edges(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
     """The periods with what the sensor passed over in their count of edges."""
     unseen = np.cumsum(np.where(edges.falling, 0, missed * np.sign(edges.speed_rpm).astype(int)))
     return replace(edges, count=np.where(edges.falling, edges.count, edges.count + unseen))
 
 
-def loosened(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
+def widen_beside_missed(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
     """The periods with what a missed edge leaves open beside it: rows that show only the last of
     several periods place it by counting.
     """
@@ -93,7 +93,7 @@ def loosened(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
     )
 
 
-def as_if_seen(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
+def as_single_pitches(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
     """The periods cut down to one pitch each, as a sensor that misses nothing shows the last of
     them: what edge jitter is read from.
     """

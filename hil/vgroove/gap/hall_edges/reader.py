@@ -10,7 +10,13 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 from scipy.optimize import minimize_scalar
 
-from vgroove.gap.hall_edges.hidden_edges import BEND_SHARE, PLAIN, TICK_S, counted_lengths, places
+from vgroove.gap.hall_edges.hidden_edges import (
+    BEND_SHARE,
+    PLAIN,
+    TICK_S,
+    counted_lengths,
+    track_hidden_edges,
+)
 
 CHANGING_S = 1e-5  # from edge to edge: no two periods that follow one another are alike then
 WAIT_SLACK_S = 1e-5  # a falling row may miss the chain by this much; the row after it decides
@@ -650,7 +656,7 @@ def _part_located(
     )
     start = starts[row]
     found, waited = (
-        places(time_s[row], start, chain, half_lsb_rpm, counts) if hidden else None,
+        track_hidden_edges(time_s[row], start, chain, half_lsb_rpm, counts) if hidden else None,
         np.zeros(len(row), dtype=bool),
     )
     if found is None:

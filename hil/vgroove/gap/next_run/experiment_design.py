@@ -64,7 +64,7 @@ def propose(problem: Problem, state: Search, finding: Finding) -> dict[str, Any]
     (the run that shows more of the gap).
     """
     if finding.verdict == "ambiguous":
-        return parting(problem, state, finding)
+        return most_separating_run(problem, state, finding)
     if finding.verdict == "unlisted":
         follows = finding.left.best_correlate
         runs = {c.name: c for c in runs_of(problem)}
@@ -82,7 +82,7 @@ def propose(problem: Problem, state: Search, finding: Finding) -> dict[str, Any]
     return None
 
 
-def parting(problem: Problem, state: Search, finding: Finding) -> dict[str, Any]:
+def most_separating_run(problem: Problem, state: Search, finding: Finding) -> dict[str, Any]:
     """The run in which the least of the differences between the selected set and its rivals is
     largest.
     """

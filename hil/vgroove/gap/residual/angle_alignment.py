@@ -26,7 +26,7 @@ CLIP = 10.0
 
 
 @dataclass(frozen=True)
-class Stretches:
+class AngleStretches:
     """of (n,): stretch of each residual; rest: whether each is the way from a rest to the first
     edge; first: whether it is its log's first but for that; log: which it lies in; restart: of each
     log's restarts.
@@ -49,7 +49,7 @@ class Stretches:
         return int(np.argmax(self.first))
 
 
-def stretches(problem: "Problem") -> Stretches:
+def angle_stretches(problem: "Problem") -> AngleStretches:
     """Stretches of all logs: a new one at the first restart after each instant at which the count
     may be lost.
     """
@@ -70,10 +70,10 @@ def stretches(problem: "Problem") -> Stretches:
         log += [j] * count
         restart.append(group)
         number += count
-    return Stretches(of, np.array(rest), np.array(first), np.array(log), restart)
+    return AngleStretches(of, np.array(rest), np.array(first), np.array(log), restart)
 
 
-def turned(problem: "Problem", parts: Stretches, shift_rad: np.ndarray) -> "Problem":
+def with_angle_shift(problem: "Problem", parts: AngleStretches, shift_rad: np.ndarray) -> "Problem":
     """The problem with each stretch's shaft standing shift_rad (stretches,) further on."""
     runs = []
     for run, group in zip(problem.runs, parts.restart, strict=True):
@@ -83,12 +83,12 @@ def turned(problem: "Problem", parts: Stretches, shift_rad: np.ndarray) -> "Prob
     return replace(problem, runs=tuple(runs))
 
 
-def active(problem: "Problem", theta: np.ndarray) -> list[str]:
+def active_periodic_effects(problem: "Problem", theta: np.ndarray) -> list[str]:
     """Effects of a parameter vector that follow the angle."""
     return [i for i, size in PERIODIC.items() if theta[problem.index(f"effects.{i}.{size}")] != 0.0]
 
 
-def offsets(problem: "Problem", parts: Stretches, stretch: int, periods: float) -> np.ndarray:
+def offsets(problem: "Problem", parts: AngleStretches, stretch: int, periods: float) -> np.ndarray:
     """Offsets (k,) in rad that a stretch may have for an effect of so many periods a motor turn:
     with edges whole pitches, over a turn (at a log's start: over the effect's period); without
     edges at a log's start, and at a rest before the first edge, anything.
@@ -116,32 +116,36 @@ def periods_of(problem: "Problem", theta: np.ndarray) -> float:
         "hall_eccentricity": 1.0,
         "gear_eccentricity": 1.0 / problem.rig.gearbox["ratio"],
     }
-    return min(every[i] for i in active(problem, theta))
+    return min(every[i] for i in active_periodic_effects(problem, theta))
 
 
-def aligned(problem: "Problem", theta: np.ndarray) -> "Problem":
+def align_angles(problem: "Problem", theta: np.ndarray) -> "Problem":
     """The problem with the offset of every stretch that leaves least of the gap under theta (P,);
     as it is if nothing follows the angle.
     """
-    parts = stretches(problem)
-    if parts.count < 2 or not active(problem, theta) or problem.rig.load["kind"] == "pendulum":
+    parts = angle_stretches(problem)
+    if (
+        parts.count < 2
+        or not active_periodic_effects(problem, theta)
+        or problem.rig.load["kind"] == "pendulum"
+    ):
         return problem
     choices = [offsets(problem, parts, g, periods_of(problem, theta)) for g in range(parts.count)]
     choices[parts.reference] = np.zeros(1)
     best, shift = np.full(parts.count, np.inf), np.zeros(parts.count)
     for k in range(max(len(c) for c in choices)):
         trial = np.array([c[k] if k < len(c) else 0.0 for c in choices])
-        residual = turned(problem, parts, trial).residuals(theta)[0]
+        residual = with_angle_shift(problem, parts, trial).residuals(theta)[0]
         cost = np.bincount(
             parts.of, weights=np.minimum(np.abs(residual), CLIP) ** 2, minlength=parts.count
         )
         better = cost < best - (WORTH if k else 0.0)
         best, shift = np.where(better, cost, best), np.where(better, trial, shift)
-    return turned(problem, parts, shift)
+    return with_angle_shift(problem, parts, shift)
 
 
 @dataclass(frozen=True)
-class Swing:
+class FirstOrderRipple:
     """What a small effect that follows the angle would do, to first order: periods a motor turn,
     normal matrices (stretches, 2, 2) and gradients (stretches, 2) of the squared residual over its
     sine and cosine amplitudes.
@@ -152,7 +156,9 @@ class Swing:
     gradient: np.ndarray
 
     @staticmethod
-    def of(parts: Stretches, periods: float, residual: np.ndarray, columns: np.ndarray) -> "Swing":
+    def of(
+        parts: AngleStretches, periods: float, residual: np.ndarray, columns: np.ndarray
+    ) -> "FirstOrderRipple":
         """From residuals (n,) and their derivatives (n, 2)."""
         weight = np.minimum(1.0, CLIP / np.maximum(np.abs(residual), 1e-9))
         products = weight[:, None] * np.column_stack(
@@ -161,7 +167,7 @@ class Swing:
         sums = np.stack(
             [np.bincount(parts.of, weights=p, minlength=parts.count) for p in products.T], axis=1
         )
-        return Swing(periods, sums[:, :4].reshape(-1, 2, 2), sums[:, 4:])
+        return FirstOrderRipple(periods, sums[:, :4].reshape(-1, 2, 2), sums[:, 4:])
 
     def seen_from(self, stretch: int, shift_rad: float) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and gradient of one stretch over the amplitudes of a shaft that stands

@@ -51,7 +51,7 @@ def impulse_rad_s(rig: Rig, acceleration: np.ndarray) -> np.ndarray:
     )
 
 
-def with_breakaways(
+def widen_after_breakaway(
     channels: tuple[Channel, ...],
     seen: Observations | None,
     rig: Rig,

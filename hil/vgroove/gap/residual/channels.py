@@ -19,7 +19,7 @@ Simulation = dict[str, np.ndarray]  # (B, rows) arrays of vgroove._core.simulate
 
 
 @dataclass(frozen=True)
-class Places:
+class InterpolationPoints:
     """Instants (m,) between rows, for cubic Hermite interpolation: row at the interval's end, share
     of it that has passed, its length.
     """
@@ -29,14 +29,16 @@ class Places:
     length_s: np.ndarray
 
     @staticmethod
-    def of(time_s: np.ndarray, instants_s: np.ndarray) -> "Places":
+    def of(time_s: np.ndarray, instants_s: np.ndarray) -> "InterpolationPoints":
         """Places of instants between a log's rows; those before the first row are moved to it."""
         row = np.clip(np.searchsorted(time_s, instants_s, side="left"), 1, len(time_s) - 1)
         length = time_s[row] - time_s[row - 1]
-        return Places(row, np.clip((instants_s - time_s[row - 1]) / length, 0.0, 1.0), length)
+        return InterpolationPoints(
+            row, np.clip((instants_s - time_s[row - 1]) / length, 0.0, 1.0), length
+        )
 
-    def __getitem__(self, keep: np.ndarray) -> "Places":
-        return Places(self.row[keep], self.share[keep], self.length_s[keep])
+    def __getitem__(self, keep: np.ndarray) -> "InterpolationPoints":
+        return InterpolationPoints(self.row[keep], self.share[keep], self.length_s[keep])
 
     def shares(self) -> tuple[np.ndarray, np.ndarray]:
         """Shares (2, m) of the angles of the rows before and after an instant, and of their speeds,
@@ -133,7 +135,7 @@ class Channel:
 def _part(value: Any, keep: np.ndarray) -> Any:
     if isinstance(value, tuple):
         return tuple(_part(item, keep) for item in value)
-    return value[keep] if isinstance(value, np.ndarray | Places) else value
+    return value[keep] if isinstance(value, np.ndarray | InterpolationPoints) else value
 
 
 @dataclass(frozen=True)
@@ -156,8 +158,8 @@ class SpanChannel(Channel):
     drops edges shows one pitch for all.
     """
 
-    start: Places | None = None
-    end: Places | None = None
+    start: InterpolationPoints | None = None
+    end: InterpolationPoints | None = None
     length_s: np.ndarray | None = None
     missed: np.ndarray | None = None
     factor: float = 1.0
@@ -237,7 +239,7 @@ class ForceChannel(Channel):
     force where the input is a force.
     """
 
-    places: tuple[Places, Places, Places] | None = None
+    places: tuple[InterpolationPoints, InterpolationPoints, InterpolationPoints] | None = None
     length_s: np.ndarray | None = None
 
     def first_row(self) -> np.ndarray:
@@ -275,8 +277,8 @@ def span_channel(
         conditional,
         edges=edges,
         note=note,
-        start=Places.of(log_time_s, start),
-        end=Places.of(log_time_s, end),
+        start=InterpolationPoints.of(log_time_s, start),
+        end=InterpolationPoints.of(log_time_s, end),
         length_s=end - start,
         factor=factor,
     )

@@ -6,15 +6,15 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import lfilter
 
-from vgroove.gap.cleaning.denoised_command import Calm
-from vgroove.gap.cleaning.missing_values import filled
+from vgroove.gap.cleaning.denoised_command import DenoisedCommand
+from vgroove.gap.cleaning.missing_values import interpolate_missing
 from vgroove.gap.cleaning.sensor_noise import (
-    KEPT,
+    RESIDUAL_POWER_SHARE,
     SCATTER_WINDOW,
     column_sigma,
-    fast_part,
-    last_digit,
-    step_of,
+    decimal_resolution,
+    high_pass_residual,
+    resolution_of,
 )
 from vgroove.rig import Rig
 
@@ -30,7 +30,7 @@ def drive_sigma(
     command: np.ndarray,
     load_nm: np.ndarray | None,
     current_a: np.ndarray | None,
-    driven: Calm | None = None,
+    driven: DenoisedCommand | None = None,
     closed: np.ndarray | bool = True,
     restart_s: float = np.inf,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -80,7 +80,7 @@ def drive_sigma(
             np.abs(np.diff(load_nm, prepend=load_nm[0])) / np.sqrt(12.0) / rig.gearbox["ratio"],
         )
     digit = (
-        last_digit(command) / np.sqrt(12.0) * volt / constant
+        decimal_resolution(command) / np.sqrt(12.0) * volt / constant
         if rig.input["kind"] != "current_a"
         else 0.0
     )
@@ -110,7 +110,7 @@ def ramp_sigma(
     A timer's compare value is what ran, a number rounded by the logger is not. Rounding is fast and
     of known shape: as far as the fast part of the current follows that of the column it was real.
     """
-    rounded = step_of(command) / np.sqrt(12.0)
+    rounded = resolution_of(command) / np.sqrt(12.0)
     if current_a is None or "current_noise_a" not in rig.sensors:
         return rounded
     expected = (
@@ -122,10 +122,17 @@ def ramp_sigma(
     rows[:LAGS] = False
     if np.count_nonzero(rows) < LEAST_ROWS:
         return rounded
-    fast, seen = fast_part(expected), fast_part(filled(time_s, current_a))[rows]
+    fast, seen = (
+        high_pass_residual(expected),
+        high_pass_residual(interpolate_missing(time_s, current_a))[rows],
+    )
     late = np.stack([np.roll(fast, lag)[rows] for lag in range(LAGS)], axis=1)
     return rounded * float(
-        np.sqrt(unreal_share(late, seen, KEPT * column_sigma(rig, "current_a", current_a) ** 2))
+        np.sqrt(
+            unreal_share(
+                late, seen, RESIDUAL_POWER_SHARE * column_sigma(rig, "current_a", current_a) ** 2
+            )
+        )
     )
 
 
@@ -134,7 +141,10 @@ def unreal_share(late: np.ndarray, seen: np.ndarray, noise: float) -> float:
     follows from it at several delays (n, LAGS), and what it has besides over the sensor's noise
     power, both as large as the scatter of a part KEPT of n samples allows.
     """
-    power, freedom = max(float(np.mean(late[:, 0] ** 2)), 1e-12), KEPT * (len(seen) - LAGS)
+    power, freedom = (
+        max(float(np.mean(late[:, 0] ** 2)), 1e-12),
+        RESIDUAL_POWER_SHARE * (len(seen) - LAGS),
+    )
     follows = late @ np.linalg.lstsq(late, seen, rcond=None)[0]
     spread = float(np.sum((seen - follows) ** 2)) / (len(seen) - LAGS)
     share = np.sqrt(max(0.0, float(np.mean(follows**2)) - LAGS * spread / freedom) / power)
@@ -147,7 +157,7 @@ def on_smooth_ramps(command: np.ndarray) -> np.ndarray:
     """Rows (mask) within reach of which the command changes, and bends no more than a rounded line
     seems to.
     """
-    bend = np.abs(np.diff(command, 2, prepend=[command[0]] * 2)) > KINK * step_of(command)
+    bend = np.abs(np.diff(command, 2, prepend=[command[0]] * 2)) > KINK * resolution_of(command)
     changes = np.diff(command, prepend=command[0]) != 0.0
     reach = 2 * (SCATTER_WINDOW + LAGS) + 1
     return maximum_filter1d(changes, SCATTER_WINDOW) & ~maximum_filter1d(bend, reach)

@@ -11,10 +11,15 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning import sensor_noise
 from vgroove.gap.cleaning.clock import on_even_clock
-from vgroove.gap.cleaning.dead_samples import without_dead
-from vgroove.gap.cleaning.denoised_command import Calm, calmed
-from vgroove.gap.cleaning.lost_rows import with_lost_rows
-from vgroove.gap.cleaning.missing_values import SELDOM, between, filled, held
+from vgroove.gap.cleaning.dead_samples import remove_dead_samples
+from vgroove.gap.cleaning.denoised_command import DenoisedCommand, denoise_command
+from vgroove.gap.cleaning.lost_rows import insert_lost_rows
+from vgroove.gap.cleaning.missing_values import (
+    MIN_KNOWN_SHARE,
+    hold_last_value,
+    interpolate_missing,
+    interpolate_to_known_levels,
+)
 from vgroove.gap.cleaning.sensor_noise import RPM
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
 from vgroove.gap.hall_edges.missed_edge_rows import read_edges
@@ -24,20 +29,20 @@ from vgroove.gap.hall_edges.scale import edge_scale
 from vgroove.gap.hall_edges.stamp_check import stamp_contradictions
 from vgroove.gap.residual import blocks
 from vgroove.gap.residual.blocks import Blocks
-from vgroove.gap.residual.breakaway import with_breakaways
+from vgroove.gap.residual.breakaway import widen_after_breakaway
 from vgroove.gap.residual.channels import (
     ENCODER,
     RAD_S_TO_RPM,
     Channel,
     ForceChannel,
-    Places,
+    InterpolationPoints,
     RowChannel,
     span_channel,
 )
 from vgroove.gap.residual.input_uncertainty import drive_sigma
 from vgroove.gap.residual.regimes import regimes_of
-from vgroove.gap.residual.restarts import Restarts, Sight, find_restarts
-from vgroove.gap.residual.state_observer import sight_of, speed_rows
+from vgroove.gap.residual.restarts import Restarts, StateObserver, find_restarts
+from vgroove.gap.residual.state_observer import make_state_observer, rough_speed
 from vgroove.rig import Rig
 
 DEFAULT_TIMEOUT_S = 0.25
@@ -61,7 +66,7 @@ HOLE_S, HOLE_ROWS = 0.02, 8
 
 
 @dataclass(frozen=True)
-class Run:
+class MeasuredRun:
     """One log prepared for judgement: the model's input, restarts, channels, blocks, and a regime
     per row.
     """
@@ -88,12 +93,12 @@ class Run:
         return self.restarts.rows
 
 
-def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
+def prepare_run(log: Any, rig: Rig, restart_s: float) -> MeasuredRun:
     """Run of a log (time_s, columns) under a rig; VgrooveError when the input is missing or nothing
     is left to judge.
     """
-    log = without_dead(log, rig)
-    log = with_lost_rows(on_even_clock(log, stamp_contradictions(log, rig)), rig)
+    log = remove_dead_samples(log, rig)
+    log = insert_lost_rows(on_even_clock(log, stamp_contradictions(log, rig)), rig)
     time_s = np.asarray(log.time_s, dtype=float)
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     source, warnings = str(getattr(log, "source", "log")), list(getattr(log, "warnings", []))
@@ -105,9 +110,9 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
         raise VgrooveError(
             f"{source}: nothing to judge: besides the input {rig.input['kind']} no column that the model predicts"
         )
-    sight = sight_of(time_s, columns, rig, edges, channels)
+    sight = make_state_observer(time_s, columns, rig, edges, channels)
     load = (
-        filled(time_s, columns["load_nm"])
+        interpolate_missing(time_s, columns["load_nm"])
         if rig.load["kind"] == "torque" and "load_nm" in columns
         else None
     )
@@ -149,12 +154,14 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> Run:
             f"{source}: nothing to judge: no sample is left between the holes of the log"
         )
     channels = tuple(channel for channel in channels if len(channel.row))
-    channels = with_breakaways(channels, sight.speed, rig, time_s[restarts.rows], time_s[0], moving)
-    speed = speed_rows(time_s, sight)
+    channels = widen_after_breakaway(
+        channels, sight.speed, rig, time_s[restarts.rows], time_s[0], moving
+    )
+    speed = rough_speed(time_s, sight)
     regime, regimes = regimes_of(time_s, speed, command)
     pitch = 2.0 * np.pi / rig.sensors["hall_pulses_per_rev"] if edges is not None else 0.0
     scale = edges.scale if edges is not None else 1.0
-    return Run(
+    return MeasuredRun(
         log,
         drive,
         restarts,
@@ -195,14 +202,14 @@ def _command(columns: dict[str, np.ndarray], rig: Rig, source: str) -> np.ndarra
 
 def _drive(
     time_s: np.ndarray, columns: dict[str, np.ndarray], rig: Rig, source: str, warnings: list[str]
-) -> tuple[_core.LogInput, np.ndarray, Calm | None]:
+) -> tuple[_core.LogInput, np.ndarray, DenoisedCommand | None]:
     kind, command, more = rig.input["kind"], _command(columns, rig, source), {}
     if rig.bus_is_measured and kind == "duty":
         if "supply_v" not in columns:
             raise VgrooveError(
                 f"{source}: the column supply_v is missing, which drives the model according to the rig (input.bus)"
             )
-        more["supply_v"] = filled(time_s, columns["supply_v"])
+        more["supply_v"] = interpolate_missing(time_s, columns["supply_v"])
     load = rig.load["kind"]
     if load == "torque" and "load_nm" not in columns:
         warnings.append(
@@ -210,18 +217,22 @@ def _drive(
         )
         load = "none"
     if load == "torque":
-        more["load_nm"] = filled(time_s, columns["load_nm"])
+        more["load_nm"] = interpolate_missing(time_s, columns["load_nm"])
     if "coast" in columns:
-        more["coast"] = held(columns["coast"])
-    driving, driven, slack = between(time_s, command), None, sensor_noise.step_of(command)
+        more["coast"] = hold_last_value(columns["coast"])
+    driving, driven, slack = (
+        interpolate_to_known_levels(time_s, command),
+        None,
+        sensor_noise.resolution_of(command),
+    )
     if kind == "voltage_v":
-        driven = calmed(driving)
+        driven = denoise_command(driving)
         driving, slack = (
             driven.values,
             slack + 4.0 * np.hypot(driven.noise_v, np.max(driven.fast_v)),
         )
     elif "supply_v" in more:
-        driven = Calm(
+        driven = DenoisedCommand(
             more["supply_v"], sensor_noise.column_sigma(rig, "supply_v", columns["supply_v"])
         )
     if "slew_per_s" in rig.input:  # noise must not make steps of a ramp
@@ -234,7 +245,11 @@ def _drive(
 def _bridge_closed(columns: dict[str, np.ndarray], rig: Rig, rows: int) -> np.ndarray:
     if rig.input["kind"] == "current_a":
         return np.zeros(rows, dtype=bool)
-    return held(columns["coast"]) == 0.0 if "coast" in columns else np.ones(rows, dtype=bool)
+    return (
+        hold_last_value(columns["coast"]) == 0.0
+        if "coast" in columns
+        else np.ones(rows, dtype=bool)
+    )
 
 
 def _refuse_unaided_start(speed_rpm: np.ndarray, kind: str, source: str) -> None:
@@ -316,7 +331,7 @@ def _with_expected(
     if edges is None:
         return None
     start, end = (
-        Places.of(time_s, instants_s).angle(motion)[0]
+        InterpolationPoints.of(time_s, instants_s).angle(motion)[0]
         for instants_s in (edges.start_s, edges.end_s)
     )
     expected = (end - start) / (edges.end_s - edges.start_s) * RAD_S_TO_RPM
@@ -324,8 +339,8 @@ def _with_expected(
 
 
 def counted_from_rest(
-    sight: Sight, edges: EdgePeriods, time_s: np.ndarray, motion: dict[str, np.ndarray]
-) -> Sight:
+    sight: StateObserver, edges: EdgePeriods, time_s: np.ndarray, motion: dict[str, np.ndarray]
+) -> StateObserver:
     """The angle counted along the edges, from where the nominal model has come to by the first one:
     how far the shaft stood from it, and what edges a quick start hides, no row tells. A cogging
     would else start in another phase than it goes on in.
@@ -333,9 +348,9 @@ def counted_from_rest(
     if edges.falling.all():
         return sight
     first_s = edges.end_s[~edges.falling][0]
-    shift = float(Places.of(time_s, np.array([first_s])).angle(motion)[0, 0]) - sight.angle_at(
-        first_s
-    )
+    shift = float(
+        InterpolationPoints.of(time_s, np.array([first_s])).angle(motion)[0, 0]
+    ) - sight.angle_at(first_s)
     if not abs(shift) < FIRST_TURN_RAD:
         return sight
     return replace(sight, angle_at=lambda t: sight.angle_at(t) + (shift if t >= first_s else 0.0))
@@ -360,7 +375,7 @@ def _filtered_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig) -> Chan
         rig.sensors["hall_pulses_per_rev"],
         rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S),
     )
-    period = 60.0 / pulses / np.maximum(np.abs(filled(time_s, speed_rpm)), 1e-6)
+    period = 60.0 / pulses / np.maximum(np.abs(interpolate_missing(time_s, speed_rpm)), 1e-6)
     start, end = time_s - 1.5 * period, time_s - 0.5 * period
     usual = (
         np.isfinite(speed_rpm)
@@ -372,7 +387,7 @@ def _filtered_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig) -> Chan
     keep = np.flatnonzero(
         usual & (middle > np.maximum.accumulate(np.concatenate([[-np.inf], middle[:-1]])))
     )
-    rate = np.abs(np.gradient(smooth_rows(filled(time_s, speed_rpm)), time_s))
+    rate = np.abs(np.gradient(smooth_rows(interpolate_missing(time_s, speed_rpm)), time_s))
     sigma = np.hypot(
         sensor_noise.column_sigma(rig, "speed_rpm", speed_rpm), rate * period / np.sqrt(12.0)
     )
@@ -434,7 +449,7 @@ def _channels(
         if (
             len(channel.row)
             and np.ptp(channel.measured) == 0.0
-            and np.ptp(held(columns[kind])) > 0.0
+            and np.ptp(hold_last_value(columns[kind])) > 0.0
         ):
             warnings.append(
                 f"the column {channel.column} reads {channel.measured[0]:.4g} throughout: is its sensor connected?"
@@ -495,13 +510,17 @@ def current_is_unsigned(columns: dict[str, np.ndarray], rig: Rig, sigma: float) 
     current, kind = columns["current_a"], rig.input["kind"]
     if kind == "current_a" or "speed_rpm" not in columns:
         return False
-    bus = held(columns["supply_v"]) if "supply_v" in columns else rig.supply.get("voltage_v", 0.0)
-    volt = held(columns[kind]) * (bus if kind == "duty" else 1.0)
+    bus = (
+        hold_last_value(columns["supply_v"])
+        if "supply_v" in columns
+        else rig.supply.get("voltage_v", 0.0)
+    )
+    volt = hold_last_value(columns[kind]) * (bus if kind == "duty" else 1.0)
     speed = columns["speed_rpm"] * RPM
     expected = (volt - rig.motor["torque_constant_nm_per_a"] * speed) / rig.motor["resistance_ohm"]
     known = np.isfinite(current) & np.isfinite(expected)
     if "coast" in columns:
-        known &= held(columns["coast"]) == 0.0
+        known &= hold_last_value(columns["coast"]) == 0.0
     braking = known & (
         expected < -max(1.0, 8.0 * sigma, 0.05 * np.max(np.abs(expected[known]), initial=0.0))
     )
@@ -533,7 +552,7 @@ def _edge_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig, edges: Edge
         waiting, limit, np.concatenate([edges.speed_rpm[keep], np.zeros(len(wait_row))])
     )
     least = max(
-        rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0), sensor_noise.LEAST_SIGMA["speed_rpm"]
+        rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0), sensor_noise.MIN_SIGMA["speed_rpm"]
     )
     wait_sigma = np.full(len(wait_row), float(np.median(sigma)) if len(sigma) else least)
     order = np.lexsort((waiting, row))
@@ -635,7 +654,9 @@ def _force(
         spread,
         np.zeros(len(last), dtype=bool),
         note="compared through its second derivative: force with force",
-        places=tuple(Places.of(time_s, time_s[rows]) for rows in (first, middle, last)),
+        places=tuple(
+            InterpolationPoints.of(time_s, time_s[rows]) for rows in (first, middle, last)
+        ),
         length_s=length,
     )
 
@@ -646,7 +667,7 @@ def _span_rows(time_s: np.ndarray, position: np.ndarray, sigma: float, least: in
     """
     rows, step = least, float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     while 2 * rows * step <= LONGEST_SPAN_S and 6 * rows < len(position):
-        if sensor_noise.differences(time_s, position, 2, rows).std() > DROWNED * sigma:
+        if sensor_noise.divided_differences(time_s, position, 2, rows).std() > DROWNED * sigma:
             break
         rows *= 2
     return rows
@@ -683,7 +704,7 @@ def _steps_in_holes(
     which row none tells; none of a command that comes less often than the rows.
     """
     known = np.flatnonzero(np.isfinite(command))
-    if len(known) < SELDOM * len(command):
+    if len(known) < MIN_KNOWN_SHARE * len(command):
         return []
     length, change = np.diff(time_s[known]), np.abs(np.diff(command[known]))
     stepped = (np.diff(known) > 1) & (
@@ -698,7 +719,7 @@ def _share_behind(holes: list[tuple[int, int]], starts: np.ndarray, rows: int) -
     return sum(int(ends[np.searchsorted(ends, after)]) - before for before, after in holes) / rows
 
 
-def _in_motion(sight: Sight, time_s: np.ndarray) -> bool:
+def _in_motion(sight: StateObserver, time_s: np.ndarray) -> bool:
     """Whether a log begins in motion: its first speeds are there at once, and none is near rest."""
     seen = sight.speed
     if seen is None or len(seen.value) < 4 or seen.start_s[0] > time_s[0] + START_S:

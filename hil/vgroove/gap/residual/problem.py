@@ -24,7 +24,7 @@ import numpy as np
 from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.residual import agreement
-from vgroove.gap.residual.angle_alignment import aligned
+from vgroove.gap.residual.angle_alignment import align_angles
 from vgroove.gap.residual.batches import alike
 from vgroove.gap.residual.blocks import Blocks
 from vgroove.gap.residual.channels import (
@@ -35,9 +35,9 @@ from vgroove.gap.residual.channels import (
     SpanChannel,
     show_encoder,
 )
-from vgroove.gap.residual.measured_run import Run, prepare_run
+from vgroove.gap.residual.measured_run import MeasuredRun, prepare_run
 from vgroove.gap.residual.sensor_filters import correct_filters
-from vgroove.gap.residual.speed_ripple import corrected
+from vgroove.gap.residual.speed_ripple import add_speed_ripple
 from vgroove.rig import Rig
 
 CLIP = agreement.CLIP
@@ -75,7 +75,7 @@ class Problem:
     """
 
     rig: Rig
-    runs: tuple[Run, ...]
+    runs: tuple[MeasuredRun, ...]
     theta0: np.ndarray
     restart_s: float
     threads: int
@@ -158,7 +158,7 @@ class Problem:
         delayed, found = theta[:, self.index("effects.speed_lag.delay_form")] != 0.0, []
         limit_a = theta[:, self.index("effects.current_saturation.limit_a")]
         for run in self.runs:
-            states = corrected(
+            states = add_speed_ripple(
                 self, run, theta, run.restarts.states(gain, offset, lag, delayed, clock, limit_a)
             )
             found.append(
@@ -327,7 +327,7 @@ def load_problem(
     runs = tuple(prepare_run(_read(log), rig, restart_s) for log in logs)
     problem = _join(rig, runs, restart_s, threads)
     _check_reach(problem)
-    return aligned(problem, problem.theta0)
+    return align_angles(problem, problem.theta0)
 
 
 def _check_reach(problem: Problem) -> None:
@@ -359,7 +359,7 @@ def _check_simulated(rig: Rig) -> None:
         )
 
 
-def _join(rig: Rig, runs: tuple[Run, ...], restart_s: float, threads: int) -> Problem:
+def _join(rig: Rig, runs: tuple[MeasuredRun, ...], restart_s: float, threads: int) -> Problem:
     """Concatenate the channels of all logs; the order is log by log, channel by channel, as
     Problem.models gives it.
     """
@@ -394,12 +394,14 @@ def _join(rig: Rig, runs: tuple[Run, ...], restart_s: float, threads: int) -> Pr
     )
 
 
-def _regime_of(run: Run, channel: Channel, regimes: list[str]) -> np.ndarray:
+def _regime_of(run: MeasuredRun, channel: Channel, regimes: list[str]) -> np.ndarray:
     number = np.array([regimes.index(name) for name in run.regimes])
     return number[run.regime[channel.row]]
 
 
-def _per_log(pairs: list[tuple[int, Run, Channel]], block: np.ndarray, ask: Any) -> np.ndarray:
+def _per_log(
+    pairs: list[tuple[int, MeasuredRun, Channel]], block: np.ndarray, ask: Any
+) -> np.ndarray:
     parts, first = [], 0
     for _, run, channel in pairs:
         blocks: Blocks = run.blocks

@@ -24,7 +24,7 @@ CLIPPED = 0.9
 
 
 @dataclass(frozen=True)
-class Driven:
+class KnownForce:
     """What a known force does to a speed, up to a constant: rates (rows,) in rad/s^2 over the
     intervals that end at time_s (rows,).
     """
@@ -66,7 +66,7 @@ class Observations:
     end_s: np.ndarray
     value: np.ndarray
     sigma: np.ndarray
-    driven: Driven | None = None
+    driven: KnownForce | None = None
     place: np.ndarray | None = None
     places: int = 1
 
@@ -113,7 +113,7 @@ NOT_SMOOTHED = Smoothing(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True)
-class Local:
+class LocalFit:
     """A signal at an instant: value, first and second derivative, the value's 1 sigma, lack of fit
     included, its unrest in sigmas, whether what the polynomial leaves is no more than noise, and
     what the value was made of.
@@ -128,10 +128,10 @@ class Local:
     smoothing: Smoothing = field(default=NOT_SMOOTHED, compare=False)
 
 
-NOWHERE = Local(0.0, 0.0, 0.0, np.inf, np.inf, False)
+NOWHERE = LocalFit(0.0, 0.0, 0.0, np.inf, np.inf, False)
 
 
-def local_fit(seen: Observations, time_s: float) -> Local:
+def local_fit(seen: Observations, time_s: float) -> LocalFit:
     """Value of a signal at an instant from the quadratic through the spans around it that leaves
     the least doubt: through few of them where the motion bends, through many where it is noise that
     matters. Where none can be trusted a ripple of the turn is taken away as well.
@@ -151,7 +151,7 @@ def local_fit(seen: Observations, time_s: float) -> Local:
 
 def quadratic(
     seen: Observations, time_s: float, middle: int, neighbours: int, ripples: bool = False
-) -> Local:
+) -> LocalFit:
     """Value of a signal at an instant from a quadratic through the spans around it, robust against
     single wrong ones; beside a pattern that repeats every turn, where asked for (an eccentric
     wheel, cogging: `ripples.py` adds what the shaft has of it).
@@ -195,7 +195,7 @@ def quadratic(
     one = min(float(np.median(sigma)), seen.usual)
     share = covariance[0] @ basis.T * rows[:, 0] ** 2
     doubt = float(np.sqrt(covariance[0, 0])) * misfit / one
-    return Local(
+    return LocalFit(
         float(both[0, 0]),
         float(slope),
         2.0 * float(bend),
@@ -230,7 +230,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Sight:
+class StateObserver:
     """What shows the states: observations of speed_rad_s and current_a (None: not measured), the
     angle, the current behind a motion; whether the speeds are differences of a measured angle over
     the log's times.
@@ -249,7 +249,7 @@ class Sight:
             return State(np.zeros(3)), np.inf, np.inf
         motion_a = self.current_from(time_s, speed.value, speed.slope)
         current = (
-            Local(motion_a, 0.0, 0.0, 0.0, 0.0)
+            LocalFit(motion_a, 0.0, 0.0, 0.0, 0.0)
             if self.current is None
             else local_fit(self.current, time_s)
         )
@@ -309,7 +309,7 @@ class Restarts:
 
 
 def find_restarts(
-    sight: Sight, time_s: np.ndarray, restart_s: float, resume: Sequence[int] = ()
+    sight: StateObserver, time_s: np.ndarray, restart_s: float, resume: Sequence[int] = ()
 ) -> Restarts:
     """Where the model restarts; the first is row 0, at rest unless the log is in motion there.
 
@@ -347,7 +347,7 @@ def find_restarts(
     )
 
 
-def _first_state(sight: Sight, time_s: np.ndarray) -> State:
+def _first_state(sight: StateObserver, time_s: np.ndarray) -> State:
     """State at the first row: at rest, or what the first observations say when they show motion."""
     state = np.array([0.0, 0.0, sight.angle_at(time_s[0])])
     for k, seen in enumerate((sight.current, sight.speed)):

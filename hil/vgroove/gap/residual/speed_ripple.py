@@ -15,7 +15,7 @@ import numpy as np
 from vgroove.gap.residual.restarts import Restarts
 
 if TYPE_CHECKING:
-    from vgroove.gap.residual.measured_run import Run
+    from vgroove.gap.residual.measured_run import MeasuredRun
     from vgroove.gap.residual.problem import Problem
 
 # of the speed: a shaft that swings by more does not turn evenly enough for a swing to follow from
@@ -24,7 +24,7 @@ LARGE = 0.2
 
 
 @dataclass(frozen=True)
-class Swing:
+class SpeedRipple:
     """Part of a speed, amplitude (S,) rad/s times cos(periods th + phase (S,)) of the motor's angle
     th, at each restart; whether the shaft swings so or its sensor only seems to.
     """
@@ -35,18 +35,22 @@ class Swing:
     of_shaft: bool
 
 
-def corrected(problem: "Problem", run: "Run", theta: np.ndarray, states: np.ndarray) -> np.ndarray:
+def add_speed_ripple(
+    problem: "Problem", run: "MeasuredRun", theta: np.ndarray, states: np.ndarray
+) -> np.ndarray:
     """States (B, S, 3) of parameter sets (B, P) with the speed that the shaft has at each restart,
     not the smooth one around it.
     """
     found = states.copy()
     for values, mine in zip(theta, found, strict=True):
-        for swing in swings(problem, run, values):
-            mine[:, 1] += not_followed(run.restarts, swing)
+        for swing in speed_ripples(problem, run, values):
+            mine[:, 1] += unsmoothed_part(run.restarts, swing)
     return found
 
 
-def swings(problem: "Problem", run: "Run", values: np.ndarray) -> Iterator[Swing]:
+def speed_ripples(
+    problem: "Problem", run: "MeasuredRun", values: np.ndarray
+) -> Iterator[SpeedRipple]:
     """Swings of one parameter set (P,)."""
 
     def value(name: str) -> float:
@@ -67,13 +71,13 @@ def swings(problem: "Problem", run: "Run", values: np.ndarray) -> Iterator[Swing
     )
     for torque, periods, phase in torques:
         if torque:
-            answer = torque * answer_to_torque(value, run, periods * speed)
+            answer = torque * torque_response(value, run, periods * speed)
             size = np.abs(answer)
             even = 1.0 / (1.0 + (size / (LARGE * np.maximum(np.abs(speed), 1e-9))) ** 4)
-            yield Swing(periods, size * even, phase + np.angle(answer), True)
+            yield SpeedRipple(periods, size * even, phase + np.angle(answer), True)
     wheel = value("effects.hall_eccentricity.amplitude_rad")
     if wheel:
-        yield Swing(
+        yield SpeedRipple(
             1.0,
             wheel * speed,
             np.full(len(speed), value("effects.hall_eccentricity.phase_rad")),
@@ -81,7 +85,9 @@ def swings(problem: "Problem", run: "Run", values: np.ndarray) -> Iterator[Swing
         )
 
 
-def answer_to_torque(value: Callable[[str], float], run: "Run", rate: np.ndarray) -> np.ndarray:
+def torque_response(
+    value: Callable[[str], float], run: "MeasuredRun", rate: np.ndarray
+) -> np.ndarray:
     """What a torque of 1 N m sin(a) against the shaft, a growing at rate (S,) rad/s, adds to the
     speed: the complex amplitude (S,) of cos(a), rad/s; 0 where the shaft stands.
 
@@ -98,7 +104,7 @@ def answer_to_torque(value: Callable[[str], float], run: "Run", rate: np.ndarray
     return np.divide(1j, against, out=np.zeros_like(against), where=rate != 0.0)
 
 
-def not_followed(restarts: Restarts, swing: Swing) -> np.ndarray:
+def unsmoothed_part(restarts: Restarts, swing: SpeedRipple) -> np.ndarray:
     """What (S,) a shaft's speed has at each restart that the measured one has not: its swing less
     what the smooth curve took of it.
     """

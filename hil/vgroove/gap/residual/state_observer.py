@@ -8,13 +8,19 @@ from dataclasses import replace
 import numpy as np
 
 from vgroove.gap.cleaning import sensor_noise
-from vgroove.gap.cleaning.missing_values import filled, held
+from vgroove.gap.cleaning.missing_values import hold_last_value, interpolate_missing
 from vgroove.gap.cleaning.sensor_noise import RPM
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
-from vgroove.gap.hall_edges.missed_edges import missed_edges, with_missed_counted
+from vgroove.gap.hall_edges.missed_edges import count_missed_edges, missed_edges
 from vgroove.gap.hall_edges.reader import COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.residual.channels import Channel
-from vgroove.gap.residual.restarts import NEIGHBOURS, Driven, Observations, Sight, row_means
+from vgroove.gap.residual.restarts import (
+    NEIGHBOURS,
+    KnownForce,
+    Observations,
+    StateObserver,
+    row_means,
+)
 from vgroove.rig import Rig
 
 # by as much a fit to neighbouring angles beats their differences: the errors of neighbours cancel
@@ -24,13 +30,13 @@ SEEN_SHARE = 0.5
 START_S = 0.02  # the shaft is taken to leave its rest this long before the first edge
 
 
-def sight_of(
+def make_state_observer(
     time_s: np.ndarray,
     columns: dict[str, np.ndarray],
     rig: Rig,
     edges: EdgePeriods | None,
     channels: list[Channel],
-) -> Sight:
+) -> StateObserver:
     """What shows the states: the finest measured speed, the current, and an angle to keep count by."""
     by_column = {channel.column: channel for channel in channels}
     speed, angle_at, from_angle = None, _standing(rig), False
@@ -49,23 +55,25 @@ def sight_of(
         speed is None or np.ptp(by_column["position_rad"].time_s) > SEEN_SHARE * np.ptp(time_s)
     ):
         differences, angle_at = _position_sight(time_s, columns["position_rad"], rig)
-        from_angle = speed is None or fineness(differences) / ANGLES < fineness(speed)
+        from_angle = speed is None or typical_speed_sigma(
+            differences
+        ) / ANGLES < typical_speed_sigma(speed)
         speed = differences if from_angle else speed
     current = None
     if rig.input["kind"] == "current_a":
-        force = held(columns["current_a"])
+        force = hold_last_value(columns["current_a"])
         speed = (
             None
             if speed is None
-            else replace(speed, driven=Driven(time_s, _nominal_rate(rig, force)))
+            else replace(speed, driven=KnownForce(time_s, _nominal_rate(rig, force)))
         )
-        return Sight(
+        return StateObserver(
             speed, None, angle_at, lambda t, w, dw: float(np.interp(t, time_s, force)), from_angle
         )
     if "current_a" in by_column and not by_column["current_a"].magnitude:
         channel = by_column["current_a"]
         current = row_means(time_s, columns["current_a"], float(channel.sigma[0]))
-    return Sight(
+    return StateObserver(
         speed,
         current,
         angle_at,
@@ -74,7 +82,7 @@ def sight_of(
     )
 
 
-def fineness(seen: Observations) -> float:
+def typical_speed_sigma(seen: Observations) -> float:
     """1 sigma (rad/s) of a usual observation."""
     return float(np.median(seen.sigma))
 
@@ -93,7 +101,7 @@ def _edge_sight(
 ) -> tuple[Observations, Callable[[float], float]]:
     pulses = rig.sensors["hall_pulses_per_rev"]
     missed = missed_edges(edges)
-    edges = with_missed_counted(edges, missed)
+    edges = count_missed_edges(edges, missed)
     whole = ~edges.falling & ~near_reversal(edges)
     sigma = sigma_with_missed_rpm(rig, edges, missed)
     pitches = 1.0 + missed[whole]
@@ -149,12 +157,14 @@ def _current_from_motion(
     torque += np.sign(w) * motor["coulomb_nm"]
     if "load_nm" in columns and rig.load["kind"] == "torque":
         torque += (
-            np.sign(w) * float(np.interp(t, time_s, filled(time_s, columns["load_nm"]))) / ratio
+            np.sign(w)
+            * float(np.interp(t, time_s, interpolate_missing(time_s, columns["load_nm"])))
+            / ratio
         )
     return float(torque / motor["torque_constant_nm_per_a"])
 
 
-def speed_rows(time_s: np.ndarray, sight: Sight) -> np.ndarray:
+def rough_speed(time_s: np.ndarray, sight: StateObserver) -> np.ndarray:
     """A rough speed per row, rad/s, for regimes and strokes; zeros where none is measured."""
     if sight.speed is None or not len(sight.speed.value):
         return np.zeros(len(time_s))

@@ -9,15 +9,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from vgroove.gap.fitting.cross_validation import settle
+from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.fit import Fit
-from vgroove.gap.fitting.neighbour_points import SPREADS, ring
+from vgroove.gap.fitting.neighbour_points import SPREADS, ripple_neighbours
 from vgroove.gap.selection.search_state import CONVERGED, Search, key
 
 MOVES = 3  # fits that one ring may ask for
 
 
-def deepest(search: Search, one: Fit) -> Fit:
+def deepest_minimum(search: Search, one: Fit) -> Fit:
     """The best fit of a set that leaves a gap around one of it, its ripples somewhat larger,
     smaller or turned.
     """
@@ -29,7 +29,7 @@ def deepest(search: Search, one: Fit) -> Fit:
                 break
             best = moved
     if best is not one:
-        settle(search.engine, [best])
+        predict_held_out(search.engine, [best])
         search.fits[key(best.ids)] = best
     return best
 
@@ -38,7 +38,7 @@ def better_neighbour(search: Search, one: Fit, spread: float) -> Fit | None:
     """A converged fit that leaves less than one, from the best point of the rings around it; none
     where no point leaves less.
     """
-    points = ring(one, spread)
+    points = ripple_neighbours(one, spread)
     if not len(points):
         return None
     costs = search.engine.costs(one, points)

@@ -14,7 +14,7 @@ PROPOSALS = 6
 
 
 @dataclass(frozen=True)
-class Newcomer:
+class AddedEffect:
     """A further effect beside a fitted set: the hypothesis of both, its residuals (n,) at its
     start, their slopes (n, new) along each new number.
     """
@@ -25,7 +25,7 @@ class Newcomer:
 
 
 @dataclass(frozen=True)
-class Promised:
+class RankedExtensions:
     """What was found beside a base as it was then: its best first-order extensions, best first."""
 
     base: Fit
@@ -47,14 +47,16 @@ def extensions(search: Search, base: Fit, count: int = PROPOSALS) -> list[Fit]:
     ):
         found = heapq.nsmallest(
             PROPOSALS,
-            (first_order(search, base, one) for one in newcomers(search, base)),
+            (first_order(search, base, one) for one in added_effects(search, base)),
             key=search.score,
         )
-        search.promised[key(base.ids)] = known = Promised(base, base.exact, search.clip, found)
+        search.promised[key(base.ids)] = known = RankedExtensions(
+            base, base.exact, search.clip, found
+        )
     return known.fits[:count]
 
 
-def newcomers(search: Search, base: Fit) -> Iterator[Newcomer]:
+def added_effects(search: Search, base: Fit) -> Iterator[AddedEffect]:
     """Each further effect beside base. The slopes of the last set asked for that is no smaller are
     kept: `where` asks for them again.
     """
@@ -66,13 +68,13 @@ def newcomers(search: Search, base: Fit) -> Iterator[Newcomer]:
         search.reach = base, kept
 
 
-def reach(search: Search, base: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
+def extension_slopes(search: Search, base: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
     """Hypotheses of base plus each further effect, and the slopes (n, new) along the newcomer's
     numbers.
     """
     if search.reach is not None and search.reach[0] is base:
         return search.reach[1]
-    return [(one.hypothesis, one.columns) for one in newcomers(search, base)]
+    return [(one.hypothesis, one.columns) for one in added_effects(search, base)]
 
 
 def trials_beside(search: Search, base: Fit) -> list[Hypothesis]:
@@ -107,7 +109,7 @@ def starts_beside(
     return list(trials.values())
 
 
-def started_anew(search: Search, base: Fit) -> list[Fit]:
+def restarted_extensions(search: Search, base: Fit) -> list[Fit]:
     """First-order fits of base plus each effect of many starts, from the best of them beside base:
     where it ended alone it may have done another effect's work.
     """
@@ -120,7 +122,7 @@ def started_anew(search: Search, base: Fit) -> list[Fit]:
     return found
 
 
-def differenced(search: Search, base: Fit, trials: list[Hypothesis]) -> Iterator[Newcomer]:
+def differenced(search: Search, base: Fit, trials: list[Hypothesis]) -> Iterator[AddedEffect]:
     """Each trial's residuals at its start and their slopes along each of its new numbers, by one
     step forward.
     """
@@ -132,7 +134,7 @@ def differenced(search: Search, base: Fit, trials: list[Hypothesis]) -> Iterator
         ]
         jobs.append((h, np.vstack([h.start, h.start + steps])))
     for h, (start, *moved) in zip(trials, engine.shown(jobs), strict=True):
-        yield Newcomer(h, start, slopes(h, start, moved, count))
+        yield AddedEffect(h, start, slopes(h, start, moved, count))
 
 
 def slopes(h: Hypothesis, start: np.ndarray, moved: Sequence[np.ndarray], count: int) -> np.ndarray:
@@ -156,7 +158,7 @@ def same_coordinates(h: Hypothesis, base: Fit, count: int) -> bool:
     ) <= set(h.fixed)
 
 
-def first_order(search: Search, base: Fit, newcomer: Newcomer) -> Fit:
+def first_order(search: Search, base: Fit, newcomer: AddedEffect) -> Fit:
     """The extended fit as one Newton step from base predicts it."""
     engine, count, h = search.engine, base.hypothesis.count, newcomer.hypothesis
     jacobian = np.vstack([base.jacobian.T[:count], newcomer.columns.T, base.jacobian.T[count:]]).T

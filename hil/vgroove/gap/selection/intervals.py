@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from vgroove.gap.catalogue.effects import BY_ID, FURTHER_FORM
-from vgroove.gap.fitting.cross_validation import settle
+from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.fit import Engine, Fit, half_widths
 from vgroove.gap.residual import angle_alignment
 from vgroove.gap.residual.problem import Problem, load_problem
@@ -103,7 +103,7 @@ def interval_of(one: Fit, name: str, value: float, half: np.ndarray) -> list[flo
     return None
 
 
-def in_contract_form(search: Search, best: Fit) -> Fit:
+def in_catalogue_form(search: Search, best: Fit) -> Fit:
     """The same effects in forms that every reader of a rig knows, unless those leave a visible gap
     more.
     """
@@ -112,7 +112,7 @@ def in_contract_form(search: Search, best: Fit) -> Fit:
     if fixed == best.hypothesis.fixed:
         return best
     again = search.engine.fit([replace(best.hypothesis, start=best.x, fixed=fixed)], CONVERGED)[0]
-    settle(search.engine, [again])
+    predict_held_out(search.engine, [again])
     problem = search.engine.problem
     return again if gap_of(problem, again.held) - gap_of(problem, best.held) <= VISIBLE else best
 
@@ -148,7 +148,7 @@ def over_long_stretches(problem: Problem, engine: Engine, shown: Fit) -> Estimat
     if (
         not len(shown.x)
         or memory < problem.restart_s
-        or angle_alignment.active(problem, shown.theta(problem.theta0))
+        or angle_alignment.active_periodic_effects(problem, shown.theta(problem.theta0))
     ):
         return None
     length = float(

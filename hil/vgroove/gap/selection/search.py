@@ -16,10 +16,10 @@ from vgroove.gap.catalogue.effects import (
     equations,
     reached,
 )
-from vgroove.gap.fitting.cross_validation import settle
+from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.fit import Fit, Hypothesis
-from vgroove.gap.selection.basins import deepest
-from vgroove.gap.selection.extension import extensions, started_anew
+from vgroove.gap.selection.basins import deepest_minimum
+from vgroove.gap.selection.extension import extensions, restarted_extensions
 from vgroove.gap.selection.model_comparison import draw_means
 from vgroove.gap.selection.search_state import CLIP, WORTH, Search, key, plausible, rescale
 from vgroove.gap.selection.single_effects import singles
@@ -81,7 +81,7 @@ def bending(best: Fit, found: Sequence[Fit]) -> list[str]:
 def forward(search: Search) -> Fit:
     """Grow the set while a further effect, or an exchange, is better in both senses."""
     best = (
-        simplest(search, deepest(search, search.ranked(1)[0]))
+        simplest(search, deepest_minimum(search, search.ranked(1)[0]))
         if search.ranked(1)
         else search.retuned
     )
@@ -154,13 +154,13 @@ def grow(search: Search, base: Fit) -> Fit | None:
             distinct(
                 [
                     one
-                    for one in started_anew(search, base)
+                    for one in restarted_extensions(search, base)
                     if search.score(one) < search.score(found)
                 ]
             )
         )
     ranked = search.ranked(size)
-    return simplest(search, deepest(search, ranked[0]), base) if ranked else None
+    return simplest(search, deepest_minimum(search, ranked[0]), base) if ranked else None
 
 
 def nothing_left(search: Search, base: Fit) -> bool:
@@ -200,7 +200,7 @@ def fit_set(search: Search, ids: Sequence[str], near: Fit) -> Fit:
     """Converged fit of a set of ids, started from the numbers of a related fit."""
     known = search.fits.get(key(ids))
     if known is not None:
-        settle(search.engine, [known])
+        predict_held_out(search.engine, [known])
         return known
     return search.add(started(search, ids, near))[0]
 

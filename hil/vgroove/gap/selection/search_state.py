@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vgroove.gap.catalogue.effects import Effect
-from vgroove.gap.fitting.cross_validation import settle
+from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.fit import Engine, Fit, Hypothesis
 from vgroove.gap.selection.model_comparison import (
     SHORTEST_S,
@@ -197,7 +197,7 @@ class Search:
         fits = self.engine.fit(hypotheses, iterations)
         if fits:
             self.engine.go_on(self.near(fits), range(iterations, CONVERGED))
-            settle(self.engine, self.near(fits))
+            predict_held_out(self.engine, self.near(fits))
         for one in fits:
             known = self.fits.get(key(one.ids))
             if known is None or one.cost < known.cost:
@@ -248,7 +248,7 @@ def begin(
     retuned = nominal
     if engine.keys:
         retuned = engine.fit(engine.hypotheses([]))[0]
-        settle(engine, [retuned])
+        predict_held_out(engine, [retuned])
         engine.key_columns = retuned.jacobian
     tested = np.logical_or.reduce([test for _, test in engine.problem.folds])
     blocks = make_blocks(rows.log, rows.time_s, tested, rows.restart_s, seed, rows.conditional)

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from vgroove.gap.fitting.cross_validation import settle
+from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.fit import Fit, Hypothesis
 from vgroove.gap.residual import angle_alignment
 from vgroove.gap.residual.batches import portions
 from vgroove.gap.residual.problem import Problem
-from vgroove.gap.selection.extension import Newcomer, differenced
+from vgroove.gap.selection.extension import AddedEffect, differenced
 from vgroove.gap.selection.search_state import CONVERGED, Search, key, reblock, rescale
 
 # starts of one effect beyond which they are screened, and how many are fitted then
@@ -45,7 +45,7 @@ def singles(search: Search) -> None:
             for f in group[: 2 if len(group) > MANY_STARTS else 1]
         ]
     search.add(again, CONVERGED)
-    turn_again(search)
+    align_to_best_single(search)
     for effect in search.effects:
         if len(search.engine.hypotheses([effect])) > SCREEN_ABOVE and not effect.phase:
             search.engine.remember(search.fits[(effect.id,)])
@@ -64,27 +64,37 @@ def swinging(search: Search) -> dict[tuple[str, ...], list[Hypothesis]]:
     ]
     if not starts or not hasattr(problem, "runs"):
         return {}
-    parts, found = angle_alignment.stretches(problem), {}
+    parts, found = angle_alignment.angle_stretches(problem), {}
     free = parts.count > 1 and problem.rig.load["kind"] != "pendulum"
     trials = [
         (one.hypothesis, swing_of(one, parts, problem))
         for one in differenced(
-            search, search.retuned, [replace(h, start=with_swing(h, (1e-3, 1e-3))) for h in starts]
+            search,
+            search.retuned,
+            [replace(h, start=with_ripple_amplitudes(h, (1e-3, 1e-3))) for h in starts],
         )
     ]
-    shift = firmest(problem, parts, [one for _, one in trials]) if free else np.zeros(parts.count)
-    engine.problem = angle_alignment.turned(problem, parts, shift) if shift.any() else problem
+    shift = (
+        clearest_shifts(problem, parts, [one for _, one in trials])
+        if free
+        else np.zeros(parts.count)
+    )
+    engine.problem = (
+        angle_alignment.with_angle_shift(problem, parts, shift) if shift.any() else problem
+    )
     for h, one in trials:
-        found.setdefault(h.ids, []).append(replace(h, start=with_swing(h, one.amplitudes(shift))))
+        found.setdefault(h.ids, []).append(
+            replace(h, start=with_ripple_amplitudes(h, one.amplitudes(shift)))
+        )
     return found
 
 
 def swing_of(
-    one: Newcomer, parts: angle_alignment.Stretches, problem: Problem
-) -> angle_alignment.Swing:
+    one: AddedEffect, parts: angle_alignment.AngleStretches, problem: Problem
+) -> angle_alignment.FirstOrderRipple:
     """First order of a periodic effect from its residuals at next to no amplitude and their slopes."""
     at = cosine_at(one.hypothesis)
-    return angle_alignment.Swing.of(
+    return angle_alignment.FirstOrderRipple.of(
         parts,
         periods_of(one.hypothesis, problem.rig.gearbox["ratio"]),
         one.residual,
@@ -92,8 +102,10 @@ def swing_of(
     )
 
 
-def firmest(
-    problem: Problem, parts: angle_alignment.Stretches, swings: Sequence[angle_alignment.Swing]
+def clearest_shifts(
+    problem: Problem,
+    parts: angle_alignment.AngleStretches,
+    swings: Sequence[angle_alignment.FirstOrderRipple],
 ) -> np.ndarray:
     """Offsets (stretches,) that the effect which gains most by them wants; zeros where any gains
     about as much without.
@@ -111,7 +123,7 @@ def firmest(
     return shift
 
 
-def turn_again(search: Search) -> None:
+def align_to_best_single(search: Search) -> None:
     """Set the stretches anew by the converged fit of the best effect that follows the angle, where
     it is a good one; fit those again.
     """
@@ -120,7 +132,7 @@ def turn_again(search: Search) -> None:
     if not hasattr(search.engine.problem, "runs") or not search.likely_better(best, search.retuned):
         return
     problem = search.engine.problem
-    search.engine.problem = angle_alignment.aligned(problem, best.theta(problem.theta0))
+    search.engine.problem = angle_alignment.align_angles(problem, best.theta(problem.theta0))
     if search.engine.problem is problem:
         return
     for one in mine:
@@ -128,14 +140,14 @@ def turn_again(search: Search) -> None:
     search.add([replace(one.hypothesis, start=one.x) for one in mine], CONVERGED)
 
 
-def turn_for_good(search: Search, loaded: Problem, best: Fit) -> Fit:
+def align_to_selection(search: Search, loaded: Problem, best: Fit) -> Fit:
     """The selected fit with the shaft's angles as anyone finds them who loads the logs with its
     parameters (`vgroove sim`).
     """
     theta = best.theta(loaded.theta0)
-    if not angle_alignment.active(loaded, theta):
+    if not angle_alignment.active_periodic_effects(loaded, theta):
         return best
-    now, wanted = search.engine.problem, angle_alignment.aligned(loaded, theta)
+    now, wanted = search.engine.problem, angle_alignment.align_angles(loaded, theta)
     if all(
         np.array_equal(a.restarts.measured, b.restarts.measured)
         for a, b in zip(now.runs, wanted.runs, strict=True)
@@ -143,12 +155,12 @@ def turn_for_good(search: Search, loaded: Problem, best: Fit) -> Fit:
         return best
     search.engine.problem = wanted
     again = search.engine.fit([replace(best.hypothesis, start=best.x)], CONVERGED)[0]
-    settle(search.engine, [again])
+    predict_held_out(search.engine, [again])
     search.fits[key(best.ids)] = again
     return again
 
 
-def with_swing(h: Hypothesis, amplitudes: Sequence[float]) -> np.ndarray:
+def with_ripple_amplitudes(h: Hypothesis, amplitudes: Sequence[float]) -> np.ndarray:
     """Start of a periodic effect with these sine and cosine amplitudes."""
     start = h.start.copy()
     start[cosine_at(h) : cosine_at(h) + 2] = amplitudes

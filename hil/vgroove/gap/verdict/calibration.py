@@ -18,7 +18,7 @@ COEFFICIENTS = (-0.42, 0.99, 0.33, 0.07, -1.01)
 
 
 @dataclass(frozen=True)
-class Signs:
+class NameEvidence:
     """What speaks for a name: logarithms of the margin in standard deviations, of the margin in
     what the set leaves, and of what retuning leaves in what the set leaves; last the number of the
     set's other effects.
@@ -30,7 +30,7 @@ class Signs:
     others: float
 
 
-def signs(search: Search, best: Fit, effect_id: str, floor: float) -> Signs:
+def name_evidence(search: Search, best: Fit, effect_id: str, floor: float) -> NameEvidence:
     """Signs of one effect of a set. Powers are squared gaps above the noise; what is not worth a
     further effect is no power.
     """
@@ -40,7 +40,7 @@ def signs(search: Search, best: Fit, effect_id: str, floor: float) -> Signs:
     rival = strongest_without(search, best, effect_id)
     margin = max(0.0, search.score(rival) - after)
     start = max(left, search.score(search.retuned) - noise + WORTH * noise)
-    return Signs(
+    return NameEvidence(
         float(np.log1p(margin / spread(search, rival, best))),
         float(np.log1p(margin / left)),
         float(np.log(start / left)),
@@ -71,6 +71,6 @@ def spread(search: Search, one: Fit, other: Fit) -> float:
     )
 
 
-def probability(of: Signs) -> float:
+def probability(of: NameEvidence) -> float:
     """Probability that an effect with these signs is at work."""
     return float(expit(np.dot(COEFFICIENTS, (1.0, *astuple(of)))))

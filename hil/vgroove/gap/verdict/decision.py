@@ -193,7 +193,7 @@ def by_signal(problem: object, search: Search, shown: Fit) -> dict[str, dict[str
 
 
 def probabilities(
-    search: Search, finding: Finding, signs: dict[str, calibration.Signs]
+    search: Search, finding: Finding, signs: dict[str, calibration.NameEvidence]
 ) -> dict[str, float]:
     """Marginal probability of each effect: of a selected one by its signs, of any other how often a
     set that holds it wins under the block bootstrap, and not more than what is not worth naming.
@@ -260,7 +260,7 @@ def effects_section(
     alone. The estimate's effects take their numbers from it, the others from the fits of each
     alone.
     """
-    signs = {i: calibration.signs(search, finding.best, i, floor) for i in finding.best.ids}
+    signs = {i: calibration.name_evidence(search, finding.best, i, floor) for i in finding.best.ids}
     chance, before, out = (
         probabilities(search, finding, signs),
         gap_of(problem, search.nominal.held),

@@ -14,7 +14,7 @@ import numpy as np
 
 from vgroove.gap.catalogue.effects import BY_ID
 from vgroove.gap.fitting.fit import KEY_BOUND, Fit, bounded_step
-from vgroove.gap.selection.extension import reach
+from vgroove.gap.selection.extension import extension_slopes
 from vgroove.gap.selection.model_comparison import block_sums, draw_means, interval
 from vgroove.gap.selection.search_state import LEVEL, LIKELY, WORTH, Search
 from vgroove.gap.verdict import correlates
@@ -48,7 +48,7 @@ def bundle(search: Search, best: Fit) -> Bundle:
         [best.jacobian],
         [coordinate_owner(c.name) if not c.prior else "" for c in best.hypothesis.coordinates],
     )
-    for h, slopes in reach(search, best):
+    for h, slopes in extension_slopes(search, best):
         columns.append(slopes)
         owner += [BY_ID[h.ids[-1]].subsystem] * slopes.shape[1]
     target = best.residual - best.jacobian[:, :count] @ best.x[:count]
@@ -132,7 +132,7 @@ def active_subsystems(
     return chosen
 
 
-def shares(search: Search, best: Fit, floor: float) -> dict[str, float]:
+def shapley_shares(search: Search, best: Fit, floor: float) -> dict[str, float]:
     """Shapley shares of the squared gap beyond retuning; they add to one with 'unexplained'."""
     parts = bundle(search, best)
     sums = normals(search, parts)
