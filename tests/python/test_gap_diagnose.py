@@ -15,8 +15,8 @@ import pytest
 from made_log import drive_log, rig
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.gap import estimate
 from vgroove.gap.diagnose import diagnose
+from vgroove.gap.selection import intervals
 from vgroove.gap.simulate import judge
 from vgroove.output import write_text
 from vgroove.rig import read_rig
@@ -121,7 +121,7 @@ def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has
     """A light tool whose current falls below the ripple: what the contract's mean leaves there is
     visible, so a form of ours is stated.
     """
-    monkeypatch.setattr(estimate, "VISIBLE", visible)
+    monkeypatch.setattr(intervals, "VISIBLE", visible)
     light = rig(
         motor={"coulomb_nm": 0.003, "viscous_nm_s_per_rad": 1e-6},
         sensors={"current_noise_a": 0.05, "current_lsb_a": 0.01},

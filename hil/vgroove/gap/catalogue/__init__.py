@@ -1,0 +1,1 @@
+"""The catalogue of effects: everything that needs a list of effects asks here."""
