@@ -27,6 +27,7 @@ __all__ = [
     "BY_ID",
     "CATALOGUE",
     "DIAGNOSED_LOADS",
+    "FLAGS_BEYOND_SPECIFICATION",
     "FRICTION_LAWS",
     "JOINTS",
     "LESS_LIKELY",
@@ -95,6 +96,9 @@ SPECIAL_CASES: dict[str, tuple[str, ...]] = {
 }
 FRICTION_LAWS = frozenset(e.id for e in CATALOGUE if e.friction_law)
 PERIODIC = {e.id: e.periodic for e in CATALOGUE if e.periodic}
+FLAGS_BEYOND_SPECIFICATION = tuple(
+    e.flag_name for e in CATALOGUE if e.form and e.form.beyond_specification
+)
 LESS_LIKELY = frozenset(e.id for e in CATALOGUE if e.less_likely)
 
 # Equations of the model that the effects of a subsystem enter, where an entry states no others.
@@ -111,9 +115,7 @@ _EQUATIONS = {
 def equations(effect_id: str) -> frozenset[str]:
     """Equations of the model that an effect enters; a sensor's is its own."""
     effect = BY_ID[effect_id]
-    return frozenset(
-        effect.equations or _EQUATIONS.get(effect.subsystem, (effect.subsystem,))
-    )
+    return frozenset(effect.equations or _EQUATIONS.get(effect.subsystem, (effect.subsystem,)))
 
 
 def equations_and_sensors(effect_id: str) -> frozenset[str]:

@@ -12,7 +12,7 @@ EFFECTS = (
         (Parameter("dead_time_s", "s", lambda s: 0.01 / s.pwm_hz, ZERO, lambda s: 0.2 / s.pwm_hz),),
         needs=("duty",),
         # "edges": S(i) from the current at the two edges of the pulse, as a bridge switches
-        form=Form("form", ("mean", "edges"), "at_edges", catalogue_only=True),
+        form=Form("form", ("mean", "edges"), "at_edges", beyond_specification=True),
         switch=("dead_time_s",),
         less_likely=True,
     ),

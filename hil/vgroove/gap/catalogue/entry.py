@@ -86,14 +86,14 @@ class Parameter:
 @dataclass(frozen=True)
 class Form:
     """Two forms of one law: the rig key and its words, the first the default, and the plant's
-    parameter that is 1 for the second word. catalogue_only: the gap specification knows the first
-    word alone.
+    parameter that is 1 for the second word. beyond_specification: docs/spec/gap.md, section 3, has
+    the first form alone, so that other readers of a rig know no other.
     """
 
     key: str
     words: tuple[str, str]
     flag: str
-    catalogue_only: bool = False
+    beyond_specification: bool = False
 
     @property
     def rig_key(self) -> Key:
@@ -154,7 +154,12 @@ class Effect:
     @property
     def forms(self) -> tuple[tuple[tuple[str, float], ...], ...]:
         """Settings (flat parameter name, value) that are tried, not fitted; the default first."""
-        return ((), ((f"effects.{self.id}.{self.form.flag}", 1.0),)) if self.form else ((),)
+        return ((), ((self.flag_name, 1.0),)) if self.form else ((),)
+
+    @property
+    def flag_name(self) -> str:
+        """Flat parameter that is 1 for the second form; empty for an effect of one form."""
+        return f"effects.{self.id}.{self.form.flag}" if self.form else ""
 
     @property
     def leading(self) -> Parameter:

@@ -42,9 +42,7 @@ def between(low: float, high: float) -> Key:
 def whole(low: int, high: int) -> Key:
     """A whole number from low to high, both accepted."""
     words = f"a whole number from {low} to {high}"
-    return Key(
-        words, lambda v: isinstance(v, int) and not isinstance(v, bool) and low <= v <= high
-    )
+    return Key(words, lambda v: isinstance(v, int) and not isinstance(v, bool) and low <= v <= high)
 
 
 def choice(*names: str) -> Key:

@@ -47,11 +47,7 @@ EFFECTS = (
         "quadratic_drag",
         "motor_mechanical",
         "T + nm_s2_per_rad2 w abs(w)",
-        (
-            Parameter(
-                "nm_s2_per_rad2", "N m s2/rad2", lambda s: 0.03 * s.torque / s.speed**2, ZERO
-            ),
-        ),
+        (Parameter("nm_s2_per_rad2", "N m s2/rad2", lambda s: 0.03 * s.torque / s.speed**2, ZERO),),
         switch=("nm_s2_per_rad2",),
         friction_law=True,
     ),

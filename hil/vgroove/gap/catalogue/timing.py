@@ -24,11 +24,7 @@ EFFECTS = (
         "clock_skew",
         "timing",
         "time stamps t (1 + relative), the logger's (all columns) or the command column's",
-        (
-            Parameter(
-                "relative", "1", constant(0.01), constant(-0.05), constant(0.05), key=SKEW
-            ),
-        ),
+        (Parameter("relative", "1", constant(0.01), constant(-0.05), constant(0.05), key=SKEW),),
         form=Form("clock", ("logger", "command"), "command_clock"),
         equations=("voltage", "torque", "command", "sensor_speed"),
         less_likely=True,
