@@ -104,7 +104,7 @@ def record(
     baud: Annotated[int, typer.Option(help="Rate of the line.")] = 250_000,
 ) -> None:
     """Record the board's telemetry; Ctrl-C ends it with a complete file."""
-    from vgroove.recorder_cli import record_with_progress
+    from vgroove.record_command import record_with_progress
 
     record_with_progress(port, output, seconds, baud)
 
@@ -161,9 +161,9 @@ def run(
 
     options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom)
     if scenario_path is None and on not in ("sil", "avr"):
-        from vgroove.board_run import course_of, run_on_board
+        from vgroove.board_run import chosen_course, run_on_board
 
-        run_on_board(options, course_of(experiment, next_path), baud)
+        run_on_board(options, chosen_course(experiment, next_path), baud)
         return
     if scenario_path is None or experiment or next_path:
         raise VgrooveError(
