@@ -208,7 +208,7 @@ def test_a_trigger_that_is_held_already_is_to_be_released_first() -> None:
 
 def test_nobody_at_the_trigger_ends_the_run_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
     assert TIMEOUT_S >= 60.0
-    monkeypatch.setattr("vgroove.run.TIMEOUT_S", 1.5)
+    monkeypatch.setattr("vgroove.guided_run.TIMEOUT_S", 1.5)
     line = Line("staircase")
     log = performed(line, 3.0, ((0.0, 0.0),))
     assert line.run.ended == "not done within 1.5 s: hold the trigger" and not driven(log).any()

@@ -8,6 +8,7 @@ import json
 import os
 import random
 import resource
+import select
 import signal
 import subprocess
 import sys
@@ -140,7 +141,7 @@ def test_ctrl_c_leaves_a_complete_file(tmp_path: Path, ending: str, number: sign
 def test_ctrl_c_before_a_board_is_found_writes_nothing(tmp_path: Path) -> None:
     master, slave = os.openpty()
     process = start(os.ttyname(slave), tmp_path / "run.csv")
-    time.sleep(1.5)
+    assert select.select([master], [], [], 30.0)[0], "the recorder requests a BOOT frame"
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=30)
     os.close(master)
@@ -396,7 +397,7 @@ def test_a_board_of_another_protocol_is_refused_with_a_sentence(tmp_path: Path) 
     os.close(slave)
     assert (
         process.returncode == 2
-        and "telemetry protocol 9, this vgroove knows 2" in text
+        and "telemetry protocol 9, this vgroove decodes 2" in text
         and os.listdir(tmp_path) == []
     )
 
