@@ -2,6 +2,7 @@
 #include "app/app.h"
 
 #include "app/calibrate.h"
+#include "app/configure.h"
 #include "app/drive.h"
 #include "app/execute.h"
 #include "app/report.h"
@@ -25,8 +26,8 @@ void app_init(App *self, uint32_t build_hash) {
     self->mode = self->host_mode;
     modes_init(&self->modes);
     uart_init(&self->uart, (uint8_t)self->params.value[PARAM_BAUD_SELECT]);
-    while (execute_parameters_pending(self)) {
-        execute_parameters_step(self);
+    while (configure_pending(self)) {
+        configure_step(self);
     }
     report_start(self, build_hash);
 }
@@ -123,8 +124,8 @@ static bool slow_work(App *self) {
     const bool no_edge = self->hall.new_edges == 0u;
     if (execute_pending(self)) {
         execute_received(self);
-    } else if (no_edge && execute_parameters_pending(self)) {
-        execute_parameters_step(self);
+    } else if (no_edge && configure_pending(self)) {
+        configure_step(self);
     } else if (no_edge && calibrate_pitch_due(self)) {
         calibrate_pitch(self);
     } else if (hall_speed_search_due(&self->hall)) {

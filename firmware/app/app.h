@@ -67,7 +67,7 @@ typedef struct {
     uint16_t trigger_greatest;
     bool save_offset;  // the offset found at rest becomes a parameter
     uint8_t overruns;
-    uint8_t configure_step;  // see execute_parameters
+    uint8_t configure_step;  // next one, see configure.c
     bool calibrated;
     bool hall_taken;     // pitches learned so far were within their range
     bool command_waits;  // to be executed and acknowledged

@@ -1,9 +1,8 @@
 // Calibrations, see calibrate.h.
 #include "app/calibrate.h"
 
+#include "app/configure.h"
 #include "core/inline.h"
-
-#include "app/execute.h"
 #include "hal/hal.h"
 
 #define TRIGGER_TICKS 5000u
@@ -36,7 +35,7 @@ static void offset_step(App *app) {
     if (app->calibrated) {
         (void)param_set(&app->params, PARAM_CURRENT_OFFSET_COUNT_Q4, app->current.offset_q4);
     }
-    execute_parameters(app);
+    configure_begin(app);
 }
 
 // Ends of the travel, a thirty-second part within the extremes that the user reached in five
@@ -61,7 +60,7 @@ static void trigger_step(App *app) {
         wide && param_set(&app->params, PARAM_TRIGGER_LOW_COUNT, app->trigger_least + margin) &&
         param_set(&app->params, PARAM_TRIGGER_HIGH_COUNT, app->trigger_greatest - margin);
     app->calibration = TELEMETRY_CALIBRATE_WHAT_CANCEL;
-    execute_parameters(app);
+    configure_begin(app);
 }
 
 bool calibrate_pitch_due(const App *app) {
@@ -83,7 +82,7 @@ INLINE_NEVER void calibrate_pitch(App *app) {
     app->hall.learned = false;
     app->calibration = TELEMETRY_CALIBRATE_WHAT_CANCEL;
     app->calibrated = app->hall_taken;
-    execute_parameters(app);
+    configure_begin(app);
 }
 
 INLINE_NEVER void calibrate_step(App *app) {

@@ -14,10 +14,4 @@ void execute_received(App *app);
 // Trigger released and shaft at rest.
 bool execute_mode_may_change(const App *app);
 
-// Parameters have changed: their drivers take them over in the ticks that follow, a few at a time,
-// since each costs divisions.
-void execute_parameters(App *app);
-void execute_parameters_step(App *app);
-bool execute_parameters_pending(const App *app);
-
 #endif

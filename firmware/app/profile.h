@@ -14,6 +14,11 @@
 
 #define PROFILE_HOLD_MS 50u
 
+typedef enum {
+    PROFILE_NONE,    // the trigger sets the duty
+    PROFILE_ACTING,  // the host sets it
+} ProfileState;
+
 typedef struct {
     int16_t duty_q15;  // commanded last; below 0: the bridge is to be open
     uint8_t left_ms;   // for which it holds still
@@ -25,6 +30,8 @@ void profile_take(Profile *self, int16_t duty_q15);
 
 // Once a tick; `drives`: a drive goes on.
 void profile_tick(Profile *self, bool drives);
+
+ProfileState profile_state(const Profile *self);
 
 // What is to be driven with this trigger: a duty, CONTROLLER_COAST or CONTROLLER_STOP.
 int16_t profile_wish(const Profile *self, int16_t travel_q15);

@@ -38,6 +38,12 @@ typedef struct {
     (-2)  // open for this tick; the tick after it is open as well, since the bridge is armed for
           // one before it drives
 
+// Signal that a controller works by: its setpoint `method`, where it has one.
+typedef enum {
+    CONTROLLER_METHOD_SPEED = 1,    // of the Hall sensor
+    CONTROLLER_METHOD_CURRENT = 2,  // motor current, or the speed computed from current and duty
+} ControllerMethod;
+
 // Why a controller ended its drive, or would not begin it.
 typedef enum {
     CONTROLLER_REASON_NONE,

@@ -96,6 +96,11 @@ void drill_start(Drill *self, const DrillSetpoints *set) {
     *self = (Drill){.state = DRILL_RUN, .blind = BLIND_TICKS};
 }
 
+void drill_reverse(DrillSetpoints *set) {
+    set->clutch_dnm = 0;
+    set->pulse = false;
+}
+
 // e = d Vs - R i - L i'
 static int16_t emf_of(const DrillSetpoints *set, const ControllerInputs *in, int16_t last_a_q9) {
     const uint16_t applied_mv =

@@ -66,6 +66,9 @@ typedef struct {
 } Drill;
 
 void drill_start(Drill *self, const DrillSetpoints *set);
+// Clutch and pulse mode act in the direction that tightens only; a jam kicks in both.
+void drill_reverse(DrillSetpoints *set);
+
 int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInputs *in,
                    const Blow *blow);
 uint8_t drill_state(const Drill *self);

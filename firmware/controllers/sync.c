@@ -75,7 +75,7 @@ static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow) {
     const int16_t by_dips =
         trim_by_depth(blow->ripple_rpm, deep, part_of(blow->base_rpm, set->depth_min_q15));
     const int16_t even =
-        (uint8_t)set->method == SYNC_METHOD_SPEED ? by_dips : trim_by_current(self, set);
+        (uint8_t)set->method == CONTROLLER_METHOD_SPEED ? by_dips : trim_by_current(self, set);
     const int16_t step = lost ? STEP_FAST_MV : even;
     if (step < 0 ||
         self->goal_q15 < INT16_MAX) {  // else there is nothing more to be had from this battery

@@ -24,10 +24,8 @@
 
 typedef enum { SYNC_PLAIN, SYNC_HOLD, SYNC_SEEK } SyncState;
 
-enum { SYNC_METHOD_SPEED = 1, SYNC_METHOD_CURRENT };
-
 typedef struct {
-    uint16_t method;        // SYNC_METHOD_*; the blows must come from the same source
+    uint16_t method;        // CONTROLLER_METHOD_*; the blows must come from the same source
     int16_t low_mv;         // level at the lightest trigger that this controller answers to
     int16_t high_mv;        // level at full trigger
     int16_t depth_min_q15;  // dips shallower than this share of the speed lower the level

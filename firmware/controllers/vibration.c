@@ -54,7 +54,7 @@ static uint16_t emf_by_speed(const Vibration *self, int16_t speed_rpm_q1) {
 static Seen look(const Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
     const uint16_t supply_mv = in->supply_mv < INT16_MAX ? in->supply_mv : INT16_MAX;
     Seen seen = {.applied_mv = high_word((uint32_t)(2u * (uint16_t)in->duty_q15) * supply_mv)};
-    seen.emf_mv = (uint8_t)set->method == VIBRATION_BY_SPEED
+    seen.emf_mv = (uint8_t)set->method == CONTROLLER_METHOD_SPEED
                       ? emf_by_speed(self, in->speed_rpm_q1)
                       : emf_by_current(self, seen.applied_mv, in->current_a_q9);
     return seen;

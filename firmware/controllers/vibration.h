@@ -25,7 +25,6 @@
 #include "controllers/controller.h"
 
 typedef enum { VIBRATION_APPROACH, VIBRATION_CLIMB, VIBRATION_SURGE, VIBRATION_RUN } VibrationPhase;
-typedef enum { VIBRATION_BY_SPEED = 1, VIBRATION_BY_CURRENT = 2 } VibrationMethod;
 
 typedef struct {
     uint16_t method;

@@ -4,6 +4,7 @@
 
 import argparse
 import difflib
+import functools
 import json
 import re
 import sys
@@ -45,11 +46,42 @@ def crc8(data: bytes, crc: int = CRC8_INIT) -> int:
     return crc
 
 
+@functools.cache
+def messages() -> tuple[Message, ...]:
+    """Messages of the DBC in the order of their identifiers."""
+    database = cantools.database.load_file(DBC, strict=True)
+    return tuple(sorted(database.messages, key=lambda message: message.frame_id))
+
+
+def value_table(signal_name: str) -> dict[int, str]:
+    """Values and names of a signal's value table, in the order of the values."""
+    signals = {signal.name: signal for message in messages() for signal in message.signals}
+    return {value: str(name) for value, name in sorted(signals[signal_name].choices.items())}
+
+
+def greatest_of(text: str) -> int:
+    """Greatest value of a parameter: a number, or TELEMETRY_<SIGNAL>_LAST, the last value of a
+    signal's value table.
+    """
+    match = re.fullmatch(r"TELEMETRY_(\w+)_LAST", text)
+    return max(value_table(match.group(1).lower())) if match else int(text)
+
+
+def explained(text: str) -> str:
+    """A parameter's text with each {signal} replaced by the values and names of its value table."""
+
+    def names(match: re.Match[str]) -> str:
+        return ", ".join(f"{value} {name}" for value, name in value_table(match.group(1)).items())
+
+    return re.sub(r"\{(\w+)\}", names, text)
+
+
 def read_parameters(text: str) -> tuple[int, list[Parameter]]:
-    """Version and lines of the X-macro list in param_table.h."""
+    """Version and entries of the X-macro list in param_table.h."""
     version = int(re.search(r"#define PARAM_VERSION (\d+)u", text).group(1))
     pattern = (
-        r'X\((\w+),\s*"([^"]*)",\s*(-?\d+),\s*(-?\d+),\s*(-?\d+),\s*(\d+)\)\s*/\*\s*(.*?)\s*\*/'
+        r'X\((\w+),\s*"([^"]*)",\s*(-?\d+),\s*(-?\d+),\s*(-?\d+|TELEMETRY_\w+),\s*(\d+)\)'
+        r"[\s\\]*/\*\s*(.*?)\s*\*/"
     )
     found = [
         Parameter(
@@ -59,9 +91,9 @@ def read_parameters(text: str) -> tuple[int, list[Parameter]]:
             q_of(name),
             int(default),
             int(least),
-            int(greatest),
+            greatest_of(greatest),
             int(since),
-            note,
+            explained(note),
         )
         for index, (name, unit, default, least, greatest, since, note) in enumerate(
             re.findall(pattern, text)
@@ -148,6 +180,11 @@ def camel(name: str) -> str:
     return "".join(part.capitalize() for part in name.split("_"))
 
 
+def is_enumeration(signal: Signal) -> bool:
+    """Whether the value table names 0, 1, 2, ... without a gap; faults and flags are single bits."""
+    return bool(signal.choices) and sorted(signal.choices) == list(range(len(signal.choices)))
+
+
 def header_message(message: Message) -> list[str]:
     """Identifier, limits, value names and struct of one message."""
     prefix = f"TELEMETRY_{message.name}"
@@ -161,8 +198,11 @@ def header_message(message: Message) -> list[str]:
         least, greatest = raw_limits(signal)
         lines.append(f"#define {name}_MIN {c_literal(least, signal)}")
         lines.append(f"#define {name}_MAX {c_literal(greatest, signal)}")
-        for value, choice in sorted((signal.choices or {}).items()):
+        choices = sorted((signal.choices or {}).items())
+        for value, choice in choices:
             lines.append(f"#define {name}_{str(choice).upper()} {value}u")
+        if is_enumeration(signal):
+            lines.append(f"#define {name}_LAST {choices[-1][0]}u")
     lines.append("typedef struct {")
     for signal in payload(message):
         unit = f"{signal.scale!r} {signal.unit}" if signal.unit not in (None, "1") else ""
@@ -185,7 +225,7 @@ def prototype(message: Message) -> str:
     return f"void telemetry_pack_{snake(message)}(uint8_t data[TELEMETRY_DATA_BYTES], const {kind} *signals)"
 
 
-def header(messages: list[Message]) -> str:
+def header() -> str:
     """telemetry_signals.h"""
     lines = [
         "// Identifiers, raw limits and packing of every telemetry frame.",
@@ -201,9 +241,9 @@ def header(messages: list[Message]) -> str:
         f"#define TELEMETRY_PROTOCOL_VERSION {protocol_version()}u",
         "",
     ]
-    for message in messages:
+    for message in messages():
         lines += header_message(message)
-    lines += [prototype(message) + ";" for message in messages]
+    lines += [prototype(message) + ";" for message in messages()]
     return "\n".join([*lines, "", "#endif", ""])
 
 
@@ -317,14 +357,14 @@ def unpack_function(message: Message) -> list[str]:
     return [*lines, f"    return {' && '.join(checks) or 'true'};", "}", ""]
 
 
-def source(messages: list[Message]) -> str:
+def source() -> str:
     """telemetry_signals.c"""
     lines = [
         "// Packing and unpacking of every telemetry frame.",
         f"// {NOTE.format(source=DBC.name)}",
     ]
     lines += ['#include "telemetry/telemetry_signals.h"', ""]
-    for message in messages:
+    for message in messages():
         lines += unpack_function(message) if is_inbound(message) else pack_function(message)
     return "\n".join(lines)
 
@@ -368,12 +408,10 @@ def parameters_page(version: int, parameters: list[Parameter]) -> str:
 
 def outputs() -> dict[Path, str]:
     """Every generated file and its text."""
-    database = cantools.database.load_file(DBC, strict=True)
-    messages = sorted(database.messages, key=lambda message: message.frame_id)
     version, parameters = read_parameters(PARAM_TABLE.read_text(encoding="utf-8"))
     return {
-        ROOT / "firmware/telemetry/telemetry_signals.h": header(messages),
-        ROOT / "firmware/telemetry/telemetry_signals.c": source(messages),
+        ROOT / "firmware/telemetry/telemetry_signals.h": header(),
+        ROOT / "firmware/telemetry/telemetry_signals.c": source(),
         ROOT / "hil/vgroove/data/vgroove.dbc": DBC.read_text(encoding="utf-8"),
         ROOT / "hil/vgroove/data/parameters.json": parameters_json(version, parameters),
         ROOT / "docs/parameters.md": parameters_page(version, parameters),
