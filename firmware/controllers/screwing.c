@@ -19,8 +19,8 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 #define POWER_WAVES 14u       // waves left when the power is chosen
 #define SETTLE_MEMORY_Q8 32u  // weight of a new rotation: 1/8
 
-// Averaging in TRACK: a rotation of 16 degrees or more counts fully, a smaller one with the share
-// learned / 16 degrees, below SMALL_TURN with the square.
+// Averaging in TRACK: the weight of a new rotation is 1 from 11 degrees per blow on, proportional
+// to the learned rotation below, and to its square below SMALL_TURN.
 #define TURN_MIN (DEG / 5u)  // least rotation per blow
 #define SMALL_TURN 1024u     // 2.8 degrees per blow
 #define MEMORY_Q8 16u
