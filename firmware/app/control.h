@@ -1,4 +1,5 @@
-// The controller of the selected mode: takes its setpoints from the parameters, starts and steps it.
+// The controller of the selected mode: takes its setpoints from the parameters, starts and steps
+// it.
 //
 // control_list.h lists the controllers, controllers/controller.h says what each one must provide.
 // What app/ does for all controllers, so that none of them has to:

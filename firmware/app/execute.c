@@ -6,8 +6,7 @@
 #include "app/param_command.h"
 #include "core/inline.h"
 
-#define BYTES_A_TICK                                                                               \
-    2u  // some 70 commands a second with their ACKs; the queue holds three that come at once
+#define BYTES_PER_TICK 2u  // about 70 commands/s with their ACKs; the queue holds three at once
 
 static bool idle(const App *app) {
     return app->modes.state != MODES_DRIVE && app->modes.state != MODES_RELEASE &&
@@ -94,25 +93,25 @@ INLINE_NEVER static void answer(App *app) {
         app->command.result = execute(app, &app->command);
     }
     command_answered(&app->parser, &app->command, &app->telemetry);
-    app->command_waits = false;
+    app->command_pending = false;
 }
 
 bool execute_pending(const App *app) {
     return !telemetry_ack_waits(&app->telemetry) &&
-           (app->command_waits || !command_wants(&app->parser) || uart_received(&app->uart));
+           (app->command_pending || !command_wants(&app->parser) || uart_received(&app->uart));
 }
 
 void execute_received(App *app) {
     uint8_t byte = 0;
-    if (app->command_waits) {
+    if (app->command_pending) {
         answer(app);
         return;
     }
     if (!command_wants(&app->parser)) {
-        app->command_waits = command_step(&app->parser, &app->command);
+        app->command_pending = command_step(&app->parser, &app->command);
         return;
     }
-    for (uint8_t k = BYTES_A_TICK;
+    for (uint8_t k = BYTES_PER_TICK;
          k > 0u && command_wants(&app->parser) && uart_receive(&app->uart, &byte); k--) {
         command_byte(&app->parser, byte);
     }

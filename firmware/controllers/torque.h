@@ -29,7 +29,7 @@
 
 typedef enum {
     TORQUE_RUN,     // before the first blows
-    TORQUE_LEVEL,   // on the level of the target, until the current tells hard from soft joints
+    TORQUE_LEVEL,   // on the level of the target, until the current separates hard from soft joints
     TORQUE_SETTLE,  // hard joint: until blows no longer turn it
     TORQUE_RAISED,  // soft joint: until the current is that of the target
     TORQUE_OVER,
