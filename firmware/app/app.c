@@ -172,7 +172,7 @@ void app_tick(App *self, uint8_t ticks_late) {
     if (!drives) {
         control_prepare(&self->control, self->mode, self->params.value);
     }
-    self->slow_turn = self->report.hold_slow && telemetry_slow_waits(&self->telemetry);
+    self->slow_turn = self->report.hold_slow && telemetry_slow_pending(&self->telemetry);
     report_tick(self);
     const uint16_t cycles = hal_tick_cycles((uint16_t)self->hall.now_cycles);
     if (cycles > self->worst_cycles) {

@@ -97,8 +97,8 @@ INLINE_NEVER static void answer(App *app) {
 }
 
 bool execute_pending(const App *app) {
-    return !telemetry_ack_waits(&app->telemetry) &&
-           (app->command_pending || !command_wants(&app->parser) || uart_received(&app->uart));
+    return !telemetry_ack_pending(&app->telemetry) &&
+           (app->command_pending || !command_reading(&app->parser) || uart_received(&app->uart));
 }
 
 void execute_received(App *app) {
@@ -107,12 +107,12 @@ void execute_received(App *app) {
         answer(app);
         return;
     }
-    if (!command_wants(&app->parser)) {
+    if (!command_reading(&app->parser)) {
         app->command_pending = command_step(&app->parser, &app->command);
         return;
     }
     for (uint8_t k = BYTES_PER_TICK;
-         k > 0u && command_wants(&app->parser) && uart_receive(&app->uart, &byte); k--) {
+         k > 0u && command_reading(&app->parser) && uart_receive(&app->uart, &byte); k--) {
         command_byte(&app->parser, byte);
     }
 }
