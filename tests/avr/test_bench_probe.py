@@ -211,6 +211,6 @@ def test_missing_elf_and_wrong_microcontroller_have_messages(
         board.period(BoardInputs(ADC))
     with (
         AvrBoard(probe_elfs["atmega328p"], mcu="atmega8") as board,
-        pytest.raises(VgrooveError, match="knows atmega328p and atmega2560"),
+        pytest.raises(VgrooveError, match="supports atmega328p and atmega2560"),
     ):
         board.period(BoardInputs(ADC))
