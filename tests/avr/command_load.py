@@ -1,8 +1,8 @@
-"""Taped pins of a tool at full speed whose host sends commands at every phase of the tick while the
-trigger moves.
+"""Tape of a tool at full speed whose host sends commands at every phase of the tick while the
+trigger changes.
 """
 
-from uneven import PERIODS_A_SECOND, command
+from unequal_pitches import PERIODS_PER_SECOND, command
 
 from vgroove import telemetry
 from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, pack_inputs
@@ -12,15 +12,17 @@ DURATION_S = 6.0
 EDGE_CYCLES = 60 * 16e6 / (15900 * 4)
 DRIVE_S, COMMANDS_S = 0.4, 0.8
 BYTE_PERIODS = 640 / CYCLES_PER_PERIOD  # bytes at 250 kBd, without a pause
-# 39 to 65 ms: two commands each, at every phase of a tick.
+# 39 to 65 ms between two pairs of commands, so that all phases of a tick occur.
 GAPS_PERIODS = tuple(40 * 31 + 67 * k for k in (0, 5, 1, 9, 3, 12, 7, 2, 11, 4, 8, 6, 10))
-TRAVEL_PERIODS = 157  # 5 ms: the trigger moves, and STATE waits to be sent, all the time
+TRAVEL_PERIODS = 157  # 5 ms: the trigger changes, a STATE frame is always pending
 
 
 def commands() -> list[tuple[int, bytes]]:
-    """(period, bytes): pairs of a reading and a setpoint, or a write that is refused while driving."""
-    pairs, at = [], int(COMMANDS_S * PERIODS_A_SECOND)
-    while at < (DURATION_S - 0.1) * PERIODS_A_SECOND:
+    """(period, bytes) of pairs of commands: PARAM_READ, then SETPOINT or a PARAM_WRITE that is
+    refused because the tool is driven.
+    """
+    pairs, at = [], int(COMMANDS_S * PERIODS_PER_SECOND)
+    while at < (DURATION_S - 0.1) * PERIODS_PER_SECOND:
         k = len(pairs)
         second = (
             command(
@@ -41,20 +43,20 @@ def commands() -> list[tuple[int, bytes]]:
     return pairs
 
 
-def busy_line_tape() -> bytes:
-    """Board inputs, a period each."""
+def command_load_tape() -> bytes:
+    """Packed board inputs, one per PWM period."""
     received: dict[int, bytes] = {}
     for start, pair in commands():
         for n, byte in enumerate(pair):
             at = start + int(n * BYTE_PERIODS)
             received[at] = received.get(at, b"") + bytes([byte])
     inputs, edge = [], DRIVE_S * 16e6
-    for k in range(int(DURATION_S * PERIODS_A_SECOND)):
+    for k in range(int(DURATION_S * PERIODS_PER_SECOND)):
         edges = []
         while edge < (k + 1) * CYCLES_PER_PERIOD:
             edges.append(int(edge) - k * CYCLES_PER_PERIOD)
             edge += EDGE_CYCLES
-        driven = k > (DRIVE_S - 0.05) * PERIODS_A_SECOND
+        driven = k > (DRIVE_S - 0.05) * PERIODS_PER_SECOND
         travel = 700 + 60 * (k // TRAVEL_PERIODS % 3) if driven else 100
         inputs.append(
             pack_inputs(
@@ -67,5 +69,5 @@ def busy_line_tape() -> bytes:
 
 
 def answered(stream: bytes) -> int:
-    """How many commands the stream acknowledges."""
+    """Number of ACK frames in the stream."""
     return sum(frame.id == telemetry.ACK for frame in telemetry.Framer().feed(stream))
