@@ -10,13 +10,13 @@ from rich.console import Console
 
 from vgroove.conductor import Conductor
 from vgroove.errors import VgrooveError
-from vgroove.gap.next_run.menu import MENU, Course, named, proposed
+from vgroove.gap.next_run.menu import MENU, RunProfile, profile_from_verdict, profile_named
 from vgroove.recorder import Recording, record
 from vgroove.recorder_cli import signals_stop, summary
 from vgroove.run import RunOptions, progress_bar
 
 
-def course_of(experiment: str | None, verdict: Path | None) -> Course:
+def course_of(experiment: str | None, verdict: Path | None) -> RunProfile:
     """The run that the options ask for; VgrooveError where they ask for none, or for two."""
     if (experiment is None) == (verdict is None):
         names = ", ".join(course.name for course in MENU)
@@ -24,7 +24,7 @@ def course_of(experiment: str | None, verdict: Path | None) -> Course:
             f"a board performs one run: --next VERDICT.json, or --experiment with one of {names}"
         )
     if experiment is not None:
-        return named(experiment)
+        return profile_named(experiment)
     try:
         content = json.loads(verdict.read_text("utf-8"))
     except OSError as error:
@@ -33,7 +33,7 @@ def course_of(experiment: str | None, verdict: Path | None) -> Course:
         raise VgrooveError(f"{verdict}: is no JSON: {error}") from error
     if not isinstance(content, dict):
         raise VgrooveError(f"{verdict}: is not a verdict of `vgroove gap diagnose --json`")
-    return proposed(content, str(verdict))
+    return profile_from_verdict(content, str(verdict))
 
 
 class Operator:
@@ -53,7 +53,7 @@ class Operator:
         self._said = hint
 
 
-def run_on_board(options: RunOptions, course: Course, baud: int) -> None:
+def run_on_board(options: RunOptions, course: RunProfile, baud: int) -> None:
     """Perform and record; VgrooveError as `record` raises it or with what ended the run,
     KeyboardInterrupt on Ctrl-C: both keep the log.
     """

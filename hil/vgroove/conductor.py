@@ -20,7 +20,7 @@ from enum import Enum, auto
 import numpy as np
 
 from vgroove import telemetry
-from vgroove.gap.next_run.menu import SECONDS, Course
+from vgroove.gap.next_run.menu import PROFILE_S, RunProfile
 from vgroove.profile_sender import OPEN, PERIOD_S, ProfileSender
 from vgroove.recorder import DONE, SILENCE_S, Partner
 
@@ -82,11 +82,11 @@ class Leg:
         return out
 
 
-def legs_of(course: Course) -> list[Leg]:
+def legs_of(course: RunProfile) -> list[Leg]:
     """A course as legs: rests and forward levels, then rests and backward ones. A board's direction
     follows its switch, at standstill.
     """
-    time_s = np.arange(round(SECONDS / PERIOD_S)) * PERIOD_S
+    time_s = np.arange(round(PROFILE_S / PERIOD_S)) * PERIOD_S
     share, opens = course.command(time_s), course.opens(time_s)
     legs = []
     for reverse, along in ((False, share), (True, -share)):
@@ -125,7 +125,7 @@ class BoardState:
 class Conductor(Partner):
     """A run on a board; `session` is that of its recording, which begins with the first leg."""
 
-    course: Course
+    course: RunProfile
     session: telemetry.Session
     phase: Phase = Phase.READY
     over: str = ""
