@@ -12,6 +12,7 @@ from pathlib import Path
 
 import cantools
 from cantools.database.can import Message, Signal
+from signal_tables import telemetry_json, telemetry_page
 
 ROOT = Path(__file__).resolve().parents[2]
 DBC = ROOT / "firmware/telemetry/vgroove.dbc"
@@ -371,10 +372,15 @@ def outputs() -> dict[Path, str]:
     database = cantools.database.load_file(DBC, strict=True)
     messages = sorted(database.messages, key=lambda message: message.frame_id)
     version, parameters = read_parameters(PARAM_TABLE.read_text(encoding="utf-8"))
+    page, note = ROOT / "docs/telemetry.md", NOTE.format(source=DBC.name)
     return {
         ROOT / "firmware/telemetry/telemetry_signals.h": header(messages),
         ROOT / "firmware/telemetry/telemetry_signals.c": source(messages),
         ROOT / "hil/vgroove/data/vgroove.dbc": DBC.read_text(encoding="utf-8"),
+        ROOT / "hil/vgroove/data/telemetry.json": telemetry_json(
+            messages, protocol_version(), note
+        ),
+        page: telemetry_page(page.read_text(encoding="utf-8"), messages),
         ROOT / "hil/vgroove/data/parameters.json": parameters_json(version, parameters),
         ROOT / "docs/parameters.md": parameters_page(version, parameters),
     }

@@ -68,7 +68,7 @@ def both(
     run on it, recorded in `log`.
     """
     words = [
-        str(Path(__file__).with_name("patient_board.py")),
+        str(Path(__file__).with_name("board_with_operator.py")),
         on,
         str(folder / "direct.blf"),
         *map(str, (run_s, held_s, travel)),

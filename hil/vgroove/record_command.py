@@ -1,4 +1,4 @@
-"""The terminal side of a recording: progress, counters, Ctrl-C."""
+"""`vgroove record`: the recorder with counters on the terminal, ended by Ctrl-C."""
 
 import signal
 from collections.abc import Iterator
@@ -11,27 +11,28 @@ from rich.live import Live
 from rich.table import Table
 
 from vgroove.recorder import Recording, record
+from vgroove.terminal import print_line
 
 
-class _Stop:
-    """Becomes true with the first Ctrl-C or terminate signal."""
+class StopRequest:
+    """True, when called, after the first Ctrl-C or terminate signal."""
 
     def __init__(self) -> None:
-        self.wanted = False
+        self.received = False
 
     def __call__(self) -> bool:
-        return self.wanted
+        return self.received
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
         """Signal handler."""
         del number, frame
-        self.wanted = True
+        self.received = True
 
 
 @contextmanager
-def signals_stop() -> Iterator[_Stop]:
-    """A callable that is true from the first Ctrl-C or terminate signal on."""
-    stop = _Stop()
+def stop_on_signals() -> Iterator[StopRequest]:
+    """A callable that is true after the first Ctrl-C or terminate signal within the block."""
+    stop = StopRequest()
     before = {
         number: signal.signal(number, stop.on_signal) for number in (signal.SIGINT, signal.SIGTERM)
     }
@@ -43,26 +44,28 @@ def signals_stop() -> Iterator[_Stop]:
 
 
 def _counters(recording: Recording) -> Table:
-    """One line of figures."""
+    """One line: file, board time, rows, losses."""
     counters = recording.session.counters
     table = Table.grid(padding=(0, 2))
-    damage = counters.lost + counters.corrupt
+    colour = "red" if counters.lost + counters.corrupt else "green"
+    losses = f"{counters.lost} lost, {counters.corrupt} corrupt, {counters.skipped_bytes} B skipped"
     table.add_row(
         f"[bold]{recording.output.name}[/]",
         f"{recording.recorded_s:8.1f} s",
         f"{counters.fast} samples",
-        f"[{'red' if damage else 'green'}]{counters.lost} lost, {counters.corrupt} corrupt, {counters.skipped_bytes} B skipped[/]",
+        f"[{colour}]{losses}[/]",
     )
     return table
 
 
 def summary(recording: Recording) -> str:
-    """What was recorded and what was lost, in two lines."""
+    """What was recorded and what was lost, in two or three lines."""
     counters, boot = recording.session.counters, recording.session.boot or {}
+    length = f"{recording.rows} rows, {recording.recorded_s:.1f} s"
     lines = [
-        f"{recording.output}: {recording.rows} rows, {recording.recorded_s:.1f} s, ended: {recording.ended}",
-        f"frames {counters.frames}, lost {counters.lost}, corrupt {counters.corrupt}, skipped bytes {counters.skipped_bytes}, "
-        f"firmware {boot.get('build_hash', 0):06x}",
+        f"{recording.output}: {length}, ended: {recording.ended}",
+        f"frames {counters.frames}, lost {counters.lost}, corrupt {counters.corrupt}, "
+        f"skipped bytes {counters.skipped_bytes}, firmware {boot.get('build_hash', 0):06x}",
     ]
     if recording.session.table is None:
         lines.append("the parameters are not complete: the board did not answer DUMP")
@@ -73,10 +76,10 @@ def record_with_progress(port: str, output: Path, seconds: float | None, baud: i
     """Record with a line of counters on the terminal; VgrooveError as `record` raises it."""
     console = Console(stderr=True)
     recording = Recording(port, output, baud, seconds)
-    with signals_stop() as stop:
+    with stop_on_signals() as stop:
         if console.is_terminal:
             with Live(console=console, auto_refresh=False, transient=True) as live:
                 record(recording, stop, lambda now: live.update(_counters(now), refresh=True))
         else:
             record(recording, stop)
-    console.print(summary(recording), highlight=False, markup=False, soft_wrap=True)
+    print_line(console, summary(recording))
