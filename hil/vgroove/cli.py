@@ -234,7 +234,7 @@ def sim(
 def _sim_logs(
     rig_path: Path, logs: list[Path], output: Path | None, restart_s: float
 ) -> dict[str, Any]:
-    from vgroove.gap.simulate import gap_table, judge, write_simulation
+    from vgroove.gap.simulate import compute_gap, gap_table, write_simulation
     from vgroove.log import read_log
     from vgroove.rig import read_rig
     from vgroove.terminal import print_warning
@@ -243,7 +243,7 @@ def _sim_logs(
         raise VgrooveError(f"--restart-s must be above 0, not {restart_s:g}")
     if output and len(logs) != 1:
         raise VgrooveError("-o writes one simulated log: give one --log")
-    figures, problem = judge(read_rig(rig_path), [read_log(path) for path in logs], restart_s)
+    figures, problem = compute_gap(read_rig(rig_path), [read_log(path) for path in logs], restart_s)
     Console().print(gap_table(figures))
     for warning in figures["warnings"]:
         print_warning(Console(stderr=True), warning)
