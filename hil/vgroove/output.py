@@ -2,13 +2,14 @@
 fills them begins.
 """
 
+import json
 import os
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from vgroove.errors import VgrooveError
 
@@ -71,6 +72,14 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write a text in UTF-8, whole or not at all; VgrooveError when it cannot be written."""
     write_bytes(path, text.encode())
+
+
+def write_json(path: str | os.PathLike[str], content: Any, allow_nan: bool = False) -> None:
+    """Write a value as JSON, whole or not at all; VgrooveError when it cannot be written.
+
+    NaN and infinity, which are no JSON, raise ValueError unless `allow_nan` is set.
+    """
+    write_text(path, json.dumps(content, indent=1, allow_nan=allow_nan) + "\n")
 
 
 def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path] = ()) -> None:

@@ -5,7 +5,7 @@ report is shown on.
 import csv
 import html
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,6 +86,14 @@ class Table:
 
     def _is_number(self, column: int) -> bool:
         return any(isinstance(row[column], int | float) for row in self.rows)
+
+
+def table_from_dicts(
+    name: str, title: str, columns: Sequence[tuple[str, str]], rows: Iterable[dict[str, Any]]
+) -> Table:
+    """A table whose rows are dicts; `columns` are pairs (header, key), a missing key is no value."""
+    cells = [[row.get(key) for _, key in columns] for row in rows]
+    return Table(name, title, [header for header, _ in columns], cells)
 
 
 def shown(cell: Any) -> str:
