@@ -10,7 +10,7 @@ from rich.console import Console
 
 from vgroove.conductor import Conductor
 from vgroove.errors import VgrooveError
-from vgroove.gap.menu import MENU, Course, named, proposed
+from vgroove.gap.next_run.menu import MENU, Course, named, proposed
 from vgroove.recorder import Recording, record
 from vgroove.recorder_cli import signals_stop, summary
 from vgroove.run import RunOptions, progress_bar

@@ -330,6 +330,26 @@ def gap_emps(
     _write_json(json_path, figures)
 
 
+@app.command()
+def effects(
+    effect_id: Annotated[
+        str | None, typer.Argument(metavar="[ID]", help="Show one effect in full.")
+    ] = None,
+    json_path: Annotated[Path | None, typer.Option("--json", help="Write all entries.")] = None,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the table of docs/spec/gap.md.")
+    ] = False,
+) -> None:
+    """List the effects of the catalogue, or show one: equation, parameters, what a log must hold."""
+    from vgroove.gap.catalogue.listing import effect_lines, effect_rows, list_lines, markdown_table
+
+    _check_outputs(json_path)
+    lines = effect_lines(effect_id) if effect_id else list_lines()
+    _write_json(json_path, {"schema": "vgroove.effects/1", "effects": effect_rows()})
+    for line in markdown_table().splitlines() if markdown else lines:
+        Console().print(line, highlight=False, markup=False, soft_wrap=True)
+
+
 def main() -> None:
     """Run the command line; a VgrooveError becomes its sentence on stderr and exit code 2, Ctrl-C
     exit code 130.

@@ -20,7 +20,7 @@ from enum import Enum, auto
 import numpy as np
 
 from vgroove import telemetry
-from vgroove.gap.menu import SECONDS, Course
+from vgroove.gap.next_run.menu import SECONDS, Course
 from vgroove.profile_sender import OPEN, PERIOD_S, ProfileSender
 from vgroove.recorder import DONE, SILENCE_S, Partner
 

@@ -21,7 +21,7 @@ from test_run import VGROOVE
 from vgroove import telemetry
 from vgroove.cli import app
 from vgroove.errors import VgrooveError
-from vgroove.gap.menu import named
+from vgroove.gap.next_run.menu import named
 from vgroove.log import Log, read_log
 
 LIMIT_S = 120

@@ -11,7 +11,7 @@ import pytest
 from vgroove import lockstep, telemetry
 from vgroove.conductor import PATIENCE_S, Conductor, Phase, legs_of
 from vgroove.errors import VgrooveError
-from vgroove.gap.menu import MENU, named, proposed
+from vgroove.gap.next_run.menu import MENU, named, proposed
 from vgroove.log import Log, log_from_session, log_from_stream
 from vgroove.recorder import DONE
 from vgroove.rig import read_rig

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from made_log import edge_times, hall_column, rig
-from vgroove.gap.edge_places import (
+from vgroove.gap.hall_edges.hidden_edges import (
     CELLS,
-    Places,
+    HiddenEdges,
     _bend,
     _Cells,
     _last_in_row,
     counted_lengths,
     unseen_lengths,
 )
-from vgroove.gap.edges import _Reader, edge_periods
-from vgroove.gap.noise import Jitter, edge_jitter, edge_sigma_rpm
+from vgroove.gap.hall_edges.jitter import Jitter, edge_jitter, edge_sigma_rpm
+from vgroove.gap.hall_edges.reader import _Reader, edge_periods
 
 FINE = np.arange(0, 30001) * 1e-4
 ROWS = FINE[::10]
@@ -436,7 +436,9 @@ def test_a_row_shows_its_last_edge() -> None:
     """
     now = np.arange(1, 7) * 5e-3
     end = now + 1e-3 * np.array([-0.5, 0.2, -0.5, -2.2, -2.05, -0.5])
-    found = Places(end, np.full(6, 1e-4), np.array([1, 3, 2, 2, 3, 2]), np.zeros(6, dtype=bool))
+    found = HiddenEdges(
+        end, np.full(6, 1e-4), np.array([1, 3, 2, 2, 3, 2]), np.zeros(6, dtype=bool)
+    )
     placed = _last_in_row(found, now, np.full(6, 2e-3))
     assert np.allclose(placed.end_s - now, 1e-3 * np.array([-0.5, -1.8, -0.5, -0.2, -2.05, -0.5]))
     assert placed.step.tolist() == [1, 2, 3, 3, 2, 2]

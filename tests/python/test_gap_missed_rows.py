@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_log import edge_times, hall_column
-from vgroove.gap.missed_rows import FEWEST, missed_rows, read_edges
+from vgroove.gap.hall_edges.missed_edge_rows import FEWEST, missed_rows, read_edges
 
 FINE = np.arange(0, 40001) * 1e-4
 ROWS = FINE[20::20]

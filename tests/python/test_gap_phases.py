@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from made_log import MadeLog, drive_log, edge_times, hall_column, rig
-from vgroove.gap import edge_gain, phases
-from vgroove.gap.edge_gain import agreed_share, edge_scale, waited_scale
-from vgroove.gap.missed import believable, pitches
-from vgroove.gap.problem import load_problem
+from vgroove.gap.hall_edges import scale
+from vgroove.gap.hall_edges.missed_edges import consistent_missed_edges, most_likely_pitches
+from vgroove.gap.hall_edges.scale import agreed_share, edge_scale, waited_scale
+from vgroove.gap.residual import angle_alignment
+from vgroove.gap.residual.problem import load_problem
 
 STOPS = [
     (0.2, 0.5),
@@ -41,32 +42,32 @@ def test_angles_lost_at_stops_are_found_again(stop_and_go: MadeLog) -> None:
         axis=0,
     )
     theta[:, phase] = np.arange(16) * np.pi / 8.0  # the first edge lies anywhere
-    parts = phases.stretches(problem)
+    parts = angle_alignment.angle_stretches(problem)
     assert parts.count > 2 and problem.runs[0].pitch_rad == pytest.approx(np.pi / 2.0)
     first = parts.of == parts.reference
     best = theta[int(np.argmin([problem.gap(r, first) for r in problem.residuals(theta)]))]
     assert problem.gap(problem.residuals(best)[0]) > 1.3
-    assert problem.gap(phases.aligned(problem, best).residuals(best)[0]) < 1.2
+    assert problem.gap(angle_alignment.align_angles(problem, best).residuals(best)[0]) < 1.2
 
 
 def test_a_rest_that_lies_elsewhere_before_the_first_edge_is_found() -> None:
     strong = rig(effects={"cogging_torque": COGGING | {"torque_nm": 0.008}})
     problem = load_problem([drive_log(strong, levels=STOPS)], strong)
-    parts, theta = phases.stretches(problem), problem.theta0
+    parts, theta = angle_alignment.angle_stretches(problem), problem.theta0
     assert parts.rest.tolist() == [True] + [False] * (parts.count - 1) and parts.reference == 1
     assert parts.restart[0].tolist().count(0) == 1 and len(parts.restart[0]) > parts.count
     rest = parts.rest[parts.of]
     best = problem.gap(problem.residuals(theta)[0], rest)
-    moved = phases.turned(problem, parts, np.where(parts.rest, 2.0, 0.0))
+    moved = angle_alignment.with_angle_shift(problem, parts, np.where(parts.rest, 2.0, 0.0))
     assert moved.gap(moved.residuals(theta)[0], rest) > 1.3 * best
-    again = phases.aligned(moved, theta)
+    again = angle_alignment.align_angles(moved, theta)
     assert again.gap(again.residuals(theta)[0], rest) < 1.05 * best
     assert np.array_equal(again.residuals(theta)[0][~rest], moved.residuals(theta)[0][~rest])
 
 
 def test_nothing_is_turned_where_nothing_follows_the_angle(stop_and_go: MadeLog) -> None:
     problem = load_problem([stop_and_go], rig())
-    assert phases.aligned(problem, problem.theta0) is problem
+    assert angle_alignment.align_angles(problem, problem.theta0) is problem
 
 
 def test_the_linear_search_finds_the_offsets_that_were_put_in() -> None:
@@ -74,7 +75,7 @@ def test_the_linear_search_finds_the_offsets_that_were_put_in() -> None:
     normal = np.stack([np.diag(rng.uniform(50.0, 90.0, 2)) for _ in shift])
     true = np.array([0.8, -0.5])
     turned = [np.array([[np.cos(d), -np.sin(d)], [np.sin(d), np.cos(d)]]) @ true for d in shift]
-    swing = phases.Swing(
+    swing = angle_alignment.FirstOrderRipple(
         1.0, normal, np.stack([-n @ t for n, t in zip(normal, turned, strict=True)])
     )
     found = swing.best_shifts([np.pi / 2.0 * np.arange(4)] * 4)
@@ -133,9 +134,9 @@ def test_a_few_torn_chains_of_a_sensor_that_counts_are_chance(
     def chains(_: np.ndarray, scaled: np.ndarray, *_more: object) -> int:
         return 2 if scaled[0] > 3200.0 else torn
 
-    monkeypatch.setattr(edge_gain, "count_chains", chains)
-    monkeypatch.setattr(edge_gain, "share_bounds", lambda *_: np.zeros((0, 2)))
-    monkeypatch.setattr(edge_gain, "longest_chain", lambda *_: (1.0, 0.0, 0))
+    monkeypatch.setattr(scale, "count_chains", chains)
+    monkeypatch.setattr(scale, "share_bounds", lambda *_: np.zeros((0, 2)))
+    monkeypatch.setattr(scale, "longest_chain", lambda *_: (1.0, 0.0, 0))
     found = edge_scale(time_s, speed, pulses, 0.5)
     assert found < 3000.0 / 3200.0 if believed else found == 1.0
 
@@ -194,8 +195,8 @@ def test_missed_edges_are_no_bend_of_the_motion() -> None:
     count = np.ones(60, int)
     count[[7, 20, 21, 40]] = [2, 2, 3, 4]
     level = np.log(speed / count)
-    assert np.array_equal(pitches(level), count)
-    assert np.array_equal(believable(level, count), count - 1)
+    assert np.array_equal(most_likely_pitches(level), count)
+    assert np.array_equal(consistent_missed_edges(level, count), count - 1)
     # uniformly accelerated from rest: neither half nor twice
     starting = np.log(np.sqrt(np.arange(1.0, 30.0)))
-    assert np.array_equal(pitches(starting), np.ones(29, int))
+    assert np.array_equal(most_likely_pitches(starting), np.ones(29, int))

@@ -10,7 +10,7 @@ from vgroove import lockstep
 from vgroove.board import AvrBoard
 from vgroove.conductor import Conductor
 from vgroove.gap.diagnose import diagnose
-from vgroove.gap.menu import proposed
+from vgroove.gap.next_run.menu import proposed
 from vgroove.log import Log, log_from_session, log_from_stream
 from vgroove.recorder import DONE
 from vgroove.rig import read_rig

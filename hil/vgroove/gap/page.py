@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove.gap.diagnose import Diagnosis
-from vgroove.gap.menu import SECONDS, named
+from vgroove.gap.next_run.menu import SECONDS, named
 from vgroove.gap.report import parameter_words, sentence, words
 from vgroove.page import Card, Note, Page, Part, Picture, Table, style, thin
 

@@ -10,8 +10,8 @@ import numpy as np
 from rich.table import Table
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.channels import RAD_S_TO_RPM
-from vgroove.gap.problem import Problem, load_problem
+from vgroove.gap.residual.channels import RAD_S_TO_RPM
+from vgroove.gap.residual.problem import Problem, load_problem
 from vgroove.log import Log, write_csv
 from vgroove.rig import Rig
 
