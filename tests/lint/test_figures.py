@@ -6,12 +6,12 @@ import json
 import re
 from pathlib import Path
 
-import house
 import pytest
+import rules
 
-RESULTS = house.ROOT / "docs" / "results"
+RESULTS = rules.ROOT / "docs" / "results"
 QUOTE = re.compile(r"<!--result ([\w.]+):([\w.]+)-->(.*?)<!--end-->", re.DOTALL)
-PAGES = [house.ROOT / "README.md", *sorted((house.ROOT / "docs").rglob("*.md"))]
+PAGES = [rules.ROOT / "README.md", *sorted((rules.ROOT / "docs").rglob("*.md"))]
 
 
 def value_of(name: str, key: str, folder: Path = RESULTS) -> str:
