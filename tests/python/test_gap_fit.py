@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gap_toy import SCALES, Toy, fit_of
-from vgroove.gap.catalogue.effects import BY_ID, CATALOGUE, available, contains, equivalents
+from vgroove.gap.catalogue import BY_ID, CATALOGUE, available, contains, equivalents
 from vgroove.gap.fitting.fit import Engine, bounded_step, covariance
 from vgroove.gap.residual.batches import alike, portions
 

@@ -16,16 +16,9 @@ import tomli_w
 from made_log import RIG
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.rig import (
-    EFFECTS,
-    KINDS,
-    LOAD_FORM,
-    SECTIONS,
-    WORDS,
-    read_rig,
-    rig_from_dict,
-    write_rig,
-)
+from vgroove.gap.catalogue import CATALOGUE, LOADS
+from vgroove.rig import read_rig, rig_from_dict, write_rig
+from vgroove.rig_keys import EFFECTS, KINDS, SECTIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -280,7 +273,8 @@ def test_every_parameter_of_the_plant_is_a_key_of_a_rig() -> None:
     known = {f"{s}.{k}" for s, keys in SECTIONS.items() for k in keys}
     known |= {f"{s}.{k}" for s, kinds in KINDS.items() for keys in kinds.values() for k in keys}
     known |= {f"effects.{e}.{k}" for e, keys in EFFECTS.items() for k in keys}
-    known |= {parameter for parameter, _ in (*WORDS.values(), LOAD_FORM)}
+    known |= {effect.flag_name for effect in CATALOGUE if effect.form}
+    known |= {f"load.{load.form.flag}" for load in LOADS.values() if load.form}
     assert set(_core.PARAMETERS) <= known
 
 

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from scipy.stats import t
 
-from vgroove.gap.catalogue.effects import Effect, Scales
+from vgroove.gap.catalogue import Effect, Scales
 from vgroove.gap.fitting.normal_equations import Groups, huber, huber_weight
 from vgroove.gap.residual.batches import portions
 

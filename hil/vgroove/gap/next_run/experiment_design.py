@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vgroove import _core
-from vgroove.gap.catalogue.effects import BY_ID
+from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.fit import Fit
 from vgroove.gap.next_run.menu import Course, possible, time_grid
 from vgroove.gap.residual.channels import RAD_S_TO_RPM

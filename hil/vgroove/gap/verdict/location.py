@@ -12,7 +12,7 @@ from math import factorial
 
 import numpy as np
 
-from vgroove.gap.catalogue.effects import BY_ID
+from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.fit import KEY_BOUND, Fit, bounded_step
 from vgroove.gap.selection.extension import extension_slopes
 from vgroove.gap.selection.model_comparison import block_sums, draw_means, interval
