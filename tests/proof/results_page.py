@@ -55,8 +55,8 @@ def rate(of: dict[str, Any]) -> str:
 
 # Half of the blind set -> what it has been used for.
 HALVES = {
-    "report": "No threshold was chosen on this half.",
-    "tune": "Thresholds were chosen on this half.",
+    "report": "This half is for the report: no threshold is chosen on it.",
+    "tune": "Thresholds are chosen on this half.",
 }
 
 
