@@ -123,7 +123,8 @@ class Rig:
             )
         if self.input["kind"] != "duty" or self.bus_is_measured:
             raise VgrooveError(
-                f"{name}: a duty and its own supply drive the drill driver, not {self.input['kind']} and a measured bus"
+                f"{name}: a duty and its own supply drive the drill driver, "
+                f"not {self.input['kind']} and a measured bus"
             )
         known = _core.drill_parameters()
         found = {key: value for key, value in self._flat().items() if key in known}

@@ -62,7 +62,8 @@ def _check_figures(rig: "Rig", source: str) -> None:
             stated = ", ".join(f"{key} {rig.value(key):g}" for key in figure.keys)
             raise VgrooveError(
                 f"{source}: {stated}: together they make {figure.words} {figure.value:.3g}, "
-                f"which must be from {figure.low:g} to {figure.high:g}; is one of them in another unit?"
+                f"which must be from {figure.low:g} to {figure.high:g}; "
+                "is one of them in another unit?"
             )
 
 

@@ -95,8 +95,14 @@ def test_a_place_is_caught(text: str) -> None:
         ("firmware/core/x.c", '#include "hal/hal.h"'),
         ("firmware/controllers/x.c", '#include "drivers/h_bridge.h"'),
         ("firmware/telemetry/x.c", '#include "app/app.h"'),
-        ("plant/x.cpp", '#include "hal/hal.h"'),
-        ("tests/truth/x.cpp", '#include "plant/motor.hpp"'),
+        ("plant/components/x.cpp", '#include "hal/hal.h"'),
+        ("plant/x.cpp", '#include "components/motor.hpp"'),
+        ("plant/numeric/x.hpp", '#include "components/motor.hpp"'),
+        ("plant/components/x.hpp", '#include "drivetrain/model.hpp"'),
+        ("plant/drivetrain/x.hpp", '#include "impact/log.hpp"'),
+        ("plant/drill/x.hpp", '#include "drivetrain/model.hpp"'),
+        ("plant/impact/x.hpp", '#include "lockstep/impact_plant.hpp"'),
+        ("tests/truth/x.cpp", '#include "plant/components/motor.hpp"'),
     ],
 )
 def test_the_include_rule_catches(path: str, line: str) -> None:
@@ -104,7 +110,11 @@ def test_the_include_rule_catches(path: str, line: str) -> None:
         "hal/hal.h": "firmware/hal/hal.h",
         "drivers/h_bridge.h": "firmware/drivers/h_bridge.h",
         "app/app.h": "firmware/app/app.h",
-        "plant/motor.hpp": "plant/motor.hpp",
+        "components/motor.hpp": "plant/components/motor.hpp",
+        "plant/components/motor.hpp": "plant/components/motor.hpp",
+        "drivetrain/model.hpp": "plant/drivetrain/model.hpp",
+        "impact/log.hpp": "plant/impact/log.hpp",
+        "lockstep/impact_plant.hpp": "plant/lockstep/impact_plant.hpp",
     }
     assert len(rules.include_violations(path, line, known)) == 1
     assert rules.include_violations("tests/unit/x.cpp", line, known) == []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vgroove.gap.cleaning.denoised_command import denoise_command, straight_means
-from vgroove.gap.cleaning.sensor_noise import command_noise, high_frequency_sigma
+from vgroove.gap.cleaning.sensor_noise import command_noise_sigma, high_frequency_sigma
 
 HOLDS = np.concatenate(
     [
@@ -54,7 +54,7 @@ def test_a_command_without_noise_stays_as_it_is(clean: np.ndarray) -> None:
 
 def test_few_steps_between_long_holds_are_no_noise() -> None:
     """Most rows repeat the one before: what scatters is the steps."""
-    assert command_noise(np.repeat([0.0, 7.0, 0.0, 11.0, 0.0], 700)) == 0.0
+    assert command_noise_sigma(np.repeat([0.0, 7.0, 0.0, 11.0, 0.0], 700)) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.diagnose import diagnose
 from vgroove.gap.selection import intervals
-from vgroove.gap.simulate import judge
+from vgroove.gap.simulate import compute_gap
 from vgroove.output import write_text
 from vgroove.rig import read_rig
 
@@ -95,8 +95,8 @@ def test_same_input_same_bytes_and_the_corrected_rig_gives_the_gap_after(tmp_pat
             tmp_path / f"two.{ending}"
         ).read_bytes()
     gap = json.loads((tmp_path / "one.json").read_text())["gap"]
-    after, _ = judge(read_rig(tmp_path / "one.toml"), [case / "log.csv"], 0.25)
-    before, _ = judge(read_rig(case / "rig.toml"), [case / "log.csv"], 0.25)
+    after, _ = compute_gap(read_rig(tmp_path / "one.toml"), [case / "log.csv"], 0.25)
+    before, _ = compute_gap(read_rig(case / "rig.toml"), [case / "log.csv"], 0.25)
     assert after["gap"] == pytest.approx(gap["after"], rel=0.01)
     assert before["gap"] == pytest.approx(gap["before"], rel=0.01)
     page = (tmp_path / "one.html").read_text()
@@ -136,7 +136,7 @@ def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has
     assert found.search.score(found.search.fits[("dead_time",)]) < 1.05
     assert found.corrected_rig().effects["dead_time"].get("form") == form
     assert (found.verdict["gap"]["after"] > 1.1) is (form is None)
-    again = judge(found.corrected_rig(), [log])[0]["gap"]
+    again = compute_gap(found.corrected_rig(), [log])[0]["gap"]
     # a bad model's folds differ
     assert again == pytest.approx(found.verdict["gap"]["after"], rel=0.01 if form else 0.1)
 

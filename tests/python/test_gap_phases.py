@@ -11,7 +11,7 @@ import pytest
 from made_log import MadeLog, drive_log, edge_times, hall_column, rig
 from vgroove.gap.hall_edges import scale
 from vgroove.gap.hall_edges.missed_edges import consistent_missed_edges, most_likely_pitches
-from vgroove.gap.hall_edges.scale import agreed_share, edge_scale, waited_scale
+from vgroove.gap.hall_edges.scale import edge_scale, most_agreed_value, timeout_scale
 from vgroove.gap.residual import angle_alignment
 from vgroove.gap.residual.problem import load_problem
 
@@ -115,7 +115,7 @@ def test_rows_that_wait_for_an_edge_tell_a_gain_that_many_edges_a_row_hide(
     gain: float, stops_per_s: float, error: float
 ) -> None:
     time_s, speed = stopping_column(gain, stops_per_s)
-    assert waited_scale(time_s, speed, 32, 0.5) - 1.0 == pytest.approx(gain, abs=3e-3)
+    assert timeout_scale(time_s, speed, 32, 0.5) - 1.0 == pytest.approx(gain, abs=3e-3)
     assert edge_scale(time_s, speed, 32, 0.5) - 1.0 == pytest.approx(gain, abs=error)
 
 
@@ -135,7 +135,7 @@ def test_a_few_torn_chains_of_a_sensor_that_counts_are_chance(
         return 2 if scaled[0] > 3200.0 else torn
 
     monkeypatch.setattr(scale, "count_chains", chains)
-    monkeypatch.setattr(scale, "share_bounds", lambda *_: np.zeros((0, 2)))
+    monkeypatch.setattr(scale, "period_error_bounds", lambda *_: np.zeros((0, 2)))
     monkeypatch.setattr(scale, "longest_chain", lambda *_: (1.0, 0.0, 0))
     found = edge_scale(time_s, speed, pulses, 0.5)
     assert found < 3000.0 / 3200.0 if believed else found == 1.0
@@ -143,7 +143,7 @@ def test_a_few_torn_chains_of_a_sensor_that_counts_are_chance(
 
 def test_a_shaft_that_never_stops_tells_no_scale_by_waiting() -> None:
     time_s, speed = stopping_column(0.052)
-    assert waited_scale(time_s, np.where(speed > 500.0, speed, np.nan), 32, 0.5) == 1.0
+    assert timeout_scale(time_s, np.where(speed > 500.0, speed, np.nan), 32, 0.5) == 1.0
 
 
 def test_however_many_rows_wait_no_more_than_fit_into_memory_are_asked() -> None:
@@ -151,14 +151,14 @@ def test_however_many_rows_wait_no_more_than_fit_into_memory_are_asked() -> None
     period = time_s[-1] + time_s[1]
     many = np.concatenate([time_s + k * period for k in range(100)])
     tracemalloc.start()
-    assert waited_scale(many, np.tile(speed, 100), 32, 0.5) - 1.0 == pytest.approx(0.052, abs=3e-3)
+    assert timeout_scale(many, np.tile(speed, 100), 32, 0.5) - 1.0 == pytest.approx(0.052, abs=3e-3)
     assert tracemalloc.get_traced_memory()[1] < 100e6
     tracemalloc.stop()
 
 
 def test_the_share_that_most_stretches_allow_is_not_moved_by_a_few_that_miscount() -> None:
-    assert agreed_share(np.array([[-1.0, 3.0], [1.0, 4.0], [0.0, 2.0], [7.0, 8.0]])) == 1.5
-    assert agreed_share(np.zeros((0, 2))) == 0.0
+    assert most_agreed_value(np.array([[-1.0, 3.0], [1.0, 4.0], [0.0, 2.0], [7.0, 8.0]])) == 1.5
+    assert most_agreed_value(np.zeros((0, 2))) == 0.0
 
 
 def test_a_filtered_speed_has_no_scale() -> None:

@@ -5,7 +5,7 @@ tell the two apart.
 import numpy as np
 import pytest
 
-from vgroove.gap.cleaning.clock import even_grid, is_rounding, on_even_clock, row_times
+from vgroove.gap.cleaning.clock import correct_time_stamps, even_grid, is_rounding, row_times
 from vgroove.gap.hall_edges.stamp_check import stamp_contradictions
 from vgroove.log import Log
 from vgroove.rig import Rig, read_rig
@@ -51,7 +51,7 @@ def times_by_edges(stamps: np.ndarray, speed_rpm: np.ndarray, rig: Rig) -> np.nd
 def test_stamps_that_scatter_are_put_back_on_the_clock(rig: Rig) -> None:
     stamps = GRID + np.random.default_rng(1).uniform(-5e-5, 5e-5, len(GRID))
     log = Log(stamps, {"speed_rpm": hall_speed(GRID)}, "run.csv")
-    log = on_even_clock(log, stamp_contradictions(log, rig))
+    log = correct_time_stamps(log, stamp_contradictions(log, rig))
     assert np.abs(log.time_s - GRID).max() < 5e-6
     assert "even clock" in log.warnings[-1]
 

@@ -10,8 +10,8 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove.gap.diagnose import Diagnosis
-from vgroove.gap.next_run.menu import SECONDS, named
-from vgroove.gap.report import parameter_words, sentence, words
+from vgroove.gap.next_run.menu import PROFILE_S, profile_named
+from vgroove.gap.report import parameter_texts, spaced_name, verdict_sentence
 from vgroove.page import Card, Note, Page, Part, Picture, Table, style, thin
 
 MEASURED, NOMINAL, RETUNED, CORRECTED, FLOOR, SHADE = (
@@ -61,7 +61,7 @@ def diagnosis_page(found: Diagnosis, names: Sequence[str]) -> Page:
         title,
         [],
         parts,
-        lead=sentence(verdict),
+        lead=verdict_sentence(verdict),
         cards=cards(verdict),
         warnings=verdict["warnings"],
     )
@@ -125,7 +125,7 @@ def which_card(verdict: dict[str, Any]) -> Card:
         f"{percent(effects[i]['probability'])} sure: {', '.join(parameter_words(effects[i]))}"
         for i in chosen
     ]
-    return Card("WHICH", " and ".join(map(words, chosen)), "; ".join(support))
+    return Card("WHICH", " and ".join(map(spaced_name, chosen)), "; ".join(support))
 
 
 def far_card(verdict: dict[str, Any]) -> Card:
@@ -210,11 +210,11 @@ def effect_table(verdict: dict[str, Any]) -> Table:
         [
             e["id"],
             "yes" if e["id"] in verdict["selected"] else "",
-            words(e["subsystem"]),
+            spaced_name(e["subsystem"]),
             round(e["probability"], 2),
             percent(e["closes"]),
             percent(e["lost_without"]),
-            "; ".join(parameter_words(e)),
+            "; ".join(parameter_texts(e)),
         ]
         for e in verdict["effects"][:EFFECTS_SHOWN]
     ]
@@ -251,7 +251,9 @@ def next_parts(verdict: dict[str, Any]) -> list[Part]:
     if asked is None:
         return []
     time_s, level = zip(*asked["points"], strict=True)
-    shape, ends = ("linear", []) if named(asked["profile"]).straight else ("hv", [SECONDS])
+    shape, ends = (
+        ("linear", []) if profile_named(asked["profile"]).straight else ("hv", [PROFILE_S])
+    )
     course = go.Figure(
         go.Scatter(
             x=[*time_s, *ends],
@@ -264,7 +266,7 @@ def next_parts(verdict: dict[str, Any]) -> list[Part]:
     lines = [asked["why"] + ".", "Then diagnose all logs together."]
     opens = "of the largest command" + (
         ", the bridge open where it is 0 after the first press"
-        if named(asked["profile"]).coasts
+        if profile_named(asked["profile"]).coasts
         else ""
     )
     parts: list[Part] = [
@@ -283,7 +285,8 @@ def next_parts(verdict: dict[str, Any]) -> list[Part]:
 def where_parts(where: dict[str, Any]) -> list[Part]:
     """Shares of subsystems and regimes, and what the gap follows."""
     shares = sorted(
-        ((words(k), 100 * v) for k, v in where["share"].items() if v > 0.0), key=lambda i: -i[1]
+        ((spaced_name(k), 100 * v) for k, v in where["share"].items() if v > 0.0),
+        key=lambda i: -i[1],
     )
     regimes = [(r["regime"], 100 * r["share"]) for r in where["by_regime"]]
     follows = [

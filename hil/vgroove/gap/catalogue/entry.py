@@ -120,7 +120,7 @@ OUTPUT_TURN = "once an output turn"
 class Effect:
     """One physical effect that the nominal model leaves out.
 
-    equation: docs/spec/gap.md, section 3, as text. parameters: the first one is the leading one,
+    equation, remark: docs/spec/gap.md, section 3, is written from them. parameters: the first one is the leading one,
     whose value stands for the effect's size. needs: what a log must hold to show it, flags of
     NEEDS. special_case_of: more general effects that contain it as a limit. identical_to: effects
     that no run tells from it, each with the flags under which that holds; this one is the likelier.
@@ -143,6 +143,7 @@ class Effect:
     switch: tuple[str, ...] = ()
     equations: tuple[str, ...] = ()
     loads: tuple[str, ...] = ()
+    remark: str = ""
     friction_law: bool = False
     less_likely: bool = False
 

@@ -57,6 +57,8 @@ EFFECTS = (
         "T + forward_nm for w > 0, T - backward_nm for w < 0, in between at rest",
         (torque("forward_nm"), torque("backward_nm")),
         needs=("both",),
+        remark="forward_nm = -backward_nm is a constant torque offset. Needs both directions: in a "
+        "one-way log it is `coulomb_friction`",
     ),
     Effect(
         "directional_viscous",
@@ -64,6 +66,8 @@ EFFECTS = (
         "T + nm_s_per_rad abs(w)",
         (viscous(),),
         needs=("both",),
+        remark="more viscous friction in one direction than in the other. Needs both directions: "
+        "in a one-way log it is `viscous_friction`",
         switch=("nm_s_per_rad",),
     ),
     Effect(

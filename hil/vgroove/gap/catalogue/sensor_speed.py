@@ -23,6 +23,7 @@ EFFECTS = (
         (Parameter("amplitude_rad", "rad", constant(0.02), high=constant(0.5)), PHASE),
         needs=("edges",),
         periodic=Periodic("amplitude_rad", 1.0, moves_shaft=False),
+        remark="a once-per-turn error of measured speed and angle, not of the shaft",
         switch=("amplitude_rad",),
     ),
     Effect(
@@ -35,5 +36,6 @@ EFFECTS = (
             ),
         ),
         needs=("edges",),
+        remark="single speeds are far too low",
     ),
 )

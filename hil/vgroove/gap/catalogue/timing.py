@@ -25,6 +25,8 @@ EFFECTS = (
         "timing",
         "time stamps t (1 + relative), the logger's (all columns) or the command column's",
         (Parameter("relative", "1", constant(0.01), constant(-0.05), constant(0.05), key=SKEW),),
+        remark="within +-0.05. Without a position or a second clock the logger's looks like "
+        "`added_inertia`",
         form=Form("clock", ("logger", "command"), "command_clock"),
         equations=("voltage", "torque", "command", "sensor_speed"),
         less_likely=True,

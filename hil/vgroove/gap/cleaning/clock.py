@@ -24,7 +24,7 @@ def even_grid(time_s: np.ndarray) -> np.ndarray | None:
     steps = np.diff(time_s)
     # of rounded stamps the median is a digit off
     interval = float(steps[steps < 1.5 * np.median(steps)].mean())
-    place = tracked(time_s, interval)
+    place = row_numbers(time_s, interval)
     for _ in range(3):  # a long log needs the interval to a small part of its row number
         slope, start = np.polyfit(place, time_s, 1)
         place = np.round((time_s - start) / slope)
@@ -34,7 +34,7 @@ def even_grid(time_s: np.ndarray) -> np.ndarray | None:
     return grid if np.abs(time_s - grid).max() < NEAR * slope else None
 
 
-def tracked(time_s: np.ndarray, interval: float) -> np.ndarray:
+def row_numbers(time_s: np.ndarray, interval: float) -> np.ndarray:
     """Number (n,) of each row on a clock of about this interval that is pulled after the stamps, so
     that their scatter does not add up.
     """
@@ -83,7 +83,7 @@ def row_times(
     return grid if clear else time_s
 
 
-def on_even_clock(log: Any, contradictions: Callable[[np.ndarray], int] | None = None) -> Any:
+def correct_time_stamps(log: Any, contradictions: Callable[[np.ndarray], int] | None = None) -> Any:
     """The log with the times at which its rows closed, and a warning where these are not its time
     stamps; `contradictions` as in row_times.
     """

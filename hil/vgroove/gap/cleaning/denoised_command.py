@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.cleaning.sensor_noise import command_noise
+from vgroove.gap.cleaning.sensor_noise import command_noise_sigma
 
 MOST_REACH = 500  # samples on each side of one that is calmed
 TOGETHER = 4  # pairs of samples that may bend the window together
@@ -38,7 +38,7 @@ def denoise_command(values: np.ndarray) -> DenoisedCommand:
     noise lets it be seen. Where nothing is at rest to tell them apart half of the scatter stays:
     wrong by half, whichever it is.
     """
-    scatter = command_noise(values)
+    scatter = command_noise_sigma(values)
     if scatter == 0.0:
         return DenoisedCommand(values)
     mean, averaged = straight_means(values, scatter)

@@ -10,11 +10,10 @@ from vgroove.rig import Rig
 
 # differences that must fit a column's resolution, and steps in the smallest of them
 STEPS_LOOKED_AT, MOST_PARTS = 2000, 64
-SCATTER_WINDOW, SCATTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
+FILTER_ROWS, FILTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
 SHORT = (5, 2)  # window and order of the filter that reaches across fewer steps
 DIFFERENCE_ORDERS = range(3, 9)  # of a position, in which white noise is looked for
-RPM = 2.0 * np.pi / 60.0
-MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
+MAD_TO_SIGMA = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 # a noiseless log must not divide by zero
 MIN_SIGMA = {"current_a": 1e-3, "supply_v": 1e-3, "speed_rpm": 1e-2, "position_rad": 1e-9}
 
@@ -26,7 +25,7 @@ def residual_power_share(window: int, order: int) -> float:
     return 1.0 - float(savgol_coeffs(window, order)[window // 2])
 
 
-RESIDUAL_POWER_SHARE = residual_power_share(SCATTER_WINDOW, SCATTER_ORDER)
+RESIDUAL_POWER_SHARE = residual_power_share(FILTER_ROWS, FILTER_ORDER)
 
 
 def high_frequency_sigma(values: np.ndarray) -> float:
@@ -50,7 +49,7 @@ def typical_sigma(values: np.ndarray) -> float:
     reach across fewer of them tell.
     """
     spreads = [
-        _usual(values, window, order) for window, order in ((SCATTER_WINDOW, SCATTER_ORDER), SHORT)
+        _usual(values, window, order) for window, order in ((FILTER_ROWS, FILTER_ORDER), SHORT)
     ]
     return min(spreads) if min(spreads) > 0.0 else max(spreads)
 
@@ -61,23 +60,23 @@ def _usual(values: np.ndarray, window: int, order: int) -> float:
     """
     residual = high_pass_residual(values, window, order)
     return float(
-        MAD
+        MAD_TO_SIGMA
         * np.median(np.abs(residual - np.median(residual)))
         / np.sqrt(residual_power_share(window, order))
     )
 
 
-def command_noise(values: np.ndarray) -> float:
+def command_noise_sigma(values: np.ndarray) -> float:
     """1 sigma of the noise of a measured command (n,); 0 for one without: a scatter within half a
     step of the column is its rounding.
     """
     finite = values[np.isfinite(values)]
-    spread = typical_sigma(finite) if len(finite) >= SCATTER_WINDOW else 0.0
+    spread = typical_sigma(finite) if len(finite) >= FILTER_ROWS else 0.0
     return spread if spread > 0.5 * resolution_of(finite) else 0.0
 
 
 def high_pass_residual(
-    values: np.ndarray, window: int = SCATTER_WINDOW, order: int = SCATTER_ORDER
+    values: np.ndarray, window: int = FILTER_ROWS, order: int = FILTER_ORDER
 ) -> np.ndarray:
     """What a smooth line through a column (n,) leaves: its noise, and its rounding."""
     return values - savgol_filter(values, window, order)
@@ -97,7 +96,7 @@ def divided_differences(
     return np.sum(weight * values, axis=1) / np.sqrt(np.sum(weight**2, axis=1))
 
 
-def position_scatter(time_s: np.ndarray, values: np.ndarray) -> float:
+def position_noise_sigma(time_s: np.ndarray, values: np.ndarray) -> float:
     """Standard deviation of the noise of a position (n,) at its times (n,): differences of high
     order leave of a smooth motion little. The least over the orders, since motion only adds; nan
     where fewer than 20 samples are there.
@@ -108,7 +107,7 @@ def position_scatter(time_s: np.ndarray, values: np.ndarray) -> float:
     found = (
         divided_differences(time_s[known], values[known], order) for order in DIFFERENCE_ORDERS
     )
-    return float(min(MAD * np.median(np.abs(d - np.median(d))) for d in found))
+    return float(min(MAD_TO_SIGMA * np.median(np.abs(d - np.median(d))) for d in found))
 
 
 def position_sigma(rig: Rig, time_s: np.ndarray, values: np.ndarray) -> float:
@@ -116,7 +115,9 @@ def position_sigma(rig: Rig, time_s: np.ndarray, values: np.ndarray) -> float:
     its quantisation.
     """
     rounding = rig.sensors.get("position_lsb_rad", resolution_of(values)) / np.sqrt(12.0)
-    return float(np.nanmax([position_scatter(time_s, values), rounding, MIN_SIGMA["position_rad"]]))
+    return float(
+        np.nanmax([position_noise_sigma(time_s, values), rounding, MIN_SIGMA["position_rad"]])
+    )
 
 
 def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-CELLS = 64
+PARTICLES = 64
 FILLED = 48  # of them, when they are replaced: the others are room for cells that go both ways
 MEMORY = 100  # edges over which later ones tell where an edge was: periods drift
 EVERY = 8  # edges after which cells that were given up are replaced
@@ -52,7 +52,7 @@ class HiddenEdges:
 
 
 @dataclass
-class _Cells:
+class _Particles:
     """Where the last edge may be: time, cost, slope of the speed and the speed there, middle of its
     period, half width of the cell, all (CELLS,); the last row's time, how fast speeds and periods
     changed in it, how much the latter changes, and how uneven the speeds are.
@@ -93,13 +93,13 @@ class _Path:
     @staticmethod
     def of(m: int, start_s: np.ndarray, half_s: float) -> "_Path":
         """Room for m edges, the first at start_s (CELLS,)."""
-        nothing = np.zeros((m, CELLS))
+        nothing = np.zeros((m, PARTICLES))
         return _Path(
             np.tile(start_s, (m, 1)),
-            np.ones((m, CELLS), dtype=int),
+            np.ones((m, PARTICLES), dtype=int),
             nothing.astype(bool),
             nothing.copy(),
-            np.tile(np.arange(CELLS), (m, 1)),
+            np.tile(np.arange(PARTICLES), (m, 1)),
             nothing.copy(),
             np.full(m, half_s),
         )
@@ -152,22 +152,22 @@ def track_hidden_edges(
     )
     rounding = period * half_lsb_rpm / np.abs(speed)
     m, low = len(now_s), max(now_s[0] - period[0], before[0])
-    half = 0.5 * (now_s[0] - low) / CELLS
-    start = low + half * (2.0 * np.arange(CELLS) + 1.0)
-    cells = _Cells(
+    half = 0.5 * (now_s[0] - low) / PARTICLES
+    start = low + half * (2.0 * np.arange(PARTICLES) + 1.0)
+    cells = _Particles(
         start,
-        np.zeros(CELLS),
-        np.full(CELLS, np.nan),
-        np.full(CELLS, speed[0]),
+        np.zeros(PARTICLES),
+        np.full(PARTICLES, np.nan),
+        np.full(PARTICLES, speed[0]),
         start - 0.5 * period[0],
-        np.full(CELLS, half),
+        np.full(PARTICLES, half),
         now_s[0],
     )
     path = _Path.of(m, start, half)
     for i in range(1, m):
         unseen_s = now_s[i] - np.max(cells.time_s[cells.cost < HOPELESS])
         before_that = path.parent[i - 1], path.shift_s[i - 1]
-        fewer, unshown = np.zeros(CELLS, dtype=bool), np.full(CELLS, -1)
+        fewer, unshown = np.zeros(PARTICLES, dtype=bool), np.full(PARTICLES, -1)
         if not counts:
             fewer = _branch(cells, before_that, (period[i - 1], period[i]), now_s[i])
             unshown = _branch_to_wait(
@@ -192,7 +192,7 @@ def track_hidden_edges(
             )
             path.waited[i] = False
         path.time_s[i], path.half_s[i] = cells.time_s, cells.widest_s()
-        if i % EVERY == 0 or np.count_nonzero(cells.cost < HOPELESS) < CELLS // 2:
+        if i % EVERY == 0 or np.count_nonzero(cells.cost < HOPELESS) < PARTICLES // 2:
             path.parent[i], path.shift_s[i] = _renew(cells, counts)
     found = _traced(cells, path, rounding)
     return found if found is None or counts else _last_in_row(found, now_s, period)
@@ -217,7 +217,7 @@ def _last_in_row(found: HiddenEdges, now_s: np.ndarray, period_s: np.ndarray) ->
 
 
 def _follow(
-    cells: _Cells,
+    cells: _Particles,
     rows: tuple[float, float, float, float],
     speed: tuple[float, float],
     period: tuple[float, float],
@@ -299,12 +299,14 @@ def _follow(
     return step, wrong
 
 
-def _growth(cells: _Cells, period: tuple[float, float], now: float) -> float:
+def _growth(cells: _Particles, period: tuple[float, float], now: float) -> float:
     """Change of the period over the last row, per second."""
     return (period[1] - period[0]) / max(now - cells.now_s, 1e-6)
 
 
-def _bend(cells: _Cells, period: tuple[float, float], now: float, number: np.ndarray) -> np.ndarray:
+def _bend(
+    cells: _Particles, period: tuple[float, float], now: float, number: np.ndarray
+) -> np.ndarray:
     """Time (CELLS,) by which the last of so many edges may lie beside where a steady acceleration
     puts it. Where the growth of the periods changes as it never did (a command that steps) it may
     have done so in the first of them, and in the last.
@@ -320,7 +322,10 @@ def _bend(cells: _Cells, period: tuple[float, float], now: float, number: np.nda
 
 
 def _branch(
-    cells: _Cells, before: tuple[np.ndarray, np.ndarray], period: tuple[float, float], now: float
+    cells: _Particles,
+    before: tuple[np.ndarray, np.ndarray],
+    period: tuple[float, float],
+    now: float,
 ) -> np.ndarray:
     """Cells (CELLS,) that hold a row to show the edge before the last one that fits. While the
     shaft slows down a row may as well: such cells go both ways, the other one in place of a cell
@@ -335,13 +340,13 @@ def _branch(
     torn = torn[np.argsort(cells.cost[torn], kind="stable")][: len(free)]
     other = free[: len(torn)]
     _copy(cells, before, torn, other)
-    fewer = np.zeros(CELLS, dtype=bool)
+    fewer = np.zeros(PARTICLES, dtype=bool)
     fewer[other] = True
     return fewer
 
 
 def _branch_to_wait(
-    cells: _Cells,
+    cells: _Particles,
     before: tuple[np.ndarray, np.ndarray],
     row_s: tuple[float, float],
     speed: float,
@@ -353,7 +358,7 @@ def _branch_to_wait(
     ended there, as while a shaft slows down fast. They take the place of cells that are far less
     likely; -1 for all others.
     """
-    (since, now), unshown, pitch = row_s, np.full(CELLS, -1), abs(speed) * period
+    (since, now), unshown, pitch = row_s, np.full(PARTICLES, -1), abs(speed) * period
     apart = now - period - cells.time_s
     number = np.maximum(np.round(np.abs(cells.speed) * apart / pitch), 1.0)
     shows, unsure = (
@@ -379,7 +384,7 @@ def _branch_to_wait(
 
 
 def _copy(
-    cells: _Cells, before: tuple[np.ndarray, np.ndarray], one: np.ndarray, other: np.ndarray
+    cells: _Particles, before: tuple[np.ndarray, np.ndarray], one: np.ndarray, other: np.ndarray
 ) -> None:
     """Put cells in the place of others; before: parents and shifts (CELLS,) of the row before."""
     for values in (
@@ -394,25 +399,25 @@ def _copy(
         values[other] = values[one]
 
 
-def _lost(cells: _Cells, wrong: np.ndarray) -> bool:
+def _lost(cells: _Particles, wrong: np.ndarray) -> bool:
     """Whether the row contradicts every cell that is alive; wrong (CELLS,) in squared sigmas."""
     return not np.any((cells.cost < HOPELESS) & (wrong < WORST))
 
 
 def _begin_again(
-    cells: _Cells, before: float, now: float, period: float, speed: float
+    cells: _Particles, before: float, now: float, period: float, speed: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cells all over a row that shows an edge of its own; (parents, steps) of them."""
-    parent = np.full(CELLS, int(np.argmin(cells.cost)))
-    cells.half_s = np.full(CELLS, 0.5 * (now - before) / CELLS)
-    cells.time_s = before + cells.half_s * (2.0 * np.arange(CELLS) + 1.0)
+    parent = np.full(PARTICLES, int(np.argmin(cells.cost)))
+    cells.half_s = np.full(PARTICLES, 0.5 * (now - before) / PARTICLES)
+    cells.time_s = before + cells.half_s * (2.0 * np.arange(PARTICLES) + 1.0)
     cells.cost, cells.slope, cells.speed = (
-        np.zeros(CELLS),
-        np.full(CELLS, np.nan),
-        np.full(CELLS, speed),
+        np.zeros(PARTICLES),
+        np.full(PARTICLES, np.nan),
+        np.full(PARTICLES, speed),
     )
     cells.middle_s = cells.time_s - 0.5 * period
-    return parent, np.ones(CELLS, dtype=int)
+    return parent, np.ones(PARTICLES, dtype=int)
 
 
 def unseen_first(previous_s: float, period_s: float, step: np.ndarray) -> np.ndarray:
@@ -420,18 +425,18 @@ def unseen_first(previous_s: float, period_s: float, step: np.ndarray) -> np.nda
     return 1.0 / np.sqrt(1.0 / previous_s**2 + (1.0 / period_s**2 - 1.0 / previous_s**2) / step)
 
 
-def _renew(cells: _Cells, counts: bool) -> tuple[np.ndarray, np.ndarray]:
+def _renew(cells: _Particles, counts: bool) -> tuple[np.ndarray, np.ndarray]:
     """Split the cells that are alive into more; (parents, shifts) of the new ones."""
     alive = np.flatnonzero(cells.cost < HOPELESS)
-    count, number, filled = len(alive), np.arange(CELLS), CELLS if counts else FILLED
-    if count > CELLS // 2:
-        return number, np.zeros(CELLS)
+    count, number, filled = len(alive), np.arange(PARTICLES), PARTICLES if counts else FILLED
+    if count > PARTICLES // 2:
+        return number, np.zeros(PARTICLES)
     parent = alive[np.minimum(number, filled - 1) * count // filled]
-    parts = np.bincount(parent[:filled], minlength=CELLS)[parent]
+    parts = np.bincount(parent[:filled], minlength=PARTICLES)[parent]
     shift = cells.half_s[parent] * (
         (2.0 * np.minimum(number - np.searchsorted(parent, parent), parts - 1) + 1.0) / parts - 1.0
     )
-    cells.half_s = cells.half_s[parent] * (count / CELLS if counts else 1.0 / parts)
+    cells.half_s = cells.half_s[parent] * (count / PARTICLES if counts else 1.0 / parts)
     cells.time_s, cells.cost = (
         cells.time_s[parent] + shift,
         cells.cost[parent] + np.where(number < filled, 0.0, 2.0 * HOPELESS),
@@ -444,14 +449,14 @@ def _renew(cells: _Cells, counts: bool) -> tuple[np.ndarray, np.ndarray]:
     return parent, shift
 
 
-def _traced(cells: _Cells, path: _Path, rounding_s: np.ndarray) -> HiddenEdges | None:
+def _traced(cells: _Particles, path: _Path, rounding_s: np.ndarray) -> HiddenEdges | None:
     """Mean and spread over the cells of each edge's time, each cell's path followed back: what
     moved a cell moves its past.
     """
     m, weight = len(path.time_s), np.exp(-0.5 * cells.cost)
     weight /= weight.sum()
     best = int(np.argmax(weight))
-    at, moved = np.arange(CELLS), np.zeros(CELLS)
+    at, moved = np.arange(PARTICLES), np.zeros(PARTICLES)
     end, spread, step, waited, contradicted = (
         np.empty(m),
         np.empty(m),

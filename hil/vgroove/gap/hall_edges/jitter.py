@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from vgroove.gap.cleaning.sensor_noise import MIN_SIGMA, RPM
+from vgroove.gap.cleaning.sensor_noise import MIN_SIGMA
+from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods
 from vgroove.gap.hall_edges.missed_edges import as_single_pitches, widen_beside_missed
-from vgroove.gap.hall_edges.reader import COUNTING_PULSES, EdgePeriods
 from vgroove.rig import Rig
+from vgroove.units import RAD_S_PER_RPM
 
 FEWEST_WINDOWS = 5  # of edge periods, in which their jitter is looked for
 # edge periods of a window besides two turns: room for what is slow, for a pattern of the turn, and
@@ -38,9 +39,9 @@ def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) ->
     that no row shows. Rows that come slowly hold fast motion: what the nominal model expects is
     taken away. Motion only adds: the least that is found counts.
     """
-    edges = edges.whole()
+    edges = edges.without_timeouts()
     # each row spans several edges: no pattern of a turn is left, and a turn would be long
-    counted = pulses_per_rev >= COUNTING_PULSES
+    counted = pulses_per_rev >= MIN_COUNTING_PULSES
     turn = 1 if counted else pulses_per_rev
     size = COUNTED_ROWS if counted else max(4 * turn, 2 * turn + BESIDE_A_TURN)
     starts = np.arange(0, len(edges.row) - size + 1, size // 2)
@@ -58,7 +59,7 @@ def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) ->
         ),
         key=np.median,
     )
-    return _split_jitter(variance, ((edges.speed_rpm * RPM)[rows].mean(axis=1)) ** 2)
+    return _split_jitter(variance, ((edges.speed_rpm * RAD_S_PER_RPM)[rows].mean(axis=1)) ** 2)
 
 
 def _edge_variance(
@@ -79,9 +80,9 @@ def _edge_variance(
     power = np.trace(seen, axis1=1, axis2=2)
     freedom = power**2 / np.sum(seen**2, axis=(1, 2))
     usual = chi2.median(freedom) / freedom  # the median of so few squares lies below their mean
-    angle = ((edges.speed_rpm - motion_rpm) * RPM)[rows] * mean_period[:, None]
+    angle = ((edges.speed_rpm - motion_rpm) * RAD_S_PER_RPM)[rows] * mean_period[:, None]
     square = np.sum(np.einsum("mi,mij->mj", angle, keep) ** 2, axis=1)
-    rounding = np.trace(keep, axis1=1, axis2=2) * (rounding_rpm * RPM * mean_period) ** 2
+    rounding = np.trace(keep, axis1=1, axis2=2) * (rounding_rpm * RAD_S_PER_RPM * mean_period) ** 2
     return (square / usual - rounding) / power
 
 
@@ -136,7 +137,11 @@ def edge_sigma_rpm(rig: Rig, edges: EdgePeriods, jitter: Jitter) -> np.ndarray:
     length = np.maximum(edges.end_s - edges.start_s, 1e-9)
     rounding = rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0)
     noise = rig.sensors.get("speed_noise_rpm", 0.0)
-    edge = np.sqrt(2.0) * np.hypot(jitter.angle_rad / RPM, jitter.time_s * edges.speed_rpm) / length
+    edge = (
+        np.sqrt(2.0)
+        * np.hypot(jitter.angle_rad / RAD_S_PER_RPM, jitter.time_s * edges.speed_rpm)
+        / length
+    )
     return np.sqrt(
         rounding**2
         + noise**2
@@ -150,7 +155,7 @@ def _place_error_rpm(edges: EdgePeriods) -> np.ndarray:
     """Speed error (m,) from the uncertain place of each period: its slack times the acceleration
     around it.
     """
-    whole = np.flatnonzero(~edges.falling)
+    whole = np.flatnonzero(~edges.timeout)
     if len(whole) < 3:
         return np.zeros(len(edges.row))
     middle = 0.5 * (edges.start_s + edges.end_s)

@@ -11,21 +11,17 @@ from itertools import combinations
 
 import numpy as np
 
-from vgroove.gap.cleaning.sensor_noise import MAD
-from vgroove.gap.hall_edges.missed_edges import MOST
-from vgroove.gap.hall_edges.reader import (
-    COUNTING_PULSES,
-    MISSING_ROWS_LIMIT,
-    EdgePeriods,
-    edge_periods,
-)
+from vgroove.gap.cleaning.sensor_noise import MAD_TO_SIGMA
+from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods
+from vgroove.gap.hall_edges.missed_edges import MAX_PITCHES
+from vgroove.gap.hall_edges.reader import MISSING_ROWS_LIMIT, read_edge_periods
 
 SIDE = 4  # rows on each side through which the line goes
 PAIRS = np.array(list(combinations(range(2 * SIDE + 1), 2))).T
 FINEST, COARSEST = 0.003, 0.015  # of the speed, by which a row on the line may miss it
 SPREADS = 6.0  # of the rows on the line: how far one may lie from it
 ABOVE = 2.0  # rows on the line that one above it outweighs
-FEWEST = 5  # periods of several pitches in a log, below which none is believed
+MIN_LONG_PERIODS = 5  # periods of several pitches in a log, below which none is believed
 PORTION = 2000  # rows at once: what is held in memory
 
 
@@ -49,10 +45,10 @@ def motion(level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     best = np.arange(len(level)), np.nanargmax(votes, axis=1)
     on = np.where(np.abs(off[best]) < COARSEST, off[best], np.nan)
     shift = np.nanmedian(on, axis=1)
-    return start[best] + shift, MAD * np.nanmedian(np.abs(on - shift[:, None]), axis=1)
+    return start[best] + shift, MAD_TO_SIGMA * np.nanmedian(np.abs(on - shift[:, None]), axis=1)
 
 
-def missed_rows(
+def classify_rows(
     time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Edges missed in the period that each row (n,) shows, and whether it waits; 0 and False for
@@ -66,7 +62,7 @@ def missed_rows(
             continue
         line, spread = motion(np.log(size))
         below = line - np.log(size)
-        pitches = np.clip(np.round(np.exp(below)), 1.0, MOST)
+        pitches = np.clip(np.round(np.exp(below)), 1.0, MAX_PITCHES)
         on, hides = (
             np.abs(below - np.log(pitches)) < np.clip(SPREADS * spread, FINEST, COARSEST),
             np.exp(line) > hiding_rpm,
@@ -89,7 +85,7 @@ def stretches(speed_rpm: np.ndarray) -> list[np.ndarray]:
     return np.split(known, np.flatnonzero(ends) + 1)
 
 
-def read_edges(
+def read_edges_with_missed(
     time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float
 ) -> EdgePeriods:
     """Edge periods of a speed column, those that are several pitches long included where rows show
@@ -98,15 +94,15 @@ def read_edges(
     Where an edge lies follows from counting pitches, for which a row's speed must be that of one.
     Rows that wait say nothing of a sensor that misses edges: they are left out.
     """
-    missed, waits = missed_rows(time_s, speed_rpm, pulses)
-    if pulses >= COUNTING_PULSES or np.count_nonzero(missed) < FEWEST:
-        return edge_periods(time_s, speed_rpm, pulses, lsb_rpm)
-    found = edge_periods(
+    missed, waits = classify_rows(time_s, speed_rpm, pulses)
+    if pulses >= MIN_COUNTING_PULSES or np.count_nonzero(missed) < MIN_LONG_PERIODS:
+        return read_edge_periods(time_s, speed_rpm, pulses, lsb_rpm)
+    found = read_edge_periods(
         time_s, np.where(waits, np.nan, speed_rpm * (1.0 + missed)), pulses, lsb_rpm
     )
-    unseen = np.where(found.falling, 0, missed[found.row])
+    unseen = np.where(found.timeout, 0, missed[found.row])
     count = found.count - np.where(
-        found.falling, 0, np.cumsum(unseen * np.sign(found.speed_rpm).astype(int))
+        found.timeout, 0, np.cumsum(unseen * np.sign(found.speed_rpm).astype(int))
     )
     return replace(
         found,

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from vgroove.gap.hall_edges.reader import EdgePeriods
+from vgroove.gap.hall_edges.edge_periods import EdgePeriods
 
-MOST = 5  # pitches that one period may hold
+MAX_PITCHES = 5  # pitches that one period may hold
 BEND = 0.12  # of the logarithm of speed from period to period that motion bends by
 PRICE = 4.0  # of one missed edge, in squared bends
 WORST = 30.0  # a bend costs no more
@@ -18,11 +18,11 @@ REACH = 12  # periods on each side of a missed edge whose place in time it may h
 BESIDE = 3  # corrected periods on each side that it is held against
 
 
-def missed_edges(edges: EdgePeriods) -> np.ndarray:
+def estimate_missed_edges(edges: EdgePeriods) -> np.ndarray:
     """Edges (m,) that each period seems to have missed, or is known to; 0 for rows that still wait
     for an edge.
     """
-    missed, whole = np.zeros(len(edges.row), dtype=int), np.flatnonzero(~edges.falling)
+    missed, whole = np.zeros(len(edges.row), dtype=int), np.flatnonzero(~edges.timeout)
     speed = edges.speed_rpm[whole]
     apart = np.abs(edges.start_s[whole][1:] - edges.end_s[whole][:-1]) > 1.5 * np.maximum(
         *_neighbours(edges, whole)
@@ -46,8 +46,8 @@ def most_likely_pitches(level: np.ndarray) -> np.ndarray:
     """Pitches (m,) in each period that make the logarithms of speed (m,) bend least (Viterbi over
     pairs of neighbours).
     """
-    step = np.log(np.arange(1, MOST + 1))
-    price = PRICE * np.arange(MOST)
+    step = np.log(np.arange(1, MAX_PITCHES + 1))
+    price = PRICE * np.arange(MAX_PITCHES)
     cost, back = price[:, None] + price[None, :], []
     for i in range(2, len(level)):
         # axes: pitches of i - 2, of i - 1, of i
@@ -75,10 +75,10 @@ def consistent_missed_edges(level: np.ndarray, count: np.ndarray) -> np.ndarray:
     return np.where(np.abs(corrected - np.median(around, axis=1)) < NEAR, count - 1, 0)
 
 
-def count_missed_edges(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
+def add_missed_to_count(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
     """The periods with what the sensor passed over in their count of edges."""
-    unseen = np.cumsum(np.where(edges.falling, 0, missed * np.sign(edges.speed_rpm).astype(int)))
-    return replace(edges, count=np.where(edges.falling, edges.count, edges.count + unseen))
+    unseen = np.cumsum(np.where(edges.timeout, 0, missed * np.sign(edges.speed_rpm).astype(int)))
+    return replace(edges, count=np.where(edges.timeout, edges.count, edges.count + unseen))
 
 
 def widen_beside_missed(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:

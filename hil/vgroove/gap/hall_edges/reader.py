@@ -10,6 +10,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 from scipy.optimize import minimize_scalar
 
+from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods
 from vgroove.gap.hall_edges.hidden_edges import (
     BEND_SHARE,
     PLAIN,
@@ -34,12 +35,8 @@ SPLIT_S = 2e-5
 # rounding errors of successive periods are independent: they add up to about this share of the
 # worst case
 ROUNDING_SHARE = 0.1
-# from so many edges a turn on, a row's speed counts the edges since the row before (gap contract,
-# section 1)
-COUNTING_PULSES = 16
 # an edge period below this share of a row's interval: the number of edges in the row cannot be told
 COUNTED_SHARE = 0.8
-REVERSAL_S = 0.1  # edge periods closer than this to a change of sign may count one edge twice
 # after more missing rows than this the number of edges in between is not certain any more
 MISSING_ROWS_LIMIT = 3
 BESIDE_HIDDEN = 150  # edges on both sides of rows that hide edges, which tell where these lie
@@ -48,43 +45,6 @@ BESIDE_HIDDEN = 150  # edges on both sides of rows that hide edges, which tell w
 LOST_ROWS = 1.7
 # so many usual intervals without a row are a hole in the log, with the same consequence
 HOLE_ROWS = 8.5
-
-
-@dataclass(frozen=True)
-class EdgePeriods:
-    """Measured edge periods in order of time; every array has the same length.
-
-    row: row of the log that reports it; start_s, end_s: the span of the period; speed_rpm: the
-    row's value (one pitch over the period); slack_s: half width of what is known about end_s;
-    falling: no edge yet at end_s, the value is what the wait allows at most; chain: number of the
-    unbroken chain of edges; count: edges passed since the first of all, signed, at end_s (whole
-    periods only). expected_rpm: what the nominal model does over each period, where it was asked:
-    fast motion that is no jitter. missed: edges that each period is known to have missed, where
-    rows told. scale: by which speeds are read too high for the edges to follow one another on the
-    log's time.
-    """
-
-    row: np.ndarray
-    start_s: np.ndarray
-    end_s: np.ndarray
-    speed_rpm: np.ndarray
-    slack_s: np.ndarray
-    falling: np.ndarray
-    chain: np.ndarray
-    count: np.ndarray
-    expected_rpm: np.ndarray | None = None
-    missed: np.ndarray | None = None
-    scale: float = 1.0
-
-    def whole(self) -> "EdgePeriods":
-        """The periods alone, without the rows that wait for an edge."""
-        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
-        return EdgePeriods(
-            **{
-                name: v[~self.falling] if isinstance(v, np.ndarray) else v
-                for name, v in arrays.items()
-            }
-        )
 
 
 @dataclass
@@ -219,7 +179,7 @@ class _Reader:
         self.time, self.speed, self.pulses = time_s.tolist(), speed_rpm.tolist(), pulses
         self.half_lsb, self.counts, self.starts = (
             0.5 * lsb_rpm,
-            pulses >= COUNTING_PULSES,
+            pulses >= MIN_COUNTING_PULSES,
             row_starts(time_s).tolist(),
         )
         self.hole_s = HOLE_ROWS * float(np.median(np.diff(time_s)))
@@ -485,7 +445,7 @@ def _intersect(
     return 0.5 * (low + high), 0.5 * np.abs(high - low)
 
 
-def edge_periods(
+def read_edge_periods(
     time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int, lsb_rpm: float
 ) -> EdgePeriods:
     """Edge periods behind a speed column (n,) of one pulse pitch over the last edge period.
@@ -578,14 +538,14 @@ def longest_chain(
     )
 
 
-def share_bounds(
+def period_error_bounds(
     time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int, lsb_rpm: float
 ) -> np.ndarray:
     """Least and largest share (m, 2) by which all periods may be longer for each stretch of edges
     to lie within the bounds of its rows. Of a sensor that counts only stretches tell whose edges
     show in rows of their own.
     """
-    counts, found = pulses_per_rev >= COUNTING_PULSES, []
+    counts, found = pulses_per_rev >= MIN_COUNTING_PULSES, []
     for chain in _Reader(time_s, speed_rpm, pulses_per_rev, lsb_rpm).read():
         hidden = _hides_edges(time_s, chain, PLAIN) & counts
         cuts = np.union1d(
@@ -621,7 +581,7 @@ def _located(
     rows hide edges, rows that seem to wait are entries too: only there the chain's own bounds may
     be wrong about them.
     """
-    hidden, counts = _hides_edges(time_s, chain), pulses >= COUNTING_PULSES
+    hidden, counts = _hides_edges(time_s, chain), pulses >= MIN_COUNTING_PULSES
     hidden = (
         np.full(len(hidden), hidden.any())
         if counts
@@ -682,10 +642,3 @@ def _hides_edges(time_s: np.ndarray, chain: _Chain, rows: float = 1.0) -> np.nda
     return np.asarray(chain.period_s) < rows * (
         time_s[np.asarray(chain.row)] - np.asarray(chain.before_s)
     )
-
-
-def near_reversal(edges: EdgePeriods) -> np.ndarray:
-    """Periods (m,) next to a change of sign, where one edge may have been passed twice."""
-    sign = np.sign(edges.speed_rpm)
-    turned = (sign[1:] != sign[:-1]) & (edges.start_s[1:] - edges.end_s[:-1] < REVERSAL_S)
-    return np.concatenate([[False], turned]) | np.concatenate([turned, [False]])

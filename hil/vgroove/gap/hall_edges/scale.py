@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
 from vgroove.gap.hall_edges.reader import (
-    COUNTING_PULSES,
     SPLIT_S,
     count_chains,
     longest_chain,
-    share_bounds,
+    period_error_bounds,
 )
 
 COARSE = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)  # relative scales that are tried, both ways
@@ -46,12 +46,12 @@ def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: 
     def torn(scale: float, most: int | None = None) -> int:
         return count_chains(time_s, speed_rpm / scale, pulses, lsb_rpm, most)
 
-    as_read, counts = torn(1.0), pulses >= COUNTING_PULSES
+    as_read, counts = torn(1.0), pulses >= MIN_COUNTING_PULSES
     changes = int(np.count_nonzero(np.diff(speed_rpm[np.isfinite(speed_rpm)])))
     if as_read <= max(UNSUSPICIOUS, counts * COUNTED_WELL * changes):
         return 1.0
     scales = [
-        waited_scale(time_s, speed_rpm, pulses, lsb_rpm),
+        timeout_scale(time_s, speed_rpm, pulses, lsb_rpm),
         *(1.0 + sign * g for g in COARSE for sign in (1.0, -1.0)),
     ]
     if not _hopeful(time_s, speed_rpm, pulses, lsb_rpm, scales):
@@ -77,11 +77,13 @@ def _voted(
     with each.
     """
     for _ in range(VOTES):
-        scale *= 1.0 + agreed_share(share_bounds(time_s, speed_rpm / scale, pulses, lsb_rpm))
+        scale *= 1.0 + most_agreed_value(
+            period_error_bounds(time_s, speed_rpm / scale, pulses, lsb_rpm)
+        )
     return scale
 
 
-def agreed_share(bounds: np.ndarray) -> float:
+def most_agreed_value(bounds: np.ndarray) -> float:
     """Middle of the range that lies within the most of the bounds (m, 2); 0 without any."""
     if len(bounds) == 0:
         return 0.0
@@ -132,7 +134,7 @@ def _hopeful(
     return as_read <= UNSUSPICIOUS or any(HOPEFUL * torn(scale) < as_read for scale in scales)
 
 
-def waited_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> float:
+def timeout_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> float:
     """Factor of the speed column that most rows that wait for an edge tell, 1 where too few do.
 
     A pitch over what such a row shows is the time without an edge: read too short by the factor, it

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from vgroove.gap.hall_edges.reader import COUNTING_PULSES, count_chains
+from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
+from vgroove.gap.hall_edges.reader import count_chains
 from vgroove.rig import Rig
 
 
@@ -17,7 +18,7 @@ def stamp_contradictions(log: Any, rig: Rig) -> Callable[[np.ndarray], int] | No
     log's speed column: more chains, more contradictions. None where the log shows no single edges.
     """
     pulses = rig.sensors.get("hall_pulses_per_rev", 0)
-    if not 0 < pulses < COUNTING_PULSES or "speed_rpm" not in log.columns:
+    if not 0 < pulses < MIN_COUNTING_PULSES or "speed_rpm" not in log.columns:
         return None
     speed_rpm = np.asarray(log.columns["speed_rpm"], dtype=float)
     lsb_rpm = rig.sensors.get("speed_lsb_rpm", 0.0)
