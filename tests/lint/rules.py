@@ -1,9 +1,10 @@
-"""Laws of the house as functions over source text: who may include whom, how long a function may
-be, how a file opens.
+"""Rules of the source tree as functions over source text: which folder may include or import which,
+how long a function may be, how a file opens.
 """
 
 import ast
 import re
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,9 +12,9 @@ ROOT = Path(__file__).resolve().parents[2]
 C_ENDINGS = {".c", ".h", ".cpp", ".hpp"}
 FUNCTION_LINES_LIMIT = 60
 
-# Room -> rooms it may see. A room always sees itself; the C library and a room's third-party
-# libraries are not rooms.
-MAY_SEE = {
+# Folder -> folders whose files it may include or import. A folder may always use itself; the C
+# library and third-party libraries are not checked.
+MAY_USE = {
     "firmware/core": set(),
     "firmware/controllers": {"firmware/core"},
     "firmware/telemetry": {"firmware/core"},
@@ -50,49 +51,47 @@ MAY_SEE = {
     },
     "tests/truth": set(),
 }
-SEES_ALL = ("tests",)
+USES_ALL = ("tests",)
 
 
 @dataclass(frozen=True)
 class Violation:
-    """One broken law: where, and the sentence that says which."""
+    """One broken rule: where, and the sentence that says which."""
 
     path: str
     line: int
     sentence: str
 
 
-def room_of(path: str) -> str | None:
-    """The longest room name that is a prefix of a repository path; None for paths outside every
-    room.
-    """
-    rooms = [room for room in (*MAY_SEE, *SEES_ALL) if path == room or path.startswith(room + "/")]
-    return max(rooms, key=len, default=None)
+def folder_of(path: str) -> str | None:
+    """The longest folder of MAY_USE and USES_ALL that holds a repository path, or None."""
+    folders = [f for f in (*MAY_USE, *USES_ALL) if path == f or path.startswith(f + "/")]
+    return max(folders, key=len, default=None)
 
 
 def resolve(path: str, spelling: str, known: dict[str, str]) -> str | None:
-    """The header of the house that an include line in `path` finds: one beside it first, as the
-    compiler does; None for foreign headers.
+    """The header of this repository that an include line in `path` finds: one beside it first, as
+    the compiler does; None for foreign headers.
     """
     beside = f"{path.rsplit('/', 1)[0]}/{spelling}"
     return beside if beside in known.values() else known.get(spelling)
 
 
 def include_violations(path: str, text: str, known: dict[str, str]) -> list[Violation]:
-    """Includes of `path` that go against MAY_SEE; `known` maps each way a project header can be
+    """Includes of `path` that go against MAY_USE; `known` maps each way a project header can be
     spelled to its repository path.
     """
-    room = room_of(path)
-    if room is None or room in SEES_ALL:
+    folder = folder_of(path)
+    if folder is None or folder in USES_ALL:
         return []
     found = []
     for number, line in enumerate(text.splitlines(), 1):
         match = re.match(r'\s*#\s*include\s+["<]([^">]+)[">]', line)
         target = resolve(path, match.group(1), known) if match else None
-        other = room_of(target) if target else None
-        if other and other != room and other not in MAY_SEE[room]:
+        other = folder_of(target) if target else None
+        if other and other != folder and other not in MAY_USE[folder]:
             found.append(
-                Violation(path, number, f"{room} must not include {other} ({match.group(1)})")
+                Violation(path, number, f"{folder} must not include {other} ({match.group(1)})")
             )
     return found
 
@@ -105,16 +104,18 @@ def imported_names(node: ast.AST) -> list[str]:
 
 
 def import_violations(path: str, text: str) -> list[Violation]:
-    """Imports of a Python file that go against MAY_SEE: the package sees no tests, the truth
-    generator sees nothing of ours.
+    """Imports of a Python file that go the wrong way: the package imports no tests, the
+    independent generator (tests/truth) imports nothing of this project.
     """
-    room = room_of(path)
-    forbidden = {"hil": ("tests", "truth"), "tests/truth": ("vgroove", "tests")}.get(room or "", ())
+    folder = folder_of(path)
+    forbidden = {"hil": ("tests", "truth"), "tests/truth": ("vgroove", "tests")}.get(
+        folder or "", ()
+    )
     found = []
     for node in ast.walk(ast.parse(text)):
         for name in imported_names(node):
             if name.split(".")[0] in forbidden:
-                found.append(Violation(path, node.lineno, f"{room} must not import {name}"))
+                found.append(Violation(path, node.lineno, f"{folder} must not import {name}"))
     return found
 
 
@@ -199,6 +200,13 @@ def long_c_functions(path: str, text: str) -> list[Violation]:
     ]
 
 
+def long_functions(path: str, text: str) -> list[Violation]:
+    """Functions of a Python, C or C++ file that are longer than the limit."""
+    if path.endswith(".py"):
+        return long_python_functions(path, text)
+    return long_c_functions(path, text) if Path(path).suffix in C_ENDINGS else []
+
+
 def missing_opening(path: str, text: str) -> list[Violation]:
     """A file opens with one sentence: what it is for (after the licence line of the GPL bench
     tool).
@@ -238,18 +246,18 @@ def tracked_files(endings: set[str]) -> list[str]:
     """Repository paths of the source files with one of the endings, build and environment folders
     left out.
     """
-    rooms = ("firmware", "plant", "hil", "tests", "cmake")
+    folders = ("firmware", "plant", "hil", "tests", "cmake")
     return sorted(
         str(p.relative_to(ROOT))
-        for room in rooms
-        for p in (ROOT / room).rglob("*")
+        for folder in folders
+        for p in (ROOT / folder).rglob("*")
         if p.suffix in endings and not {"__pycache__", "build"} & set(p.parts)
     )
 
 
 def known_headers() -> dict[str, str]:
-    """Each way in which a header of the house can be spelled in an include line -> its repository
-    path.
+    """Each way in which a header of this repository can be spelled in an include line -> its path
+    in the repository.
     """
     known: dict[str, str] = {}
     for path in tracked_files({".h", ".hpp"}):
@@ -257,3 +265,20 @@ def known_headers() -> dict[str, str]:
         for start in range(len(parts)):
             known.setdefault("/".join(parts[start:]), path)
     return known
+
+
+def repository_paths() -> list[str]:
+    """Paths of all tracked files; none outside a git work tree."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=False)
+    paths = listed.stdout.decode().split("\0") if listed.returncode == 0 else []
+    return [path for path in paths if (ROOT / path).is_file()]
+
+
+def repository_files() -> dict[str, str]:
+    """Repository path -> text of every tracked text file; empty outside a git work tree."""
+    read = {path: (ROOT / path).read_bytes() for path in repository_paths()}
+    return {
+        path: data.decode("utf-8", errors="replace")
+        for path, data in read.items()
+        if b"\0" not in data
+    }
