@@ -1,5 +1,5 @@
-"""What a Hall wheel hides and what the log gives back: angles lost at stops, edges passed over, a
-speed that is read too high.
+"""What a Hall wheel does not measure and the log contains: angles lost at stops, edges that
+were missed, and the scale of the speed.
 """
 
 import tracemalloc
@@ -85,7 +85,7 @@ def test_the_linear_search_finds_the_offsets_that_were_put_in() -> None:
 
 
 @pytest.mark.parametrize("gain", [0.004, -0.02])
-def test_a_speed_that_is_read_too_high_is_seen_in_its_own_edges(gain: float) -> None:
+def test_a_gain_of_the_speed_is_estimated_from_its_own_edges(gain: float) -> None:
     made = drive_log(rig())
     speed = made.columns["speed_rpm"]
     assert edge_scale(made.time_s, speed, 4, 0.5) == 1.0
@@ -111,7 +111,7 @@ def stopping_column(gain: float, stops_per_s: float = 1.5) -> tuple[np.ndarray, 
     ("gain", "stops_per_s", "error"),
     [(0.0, 1.5, 1e-12), (0.052, 1.5, 1e-4), (-0.06, 1.5, 1e-4), (0.052, 3.0, 2e-3)],
 )
-def test_rows_that_wait_for_an_edge_tell_a_gain_that_many_edges_a_row_hide(
+def test_timeout_samples_give_the_gain_where_rows_hide_many_edges(
     gain: float, stops_per_s: float, error: float
 ) -> None:
     time_s, speed = stopping_column(gain, stops_per_s)
@@ -120,33 +120,33 @@ def test_rows_that_wait_for_an_edge_tell_a_gain_that_many_edges_a_row_hide(
 
 
 @pytest.mark.parametrize(
-    ("pulses", "torn", "believed"), [(16, 13, False), (16, 100, True), (4, 13, True)]
+    ("pulses", "contradictory", "accepted"), [(16, 13, False), (16, 100, True), (4, 13, True)]
 )
-def test_a_few_torn_chains_of_a_sensor_that_counts_are_chance(
-    pulses: int, torn: int, believed: bool, monkeypatch: pytest.MonkeyPatch
+def test_a_few_chains_of_a_sensor_that_counts_give_no_scale(
+    pulses: int, contradictory: int, accepted: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One of many scales chains 2,500 periods better than all others; of a sensor that counts 1 %
-    of them must tear to say anything.
+    """One of many scales leaves the fewest chains by chance: of a sensor that counts edges, 1 % of
+    its 2,500 periods must end a chain before a scale is searched.
     """
     time_s = np.arange(2501) * 1e-3
     speed = 3000.0 + time_s
 
     def chains(_: np.ndarray, scaled: np.ndarray, *_more: object) -> int:
-        return 2 if scaled[0] > 3200.0 else torn
+        return 2 if scaled[0] > 3200.0 else contradictory
 
     monkeypatch.setattr(scale, "count_chains", chains)
     monkeypatch.setattr(scale, "period_error_bounds", lambda *_: np.zeros((0, 2)))
     monkeypatch.setattr(scale, "longest_chain", lambda *_: (1.0, 0.0, 0))
     found = edge_scale(time_s, speed, pulses, 0.5)
-    assert found < 3000.0 / 3200.0 if believed else found == 1.0
+    assert found < 3000.0 / 3200.0 if accepted else found == 1.0
 
 
-def test_a_shaft_that_never_stops_tells_no_scale_by_waiting() -> None:
+def test_a_shaft_that_never_stops_has_no_timeout_samples_to_scale() -> None:
     time_s, speed = stopping_column(0.052)
     assert timeout_scale(time_s, np.where(speed > 500.0, speed, np.nan), 32, 0.5) == 1.0
 
 
-def test_however_many_rows_wait_no_more_than_fit_into_memory_are_asked() -> None:
+def test_the_memory_for_timeout_samples_is_bounded() -> None:
     time_s, speed = stopping_column(0.052)
     period = time_s[-1] + time_s[1]
     many = np.concatenate([time_s + k * period for k in range(100)])
@@ -156,7 +156,7 @@ def test_however_many_rows_wait_no_more_than_fit_into_memory_are_asked() -> None
     tracemalloc.stop()
 
 
-def test_the_share_that_most_stretches_allow_is_not_moved_by_a_few_that_miscount() -> None:
+def test_the_most_agreed_value_ignores_a_few_stretches_that_miscount() -> None:
     assert most_agreed_value(np.array([[-1.0, 3.0], [1.0, 4.0], [0.0, 2.0], [7.0, 8.0]])) == 1.5
     assert most_agreed_value(np.zeros((0, 2))) == 0.0
 
@@ -190,7 +190,7 @@ def test_a_fifth_of_the_edges_may_be_missing() -> None:
     assert problem.missed_share == pytest.approx(0.2, rel=0.1)
 
 
-def test_missed_edges_are_no_bend_of_the_motion() -> None:
+def test_missed_edges_are_separated_from_the_curvature_of_the_motion() -> None:
     speed = np.linspace(100.0, 400.0, 60)
     count = np.ones(60, int)
     count[[7, 20, 21, 40]] = [2, 2, 3, 4]
