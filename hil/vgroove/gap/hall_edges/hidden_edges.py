@@ -13,10 +13,10 @@ particle's ancestors (fixed-lag smoothing, Kitagawa 1996).
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from vgroove.gap.hall_edges.chain import EdgeChain
 from vgroove.gap.hall_edges.hidden_periods import TICK_S, first_hidden_period
 from vgroove.gap.hall_edges.particle_step import propagate
 from vgroove.gap.hall_edges.particles import (
@@ -49,14 +49,14 @@ class HiddenEdges:
     """Edges that the rows of a chain report (m,).
 
     end_s: time of the edge; slack_s: half width of the interval that it lies in; step: edges since
-    the one before; waited: True where the row's value is not the period that the edge ends but the
+    the one before; timeout: True where the row's value is not the period that the edge ends but the
     time since the edge (a timeout sample).
     """
 
     end_s: np.ndarray
     slack_s: np.ndarray
     step: np.ndarray
-    waited: np.ndarray
+    timeout: np.ndarray
 
 
 @dataclass
@@ -68,7 +68,7 @@ class _Path:
 
     time_s: np.ndarray
     step: np.ndarray
-    waited: np.ndarray
+    timeout: np.ndarray
     wrong: np.ndarray
     parent: np.ndarray
     shift_s: np.ndarray
@@ -87,14 +87,6 @@ class _Path:
             zeros.copy(),
             np.full(m, particles.half_s[0]),
         )
-
-
-class RowChain(Protocol):
-    """Rows whose edges follow one another without a gap: see chain.EdgeChain."""
-
-    before_s: list[float]
-    speed_rpm: list[float]
-    period_s: list[float]
 
 
 @dataclass(frozen=True)
@@ -124,7 +116,7 @@ class _Rows:
 
 
 def track_hidden_edges(
-    now_s: np.ndarray, start_s: np.ndarray, chain: RowChain, half_lsb_rpm: float, counts: bool
+    now_s: np.ndarray, start_s: np.ndarray, chain: EdgeChain, half_lsb_rpm: float, counts: bool
 ) -> HiddenEdges | None:
     """Times of a chain's edges, one for each row from start_s to now_s (m,); None where the rows
     contradict one another.
@@ -152,17 +144,17 @@ def _advance(particles: Particles, path: _Path, row: RowPair, i: int) -> None:
     """
     unseen_s = row.now_s - np.max(particles.time_s[particles.alive()])
     branches = branch(particles, (path.parent[i - 1], path.shift_s[i - 1]), row)
-    path.waited[i] = branches.timeout
+    path.timeout[i] = branches.timeout
     path.step[i], path.wrong[i] = propagate(particles, row, branches)
     contradicted = row.one_edge and not np.any(
         particles.alive() & (path.wrong[i] < LIMITS.row_cost)
     )
-    longest_s = row.now_s - row.before_s + LIMITS.silent_periods * row.period_s[1]
+    longest_s = row.now_s - row.before_s + LIMITS.gap_periods * row.period_s[1]
     if contradicted or unseen_s > longest_s:
         path.parent[i], path.step[i] = restart(particles, row)
-        path.waited[i] = False
+        path.timeout[i] = False
     path.time_s[i], path.half_s[i] = particles.time_s, particles.widest_s()
-    few_alive = np.count_nonzero(particles.alive()) < PARTICLES // 2
+    few_alive = np.count_nonzero(particles.alive()) < LIMITS.min_alive
     if i % LIMITS.resample_edges == 0 or few_alive:
         path.parent[i], path.shift_s[i] = resample(particles, row.counts)
 
@@ -175,7 +167,7 @@ def _last_in_row(found: HiddenEdges, now_s: np.ndarray, period_s: np.ndarray) ->
     """
     end, step = found.end_s.copy(), found.step.copy()
     sooner, later = end > now_s + found.slack_s, end + period_s < now_s - found.slack_s
-    for i in np.flatnonzero((sooner | later)[:-1] & (step[:-1] > 0) & ~found.waited[:-1]):
+    for i in np.flatnonzero((sooner | later)[:-1] & (step[:-1] > 0) & ~found.timeout[:-1]):
         more = 1 if later[i] else -1
         if step[i] + more > 0 and step[i + 1] - more > 0:
             end[i] += (
@@ -184,7 +176,7 @@ def _last_in_row(found: HiddenEdges, now_s: np.ndarray, period_s: np.ndarray) ->
                 else -float(first_hidden_period(period_s[i], period_s[i + 1], step[i + 1] + 1))
             )
             step[i], step[i + 1] = step[i] + more, step[i + 1] - more
-    return HiddenEdges(end, found.slack_s, step, found.waited)
+    return HiddenEdges(end, found.slack_s, step, found.timeout)
 
 
 def _backtrace(particles: Particles, path: _Path, rounding_s: np.ndarray) -> HiddenEdges | None:
@@ -199,7 +191,7 @@ def _backtrace(particles: Particles, path: _Path, rounding_s: np.ndarray) -> Hid
     best = int(np.argmax(weight))
     at, moved, contradicted = np.arange(PARTICLES), np.zeros(PARTICLES), 0
     end, spread = np.empty(m), np.empty(m)
-    step, waited = np.ones(m, dtype=int), np.zeros(m, dtype=bool)
+    step, timeout = np.ones(m, dtype=int), np.zeros(m, dtype=bool)
     for i in range(m - 1, -1, -1):
         moved = np.clip(
             (1.0 - 1.0 / SMOOTHING.edges) * moved + path.shift_s[i][at],
@@ -210,22 +202,24 @@ def _backtrace(particles: Particles, path: _Path, rounding_s: np.ndarray) -> Hid
         here = path.time_s[i][at] + moved
         end[i] = weight @ here
         spread[i] = np.sqrt(weight @ (here - end[i]) ** 2)
-        step[i], waited[i] = path.step[i][at[best]], path.waited[i][at[best]]
+        step[i], timeout[i] = path.step[i][at[best]], path.timeout[i][at[best]]
         contradicted += path.wrong[i][at[best]] > SMOOTHING.contradiction
     if contradicted > max(SMOOTHING.contradicted_rows, SMOOTHING.contradicted_share * m):
         return None
-    half = _smallest_half_widths(path.half_s, particles.widest_s(), waited)
+    half = _smallest_half_widths(path.half_s, particles.widest_s(), timeout)
     # a uniform distribution over +-half has the standard deviation half / sqrt(3)
     known = np.hypot(spread, half / np.sqrt(3.0))
-    return HiddenEdges(end, np.sqrt(3.0) * known + rounding_s + TICK_S, step, waited)
+    return HiddenEdges(end, np.sqrt(3.0) * known + rounding_s + TICK_S, step, timeout)
 
 
-def _smallest_half_widths(half_s: np.ndarray, last_half_s: float, waited: np.ndarray) -> np.ndarray:
+def _smallest_half_widths(
+    half_s: np.ndarray, last_half_s: float, timeout: np.ndarray
+) -> np.ndarray:
     """Least half width (m,), s, of the widest particle at each edge and the SMOOTHING.edges after
     it. A timeout sample bounds its own edge and those after it, none before.
     """
     half = np.append(half_s[1:], last_half_s)
-    for part in np.split(np.arange(len(half)), np.flatnonzero(waited)):
+    for part in np.split(np.arange(len(half)), np.flatnonzero(timeout)):
         padded = np.pad(half[part], (0, SMOOTHING.edges - 1), mode="edge")
         ahead = np.lib.stride_tricks.sliding_window_view(padded, SMOOTHING.edges)
         half[part] = np.minimum(half_s[part], ahead.min(axis=1))

@@ -13,7 +13,7 @@ from vgroove.gap.hall_edges.hidden_periods import (
     counted_edge_times,
 )
 
-PARTICLES = 64
+PARTICLES = 64  # chosen on the tuning half of the blind set
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,7 @@ class ParticleLimits:
     # resampling
     filled: int = 48  # particles after resampling; the others are free for branches
     resample_edges: int = 8  # edges between two resamplings
+    min_alive: int = 32  # alive particles, half of all, below which they are split at once
     reject_cost: float = 25.0  # cost above the best particle's at which one is rejected: 5 sigma
     free_cost: float = 50.0  # cost given to a free particle; above reject_cost
     row_cost: float = 16.0  # largest cost of one row's speed change (outliers): 4 sigma
@@ -42,7 +43,7 @@ class ParticleLimits:
     kink_factor: float = 4.0  # times the usual change of growth: a sudden one (a stepped command)
     # rows without an edge
     timeout_share: float = 0.003  # of a period: mismatch of a timeout sample and a wide particle
-    silent_periods: float = 3.0  # periods, besides one row, that pass at most without an edge
+    gap_periods: float = 3.0  # periods, besides one row, that pass at most without an edge
 
 
 LIMITS = ParticleLimits()
@@ -169,7 +170,7 @@ def resample(particles: Particles, counts: bool) -> tuple[np.ndarray, np.ndarray
     alive = np.flatnonzero(particles.alive())
     count, number = len(alive), np.arange(PARTICLES)
     filled = PARTICLES if counts else LIMITS.filled
-    if count > PARTICLES // 2:
+    if count > LIMITS.min_alive:
         return number, np.zeros(PARTICLES)
     parent = alive[np.minimum(number, filled - 1) * count // filled]
     parts = np.bincount(parent[:filled], minlength=PARTICLES)[parent]
@@ -277,8 +278,8 @@ def _timeout_readings(particles: Particles, row: RowPair) -> tuple[np.ndarray, n
         & (shows * (1.0 - unsure) <= np.abs(particles.speed))
     )
     near = np.abs(apart) < particles.half_s + row.rounding_s + TICK_S
-    falls = speed < np.abs(particles.speed)
-    none = (edge_s <= row.before_s + row.rounding_s + TICK_S) & near & falls
+    is_slower = speed < np.abs(particles.speed)
+    none = (edge_s <= row.before_s + row.rounding_s + TICK_S) & near & is_slower
     return np.where(none, 0, number).astype(int), own | none
 
 

@@ -174,7 +174,7 @@ def _locate_part(column: _SpeedColumn, chain: EdgeChain, hidden: bool) -> _Locat
         end, slack, piece = edge_times(chain)
         slack = slack + _either_row(column.time_s, chain, end, slack)
     else:
-        end, slack, span, timeout = found.end_s, found.slack_s, found.step, found.waited
+        end, slack, span, timeout = found.end_s, found.slack_s, found.step, found.timeout
         piece = np.zeros(len(row), dtype=int)
         length = np.where(span > 0, span * period, period) if column.counts else length
     # after missing rows the row's speed is the mean over its own edges alone

@@ -11,6 +11,7 @@ from vgroove.gap.hall_edges.missed_edge_rows import (
     classify_rows,
     read_edges_with_missed,
 )
+from vgroove.gap.hall_edges.missed_edges import consistent_missed_edges, most_likely_pitches
 
 FINE = np.arange(0, 40001) * 1e-4
 ROWS = FINE[20::20]
@@ -70,3 +71,15 @@ def test_constant_and_empty_columns_give_no_missed_edges(speed_rpm: np.ndarray) 
     missed, timeout = classify_rows(ROWS[:200], speed_rpm, PULSES)
     assert not missed.any()
     assert not timeout.any()
+
+
+def test_missed_edges_are_separated_from_the_curvature_of_the_motion() -> None:
+    speed = np.linspace(100.0, 400.0, 60)
+    count = np.ones(60, int)
+    count[[7, 20, 21, 40]] = [2, 2, 3, 4]
+    level = np.log(speed / count)
+    assert np.array_equal(most_likely_pitches(level), count)
+    assert np.array_equal(consistent_missed_edges(level, count), count - 1)
+    # uniformly accelerated from rest: neither half nor twice
+    starting = np.log(np.sqrt(np.arange(1.0, 30.0)))
+    assert np.array_equal(most_likely_pitches(starting), np.ones(29, int))
