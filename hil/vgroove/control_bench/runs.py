@@ -14,7 +14,7 @@ from vgroove import _core, lockstep, telemetry
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import FrontEnds, Profile
 from vgroove.rig import Rig
-from vgroove.scenario import SAMPLES_A_ROW
+from vgroove.scenario import CURRENT_SAMPLES_PER_ROW, SUPPLY_SAMPLES_PER_ROW
 from vgroove.sil import SilBoard
 from vgroove.study.impact_runs import JOINTS, impact_rig, with_joint
 
@@ -60,8 +60,8 @@ def front_ends(noise: bool = True) -> FrontEnds:
     """The bench's sensors: a row's noise, spread over the samples that a row averages."""
     share = 1.0 if noise else 0.0
     return FrontEnds(
-        current_noise_a=share * NOISE_A * SAMPLES_A_ROW[0] ** 0.5,
-        supply_noise_v=share * NOISE_V * SAMPLES_A_ROW[1] ** 0.5,
+        current_noise_a=share * NOISE_A * CURRENT_SAMPLES_PER_ROW**0.5,
+        supply_noise_v=share * NOISE_V * SUPPLY_SAMPLES_PER_ROW**0.5,
     )
 
 
