@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.menu import MENU, Course, named, proposed
+from vgroove.gap.next_run.menu import MENU, RunProfile, profile_from_verdict, profile_named
 from vgroove.guided_run import GuidedRun
 from vgroove.progress import ProgressBar, seconds_bar
 from vgroove.record_command import stop_on_signals, summary
@@ -17,7 +17,7 @@ from vgroove.run import RunOptions
 from vgroove.terminal import print_line
 
 
-def chosen_course(experiment: str | None, verdict: Path | None) -> Course:
+def chosen_course(experiment: str | None, verdict: Path | None) -> RunProfile:
     """The run that the options name; VgrooveError where they name none, or two."""
     if (experiment is None) == (verdict is None):
         names = ", ".join(course.name for course in MENU)
@@ -25,7 +25,7 @@ def chosen_course(experiment: str | None, verdict: Path | None) -> Course:
             f"a board performs one run: --next VERDICT.json, or --experiment with one of {names}"
         )
     if experiment is not None:
-        return named(experiment)
+        return profile_named(experiment)
     try:
         content = json.loads(verdict.read_text("utf-8"))
     except OSError as error:
@@ -34,7 +34,7 @@ def chosen_course(experiment: str | None, verdict: Path | None) -> Course:
         raise VgrooveError(f"{verdict}: is no JSON: {error}") from error
     if not isinstance(content, dict):
         raise VgrooveError(f"{verdict}: is not a verdict of `vgroove gap diagnose --json`")
-    return proposed(content, str(verdict))
+    return profile_from_verdict(content, str(verdict))
 
 
 class OperatorPrompt:
@@ -55,7 +55,7 @@ class OperatorPrompt:
         self._shown = instruction
 
 
-def run_on_board(options: RunOptions, course: Course, baud: int) -> None:
+def run_on_board(options: RunOptions, course: RunProfile, baud: int) -> None:
     """Perform and record a run.
 
     Raises VgrooveError as `record` does or with what ended the run, KeyboardInterrupt on Ctrl-C;

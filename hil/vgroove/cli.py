@@ -234,7 +234,7 @@ def sim(
 def _sim_logs(
     rig_path: Path, logs: list[Path], output: Path | None, restart_s: float
 ) -> dict[str, Any]:
-    from vgroove.gap.simulate import gap_table, judge, write_simulation
+    from vgroove.gap.simulate import compute_gap, gap_table, write_simulation
     from vgroove.log import read_log
     from vgroove.rig import read_rig
     from vgroove.terminal import print_warning
@@ -243,7 +243,7 @@ def _sim_logs(
         raise VgrooveError(f"--restart-s must be above 0, not {restart_s:g}")
     if output and len(logs) != 1:
         raise VgrooveError("-o writes one simulated log: give one --log")
-    figures, problem = judge(read_rig(rig_path), [read_log(path) for path in logs], restart_s)
+    figures, problem = compute_gap(read_rig(rig_path), [read_log(path) for path in logs], restart_s)
     Console().print(gap_table(figures))
     for warning in figures["warnings"]:
         print_warning(Console(stderr=True), warning)
@@ -334,6 +334,26 @@ def gap_emps(
     for table in emps_tables(figures):
         Console().print(table)
     _write_json(json_path, figures)
+
+
+@app.command()
+def effects(
+    effect_id: Annotated[
+        str | None, typer.Argument(metavar="[ID]", help="Show one effect in full.")
+    ] = None,
+    json_path: Annotated[Path | None, typer.Option("--json", help="Write all entries.")] = None,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the table of docs/spec/gap.md.")
+    ] = False,
+) -> None:
+    """List the effects of the catalogue, or show one: equation, parameters, what a log must hold."""
+    from vgroove.gap.catalogue.listing import effect_lines, effect_rows, list_lines, markdown_table
+
+    _check_outputs(json_path)
+    lines = effect_lines(effect_id) if effect_id else list_lines()
+    _write_json(json_path, {"schema": "vgroove.effects/1", "effects": effect_rows()})
+    for line in markdown_table().splitlines() if markdown else lines:
+        Console().print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 def main() -> None:

@@ -23,7 +23,7 @@ from enum import Enum, auto
 import numpy as np
 
 from vgroove import telemetry
-from vgroove.gap.menu import Course
+from vgroove.gap.next_run.menu import RunProfile
 from vgroove.profile_sender import PERIOD_S, ProfileSender
 from vgroove.recorder import MAX_SILENCE_S, RUN_COMPLETE, HostProgram
 from vgroove.run_legs import legs_of
@@ -89,7 +89,7 @@ class BoardState:
 class GuidedRun(HostProgram):
     """A run under way; `session` is that of its recording, whose rows begin with the first leg."""
 
-    course: Course
+    course: RunProfile
     session: telemetry.Session
     phase: Phase = Phase.PREPARE
     ended: str = ""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.menu import SECONDS, Course
+from vgroove.gap.next_run.menu import PROFILE_S, RunProfile
 from vgroove.profile_sender import OPEN, PERIOD_S
 
 
@@ -36,9 +36,9 @@ class Leg:
         return out
 
 
-def legs_of(course: Course) -> list[Leg]:
+def legs_of(course: RunProfile) -> list[Leg]:
     """A run as legs: its rests and forward levels, then its rests and backward levels."""
-    time_s = np.arange(round(SECONDS / PERIOD_S)) * PERIOD_S
+    time_s = np.arange(round(PROFILE_S / PERIOD_S)) * PERIOD_S
     share, opens = course.command(time_s), course.opens(time_s)
     legs = []
     for reverse, along in ((False, share), (True, -share)):

@@ -10,7 +10,7 @@ import pytest
 
 from vgroove import lockstep, telemetry
 from vgroove.errors import VgrooveError
-from vgroove.gap.menu import MENU, named, proposed
+from vgroove.gap.next_run.menu import MENU, profile_from_verdict, profile_named
 from vgroove.guided_run import TIMEOUT_S, GuidedRun, Phase
 from vgroove.log import Log, log_from_session, log_from_stream
 from vgroove.recorder import RUN_COMPLETE
@@ -34,7 +34,7 @@ class Line:
         self, course: str, cut: Callable[[float], bool] = lambda _: False, first: bytes = b""
     ) -> None:
         self.session = telemetry.Session()
-        self.run = GuidedRun(named(course), self.session)
+        self.run = GuidedRun(profile_named(course), self.session)
         self._framer, self._out, self._cut = (
             telemetry.Framer(self.session.counters),
             bytearray(first),
@@ -85,7 +85,7 @@ def test_a_staircase_is_performed_and_recorded_from_its_beginning() -> None:
     line = Line("staircase")
     log = performed(line)
     assert line.run.ended == RUN_COMPLETE and line.run.remarks() == []
-    begin, course = begin_s(line), named("staircase")
+    begin, course = begin_s(line), profile_named("staircase")
     assert (
         begin == pytest.approx(PRESSED_S + 1.0, abs=0.1)
         and not driven(log)[log.time_s <= begin].any()
@@ -270,18 +270,18 @@ def test_a_leg_never_changes_faster_than_the_boards_ramp() -> None:
 )
 def test_a_verdict_without_a_run_is_a_sentence(verdict: dict, words: str) -> None:
     with pytest.raises(VgrooveError, match=words):
-        proposed(verdict, "v.json")
+        profile_from_verdict(verdict, "v.json")
 
 
 def test_the_run_of_a_verdict_is_that_of_the_menu_at_its_points() -> None:
     for course in MENU:
         assert (
-            proposed(
+            profile_from_verdict(
                 {"next_experiment": {"profile": course.name, "points": course.points()}}, "v.json"
             )
             == course
         )
-    other = proposed(
+    other = profile_from_verdict(
         {
             "next_experiment": {
                 "profile": "coast-down",

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "hal/sim/sim.h"
-#include "plant/drive_plant.hpp"
+#include "plant/lockstep/drive_plant.hpp"
 #include "unit/plant/reference_tool.hpp"
 
 namespace {
