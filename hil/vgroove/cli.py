@@ -166,9 +166,9 @@ def run(
 
     options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom)
     if scenario_path is None and on not in ("sil", "avr"):
-        from vgroove.board_run import chosen_course, run_on_board
+        from vgroove.board_run import chosen_profile, run_on_board
 
-        run_on_board(options, chosen_course(experiment, next_path), baud)
+        run_on_board(options, chosen_profile(experiment, next_path), baud)
         return
     if scenario_path is None or experiment or next_path:
         raise VgrooveError(

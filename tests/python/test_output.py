@@ -1,4 +1,5 @@
-"""Files that are written: whole or not at all, and refused before the work where they could not be."""
+"""Files that are written: whole or not at all, and refused before the work where they could not be.
+"""
 
 import os
 import subprocess
