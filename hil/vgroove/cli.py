@@ -346,7 +346,7 @@ def effects(
         bool, typer.Option("--markdown", help="Print the table of docs/spec/gap.md.")
     ] = False,
 ) -> None:
-    """List the effects of the catalogue, or show one: equation, parameters, what a log must hold."""
+    """List the effects of the catalogue, or show one: equation, parameters, necessary channels."""
     from vgroove.gap.catalogue.listing import effect_lines, effect_rows, list_lines, markdown_table
 
     _check_outputs(json_path)

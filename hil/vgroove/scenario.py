@@ -20,8 +20,8 @@ FULL_TRIGGER_S = 1.0
 # docs/spec/model.md, section 7: the drill's reference run, whose load rises between 2 and 3 s
 DRILL_FULL_TRIGGER_S = 4.0
 BOARD_EFFECTS = ("dead_time", "current_lag")  # in lock-step the board itself causes them
-# ADC conversions that the firmware averages into a row of 1 ms: one every 2,040 cycles, which is 7.8
-# in a row; of 16 conversions 12 are of the current and 2 of the bus voltage.
+# ADC conversions that the firmware averages into a row of 1 ms: one every 2,040 cycles, that is
+# 7.8 in a row; of 16 conversions 12 are of the current and 2 of the bus voltage.
 CURRENT_SAMPLES_PER_ROW = 5.9
 SUPPLY_SAMPLES_PER_ROW = 1.0
 
