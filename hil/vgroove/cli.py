@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -15,6 +15,9 @@ from vgroove.control_bench.command import control_command, figures_command
 from vgroove.errors import VgrooveError
 from vgroove.gap_bench.command import bench_command
 from vgroove.study.command import app as study_app
+
+if TYPE_CHECKING:
+    from vgroove.run import RunOptions
 
 # The plant starts threads itself, with which BLAS threads would compete. The variable is read when
 # numpy is first imported, which a command does.
@@ -159,10 +162,7 @@ def run(
     """Run a scenario, firmware and simulated tool in lock-step; or perform a run of the diagnosis'
     menu on a board (--on PORT).
     """
-    from dataclasses import replace
-
-    from vgroove.run import RunOptions, run_scenario
-    from vgroove.scenario import read_scenario
+    from vgroove.run import RunOptions
 
     options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom)
     if scenario_path is None and on not in ("sil", "avr"):
@@ -175,7 +175,16 @@ def run(
             "--on sil and --on avr run a SCENARIO; a board (--on PORT) performs --experiment NAME "
             "or --next VERDICT.json"
         )
-    scenario = read_scenario(scenario_path)
+    _run_scenario(scenario_path, seed, options)
+
+
+def _run_scenario(path: Path, seed: int | None, options: "RunOptions") -> None:
+    from dataclasses import replace
+
+    from vgroove.run import run_scenario
+    from vgroove.scenario import read_scenario
+
+    scenario = read_scenario(path)
     scenario = scenario if seed is None else replace(scenario, seed=seed)
     run_scenario(scenario, options, Console(), Console(stderr=True))
 
