@@ -293,7 +293,7 @@ def gap_diagnose(
         list[Path], typer.Argument(metavar="LOG...", help="Logs of one tool, judged together.")
     ],
     rig: Annotated[
-        Path, typer.Option("--rig", help="What the simulation believes about the tool.")
+        Path, typer.Option("--rig", help="Rig file: the parameters of the simulated tool.")
     ],
     json_path: Annotated[
         Path | None, typer.Option("--json", help="Write the verdict as JSON.")

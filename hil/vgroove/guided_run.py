@@ -127,8 +127,8 @@ class GuidedRun(HostProgram):
             self._now_ms = time_ms
             return
         step_ms = (time_ms - self._now_ms) & 0xFFFFFFFF
-        believed = step_ms <= MAX_TIME_STEP_MS or self.phase is Phase.PREPARE
-        self._now_ms += step_ms if believed else 0
+        plausible = step_ms <= MAX_TIME_STEP_MS or self.phase is Phase.PREPARE
+        self._now_ms += step_ms if plausible else 0
 
     def _add_answer(self, frame: telemetry.Frame) -> None:
         ack = telemetry.decode_integers(frame)
@@ -342,7 +342,7 @@ class GuidedRun(HostProgram):
         return f", brake at {100 * share:.0f} % of its largest load"
 
     def remarks(self) -> list[str]:
-        """What the user should know about the run that was performed."""
+        """Remarks for the user on the run that was performed."""
         out = []
         if self.least_trigger < 1.0:
             least = f"at its least it allowed {100 * self.least_trigger:.0f} %"

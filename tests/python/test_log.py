@@ -203,12 +203,12 @@ def test_samples_without_input_or_without_measurement_do_not_count_as_usable(
 )
 def test_rejects_a_csv_that_is_not_one(tmp_path: Path, content: bytes, why: str) -> None:
     (tmp_path / "a.csv").write_bytes(content)
-    refused(tmp_path / "a.csv", "not what its ending .csv says", why)
+    refused(tmp_path / "a.csv", "does not match its ending .csv", why)
 
 
 @pytest.mark.parametrize("ending", [".mf4", ".blf", ".asc"])
 def test_rejects_a_text_with_the_ending_of_a_binary_file(tmp_path: Path, ending: str) -> None:
-    refused(written(tmp_path / f"a{ending}", csv_lines()), f"not what its ending {ending} says")
+    refused(written(tmp_path / f"a{ending}", csv_lines()), f"does not match its ending {ending}")
 
 
 def test_rejects_an_unknown_ending_and_a_missing_file(tmp_path: Path) -> None:
