@@ -1,4 +1,4 @@
-"""Flashing: the real avrdude against a simulated bootloader on a pty; its flash is compared byte
+"""Flashing with avrdude through a simulated bootloader on a pty; its flash is compared byte
 for byte with the hex file.
 """
 
@@ -21,7 +21,8 @@ PROBE = ROOT / "tests" / "avr" / "probe_board.c"
 
 
 def hex_bytes(path: Path) -> dict[int, int]:
-    """Address -> byte of an Intel hex file with records of type 0 only; checks each record's sum."""
+    """Address -> byte of an Intel hex file with records of type 0 only; checks each record's sum.
+    """
     image = {}
     for line in path.read_text().split():
         record = bytes.fromhex(line[1:])
@@ -34,8 +35,8 @@ def hex_bytes(path: Path) -> dict[int, int]:
 
 @pytest.fixture(scope="module")
 def image(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The firmware's hex file, made from its ELF as the build makes it; from the bench's test
-    program before the first `make build`.
+    """The firmware's hex file, made from its ELF as the build does; before the first `make build`
+    from the test program tests/avr/probe_board.c.
     """
     folder = tmp_path_factory.mktemp("flash")
     elf = ROOT / "build" / "avr-uno" / "vgroove.elf"
