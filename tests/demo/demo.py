@@ -102,17 +102,19 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 
 def main(arguments: list[str]) -> int:
-    """0 when the demo reached its end; runs/demo_SEED/demo.json says whether the verdict was right."""
+    """0 when the demo reached its end; whether the verdict is right: runs/demo_SEED/demo.json."""
     args = parse(arguments)
     folder = args.out or ROOT / "runs" / f"demo_{args.seed}"
     folder.mkdir(parents=True, exist_ok=True)
     begin = time.monotonic()
     sealed = draw_sealed(args.seed, folder)
     say(
-        f"1  A tool is drawn by seed {args.seed}. What is wrong with it is sealed; SHA-256 of the answer:\n  {sealed.commitment}"
+        f"1  A tool is drawn by seed {args.seed}. What is wrong with it is sealed; "
+        f"SHA-256 of the answer:\n  {sealed.commitment}"
     )
     say(
-        "2  The ELF runs cycle by cycle on a simulated ATmega328P and drives that tool; python-can records its RS232 from a pty."
+        "2  The ELF runs cycle by cycle on a simulated ATmega328P and drives that tool; "
+        "python-can records its RS232 from a pty."
     )
     recorded = record_run(args.elf, sealed.tool, folder, args.seed, show_progress)
     say("\r" + "\n".join(f"  {line}" for line in recorded.said.splitlines()))
@@ -123,8 +125,9 @@ def main(arguments: list[str]) -> int:
     gap = verdict["gap"]
     say(f"4  The seal is opened: {truth_in_words(answer)}")
     say(
-        f"  verdict {verdict['verdict']} {' '.join(verdict['selected'])}: {'RIGHT' if right else 'WRONG'}; "
-        f"gap before {gap['before']:.2f}, after {gap['after']:.2f}, floor {gap['floor']:.2f}; {time.monotonic() - begin:.0f} s"
+        f"  verdict {verdict['verdict']} {' '.join(verdict['selected'])}: "
+        f"{'RIGHT' if right else 'WRONG'}; gap before {gap['before']:.2f}, "
+        f"after {gap['after']:.2f}, floor {gap['floor']:.2f}; {time.monotonic() - begin:.0f} s"
     )
     paths = {"log": recorded.log, "json": folder / "verdict.json", "plot": folder / "report.html"}
     for name, path in paths.items():
