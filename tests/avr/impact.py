@@ -10,7 +10,7 @@ from exercise import SettledSwitches
 
 from vgroove import lockstep, telemetry
 from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, pack_inputs
-from vgroove.control_bench.drill import drill_rig
+from vgroove.control_bench.drill import Screw, drill_rig
 from vgroove.control_bench.runs import front_ends, make_tool, mode_number, reference
 from vgroove.lockstep import Profile
 from vgroove.log import Log
@@ -80,7 +80,7 @@ def impact_tape(name: str) -> bytes:
     case = CASES[name]
     board = TapeBoard(SilBoard(target=1))
     tool = (
-        make_plant(drill_rig("low", 18.0, 1.5, 5.0), 3)
+        make_plant(drill_rig("low", 18.0, Screw(1.5, 5.0)), 3)
         if case.mode == "drill"
         else make_tool(reference(case.joint, case.values), 3)
     )

@@ -83,7 +83,9 @@ def where_card(verdict: dict[str, Any]) -> Card:
     if not ranked:
         return Card("WHERE", "nowhere", "what differs is noise, or within the rig's tolerances")
     others = [
-        f"{words(name)} {percent(value)}" for name, value in ranked[1:] if value >= SHARE_SHOWN
+        f"{spaced_name(name)} {percent(value)}"
+        for name, value in ranked[1:]
+        if value >= SHARE_SHOWN
     ]
     signals = verdict["gap"]["by_signal"]
     seen = max(signals, key=lambda name: signals[name]["before"] / signals[name]["floor"])
@@ -93,7 +95,7 @@ def where_card(verdict: dict[str, Any]) -> Card:
     ]
     return Card(
         "WHERE",
-        f"{words(ranked[0][0])} {percent(ranked[0][1])}",
+        f"{spaced_name(ranked[0][0])} {percent(ranked[0][1])}",
         "; ".join([*others, f"seen in {seen}", *regimes]),
     )
 
@@ -112,17 +114,17 @@ def which_card(verdict: dict[str, Any]) -> Card:
     if verdict["verdict"] == "ambiguous":
         rivals = [r["id"] for r in verdict["indistinguishable"]]
         chances = ", ".join(
-            f"{words(i)} {percent(effects[i]['probability'])}"
+            f"{spaced_name(i)} {percent(effects[i]['probability'])}"
             for i in [*chosen, *rivals]
             if i in effects
         )
         return Card(
             "WHICH",
-            f"{' and '.join(map(words, chosen))}, or {' or '.join(map(words, rivals))}",
+            f"{' and '.join(map(spaced_name, chosen))}, or {' or '.join(map(spaced_name, rivals))}",
             f"probabilities: {chances}",
         )
     support = [
-        f"{percent(effects[i]['probability'])} sure: {', '.join(parameter_words(effects[i]))}"
+        f"{percent(effects[i]['probability'])} sure: {', '.join(parameter_texts(effects[i]))}"
         for i in chosen
     ]
     return Card("WHICH", " and ".join(map(spaced_name, chosen)), "; ".join(support))

@@ -157,6 +157,7 @@ def profile_from_verdict(verdict: Mapping[str, Any], source: str) -> RunProfile:
         or not np.all(np.abs(level) <= 1.0)
     ):
         raise VgrooveError(
-            f"{source}: points of next_experiment begin at 0 s, go on in time to {SECONDS:g} s at most, and lie in -1..1"
+            f"{source}: points of next_experiment begin at 0 s, go on in time to {PROFILE_S:g} s at most, "
+            "and lie in -1..1"
         )
     return replace(course, time_s=tuple(time_s.tolist()), level=tuple(level.tolist()))
