@@ -15,9 +15,10 @@ from vgroove.rig import Rig, read_rig
 def rig(tmp_path) -> Rig:
     path = tmp_path / "rig.toml"
     path.write_text(
-        'schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n[motor]\nresistance_ohm = 0.19\n'
-        "inductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\ninertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\n"
-        'coulomb_nm = 0.012\n[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
+        'schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n'
+        "[motor]\nresistance_ohm = 0.19\ninductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\n"
+        "inertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\ncoulomb_nm = 0.012\n"
+        '[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
         '[load]\nkind = "none"\n[sensors]\nhall_pulses_per_rev = 4\nspeed_lsb_rpm = 0.5\n'
     )
     return read_rig(path)
