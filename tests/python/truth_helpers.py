@@ -83,8 +83,8 @@ def steady(duty: float, seconds: float = 0.8, **params: float) -> dict[str, floa
 
 
 class Nominal:
-    """docs/spec/model.md, sections 1 and 2: bridge averaged, friction as a sign with sticking; states i, w,
-    angle, charge, bus volt seconds.
+    """docs/spec/model.md, sections 1 and 2: bridge averaged, friction as a sign with sticking;
+    states i, w, angle, charge, bus volt seconds.
     """
 
     def __init__(self, rig: Rig, command: Command) -> None:
