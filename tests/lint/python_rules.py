@@ -89,7 +89,7 @@ def is_command(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
 
 
 def many_arguments(path: str, text: str) -> list[Violation]:
-    """Functions with more than ARGUMENTS_LIMIT arguments; a command of the terminal may have more."""
+    """Functions with more than ARGUMENTS_LIMIT arguments, but commands of the terminal."""
     if not path.startswith(tuple(folder + "/" for folder in FEW_ARGUMENTS)):
         return []
     return [
