@@ -115,11 +115,11 @@ def test_an_effect_left_out_is_not_named() -> None:
 
 
 @pytest.mark.parametrize(("visible", "form"), [(0.1, "edges"), (10.0, None)])
-def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has_it(
+def test_dead_time_is_known_by_what_a_bridge_does_and_stated_in_its_first_form(
     visible: float, form: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A light tool whose current falls below the ripple: what the contract's mean leaves there is
-    visible, so a form of ours is stated.
+    """A light tool whose current falls below the ripple: the mean over the ripple leaves a visible
+    gap there, so the rig states the form `edges`.
     """
     monkeypatch.setattr(intervals, "VISIBLE", visible)
     light = rig(
@@ -145,9 +145,10 @@ def small_rig(folder: Path) -> Path:
     """A complete rig."""
     path = folder / "rig.toml"
     path.write_text(
-        'schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n[motor]\nresistance_ohm = 0.19\n'
-        "inductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\ninertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\n"
-        'coulomb_nm = 0.012\n[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
+        'schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n'
+        "[motor]\nresistance_ohm = 0.19\ninductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\n"
+        "inertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\ncoulomb_nm = 0.012\n"
+        '[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
         '[load]\nkind = "none"\n'
     )
     return path
