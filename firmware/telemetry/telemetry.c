@@ -91,8 +91,8 @@ static bool trigger_moved(uint8_t before, uint8_t now) {
 static void note_state(Telemetry *self, const TelemetryInputs *in) {
     const uint16_t flags =
         self->state_pending ? in->state.flags | self->state.flags : in->state.flags;
-    if (!trigger_moved(self->state.trigger, in->state.trigger) && self->state.flags == flags &&
-        !telemetry_state_changed(&self->state, &in->state)) {
+    if (!trigger_moved(self->state.trigger, in->state.trigger) &&
+        !TELEMETRY_STATE_CHANGED(&self->state, &in->state) && self->state.flags == flags) {
         return;
     }
     const uint8_t counter = self->state.state_counter;
@@ -105,7 +105,7 @@ static void note_state(Telemetry *self, const TelemetryInputs *in) {
 
 static void note_control(Telemetry *self, const TelemetryInputs *in) {
     const TelemetryControl *now = &in->control;
-    if (!telemetry_control_changed(&self->control, now)) {
+    if (!TELEMETRY_CONTROL_CHANGED(&self->control, now)) {
         return;
     }
     self->control = *now;
