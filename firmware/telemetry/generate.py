@@ -251,21 +251,31 @@ def prototype(message: Message, end: str) -> list[str]:
     return signature("void", name, f"{data}, const {kind} *signals", end)
 
 
-def change_macro(message: Message) -> list[str]:
-    """Comparison of the OnChange signals of two frames; empty for a message without such signals.
-    A macro, since avr-gcc makes an inline function 10 cycles longer, in every tick.
+def macro(name: str, parameters: str, body: str, separator: str) -> list[str]:
+    """A function-like macro whose body is broken after `separator`."""
+    lines = [f"#define {name}({parameters})", *wrapped(f"    {body}", separator, 5)]
+    return [line + " \\" for line in lines[:-1]] + lines[-1:]
+
+
+def change_macros(message: Message) -> list[str]:
+    """Comparison and copy of the contents of two frames, if a message has OnChange signals. Macros,
+    since avr-gcc makes inline functions longer; widest signals first, which change most often.
     """
-    names = [signal.name for signal in payload(message) if is_sent_on_change(signal)]
+    changing = [signal for signal in payload(message) if is_sent_on_change(signal)]
+    names = [signal.name for signal in sorted(changing, key=lambda signal: -signal.length)]
     if not names:
         return []
+    prefix = f"TELEMETRY_{message.name}"
     terms = " || ".join(f"(before)->{name} != (now)->{name}" for name in names)
-    lines = wrapped(f"    ({terms})", "|| ", 5)
+    contents = [s.name for s in payload(message) if not s.name.endswith(("_tick", "_counter"))]
+    copies = ", ".join(f"(to)->{name} = (from)->{name}" for name in contents)
     return [
         "",
         f"// Whether a signal has changed whose change sends the frame {message.name}.",
-        f"#define TELEMETRY_{message.name}_CHANGED(before, now) \\",
-        *(line + " \\" for line in lines[:-1]),
-        lines[-1],
+        *macro(f"{prefix}_CHANGED", "before, now", f"({terms})", "|| "),
+        "",
+        "// Copies all signals but the tick and the counter of the frame.",
+        *macro(f"{prefix}_COPY", "to, from", f"({copies})", ", "),
     ]
 
 
@@ -290,7 +300,7 @@ def header() -> str:
     for message in messages():
         lines += prototype(message, ";")
     for message in messages():
-        lines += change_macro(message)
+        lines += change_macros(message)
     return "\n".join([*lines, "", "#endif", ""])
 
 

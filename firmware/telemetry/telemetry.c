@@ -95,9 +95,7 @@ static void note_state(Telemetry *self, const TelemetryInputs *in) {
         !TELEMETRY_STATE_CHANGED(&self->state, &in->state) && self->state.flags == flags) {
         return;
     }
-    const uint8_t counter = self->state.state_counter;
-    self->state = in->state;
-    self->state.state_counter = counter;
+    TELEMETRY_STATE_COPY(&self->state, &in->state);
     self->state.flags = flags;
     self->state.state_tick = (uint8_t)in->now_ms;
     self->state_pending = true;

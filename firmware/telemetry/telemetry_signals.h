@@ -353,13 +353,25 @@ bool telemetry_unpack_profile(TelemetryProfile *signals, const uint8_t data[TELE
 
 // Whether a signal has changed whose change sends the frame STATE.
 #define TELEMETRY_STATE_CHANGED(before, now) \
-    ((before)->state != (now)->state || (before)->mode != (now)->mode || \
-     (before)->reverse != (now)->reverse || (before)->faults != (now)->faults || \
+    ((before)->faults != (now)->faults || (before)->state != (now)->state || \
+     (before)->mode != (now)->mode || (before)->reverse != (now)->reverse || \
      (before)->contact != (now)->contact)
+
+// Copies all signals but the tick and the counter of the frame.
+#define TELEMETRY_STATE_COPY(to, from) \
+    ((to)->trigger = (from)->trigger, (to)->state = (from)->state, (to)->mode = (from)->mode, \
+     (to)->reverse = (from)->reverse, (to)->faults = (from)->faults, (to)->flags = (from)->flags, \
+     (to)->contact = (from)->contact)
 
 // Whether a signal has changed whose change sends the frame CONTROL.
 #define TELEMETRY_CONTROL_CHANGED(before, now) \
-    ((before)->control_state != (now)->control_state || \
-     (before)->stop_reason != (now)->stop_reason || (before)->blow_count != (now)->blow_count)
+    ((before)->blow_count != (now)->blow_count || \
+     (before)->control_state != (now)->control_state || (before)->stop_reason != (now)->stop_reason)
+
+// Copies all signals but the tick and the counter of the frame.
+#define TELEMETRY_CONTROL_COPY(to, from) \
+    ((to)->control_state = (from)->control_state, (to)->stop_reason = (from)->stop_reason, \
+     (to)->blow_count = (from)->blow_count, (to)->blow_period_ms = (from)->blow_period_ms, \
+     (to)->estimate = (from)->estimate)
 
 #endif

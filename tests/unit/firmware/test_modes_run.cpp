@@ -1,4 +1,4 @@
-// Whole runs in every mode with pins that say anything: a released trigger and every fault open the
+// Whole runs in every mode with random pin inputs: a released trigger and every fault open the
 // bridge, the mode changes at rest only.
 #include <gtest/gtest.h>
 
@@ -108,7 +108,7 @@ struct ModeTest : testing::TestWithParam<uint8_t> {
 
     int set_mode(uint8_t mode) { return ask(TELEMETRY_SET_MODE_ID, {mode}); }
     static int mode_of(const Bytes &state) { return state[12] >> 4 & 7; }
-    // Tick since which a STATE frame holds.
+    // Tick in which the values of a STATE frame were set.
     static size_t since(const Bytes &state) {
         const unsigned ms = state[1] | static_cast<unsigned>(state[2]) << 8;
         return ms - ((ms - state[10]) & 0xFFu);
@@ -166,9 +166,8 @@ TEST_P(ModeTest, EveryFaultOpensTheBridgeAndHoldsItOpenUntilTheRelease) {
     }
 }
 
-// Without an edge and with the current of a standing shaft: whatever a controller makes of it, the
-// bridge is open in the end.
-TEST_P(ModeTest, AStallEnds) {
+// No edges and the current of a shaft at rest: the bridge opens with every controller.
+TEST_P(ModeTest, AStallOpensTheBridge) {
     drive();
     turn(0);
     for (int ms = 0; ms < 3000 && state() == TELEMETRY_STATE_DRIVE; ++ms) {
@@ -201,7 +200,7 @@ TEST_P(ModeTest, TheModeIsRefusedWhileDrivenTurningOrPressed) {
     EXPECT_EQ(set_mode(GetParam()), TELEMETRY_ACK_RESULT_NOT_NOW) << "contact closed";
 }
 
-TEST_P(ModeTest, TheModeSwitchGoesBeforeTheHost) {
+TEST_P(ModeTest, TheModeSwitchHasPriorityOverTheHost) {
     const auto index = static_cast<uint8_t>(PARAM_MODE_SWITCH_2);
     ASSERT_EQ(ask(TELEMETRY_PARAM_WRITE_ID, {index, 0, GetParam(), 0, 0, 0}),
               TELEMETRY_ACK_RESULT_OK);
@@ -215,8 +214,9 @@ TEST_P(ModeTest, TheModeSwitchGoesBeforeTheHost) {
     EXPECT_EQ(mode(), 0);
 }
 
-// Laws under anything: open when released, changes of mode at a released trigger and at rest only.
-TEST_P(ModeTest, LawsHoldWhateverThePinsSay) {
+// Laws for random inputs: bridge open when released, mode changes at a released trigger and at rest
+// only.
+TEST_P(ModeTest, LawsHoldForRandomPinInputs) {
     std::mt19937 rng(GetParam() + 1u);
     const auto any = [&rng](unsigned below) { return static_cast<unsigned>(rng() % below); };
     ASSERT_EQ(set_mode(GetParam()), TELEMETRY_ACK_RESULT_OK);
@@ -242,7 +242,7 @@ TEST_P(ModeTest, LawsHoldWhateverThePinsSay) {
             in.adc_counts[SIM_ADC_BUS] =
                 static_cast<uint16_t>(any(16) == 0 ? any(1024) : 640 + any(180));
         }
-        if (step % 20 == 18) {  // runs down, and rests with the mode switch in any position
+        if (step % 20 == 18) {  // run-down, then rest with the mode switch in any position
             release();
             turn(150);
         } else if (step % 20 == 19) {
