@@ -36,14 +36,16 @@ def flags_of_cmake() -> set[str]:
 
 
 def sources_of_cmake() -> set[str]:
-    listed = re.search(
-        r"set\(firmware_sources(.*?)\)", (FIRMWARE / "CMakeLists.txt").read_text(), re.DOTALL
-    )[1].split()
+    cmake = (FIRMWARE / "CMakeLists.txt").read_text()
+    listed = set(re.search(r"set\(firmware_sources(.*?)\)", cmake, re.DOTALL)[1].split())
+    listed.remove("${controller_sources}")
+    pattern = re.search(r"GLOB controller_sources [^)]*?(\S+)\)", cmake)[1]
+    listed |= {path.relative_to(FIRMWARE).as_posix() for path in FIRMWARE.glob(pattern)}
     avr = re.search(
         r"add_executable\(vgroove \$\{firmware_sources\}([^)]*)\)",
         (FIRMWARE / "avr.cmake").read_text(),
     )[1].split()
-    return set(listed) | set(avr)
+    return listed | set(avr)
 
 
 def sources_of_platformio(parser: configparser.ConfigParser, root: Path = FIRMWARE) -> set[str]:
@@ -82,7 +84,8 @@ def test_the_files_for_speed_come_from_cmake() -> None:
     assert all((house.ROOT / script).is_file() for script in scripts)
     assert "firmware/hal/avr/platformio_speed.py" in scripts
     pattern = re.search(
-        r're\.findall\(r"(.*?)", cmake\)', (FIRMWARE / "hal/avr/platformio_speed.py").read_text()
+        r're\.findall\(\s*r"(.*?)", cmake\s*\)',
+        (FIRMWARE / "hal/avr/platformio_speed.py").read_text(),
     )[1]
     listed = {
         option: set(names.split())
