@@ -99,7 +99,8 @@ def _edge_variance(
     covariance = projection @ unit @ projection
     power = np.trace(covariance, axis1=1, axis2=2)
     # the squared remainder is a sum of weighted squares: a scaled chi-square distribution with
-    # trace^2 / trace of the square as its degrees of freedom (Satterthwaite 1946)
+    # trace^2 / trace of the square as its degrees of freedom (Satterthwaite, Biometrics Bulletin
+    # 2(6), 1946)
     freedom = power**2 / np.sum(covariance**2, axis=(1, 2))
     median_share = chi2.median(freedom) / freedom  # its median lies below its mean
     angle = ((edges.speed_rpm - motion_rpm) * RAD_S_PER_RPM)[rows] * mean_period[:, None]

@@ -2,8 +2,8 @@
 timeout sample, a new edge, or standstill.
 
 Between rows the reader keeps the interval [low, high] of times at which the last edge may lie (set
-membership, Milanese and Vicino 1991). Each row narrows it; a row that leaves it empty begins a new
-chain.
+membership: Milanese, Vicino, Automatica 27(6), 1991). Each row narrows it; a row that leaves it
+empty begins a new chain.
 """
 
 from collections.abc import Iterator
