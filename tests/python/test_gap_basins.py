@@ -10,7 +10,9 @@ import pytest
 from gap_toy import SCALES, Toy
 from vgroove.gap.catalogue.effects import BY_ID
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Engine, Fit
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.gap.selection import basins, search_state
 
 TREAD = 0.06  # width of a step, in the true ripple
@@ -22,7 +24,7 @@ class Staircase(Toy):
     true one.
     """
 
-    def residuals(self, theta: np.ndarray) -> np.ndarray:
+    def residuals(self, theta: np.ndarray, angles: RestartAngles | None = None) -> np.ndarray:
         """Noise, and as much in every row as there are steps up to a ripple (B, n)."""
         torque, phase = (
             np.atleast_2d(theta)[:, self.index(f"effects.cogging_torque.{name}")]
@@ -69,7 +71,7 @@ def test_a_fit_that_leaves_no_gap_is_not_looked_around() -> None:
 def test_only_the_ripples_numbers_move_within_their_bounds() -> None:
     _, ended = ended_at(SWING)
     at = next(i for i, c in enumerate(ended.hypothesis.coordinates) if c.role == "cosine")
-    points = basins.ring(ended, 0.2)
+    points = basins.ripple_neighbours(ended, 0.2)
     np.testing.assert_array_equal(
         np.delete(points, [at, at + 1], axis=1),
         np.tile(np.delete(ended.x, [at, at + 1]), (len(points), 1)),
@@ -77,7 +79,7 @@ def test_only_the_ripples_numbers_move_within_their_bounds() -> None:
     swing = (points[:, at] + 1j * points[:, at + 1]) / complex(*ended.x[at : at + 2])
     assert np.abs(swing - 1.0).max() == pytest.approx(0.2 * np.sqrt(2.0))
     assert not len(
-        basins.ring(
+        basins.ripple_neighbours(
             replace(ended, hypothesis=replace(ended.hypothesis, coordinates=()), x=np.zeros(0)), 0.2
         )
     )
