@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from vgroove.gap.residual.breakaway import (
+    SpeedRecord,
     breakaway_impulse_rad_s,
     breakaways,
     widen_after_breakaway,
 )
 from vgroove.gap.residual.channels import RowChannel
-from vgroove.gap.residual.restarts import Observations
+from vgroove.gap.residual.local_polynomial import Observations
 from vgroove.rig import Rig, read_rig
 from vgroove.units import RPM_PER_RAD_S
 
@@ -64,17 +65,18 @@ def rig() -> Rig:
 @pytest.fixture
 def opened(rig: Rig) -> RowChannel:
     sigma = np.random.default_rng(2).uniform(0.5, 4.0, len(TIME))
-    return widen_after_breakaway(
-        (speeds(sigma),), seen(0.5), rig, np.array([0.0, 0.42, 0.8, 1.3]), 0.0, False
-    )[0]
+    record = SpeedRecord(seen(0.5), 0.0, False)
+    return widen_after_breakaway((speeds(sigma),), record, rig, np.array([0.0, 0.42, 0.8, 1.3]))[0]
 
 
 def test_a_shaft_leaves_its_rest_where_it_starts_and_where_it_turns_round() -> None:
     for noise in (0.0, 0.5):  # noise at rest turns nothing round
-        instants, acceleration = breakaways(seen(noise), 0.0, False)
+        instants, acceleration = breakaways(SpeedRecord(seen(noise), 0.0, False))
         assert instants == pytest.approx([0.2, 1.05], abs=0.011)
         assert acceleration == pytest.approx([1000.0, 2000.0], rel=0.2)
-    assert len(breakaways(seen(), 0.0, True)[0]) == 1  # a log that begins in motion has no start
+    assert (
+        len(breakaways(SpeedRecord(seen(), 0.0, True))[0]) == 1
+    )  # a log that begins in motion has no start
 
 
 @pytest.mark.parametrize("acceleration", [300.0, 2000.0, 15000.0])
@@ -124,8 +126,7 @@ def test_a_likely_impulse_leaves_little_and_an_impossible_one_stays(opened: RowC
 def test_a_voltage_forgets_it(rig: Rig) -> None:
     channel = speeds(np.ones(len(TIME)))
     driven = replace(rig, input={"kind": "voltage_v"})
-    assert widen_after_breakaway((channel,), seen(), driven, np.zeros(1), 0.0, False)[0] is channel
-    assert (
-        widen_after_breakaway((channel,), seen(), rig, np.zeros(1), 0.0, False)[0].impulse.max()
-        < RPM_PER_RAD_S * 5.0
-    )
+    record = SpeedRecord(seen(), 0.0, False)
+    assert widen_after_breakaway((channel,), record, driven, np.zeros(1))[0] is channel
+    widened = widen_after_breakaway((channel,), record, rig, np.zeros(1))[0]
+    assert widened.impulse.max() < RPM_PER_RAD_S * 5.0

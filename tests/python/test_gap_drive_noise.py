@@ -8,6 +8,7 @@ import pytest
 from made_log import rig
 from vgroove import _core
 from vgroove.gap.residual.input_uncertainty import (
+    MeasuredInput,
     input_sigma,
     on_smooth_ramps,
     one_row_share,
@@ -72,7 +73,7 @@ def test_a_winding_follows_a_constant_and_half_of_one_rows_error() -> None:
 
 def test_what_is_left_open_widens_only_where_the_command_changes() -> None:
     stairs = np.where(TIME_S < 3.0, 0.2, WAVE)
-    speed, current = input_sigma(tool(), TIME_S, stairs, None, None)
+    speed, current = input_sigma(tool(), MeasuredInput(TIME_S, stairs))
     still, moving = TIME_S < 2.9, TIME_S > 3.1
     assert (
         current[moving].min() > 10.0 * max(current[still].max(), 1e-9)

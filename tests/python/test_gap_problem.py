@@ -12,8 +12,8 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning import sensor_noise
 from vgroove.gap.residual import blocks
+from vgroove.gap.residual.channel_builders import current_is_unsigned
 from vgroove.gap.residual.loading import load_problem
-from vgroove.gap.residual.measured_run import current_is_unsigned
 from vgroove.gap.residual.problem import Problem
 from vgroove.rig import Rig, rig_from_dict
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vgroove.gap.residual.restarts import MAX_STATE_SIGMAS, Observations, Restarts, local_fit
+from vgroove.gap.residual.local_polynomial import MAX_STATE_SIGMAS, Observations, local_fit
+from vgroove.gap.residual.restarts import Restarts
 from vgroove.gap.residual.speed_ripple import (
     SpeedRipple,
     add_speed_ripple,
@@ -77,7 +78,7 @@ def test_a_restart_has_the_speed_that_the_shaft_has(
             np.array([100]),
             np.array([[0.0, found.value, angle]]),
             np.array([[0.0, found.slope]]),
-            np.array([[0.0, found.bend]]),
+            np.array([[0.0, found.curvature]]),
             smoothing=(found.smoothing,),
         )
         one = SpeedRipple(periods, np.array([swing]), np.array([phase]), of_shaft=seen == 0.0)
@@ -94,14 +95,14 @@ def test_a_large_ripple_of_the_turn_leaves_a_state_to_restart_from(
 ) -> None:
     for phase in np.arange(8) * np.pi / 4.0:
         observed, true, angle = pitches(swing, 1.0, phase, seen)
-        counted = replace(observed, place=np.arange(len(observed.value)) % 4, places=4)
+        counted = replace(observed, pitch=np.arange(len(observed.value)) % 4, pitches_per_rev=4)
         found = local_fit(counted, INSTANT_S)
-        assert found.doubt < MAX_STATE_SIGMAS < local_fit(observed, INSTANT_S).doubt
+        assert found.sigmas < MAX_STATE_SIGMAS < local_fit(observed, INSTANT_S).sigmas
         restarts = Restarts(
             np.array([100]),
             np.array([[0.0, found.value, angle]]),
             np.array([[0.0, found.slope]]),
-            np.array([[0.0, found.bend]]),
+            np.array([[0.0, found.curvature]]),
             smoothing=(found.smoothing,),
         )
         one = SpeedRipple(1.0, np.array([swing]), np.array([phase]), of_shaft=seen == 0.0)
@@ -112,7 +113,7 @@ def test_a_large_ripple_of_the_turn_leaves_a_state_to_restart_from(
 
 def test_no_ripple_is_taken_away_where_a_place_of_the_turn_shows_no_edge() -> None:
     observed, _, _ = pitches(20.0, 1.0, 0.3, 1.0)
-    three = replace(observed, place=np.arange(len(observed.value)) % 3, places=4)
+    three = replace(observed, pitch=np.arange(len(observed.value)) % 3, pitches_per_rev=4)
     assert local_fit(three, INSTANT_S) == local_fit(observed, INSTANT_S)
 
 

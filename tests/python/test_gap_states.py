@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from vgroove.gap.cleaning.sensor_noise import divided_differences, position_scatter, position_sigma
-from vgroove.gap.residual.restarts import KnownForce, Observations, Restarts, local_fit
+from vgroove.gap.residual.local_polynomial import KnownForce, Observations, local_fit
+from vgroove.gap.residual.restarts import Restarts
 from vgroove.gap.residual.sensors import SensorErrors
 from vgroove.rig import read_rig
 
@@ -44,13 +45,13 @@ def test_a_known_force_costs_a_state_nothing_whatever_it_does(length: float) -> 
     noise, start, end = np.random.default_rng(4).normal(size=200), TIME - length, TIME
     start = np.maximum(start, 0.0)
     still = Observations(start, end, 300.0 + noise, np.ones(200))
-    driven = replace(still, value=still.value + RIPPLE.means(start, end), driven=RIPPLE)
+    driven = replace(still, value=still.value + RIPPLE.means(start, end), known_force=RIPPLE)
     for instant in (0.07, 0.0842, 0.1):
         true = 300.0 + RIPPLE.at(np.array([instant]))[0][0]
         found, alone = local_fit(driven, instant), local_fit(still, instant)
         assert found.value - true == pytest.approx(alone.value - 300.0, abs=1e-9)
-        assert found.doubt == pytest.approx(alone.doubt)
-        assert local_fit(replace(driven, driven=None), instant).doubt > 1.5 * found.doubt
+        assert found.sigmas == pytest.approx(alone.sigmas)
+        assert local_fit(replace(driven, known_force=None), instant).sigmas > 1.5 * found.sigmas
 
 
 def test_what_a_known_force_does_over_spans_is_its_integral() -> None:
@@ -68,8 +69,10 @@ def test_what_a_known_force_does_over_spans_is_its_integral() -> None:
 
 def test_the_slope_of_a_driven_speed_is_that_of_the_speed() -> None:
     steady = KnownForce(TIME, np.full(200, 500.0))
-    found = local_fit(replace(seen(500.0 * TIME - 80.0 * TIME, 0.1), driven=steady), 0.1)
-    assert (found.value, found.slope, found.bend) == pytest.approx((42.0, 420.0, 0.0), abs=1e-6)
+    found = local_fit(replace(seen(500.0 * TIME - 80.0 * TIME, 0.1), known_force=steady), 0.1)
+    assert (found.value, found.slope, found.curvature) == pytest.approx(
+        (42.0, 420.0, 0.0), abs=1e-6
+    )
 
 
 def test_no_fit_reaches_across_a_reversal() -> None:
