@@ -31,7 +31,7 @@ class BreakawayRules:
     rise_observations: int = 3
 
 
-RULES = BreakawayRules()
+BREAKAWAY = BreakawayRules()
 MIN_TIME_S, MIN_ACCELERATION = 1e-6, 1e-6  # keep an acceleration (rad/s^2) and a speed finite
 
 
@@ -49,15 +49,15 @@ def breakaways(record: SpeedRecord) -> tuple[np.ndarray, np.ndarray]:
     accelerations (k,) in rad/s^2 there.
     """
     seen = record.speed
-    clear = np.abs(seen.value) > RULES.moving_sigmas * seen.sigma
+    clear = np.abs(seen.value) > BREAKAWAY.moving_sigmas * seen.sigma
     value, begin, end = seen.value[clear], seen.start_s[clear], seen.end_s[clear]
     before = np.concatenate([[record.start_s], end[:-1]])
     reversed_ = np.diff(np.sign(value), prepend=0.0) != 0.0
-    first = np.flatnonzero(reversed_ | (begin - before > RULES.min_rest_s))
+    first = np.flatnonzero(reversed_ | (begin - before > BREAKAWAY.min_rest_s))
     first = first[1:] if record.moving else first
     middle = 0.5 * (begin + end)
-    later = np.searchsorted(middle, middle[first] + RULES.rise_s)
-    later = np.minimum(np.maximum(later, first + RULES.rise_observations), len(value) - 1)
+    later = np.searchsorted(middle, middle[first] + BREAKAWAY.rise_s)
+    later = np.minimum(np.maximum(later, first + BREAKAWAY.rise_observations), len(value) - 1)
     mean = np.abs(value[first]) / np.maximum(middle[first] - before[first], MIN_TIME_S)
     rise = np.abs(value[later] - value[first]) / np.maximum(
         middle[later] - middle[first], MIN_TIME_S

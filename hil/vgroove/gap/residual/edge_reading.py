@@ -27,7 +27,7 @@ class FilteredSpeedTest:
     max_share: float = 0.2
 
 
-FILTERED = FilteredSpeedTest()
+FILTERED_TEST = FilteredSpeedTest()
 # difference in rad between the nominal model and the count at the first edge, beyond which the
 # nominal model says nothing about the start
 MAX_START_ERROR_RAD = TURN_RAD
@@ -39,7 +39,7 @@ def read_edge_periods(log: CleanLog) -> EdgePeriods | None:
         return None
     found = _read_scaled(log)
     whole = found.chain[~found.falling]
-    limit = max(FILTERED.max_chains, FILTERED.max_share * len(whole))
+    limit = max(FILTERED_TEST.max_chains, FILTERED_TEST.max_share * len(whole))
     if len(np.unique(whole)) <= limit:
         return found
     log.warn(

@@ -41,7 +41,7 @@ class MotionStartRules:
     max_first_restart_s: float = 0.15  # the first well-known state comes at most so late
 
 
-RULES, IN_MOTION = HoleRules(), MotionStartRules()
+HOLES, IN_MOTION = HoleRules(), MotionStartRules()
 BEFORE_LOG = -1  # row before a hole that begins before the log
 
 Hole = tuple[int, int]  # the rows before and after it
@@ -59,7 +59,7 @@ def find_restarts_and_holes(
     steps = _steps_in_holes(log.time_s, command, log.rig.input.get("slew_per_s", 0.0))
     resume = begin + [row for _, row in holes + steps]
     restarts = find_restarts(observer, log.time_s, restart_s, resume)
-    if _share_behind(steps, restarts.rows, len(log.time_s)) <= RULES.max_step_rows_share:
+    if _share_behind(steps, restarts.rows, len(log.time_s)) <= HOLES.max_step_rows_share:
         holes += steps
     else:  # a command that steps in every hole: little would be left
         resume = begin + [row for _, row in holes]
@@ -71,7 +71,7 @@ def _holes(time_s: np.ndarray, command: np.ndarray) -> list[Hole]:
     """Intervals in which the command is unknown: missing rows or missing samples."""
     known = np.flatnonzero(np.isfinite(command))
     length = np.diff(time_s[known])
-    limit = max(RULES.min_s, RULES.min_rows * float(np.median(np.diff(time_s))))
+    limit = max(HOLES.min_s, HOLES.min_rows * float(np.median(np.diff(time_s))))
     return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(length > limit)]
 
 
@@ -83,7 +83,7 @@ def _steps_in_holes(time_s: np.ndarray, command: np.ndarray, slew_per_s: float) 
     if len(known) < MIN_KNOWN_SHARE * len(command):
         return []
     length, change = np.diff(time_s[known]), np.abs(np.diff(command[known]))
-    limit = slew_per_s * length + RULES.min_step_share * np.ptp(command[known])
+    limit = slew_per_s * length + HOLES.min_step_share * np.ptp(command[known])
     stepped = (np.diff(known) > 1) & (change > limit)
     return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(stepped)]
 

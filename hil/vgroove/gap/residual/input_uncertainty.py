@@ -37,7 +37,7 @@ class RoundingTest:
     min_power: float = 1e-12  # A^2; keeps a ratio of powers finite
 
 
-RULES = RoundingTest()
+ROUNDING = RoundingTest()
 IMPULSE_ROWS = 64  # length of an impulse response: longer than any winding's
 
 
@@ -172,12 +172,14 @@ def ramp_sigma(
     if current_a is None or "current_noise_a" not in rig.sensors:
         return rounded
     rows = on_smooth_ramps(command) & np.isfinite(current_a)
-    rows[: RULES.max_lag_rows] = False
-    if np.count_nonzero(rows) < RULES.min_rows:
+    rows[: ROUNDING.max_lag_rows] = False
+    if np.count_nonzero(rows) < ROUNDING.min_rows:
         return rounded
     response = winding_response(rig, float(np.median(np.diff(time_s))), command)
     expected = high_pass_residual(full_volt(rig) / rig.motor["resistance_ohm"] * response)
-    lagged = np.stack([np.roll(expected, lag)[rows] for lag in range(RULES.max_lag_rows)], axis=1)
+    lagged = np.stack(
+        [np.roll(expected, lag)[rows] for lag in range(ROUNDING.max_lag_rows)], axis=1
+    )
     fast = high_pass_residual(interpolate_missing(time_s, current_a))[rows]
     noise = RESIDUAL_POWER_SHARE * column_sigma(rig, "current_a", current_a) ** 2
     return rounded * float(np.sqrt(rounding_share(lagged, fast, noise)))
@@ -190,15 +192,15 @@ def rounding_share(lagged: np.ndarray, fast: np.ndarray, noise: float) -> float:
     It is the power that the current lacks of what follows from the command, plus its power above
     the sensor's noise power, each as large as the scatter of n samples allows.
     """
-    lags = RULES.max_lag_rows
-    power = max(float(np.mean(lagged[:, 0] ** 2)), RULES.min_power)
+    lags = ROUNDING.max_lag_rows
+    power = max(float(np.mean(lagged[:, 0] ** 2)), ROUNDING.min_power)
     freedom = RESIDUAL_POWER_SHARE * (len(fast) - lags)
     follows = lagged @ np.linalg.lstsq(lagged, fast, rcond=None)[0]
     spread = float(np.sum((fast - follows) ** 2)) / (len(fast) - lags)
     share = np.sqrt(max(0.0, float(np.mean(follows**2)) - lags * spread / freedom) / power)
     scatter = np.sqrt(spread / freedom / power)
-    lacks = 1.0 - np.clip(share - RULES.sigmas * scatter, 0.0, 1.0)
-    bound = spread * (1.0 + RULES.sigmas * np.sqrt(2.0 / freedom))
+    lacks = 1.0 - np.clip(share - ROUNDING.sigmas * scatter, 0.0, 1.0)
+    bound = spread * (1.0 + ROUNDING.sigmas * np.sqrt(2.0 / freedom))
     return float(np.clip(lacks**2 + max(0.0, bound - noise) / power, 0.0, 1.0))
 
 
@@ -207,9 +209,9 @@ def on_smooth_ramps(command: np.ndarray) -> np.ndarray:
     seems to.
     """
     step = resolution_of(command)
-    bend = np.abs(np.diff(command, 2, prepend=[command[0]] * 2)) > RULES.kink_steps * step
+    bend = np.abs(np.diff(command, 2, prepend=[command[0]] * 2)) > ROUNDING.kink_steps * step
     changes = np.diff(command, prepend=command[0]) != 0.0
-    reach = 2 * (SCATTER_WINDOW + RULES.max_lag_rows) + 1
+    reach = 2 * (SCATTER_WINDOW + ROUNDING.max_lag_rows) + 1
     return maximum_filter1d(changes, SCATTER_WINDOW) & ~maximum_filter1d(bend, reach)
 
 

@@ -28,7 +28,7 @@ class CommandLimits:
     unaided_factor: float = 2.0
 
 
-LIMITS = CommandLimits()
+COMMAND = CommandLimits()
 # standard deviations of a measured voltage within which a change is noise, no step
 STEP_SIGMAS = 4.0
 
@@ -92,7 +92,7 @@ def _command(log: CleanLog) -> np.ndarray:
             "holds no value"
         )
     top = np.nanmax(np.abs(command))
-    if kind == "duty" and top > LIMITS.max_duty:
+    if kind == "duty" and top > COMMAND.max_duty:
         raise VgrooveError(
             f"{log.source}: the column duty reaches {top:.4g}: a duty lies within -1..1 "
             "(is it in percent?)"
@@ -112,7 +112,7 @@ def _refuse_unaided_start(log: CleanLog) -> None:
     if len(speed) == 0:
         return
     begin, fast = float(np.median(speed[: len(speed) // 50 + 1])), float(np.percentile(speed, 95))
-    if fast > LIMITS.unaided_factor * begin + LIMITS.max_unaided_rpm:
+    if fast > COMMAND.unaided_factor * begin + COMMAND.max_unaided_rpm:
         raise VgrooveError(
             f"{log.source}: the column {log.kind} is 0 throughout while the shaft speeds up from "
             f"{begin:.4g} to {fast:.4g} rpm: it is not the command of this log"

@@ -40,8 +40,8 @@ class LocalFitRules:
     min_of_each_pitch: int = 2
 
 
-RULES = LocalFitRules()
-MAX_STATE_SIGMAS = RULES.max_sigmas
+LOCAL_FIT = LocalFitRules()
+MAX_STATE_SIGMAS = LOCAL_FIT.max_sigmas
 MIN_RESIDUAL = 1e-12  # keeps a weight finite
 
 
@@ -110,7 +110,7 @@ class Observations:
         """Sigma that nine tenths of the spans stay below: the unit of a state's uncertainty where
         the spans around it are worse.
         """
-        return float(np.quantile(self.sigma, RULES.typical_quantile))
+        return float(np.quantile(self.sigma, LOCAL_FIT.typical_quantile))
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def local_fit(seen: Observations, time_s: float) -> LocalFit:
     middle = int(np.searchsorted(0.5 * (seen.start_s + seen.end_s), time_s))
     narrow, *wider = (quadratic(seen, time_s, middle, count) for count in NEIGHBOURS)
     best = min((narrow, *_adequate(wider)), key=lambda found: found.sigmas)
-    if best.sigmas < RULES.max_sigmas or seen.pitch is None:
+    if best.sigmas < LOCAL_FIT.max_sigmas or seen.pitch is None:
         return best
     with_pattern = (
         quadratic(seen, time_s, middle, count, True)
@@ -190,7 +190,7 @@ def quadratic(
     basis = _mean_monomials(start / scale, end / scale)
     if with_pattern:
         counts = np.bincount(seen.pitch[part], minlength=seen.pitches_per_rev)
-        if counts.min() < RULES.min_of_each_pitch:
+        if counts.min() < LOCAL_FIT.min_of_each_pitch:
             return NO_FIT
         basis = np.column_stack([basis, seen.turn_pattern(part)])
     force = seen.force_means(time_s, part)
@@ -207,8 +207,8 @@ def quadratic(
         float(slope),
         2.0 * float(curvature),
         sigma / one,
-        abs(float(slope)) * RULES.slope_penalty_s / one,
-        left < 1.0 + RULES.max_lack_of_fit * np.sqrt(2.0 / freedom),
+        abs(float(slope)) * LOCAL_FIT.slope_penalty_s / one,
+        left < 1.0 + LOCAL_FIT.max_lack_of_fit * np.sqrt(2.0 / freedom),
         Smoothing(start, end, weight),
     )
 
@@ -221,7 +221,7 @@ def _may_be_fitted(seen: Observations, time_s: float, part: slice, neighbours: i
         return False
     value = seen.value[part]
     before, after = time_s - seen.start_s[part.start], seen.end_s[part.stop - 1] - time_s
-    if max(before, after) > RULES.max_distance_s or not np.all(np.isfinite(value)):
+    if max(before, after) > LOCAL_FIT.max_distance_s or not np.all(np.isfinite(value)):
         return False
     return neighbours == NEIGHBOURS[0] or abs(np.sum(np.sign(value))) >= len(value)
 
@@ -247,14 +247,14 @@ def _robust_solution(
 ) -> _Solution:
     """Iteratively reweighted least squares of values (m,) in a basis (m, p)."""
     weight = np.ones_like(value)
-    for _ in range(RULES.rounds):
+    for _ in range(LOCAL_FIT.rounds):
         rows = (weight / sigma)[:, None]
         both, *_ = np.linalg.lstsq(
             basis * rows, np.column_stack([value - force, force]) * rows, rcond=None
         )
         error = np.abs(value - force - basis @ both[:, 0]) / sigma
-        spread = max(1.0, RULES.spread_factor * float(np.median(error)))
-        limit = RULES.huber_sigmas * spread
+        spread = max(1.0, LOCAL_FIT.spread_factor * float(np.median(error)))
+        limit = LOCAL_FIT.huber_sigmas * spread
         weight = np.minimum(1.0, limit / np.maximum(error, MIN_RESIDUAL))
     return _Solution(both, rows, float(np.sum((weight * error) ** 2)))
 

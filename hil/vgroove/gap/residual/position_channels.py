@@ -36,7 +36,7 @@ class DifferenceRules:
     even_share: float = 1e-3  # by which the two halves of a second difference may differ
 
 
-RULES = DifferenceRules()
+DIFFERENCES = DifferenceRules()
 
 
 def position_channel(log: CleanLog) -> Channel:
@@ -55,7 +55,7 @@ def _speed_channel(log: CleanLog, known: np.ndarray, sigma: float) -> Channel:
     time_s, position = log.time_s, log.columns["position_rad"]
     rows = _span_rows(time_s[known], position[known], sigma, 1)
     first, last = known[:-rows:rows], known[rows::rows]
-    close = last - first <= RULES.max_gap_spans * rows
+    close = last - first <= DIFFERENCES.max_gap_spans * rows
     first, last = first[close], last[close]
     length = time_s[last] - time_s[first]
     channel = span_channel(
@@ -68,7 +68,7 @@ def _speed_channel(log: CleanLog, known: np.ndarray, sigma: float) -> Channel:
 
 def _force_channel(log: CleanLog, known: np.ndarray, sigma: float) -> ForceChannel:
     time_s, position = log.time_s, log.columns["position_rad"]
-    rows = _span_rows(time_s[known], position[known], sigma, RULES.min_force_rows)
+    rows = _span_rows(time_s[known], position[known], sigma, DIFFERENCES.min_force_rows)
     first, middle, last = _even_triples(time_s, known, rows)
     length = 0.5 * (time_s[last] - time_s[first])
     sigma_of_input = _input_acceleration_sigma(log) * np.sqrt(2.0 / 3.0 / rows)
@@ -95,7 +95,7 @@ def _even_triples(
     count = min(len(first), len(middle), len(last))
     first, middle, last = first[:count], middle[:count], last[:count]
     length = 0.5 * (time_s[last] - time_s[first])
-    even = np.abs((time_s[middle] - time_s[first]) / length - 1.0) < RULES.even_share
+    even = np.abs((time_s[middle] - time_s[first]) / length - 1.0) < DIFFERENCES.even_share
     return first[even], middle[even], last[even]
 
 
@@ -114,8 +114,10 @@ def _span_rows(time_s: np.ndarray, position: np.ndarray, sigma: float, least: in
     is hidden in the noise and the span short.
     """
     rows, step = least, float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
-    while 2 * rows * step <= RULES.max_span_s and RULES.min_spans * rows < len(position):
-        if divided_differences(time_s, position, 2, rows).std() > RULES.bend_sigmas * sigma:
+    while 2 * rows * step <= DIFFERENCES.max_span_s and DIFFERENCES.min_spans * rows < len(
+        position
+    ):
+        if divided_differences(time_s, position, 2, rows).std() > DIFFERENCES.bend_sigmas * sigma:
             break
         rows *= 2
     return rows

@@ -19,7 +19,7 @@ class RegimeLimits:
     changing_per_s: float = 0.3
 
 
-LIMITS = RegimeLimits()
+REGIMES = RegimeLimits()
 CHANGING = ("standstill", "start", "speeding up", "braking", "reversal")
 STANDSTILL, START, SPEEDING_UP, BRAKING, REVERSAL, STEADY = range(6)
 
@@ -34,17 +34,17 @@ def regimes_of(
     top = float(np.max(size))
     if top == 0.0:
         return np.zeros(len(time_s), dtype=int), ["whole log"]
-    width = max(LIMITS.min_rows, int(round(LIMITS.smoothing_s / np.median(np.diff(time_s)))))
+    width = max(REGIMES.min_rows, int(round(REGIMES.smoothing_s / np.median(np.diff(time_s)))))
     rate = np.gradient(np.convolve(speed, np.ones(width) / width, mode="same"), time_s)
-    band = _round_up(top / LIMITS.bands)
+    band = _round_up(top / REGIMES.bands)
     names = [f"steady, {k * band:g}-{(k + 1) * band:g} rad/s" for k in range(int(top // band) + 1)]
     regime = STEADY + (size // band).astype(int)
-    changing, growing = np.abs(rate) > LIMITS.changing_per_s * top, rate * np.sign(speed) > 0.0
+    changing, growing = np.abs(rate) > REGIMES.changing_per_s * top, rate * np.sign(speed) > 0.0
     regime[changing & growing] = SPEEDING_UP
     regime[changing & ~growing] = BRAKING
-    regime[changing & growing & (size < LIMITS.start * top)] = START
-    regime[(command * speed < 0.0) & (size > LIMITS.standstill * top)] = REVERSAL
-    regime[size <= LIMITS.standstill * top] = STANDSTILL
+    regime[changing & growing & (size < REGIMES.start * top)] = START
+    regime[(command * speed < 0.0) & (size > REGIMES.standstill * top)] = REVERSAL
+    regime[size <= REGIMES.standstill * top] = STANDSTILL
     return regime, [*CHANGING, *names]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.local_polynomial import (
+    LOCAL_FIT,
     MAX_STATE_SIGMAS,
     NEIGHBOURS,
     NO_FIT,
@@ -18,7 +19,6 @@ from vgroove.gap.residual.local_polynomial import (
     Smoothing,
     local_fit,
 )
-from vgroove.gap.residual.local_polynomial import RULES as FIT_RULES
 from vgroove.gap.residual.sensors import SensorErrors
 
 
@@ -38,7 +38,7 @@ class RestartRules:
     start_sigmas: float = 3.0
 
 
-RULES = RestartRules()
+RESTART = RestartRules()
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class Restarts:
         true[:, :, 1] += half_delay_squared * self.curvatures[:, 1]
         true[:, :, :2] = (true[:, :, :2] - errors.offset[:, None]) / gain[:, None]
         limit_a = np.reshape(errors.limit_a, (-1, 1))
-        clipped = np.abs(self.measured[:, 0]) > RULES.clipped_share * limit_a
+        clipped = np.abs(self.measured[:, 0]) > RESTART.clipped_share * limit_a
         true[:, :, 0] = np.where(clipped & np.isfinite(self.motion_a), self.motion_a, true[:, :, 0])
         return true
 
@@ -143,14 +143,14 @@ def find_restarts(
     edges, reversals, steps): the model continues without a restart.
     """
     rows, found = [0], [_first_state(observer, time_s)]
-    reach = RULES.search_s * min(1.0, restart_s / RULES.nominal_s)
-    count = int((time_s[-1] - time_s[0]) / restart_s - RULES.min_last_share)
+    reach = RESTART.search_s * min(1.0, restart_s / RESTART.nominal_s)
+    count = int((time_s[-1] - time_s[0]) / restart_s - RESTART.min_last_share)
     regular = [time_s[0] + k * restart_s for k in range(1, count + 1)]
-    after_holes = [time_s[row] + RULES.resume_reach * reach for row in resume]
+    after_holes = [time_s[row] + RESTART.resume_reach * reach for row in resume]
     for centre in sorted(regular + after_holes):
-        shifts = reach * np.linspace(-1.0, 1.0, RULES.candidates)
+        shifts = reach * np.linspace(-1.0, 1.0, RESTART.candidates)
         candidates = [int(np.searchsorted(time_s, centre + shift)) for shift in shifts]
-        first, last = rows[-1] + RULES.min_rows, len(time_s) - RULES.min_rows
+        first, last = rows[-1] + RESTART.min_rows, len(time_s) - RESTART.min_rows
         allowed = [row for row in candidates if first < row < last]
         best = _best_known(observer, time_s, allowed)
         if best is not None:
@@ -194,10 +194,10 @@ def _first_state(observer: StateObserver, time_s: np.ndarray) -> State:
     for k, seen in enumerate((observer.current, observer.speed)):
         if seen is None or len(seen.value) < count:
             continue
-        if seen.end_s[0] > time_s[0] + FIT_RULES.max_distance_s:
+        if seen.end_s[0] > time_s[0] + LOCAL_FIT.max_distance_s:
             continue
         middle = 0.5 * (seen.start_s + seen.end_s)[:count]
         line = np.polyfit(middle - time_s[0], seen.value[:count], 1)
-        if abs(np.mean(seen.value[:count])) > RULES.start_sigmas * seen.sigma[0]:
+        if abs(np.mean(seen.value[:count])) > RESTART.start_sigmas * seen.sigma[0]:
             state[k] = line[1]
     return State(state)

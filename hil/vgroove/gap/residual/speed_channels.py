@@ -36,7 +36,7 @@ class FilteredSpeedRules:
     slope_rows: int = 5  # of the moving mean whose slope is the acceleration
 
 
-RULES = FilteredSpeedRules()
+FILTERED_SPEED = FilteredSpeedRules()
 MIN_GAP_S = 1e-6  # time since an edge, below which a row holds that edge
 
 
@@ -111,14 +111,14 @@ def filtered_speed_channel(log: CleanLog) -> SpanChannel:
     speed_rpm = interpolate_missing(time_s, measured)
     timeout_s = log.rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S)
     period = S_PER_MIN / log.pulses_per_rev / np.maximum(np.abs(speed_rpm), MIN_SPEED_RPM)
-    start = time_s - RULES.start_pitches * period
-    end = time_s - RULES.end_pitches * period
-    longest = min(RULES.max_timeout_share * timeout_s, RULES.max_pitch_s)
+    start = time_s - FILTERED_SPEED.start_pitches * period
+    end = time_s - FILTERED_SPEED.end_pitches * period
+    longest = min(FILTERED_SPEED.max_timeout_share * timeout_s, FILTERED_SPEED.max_pitch_s)
     usable = np.isfinite(measured) & (period < longest) & (start > time_s[0])
     middle = np.where(usable, start + end, -np.inf)
     latest_before = np.maximum.accumulate(np.concatenate([[-np.inf], middle[:-1]]))
     keep = np.flatnonzero(usable & (middle > latest_before))  # in order of time
-    slope = np.abs(np.gradient(moving_mean(speed_rpm, RULES.slope_rows), time_s))
+    slope = np.abs(np.gradient(moving_mean(speed_rpm, FILTERED_SPEED.slope_rows), time_s))
     sigma = np.hypot(log.sigma("speed_rpm"), slope * period / UNIFORM)
     note = "filtered edge speed, compared over a pitch before each row"
     return span_channel(

@@ -35,7 +35,7 @@ class ObserverRules:
     gap_margin_s: float = 0.05
 
 
-RULES = ObserverRules()
+OBSERVER = ObserverRules()
 
 
 def make_state_observer(
@@ -49,7 +49,7 @@ def make_state_observer(
         differences, angle_at = _from_position(log)
         from_angle = speed is None or typical_speed_sigma(
             differences
-        ) / RULES.angle_gain < typical_speed_sigma(speed)
+        ) / OBSERVER.angle_gain < typical_speed_sigma(speed)
         speed = differences if from_angle else speed
     if log.kind == "current_a":
         return _with_current_input(log, speed, angle_at, from_angle)
@@ -77,7 +77,7 @@ def _observed_speed(
 
 def _lasts(log: CleanLog, channel: Channel) -> bool:
     """Whether an angle's channel covers enough of the log; one that fails early gives no states."""
-    return np.ptp(channel.time_s) > RULES.min_angle_share * np.ptp(log.time_s)
+    return np.ptp(channel.time_s) > OBSERVER.min_angle_share * np.ptp(log.time_s)
 
 
 def typical_speed_sigma(seen: Observations) -> float:
@@ -111,7 +111,7 @@ def _from_edges(rig: Rig, edges: EdgePeriods, rest: float) -> tuple[Observations
     # on average the first edge comes half a pitch after rest
     turns = (edges.count[counted] + 0.5 * np.sign(edges.count[counted][0])) / pulses
     first = edges.start_s[counted][0]
-    times = np.concatenate([[first - RULES.start_s], edges.end_s[counted]])
+    times = np.concatenate([[first - OBSERVER.start_s], edges.end_s[counted]])
     return seen, _interpolated(times, rest + TURN_RAD * np.concatenate([[0.0], turns]))
 
 
@@ -170,7 +170,7 @@ def rough_speed(time_s: np.ndarray, observer: StateObserver) -> np.ndarray:
         return np.zeros(len(time_s))
     middle = 0.5 * (seen.start_s + seen.end_s)
     speed = np.interp(time_s, middle, seen.value, left=0.0, right=0.0)
-    gap, margin = np.diff(middle, prepend=middle[0]), RULES.gap_margin_s
-    for k in np.flatnonzero(gap > RULES.max_gap_s):
+    gap, margin = np.diff(middle, prepend=middle[0]), OBSERVER.gap_margin_s
+    for k in np.flatnonzero(gap > OBSERVER.max_gap_s):
         speed[(time_s > middle[k - 1] + margin) & (time_s < middle[k] - margin)] = 0.0
     return speed
