@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.catalogue.effects import BY_ID, CATALOGUE, Scales
+from vgroove.gap.catalogue import BY_ID, CATALOGUE, Scales
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gap_toy import SCALES, Toy
-from vgroove.gap.catalogue.effects import BY_ID
+from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vgroove.bench import trap
-from vgroove.gap.catalogue.effects import BY_ID, Scales
+from vgroove.gap.catalogue import BY_ID, Scales
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.problem import Problem

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gap_toy import MODELLED, SCALES, Toy
-from vgroove.gap.catalogue.effects import BY_ID
+from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection import extension, search, search_state

@@ -9,18 +9,19 @@ from typing import Any
 import numpy as np
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.catalogue.effects import BY_ID, CATALOGUE, Scales, available, span
+from vgroove.gap.catalogue import BY_ID, CATALOGUE, Scales, available
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.next_run import experiment_design
 from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.magnitude import robust_magnitude
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection import search
 from vgroove.gap.selection.intervals import Estimate, in_catalogue_form, over_long_stretches
 from vgroove.gap.selection.search_state import Rows, Search, begin
 from vgroove.gap.selection.single_effects import align_to_selection
 from vgroove.gap.verdict import decision, location
-from vgroove.rig import WORDS, Rig
+from vgroove.rig import Rig
 
 SCHEMA = "vgroove.gap/1"
 RPM = np.pi / 30.0
@@ -191,9 +192,8 @@ def effect_table(problem: Problem, one: Fit, effect_id: str) -> dict[str, Any]:
     }
     if effect_id == "hall_dropout":
         table["probability"] = problem.missed_share
-    for (owner, key), (parameter, word) in WORDS.items():
-        if owner == effect_id and theta[problem.index(parameter)] == 1.0:
-            table[key] = word
+    if effect.form and theta[problem.index(effect.flag_name)] == 1.0:
+        table[effect.form.key] = effect.form.words[1]
     return table
 
 
@@ -254,12 +254,12 @@ def scales_of(problem: Problem) -> Scales:
     """Sizes of effects from what the logs and the rig span."""
     rig, motor = problem.rig, problem.rig.motor
     resistance, k = motor["resistance_ohm"], motor["torque_constant_nm_per_a"]
-    volt = span(
+    volt = robust_magnitude(
         column(problem, "supply_v"),
-        rig.supply.get("voltage_v", 0.0) or span(column(problem, "voltage_v"), 1.0),
+        rig.supply.get("voltage_v", 0.0) or robust_magnitude(column(problem, "voltage_v"), 1.0),
     )
-    amp = span(column(problem, "current_a"), 0.3 * volt / resistance)
-    speed = span(
+    amp = robust_magnitude(column(problem, "current_a"), 0.3 * volt / resistance)
+    speed = robust_magnitude(
         np.concatenate([speed_rows(problem, j) for j in range(len(problem.logs))]), volt / k
     )
     times = [np.asarray(log.time_s, float) for log in problem.logs]

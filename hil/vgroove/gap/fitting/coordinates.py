@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from vgroove.gap.catalogue.effects import Effect, Parameter, Scales
+from vgroove.gap.catalogue import Effect, Parameter, Scales
 from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Coordinate, Hypothesis
 from vgroove.gap.residual.protocol import MeasuredProblem
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.catalogue.effects import Effect, Scales
+from vgroove.gap.catalogue import Effect, Scales
 from vgroove.gap.fitting.coordinates import HypothesisBuilder
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.fitting.normal_equations import FoldGroups

@@ -8,7 +8,7 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning.missing_values import hold_last_value
-from vgroove.gap.hall_edges.reader import EdgePeriods
+from vgroove.gap.hall_edges.edge_periods import EdgePeriods
 from vgroove.gap.residual.channels import Channel, ChannelInfo, ModelColumn, RowChannel, row_channel
 from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.position_channels import position_channel

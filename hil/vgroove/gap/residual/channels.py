@@ -16,7 +16,9 @@ ENCODER = ("encoder_angle_rad", "encoder_speed_rad_s")
 SPEED_SENSOR = ("angle_measured_rad", "speed_measured_rad_s")
 SHAFT = ("angle_rad", "speed_rad_s")
 DROPS_EDGES = "drops_edges"  # (B,): whether the parameter set's Hall sensor misses edges
-MAX_PITCHES = 5.0  # that a sensor which misses edges reports as one; hall_edges.missed_edges.MOST
+MAX_PITCHES = (
+    5.0  # that a sensor which misses edges reports as one; hall_edges.missed_edges.MAX_PITCHES
+)
 MIN_SPEED = 1e-9  # in the signal's unit; keeps a ratio of speeds finite
 Simulation = dict[str, np.ndarray]  # (B, rows) arrays of vgroove._core.simulate_log
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from vgroove.gap.cleaning.clock import on_even_clock
+from vgroove.gap.cleaning.clock import correct_time_stamps
 from vgroove.gap.cleaning.dead_samples import remove_dead_samples
 from vgroove.gap.cleaning.lost_rows import insert_lost_rows
 from vgroove.gap.cleaning.sensor_noise import column_sigma
@@ -54,7 +54,7 @@ def clean_log(log: Any, rig: Rig) -> CleanLog:
     where the logger lost some.
     """
     log = remove_dead_samples(log, rig)
-    log = insert_lost_rows(on_even_clock(log, stamp_contradictions(log, rig)), rig)
+    log = insert_lost_rows(correct_time_stamps(log, stamp_contradictions(log, rig)), rig)
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     time_s = np.asarray(log.time_s, dtype=float)
     return CleanLog(log, rig, time_s, columns, log.source, list(log.warnings))

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgroove import _core
-from vgroove.gap.hall_edges.missed_edge_rows import read_edges
-from vgroove.gap.hall_edges.reader import COUNTING_PULSES, EdgePeriods
+from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods
+from vgroove.gap.hall_edges.missed_edge_rows import read_edges_with_missed
 from vgroove.gap.hall_edges.scale import edge_scale
 from vgroove.gap.residual.channels import InterpolationPoints, Simulation
 from vgroove.gap.residual.clean_log import CleanLog
@@ -38,7 +38,7 @@ def read_edge_periods(log: CleanLog) -> EdgePeriods | None:
     if log.pulses_per_rev == 0 or "speed_rpm" not in log.columns:
         return None
     found = _read_scaled(log)
-    whole = found.chain[~found.falling]
+    whole = found.chain[~found.timeout]
     limit = max(FILTERED_TEST.max_chains, FILTERED_TEST.max_share * len(whole))
     if len(np.unique(whole)) <= limit:
         return found
@@ -56,7 +56,7 @@ def _read_scaled(log: CleanLog) -> EdgePeriods:
     time_s, speed_rpm, pulses = log.time_s, log.columns["speed_rpm"], log.pulses_per_rev
     lsb_rpm = log.rig.sensors.get("speed_lsb_rpm", 0.0)
     scale = edge_scale(time_s, speed_rpm, pulses, lsb_rpm)
-    found = read_edges(time_s, speed_rpm / scale, pulses, lsb_rpm)
+    found = read_edges_with_missed(time_s, speed_rpm / scale, pulses, lsb_rpm)
     if scale == 1.0:
         return found
     log.warn(
@@ -99,9 +99,9 @@ def align_count_to_rest(
     The rows do not show how far the shaft stood from the first edge, nor the edges that a quick
     start hides. Without the shift a cogging would change its phase at the first restart.
     """
-    if edges.falling.all():
+    if edges.timeout.all():
         return observer
-    first_s = edges.end_s[~edges.falling][0]
+    first_s = edges.end_s[~edges.timeout][0]
     nominal = float(InterpolationPoints.of(time_s, np.array([first_s])).angle(motion)[0, 0])
     shift = nominal - observer.angle_at(first_s)
     if not abs(shift) < MAX_START_ERROR_RAD:
@@ -116,7 +116,7 @@ def chain_starts(edges: EdgePeriods | None, pulses: int) -> np.ndarray:
     edges before it is unknown. None for a sensor that counts edges, whose chains break without a
     loss of the count: that many free offsets would fit any ripple.
     """
-    if edges is None or pulses >= COUNTING_PULSES:
+    if edges is None or pulses >= MIN_COUNTING_PULSES:
         return np.zeros(0)
-    whole = np.flatnonzero(~edges.falling)
+    whole = np.flatnonzero(~edges.timeout)
     return edges.end_s[whole[1:]][np.diff(edges.chain[whole]) != 0]

@@ -12,8 +12,8 @@ from scipy.signal import lfilter
 from vgroove.gap.cleaning.denoised_command import DenoisedCommand
 from vgroove.gap.cleaning.missing_values import interpolate_missing
 from vgroove.gap.cleaning.sensor_noise import (
+    FILTER_ROWS,
     RESIDUAL_POWER_SHARE,
-    SCATTER_WINDOW,
     column_sigma,
     decimal_resolution,
     high_pass_residual,
@@ -211,8 +211,8 @@ def on_smooth_ramps(command: np.ndarray) -> np.ndarray:
     step = resolution_of(command)
     bend = np.abs(np.diff(command, 2, prepend=[command[0]] * 2)) > ROUNDING.kink_steps * step
     changes = np.diff(command, prepend=command[0]) != 0.0
-    reach = 2 * (SCATTER_WINDOW + ROUNDING.max_lag_rows) + 1
-    return maximum_filter1d(changes, SCATTER_WINDOW) & ~maximum_filter1d(bend, reach)
+    reach = 2 * (FILTER_ROWS + ROUNDING.max_lag_rows) + 1
+    return maximum_filter1d(changes, FILTER_ROWS) & ~maximum_filter1d(bend, reach)
 
 
 def one_row_share(rig: Rig, dt_s: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.gap.hall_edges.reader import EdgePeriods
+from vgroove.gap.hall_edges.edge_periods import EdgePeriods
 from vgroove.gap.residual.blocks import FoldBlocks, cut_blocks, mean_stroke_s
 from vgroove.gap.residual.breakaway import SpeedRecord, widen_after_breakaway
 from vgroove.gap.residual.channel_builders import build_channels, widen_by_input

@@ -8,9 +8,9 @@ import numpy as np
 
 from vgroove.gap.cleaning.missing_values import interpolate_missing
 from vgroove.gap.cleaning.sensor_noise import MIN_SIGMA
+from vgroove.gap.hall_edges.edge_periods import EdgePeriods, near_reversal
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
-from vgroove.gap.hall_edges.missed_edges import missed_edges
-from vgroove.gap.hall_edges.reader import EdgePeriods, near_reversal
+from vgroove.gap.hall_edges.missed_edges import estimate_missed_edges
 from vgroove.gap.residual.channels import ChannelInfo, Samples, SpanChannel, Spans, span_channel
 from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.units import RPM_PER_RAD_S
@@ -45,9 +45,9 @@ def edge_speed_channel(log: CleanLog, edges: EdgePeriods) -> SpanChannel:
     most one pitch over the time since the last edge.
     """
     speed_rpm = log.columns["speed_rpm"]
-    missed = missed_edges(edges)
+    missed = estimate_missed_edges(edges)
     sigma = sigma_with_missed_rpm(log.rig, edges, missed)
-    keep = ~edges.falling & ~near_reversal(edges)
+    keep = ~edges.timeout & ~near_reversal(edges)
     timeout_s = log.rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S)
     bound_start, bound_row = _rows_without_edge(log.time_s, speed_rpm, edges, timeout_s)
     start = np.concatenate([edges.start_s[keep], bound_start])
@@ -85,7 +85,7 @@ def _rows_without_edge(
     """Instants (k,) in s since which no edge came, and the rows (k,): rows whose speed falls, and
     rows that read 0 (since the last edge, at most the time-out ago).
     """
-    whole = ~edges.falling
+    whole = ~edges.timeout
     last_end, first_start = edges.end_s[whole], edges.start_s[whole]
     row = np.flatnonzero(speed_rpm == 0.0)
     end = time_s[row]
@@ -97,8 +97,8 @@ def _rows_without_edge(
     )
     since = np.maximum(since, time_s[0])
     real = end - since > MIN_GAP_S
-    start = np.concatenate([edges.start_s[edges.falling], since[real]])
-    rows = np.concatenate([edges.row[edges.falling], row[real]])
+    start = np.concatenate([edges.start_s[edges.timeout], since[real]])
+    rows = np.concatenate([edges.row[edges.timeout], row[real]])
     order = np.argsort(rows, kind="stable")
     return start[order], rows[order]
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from vgroove.gap.cleaning.missing_values import hold_last_value, interpolate_missing
 from vgroove.gap.cleaning.sensor_noise import position_sigma
+from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
-from vgroove.gap.hall_edges.missed_edges import count_missed_edges, missed_edges
-from vgroove.gap.hall_edges.reader import COUNTING_PULSES, EdgePeriods, near_reversal
+from vgroove.gap.hall_edges.missed_edges import add_missed_to_count, estimate_missed_edges
 from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.clean_log import CleanLog
 from vgroove.gap.residual.local_polynomial import NEIGHBOURS, KnownForce, Observations, row_means
@@ -64,7 +64,7 @@ def _observed_speed(
 ) -> tuple[Observations | None, AngleAt]:
     """Observations of the speed column, and the angle that it counts."""
     rest = log.rig.load.get("zero_rad", 0.0) * log.rig.gearbox["ratio"]
-    if edges is not None and not edges.falling.all():
+    if edges is not None and not edges.timeout.all():
         return _from_edges(log.rig, edges, rest)
     if edges is not None or channel is None:
         return None, lambda t: rest
@@ -92,13 +92,13 @@ def _interpolated(time_s: np.ndarray, angle: np.ndarray) -> AngleAt:
 def _from_edges(rig: Rig, edges: EdgePeriods, rest: float) -> tuple[Observations, AngleAt]:
     """Speeds over edge periods, and the angle that the edges count from a rest in rad."""
     pulses = rig.sensors["hall_pulses_per_rev"]
-    missed = missed_edges(edges)
-    edges = count_missed_edges(edges, missed)
-    whole = ~edges.falling & ~near_reversal(edges)
+    missed = estimate_missed_edges(edges)
+    edges = add_missed_to_count(edges, missed)
+    whole = ~edges.timeout & ~near_reversal(edges)
     sigma = sigma_with_missed_rpm(rig, edges, missed)
     rad_s = (1.0 + missed[whole]) * RAD_S_PER_RPM
     turn = {}
-    if pulses < COUNTING_PULSES:
+    if pulses < MIN_COUNTING_PULSES:
         turn = {"pitch": edges.count[whole] % pulses, "pitches_per_rev": pulses}
     seen = Observations(
         edges.start_s[whole],
@@ -107,7 +107,7 @@ def _from_edges(rig: Rig, edges: EdgePeriods, rest: float) -> tuple[Observations
         sigma[whole] * rad_s,
         **turn,
     )
-    counted = ~edges.falling
+    counted = ~edges.timeout
     # on average the first edge comes half a pitch after rest
     turns = (edges.count[counted] + 0.5 * np.sign(edges.count[counted][0])) / pulses
     first = edges.start_s[counted][0]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.catalogue.effects import BY_ID, Effect
+from vgroove.gap.catalogue import BY_ID, Effect
 from vgroove.gap.fitting.engine import FINAL_HUBER_SIGMAS
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.selection.search_state import Search, key

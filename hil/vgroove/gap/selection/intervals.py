@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vgroove.gap.catalogue.effects import BY_ID, FURTHER_FORM
+from vgroove.gap.catalogue import BY_ID, FLAGS_BEYOND_SPECIFICATION
 from vgroove.gap.fitting.covariance import interval_half_widths
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
@@ -115,8 +115,10 @@ def in_catalogue_form(search: Search, best: Fit) -> Fit:
     """The same effects in forms that every reader of a rig knows, unless those leave a visible gap
     more.
     """
-    of_ours = search.engine.problem.index(FURTHER_FORM)
-    fixed = tuple((column, value) for column, value in best.hypothesis.fixed if column != of_ours)
+    beyond = {search.engine.problem.index(name) for name in FLAGS_BEYOND_SPECIFICATION}
+    fixed = tuple(
+        (column, value) for column, value in best.hypothesis.fixed if column not in beyond
+    )
     if fixed == best.hypothesis.fixed:
         return best
     again = search.engine.fit([replace(best.hypothesis, start=best.x, fixed=fixed)], CONVERGED)[0]

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from vgroove.gap.catalogue.effects import (
+from vgroove.gap.catalogue import (
     BY_ID,
     FRICTION_LAWS,
-    RARE,
+    LESS_LIKELY,
     SPECIAL_CASES,
     contains,
     equations,
-    reached,
+    equations_and_sensors,
 )
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
@@ -279,9 +279,9 @@ def works_elsewhere(search: Search, best: Fit, leaner: Fit) -> bool:
     """
     mine = frozenset().union(*map(equations, set(best.ids) - set(leaner.ids)))
     gain = search.score(leaner) - search.score(best)
-    return not mine & frozenset().union(*map(reached, leaner.ids)) and gain > ELSEWHERE_PART * (
-        search.score(leaner) - search.level()
-    )
+    return not mine & frozenset().union(
+        *map(equations_and_sensors, leaner.ids)
+    ) and gain > ELSEWHERE_PART * (search.score(leaner) - search.level())
 
 
 def beyond_forms(search: Search, best: Fit, leaner: Fit, share: float) -> bool:
@@ -373,7 +373,7 @@ def preference(search: Search, one: Fit) -> tuple[bool, int, int]:
     """Smaller is preferred between equals: what the edges do not contradict, fitted numbers, then
     rare effects.
     """
-    return search.contradicted(one), one.hypothesis.count, sum(i in RARE for i in one.ids)
+    return search.contradicted(one), one.hypothesis.count, sum(i in LESS_LIKELY for i in one.ids)
 
 
 def win_shares(search: Search, candidates: Sequence[Fit]) -> np.ndarray:

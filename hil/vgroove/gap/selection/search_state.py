@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vgroove.gap.catalogue.effects import Effect
+from vgroove.gap.catalogue import Effect
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis

@@ -8,7 +8,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from scipy.special import expit
 
-from vgroove.gap.catalogue.effects import contains
+from vgroove.gap.catalogue import contains
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.model_comparison import draw_means, few_blocks
 from vgroove.gap.selection.search_state import WORTH, Search, plausible

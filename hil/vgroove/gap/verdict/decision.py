@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from vgroove.gap.catalogue.effects import SPECIAL_CASES, equivalents
+from vgroove.gap.catalogue import SPECIAL_CASES, equivalents
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.intervals import Estimate, stretches_of
 from vgroove.gap.selection.model_comparison import block_sums, draw_means, make_blocks, squared

@@ -12,7 +12,7 @@ from math import factorial
 
 import numpy as np
 
-from vgroove.gap.catalogue.effects import BY_ID
+from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Fit
 from vgroove.gap.fitting.steps import bounded_step
 from vgroove.gap.selection.extension import extension_slopes
