@@ -1,5 +1,5 @@
-"""What pre-sliding friction leaves open after a rest: where it does, how much, and that the
-residuals stay white whatever it was.
+"""Speed uncertainty from pre-sliding friction after a rest: where it applies, its size, and that
+the residuals are uncorrelated whatever the true impulse was.
 """
 
 from dataclasses import replace
@@ -69,8 +69,8 @@ def opened(rig: Rig) -> RowChannel:
     return widen_after_breakaway((speeds(sigma),), record, rig, np.array([0.0, 0.42, 0.8, 1.3]))[0]
 
 
-def test_a_shaft_leaves_its_rest_where_it_starts_and_where_it_turns_round() -> None:
-    for noise in (0.0, 0.5):  # noise at rest turns nothing round
+def test_a_shaft_breaks_away_where_it_starts_and_where_it_reverses() -> None:
+    for noise in (0.0, 0.5):  # noise at rest is no reversal
         instants, acceleration = breakaways(SpeedRecord(seen(noise), 0.0, False))
         assert instants == pytest.approx([0.2, 1.05], abs=0.011)
         assert acceleration == pytest.approx([1000.0, 2000.0], rel=0.2)
@@ -92,15 +92,17 @@ def test_the_impulse_is_that_of_a_friction_that_builds_up_over_a_small_angle(
     assert 0.2 < gained / breakaway_impulse_rad_s(rig, np.array([acceleration]))[0] < 2.0
 
 
-def test_it_lasts_up_to_the_next_restart_and_no_wait_knows_of_it(opened: RowChannel) -> None:
+def test_the_impulse_lasts_up_to_the_next_restart_and_censored_samples_have_none(
+    opened: RowChannel,
+) -> None:
     held = opened.impulse > 0.0
     expected = (TIME > 0.2) & (TIME < 0.42) | (TIME > 1.05) & (TIME < 1.3)
     unlike = TIME[held != (expected & ~opened.censored)]
-    assert len(unlike) <= 2  # at 0.2 and 1.05 s the speed is too low to be told from rest
+    assert len(unlike) <= 2  # at 0.2 and 1.05 s the speed is within the noise of a rest
     assert np.all(np.minimum(np.abs(unlike - 0.2), np.abs(unlike - 1.05)) < 0.011)
 
 
-def test_residuals_of_an_unknown_impulse_are_white(opened: RowChannel) -> None:
+def test_residuals_after_an_unknown_impulse_are_uncorrelated(opened: RowChannel) -> None:
     white = residual(opened, np.diag(opened.sigma)).T  # r' = white @ r
     shared = np.stack(
         [
@@ -113,7 +115,7 @@ def test_residuals_of_an_unknown_impulse_are_white(opened: RowChannel) -> None:
     )
 
 
-def test_a_likely_impulse_leaves_little_and_an_impossible_one_stays(opened: RowChannel) -> None:
+def test_a_likely_impulse_is_removed_and_an_unlikely_one_stays(opened: RowChannel) -> None:
     first = (opened.passage == 0) & (opened.impulse > 0.0)
     left = [
         residual(opened, np.where(first, factor * opened.impulse, 0.0)[None])[0]
@@ -123,7 +125,7 @@ def test_a_likely_impulse_leaves_little_and_an_impossible_one_stays(opened: RowC
     assert not np.any(left[0][~first])
 
 
-def test_a_voltage_forgets_it(rig: Rig) -> None:
+def test_a_voltage_input_has_no_impulse(rig: Rig) -> None:
     channel = speeds(np.ones(len(TIME)))
     driven = replace(rig, input={"kind": "voltage_v"})
     record = SpeedRecord(seen(), 0.0, False)

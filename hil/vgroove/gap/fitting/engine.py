@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgroove.gap.catalogue import Effect, Scales
+from vgroove.gap.cleaning.sensor_noise import MAD_TO_SIGMA
 from vgroove.gap.fitting.coordinates import HypothesisBuilder
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.fitting.normal_equations import FoldGroups
@@ -28,7 +29,6 @@ from vgroove.gap.residual.protocol import MeasuredProblem
 # Threshold of Huber's loss in robust standard deviations of the residuals: in the first round, in
 # which a start may be far off, and from then on. Chosen on the tuning half of the blind set.
 FIRST_HUBER_SIGMAS, FINAL_HUBER_SIGMAS = 20.0, 4.0
-MAD_TO_SIGMA = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 MAX_RESIDUAL = 1e5  # sigma; a model that is further off has run away
 
 

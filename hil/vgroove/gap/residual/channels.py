@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
+from vgroove.gap.hall_edges.missed_edges import MAX_PITCHES
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.sensors import SensorErrors
 
@@ -16,9 +17,6 @@ ENCODER = ("encoder_angle_rad", "encoder_speed_rad_s")
 SPEED_SENSOR = ("angle_measured_rad", "speed_measured_rad_s")
 SHAFT = ("angle_rad", "speed_rad_s")
 DROPS_EDGES = "drops_edges"  # (B,): whether the parameter set's Hall sensor misses edges
-MAX_PITCHES = (
-    5.0  # that a sensor which misses edges reports as one; hall_edges.missed_edges.MAX_PITCHES
-)
 MIN_SPEED = 1e-9  # in the signal's unit; keeps a ratio of speeds finite
 Simulation = dict[str, np.ndarray]  # (B, rows) arrays of vgroove._core.simulate_log
 
@@ -75,8 +73,9 @@ class InterpolationPoints:
 class Channel:
     """One judged signal of one log: m samples that end at rows of the log.
 
-    A censored sample states only an upper bound of the speed (no edge came for so long): it counts
-    where the model exceeds the bound (censored data: Tobin, Econometrica 26 (1958) 24).
+    A censored sample states only an upper bound of the speed: a timeout sample of a Hall sensor, at
+    which no edge has come for so long. It counts where the model exceeds the bound (censored data:
+    Tobin, Econometrica 26 (1958) 24).
     """
 
     column: str

@@ -21,7 +21,7 @@ from vgroove.gap.cleaning.sensor_noise import (
 )
 from vgroove.rig import Rig
 
-UNIFORM = np.sqrt(12.0)  # width of a uniform distribution over its standard deviation
+UNIFORM_WIDTH_SIGMAS = np.sqrt(12.0)  # width of a uniform distribution in standard deviations
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,9 @@ def _load_errors(rig: Rig, load_nm: np.ndarray) -> np.ndarray:
     """Standard deviation (rows,) of the motor's torque in N m: a load step lies anywhere in its
     row.
     """
-    return np.abs(np.diff(load_nm, prepend=load_nm[0])) / UNIFORM / rig.gearbox["ratio"]
+    return (
+        np.abs(np.diff(load_nm, prepend=load_nm[0])) / UNIFORM_WIDTH_SIGMAS / rig.gearbox["ratio"]
+    )
 
 
 def _accumulated(impulse: np.ndarray, kept: np.ndarray) -> np.ndarray:
@@ -150,7 +152,7 @@ def _constant_command_error(rig: Rig, command: np.ndarray) -> np.ndarray:
     if rig.input["kind"] == "current_a":
         return 0.0 * inexact
     constant = rig.motor["torque_constant_nm_per_a"]
-    return decimal_resolution(command) / UNIFORM * full_volt(rig) / constant * inexact
+    return decimal_resolution(command) / UNIFORM_WIDTH_SIGMAS * full_volt(rig) / constant * inexact
 
 
 def full_volt(rig: Rig) -> float:
@@ -168,7 +170,7 @@ def ramp_sigma(
     A timer's compare value is what ran, a number rounded by the logger is not. Rounding is fast and
     of known shape: it was real as far as the fast part of the current follows that of the column.
     """
-    rounded = resolution_of(command) / UNIFORM
+    rounded = resolution_of(command) / UNIFORM_WIDTH_SIGMAS
     if current_a is None or "current_noise_a" not in rig.sensors:
         return rounded
     rows = on_smooth_ramps(command) & np.isfinite(current_a)

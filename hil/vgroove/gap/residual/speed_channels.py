@@ -13,13 +13,13 @@ from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
 from vgroove.gap.hall_edges.missed_edges import estimate_missed_edges
 from vgroove.gap.residual.channels import ChannelInfo, Samples, SpanChannel, Spans, span_channel
 from vgroove.gap.residual.clean_log import CleanLog
+from vgroove.gap.residual.input_uncertainty import UNIFORM_WIDTH_SIGMAS
 from vgroove.units import RPM_PER_RAD_S
 
 DEFAULT_TIMEOUT_S = 0.25  # of a Hall sensor whose rig names none: docs/spec/gap.md, section 2
 S_PER_MIN = 60.0
 MIN_PERIOD_S = 1e-9  # keeps a speed finite
 MIN_SPEED_RPM = 1e-6  # keeps a period finite
-UNIFORM = np.sqrt(12.0)  # width of a uniform distribution over its standard deviation
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ def edge_speed_channel(log: CleanLog, edges: EdgePeriods) -> SpanChannel:
     measured = np.where(censored, bound, speeds)
     sigmas = np.concatenate([sigma[keep], _bound_sigma(log, sigma, len(bound_row))])
     following = np.searchsorted(edges.row[keep], bound_row)
-    missed_before = np.concatenate([missed[keep], [0]])[following]
-    missed = np.concatenate([missed[keep], missed_before])
+    missed_of_next = np.concatenate([missed[keep], [0]])[following]
+    missed = np.concatenate([missed[keep], missed_of_next])
     order = np.lexsort((censored, row))
     channel = span_channel(
         ChannelInfo("speed_rpm", "rpm", edges=True, note="compared over the measured edge periods"),
@@ -75,7 +75,7 @@ def _bound_sigma(log: CleanLog, sigma: np.ndarray, count: int) -> np.ndarray:
     """Standard deviation (count,) of censored samples in rpm: that of a usual edge speed."""
     if len(sigma):
         return np.full(count, float(np.median(sigma)))
-    rounding = log.rig.sensors.get("speed_lsb_rpm", 0.0) / UNIFORM
+    rounding = log.rig.sensors.get("speed_lsb_rpm", 0.0) / UNIFORM_WIDTH_SIGMAS
     return np.full(count, max(rounding, MIN_SIGMA["speed_rpm"]))
 
 
@@ -119,7 +119,7 @@ def filtered_speed_channel(log: CleanLog) -> SpanChannel:
     latest_before = np.maximum.accumulate(np.concatenate([[-np.inf], middle[:-1]]))
     keep = np.flatnonzero(usable & (middle > latest_before))  # in order of time
     slope = np.abs(np.gradient(moving_mean(speed_rpm, FILTERED_SPEED.slope_rows), time_s))
-    sigma = np.hypot(log.sigma("speed_rpm"), slope * period / UNIFORM)
+    sigma = np.hypot(log.sigma("speed_rpm"), slope * period / UNIFORM_WIDTH_SIGMAS)
     note = "filtered edge speed, compared over a pitch before each row"
     return span_channel(
         ChannelInfo("speed_rpm", "rpm", note=note),
