@@ -1,8 +1,8 @@
-"""Servos that swing a pendulum, logged by a coarse angle alone: frictions that a speed from row to
-row would drown in the encoder's steps.
+"""Servos that move a pendulum, logged by a coarse angle alone: their friction is below the noise of
+speeds from row to row, which the encoder's steps make.
 
-The servo is not the plant's: bristles (LuGre) instead of a sign, steps of 0.1 ms, a position loop
-that holds its voltage for a row.
+The servo is not that of the plant: bristles (LuGre) instead of a sign, steps of 0.1 ms, a position
+loop that holds its voltage for a row.
 """
 
 from collections.abc import Callable
@@ -117,7 +117,7 @@ def servo_log(
     ],
     ids=["nothing", "coulomb", "load", "viscous"],
 )
-def test_friction_of_a_servo_is_told_by_a_coarse_angle_alone(
+def test_friction_of_a_servo_is_identified_from_a_coarse_angle_alone(
     wanted: Callable[[float], float], more: dict[str, float], effect: str, size: float
 ) -> None:
     verdict = diagnose([servo_log(wanted, **more)], servo_rig()).verdict

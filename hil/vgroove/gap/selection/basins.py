@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Fit
-from vgroove.gap.fitting.neighbour_points import SPREADS, ripple_neighbours
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.fitting.neighbour_points import RING_HALF_WIDTHS, ripple_neighbours
 from vgroove.gap.selection.search_state import CONVERGED, Search, key
 
 MOVES = 3  # fits that one ring may ask for
@@ -22,7 +22,7 @@ def deepest_minimum(search: Search, one: Fit) -> Fit:
     smaller or turned.
     """
     best = one
-    for spread in SPREADS if search.leaves_a_gap(one) else ():
+    for spread in RING_HALF_WIDTHS if search.leaves_a_gap(one) else ():
         for _ in range(MOVES):
             moved = better_neighbour(search, best, spread)
             if moved is None:

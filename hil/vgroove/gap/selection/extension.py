@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgroove.gap.catalogue import BY_ID, Effect
-from vgroove.gap.fitting.fit import NARROW, Fit, Hypothesis
+from vgroove.gap.fitting.engine import FINAL_HUBER_SIGMAS
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.selection.search_state import Search, key
 
 PROPOSALS = 6
@@ -95,7 +96,7 @@ def starts_beside(
     """
     count, trials = base.hypothesis.count, {}
     for h in search.engine.hypotheses(
-        [*(BY_ID[i] for i in base.ids), effect], anew=effect if anew else None
+        [*(BY_ID[i] for i in base.ids), effect], from_catalogue=effect if anew else None
     ):
         new = h.count - count
         if new >= 1 and same_coordinates(h, base, count):
@@ -133,7 +134,7 @@ def differenced(search: Search, base: Fit, trials: list[Hypothesis]) -> Iterator
             count : h.count
         ]
         jobs.append((h, np.vstack([h.start, h.start + steps])))
-    for h, (start, *moved) in zip(trials, engine.shown(jobs), strict=True):
+    for h, (start, *moved) in zip(trials, engine.residuals_of_jobs(jobs), strict=True):
         yield AddedEffect(h, start, slopes(h, start, moved, count))
 
 
@@ -162,8 +163,10 @@ def first_order(search: Search, base: Fit, newcomer: AddedEffect) -> Fit:
     """The extended fit as one Newton step from base predicts it."""
     engine, count, h = search.engine, base.hypothesis.count, newcomer.hypothesis
     jacobian = np.vstack([base.jacobian.T[:count], newcomer.columns.T, base.jacobian.T[count:]]).T
-    one = Fit(h, h.start.copy(), newcomer.residual, jacobian, np.inf, max(base.delta, NARROW))
+    one = Fit(
+        h, h.start.copy(), newcomer.residual, jacobian, np.inf, max(base.delta, FINAL_HUBER_SIGMAS)
+    )
     whole, apart = engine.steps(one)
-    one.residual = one.held = engine.foretold(one, apart, whole)
+    one.residual = one.out_of_fold = engine.predict_first_order(one, apart, whole)
     one.x, one.jacobian = one.x + whole, jacobian[:0]
     return one

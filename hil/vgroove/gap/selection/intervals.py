@@ -12,10 +12,14 @@ from functools import cached_property
 import numpy as np
 
 from vgroove.gap.catalogue import BY_ID, FLAGS_BEYOND_SPECIFICATION
+from vgroove.gap.fitting.covariance import interval_half_widths
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Engine, Fit, half_widths
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.residual import angle_alignment
-from vgroove.gap.residual.problem import Problem, load_problem
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.problem import Problem
+from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.selection.search_state import CONVERGED, VISIBLE, Search, gap_of
 from vgroove.rig import Rig
 
@@ -43,7 +47,11 @@ class Estimate:
     @cached_property
     def half(self) -> np.ndarray:
         """Half widths (p,) of the 95 % intervals of the fitted numbers."""
-        return half_widths(self.engine, self.fit, self.clusters) if len(self.fit.x) else np.zeros(0)
+        return (
+            interval_half_widths(self.engine, self.fit, self.clusters)
+            if len(self.fit.x)
+            else np.zeros(0)
+        )
 
     def parameters(self, effect_id: str) -> dict[str, dict[str, object]]:
         """Reported parameters of one effect of the fit, with clustered 95 % intervals."""
@@ -63,10 +71,10 @@ class Estimate:
     def tolerated(self) -> dict[str, float]:
         """Values of the tolerated rig keys."""
         theta = self.fit.theta(self.engine.problem.theta0)
-        return {c.name: float(theta[c.columns[0]]) for c in self.engine.keys}
+        return {c.name: float(theta[c.columns[0]]) for c in self.engine.nuisance}
 
 
-def dropout_parameters(problem: Problem) -> dict[str, dict[str, object]]:
+def dropout_parameters(problem: MeasuredProblem) -> dict[str, dict[str, object]]:
     """The share of missed edges is counted, not fitted: any probability above 0 makes the model
     show what was missed. Wilson's interval.
     """
@@ -116,7 +124,11 @@ def in_catalogue_form(search: Search, best: Fit) -> Fit:
     again = search.engine.fit([replace(best.hypothesis, start=best.x, fixed=fixed)], CONVERGED)[0]
     predict_held_out(search.engine, [again])
     problem = search.engine.problem
-    return again if gap_of(problem, again.held) - gap_of(problem, best.held) <= VISIBLE else best
+    return (
+        again
+        if gap_of(problem, again.out_of_fold) - gap_of(problem, best.out_of_fold) <= VISIBLE
+        else best
+    )
 
 
 def stretches_of(log: np.ndarray, time_s: np.ndarray) -> np.ndarray:

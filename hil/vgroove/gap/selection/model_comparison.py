@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, t
 
-from vgroove.gap.fitting.fit import Fit
+from vgroove.gap.fitting.hypothesis import Fit
 
 DRAWS = 2000
 SHORTEST_S = 0.05
@@ -62,16 +62,16 @@ def make_blocks(
     tested: np.ndarray,
     length_s: float,
     seed: int,
-    conditional: np.ndarray,
+    censored: np.ndarray,
     draws: int = DRAWS,
 ) -> Blocks:
-    """Cut the tested rows into blocks of length_s and draw bootstrap samples of them; conditional
+    """Cut the tested rows into blocks of length_s and draw bootstrap samples of them; censored
     rows may cost, but are no samples.
     """
     number = np.floor(time_s / length_s).astype(int)
     keys = log.astype(np.int64) * (int(number.max()) + 2) + number
     _, cluster = np.unique(keys, return_inverse=True)
-    rows = np.bincount(cluster, weights=(tested & ~conditional).astype(float))
+    rows = np.bincount(cluster, weights=(tested & ~censored).astype(float))
     used = np.flatnonzero(rows)
     counts = np.zeros((draws, len(rows)))
     rng = np.random.default_rng(seed)
@@ -155,4 +155,4 @@ def few_blocks(count: int, level: float) -> float:
 
 def squared(one: Fit, clip: float) -> np.ndarray:
     """Clipped squares of the held-out residuals (n,)."""
-    return np.minimum(np.abs(one.held), clip) ** 2
+    return np.minimum(np.abs(one.out_of_fold), clip) ** 2

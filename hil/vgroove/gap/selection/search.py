@@ -17,7 +17,7 @@ from vgroove.gap.catalogue import (
     equations_and_sensors,
 )
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Fit, Hypothesis
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.selection.basins import deepest_minimum
 from vgroove.gap.selection.extension import extensions, restarted_extensions
 from vgroove.gap.selection.model_comparison import draw_means

@@ -13,7 +13,9 @@ import numpy as np
 
 from vgroove.gap.catalogue import Effect
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Engine, Fit, Hypothesis
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
+from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.selection.model_comparison import (
     SHORTEST_S,
     Blocks,
@@ -52,7 +54,7 @@ class Rows:
     log: np.ndarray
     time_s: np.ndarray
     signal: np.ndarray
-    conditional: np.ndarray
+    censored: np.ndarray
     restart_s: float
 
 
@@ -92,7 +94,7 @@ class Search:
 
     def reported(self, one: Fit) -> float:
         """Squared held-out gap as the contract's figures have it: over their blocks alone."""
-        return gap_of(self.engine.problem, one.held) ** 2
+        return gap_of(self.engine.problem, one.out_of_fold) ** 2
 
     def alike(self, one: Fit, other: Fit) -> bool:
         """Whether two sets leave the same but for what chance does to one number."""
@@ -115,7 +117,9 @@ class Search:
     def least_loss(self, worse: Fit, better: Fit, level: float = 0.95) -> float:
         """Squared gap that the worse fit surely loses on the run as it was."""
         return least_loss(
-            self.blocks, *(np.clip(f.held, -self.clip, self.clip) for f in (worse, better)), level
+            self.blocks,
+            *(np.clip(f.out_of_fold, -self.clip, self.clip) for f in (worse, better)),
+            level,
         )
 
     def contradicted(self, one: Fit) -> bool:
@@ -124,7 +128,7 @@ class Search:
         clock, far finer than what a motion shows.
         """
         problem = self.engine.problem
-        scales = [run.edge_scale for run in getattr(problem, "runs", ()) if run.edge_scale != 1.0]
+        scales = [run.edge_scale for run in problem.runs if run.edge_scale != 1.0]
         if not scales:
             return False
         gain, clock, of_command = (
@@ -196,7 +200,7 @@ class Search:
         """
         fits = self.engine.fit(hypotheses, iterations)
         if fits:
-            self.engine.go_on(self.near(fits), range(iterations, CONVERGED))
+            self.engine.continue_fits(self.near(fits), range(iterations, CONVERGED))
             predict_held_out(self.engine, self.near(fits))
         for one in fits:
             known = self.fits.get(key(one.ids))
@@ -215,7 +219,7 @@ class Search:
         return sorted(mine, key=lambda f: (round(self.score(f), 9), f.ids))
 
 
-def gap_of(problem: Any, held: np.ndarray) -> float:
+def gap_of(problem: MeasuredProblem, held: np.ndarray) -> float:
     """The contract's gap of held-out residuals."""
     return float(problem.gap(held, problem.judged))
 
@@ -246,12 +250,12 @@ def begin(
     nominal = engine.fit([empty], 0)[0]
     nominal.exact = True
     retuned = nominal
-    if engine.keys:
+    if engine.nuisance:
         retuned = engine.fit(engine.hypotheses([]))[0]
         predict_held_out(engine, [retuned])
-        engine.key_columns = retuned.jacobian
+        engine.nuisance_columns = retuned.jacobian
     tested = np.logical_or.reduce([test for _, test in engine.problem.folds])
-    blocks = make_blocks(rows.log, rows.time_s, tested, rows.restart_s, seed, rows.conditional)
+    blocks = make_blocks(rows.log, rows.time_s, tested, rows.restart_s, seed, rows.censored)
     search = Search(engine, effects, rows, blocks, nominal, retuned, seed, tell=tell)
     search.fits[()] = retuned
     return search
@@ -262,9 +266,9 @@ def rescale(search: Search) -> None:
     leaves, so that models still compare.
     """
     leanest = min(
-        search.fits.values(), key=lambda f: np.median(np.abs(f.held[search.blocks.tested]))
+        search.fits.values(), key=lambda f: np.median(np.abs(f.out_of_fold[search.blocks.tested]))
     )
-    left = 1.4826 * float(np.median(np.abs(leanest.held[search.blocks.tested])))
+    left = 1.4826 * float(np.median(np.abs(leanest.out_of_fold[search.blocks.tested])))
     search.clip = CLIP * max(1.0, left / 2.0)
 
 
@@ -278,5 +282,5 @@ def reblock(search: Search) -> None:
     )
     length = min(max(SHORTEST_S, 3.0 * memory), 2.0 * rows.restart_s)
     search.blocks = make_blocks(
-        rows.log, rows.time_s, search.blocks.tested, length, search.seed, rows.conditional
+        rows.log, rows.time_s, search.blocks.tested, length, search.seed, rows.censored
     )

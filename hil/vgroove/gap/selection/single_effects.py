@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Fit, Hypothesis
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.residual import angle_alignment
-from vgroove.gap.residual.batches import portions
-from vgroove.gap.residual.problem import Problem
+from vgroove.gap.residual.batches import split_by_size
+from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.selection.extension import AddedEffect, differenced
 from vgroove.gap.selection.search_state import CONVERGED, Search, key, reblock, rescale
 
@@ -37,7 +37,7 @@ def singles(search: Search) -> None:
         for e in search.effects
     ]
     again = []
-    for part in portions([len(group) for group in starts], STARTS):
+    for part in split_by_size([len(group) for group in starts], STARTS):
         brief = search.engine.fit([h for group in starts[part] for h in group], 2)
         again += [
             replace(f.hypothesis, start=f.x)
@@ -62,7 +62,7 @@ def swinging(search: Search) -> dict[tuple[str, ...], list[Hypothesis]]:
     starts = [
         h for e in search.effects if e.phase for h in engine.hypotheses([e], search.retuned.x)
     ]
-    if not starts or not hasattr(problem, "runs"):
+    if not starts:
         return {}
     parts, found = angle_alignment.angle_stretches(problem), {}
     free = parts.count > 1 and problem.rig.load["kind"] != "pendulum"
@@ -79,9 +79,8 @@ def swinging(search: Search) -> dict[tuple[str, ...], list[Hypothesis]]:
         if free
         else np.zeros(parts.count)
     )
-    engine.problem = (
-        angle_alignment.with_angle_shift(problem, parts, shift) if shift.any() else problem
-    )
+    if shift.any():
+        engine.angles = engine.angles.shifted(parts.restart, shift)
     for h, one in trials:
         found.setdefault(h.ids, []).append(
             replace(h, start=with_ripple_amplitudes(h, one.amplitudes(shift)))
@@ -90,7 +89,7 @@ def swinging(search: Search) -> dict[tuple[str, ...], list[Hypothesis]]:
 
 
 def swing_of(
-    one: AddedEffect, parts: angle_alignment.AngleStretches, problem: Problem
+    one: AddedEffect, parts: angle_alignment.AngleStretches, problem: MeasuredProblem
 ) -> angle_alignment.FirstOrderRipple:
     """First order of a periodic effect from its residuals at next to no amplitude and their slopes."""
     at = cosine_at(one.hypothesis)
@@ -103,7 +102,7 @@ def swing_of(
 
 
 def clearest_shifts(
-    problem: Problem,
+    problem: MeasuredProblem,
     parts: angle_alignment.AngleStretches,
     swings: Sequence[angle_alignment.FirstOrderRipple],
 ) -> np.ndarray:
@@ -114,7 +113,10 @@ def clearest_shifts(
     best, shift = max(FIRM, FIRMER * max(swing.gain(none) for swing in swings)), none
     for swing in swings:
         found = swing.best_shifts(
-            [angle_alignment.offsets(problem, parts, g, swing.periods) for g in range(parts.count)],
+            [
+                angle_alignment.candidate_shifts(problem, parts, g, swing.periods)
+                for g in range(parts.count)
+            ],
             parts.reference,
         )
         gain = swing.gain(found)
@@ -129,31 +131,30 @@ def align_to_best_single(search: Search) -> None:
     """
     mine = [search.fits[(e.id,)] for e in search.effects if e.phase]
     best = min(mine, key=search.score, default=search.retuned)
-    if not hasattr(search.engine.problem, "runs") or not search.likely_better(best, search.retuned):
+    if not search.likely_better(best, search.retuned):
         return
-    problem = search.engine.problem
-    search.engine.problem = angle_alignment.align_angles(problem, best.theta(problem.theta0))
-    if search.engine.problem is problem:
+    engine, problem = search.engine, search.engine.problem
+    angles = angle_alignment.align_angles(problem, best.theta(problem.theta0), engine.angles)
+    if angles is engine.angles:
         return
+    engine.angles = angles
     for one in mine:
         del search.fits[key(one.ids)]
     search.add([replace(one.hypothesis, start=one.x) for one in mine], CONVERGED)
 
 
-def align_to_selection(search: Search, loaded: Problem, best: Fit) -> Fit:
+def align_to_selection(search: Search, best: Fit) -> Fit:
     """The selected fit with the shaft's angles as anyone finds them who loads the logs with its
     parameters (`vgroove sim`).
     """
-    theta = best.theta(loaded.theta0)
-    if not angle_alignment.active_periodic_effects(loaded, theta):
+    problem = search.engine.problem
+    theta = best.theta(problem.theta0)
+    if not angle_alignment.active_periodic_effects(problem, theta):
         return best
-    now, wanted = search.engine.problem, angle_alignment.align_angles(loaded, theta)
-    if all(
-        np.array_equal(a.restarts.measured, b.restarts.measured)
-        for a, b in zip(now.runs, wanted.runs, strict=True)
-    ):
+    wanted = angle_alignment.align_angles(problem, theta, problem.angles)
+    if wanted.equals(search.engine.angles):
         return best
-    search.engine.problem = wanted
+    search.engine.angles = wanted
     again = search.engine.fit([replace(best.hypothesis, start=best.x)], CONVERGED)[0]
     predict_held_out(search.engine, [again])
     search.fits[key(best.ids)] = again
@@ -212,7 +213,7 @@ def screened(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
 
 def promising(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
     """The SCREENED starts that predict best as they are."""
-    shown = search.engine.shown([(h, h.start[None, :]) for h in starts])
+    shown = search.engine.residuals_of_jobs([(h, h.start[None, :]) for h in starts])
     cost = [
         float((np.minimum(np.abs(row[search.engine.train]), search.clip) ** 2).sum())
         for (row,) in shown

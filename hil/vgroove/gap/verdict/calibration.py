@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import expit
 
 from vgroove.gap.catalogue import contains
-from vgroove.gap.fitting.fit import Fit
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.model_comparison import draw_means, few_blocks
 from vgroove.gap.selection.search_state import WORTH, Search, plausible
 

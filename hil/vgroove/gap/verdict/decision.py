@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from vgroove.gap.catalogue import SPECIAL_CASES, equivalents
-from vgroove.gap.fitting.fit import Fit
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.intervals import Estimate, stretches_of
 from vgroove.gap.selection.model_comparison import block_sums, draw_means, make_blocks, squared
 from vgroove.gap.selection.search import WORTH_FORM, fit_set, win_shares
@@ -131,7 +131,7 @@ def closed(before: float, after: float, floor: float) -> float | None:
 def gap_section(problem: object, search: Search, shown: Fit, floor: float) -> dict[str, object]:
     """gap.* of the verdict; shown is the fit whose `after` is reported."""
     before, retuned, after = (
-        gap_of(problem, f.held) for f in (search.nominal, search.retuned, shown)
+        gap_of(problem, f.out_of_fold) for f in (search.nominal, search.retuned, shown)
     )
     return {
         "before": before,
@@ -158,7 +158,7 @@ def closed_interval(
         return None
     rows = search.rows
     blocks = make_blocks(
-        rows.log, rows.time_s, problem.judged, search.blocks.length_s, search.seed, rows.conditional
+        rows.log, rows.time_s, problem.judged, search.blocks.length_s, search.seed, rows.censored
     )
     b, a = (
         np.sqrt(draw_means(blocks, block_sums(blocks, squared(f, CLIP))))
@@ -171,11 +171,11 @@ def closed_interval(
 def by_signal(problem: object, search: Search, shown: Fit) -> dict[str, dict[str, object]]:
     """Gaps in units and ISO/TS 18571 ratings of each judged signal."""
     columns = [
-        problem.gap_by_signal(f.held, problem.judged)
+        problem.gap_by_signal(f.out_of_fold, problem.judged)
         for f in (search.nominal, search.retuned, shown)
     ]
     floors = problem.floor_by_signal(problem.judged)
-    ratings = [problem.iso18571(f.held, problem.judged) for f in (search.nominal, shown)]
+    ratings = [problem.iso18571(f.out_of_fold, problem.judged) for f in (search.nominal, shown)]
     out = {}
     for info in problem.signals:
         name = info.column
@@ -245,7 +245,7 @@ def lost_without(search: Search, problem: object, best: Fit, effect_id: str, flo
     if effect_id not in best.ids:
         return 0.0
     rest = search.fits.get(key([i for i in best.ids if i != effect_id]), search.retuned)
-    before, after, without = (gap_of(problem, f.held) for f in (search.nominal, best, rest))
+    before, after, without = (gap_of(problem, f.out_of_fold) for f in (search.nominal, best, rest))
     return (
         float(np.clip((without - after) / max(before - floor, 1e-9), 0.0, 1.0))
         if before - floor >= 0.1
@@ -263,7 +263,7 @@ def effects_section(
     signs = {i: calibration.name_evidence(search, finding.best, i, floor) for i in finding.best.ids}
     chance, before, out = (
         probabilities(search, finding, signs),
-        gap_of(problem, search.nominal.held),
+        gap_of(problem, search.nominal.out_of_fold),
         [],
     )
     for effect in search.effects:
@@ -274,7 +274,7 @@ def effects_section(
                 "id": effect.id,
                 "subsystem": effect.subsystem,
                 "probability": round(chance[effect.id], 6),
-                "closes": closed(before, gap_of(problem, alone.held), floor),
+                "closes": closed(before, gap_of(problem, alone.out_of_fold), floor),
                 "lost_without": lost_without(search, problem, finding.best, effect.id, floor)
                 if finding.verdict != "unlisted"
                 else 0.0,
@@ -308,14 +308,14 @@ def indistinguishable(
     """Members of the selected effects' equivalence classes, then the tied rivals."""
     if finding.verdict not in ("effect", "ambiguous"):
         return []
-    before, out = gap_of(problem, search.nominal.held), []
+    before, out = gap_of(problem, search.nominal.out_of_fold), []
     for i in finding.best.ids:
         for other in equivalents(i, kinds):
             out.append(
                 {
                     "id": other,
                     "instead_of": i,
-                    "closes": closed(before, gap_of(problem, search.fits[(i,)].held), floor),
+                    "closes": closed(before, gap_of(problem, search.fits[(i,)].out_of_fold), floor),
                 }
             )
     for rival in finding.rivals:
@@ -326,7 +326,9 @@ def indistinguishable(
                     {
                         "id": new,
                         "instead_of": gone[min(j, len(gone) - 1)],
-                        "closes": closed(before, gap_of(problem, search.fits[(new,)].held), floor),
+                        "closes": closed(
+                            before, gap_of(problem, search.fits[(new,)].out_of_fold), floor
+                        ),
                     }
                 )
     return out

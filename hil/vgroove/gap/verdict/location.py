@@ -13,7 +13,8 @@ from math import factorial
 import numpy as np
 
 from vgroove.gap.catalogue import BY_ID
-from vgroove.gap.fitting.fit import KEY_BOUND, Fit, bounded_step
+from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Fit
+from vgroove.gap.fitting.steps import bounded_step
 from vgroove.gap.selection.extension import extension_slopes
 from vgroove.gap.selection.model_comparison import block_sums, draw_means, interval
 from vgroove.gap.selection.search_state import LEVEL, LIKELY, WORTH, Search
@@ -57,7 +58,7 @@ def bundle(search: Search, best: Fit) -> Bundle:
     place, keys = np.zeros(stacked.shape[1]), np.array([name == "" for name in owner])
     place[: len(best.x)] = best.x * best.hypothesis.prior
     use = norm > 0
-    bound = np.where(keys, KEY_BOUND * norm, np.inf)
+    bound = np.where(keys, MAX_NUISANCE_SIGMAS * norm, np.inf)
     return Bundle(
         target,
         stacked[:, use] / norm[use],
@@ -165,7 +166,7 @@ def shapley(players: list[str], worth: dict[frozenset[str], float], player: str)
 
 def by_regime(search: Search, regime: np.ndarray, names: list[str]) -> list[dict[str, object]]:
     """Share of the squared gap above the noise of each regime, largest first."""
-    square = np.minimum(np.abs(search.nominal.held), search.clip) ** 2 - 1.0
+    square = np.minimum(np.abs(search.nominal.out_of_fold), search.clip) ** 2 - 1.0
     tested = search.blocks.tested
     sums = {
         name: max(0.0, float(square[tested & (regime == i)].sum())) for i, name in enumerate(names)
@@ -205,7 +206,7 @@ def remaining(
     floor: float,
 ) -> Structure:
     """What the held-out residual of each signal follows, cross-validated over alternating blocks."""
-    residual = np.clip(best.held, -search.clip, search.clip)
+    residual = np.clip(best.out_of_fold, -search.clip, search.clip)
     known = [
         as_driver(name, value)
         for name, value in sorted(drivers.items())
@@ -338,7 +339,7 @@ def by_correlate(
     """What the gap that retuning leaves follows: share of its square above the noise per driver and
     signal, largest first.
     """
-    residual = np.clip(search.retuned.held, -search.clip, search.clip)
+    residual = np.clip(search.retuned.out_of_fold, -search.clip, search.clip)
     known = [
         as_driver(name, value)
         for name, value in sorted(drivers.items())
