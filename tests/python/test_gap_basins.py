@@ -10,7 +10,9 @@ import pytest
 from gap_toy import SCALES, Toy
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Engine, Fit
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.gap.selection import basins, search_state
 
 TREAD = 0.06  # width of a step, in the true ripple
@@ -22,7 +24,7 @@ class Staircase(Toy):
     true one.
     """
 
-    def residuals(self, theta: np.ndarray) -> np.ndarray:
+    def residuals(self, theta: np.ndarray, angles: RestartAngles | None = None) -> np.ndarray:
         """Noise, and as much in every row as there are steps up to a ripple (B, n)."""
         torque, phase = (
             np.atleast_2d(theta)[:, self.index(f"effects.cogging_torque.{name}")]

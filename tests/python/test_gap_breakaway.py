@@ -8,10 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vgroove.gap.residual.breakaway import impulse_rad_s, passages, widen_after_breakaway
-from vgroove.gap.residual.channels import RAD_S_TO_RPM, RowChannel
+from vgroove.gap.residual.breakaway import (
+    breakaway_impulse_rad_s,
+    breakaways,
+    widen_after_breakaway,
+)
+from vgroove.gap.residual.channels import RowChannel
 from vgroove.gap.residual.restarts import Observations
 from vgroove.rig import Rig, read_rig
+from vgroove.units import RPM_PER_RAD_S
 
 TIME = np.arange(1, 401) * 5e-3
 # turns at 1.05 s
@@ -66,10 +71,10 @@ def opened(rig: Rig) -> RowChannel:
 
 def test_a_shaft_leaves_its_rest_where_it_starts_and_where_it_turns_round() -> None:
     for noise in (0.0, 0.5):  # noise at rest turns nothing round
-        instants, acceleration = passages(seen(noise), 0.0, False)
+        instants, acceleration = breakaways(seen(noise), 0.0, False)
         assert instants == pytest.approx([0.2, 1.05], abs=0.011)
         assert acceleration == pytest.approx([1000.0, 2000.0], rel=0.2)
-    assert len(passages(seen(), 0.0, True)[0]) == 1  # a log that begins in motion has no start
+    assert len(breakaways(seen(), 0.0, True)[0]) == 1  # a log that begins in motion has no start
 
 
 @pytest.mark.parametrize("acceleration", [300.0, 2000.0, 15000.0])
@@ -82,13 +87,13 @@ def test_the_impulse_is_that_of_a_friction_that_builds_up_over_a_small_angle(
         speed += dt * (acceleration + coulomb / inertia * np.exp(-angle / 8e-4))
         angle += dt * speed
     gained = speed - 30e-3 * acceleration
-    assert 0.2 < gained / impulse_rad_s(rig, np.array([acceleration]))[0] < 2.0
+    assert 0.2 < gained / breakaway_impulse_rad_s(rig, np.array([acceleration]))[0] < 2.0
 
 
 def test_it_lasts_up_to_the_next_restart_and_no_wait_knows_of_it(opened: RowChannel) -> None:
     held = opened.impulse > 0.0
     expected = (TIME > 0.2) & (TIME < 0.42) | (TIME > 1.05) & (TIME < 1.3)
-    unlike = TIME[held != (expected & ~opened.conditional)]
+    unlike = TIME[held != (expected & ~opened.censored)]
     assert len(unlike) <= 2  # at 0.2 and 1.05 s the speed is too low to be told from rest
     assert np.all(np.minimum(np.abs(unlike - 0.2), np.abs(unlike - 1.05)) < 0.011)
 
@@ -122,5 +127,5 @@ def test_a_voltage_forgets_it(rig: Rig) -> None:
     assert widen_after_breakaway((channel,), seen(), driven, np.zeros(1), 0.0, False)[0] is channel
     assert (
         widen_after_breakaway((channel,), seen(), rig, np.zeros(1), 0.0, False)[0].impulse.max()
-        < RAD_S_TO_RPM * 5.0
+        < RPM_PER_RAD_S * 5.0
     )

@@ -8,9 +8,9 @@ import pytest
 from made_log import rig
 from vgroove import _core
 from vgroove.gap.residual.input_uncertainty import (
-    drive_sigma,
-    of_one_row,
+    input_sigma,
     on_smooth_ramps,
+    one_row_share,
     ramp_sigma,
     winding_response,
 )
@@ -66,13 +66,13 @@ def test_steps_are_no_ramps() -> None:
 
 def test_a_winding_follows_a_constant_and_half_of_one_rows_error() -> None:
     assert np.allclose(winding_response(tool(), 1e-3, np.full(20, 0.7)), 0.7)
-    assert of_one_row(tool(), 10.0) == pytest.approx(np.sqrt(0.5), rel=0.02)
-    assert of_one_row(tool(), 1e-5) < 0.2
+    assert one_row_share(tool(), 10.0) == pytest.approx(np.sqrt(0.5), rel=0.02)
+    assert one_row_share(tool(), 1e-5) < 0.2
 
 
 def test_what_is_left_open_widens_only_where_the_command_changes() -> None:
     stairs = np.where(TIME_S < 3.0, 0.2, WAVE)
-    speed, current = drive_sigma(tool(), TIME_S, stairs, None, None)
+    speed, current = input_sigma(tool(), TIME_S, stairs, None, None)
     still, moving = TIME_S < 2.9, TIME_S > 3.1
     assert (
         current[moving].min() > 10.0 * max(current[still].max(), 1e-9)

@@ -10,8 +10,9 @@ import pytest
 
 from vgroove.bench import trap
 from vgroove.gap.catalogue import BY_ID, Scales
-from vgroove.gap.fitting.fit import Engine
-from vgroove.gap.residual.problem import Problem, load_problem
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.intervals import (
     AT_NOISE,
     FORM_ERROR,

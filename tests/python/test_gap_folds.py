@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from gap_toy import Toy, fit_of
-from vgroove.gap.fitting.cross_validation import SHORTER, near, predict_held_out
-from vgroove.gap.fitting.fit import Engine, Fit
+from vgroove.gap.fitting.cross_validation import MAX_SHORTENINGS, points_around, predict_held_out
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit
 
 TORQUE = "effects.coulomb_friction.torque_nm"
 
@@ -21,7 +22,7 @@ def test_a_held_out_block_is_predicted_without_having_been_seen() -> None:
     _, test = spoilt.folds[2]
     spoilt.measured_rows[1, np.unique(spoilt.row[test])] += shift
     _, dirty = fit_of(spoilt, "coulomb_friction")
-    moved = (dirty.held - clean.held)[test & (spoilt.signal == 1)]
+    moved = (dirty.out_of_fold - clean.out_of_fold)[test & (spoilt.signal == 1)]
     np.testing.assert_allclose(moved, shift / 20.0, atol=0.3)
 
 
@@ -32,7 +33,9 @@ def settled_by(
     one.exact = False
     monkeypatch.setattr(Engine, "fold_steps", lambda _self, _one: np.tile(step, (4, 1)))
     predict_held_out(engine, [one])
-    return engine.residuals([(one.hypothesis, one.x + 0.3**k * step) for k in range(SHORTER + 1)])
+    return engine.residuals(
+        [(one.hypothesis, one.x + 0.3**k * step) for k in range(MAX_SHORTENINGS + 1)]
+    )
 
 
 def test_a_folds_step_that_makes_its_own_rows_worse_is_shortened(
@@ -43,9 +46,11 @@ def test_a_folds_step_that_makes_its_own_rows_worse_is_shortened(
     """
     engine, best = fit_of(Toy({TORQUE: 0.004}), "coulomb_friction")
     beside = engine.fit([replace(best.hypothesis, start=best.x - 0.36)], 0)[0]
-    rows = settled_by(monkeypatch, engine, beside, np.full(len(best.x), 0.36 / 0.3**SHORTER))
-    np.testing.assert_allclose(beside.held, rows[-1])
-    assert not np.allclose(beside.held, rows[0])
+    rows = settled_by(
+        monkeypatch, engine, beside, np.full(len(best.x), 0.36 / 0.3**MAX_SHORTENINGS)
+    )
+    np.testing.assert_allclose(beside.out_of_fold, rows[-1])
+    assert not np.allclose(beside.out_of_fold, rows[0])
 
 
 @pytest.mark.parametrize("off", [-1, 0, 1])
@@ -61,7 +66,7 @@ def test_a_fold_that_no_part_of_its_step_makes_better_takes_the_best_point_aroun
     )
     beside = engine.fit([replace(best.hypothesis, start=best.x + off * step)], 0)[0]
     settled_by(monkeypatch, engine, beside, np.full(len(best.x), 9.0))
-    np.testing.assert_allclose(beside.held, best.residual, atol=1e-6)
+    np.testing.assert_allclose(beside.out_of_fold, best.residual, atol=1e-6)
 
 
 def test_the_block_has_no_say_in_the_point_that_predicts_it(
@@ -73,7 +78,7 @@ def test_the_block_has_no_say_in_the_point_that_predicts_it(
     toy = Toy({TORQUE: 0.004})
     engine, best = fit_of(toy, "coulomb_friction")
     _, test = toy.folds[1]
-    beside = near(best)[-2]
+    beside = points_around(best)[-2]
     told = (
         30.0
         * (best.residual - engine.residuals([(best.hypothesis, beside[None, :])])[0])
@@ -83,5 +88,5 @@ def test_the_block_has_no_say_in_the_point_that_predicts_it(
     spoilt = engine.fit([replace(best.hypothesis, start=best.x)], 0)[0]
     assert min(engine.costs(spoilt, beside[None, :])) < spoilt.cost
     settled_by(monkeypatch, engine, spoilt, np.full(len(best.x), 9.0))
-    np.testing.assert_allclose(spoilt.held[test], spoilt.residual[test])
-    assert not np.allclose(spoilt.held[~test], spoilt.residual[~test])
+    np.testing.assert_allclose(spoilt.out_of_fold[test], spoilt.residual[test])
+    assert not np.allclose(spoilt.out_of_fold[~test], spoilt.residual[~test])

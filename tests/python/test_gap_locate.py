@@ -54,8 +54,8 @@ def test_a_remainder_that_follows_speed_is_found_and_noise_is_not() -> None:
     assert not location.remaining(
         state, finding.best, drivers, toy.signal, names, FLOOR
     ).significant
-    held = finding.best.held
-    finding.best.held = held + 2.0 * np.sin(speed / 1500.0) * (toy.signal == 1)
+    held = finding.best.out_of_fold
+    finding.best.out_of_fold = held + 2.0 * np.sin(speed / 1500.0) * (toy.signal == 1)
     left = location.remaining(state, finding.best, drivers, toy.signal, names, FLOOR)
     assert (left.significant, left.best_correlate, left.signal) == (True, "speed", "speed_rpm")
 

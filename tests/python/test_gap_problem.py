@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from vgroove.gap.residual.channel_builders import current_is_unsigned
 
 from made_log import RIG, MadeLog, drive_log, rig
 from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning import sensor_noise
 from vgroove.gap.residual import blocks
-from vgroove.gap.residual.measured_run import current_is_unsigned
-from vgroove.gap.residual.problem import Problem, load_problem
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.problem import Problem
 from vgroove.rig import Rig, rig_from_dict
 
 REVERSING = [(0.2, 0.5), (1.5, -0.6), (3.0, 0.8), (4.5, -0.3)]
@@ -46,7 +47,7 @@ def test_a_true_rig_ends_at_the_noise_with_and_without_restarts(
     assert problem.gap(residual) == pytest.approx(1.0, abs=0.05)
     for column, gap in by_signal(problem, residual).items():
         assert gap == pytest.approx(1.0, abs=0.2), column
-    assert (len(problem.runs[0].starts) > 15) == (restart_s < 1.0)
+    assert (len(problem.runs[0].restarts.rows) > 15) == (restart_s < 1.0)
 
 
 @pytest.mark.parametrize(
@@ -111,11 +112,11 @@ def test_arrays_say_what_each_residual_is(problem: Problem, log: MadeLog) -> Non
     assert np.array_equal(problem.measured[rows], log.columns["current_a"][problem.row[rows]])
     assert np.array_equal(problem.time_s[rows], log.time_s[problem.row[rows]])
     assert problem.sigma[rows].min() == pytest.approx(np.hypot(0.15, 0.1 / np.sqrt(12.0)), rel=1e-9)
-    speeds = (problem.signal == names.index("speed_rpm")) & ~problem.conditional
+    speeds = (problem.signal == names.index("speed_rpm")) & ~problem.censored
     assert np.array_equal(problem.measured[speeds], log.columns["speed_rpm"][problem.row[speeds]])
     assert 2000 < speeds.sum() < 5000
-    assert problem.runs[0].starts[1:].tolist() == sorted(
-        set(problem.runs[0].starts[1:]) - set(problem.row[rows])
+    assert problem.runs[0].restarts.rows[1:].tolist() == sorted(
+        set(problem.runs[0].restarts.rows[1:]) - set(problem.row[rows])
     )
     model = problem.measured - problem.residuals(problem.theta0)[0] * problem.sigma
     trace = problem.traces(problem.theta0)[0]["speed_rpm"]
@@ -128,7 +129,7 @@ def test_a_row_that_repeats_an_edge_counts_once(problem: Problem, log: MadeLog) 
     names = [s.column for s in problem.signals]
     counted = (
         (problem.signal == names.index("speed_rpm"))
-        & ~problem.conditional
+        & ~problem.censored
         & np.isin(problem.row, np.flatnonzero(slow))
     )
     assert 0.9 * passed - 8 < counted.sum() < passed + 2 < 0.4 * slow.sum()
@@ -167,11 +168,11 @@ def test_the_search_weighs_every_block_of_a_long_log() -> None:
 def test_strokes_longer_than_a_block_give_thirds() -> None:
     time_s = np.arange(0.0, 24.0, 1e-3)
     to_and_fro = np.sign(np.sin(2.0 * np.pi * time_s / 6.0))
-    assert blocks.stroke_s(time_s, to_and_fro) == pytest.approx(3.0, rel=0.1)
-    cut = blocks.cut(time_s, blocks.stroke_s(time_s, to_and_fro))
+    assert blocks.mean_stroke_s(time_s, to_and_fro) == pytest.approx(3.0, rel=0.1)
+    cut = blocks.cut_blocks(time_s, blocks.mean_stroke_s(time_s, to_and_fro))
     assert (cut.folds, cut.rotate, len(cut.edges_s)) == (3, True, 4)
-    assert blocks.cut(time_s, blocks.stroke_s(time_s, np.ones(len(time_s)))).folds == 4
-    assert len(blocks.cut(time_s[:4000], 4.0).edges_s) == 9
+    assert blocks.cut_blocks(time_s, blocks.mean_stroke_s(time_s, np.ones(len(time_s)))).folds == 4
+    assert len(blocks.cut_blocks(time_s[:4000], 4.0).edges_s) == 9
 
 
 def test_two_logs_are_judged_together() -> None:
@@ -222,8 +223,8 @@ def test_a_stuck_tool_counts_only_where_the_model_would_have_passed_an_edge(log:
     }
     problem = load_problem([MadeLog(log.time_s, columns)], rig())
     residual = problem.residuals(problem.theta0)[0]
-    waits = problem.conditional & np.isfinite(problem.squared(residual))
-    assert problem.conditional.sum() > 5500
+    waits = problem.censored & np.isfinite(problem.squared(residual))
+    assert problem.censored.sum() > 5500
     assert 4500 < waits.sum() < 5800 and np.all(residual[waits] < 0.0)
     assert np.all(problem.time_s[waits] > 0.3)
 
@@ -378,7 +379,7 @@ def test_a_force_driven_axis_is_judged_by_its_acceleration_and_restarts() -> Non
     assert [s.column for s in problem.signals] == ["position_rad"] and problem.signals[
         0
     ].unit == "rad/s^2"
-    assert len(problem.folds) == 3 and len(problem.runs[0].starts) > 20
+    assert len(problem.folds) == 3 and len(problem.runs[0].restarts.rows) > 20
     assert problem.gap(problem.residuals(problem.theta0)[0]) == pytest.approx(1.0, abs=0.15)
     wrong = load_problem([axis_log(offset=3.0)], axis_rig())
     right = load_problem([axis_log(offset=3.0)], axis_rig(offset=3.0))
@@ -395,10 +396,7 @@ def test_a_loggers_slow_clock_is_seen_against_the_sensors_own() -> None:
     theta = np.repeat(problem.theta0[None], 2, axis=0)
     theta[1, problem.index("effects.clock_skew.relative")] = 0.02
     steady = (
-        (problem.signal == 2)
-        & ~problem.conditional
-        & (problem.time_s > 2.3)
-        & (problem.time_s < 2.6)
+        (problem.signal == 2) & ~problem.censored & (problem.time_s > 2.3) & (problem.time_s < 2.6)
     )
     before, after = np.abs(problem.residuals(theta)[:, steady] * problem.sigma[steady])
     assert (
@@ -494,5 +492,6 @@ def test_an_angle_that_was_hardly_seen_takes_no_restart_away(seen: int) -> None:
     angle = np.where(np.arange(len(log.time_s)) < seen, 0.0, np.nan)
     with_angle = replace(log, columns=log.columns | {"position_rad": angle})
     np.testing.assert_array_equal(
-        load_problem([with_angle], rig()).runs[0].starts, load_problem([log], rig()).runs[0].starts
+        load_problem([with_angle], rig()).runs[0].restarts.rows,
+        load_problem([log], rig()).runs[0].restarts.rows,
     )

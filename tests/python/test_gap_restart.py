@@ -7,7 +7,7 @@ import pytest
 
 from made_log import MadeLog, drive_log, rig
 from vgroove import _core
-from vgroove.gap.residual.problem import load_problem
+from vgroove.gap.residual.loading import load_problem
 
 BASE = {
     "supply.voltage_v": 18.0,
@@ -96,8 +96,8 @@ def test_the_angle_at_restarts_goes_on_from_the_rest_before_the_first_edge(seed:
     angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))[
         "angle_rad"
     ][0]
-    assert len(run.starts) > 6
-    assert np.abs(run.restarts.measured[:, 2] - angle[run.starts]).max() < 0.1
+    assert len(run.restarts.rows) > 6
+    assert np.abs(run.restarts.measured[:, 2] - angle[run.restarts.rows]).max() < 0.1
 
 
 def test_a_nominal_model_that_knows_nothing_of_the_start_moves_no_angle() -> None:

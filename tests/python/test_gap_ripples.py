@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vgroove.gap.residual.restarts import TRUST, Observations, Restarts, local_fit
+from vgroove.gap.residual.restarts import MAX_STATE_SIGMAS, Observations, Restarts, local_fit
 from vgroove.gap.residual.speed_ripple import (
     SpeedRipple,
     add_speed_ripple,
@@ -96,7 +96,7 @@ def test_a_large_ripple_of_the_turn_leaves_a_state_to_restart_from(
         observed, true, angle = pitches(swing, 1.0, phase, seen)
         counted = replace(observed, place=np.arange(len(observed.value)) % 4, places=4)
         found = local_fit(counted, INSTANT_S)
-        assert found.doubt < TRUST < local_fit(observed, INSTANT_S).doubt
+        assert found.doubt < MAX_STATE_SIGMAS < local_fit(observed, INSTANT_S).doubt
         restarts = Restarts(
             np.array([100]),
             np.array([[0.0, found.value, angle]]),
@@ -135,7 +135,9 @@ def test_the_answer_to_a_torque_is_that_of_shaft_and_winding(rate: float, closed
         slope, (0.0, t[-1]), [0.0, 0.0], t_eval=t, max_step=period / 40.0, rtol=1e-8, atol=1e-10
     ).y[1]
     found = 2.0 * np.mean((speed - speed.mean()) * np.exp(-1j * rate * t)) / 0.01
-    run = SimpleNamespace(starts=np.array([5]), bridge_closed=np.full(10, closed))
+    run = SimpleNamespace(
+        restarts=SimpleNamespace(rows=np.array([5])), bridge_closed=np.full(10, closed)
+    )
     assert torque_response(value, run, np.array([rate]))[0] == pytest.approx(found, rel=0.02)
 
 
@@ -150,9 +152,7 @@ def test_a_start_at_rest_and_a_parameter_set_without_a_swing_stay_as_measured(
     restarts = Restarts(
         np.array([0, 100]), measured, np.zeros((2, 2)), np.zeros((2, 2)), smoothing=made_of
     )
-    run = SimpleNamespace(
-        restarts=restarts, starts=restarts.rows, bridge_closed=np.zeros(200, dtype=bool)
-    )
+    run = SimpleNamespace(restarts=restarts, bridge_closed=np.zeros(200, dtype=bool))
     problem = SimpleNamespace(index=NAMES.index)
     plain = np.array([VALUES[name] for name in NAMES])
     with_cogging = plain.copy()

@@ -10,7 +10,8 @@ import pytest
 
 from gap_toy import MODELLED, SCALES, Toy
 from vgroove.gap.catalogue import BY_ID
-from vgroove.gap.fitting.fit import Engine, Fit
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection import extension, search, search_state
 
 HUMP = {
@@ -266,12 +267,12 @@ def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
     kept = extension.starts_beside(state, gain, stribeck)
     assert len(kept) == 1 and len(extension.starts_beside(state, gain, stribeck, anew=True)) == 3
     astray = min(
-        extension.first_order(state, gain, one).held.std()
+        extension.first_order(state, gain, one).out_of_fold.std()
         for one in extension.differenced(state, gain, kept)
     )
     found = extension.restarted_extensions(state, gain)
     assert [one.ids for one in found] == [("current_gain", "stribeck_friction")]
-    assert found[0].held.std() < 0.9 * astray
+    assert found[0].out_of_fold.std() < 0.9 * astray
 
 
 def test_what_comes_near_the_best_goes_on_until_it_has_converged() -> None:
@@ -281,14 +282,14 @@ def test_what_comes_near_the_best_goes_on_until_it_has_converged() -> None:
         for ids in (("current_gain", "stribeck_friction"), ("winding_resistance",))
     )
     brief = state.engine.fit([near, far], 1)
-    assert all(one.moving for one in brief) and state.near(brief) == brief[:1]
+    assert all(one.improving for one in brief) and state.near(brief) == brief[:1]
     found = state.add([near, far], 1)
     assert (
         found[0].cost
         == state.engine.fit([near], search_state.CONVERGED)[0].cost
         < brief[0].cost - 100.0
     )
-    assert not found[0].moving and found[1].moving and found[1].cost == brief[1].cost
+    assert not found[0].improving and found[1].improving and found[1].cost == brief[1].cost
 
 
 def test_a_set_is_fitted_in_each_of_its_forms() -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from vgroove.gap.cleaning.sensor_noise import divided_differences, position_scatter, position_sigma
 from vgroove.gap.residual.restarts import KnownForce, Observations, Restarts, local_fit
+from vgroove.gap.residual.sensors import SensorErrors
 from vgroove.rig import read_rig
 
 TIME = np.arange(200) * 1e-3
@@ -125,7 +126,7 @@ def test_differences_of_an_angle_know_the_loggers_clock_and_no_speed_sensor(
         from_angle,
     )
     gain, offset, lag = np.array([[1.0, 1.1]]), np.array([[0.0, 0.0]]), np.array([[0.0, 0.01]])
-    state = found.states(gain, offset, lag, np.array([False]), np.array([1.02]))[0, 0]
+    state = found.states(SensorErrors(gain, offset, lag, np.array([False]), np.array([1.02])))[0, 0]
     assert state == pytest.approx([3.0, speed, 0.0])
 
 
@@ -138,8 +139,7 @@ def test_behind_a_clipped_current_is_what_the_motion_asks_for() -> None:
         motion_a=np.array([-30.0]),
     )
     none, sets = np.zeros((4, 2)), np.ones(4)
-    states = found.states(
-        none + 1.0, none, none, sets == 0.0, sets, np.array([np.inf, 5.0, 5.5, 5.6])
-    )
+    limit_a = np.array([np.inf, 5.0, 5.5, 5.6])
+    states = found.states(SensorErrors(none + 1.0, none, none, sets == 0.0, sets, limit_a))
     assert states[:, 0, 0] == pytest.approx([-5.0, -30.0, -30.0, -5.0])
     assert np.all(states[:, 0, 1] == 100.0)

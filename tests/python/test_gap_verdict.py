@@ -11,7 +11,7 @@ import pytest
 from gap_toy import KINDS, MODELLED, SCALES, Toy
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Engine
+from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.selection import search, search_state
 from vgroove.gap.selection.model_comparison import (
     Blocks,
@@ -69,7 +69,7 @@ def test_what_three_sigma_explain_is_none() -> None:
     toy = Toy({"motor.resistance_ohm": 0.19 * 1.04})
     found = decided(toy, {"motor.resistance_ohm": 0.02})
     assert found[1].verdict == "none"
-    assert decision.gap_of(toy, found[0].nominal.held) > 1.1
+    assert decision.gap_of(toy, found[0].nominal.out_of_fold) > 1.1
     assert decision.estimate_of(found[0], found[1].best).tolerated()[
         "motor.resistance_ohm"
     ] == pytest.approx(0.19 * 1.04, rel=0.01)
@@ -216,7 +216,7 @@ def test_sets_that_leave_the_same_but_for_chance_are_tied() -> None:
         rows = np.where(
             search_of.blocks.tested, squares / np.count_nonzero(search_of.blocks.tested), 0.0
         )
-        other = replace(one, held=np.sqrt(one.held**2 + rows))
+        other = replace(one, out_of_fold=np.sqrt(one.out_of_fold**2 + rows))
         assert search_of.tied(other, one) is tied
 
 
@@ -451,13 +451,13 @@ def test_what_rivals_differ_by_must_also_matter() -> None:
         search_state.CLIP,
         np.random.default_rng(3).normal(size=18000),
     )
-    state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.held**2)
+    state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.out_of_fold**2)
     best, part = named_gap(1.0, 1), np.arange(18000) < 3000
-    best.held = noise
+    best.out_of_fold = noise
     for distance, tied in ((2.0, False), (0.4, True)):
         one = named_gap(1.0, 1)
-        one.held = noise + distance * part
-        assert least_loss(state.blocks, one.held, best.held) > 0.0
+        one.out_of_fold = noise + distance * part
+        assert least_loss(state.blocks, one.out_of_fold, best.out_of_fold) > 0.0
         assert search_state.Search.tied(state, one, best) is tied
 
 
@@ -476,9 +476,9 @@ def test_a_gain_in_few_blocks_of_a_short_log_is_one_unless_one_block_makes_it(
 ) -> None:
     state, noise = Scored(4.0, 4.0, 1.0), np.random.default_rng(3).normal(size=700)
     state.blocks, state.clip = blocks_of(7, 100), search_state.CLIP
-    state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.held**2)
+    state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.out_of_fold**2)
     fuller, leaner = named_gap(1.0, 2), named_gap(4.0, 1)
-    fuller.held, leaner.held = noise, noise + np.repeat(distances, 100)
+    fuller.out_of_fold, leaner.out_of_fold = noise, noise + np.repeat(distances, 100)
     assert (
         interval(state.blocks, state.sums(leaner) - state.sums(fuller), search_state.LEVEL)[0]
         <= 0.0
@@ -624,7 +624,7 @@ def test_kept_key_columns_lead_to_the_same_fit() -> None:
         engine = Engine(toy, SCALES, tolerance)
         retuned = engine.fit(engine.hypotheses([]))[0]
         predict_held_out(engine, [retuned])
-        engine.key_columns = retuned.jacobian if kept else None
+        engine.nuisance_columns = retuned.jacobian if kept else None
         fits.append(engine.fit(engine.hypotheses([BY_ID["added_inertia"]], retuned.x), 12)[0])
         calls = engine.calls
     assert calls < 40

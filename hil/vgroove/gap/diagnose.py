@@ -10,10 +10,12 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 from vgroove.gap.catalogue import BY_ID, CATALOGUE, Scales, available
-from vgroove.gap.fitting.fit import Engine, Fit
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.next_run import experiment_design
+from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.magnitude import robust_magnitude
-from vgroove.gap.residual.problem import Problem, load_problem
+from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection import search
 from vgroove.gap.selection.intervals import Estimate, in_catalogue_form, over_long_stretches
 from vgroove.gap.selection.search_state import Rows, Search, begin
@@ -75,7 +77,7 @@ def diagnose(
     problem = load_problem(logs, rig)
     kinds = kinds_of(problem)
     engine = Engine(problem, scales_of(problem), rig.tolerance, frozenset(rig.effects))
-    rows = Rows(problem.log, problem.time_s, problem.signal, problem.conditional, problem.restart_s)
+    rows = Rows(problem.log, problem.time_s, problem.signal, problem.censored, problem.restart_s)
     state = begin(engine, available(kinds, frozenset(without)), rows, seed, tell)
     state.without = frozenset(without)
     best, rivals = search.run(state)

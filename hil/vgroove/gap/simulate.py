@@ -10,10 +10,11 @@ import numpy as np
 from rich.table import Table
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.residual.channels import RAD_S_TO_RPM
-from vgroove.gap.residual.problem import Problem, load_problem
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.problem import Problem
 from vgroove.log import Log, write_csv
 from vgroove.rig import Rig
+from vgroove.units import RPM_PER_RAD_S
 
 SCHEMA = "vgroove.sim/1"
 
@@ -54,7 +55,7 @@ def compute_gap(
         "restart_s": problem.restart_s,
         "held_out_s": problem.held_out_s,
         "by_signal": by_signal,
-        "warnings": problem.warnings,
+        "warnings": list(problem.warnings),
     }
     return figures, problem
 
@@ -94,7 +95,7 @@ def write_simulation(problem: Problem, path: str | Path) -> None:
     simulated = {
         "current_a": rows["current_a"][0],
         "supply_v": rows["supply_v"][0],
-        "speed_rpm": rows["speed_measured_rad_s"][0] * RAD_S_TO_RPM,
+        "speed_rpm": rows["speed_measured_rad_s"][0] * RPM_PER_RAD_S,
         "position_rad": rows["angle_measured_rad"][0],
     }
     columns |= {name: values for name, values in simulated.items() if name not in columns}

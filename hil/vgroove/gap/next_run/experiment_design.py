@@ -8,19 +8,19 @@ import numpy as np
 
 from vgroove import _core
 from vgroove.gap.catalogue import BY_ID
-from vgroove.gap.fitting.fit import Fit
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.next_run.menu import RunProfile, feasible_profiles, time_grid
-from vgroove.gap.residual.channels import RAD_S_TO_RPM
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.search_state import Search
 from vgroove.gap.verdict.decision import Finding
+from vgroove.units import RPM_PER_RAD_S
 
 RIVALS = 3
 CLIP = 100.0  # sigmas of one sample
 SHOWN = {
     "current_a": ("current_a", 1.0),
     "supply_v": ("supply_v", 1.0),
-    "speed_rpm": ("speed_measured_rad_s", RAD_S_TO_RPM),
+    "speed_rpm": ("speed_measured_rad_s", RPM_PER_RAD_S),
     # what a signal shows in a simulation, as it is judged
     "position_rad": ("speed_measured_rad_s", 1.0),
 }

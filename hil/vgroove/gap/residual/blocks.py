@@ -11,7 +11,7 @@ HELD_OUT = 3  # of every four blocks, counted from 1
 
 
 @dataclass(frozen=True)
-class Blocks:
+class FoldBlocks:
     """Blocks of one log: edges_s (k+1,) their borders; folds: their number; rotate: every block is
     judged once, by a fit to the others.
     """
@@ -46,7 +46,7 @@ class Blocks:
         return found
 
 
-def stroke_s(time_s: np.ndarray, speed: np.ndarray) -> float:
+def mean_stroke_s(time_s: np.ndarray, speed: np.ndarray) -> float:
     """Mean time between reversals of a signed speed; the log's length when it never reverses. Below
     2 % of the top a speed has no sign.
     """
@@ -59,7 +59,7 @@ def stroke_s(time_s: np.ndarray, speed: np.ndarray) -> float:
     return length / (1 + int(np.count_nonzero(np.diff(np.sign(speed[moving])))))
 
 
-def cut(time_s: np.ndarray, stroke: float) -> Blocks:
+def cut_blocks(time_s: np.ndarray, stroke: float) -> FoldBlocks:
     """Blocks of a log whose motion keeps one direction for `stroke` seconds.
 
     1 s, or an eighth of a shorter log; blocks 3, 7, 11, ... are held out, logs under 10 s rotate
@@ -69,7 +69,7 @@ def cut(time_s: np.ndarray, stroke: float) -> Blocks:
     start = float(time_s[0])
     length = float(time_s[-1]) - start
     if length >= SHORT_LOG_S and LONGEST_BLOCK_S < stroke < 0.5 * length:
-        return Blocks(start + length * np.arange(4) / 3.0, 3, True)
+        return FoldBlocks(start + length * np.arange(4) / 3.0, 3, True)
     block = min(LONGEST_BLOCK_S, length / 8.0)
     count = max(1, round(length / block))
-    return Blocks(start + length * np.arange(count + 1) / count, FOLDS, length < SHORT_LOG_S)
+    return FoldBlocks(start + length * np.arange(count + 1) / count, FOLDS, length < SHORT_LOG_S)

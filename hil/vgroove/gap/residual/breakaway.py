@@ -10,9 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from vgroove.gap.residual.channels import RAD_S_TO_RPM, Channel
+from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.restarts import Observations
 from vgroove.rig import Rig
+from vgroove.units import RPM_PER_RAD_S
 
 PRE_SLIDING_RAD = 2e-3  # of a motor's shaft: some micrometres in its bearings and under its brushes
 REST_S = 0.1  # longer without a speed: the shaft stood still
@@ -21,7 +22,7 @@ SEEN = 3.0  # sigmas from which on a speed is no rest
 RISE_S, RISE = 0.01, 3
 
 
-def passages(seen: Observations, start_s: float, moving: bool) -> tuple[np.ndarray, np.ndarray]:
+def breakaways(seen: Observations, start_s: float, moving: bool) -> tuple[np.ndarray, np.ndarray]:
     """Instants (k,) from which on the shaft has left its rest or turned round, and its
     accelerations there; moving: not at start_s.
     """
@@ -40,7 +41,7 @@ def passages(seen: Observations, start_s: float, moving: bool) -> tuple[np.ndarr
     return begin[first], np.maximum(mean, rise)
 
 
-def impulse_rad_s(rig: Rig, acceleration: np.ndarray) -> np.ndarray:
+def breakaway_impulse_rad_s(rig: Rig, acceleration: np.ndarray) -> np.ndarray:
     """1 sigma (k,) of the speed that friction leaves open at breakaway: it acts in full once the
     shaft has turned PRE_SLIDING_RAD.
     """
@@ -64,18 +65,18 @@ def widen_after_breakaway(
     """
     if rig.input["kind"] != "current_a" or seen is None:
         return channels
-    instants, acceleration = passages(seen, start_s, moving)
+    instants, acceleration = breakaways(seen, start_s, moving)
     size, until = (
-        impulse_rad_s(rig, acceleration),
+        breakaway_impulse_rad_s(rig, acceleration),
         np.append(restart_s, np.inf)[np.searchsorted(restart_s, instants, side="right")],
     )
     return tuple(_opened(channel, instants, until, size) for channel in channels)
 
 
 def _opened(channel: Channel, instants: np.ndarray, until: np.ndarray, size: np.ndarray) -> Channel:
-    factor = {"rpm": RAD_S_TO_RPM, "rad/s": 1.0}.get(channel.unit)
+    factor = {"rpm": RPM_PER_RAD_S, "rad/s": 1.0}.get(channel.unit)
     if factor is None or not len(instants):
         return channel
     passage = np.searchsorted(instants, channel.time_s, side="right") - 1
-    here = (passage >= 0) & (channel.time_s < until[passage]) & ~channel.conditional
+    here = (passage >= 0) & (channel.time_s < until[passage]) & ~channel.censored
     return replace(channel, passage=passage, impulse=np.where(here, factor * size[passage], 0.0))

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from vgroove.gap.cleaning.sensor_noise import RPM
+from vgroove.gap.residual.immutable import freeze_arrays
+from vgroove.gap.residual.sensors import SensorErrors
 
 CLOCK = "clock"  # (B,): seconds of the logger in a second of the tool
 # (B, rows): what an encoder shows that is not the speed sensor
@@ -76,7 +77,7 @@ class Channel:
     """One judged signal of one log: rows (m,), their times, measured values and sigmas in the
     signal's unit.
 
-    conditional: (m,) rows that say only that no edge came: they count where the model would have
+    censored: (m,) rows that say only that no edge came: they count where the model would have
     passed one. impulse: (m,) 1 sigma of an offset that all rows of one passage (m,), in order,
     share and that no model knows.
     """
@@ -87,12 +88,15 @@ class Channel:
     time_s: np.ndarray
     measured: np.ndarray
     sigma: np.ndarray
-    conditional: np.ndarray
+    censored: np.ndarray
     edges: bool = False
     magnitude: bool = False
     note: str = ""
     passage: np.ndarray | None = None
     impulse: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     def first_row(self) -> np.ndarray:
         """Row (m,) before the first that each value depends on; a restart after it and up to `row`
@@ -102,7 +106,7 @@ class Channel:
 
     def kept(self, keep: np.ndarray) -> "Channel":
         """The channel with a part of its rows."""
-        many = {f.name: _part(getattr(self, f.name), keep) for f in fields(self)}
+        many = {f.name: _part(vars(self)[f.name], keep) for f in fields(self)}
         return replace(self, **many)
 
     def model(self, simulation: Simulation) -> np.ndarray:
@@ -185,7 +189,7 @@ class SpanChannel(Channel):
     @cached_property
     def waiting(self) -> np.ndarray:
         """Places (k,) of the rows that wait for an edge."""
-        return np.flatnonzero(self.conditional)
+        return np.flatnonzero(self.censored)
 
     def mean_speed(self, simulation: Simulation) -> np.ndarray:
         """Mean of the model's speed (B, m) over the spans."""
@@ -258,7 +262,7 @@ def span_channel(
     row: np.ndarray,
     measured: np.ndarray,
     sigma: np.ndarray,
-    conditional: np.ndarray,
+    censored: np.ndarray,
     factor: float,
     edges: bool,
     note: str,
@@ -274,7 +278,7 @@ def span_channel(
         0.5 * (start + end),
         measured,
         sigma,
-        conditional,
+        censored,
         edges=edges,
         note=note,
         start=InterpolationPoints.of(log_time_s, start),
@@ -284,19 +288,14 @@ def span_channel(
     )
 
 
-def show_encoder(simulation: Simulation, gain: np.ndarray, lag_s: np.ndarray) -> None:
-    """Add what an encoder shows to a simulation: the eccentric wheel, but neither gain nor lag (B,)
-    of the speed sensor.
+def add_encoder(simulation: Simulation, errors: SensorErrors) -> None:
+    """Add what an encoder shows to a simulation: the eccentric wheel, but neither gain nor lag of
+    the speed sensor.
     """
-    apart = (gain != 1.0) | (lag_s > 0.0)
+    differs = (errors.gain[:, 1] != 1.0) | (errors.lag_s[:, 1] > 0.0)
     for name, sensor, shaft in zip(
         ENCODER, SPEED_SENSOR, ("angle_rad", "speed_rad_s"), strict=True
     ):
-        simulation[name] = (
-            np.where(apart[:, None], simulation[shaft], simulation[sensor])
-            if apart.any()
-            else simulation[sensor]
-        )
-
-
-RAD_S_TO_RPM = 1.0 / RPM
+        simulation[name] = simulation[sensor]
+        if differs.any():
+            simulation[name] = np.where(differs[:, None], simulation[shaft], simulation[sensor])

@@ -24,7 +24,7 @@ LEAST_ROWS = 50  # of smooth ramps, below which they tell nothing
 IMPULSE_ROWS = 64
 
 
-def drive_sigma(
+def input_sigma(
     rig: Rig,
     time_s: np.ndarray,
     command: np.ndarray,
@@ -56,7 +56,7 @@ def drive_sigma(
     elif "slew_per_s" in rig.input:
         amps = np.diff(command, prepend=command[0]) != 0.0
         amps = amps * ramp_sigma(rig, time_s, command, current_a) * volt / resistance
-        current, torque = amps * of_one_row(rig, float(np.median(dt))), constant * amps
+        current, torque = amps * one_row_share(rig, float(np.median(dt))), constant * amps
     if driven is not None:
         # of the stationary current within a row
         reached = 1.0 - np.exp(-dt * resistance / motor["inductance_h"])
@@ -129,14 +129,14 @@ def ramp_sigma(
     late = np.stack([np.roll(fast, lag)[rows] for lag in range(LAGS)], axis=1)
     return rounded * float(
         np.sqrt(
-            unreal_share(
+            rounding_share(
                 late, seen, RESIDUAL_POWER_SHARE * column_sigma(rig, "current_a", current_a) ** 2
             )
         )
     )
 
 
-def unreal_share(late: np.ndarray, seen: np.ndarray, noise: float) -> float:
+def rounding_share(late: np.ndarray, seen: np.ndarray, noise: float) -> float:
     """Share 0..1 of the power of a rounding that did not run: what a current (n,) lacks of what
     follows from it at several delays (n, LAGS), and what it has besides over the sensor's noise
     power, both as large as the scatter of a part KEPT of n samples allows.
@@ -163,7 +163,7 @@ def on_smooth_ramps(command: np.ndarray) -> np.ndarray:
     return maximum_filter1d(changes, SCATTER_WINDOW) & ~maximum_filter1d(bend, reach)
 
 
-def of_one_row(rig: Rig, dt_s: float) -> float:
+def one_row_share(rig: Rig, dt_s: float) -> float:
     """Share of a command's error at one row's end that the row means of the current show (root of
     the sum of squares).
     """

@@ -28,22 +28,23 @@ from vgroove.gap.hall_edges.reader import COUNTING_PULSES, EdgePeriods, near_rev
 from vgroove.gap.hall_edges.scale import edge_scale
 from vgroove.gap.hall_edges.stamp_check import stamp_contradictions
 from vgroove.gap.residual import blocks
-from vgroove.gap.residual.blocks import Blocks
+from vgroove.gap.residual.blocks import FoldBlocks
 from vgroove.gap.residual.breakaway import widen_after_breakaway
 from vgroove.gap.residual.channels import (
     ENCODER,
-    RAD_S_TO_RPM,
     Channel,
     ForceChannel,
     InterpolationPoints,
     RowChannel,
     span_channel,
 )
-from vgroove.gap.residual.input_uncertainty import drive_sigma
+from vgroove.gap.residual.immutable import freeze_arrays
+from vgroove.gap.residual.input_uncertainty import input_sigma
 from vgroove.gap.residual.regimes import regimes_of
 from vgroove.gap.residual.restarts import Restarts, StateObserver, find_restarts
 from vgroove.gap.residual.state_observer import make_state_observer, rough_speed
 from vgroove.rig import Rig
+from vgroove.units import RPM_PER_RAD_S
 
 DEFAULT_TIMEOUT_S = 0.25
 # more breaks than this, and than this share of the periods: the column holds no edge periods
@@ -75,10 +76,10 @@ class MeasuredRun:
     drive: _core.LogInput
     restarts: Restarts
     channels: tuple[Channel, ...]
-    blocks: Blocks
+    blocks: FoldBlocks
     regime: np.ndarray
-    regimes: list[str]
-    warnings: list[str]
+    regimes: tuple[str, ...]
+    warnings: tuple[str, ...]
     lost_s: np.ndarray  # instants at which edges may have been passed that no row shows
     pitch_rad: float  # between two edges; 0 without edges
     # (rows,): whether a voltage drives the motor, so that its back-EMF brakes it
@@ -87,10 +88,8 @@ class MeasuredRun:
     # the angle is counted along edges from a rest that lies anywhere before the first of them
     from_rest: bool = False
 
-    @property
-    def starts(self) -> np.ndarray:
-        """Rows (S,) at whose end the model starts anew."""
-        return self.restarts.rows
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 def prepare_run(log: Any, rig: Rig, restart_s: float) -> MeasuredRun:
@@ -117,7 +116,7 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> MeasuredRun:
         else None
     )
     closed = _bridge_closed(columns, rig, len(time_s))
-    left_open = drive_sigma(
+    left_open = input_sigma(
         rig, time_s, command, load, columns.get("current_a"), driven, closed, restart_s
     )
     channels = _widened(channels, time_s, left_open)
@@ -166,10 +165,10 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> MeasuredRun:
         drive,
         restarts,
         channels,
-        blocks.cut(time_s, blocks.stroke_s(time_s, speed)),
+        blocks.cut_blocks(time_s, blocks.mean_stroke_s(time_s, speed)),
         regime,
-        regimes,
-        warnings,
+        tuple(regimes),
+        tuple(warnings),
         chain_starts(edges, rig.sensors.get("hall_pulses_per_rev", 0)),
         pitch,
         closed,
@@ -334,7 +333,7 @@ def _with_expected(
         InterpolationPoints.of(time_s, instants_s).angle(motion)[0]
         for instants_s in (edges.start_s, edges.end_s)
     )
-    expected = (end - start) / (edges.end_s - edges.start_s) * RAD_S_TO_RPM
+    expected = (end - start) / (edges.end_s - edges.start_s) * RPM_PER_RAD_S
     return replace(edges, expected_rpm=expected) if np.isfinite(expected).all() else edges
 
 
@@ -400,7 +399,7 @@ def _filtered_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig) -> Chan
         speed_rpm[keep],
         sigma[keep],
         np.zeros(len(keep), dtype=bool),
-        RAD_S_TO_RPM,
+        RPM_PER_RAD_S,
         False,
         "filtered edge speed, compared over a pitch before each row",
     )
@@ -440,7 +439,7 @@ def _channels(
                 "rpm",
                 sigma,
                 "speed_measured_rad_s",
-                RAD_S_TO_RPM,
+                RPM_PER_RAD_S,
             )
         )
     if "position_rad" in columns and np.isfinite(columns["position_rad"]).any():
@@ -567,7 +566,7 @@ def _edge_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig, edges: Edge
         measured[order],
         np.concatenate([sigma[keep], wait_sigma])[order],
         waiting[order],
-        RAD_S_TO_RPM,
+        RPM_PER_RAD_S,
         True,
         "compared over the measured edge periods",
     )
@@ -678,7 +677,7 @@ def _widened(
 ) -> list[Channel]:
     """Channels with the part of sigma that comes in through the driving columns."""
     speed, current = drive
-    more = {"A": current, "rpm": speed * RAD_S_TO_RPM, "rad/s": speed}
+    more = {"A": current, "rpm": speed * RPM_PER_RAD_S, "rad/s": speed}
     return [
         replace(c, sigma=np.hypot(c.sigma, np.interp(c.time_s, time_s, more[c.unit])))
         if c.unit in more

@@ -3,10 +3,13 @@ they can be trusted.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+
+from vgroove.gap.residual.immutable import freeze_arrays
+from vgroove.gap.residual.sensors import SensorErrors
 
 NEIGHBOURS = (4, 8, 16)  # observations on each side of an instant
 DEGREE = 2
@@ -18,7 +21,7 @@ UNREST_S = 2e-4
 # a mean square of the residual so many standard deviations above noise's tells of a motion that the
 # polynomial misses
 NOISE_ALONE = 1.0
-TRUST = 2.5  # a restart needs a state known to within this many sigma of the sensor
+MAX_STATE_SIGMAS = 2.5  # a restart needs a state known to within this many sigma of the sensor
 # of a sensor's limit, beyond which it no longer shows the current: a soft one bends before it
 CLIPPED = 0.9
 
@@ -139,7 +142,7 @@ def local_fit(seen: Observations, time_s: float) -> LocalFit:
     middle = int(np.searchsorted(0.5 * (seen.start_s + seen.end_s), time_s))
     narrow, *wider = (quadratic(seen, time_s, middle, count) for count in NEIGHBOURS)
     best = min((narrow, *(one for one in wider if one.fits)), key=lambda found: found.doubt)
-    if best.doubt < TRUST or seen.place is None:
+    if best.doubt < MAX_STATE_SIGMAS or seen.place is None:
         return best
     rippled = (
         quadratic(seen, time_s, middle, count, True)
@@ -277,33 +280,36 @@ class Restarts:
     smoothing: tuple[Smoothing, ...] = ()
     motion_a: np.ndarray | float = np.nan
 
-    def states(
-        self,
-        gain: np.ndarray,
-        offset: np.ndarray,
-        lag_s: np.ndarray,
-        delayed: np.ndarray,
-        clock: np.ndarray,
-        limit_a: np.ndarray | float = np.inf,
-    ) -> np.ndarray:
-        """True states (B, S, 3) behind the measured ones for sensors of gain, offset and lag (B, 2)
-        for current and speed.
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
-        limit_a (B,): what a current is clipped at. Behind a clipped one is what the motion asks
-        for: a start from the limit would lack, or add, an impulse of torque as long as the
-        winding's time constant, and where the bridge opens nothing takes it away again.
+    @property
+    def angle_rad(self) -> np.ndarray:
+        """Motor angles (S,)."""
+        return self.measured[:, 2]
 
-        delayed (B,): the speed sensor is a delay, else a filter y' = (x - y) / lag. clock (B,):
-        seconds of the logger in a second of the tool; a speed that is a difference of angles is one
-        over the logger's time, and no speed sensor's.
+    def with_angle(self, angle_rad: np.ndarray) -> "Restarts":
+        """The restarts at other motor angles (S,)."""
+        measured = self.measured.copy()
+        measured[:, 2] = angle_rad
+        return replace(self, measured=measured)
+
+    def states(self, errors: SensorErrors) -> np.ndarray:
+        """True states (B, S, 3) behind the measured ones for the sensor errors of B parameter sets.
+
+        Speeds that are differences of an angle have the logger's clock as their gain, and no lag.
+        A clipped current is replaced by the current that the motion needs: a start from the limit
+        would lack, or add, an impulse of torque as long as the winding's time constant, and where
+        the bridge opens nothing removes it again.
         """
+        gain, lag_s = errors.gain, errors.lag_s
         if self.from_angle:
-            gain, lag_s = np.column_stack([gain[:, 0], 1.0 / clock]), lag_s * [1.0, 0.0]
+            gain, lag_s = np.column_stack([gain[:, 0], 1.0 / errors.clock]), lag_s * [1.0, 0.0]
         true = np.repeat(self.measured[None], len(gain), axis=0)
         true[:, :, :2] += lag_s[:, None] * self.slopes
-        true[:, :, 1] += 0.5 * (delayed * lag_s[:, 1] ** 2)[:, None] * self.bends[:, 1]
-        true[:, :, :2] = (true[:, :, :2] - offset[:, None]) / gain[:, None]
-        clipped = np.abs(self.measured[:, 0]) > CLIPPED * np.reshape(limit_a, (-1, 1))
+        true[:, :, 1] += 0.5 * (errors.delayed * lag_s[:, 1] ** 2)[:, None] * self.bends[:, 1]
+        true[:, :, :2] = (true[:, :, :2] - errors.offset[:, None]) / gain[:, None]
+        clipped = np.abs(self.measured[:, 0]) > CLIPPED * np.reshape(errors.limit_a, (-1, 1))
         true[:, :, 0] = np.where(clipped & np.isfinite(self.motion_a), self.motion_a, true[:, :, 0])
         return true
 
@@ -330,7 +336,7 @@ def find_restarts(
             if not rows[-1] + 5 < row < len(time_s) - 5:
                 continue
             state, doubt, unrest = sight.state(float(time_s[row]))
-            if doubt < TRUST and doubt + unrest < best:
+            if doubt < MAX_STATE_SIGMAS and doubt + unrest < best:
                 best, chosen = doubt + unrest, (row, state)
         if chosen is not None:
             rows.append(chosen[0])

@@ -6,21 +6,21 @@ import numpy as np
 
 from vgroove.gap.residual.channels import Simulation
 from vgroove.gap.residual.restarts import Restarts
+from vgroove.gap.residual.sensors import SensorErrors
 
 
 def correct_filters(
     simulation: Simulation,
     time_s: np.ndarray,
     restarts: Restarts,
-    lags: np.ndarray,
-    delay_form: np.ndarray,
+    errors: SensorErrors,
 ) -> None:
     """Change a simulation in place so that filters go on from the measured values.
 
-    lags (B, 2): time constants of the current and speed sensors; delay_form (B,): the speed sensor
-    delays instead. A filter y' = (x - y) / T started at x instead of y = x - T y' is wrong by T y'
+    A filter y' = (x - y) / T started at x instead of y = x - T y' is wrong by T y'
     exp(-t / T), exactly; slopes are those of y, as measured.
     """
+    lags, delay_form = errors.lag_s, errors.delayed
     window = np.searchsorted(restarts.rows, np.arange(len(time_s)), side="right") - 1
     since = time_s - time_s[restarts.rows][window]
     dt = np.diff(time_s, prepend=time_s[0])

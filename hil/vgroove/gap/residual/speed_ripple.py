@@ -98,7 +98,9 @@ def torque_response(
     inertia += value("gearbox.output_inertia_kg_m2") / value("gearbox.ratio") ** 2
     winding = value("motor.resistance_ohm") + 1j * rate * value("motor.inductance_h")
     through_current = (
-        value("motor.torque_constant_nm_per_a") ** 2 / winding * run.bridge_closed[run.starts]
+        value("motor.torque_constant_nm_per_a") ** 2
+        / winding
+        * run.bridge_closed[run.restarts.rows]
     )
     against = 1j * rate * inertia + value("motor.viscous_nm_s_per_rad") + through_current
     return np.divide(1j, against, out=np.zeros_like(against), where=rate != 0.0)

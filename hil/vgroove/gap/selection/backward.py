@@ -5,9 +5,9 @@ correct the form of another member.
 from collections.abc import Sequence
 
 import numpy as np
-from vgroove.gap.fitting.hypothesis import Fit
 
 from vgroove.gap.catalogue import equations, equations_and_sensors
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_without, hypotheses_near, ids_without
 from vgroove.gap.selection.limits import LIMITS
 from vgroove.gap.selection.search_state import LIMITS as COMPARISON

@@ -8,9 +8,9 @@ coarse to fine; a better point is the start of a further fit.
 from dataclasses import replace
 
 import numpy as np
-from vgroove.gap.fitting.hypothesis import Fit
 
 from vgroove.gap.fitting.cross_validation import predict_held_out
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.fitting.neighbour_points import RING_HALF_WIDTHS, ripple_neighbours
 from vgroove.gap.selection.search_state import LIMITS, Search, key
 
@@ -18,8 +18,8 @@ MAX_FITS_PER_RING = 3  # further fits from one width of ring; bounds the time of
 
 
 def deepest_minimum(search: Search, one: Fit) -> Fit:
-    """The best fit of a set around a given one that leaves a visible gap, with amplitude or phase of
-    its ripples changed; the given fit where none is better.
+    """The best fit of a set around one that leaves a visible gap, with amplitude or phase of its
+    ripples changed; the given fit where none is better.
     """
     best = one
     for spread in RING_HALF_WIDTHS if search.leaves_gap(one) else ():

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 
 from vgroove.gap.catalogue import BY_ID, SPECIAL_CASES
 from vgroove.gap.fitting.cross_validation import predict_held_out
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.selection.search_state import LIMITS, Search, key
 
 

@@ -9,10 +9,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from vgroove.gap.fitting.engine import FINAL_HUBER_SIGMAS
-from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 
 from vgroove.gap.catalogue import BY_ID, Effect
+from vgroove.gap.fitting.engine import FINAL_HUBER_SIGMAS
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.selection.search_state import Search, key
 
 MAX_EXTENSIONS = 6  # first-order candidates that are kept of a set; chosen on the tuning half
@@ -104,7 +104,7 @@ def starts_beside(
     """
     count, trials = base.hypothesis.count, {}
     for h in search.engine.hypotheses(
-        [*(BY_ID[i] for i in base.ids), effect], anew=effect if restart else None
+        [*(BY_ID[i] for i in base.ids), effect], from_catalogue=effect if restart else None
     ):
         new = h.count - count
         if new >= 1 and extends_base(h, base, count):

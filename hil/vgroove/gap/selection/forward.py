@@ -3,7 +3,6 @@ and gains more than the minimum effect size.
 """
 
 from vgroove.gap.fitting.hypothesis import Fit
-
 from vgroove.gap.selection.basins import deepest_minimum
 from vgroove.gap.selection.candidate_sets import distinct_hypotheses, gains, prefer_special_cases
 from vgroove.gap.selection.extension import extensions, restarted_extensions

@@ -10,15 +10,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from vgroove.gap.fitting.covariance import interval_half_widths
-from vgroove.gap.fitting.engine import Engine
-from vgroove.gap.fitting.hypothesis import Fit
-from vgroove.gap.residual.loading import load_problem
 
 from vgroove.gap.catalogue import BY_ID, FLAGS_BEYOND_SPECIFICATION
+from vgroove.gap.fitting.covariance import interval_half_widths
 from vgroove.gap.fitting.cross_validation import predict_held_out
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.residual import angle_alignment
-from vgroove.gap.residual.problem import Problem
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.selection.parameter_estimate import ParameterEstimate
 from vgroove.gap.selection.search_state import LIMITS as COMPARISON
 from vgroove.gap.selection.search_state import Search, reported_gap
@@ -59,7 +59,7 @@ class Estimate:
 
     @cached_property
     def half(self) -> np.ndarray:
-        """Half widths (p,) of the 95 % intervals of the fitted parameters, in their scaled units."""
+        """Half widths (p,) of the 95 % intervals of the fitted parameters, in their scaled unit."""
         return (
             interval_half_widths(self.engine, self.fit, self.clusters)
             if len(self.fit.x)
@@ -93,11 +93,11 @@ def estimate_of(search: Search, one: Fit) -> Estimate:
 
 
 def best_estimate(search: Search, shown: Fit) -> Estimate:
-    """The parameter values of a fit over long stretches where they say more, else as it was made."""
+    """Parameter values of a fit over long stretches where they say more, else as it was made."""
     return estimate_over_long_stretches(search.engine, shown) or estimate_of(search, shown)
 
 
-def dropout_parameters(problem: Problem) -> dict[str, ParameterEstimate]:
+def dropout_parameters(problem: MeasuredProblem) -> dict[str, ParameterEstimate]:
     """Probability of a missed Hall edge, counted and not fitted: any value above 0 makes the model
     reproduce the edges that were missed. The interval is Wilson's (JASA 22, 1927).
     """
@@ -162,7 +162,7 @@ def time_clusters(log: np.ndarray, time_s: np.ndarray) -> np.ndarray:
 
 
 def speed_time_constant_s(rig: Rig) -> float:
-    """Time constant in s of the shaft's speed: inertia over viscous damping, with the damping of the
+    """Time constant in s of the shaft's speed: inertia over viscous damping, plus that of the
     back-EMF where a voltage drives the motor (docs/spec/model.md, section 2).
     """
     motor = rig.motor

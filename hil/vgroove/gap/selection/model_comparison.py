@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 from scipy.stats import norm, t
+
 from vgroove.gap.fitting.hypothesis import Fit
 
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from vgroove.gap.fitting.hypothesis import Fit
 
 from vgroove.gap.catalogue import FRICTION_LAWS, LESS_LIKELY, contains
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.backward import backward, drop_form_corrections
 from vgroove.gap.selection.candidate_sets import (
     distinct_hypotheses,
@@ -41,7 +41,6 @@ def select(search: Search) -> Selection:
     The selected fit ends with the shaft angles that its own parameters align, as `vgroove sim`
     finds them from the corrected rig.
     """
-    loaded = search.problem
     search, best = forward(fit_single_effects(search))
     rivals: list[Fit] = []
     if best.ids:
@@ -49,7 +48,7 @@ def select(search: Search) -> Selection:
         search.progress("rivals")
         best = drop_form_corrections(search, exchange_members(search, best), LIMITS.max_form_share)
         best, rivals = drop_doubtful_members(search, best)
-    search, best = align_to_selection(search, loaded, best)
+    search, best = align_to_selection(search, best)
     return Selection(search, best, rivals)
 
 
@@ -152,7 +151,7 @@ def leanest_tied(search: Search, best: Fit) -> Fit:
 
 
 def is_as_good(search: Search, one: Fit, best: Fit) -> bool:
-    """Whether a set may replace the best: tied, or a special case that the best is not better than."""
+    """Whether a set may replace the best: it is tied, or a special case that is not worse."""
     if contains(best.ids, one.ids):
         return not search.is_better(best, one, COMPARISON.min_general_gain)
     return search.is_tied(one, best)

@@ -10,11 +10,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from vgroove.gap.fitting.engine import Engine
-from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 
 from vgroove.gap.catalogue import Effect
 from vgroove.gap.fitting.cross_validation import predict_held_out
+from vgroove.gap.fitting.engine import MAD_TO_SIGMA, Engine
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
+from vgroove.gap.residual.agreement import CLIP_SIGMAS
+from vgroove.gap.residual.protocol import MeasuredProblem
+from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.gap.selection.model_comparison import (
     LIMITS as BOOTSTRAP,
 )
@@ -36,7 +39,7 @@ class ComparisonLimits:
     gap in units of its power. Chosen on the tuning half of the blind set unless a source is stated.
     """
 
-    clip_sigma: float = 10.0  # residuals are clipped here (docs/spec/gap.md, section 5)
+    clip_sigma: float = CLIP_SIGMAS  # residuals are clipped here (docs/spec/gap.md, section 5)
     visible_gap: float = 0.1  # smallest gap above the noise (docs/spec/gap.md, section 5)
     min_gain: float = 0.05  # squared gap, of the noise power, that one more effect must close
     min_gain_share: float = 0.01  # and share of the squared gap above the noise
@@ -56,7 +59,6 @@ class ComparisonLimits:
 
 
 LIMITS = ComparisonLimits()
-MAD_TO_SIGMA = 1.4826  # of a normal distribution: sigma over the median absolute deviation
 # parameters that scale edge speeds against time stamps; the last one only says whose clock it is
 SPEED_SCALE, CLOCK_SCALE, OF_COMMAND_CLOCK = (
     "effects.speed_gain.relative",
@@ -104,8 +106,8 @@ class Search:
     cache: SearchCache = field(default_factory=SearchCache)
 
     @property
-    def problem(self) -> Any:
-        """The measured problem, its angles aligned as far as the search went."""
+    def problem(self) -> MeasuredProblem:
+        """The measured problem as it was loaded."""
         return self.engine.problem
 
     @property
@@ -118,10 +120,10 @@ class Search:
         """Gap that noise alone leaves."""
         return self.problem.floor()
 
-    def with_problem(self, problem: Any) -> "Search":
-        """The same search on a problem whose shaft angles are aligned otherwise."""
+    def with_angles(self, angles: RestartAngles) -> "Search":
+        """The same search with other motor angles at the restarts; fits known so far stay."""
         engine = copy.copy(self.engine)
-        engine.problem = problem
+        engine.angles = angles
         return replace(self, engine=engine)
 
     def block_losses(self, one: Fit) -> np.ndarray:
@@ -182,7 +184,7 @@ class Search:
         return self.loss_bound(one, best) <= self.min_gain(best)
 
     def loss_bound(self, worse: Fit, better: Fit, level: float = 0.95) -> float:
-        """Lower confidence bound of the squared gap that the worse fit loses on the run as it was."""
+        """Lower confidence bound of the squared gap that the worse fit loses on this very run."""
         clip = self.clip_sigma
         return fixed_design_bound(
             self.blocks, *(np.clip(f.out_of_fold, -clip, clip) for f in (worse, better)), level
@@ -293,7 +295,7 @@ class Search:
         return sorted(mine, key=lambda f: (round(self.score(f), 9), f.ids))
 
 
-def reported_gap(problem: Any, one: Fit) -> float:
+def reported_gap(problem: MeasuredProblem, one: Fit) -> float:
     """Gap of held-out residuals over the judged rows (docs/spec/gap.md, section 5)."""
     return float(problem.gap(one.out_of_fold, problem.judged))
 

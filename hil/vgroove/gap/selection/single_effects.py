@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 
 from vgroove.gap.fitting.cross_validation import predict_held_out
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.residual import angle_alignment
 from vgroove.gap.residual.batches import split_by_size
-from vgroove.gap.residual.problem import Problem
+from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.selection.extension import AddedEffect, differentiate_added
 from vgroove.gap.selection.search_state import LIMITS as COMPARISON
 from vgroove.gap.selection.search_state import Search, key, reblock, rescale
@@ -77,8 +77,8 @@ def best_brief_starts(search: Search, starts: list[list[Hypothesis]]) -> list[Hy
 
 
 def ripple_starts(search: Search) -> tuple[Search, RippleStarts]:
-    """Starts of the periodic effects by id, with the amplitudes of a linear fit; and the search with
-    the shaft angle of each stretch between stops aligned for the one that gains most by it.
+    """Starts of the periodic effects by id, with the amplitudes of a linear fit; and the search
+    with the shaft angle of each stretch between stops aligned for the one that gains most by it.
     """
     problem = search.problem
     starts = [
@@ -103,7 +103,7 @@ def ripple_starts(search: Search) -> tuple[Search, RippleStarts]:
     if parts.count > 1 and problem.rig.load["kind"] != "pendulum":
         shift = clearest_shifts(problem, parts, [one for _, one in trials])
     if shift.any():
-        search = search.with_problem(angle_alignment.with_angle_shift(problem, parts, shift))
+        search = search.with_angles(search.engine.angles.shifted(parts.restart, shift))
     found: dict[tuple[str, ...], list[Hypothesis]] = {}
     for h, one in trials:
         start = with_ripple_amplitudes(h, one.amplitudes(shift))
@@ -112,7 +112,7 @@ def ripple_starts(search: Search) -> tuple[Search, RippleStarts]:
 
 
 def first_order_ripple(
-    one: AddedEffect, parts: angle_alignment.AngleStretches, problem: Problem
+    one: AddedEffect, parts: angle_alignment.AngleStretches, problem: MeasuredProblem
 ) -> angle_alignment.FirstOrderRipple:
     """A periodic effect to first order, from its residuals and slopes at nearly zero amplitude."""
     at = cosine_index(one.hypothesis)
@@ -125,7 +125,7 @@ def first_order_ripple(
 
 
 def clearest_shifts(
-    problem: Problem,
+    problem: MeasuredProblem,
     parts: angle_alignment.AngleStretches,
     ripples: Sequence[angle_alignment.FirstOrderRipple],
 ) -> np.ndarray:
@@ -160,11 +160,11 @@ def align_to_best_single(search: Search) -> Search:
     best = min(periodic, key=search.score)
     if not search.is_likely_better(best, search.retuned):
         return search
-    problem = search.problem
-    aligned = angle_alignment.align_angles(problem, best.theta(problem.theta0))
-    if aligned is problem:
+    problem, known = search.problem, search.engine.angles
+    angles = angle_alignment.align_angles(problem, best.theta(problem.theta0), known)
+    if angles is known:
         return search
-    search = search.with_problem(aligned)
+    search = search.with_angles(angles)
     for one in periodic:
         del search.fits[key(one.ids)]
     search.fit_and_keep(
@@ -173,20 +173,18 @@ def align_to_best_single(search: Search) -> Search:
     return search
 
 
-def align_to_selection(search: Search, loaded: Problem, best: Fit) -> tuple[Search, Fit]:
+def align_to_selection(search: Search, best: Fit) -> tuple[Search, Fit]:
     """The search and the selected fit with the shaft angles that the fit's own parameters align in
     the problem as it was loaded, as `vgroove sim` aligns them.
     """
-    theta = best.theta(loaded.theta0)
-    if not angle_alignment.active_periodic_effects(loaded, theta):
+    problem = search.problem
+    theta = best.theta(problem.theta0)
+    if not angle_alignment.active_periodic_effects(problem, theta):
         return search, best
-    aligned = angle_alignment.align_angles(loaded, theta)
-    if all(
-        np.array_equal(a.restarts.measured, b.restarts.measured)
-        for a, b in zip(search.problem.runs, aligned.runs, strict=True)
-    ):
+    angles = angle_alignment.align_angles(problem, theta, problem.angles)
+    if search.engine.angles.equals(angles):
         return search, best
-    search = search.with_problem(aligned)
+    search = search.with_angles(angles)
     again = search.engine.fit([replace(best.hypothesis, start=best.x)], COMPARISON.max_rounds)[0]
     predict_held_out(search.engine, [again])
     search.fits[key(best.ids)] = again

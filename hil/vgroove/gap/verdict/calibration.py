@@ -9,9 +9,9 @@ from dataclasses import astuple
 
 import numpy as np
 from scipy.special import expit
-from vgroove.gap.fitting.hypothesis import Fit
 
 from vgroove.gap.catalogue import contains
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.model_comparison import bootstrap_means, small_sample_factor
 from vgroove.gap.selection.search_state import LIMITS as COMPARISON
 from vgroove.gap.selection.search_state import Search, is_valid

@@ -99,8 +99,8 @@ def quantile_means(
 
 
 def cross_validated_gain(residual: np.ndarray, covariate: Covariate, cluster: np.ndarray) -> float:
-    """Share of the squared residual (m,) that a smooth curve closes in blocks that it was not fitted
-    to.
+    """Share of the squared residual (m,) that a smooth curve closes, two-fold cross-validated over
+    the blocks.
     """
     left = residual.copy()
     for parity in (0, 1):

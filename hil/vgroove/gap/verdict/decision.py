@@ -4,9 +4,8 @@ set leaves (docs/spec/gap.md, section 5).
 
 from dataclasses import dataclass
 
-from vgroove.gap.fitting.hypothesis import Fit
-
 from vgroove.gap.catalogue import SPECIAL_CASES
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_set
 from vgroove.gap.selection.intervals import in_catalogue_form
 from vgroove.gap.selection.search import Selection
@@ -38,7 +37,7 @@ LIMITS = DecisionLimits()
 
 @dataclass(frozen=True)
 class Finding:
-    """The decision: the verdict, the set whose effects it is about, its rivals, and the remainder."""
+    """The decision: the verdict, the set that it is about, its rivals, and the remainder."""
 
     verdict: str
     best: Fit

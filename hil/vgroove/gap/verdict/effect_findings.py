@@ -5,9 +5,9 @@ that these logs do not distinguish.
 from dataclasses import dataclass
 
 import numpy as np
-from vgroove.gap.fitting.hypothesis import Fit
 
 from vgroove.gap.catalogue import equivalents
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.intervals import Estimate, estimate_of
 from vgroove.gap.selection.search import win_shares
 from vgroove.gap.selection.search_state import Search, is_valid, key, reported_gap
@@ -69,7 +69,7 @@ def selected(search: Search, finding: Finding) -> list[str]:
 
 
 def lost_without(search: Search, best: Fit, effect_id: str) -> float:
-    """Share of the gap that opens again when one effect leaves the best set; 0 if it is no member."""
+    """Share of the gap that opens again without one effect of the best set; 0 if no member."""
     if effect_id not in best.ids:
         return 0.0
     problem, floor = search.problem, search.floor

@@ -1,8 +1,8 @@
 """How far: the gap before, retuned and after, the share that is closed, and the same per signal."""
 
 import numpy as np
-from vgroove.gap.fitting.hypothesis import Fit
 
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.model_comparison import (
     block_sums,
     bootstrap_means,

@@ -12,10 +12,10 @@ from itertools import combinations
 from math import factorial
 
 import numpy as np
-from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Fit
-from vgroove.gap.fitting.steps import bounded_step
 
 from vgroove.gap.catalogue import BY_ID
+from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Fit
+from vgroove.gap.fitting.steps import bounded_step
 from vgroove.gap.selection.extension import extension_slopes
 from vgroove.gap.selection.model_comparison import block_sums, bootstrap_means
 from vgroove.gap.selection.search_state import LIMITS as COMPARISON
@@ -112,8 +112,8 @@ def normal_equations(search: Search, model: LinearModel) -> NormalEquations:
 def corrected_squares(
     search: Search, model: LinearModel, sums: NormalEquations, members: frozenset[str]
 ) -> np.ndarray:
-    """Clipped squared held-out residuals (n,) with the corrections of the members (and the tolerated
-    keys) fitted on the other folds.
+    """Clipped squared held-out residuals (n,) with the corrections of the members (and the
+    tolerated keys) fitted on the other folds.
     """
     use = np.flatnonzero(np.isin(model.owner, [*members, NUISANCE]))
     out = model.target.copy()

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from vgroove.gap.fitting.hypothesis import Fit
 
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.model_comparison import Blocks, difference_interval
 from vgroove.gap.selection.search_state import LIMITS as COMPARISON
 from vgroove.gap.selection.search_state import Search
@@ -210,8 +210,8 @@ def spectral_lines(
 
 
 def correlate_shares(search: Search, covariates: Covariates) -> list[CorrelateShare]:
-    """Share of the squared gap after retuning, above the noise, that each covariate explains in each
-    signal alone, largest first; small shares are left out.
+    """Share of the squared gap after retuning, above the noise, that each covariate explains in
+    each signal alone, largest first; small shares are left out.
     """
     residuals = SignalResiduals.of(search, search.retuned)
     tested = residuals.value[search.blocks.tested]
