@@ -14,6 +14,7 @@ from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.gap.selection import basins, search_state
+from vgroove.gap.selection.options import DiagnosisOptions
 
 TREAD = 0.06  # width of a step, in the true ripple
 SWING = 3.0 * np.exp(1j)  # the true ripple in its size: amplitude and phase
@@ -39,10 +40,8 @@ class Staircase(Toy):
 def ended_at(swing: complex) -> tuple[search_state.Search, Fit]:
     """A search with the fit of a cogging that ended with an amplitude and phase."""
     toy = Staircase({})
-    rows = search_state.Rows(toy.log, toy.time_s, toy.signal, np.zeros(toy.n, bool), 0.25)
-    state = search_state.begin(
-        Engine(toy, SCALES, {}), [BY_ID["cogging_torque"]], rows, 0, lambda _: None
-    )
+    engine = Engine(toy, SCALES, {})
+    state = search_state.begin(engine, [BY_ID["cogging_torque"]], DiagnosisOptions())
     h = state.engine.hypotheses([BY_ID["cogging_torque"]])[0]
     at = next(i for i, c in enumerate(h.coordinates) if c.role == "cosine")
     start = h.start.copy()

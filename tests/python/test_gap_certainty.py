@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from gap_toy import Toy
-from test_gap_verdict import FLOOR, decided
+from test_gap_verdict import decided
 from vgroove.gap.verdict import calibration
+from vgroove.gap.verdict.schema import NameEvidence
 
 PROOF = Path(__file__).resolve().parents[1] / "proof" / "gap_certainty.py"
 spec = importlib.util.spec_from_file_location("gap_certainty", PROOF)
@@ -44,14 +45,14 @@ def test_probabilities_hold_on_cases_they_were_not_fitted_to() -> None:
 def test_every_sign_speaks_the_right_way(sign: str, up: bool) -> None:
     middle = {"blocks": 1.5, "forms": 1.0, "closed": 2.0, "others": 1.0}
     low, high = (
-        calibration.probability(calibration.NameEvidence(**middle | {sign: middle[sign] + step}))
+        calibration.probability(NameEvidence(**middle | {sign: middle[sign] + step}))
         for step in (-0.5, 0.5)
     )
     assert (low < high) is up
 
 
 def test_a_name_without_a_margin_is_not_believed() -> None:
-    assert calibration.probability(calibration.NameEvidence(0.0, 0.0, 5.0, 1.0)) < 0.5
+    assert calibration.probability(NameEvidence(0.0, 0.0, 5.0, 1.0)) < 0.5
 
 
 def test_signs_of_a_clear_effect_and_of_a_true_tie() -> None:
@@ -63,7 +64,7 @@ def test_signs_of_a_clear_effect_and_of_a_true_tie() -> None:
         state, finding = decided(toy, one_way=one_way)
         assert (
             calibration.probability(
-                calibration.name_evidence(state, finding.best, finding.best.ids[0], FLOOR)
+                calibration.name_evidence(state, finding.best, finding.best.ids[0])
             )
             > 0.9
         ) is sure

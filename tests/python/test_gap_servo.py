@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from made_log import MadeLog
-from vgroove.gap.diagnose import diagnose
+from vgroove.gap import diagnose
 from vgroove.rig import Rig, rig_from_dict
 
 STEP_S, ROW_S, LOG_S, COUNTS = 1e-4, 0.005, 8.0, 4096
@@ -120,7 +120,7 @@ def servo_log(
 def test_friction_of_a_servo_is_told_by_a_coarse_angle_alone(
     wanted: Callable[[float], float], more: dict[str, float], effect: str, size: float
 ) -> None:
-    verdict = diagnose([servo_log(wanted, **more)], servo_rig()).verdict
+    verdict = diagnose([servo_log(wanted, **more)], servo_rig()).as_dict()
     assert (verdict["verdict"], verdict["selected"]) == (
         ("effect", [effect]) if effect else ("none", [])
     )

@@ -12,16 +12,17 @@ from gap_toy import KINDS, MODELLED, SCALES, Toy
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
-from vgroove.gap.selection import search, search_state
+from vgroove.gap.selection import forward, intervals, limits, search, search_state
 from vgroove.gap.selection.model_comparison import (
     Blocks,
-    few_blocks,
-    interval,
-    least_loss,
+    small_sample_factor,
+    difference_interval,
+    fixed_design_bound,
     make_blocks,
-    typical_interval,
+    typical_value_interval,
 )
-from vgroove.gap.verdict import decision, location
+from vgroove.gap.verdict import decision, effect_findings, gap_figures, remainder
+from vgroove.gap.verdict.schema import EffectFinding
 
 FLOOR = 1.0
 
@@ -36,25 +37,22 @@ def decided(
     kinds = KINDS - ({"both"} if one_way else set())
     effects = [BY_ID[i] for i in MODELLED if set(BY_ID[i].needs) <= kinds and i not in without]
     engine = Engine(toy, SCALES, tolerance or {})
-    rows = search_state.Rows(toy.log, toy.time_s, toy.signal, np.zeros(toy.n, bool), 0.25)
-    state = search_state.begin(engine, effects, rows, 0, lambda _: None)
-    best, rivals = search.run(state)
+    selection = search.select(search_state.begin(engine, effects, DiagnosisOptions()))
     drivers = {"speed": np.tile(toy.measured_rows[1], 3), "time": toy.time_s}
-    left = location.remaining(
-        state, best, drivers, toy.signal, ["current_a", "speed_rpm", "supply_v"], FLOOR
-    )
-    return state, decision.decide(state, best, rivals, left, FLOOR)
+    left = remainder.remaining(selection.search, selection.best, drivers)
+    return selection.search, decision.decide(selection, left)
 
 
 def named(toy: Toy, finding: tuple) -> list[str]:
     """Selected effects."""
-    return decision.selected(finding[0], toy, finding[1], FLOOR)
+    return effect_findings.selected(*finding)
 
 
-def effects_of(toy: Toy, finding: tuple) -> list[dict]:
-    """The verdict's list of effects, with numbers as the search made them."""
-    return decision.effects_section(
-        toy, finding[0], finding[1], FLOOR, decision.estimate_of(finding[0], finding[1].best)
+def effects_of(toy: Toy, finding: tuple) -> list[EffectFinding]:
+    """The verdict's list of effects, with parameter values as the search made them."""
+    state, decided_ = finding
+    return effect_findings.effect_findings(
+        state, decided_, intervals.estimate_of(state, decided_.best)
     )
 
 
@@ -69,8 +67,8 @@ def test_what_three_sigma_explain_is_none() -> None:
     toy = Toy({"motor.resistance_ohm": 0.19 * 1.04})
     found = decided(toy, {"motor.resistance_ohm": 0.02})
     assert found[1].verdict == "none"
-    assert decision.gap_of(toy, found[0].nominal.out_of_fold) > 1.1
-    assert decision.estimate_of(found[0], found[1].best).tolerated()[
+    assert search_state.reported_gap(toy, found[0].nominal) > 1.1
+    assert intervals.estimate_of(found[0], found[1].best).retuned_parameters()[
         "motor.resistance_ohm"
     ] == pytest.approx(0.19 * 1.04, rel=0.01)
 
@@ -97,7 +95,7 @@ def test_one_effect_is_named(name: str, size: float) -> None:
     toy = Toy({f"effects.{name}": size})
     found = decided(toy)
     assert (found[1].verdict, named(toy, found)) == ("effect", [name.split(".")[0]])
-    assert decision.gap_section(toy, found[0], found[1].best, FLOOR)["after"] < 1.02
+    assert gap_figures.gap_figures(found[0], found[1].best).after < 1.02
 
 
 def test_a_pair_is_named_strongest_first() -> None:
@@ -107,10 +105,10 @@ def test_a_pair_is_named_strongest_first() -> None:
     found = decided(toy)
     assert (found[1].verdict, named(toy, found)) == ("effect", ["coulomb_friction", "current_gain"])
     effects = effects_of(toy, found)
-    assert [e["id"] for e in effects[:2]] == ["coulomb_friction", "current_gain"]
+    assert [e.id for e in effects[:2]] == ["coulomb_friction", "current_gain"]
     # of 12 blocks
-    assert all(e["probability"] > 0.5 and e["lost_without"] > 0.0 for e in effects[:2])
-    assert all(e["probability"] < 0.1 for e in effects[2:])
+    assert all(e.probability > 0.5 and e.lost_without > 0.0 for e in effects[:2])
+    assert all(e.probability < 0.1 for e in effects[2:])
 
 
 @pytest.mark.parametrize(
@@ -130,12 +128,12 @@ def test_what_closes_less_than_the_forms_of_the_others_may_leave_is_not_named(
         found[0].fits[key]
         for key in (("coulomb_friction", "current_offset"), ("coulomb_friction",))
     )
-    assert found[0].better(pair, alone)
+    assert found[0].is_better(pair, alone)
     assert (found[1].verdict, named(toy, found)) == ("effect", names)
     share = (found[0].score(alone) - found[0].score(pair)) / (
         found[0].score(found[0].retuned) - found[0].score(alone)
     )
-    assert (share > search.FORM_SHARE) == (len(names) == 2)
+    assert (share > limits.LIMITS.max_form_share) == (len(names) == 2)
 
 
 @pytest.mark.parametrize("drag,named_alone", [(2e-8, True), (4e-8, False)])
@@ -147,7 +145,7 @@ def test_a_law_that_only_bends_another_is_not_named_when_several_bend_it_as_well
         SimpleNamespace(ids=("viscous_friction", "stribeck_friction")),
     )
     monkeypatch.setattr(
-        search, "rivals", lambda _, best: [other] if search_state.key(best.ids) == pair else []
+        search, "tied_rivals", lambda _, best: [other] if search_state.key(best.ids) == pair else []
     )
     state = decided(
         Toy(
@@ -157,12 +155,12 @@ def test_a_law_that_only_bends_another_is_not_named_when_several_bend_it_as_well
             }
         )
     )[0]
-    best, found = search.settled(state, state.fits[pair])
+    best, found = search.drop_doubtful_members(state, state.fits[pair])
     alone = state.fits[("viscous_friction",)]
     share = (state.score(alone) - state.score(state.fits[pair])) / (
         state.score(state.retuned) - state.score(alone)
     )
-    assert share > search.UNSURE_SHARE and (share < search.SHAPE_SHARE) is named_alone
+    assert share > limits.LIMITS.min_share_of_tied_member and (share < limits.LIMITS.max_friction_form_share) is named_alone
     assert (best, found) == ((alone, []) if named_alone else (state.fits[pair], [other]))
 
 
@@ -180,16 +178,16 @@ def test_only_laws_of_friction_bend_one_another(
 ) -> None:
     rivals = [SimpleNamespace(ids=ids) for ids in others]
     assert (
-        search.bending(SimpleNamespace(ids=("viscous_friction", "quadratic_drag")), rivals) == bends
+        search.interchangeable_friction_laws(SimpleNamespace(ids=("viscous_friction", "quadratic_drag")), rivals) == bends
     )
-    assert search.bending(SimpleNamespace(ids=("current_gain", "quadratic_drag")), rivals) == []
+    assert search.interchangeable_friction_laws(SimpleNamespace(ids=("current_gain", "quadratic_drag")), rivals) == []
 
 
 def test_a_gap_outside_the_catalogue_is_unlisted() -> None:
     toy = Toy({}, hum=1.0)
     found = decided(toy)
     assert found[1].verdict == "unlisted" and named(toy, found) == []
-    assert found[1].left.significant
+    assert found[1].remainder.significant
 
 
 def test_an_effect_taken_out_of_the_catalogue_is_not_named_with_confidence() -> None:
@@ -202,8 +200,8 @@ def test_equivalent_members_are_listed_and_do_not_make_it_ambiguous() -> None:
     toy = Toy({"effects.winding_resistance.relative": 0.1})
     found = decided(toy)
     assert found[1].verdict == "effect"
-    listed = decision.indistinguishable(toy, found[0], found[1], KINDS, FLOOR)
-    assert [(o["id"], o["instead_of"]) for o in listed] == [
+    listed = effect_findings.indistinguishable(*found, KINDS)
+    assert [(o.id, o.instead_of) for o in listed] == [
         ("bridge_resistance", "winding_resistance")
     ]
 
@@ -217,7 +215,7 @@ def test_sets_that_leave_the_same_but_for_chance_are_tied() -> None:
             search_of.blocks.tested, squares / np.count_nonzero(search_of.blocks.tested), 0.0
         )
         other = replace(one, out_of_fold=np.sqrt(one.out_of_fold**2 + rows))
-        assert search_of.tied(other, one) is tied
+        assert search_of.is_tied(other, one) is tied
 
 
 def test_a_true_tie_is_ambiguous() -> None:
@@ -226,7 +224,7 @@ def test_a_true_tie_is_ambiguous() -> None:
     assert found[1].verdict == "ambiguous"
     rivals = {i for f in found[1].rivals for i in f.ids} | set(found[1].best.ids)
     assert {"coulomb_friction", "viscous_friction"} <= rivals
-    chance = {e["id"]: e["probability"] for e in effects_of(toy, found)}
+    chance = {e.id: e.probability for e in effects_of(toy, found)}
     assert max(chance.values()) < 0.9
 
 
@@ -238,12 +236,12 @@ def test_between_equals_the_likelier_and_smaller_is_preferred() -> None:
     )
     for alike in (True, False):
         state = SimpleNamespace(
-            contradicted=lambda one: False, alike=lambda one, other, alike=alike: alike
+            contradicts_edge_scale=lambda one: False, equal_up_to_chance=lambda one, other, alike=alike: alike
         )
-        assert search.preferred(state, inertia, clock) == alike and search.preferred(
+        assert search.is_preferred(state, inertia, clock) == alike and search.is_preferred(
             state, clock, compliance
         )
-        assert not search.preferred(state, clock, inertia) and not search.preferred(
+        assert not search.is_preferred(state, clock, inertia) and not search.is_preferred(
             state, compliance, clock
         )
 
@@ -264,17 +262,17 @@ def test_edges_on_another_clock_prefer_what_explains_it(scale: float, named: str
     inertia, clock = (
         engine.fit(engine.hypotheses([BY_ID[i]])[:1], 0)[0] for i in ("added_inertia", "clock_skew")
     )
-    state = search_state.Search(engine, [], None, None, inertia, inertia)
+    state = search_state.Search(engine, [], None, inertia, inertia)
     skewed = replace(clock, x=np.array([0.005 / clock.hypothesis.coordinates[0].factors[0]]))
     assert min((inertia, skewed), key=lambda one: search.preference(state, one)).ids == (named,)
-    assert not state.contradicted(skewed) or scale < 1.004
+    assert not state.contradicts_edge_scale(skewed) or scale < 1.004
 
 
 def test_closed_figures() -> None:
-    assert decision.closed(1.05, 1.0, 1.0) is None
-    assert decision.closed(3.0, 1.0, 1.0) == 1.0
-    assert decision.closed(3.0, 2.0, 1.0) == pytest.approx(0.5)
-    assert decision.closed(3.0, 4.0, 1.0) == 0.0
+    assert gap_figures.closed_share(1.05, 1.0, 1.0) is None
+    assert gap_figures.closed_share(3.0, 1.0, 1.0) == 1.0
+    assert gap_figures.closed_share(3.0, 2.0, 1.0) == pytest.approx(0.5)
+    assert gap_figures.closed_share(3.0, 4.0, 1.0) == 0.0
 
 
 class Scored:
@@ -286,29 +284,30 @@ class Scored:
     def score(self, one: float) -> float:
         return one
 
-    def reported(self, one: float) -> float:
+    def reported_score(self, one: float) -> float:
         return one
 
-    alike = search_state.Search.alike
+    equal_up_to_chance = search_state.Search.equal_up_to_chance
 
-    def level(self) -> float:
+    def noise_power(self) -> float:
         return 1.0
 
-    def contradicted(self, one: float) -> bool:
+    def contradicts_edge_scale(self, one: float) -> bool:
         return False
 
-    least_gain, least_loss = search_state.Search.least_gain, search_state.Search.least_loss
-    likely_better, closes_large = (
-        search_state.Search.likely_better,
-        search_state.Search.closes_large,
+    min_gain, loss_bound = search_state.Search.min_gain, search_state.Search.loss_bound
+    is_likely_better, closes_large_gap = (
+        search_state.Search.is_likely_better,
+        search_state.Search.closes_large_gap,
     )
-    surely_leaves_a_gap = search_state.Search.surely_leaves_a_gap
+    leaves_gap_in_most_draws = search_state.Search.leaves_gap_in_most_draws
     without: frozenset[str] = frozenset()
+    floor = FLOOR
 
 
-def structure(significant: bool) -> location.Structure:
+def structure(significant: bool) -> remainder.Remainder:
     """What is left, as far as a verdict asks."""
-    return location.Structure(significant, None, 0.0, None)
+    return remainder.Remainder(significant, None, 0.0, None)
 
 
 class Named(float):
@@ -343,7 +342,7 @@ def test_several_effects_that_leave_a_visible_gap_are_a_patchwork(
 ) -> None:
     state, best = Scored(retuned, retuned, after), named_gap(after, count)
     assert (
-        decision.patched(state, best, decision.closed_squared(state, best, FLOOR), FLOOR)
+        decision.approximates_other_effect(state, best)
         is patchwork
     )
 
@@ -367,7 +366,7 @@ def test_what_closes_too_little_imitates_something_else(
 ) -> None:
     state, best = Scored(nominal, retuned, after), named_gap(after, count)
     assert (
-        decision.imitates(state, best, decision.closed_squared(state, best, FLOOR), FLOOR)
+        decision.closes_too_little(state, best)
         is imitation
     )
 
@@ -382,9 +381,9 @@ def test_the_bulk_is_the_contracts_over_its_blocks_or_over_all(
     after: float, reported: float, imitation: bool
 ) -> None:
     state, best = Scored(11.0, 11.0, after), named_gap(after, 1)
-    state.reported = lambda one: reported if one is best else one
+    state.reported_score = lambda one: reported if one is best else one
     assert (
-        decision.imitates(state, best, decision.closed_squared(state, best, FLOOR), FLOOR)
+        decision.closes_too_little(state, best)
         is imitation
     )
 
@@ -396,18 +395,18 @@ def test_the_bulk_is_the_contracts_over_its_blocks_or_over_all(
 def test_a_gap_below_the_contracts_least_is_no_effect(
     retuned: float, after: float, seen: bool
 ) -> None:
-    assert search_state.Search.visible(Scored(retuned, retuned, after), named_gap(after, 1)) is seen
+    assert search_state.Search.closes_visible_gap(Scored(retuned, retuned, after), named_gap(after, 1)) is seen
 
 
 def test_few_blocks_widen_intervals() -> None:
     # Student's t for 5 degrees of freedom
-    assert few_blocks(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)
-    assert few_blocks(1000, 0.95) == pytest.approx(1.0, abs=0.002)
+    assert small_sample_factor(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)
+    assert small_sample_factor(1000, 0.95) == pytest.approx(1.0, abs=0.002)
     time_s = np.arange(600) * 1e-3
     blocks = make_blocks(
         np.zeros(600, int), time_s, np.ones(600, bool), 0.1, 0, np.zeros(600, bool)
     )
-    low, high = interval(blocks, np.array([3.0, 0.2, 2.0, 0.1, 0.3, 3.0]) * 100.0, 0.99)
+    low, high = difference_interval(blocks, np.array([3.0, 0.2, 2.0, 0.1, 0.3, 3.0]) * 100.0, 0.99)
     assert low < 0.0 < 2.0 < high  # six blocks of one sign are no evidence at 99 %
 
 
@@ -423,15 +422,15 @@ def blocks_of(count: int, rows: int = 10) -> Blocks:
 def test_differences_without_meaning_seldom_pass(count: int, law: str) -> None:
     blocks, rng = blocks_of(count), np.random.default_rng(1)
     trials = getattr(rng, law)(size=(300, count))
-    passed = [typical_interval(blocks, trial, 0.9)[0] > 0.0 for trial in trials]
+    passed = [typical_value_interval(blocks, trial, 0.9)[0] > 0.0 for trial in trials]
     assert np.mean(passed) < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 300)
 
 
 def test_a_few_large_gains_among_small_ones_of_their_sign_are_significant() -> None:
     gains = np.array([97.0, 22, 190, -5, 72, -5, 4149, 1971, 174, 3723, 52, 24, 3, 5])
-    assert interval(blocks_of(14), gains, 0.99)[0] > 0.0
+    assert difference_interval(blocks_of(14), gains, 0.99)[0] > 0.0
     one = np.array([97.0, -22, 190, -85, 72, -95, 9149, -71, -74, -123, 52, 24, -30, 5])
-    assert interval(blocks_of(14), one, 0.99)[0] < 0.0  # one lucky block
+    assert difference_interval(blocks_of(14), one, 0.99)[0] < 0.0  # one lucky block
 
 
 def test_models_that_part_in_few_blocks_far_beyond_the_noise_are_told_apart() -> None:
@@ -440,25 +439,25 @@ def test_models_that_part_in_few_blocks_far_beyond_the_noise_are_told_apart() ->
     apart[900:930] = 5.0
     for distance, told in ((apart, True), (0.05 * apart, False), (0.0 * apart, False)):
         sums = np.bincount(blocks.cluster, weights=(left + distance) ** 2 - left**2)
-        assert interval(blocks, sums)[0] <= 0.0
-        assert (least_loss(blocks, left + distance, left) > 0.0) is told
+        assert difference_interval(blocks, sums)[0] <= 0.0
+        assert (fixed_design_bound(blocks, left + distance, left) > 0.0) is told
 
 
 def test_what_rivals_differ_by_must_also_matter() -> None:
     state = Scored(4.0, 4.0, 1.0)
-    state.blocks, state.clip, noise = (
+    state.blocks, state.clip_sigma, noise = (
         blocks_of(18, 1000),
-        search_state.CLIP,
+        search_state.LIMITS.clip_sigma,
         np.random.default_rng(3).normal(size=18000),
     )
-    state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.out_of_fold**2)
+    state.block_losses = lambda one: np.bincount(state.blocks.cluster, weights=one.out_of_fold**2)
     best, part = named_gap(1.0, 1), np.arange(18000) < 3000
     best.out_of_fold = noise
     for distance, tied in ((2.0, False), (0.4, True)):
         one = named_gap(1.0, 1)
         one.out_of_fold = noise + distance * part
-        assert least_loss(state.blocks, one.out_of_fold, best.out_of_fold) > 0.0
-        assert search_state.Search.tied(state, one, best) is tied
+        assert fixed_design_bound(state.blocks, one.out_of_fold, best.out_of_fold) > 0.0
+        assert search_state.Search.is_tied(state, one, best) is tied
 
 
 @pytest.mark.parametrize(
@@ -475,16 +474,16 @@ def test_a_gain_in_few_blocks_of_a_short_log_is_one_unless_one_block_makes_it(
     distances: list[float], better: bool
 ) -> None:
     state, noise = Scored(4.0, 4.0, 1.0), np.random.default_rng(3).normal(size=700)
-    state.blocks, state.clip = blocks_of(7, 100), search_state.CLIP
-    state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.out_of_fold**2)
+    state.blocks, state.clip_sigma = blocks_of(7, 100), search_state.LIMITS.clip_sigma
+    state.block_losses = lambda one: np.bincount(state.blocks.cluster, weights=one.out_of_fold**2)
     fuller, leaner = named_gap(1.0, 2), named_gap(4.0, 1)
     fuller.out_of_fold, leaner.out_of_fold = noise, noise + np.repeat(distances, 100)
     assert (
-        interval(state.blocks, state.sums(leaner) - state.sums(fuller), search_state.LEVEL)[0]
+        difference_interval(state.blocks, state.block_losses(leaner) - state.block_losses(fuller), search_state.LIMITS.significance)[0]
         <= 0.0
         or not better
     )
-    assert search_state.Search.better(state, fuller, leaner) is better
+    assert search_state.Search.is_better(state, fuller, leaner) is better
 
 
 @pytest.mark.parametrize("alike", [False, True])
@@ -497,7 +496,7 @@ def test_the_least_loss_on_a_run_is_seldom_overestimated(alike: bool, share: flo
     for _ in range(300):
         apart = np.repeat(rng.normal(size=30) * (np.arange(30) < 30 * share), 10)
         left = np.repeat(rng.normal(size=30), 10) if alike else rng.normal(size=300)
-        over.append(least_loss(blocks, left + apart, left) > float(apart @ apart) / 300)
+        over.append(fixed_design_bound(blocks, left + apart, left) > float(apart @ apart) / 300)
     assert np.mean(over) < 0.025 + 3.0 * np.sqrt(0.025 * 0.975 / 300)
 
 
@@ -512,8 +511,8 @@ def test_the_least_loss_on_a_run_is_seldom_overestimated(alike: bool, share: flo
 )
 def test_an_event_in_one_block_is_no_gap(above: list[float], stands: bool) -> None:
     state = Scored(1.0, 1.0, 1.0 + sum(above) / 200.0)
-    state.blocks, state.sums = blocks_of(20), lambda one: 10.0 + np.array(above)
-    assert location.stands_above(state, named_gap(state.best, 0), 1.0) is stands
+    state.blocks, state.block_losses = blocks_of(20), lambda one: 10.0 + np.array(above)
+    assert remainder.stands_above_noise(state, named_gap(state.best, 0), 1.0) is stands
 
 
 def test_a_form_that_others_mend_is_still_the_effect() -> None:
@@ -522,9 +521,9 @@ def test_a_form_that_others_mend_is_still_the_effect() -> None:
     """
     state, pair = Scored(11.0, 11.0, 1.9), named_gap(2.6, 2)
     state.fits = {("a",): named_gap(3.0, 1), ("b",): named_gap(9.0, 1)}
-    assert decision.leading(state, pair, FLOOR) is state.fits[("a",)]
+    assert decision.sufficient_member(state, pair) is state.fits[("a",)]
     state.fits[("a",)] = named_gap(8.0, 1)
-    assert decision.leading(state, pair, FLOOR) is None
+    assert decision.sufficient_member(state, pair) is None
 
 
 @pytest.mark.parametrize(
@@ -540,7 +539,7 @@ def test_a_remainder_below_the_contracts_least_gap_is_none(
     left: float, significant: bool, said: str
 ) -> None:
     state = Scored(left, left, left)
-    state.blocks, state.sums = blocks_of(20), lambda one: np.full(20, 10.0 * one)
+    state.blocks, state.block_losses = blocks_of(20), lambda one: np.full(20, 10.0 * one)
     found = decision.decide(state, named_gap(left, 0), [], structure(significant), FLOOR)
     assert found.verdict == said
 
@@ -558,7 +557,7 @@ def test_a_remainder_that_follows_nothing_must_be_a_gap_in_most_draws(
 ) -> None:
     """0.4 of the noise power in all: everywhere, or in four blocks of twenty."""
     state = Scored(1.4, 1.4, 1.4)
-    state.blocks, state.sums = blocks_of(20), lambda one: 10.0 + np.array(above)
+    state.blocks, state.block_losses = blocks_of(20), lambda one: 10.0 + np.array(above)
     left = replace(structure(True), best_correlate=follows)
     assert decision.decide(state, named_gap(1.4, 0), [], left, FLOOR).verdict == said
 
@@ -589,15 +588,15 @@ def test_no_search_goes_on_from_an_effect_that_cannot_be_seen(
     seen: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     state, one = Scored(2.0, 1.1, 1.0), named_gap(1.0, 1)
-    state.ranked, state.better, state.visible = (
+    state.ranked, state.is_better, state.closes_visible_gap = (
         lambda size: [one],
         lambda fuller, leaner: True,
         lambda fit: seen,
     )
-    monkeypatch.setattr(search, "simplest", lambda _, best, base=None: best)
-    monkeypatch.setattr(search, "deepest_minimum", lambda _, best: best)
-    monkeypatch.setattr(search, "grow", lambda *_: None)
-    assert search.forward(state) == (one if seen else state.retuned)
+    monkeypatch.setattr(forward, "prefer_special_cases", lambda _, best, base=None: best)
+    monkeypatch.setattr(forward, "deepest_minimum", lambda _, best: best)
+    monkeypatch.setattr(forward, "grow", lambda *_: None)
+    assert forward.forward(state)[1] == (one if seen else state.retuned)
 
 
 def test_equal_parameters_run_once() -> None:

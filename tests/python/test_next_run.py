@@ -8,7 +8,7 @@ from test_board_run import HELD, RIG, Line
 from test_run import elf
 from vgroove import lockstep
 from vgroove.board import AvrBoard
-from vgroove.gap.diagnose import diagnose
+from vgroove.gap import diagnose
 from vgroove.gap.next_run.menu import profile_from_verdict
 from vgroove.guided_run import GuidedRun
 from vgroove.log import Log, log_from_session, log_from_stream
@@ -38,7 +38,7 @@ def told(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log:
 
 def test_the_run_that_a_verdict_asks_for_decides_what_one_log_leaves_open() -> None:
     one = told(ONE_SPEED, 2.6, None, 1)
-    open_ = diagnose([one], read_rig(RIG)).verdict
+    open_ = diagnose([one], read_rig(RIG)).as_dict()
     assert open_["verdict"] == "ambiguous"
     assert "viscous_friction" in [
         *open_["selected"],
@@ -49,5 +49,5 @@ def test_the_run_that_a_verdict_asks_for_decides_what_one_log_leaves_open() -> N
     told(HELD, 7.2, line, 2)
     two = log_from_session(line.session, "next")
     assert line.run.ended == RUN_COMPLETE and np.ptp(two["speed_rpm"]) > 5000.0
-    both = diagnose([one, two], read_rig(RIG)).verdict
+    both = diagnose([one, two], read_rig(RIG)).as_dict()
     assert (both["verdict"], both["selected"]) == ("effect", ["viscous_friction"])
