@@ -39,7 +39,7 @@ class Leg:
 def legs_of(course: RunProfile) -> list[Leg]:
     """A run as legs: its rests and forward levels, then its rests and backward levels."""
     time_s = np.arange(round(PROFILE_S / PERIOD_S)) * PERIOD_S
-    share, opens = course.command(time_s), course.opens(time_s)
+    share, opens = course.command(time_s), course.bridge_open(time_s)
     legs = []
     for reverse, along in ((False, share), (True, -share)):
         if np.any(along > 0.0):

@@ -44,7 +44,9 @@ def cost(seconds: float, every: int = 1, begin: int = 0) -> dict[str, Any]:
     log = drive_log(rig().with_effects(EFFECT), seconds=seconds, levels=levels)
     kept = {next(iter(EFFECT)), *(e.id for e in CATALOGUE[begin::every])}
     wall, busy = time.perf_counter(), time.process_time()
-    found = diagnose([log], rig(), DiagnosisOptions(without=[e.id for e in CATALOGUE if e.id not in kept]))
+    found = diagnose(
+        [log], rig(), DiagnosisOptions(without=[e.id for e in CATALOGUE if e.id not in kept])
+    )
     wall, busy = time.perf_counter() - wall, time.process_time() - busy
     return {
         "log_s": seconds,

@@ -107,12 +107,18 @@ def test_same_input_same_bytes_and_the_corrected_rig_gives_the_gap_after(tmp_pat
 def test_an_effect_left_out_is_not_named() -> None:
     case = PRACTICE / "practice_008"
     verdict = diagnose(
-        [case / "log.csv"], read_rig(case / "rig.toml"), DiagnosisOptions(without=["current_offset"])
+        [case / "log.csv"],
+        read_rig(case / "rig.toml"),
+        DiagnosisOptions(without=["current_offset"]),
     ).as_dict()
     assert verdict["verdict"] in ("unlisted", "ambiguous")
     assert "current_offset" not in {e["id"] for e in verdict["effects"]}
     with pytest.raises(VgrooveError, match="warp_drive"):
-        diagnose([case / "log.csv"], read_rig(case / "rig.toml"), DiagnosisOptions(without=["warp_drive"]))
+        diagnose(
+            [case / "log.csv"],
+            read_rig(case / "rig.toml"),
+            DiagnosisOptions(without=["warp_drive"]),
+        )
 
 
 @pytest.mark.parametrize(("visible", "form"), [(0.1, "edges"), (10.0, None)])

@@ -14,11 +14,10 @@ from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.intervals import (
-    AT_NOISE,
-    FORM_ERROR,
+    LIMITS,
     Estimate,
-    memory_s,
-    over_long_stretches,
+    estimate_over_long_stretches,
+    speed_time_constant_s,
 )
 from vgroove.log import Log
 from vgroove.rig import Rig, rig_from_dict
@@ -64,19 +63,21 @@ def engine(problem: Problem) -> Engine:
 
 
 def test_memory_is_inertia_over_all_damping() -> None:
-    assert memory_s(joint()) == pytest.approx(trap.INERTIA / trap.BELIEVED_DAMPING)
+    assert speed_time_constant_s(joint()) == pytest.approx(trap.INERTIA / trap.BELIEVED_DAMPING)
     table = tomllib.loads(trap.RIG)
     driven = rig_from_dict(table | {"input": {"kind": "voltage_v"}}, "one joint")
-    assert memory_s(driven) == pytest.approx(trap.INERTIA / (trap.BELIEVED_DAMPING + 1.0))
+    assert speed_time_constant_s(driven) == pytest.approx(
+        trap.INERTIA / (trap.BELIEVED_DAMPING + 1.0)
+    )
 
 
 def test_long_stretches_tell_more_and_their_intervals_hold_the_truth(
     problem: Problem, engine: Engine
 ) -> None:
     short = engine.fit(engine.hypotheses(COULOMB), 8)[0]
-    found = over_long_stretches(problem, engine, short)
+    found = estimate_over_long_stretches(engine, short)
     damping, friction = (
-        found.tolerated()["motor.viscous_nm_s_per_rad"],
+        found.retuned_parameters()["motor.viscous_nm_s_per_rad"],
         found.parameters("coulomb_friction")["torque_nm"],
     )
     before = short.hypothesis.theta(problem.theta0, short.x[None, :])[0][
@@ -84,7 +85,7 @@ def test_long_stretches_tell_more_and_their_intervals_hold_the_truth(
     ]
     assert abs(damping - trap.DAMPING) < 0.5 * abs(before - trap.DAMPING)
     assert damping == pytest.approx(trap.DAMPING, rel=0.01)
-    assert friction["ci95"][0] < trap.COULOMB < friction["ci95"][1]
+    assert friction.ci95[0] < trap.COULOMB < friction.ci95[1]
     assert 2.0 * scatter(found, "effects.coulomb_friction.torque_nm") < 0.05 * trap.COULOMB
 
 
@@ -97,12 +98,12 @@ def scatter(found: Estimate, name: str) -> float:
 def test_an_interval_leaves_room_for_a_form_that_is_nearly_the_catalogues(
     problem: Problem, engine: Engine
 ) -> None:
-    found = over_long_stretches(problem, engine, engine.fit(engine.hypotheses(COULOMB), 8)[0])
+    found = estimate_over_long_stretches(engine, engine.fit(engine.hypotheses(COULOMB), 8)[0])
     friction = found.parameters("coulomb_friction")["torque_nm"]
-    half = 0.5 * (friction["ci95"][1] - friction["ci95"][0])
+    half = 0.5 * (friction.ci95[1] - friction.ci95[0])
     assert half == pytest.approx(
         np.hypot(
-            scatter(found, "effects.coulomb_friction.torque_nm"), FORM_ERROR * friction["value"]
+            scatter(found, "effects.coulomb_friction.torque_nm"), LIMITS.form_error * friction.value
         )
     )
 
@@ -111,8 +112,8 @@ def test_a_model_that_lacks_something_is_not_run_for_so_long(
     problem: Problem, engine: Engine
 ) -> None:
     retuned = engine.fit(engine.hypotheses([]), 8)[0]
-    assert problem.gap(retuned.residual) > AT_NOISE
-    assert over_long_stretches(problem, engine, retuned) is None
+    assert problem.gap(retuned.residual) > LIMITS.max_gap
+    assert estimate_over_long_stretches(engine, retuned) is None
 
 
 def test_a_shaft_that_forgets_between_two_restarts_is_not_fitted_again(
@@ -122,9 +123,11 @@ def test_a_shaft_that_forgets_between_two_restarts_is_not_fitted_again(
     forgetful = replace(
         problem, rig=joint(viscous_nm_s_per_rad=trap.INERTIA / (0.9 * problem.restart_s))
     )
-    assert over_long_stretches(forgetful, engine, one) is None
+    assert (
+        estimate_over_long_stretches(Engine(forgetful, SCALES, problem.rig.tolerance), one) is None
+    )
 
 
 def test_nothing_fitted_is_nothing_to_fit_again(problem: Problem) -> None:
     bare = Engine(problem, SCALES, {})
-    assert over_long_stretches(problem, bare, bare.fit(bare.hypotheses([]), 0)[0]) is None
+    assert estimate_over_long_stretches(bare, bare.fit(bare.hypotheses([]), 0)[0]) is None

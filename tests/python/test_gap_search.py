@@ -128,7 +128,9 @@ def test_a_small_effect_in_other_equations_is_kept(
         backward, "fit_without", lambda _, best, i: fit_of(*(j for j in best.ids if j != i))
     )
     assert (
-        backward.drop_form_corrections(state, fit_of(first, "supply_resistance"), limits.LIMITS.max_form_share).ids
+        backward.drop_form_corrections(
+            state, fit_of(first, "supply_resistance"), limits.LIMITS.max_form_share
+        ).ids
         == (first, "supply_resistance")
     ) is kept
 
@@ -151,9 +153,9 @@ def test_what_a_form_leaves_lies_where_the_effect_shows(second: str, named: bool
     assert state.score(alone) - state.score(state.fits[pair]) < limits.LIMITS.max_form_share * (
         state.score(state.retuned) - state.score(alone)
     )
-    assert backward.drop_form_corrections(state, state.fits[pair], limits.LIMITS.max_form_share) is (
-        state.fits[pair] if named else alone
-    )
+    assert backward.drop_form_corrections(
+        state, state.fits[pair], limits.LIMITS.max_form_share
+    ) is (state.fits[pair] if named else alone)
 
 
 class Stepped:
@@ -177,7 +179,10 @@ class Stepped:
         return one.gap
 
     def is_better(
-        self, fuller: SimpleNamespace, leaner: SimpleNamespace, worth: float = search_state.LIMITS.min_gain
+        self,
+        fuller: SimpleNamespace,
+        leaner: SimpleNamespace,
+        worth: float = search_state.LIMITS.min_gain,
     ) -> bool:
         steps = len(fuller.ids) - len(leaner.ids)
         return leaner.gap - fuller.gap > worth and (steps > 1 or self.significant[len(fuller.ids)])
@@ -313,6 +318,10 @@ def test_a_set_is_fitted_in_each_of_its_forms() -> None:
         h.start[0] == 0.5 for h in tried
     )
     assert (
-        len(candidate_sets.distinct_hypotheses([near, near, replace(near, hypothesis=replace(related, fixed=()))]))
+        len(
+            candidate_sets.distinct_hypotheses(
+                [near, near, replace(near, hypothesis=replace(related, fixed=()))]
+            )
+        )
         == 2
     )

@@ -114,7 +114,9 @@ def test_what_repeats_a_remainder_is_a_run_that_the_tool_can_do(
         np.arange(3.0), {"duty": np.array([0.0, 0.5, 1.0]), "load_nm": np.full(3, torque)}
     )
     problem = SimpleNamespace(rig=rig(load={"kind": "torque"}), logs=[log])
-    finding = SimpleNamespace(verdict="unlisted", remainder=SimpleNamespace(best_correlate=follows_))
+    finding = SimpleNamespace(
+        verdict="unlisted", remainder=SimpleNamespace(best_correlate=follows_)
+    )
     asked = propose(problem, None, finding)
     assert asked.profile == name and asked.points == profile_named(name).points()
 

@@ -15,12 +15,13 @@ from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.selection import forward, intervals, limits, search, search_state
 from vgroove.gap.selection.model_comparison import (
     Blocks,
-    small_sample_factor,
     difference_interval,
     fixed_design_bound,
     make_blocks,
+    small_sample_factor,
     typical_value_interval,
 )
+from vgroove.gap.selection.options import DiagnosisOptions
 from vgroove.gap.verdict import decision, effect_findings, gap_figures, remainder
 from vgroove.gap.verdict.schema import EffectFinding
 
@@ -160,7 +161,10 @@ def test_a_law_that_only_bends_another_is_not_named_when_several_bend_it_as_well
     share = (state.score(alone) - state.score(state.fits[pair])) / (
         state.score(state.retuned) - state.score(alone)
     )
-    assert share > limits.LIMITS.min_share_of_tied_member and (share < limits.LIMITS.max_friction_form_share) is named_alone
+    assert (
+        share > limits.LIMITS.min_share_of_tied_member
+        and (share < limits.LIMITS.max_friction_form_share) is named_alone
+    )
     assert (best, found) == ((alone, []) if named_alone else (state.fits[pair], [other]))
 
 
@@ -178,9 +182,17 @@ def test_only_laws_of_friction_bend_one_another(
 ) -> None:
     rivals = [SimpleNamespace(ids=ids) for ids in others]
     assert (
-        search.interchangeable_friction_laws(SimpleNamespace(ids=("viscous_friction", "quadratic_drag")), rivals) == bends
+        search.interchangeable_friction_laws(
+            SimpleNamespace(ids=("viscous_friction", "quadratic_drag")), rivals
+        )
+        == bends
     )
-    assert search.interchangeable_friction_laws(SimpleNamespace(ids=("current_gain", "quadratic_drag")), rivals) == []
+    assert (
+        search.interchangeable_friction_laws(
+            SimpleNamespace(ids=("current_gain", "quadratic_drag")), rivals
+        )
+        == []
+    )
 
 
 def test_a_gap_outside_the_catalogue_is_unlisted() -> None:
@@ -201,9 +213,7 @@ def test_equivalent_members_are_listed_and_do_not_make_it_ambiguous() -> None:
     found = decided(toy)
     assert found[1].verdict == "effect"
     listed = effect_findings.indistinguishable(*found, KINDS)
-    assert [(o.id, o.instead_of) for o in listed] == [
-        ("bridge_resistance", "winding_resistance")
-    ]
+    assert [(o.id, o.instead_of) for o in listed] == [("bridge_resistance", "winding_resistance")]
 
 
 def test_sets_that_leave_the_same_but_for_chance_are_tied() -> None:
@@ -236,7 +246,8 @@ def test_between_equals_the_likelier_and_smaller_is_preferred() -> None:
     )
     for alike in (True, False):
         state = SimpleNamespace(
-            contradicts_edge_scale=lambda one: False, equal_up_to_chance=lambda one, other, alike=alike: alike
+            contradicts_edge_scale=lambda one: False,
+            equal_up_to_chance=lambda one, other, alike=alike: alike,
         )
         assert search.is_preferred(state, inertia, clock) == alike and search.is_preferred(
             state, clock, compliance
@@ -310,6 +321,11 @@ def structure(significant: bool) -> remainder.Remainder:
     return remainder.Remainder(significant, None, 0.0, None)
 
 
+def selected(state: Scored, best: float) -> search.Selection:
+    """A selection without rivals."""
+    return search.Selection(state, best, [])
+
+
 class Named(float):
     """A squared gap that is also a fit with names."""
 
@@ -341,10 +357,7 @@ def test_several_effects_that_leave_a_visible_gap_are_a_patchwork(
     count: int, retuned: float, after: float, patchwork: bool
 ) -> None:
     state, best = Scored(retuned, retuned, after), named_gap(after, count)
-    assert (
-        decision.approximates_other_effect(state, best)
-        is patchwork
-    )
+    assert decision.approximates_other_effect(state, best) is patchwork
 
 
 # One effect: 0.7 of the gap before retuning (contract) and the larger part of the rest; two: 0.85
@@ -365,10 +378,7 @@ def test_what_closes_too_little_imitates_something_else(
     count: int, nominal: float, retuned: float, after: float, imitation: bool
 ) -> None:
     state, best = Scored(nominal, retuned, after), named_gap(after, count)
-    assert (
-        decision.closes_too_little(state, best)
-        is imitation
-    )
+    assert decision.closes_too_little(state, best) is imitation
 
 
 # What all blocks leave, and what the contract's do; the larger part of what retuning leaves must go
@@ -382,10 +392,7 @@ def test_the_bulk_is_the_contracts_over_its_blocks_or_over_all(
 ) -> None:
     state, best = Scored(11.0, 11.0, after), named_gap(after, 1)
     state.reported_score = lambda one: reported if one is best else one
-    assert (
-        decision.closes_too_little(state, best)
-        is imitation
-    )
+    assert decision.closes_too_little(state, best) is imitation
 
 
 @pytest.mark.parametrize(
@@ -395,7 +402,10 @@ def test_the_bulk_is_the_contracts_over_its_blocks_or_over_all(
 def test_a_gap_below_the_contracts_least_is_no_effect(
     retuned: float, after: float, seen: bool
 ) -> None:
-    assert search_state.Search.closes_visible_gap(Scored(retuned, retuned, after), named_gap(after, 1)) is seen
+    assert (
+        search_state.Search.closes_visible_gap(Scored(retuned, retuned, after), named_gap(after, 1))
+        is seen
+    )
 
 
 def test_few_blocks_widen_intervals() -> None:
@@ -403,9 +413,8 @@ def test_few_blocks_widen_intervals() -> None:
     assert small_sample_factor(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)
     assert small_sample_factor(1000, 0.95) == pytest.approx(1.0, abs=0.002)
     time_s = np.arange(600) * 1e-3
-    blocks = make_blocks(
-        np.zeros(600, int), time_s, np.ones(600, bool), 0.1, 0, np.zeros(600, bool)
-    )
+    rows = SimpleNamespace(log=np.zeros(600, int), time_s=time_s, censored=np.zeros(600, bool))
+    blocks = make_blocks(rows, np.ones(600, bool), 0.1, 0)
     low, high = difference_interval(blocks, np.array([3.0, 0.2, 2.0, 0.1, 0.3, 3.0]) * 100.0, 0.99)
     assert low < 0.0 < 2.0 < high  # six blocks of one sign are no evidence at 99 %
 
@@ -414,7 +423,8 @@ def blocks_of(count: int, rows: int = 10) -> Blocks:
     """`count` blocks of as many rows each."""
     time_s = np.arange(count * rows) * 1e-3
     none = np.zeros(count * rows, int)
-    return make_blocks(none, time_s + 5e-7, none == 0, rows * 1e-3, 0, none == 1)
+    timed = SimpleNamespace(log=none, time_s=time_s + 5e-7, censored=none == 1)
+    return make_blocks(timed, none == 0, rows * 1e-3, 0)
 
 
 @pytest.mark.parametrize("count", [6, 8, 14, 60])
@@ -479,7 +489,11 @@ def test_a_gain_in_few_blocks_of_a_short_log_is_one_unless_one_block_makes_it(
     fuller, leaner = named_gap(1.0, 2), named_gap(4.0, 1)
     fuller.out_of_fold, leaner.out_of_fold = noise, noise + np.repeat(distances, 100)
     assert (
-        difference_interval(state.blocks, state.block_losses(leaner) - state.block_losses(fuller), search_state.LIMITS.significance)[0]
+        difference_interval(
+            state.blocks,
+            state.block_losses(leaner) - state.block_losses(fuller),
+            search_state.LIMITS.significance,
+        )[0]
         <= 0.0
         or not better
     )
@@ -540,7 +554,7 @@ def test_a_remainder_below_the_contracts_least_gap_is_none(
 ) -> None:
     state = Scored(left, left, left)
     state.blocks, state.block_losses = blocks_of(20), lambda one: np.full(20, 10.0 * one)
-    found = decision.decide(state, named_gap(left, 0), [], structure(significant), FLOOR)
+    found = decision.decide(selected(state, named_gap(left, 0)), structure(significant))
     assert found.verdict == said
 
 
@@ -559,7 +573,7 @@ def test_a_remainder_that_follows_nothing_must_be_a_gap_in_most_draws(
     state = Scored(1.4, 1.4, 1.4)
     state.blocks, state.block_losses = blocks_of(20), lambda one: 10.0 + np.array(above)
     left = replace(structure(True), best_correlate=follows)
-    assert decision.decide(state, named_gap(1.4, 0), [], left, FLOOR).verdict == said
+    assert decision.decide(selected(state, named_gap(1.4, 0)), left).verdict == said
 
 
 # squared gaps: before 11, what the set leaves, what its first member leaves alone
@@ -579,7 +593,7 @@ def test_doubtful_sets_are_not_named(
 ) -> None:
     state = Scored(11.0, 11.0, after)
     state.fits = {("a",): named_gap(alone, 1), ("b",): named_gap(9.5, 1)}
-    found = decision.decide(state, named_gap(after, count), [], structure(significant), FLOOR)
+    found = decision.decide(selected(state, named_gap(after, count)), structure(significant))
     assert (found.verdict, len(found.best.ids)) == (said, named)
 
 
