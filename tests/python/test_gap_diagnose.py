@@ -1,5 +1,5 @@
-"""The command from files to verdict: practice data, EMPS, schema, determinism, the corrected rig,
-unusable input leaves nothing behind.
+"""From files to verdict: practice cases, EMPS, schema, determinism, corrected rig, and refusal of
+unusable input without output.
 """
 
 import json
@@ -73,7 +73,7 @@ def test_sizes_are_those_of_the_tool() -> None:
     )
 
 
-def test_emps_is_named_unaided() -> None:
+def test_emps_is_named_from_log_and_rig_alone() -> None:
     verdict = diagnose([EMPS / "log.csv"], read_rig(EMPS / "rig.toml")).as_dict()
     assert verdict["verdict"] == "effect"
     assert set(verdict["selected"][:2]) == {"viscous_friction", "coulomb_friction"}
@@ -104,7 +104,7 @@ def test_same_input_same_bytes_and_the_corrected_rig_gives_the_gap_after(tmp_pat
     assert "coulomb_friction" in page and "held-out" in page and "<script src=" not in page
 
 
-def test_an_effect_left_out_is_not_named() -> None:
+def test_an_excluded_effect_is_not_named() -> None:
     case = PRACTICE / "practice_008"
     verdict = diagnose(
         [case / "log.csv"],
@@ -122,11 +122,11 @@ def test_an_effect_left_out_is_not_named() -> None:
 
 
 @pytest.mark.parametrize(("visible", "form"), [(0.1, "edges"), (10.0, None)])
-def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has_it(
+def test_dead_time_is_stated_in_the_form_of_the_specification_where_that_suffices(
     visible: float, form: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A light tool whose current falls below the ripple: what the contract's mean leaves there is
-    visible, so a form of ours is stated.
+    """A light tool whose current falls below the ripple: the averaged form of docs/spec/gap.md,
+    section 3, leaves a visible gap there, so the form at the pulse edges is stated.
     """
     limits = replace(intervals.LIMITS, max_form_gap=visible)
     monkeypatch.setattr(intervals, "LIMITS", limits)
@@ -146,7 +146,7 @@ def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has
     assert found.corrected_rig().effects["dead_time"].get("form") == form
     assert (found.gap.after > 1.1) is (form is None)
     again = compute_gap(found.corrected_rig(), [log])[0]["gap"]
-    # a bad model's folds differ
+    # the folds of a model that leaves a gap differ
     assert again == pytest.approx(found.gap.after, rel=0.01 if form else 0.1)
 
 
@@ -154,10 +154,12 @@ def small_rig(folder: Path) -> Path:
     """A complete rig."""
     path = folder / "rig.toml"
     path.write_text(
-        'schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n[motor]\nresistance_ohm = 0.19\n'
-        "inductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\ninertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\n"
-        'coulomb_nm = 0.012\n[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
-        '[load]\nkind = "none"\n'
+        'schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n'
+        "[motor]\nresistance_ohm = 0.19\ninductance_h = 1e-4\n"
+        "torque_constant_nm_per_a = 0.0109\ninertia_kg_m2 = 1.6e-5\n"
+        "viscous_nm_s_per_rad = 4.5e-6\ncoulomb_nm = 0.012\n"
+        "[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n"
+        '[mechanism]\nkind = "none"\n[load]\nkind = "none"\n'
     )
     return path
 
@@ -172,7 +174,7 @@ def small_rig(folder: Path) -> Path:
         ("time_s,duty,current_a\n0.001,0.1,1\n", "usable"),
     ],
 )
-def test_unusable_logs_leave_nothing_behind(tmp_path: Path, text: str, words: str) -> None:
+def test_unusable_logs_write_no_file(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "log.csv").write_text(text)
     done = command(
         tmp_path / "log.csv",

@@ -1,5 +1,5 @@
-"""The page of a diagnosis in a real Chromium, for a verdict of each kind: all of it drawn, nothing
-on the console, nothing loaded.
+"""The page of each kind of verdict in a real Chromium: everything is drawn, the console is empty,
+nothing is loaded from elsewhere.
 """
 
 from pathlib import Path
@@ -18,7 +18,7 @@ SHORT = [(0.2, 0.4), (0.8, 0.9), (1.4, 0.5)]
 
 
 def hummed() -> MadeLog:
-    """A current with a hum that no effect makes."""
+    """A log whose current oscillates at 37 Hz, which no effect explains."""
     made = drive_log(rig(), seconds=2.0, levels=SHORT)
     made.columns["current_a"] = made.columns["current_a"] + 0.8 * np.sin(
         2.0 * np.pi * 37.0 * made.time_s
@@ -114,7 +114,7 @@ def test_the_cards_hold_the_verdicts_figures(found: dict[str, Verdict]) -> None:
         )
 
 
-def test_what_goes_wrong_in_a_page_is_seen(tmp_path: Path) -> None:
+def test_the_check_sees_errors_and_loads_of_a_page(tmp_path: Path) -> None:
     page = tmp_path / "bad.html"
     text = Page(
         "bad",

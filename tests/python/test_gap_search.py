@@ -1,5 +1,5 @@
-"""Steps of the search for sets of effects: what a set is fitted from, and when the search looks
-further than one effect.
+"""Stepwise selection: from which values a set is fitted, which members are dropped, and when two
+further effects are tried together.
 """
 
 from dataclasses import replace
@@ -45,7 +45,7 @@ def fit_at(
     return state.engine.fit([replace(h, start=np.clip(start, h.low, h.high))], rounds)[0]
 
 
-def test_a_leaner_set_starts_again_from_the_fuller_one() -> None:
+def test_a_leaner_set_is_fitted_from_the_fuller_sets_values_too() -> None:
     state = begun(Toy(HUMP))
     pair, triple = (
         ("current_gain", "stribeck_friction"),
@@ -58,7 +58,7 @@ def test_a_leaner_set_starts_again_from_the_fuller_one() -> None:
     assert search_state.key(best.ids) == pair and state.score(best) < 1.05
 
 
-def test_a_member_that_stands_in_for_the_true_one_is_exchanged() -> None:
+def test_a_member_that_imitates_the_true_one_is_exchanged() -> None:
     truth = {"effects.coulomb_friction.torque_nm": 0.006, "effects.current_gain.relative": -0.08}
     state = begun(Toy(truth))
     wrong, pair = ("current_gain", "quadratic_drag"), ("coulomb_friction", "current_gain")
@@ -82,7 +82,7 @@ def test_a_member_that_stands_in_for_the_true_one_is_exchanged() -> None:
         (("transport_delay",), "inductance", False),
     ],
 )
-def test_what_enters_none_of_the_others_equations_works_elsewhere(
+def test_an_effect_in_equations_that_the_others_do_not_reach_acts_elsewhere(
     others: tuple[str, ...], member: str, elsewhere: bool
 ) -> None:
     scored = SimpleNamespace(score=lambda one: one.left, noise_power=lambda: 1.0)
@@ -104,8 +104,8 @@ def test_what_enters_none_of_the_others_equations_works_elsewhere(
 def test_a_small_effect_in_other_equations_is_kept(
     first: str, gain: float, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Retuning leaves 104, the first effect 4: a hundredth of what it closes is enough in equations
-    that its form does not reach.
+    """Retuning leaves 104, the first effect 4: a member that acts in equations beyond the
+    first one's reach needs to gain a hundredth of what the first closes.
     """
     left = {
         "": 104.0,
@@ -136,9 +136,11 @@ def test_a_small_effect_in_other_equations_is_kept(
 
 
 @pytest.mark.parametrize(("second", "named"), [("coulomb_friction", True), ("current_gain", False)])
-def test_what_a_form_leaves_lies_where_the_effect_shows(second: str, named: bool) -> None:
-    """Beside a large offset of the current a small friction, which the speed shows too, is no form
-    of it; a small gain may be.
+def test_a_form_error_shows_in_the_signals_in_which_the_effect_shows(
+    second: str, named: bool
+) -> None:
+    """Beside a large offset of the current a small friction is no form error of the offset, because
+    the speed shows it too; a small gain of the current may be one.
     """
     small = {
         "coulomb_friction": {"effects.coulomb_friction.torque_nm": 0.002},
@@ -159,7 +161,7 @@ def test_what_a_form_leaves_lies_where_the_effect_shows(second: str, named: bool
 
 
 class Stepped:
-    """A search whose sets have given squared gaps; a set is better by `worth`, and only if its step
+    """A search whose sets have given squared gaps; a set is better if it gains `worth` and its step
     is significant.
     """
 
@@ -200,9 +202,9 @@ class Stepped:
     excess_power = search_state.Search.excess_power
 
 
-# Squared gaps of the sets of 0, 1, 2, ... effects; whether the second alone is significant; how
-# many are found. The least gap: 1.21. Two may not be what the first's form leaves, a tenth of what
-# it closes, and must close the larger part of the rest.
+# Squared gaps of the sets of 0, 1, 2, ... effects; whether the second step is significant; how
+# many effects are found. The smallest visible gap is 1.21. Two further effects are tried if the set
+# leaves more than a tenth of what it closes (form errors) and if they close the larger part of it.
 @pytest.mark.parametrize(
     ("gaps", "second", "found"),
     [
@@ -220,7 +222,7 @@ class Stepped:
         ([9.0, 4.0, 3.0, 2.49], False, 3),
     ],
 )
-def test_two_further_effects_are_looked_for_while_a_gap_is_left(
+def test_two_further_effects_are_tried_while_a_gap_is_left(
     gaps: list[float], second: bool, found: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     state = Stepped(gaps, {1: True, 2: second, 3: True})
@@ -243,11 +245,11 @@ def test_two_further_effects_are_looked_for_while_a_gap_is_left(
         (4.40, None, "coulomb_friction"),
     ],
 )
-def test_a_special_case_that_gains_nothing_over_the_base_takes_no_place(
+def test_a_special_case_that_gains_nothing_over_the_base_does_not_replace_the_general_effect(
     special: float, base: float | None, named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The general effect is not significantly better, in so few blocks; but the special one would
-    end the growth of the set.
+    """The general effect is not significantly better in so few blocks; but with the special case
+    the set would stop growing.
     """
 
     def fit_of(left: float, *ids: str) -> SimpleNamespace:
@@ -268,9 +270,9 @@ def test_a_special_case_that_gains_nothing_over_the_base_takes_no_place(
     assert found.ids == ("speed_gain", named)
 
 
-def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
-    """Where it ended alone it may have done another effect's work: kept to those numbers it gains
-    little beside the other.
+def test_an_effect_of_many_starts_is_restarted_beside_another() -> None:
+    """Alone it may converge to values that imitate another effect; from those values it gains
+    little beside that effect.
     """
     state, stribeck = begun(Toy(HUMP)), BY_ID["stribeck_friction"]
     gain = state.engine.fit(state.engine.hypotheses([BY_ID["current_gain"]]))[0]
@@ -288,7 +290,7 @@ def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
     assert found[0].out_of_fold.std() < 0.9 * astray
 
 
-def test_what_comes_near_the_best_goes_on_until_it_has_converged() -> None:
+def test_fits_near_the_best_are_continued_to_convergence() -> None:
     state = begun(Toy(HUMP))
     near, far = (
         fit_at(state, {"effects.stribeck_friction.speed_rad_s": 200.0}, ids, 0).hypothesis
@@ -306,8 +308,8 @@ def test_what_comes_near_the_best_goes_on_until_it_has_converged() -> None:
 
 
 def test_a_set_is_fitted_in_each_of_its_forms() -> None:
-    """A lag and a delay, the logger's clock and the command's: no slope leads from one form to
-    another, whichever the related fit has.
+    """A lag and a delay, the logger's clock and the command's: no gradient leads from one form
+    to another, whichever the related fit has.
     """
     state = begun(Toy({}))
     state.effects.append(BY_ID["speed_lag"])

@@ -1,5 +1,5 @@
-"""Several logs of one tool judged together, the run proposed where one log cannot decide, and what
-a gap and its remainder follow.
+"""Several logs of one tool diagnosed together; the run proposed where one log does not decide; what
+a gap and its remainder depend on.
 """
 
 from dataclasses import replace
@@ -26,7 +26,7 @@ def every_second(made: MadeLog) -> MadeLog:
     return MadeLog(made.time_s[::2], columns, "half rate")
 
 
-def test_logs_of_other_length_rate_and_columns_are_judged_together() -> None:
+def test_logs_of_different_length_rate_and_columns_are_diagnosed_together() -> None:
     tool = rig(effects={"coulomb_friction": {"torque_nm": 0.003}})
     long, short = (
         drive_log(tool),
@@ -87,7 +87,7 @@ def test_the_proposed_run_decides_what_one_log_leaves_open() -> None:
     assert (both["verdict"], both["selected"]) == ("effect", ["viscous_friction"])
 
 
-def test_a_run_is_only_proposed_to_a_tool_that_can_do_it() -> None:
+def test_only_runs_that_the_tool_can_perform_are_proposed() -> None:
     names = {c.name for c in feasible_profiles(has_duty=False, has_load=False, both_ways=False)}
     assert names == {"staircase", "stall pulse", "slow sweep", "hold at heat", "fast ramps"}
     assert {c.name for c in feasible_profiles(has_duty=True, has_load=True, both_ways=True)} == {
@@ -107,7 +107,7 @@ def test_a_run_is_only_proposed_to_a_tool_that_can_do_it() -> None:
         (None, 0.5, "staircase"),
     ],
 )
-def test_what_repeats_a_remainder_is_a_run_that_the_tool_can_do(
+def test_an_unlisted_gap_asks_for_the_run_of_its_correlate(
     follows_: str | None, torque: float, name: str
 ) -> None:
     log = MadeLog(
@@ -121,7 +121,7 @@ def test_what_repeats_a_remainder_is_a_run_that_the_tool_can_do(
     assert asked.profile == name and asked.points == profile_named(name).points()
 
 
-def test_a_curve_over_what_is_followed_gains_what_is_there() -> None:
+def test_a_smooth_curve_gains_what_depends_on_the_covariate() -> None:
     rng = np.random.default_rng(1)
     speed, cluster = rng.uniform(-100.0, 100.0, 4000), np.arange(4000) // 50
     noise = rng.standard_normal(4000)
@@ -136,7 +136,7 @@ def test_a_curve_over_what_is_followed_gains_what_is_there() -> None:
     assert correlates.describe_curve(x, y, driver) == "grows with speed"
 
 
-def test_a_driver_that_mostly_stands_still_has_a_smooth_curve_too() -> None:
+def test_a_covariate_that_is_mostly_constant_has_a_smooth_curve() -> None:
     rng = np.random.default_rng(4)
     crowded = 3e-7 * np.concatenate([1e-5 * rng.standard_normal(1200), rng.uniform(-1.0, 1.0, 400)])
     x, y = correlates.smooth_curve(
@@ -146,7 +146,7 @@ def test_a_driver_that_mostly_stands_still_has_a_smooth_curve_too() -> None:
     assert np.interp([-2e-7, 0.0, 2e-7], x, y) == pytest.approx([-4.0, 0.0, 4.0], abs=0.2)
 
 
-def test_a_line_of_the_spectrum_is_found_and_noise_has_none() -> None:
+def test_a_spectral_line_is_found_and_noise_has_none() -> None:
     rng = np.random.default_rng(2)
     time_s, noise = np.sort(rng.uniform(0.0, 6.0, 5000)), rng.standard_normal(5000)
     assert correlates.spectral_line(noise, time_s) is None

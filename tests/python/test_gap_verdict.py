@@ -1,5 +1,5 @@
-"""Decisions on a problem with known answers: none, one effect, pairs, true ties, gaps outside the
-catalogue, and the figures reported.
+"""Decisions on a problem with known answers: none, one effect, pairs, ties, gaps outside the
+catalogue; bootstrap intervals; the reported figures.
 """
 
 from dataclasses import replace
@@ -115,11 +115,11 @@ def test_a_pair_is_named_strongest_first() -> None:
 @pytest.mark.parametrize(
     "offset_a,names", [(0.4, ["coulomb_friction", "current_offset"]), (0.12, ["coulomb_friction"])]
 )
-def test_what_closes_less_than_the_forms_of_the_others_may_leave_is_not_named(
+def test_a_member_within_the_form_error_of_the_others_is_not_named(
     offset_a: float, names: list[str]
 ) -> None:
-    """Both offsets are seen; beside a friction of ten times the noise the small one may be a
-    friction of slightly other form.
+    """Both offsets are significant; beside a friction of ten times the noise the small offset may
+    be a form error of the friction.
     """
     toy = Toy(
         {"effects.coulomb_friction.torque_nm": 0.012, "effects.current_offset.offset_a": offset_a}
@@ -138,7 +138,7 @@ def test_what_closes_less_than_the_forms_of_the_others_may_leave_is_not_named(
 
 
 @pytest.mark.parametrize("drag,named_alone", [(2e-8, True), (4e-8, False)])
-def test_a_law_that_only_bends_another_is_not_named_when_several_bend_it_as_well(
+def test_a_friction_law_that_corrects_another_is_not_named_if_a_rival_law_does_as_well(
     drag: float, named_alone: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pair, other = (
@@ -177,7 +177,7 @@ def test_a_law_that_only_bends_another_is_not_named_when_several_bend_it_as_well
         ([("viscous_friction", "stribeck_friction"), ("viscous_friction", "winding_heating")], []),
     ],
 )
-def test_only_laws_of_friction_bend_one_another(
+def test_only_friction_laws_are_interchangeable(
     others: list[tuple[str, ...]], bends: list[str]
 ) -> None:
     rivals = [SimpleNamespace(ids=ids) for ids in others]
@@ -202,13 +202,13 @@ def test_a_gap_outside_the_catalogue_is_unlisted() -> None:
     assert found[1].remainder.significant
 
 
-def test_an_effect_taken_out_of_the_catalogue_is_not_named_with_confidence() -> None:
+def test_without_the_true_effect_the_gap_is_unlisted() -> None:
     toy = Toy({"effects.transport_delay.delay_s": 0.006})
     found = decided(toy, without=("transport_delay",))
     assert found[1].verdict == "unlisted"
 
 
-def test_equivalent_members_are_listed_and_do_not_make_it_ambiguous() -> None:
+def test_equivalent_effects_are_listed_and_the_verdict_stays_effect() -> None:
     toy = Toy({"effects.winding_resistance.relative": 0.1})
     found = decided(toy)
     assert found[1].verdict == "effect"
@@ -216,8 +216,8 @@ def test_equivalent_members_are_listed_and_do_not_make_it_ambiguous() -> None:
     assert [(o.id, o.instead_of) for o in listed] == [("bridge_resistance", "winding_resistance")]
 
 
-def test_sets_that_leave_the_same_but_for_chance_are_tied() -> None:
-    """Nearly the same model may differ by next to nothing, and alike in every block."""
+def test_sets_that_differ_by_chance_are_tied() -> None:
+    """Nearly equal models differ by next to nothing, equally in every block."""
     search_of, _ = decided(Toy({"effects.coulomb_friction.torque_nm": 0.004}))[:2]
     one = search_of.fits[("coulomb_friction",)]
     for squares, tied in ((2.0, True), (6.0, False)):
@@ -238,7 +238,7 @@ def test_a_true_tie_is_ambiguous() -> None:
     assert max(chance.values()) < 0.9
 
 
-def test_between_equals_the_likelier_and_smaller_is_preferred() -> None:
+def test_of_tied_sets_the_smaller_and_likelier_is_preferred() -> None:
     engine = Engine(Toy({}), SCALES, {})
     inertia, clock, compliance = (
         engine.fit(engine.hypotheses([BY_ID[i]])[:1], 0)[0]
@@ -266,7 +266,9 @@ def test_between_equals_the_likelier_and_smaller_is_preferred() -> None:
         (0.995, "added_inertia"),
     ],
 )
-def test_edges_on_another_clock_prefer_what_explains_it(scale: float, named: str) -> None:
+def test_a_scale_error_of_the_edges_prefers_the_set_that_explains_it(
+    scale: float, named: str
+) -> None:
     toy = Toy({})
     engine = Engine(toy, SCALES, {})
     toy.runs = [SimpleNamespace(edge_scale=scale)]
@@ -287,7 +289,7 @@ def test_closed_figures() -> None:
 
 
 class Scored:
-    """A search of which only the squared gaps matter."""
+    """A search reduced to squared gaps; a fit is its own squared gap."""
 
     def __init__(self, nominal: float, retuned: float, best: float) -> None:
         self.nominal, self.retuned, self.best = nominal, retuned, best
@@ -317,7 +319,7 @@ class Scored:
 
 
 def structure(significant: bool) -> remainder.Remainder:
-    """What is left, as far as a verdict asks."""
+    """A remainder without a correlate."""
     return remainder.Remainder(significant, None, 0.0, None)
 
 
@@ -327,7 +329,7 @@ def selected(state: Scored, best: float) -> search.Selection:
 
 
 class Named(float):
-    """A squared gap that is also a fit with names."""
+    """A squared gap that is also a fit with effect ids."""
 
     ids: tuple[str, ...] = ()
 
@@ -338,10 +340,10 @@ def named_gap(after: float, count: int) -> Named:
     return one
 
 
-# A patchwork leaves more than the least visible gap (10 % above the noise: 1.21), and more than
-# 0.08 (two effects) or 0.05 of the gap.
+# A set of several effects is doubtful if it leaves more than the smallest visible gap (10 % above
+# the noise: 1.21), and more than 0.08 (two effects) or 0.05 of the gap.
 @pytest.mark.parametrize(
-    ("count", "retuned", "after", "patchwork"),
+    ("count", "retuned", "after", "doubtful"),
     [
         (2, 9.0, 1.62, False),
         (2, 9.0, 1.66, True),
@@ -353,17 +355,17 @@ def named_gap(after: float, count: int) -> Named:
         (2, 3.0, 1.22, True),
     ],
 )
-def test_several_effects_that_leave_a_visible_gap_are_a_patchwork(
-    count: int, retuned: float, after: float, patchwork: bool
+def test_several_effects_that_leave_a_visible_gap_approximate_another(
+    count: int, retuned: float, after: float, doubtful: bool
 ) -> None:
     state, best = Scored(retuned, retuned, after), named_gap(after, count)
-    assert decision.approximates_other_effect(state, best) is patchwork
+    assert decision.approximates_other_effect(state, best) is doubtful
 
 
-# One effect: 0.7 of the gap before retuning (contract) and the larger part of the rest; two: 0.85
-# of what retuning leaves.
+# One effect closes 0.7 of the squared gap before retuning (docs/spec/gap.md, section 3) and the
+# larger part of what retuning leaves; two close 0.85 of what retuning leaves.
 @pytest.mark.parametrize(
-    ("count", "nominal", "retuned", "after", "imitation"),
+    ("count", "nominal", "retuned", "after", "doubtful"),
     [
         (1, 11.0, 11.0, 3.9, False),
         (1, 11.0, 11.0, 4.1, True),
@@ -374,32 +376,32 @@ def test_several_effects_that_leave_a_visible_gap_are_a_patchwork(
         (2, 11.0, 3.0, 1.4, True),
     ],
 )
-def test_what_closes_too_little_imitates_something_else(
-    count: int, nominal: float, retuned: float, after: float, imitation: bool
+def test_a_set_that_closes_too_little_is_doubtful(
+    count: int, nominal: float, retuned: float, after: float, doubtful: bool
 ) -> None:
     state, best = Scored(nominal, retuned, after), named_gap(after, count)
-    assert decision.closes_too_little(state, best) is imitation
+    assert decision.closes_too_little(state, best) is doubtful
 
 
-# What all blocks leave, and what the contract's do; the larger part of what retuning leaves must go
-# over all of them.
+# Squared gap over all blocks and over the judged blocks; over all blocks the larger part of what
+# retuning leaves must close.
 @pytest.mark.parametrize(
-    ("after", "reported", "imitation"),
+    ("after", "reported", "doubtful"),
     [(4.1, 4.1, True), (4.1, 3.9, False), (5.9, 3.9, False), (6.1, 3.9, True)],
 )
-def test_the_bulk_is_the_contracts_over_its_blocks_or_over_all(
-    after: float, reported: float, imitation: bool
+def test_one_effect_closes_enough_over_the_judged_blocks_or_over_all(
+    after: float, reported: float, doubtful: bool
 ) -> None:
     state, best = Scored(11.0, 11.0, after), named_gap(after, 1)
     state.reported_score = lambda one: reported if one is best else one
-    assert decision.closes_too_little(state, best) is imitation
+    assert decision.closes_too_little(state, best) is doubtful
 
 
 @pytest.mark.parametrize(
     ("retuned", "after", "seen"),
     [(1.09**2, 1.0, False), (1.11**2, 1.0, True), (1.0, 0.85**2, True), (1.0, 0.95**2, False)],
 )
-def test_a_gap_below_the_contracts_least_is_no_effect(
+def test_an_effect_that_closes_no_visible_gap_is_not_named(
     retuned: float, after: float, seen: bool
 ) -> None:
     assert (
@@ -408,7 +410,7 @@ def test_a_gap_below_the_contracts_least_is_no_effect(
     )
 
 
-def test_few_blocks_widen_intervals() -> None:
+def test_intervals_over_few_blocks_are_wider() -> None:
     # Student's t for 5 degrees of freedom
     assert small_sample_factor(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)
     assert small_sample_factor(1000, 0.95) == pytest.approx(1.0, abs=0.002)
@@ -416,7 +418,7 @@ def test_few_blocks_widen_intervals() -> None:
     rows = SimpleNamespace(log=np.zeros(600, int), time_s=time_s, censored=np.zeros(600, bool))
     blocks = make_blocks(rows, np.ones(600, bool), 0.1, 0)
     low, high = difference_interval(blocks, np.array([3.0, 0.2, 2.0, 0.1, 0.3, 3.0]) * 100.0, 0.99)
-    assert low < 0.0 < 2.0 < high  # six blocks of one sign are no evidence at 99 %
+    assert low < 0.0 < 2.0 < high  # six blocks of one sign are not significant at 99 %
 
 
 def blocks_of(count: int, rows: int = 10) -> Blocks:
@@ -429,7 +431,7 @@ def blocks_of(count: int, rows: int = 10) -> Blocks:
 
 @pytest.mark.parametrize("count", [6, 8, 14, 60])
 @pytest.mark.parametrize("law", ["normal", "laplace", "standard_cauchy"])
-def test_differences_without_meaning_seldom_pass(count: int, law: str) -> None:
+def test_differences_of_zero_mean_are_seldom_significant(count: int, law: str) -> None:
     blocks, rng = blocks_of(count), np.random.default_rng(1)
     trials = getattr(rng, law)(size=(300, count))
     passed = [typical_value_interval(blocks, trial, 0.9)[0] > 0.0 for trial in trials]
@@ -440,10 +442,10 @@ def test_a_few_large_gains_among_small_ones_of_their_sign_are_significant() -> N
     gains = np.array([97.0, 22, 190, -5, 72, -5, 4149, 1971, 174, 3723, 52, 24, 3, 5])
     assert difference_interval(blocks_of(14), gains, 0.99)[0] > 0.0
     one = np.array([97.0, -22, 190, -85, 72, -95, 9149, -71, -74, -123, 52, 24, -30, 5])
-    assert difference_interval(blocks_of(14), one, 0.99)[0] < 0.0  # one lucky block
+    assert difference_interval(blocks_of(14), one, 0.99)[0] < 0.0  # one block alone
 
 
-def test_models_that_part_in_few_blocks_far_beyond_the_noise_are_told_apart() -> None:
+def test_models_that_differ_in_few_blocks_far_beyond_the_noise_are_distinguished() -> None:
     blocks, left = blocks_of(18, 100), np.random.default_rng(3).normal(size=1800)
     apart = np.zeros(1800)
     apart[900:930] = 5.0
@@ -453,7 +455,7 @@ def test_models_that_part_in_few_blocks_far_beyond_the_noise_are_told_apart() ->
         assert (fixed_design_bound(blocks, left + distance, left) > 0.0) is told
 
 
-def test_what_rivals_differ_by_must_also_matter() -> None:
+def test_rivals_must_differ_by_the_minimum_effect_size() -> None:
     state = Scored(4.0, 4.0, 1.0)
     state.blocks, state.clip_sigma, noise = (
         blocks_of(18, 1000),
@@ -480,7 +482,7 @@ def test_what_rivals_differ_by_must_also_matter() -> None:
         ([0.0, 6.0, 0.0, 1.0, 0.0, 0.0, 0.0], False),
     ],
 )
-def test_a_gain_in_few_blocks_of_a_short_log_is_one_unless_one_block_makes_it(
+def test_a_gain_in_few_blocks_of_a_short_log_counts_unless_it_is_in_one_block(
     distances: list[float], better: bool
 ) -> None:
     state, noise = Scored(4.0, 4.0, 1.0), np.random.default_rng(3).normal(size=700)
@@ -502,7 +504,7 @@ def test_a_gain_in_few_blocks_of_a_short_log_is_one_unless_one_block_makes_it(
 
 @pytest.mark.parametrize("alike", [False, True])
 @pytest.mark.parametrize("share", [0.1, 0.3, 1.0])
-def test_the_least_loss_on_a_run_is_seldom_overestimated(alike: bool, share: float) -> None:
+def test_the_fixed_design_bound_seldom_exceeds_the_true_loss(alike: bool, share: float) -> None:
     """Noise of each row, or the same for all rows of a block, where two models differ in a share of
     the blocks.
     """
@@ -523,15 +525,15 @@ def test_the_least_loss_on_a_run_is_seldom_overestimated(alike: bool, share: flo
         ([200.0] * 4 + [0.0] * 16, True),
     ],
 )
-def test_an_event_in_one_block_is_no_gap(above: list[float], stands: bool) -> None:
+def test_an_excess_in_one_block_is_no_remainder(above: list[float], stands: bool) -> None:
     state = Scored(1.0, 1.0, 1.0 + sum(above) / 200.0)
     state.blocks, state.block_losses = blocks_of(20), lambda one: 10.0 + np.array(above)
     assert remainder.stands_above_noise(state, named_gap(state.best, 0), 1.0) is stands
 
 
-def test_a_form_that_others_mend_is_still_the_effect() -> None:
-    """A doubtful pair gives way to its member that closes the bulk alone; without such a member it
-    stays unlisted.
+def test_a_doubtful_pair_gives_way_to_a_sufficient_member() -> None:
+    """A doubtful pair gives way to the member that closes enough alone; without such a member the
+    gap is unlisted.
     """
     state, pair = Scored(11.0, 11.0, 1.9), named_gap(2.6, 2)
     state.fits = {("a",): named_gap(3.0, 1), ("b",): named_gap(9.0, 1)}
@@ -549,7 +551,7 @@ def test_a_form_that_others_mend_is_still_the_effect() -> None:
         (1.5, False, "none"),
     ],
 )
-def test_a_remainder_below_the_contracts_least_gap_is_none(
+def test_a_remainder_below_the_smallest_visible_gap_is_none(
     left: float, significant: bool, said: str
 ) -> None:
     state = Scored(left, left, left)
@@ -566,10 +568,10 @@ def test_a_remainder_below_the_contracts_least_gap_is_none(
         ([20.0] * 4 + [0.0] * 16, "speed", "unlisted"),
     ],
 )
-def test_a_remainder_that_follows_nothing_must_be_a_gap_in_most_draws(
+def test_a_remainder_without_correlate_must_be_a_gap_in_most_bootstrap_samples(
     above: list[float], follows: str | None, said: str
 ) -> None:
-    """0.4 of the noise power in all: everywhere, or in four blocks of twenty."""
+    """Excess of 0.4 noise powers in total: in every block, or in four blocks of twenty."""
     state = Scored(1.4, 1.4, 1.4)
     state.blocks, state.block_losses = blocks_of(20), lambda one: 10.0 + np.array(above)
     left = replace(structure(True), best_correlate=follows)
@@ -598,7 +600,7 @@ def test_doubtful_sets_are_not_named(
 
 
 @pytest.mark.parametrize("seen", [True, False])
-def test_no_search_goes_on_from_an_effect_that_cannot_be_seen(
+def test_forward_selection_stops_at_an_effect_that_closes_no_visible_gap(
     seen: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     state, one = Scored(2.0, 1.1, 1.0), named_gap(1.0, 1)
@@ -613,7 +615,7 @@ def test_no_search_goes_on_from_an_effect_that_cannot_be_seen(
     assert forward.forward(state)[1] == (one if seen else state.retuned)
 
 
-def test_equal_parameters_run_once() -> None:
+def test_equal_parameter_sets_are_simulated_once() -> None:
     engine = Engine(Toy({}), SCALES, {})
     h = engine.hypotheses([BY_ID["coulomb_friction"]])[0]
     rows = np.stack(
@@ -625,7 +627,7 @@ def test_equal_parameters_run_once() -> None:
     assert not np.array_equal(rows[0], rows[1])
 
 
-def test_kept_key_columns_lead_to_the_same_fit() -> None:
+def test_reused_nuisance_columns_lead_to_the_same_fit() -> None:
     tolerance = {
         "motor.resistance_ohm": 0.02,
         "motor.torque_constant_nm_per_a": 0.004,

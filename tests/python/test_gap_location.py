@@ -1,5 +1,5 @@
-"""Where: shares that add to one and sit where the effect is, sensors not mistaken for physics, and
-what a remainder follows.
+"""Location of the gap: Shapley shares add to one and lie in the subsystem of the effect; regimes;
+what a remainder depends on.
 """
 
 import numpy as np
@@ -29,7 +29,7 @@ def test_the_share_lies_where_the_effect_is(name: str, size: float, place: str) 
     assert all(v >= 0.0 for v in shares.values())
 
 
-def test_two_places_share() -> None:
+def test_effects_in_two_subsystems_share_the_gap() -> None:
     state, finding = decided(
         Toy({"effects.coulomb_friction.torque_nm": 0.003, "effects.current_offset.offset_a": 0.5})
     )
@@ -45,7 +45,7 @@ def test_shapley_of_a_known_game() -> None:
     assert location.shapley(["a", "b"], worth, "b") == pytest.approx(1.5)
 
 
-def test_a_remainder_that_follows_speed_is_found_and_noise_is_not() -> None:
+def test_a_remainder_that_depends_on_speed_is_significant_and_noise_is_not() -> None:
     toy = Toy({})
     state, finding = decided(toy)
     speed = np.tile(toy.measured_rows[1], 3)
@@ -57,7 +57,7 @@ def test_a_remainder_that_follows_speed_is_found_and_noise_is_not() -> None:
     assert (left.significant, left.best_correlate, left.signal) == (True, "speed", "speed_rpm")
 
 
-def test_regimes_hold_the_whole_gap() -> None:
+def test_the_shares_of_the_regimes_add_to_one() -> None:
     toy = Toy({"effects.coulomb_friction.torque_nm": 0.003})
     state, _ = decided(toy)
     parts = location.regime_shares(state)
