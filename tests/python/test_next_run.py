@@ -1,5 +1,5 @@
-"""One log of the AVR firmware leaves two effects tied; the run that the verdict proposes, performed by
-the firmware, decides between them.
+"""One log of the AVR firmware leaves two effects tied; the run that the verdict proposes, performed
+by the firmware, decides between them.
 """
 
 import numpy as np
