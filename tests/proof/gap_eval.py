@@ -18,8 +18,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from vgroove.gap import diagnose  # noqa: E402
 from vgroove.rig import read_rig  # noqa: E402
 
-# a gap that retuning brings below this: stated tolerances explain the effect, `none` is what the
-# contract asks for
+# a gap that retuning brings below this: stated tolerances explain the effect, and `none` is right
+# (docs/spec/gap.md, section 5)
 HIDDEN = 1.05
 
 
@@ -82,8 +82,9 @@ def row(result: dict[str, Any]) -> str:
     top = verdict["effects"][0]["probability"] if verdict["effects"] else 0.0
     sizes = "/".join(f"{v:.1f}" for v in label.get("times_visible", {}).values())
     return (
-        f"{mark:6s} {Path(result['case']).name} {label.get('profile', ''):11s} {truth} x{sizes} -> {verdict['verdict']} "
-        f"{'+'.join(verdict['selected'])} [{rivals}] p {top:.2f} gap {gap['before']:.2f}/{gap['retuned']:.2f}/{gap['after']:.2f} "
+        f"{mark:6s} {Path(result['case']).name} {label.get('profile', ''):11s} {truth} x{sizes} -> "
+        f"{verdict['verdict']} {'+'.join(verdict['selected'])} [{rivals}] p {top:.2f} "
+        f"gap {gap['before']:.2f}/{gap['retuned']:.2f}/{gap['after']:.2f} "
         f"{result['seconds']:.1f} s (cpu {result['cpu_seconds']:.1f})"
     )
 
@@ -98,7 +99,7 @@ def kind_of(label: dict[str, Any]) -> str:
 
 
 def totals(results: list[dict[str, Any]]) -> list[str]:
-    """Rates by kind of case, confident wrong names, times, wrong answers, what right ones closed."""
+    """Rates by kind of case, confident wrong names, times, wrong answers, closed gaps."""
     lines = []
     for kind in ("none", "unlisted", "single", "pair", "triple"):
         mine = [r for r in results if kind_of(r["label"]) == kind]
@@ -117,7 +118,8 @@ def totals(results: list[dict[str, Any]]) -> list[str]:
         times = sorted(r[what] for r in results)
         tenth = times[int(0.9 * (len(times) - 1))]
         lines.append(
-            f"{what}: median {times[len(times) // 2]:.1f}, tenth above {tenth:.1f}, most {times[-1]:.1f}"
+            f"{what}: median {times[len(times) // 2]:.1f}, tenth above {tenth:.1f}, "
+            f"most {times[-1]:.1f}"
         )
     return lines + confusion(results) + closing(results)
 

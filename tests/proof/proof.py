@@ -43,7 +43,7 @@ def commit() -> str:
 
 
 def kept(folder: Path, name: str, work: Callable[[], dict]) -> dict:
-    """The result of an item from an interrupted run of the same commit, or of doing the work now."""
+    """The result of an item, kept from an interrupted run of the same commit or else computed."""
     path = folder / f"{name}.json"
     if not path.exists():
         result = work()

@@ -14,7 +14,7 @@ from vgroove.guided_run import GuidedRun
 from vgroove.log import Log, log_from_session, log_from_stream
 from vgroove.recorder import RUN_COMPLETE
 from vgroove.rig import read_rig
-from vgroove.scenario import SAMPLES_A_ROW, make_plant, without_board_effects
+from vgroove.scenario import CURRENT_SAMPLES_PER_ROW, make_plant, without_board_effects
 
 EFFECT = {"viscous_friction": {"nm_s_per_rad": 2e-6}}
 ONE_SPEED = ((0.0, 0.0), (0.6, 0.0), (0.62, 0.5))
@@ -24,7 +24,7 @@ def recorded(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log
     """Log that the firmware's ELF sends of a tool with the effect, for a course of the trigger."""
     sensors = read_rig(RIG).sensors
     noise_a, noise_v = (
-        sensors["current_noise_a"] * SAMPLES_A_ROW[0] ** 0.5,
+        sensors["current_noise_a"] * CURRENT_SAMPLES_PER_ROW**0.5,
         sensors["supply_noise_v"],
     )
     front = lockstep.FrontEnds(current_noise_a=noise_a, supply_noise_v=noise_v)

@@ -14,7 +14,15 @@ if str(TRUTH) not in sys.path:
     sys.path.insert(0, str(TRUTH))
 
 import sealed  # noqa: E402
-from cases import SILENT, Setting, columns, effect_params, simulate, visibility, visible_limit  # noqa: E402
+from cases import (  # noqa: E402
+    SILENT,
+    Setting,
+    columns,
+    effect_params,
+    simulate,
+    visibility,
+    visible_limit,
+)
 from effects import BY_ID, CATALOGUE, FIRST, OUTSIDE, top_speed  # noqa: E402
 from profiles import draw  # noqa: E402
 from rigs import REFERENCE, Rig  # noqa: E402
@@ -75,8 +83,8 @@ def steady(duty: float, seconds: float = 0.8, **params: float) -> dict[str, floa
 
 
 class Nominal:
-    """physics.md sections 1 and 2, bridge averaged, friction as a sign with sticking; states i, w,
-    angle, charge, bus volt seconds.
+    """docs/spec/model.md, sections 1 and 2: bridge averaged, friction as a sign with sticking;
+    states i, w, angle, charge, bus volt seconds.
     """
 
     def __init__(self, rig: Rig, command: Command) -> None:

@@ -232,7 +232,7 @@ def gap_left(setting: Setting, params: dict[str, float]) -> float:
 def draw_size(
     setting: Setting, level: Level, effect_id: str, regime: str, rng: np.random.Generator
 ) -> tuple[float, float]:
-    """(size with its sign, multiple of the visible limit): log-uniform over the regime's multiples."""
+    """(signed size, multiple of the visible limit), log-uniform in the regime's multiples."""
     effect = BY_ID[effect_id]
     sign = float(rng.choice([-1.0, 1.0])) if effect.signed else 1.0
     least, most = SIZES[regime]

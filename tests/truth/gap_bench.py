@@ -189,7 +189,8 @@ def thawed(row: dict[str, object]) -> Case:
     )
     if list(case.ids) != row["ids"]:
         raise ValueError(
-            f"case {row['number']} of {row['half']} holds {case.ids}, not {row['ids']}: freeze it anew"
+            f"case {row['number']} of {row['half']} holds {case.ids}, not {row['ids']}: "
+            "freeze it again"
         )
     return case
 

@@ -147,7 +147,7 @@ def measured(log: Seen) -> np.ndarray:
 
 def since_restart(log: Seen, speed: np.ndarray) -> np.ndarray:
     """With a current as input nothing holds the model's speed, whose errors add up from the last
-    restart on (0.25 s, the contract's).
+    restart on (0.25 s: docs/spec/gap.md, section 5).
     """
     if log.setting.rig.input != "current_a" or len(speed) == 0:
         return speed
@@ -438,8 +438,8 @@ def scaled(
 
 
 def tied(time_s: np.ndarray, truth: np.ndarray, rival: np.ndarray) -> int:
-    """-1: the rival is decidedly worse; 0: blocks and noise leave it open (as the contract has it,
-    by a block bootstrap); 1: better.
+    """-1: the rival is decidedly worse; 0: blocks and noise leave it open (block bootstrap,
+    docs/spec/gap.md, section 5); 1: better.
     """
     block = (time_s / BLOCK_S).astype(int)
     truth, rival = np.clip(truth, -CLIP, CLIP), np.clip(rival, -CLIP, CLIP)

@@ -128,7 +128,7 @@ def generator_params(rig: Rig) -> dict[str, float]:
 
 
 def toml(rig: Rig) -> str:
-    """rig.toml as section 2 of the gap contract has it."""
+    """rig.toml (docs/spec/gap.md, section 2)."""
     d = asdict(rig)
     s = rig.sensors
     volts = rig.voltage_v if rig.input == "voltage_v" else 1.0

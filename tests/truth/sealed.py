@@ -30,7 +30,7 @@ BOARD = Sensors(
 TOOL_NOISE = {"current_noise_a": 0.15, "supply_noise_v": 0.02, "hall_jitter_s": 2e-7}
 # Trigger of the demo: (time, signed duty); zero is the released trigger, where the bridge opens.
 # Upwards only: on the way down the current would cross zero within the PWM ripple, where the
-# averaged dead time of the nominal bridge is no longer what a bridge does.
+# averaged dead time of the nominal bridge differs from that of a switching bridge.
 DEMO_STEPS = (
     (0.0, 0.0),
     (0.2, 0.08),

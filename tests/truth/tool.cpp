@@ -515,7 +515,7 @@ double Tool::edge_angle(long index) const {
 // sensor's hysteresis.
 void Tool::find_edges(double t0, double h, double angle0) {
     if (params.hall_edges <= 0.0 || !(std::abs(state.angle_rad - angle0) < 1.0)) {
-        return;  // no sensor, or numbers that are none any more
+        return;  // no sensor, or the state is not finite
     }
     const double a0 = hall_angle(angle0), a1 = hall_angle(state.angle_rad);
     const auto keep = [&](double at, int direction) {

@@ -10,7 +10,7 @@
 
 namespace truth {
 
-// Counter-based enough for our purpose: splitmix64, the same numbers on every machine.
+// Random numbers by splitmix64: the same numbers on every machine.
 class Chance {
 public:
     explicit Chance(std::uint64_t seed) : state_(seed) {}

@@ -99,7 +99,8 @@ def library_path() -> Path:
     found = sorted(built, key=lambda path: path.stat().st_mtime)
     if not found:
         raise FileNotFoundError(
-            "libvgroove_truth.so is not built: cmake -S tests/truth -B build/truth && cmake --build build/truth"
+            "libvgroove_truth.so is not built: cmake -S tests/truth -B build/truth && "
+            "cmake --build build/truth"
         )
     return found[-1]
 
@@ -169,7 +170,9 @@ class Generator:
         Generator._lib.truth_start(self._tool)
 
     def inside(self) -> dict[str, float]:
-        """Inner quantities now: states and the energies drawn, lost and stored since the start."""
+        """Inner quantities at this instant: states, and the energies drawn, lost and stored since
+        the start.
+        """
         out = np.zeros(len(INSIDE))
         Generator._lib.truth_inside(self._tool, _pointer(out))
         return dict(zip(INSIDE, out.tolist(), strict=True))
