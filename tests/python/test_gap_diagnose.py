@@ -128,8 +128,8 @@ def test_dead_time_is_stated_in_the_form_of_the_specification_where_that_suffice
     """A light tool whose current falls below the ripple: the averaged form of docs/spec/gap.md,
     section 3, leaves a visible gap there, so the form at the pulse edges is stated.
     """
-    limits = replace(intervals.LIMITS, max_form_gap=visible)
-    monkeypatch.setattr(intervals, "LIMITS", limits)
+    limits = replace(intervals.ESTIMATE, max_form_gap=visible)
+    monkeypatch.setattr(intervals, "ESTIMATE", limits)
     light = rig(
         motor={"coulomb_nm": 0.003, "viscous_nm_s_per_rad": 1e-6},
         sensors={"current_noise_a": 0.05, "current_lsb_a": 0.01},

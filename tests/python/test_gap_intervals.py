@@ -14,7 +14,7 @@ from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.intervals import (
-    LIMITS,
+    ESTIMATE,
     Estimate,
     estimate_over_long_stretches,
     speed_time_constant_s,
@@ -101,7 +101,8 @@ def test_an_interval_contains_the_form_error(problem: Problem, engine: Engine) -
     half = 0.5 * (friction.ci95[1] - friction.ci95[0])
     assert half == pytest.approx(
         np.hypot(
-            scatter(found, "effects.coulomb_friction.torque_nm"), LIMITS.form_error * friction.value
+            scatter(found, "effects.coulomb_friction.torque_nm"),
+            ESTIMATE.form_error * friction.value,
         )
     )
 
@@ -110,7 +111,7 @@ def test_a_model_that_lacks_an_effect_has_no_long_estimate(
     problem: Problem, engine: Engine
 ) -> None:
     retuned = engine.fit(engine.hypotheses([]), 8)[0]
-    assert problem.gap(retuned.residual) > LIMITS.max_gap
+    assert problem.gap(retuned.residual) > ESTIMATE.max_gap
     assert estimate_over_long_stretches(engine, retuned) is None
 
 

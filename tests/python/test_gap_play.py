@@ -1,5 +1,5 @@
-"""A play is named whatever the coefficient of restitution of its flanks, which no rig states; the
-corrected rig holds the flanks as the spring and damper of a coupler.
+"""A play is identified whatever the coefficient of restitution of its flanks, which no rig states;
+the corrected rig holds the flanks as a coupler's spring and damper.
 """
 
 import numpy as np
@@ -23,8 +23,8 @@ UP_AND_DOWN = [
 
 
 def with_play(restitution: float, flank_rad_s: float) -> Rig:
-    """A tool with 0.15 rad of play between flanks of a coefficient of restitution, whose contact
-    oscillates at flank_rad_s against both sides.
+    """A tool with 0.15 rad of play between flanks of this coefficient of restitution and natural
+    frequency (rad/s) with both sides.
     """
     plain = rig(gearbox={"output_inertia_kg_m2": 2.4e-4})
     motor, output = (
@@ -44,7 +44,7 @@ def with_play(restitution: float, flank_rad_s: float) -> Rig:
 
 
 @pytest.mark.parametrize(("restitution", "flank_rad_s"), [(0.55, 5000.0), (0.75, 2500.0)])
-def test_a_play_is_named_for_any_restitution_of_its_flanks(
+def test_a_play_is_identified_whatever_the_restitution_of_its_flanks(
     restitution: float, flank_rad_s: float
 ) -> None:
     made = drive_log(with_play(restitution, flank_rad_s), seconds=4.2, levels=UP_AND_DOWN)

@@ -129,7 +129,7 @@ def test_a_small_effect_in_other_equations_is_kept(
     )
     assert (
         backward.drop_form_corrections(
-            state, fit_of(first, "supply_resistance"), limits.LIMITS.max_form_share
+            state, fit_of(first, "supply_resistance"), limits.STEPWISE.max_form_share
         ).ids
         == (first, "supply_resistance")
     ) is kept
@@ -152,11 +152,11 @@ def test_a_form_error_shows_in_the_signals_in_which_the_effect_shows(
     state.fits[pair] = fit_at(state, truth, pair, 6)
     alone = state.fit_and_keep([state.engine.hypotheses([BY_ID["current_offset"]])[0]])[0]
     assert state.is_better(state.fits[pair], alone)
-    assert state.score(alone) - state.score(state.fits[pair]) < limits.LIMITS.max_form_share * (
+    assert state.score(alone) - state.score(state.fits[pair]) < limits.STEPWISE.max_form_share * (
         state.score(state.retuned) - state.score(alone)
     )
     assert backward.drop_form_corrections(
-        state, state.fits[pair], limits.LIMITS.max_form_share
+        state, state.fits[pair], limits.STEPWISE.max_form_share
     ) is (state.fits[pair] if named else alone)
 
 
@@ -184,13 +184,13 @@ class Stepped:
         self,
         fuller: SimpleNamespace,
         leaner: SimpleNamespace,
-        worth: float = search_state.LIMITS.min_gain,
+        worth: float = search_state.COMPARISON.min_gain,
     ) -> bool:
         steps = len(fuller.ids) - len(leaner.ids)
         return leaner.gap - fuller.gap > worth and (steps > 1 or self.significant[len(fuller.ids)])
 
     def min_gain(self, leaner: SimpleNamespace) -> float:
-        return search_state.LIMITS.min_gain
+        return search_state.COMPARISON.min_gain
 
     def noise_power(self) -> float:
         return 1.0
@@ -301,7 +301,7 @@ def test_fits_near_the_best_are_continued_to_convergence() -> None:
     found = state.fit_and_keep([near, far], 1)
     assert (
         found[0].cost
-        == state.engine.fit([near], search_state.LIMITS.max_rounds)[0].cost
+        == state.engine.fit([near], search_state.COMPARISON.max_rounds)[0].cost
         < brief[0].cost - 100.0
     )
     assert not found[0].improving and found[1].improving and found[1].cost == brief[1].cost

@@ -1,8 +1,8 @@
-"""Servos that swing a pendulum, logged by a coarse angle alone: frictions that the encoder's steps
-would hide in a speed differentiated from row to row.
+"""Servos that move a pendulum, logged by a coarse angle alone: their friction is below the noise of
+speeds from row to row, which the encoder's steps make.
 
-The servo is not that of the plant: LuGre bristle friction instead of a sign function, steps of
-0.1 ms, and a position controller that holds its voltage for a row.
+The servo is not that of the plant: bristles (LuGre) instead of a sign, steps of 0.1 ms, a position
+loop that holds its voltage for a row.
 """
 
 from collections.abc import Callable

@@ -134,7 +134,7 @@ def test_a_member_within_the_form_error_of_the_others_is_not_named(
     share = (found[0].score(alone) - found[0].score(pair)) / (
         found[0].score(found[0].retuned) - found[0].score(alone)
     )
-    assert (share > limits.LIMITS.max_form_share) == (len(names) == 2)
+    assert (share > limits.STEPWISE.max_form_share) == (len(names) == 2)
 
 
 @pytest.mark.parametrize("drag,named_alone", [(2e-8, True), (4e-8, False)])
@@ -162,8 +162,8 @@ def test_a_friction_law_that_corrects_another_is_not_named_if_a_rival_law_does_a
         state.score(state.retuned) - state.score(alone)
     )
     assert (
-        share > limits.LIMITS.min_share_of_tied_member
-        and (share < limits.LIMITS.max_friction_form_share) is named_alone
+        share > limits.STEPWISE.min_share_of_tied_member
+        and (share < limits.STEPWISE.max_friction_form_share) is named_alone
     )
     assert (best, found) == ((alone, []) if named_alone else (state.fits[pair], [other]))
 
@@ -459,7 +459,7 @@ def test_rivals_must_differ_by_the_minimum_effect_size() -> None:
     state = Scored(4.0, 4.0, 1.0)
     state.blocks, state.clip_sigma, noise = (
         blocks_of(18, 1000),
-        search_state.LIMITS.clip_sigma,
+        search_state.COMPARISON.clip_sigma,
         np.random.default_rng(3).normal(size=18000),
     )
     state.block_losses = lambda one: np.bincount(state.blocks.cluster, weights=one.out_of_fold**2)
@@ -486,7 +486,7 @@ def test_a_gain_in_few_blocks_of_a_short_log_counts_unless_it_is_in_one_block(
     distances: list[float], better: bool
 ) -> None:
     state, noise = Scored(4.0, 4.0, 1.0), np.random.default_rng(3).normal(size=700)
-    state.blocks, state.clip_sigma = blocks_of(7, 100), search_state.LIMITS.clip_sigma
+    state.blocks, state.clip_sigma = blocks_of(7, 100), search_state.COMPARISON.clip_sigma
     state.block_losses = lambda one: np.bincount(state.blocks.cluster, weights=one.out_of_fold**2)
     fuller, leaner = named_gap(1.0, 2), named_gap(4.0, 1)
     fuller.out_of_fold, leaner.out_of_fold = noise, noise + np.repeat(distances, 100)
@@ -494,7 +494,7 @@ def test_a_gain_in_few_blocks_of_a_short_log_counts_unless_it_is_in_one_block(
         difference_interval(
             state.blocks,
             state.block_losses(leaner) - state.block_losses(fuller),
-            search_state.LIMITS.significance,
+            search_state.COMPARISON.significance,
         )[0]
         <= 0.0
         or not better

@@ -5,7 +5,7 @@ last edge period.
 import numpy as np
 import numpy.typing as npt
 
-from vgroove.gap.residual.channels import SpanChannel, span_channel
+from vgroove.gap.residual.channels import ChannelInfo, Samples, SpanChannel, Spans, span_channel
 
 Floats = npt.NDArray[np.float64]
 
@@ -39,17 +39,6 @@ def hall_channel(time_s: Floats, edges_s: Floats) -> SpanChannel:
     row = np.flatnonzero(last >= 1)
     start, end = edges_s[last[row] - 1], edges_s[last[row]]
     measured = 2.0 * np.pi / PULSES_PER_TURN / (end - start)
-    nothing = np.zeros(row.size)
-    return span_channel(
-        "speed_rpm",
-        "rad/s",
-        time_s,
-        (start, end),
-        row,
-        measured,
-        nothing,
-        nothing.astype(bool),
-        1.0,
-        True,
-        "",
-    )
+    info = ChannelInfo("speed_rpm", "rad/s", edges=True)
+    samples = Samples(row, measured, np.zeros(row.size))
+    return span_channel(info, samples, Spans(time_s, start, end))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgroove.gap.catalogue import Effect, Scales
+from vgroove.gap.cleaning.sensor_noise import MAD_TO_SIGMA
 from vgroove.gap.fitting.coordinates import HypothesisBuilder
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.fitting.normal_equations import FoldGroups
@@ -28,7 +29,6 @@ from vgroove.gap.residual.protocol import MeasuredProblem
 # Threshold of Huber's loss in robust standard deviations of the residuals: in the first round, in
 # which a start may be far off, and from then on. Chosen on the tuning half of the blind set.
 FIRST_HUBER_SIGMAS, FINAL_HUBER_SIGMAS = 20.0, 4.0
-MAD_TO_SIGMA = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 MAX_RESIDUAL = 1e5  # sigma; a model that is further off has run away
 
 
@@ -55,7 +55,7 @@ class BatchLimits:
     residuals: int = 8_000_000
 
 
-RULES, LIMITS = DampingRules(), BatchLimits()
+DAMPING, BATCH = DampingRules(), BatchLimits()
 
 Job = tuple[Hypothesis, np.ndarray]  # a hypothesis and coordinate vectors (B, p)
 
@@ -114,7 +114,7 @@ class Engine:
     @property
     def max_vectors(self) -> int:
         """Parameter sets whose residuals are held at once."""
-        return max(1, min(LIMITS.vectors, LIMITS.residuals // self.problem.n))
+        return max(1, min(BATCH.vectors, BATCH.residuals // self.problem.n))
 
     def residuals(self, jobs: Sequence[Job]) -> list[np.ndarray]:
         """Residuals (n,), row by row, of hypotheses at coordinate vectors (B, p) in one batch;
@@ -217,7 +217,7 @@ class Engine:
     @staticmethod
     def converged_gain(one: Fit) -> float:
         """Gain of a round, in squared sigma, below which a fit has converged."""
-        return max(RULES.min_gain, RULES.min_gain_share * one.cost)
+        return max(DAMPING.min_gain, DAMPING.min_gain_share * one.cost)
 
     def differentiate(self, fits: Sequence[Fit], fresh: bool = False) -> None:
         """Jacobians by forward differences, of as many hypotheses in a batch as memory holds.
@@ -239,7 +239,7 @@ class Engine:
         that the Jacobian at the whole step needs run in the same batch, because the trials of one
         fit alone hardly fill the plant's lanes.
         """
-        shares = np.array([[1.0], [RULES.short_step]])
+        shares = np.array([[1.0], [DAMPING.short_step]])
         trials = [one.x + one.damping * shares * self.steps(one)[0] for one in fits]
         steps = [
             difference_steps(one, trial[0]) if ahead else np.zeros(0)
@@ -268,14 +268,18 @@ class Engine:
         if gain > 0.0:
             one.x, one.residual, one.cost = trial[best], rows[best].copy(), costs[best]
             one.jacobian_is_at_x = False
-        if gain <= 0.0 and promised > self.converged_gain(one) and one.damping > RULES.min_damping:
+        if (
+            gain <= 0.0
+            and promised > self.converged_gain(one)
+            and one.damping > DAMPING.min_damping
+        ):
             # a curved valley: the straight step does not keep what it promises
-            one.damping *= RULES.reduction
+            one.damping *= DAMPING.reduction
             one.nuisance_slopes_known = one.jacobian_is_at_x = False
             return True
-        one.damping = min(1.0, RULES.growth * one.damping)
+        one.damping = min(1.0, DAMPING.growth * one.damping)
         final = self._delta(one.residual, FINAL_HUBER_SIGMAS)
-        if round_ == 0 or one.delta > RULES.huber_excess * final:
+        if round_ == 0 or one.delta > DAMPING.huber_excess * final:
             one.delta = final
             one.cost = self.cost(one, one.x, one.residual)
             return True

@@ -36,7 +36,7 @@ class AlignmentRules:
     min_gain: float = 10.0  # squared sigma
 
 
-RULES = AlignmentRules()
+ALIGNMENT = AlignmentRules()
 SLOWER_THAN_A_TURN = 1.01  # of a turn: a period longer than this is the output's, not the motor's
 # ridge of a 2 x 2 system, relative to its diagonal and absolute
 RIDGE_SHARE, RIDGE = 1e-6, 1e-9
@@ -110,7 +110,7 @@ def candidate_shifts(
     run, first = problem.runs[parts.log[stretch]], bool(parts.first[stretch])
     if not run.pitch_rad and not first:
         return np.zeros(1)
-    count = RULES.candidates_per_period
+    count = ALIGNMENT.candidates_per_period
     period = TURN_RAD / periods_per_rev
     if not run.pitch_rad or parts.rest[stretch]:
         return period / count * np.arange(count)
@@ -151,7 +151,7 @@ def align_angles(
         cost = np.bincount(
             parts.of, weights=np.minimum(np.abs(residual), CLIP_SIGMAS) ** 2, minlength=parts.count
         )
-        better = cost < best - (RULES.min_gain if k else 0.0)
+        better = cost < best - (ALIGNMENT.min_gain if k else 0.0)
         best, shift = np.where(better, cost, best), np.where(better, trial, shift)
     return angles.shifted(parts.restart, shift)
 

@@ -159,8 +159,8 @@ class Problem:
     def simulate(
         self, theta: np.ndarray, unfinished: str = "nan", threads: int = 1
     ) -> list[Simulation]:
-        """Simulation of every log with its restarts: arrays (B, rows) of vgroove._core.simulate_log,
-        CLOCK, DROPS_EDGES and the encoder's angle and speed.
+        """Simulation of every log with its restarts: arrays (B, rows) of _core.simulate_log, CLOCK,
+        DROPS_EDGES and the encoder's angle and speed.
         """
         theta = np.ascontiguousarray(np.atleast_2d(theta), dtype=float)
         errors, found = SensorErrors.of(theta, self.index), []

@@ -9,9 +9,8 @@ import numpy as np
 from vgroove.gap.catalogue import equations, equations_and_sensors
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_without, hypotheses_near, ids_without
-from vgroove.gap.selection.limits import LIMITS
-from vgroove.gap.selection.search_state import LIMITS as COMPARISON
-from vgroove.gap.selection.search_state import Search
+from vgroove.gap.selection.limits import STEPWISE
+from vgroove.gap.selection.search_state import COMPARISON, Search
 
 
 def backward(search: Search, best: Fit) -> Fit:
@@ -54,7 +53,7 @@ def drop_form_corrections(
         if leanest is best:
             return best
         elsewhere = acts_elsewhere(search, best, leanest)
-        allowed = LIMITS.max_form_share_elsewhere if elsewhere else share
+        allowed = STEPWISE.max_form_share_elsewhere if elsewhere else share
         if exceeds_form_error(search, best, leanest, allowed):
             return best
         best = leanest
@@ -69,7 +68,7 @@ def acts_elsewhere(search: Search, best: Fit, leaner: Fit) -> bool:
     """
     removed = frozenset().union(*map(equations, set(best.ids) - set(leaner.ids)))
     gain = search.score(leaner) - search.score(best)
-    part = LIMITS.min_part_elsewhere * (search.score(leaner) - search.noise_power())
+    part = STEPWISE.min_part_elsewhere * (search.score(leaner) - search.noise_power())
     return not removed & frozenset().union(*map(equations_and_sensors, leaner.ids)) and gain > part
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.fitting.neighbour_points import RING_HALF_WIDTHS, ripple_neighbours
-from vgroove.gap.selection.search_state import LIMITS, Search, key
+from vgroove.gap.selection.search_state import COMPARISON, Search, key
 
 MAX_FITS_PER_RING = 3  # further fits from one width of ring; bounds the time of a search
 
@@ -45,5 +45,5 @@ def better_neighbour(search: Search, one: Fit, spread: float) -> Fit | None:
     if not search.engine.is_gain(one, min(costs)):
         return None
     start = points[int(np.argmin(costs))]
-    again = search.engine.fit([replace(one.hypothesis, start=start)], LIMITS.max_rounds)[0]
+    again = search.engine.fit([replace(one.hypothesis, start=start)], COMPARISON.max_rounds)[0]
     return again if search.engine.is_gain(one, again.cost) else None

@@ -10,7 +10,7 @@ import numpy as np
 from vgroove.gap.catalogue import BY_ID, SPECIAL_CASES
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
-from vgroove.gap.selection.search_state import LIMITS, Search, key
+from vgroove.gap.selection.search_state import COMPARISON, Search, key
 
 
 def fit_set(search: Search, ids: Sequence[str], near: Fit) -> Fit:
@@ -64,7 +64,7 @@ def prefer_special_cases(search: Search, best: Fit, base: Fit | None = None) -> 
         known = {e.id for e in search.effects} - set(best.ids)
         for special in (s for s in SPECIAL_CASES.get(member, ()) if s in known):
             one = fit_set(search, [special if i == member else i for i in best.ids], best)
-            if not search.is_better(best, one, LIMITS.min_general_gain) and gains(
+            if not search.is_better(best, one, COMPARISON.min_general_gain) and gains(
                 search, one, base
             ):
                 return prefer_special_cases(search, one, base)

@@ -6,9 +6,8 @@ from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.basins import deepest_minimum
 from vgroove.gap.selection.candidate_sets import distinct_hypotheses, gains, prefer_special_cases
 from vgroove.gap.selection.extension import extensions, restarted_extensions
-from vgroove.gap.selection.limits import LIMITS
-from vgroove.gap.selection.search_state import LIMITS as COMPARISON
-from vgroove.gap.selection.search_state import Search, key, rescale
+from vgroove.gap.selection.limits import STEPWISE
+from vgroove.gap.selection.search_state import COMPARISON, Search, key, rescale
 
 
 def forward(search: Search) -> tuple[Search, Fit]:
@@ -20,14 +19,14 @@ def forward(search: Search) -> tuple[Search, Fit]:
         pair = grow(search, best)
         found = pair is not None and is_visibly_better(search, pair)
         return search, pair if found else search.retuned
-    while len(best.ids) < LIMITS.max_effects:
+    while len(best.ids) < STEPWISE.max_effects:
         larger = grow(search, best)
         if larger is not None and not search.is_better(larger, best):
             larger = add_two(search, best, larger)
         if larger is None:
             break
         best = larger
-        if search.score(best) < LIMITS.near_noise**2:
+        if search.score(best) < STEPWISE.near_noise**2:
             search = rescale(search)
     return search, best
 
@@ -54,13 +53,13 @@ def add_two(search: Search, base: Fit, larger: Fit) -> Fit | None:
     if (
         not gains(search, larger, base)
         or not leaves_enough_for_two(search, base)
-        or len(larger.ids) >= LIMITS.max_effects
+        or len(larger.ids) >= STEPWISE.max_effects
     ):
         return None
     candidates = extensions(search, larger)
     if not candidates or search.excess_power(
         candidates[0]
-    ) > LIMITS.min_part_of_second * search.excess_power(base):
+    ) > STEPWISE.min_part_of_second * search.excess_power(base):
         return None
     search.fit_and_keep(distinct_hypotheses(candidates))
     both = prefer_special_cases(search, search.ranked(len(larger.ids) + 1)[0], base)
@@ -73,7 +72,7 @@ def leaves_enough_for_two(search: Search, base: Fit) -> bool:
     """
     closed = search.score(search.retuned) - search.score(base)
     return search.leaves_gap(base) and (
-        search.excess_power(base) > 2.0 * LIMITS.max_form_share * closed
+        search.excess_power(base) > 2.0 * STEPWISE.max_form_share * closed
     )
 
 
@@ -86,7 +85,7 @@ def grow(search: Search, base: Fit) -> Fit | None:
     proposals = [
         f
         for rival in close_rivals(search, base)
-        for f in extensions(search, rival, LIMITS.extensions_of_rival)
+        for f in extensions(search, rival, STEPWISE.extensions_of_rival)
     ]
     search.fit_and_keep(distinct_hypotheses(extensions(search, base) + proposals))
     found = next(iter(search.ranked(size)), base)
@@ -109,7 +108,7 @@ def close_rivals(search: Search, base: Fit) -> list[Fit]:
     if leaves_nothing(search, base):
         return []
     others = [f for f in search.ranked(len(base.ids)) if key(f.ids) != key(base.ids)]
-    return others[: LIMITS.rivals_extended]
+    return others[: STEPWISE.rivals_extended]
 
 
 def leaves_nothing(search: Search, base: Fit) -> bool:

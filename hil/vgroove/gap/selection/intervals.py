@@ -20,8 +20,7 @@ from vgroove.gap.residual import angle_alignment
 from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.selection.parameter_estimate import ParameterEstimate
-from vgroove.gap.selection.search_state import LIMITS as COMPARISON
-from vgroove.gap.selection.search_state import Search, reported_gap
+from vgroove.gap.selection.search_state import COMPARISON, Search, reported_gap
 from vgroove.rig import Rig
 
 
@@ -43,7 +42,7 @@ class EstimateLimits:
     max_form_gap: float = COMPARISON.visible_gap  # gap that the catalogue's form may leave more
 
 
-LIMITS = EstimateLimits()
+ESTIMATE = EstimateLimits()
 Z95 = 1.96  # two-sided 95 % quantile of the standard normal distribution
 
 
@@ -124,7 +123,7 @@ def parameter_interval(
     for i, c in enumerate(one.hypothesis.coordinates):
         if c.name == name or is_other_side_of(c, name):
             wide = max(half[i], half[i + 1]) if c.role == "cosine" else half[i]
-            wide = float(np.hypot(float(wide) * abs(c.factors[0]), LIMITS.form_error * value))
+            wide = float(np.hypot(float(wide) * abs(c.factors[0]), ESTIMATE.form_error * value))
             return value - wide, value + wide
     return None
 
@@ -151,12 +150,12 @@ def in_catalogue_form(search: Search, best: Fit) -> Fit:
     again = search.engine.fit([hypothesis], COMPARISON.max_rounds)[0]
     predict_held_out(search.engine, [again])
     more = reported_gap(search.problem, again) - reported_gap(search.problem, best)
-    return again if more <= LIMITS.max_form_gap else best
+    return again if more <= ESTIMATE.max_form_gap else best
 
 
 def time_clusters(log: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     """Group (n,) of each row: stretches of cluster_s of each log."""
-    stretch = np.floor(time_s / LIMITS.cluster_s).astype(np.int64)
+    stretch = np.floor(time_s / ESTIMATE.cluster_s).astype(np.int64)
     keys = log.astype(np.int64) * (int(stretch.max()) + 2) + stretch
     return np.unique(keys, return_inverse=True)[1]
 
@@ -187,10 +186,10 @@ def estimate_over_long_stretches(engine: Engine, shown: Fit) -> Estimate | None:
     ):
         return None
     longest_s = max(log.time_s[-1] - log.time_s[0] for log in problem.logs)
-    length_s = float(min(LIMITS.time_constants * constant_s, longest_s))
+    length_s = float(min(ESTIMATE.time_constants * constant_s, longest_s))
     longer = load_problem(problem.logs, problem.rig, length_s, problem.threads)
     apart = Engine(longer, engine.scales, problem.rig.tolerance, engine.present)
-    fit = apart.fit([replace(shown.hypothesis, start=shown.x)], LIMITS.rounds)[0]
-    if longer.gap(fit.residual, longer.judged) > LIMITS.max_gap * longer.floor():
+    fit = apart.fit([replace(shown.hypothesis, start=shown.x)], ESTIMATE.rounds)[0]
+    if longer.gap(fit.residual, longer.judged) > ESTIMATE.max_gap * longer.floor():
         return None
     return Estimate(apart, fit, (time_clusters(longer.log, longer.time_s),))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class SearchLimits:
+class StepwiseLimits:
     """Thresholds of the stepwise selection. Shares are of squared gaps above the noise. Chosen on
     the tuning half of the blind set unless a derivation is stated.
     """
@@ -28,4 +28,4 @@ class SearchLimits:
     max_more_parameters: int = 2  # parameters that a rival may have beyond the best set
 
 
-LIMITS = SearchLimits()
+STEPWISE = StepwiseLimits()

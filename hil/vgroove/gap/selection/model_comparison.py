@@ -29,7 +29,7 @@ class BootstrapLimits:
     unbounded: float = 1e6  # bound of an interval that too few blocks leave open, squared gap
 
 
-LIMITS = BootstrapLimits()
+BOOTSTRAP = BootstrapLimits()
 MIN_POWER = 1e-300  # avoids 0 / 0 where two fits leave equal residuals
 
 
@@ -82,13 +82,13 @@ def correlation_time(
     for g in np.unique(group):
         rows = np.flatnonzero(group == g)
         r = residual[rows] - residual[rows].mean()
-        if len(rows) < LIMITS.min_rows or not r.any():
+        if len(rows) < BOOTSTRAP.min_rows or not r.any():
             continue
         spacing = (time_s[rows][-1] - time_s[rows][0]) / max(1, len(rows) - 1)
         lags = min(len(r) // 4, max(2, int(restart_s / max(spacing, 1e-9))))
         power = np.abs(np.fft.rfft(r, 2 * len(r))) ** 2
         rho = np.fft.irfft(power)[:lags] / np.dot(r, r)
-        below = np.flatnonzero(rho < LIMITS.uncorrelated)
+        below = np.flatnonzero(rho < BOOTSTRAP.uncorrelated)
         end = int(below[0]) if below.size else lags
         longest = max(longest, spacing * (1.0 + 2.0 * float(rho[1:end].sum())))
     return longest
@@ -104,13 +104,13 @@ def make_blocks(rows: TimedRows, tested: np.ndarray, length_s: float, seed: int)
     _, cluster = np.unique(keys, return_inverse=True)
     samples = np.bincount(cluster, weights=(tested & ~rows.censored).astype(float))
     used = np.flatnonzero(samples)
-    draws = np.zeros((LIMITS.draws, len(samples)))
+    draws = np.zeros((BOOTSTRAP.draws, len(samples)))
     rng = np.random.default_rng(seed)
     draws[:, used] = rng.multinomial(
-        len(used), np.full(len(used), 1.0 / len(used)), size=LIMITS.draws
+        len(used), np.full(len(used), 1.0 / len(used)), size=BOOTSTRAP.draws
     )
-    subsets = np.zeros((LIMITS.draws, len(samples)))
-    subsets[:, used] = rng.random((LIMITS.draws, len(used))) < 0.5
+    subsets = np.zeros((BOOTSTRAP.draws, len(samples)))
+    subsets[:, used] = rng.random((BOOTSTRAP.draws, len(used))) < 0.5
     subsets[np.ix_(~subsets.any(axis=1), used)] = 1.0
     return Blocks(cluster, tested, draws, subsets, samples, length_s)
 
@@ -176,7 +176,7 @@ def typical_value_interval(
     for scatter; subset means do not.
     """
     if 0.5**blocks.count > (1.0 - level) / 2.0:
-        return -LIMITS.unbounded, LIMITS.unbounded
+        return -BOOTSTRAP.unbounded, BOOTSTRAP.unbounded
     means = blocks.subsets @ difference / (blocks.subsets @ blocks.rows)
     low, high = np.quantile(means, [(1.0 - level) / 2.0, (1.0 + level) / 2.0])
     return float(low), float(high)
@@ -186,8 +186,8 @@ def small_sample_factor(count: int, level: float) -> float:
     """Factor on the width of a bootstrap interval over `count` blocks: Student's t for the normal
     quantile, and n - 1 for n in the variance.
     """
-    if count < LIMITS.min_count:
-        return LIMITS.unbounded
+    if count < BOOTSTRAP.min_count:
+        return BOOTSTRAP.unbounded
     quantile = 0.5 * (1.0 + level)
     return float(t.ppf(quantile, count - 1) / norm.ppf(quantile) * np.sqrt(count / (count - 1.0)))
 

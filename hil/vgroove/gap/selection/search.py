@@ -17,10 +17,9 @@ from vgroove.gap.selection.candidate_sets import (
 )
 from vgroove.gap.selection.extension import extensions
 from vgroove.gap.selection.forward import forward
-from vgroove.gap.selection.limits import LIMITS
+from vgroove.gap.selection.limits import STEPWISE
 from vgroove.gap.selection.model_comparison import bootstrap_means
-from vgroove.gap.selection.search_state import LIMITS as COMPARISON
-from vgroove.gap.selection.search_state import Search, is_valid, key
+from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid, key
 from vgroove.gap.selection.single_effects import align_to_selection, fit_single_effects
 
 
@@ -46,7 +45,9 @@ def select(search: Search) -> Selection:
     if best.ids:
         best = backward(search, leanest_tied(search, best))
         search.progress("rivals")
-        best = drop_form_corrections(search, exchange_members(search, best), LIMITS.max_form_share)
+        best = drop_form_corrections(
+            search, exchange_members(search, best), STEPWISE.max_form_share
+        )
         best, rivals = drop_doubtful_members(search, best)
     search, best = align_to_selection(search, best)
     return Selection(search, best, rivals)
@@ -60,10 +61,10 @@ def drop_doubtful_members(search: Search, best: Fit) -> tuple[Fit, list[Fit]]:
     replaced = [i for i in best.ids if any(i not in f.ids for f in rivals)]
     leaner = best
     if replaced:
-        leaner = drop_form_corrections(search, best, LIMITS.min_share_of_tied_member, replaced)
+        leaner = drop_form_corrections(search, best, STEPWISE.min_share_of_tied_member, replaced)
     laws = interchangeable_friction_laws(best, rivals)
     if leaner is best and laws:
-        leaner = drop_form_corrections(search, best, LIMITS.max_friction_form_share, laws)
+        leaner = drop_form_corrections(search, best, STEPWISE.max_friction_form_share, laws)
     return (best, rivals) if leaner is best else drop_doubtful_members(search, leaner)
 
 
@@ -89,7 +90,7 @@ def exchange_members(search: Search, best: Fit) -> Fit:
 
     Forward selection misses pairs whose members gain little alone.
     """
-    for _ in range(LIMITS.max_exchanges):
+    for _ in range(STEPWISE.max_exchanges):
         fit_exchanges(search, best)
         other = search.ranked(len(best.ids))[0]
         if (
@@ -111,7 +112,7 @@ def fit_exchanges(search: Search, best: Fit) -> None:
     close: list[Fit] = []
     for member in best.ids:
         leaner = fit_without(search, best, member)
-        found = extensions(search, leaner, LIMITS.extensions_in_exchange)
+        found = extensions(search, leaner, STEPWISE.extensions_in_exchange)
         close += [f for f in found if key(f.ids) not in search.fits]
     search.fit_and_keep(distinct_hypotheses(close))
 
@@ -120,7 +121,7 @@ def tied_rivals(search: Search, best: Fit) -> list[Fit]:
     """Converged sets that predict the held-out rows as well as best, best first. A rival is no
     larger and does not only generalise the best set.
     """
-    most = best.hypothesis.count + LIMITS.max_more_parameters
+    most = best.hypothesis.count + STEPWISE.max_more_parameters
     pool = [
         f for k, f in search.fits.items() if k and key(best.ids) != k and f.hypothesis.count <= most
     ]

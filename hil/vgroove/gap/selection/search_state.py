@@ -12,16 +12,15 @@ from typing import Any
 import numpy as np
 
 from vgroove.gap.catalogue import Effect
+from vgroove.gap.cleaning.sensor_noise import MAD_TO_SIGMA
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.engine import MAD_TO_SIGMA, Engine
+from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.residual.agreement import CLIP_SIGMAS
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.gap.selection.model_comparison import (
-    LIMITS as BOOTSTRAP,
-)
-from vgroove.gap.selection.model_comparison import (
+    BOOTSTRAP,
     Blocks,
     block_sums,
     clipped_squares,
@@ -58,7 +57,7 @@ class ComparisonLimits:
     max_block_restarts: float = 2.0  # and its upper bound, in restart intervals
 
 
-LIMITS = ComparisonLimits()
+COMPARISON = ComparisonLimits()
 # parameters that scale edge speeds against time stamps; the last one only says whose clock it is
 SPEED_SCALE, CLOCK_SCALE, OF_COMMAND_CLOCK = (
     "effects.speed_gain.relative",
@@ -100,7 +99,7 @@ class Search:
     nominal: Fit
     retuned: Fit
     seed: int = 0
-    clip_sigma: float = LIMITS.clip_sigma
+    clip_sigma: float = COMPARISON.clip_sigma
     without: frozenset[str] = frozenset()
     progress: Callable[[str], None] = lambda _: None
     cache: SearchCache = field(default_factory=SearchCache)
@@ -147,24 +146,24 @@ class Search:
         """Squared gap that is taken as noise: 1, or more where the best fit is far from the noise
         and rescale() has widened the clip.
         """
-        return (self.clip_sigma / LIMITS.clip_sigma) ** 2
+        return (self.clip_sigma / COMPARISON.clip_sigma) ** 2
 
     def excess_power(self, one: Fit) -> float:
         """Squared gap that a set leaves above the noise."""
         return self.score(one) - self.noise_power()
 
-    def min_gain(self, leaner: Fit, share: float = LIMITS.min_gain) -> float:
+    def min_gain(self, leaner: Fit, share: float = COMPARISON.min_gain) -> float:
         """Squared gap that a fuller set must close of what a leaner one leaves: the minimum effect
         size.
         """
-        return share * self.noise_power() + LIMITS.min_gain_share * max(
+        return share * self.noise_power() + COMPARISON.min_gain_share * max(
             0.0, self.score(leaner) - self.noise_power()
         )
 
     def equal_up_to_chance(self, one: Fit, other: Fit) -> bool:
         """Whether two sets differ by no more than one parameter gains by chance."""
         difference = float(self.block_losses(one).sum() - self.block_losses(other).sum())
-        return abs(difference) <= LIMITS.chance_gain * self.noise_power()
+        return abs(difference) <= COMPARISON.chance_gain * self.noise_power()
 
     def is_tied(self, one: Fit, best: Fit) -> bool:
         """Whether a set predicts the held-out rows as well as the best: the 95 % interval of the
@@ -206,10 +205,11 @@ class Search:
         )
         explained = (1.0 + gain) * (1.0 + (0.0 if of_command else clock))
         return any(
-            abs(scale - explained) > LIMITS.min_scale_share * abs(scale - 1.0) for scale in scales
+            abs(scale - explained) > COMPARISON.min_scale_share * abs(scale - 1.0)
+            for scale in scales
         )
 
-    def is_better(self, fuller: Fit, leaner: Fit, share: float = LIMITS.min_gain) -> bool:
+    def is_better(self, fuller: Fit, leaner: Fit, share: float = COMPARISON.min_gain) -> bool:
         """Whether a fuller set replaces a leaner one: it closes a large gap, or its gain likely
         exceeds the minimum effect size and is significant, over resampled blocks or on the run as
         it was.
@@ -219,11 +219,13 @@ class Search:
         if not self.is_likely_better(fuller, leaner, share):
             return False
         gain = self.block_losses(leaner) - self.block_losses(fuller)
-        return difference_interval(self.blocks, gain, LIMITS.significance)[0] > 0.0 or (
-            self.loss_bound(leaner, fuller, LIMITS.significance) > self.min_gain(leaner, share)
+        return difference_interval(self.blocks, gain, COMPARISON.significance)[0] > 0.0 or (
+            self.loss_bound(leaner, fuller, COMPARISON.significance) > self.min_gain(leaner, share)
         )
 
-    def is_likely_better(self, fuller: Fit, leaner: Fit, share: float = LIMITS.min_gain) -> bool:
+    def is_likely_better(
+        self, fuller: Fit, leaner: Fit, share: float = COMPARISON.min_gain
+    ) -> bool:
         """Whether the gain exceeds the minimum effect size in most bootstrap samples: it does not
         rest on one block.
         """
@@ -233,7 +235,7 @@ class Search:
         )
         return (
             float(gain.sum()) / self.blocks.total > least
-            and difference_interval(self.blocks, gain, LIMITS.likely)[0] > least
+            and difference_interval(self.blocks, gain, COMPARISON.likely)[0] > least
         )
 
     def closes_large_gap(self, fuller: Fit, leaner: Fit) -> bool:
@@ -247,7 +249,8 @@ class Search:
         )
         noise, above, gain = (float(x.sum()) - x for x in (noise, more - noise, more - left))
         return bool(
-            np.all(above > LIMITS.large_gap * noise) and np.all(gain > LIMITS.nearly_all * above)
+            np.all(above > COMPARISON.large_gap * noise)
+            and np.all(gain > COMPARISON.nearly_all * above)
         )
 
     def closes_visible_gap(self, one: Fit) -> bool:
@@ -256,19 +259,19 @@ class Search:
         """
         noise, left = np.sqrt(self.noise_power()), np.sqrt(self.score(one))
         before = np.sqrt(self.score(self.retuned))
-        return bool(before - min(noise, left) >= LIMITS.visible_gap * noise)
+        return bool(before - min(noise, left) >= COMPARISON.visible_gap * noise)
 
     def leaves_gap(self, one: Fit) -> bool:
         """Whether a set leaves a visible gap."""
-        return self.score(one) >= (1.0 + LIMITS.visible_gap) ** 2 * self.noise_power()
+        return self.score(one) >= (1.0 + COMPARISON.visible_gap) ** 2 * self.noise_power()
 
     def leaves_gap_in_most_draws(self, one: Fit) -> bool:
         """Whether a set leaves a visible gap in most bootstrap samples: the gap does not rest on
         the few blocks in which one event happened.
         """
-        noise = (1.0 + LIMITS.visible_gap) ** 2 * self.noise_power() * self.blocks.rows
+        noise = (1.0 + COMPARISON.visible_gap) ** 2 * self.noise_power() * self.blocks.rows
         above = self.block_losses(one) - noise
-        return difference_interval(self.blocks, above, LIMITS.likely)[0] > 0.0
+        return difference_interval(self.blocks, above, COMPARISON.likely)[0] > 0.0
 
     def fit_and_keep(self, hypotheses: Sequence[Hypothesis], iterations: int = 6) -> list[Fit]:
         """Fit hypotheses, bring those near the best to convergence, predict their held-out rows,
@@ -276,7 +279,9 @@ class Search:
         """
         fits = self.engine.fit(hypotheses, iterations)
         if fits:
-            self.engine.continue_fits(self.near_best(fits), range(iterations, LIMITS.max_rounds))
+            self.engine.continue_fits(
+                self.near_best(fits), range(iterations, COMPARISON.max_rounds)
+            )
             predict_held_out(self.engine, self.near_best(fits))
         for one in fits:
             known = self.fits.get(key(one.ids))
@@ -286,7 +291,7 @@ class Search:
 
     def near_best(self, fits: Sequence[Fit]) -> list[Fit]:
         """Those of some fits whose squared gap comes near the best of them."""
-        limit = LIMITS.near_best * min(self.score(f) for f in fits)
+        limit = COMPARISON.near_best * min(self.score(f) for f in fits)
         return [f for f in fits if self.score(f) <= limit]
 
     def ranked(self, size: int) -> list[Fit]:
@@ -303,7 +308,7 @@ def reported_gap(problem: MeasuredProblem, one: Fit) -> float:
 def is_valid(one: Fit) -> bool:
     """False for a fit with a parameter at a lower bound at which it describes nothing."""
     at_bound = (
-        c.low > 0.0 and x < LIMITS.bound_margin * c.low
+        c.low > 0.0 and x < COMPARISON.bound_margin * c.low
         for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)
         if c.name in INVALID_AT_LOWER_BOUND
     )
@@ -348,7 +353,9 @@ def rescale(search: Search) -> Search:
     tested = search.blocks.tested
     medians = {k: np.median(np.abs(f.out_of_fold[tested])) for k, f in search.fits.items()}
     left = MAD_TO_SIGMA * float(min(medians.values()))
-    return replace(search, clip_sigma=LIMITS.clip_sigma * max(1.0, left / LIMITS.far_from_noise))
+    return replace(
+        search, clip_sigma=COMPARISON.clip_sigma * max(1.0, left / COMPARISON.far_from_noise)
+    )
 
 
 def reblock(search: Search) -> Search:
@@ -358,7 +365,7 @@ def reblock(search: Search) -> Search:
         best.residual, problem.time_s, problem.log * 1000 + problem.signal, problem.restart_s
     )
     length = min(
-        max(BOOTSTRAP.min_block_s, LIMITS.block_correlation_times * correlated_s),
-        LIMITS.max_block_restarts * problem.restart_s,
+        max(BOOTSTRAP.min_block_s, COMPARISON.block_correlation_times * correlated_s),
+        COMPARISON.max_block_restarts * problem.restart_s,
     )
     return replace(search, blocks=make_blocks(problem, search.blocks.tested, length, search.seed))

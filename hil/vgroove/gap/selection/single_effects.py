@@ -13,8 +13,7 @@ from vgroove.gap.residual import angle_alignment
 from vgroove.gap.residual.batches import split_by_size
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.selection.extension import AddedEffect, differentiate_added
-from vgroove.gap.selection.search_state import LIMITS as COMPARISON
-from vgroove.gap.selection.search_state import Search, key, reblock, rescale
+from vgroove.gap.selection.search_state import COMPARISON, Search, key, reblock, rescale
 
 
 @dataclass(frozen=True)

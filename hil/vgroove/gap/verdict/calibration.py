@@ -13,8 +13,7 @@ from scipy.special import expit
 from vgroove.gap.catalogue import contains
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.model_comparison import bootstrap_means, small_sample_factor
-from vgroove.gap.selection.search_state import LIMITS as COMPARISON
-from vgroove.gap.selection.search_state import Search, is_valid
+from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid
 from vgroove.gap.verdict.schema import NameEvidence
 
 # of 1 and the fields of NameEvidence, in their order; printed by tests/proof/gap_certainty.py

@@ -29,7 +29,7 @@ class CorrelateLimits:
     output_line: float = 1.5  # periods an output turn above which a line is stated per motor turn
 
 
-LIMITS = CorrelateLimits()
+CORRELATE = CorrelateLimits()
 
 
 @dataclass(frozen=True)
@@ -44,22 +44,22 @@ class Covariate:
 def bin_edges(value: np.ndarray) -> np.ndarray:
     """Inner bin edges at quantiles of a covariate; between the levels where it has few."""
     levels = np.unique(value)
-    if len(levels) <= LIMITS.bins:
+    if len(levels) <= CORRELATE.bins:
         return (levels[1:] + levels[:-1]) / 2.0
-    return np.unique(np.quantile(value, np.linspace(0.0, 1.0, LIMITS.bins + 1)[1:-1]))
+    return np.unique(np.quantile(value, np.linspace(0.0, 1.0, CORRELATE.bins + 1)[1:-1]))
 
 
 def predict_by_bins(residual: np.ndarray, value: np.ndarray, cluster: np.ndarray) -> np.ndarray:
     """Residuals (m,) as bin means over a covariate predict them, two-fold cross-validated: even
     blocks predict odd ones and odd ones even ones. cluster (m,): block of each row.
     """
-    if len(value) < LIMITS.rows_per_bin * LIMITS.bins:
+    if len(value) < CORRELATE.rows_per_bin * CORRELATE.bins:
         return np.zeros_like(residual)
     bins = np.searchsorted(bin_edges(value), value)
-    out, size = np.zeros_like(residual), LIMITS.bins + 1
+    out, size = np.zeros_like(residual), CORRELATE.bins + 1
     for parity in (0, 1):
         there, here = cluster % 2 == parity, cluster % 2 != parity
-        count = np.bincount(bins[there], minlength=size) + LIMITS.bin_prior_rows
+        count = np.bincount(bins[there], minlength=size) + CORRELATE.bin_prior_rows
         mean = np.bincount(bins[there], weights=residual[there], minlength=size) / count
         out[here] = mean[bins[here]]
     return out
@@ -72,14 +72,14 @@ def smooth_curve(residual: np.ndarray, covariate: Covariate) -> tuple[np.ndarray
     Mathematik 31, 1979).
     """
     x, y, weight = quantile_means(residual, covariate)
-    if len(x) < LIMITS.min_points:
+    if len(x) < CORRELATE.min_points:
         return x, y
     if covariate.period:  # three periods, so that the ends of the middle one meet
         x = np.concatenate([x - covariate.period, x, x + covariate.period])
         y, weight = np.tile(y, 3), np.tile(weight, 3)
     scale = float(np.ptp(x))
     curve = make_smoothing_spline(x / scale, y, w=weight)
-    grid = np.linspace(0.0, covariate.period, LIMITS.knots) if covariate.period else x
+    grid = np.linspace(0.0, covariate.period, CORRELATE.knots) if covariate.period else x
     return grid, curve(grid / scale)
 
 
@@ -88,8 +88,8 @@ def quantile_means(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Means of covariate (k,) and residual (k,) over quantile bins, and the rows of each bin."""
     value = covariate.value
-    step = max(LIMITS.min_knot_distance * float(np.ptp(value)), 1e-12)
-    quantiles = np.quantile(value, np.linspace(0.0, 1.0, LIMITS.knots + 1)[1:-1])
+    step = max(CORRELATE.min_knot_distance * float(np.ptp(value)), 1e-12)
+    quantiles = np.quantile(value, np.linspace(0.0, 1.0, CORRELATE.knots + 1)[1:-1])
     inner = step * np.unique(np.round(quantiles / step))
     bins = np.unique(np.searchsorted(inner, value), return_inverse=True)[1]
     count = np.bincount(bins)
@@ -105,7 +105,7 @@ def cross_validated_gain(residual: np.ndarray, covariate: Covariate, cluster: np
     left = residual.copy()
     for parity in (0, 1):
         there, here = cluster % 2 == parity, cluster % 2 != parity
-        if there.sum() < LIMITS.rows_per_bin * LIMITS.bins or not here.any():
+        if there.sum() < CORRELATE.rows_per_bin * CORRELATE.bins or not here.any():
             return 0.0
         half = Covariate(covariate.name, covariate.value[there], covariate.period)
         x, y = smooth_curve(residual[there], half)
@@ -118,18 +118,20 @@ def spectral_line(residual: np.ndarray, place: np.ndarray) -> float | None:
     (m,), time or angle; None where no line exceeds the noise.
     """
     span = float(np.ptp(place))
-    if span <= 0.0 or len(place) < LIMITS.line_rows:
+    if span <= 0.0 or len(place) < CORRELATE.line_rows:
         return None
-    cells = int(min(LIMITS.max_grid, 2 ** np.ceil(np.log2(2 * len(place)))))
+    cells = int(min(CORRELATE.max_grid, 2 ** np.ceil(np.log2(2 * len(place)))))
     cell = np.minimum(((place - place.min()) / span * (cells - 1)).astype(int), cells - 1)
     grid = np.bincount(cell, weights=residual - residual.mean(), minlength=cells)
     power = np.abs(np.fft.rfft(grid, 2 * cells)) ** 2
     power = power[: len(place) // 2]
-    power[: LIMITS.slow_cells] = 0.0
+    power[: CORRELATE.slow_cells] = 0.0
     top = int(np.argmax(power))
-    usual = np.median(power[max(LIMITS.slow_cells, top // 2) : 2 * top + 2 * LIMITS.slow_cells])
+    usual = np.median(
+        power[max(CORRELATE.slow_cells, top // 2) : 2 * top + 2 * CORRELATE.slow_cells]
+    )
     # the median of an exponentially distributed power is ln 2 times its mean
-    if usual <= 0.0 or power[top] <= LIMITS.line_over_median * usual / np.log(2.0):
+    if usual <= 0.0 or power[top] <= CORRELATE.line_over_median * usual / np.log(2.0):
         return None
     return top / (2.0 * span * cells / (cells - 1))
 
@@ -154,7 +156,7 @@ def spectral_covariates(
     line = spectral_line(residual[first], angle[first] / TURN_RAD)
     if line is not None:
         shaft, periods = (
-            ("motor", line) if line * ratio > LIMITS.output_line else ("output", line * ratio)
+            ("motor", line) if line * ratio > CORRELATE.output_line else ("output", line * ratio)
         )
         name = f"{shaft} angle, {periods:.4g} periods a turn"
         found.append(Covariate(name, np.mod(angle * line, TURN_RAD), TURN_RAD))
@@ -174,7 +176,7 @@ def describe_curve(x: np.ndarray, y: np.ndarray, covariate: Covariate) -> str:
         return f"differs with {name}"
     odd = np.corrcoef(x, y)[0, 1]
     even = np.corrcoef(np.abs(x), y)[0, 1] if x.min() < 0.0 < x.max() else 0.0
-    if max(abs(odd), abs(even)) > LIMITS.monotonic:
+    if max(abs(odd), abs(even)) > CORRELATE.monotonic:
         larger = odd if abs(odd) >= abs(even) else even
         return f"{'grows' if larger > 0.0 else 'falls'} with {name}"
     at = int(np.argmax(np.abs(y - np.median(y))))
@@ -182,7 +184,7 @@ def describe_curve(x: np.ndarray, y: np.ndarray, covariate: Covariate) -> str:
 
 
 def thin_curve(x: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:
-    """At most LIMITS.points_reported points of a curve, evenly spread, its ends among them."""
-    count = min(LIMITS.points_reported, len(x))
+    """At most CORRELATE.points_reported points of a curve, evenly spread, its ends among them."""
+    count = min(CORRELATE.points_reported, len(x))
     chosen = np.unique(np.linspace(0, len(x) - 1, count).astype(int))
     return [(float(x[i]), float(y[i])) for i in chosen]

@@ -9,8 +9,7 @@ from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.candidate_sets import fit_set
 from vgroove.gap.selection.intervals import in_catalogue_form
 from vgroove.gap.selection.search import Selection
-from vgroove.gap.selection.search_state import LIMITS as COMPARISON
-from vgroove.gap.selection.search_state import Search
+from vgroove.gap.selection.search_state import COMPARISON, Search
 from vgroove.gap.verdict.remainder import Remainder
 
 
@@ -32,7 +31,7 @@ class DecisionLimits:
     min_gap_power: float = 1e-9  # avoids a division by 0 where there is no gap
 
 
-LIMITS = DecisionLimits()
+DECISION = DecisionLimits()
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ def is_unlisted_gap(search: Search, retuned: Fit, remainder: Remainder) -> bool:
     """
     return (
         remainder.significant
-        and search.score(retuned) > search.floor**2 * (1.0 + LIMITS.visible_excess)
+        and search.score(retuned) > search.floor**2 * (1.0 + DECISION.visible_excess)
         and (remainder.best_correlate is not None or search.leaves_gap_in_most_draws(retuned))
     )
 
@@ -103,14 +102,14 @@ def closes_too_little(search: Search, best: Fit) -> bool:
     retuning closed counts for it as long as it closes the larger part of the rest.
     """
     beyond = closed_beyond_retuning(search, best)
-    least = LIMITS.min_closed[len(best.ids) - 1]
+    least = DECISION.min_closed[len(best.ids) - 1]
     if len(best.ids) > 1:
         return beyond < least
     shares = (
         closed_power_share(of(search.nominal), of(best), search.floor)
         for of in (search.score, search.reported_score)
     )
-    return beyond < LIMITS.min_closed_beyond_retuning or max(shares) < least
+    return beyond < DECISION.min_closed_beyond_retuning or max(shares) < least
 
 
 def approximates_other_effect(search: Search, best: Fit) -> bool:
@@ -119,8 +118,8 @@ def approximates_other_effect(search: Search, best: Fit) -> bool:
     """
     return (
         len(best.ids) > 1
-        and closed_beyond_retuning(search, best) < LIMITS.min_closed_by_several[len(best.ids) - 1]
-        and excess_power(search, best) > LIMITS.visible_excess
+        and closed_beyond_retuning(search, best) < DECISION.min_closed_by_several[len(best.ids) - 1]
+        and excess_power(search, best) > DECISION.visible_excess
     )
 
 
@@ -145,7 +144,7 @@ def closed_power_share(before: float, after: float, floor: float) -> float:
     """Share of a squared gap above the noise that is closed; before, after: squared gaps, floor: a
     gap.
     """
-    return (before - after) / max(before - floor**2, LIMITS.min_gap_power)
+    return (before - after) / max(before - floor**2, DECISION.min_gap_power)
 
 
 def reported_fit(search: Search, finding: Finding) -> Fit:

@@ -26,7 +26,7 @@ class ProbabilityLimits:
     tied: float = 0.5  # at least of a selected effect with rivals, at most of a rival
 
 
-LIMITS = ProbabilityLimits()
+PROBABILITY = ProbabilityLimits()
 AFTER_NAMED = 99  # sort key of effects that are not named
 
 
@@ -102,7 +102,8 @@ def probabilities(
     if finding.names_effects:
         known = {i for f in (finding.best, *finding.rivals) for i in f.ids}
     return {
-        i: min(p, LIMITS.max_named if i in known else LIMITS.max_unnamed) for i, p in found.items()
+        i: min(p, PROBABILITY.max_named if i in known else PROBABILITY.max_unnamed)
+        for i, p in found.items()
     }
 
 
@@ -111,12 +112,12 @@ def divide_among_rivals(chance: dict[str, float], finding: Finding) -> dict[str,
     the rest, each rival between that share and a half.
     """
     rivals = [i for f in finding.rivals for i in f.ids if i not in finding.best.ids]
-    spare = LIMITS.tied / (1 + len(rivals))
+    spare = PROBABILITY.tied / (1 + len(rivals))
     out = dict(chance)
     for i in (i for i in finding.best.ids if any(i not in f.ids for f in finding.rivals)):
-        out[i] = float(np.clip(out[i], LIMITS.tied, LIMITS.tied + spare))
+        out[i] = float(np.clip(out[i], PROBABILITY.tied, PROBABILITY.tied + spare))
     for i in rivals:
-        out[i] = float(np.clip(out[i], spare, LIMITS.tied))
+        out[i] = float(np.clip(out[i], spare, PROBABILITY.tied))
     return out
 
 

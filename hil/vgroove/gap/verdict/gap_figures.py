@@ -9,8 +9,7 @@ from vgroove.gap.selection.model_comparison import (
     clipped_squares,
     make_blocks,
 )
-from vgroove.gap.selection.search_state import LIMITS as COMPARISON
-from vgroove.gap.selection.search_state import Search, reported_gap
+from vgroove.gap.selection.search_state import COMPARISON, Search, reported_gap
 from vgroove.gap.verdict.schema import Gap, SignalGap
 
 MIN_GAP = 0.1  # gap above the floor below which no share is stated (docs/spec/gap.md, section 5)

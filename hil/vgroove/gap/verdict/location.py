@@ -18,8 +18,7 @@ from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Fit
 from vgroove.gap.fitting.steps import bounded_step
 from vgroove.gap.selection.extension import extension_slopes
 from vgroove.gap.selection.model_comparison import block_sums, bootstrap_means
-from vgroove.gap.selection.search_state import LIMITS as COMPARISON
-from vgroove.gap.selection.search_state import Search
+from vgroove.gap.selection.search_state import COMPARISON, Search
 from vgroove.gap.verdict.schema import RegimeShare
 
 NUISANCE = ""  # owner of a tolerated rig key's column
@@ -37,7 +36,7 @@ class LocationLimits:
     min_regime_share: float = 0.005  # of the squared gap: smaller regimes are not listed
 
 
-LIMITS = LocationLimits()
+LOCATION = LocationLimits()
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ def normal_equations(search: Search, model: LinearModel) -> NormalEquations:
         rows = model.columns * (weight * train)[:, None]
         normal = rows.T @ model.columns
         diagonal = np.diag_indices_from(normal)
-        normal[diagonal] += LIMITS.ridge * np.diag(normal) + LIMITS.absolute_ridge + model.prior
+        normal[diagonal] += LOCATION.ridge * np.diag(normal) + LOCATION.absolute_ridge + model.prior
         found.append((normal, rows.T @ model.target + model.prior * model.offset))
     return found
 
@@ -129,12 +128,12 @@ def corrected_squares(
 
 def is_significant_gain(search: Search, leaner: np.ndarray, fuller: np.ndarray) -> bool:
     """Whether the gain of a correction, from squared residuals (n,) without and with it, is
-    significant and exceeds LIMITS.min_gain.
+    significant and exceeds LOCATION.min_gain.
     """
     gain = block_sums(search.blocks, leaner) - block_sums(search.blocks, fuller)
     samples = bootstrap_means(search.blocks, gain)
     low = float(np.quantile(samples, 1.0 - COMPARISON.significance))
-    least = LIMITS.min_gain * search.noise_power()
+    least = LOCATION.min_gain * search.noise_power()
     return low > 0.0 and gain.sum() / search.blocks.total > least
 
 
@@ -146,7 +145,7 @@ def active_subsystems(
     """
     chosen = list(dict.fromkeys(BY_ID[i].subsystem for i in best.ids))
     pool = sorted(set(model.owner) - {NUISANCE, *chosen})
-    while pool and len(chosen) < LIMITS.max_subsystems:
+    while pool and len(chosen) < LOCATION.max_subsystems:
         base = corrected_squares(search, model, sums, frozenset(chosen))
         squares = {s: corrected_squares(search, model, sums, frozenset([*chosen, s])) for s in pool}
         top = min(pool, key=lambda s: (float(squares[s][search.blocks.tested].sum()), s))
@@ -208,5 +207,5 @@ def regime_shares(search: Search) -> list[RegimeShare]:
     return [
         RegimeShare(n, s / total)
         for n, s in sorted(sums.items(), key=lambda item: -item[1])
-        if s > LIMITS.min_regime_share * total
+        if s > LOCATION.min_regime_share * total
     ]

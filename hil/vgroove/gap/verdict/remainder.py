@@ -9,8 +9,7 @@ import numpy as np
 
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.selection.model_comparison import Blocks, difference_interval
-from vgroove.gap.selection.search_state import LIMITS as COMPARISON
-from vgroove.gap.selection.search_state import Search
+from vgroove.gap.selection.search_state import COMPARISON, Search
 from vgroove.gap.verdict import correlates
 from vgroove.gap.verdict.correlates import Covariate
 from vgroove.gap.verdict.covariates import UNWOUND_ANGLE, Covariates
@@ -30,7 +29,7 @@ class RemainderLimits:
     min_correlate_share: float = 0.05  # of the squared gap: smaller correlates are not listed
 
 
-LIMITS = RemainderLimits()
+REMAINDER = RemainderLimits()
 
 
 @dataclass(frozen=True)
@@ -152,7 +151,7 @@ def stands_above_noise(search: Search, best: Fit, noise: float) -> bool:
     above = search.block_losses(best) - noise * search.blocks.rows
     least = COMPARISON.min_gain * noise
     return (
-        search.score(best) > (1.0 + LIMITS.min_excess) * noise
+        search.score(best) > (1.0 + REMAINDER.min_excess) * noise
         and difference_interval(search.blocks, above, COMPARISON.likely)[0] > least
     )
 
@@ -193,7 +192,7 @@ def spectral_lines(
         rows = residuals.blocks.tested & (residuals.signal == k) & (residuals.value != 0.0)
         if angle is not None:
             rows &= np.isfinite(angle)
-        if rows.sum() < correlates.LIMITS.line_rows:
+        if rows.sum() < correlates.CORRELATE.line_rows:
             continue
         lines = correlates.spectral_covariates(
             residuals.value[rows],
@@ -222,7 +221,7 @@ def correlate_shares(search: Search, covariates: Covariates) -> list[CorrelateSh
             rows = residuals.rows(k, covariate) & (residuals.value != 0.0)
             left = residuals.without(rows, covariate)
             share = float((residuals.value[rows] ** 2 - left**2).sum()) / total
-            if share > LIMITS.min_correlate_share:
+            if share > REMAINDER.min_correlate_share:
                 name = residuals.names[k]
                 found.append(CorrelateShare(covariate.name, name, min(1.0, share)))
     return sorted(found, key=lambda f: (-f.share, f.follows, f.signal))
