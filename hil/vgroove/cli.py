@@ -318,9 +318,11 @@ def gap_diagnose(
     """Find where logs and simulation differ, which effect the simulation lacks, and how much that
     effect reduces the gap.
     """
-    from vgroove.gap.command import diagnose_files
+    from vgroove.gap import DiagnosisOptions
+    from vgroove.gap.command import OutputPaths, diagnose_files
 
-    diagnose_files(logs, rig, json_path, html_path, out_rig, seed, without or [])
+    outputs = OutputPaths(json_path, html_path, out_rig)
+    diagnose_files(logs, rig, outputs, DiagnosisOptions(seed, tuple(without or ())))
 
 
 @gap_app.command("emps")

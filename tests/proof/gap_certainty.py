@@ -1,10 +1,10 @@
-"""Fits the coefficients of hil/vgroove/gap/verdict/calibration.py to opened cases of the blind set,
-half `tune`.
+"""Fits the coefficients of vgroove/gap/verdict/calibration.py to opened cases of the blind set's
+tuning half.
 
-gap_certainty.py            prints the coefficients and their scores on cases that they were not
-                            fitted to, from docs/results/gap_certainty.json
-gap_certainty.py --gather   writes that file from the verdicts that `vgroove gap bench [--removed]`
-                            keeps of this engine
+gap_certainty.py           prints the coefficients, and their scores on cases left out of the fit,
+                           from docs/results/gap_certainty.json
+gap_certainty.py --gather  writes that file from the verdicts that `vgroove gap bench [--removed]`
+                           made with the current engine
 """
 
 import argparse
@@ -28,7 +28,7 @@ SURE = 0.99  # most that a verdict says
 
 
 def gather() -> dict[str, Any]:
-    """Every name of the best sets of the kept verdicts, its signs, and whether it is at work."""
+    """Every effect of the best sets of the verdicts, with its evidence and whether it is true."""
     from vgroove.gap_bench.cases import BlindSet
 
     blind, rows = BlindSet(ROOT, "tune"), []
@@ -132,8 +132,8 @@ def main() -> None:
         f = figures(said[whole], true[whole])
         reliable = ", ".join(f"{low:g}: {hits}/{of}" for low, hits, of in f["reliability"] if of)
         sys.stdout.write(
-            f"{name}: {f['names']} names, Brier {f['brier']:.3f}, log loss {f['log_loss']:.3f}; "
-            f"right from {reliable}\n"
+            f"{name}: {f['names']} names, Brier {f['brier']:.3f}, log loss {f['log_loss']:.3f};"
+            f" right from {reliable}\n"
         )
 
 

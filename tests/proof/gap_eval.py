@@ -15,7 +15,7 @@ from typing import Any
 # as the command line does: the plant has threads of its own
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from vgroove.gap.diagnose import diagnose  # noqa: E402
+from vgroove.gap import diagnose  # noqa: E402
 from vgroove.rig import read_rig  # noqa: E402
 
 # a gap that retuning brings below this: stated tolerances explain the effect, and `none` is right
@@ -27,7 +27,7 @@ def judge(folder: Path) -> dict[str, Any]:
     """Verdict of one case beside its label; a crash is a wrong answer with its message."""
     start, busy = time.perf_counter(), time.process_time()
     try:
-        verdict = diagnose([folder / "log.csv"], read_rig(folder / "rig.toml")).verdict
+        verdict = diagnose([folder / "log.csv"], read_rig(folder / "rig.toml")).as_dict()
     except Exception as error:  # the count goes on
         verdict = {
             "verdict": f"crash: {error}",

@@ -23,8 +23,8 @@ from rich.console import Console  # noqa: E402
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "python"))
 
 from made_log import drive_log, rig  # noqa: E402
+from vgroove.gap import DiagnosisOptions, diagnose  # noqa: E402
 from vgroove.gap.catalogue import CATALOGUE  # noqa: E402
-from vgroove.gap.diagnose import diagnose  # noqa: E402
 from vgroove.page import Table  # noqa: E402
 
 EFFECT = {"viscous_friction": {"nm_s_per_rad": 2.5e-6}}
@@ -44,15 +44,17 @@ def cost(seconds: float, every: int = 1, begin: int = 0) -> dict[str, Any]:
     log = drive_log(rig().with_effects(EFFECT), seconds=seconds, levels=levels)
     kept = {next(iter(EFFECT)), *(e.id for e in CATALOGUE[begin::every])}
     wall, busy = time.perf_counter(), time.process_time()
-    found = diagnose([log], rig(), without=[e.id for e in CATALOGUE if e.id not in kept])
+    found = diagnose(
+        [log], rig(), DiagnosisOptions(without=[e.id for e in CATALOGUE if e.id not in kept])
+    )
     wall, busy = time.perf_counter() - wall, time.process_time() - busy
     return {
         "log_s": seconds,
-        "effects": len(found.search.effects),
+        "effects": len(found.effects),
         "cpu_s": busy,
         "wall_s": wall,
-        "runs": found.search.engine.calls,
-        "named": found.verdict["selected"],
+        "runs": found.evidence.search.engine.calls,
+        "named": found.selected,
     }
 
 

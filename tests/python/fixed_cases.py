@@ -14,7 +14,7 @@ from pathlib import Path
 from truth_helpers import TRUTH
 
 import gap_bench  # isort: skip
-from vgroove.gap.diagnose import diagnose
+from vgroove.gap import diagnose
 from vgroove.gap_bench.score import Scored
 from vgroove.log import read_log
 from vgroove.rig import read_rig
@@ -27,7 +27,7 @@ def judged(row: dict, folder: Path) -> Scored:
     case = gap_bench.thawed(row)
     gap_bench.write_case(case, folder)
     begin = time.process_time()
-    verdict = diagnose([read_log(folder / "log.csv")], read_rig(folder / "rig.toml")).verdict
+    verdict = diagnose([read_log(folder / "log.csv")], read_rig(folder / "rig.toml")).as_dict()
     seconds = time.process_time() - begin
     return Scored(
         row["number"],

@@ -138,6 +138,7 @@ class Toy:
         self.row = np.tile(np.arange(n), 3)
         self.time_s = np.tile(t, 3)
         self.log = np.zeros(self.n, int)
+        self.censored = np.zeros(self.n, bool)
         self.block = (self.time_s // 0.75).astype(int) + 1
         self.folds = [((self.block - 1) % 4 != k, (self.block - 1) % 4 == k) for k in range(4)]
         self.judged = np.ones(self.n, bool)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_log import drive_log, rig
-from vgroove.gap.diagnose import diagnose
+from vgroove.gap import diagnose
 from vgroove.gap.simulate import compute_gap
 from vgroove.rig import Rig
 
@@ -49,7 +49,7 @@ def test_a_play_is_identified_whatever_the_restitution_of_its_flanks(
 ) -> None:
     made = drive_log(with_play(restitution, flank_rad_s), seconds=4.2, levels=UP_AND_DOWN)
     found = diagnose([made], rig(gearbox={"output_inertia_kg_m2": 2.4e-4}))
-    verdict = found.verdict
+    verdict = found.as_dict()
     assert (verdict["verdict"], verdict["selected"]) == ("effect", ["gear_backlash"])
     assert verdict["gap"]["after"] < 1.1
     assert set(verdict["effects"][0]["parameters"]) == {"play_rad"}

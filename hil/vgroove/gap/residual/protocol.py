@@ -82,6 +82,16 @@ class MeasuredProblem(Protocol):
         ...
 
     @property
+    def time_s(self) -> np.ndarray:
+        """Time (n,) in s at which each residual ends."""
+        ...
+
+    @property
+    def censored(self) -> np.ndarray:
+        """Whether each residual (n,) counts only where it is not 0: a Hall edge still awaited."""
+        ...
+
+    @property
     def judged(self) -> np.ndarray:
         """Whether each residual (n,) counts in the reported gap."""
         ...
