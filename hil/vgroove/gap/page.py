@@ -5,7 +5,8 @@ tables behind them.
 from collections.abc import Sequence
 
 from vgroove.gap.corrected_rig import corrected_parameters
-from vgroove.gap.figures import (
+from vgroove.gap.report import parameter_texts, spaced_name, verdict_sentence
+from vgroove.gap.residual.agreement import (
     LogTraces,
     bars_figure,
     command_picture,
@@ -13,7 +14,6 @@ from vgroove.gap.figures import (
     remainder_figure,
     trace_picture,
 )
-from vgroove.gap.report import parameter_texts, spaced_name, verdict_sentence
 from vgroove.gap.result import Verdict
 from vgroove.gap.verdict.schema import Gap, NextExperiment, Unexplained, Where
 from vgroove.page import Card, Note, Page, Part, Picture, Table
