@@ -1,5 +1,4 @@
-// Which effects a set of parameters switches on: the key by which simulations are put together in
-// one vector.
+// Which effects a set of parameters switches on: simulations with the same effects share a vector.
 #ifndef VGROOVE_PLANT_COMPONENTS_EFFECTS_HPP
 #define VGROOVE_PLANT_COMPONENTS_EFFECTS_HPP
 
@@ -31,16 +30,16 @@ enum Effect : std::uint32_t {
     EFFECT_COMMAND_SHIFT = 1u << 17,
 };
 
-// Effects that need states of their own beside current, speed and angle.
+// Effects that have states of their own
 constexpr std::uint32_t EFFECTS_WITH_STATES =
     EFFECT_DROOP | EFFECT_HEATING | EFFECT_TWO_BODIES | EFFECT_CURRENT_LAG | EFFECT_SPEED_LAG;
 
-// Coefficient effects (a changed R, L, k, J, Coulomb, viscous torque) are folded into the model's
-// constants and have no switch.
+// An effect that changes a coefficient (R, L, k, J, Coulomb or viscous torque, ...) is part of the
+// model's constants and has no switch.
 std::uint32_t effects_of(const Parameters &p);
 
-// The parameter behind the fastest of the model's rates, with its value: the likely reason why
-// steps must be tiny.
+// A sentence that names the parameter behind the fastest rate of the model, with its value: the
+// likely reason why a run needs too many steps
 std::string fastest_parameter(const Parameters &p);
 
 }  // namespace vgroove

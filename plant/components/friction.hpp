@@ -1,5 +1,5 @@
-// Friction and drag torques at the motor shaft: what depends on speed, what depends on angle, and
-// what holds at rest.
+// Friction and drag torques at the motor shaft: those that depend on speed, those that depend on
+// angle, and the torque that is held at rest (docs/spec/model.md, section 2).
 #ifndef VGROOVE_PLANT_COMPONENTS_FRICTION_HPP
 #define VGROOVE_PLANT_COMPONENTS_FRICTION_HPP
 
@@ -9,7 +9,7 @@
 namespace vgroove {
 
 template <class V> struct Friction {
-    V viscous, coulomb_nm;  // nominal and effect together
+    V viscous, coulomb_nm;  // nominal value plus effect
     V forward_nm, backward_nm;
     V breakaway_nm, stribeck_inverse;
     V drag, directional;
@@ -19,7 +19,27 @@ template <class V> struct Friction {
     V load_relative;
 };
 
-// load_dependent_friction: relative abs(TL) / N
+template <class V> void friction_set_lane(Friction<V> &f, int lane, const Parameters &p) {
+    set(f.viscous, lane, p.motor_viscous + p.viscous);
+    set(f.coulomb_nm, lane, p.motor_coulomb_nm + p.coulomb_nm);
+    set(f.forward_nm, lane, p.asymmetric_forward_nm);
+    set(f.backward_nm, lane, p.asymmetric_backward_nm);
+    set(f.breakaway_nm, lane, p.stribeck_breakaway_nm);
+    set(f.stribeck_inverse, lane, 1.0 / p.stribeck_speed_rad_s);
+    set(f.drag, lane, p.quadratic_drag);
+    set(f.directional, lane, p.directional_viscous);
+    set(f.grease, lane, p.grease_nm_s_per_rad);
+    set(f.grease_rate, lane, 1.0 / p.grease_time_s);
+    set(f.cogging_nm, lane, p.cogging_nm);
+    set(f.cogging_periods, lane, p.cogging_periods);
+    set(f.cogging_phase, lane, p.cogging_phase_rad);
+    set(f.eccentricity_nm, lane, p.eccentricity_nm);
+    set(f.eccentricity_phase, lane, p.eccentricity_phase_rad);
+    set(f.ratio_inverse, lane, 1.0 / p.gearbox_ratio);
+    set(f.load_relative, lane, p.load_friction_relative);
+}
+
+// Effect load_dependent_friction: relative |TL| / N
 template <class V>
 VGROOVE_INLINE V friction_of_load(const Friction<V> &p, std::uint32_t effects, V load_motor_nm) {
     return effects & EFFECT_LOAD_FRICTION ? p.load_relative * abs_of<V>(load_motor_nm) : V{};
@@ -46,8 +66,8 @@ VGROOVE_INLINE V friction_sliding(const Friction<V> &p, std::uint32_t effects, V
     return torque;
 }
 
-// At rest any torque from -(Tc + breakaway + backward) to Tc + breakaway + forward is held; each is
-// the limit of the sliding torque at w -> 0.
+// At rest any torque from -(Tc + breakaway + backward) to Tc + breakaway + forward is held; both
+// ends are limits of the sliding torque for w -> 0.
 template <class V> struct HoldLimits { V forward_nm, backward_nm; };
 template <class V>
 VGROOVE_INLINE HoldLimits<V> friction_hold(const Friction<V> &p, std::uint32_t effects,
@@ -58,7 +78,8 @@ VGROOVE_INLINE HoldLimits<V> friction_hold(const Friction<V> &p, std::uint32_t e
     return {coulomb + p.forward_nm, coulomb + p.backward_nm};
 }
 
-// cogging torque_nm sin(periods th + phase) + eccentricity torque_nm sin(th / N + phase)
+// Effects cogging_torque and gear_eccentricity: torque_nm sin(periods th + phase) + torque_nm
+// sin(th / N + phase)
 template <class V>
 VGROOVE_INLINE V friction_of_angle(const Friction<V> &p, std::uint32_t effects, V angle) {
     V torque{};
@@ -69,7 +90,8 @@ VGROOVE_INLINE V friction_of_angle(const Friction<V> &p, std::uint32_t effects, 
     return torque;
 }
 
-// Their potential: -torque_nm / periods cos(periods th + phase) - torque_nm N cos(th / N + phase)
+// Potential energy of both: -torque_nm / periods cos(periods th + phase) - torque_nm N cos(th / N +
+// phase)
 template <class V>
 VGROOVE_INLINE V friction_angle_energy(const Friction<V> &p, std::uint32_t effects, V angle) {
     V energy{};

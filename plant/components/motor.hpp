@@ -1,5 +1,5 @@
 // Motor: armature circuit of a permanent-magnet brushed machine, its torque constant, winding heat
-// and brushes.
+// and brushes (docs/spec/model.md, section 2).
 #ifndef VGROOVE_PLANT_COMPONENTS_MOTOR_HPP
 #define VGROOVE_PLANT_COMPONENTS_MOTOR_HPP
 
@@ -8,8 +8,9 @@
 
 namespace vgroove {
 
-constexpr double COPPER_PER_KELVIN = 0.0039;  // gap contract, winding_heating
-constexpr double BRUSH_CURRENT_A = 0.3;       // gap contract, brush_drop
+// docs/spec/gap.md, section 3: winding_heating and brush_drop
+constexpr double COPPER_PER_KELVIN = 0.0039;
+constexpr double BRUSH_CURRENT_A = 0.3;
 
 template <class V> struct Motor {
     V resistance_ohm;      // R (1 + relative)
@@ -19,6 +20,27 @@ template <class V> struct Motor {
     V kelvin_per_joule, cooling_rate;
     V brush_v;
 };
+
+// Inductance of the winding with its effect, H
+inline double motor_inductance(const Parameters &p) {
+    return p.motor_inductance_h * (1.0 + p.inductance_relative);
+}
+
+// Torque constant with its effect, N m/A
+inline double motor_torque_constant(const Parameters &p) {
+    return p.motor_torque_constant * (1.0 + p.torque_constant_relative);
+}
+
+template <class V> void motor_set_lane(Motor<V> &m, int lane, const Parameters &p) {
+    const double inductance = motor_inductance(p);
+    set(m.resistance_ohm, lane, p.motor_resistance_ohm * (1.0 + p.winding_relative));
+    set(m.inductance_inverse, lane, inductance > 0.0 ? 1.0 / inductance : 0.0);
+    set(m.constant, lane, motor_torque_constant(p));
+    set(m.saturation_inverse, lane, 1.0 / p.saturation_a);
+    set(m.kelvin_per_joule, lane, p.heating_kelvin_per_joule);
+    set(m.cooling_rate, lane, 1.0 / p.heating_cooling_s);
+    set(m.brush_v, lane, p.brush_voltage_v);
+}
 
 // k / (1 + (i / saturation_a)^2)
 template <class V> VGROOVE_INLINE V motor_constant(const Motor<V> &p, std::uint32_t effects, V i) {

@@ -1,5 +1,5 @@
 // The flat parameter vector of the plant: rig keys, then the parameters of the effects, each a
-// double named as the gap contract names it.
+// double with the name that docs/spec/gap.md, sections 2 and 3, gives it.
 #ifndef VGROOVE_PLANT_COMPONENTS_PARAMETERS_HPP
 #define VGROOVE_PLANT_COMPONENTS_PARAMETERS_HPP
 
@@ -9,7 +9,7 @@ namespace vgroove {
 
 constexpr double OFF_AT_INFINITY = std::numeric_limits<double>::infinity();
 
-// X(member, name, default). SI units; the defaults are the neutral values: every effect off.
+// X(member, name, default). SI units; with the defaults every effect is off.
 // clang-format off
 #define VGROOVE_PLANT_PARAMETERS(X) \
     X(supply_voltage_v,            "supply.voltage_v", 0.0) \
@@ -159,7 +159,8 @@ extern const char *const PARAMETER_NAMES[PARAMETER_COUNT];
 
 Parameters parameters_from(const double *theta);
 
-// Throws std::invalid_argument naming the parameter that is outside its physical range.
+// Throws std::invalid_argument, which names the parameter that is outside its physical range.
+void require_parameter(bool holds, const char *message);
 void check_parameters(const Parameters &p, bool electrical);
 
 }  // namespace vgroove

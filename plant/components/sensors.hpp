@@ -1,5 +1,5 @@
-// Sensors: what the shaft and the current look like through gain, lag, offset, clipping and an
-// eccentric Hall wheel; counts of the board's front ends.
+// Sensors: current, speed and angle as measured, with gain, lag, offset, clipping and an eccentric
+// Hall wheel (docs/spec/gap.md, section 3).
 #ifndef VGROOVE_PLANT_COMPONENTS_SENSORS_HPP
 #define VGROOVE_PLANT_COMPONENTS_SENSORS_HPP
 
@@ -13,7 +13,14 @@ template <class V> struct Sensors {
     V hall_amplitude, hall_phase;
 };
 
-// Speed of the wheel w (1 + A cos(th + phase)), the derivative of th + A sin(th + phase)
+template <class V> void sensors_set_lane(Sensors<V> &s, int lane, const Parameters &p) {
+    set(s.current_lag_rate, lane, p.current_lag_s > 0.0 ? 1.0 / p.current_lag_s : 0.0);
+    set(s.speed_lag_rate, lane, p.speed_lag_s > 0.0 ? 1.0 / p.speed_lag_s : 0.0);
+    set(s.hall_amplitude, lane, p.hall_amplitude_rad);
+    set(s.hall_phase, lane, p.hall_phase_rad);
+}
+
+// Speed of the eccentric wheel: w (1 + A cos(th + phase)), the derivative of th + A sin(th + phase)
 template <class V>
 VGROOVE_INLINE V sensors_wheel_speed(const Sensors<V> &p, std::uint32_t effects, V w, V angle) {
     if (!(effects & EFFECT_HALL))
@@ -35,9 +42,37 @@ VGROOVE_INLINE void sensors_derivative(const Sensors<V> &p, std::uint32_t effect
     if (effects & EFFECT_CURRENT_LAG)
         ds.x[STATE_CURRENT_FILTER] = (i - s.x[STATE_CURRENT_FILTER]) * p.current_lag_rate;
     if (effects & EFFECT_SPEED_LAG) {
-        const V seen = sensors_wheel_speed<V>(p, effects, s.x[STATE_SPEED], s.x[STATE_ANGLE]);
-        ds.x[STATE_SPEED_FILTER] = (seen - s.x[STATE_SPEED_FILTER]) * p.speed_lag_rate;
+        const V wheel = sensors_wheel_speed<V>(p, effects, s.x[STATE_SPEED], s.x[STATE_ANGLE]);
+        ds.x[STATE_SPEED_FILTER] = (wheel - s.x[STATE_SPEED_FILTER]) * p.speed_lag_rate;
     }
+}
+
+// Current as measured: gain, offset, clipped at the sensor's limits
+inline double sensors_measured_current(const Parameters &p, double i) {
+    const double read = i * (1.0 + p.current_gain_relative) + p.current_offset_a;
+    return read > p.current_limit_a ? p.current_limit_a
+                                    : (read < -p.current_limit_a ? -p.current_limit_a : read);
+}
+
+// Motor shaft and the state of the speed sensor's filter
+struct ShaftMotion {
+    double speed, angle, filtered_speed;
+};
+
+// Speed and angle as measured: eccentric wheel, lag by the filter (th_f' = w_f = (th - th_f) / T),
+// gain. A lag in the form of a delay is applied by the caller.
+inline double sensors_measured_speed(const Sensors<double> &s, std::uint32_t effects,
+                                     const Parameters &p, const ShaftMotion &shaft) {
+    const double speed = effects & EFFECT_SPEED_LAG
+                             ? shaft.filtered_speed
+                             : sensors_wheel_speed<double>(s, effects, shaft.speed, shaft.angle);
+    return speed * (1.0 + p.speed_gain_relative);
+}
+inline double sensors_measured_angle(const Sensors<double> &s, std::uint32_t effects,
+                                     const Parameters &p, const ShaftMotion &shaft) {
+    const double lagged = sensors_wheel_angle<double>(s, effects, shaft.angle) -
+                          (effects & EFFECT_SPEED_LAG ? p.speed_lag_s * shaft.filtered_speed : 0.0);
+    return lagged * (1.0 + p.speed_gain_relative);
 }
 
 }  // namespace vgroove

@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "plant/drill/solvers.hpp"
+#include "plant/drill/real_time.hpp"
 
 using namespace vgroove;
 
