@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from vgroove.errors import VgrooveError, refused_by_plant
+from vgroove.gap.catalogue import JOINTS
 from vgroove.lockstep import FrontEnds, Profile
-from vgroove.rig import JOINTS, Rig, read_rig, read_toml, rig_from_dict
 from vgroove.rig import SCHEMA as RIG_SCHEMA
+from vgroove.rig import Rig, read_rig, read_toml, rig_from_dict
 
 SCHEMA = "vgroove.scenario/1"
 DURATION_MAX_S = 3600.0

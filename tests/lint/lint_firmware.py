@@ -23,12 +23,12 @@ SUPPRESSIONS = Path(__file__).with_name("misra_suppressions.txt")
 GENERATED = {"telemetry_signals.c"}
 
 
-def sources(*rooms: str) -> list[Path]:
-    """C files of rooms of firmware/, generated ones left out."""
+def sources(*folders: str) -> list[Path]:
+    """C files of folders of firmware/, generated ones left out."""
     return [
         p
-        for room in rooms
-        for p in sorted((FIRMWARE / room).rglob("*.c"))
+        for folder in folders
+        for p in sorted((FIRMWARE / folder).rglob("*.c"))
         if p.name not in GENERATED
     ]
 
@@ -73,7 +73,10 @@ def stand_ins() -> Path:
     atexit.register(shutil.rmtree, folder)
     (folder / "avr").mkdir()
     (folder / "build_hash.h").write_text("#define VGROOVE_BUILD_HASH 0u\n", encoding="ascii")
-    watchdog = "#define WDTO_15MS 0\nvoid wdt_enable(unsigned char value);\nvoid wdt_disable(void);\nvoid wdt_reset(void);\n"
+    watchdog = (
+        "#define WDTO_15MS 0\nvoid wdt_enable(unsigned char value);\n"
+        "void wdt_disable(void);\nvoid wdt_reset(void);\n"
+    )
     (folder / "avr/wdt.h").write_text(watchdog, encoding="ascii")
     return folder
 

@@ -54,7 +54,8 @@ def test_the_boards_files_are_seen_as_the_board_builds_them(tmp_path: Path) -> N
     bad.write_text(
         '#include <avr/interrupt.h>\n#include <avr/wdt.h>\n#include "build_hash.h"\n'
         "static volatile uint32_t hash = VGROOVE_BUILD_HASH;\n"
-        "ISR(TIMER2_COMPA_vect, ISR_NAKED) {\n    wdt_reset();\n    if (hash == hash)\n        TCNT2 = 010;\n}\n"
+        "ISR(TIMER2_COMPA_vect, ISR_NAKED) {\n    wdt_reset();\n"
+        "    if (hash == hash)\n        TCNT2 = 010;\n}\n"
     )
     found = lint_firmware.tidy(bad)
     assert (

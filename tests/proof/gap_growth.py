@@ -23,8 +23,8 @@ from rich.console import Console  # noqa: E402
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "python"))
 
 from made_log import drive_log, rig  # noqa: E402
+from vgroove.gap.catalogue import CATALOGUE  # noqa: E402
 from vgroove.gap.diagnose import diagnose  # noqa: E402
-from vgroove.gap.hypotheses import CATALOGUE  # noqa: E402
 from vgroove.page import Table  # noqa: E402
 
 EFFECT = {"viscous_friction": {"nm_s_per_rad": 2.5e-6}}

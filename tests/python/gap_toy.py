@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgroove.gap.fit import Engine, Fit
-from vgroove.gap.folds import settle
-from vgroove.gap.hypotheses import BY_ID, CATALOGUE, Scales
+from vgroove.gap.catalogue import BY_ID, CATALOGUE, Scales
+from vgroove.gap.fitting.cross_validation import predict_held_out
+from vgroove.gap.fitting.fit import Engine, Fit
 
 DT, WINDOW, COUNT = 1e-3, 250, 24
 RIG = {
@@ -237,5 +237,5 @@ def fit_of(toy: Toy, *ids: str, tolerance: dict[str, float] | None = None) -> tu
     engine = Engine(toy, SCALES, tolerance or {})
     fits = engine.fit(engine.hypotheses([BY_ID[i] for i in ids]))
     best = min(fits, key=lambda f: f.cost)
-    settle(engine, [best])
+    predict_held_out(engine, [best])
     return engine, best

@@ -21,7 +21,7 @@ from test_run import VGROOVE
 from vgroove import telemetry
 from vgroove.cli import app
 from vgroove.errors import VgrooveError
-from vgroove.gap.menu import named
+from vgroove.gap.next_run.menu import profile_named
 from vgroove.log import Log, read_log
 
 LIMIT_S = 120
@@ -68,7 +68,7 @@ def both(
     run on it, recorded in `log`.
     """
     words = [
-        str(Path(__file__).with_name("patient_board.py")),
+        str(Path(__file__).with_name("board_with_operator.py")),
         on,
         str(folder / "direct.blf"),
         *map(str, (run_s, held_s, travel)),
@@ -106,7 +106,7 @@ def opens_after(path: Path) -> tuple[float, Log]:
 def test_the_elf_performs_the_run_of_a_verdict_and_the_log_is_the_boards_own(
     tmp_path: Path,
 ) -> None:
-    course = named("staircase")
+    course = profile_named("staircase")
     asked = {
         "verdict": "ambiguous",
         "next_experiment": {"profile": course.name, "why": "test", "points": course.points()},

@@ -12,10 +12,7 @@ from vgroove.cli import app
 from vgroove.errors import VgrooveError
 from vgroove.gap.emps import PUBLISHED, emps_figures
 
-EMPS = Path(__file__).resolve().parents[3] / "shared/data/emps"
-needs_data = pytest.mark.skipif(
-    not (EMPS / "log.csv").is_file(), reason="../shared/data/emps is absent"
-)
+EMPS = Path(__file__).resolve().parents[1] / "data/emps"
 # model: in sample %, held-out thirds %, free run mm/s (README of the data)
 TABLE = {
     "M": (69.6, 69.6, 56.4),
@@ -34,7 +31,6 @@ LAST = {
 }
 
 
-@needs_data
 def test_the_ladder_is_the_tables(tmp_path: Path) -> None:
     result = CliRunner().invoke(
         app, ["gap", "emps", str(EMPS), "--json", str(tmp_path / "emps.json")]
@@ -54,7 +50,6 @@ def test_the_ladder_is_the_tables(tmp_path: Path) -> None:
             )
 
 
-@needs_data
 def test_the_offset_model_has_the_published_parameters() -> None:
     figures = emps_figures(EMPS)
     assert set(figures["published"]) == set(PUBLISHED)

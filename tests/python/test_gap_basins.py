@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from gap_toy import SCALES, Toy
-from vgroove.gap import basins, search_state
-from vgroove.gap.fit import Engine, Fit
-from vgroove.gap.folds import settle
-from vgroove.gap.hypotheses import BY_ID
+from vgroove.gap.catalogue import BY_ID
+from vgroove.gap.fitting.cross_validation import predict_held_out
+from vgroove.gap.fitting.fit import Engine, Fit
+from vgroove.gap.selection import basins, search_state
 
 TREAD = 0.06  # width of a step, in the true ripple
 SWING = 3.0 * np.exp(1j)  # the true ripple in its size: amplitude and phase
@@ -46,7 +46,7 @@ def ended_at(swing: complex) -> tuple[search_state.Search, Fit]:
     start = h.start.copy()
     start[at : at + 2] = swing.real, swing.imag
     ended = state.fits[("cogging_torque",)] = state.engine.fit([replace(h, start=start)], 0)[0]
-    settle(state.engine, [ended])
+    predict_held_out(state.engine, [ended])
     return state, ended
 
 
@@ -55,7 +55,7 @@ def ended_at(swing: complex) -> tuple[search_state.Search, Fit]:
 )
 def test_the_lowest_step_is_found_from_one_on_which_the_fit_ended(swing: complex) -> None:
     state, ended = ended_at(swing)
-    found = basins.deepest(state, ended)
+    found = basins.deepest_minimum(state, ended)
     assert state.score(ended) > 5.0 and state.score(found) < 1.05
     assert state.fits[("cogging_torque",)] is found and found.exact
 
@@ -63,13 +63,13 @@ def test_the_lowest_step_is_found_from_one_on_which_the_fit_ended(swing: complex
 def test_a_fit_that_leaves_no_gap_is_not_looked_around() -> None:
     state, ended = ended_at(SWING)
     runs = state.engine.calls
-    assert basins.deepest(state, ended) is ended and state.engine.calls == runs
+    assert basins.deepest_minimum(state, ended) is ended and state.engine.calls == runs
 
 
 def test_only_the_ripples_numbers_move_within_their_bounds() -> None:
     _, ended = ended_at(SWING)
     at = next(i for i, c in enumerate(ended.hypothesis.coordinates) if c.role == "cosine")
-    points = basins.ring(ended, 0.2)
+    points = basins.ripple_neighbours(ended, 0.2)
     np.testing.assert_array_equal(
         np.delete(points, [at, at + 1], axis=1),
         np.tile(np.delete(ended.x, [at, at + 1]), (len(points), 1)),
@@ -77,7 +77,7 @@ def test_only_the_ripples_numbers_move_within_their_bounds() -> None:
     swing = (points[:, at] + 1j * points[:, at + 1]) / complex(*ended.x[at : at + 2])
     assert np.abs(swing - 1.0).max() == pytest.approx(0.2 * np.sqrt(2.0))
     assert not len(
-        basins.ring(
+        basins.ripple_neighbours(
             replace(ended, hypothesis=replace(ended.hypothesis, coordinates=()), x=np.zeros(0)), 0.2
         )
     )

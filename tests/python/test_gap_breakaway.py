@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vgroove.gap.breakaway import impulse_rad_s, passages, with_breakaways
-from vgroove.gap.channels import RAD_S_TO_RPM, RowChannel
-from vgroove.gap.states import Observations
+from vgroove.gap.residual.breakaway import impulse_rad_s, passages, widen_after_breakaway
+from vgroove.gap.residual.channels import RAD_S_TO_RPM, RowChannel
+from vgroove.gap.residual.restarts import Observations
 from vgroove.rig import Rig, read_rig
 
 TIME = np.arange(1, 401) * 5e-3
@@ -59,7 +59,7 @@ def rig() -> Rig:
 @pytest.fixture
 def opened(rig: Rig) -> RowChannel:
     sigma = np.random.default_rng(2).uniform(0.5, 4.0, len(TIME))
-    return with_breakaways(
+    return widen_after_breakaway(
         (speeds(sigma),), seen(0.5), rig, np.array([0.0, 0.42, 0.8, 1.3]), 0.0, False
     )[0]
 
@@ -119,8 +119,8 @@ def test_a_likely_impulse_leaves_little_and_an_impossible_one_stays(opened: RowC
 def test_a_voltage_forgets_it(rig: Rig) -> None:
     channel = speeds(np.ones(len(TIME)))
     driven = replace(rig, input={"kind": "voltage_v"})
-    assert with_breakaways((channel,), seen(), driven, np.zeros(1), 0.0, False)[0] is channel
+    assert widen_after_breakaway((channel,), seen(), driven, np.zeros(1), 0.0, False)[0] is channel
     assert (
-        with_breakaways((channel,), seen(), rig, np.zeros(1), 0.0, False)[0].impulse.max()
+        widen_after_breakaway((channel,), seen(), rig, np.zeros(1), 0.0, False)[0].impulse.max()
         < RAD_S_TO_RPM * 5.0
     )

@@ -5,8 +5,8 @@ wrong with it is.
 import numpy as np
 import pytest
 
-from vgroove.gap.calm import calmed, straight_means
-from vgroove.gap.noise import command_noise, scatter
+from vgroove.gap.cleaning.denoised_command import denoise_command, straight_means
+from vgroove.gap.cleaning.sensor_noise import command_noise_sigma, high_frequency_sigma
 
 HOLDS = np.concatenate(
     [
@@ -35,7 +35,7 @@ def noisy(clean: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def test_a_noisy_command_keeps_its_steps_and_slopes() -> None:
-    found = calmed(noisy(HOLDS, 0.05)).values - HOLDS
+    found = denoise_command(noisy(HOLDS, 0.05)).values - HOLDS
     inner = np.r_[100:200, 400:500, 1000:1100, 1300:1500]
     # 0.05 over the root of 200 rows, the windows' ends included
     assert np.sqrt(np.mean(found[inner] ** 2)) < 0.007
@@ -48,13 +48,13 @@ def test_a_noisy_command_keeps_its_steps_and_slopes() -> None:
     "clean", [HOLDS, slewed(60), slewed(400), np.round(HOLDS / 0.07) * 0.07, np.full(500, 3.0)]
 )
 def test_a_command_without_noise_stays_as_it_is(clean: np.ndarray) -> None:
-    found = calmed(clean)
+    found = denoise_command(clean)
     assert found.values is clean and found.noise_v == 0.0 and found.fast_v == 0.0
 
 
 def test_few_steps_between_long_holds_are_no_noise() -> None:
     """Most rows repeat the one before: what scatters is the steps."""
-    assert command_noise(np.repeat([0.0, 7.0, 0.0, 11.0, 0.0], 700)) == 0.0
+    assert command_noise_sigma(np.repeat([0.0, 7.0, 0.0, 11.0, 0.0], 700)) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_few_steps_between_long_holds_are_no_noise() -> None:
 @pytest.mark.parametrize("rows", [1, 10, 40])
 def test_what_is_said_to_be_wrong_is(clean: np.ndarray, sigma: float, rows: int) -> None:
     """Row by row and over as many rows as a shaft remembers."""
-    found = calmed(noisy(clean, sigma))
+    found = denoise_command(noisy(clean, sigma))
     error = np.convolve(found.values - clean, np.full(rows, 1.0 / rows), mode="valid")
     said = np.sqrt(
         np.mean(
@@ -83,7 +83,7 @@ def test_what_is_said_to_be_wrong_is(clean: np.ndarray, sigma: float, rows: int)
 def test_a_curve_is_followed() -> None:
     t = np.arange(4000) / 1000.0
     clean = 9.0 + 5.0 * np.sin(2.0 * np.pi * (0.3 + 0.5 * t) * t)
-    found = calmed(noisy(clean, 0.02))
+    found = denoise_command(noisy(clean, 0.02))
     error = found.values - clean
     assert np.sqrt(np.mean(error**2)) < 0.02  # no worse than as it was logged
     assert np.abs(np.convolve(error, np.full(50, 0.02), mode="valid")).max() < 0.02
@@ -100,4 +100,4 @@ def test_a_window_ends_before_the_bend() -> None:
 def test_steps_that_follow_closely_are_hardly_taken_for_noise(hold: int, most: float) -> None:
     random = np.random.default_rng(4)
     levels = np.repeat(random.uniform(-10.0, 10.0, 8000 // hold), hold)
-    assert 0.019 < scatter(levels + 0.02 * random.standard_normal(8000)) < most
+    assert 0.019 < high_frequency_sigma(levels + 0.02 * random.standard_normal(8000)) < most

@@ -11,7 +11,7 @@ import pytest
 
 from gap_toy import Toy
 from test_gap_verdict import FLOOR, decided
-from vgroove.gap import certainty
+from vgroove.gap.verdict import calibration
 
 PROOF = Path(__file__).resolve().parents[1] / "proof" / "gap_certainty.py"
 spec = importlib.util.spec_from_file_location("gap_certainty", PROOF)
@@ -21,7 +21,9 @@ ROWS = json.loads(proof.ROWS.read_text(encoding="utf-8"))["rows"]
 
 
 def test_the_coefficients_are_the_fit_to_the_kept_cases() -> None:
-    np.testing.assert_allclose(certainty.COEFFICIENTS, proof.fitted(*proof.table(ROWS)), atol=0.011)
+    np.testing.assert_allclose(
+        calibration.COEFFICIENTS, proof.fitted(*proof.table(ROWS)), atol=0.011
+    )
 
 
 def test_probabilities_hold_on_cases_they_were_not_fitted_to() -> None:
@@ -42,14 +44,14 @@ def test_probabilities_hold_on_cases_they_were_not_fitted_to() -> None:
 def test_every_sign_speaks_the_right_way(sign: str, up: bool) -> None:
     middle = {"blocks": 1.5, "forms": 1.0, "closed": 2.0, "others": 1.0}
     low, high = (
-        certainty.probability(certainty.Signs(**middle | {sign: middle[sign] + step}))
+        calibration.probability(calibration.NameEvidence(**middle | {sign: middle[sign] + step}))
         for step in (-0.5, 0.5)
     )
     assert (low < high) is up
 
 
 def test_a_name_without_a_margin_is_not_believed() -> None:
-    assert certainty.probability(certainty.Signs(0.0, 0.0, 5.0, 1.0)) < 0.5
+    assert calibration.probability(calibration.NameEvidence(0.0, 0.0, 5.0, 1.0)) < 0.5
 
 
 def test_signs_of_a_clear_effect_and_of_a_true_tie() -> None:
@@ -60,6 +62,8 @@ def test_signs_of_a_clear_effect_and_of_a_true_tie() -> None:
     for toy, one_way, sure in ((clear, False, True), (tie, True, False)):
         state, finding = decided(toy, one_way=one_way)
         assert (
-            certainty.probability(certainty.signs(state, finding.best, finding.best.ids[0], FLOOR))
+            calibration.probability(
+                calibration.name_evidence(state, finding.best, finding.best.ids[0], FLOOR)
+            )
             > 0.9
         ) is sure

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.dead import without_dead
+from vgroove.gap.cleaning.dead_samples import remove_dead_samples
 from vgroove.log import Log
 from vgroove.rig import Rig, rig_from_dict
 
@@ -73,11 +73,11 @@ def log() -> Log:
 
 def missing(log: Log, rig: Rig, name: str) -> np.ndarray:
     """Rows that were taken as missing."""
-    return np.flatnonzero(np.isnan(without_dead(log, rig).columns[name]))
+    return np.flatnonzero(np.isnan(remove_dead_samples(log, rig).columns[name]))
 
 
 def test_a_sound_log_is_left_as_it_is(log: Log, rig: Rig) -> None:
-    assert without_dead(log, rig) is log
+    assert remove_dead_samples(log, rig) is log
 
 
 @pytest.mark.parametrize("name", ["current_a", "speed_rpm", "supply_v"])
@@ -85,7 +85,7 @@ def test_single_zeros_are_missing(log: Log, rig: Rig, name: str) -> None:
     hit = np.array([500, 777, 1200, 3100])
     log.columns[name][hit] = 0.0
     np.testing.assert_array_equal(missing(log, rig, name), hit)
-    assert name in without_dead(log, rig).warnings[-1]
+    assert name in remove_dead_samples(log, rig).warnings[-1]
 
 
 @pytest.mark.parametrize("name", ["current_a", "speed_rpm", "supply_v"])
@@ -133,7 +133,7 @@ def test_what_a_tool_can_show_is_left_alone(
     log: Log, rig: Rig, change: Callable[[dict], None]
 ) -> None:
     change(log.columns)
-    assert without_dead(log, rig) is log
+    assert remove_dead_samples(log, rig) is log
 
 
 def test_a_quiet_sensor_that_stands_while_nothing_moves_is_left_alone(log: Log, rig: Rig) -> None:
@@ -148,11 +148,11 @@ def test_a_quiet_sensor_that_stands_while_nothing_moves_is_left_alone(log: Log, 
         )
         log.columns[name] = value * ramp + (name == "supply_v") * (1.0 - ramp) * 18.0
     log.columns["coast"][:] = 0.0
-    assert without_dead(log, rig) is log
+    assert remove_dead_samples(log, rig) is log
 
 
 def test_a_log_in_which_nothing_changes_is_refused(log: Log, rig: Rig) -> None:
     for name in ("current_a", "speed_rpm", "supply_v"):
         log.columns[name][:] = log.columns[name][0]
     with pytest.raises(VgrooveError, match="no measured column changes"):
-        without_dead(log, rig)
+        remove_dead_samples(log, rig)

@@ -15,17 +15,15 @@ import pytest
 from made_log import drive_log, rig
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.gap import estimate
 from vgroove.gap.diagnose import diagnose
-from vgroove.gap.simulate import judge
+from vgroove.gap.selection import intervals
+from vgroove.gap.simulate import compute_gap
 from vgroove.output import write_text
 from vgroove.rig import read_rig
 
-SHARED = Path(__file__).resolve().parents[3] / "shared"
-PRACTICE = SHARED / "data" / "practice"
-needs_shared = pytest.mark.skipif(
-    not PRACTICE.is_dir(), reason="../shared is absent: its practice data and schemas are needed"
-)
+ROOT = Path(__file__).resolve().parents[2]
+PRACTICE, EMPS = ROOT / "tests/data/practice", ROOT / "tests/data/emps"
+SCHEMA = ROOT / "hil/vgroove/data/verdict.schema.json"
 FIRST = {f"practice_{n:03d}" for n in range(1, 13)}
 
 
@@ -35,7 +33,6 @@ def command(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, capture_output=True, text=True, timeout=300, check=False)
 
 
-@needs_shared
 @pytest.mark.parametrize("case", sorted(FIRST))
 def test_practice(case: str) -> None:
     label = json.loads((PRACTICE / case / "label.json").read_text())
@@ -52,12 +49,9 @@ def test_practice(case: str) -> None:
         assert all(
             e["probability"] > 0.5 for e in verdict["effects"] if e["id"] in verdict["selected"]
         )
-    jsonschema.validate(
-        verdict, json.loads((SHARED / "schema" / "verdict.schema.json").read_text())
-    )
+    jsonschema.validate(verdict, json.loads(SCHEMA.read_text()))
 
 
-@needs_shared
 def test_sizes_are_those_of_the_tool() -> None:
     """practice_011 holds 7.093 mN m more Coulomb friction, practice_003 a delay of 4.23 ms and a
     tool off by its tolerances.
@@ -78,18 +72,14 @@ def test_sizes_are_those_of_the_tool() -> None:
     )
 
 
-@needs_shared
 def test_emps_is_named_unaided() -> None:
-    verdict = diagnose(
-        [SHARED / "data" / "emps" / "log.csv"], read_rig(SHARED / "data" / "emps" / "rig.toml")
-    ).verdict
+    verdict = diagnose([EMPS / "log.csv"], read_rig(EMPS / "rig.toml")).verdict
     assert verdict["verdict"] == "effect"
     assert set(verdict["selected"][:2]) == {"viscous_friction", "coulomb_friction"}
     assert verdict["selected"][2:] in (["directional_viscous"], ["asymmetric_friction"])
     assert verdict["where"]["subsystem"] == "motor_mechanical"
 
 
-@needs_shared
 def test_same_input_same_bytes_and_the_corrected_rig_gives_the_gap_after(tmp_path: Path) -> None:
     case = PRACTICE / "practice_005"
     for name in ("one", "two"):
@@ -105,15 +95,14 @@ def test_same_input_same_bytes_and_the_corrected_rig_gives_the_gap_after(tmp_pat
             tmp_path / f"two.{ending}"
         ).read_bytes()
     gap = json.loads((tmp_path / "one.json").read_text())["gap"]
-    after, _ = judge(read_rig(tmp_path / "one.toml"), [case / "log.csv"], 0.25)
-    before, _ = judge(read_rig(case / "rig.toml"), [case / "log.csv"], 0.25)
+    after, _ = compute_gap(read_rig(tmp_path / "one.toml"), [case / "log.csv"], 0.25)
+    before, _ = compute_gap(read_rig(case / "rig.toml"), [case / "log.csv"], 0.25)
     assert after["gap"] == pytest.approx(gap["after"], rel=0.01)
     assert before["gap"] == pytest.approx(gap["before"], rel=0.01)
     page = (tmp_path / "one.html").read_text()
     assert "coulomb_friction" in page and "held-out" in page and "<script src=" not in page
 
 
-@needs_shared
 def test_an_effect_left_out_is_not_named() -> None:
     case = PRACTICE / "practice_008"
     verdict = diagnose(
@@ -132,7 +121,7 @@ def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has
     """A light tool whose current falls below the ripple: what the contract's mean leaves there is
     visible, so a form of ours is stated.
     """
-    monkeypatch.setattr(estimate, "VISIBLE", visible)
+    monkeypatch.setattr(intervals, "VISIBLE", visible)
     light = rig(
         motor={"coulomb_nm": 0.003, "viscous_nm_s_per_rad": 1e-6},
         sensors={"current_noise_a": 0.05, "current_lsb_a": 0.01},
@@ -147,7 +136,7 @@ def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has
     assert found.search.score(found.search.fits[("dead_time",)]) < 1.05
     assert found.corrected_rig().effects["dead_time"].get("form") == form
     assert (found.verdict["gap"]["after"] > 1.1) is (form is None)
-    again = judge(found.corrected_rig(), [log])[0]["gap"]
+    again = compute_gap(found.corrected_rig(), [log])[0]["gap"]
     # a bad model's folds differ
     assert again == pytest.approx(found.verdict["gap"]["after"], rel=0.01 if form else 0.1)
 

@@ -7,7 +7,7 @@ import pytest
 
 from made_log import rig
 from vgroove import _core
-from vgroove.gap.drive_noise import (
+from vgroove.gap.residual.input_uncertainty import (
     drive_sigma,
     of_one_row,
     on_smooth_ramps,

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from made_log import edge_times, hall_column, rig
-from vgroove.gap.edge_places import (
-    CELLS,
-    Places,
+from vgroove.gap.hall_edges.hidden_edges import (
+    PARTICLES,
+    HiddenEdges,
     _bend,
-    _Cells,
     _last_in_row,
+    _Particles,
     counted_lengths,
     unseen_lengths,
 )
-from vgroove.gap.edges import _Reader, edge_periods
-from vgroove.gap.noise import Jitter, edge_jitter, edge_sigma_rpm
+from vgroove.gap.hall_edges.jitter import Jitter, edge_jitter, edge_sigma_rpm
+from vgroove.gap.hall_edges.reader import _Reader, read_edge_periods
 
 FINE = np.arange(0, 30001) * 1e-4
 ROWS = FINE[::10]
@@ -41,8 +41,8 @@ def motion(speed: np.ndarray) -> np.ndarray:
 def test_each_period_is_found_once_and_shows_the_mean_speed_over_it(name: str, lsb: float) -> None:
     angle = motion(SPEEDS[name])
     edges = edge_times(FINE, angle, 4)
-    found = edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, lsb), 4, lsb)
-    whole = ~found.falling
+    found = read_edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, lsb), 4, lsb)
+    whole = ~found.timeout
     start, end = found.start_s[whole], found.end_s[whole]
     mean = (
         (np.interp(end, FINE, angle) - np.interp(start, FINE, angle))
@@ -59,27 +59,27 @@ def test_each_period_is_found_once_and_shows_the_mean_speed_over_it(name: str, l
 @pytest.mark.parametrize("name", ["ramp", "wave", "slow"])
 def test_periods_lie_where_the_edges_were(name: str) -> None:
     edges = edge_times(FINE, motion(SPEEDS[name]), 4)
-    found = edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, 0.0), 4, 0.0)
-    nearest = np.array([np.min(np.abs(edges - end)) for end in found.end_s[~found.falling]])
+    found = read_edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, 0.0), 4, 0.0)
+    nearest = np.array([np.min(np.abs(edges - end)) for end in found.end_s[~found.timeout]])
     assert nearest.max() < 1e-6
-    rounded = edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, 0.5), 4, 0.5)
-    nearest = np.array([np.min(np.abs(edges - end)) for end in rounded.end_s[~rounded.falling]])
+    rounded = read_edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, 0.5), 4, 0.5)
+    nearest = np.array([np.min(np.abs(edges - end)) for end in rounded.end_s[~rounded.timeout]])
     assert np.quantile(nearest, 0.98) < (1e-5 if name != "slow" else 5e-4)
 
 
 @pytest.mark.parametrize("name", ["ramp", "wave", "near one edge a row"])
 def test_edges_are_counted_through(name: str) -> None:
     edges = edge_times(FINE, motion(SPEEDS[name]), 4)
-    found = edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, 0.5), 4, 0.5)
-    whole = ~found.falling
+    found = read_edge_periods(ROWS, hall_column(ROWS, edges, 4, 0.3, 0.5), 4, 0.5)
+    whole = ~found.timeout
     assert abs(int(found.count[whole][-1]) - (len(edges) - 1)) <= 2
 
 
 def test_sixteen_edges_a_turn_are_spans_between_last_edges() -> None:
     angle = motion(SPEEDS["wave"])
     edges = edge_times(FINE, angle, 24)
-    found = edge_periods(ROWS, hall_column(ROWS, edges, 24, 0.3, 0.5), 24, 0.5)
-    whole = ~found.falling
+    found = read_edge_periods(ROWS, hall_column(ROWS, edges, 24, 0.3, 0.5), 24, 0.5)
+    whole = ~found.timeout
     start, end, slack = found.start_s[whole][5:], found.end_s[whole][5:], found.slack_s[whole][5:]
     assert np.median(end - start) == pytest.approx(1e-3, rel=0.2)
     mean = (
@@ -106,7 +106,7 @@ def test_a_row_after_a_missing_one_shows_the_mean_over_its_own_edges(lost: bool)
         if lost
         else (ROWS[::2], np.where(missing, np.nan, column))
     )
-    found = edge_periods(rows, column, 32, 0.5).whole()
+    found = read_edge_periods(rows, column, 32, 0.5).without_timeouts()
     mean = (
         (np.interp(found.end_s, FINE, angle) - np.interp(found.start_s, FINE, angle))
         / (found.end_s - found.start_s)
@@ -150,8 +150,8 @@ def test_edges_are_placed_where_rows_show_the_last_of_several(
     edges = edge_times(FINE, angle, pulses)
     edges = edges + 2e-7 * rng.standard_normal(len(edges))
     rows = np.arange(1, 3 * log_hz) / log_hz
-    found = edge_periods(rows, hall_column(rows, edges, pulses, 0.3, 0.5), pulses, 0.5)
-    whole = ~found.falling & (found.end_s > 0.1)
+    found = read_edge_periods(rows, hall_column(rows, edges, pulses, 0.3, 0.5), pulses, 0.5)
+    whole = ~found.timeout & (found.end_s > 0.1)
     true = edges[np.searchsorted(edges, rows[found.row[whole]], side="right") - 1]
     error, slack = np.abs(found.end_s[whole] - true), found.slack_s[whole]
     assert np.quantile(error, 0.9) < largest_s
@@ -174,8 +174,8 @@ def misplaced(
             np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(fine))]),
             pulses,
         )
-        found = edge_periods(rows, hall_column(rows, edges, pulses, 0.3, 0.5), pulses, 0.5)
-        whole = ~found.falling & (found.end_s > 0.9)
+        found = read_edge_periods(rows, hall_column(rows, edges, pulses, 0.3, 0.5), pulses, 0.5)
+        whole = ~found.timeout & (found.end_s > 0.9)
         away = np.min(np.abs(found.end_s[whole][:, None] - edges), axis=1)
         found_so.append(away > 3.0 * found.slack_s[whole] + 2e-5)
     return np.concatenate(found_so)
@@ -214,7 +214,9 @@ def test_a_vibration_is_not_taken_for_jitter() -> None:
     edges = edge_times(FINE, motion(swing), 4)
     shaken = edges + 2e-7 * np.random.default_rng(7).standard_normal(len(edges))
     found = edge_jitter(
-        edge_periods(ROWS, hall_column(ROWS, shaken, 4, 0.3, 0.5), 4, 0.5), 4, 0.5 / np.sqrt(12.0)
+        read_edge_periods(ROWS, hall_column(ROWS, shaken, 4, 0.3, 0.5), 4, 0.5),
+        4,
+        0.5 / np.sqrt(12.0),
     )
     assert np.hypot(found.angle_rad / 700.0, found.time_s) < 1e-6
 
@@ -229,7 +231,7 @@ def test_fast_motion_between_slow_rows_is_no_jitter_where_the_model_knows_it() -
     edges = edge_times(fine, angle, 4)
     shaken = edges + 2e-7 * np.random.default_rng(7).standard_normal(len(edges))
     rows = np.arange(1, 1799) / 300.0
-    found = edge_periods(rows, hall_column(rows, shaken, 4, 0.3, 0.5), 4, 0.5)
+    found = read_edge_periods(rows, hall_column(rows, shaken, 4, 0.3, 0.5), 4, 0.5)
 
     def jitter_s(share: float) -> float:
         known = np.cumsum(900.0 + share * ripple) * 1e-4
@@ -261,7 +263,7 @@ def test_what_turns_with_the_shaft_is_no_jitter_where_rows_hide_edges(
     shaken = edges + 2e-7 * np.random.default_rng(7).standard_normal(len(edges))
     rows = np.arange(1, 6 * log_hz - 1) / log_hz
     found = edge_jitter(
-        edge_periods(rows, hall_column(rows, shaken, pulses, 0.3, 0.5), pulses, 0.5),
+        read_edge_periods(rows, hall_column(rows, shaken, pulses, 0.3, 0.5), pulses, 0.5),
         pulses,
         0.5 / np.sqrt(12.0),
     )
@@ -272,11 +274,11 @@ def test_a_wait_is_a_fall_and_ends_in_rest() -> None:
     speed = np.where(FINE < 1.0, 300.0, 0.0)
     edges = edge_times(FINE, motion(speed), 4)
     column = hall_column(ROWS, edges, 4, 0.05, 0.5)
-    found = edge_periods(ROWS, column, 4, 0.5)
-    falls = found.row[found.falling]
+    found = read_edge_periods(ROWS, column, 4, 0.5)
+    falls = found.row[found.timeout]
     waiting = np.flatnonzero((column > 0.0) & (ROWS > edges[-1] + (edges[-1] - edges[-2])))
     assert set(waiting[1:-1]) <= set(falls)
-    assert np.allclose(found.start_s[found.falling], edges[-1], atol=2e-5)
+    assert np.allclose(found.start_s[found.timeout], edges[-1], atol=2e-5)
     assert found.row.max() < np.flatnonzero(column == 0.0)[-1]
 
 
@@ -323,8 +325,8 @@ def test_missing_samples_and_reversals_break_nothing() -> None:
     column = hall_column(ROWS, edges, 4, 0.3, 0.5)
     column[500:502] = np.nan
     column[1500:] *= -1.0
-    found = edge_periods(ROWS, column, 4, 0.5)
-    nearest = np.array([np.min(np.abs(edges - end)) for end in found.end_s[~found.falling]])
+    found = read_edge_periods(ROWS, column, 4, 0.5)
+    nearest = np.array([np.min(np.abs(edges - end)) for end in found.end_s[~found.timeout]])
     assert np.quantile(nearest, 0.98) < 2e-5
     assert len(np.unique(np.sign(found.speed_rpm))) == 2
 
@@ -339,7 +341,7 @@ def test_time_jitter_is_told_from_motion_and_from_unequal_edges(jitter_s: float)
     column = hall_column(
         ROWS, edges + uneven + jitter_s * rng.standard_normal(len(edges)), 4, 0.3, 0.5
     )
-    found = edge_jitter(edge_periods(ROWS, column, 4, 0.5), 4, 0.5 / np.sqrt(12.0))
+    found = edge_jitter(read_edge_periods(ROWS, column, 4, 0.5), 4, 0.5 / np.sqrt(12.0))
     fast = 900.0
     assert 0.6 < np.hypot(found.angle_rad / fast, found.time_s) / jitter_s < 1.7
 
@@ -348,7 +350,9 @@ def test_no_jitter_is_claimed_for_a_few_edges() -> None:
     edges = edge_times(FINE[:1000], motion(SPEEDS["ramp"])[:1000], 4)
     assert (
         edge_jitter(
-            edge_periods(ROWS[:100], hall_column(ROWS[:100], edges, 4, 0.3, 0.5), 4, 0.5), 4, 0.1
+            read_edge_periods(ROWS[:100], hall_column(ROWS[:100], edges, 4, 0.3, 0.5), 4, 0.5),
+            4,
+            0.1,
         )
         == Jitter()
     )
@@ -379,7 +383,7 @@ def test_jitter_of_an_encoder_is_not_its_motion() -> None:
     speed = 60.0 + 50.0 * np.sin(2.0 * np.pi * 0.7 * fine)
     edges = edge_times(fine, np.cumsum(speed) * 1e-4, 32)
     rows = np.arange(1, 1799) / 300.0
-    found = edge_periods(rows, hall_column(rows, edges, 32, 0.05, 0.5), 32, 0.5)
+    found = read_edge_periods(rows, hall_column(rows, edges, 32, 0.05, 0.5), 32, 0.5)
     jitter = edge_jitter(found, 32, 0.5 / np.sqrt(12.0))
     assert (
         edge_sigma_rpm(
@@ -397,9 +401,9 @@ def test_a_motion_may_bend_suddenly_in_the_first_of_unseen_periods_or_in_the_las
     """A command steps anywhere in a row: the last edge lies within what is said of it, and not far
     within.
     """
-    before_s, zero = 2e-3, np.zeros(CELLS)
-    cells = _Cells(zero, zero, zero, zero, zero, zero, now_s=0.0, growth=0.0, kink=1e-4)
-    bend = _bend(cells, (before_s, after_s), number * after_s, np.full(CELLS, number))[0]
+    before_s, zero = 2e-3, np.zeros(PARTICLES)
+    cells = _Particles(zero, zero, zero, zero, zero, zero, now_s=0.0, growth=0.0, kink=1e-4)
+    bend = _bend(cells, (before_s, after_s), number * after_s, np.full(PARTICLES, number))[0]
     steady = unseen_lengths(before_s, after_s, number)[-1]
     late, early = (number - 1) * before_s + after_s, number * after_s
     largest = max(abs(late - steady), abs(early - steady))
@@ -407,10 +411,10 @@ def test_a_motion_may_bend_suddenly_in_the_first_of_unseen_periods_or_in_the_las
 
 
 def test_a_motion_that_bends_as_it_always_does_is_known_better() -> None:
-    zero, sudden = np.zeros(CELLS), []
+    zero, sudden = np.zeros(PARTICLES), []
     for usual in (1e-4, 0.1):
-        cells = _Cells(zero, zero, zero, zero, zero, zero, now_s=0.0, growth=0.0, kink=usual)
-        sudden.append(_bend(cells, (2e-3, 1.9e-3), 5.7e-3, np.full(CELLS, 3))[0])
+        cells = _Particles(zero, zero, zero, zero, zero, zero, now_s=0.0, growth=0.0, kink=usual)
+        sudden.append(_bend(cells, (2e-3, 1.9e-3), 5.7e-3, np.full(PARTICLES, 3))[0])
     assert sudden[1] < 0.3 * sudden[0]
 
 
@@ -436,7 +440,9 @@ def test_a_row_shows_its_last_edge() -> None:
     """
     now = np.arange(1, 7) * 5e-3
     end = now + 1e-3 * np.array([-0.5, 0.2, -0.5, -2.2, -2.05, -0.5])
-    found = Places(end, np.full(6, 1e-4), np.array([1, 3, 2, 2, 3, 2]), np.zeros(6, dtype=bool))
+    found = HiddenEdges(
+        end, np.full(6, 1e-4), np.array([1, 3, 2, 2, 3, 2]), np.zeros(6, dtype=bool)
+    )
     placed = _last_in_row(found, now, np.full(6, 2e-3))
     assert np.allclose(placed.end_s - now, 1e-3 * np.array([-0.5, -1.8, -0.5, -0.2, -2.05, -0.5]))
     assert placed.step.tolist() == [1, 2, 3, 3, 2, 2]

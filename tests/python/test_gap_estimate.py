@@ -9,10 +9,16 @@ import numpy as np
 import pytest
 
 from vgroove.bench import trap
-from vgroove.gap.estimate import AT_NOISE, FORM_ERROR, Estimate, memory_s, over_long_stretches
-from vgroove.gap.fit import Engine
-from vgroove.gap.hypotheses import BY_ID, Scales
-from vgroove.gap.problem import Problem, load_problem
+from vgroove.gap.catalogue import BY_ID, Scales
+from vgroove.gap.fitting.fit import Engine
+from vgroove.gap.residual.problem import Problem, load_problem
+from vgroove.gap.selection.intervals import (
+    AT_NOISE,
+    FORM_ERROR,
+    Estimate,
+    memory_s,
+    over_long_stretches,
+)
 from vgroove.log import Log
 from vgroove.rig import Rig, rig_from_dict
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from made_log import MadeLog, drive_log, rig
-from vgroove.gap.problem import load_problem
+from vgroove.gap.residual.problem import load_problem
 
 
 def filtered(log: MadeLog, lag_s: float) -> MadeLog:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gap_toy import Toy, fit_of
-from vgroove.gap.fit import Engine, Fit
-from vgroove.gap.folds import SHORTER, near, settle
+from vgroove.gap.fitting.cross_validation import SHORTER, near, predict_held_out
+from vgroove.gap.fitting.fit import Engine, Fit
 
 TORQUE = "effects.coulomb_friction.torque_nm"
 
@@ -31,7 +31,7 @@ def settled_by(
     """Settle with this step in every fold; the residuals after each shortened step."""
     one.exact = False
     monkeypatch.setattr(Engine, "fold_steps", lambda _self, _one: np.tile(step, (4, 1)))
-    settle(engine, [one])
+    predict_held_out(engine, [one])
     return engine.residuals([(one.hypothesis, one.x + 0.3**k * step) for k in range(SHORTER + 1)])
 
 

@@ -9,10 +9,10 @@ import pytest
 
 from made_log import MadeLog, rig
 from vgroove import _core
-from vgroove.gap.columns import between
-from vgroove.gap.lost_rows import after_holes, with_lost_rows
-from vgroove.gap.measured import prepare_run
-from vgroove.gap.problem import load_problem
+from vgroove.gap.cleaning.lost_rows import insert_lost_rows, rows_after_holes
+from vgroove.gap.cleaning.missing_values import interpolate_to_known_levels
+from vgroove.gap.residual.measured_run import prepare_run
+from vgroove.gap.residual.problem import load_problem
 from vgroove.rig import Rig
 
 HZ = 300
@@ -69,16 +69,18 @@ def test_a_row_after_a_hole_is_read_as_the_logger_made_it(waited: bool) -> None:
 
 def test_uneven_clocks_and_clocks_that_skip_often_have_no_holes() -> None:
     assert np.array_equal(
-        after_holes(GRID[HERE]), np.flatnonzero(np.diff(np.flatnonzero(HERE)) > 1) + 1
+        rows_after_holes(GRID[HERE]), np.flatnonzero(np.diff(np.flatnonzero(HERE)) > 1) + 1
     )
     uneven = GRID + np.random.default_rng(2).uniform(-0.3, 0.3, len(GRID)) / HZ
-    assert not len(after_holes(uneven[HERE]))
-    assert not len(after_holes(GRID[np.arange(len(GRID)) % 5 != 0]))
-    assert not len(after_holes(GRID))
+    assert not len(rows_after_holes(uneven[HERE]))
+    assert not len(rows_after_holes(GRID[np.arange(len(GRID)) % 5 != 0]))
+    assert not len(rows_after_holes(GRID))
 
 
 def test_a_long_hole_costs_one_row() -> None:
-    log = with_lost_rows(without(logged(stepping(), GRID), (GRID < 1.0) | (GRID > 3.0)), stepping())
+    log = insert_lost_rows(
+        without(logged(stepping(), GRID), (GRID < 1.0) | (GRID > 3.0)), stepping()
+    )
     assert len(log.time_s) == np.count_nonzero((GRID < 1.0) | (GRID > 3.0)) + 1
     assert np.isnan(log.columns["current_a"]).sum() == 1
 
@@ -101,14 +103,14 @@ def test_without_a_current_a_row_closes_what_the_contract_says() -> None:
     quiet = MadeLog(
         log.time_s, {name: values for name, values in log.columns.items() if name != "current_a"}
     )
-    assert with_lost_rows(quiet, stepping()) is quiet
+    assert insert_lost_rows(quiet, stepping()) is quiet
     blind = replace(log, columns=log.columns | {"current_a": np.full(len(log.time_s), np.nan)})
-    assert with_lost_rows(blind, stepping()) is blind
+    assert insert_lost_rows(blind, stepping()) is blind
 
 
 def test_one_pause_off_the_clock_hides_no_lost_rows() -> None:
     paused = GRID[HERE] + np.where(GRID[HERE] > 2.0, 0.4 / HZ, 0.0)
-    assert len(after_holes(paused)) >= len(after_holes(GRID[HERE])) - 1
+    assert len(rows_after_holes(paused)) >= len(rows_after_holes(GRID[HERE])) - 1
 
 
 @pytest.mark.parametrize("change", [0.6, 0.02])
@@ -150,7 +152,7 @@ def test_a_missing_sample_takes_a_value_that_occurs_or_the_last_one_of_a_slow_co
     time_s = np.arange(40.0)
     values = np.round(time_s / 3.0)
     values[[12, 21]] = np.nan
-    assert between(time_s, values)[[12, 21]].tolist() == [4.0, 7.0]
-    assert set(between(time_s, values)) == set(values[np.isfinite(values)])
+    assert interpolate_to_known_levels(time_s, values)[[12, 21]].tolist() == [4.0, 7.0]
+    assert set(interpolate_to_known_levels(time_s, values)) == set(values[np.isfinite(values)])
     seldom = np.where(time_s % 4 == 0, time_s, np.nan)
-    assert np.array_equal(between(time_s, seldom), time_s - time_s % 4)
+    assert np.array_equal(interpolate_to_known_levels(time_s, seldom), time_s - time_s % 4)

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from made_log import MadeLog, drive_log, edge_times, hall_column, rig
-from vgroove.gap import edge_gain, phases
-from vgroove.gap.edge_gain import agreed_share, edge_scale, waited_scale
-from vgroove.gap.missed import believable, pitches
-from vgroove.gap.problem import load_problem
+from vgroove.gap.hall_edges import scale
+from vgroove.gap.hall_edges.missed_edges import consistent_missed_edges, most_likely_pitches
+from vgroove.gap.hall_edges.scale import edge_scale, most_agreed_value, timeout_scale
+from vgroove.gap.residual import angle_alignment
+from vgroove.gap.residual.problem import load_problem
 
 STOPS = [
     (0.2, 0.5),
@@ -41,32 +42,32 @@ def test_angles_lost_at_stops_are_found_again(stop_and_go: MadeLog) -> None:
         axis=0,
     )
     theta[:, phase] = np.arange(16) * np.pi / 8.0  # the first edge lies anywhere
-    parts = phases.stretches(problem)
+    parts = angle_alignment.angle_stretches(problem)
     assert parts.count > 2 and problem.runs[0].pitch_rad == pytest.approx(np.pi / 2.0)
     first = parts.of == parts.reference
     best = theta[int(np.argmin([problem.gap(r, first) for r in problem.residuals(theta)]))]
     assert problem.gap(problem.residuals(best)[0]) > 1.3
-    assert problem.gap(phases.aligned(problem, best).residuals(best)[0]) < 1.2
+    assert problem.gap(angle_alignment.align_angles(problem, best).residuals(best)[0]) < 1.2
 
 
 def test_a_rest_that_lies_elsewhere_before_the_first_edge_is_found() -> None:
     strong = rig(effects={"cogging_torque": COGGING | {"torque_nm": 0.008}})
     problem = load_problem([drive_log(strong, levels=STOPS)], strong)
-    parts, theta = phases.stretches(problem), problem.theta0
+    parts, theta = angle_alignment.angle_stretches(problem), problem.theta0
     assert parts.rest.tolist() == [True] + [False] * (parts.count - 1) and parts.reference == 1
     assert parts.restart[0].tolist().count(0) == 1 and len(parts.restart[0]) > parts.count
     rest = parts.rest[parts.of]
     best = problem.gap(problem.residuals(theta)[0], rest)
-    moved = phases.turned(problem, parts, np.where(parts.rest, 2.0, 0.0))
+    moved = angle_alignment.with_angle_shift(problem, parts, np.where(parts.rest, 2.0, 0.0))
     assert moved.gap(moved.residuals(theta)[0], rest) > 1.3 * best
-    again = phases.aligned(moved, theta)
+    again = angle_alignment.align_angles(moved, theta)
     assert again.gap(again.residuals(theta)[0], rest) < 1.05 * best
     assert np.array_equal(again.residuals(theta)[0][~rest], moved.residuals(theta)[0][~rest])
 
 
 def test_nothing_is_turned_where_nothing_follows_the_angle(stop_and_go: MadeLog) -> None:
     problem = load_problem([stop_and_go], rig())
-    assert phases.aligned(problem, problem.theta0) is problem
+    assert angle_alignment.align_angles(problem, problem.theta0) is problem
 
 
 def test_the_linear_search_finds_the_offsets_that_were_put_in() -> None:
@@ -74,7 +75,7 @@ def test_the_linear_search_finds_the_offsets_that_were_put_in() -> None:
     normal = np.stack([np.diag(rng.uniform(50.0, 90.0, 2)) for _ in shift])
     true = np.array([0.8, -0.5])
     turned = [np.array([[np.cos(d), -np.sin(d)], [np.sin(d), np.cos(d)]]) @ true for d in shift]
-    swing = phases.Swing(
+    swing = angle_alignment.FirstOrderRipple(
         1.0, normal, np.stack([-n @ t for n, t in zip(normal, turned, strict=True)])
     )
     found = swing.best_shifts([np.pi / 2.0 * np.arange(4)] * 4)
@@ -114,7 +115,7 @@ def test_rows_that_wait_for_an_edge_tell_a_gain_that_many_edges_a_row_hide(
     gain: float, stops_per_s: float, error: float
 ) -> None:
     time_s, speed = stopping_column(gain, stops_per_s)
-    assert waited_scale(time_s, speed, 32, 0.5) - 1.0 == pytest.approx(gain, abs=3e-3)
+    assert timeout_scale(time_s, speed, 32, 0.5) - 1.0 == pytest.approx(gain, abs=3e-3)
     assert edge_scale(time_s, speed, 32, 0.5) - 1.0 == pytest.approx(gain, abs=error)
 
 
@@ -133,16 +134,16 @@ def test_a_few_torn_chains_of_a_sensor_that_counts_are_chance(
     def chains(_: np.ndarray, scaled: np.ndarray, *_more: object) -> int:
         return 2 if scaled[0] > 3200.0 else torn
 
-    monkeypatch.setattr(edge_gain, "count_chains", chains)
-    monkeypatch.setattr(edge_gain, "share_bounds", lambda *_: np.zeros((0, 2)))
-    monkeypatch.setattr(edge_gain, "longest_chain", lambda *_: (1.0, 0.0, 0))
+    monkeypatch.setattr(scale, "count_chains", chains)
+    monkeypatch.setattr(scale, "period_error_bounds", lambda *_: np.zeros((0, 2)))
+    monkeypatch.setattr(scale, "longest_chain", lambda *_: (1.0, 0.0, 0))
     found = edge_scale(time_s, speed, pulses, 0.5)
     assert found < 3000.0 / 3200.0 if believed else found == 1.0
 
 
 def test_a_shaft_that_never_stops_tells_no_scale_by_waiting() -> None:
     time_s, speed = stopping_column(0.052)
-    assert waited_scale(time_s, np.where(speed > 500.0, speed, np.nan), 32, 0.5) == 1.0
+    assert timeout_scale(time_s, np.where(speed > 500.0, speed, np.nan), 32, 0.5) == 1.0
 
 
 def test_however_many_rows_wait_no_more_than_fit_into_memory_are_asked() -> None:
@@ -150,14 +151,14 @@ def test_however_many_rows_wait_no_more_than_fit_into_memory_are_asked() -> None
     period = time_s[-1] + time_s[1]
     many = np.concatenate([time_s + k * period for k in range(100)])
     tracemalloc.start()
-    assert waited_scale(many, np.tile(speed, 100), 32, 0.5) - 1.0 == pytest.approx(0.052, abs=3e-3)
+    assert timeout_scale(many, np.tile(speed, 100), 32, 0.5) - 1.0 == pytest.approx(0.052, abs=3e-3)
     assert tracemalloc.get_traced_memory()[1] < 100e6
     tracemalloc.stop()
 
 
 def test_the_share_that_most_stretches_allow_is_not_moved_by_a_few_that_miscount() -> None:
-    assert agreed_share(np.array([[-1.0, 3.0], [1.0, 4.0], [0.0, 2.0], [7.0, 8.0]])) == 1.5
-    assert agreed_share(np.zeros((0, 2))) == 0.0
+    assert most_agreed_value(np.array([[-1.0, 3.0], [1.0, 4.0], [0.0, 2.0], [7.0, 8.0]])) == 1.5
+    assert most_agreed_value(np.zeros((0, 2))) == 0.0
 
 
 def test_a_filtered_speed_has_no_scale() -> None:
@@ -194,8 +195,8 @@ def test_missed_edges_are_no_bend_of_the_motion() -> None:
     count = np.ones(60, int)
     count[[7, 20, 21, 40]] = [2, 2, 3, 4]
     level = np.log(speed / count)
-    assert np.array_equal(pitches(level), count)
-    assert np.array_equal(believable(level, count), count - 1)
+    assert np.array_equal(most_likely_pitches(level), count)
+    assert np.array_equal(consistent_missed_edges(level, count), count - 1)
     # uniformly accelerated from rest: neither half nor twice
     starting = np.log(np.sqrt(np.arange(1.0, 30.0)))
-    assert np.array_equal(pitches(starting), np.ones(29, int))
+    assert np.array_equal(most_likely_pitches(starting), np.ones(29, int))

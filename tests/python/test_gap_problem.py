@@ -10,9 +10,10 @@ import pytest
 from made_log import RIG, MadeLog, drive_log, rig
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.gap import blocks, noise
-from vgroove.gap.measured import current_is_unsigned
-from vgroove.gap.problem import Problem, load_problem
+from vgroove.gap.cleaning import sensor_noise
+from vgroove.gap.residual import blocks
+from vgroove.gap.residual.measured_run import current_is_unsigned
+from vgroove.gap.residual.problem import Problem, load_problem
 from vgroove.rig import Rig, rig_from_dict
 
 REVERSING = [(0.2, 0.5), (1.5, -0.6), (3.0, 0.8), (4.5, -0.3)]
@@ -250,12 +251,12 @@ def test_a_measured_bus_drives_the_model(log: MadeLog) -> None:
 
 
 def test_stated_noise_wins_and_unstated_noise_comes_from_the_log(log: MadeLog) -> None:
-    assert noise.column_sigma(rig(), "current_a", log.columns["current_a"]) == pytest.approx(
+    assert sensor_noise.column_sigma(rig(), "current_a", log.columns["current_a"]) == pytest.approx(
         np.hypot(0.15, 0.1 / np.sqrt(12.0))
     )
     silent = rig()
     silent.sensors.pop("current_noise_a")
-    estimate = noise.column_sigma(silent, "current_a", log.columns["current_a"])
+    estimate = sensor_noise.column_sigma(silent, "current_a", log.columns["current_a"])
     assert estimate == pytest.approx(np.hypot(0.15, 0.1 / np.sqrt(12.0)), rel=0.1)
 
 
@@ -458,7 +459,9 @@ def test_warnings_of_the_reader_and_of_dead_columns_reach_the_verdict(log: MadeL
 @pytest.mark.parametrize("step", [0.02, 2.0 * np.pi / 4096])
 def test_the_resolution_of_a_fast_encoder_is_seen(step: float) -> None:
     angle = 0.5 * 900.0 * np.linspace(0.0, 1.0, 1001) ** 2 + 40.0 * np.linspace(0.0, 1.0, 1001)
-    assert noise.step_of(np.round(angle / step) * step) == pytest.approx(step, rel=1e-6)
+    assert sensor_noise.resolution_of(np.round(angle / step) * step) == pytest.approx(
+        step, rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("shift_s", [-3.0, 1000.0])

@@ -7,7 +7,7 @@ import pytest
 
 from made_log import MadeLog, drive_log, rig
 from vgroove import _core
-from vgroove.gap.problem import load_problem
+from vgroove.gap.residual.problem import load_problem
 
 BASE = {
     "supply.voltage_v": 18.0,

@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vgroove.gap.ripples import Swing, answer_to_torque, corrected, not_followed
-from vgroove.gap.states import TRUST, Observations, Restarts, local_fit
+from vgroove.gap.residual.restarts import TRUST, Observations, Restarts, local_fit
+from vgroove.gap.residual.speed_ripple import (
+    SpeedRipple,
+    add_speed_ripple,
+    torque_response,
+    unsmoothed_part,
+)
 
 VALUES = {
     "motor.inertia_kg_m2": 1.6e-5,
@@ -75,8 +80,8 @@ def test_a_restart_has_the_speed_that_the_shaft_has(
             np.array([[0.0, found.bend]]),
             smoothing=(found.smoothing,),
         )
-        one = Swing(periods, np.array([swing]), np.array([phase]), of_shaft=seen == 0.0)
-        errors.append(found.value + not_followed(restarts, one)[0] - true)
+        one = SpeedRipple(periods, np.array([swing]), np.array([phase]), of_shaft=seen == 0.0)
+        errors.append(found.value + unsmoothed_part(restarts, one)[0] - true)
         plain.append(found.value - true)
     assert np.std(errors) < 0.1 * swing
     assert np.std(plain) > 3.0 * np.std(errors) or np.std(plain) < 0.05 * swing
@@ -99,8 +104,10 @@ def test_a_large_ripple_of_the_turn_leaves_a_state_to_restart_from(
             np.array([[0.0, found.bend]]),
             smoothing=(found.smoothing,),
         )
-        one = Swing(1.0, np.array([swing]), np.array([phase]), of_shaft=seen == 0.0)
-        assert found.value + not_followed(restarts, one)[0] == pytest.approx(true, abs=0.03 * swing)
+        one = SpeedRipple(1.0, np.array([swing]), np.array([phase]), of_shaft=seen == 0.0)
+        assert found.value + unsmoothed_part(restarts, one)[0] == pytest.approx(
+            true, abs=0.03 * swing
+        )
 
 
 def test_no_ripple_is_taken_away_where_a_place_of_the_turn_shows_no_edge() -> None:
@@ -129,7 +136,7 @@ def test_the_answer_to_a_torque_is_that_of_shaft_and_winding(rate: float, closed
     ).y[1]
     found = 2.0 * np.mean((speed - speed.mean()) * np.exp(-1j * rate * t)) / 0.01
     run = SimpleNamespace(starts=np.array([5]), bridge_closed=np.full(10, closed))
-    assert answer_to_torque(value, run, np.array([rate]))[0] == pytest.approx(found, rel=0.02)
+    assert torque_response(value, run, np.array([rate]))[0] == pytest.approx(found, rel=0.02)
 
 
 @pytest.mark.parametrize("viscous", [4.5e-6, 0.0])
@@ -151,7 +158,7 @@ def test_a_start_at_rest_and_a_parameter_set_without_a_swing_stay_as_measured(
     with_cogging = plain.copy()
     with_cogging[NAMES.index("effects.cogging_torque.torque_nm")] = 0.01
     with_cogging[NAMES.index("motor.viscous_nm_s_per_rad")] = viscous
-    states = corrected(
+    states = add_speed_ripple(
         problem, run, np.array([plain, with_cogging]), np.repeat(measured[None], 2, axis=0)
     )
     assert np.array_equal(states[0], measured)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from gap_toy import MODELLED, SCALES, Toy
-from vgroove.gap import extend, search, search_state
-from vgroove.gap.fit import Engine, Fit
-from vgroove.gap.hypotheses import BY_ID
+from vgroove.gap.catalogue import BY_ID
+from vgroove.gap.fitting.fit import Engine, Fit
+from vgroove.gap.selection import extension, search, search_state
 
 HUMP = {
     "effects.stribeck_friction.breakaway_nm": 0.01,
@@ -212,7 +212,7 @@ def test_two_further_effects_are_looked_for_while_a_gap_is_left(
     state = Stepped(gaps, {1: True, 2: second, 3: True})
     monkeypatch.setattr(search, "simplest", lambda _, best, base=None: best)
     monkeypatch.setattr(search, "rescale", lambda _: None)
-    monkeypatch.setattr(search, "deepest", lambda _, best: best)
+    monkeypatch.setattr(search, "deepest_minimum", lambda _, best: best)
     monkeypatch.setattr(search, "distinct", lambda promised: promised)
     monkeypatch.setattr(search, "extensions", lambda state, base: state.ranked(len(base.ids) + 1))
     monkeypatch.setattr(
@@ -263,13 +263,13 @@ def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
     state.engine.remember(
         fit_at(state, {"effects.stribeck_friction.speed_rad_s": 5.0}, ("stribeck_friction",), 0)
     )
-    kept = extend.starts_beside(state, gain, stribeck)
-    assert len(kept) == 1 and len(extend.starts_beside(state, gain, stribeck, anew=True)) == 3
+    kept = extension.starts_beside(state, gain, stribeck)
+    assert len(kept) == 1 and len(extension.starts_beside(state, gain, stribeck, anew=True)) == 3
     astray = min(
-        extend.first_order(state, gain, one).held.std()
-        for one in extend.differenced(state, gain, kept)
+        extension.first_order(state, gain, one).held.std()
+        for one in extension.differenced(state, gain, kept)
     )
-    found = extend.started_anew(state, gain)
+    found = extension.restarted_extensions(state, gain)
     assert [one.ids for one in found] == [("current_gain", "stribeck_friction")]
     assert found[0].held.std() < 0.9 * astray
 

@@ -10,11 +10,11 @@ import pytest
 
 from made_log import MadeLog, drive_log, rig
 from vgroove import _core
-from vgroove.gap import follows
 from vgroove.gap.diagnose import diagnose
-from vgroove.gap.experiment import propose
-from vgroove.gap.menu import MENU, named, possible, time_grid
-from vgroove.gap.simulate import judge
+from vgroove.gap.next_run.experiment_design import propose
+from vgroove.gap.next_run.menu import MENU, feasible_profiles, profile_named, time_grid
+from vgroove.gap.simulate import compute_gap
+from vgroove.gap.verdict import correlates
 
 
 def every_second(made: MadeLog) -> MadeLog:
@@ -58,7 +58,7 @@ def test_logs_of_other_length_rate_and_columns_are_judged_together() -> None:
         "speed_rpm",
         "position_rad",
     }
-    again = judge(found.corrected_rig(), [long, short])[0]
+    again = compute_gap(found.corrected_rig(), [long, short])[0]
     assert again["gap"] == pytest.approx(verdict["gap"]["after"], rel=0.01)
     top = verdict["where"]["by_correlate"][0]
     assert top["share"] > 0.2 and top["signal"] in ("speed_rpm", "current_a", "position_rad")
@@ -88,9 +88,9 @@ def test_the_proposed_run_decides_what_one_log_leaves_open() -> None:
 
 
 def test_a_run_is_only_proposed_to_a_tool_that_can_do_it() -> None:
-    names = {c.name for c in possible(has_duty=False, has_load=False, both_ways=False)}
+    names = {c.name for c in feasible_profiles(has_duty=False, has_load=False, both_ways=False)}
     assert names == {"staircase", "stall pulse", "slow sweep", "hold at heat", "fast ramps"}
-    assert {c.name for c in possible(has_duty=True, has_load=True, both_ways=True)} == {
+    assert {c.name for c in feasible_profiles(has_duty=True, has_load=True, both_ways=True)} == {
         c.name for c in MENU
     }
     for course in MENU:
@@ -116,7 +116,7 @@ def test_what_repeats_a_remainder_is_a_run_that_the_tool_can_do(
     problem = SimpleNamespace(rig=rig(load={"kind": "torque"}), logs=[log])
     finding = SimpleNamespace(verdict="unlisted", left=SimpleNamespace(best_correlate=follows_))
     asked = propose(problem, None, finding)
-    assert asked["profile"] == name and asked["points"] == named(name).points()
+    assert asked["profile"] == name and asked["points"] == profile_named(name).points()
 
 
 def test_a_curve_over_what_is_followed_gains_what_is_there() -> None:
@@ -124,21 +124,21 @@ def test_a_curve_over_what_is_followed_gains_what_is_there() -> None:
     speed, cluster = rng.uniform(-100.0, 100.0, 4000), np.arange(4000) // 50
     noise = rng.standard_normal(4000)
     bent = noise + 2.0 * np.abs(speed) / 100.0
-    driver = follows.Driver("speed", speed)
-    assert follows.gained(bent, driver, cluster) == pytest.approx(
+    driver = correlates.Driver("speed", speed)
+    assert correlates.gained(bent, driver, cluster) == pytest.approx(
         1.0 - 1.0 / np.mean(bent**2), abs=0.03
     )
-    assert follows.gained(noise, driver, cluster) < 0.01
-    x, y = follows.smooth_curve(bent, driver)
+    assert correlates.gained(noise, driver, cluster) < 0.01
+    x, y = correlates.smooth_curve(bent, driver)
     assert np.interp([-80.0, 0.0, 80.0], x, y) == pytest.approx([1.6, 0.05, 1.6], abs=0.3)
-    assert follows.looks(x, y, driver) == "grows with speed"
+    assert correlates.looks(x, y, driver) == "grows with speed"
 
 
 def test_a_driver_that_mostly_stands_still_has_a_smooth_curve_too() -> None:
     rng = np.random.default_rng(4)
     crowded = 3e-7 * np.concatenate([1e-5 * rng.standard_normal(1200), rng.uniform(-1.0, 1.0, 400)])
-    x, y = follows.smooth_curve(
-        2e7 * crowded + 0.1 * rng.standard_normal(1600), follows.Driver("speed", crowded)
+    x, y = correlates.smooth_curve(
+        2e7 * crowded + 0.1 * rng.standard_normal(1600), correlates.Driver("speed", crowded)
     )
     assert np.all(np.diff(x) > 1e-4 * np.ptp(x))
     assert np.interp([-2e-7, 0.0, 2e-7], x, y) == pytest.approx([-4.0, 0.0, 4.0], abs=0.2)
@@ -147,12 +147,12 @@ def test_a_driver_that_mostly_stands_still_has_a_smooth_curve_too() -> None:
 def test_a_line_of_the_spectrum_is_found_and_noise_has_none() -> None:
     rng = np.random.default_rng(2)
     time_s, noise = np.sort(rng.uniform(0.0, 6.0, 5000)), rng.standard_normal(5000)
-    assert follows.spectral_line(noise, time_s) is None
-    assert follows.spectral_line(
+    assert correlates.spectral_line(noise, time_s) is None
+    assert correlates.spectral_line(
         noise + 0.7 * np.sin(2.0 * np.pi * 50.0 * time_s), time_s
     ) == pytest.approx(50.0, abs=0.1)
     angle = 300.0 * time_s
-    found = follows.lines(
+    found = correlates.lines(
         noise + 0.7 * np.sin(0.37 * angle), time_s, angle, 1.0, np.zeros(5000, int)
     )
     assert [d.name for d in found if "0.37" in d.name] == ["output angle, 0.37 periods a turn"]

@@ -1,11 +1,12 @@
-"""Stamps that scatter around an even clock are undone, uneven rows are believed: the Hall edges
-tell which is which.
+"""Time stamps that scatter around an even clock are corrected, uneven rows are kept: the Hall edges
+tell the two apart.
 """
 
 import numpy as np
 import pytest
 
-from vgroove.gap.stamps import breaks, even_grid, is_rounding, on_its_clock, row_times
+from vgroove.gap.cleaning.clock import correct_time_stamps, even_grid, is_rounding, row_times
+from vgroove.gap.hall_edges.stamp_check import stamp_contradictions
 from vgroove.log import Log
 from vgroove.rig import Rig, read_rig
 
@@ -42,16 +43,22 @@ def hall_speed(t: np.ndarray) -> np.ndarray:
 GRID = np.arange(1, 3001) * 1e-3
 
 
+def times_by_edges(stamps: np.ndarray, speed_rpm: np.ndarray, rig: Rig) -> np.ndarray:
+    """Row times of a log whose Hall edges check the stamps."""
+    return row_times(stamps, stamp_contradictions(Log(stamps, {"speed_rpm": speed_rpm}, ""), rig))
+
+
 def test_stamps_that_scatter_are_put_back_on_the_clock(rig: Rig) -> None:
     stamps = GRID + np.random.default_rng(1).uniform(-5e-5, 5e-5, len(GRID))
-    log = on_its_clock(Log(stamps, {"speed_rpm": hall_speed(GRID)}, "run.csv"), rig)
+    log = Log(stamps, {"speed_rpm": hall_speed(GRID)}, "run.csv")
+    log = correct_time_stamps(log, stamp_contradictions(log, rig))
     assert np.abs(log.time_s - GRID).max() < 5e-6
     assert "even clock" in log.warnings[-1]
 
 
 def test_rows_that_are_uneven_are_believed(rig: Rig) -> None:
     real = GRID + np.random.default_rng(1).uniform(-5e-5, 5e-5, len(GRID))
-    assert row_times(real, {"speed_rpm": hall_speed(real)}, rig) is real
+    assert times_by_edges(real, hall_speed(real), rig) is real
 
 
 @pytest.mark.parametrize("uneven", [False, True])
@@ -59,15 +66,16 @@ def test_edges_that_tell_little_have_to_speak_against_lateness(rig: Rig, uneven:
     even = np.arange(1, 121) / 600.0
     stamps = even + np.random.default_rng(1).uniform(-0.05, 0.05, len(even)) / 600.0
     speed = hall_speed(stamps if uneven else even)
-    assert max(breaks(t, speed, rig) for t in (stamps, even)) <= 3
-    found = row_times(stamps, {"speed_rpm": speed}, rig)
+    breaks = stamp_contradictions(Log(stamps, {"speed_rpm": speed}, ""), rig)
+    assert max(breaks(t) for t in (stamps, even)) <= 3
+    found = row_times(stamps, breaks)
     assert found is stamps if uneven else np.abs(found - even).max() < 3e-5
 
 
 def test_an_exact_log_and_a_log_with_missing_rows_stay_as_they_are(rig: Rig) -> None:
     kept = np.random.default_rng(2).uniform(size=len(GRID)) > 0.1
     for t in (GRID, GRID[kept], np.delete(GRID, np.arange(500, 650))):
-        assert row_times(t, {"speed_rpm": hall_speed(t)}, rig) is t
+        assert times_by_edges(t, hall_speed(t), rig) is t
 
 
 def test_missing_rows_do_not_hide_the_clock() -> None:
@@ -76,23 +84,21 @@ def test_missing_rows_do_not_hide_the_clock() -> None:
     assert np.abs(even_grid(stamps[kept]) - GRID[kept]).max() < 1e-5
 
 
-def test_stamps_rounded_to_milliseconds_are_unrounded_without_edges(rig: Rig) -> None:
+def test_stamps_rounded_to_milliseconds_are_unrounded_without_edges() -> None:
     even = np.arange(600) / 300.0
-    assert (
-        np.abs(row_times(np.round(even, 3), {"current_a": np.zeros(600)}, rig) - even).max() < 1e-4
-    )
+    assert np.abs(row_times(np.round(even, 3)) - even).max() < 1e-4
     # scatter beyond the last digit is no rounding
     uneven = np.round(even + np.random.default_rng(1).uniform(-5e-4, 5e-4, 600), 3)
     assert even_grid(uneven) is not None and not is_rounding(uneven, even_grid(uneven))
-    assert row_times(uneven, {"current_a": np.zeros(600)}, rig) is uneven
+    assert row_times(uneven) is uneven
 
 
 @pytest.mark.parametrize("scatter, believed", [(0.05, False), (0.33, True)])
 def test_without_edges_a_small_scatter_is_lateness_and_a_large_one_is_real(
-    rig: Rig, scatter: float, believed: bool
+    scatter: float, believed: bool
 ) -> None:
     stamps = GRID + np.random.default_rng(1).uniform(-scatter, scatter, len(GRID)) * 1e-3
-    found = row_times(stamps, {"current_a": np.zeros(len(GRID))}, rig)
+    found = row_times(stamps)
     assert found is stamps if believed else np.abs(found - GRID).max() < 5e-6
 
 

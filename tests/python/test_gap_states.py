@@ -8,8 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vgroove.gap.noise import differences, position_scatter, position_sigma
-from vgroove.gap.states import Driven, Observations, Restarts, local_fit
+from vgroove.gap.cleaning.sensor_noise import (
+    divided_differences,
+    position_noise_sigma,
+    position_sigma,
+)
+from vgroove.gap.residual.restarts import KnownForce, Observations, Restarts, local_fit
 from vgroove.rig import read_rig
 
 TIME = np.arange(200) * 1e-3
@@ -35,7 +39,7 @@ def test_a_bend_is_followed_by_few_rows() -> None:
 
 
 # a force in steps: no parabola follows its speed
-RIPPLE = Driven(TIME, np.where(np.arange(200) // 8 % 2 == 0, 4000.0, -2500.0))
+RIPPLE = KnownForce(TIME, np.where(np.arange(200) // 8 % 2 == 0, 4000.0, -2500.0))
 
 
 @pytest.mark.parametrize("length", [0.0, 0.7e-3, 5.3e-3])
@@ -66,7 +70,7 @@ def test_what_a_known_force_does_over_spans_is_its_integral() -> None:
 
 
 def test_the_slope_of_a_driven_speed_is_that_of_the_speed() -> None:
-    steady = Driven(TIME, np.full(200, 500.0))
+    steady = KnownForce(TIME, np.full(200, 500.0))
     found = local_fit(replace(seen(500.0 * TIME - 80.0 * TIME, 0.1), driven=steady), 0.1)
     assert (found.value, found.slope, found.bend) == pytest.approx((42.0, 420.0, 0.0), abs=1e-6)
 
@@ -89,7 +93,7 @@ def test_noise_of_a_position_is_found_under_its_motion_however_uneven_the_rows(
     rng = np.random.default_rng(3)
     t = (np.arange(4000) + uneven * rng.uniform(-1.0, 1.0, 4000)) / 500.0
     motion = 20.0 * np.sin(2.0 * t) + 3.0 * np.sin(11.0 * t)
-    assert position_scatter(t, motion + noise * rng.normal(size=4000)) == pytest.approx(
+    assert position_noise_sigma(t, motion + noise * rng.normal(size=4000)) == pytest.approx(
         noise, rel=0.1
     )
 
@@ -101,10 +105,10 @@ def test_divided_differences_leave_noise_as_it_is_and_nothing_of_a_lower_polynom
     rng = np.random.default_rng(4)
     t = np.cumsum(rng.uniform(0.2, 1.8, 4000)) * 1e-3
     polynomial = np.polyval(rng.normal(size=order), t)
-    assert np.abs(differences(t, polynomial, order, rows)).max() < 1e-9
-    assert differences(t, polynomial + rng.normal(size=4000), order, rows).std() == pytest.approx(
-        1.0, rel=0.05
-    )
+    assert np.abs(divided_differences(t, polynomial, order, rows)).max() < 1e-9
+    assert divided_differences(
+        t, polynomial + rng.normal(size=4000), order, rows
+    ).std() == pytest.approx(1.0, rel=0.05)
 
 
 def test_a_position_is_never_finer_than_its_step() -> None:

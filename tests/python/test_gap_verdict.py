@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from gap_toy import KINDS, MODELLED, SCALES, Toy
-from vgroove.gap import locate, search, search_state, verdict
-from vgroove.gap.evidence import (
+from vgroove.gap.catalogue import BY_ID
+from vgroove.gap.fitting.cross_validation import predict_held_out
+from vgroove.gap.fitting.fit import Engine
+from vgroove.gap.selection import search, search_state
+from vgroove.gap.selection.model_comparison import (
     Blocks,
     few_blocks,
     interval,
@@ -18,9 +21,7 @@ from vgroove.gap.evidence import (
     make_blocks,
     typical_interval,
 )
-from vgroove.gap.fit import Engine
-from vgroove.gap.folds import settle
-from vgroove.gap.hypotheses import BY_ID
+from vgroove.gap.verdict import decision, location
 
 FLOOR = 1.0
 
@@ -39,21 +40,21 @@ def decided(
     state = search_state.begin(engine, effects, rows, 0, lambda _: None)
     best, rivals = search.run(state)
     drivers = {"speed": np.tile(toy.measured_rows[1], 3), "time": toy.time_s}
-    left = locate.remaining(
+    left = location.remaining(
         state, best, drivers, toy.signal, ["current_a", "speed_rpm", "supply_v"], FLOOR
     )
-    return state, verdict.decide(state, best, rivals, left, FLOOR)
+    return state, decision.decide(state, best, rivals, left, FLOOR)
 
 
 def named(toy: Toy, finding: tuple) -> list[str]:
     """Selected effects."""
-    return verdict.selected(finding[0], toy, finding[1], FLOOR)
+    return decision.selected(finding[0], toy, finding[1], FLOOR)
 
 
 def effects_of(toy: Toy, finding: tuple) -> list[dict]:
     """The verdict's list of effects, with numbers as the search made them."""
-    return verdict.effects_section(
-        toy, finding[0], finding[1], FLOOR, verdict.estimate_of(finding[0], finding[1].best)
+    return decision.effects_section(
+        toy, finding[0], finding[1], FLOOR, decision.estimate_of(finding[0], finding[1].best)
     )
 
 
@@ -68,8 +69,8 @@ def test_what_three_sigma_explain_is_none() -> None:
     toy = Toy({"motor.resistance_ohm": 0.19 * 1.04})
     found = decided(toy, {"motor.resistance_ohm": 0.02})
     assert found[1].verdict == "none"
-    assert verdict.gap_of(toy, found[0].nominal.held) > 1.1
-    assert verdict.estimate_of(found[0], found[1].best).tolerated()[
+    assert decision.gap_of(toy, found[0].nominal.held) > 1.1
+    assert decision.estimate_of(found[0], found[1].best).tolerated()[
         "motor.resistance_ohm"
     ] == pytest.approx(0.19 * 1.04, rel=0.01)
 
@@ -96,7 +97,7 @@ def test_one_effect_is_named(name: str, size: float) -> None:
     toy = Toy({f"effects.{name}": size})
     found = decided(toy)
     assert (found[1].verdict, named(toy, found)) == ("effect", [name.split(".")[0]])
-    assert verdict.gap_section(toy, found[0], found[1].best, FLOOR)["after"] < 1.02
+    assert decision.gap_section(toy, found[0], found[1].best, FLOOR)["after"] < 1.02
 
 
 def test_a_pair_is_named_strongest_first() -> None:
@@ -201,7 +202,7 @@ def test_equivalent_members_are_listed_and_do_not_make_it_ambiguous() -> None:
     toy = Toy({"effects.winding_resistance.relative": 0.1})
     found = decided(toy)
     assert found[1].verdict == "effect"
-    listed = verdict.indistinguishable(toy, found[0], found[1], KINDS, FLOOR)
+    listed = decision.indistinguishable(toy, found[0], found[1], KINDS, FLOOR)
     assert [(o["id"], o["instead_of"]) for o in listed] == [
         ("bridge_resistance", "winding_resistance")
     ]
@@ -270,10 +271,10 @@ def test_edges_on_another_clock_prefer_what_explains_it(scale: float, named: str
 
 
 def test_closed_figures() -> None:
-    assert verdict.closed(1.05, 1.0, 1.0) is None
-    assert verdict.closed(3.0, 1.0, 1.0) == 1.0
-    assert verdict.closed(3.0, 2.0, 1.0) == pytest.approx(0.5)
-    assert verdict.closed(3.0, 4.0, 1.0) == 0.0
+    assert decision.closed(1.05, 1.0, 1.0) is None
+    assert decision.closed(3.0, 1.0, 1.0) == 1.0
+    assert decision.closed(3.0, 2.0, 1.0) == pytest.approx(0.5)
+    assert decision.closed(3.0, 4.0, 1.0) == 0.0
 
 
 class Scored:
@@ -305,9 +306,9 @@ class Scored:
     without: frozenset[str] = frozenset()
 
 
-def structure(significant: bool) -> locate.Structure:
+def structure(significant: bool) -> location.Structure:
     """What is left, as far as a verdict asks."""
-    return locate.Structure(significant, None, 0.0, None)
+    return location.Structure(significant, None, 0.0, None)
 
 
 class Named(float):
@@ -342,7 +343,8 @@ def test_several_effects_that_leave_a_visible_gap_are_a_patchwork(
 ) -> None:
     state, best = Scored(retuned, retuned, after), named_gap(after, count)
     assert (
-        verdict.patched(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR) is patchwork
+        decision.patched(state, best, decision.closed_squared(state, best, FLOOR), FLOOR)
+        is patchwork
     )
 
 
@@ -365,7 +367,7 @@ def test_what_closes_too_little_imitates_something_else(
 ) -> None:
     state, best = Scored(nominal, retuned, after), named_gap(after, count)
     assert (
-        verdict.imitates(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR)
+        decision.imitates(state, best, decision.closed_squared(state, best, FLOOR), FLOOR)
         is imitation
     )
 
@@ -382,7 +384,7 @@ def test_the_bulk_is_the_contracts_over_its_blocks_or_over_all(
     state, best = Scored(11.0, 11.0, after), named_gap(after, 1)
     state.reported = lambda one: reported if one is best else one
     assert (
-        verdict.imitates(state, best, verdict.closed_squared(state, best, FLOOR), FLOOR)
+        decision.imitates(state, best, decision.closed_squared(state, best, FLOOR), FLOOR)
         is imitation
     )
 
@@ -511,7 +513,7 @@ def test_the_least_loss_on_a_run_is_seldom_overestimated(alike: bool, share: flo
 def test_an_event_in_one_block_is_no_gap(above: list[float], stands: bool) -> None:
     state = Scored(1.0, 1.0, 1.0 + sum(above) / 200.0)
     state.blocks, state.sums = blocks_of(20), lambda one: 10.0 + np.array(above)
-    assert locate.stands_above(state, named_gap(state.best, 0), 1.0) is stands
+    assert location.stands_above(state, named_gap(state.best, 0), 1.0) is stands
 
 
 def test_a_form_that_others_mend_is_still_the_effect() -> None:
@@ -520,9 +522,9 @@ def test_a_form_that_others_mend_is_still_the_effect() -> None:
     """
     state, pair = Scored(11.0, 11.0, 1.9), named_gap(2.6, 2)
     state.fits = {("a",): named_gap(3.0, 1), ("b",): named_gap(9.0, 1)}
-    assert verdict.leading(state, pair, FLOOR) is state.fits[("a",)]
+    assert decision.leading(state, pair, FLOOR) is state.fits[("a",)]
     state.fits[("a",)] = named_gap(8.0, 1)
-    assert verdict.leading(state, pair, FLOOR) is None
+    assert decision.leading(state, pair, FLOOR) is None
 
 
 @pytest.mark.parametrize(
@@ -539,7 +541,7 @@ def test_a_remainder_below_the_contracts_least_gap_is_none(
 ) -> None:
     state = Scored(left, left, left)
     state.blocks, state.sums = blocks_of(20), lambda one: np.full(20, 10.0 * one)
-    found = verdict.decide(state, named_gap(left, 0), [], structure(significant), FLOOR)
+    found = decision.decide(state, named_gap(left, 0), [], structure(significant), FLOOR)
     assert found.verdict == said
 
 
@@ -558,7 +560,7 @@ def test_a_remainder_that_follows_nothing_must_be_a_gap_in_most_draws(
     state = Scored(1.4, 1.4, 1.4)
     state.blocks, state.sums = blocks_of(20), lambda one: 10.0 + np.array(above)
     left = replace(structure(True), best_correlate=follows)
-    assert verdict.decide(state, named_gap(1.4, 0), [], left, FLOOR).verdict == said
+    assert decision.decide(state, named_gap(1.4, 0), [], left, FLOOR).verdict == said
 
 
 # squared gaps: before 11, what the set leaves, what its first member leaves alone
@@ -578,7 +580,7 @@ def test_doubtful_sets_are_not_named(
 ) -> None:
     state = Scored(11.0, 11.0, after)
     state.fits = {("a",): named_gap(alone, 1), ("b",): named_gap(9.5, 1)}
-    found = verdict.decide(state, named_gap(after, count), [], structure(significant), FLOOR)
+    found = decision.decide(state, named_gap(after, count), [], structure(significant), FLOOR)
     assert (found.verdict, len(found.best.ids)) == (said, named)
 
 
@@ -593,7 +595,7 @@ def test_no_search_goes_on_from_an_effect_that_cannot_be_seen(
         lambda fit: seen,
     )
     monkeypatch.setattr(search, "simplest", lambda _, best, base=None: best)
-    monkeypatch.setattr(search, "deepest", lambda _, best: best)
+    monkeypatch.setattr(search, "deepest_minimum", lambda _, best: best)
     monkeypatch.setattr(search, "grow", lambda *_: None)
     assert search.forward(state) == (one if seen else state.retuned)
 
@@ -621,7 +623,7 @@ def test_kept_key_columns_lead_to_the_same_fit() -> None:
     for kept in (False, True):
         engine = Engine(toy, SCALES, tolerance)
         retuned = engine.fit(engine.hypotheses([]))[0]
-        settle(engine, [retuned])
+        predict_held_out(engine, [retuned])
         engine.key_columns = retuned.jacobian if kept else None
         fits.append(engine.fit(engine.hypotheses([BY_ID["added_inertia"]], retuned.x), 12)[0])
         calls = engine.calls

@@ -22,7 +22,7 @@ from vgroove import telemetry
 from vgroove.errors import VgrooveError
 from vgroove.log import Log, current_is_unsigned, log_from_stream, read_log, write_csv
 
-PRACTICE = ROOT.parent / "shared/data/practice/practice_001/log.csv"
+PRACTICE = ROOT / "tests/data/practice/practice_001/log.csv"
 
 
 def sample_log(rows: int = 200) -> Log:
@@ -502,8 +502,6 @@ def test_rejects_in_an_mf4_what_it_rejects_in_a_csv(
 
 
 def test_practice_log_is_read_as_it_stands() -> None:
-    if not PRACTICE.exists():
-        pytest.skip("the shared practice data are not there")
     log = read_log(PRACTICE)
     assert (
         len(log) == 6000

@@ -8,11 +8,11 @@ from test_board_run import HELD, RIG, Line
 from test_run import elf
 from vgroove import lockstep
 from vgroove.board import AvrBoard
-from vgroove.conductor import Conductor
 from vgroove.gap.diagnose import diagnose
-from vgroove.gap.menu import proposed
+from vgroove.gap.next_run.menu import profile_from_verdict
+from vgroove.guided_run import GuidedRun
 from vgroove.log import Log, log_from_session, log_from_stream
-from vgroove.recorder import DONE
+from vgroove.recorder import RUN_COMPLETE
 from vgroove.rig import read_rig
 from vgroove.scenario import SAMPLES_A_ROW, make_plant, without_board_effects
 
@@ -45,9 +45,9 @@ def test_the_run_that_a_verdict_asks_for_decides_what_one_log_leaves_open() -> N
         *(rival["id"] for rival in open_["indistinguishable"]),
     ]
     line = Line("staircase")
-    line.conductor = Conductor(proposed(open_, "verdict"), line.session)
+    line.run = GuidedRun(profile_from_verdict(open_, "verdict"), line.session)
     told(HELD, 7.2, line, 2)
     two = log_from_session(line.session, "next")
-    assert line.conductor.over == DONE and np.ptp(two["speed_rpm"]) > 5000.0
+    assert line.run.ended == RUN_COMPLETE and np.ptp(two["speed_rpm"]) > 5000.0
     both = diagnose([one, two], read_rig(RIG)).verdict
     assert (both["verdict"], both["selected"]) == ("effect", ["viscous_friction"])

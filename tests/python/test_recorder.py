@@ -8,6 +8,7 @@ import json
 import os
 import random
 import resource
+import select
 import signal
 import subprocess
 import sys
@@ -25,16 +26,9 @@ from test_telemetry import damaged
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
 from vgroove.log import log_from_stream, read_log
-from vgroove.recorder import (
-    AscSink,
-    BlfSink,
-    CsvSink,
-    Mf4Sink,
-    Recording,
-    ResyncBus,
-    command_message,
-    record,
-)
+from vgroove.recorder import Recording, record
+from vgroove.recording_files import AscFile, BlfFile, CsvFile, Mf4File
+from vgroove.serial_bus import ResyncBus, command_message
 
 ENDINGS = [".csv", ".mf4", ".blf", ".asc"]
 HEADER = ",".join(("time_s", *telemetry.COLUMNS))
@@ -74,9 +68,9 @@ def direct_log(pty: PtyBoard) -> dict[float, tuple]:
     }
 
 
-# STATE and CONTROL say since which tick they hold: what tells the last rows may come after a
-# recording's end
-TOLD_LATE_ROWS = 60
+# STATE and CONTROL frames arrive after the rows for which their values hold; those of the last rows
+# may arrive after the end of a recording.
+LATE_ROWS = 60
 
 
 def same_rows(path: Path, pty: PtyBoard, states_may_lack: bool = False) -> int:
@@ -87,9 +81,9 @@ def same_rows(path: Path, pty: PtyBoard, states_may_lack: bool = False) -> int:
     assert np.allclose(got[:, :5], expected[:, :5], rtol=1e-9, atol=1e-12)
     # a trigger that moves while the first STATE frame waits leaves a few rows without one
     if not states_may_lack:
-        told = slice(20, -TOLD_LATE_ROWS)
-        assert np.allclose(got[told, 5:], expected[told, 5:], rtol=1e-9), np.flatnonzero(
-            (got[told, 5:] != expected[told, 5:]).any(axis=1)
+        complete = slice(20, -LATE_ROWS)
+        assert np.allclose(got[complete, 5:], expected[complete, 5:], rtol=1e-9), np.flatnonzero(
+            (got[complete, 5:] != expected[complete, 5:]).any(axis=1)
         )
     return len(log)
 
@@ -147,7 +141,7 @@ def test_ctrl_c_leaves_a_complete_file(tmp_path: Path, ending: str, number: sign
 def test_ctrl_c_before_a_board_is_found_writes_nothing(tmp_path: Path) -> None:
     master, slave = os.openpty()
     process = start(os.ttyname(slave), tmp_path / "run.csv")
-    time.sleep(1.5)
+    assert select.select([master], [], [], 30.0)[0], "the recorder requests a BOOT frame"
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=30)
     os.close(master)
@@ -235,7 +229,7 @@ def test_an_mf4_that_cannot_be_made_stays_as_csv(
         target.write_bytes(b"half")
         raise error
 
-    monkeypatch.setattr("vgroove.recorder._mf4_of_csv", failing)
+    monkeypatch.setattr("vgroove.recording_files.convert_csv_to_mf4", failing)
     with (
         PtyBoard() as pty,
         pytest.raises(
@@ -297,15 +291,17 @@ def test_a_disk_with_room_for_the_rows_but_not_for_the_mf4_of_them(small_disk: P
 
 
 def test_a_long_mf4_is_converted_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("vgroove.recorder.MF4_ROWS", 7)
-    sink, rng = Mf4Sink(tmp_path / "run.mf4"), np.random.default_rng(1)
+    monkeypatch.setattr("vgroove.recording_files.MF4_ROWS", 7)
+    file, rng = Mf4File(tmp_path / "run.mf4"), np.random.default_rng(1)
     rows = {name: np.round(rng.normal(0, 9, 100), 3) for name in telemetry.COLUMNS} | {
         "time_s": 1.7e9 + np.arange(100) / 1000
     }
     for first in (0, 40):
-        sink.block({name: values[first : first + 40 + first // 2] for name, values in rows.items()})
-    sink.finish()
-    sink.publish()
+        file.add_rows(
+            {name: values[first : first + 40 + first // 2] for name, values in rows.items()}
+        )
+    file.finish()
+    file.publish()
     log = read_log(tmp_path / "run.mf4")
     assert os.listdir(tmp_path) == ["run.mf4"] and np.array_equal(log.time_s, rows["time_s"])
     assert all(np.array_equal(log[name], rows[name]) for name in telemetry.COLUMNS)
@@ -322,14 +318,14 @@ def test_a_long_mf4_is_converted_in_parts(tmp_path: Path, monkeypatch: pytest.Mo
 def test_whatever_ends_a_recording_what_was_recorded_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, words: str
 ) -> None:
-    blocks = CsvSink.block
+    add_rows = CsvFile.add_rows
 
-    def failing(self: CsvSink, columns: dict[str, np.ndarray]) -> None:
+    def failing(self: CsvFile, columns: dict[str, np.ndarray]) -> None:
         if self.rows > 300:
             raise error
-        blocks(self, columns)
+        add_rows(self, columns)
 
-    monkeypatch.setattr(CsvSink, "block", failing)
+    monkeypatch.setattr(CsvFile, "add_rows", failing)
     with PtyBoard() as pty:
         recording = Recording(pty.port, tmp_path / "run.csv")
         with pytest.raises(VgrooveError, match=words) if words else nullcontext():
@@ -401,7 +397,7 @@ def test_a_board_of_another_protocol_is_refused_with_a_sentence(tmp_path: Path) 
     os.close(slave)
     assert (
         process.returncode == 2
-        and "telemetry protocol 9, this vgroove knows 2" in text
+        and "telemetry protocol 9, this vgroove decodes 2" in text
         and os.listdir(tmp_path) == []
     )
 
@@ -443,21 +439,21 @@ def test_a_board_that_restarts_ends_the_recording_with_a_complete_file(tmp_path:
 def test_a_disk_that_takes_part_of_a_block_keeps_whole_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sink = CsvSink(tmp_path / "run.csv")
+    file = CsvFile(tmp_path / "run.csv")
     rows = {name: np.zeros(10) for name in ("time_s", *telemetry.COLUMNS)}
-    sink.block(rows)
-    whole = sink.part.stat().st_size
+    file.add_rows(rows)
+    whole = file.part.stat().st_size
 
     def full(data: object) -> int:
-        io.FileIO.write(sink._file, bytes(data)[:5])
+        io.FileIO.write(file._file, bytes(data)[:5])
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(sink._file, "write", full)
+    monkeypatch.setattr(file._file, "write", full)
     with pytest.raises(OSError, match="No space"):
-        sink.block(rows)
-    assert sink.part.stat().st_size > whole
-    sink.rescue()
-    assert sink.part.stat().st_size == whole and sink.rows == 10
+        file.add_rows(rows)
+    assert file.part.stat().st_size > whole
+    file.salvage()
+    assert file.part.stat().st_size == whole and file.rows == 10
 
 
 def test_python_cans_bus_survives_damage(tmp_path: Path) -> None:
@@ -489,12 +485,12 @@ def test_raw_recording_keeps_the_time_that_the_crc_covers(tmp_path: Path) -> Non
     eeprom_set()
     board = Board(now_ms=2**31)
     frames = telemetry.Framer().feed(board.run(300, moving(board)))
-    for ending, kind in ((".blf", BlfSink), (".asc", AscSink)):
-        sink = kind(tmp_path / f"run{ending}")
+    for ending, kind in ((".blf", BlfFile), (".asc", AscFile)):
+        file = kind(tmp_path / f"run{ending}")
         for frame in frames:
-            sink.frame(frame)
-        sink.finish()
-        sink.publish()
+            file.add_frame(frame)
+        file.finish()
+        file.publish()
         log = read_log(tmp_path / f"run{ending}")
         assert log.time_s[0] == (2**31 + 1) / 1000 and len(log) == 300 and log.warnings == []
 

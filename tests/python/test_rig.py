@@ -1,4 +1,4 @@
-"""Rigs: what the contract allows is read, written back the same and turned into parameters;
+"""Rigs: what the specification allows is read, written back the same and turned into parameters;
 everything else is refused by name.
 """
 
@@ -8,6 +8,7 @@ import re
 import tomllib
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 import tomli_w
@@ -15,23 +16,14 @@ import tomli_w
 from made_log import RIG
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.rig import (
-    EFFECTS,
-    KINDS,
-    LOAD_FORM,
-    SECTIONS,
-    WORDS,
-    read_rig,
-    rig_from_dict,
-    write_rig,
-)
+from vgroove.gap.catalogue import CATALOGUE, LOADS
+from vgroove.rig import read_rig, rig_from_dict, write_rig
+from vgroove.rig_keys import EFFECTS, KINDS, SECTIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 
-SHARED = Path(__file__).resolve().parents[3] / "shared"
-needs_shared = pytest.mark.skipif(
-    not (SHARED / "gap-contract.md").is_file(), reason="../shared is absent"
-)
+SPECIFICATION = ROOT / "docs/spec/gap.md"
+SCHEMA = json.loads((ROOT / "hil/vgroove/data/rig.schema.json").read_text())
 
 
 def refused(change: dict, *words: str) -> None:
@@ -281,7 +273,8 @@ def test_every_parameter_of_the_plant_is_a_key_of_a_rig() -> None:
     known = {f"{s}.{k}" for s, keys in SECTIONS.items() for k in keys}
     known |= {f"{s}.{k}" for s, kinds in KINDS.items() for keys in kinds.values() for k in keys}
     known |= {f"effects.{e}.{k}" for e, keys in EFFECTS.items() for k in keys}
-    known |= {parameter for parameter, _ in (*WORDS.values(), LOAD_FORM)}
+    known |= {effect.flag_name for effect in CATALOGUE if effect.form}
+    known |= {f"load.{load.form.flag}" for load in LOADS.values() if load.form}
     assert set(_core.PARAMETERS) <= known
 
 
@@ -336,53 +329,79 @@ def test_changed_rigs_come_back_from_their_file(tmp_path: Path) -> None:
         rig.with_values({"motor.resistance_ohm": -1.0})
 
 
-def contract_rigs() -> list[dict]:
-    """Every complete rig in the contract's text; a lone load is put into the impact rig."""
+def specified_rigs() -> list[dict]:
+    """Every complete rig in the specification; a lone load is put into the impact rig."""
     blocks = [
         tomllib.loads(text)
-        for text in re.findall(r"```toml\n(.*?)```", (SHARED / "gap-contract.md").read_text(), re.S)
+        for text in re.findall(r"```toml\n(.*?)```", SPECIFICATION.read_text(), re.S)
     ]
     impact = next(b for b in blocks if b.get("mechanism", {}).get("kind") == "impact")
     return [b if "schema" in b else {**impact, **b} for b in blocks]
 
 
-@needs_shared
-def test_the_contracts_examples_and_the_practice_rigs_are_read_and_pass_the_schema(
+def test_rigs_of_the_specification_of_the_data_and_of_the_tree_are_read_and_pass_the_schema(
     tmp_path: Path,
 ) -> None:
-    jsonschema = pytest.importorskip("jsonschema")
-    schema = json.loads((SHARED / "schema/rig.schema.json").read_text())
-    paths = sorted((SHARED / "data").rglob("rig.toml"))
-    rigs = contract_rigs() + [tomllib.loads(path.read_text()) for path in paths]
-    assert len(rigs) >= 4 + 12
+    paths = [*sorted((ROOT / "tests/data").rglob("rig.toml")), *sorted((ROOT / "rigs").iterdir())]
+    rigs = specified_rigs() + [tomllib.loads(path.read_text()) for path in paths]
+    assert len(rigs) >= 5 + 13 + 7
     for data in rigs:
-        jsonschema.validate(data, schema)
+        jsonschema.validate(data, SCHEMA)
         rig = rig_from_dict(data, "x")
         write_rig(rig, tmp_path / "rig.toml")
         assert read_rig(tmp_path / "rig.toml") == rig
-        jsonschema.validate(tomllib.loads((tmp_path / "rig.toml").read_text()), schema)
+        jsonschema.validate(tomllib.loads((tmp_path / "rig.toml").read_text()), SCHEMA)
 
 
-# optional keys of our plant, as the contract allows them (docs/plant.md)
-FURTHER = {"dead_time": {"form"}}
+RULES = {
+    "true or false": {"type": "boolean"},
+    "a finite number": {"type": "number"},
+    "a number above 0": {"type": "number", "exclusiveMinimum": 0},
+    "a number of at least 0": {"type": "number", "minimum": 0},
+    "a number above -1": {"type": "number", "exclusiveMinimum": -1},
+    "a number between 0 and 1": {"type": "number", "minimum": 0, "maximum": 1},
+    "a number within +-0.05": {"type": "number", "minimum": -0.05, "maximum": 0.05},
+}
 
 
-@needs_shared
-def test_keys_and_needs_are_the_schemas() -> None:
-    schema = json.loads((SHARED / "schema/rig.schema.json").read_text())["properties"]
-    for name, keys in SECTIONS.items():
-        assert set(keys) == set(schema[name]["properties"])
-        assert {k for k, key in keys.items() if key.needed} == set(schema[name]["required"])
+def rule(words: str) -> dict:
+    """What the schema says of a value that must satisfy these words."""
+    if match := re.fullmatch(r"a (whole )?number from (\S+) to (\S+)", words):
+        kind = "integer" if match[1] else "number"
+        return {"type": kind, "minimum": float(match[2]), "maximum": float(match[3])}
+    if words.startswith("one of "):
+        return {"enum": words.removeprefix("one of ").split(", ")}
+    return RULES[words]
+
+
+def test_keys_needs_and_ranges_are_the_schemas() -> None:
+    schema = copy.deepcopy(SCHEMA["properties"])
+    pairs = [(keys, schema[name]) for name, keys in SECTIONS.items()]
+    pairs += [(EFFECTS[name], option) for name, option in schema["effects"]["properties"].items()]
     for name, kinds in KINDS.items():
-        for option in schema[name]["oneOf"]:
-            keys = kinds[option["properties"]["kind"]["const"]]
-            assert {k for k, key in keys.items() if key.needed} | {"kind"} == set(
-                option["required"]
-            )
-            assert set(option["properties"]) <= set(keys) | {"kind"}
-    for name, option in schema["effects"]["properties"].items():
-        assert set(EFFECTS[name]) - FURTHER.get(name, set()) == set(option["properties"])
-        assert {k for k, key in EFFECTS[name].items() if key.needed} == set(option["required"])
+        options = {o["properties"]["kind"].pop("const"): o for o in schema[name]["oneOf"]}
+        assert options.keys() == kinds.keys()
+        for kind, option in options.items():
+            assert option["properties"].pop("kind") == {} and option["required"].pop(0) == "kind"
+            pairs.append((kinds[kind], option))
+    assert schema["effects"]["properties"].keys() == EFFECTS.keys()
+    for keys, option in pairs:
+        assert not option["additionalProperties"]
+        assert {k: rule(key.words) for k, key in keys.items()} == option["properties"]
+        assert [k for k, key in keys.items() if key.needed] == option["required"]
+
+
+def test_the_specification_names_each_key_and_range() -> None:
+    text = SPECIFICATION.read_text()
+    sections = [*SECTIONS.values(), *(keys for kinds in KINDS.values() for keys in kinds.values())]
+    for name, key in ((name, key) for keys in sections for name, key in keys.items()):
+        lines = [line for line in text.splitlines() if re.search(rf"\b{name}`", line)]
+        assert lines, name
+        if match := re.search(r"number from (\S+) to (\S+)$", key.words):
+            assert any(f"{match[1]}..{match[2]}" in line for line in lines), (name, key.words)
+    for effect, keys in EFFECTS.items():
+        needed = ", ".join(name for name, key in keys.items() if key.needed)
+        assert f"`{effect}` [{needed}]" in text
 
 
 def test_our_own_rigs_are_read() -> None:

@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 from made_log import MadeLog, drive_log, rig
 from vgroove import cli
 from vgroove.errors import VgrooveError
-from vgroove.gap.problem import load_problem
+from vgroove.gap.residual.problem import load_problem
 from vgroove.log import read_log
 from vgroove.rig import read_rig, write_rig
 
-SHARED = Path(__file__).resolve().parents[3] / "shared/data/practice"
+PRACTICE = Path(__file__).resolve().parents[1] / "data/practice"
 
 
 def write_log(log: MadeLog, path: Path) -> Path:
@@ -87,14 +87,13 @@ def test_a_missing_rig_and_two_outputs_are_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "out.csv").exists()
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="../shared/data/practice is absent")
 @pytest.mark.parametrize(
     ("case", "low", "high"), [("002", 0.9, 1.06), ("012", 0.9, 1.08), ("001", 2.0, 3.8)]
 )
 def test_practice_logs_without_an_effect_end_at_the_noise(
     case: str, low: float, high: float, tmp_path: Path
 ) -> None:
-    folder = SHARED / f"practice_{case}"
+    folder = PRACTICE / f"practice_{case}"
     for restart_s in ("0.25", "1000"):
         sim(
             folder / "rig.toml",
@@ -108,11 +107,10 @@ def test_practice_logs_without_an_effect_end_at_the_noise(
         assert low < json.loads((tmp_path / "out.json").read_text())["gap"] < high
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="../shared/data/practice is absent")
 def test_a_practice_log_ends_at_the_noise_with_the_effect_that_its_label_tells(
     tmp_path: Path,
 ) -> None:
-    folder = SHARED / "practice_001"
+    folder = PRACTICE / "practice_001"
     inertia = json.loads((folder / "label.json").read_text())["truth"]["added_inertia"]["dJ"]
     write_rig(
         read_rig(folder / "rig.toml").with_effects({"added_inertia": {"kg_m2": inertia}}),

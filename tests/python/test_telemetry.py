@@ -1,7 +1,7 @@
 """Telemetry from the firmware's C to Python's decoder: packing, schedule, commands, damage."""
 
 import ctypes
-import importlib.util
+import importlib
 import itertools
 import math
 import random
@@ -30,7 +30,7 @@ from telemetry_board import (
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
 from vgroove.log import log_from_stream
-from vgroove.recorder import command_message
+from vgroove.serial_bus import command_message
 
 OUTBOUND = ("FAST", "STATE", "BOOT", "PARAM", "PARAM_TABLE", "ACK", "HEALTH", "CONTROL")
 INBOUND = ("SET_MODE", "PARAM_READ", "PARAM_WRITE", "DUMP", "CALIBRATE", "SETPOINT", "PROFILE")
@@ -39,13 +39,10 @@ RESULT = {str(name): value for value, name in ACK_RESULT.choices.items()}
 
 
 def generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location(
-        "generate", ROOT / "firmware/telemetry/generate.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["generate"] = module
-    spec.loader.exec_module(module)
-    return module
+    folder = str(ROOT / "firmware/telemetry")
+    if folder not in sys.path:
+        sys.path.append(folder)
+    return importlib.import_module("generate")
 
 
 def frames_of(data: bytes) -> list[telemetry.Frame]:
@@ -228,7 +225,7 @@ def test_the_line_is_never_overfull_and_no_fast_frame_waits(
     assert kinds.count(telemetry.PARAM) == 2 * len(telemetry.parameter_list())
     # they take turns
     assert kinds.count(telemetry.STATE) == pytest.approx(
-        kinds.count(telemetry.CONTROL), rel=0.02, abs=1
+        kinds.count(telemetry.FRAME_IDS["CONTROL"]), rel=0.02, abs=1
     )
     assert len(sent) <= 4100 * per_tick + 57
     assert session_of(bytes(sent)).counters.lost == 0
@@ -274,7 +271,7 @@ def test_control_goes_out_on_change_with_its_tick_and_rows_carry_it() -> None:
         )
 
     stream = board.run(1200, each)
-    frames = [frame for frame in frames_of(stream) if frame.id == telemetry.CONTROL]
+    frames = [frame for frame in frames_of(stream) if frame.id == telemetry.FRAME_IDS["CONTROL"]]
     assert len(frames) == 1 + 24 and telemetry.decode(frames[-1])["estimate"] == 1175, (
         "the estimate alone is no news"
     )
@@ -342,7 +339,7 @@ def test_an_unknown_protocol_is_refused_with_a_sentence() -> None:
     boot = telemetry.frame_of_signals(
         "BOOT", 5, protocol_version=9, duty_full_scale=255, fast_divider=1
     )
-    with pytest.raises(VgrooveError, match="speaks telemetry protocol 9, this vgroove knows 2"):
+    with pytest.raises(VgrooveError, match="sends telemetry protocol 9, this vgroove decodes 2"):
         telemetry.Session().feed([boot])
 
 

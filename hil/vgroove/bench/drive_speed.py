@@ -12,7 +12,7 @@ from vgroove import _core
 from vgroove.bench.hall_column import edge_times, hall_channel
 from vgroove.bench.own import parameters
 from vgroove.bench.timing import medians
-from vgroove.gap.channels import SpanChannel
+from vgroove.gap.residual.channels import SpanChannel
 
 Floats = npt.NDArray[np.float64]
 

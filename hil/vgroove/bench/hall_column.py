@@ -5,7 +5,7 @@ last edge period.
 import numpy as np
 import numpy.typing as npt
 
-from vgroove.gap.channels import SpanChannel, span_channel
+from vgroove.gap.residual.channels import SpanChannel, span_channel
 
 Floats = npt.NDArray[np.float64]
 

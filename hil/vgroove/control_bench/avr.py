@@ -1,5 +1,5 @@
-"""A named subset of the bench on the ELF, simulated instruction by instruction: the same drives
-must send the same bytes as in SIL.
+"""A subset of the bench on the ELF, simulated instruction by instruction: every drive must send the
+same bytes as the native firmware.
 """
 
 import tempfile
@@ -13,12 +13,12 @@ import numpy as np
 from vgroove import telemetry
 from vgroove.board import AvrBoard, default_elf
 from vgroove.control_bench import drill, screwing, torque
-from vgroove.control_bench.goals import table_of
-from vgroove.control_bench.runs import AbsentError, Run, pull, reference, sil_run
+from vgroove.control_bench.runs import AbsentError, Run, RunPlan, pull, reference, run_plan
 from vgroove.lockstep import Profile
+from vgroove.page import table_from_dicts
+from vgroove.progress import step_bar
+from vgroove.report import Report
 from vgroove.rig import Rig
-from vgroove.study.command import progress
-from vgroove.study.report import Study
 
 COLUMNS = [
     ("case", "case"),
@@ -36,8 +36,8 @@ DECISIONS = ("duty", "coast", "state")
 
 @dataclass(frozen=True)
 class Case:
-    """One drive of the subset, long enough for what the controller decides: `ends` is the stop
-    reason that it comes to.
+    """One drive of the subset, long enough for the controller's decision; `ends` is the expected
+    stop reason.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Case:
 
 
 def tighten(target_nm: float, slope: float, seconds: float, ends: str) -> Case:
-    """Torque control of a scattered joint."""
+    """Torque control on a joint with drawn parameters."""
     name = f"torque, {target_nm:g} N m at {slope:g} N m/rad"
     return Case(
         name,
@@ -63,34 +63,28 @@ def tighten(target_nm: float, slope: float, seconds: float, ends: str) -> Case:
 
 
 def jam(gear: str) -> Case:
-    """Drill driver whose bit jams within 5 ms to the stall torque and more."""
-    load = (
-        (0.0, 0.0),
-        (drill.LOCK_AT_S, 0.0),
-        (drill.LOCK_AT_S + drill.LOCK_S, 1.5 * drill.stall_nm(gear, 18.0)),
-    )
-    profile = replace(pull(), load_nm=load)
-    params = drill.drill_params(gear)
+    """A drill driver whose bit jams: within 5 ms the load rises to 1.5 times the stall torque."""
+    jammed_s = drill.LOCK_AT_S + drill.LOCK_S
+    jammed_nm = 1.5 * drill.stall_nm(gear, 18.0)
     return Case(
         f"drill, {gear} gear jams",
         "drill",
         lambda: drill.drill_rig(gear, 18.0),
-        params,
-        profile,
+        drill.drill_params(gear),
+        replace(pull(), load_nm=((0.0, 0.0), (drill.LOCK_AT_S, 0.0), (jammed_s, jammed_nm))),
         1.2,
         "kickback",
     )
 
 
 def clutch(gear: str, torque_nm: float, seconds: float) -> Case:
-    """Drill driver on a joint that its clutch stops."""
-    rig = (gear, 18.0, 2.0 * torque_nm, 5.0)
-    params = drill.drill_params(gear, torque_nm)
+    """A drill driver on a joint that its clutch stops."""
+    screw = drill.Screw(rise_nm_per_rad=2.0 * torque_nm, from_rad=5.0)
     return Case(
         f"drill, clutch {torque_nm:g} N m",
         "drill",
-        lambda: drill.drill_rig(*rig),
-        params,
+        lambda: drill.drill_rig(gear, 18.0, screw),
+        drill.drill_params(gear, torque_nm),
         seconds=seconds,
         ends="clutch",
     )
@@ -169,52 +163,49 @@ def avr_board(image: bytes, folder: Path) -> AvrBoard:
 
 def both(case: Case) -> tuple[Run, Run]:
     """The drive on the native firmware and on the ELF."""
-    options: dict[str, Any] = {
-        "mode": case.mode,
-        "params": case.params,
-        "profile": case.profile,
-        "duration_s": case.seconds,
-        "seed": SEED,
-    }
-    native = sil_run(case.rig(), **options)
+    plan = RunPlan(case.profile, case.mode, case.params, case.seconds, SEED)
+    native = run_plan(case.rig(), plan)
     with tempfile.TemporaryDirectory() as folder:
-        return native, sil_run(
-            case.rig(), board=lambda image: avr_board(image, Path(folder)), **options
-        )
+        avr = replace(plan, board=lambda image: avr_board(image, Path(folder)))
+        return native, run_plan(case.rig(), avr)
 
 
-def differing(case: Case) -> dict[str, Any]:
-    """Rows and CONTROL frames of both runs that differ, and whether the drive ended as it should."""
-    native, avr = both(case)
-    a, b = native.telemetry, avr.telemetry
+def row_differences(a: Mapping[str, np.ndarray], b: Mapping[str, np.ndarray]) -> tuple[int, int]:
+    """Rows of two telemetries at equal times, and rows whose DECISIONS differ or that one lacks.
+
+    Rows after the end of the shorter telemetry are not compared: the run may end while one is sent.
+    """
     _, at_a, at_b = np.intersect1d(a["time_s"], b["time_s"], return_indices=True)
     same = [
         (a[name][at_a] == b[name][at_b]) | (np.isnan(a[name][at_a]) & np.isnan(b[name][at_b]))
         for name in DECISIONS
     ]
-    end_s = min(a["time_s"][-1], b["time_s"][-1])  # the last row of one may still be on the line
-    count, alone = (
-        len(at_a),
-        sum(int((rows["time_s"] <= end_s).sum()) for rows in (a, b)) - 2 * len(at_a),
-    )
-    differ = count - int(np.all(same, axis=0).sum()) + alone
-    controls = [
-        [
-            f
-            for f in run.frames
-            if f.id == telemetry.database().get_message_by_name("CONTROL").frame_id
-        ]
-        for run in (native, avr)
-    ]
-    frames = sum(x != y for x, y in zip(*controls, strict=False)) + abs(
-        len(controls[0]) - len(controls[1])
-    )
+    end_s = min(a["time_s"][-1], b["time_s"][-1])
+    rows = sum(int((part["time_s"] <= end_s).sum()) for part in (a, b))
+    common = len(at_a)
+    return common, common - int(np.all(same, axis=0).sum()) + rows - 2 * common
+
+
+def frame_differences(a: Sequence[Any], b: Sequence[Any]) -> int:
+    """Frames that differ, one by one, and those that one list has more."""
+    return sum(x != y for x, y in zip(a, b, strict=False)) + abs(len(a) - len(b))
+
+
+def differing(case: Case) -> dict[str, Any]:
+    """Rows and CONTROL frames that differ between both runs, and whether the drive ended as
+    expected.
+    """
+    native, avr = both(case)
+    rows, differ = row_differences(native.telemetry, avr.telemetry)
+    control = telemetry.database().get_message_by_name("CONTROL").frame_id
+    controls = [[f for f in run.frames if f.id == control] for run in (native, avr)]
+    frames = frame_differences(*controls)
     reason = torque.reason_of(avr)
     return {
         "case": case.name,
         "mode": case.mode,
         "seconds": case.seconds,
-        "rows": count,
+        "rows": rows,
         "differ": differ,
         "frames": len(controls[0]),
         "frames_differ": frames,
@@ -224,11 +215,11 @@ def differing(case: Case) -> dict[str, Any]:
     }
 
 
-def avr_bench(parts: Sequence[str]) -> Study:
-    """The subset of the named parts; controllers that are not there are listed as absent."""
+def avr_bench(parts: Sequence[str]) -> Report:
+    """The subset of the named parts; controllers that the firmware lacks are listed as absent."""
     cases = [case for part in parts for case in CASES[part]]
     rows, lines = [], []
-    with progress(len(cases)) as tick:
+    with step_bar(len(cases)) as tick:
         for case in cases:
             try:
                 rows.append(differing(case))
@@ -238,13 +229,14 @@ def avr_bench(parts: Sequence[str]) -> Study:
     equal = sum(row["equal"] for row in rows)
     lines.insert(
         0,
-        f"{equal} of {len(rows)} drives decide alike, as expected, on the native firmware and on the ATmega328P's ELF.",
+        f"{equal} of {len(rows)} drives make the same decisions, as expected, on the native "
+        "firmware and on the ATmega328P's ELF.",
     )
-    return Study(
+    return Report(
         "control_avr",
         "Controllers on the ELF",
         lines,
-        [table_of("avr", "Native firmware against the ELF", COLUMNS, rows)],
+        [table_from_dicts("avr", "Native firmware against the ELF", COLUMNS, rows)],
         [],
         {"avr": rows},
     )

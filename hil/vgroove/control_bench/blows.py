@@ -1,5 +1,5 @@
-"""Blow detection: what the board counts against what really struck, over rates, loads, supplies and
-duties.
+"""Blow detection: blows that the board counts against blows of the plant, over supplies, loads and
+triggers.
 """
 
 from collections.abc import Sequence
@@ -11,27 +11,30 @@ import numpy as np
 from vgroove.control_bench.jobs import Figures, Job, Variant
 from vgroove.control_bench.runs import PULL_S, AbsentError, Run, pull, reference, sil_run
 from vgroove.control_bench.sets import SUPPLIES_V, half_of, seed_of
-from vgroove.control_bench.sync import LOADS, load_of
+from vgroove.control_bench.sync import MATRIX_JOINTS
+from vgroove.reference.blows import REPEAT
 
 TRIGGERS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-RATES_PER_MIN = (1200.0, 4000.0)
-SECONDS = 3.0
+RATES_PER_MIN = (1200.0, 4000.0)  # cells outside are not judged
+SECONDS = 3.0  # of the run
+RELEASE_S = SECONDS - 0.2  # early enough that the report of the last blow arrives
 VARIANTS = (
     Variant("by speed", params={"blow_source": 0}),
     Variant("by current", params={"blow_source": 1}),
 )
-GOAL = 0.01  # of the true count
-FEW_REPEATS = 6  # of the run-up, which come in every cell
-IN_STEP = 0.03
+GOAL = 0.01  # largest error of the count, of the true count
+FEW_REPEATS = 6  # so many occur during the run-up of every cell and are not judged
+IN_STEP = 0.03  # largest period spread (mean deviation over mean) of a tool in step
 REPEAT_GOALS = {"precision": 0.85, "recall": 0.9}
-SETTLE_S = 0.5  # behind the pull: periods are judged from then on
+SETTLE_S = 0.5  # after the pull; periods are judged from then on
+MIN_PERIODS = 8  # with fewer no period is judged
 
 
 def cells() -> list[dict[str, Any]]:
     """All cells, each in one of the halves."""
     found = []
     for (s, supply_v), (n, load), (t, trigger) in product(
-        enumerate(SUPPLIES_V), enumerate(LOADS), enumerate(TRIGGERS)
+        enumerate(SUPPLIES_V), enumerate(MATRIX_JOINTS), enumerate(TRIGGERS)
     ):
         half = half_of(s, n)
         found.append(
@@ -47,37 +50,39 @@ def cells() -> list[dict[str, Any]]:
 
 
 def opened_s(run: Run) -> float:
-    """When the release opened the bridge: board and truth count until then, neither the run-out, a
-    blow or two without power.
+    """Time of the last driven row: board and plant are compared up to it, since a blow or two
+    follow without power.
     """
     driven = np.flatnonzero(run.telemetry["coast"] == 0)
     return float(run.telemetry["time_s"][driven[-1]])
 
 
-def repeat_figures(told: np.ndarray, blows_s: np.ndarray, repeats_s: np.ndarray) -> Figures:
-    """Repeats, those that the board told, and those that are right: from a true blow to the next as
-    many as were both told and true.
+def repeat_figures(reported: np.ndarray, blows_s: np.ndarray, repeats_s: np.ndarray) -> Figures:
+    """Numbers of true, reported and rightly reported repeats.
+
+    `reported` (n, len(REPORTED)) are the board's blows, `blows_s` and `repeats_s` the times of the
+    plant's. Between two true blows as many repeats are right as are both true and reported.
     """
     if len(blows_s) < 2:
         return {"repeats": len(repeats_s), "repeats_told": 0, "repeats_right": 0}
     edges = np.append(blows_s, np.inf)
     true = np.histogram(repeats_s, edges)[0]
-    said = np.histogram(told[:, 0], edges, weights=told[:, 1] * told[:, 2])[0]
-    right = np.minimum(true, said).sum()
+    counted = np.histogram(reported[:, 0], edges, weights=reported[:, 1] * reported[:, 2])[0]
+    right = np.minimum(true, counted).sum()
     return {
         "repeats": int(true.sum()),
-        "repeats_told": int(said.sum()),
+        "repeats_told": int(counted.sum()),
         "repeats_right": int(right),
     }
 
 
-def period_figures(told: np.ndarray, blows_s: np.ndarray) -> Figures:
-    """Periods behind the settling, told against true: error of the running mean, both spreads (mean
-    deviation over mean).
+def period_figures(reported: np.ndarray, blows_s: np.ndarray) -> Figures:
+    """Reported against true periods after SETTLE_S: error of the running mean, and both spreads
+    (mean deviation over mean).
     """
     true = np.diff(blows_s[blows_s > PULL_S + SETTLE_S])
-    rows = told[told[:, 0] > PULL_S + SETTLE_S]
-    if len(true) < 8 or len(rows) < 8:
+    rows = reported[reported[:, 0] > PULL_S + SETTLE_S]
+    if len(true) < MIN_PERIODS or len(rows) < MIN_PERIODS:
         return {"period_error": None, "spread": None, "spread_told": None}
     mean = true.mean()
     return {
@@ -90,73 +95,72 @@ def period_figures(told: np.ndarray, blows_s: np.ndarray) -> Figures:
 def work(
     variant: Variant, *, supply_v: float, load: str, trigger: float, seed: int, **_: Any
 ) -> Figures:
-    """One cell: the drive's whole count, released before the end so that the last blow is told."""
-    profile = pull(trigger, release_s=SECONDS - 0.2)
-    rig = reference(load_of(load), supply_v=supply_v)
+    """One cell: the count over the whole drive, and the figures of its repeats and periods."""
     run = sil_run(
-        rig,
+        reference(MATRIX_JOINTS[load].load, supply_v=supply_v),
         mode=variant.mode,
         params=variant.params,
-        profile=profile,
+        profile=pull(trigger, release_s=RELEASE_S),
         duration_s=SECONDS,
         seed=seed,
     )
     if not len(run.control["time_s"]):
         raise AbsentError("this firmware reports no blows: it sends no frame CONTROL")
     counts = run.control["blow_count"][run.control["time_s"] > PULL_S]
-    hits = run.hits
-    first = hits["time_s"][hits["kind"] == 0]
-    driven = first[first < opened_s(run)]
+    hits, opened = run.hits, opened_s(run)
+    driven = run.struck_s[run.struck_s < opened]
     counted = int(counts.max()) if len(counts) else 0
-    again = hits["time_s"][hits["kind"] == 1]
+    again = hits["time_s"][hits["kind"] == REPEAT]
     return {
         "blows": len(driven),
         "counted": counted,
         "error": counted - len(driven),
         "blows_per_min": float(60.0 / np.diff(driven).mean()) if len(driven) > 2 else 0.0,
-        **repeat_figures(run.told, driven, again[again < opened_s(run)]),
-        **period_figures(run.told, driven),
+        **repeat_figures(run.reported, driven, again[again < opened]),
+        **period_figures(run.reported, driven),
         "faults": run.faults,
     }
 
 
 def jobs(chosen: Sequence[dict[str, Any]]) -> list[Job]:
-    """Every chosen cell by both sources, in the plain mode: detection runs in all."""
+    """Every chosen cell by both sources, without control, since the detection runs in all modes."""
     return [Job(work, variant, cell) for variant in VARIANTS for cell in chosen]
 
 
 def in_range(rows: Sequence[Figures]) -> list[Figures]:
-    """Cells whose true rate lies in the range asked for."""
+    """Cells whose true rate lies within RATES_PER_MIN."""
     return [r for r in rows if RATES_PER_MIN[0] <= r["blows_per_min"] <= RATES_PER_MIN[1]]
 
 
 def repeat_score(chosen: Sequence[Figures]) -> Figures:
-    """Precision and recall of the repeats over all cells, and in how many both reach their goals."""
-    said, true, right = (
+    """Precision and recall of the repeats over all cells, and the number of cells where both reach
+    their goals.
+    """
+    reported, true, right = (
         sum(r[key] for r in chosen) for key in ("repeats_told", "repeats", "repeats_right")
     )
     return {
         "repeats": true,
-        "precision": right / said if said else None,
+        "precision": right / reported if reported else None,
         "recall": right / true if true else None,
         "repeat_cells": sum(repeats_right(r) for r in chosen),
     }
 
 
 def repeats_right(row: Figures) -> bool:
-    """Whether a cell's repeats are told: few or none of both, or precision and recall within the
-    goals.
+    """Whether precision and recall of a cell reach REPEAT_GOALS; true where both true and reported
+    repeats are at most FEW_REPEATS.
     """
-    said, true, right = row["repeats_told"], row["repeats"], row["repeats_right"]
-    few = said <= FEW_REPEATS and true <= FEW_REPEATS
+    reported, true, right = row["repeats_told"], row["repeats"], row["repeats_right"]
+    few = reported <= FEW_REPEATS and true <= FEW_REPEATS
     return few or (
-        right >= REPEAT_GOALS["precision"] * said and right >= REPEAT_GOALS["recall"] * true
+        right >= REPEAT_GOALS["precision"] * reported and right >= REPEAT_GOALS["recall"] * true
     )
 
 
 def period_score(chosen: Sequence[Figures]) -> Figures:
-    """Mean error of the running period, and of the spread where the tool is in step (true spread up
-    to 3 %).
+    """Mean error of the running period over all cells; true and reported spread over the cells
+    whose true spread is at most IN_STEP.
     """
     judged = [r for r in chosen if r["period_error"] is not None]
     steady = [r for r in judged if r["spread"] <= IN_STEP]
@@ -168,8 +172,8 @@ def period_score(chosen: Sequence[Figures]) -> Figures:
 
 
 def summary(rows: Sequence[Figures]) -> Figures:
-    """Errors over all cells: in the sum, cell by cell, and with one blow allowed where 1 % is less
-    than a blow.
+    """Errors of the count over all cells: their sum, the number of cells within GOAL or one blow,
+    and the worst cell.
     """
     chosen = in_range(rows)
     errors = np.array([abs(r["error"]) for r in chosen], float)

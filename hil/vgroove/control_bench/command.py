@@ -1,8 +1,7 @@
-"""The commands `vgroove bench control` (options, tables on the terminal, JSON and page) and
+"""The commands `vgroove bench control` (tables on the terminal, JSON, page) and
 `vgroove bench figures`.
 """
 
-import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,12 +10,13 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-SETS = ("both", "tune", "report")
-PIPED_WIDTH = 200
+HALVES = ("both", "tune", "report")
+PLATFORMS = ("sil", "avr")
+PIPED_WIDTH = 200  # columns of a table that goes into a file or a pipe
 
 
 def check_parts(parts: Sequence[str], known: Sequence[str]) -> None:
-    """VgrooveError for a part that there is not."""
+    """VgrooveError for a part that does not exist."""
     from vgroove.errors import VgrooveError
 
     unknown = [name for name in parts if name not in known]
@@ -25,9 +25,9 @@ def check_parts(parts: Sequence[str], known: Sequence[str]) -> None:
 
 
 def processor_s() -> float:
-    """Of this process and of its children that have ended."""
-    now = os.times()
-    return now.user + now.system + now.children_user + now.children_system
+    """Processor time in s of this process and of its children that have ended."""
+    used = os.times()
+    return used.user + used.system + used.children_user + used.children_system
 
 
 def control_command(
@@ -44,7 +44,8 @@ def control_command(
     on: Annotated[
         str,
         typer.Option(
-            help="sil: native firmware; avr: a named subset on the ELF, its decisions against those of sil."
+            help="sil: native firmware; avr: a named subset on the ELF, its decisions against "
+            "those of sil."
         ),
     ] = "sil",
     only_fifth: Annotated[bool, typer.Option("--fifth", help="Every fifth cell.")] = False,
@@ -65,30 +66,26 @@ def control_command(
     from vgroove.control_bench.avr import avr_bench
     from vgroove.control_bench.control import PARTS, Choice, control_bench
     from vgroove.errors import VgrooveError
-    from vgroove.output import check_outputs, write_text
+    from vgroove.output import check_outputs, write_json, write_text
+    from vgroove.terminal import print_line, print_results, table_console
 
     parts = part or list(PARTS)
     check_parts(parts, list(PARTS))
-    if half not in SETS or on not in ("sil", "avr"):
-        raise VgrooveError(f"--set is one of {', '.join(SETS)}, --on sil or avr; not {half}, {on}")
+    if half not in HALVES or on not in PLATFORMS:
+        raise VgrooveError(
+            f"--set is one of {', '.join(HALVES)}, --on sil or avr; not {half}, {on}"
+        )
     check_outputs((json_path, html_path))
     began_s = processor_s()
-    study = (
-        avr_bench(parts)
-        if on == "avr"
-        else control_bench(parts, Choice(None if half == "both" else half, only_fifth, draws))
-    )
-    console = Console()
-    console = console if console.is_terminal else Console(width=PIPED_WIDTH)
-    for line in study.lines:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-    for table in study.tables:
-        console.print(table.as_rich())
-    console.print(f"{processor_s() - began_s:.0f} s of processor time.", highlight=False)
+    choice = Choice(None if half == "both" else half, only_fifth, draws)
+    report = avr_bench(parts) if on == "avr" else control_bench(parts, choice)
+    console = table_console(PIPED_WIDTH)
+    print_results(console, report.lines, report.tables)
+    print_line(console, f"{processor_s() - began_s:.0f} s of processor time.")
     if json_path:
-        write_text(json_path, json.dumps(study.data, indent=1, allow_nan=False) + "\n")
+        write_json(json_path, report.data)
     if html_path:
-        write_text(html_path, study.page().as_html())
+        write_text(html_path, report.page().as_html())
 
 
 def figures_command(
@@ -97,10 +94,13 @@ def figures_command(
         list[str] | None, typer.Option("--part", help="As in `bench control`. Without: all.")
     ] = None,
 ) -> None:
-    """Waveforms of the controllers' pages as SVG: the same drives with and without control, in SIL."""
+    """Waveforms of the controllers' pages as SVG: the same drives with and without control,
+    in SIL.
+    """
     from vgroove.control_bench.figures import WAVES, write_figures
+    from vgroove.terminal import print_line
 
     parts = part or list(WAVES)
     check_parts(parts, list(WAVES))
     for path in write_figures(parts, folder):
-        Console().print(f"written: {path}", highlight=False, markup=False, soft_wrap=True)
+        print_line(Console(), f"written: {path}")

@@ -6,15 +6,15 @@ from dataclasses import replace
 import plotly.graph_objects as go
 
 from vgroove.control_bench import drill
-from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
-from vgroove.control_bench.jobs import Figures, Variant, absent_lines, present
+from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
+from vgroove.control_bench.jobs import Figures, Variant, present
 from vgroove.control_bench.runs import pull
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
 from vgroove.lockstep import Profile
-from vgroove.page import Picture, style
-from vgroove.study.impact_runs import RPM
-from vgroove.study.report import Study
+from vgroove.page import Picture, style, table_from_dicts
+from vgroove.report import Report
+from vgroove.units import RPM_PER_RAD_S
 
 CLUTCH = [
     ("set", "set"),
@@ -37,58 +37,37 @@ LOCKS = [
     ("by the over-current trip instead", "tripped"),
 ]
 COLOURS = {"low": "#00798c", "high": "#d1495b"}
+NEVER_MS = 1e3  # of a gear in which no lock opened the bridge
 
 
 def goals(rows: Sequence[Figures], half: str) -> list[Goal]:
-    """Issue 5's, on some rows."""
-    name, listed = drill.CONTROLLER.name, []
+    """The goals of drill.GOALS on the rows of one half."""
+    figures: list[tuple] = []
     clutch, locks = drill.clutch_rows(rows), drill.lock_rows(rows)
-    normal = [r for r in rows if r["kind"] == drill.SOUND]
+    normal = [r for r in rows if r["kind"] == drill.NORMAL]
     if clutch:
         spreads = [c["spread"] for c in clutch]
-        listed += [
-            Goal(
-                name,
-                half,
-                "clutch, spread of the worst setting",
-                None if None in spreads else max(spreads),
-                drill.GOALS["clutch"],
-            ),
-            Goal(
-                name,
-                half,
-                "clutch, runs not stopped by it",
-                sum(c["runs"] - c["stopped"] for c in clutch),
-                0,
-            ),
+        worst = None if None in spreads else max(spreads)
+        other = sum(c["runs"] - c["stopped"] for c in clutch)
+        figures += [
+            ("clutch, spread of the worst setting", worst, drill.GOALS["clutch"]),
+            ("clutch, runs not stopped by it", other, 0),
         ]
     if locks:
         missed = sum(g["locks"] - g["opened"] for g in locks)
-        listed += [
-            Goal(name, half, "locks that the bridge did not open on", missed, 0),
-            Goal(
-                name,
-                half,
-                "lock to open bridge in ms, most",
-                max((g["most_ms"] or 1e3) for g in locks),
-                drill.GOALS["open_ms"],
-            ),
+        most_ms = max((g["most_ms"] or NEVER_MS) for g in locks)
+        figures += [
+            ("locks that the bridge did not open on", missed, 0),
+            ("lock to open bridge in ms, most", most_ms, drill.GOALS["open_ms"]),
         ]
     if normal:
-        listed += [
-            Goal(
-                name,
-                half,
-                f"stopped among {len(normal)} normal runs",
-                sum(r["reason"] not in ("none", "unknown") for r in normal),
-                0,
-            )
-        ]
-    return listed
+        stopped = sum(r["reason"] not in ("none", "unknown") for r in normal)
+        figures.append((f"stopped among {len(normal)} normal runs", stopped, 0))
+    return goals_of(drill.CONTROLLER.name, half, *figures)
 
 
 def open_picture(rows: Sequence[Figures]) -> Picture:
-    """Time to the open bridge over the trigger."""
+    """Time from the begin of a lock to the open bridge, over the trigger."""
     figure = go.Figure()
     for gear, colour in COLOURS.items():
         chosen = [r for r in rows if r["kind"] == "lock" and r["gear"] == gear]
@@ -110,26 +89,19 @@ def open_picture(rows: Sequence[Figures]) -> Picture:
 
 
 def wave() -> Wave:
-    """Chuck speed and motor current: pulse mode under load, a joint that the clutch stops, a jam."""
-    rig, drive = drill.drill_rig("low", 18.0), drill.CONTROLLER.mode
-    pulsed = Variant("pulse", drive, drill.drill_params("low", pulse=True))
-    clutched = Variant("clutch", drive, drill.drill_params("low", 5.0))
-    jammed = Variant("jam", drive, drill.drill_params("low"))
+    """Chuck speed and motor current: pulse mode under load, a joint that the clutch stops, a
+    jam.
+    """
+    rig, mode = drill.drill_rig("low", 18.0), drill.CONTROLLER.mode
+    pulsed = Variant("pulse", mode, drill.drill_params("low", pulse=True))
+    clutched = Variant("clutch", mode, drill.drill_params("low", 5.0))
+    jammed = Variant("jam", mode, drill.drill_params("low"))
     jam = loaded((0.9, 2.0), (0.905, 1.5 * drill.stall_nm("low", 18.0)))
+    step = loaded((0.9, 0.0), (0.95, 6.0), (1.5, 6.0), (1.55, 0.0))
+    screw = drill.drill_rig("low", 18.0, drill.Screw(9.5, 5.0))
     drives = [
-        Drive(
-            "pulse mode, 6 N m for 0.6 s",
-            rig,
-            pulsed,
-            loaded((0.9, 0.0), (0.95, 6.0), (1.5, 6.0), (1.55, 0.0)),
-            to_s=1.9,
-        ),
-        Drive(
-            "clutch at 5 N m, joint of 30 degrees",
-            drill.drill_rig("low", 18.0, 9.5, 5.0),
-            clutched,
-            to_s=1.3,
-        ),
+        Drive("pulse mode, 6 N m for 0.6 s", rig, pulsed, step, to_s=1.9),
+        Drive("clutch at 5 N m, joint of 30 degrees", screw, clutched, to_s=1.3),
         Drive(
             "jam within 5 ms",
             rig,
@@ -141,9 +113,9 @@ def wave() -> Wave:
             event=(0.9, "jam begins"),
         ),
     ]
-    per_turn = RPM / drill.GEARS["low"][0]
+    rpm_per_rad_s = RPM_PER_RAD_S / drill.GEARS["low"].ratio
     panels = (
-        Panel("speed_rad_s", "motor speed / gear ratio in rpm", per_turn),
+        Panel("speed_rad_s", "motor speed / gear ratio in rpm", rpm_per_rad_s),
         Panel("current_a", "motor current in A"),
         Panel("duty", "duty; a gap: the bridge is open"),
     )
@@ -151,24 +123,24 @@ def wave() -> Wave:
 
 
 def loaded(*points: tuple[float, float]) -> Profile:
-    """The trigger pulled, and a load in N m at the chuck over time, as at the first point up to
-    there.
+    """The trigger is pulled; the load at the chuck follows points (s, N m), and before the first
+    point has its value.
     """
     return replace(pull(), load_nm=((0.0, 0.0), (0.6, 0.0), (0.65, points[0][1]), *points))
 
 
-def drill_study(rows: Sequence[Figures]) -> Study:
-    """The whole part."""
+def drill_report(rows: Sequence[Figures]) -> Report:
+    """The part `drill` as a report."""
     chosen = present(rows)
     halves = by_half(chosen)
     listed = [goal for half, part in halves for goal in goals(part, half)]
     clutch = [{"set": half, **row} for half, part in halves for row in drill.clutch_rows(part)]
     locks = [{"set": half, **row} for half, part in halves for row in drill.lock_rows(part)]
-    lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "drill driver")]
+
     tables = [
         goals_table("drill", listed),
-        table_of("drill_clutch", "Electronic clutch, 16 to 20.5 V", CLUTCH, clutch),
-        table_of("drill_locks", "Anti-kickback", LOCKS, locks),
+        table_from_dicts("drill_clutch", "Electronic clutch, 16 to 20.5 V", CLUTCH, clutch),
+        table_from_dicts("drill_locks", "Anti-kickback", LOCKS, locks),
     ]
     pictures = [open_picture(chosen), wave_picture(wave())] if chosen else []
     data = {
@@ -179,4 +151,4 @@ def drill_study(rows: Sequence[Figures]) -> Study:
             "runs": list(rows),
         }
     }
-    return Study("control", "Controllers", lines, [t for t in tables if t.rows], pictures, data)
+    return part_report(part_lines(listed, rows, "drill driver"), tables, pictures, data)

@@ -1,4 +1,4 @@
-"""Figures of the controllers' pages: `vgroove bench figures docs/images` makes them anew."""
+"""Figures of the controllers' pages, drawn by `vgroove bench figures docs/images`."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -31,7 +31,7 @@ def image_path(folder: Path, wave: Wave) -> Path:
 
 
 def write_figures(parts: Sequence[str], folder: Path) -> list[Path]:
-    """A figure each part, in a folder that is there."""
+    """Draw one figure a part into an existing folder; returns the paths."""
     waves = [WAVES[part]() for part in parts]
     paths = [image_path(folder, wave) for wave in waves]
     check_outputs(paths)

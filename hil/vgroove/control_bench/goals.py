@@ -1,23 +1,25 @@
-"""Goals of issue 5 beside the figures reached: one row each, so that what is missed stands in the
-table like what is met.
+"""Goals of the controllers beside the figures reached, and the report that every part of the bench
+ends in.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from vgroove.page import Table
+from vgroove.control_bench.jobs import Figures, absent_lines
+from vgroove.page import Picture, Table
+from vgroove.report import Report
+
+ROUNDING = 1e-12  # of a figure that lies on its limit
 
 
 @dataclass(frozen=True)
 class Goal:
-    """A figure, its limit, and on which side of it the figure has to be; a figure of None is not
-    reached.
-    """
+    """A figure of a variant on a half of the cells, and its limit; a figure of None misses it."""
 
     variant: str
     half: str
-    words: str
+    figure: str
     value: float | None
     limit: float
     at_most: bool = True
@@ -27,9 +29,9 @@ class Goal:
         """Whether the goal is reached."""
         if self.value is None:
             return False
-        return (
-            self.value <= self.limit + 1e-12 if self.at_most else self.value >= self.limit - 1e-12
-        )
+        if self.at_most:
+            return self.value <= self.limit + ROUNDING
+        return self.value >= self.limit - ROUNDING
 
     def as_dict(self) -> dict[str, Any]:
         """For the JSON."""
@@ -37,12 +39,17 @@ class Goal:
         return {
             "variant": self.variant,
             "set": self.half,
-            "goal": self.words,
+            "goal": self.figure,
             "side": side,
             "limit": self.limit,
             "value": self.value,
             "met": self.met,
         }
+
+
+def goals_of(variant: str, half: str, *figures: tuple[Any, ...]) -> list[Goal]:
+    """Goals of one variant on one half from (figure, value, limit[, at_most])."""
+    return [Goal(variant, half, *figure) for figure in figures]
 
 
 def goals_table(name: str, goals: Sequence[Goal]) -> Table:
@@ -51,7 +58,7 @@ def goals_table(name: str, goals: Sequence[Goal]) -> Table:
         [
             g.variant,
             g.half,
-            g.words,
+            g.figure,
             ("<= " if g.at_most else ">= ") + f"{g.limit:g}",
             g.value,
             "yes" if g.met else "NO",
@@ -63,21 +70,31 @@ def goals_table(name: str, goals: Sequence[Goal]) -> Table:
     )
 
 
-def table_of(
-    name: str, title: str, columns: Sequence[tuple[str, str]], rows: Iterable[dict[str, Any]]
-) -> Table:
-    """A table from dicts: columns are (header, key)."""
-    return Table(
-        name,
-        title,
-        [header for header, _ in columns],
-        [[row.get(key) for _, key in columns] for row in rows],
-    )
-
-
 def met_line(goals: Sequence[Goal]) -> str:
-    """How many goals are met, and which are not over the widest set, in a sentence."""
+    """A sentence: how many goals are met, and which are missed on the widest set."""
     widest = goals[-1].half
-    missed = [f"{g.variant}: {g.words}" for g in goals if not g.met and g.half == widest]
+    missed = [f"{g.variant}: {g.figure}" for g in goals if not g.met and g.half == widest]
     counted = f"{sum(g.met for g in goals)} of {len(goals)} goals are met"
     return counted + (f"; missed, set {widest}: {'; '.join(missed)}." if missed else ".")
+
+
+def part_lines(goals: Sequence[Goal], rows: Sequence[Figures], part: str) -> list[str]:
+    """Sentences of a part: the goals met, and the controllers that the firmware lacks."""
+    return [*([met_line(goals)] if goals else []), *absent_lines(rows, part)]
+
+
+def part_report(
+    lines: Sequence[str],
+    tables: Sequence[Table],
+    pictures: Sequence[Picture | None],
+    data: dict[str, Any],
+) -> Report:
+    """A part of the bench as a report; empty tables and missing pictures are left out."""
+    return Report(
+        "control",
+        "Controllers",
+        lines,
+        [table for table in tables if table.rows],
+        [picture for picture in pictures if picture],
+        data,
+    )

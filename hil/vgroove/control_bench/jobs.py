@@ -1,5 +1,5 @@
-"""Many runs side by side: each in a process of its own, since the firmware is one instance a
-process; what is done may be kept on disk.
+"""Many runs in parallel, in worker processes, since a process holds one instance of the firmware;
+finished runs may be kept on disk.
 """
 
 import json
@@ -13,16 +13,16 @@ from typing import Any
 
 from vgroove.control_bench.runs import AbsentError
 from vgroove.output import write_text
+from vgroove.progress import Tick
 
 Figures = dict[str, Any]
-Tick = Callable[[str], None]
-WORKERS_MOST = 2
-KEPT_JOBS = 50  # a file
+MAX_WORKERS = 2
+JOBS_PER_FILE = 50  # of the files with kept figures
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A way of driving the tool: without control, or a controller's method."""
+    """A way to drive the tool: without control, or by a method of a controller."""
 
     name: str
     mode: str = "duty"
@@ -34,7 +34,7 @@ PLAIN = Variant("without")
 
 @dataclass(frozen=True)
 class Job:
-    """One cell under one variant: work(variant, **cell) -> figures, in a worker."""
+    """One cell under one variant; a worker process calls work(variant, **cell) -> figures."""
 
     work: Callable[..., Figures]
     variant: Variant
@@ -42,7 +42,7 @@ class Job:
 
 
 def do(job: Job) -> Figures:
-    """The cell and its figures; a controller that is not there gives only the reason."""
+    """The cell and its figures; where the firmware lacks the controller, only the reason."""
     try:
         figures = job.work(job.variant, **job.cell)
     except AbsentError as error:
@@ -53,59 +53,60 @@ def do(job: Job) -> Figures:
 def run_jobs(
     jobs: Sequence[Job],
     tick: Tick,
-    words: str,
+    text: str,
     workers: int | None = None,
     keep: Path | None = None,
 ) -> list[Figures]:
-    """Every job's figures in the order of the jobs; ticks once a job. `keep`: a folder with figures
-    of earlier runs of the same software, which are taken from it; those of this run are added,
-    KEPT_JOBS at a time.
+    """Every job's figures in the order of the jobs; `tick(text)` is called once a job.
+
+    `keep` is a folder with figures of earlier runs of the same software, named by `text`: they are
+    read instead of computed again, and those of this run are added, JOBS_PER_FILE at a time.
     """
     if keep is None:
-        return _run(jobs, tick, words, workers)
+        return _run(jobs, tick, text, workers)
     keep.mkdir(parents=True, exist_ok=True)
     found: list[Figures] = []
-    for first in range(0, len(jobs), KEPT_JOBS):
-        path = keep / f"{words.replace(' ', '_')}_{first}.json"
-        found += _kept(path, jobs[first : first + KEPT_JOBS], tick, words, workers)
+    for first in range(0, len(jobs), JOBS_PER_FILE):
+        path = keep / f"{text.replace(' ', '_')}_{first}.json"
+        found += _kept(path, jobs[first : first + JOBS_PER_FILE], tick, text, workers)
     return found
 
 
 def _kept(
-    path: Path, jobs: Sequence[Job], tick: Tick, words: str, workers: int | None
+    path: Path, jobs: Sequence[Job], tick: Tick, text: str, workers: int | None
 ) -> list[Figures]:
-    """Figures of the file when they are of these jobs; else they are made and written."""
+    """Figures of the file where they belong to these jobs; else they are computed and written."""
     asked = [{"variant": job.variant.name, **job.cell} for job in jobs]
     if path.is_file():
         rows = json.loads(path.read_text(encoding="utf-8"))
         if len(rows) == len(asked) and all(
             row | cell == row for row, cell in zip(rows, asked, strict=True)
         ):
-            return [_ticked(row, tick, words) for row in rows]
-    rows = _run(jobs, tick, words, workers)
+            return [_ticked(row, tick, text) for row in rows]
+    rows = _run(jobs, tick, text, workers)
     write_text(path, json.dumps(rows, allow_nan=False))
     return rows
 
 
-def _run(jobs: Sequence[Job], tick: Tick, words: str, workers: int | None) -> list[Figures]:
-    count = min(workers or os.cpu_count() or 1, WORKERS_MOST, max(1, len(jobs)))
+def _run(jobs: Sequence[Job], tick: Tick, text: str, workers: int | None) -> list[Figures]:
+    count = min(workers or os.cpu_count() or 1, MAX_WORKERS, max(1, len(jobs)))
     if count == 1:
-        return [_ticked(do(job), tick, words) for job in jobs]
+        return [_ticked(do(job), tick, text) for job in jobs]
     with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
-        return [_ticked(figures, tick, words) for figures in pool.map(do, jobs, chunksize=4)]
+        return [_ticked(figures, tick, text) for figures in pool.map(do, jobs, chunksize=4)]
 
 
-def _ticked(figures: Figures, tick: Tick, words: str) -> Figures:
-    tick(words)
+def _ticked(figures: Figures, tick: Tick, text: str) -> Figures:
+    tick(text)
     return figures
 
 
 def present(rows: Sequence[Figures]) -> list[Figures]:
-    """Those of controllers that are there."""
+    """Rows of the controllers that the firmware has."""
     return [row for row in rows if "absent" not in row]
 
 
-def absent_lines(rows: Sequence[Figures], what: str) -> list[str]:
-    """One sentence for each controller that is not there."""
+def absent_lines(rows: Sequence[Figures], part: str) -> list[str]:
+    """One sentence for each controller that the firmware lacks."""
     reasons = {row["variant"]: row["absent"] for row in rows if "absent" in row}
-    return [f"{what}, {variant}: absent ({reason})." for variant, reason in reasons.items()]
+    return [f"{part}, {variant}: absent ({reason})." for variant, reason in reasons.items()]

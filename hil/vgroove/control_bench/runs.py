@@ -1,11 +1,11 @@
-"""One run of the real firmware on the plant: mode and parameters by name in, telemetry and truth
-out.
+"""One run of the firmware on the plant: mode and parameters by name in, telemetry and the plant's
+states out.
 """
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -13,25 +13,25 @@ import numpy as np
 from vgroove import _core, lockstep, telemetry
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import FrontEnds, Profile
+from vgroove.reference.blows import BLOW, REBOUND
+from vgroove.reference.joints import JOINTS
+from vgroove.reference.rigs import DRIVE_ALONE, reference_rig, with_load
 from vgroove.rig import Rig
 from vgroove.scenario import SAMPLES_A_ROW
 from vgroove.sil import SilBoard
-from vgroove.study.impact_runs import JOINTS, impact_rig, with_joint
+from vgroove.units import TURN_RAD
 
-PULL_S = 0.25  # the firmware has measured its current offset by then
+PULL_S = 0.25  # of the trigger: the firmware has measured its current offset before
 PULL_RAMP_S = 0.02
-NOISE_A, NOISE_V = 0.15, 0.02  # of a row, 1 sigma: rigs/impact_driver_18v.toml
-HALL_PULSES = 4
 EEPROM_BYTES, SLOT_ADDRESS = 1024, 16  # firmware/app/param_store.h
-# bytes that hold the first STATE frame; its flag param_defaults
-STATE_WITHIN, FLAG_DEFAULTS = 2000, 256
-TURN_RAD = 2 * np.pi
-# a blow as the native firmware told it; repeats of each lug
-TOLD = ("time_s", "lugs", "repeats", "period_s", "mean_period_s", "spread")
+STATE_BYTES = 2000  # the first STATE frame is among so many bytes
+FLAG_DEFAULTS = 256  # STATE.flags, param_defaults: firmware/telemetry/vgroove.dbc
+# A blow as the native firmware reports it; `repeats` counts for each lug.
+REPORTED = ("time_s", "lugs", "repeats", "period_s", "mean_period_s", "spread")
 
 
 class AbsentError(VgrooveError):
-    """This firmware has no such mode or parameter: the controller has not landed."""
+    """This firmware has no such mode or parameter."""
 
 
 def reference(
@@ -40,41 +40,51 @@ def reference(
     *,
     supply_v: float | None = None,
 ) -> Rig:
-    """The reference tool on a joint of vgroove.study.impact_runs.JOINTS or a [load] of its own,
-    other dotted keys with it.
+    """The reference tool on one of vgroove.reference.joints.JOINTS, or on a section [load];
+    `values` are other dotted keys.
     """
-    load = JOINTS[joint] if isinstance(joint, str) else joint
+    load = JOINTS[joint].load if isinstance(joint, str) else joint
     supply = {} if supply_v is None else {"supply.voltage_v": supply_v}
-    return with_joint(impact_rig(None), load, {**supply, **(values or {})})
+    return with_load(reference_rig(), load, {**supply, **(values or {})})
 
 
 def pull(trigger: float = 1.0, release_s: float | None = None, at_s: float = PULL_S) -> Profile:
-    """The trigger is pulled at at_s to a travel of 0..1, and let go at release_s when given."""
+    """The trigger is pulled at at_s to a travel of 0..1, and released at release_s, if given."""
     points = [(0.0, 0.0), (at_s, 0.0), (at_s + PULL_RAMP_S, trigger)]
     if release_s is not None:
         points += [(release_s, trigger), (release_s + PULL_RAMP_S, 0.0)]
     return Profile(travel=points)
 
 
+@cache
+def sensors() -> Mapping[str, float]:
+    """Section [sensors] of the reference drive: noise of a row (1 sigma), edges of the Hall
+    sensor.
+    """
+    return reference_rig(DRIVE_ALONE).sensors
+
+
 def front_ends(noise: bool = True) -> FrontEnds:
-    """The bench's sensors: a row's noise, spread over the samples that a row averages."""
+    """The sensors of the bench: noise of single samples, of which a row averages several."""
     share = 1.0 if noise else 0.0
     return FrontEnds(
-        current_noise_a=share * NOISE_A * SAMPLES_A_ROW[0] ** 0.5,
-        supply_noise_v=share * NOISE_V * SAMPLES_A_ROW[1] ** 0.5,
+        current_noise_a=share * sensors()["current_noise_a"] * SAMPLES_A_ROW[0] ** 0.5,
+        supply_noise_v=share * sensors()["supply_noise_v"] * SAMPLES_A_ROW[1] ** 0.5,
     )
 
 
 def mode_number(mode: str | int) -> int:
-    """Number of a mode by its name in the signal list."""
-    known = {name: number for number, name in telemetry.value_table("STATE", "mode").items()}
-    if isinstance(mode, str) and mode not in known:
-        raise AbsentError(f"this firmware has no mode {mode}; it has {', '.join(known)}")
-    return known[mode] if isinstance(mode, str) else mode
+    """Number of a mode by its name in the signal list; AbsentError for an unknown name."""
+    numbers = {name: number for number, name in telemetry.value_table("STATE", "mode").items()}
+    if isinstance(mode, str) and mode not in numbers:
+        raise AbsentError(f"this firmware has no mode {mode}; it has {', '.join(numbers)}")
+    return numbers[mode] if isinstance(mode, str) else mode
 
 
 def parameter(name: str) -> telemetry.Parameter:
-    """A parameter by its name, in any case, with or without its Q."""
+    """A parameter by its name, in any case, with or without its suffix _qN; AbsentError for an
+    unknown name.
+    """
     for entry in telemetry.parameter_list():
         if entry.name in (name.lower(), f"{name.lower()}_q{entry.q}"):
             return entry
@@ -82,9 +92,12 @@ def parameter(name: str) -> telemetry.Parameter:
 
 
 def eeprom_image(params: Mapping[str, float]) -> bytes:
-    """An EEPROM whose first slot holds the defaults and these parameters, in their physical units."""
-    known = telemetry.parameter_list()
-    values = {entry.name: entry.default for entry in known}
+    """An EEPROM whose first slot holds the defaults and these parameters, in their physical units.
+
+    Raises AbsentError for an unknown parameter, VgrooveError for a value outside its range.
+    """
+    entries = telemetry.parameter_list()
+    values = {entry.name: entry.default for entry in entries}
     for name, value in params.items():
         entry = parameter(name)
         raw = round(value * 2**entry.q)
@@ -92,20 +105,20 @@ def eeprom_image(params: Mapping[str, float]) -> bytes:
             low, high = entry.minimum / 2**entry.q, entry.maximum / 2**entry.q
             raise VgrooveError(f"{entry.name} is {low:g} to {high:g} {entry.unit}, not {value:g}")
         values[entry.name] = raw
-    slot = struct.pack(
-        f"<BBH{len(known)}h", max(entry.version for entry in known), len(known), 1, *values.values()
-    )
+    version = max(entry.version for entry in entries)
+    slot = struct.pack(f"<BBH{len(entries)}h", version, len(entries), 1, *values.values())
     slot += struct.pack("<H", telemetry.crc16(slot))
     return (bytes([255]) * SLOT_ADDRESS + slot).ljust(EEPROM_BYTES, bytes([255]))
 
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run. Times count from the board's start; `tool` is the plant as the run left it.
+    """A finished run. Times count from the board's start; `tool` is the plant at the end of the
+    run.
 
-    blows: time_s, approach_rad_s, engaged_m, impulse_nm_s, peak_torque_nm, kind (0 blow, 1 repeat,
-    2 rebound), lug, skipped. told: (n, len(TOLD)), what the native firmware made of them; none from
-    another board.
+    blows: of the plant: time_s, approach_rad_s, engaged_m, impulse_nm_s, peak_torque_nm, kind (0
+    blow, 1 repeat, 2 rebound), lug, skipped. reported: (n, len(REPORTED)), the blows that the
+    native firmware reports; none from another board.
     """
 
     rig: Rig
@@ -114,18 +127,26 @@ class Run:
     duration_s: float
     blows: np.ndarray = field(repr=False)
     truth_rows: np.ndarray | None = field(repr=False, default=None)
-    told: np.ndarray = field(repr=False, default_factory=lambda: np.zeros((0, len(TOLD))))
+    reported: np.ndarray = field(repr=False, default_factory=lambda: np.zeros((0, len(REPORTED))))
 
     @property
     def hits(self) -> np.ndarray:
-        """Blows (kind 0) and repeats (kind 1); rebounds belong to their blow."""
-        return self.blows[self.blows["kind"] < 2]
+        """Blows and repeats; a rebound is part of its blow."""
+        return self.blows[self.blows["kind"] < REBOUND]
+
+    @property
+    def struck_s(self) -> np.ndarray:
+        """Times (n,) of the blows, repeats excluded."""
+        return self.hits["time_s"][self.hits["kind"] == BLOW]
 
     @cached_property
     def truth(self) -> dict[str, np.ndarray]:
-        """Columns of vgroove._core.TRUTH_COLUMNS, (n,) each; duty is NaN where the bridge was open."""
+        """Columns of vgroove._core.TRUTH_COLUMNS, (n,) each; duty is NaN where the bridge was open.
+
+        Raises VgrooveError for a run without truth_every.
+        """
         if self.truth_rows is None:
-            raise VgrooveError("this run kept no truth: ask for truth_every")
+            raise VgrooveError("this run kept no states of the plant: truth_every is needed")
         return dict(zip(_core.TRUTH_COLUMNS, self.truth_rows.T, strict=True))
 
     @cached_property
@@ -135,7 +156,7 @@ class Run:
 
     @cached_property
     def session(self) -> telemetry.Session:
-        """Boot, parameters, counters."""
+        """Boot message, parameters and counters."""
         session = telemetry.Session()
         session.feed(self.frames)
         return session
@@ -146,13 +167,13 @@ class Run:
         return self.session.take_rows()
 
     def signals(self, message: str) -> dict[str, np.ndarray]:
-        """Every frame of a kind: its signals and time_s, (n,) each; empty arrays where none came or
-        the firmware has no such frame.
+        """Signals of all frames of a message and their time_s, (n,) each; without frames the arrays
+        are empty.
         """
-        known = {m.name: m for m in telemetry.database().messages}
-        if message not in known:
+        messages = {m.name: m for m in telemetry.database().messages}
+        if message not in messages:
             return {"time_s": np.zeros(0)}
-        frames = [frame for frame in self.frames if frame.id == known[message].frame_id]
+        frames = [frame for frame in self.frames if frame.id == messages[message].frame_id]
         return {
             "time_s": np.array([frame.time_ms for frame in frames]) / 1000,
             **telemetry.decode_many(message, frames),
@@ -165,17 +186,17 @@ class Run:
 
     @property
     def faults(self) -> int:
-        """Fault bits that were ever set."""
+        """Fault bits that were set at any time."""
         return int(np.bitwise_or.reduce(self.signals("STATE")["faults"].astype(int)))
 
     def slip_nm(self, head_rad: np.ndarray | float) -> np.ndarray:
-        """Torque at which the joint turns on, at head angles from the run's start."""
+        """Slip torque (n,) in N m of the joint at head angles from the run's start."""
         angles = np.atleast_1d(np.asarray(head_rad, float))
         return _core.joint_slip_torques(self.rig.parameters(), self.rig.load["kind"], angles)[0]
 
     @property
     def tightened_nm(self) -> float:
-        """What the joint holds at the end: its slip torque at the head's angle."""
+        """Slip torque of the joint in N m at the end of the run."""
         return float(self.slip_nm(self.tool.head_rad)[0])
 
     @property
@@ -184,86 +205,101 @@ class Run:
         return TURN_RAD * (self.rig.load["turns"] - self.rig.load["from_turns"])
 
 
-def sil_run(
-    rig: Rig,
-    *,
-    profile: Profile | None = None,
-    mode: str | int = "duty",
-    params: Mapping[str, float] | None = None,
-    duration_s: float = 1.5,
-    seed: int = 1,
-    truth_every: int = 0,
-    noise: bool = True,
-    stop_when: Any = None,
-    board: Any = None,
-) -> Run:
-    """The native firmware on a rig, from switching on; by default the trigger is pulled fully at
-    0.25 s.
+def passing_s(run: Run, angle_rad: float) -> float | None:
+    """Time at which the head first reaches an angle; None where it does not."""
+    there = np.flatnonzero(run.truth["head_rad"] >= angle_rad)
+    return float(run.truth["time_s"][there[0]]) if len(there) else None
 
-    mode: a name of STATE.mode in the signal list. params: physical values by name, put into the
-    EEPROM before the start. seed: of the sensors' noise and of the Hall sensor's place on the
-    shaft. truth_every: keep what the tool did every so many PWM periods. stop_when: called with
-    (tool, Progress) after each 16 ms; True ends the run early. board: instead of the native
-    firmware. Raises AbsentError for a mode or a parameter that this firmware does not have.
+
+@dataclass(frozen=True)
+class RunPlan:
+    """Everything of a run but its tool.
+
+    profile: trigger, direction and load over time; by default the trigger is pulled fully at
+    PULL_S. mode: a name of STATE.mode in the signal list. params: physical values by name, written
+    into the EEPROM before the start. seed: of the sensors' noise and of the position of the Hall
+    sensor on the shaft. truth_every: PWM periods from one kept state of the plant to the next; 0
+    keeps none. stop_when: called with (tool, Progress) after each 16 ms; True ends the run. board:
+    makes a board from the EEPROM image, in place of the native firmware.
     """
-    number = mode_number(mode)
-    image = eeprom_image({**(params or {}), "mode": number})
-    tool = make_tool(rig, seed)
-    truth = _core.Truth(truth_every) if truth_every else None
-    with board(image) if board else SilBoard(eeprom=image) as machine:
+
+    profile: Profile = field(default_factory=pull)
+    mode: str | int = "duty"
+    params: Mapping[str, float] = field(default_factory=dict)
+    duration_s: float = 1.5
+    seed: int = 1
+    truth_every: int = 0
+    noise: bool = True
+    stop_when: Callable[[Any, Any], bool] | None = None
+    board: Callable[[bytes], Any] | None = None
+
+
+def sil_run(rig: Rig, **plan: Any) -> Run:
+    """The native firmware on a rig from switching on; the options are the fields of RunPlan.
+
+    Raises AbsentError for a mode or a parameter that this firmware does not have.
+    """
+    return run_plan(rig, RunPlan(**plan))
+
+
+def run_plan(rig: Rig, plan: RunPlan) -> Run:
+    """The run of a plan on a rig; AbsentError as for sil_run."""
+    number = mode_number(plan.mode)
+    image = eeprom_image({**plan.params, "mode": number})
+    tool = make_tool(rig, plan.seed)
+    truth = _core.Truth(plan.truth_every) if plan.truth_every else None
+    with plan.board(image) if plan.board else SilBoard(eeprom=image) as machine:
         steps = lockstep.steps(
             machine,
             tool,
-            profile or pull(),
-            duration_s,
-            front=front_ends(noise),
-            seed=seed,
+            plan.profile,
+            plan.duration_s,
+            front=front_ends(plan.noise),
+            seed=plan.seed,
             truth=truth,
         )
         for progress in steps:
-            if stop_when is not None and stop_when(tool, progress):
+            if plan.stop_when is not None and plan.stop_when(tool, progress):
                 break
-        told = np.array(getattr(getattr(machine, "machine", None), "blows", []), float).reshape(
-            -1, len(TOLD)
-        )
-    check_start(bytes(progress.sent), mode, number)
+        reported = reported_blows(machine)
+    sent = bytes(progress.sent)
+    check_start(sent, plan.mode, number)
     blows = tool.blows() if hasattr(tool, "blows") else np.zeros(0)
-    return Run(
-        rig, tool, bytes(progress.sent), progress.time_s, blows, truth.rows if truth else None, told
-    )
+    return Run(rig, tool, sent, progress.time_s, blows, truth.rows if truth else None, reported)
+
+
+def reported_blows(board: Any) -> np.ndarray:
+    """Blows (n, len(REPORTED)) that the native firmware reports; none from another board."""
+    blows = board.machine.blows if isinstance(board, SilBoard) else []
+    return np.array(blows, float).reshape(-1, len(REPORTED))
 
 
 def check_start(sent: bytes, mode: str | int, number: int) -> None:
-    """The board took the EEPROM and has the mode; AbsentError or VgrooveError otherwise."""
-    states = [
-        frame
-        for frame in telemetry.Framer().feed(sent[:STATE_WITHIN])
-        if frame.id == telemetry.STATE
-    ]
+    """Check that the board read the EEPROM and has the mode; AbsentError or VgrooveError
+    otherwise.
+    """
+    frames = telemetry.Framer().feed(sent[:STATE_BYTES])
+    states = [frame for frame in frames if frame.id == telemetry.STATE]
     if not states:
-        raise VgrooveError("the board said nothing of its state")
+        raise VgrooveError("the board sent no frame STATE")
     state = telemetry.decode(states[0])
     if int(state["flags"]) & FLAG_DEFAULTS:
         raise VgrooveError(
-            "the firmware did not take the parameters: its list is another one than Python's; run `pip install -e .` again"
+            "the firmware rejected the parameters: its list differs from that of Python; "
+            "run `pip install -e .` again"
         )
     if int(state["mode"]) != number:
-        raise AbsentError(f"this firmware does not have mode {mode} yet")
+        raise AbsentError(f"this firmware does not have mode {mode}")
 
 
 def make_tool(rig: Rig, seed: int) -> Any:
-    """The rig as a lock-step plant, its Hall sensor anywhere on the shaft."""
-    offset = float(np.random.default_rng(seed).uniform(0.0, TURN_RAD))
+    """The rig as a lock-step plant; the seed draws the position of its Hall sensor on the shaft."""
+    hall = {
+        "hall_pulses_per_rev": sensors()["hall_pulses_per_rev"],
+        "hall_offset_rad": float(np.random.default_rng(seed).uniform(0.0, TURN_RAD)),
+    }
     if rig.mechanism["kind"] == "drill_driver":
-        parameters, pack_ohm = rig.drill_parameters(), rig.value("supply.resistance_ohm")
-        return _core.DrillPlant(
-            parameters, pack_ohm, hall_pulses_per_rev=HALL_PULSES, hall_offset_rad=offset
-        )
+        pack_ohm = rig.value("supply.resistance_ohm")
+        return _core.DrillPlant(rig.drill_parameters(), pack_ohm, **hall)
     kind = {"none": _core.DrivePlant, "impact": _core.ImpactPlant}[rig.mechanism["kind"]]
-    return kind(
-        rig.parameters(),
-        load_kind=rig.load["kind"],
-        hall_pulses_per_rev=HALL_PULSES,
-        hall_offset_rad=offset,
-        seed=seed,
-    )
+    return kind(rig.parameters(), load_kind=rig.load["kind"], seed=seed, **hall)

@@ -7,31 +7,32 @@ import numpy as np
 from scipy import signal
 
 from vgroove.control_bench.runs import Run
-from vgroove.study.impact_runs import clean
+from vgroove.reference.blows import BLOW, CLEAN, REPEAT, clean
 
-HOUSING_HZ = 20_000.0
-BAND_HZ = (6.0, 1250.0)
+HOUSING_HZ = 20_000.0  # sampling rate of the housing reaction
+BAND_HZ = (6.0, 1250.0)  # the band of hand-arm vibration
 BAND_ORDER = 4
 ISO_HZ = {"f1": 6.310, "f2": 1258.9, "f3": 15.915, "f4": 15.915}  # ISO 5349-1:2001, table A.1
-ISO_Q = {"q1": 0.71, "q2": 0.64}
-FEWEST_HITS = 4
-SETTLE_S = 0.05
+ISO_Q = {"q1": 0.71, "q2": 0.64}  # ISO 5349-1:2001, table A.1
+MIN_HITS = 4  # with fewer a tool counts as not impacting
+SETTLE_S = 0.05  # the filter of `ripple` starts from the mean over it
+WORK_POINTS = 200  # of the integral of the tightening work
 
 
 def sync_figures(run: Run, from_s: float) -> dict[str, Any]:
-    """Clean share, spread, rate, tightening work per second from from_s to the end. A tool that
-    does not strike has no clean blow.
+    """Share of clean blows, period spread, rate and tightening work per second, from from_s to the
+    end of a run. A tool that does not impact has the clean share 0.
     """
     hits = run.hits[run.hits["time_s"] >= from_s]
-    period = np.diff(hits["time_s"][hits["kind"] == 0])
-    enough = len(hits) >= FEWEST_HITS and len(period) > 1
+    period = np.diff(hits["time_s"][hits["kind"] == BLOW])
+    enough = len(hits) >= MIN_HITS and len(period) > 1
     height = run.rig.mechanism["lug_height_m"]
     return {
         "hits": len(hits),
         "clean": float(clean(hits, height).mean()) if enough else 0.0,
-        "repeats": int((hits["kind"] == 1).sum()),
+        "repeats": int((hits["kind"] == REPEAT).sum()),
         "skipped": int((hits["skipped"] > 0).sum()),
-        "shallow": int((hits["engaged_m"] < 0.5 * height).sum()),
+        "shallow": int((hits["engaged_m"] < CLEAN.engaged_share * height).sum()),
         "blows_per_min": float(60.0 / period.mean()) if enough else 0.0,
         "spread": float(period.std() / period.mean()) if enough else None,
         "work_w": tightening_work(run, from_s, run.duration_s) / (run.duration_s - from_s),
@@ -41,17 +42,20 @@ def sync_figures(run: Run, from_s: float) -> dict[str, Any]:
 
 
 def tightening_work(run: Run, from_s: float, to_s: float) -> float:
-    """Work in J into a slipping joint: its slip torque over the head's way; 0 on a locked one."""
+    """Work in J into a slipping joint: integral of the slip torque over the head's angle; 0 on a
+    locked joint.
+    """
     if run.rig.load["kind"] == "locked":
         return 0.0
     ends = np.interp([from_s, to_s], run.truth["time_s"], run.truth["head_rad"])
-    way = np.linspace(*ends, 200)
-    return float(np.trapezoid(run.slip_nm(way), way))
+    angle_rad = np.linspace(*ends, WORK_POINTS)
+    return float(np.trapezoid(run.slip_nm(angle_rad), angle_rad))
 
 
 def housing_20k(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Housing reaction T_h in N m at 20 kHz: each sample the mean over the 50 us that end at its
-    time, from the means over PWM periods.
+    """Times and housing reaction T_h in N m at 20 kHz, (n,) each, from the means over PWM periods.
+
+    A sample is the mean over the 50 us that end at its time.
     """
     time_s, mean = run.truth["time_s"], run.truth["housing_nm"]
     edges = np.concatenate(([2 * time_s[0] - time_s[1]], time_s))
@@ -62,13 +66,15 @@ def housing_20k(run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def band_filter() -> np.ndarray:
-    """Butterworth of order 4, 6 to 1,250 Hz, at 20 kHz."""
+    """Butterworth band-pass of order 4, 6 to 1,250 Hz, at 20 kHz, as second-order sections."""
     return signal.butter(BAND_ORDER, BAND_HZ, "bandpass", fs=HOUSING_HZ, output="sos")
 
 
 @cache
 def hand_arm_filter() -> np.ndarray:
-    """Weighting W_h of ISO 5349-1 (annex A) by the bilinear transform, at 20 kHz."""
+    """Weighting W_h of ISO 5349-1 (annex A) by the bilinear transform, at 20 kHz, as second-order
+    sections.
+    """
     w = {key: 2 * HOUSING_HZ * np.tan(np.pi * hz / HOUSING_HZ) for key, hz in ISO_HZ.items()}
     band = (
         [w["f2"] ** 2, 0.0, 0.0],
@@ -85,8 +91,8 @@ def hand_arm_filter() -> np.ndarray:
 
 
 def vibration(run: Run, from_s: float, to_s: float) -> dict[str, float]:
-    """AC RMS of T_h in N m from from_s to to_s: in the band, and weighted as ISO 5349-1 weights a
-    hand-arm acceleration.
+    """AC RMS of T_h in N m from from_s to to_s: in the band, and weighted by the hand-arm weighting
+    of ISO 5349-1.
     """
     time_s, housing = housing_20k(run)
     inside = (time_s >= from_s) & (time_s <= to_s)
@@ -97,8 +103,8 @@ def vibration(run: Run, from_s: float, to_s: float) -> dict[str, float]:
 
 
 def ripple(run: Run, from_s: float, to_s: float) -> float:
-    """AC RMS of T_h in the band in N m over that stretch alone: the filter begins settled on the
-    mean of its first 50 ms.
+    """AC RMS in N m of T_h in the band from from_s to to_s alone: the filter starts in the steady
+    state of the mean over the first SETTLE_S.
     """
     time_s, housing = housing_20k(run)
     inside = housing[(time_s >= from_s) & (time_s <= to_s)]

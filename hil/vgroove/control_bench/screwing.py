@@ -1,42 +1,57 @@
-"""Precise screwing: three screws in wood of every kind; how slowly, how far past the seat, what
-strips or stops early, how long.
+"""Precise screwing: three lag screws in softer and harder wood; impact rate, turn past the seat,
+stripped and early stops, time.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from vgroove.control_bench.jobs import PLAIN, Figures, Job, Variant
-from vgroove.control_bench.runs import PULL_S, Run, pull, reference, sil_run
+from vgroove.control_bench.runs import (
+    PULL_S,
+    Run,
+    RunPlan,
+    passing_s,
+    pull,
+    reference,
+    run_plan,
+    sil_run,
+)
 from vgroove.control_bench.sets import half_of, seed_of
+from vgroove.reference.joints import JOINTS
 from vgroove.rig import Rig
-from vgroove.study.impact_runs import JOINTS
+from vgroove.units import TURN_RAD
 
 SIZES = ("m6", "m8", "m10")
 SUPPLIES_V = (16.0, 18.5, 20.5)
 WOODS = (0.75, 1.0, 1.25)  # of the nominal torques
 TRIGGERS = (0.5, 0.65, 0.8, 1.0)
 KNOTS = (False, True)
-SCATTER = 0.15  # 1 sigma of start and end torque: the pilot hole
+SCATTER = 0.15  # 1 sigma of start and end torque, by the pilot hole
 SCATTER_LIMITS = (0.5, 1.5)
-KNOT_SHARE = 0.5  # of the end torque, over KNOT_TURNS, a third to two thirds of the way
+KNOT_SHARE = 0.5  # of the end torque: a knot adds it over KNOT_TURNS
 KNOT_TURNS = 1.0
-TURNS_LEFT = (4.0, 12.0)  # drawn: the run begins so many turns before the seat
-RELEASE_S = 0.2  # the operator, behind the seat
-SECONDS_MOST = 45.0
-# a screw that turns so far past the end of its ramp is not watched further
-STRIPPED_MORE_RAD = 20.0
-REST_S = 0.15  # the bridge open for so long: the drive is over
+KNOT_PLACE = (1 / 3, 2 / 3)  # drawn: start of the knot, of the way to the seat
+TURNS_LEFT = (4.0, 12.0)  # drawn: turns from the start of the run to the seat
+RELEASE_S = 0.2  # after the seat: reaction time of the operator without control
+MAX_SECONDS = 45.0
+STRIPPED_MORE_RAD = 20.0  # past the end of the seating ramp: a run ends there
+REST_S = 0.15  # with the bridge open for so long a drive is over
+TRUTH_EVERY = 31  # PWM periods: about 1 ms
 VARIANTS = (PLAIN, Variant("screwing", "screwing"))
+# Change of the impact rate of small and soft screws, turn past the seat, share of early stops,
+# ratio of the times to the seat: the project's goals (docs/control_bench.md).
 GOALS = {"rate": -0.33, "turn_deg": 45.0, "early": 0.01, "time": 2.5}
+CELL_KEYS = ("size", "supply_v", "wood", "trigger", "knot", "seed")
 
 
 def cells(repeats: int = 1) -> list[dict[str, Any]]:
     """All cells, each in one of the halves; each repeat draws another screw."""
     found = []
-    everything = product(
+    combinations = product(
         enumerate(SIZES),
         enumerate(SUPPLIES_V),
         enumerate(WOODS),
@@ -44,7 +59,7 @@ def cells(repeats: int = 1) -> list[dict[str, Any]]:
         KNOTS,
         range(repeats),
     )
-    for (n, size), (s, supply_v), (w, wood), (t, trigger), knot, repeat in everything:
+    for (n, size), (s, supply_v), (w, wood), (t, trigger), knot, repeat in combinations:
         half = half_of(n + w, s + t)
         seed = seed_of(half, n, s, w, t, int(knot), repeat)
         found.append(
@@ -62,12 +77,10 @@ def cells(repeats: int = 1) -> list[dict[str, Any]]:
 
 
 def screw(size: str, supply_v: float, wood: float, knot: bool, seed: int) -> Rig:
-    """The tool on one screw of a box: its start and end torque drawn, its seat scaled with the
-    wood.
-    """
+    """The tool on one screw: start and end torque are drawn, all torques scale with the wood."""
     random = np.random.default_rng([seed, 9])
     scatter = np.clip(1.0 + SCATTER * random.standard_normal(2), *SCATTER_LIMITS)
-    load = JOINTS[size]
+    load = JOINTS[size].load
     changed = {
         **load,
         "start_nm": load["start_nm"] * wood * scatter[0],
@@ -78,25 +91,25 @@ def screw(size: str, supply_v: float, wood: float, knot: bool, seed: int) -> Rig
     rig = reference(changed, supply_v=supply_v)
     if not knot:
         return rig
-    begin = 2 * np.pi * (load["turns"] - changed["from_turns"]) * random.uniform(1 / 3, 2 / 3)
+    begin = TURN_RAD * (load["turns"] - changed["from_turns"]) * random.uniform(*KNOT_PLACE)
     torque = {
         "torque_nm": KNOT_SHARE * changed["end_nm"],
         "from_rad": begin,
-        "to_rad": begin + 2 * np.pi * KNOT_TURNS,
+        "to_rad": begin + TURN_RAD * KNOT_TURNS,
     }
     return rig.with_effects({"wood_knot": torque})
 
 
-class Watch:
-    """Ends a run once the bridge has been open for a while behind the drive, or the screw is
-    stripped.
+class DriveEnd:
+    """Stop condition of a run: the bridge has been open for REST_S after the drive, or the screw
+    has turned STRIPPED_MORE_RAD past `stripped_rad`.
     """
 
     def __init__(self, stripped_rad: float) -> None:
         self._stripped_rad, self._open_since, self._driven = stripped_rad, None, False
 
     def __call__(self, tool: Any, progress: Any) -> bool:
-        """After each chunk."""
+        """Whether the run ends; called after each 16 ms."""
         if not progress.gates.coast:
             self._driven, self._open_since = True, None
         elif self._driven and self._open_since is None:
@@ -106,54 +119,37 @@ class Watch:
 
 
 def ramp_end_rad(rig: Rig) -> float:
-    """Head angle at which the seating ramp ends and the screw begins to strip, from the run's
-    start.
+    """Head angle from the run's start at which the seating ramp ends and the screw begins to
+    strip.
     """
-    return 2 * np.pi * (rig.load["turns"] - rig.load["from_turns"]) + np.radians(
+    return TURN_RAD * (rig.load["turns"] - rig.load["from_turns"]) + np.radians(
         rig.load["seat_deg"]
     )
 
 
-def passing_s(run: Run, angle_rad: float) -> float | None:
-    """When the head first came to an angle."""
-    head = run.truth["head_rad"]
-    there = np.flatnonzero(head >= angle_rad)
-    return float(run.truth["time_s"][there[0]]) if len(there) else None
-
-
 def plain_run(rig: Rig, trigger: float, seed: int) -> Run:
-    """Uncontrolled: the operator lets go RELEASE_S behind the seat."""
-    seat = {"duration_s": SECONDS_MOST, "seed": seed, "truth_every": 31}
-    probe = sil_run(
-        rig,
-        profile=pull(trigger),
+    """Without control: the operator releases the trigger RELEASE_S after the seat, whose time a
+    first run finds.
+    """
+    plan = RunPlan(
+        pull(trigger),
+        duration_s=MAX_SECONDS,
+        seed=seed,
+        truth_every=TRUTH_EVERY,
         stop_when=lambda tool, _: tool.head_rad > ramp_end_rad(rig),
-        **seat,
     )
+    probe = run_plan(rig, plan)
     seated_s = passing_s(probe, probe.seat_rad)
     if seated_s is None:
         return probe
-    return sil_run(
-        rig,
-        profile=pull(trigger, release_s=seated_s + RELEASE_S),
-        stop_when=Watch(ramp_end_rad(rig)),
-        **seat,
-    )
+    released = pull(trigger, release_s=seated_s + RELEASE_S)
+    return run_plan(rig, replace(plan, profile=released, stop_when=DriveEnd(ramp_end_rad(rig))))
 
 
-def work(
-    variant: Variant,
-    *,
-    size: str,
-    supply_v: float,
-    wood: float,
-    trigger: float,
-    knot: bool,
-    seed: int,
-    **_: Any,
-) -> Figures:
+def work(variant: Variant, **cell: Any) -> Figures:
     """One screw."""
-    rig = screw(size, supply_v, wood, knot, seed)
+    trigger, seed = cell["trigger"], cell["seed"]
+    rig = screw(cell["size"], cell["supply_v"], cell["wood"], cell["knot"], seed)
     if variant.name == PLAIN.name:
         return screw_figures(plain_run(rig, trigger, seed))
     run = sil_run(
@@ -161,20 +157,20 @@ def work(
         mode=variant.mode,
         params=variant.params,
         profile=pull(trigger),
-        duration_s=SECONDS_MOST,
+        duration_s=MAX_SECONDS,
         seed=seed,
-        truth_every=31,
-        stop_when=Watch(ramp_end_rad(rig)),
+        truth_every=TRUTH_EVERY,
+        stop_when=DriveEnd(ramp_end_rad(rig)),
     )
     return screw_figures(run)
 
 
 def screw_figures(run: Run) -> Figures:
-    """What became of the screw."""
+    """Figures of one screw; `past_deg` is the largest turn past the seat."""
     head = float(run.truth["head_rad"].max())
     seated_s = passing_s(run, run.seat_rad)
-    blows = run.hits[run.hits["kind"] == 0]["time_s"]
-    ended = run.duration_s < SECONDS_MOST - 0.1
+    blows = run.struck_s
+    ended = run.duration_s < MAX_SECONDS - 0.1
     return {
         "rate_per_s": float(1.0 / np.diff(blows).mean()) if len(blows) > 3 else None,
         "blows": len(blows),
@@ -190,7 +186,7 @@ def screw_figures(run: Run) -> Figures:
 
 
 def blow_turn_deg(run: Run, blows: np.ndarray) -> float:
-    """Turn of the last blow that began before the seat; 0 where none did."""
+    """Turn in degrees by the last blow before the seat; 0 where there is none."""
     heads = np.interp(blows, run.truth["time_s"], run.truth["head_rad"])
     before = np.flatnonzero(heads < run.seat_rad)
     if not len(before) or before[-1] + 1 >= len(heads):
@@ -204,17 +200,21 @@ def jobs(chosen: Sequence[dict[str, Any]], variants: Sequence[Variant] = VARIANT
 
 
 def cell_key(row: Figures) -> tuple[Any, ...]:
-    """What makes two rows the same screw."""
-    return tuple(row[key] for key in ("size", "supply_v", "wood", "trigger", "knot", "seed"))
+    """The keys that identify a screw."""
+    return tuple(row[key] for key in CELL_KEYS)
 
 
 def is_soft(row: Figures) -> bool:
-    """Small and soft screwing: the smallest screw, or soft wood."""
+    """Whether a row is of the smallest screw or of soft wood."""
     return row["size"] == "m6" or row["wood"] < 1.0
 
 
 def totals(rows: Sequence[Figures]) -> Figures:
-    """Counts and medians of one variant on some screws."""
+    """Counts, medians and extremes of one variant on some screws.
+
+    The limit of the turn past the seat is the goal's, or the turn by a single blow where that is
+    larger.
+    """
     seated = [r["seat_s"] for r in rows if r["seat_s"] is not None]
     past = np.array([r["past_deg"] for r in rows])
     limits = np.array([max(GOALS["turn_deg"], r["blow_deg"]) for r in rows])
@@ -231,7 +231,7 @@ def totals(rows: Sequence[Figures]) -> Figures:
 
 
 def compare(rows: Sequence[Figures], variant: str, size: str | None = None) -> Figures:
-    """A variant against the operator over the same screws, of one size or all."""
+    """A variant against no control over the same screws, of one size or all."""
     plain = {cell_key(r): r for r in rows if r["variant"] == PLAIN.name}
     chosen = [r for r in rows if r["variant"] == variant and size in (None, r["size"])]
     pairs = [(plain[cell_key(r)], r) for r in chosen]

@@ -6,16 +6,16 @@ import numpy as np
 import plotly.graph_objects as go
 
 from vgroove.control_bench import screwing
-from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
-from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
-from vgroove.control_bench.runs import pull
-from vgroove.control_bench.screwing import Watch
+from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
+from vgroove.control_bench.jobs import PLAIN, Figures, present
+from vgroove.control_bench.runs import passing_s, pull
+from vgroove.control_bench.screwing import DriveEnd
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync_page import methods
 from vgroove.control_bench.waves import Drive, Line, Panel, Wave, wave_picture
-from vgroove.page import Picture, style
-from vgroove.study.impact_runs import JOINT_SHORT
-from vgroove.study.report import Study
+from vgroove.page import Picture, style, table_from_dicts
+from vgroove.reference.joints import JOINTS
+from vgroove.report import Report
 
 SUMMARY = [
     ("variant", "variant"),
@@ -37,7 +37,7 @@ COLOURS = ("#30343b", "#d1495b")
 
 
 def summaries(rows: Sequence[Figures]) -> list[Figures]:
-    """Each variant by size and in all, on each half and on all."""
+    """Each variant by screw size and over all sizes, on each half and on all cells."""
     chosen = present(rows)
     found = []
     for name in (PLAIN.name, *methods(rows)):
@@ -50,48 +50,32 @@ def summaries(rows: Sequence[Figures]) -> list[Figures]:
 
 
 def goals(found: Sequence[Figures]) -> list[Goal]:
-    """Issue 5's, over all sizes of each half and of all."""
-    listed = []
+    """The goals of screwing.GOALS over all screw sizes, on each half and on all cells."""
+    limits, listed = screwing.GOALS, []
     for f in found:
         if f["variant"] == PLAIN.name or f["size"] != "all":
             continue
-        name, half, limits = f["variant"], f["set"], screwing.GOALS
-        listed += [
-            Goal(
-                name,
-                half,
-                "impact rate change, small and soft",
-                f["rate_change_soft"],
-                limits["rate"],
-            ),
-            Goal(
-                name,
-                half,
-                "turn past the seat in deg, median",
-                f["past_deg_median"],
-                f["limit_deg_median"],
-            ),
-            Goal(name, half, "screws past the end of the ramp", f["stripped"], 0),
-            Goal(
-                name,
-                half,
-                "share stopped before the seat",
-                f["early"] / f["screws"],
-                limits["early"],
-            ),
-            Goal(name, half, "time to seat with / without, mean", f["time_ratio"], limits["time"]),
-        ]
+        past = f["past_deg_median"], f["limit_deg_median"]
+        listed += goals_of(
+            f["variant"],
+            f["set"],
+            ("impact rate change, small and soft", f["rate_change_soft"], limits["rate"]),
+            ("turn past the seat in deg, median", *past),
+            ("screws past the end of the ramp", f["stripped"], 0),
+            ("share stopped before the seat", f["early"] / f["screws"], limits["early"]),
+            ("time to seat with / without, mean", f["time_ratio"], limits["time"]),
+        )
     return listed
 
 
 def past_picture(rows: Sequence[Figures]) -> Picture:
-    """Turn past the seat of every screw."""
+    """Turn past the seat of every screw, a box for each size and trigger."""
     figure = go.Figure()
     for name, colour in zip(dict.fromkeys(r["variant"] for r in rows), COLOURS, strict=False):
         chosen = [r for r in rows if r["variant"] == name and r["past_deg"] > -360.0]
         figure.add_trace(
             go.Box(
-                x=[f"{JOINT_SHORT[r['size']]}, trigger {r['trigger']:g}" for r in chosen],
+                x=[f"{JOINTS[r['size']].short}, trigger {r['trigger']:g}" for r in chosen],
                 y=[r["past_deg"] for r in chosen],
                 name=name,
                 marker={"color": colour},
@@ -107,19 +91,20 @@ def past_picture(rows: Sequence[Figures]) -> Picture:
     figure.update_layout(boxmode="group")
     figure.update_yaxes(title="turn past the seat in deg", range=[-120, 300])
     return Picture(
-        "Where the screw stands in the end",
+        "Angle of the screw at the end",
         style(figure, 560),
-        "0 is the head's contact; below it the drive stopped early; what lies beyond 300 deg has spun on",
+        "0 is the head's contact; below it the drive stopped early; screws beyond 300 deg have "
+        "turned on without resistance",
     )
 
 
 def wave() -> Wave:
-    """Turns of the screw, torque and motor current up to the seat and beyond; without control the
-    operator lets go behind it.
+    """Turns of the screw, torque and motor current up to the seat and beyond, without control and
+    with it.
     """
     rig = screwing.screw("m6", 18.5, 1.0, False, 6)
     plain = screwing.plain_run(rig, 0.8, 6)
-    seated_s = screwing.passing_s(plain, plain.seat_rad)
+    seated_s = passing_s(plain, plain.seat_rad)
     released = pull(0.8, release_s=seated_s + screwing.RELEASE_S)
     drives = [
         Drive(
@@ -135,9 +120,9 @@ def wave() -> Wave:
             rig,
             screwing.VARIANTS[1],
             pull(0.8),
-            to_s=screwing.SECONDS_MOST,
+            to_s=screwing.MAX_SECONDS,
             every=31,
-            stop_when=Watch(1e9),
+            stop_when=DriveEnd(1e9),
         ),
     ]
     turns = 0.5 / np.pi
@@ -153,23 +138,18 @@ def wave() -> Wave:
     return Wave("screwing", "A screw to its seat", "M6, 18.5 V, trigger 0.8", drives, panels)
 
 
-def screwing_study(rows: Sequence[Figures]) -> Study:
-    """The whole part."""
+def screwing_report(rows: Sequence[Figures]) -> Report:
+    """The part `screwing` as a report."""
     found = summaries(rows)
     listed = goals(found)
-    lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "precise screwing")]
+
     tables = [
-        table_of("screwing_summary", "Precise screwing", SUMMARY, found),
+        table_from_dicts("screwing_summary", "Precise screwing", SUMMARY, found),
         goals_table("screwing", listed),
     ]
     data = {
         "screwing": {"summary": found, "goals": [g.as_dict() for g in listed], "cells": list(rows)}
     }
-    return Study(
-        "control",
-        "Controllers",
-        lines,
-        [t for t in tables if t.rows],
-        [past_picture(present(rows)), wave_picture(wave())],
-        data,
-    )
+    lines = part_lines(listed, rows, "precise screwing")
+    pictures = [past_picture(present(rows)), wave_picture(wave())]
+    return part_report(lines, tables, pictures, data)

@@ -1,5 +1,5 @@
-"""Halves of a matrix: controllers are tuned on one and judged on the other, whose pairs of supply
-and load they have not seen.
+"""Halves of a matrix of cells: controllers are tuned on one half and judged on the other, which has
+other pairs of supply and load.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ SUPPLIES_V = (16.0, 17.5, 18.5, 20.5)
 
 
 def half_of(row: int, column: int) -> str:
-    """A chessboard: no pair of the report half is among those of the tuning half."""
+    """Half of a cell by its row and column, as the colours of a chessboard."""
     return SETS[(row + column) % 2]
 
 
@@ -22,7 +22,7 @@ def halved(rows: Sequence[Any], columns: Sequence[Any]) -> list[tuple[str, Any, 
 
 
 def seed_of(half: str, *numbers: int) -> int:
-    """Seeds of the two halves never meet."""
+    """A seed for the numbers of a cell; the seeds of the two halves differ (odd and even)."""
     seed = 0
     for number in numbers:
         seed = 31 * seed + number
@@ -35,7 +35,7 @@ def fifth(cells: Sequence[Any]) -> list[Any]:
 
 
 def by_half(rows: Sequence[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:
-    """(tune, its rows), (report, its rows), and all of them where both are there."""
+    """(half, its rows) for each half that has rows, and ("all", all rows) where both have."""
     found = [(half, [r for r in rows if r["set"] == half]) for half in SETS]
     found = [(half, chosen) for half, chosen in found if chosen]
     return [*found, ("all", list(rows))] if len(found) > 1 else found

@@ -7,14 +7,14 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove.control_bench import sync
-from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
-from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
+from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
+from vgroove.control_bench.jobs import PLAIN, Figures, present
 from vgroove.control_bench.runs import pull, reference
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
-from vgroove.page import Picture, Table, style
-from vgroove.study.impact_runs import RPM
-from vgroove.study.report import Study
+from vgroove.page import Picture, Table, style, table_from_dicts
+from vgroove.report import Report
+from vgroove.units import RPM_PER_RAD_S
 
 SUMMARY = [
     ("variant", "variant"),
@@ -46,15 +46,22 @@ UNCLEAN = [
 ]
 
 
+METHOD_TITLES = {
+    PLAIN.name: "without control",
+    "method 1": "method 1, motor speed",
+    "method 2": "method 2, motor current",
+}
+
+
 def methods(rows: Sequence[Figures]) -> list[str]:
-    """Variants that are there, but the plain one."""
+    """Names of the controllers that the firmware has."""
     return [
         name for name in dict.fromkeys(r["variant"] for r in present(rows)) if name != PLAIN.name
     ]
 
 
 def summaries(rows: Sequence[Figures]) -> list[Figures]:
-    """Each method on each half and on all."""
+    """Each method on each half and on all cells."""
     return [
         {"set": half, **sync.compare(chosen, name)}
         for name in methods(rows)
@@ -63,31 +70,20 @@ def summaries(rows: Sequence[Figures]) -> list[Figures]:
 
 
 def goals(found: Sequence[Figures]) -> list[Goal]:
-    """Issue 5's, on each half and on all."""
-    listed = []
+    """The goals of sync.GOALS for each summary."""
+    limits, listed = sync.GOALS, []
     for f in found:
-        name, half = f["variant"], f["set"]
-        listed += [
-            Goal(
-                name,
-                half,
-                "unclean with / without",
-                f["unclean_ratio"],
-                sync.GOALS["unclean_ratio"],
-            ),
-            Goal(name, half, "clean, mean", f["clean"], sync.GOALS["clean"], at_most=False),
-            Goal(
-                name,
-                half,
-                "gain where clean was below 0.83",
-                f["poor_gain"],
-                sync.GOALS["poor_gain"],
-                at_most=False,
-            ),
-            Goal(name, half, "cells worse than without", f["worse_cells"], 0),
-            Goal(name, half, "period spread, mean", f["spread"], sync.GOALS["spread"]),
-            Goal(name, half, "work per second with / without", f["work_ratio"], 1.0, at_most=False),
-        ]
+        gain = ("gain where clean was below 0.83", f["poor_gain"], limits["poor_gain"], False)
+        listed += goals_of(
+            f["variant"],
+            f["set"],
+            ("unclean with / without", f["unclean_ratio"], limits["unclean_ratio"]),
+            ("clean, mean", f["clean"], limits["clean"], False),
+            gain,
+            ("cells worse than without", f["worse_cells"], 0),
+            ("period spread, mean", f["spread"], limits["spread"]),
+            ("work per second with / without", f["work_ratio"], 1.0, False),
+        )
     return listed
 
 
@@ -108,12 +104,12 @@ def cell_table(rows: Sequence[Figures]) -> Table:
             for name in names
             for key in ("clean", "blows_per_min", "spread", "work_w")
         ]
-        body.append([half, supply_v, sync.LOAD_WORDS[load], trigger, *figures])
+        body.append([half, supply_v, sync.MATRIX_JOINTS[load].title, trigger, *figures])
     return Table("sync_cells", "Clean share of blows, every cell", header, body)
 
 
 def clean_picture(rows: Sequence[Figures]) -> Picture:
-    """Clean share over the matrix, one panel a variant."""
+    """Clean share over the matrix, one panel for each variant."""
     chosen = present(rows)
     names = list(dict.fromkeys(r["variant"] for r in chosen))
     columns = [(v, t) for v in sync.SUPPLIES_V for t in sync.TRIGGERS]
@@ -130,7 +126,7 @@ def clean_picture(rows: Sequence[Figures]) -> Picture:
         cells = go.Heatmap(
             z=share,
             x=[f"{v:g} V, {t:g}" for v, t in columns],
-            y=[sync.LOAD_WORDS[load] for load in sync.LOADS],
+            y=[joint.title for joint in sync.MATRIX_JOINTS.values()],
             zmin=0,
             zmax=1,
             colorscale="RdYlGn",
@@ -146,16 +142,14 @@ def clean_picture(rows: Sequence[Figures]) -> Picture:
 
 
 def wave() -> Wave:
-    """Motor speed and hammer displacement in a cell that loses its step without control."""
-    rig = reference(sync.load_of("slip_60"), supply_v=17.5)
-    words = {
-        PLAIN.name: "without control",
-        "method 1": "method 1, motor speed",
-        "method 2": "method 2, motor current",
-    }
-    drives = [Drive(words[v.name], rig, v, pull(0.8), from_s=1.0, to_s=1.25) for v in sync.VARIANTS]
+    """Motor speed and hammer displacement in a cell that is out of step without control."""
+    rig = reference("slip_60", supply_v=17.5)
+    drives = [
+        Drive(METHOD_TITLES[v.name], rig, v, pull(0.8), from_s=1.0, to_s=1.25)
+        for v in sync.VARIANTS
+    ]
     panels = (
-        Panel("speed_rad_s", "motor speed in rpm", RPM),
+        Panel("speed_rad_s", "motor speed in rpm", RPM_PER_RAD_S),
         Panel("hammer_mm", "hammer displacement in mm; ticks: blows, repeats orange", blows=True),
     )
     return Wave(
@@ -167,8 +161,8 @@ def wave() -> Wave:
     )
 
 
-def kept_line(unclean: Sequence[Figures]) -> str:
-    """How many cells are not clean under control, of which tools."""
+def unclean_line(unclean: Sequence[Figures]) -> str:
+    """A sentence: how many runs are not clean under control, of which tools."""
     own = sum(r.get("tool") is None for r in unclean)
     limit, off = sync.GOALS["clean"], f"{sync.TOLERANCE:.0%}"
     counted = f"{own} runs of the reference tool, {len(unclean) - own} of tools off by up to {off}"
@@ -177,36 +171,36 @@ def kept_line(unclean: Sequence[Figures]) -> str:
     )
 
 
-def sync_study(
+def sync_report(
     rows: Sequence[Figures], others: Sequence[Figures] = (), unclean: Sequence[Figures] = ()
-) -> Study:
-    """The whole part."""
+) -> Report:
+    """The part `sync` as a report."""
     found, drawn = summaries(rows), summaries(others) if others else []
     listed = goals(found)
     before = [r["clean"] for r in rows if r["variant"] == PLAIN.name]
     lines = [
-        f"Synchronisation: without control {np.mean(before):.3f} of the blows are clean over {len(before)} cells.",
-        *([met_line(listed)] if listed else []),
-        kept_line(unclean),
-        *absent_lines(rows, "synchronisation"),
+        f"Synchronisation: without control {np.mean(before):.3f} of the blows are clean over "
+        f"{len(before)} cells.",
+        unclean_line(unclean),
+        *part_lines(listed, rows, "synchronisation"),
     ]
     tables = [
-        table_of("sync_summary", "Synchronisation", SUMMARY, found),
+        table_from_dicts("sync_summary", "Synchronisation", SUMMARY, found),
         goals_table("sync", listed),
         cell_table(rows),
     ]
     tables += [
-        table_of(
+        table_from_dicts(
             "sync_tools",
             f"Tools whose parameters are off by up to {sync.TOLERANCE:.0%}, one draw a cell",
             SUMMARY,
             drawn,
         ),
-        table_of(
+        table_from_dicts(
             "sync_unclean", "Cells that are not clean under control, and why", UNCLEAN, unclean
         ),
     ]
     pictures = [clean_picture(rows), wave_picture(wave())]
     cells = {"cells": list(rows), "tools": drawn, "unclean": list(unclean)}
     data = {"sync": {"summary": found, "goals": [g.as_dict() for g in listed], **cells}}
-    return Study("control", "Controllers", lines, [t for t in tables if t.rows], pictures, data)
+    return part_report(lines, tables, pictures, data)

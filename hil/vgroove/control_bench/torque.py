@@ -1,5 +1,5 @@
-"""Torque control: targets on joints of every slope, friction, slope, supply and winding scattered;
-what the joint holds in the end.
+"""Torque control: target torques on joints of several slopes, with drawn friction, slope, supply
+and winding; the torque of the joint at the end.
 """
 
 from collections.abc import Sequence
@@ -8,30 +8,33 @@ from typing import Any
 
 import numpy as np
 
+from vgroove import telemetry
 from vgroove.control_bench.jobs import PLAIN, Figures, Job, Variant
-from vgroove.control_bench.runs import PULL_S, Run, pull, reference, sil_run
+from vgroove.control_bench.runs import PULL_S, Run, reference, sil_run
 from vgroove.control_bench.sets import half_of, seed_of
+from vgroove.reference.bolt import FRICTIONS, lever_m
+from vgroove.reference.joints import JOINTS
 from vgroove.rig import Rig
-from vgroove.study.impact_runs import JOINTS
 
 TARGETS_NM = (40.0, 60.0, 80.0, 100.0, 120.0)
 SLOPES = (60.0, 120.0, 240.0, 450.0, 700.0)  # N m/rad
-SCATTER = 0.10  # uniform, independent
-FAST_STEP = 0.06  # of the target in one blow: beyond it the target is refused or reported as missed
-SECONDS_MOST = 6.0
+SCATTER = 0.10  # of friction, slope, supply and winding; uniform, independent
+FAST_STEP = 0.06  # of the target: with a larger step in one blow the controller may refuse it
+MAX_SECONDS = 6.0
 MAP_S = 4.0  # of full trigger: a target that is not reached by then is out of reach
-REST_S = 0.15
-RUNS = 10
-FIXED_TIME, FIXED_COUNT = "fixed time", "fixed count"  # what simpler tools do
+REST_S = 0.15  # with the bridge open for so long a drive is over
+RUNS = 10  # drawn joints of a cell
+REFUSED_S = 0.3  # without a drive for so long after the pull the target was refused
+TRUTH_EVERY = 15  # PWM periods: about 0.5 ms
+FIXED_TIME, FIXED_COUNT = "fixed time", "fixed count"  # stop rules of simpler tools
 VARIANTS = (Variant(FIXED_TIME), Variant(FIXED_COUNT), Variant("torque", "torque"))
 REASONS_REFUSED = ("unreachable", "missed")
-GOALS = {"std": 0.03, "mean": 0.03}
-FRICTION_RANGE = (0.10, 0.14)  # of a bolt: physics.md section 6
-PRACTICE_ALPHA = (2.5, 4.0)  # impact wrench, VDI 2230 part 1, table A8
+GOALS = {"std": 0.03, "mean": 0.03}  # of the target: the project's goals (docs/control_bench.md)
+PRACTICE_ALPHA = (2.5, 4.0)  # tightening factor of impact wrenches, VDI 2230 part 1, table A8
 
 
 def cells(runs: int = RUNS) -> list[dict[str, Any]]:
-    """Every target on every slope, so many scattered joints each, in one of the halves."""
+    """Every target on every slope with `runs` drawn joints each, in one of the halves."""
     found = []
     for (t, target_nm), (s, slope), n in product(
         enumerate(TARGETS_NM), enumerate(SLOPES), range(runs)
@@ -44,37 +47,45 @@ def cells(runs: int = RUNS) -> list[dict[str, Any]]:
 
 
 def joint(slope: float, seed: int | None) -> Rig:
-    """The reference tool on a hard joint; with a seed all four quantities are drawn."""
+    """The reference tool on a hard joint; a seed draws friction, slope, supply and winding."""
     scatter = (
         np.zeros(4)
         if seed is None
         else np.random.default_rng([seed, 5]).uniform(-SCATTER, SCATTER, 4)
     )
     friction, of_slope, supply, winding = 1.0 + scatter
-    rig = reference(
-        {**JOINTS["hard_joint"], "slip_slope_nm_per_rad": slope * of_slope}, supply_v=18.5 * supply
+    rig = reference({**JOINTS["hard_joint"].load, "slip_slope_nm_per_rad": slope * of_slope})
+    rig = rig.with_values(
+        {
+            "supply.voltage_v": rig.supply["voltage_v"] * supply,
+            "motor.resistance_ohm": rig.motor["resistance_ohm"] * winding,
+        }
     )
-    rig = rig.with_values({"motor.resistance_ohm": 0.19 * winding})
     return rig.with_effects({"thread_friction": {"relative": friction - 1.0}})
 
 
 def torques_at_blows(run: Run) -> np.ndarray:
-    """Torque that the joint holds before each blow, and after the last, N m."""
-    blows = run.hits[run.hits["kind"] == 0]["time_s"]
-    heads = np.interp([*blows, run.duration_s], run.truth["time_s"], run.truth["head_rad"])
+    """Torque of the joint in N m before each blow and after the last, (blows + 1,)."""
+    times_s = [*run.struck_s, run.duration_s]
+    heads = np.interp(times_s, run.truth["time_s"], run.truth["head_rad"])
     return run.slip_nm(np.maximum.accumulate(heads))
 
 
 def nominal(slope: float) -> dict[str, Any]:
-    """The uncontrolled tool on the nominal joint: times of the blows and the torque behind each."""
-    run = sil_run(joint(slope, None), duration_s=PULL_S + MAP_S, truth_every=15, noise=False)
-    blows = run.hits[run.hits["kind"] == 0]["time_s"]
-    return {"slope": slope, "time_s": blows - PULL_S, "torque_nm": torques_at_blows(run)[1:]}
+    """The uncontrolled tool on the nominal joint: times of the blows and the torque after each."""
+    run = sil_run(
+        joint(slope, None), duration_s=PULL_S + MAP_S, truth_every=TRUTH_EVERY, noise=False
+    )
+    return {
+        "slope": slope,
+        "time_s": run.struck_s - PULL_S,
+        "torque_nm": torques_at_blows(run)[1:],
+    }
 
 
 def map_row(found: dict[str, Any], target_nm: float) -> Figures:
-    """Blow and time at which the nominal joint passes a target, and how much that blow adds, as a
-    share of the target.
+    """Blow and time at which the nominal joint passes a target, and the torque that this blow adds,
+    as a share of the target.
     """
     there = np.flatnonzero(found["torque_nm"] >= target_nm)
     row: Figures = {
@@ -99,7 +110,7 @@ def map_row(found: dict[str, Any], target_nm: float) -> Figures:
 
 
 def map_work(variant: Variant, *, slope: float) -> Figures:
-    """The reachable map of one slope."""
+    """The reachable targets of one slope."""
     del variant
     found = nominal(slope)
     return {"map": [map_row(found, target) for target in TARGETS_NM]}
@@ -110,63 +121,52 @@ def map_jobs() -> list[Job]:
     return [Job(map_work, PLAIN, {"slope": slope}) for slope in SLOPES]
 
 
-class Watch:
-    """Ends a run once the bridge has stayed open behind a drive, or when a drive was refused."""
+class DriveEnd:
+    """Stop condition of a run: the bridge has been open for REST_S after the drive, or no drive has
+    begun REFUSED_S after the pull.
+    """
 
     def __init__(self) -> None:
         self._driven_s: float | None = None
 
     def __call__(self, tool: Any, progress: Any) -> bool:
-        """After each chunk."""
+        """Whether the run ends; called after each 16 ms."""
         del tool
         if not progress.gates.coast:
             self._driven_s = progress.time_s
-        last = PULL_S + 0.3 if self._driven_s is None else self._driven_s
+        last = PULL_S + REFUSED_S if self._driven_s is None else self._driven_s
         return progress.time_s - last > REST_S
 
 
-def work(
-    variant: Variant,
-    *,
-    target_nm: float,
-    slope: float,
-    seed: int,
-    blow: int | None,
-    time_s: float | None,
-    **_: Any,
-) -> Figures:
-    """One scattered joint. Fixed time and fixed count stop where the nominal joint would have its
-    target.
-    """
-    rig = joint(slope, seed)
+def work(variant: Variant, **cell: Any) -> Figures:
+    """One drawn joint. Fixed time and fixed count stop where the nominal joint has the target."""
+    rig, seed = joint(cell["slope"], cell["seed"]), cell["seed"]
     if variant.mode == "duty":
-        return fixed_work(rig, variant.name, blow, time_s, seed)
-    params = {**variant.params, "torque_target_nm": target_nm}
+        return fixed_work(rig, variant.name, cell["blow"], cell["time_s"], seed)
     run = sil_run(
         rig,
         mode=variant.mode,
-        params=params,
-        profile=pull(),
-        duration_s=SECONDS_MOST,
+        params={**variant.params, "torque_target_nm": cell["target_nm"]},
+        duration_s=MAX_SECONDS,
         seed=seed,
-        stop_when=Watch(),
+        stop_when=DriveEnd(),
     )
-    told = len(run.control["time_s"]) > 0
+    reported = len(run.control["time_s"]) > 0
     return {
         "torque_nm": run.tightened_nm,
         "reason": reason_of(run),
-        "blows": int((run.hits["kind"] == 0).sum()),
-        "estimate_nm": float(run.control["estimate"][-1]) / 10 if told else None,
+        "blows": len(run.struck_s),
+        "estimate_nm": float(run.control["estimate"][-1]) / 10 if reported else None,
         "faults": run.faults,
     }
 
 
 def fixed_work(rig: Rig, rule: str, blow: int | None, time_s: float | None, seed: int) -> Figures:
-    """One scattered joint under one of the simple rules."""
+    """One drawn joint under one of the simple rules."""
     if blow is None or time_s is None:
         return {"torque_nm": None, "reason": "out of reach", "blows": 0, "faults": 0}
     seconds = time_s + 0.02 if rule == FIXED_TIME else 3.0 * time_s + 0.3
-    run = sil_run(rig, duration_s=PULL_S + seconds, seed=seed, truth_every=15)
+    run = sil_run(rig, duration_s=PULL_S + seconds, seed=seed, truth_every=TRUTH_EVERY)
     return {
         "torque_nm": fixed_torque(run, rule, blow, time_s),
         "reason": "stopped",
@@ -176,18 +176,16 @@ def fixed_work(rig: Rig, rule: str, blow: int | None, time_s: float | None, seed
 
 
 def fixed_torque(run: Run, rule: str, blow: int, time_s: float) -> float:
-    """Torque of an uncontrolled run at a time, or behind a blow."""
-    blows = run.hits[run.hits["kind"] == 0]["time_s"] - PULL_S
+    """Torque of an uncontrolled run at a time, or after a blow."""
+    blows = run.struck_s - PULL_S
     done = int((blows < time_s).sum()) if rule == FIXED_TIME else min(blow, len(blows))
     return float(torques_at_blows(run)[done])
 
 
 def reason_of(run: Run) -> str:
-    """The stop reason by its name; running where nothing ended the drive."""
+    """Name of the last stop reason; unknown where the firmware sends no frame CONTROL."""
     if not len(run.control["time_s"]):
         return "unknown"
-    from vgroove import telemetry
-
     return telemetry.value_table("CONTROL", "stop_reason")[int(run.control["stop_reason"][-1])]
 
 
@@ -196,7 +194,7 @@ def jobs(
     maps: Sequence[Figures],
     variants: Sequence[Variant] = VARIANTS,
 ) -> list[Job]:
-    """Every chosen joint under every variant."""
+    """Every chosen joint under every variant; `maps` are the rows of map_work."""
     where = {(row["target_nm"], row["slope"]): row for row in maps}
     found = []
     for variant, cell in product(variants, chosen):
@@ -208,7 +206,9 @@ def jobs(
 def cell_figures(
     rows: Sequence[Figures], target_nm: float, slope: float, variant: str
 ) -> Figures | None:
-    """Spread and mean error of one cell over its joints; refused and missed ones are counted apart."""
+    """Spread and mean error of one cell over its joints; `told` counts the joints whose target was
+    refused or reported as missed. None without joints.
+    """
     chosen = [
         r for r in rows if (r["target_nm"], r["slope"], r["variant"]) == (target_nm, slope, variant)
     ]
@@ -235,8 +235,8 @@ def cell_figures(
 
 
 def compare(rows: Sequence[Figures], maps: Sequence[Figures], variant: str) -> Figures:
-    """Over the cells in reach: typical and worst spread and error, and the tightening factor with a
-    bolt's friction.
+    """Over the cells in reach: mean and worst spread and error, and the tightening factor with the
+    friction of a bolt.
     """
     reach = [(m["target_nm"], m["slope"]) for m in maps if m["kind"] == "in reach"]
     found = [f for f in (cell_figures(rows, *cell, variant) for cell in reach) if f]
@@ -267,15 +267,13 @@ def compare(rows: Sequence[Figures], maps: Sequence[Figures], variant: str) -> F
 
 
 def alpha(share: np.ndarray) -> Figures:
-    """Tightening factor F_max / F_min of VDI 2230: of the torque alone (mean +- 2 sigma) and with a
-    bolt's friction of 0.10 to 0.14.
+    """Tightening factor F_max / F_min of VDI 2230 of torques (n,) over their targets: of the torque
+    alone (mean +- 2 sigma), and with the friction of a bolt from least to largest.
     """
     if len(share) < 2:
         return {"alpha_torque": None, "alpha": None}
-    from vgroove.study.load import lever_m
-
     of_torque = float((share.mean() + 2 * share.std()) / (share.mean() - 2 * share.std()))
     return {
         "alpha_torque": of_torque,
-        "alpha": of_torque * lever_m(FRICTION_RANGE[1]) / lever_m(FRICTION_RANGE[0]),
+        "alpha": of_torque * lever_m(FRICTIONS[-1]) / lever_m(FRICTIONS[0]),
     }

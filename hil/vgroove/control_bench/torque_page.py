@@ -6,13 +6,13 @@ import numpy as np
 import plotly.graph_objects as go
 
 from vgroove.control_bench import torque
-from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
-from vgroove.control_bench.jobs import PLAIN, Figures, Variant, absent_lines, present
+from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
+from vgroove.control_bench.jobs import PLAIN, Figures, Variant, present
 from vgroove.control_bench.runs import Run
 from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.waves import Drive, Line, Panel, Wave, wave_picture
-from vgroove.page import Picture, Table, style
-from vgroove.study.report import Study
+from vgroove.page import Picture, Table, style, table_from_dicts
+from vgroove.report import Report
 
 SUMMARY = [
     ("variant", "variant"),
@@ -22,7 +22,7 @@ SUMMARY = [
     ("std, rms", "std_rms"),
     ("std, most", "std_most"),
     ("mean error, most", "mean_error_most"),
-    ("told as missed", "told"),
+    ("refused or missed", "told"),
     ("alpha_A of the torque", "alpha_torque"),
     ("alpha_A with friction", "alpha"),
 ]
@@ -36,18 +36,18 @@ CELLS = [
     ("mean error", "mean_error"),
     ("least in N m", "least_nm"),
     ("most in N m", "most_nm"),
-    ("told as missed", "told"),
+    ("refused or missed", "told"),
 ]
 WAVE_NM = 80.0
 COLOURS = ("#888888", "#edae49", "#d1495b")
 
 
 def map_table(maps: Sequence[Figures]) -> Table:
-    """What one blow at full power adds where the target is passed, as a share of it."""
+    """For each target and slope the blow that passes the target and its step in %."""
     rows = []
     for target in torque.TARGETS_NM:
         cells = {m["slope"]: m for m in maps if m["target_nm"] == target}
-        rows.append([target, *(cell_words(cells[slope]) for slope in torque.SLOPES)])
+        rows.append([target, *(cell_text(cells[slope]) for slope in torque.SLOPES)])
     return Table(
         "torque_map",
         "Reachable targets: the blow that passes the target, and its step",
@@ -56,8 +56,8 @@ def map_table(maps: Sequence[Figures]) -> Table:
     )
 
 
-def cell_words(cell: Figures) -> str:
-    """One cell of the map."""
+def cell_text(cell: Figures) -> str:
+    """One cell of the table of reachable targets."""
     if cell["blow"] is None:
         return "out of reach"
     return f"blow {cell['blow']}: {100 * cell['step']:.1f} %" + (
@@ -66,7 +66,7 @@ def cell_words(cell: Figures) -> str:
 
 
 def cell_rows(rows: Sequence[Figures], maps: Sequence[Figures]) -> list[Figures]:
-    """Every cell under every variant."""
+    """The figures of every cell under every variant."""
     names = dict.fromkeys(r["variant"] for r in rows)
     found = [
         (m, torque.cell_figures(rows, m["target_nm"], m["slope"], name))
@@ -77,34 +77,23 @@ def cell_rows(rows: Sequence[Figures], maps: Sequence[Figures]) -> list[Figures]
 
 
 def goals(found: Sequence[Figures]) -> list[Goal]:
-    """Issue 5's, for the controller."""
-    listed = []
+    """The goals of torque.GOALS, for the controller."""
+    limits, listed = torque.GOALS, []
     for f in found:
         if f["variant"] in (torque.FIXED_TIME, torque.FIXED_COUNT):
             continue
-        name, half = f["variant"], f["set"]
-        listed += [
-            Goal(
-                name,
-                half,
-                "standard deviation, worst cell in reach",
-                f["std_most"],
-                torque.GOALS["std"],
-            ),
-            Goal(
-                name,
-                half,
-                "mean error, worst cell in reach",
-                f["mean_error_most"],
-                torque.GOALS["mean"],
-            ),
-            Goal(name, half, "told as missed although in reach", f["told"], 0),
-        ]
+        listed += goals_of(
+            f["variant"],
+            f["set"],
+            ("standard deviation, worst cell in reach", f["std_most"], limits["std"]),
+            ("mean error, worst cell in reach", f["mean_error_most"], limits["mean"]),
+            ("refused or missed although in reach", f["told"], 0),
+        )
     return listed
 
 
 def error_picture(cells: Sequence[Figures]) -> Picture:
-    """Mean and spread of each cell."""
+    """Mean error and standard deviation of each cell in reach."""
     figure = go.Figure()
     for name, colour in zip(dict.fromkeys(c["variant"] for c in cells), COLOURS, strict=False):
         chosen = [
@@ -131,7 +120,9 @@ def error_picture(cells: Sequence[Figures]) -> Picture:
 
 
 def held_nm(run: Run) -> np.ndarray:
-    """Torque that the joint holds, over time: a head that springs back does not loosen it."""
+    """Slip torque of the joint over time; by the largest head angle so far, since an elastic
+    spring-back of the head does not loosen the joint.
+    """
     return run.slip_nm(np.maximum.accumulate(run.truth["head_rad"]))
 
 
@@ -140,22 +131,12 @@ def wave() -> Wave:
     on a soft and on a hard joint.
     """
     aimed = Variant("torque", "torque", {"torque_target_nm": WAVE_NM})
+    soft, hard = torque.joint(60.0, 3), torque.joint(240.0, 3)
+    end = torque.DriveEnd
     drives = [
         Drive("without control, 120 N m/rad", torque.joint(120.0, 3), PLAIN, to_s=1.5),
-        Drive(
-            "to 80 N m, 60 N m/rad",
-            torque.joint(60.0, 3),
-            aimed,
-            to_s=4.0,
-            stop_when=torque.Watch(),
-        ),
-        Drive(
-            "to 80 N m, 240 N m/rad",
-            torque.joint(240.0, 3),
-            aimed,
-            to_s=6.0,
-            stop_when=torque.Watch(),
-        ),
+        Drive("to 80 N m, 60 N m/rad", soft, aimed, to_s=4.0, stop_when=end()),
+        Drive("to 80 N m, 240 N m/rad", hard, aimed, to_s=6.0, stop_when=end()),
     ]
     panels = (
         Panel(held_nm, "torque that the joint holds in N m", lines=(Line(WAVE_NM, "target"),)),
@@ -171,8 +152,8 @@ def wave() -> Wave:
     )
 
 
-def torque_study(rows: Sequence[Figures], maps: Sequence[Figures]) -> Study:
-    """The whole part."""
+def torque_report(rows: Sequence[Figures], maps: Sequence[Figures]) -> Report:
+    """The part `torque` as a report."""
     chosen = present(rows)
     names = dict.fromkeys(r["variant"] for r in chosen)
     found = [
@@ -183,15 +164,14 @@ def torque_study(rows: Sequence[Figures], maps: Sequence[Figures]) -> Study:
     listed, cells = goals(found), cell_rows(chosen, maps)
     low, high = torque.PRACTICE_ALPHA
     lines = [
-        *([met_line(listed)] if listed else []),
-        *absent_lines(rows, "torque control"),
+        *part_lines(listed, rows, "torque control"),
         f"Tightening factor of impact wrenches in practice: {low:g} to {high:g} (VDI 2230 part 1).",
     ]
     tables = [
         map_table(maps),
-        table_of("torque_summary", "Torque control", SUMMARY, found),
+        table_from_dicts("torque_summary", "Torque control", SUMMARY, found),
         goals_table("torque", listed),
-        table_of("torque_cells", "Torque reached, every cell", CELLS, cells),
+        table_from_dicts("torque_cells", "Torque reached, every cell", CELLS, cells),
     ]
     data = {
         "torque": {
@@ -202,11 +182,4 @@ def torque_study(rows: Sequence[Figures], maps: Sequence[Figures]) -> Study:
             "runs": list(rows),
         }
     }
-    return Study(
-        "control",
-        "Controllers",
-        lines,
-        [t for t in tables if t.rows],
-        [error_picture(cells), wave_picture(wave())],
-        data,
-    )
+    return part_report(lines, tables, [error_picture(cells), wave_picture(wave())], data)

@@ -5,15 +5,15 @@ from collections.abc import Sequence
 import plotly.graph_objects as go
 
 from vgroove.control_bench import vibration
-from vgroove.control_bench.goals import Goal, goals_table, met_line, table_of
-from vgroove.control_bench.jobs import PLAIN, Figures, absent_lines, present
+from vgroove.control_bench.goals import Goal, goals_of, goals_table, part_lines, part_report
+from vgroove.control_bench.jobs import PLAIN, Figures, present
 from vgroove.control_bench.runs import PULL_S, reference
 from vgroove.control_bench.sets import by_half
-from vgroove.control_bench.sync_page import methods
+from vgroove.control_bench.sync_page import METHOD_TITLES, methods
 from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
-from vgroove.page import Picture, style
-from vgroove.study.impact_runs import JOINT_WORDS
-from vgroove.study.report import Study
+from vgroove.page import Picture, style, table_from_dicts
+from vgroove.reference.joints import JOINTS
+from vgroove.report import Report
 
 SUMMARY = [
     ("variant", "variant"),
@@ -48,27 +48,28 @@ COLOURS = ("#30343b", "#d1495b", "#00798c", "#edae49")
 
 
 def goals(found: Sequence[Figures]) -> list[Goal]:
-    """Issue 5's, on each half and on all."""
-    listed = []
+    """The goals of vibration.GOALS for each summary."""
+    limits, listed = vibration.GOALS, []
     for f in found:
-        name, half, limits = f["variant"], f["set"], vibration.GOALS
-        listed += [
-            Goal(name, half, "RMS change, mean", f["change"], limits["mean"]),
-            Goal(name, half, "RMS change, worst cell", f["worst"], limits["worst"]),
-            Goal(name, half, "time change, mean", f["time"], limits["time"]),
-            Goal(name, half, "cells that do not reach the aim", f["not_reached"], 0),
-        ]
+        listed += goals_of(
+            f["variant"],
+            f["set"],
+            ("RMS change, mean", f["change"], limits["mean"]),
+            ("RMS change, worst cell", f["worst"], limits["worst"]),
+            ("time change, mean", f["time"], limits["time"]),
+            ("cells that do not reach the aim", f["not_reached"], 0),
+        )
     return listed
 
 
 def cell_picture(rows: Sequence[Figures]) -> Picture:
-    """RMS of every cell, a bar each variant."""
+    """RMS of every cell, a bar for each variant."""
     figure = go.Figure()
     for name, colour in zip(dict.fromkeys(r["variant"] for r in rows), COLOURS, strict=False):
         chosen = [r for r in rows if r["variant"] == name]
         figure.add_trace(
             go.Bar(
-                x=[f"{JOINT_WORDS[r['load']]}, {r['supply_v']:g} V" for r in chosen],
+                x=[f"{JOINTS[r['load']].title}, {r['supply_v']:g} V" for r in chosen],
                 y=[r["rms_nm"] for r in chosen],
                 name=name,
                 marker={"color": colour},
@@ -85,13 +86,8 @@ def cell_picture(rows: Sequence[Figures]) -> Picture:
 def wave() -> Wave:
     """Motor torque, housing reaction and hammer from the pull of the trigger on."""
     rig = reference("disc_spring", supply_v=18.5)
-    words = {
-        PLAIN.name: "without control",
-        "method 1": "method 1, motor speed",
-        "method 2": "method 2, motor current",
-    }
     drives = [
-        Drive(words[v.name], rig, v, from_s=PULL_S - 0.01, to_s=PULL_S + 0.35)
+        Drive(METHOD_TITLES[v.name], rig, v, from_s=PULL_S - 0.01, to_s=PULL_S + 0.35)
         for v in vibration.VARIANTS
     ]
     panels = (
@@ -101,7 +97,7 @@ def wave() -> Wave:
     )
     return Wave(
         "vibration",
-        "Motor torque and what the housing feels",
+        "Motor torque and reaction on the housing",
         "disc springs, 18.5 V, full trigger",
         drives,
         panels,
@@ -109,7 +105,7 @@ def wave() -> Wave:
 
 
 def margin_rows(rows: Sequence[Figures]) -> list[Figures]:
-    """Each disturbance under each method against no control under the same disturbance."""
+    """RMS under each disturbance and method, relative to no control under the same disturbance."""
     plain = {r["disturbance"]: r["rms_nm"] for r in rows if r["variant"] == PLAIN.name}
     chosen = [r for r in rows if r["variant"] != PLAIN.name]
     changes = [
@@ -130,15 +126,18 @@ def margin_picture(rows: Sequence[Figures]) -> Picture:
             )
         )
     figure.update_yaxes(title="change of the RMS in %")
-    note = f"three blows long, on disc springs at {vibration.MARGIN_V:g} V; against no control under the same disturbance"
+    note = (
+        f"over three blows, on disc springs at {vibration.MARGIN_V:g} V; against no control under "
+        "the same disturbance"
+    )
     return Picture(
         "Margin of the controllers: missed blows and a jump of the period", style(figure, 460), note
     )
 
 
 def phase_picture(rows: Sequence[Figures]) -> Picture | None:
-    """What an error of the phase does to a shape that is locked to the true blows; None where none
-    was searched.
+    """Change of the RMS over an error of the phase of the searched harmonic; None without a
+    search.
     """
     found = [r for r in rows if r.get("margin")]
     if not found:
@@ -154,12 +153,12 @@ def phase_picture(rows: Sequence[Figures]) -> Picture | None:
     )
     figure.update_xaxes(title="error of the phase in periods")
     figure.update_yaxes(title="change of the RMS in %")
-    note = f"full knowledge, {JOINT_WORDS[found[0]['load']]} at {found[0]['supply_v']:g} V"
+    note = f"full knowledge, {JOINTS[found[0]['load']].title} at {found[0]['supply_v']:g} V"
     return Picture("Margin of the phase", style(figure, 420), note)
 
 
-def vibration_study(rows: Sequence[Figures], margin: Sequence[Figures] = ()) -> Study:
-    """The whole part."""
+def vibration_report(rows: Sequence[Figures], margin: Sequence[Figures] = ()) -> Report:
+    """The part `vibration` as a report."""
     chosen = present(rows)
     found = [
         {"set": half, **vibration.compare(part, name)}
@@ -167,14 +166,13 @@ def vibration_study(rows: Sequence[Figures], margin: Sequence[Figures] = ()) -> 
         for half, part in by_half(chosen)
     ]
     listed = goals([f for f in found if f["variant"] != vibration.BOUND])
-    lines = [*([met_line(listed)] if listed else []), *absent_lines(rows, "low vibration")]
-    tables = [
-        table_of("vibration_summary", "Low vibration", SUMMARY, found),
-        goals_table("vibration", listed),
-        table_of("vibration_cells", "Housing reaction, every cell", CELLS, chosen),
-    ]
     margins = margin_rows(present(margin))
-    tables.append(table_of("vibration_margin", "Margin: three blows disturbed", MARGIN, margins))
+    tables = [
+        table_from_dicts("vibration_summary", "Low vibration", SUMMARY, found),
+        goals_table("vibration", listed),
+        table_from_dicts("vibration_cells", "Housing reaction, every cell", CELLS, chosen),
+        table_from_dicts("vibration_margin", "Margin: three blows disturbed", MARGIN, margins),
+    ]
     pictures = [
         cell_picture(chosen),
         wave_picture(wave()),
@@ -189,11 +187,4 @@ def vibration_study(rows: Sequence[Figures], margin: Sequence[Figures] = ()) -> 
             "margin": margins,
         }
     }
-    return Study(
-        "control",
-        "Controllers",
-        lines,
-        [t for t in tables if t.rows],
-        [p for p in pictures if p],
-        data,
-    )
+    return part_report(part_lines(listed, rows, "low vibration"), tables, pictures, data)

@@ -1,5 +1,5 @@
-"""Waveforms of drives with and without control, a column a drive, a row a quantity: on the bench's
-page and as a figure.
+"""Waveforms of drives with and without control, one column a drive and one row a quantity, for the
+bench's page and as figures of the controllers' pages.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -11,43 +11,46 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove.control_bench.jobs import Variant
-from vgroove.control_bench.runs import PULL_S, AbsentError, Run, pull, sil_run
+from vgroove.control_bench.runs import PULL_S, AbsentError, Run, RunPlan, pull, run_plan
 from vgroove.lockstep import Profile
 from vgroove.page import Picture, style, thin
+from vgroove.reference.blows import REPEAT
 from vgroove.rig import Rig
 
 PLAIN_COLOUR, CONTROLLED_COLOURS = "#30343b", ("#c1394f", "#00798c", "#7a5195")
 BLOW_COLOUR, REPEAT_COLOUR = "#444444", "#e07b00"
 REFERENCE = {"dash": "dash", "color": "#666666", "width": 1}
-# CSS pixels; share of it between panels; share of a panel's range free above its curves
-PANEL_HEIGHT, GAP, AIR = 175, 0.19, 0.08
-POINTS = 420  # of a curve, at most about
+PANEL_HEIGHT, TOP_HEIGHT = 175, 130  # CSS pixels, of a panel and of all above and below
+GAP = 0.19  # between panels, of the figure's height
+MARGIN_SHARE = 0.08  # of a panel's range: free above and below its curves
+NEAR_ZERO = 0.4  # of a panel's range: a smallest value below it lets the axis begin at 0
+POINTS = 420  # of a curve, about
 Quantity = Callable[[Run], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Line:
-    """A level across a panel, and what it is called."""
+    """A level across a panel with its text, above or below the line."""
 
     value: float
-    words: str
-    below: bool = False  # stand the words
+    text: str
+    below: bool = False
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A quantity: a column of the truth or what a run makes of it, how it is called, and what it is
-    multiplied by.
+    """A quantity: a column of the plant's states or a function of the run, its title, its factor,
+    whether blows are marked, and levels.
     """
 
     column: str | Quantity
-    words: str
+    title: str
     scale: float = 1.0
-    blows: bool = False  # are marked
+    blows: bool = False
     lines: tuple[Line, ...] = ()
 
     def of(self, run: Run) -> np.ndarray:
-        """(n,), a value each row of the truth."""
+        """The quantity (n,) at the times of the plant's states."""
         return self.scale * (
             run.truth[self.column] if isinstance(self.column, str) else self.column(run)
         )
@@ -55,9 +58,11 @@ class Panel:
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive and the stretch of it that is drawn: what it is called, tool, variant, profile."""
+    """A drive and the part of it that is drawn, from from_s to to_s; `every` is the number of PWM
+    periods between kept states, `event` a time with its text.
+    """
 
-    words: str
+    title: str
     rig: Rig
     variant: Variant
     profile: Profile = field(default_factory=pull)
@@ -66,12 +71,12 @@ class Drive:
     seed: int = 3
     every: int = 4
     stop_when: Callable[[Any, Any], bool] | None = None
-    event: tuple[float, str] | None = None  # what happens at a time
+    event: tuple[float, str] | None = None
 
 
 @dataclass(frozen=True)
 class Wave:
-    """The drives of a controller side by side; times are shown from the trigger's pull on."""
+    """The drives of a controller side by side; times count from the pull of the trigger."""
 
     name: str
     title: str
@@ -81,27 +86,45 @@ class Wave:
 
 
 def run_of(drive: Drive) -> Run | None:
-    """The drive; None where the firmware does not have its controller."""
-    options = {
-        "profile": drive.profile,
-        "duration_s": drive.to_s,
-        "seed": drive.seed,
-        "truth_every": drive.every,
-    }
+    """The run of a drive; None where the firmware lacks its controller."""
+    plan = RunPlan(
+        drive.profile,
+        drive.variant.mode,
+        drive.variant.params,
+        drive.to_s,
+        drive.seed,
+        drive.every,
+        stop_when=drive.stop_when,
+    )
     try:
-        return sil_run(
-            drive.rig,
-            mode=drive.variant.mode,
-            params=drive.variant.params,
-            stop_when=drive.stop_when,
-            **options,
-        )
+        return run_plan(drive.rig, plan)
     except AbsentError:
         return None
 
 
-def runs_of(wave: Wave) -> list[tuple[Drive, str, Run]]:
-    """Drives that there are, the colour of each, and their runs."""
+@dataclass(frozen=True)
+class DrawnRun:
+    """A drive with its run and the colour of its curves."""
+
+    drive: Drive
+    run: Run
+    colour: str
+
+    def part(self, panel: Panel) -> list[np.ndarray]:
+        """Time and quantity of the part that is drawn, thinned such that peaks remain."""
+        time_s = self.run.truth["time_s"]
+        shown = time_s > self.drive.from_s
+        return thin(time_s[shown] - PULL_S, panel.of(self.run)[shown], points=POINTS)
+
+    @property
+    def shown_hits(self) -> list[Any]:
+        """Blows and repeats in the part that is drawn; a drill driver has none."""
+        hits = self.run.hits if self.run.blows.dtype.names else []
+        return [hit for hit in hits if self.drive.from_s < hit["time_s"] < self.drive.to_s]
+
+
+def runs_of(wave: Wave) -> list[DrawnRun]:
+    """The runs of the drives whose controllers the firmware has."""
     found, controlled = [], 0
     for drive in wave.drives:
         run = run_of(drive)
@@ -111,110 +134,96 @@ def runs_of(wave: Wave) -> list[tuple[Drive, str, Run]]:
             else CONTROLLED_COLOURS[controlled % len(CONTROLLED_COLOURS)]
         )
         controlled += drive.variant.mode != "duty"
-        found += [(drive, colour, run)] if run else []
+        found += [DrawnRun(drive, run, colour)] if run else []
     return found
 
 
 def wave_picture(wave: Wave) -> Picture:
-    """For the bench's page, and for a page of docs/controllers as a figure that prints."""
-    found = runs_of(wave)
-    headings = [drive.words for drive, _, _ in found]
-    spaces = {
-        "vertical_spacing": GAP / len(wave.panels),
-        "horizontal_spacing": 0.03,
-        "shared_xaxes": "columns",
-        "shared_yaxes": "rows",
-    }
-    figure = make_subplots(len(wave.panels), len(found), column_titles=headings, **spaces)
-    for c, (drive, colour, run) in enumerate(found):
-        add_drive(figure, drive, colour, run, wave.panels, c + 1)
-        figure.update_xaxes(title="s from the trigger's pull", row=len(wave.panels), col=c + 1)
-    for r, panel in enumerate(wave.panels):
-        values = [v for drive, _, run in found for v in stretch(drive, run, panel)[1]] + [
-            line.value for line in panel.lines
-        ]
-        least, greatest = range_of(values)
-        figure.update_yaxes(range=[least, greatest], row=r + 1)
-        figure.add_annotation(
-            text=panel.words,
-            row=r + 1,
-            col=1,
-            xref="x domain",
-            yref="y domain",
-            x=0.0,
-            y=1.0,
-            yanchor="bottom",
-            xanchor="left",
-            showarrow=False,
-        )
-        for c, (drive, _, run) in enumerate(found):
-            add_marks(
-                figure, drive, run, panel, greatest - 0.4 * AIR * (greatest - least), (r + 1, c + 1)
-            )
+    """The drives of a wave as a figure, for the page and for print."""
+    found, count = runs_of(wave), len(wave.panels)
+    headings = [one.drive.title for one in found]
+    figure = make_subplots(
+        count,
+        len(found),
+        column_titles=headings,
+        vertical_spacing=GAP / count,
+        horizontal_spacing=0.03,
+        shared_xaxes="columns",
+        shared_yaxes="rows",
+    )
+    for column, one in enumerate(found, 1):
+        add_drive(figure, one, wave.panels, column)
+        figure.update_xaxes(title="s from the trigger's pull", row=count, col=column)
+    for row, panel in enumerate(wave.panels, 1):
+        add_panel(figure, found, panel, row)
     figure.update_annotations(font_size=14)
     figure.for_each_annotation(
         lambda note: note.update(yshift=24) if note.text in headings else None
     )
-    return Picture(
-        wave.title,
-        style(figure, 130 + PANEL_HEIGHT * len(wave.panels)).update_layout(margin_t=70),
-        wave.note,
-    )
-
-
-def stretch(drive: Drive, run: Run, panel: Panel) -> list[np.ndarray]:
-    """Time and quantity of the stretch that is drawn, thinned so that peaks stay."""
-    shown = run.truth["time_s"] > drive.from_s
-    return thin(run.truth["time_s"][shown] - PULL_S, panel.of(run)[shown], points=POINTS)
+    height = TOP_HEIGHT + PANEL_HEIGHT * count
+    return Picture(wave.title, style(figure, height).update_layout(margin_t=70), wave.note)
 
 
 def range_of(values: Iterable[float]) -> tuple[float, float]:
-    """Least and greatest with some air; 0 where it is near."""
+    """Range of an axis for values: least and greatest with a margin; from 0 where 0 is near."""
     least, greatest = float(np.nanmin(list(values))), float(np.nanmax(list(values)))
     span = max(greatest - least, 1e-6 * max(abs(greatest), 1.0))
-    return (0.0 if 0.0 <= least < 0.4 * span else least - AIR * span), greatest + AIR * span
+    low = 0.0 if 0.0 <= least < NEAR_ZERO * span else least - MARGIN_SHARE * span
+    return low, greatest + MARGIN_SHARE * span
 
 
-def add_drive(
-    figure: go.Figure, drive: Drive, colour: str, run: Run, panels: Sequence[Panel], column: int
-) -> None:
+def add_panel(figure: go.Figure, found: Sequence[DrawnRun], panel: Panel, row: int) -> None:
+    """Range and title of a panel, and the marks of its blows."""
+    values = [v for one in found for v in one.part(panel)[1]] + [line.value for line in panel.lines]
+    least, greatest = range_of(values)
+    figure.update_yaxes(range=[least, greatest], row=row)
+    figure.add_annotation(
+        text=panel.title,
+        row=row,
+        col=1,
+        xref="x domain",
+        yref="y domain",
+        x=0.0,
+        y=1.0,
+        yanchor="bottom",
+        xanchor="left",
+        showarrow=False,
+    )
+    top = greatest - 0.4 * MARGIN_SHARE * (greatest - least)
+    for column, one in enumerate(found, 1):
+        if panel.blows and one.shown_hits:
+            figure.add_trace(blow_marks(one, top), row=row, col=column)
+
+
+def add_drive(figure: go.Figure, one: DrawnRun, panels: Sequence[Panel], column: int) -> None:
     """The curves and levels of one drive, and its event."""
+    event = one.drive.event
     for row, panel in enumerate(panels, 1):
-        time, value = (np.round(part, 5) for part in stretch(drive, run, panel))
-        curve = go.Scatter(
-            x=time, y=value, mode="lines", showlegend=False, line={"color": colour, "width": 1.5}
-        )
+        time, value = (np.round(part, 5) for part in one.part(panel))
+        line = {"color": one.colour, "width": 1.5}
+        curve = go.Scatter(x=time, y=value, mode="lines", showlegend=False, line=line)
         figure.add_trace(curve, row=row, col=column)
-        for line in panel.lines:
+        for level in panel.lines:
             place = {
-                "annotation_text": line.words,
-                "annotation_position": "bottom left" if line.below else "top left",
+                "annotation_text": level.text,
+                "annotation_position": "bottom left" if level.below else "top left",
             }
-            figure.add_hline(line.value, row=row, col=column, line=REFERENCE, **place)
-        if drive.event:
-            words = (
-                {"annotation_text": drive.event[1], "annotation_position": "top right"}
-                if row == 1
-                else {}
-            )
-            figure.add_vline(drive.event[0] - PULL_S, row=row, col=column, line=REFERENCE, **words)
+            figure.add_hline(level.value, row=row, col=column, line=REFERENCE, **place)
+        if event:
+            named = {"annotation_text": event[1], "annotation_position": "top right"}
+            look = {"line": REFERENCE, **(named if row == 1 else {})}
+            figure.add_vline(event[0] - PULL_S, row=row, col=column, **look)
 
 
-def add_marks(
-    figure: go.Figure, drive: Drive, run: Run, panel: Panel, top: float, place: tuple[int, int]
-) -> None:
-    """Blows and repeats as ticks at the panel's upper edge; a drill driver has none."""
-    hits = run.hits if panel.blows and run.blows.dtype.names else []
-    shown = [hit for hit in hits if drive.from_s < hit["time_s"] < drive.to_s]
-    if shown:
-        colours = [REPEAT_COLOUR if hit["kind"] == 1 else BLOW_COLOUR for hit in shown]
-        marker = {"symbol": "line-ns-open", "size": 10, "color": colours, "line": {"width": 2}}
-        ticks = go.Scatter(
-            x=[round(hit["time_s"] - PULL_S, 5) for hit in shown],
-            y=[top] * len(shown),
-            mode="markers",
-            marker=marker,
-            showlegend=False,
-            cliponaxis=False,
-        )
-        figure.add_trace(ticks, row=place[0], col=place[1])
+def blow_marks(one: DrawnRun, top: float) -> go.Scatter:
+    """Blows and repeats as ticks at the upper edge of a panel."""
+    hits = one.shown_hits
+    colours = [REPEAT_COLOUR if hit["kind"] == REPEAT else BLOW_COLOUR for hit in hits]
+    return go.Scatter(
+        x=[round(hit["time_s"] - PULL_S, 5) for hit in hits],
+        y=[top] * len(hits),
+        mode="markers",
+        marker={"symbol": "line-ns-open", "size": 10, "color": colours, "line": {"width": 2}},
+        showlegend=False,
+        cliponaxis=False,
+    )

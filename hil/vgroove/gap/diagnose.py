@@ -9,14 +9,17 @@ from typing import Any
 import numpy as np
 
 from vgroove.errors import VgrooveError
-from vgroove.gap import experiment, locate, search, verdict
-from vgroove.gap.estimate import Estimate, in_contract_form, over_long_stretches
-from vgroove.gap.fit import Engine, Fit
-from vgroove.gap.hypotheses import BY_ID, CATALOGUE, Scales, available, span
-from vgroove.gap.problem import Problem, load_problem
-from vgroove.gap.search_state import Rows, Search, begin
-from vgroove.gap.singles import turn_for_good
-from vgroove.rig import WORDS, Rig
+from vgroove.gap.catalogue import BY_ID, CATALOGUE, Scales, available
+from vgroove.gap.fitting.fit import Engine, Fit
+from vgroove.gap.next_run import experiment_design
+from vgroove.gap.residual.magnitude import robust_magnitude
+from vgroove.gap.residual.problem import Problem, load_problem
+from vgroove.gap.selection import search
+from vgroove.gap.selection.intervals import Estimate, in_catalogue_form, over_long_stretches
+from vgroove.gap.selection.search_state import Rows, Search, begin
+from vgroove.gap.selection.single_effects import align_to_selection
+from vgroove.gap.verdict import decision, location
+from vgroove.rig import Rig
 
 SCHEMA = "vgroove.gap/1"
 RPM = np.pi / 30.0
@@ -76,15 +79,15 @@ def diagnose(
     state = begin(engine, available(kinds, frozenset(without)), rows, seed, tell)
     state.without = frozenset(without)
     best, rivals = search.run(state)
-    best, problem = turn_for_good(state, problem, best), state.engine.problem
+    best, problem = align_to_selection(state, problem, best), state.engine.problem
     tell("what is left, and where it lies")
     drivers = drivers_of(problem, best.theta(problem.theta0))
-    left = locate.remaining(
+    left = location.remaining(
         state, best, drivers, problem.signal, [s.column for s in problem.signals], problem.floor()
     )
-    finding = verdict.decide(state, best, rivals, left, problem.floor())
+    finding = decision.decide(state, best, rivals, left, problem.floor())
     shown = shown_of(state, finding)
-    estimate = over_long_stretches(problem, state.engine, shown) or verdict.estimate_of(
+    estimate = over_long_stretches(problem, state.engine, shown) or decision.estimate_of(
         state, shown
     )
     return Diagnosis(
@@ -95,21 +98,21 @@ def diagnose(
     )
 
 
-def shown_of(state: Search, finding: verdict.Finding) -> Fit:
+def shown_of(state: Search, finding: decision.Finding) -> Fit:
     """The fit behind `after`: the selected set in the contract's forms, or retuning alone where
     nothing is named.
     """
     return (
         state.retuned
         if finding.verdict in ("none", "unlisted")
-        else in_contract_form(state, finding.best)
+        else in_catalogue_form(state, finding.best)
     )
 
 
 def assemble(
     problem: Problem,
     state: Search,
-    finding: verdict.Finding,
+    finding: decision.Finding,
     kinds: frozenset[str],
     without: Sequence[str],
     drivers: dict[str, np.ndarray],
@@ -118,26 +121,26 @@ def assemble(
 ) -> dict[str, Any]:
     """The verdict as the contract's JSON."""
     floor = problem.floor()
-    share = locate.shares(state, finding.best, floor) if finding.verdict != "none" else {}
+    share = location.shapley_shares(state, finding.best, floor) if finding.verdict != "none" else {}
     known = {k: v for k, v in share.items() if k != "unexplained"}
-    same = verdict.indistinguishable(problem, state, finding, kinds, floor)
+    same = decision.indistinguishable(problem, state, finding, kinds, floor)
     out = {
         "schema": SCHEMA,
         "verdict": finding.verdict,
-        "selected": verdict.selected(state, problem, finding, floor),
-        "gap": verdict.gap_section(problem, state, shown, floor),
+        "selected": decision.selected(state, problem, finding, floor),
+        "gap": decision.gap_section(problem, state, shown, floor),
         "where": {
             "subsystem": max(known, key=lambda k: (known[k], k)) if any(known.values()) else None,
             "share": share,
-            "by_regime": locate.by_regime(state, problem.regime, problem.regimes),
-            "by_correlate": locate.by_correlate(
+            "by_regime": location.by_regime(state, problem.regime, problem.regimes),
+            "by_correlate": location.by_correlate(
                 state, drivers, problem.signal, [s.column for s in problem.signals], floor
             ),
         },
-        "effects": verdict.effects_section(problem, state, finding, floor, estimate),
+        "effects": decision.effects_section(problem, state, finding, floor, estimate),
         "indistinguishable": [o for o in same if o["id"] not in without],
         "retuned_parameters": estimate.tolerated(),
-        "next_experiment": experiment.propose(problem, state, finding),
+        "next_experiment": experiment_design.propose(problem, state, finding),
         "unexplained": unexplained_section(problem, state, finding),
         "warnings": list(problem.warnings),
     }
@@ -145,7 +148,7 @@ def assemble(
 
 
 def unexplained_section(
-    problem: Problem, state: Search, finding: verdict.Finding
+    problem: Problem, state: Search, finding: decision.Finding
 ) -> dict[str, Any]:
     """What is left, what it follows, and what a smooth correction over that would gain: its points
     are in the signal's unit.
@@ -186,9 +189,8 @@ def effect_table(problem: Problem, one: Fit, effect_id: str) -> dict[str, Any]:
     }
     if effect_id == "hall_dropout":
         table["probability"] = problem.missed_share
-    for (owner, key), (parameter, word) in WORDS.items():
-        if owner == effect_id and theta[problem.index(parameter)] == 1.0:
-            table[key] = word
+    if effect.form and theta[problem.index(effect.flag_name)] == 1.0:
+        table[effect.form.key] = effect.form.words[1]
     return table
 
 
@@ -249,12 +251,12 @@ def scales_of(problem: Problem) -> Scales:
     """Sizes of effects from what the logs and the rig span."""
     rig, motor = problem.rig, problem.rig.motor
     resistance, k = motor["resistance_ohm"], motor["torque_constant_nm_per_a"]
-    volt = span(
+    volt = robust_magnitude(
         column(problem, "supply_v"),
-        rig.supply.get("voltage_v", 0.0) or span(column(problem, "voltage_v"), 1.0),
+        rig.supply.get("voltage_v", 0.0) or robust_magnitude(column(problem, "voltage_v"), 1.0),
     )
-    amp = span(column(problem, "current_a"), 0.3 * volt / resistance)
-    speed = span(
+    amp = robust_magnitude(column(problem, "current_a"), 0.3 * volt / resistance)
+    speed = robust_magnitude(
         np.concatenate([speed_rows(problem, j) for j in range(len(problem.logs))]), volt / k
     )
     times = [np.asarray(log.time_s, float) for log in problem.logs]

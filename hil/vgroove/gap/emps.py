@@ -3,7 +3,7 @@ and free runs of the plant.
 
 Data and published parameters: A. Janot, M. Gautier, M. Brunot, "Data Set and Reference Models of
 EMPS", Workshop on Nonlinear System Identification Benchmarks, 2019. Filters, trimming and held-out
-thirds as shared/data/emps/README.md defines them.
+thirds as tests/data/emps/README.md defines them.
 """
 
 from dataclasses import dataclass

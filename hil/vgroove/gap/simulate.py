@@ -10,15 +10,17 @@ import numpy as np
 from rich.table import Table
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.channels import RAD_S_TO_RPM
-from vgroove.gap.problem import Problem, load_problem
+from vgroove.gap.residual.channels import RAD_S_TO_RPM
+from vgroove.gap.residual.problem import Problem, load_problem
 from vgroove.log import Log, write_csv
 from vgroove.rig import Rig
 
 SCHEMA = "vgroove.sim/1"
 
 
-def judge(rig: Rig, logs: Sequence[Any], restart_s: float = 0.25) -> tuple[dict[str, Any], Problem]:
+def compute_gap(
+    rig: Rig, logs: Sequence[Any], restart_s: float = 0.25
+) -> tuple[dict[str, Any], Problem]:
     """Gap of a rig to logs as the gap contract's section 5 defines it, as JSON-ready figures, and
     the problem behind them.
     """

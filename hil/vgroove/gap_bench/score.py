@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from vgroove.gap.hypotheses import contains
+from vgroove.gap.catalogue import contains
 
 SURE = 0.9
 CALIBRATION_EDGES = (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0000001)

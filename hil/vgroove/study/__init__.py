@@ -1,3 +1,1 @@
-"""The design's studies: each makes tables, a JSON object and figures, written by
-vgroove.study.report.
-"""
+"""The design's studies: each makes a vgroove.report.Report of tables, figures and JSON."""

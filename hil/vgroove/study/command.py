@@ -1,15 +1,12 @@
-"""The commands `vgroove study ...`: options, progress on stderr, tables on stdout, files into a
-folder.
-"""
+"""The commands `vgroove study ...`: progress on stderr, tables on stdout, files in a folder."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+if TYPE_CHECKING:
+    from vgroove.report import Report, ReportFiles
 
 app = typer.Typer(no_args_is_help=True, help="The design's studies: table, JSON and plot of each.")
 
@@ -23,37 +20,17 @@ JsonPath = Annotated[
 Png = Annotated[
     bool, typer.Option("--png", help="Draw the page into a PNG as well (needs Chromium).")
 ]
-PIPED_WIDTH = 130  # of tables that go into a file or a pipe
-Tick = Callable[[str], None]
 
 
-@contextmanager
-def progress(total: int) -> Iterator[Tick]:
-    """A bar on stderr that `tick(words)` moves by one; it leaves nothing behind."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda words: bar.update(task, advance=1, description=words)
+def finish(report: "Report", files: "ReportFiles") -> None:
+    """Print the report's sentences and tables, and write its files."""
+    from vgroove.report import write_report
+    from vgroove.terminal import print_line, print_results, table_console
 
-
-def finish(study: "Study", places: "Places") -> None:  # noqa: F821
-    """Show and write."""
-    from vgroove.study.report import write
-
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=PIPED_WIDTH)
-    for line in study.lines:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-    for table in study.tables:
-        console.print(table.as_rich())
-    for path in write(study, places):
-        console.print(f"written: {path}", highlight=False, markup=False, soft_wrap=True)
+    console = table_console()
+    print_results(console, report.lines, report.tables)
+    for path in write_report(report, files):
+        print_line(console, f"written: {path}")
 
 
 @app.callback()
@@ -61,6 +38,8 @@ def study() -> None:
     """The design's studies: table, JSON and plot of each."""
 
 
+TOLERANCES = (1e-11, 1e-2)  # least and largest of the variable-step solvers
+MAX_VOLTAGES = 1000  # of `vgroove study supply`
 ImpactRig = Annotated[
     Path | None,
     typer.Option(
@@ -96,34 +75,41 @@ def steps_command(
     """Variable step over the impact cycle and the drill driver's run; fixed steps against the
     reference; execution time per step.
     """
-    from vgroove import _core
-    from vgroove.errors import VgrooveError
+    from vgroove.progress import step_bar
+    from vgroove.reference.rigs import LOW_GEAR, impact_rig, reference_rig
+    from vgroove.report import join_reports, prepare_files
     from vgroove.rig import read_rig
     from vgroove.study.drill import parameters_of
-    from vgroove.study.impact_runs import impact_rig
-    from vgroove.study.report import joined, prepare
-    from vgroove.study.steps import drill_steps, drill_ticks
-    from vgroove.study.steps_impact import LOADS, impact_steps
+    from vgroove.study.steps import Effort, drill_ticks, run_drill_steps
+    from vgroove.study.steps_impact import JOINT_COLOURS, impact_steps
+    from vgroove.study.steps_page import drill_report
 
-    if not 1e-11 <= tolerance <= 1e-2:
-        raise VgrooveError(f"--tolerance must be from 1e-11 to 0.01, not {tolerance:g}")
+    check_steps(only, tolerance)
+    tool = impact_rig(impact)
+    parameters = parameters_of(read_rig(rig) if rig else reference_rig(LOW_GEAR))
+    files = prepare_files("steps", folder, json_path, png)
+    with_drill, with_impact = only != "impact", only != "drill"
+    ticks = drill_ticks() * with_drill + len(JOINT_COLOURS) * with_impact
+    parts = []
+    with step_bar(ticks) as tick:
+        if with_impact:
+            parts.append(impact_steps(tool, tolerance, tick))
+        if with_drill:
+            effort = Effort(points, tolerance, repeats)
+            parts.append(drill_report(run_drill_steps(parameters, effort, tick)))
+    both = "Step sizes: impact cycle and drill driver"
+    finish(join_reports(both if only == "both" else parts[0].title, parts), files)
+
+
+def check_steps(only: str, tolerance: float) -> None:
+    """VgrooveError for options of `vgroove study steps` that have no meaning."""
+    from vgroove.errors import VgrooveError
+
+    least, most = TOLERANCES
+    if not least <= tolerance <= most:
+        raise VgrooveError(f"--tolerance must be from {least:g} to {most:g}, not {tolerance:g}")
     if only not in ("drill", "impact", "both"):
         raise VgrooveError(f"--only must be drill, impact or both, not {only}")
-    tool = impact_rig(impact)
-    parameters = parameters_of(read_rig(rig)) if rig else _core.drill_parameters()
-    places = prepare("steps", folder, json_path, png)
-    parts = []
-    with progress(drill_ticks() * (only != "impact") + len(LOADS) * (only != "drill")) as tick:
-        if only != "drill":
-            parts.append(impact_steps(tool, tolerance, tick))
-        if only != "impact":
-            parts.append(drill_steps(parameters, points, tolerance, repeats, tick))
-    titles = {
-        "drill": "Step sizes of the drill driver",
-        "impact": "Step sizes over the impact cycle",
-        "both": "Step sizes: impact cycle and drill driver",
-    }
-    finish(joined(titles[only], parts), places)
 
 
 @app.command("supply")
@@ -150,19 +136,21 @@ def supply_command(
     joints.
     """
     from vgroove.errors import VgrooveError
-    from vgroove.study.impact_runs import impact_rig
-    from vgroove.study.report import prepare
-    from vgroove.study.supply import LOADS, supply_study, supply_voltages
+    from vgroove.progress import step_bar
+    from vgroove.reference.rigs import impact_rig
+    from vgroove.report import prepare_files
+    from vgroove.study.supply import JOINT_COLOURS, supply_study, supply_voltages
 
-    if not high_v > low_v or (high_v - low_v) / step_v > 1000:
+    if not high_v > low_v or (high_v - low_v) / step_v > MAX_VOLTAGES:
         raise VgrooveError(
-            f"--from {low_v:g} --to {high_v:g} --step {step_v:g}: this is no range of at most 1,000 voltages"
+            f"--from {low_v:g} --to {high_v:g} --step {step_v:g}: this is no range of at most "
+            f"{MAX_VOLTAGES:,} voltages"
         )
     tool = impact_rig(rig)
-    places = prepare("supply", folder, json_path, png)
-    with progress(len(LOADS)) as tick:
-        study = supply_study(tool, supply_voltages(low_v, high_v, step_v), seconds, duty, tick)
-    finish(study, places)
+    files = prepare_files("supply", folder, json_path, png)
+    with step_bar(len(JOINT_COLOURS)) as tick:
+        report = supply_study(tool, supply_voltages(low_v, high_v, step_v), seconds, duty, tick)
+    finish(report, files)
 
 
 @app.command("load")
@@ -176,15 +164,16 @@ def load_command(
     """Torque over angle of the joints, disc springs, tightening factor, the coupler's effect,
     motion at 50 and 100 % duty.
     """
-    from vgroove.study.impact_runs import impact_rig
+    from vgroove.progress import step_bar
+    from vgroove.reference.rigs import impact_rig
+    from vgroove.report import prepare_files
     from vgroove.study.load import LOAD_TICKS, load_study
-    from vgroove.study.report import prepare
 
     tool = impact_rig(rig)
-    places = prepare("load", folder, json_path, png)
-    with progress(LOAD_TICKS) as tick:
-        study = load_study(tool, seconds, tick)
-    finish(study, places)
+    files = prepare_files("load", folder, json_path, png)
+    with step_bar(LOAD_TICKS) as tick:
+        report = load_study(tool, seconds, tick)
+    finish(report, files)
 
 
 @app.command("impact")
@@ -193,7 +182,8 @@ def impact_command(
     joint: Annotated[
         str,
         typer.Option(
-            help="locked, hard_joint, slip_60, slip_6, disc_spring, m6, m8, m10; or rig: the rig's own load."
+            help="locked, hard_joint, slip_60, slip_6, disc_spring, m6, m8, m10; or rig: the rig's "
+            "own load."
         ),
     ] = "locked",
     seconds: Annotated[
@@ -209,13 +199,16 @@ def impact_command(
     marked.
     """
     from vgroove.errors import VgrooveError
+    from vgroove.reference.joints import JOINTS
+    from vgroove.reference.rigs import impact_rig
+    from vgroove.report import prepare_files
     from vgroove.study.impact import impact_study
-    from vgroove.study.impact_runs import JOINT_WORDS, JOINTS, impact_rig, with_joint
-    from vgroove.study.report import prepare
+    from vgroove.study.impact_runs import with_joint
 
     tool = impact_rig(rig)
     if joint != "rig" and joint not in JOINTS:
         raise VgrooveError(f"--joint must be one of {', '.join(JOINTS)}, rig, not {joint}")
-    tool = tool if joint == "rig" else with_joint(tool, JOINTS[joint])
-    places = prepare("impact", folder, json_path, png)
-    finish(impact_study(tool, JOINT_WORDS.get(joint, "the rig's own joint"), seconds, duty), places)
+    tool = tool if joint == "rig" else with_joint(tool, joint)
+    title = "the rig's own joint" if joint == "rig" else JOINTS[joint].title
+    files = prepare_files("impact", folder, json_path, png)
+    finish(impact_study(tool, title, seconds, duty), files)

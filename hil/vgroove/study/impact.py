@@ -1,7 +1,8 @@
 """`vgroove study impact`: one cycle of the impact tool: hammer displacement, rotation, motor
-current and speed, phases of the blow.
+current, speed, and the phases between two blows.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,40 +11,67 @@ from plotly.subplots import make_subplots
 
 from vgroove.errors import VgrooveError
 from vgroove.page import Picture, Table, style
+from vgroove.reference.blows import BLOW, hits_between
+from vgroove.report import Report
 from vgroove.rig import Rig
-from vgroove.study.impact_runs import RPM, hits_between, simulate
-from vgroove.study.report import Study
+from vgroove.study.impact_runs import simulate
+from vgroove.units import RPM_PER_RAD_S
 
 TRACE_STEP_S = 5e-6
-MARGIN = 0.04  # of the cycle, shown before and after it
+MARGIN_SHARE = 0.04  # of the cycle, shown before and after it
+END_S = 5e-3  # the cycle ends at least this long before the run does
+CONTACT_S = 3e-3  # rebounds within it belong to the blow: docs/spec/model.md, section 4
+MAX_PHASES = 20  # a regular cycle has five; with more there is no cycle
+NAMED_SHARE = 0.06  # of the cycle: phases shorter than it are shaded without their name
+JSON_EVERY = 10  # of the trace's samples go into the JSON
+CURVE_COLOURS = ("#30343b", "#d1495b", "#00798c")
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A part of the cycle: what happens in it, and the colour that shades it."""
+
+    text: str
+    colour: str
+
+
 PHASES = {
-    "blow": "the hammer lug drives the anvil",
-    "rebound": "below the lug height, moving back",
-    "over": "above the lugs, moving back",
-    "return": "above the lugs, moving forward",
-    "stroke": "below the lug height, moving forward",
+    "blow": Phase("the hammer lug drives the anvil", "rgba(209,73,91,0.28)"),
+    "rebound": Phase("below the lug height, moving back", "rgba(237,174,73,0.22)"),
+    "over": Phase("above the lugs, moving back", "rgba(0,121,140,0.16)"),
+    "return": Phase("above the lugs, moving forward", "rgba(102,161,130,0.20)"),
+    "stroke": Phase("below the lug height, moving forward", "rgba(120,120,160,0.20)"),
 }
-COLOURS = {
-    "blow": "rgba(209,73,91,0.28)",
-    "rebound": "rgba(237,174,73,0.22)",
-    "over": "rgba(0,121,140,0.16)",
-    "return": "rgba(102,161,130,0.20)",
-    "stroke": "rgba(120,120,160,0.20)",
-}
-MOST_PHASES = 20  # a regular cycle has five
-LINES = ("#30343b", "#d1495b", "#00798c")
+# Axis title, and the column and legend of each curve.
+PANELS = (
+    ("hammer back in mm", [("hammer_mm", "hammer displacement")]),
+    (
+        "rotation in °",
+        [
+            ("hammer_deg", "hammer rotation"),
+            ("anvil_deg", "anvil rotation"),
+            ("head_deg", "screw head"),
+        ],
+    ),
+    ("speed in rpm", [("hammer_rpm", "hammer speed"), ("spindle_rpm", "spindle speed")]),
+    ("current in A", [("current_a", "motor current")]),
+    ("torque in N m", [("joint_nm", "joint torque")]),
+)
 
 
 def find_cycle(rig: Rig, duration_s: float, duty: float) -> tuple[float, float]:
-    """The last whole cycle from blow to blow that ends 5 ms before the run does: start, end;
-    VgrooveError when there is none.
+    """Start and end in s of the last whole cycle, from blow to blow, that ends END_S before the
+    run.
+
+    Raises VgrooveError where there is none.
     """
     rows = simulate([rig], duration_s, duty)
-    blows = hits_between(rows["blows"][0], 0.0, duration_s - 5e-3)
-    first = blows["time_s"][blows["kind"] == 0]
+    blows = hits_between(rows["blows"][0], 0.0, duration_s - END_S)
+    first = blows["time_s"][blows["kind"] == BLOW]
     if len(first) < 3:
         raise VgrooveError(
-            f"{rig.name or 'the rig'}: fewer than three blows in {duration_s:g} s at duty {duty:g}: there is no cycle to show"
+            f"{rig.name or 'the rig'}: fewer than three blows in {duration_s:g} s at duty "
+            f"{duty:g}: there is no cycle to show"
         )
     return float(first[-2]), float(first[-1])
 
@@ -51,8 +79,11 @@ def find_cycle(rig: Rig, duration_s: float, duty: float) -> tuple[float, float]:
 def phases_of(
     time_s: np.ndarray, lug_nm: np.ndarray, hammer_m: np.ndarray, lug_height_m: float
 ) -> list[tuple[str, float, float]]:
-    """(phase, start, end) along a cycle from blow to blow: contact, then by the hammer's height and
-    the sign of its motion.
+    """(phase, start, end) of the parts of a cycle from blow to blow, from columns (n,) of the
+    trace.
+
+    The first phase is the contact; the others follow from the hammer's height and the sign of its
+    motion.
     """
     rising = np.gradient(hammer_m, time_s) >= 0.0
     above = hammer_m >= lug_height_m
@@ -61,9 +92,7 @@ def phases_of(
         "blow",
         np.where(above, np.where(rising, "over", "return"), np.where(rising, "rebound", "stroke")),
     )
-    touching = np.flatnonzero(
-        (lug_nm != 0.0) & (time_s < time_s[0] + 3e-3)
-    )  # rebounds within 3 ms belong to the blow (physics.md section 4)
+    touching = np.flatnonzero((lug_nm != 0.0) & (time_s < time_s[0] + CONTACT_S))
     if touching.size:
         names[: touching[-1] + 1] = "blow"
     starts = np.flatnonzero(np.r_[True, names[1:] != names[:-1]])
@@ -74,20 +103,16 @@ def phases_of(
     ]
 
 
-def cycle(rig: Rig, duration_s: float, duty: float) -> dict[str, Any]:
-    """A settled cycle: columns over time from its blow, phases, and the figures of it."""
-    start, end = find_cycle(rig, duration_s, duty)
-    margin = round(MARGIN * (end - start) / TRACE_STEP_S)
-    time_s = start + TRACE_STEP_S * np.arange(-margin, round((end - start) / TRACE_STEP_S) + margin)
-    trace = simulate([rig], duration_s, duty, trace_s=time_s)["trace"]
-    inside = (time_s >= start) & (time_s <= end)
-    height = rig.mechanism["lug_height_m"]
+def cycle_columns(
+    rig: Rig, trace: dict[str, np.ndarray], time_from_blow_s: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Columns (n,) of a trace in the units of the page; rotations count from the blow on."""
     columns = {
-        "time_ms": 1e3 * (time_s - start),
+        "time_ms": 1e3 * time_from_blow_s,
         "hammer_mm": 1e3 * trace["hammer_m"],
         "hammer_deg": np.degrees(trace["hammer_rad"]),
-        "spindle_rpm": trace["speed_rad_s"] / rig.gearbox["ratio"] * RPM,
-        "hammer_rpm": trace["hammer_rad_s"] * RPM,
+        "spindle_rpm": trace["speed_rad_s"] / rig.gearbox["ratio"] * RPM_PER_RAD_S,
+        "hammer_rpm": trace["hammer_rad_s"] * RPM_PER_RAD_S,
         "current_a": trace["current_a"],
         "joint_nm": trace["anvil_torque_nm"],
         "anvil_deg": np.degrees(trace["anvil_angle_rad"]),
@@ -95,15 +120,30 @@ def cycle(rig: Rig, duration_s: float, duty: float) -> dict[str, Any]:
     }
     for name in ("hammer_deg", "anvil_deg", "head_deg"):
         columns[name] = columns[name] - np.interp(0.0, columns["time_ms"], columns[name])
+    return columns
+
+
+def cycle(rig: Rig, duration_s: float, duty: float) -> dict[str, Any]:
+    """A settled cycle: columns over the time from its blow, start, period, lug height, phases.
+
+    Raises VgrooveError where there is no regular cycle.
+    """
+    start, end = find_cycle(rig, duration_s, duty)
+    margin = round(MARGIN_SHARE * (end - start) / TRACE_STEP_S)
+    time_s = start + TRACE_STEP_S * np.arange(-margin, round((end - start) / TRACE_STEP_S) + margin)
+    trace = simulate([rig], duration_s, duty, trace_s=time_s)["trace"]
+    inside = (time_s >= start) & (time_s <= end)
+    height = rig.mechanism["lug_height_m"]
     phases = phases_of(
         time_s[inside], trace["lug_torque_nm"][inside], trace["hammer_m"][inside], height
     )
-    if len(phases) > MOST_PHASES:
+    if len(phases) > MAX_PHASES:
         raise VgrooveError(
-            f"{rig.name or 'the rig'}: {len(phases)} phases between two blows: this load makes no impact cycle to show"
+            f"{rig.name or 'the rig'}: {len(phases)} phases between two blows: this load makes no "
+            "impact cycle to show"
         )
     return {
-        "columns": columns,
+        "columns": cycle_columns(rig, trace, time_s - start),
         "start_s": start,
         "period_s": end - start,
         "lug_height_mm": 1e3 * height,
@@ -115,7 +155,7 @@ def cycle(rig: Rig, duration_s: float, duty: float) -> dict[str, Any]:
 
 
 def figures_of(found: dict[str, Any]) -> dict[str, float]:
-    """Figures of the cycle."""
+    """Figures of the cycle, from the blow to the next."""
     c = found["columns"]
     inside = (c["time_ms"] >= 0.0) & (c["time_ms"] <= 1e3 * found["period_s"])
     return {
@@ -134,8 +174,8 @@ def figures_of(found: dict[str, Any]) -> dict[str, float]:
     }
 
 
-def impact_study(rig: Rig, joint: str, duration_s: float, duty: float) -> Study:
-    """The cycle of one tool on one joint."""
+def impact_study(rig: Rig, joint: str, duration_s: float, duty: float) -> Report:
+    """The cycle of one tool on its joint, which `joint` names in the title."""
     found = cycle(rig, duration_s, duty)
     figures = figures_of(found)
     data = {
@@ -146,57 +186,53 @@ def impact_study(rig: Rig, joint: str, duration_s: float, duty: float) -> Study:
         "figures": figures,
         "phases": found["phases"],
         "trace": {
-            name: [round(float(v), 6) for v in values[::10]]
+            name: [round(float(v), 6) for v in values[::JSON_EVERY]]
             for name, values in found["columns"].items()
         },
     }
-    lines = [
-        f"{figures['blows_per_min']:.0f} blows per minute ({figures['period_ms']:.2f} ms), {figures['joint_peak_nm']:.1f} N m peaks, "
-        f"{figures['current_mean_a']:.1f} A mean, hammer back {figures['hammer_max_mm']:.2f} mm, "
-        f"{figures['hammer_max_rpm']:.0f} rpm of the hammer at the blow."
-    ]
     tables = [
-        Table(
-            "phases",
-            "Phases of the cycle",
-            ["phase", "what happens", "start in ms", "end in ms", "length in ms", "share in %"],
-            [
-                [
-                    p["phase"],
-                    PHASES[p["phase"]],
-                    p["start_ms"],
-                    p["end_ms"],
-                    p["end_ms"] - p["start_ms"],
-                    100 * (p["end_ms"] - p["start_ms"]) / figures["period_ms"],
-                ]
-                for p in found["phases"]
-            ],
-        ),
+        phase_table(found["phases"], figures["period_ms"]),
         Table("figures", "Figures of the cycle", ["figure", "value"], list(figures.items())),
     ]
     title = f"Impact cycle, joint: {joint}, {rig.supply['voltage_v']:g} V, duty {100 * duty:g} %"
-    return Study("impact", title, lines, tables, [cycle_picture(found)], data)
+    return Report("impact", title, [impact_line(figures)], tables, [cycle_picture(found)], data)
+
+
+def impact_line(figures: dict[str, float]) -> str:
+    """The main figures in a sentence."""
+    return (
+        f"{figures['blows_per_min']:.0f} blows per minute ({figures['period_ms']:.2f} ms), "
+        f"{figures['joint_peak_nm']:.1f} N m peaks, {figures['current_mean_a']:.1f} A mean, "
+        f"hammer back {figures['hammer_max_mm']:.2f} mm, "
+        f"{figures['hammer_max_rpm']:.0f} rpm of the hammer at the blow."
+    )
+
+
+def phase_table(phases: list[dict[str, Any]], period_ms: float) -> Table:
+    """Start, end and share of each phase."""
+    return Table(
+        "phases",
+        "Phases of the cycle",
+        ["phase", "what happens", "start in ms", "end in ms", "length in ms", "share in %"],
+        [
+            [
+                p["phase"],
+                PHASES[p["phase"]].text,
+                p["start_ms"],
+                p["end_ms"],
+                p["end_ms"] - p["start_ms"],
+                100 * (p["end_ms"] - p["start_ms"]) / period_ms,
+            ]
+            for p in phases
+        ],
+    )
 
 
 def cycle_picture(found: dict[str, Any]) -> Picture:
     """Five panels over the time from the blow, phases shaded."""
-    panels = (
-        ("hammer back in mm", [("hammer_mm", "hammer displacement")]),
-        (
-            "rotation in °",
-            [
-                ("hammer_deg", "hammer rotation"),
-                ("anvil_deg", "anvil rotation"),
-                ("head_deg", "screw head"),
-            ],
-        ),
-        ("speed in rpm", [("hammer_rpm", "hammer speed"), ("spindle_rpm", "spindle speed")]),
-        ("current in A", [("current_a", "motor current")]),
-        ("torque in N m", [("joint_nm", "joint torque")]),
-    )
-    figure = make_subplots(rows=len(panels), cols=1, shared_xaxes=True, vertical_spacing=0.025)
+    figure = make_subplots(rows=len(PANELS), cols=1, shared_xaxes=True, vertical_spacing=0.025)
     time = found["columns"]["time_ms"]
-    for row, (words, curves) in enumerate(panels, 1):
+    for row, (title, curves) in enumerate(PANELS, 1):
         for n, (key, name) in enumerate(curves):
             figure.add_trace(
                 go.Scatter(
@@ -204,13 +240,13 @@ def cycle_picture(found: dict[str, Any]) -> Picture:
                     y=found["columns"][key],
                     name=name,
                     mode="lines",
-                    line={"color": LINES[n], "width": 1.8},
+                    line={"color": CURVE_COLOURS[n], "width": 1.8},
                     showlegend=len(curves) > 1,
                 ),
                 row=row,
                 col=1,
             )
-        figure.update_yaxes(title_text=words, row=row, col=1)
+        figure.update_yaxes(title_text=title, row=row, col=1)
     figure.add_hline(
         y=found["lug_height_mm"],
         line={"color": "#888", "dash": "dash", "width": 1},
@@ -218,45 +254,40 @@ def cycle_picture(found: dict[str, Any]) -> Picture:
         row=1,
         col=1,
     )
-    shade(figure, found)
-    figure.update_xaxes(title_text="time from the blow in ms", row=len(panels), col=1)
+    shade_phases(figure, found)
+    figure.update_xaxes(title_text="time from the blow in ms", row=len(PANELS), col=1)
     figure.update_xaxes(range=[time[0], time[-1]])
-    note = (
-        "Shaded: "
-        + "; ".join(
-            f"{name}: {words}"
-            for name, words in PHASES.items()
-            if any(p["phase"] == name for p in found["phases"])
-        )
-        + "."
-    )
+    present = {p["phase"] for p in found["phases"]}
+    texts = [f"{name}: {phase.text}" for name, phase in PHASES.items() if name in present]
+    note = f"Shaded: {'; '.join(texts)}."
     return Picture("One cycle from blow to blow", style(figure, 1000), note)
 
 
-def shade(figure: go.Figure, found: dict[str, Any]) -> None:
-    """Phases behind all panels, named above the first where there is room; the blow is named to the
-    left of its beginning.
-    """
+def shade_phases(figure: go.Figure, found: dict[str, Any]) -> None:
+    """Shade the phases behind all panels; their names stand above the first panel."""
     for p in found["phases"]:
         look = {
             "x0": p["start_ms"],
             "x1": p["end_ms"],
-            "fillcolor": COLOURS[p["phase"]],
+            "fillcolor": PHASES[p["phase"]].colour,
             "line_width": 0,
             "layer": "below",
         }
-        blow = p["phase"] == "blow"
-        wide = p["end_ms"] - p["start_ms"] > 60 * found["period_s"] or blow
-        named = (
-            {
-                "annotation_text": p["phase"],
-                "annotation_position": "top left",
-                "annotation_yshift": 20,
-            }
-            if wide
-            else {}
-        )
-        named |= {"annotation_xanchor": "right" if blow else "left"} if wide else {}
-        figure.add_vrect(**look, **named, row=1, col=1)
-        for row in range(2, 6):
+        figure.add_vrect(**look, **phase_label(p, 1e3 * found["period_s"]), row=1, col=1)
+        for row in range(2, len(PANELS) + 1):
             figure.add_vrect(**look, row=row, col=1)
+
+
+def phase_label(phase: dict[str, Any], period_ms: float) -> dict[str, Any]:
+    """The annotation that names a phase; a phase too short for its name has none, except the blow,
+    whose name stands left of it.
+    """
+    blow = phase["phase"] == "blow"
+    if not blow and phase["end_ms"] - phase["start_ms"] <= NAMED_SHARE * period_ms:
+        return {}
+    return {
+        "annotation_text": phase["phase"],
+        "annotation_position": "top left",
+        "annotation_yshift": 20,
+        "annotation_xanchor": "right" if blow else "left",
+    }

@@ -1,50 +1,62 @@
-"""Makes firmware/controllers/torque_map.c out of the plant: which level and which current belong to
-a torque (docs/controllers/torque.md).
+"""Makes firmware/controllers/torque_map.c with the plant: the voltage level and the motor current
+that belong to each torque (docs/controllers/torque.md).
 
-python -m vgroove.study.torque_map firmware/controllers/torque_map.c
+`python -m vgroove.study.torque_map firmware/controllers/torque_map.c`
 
-Joints of the fit have slopes other than the controller is judged on. The tool is hammered as the
-firmware does it: sensors in steps of the board, a command that acts a tick later, the filters of
-torque.c.
+The slopes of the fit differ from those on which the controller is judged. The tool is controlled as
+by the firmware: sensors with the resolution of the board, a command that acts one tick later, and
+the filters of torque.c.
 """
 
 import itertools
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from vgroove import _core
+from vgroove.reference.joints import JOINTS
+from vgroove.reference.rigs import reference_rig, with_load
 from vgroove.rig import Rig
-from vgroove.study.impact_runs import JOINTS, impact_rig, with_joint
 
-FIRST_NM, LAST_NM = 40, 120
-K_V_S, R_OHM = 0.0109, 0.19  # nominal motor, as EMF_MV_Q16 and DROP_MV_Q16 of torque.c
-RUN_V, LOOK_S, SETTLE_S = 5.5, 1.2, 2.8
-SLOW_BELOW_V, SLOW_LOOK_S, SLOW_SETTLE_S = 7.0, 1.7, 3.3
+FIRST_NM, LAST_NM = 40, 120  # rows of the map, 1 N m each
+TICK_S = 1e-3
+SUPPLY_LSB_V = 0.025  # resolution of the supply in the firmware
+RUN_V = 5.5  # level of the run-up
 LEVEL_STEP_V = 0.04
-# less than the weakest blows that pass over the lugs turn a joint to: one level only
+# The slip torque is settled this long after the level is reached, and the current is measured
+# before; below SLOW_BELOW_V both take longer.
+MEASURE_S, SETTLE_S = 1.2, 2.8
+SLOW_BELOW_V, SLOW_MEASURE_S, SLOW_SETTLE_S = 7.0, 1.7, 3.3
+MEAN_TICKS = 100  # the measured current is a mean over several blows
+# Smaller targets are below the slip torque that the weakest blows over the lugs lead to: they have
+# a raised level only.
 LEAST_HELD_NM = 60
-HARD_SLOPES = (130.0, 200.0, 330.0, 500.0, 800.0)  # N m/rad, for the torque that a level leads to
-# supply in V, share of the winding resistance
+# In the C table: no current, since the target is below LEAST_HELD_NM.
+NEVER = 255
+# N m/rad, of the slip torque that a level leads to
+HARD_SLOPES = (130.0, 200.0, 330.0, 500.0, 800.0)
+# (supply in V, winding resistance over its nominal value) of the tools of the hard and soft joints
 HELD_TOOLS = ((18.5, 1.0), (16.9, 1.08), (20.1, 0.92))
-DIVIDING_SLOPE, SLOW_DIVIDING_SLOPE = 100.0, 88.0  # softer joints go to the raised level
-# below the least current of a hard joint: where hammering is irregular it says little
+RAISED_TOOLS = ((18.5, 1.0), (17.0, 1.07), (20.0, 0.93))
+DIVIDING_SLOPE, SLOW_DIVIDING_SLOPE = 100.0, 88.0  # N m/rad; softer joints get the raised level
+# The dividing current is at least this far below the least current of a hard joint, since irregular
+# blows scatter it.
 DIVIDING_MARGIN_A = 0.1
 SOFT_SLOPES = (50.0, 58.0, 68.0, 80.0, 94.0, 110.0, 130.0)
-# raised level and the rows that it is for, N m: where the current tells the torque, and a blow is
-# small enough
+# (raised level in V, first and last row in N m): levels at which the current determines the torque
+# and a single blow adds little
 RAISED_V = ((5.6, 40, 57), (8.6, 58, 81), (10.0, 82, 90), (12.7, 91, 105), (13.6, 106, 120))
-NOISE_A = 0.03  # by which the filtered current of the lowest level runs ahead of itself
+EARLY_A = 0.03  # lead of the filtered current on the lowest level, by its noise
 
 
 @dataclass
 class Tool:
-    """Plant and sensors of the board at 1 kHz."""
+    """Plant and sensors of the board at 1 kHz; voltages in V, currents in A."""
 
     plant: _core.ImpactPlant
-    pitch_rad: float = np.pi / 2
+    pitch_rad: float = np.pi / 2  # four edges a turn
     phase_rad: float = 0.3
     time_s: float = 0.0
     angle_rad: float = 0.0
@@ -58,18 +70,19 @@ class Tool:
     duty: float = 0.0
 
     def tick(self, duty: float) -> None:
-        """A millisecond with the last duty; the new one is for the next."""
-        row = self.plant.advance(1e-3, self.duty)
-        self.time_s += 1e-3
+        """Advance a tick with the last duty; the new duty acts in the next tick."""
+        row = self.plant.advance(TICK_S, self.duty)
+        self.time_s += TICK_S
         self._edges(row.angle_rad, row.speed_rad_s)
-        self.current_a, self.supply_v = row.current_a, round(row.supply_v / 0.025) * 0.025
+        self.current_a = row.current_a
+        self.supply_v = round(row.supply_v / SUPPLY_LSB_V) * SUPPLY_LSB_V
         self.given_v, self.duty = self.duty * self.supply_v, duty
 
     def _edges(self, angle_rad: float, rate_rad_s: float) -> None:
         first = int(np.floor((self.angle_rad + self.phase_rad) / self.pitch_rad)) + 1
         last = int(np.floor((angle_rad + self.phase_rad) / self.pitch_rad))
         for edge in range(first, last + 1):
-            at = self.time_s - 1e-3 * (
+            at = self.time_s - TICK_S * (
                 1.0 - self._share(edge * self.pitch_rad - self.phase_rad, angle_rad, rate_rad_s)
             )
             self.period_s, self.edge_s = at - self.edge_s, at
@@ -79,19 +92,23 @@ class Tool:
             self.speed_rad_s = pitch if last >= first else min(self.speed_rad_s, pitch)
 
     def _share(self, target: float, angle_rad: float, rate_rad_s: float) -> float:
+        """Part of the tick at which the angle, a cubic by angles and speeds, passes the target."""
         low, high = 0.0, 1.0
         for _ in range(12):
             h = 0.5 * (low + high)
             value = self.angle_rad * (2 * h**3 - 3 * h * h + 1) + angle_rad * (3 * h * h - 2 * h**3)
-            value += 1e-3 * (self.rate_rad_s * (h**3 - 2 * h * h + h) + rate_rad_s * (h**3 - h * h))
+            value += TICK_S * (
+                self.rate_rad_s * (h**3 - 2 * h * h + h) + rate_rad_s * (h**3 - h * h)
+            )
             low, high = (h, high) if value < target else (low, h)
         return low
 
 
 @dataclass
 class Level:
-    """The filters and the level of torque.c."""
+    """The filters and the voltage level of torque.c for the nominal motor of `rig`."""
 
+    rig: Rig
     goal_v: float = RUN_V
     level_v: float = 0.0
     taken_v: float = -0.25
@@ -100,16 +117,18 @@ class Level:
     current_a: float = 0.0
     slow_a: float = 0.0
     ticks: int = 0
-    rows: list[tuple[float, ...]] = field(default_factory=list)
 
     def tick(self, tool: Tool) -> None:
-        """One step: measures, moves the level, commands."""
+        """One tick: filter the measurements, move the level, command the duty."""
+        k, resistance = (
+            self.rig.motor[key] for key in ("torque_constant_nm_per_a", "resistance_ohm")
+        )
         self.ticks += 1
         self.quick_a += (tool.current_a - self.quick_a) / 32
         self.current_a += (self.quick_a - self.current_a) / 32
         self.slow_a += (self.current_a - self.slow_a) / 64
-        own_v = K_V_S * tool.speed_rad_s + R_OHM * tool.current_a
-        self.excess_v += (tool.given_v - own_v - self.excess_v) / 64
+        motor_v = k * tool.speed_rad_s + resistance * tool.current_a
+        self.excess_v += (tool.given_v - motor_v - self.excess_v) / 64
         if self.ticks > 100:
             self.taken_v += (self.excess_v - self.taken_v) / 128
         rate = 0.03 if self.goal_v == RUN_V else 0.008
@@ -118,18 +137,18 @@ class Level:
 
     @property
     def arrived(self) -> bool:
-        """On the level that it was sent to."""
+        """Whether the level has reached its goal."""
         return self.level_v == self.goal_v
 
-    def told_a(self, raised_v: float) -> float:
-        """The current that the map is of, as told_a_q8."""
+    def map_current_a(self, raised_v: float) -> float:
+        """The filtered current over which the map is made, as in torque.c."""
         if raised_v < 11.0:
             return self.current_a if 8.0 < raised_v < 9.2 else self.slow_a
         return self.current_a + 0.75 * (self.current_a - self.slow_a)
 
 
 class Run:
-    """One joint, from rest to blows on the run level."""
+    """One joint, from rest to blows on the level RUN_V."""
 
     def __init__(
         self, rig: Rig, slope: float, supply_v: float = 18.5, resistance: float = 1.0
@@ -138,19 +157,20 @@ class Run:
             "supply.voltage_v": supply_v,
             "motor.resistance_ohm": rig.motor["resistance_ohm"] * resistance,
         }
-        here = with_joint(rig, {**JOINTS["hard_joint"], "slip_slope_nm_per_rad": slope}, values)
+        self.load = {**JOINTS["hard_joint"].load, "slip_slope_nm_per_rad": slope}
+        here = with_load(rig, self.load, values)
         self.tool = Tool(_core.ImpactPlant(here.parameters(), "hard_joint"), supply_v=supply_v)
-        self.level, self.slope = Level(), slope
+        self.level, self.slope = Level(rig), slope
         while self.level.ticks < 100 or (self.level.current_a < 9.0 and self.level.ticks < 1500):
             self.level.tick(self.tool)
 
     @property
     def torque_nm(self) -> float:
         """Slip torque of the joint."""
-        return 0.3 + self.slope * self.tool.plant.head_rad
+        return self.load["run_torque_nm"] + self.slope * self.tool.plant.head_rad
 
     def go(self, level_v: float, seconds: float) -> None:
-        """To a level, and so long on it."""
+        """Move to a level and remain on it for `seconds`."""
         self.level.goal_v = level_v
         while not self.level.arrived:
             self.level.tick(self.tool)
@@ -158,39 +178,42 @@ class Run:
             self.level.tick(self.tool)
 
 
-def look(run: Run, level_v: float) -> float:
-    """The slow current when the controller looks, a mean over some blows."""
-    run.go(level_v, (SLOW_LOOK_S if level_v < SLOW_BELOW_V else LOOK_S) - 0.05)
+def measured_a(run: Run, level_v: float) -> float:
+    """The slow current on a level at the time of the controller's decision, a mean over
+    MEAN_TICKS.
+    """
+    run.go(level_v, (SLOW_MEASURE_S if level_v < SLOW_BELOW_V else MEASURE_S) - 0.05)
     current = 0.0
-    for _ in range(100):
+    for _ in range(MEAN_TICKS):
         run.level.tick(run.tool)
-        current += run.level.slow_a / 100
+        current += run.level.slow_a / MEAN_TICKS
     return current
 
 
 def held(rig: Rig, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each level: torques where hard joints settle (n, joints), and the current that divides
-    them from soft ones (n,).
+    """For each level (n,): the settled torques of hard joints (n, joints), and the current that
+    divides hard from soft joints (n,).
     """
     torque, current = (
         np.zeros((len(levels), len(HARD_SLOPES) * len(HELD_TOOLS))),
         np.zeros(len(levels)),
     )
     for n, level in enumerate(levels):
-        looked = []
+        hard_a = []
         for m, (slope, tool) in enumerate(itertools.product(HARD_SLOPES, HELD_TOOLS)):
             run = Run(rig, slope, *tool)
-            looked.append(look(run, level))
+            hard_a.append(measured_a(run, level))
             run.go(level, (SLOW_SETTLE_S if level < SLOW_BELOW_V else SETTLE_S) - 0.05)
             torque[n, m] = run.torque_nm
         dividing = SLOW_DIVIDING_SLOPE if level < SLOW_BELOW_V else DIVIDING_SLOPE
-        current[n] = min(look(Run(rig, dividing), level), min(looked) - DIVIDING_MARGIN_A)
+        soft_a = measured_a(Run(rig, dividing), level)
+        current[n] = min(soft_a, min(hard_a) - DIVIDING_MARGIN_A)
     return torque, current
 
 
 def choose_levels(torque: np.ndarray) -> np.ndarray:
-    """Index of the level of each torque from LEAST_HELD_NM on: the one that leads no joint far from
-    it, nor do those a step beside.
+    """Index (targets,) of the level for each torque from LEAST_HELD_NM on: the level whose largest
+    error over all joints (levels, joints) is least, the neighbouring levels weighted by half.
     """
     targets = np.arange(LEAST_HELD_NM, LAST_NM + 1)
     wrong = np.abs(torque[None] - targets[:, None, None]).max(axis=2)
@@ -199,34 +222,39 @@ def choose_levels(torque: np.ndarray) -> np.ndarray:
 
 
 def raised(rig: Rig, level_v: float, first_nm: int, last_nm: int, before_v: float) -> np.ndarray:
-    """Current on a raised level at each torque first..last: cubic over the joints, each weighted
-    alike.
+    """Current in A on a raised level at each torque first_nm..last_nm: a cubic through the points
+    of all soft joints, each joint with the same weight.
     """
     points = []
-    for slope in SOFT_SLOPES:
-        for supply_v, resistance in ((18.5, 1.0), (17.0, 1.07), (20.0, 0.93)):
-            run = Run(rig, slope, supply_v, resistance)
-            if before_v > RUN_V:
-                run.go(before_v, LOOK_S)
-            run.go(level_v, 0.12)
-            one = []
-            while run.torque_nm < last_nm + 4 and run.tool.time_s < 9.0:
-                run.level.tick(run.tool)
-                if run.torque_nm > first_nm - 3:
-                    one.append((run.torque_nm, run.level.told_a(level_v)))
-            if len(one) > 40:
-                thinned = np.array(one)[:: max(len(one) // 200, 1)]
-                points.append(
-                    np.column_stack([thinned, np.full(len(thinned), len(thinned) ** -0.5)])
-                )
+    for slope, tool in itertools.product(SOFT_SLOPES, RAISED_TOOLS):
+        run = Run(rig, slope, *tool)
+        if before_v > RUN_V:
+            run.go(before_v, MEASURE_S)
+        run.go(level_v, 0.12)
+        one = raised_points(run, level_v, first_nm, last_nm)
+        if len(one) > 40:
+            thinned = np.array(one)[:: max(len(one) // 200, 1)]
+            points.append(np.column_stack([thinned, np.full(len(thinned), len(thinned) ** -0.5)]))
     t, current, weight = np.concatenate(points).T
     fit = np.polynomial.Polynomial.fit(t, current, 3, w=weight)
-    early_a = NOISE_A if level_v < RUN_V + 0.5 else 0.0
+    early_a = EARLY_A if level_v < RUN_V + 0.5 else 0.0
     return np.maximum.accumulate(fit(np.arange(first_nm, last_nm + 1))) + early_a
 
 
+def raised_points(
+    run: Run, level_v: float, first_nm: int, last_nm: int
+) -> list[tuple[float, float]]:
+    """(torque in N m, current in A) of each tick while the torque passes first_nm..last_nm."""
+    points = []
+    while run.torque_nm < last_nm + 4 and run.tool.time_s < 9.0:
+        run.level.tick(run.tool)
+        if run.torque_nm > first_nm - 3:
+            points.append((run.torque_nm, run.level.map_current_a(level_v)))
+    return points
+
+
 def tables(rig: Rig) -> dict[str, np.ndarray]:
-    """level, settled, raised, stop of each row, in V and A; NaN where a row has no level."""
+    """Columns level, settled, raised, stop (rows,), in V and A; NaN where a row has no level."""
     targets = np.arange(FIRST_NM, LAST_NM + 1)
     levels = np.round(np.arange(5.4, 11.84, LEVEL_STEP_V) / LEVEL_STEP_V) * LEVEL_STEP_V
     torque, dividing = held(rig, levels)
@@ -246,7 +274,8 @@ def tables(rig: Rig) -> dict[str, np.ndarray]:
 
 
 def _bytes(name: str, values: np.ndarray, kind: str) -> str:
-    lines = [", ".join(str(int(v)) for v in values[n : n + 20]) for n in range(0, len(values), 20)]
+    cells = ["NEVER" if v == NEVER else str(int(v)) for v in values]
+    lines = [", ".join(cells[n : n + 12]) for n in range(0, len(cells), 12)]
     return (
         f"static const {kind} {name}[TORQUE_MAP_ROWS] FLASH_TABLE = {{\n    "
         + ",\n    ".join(lines)
@@ -255,9 +284,9 @@ def _bytes(name: str, values: np.ndarray, kind: str) -> str:
 
 
 def source(table: dict[str, np.ndarray]) -> str:
-    """The C file."""
+    """The text of the C file."""
     level = np.round((np.nan_to_num(table["level"], nan=5.0) - 5.0) / LEVEL_STEP_V)
-    settled = np.round(np.nan_to_num((table["settled"] - 12.0) * 16, nan=255))
+    settled = np.round(np.nan_to_num((table["settled"] - 12.0) * 16, nan=NEVER))
     lifted = np.round((table["raised"] - 5.0) / LEVEL_STEP_V)
     stop = np.round(table["stop"] * 256)
     return TEMPLATE.format(
@@ -268,7 +297,8 @@ def source(table: dict[str, np.ndarray]) -> str:
     )
 
 
-TEMPLATE = """// Rows of 1 N m, see torque_map.h; made by hil/vgroove/study/torque_map.py, not by hand.
+TEMPLATE = """\
+// Tables of torque_map.h; generated by hil/vgroove/study/torque_map.py: edit that, not this.
 #include "controllers/torque_map.h"
 
 #include "core/flash.h"
@@ -276,11 +306,11 @@ TEMPLATE = """// Rows of 1 N m, see torque_map.h; made by hil/vgroove/study/torq
 #define LEAST_MV 5000
 #define STEP_MV 40
 #define LEAST_A_Q8 (12 * 256)
-#define NONE 255u
+#define NEVER 255u  // no current: the target is too low for a joint to settle at its level
 
 // clang-format off
 {level}
-// Above 12 A.
+// Current above LEAST_A_Q8 in 1/16 A.
 {settled}
 {raised}
 {stop}// clang-format on
@@ -291,7 +321,7 @@ int16_t torque_map_level_mv(uint8_t row) {{
 
 int16_t torque_map_settled_a_q8(uint8_t row) {{
     const uint8_t settled = FLASH_U8(&settled_a_q4[row]);
-    return settled == NONE ? TORQUE_MAP_NEVER : (int16_t)(LEAST_A_Q8 + settled * 16);
+    return settled == NEVER ? TORQUE_MAP_NEVER : (int16_t)(LEAST_A_Q8 + settled * 16);
 }}
 
 int16_t torque_map_raised_mv(uint8_t row) {{
@@ -305,8 +335,8 @@ int16_t torque_map_stop_a_q8(uint8_t row) {{
 
 
 def main() -> None:
-    """Writes the file named on the command line."""
-    Path(sys.argv[1]).write_text(source(tables(impact_rig(None))), encoding="utf-8")
+    """Write the file named on the command line."""
+    Path(sys.argv[1]).write_text(source(tables(reference_rig())), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -12,8 +12,8 @@ extern "C" {
 namespace {
 
 constexpr double V = 1000.0;
-const SyncSetpoints BY_SPEED{SYNC_METHOD_SPEED, 14200, 15500, 393, 1966, 12800},
-    BY_CURRENT{SYNC_METHOD_CURRENT, 14200, 15500, 393, 1966, 12800};
+const SyncSetpoints BY_SPEED{CONTROLLER_METHOD_SPEED, 14200, 15500, 393, 1966, 12800},
+    BY_CURRENT{CONTROLLER_METHOD_CURRENT, 14200, 15500, 393, 1966, 12800};
 
 ControllerInputs inputs(double travel, double supply_v, double current_a = 25.0) {
     return {static_cast<int16_t>(travel * 32767),
@@ -156,7 +156,7 @@ TEST_P(SyncMethods, WhateverComesTheDutyIsOne) {
 
 INSTANTIATE_TEST_SUITE_P(Methods, SyncMethods, ::testing::Values(BY_SPEED, BY_CURRENT),
                          [](const auto &set) {
-                             return set.param.method == SYNC_METHOD_SPEED ? "Speed" : "Current";
+                             return set.param.method == CONTROLLER_METHOD_SPEED ? "Speed" : "Current";
                          });
 
 TEST(Sync, DeepDipsRaiseAndShallowOnesLower) {

@@ -39,7 +39,7 @@ struct Drive {
     Blow blow{};
     int16_t duty_q15 = 0;
 
-    explicit Drive(uint8_t method = VIBRATION_BY_CURRENT) : set(setpoints(method)) {
+    explicit Drive(uint8_t method = CONTROLLER_METHOD_CURRENT) : set(setpoints(method)) {
         vibration_start(&self, &set);
     }
     int16_t step(double rpm, int16_t trigger_q15 = FULL, int16_t travel_q15 = 0) {
@@ -67,7 +67,7 @@ struct Drive {
 
 class BothMethods : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Vibration, BothMethods,
-                         testing::Values(VIBRATION_BY_SPEED, VIBRATION_BY_CURRENT));
+                         testing::Values(CONTROLLER_METHOD_SPEED, CONTROLLER_METHOD_CURRENT));
 
 TEST_P(BothMethods, ApproachesWithLittleDuty) {
     Drive drive(static_cast<uint8_t>(GetParam()));
@@ -149,7 +149,7 @@ TEST(Vibration, AWeakBatterySurgesWithLess) {
                                  {16.0, 42, 30.5},
                                  {16.0, 20, 20},
                                  {18.5, 20, 20}}) {
-        VibrationSetpoints set = setpoints(VIBRATION_BY_CURRENT);
+        VibrationSetpoints set = setpoints(CONTROLLER_METHOD_CURRENT);
         set.surge_a_q9 = static_cast<int16_t>(512 * wanted.set_a);
         Vibration self{};
         const Blow blow{};

@@ -109,7 +109,7 @@ uint8_t shim_board_tick(ShimBoard *board, const TelemetryInputs *wanted, const T
 // 0: no frame yet, 1: executed, 2: answered only; 3: the byte must wait for the ACK before it.
 uint8_t shim_board_receive(ShimBoard *board, uint8_t byte, bool idle, uint8_t *result) {
     Command command;
-    if (telemetry_ack_waits(&board->telemetry)) {
+    if (telemetry_ack_pending(&board->telemetry)) {
         return 3;
     }
     if (!command_next(&board->parser, byte, &command)) {

@@ -109,7 +109,7 @@ TEST(CommandParser, AStepLooksAtFewBytes) {
     for (const std::uint8_t byte : starts)
         command_byte(&parser, byte);
     int steps = 0, last = parser.count;
-    for (; !command_wants(&parser); ++steps, last = parser.count) {
+    for (; !command_reading(&parser); ++steps, last = parser.count) {
         EXPECT_FALSE(command_step(&parser, &command));
         ASSERT_LE(last - parser.count, 4);
     }

@@ -95,13 +95,13 @@ TEST(Telemetry, ASlowFrameTakesTwoTicksAndIsHeldWhenAsked) {
     Line line;
     for (int k = 0; k < 500; ++k)
         line.tick();
-    ASSERT_FALSE(telemetry_slow_waits(&line.telemetry));
+    ASSERT_FALSE(telemetry_slow_pending(&line.telemetry));
     const TelemetryAck ack{};
     telemetry_ack(&line.telemetry, &ack);
-    EXPECT_TRUE(telemetry_slow_waits(&line.telemetry));
+    EXPECT_TRUE(telemetry_slow_pending(&line.telemetry));
     line.in.hold_slow = true;
     line.tick();
-    EXPECT_TRUE(telemetry_ack_waits(&line.telemetry));
+    EXPECT_TRUE(telemetry_ack_pending(&line.telemetry));
     line.in.hold_slow = false;
     line.tick();
     EXPECT_EQ(line.frames.size(), 1u) << "packed";

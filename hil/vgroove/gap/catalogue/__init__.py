@@ -1,0 +1,164 @@
+"""The catalogue of effects: one entry an effect. Everything that needs a list of effects asks here.
+
+The modules are named after the subsystems; loads/ holds one entry a kind of load. Standard library
+only, with relative imports: the plant's build imports this package by itself to write the plant's
+parameters (plant/generate_effects.py).
+"""
+
+from collections.abc import Iterable
+
+from . import (
+    bridge,
+    gearbox,
+    load,
+    mechanism,
+    motor_electrical,
+    motor_mechanical,
+    sensor_current,
+    sensor_speed,
+    sensor_supply,
+    supply,
+    timing,
+)
+from .entry import OUTPUT_TURN, Effect, Form, Load, LoadKey, Parameter, Periodic, Scales
+from .loads import DIAGNOSED_LOADS, JOINTS, LOADS, load_parameters
+
+__all__ = [
+    "BY_ID",
+    "CATALOGUE",
+    "DIAGNOSED_LOADS",
+    "FLAGS_BEYOND_SPECIFICATION",
+    "FRICTION_LAWS",
+    "JOINTS",
+    "LESS_LIKELY",
+    "LOADS",
+    "NEEDS",
+    "OUTPUT_TURN",
+    "PERIODIC",
+    "SENSORS",
+    "SPECIAL_CASES",
+    "Effect",
+    "Form",
+    "Load",
+    "LoadKey",
+    "Parameter",
+    "Periodic",
+    "Scales",
+    "available",
+    "contains",
+    "equations",
+    "equations_and_sensors",
+    "equivalents",
+    "load_parameters",
+]
+
+_SUBSYSTEMS = (
+    supply,
+    bridge,
+    motor_electrical,
+    motor_mechanical,
+    gearbox,
+    mechanism,
+    load,
+    sensor_current,
+    sensor_speed,
+    sensor_supply,
+    timing,
+)
+
+CATALOGUE: tuple[Effect, ...] = tuple(e for module in _SUBSYSTEMS for e in module.EFFECTS)
+BY_ID = {effect.id: effect for effect in CATALOGUE}
+SUBSYSTEMS = tuple(dict.fromkeys(effect.subsystem for effect in CATALOGUE))
+SENSORS = frozenset(name for name in SUBSYSTEMS if name.startswith("sensor_"))
+
+# What a log must hold to show an effect: the flags of Effect.needs in words.
+NEEDS = {
+    "voltage": "a voltage drives the model",
+    "duty": "a duty drives the model",
+    "current_input": "a current drives the model",
+    "current": "a judged current",
+    "speed": "a judged speed",
+    "supply": "a judged bus voltage",
+    "edges": "a speed made from Hall edges",
+    "both": "both directions of rotation",
+    "load": "a known load torque or a pendulum",
+    "gear": "a gear ratio above 1",
+    "output": "a load or an inertia behind the gear",
+    "impact": "an impact mechanism",
+}
+
+# General effects and the special cases that they contain as a limit: a rival that only generalises
+# the selected effect is no rival.
+SPECIAL_CASES: dict[str, tuple[str, ...]] = {
+    general.id: specials
+    for general in CATALOGUE
+    if (specials := tuple(e.id for e in CATALOGUE if general.id in e.special_case_of))
+}
+FRICTION_LAWS = frozenset(e.id for e in CATALOGUE if e.friction_law)
+PERIODIC = {e.id: e.periodic for e in CATALOGUE if e.periodic}
+FLAGS_BEYOND_SPECIFICATION = tuple(
+    e.flag_name for e in CATALOGUE if e.form and e.form.beyond_specification
+)
+LESS_LIKELY = frozenset(e.id for e in CATALOGUE if e.less_likely)
+
+# Equations of the model that the effects of a subsystem enter, where an entry states no others.
+_EQUATIONS = {
+    "supply": ("voltage",),
+    "bridge": ("voltage",),
+    "motor_electrical": ("voltage",),
+    "motor_mechanical": ("torque",),
+    "gearbox": ("torque",),
+    "timing": ("command",),
+}
+
+
+def equations(effect_id: str) -> frozenset[str]:
+    """Equations of the model that an effect enters; a sensor's is its own."""
+    effect = BY_ID[effect_id]
+    return frozenset(effect.equations or _EQUATIONS.get(effect.subsystem, (effect.subsystem,)))
+
+
+def equations_and_sensors(effect_id: str) -> frozenset[str]:
+    """Equations in which an error of an effect's form can imitate a further effect: its own, and
+    those of all sensors, which show everything but one another.
+    """
+    own = equations(effect_id)
+    return own if BY_ID[effect_id].subsystem in SENSORS else own | SENSORS
+
+
+def _classes(flags: frozenset[str]) -> list[tuple[str, ...]]:
+    """Equivalence classes on logs with these flags of NEEDS, the likelier member first."""
+    return [
+        (effect.id, other)
+        for effect in CATALOGUE
+        for other, conditions in effect.identical_to
+        if set(conditions) <= flags
+    ]
+
+
+def equivalents(effect_id: str, flags: frozenset[str]) -> tuple[str, ...]:
+    """Other members of the effect's equivalence class on logs with these flags (docs/spec/gap.md,
+    section 3): no such run tells them apart.
+    """
+    classes = _classes(flags)
+    return tuple(o for group in classes if effect_id in group for o in group if o != effect_id)
+
+
+def contains(general: tuple[str, ...], special: tuple[str, ...]) -> bool:
+    """Whether the general set contains the special one: equal members, members that generalise
+    others, or further members.
+    """
+    rest = list(special)
+    for effect in general:
+        covered = next((s for s in rest if s == effect or s in SPECIAL_CASES.get(effect, ())), None)
+        if covered is not None:
+            rest.remove(covered)
+    return not rest
+
+
+def available(flags: frozenset[str], without: Iterable[str] = ()) -> list[Effect]:
+    """Effects that logs with these flags can show; of an equivalence class the likelier member."""
+    chosen = [e for e in CATALOGUE if e.id not in without and set(e.needs) <= flags]
+    present = {e.id for e in chosen}
+    implied = {group[1] for group in _classes(flags) if group[0] in present}
+    return [e for e in chosen if e.id not in implied]

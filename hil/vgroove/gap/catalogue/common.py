@@ -1,0 +1,77 @@
+"""Parameters that several effects share: a relative change, a resistance, a torque, a lag."""
+
+from .entry import (
+    NO_LOWER_BOUND,
+    ZERO,
+    OfScales,
+    Parameter,
+    constant,
+)
+from .keys import ANY, NOT_NEGATIVE, POSITIVE, RELATIVE
+
+PHASE = Parameter("phase_rad", "rad", constant(1.0), reported=False, key=ANY.optional())
+
+
+def relative(size: float, bound: float = 0.9, high: float | None = None) -> Parameter:
+    """A factor 1 + relative on a value of the rig, searched within +-bound, or up to high."""
+    return Parameter(
+        "relative",
+        "1",
+        constant(size),
+        constant(-bound),
+        constant(bound if high is None else high),
+        key=RELATIVE,
+    )
+
+
+def series_resistance(low: OfScales = ZERO) -> Parameter:
+    """A resistance in the circuit: typically 2 % of the voltage at the logged current."""
+    return Parameter(
+        "resistance_ohm", "ohm", lambda s: 0.02 * s.volt / s.amp, low, lambda s: s.volt / s.amp
+    )
+
+
+def torque(
+    name: str = "torque_nm", low: OfScales = NO_LOWER_BOUND, starts: tuple[float, ...] = (0.0,)
+) -> Parameter:
+    """A torque: typically 3 % of the logged motor torque."""
+    return Parameter(name, "N m", lambda s: 0.03 * s.torque, low, lambda s: 2.0 * s.torque, starts)
+
+
+def viscous(low: OfScales = NO_LOWER_BOUND, starts: tuple[float, ...] = (0.0,)) -> Parameter:
+    """A torque per speed: typically 3 % of the logged motor torque at the logged speed."""
+    return Parameter(
+        "nm_s_per_rad",
+        "N m s/rad",
+        lambda s: 0.03 * s.torque / s.speed,
+        low,
+        lambda s: 3.0 * s.torque / s.speed,
+        starts,
+    )
+
+
+def time_constant(name: str, starts: tuple[float, ...], neutral: float = 1.0) -> Parameter:
+    """A time constant of the order of the log's length."""
+    return Parameter(
+        name,
+        "s",
+        lambda s: s.duration,
+        lambda s: 0.05 * s.duration,
+        lambda s: 20.0 * s.duration,
+        starts,
+        key=POSITIVE,
+        neutral=neutral,
+    )
+
+
+def sensor_lag() -> Parameter:
+    """A time constant of the order of two rows."""
+    return Parameter(
+        "time_constant_s",
+        "s",
+        lambda s: 2.0 * s.interval,
+        ZERO,
+        constant(0.1),
+        least=0.01,
+        key=NOT_NEGATIVE,
+    )

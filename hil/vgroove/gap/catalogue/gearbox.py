@@ -1,0 +1,130 @@
+"""Effects of the gear and of the coupling behind it."""
+
+from .common import PHASE, torque
+from .entry import (
+    OFF_AT_INFINITY,
+    OUTPUT_TURN,
+    ZERO,
+    Effect,
+    Parameter,
+    Periodic,
+    Scales,
+    constant,
+)
+from .keys import NOT_NEGATIVE, POSITIVE
+
+# Natural frequency, rad/s, of steel teeth in contact against the inertia of both sides: an estimate
+# that holds within a factor of three.
+TOOTH_CONTACT_RAD_S = 4000.0
+
+
+def _tooth_stiffness(s: Scales) -> float:
+    """Stiffness, N m/rad, at which the reduced inertia of both sides oscillates with
+    TOOTH_CONTACT_RAD_S; an output side of at least 1 % of the inertia is assumed.
+    """
+    return TOOTH_CONTACT_RAD_S**2 * s.motor_inertia * max(1.0 - s.motor_inertia / s.inertia, 0.01)
+
+
+# The flanks that end a play are the coupler's spring and damper in a rig. No data sheet states
+# their coefficient of restitution (starts: 0.8, 0.7 and 0.6), and a few per cent of it decide where
+# in the play the next reversal finds the output side: they are nuisance parameters.
+FLANKS = (
+    Parameter(
+        "stiffness_nm_per_rad",
+        "N m/rad",
+        _tooth_stiffness,
+        lambda s: 0.1 * _tooth_stiffness(s),
+        lambda s: 10.0 * _tooth_stiffness(s),
+        (0.5,),
+        reported=False,
+        of="coupler_compliance",
+    ),
+    Parameter(
+        "damping_ratio",
+        "1",
+        lambda s: 0.1 * (s.motor_inertia / s.inertia) ** 0.5,
+        constant(0.002),
+        constant(1.0),
+        (0.7, 1.1, 1.7),
+        step=0.02,
+        reported=False,
+        of="coupler_compliance",
+    ),
+)
+
+EFFECTS = (
+    Effect(
+        "load_dependent_friction",
+        "gearbox",
+        "T + relative abs(TL) / N sign(w); with an impact mechanism TL / N is k i",
+        (Parameter("relative", "1", constant(0.05), ZERO, constant(2.0)),),
+        needs=("load",),
+        switch=("relative",),
+    ),
+    Effect(
+        "gear_eccentricity",
+        "gearbox",
+        "T + torque_nm sin(th / N + phase_rad)",
+        (torque(), PHASE),
+        needs=("gear",),
+        periodic=Periodic("torque_nm", OUTPUT_TURN),
+        special_case_of=("cogging_torque",),
+        switch=("torque_nm",),
+    ),
+    Effect(
+        "coupler_compliance",
+        "gearbox",
+        "mechanism `none`, at the motor shaft: the output side J2 = J_out / N^2 + inertia_kg_m2 moves behind a "
+        "spring, c = 2 damping_ratio sqrt(stiffness_nm_per_rad J2); mechanism `impact`: "
+        "between anvil and joint, J2 = inertia_kg_m2",
+        (
+            Parameter(
+                "stiffness_nm_per_rad",
+                "N m/rad",
+                lambda s: s.inertia * 100.0**2,
+                lambda s: s.inertia * 10.0**2,
+                lambda s: s.inertia * 3000.0**2,
+                tuple(0.02 * 1.4**n for n in range(20)),
+                key=POSITIVE,
+                neutral=OFF_AT_INFINITY,
+            ),
+            Parameter(
+                "damping_ratio",
+                "1",
+                constant(0.05),
+                constant(0.002),
+                constant(1.0),
+                (1.0,),
+                key=NOT_NEGATIVE,
+            ),
+            Parameter(
+                "inertia_kg_m2",
+                "kg m2",
+                lambda s: 0.1 * s.inertia,
+                ZERO,
+                lambda s: 20.0 * s.inertia,
+                (0.02, 1.0),
+                key=NOT_NEGATIVE,
+            ),
+        ),
+        less_likely=True,
+    ),
+    Effect(
+        "gear_backlash",
+        "gearbox",
+        "the output side follows only after play_rad (total, at the output)",
+        (
+            Parameter(
+                "play_rad",
+                "rad",
+                constant(0.02),
+                ZERO,
+                constant(1.0),
+                tuple(0.25 * 1.25**n for n in range(23)),
+                key=NOT_NEGATIVE,
+            ),
+            *FLANKS,
+        ),
+        needs=("output",),
+    ),
+)

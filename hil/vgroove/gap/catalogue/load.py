@@ -1,0 +1,45 @@
+"""Effects of the joint."""
+
+from .common import relative
+from .entry import Effect, Parameter, constant
+
+SLIPPING = ("hard_joint", "disc_spring", "wood_screw")
+
+EFFECTS = (
+    Effect(
+        "joint_stiffness",
+        "load",
+        "K (1 + relative)",
+        (relative(0.1, high=9.0),),
+        needs=("impact",),
+        loads=("locked", *SLIPPING),
+    ),
+    Effect(
+        "thread_friction",
+        "load",
+        "slip torque (1 + relative); disc springs: its friction part",
+        (relative(0.1, high=9.0),),
+        needs=("impact",),
+        loads=SLIPPING,
+    ),
+    Effect(
+        "joint_hysteresis",
+        "load",
+        "disc springs: spring force (1 - relative) while loosening",
+        (Parameter("relative", "1", constant(0.1), constant(0.0), constant(0.9)),),
+        needs=("impact",),
+        loads=("disc_spring",),
+    ),
+    Effect(
+        "wood_knot",
+        "load",
+        "slip torque + torque_nm between the head angles from_rad and to_rad",
+        (
+            Parameter("torque_nm", "N m", constant(1.0), constant(0.0), constant(100.0)),
+            Parameter("from_rad", "rad", constant(1.0)),
+            Parameter("to_rad", "rad", constant(1.0)),
+        ),
+        needs=("impact",),
+        loads=SLIPPING,
+    ),
+)

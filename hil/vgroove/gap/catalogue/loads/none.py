@@ -1,0 +1,5 @@
+"""No load: the output shaft is free; the anvil of an impact mechanism meets nothing."""
+
+from ..entry import Load
+
+LOAD = Load("none", "no torque", diagnosed=True)

@@ -1,0 +1,48 @@
+"""Effects of the current sensor."""
+
+from .common import relative, sensor_lag
+from .entry import OFF_AT_INFINITY, Effect, Parameter
+from .keys import POSITIVE
+
+EFFECTS = (
+    Effect(
+        "current_lag",
+        "sensor_current",
+        "first-order filter of the current",
+        (sensor_lag(),),
+        needs=("current",),
+        switch=("time_constant_s",),
+    ),
+    Effect(
+        "current_gain",
+        "sensor_current",
+        "i (1 + relative)",
+        (relative(0.03, 0.8),),
+        needs=("current",),
+    ),
+    Effect(
+        "current_offset",
+        "sensor_current",
+        "i + offset_a",
+        (Parameter("offset_a", "A", lambda s: 0.02 * s.amp, lambda s: -s.amp, lambda s: s.amp),),
+        needs=("current",),
+    ),
+    Effect(
+        "current_saturation",
+        "sensor_current",
+        "clipped at +-limit_a",
+        (
+            Parameter(
+                "limit_a",
+                "A",
+                lambda s: 0.05 * s.amp,
+                lambda s: 0.2 * s.amp,
+                lambda s: 2.0 * s.amp,
+                (20.0,),
+                key=POSITIVE,
+                neutral=OFF_AT_INFINITY,
+            ),
+        ),
+        needs=("current",),
+    ),
+)

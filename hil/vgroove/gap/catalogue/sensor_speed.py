@@ -1,0 +1,41 @@
+"""Effects of the speed sensor."""
+
+from .common import PHASE, relative, sensor_lag
+from .entry import ZERO, Effect, Form, Parameter, Periodic, constant
+from .keys import PROBABILITY
+
+EFFECTS = (
+    Effect(
+        "speed_gain", "sensor_speed", "w (1 + relative)", (relative(0.02, 0.5),), needs=("speed",)
+    ),
+    Effect(
+        "speed_lag",
+        "sensor_speed",
+        "first-order filter, or pure delay of time_constant_s",
+        (sensor_lag(),),
+        needs=("speed",),
+        form=Form("form", ("filter", "delay"), "delay_form"),
+    ),
+    Effect(
+        "hall_eccentricity",
+        "sensor_speed",
+        "measured angle th + amplitude_rad sin(th + phase_rad)",
+        (Parameter("amplitude_rad", "rad", constant(0.02), high=constant(0.5)), PHASE),
+        needs=("edges",),
+        periodic=Periodic("amplitude_rad", 1.0, moves_shaft=False),
+        remark="a once-per-turn error of measured speed and angle, not of the shaft",
+        switch=("amplitude_rad",),
+    ),
+    Effect(
+        "hall_dropout",
+        "sensor_speed",
+        "each edge is missed with that probability",
+        (
+            Parameter(
+                "probability", "1", constant(0.01), ZERO, constant(0.5), (1.0,), key=PROBABILITY
+            ),
+        ),
+        needs=("edges",),
+        remark="single speeds are far too low",
+    ),
+)

@@ -1,0 +1,32 @@
+"""Effects of the supply."""
+
+from .common import series_resistance, time_constant
+from .entry import ZERO, Effect, Parameter
+
+EFFECTS = (
+    Effect(
+        "supply_resistance",
+        "supply",
+        "Vs = Voc - (Rs + resistance_ohm) d i",
+        (series_resistance(lambda s: -s.supply_ohm),),
+        needs=("voltage",),
+        special_case_of=("supply_droop",),
+    ),
+    Effect(
+        "supply_droop",
+        "supply",
+        "Voc falls by volt_per_coulomb * q + vp; q' = d i; "
+        "vp' = (polarisation_ohm d i - vp) / polarisation_s",
+        (
+            Parameter(
+                "volt_per_coulomb", "V/C", lambda s: 0.02 * s.volt / (s.amp * s.duration), ZERO
+            ),
+            Parameter(
+                "polarisation_ohm", "ohm", lambda s: 0.02 * s.volt / s.amp, ZERO, starts=(0.5,)
+            ),
+            time_constant("polarisation_s", (0.1, 0.6)),
+        ),
+        needs=("voltage",),
+        switch=("volt_per_coulomb", "polarisation_ohm"),
+    ),
+)

@@ -1,0 +1,34 @@
+"""Effects of the clocks: a late command, a clock that runs fast or slow."""
+
+from .entry import Effect, Form, Parameter, constant
+from .keys import NOT_NEGATIVE, SKEW
+
+EFFECTS = (
+    Effect(
+        "transport_delay",
+        "timing",
+        "whatever column drives the model acts delay_s late",
+        (
+            Parameter(
+                "delay_s",
+                "s",
+                lambda s: 2.0 * s.interval,
+                lambda s: s.least_delay,
+                constant(0.1),
+                (0.0, 4.0),
+                key=NOT_NEGATIVE,
+            ),
+        ),
+    ),
+    Effect(
+        "clock_skew",
+        "timing",
+        "time stamps t (1 + relative), the logger's (all columns) or the command column's",
+        (Parameter("relative", "1", constant(0.01), constant(-0.05), constant(0.05), key=SKEW),),
+        remark="within +-0.05. Without a position or a second clock the logger's looks like "
+        "`added_inertia`",
+        form=Form("clock", ("logger", "command"), "command_clock"),
+        equations=("voltage", "torque", "command", "sensor_speed"),
+        less_likely=True,
+    ),
+)

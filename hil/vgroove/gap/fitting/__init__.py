@@ -1,0 +1,1 @@
+"""Fits of effect parameters: damped Gauss-Newton in lock step, normal equations, cross-validation."""

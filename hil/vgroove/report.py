@@ -1,0 +1,84 @@
+"""A finished report (of a study or a bench) and its files: tables as CSV, JSON, page, picture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from vgroove.chromium import draw, find_chromium
+from vgroove.errors import VgrooveError
+from vgroove.output import check_outputs, write_json, write_text
+from vgroove.page import Page, Picture, Table
+
+
+@dataclass(frozen=True)
+class Report:
+    """Results of one study or bench; `lines` are its findings in sentences, `data` its JSON."""
+
+    name: str
+    title: str
+    lines: Sequence[str]
+    tables: Sequence[Table]
+    pictures: Sequence[Picture]
+    data: dict[str, Any] = field(default_factory=dict)
+
+    def page(self) -> Page:
+        """The page: sentences, pictures, then tables."""
+        return Page(self.name, self.title, self.lines, [*self.pictures, *self.tables])
+
+
+def join_reports(title: str, reports: Sequence[Report]) -> Report:
+    """Reports one after the other as one report, under the first one's name."""
+    return Report(
+        reports[0].name,
+        title,
+        [line for report in reports for line in report.lines],
+        [table for report in reports for table in report.tables],
+        [picture for report in reports for picture in report.pictures],
+        {key: value for report in reports for key, value in report.data.items()},
+    )
+
+
+@dataclass(frozen=True)
+class ReportFiles:
+    """Where the files of a report go; `chromium` is the browser that draws the PNG, if wanted."""
+
+    folder: Path
+    json_path: Path
+    chromium: str | None
+
+    def file(self, name: str) -> Path:
+        """A file in the folder."""
+        return self.folder / name
+
+
+def prepare_files(name: str, folder: Path, json_path: Path | None, png: bool) -> ReportFiles:
+    """Make the folder and check before the work that the files can be written.
+
+    The JSON goes to `json_path`, or to NAME.json in the folder. Raises VgrooveError where a file
+    cannot be written or `png` is wanted without Chromium.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise VgrooveError(f"{folder}: this folder cannot be made: {error.strerror}") from error
+    chromium = find_chromium() if png else None
+    files = ReportFiles(folder, json_path or folder / f"{name}.json", chromium)
+    png_path = files.file(f"{name}.png") if png else None
+    check_outputs([files.json_path, files.file(f"{name}.html"), png_path])
+    return files
+
+
+def write_report(report: Report, files: ReportFiles) -> list[Path]:
+    """Write every file of the report, each whole or not at all; returns the paths."""
+    written = [files.json_path, files.file(f"{report.name}.html")]
+    write_json(written[0], {"study": report.name, **report.data})
+    write_text(written[1], report.page().as_html())
+    for table in report.tables:
+        written.append(files.file(f"{report.name}_{table.name}.csv"))
+        write_text(written[-1], table.as_csv())
+    if files.chromium:
+        written.append(files.file(f"{report.name}.png"))
+        page = report.page()
+        draw(files.chromium, page.as_html(bar=False), written[-1], page.height())
+    return written

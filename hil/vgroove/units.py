@@ -1,0 +1,9 @@
+"""Factors between SI units, in which all computations run, and the units of logs and pages."""
+
+import math
+
+TURN_RAD = 2.0 * math.pi
+RPM_PER_RAD_S = 30.0 / math.pi
+RAD_S_PER_RPM = math.pi / 30.0
+BYTES_PER_KIB = 1 << 10
+BYTES_PER_MIB = 1 << 20
