@@ -237,8 +237,8 @@ void bind_drive_plant(nb::module_ &m) {
 
 void bind_plant(nb::module_ &m) {
     nb::list names;
-    for (const char *name : vgroove::PARAMETER_NAMES)
-        names.append(name);
+    for (int n = 0; n < vgroove::PARAMETER_COUNT; ++n)
+        names.append(vgroove::parameter_name(n));
     m.attr("PARAMETERS") = names;
     m.def("parameter_defaults", &parameter_defaults,
           "(P,) neutral parameters in the order of PARAMETERS: every effect off.");

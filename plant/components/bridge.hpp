@@ -21,11 +21,11 @@ template <class V> struct Bridge {
 // inductance_h: of the winding, with its effect
 template <class V>
 void bridge_set_lane(Bridge<V> &b, int lane, const Parameters &p, double inductance_h) {
-    set(b.resistance_ohm, lane, p.bridge_resistance_ohm);
+    set(b.resistance_ohm, lane, p.effects.bridge_resistance.resistance_ohm);
     set(b.ripple_a_per_v, lane,
         inductance_h > 0.0 ? 1.0 / (2.0 * inductance_h * p.bridge_pwm_hz) : 0.0);
-    set(b.at_edges, lane, p.dead_time_at_edges);
-    set(b.dead_share, lane, 2.0 * p.dead_time_s * p.bridge_pwm_hz);
+    set(b.at_edges, lane, p.effects.dead_time.at_edges);
+    set(b.dead_share, lane, 2.0 * p.effects.dead_time.dead_time_s * p.bridge_pwm_hz);
 }
 
 // ir = max(0.2 A, abs(d) (1 - abs(d)) Vs / (2 L pwm_hz))

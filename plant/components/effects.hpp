@@ -9,30 +9,16 @@
 
 namespace vgroove {
 
-enum Effect : std::uint32_t {
-    EFFECT_DROOP = 1u << 0,
-    EFFECT_DEAD_TIME = 1u << 1,
-    EFFECT_HEATING = 1u << 2,
-    EFFECT_BRUSH = 1u << 3,
-    EFFECT_SATURATION = 1u << 4,
-    EFFECT_STRIBECK = 1u << 5,
-    EFFECT_DRAG = 1u << 6,
-    EFFECT_DIRECTIONAL = 1u << 7,
-    EFFECT_COGGING = 1u << 8,
-    EFFECT_GREASE = 1u << 9,
-    EFFECT_LOAD_FRICTION = 1u << 10,
-    EFFECT_ECCENTRICITY = 1u << 11,
-    EFFECT_TWO_BODIES = 1u << 12,
-    EFFECT_PLAY = 1u << 13,
-    EFFECT_CURRENT_LAG = 1u << 14,
-    EFFECT_SPEED_LAG = 1u << 15,
-    EFFECT_HALL = 1u << 16,
-    EFFECT_COMMAND_SHIFT = 1u << 17,
-};
+// Switches that depend on more than one effect or on the rig; the others are generated.
+// TWO_BODIES: motor and output side move apart. PLAY: with a play between them. SPEED_LAG: by a
+// filter, not as a delay. COMMAND_SHIFT: the command column is shifted against the rows.
+constexpr std::uint32_t EFFECT_TWO_BODIES = 1u << 28, EFFECT_PLAY = 1u << 29,
+                        EFFECT_SPEED_LAG = 1u << 30, EFFECT_COMMAND_SHIFT = 1u << 31;
 
 // Effects that have states of their own
-constexpr std::uint32_t EFFECTS_WITH_STATES =
-    EFFECT_DROOP | EFFECT_HEATING | EFFECT_TWO_BODIES | EFFECT_CURRENT_LAG | EFFECT_SPEED_LAG;
+constexpr std::uint32_t EFFECTS_WITH_STATES = EFFECT_SUPPLY_DROOP | EFFECT_WINDING_HEATING |
+                                              EFFECT_TWO_BODIES | EFFECT_CURRENT_LAG |
+                                              EFFECT_SPEED_LAG;
 
 // An effect that changes a coefficient (R, L, k, J, Coulomb or viscous torque, ...) is part of the
 // model's constants and has no switch.

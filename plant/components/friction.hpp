@@ -20,48 +20,49 @@ template <class V> struct Friction {
 };
 
 template <class V> void friction_set_lane(Friction<V> &f, int lane, const Parameters &p) {
-    set(f.viscous, lane, p.motor_viscous + p.viscous);
-    set(f.coulomb_nm, lane, p.motor_coulomb_nm + p.coulomb_nm);
-    set(f.forward_nm, lane, p.asymmetric_forward_nm);
-    set(f.backward_nm, lane, p.asymmetric_backward_nm);
-    set(f.breakaway_nm, lane, p.stribeck_breakaway_nm);
-    set(f.stribeck_inverse, lane, 1.0 / p.stribeck_speed_rad_s);
-    set(f.drag, lane, p.quadratic_drag);
-    set(f.directional, lane, p.directional_viscous);
-    set(f.grease, lane, p.grease_nm_s_per_rad);
-    set(f.grease_rate, lane, 1.0 / p.grease_time_s);
-    set(f.cogging_nm, lane, p.cogging_nm);
-    set(f.cogging_periods, lane, p.cogging_periods);
-    set(f.cogging_phase, lane, p.cogging_phase_rad);
-    set(f.eccentricity_nm, lane, p.eccentricity_nm);
-    set(f.eccentricity_phase, lane, p.eccentricity_phase_rad);
+    set(f.viscous, lane, p.motor_viscous + p.effects.viscous_friction.nm_s_per_rad);
+    set(f.coulomb_nm, lane, p.motor_coulomb_nm + p.effects.coulomb_friction.torque_nm);
+    set(f.forward_nm, lane, p.effects.asymmetric_friction.forward_nm);
+    set(f.backward_nm, lane, p.effects.asymmetric_friction.backward_nm);
+    set(f.breakaway_nm, lane, p.effects.stribeck_friction.breakaway_nm);
+    set(f.stribeck_inverse, lane, 1.0 / p.effects.stribeck_friction.speed_rad_s);
+    set(f.drag, lane, p.effects.quadratic_drag.nm_s2_per_rad2);
+    set(f.directional, lane, p.effects.directional_viscous.nm_s_per_rad);
+    set(f.grease, lane, p.effects.cold_grease.nm_s_per_rad);
+    set(f.grease_rate, lane, 1.0 / p.effects.cold_grease.time_s);
+    set(f.cogging_nm, lane, p.effects.cogging_torque.torque_nm);
+    set(f.cogging_periods, lane, p.effects.cogging_torque.periods_per_rev);
+    set(f.cogging_phase, lane, p.effects.cogging_torque.phase_rad);
+    set(f.eccentricity_nm, lane, p.effects.gear_eccentricity.torque_nm);
+    set(f.eccentricity_phase, lane, p.effects.gear_eccentricity.phase_rad);
     set(f.ratio_inverse, lane, 1.0 / p.gearbox_ratio);
-    set(f.load_relative, lane, p.load_friction_relative);
+    set(f.load_relative, lane, p.effects.load_dependent_friction.relative);
 }
 
 // Effect load_dependent_friction: relative |TL| / N
 template <class V>
 VGROOVE_INLINE V friction_of_load(const Friction<V> &p, std::uint32_t effects, V load_motor_nm) {
-    return effects & EFFECT_LOAD_FRICTION ? p.load_relative * abs_of<V>(load_motor_nm) : V{};
+    return effects & EFFECT_LOAD_DEPENDENT_FRICTION ? p.load_relative * abs_of<V>(load_motor_nm)
+                                                    : V{};
 }
 
-// T = b w + (Tc + breakaway exp(-(w / ws)^2)) s + (forward | -backward) + drag w |w| + directional
-// |w| + grease exp(-t / tg) w
+// T = b w + (Tc + breakaway exp(-(w / ws)^2)) s + (forward | -backward)
+//     + drag w |w| + grease exp(-t / tg) w + directional |w|,    s: direction of sliding
 template <class V>
 VGROOVE_INLINE V friction_sliding(const Friction<V> &p, std::uint32_t effects, V slide, V w,
                                   V load_motor_nm, V time_s) {
     V coulomb = p.coulomb_nm + friction_of_load<V>(p, effects, load_motor_nm);
     V viscous = p.viscous;
-    if (effects & EFFECT_STRIBECK) {
+    if (effects & EFFECT_STRIBECK_FRICTION) {
         const V share = w * p.stribeck_inverse;
         coulomb += p.breakaway_nm * exp_of<V>(-share * share);
     }
-    if (effects & EFFECT_DRAG)
+    if (effects & EFFECT_QUADRATIC_DRAG)
         viscous += p.drag * abs_of<V>(w);
-    if (effects & EFFECT_GREASE)
+    if (effects & EFFECT_COLD_GREASE)
         viscous += p.grease * exp_of<V>(-time_s * p.grease_rate);
     V torque = viscous * w + slide * coulomb + (slide > 0.0 ? p.forward_nm : -p.backward_nm);
-    if (effects & EFFECT_DIRECTIONAL)
+    if (effects & EFFECT_DIRECTIONAL_VISCOUS)
         torque += p.directional * abs_of<V>(w);
     return torque;
 }
@@ -73,7 +74,7 @@ template <class V>
 VGROOVE_INLINE HoldLimits<V> friction_hold(const Friction<V> &p, std::uint32_t effects,
                                            V load_motor_nm) {
     V coulomb = p.coulomb_nm + friction_of_load<V>(p, effects, load_motor_nm);
-    if (effects & EFFECT_STRIBECK)
+    if (effects & EFFECT_STRIBECK_FRICTION)
         coulomb += p.breakaway_nm;
     return {coulomb + p.forward_nm, coulomb + p.backward_nm};
 }
@@ -83,9 +84,9 @@ VGROOVE_INLINE HoldLimits<V> friction_hold(const Friction<V> &p, std::uint32_t e
 template <class V>
 VGROOVE_INLINE V friction_of_angle(const Friction<V> &p, std::uint32_t effects, V angle) {
     V torque{};
-    if (effects & EFFECT_COGGING)
+    if (effects & EFFECT_COGGING_TORQUE)
         torque += p.cogging_nm * sin_of<V>(p.cogging_periods * angle + p.cogging_phase);
-    if (effects & EFFECT_ECCENTRICITY)
+    if (effects & EFFECT_GEAR_ECCENTRICITY)
         torque += p.eccentricity_nm * sin_of<V>(angle * p.ratio_inverse + p.eccentricity_phase);
     return torque;
 }
@@ -95,10 +96,10 @@ VGROOVE_INLINE V friction_of_angle(const Friction<V> &p, std::uint32_t effects, 
 template <class V>
 VGROOVE_INLINE V friction_angle_energy(const Friction<V> &p, std::uint32_t effects, V angle) {
     V energy{};
-    if (effects & EFFECT_COGGING)
+    if (effects & EFFECT_COGGING_TORQUE)
         energy -= p.cogging_nm / p.cogging_periods *
                   cos_of<V>(p.cogging_periods * angle + p.cogging_phase);
-    if (effects & EFFECT_ECCENTRICITY)
+    if (effects & EFFECT_GEAR_ECCENTRICITY)
         energy -= p.eccentricity_nm / p.ratio_inverse *
                   cos_of<V>(angle * p.ratio_inverse + p.eccentricity_phase);
     return energy;

@@ -32,22 +32,24 @@ template <class V>
 void gear_set_lane(Gear<V> &g, int lane, const Parameters &p, std::uint32_t effects,
                    double load_inertia_kg_m2) {
     const double ratio2 = p.gearbox_ratio * p.gearbox_ratio;
-    const double motor = p.motor_inertia_kg_m2 + p.added_inertia_kg_m2;
+    const double motor = p.motor_inertia_kg_m2 + p.effects.added_inertia.kg_m2;
     const bool split = (effects & EFFECT_TWO_BODIES) != 0u;
-    const bool coupler = std::isfinite(p.coupler_stiffness);
+    const bool coupler = std::isfinite(p.effects.coupler_compliance.stiffness_nm_per_rad);
     const double output = (p.gearbox_output_inertia + load_inertia_kg_m2) / ratio2 +
-                          (coupler ? p.coupler_inertia_kg_m2 : 0.0);
+                          (coupler ? p.effects.coupler_compliance.inertia_kg_m2 : 0.0);
     const double reduced = motor * output / (motor + output);
-    const double stiffness =
-        coupler ? p.coupler_stiffness : CONTACT_RAD_S * CONTACT_RAD_S * reduced;
-    const double damping = coupler ? 2.0 * p.coupler_damping_ratio * std::sqrt(stiffness * output)
-                                   : 2.0 * CONTACT_DAMPING_RATIO * std::sqrt(stiffness * reduced);
+    const double stiffness = coupler ? p.effects.coupler_compliance.stiffness_nm_per_rad
+                                     : CONTACT_RAD_S * CONTACT_RAD_S * reduced;
+    const double damping =
+        coupler ? 2.0 * p.effects.coupler_compliance.damping_ratio * std::sqrt(stiffness * output)
+                : 2.0 * CONTACT_DAMPING_RATIO * std::sqrt(stiffness * reduced);
     set(g.ratio_inverse, lane, 1.0 / p.gearbox_ratio);
     set(g.inertia_inverse, lane, 1.0 / (split ? motor : motor + output));
     set(g.output_inertia_inverse, lane, split ? 1.0 / output : 0.0);
     set(g.stiffness, lane, split ? stiffness : 0.0);
     set(g.damping, lane, split ? damping : 0.0);
-    set(g.half_play, lane, split ? 0.5 * p.backlash_play_rad * std::fabs(p.gearbox_ratio) : 0.0);
+    set(g.half_play, lane,
+        split ? 0.5 * p.effects.gear_backlash.play_rad * std::fabs(p.gearbox_ratio) : 0.0);
 }
 
 // K e + c x', e the twist beyond the play. Flanks that meet across a play push each other and never

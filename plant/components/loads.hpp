@@ -48,20 +48,20 @@ template <class V> struct Load {
 
 // Inertia that the load adds at the output, kg m2
 inline double load_inertia(const Parameters &p, LoadKind kind) {
-    return kind == LoadKind::PENDULUM ? p.load_mass_kg * p.load_length_m * p.load_length_m : 0.0;
+    return kind == LoadKind::PENDULUM ? p.load.mass_kg * p.load.length_m * p.load.length_m : 0.0;
 }
 
 template <class V> void load_set_lane(Load<V> &l, int lane, const Parameters &p) {
     set(l.ratio_inverse, lane, 1.0 / p.gearbox_ratio);
-    set(l.pendulum_nm, lane, p.load_mass_kg * GRAVITY_M_S2 * p.load_length_m);
-    set(l.zero_rad, lane, p.load_zero_rad);
-    set(l.law.breakaway_nm, lane, p.free_nm * p.free_breakaway_ratio);
-    set(l.law.coulomb_nm, lane, p.free_nm);
-    set(l.law.viscous, lane, p.free_viscous);
-    set(l.law.breakaway_rad_s, lane, p.free_breakaway_rad_s);
-    set(l.law.threshold_rad_s, lane, p.free_threshold_rad_s);
-    set(l.law.decay_s_per_rad, lane, p.free_decay_s_per_rad);
-    set(l.exponential, lane, p.free_exponential);
+    set(l.pendulum_nm, lane, p.load.mass_kg * GRAVITY_M_S2 * p.load.length_m);
+    set(l.zero_rad, lane, p.load.zero_rad);
+    set(l.law.breakaway_nm, lane, p.load.torque_nm * p.load.breakaway_ratio);
+    set(l.law.coulomb_nm, lane, p.load.torque_nm);
+    set(l.law.viscous, lane, p.load.viscous_nm_s_per_rad);
+    set(l.law.breakaway_rad_s, lane, p.load.breakaway_rad_s);
+    set(l.law.threshold_rad_s, lane, p.load.threshold_rad_s);
+    set(l.law.decay_s_per_rad, lane, p.load.decay_s_per_rad);
+    set(l.exponential, lane, p.load.exponential);
 }
 
 // TL / N of the log's torque column, tau after the start of the stretch

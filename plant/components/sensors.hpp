@@ -14,23 +14,27 @@ template <class V> struct Sensors {
 };
 
 template <class V> void sensors_set_lane(Sensors<V> &s, int lane, const Parameters &p) {
-    set(s.current_lag_rate, lane, p.current_lag_s > 0.0 ? 1.0 / p.current_lag_s : 0.0);
-    set(s.speed_lag_rate, lane, p.speed_lag_s > 0.0 ? 1.0 / p.speed_lag_s : 0.0);
-    set(s.hall_amplitude, lane, p.hall_amplitude_rad);
-    set(s.hall_phase, lane, p.hall_phase_rad);
+    set(s.current_lag_rate, lane,
+        p.effects.current_lag.time_constant_s > 0.0 ? 1.0 / p.effects.current_lag.time_constant_s
+                                                    : 0.0);
+    set(s.speed_lag_rate, lane,
+        p.effects.speed_lag.time_constant_s > 0.0 ? 1.0 / p.effects.speed_lag.time_constant_s
+                                                  : 0.0);
+    set(s.hall_amplitude, lane, p.effects.hall_eccentricity.amplitude_rad);
+    set(s.hall_phase, lane, p.effects.hall_eccentricity.phase_rad);
 }
 
 // Speed of the eccentric wheel: w (1 + A cos(th + phase)), the derivative of th + A sin(th + phase)
 template <class V>
 VGROOVE_INLINE V sensors_wheel_speed(const Sensors<V> &p, std::uint32_t effects, V w, V angle) {
-    if (!(effects & EFFECT_HALL))
+    if (!(effects & EFFECT_HALL_ECCENTRICITY))
         return w;
     return w * (1.0 + p.hall_amplitude * cos_of<V>(angle + p.hall_phase));
 }
 
 template <class V>
 VGROOVE_INLINE V sensors_wheel_angle(const Sensors<V> &p, std::uint32_t effects, V angle) {
-    if (!(effects & EFFECT_HALL))
+    if (!(effects & EFFECT_HALL_ECCENTRICITY))
         return angle;
     return angle + p.hall_amplitude * sin_of<V>(angle + p.hall_phase);
 }
@@ -49,9 +53,13 @@ VGROOVE_INLINE void sensors_derivative(const Sensors<V> &p, std::uint32_t effect
 
 // Current as measured: gain, offset, clipped at the sensor's limits
 inline double sensors_measured_current(const Parameters &p, double i) {
-    const double read = i * (1.0 + p.current_gain_relative) + p.current_offset_a;
-    return read > p.current_limit_a ? p.current_limit_a
-                                    : (read < -p.current_limit_a ? -p.current_limit_a : read);
+    const double read =
+        i * (1.0 + p.effects.current_gain.relative) + p.effects.current_offset.offset_a;
+    return read > p.effects.current_saturation.limit_a
+               ? p.effects.current_saturation.limit_a
+               : (read < -p.effects.current_saturation.limit_a
+                      ? -p.effects.current_saturation.limit_a
+                      : read);
 }
 
 // Motor shaft and the state of the speed sensor's filter
@@ -66,13 +74,15 @@ inline double sensors_measured_speed(const Sensors<double> &s, std::uint32_t eff
     const double speed = effects & EFFECT_SPEED_LAG
                              ? shaft.filtered_speed
                              : sensors_wheel_speed<double>(s, effects, shaft.speed, shaft.angle);
-    return speed * (1.0 + p.speed_gain_relative);
+    return speed * (1.0 + p.effects.speed_gain.relative);
 }
 inline double sensors_measured_angle(const Sensors<double> &s, std::uint32_t effects,
                                      const Parameters &p, const ShaftMotion &shaft) {
-    const double lagged = sensors_wheel_angle<double>(s, effects, shaft.angle) -
-                          (effects & EFFECT_SPEED_LAG ? p.speed_lag_s * shaft.filtered_speed : 0.0);
-    return lagged * (1.0 + p.speed_gain_relative);
+    const double lagged =
+        sensors_wheel_angle<double>(s, effects, shaft.angle) -
+        (effects & EFFECT_SPEED_LAG ? p.effects.speed_lag.time_constant_s * shaft.filtered_speed
+                                    : 0.0);
+    return lagged * (1.0 + p.effects.speed_gain.relative);
 }
 
 }  // namespace vgroove

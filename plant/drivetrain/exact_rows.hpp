@@ -183,14 +183,15 @@ VGROOVE_INLINE void block_write(const Block &b, const ExactGroup &g, std::size_t
     for (int lane = 0; lane < BLOCK_WIDTH; ++lane)
         th[lane] = angle += turned[lane];
     angle = th[count - 1];
-    const Lanes8 measured = mean * (1.0 + p.current_gain_relative) + p.current_offset_a;
-    const Lanes8 clipped =
-        min_of<Lanes8>(max_of<Lanes8>(measured, splat<Lanes8>(-p.current_limit_a)),
-                       splat<Lanes8>(p.current_limit_a));
+    const Lanes8 measured =
+        mean * (1.0 + p.effects.current_gain.relative) + p.effects.current_offset.offset_a;
+    const Lanes8 clipped = min_of<Lanes8>(
+        max_of<Lanes8>(measured, splat<Lanes8>(-p.effects.current_saturation.limit_a)),
+        splat<Lanes8>(p.effects.current_saturation.limit_a));
     const Lanes8 bus = in.bus_v - c.supply_ohm * (f.b1 * i + f.b2 * w + f.b0) / in.h;
-    const double gain = 1.0 + p.speed_gain_relative;
+    const double gain = 1.0 + p.effects.speed_gain.relative;
     block_store(out.current_a + at, clipped, count);
-    block_store(out.supply_v + at, bus * (1.0 + p.supply_gain_relative), count);
+    block_store(out.supply_v + at, bus * (1.0 + p.effects.supply_gain.relative), count);
     block_store(out.speed_rad_s + at, w1, count);
     block_store(out.angle_rad + at, th, count);
     block_store(out.speed_measured_rad_s + at,
@@ -252,7 +253,7 @@ VGROOVE_INLINE int block_run(Block &b, ExactGroup &g, const LogInput &in, std::s
 VGROOVE_INLINE void run_exact_rows(ExactGroup &g, const LogInput &in, const LogStarts &starts,
                                    const LogOutput &out) {
     Block b;
-    b.bus_scale = 1.0 / (1.0 + g.parameters[0].supply_gain_relative);
+    b.bus_scale = 1.0 / (1.0 + g.parameters[0].effects.supply_gain.relative);
     const bool shifted = (g.solver.model.effects & EFFECT_COMMAND_SHIFT) != 0u;
     std::size_t which = 0, width = BLOCK_ROWS;
     for (std::size_t row = starts.rows.front(); row < in.time_s.size();) {

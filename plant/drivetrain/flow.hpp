@@ -198,8 +198,8 @@ VGROOVE_INLINE Flow<V> flow_of(const FlowConstants &c, const FlowInput<V> &in, b
 }
 
 // Effects with which the drivetrain is linear between changes of direction.
-constexpr std::uint32_t FLOW_EFFECTS =
-    EFFECT_DIRECTIONAL | EFFECT_LOAD_FRICTION | EFFECT_HALL | EFFECT_COMMAND_SHIFT;
+constexpr std::uint32_t FLOW_EFFECTS = EFFECT_DIRECTIONAL_VISCOUS | EFFECT_LOAD_DEPENDENT_FRICTION |
+                                       EFFECT_HALL_ECCENTRICITY | EFFECT_COMMAND_SHIFT;
 
 VGROOVE_INLINE bool flow_applies(std::uint32_t effects, LoadKind load) {
     return !(effects & ~FLOW_EFFECTS) && (load == LoadKind::NONE || load == LoadKind::TORQUE);
@@ -229,9 +229,9 @@ VGROOVE_INLINE FlowConstants flow_constants(const Drivetrain<double> &m, double 
     c.supply_ohm = duty && !m.bus_measured ? m.supply.resistance_ohm : 0.0;
     c.supply_v = m.supply.open_circuit_v;
     c.constant = m.motor.constant;
-    c.viscous = f.viscous + (m.effects & EFFECT_DIRECTIONAL ? slide * f.directional : 0.0);
+    c.viscous = f.viscous + (m.effects & EFFECT_DIRECTIONAL_VISCOUS ? slide * f.directional : 0.0);
     c.friction_nm = slide * f.coulomb_nm + (slide > 0.0 ? f.forward_nm : -f.backward_nm);
-    c.load_relative = m.effects & EFFECT_LOAD_FRICTION ? f.load_relative : 0.0;
+    c.load_relative = m.effects & EFFECT_LOAD_DEPENDENT_FRICTION ? f.load_relative : 0.0;
     c.slide = slide;
     c.conducts = m.input == InputKind::CURRENT || (open && diode == 0.0) ? 0.0 : 1.0;
     c.volts = m.input == InputKind::VOLTAGE && !open;

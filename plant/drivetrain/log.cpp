@@ -101,8 +101,9 @@ static void delay_measured(const LogInput &in, const Parameters &p, const LogSta
                            double *speed, double *angle) {
     const std::size_t count = in.time_s.size();
     const double delay =
-        p.speed_lag_s * (p.clock_skew_command != 0.0 ? 1.0 : 1.0 + p.clock_skew_relative);
-    const double to_true = delay > 0.0 ? p.speed_lag_s / delay : 1.0;
+        p.effects.speed_lag.time_constant_s *
+        (p.effects.clock_skew.command_clock != 0.0 ? 1.0 : 1.0 + p.effects.clock_skew.relative);
+    const double to_true = delay > 0.0 ? p.effects.speed_lag.time_constant_s / delay : 1.0;
     const std::vector<double> w(speed, speed + count), th(angle, angle + count);
     for (std::size_t which = 0; which < starts.rows.size(); ++which) {
         const std::size_t first = starts.rows[which];
@@ -178,7 +179,7 @@ void simulate_log(const LogInput &in, const double *theta, std::size_t batch,
         if (exhausted[row] != NOT_EXHAUSTED && !options.keep_unfinished)
             throw_exhausted(in, theta, row, exhausted[row]);
         const Parameters p = parameters_from(theta + row * PARAMETER_COUNT);
-        if (p.speed_lag_s > 0.0 && p.speed_lag_delay_form != 0.0)
+        if (p.effects.speed_lag.time_constant_s > 0.0 && p.effects.speed_lag.delay_form != 0.0)
             delay_measured(in, p, starts, out.speed_measured_rad_s + row * count,
                            out.angle_measured_rad + row * count);
     }

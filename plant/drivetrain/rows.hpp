@@ -30,11 +30,11 @@ struct Cursor {
 };
 
 inline Cursor cursor_from(const Parameters &p) {
-    const double skew = 1.0 + p.clock_skew_relative;
+    const double skew = 1.0 + p.effects.clock_skew.relative;
     Cursor c{};
-    c.row_scale = p.clock_skew_command != 0.0 ? 1.0 : 1.0 / skew;
+    c.row_scale = p.effects.clock_skew.command_clock != 0.0 ? 1.0 : 1.0 / skew;
     c.command_scale = skew;
-    c.delay_s = p.transport_delay_s;
+    c.delay_s = p.effects.transport_delay.delay_s;
     return c;
 }
 
@@ -110,7 +110,7 @@ VGROOVE_INLINE bool next_stretch(Group<V, N> &g, const LogInput &in, std::size_t
         length = shifted_stretch(g, in, lane);
     else
         drive_command(s.drive, in, lane, row, row_elapsed_s(c, in, row), 1.0 / c.row_scale);
-    if (s.model.effects & EFFECT_LOAD_FRICTION)
+    if (s.model.effects & EFFECT_LOAD_DEPENDENT_FRICTION)
         length =
             same_sign_stretch(get(s.drive.load_nm, lane), get(s.drive.load_rate, lane), length);
     set(s.drive.dead, lane, get(s.drive.dead, lane) * get(s.model.bridge.dead_share, lane));
@@ -129,7 +129,8 @@ VGROOVE_INLINE void begin_row(Group<V, N> &g, const LogInput &in, std::size_t ro
     Solver<V, N> &s = g.solver;
     c.row_remaining_s = (in.time_s[row] - in.time_s[row - 1]) * c.row_scale;
     if (!in.bus_v.empty())
-        set(s.drive.bus_v, lane, in.bus_v[row] / (1.0 + g.parameters[lane].supply_gain_relative));
+        set(s.drive.bus_v, lane,
+            in.bus_v[row] / (1.0 + g.parameters[lane].effects.supply_gain.relative));
     if (in.load_kind == LoadKind::TORQUE) {
         set(s.drive.load_nm, lane, in.load_nm[row - 1]);
         set(s.drive.load_rate, lane, (in.load_nm[row] - in.load_nm[row - 1]) / c.row_remaining_s);
@@ -165,11 +166,11 @@ VGROOVE_INLINE void write_shaft(const Group<V, N> &g, std::size_t at, int lane,
     if constexpr (N > STATE_CORE_COUNT) {
         if (g.solver.model.effects & EFFECT_SPEED_LAG) {
             speed = get(x.x[STATE_SPEED_FILTER], lane);
-            angle -= p.speed_lag_s * speed;  // w_f = (th - th_f) / T
+            angle -= p.effects.speed_lag.time_constant_s * speed;  // w_f = (th - th_f) / T
         }
     }
-    out.speed_measured_rad_s[at] = speed * (1.0 + p.speed_gain_relative);
-    out.angle_measured_rad[at] = angle * (1.0 + p.speed_gain_relative);
+    out.speed_measured_rad_s[at] = speed * (1.0 + p.effects.speed_gain.relative);
+    out.angle_measured_rad[at] = angle * (1.0 + p.effects.speed_gain.relative);
 }
 
 // A lane whose step budget is used up has NaN from that row on; the first such row is kept.
@@ -201,7 +202,7 @@ VGROOVE_INLINE void write_row(Group<V, N> &g, const LogInput &in, std::size_t ro
         const double bus =
             start ? get(e.bus_v, lane) : get(s.state.x[STATE_BUS_TIME], lane) / seconds;
         out.current_a[at] = sensors_measured_current(p, current);
-        out.supply_v[at] = bus * (1.0 + p.supply_gain_relative);
+        out.supply_v[at] = bus * (1.0 + p.effects.supply_gain.relative);
         write_shaft(g, at, lane, wheel, out);
         if (s.exhausted[lane])
             write_exhausted(g, at, row, lane, out);
@@ -226,7 +227,7 @@ VGROOVE_INLINE void reset_group(Group<V, N> &g, const LogInput &in, const LogSta
         set(g.solver.drive.command, lane, in.command_end[row]);
         if (!in.bus_v.empty())
             set(g.solver.drive.bus_v, lane,
-                in.bus_v[row] / (1.0 + g.parameters[lane].supply_gain_relative));
+                in.bus_v[row] / (1.0 + g.parameters[lane].effects.supply_gain.relative));
     }
 }
 

@@ -26,7 +26,7 @@ VGROOVE_INLINE V rate_of_current(const Drivetrain<V> &m, const Drive<V> &in, con
     if (m.input == InputKind::DUTY)
         ohm += m.bridge.resistance_ohm +
                (m.bus_measured ? V{} : m.supply.resistance_ohm * e.duty * e.duty);
-    if (m.effects & EFFECT_BRUSH) {
+    if (m.effects & EFFECT_BRUSH_DROP) {
         const V share = e.brush_v / m.motor.brush_v;
         ohm += abs_of<V>(m.motor.brush_v * (1.0 - share * share)) /
                max_of<V>(splat<V>(BRUSH_CURRENT_A), e.ripple_a);

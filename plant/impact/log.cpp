@@ -38,11 +38,12 @@ class CommandReader {
 public:
     CommandReader(const LogInput &in, const Parameters &p)
         : in_(in),
-          delay_s_(p.transport_delay_s) {
-        const double skew = 1.0 + p.clock_skew_relative;
-        row_scale_ = p.clock_skew_command != 0.0 ? 1.0 : 1.0 / skew;
+          delay_s_(p.effects.transport_delay.delay_s) {
+        const double skew = 1.0 + p.effects.clock_skew.relative;
+        row_scale_ = p.effects.clock_skew.command_clock != 0.0 ? 1.0 : 1.0 / skew;
         command_scale_ = skew;
-        shifted_ = delay_s_ > 0.0 || (p.clock_skew_relative != 0.0 && p.clock_skew_command != 0.0);
+        shifted_ = delay_s_ > 0.0 || (p.effects.clock_skew.relative != 0.0 &&
+                                      p.effects.clock_skew.command_clock != 0.0);
     }
 
     double row_scale() const { return row_scale_; }  // true seconds per second of the log
@@ -163,7 +164,9 @@ struct DelayedWheel {
     void prepare(const LogInput &in, double row_scale, const Parameters &p) {
         parameters = p;
         for (const double time_s : in.time_s)
-            rows.push_back({(time_s - in.time_s[0]) * row_scale - p.speed_lag_s, 0.0, 0.0});
+            rows.push_back(
+                {(time_s - in.time_s[0]) * row_scale - p.effects.speed_lag.time_constant_s, 0.0,
+                 0.0});
     }
 
     template <class L> void step(ImpactSolver<L> &s, double h, double share) {
@@ -223,7 +226,7 @@ static void write_row(LogRun<L> &run, std::size_t row, const ImpactOutput &out, 
     const double bus = row > 0 ? (x[STATE_BUS_TIME] - run.bus_vs) * per_s : now.bus_v;
     const double values[IMPACT_COLUMN_COUNT] = {
         sensors_measured_current(p, current),
-        bus * (1.0 + p.supply_gain_relative),
+        bus * (1.0 + p.effects.supply_gain.relative),
         x[STATE_SPEED],
         delays ? run.delayed.rows[row].speed : measured_speed(s, p, present),
         x[STATE_ANGLE],
@@ -260,8 +263,9 @@ template <class L> static void run_row(LogRun<L> &run, std::size_t row) {
     const double length = run.reader.row_s(row);
     const bool load = in.load_kind == LoadKind::TORQUE;
     const double load_rate = load ? (in.load_nm[row] - in.load_nm[row - 1]) / length : 0.0;
-    const double bus_v =
-        in.bus_v.empty() ? 0.0 : in.bus_v[row] / (1.0 + run.parameters.supply_gain_relative);
+    const double bus_v = in.bus_v.empty()
+                             ? 0.0
+                             : in.bus_v[row] / (1.0 + run.parameters.effects.supply_gain.relative);
     double left = length;
     while (left > 0.0) {
         const Stretch stretch = run.reader.next(row, run.now_s, left);
@@ -304,7 +308,8 @@ static void prepare(LogRun<L> &run, const ImpactJob &job, std::size_t batch_row,
     impact_start(s);
     if (batch_row == 0 && !out.trace_s.empty())
         run.tracer = {&out, in.time_s[0], run.reader.row_scale(), 0};
-    if (run.parameters.speed_lag_s > 0.0 && run.parameters.speed_lag_delay_form != 0.0)
+    if (run.parameters.effects.speed_lag.time_constant_s > 0.0 &&
+        run.parameters.effects.speed_lag.delay_form != 0.0)
         run.delayed.prepare(in, run.reader.row_scale(), run.parameters);
     s.cancellation = out.cancellation;
     s.parameters = &run.parameters;

@@ -52,19 +52,20 @@ static void check_impact(const Parameters &p) {
                      p.lug_overlap_rad, TURN_RAD / p.lug_count);
     require_parameter(p.lug_radius_m > 0.0, "mechanism.lug_radius_m must be positive");
     require_together(
-        p.lug_height_m - p.lug_wear_m > 0.0,
+        p.lug_height_m - p.effects.lug_wear.height_m > 0.0,
         "mechanism.lug_height_m %.4g must be more than effects.lug_wear.height_m, %.4g",
-        p.lug_height_m, p.lug_wear_m);
+        p.lug_height_m, p.effects.lug_wear.height_m);
     require_parameter(p.contact_stiffness > 0.0,
                       "mechanism.contact_stiffness_n_per_m must be positive");
     require_parameter(p.contact_ramp_m > 0.0, "mechanism.contact_ramp_m must be positive");
     require_parameter(p.contact_exponent >= 1.0, "mechanism.contact_exponent must be at least 1");
     require_parameter(p.friction_speed_m_per_s > 0.0,
                       "mechanism.friction_speed_m_per_s must be positive");
-    require_parameter(p.joint_stiffness * (1.0 + p.joint_stiffness_relative) > 0.0,
+    require_parameter(p.load.stiffness_nm_per_rad * (1.0 + p.effects.joint_stiffness.relative) >
+                          0.0,
                       "load.stiffness_nm_per_rad must be positive");
     require_parameter(p.arm_inertia_kg_m2 > 0.0, "mechanism.arm_inertia_kg_m2 must be positive");
-    require_parameter(p.spring_rate_n_per_m * (1.0 + p.spring_rate_relative) >= 0.0,
+    require_parameter(p.spring_rate_n_per_m * (1.0 + p.effects.spring_rate.relative) >= 0.0,
                       "mechanism.spring_rate_n_per_m must not be negative");
 }
 
@@ -77,27 +78,28 @@ static void set_groove_and_hammer(Impact &m, const Parameters &p) {
         v_groove_lead(p.groove_lead_m_per_rad, p.groove_radius_m, hammer_lead, hammer_radius);
     m.groove.vertex = std::max(p.vertex_rad, VERTEX_LEAST_RAD);
     m.groove.vertex2 = m.groove.vertex * m.groove.vertex;
-    m.groove.ball_arm = v_groove_ball_arm(p.groove_friction, m.groove.lead,
+    m.groove.ball_arm = v_groove_ball_arm(p.effects.groove_friction.coefficient, m.groove.lead,
                                           0.5 * (p.groove_radius_m + hammer_radius));
     m.ball_friction = m.groove.ball_arm > 0.0;
     m.hammer_inertia = p.hammer_inertia_kg_m2;
     m.hammer_inertia_inverse = 1.0 / p.hammer_inertia_kg_m2;
     m.hammer_mass = p.hammer_mass_kg;
-    m.preload_n = p.spring_preload_n * (1.0 + p.spring_preload_relative);
-    m.rate_n_per_m = p.spring_rate_n_per_m * (1.0 + p.spring_rate_relative);
+    m.preload_n = p.spring_preload_n * (1.0 + p.effects.spring_preload.relative);
+    m.rate_n_per_m = p.spring_rate_n_per_m * (1.0 + p.effects.spring_rate.relative);
     m.travel_m = v_groove_at(m.groove, p.travel_rad).x;
 }
 
 static void set_lugs(Impact &m, const Parameters &p) {
-    m.lug_height_m = p.lug_height_m - p.lug_wear_m;
+    m.lug_height_m = p.lug_height_m - p.effects.lug_wear.height_m;
     m.lug_radius_m = p.lug_radius_m;
     m.overlap_rad = p.lug_overlap_rad;
     m.period_rad = TURN_RAD / p.lug_count;
     m.start_rad = p.hammer_start_rad;
-    m.contact = {p.contact_stiffness,     p.contact_damping * (1.0 + p.impact_damping_relative),
-                 p.contact_ramp_m,        p.contact_exponent,
-                 p.friction_static,       p.friction_kinetic,
-                 p.friction_speed_m_per_s};
+    m.contact = {
+        p.contact_stiffness,     p.contact_damping * (1.0 + p.effects.impact_damping.relative),
+        p.contact_ramp_m,        p.contact_exponent,
+        p.friction_static,       p.friction_kinetic,
+        p.friction_speed_m_per_s};
     m.flank_friction = p.friction_static != 0.0 || p.friction_kinetic != 0.0;
     check_lugs(m, p);
 }
@@ -105,7 +107,8 @@ static void set_lugs(Impact &m, const Parameters &p) {
 // Effect coupler_compliance, behind the anvil: J2 = inertia_kg_m2, c = 2 damping_ratio
 // sqrt(stiffness J2). A pendulum is attached to the second body.
 static void set_output(Impact &m, const Parameters &p, LoadKind load) {
-    const bool coupler = std::isfinite(p.coupler_stiffness), pendulum = load == LoadKind::PENDULUM;
+    const bool coupler = std::isfinite(p.effects.coupler_compliance.stiffness_nm_per_rad),
+               pendulum = load == LoadKind::PENDULUM;
     const double mass = load_inertia(p, load);
     m.joint = joint_from(p, load);
     m.anvil_inertia = p.anvil_inertia_kg_m2;
@@ -115,23 +118,26 @@ static void set_output(Impact &m, const Parameters &p, LoadKind load) {
     m.ring_swings = m.ring_square > m.ring_decay * m.ring_decay;
     m.ring_rate = std::sqrt(std::fabs(m.ring_square - m.ring_decay * m.ring_decay));
     m.second_output = coupler || pendulum;
-    m.output_inertia =
-        std::max(mass + (coupler ? p.coupler_inertia_kg_m2 : 0.0), OUTPUT_INERTIA_LEAST);
+    m.output_inertia = std::max(mass + (coupler ? p.effects.coupler_compliance.inertia_kg_m2 : 0.0),
+                                OUTPUT_INERTIA_LEAST);
     m.output_inertia_inverse = 1.0 / m.output_inertia;
-    m.coupler_stiffness = coupler ? p.coupler_stiffness : m.joint.stiffness;
+    m.coupler_stiffness =
+        coupler ? p.effects.coupler_compliance.stiffness_nm_per_rad : m.joint.stiffness;
     m.coupler_damping =
-        coupler ? 2.0 * p.coupler_damping_ratio * std::sqrt(p.coupler_stiffness * m.output_inertia)
-                : m.joint.damping;
-    m.pendulum_nm = pendulum ? p.load_mass_kg * GRAVITY_M_S2 * p.load_length_m : 0.0;
-    m.zero_rad = p.load_zero_rad;
+        coupler
+            ? 2.0 * p.effects.coupler_compliance.damping_ratio *
+                  std::sqrt(p.effects.coupler_compliance.stiffness_nm_per_rad * m.output_inertia)
+            : m.joint.damping;
+    m.pendulum_nm = pendulum ? p.load.mass_kg * GRAVITY_M_S2 * p.load.length_m : 0.0;
+    m.zero_rad = p.load.zero_rad;
 }
 
 // Parameters of the drivetrain alone: coupler and load act behind the anvil.
 static Parameters drivetrain_parameters(const Parameters &p) {
     Parameters d = p;
-    d.coupler_stiffness = OFF_AT_INFINITY;
-    d.coupler_inertia_kg_m2 = 0.0;
-    d.load_mass_kg = 0.0;
+    d.effects.coupler_compliance.stiffness_nm_per_rad = OFF_AT_INFINITY;
+    d.effects.coupler_compliance.inertia_kg_m2 = 0.0;
+    d.load.mass_kg = 0.0;
     return d;
 }
 
@@ -146,7 +152,7 @@ static void set_drive(Impact &m, const Parameters &p, InputKind input, bool bus_
     m.two_bodies = (m.drive.effects & EFFECT_TWO_BODIES) != 0u;
     m.ratio = p.gearbox_ratio;
     m.ratio_inverse = 1.0 / p.gearbox_ratio;
-    m.motor_inertia = p.motor_inertia_kg_m2 + p.added_inertia_kg_m2;
+    m.motor_inertia = p.motor_inertia_kg_m2 + p.effects.added_inertia.kg_m2;
     m.spindle_inertia =
         p.gearbox_output_inertia + (m.two_bodies ? 0.0 : m.ratio * m.ratio * m.motor_inertia);
     m.spindle_inertia_inverse = 1.0 / m.spindle_inertia;

@@ -7,8 +7,10 @@
 namespace vgroove {
 
 HallFaults hall_faults(const Parameters &p) {
-    return {p.hall_dropout_probability,
-            p.speed_lag_delay_form != 0.0 ? std::llround(p.speed_lag_s * CPU_HZ) : 0};
+    return {p.effects.hall_dropout.probability,
+            p.effects.speed_lag.delay_form != 0.0
+                ? std::llround(p.effects.speed_lag.time_constant_s * CPU_HZ)
+                : 0};
 }
 
 LockstepBody::LockstepBody(HallWheel wheel, const HallFaults &faults, std::uint64_t seed)

@@ -36,11 +36,12 @@ struct DrivePlant::Body final : LockstepTool {
         : parameters(p),
           lockstep(std::move(wheel), hall_faults(p), seed),
           commands(delay_periods(p), BridgeCommand{true, 0.0, 0.0}),
-          period_s(PERIOD_S / (1.0 + p.clock_skew_relative)) {}
+          period_s(PERIOD_S / (1.0 + p.effects.clock_skew.relative)) {}
 
     static std::size_t delay_periods(const Parameters &p) {
         return static_cast<std::size_t>(
-            std::llround(p.transport_delay_s / (PERIOD_S / (1.0 + p.clock_skew_relative))));
+            std::llround(p.effects.transport_delay.delay_s /
+                         (PERIOD_S / (1.0 + p.effects.clock_skew.relative))));
     }
 
     void set_drive(const BridgeCommand &c, double load_nm) {
@@ -75,7 +76,8 @@ struct DrivePlant::Body final : LockstepTool {
     }
 
     double measured_bus() const override {
-        return solver.state.x[STATE_BUS_TIME] / period_s * (1.0 + parameters.supply_gain_relative);
+        return solver.state.x[STATE_BUS_TIME] / period_s *
+               (1.0 + parameters.effects.supply_gain.relative);
     }
 
     WheelReading wheel() const override {

@@ -29,7 +29,7 @@ struct ImpactBody : LockstepTool {
     ImpactBody(const Parameters &p, HallWheel wheel, std::uint64_t seed)
         : parameters(p),
           lockstep(std::move(wheel), hall_faults(p), seed),
-          period_s(PERIOD_S / (1.0 + p.clock_skew_relative)) {}
+          period_s(PERIOD_S / (1.0 + p.effects.clock_skew.relative)) {}
 
     virtual void run(double seconds, const BridgeCommand &c, double load_rate) = 0;
     virtual void begin_means() = 0;
@@ -39,7 +39,9 @@ struct ImpactBody : LockstepTool {
     virtual ImpactStats statistics() const = 0;
     virtual std::vector<Blow> take_blows() = 0;
 
-    double dead_share() const { return 2.0 * parameters.dead_time_s * parameters.bridge_pwm_hz; }
+    double dead_share() const {
+        return 2.0 * parameters.effects.dead_time.dead_time_s * parameters.bridge_pwm_hz;
+    }
 
     void run_period(const BridgeCommand &c, double load_end_nm) override {
         run_interval(period_s, {c.coast, c.duty, c.dead + dead_share()}, load_end_nm);
@@ -50,11 +52,11 @@ struct ImpactBody : LockstepTool {
     void run_interval(double seconds, const BridgeCommand &given, double load_end_nm) {
         begin_means();
         const double rate = (load_end_nm - load_nm) / seconds;
-        if (parameters.transport_delay_s == 0.0) {
+        if (parameters.effects.transport_delay.delay_s == 0.0) {
             run(seconds, given, rate);
             now_s += seconds;
         } else {
-            commands.push_back({now_s + parameters.transport_delay_s, given});
+            commands.push_back({now_s + parameters.effects.transport_delay.delay_s, given});
             run_delayed(seconds, rate);
         }
         load_nm = load_end_nm;
@@ -153,8 +155,8 @@ template <class L> struct SolverBody final : ImpactBody {
         returned_s = now_s;
         r.current_a =
             sensors_measured_current(parameters, (x.x[STATE_CURRENT_TIME] - charge_as) / seconds);
-        r.supply_v =
-            (x.x[STATE_BUS_TIME] - bus_vs) / seconds * (1.0 + parameters.supply_gain_relative);
+        r.supply_v = (x.x[STATE_BUS_TIME] - bus_vs) / seconds *
+                     (1.0 + parameters.effects.supply_gain.relative);
         r.housing_nm = (x.x[L::HOUSING_TIME] - housing_nms) / seconds;
         return r;
     }
@@ -168,7 +170,7 @@ template <class L> struct SolverBody final : ImpactBody {
 
     double measured_bus() const override {
         return (present(STATE_BUS_TIME) - bus_vs) / period_s *
-               (1.0 + parameters.supply_gain_relative);
+               (1.0 + parameters.effects.supply_gain.relative);
     }
 
     WheelReading wheel() const override {

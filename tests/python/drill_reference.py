@@ -1,5 +1,5 @@
-"""Second opinion on the drill driver: physics.md sections 1 to 3 and 7 in SciPy, rtol 1e-10; shares
-no code with plant/.
+"""Second opinion on the drill driver: docs/spec/model.md, sections 1 to 3 and 7, in SciPy at rtol
+1e-10; shares no code with plant/.
 
 A run is a chain of LSODA integrations, each ended by an event (motor breaks away or stops, clutch
 slips or grips, diodes block, pulse mode begins or ends) or by the clock (ramp, load, halves of

@@ -8,7 +8,7 @@
 
 #include "hal/sim/sim.h"
 #include "plant/lockstep/drive_plant.hpp"
-#include "unit/plant/reference_tool.hpp"
+#include "reference_tool.hpp"
 
 namespace {
 
@@ -16,7 +16,7 @@ constexpr double SUPPLY_V = 18.5;
 constexpr double RPM = 30.0 / 3.14159265358979;
 constexpr int PERIODS_PER_MS = 31;
 
-// The reference drive of physics.md section 4, mechanism none: hammer and anvil turn with the
+// The reference drive of docs/spec/model.md, section 4, mechanism none: hammer and anvil turn with the
 // spindle.
 vgroove::Parameters reference() {
     vgroove::Parameters p = reference_tool();
@@ -93,7 +93,7 @@ TEST(Sil, FullTriggerReachesTheNoLoadSpeed) {
     loop.hold(0.0, false, 300);
     loop.hold(1.0, false, 1200);
     EXPECT_NEAR(loop.rows.back().speed_rpm, 2813.0 * 5.6,
-                2813.0 * 5.6 * 0.005);  // physics.md section 4
+                2813.0 * 5.6 * 0.005);  // docs/spec/model.md, section 4
     EXPECT_NEAR(loop.rows.back().current_a, 1.8, 0.1);
     EXPECT_EQ(loop.rows.back().compare, 255);
 }

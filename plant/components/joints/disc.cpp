@@ -55,9 +55,9 @@ struct BoltLevers {
 };
 
 static BoltLevers bolt_levers(const Parameters &p) {
-    const double factor = 1.0 + p.thread_friction_relative;
-    return {factor * (0.58 * p.bolt_flank_m + 0.5 * p.bolt_head_m) * p.bolt_friction,
-            0.16 * p.bolt_pitch_m, 1.0 - p.joint_hysteresis_relative};
+    const double factor = 1.0 + p.effects.thread_friction.relative;
+    return {factor * (0.58 * p.load.bolt_flank_m + 0.5 * p.load.bolt_head_m) * p.load.friction,
+            0.16 * p.load.bolt_pitch_m, 1.0 - p.effects.joint_hysteresis.relative};
 }
 
 // The stack's force over the head angle, as a cubic: F(u) = scale (a u - 1.5 h0 u^2 + 0.5 u^3), u =
@@ -67,16 +67,17 @@ struct StackForce {
 };
 
 static StackForce stack_force(const Parameters &p) {
-    const DiscSpring disc{p.disc_outer_m, p.disc_inner_m, p.disc_thickness_m, p.disc_cone_m};
-    return {p.disc_parallel * disc_spring_scale(disc),
-            p.joint_from_turns * p.bolt_pitch_m / p.disc_series,
-            p.bolt_pitch_m / (2.0 * PI * p.disc_series)};
+    const DiscSpring disc{p.load.disc_outer_m, p.load.disc_inner_m, p.load.disc_thickness_m,
+                          p.load.disc_cone_m};
+    return {p.load.parallel * disc_spring_scale(disc),
+            p.load.from_turns * p.load.bolt_pitch_m / p.load.series,
+            p.load.bolt_pitch_m / (2.0 * PI * p.load.series)};
 }
 
 static void add_compressing(const Parameters &p, const StackForce &f, const BoltLevers &b,
                             JointSegment &s) {
-    const double h = p.disc_cone_m, a = h * h + p.disc_thickness_m * p.disc_thickness_m,
-                 u = f.start_m;
+    const double h = p.load.disc_cone_m,
+                 a = h * h + p.load.disc_thickness_m * p.load.disc_thickness_m, u = f.start_m;
     const double c[4] = {f.scale * u * (a - u * (1.5 * h - 0.5 * u)),
                          f.scale * f.per_rad * (a - 3.0 * h * u + 1.5 * u * u),
                          f.scale * f.per_rad * f.per_rad * (1.5 * u - 1.5 * h),
@@ -89,9 +90,10 @@ static void add_compressing(const Parameters &p, const StackForce &f, const Bolt
 
 static void add_flat(const Parameters &p, const StackForce &f, const BoltLevers &b,
                      JointSegment &s) {
-    const double flat_rad = (p.disc_cone_m - f.start_m) / f.per_rad;
-    const double flat_n = f.scale * p.disc_cone_m * p.disc_thickness_m * p.disc_thickness_m;
-    const double back_slope = FLAT_SLOPE_NM_PER_RAD * p.joint_loosen_ratio;
+    const double flat_rad = (p.load.disc_cone_m - f.start_m) / f.per_rad;
+    const double flat_n =
+        f.scale * p.load.disc_cone_m * p.load.disc_thickness_m * p.load.disc_thickness_m;
+    const double back_slope = FLAT_SLOPE_NM_PER_RAD * p.load.loosen_ratio;
     joint_add_line(s.forward,
                    {flat_rad, (b.friction_m + b.pitch_m) * flat_n, FLAT_SLOPE_NM_PER_RAD}, 1.0);
     joint_add_line(s.backward, {flat_rad, (b.friction_m - b.pitch_m) * flat_n, back_slope},
@@ -103,13 +105,13 @@ static void add_flat(const Parameters &p, const StackForce &f, const BoltLevers 
 static void disc_slip(const Parameters &p, double at_rad, JointSegment &s) {
     const StackForce force = stack_force(p);
     const BoltLevers levers = bolt_levers(p);
-    const double factor = 1.0 + p.thread_friction_relative;
-    joint_add_line(s.forward, {0.0, p.joint_run_nm, 0.0}, factor);
-    joint_add_line(s.backward, {0.0, p.joint_run_nm, 0.0}, factor);
+    const double factor = 1.0 + p.effects.thread_friction.relative;
+    joint_add_line(s.forward, {0.0, p.load.run_torque_nm, 0.0}, factor);
+    joint_add_line(s.backward, {0.0, p.load.run_torque_nm, 0.0}, factor);
     const double deflection = force.start_m + force.per_rad * at_rad;
     if (deflection <= 0.0)
         return;
-    if (deflection >= p.disc_cone_m)
+    if (deflection >= p.load.disc_cone_m)
         add_flat(p, force, levers, s);
     else
         add_compressing(p, force, levers, s);
@@ -117,8 +119,8 @@ static void disc_slip(const Parameters &p, double at_rad, JointSegment &s) {
 
 // Where the bolt begins to compress the stack, and where the stack lies flat
 static std::vector<double> disc_breakpoints(const Parameters &p) {
-    const double entry = -2.0 * PI * p.joint_from_turns;
-    return {entry, entry + 2.0 * PI * p.disc_series * p.disc_cone_m / p.bolt_pitch_m};
+    const double entry = -2.0 * PI * p.load.from_turns;
+    return {entry, entry + 2.0 * PI * p.load.series * p.load.disc_cone_m / p.load.bolt_pitch_m};
 }
 
 const JointKind DISC_JOINT{LoadKind::DISC_SPRING, disc_breakpoints, disc_slip};

@@ -7,10 +7,10 @@ namespace vgroove {
 // Slip torque: run torque + slope th; backwards run torque + loosen_ratio slope th. A head behind
 // its start (th < 0) slips at the run torque. Effect thread_friction scales both.
 static void hard_slip(const Parameters &p, double at_rad, JointSegment &s) {
-    const double slope = at_rad > 0.0 ? p.joint_slope : 0.0;
-    const double factor = 1.0 + p.thread_friction_relative;
-    joint_add_line(s.forward, {0.0, p.joint_run_nm, slope}, factor);
-    joint_add_line(s.backward, {0.0, p.joint_run_nm, slope * p.joint_loosen_ratio}, factor);
+    const double slope = at_rad > 0.0 ? p.load.slip_slope_nm_per_rad : 0.0;
+    const double factor = 1.0 + p.effects.thread_friction.relative;
+    joint_add_line(s.forward, {0.0, p.load.run_torque_nm, slope}, factor);
+    joint_add_line(s.backward, {0.0, p.load.run_torque_nm, slope * p.load.loosen_ratio}, factor);
 }
 
 static std::vector<double> hard_breakpoints(const Parameters &) {

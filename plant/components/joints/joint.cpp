@@ -32,15 +32,15 @@ static const JointKind *find_kind(LoadKind kind) {
 }
 
 static bool has_knot(const Parameters &p, LoadKind kind) {
-    return p.knot_nm != 0.0 && kind != LoadKind::LOCKED;
+    return p.effects.wood_knot.torque_nm != 0.0 && kind != LoadKind::LOCKED;
 }
 
 static std::vector<double> breakpoints_of(const Parameters &p, LoadKind kind) {
     const JointKind *joint = find_kind(kind);
     std::vector<double> at = joint ? joint->breakpoints(p) : std::vector<double>{};
     if (has_knot(p, kind)) {
-        at.push_back(p.knot_from_rad);
-        at.push_back(p.knot_to_rad);
+        at.push_back(p.effects.wood_knot.from_rad);
+        at.push_back(p.effects.wood_knot.to_rad);
     }
     std::sort(at.begin(), at.end());
     at.erase(std::unique(at.begin(), at.end()), at.end());
@@ -62,17 +62,17 @@ static JointSegment segment_between(const Parameters &p, LoadKind kind, double f
     const double at = within(from_rad, to_rad);
     if (const JointKind *joint = find_kind(kind))
         joint->slip(p, at, s);
-    if (has_knot(p, kind) && at > p.knot_from_rad && at < p.knot_to_rad) {
-        s.forward[0] += p.knot_nm;
-        s.backward[0] += p.knot_nm * p.joint_loosen_ratio;
+    if (has_knot(p, kind) && at > p.effects.wood_knot.from_rad && at < p.effects.wood_knot.to_rad) {
+        s.forward[0] += p.effects.wood_knot.torque_nm;
+        s.backward[0] += p.effects.wood_knot.torque_nm * p.load.loosen_ratio;
     }
     return s;
 }
 
 Joint joint_from(const Parameters &p, LoadKind kind) {
     Joint j{};
-    j.stiffness = p.joint_stiffness * (1.0 + p.joint_stiffness_relative);
-    j.damping = std::max(p.joint_damping, j.stiffness * JOINT_RELAXATION_LEAST_S);
+    j.stiffness = p.load.stiffness_nm_per_rad * (1.0 + p.effects.joint_stiffness.relative);
+    j.damping = std::max(p.load.damping_nm_s_per_rad, j.stiffness * JOINT_RELAXATION_LEAST_S);
     j.damping_inverse = 1.0 / j.damping;
     j.of_load = kind == LoadKind::TORQUE;
     double from = -EVERYWHERE;

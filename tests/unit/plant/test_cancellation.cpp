@@ -119,7 +119,7 @@ TEST(ImpactRun, AnImpossibleToolOfABatchIsNamed) {
 
 TEST(ImpactRun, TooManyStepsNameTheParameterBehindThem) {
     std::vector<Parameters> tools(2, reference_tool());
-    tools[1].joint_damping = 1e6;  // 8e10 per s
+    tools[1].load.damping_nm_s_per_rad = 1e6;  // 8e10 per s
     for (const ImpactAccuracy accuracy : {ImpactAccuracy::FAST, ImpactAccuracy::REFERENCE}) {
         const std::string message = refusal(tools, accuracy, 1);
         EXPECT_EQ(message.rfind("parameter set 1: impact mechanism: needs too many steps at 0.", 0),

@@ -1,5 +1,5 @@
-// Laws of the drill driver (physics.md section 7): energy, clutch, rest, slopes, and its solvers
-// against one another.
+// Laws of the drill driver (docs/spec/model.md, section 7): energy, clutch, rest, slopes, and its
+// solvers against one another.
 #include <algorithm>
 #include <cmath>
 #include <gtest/gtest.h>
