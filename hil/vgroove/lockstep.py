@@ -255,7 +255,7 @@ class Pacer:
 
 @dataclass
 class Progress:
-    """How far a run is: bytes that the board has sent, periods done, and the bridge as it stands."""
+    """Progress of a run: bytes that the board has sent, periods done, and the bridge outputs."""
 
     sent: bytearray = field(default_factory=bytearray)
     periods: int = 0

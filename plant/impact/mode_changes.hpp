@@ -27,6 +27,18 @@ VGROOVE_INLINE void impact_contact_begins(ImpactSolver<L> &self, ContactPlace pl
                 self.state.x[L::LUG_IMPULSE]);
 }
 
+// The penetration turns from growing to shrinking or back.
+template <class L> VGROOVE_INLINE void impact_contact_turns(ImpactSolver<L> &self) {
+    self.mode.approaching = !self.mode.approaching;
+    self.mode.ramped = self.point.pen > self.model.contact.ramp_m;
+}
+
+// The hammer leaves the top of a lug into a gap.
+template <class L> VGROOVE_INLINE void impact_overlap_ends(ImpactSolver<L> &self) {
+    self.dropped_j += contact_energy(self.model.contact, self.point.pen);
+    impact_enter_gap(self.model, self.mode, impact_relative<L>(self.model, self.state));
+}
+
 // The damping reaches its full value, or leaves it.
 template <class L> VGROOVE_INLINE void impact_ramp_ends(ImpactSolver<L> &self) {
     self.mode.ramped = !self.mode.ramped;
@@ -103,15 +115,13 @@ __attribute__((noinline)) void impact_apply_event(ImpactSolver<L> &self, int eve
         impact_contact_ends(self);
         break;
     case IMPACT_TURN:
-        mode.approaching = !mode.approaching;
-        mode.ramped = self.point.pen > self.model.contact.ramp_m;
+        impact_contact_turns(self);
         break;
     case IMPACT_RAMP:
         impact_ramp_ends(self);
         break;
     case IMPACT_LAP:
-        self.dropped_j += contact_energy(self.model.contact, self.point.pen);
-        impact_enter_gap(self.model, mode, impact_relative<L>(self.model, self.state));
+        impact_overlap_ends(self);
         break;
     case IMPACT_SLIP_FORWARD:
     case IMPACT_SLIP_BACKWARD:

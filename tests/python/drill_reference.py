@@ -43,7 +43,7 @@ def chained(polynomial: object, y_before: np.ndarray) -> object:
 
 @dataclass
 class Drill:
-    """Values of section 7 (low gear, parameter step 1, normal mode) and of the motor of section 4."""
+    """Values of section 7 (low gear, parameter step 1, normal mode) and motor of section 4."""
 
     supply: float = 18.0
     r: float = 0.19
@@ -78,7 +78,7 @@ class State:
 
 
 def stribeck(d: Drill, tc: float, w: float) -> float:
-    """Section 3: T = sqrt(2e) (Tbrk - Tc) exp(-(w/wSt)^2) w/wSt + Tc tanh(w/wCoul), Tbrk = 1.2 Tc."""
+    """Section 3: T = sqrt(2e) (Tbrk - Tc) exp(-(w/wSt)^2) w/wSt + Tc tanh(w/wCoul); Tbrk = 1.2 Tc."""
     st, coul = np.sqrt(2.0) * d.w_brk, d.w_brk / 10.0
     return np.sqrt(2.0 * np.e) * 0.2 * tc * np.exp(-((w / st) ** 2)) * w / st + tc * np.tanh(
         w / coul

@@ -198,7 +198,7 @@ def test_inductance() -> None:
 
 
 def axial_n(t: Trace, rate: float = RATE, preload: float = F0) -> np.ndarray:
-    """Force through the balls: F0 + k x + m x''; the lugs' tops, which push as well, are left out."""
+    """Force through the balls: F0 + k x + m x''; instants at the lugs' height are left out."""
     t["calm"] &= np.abs(t["hammer_m"] - 4.5e-3) > 1.5e-4
     return preload + rate * t["hammer_m"] + MASS * t["d_hammer_m_per_s"]
 

@@ -16,8 +16,8 @@ constexpr double SUPPLY_V = 18.5;
 constexpr double RPM = 30.0 / 3.14159265358979;
 constexpr int PERIODS_PER_MS = 31;
 
-// The reference drive of docs/spec/model.md, section 4, mechanism none: hammer and anvil turn with the
-// spindle.
+// The reference drive (docs/spec/model.md, section 4) without its mechanism: hammer and anvil turn
+// with the spindle.
 vgroove::Parameters reference() {
     vgroove::Parameters p = reference_tool();
     p.gearbox_output_inertia = 6e-5;
