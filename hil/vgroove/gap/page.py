@@ -5,8 +5,7 @@ tables behind them.
 from collections.abc import Sequence
 
 from vgroove.gap.corrected_rig import corrected_parameters
-from vgroove.gap.report import parameter_texts, spaced_name, verdict_sentence
-from vgroove.gap.residual.agreement import (
+from vgroove.gap.figures import (
     LogTraces,
     bars_figure,
     command_picture,
@@ -14,6 +13,7 @@ from vgroove.gap.residual.agreement import (
     remainder_figure,
     trace_picture,
 )
+from vgroove.gap.report import parameter_texts, spaced_name, verdict_sentence
 from vgroove.gap.result import Verdict
 from vgroove.gap.verdict.schema import Gap, NextExperiment, Unexplained, Where
 from vgroove.page import Card, Note, Page, Part, Picture, Table
