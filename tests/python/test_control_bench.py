@@ -31,10 +31,12 @@ from vgroove.control_bench.runs import (
     PULL_S,
     AbsentError,
     Run,
+    RunPlan,
     eeprom_image,
     parameter,
     pull,
     reference,
+    run_plan,
     sil_run,
 )
 from vgroove.control_bench.waves import POINTS, range_of, wave_picture
@@ -191,15 +193,13 @@ def test_parameters_go_into_the_eeprom() -> None:
 
 
 def test_other_tools_scatter_by_a_tenth_and_the_reference_tool_does_not() -> None:
-    nominal = sync.tool(18.5, "locked", None)
+    nominal = sync.CellTool(18.5, "locked", None).rig()
+    drawn = [sync.CellTool(18.5, "locked", seed).rig() for seed in range(60)]
     for name in sync.TOOL_PARAMETERS:
-        shares = [
-            sync.tool(18.5, "locked", seed).value(name) / nominal.value(name) for seed in range(60)
-        ]
+        shares = [rig.value(name) / nominal.value(name) for rig in drawn]
         assert 0.9 <= min(shares) < 0.93 and 1.07 < max(shares) <= 1.1
-    assert sync.tool(18.5, "locked", 5).value("motor.resistance_ohm") == sync.tool(
-        18.5, "locked", 5
-    ).value("motor.resistance_ohm")
+    again = sync.CellTool(18.5, "locked", 5).rig()
+    assert drawn[5].value("motor.resistance_ohm") == again.value("motor.resistance_ohm")
     assert all("tool" not in cell for cell in sync.cells()) and all(
         cell["tool"] == cell["seed"] for cell in sync.other_cells()
     )
@@ -576,15 +576,9 @@ def test_fifth_of_torque_control(fifth: Any) -> None:
 def test_a_jam_opens_the_bridge_in_both_directions(gear: str, reverse: float) -> None:
     load = ((0.0, 0.0), (0.8, 0.0), (0.805, 1.5 * drill.stall_nm(gear, 18.0)))
     profile = Profile(travel=drill.pulled(1.0), reverse=((0.0, reverse),), load_nm=load)
-    run = drill.drill_run(
-        drill.CONTROLLER,
-        drill.drill_rig(gear, 18.0),
-        drill.drill_params(gear),
-        profile,
-        1.0,
-        3,
-        truth_every=4,
-    )
+    params = drill.drill_params(gear)
+    plan = RunPlan(profile, drill.CONTROLLER.mode, params, 1.0, 3, truth_every=4)
+    run = run_plan(drill.drill_rig(gear, 18.0), plan)
     first_s, good_s = drill.opened_s(run, 0.8)
     assert torque.reason_of(run) == "kickback" and first_s - 0.8 <= 0.03 and good_s - 0.8 <= 0.03
     assert np.sign(run.truth["speed_rad_s"][run.truth["time_s"] < 0.8][-1]) == 1.0 - 2.0 * reverse

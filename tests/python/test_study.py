@@ -17,7 +17,8 @@ import pytest
 
 from browser import need_chromium, seen
 from vgroove.page import Table, thin
-from vgroove.study.steps import event_rows, largest_below
+from vgroove.study.step_events import event_rows
+from vgroove.study.steps import largest_below
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT_S = 300

@@ -11,10 +11,13 @@ import pytest
 
 from browser import seen
 from test_study import rows_of, vgroove
+from vgroove.reference.blows import clean
+from vgroove.reference.bolt import lever_m
+from vgroove.reference.rigs import impact_rig
 from vgroove.rig import read_rig
+from vgroove.study.disc_springs import disc_force
 from vgroove.study.impact import phases_of
-from vgroove.study.impact_runs import REFERENCE_RIG, clean, impact_rig
-from vgroove.study.load import disc_force, lever_m
+
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOW = np.dtype([("time_s", "f8"), ("engaged_m", "f8"), ("kind", "i8"), ("skipped", "i8")])
@@ -50,7 +53,7 @@ def test_the_reference_tool_is_the_rig_of_the_tree() -> None:
     ours, files = impact_rig(None), read_rig(ROOT / "rigs/impact_driver.toml")
     for section in ("supply", "motor", "gearbox", "mechanism"):
         assert getattr(ours, section) == getattr(files, section)
-    assert REFERENCE_RIG["load"]["kind"] == "locked"
+    assert ours.load["kind"] == "locked"
 
 
 def test_rate_and_current_rise_with_the_supply_and_synchronism_is_lost(
