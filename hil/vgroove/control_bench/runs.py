@@ -40,8 +40,8 @@ def reference(
     *,
     supply_v: float | None = None,
 ) -> Rig:
-    """The reference tool on one of vgroove.reference.joints.REFERENCE_JOINTS, or on a section [load];
-    `values` are other dotted keys.
+    """The reference tool on one of vgroove.reference.joints.REFERENCE_JOINTS, or on a section
+    [load]; `values` are other dotted keys.
     """
     load = REFERENCE_JOINTS[joint].load if isinstance(joint, str) else joint
     supply = {} if supply_v is None else {"supply.voltage_v": supply_v}
