@@ -24,7 +24,7 @@ ROWS = json.loads((TRUTH / "fixed_cases.json").read_text(encoding="utf-8"))
 
 def diagnosed(row: dict, folder: Path) -> Scored:
     """Make a case in a folder and diagnose it in this process; the verdict with its answer."""
-    case = gap_bench.thawed(row)
+    case = gap_bench.frozen_case(row)
     gap_bench.write_case(case, folder)
     begin = time.process_time()
     verdict = diagnose([read_log(folder / "log.csv")], read_rig(folder / "rig.toml")).verdict

@@ -140,7 +140,7 @@ def test_other_forms_are_other_and_not_something_else(effect_id: str) -> None:
     if effect_id == "hall_dropout":
         assert other["hall_burst"] > 0.0
         return
-    log = responses.seen(setting, other)
+    log = responses.noiseless_log(setting, other)
     left, whole = responses.measured(log) - responses.modelled(log, made), responses.deviation(log)
     assert responses.clipped_rms(left) > 1e-3
     assert responses.clipped_rms(left) < responses.clipped_rms(whole)
@@ -202,24 +202,24 @@ def test_a_case_is_made_again_from_its_found_sizes(monkeypatch: pytest.MonkeyPat
         "multiples": {"current_offset": 2.0},
         "ties": [],
     }
-    case = gap_bench.thawed(row)
+    case = gap_bench.frozen_case(row)
     assert (
         case.params == {"current_offset_a": 0.5}
-        and case.setting.seed == gap_bench.thawed(row).setting.seed
+        and case.setting.seed == gap_bench.frozen_case(row).setting.seed
     )
     keys = [key.split(".")[1] for key in case.setting.rig.tolerance]
     assert keys and all(
         getattr(case.setting.tool, key) != getattr(case.setting.rig, key) for key in keys
     )
     with pytest.raises(ValueError, match="freeze"):
-        gap_bench.thawed(row | {"ids": ["brush_drop"]})
+        gap_bench.frozen_case(row | {"ids": ["brush_drop"]})
 
 
 @pytest.mark.parametrize("kind", ["duty", "voltage_v", "current_a"])
 def test_the_model_of_the_tool_itself_leaves_nothing(kind: str) -> None:
     for bus in ("modelled", "measured") if kind == "duty" else ("absent",):
         setting = setting_of("staircase", seconds=1.5, input=kind, bus=bus)
-        log = responses.seen(setting, {})
+        log = responses.noiseless_log(setting, {})
         assert responses.clipped_rms(responses.deviation(log)) < (
             0.35 if kind == "current_a" else 0.15
         )

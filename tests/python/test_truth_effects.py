@@ -11,8 +11,8 @@ from truth_helpers import (
     BY_ID,
     CATALOGUE,
     FIRST,
+    NOISELESS,
     OUTSIDE,
-    SILENT,
     Run,
     Setting,
     columns,
@@ -46,7 +46,7 @@ def pair(effect_id: str, part: float) -> tuple[Setting, Run, Run]:
     effect = BY_ID[effect_id]
     setting = setting_of(PROFILE[effect.needs])
     params = effect_params(setting, effect_id, part * effect.top(setting.rig))
-    return setting, simulate(setting, SILENT)[0], simulate(setting, params | SILENT)[0]
+    return setting, simulate(setting, NOISELESS)[0], simulate(setting, params | NOISELESS)[0]
 
 
 def top_half(run: Run) -> np.ndarray:
@@ -66,7 +66,7 @@ def mean_current(run: Run) -> float:
 def test_effect_can_be_seen_and_grows_with_its_size(effect_id: str) -> None:
     effect = BY_ID[effect_id]
     setting = setting_of(PROFILE[effect.needs], seconds=4.0)
-    reference = simulate(setting, SILENT)[0]
+    reference = simulate(setting, NOISELESS)[0]
     top = effect.top(setting.rig)
     large, small = (
         visibility(setting, reference, effect_id, 0.7 * top),
@@ -190,8 +190,8 @@ def test_directional_friction_turns_with_the_direction() -> None:
 
 def test_supply_resistance_drops_the_bus_by_the_bus_current() -> None:
     setting = setting_of("staircase")
-    run = simulate(setting, {"supply_resistance_ohm": 0.1} | SILENT)[0]
-    duty = columns(setting, SILENT)["duty"]
+    run = simulate(setting, {"supply_resistance_ohm": 0.1} | NOISELESS)[0]
+    duty = columns(setting, NOISELESS)["duty"]
     row = np.argmax(run.speed_rad_s)
     assert 18.0 - run.supply_v[row] == pytest.approx(0.1 * duty[row] * run.current_a[row], rel=0.01)
 
@@ -208,15 +208,17 @@ def test_inertia_slows_the_run_up_and_nothing_else() -> None:
 
 def test_heat_raises_resistance_by_copper_and_cools() -> None:
     setting, _, _ = pair("winding_heating", 0.5)
-    run = simulate(setting, {"heating_kelvin_per_joule": 1.0, "heating_cooling_s": 0.2} | SILENT)[0]
+    run = simulate(
+        setting, {"heating_kelvin_per_joule": 1.0, "heating_cooling_s": 0.2} | NOISELESS
+    )[0]
     assert np.max(run.winding_kelvin) > 3.0
     assert run.winding_kelvin[-1] < 0.8 * np.max(run.winding_kelvin)
 
 
 def test_transport_delay_shifts_the_run_by_its_length() -> None:
     setting = setting_of("ramps")
-    without = simulate(setting, SILENT)[0]
-    late = simulate(setting, {"transport_delay_s": 0.01} | SILENT)[0]
+    without = simulate(setting, NOISELESS)[0]
+    late = simulate(setting, {"transport_delay_s": 0.01} | NOISELESS)[0]
     assert np.max(np.abs(late.speed_rad_s[10:] - without.speed_rad_s[:-10])) < 0.01 * top_speed(
         setting.rig
     )
@@ -225,19 +227,19 @@ def test_transport_delay_shifts_the_run_by_its_length() -> None:
 
 def test_current_gain_offset_and_limit_are_exact() -> None:
     setting = setting_of("staircase")
-    plain = simulate(setting, SILENT)[0].current_a
-    changed = simulate(setting, {"current_gain": 0.1, "current_offset_a": -0.5} | SILENT)[
+    plain = simulate(setting, NOISELESS)[0].current_a
+    changed = simulate(setting, {"current_gain": 0.1, "current_offset_a": -0.5} | NOISELESS)[
         0
     ].current_a
     assert np.allclose(changed, 1.1 * plain - 0.5, atol=1e-9)
     assert np.max(
-        simulate(setting, {"current_limit_a": 2.0} | SILENT)[0].current_a
+        simulate(setting, {"current_limit_a": 2.0} | NOISELESS)[0].current_a
     ) == pytest.approx(2.0)
 
 
 def test_lost_edges_halve_single_speeds() -> None:
     setting = setting_of("staircase")
-    run, _, _, sensors = simulate(setting, {"hall_dropout": 0.03} | SILENT)
+    run, _, _, sensors = simulate(setting, {"hall_dropout": 0.03} | NOISELESS)
     speed = speed_column(run, sensors)
     fast = np.abs(run.speed_rad_s) > 500.0
     ratio = speed[fast] / run.speed_rad_s[fast]
@@ -246,7 +248,7 @@ def test_lost_edges_halve_single_speeds() -> None:
 
 def test_clock_that_runs_fast_stamps_later() -> None:
     setting = setting_of("ramps")
-    table, skewed = columns(setting, SILENT), columns(setting, SILENT | {"clock_skew": 0.03})
+    table, skewed = columns(setting, NOISELESS), columns(setting, NOISELESS | {"clock_skew": 0.03})
     moving = np.argmax(np.abs(table["duty"]) > 0.05)
     assert np.argmax(np.abs(skewed["duty"]) > 0.05) >= moving
     assert np.array_equal(table["time_s"], skewed["time_s"])
@@ -258,6 +260,6 @@ def test_visible_limit_has_visibility_one(effect_id: str) -> None:
     setting = setting_of(PROFILE[BY_ID[effect_id].needs], seconds=4.0)
     limit = visible_limit(setting, effect_id)
     assert limit is not None
-    assert visibility(setting, simulate(setting, SILENT)[0], effect_id, limit) == pytest.approx(
+    assert visibility(setting, simulate(setting, NOISELESS)[0], effect_id, limit) == pytest.approx(
         1.0, abs=0.06
     )

@@ -78,7 +78,9 @@ def test_energy_drawn_is_lost_or_stored(params: dict[str, float]) -> None:
     "params", [{"coupler_nm_per_rad": 0.4, "coupler_damping_ratio": 0.1}, {"play_rad": 0.05}]
 )
 def test_two_bodies_keep_the_clock_however_long_the_step(params: dict[str, float]) -> None:
-    """Half a step of 25 us too early would be 0.015 rad at full speed, and look like less inertia."""
+    """Half a step of 25 us too early would be 0.015 rad at full speed, and look like less
+    inertia.
+    """
     time, duty = np.array([0.0, 0.2, 1.0]), np.array([0.0, 1.0, 1.0])
     angles = [
         Generator(step_s=step, **params)
