@@ -1,5 +1,5 @@
-"""How sure a name is: the coefficients are the fit to the kept cases, and every sign speaks the
-right way.
+"""Probability of a named effect: the coefficients are the fit to the committed cases, and each kind
+of evidence has the right sign.
 """
 
 import importlib.util
@@ -20,7 +20,7 @@ spec.loader.exec_module(proof)
 ROWS = json.loads(proof.ROWS.read_text(encoding="utf-8"))["rows"]
 
 
-def test_the_coefficients_are_the_fit_to_the_kept_cases() -> None:
+def test_the_coefficients_are_the_fit_to_the_committed_cases() -> None:
     np.testing.assert_allclose(
         calibration.COEFFICIENTS, proof.fitted(*proof.table(ROWS)), atol=0.011
     )
@@ -29,19 +29,20 @@ def test_the_coefficients_are_the_fit_to_the_kept_cases() -> None:
 def test_probabilities_hold_on_cases_they_were_not_fitted_to() -> None:
     x, true, weight = proof.table(ROWS)
     whole = weight == 1.0
-    said, sure = proof.foreseen(ROWS)[whole], true[whole][proof.foreseen(ROWS)[whole] >= 0.9]
+    held_out = proof.held_out_probabilities(ROWS)[whole]
+    sure = true[whole][held_out >= 0.9]
     assert len(sure) >= 10 and sure.mean() >= 0.9
-    before = np.array([r["said"] for r in ROWS])[whole]
+    given = np.array([r["said"] for r in ROWS])[whole]
     assert (
-        proof.figures(said, true[whole])["log_loss"]
-        <= proof.figures(before, true[whole])["log_loss"]
+        proof.figures(held_out, true[whole])["log_loss"]
+        <= proof.figures(given, true[whole])["log_loss"]
     )
 
 
 @pytest.mark.parametrize(
     ("sign", "up"), [("blocks", True), ("forms", True), ("closed", True), ("others", False)]
 )
-def test_every_sign_speaks_the_right_way(sign: str, up: bool) -> None:
+def test_every_evidence_has_the_right_sign(sign: str, up: bool) -> None:
     middle = {"blocks": 1.5, "forms": 1.0, "closed": 2.0, "others": 1.0}
     low, high = (
         calibration.probability(calibration.NameEvidence(**middle | {sign: middle[sign] + step}))
@@ -50,11 +51,11 @@ def test_every_sign_speaks_the_right_way(sign: str, up: bool) -> None:
     assert (low < high) is up
 
 
-def test_a_name_without_a_margin_is_not_believed() -> None:
+def test_a_name_without_evidence_has_a_low_probability() -> None:
     assert calibration.probability(calibration.NameEvidence(0.0, 0.0, 5.0, 1.0)) < 0.5
 
 
-def test_signs_of_a_clear_effect_and_of_a_true_tie() -> None:
+def test_evidence_of_a_clear_effect_and_of_a_tie() -> None:
     clear, tie = (
         Toy({"effects.current_offset.offset_a": 0.6}),
         Toy({"effects.coulomb_friction.torque_nm": 0.004}, still_speed=True),

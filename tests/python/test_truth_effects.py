@@ -1,6 +1,4 @@
-"""Every effect of the generator is seen, in the signals and with the sign that its physics asks
-for.
-"""
+"""Every effect of the generator is visible, in the signals and with the sign of its physics."""
 
 from collections.abc import Callable
 
@@ -42,7 +40,7 @@ PROFILE = {"load": "load_steps", "two_way": "reversals", "slow": "crawl", "": "s
 
 
 def pair(effect_id: str, part: float) -> tuple[Setting, Run, Run]:
-    """(setting, effect-free run, run with the effect at a part of its largest sensible size)."""
+    """(setting, effect-free run, run with the effect at a part of its largest plausible size)."""
     effect = BY_ID[effect_id]
     setting = setting_of(PROFILE[effect.needs])
     params = effect_params(setting, effect_id, part * effect.top(setting.rig))
@@ -50,7 +48,7 @@ def pair(effect_id: str, part: float) -> tuple[Setting, Run, Run]:
 
 
 def top_half(run: Run) -> np.ndarray:
-    """Rows where the tool is fast and steady enough for a mean to mean something."""
+    """Rows with more than 0.3 of the largest speed, over which means are taken."""
     return np.abs(run.speed_rad_s) > 0.3 * np.max(np.abs(run.speed_rad_s))
 
 
@@ -77,7 +75,7 @@ def test_effect_can_be_seen_and_grows_with_its_size(effect_id: str) -> None:
 
 
 @pytest.mark.parametrize("effect_id", sorted(SENSORS))
-def test_sensor_effect_leaves_the_tool_alone(effect_id: str) -> None:
+def test_sensor_effect_does_not_change_the_tool(effect_id: str) -> None:
     _, without, with_it = pair(effect_id, 0.5)
     assert np.array_equal(without.speed_rad_s, with_it.speed_rad_s)
     assert np.array_equal(without.current_a, with_it.current_a) == (SENSORS[effect_id] != "i")
@@ -101,20 +99,20 @@ MORE_CURRENT = ("coulomb_friction", "viscous_friction", "quadratic_drag", "cold_
 
 
 @pytest.mark.parametrize("effect_id", SLOWER)
-def test_what_takes_voltage_or_torque_makes_the_tool_slower(effect_id: str) -> None:
+def test_losses_of_voltage_or_torque_make_the_tool_slower(effect_id: str) -> None:
     _, without, with_it = pair(effect_id, 0.5)
     assert mean_speed(with_it) < 0.9995 * mean_speed(without)
 
 
 @pytest.mark.parametrize("effect_id", MORE_CURRENT)
-def test_friction_costs_current(effect_id: str) -> None:
+def test_friction_raises_the_current(effect_id: str) -> None:
     _, without, with_it = pair(effect_id, 0.5)
     assert mean_current(with_it) > 1.02 * mean_current(without)
 
 
 def held_sizes() -> dict[str, Callable[[], tuple[float, float]]]:
-    """Effect -> (measured, expected) where steady state gives the size by hand; reference tool at
-    duty 0.6 unless said.
+    """Effect -> (measured, expected) where the steady state gives the size in closed form; the
+    reference tool at duty 0.6, where no other is given.
     """
     base, v, r, k = steady(0.6), 18.0, 0.19, 0.0109
     friction = 0.012 + 4.5e-6 * base["speed_rad_s"]
@@ -168,8 +166,8 @@ def test_steady_speed_is_what_the_equation_gives(name: str) -> None:
 def test_dead_time_takes_nothing_while_the_current_changes_sign_between_the_edges(
     share: float, sign: float
 ) -> None:
-    """At a share of the ripple's height: the law of `at_edges`; the mean of the sign over the
-    ripple would be the share itself.
+    """The mean current is `share` of the height of the current ripple: dead time acts by the sign
+    of the current at the two edges, not by the mean sign over the ripple.
     """
     duty, v, r, k, dead_s = 128 / 255, 18.0, 0.19, 0.0109, 4e-7
     current = share * duty * (1.0 - duty) * v / (2.0 * 1e-4 * 20000.0)
@@ -246,7 +244,7 @@ def test_lost_edges_halve_single_speeds() -> None:
     assert 0.005 < np.mean((ratio > 0.45) & (ratio < 0.55)) < 0.2
 
 
-def test_clock_that_runs_fast_stamps_later() -> None:
+def test_fast_clock_gives_later_time_stamps() -> None:
     setting = setting_of("ramps")
     table, skewed = columns(setting, NOISELESS), columns(setting, NOISELESS | {"clock_skew": 0.03})
     moving = np.argmax(np.abs(table["duty"]) > 0.05)
