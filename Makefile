@@ -1,29 +1,38 @@
-# Thin front of the house: setup, demo, test, bench, proof, flash. Everything is built under build/, Python lives in .venv.
+# Entry points: setup, demo, test, bench, proof, flash. Builds go to build/, Python to .venv.
 SHELL := /bin/bash
 VENV := .venv
 PY := $(VENV)/bin/python
 JOBS ?= $(shell nproc)
 SEED ?= 1
-APT := cmake ninja-build ccache g++ pkg-config git gcc-avr avr-libc binutils-avr avrdude libsimavr-dev libelf-dev libeigen3-dev libgtest-dev \
-       clang-tidy clang-format cppcheck python3 python3-dev python3-venv chromium
+APT := cmake ninja-build ccache g++ pkg-config git gcc-avr avr-libc binutils-avr avrdude \
+       libsimavr-dev libelf-dev libeigen3-dev libgtest-dev clang-tidy clang-format cppcheck \
+       python3 python3-dev python3-venv chromium
 
 .PHONY: help setup apt build demo test lint unit bench proof flash clean
 help:
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
 
 apt:
-	@missing=$$(for p in $(APT); do dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
+	@missing=$$(for p in $(APT); do \
+	  dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
 	if [ -n "$$missing" ]; then echo "apt-get install" $$missing; \
 	  sudo=$$([ $$(id -u) = 0 ] || echo sudo); \
-	  $$sudo apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$sudo apt-get install -y -qq --no-install-recommends $$missing >/dev/null; fi
+	  $$sudo apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$sudo apt-get install \
+	    -y -qq --no-install-recommends $$missing >/dev/null; fi
 
 $(VENV)/bin/python:
 	python3 -m venv $(VENV)
 	$(PY) -m pip install -q --upgrade pip
 
-# The bindings are rebuilt when a C, C++ or CMake source is newer than the last install; Python sources are live (editable).
-SOURCES := $(shell find firmware plant hil/bindings -name '*.c' -o -name '*.h' -o -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name '*.dbc' 2>/dev/null)
-$(VENV)/.installed: $(VENV)/bin/python pyproject.toml CMakeLists.txt hil/CMakeLists.txt $(SOURCES)
+# The package is installed again when a C, C++ or CMake source or the catalogue is newer than the
+# last install, or when a Python module was added, moved or removed; the text of modules is live.
+SOURCES := $(shell find firmware plant hil/bindings hil/vgroove/gap/catalogue -name '*.[ch]' \
+             -o -name '*.[ch]pp' -o -name CMakeLists.txt -o -name '*.dbc' -o -name '*.py')
+MODULES := build/python_modules.txt
+$(shell mkdir -p build; find hil/vgroove -name '*.py' | sort > $(MODULES).new; \
+        cmp -s $(MODULES).new $(MODULES) || cp $(MODULES).new $(MODULES))
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml CMakeLists.txt hil/CMakeLists.txt \
+                    $(SOURCES) $(MODULES)
 	$(PY) -m pip install -q "scikit-build-core>=0.10" "nanobind>=2.4"
 	$(PY) -m pip install -q --no-build-isolation -e ".[test]"
 	@touch $@
@@ -32,7 +41,8 @@ setup: apt ## install what is missing through apt and pip
 	@$(MAKE) --no-print-directory $(VENV)/.installed
 
 define cmake_build
-	@[ -f build/$(1)/build.ninja ] || { mkdir -p build; cmake --preset $(1) > build/$(1).log 2>&1 || { cat build/$(1).log; exit 1; }; }
+	@[ -f build/$(1)/build.ninja ] || cmake --preset $(1) > build/$(1).log 2>&1 || \
+	  { cat build/$(1).log; exit 1; }
 	@cmake --build --preset $(1) -j $(JOBS) $(if $(2),--target $(2)) -- --quiet
 endef
 
@@ -41,7 +51,7 @@ build: setup ## build host, both AVR targets and the bindings
 	$(call cmake_build,avr-uno)
 	$(call cmake_build,avr-mega)
 
-demo: setup ## real ELF on a simulated ATmega, tool with a sealed effect, log, diagnosis: make demo SEED=n
+demo: setup ## ELF on a simulated ATmega, a tool with a sealed effect, diagnosis: make demo SEED=n
 	$(call cmake_build,avr-uno,vgroove)
 	$(call cmake_build,dev,vgroove-board vgroove_truth)
 	@$(PY) tests/demo/demo.py --seed $(SEED)
@@ -68,7 +78,7 @@ proof: build ## what takes longer; resumable, results into docs/results
 	$(PY) tests/proof/proof.py
 
 flash: build ## make flash PORT=/dev/ttyUSB0 [TARGET=uno|mega]
-	@test -n "$(PORT)" || { echo "say which port: make flash PORT=/dev/ttyUSB0"; exit 2; }
+	@test -n "$(PORT)" || { echo "name the port: make flash PORT=/dev/ttyUSB0"; exit 2; }
 	$(PY) -m vgroove.cli flash $(PORT) --target $(or $(TARGET),uno)
 
 clean:

@@ -1,30 +1,42 @@
-# The ELF for VGROOVE_MCU in the root of the build tree, its hex file beside it, and the target test of the golden vectors where it exists.
+# The ELF for VGROOVE_MCU in the root of the build tree, its hex file beside it, and the test program
+# of the golden vectors.
 set(VGROOVE_MCU atmega328p CACHE STRING "atmega328p or atmega2560")
-set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-sections -fdata-sections -fno-fat-lto-objects -mrelax -mstrict-X -fno-move-loop-invariants)
+set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-sections -fdata-sections
+  -fno-fat-lto-objects -mrelax -mstrict-X -fno-move-loop-invariants)
 
-add_executable(vgroove ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c hal/avr/main.c hal/avr/serial.c hal/avr/start.c)
-# What runs in interrupts is compiled for speed, the rest for size; what runs seldom for still less.
-set_source_files_properties(hal/avr/isr.c drivers/adc_sequence.c core/ring.c PROPERTIES COMPILE_OPTIONS -O2)
-set_source_files_properties(app/calibrate.c app/execute.c app/param_command.c app/param_store.c telemetry/command.c drivers/hall_spacing.c core/divide.c
+add_executable(vgroove ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c
+  hal/avr/main.c hal/avr/serial.c hal/avr/start.c)
+# What runs in interrupts is compiled for speed, the rest for size, and what runs seldom with fewer
+# inlined functions, which is smaller again.
+set_source_files_properties(hal/avr/isr.c drivers/adc_sequence.c core/ring.c
+  PROPERTIES COMPILE_OPTIONS -O2)
+set_source_files_properties(app/calibrate.c app/configure.c app/execute.c app/param_command.c
+  app/param_store.c telemetry/command.c drivers/hall_spacing.c core/divide.c
   PROPERTIES COMPILE_OPTIONS -fno-inline-small-functions)
 target_include_directories(vgroove PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${build_hash_dir})
 target_compile_options(vgroove PRIVATE ${avr_flags})
-target_link_options(vgroove PRIVATE ${avr_flags} -Wl,--gc-sections -Wl,--sort-section=alignment -Wl,-Map=${CMAKE_BINARY_DIR}/vgroove.map)
+target_link_options(vgroove PRIVATE ${avr_flags} -Wl,--gc-sections -Wl,--sort-section=alignment
+  -Wl,-Map=${CMAKE_BINARY_DIR}/vgroove.map)
 target_link_libraries(vgroove PRIVATE vgroove_warnings)
-set_target_properties(vgroove PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR} SUFFIX .elf POSITION_INDEPENDENT_CODE OFF)
+set_target_properties(vgroove PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}
+  SUFFIX .elf POSITION_INDEPENDENT_CODE OFF)
 add_dependencies(vgroove vgroove_build_hash)
 add_custom_command(TARGET vgroove POST_BUILD
-  COMMAND avr-objcopy -O ihex -R .eeprom -R .fuse -R .lock $<TARGET_FILE:vgroove> ${CMAKE_BINARY_DIR}/vgroove.hex
+  COMMAND avr-objcopy -O ihex -R .eeprom -R .fuse -R .lock $<TARGET_FILE:vgroove>
+          ${CMAKE_BINARY_DIR}/vgroove.hex
   BYPRODUCTS ${CMAKE_BINARY_DIR}/vgroove.hex)
 
-# The golden vectors on the target: says over UART which fail.
+# The golden vectors on the target: prints over the UART which of them fail.
 set(vectors_dir ${PROJECT_SOURCE_DIR}/tests/vectors)
 if(EXISTS ${vectors_dir}/vectors.c)
-  add_executable(vectors ${PROJECT_SOURCE_DIR}/tests/avr/vectors_main.c ${vectors_dir}/vectors.c core/divide.c core/fixed.c core/ring.c core/slew.c drivers/analog.c
-    drivers/current_sense.c drivers/h_bridge.c drivers/hall_spacing.c drivers/hall_speed.c drivers/trigger.c hal/avr/bridge.c hal/avr/serial.c)
+  add_executable(vectors ${PROJECT_SOURCE_DIR}/tests/avr/vectors_main.c ${vectors_dir}/vectors.c
+    core/divide.c core/fixed.c core/ring.c core/slew.c
+    drivers/analog.c drivers/current_sense.c drivers/h_bridge.c drivers/hall_spacing.c
+    drivers/hall_speed.c drivers/trigger.c hal/avr/bridge.c hal/avr/serial.c)
   target_include_directories(vectors PRIVATE ${CMAKE_CURRENT_SOURCE_DIR} ${vectors_dir})
   target_compile_options(vectors PRIVATE ${avr_flags})
   target_link_options(vectors PRIVATE ${avr_flags} -Wl,--gc-sections)
   target_link_libraries(vectors PRIVATE vgroove_warnings)
-  set_target_properties(vectors PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR} SUFFIX .elf POSITION_INDEPENDENT_CODE OFF)
+  set_target_properties(vectors PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}
+    SUFFIX .elf POSITION_INDEPENDENT_CODE OFF)
 endif()

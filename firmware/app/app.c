@@ -2,6 +2,7 @@
 #include "app/app.h"
 
 #include "app/calibrate.h"
+#include "app/configure.h"
 #include "app/drive.h"
 #include "app/execute.h"
 #include "app/report.h"
@@ -9,8 +10,7 @@
 #include "hal/hal.h"
 
 #define OVERRUN_FAULT_TICKS 2u
-#define FULL_TICKS_MAX                                                                             \
-    3u  // so long at most slow work waits: a quarter of the ticks is enough for the line
+#define FULL_TICKS_MAX 3u  // slow work waits no longer: 1 tick in 4 is enough for the line
 
 void app_init(App *self, uint32_t build_hash) {
     *self =
@@ -25,15 +25,15 @@ void app_init(App *self, uint32_t build_hash) {
     self->mode = self->host_mode;
     modes_init(&self->modes);
     uart_init(&self->uart, (uint8_t)self->params.value[PARAM_BAUD_SELECT]);
-    while (execute_parameters_pending(self)) {
-        execute_parameters_step(self);
+    while (configure_pending(self)) {
+        configure_step(self);
     }
     report_start(self, build_hash);
 }
 
 static void read_inputs(App *self) {
     trigger_set_switches(&self->trigger,
-                         hal_switches());  // first: the pins are not latched by the tick
+                         hal_switches());  // first: no latch holds the pins
     h_bridge_next_row(&self->bridge);
     measure_analog(&self->measured, &self->adc, &self->current, &self->trigger,
                    self->params.value[PARAM_BUS_GAIN_MV_Q8]);
@@ -50,7 +50,7 @@ static void find_faults(App *self) {
     faults_step(&self->faults, &self->measured, &self->fault_limits, &drive);
 }
 
-// Apart from the tick of a shaft that turns.
+// Decides whether the shaft stands; only for ticks without speed, since it needs many cycles.
 INLINE_NEVER static bool rests(App *self) {
     const bool ended = self->standstill.turned;
     const bool coasts = self->bridge.row_compare == H_BRIDGE_COAST;
@@ -66,7 +66,7 @@ INLINE_NEVER static bool rests(App *self) {
     return standstill_step(&self->standstill, &in);
 }
 
-// The Hall sensor's word is not the last.
+// Standstill by the Hall sensor, confirmed by current and run-down time (standstill.h).
 static void find_standstill(App *self) {
     const int16_t compare = self->bridge.row_compare;
     if (self->hall.new_edges > 0u) {
@@ -101,7 +101,7 @@ static void step_modes(App *self) {
     (void)hall_speed_set_reverse(&self->hall, self->modes.reverse);
 }
 
-// What the mode switch says goes before what the host said.
+// The mode switch has priority over the mode that the host has set.
 static void select_mode(App *self) {
     if (!execute_mode_may_change(self)) {
         return;
@@ -118,13 +118,13 @@ static void note_lateness(App *self, uint8_t ticks_late) {
     self->faults.overrun = ticks_late > OVERRUN_FAULT_TICKS;
 }
 
-// One piece of work that costs as much as a slow frame, if any waits.
+// Does one pending piece of work that costs as much as a slow frame; false: none was pending.
 static bool slow_work(App *self) {
     const bool no_edge = self->hall.new_edges == 0u;
     if (execute_pending(self)) {
         execute_received(self);
-    } else if (no_edge && execute_parameters_pending(self)) {
-        execute_parameters_step(self);
+    } else if (no_edge && configure_pending(self)) {
+        configure_step(self);
     } else if (no_edge && calibrate_pitch_due(self)) {
         calibrate_pitch(self);
     } else if (hall_speed_search_due(&self->hall)) {
@@ -139,8 +139,8 @@ static bool slow_work(App *self) {
     return true;
 }
 
-// Such work, a slow frame, a second edge and what a controller has to compute when the hammer
-// strikes: one of them a tick. What was held back goes next: a slow frame, or whatever there is.
+// One of these fits in a tick: slow work, a slow frame, a second edge, or the computations of a
+// controller at a blow. What has been held back comes first in the next tick.
 static void share_tick(App *self) {
     const bool two_edges =
         self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;
@@ -172,7 +172,7 @@ void app_tick(App *self, uint8_t ticks_late) {
     if (!drives) {
         control_prepare(&self->control, self->mode, self->params.value);
     }
-    self->slow_turn = self->report.hold_slow && telemetry_slow_waits(&self->telemetry);
+    self->slow_turn = self->report.hold_slow && telemetry_slow_pending(&self->telemetry);
     report_tick(self);
     const uint16_t cycles = hal_tick_cycles((uint16_t)self->hall.now_cycles);
     if (cycles > self->worst_cycles) {

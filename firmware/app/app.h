@@ -1,7 +1,8 @@
-// The whole state of the firmware, and what the hardware layer calls: start, tick, interrupts.
+// State of the whole firmware, and the entry points that the hardware layer calls: start, tick,
+// interrupts.
 //
-// A tick: read (edges, samples, switches) -> faults -> state machine -> controller -> fold-back ->
-// stage the bridge -> commands -> report.
+// A tick: read inputs (edges, samples, switches) -> faults -> state machine -> controller ->
+// fold-back -> stage the bridge -> commands -> telemetry.
 #ifndef VGROOVE_APP_H
 #define VGROOVE_APP_H
 
@@ -27,7 +28,7 @@
 _Static_assert(TELEMETRY_FRAME_BYTES == RING_FRAME, "the UART queues whole frames");
 
 typedef struct {
-    AdcSequence adc;  // first: the AVR's ADC interrupt reaches it by displacement
+    AdcSequence adc;  // first: the ADC interrupt reaches it by displacement
     ParamStore params;
     CurrentSense current;
     Trigger trigger;
@@ -44,50 +45,50 @@ typedef struct {
     CommandParser parser;
     Command command;  // the last one received
     Telemetry telemetry;
-    TelemetryInputs report;                   // kept from tick to tick: most of it seldom changes
-    uint8_t spare[TELEMETRY_TICK_BYTES_MAX];  // frames that the queue has no room for
-    uint16_t worst_cycles;                    // of a tick since the last HEALTH frame
-    uint16_t kept_flags;                      // of the ticks that had no time to tell their state
-    uint16_t standing_flags;                  // TELEMETRY_FLAGS_* of the start
+    TelemetryInputs report;                   // kept between ticks, since most of it rarely changes
+    uint8_t spare[TELEMETRY_TICK_BYTES_MAX];  // receives frames when the UART's queue is full
+    uint16_t worst_cycles;                    // longest tick since the last HEALTH frame
+    uint16_t kept_flags;                      // flags of ticks that could not report their state
+    uint16_t standing_flags;                  // TELEMETRY_FLAGS_* set at the start
     int16_t duty_limit_q15;                   // duty at full trigger, a setpoint
-    int16_t ramp_q15;                         // of the trigger, at most slew_q15 a tick
-    int16_t slew_q15;
-    int16_t wish_q15;       // the controller's last
-    int16_t ramp_duty_q15;  // last duty that was driven, and the speed then: what a resumed drive
-                            // begins with
-    int16_t ramp_speed_rpm_q1;
-    uint8_t calibration;  // TELEMETRY_CALIBRATE_WHAT_*, CANCEL: none
-    uint8_t host_mode;  // asked for by SET_MODE, at the start by the parameter; holds at position 0
-                        // of the mode switch
+    int16_t ramp_q15;                         // ramped trigger
+    int16_t slew_q15;                         // greatest change of ramp_q15 per tick
+    int16_t wish_q15;                         // duty that the controller returned last
+    int16_t ramp_duty_q15;      // last duty that drove the shaft, and its speed: a drive that
+    int16_t ramp_speed_rpm_q1;  // begins with a turning shaft starts from their ratio
+    uint8_t calibration;        // TELEMETRY_CALIBRATE_WHAT_*, CANCEL: none
+    uint8_t host_mode;  // of the last SET_MODE, initially the parameter; used while the mode
+                        // switch is at position 0
     uint8_t mode;       // TELEMETRY_MODE_*, selected
-    bool driving;       // the ramp goes on
-    bool controlled;    // the controller acts
+    bool driving;       // a drive is going on
+    bool controlled;    // its controller has been started
     uint16_t calibration_ticks;
-    uint16_t trigger_least;  // counts seen while its ends are learned
+    uint16_t trigger_least;  // counts during the calibration of the trigger
     uint16_t trigger_greatest;
-    bool save_offset;  // the offset found at rest becomes a parameter
+    bool save_offset;  // the offset measured at rest is saved as a parameter
     uint8_t overruns;
-    uint8_t configure_step;  // see execute_parameters
+    uint8_t configuration_step;  // next step of configure.c
     bool calibrated;
-    bool hall_taken;     // pitches learned so far were within their range
-    bool command_waits;  // to be executed and acknowledged
-    bool heavy;          // the drive had much to compute in this tick
-    uint8_t full_ticks;  // in which it had, or two edges, one after the other: all slow work is
-                         // held back
-    bool slow_turn;      // a slow frame has been held back for other work: it goes first now
+    bool hall_taken;       // all Hall pitches learned so far were within their range
+    bool command_pending;  // a command waits for its execution and its ACK
+    bool heavy;            // the drive used many cycles in this tick
+    uint8_t full_ticks;    // consecutive ticks with a heavy drive or two edges: slow work is held
+                           // held back
+    bool slow_turn;        // a slow frame has been held back for other work: it goes first now
 } App;
 
 void app_init(App *self, uint32_t build_hash);
 
-// `ticks_late`: ticks that have come since this one and wait.
+// `ticks_late`: ticks that have come due since this one and are pending.
 void app_tick(App *self, uint8_t ticks_late);
 
-// Interrupts; the one that applies the staged order to the bridge comes before all others.
+// Interrupts. app_on_apply(), which applies the staged order to the bridge, has the highest
+// priority.
 void app_on_tick(App *self);
 void app_on_apply(App *self);
 void app_on_edge(App *self, uint16_t stamp);
-uint8_t app_next_channel(const App *self);  // of the conversion after the one that has just
-                                            // completed; ask before app_on_sample
+// Channel of the next conversion; call before app_on_sample().
+uint8_t app_next_channel(const App *self);
 void app_on_sample(App *self, uint16_t counts);
 void app_on_received(App *self, uint8_t byte, bool damaged);
 bool app_on_ready(App *self, uint8_t *byte);  // false: nothing left to send

@@ -1,13 +1,12 @@
 // Calibrations, see calibrate.h.
 #include "app/calibrate.h"
 
+#include "app/configure.h"
 #include "core/inline.h"
-
-#include "app/execute.h"
 #include "hal/hal.h"
 
 #define TRIGGER_TICKS 5000u
-#define TRIGGER_SPAN_LEAST 200u  // counts; less is a trigger that was not moved
+#define TRIGGER_SPAN_MIN 200u  // counts; less: the trigger was not moved
 
 bool calibrate_begin(App *app, uint8_t what) {
     if (app->modes.state != MODES_IDLE && app->modes.state != MODES_CALIBRATE) {
@@ -36,11 +35,11 @@ static void offset_step(App *app) {
     if (app->calibrated) {
         (void)param_set(&app->params, PARAM_CURRENT_OFFSET_COUNT_Q4, app->current.offset_q4);
     }
-    execute_parameters(app);
+    configure_begin(app);
 }
 
-// Ends of the travel, a thirty-second part within the extremes that the user reached in five
-// seconds.
+// Ends of the travel: the extremes that the user reached in five seconds, less 1/32 of their
+// distance.
 static void trigger_step(App *app) {
     const AdcTick *adc = &app->measured.adc;
     if ((adc->fresh & (1u << HAL_ADC_TRIGGER)) != 0u) {
@@ -56,12 +55,12 @@ static void trigger_step(App *app) {
                                          ? app->trigger_greatest - app->trigger_least
                                          : 0);
     const uint16_t margin = span >> 5;
-    const bool wide = span >= TRIGGER_SPAN_LEAST;
+    const bool wide = span >= TRIGGER_SPAN_MIN;
     app->calibrated =
         wide && param_set(&app->params, PARAM_TRIGGER_LOW_COUNT, app->trigger_least + margin) &&
         param_set(&app->params, PARAM_TRIGGER_HIGH_COUNT, app->trigger_greatest - margin);
     app->calibration = TELEMETRY_CALIBRATE_WHAT_CANCEL;
-    execute_parameters(app);
+    configure_begin(app);
 }
 
 bool calibrate_pitch_due(const App *app) {
@@ -72,7 +71,7 @@ INLINE_NEVER void calibrate_pitch(App *app) {
     const uint8_t k = (uint8_t)app->calibration_ticks;
     const uint8_t pitch =
         (uint8_t)(app->hall.reverse ? (HALL_SPACING_PITCHES - k) % HALL_SPACING_PITCHES
-                                    : k);  // stored forwards
+                                    : k);  // stored for forward rotation
     const bool taken = param_set(&app->params, (ParamIndex)(PARAM_HALL_PITCH_0_Q15 + pitch),
                                  hall_spacing_share(&app->hall.spacing, k));
     app->hall_taken = taken && (k == 0u || app->hall_taken);
@@ -83,7 +82,7 @@ INLINE_NEVER void calibrate_pitch(App *app) {
     app->hall.learned = false;
     app->calibration = TELEMETRY_CALIBRATE_WHAT_CANCEL;
     app->calibrated = app->hall_taken;
-    execute_parameters(app);
+    configure_begin(app);
 }
 
 INLINE_NEVER void calibrate_step(App *app) {

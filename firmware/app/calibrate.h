@@ -1,22 +1,21 @@
-// Calibrations: current offset at rest (at every start, and on command into the parameters), ends
-// of the trigger, Hall pitches.
+// Calibrations: current offset at rest (at every start; on command it becomes a parameter), ends of
+// the trigger's travel, Hall pitches.
 #ifndef VGROOVE_APP_CALIBRATE_H
 #define VGROOVE_APP_CALIBRATE_H
 
 #include "app/app.h"
 
-// TELEMETRY_CALIBRATE_WHAT_*; false when the tool is driven. CANCEL ends what is going on.
+// `what`: TELEMETRY_CALIBRATE_WHAT_*, CANCEL ends a running one. False while the tool is driven.
 bool calibrate_begin(App *app, uint8_t what);
 
 // Once a tick.
 void calibrate_step(App *app);
 
-// A learned Hall pitch waits to be taken over; one at a time, since each costs a division.
+// Whether a learned Hall pitch is to be saved; one per call, since each costs a division.
 bool calibrate_pitch_due(const App *app);
 void calibrate_pitch(App *app);
 
-// Whether the state machine has to hold CALIBRATE: the Hall pitches are learned while the user
-// drives.
+// Whether the state machine stays in CALIBRATE; Hall pitches are learned in DRIVE instead.
 bool calibrate_holds(const App *app);
 
 #endif

@@ -1,68 +1,44 @@
-// Choice of the controller, see control.h.
+// Dispatch to the controller of the mode, see control.h; the cases are generated from CONTROL_LIST.
 #include "app/control.h"
 
-#include "app/param_store.h"
 #include "core/flash.h"
 #include "core/inline.h"
-#include "telemetry/telemetry_signals.h"
 
-#define FORWARD_TERM(MODE, name, Type, directions)                                                 \
+#define FORWARD_TERM(MODE, name, Type, directions, ...)                                            \
     || (mode == TELEMETRY_MODE_##MODE && (directions) == CONTROL_FORWARD)
-#define START_CASE(MODE, name, Type, directions)                                                   \
+#define BLOWS_TERM(MODE, name, Type, directions, reversed, blows, ...)                             \
+    || (mode == TELEMETRY_MODE_##MODE && (blows) == source)
+#define HEAVY_TERM(MODE, name, Type, directions, reversed, blows, heavy, ...)                      \
+    || (self->mode == TELEMETRY_MODE_##MODE && heavy(&self->state.name))
+#define START_CASE(MODE, name, Type, directions, reversed, ...)                                    \
     case TELEMETRY_MODE_##MODE:                                                                    \
         name##_start(&self->state.name, &self->set.name);                                          \
+        if (reverse) {                                                                             \
+            reversed(&self->set.name);                                                             \
+        }                                                                                          \
         break;
-#define STEP_CASE(MODE, name, Type, directions)                                                    \
+#define STEP_CASE(MODE, name, Type, ...)                                                           \
     case TELEMETRY_MODE_##MODE:                                                                    \
         return name##_step(&self->state.name, &self->set.name, in, &self->blow);
-#define REPORT_CASE(MODE, name, Type, directions)                                                  \
+#define REPORT_CASE(MODE, name, Type, ...)                                                         \
     case TELEMETRY_MODE_##MODE:                                                                    \
         out->control_state = name##_state(&self->state.name) & TELEMETRY_CONTROL_STATE_MAX;        \
         out->stop_reason = name##_stop_reason(&self->state.name) & TELEMETRY_STOP_REASON_MAX;      \
         out->estimate = name##_estimate(&self->state.name);                                        \
         return;
 
-// Where the setpoints come from: each is a word and a parameter, in the order of the struct. Rows
-// are as long as the longest.
-#define ROW(MODE, name, Type, directions) [TELEMETRY_MODE_##MODE] = {SETPOINTS_##MODE},
-#define WORDS(MODE, name, Type, directions)                                                        \
-    _Static_assert(sizeof(Type##Setpoints) / sizeof(int16_t) ==                                    \
-                       sizeof((uint8_t[]){SETPOINTS_##MODE}),                                      \
+// Parameter of each setpoint, in the order of the struct; unused places of a row are 0.
+#define SOURCE_ROW(MODE, name, Type, directions, reversed, blows, heavy, ...)                      \
+    [TELEMETRY_MODE_##MODE] = {__VA_ARGS__},
+#define SOURCE_COUNT_CHECK(MODE, name, Type, directions, reversed, blows, heavy, ...)              \
+    _Static_assert(sizeof(Type##Setpoints) / sizeof(int16_t) == sizeof((uint8_t[]){__VA_ARGS__}),  \
                    "a parameter for each setpoint");
+CONTROL_LIST(SOURCE_COUNT_CHECK)
+static const uint8_t sources[][CONTROL_SETPOINTS_MAX] FLASH_TABLE = {CONTROL_LIST(SOURCE_ROW)};
 
-#define SETPOINTS_SYNC                                                                             \
-    PARAM_SYNC_METHOD, PARAM_SYNC_LOW_MV, PARAM_SYNC_HIGH_MV, PARAM_SYNC_DEPTH_MIN_Q15,            \
-        PARAM_SYNC_DEPTH_MAX_Q15, PARAM_SYNC_CURRENT_A_Q9
-#define SETPOINTS_SCREWING                                                                         \
-    PARAM_HALL_PULSES, PARAM_BLOW_TURN_Q8, PARAM_SCREWING_SHARE_Q15, PARAM_SCREWING_LEAST_MV,      \
-        PARAM_SCREWING_SMALL_DEG_Q4, PARAM_SCREWING_RISE_Q8
-#define SETPOINTS_VIBRATION                                                                        \
-    PARAM_VIBRATION_METHOD, PARAM_VIBRATION_APPROACH_Q15, PARAM_VIBRATION_CLIMB_Q15,               \
-        PARAM_VIBRATION_CLIMB_PER_MS_Q15, PARAM_VIBRATION_CLIMB_TURN_Q8,                           \
-        PARAM_VIBRATION_SURGE_A_Q9, PARAM_VIBRATION_HARD_SHARE_Q15, PARAM_VIBRATION_HARD_MV,       \
-        PARAM_MOTOR_MOHM, PARAM_MOTOR_RPM_PER_V
-#define SETPOINTS_TORQUE PARAM_TORQUE_TARGET_NM
-#define SETPOINTS_DRILL                                                                            \
-    PARAM_DRILL_CLUTCH_DNM, PARAM_DRILL_RATIO_Q8, PARAM_MOTOR_MOHM, PARAM_MOTOR_RPM_PER_V,         \
-        PARAM_DRILL_PULSE, PARAM_DRILL_KICKBACK
-
-CONTROL_LIST(WORDS)
-static const uint8_t sources[][CONTROL_SETPOINTS_MOST] FLASH_TABLE = {CONTROL_LIST(ROW)};
-
-// Synchronisation finds the blows in what its method is named after.
-static uint8_t blow_source(uint8_t mode, const int16_t *value) {
-    if (mode != TELEMETRY_MODE_SYNC) {
-        return (uint8_t)value[PARAM_BLOW_SOURCE];
-    }
-    return value[PARAM_SYNC_METHOD] == SYNC_METHOD_SPEED ? BLOW_SOURCE_SPEED : BLOW_SOURCE_CURRENT;
-}
-
-#define COUNT_TERM(MODE, name, Type, directions) +1
-enum { MODE_LAST = 0 CONTROL_LIST(COUNT_TERM) };  // the plain mode is 0
-#define IN_A_ROW(MODE, name, Type, directions)                                                     \
-    _Static_assert(TELEMETRY_MODE_##MODE <= MODE_LAST,                                             \
-                   "the modes of the list are numbered in a row");
-CONTROL_LIST(IN_A_ROW)
+#define COUNT_TERM(MODE, name, Type, ...) +1
+enum { MODE_LAST = TELEMETRY_MODE_DUTY CONTROL_LIST(COUNT_TERM) };
+_Static_assert(MODE_LAST == TELEMETRY_MODE_LAST, "an entry for each mode of the DBC");
 
 bool control_has(uint8_t mode) {
     return mode <= MODE_LAST;
@@ -72,16 +48,28 @@ static bool forward_only(uint8_t mode) {
     return false CONTROL_LIST(FORWARD_TERM);
 }
 
+static bool blows_are(uint8_t mode, uint8_t source) {
+    return false CONTROL_LIST(BLOWS_TERM);
+}
+
+// `method`: the first setpoint of the mode.
+static uint8_t blow_source(uint8_t mode, int16_t method, const int16_t *value) {
+    if (!blows_are(mode, CONTROL_BLOWS_BY_METHOD)) {
+        return (uint8_t)value[PARAM_BLOW_SOURCE];
+    }
+    return method == CONTROLLER_METHOD_SPEED ? BLOW_SOURCE_SPEED : BLOW_SOURCE_CURRENT;
+}
+
 INLINE_NEVER void control_prepare(Control *self, uint8_t mode, const int16_t *value) {
-    self->blow_set.turn_q8 = (uint16_t)value[PARAM_BLOW_TURN_Q8];
-    self->blow_set.source = blow_source(mode, value);
-    self->blow_set.motor_mohm = (uint16_t)value[PARAM_MOTOR_MOHM];
-    self->blow_set.motor_rpm_per_v = (uint16_t)value[PARAM_MOTOR_RPM_PER_V];
     const uint8_t *source = sources[mode];
-    int16_t *const last = &self->set.words[CONTROL_SETPOINTS_MOST];
+    int16_t *const last = &self->set.words[CONTROL_SETPOINTS_MAX];
     for (int16_t *word = self->set.words; word != last; word++, source++) {
         *word = value[FLASH_U8(source)];
     }
+    self->blow_set.turn_q8 = (uint16_t)value[PARAM_BLOW_TURN_Q8];
+    self->blow_set.source = blow_source(mode, self->set.words[0], value);
+    self->blow_set.motor_mohm = (uint16_t)value[PARAM_MOTOR_MOHM];
+    self->blow_set.motor_rpm_per_v = (uint16_t)value[PARAM_MOTOR_RPM_PER_V];
 }
 
 INLINE_NEVER void control_start(Control *self, uint8_t mode, bool reverse) {
@@ -89,12 +77,6 @@ INLINE_NEVER void control_start(Control *self, uint8_t mode, bool reverse) {
     self->mode = control_has(mode) && !(reverse && forward_only(mode)) ? mode : TELEMETRY_MODE_DUTY;
     blow_start(&self->blow, &self->blow_set);
     switch (self->mode) { CONTROL_LIST(START_CASE) }
-    if (reverse &&
-        self->mode ==
-            TELEMETRY_MODE_DRILL) {  // clutch and pulse mode tighten; a jam kicks either way
-        self->set.drill.clutch_dnm = 0;
-        self->set.drill.pulse = false;
-    }
 }
 
 static int16_t step(Control *self, const ControllerInputs *in) {
@@ -106,7 +88,7 @@ INLINE_NEVER int16_t control_step(Control *self, const ControllerInputs *in) {
     if (self->stopped) {
         return CONTROLLER_STOP;
     }
-    if (self->mode != TELEMETRY_MODE_DRILL) {
+    if (!blows_are(self->mode, CONTROL_BLOWS_NONE)) {
         blow_step(&self->blow, &self->blow_set, in);
     }
     const int16_t wish_q15 = step(self, in);
@@ -115,8 +97,10 @@ INLINE_NEVER int16_t control_step(Control *self, const ControllerInputs *in) {
 }
 
 bool control_was_heavy(const Control *self) {
-    return self->blow.busy ||
-           (self->mode == TELEMETRY_MODE_TORQUE && torque_has_measured(&self->state.torque));
+    if (self->blow.busy) {
+        return true;
+    }
+    return false CONTROL_LIST(HEAVY_TERM);
 }
 
 void control_report(const Control *self, TelemetryControl *out) {
@@ -125,7 +109,7 @@ void control_report(const Control *self, TelemetryControl *out) {
     out->blow_period_ms =
         period_q4 < TELEMETRY_BLOW_PERIOD_MS_MAX ? period_q4 : TELEMETRY_BLOW_PERIOD_MS_MAX;
     switch (self->mode) { CONTROL_LIST(REPORT_CASE) }
-    out->control_state = self->profile.acts ? 1u : 0u;
+    out->control_state = (uint8_t)profile_state(&self->profile);
     out->stop_reason = self->stopped ? CONTROLLER_REASON_TIMEOUT : CONTROLLER_REASON_NONE;
     out->estimate = 0;
 }

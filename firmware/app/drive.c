@@ -9,8 +9,8 @@ static int16_t along(const App *app, int16_t value) {
     return app->modes.reverse ? (int16_t)(value == INT16_MIN ? INT16_MAX : -value) : value;
 }
 
-// A drive that resumes while the shaft still turns begins with the duty whose back-EMF share
-// matches: from 0 it would brake with all it has.
+// A drive that begins with a turning shaft starts at the duty whose voltage equals the back-EMF:
+// duty 0 would short the motor and brake it.
 static int16_t resumed_duty(const App *app, int16_t speed_rpm_q1) {
     if (app->ramp_speed_rpm_q1 <= 0 || speed_rpm_q1 <= 0) {
         return 0;
@@ -23,27 +23,27 @@ static int16_t resumed_duty(const App *app, int16_t speed_rpm_q1) {
 
 static int16_t limited_travel(const App *app) {
     if (app->duty_limit_q15 == INT16_MAX) {
-        return app->trigger.travel_q15;  // the usual case
+        return app->trigger.travel_q15;  // most ticks
     }
     return (int16_t)(((uint32_t)(uint16_t)(2 * app->trigger.travel_q15) *
                       (uint16_t)((uint16_t)app->duty_limit_q15 + 1u)) >>
                      16);
 }
 
-// The trigger's ramp: what the plain mode drives with, and what the controllers see as the trigger.
+// Ramped trigger: the duty of the plain mode, and the trigger input of the controllers.
 static int16_t ramp(App *app, ModesCommand command, int16_t wanted_q15, int16_t speed_rpm_q1) {
     if (app->controlled && command == MODES_COMMAND_RAMP_DOWN && app->wish_q15 < app->ramp_q15) {
-        app->ramp_q15 = app->wish_q15;  // a release never drives more than the controller did
+        app->ramp_q15 = app->wish_q15;  // no more than the controller's duty
     }
     if (!app->driving) {
         app->ramp_q15 = resumed_duty(app, speed_rpm_q1);
-        app->heavy = true;  // the division was this tick's share
+        app->heavy = true;  // by the division
     }
     app->ramp_q15 = slew_towards(app->ramp_q15, wanted_q15, app->slew_q15);
     return app->ramp_q15;
 }
 
-// The duty in force in the row just measured; a step of the bridge is 128.5.
+// Duty applied in the tick just measured; a step of the bridge is 128.5.
 static int16_t applied_duty_q15(const App *app) {
     const int16_t compare = app->bridge.row_compare;
     return (int16_t)(compare == H_BRIDGE_COAST
@@ -58,7 +58,7 @@ static int16_t coast(App *app) {
     return H_BRIDGE_COAST;
 }
 
-// What the controller wishes; a release ends it.
+// Duty that the controller returns; a released trigger ends its drive.
 static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) {
     if (command == MODES_COMMAND_RAMP_DOWN) {
         app->controlled = false;
@@ -70,13 +70,14 @@ static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) 
         app->controlled = true;
     }
     const int16_t wish_q15 = control_step(&app->control, in);
-    app->heavy = app->heavy || control_was_heavy(&app->control);
     hal_mark_control(false);
+    if (control_was_heavy(&app->control)) {
+        app->heavy = true;
+    }
     return wish_q15;
 }
 
-// What a resumed drive begins with; a duty that brakes says nothing about the speed that it would
-// hold.
+// Keeps duty and speed for resumed_duty(); not while braking, when duty and speed do not match.
 static void note_driven(App *app, int16_t duty_q15, const ControllerInputs *in) {
     if (in->current_a_q9 >= 0) {
         app->ramp_duty_q15 = duty_q15;

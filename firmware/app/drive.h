@@ -1,4 +1,4 @@
-// From the state machine's command to the compare value of the bridge: controller, ramp, fold-back,
+// Compare value of the bridge from the state machine's command: controller, ramp, fold-back,
 // direction.
 #ifndef VGROOVE_APP_DRIVE_H
 #define VGROOVE_APP_DRIVE_H
@@ -7,7 +7,7 @@
 
 #include "app/app.h"
 
-// Compare value for the next tick, H_BRIDGE_COAST when the bridge is to be open.
+// Compare value for the next tick; H_BRIDGE_COAST: the bridge is open.
 int16_t drive_step(App *app);
 
 #endif

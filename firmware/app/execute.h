@@ -1,23 +1,17 @@
-// Commands from the host.
+// Executes the commands of the host.
 #ifndef VGROOVE_APP_EXECUTE_H
 #define VGROOVE_APP_EXECUTE_H
 
 #include "app/app.h"
 
-// Something has been received and is not held back by the ACK of the command before it.
+// Whether received bytes or a complete command are pending and no ACK is waiting to be sent.
 bool execute_pending(const App *app);
 
-// One step with that: some bytes, or a command checked, or executed and acknowledged, or the begin
-// of a frame looked for in a damaged one.
+// One step: takes some bytes, searches a damaged frame for the next start byte, checks a command,
+// or executes and acknowledges it.
 void execute_received(App *app);
 
-// Trigger released and shaft at rest.
+// Whether the trigger is released and the shaft at rest.
 bool execute_mode_may_change(const App *app);
-
-// Parameters have changed: their drivers take them over in the ticks that follow, a few at a time,
-// since each costs divisions.
-void execute_parameters(App *app);
-void execute_parameters_step(App *app);
-bool execute_parameters_pending(const App *app);
 
 #endif

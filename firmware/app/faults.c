@@ -1,4 +1,4 @@
-// Finding faults, see faults.h.
+// Fault detection, see faults.h.
 #include "app/faults.h"
 
 #include "core/fixed.h"
@@ -9,9 +9,9 @@
 
 #define UNDER_VOLTAGE_MS 10u
 #define OVER_TEMPERATURE_MS 100u
-#define STALL_COMPARE_MIN 16  // 6 % duty: below, the shaft may stand without being stalled
+#define STALL_COMPARE_MIN 16  // 6 % duty: below it a shaft at rest is not a stall
 
-// Ticks for which a condition has held, saturating at `limit`.
+// Consecutive ticks in which a condition held, saturating at `limit`.
 static uint8_t held_for(bool holds, uint8_t ticks, uint8_t limit) {
     if (!holds) {
         return 0;
@@ -23,8 +23,8 @@ static int16_t magnitude(int16_t value) {
     return (int16_t)(value < 0 ? -(int16_t)(value + 1) : value);
 }
 
-// |i| * 0.5 ohm > |duty| Vs: the reference motor has 0.29 ohm standing, 10 ohm turning freely and
-// 0.6 ohm at 30 A (physics.md).
+// |i| * 0.5 ohm > |duty| Vs. The reference motor of docs/spec/model.md, section 4, has 0.29 ohm at
+// rest, 10 ohm turning without load and 0.6 ohm at 30 A.
 INLINE_NEVER bool faults_draws_like_standing(const Measurement *m, int16_t compare) {
     const uint32_t current_ma =
         fixed_byte_down((uint32_t)(uint16_t)magnitude(m->current_a_q9) * 1000u) >> 1;

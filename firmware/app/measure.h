@@ -1,4 +1,4 @@
-// One tick's measurements out of the drivers, in units.
+// Measurements of a tick from the drivers, in units.
 #ifndef VGROOVE_APP_MEASURE_H
 #define VGROOVE_APP_MEASURE_H
 
@@ -14,15 +14,15 @@ typedef struct {
     int16_t current_a_q9;
     int16_t speed_rpm_q1;
     uint16_t supply_mv;
-    uint16_t supply_25mv;  // as telemetry sends it
+    uint16_t supply_25mv;  // in the unit of the FAST frame
     int16_t temperature_c_q4;
     uint8_t flags;  // TELEMETRY_FLAGS_* of this tick
     AdcTick adc;    // of this tick
     bool temperature_lost;
-    bool standstill;  // by the Hall sensor; app/standstill.h has the last word
+    bool standstill;  // by the Hall sensor alone, then by standstill.h
 } Measurement;
 
-// The slow channels keep their last value; everything else is of this tick.
+// The slow channels keep their last value; all else is of this tick.
 void measure_analog(Measurement *self, AdcSequence *adc, const CurrentSense *current,
                     Trigger *trigger, int16_t bus_gain_mv_q8);
 void measure_speed(Measurement *self, HallSpeed *hall);

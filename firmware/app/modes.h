@@ -1,21 +1,20 @@
 // State machine of the tool.
 //
-//                 offset known, trigger calibrated, or cancelled
-//   CALIBRATE <-----------------------------------------------> IDLE <------------------- FAULT
-//                 asked for at standstill                        | ^    released, no        ^
-//                                       pressed, armed, at rest  | |    condition left      | any
-//                                       fault,
-//                                                                v | at rest                | from
-//                                                                everywhere
-//                                                   +-------> DRIVE|---> STOPPED            |
-//                                    pressed, armed |            | |       (contact open: IDLE)
-//                                                   |  released, | |
-//                                                   | other way  v |
-//                                                   +--------- RELEASE
+//   from       to         condition
+//   CALIBRATE  IDLE       calibration finished or cancelled
+//   IDLE       CALIBRATE  calibration requested, at rest
+//   IDLE       DRIVE      pressed, armed; at rest or the direction switch unchanged
+//   DRIVE      RELEASE    released, or the direction switch changed
+//   DRIVE      STOPPED    the controller has ended the drive
+//   RELEASE    DRIVE      pressed, armed, the direction switch unchanged
+//   RELEASE    IDLE       at rest
+//   STOPPED    IDLE       contact open
+//   any        FAULT      a fault is latched
+//   FAULT      IDLE       contact open, no fault condition present
 //
-// STOPPED: the controller has ended the drive; open until the contact opens.
-// armed: the contact was seen open since the start, the last fault, the last stop and the last
-// change of direction. The direction follows its switch at standstill in IDLE only.
+// The bridge is driven in DRIVE, ramped down in RELEASE (parameter release_mode), open otherwise.
+// armed: the contact was open at least once since the start, the last fault, the last stop and the
+// last change of direction. The direction switch takes effect in IDLE at standstill only.
 #ifndef VGROOVE_APP_MODES_H
 #define VGROOVE_APP_MODES_H
 
@@ -37,8 +36,8 @@ typedef struct {
     bool reverse_switch;
     bool standstill;
     bool fault;           // one is latched
-    bool fault_persists;  // its condition holds still
-    bool calibrating;     // asked for and not finished
+    bool fault_persists;  // its condition is still present
+    bool calibrating;     // requested and not finished
     bool stopped;         // the controller has ended the drive
 } ModesInputs;
 

@@ -9,12 +9,11 @@
 #include "telemetry/command.h"
 #include "telemetry/telemetry.h"
 
-// Executes a fresh command and returns its result for the ACK, TELEMETRY_ACK_RESULT_UNKNOWN_ID for
-// a command that is not one of the three. `idle`: the tool is not driven; PARAM_WRITE is refused
-// otherwise.
+// Executes a new command and returns its result for the ACK: TELEMETRY_ACK_RESULT_UNKNOWN_ID for
+// any other command. `idle`: the tool is not driven; otherwise PARAM_WRITE is refused.
 uint8_t param_command(ParamStore *store, Telemetry *telemetry, const Command *command, bool idle);
 
-// What telemetry reports of the parameters.
+// Telemetry's view of the parameters.
 TelemetryParams param_report(const ParamStore *store);
 
 #endif

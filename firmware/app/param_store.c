@@ -1,4 +1,4 @@
-// Parameter slots, see param_store.h.
+// EEPROM slots of the parameters, see param_store.h.
 #include "app/param_store.h"
 
 #include "core/crc.h"
@@ -29,13 +29,13 @@ typedef struct {
     {(initial), (least), (greatest)},
 static const Limits limits[PARAM_COUNT] FLASH_TABLE = {PARAM_LIST(PARAM_LIMITS)};
 
-// Parameters that a set of some version holds.
+// Number of parameters in a set of an older version.
 #define PARAM_IN_1(name, unit, initial, least, greatest, version) +((version) <= 1u ? 1u : 0u)
 #define PARAM_IN_2(name, unit, initial, least, greatest, version) +((version) <= 2u ? 1u : 0u)
 enum { COUNT_1 = 0u PARAM_LIST(PARAM_IN_1), COUNT_2 = 0u PARAM_LIST(PARAM_IN_2) };
 _Static_assert(PARAM_VERSION == 3u, "a count for each older version");
 
-// 0 for a version this firmware does not know.
+// 0 for a version that this firmware does not know.
 static uint8_t count_of_version(uint8_t version) {
     switch (version) {
     case 1:
@@ -61,7 +61,7 @@ static uint16_t slot_word(uint8_t slot, uint16_t at) {
                       (uint16_t)((uint16_t)slot_byte(slot, (uint16_t)(at + 1u)) << 8));
 }
 
-// Whole: not void, fits the stride, CRC right; says nothing about whether the version is known.
+// Intact: not void, fits the stride, CRC right; the version may be unknown.
 static bool slot_whole(uint8_t slot) {
     const uint16_t crc_at = (uint16_t)(VALUES_AT + 2u * slot_byte(slot, COUNT_AT));
     uint16_t crc = CRC16_INIT;
@@ -74,8 +74,7 @@ static bool slot_whole(uint8_t slot) {
     return crc == slot_word(slot, crc_at);
 }
 
-// An erased EEPROM reads 0xFF; a slot torn while its version was void does not read 0xFF in its
-// count.
+// An erased EEPROM reads 0xFF everywhere; a slot whose save was interrupted has another count.
 static bool slot_erased(uint8_t slot) {
     return slot_byte(slot, 0) == VERSION_VOID && slot_byte(slot, COUNT_AT) == UINT8_MAX;
 }
@@ -151,7 +150,7 @@ static uint8_t target_slot(const ParamStore *self) {
     return (uint8_t)(self->slot == 0u ? 1u : 0u);
 }
 
-// Byte `at` of the new set; the CRC is that of the bytes before it.
+// Byte `at` of the new set; the CRC covers the bytes before it.
 static uint8_t image_byte(const ParamStore *self, uint16_t at) {
     const uint16_t generation = (uint16_t)(self->generation + 1u);
     const uint8_t shift = (at & 1u) != 0u ? 8u : 0u;
@@ -170,7 +169,7 @@ static uint8_t image_byte(const ParamStore *self, uint16_t at) {
     return (uint8_t)(self->crc16 >> shift);
 }
 
-// Starts the write of one byte of the new set, unless it already reads so.
+// Starts the write of one byte of the new set unless the EEPROM already holds it.
 static void write_byte(const ParamStore *self, uint16_t at, uint8_t byte) {
     if (slot_byte(target_slot(self), at) != byte) {
         hal_eeprom_start_write((uint16_t)(slot_address(target_slot(self)) + at), byte);

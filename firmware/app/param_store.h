@@ -1,10 +1,10 @@
-// Parameters: range-checked values in RAM, kept in two EEPROM slots of which one is always whole.
+// Parameters: range-checked values in RAM, saved in two EEPROM slots of which one is always intact.
 //
-// A slot is version, count, generation (uint16 LE), values (int16 LE), CRC-16 over all before it. A
-// write goes to the slot that does not hold the newest set: first its version becomes 0xFF, which
-// no set has, then the rest is written, last the version. Whatever byte the power fails at, and
-// whatever that byte then reads, the slot is either void or complete, and the other one has not
-// been touched.
+// A slot holds version, count, generation (uint16 LE), values (int16 LE) and a CRC-16 over all
+// bytes before it. A save writes the slot that does not hold the newest set: first the version
+// byte 0xFF, which no set has, then the rest, finally the version. If the power fails at any byte,
+// whatever that byte then reads, the slot is either void or complete, and the other slot is
+// unchanged.
 #ifndef VGROOVE_APP_PARAM_STORE_H
 #define VGROOVE_APP_PARAM_STORE_H
 
@@ -13,8 +13,8 @@
 
 #include "app/param_table.h"
 
-// Slots stand where every version finds them; the first bytes stay unused, since address 0 is what
-// a stray write hits most often.
+// Fixed for all versions; bytes 0..15 are unused, since a write by mistake hits address 0 most
+// often.
 #define PARAM_SLOT_ADDRESS 16u
 #define PARAM_SLOT_STRIDE 256u
 #define PARAM_SLOTS 2u
@@ -23,7 +23,7 @@
 #define PARAM_ENUMERATOR(name, unit, initial, least, greatest, version) PARAM_##name,
 typedef enum { PARAM_LIST(PARAM_ENUMERATOR) PARAM_COUNT } ParamIndex;
 
-// TELEMETRY_TABLE_STATUS_* says the same on the wire.
+// Values of signal table_status.
 typedef enum {
     PARAM_LOADED,
     PARAM_BLANK,            // both slots erased: defaults
@@ -37,24 +37,23 @@ typedef enum {
 typedef struct {
     int16_t value[PARAM_COUNT];
     uint16_t generation;  // of the set in `slot`
-    uint16_t crc16;       // of what has been written of the new set
-    uint8_t slot;         // holds the newest set, PARAM_SLOT_NONE: none does
-    uint8_t step;         // next byte of the write in progress, 0: none
+    uint16_t crc16;       // of the bytes written so far
+    uint8_t slot;         // of the newest set, or PARAM_SLOT_NONE
+    uint8_t step;         // next step of the save in progress, 0: none
     uint8_t status;       // ParamStatus
 } ParamStore;
 
-// Loads the newest whole set. The EEPROM must be ready.
+// Loads the newest intact set. The EEPROM must be ready.
 void param_load(ParamStore *self);
 
-// Sets a value and saves the set; false and no change when it is out of range. A save in progress
-// starts over.
+// Sets a value and saves the set; false and no change when it is out of range. Restarts a save in
+// progress.
 bool param_set(ParamStore *self, ParamIndex index, int32_t value);
 
-// The same without saving it: it holds until the next start, unless the set is saved for another's
-// sake.
+// Sets a value without saving it: valid until the next start, unless param_set() saves the set.
 bool param_try(ParamStore *self, ParamIndex index, int32_t value);
 
-// A byte waits to be written, and the EEPROM is ready for it.
+// Whether a byte is left to be written and the EEPROM is ready for it.
 bool param_due(const ParamStore *self);
 
 // Writes the next byte when it is due; once a tick.

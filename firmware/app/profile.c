@@ -17,6 +17,10 @@ void profile_tick(Profile *self, bool drives) {
     }
 }
 
+ProfileState profile_state(const Profile *self) {
+    return self->acts ? PROFILE_ACTING : PROFILE_NONE;
+}
+
 int16_t profile_wish(const Profile *self, int16_t travel_q15) {
     if (!self->acts) {
         return travel_q15;

@@ -1,4 +1,4 @@
-// What a tick tells the host.
+// Telemetry of a tick: fills the frames from the state of the firmware.
 #ifndef VGROOVE_APP_REPORT_H
 #define VGROOVE_APP_REPORT_H
 

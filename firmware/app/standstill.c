@@ -3,7 +3,7 @@
 
 #include "core/inline.h"
 
-// Time to run down from a speed, at most the whole.
+// Run-down time from a speed, at most STANDSTILL_RUN_DOWN_MS.
 static uint16_t run_down_ms(uint16_t rpm_q1) {
     const uint16_t ms =
         (uint16_t)(((uint32_t)rpm_q1 * (uint32_t)(2u * STANDSTILL_RUN_DOWN_MS)) >> 16);
@@ -15,17 +15,17 @@ INLINE_NEVER bool standstill_driven(Standstill *self, int16_t compare) {
     if (self->driven_ms == 0u || magnitude > self->driven_compare) {
         self->driven_compare = magnitude;
     }
-    if (self->driven_ms < STANDSTILL_GOING_MS) {
+    if (self->driven_ms < STANDSTILL_STARTED_MS) {
         self->driven_ms++;
     }
-    return self->driven_ms == STANDSTILL_GOING_MS;
+    return self->driven_ms == STANDSTILL_STARTED_MS;
 }
 
-// The speed that the drive may have given the shaft, unseen.
+// Upper bound of the speed that the drive has given the shaft since the last edge.
 static uint16_t gained_rpm_q1(const Standstill *self) {
     const uint16_t most = (uint16_t)(self->driven_compare * STANDSTILL_RPM_Q1_PER_COUNT);
     const uint16_t gained = (uint16_t)(self->driven_ms * STANDSTILL_RPM_Q1_PER_MS);
-    if (self->driven_ms == STANDSTILL_GOING_MS && self->stood) {
+    if (self->driven_ms == STANDSTILL_STARTED_MS && self->stood) {
         return 0;
     }
     return gained < most ? gained : most;

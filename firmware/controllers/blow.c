@@ -7,44 +7,56 @@
 #include "core/fixed.h"
 #include "core/inline.h"
 
-#define ANGLE_MAX 28000              // about ten lugs: sums with another angle fit
-#define ANGLE_NEVER INT16_MAX        // beyond ANGLE_MAX: no blow to count ahead from
-#define ANGLE_AHEAD (INT16_MAX - 1)  // as well: it is counted already
-#define ANGLE_PER_TURN_Q7                                                                          \
-    469u  // of 1/256 turn: 60,000 ms/min, less 6 bits of the angle and 8 of turn_q8, is 3.66
-#define FLOOR_RPM                                                                                  \
-    27  // hysteresis at least: below what the smallest blows leave, above what edges and counts do
-#define RIPPLE_START_RPM                                                                           \
-    2000  // hysteresis of 500 rpm: the first climb leaves more, what the run-up to it leaves is
-          // less
-#define SINCE_MAX_MS 252u  // longer is as long: fits in Q4, and is a time to forget
-#define PAUSE_MS 160u      // no hit for that long: impacts have ended
-#define FORGET_MASK_MS                                                                             \
-    3u  // no valley for more than a lug and a half: the learned ripple, too large by now, is halved
-        // every 4 ms
-#define EVEN_SHIFT                                                                                 \
-    4u  // ripple below 1/16 of the speed: the hammer swings once a lug, and a second valley is a
-        // notch
-#define UNEVEN_SHIFT                                                                               \
-    3u  // ripple above 1/8 of the speed: out of step, a valley may stand for two lugs
-#define RIPPLE_SHIFT 2u  // memory of the ripple: 4 hits
-#define MEAN_SHIFT 3u    // memory of angle and period: 8 blows
-#define BASE_SHIFT                                                                                 \
-    4u  // of the speed that the signal is counted from: 16 ms; a run-up hides no valley
-#define LUGS_FIRST                                                                                 \
-    2u  // a first contact leaves no valley of its own: the first one is that of the swing after it
+#define ANGLE_MAX 28000              // about ten lugs; leaves room for a sum with another angle
+#define ANGLE_NEVER INT16_MAX        // ahead_angle: no blow is counted without a valley
+#define ANGLE_AHEAD (INT16_MAX - 1)  // ahead_angle: the blow has been counted without a valley
+
+// Angle (rpm ms / 64) of 1/256 turn: 60,000 ms/min / 2^6 / 2^8 = 3.66.
+#define ANGLE_PER_TURN_Q7 469u
+
+// Least hysteresis: below the smallest blows, above the noise of Hall edges and ADC counts.
+#define FLOOR_RPM 27
+
+// Ripple assumed at the start, a hysteresis of 500 rpm: the first climb of the hammer exceeds it,
+// the run-up does not.
+#define RIPPLE_START_RPM 2000
+
+#define SINCE_MAX_MS 252u  // limit of the times since blow and valley: fits in Q4, multiple of 4
+#define PAUSE_MS 160u      // without a valley: the impacts have ended
+
+// No valley for 1.5 lugs: the learned ripple is too large and is halved every 4 ms.
+#define FORGET_MASK_MS 3u
+
+// Ripple below 1/16 of the speed: the hammer swings once per lug, a second valley is a notch.
+#define EVEN_SHIFT 4u
+
+// Ripple above 1/8 of the speed: hammer and lugs are out of step, a valley may stand for two lugs.
+#define UNEVEN_SHIFT 3u
+
+#define RIPPLE_SHIFT 2u  // running mean of the ripple over 4 valleys
+#define MEAN_SHIFT 3u    // running mean of angle and period over 8 blows
+#define BASE_SHIFT 4u    // base_rpm: mean over 16 ms, so that a run-up hides no valley
+
+// The first contact leaves no valley of its own: the first valley is that of the swing after it.
+#define LUGS_FIRST 2u
 #define LUGS_MAX 8u
-#define SPEED_MAX_RPM 16383  // as far as the Hall speed goes: differences fit
+#define SPEED_MAX_RPM 16383  // range of the Hall speed: differences fit in 16 bits
+#define THIRD_RPM 600        // a third landing below half of again_rpm plus this
+
+// Values of `seen`, a count that saturates.
+#define SEEN_NONE 0u
+#define SEEN_PERIOD 2u  // the period is known for the first time
 #define SEEN_MAX 3u
-#define THIRD_RPM 600  // above half of what a second swing needs: a third one
+
+// Computation that the next tick does: setpoints a tick after the start, a blow after its valley,
+// the means after the blow.
 typedef enum { WORK_NONE, WORK_NEXT, WORK_SET, WORK_HIT, WORK_LEARN } Work;
 
 static uint8_t one_more(uint8_t ms) {
     return ms < SINCE_MAX_MS ? (uint8_t)(ms + 1u) : ms;
 }
 
-// What follows from the ripple. Even: the hammer swings once a lug, there are no repeats, and a
-// second valley is the notch of the blow.
+// Sets the ripple and what depends on it.
 INLINE_NEVER static void set_ripple(Blow *self, int16_t ripple_rpm) {
     self->ripple_rpm = ripple_rpm;
     self->even = ripple_rpm < self->speed_rpm >> EVEN_SHIFT;
@@ -62,8 +74,7 @@ void blow_start(Blow *self, const BlowSetpoints *set) {
     self->work = WORK_NEXT;
 }
 
-// Nearer than 0.66 to a blow the next lug cannot have been reached; nor is there another hit while
-// the hammer swings evenly.
+// Sets the learned angle; 0.66 of it is the least from blow to blow.
 INLINE_NEVER static void set_angle(Blow *self, int16_t mean) {
     self->mean_angle = mean;
     self->blow_angle = (int16_t)((mean >> 1) + (mean >> 3) + (mean >> 5));
@@ -71,18 +82,18 @@ INLINE_NEVER static void set_angle(Blow *self, int16_t mean) {
 
 static void take_setpoints(Blow *self, const BlowSetpoints *set) {
     self->lug_angle = (int16_t)(((uint32_t)set->turn_q8 * ANGLE_PER_TURN_Q7) >> 7);
-    set_angle(self, (int16_t)(self->lug_angle + (self->lug_angle >> 3)));  // the joint's own turn
+    set_angle(self, (int16_t)(self->lug_angle + (self->lug_angle >> 3)));  // 1/8: joint
     self->again_rpm =
-        (int16_t)(2 * self->lug_angle + (self->lug_angle >> 4));  // 31 ms: an angle is rpm ms / 64
+        (int16_t)(2 * self->lug_angle + (self->lug_angle >> 4));  // over 31 ms, rpm ms / 64
     self->rpm_per_mv_q15 =
         (uint16_t)(((uint32_t)set->motor_rpm_per_v * 16777u) >> 8);  // 2 * 2^15 / 1000
     const uint32_t per_a =
-        ((uint32_t)set->motor_mohm * self->rpm_per_mv_q15) >> 9;  // rpm of an ampere, by 2^(16 - 9)
+        ((uint32_t)set->motor_mohm * self->rpm_per_mv_q15) >> 9;  // rpm per A, Q7
     self->rpm_per_a_q7 = (uint16_t)(per_a > UINT16_MAX ? UINT16_MAX : per_a);
 }
 
-// The bus dips with the current, as the speed does. Products whose high word is the result: shifts
-// by 16 are moves.
+// The bus voltage dips with the current, as the speed does. The result is the high word of each
+// product: a shift by 16 is a move.
 static int16_t speed_by_current(const Blow *self, const ControllerInputs *in) {
     const uint16_t applied_mv =
         (uint16_t)(((uint32_t)(uint16_t)(2u * (uint16_t)in->duty_q15) * in->supply_mv) >> 16);
@@ -103,19 +114,19 @@ static void count_time(Blow *self) {
         self->impacting = false;
         self->ahead_angle = self->ahead_angle == ANGLE_AHEAD
                                 ? ANGLE_AHEAD
-                                : ANGLE_NEVER;  // is made good at the next blow
+                                : ANGLE_NEVER;  // corrected at the next blow
         self->seen = 0;
         set_ripple(self, 0);
     }
 }
 
-// So far beyond a lug there was another: 0.56, and half a lug while nothing lengthens the way that
-// the hammer swings.
+// Angle beyond a lug from which one more lug is counted: 0.56 of the mean angle, half of it while
+// the hammer swings once per lug.
 static int16_t more_angle(const Blow *self) {
     return (int16_t)((self->mean_angle >> 1) + (self->even ? 0 : self->mean_angle >> 4));
 }
 
-// A lug that was passed without a valley counts before the next valley tells it.
+// Integrates the angle; a lug passed without a valley is counted before the next valley.
 static void collect(Blow *self) {
     self->angle =
         (int16_t)(self->angle + (int16_t)((uint16_t)(4u * (uint16_t)self->speed_rpm) >> 8));
@@ -129,7 +140,7 @@ static void collect(Blow *self) {
     }
 }
 
-// Not above what it is while out of step, when one valley may stand for two lugs.
+// Out of step one valley may stand for two lugs: the angle is then not learned upwards.
 static void learn_angle(Blow *self, int16_t angle) {
     const int16_t off = (int16_t)(angle - self->mean_angle);
     if (off > 0 && self->ripple_rpm > self->speed_rpm >> UNEVEN_SHIFT) {
@@ -141,13 +152,13 @@ static void learn_angle(Blow *self, int16_t angle) {
 }
 
 static void learn_period(Blow *self) {
-    if (self->seen == 2u) {
+    if (self->seen == SEEN_PERIOD) {
         self->mean_period_q7 = (uint16_t)(self->period_q4 << MEAN_SHIFT);
         self->deviation_q8 = 0;
     }
     const uint16_t mean_q4 = (uint16_t)(self->mean_period_q7 + 4u) >> MEAN_SHIFT;
     const int16_t off_q4 = (int16_t)(self->period_q4 - mean_q4);
-    self->mean_period_q7 = (uint16_t)(self->mean_period_q7 + (uint16_t)off_q4);  // an eighth of it
+    self->mean_period_q7 = (uint16_t)(self->mean_period_q7 + (uint16_t)off_q4);  // mean_q4 in Q7
     self->deviation_q8 = (uint16_t)(self->deviation_q8 - (self->deviation_q8 >> MEAN_SHIFT) +
                                     2u * (uint16_t)(off_q4 < 0 ? -off_q4 : off_q4));
     const uint16_t spread_q15 = divide_by_u16(((uint32_t)self->deviation_q8 << 8) << 3, mean_q4);
@@ -167,14 +178,14 @@ static uint8_t sixteenths(uint16_t over, uint16_t step) {
     return result;
 }
 
-// Where within its tick the signal crossed the hysteresis makes the period finer than a tick.
+// The fraction of the tick at which the signal crossed the hysteresis resolves the period further.
 static void close_blow(Blow *self) {
     const uint8_t fraction_q4 = sixteenths(self->over_rpm, self->step_rpm);
     self->count =
         (uint16_t)(self->count + self->lugs - (self->ahead_angle == ANGLE_AHEAD ? 1u : 0u));
     self->ahead_angle = (int16_t)(self->mean_angle + more_angle(self) - self->late_angle);
     self->seen = (uint8_t)(self->seen + (self->seen < SEEN_MAX ? 1u : 0u));
-    if (self->lugs <= 2u && self->seen > 1u) {
+    if (self->lugs <= 2u && self->seen > SEEN_PERIOD - 1u) {
         const uint16_t since_q4 =
             (uint16_t)((uint16_t)(self->since_ms << 4) + self->last_fraction_q4 - fraction_q4);
         self->period_q4 = self->lugs == 2u ? since_q4 >> 1 : since_q4;
@@ -188,22 +199,21 @@ static void close_blow(Blow *self) {
 
 static void learn_ripple(Blow *self) {
     const int16_t ripple =
-        (int16_t)(self->high_rpm -
-                  self->extreme_rpm);  // the fall: a run-up between two valleys is none
+        (int16_t)(self->high_rpm - self->extreme_rpm);  // the fall; excludes a run-up
     const int16_t known = self->ripple_rpm;
     self->high_rpm = self->signal_rpm;
-    if (self->seen == 0u) {
-        set_ripple(self, 0);  // what was before it is the run-up
+    if (self->seen == SEEN_NONE) {
+        set_ripple(self, 0);  // the speeds before it are those of the run-up
     } else {
         set_ripple(self,
                    known == 0 ? ripple : (int16_t)(known + ((ripple - known) >> RIPPLE_SHIFT)));
     }
 }
 
-// Lugs that the angle stands for. What is over, or short of it, goes by three eighths to the next
-// one: out of step, blows come at 0.7 and 1.3 in turn.
+// Lugs that the angle stands for. Three eighths of the remainder are carried to the next blow: out
+// of step, the angles alternate between 0.7 and 1.3 lugs.
 static uint8_t lugs_of(Blow *self) {
-    if (self->seen == 0u) {
+    if (self->seen == SEEN_NONE) {
         self->late_angle = 0;
         return LUGS_FIRST;
     }
@@ -221,11 +231,11 @@ static uint8_t lugs_of(Blow *self) {
     return lugs;
 }
 
-// The hammer's swing takes its time: when from lug to lug, at the mean speed, takes longer than 31
-// ms it comes down on the same lug once more, and at 50 ms a third time. Whether that leaves a
-// valley of its own depends on the joint.
+// The hammer's swing lasts about 31 ms: when the motor needs longer than that from lug to lug at
+// the mean speed, the hammer lands on the same lug once more, at 50 ms a third time. Whether that
+// leaves a valley of its own depends on the joint.
 static uint8_t repeats_of(const Blow *self) {
-    if (self->base_rpm >= self->again_rpm || self->seen == 0u) {
+    if (self->base_rpm >= self->again_rpm || self->seen == SEEN_NONE) {
         return 0;
     }
     return self->seen == SEEN_MAX && self->base_rpm < (self->again_rpm >> 1) + THIRD_RPM ? 2 : 1;
@@ -233,7 +243,7 @@ static uint8_t repeats_of(const Blow *self) {
 
 static void judge(Blow *self) {
     self->lugs = lugs_of(self);
-    self->impacting = self->seen > 0u;
+    self->impacting = self->seen > SEEN_NONE;
     if (self->lugs > 0u) {
         self->repeats = repeats_of(self);
         close_blow(self);
@@ -241,8 +251,7 @@ static void judge(Blow *self) {
     self->hit_angle = self->angle;
 }
 
-// What takes its time: after a start what the setpoints come to, after a valley what it was, and
-// what follows from that.
+// One computation per tick spreads the cycles.
 INLINE_NEVER static void work(Blow *self, const BlowSetpoints *set) {
     const Work now = (Work)self->work;
     self->work = now == WORK_NEXT ? WORK_SET : WORK_NONE;
@@ -257,7 +266,7 @@ INLINE_NEVER static void work(Blow *self, const BlowSetpoints *set) {
 
 static void valley(Blow *self, int16_t last_rpm) {
     const int16_t dead = (int16_t)(self->even ? self->blow_angle : self->mean_angle >> 2);
-    if (self->seen > 0u && self->angle - self->hit_angle < dead) {
+    if (self->seen > SEEN_NONE && self->angle - self->hit_angle < dead) {
         return;
     }
     self->over_rpm = (uint16_t)(self->signal_rpm - self->extreme_rpm - self->hysteresis_rpm);
@@ -269,10 +278,10 @@ static void valley(Blow *self, int16_t last_rpm) {
 }
 
 static void sense(Blow *self, const BlowSetpoints *set, const ControllerInputs *in) {
-    const bool first = self->base_rpm == 0;  // a drive that resumes begins with a speed
+    const bool first = self->base_rpm == 0;  // a resumed drive begins with a speed
     if ((uint8_t)set->source == BLOW_SOURCE_SPEED) {
         self->speed_rpm = in->speed_rpm_q1 < 0 ? 0 : in->speed_rpm_q1 >> 1;
-    } else if (!in->coasted) {  // smoothed against the noise of its samples
+    } else if (!in->coasted) {  // mean of two ticks against sample noise
         const int16_t now = speed_by_current(self, in);
         self->speed_rpm = first ? now : (int16_t)((self->speed_rpm + now) >> 1);
     }
@@ -283,7 +292,7 @@ static void sense(Blow *self, const BlowSetpoints *set, const ControllerInputs *
     self->signal_rpm = (int16_t)(self->speed_rpm - self->base_rpm);
 }
 
-// A valley of the signal ends.
+// Whether a valley of the signal has just ended.
 static bool turns_up(Blow *self) {
     const int16_t x = self->signal_rpm;
     if (self->rising ? x > self->extreme_rpm : x < self->extreme_rpm) {

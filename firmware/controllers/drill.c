@@ -1,4 +1,4 @@
-// Drill driver, see drill.h. Numbers without another source: physics.md section 7, and the
+// Drill driver, see drill.h. Numbers without another source: docs/spec/model.md, section 7, and the
 // reference tool of its section 4.
 #include "controllers/drill.h"
 
@@ -7,61 +7,63 @@
 #include "core/inline.h"
 #include "core/slew.h"
 
-#define DUTY_UP_Q15 109      // per ms: 0 to 1 in 0.3 s
-#define DUTY_LOADED_Q15 400  // against a load that stops the shaft, with the clutch set
+// Rates of the duty per ms.
+#define DUTY_UP_Q15 109      // 0 to 1 in 0.3 s
+#define DUTY_LOADED_Q15 400  // under load with the clutch set
+#define DUTY_DOWN_Q15 197    // 6 per second
 #define LOADED_A_Q17 Q(2.5, 17)
-#define DUTY_DOWN_Q15 197  // 6 per second
 
+// Pulse mode.
 #define PULSE_ON_A_Q9 Q(15.0, 9)
-#define PULSE_COAST_MS 24u  // the bridge stays open for one more, being armed
+#define PULSE_COAST_MS 24u  // the bridge is open for one tick more, in which it is armed
 #define PULSE_PERIOD_MS 100u
 #define BIN_MS 10u
 #define BIN_SHIFT 4u
-#define PULSE_OFF_SUM Q(8.0 * 100.0 / 16.0, 9)  // of 100 ms at 8 A, as the bins hold it
-#define PULSE_A 44u   // the voltage of a pulse stays within that of what the shaft induces;
-#define RESUME_A 30u  // at first, when it may be falling unseen, within this
+#define PULSE_OFF_SUM Q(8.0 * 100.0 / 16.0, 9)  // 100 ms at 8 A, in the unit of the bins
+#define PULSE_A 44u   // limit of a pulse's voltage above the back-EMF, as a current
+#define RESUME_A 30u  // in its first RESUME_MS, while the back-EMF may be falling
 #define RESUME_MS 3u
-#define PULSE_SLEW_Q15                                                                             \
-    500  // a step of the voltage would look like one of the emf: the winding follows it in half a
-         // millisecond
+#define PULSE_SLEW_Q15 500  // a step would look like one of the back-EMF: L / R is 0.5 ms
 
 #define INDUCTANCE_MV_Q0 100     // per A: L / 1 ms
 #define INERTIA_A_Q9_PER_MV 69   // J / k^2 / 1 ms = 0.1347 A/mV
 #define FRICTION_A_Q4 Q(1.1, 4)  // Tc / k
-#define BLIND_TICKS 2u           // after an open bridge the current has first to build up
+#define BLIND_TICKS 2u           // after an open bridge, until the current has built up
 #define GAP_MAX 80u
 
-// A jam in either gear takes the load current that stalls the motor, 55 A (16 V, a pack of 0.1 ohm)
-// to 108 A, at once; the largest ordinary loads, 12 N m in low gear and 3.5 N m in high gear, take
-// 36 A. 45 A are 334 mV/ms.
+// Kickback. A jam in either gear takes at once the load current that stalls the motor, 55 A (16 V,
+// a pack of 0.1 ohm) to 108 A; the largest ordinary loads, 12 N m in low gear and 3.5 N m in high
+// gear, take 36 A. The threshold of 45 A is a fall of the back-EMF by 334 mV/ms.
 #define FALL_MV_PER_MS 334
 #define FALL_BY_INERTIA_MV                                                                         \
-    150  // 20 A of inertia at least: below it the load is an overload, which the fold-back and the
-         // stall fault know
+    150  // 20 A of inertia: less is an overload, for fold-back and stall fault
 #define FALLEN_MV 300
-#define FALLEN_CLUTCH_MV 900  // with the clutch set, which is quicker where it can be
-#define FALLEN_TICK_MV 160    // one tick alone is no jam
+#define FALLEN_CLUTCH_MV 900  // with the clutch set, which acts first where it can
+#define FALLEN_TICK_MV 160    // limit per tick: one tick alone is no jam
 #define FALLEN_MAX_MV 10000
 #define FALL_MAX_MV 20000
 #define MV_PER_A 7  // k^2 / J / 1 ms
 
-#define CLUTCH_A_Q4_MAX Q(40.0, 4)  // within the fold-back
+// Electronic clutch.
+#define CLUTCH_A_Q4_MAX Q(40.0, 4)  // below the fold-back limit
 #define CLUTCH_A_Q9_MAX Q(40.0, 9)
 #define FILTER_SHIFT 8u  // a move of bytes
 #define FILTER_GAIN 8    // over 2^FILTER_SHIFT: 1/32 ms
 #define SLOW_A_Q4 Q(18.0, 4)
-#define NOISE_A_Q4 Q(1.6, 4)  // a noisy estimate passes the setting early by this much
+#define NOISE_A_Q4 Q(1.6, 4)  // a noisy estimate reaches the setting early by this much
 #define NOISE_SLOW_A_Q4 Q(1.0, 4)
-#define LEAD_TICKS 2  // from the middle of a measured tick to the bridge's opening
-#define LIMIT_MV                                                                                   \
-    750  // speed that the clutch allows: what a joint of 30 degrees turns into torque without
-         // passing the setting
+#define LEAD_TICKS 2  // from the middle of a measured tick to the opening of the bridge
+
+// Speed with the clutch set: back-EMF whose kinetic energy a joint of 30 degrees takes up without
+// passing the setting.
+#define LIMIT_MV 750
 #define LIMIT_MV_PER_DNM 32
 #define LIMIT_MV_PER_A 27
 #define RISING_MAX_A_Q9 2000
-#define SWING_NUMERATOR                                                                            \
-    416  // J / k^2 e i' in A^2 Q8 from mV and A Q9 per tick, behind a shift of 12; half as much
-         // again: the slope lags
+
+// J / k^2 e i' in A^2 Q8 from mV and A Q9 per tick, after a shift of 12; times 1.5, since the slope
+// lags.
+#define SWING_NUMERATOR 416
 
 static int16_t not_below_0(int32_t value) {
     if (value < 0) {
@@ -75,7 +77,7 @@ static void stop(Drill *self, ControllerReason reason) {
     self->reason = (uint8_t)reason;
 }
 
-// i = T / (N k) + Tc / k with 1 / k = 2 pi / 60 rpm per V: T in 0.1 N m, N Q8 and A Q4 make 42.9.
+// i = T / (N k) + Tc / k, 1 / k = 2 pi / 60 rpm per V: T in 0.1 N m, N Q8 and A Q4 give 42.9.
 static void set_clutch(Drill *self, const DrillSetpoints *set) {
     const uint32_t torque = (uint32_t)(uint16_t)set->clutch_dnm * 43u;
     const uint16_t wanted_a_q4 = divide_by_u16(torque * set->rpm_per_v, set->ratio_q8);
@@ -92,8 +94,13 @@ static void set_clutch(Drill *self, const DrillSetpoints *set) {
 }
 
 void drill_start(Drill *self, const DrillSetpoints *set) {
-    (void)set;  // taken where there is time for it
+    (void)set;  // read in the first step
     *self = (Drill){.state = DRILL_RUN, .blind = BLIND_TICKS};
+}
+
+void drill_reverse(DrillSetpoints *set) {
+    set->clutch_dnm = 0;
+    set->pulse = false;
 }
 
 // e = d Vs - R i - L i'
@@ -107,8 +114,8 @@ static int16_t emf_of(const DrillSetpoints *set, const ControllerInputs *in, int
     return not_below_0((int32_t)applied_mv - (drop_mv >> 1) - rise_mv);
 }
 
-// Adds up what falls beyond ordinary loads; while the drive brakes it falls by the drive's own
-// doing.
+// Sums the falls of the back-EMF beyond those of ordinary loads; falls while the drive brakes do
+// not count.
 static void judge_fall(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     const int16_t fall_mv = (int16_t)(self->emf_mv - emf_mv);
     if (current_a_q9 <= 0 || fall_mv <= FALL_BY_INERTIA_MV) {
@@ -137,8 +144,8 @@ static int32_t gained(const Drill *self, int32_t off_a_q9) {
     return self->slow ? slow : 2 * slow;
 }
 
-// Load current i - J / k^2 e', filtered over 16 ms, or over 32 ms where the clutch is set low:
-// noise counts for more, and the shaft is slower.
+// Load current i - J / k^2 e', filtered over 16 ms, or over 32 ms with a low setting of the clutch,
+// at which the noise is relatively larger and the shaft slower.
 static void track_load(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     const int32_t inertia_a_q9 = (int32_t)(int16_t)(self->emf_mv - emf_mv) * INERTIA_A_Q9_PER_MV;
     self->level_a_q17 += gained(self, current_a_q9 + inertia_a_q9 - filtered(self->level_a_q17));
@@ -167,7 +174,8 @@ static void observe(Drill *self, const DrillSetpoints *set, const ControllerInpu
     self->known = true;
 }
 
-// What turns would carry a load that rises along the angle on to sqrt(i^2 + J / k^2 e i').
+// Whether the load reaches the setting if the bridge opens: the kinetic energy carries a load that
+// rises with the angle on to sqrt(i^2 + J / k^2 e i').
 static bool clutch_reached(Drill *self) {
     const int32_t level_a_q9 = filtered(self->level_a_q17);
     const int32_t apart_a_q9 = level_a_q9 - filtered(self->smooth_a_q17);
@@ -188,8 +196,7 @@ static int16_t duty_of(uint32_t volt_mv, uint16_t supply_mv) {
     return volt_mv >= supply_mv ? INT16_MAX : (int16_t)divide_by_u16(volt_mv << 15, supply_mv);
 }
 
-// Holds the clutch's speed under load: its voltage and three quarters of what the load takes in the
-// winding.
+// Speed control with the clutch set: the back-EMF limit plus 3/4 of the load's drop in the winding.
 static int16_t governed(const Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
     const int16_t load_a_q9 = not_below_0(filtered(self->level_a_q17));
     const int16_t load_a_q4 =
@@ -200,11 +207,11 @@ static int16_t governed(const Drill *self, const DrillSetpoints *set, const Cont
         (uint16_t)(((uint32_t)(uint16_t)(2u * (uint16_t)self->duty_q15) * in->supply_mv) >> 16);
     const int32_t missing_mv = (int32_t)self->limit_mv + drop_mv - now_mv;
     return (int16_t)fixed_clamp_i32(self->duty_q15 + missing_mv + (missing_mv >> 1), 0,
-                                    in->travel_q15);  // 1.5: below 2^15 / 20.5 V
+                                    in->travel_q15);  // gain 1.5: below 2^15 / 20.5 V
 }
 
-// Mean over the last 0.1 s below 8 A; asked in steps of 10 ms.
-static bool eased(Drill *self, int16_t current_a_q9) {
+// Whether the mean current of the last 0.1 s is below 8 A, evaluated every 10 ms.
+static bool load_dropped(Drill *self, int16_t current_a_q9) {
     self->pulse_ms = (uint16_t)(self->pulse_ms + (self->pulse_ms < PULSE_PERIOD_MS ? 1u : 0u));
     self->bin_sum = (int16_t)(self->bin_sum + (current_a_q9 >> BIN_SHIFT));
     if (++self->bin_ms < BIN_MS) {
@@ -241,7 +248,7 @@ static DrillState next_state(const Drill *self, const DrillSetpoints *set,
 }
 
 static void change_pulse(Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
-    const bool pulse_over = self->state != DRILL_RUN && eased(self, in->current_a_q9);
+    const bool pulse_over = self->state != DRILL_RUN && load_dropped(self, in->current_a_q9);
     self->phase_ms++;
     const DrillState next = next_state(self, set, in, pulse_over);
     if (next == DRILL_COAST && self->state != DRILL_COAST) {
@@ -262,15 +269,15 @@ static uint16_t induced_mv(const Drill *self, int16_t speed_rpm_q1) {
                       16);
 }
 
-// While nothing drives, the Hall sensor alone tells of a jam: more is gone at the end of a coast
-// than an ordinary load takes.
+// Kickback while the bridge is open, by the Hall sensor: the speed lost in the coast exceeds what
+// an ordinary load takes.
 static bool jammed_coasting(const Drill *self, const ControllerInputs *in) {
     return self->state == DRILL_COAST && self->phase_ms == PULSE_COAST_MS &&
            (int32_t)self->emf_mv - induced_mv(self, in->speed_rpm_q1) >
                (int32_t)PULSE_COAST_MS * FALL_MV_PER_MS;
 }
 
-// Full duty, within 44 A of what the shaft induces: it may have stood still meanwhile.
+// Full duty limited to a voltage of PULSE_A above the back-EMF, since the shaft may have stopped.
 static int16_t pulse_duty(const Drill *self, const DrillSetpoints *set,
                           const ControllerInputs *in) {
     const bool resuming = self->phase_ms <= PULSE_COAST_MS + RESUME_MS;
@@ -303,11 +310,10 @@ static int16_t output(Drill *self, const DrillSetpoints *set, const ControllerIn
     return CONTROLLER_STOP;
 }
 
-// The first step has the division of the clutch, and nothing has been driven that could be
-// observed.
+// First step of the drive: computes the clutch's limits; there is no back-EMF to observe yet.
 static int16_t begin(Drill *self, const DrillSetpoints *set, int16_t travel_q15) {
     self->begun = true;
-    self->duty_q15 = travel_q15;  // a turning shaft is taken up where it is
+    self->duty_q15 = travel_q15;  // that of a turning shaft
     if (set->clutch_dnm > 0) {
         set_clutch(self, set);
     }

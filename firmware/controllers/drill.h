@@ -1,17 +1,18 @@
 // Drill driver: normal and pulse mode, electronic clutch, anti-kickback.
 //
-//            current past 15 A (pulse = 1, no clutch)
-//     RUN ------------------------------------------> COAST <-------- 75 ms --------- PULSE
-//      ^                                                |  ------- 25 ms -----------> |
-//      |                                                |                              |
-//      +------ mean of 0.1 s below 8 A, from 0.1 s after the first coast on -----------+
-//     any ---- the shaft falls faster than any ordinary load can slow it ------> STOPPED (kickback)
-//     RUN ---- the chuck's torque would come to rest at the clutch's setting --> STOPPED (clutch);
-//     a setting out of reach: refused
+//          current above 15 A (pulse = 1, no clutch)             25 ms
+//   RUN ---------------------------------------------> COAST ----------------> PULSE
+//    ^                                                  |  ^        75 ms        |
+//    |                                                  |  '---------------------+
+//    '--------------------------------------------------+------------------------'
+//          mean current of 0.1 s below 8 A, from 0.1 s after the first coast on
+//   any: the shaft slows down faster than any ordinary load slows it ------> STOPPED (kickback)
+//   RUN: the load torque would peak at the setting of the clutch ----------> STOPPED (clutch)
+//   RUN: setting of the clutch out of range at the start -------------> STOPPED (unreachable)
 //
-// What turns is followed by the voltage that it induces, e = d Vs - R i - L i', which no Hall edge
-// delays. Its fall tells the inertia's torque: i - J / k^2 e' is the current that the load alone
-// takes. A jam takes away more speed in a few ms than the current can explain.
+// The speed is observed by the back-EMF e = d Vs - R i - L i', which has no delay by Hall edges.
+// The current of the load alone is i - J / k^2 e', where J / k^2 e' is that of the inertia. A jam
+// removes more speed in a few ms than the current explains.
 #ifndef VGROOVE_CONTROLLERS_DRILL_H
 #define VGROOVE_CONTROLLERS_DRILL_H
 
@@ -24,12 +25,12 @@
 #define DRILL_BINS 10u  // of 10 ms: the moving average of pulse mode
 
 typedef struct {
-    int16_t clutch_dnm;   // set torque at the chuck in 0.1 N m; 0: no clutch
+    int16_t clutch_dnm;   // setting of the clutch at the chuck in 0.1 N m; 0: no clutch
     uint16_t ratio_q8;    // gear ratio, motor / chuck
-    uint16_t motor_mohm;  // of the winding
+    uint16_t motor_mohm;  // winding
     uint16_t rpm_per_v;   // speed constant
-    uint16_t pulse;       // pulse mode above 15 A
-    uint16_t kickback;    // anti-kickback
+    uint16_t pulse;       // 1: pulse mode above 15 A
+    uint16_t kickback;    // 1: anti-kickback
 } DrillSetpoints;
 
 typedef enum {
@@ -40,37 +41,41 @@ typedef enum {
 } DrillState;
 
 typedef struct {
-    int32_t level_a_q17;   // load current, filtered once
+    int32_t level_a_q17;   // load current, low-pass filtered once
     int32_t smooth_a_q17;  // and twice
-    int32_t set_a2_q8;     // square of the load current at the clutch's torque; 0: no clutch
+    int32_t set_a2_q8;     // square of the load current at the setting of the clutch
     int16_t last_a_q9;
-    int16_t emf_mv;           // of the last tick that told it
-    int16_t fallen_mv;        // of the emf beyond what ordinary loads take, summed up
-    uint16_t mv_per_rpm_q16;  // induced, per 1/2 rpm
-    int16_t limit_mv;         // emf that the clutch allows
-    int16_t now_a_q4;         // load current foreseen for the bridge's opening
+    int16_t emf_mv;           // back-EMF of the last tick that measured it
+    int16_t fallen_mv;        // sum of the falls of emf_mv beyond those of ordinary loads
+    uint16_t mv_per_rpm_q16;  // back-EMF per 0.5 rpm
+    int16_t limit_mv;         // back-EMF of the greatest speed with the clutch set
+    int16_t now_a_q4;         // load current predicted for the opening of the bridge
     int16_t duty_q15;
-    int16_t bins[DRILL_BINS];  // sums of 10 currents / 16
-    int16_t bin_sum;           // of the bin at work, / 16
+    int16_t bins[DRILL_BINS];  // sums of 10 currents, / 16
+    int16_t bin_sum;           // of the present bin, / 16
     uint16_t pulse_ms;         // since pulse mode began
     uint8_t phase_ms;          // since the last change between coast and pulse
     uint8_t bin;
     uint8_t bin_ms;
-    uint8_t blind;   // ticks until the emf can be told
-    uint8_t gap;     // ticks since it was
+    uint8_t blind;   // ticks until the back-EMF can be measured
+    uint8_t gap;     // ticks since its last measurement
     bool begun;      // the first step is over
-    bool known;      // the emf has been told in this drive
+    bool known;      // the back-EMF has been measured in this drive
     bool slow;       // the load is filtered over 32 ms
     uint8_t state;   // DRILL_*
     uint8_t reason;  // CONTROLLER_REASON_*
 } Drill;
 
 void drill_start(Drill *self, const DrillSetpoints *set);
+// Clutch and pulse mode act in the direction that tightens only; a jam kicks in both.
+void drill_reverse(DrillSetpoints *set);
+
 int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInputs *in,
                    const Blow *blow);
 uint8_t drill_state(const Drill *self);
 uint8_t drill_stop_reason(const Drill *self);
-int16_t drill_estimate(const Drill *self);  // load current of the clutch in 1/16 A; (i - Tc / k) N
-                                            // k is the torque at the chuck
+
+// Load current of the clutch in 1/16 A; the torque at the chuck is (i - Tc / k) N k.
+int16_t drill_estimate(const Drill *self);
 
 #endif

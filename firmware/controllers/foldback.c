@@ -1,4 +1,4 @@
-// Current limit, see foldback.h.
+// Fold-back, see foldback.h.
 #include "controllers/foldback.h"
 
 #include "core/fixed.h"
@@ -17,7 +17,7 @@ INLINE_NEVER static int32_t integrated(int32_t share_q23, int32_t excess_a_q9) {
 
 int16_t foldback_step(Foldback *self, int16_t wish_q15, int16_t current_a_q9) {
     if (!self->active && current_a_q9 <= self->limit_a_q9 && current_a_q9 >= -self->limit_a_q9) {
-        return (int16_t)(wish_q15 < 0 ? 0 : wish_q15);  // the usual case
+        return (int16_t)(wish_q15 < 0 ? 0 : wish_q15);  // most ticks
     }
     if (self->less_q23 > 0 || current_a_q9 > self->limit_a_q9) {
         self->less_q23 = integrated(self->less_q23, (int32_t)current_a_q9 - self->limit_a_q9);

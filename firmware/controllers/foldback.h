@@ -1,10 +1,10 @@
-// Current limit below the trip: takes duty away while the current is above the limit, adds some
-// while braking current is.
+// Fold-back: reduces the duty while the current exceeds a limit below the over-current trip, and
+// raises it while a braking current does.
 //
-// Integrator on the excess, clamped at 0. Two ticks lie between a duty and the mean current that
-// shows it, the plant's gain is at most Vs / R = 20.5 V / 0.19 ohm = 108 A per unit duty (the
-// electrical time constant of 0.5 ms is below a tick): z^2 (z - 1) + g G is stable for g G < 0.618;
-// g = 0.0025 per A and tick gives 0.27.
+// Integral controller on the excess current, clamped at 0. Two ticks pass between a duty and the
+// mean current that it causes. The plant's gain G is at most Vs / R = 20.5 V / 0.19 ohm = 108 A per
+// unit duty, since the electrical time constant of 0.5 ms is below a tick. The closed loop
+// z^2 (z - 1) + g G is stable for g G < 0.618; g = 0.0025 per A and tick gives 0.27.
 #ifndef VGROOVE_CONTROLLERS_FOLDBACK_H
 #define VGROOVE_CONTROLLERS_FOLDBACK_H
 
@@ -13,14 +13,14 @@
 
 typedef struct {
     int16_t limit_a_q9;
-    int32_t less_q23;  // duty taken away
+    int32_t less_q23;  // duty subtracted
     int32_t more_q23;  // duty added
-    bool active;       // one of them is not 0
+    bool active;       // one of the two is not 0
 } Foldback;
 
 void foldback_init(Foldback *self, int16_t limit_a_q9);
 
-// Allowed duty 0..32767 for the wished one; current counts in the direction of the drive.
+// Allowed duty 0..32767 for the requested one; current counts in the direction of the drive.
 int16_t foldback_step(Foldback *self, int16_t wish_q15, int16_t current_a_q9);
 
 bool foldback_active(const Foldback *self);

@@ -5,43 +5,46 @@
 #include "core/inline.h"
 #include "core/slew.h"
 
+// Computation of a finished wave, one per tick.
 typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 
-#define DEG 364u  // a degree of a blow's turn
-#define WAVE_SCALE                                                                                 \
-    100663296u  // 2^15 times what six pitches of the spindle are of 90 degrees, times pulses *
-                // turn_q8
-#define EDGES_MOST 2u          // a tick: more have no ripple to tell
-#define SETTLE_WAVES 28u       // half a blow each
-#define UNSETTLED_WAVES 8u     // of them the first are not learned from
-#define POWER_WAVES 14u        // left when the power is chosen
-#define TURN_LEAST (DEG / 5u)  // of a blow
-#define SMALL_TURN 1024u       // 2.8 degrees a blow
-#define MEMORY_Q8                                                                                  \
-    16u  // a turn is taken as it is from 11 degrees a blow on, else averaged over as many; over
-         // more where it is small
-#define MEMORY_LEAST_Q8 4u                 // 1/64
-#define SETTLE_MEMORY_Q8 32u               // 1/8
-#define PAIR_TURN (27 * (int16_t)DEG / 2)  // of a blow: below it two blows are taken together
-#define ONSET_Q8 287                       // 1.12
-#define SURE                                                                                       \
-    (5u * DEG)  // and 3/4 of the learned turn: behind the onset until a slow rise is believed to be
-                // a seat
-#define WIDE_TURN                                                                                  \
-    (16 * (int16_t)DEG)  // of a blow: a knot's edge, drawn out over two blows, is slow as well
-#define SLOW_TURN                                                                                  \
-    (11 * (int16_t)DEG)   // of a blow: up to here a rise is slow when it is below 0.21 in the angle
-                          // of a blow,
-#define SLOW_Q8 55        // 0.21; above, 0.02 a degree
-#define SLOW_AREA_Q8 141  // 0.55
-#define EDGE (9u * DEG)   // and a fifth of the learned turn: see area_most
-#define LATE_AREA_Q8 77   // 0.3
-#define GIVE_UP (60u * DEG)  // too flat for a seat
-#define SHARE_MORE 48u     // an eighth of it, of power for what a blow's turn lacks: 0.067 a degree
-#define LEAST_MOST 30000u  // 17/8 of it fit
-#define SLEW 110           // a tick: a step would brake
+// Rotations are in 1/364 degree. Waves last half a blow each.
+#define DEG 364u
+#define WAVE_SCALE 100663296u  // 2^15 * 6 pitches / 90 degrees of the spindle * pulses * turn_q8
+#define EDGES_MAX 2u           // per tick: at a higher speed there is no ripple
 
-// Phase of (x, y), 2^16 a turn; within 0.0038 rad: atan r = r (pi / 4 + 0.273 (1 - r)).
+// SETTLE: the rotation per blow is learned at the reduced power.
+#define SETTLE_WAVES 28u
+#define UNSETTLED_WAVES 8u    // the first of them are not averaged
+#define POWER_WAVES 14u       // waves left when the power is chosen
+#define SETTLE_MEMORY_Q8 32u  // weight of a new rotation: 1/8
+
+// Averaging in TRACK: the weight of a new rotation is 1 from 11 degrees per blow on, proportional
+// to the learned rotation below, and to its square below SMALL_TURN.
+#define TURN_MIN (DEG / 5u)  // least rotation per blow
+#define SMALL_TURN 1024u     // 2.8 degrees per blow
+#define MEMORY_Q8 16u
+#define MEMORY_MIN_Q8 4u                   // 1/64
+#define PAIR_TURN (27 * (int16_t)DEG / 2)  // below 13.5 degrees per blow, two blows are averaged
+
+// Seat detection: the shape of the rise after its onset, see area_max().
+#define ONSET_Q8 287                   // 1.12
+#define SURE (5u * DEG)                // and 3/4 of the learned rotation: a slow rise counts
+#define WIDE_TURN (16 * (int16_t)DEG)  // above it a knot's edge over two blows is slow too
+#define SLOW_TURN (11 * (int16_t)DEG)  // a slow rise: below SLOW_Q8 per blow up to here,
+#define SLOW_Q8 55                     // 0.21; beyond, below 0.02 per degree
+#define SLOW_AREA_Q8 141               // 0.55: greatest area of a slow rise
+#define EDGE (9u * DEG)                // and a fifth of the learned rotation, see area_max()
+#define LATE_AREA_Q8 77                // 0.3: below this area the rise has only just begun
+#define GIVE_UP (60u * DEG)            // a rise this long is too flat for a seat
+
+// Power and duty.
+#define SHARE_MORE 48u    // of power per lacking rotation, in eighths: 0.067 per degree
+#define LEAST_MAX 30000u  // 17/8 of it fits in 16 bits
+#define SLEW 110          // of the duty per tick: a step would brake the motor
+
+// Phase of (x, y), 2^16 per turn, within 0.0038 rad: atan r = r (pi / 4 + 0.273 (1 - r)) for
+// 0 <= r <= 1 (Rajan et al., IEEE Signal Processing Magazine 23(3), 2006).
 static uint16_t phase_of(int16_t x, int16_t y) {
     const uint16_t along = (uint16_t)(x < 0 ? -x : x), across = (uint16_t)(y < 0 ? -y : y);
     const bool swap = across > along;
@@ -56,7 +59,7 @@ static uint16_t phase_of(int16_t x, int16_t y) {
 }
 
 void screwing_start(Screwing *self, const ScrewingSetpoints *set) {
-    (void)set;  // taken when it impacts
+    (void)set;  // read when the impacts begin
     *self = (Screwing){.state = SCREWING_RUN_IN};
 }
 
@@ -66,8 +69,8 @@ static void settle(Screwing *self) {
     self->rise_q8 = 0;
 }
 
-// A wave has ended. Its sums of sums, less those of two waves ago, weigh 18 pitches as a trapezium:
-// a level, a slope and the ripple once a lug cancel.
+// At the end of a wave: the sums of sums less those of two waves before weight 18 pitches with a
+// trapezium, in which a constant, a slope and the ripple once per lug cancel.
 static void close_wave(Screwing *self) {
     for (uint8_t n = 0; n < SCREWING_AXES; n++) {
         self->found[n] = (int16_t)(self->twice[n] - self->before[n]);
@@ -79,8 +82,8 @@ static void close_wave(Screwing *self) {
     self->stage = STAGE_PHASE;
 }
 
-// A pitch; in the second half of a wave it counts the other way. All is modulo 2^16, what is found
-// fits.
+// Adds a pitch, in the second half of a wave with the opposite sign. Sums wrap modulo 2^16; their
+// differences fit.
 static void take_edge(Screwing *self, uint16_t rpm) {
     const bool second = self->place >= SCREWING_AXES;
     uint16_t *sum = &self->sum[second ? self->place - SCREWING_AXES : self->place];
@@ -94,8 +97,7 @@ static void take_edge(Screwing *self, uint16_t rpm) {
     }
 }
 
-// What the screw turned in this wave and the one before, a blow's worth: by what its phase lags,
-// and six pitches are more than 90 degrees.
+// Rotation of the screw in this wave and the one before, together a blow, from the phase lag.
 static void take_phase(Screwing *self) {
     BY_POINTER(self);
     const int16_t *found = self->found;
@@ -108,14 +110,14 @@ static void take_phase(Screwing *self) {
     self->half = half;
     self->before_last = self->last_turn;
     self->last_turn = self->turn;
-    self->turn = turn > (int16_t)TURN_LEAST ? turn : (int16_t)TURN_LEAST;
+    self->turn = turn > (int16_t)TURN_MIN ? turn : (int16_t)TURN_MIN;
 }
 
 static int16_t part_q8(int16_t value, uint16_t share_q8) {
     return (int16_t)(((int32_t)value * (int16_t)share_q8 + 128) >> 8);
 }
 
-static uint16_t memory_q8(const Screwing *self) {
+static uint16_t weight_q8(const Screwing *self) {
     if (self->state == SCREWING_SETTLE) {
         return self->left > SETTLE_WAVES - UNSETTLED_WAVES ? 256u : SETTLE_MEMORY_Q8;
     }
@@ -123,17 +125,17 @@ static uint16_t memory_q8(const Screwing *self) {
     const uint16_t share_q8 = learned < SMALL_TURN
                                   ? (uint16_t)(((uint32_t)learned * learned) >> 14)
                                   : (uint16_t)(((uint32_t)learned * MEMORY_Q8) >> 8);
-    return share_q8 < MEMORY_LEAST_Q8 ? MEMORY_LEAST_Q8 : share_q8 > 256u ? 256u : share_q8;
+    return share_q8 < MEMORY_MIN_Q8 ? MEMORY_MIN_Q8 : share_q8 > 256u ? 256u : share_q8;
 }
 
-// The Hall pitches lie otherwise at each blow, and the same again after two where a blow turns
-// little: what that adds to the turn cancels.
+// Each blow meets other Hall pitches, and the same ones again two blows later where a blow turns
+// little. The mean of two blows cancels the error of the pitches.
 static int16_t steady_turn(const Screwing *self) {
     return self->learned < PAIR_TURN ? (int16_t)(((int32_t)self->turn + self->before_last) >> 1)
                                      : self->turn;
 }
 
-// What a blow's turn lacks: to begin with of the setpoint, then of half of it.
+// Rotation per blow missing to the setpoint; once the power has been raised, to half of it.
 static uint16_t lacking(const Screwing *self, const ScrewingSetpoints *set) {
     const uint8_t shift = self->share_q15 == set->share_q15 ? 4u : 5u;
     const uint16_t small = (uint16_t)(((uint32_t)(uint16_t)set->small_deg_q4 * DEG) >> shift);
@@ -142,7 +144,7 @@ static uint16_t lacking(const Screwing *self, const ScrewingSetpoints *set) {
                : 0u;
 }
 
-// An angle begins in which the rise is weighed.
+// Starts the integral of the rise.
 static void begin(Screwing *self, int16_t base_q8) {
     self->base_q8 = base_q8;
     self->turned = 0;
@@ -155,7 +157,7 @@ static void track(Screwing *self) {
     self->state = SCREWING_TRACK;
 }
 
-// SETTLE: the present turn is the learned one.
+// SETTLE: the averaged rotation becomes the learned one.
 static void learn(Screwing *self, const ScrewingSetpoints *set) {
     self->learned = self->now;
     self->rise_q8 = 256;
@@ -171,25 +173,25 @@ static void learn(Screwing *self, const ScrewingSetpoints *set) {
     }
 }
 
-// As wood changes with the depth, over 180 degrees.
+// Adapts the learned rotation to wood that changes with the depth, over 180 degrees.
 static void follow(Screwing *self) {
     self->learned = (int16_t)(self->learned +
                               (((int32_t)(self->turn - self->learned) * self->turn + 65536) >> 17));
     track(self);
 }
 
-// No knot's edge would be as low at this angle: it is drawn out over two blows.
+// Whether the rise is slower than any knot's edge, which extends over two blows.
 static bool is_slow(const Screwing *self) {
     const int16_t turn = self->learned < SLOW_TURN ? self->learned : SLOW_TURN;
     return self->learned < WIDE_TURN &&
            (int32_t)self->over_q8 * turn <= (int32_t)self->turned * SLOW_Q8;
 }
 
-// What the area between the rise and the onset, over the angle turned, may be at most in a seat, as
-// a share of the rise: half of the angle makes a ramp, all of it a knot's level. An edge, drawn out
-// over some blows by the window and by the motor's inertia, is a ramp to begin with: it takes an
-// angle until both part. A slow rise need not wait for it.
-static int16_t area_most(const Screwing *self) {
+// Greatest area between rise and onset, over the angle turned, that a seat may have, as a share of
+// the final rise: a linear rise has half of the angle, a knot's constant level all of it. A knot's
+// edge, spread over some blows by the averaging window and the motor's inertia, begins as a linear
+// rise too: EDGE subtracts the angle until the two differ. A slow rise is no edge.
+static int16_t area_max(const Screwing *self) {
     const int16_t turned = (int16_t)self->turned, learned = self->learned;
     if (is_slow(self) && turned >= (int16_t)SURE + part_q8(learned, 192)) {
         return part_q8(turned, SLOW_AREA_Q8);
@@ -208,8 +210,8 @@ static bool area_within(const Screwing *self, int16_t angle) {
     return self->area <= (int32_t)self->over_q8 * angle;
 }
 
-// Where the area is much less than a ramp's the onset was another's, and what rises has only begun:
-// it is weighed from there.
+// Where the area is much below that of a linear rise, the onset was a disturbance and the rise has
+// only begun: the integral starts again from there.
 static void suspect(Screwing *self, const ScrewingSetpoints *set) {
     const int16_t last_q8 = self->over_q8;
     self->state = SCREWING_SUSPECT;
@@ -218,7 +220,7 @@ static void suspect(Screwing *self, const ScrewingSetpoints *set) {
         begin(self, (int16_t)(self->base_q8 + last_q8));
         add_wave(self);
     }
-    if (self->rise_q8 >= set->rise_q8 && self->over_q8 > 0 && area_within(self, area_most(self))) {
+    if (self->rise_q8 >= set->rise_q8 && self->over_q8 > 0 && area_within(self, area_max(self))) {
         self->state = SCREWING_SEATED;
     } else if (self->turned > GIVE_UP) {
         self->learned = self->now;
@@ -229,7 +231,7 @@ static void suspect(Screwing *self, const ScrewingSetpoints *set) {
 static void judge(Screwing *self, const ScrewingSetpoints *set) {
     BY_POINTER(self);
     self->now =
-        (int16_t)(self->now + part_q8((int16_t)(steady_turn(self) - self->now), memory_q8(self)));
+        (int16_t)(self->now + part_q8((int16_t)(steady_turn(self) - self->now), weight_q8(self)));
     if (self->left > 0u) {
         learn(self, set);
         return;
@@ -244,15 +246,15 @@ static void judge(Screwing *self, const ScrewingSetpoints *set) {
     }
 }
 
-// None beside edges, which leave ticks enough at the speeds driven here: first what the setpoints
-// come to, then what follows on the end of a wave.
+// One computation per tick, in ticks without edges: first the constants of the setpoints, then the
+// stages of a finished wave.
 static void step_stage(Screwing *self, const ScrewingSetpoints *set, uint16_t supply_mv) {
     if (self->least_q15 == 0) {
         self->excess =
             (uint16_t)(2u * divide_u16(WAVE_SCALE, (uint32_t)set->pulses * set->turn_q8));
         const uint16_t least_q15 =
             divide_by_u16((uint32_t)(uint16_t)set->least_mv << 15, supply_mv);
-        self->least_q15 = (int16_t)(least_q15 < LEAST_MOST ? least_q15 : LEAST_MOST);
+        self->least_q15 = (int16_t)(least_q15 < LEAST_MAX ? least_q15 : LEAST_MAX);
     } else if (self->stage == STAGE_PHASE) {
         self->stage = STAGE_JUDGE;
         take_phase(self);
@@ -265,8 +267,8 @@ static void step_stage(Screwing *self, const ScrewingSetpoints *set, uint16_t su
     }
 }
 
-// Of the trigger's duty a share and half of the least on top, between the least and what still
-// shows the ripple.
+// A share of the trigger's duty plus half the least duty, limited to the least duty below and 17/8
+// of it above, beyond which the speed shows no ripple.
 static uint16_t wish_q15(const Screwing *self, int16_t travel_q15) {
     const uint16_t least = (uint16_t)self->least_q15,
                    share = (uint16_t)(2u * (uint16_t)self->share_q15);
@@ -284,7 +286,7 @@ static int16_t output(Screwing *self, int16_t travel_q15) {
         const int16_t wish = (int16_t)(most < INT16_MAX ? most : INT16_MAX);
         self->duty_q15 = slew_towards(self->duty_q15, wish, SLEW);
         if (self->state == SCREWING_SETTLE && self->duty_q15 != wish) {
-            self->left = SETTLE_WAVES;  // not there yet
+            self->left = SETTLE_WAVES;  // the duty has not settled
         }
     }
     return self->duty_q15 < travel_q15 ? self->duty_q15 : travel_q15;
@@ -306,7 +308,7 @@ int16_t screwing_step(Screwing *self, const ScrewingSetpoints *set, const Contro
     } else if (!blow->busy && in->edges == 0u) {
         step_stage(self, set, in->supply_mv);
     }
-    for (uint8_t n = 0; n < in->edges && n < EDGES_MOST; n++) {
+    for (uint8_t n = 0; n < in->edges && n < EDGES_MAX; n++) {
         take_edge(self, (uint16_t)in->speed_rpm_q1 / 2u);
     }
     return self->state == SCREWING_SEATED ? CONTROLLER_STOP

@@ -1,20 +1,20 @@
-// Precise screwing: less power once it impacts, learns how far a blow turns the screw, and stops by
-// itself when the head is seated.
+// Precise screwing: reduces the power while impacting, measures how far each blow turns the screw,
+// and stops when the screw head is seated.
 //
-// How far a blow turns the screw is measured, not guessed from a level: between two blows the
-// spindle turns from lug to lug and by the screw's own turn. The ripple of the speed tells the
-// blows; it is sampled once a Hall pitch, so evenly in angle, and compared with a wave of six
-// pitches, which is about half a lug: at the power used here the hammer's ripple is strongest twice
-// a lug. By as much as the ripple's phase against that wave moves in six pitches the screw has
-// turned more or less than the wave assumes. Power, supply and trigger do not enter. The torque is
-// inverse to the turn: `rise` is the learned turn over the present one.
+// Between two blows the spindle turns from lug to lug plus the rotation of the screw. The Hall
+// speed is sampled once per Hall pitch, hence evenly in angle, and correlated with a wave of six
+// pitches, about half a lug: at this power the speed ripple is strongest twice per lug. The change
+// of the ripple's phase over six pitches is the screw's rotation beyond what the wave assumes;
+// power, supply and trigger have no influence on it. The torque is inversely proportional to the
+// rotation per blow: `rise` is the learned rotation over the present one.
 //
-//            impacts             settled, learned           rise > ONSET               rises like a
-//            ramp
-//   RUN_IN -----------> SETTLE -------------------> TRACK <---------------> SUSPECT
-//   -------------------> SEATED: stop, bridge open
-//      ^                 ^  | small turn: more power         falls back, or
-//      '-- no blows      '--'                                level for too long: wood, learned
+//             impacts             learned             rise > ONSET
+//   RUN_IN ------------> SETTLE ----------> TRACK <------------------> SUSPECT ------> SEATED
+//     ^                   ^  |                        rise below ONSET,       rise grows  (stop)
+//     |                   '--' small rotation:        or constant for too     linearly
+//     |                        more power             long: denser wood,      with the angle
+//     |                                               learned
+//     '-- no blows, from any state but SEATED
 #ifndef VGROOVE_CONTROLLERS_SCREWING_H
 #define VGROOVE_CONTROLLERS_SCREWING_H
 
@@ -32,40 +32,39 @@ typedef enum {
 #define SCREWING_AXES 3u
 
 typedef struct {
-    uint16_t pulses;       // Hall edges a turn of the motor
-    uint16_t turn_q8;      // turns of the motor from lug to lug
-    int16_t share_q15;     // of the trigger's duty, once it impacts
-    int16_t least_mv;      // at the motor: less power is not taken, the hammer would stand still
-    int16_t small_deg_q4;  // a blow's turn of the screw below which it gets more power, by what it
-                           // lacks
-    int16_t rise_q8;       // seat: torque over the learned one, at least
+    uint16_t pulses;       // Hall edges per turn of the motor
+    uint16_t turn_q8;      // motor turns from lug to lug
+    int16_t share_q15;     // of the trigger's duty while impacting
+    int16_t least_mv;      // least motor voltage while impacting: below, the hammer stops swinging
+    int16_t small_deg_q4;  // rotation per blow below which the power is raised in proportion
+    int16_t rise_q8;       // least ratio of present to learned torque at the seat
 } ScrewingSetpoints;
 
-// Turns of the screw a blow, in 1/364 degree where from lug to lug is 180 (two lugs).
+// Rotations of the screw are in 1/364 degree, for two lugs (180 degrees from lug to lug).
 typedef struct {
     uint8_t state;
-    uint8_t stage;      // of what follows on the end of a wave
+    uint8_t stage;      // computation of the wave that comes next, Stage in screwing.c
     uint8_t place;      // of the next pitch in the wave
-    uint8_t left;       // waves of SETTLE
+    uint8_t left;       // waves left of SETTLE
     int16_t share_q15;  // of the trigger's duty
-    int16_t least_q15;  // duty
-    int16_t duty_q15;   // on its way
-    uint16_t
-        excess;  // of six pitches of the spindle above 90 degrees, in 2^16 of 90 degrees, as are:
-    uint16_t phase;  // of the ripple, last
-    int16_t half;    // turn in the last wave
-    int16_t turn;    // of a blow, in the last two waves
+    int16_t least_q15;  // least duty
+    int16_t duty_q15;   // returned last, follows the requested one at SLEW
+    uint16_t excess;    // six pitches of the spindle less 90 degrees, 2^16 = 90 degrees, as phase
+    uint16_t phase;     // of the ripple in the last wave
+    int16_t half;       // rotation in the last wave
+    int16_t turn;       // rotation per blow, from the last two waves
     int16_t last_turn, before_last;
-    int16_t now;  // averaged
-    int16_t learned;
-    uint16_t turned;  // since the onset
-    int16_t rise_q8;
-    int16_t base_q8;                                    // the rise at the onset
-    int16_t over_q8;                                    // above it, in the last wave
-    int32_t area;                                       // of that, over what turned
-    uint16_t sum[SCREWING_AXES], twice[SCREWING_AXES];  // of the speeds, and of these sums in this
-                                                        // wave, on axes 60 degrees apart
-    uint16_t last[SCREWING_AXES], before[SCREWING_AXES];  // the waves before
+    int16_t now;      // rotation per blow, averaged
+    int16_t learned;  // rotation per blow, reference of the rise
+    uint16_t turned;  // rotation since the onset
+    int16_t rise_q8;  // learned / now
+    int16_t base_q8;  // rise at the onset
+    int16_t over_q8;  // rise above base_q8 in the last wave
+    int32_t area;     // integral of over_q8 over the rotation
+    // On SCREWING_AXES axes 60 degrees apart: sums of the speeds, sums of these sums in this wave,
+    // in the last one and in the one before, and their second difference.
+    uint16_t sum[SCREWING_AXES], twice[SCREWING_AXES];
+    uint16_t last[SCREWING_AXES], before[SCREWING_AXES];
     int16_t found[SCREWING_AXES];
 } Screwing;
 
@@ -75,7 +74,7 @@ int16_t screwing_step(Screwing *self, const ScrewingSetpoints *set, const Contro
 uint8_t screwing_state(const Screwing *self);
 uint8_t screwing_stop_reason(const Screwing *self);
 
-// Torque over the learned one, Q8; 0 until it is learned.
+// Present over learned torque, Q8; 0 until it is learned.
 int16_t screwing_estimate(const Screwing *self);
 
 #endif

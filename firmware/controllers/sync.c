@@ -5,21 +5,23 @@
 #include "core/inline.h"
 #include "core/slew.h"
 
-#define TRAVEL_LEAST_Q15 9830  // 0.3: below it the trigger itself is the duty, for starting a screw
+#define TRAVEL_MIN_Q15 9830  // 0.3: below it the duty is the trigger's, for starting a screw
 #define LEVEL_MIN_MV 13400
 #define LEVEL_MAX_MV 16600
 #define TRIM_MAX_MV 12000
-#define SLEW_Q15 328      // 0.01 a tick
-#define SUPPLY_SHIFT 3u   // every third tick: 24 ms
-#define CURRENT_SHIFT 4u  // 48 ms
-#define STEP_UP_MV 100    // a blow
+#define SLEW_Q15 328      // 0.01 per tick
+#define SUPPLY_SHIFT 3u   // time constant of the supply filter, run every third tick: 24 ms
+#define CURRENT_SHIFT 4u  // of the current filter: 48 ms
+
+// Trim per blow.
+#define STEP_UP_MV 100
 #define STEP_FAST_MV 250
 #define STEP_DOWN_MV 60
-#define CURRENT_DEAD_A_Q9 1536  // 3 A
-#define CURRENT_STEP_SHIFT                                                                         \
-    4u  // 32 mV a blow for each A beyond: with 3 A/V and three blows of lag far from swinging
-#define SEEK_SHIFT 1u  // dips of twice the limit: out of step
+#define CURRENT_DEAD_A_Q9 1536  // method 2: dead band of 3 A around the setpoint
+#define CURRENT_STEP_SHIFT 4u   // 32 mV per A beyond it; stable at 3 A/V and three blows of lag
+#define SEEK_SHIFT 1u           // dips of twice the limit: out of step
 
+// Computations that alternate from tick to tick.
 typedef enum { TURN_FOLLOW, TURN_TRIM, TURN_LEVEL, TURN_APPROACH } Turn;
 
 void sync_start(Sync *self, const SyncSetpoints *set) {
@@ -27,6 +29,7 @@ void sync_start(Sync *self, const SyncSetpoints *set) {
     *self = (Sync){.state = SYNC_PLAIN};
 }
 
+// Low-pass filters of supply and current.
 static void follow(Sync *self, const ControllerInputs *in) {
     const uint16_t now =
         (uint16_t)(in->supply_mv > INT16_MAX ? UINT16_MAX - 1u : 2u * in->supply_mv);
@@ -39,12 +42,12 @@ static void follow(Sync *self, const ControllerInputs *in) {
         self->supply_mv_q1 =
             (uint16_t)(self->supply_mv_q1 - ((uint16_t)(self->supply_mv_q1 - now) >> SUPPLY_SHIFT));
     }
-    const int16_t half =
-        (int16_t)((in->current_a_q9 >> 1) - (self->current_a_q9 >> 1));  // of two int16_t
+    const int16_t half = (int16_t)((in->current_a_q9 >> 1) -
+                                   (self->current_a_q9 >> 1));  // difference of two int16_t
     self->current_a_q9 = (int16_t)(self->current_a_q9 + (half >> (CURRENT_SHIFT - 1u)));
 }
 
-// value * share / 2^15, less its last bit: the high word of a product is a move, a shift by 15 is
+// value * share / 2^15 with bit 0 cleared: the high word of a product is a move, a shift by 15 is
 // not.
 static int16_t part_of(int16_t value, int16_t share_q15) {
     return (int16_t)(2 * (int16_t)(((int32_t)value * share_q15) >> 16));
@@ -68,17 +71,16 @@ static int16_t base_mv(const SyncSetpoints *set, int16_t travel_q15) {
     return (int16_t)(set->low_mv + part_of((int16_t)(set->high_mv - set->low_mv), travel_q15));
 }
 
-// What the last blow says.
+// Trims the level by the last blow.
 static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow) {
     const int16_t deep = part_of(blow->base_rpm, set->depth_max_q15);
     const bool lost = blow->ripple_rpm >> SEEK_SHIFT > deep;
     const int16_t by_dips =
         trim_by_depth(blow->ripple_rpm, deep, part_of(blow->base_rpm, set->depth_min_q15));
     const int16_t even =
-        (uint8_t)set->method == SYNC_METHOD_SPEED ? by_dips : trim_by_current(self, set);
+        (uint8_t)set->method == CONTROLLER_METHOD_SPEED ? by_dips : trim_by_current(self, set);
     const int16_t step = lost ? STEP_FAST_MV : even;
-    if (step < 0 ||
-        self->goal_q15 < INT16_MAX) {  // else there is nothing more to be had from this battery
+    if (step < 0 || self->goal_q15 < INT16_MAX) {  // at full duty the level cannot rise
         self->trim_mv =
             (int16_t)fixed_clamp_i32((int32_t)self->trim_mv + step, -TRIM_MAX_MV, TRIM_MAX_MV);
     }
@@ -89,11 +91,11 @@ static void set_level(Sync *self, const SyncSetpoints *set, int16_t travel_q15) 
     const int16_t base = base_mv(set, travel_q15);
     self->level_mv =
         (int16_t)fixed_clamp_i32((int32_t)base + self->trim_mv, LEVEL_MIN_MV, LEVEL_MAX_MV);
-    self->trim_mv = (int16_t)(self->level_mv - base);  // no more than what it does
+    self->trim_mv = (int16_t)(self->level_mv - base);  // anti-windup
 }
 
-// The duty that gives the level, by steps that leave a sixth of what is missing or less: 3/2 stands
-// for 2^15 over the supply, and no division is needed.
+// Duty of the level, by steps that leave a sixth of the error or less: 3/2 approximates 2^15 over
+// the supply voltage and saves a division.
 static void approach(Sync *self) {
     const int16_t given_mv =
         (int16_t)(uint16_t)(((uint32_t)(uint16_t)self->goal_q15 * self->supply_mv_q1) >> 16);
@@ -107,24 +109,23 @@ static void approach(Sync *self) {
 static void engage(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
     self->state = SYNC_HOLD;
     self->turn = TURN_FOLLOW;
-    self->heard = false;
-    self->current_a_q9 = set->current_a_q9;  // that of the run-up says nothing
+    self->blow_pending = false;
+    self->current_a_q9 = set->current_a_q9;  // not that of the run-up
     self->goal_q15 = self->duty_q15;
     set_level(self, set, travel_q15);
 }
 
-// One piece a tick, none while the blow itself is worked out; what a blow says is looked at when
-// all of it is known.
+// One computation per tick, none while the blow detection computes.
 static void take_turn(Sync *self, const SyncSetpoints *set, const ControllerInputs *in,
                       const Blow *blow) {
     switch ((Turn)self->turn) {
     case TURN_FOLLOW:
         follow(self, in);
-        self->turn = self->heard ? TURN_TRIM : TURN_LEVEL;
+        self->turn = self->blow_pending ? TURN_TRIM : TURN_LEVEL;
         break;
     case TURN_TRIM:
         trim(self, set, blow);
-        self->heard = false;
+        self->blow_pending = false;
         self->turn = TURN_LEVEL;
         break;
     case TURN_LEVEL:
@@ -145,7 +146,7 @@ static void hold(Sync *self, const SyncSetpoints *set, const ControllerInputs *i
     } else if (!blow->busy) {
         take_turn(self, set, in, blow);
     }
-    self->heard = self->heard || blow->lugs > 0u;
+    self->blow_pending = self->blow_pending || blow->lugs > 0u;
 }
 
 static void release(Sync *self, const ControllerInputs *in, const Blow *blow) {
@@ -159,7 +160,7 @@ static void release(Sync *self, const ControllerInputs *in, const Blow *blow) {
 int16_t sync_step(Sync *self, const SyncSetpoints *set, const ControllerInputs *in,
                   const Blow *blow) {
     BY_POINTER(self);
-    if (blow->impacting && in->travel_q15 >= TRAVEL_LEAST_Q15) {
+    if (blow->impacting && in->travel_q15 >= TRAVEL_MIN_Q15) {
         hold(self, set, in, blow);
     } else {
         release(self, in, blow);

@@ -6,46 +6,47 @@
 #include "core/fixed.h"
 #include "core/inline.h"
 
-// physics.md section 4: k 10.9 mN m/A is 0.5707 mV per 0.5 rpm, R 0.19 ohm is 0.3711 mV per 2^-9 A.
+// docs/spec/model.md, section 4: k = 10.9 mN m/A is 0.5707 mV per 0.5 rpm, R = 0.19 ohm is 0.3711
+// mV per 2^-9 A.
 #define EMF_MV_Q16 37403
 #define DROP_MV_Q16 24320
-#define EXCESS_MOST_MV 4000  // a supply and a winding beyond this are a broken sensor
-#define TAKEN_LEAST_MV (-1500)
-#define TAKEN_FIRST_MV                                                                             \
-    (-250)  // a strong supply and a cold winding: the first blows must not be too hard, what they
-            // turn stays turned
-#define RUN_MV                                                                                     \
-    5500  // the least level at which the hammer still climbs over the lugs, with a margin
+#define EXCESS_MAX_MV 4000  // beyond the range of supplies and windings: a sensor fault
+
+// A strong supply and a cold winding: the first blows must not be too hard, since what they turn
+// cannot be undone.
+#define TAKEN_FIRST_MV (-250)
+
+#define RUN_MV 5500  // least level at which the hammer climbs over the lugs, with a margin
 #define RUN_MV_PER_MS 30
 #define MV_PER_MS 8
 #define RUN_MS 100u
-#define REST_MS 8u  // the supply is still at rest; the blow detection may want the first of it
+#define REST_MS                                                                                    \
+    8u  // the supply is unloaded; several ticks, since the blow detection takes the first
 #define BLOWS_FIRST 2u
-#define BLOWS_A_Q8 (9 * 256)  // a run-down takes less, blows more: when none are told
-#define BLOWS_MS 600u
+#define BLOWS_A_Q8 (9 * 256)  // above the current of a run-down, below that of blows
+#define BLOWS_MS 600u         // from then on the current replaces undetected blows
 #define LOOK_MS 1200u
-#define SLOW_LOOK_MS 1700u  // the lowest levels strike less often
+#define SLOW_LOOK_MS 1700u  // on the lowest levels, where blows are rarer
 #define SETTLE_MS 2800u
 #define SLOW_SETTLE_MS 3300u
 #define SLOW_BELOW_MV 7000
 #define RAISED_LOOK_MS 150u
-#define CHANGED_LOOK_MS 300u  // where the lugs are no longer hit twice
-#define LOW_LATE_MS                                                                                \
-    120u  // a low target found passed so soon behind the first look at its current: the joint is
-          // hard, and the filters are behind
+#define CHANGED_LOOK_MS 300u  // on levels at which lugs are hit once instead of twice
+
+// A low target whose current is exceeded this soon after the first evaluation belongs to a hard
+// joint; the filters lag by LOW_LATE_NM.
+#define LOW_LATE_MS 120u
 #define LOW_LATE_NM 4
-#define LOW_LOOK_MS 450u  // the slowest filter, behind the start of the motor
+#define LOW_LOOK_MS 450u  // the slowest filter settles after the motor's start
 #define RAISED_MS 8000u
-#define FULL_LOOKS 150u        // one in two ticks
-#define TWICE_ABOVE_MV 8000    // lugs are hit thrice below, twice above,
+#define FULL_LOOKS 150u        // decisions, one in two ticks: 0.3 s
+#define TWICE_ABOVE_MV 8000    // lugs are hit three times below this level, twice above,
 #define CHANGED_ABOVE_MV 9200  // once above this
-#define LEAD_ABOVE_MV 11000    // quick gain of torque: the filters' lag is made up for
-#define LOW_BEGIN_A_Q8                                                                             \
-    64  // the filters of a low target begin so far below its current: before lies the start of the
-        // motor
-#define A_Q8_PER_NM 12u   // on the raised levels: 11 to 16, 6 where the lugs are just hit once
-#define MV_PER_NM 105u    // of the levels of the map
-#define MISSED_SHARE 16u  // a sixteenth beside the target is beside it
+#define LEAD_ABOVE_MV 11000    // the torque grows fast: the lag of the filters is compensated
+#define LOW_BEGIN_A_Q8 64      // for a low target the filters start this far below its current
+#define A_Q8_PER_NM 12u        // on raised levels: 11 to 16, 6 where lugs begin to be hit once
+#define MV_PER_NM 105u         // slope of the levels in the map
+#define MISSED_SHARE 16u       // a deviation above 1/16 of the target is a miss
 
 void torque_start(Torque *self, const TorqueSetpoints *set) {
     const bool known =
@@ -68,10 +69,9 @@ static int16_t high_word(int32_t value) {
     return (int16_t)(value >> 16);
 }
 
-// A first-order low-pass of 65536 / gain steps of its own.
+// First-order low-pass filter with a time constant of 65536 / gain calls.
 static int32_t low_pass(int32_t value_q16, int16_t in, uint16_t gain_q16) {
-    FIXED_HIDE(
-        gain_q16);  // a product costs a third of the shift that the compiler would make of it
+    FIXED_HIDE(gain_q16);  // a product costs a third of the shift that the compiler would emit
     return value_q16 + (int32_t)(int16_t)(in - high_word(value_q16)) * (int16_t)gain_q16;
 }
 
@@ -79,8 +79,8 @@ static int16_t emf_mv(const ControllerInputs *in) {
     return high_word((int32_t)in->speed_rpm_q1 * EMF_MV_Q16);
 }
 
-// The mean of two ticks, or of three with the weight of three: a tick left out where the blow is
-// would be missed.
+// Mean of two ticks, or of three with a larger gain: the blow detection can delay it by a tick, and
+// the tick with the blow must not be left out.
 static void measure_current(Torque *self) {
     const bool three = self->gathered > 2u;
     const int16_t mean_a_q8 = three ? high_word((int32_t)self->sum_a_q7 * 43691) : self->sum_a_q7;
@@ -98,36 +98,34 @@ static int16_t share_mv(int16_t duty_q15, uint16_t supply_mv) {
     return (int16_t)(((uint32_t)(uint16_t)duty_q15 * twice_mv) >> 16);
 }
 
-// What the bridge gives beyond the motor's own voltage: back-EMF and the drop of the nominal
-// winding.
+// Voltage of the bridge beyond that of the nominal motor: back-EMF plus the drop of the winding.
 static void measure_voltage(Torque *self, const ControllerInputs *in) {
     const int16_t given_mv = share_mv(in->duty_q15, in->supply_mv);
     const int16_t drop_mv = high_word((int32_t)in->current_a_q9 * DROP_MV_Q16);
     const int16_t own_mv =
-        (int16_t)(((emf_mv(in) >> 1) + (drop_mv >> 1)));  // halves: no sum of these leaves 16 bits
+        (int16_t)(((emf_mv(in) >> 1) + (drop_mv >> 1)));  // halves: sums fit in 16 bits
     int16_t excess_mv = (int16_t)((given_mv >> 1) - own_mv);
-    excess_mv =
-        (int16_t)(excess_mv > EXCESS_MOST_MV / 2
-                      ? EXCESS_MOST_MV / 2
-                      : (excess_mv < -EXCESS_MOST_MV / 2 ? -EXCESS_MOST_MV / 2 : excess_mv));
+    excess_mv = (int16_t)(excess_mv > EXCESS_MAX_MV / 2
+                              ? EXCESS_MAX_MV / 2
+                              : (excess_mv < -EXCESS_MAX_MV / 2 ? -EXCESS_MAX_MV / 2 : excess_mv));
     self->excess_mv_q16 = low_pass(self->excess_mv_q16, (int16_t)(2 * excess_mv), 2048);
     if (self->state != TORQUE_RUN || self->ticks > RUN_MS) {
         self->taken_mv_q16 = low_pass(self->taken_mv_q16, high_word(self->excess_mv_q16), 1024);
     }
 }
 
-// Where the lugs are hit twice the current comes up to that of the raised level from below: it
-// counts on the way.
-static bool told_at_once(const Torque *self) {
+// Where lugs are hit twice, the current approaches that of the raised level from below and is
+// valid at once.
+static bool valid_at_once(const Torque *self) {
     return self->raised_mv > TWICE_ABOVE_MV && self->raised_mv < CHANGED_ABOVE_MV;
 }
 
-// The current that the map is of.
-static int16_t told_a_q8(const Torque *self) {
+// Current that compares with the map's: filtered, with the lag compensated on the highest levels.
+static int16_t joint_a_q8(const Torque *self) {
     const int16_t current = high_word(self->current_a_q24);
     const int16_t slow = high_word(self->slow_a_q24);
     if (self->raised_mv < LEAD_ABOVE_MV) {
-        return told_at_once(self) ? current : slow;
+        return valid_at_once(self) ? current : slow;
     }
     const int16_t gained = (int16_t)(current - slow);
     return (int16_t)(current + gained - (gained >> 2));
@@ -141,10 +139,10 @@ static uint16_t settle_ms(const Torque *self) {
     return self->goal_mv < SLOW_BELOW_MV ? SLOW_SETTLE_MS : SETTLE_MS;
 }
 
-// Whether the current counts: on the raised level once the filters have left behind what was
-// before.
-static bool may_tell(const Torque *self) {
-    if (told_at_once(self)) {
+// Whether the current on the raised level is valid: the filters have settled after the change of
+// level.
+static bool current_valid(const Torque *self) {
+    if (valid_at_once(self)) {
         return true;
     }
     if (self->raised_mv < TWICE_ABOVE_MV) {
@@ -185,7 +183,8 @@ static TorqueState next_state(const Torque *self, const ControllerInputs *in, co
     case TORQUE_SETTLE:
         return self->ticks < settle_ms(self) ? TORQUE_SETTLE : TORQUE_OVER;
     case TORQUE_RAISED:
-        return self->ticks < RAISED_MS && (!may_tell(self) || told_a_q8(self) < self->stop_a_q8)
+        return self->ticks < RAISED_MS &&
+                       (!current_valid(self) || joint_a_q8(self) < self->stop_a_q8)
                    ? TORQUE_RAISED
                    : TORQUE_OVER;
     case TORQUE_OVER:
@@ -194,16 +193,16 @@ static TorqueState next_state(const Torque *self, const ControllerInputs *in, co
     return self->state;
 }
 
-// How far from the target, by the current or the level beside its own.
-static int16_t beside_nm(int16_t difference, uint8_t per_nm) {
+// Deviation from the target in N m, from that of the current or of the level.
+static int16_t deviation_nm(int16_t difference, uint8_t per_nm) {
     const int16_t rows =
         (int16_t)divide_by_u16((uint16_t)(difference < 0 ? -difference : difference), per_nm);
     return (int16_t)(difference < 0 ? -rows : rows);
 }
 
-// The drive is over: what it came to, and why.
+// The drive is over: sets the reason and the estimated torque.
 static void conclude(Torque *self, int16_t target_nm, const ControllerInputs *in) {
-    int16_t beside = 0;
+    int16_t off_nm = 0;
     self->reason = self->state == TORQUE_RAISED && self->ticks >= RAISED_MS
                        ? CONTROLLER_REASON_TIMEOUT
                        : CONTROLLER_REASON_REACHED;
@@ -213,16 +212,16 @@ static void conclude(Torque *self, int16_t target_nm, const ControllerInputs *in
     }
     if (self->full_looks >= FULL_LOOKS) {
         const int16_t held_mv = (int16_t)((int16_t)in->supply_mv - high_word(self->taken_mv_q16));
-        beside = beside_nm((int16_t)(held_mv - torque_map_level_mv(self->row)), MV_PER_NM);
+        off_nm = deviation_nm((int16_t)(held_mv - torque_map_level_mv(self->row)), MV_PER_NM);
     } else if (self->state == TORQUE_RAISED) {
-        beside = beside_nm((int16_t)(told_a_q8(self) - self->stop_a_q8), A_Q8_PER_NM);
+        off_nm = deviation_nm((int16_t)(joint_a_q8(self) - self->stop_a_q8), A_Q8_PER_NM);
         if (self->raised_mv < TWICE_ABOVE_MV && self->ticks < LOW_LOOK_MS + LOW_LATE_MS) {
-            beside = (int16_t)(beside + LOW_LATE_NM);
+            off_nm = (int16_t)(off_nm + LOW_LATE_NM);
         }
     }
-    self->estimate_nm = (int16_t)(target_nm + beside > 0 ? target_nm + beside : 0);
+    self->estimate_nm = (int16_t)(target_nm + off_nm > 0 ? target_nm + off_nm : 0);
     if (self->full_looks >= FULL_LOOKS ||
-        (beside < 0 ? -beside : beside) > (int16_t)((uint16_t)target_nm / MISSED_SHARE)) {
+        (off_nm < 0 ? -off_nm : off_nm) > (int16_t)((uint16_t)target_nm / MISSED_SHARE)) {
         self->reason = CONTROLLER_REASON_MISSED;
     }
 }
@@ -244,7 +243,7 @@ static void enter(Torque *self, TorqueState next, int16_t target_nm, const Contr
     self->ticks = 0;
 }
 
-// Towards the goal; a drive taken up while the shaft turns begins with the duty that this wants.
+// Moves the level towards its goal. A drive that begins with a turning shaft starts at its duty.
 static void move_level(Torque *self, const ControllerInputs *in) {
     if (self->state == TORQUE_RUN && self->ticks == 0u) {
         self->duty_q15 = in->travel_q15;
@@ -259,7 +258,7 @@ static void move_level(Torque *self, const ControllerInputs *in) {
     self->level_mv = (int16_t)(self->level_mv + (way < -MV_PER_MS ? -MV_PER_MS : way));
 }
 
-// In LEVEL and RAISED from the arrival on; in RUN no further than it counts.
+// Time in the state; in LEVEL and RAISED only on the goal level, in RUN up to BLOWS_MS.
 static void count_tick(Torque *self) {
     const bool on_its_way =
         (self->state == TORQUE_LEVEL || self->state == TORQUE_RAISED) && !arrived(self);
@@ -291,8 +290,7 @@ static void decide(Torque *self, const TorqueSetpoints *set, const ControllerInp
     }
 }
 
-// What costs time takes turns: the duty in one tick, the sensors in the next, neither where the
-// blow detection needs the time.
+// Duty and filters alternate from tick to tick; neither runs when the blow detection computes.
 static void act(Torque *self, const TorqueSetpoints *set, const ControllerInputs *in,
                 const Blow *blow) {
     self->sum_a_q7 = (int16_t)(self->sum_a_q7 + (in->current_a_q9 >> 2));
@@ -303,8 +301,7 @@ static void act(Torque *self, const TorqueSetpoints *set, const ControllerInputs
         }
     } else if (!blow->busy || self->gathered > 2u) {
         measure_current(self);
-        if (!in->coasted &&
-            !blow->busy) {  // the current, the voltage and a blow are too much for one tick
+        if (!in->coasted && !blow->busy) {  // both filters and a blow exceed the cycles of a tick
             measure_voltage(self, in);
         }
     }

@@ -6,27 +6,37 @@
 #include "core/inline.h"
 #include "core/slew.h"
 
-#define APPROACH_MS 90u  // without a dip: the hammer need not climb here
-#define SETTLE_MS                                                                                  \
-    12u  // the current has followed the first rise of the duty, and the Hall sensor has seen two
-         // edges or none
-#define CLIMB_MS 100u  // longer than any climb at the duty that it has risen to by then
-#define SURGE_MS 100u
-#define APPROACH_STEP_Q15 Q(0.08, 15)  // a ms
-#define SURGE_STEP_Q15 Q(0.12, 15)     // a ms
-#define RUN_STEP_Q15 Q(0.006, 15)      // a ms: the trigger's own ramp
-#define LIMIT_STEP_Q15                                                                             \
-    Q(0.002, 15)         // a ms: a blow or two until a hard joint is told, 0.1 s to its voltage
-#define PREPARED 4u      // ticks
-#define TURNED_SHIFT 4u  // sums of mV ms in 16 bits
-#define TURN_Q8 469u
-#define MOHM_MOST 511u  // counts as that
-#define LOW_SURGE_A_Q9 Q(30.5, 9)
-#define LOW_256MV                                                                                  \
-    66u  // a battery at rest below 16.9 V: the third climb of a hard joint would end on top of a
-         // lug
+#define APPROACH_MS 90u  // without a dip: the hammer need not climb
 
-// What a tick says of the motor: the voltage applied, and the part of it that is back-EMF.
+// The current has followed the first rise of the duty; the Hall sensor has had two edges or none.
+#define SETTLE_MS 12u
+#define CLIMB_MS 100u  // longer than any climb at the duty reached by then
+#define SURGE_MS 100u
+
+// Rates of the duty per ms.
+#define APPROACH_STEP_Q15 Q(0.08, 15)
+#define SURGE_STEP_Q15 Q(0.12, 15)
+#define RUN_STEP_Q15 Q(0.006, 15)    // as the trigger's ramp
+#define LIMIT_STEP_Q15 Q(0.002, 15)  // 1 or 2 blows to detect a hard joint, 0.1 s to its voltage
+
+#define TURNED_SHIFT 4u  // an angle in mV ms / 16 fits in 16 bits
+#define TURN_Q8 469u     // 1/256 turn in 2^-1 rpm ms: 60,000 * 2 / 256
+#define MOHM_MAX 511u    // limit of the setpoint in the computation
+
+// At a bus voltage below 16.9 V the third climb on a hard joint would end on top of a lug.
+#define LOW_SURGE_A_Q9 Q(30.5, 9)
+#define LOW_256MV 66u
+
+// Computations of the first ticks, one per tick, in their order.
+typedef enum {
+    PREPARE_NONE,
+    PREPARE_RESUMED,
+    PREPARE_EMF,
+    PREPARE_SURGE,
+    PREPARE_CLIMB,
+} Prepare;
+
+// Motor voltages of a tick: applied, and its share that is back-EMF.
 typedef struct {
     uint16_t applied_mv;
     uint16_t emf_mv;
@@ -54,7 +64,7 @@ static uint16_t emf_by_speed(const Vibration *self, int16_t speed_rpm_q1) {
 static Seen look(const Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
     const uint16_t supply_mv = in->supply_mv < INT16_MAX ? in->supply_mv : INT16_MAX;
     Seen seen = {.applied_mv = high_word((uint32_t)(2u * (uint16_t)in->duty_q15) * supply_mv)};
-    seen.emf_mv = (uint8_t)set->method == VIBRATION_BY_SPEED
+    seen.emf_mv = (uint8_t)set->method == CONTROLLER_METHOD_SPEED
                       ? emf_by_speed(self, in->speed_rpm_q1)
                       : emf_by_current(self, seen.applied_mv, in->current_a_q9);
     return seen;
@@ -63,7 +73,7 @@ static Seen look(const Vibration *self, const VibrationSetpoints *set, const Con
 void vibration_start(Vibration *self, const VibrationSetpoints *set) {
     *self = (Vibration){
         .limit_q15 = INT16_MAX,
-        .mohm_q7 = (uint16_t)((set->motor_mohm < MOHM_MOST ? set->motor_mohm : MOHM_MOST) << 7)};
+        .mohm_q7 = (uint16_t)((set->motor_mohm < MOHM_MAX ? set->motor_mohm : MOHM_MAX) << 7)};
 }
 
 static uint8_t next_phase(const Vibration *self, const ControllerInputs *in, const Seen *seen) {
@@ -85,8 +95,7 @@ static uint8_t next_phase(const Vibration *self, const ControllerInputs *in, con
     return VIBRATION_RUN;
 }
 
-// The duty that lets the current rise to surge_a: the one in force and what the resistance wants
-// for the rest.
+// Duty at which the current rises to surge_a: the applied one plus the resistive drop of the rest.
 static int16_t surge(const Vibration *self, const ControllerInputs *in) {
     const uint16_t most_q15 = (uint16_t)(self->duty_q15 + SURGE_STEP_Q15);
     if (in->current_a_q9 >= self->surge_a_q9) {
@@ -99,7 +108,7 @@ static int16_t surge(const Vibration *self, const ControllerInputs *in) {
     return duty_q15 > INT16_MAX ? INT16_MAX : (int16_t)duty_q15;
 }
 
-// On a hard joint the motor is slow for its voltage.
+// Duty limit: falls while the joint is hard, that is while the motor is slow for its voltage.
 static int16_t limited(const Vibration *self, const VibrationSetpoints *set,
                        const ControllerInputs *in, const Seen *seen, const Blow *blow) {
     if (blow->impacting && seen->applied_mv > set->hard_mv &&
@@ -134,15 +143,15 @@ static int16_t output(Vibration *self, const VibrationSetpoints *set, const Cont
     return slew_towards(self->duty_q15, self->limit_q15, RUN_STEP_Q15);
 }
 
-// Never beyond the trigger; a trigger that is let go a little is followed at the trigger's own
-// rate.
+// Limits the duty to the trigger's; a trigger that is released partly is followed at the rate of
+// its ramp.
 static int16_t within_trigger(const Vibration *self, const ControllerInputs *in, int16_t wish_q15) {
     const int16_t down_q15 = (int16_t)(self->duty_q15 - RUN_STEP_Q15);
     const int16_t most_q15 = in->trigger_q15 > down_q15 ? in->trigger_q15 : down_q15;
     return wish_q15 < most_q15 ? wish_q15 : most_q15;
 }
 
-// A turn is 60,000 * 2 rpm Q1 ms, 1/256 of it TURN_Q8.
+// Angle of climb_turn_q8 in mV ms / 16.
 static uint16_t climb_turn(const Vibration *self, const VibrationSetpoints *set) {
     const uint16_t per_q8_mv_ms =
         (uint16_t)(fixed_byte_down((uint32_t)TURN_Q8 * self->mv_per_rpm_q12) >> 4);
@@ -150,31 +159,31 @@ static uint16_t climb_turn(const Vibration *self, const VibrationSetpoints *set)
     return (uint16_t)(turn > UINT16_MAX ? UINT16_MAX : turn);
 }
 
-// What needs a division is worked out in the first ticks, one piece each. The back-EMF of a speed
-// Q1 is 500 mV / (rpm/V); duty Q15 per current Q9 through the winding: 2^15 * 2^16 * 1000 / (1000 *
-// 2^9) = 2^22 mohm / mV.
+// The divisions run in the first ticks, one per tick. Back-EMF per 0.5 rpm: 500 mV / (rpm/V). Duty
+// Q15 per current Q9 through the winding: 2^15 * 2^16 * 1000 / (1000 * 2^9) = 2^22 mohm / mV.
 static void prepare(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
-    switch (++self->prepared) {
-    case 1:
+    self->prepared++;
+    switch ((Prepare)self->prepared) {
+    case PREPARE_NONE:
+        break;
+    case PREPARE_RESUMED:
         if (in->speed_rpm_q1 > 0) {
             self->phase = VIBRATION_RUN;
-            self->duty_q15 = in->travel_q15;  // a drive that resumes while the shaft turns
+            self->duty_q15 = in->travel_q15;
         }
         break;
-    case 2:
+    case PREPARE_EMF:
         self->mv_per_rpm_q12 = divide_by_u16((uint32_t)500u << 12, set->motor_rpm_per_v);
         break;
-    case 3:
+    case PREPARE_SURGE:
         self->surge_a_q9 =
             (uint8_t)(in->supply_mv >> 8) < LOW_256MV && set->surge_a_q9 > LOW_SURGE_A_Q9
                 ? LOW_SURGE_A_Q9
                 : set->surge_a_q9;
         self->rise_q16 = divide_by_u16((uint32_t)(self->mohm_q7 >> 7) << 22, in->supply_mv);
         break;
-    case PREPARED:
+    case PREPARE_CLIMB:
         self->climb_turn = climb_turn(self, set);
-        break;
-    default:
         break;
     }
 }
@@ -192,7 +201,7 @@ static void note(Vibration *self, const Seen *seen) {
 int16_t vibration_step(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in,
                        const Blow *blow) {
     BY_POINTER(self);
-    if (self->prepared < PREPARED) {
+    if (self->prepared < PREPARE_CLIMB) {
         prepare(self, set, in);
     }
     const Seen seen = look(self, set, in);

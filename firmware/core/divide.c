@@ -7,13 +7,13 @@
 
 #define BITS 16u
 
-// For dividend / 2^16 < divisor: quotient in the high word, remainder in the low one. The high word
-// of `rest` is what is left, the quotient comes in from below. The compiler's loop takes twice as
-// long as that by hand, four bits a turn.
+// Restoring division for dividend / 2^16 < divisor: quotient in the high word of the result,
+// remainder in the low word. The high word of `rest` is the remainder, the quotient is shifted in
+// from below. Four bits per loop in assembly take half of the time of the compiler's loop.
 INLINE_NEVER static uint32_t divided(uint32_t rest, uint16_t divisor) {
 #ifdef __AVR__
     uint8_t turns = BITS / 4u;
-    (void)divisor;  // linters do not look into the lines below
+    (void)divisor;  // used by the assembly below
     __asm__("1:\n\t"
             ".rept 4\n\t"
             "lsl %A[rest]\n\t"
@@ -50,13 +50,12 @@ INLINE_NEVER static uint32_t divided(uint32_t rest, uint16_t divisor) {
 #endif
 }
 
-// The same for a divisor of more than 16 bits: 48 bits of rest. No dividend of 32 bits reaches 2^16
-// times such a divisor.
+// The same for a divisor of more than 16 bits with 48 bits of `rest`: the quotient has 16 bits.
 INLINE_NEVER static uint16_t quotient_by_long(uint32_t rest, uint32_t divisor) {
 #ifdef __AVR__
     uint16_t high = 0;
     uint8_t turns = BITS / 2u;
-    (void)divisor;  // linters do not look into the lines below
+    (void)divisor;  // used by the assembly below
     __asm__("1:\n\t"
             ".rept 2\n\t"
             "lsl %A[rest]\n\t"

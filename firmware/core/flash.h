@@ -1,5 +1,4 @@
-// Constant tables in flash: on AVR they would otherwise cost RAM; on the host they are plain
-// constants.
+// Constant tables in flash, where they cost no RAM on the AVR; plain constants on the host.
 #ifndef VGROOVE_CORE_FLASH_H
 #define VGROOVE_CORE_FLASH_H
 

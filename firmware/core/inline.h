@@ -1,20 +1,19 @@
-// Where avr-gcc's choice of what to inline costs time: a tick as one function has more locals than
-// registers, and spills them.
+// Function attributes that avoid slow or large code of avr-gcc. Without INLINE_NEVER the tick
+// becomes one function whose locals exceed the registers.
 #ifndef VGROOVE_CORE_INLINE_H
 #define VGROOVE_CORE_INLINE_H
 
 #define INLINE_NEVER __attribute__((noinline))
 
-// What runs seldom: no copy with the address of its data in every instruction, which is longer than
-// a pointer.
+// For rarely called functions: no clone with constant addresses, which are longer than a pointer.
 #ifdef __clang__
 #define CLONE_NEVER INLINE_NEVER
 #else
 #define CLONE_NEVER __attribute__((noinline, noclone))
 #endif
 
-// Hides from the optimiser where a struct lies, so that its members are reached by displacement, in
-// two bytes, and not by address, in four.
+// Hides the address of a struct from the optimiser: members are then accessed by displacement (2
+// bytes) instead of by absolute address (4 bytes).
 #ifdef __AVR__
 #define BY_POINTER(self) __asm__("" : "+r"(self))
 #else

@@ -57,7 +57,7 @@ uint8_t ring_frames_free(const RingFrames *self) {
         used = (uint8_t)(used + RING_FRAMES_BYTES);
     }
     if (used < RING_FRAME) {
-        return 3;  // one more would make head and tail meet
+        return 3;  // head must not reach tail
     }
     if (used < 2u * RING_FRAME) {
         return 2;
@@ -79,7 +79,7 @@ void ring_push_frames(RingFrames *self, uint8_t count) {
     for (; count > 0u; count--) {
         head = frame_after(head);
     }
-    __asm__ volatile("" : : : "memory");  // the frames are there before the interrupt may see them
+    __asm__ volatile("" : : : "memory");  // write the frames before head
     self->head = head;
 }
 

@@ -1,18 +1,18 @@
-// Queues between one interrupt and the tick, without locks: one side pushes, the other pops,
-// indices are single bytes.
+// Lock-free queues between an interrupt and the tick: one side pushes, the other pops, and indices
+// are single bytes.
 #ifndef VGROOVE_CORE_RING_H
 #define VGROOVE_CORE_RING_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-#define RING_WORDS 32u  // samples or stamps: four ticks' worth
+#define RING_WORDS 32u  // edge times of four ticks
 #define RING_BYTES 64u  // UART: holds TELEMETRY_QUEUE_BYTES
 
 typedef struct {
     volatile uint8_t head;             // pushes so far, modulo 256
     volatile uint8_t tail;             // pops so far
-    volatile uint8_t low[RING_WORDS];  // bytes apart: cheaper to reach on the AVR
+    volatile uint8_t low[RING_WORDS];  // low and high bytes apart: fewer cycles on the AVR
     volatile uint8_t high[RING_WORDS];
 } RingWords;
 
@@ -22,29 +22,32 @@ typedef struct {
     volatile uint8_t tail;
 } RingBytes;
 
-// Frames of one length in places of their own: built where they are sent from, never wrapped round.
+// Frames of equal length in fixed slots: built in place, never wrapped around.
 #define RING_FRAME 19u
 #define RING_FRAMES_BYTES (4u * RING_FRAME)
 
 typedef struct {
     uint8_t items[RING_FRAMES_BYTES];
-    volatile uint8_t head;  // place in `items` of the next frame
-    volatile uint8_t tail;  // of the next byte
+    volatile uint8_t head;  // index in `items` of the next frame
+    volatile uint8_t tail;  // index of the next byte to send
 } RingFrames;
 
-// How many whole frames fit, at most 3.
+// Number of whole frames that fit, at most 3.
 uint8_t ring_frames_free(const RingFrames *self);
-uint8_t *ring_frame_at(RingFrames *self,
-                       uint8_t ahead);  // place of the next frame (0) or the one after it (1)
-void ring_push_frames(RingFrames *self, uint8_t count);  // that have been built there
+
+// Slot of the next frame (`ahead` = 0) or of the one after it (1).
+uint8_t *ring_frame_at(RingFrames *self, uint8_t ahead);
+
+// Queues `count` frames that have been built in their slots.
+void ring_push_frames(RingFrames *self, uint8_t count);
 bool ring_pop_frame_byte(RingFrames *self, uint8_t *item);
 
-// False when full: the item is dropped.
+// Return false when full; the item is dropped.
 bool ring_push_word(RingWords *self, uint16_t item);
 bool ring_push_pair(RingWords *self, uint8_t low, uint8_t high);  // the same word by its bytes
 bool ring_push_byte(RingBytes *self, uint8_t item);
 
-// False when empty; `*item` is then left alone.
+// False when empty; `*item` is then unchanged.
 bool ring_pop_byte(RingBytes *self, uint8_t *item);
 
 uint8_t ring_count_words(const RingWords *self);

@@ -1,4 +1,4 @@
-// The units table: each fixed-point format is chosen here, once.
+// Units table: the only choice of each fixed-point format.
 //
 // | quantity    | C suffix | type    | Q  | unit | range             | LSB            |
 // | current     | _a_q9    | int16_t | 9  | A    | +-64              | 1.95 mA        |

@@ -1,4 +1,4 @@
-// ADC slots and cadence, see adc_sequence.h.
+// ADC slots and sampling schedule, see adc_sequence.h.
 #include "drivers/adc_sequence.h"
 
 #include <stddef.h>
@@ -6,16 +6,13 @@
 #include "core/flash.h"
 #include "hal/hal.h"
 
-#define SAMPLES_A_TICK (HAL_CYCLES_PER_TICK / HAL_CYCLES_PER_SAMPLE)
+#define SAMPLES_PER_TICK (HAL_CYCLES_PER_TICK / HAL_CYCLES_PER_SAMPLE)
 #define CYCLES_BEYOND (HAL_CYCLES_PER_TICK % HAL_CYCLES_PER_SAMPLE)
 #define FIRST_USABLE (HAL_FIRST_SAMPLE_CYCLES + HAL_LATENCY_CYCLES)
-#define LATE_SAMPLES                                                                               \
-    6u  // conversions during the longest wait of a tick for its turn; more left over means that the
-        // count has slipped
-#define LEFT_BEHIND 2u  // after a surplus, so that the next tick is not short
+#define LATE_SAMPLES 6u  // conversions during the longest delay of a tick; more: the count is wrong
+#define LEFT_BEHIND 2u   // samples kept after a surplus, so that the next tick has enough
 
-// Every fourth slot, from the third on, is not the current's: neither the interrupt nor the tick's
-// loop needs a table to know.
+// Every fourth slot, from the third on, is not a current sample: found without a table.
 #define OTHER_EVERY 4u
 #define OTHER_AT 2u
 
@@ -30,7 +27,7 @@ static const uint8_t slots[ADC_SEQUENCE_SLOTS] FLASH_TABLE = {
 };
 
 void adc_sequence_init(AdcSequence *self) {
-    // The sample "before the first" ends one cadence before the first usable one.
+    // The time before the first sample is one sampling interval.
     *self = (AdcSequence){.trip_high = ADC_SEQUENCE_TOP_COUNT,
                           .next_channel = adc_sequence_channel(1),
                           .cycles_ahead = (int16_t)(HAL_CYCLES_PER_SAMPLE - FIRST_USABLE)};
@@ -46,11 +43,11 @@ void adc_sequence_set_trip(AdcSequence *self, uint16_t low, uint16_t high) {
     hal_unlock(lock);
 }
 
-// How many samples belong to the tick that begins; `*lost` becomes true when the ring does not hold
-// what the cadence says.
+// Number of samples that belong to the beginning tick; sets `*lost` when the ring does not hold as
+// many as the schedule requires.
 static uint8_t samples_due(AdcSequence *self, bool *lost) {
     const uint8_t held = (uint8_t)(self->head - self->tail);
-    uint8_t due = SAMPLES_A_TICK;
+    uint8_t due = SAMPLES_PER_TICK;
     self->cycles_ahead = (int16_t)(self->cycles_ahead + (int16_t)CYCLES_BEYOND);
     if (self->cycles_ahead >= (int16_t)HAL_CYCLES_PER_SAMPLE) {
         self->cycles_ahead = (int16_t)(self->cycles_ahead - (int16_t)HAL_CYCLES_PER_SAMPLE);
@@ -67,13 +64,13 @@ static uint8_t samples_due(AdcSequence *self, bool *lost) {
     return 0;
 }
 
-// Two compares, one limit at a time: a single one of (counts - low) would need two more registers
-// in the interrupt, 8 cycles.
+// Two comparisons: a single one of (counts - low) needs two more registers in the interrupt, 8
+// cycles.
 static bool trips(const AdcSequence *self, uint16_t counts) {
     return counts < self->trip_low || counts > self->trip_high;
 }
 
-// One address for both bytes: the arrays lie one after the other.
+// Low and high byte by one address: the arrays are adjacent.
 static uint16_t sample_of(const AdcSequence *self, uint8_t slot) {
     const volatile uint8_t *place =
         (const volatile uint8_t *)self + offsetof(AdcSequence, low) + slot % ADC_SEQUENCE_RING;
@@ -89,8 +86,7 @@ static void take_other(AdcTick *out, uint8_t channel, uint16_t counts) {
     out->fresh = (uint8_t)(out->fresh | bit);
 }
 
-// Beyond the trip, which lies within the scale: what is saturated is so, too. One compare of what
-// lies above the lower limit.
+// A sample beyond the trip; saturated samples are a subset of these.
 static void note_beyond(AdcTick *out, uint16_t counts) {
     out->trips = true;
     if (counts == 0u || counts == ADC_SEQUENCE_TOP_COUNT) {
@@ -130,8 +126,7 @@ uint8_t adc_sequence_channel(uint8_t slot) {
     return FLASH_U8(&slots[slot % ADC_SEQUENCE_SLOTS]);
 }
 
-// Nothing interrupts it: `head` may move before the sample is in its place, which keeps a register
-// free.
+// `head` may move before the sample is stored, since nothing interrupts it; that frees a register.
 bool adc_sequence_on_result(AdcSequence *self, uint16_t counts) {
     const uint8_t head = self->head;
     const uint8_t at = head % ADC_SEQUENCE_RING;

@@ -18,11 +18,11 @@ uint16_t analog_supply_25mv(uint16_t supply_mv, bool *saturated) {
     }
     uint16_t high = (uint16_t)(((uint32_t)(uint16_t)(supply_mv + 12u) * 10486u) >> 16);
     FIXED_HIDE(high);
-    return high >> 2;  // x 10486 / 2^18 is a division by 25, exact below 43,690
+    return high >> 2;  // * 10486 / 2^18 divides by 25, exact below 43,690
 }
 
 int16_t analog_temperature_c_q4(uint16_t counts) {
-    // 5 V / 1024 / 10 mV/C * 16 = 7.8125 = 7 + 13 / 16: in 16 bits
+    // 5 V / 1024 / 10 mV/C * 16 = 7.8125 = 7 + 13 / 16, in 16 bits
     return (int16_t)((int16_t)(7u * counts + fixed_sixteenth((uint16_t)(13u * counts + 8u))) -
                      TEMPERATURE_ZERO_Q4);
 }

@@ -6,15 +6,14 @@
 #include "core/flash.h"
 
 #define ADC_TOP 1023
-#define SPAN_MOST_Q4                                                                               \
-    16384u  // the whole scale: beyond it no limit changes, and sums with the offset stay in 16 bits
+#define SPAN_MAX_Q4 16384u  // the whole scale: sums with the offset fit in 16 bits
 #define MID_SCALE_Q4 8192
 #define SAMPLES_MAX 8u
-// counts Q4 times A/count Q15 is A Q19; the result is Q9.
+// Counts Q4 times A/count Q15 is A Q19; the result is Q9.
 #define PRODUCT_SHIFT (UNITS_COUNT_Q + 15u - UNITS_CURRENT_Q)
 #define REST_SAMPLES (1u << CURRENT_SENSE_REST_SAMPLES_LOG2)
 
-// 2^20 / n turns a sum of n counts into their mean in Q4 with a shift by 16; high and low word.
+// 2^20 / n, high and low word: converts a sum of n counts into its mean in Q4 by a shift of 16.
 static const uint8_t factor_high[SAMPLES_MAX + 1u] FLASH_TABLE = {0, 16, 8, 5, 4, 3, 2, 2, 2};
 static const int16_t factor_low[SAMPLES_MAX + 1u] FLASH_TABLE = {
     0, 0, 0, 21845, 0, 13107, (int16_t)43691, 18725, 0};
@@ -45,7 +44,7 @@ static uint16_t within_scale(int16_t counts) {
 CurrentLimits current_sense_limits(const CurrentSense *self, int16_t trip_a_q9) {
     const uint16_t wanted_q4 =
         divide_by_u16((uint32_t)(uint16_t)trip_a_q9 << PRODUCT_SHIFT, (uint16_t)self->gain_a_q15);
-    const int16_t span_q4 = (int16_t)(wanted_q4 < SPAN_MOST_Q4 ? wanted_q4 : SPAN_MOST_Q4);
+    const int16_t span_q4 = (int16_t)(wanted_q4 < SPAN_MAX_Q4 ? wanted_q4 : SPAN_MAX_Q4);
     const int16_t low = (int16_t)((int16_t)(self->offset_q4 - span_q4 + 15) >> UNITS_COUNT_Q);
     const int16_t high = (int16_t)((int16_t)(self->offset_q4 + span_q4) >> UNITS_COUNT_Q);
     return (CurrentLimits){.low = within_scale(low), .high = within_scale(high)};

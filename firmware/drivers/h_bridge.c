@@ -58,9 +58,9 @@ static HBridgePhase next_phase(const HBridge *self, bool leg_b_high) {
     return self->staged.leg_b_high == leg_b_high ? H_BRIDGE_DRIVING : H_BRIDGE_OPEN;
 }
 
-// Where leg A begins or ceases to conduct fully, one side turns on at the TOP at which the other
-// turns off. So it goes there and back by way of the value at which the low side rests already and
-// the high side still keeps the whole dead time; values between the two would shorten it.
+// At full duty leg A does not switch. Entering or leaving it directly would turn one side on at the
+// TOP at which the other turns off. The compare value next to full duty, at which the low side is
+// off already and the high side keeps its dead time, is applied in between.
 static int16_t leg_a_reached(const HBridge *self, int16_t wanted) {
     const int16_t beside_full =
         (int16_t)(HAL_COMPARE_MAX - (self->dead_counts - self->dead_counts / 2u));
@@ -96,7 +96,7 @@ void h_bridge_stage(HBridge *self, int16_t compare) {
     if (self->staged.phase == H_BRIDGE_DRIVING && self->staged.compare == compare &&
         self->staged_compare == compare) {
         hal_apply_at(self->cycles_to_top < HAL_APPLY_MARGIN_CYCLES);
-        return;  // the order stands
+        return;  // order unchanged
     }
     const HBridgeOrder order = order_of(self, compare);
     self->staged_compare = order.phase == H_BRIDGE_DRIVING ? order.compare : H_BRIDGE_COAST;

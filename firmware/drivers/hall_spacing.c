@@ -1,20 +1,17 @@
-// Unequal pitches, see hall_spacing.h.
+// Pitches of the Hall sensor, see hall_spacing.h.
 #include "drivers/hall_spacing.h"
 
 #include "core/divide.h"
 #include "core/inline.h"
 
-#define UNIT_SHIFT 8u    // cycles of a period in 1/256
-#define LEARN_SHIFT 4u   // while learning: periods of up to 65 ms
-#define STEADY_SHIFT 5u  // two rounds agree within 1/32: an even speed
-#define ROUND_MAX                                                                                  \
-    (1u << 14)  // a round of up to 0.26 s: shares that add up to twice the whole give misfits below
-                // 2^16, too
-#define CLEAR_RATIO 2u        // the best phase fits twice as well as the next
-#define UNEVEN_LEAST_Q15 164  // 0.5 %: pitches closer than this to a quarter need no index
+#define UNIT_SHIFT 8u         // periods in 256 cycles
+#define LEARN_SHIFT 4u        // while learning in 16 cycles: up to 65 ms
+#define STEADY_SHIFT 5u       // constant speed: two revolutions of four pitches agree within 1/32
+#define ROUND_MAX (1u << 14)  // in UNIT_SHIFT, 0.26 s: misfits fit in 16 bits
+#define CLEAR_RATIO 2u        // the best phase must fit twice as well as the next
+#define UNEVEN_MIN_Q15 164    // 0.5 %: pitches closer than this to a quarter count as equal
 
-// Steps of a search: the round that is wanted, then a phase each; then it is over, until a new
-// round begins.
+// Steps of a search: expected periods, then one phase per step, then idle until the next round.
 enum {
     SEARCH_NONE,
     SEARCH_WANTED,
@@ -23,7 +20,7 @@ enum {
 };
 
 void hall_spacing_forget(HallSpacing *self) {
-    self->last_round = 0;  // no round is steady after it: sums begin anew with the next
+    self->last_round = 0;  // the next round is not steady: the sums restart
     self->at = 0;
     self->rounds = 0;
     self->phase = HALL_SPACING_UNKNOWN;
@@ -43,7 +40,7 @@ INLINE_NEVER static bool steady(const HallSpacing *self) {
     return apart <= self->this_round >> STEADY_SHIFT;
 }
 
-// A round at another speed than the one before takes the sums with it.
+// A round at another speed than the one before restarts the sums.
 static void learn_round(HallSpacing *self) {
     if (steady(self)) {
         self->rounds++;
@@ -55,7 +52,7 @@ static void learn_round(HallSpacing *self) {
     }
 }
 
-// An edge that passes while the round is searched.
+// An edge during a search.
 static void pass(HallSpacing *self) {
     self->at = (uint8_t)((self->at + 1u) % HALL_SPACING_PITCHES);
     if (self->at == 0u && self->step == SEARCH_OVER) {
@@ -74,8 +71,7 @@ INLINE_NEVER bool hall_spacing_period(HallSpacing *self, uint32_t cycles) {
         return false;
     }
     if (self->learning) {
-        self->sum[self->at] +=
-            at_most_u16(cycles >> LEARN_SHIFT);  // no variable shift: a loop on the AVR
+        self->sum[self->at] += at_most_u16(cycles >> LEARN_SHIFT);  // a variable shift is a loop
     } else {
         self->round[self->at] = at_most_u16(cycles >> UNIT_SHIFT);
     }
@@ -93,8 +89,8 @@ INLINE_NEVER bool hall_spacing_period(HallSpacing *self, uint32_t cycles) {
     return self->rounds >= HALL_SPACING_ROUNDS;
 }
 
-// Q15: the part has at most 22 bits and takes 10 more; the whole gives up the other 5, and has at
-// least 13 left at the fastest edges.
+// Q15. `sum` has at most 22 bits and is shifted by 10; the other 5 are taken from the whole, which
+// has at least 13 bits left at the fastest edges.
 int16_t hall_spacing_share(const HallSpacing *self, uint8_t pitch) {
     const uint32_t whole = (self->sum[0] + self->sum[1] + self->sum[2] + self->sum[3]) >> 5;
     return (int16_t)divide_u16((self->sum[pitch] << 10) + whole / 2u, whole);
@@ -103,7 +99,7 @@ int16_t hall_spacing_share(const HallSpacing *self, uint8_t pitch) {
 bool hall_spacing_uneven(const int16_t share_q15[HALL_SPACING_PITCHES]) {
     for (uint8_t k = 0; k < HALL_SPACING_PITCHES; k++) {
         const int16_t apart = (int16_t)(share_q15[k] - 8192);
-        if (apart > UNEVEN_LEAST_Q15 || apart < -UNEVEN_LEAST_Q15) {
+        if (apart > UNEVEN_MIN_Q15 || apart < -UNEVEN_MIN_Q15) {
             return true;
         }
     }
@@ -114,7 +110,7 @@ bool hall_spacing_search_due(const HallSpacing *self) {
     return self->step != SEARCH_NONE && self->step != SEARCH_OVER;
 }
 
-// A round that edges have begun already is let pass.
+// A round in which edges have already occurred is skipped.
 static void end_search(HallSpacing *self) {
     self->step = self->at == 0u ? SEARCH_NONE : SEARCH_OVER;
 }
@@ -136,7 +132,7 @@ static void begin_search(HallSpacing *self, const int16_t share_q15[HALL_SPACING
     }
 }
 
-// How far the round is from the learned one turned by `phase` pitches.
+// Sum of the absolute differences between the round and the learned one, shifted by `phase`.
 static uint16_t misfit(const HallSpacing *self, uint8_t phase, bool reverse) {
     uint16_t sum = 0;
     uint8_t pitch = phase;
@@ -160,7 +156,7 @@ static void try_phase(HallSpacing *self, uint8_t phase, bool reverse) {
     }
 }
 
-// The pitch that runs now, `at` pitches after the round.
+// Index of the present pitch, `at` pitches after the round.
 static uint8_t conclude(HallSpacing *self, bool reverse) {
     const uint8_t before = self->phase;
     const uint8_t passed = (uint8_t)(reverse ? HALL_SPACING_PITCHES - self->at : self->at);

@@ -5,19 +5,22 @@
 #include "core/inline.h"
 #include "hal/hal.h"
 
-// rpm Q1 = 2 * 60 s/min * f_cpu * pitch / period, pitch in turns = 4 * share Q15 / 2^15 / pulses, 1
-// / pulses when it is an equal one.
+// rpm Q1 = 2 * 60 s/min * f_cpu * pitch / period. The pitch in turns is 4 * share Q15 / 2^15 /
+// pulses, or 1 / pulses if all are equal.
 #define FACTOR_OF_TURN ((uint32_t)2 * 60u * HAL_CPU_HZ)  // 1.92e9 < 2^32
 #define SHARE_BITS 13u  // of an equal pitch, HALL_SPEED_PITCH_EQUAL_Q15
 #define SPEED_MAX_Q1 INT16_MAX
 #define CYCLES_PER_MS (HAL_CPU_HZ / 1000u)
-#define DOUBLE_RATIO                                                                               \
-    4u  // an edge after less than a quarter of the last period is a second edge of the same magnet
-#define MISSED_RATIO                                                                               \
-    11u  // times the least: below 2,979 rpm the drive can really halve its speed within a pitch
+#define PERIOD_EDGES 2u  // edges since standstill from which on there is a period
 
-// The factor of a pitch is to that of an equal one as their shares: in two parts, since the product
-// has 45 bits.
+// An edge after less than a quarter of the last period is a second edge of the same magnet.
+#define DOUBLE_RATIO 4u
+
+// Times least_cycles: below 2,979 rpm the drive can halve its speed within a pitch, which looks
+// like a missed edge.
+#define MISSED_RATIO 11u
+
+// factor_equal * share / 2^13 in two parts, since the product has 45 bits.
 static uint32_t factor_of_share(uint32_t factor_equal, int16_t share_q15) {
     const uint32_t share = (uint16_t)share_q15;
     return (factor_equal >> SHARE_BITS) * share +
@@ -32,7 +35,8 @@ static void restart_spacing(HallSpeed *self) {
     }
 }
 
-// A wrong index is worse than none: where the count of the edges may have slipped it is found anew.
+// The count of edges may be wrong: the index is searched again, since a wrong one is worse than
+// none.
 static void doubt_index(HallSpeed *self) {
     self->index_known = false;
     restart_spacing(self);
@@ -47,7 +51,7 @@ void hall_speed_configure(HallSpeed *self, uint8_t pulses, uint16_t timeout_ms) 
 }
 
 void hall_speed_set_pitch(HallSpeed *self, uint8_t pitch, int16_t share_q15) {
-    doubt_index(self);  // no search sees one half of the old pitches and one of the new
+    doubt_index(self);  // no search with half of the new pitches
     self->share_q15[pitch % HALL_SPEED_PITCHES] = share_q15;
     self->uneven = hall_spacing_uneven(self->share_q15);
     self->factor[pitch % HALL_SPEED_PITCHES] = factor_of_share(self->factor_equal, share_q15);
@@ -62,33 +66,34 @@ static uint8_t pitch_after(const HallSpeed *self, uint8_t index) {
     return (uint8_t)((self->reverse ? index - 1u : index + 1u) % HALL_SPEED_PITCHES);
 }
 
-// Nearest rpm Q1, at most UINT16_MAX.
+// Speed in rpm Q1, rounded to nearest, at most UINT16_MAX.
 static uint16_t speed_of(uint32_t factor, uint32_t period) {
     return divide_u16(factor + period / 2u, period);
 }
 
-// Within half of the last period: neither a second edge of the same magnet nor the one after a
-// missed one. Most are, and are spared the rest.
+// Within half of the last period: neither a second edge of the same magnet nor after a missed edge.
+// True for most edges, which skips the other tests.
 static bool is_even(const HallSpeed *self, uint32_t period) {
     const uint32_t half = self->period_cycles >> 1;
-    return self->edges >= 2u && period >= self->least_cycles && period >= half &&
+    return self->edges >= PERIOD_EDGES && period >= self->least_cycles && period >= half &&
            period - half <= self->period_cycles;
 }
 
 static bool is_double(const HallSpeed *self, uint32_t period) {
     return period < self->least_cycles ||
-           (self->edges >= 2u && period < self->period_cycles / DOUBLE_RATIO);
+           (self->edges >= PERIOD_EDGES && period < self->period_cycles / DOUBLE_RATIO);
 }
 
 static bool is_missed(const HallSpeed *self, uint32_t period) {
     const uint32_t last = self->period_cycles;
-    if (self->edges < 2u || self->before_cycles == 0u || last > self->fast_cycles) {
+    if (self->edges < PERIOD_EDGES || self->before_cycles == 0u || last > self->fast_cycles) {
         return false;
     }
     const uint32_t change =
         last > self->before_cycles ? last - self->before_cycles : self->before_cycles - last;
     const uint32_t quarter = last >> 2;
-    const uint32_t missing = 2u * last - period;  // of the second of two
+    const uint32_t missing =
+        2u * last - period;  // time by which the second of two periods falls short
     return change <= quarter >> 1 &&
            missing + quarter - 1u < 2u * quarter - 1u;  // the last two agree within an eighth
 }
@@ -99,7 +104,7 @@ void hall_speed_learn(HallSpeed *self, bool learning) {
     restart_spacing(self);
 }
 
-// Feeds the pitch finder; once the index is known there is nothing left to find.
+// Feeds the search for the index until it is known.
 static void note_period(HallSpeed *self, uint32_t period) {
     if (!self->spacing.learning && (self->learned || self->index_known || !self->uneven)) {
         return;
@@ -108,8 +113,8 @@ static void note_period(HallSpeed *self, uint32_t period) {
     self->spacing.learning = self->spacing.learning && !self->learned;
 }
 
-// The division of an edge by a long period leaves no time for it; fast edges, which may come in
-// every tick, do.
+// Not in a tick with the division for a slow edge; with fast edges, which may come in every tick,
+// both fit.
 bool hall_speed_search_due(const HallSpeed *self) {
     return hall_spacing_search_due(&self->spacing) &&
            (self->new_edges == 0u || self->period_cycles <= UINT16_MAX);
@@ -141,7 +146,7 @@ static void take_edge(HallSpeed *self, uint32_t edge, HallSpeedResult *result) {
         doubt_index(self);
     }
     if (self->edges > 0u) {
-        self->before_cycles = self->edges >= 2u ? self->period_cycles : 0u;
+        self->before_cycles = self->edges >= PERIOD_EDGES ? self->period_cycles : 0u;
         self->period_cycles = period;
         self->edge_known = self->index_known;
         if (self->index_known) {
@@ -153,7 +158,7 @@ static void take_edge(HallSpeed *self, uint32_t edge, HallSpeedResult *result) {
     if (self->edges > 0u && !result->missed) {
         note_period(self, period);
     }
-    self->edges = (uint8_t)(self->edges < 2u ? self->edges + 1u : 2u);
+    self->edges = (uint8_t)(self->edges < PERIOD_EDGES ? self->edges + 1u : PERIOD_EDGES);
     self->new_edges++;
 }
 
@@ -163,39 +168,38 @@ static void take_edges(HallSpeed *self, HallSpeedResult *result) {
     while (ring_count_words(&self->stamps) > 0u) {
         const uint16_t age = (uint16_t)(now - ring_peek_word(&self->stamps));
         if (age > INT16_MAX) {
-            break;  // younger than the tick: the next one's
+            break;  // after the tick: belongs to the next one
         }
         ring_drop_word(&self->stamps);
         take_edge(self, self->now_cycles - age, result);
     }
 }
 
-// With equal pitches the value falls once the age exceeds the last period; otherwise it may a
-// little earlier.
+// Whether the time since the last edge may bound the speed: with equal pitches from the last period
+// on, with unequal pitches earlier.
 static bool may_fall(const HallSpeed *self, uint32_t age) {
     return age > (self->index_known ? self->period_cycles / 2u : self->period_cycles);
 }
 
-// One pitch over the age, downwards: the value never exceeds it.
+// Upper bound of the speed: one pitch over the time since the last edge, rounded down.
 static uint16_t bound_of(const HallSpeed *self, uint32_t age) {
     return divide_u16(factor_at(self, self->index), age);
 }
 
-// Whether one pitch over the age is less than the speed that the tick's edge gives: told without a
-// division, so that a tick needs only one. Both times are below 2^16 here: the age of an edge that
-// a tick takes is below 2^15, and the period less than twice that when the value may fall. In
-// doubt, by less than 0.02 % with four pulses a turn, it is: never more than one pitch over the
-// age.
+// Whether that bound is below the speed of the tick's edge, without a division, so that a tick
+// needs only one. Both times are below 2^16: the age of an edge taken by a tick is below 2^15, and
+// the period below twice that when may_fall() holds. When the two are within 0.02 % (at four pulses
+// per turn) it returns true, so that the speed never exceeds the bound.
 static bool bound_is_less(const HallSpeed *self, uint32_t factor, uint32_t age) {
     const uint32_t bound =
         (uint32_t)(uint16_t)(factor_at(self, self->index) >> 16) * (uint16_t)self->period_cycles;
     return bound <= (uint32_t)(uint16_t)((factor >> 16) + 1u) * (uint16_t)age;
 }
 
-// The speed after an edge of this tick.
+// Speed after an edge in this tick.
 static uint16_t fresh_speed(const HallSpeed *self, uint32_t age) {
     const uint32_t factor = self->edge_known ? self->edge_factor : self->factor_equal;
-    // With equal pitches the bound is less, since the age exceeds the period.
+    // With equal pitches the bound is always lower: the age exceeds the period.
     const bool falls =
         may_fall(self, age) && (!self->index_known || bound_is_less(self, factor, age));
     return falls ? bound_of(self, age) : speed_of(factor, self->period_cycles);
@@ -205,14 +209,14 @@ static void update(HallSpeed *self) {
     const uint32_t age = self->now_cycles - self->edge_cycles;
     if (self->edges == 0u || age >= self->timeout_cycles) {
         if (self->edges > 0u) {
-            self->period_cycles = self->edges >= 2u ? self->period_cycles : 0u;
-            doubt_index(self);  // the shaft may rock over an edge while it stands
+            self->period_cycles = self->edges >= PERIOD_EDGES ? self->period_cycles : 0u;
+            doubt_index(self);  // a resting shaft may rock across an edge
         }
         self->edges = 0;
         self->magnitude_rpm_q1 = 0;
         return;
     }
-    if (self->edges < 2u) {
+    if (self->edges < PERIOD_EDGES) {
         return;
     }
     if (self->new_edges > 0u) {

@@ -1,9 +1,9 @@
-// Motor speed from Hall edges: one pitch over the last period, falling with the time since the last
-// edge, 0 after the time-out.
+// Motor speed from Hall edges: one pitch over the last period, bounded by the time since the last
+// edge, 0 after the timeout.
 //
-// The four pitches that repeat (magnets and switching points are never evenly spaced) are shares of
-// their sum, learned by hall_spacing.h. Which of the four an edge closes is known only while
-// `index_known`; until then all pitches count as equal.
+// Magnets and switching points are never evenly spaced. The four pitches that repeat are shares of
+// their sum, learned by hall_spacing.h. Which of them ends at an edge is known while `index_known`;
+// otherwise all pitches count as equal.
 #ifndef VGROOVE_DRIVERS_HALL_SPEED_H
 #define VGROOVE_DRIVERS_HALL_SPEED_H
 
@@ -19,32 +19,32 @@
 typedef struct {
     volatile bool overflowed;
     uint32_t now_cycles;     // of the tick; its low half is Timer1 at the tick
-    uint32_t edge_cycles;    // of the last edge that counted
-    uint32_t period_cycles;  // between the last two, of one pitch
-    uint32_t before_cycles;  // the one before, 0: none
+    uint32_t edge_cycles;    // of the last valid edge
+    uint32_t period_cycles;  // between the last two edges, of one pitch
+    uint32_t before_cycles;  // the previous period, 0: none
     uint32_t timeout_cycles;
     uint32_t factor[HALL_SPEED_PITCHES];  // rpm Q1 times period of each pitch
     uint32_t factor_equal;
-    uint32_t edge_factor;   // of the pitch that the last edge closed, where its index was known
-    uint32_t least_cycles;  // a shorter period is beyond twice the range
-    uint32_t fast_cycles;   // period above which a missed edge cannot be told from braking
+    uint32_t edge_factor;   // of the pitch that ended at the last edge, if its index was known
+    uint32_t least_cycles;  // a shorter period is twice the range of the speed: not an edge
+    uint32_t fast_cycles;   // a longer period: a missed edge looks like braking
     uint16_t magnitude_rpm_q1;
-    uint8_t edges;      // since standstill: 0, 1, 2 = enough for a period
+    uint8_t edges;      // since standstill, up to 2: there is a period
     uint8_t index;      // pitch that begins at the last edge
     uint8_t new_edges;  // in this tick
     uint8_t missed;
     uint8_t doubled;
     bool index_known;
-    bool edge_known;  // edge_factor counts, otherwise all pitches are equal
-    bool uneven;      // the pitches differ: worth finding the index
-    bool learned;     // hall_spacing has a result
+    bool edge_known;  // edge_factor is valid, otherwise all pitches are equal
+    bool uneven;      // the pitches differ enough for an index to matter
+    bool learned;     // hall_spacing has learned the pitches
     int16_t share_q15[HALL_SPEED_PITCHES];
     HallSpacing spacing;
     bool reverse;      // sign, set at standstill
-    RingWords stamps;  // Timer1 at the edge; last: what lies within 64 bytes is cheap to reach
+    RingWords stamps;  // Timer1 at the edge; last, since the first 64 bytes are accessed faster
 } HallSpeed;
 
-// What a tick has seen.
+// Speed of a tick and its events.
 typedef struct {
     int16_t rpm_q1;
     bool saturated;
@@ -53,27 +53,26 @@ typedef struct {
     bool overflowed;
 } HallSpeedResult;
 
-// A freshly zeroed HallSpeed is one at rest. pulses: edges a turn; the pitches are to be set after
-// it.
+// A zeroed HallSpeed is at rest. pulses: edges per turn. Set the pitches after it.
 void hall_speed_configure(HallSpeed *self, uint8_t pulses, uint16_t timeout_ms);
 void hall_speed_set_pitch(HallSpeed *self, uint8_t pitch, int16_t share_q15);
 HallSpeedResult hall_speed_tick(HallSpeed *self);
 
-// No edge within the time-out.
+// Whether no edge has occurred within the timeout.
 bool hall_speed_at_rest(const HallSpeed *self);
 
-// Speed of the last period, without sign; 0 when the last edge was the only one since standstill.
+// Speed of the last period without sign; 0 if there was only one edge since standstill.
 uint16_t hall_speed_last_rpm_q1(const HallSpeed *self);
 
-// One Hall gives no sign: it is that of the drive, and is taken over at standstill only. False
-// while the shaft turns.
+// Sign of the speed: one Hall sensor cannot tell it, so it is the direction of the drive, changed
+// only at standstill. False while the shaft turns.
 bool hall_speed_set_reverse(HallSpeed *self, bool reverse);
 
-// From now on the pitches are learned, or no longer; `learned` says when their shares are there. It
-// needs 256 edges at an even speed.
+// Starts or ends learning the pitches; `learned` is set when they are available, after 256 edges at
+// constant speed.
 void hall_speed_learn(HallSpeed *self, bool learning);
 
-// The index of uneven pitches is wanted: a step of its search, for a tick that has the time.
+// Whether a step of the search for the index is due; the search runs one step.
 bool hall_speed_search_due(const HallSpeed *self);
 void hall_speed_search(HallSpeed *self);
 

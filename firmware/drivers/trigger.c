@@ -31,8 +31,8 @@ void trigger_set_travel(Trigger *self, uint16_t counts) {
     }
 }
 
-// Counters in bit planes: plane k holds bit k of the count of every switch, so that four are
-// debounced in the time of one.
+// Debounce counters as bit planes: plane k holds bit k of the count of each switch, so that all are
+// counted at once.
 void trigger_set_switches(Trigger *self, uint8_t raw) {
     const uint8_t differs = raw ^ self->stable;
     if (differs == 0u) {

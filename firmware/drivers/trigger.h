@@ -1,5 +1,5 @@
-// Trigger travel, its contact and the switches: dead bands, debouncing. The ramp of the duty is
-// core/slew.h.
+// Trigger travel, its contact and the switches: dead bands and debouncing. The ramp of the duty is
+// in core/slew.h.
 #ifndef VGROOVE_DRIVERS_TRIGGER_H
 #define VGROOVE_DRIVERS_TRIGGER_H
 
@@ -11,15 +11,14 @@
 typedef struct {
     uint16_t low_count;   // end of the lower dead band
     uint16_t high_count;  // start of the upper one
-    uint32_t factor_q7;   // 2^22 / (high - low): Q15 travel of a count, with 7 more binary places
+    uint32_t factor_q7;   // 2^22 / (high - low): travel per count in Q22
     int16_t travel_q15;
     uint8_t stable;    // debounced, HAL_SWITCH_*
-    uint8_t ticks[3];  // binary counters of all switches side by side: for how long each has
-                       // differed from its stable value
+    uint8_t ticks[3];  // bit planes of the time for which each switch has differed from `stable`
 } Trigger;
 
-// Begins with the contact taken for closed: a tool that is switched on with the trigger held must
-// not start.
+// Starts with the contact closed: a tool that is switched on with the trigger pressed must not
+// start.
 void trigger_init(Trigger *self);
 void trigger_set_ends(Trigger *self, uint16_t low_count, uint16_t high_count);
 void trigger_set_travel(Trigger *self, uint16_t counts);
@@ -29,7 +28,7 @@ bool trigger_contact(const Trigger *self);
 bool trigger_reverse(const Trigger *self);
 uint8_t trigger_mode(const Trigger *self);
 
-// Pressed: contact closed and out of the lower dead band.
+// Pressed: contact closed and travel beyond the lower dead band.
 bool trigger_pressed(const Trigger *self);
 
 #endif

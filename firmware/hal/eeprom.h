@@ -1,5 +1,5 @@
-// EEPROM a byte at a time, part of the hardware boundary: a write takes 3.4 ms, during which
-// nothing else may be read or written.
+// EEPROM, part of the hardware boundary, one byte at a time: a write takes 3.4 ms, during which
+// nothing else can be read or written.
 #ifndef VGROOVE_HAL_EEPROM_H
 #define VGROOVE_HAL_EEPROM_H
 

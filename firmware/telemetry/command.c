@@ -1,4 +1,4 @@
-// Inbound parser, see command.h.
+// Parser of inbound frames, see command.h.
 #include "telemetry/command.h"
 
 #include "core/crc.h"
@@ -12,9 +12,9 @@
 #define DATA_AT 10u
 #define CRC_AT 17u
 #define END_AT 18u
-#define GIVEN_UP_MAX 4u  // bytes looked at in one step
+#define GIVEN_UP_MAX 4u  // bytes examined in one step
 
-// Whether the bytes from `first` on, which are too few for a whole frame, can still become one.
+// Whether the bytes from `first` on, fewer than a frame, can be the beginning of one.
 static bool plausible(const CommandParser *self, uint8_t first) {
     const uint8_t count = (uint8_t)(self->count - first);
     if (count > 0u && self->buffer[first] != FRAME_START) {
@@ -23,7 +23,7 @@ static bool plausible(const CommandParser *self, uint8_t first) {
     return count <= LENGTH_AT || self->buffer[first + LENGTH_AT] == TELEMETRY_DATA_BYTES;
 }
 
-// Whether the byte can stand at that place of a frame, after its start.
+// Whether the byte is valid at that position of a frame, after its start.
 static bool fits(uint8_t at, uint8_t byte) {
     if (at == LENGTH_AT) {
         return byte == TELEMETRY_DATA_BYTES;
@@ -35,8 +35,8 @@ static void count_errors(CommandParser *self, uint8_t bytes) {
     self->errors = (uint8_t)(self->errors > UINT8_MAX - bytes ? UINT8_MAX : self->errors + bytes);
 }
 
-// Gives up the first byte and some after it that cannot start a frame; true when the next one can,
-// or there is none.
+// Drops the first byte and following ones that cannot start a frame; true when the next one can, or
+// none is left.
 INLINE_NEVER static bool resynchronise(CommandParser *self) {
     uint8_t first = 1;
     while (first < GIVEN_UP_MAX && !plausible(self, first)) {
@@ -74,8 +74,8 @@ static void take_frame(const CommandParser *self, Command *out) {
     }
 }
 
-bool command_wants(const CommandParser *self) {
-    return self->phase == COMMAND_WANTS;
+bool command_reading(const CommandParser *self) {
+    return self->phase == COMMAND_READING;
 }
 
 void command_byte(CommandParser *self, uint8_t byte) {
@@ -87,27 +87,27 @@ void command_byte(CommandParser *self, uint8_t byte) {
     self->buffer[at] = byte;
     self->count = (uint8_t)(at + 1u);
     if (!fits(at, byte)) {
-        self->phase = COMMAND_ASTRAY;
+        self->phase = COMMAND_RESYNC;
     } else if (at == END_AT) {
-        self->phase = COMMAND_WHOLE;
+        self->phase = COMMAND_COMPLETE;
     }
 }
 
 bool command_step(CommandParser *self, Command *out) {
-    if (self->phase == COMMAND_WHOLE) {
+    if (self->phase == COMMAND_COMPLETE) {
         self->intact = crc_of(self->buffer) == self->buffer[CRC_AT];
         self->phase = COMMAND_CHECKED;
         return false;
     }
-    if (self->phase == COMMAND_ASTRAY) {
-        self->phase = resynchronise(self) ? COMMAND_WANTS : COMMAND_ASTRAY;
+    if (self->phase == COMMAND_RESYNC) {
+        self->phase = resynchronise(self) ? COMMAND_READING : COMMAND_RESYNC;
         return false;
     }
     take_frame(self, out);
     if (out->result == TELEMETRY_ACK_RESULT_BAD_CRC) {
-        self->phase = COMMAND_ASTRAY;  // a good frame may have begun inside
+        self->phase = COMMAND_RESYNC;  // an intact frame may begin inside
     } else {
-        self->phase = COMMAND_WANTS;
+        self->phase = COMMAND_READING;
         self->count = 0;
     }
     return true;
@@ -116,7 +116,7 @@ bool command_step(CommandParser *self, Command *out) {
 bool command_next(CommandParser *self, uint8_t byte, Command *out) {
     bool taken = false;
     command_byte(self, byte);
-    while (!command_wants(self)) {
+    while (!command_reading(self)) {
         taken = command_step(self, out) || taken;
     }
     return taken;

@@ -1,11 +1,11 @@
-// Inbound frames out of a stream of bytes: resynchronises after garbage, checks the CRC, recognises
-// a command that is sent again.
+// Parser of inbound frames: finds frames in the byte stream, checks the CRC, and recognises a
+// repeated command.
 //
-// A command is answered before the next is parsed, so that every command gets its ACK. What costs
-// time comes in steps of its own, for ticks that read nothing:
-//     if (!telemetry_ack_waits(&telemetry)) {
-//         if (command_wants(&parser)) {
-//             while (command_wants(&parser) && uart_read(&byte)) command_byte(&parser, byte);
+// A command is acknowledged before the next one is parsed, so that each gets its ACK. Expensive
+// work is done in separate steps, in ticks that read no bytes:
+//     if (!telemetry_ack_pending(&telemetry)) {
+//         if (command_reading(&parser)) {
+//             while (command_reading(&parser) && uart_read(&byte)) command_byte(&parser, byte);
 //         } else if (command_step(&parser, &command)) {
 //             if (command.fresh) command.result = execute(&command);
 //             command_answered(&parser, &command, &telemetry);
@@ -23,42 +23,44 @@
 
 typedef struct {
     uint16_t id;
-    const uint8_t *data;  // in the parser's buffer, until its next step
+    const uint8_t *data;  // in the parser's buffer, valid until its next step
     uint8_t sequence;
     uint8_t result;  // TELEMETRY_ACK_RESULT_*
-    bool fresh;      // to be executed: intact and not the last one sent again
+    bool fresh;      // to be executed: intact and not a repetition
 } Command;
 
-enum {
-    COMMAND_WANTS,    // the next byte
-    COMMAND_WHOLE,    // a frame is complete in form
-    COMMAND_CHECKED,  // its CRC has been looked at
-    COMMAND_ASTRAY,   // what was received is no frame: one may have begun inside
-};
+typedef enum {
+    COMMAND_READING,   // expects the next byte
+    COMMAND_COMPLETE,  // all bytes of a frame received
+    COMMAND_CHECKED,   // CRC computed
+    COMMAND_RESYNC,    // the bytes are no frame: searches the beginning of one among them
+} CommandPhase;
 
 typedef struct {
     uint8_t buffer[TELEMETRY_FRAME_BYTES];
     uint8_t count;
-    uint8_t phase;   // COMMAND_*
-    bool intact;     // CHECKED: the CRC is right
+    uint8_t phase;   // CommandPhase
+    bool intact;     // in CHECKED: the CRC is right
     uint8_t errors;  // bytes outside frames and frames with a bad CRC; saturates
     uint8_t last_result;
     uint8_t last_sequence;
     uint8_t last_crc;
-    uint16_t last_id;  // 0: none yet
+    uint16_t last_id;  // 0: none
 } CommandParser;
 
-bool command_wants(const CommandParser *self);
-void command_byte(CommandParser *self, uint8_t byte);  // only when wanted
+// Whether a byte is expected, which command_byte() takes.
+bool command_reading(const CommandParser *self);
+void command_byte(CommandParser *self, uint8_t byte);
 
-// When no byte is wanted: true when it hands out a command, false when it has checked one or looked
-// for the begin of a frame in what there is.
+// A step while no byte is expected: true when it returns a command in `out`, false when it has
+// checked the CRC or searched for the beginning of a frame.
 bool command_step(CommandParser *self, Command *out);
 
-// Takes one received byte, with all steps; true when it completes a frame, which is then in `out`.
+// Takes one received byte with all following steps; true when it completes a frame, returned in
+// `out`.
 bool command_next(CommandParser *self, uint8_t byte, Command *out);
 
-// Queues the ACK with `command->result`.
+// Sends the ACK with `command->result`.
 void command_answered(CommandParser *self, const Command *command, Telemetry *telemetry);
 
 #endif

@@ -1,4 +1,4 @@
-// Frame schedule and byte budget, see telemetry.h.
+// Schedule of the frames and byte budget, see telemetry.h.
 #include "telemetry/telemetry.h"
 
 #include "core/crc.h"
@@ -10,15 +10,15 @@
 #define DATA_AT 10u  // after start, time, length and id
 #define FRAME_COST (100u * TELEMETRY_FRAME_BYTES)
 #define BUDGET_MAX (100u * TELEMETRY_QUEUE_BYTES)
-#define TRIGGER_STEP 2u  // smaller moves of the trigger are noise of its ADC
+#define TRIGGER_STEP 2u  // smaller changes of the trigger are ADC noise
 #define MS_PER_SECOND 1000u
 
-// Kinds of slow frames that take turns, so that none of them can keep the others from the line.
+// Kinds of slow frames; they take turns, so that none delays the others indefinitely.
 enum { TURN_STATE, TURN_CONTROL, TURN_OTHER, TURNS };
 
 #define BUDGET_PER_TICK_250000 2500u
 #define BUDGET_PER_TICK_115200 1152u
-// Fewest ticks that pay for a FAST frame and leave something for slow ones.
+// Least number of ticks between FAST frames that leaves bytes for slow frames.
 #define DIVIDER_LEAST_250000 1u
 #define DIVIDER_LEAST_115200 2u
 
@@ -40,13 +40,13 @@ static void finish_frame(uint8_t frame[TELEMETRY_FRAME_BYTES], uint16_t id, uint
 }
 
 void telemetry_dump(Telemetry *self) {
-    self->boot_waits = true;
+    self->boot_pending = true;
     self->dump_next = 0;
     self->dump_crc16 = CRC16_INIT;
-    self->dumped_waits = false;
-    self->control_waits = true;
+    self->crc_pending = false;
+    self->control_pending = true;
     self->turn = TURN_STATE;
-    self->ms_in_second = MS_PER_SECOND - 1u;  // who asks wants to know STATE and HEALTH as well
+    self->ms_in_second = MS_PER_SECOND - 1u;  // STATE and HEALTH are sent too
 }
 
 void telemetry_read(Telemetry *self, uint8_t index) {
@@ -55,74 +55,60 @@ void telemetry_read(Telemetry *self, uint8_t index) {
 
 void telemetry_ack(Telemetry *self, const TelemetryAck *ack) {
     self->ack = *ack;
-    self->ack_waits = true;
+    self->ack_pending = true;
 }
 
-bool telemetry_ack_waits(const Telemetry *self) {
-    return self->ack_waits;
+bool telemetry_ack_pending(const Telemetry *self) {
+    return self->ack_pending;
 }
 
 static bool to_be_packed(const Telemetry *self) {
-    return self->state_waits || self->control_waits || self->boot_waits || self->ack_waits ||
-           self->health_waits || self->dump_next != TELEMETRY_NONE ||
+    return self->state_pending || self->control_pending || self->boot_pending ||
+           self->ack_pending || self->health_pending || self->dump_next != TELEMETRY_NONE ||
            self->read_index != TELEMETRY_NONE;
 }
 
-bool telemetry_slow_waits(const Telemetry *self) {
-    return self->slow_packed || self->dumped_waits ||
+bool telemetry_slow_pending(const Telemetry *self) {
+    return self->slow_packed || self->crc_pending ||
            (self->budget + self->budget_per_tick >= BUDGET_MAX && to_be_packed(self));
 }
 
 bool telemetry_health_due(const Telemetry *self) {
-    return self->health_waits || self->ms_in_second >= MS_PER_SECOND - 1u;
+    return self->health_pending || self->ms_in_second >= MS_PER_SECOND - 1u;
 }
 
 bool telemetry_health_sent(const Telemetry *self) {
-    return self->health_went;
+    return self->health_packed;
 }
-
+// A move of at least TRIGGER_STEP, or one to an end of the travel.
 static bool trigger_moved(uint8_t before, uint8_t now) {
     const uint8_t distance = (uint8_t)(before > now ? before - now : now - before);
     return distance >= TRIGGER_STEP ||
            (distance > 0u && (now == 0u || now == TELEMETRY_TRIGGER_MAX));
 }
 
-static bool state_changed(const TelemetryState *before, const TelemetryState *now, uint16_t flags) {
-    return trigger_moved(before->trigger, now->trigger) || before->state != now->state ||
-           before->mode != now->mode || before->reverse != now->reverse ||
-           before->faults != now->faults || before->contact != now->contact ||
-           before->flags != flags;
-}
-
+// The flags of a pending frame are kept: none is lost while the frame waits.
 static void note_state(Telemetry *self, const TelemetryInputs *in) {
-    // A flag of one tick is not lost while the frame waits.
     const uint16_t flags =
-        self->state_waits ? in->state.flags | self->state.flags : in->state.flags;
-    if (!state_changed(&self->state, &in->state, flags)) {
+        self->state_pending ? in->state.flags | self->state.flags : in->state.flags;
+    if (!trigger_moved(self->state.trigger, in->state.trigger) &&
+        !TELEMETRY_STATE_CHANGED(&self->state, &in->state) && self->state.flags == flags) {
         return;
     }
-    self->state.trigger = in->state.trigger;
-    self->state.state = in->state.state;
-    self->state.mode = in->state.mode;
-    self->state.reverse = in->state.reverse;
-    self->state.faults = in->state.faults;
-    self->state.contact = in->state.contact;
+    TELEMETRY_STATE_COPY(&self->state, &in->state);
     self->state.flags = flags;
     self->state.state_tick = (uint8_t)in->now_ms;
-    self->state_waits = true;
+    self->state_pending = true;
 }
 
-// Period and estimate go along: by themselves they are no news.
 static void note_control(Telemetry *self, const TelemetryInputs *in) {
     const TelemetryControl *now = &in->control;
-    if (self->control.blow_count == now->blow_count &&
-        self->control.control_state == now->control_state &&
-        self->control.stop_reason == now->stop_reason) {
+    if (!TELEMETRY_CONTROL_CHANGED(&self->control, now)) {
         return;
     }
     self->control = *now;
     self->control.control_tick = (uint8_t)in->now_ms;
-    self->control_waits = true;
+    self->control_pending = true;
 }
 
 static void note_second(Telemetry *self, uint32_t now_ms) {
@@ -131,10 +117,10 @@ static void note_second(Telemetry *self, uint32_t now_ms) {
         return;
     }
     self->ms_in_second = 0;
-    self->health_waits = true;
-    if (!self->state_waits) {
+    self->health_pending = true;
+    if (!self->state_pending) {
         self->state.state_tick = (uint8_t)now_ms;
-        self->state_waits = true;
+        self->state_pending = true;
     }
 }
 
@@ -180,13 +166,13 @@ static void pack_state(Telemetry *self) {
     name_slow(self, TELEMETRY_STATE_ID, TELEMETRY_STATE_CRC_SEED);
     self->state.state_counter =
         (uint8_t)((self->state.state_counter + 1u) & TELEMETRY_STATE_COUNTER_MAX);
-    self->state_waits = false;
+    self->state_pending = false;
 }
 
 static void pack_control(Telemetry *self) {
     telemetry_pack_control(self->slow, &self->control);
     name_slow(self, TELEMETRY_CONTROL_ID, TELEMETRY_CONTROL_CRC_SEED);
-    self->control_waits = false;
+    self->control_pending = false;
 }
 
 static void pack_param(Telemetry *self, uint8_t index, const TelemetryInputs *in) {
@@ -197,22 +183,23 @@ static void pack_param(Telemetry *self, uint8_t index, const TelemetryInputs *in
     name_slow(self, TELEMETRY_PARAM_ID, TELEMETRY_PARAM_CRC_SEED);
 }
 
-// The CRC of the dump takes a parameter in: a tick's share like a slow frame's data.
+// Adds the last parameter to the CRC of the dump; a tick of its own, as it costs as much as a
+// frame.
 static void take_dumped(Telemetry *self) {
     const uint8_t sign =
-        self->dumped_value < 0 ? UINT8_MAX : 0u;  // the frame's value has four bytes
+        self->dumped_value < 0 ? UINT8_MAX : 0u;  // upper bytes of the 32-bit value
     uint16_t crc = crc16_next(self->dump_crc16, (uint8_t)(self->dump_next - 1u));
     crc = crc16_next(crc, (uint8_t)self->dumped_value);
     crc = crc16_next(crc, (uint8_t)((uint16_t)self->dumped_value >> 8));
     crc = crc16_next(crc, sign);
     self->dump_crc16 = crc16_next(crc, sign);
-    self->dumped_waits = false;
+    self->crc_pending = false;
 }
 
 static void pack_dumped_param(Telemetry *self, const TelemetryInputs *in) {
     pack_param(self, self->dump_next, in);
     self->dumped_value = in->params.value[self->dump_next];
-    self->dumped_waits = true;
+    self->crc_pending = true;
     self->dump_next++;
 }
 
@@ -225,7 +212,7 @@ static void pack_table(Telemetry *self, const TelemetryInputs *in) {
     self->dump_next = TELEMETRY_NONE;
 }
 
-// The next parameter frame, if one is asked for.
+// Packs the next parameter frame, if one is requested.
 static bool pack_any_param(Telemetry *self, const TelemetryInputs *in) {
     if (self->read_index < in->params.count) {
         pack_param(self, self->read_index, in);
@@ -246,29 +233,29 @@ static bool pack_any_param(Telemetry *self, const TelemetryInputs *in) {
 static void pack_boot(Telemetry *self) {
     telemetry_pack_boot(self->slow, &self->boot);
     name_slow(self, TELEMETRY_BOOT_ID, TELEMETRY_BOOT_CRC_SEED);
-    self->boot_waits = false;
+    self->boot_pending = false;
 }
 
 static void pack_ack(Telemetry *self) {
     telemetry_pack_ack(self->slow, &self->ack);
     name_slow(self, TELEMETRY_ACK_ID, TELEMETRY_ACK_CRC_SEED);
-    self->ack_waits = false;
+    self->ack_pending = false;
 }
 
 static void pack_health(Telemetry *self, const TelemetryInputs *in) {
     telemetry_pack_health(self->slow, &in->health);
     name_slow(self, TELEMETRY_HEALTH_ID, TELEMETRY_HEALTH_CRC_SEED);
-    self->health_waits = false;
-    self->health_went = true;
+    self->health_pending = false;
+    self->health_packed = true;
 }
 
-// One slow frame that is neither STATE nor CONTROL, if any waits.
+// Packs a slow frame that is neither STATE nor CONTROL, if one is pending.
 static bool pack_other(Telemetry *self, const TelemetryInputs *in) {
-    if (self->ack_waits) {
+    if (self->ack_pending) {
         pack_ack(self);
         return true;
     }
-    if (self->health_waits) {
+    if (self->health_pending) {
         pack_health(self, in);
         return true;
     }
@@ -279,22 +266,22 @@ static bool pack_of_turn(Telemetry *self, uint8_t turn, const TelemetryInputs *i
     if (turn == TURN_OTHER) {
         return pack_other(self, in);
     }
-    if (turn == TURN_STATE && self->state_waits) {
+    if (turn == TURN_STATE && self->state_pending) {
         pack_state(self);
         return true;
     }
-    if (turn == TURN_CONTROL && self->control_waits) {
+    if (turn == TURN_CONTROL && self->control_pending) {
         pack_control(self);
         return true;
     }
     return false;
 }
 
-// The data of one slow frame, of which one waits.
+// Data of one slow frame; at least one is pending.
 INLINE_NEVER static void pack_slow(Telemetry *self, const TelemetryInputs *in) {
     BY_POINTER(self);
     self->slow_packed = true;
-    if (self->boot_waits) {
+    if (self->boot_pending) {
         pack_boot(self);
         return;
     }
@@ -324,13 +311,13 @@ void telemetry_init(Telemetry *self, const TelemetryBoot *boot, uint8_t baud) {
     self->boot.fast_divider = boot->fast_divider < least ? least : boot->fast_divider;
     self->ticks_to_fast = self->boot.fast_divider;
     telemetry_dump(self);
-    pack_boot(self);  // goes with the first tick, before all others
+    pack_boot(self);  // sent in the first tick, before all others
     self->slow_packed = true;
 }
 
-// A slow frame takes two ticks, one for its data and one for the rest, and begins when the line has
-// caught up: so no FAST frame waits for it, and its ticks are spared the interrupts of what is
-// still being sent. Returns how many frames are whole.
+// A slow frame takes two ticks, one for its data and one for CRC and header. It begins when the
+// budget is full: no FAST frame waits for it, and no transmit interrupts occur in its ticks.
+// Returns the number of complete frames.
 static uint8_t step_slow(Telemetry *self, const TelemetryInputs *in,
                          uint8_t frame[TELEMETRY_FRAME_BYTES]) {
     if (self->slow_packed) {
@@ -338,7 +325,7 @@ static uint8_t step_slow(Telemetry *self, const TelemetryInputs *in,
         self->budget = (uint16_t)(self->budget - FRAME_COST);
         return 1;
     }
-    if (self->dumped_waits) {
+    if (self->crc_pending) {
         take_dumped(self);
     } else if (self->budget == BUDGET_MAX && to_be_packed(self)) {
         pack_slow(self, in);
@@ -360,7 +347,7 @@ uint8_t telemetry_frames(Telemetry *self, const TelemetryInputs *in, const Telem
     }
     note_control(self, in);
     note_second(self, in->now_ms);
-    self->health_went = false;
+    self->health_packed = false;
     if (self->boot.fast_divider > 1u) {
         accumulate(self, fast);
     }

@@ -16,7 +16,8 @@ void telemetry_pack_fast(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryFast
 void telemetry_pack_state(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryState *signals) {
     data[0] = (uint8_t)(signals->state_tick);
     data[1] = (uint8_t)(signals->trigger);
-    data[2] = (uint8_t)((signals->state & 0xFu) | ((signals->mode & 0x7u) << 4) | ((signals->reverse & 0x1u) << 7));
+    data[2] = (uint8_t)((signals->state & 0xFu) | ((signals->mode & 0x7u) << 4) |
+                        ((signals->reverse & 0x1u) << 7));
     data[3] = (uint8_t)(signals->faults);
     data[4] = (uint8_t)(signals->flags);
     data[5] = (uint8_t)(signals->flags >> 8);
@@ -29,7 +30,8 @@ void telemetry_pack_boot(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryBoot
     data[2] = (uint8_t)(signals->build_hash >> 8);
     data[3] = (uint8_t)(signals->build_hash >> 16);
     data[4] = (uint8_t)(signals->duty_full_scale);
-    data[5] = (uint8_t)(((signals->duty_full_scale >> 8) & 0x3u) | ((signals->fast_divider & 0x3Fu) << 2));
+    data[5] = (uint8_t)(((signals->duty_full_scale >> 8) & 0x3u) |
+                        ((signals->fast_divider & 0x3Fu) << 2));
     data[6] = (uint8_t)((signals->reset_cause & 0xFu) | ((signals->target & 0xFu) << 4));
 }
 
@@ -43,7 +45,8 @@ void telemetry_pack_param(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryPar
     data[6] = 0u;
 }
 
-void telemetry_pack_param_table(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryParamTable *signals) {
+void telemetry_pack_param_table(uint8_t data[TELEMETRY_DATA_BYTES],
+                                const TelemetryParamTable *signals) {
     data[0] = (uint8_t)(signals->table_version);
     data[1] = (uint8_t)(signals->table_count);
     data[2] = (uint8_t)(signals->table_crc16);
@@ -67,9 +70,11 @@ void telemetry_pack_health(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryHe
     data[0] = (uint8_t)(signals->worst_tick_cycles);
     data[1] = (uint8_t)(signals->worst_tick_cycles >> 8);
     data[2] = (uint8_t)(signals->stack_free_bytes);
-    data[3] = (uint8_t)(((signals->stack_free_bytes >> 8) & 0xFu) | ((signals->overruns & 0xFu) << 4));
+    data[3] = (uint8_t)(((signals->stack_free_bytes >> 8) & 0xFu) |
+                        ((signals->overruns & 0xFu) << 4));
     data[4] = (uint8_t)(((signals->overruns >> 4) & 0xFu) | ((signals->missed_edges & 0xFu) << 4));
-    data[5] = (uint8_t)(((signals->missed_edges >> 4) & 0xFu) | ((signals->double_edges & 0xFu) << 4));
+    data[5] = (uint8_t)(((signals->missed_edges >> 4) & 0xFu) |
+                        ((signals->double_edges & 0xFu) << 4));
     data[6] = (uint8_t)(signals->rx_errors);
 }
 
@@ -84,21 +89,25 @@ void telemetry_pack_control(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryC
     data[6] = (uint8_t)((uint16_t)signals->estimate >> 8);
 }
 
-bool telemetry_unpack_set_mode(TelemetrySetMode *signals, const uint8_t data[TELEMETRY_DATA_BYTES]) {
+bool telemetry_unpack_set_mode(TelemetrySetMode *signals,
+                               const uint8_t data[TELEMETRY_DATA_BYTES]) {
     signals->mode_request = data[0];
     signals->mode_sequence = data[6];
     return signals->mode_request <= TELEMETRY_MODE_REQUEST_MAX;
 }
 
-bool telemetry_unpack_param_read(TelemetryParamRead *signals, const uint8_t data[TELEMETRY_DATA_BYTES]) {
+bool telemetry_unpack_param_read(TelemetryParamRead *signals,
+                                 const uint8_t data[TELEMETRY_DATA_BYTES]) {
     signals->read_index = data[0];
     signals->read_sequence = data[6];
     return true;
 }
 
-bool telemetry_unpack_param_write(TelemetryParamWrite *signals, const uint8_t data[TELEMETRY_DATA_BYTES]) {
+bool telemetry_unpack_param_write(TelemetryParamWrite *signals,
+                                  const uint8_t data[TELEMETRY_DATA_BYTES]) {
     signals->write_index = data[0];
-    signals->write_value = (int32_t)((uint32_t)data[2] | ((uint32_t)data[3] << 8) | ((uint32_t)data[4] << 16) | ((uint32_t)data[5] << 24));
+    signals->write_value = (int32_t)((uint32_t)data[2] | ((uint32_t)data[3] << 8) |
+        ((uint32_t)data[4] << 16) | ((uint32_t)data[5] << 24));
     signals->write_sequence = data[6];
     return true;
 }
@@ -108,15 +117,18 @@ bool telemetry_unpack_dump(TelemetryDump *signals, const uint8_t data[TELEMETRY_
     return true;
 }
 
-bool telemetry_unpack_calibrate(TelemetryCalibrate *signals, const uint8_t data[TELEMETRY_DATA_BYTES]) {
+bool telemetry_unpack_calibrate(TelemetryCalibrate *signals,
+                                const uint8_t data[TELEMETRY_DATA_BYTES]) {
     signals->calibrate_what = data[0];
     signals->calibrate_sequence = data[6];
     return signals->calibrate_what <= TELEMETRY_CALIBRATE_WHAT_MAX;
 }
 
-bool telemetry_unpack_setpoint(TelemetrySetpoint *signals, const uint8_t data[TELEMETRY_DATA_BYTES]) {
+bool telemetry_unpack_setpoint(TelemetrySetpoint *signals,
+                               const uint8_t data[TELEMETRY_DATA_BYTES]) {
     signals->setpoint_which = data[0];
-    signals->setpoint_value = (int32_t)((uint32_t)data[2] | ((uint32_t)data[3] << 8) | ((uint32_t)data[4] << 16) | ((uint32_t)data[5] << 24));
+    signals->setpoint_value = (int32_t)((uint32_t)data[2] | ((uint32_t)data[3] << 8) |
+        ((uint32_t)data[4] << 16) | ((uint32_t)data[5] << 24));
     signals->setpoint_sequence = data[6];
     return signals->setpoint_which <= TELEMETRY_SETPOINT_WHICH_MAX;
 }

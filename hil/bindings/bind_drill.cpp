@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "bindings.hpp"
-#include "plant/drill_plant.hpp"
-#include "plant/drill_solvers.hpp"
+#include "plant/drill/solvers.hpp"
+#include "plant/lockstep/drill_plant.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;

@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "bindings.hpp"
-#include "plant/impact_log.hpp"
-#include "plant/impact_plant.hpp"
+#include "plant/impact/log.hpp"
+#include "plant/lockstep/impact_plant.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;

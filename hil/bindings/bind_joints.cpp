@@ -8,7 +8,7 @@
 #include <string>
 
 #include "bindings.hpp"
-#include "plant/joints.hpp"
+#include "plant/components/joints/joint.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;

@@ -12,8 +12,8 @@
 #include <utility>
 
 #include "bindings.hpp"
-#include "plant/drive_plant.hpp"
-#include "plant/plant.hpp"
+#include "plant/drivetrain/log.hpp"
+#include "plant/lockstep/drive_plant.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;

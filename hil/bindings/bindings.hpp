@@ -8,9 +8,9 @@
 #include <cstddef>
 #include <string>
 
-#include "plant/hall_wheel.hpp"
-#include "plant/loads.hpp"
-#include "plant/watch.hpp"
+#include "plant/components/hall_wheel.hpp"
+#include "plant/components/loads.hpp"
+#include "plant/numeric/watch.hpp"
 
 using Column = nanobind::ndarray<const double, nanobind::ndim<1>, nanobind::c_contig,
                                  nanobind::device::cpu>;                       // in

@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "firmware.hpp"
-#include "plant/drill_plant.hpp"
-#include "plant/drive_plant.hpp"
-#include "plant/impact_plant.hpp"
+#include "plant/lockstep/drill_plant.hpp"
+#include "plant/lockstep/drive_plant.hpp"
+#include "plant/lockstep/impact_plant.hpp"
 
 constexpr int COMPARE_TOP = 255;
 constexpr double ADC_COUNTS = 1024.0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The bench: boots the program, keeps the message's period on the timer's, and reports what was
-// measured.
+// Bench: boots the program, aligns the periods of the messages with Timer0, and reports the
+// measured statistics.
 #include "bench.hpp"
 
 #include <cstdio>
@@ -13,10 +13,9 @@ namespace {
 
 constexpr unsigned MCUSR = 0x54;
 constexpr std::uint8_t BORF = 4;
-constexpr Cycle BOOT_LIMIT =
-    3200000;  // 0.2 s: a program that has not started Timer0 by then runs on free periods
+constexpr Cycle BOOT_LIMIT = 3200000;  // 0.2 s without Timer0: periods of 510 cycles are assumed
 constexpr Cycle PERIOD = SIM_CYCLES_PER_PERIOD;
-constexpr Cycle RECEIVE_CYCLE = 128;  // within the period, as firmware/hal/sim has it
+constexpr Cycle RECEIVE_CYCLE = 128;  // within the period, as in firmware/hal/sim
 constexpr unsigned MUX_BANDGAP = 0x1e;
 constexpr unsigned BANDGAP_COUNTS = 225;  // 1.1 V of 5 V
 
@@ -74,7 +73,7 @@ Bench::Bench(const Options &options)
     }
 }
 
-// The tool's counts stand for the ends of periods; a sample takes the nearest end.
+// Sensor values refer to the ends of periods; a sample takes the value of the nearest end.
 unsigned Bench::counts(unsigned mux, Cycle at) const {
     if (mux == MUX_BANDGAP) {
         return BANDGAP_COUNTS;
@@ -88,8 +87,8 @@ unsigned Bench::counts(unsigned mux, Cycle at) const {
     return 0;
 }
 
-// The next TOP of a running Timer0, else a period's length from here; a TOP right after a restart
-// is passed over.
+// Next TOP of a running Timer0, otherwise the end of a period of 510 cycles; a TOP right after a
+// restart is skipped.
 Cycle Bench::period_end() const {
     if (!pwm_.running() || !pwm_.phase_correct()) {
         return end_ + PERIOD;
@@ -98,7 +97,7 @@ Cycle Bench::period_end() const {
     return top - end_ < PERIOD / 2 ? top + PERIOD : top;
 }
 
-// Everything before the first TOP of Timer0 comes before the first period.
+// Runs the program up to the first TOP of Timer0, where the first period begins.
 void Bench::boot() {
     ports_.drive_switches(now_.switches);
     before_ = now_;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The bench: one board with its devices, advanced a PWM period at a time by the lock-step message.
+// Bench: one board with its devices, advanced by one PWM period per lock-step message.
 #ifndef VGROOVE_BOARD_BENCH_HPP
 #define VGROOVE_BOARD_BENCH_HPP
 
@@ -22,13 +22,13 @@ struct Options {
     std::string stats;
     std::string profile;           // cycles by address, for tests/avr/hot_spots.py
     std::uint8_t reset_cause = 1;  // MCUSR: power-on
-    Cycle cut = NEVER;  // power fails at this cycle: the run ends, a byte being written is torn
+    Cycle cut = NEVER;  // power fails at this cycle: the run ends, a byte being written is random
     Cycle brown_out = NEVER;  // brown-out reset at this cycle
     Cycle least_dead = 2;
     std::uint32_t seed = 1;
 };
 
-// Traps registers of peripherals that the bench does not model: writing anything but zero there
+// Traps registers of peripherals that the bench does not model: writing a value other than zero
 // ends the run.
 class Unmodelled final : public Device {
 public:
@@ -46,8 +46,8 @@ private:
 class Bench final : public AnalogueSource {
 public:
     explicit Bench(const Options &options);
-    bool period(const SimInputs &inputs,
-                SimOutputs &outputs);  // false: power was cut within this period
+    // One PWM period; false: the power was cut within it.
+    bool period(const SimInputs &inputs, SimOutputs &outputs);
     void save_eeprom() const;
     std::string statistics() const;
     std::string address_table() const { return profile_.address_table(); }
@@ -78,7 +78,7 @@ private:
     Cycle start_ = -1;
     Cycle end_ = 0;
     long periods_ = 0;
-    long odd_periods_ = 0;  // not 510 cycles long: Timer0 was started anew after a reset
+    long odd_periods_ = 0;  // not 510 cycles long: a reset has restarted Timer0
 };
 
 }  // namespace board

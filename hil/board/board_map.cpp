@@ -96,7 +96,7 @@ const BoardMap &board_map(const std::string &mcu) {
             return *map;
         }
     }
-    throw BoardError("the bench knows atmega328p and atmega2560, not " + mcu);
+    throw BoardError("the bench supports atmega328p and atmega2560, not " + mcu);
 }
 
 }  // namespace board

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What differs between the two boards: pins, channels, timers and vectors, as
-// firmware/hal/avr/board.h and docs list them.
+// Differences between the two boards: pins, channels, timers and vectors, as in
+// firmware/hal/avr/board.h and docs/pins.md.
 #ifndef VGROOVE_BOARD_BOARD_MAP_HPP
 #define VGROOVE_BOARD_BOARD_MAP_HPP
 

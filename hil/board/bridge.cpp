@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The bridge: a leg whose two transistors conduct together, or follow one another within the dead
-// time, ends the run.
+// Check of the bridge: the run ends when both transistors of a leg conduct, or when they switch
+// within the dead time.
 #include "bridge.hpp"
 
 #include <algorithm>
@@ -45,7 +45,7 @@ void Ports::write(unsigned short address, std::uint8_t value) {
     }
 }
 
-// An input that nothing drives reads its pull-up, or low without one.
+// An input without a driver reads its pull-up, or low without one.
 std::uint8_t Ports::read(unsigned short address) {
     const unsigned port = base_of(address);
     if (address != port) {
@@ -80,8 +80,8 @@ Bridge::Bridge(Machine &machine, const BoardMap &map, const Timer &pwm, Cycle le
       pwm_(pwm),
       least_dead_(least_dead) {}
 
-// A pin that is no output is held off by its pull-down, and the driver holds all gates off until it
-// is enabled.
+// A gate whose pin is an input is off by its pull-down; all gates are off until the driver is
+// enabled.
 Bridge::Drive Bridge::drive_of(int gate) const {
     const Pin &pin = map_.gates[static_cast<std::size_t>(gate)];
     const auto high = [this](unsigned address, int bit) {
@@ -101,7 +101,7 @@ Bridge::Drive Bridge::drive_of(int gate) const {
         return high(pin.port + 2, pin.bit) ? Drive::ON : Drive::OFF;
     }
     if (com == 1 || !pwm_.phase_correct()) {
-        throw BoardError("a gate hangs on Timer0 in a mode that is not phase-correct PWM");
+        throw BoardError("a gate is connected to Timer0 in another mode than phase-correct PWM");
     }
     return com == 2 ? Drive::WAVE : Drive::INVERTED;
 }
@@ -191,8 +191,8 @@ void Bridge::check(const Period &period) {
     }
 }
 
-// A period like the one before needs no look; when the repetition ends, its last period is looked
-// at for the switching times it left behind.
+// A period equal to the previous one is not checked again; when the repetition ends, its last
+// period is checked for its switching times.
 void Bridge::end_period(Cycle start, Cycle end) {
     current_.start = start;
     current_.end = end;
@@ -216,8 +216,8 @@ void Bridge::end_period(Cycle start, Cycle end) {
     }
 }
 
-// The value that the two compare registers stand around; where one of them is clipped at an end,
-// the other and the dead time tell it.
+// Compare value in the middle of the two registers; where one is clipped at an end of the range, it
+// follows from the other and the dead time.
 int Bridge::leg_a_compare() const {
     const auto [high_below, low_above] = current_.latched;
     const int below = dead_counts_ / 2;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Port pins and the H-bridge on them: gate signals from compare registers, COM bits and ports, and
+// Port pins and the H-bridge on them: gate signals from compare registers, COM bits and ports, with
 // the check of the dead time.
 #ifndef VGROOVE_BOARD_BRIDGE_HPP
 #define VGROOVE_BOARD_BRIDGE_HPP
@@ -20,7 +20,7 @@ public:
     void acknowledge(int) override {}
     void reset() override;
     void drive_switches(unsigned switches);
-    void pull(const Pin &pin, bool low);  // an open collector on an input
+    void pull(const Pin &pin, bool low);  // pulls an input low: open collector
     void connect(Bridge &bridge) { bridge_ = &bridge; }
 
 private:
@@ -29,8 +29,7 @@ private:
     Machine &machine_;
     const BoardMap &map_;
     Bridge *bridge_ = nullptr;
-    std::array<std::uint8_t, 0x140>
-        pulled_low_{};  // by PINx address: bits that a closed switch holds low
+    std::array<std::uint8_t, 0x140> pulled_low_{};  // by PINx address: bits pulled low
 };
 
 struct BridgeOutput {
@@ -42,9 +41,10 @@ struct BridgeOutput {
 class Bridge {
 public:
     Bridge(Machine &machine, const BoardMap &map, const Timer &pwm, Cycle least_dead);
-    void changed();                           // a gate register was written now
-    void end_period(Cycle start, Cycle end);  // checks the period, then latches the compare
-                                              // registers, which is what TOP does
+    void changed();  // a gate register has just been written
+
+    // Checks the period, then latches the compare registers, as the TOP does.
+    void end_period(Cycle start, Cycle end);
     BridgeOutput output() const;
     Cycle shortest_dead() const { return shortest_dead_; }
 
@@ -55,11 +55,11 @@ private:
         Cycle at;
         Drives drives;
     };
-    struct Period {  // from TOP to TOP: compare values are constant, drives change when the program
-                     // writes
+    // From TOP to TOP: compare values are constant, drives change when the program writes.
+    struct Period {
         Cycle start = 0;
         Cycle end = 0;
-        std::array<int, 2> latched{};  // OCR0A, OCR0B in force
+        std::array<int, 2> latched{};  // applied OCR0A, OCR0B
         Drives drives{};               // at the start
         std::vector<Change> changes;
         bool repeats(const Period &other) const {
@@ -89,8 +89,8 @@ private:
     Cycle least_dead_;
     Period current_;
     Period last_;
-    int dead_counts_ = 0;   // last seen where neither register was clipped
-    bool skipped_ = false;  // the last period repeated the one before and was not looked at
+    int dead_counts_ = 0;   // of the last period with neither register clipped
+    bool skipped_ = false;  // the last period was equal to the previous one and not checked
     std::array<Leg, 2> legs_{};
     Cycle shortest_dead_ = NEVER;
 };

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The converter's timing: ATmega328P data sheet, "Prescaling and Conversion Timing" (sample 1.5, 2
+// Timing of the converter: ATmega328P data sheet, "Prescaling and Conversion Timing" (sample 1.5, 2
 // or 13.5 clocks after the start).
 #include "converter.hpp"
 
 namespace board {
 namespace {
 
-constexpr Cycle SYNCHRONISATION =
-    3;  // CPU cycles between a trigger and the start of its conversion
+constexpr Cycle SYNCHRONISATION = 3;  // CPU cycles from a trigger to the start of its conversion
 constexpr unsigned ADCL = 0x78;
 constexpr unsigned ADCH = 0x79;
 constexpr unsigned ADCSRB = 0x7b;
@@ -68,7 +67,7 @@ void Converter::start(Cycle at, Cycle half_clocks_to_sample, Cycle half_clocks_t
 void Converter::write_control(std::uint8_t value) {
     const std::uint8_t before = machine_.peek(CONTROL);
     const std::uint8_t flag =
-        static_cast<std::uint8_t>(before & ADIF & ~value);  // written one clears it
+        static_cast<std::uint8_t>(before & ADIF & ~value);  // cleared by writing one
     machine_.reg(CONTROL) =
         static_cast<std::uint8_t>((value & ~(ADIF | ADSC)) | flag | (busy_ ? ADSC : 0));
     if ((value & ADEN) == 0) {
@@ -82,8 +81,7 @@ void Converter::write_control(std::uint8_t value) {
 }
 
 void Converter::write(unsigned short address, std::uint8_t value) {
-    trigger_.advance(
-        machine_.now());  // an overflow before this write must not trigger what this write arms
+    trigger_.advance(machine_.now());  // an earlier overflow must not trigger
     advance(machine_.now());
     if (address == CONTROL) {
         write_control(value);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The analogue-to-digital converter: single, free-running and Timer0-triggered conversions with
-// their sample instants.
+// Analogue-to-digital converter: single, free-running and Timer0-triggered conversions with their
+// sampling times.
 #ifndef VGROOVE_BOARD_CONVERTER_HPP
 #define VGROOVE_BOARD_CONVERTER_HPP
 
@@ -8,7 +8,7 @@
 
 namespace board {
 
-// What a channel reads at a cycle; the tool's counts stand for the ends of periods.
+// Counts of a channel at a cycle.
 class AnalogueSource {
 public:
     virtual ~AnalogueSource() = default;
@@ -17,9 +17,9 @@ public:
 
 struct ConverterReport {
     long conversions = 0;
-    long lost = 0;           // finished while the last result was half read
-    long channel_races = 0;  // ADMUX written within one ADC clock of a trigger: which channel is
-                             // converted is undefined on silicon
+    long lost = 0;           // finished while the last result was read in part
+    long channel_races = 0;  // ADMUX written within one ADC clock of a trigger: the converted
+                             // channel is undefined on silicon
     Cycle shortest = NEVER;  // between two triggered conversions
     Cycle longest = 0;
 };

@@ -24,7 +24,7 @@ void HallLine::edge(Cycle at) {
     machine_.refresh();
 }
 
-// The capture unit sees the level `high` from cycle `at` on.
+// The capture unit receives the level `high` at cycle `at`.
 void HallLine::see(Cycle at, bool high) {
     if (high == seen_high_) {
         return;
@@ -50,7 +50,7 @@ void HallLine::advance(Cycle now) {
             ++report_.edges;
             high_ = !high_;
             ports_.pull(pin_, !high_);
-            filtering_.clear();  // a pulse shorter than the filter is swallowed
+            filtering_.clear();  // a pulse shorter than the filter is suppressed
             filtering_.push_back({at + (timer_.filters() ? FILTER_CYCLES : 0), high_});
         }
         update();

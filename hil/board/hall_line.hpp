@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The Hall sensor's line into the capture pin: it toggles at exact cycles; the capture unit sees a
-// level 4 cycles later where its filter is on.
+// Line of the Hall sensor to the capture pin: it toggles at exact cycles; with the noise canceller
+// the capture unit receives a level 4 cycles later.
 #ifndef VGROOVE_BOARD_HALL_LINE_HPP
 #define VGROOVE_BOARD_HALL_LINE_HPP
 
@@ -13,7 +13,7 @@ namespace board {
 struct HallReport {
     long edges = 0;
     long captured = 0;
-    long deaf = 0;  // edges against the edge select: the program had not yet turned it round
+    long deaf = 0;  // edges missed because the program had not changed the edge select
 };
 
 class HallLine final : public Device {
@@ -40,7 +40,7 @@ private:
     Ports &ports_;
     Pin pin_;
     bool high_ = true;       // open collector with pull-up
-    bool seen_high_ = true;  // behind the filter
+    bool seen_high_ = true;  // after the filter
     std::deque<Cycle> edges_;
     std::deque<Level> filtering_;
     HallReport report_;

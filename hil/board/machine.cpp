@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The simulated microcontroller: runs simavr's core from event to event and enters interrupts as
-// silicon does.
+// Simulated microcontroller: runs simavr's core from event to event and enters interrupts with the
+// timing of silicon.
 #include "machine.hpp"
 
 #include <cstdarg>
@@ -20,8 +20,8 @@ namespace {
 
 constexpr unsigned SMCR = 0x53;
 constexpr unsigned MCUSR = 0x54;
-constexpr Cycle WAKE_CYCLES = 4;  // ATmega328P data sheet, "Sleep Modes": halted for four cycles in
-                                  // addition to the start-up time
+// ATmega328P data sheet, "Sleep Modes": halted for four cycles in addition to the start-up time.
+constexpr Cycle WAKE_CYCLES = 4;
 
 void quiet_logger(avr_t *, const int level, const char *format, va_list arguments) {
     if (level <= LOG_ERROR) {
@@ -52,8 +52,8 @@ int linked_architecture(const std::string &elf) {
 Machine::Machine(const std::string &mcu, const std::string &elf, std::uint32_t seed) {
     avr_global_logger_set(quiet_logger);
     load(mcu, elf);
-    for (auto &slot : avr_->io) {  // every peripheral of simavr is unplugged: what is not owned by
-                                   // a device is plain memory
+    // All peripherals of simavr are removed: registers that no device owns are plain memory.
+    for (auto &slot : avr_->io) {
         slot.r.c = nullptr;
         slot.w.c = nullptr;
     }
@@ -66,7 +66,7 @@ Machine::Machine(const std::string &mcu, const std::string &elf, std::uint32_t s
 void Machine::load(const std::string &mcu, const std::string &elf) {
     elf_firmware_t firmware{};
     if (elf_read_firmware(elf.c_str(), &firmware) != 0 || firmware.flash == nullptr) {
-        throw BoardError(elf + " is not an AVR ELF file that can be read");
+        throw BoardError(elf + " is not an AVR ELF file or not readable");
     }
     avr_ = avr_make_mcu_by_name(mcu.c_str());
     if (avr_ == nullptr) {
@@ -90,8 +90,7 @@ void Machine::load(const std::string &mcu, const std::string &elf) {
     avr_->pc = avr_->reset_pc;
 }
 
-// SRAM holds anything after power-up: a program that relies on zeros there fails here as on
-// silicon.
+// SRAM is random after power-up: a program that relies on zeros fails here as on silicon.
 void Machine::fill_ram(std::uint32_t seed) {
     std::mt19937 random(seed);
     for (unsigned address = avr_->ioend + 1u; address <= avr_->ramend; ++address) {
@@ -107,8 +106,7 @@ void Machine::own(unsigned address, Device &device) {
     slot.r.param = &device;
 }
 
-// simavr asks the modules in turn when the program executes WDR; the last one attached is asked
-// first.
+// simavr calls the modules in turn when the program executes WDR, the last attached one first.
 void Machine::attach(avr_io_t &io) {
     avr_register_io(avr_, &io);
 }
@@ -125,7 +123,7 @@ void Machine::reti_hook(avr_irq_t *, std::uint32_t, void *param) {
     auto *machine = static_cast<Machine *>(param);
     if (machine->watch_ != nullptr) {
         machine->watch_->left(machine->now() +
-                              machine->entry_cycles());  // RETI takes as long as the entry
+                              machine->entry_cycles());  // RETI takes as many cycles as the entry
     }
 }
 
@@ -136,7 +134,7 @@ void Machine::line(int vector, bool level) {
     }
     pending_ = level ? pending_ | bit : pending_ & ~bit;
     if (level) {
-        avr_->run_cycle_count = 0;  // leave the core's inner loop after this instruction
+        avr_->run_cycle_count = 0;  // leaves the core's inner loop after this instruction
     }
 }
 
@@ -148,7 +146,7 @@ void Machine::refresh() {
     avr_->run_cycle_count = 0;
 }
 
-// SBI touches one bit of the flag registers below 0x40; simavr reads and writes them whole.
+// SBI writes one bit of the flag registers below 0x40; simavr reads and writes the whole register.
 bool Machine::current_is_sbi(std::uint8_t &mask) const {
     const unsigned opcode = avr_->flash[avr_->pc] | static_cast<unsigned>(avr_->flash[avr_->pc + 1])
                                                         << 8;
@@ -200,7 +198,7 @@ void Machine::check_state() const {
 
 void Machine::step(Cycle budget) {
     const bool interrupts_just_enabled =
-        avr_->interrupt_state < 0;  // then one more instruction comes before any interrupt
+        avr_->interrupt_state < 0;  // one more instruction before any interrupt
     avr_->interrupt_state = 0;
     const bool single = interrupts_just_enabled || counted_ != nullptr;
     avr_->run_cycle_count = single ? 1u : static_cast<avr_cycle_count_t>(budget);
@@ -231,8 +229,8 @@ void Machine::run_until(Cycle end) {
     }
 }
 
-// Everything but SRAM and the general registers goes back to its start value; `cause` is a bit of
-// MCUSR.
+// Sets all registers except SRAM and the general registers to their initial values; `cause` is a
+// bit of MCUSR.
 void Machine::reset(std::uint8_t cause) {
     const std::uint8_t causes = static_cast<std::uint8_t>(reg(MCUSR) | cause);
     std::memset(avr_->data + 32, 0, avr_->ioend - 31u);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The simulated microcontroller: simavr's instruction core, driven by devices, interrupts and a
-// clock of the bench's own.
+// Simulated microcontroller: simavr's instruction core with devices, interrupts and a clock of the
+// bench.
 #ifndef VGROOVE_BOARD_MACHINE_HPP
 #define VGROOVE_BOARD_MACHINE_HPP
 
@@ -22,13 +22,12 @@ using Cycle = std::int64_t;
 constexpr Cycle NEVER = std::numeric_limits<Cycle>::max();
 constexpr int VECTORS_MAX = 64;
 
-// What the bench cannot go on with; the message is a sentence for the user.
+// Error that ends the run; the message is for the user.
 struct BoardError : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-// A peripheral: owns registers, raises interrupt lines, and says at which cycle it next wants to be
-// advanced.
+// A peripheral: owns registers, raises interrupts, and returns the cycle of its next event.
 class Device {
 public:
     Device() = default;
@@ -43,7 +42,7 @@ public:
     Cycle due = NEVER;
 };
 
-// Who wants to hear of interrupt entries and exits (the profile).
+// Observer of interrupt entries and exits.
 class InterruptWatch {
 public:
     virtual ~InterruptWatch() = default;
@@ -54,7 +53,7 @@ public:
 class Machine {
 public:
     Machine(const std::string &mcu, const std::string &elf, std::uint32_t seed);
-    ~Machine() = default;  // the process ends with it; simavr would touch devices that are gone
+    ~Machine() = default;  // no avr_terminate(): simavr would access deleted devices
     Machine(const Machine &) = delete;
     Machine &operator=(const Machine &) = delete;
 
@@ -82,9 +81,8 @@ public:
     void stall(Cycle cycles) { avr_->cycle += static_cast<avr_cycle_count_t>(cycles); }
     void refresh();
     bool current_is_sbi(std::uint8_t &mask) const;
-    void count_addresses(std::vector<Cycle> &cycles) {
-        counted_ = &cycles;
-    }  // by word address, from now on
+    // From this call on, cycles by word address.
+    void count_addresses(std::vector<Cycle> &cycles) { counted_ = &cycles; }
     void run_until(Cycle end);
     void reset(std::uint8_t cause);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// vgroove-board: runs an ELF on a simulated ATmega, one SimInputs from stdin and one SimOutputs to
-// stdout a PWM period.
+// vgroove-board: runs an ELF on a simulated ATmega; per PWM period it reads one SimInputs from
+// stdin and writes one SimOutputs to stdout.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -32,14 +32,14 @@ std::uint8_t reset_cause(const std::string &name) {
             return static_cast<std::uint8_t>(1u << bit);
         }
     }
-    throw BoardError("--reset-cause is por, ext, bor or wdt, not " + name);
+    throw BoardError("--reset-cause must be por, ext, bor or wdt, not " + name);
 }
 
 board::Cycle cycles(const std::string &name, const std::string &text) {
     char *rest = nullptr;
     const long long value = std::strtoll(text.c_str(), &rest, 10);
     if (text.empty() || *rest != '\0' || value < 0) {
-        throw BoardError(name + " wants a number of cycles, not '" + text + "'");
+        throw BoardError(name + " needs a number of cycles, not '" + text + "'");
     }
     return value;
 }
@@ -77,7 +77,7 @@ board::Options parse(int count, char **arguments) {
         } else if (i + 1 < count) {
             set_option(options, argument, arguments[++i]);
         } else {
-            throw BoardError(argument + " wants a value");
+            throw BoardError(argument + " needs a value");
         }
     }
     if (options.elf.empty()) {
@@ -86,8 +86,7 @@ board::Options parse(int count, char **arguments) {
     return options;
 }
 
-// simavr prints to stdout; the message stream gets a descriptor of its own and stray text goes to
-// stderr.
+// simavr prints to stdout: the messages get their own descriptor, other text goes to stderr.
 int take_stdout() {
     const int stream = dup(STDOUT_FILENO);
     dup2(STDERR_FILENO, STDOUT_FILENO);

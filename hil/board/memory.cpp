@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// EEPROM and watchdog timing: ATmega328P data sheet, "EEPROM Data Memory" (3.4 ms a byte) and
+// Timing of EEPROM and watchdog: ATmega328P data sheet, "EEPROM Data Memory" (3.4 ms per byte) and
 // "Watchdog Timer" (128 kHz).
 #include "memory.hpp"
 
@@ -104,7 +104,7 @@ void Eeprom::update() {
     due = busy_ ? done_at_ : NEVER;
 }
 
-// A reset does not stop a write that has begun; only a power cut does.
+// A reset does not stop a write that has begun; a power cut does.
 void Eeprom::reset() {
     enabled_until_ = -1;
     update();
@@ -142,8 +142,8 @@ void Watchdog::kick() {
     machine_.refresh();
 }
 
-// WDE and the prescaler change only within four cycles of a write of WDCE and WDE together; WDIE
-// and WDIF always.
+// WDE and the prescaler can be changed only within four cycles of a write of WDCE and WDE together,
+// WDIE and WDIF always.
 void Watchdog::write(unsigned short, std::uint8_t value) {
     const std::uint8_t before = machine_.peek(WDTCSR);
     const bool open = machine_.now() <= change_until_;
@@ -192,7 +192,7 @@ void Watchdog::acknowledge(int) {
     machine_.line(vector_, false);
 }
 
-// After a watchdog reset the watchdog stays on, at its shortest time.
+// After a watchdog reset the watchdog remains enabled, with its shortest timeout.
 void Watchdog::reset() {
     change_until_ = -1;
     machine_.reg(WDTCSR) = (machine_.peek(MCUSR) & WDRF) != 0 ? WDE : 0;

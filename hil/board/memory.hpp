@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// EEPROM with its write time and torn bytes, and the watchdog with its resets.
+// EEPROM with its write time and power cuts, and watchdog with its resets.
 #ifndef VGROOVE_BOARD_MEMORY_HPP
 #define VGROOVE_BOARD_MEMORY_HPP
 
@@ -28,8 +28,7 @@ private:
 
     Machine &machine_;
     int vector_;
-    std::vector<std::uint8_t>
-        content_;  // while a byte is being written it holds garbage, as after a power cut
+    std::vector<std::uint8_t> content_;  // a byte being written is random, as after a power cut
     std::mt19937 random_;
     bool busy_ = false;
     Cycle enabled_until_ = -1;

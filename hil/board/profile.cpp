@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Cost accounting on interrupt entries, returns and the tick mark; nothing is sampled.
+// Statistics from every interrupt entry, return and tick mark; nothing is sampled.
 #include "profile.hpp"
 
 #include <algorithm>
@@ -136,8 +136,8 @@ std::string Profile::address_table() const {
     return table;
 }
 
-// What lies between the variables and the stack when the program's start is over; bytes that change
-// later were stack.
+// Records the bytes between the variables and the stack after the program's start; those that
+// change later belong to the stack.
 void Profile::snapshot_stack() {
     snapshot_.clear();
     for (unsigned address = machine_.ram_used_end(); address <= machine_.stack_pointer();
@@ -146,8 +146,8 @@ void Profile::snapshot_stack() {
     }
 }
 
-// Bytes between the variables and the lowest byte that the stack has touched since the snapshot, or
-// the lowest entry of an interrupt.
+// Bytes between the variables and the lowest stack byte used since then, or the lowest entry of an
+// interrupt.
 unsigned Profile::stack_free() const {
     unsigned lowest = lowest_stack_;
     for (unsigned i = 0; i < snapshot_.size(); ++i) {

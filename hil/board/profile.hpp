@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What the program costs: cycles of each interrupt and tick, the interrupts' share of time, the
-// stack's low-water mark.
+// Execution statistics: cycles of each interrupt and tick, the interrupts' share of time, unused
+// stack.
 #ifndef VGROOVE_BOARD_PROFILE_HPP
 #define VGROOVE_BOARD_PROFILE_HPP
 
@@ -10,16 +10,15 @@ namespace board {
 
 struct VectorCost {
     long count = 0;
-    Cycle worst = 0;  // entry, body and RETI, without interrupts nested in it
+    Cycle worst = 0;  // entry, body and RETI, without nested interrupts
     Cycle total = 0;
     Cycle longest_wait = 0;  // from the flag to the entry
-    unsigned waited_at = 0;  // address of the instruction that followed the longest wait
+    unsigned waited_at = 0;  // address of the instruction after the longest wait
 };
 
 struct TickCost {
     long count = 0;
-    Cycle worst =
-        0;  // from the compare match of Timer2 to the end of the tick's work, interrupts included
+    Cycle worst = 0;  // from the compare match of Timer2 to the end of the tick, with interrupts
     Cycle total = 0;
     Cycle worst_at = 0;
     long late = 0;  // ticks that lasted beyond the next compare match
@@ -27,13 +26,13 @@ struct TickCost {
 
 struct ControlCost {
     long count = 0;
-    Cycle worst = 0;  // of the controller's step, without interrupts nested in it
+    Cycle worst = 0;  // of the controller's step, without nested interrupts
     Cycle total = 0;
     Cycle worst_at = 0;
 };
 
-// GPIOR0 holds the program's marks: bit 0 is 1 while a tick's work runs, bit 1 while the
-// controller's step in it does.
+// GPIOR0 holds the marks of the program: bit 0 is 1 during a tick, bit 1 during the controller's
+// step.
 class Profile final : public Device, public InterruptWatch {
 public:
     Profile(Machine &machine, const Timer &tick);
@@ -45,9 +44,10 @@ public:
     void entered(int vector, Cycle at, Cycle waited, unsigned pc) override;
     void left(Cycle at) override;
 
-    void count_addresses();  // slower: each instruction is looked at
-    std::string
-    address_table() const;  // lines of: byte address, cycles in all, cycles in the worst tick
+    void count_addresses();  // slower: observes each instruction
+
+    // Lines of byte address, cycles of the run, cycles of the longest tick.
+    std::string address_table() const;
     void snapshot_stack();
     unsigned stack_free() const;
     const VectorCost &vector(int number) const {

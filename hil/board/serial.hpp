@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// USART0 with its real buffers: one byte waits behind the shift register, two received bytes wait
-// for the program.
+// USART0 with its buffers: one byte waits behind the transmit shift register, two received bytes
+// wait for the program.
 #ifndef VGROOVE_BOARD_SERIAL_HPP
 #define VGROOVE_BOARD_SERIAL_HPP
 
@@ -14,7 +14,7 @@ namespace board {
 struct SerialReport {
     long sent = 0;
     long received = 0;
-    long overruns = 0;  // received bytes lost because three were waiting
+    long overruns = 0;  // received bytes lost with three bytes unread
     long baud = 0;      // as the program set it, 0: never enabled
 };
 

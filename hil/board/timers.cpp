@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Timer/counters: positions are computed from the cycle counter, so nothing is simulated between
+// Timer/counters: counts are computed from the cycle counter, so that nothing is simulated between
 // events.
 #include "timers.hpp"
 
@@ -76,8 +76,8 @@ Cycle Timer::occurrence(Cycle phase, Cycle after) const {
     return first + length * (floor_div(after - first, length) + 1);
 }
 
-// A compare flag is set on the timer clock after the match; the second match of phase-correct PWM
-// is not modelled (configure() refuses its use).
+// A compare flag is set at the timer clock after the match; the second match of phase-correct PWM
+// is not modelled (configure() rejects its use).
 std::array<Timer::Source, 3> Timer::sources() const {
     const Cycle top = period() - 1;
     const Cycle a = static_cast<Cycle>(compare(map_.ocra));
@@ -93,7 +93,7 @@ void Timer::freeze(Cycle now) {
     running_ = false;
 }
 
-// The next tick comes with the next edge of the prescaler, which runs on its own from its last
+// The next count comes at the next edge of the prescaler, which runs independently since its last
 // reset.
 void Timer::thaw(Cycle now) {
     if (prescale_ == 0 || held_) {
@@ -172,7 +172,7 @@ void Timer::write_control(unsigned address, std::uint8_t value) {
     }
 }
 
-// In CTC mode a new compare value changes the period at once; the count goes on from where it is.
+// In CTC mode a new compare value changes the period at once; the count continues.
 void Timer::write_compare(unsigned address, std::uint8_t value) {
     const Cycle now = machine_.now();
     const Cycle position = ticks(now);
@@ -247,7 +247,7 @@ void Timer::advance(Cycle now) {
     update();
 }
 
-// Interrupt lines and the next event somebody waits for.
+// Updates the interrupt lines and the next event.
 void Timer::update() {
     const unsigned flags = machine_.peek(map_.tifr);
     const unsigned mask = machine_.peek(map_.timsk);
@@ -294,8 +294,8 @@ void Timer::reset() {
     due = NEVER;
 }
 
-// `edge` is the cycle at which the capture unit sees the edge; the stamp is the count at that
-// cycle, however late the program is.
+// `edge` is the cycle at which the capture unit detects the edge; the captured count is that of
+// this cycle, independent of the program.
 void Timer::capture(Cycle edge) {
     const unsigned stamp = count(edge);
     machine_.reg(map_.icr) = static_cast<std::uint8_t>(stamp);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Timer/counters 0, 1 (or 4, 5) and 2: exact counts, flags, input capture and the prescalers'
-// common reset.
+// Timer/counters 0, 1 (or 4, 5) and 2: exact counts, flags, input capture and the common reset of
+// the prescalers.
 #ifndef VGROOVE_BOARD_TIMERS_HPP
 #define VGROOVE_BOARD_TIMERS_HPP
 
@@ -49,7 +49,7 @@ private:
     enum class Mode { NORMAL, CTC, PHASE, FAST };
     struct Source {
         std::uint8_t flag;
-        Cycle phase;  // ticks from the period's start, negative: never
+        Cycle phase;  // counts from the start of the period, negative: never
     };
 
     Cycle period() const;
@@ -77,8 +77,8 @@ private:
     bool armed_ = false;
     Cycle prescale_ = 0;
     Cycle prescaler_origin_ = 0;
-    Cycle base_ = 0;    // cycle of tick 0 while running
-    Cycle frozen_ = 0;  // ticks while stopped
+    Cycle base_ = 0;    // cycle of count 0 while running
+    Cycle frozen_ = 0;  // count while stopped
     Cycle synced_ = 0;
     Cycle last_compare_a_ = 0;
     std::uint8_t temp_ = 0;

@@ -1,5 +1,5 @@
-"""The simulated AVR as a board: one `vgroove-board` process that runs the real ELF, a message of
-fixed size each PWM period.
+"""The simulated AVR as a board: one `vgroove-board` process that runs the ELF and exchanges one
+message of fixed size each PWM period.
 """
 
 import json
@@ -29,8 +29,8 @@ _NO_EDGES = (0,) * EDGES_MAX
 
 
 class BoardInputs(NamedTuple):
-    """What the pins see in a period: ADC counts at its end (ADC_CHANNELS), Hall edges by cycle
-    0..509, switches (SWITCH_*), UART bytes.
+    """Inputs of the board's pins in a period: ADC counts at its end (ADC_CHANNELS), Hall edges by
+    cycle 0..509, switches (SWITCH_*), UART bytes.
     """
 
     adc_counts: tuple[int, int, int, int]
@@ -40,7 +40,7 @@ class BoardInputs(NamedTuple):
 
 
 class BoardOutputs(NamedTuple):
-    """What the bridge does in the next period (compare value -255..255, dead time in timer counts)
+    """Command of the bridge in the next period (compare value -255..255, dead time in timer counts)
     and the bytes sent in this one.
     """
 
@@ -51,14 +51,13 @@ class BoardOutputs(NamedTuple):
 
 
 def pack_inputs(inputs: BoardInputs) -> bytes:
-    """The period's message to a board; more than 8 edges or 4 bytes in a period is an error of the
-    caller.
-    """
+    """The period's message to a board; ValueError for more than 8 edges or 4 bytes in a period."""
     adc_counts, edges, switches, rx = inputs
     count = len(edges)
     if count > EDGES_MAX or len(rx) > BYTES_MAX:
         raise ValueError(
-            f"{count} edges and {len(rx)} bytes in one period; at most {EDGES_MAX} and {BYTES_MAX} fit"
+            f"{count} edges and {len(rx)} bytes in one period; at most {EDGES_MAX} and "
+            f"{BYTES_MAX} fit"
         )
     padded = (*edges, *_NO_EDGES[count:]) if count else _NO_EDGES
     return _INPUTS.pack(*adc_counts, *padded, count, switches, len(rx), rx)
@@ -78,17 +77,18 @@ def find_tool() -> Path:
     )
     named = os.environ.get("VGROOVE_BOARD")
     if named and not Path(named).is_file():
-        raise VgrooveError(f"VGROOVE_BOARD names {named}, which is no file")
+        raise VgrooveError(f"the variable VGROOVE_BOARD names {named}, which is no file")
     for candidate in (named, *reversed(built), shutil.which("vgroove-board")):
         if candidate:
             return Path(candidate)
     raise VgrooveError(
-        "the bench tool vgroove-board is missing: build it with `make build`, or name it in VGROOVE_BOARD"
+        "the program vgroove-board is missing: build it with `make build`, or name it in the "
+        "variable VGROOVE_BOARD"
     )
 
 
 def default_elf(target: str = "uno") -> Path:
-    """The firmware that `make build` leaves for a target, uno or mega."""
+    """Path of the firmware that `make build` makes for a target, uno or mega."""
     return Path(__file__).resolve().parents[2] / "build" / f"avr-{target}" / "vgroove.elf"
 
 
@@ -100,14 +100,14 @@ def _checked_elf(elf: Path) -> Path:
     return Path(elf)
 
 
-def _sentence(errors: bytes, code: int) -> str:
+def _failure_message(errors: bytes, code: int) -> str:
+    """The message of vgroove-board on stderr, or all of it, or the exit code."""
     lines = errors.decode(errors="replace").splitlines()
-    said = [
-        line.removeprefix("vgroove-board: ") for line in lines if line.startswith("vgroove-board: ")
-    ]
-    return (
-        said[0] if said else " ".join(lines) or f"vgroove-board ended by itself (exit code {code})"
-    )
+    prefix = "vgroove-board: "
+    messages = [line.removeprefix(prefix) for line in lines if line.startswith(prefix)]
+    if messages:
+        return messages[0]
+    return " ".join(lines) or f"vgroove-board ended without a message (exit code {code})"
 
 
 def _arguments(elf: Path, mcu: str, options: dict[str, object]) -> list[str]:
@@ -121,9 +121,9 @@ def _arguments(elf: Path, mcu: str, options: dict[str, object]) -> list[str]:
 class AvrBoard:
     """The ELF on a simulated ATmega, a period at a time; a context manager.
 
-    Options are those of the tool: eeprom (file that survives the run), stats (file), seed, cut,
-    brown_out, least_dead, reset_cause. Raises VgrooveError with the tool's sentence when the tool
-    or the ELF is missing, does not fit the part, or the run ends by itself.
+    Options are those of vgroove-board (docs/bench.md): eeprom (image file, read and written), stats
+    (file), seed, cut, brown_out, least_dead, reset_cause. Raises VgrooveError when vgroove-board or
+    the ELF is missing, when the ELF does not fit the part, or when the run stops on an error.
     """
 
     def __init__(self, elf: Path, *, mcu: str = "atmega328p", **options: object) -> None:
@@ -146,7 +146,7 @@ class AvrBoard:
         self.close()
 
     def period(self, inputs: BoardInputs) -> BoardOutputs:
-        """Advance 510 cycles with `inputs`; the gates in force in the next period and the bytes
+        """Advance 510 cycles with `inputs`; the bridge command of the next period and the bytes
         sent in this one.
         """
         try:
@@ -161,10 +161,10 @@ class AvrBoard:
     def _failure(self) -> VgrooveError:
         self._process.wait()
         self._errors.seek(0)
-        return VgrooveError(_sentence(self._errors.read(), self._process.returncode))
+        return VgrooveError(_failure_message(self._errors.read(), self._process.returncode))
 
     def close(self) -> None:
-        """End the run; the tool writes its EEPROM and statistics files. Harmless when repeated."""
+        """End the run, whereupon vgroove-board writes its EEPROM and statistics files."""
         if self._process.stdin and not self._process.stdin.closed:
             self._process.stdin.close()
             self._process.stdout.close()
@@ -173,17 +173,15 @@ class AvrBoard:
 
 
 def replay(elf: Path, inputs: bytes, *, mcu: str = "atmega328p", **options: object) -> bytes:
-    """Answers of a board to recorded inputs (whole messages one after the other), without a tool in
-    the loop: as fast as it goes.
-    """
+    """Outputs of a board for recorded inputs, complete messages in succession, without a plant."""
     done = subprocess.run(
         _arguments(elf, mcu, options), input=inputs, capture_output=True, check=False
     )
     if done.returncode != 0:
-        raise VgrooveError(_sentence(done.stderr, done.returncode))
+        raise VgrooveError(_failure_message(done.stderr, done.returncode))
     return done.stdout
 
 
 def read_statistics(path: Path) -> dict:
-    """The tool's report of cycles, stack, UART, EEPROM and bridge (docs/bench.md lists the keys)."""
+    """Report of vgroove-board on cycles, stack, UART, EEPROM and bridge (keys in docs/bench.md)."""
     return json.loads(Path(path).read_text())

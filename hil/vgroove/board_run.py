@@ -3,28 +3,29 @@ record` records.
 """
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
 
-from vgroove.conductor import Conductor
 from vgroove.errors import VgrooveError
-from vgroove.gap.next_run.menu import MENU, Course, named, proposed
+from vgroove.gap.next_run.menu import MENU, RunProfile, profile_from_verdict, profile_named
+from vgroove.guided_run import GuidedRun
+from vgroove.progress import ProgressBar, seconds_bar
+from vgroove.record_command import stop_on_signals, summary
 from vgroove.recorder import Recording, record
-from vgroove.recorder_cli import signals_stop, summary
-from vgroove.run import RunOptions, progress_bar
+from vgroove.run import RunOptions
+from vgroove.terminal import print_line
 
 
-def course_of(experiment: str | None, verdict: Path | None) -> Course:
-    """The run that the options ask for; VgrooveError where they ask for none, or for two."""
+def chosen_profile(experiment: str | None, verdict: Path | None) -> RunProfile:
+    """The run that the options name; VgrooveError where they name none, or two."""
     if (experiment is None) == (verdict is None):
-        names = ", ".join(course.name for course in MENU)
+        names = ", ".join(profile.name for profile in MENU)
         raise VgrooveError(
             f"a board performs one run: --next VERDICT.json, or --experiment with one of {names}"
         )
     if experiment is not None:
-        return named(experiment)
+        return profile_named(experiment)
     try:
         content = json.loads(verdict.read_text("utf-8"))
     except OSError as error:
@@ -33,50 +34,54 @@ def course_of(experiment: str | None, verdict: Path | None) -> Course:
         raise VgrooveError(f"{verdict}: is no JSON: {error}") from error
     if not isinstance(content, dict):
         raise VgrooveError(f"{verdict}: is not a verdict of `vgroove gap diagnose --json`")
-    return proposed(content, str(verdict))
+    return profile_from_verdict(content, str(verdict))
 
 
-class Operator:
-    """Tells the person at the trigger what to do: on a terminal in the bar, else line by line, each
-    once.
+class OperatorPrompt:
+    """Shows the operator's instructions: in the progress bar on a terminal, else each once as a
+    line.
     """
 
-    def __init__(self, console: Console, conductor: Conductor, bar: Callable[..., None]) -> None:
-        self._console, self._conductor, self._bar, self._said = console, conductor, bar, ""
+    def __init__(self, console: Console, run: GuidedRun, bar: ProgressBar) -> None:
+        self._console, self._run, self._bar, self._shown = console, run, bar, ""
 
     def __call__(self, recording: Recording) -> None:
+        """Show the current instruction; called by the recorder as its progress."""
         del recording
-        hint = self._conductor.hint()
-        self._bar(self._conductor.played_s, description=hint)
-        if not self._console.is_terminal and hint != self._said:
-            self._console.print(hint, highlight=False, markup=False, soft_wrap=True)
-        self._said = hint
+        instruction = self._run.instruction()
+        self._bar.move_to(self._run.driven_s, instruction)
+        if not self._console.is_terminal and instruction != self._shown:
+            print_line(self._console, instruction)
+        self._shown = instruction
 
 
-def run_on_board(options: RunOptions, course: Course, baud: int) -> None:
-    """Perform and record; VgrooveError as `record` raises it or with what ended the run,
-    KeyboardInterrupt on Ctrl-C: both keep the log.
+def run_on_board(options: RunOptions, profile: RunProfile, baud: int) -> None:
+    """Perform and record a run.
+
+    Raises VgrooveError as `record` does or with what ended the run, KeyboardInterrupt on Ctrl-C;
+    both keep the log.
     """
     if options != RunOptions(options.on, output=options.output):
         raise VgrooveError(
-            "--target, --elf, --pty, --real-time, --stats and --eeprom belong to --on sil and --on avr"
+            "--target, --elf, --pty, --real-time, --stats and --eeprom belong to --on sil and "
+            "--on avr"
         )
     if options.output is None:
         raise VgrooveError("a run on a board is recorded: say where with -o LOG")
     console = Console(stderr=True)
     recording = Recording(options.on, options.output, baud)
-    recording.partner = conductor = Conductor(course, recording.session)
-    with signals_stop() as stop:
+    recording.program = run = GuidedRun(profile, recording.session)
+    with stop_on_signals() as stop:
         try:
-            with progress_bar(console, conductor.total_s) as bar:
-                record(recording, stop, Operator(console, conductor, bar))
+            with seconds_bar(run.total_s, console=console) as bar:
+                record(recording, stop, OperatorPrompt(console, run, bar))
         except VgrooveError:
-            if stop.wanted and recording.rows == 0:
+            if stop.received and recording.rows == 0:
                 raise KeyboardInterrupt from None
             raise
         finally:
             if recording.rows:
-                for line in (summary(recording), *conductor.remarks()):
-                    console.print(line, highlight=False, markup=False, soft_wrap=True)
+                for line in (summary(recording), *run.remarks()):
+                    print_line(console, line)
     if recording.ended == "interrupted":
         raise KeyboardInterrupt

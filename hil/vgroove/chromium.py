@@ -1,4 +1,4 @@
-"""Draws pages and figures with a Chromium that is installed: a page as PNG, a figure as SVG."""
+"""Draws with an installed Chromium: a page as PNG, a figure as SVG."""
 
 import html
 import re
@@ -20,7 +20,7 @@ CHROMIUM_LIMIT_S = 120
 
 
 def find_chromium() -> str:
-    """The browser that draws the picture; VgrooveError when there is none."""
+    """Path of the browser; VgrooveError when none is installed."""
     found = next((path for path in map(shutil.which, CHROMIUM) if path), None)
     if found is None:
         raise VgrooveError(
@@ -30,7 +30,7 @@ def find_chromium() -> str:
 
 
 def draw(chromium: str, text: str, png_path: Path, height: int) -> None:
-    """Picture of a page (its HTML text), twice the page's resolution."""
+    """Write the PNG of a page, given as HTML, at two pixels for each CSS pixel."""
     part, source = (
         png_path.with_name(f".{png_path.name}.part.{ending}") for ending in ("png", "html")
     )
@@ -64,9 +64,10 @@ def draw(chromium: str, text: str, png_path: Path, height: int) -> None:
 
 
 def svg_of(chromium: str, figure: go.Figure) -> str:
-    """A figure as the SVG that plotly's camera saves."""
+    """A figure as the SVG that plotly's save button gives; VgrooveError where that fails."""
     size = f"{{format:'svg',width:{figure.layout.width},height:{figure.layout.height}}}"
-    script = f"Plotly.newPlot('figure',{figure.to_json()}).then(g=>Plotly.toImage(g,{size})).then(u=>{{document.body.textContent=u}})"
+    plot = f"Plotly.newPlot('figure',{figure.to_json()})"
+    script = f"{plot}.then(g=>Plotly.toImage(g,{size})).then(u=>{{document.body.textContent=u}})"
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "figure.html"
         scripts = f"<script>{get_plotlyjs()}</script><script>{script}</script>"

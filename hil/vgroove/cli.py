@@ -1,13 +1,12 @@
-"""Command line: each command's work is done in the module it names; here stand only arguments,
-errors and exit codes.
+"""The command line `vgroove`: arguments, errors and exit codes; each command calls the module that
+does its work.
 """
 
-import json
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -17,8 +16,11 @@ from vgroove.errors import VgrooveError
 from vgroove.gap_bench.command import bench_command
 from vgroove.study.command import app as study_app
 
-# The plant has threads of its own; those of BLAS only get in their way. It counts until numpy is
-# first imported, by a command.
+if TYPE_CHECKING:
+    from vgroove.run import RunOptions
+
+# The plant starts threads itself, with which BLAS threads would compete. The variable is read when
+# numpy is first imported, which a command does.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
@@ -70,11 +72,11 @@ def bench_speed_command(
 def bench_trap_command(
     seed: Annotated[int, typer.Option(help="Seed of drive and noise.")] = 1,
     json_path: Annotated[
-        Path | None, typer.Option("--json", help="Write all answers as JSON.")
+        Path | None, typer.Option("--json", help="Write all results as JSON.")
     ] = None,
 ) -> None:
-    """A joint whose model lacks its Coulomb friction: who retunes the damping, and who names the
-    friction?
+    """A joint whose model lacks its Coulomb friction: which identification methods fit a wrong
+    damping, and which find the friction?
     """
     from vgroove.bench.trap import bench_trap, trap_table
 
@@ -95,16 +97,18 @@ def record(
     output: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", help="FILE.csv, .mf4, .blf or .asc; board and losses go to FILE.json."
+            "-o",
+            "--output",
+            help="FILE.csv, .mf4, .blf or .asc; board and losses go to FILE.csv.json.",
         ),
     ],
     seconds: Annotated[
-        float | None, typer.Option(help="Board time to record; without it until Ctrl-C.")
+        float | None, typer.Option(help="Board time to record; without: until Ctrl-C.")
     ] = None,
-    baud: Annotated[int, typer.Option(help="Rate of the line.")] = 250_000,
+    baud: Annotated[int, typer.Option(help="Baud rate of the line.")] = 250_000,
 ) -> None:
     """Record the board's telemetry; Ctrl-C ends it with a complete file."""
-    from vgroove.recorder_cli import record_with_progress
+    from vgroove.record_command import record_with_progress
 
     record_with_progress(port, output, seconds, baud)
 
@@ -127,49 +131,60 @@ def run(
     seed: Annotated[int | None, typer.Option(min=0, help="Instead of the scenario's seed.")] = None,
     target: Annotated[str, typer.Option(help="Board of --on avr: uno or mega.")] = "uno",
     elf: Annotated[
-        Path | None, typer.Option(help="Firmware instead of the one that make build leaves.")
+        Path | None, typer.Option(help="Firmware; without: the one that `make build` makes.")
     ] = None,
     pty: Annotated[
         bool, typer.Option("--pty", help="Put the UART on a pseudo-terminal and print its name.")
     ] = False,
     wait: Annotated[
-        bool, typer.Option(help="With --pty: begin when somebody has opened it.")
+        bool, typer.Option(help="With --pty: begin when a program has opened it.")
     ] = True,
     real_time: Annotated[
-        bool, typer.Option("--real-time", help="Do not run faster than the clock.")
+        bool, typer.Option("--real-time", help="Do not run faster than real time.")
     ] = False,
     stats: Annotated[
         Path | None, typer.Option(help="Cycle statistics of --on avr as JSON.")
     ] = None,
-    eeprom: Annotated[Path | None, typer.Option(help="EEPROM image that survives the run.")] = None,
+    eeprom: Annotated[
+        Path | None, typer.Option(help="EEPROM image, read before the run and written after.")
+    ] = None,
     experiment: Annotated[
-        str | None, typer.Option(help="On a board: a run of the diagnosis' menu, such as reversal.")
+        str | None, typer.Option(help="On a board: a run of the menu, such as reversal.")
     ] = None,
     next_path: Annotated[
         Path | None,
-        typer.Option("--next", metavar="VERDICT", help="On a board: the run it asks for."),
+        typer.Option(
+            "--next", metavar="VERDICT", help="On a board: the run that this verdict recommends."
+        ),
     ] = None,
-    baud: Annotated[int, typer.Option(help="Rate of the board's line.")] = 250_000,
+    baud: Annotated[int, typer.Option(help="Baud rate of the board's line.")] = 250_000,
 ) -> None:
-    """Run a scenario, firmware and simulated tool in lock-step; or a run of the diagnosis' menu on
-    a board (--on PORT).
+    """Run a scenario, firmware and simulated tool in lock-step; or perform a run of the diagnosis'
+    menu on a board (--on PORT).
     """
-    from dataclasses import replace
-
-    from vgroove.run import RunOptions, run_scenario
-    from vgroove.scenario import read_scenario
+    from vgroove.run import RunOptions
 
     options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom)
     if scenario_path is None and on not in ("sil", "avr"):
-        from vgroove.board_run import course_of, run_on_board
+        from vgroove.board_run import chosen_profile, run_on_board
 
-        run_on_board(options, course_of(experiment, next_path), baud)
+        run_on_board(options, chosen_profile(experiment, next_path), baud)
         return
     if scenario_path is None or experiment or next_path:
         raise VgrooveError(
-            "--on sil and --on avr run a SCENARIO; a board (--on PORT) performs --experiment NAME or --next VERDICT.json"
+            "--on sil and --on avr run a SCENARIO; a board (--on PORT) performs --experiment NAME "
+            "or --next VERDICT.json"
         )
-    scenario = read_scenario(scenario_path)
+    _run_scenario(scenario_path, seed, options)
+
+
+def _run_scenario(path: Path, seed: int | None, options: "RunOptions") -> None:
+    from dataclasses import replace
+
+    from vgroove.run import run_scenario
+    from vgroove.scenario import read_scenario
+
+    scenario = read_scenario(path)
     scenario = scenario if seed is None else replace(scenario, seed=seed)
     run_scenario(scenario, options, Console(), Console(stderr=True))
 
@@ -180,20 +195,14 @@ def flash(
     target: Annotated[str, typer.Option(help="Board: uno or mega.")] = "uno",
     image: Annotated[
         Path | None,
-        typer.Option("--hex", help="Hex file instead of the one that make build leaves."),
+        typer.Option("--hex", help="Hex file; without: the one that `make build` makes."),
     ] = None,
 ) -> None:
     """Write the firmware through the board's bootloader and read it back (avrdude)."""
     from vgroove.flash import flash as flash_board
+    from vgroove.terminal import print_line
 
-    flash_board(
-        port,
-        target,
-        image,
-        lambda line: Console(stderr=True).print(
-            line, highlight=False, markup=False, soft_wrap=True
-        ),
-    )
+    flash_board(port, target, image, lambda line: print_line(Console(stderr=True), line))
 
 
 @app.command()
@@ -202,12 +211,13 @@ def sim(
         Path,
         typer.Argument(
             metavar="RIG|SCENARIO",
-            help="With --log a rig; alone a scenario (travel is duty) or a rig at full trigger.",
+            help="With --log: a rig; without: a scenario (its travel is the duty), or a rig, "
+            "which is run at full trigger.",
         ),
     ],
     log: Annotated[
         list[Path] | None,
-        typer.Option("--log", help="Log whose input drives the rig; may be given again."),
+        typer.Option("--log", help="Log whose input drives the rig; may be repeated."),
     ] = None,
     json_path: Annotated[
         Path | None, typer.Option("--json", help="Write the figures as JSON.")
@@ -217,11 +227,13 @@ def sim(
     ] = None,
     restart_s: Annotated[
         float,
-        typer.Option(help="With --log: the model restarts from measured states about this often."),
+        typer.Option(
+            help="With --log: seconds after which the model restarts from measured states."
+        ),
     ] = 0.25,
 ) -> None:
-    """The plant alone: a scenario, a rig at full trigger, or a rig driven by a log's input and the
-    gap on its held-out blocks.
+    """Simulate the plant without firmware: a scenario, or a rig at full trigger; with --log, a rig
+    driven by the log's input, and its gap on held-out blocks.
     """
     _check_outputs(json_path, output, inputs=[path, *(log or [])])
     figures = _sim_logs(path, log, output, restart_s) if log else _sim_scenario(path, output)
@@ -231,20 +243,19 @@ def sim(
 def _sim_logs(
     rig_path: Path, logs: list[Path], output: Path | None, restart_s: float
 ) -> dict[str, Any]:
-    from vgroove.gap.simulate import gap_table, judge, write_simulation
+    from vgroove.gap.simulate import compute_gap, gap_table, write_simulation
     from vgroove.log import read_log
     from vgroove.rig import read_rig
+    from vgroove.terminal import print_warning
 
     if not 0.0 < restart_s < float("inf"):
         raise VgrooveError(f"--restart-s must be above 0, not {restart_s:g}")
     if output and len(logs) != 1:
         raise VgrooveError("-o writes one simulated log: give one --log")
-    figures, problem = judge(read_rig(rig_path), [read_log(path) for path in logs], restart_s)
+    figures, problem = compute_gap(read_rig(rig_path), [read_log(path) for path in logs], restart_s)
     Console().print(gap_table(figures))
     for warning in figures["warnings"]:
-        Console(stderr=True).print(
-            f"vgroove: {warning}", style="yellow", highlight=False, markup=False, soft_wrap=True
-        )
+        print_warning(Console(stderr=True), warning)
     if output:
         write_simulation(problem, output)
     return figures
@@ -264,10 +275,10 @@ def _sim_scenario(path: Path, output: Path | None) -> dict[str, Any]:
 
 
 def _write_json(path: Path | None, figures: dict[str, Any]) -> None:
-    from vgroove.output import write_text
+    from vgroove.output import write_json
 
     if path is not None:
-        write_text(path, json.dumps(figures, indent=1) + "\n")
+        write_json(path, figures, allow_nan=True)
 
 
 def _check_outputs(*outputs: Path | None, inputs: Sequence[Path] = ()) -> None:
@@ -282,7 +293,7 @@ def gap_diagnose(
         list[Path], typer.Argument(metavar="LOG...", help="Logs of one tool, judged together.")
     ],
     rig: Annotated[
-        Path, typer.Option("--rig", help="What the simulation believes about the tool.")
+        Path, typer.Option("--rig", help="Rig file: the parameters of the simulated tool.")
     ],
     json_path: Annotated[
         Path | None, typer.Option("--json", help="Write the verdict as JSON.")
@@ -292,16 +303,20 @@ def gap_diagnose(
     ] = None,
     out_rig: Annotated[
         Path | None,
-        typer.Option("--out-rig", help="Write the rig with retuned keys and selected effects."),
+        typer.Option(
+            "--out-rig", help="Write the rig with fitted parameters and selected effects."
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
     without: Annotated[
         list[str] | None,
-        typer.Option("--without", metavar="ID", help="Leave an effect out; may be given again."),
+        typer.Option(
+            "--without", metavar="ID", help="Leave an effect out of the catalogue; may be repeated."
+        ),
     ] = None,
 ) -> None:
-    """Say where the gap between logs and simulation lies, which effect is missing, and how far the
-    gap shrinks with it.
+    """Find where logs and simulation differ, which effect the simulation lacks, and how much that
+    effect reduces the gap.
     """
     from vgroove.gap.command import diagnose_files
 
@@ -318,8 +333,8 @@ def gap_emps(
         Path | None, typer.Option("--json", help="Write all figures as JSON.")
     ] = None,
 ) -> None:
-    """Print the ladder of force errors of the EMPS benchmark axis: M, + viscous, + Coulomb, +
-    offset, + directional viscous.
+    """Force errors of the EMPS benchmark axis as the model grows: mass, + viscous, + Coulomb, +
+    offset, + directional viscous friction.
     """
     from vgroove.gap.emps import emps_figures, emps_tables
 
@@ -340,7 +355,7 @@ def effects(
         bool, typer.Option("--markdown", help="Print the table of docs/spec/gap.md.")
     ] = False,
 ) -> None:
-    """List the effects of the catalogue, or show one: equation, parameters, what a log must hold."""
+    """List the effects of the catalogue, or show one: equation, parameters, necessary channels."""
     from vgroove.gap.catalogue.listing import effect_lines, effect_rows, list_lines, markdown_table
 
     _check_outputs(json_path)
@@ -351,15 +366,15 @@ def effects(
 
 
 def main() -> None:
-    """Run the command line; a VgrooveError becomes its sentence on stderr and exit code 2, Ctrl-C
-    exit code 130.
+    """Run the command line: a VgrooveError is printed on stderr with exit code 2; Ctrl-C gives exit
+    code 130.
     """
     try:
         app()
     except VgrooveError as error:
-        Console(stderr=True).print(
-            f"vgroove: {error}", style="red", highlight=False, markup=False, soft_wrap=True
-        )
+        from vgroove.terminal import print_line
+
+        print_line(Console(stderr=True), f"vgroove: {error}", style="red")
         sys.exit(2)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

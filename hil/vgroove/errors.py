@@ -1,4 +1,4 @@
-"""The one exception that carries a sentence for the user; the CLI prints it and exits 2."""
+"""The exception whose message is meant for the user; the command line exits with 2 on it."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,8 +10,8 @@ class VgrooveError(Exception):
 
 @contextmanager
 def refused_by_plant(what: str) -> Iterator[None]:
-    """What the plant will not or cannot simulate becomes a sentence about `what` (ValueError: a
-    value, RuntimeError: a run).
+    """Turns errors of the plant into a VgrooveError about `what`: ValueError (it refuses
+    a value) and RuntimeError (it cannot simulate a run).
     """
     try:
         yield

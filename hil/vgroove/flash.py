@@ -1,5 +1,5 @@
-"""`vgroove flash`: hands the firmware's hex file to avrdude, which talks to the board's bootloader
-and reads back what it wrote.
+"""`vgroove flash`: writes the firmware's hex file with avrdude through the board's bootloader and
+verifies it by reading back.
 """
 
 import shutil
@@ -10,9 +10,11 @@ from pathlib import Path
 from vgroove.board import default_elf
 from vgroove.errors import VgrooveError
 
-# Arduino bootloaders: Optiboot of the Uno speaks STK500v1, that of the Mega 2560 STK500v2
-# ("wiring"); both at 115,200 Bd.
+# avrdude's names of protocol and part, and the baud rate. The bootloader of the Uno (Optiboot) has
+# the protocol STK500v1, that of the Mega 2560 STK500v2 ("wiring").
 PROGRAMMERS = {"uno": ("arduino", "m328p", 115200), "mega": ("wiring", "m2560", 115200)}
+
+ERROR_WORDS = ("mismatch", "error", "cannot", "can't")  # in the order of their worth as a reason
 
 
 def flash_command(port: str, target: str, image: Path) -> list[str]:
@@ -23,27 +25,15 @@ def flash_command(port: str, target: str, image: Path) -> list[str]:
         raise VgrooveError(f"--target is uno or mega, not {target}")
     if not image.is_file():
         raise VgrooveError(
-            f"there is no firmware at {image}: build it with `make build`, or name a hex file with --hex"
+            f"there is no firmware at {image}: build it with `make build`, or name a hex file with "
+            "--hex"
         )
     avrdude = shutil.which("avrdude")
     if avrdude is None:
         raise VgrooveError("avrdude is missing: run `make setup`")
     programmer, part, baud = PROGRAMMERS[target]
-    return [
-        avrdude,
-        "-q",
-        "-c",
-        programmer,
-        "-p",
-        part,
-        "-P",
-        port,
-        "-b",
-        str(baud),
-        "-D",
-        "-U",
-        f"flash:w:{image}:i",
-    ]
+    connection = ["-c", programmer, "-p", part, "-P", port, "-b", str(baud)]
+    return [avrdude, "-q", *connection, "-D", "-U", f"flash:w:{image}:i"]
 
 
 def flash(
@@ -52,8 +42,9 @@ def flash(
     image: Path | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """Flash and verify; VgrooveError with avrdude's last sentence when a byte differs or the board
-    does not answer.
+    """Flash and verify; `say` gets each line of avrdude.
+
+    VgrooveError with avrdude's error when a byte differs or the board does not answer.
     """
     command = flash_command(port, target, image or default_elf(target).with_suffix(".hex"))
     process = subprocess.Popen(
@@ -69,10 +60,12 @@ def flash(
 
 
 def _reason(lines: list[str]) -> str:
-    """The line that says most; complaints about modem lines, which a pty has not, say nothing."""
-    telling = [line for line in lines if "ioctl" not in line]
-    for word in ("mismatch", "error", "cannot", "can't"):
-        for line in telling:
+    """The error among avrdude's lines; those on modem control lines (ioctl), which a pty has not,
+    are ignored.
+    """
+    relevant = [line.strip() for line in lines if "ioctl" not in line]
+    for word in ERROR_WORDS:
+        for line in relevant:
             if word in line.lower():
-                return line.strip()
-    return telling[-1].strip() if telling else "it said nothing"
+                return line
+    return relevant[-1] if relevant else "it printed nothing"

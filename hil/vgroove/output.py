@@ -1,6 +1,4 @@
-"""Files that the package writes: whole or not at all, and known to be writable before the work that
-fills them begins.
-"""
+"""Writes files whole or not at all, and checks before the work that they can be written."""
 
 import json
 import os
@@ -17,12 +15,12 @@ PART_PREFIX, PART_SUFFIX = ".vgroove-", ".part"
 
 
 def _is_device(path: Path) -> bool:
-    """A terminal, pipe or device such as /dev/stdout: written in place, for it cannot be replaced."""
+    """Whether it is a terminal, pipe or device such as /dev/stdout, which is written in place."""
     return path.exists() and (os.path.abspath(path).startswith("/dev/") or not path.is_file())
 
 
 def _mode(path: Path) -> int:
-    """Permissions of the file that is replaced, or those of a new one."""
+    """Permissions of the file that is replaced, or those of a new file."""
     if path.exists():
         return stat.S_IMODE(path.stat().st_mode)
     mask = os.umask(0)
@@ -32,8 +30,8 @@ def _mode(path: Path) -> int:
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """A binary file that takes the place of `path` when the block ends well, and leaves nothing
-    behind when it does not; OSError.
+    """A binary file that replaces `path` when the block ends without an exception, and is deleted
+    otherwise. Raises OSError.
     """
     path = Path(path)
     if _is_device(path):
@@ -56,7 +54,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 def unwritable(path: str | os.PathLike[str], error: OSError) -> VgrooveError:
-    """The sentence for a file that could not be written."""
+    """The error for a file that could not be written."""
     return VgrooveError(f"{path}: cannot be written: {error.strerror or error}.")
 
 
@@ -83,11 +81,10 @@ def write_json(path: str | os.PathLike[str], content: Any, allow_nan: bool = Fal
 
 
 def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path] = ()) -> None:
-    """VgrooveError for a file that could not be written at the end: called before the work, so that
-    nothing is done in vain.
+    """VgrooveError for an output that could not be written; to be called before the work.
 
-    None (an output that is not wanted) passes; so do the devices of /dev. No two outputs, and no
-    output and input, may be one file.
+    None (an output that is not wanted) and the devices of /dev are accepted. No two outputs, and no
+    output and input, may be the same file.
     """
     taken = {os.path.realpath(path): path for path in inputs}
     for path in (path for path in outputs if path is not None):
@@ -106,13 +103,13 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path] = ()) -
 
 
 def _check_output(path: Path) -> None:
-    """Try what replacing() will do: a file of that name and one beside it."""
+    """Try what replacing() needs: a writable file of that name and a new file in its folder."""
     if path.is_dir():
         raise VgrooveError(f"{path}: cannot be written: it is a folder.")
     if not path.parent.is_dir():
         raise VgrooveError(f"{path}: cannot be written: the folder {path.parent} does not exist.")
     with suppress(FileNotFoundError):
-        path.stat()  # a name that the file system does not take
+        path.stat()  # raises OSError for a name that the file system does not accept
         if not os.access(path, os.W_OK):
             raise VgrooveError(f"{path}: cannot be written: it is read-only.")
     if not _is_device(path):

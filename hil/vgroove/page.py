@@ -1,6 +1,4 @@
-"""Pages of the house: tables, figures and cards as one HTML text that opens offline; what every
-report is shown on.
-"""
+"""Pages of reports: tables, figures and cards as one HTML text that opens without a network."""
 
 import csv
 import html
@@ -14,23 +12,33 @@ import plotly.graph_objects as go
 import rich.table
 from plotly.offline import get_plotlyjs
 
-PAGE_WIDTH = 1000
-LEAST_SHOWN = 1e-4
-CSS = """body{font:16px/1.5 system-ui,sans-serif;max-width:1000px;margin:24px auto;padding:0 20px;color:#222}
-h1{font-size:25px;margin-bottom:4px} h2{font-size:19px;margin:34px 0 4px} table{border-collapse:collapse;font-size:14px}
-td,th{padding:3px 10px;border-bottom:1px solid #ddd;text-align:left} td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}
-p{margin:6px 0} .note{color:#555} .lead{font-size:19px} .warn{color:#8a5a00}
-code{font:14px/1.5 ui-monospace,monospace;background:#f3f4f6;padding:1px 5px;border-radius:3px;overflow-wrap:anywhere}
-.cards{display:grid;grid-template-columns:repeat(4,1fr);gap:12px;margin:16px 0} .card{border:1px solid #d5d8dc;border-top:4px solid #00798c;
-border-radius:4px;padding:8px 12px} .card b{display:block;font-size:19px;line-height:1.3;overflow-wrap:anywhere} .card i{font-style:normal;
-font-size:13px;letter-spacing:.04em;color:#555} .card span{font-size:14px;color:#333;display:block;margin-top:4px}
-@media(max-width:760px){.cards{grid-template-columns:repeat(2,1fr)}}"""
+PAGE_WIDTH = 1000  # CSS pixels
+LEAST_SHOWN = 1e-4  # smaller magnitudes are shown as "< 0.0001"
+CSS = (
+    "body{font:16px/1.5 system-ui,sans-serif;max-width:1000px;margin:24px auto;"
+    "padding:0 20px;color:#222}\n"
+    "h1{font-size:25px;margin-bottom:4px} h2{font-size:19px;margin:34px 0 4px} "
+    "table{border-collapse:collapse;font-size:14px}\n"
+    "td,th{padding:3px 10px;border-bottom:1px solid #ddd;text-align:left} "
+    "td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}\n"
+    "p{margin:6px 0} .note{color:#555} .lead{font-size:19px} .warn{color:#8a5a00}\n"
+    "code{font:14px/1.5 ui-monospace,monospace;background:#f3f4f6;padding:1px 5px;"
+    "border-radius:3px;overflow-wrap:anywhere}\n"
+    ".cards{display:grid;grid-template-columns:repeat(4,1fr);gap:12px;margin:16px 0} "
+    ".card{border:1px solid #d5d8dc;border-top:4px solid #00798c;\n"
+    "border-radius:4px;padding:8px 12px} "
+    ".card b{display:block;font-size:19px;line-height:1.3;overflow-wrap:anywhere} "
+    ".card i{font-style:normal;\n"
+    "font-size:13px;letter-spacing:.04em;color:#555} "
+    ".card span{font-size:14px;color:#333;display:block;margin-top:4px}\n"
+    "@media(max-width:760px){.cards{grid-template-columns:repeat(2,1fr)}}"
+)
 
 
 @dataclass(frozen=True)
 class Table:
-    """One table: `name` ends its file's name; a column's header carries its unit; cells are texts,
-    numbers or None.
+    """One table. `name` is the last part of its file's name; a column's header states its unit;
+    cells are texts, numbers or None.
     """
 
     name: str
@@ -39,7 +47,7 @@ class Table:
     rows: Sequence[Sequence[Any]]
 
     def as_csv(self) -> str:
-        """Header and rows, numbers to six digits."""
+        """CSV text: header and rows, numbers to six digits."""
         buffer = io.StringIO()
         writer = csv.writer(buffer, lineterminator="\n")
         writer.writerow(self.header)
@@ -50,7 +58,7 @@ class Table:
         return buffer.getvalue()
 
     def as_rich(self) -> rich.table.Table:
-        """For the terminal."""
+        """The table for the terminal."""
         table = rich.table.Table(title=self.title, title_justify="left", title_style="bold")
         for column, name in enumerate(self.header):
             table.add_column(
@@ -61,7 +69,7 @@ class Table:
         return table
 
     def as_html(self) -> str:
-        """For the page."""
+        """HTML for the page."""
         marks = [
             " class=n" if self._is_number(column) else "" for column in range(len(self.header))
         ]
@@ -75,13 +83,13 @@ class Table:
         return f"<table><tr>{head}</tr>" + "".join(f"<tr>{row}</tr>" for row in body) + "</table>"
 
     def as_markdown(self) -> str:
-        """For pages of documentation."""
+        """Markdown for pages of documentation."""
         ruler = ["---:" if self._is_number(column) else "---" for column in range(len(self.header))]
         rows = [[shown(cell).replace("|", "\\|") for cell in row] for row in self.rows]
         return "\n".join(f"| {' | '.join(cells)} |" for cells in (self.header, ruler, *rows))
 
     def height(self) -> int:
-        """On the page, about, in CSS pixels."""
+        """Approximate height on the page in CSS pixels."""
         return 100 + 32 * len(self.rows)
 
     def _is_number(self, column: int) -> bool:
@@ -97,8 +105,8 @@ def table_from_dicts(
 
 
 def shown(cell: Any) -> str:
-    """A cell as people read it: four digits, a dash for nothing; what is smaller than anyone
-    measures is said to be.
+    """Text of a cell: numbers to four digits, magnitudes below LEAST_SHOWN as such, a dash for
+    None.
     """
     if cell is None:
         return "–"
@@ -111,45 +119,45 @@ def shown(cell: Any) -> str:
 
 @dataclass(frozen=True)
 class Picture:
-    """A plotly figure with its title and the sentence that says what is seen."""
+    """A plotly figure with its title and a sentence that explains it."""
 
     title: str
     figure: go.Figure
     note: str = ""
 
     def height(self) -> int:
-        """On the page, about, in CSS pixels."""
+        """Approximate height on the page in CSS pixels."""
         return self.figure.layout.height + 110
 
 
 @dataclass(frozen=True)
 class Note:
-    """A heading with sentences under it; `code` is set as the user types it."""
+    """A heading with sentences below it, and optionally a command that the user can type."""
 
     title: str
     lines: Sequence[str]
     code: str = ""
 
     def as_html(self) -> str:
-        """For the page."""
+        """HTML for the page."""
         lines = "".join(f"<p>{html.escape(line)}</p>" for line in self.lines)
         return lines + (f"<p><code>{html.escape(self.code)}</code></p>" if self.code else "")
 
     def height(self) -> int:
-        """On the page, about, in CSS pixels."""
+        """Approximate height on the page in CSS pixels."""
         return 100 + 34 * len(self.lines)
 
 
 @dataclass(frozen=True)
 class Card:
-    """What a page says at first sight: a question, its answer in a few words, and what supports it."""
+    """A box at the top of a page: a question, its answer in a few words, and the evidence for it."""
 
     question: str
     answer: str
     support: str = ""
 
     def as_html(self) -> str:
-        """For the page."""
+        """HTML for the page."""
         parts = (html.escape(part) for part in (self.question, self.answer, self.support))
         return "<div class=card><i>{}</i><b>{}</b><span>{}</span></div>".format(*parts)
 
@@ -159,8 +167,8 @@ Part = Table | Picture | Note
 
 @dataclass(frozen=True)
 class Page:
-    """A page from top to bottom; `lead` is its finding in a sentence, `name` that of the pictures
-    saved from it.
+    """A page from top to bottom. `lead` is its finding in one sentence; pictures saved from it are
+    named after `name`.
     """
 
     name: str
@@ -172,7 +180,7 @@ class Page:
     warnings: Sequence[str] = ()
 
     def as_html(self, bar: bool | str = "hover") -> str:
-        """One text that opens offline; `bar`: when the buttons above a figure show."""
+        """The page as one HTML text; `bar`: when plotly's buttons above a figure are visible."""
         body = [f"<h1>{html.escape(self.title)}</h1>"]
         body += [f"<p class=lead>{html.escape(self.lead)}</p>"] if self.lead else []
         body += (
@@ -187,14 +195,18 @@ class Page:
             figures += isinstance(part, Picture)
             body.append(f"<h2>{html.escape(part.title)}</h2>")
             body.append(
-                self._drawn(part, figures, bar) if isinstance(part, Picture) else part.as_html()
+                self._figure_html(part, figures, bar)
+                if isinstance(part, Picture)
+                else part.as_html()
             )
+        head = f"<meta charset=utf-8><title>{html.escape(self.title)}</title><style>{CSS}</style>"
+        script = f"<link rel=icon href='data:,'><script>{get_plotlyjs()}</script>"
         return (
-            f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{html.escape(self.title)}</title><style>{CSS}</style>"
-            f"<link rel=icon href='data:,'><script>{get_plotlyjs()}</script></head><body>{''.join(body)}</body></html>\n"
+            f"<!doctype html><html lang=en><head>{head}{script}</head>"
+            f"<body>{''.join(body)}</body></html>\n"
         )
 
-    def _drawn(self, picture: Picture, number: int, bar: bool | str) -> str:
+    def _figure_html(self, picture: Picture, number: int, bar: bool | str) -> str:
         image = {"format": "svg", "filename": f"{self.name}_{number}"}
         config = {"displaylogo": False, "displayModeBar": bar, "toImageButtonOptions": image}
         figure = picture.figure.to_html(
@@ -203,7 +215,7 @@ class Page:
         return f"<p class=note>{html.escape(picture.note)}</p>{figure}"
 
     def height(self) -> int:
-        """About its height in CSS pixels."""
+        """Approximate height of the page in CSS pixels."""
         return (
             180
             + 34 * len(self.lines)
@@ -213,8 +225,8 @@ class Page:
 
 
 def style(figure: go.Figure, height: int, **layout: Any) -> go.Figure:
-    """The house's look: white, type that is read at half a page, legend above, the camera saves an
-    SVG.
+    """Give a figure the common style of all reports and return it: white, page width, legend above,
+    type that is legible at half the page's width.
     """
     legend = {
         "orientation": "h",
@@ -238,8 +250,8 @@ def style(figure: go.Figure, height: int, **layout: Any) -> go.Figure:
 
 
 def thin(time: np.ndarray, *columns: np.ndarray, points: int = 3000) -> list[np.ndarray]:
-    """`time` and columns (n,) with at most about `points` samples each; of every stretch the
-    extremes of each column stay.
+    """Reduce `time` and columns (n,) to about `points` samples for a plot (min-max decimation): of
+    every interval the samples at which a column has its minimum and maximum are kept.
     """
     count = len(time)
     if count <= points:

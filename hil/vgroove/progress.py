@@ -1,4 +1,4 @@
-"""The one progress bar of all commands: it counts steps or seconds and is drawn on terminals only."""
+"""The progress bar of all commands: it counts steps or seconds, on terminals only."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

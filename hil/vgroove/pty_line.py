@@ -1,5 +1,5 @@
-"""The simulated board's UART as a pseudo-terminal that recorders open like a serial port; nothing
-is lost while somebody reads.
+"""The simulated board's UART as a pseudo-terminal, which a recorder opens like a serial port;
+nothing is lost while a reader has it open.
 """
 
 import fcntl
@@ -12,19 +12,22 @@ import tty
 
 from vgroove.errors import VgrooveError
 
-# a serial library flushes its input while it opens a port; a real board is still in its bootloader
-# then
+# A serial library flushes its input while it opens a port, during which a real board is in its
+# bootloader: nothing is sent for this time.
 SETTLE_S = 0.3
-DRAIN_S = 5.0
-# the kernel refills what the reader sees from a hidden buffer, later on a busy machine: empty once
-# is not yet drained
+DRAIN_S = 5.0  # without progress: the reader is taken to have stopped
+# The kernel refills the reader's buffer from another one, with delay on a busy machine: the line is
+# drained when the buffer has been empty for this time.
 QUIET_S = 0.3
+POLL_MS = 100  # for room in the buffer
+READ_BYTES = 4096
 
 
 class PtyLine:
-    """One end is the board; the other, `name`, is a raw terminal for the reader. A context manager.
+    """A pseudo-terminal: this end is the board's, `name` is the device of the reader's end. A
+    context manager.
 
-    While a reader has the port open, sending blocks until there is room. While none has, bytes are
+    While a reader has the port open, sending blocks until there is room; otherwise bytes are
     dropped, as on a wire.
     """
 
@@ -32,10 +35,10 @@ class PtyLine:
         try:
             self._master, slave = os.openpty()
         except OSError as error:
-            raise VgrooveError(f"no pseudo-terminal is to be had: {error.strerror}") from error
+            raise VgrooveError(f"no pseudo-terminal is available: {error.strerror}") from error
         tty.setraw(slave)
         self.name = os.ttyname(slave)
-        # from now on the master tells by a hang-up whether somebody has the port open
+        # with this end closed, a hang-up on the master shows that no reader has the port open
         os.close(slave)
         os.set_blocking(self._master, False)
         self._poll = select.poll()
@@ -53,11 +56,11 @@ class PtyLine:
         return events[0][1] if events else 0
 
     def has_reader(self) -> bool:
-        """Whether somebody has the port open."""
+        """Whether a reader has the port open."""
         return not self._state() & select.POLLHUP
 
     def wait_for_reader(self, limit_s: float | None = None) -> bool:
-        """Wait until somebody has opened the port and is settled; False when the limit passes
+        """Wait until a reader has opened the port, and SETTLE_S more; False when `limit_s` passes
         first.
         """
         begin = time.monotonic()
@@ -69,11 +72,11 @@ class PtyLine:
         return True
 
     def send(self, data: bytes) -> None:
-        """Hand bytes to the reader; blocks while its buffer is full, drops them when the port is
+        """Send bytes to the reader; blocks while its buffer is full, drops them when the port is
         closed.
         """
         while data:
-            state = self._state(100)
+            state = self._state(POLL_MS)
             if state & select.POLLHUP:
                 self.dropped += len(data)
                 return
@@ -87,10 +90,10 @@ class PtyLine:
             return 0
 
     def receive(self, time_s: float = 0.0) -> bytes:
-        """What the reader has written since the last call."""
+        """Bytes that the reader has written since the last call."""
         del time_s
         try:
-            return os.read(self._master, 4096) if self._state() & select.POLLIN else b""
+            return os.read(self._master, READ_BYTES) if self._state() & select.POLLIN else b""
         except (BlockingIOError, OSError):
             return b""
 
@@ -102,13 +105,13 @@ class PtyLine:
             os.close(slave)
 
     def drain(self) -> None:
-        """Wait until the reader has taken everything, has gone, or has taken nothing for DRAIN_S."""
+        """Wait until the reader has read everything, has closed it, or reads nothing for DRAIN_S."""
         left, since = self._unread(), time.monotonic()
         while self.has_reader() and time.monotonic() - since < (DRAIN_S if left else QUIET_S):
             time.sleep(0.02)
-            now_left = self._unread()
-            if now_left != left:
-                left, since = now_left, time.monotonic()
+            unread = self._unread()
+            if unread != left:
+                left, since = unread, time.monotonic()
 
     def close(self) -> None:
         """Hang up."""

@@ -1,5 +1,5 @@
-"""`vgroove run`: a scenario on the native firmware or on the simulated AVR, its log written as
-`vgroove record` would have written it.
+"""`vgroove run`: a scenario on the native firmware or on the simulated AVR, with the log that
+`vgroove record` would have written.
 """
 
 import time
@@ -9,18 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from vgroove import lockstep, telemetry
 from vgroove.board import AvrBoard, default_elf
 from vgroove.errors import VgrooveError
 from vgroove.output import check_outputs, unwritable, write_bytes
+from vgroove.progress import ProgressBar, seconds_bar
 from vgroove.pty_line import PtyLine
-from vgroove.recorder import SINKS
+from vgroove.recording_files import file_type
 from vgroove.scenario import Scenario, command_messages, make_plant
 from vgroove.sil import SilBoard
+from vgroove.terminal import print_line
 
-Tell = Callable[[str], None]
 EEPROM_BYTES = 1024  # of the native firmware
 MCUS = {"uno": "atmega328p", "mega": "atmega2560"}
 
@@ -58,7 +58,8 @@ def make_board(options: RunOptions, seed: int) -> AvrBoard | SilBoard:
         return SilBoard(eeprom=_image(options.eeprom))
     if options.on != "avr":
         raise VgrooveError(
-            f"--on is sil or avr, not {options.on}; a board on a port performs --experiment NAME or --next VERDICT.json"
+            f"--on is sil or avr, not {options.on}; a board on a port performs --experiment NAME "
+            "or --next VERDICT.json"
         )
     if options.target not in MCUS:
         raise VgrooveError(f"--target is uno or mega, not {options.target}")
@@ -68,23 +69,25 @@ def make_board(options: RunOptions, seed: int) -> AvrBoard | SilBoard:
     )
 
 
-class Both:
-    """A scenario's own commands and a pty on one line."""
+class ScriptAndPty:
+    """The board's line with two senders: the scenario's commands and the reader of a pty."""
 
     def __init__(self, script: lockstep.Script, pty: PtyLine) -> None:
         self._script, self._pty = script, pty
 
     def send(self, data: bytes) -> None:
-        """To the pty."""
+        """Bytes of the board, to the pty."""
         self._pty.send(data)
 
     def receive(self, time_s: float) -> bytes:
-        """From both."""
+        """Bytes for the board, from both."""
         return self._script.receive(time_s) + self._pty.receive(time_s)
 
 
 @contextmanager
-def _line(scenario: Scenario, options: RunOptions, announce: Tell) -> Iterator[lockstep.Line]:
+def _line(
+    scenario: Scenario, options: RunOptions, announce: Callable[[str], None]
+) -> Iterator[lockstep.Line]:
     script = lockstep.Script(command_messages(scenario.commands))
     if not options.pty:
         yield script
@@ -93,108 +96,83 @@ def _line(scenario: Scenario, options: RunOptions, announce: Tell) -> Iterator[l
         announce(pty.name)
         if options.wait:
             pty.wait_for_reader()
-        yield Both(script, pty)
+        yield ScriptAndPty(script, pty)
         pty.drain()
 
 
-@contextmanager
-def progress_bar(console: Console, duration_s: float) -> Iterator[Callable[..., None]]:
-    """A bar on a terminal; what it yields takes the time in s, and words for `description`."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.1f} / {task.total:.1f} s"),
-        TimeElapsedColumn(),
-    )
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as progress:
-        task = progress.add_task("running", total=duration_s)
-        yield lambda time_s, **words: progress.update(task, completed=time_s, **words)
-
-
-def _drive(
-    scenario: Scenario,
-    options: RunOptions,
-    sent: bytearray,
-    announce: Tell,
-    show: Callable[[float], None],
+def _run_in_lockstep(
+    scenario: Scenario, options: RunOptions, sent: bytearray, out: Console, bar: ProgressBar
 ) -> None:
-    """Run the scenario; `sent` grows with what the board sends, so that an interrupted run leaves
-    what it had.
+    """Run the scenario. `sent` grows with the bytes of the board, so that an interrupted run leaves
+    those sent until then.
     """
-    tool, front, seed = (
-        make_plant(scenario.tool, scenario.seed),
-        scenario.front_ends(),
-        scenario.seed,
-    )
-    with make_board(options, scenario.seed) as board, _line(scenario, options, announce) as line:
+    tool = make_plant(scenario.tool, scenario.seed)
+    front = scenario.front_ends()
+    with (
+        make_board(options, scenario.seed) as board,
+        _line(scenario, options, lambda name: print_line(out, name)) as line,
+    ):
         begin, done = time.monotonic(), 0
-        for progress in lockstep.steps(
-            board, tool, scenario.profile, scenario.duration_s, front=front, line=line, seed=seed
+        for now in lockstep.steps(
+            board,
+            tool,
+            scenario.profile,
+            scenario.duration_s,
+            front=front,
+            line=line,
+            seed=scenario.seed,
         ):
-            sent += progress.sent[done:]
-            done = len(progress.sent)
-            show(progress.time_s)
+            sent += now.sent[done:]
+            done = len(now.sent)
+            bar.move_to(now.time_s)
             if options.real_time:
-                time.sleep(max(0.0, progress.time_s - (time.monotonic() - begin)))
-        if options.eeprom and isinstance(board, SilBoard):  # the AVR bench keeps its image itself
+                time.sleep(max(0.0, now.time_s - (time.monotonic() - begin)))
+        if options.eeprom and isinstance(board, SilBoard):  # vgroove-board writes its image itself
             write_bytes(options.eeprom, board.eeprom())
 
 
 def write_run(data: bytes, path: Path) -> int:
-    """Write what a board sent as .csv, .mf4, .blf or .asc; returns the rows. Nothing appears under
-    `path` before it is complete.
+    """Write the bytes of a board as .csv, .mf4, .blf or .asc, whole or not at all; returns the
+    number of rows.
     """
-    sink_type = SINKS.get(path.suffix.lower())
-    if sink_type is None:
-        raise VgrooveError(f"{path}: a log ends in .csv, .mf4, .blf or .asc")
+    create = file_type(path)
     session = telemetry.Session()
     frames = telemetry.Framer(session.counters).feed(data)
     session.feed(frames)
     try:
-        sink = sink_type(path)
+        file = create(path)
         try:
             for frame in frames:
-                sink.frame(frame)
-            sink.block(session.take_rows())
-            sink.finish()
-            if sink.rows:
-                sink.publish()
-            return sink.rows
+                file.add_frame(frame)
+            file.add_rows(session.take_rows())
+            file.finish()
+            if file.rows:
+                file.publish()
+            return file.rows
         finally:
-            sink.discard()
+            file.discard()
     except OSError as error:
         raise unwritable(path, error) from error
 
 
 def run_scenario(scenario: Scenario, options: RunOptions, out: Console, errors: Console) -> None:
-    """Run and write; on Ctrl-C the log holds what had been sent until then, and KeyboardInterrupt
-    goes on.
+    """Run a scenario and write its log. On Ctrl-C (KeyboardInterrupt) the log holds what the board
+    had sent until then.
     """
-    if options.output and options.output.suffix.lower() not in SINKS:
-        raise VgrooveError(f"{options.output}: a log ends in .csv, .mf4, .blf or .asc")
+    if options.output:
+        file_type(options.output)
     check_outputs(
         (options.output, options.stats, options.eeprom), (scenario.rig_path, Path(scenario.source))
     )
-    sent = bytearray()
+    sent, rows = bytearray(), None
     begin = time.monotonic()
     try:
-        with progress_bar(errors, scenario.duration_s) as show:
-            _drive(
-                scenario,
-                options,
-                sent,
-                lambda name: out.print(name, highlight=False, soft_wrap=True),
-                show,
-            )
+        with seconds_bar(scenario.duration_s, console=errors) as bar:
+            _run_in_lockstep(scenario, options, sent, out, bar)
     finally:
-        rows = write_run(bytes(sent), options.output) if options.output and sent else None
+        if options.output and sent:
+            rows = write_run(bytes(sent), options.output)
     took = time.monotonic() - begin
-    speed = f"{scenario.duration_s:g} s simulated in {took:.1f} s ({scenario.duration_s / took:.1f} x real time)"
-    errors.print(
-        speed + (f", {rows} rows in {options.output}" if rows is not None else ""),
-        highlight=False,
-        markup=False,
-        soft_wrap=True,
-    )
+    speed = f"{scenario.duration_s / took:.1f} x real time"
+    written = f", {rows} rows in {options.output}" if rows is not None else ""
+    print_line(errors, f"{scenario.duration_s:g} s simulated in {took:.1f} s ({speed}){written}")

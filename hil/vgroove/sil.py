@@ -1,5 +1,5 @@
-"""The native firmware as a board: the same C, linked with the lock-step machine of
-firmware/hal/sim, in this process.
+"""The native firmware as a board: the firmware's C compiled for the host with firmware/hal/sim, in
+this process.
 """
 
 from vgroove.board import BoardInputs, BoardOutputs, pack_inputs, unpack_outputs
@@ -17,11 +17,11 @@ def _firmware(**options: object) -> object:
 
 
 class SilBoard:
-    """The native firmware, a period at a time; a context manager. One at a time: the firmware's
-    state is the process's.
+    """The native firmware, a period at a time; a context manager.
 
-    Options: eeprom (1,024 bytes; absent: erased), reset_cause and target as BOOT reports them,
-    isr_cycles and tick_cycles (latencies).
+    Only one may exist in a process, because the firmware's state is global. Options: eeprom (1,024
+    bytes; absent: erased), reset_cause and target as BOOT reports them, isr_cycles and tick_cycles
+    (latencies).
     """
 
     def __init__(self, **options: object) -> None:
@@ -35,19 +35,19 @@ class SilBoard:
         self.close()
 
     def period(self, inputs: BoardInputs) -> BoardOutputs:
-        """Advance 510 cycles with `inputs`; the gates in force in the next period and the bytes
+        """Advance 510 cycles with `inputs`; the bridge command of the next period and the bytes
         sent in this one.
         """
         return unpack_outputs(self._exchange(pack_inputs(inputs)))
 
     def eeprom(self) -> bytes:
-        """The EEPROM as it is now."""
+        """Content of the EEPROM, 1,024 bytes."""
         return self.machine.eeprom
 
     def close(self) -> None:
-        """Nothing to end; for symmetry with AvrBoard."""
+        """Does nothing; AvrBoard ends its process here."""
 
 
 def replay(inputs: bytes, **options: object) -> bytes:
-    """Answers of the native firmware to recorded inputs, whole messages one after the other."""
+    """Outputs of the native firmware for recorded inputs, complete messages in succession."""
     return _firmware(**options).exchange(inputs)

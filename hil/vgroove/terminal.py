@@ -1,10 +1,12 @@
 """Lines and tables on the terminal: file names and numbers are printed as they are, unwrapped."""
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from vgroove.page import Table
+if TYPE_CHECKING:  # it loads plotly
+    from vgroove.page import Table
 
 PIPED_WIDTH = 130  # columns of a table that goes into a file or a pipe
 
@@ -25,7 +27,7 @@ def table_console(piped_width: int = PIPED_WIDTH) -> Console:
     return console if console.is_terminal else Console(width=piped_width)
 
 
-def print_results(console: Console, lines: Iterable[str], tables: Iterable[Table]) -> None:
+def print_results(console: Console, lines: Iterable[str], tables: Iterable["Table"]) -> None:
     """Print sentences, then tables."""
     for line in lines:
         print_line(console, line)

@@ -1,5 +1,5 @@
-"""What the ELFs may cost: flash, static RAM, no floating point at run time. Prints the figures;
-code 1 when one is over.
+"""Limits of the ELFs: flash, static RAM, no floating point at run time. Prints the figures; exit
+code 1 when a limit is exceeded.
 """
 
 import re
@@ -11,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 FLASH_LIMIT = 28 * 1024
 RAM_LIMIT = int(1.5 * 1024)
-TICK_CYCLES_MAX = 5000  # of 16,000, with the interrupts that preempt it
+TICK_CYCLES_MAX = 5000  # of 16,000, including the interrupts within the tick
 CONTROL_CYCLES_MAX = 1500
 SOFT_FLOAT = re.compile(
     r"__(add|sub|mul|div|cmp|eq|ne|lt|le|gt|ge|fix|fixuns|float|floatun|neg|fp_)[a-z]*(sf|df|si)?[23]?$"
@@ -21,14 +21,14 @@ FLOAT_MARK = re.compile(r"sf|df|fp_")
 
 @dataclass(frozen=True)
 class Budget:
-    """What one ELF needs: bytes of flash and static RAM, names of float routines in it."""
+    """Bytes of flash and static RAM of one ELF, and the names of its float routines."""
 
     flash: int
     ram: int
     soft_float: tuple[str, ...]
 
     def broken(self) -> list[str]:
-        """Sentences for what is over its limit."""
+        """A sentence for each exceeded limit."""
         out = [f"flash {self.flash} > {FLASH_LIMIT} bytes"] if self.flash > FLASH_LIMIT else []
         out += [f"static RAM {self.ram} > {RAM_LIMIT} bytes"] if self.ram > RAM_LIMIT else []
         return out + (
@@ -46,7 +46,7 @@ def soft_float(symbols: list[str]) -> tuple[str, ...]:
 
 
 def measure(elf: Path) -> Budget:
-    """Sizes by section: .text and .data lie in flash, .data, .bss and .noinit in RAM."""
+    """Sizes by section: .text and .data are in flash; .data, .bss and .noinit in RAM."""
     sections = {
         m[1]: int(m[2])
         for m in re.finditer(r"^(\.\w+)\s+(\d+)", tool("avr-size", "-A", str(elf)), re.MULTILINE)
@@ -65,7 +65,8 @@ def main() -> int:
     for name in sys.argv[1:] or ["build/avr-uno/vgroove.elf", "build/avr-mega/vgroove.elf"]:
         budget = measure(ROOT / name)
         sys.stdout.write(
-            f"{name}: flash {budget.flash} of {FLASH_LIMIT}, static RAM {budget.ram} of {RAM_LIMIT} bytes\n"
+            f"{name}: flash {budget.flash} of {FLASH_LIMIT}, "
+            f"static RAM {budget.ram} of {RAM_LIMIT} bytes\n"
         )
         broken += [f"{name}: {sentence}" for sentence in budget.broken()]
     sys.stdout.write("".join(f"{line}\n" for line in broken))

@@ -1,5 +1,5 @@
-"""Programs of the AVR tests: the bench's own probe, built once a session, and the firmware's ELF
-files that `make build` left.
+"""Fixtures of the AVR tests: the bench's own test program, built once per session, and the
+firmware's ELF files built by `make build`.
 """
 
 import os
@@ -17,7 +17,7 @@ MCUS = {"uno": "atmega328p", "mega": "atmega2560"}
 
 @pytest.fixture(scope="session")
 def probe_elfs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The bench's own test program by microcontroller."""
+    """ELF of the bench's own test program for each microcontroller."""
     folder = tmp_path_factory.mktemp("probe")
     elfs = {mcu: folder / f"probe_{mcu}.elf" for mcu in MCUS.values()}
     for mcu, elf in elfs.items():
@@ -31,7 +31,7 @@ def probe_elfs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def _firmware(target: str) -> Path:
     named = os.environ.get(f"VGROOVE_{target.upper()}_ELF")
     elf = Path(named) if named else ROOT / "build" / f"avr-{target}" / "vgroove.elf"
-    assert elf.is_file(), f"there is no {elf}: run `make build`"
+    assert elf.is_file(), f"{elf} does not exist: run `make build`"
     return elf
 
 
@@ -49,8 +49,8 @@ def mega_elf() -> Path:
 
 @pytest.fixture(scope="session")
 def broken_elf(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The firmware for the ATmega328P with one shift of the current's rounding changed from 16 to
-    15, built from a copy.
+    """The firmware for the ATmega328P with one rounding shift of the current changed from 16 to 15,
+    built from a copy of the tree.
     """
     folder = tmp_path_factory.mktemp("broken")
     copy, build = folder / "tree", folder / "build"
@@ -68,7 +68,7 @@ def broken_elf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     body = re.compile(r"(current_sense_mean_q4\([^)]*\) \{.*?>> )(16)(\);)", re.DOTALL)
     text, shifts = body.subn(r"\1TEST_SHIFT\3", source.read_text())
     assert shifts == 1, (
-        f"{shifts} shifts by 16 in current_sense_mean_q4() of current_sense.c, where this test breaks the one: adapt it"
+        f"expected one shift by 16 in current_sense_mean_q4() of current_sense.c, found {shifts}"
     )
     source.write_text(text)
     configure = [

@@ -1,5 +1,5 @@
-"""Processor-in-the-loop equality: what a board's pins saw is taped once and replayed into both;
-streams are compared by field.
+"""Processor-in-the-loop equality: the inputs of a board's pins are recorded once on a tape and
+replayed into two boards, whose telemetry is compared signal by signal.
 """
 
 from dataclasses import dataclass
@@ -15,27 +15,27 @@ from vgroove.board import (
 )
 from vgroove.lockstep import Board
 
-# What a machine says of itself: cycles and stack have no meaning on the host, and the hash names
-# the build, not the behaviour.
+# Signals that depend on the machine: the host has no cycles and no stack, and the hash identifies
+# the build.
 OF_THE_MACHINE = {"worst_tick_cycles", "stack_free_bytes", "build_hash", "target"}
 
 
 class TapeBoard:
-    """A board that writes down what its pins see."""
+    """A board that records the inputs of its pins."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
         self.tape = bytearray()
 
     def period(self, inputs: BoardInputs) -> BoardOutputs:
-        """One period, taped."""
+        """One recorded PWM period."""
         self.tape += pack_inputs(inputs)
         return self._board.period(inputs)
 
 
 @dataclass(frozen=True)
 class Difference:
-    """First disagreement of one field."""
+    """First difference of one signal."""
 
     field: str
     time_ms: int
@@ -47,20 +47,20 @@ class Difference:
 
 
 def periods_of(outputs: bytes) -> list[BoardOutputs]:
-    """A board's recorded answers, period by period."""
+    """Outputs of a board, one per PWM period."""
     return [
         unpack_outputs(outputs[i : i + OUTPUT_BYTES]) for i in range(0, len(outputs), OUTPUT_BYTES)
     ]
 
 
 def sent_bytes(outputs: bytes) -> bytes:
-    """The UART bytes in a board's recorded answers."""
+    """UART bytes in the outputs of a board."""
     return b"".join(period.tx for period in periods_of(outputs))
 
 
 def bridge_differences(native: list[BoardOutputs], avr: list[BoardOutputs]) -> list[Difference]:
-    """Periods in which two boards' bridges are not the same: open or not, and while they drive the
-    compare value.
+    """PWM periods in which the bridges of two boards differ: open or not, and the compare value
+    while driving.
     """
     pairs = [
         ((a.coast, a.compare, a.dead_counts), (b.coast, b.compare, b.dead_counts))
@@ -82,8 +82,8 @@ def _masked(frame: telemetry.Frame) -> dict[str, float]:
 
 
 def differences(native: bytes, avr: bytes) -> list[Difference]:
-    """First difference of each field between two streams, in order of time; empty when they say the
-    same, frame by frame, bit for bit.
+    """First difference of each signal between two streams, in order of time; empty when all frames
+    are equal bit for bit.
     """
     first: dict[str, Difference] = {}
     frames = [telemetry.Framer().feed(stream) for stream in (native, avr)]
@@ -100,13 +100,13 @@ def differences(native: bytes, avr: bytes) -> list[Difference]:
             if value != others[name]:
                 first.setdefault(name, Difference(name, a.time_ms, value, others[name]))
     counts = [len(stream) for stream in frames]
-    if not first and abs(counts[0] - counts[1]) > 1:  # the last frame may be half sent
+    if not first and abs(counts[0] - counts[1]) > 1:  # the last frame may be incomplete
         first["frames"] = Difference("number of frames", 0, *counts)
     return sorted(first.values(), key=lambda difference: difference.time_ms)
 
 
 def damaged(stream: bytes) -> int:
-    """Bytes that belong to no intact frame."""
+    """Number of bytes that belong to no intact frame."""
     counters = telemetry.Counters()
     telemetry.Framer(counters).feed(stream)
     return counters.corrupt + counters.skipped_bytes

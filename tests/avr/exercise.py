@@ -1,5 +1,5 @@
 """Ten seconds that use every driver: both directions, over-current, missed and double edges, edges
-on ticks, bounce, EEPROM writes.
+at ticks, contact bounce, EEPROM writes.
 """
 
 from collections.abc import Sequence
@@ -63,8 +63,8 @@ PROFILE = Profile(
 
 
 class AwkwardEdges:
-    """A tool whose Hall edges are moved onto the ticks where they come near, doubled now and then,
-    and missed now and then.
+    """A tool whose Hall edges are moved to a tick when they are near one; some are doubled, some
+    missed.
     """
 
     def __init__(self, tool: Tool) -> None:
@@ -77,7 +77,7 @@ class AwkwardEdges:
     def period(
         self, coast: bool, duty: float, dead: float, load_nm: float
     ) -> tuple[float, float, Sequence[int]]:
-        """The tool's period with its edges made awkward."""
+        """The tool's PWM period with modified edges."""
         current, supply, edges = self._tool.period(coast, duty, dead, load_nm)
         begin, self._begin = self._begin, self._begin + CYCLES_PER_PERIOD
         return current, supply, self._awkward(list(edges), begin) if edges else edges
@@ -87,7 +87,7 @@ class AwkwardEdges:
         tick = -begin % TICK
         if tick < CYCLES_PER_PERIOD and len(edges) == 1:
             self.on_ticks += 1
-            # the capture's filter delays by 4
+            # the noise canceller of the capture delays by 4
             return [min(max(tick - 12 + self._edges % 17, 0), CYCLES_PER_PERIOD - 1)]
         if self._edges % 23 == 0 and edges[0] < 60:
             self.doubled += 1
@@ -96,8 +96,8 @@ class AwkwardEdges:
 
 
 class SettledSwitches:
-    """Contacts that hold still while a tick reads them: what a pin that changes just then gives
-    depends on latency, on silicon as here.
+    """A board whose switches do not change while a tick reads them: what a pin reads that changes
+    then depends on latency, also on silicon.
     """
 
     def __init__(self, board: TapeBoard) -> None:
@@ -106,7 +106,7 @@ class SettledSwitches:
         self._switches = 0
 
     def period(self, inputs: BoardInputs) -> BoardOutputs:
-        """The board's period; from the tick's period on the switches stand for two more."""
+        """The board's PWM period; switches are constant for two periods from a tick on."""
         since_tick, self._begin = self._begin % TICK, self._begin + CYCLES_PER_PERIOD
         if 2 * CYCLES_PER_PERIOD <= since_tick < TICK - CYCLES_PER_PERIOD:
             self._switches = inputs.switches
@@ -114,7 +114,7 @@ class SettledSwitches:
 
 
 def _frames() -> list[tuple[float, bytes]]:
-    """Commands of every kind, one of them damaged."""
+    """Commands of each kind, one of them damaged."""
 
     def frame(time_s: float, name: str, **signals: float) -> tuple[float, bytes]:
         return time_s, telemetry.frame_bytes(
@@ -140,7 +140,7 @@ def _frames() -> list[tuple[float, bytes]]:
 
 
 def record_tape(duration_s: float = DURATION_S, seed: int = 5) -> tuple[bytes, AwkwardEdges]:
-    """What the pins saw in a native run of the exercise."""
+    """Tape of a native run of the exercise, and its tool."""
     tool = AwkwardEdges(make_plant(without_board_effects(read_rig(RIG)), seed))
     board = TapeBoard(SilBoard(target=1))
     front = FrontEnds(current_noise_a=0.3, supply_noise_v=0.03)

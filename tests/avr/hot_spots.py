@@ -1,8 +1,8 @@
-"""Where the worst tick's cycles go: `hot_spots.py ELF [SCENARIO]` runs a scenario on the bench and
-lists functions by cycles.
+"""Cycles of the longest tick by function: `hot_spots.py ELF [SCENARIO]` runs a scenario on the
+bench and lists the functions by cycles.
 
-Link-time optimisation folds most of a tick into main; an ELF built with -DCMAKE_C_FLAGS=-fno-inline
-shows the functions.
+Link-time optimisation inlines most of a tick into main; an ELF built with
+-DCMAKE_C_FLAGS=-fno-inline shows the functions.
 """
 
 import argparse
@@ -20,7 +20,7 @@ STRESS = Path(__file__).resolve().parents[2] / "scenarios" / "stress.toml"
 
 
 def symbols(elf: Path) -> list[tuple[int, str]]:
-    """(address, name) of the ELF's code symbols, increasing."""
+    """(address, name) of the ELF's code symbols, in ascending order."""
     listing = subprocess.run(
         ["avr-nm", "-n", str(elf)], capture_output=True, text=True, check=True
     ).stdout
@@ -36,7 +36,7 @@ def symbols(elf: Path) -> list[tuple[int, str]]:
 
 
 def by_function(table: Path, elf: Path) -> tuple[Counter[str], Counter[str]]:
-    """Cycles by function: in all, and in the worst tick."""
+    """Cycles by function: of the whole run, and of the longest tick."""
     rows = [tuple(map(int, line.split())) for line in table.read_text().splitlines()]
     known = symbols(elf)
     starts = [address for address, _ in known]
@@ -49,7 +49,7 @@ def by_function(table: Path, elf: Path) -> tuple[Counter[str], Counter[str]]:
 
 
 def main() -> None:
-    """Run and print."""
+    """Run the scenario and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("elf", type=Path)
     parser.add_argument("scenario", type=Path, nargs="?", default=STRESS)

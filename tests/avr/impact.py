@@ -1,5 +1,5 @@
-"""Taped pins of the tool in each mode: impacts that take each controller through its heavy states,
-and sensors that say anything.
+"""Tapes of the tool in each mode: impacts that take each controller through its expensive states,
+and random sensor values.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from vgroove.scenario import make_plant
 from vgroove.sil import SilBoard
 
 DURATION_S = 1.9
-COMMAND_S = 0.2  # the current offset is known by then
+COMMAND_S = 0.2  # after the calibration of the current offset
 PULLS = Profile(
     travel=(
         (0, 0),
@@ -36,7 +36,7 @@ PULLS = Profile(
 
 @dataclass(frozen=True)
 class Case:
-    """A mode on a joint; `params`: raw values by name, written before the trigger is pulled."""
+    """A mode on a joint; `params`: raw parameter values, written before the trigger is pulled."""
 
     mode: str
     joint: str = "locked"
@@ -57,7 +57,7 @@ CASES = {
 
 
 def _frames(case: Case) -> list[tuple[float, bytes]]:
-    """The commands that choose the mode and its parameters."""
+    """Commands that set the mode and its parameters."""
     names = [parameter.name for parameter in telemetry.parameter_list()]
     asked = [("SET_MODE", {"mode_request": mode_number(case.mode)})]
     asked += [
@@ -76,7 +76,7 @@ def _frames(case: Case) -> list[tuple[float, bytes]]:
 
 
 def impact_tape(name: str) -> bytes:
-    """What the pins saw in a native run of the case."""
+    """Tape of a native run of the case."""
     case = CASES[name]
     board = TapeBoard(SilBoard(target=1))
     tool = (
@@ -97,7 +97,7 @@ def impact_tape(name: str) -> bytes:
 
 
 def acted(name: str, log: Log) -> bool:
-    """Whether the log shows the case's mode with its controller at work."""
+    """Whether the log shows the case's mode with an active controller."""
     driven = log["state"] == 1
     at_work = log["current_a"] > 20 if CASES[name].mode == "drill" else log["blow_count"] > 10
     return bool(
@@ -105,15 +105,15 @@ def acted(name: str, log: Log) -> bool:
     )
 
 
-class _WildEdges:
-    """Edges at a pitch that jumps, one in fifty missed or doubled."""
+class _RandomEdges:
+    """Edges at a pitch that changes abruptly, 2 % of them missed or doubled."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
         self._next = 0.0
 
     def of(self, begin: int, pitch_s: float) -> list[int]:
-        """Cycles of the edges in the period that begins at this one."""
+        """Cycles of the edges in the PWM period that begins at cycle `begin`."""
         self._next = min(max(self._next, begin), begin + 16e6 * pitch_s)
         edges: list[int] = []
         while self._next < begin + CYCLES_PER_PERIOD:
@@ -123,9 +123,9 @@ class _WildEdges:
         return edges
 
 
-def wild_tape(name: str, seed: int = 11) -> bytes:
-    """The case's mode, driven for a second while speed, current and supply jump about, saturate,
-    stick and fall silent.
+def random_tape(name: str, seed: int = 11) -> bytes:
+    """Tape of the case's mode, driven for a second while speed, current and supply change
+    abruptly, saturate, or stay constant.
     """
     rng = np.random.default_rng(seed)
     times_s = (0.3004, 1.3004, 1.35)  # not at a tick, where the switches are read
@@ -134,7 +134,7 @@ def wild_tape(name: str, seed: int = 11) -> bytes:
         (round(time_s * 16e6 / CYCLES_PER_PERIOD), frame) for time_s, frame in _frames(CASES[name])
     ]
     received = {at + 2 * n: frame[n : n + 1] for at, frame in starts for n in range(len(frame))}
-    current, bus, pitch_s, inputs, hall = 520, 740, 1e-3, [], _WildEdges(rng)
+    current, bus, pitch_s, inputs, hall = 520, 740, 1e-3, [], _RandomEdges(rng)
     for k in range(end):
         if k % 63 == 0 and rng.random() < 0.3:
             current, bus = (

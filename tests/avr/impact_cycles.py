@@ -1,5 +1,5 @@
-"""What the controllers cost on the ELF: `impact_cycles.py [CASE ...]` replays the tapes of
-impact.py; without names all of them.
+"""Cycles of the controllers on the AVR: `impact_cycles.py [CASE ...]` replays the tapes of
+impact.py, without names all of them.
 """
 
 import sys
@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from equality import differences, sent_bytes
-from impact import CASES, impact_tape, wild_tape
+from impact import CASES, impact_tape, random_tape
 
 from vgroove import board, sil
 from vgroove.board import read_statistics
@@ -16,24 +16,26 @@ ELF = Path(__file__).resolve().parents[2] / "build" / "avr-uno" / "vgroove.elf"
 
 
 def line(tape: bytes) -> str:
-    """What a tape costs, and whether native says the same."""
+    """Cycles and free stack of a tape, and its first difference to the native firmware."""
     with tempfile.TemporaryDirectory() as folder:
         stats = Path(folder) / "stats.json"
         avr = sent_bytes(board.replay(ELF, tape, stats=stats))
-        said = read_statistics(stats)
-    control, tick = said["control"], said["tick"]
+        report = read_statistics(stats)
+    control, tick = report["control"], report["tick"]
     found = differences(sent_bytes(sil.replay(tape, target=1)), avr)
     return (
-        f"step worst {control['worst_cycles']} mean {control['mean_cycles']:.0f}, tick worst {tick['worst_cycles']} mean "
-        f"{tick['mean_cycles']:.0f}, stack free {said['stack']['free_bytes']}; {found[0] if found else 'equals native'}"
+        f"step worst {control['worst_cycles']} mean {control['mean_cycles']:.0f}, "
+        f"tick worst {tick['worst_cycles']} mean {tick['mean_cycles']:.0f}, "
+        f"stack free {report['stack']['free_bytes']}; {found[0] if found else 'equals native'}"
     )
 
 
 def main() -> None:
-    """Two lines a case."""
+    """Print two lines per case."""
     for name in sys.argv[1:] or CASES:
         sys.stdout.write(
-            f"{name:10} impacts: {line(impact_tape(name))}\n{name:10} wild:    {line(wild_tape(name))}\n"
+            f"{name:10} impacts: {line(impact_tape(name))}\n"
+            f"{name:10} random:  {line(random_tape(name))}\n"
         )
 
 

@@ -1,5 +1,5 @@
-// Test program of the bench itself: one-letter commands over the UART exercise timers, capture,
-// ADC, EEPROM, watchdog and bridge.
+// Test program of the bench tool: one-letter commands over the UART exercise timers, capture, ADC,
+// EEPROM, watchdog and bridge.
 //
 // Events go out as a letter and two bytes, high byte first: T tick stamp, C capture stamp, A result
 // (channel in the top bits), E EEPROM busy time in 8 cycles, G EEPROM byte, R reset cause, S pins,
@@ -247,12 +247,12 @@ static void obey(uint8_t command) {
         wdt_enable(WDTO_15MS);
         while (1) {
         }
-    case 'm':  // a tick's work of about 1,000 cycles between the marks
+    case 'm':  // a tick of about 1,000 cycles between its marks
         set_sleep_mode(SLEEP_MODE_IDLE);
         sleep_mode();
         GPIOR0 |= 1u;
         idle_loop(60u);
-        GPIOR0 |= 2u;  // and of 400 within the controller's
+        GPIOR0 |= 2u;  // with a controller step of 400 between its marks
         idle_loop(40u);
         GPIOR0 &= (uint8_t)~2u;
         GPIOR0 &= (uint8_t)~1u;

@@ -1,5 +1,5 @@
-"""A duty profile that a host commands while the trigger is held: it ends, and after a release the
-hand drives.
+"""Tape of a duty profile that the host commands while the trigger is pressed; after its end and a
+release the trigger sets the duty again.
 """
 
 from equality import TapeBoard
@@ -29,12 +29,12 @@ PULLS = Profile(
 
 
 def stairs(time_s: float) -> float:
-    """A quarter, half, more than the trigger allows, open, a quarter."""
+    """Duty 0.25, 0.5, 1 (limited by the trigger), open bridge, 0.25."""
     return (0.25, 0.5, 1.0, OPEN, 0.25)[min(int(time_s / 0.16), 4)]
 
 
 def profile_tape() -> bytes:
-    """What the pins saw in a native run."""
+    """Tape of a native run."""
     board = TapeBoard(SilBoard(target=1))
     tool = make_tool(reference("slip_60", {}), 3)
     line = ProfileSender(stairs, LASTS_S, BEGIN_S)

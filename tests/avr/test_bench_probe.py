@@ -1,5 +1,5 @@
-"""The bench itself, tried on both microcontrollers with a program of its own, probe_board.c: facts
-that simavr alone lacks.
+"""The bench tool itself, tested on both microcontrollers with its own program, probe_board.c:
+functions that simavr alone does not have.
 """
 
 from pathlib import Path
@@ -11,11 +11,11 @@ from vgroove.errors import VgrooveError
 
 MCUS = ("atmega328p", "atmega2560")
 ADC = (100, 200, 300, 1023)
-FIRST_TOP = 255  # cycles from the timers' start to the begin of period 0
+FIRST_TOP = 255  # cycles from the start of the timers to period 0
 
 
 class Probe:
-    """The test program on a board: sends commands a byte every second period and collects its
+    """The test program on a board: sends a command byte every second period and collects its
     events.
     """
 
@@ -31,7 +31,7 @@ class Probe:
         edges: dict[int, tuple[int, ...]] | None = None,
         switches: int = 0,
     ) -> list[tuple[str, int]]:
-        """Events of so many periods; `edges` by period from the begin of this call."""
+        """Events of `periods` periods; `edges` by period since the start of this call."""
         sent = bytearray()
         for k in range(periods):
             rx = commands[k // 2 : k // 2 + 1] if k % 2 == 0 else b""
@@ -72,7 +72,7 @@ def test_capture_stamps_are_exact_to_the_cycle(probe: Probe) -> None:
     assert stamps == [(cycle + 4) & 0xFFFF for cycle in expected]  # 4: the noise canceller
 
 
-def test_noise_canceller_swallows_a_pulse_of_two_cycles(probe: Probe) -> None:
+def test_noise_canceller_suppresses_a_pulse_of_two_cycles(probe: Probe) -> None:
     probe.run(b"c\x01", 10)
     assert probe.run(periods=40, edges={3: (100, 102)}) == []
     assert len(probe.run(periods=40, edges={3: (100, 400)})) == 2
@@ -139,25 +139,25 @@ def test_leaving_full_drive_by_way_of_254_keeps_the_dead_time(probe: Probe) -> N
     assert probe.last is not None and probe.last.compare == 10
 
 
-def test_watchdog_resets_and_says_so(probe: Probe) -> None:
+def test_watchdog_resets_with_its_reset_cause(probe: Probe) -> None:
     assert dict(probe.run(b"r", 40))["R"] == 1
     probe.run(b"w", 1000)
     assert dict(probe.run(b"r", 100))["R"] == 8
 
 
-def test_brown_out_resets_and_says_so(probe_elfs: dict[str, Path], mcu: str) -> None:
+def test_brown_out_resets_with_its_reset_cause(probe_elfs: dict[str, Path], mcu: str) -> None:
     with AvrBoard(probe_elfs[mcu], mcu=mcu, brown_out=60_000) as board:
         probe = Probe(board)
         probe.run(periods=200)
         assert dict(probe.run(b"r", 100))["R"] == 4
 
 
-def test_power_cut_tears_only_the_byte_that_is_being_written(
+def test_power_cut_damages_only_the_byte_being_written(
     probe_elfs: dict[str, Path], mcu: str, tmp_path: Path
 ) -> None:
     memory = tmp_path / "eeprom.bin"
     memory.write_bytes(bytes(range(256)) * 4)
-    torn = set()
+    damaged = set()
     for seed in range(1, 9):
         memory.write_bytes(bytes(range(256)) * 4)
         with (
@@ -169,8 +169,8 @@ def test_power_cut_tears_only_the_byte_that_is_being_written(
         board.close()
         content = memory.read_bytes()
         assert content[:5] + content[6:256] == bytes(range(5)) + bytes(range(6, 256))
-        torn.add(content[5])
-    assert len(torn) > 4  # garbage, neither the old value nor the new one
+        damaged.add(content[5])
+    assert len(damaged) > 4  # random values, neither the old nor the new one
 
 
 def test_statistics_count_the_cycles_of_each_interrupt(
@@ -193,7 +193,7 @@ def test_statistics_count_the_cycles_of_each_interrupt(
     assert report["stack"]["free_bytes"] > 1000
 
 
-def test_missing_elf_and_wrong_part_are_sentences(
+def test_missing_elf_and_wrong_microcontroller_have_messages(
     probe_elfs: dict[str, Path], tmp_path: Path
 ) -> None:
     with pytest.raises(VgrooveError, match="no firmware at .*none.elf"):
@@ -211,6 +211,6 @@ def test_missing_elf_and_wrong_part_are_sentences(
         board.period(BoardInputs(ADC))
     with (
         AvrBoard(probe_elfs["atmega328p"], mcu="atmega8") as board,
-        pytest.raises(VgrooveError, match="knows atmega328p and atmega2560"),
+        pytest.raises(VgrooveError, match="supports atmega328p and atmega2560"),
     ):
         board.period(BoardInputs(ADC))

@@ -1,4 +1,4 @@
-"""The ELFs keep their budgets, and the check notices what it looks for."""
+"""The ELFs keep their limits, and the check finds float routines."""
 
 import shutil
 import subprocess
@@ -16,10 +16,11 @@ def test_elf_keeps_its_budgets(elf: str, request: pytest.FixtureRequest) -> None
 
 
 @pytest.mark.skipif(not shutil.which("avr-gcc"), reason="avr-gcc is not installed")
-def test_a_float_division_is_noticed(tmp_path: Path) -> None:
+def test_a_float_division_is_found(tmp_path: Path) -> None:
     source = tmp_path / "f.c"
     source.write_text(
-        "volatile float a = 1, b = 2; volatile long c; int main(void) { c = (long)(a / b); for (;;) {} }\n"
+        "volatile float a = 1, b = 2; volatile long c;\n"
+        "int main(void) { c = (long)(a / b); for (;;) {} }\n"
     )
     elf = tmp_path / "f.elf"
     subprocess.run(["avr-gcc", "-mmcu=atmega328p", "-Os", str(source), "-o", str(elf)], check=True)

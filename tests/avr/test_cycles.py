@@ -1,5 +1,5 @@
-"""Cycle budgets of the real ELF, measured on the bench under stress: full speed, four edges a turn,
-full telemetry, commands coming in.
+"""Cycle budgets of the real ELF, measured on the bench under full load: full speed, four edges per
+turn, all telemetry, incoming commands.
 """
 
 import functools
@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 from budget import CONTROL_CYCLES_MAX, TICK_CYCLES_MAX
-from busy_line import answered, busy_line_tape, commands
+from command_load import answered, command_load_tape, commands
 from equality import sent_bytes
 from exercise import record_tape
-from impact import CASES, impact_tape, wild_tape
-from uneven import uneven_tape
+from impact import CASES, impact_tape, random_tape
+from unequal_pitches import unequal_pitches_tape
 
 from vgroove import board, lockstep
 from vgroove.board import AvrBoard, read_statistics
@@ -27,13 +27,15 @@ ISR_SHARE_MAX = 0.15
 STACK_BYTES_MIN = 400
 TRIGGER_GAP = 2040
 TRIGGER_WINDOW = 309  # cycles from a result to the next trigger
-ARMED_AFTER = 43  # cycles from an interrupt's entry to the cleared trigger flag, docs/firmware.md
-BETWEEN = 6  # longest instruction that runs between two interrupts
+ARMED_AFTER = (
+    43  # cycles from the entry of an interrupt to the cleared trigger flag, docs/firmware.md
+)
+BETWEEN = 6  # longest instruction between two interrupts
 WAKE = 4
 
 
 def stress_statistics(elf: Path, mcu: str, folder: Path) -> dict:
-    """The bench's report of the stress scenario, with the speed that the tool reached."""
+    """Statistics of the stress scenario on the bench, with the greatest speed of the tool."""
     scenario, stats = read_scenario(STRESS), folder / "stats.json"
     tool = make_plant(scenario.tool, scenario.seed)
     speeds = []
@@ -59,7 +61,7 @@ def stress(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     )
 
 
-def test_the_stress_is_stress(stress: dict) -> None:
+def test_the_scenario_loads_the_board(stress: dict) -> None:
     assert stress["rpm"] > 15500
     assert stress["uart"]["sent"] > 0.75 * 25000 * 2.0
     assert stress["uart"]["received"] >= 4 * 19
@@ -67,7 +69,7 @@ def test_the_stress_is_stress(stress: dict) -> None:
 
 
 def test_worst_tick_with_the_interrupts_in_it(stress: dict) -> None:
-    assert stress["tick"]["count"] >= 1990, "GPIOR0 bit 0 must mark the tick's work"
+    assert stress["tick"]["count"] >= 1990, "GPIOR0 bit 0 must mark the tick"
     assert stress["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(stress["tick"])
     assert stress["tick"]["late"] == 0
 
@@ -81,14 +83,14 @@ def test_each_interrupt(stress: dict) -> None:
     assert not over
 
 
-def test_the_adc_is_armed_in_time_whatever_waits(stress: dict) -> None:
-    """Any interrupt but UDRE arms it at its begin: ahead of it are at most the one under way and
-    two UDRE.
+def test_the_adc_is_prepared_in_time_by_any_interrupt(stress: dict) -> None:
+    """Any interrupt except UDRE prepares it at its entry: at most the running interrupt and two
+    UDRE interrupts come before that.
     """
     worst = {name: cost["worst_cycles"] for name, cost in stress["isr"].items()}
     udre = next(cycles for name, cycles in worst.items() if "UDRE" in name)
-    under_way = max(cycles for name, cycles in worst.items() if name != "ADC")
-    assert under_way + 2 * udre + 3 * BETWEEN + WAKE + ARMED_AFTER < TRIGGER_WINDOW, worst
+    running = max(cycles for name, cycles in worst.items() if name != "ADC")
+    assert running + 2 * udre + 3 * BETWEEN + WAKE + ARMED_AFTER < TRIGGER_WINDOW, worst
 
 
 def test_share_of_the_interrupts(stress: dict) -> None:
@@ -109,8 +111,8 @@ def test_no_edge_byte_or_conversion_is_lost(stress: dict) -> None:
 
 @pytest.fixture(scope="module", params=TARGETS)
 def exercise(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict:
-    """The bench's report of ten seconds in which every driver is exercised, with damaged commands,
-    missed and double edges.
+    """Statistics of ten seconds that use every driver, with damaged commands, missed and double
+    edges.
     """
     tape, _ = record_tape()
     stats = tmp_path_factory.mktemp("exercise") / "stats.json"
@@ -136,11 +138,13 @@ def test_the_other_budgets_hold_in_the_exercise(exercise: dict) -> None:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_worst_tick_of_a_calibration_of_uneven_pitches(
+def test_worst_tick_of_a_calibration_of_unequal_pitches(
     target: str, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     stats = tmp_path / "stats.json"
-    board.replay(request.getfixturevalue(target), uneven_tape(), mcu=TARGETS[target], stats=stats)
+    board.replay(
+        request.getfixturevalue(target), unequal_pitches_tape(), mcu=TARGETS[target], stats=stats
+    )
     tick = read_statistics(stats)["tick"]
     assert tick["late"] == 0
     assert tick["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(tick)
@@ -150,21 +154,21 @@ def test_worst_tick_of_a_calibration_of_uneven_pitches(
 def test_worst_tick_with_commands_at_every_phase(
     target: str, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
-    """Bytes come in while slow frames are packed and completed, and while commands are checked and
+    """Bytes arrive while slow frames are packed and completed, and while commands are checked and
     executed; none is lost.
     """
     stats = tmp_path / "stats.json"
     out = board.replay(
-        request.getfixturevalue(target), busy_line_tape(), mcu=TARGETS[target], stats=stats
+        request.getfixturevalue(target), command_load_tape(), mcu=TARGETS[target], stats=stats
     )
-    said = read_statistics(stats)
+    report = read_statistics(stats)
     sent = b"".join(pair for _, pair in commands())
-    assert said["uart"]["received"] == len(sent) and said["uart"]["overruns"] == 0
+    assert report["uart"]["received"] == len(sent) and report["uart"]["overruns"] == 0
     assert answered(sent_bytes(out)) == 2 * len(commands())
-    assert said["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(said["tick"])
+    assert report["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(report["tick"])
 
 
-TAPES = {"impacts": impact_tape, "wild": wild_tape}
+TAPES = {"impacts": impact_tape, "random": random_tape}
 RUNS = list(itertools.product(CASES, TAPES))
 
 
@@ -172,8 +176,8 @@ RUNS = list(itertools.product(CASES, TAPES))
 def cost(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Callable[..., dict]:
-    """Statistics of a controller's run: through its heavy states under impacts, or with sensors
-    that say anything.
+    """Statistics of a controller's run: through its expensive states under impacts, or with random
+    sensor values.
     """
 
     @functools.cache
@@ -189,16 +193,16 @@ def cost(
 
 @pytest.mark.parametrize(("case", "tape"), RUNS)
 def test_step_of_each_controller(cost: Callable[..., dict], case: str, tape: str) -> None:
-    said = cost(case, tape)
-    # sensors that say anything end a drive of mode drill early
-    assert said["control"]["count"] > (500 if tape == "impacts" else 40)
-    assert said["control"]["worst_cycles"] <= CONTROL_CYCLES_MAX, json.dumps(said["control"])
+    report = cost(case, tape)
+    # random sensor values end a drive of mode drill early
+    assert report["control"]["count"] > (500 if tape == "impacts" else 40)
+    assert report["control"]["worst_cycles"] <= CONTROL_CYCLES_MAX, json.dumps(report["control"])
 
 
 @pytest.mark.parametrize(("case", "tape"), RUNS)
 def test_tick_of_each_controller(cost: Callable[..., dict], case: str, tape: str) -> None:
-    said = cost(case, tape)
-    assert said["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(said["tick"])
+    report = cost(case, tape)
+    assert report["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(report["tick"])
 
 
 @pytest.mark.parametrize(("case", "tape"), RUNS)
@@ -206,6 +210,6 @@ def test_tick_of_each_controller(cost: Callable[..., dict], case: str, tape: str
 def test_stack_and_punctuality_of_each_controller(
     cost: Callable[..., dict], case: str, tape: str, target: str
 ) -> None:
-    said = cost(case, tape, target)
-    assert said["stack"]["free_bytes"] >= STACK_BYTES_MIN
-    assert said["tick"]["late"] == 0
+    report = cost(case, tape, target)
+    assert report["stack"]["free_bytes"] >= STACK_BYTES_MIN
+    assert report["tick"]["late"] == 0

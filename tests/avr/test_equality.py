@@ -1,15 +1,15 @@
-"""Native firmware and AVR say the same, bit for bit, when their pins see the same (the equality
-test of processor-in-the-loop practice).
+"""Native firmware and AVR give equal outputs, bit for bit, for equal inputs of their pins (the
+equality test of processor-in-the-loop practice).
 """
 
 from pathlib import Path
 
 import pytest
-from busy_line import busy_line_tape
+from command_load import command_load_tape
 from equality import Difference, bridge_differences, damaged, differences, periods_of, sent_bytes
 from exercise import DURATION_S, record_tape
-from impact import CASES, acted, impact_tape, wild_tape
-from uneven import uneven_tape
+from impact import CASES, acted, impact_tape, random_tape
+from unequal_pitches import unequal_pitches_tape
 
 from vgroove import board, sil, telemetry
 from vgroove.log import log_from_stream
@@ -51,47 +51,47 @@ def test_exercise_uses_every_driver(native: bytes) -> None:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_native_and_avr_say_and_do_the_same_bit_for_bit(
+def test_native_and_avr_are_equal_bit_for_bit(
     target: str, tape: bytes, request: pytest.FixtureRequest
 ) -> None:
     native_equals_avr(tape, target, request)
 
 
-def test_uneven_pitches_are_learned_and_found_again() -> None:
-    tape = uneven_tape()
+def test_unequal_pitches_are_learned_and_identified_again() -> None:
+    tape = unequal_pitches_tape()
     native = sent_bytes(sil.replay(tape, target=1))
-    log = log_from_stream(native, "uneven")
+    log = log_from_stream(native, "unequal pitches")
     time_s, speed = log["time_s"], log["speed_rpm"]
     assert abs(speed[(time_s > 2.0) & (time_s < 2.5)] - 6000).max() < 12, "learned"
     assert abs(speed[(time_s > 3.8) & (time_s < 4.19)] - 2500).max() < 5, (
-        "found again after the stop"
+        "identified after the stop"
     )
 
 
 def native_equals_avr(tape: bytes, target: str, request: pytest.FixtureRequest) -> bytes:
-    """Replay a tape on both: what is sent, undamaged, and what the bridge does; returns what native
-    sent.
+    """Replay a tape on both and compare the undamaged bytes sent and the states of the bridge;
+    returns the bytes that native sent.
     """
     mcu, number = TARGETS[target]
     native = periods_of(sil.replay(tape, target=number))
     avr = periods_of(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
-    said, heard = (b"".join(period.tx for period in periods) for periods in (native, avr))
-    found = differences(said, heard) + bridge_differences(native, avr)
+    native_sent, avr_sent = (b"".join(period.tx for period in periods) for periods in (native, avr))
+    found = differences(native_sent, avr_sent) + bridge_differences(native, avr)
     assert not found, "native and AVR differ:\n" + _said(found)
-    assert damaged(heard) == 0
-    return said
+    assert damaged(avr_sent) == 0
+    return native_sent
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_uneven_pitches_are_equal_bit_for_bit(target: str, request: pytest.FixtureRequest) -> None:
-    native_equals_avr(uneven_tape(), target, request)
+def test_unequal_pitches_are_equal_bit_for_bit(target: str, request: pytest.FixtureRequest) -> None:
+    native_equals_avr(unequal_pitches_tape(), target, request)
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_commands_at_every_phase_are_equal_bit_for_bit(
     target: str, request: pytest.FixtureRequest
 ) -> None:
-    native_equals_avr(busy_line_tape(), target, request)
+    native_equals_avr(command_load_tape(), target, request)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -105,14 +105,14 @@ def test_each_controller_is_equal_bit_for_bit(
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("target", TARGETS)
-def test_sensors_that_say_anything_are_equal_bit_for_bit(
+def test_random_sensor_values_are_equal_bit_for_bit(
     case: str, target: str, request: pytest.FixtureRequest
 ) -> None:
-    native_equals_avr(wild_tape(case), target, request)
+    native_equals_avr(random_tape(case), target, request)
 
 
 @pytest.mark.parametrize(("isr_cycles", "tick_cycles"), [(0, 260), (150, 1500), (300, 5000)])
-def test_what_is_sent_does_not_depend_on_latencies(
+def test_the_sent_bytes_do_not_depend_on_latencies(
     isr_cycles: int, tick_cycles: int, tape: bytes, native: bytes
 ) -> None:
     other = sent_bytes(sil.replay(tape, target=1, isr_cycles=isr_cycles, tick_cycles=tick_cycles))

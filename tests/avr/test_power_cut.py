@@ -1,5 +1,5 @@
-"""Power cut at any moment of a parameter write on the real ELF: the next start finds the old value
-or the new one, nothing else.
+"""Power cut during a parameter save on the real ELF: the next start loads the old value or the new
+one.
 """
 
 from pathlib import Path
@@ -25,7 +25,7 @@ def slew_index() -> int:
 
 
 def inputs(periods: int, frame: bytes = b"", at: int = 0) -> bytes:
-    """A board at rest that receives a frame, a byte every second period."""
+    """Packed inputs of a board at rest that receives a frame, a byte every second period."""
     messages = [pack_inputs(REST)] * periods
     for k, byte in enumerate(frame):
         messages[at + 2 * k] = pack_inputs(REST._replace(rx=bytes([byte])))
@@ -40,7 +40,7 @@ def write_frame() -> bytes:
 
 
 def value_after_start(elf: Path, memory: Path) -> float:
-    """What the board says of the parameter after a start from this EEPROM."""
+    """Value of the parameter that the board reports after a start with this EEPROM."""
     sent = sent_bytes(board.replay(elf, inputs(START_PERIODS), eeprom=memory))
     frames = [
         telemetry.decode(frame)
@@ -52,7 +52,7 @@ def value_after_start(elf: Path, memory: Path) -> float:
 
 @pytest.fixture(scope="module")
 def whole_write(uno_elf: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, int]:
-    """(first cycle, bytes) of an undisturbed write; it takes effect."""
+    """(first cycle, bytes) of an undisturbed save, which takes effect."""
     folder = tmp_path_factory.mktemp("write")
     memory, stats = folder / "eeprom.bin", folder / "stats.json"
     board.replay(
@@ -84,4 +84,4 @@ def test_the_cut_ends_the_run(uno_elf: Path) -> None:
     with board.AvrBoard(uno_elf, cut=1_000_000) as avr, pytest.raises(VgrooveError):
         for _ in range(3000):
             avr.period(REST)
-        pytest.fail("the run went on")
+        pytest.fail("the run did not end")

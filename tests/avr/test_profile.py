@@ -1,5 +1,5 @@
-"""The commanded profile: obeyed within the trigger, over 50 ms after its last frame, and the same
-on the AVR, bit for bit.
+"""The duty profile commanded by the host: limited by the trigger, ended 50 ms after its last frame,
+and equal on the AVR bit for bit.
 """
 
 from pathlib import Path
@@ -35,18 +35,18 @@ def _duty_at(log: Log, time_s: float) -> float:
 def test_the_stairs_are_driven_within_the_trigger(log: Log) -> None:
     assert _duty_at(log, BEGIN_S + 0.15) == pytest.approx(0.25, abs=0.005)
     assert _duty_at(log, BEGIN_S + 0.31) == pytest.approx(0.5, abs=0.005)
-    assert _duty_at(log, BEGIN_S + 0.47) == pytest.approx(0.7, abs=0.02), "the trigger's"
+    assert _duty_at(log, BEGIN_S + 0.47) == pytest.approx(0.7, abs=0.02), "limited by the trigger"
     assert np.isnan(_duty_at(log, BEGIN_S + 0.62))
     assert _duty_at(log, BEGIN_S + 0.78) == pytest.approx(0.25, abs=0.005)
 
 
-def test_it_is_over_50_ms_after_the_last_frame_until_the_release(log: Log) -> None:
+def test_the_drive_ends_50_ms_after_the_last_frame_until_the_release(log: Log) -> None:
     last_s = BEGIN_S + LASTS_S - 0.02
     held = (log.time_s > last_s) & (log.time_s < 1.4)
     ends_s = log.time_s[held][np.argmax(log["coast"][held] > 0)]
-    assert 0.05 < ends_s - last_s < 0.08, "50 ms, and what a command takes to be read"
+    assert 0.05 < ends_s - last_s < 0.08, "50 ms plus the time to read a command"
     assert (log["coast"][(log.time_s > ends_s) & (log.time_s < 1.4)] > 0).all()
-    assert _duty_at(log, 1.8) == pytest.approx(0.4, abs=0.02), "the hand's again"
+    assert _duty_at(log, 1.8) == pytest.approx(0.4, abs=0.02), "the duty of the trigger again"
 
 
 def test_every_frame_is_answered(tape: bytes) -> None:

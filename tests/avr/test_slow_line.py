@@ -1,5 +1,5 @@
-"""A whole run of the real ELF at 115,200 Bd: it decimates instead of dropping, within the budget of
-a tick.
+"""A whole run of the real ELF at 115,200 Bd: every second row is sent, none is lost, within the
+cycles of a tick.
 """
 
 from itertools import pairwise
@@ -17,8 +17,8 @@ from vgroove.board import read_statistics
 TARGETS = {"uno_elf": "atmega328p", "mega_elf": "atmega2560"}
 
 
-def remember_slow_rate(elf: Path, mcu: str, memory: Path) -> None:
-    """Write the parameter into the board's EEPROM, over its own line."""
+def save_slow_rate(elf: Path, mcu: str, memory: Path) -> None:
+    """Save the baud rate in the board's EEPROM by a command."""
     index = next(
         i
         for i, parameter in enumerate(telemetry.parameter_list())
@@ -40,14 +40,14 @@ def test_every_second_row_arrives_and_none_is_lost(
         tmp_path / "eeprom.bin",
         tmp_path / "stats.json",
     )
-    remember_slow_rate(elf, mcu, memory)
+    save_slow_rate(elf, mcu, memory)
     sent = sent_bytes(board.replay(elf, record_tape()[0], mcu=mcu, eeprom=memory, stats=stats))
-    frames, said = telemetry.Framer().feed(sent), read_statistics(stats)
+    frames, report = telemetry.Framer().feed(sent), read_statistics(stats)
     fast = [frame.time_ms for frame in frames if frame.id == telemetry.FAST]
     assert len(fast) > 4990 and {after - before for before, after in pairwise(fast)} == {2}
     session = telemetry.Session()
     session.feed(frames)
     assert session.counters.lost == 0 and session.counters.corrupt == 0 and damaged(sent) == 0
     assert set(telemetry.OUTBOUND) == {frame.id for frame in frames}
-    assert said["uart"]["baud"] < 120000
-    assert said["tick"]["worst_cycles"] <= TICK_CYCLES_MAX
+    assert report["uart"]["baud"] < 120000
+    assert report["tick"]["worst_cycles"] <= TICK_CYCLES_MAX

@@ -1,5 +1,5 @@
-"""The golden vectors of the fixed-point code, evaluated on both simulated microcontrollers: the
-same bits as on the host.
+"""Golden vectors of the fixed-point code, evaluated on both simulated microcontrollers: equal to
+the host bit for bit.
 """
 
 import re
@@ -28,9 +28,9 @@ FLAGS = [
 
 
 def build(mcu: str, elf: Path, tree: Path = ROOT) -> Path:
-    """The target program of the vectors, with the firmware's own sources from `tree`."""
-    rooms = (tree / "firmware" / room for room in ("core", "drivers", "controllers"))
-    sources = [str(path) for room in rooms for path in sorted(room.glob("*.c"))] + [
+    """Builds the vectors' program for the target with the firmware sources of `tree`."""
+    folders = (tree / "firmware" / name for name in ("core", "drivers", "controllers"))
+    sources = [str(path) for folder in folders for path in sorted(folder.glob("*.c"))] + [
         str(ROOT / source) for source in SOURCES
     ]
     include = [f"-I{tree / 'firmware'}", f"-I{ROOT / 'tests' / 'vectors'}"]
@@ -40,34 +40,32 @@ def build(mcu: str, elf: Path, tree: Path = ROOT) -> Path:
     return elf
 
 
-def said_by(elf: Path, mcu: str) -> str:
-    """What the program sends until its line with the sum."""
+def output_of(elf: Path, mcu: str) -> str:
+    """Text that the program sends up to its summary line."""
     text = bytearray()
     with AvrBoard(elf, mcu=mcu) as board:
         for _ in range(PERIODS_MAX):
             text += board.period(BoardInputs((512, 740, 102, 154))).tx
             if b" of " in text and text.endswith(b"\n"):
                 return text.decode()
-    pytest.fail(f"no sum after {PERIODS_MAX} periods; the target said {bytes(text)!r}")
+    pytest.fail(f"no summary after {PERIODS_MAX} periods; the target sent {bytes(text)!r}")
 
 
 @pytest.mark.parametrize("mcu", TARGETS)
 def test_golden_vectors_pass_bit_for_bit(mcu: str, tmp_path: Path) -> None:
-    said = said_by(build(mcu, tmp_path / "vectors.elf"), mcu)
-    passed, count = map(int, re.search(r"pass (\d+) of (\d+)\n", said).groups())
+    output = output_of(build(mcu, tmp_path / "vectors.elf"), mcu)
+    passed, count = map(int, re.search(r"pass (\d+) of (\d+)\n", output).groups())
     assert count > 100
-    assert passed == count, said
+    assert passed == count, output
 
 
 def test_a_lost_widening_is_caught(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "firmware", tmp_path / "firmware")
     source = tmp_path / "firmware" / "drivers" / "analog.c"
     text = source.read_text()
-    assert "(uint32_t)counts" in text, (
-        "analog.c has no longer the widening that this test takes away"
-    )
+    assert "(uint32_t)counts" in text, "analog.c has no widening that this test could remove"
     source.write_text(text.replace("(uint32_t)counts", "(uint16_t)counts"))
-    said = said_by(build("atmega328p", tmp_path / "vectors.elf", tmp_path), "atmega328p")
-    passed, count = map(int, re.search(r"pass (\d+) of (\d+)\n", said).groups())
+    output = output_of(build("atmega328p", tmp_path / "vectors.elf", tmp_path), "atmega328p")
+    passed, count = map(int, re.search(r"pass (\d+) of (\d+)\n", output).groups())
     assert passed < count
-    assert "fail " in said
+    assert "fail " in output

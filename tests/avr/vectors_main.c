@@ -1,5 +1,5 @@
-// Runs the golden vectors on the target and says over UART (250 kBd) "pass N" or, for each that
-// fails, "fail INDEX GOT".
+// Evaluates the golden vectors on the target and sends over the UART (250 kBd) "fail INDEX RESULT"
+// for each that fails, finally "pass N of M".
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
@@ -8,7 +8,7 @@
 #include "hal/hal.h"
 #include "vectors.h"
 
-// What the drivers want of the machine; none of it is reached by a vector.
+// Functions that the drivers need to link; no vector calls them.
 uint8_t hal_lock(void) {
     return 0;
 }
@@ -17,7 +17,7 @@ void hal_unlock(uint8_t before) {
     (void)before;
 }
 
-static void say(const char *text) {
+static void send(const char *text) {
     for (; *text != '\0'; text++) {
         while ((UCSR0A & (1u << UDRE0)) == 0u) {
         }
@@ -36,12 +36,12 @@ int main(void) {
             passed++;
         } else {
             (void)snprintf(line, sizeof line, "fail %u %ld\n", (unsigned)k, (long)got);
-            say(line);
+            send(line);
         }
     }
     (void)snprintf(line, sizeof line, "pass %u of %u\n", (unsigned)passed, (unsigned)VECTORS_COUNT);
-    say(line);
-    // The last byte leaves before the CPU sleeps for good.
+    send(line);
+    // Wait until the last byte is sent, then sleep forever.
     UCSR0A |= 1u << TXC0;
     while ((UCSR0A & (1u << TXC0)) == 0u) {
     }

@@ -1,31 +1,23 @@
-"""Which C and C++ files clang-format would change. `python tests/lint/layout.py --fix` formats all
-and drops the list of the rest.
+"""Which files a formatter would change: clang-format for C and C++, ruff for Python.
+`python tests/lint/layout.py --fix` formats all of them.
 """
 
 import subprocess
 import sys
-from pathlib import Path
 
-import house
+import rules
 
 GENERATED = ("firmware/telemetry/telemetry_signals.", "tests/vectors/firmware_vectors.h")
-LATER = Path(__file__).with_name("unformatted.txt")
+STYLE = f"--style=file:{rules.ROOT}/.clang-format"
+RUFF = [sys.executable, "-m", "ruff", "format"]
 
 
 def unformatted(paths: list[str]) -> list[str]:
-    """Those of the files that clang-format, with the .clang-format of the tree, would write
-    otherwise.
-    """
+    """Those of the C and C++ files that clang-format would write in another way."""
     if not paths:
         return []
-    command = [
-        "clang-format",
-        "--dry-run",
-        "-Werror",
-        f"--style=file:{house.ROOT}/.clang-format",
-        *paths,
-    ]
-    done = subprocess.run(command, cwd=house.ROOT, capture_output=True, text=True, check=False)
+    command = ["clang-format", "--dry-run", "-Werror", STYLE, *paths]
+    done = subprocess.run(command, cwd=rules.ROOT, capture_output=True, text=True, check=False)
     found = {
         line.split(":")[0]
         for line in done.stderr.splitlines()
@@ -36,27 +28,32 @@ def unformatted(paths: list[str]) -> list[str]:
     return sorted(found)
 
 
+def unformatted_python(paths: tuple[str, ...] = (".",)) -> list[str]:
+    """Those of the Python files that `ruff format` would write in another way."""
+    command = [*RUFF, "--diff", *paths]
+    done = subprocess.run(command, cwd=rules.ROOT, capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 1):
+        raise SystemExit(done.stderr)
+    start = "+++ "
+    return sorted(
+        line.removeprefix(start) for line in done.stdout.splitlines() if line.startswith(start)
+    )
+
+
 def written_by_hand() -> list[str]:
     """C and C++ files of the tree but the generated ones."""
-    return [path for path in house.tracked_files(house.C_ENDINGS) if not path.startswith(GENERATED)]
+    return [path for path in rules.tracked_files(rules.C_ENDINGS) if not path.startswith(GENERATED)]
 
 
-def listed() -> list[str]:
-    """Files that still wait for their first formatting; the list may only become shorter."""
-    return LATER.read_text(encoding="utf-8").split() if LATER.exists() else []
-
-
-def fix(paths: list[str]) -> None:
-    """Format the files."""
-    subprocess.run(
-        ["clang-format", "-i", f"--style=file:{house.ROOT}/.clang-format", *paths],
-        cwd=house.ROOT,
-        check=True,
-    )
+def fix() -> None:
+    """Format all files."""
+    paths = unformatted(written_by_hand())
+    if paths:
+        subprocess.run(["clang-format", "-i", STYLE, *paths], cwd=rules.ROOT, check=True)
+    subprocess.run([*RUFF, "."], cwd=rules.ROOT, check=True)
 
 
 if __name__ == "__main__":
     if "--fix" in sys.argv:
-        fix(unformatted(written_by_hand()))
-        LATER.unlink(missing_ok=True)
-    raise SystemExit("\n".join(set(unformatted(written_by_hand())) - set(listed())) or 0)
+        fix()
+    raise SystemExit("\n".join([*unformatted(written_by_hand()), *unformatted_python()]) or 0)

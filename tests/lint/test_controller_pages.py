@@ -5,11 +5,11 @@ waveforms.
 import re
 from pathlib import Path
 
-import house
 import pytest
+import rules
 
-PAGES = house.ROOT / "docs" / "controllers"
-FIRMWARE = house.ROOT / "firmware" / "controllers"
+PAGES = rules.ROOT / "docs" / "controllers"
+FIRMWARE = rules.ROOT / "firmware" / "controllers"
 CONTROLLERS = ("sync", "screwing", "vibration", "torque", "drill")
 DIAGRAM = re.compile(r"```mermaid\nstateDiagram-v2\n(.*?)```", re.DOTALL)
 ARROW = re.compile(r"^\s*(\w+|\[\*\]) --> (\w+|\[\*\])(?:: \S.*)?$")

@@ -4,14 +4,15 @@ must stand in docs/results.
 
 import json
 import re
+import sys
 from pathlib import Path
 
-import house
 import pytest
+import rules
 
-RESULTS = house.ROOT / "docs" / "results"
+RESULTS = rules.ROOT / "docs" / "results"
 QUOTE = re.compile(r"<!--result ([\w.]+):([\w.]+)-->(.*?)<!--end-->", re.DOTALL)
-PAGES = [house.ROOT / "README.md", *sorted((house.ROOT / "docs").rglob("*.md"))]
+PAGES = [*sorted(rules.ROOT.glob("*.md")), *sorted((rules.ROOT / "docs").rglob("*.md"))]
 
 
 def value_of(name: str, key: str, folder: Path = RESULTS) -> str:
@@ -30,7 +31,7 @@ def wrong_quotes(text: str, folder: Path = RESULTS) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(rules.ROOT)))
 def test_pages_quote_the_results(page: Path) -> None:
     assert wrong_quotes(page.read_text(encoding="utf-8")) == []
 
@@ -49,7 +50,16 @@ def test_a_wrong_quote_is_caught(tmp_path: Path) -> None:
     assert len(wrong_quotes("<!--result demo:right-->20<!--end-->", tmp_path)) == 1
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_the_page_of_results_is_up_to_date() -> None:
+    sys.path.insert(0, str(rules.ROOT / "tests" / "proof"))
+    import results_page
+
+    assert results_page.PAGE.read_text(encoding="utf-8") == results_page.page(), (
+        "run `python tests/proof/results_page.py`"
+    )
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(rules.ROOT)))
 def test_links_of_a_page_lead_somewhere(page: Path) -> None:
     links = [
         link.split("#")[0]

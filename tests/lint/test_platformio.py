@@ -6,9 +6,9 @@ import configparser
 import re
 from pathlib import Path
 
-import house
+import rules
 
-FIRMWARE = house.ROOT / "firmware"
+FIRMWARE = rules.ROOT / "firmware"
 # CMake says these by target_include_directories and CMAKE_C_STANDARD
 NOT_OF_CMAKE = {"-Ifirmware", "-std=c11"}
 NOT_OF_PLATFORMIO = {"-mmcu=${VGROOVE_MCU}", "-DF_CPU=16000000UL"}  # its boards' own
@@ -17,7 +17,7 @@ BOARDS = {"uno": "uno", "mega": "megaatmega2560"}  # ATmega328P and ATmega2560
 
 def ini(text: str | None = None) -> configparser.ConfigParser:
     parser = configparser.ConfigParser(interpolation=None)
-    parser.read_string(text or (house.ROOT / "platformio.ini").read_text())
+    parser.read_string(text or (rules.ROOT / "platformio.ini").read_text())
     return parser
 
 
@@ -26,7 +26,7 @@ def flags_of_platformio(parser: configparser.ConfigParser) -> set[str]:
 
 
 def flags_of_cmake() -> set[str]:
-    avr, root = (FIRMWARE / "avr.cmake").read_text(), (house.ROOT / "CMakeLists.txt").read_text()
+    avr, root = (FIRMWARE / "avr.cmake").read_text(), (rules.ROOT / "CMakeLists.txt").read_text()
     flags = set(re.search(r"set\(avr_flags ([^)]*)\)", avr)[1].split())
     flags |= set(re.findall(r"-Wl,--(?:gc-sections|sort-section=alignment)", avr))
     warnings = re.search(
@@ -36,14 +36,18 @@ def flags_of_cmake() -> set[str]:
 
 
 def sources_of_cmake() -> set[str]:
-    listed = re.search(
-        r"set\(firmware_sources(.*?)\)", (FIRMWARE / "CMakeLists.txt").read_text(), re.DOTALL
-    )[1].split()
+    """C files of the firmware; a list of CMake within the list is that of a file(GLOB)."""
+    cmake = (FIRMWARE / "CMakeLists.txt").read_text()
+    listed = re.search(r"set\(firmware_sources(.*?)\)", cmake, re.DOTALL)[1].split()
     avr = re.search(
         r"add_executable\(vgroove \$\{firmware_sources\}([^)]*)\)",
         (FIRMWARE / "avr.cmake").read_text(),
     )[1].split()
-    return set(listed) | set(avr)
+    found = {name for name in (*listed, *avr) if not name.startswith("$")}
+    for name in (name[2:-1] for name in listed if name.startswith("$")):
+        pattern = re.search(rf"file\(GLOB {name}\b[^)]*?(\S+\.c)\)", cmake)[1]
+        found |= {path.relative_to(FIRMWARE).as_posix() for path in FIRMWARE.glob(pattern)}
+    return found
 
 
 def sources_of_platformio(parser: configparser.ConfigParser, root: Path = FIRMWARE) -> set[str]:
@@ -79,10 +83,11 @@ def test_clock_boards_and_rates() -> None:
 
 def test_the_files_for_speed_come_from_cmake() -> None:
     scripts = re.findall(r"pre:(\S+)", ini()["env"]["extra_scripts"])
-    assert all((house.ROOT / script).is_file() for script in scripts)
+    assert all((rules.ROOT / script).is_file() for script in scripts)
     assert "firmware/hal/avr/platformio_speed.py" in scripts
     pattern = re.search(
-        r're\.findall\(r"(.*?)", cmake\)', (FIRMWARE / "hal/avr/platformio_speed.py").read_text()
+        r're\.findall\(\s*r"(.*?)",\s*cmake\s*\)',
+        (FIRMWARE / "hal/avr/platformio_speed.py").read_text(),
     )[1]
     listed = {
         option: set(names.split())
@@ -93,7 +98,7 @@ def test_the_files_for_speed_come_from_cmake() -> None:
 
 
 def test_a_difference_is_seen() -> None:
-    text = (house.ROOT / "platformio.ini").read_text()
+    text = (rules.ROOT / "platformio.ini").read_text()
     assert flags_of_platformio(ini(text.replace("-Wshadow ", ""))) != flags_of_cmake()
     assert flags_of_platformio(ini(text.replace("-Os", "-O2"))) != flags_of_cmake()
     assert sources_of_platformio(ini(text.replace("+<drivers/> ", ""))) != sources_of_cmake()

@@ -69,7 +69,7 @@ def test_a_fit_that_leaves_no_gap_is_not_looked_around() -> None:
 def test_only_the_ripples_numbers_move_within_their_bounds() -> None:
     _, ended = ended_at(SWING)
     at = next(i for i, c in enumerate(ended.hypothesis.coordinates) if c.role == "cosine")
-    points = basins.ring(ended, 0.2)
+    points = basins.ripple_neighbours(ended, 0.2)
     np.testing.assert_array_equal(
         np.delete(points, [at, at + 1], axis=1),
         np.tile(np.delete(ended.x, [at, at + 1]), (len(points), 1)),
@@ -77,7 +77,7 @@ def test_only_the_ripples_numbers_move_within_their_bounds() -> None:
     swing = (points[:, at] + 1j * points[:, at + 1]) / complex(*ended.x[at : at + 2])
     assert np.abs(swing - 1.0).max() == pytest.approx(0.2 * np.sqrt(2.0))
     assert not len(
-        basins.ring(
+        basins.ripple_neighbours(
             replace(ended, hypothesis=replace(ended.hypothesis, coordinates=()), x=np.zeros(0)), 0.2
         )
     )

@@ -17,7 +17,7 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.diagnose import diagnose
 from vgroove.gap.selection import intervals
-from vgroove.gap.simulate import judge
+from vgroove.gap.simulate import compute_gap
 from vgroove.output import write_text
 from vgroove.rig import read_rig
 
@@ -95,8 +95,8 @@ def test_same_input_same_bytes_and_the_corrected_rig_gives_the_gap_after(tmp_pat
             tmp_path / f"two.{ending}"
         ).read_bytes()
     gap = json.loads((tmp_path / "one.json").read_text())["gap"]
-    after, _ = judge(read_rig(tmp_path / "one.toml"), [case / "log.csv"], 0.25)
-    before, _ = judge(read_rig(case / "rig.toml"), [case / "log.csv"], 0.25)
+    after, _ = compute_gap(read_rig(tmp_path / "one.toml"), [case / "log.csv"], 0.25)
+    before, _ = compute_gap(read_rig(case / "rig.toml"), [case / "log.csv"], 0.25)
     assert after["gap"] == pytest.approx(gap["after"], rel=0.01)
     assert before["gap"] == pytest.approx(gap["before"], rel=0.01)
     page = (tmp_path / "one.html").read_text()
@@ -115,11 +115,11 @@ def test_an_effect_left_out_is_not_named() -> None:
 
 
 @pytest.mark.parametrize(("visible", "form"), [(0.1, "edges"), (10.0, None)])
-def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has_it(
+def test_dead_time_is_known_by_what_a_bridge_does_and_stated_in_its_first_form(
     visible: float, form: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A light tool whose current falls below the ripple: what the contract's mean leaves there is
-    visible, so a form of ours is stated.
+    """A light tool whose current falls below the ripple: the mean over the ripple leaves a visible
+    gap there, so the rig states the form `edges`.
     """
     monkeypatch.setattr(intervals, "VISIBLE", visible)
     light = rig(
@@ -136,7 +136,7 @@ def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has
     assert found.search.score(found.search.fits[("dead_time",)]) < 1.05
     assert found.corrected_rig().effects["dead_time"].get("form") == form
     assert (found.verdict["gap"]["after"] > 1.1) is (form is None)
-    again = judge(found.corrected_rig(), [log])[0]["gap"]
+    again = compute_gap(found.corrected_rig(), [log])[0]["gap"]
     # a bad model's folds differ
     assert again == pytest.approx(found.verdict["gap"]["after"], rel=0.01 if form else 0.1)
 
@@ -145,9 +145,10 @@ def small_rig(folder: Path) -> Path:
     """A complete rig."""
     path = folder / "rig.toml"
     path.write_text(
-        'schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n[motor]\nresistance_ohm = 0.19\n'
-        "inductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\ninertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\n"
-        'coulomb_nm = 0.012\n[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
+        'schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n'
+        "[motor]\nresistance_ohm = 0.19\ninductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\n"
+        "inertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\ncoulomb_nm = 0.012\n"
+        '[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
         '[load]\nkind = "none"\n'
     )
     return path

@@ -7,7 +7,7 @@ import pytest
 
 from made_log import drive_log, rig
 from vgroove.gap.diagnose import diagnose
-from vgroove.gap.simulate import judge
+from vgroove.gap.simulate import compute_gap
 from vgroove.rig import Rig
 
 UP_AND_DOWN = [
@@ -55,6 +55,6 @@ def test_a_play_is_named_whatever_its_flanks_throw_back(
     assert set(verdict["effects"][0]["parameters"]) == {"play_rad"}
     assert verdict["effects"][0]["parameters"]["play_rad"]["value"] == pytest.approx(0.15, rel=0.03)
     assert set(found.corrected_rig().effects) == {"gear_backlash", "coupler_compliance"}
-    assert judge(found.corrected_rig(), [made])[0]["gap"] == pytest.approx(
+    assert compute_gap(found.corrected_rig(), [made])[0]["gap"] == pytest.approx(
         verdict["gap"]["after"], rel=0.01
     )

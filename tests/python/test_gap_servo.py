@@ -29,7 +29,7 @@ GAIN_V_PER_RAD, LIMIT_V = 30.0, 15.0
 
 
 def servo_rig() -> Rig:
-    """The servo with the frictions that its maker states: everything at the output, gear ratio 1."""
+    """The servo with the frictions of its data sheet: everything at the output, gear ratio 1."""
     return rig_from_dict(
         {
             "schema": "vgroove.rig/1",

@@ -12,8 +12,8 @@ from made_log import MadeLog, drive_log, rig
 from vgroove import _core
 from vgroove.gap.diagnose import diagnose
 from vgroove.gap.next_run.experiment_design import propose
-from vgroove.gap.next_run.menu import MENU, named, possible, time_grid
-from vgroove.gap.simulate import judge
+from vgroove.gap.next_run.menu import MENU, feasible_profiles, profile_named, time_grid
+from vgroove.gap.simulate import compute_gap
 from vgroove.gap.verdict import correlates
 
 
@@ -58,7 +58,7 @@ def test_logs_of_other_length_rate_and_columns_are_judged_together() -> None:
         "speed_rpm",
         "position_rad",
     }
-    again = judge(found.corrected_rig(), [long, short])[0]
+    again = compute_gap(found.corrected_rig(), [long, short])[0]
     assert again["gap"] == pytest.approx(verdict["gap"]["after"], rel=0.01)
     top = verdict["where"]["by_correlate"][0]
     assert top["share"] > 0.2 and top["signal"] in ("speed_rpm", "current_a", "position_rad")
@@ -88,9 +88,9 @@ def test_the_proposed_run_decides_what_one_log_leaves_open() -> None:
 
 
 def test_a_run_is_only_proposed_to_a_tool_that_can_do_it() -> None:
-    names = {c.name for c in possible(has_duty=False, has_load=False, both_ways=False)}
+    names = {c.name for c in feasible_profiles(has_duty=False, has_load=False, both_ways=False)}
     assert names == {"staircase", "stall pulse", "slow sweep", "hold at heat", "fast ramps"}
-    assert {c.name for c in possible(has_duty=True, has_load=True, both_ways=True)} == {
+    assert {c.name for c in feasible_profiles(has_duty=True, has_load=True, both_ways=True)} == {
         c.name for c in MENU
     }
     for course in MENU:
@@ -116,7 +116,7 @@ def test_what_repeats_a_remainder_is_a_run_that_the_tool_can_do(
     problem = SimpleNamespace(rig=rig(load={"kind": "torque"}), logs=[log])
     finding = SimpleNamespace(verdict="unlisted", left=SimpleNamespace(best_correlate=follows_))
     asked = propose(problem, None, finding)
-    assert asked["profile"] == name and asked["points"] == named(name).points()
+    assert asked["profile"] == name and asked["points"] == profile_named(name).points()
 
 
 def test_a_curve_over_what_is_followed_gains_what_is_there() -> None:

@@ -8,7 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vgroove.gap.cleaning.sensor_noise import divided_differences, position_scatter, position_sigma
+from vgroove.gap.cleaning.sensor_noise import (
+    divided_differences,
+    position_noise_sigma,
+    position_sigma,
+)
 from vgroove.gap.residual.restarts import KnownForce, Observations, Restarts, local_fit
 from vgroove.rig import read_rig
 
@@ -89,7 +93,7 @@ def test_noise_of_a_position_is_found_under_its_motion_however_uneven_the_rows(
     rng = np.random.default_rng(3)
     t = (np.arange(4000) + uneven * rng.uniform(-1.0, 1.0, 4000)) / 500.0
     motion = 20.0 * np.sin(2.0 * t) + 3.0 * np.sin(11.0 * t)
-    assert position_scatter(t, motion + noise * rng.normal(size=4000)) == pytest.approx(
+    assert position_noise_sigma(t, motion + noise * rng.normal(size=4000)) == pytest.approx(
         noise, rel=0.1
     )
 

@@ -273,7 +273,7 @@ def test_peaks_and_travel_of_the_plant(case: str, mode: str) -> None:
 @needs_plant
 @pytest.mark.parametrize("case", IMPACTS)
 def test_reference_mode_is_the_reference(case: str) -> None:
-    """Every column to a millionth of its largest value, every contact to a tenth of a microsecond."""
+    """Every column to a millionth of its largest value, every contact to 0.1 us."""
     np.testing.assert_allclose(
         plant_contacts(case, "reference", 0, 1, 2)["time_s"],
         contacts(case, 0, 1, 2)[:, 0],

@@ -8,6 +8,7 @@ import json
 import os
 import random
 import resource
+import select
 import signal
 import subprocess
 import sys
@@ -25,23 +26,16 @@ from test_telemetry import damaged
 from vgroove import telemetry
 from vgroove.errors import VgrooveError
 from vgroove.log import log_from_stream, read_log
-from vgroove.recorder import (
-    AscSink,
-    BlfSink,
-    CsvSink,
-    Mf4Sink,
-    Recording,
-    ResyncBus,
-    command_message,
-    record,
-)
+from vgroove.recorder import Recording, record
+from vgroove.recording_files import AscFile, BlfFile, CsvFile, Mf4File
+from vgroove.serial_bus import ResyncBus, command_message
 
 ENDINGS = [".csv", ".mf4", ".blf", ".asc"]
 HEADER = ",".join(("time_s", *telemetry.COLUMNS))
 
 
 def start(port: str, output: Path, *options: str, limit: int | None = None) -> subprocess.Popen:
-    """`vgroove record`; `limit`: greatest size of a file in bytes, as a full disk would cut it."""
+    """Start `vgroove record`; a file larger than `limit` bytes fails as on a full disk."""
 
     def before() -> None:
         if limit is not None:
@@ -55,7 +49,7 @@ def start(port: str, output: Path, *options: str, limit: int | None = None) -> s
 
 
 def wait_for_part(output: Path, size: int) -> None:
-    """Until the recorder has begun and written so much."""
+    """Wait until the recorder has written `size` bytes."""
     grows = output.with_name(output.name + ".csv") if output.suffix == ".mf4" else output
     part = grows.with_name(f".{grows.stem}.part{grows.suffix}")
     wait_until(
@@ -64,7 +58,7 @@ def wait_for_part(output: Path, size: int) -> None:
 
 
 def direct_log(pty: PtyBoard) -> dict[float, tuple]:
-    """What the board sent, row by row."""
+    """The rows that the board sent, by time."""
     log = log_from_stream(b"".join(pty.sent), "sent")
     return {
         t: tuple(row)
@@ -74,22 +68,22 @@ def direct_log(pty: PtyBoard) -> dict[float, tuple]:
     }
 
 
-# STATE and CONTROL say since which tick they hold: what tells the last rows may come after a
-# recording's end
-TOLD_LATE_ROWS = 60
+# STATE and CONTROL frames arrive after the rows for which their values hold; those of the last rows
+# may arrive after the end of a recording.
+LATE_ROWS = 60
 
 
 def same_rows(path: Path, pty: PtyBoard, states_may_lack: bool = False) -> int:
-    """Every recorded row is one that was sent, value for value; returns how many."""
+    """Assert that every recorded row was sent with these values; returns the number of rows."""
     log, sent = read_log(path), direct_log(pty)
     got = np.column_stack([log[name] for name in telemetry.COLUMNS])
     expected = np.array([sent[time_s] for time_s in log.time_s.tolist()])
     assert np.allclose(got[:, :5], expected[:, :5], rtol=1e-9, atol=1e-12)
-    # a trigger that moves while the first STATE frame waits leaves a few rows without one
+    # while the first STATE frame is delayed, changes of the trigger are not in the first rows
     if not states_may_lack:
-        told = slice(20, -TOLD_LATE_ROWS)
-        assert np.allclose(got[told, 5:], expected[told, 5:], rtol=1e-9), np.flatnonzero(
-            (got[told, 5:] != expected[told, 5:]).any(axis=1)
+        complete = slice(20, -LATE_ROWS)
+        assert np.allclose(got[complete, 5:], expected[complete, 5:], rtol=1e-9), np.flatnonzero(
+            (got[complete, 5:] != expected[complete, 5:]).any(axis=1)
         )
     return len(log)
 
@@ -116,7 +110,7 @@ def test_records_what_the_board_sent(tmp_path: Path, ending: str) -> None:
     ]
 
 
-def test_a_csv_has_the_contracts_columns(tmp_path: Path) -> None:
+def test_a_csv_has_the_columns_of_the_signal_list(tmp_path: Path) -> None:
     output = tmp_path / "run.csv"
     with PtyBoard() as pty:
         start(pty.port, output, "--seconds", "0.5").communicate(timeout=60)
@@ -147,7 +141,7 @@ def test_ctrl_c_leaves_a_complete_file(tmp_path: Path, ending: str, number: sign
 def test_ctrl_c_before_a_board_is_found_writes_nothing(tmp_path: Path) -> None:
     master, slave = os.openpty()
     process = start(os.ttyname(slave), tmp_path / "run.csv")
-    time.sleep(1.5)
+    assert select.select([master], [], [], 30.0)[0], "the recorder requests a BOOT frame"
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=30)
     os.close(master)
@@ -171,7 +165,7 @@ def test_a_damaged_line_is_survived_and_counted(tmp_path: Path) -> None:
     )
 
 
-def test_a_board_that_already_runs_is_asked_for_its_boot_frame(tmp_path: Path) -> None:
+def test_a_running_board_is_requested_to_send_its_boot_frame(tmp_path: Path) -> None:
     with PtyBoard() as pty:
         time.sleep(1.0)
         os.set_blocking(pty._slave, False)
@@ -190,9 +184,7 @@ def test_a_board_that_already_runs_is_asked_for_its_boot_frame(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("ending", [".csv", ".blf", ".asc"])
-def test_a_full_disk_is_a_sentence_and_what_was_recorded_is_kept(
-    tmp_path: Path, ending: str
-) -> None:
+def test_a_full_disk_is_an_error_and_recorded_rows_are_kept(tmp_path: Path, ending: str) -> None:
     output, limit = (
         tmp_path / f"run{ending}",
         {".csv": 60_000, ".blf": 30_000, ".asc": 120_000}[ending],
@@ -235,7 +227,7 @@ def test_an_mf4_that_cannot_be_made_stays_as_csv(
         target.write_bytes(b"half")
         raise error
 
-    monkeypatch.setattr("vgroove.recorder._mf4_of_csv", failing)
+    monkeypatch.setattr("vgroove.recording_files.convert_csv_to_mf4", failing)
     with (
         PtyBoard() as pty,
         pytest.raises(
@@ -251,7 +243,7 @@ def test_an_mf4_that_cannot_be_made_stays_as_csv(
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of its own with room for 108 kB, where mounting one is allowed."""
+    """A separate disk with room for 108 kB; the test is skipped where mounting is not allowed."""
     folder = tmp_path / "disk"
     folder.mkdir()
     if subprocess.run(
@@ -297,15 +289,17 @@ def test_a_disk_with_room_for_the_rows_but_not_for_the_mf4_of_them(small_disk: P
 
 
 def test_a_long_mf4_is_converted_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("vgroove.recorder.MF4_ROWS", 7)
-    sink, rng = Mf4Sink(tmp_path / "run.mf4"), np.random.default_rng(1)
+    monkeypatch.setattr("vgroove.recording_files.MF4_ROWS", 7)
+    file, rng = Mf4File(tmp_path / "run.mf4"), np.random.default_rng(1)
     rows = {name: np.round(rng.normal(0, 9, 100), 3) for name in telemetry.COLUMNS} | {
         "time_s": 1.7e9 + np.arange(100) / 1000
     }
     for first in (0, 40):
-        sink.block({name: values[first : first + 40 + first // 2] for name, values in rows.items()})
-    sink.finish()
-    sink.publish()
+        file.add_rows(
+            {name: values[first : first + 40 + first // 2] for name, values in rows.items()}
+        )
+    file.finish()
+    file.publish()
     log = read_log(tmp_path / "run.mf4")
     assert os.listdir(tmp_path) == ["run.mf4"] and np.array_equal(log.time_s, rows["time_s"])
     assert all(np.array_equal(log[name], rows[name]) for name in telemetry.COLUMNS)
@@ -319,17 +313,17 @@ def test_a_long_mf4_is_converted_in_parts(tmp_path: Path, monkeypatch: pytest.Mo
         (KeyboardInterrupt(), ""),
     ],
 )
-def test_whatever_ends_a_recording_what_was_recorded_is_kept(
+def test_recorded_rows_are_kept_whatever_ends_the_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, words: str
 ) -> None:
-    blocks = CsvSink.block
+    add_rows = CsvFile.add_rows
 
-    def failing(self: CsvSink, columns: dict[str, np.ndarray]) -> None:
+    def failing(self: CsvFile, columns: dict[str, np.ndarray]) -> None:
         if self.rows > 300:
             raise error
-        blocks(self, columns)
+        add_rows(self, columns)
 
-    monkeypatch.setattr(CsvSink, "block", failing)
+    monkeypatch.setattr(CsvFile, "add_rows", failing)
     with PtyBoard() as pty:
         recording = Recording(pty.port, tmp_path / "run.csv")
         with pytest.raises(VgrooveError, match=words) if words else nullcontext():
@@ -338,7 +332,7 @@ def test_whatever_ends_a_recording_what_was_recorded_is_kept(
     assert sorted(os.listdir(tmp_path)) == ["run.csv", "run.csv.json"]
 
 
-def test_a_name_that_is_taken_meanwhile_leaves_the_part_file(tmp_path: Path) -> None:
+def test_a_name_that_becomes_a_folder_meanwhile_leaves_the_part_file(tmp_path: Path) -> None:
     with PtyBoard() as pty:
         process = start(pty.port, tmp_path / "run.csv", "--seconds", "1")
         wait_for_part(tmp_path / "run.csv", 20_000)
@@ -352,7 +346,7 @@ def test_a_name_that_is_taken_meanwhile_leaves_the_part_file(tmp_path: Path) -> 
         assert same_rows(tmp_path / ".run.part.csv", pty) >= 1000
 
 
-def test_a_port_that_goes_away_is_a_sentence_and_the_file_complete(tmp_path: Path) -> None:
+def test_a_lost_port_is_an_error_and_the_file_is_complete(tmp_path: Path) -> None:
     output = tmp_path / "run.csv"
     with PtyBoard() as pty:
         process = start(pty.port, output, "--seconds", "60")
@@ -368,9 +362,7 @@ def test_a_port_that_goes_away_is_a_sentence_and_the_file_complete(tmp_path: Pat
 
 
 @pytest.mark.parametrize("noise", [b"", bytes(range(256))])
-def test_something_that_is_no_board_is_refused_with_a_sentence(
-    tmp_path: Path, noise: bytes
-) -> None:
+def test_a_port_without_a_board_is_an_error(tmp_path: Path, noise: bytes) -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     process = start(os.ttyname(slave), tmp_path / "run.csv", "--baud", "115200")
@@ -387,13 +379,13 @@ def test_something_that_is_no_board_is_refused_with_a_sentence(
     )
 
 
-def test_a_board_of_another_protocol_is_refused_with_a_sentence(tmp_path: Path) -> None:
+def test_a_board_of_another_protocol_is_an_error(tmp_path: Path) -> None:
     master, slave = os.openpty()
     boot = telemetry.frame_of_signals(
         "BOOT", 5, protocol_version=9, duty_full_scale=255, fast_divider=1
     )
     process = start(os.ttyname(slave), tmp_path / "run.csv")
-    while process.poll() is None:  # opening the port throws away what had come before
+    while process.poll() is None:  # opening the port discards bytes received before
         os.write(master, telemetry.frame_bytes(boot))
         time.sleep(0.1)
     _, text = process.communicate(timeout=30)
@@ -401,13 +393,13 @@ def test_a_board_of_another_protocol_is_refused_with_a_sentence(tmp_path: Path) 
     os.close(slave)
     assert (
         process.returncode == 2
-        and "telemetry protocol 9, this vgroove knows 2" in text
+        and "telemetry protocol 9, this vgroove decodes 2" in text
         and os.listdir(tmp_path) == []
     )
 
 
 @pytest.mark.parametrize("port", ["/dev/ttyNoSuchPort", "COM99"])
-def test_a_port_that_is_not_there_is_a_sentence(tmp_path: Path, port: str) -> None:
+def test_a_missing_port_is_an_error(tmp_path: Path, port: str) -> None:
     process = start(port, tmp_path / "run.csv")
     _, text = process.communicate(timeout=30)
     assert (
@@ -417,7 +409,7 @@ def test_a_port_that_is_not_there_is_a_sentence(tmp_path: Path, port: str) -> No
     )
 
 
-def test_an_unknown_ending_or_an_unwritable_place_is_a_sentence(tmp_path: Path) -> None:
+def test_an_unknown_ending_or_an_unwritable_folder_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(VgrooveError, match="ends in .csv, .mf4, .blf or .asc"):
         record(Recording("none", tmp_path / "run.txt"), lambda: True)
     with (
@@ -443,21 +435,21 @@ def test_a_board_that_restarts_ends_the_recording_with_a_complete_file(tmp_path:
 def test_a_disk_that_takes_part_of_a_block_keeps_whole_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sink = CsvSink(tmp_path / "run.csv")
+    file = CsvFile(tmp_path / "run.csv")
     rows = {name: np.zeros(10) for name in ("time_s", *telemetry.COLUMNS)}
-    sink.block(rows)
-    whole = sink.part.stat().st_size
+    file.add_rows(rows)
+    whole = file.part.stat().st_size
 
     def full(data: object) -> int:
-        io.FileIO.write(sink._file, bytes(data)[:5])
+        io.FileIO.write(file._file, bytes(data)[:5])
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(sink._file, "write", full)
+    monkeypatch.setattr(file._file, "write", full)
     with pytest.raises(OSError, match="No space"):
-        sink.block(rows)
-    assert sink.part.stat().st_size > whole
-    sink.rescue()
-    assert sink.part.stat().st_size == whole and sink.rows == 10
+        file.add_rows(rows)
+    assert file.part.stat().st_size > whole
+    file.salvage()
+    assert file.part.stat().st_size == whole and file.rows == 10
 
 
 def test_python_cans_bus_survives_damage(tmp_path: Path) -> None:
@@ -489,12 +481,12 @@ def test_raw_recording_keeps_the_time_that_the_crc_covers(tmp_path: Path) -> Non
     eeprom_set()
     board = Board(now_ms=2**31)
     frames = telemetry.Framer().feed(board.run(300, moving(board)))
-    for ending, kind in ((".blf", BlfSink), (".asc", AscSink)):
-        sink = kind(tmp_path / f"run{ending}")
+    for ending, kind in ((".blf", BlfFile), (".asc", AscFile)):
+        file = kind(tmp_path / f"run{ending}")
         for frame in frames:
-            sink.frame(frame)
-        sink.finish()
-        sink.publish()
+            file.add_frame(frame)
+        file.finish()
+        file.publish()
         log = read_log(tmp_path / f"run{ending}")
         assert log.time_s[0] == (2**31 + 1) / 1000 and len(log) == 300 and log.warnings == []
 

@@ -1,4 +1,4 @@
-// What the files of the AVR layer share.
+// Declarations shared by the files of the AVR layer.
 #ifndef VGROOVE_HAL_AVR_AVR_H
 #define VGROOVE_HAL_AVR_AVR_H
 
@@ -12,7 +12,7 @@ extern uint8_t avr_reset_cause;
 
 void avr_start_pins(void);
 
-// Starts ADC and timers, interrupts off; the last act before the main loop.
+// Starts ADC and timers with interrupts off, before the main loop.
 void avr_start_timers(void);
 
 #endif

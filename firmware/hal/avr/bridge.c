@@ -1,5 +1,4 @@
-// The gates: leg A on Timer0's compare outputs, leg B on two port pins, the driver's enable on
-// another.
+// Gates: leg A on the compare outputs of Timer0, leg B and the driver's enable on port pins.
 #include <avr/io.h>
 
 #include "hal/avr/board.h"
@@ -8,8 +7,7 @@
 #define DISCONNECTED (1u << WGM00)  // phase-correct PWM, TOP 255; the pins follow PORT, which is 0
 #define CONNECTED (DISCONNECTED | (1u << COM0A1) | (1u << COM0B1) | (1u << COM0B0))
 
-// Always in line: it stands in the ADC interrupt, where a call would cost the saving of ten more
-// registers.
+// Always inline: in the ADC interrupt a call would save ten more registers.
 __attribute__((always_inline)) static inline void cut(void) {
     BOARD_ENABLE_PORT = (uint8_t)(BOARD_ENABLE_PORT & ~(1u << BOARD_ENABLE_BIT));
     TCCR0A = DISCONNECTED;
@@ -36,7 +34,7 @@ void hal_bridge_arm(bool leg_b_high) {
     }
 }
 
-// The order of the two writes keeps the dead time even if TOP fell between them.
+// The order of the two writes keeps the dead time even if a TOP occurs between them.
 void hal_bridge_set(uint8_t high_below, uint8_t low_above) {
     if (high_below >= OCR0A) {
         OCR0B = low_above;
@@ -48,7 +46,7 @@ void hal_bridge_set(uint8_t high_below, uint8_t low_above) {
     BOARD_ENABLE_PORT = (uint8_t)(BOARD_ENABLE_PORT | (1u << BOARD_ENABLE_BIT));
 }
 
-// Timer2's second compare: with the tick (its TOP) or four counts of 64 cycles after it.
+// Compare B of Timer2: at the tick (its TOP), or four counts of 64 cycles after it.
 void hal_apply_at(bool later) {
     OCR2B = later ? BOARD_TICK_LATER : BOARD_TICK_TOP;
 }

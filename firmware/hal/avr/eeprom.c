@@ -1,4 +1,4 @@
-// EEPROM, a byte at a time and never waiting for a write.
+// EEPROM, one byte at a time, without waiting for a write to end.
 #include "hal/eeprom.h"
 
 #include <avr/io.h>

@@ -1,5 +1,5 @@
-// Interrupts: read the hardware, hand over to the application, leave. Timer2 comes first by its
-// vector number on both chips.
+// Interrupts: read the hardware, hand over to the application, return. Timer2 has the highest
+// priority on both chips by its vector number.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 
@@ -12,17 +12,17 @@ _Static_assert(HAL_ADC_CURRENT == BOARD_ADC_CURRENT && HAL_ADC_BUS == BOARD_ADC_
                    HAL_ADC_TEMPERATURE == BOARD_ADC_TEMPERATURE,
                "ADC inputs are wired in the order of HAL_ADC_*");
 
-// The channel of the next conversion and its trigger flag (data sheet, "Changing Channel"). Doing
-// it twice does no harm: the channel is the same until the ADC interrupt moves on, and a flag
-// cleared during a conversion is set again by the next BOTTOM.
+// Sets the channel of the next conversion and clears its trigger flag (data sheet, "Changing
+// Channel"). May run twice: the channel stays the same until the ADC interrupt, and a flag cleared
+// during a conversion is set again by the next BOTTOM.
 static inline void prepare_conversion(void) {
     ADMUX = (uint8_t)((1u << REFS0) | app_next_channel(&avr_app));
     TIFR0 |= 1u << TOV0;  // one SBI, which writes this bit alone
 }
 
 // Both must be done within 309 cycles of a result, or the next trigger is missed. The ADC interrupt
-// comes late by its vector number, so whichever interrupt begins first after a result does it, but
-// for UDRE: docs/firmware.md, "Interrupts", has the sum.
+// has a low priority, so the first interrupt after a result does it, except UDRE; timing budget:
+// docs/firmware.md, "Interrupts".
 static inline void prepare_if_due(void) {
     if ((ADCSRA & (1u << ADIF)) != 0u) {
         prepare_conversion();
@@ -35,14 +35,14 @@ ISR(TIMER2_COMPA_vect) {
     app_on_tick(&avr_app);
 }
 
-// With the tick or 256 cycles after it, see hal_apply_at.
+// At the tick or 256 cycles after it, see hal_apply_at().
 ISR(TIMER2_COMPB_vect) {
     prepare_if_due();
     app_on_apply(&avr_app);
 }
 
-// Both edges count: the next one is the opposite of the level now, which also finds back after an
-// edge that came too fast.
+// Both edges count: the next one to capture is opposite to the present level, which also recovers
+// from an edge that was too short.
 ISR(BOARD_CAPT_vect) {
     prepare_if_due();
     const uint16_t stamp = BOARD_ICR;
@@ -52,7 +52,7 @@ ISR(BOARD_CAPT_vect) {
     }
     BOARD_TCCRB = control;
     BOARD_TIFR =
-        1u << BOARD_ICF;  // changing the edge may have set it (data sheet, "Input Capture Unit")
+        1u << BOARD_ICF;  // may be set by changing the edge (data sheet, "Input Capture Unit")
     app_on_edge(&avr_app, stamp);
 }
 
@@ -61,9 +61,9 @@ ISR(ADC_vect) {
     app_on_sample(&avr_app, ADC);
 }
 
-// app_on_received() by hand: a command that comes in takes six of these within a tick. Arms the ADC
-// as prepare_if_due does. No interrupt nests, so GPIOR1 and GPIOR2 keep Z; SREG and r24 go on the
-// stack.
+// app_on_received() in assembly: a command takes six of these within a tick. Prepares the ADC as
+// prepare_if_due() does. Interrupts do not nest, so GPIOR1 and GPIOR2 keep Z; SREG and r24 go on
+// the stack.
 ISR(BOARD_RX_vect, ISR_NAKED) {
     __asm__ volatile(
         "out %[keep_low], r30\n\t"
@@ -78,7 +78,7 @@ ISR(BOARD_RX_vect, ISR_NAKED) {
         "ori r24, %[reference]\n\t"
         "sts %[admux], r24\n\t"
         "sbi %[tifr], %[tov]\n\t"
-        "1: lds r31, %[status]\n\t"  // before the data: it says what is wrong with it
+        "1: lds r31, %[status]\n\t"  // error flags, read before the data
         "lds r24, %[data]\n\t"
         "andi r31, %[damaged]\n\t"
         "brne 3f\n\t"
@@ -101,7 +101,7 @@ ISR(BOARD_RX_vect, ISR_NAKED) {
         "in r31, %[keep_high]\n\t"
         "in r30, %[keep_low]\n\t"
         "reti\n\t"
-        "3: lds r24, %[errors]\n\t"  // counted up to 255
+        "3: lds r24, %[errors]\n\t"  // saturates at 255
         "inc r24\n\t"
         "breq 2b\n\t"
         "sts %[errors], r24\n\t"
@@ -117,8 +117,8 @@ ISR(BOARD_RX_vect, ISR_NAKED) {
           [items] "i"(&avr_app.uart.receive.items), [errors] "i"(&avr_app.uart.receive_errors));
 }
 
-// app_on_ready() by hand, 20,000 times a second: what the compiler saves around any interrupt would
-// cost a third more. No interrupt nests, so GPIOR1 and GPIOR2 keep Z; SREG and r24 go on the stack.
+// app_on_ready() in assembly, 20,000 times a second: the registers that the compiler saves cost a
+// third more. Interrupts do not nest, so GPIOR1 and GPIOR2 keep Z; SREG and r24 go on the stack.
 ISR(BOARD_UDRE_vect, ISR_NAKED) {
     __asm__ volatile("out %[keep_low], r30\n\t"
                      "out %[keep_high], r31\n\t"
@@ -146,7 +146,7 @@ ISR(BOARD_UDRE_vect, ISR_NAKED) {
                      "in r31, %[keep_high]\n\t"
                      "in r30, %[keep_low]\n\t"
                      "reti\n\t"
-                     "2: lds r24, %[control]\n\t"  // nothing left: until hal_uart_wake
+                     "2: lds r24, %[control]\n\t"  // queue empty: off until hal_uart_wake
                      "andi r24, %[silent]\n\t"
                      "sts %[control], r24\n\t"
                      "rjmp 1b\n\t"

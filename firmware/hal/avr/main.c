@@ -1,4 +1,4 @@
-// Main loop: sleep until the tick, run it, feed the watchdog when nothing is left to do.
+// Main loop: sleeps until the tick, runs it, and resets the watchdog when no tick is pending.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
@@ -9,10 +9,14 @@
 #include "hal/avr/board.h"
 #include "hal/hal.h"
 
-#define PAINT 0xC5u
-#define PAINT_STEP 2u  // bytes looked at a tick
+#define PAINT 0xC5u    // fills the unused stack
+#define PAINT_STEP 2u  // bytes examined per tick
 
-extern uint8_t _end;  // of static data: the stack may grow down to here
+// Bits of GPIOR0 that the bench observes.
+#define MARK_TICK 1u
+#define MARK_CONTROL 2u
+
+extern uint8_t _end;  // of static data: lower limit of the stack
 
 App avr_app;
 volatile uint8_t avr_ticks_waiting;
@@ -34,7 +38,7 @@ void avr_paint_stack(void) {
 
 static uint16_t stack_free_bytes;
 
-// After a tick's work, when nothing waits for it.
+// Searches the lowest byte that the stack has used; runs when no tick is pending.
 static void look_at_stack(void) {
     static uint8_t *at = &_end;
     for (uint8_t k = 0; k < PAINT_STEP; k++, at++) {
@@ -91,9 +95,9 @@ uint8_t hal_reset_cause(void) {
 
 void hal_mark_control(bool runs) {
     if (runs) {
-        GPIOR0 |= 2u;
+        GPIOR0 |= MARK_CONTROL;
     } else {
-        GPIOR0 &= (uint8_t)~2u;
+        GPIOR0 &= (uint8_t)~MARK_CONTROL;
     }
 }
 
@@ -101,7 +105,7 @@ uint8_t hal_target(void) {
     return BOARD_TARGET;
 }
 
-// Sleeps until a tick waits; returns how many more do.
+// Sleeps until a tick is due; returns how many more are pending.
 static uint8_t wait_for_tick(void) {
     cli();
     while (avr_ticks_waiting == 0u) {
@@ -118,12 +122,12 @@ static uint8_t wait_for_tick(void) {
 int main(void) {
     avr_start_pins();
     app_init(&avr_app, VGROOVE_BUILD_HASH);
-    SMCR = 1u << SE;  // idle: the timers go on
+    SMCR = 1u << SE;  // idle mode: the timers run
     avr_start_timers();
     wdt_enable(WDTO_15MS);
     for (;;) {
         const uint8_t late = wait_for_tick();
-        GPIOR0 = 1;  // the bench's mark: work runs
+        GPIOR0 = MARK_TICK;
         app_tick(&avr_app, late);
         GPIOR0 = 0;
         look_at_stack();

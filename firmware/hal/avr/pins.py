@@ -16,7 +16,7 @@ HEAD = """# Pins and timers
 
 
 def rows_of(block: str, columns: int) -> list[str]:
-    """Table rows out of the defines of a block whose comment has `columns` cells."""
+    """Table rows from the defines of a block whose comments have `columns` cells."""
     cells = [
         [cell.strip() for cell in match.group(1).split("|")]
         for line in block.splitlines()
@@ -24,12 +24,12 @@ def rows_of(block: str, columns: int) -> list[str]:
     ]
     wrong = [row for row in cells if len(row) != columns]
     if wrong:
-        raise SystemExit(f"{BOARD.name}: {columns} cells wanted: {wrong[0]}")
+        raise SystemExit(f"{BOARD.name}: {columns} cells expected: {wrong[0]}")
     return ["| " + " | ".join(row) + " |" for row in cells]
 
 
 def page(text: str) -> str:
-    """The whole page for the text of board.h."""
+    """Text of the page for the text of board.h."""
     out = [HEAD]
     for board in re.finditer(r"^// board: ([^\n]*)$(.*?)^// end$", text, re.MULTILINE | re.DOTALL):
         pins, timers = re.search(
@@ -55,7 +55,7 @@ def main() -> int:
         return 0
     if PAGE.exists() and PAGE.read_text(encoding="utf-8") == wanted:
         return 0
-    sys.stderr.write(f"{PAGE} is not what {BOARD} says: run {Path(__file__).name}\n")
+    sys.stderr.write(f"{PAGE} does not match {BOARD}: run {Path(__file__).name}\n")
     return 1
 
 

@@ -1,5 +1,5 @@
-"""PlatformIO pre-build step: what firmware/avr.cmake compiles for speed, or for least size, is
-compiled so here, too.
+"""PlatformIO pre-build step: compiles each source with the option that firmware/avr.cmake sets for
+it.
 """
 
 import re
@@ -15,7 +15,7 @@ options = {name: option for names, option in listed for name in names.split()}
 
 
 def as_listed(env, node):  # noqa: ANN001, ANN201  SCons' objects
-    """The object of a source, with the option that is listed for it after all other flags."""
+    """Object of a source, compiled with its listed option after all other flags."""
     path = node.get_path().replace("\\", "/")
     option = next((option for name, option in options.items() if path.endswith("/" + name)), None)
     return env.Object(node, CCFLAGS=[*env["CCFLAGS"], option]) if option else node

@@ -1,4 +1,4 @@
-// From reset to running timers.
+// Start of pins, ADC and timers after a reset.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/wdt.h>
@@ -11,12 +11,12 @@
 #define ADC_PRESCALE_128 ((1u << ADPS2) | (1u << ADPS1) | (1u << ADPS0))
 #define ADC_TRIGGER_TIMER0_OVERFLOW (1u << ADTS2)
 
-// Kept out of .bss, which is cleared after it is written.
+// In .noinit: the reset cause is stored before .bss is cleared.
 uint8_t avr_reset_cause __attribute__((section(".noinit")));
 
 void avr_first(void) __attribute__((naked, used, section(".init3")));
 
-// The watchdog stays on after a reset that it caused, with the shortest time-out (avr-libc manual,
+// After a watchdog reset the watchdog remains enabled with its shortest timeout (avr-libc manual,
 // <avr/wdt.h>).
 void avr_first(void) {
     avr_reset_cause = MCUSR;
@@ -27,8 +27,8 @@ void avr_first(void) {
 static void start_adc(void) {
     DIDR0 = 0x0Fu;
     ADMUX = (uint8_t)((1u << REFS0) | adc_sequence_channel(0));
-    // The first conversion takes 25 instead of 13.5 ADC clocks: done here, so that all that count
-    // take the same time.
+    // The first conversion takes 25 instead of 13.5 ADC clocks: done here, so that all scheduled
+    // ones take equally long.
     ADCSRA = (1u << ADEN) | (1u << ADSC) | ADC_PRESCALE_128;
     while ((ADCSRA & (1u << ADSC)) != 0u) {
     }
@@ -38,8 +38,8 @@ static void start_adc(void) {
 }
 
 void avr_start_pins(void) {
-    // Reset has left every PORT bit 0 and the compare outputs disconnected: the gates stay off as
-    // the pins become outputs.
+    // After a reset all PORT bits are 0 and the compare outputs disconnected: the gates stay off
+    // when the pins become outputs.
     TCCR0A = 1u << WGM00;
     OCR0B = HAL_COMPARE_MAX;
     BOARD_ENABLE_DDR |= 1u << BOARD_ENABLE_BIT;
@@ -52,8 +52,8 @@ void avr_start_pins(void) {
     BOARD_MODE_PORT |= (1u << BOARD_MODE_0_BIT) | (1u << BOARD_MODE_1_BIT);
 }
 
-// Timer2 starts when its prescaler is released, the other two 2 and 4 cycles later (an sts each)
-// with counts to match: as if all had begun at 0 together.
+// Timer2 starts when its prescaler is released, the other two 2 and 4 cycles later (one sts each),
+// with initial counts as if all had started at 0 together.
 static void release_timers(uint8_t hall_control) {
     BOARD_TCNT = 2;
     TCNT0 = 4;

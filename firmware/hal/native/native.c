@@ -1,4 +1,4 @@
-// The fake machine, see native.h.
+// Fake hardware, see native.h.
 #include "hal/native/native.h"
 
 #include <string.h>

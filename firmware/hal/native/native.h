@@ -1,5 +1,4 @@
-// A fake machine for unit tests: what the firmware asked of it is written down, what it reads is
-// set by the test.
+// Fake hardware for unit tests: records what the firmware requests and returns what the test sets.
 #ifndef VGROOVE_HAL_NATIVE_H
 #define VGROOVE_HAL_NATIVE_H
 
@@ -26,10 +25,10 @@ typedef struct {
     uint8_t baud;
     uint16_t stack_free;
     uint16_t tick_cycles;
-    uint32_t opened;  // calls
+    uint32_t opened;  // number of calls
     uint32_t woken;
     uint32_t eeprom_writes;
-    int32_t locks;  // not yet given back
+    int32_t locks;  // hal_lock() less hal_unlock()
 } Native;
 
 extern Native native;

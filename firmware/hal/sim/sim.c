@@ -1,5 +1,5 @@
-// The ATmega's timers, ADC, UART, EEPROM and bridge outputs as the firmware sees them, event by
-// event within a PWM period.
+// Simulated hardware: timers, ADC, UART, EEPROM and bridge outputs of the ATmega, event by event
+// within a PWM period.
 #include "hal/sim/sim.h"
 
 #include <string.h>
@@ -9,16 +9,15 @@
 #include "hal/hal.h"
 
 #define PERIOD ((int32_t)HAL_CYCLES_PER_PERIOD)
-#define CAPTURE_CYCLES 4  // noise canceller of the input capture
-#define EEPROM_WRITE_CYCLES                                                                        \
-    54400  // 3.4 ms, data sheet of the ATmega328P, "EEPROM Programming Time"
+#define CAPTURE_CYCLES 4             // noise canceller of the input capture
+#define EEPROM_WRITE_CYCLES 54400    // 3.4 ms, data sheet ATmega328P, "EEPROM Programming Time"
 #define CYCLES_PER_BYTE_250000 640   // 10 bits of 64 cycles
 #define CYCLES_PER_BYTE_115200 1360  // 10 bits of 8 (16 + 1) cycles: 117,647 Bd
 #define NEVER INT32_MAX
-#define RECEIVE_CYCLE 128  // within the period, for every byte whose stop bit ends in it
+#define RECEIVE_CYCLE 128  // within the period, for each byte received in it
 #define PERIODS_PER_SAMPLE (HAL_CYCLES_PER_SAMPLE / HAL_CYCLES_PER_PERIOD)
 
-// Times are cycles from the begin of the period that runs; they move back by 510 at its end.
+// Times are cycles since the beginning of the present period; its end subtracts 510 from them.
 typedef enum {
     EVENT_TICK,
     EVENT_APPLY,
@@ -43,7 +42,7 @@ typedef struct {
     uint8_t eeprom[SIM_EEPROM_BYTES];
     SimBlow blows[SIM_BLOWS_MAX];
     uint16_t blow_count;
-    uint64_t cycles;  // from the timers' start to the begin of the period
+    uint64_t cycles;  // from the start of the timers to the beginning of the period
     uint32_t periods;
     int32_t tick_at;
     int32_t apply_at;
@@ -226,7 +225,7 @@ static void keep_earlier(Event *first, EventKind kind, int32_t at) {
     }
 }
 
-// The first event of the rest of the period; ties go to the tick's interrupts, as on the chip.
+// Next event of the period; at equal times the tick's interrupts come first, as on the chip.
 static Event next_event(void) {
     Event first = {.kind = EVENT_NONE, .at = PERIOD};
     keep_earlier(&first, EVENT_TICK, sim.tick_at);
@@ -297,7 +296,7 @@ static void end_period(void) {
     sim.now = 0;
 }
 
-// The signed compare value behind the two of leg A, which stand dead_counts apart around it.
+// Signed compare value of the two of leg A, which are dead_counts apart around it.
 static int16_t signed_compare(void) {
     const uint8_t dead = sim.app.bridge.dead_counts;
     int16_t leg_a = sim.low_above;

@@ -1,8 +1,8 @@
 // The native firmware in lock-step with a tool: one call simulates one PWM period of 510 CPU cycles
 // (docs/architecture.md).
 //
-// The firmware's interrupt entries are called at the cycles at which the ATmega's hardware raises
-// them. One instance a process; sim_reset() starts another run from nothing.
+// The firmware's interrupt handlers are called at the cycles at which the hardware of the ATmega
+// raises them. One instance per process; sim_reset() starts another run with a new state.
 #ifndef VGROOVE_HAL_SIM_SIM_H
 #define VGROOVE_HAL_SIM_SIM_H
 
@@ -18,45 +18,45 @@ extern "C" {
 #define SIM_RESET_POWER_ON 1u
 #define SIM_TARGET_NATIVE 0u
 
-// What a run starts from. The latencies change when code runs, not what it computes: a test varies
-// them.
+// Initial conditions of a run. The latencies change when code runs, not what it computes: tests
+// vary them.
 typedef struct {
     const uint8_t *eeprom;  // SIM_EEPROM_BYTES, NULL: erased
     uint8_t reset_cause;    // bit 0 power-on, 1 external, 2 brown-out, 3 watchdog
     uint8_t target;         // what BOOT reports: TELEMETRY_TARGET_*
-    uint16_t isr_cycles;    // interrupt to its code, at most 300
-    uint16_t tick_cycles;   // tick to the begin of app_tick, 260 .. 8,000
+    uint16_t isr_cycles;    // from interrupt to its code, at most 300
+    uint16_t tick_cycles;   // from tick to the start of app_tick, 260 .. 8,000
 } SimStart;
 
-#define SIM_ISR_CYCLES                                                                             \
-    80u  // a result of the ADC comes 54 cycles before a period ends, and the ELF opens the bridge
-         // in the next one
+// An ADC result comes 54 cycles before the end of a period, and the AVR opens the bridge in the
+// next period.
+#define SIM_ISR_CYCLES 80u
 #define SIM_TICK_CYCLES 400u
 #define SIM_START_DEFAULT                                                                          \
     { 0, SIM_RESET_POWER_ON, SIM_TARGET_NATIVE, SIM_ISR_CYCLES, SIM_TICK_CYCLES }
 
-// Period 0 begins at the first TOP after the timers' start; `outputs` are those in force in it.
+// Period 0 begins at the first TOP after the start of the timers; `outputs` apply to it.
 void sim_reset(const SimStart *start, SimOutputs *outputs);
 void sim_period(const SimInputs *inputs, SimOutputs *outputs);
 
-// The EEPROM now, SIM_EEPROM_BYTES.
+// Present EEPROM contents, SIM_EEPROM_BYTES.
 const uint8_t *sim_eeprom(void);
 
-// A blow as the firmware told it: for benches, since telemetry has only the count.
+// A detected blow, for benches: telemetry sends the count only.
 typedef struct {
     uint32_t time_ms;  // of the tick
     uint8_t lugs, repeats;
-    uint16_t period_q4, mean_period_q7;  // the running figures are those before it
+    uint16_t period_q4, mean_period_q7;  // the running means are those before the blow
     int16_t spread_q15;
 } SimBlow;
 
-#define SIM_BLOWS_MAX 4096u  // later ones are lost
+#define SIM_BLOWS_MAX 4096u  // later ones are dropped
 
-// Those since sim_reset; returns how many.
+// Blows since sim_reset(); returns their number.
 uint16_t sim_blows(const SimBlow **blows);
 
-// Periods simulated since sim_reset, and cycles from the timers' start to the begin of the next
-// period.
+// Periods simulated since sim_reset(), and cycles from the start of the timers to the beginning of
+// the next period.
 uint32_t sim_periods(void);
 uint64_t sim_cycles(void);
 

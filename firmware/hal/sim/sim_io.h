@@ -1,5 +1,5 @@
-// The message that board and tool exchange once a PWM period (docs/architecture.md): one struct
-// each way, little endian, packed.
+// Message that board and tool exchange once per PWM period (docs/architecture.md): one packed,
+// little-endian struct in each direction.
 #ifndef VGROOVE_HAL_SIM_SIM_IO_H
 #define VGROOVE_HAL_SIM_SIM_IO_H
 
@@ -36,7 +36,7 @@ typedef struct __attribute__((packed)) {
 
 typedef struct __attribute__((packed)) {
     uint8_t coast;        // 1: all gates off in the next period
-    int16_t compare;      // signed, -255..255, in force in the next period
+    int16_t compare;      // signed, -255..255, applied in the next period
     uint8_t dead_counts;  // dead time in timer counts
     uint8_t tx_count;
     uint8_t tx[SIM_BYTES_MAX];

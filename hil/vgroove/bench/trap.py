@@ -20,7 +20,7 @@ from rich.table import Table
 from vgroove import _core
 from vgroove.bench.solvers import Missing
 from vgroove.gap.diagnose import diagnose
-from vgroove.gap.report import sentence
+from vgroove.gap.report import verdict_sentence
 from vgroove.log import Log
 from vgroove.rig import Rig, rig_from_dict
 from vgroove.units import RPM_PER_RAD_S
@@ -176,7 +176,7 @@ def own_answer(train: Motion, new: Motion) -> Answer:
     corrected = found.corrected_rig()
     return Answer(
         "vgroove gap diagnose",
-        sentence(found.verdict),
+        verdict_sentence(found.verdict),
         corrected.motor["viscous_nm_s_per_rad"],
         corrected.effects.get("coulomb_friction", {}).get("torque_nm"),
         relative_error(predicted(corrected, new), new),

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from vgroove.gap.diagnose import Diagnosis, diagnose
 from vgroove.gap.page import diagnosis_page
-from vgroove.gap.report import summary
+from vgroove.gap.report import summary_lines
 from vgroove.log import read_log
 from vgroove.output import check_outputs, write_text
 from vgroove.rig import read_rig
@@ -39,7 +39,7 @@ def diagnose_files(
         )
     for path, text in texts:
         write_text(path, text)
-    for line in summary(found.verdict):
+    for line in summary_lines(found.verdict):
         Console().print(line, highlight=False, markup=False, soft_wrap=True)
 
 

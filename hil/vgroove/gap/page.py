@@ -10,8 +10,8 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from vgroove.gap.diagnose import Diagnosis
-from vgroove.gap.next_run.menu import SECONDS, named
-from vgroove.gap.report import parameter_words, sentence, words
+from vgroove.gap.next_run.menu import PROFILE_S, profile_named
+from vgroove.gap.report import parameter_texts, spaced_name, verdict_sentence
 from vgroove.page import Card, Note, Page, Part, Picture, Table, style, thin
 
 MEASURED, NOMINAL, RETUNED, CORRECTED, FLOOR, SHADE = (
@@ -61,7 +61,7 @@ def diagnosis_page(found: Diagnosis, names: Sequence[str]) -> Page:
         title,
         [],
         parts,
-        lead=sentence(verdict),
+        lead=verdict_sentence(verdict),
         cards=cards(verdict),
         warnings=verdict["warnings"],
     )
@@ -83,7 +83,9 @@ def where_card(verdict: dict[str, Any]) -> Card:
     if not ranked:
         return Card("WHERE", "nowhere", "what differs is noise, or within the rig's tolerances")
     others = [
-        f"{words(name)} {percent(value)}" for name, value in ranked[1:] if value >= SHARE_SHOWN
+        f"{spaced_name(name)} {percent(value)}"
+        for name, value in ranked[1:]
+        if value >= SHARE_SHOWN
     ]
     signals = verdict["gap"]["by_signal"]
     seen = max(signals, key=lambda name: signals[name]["before"] / signals[name]["floor"])
@@ -93,7 +95,7 @@ def where_card(verdict: dict[str, Any]) -> Card:
     ]
     return Card(
         "WHERE",
-        f"{words(ranked[0][0])} {percent(ranked[0][1])}",
+        f"{spaced_name(ranked[0][0])} {percent(ranked[0][1])}",
         "; ".join([*others, f"seen in {seen}", *regimes]),
     )
 
@@ -112,20 +114,20 @@ def which_card(verdict: dict[str, Any]) -> Card:
     if verdict["verdict"] == "ambiguous":
         rivals = [r["id"] for r in verdict["indistinguishable"]]
         chances = ", ".join(
-            f"{words(i)} {percent(effects[i]['probability'])}"
+            f"{spaced_name(i)} {percent(effects[i]['probability'])}"
             for i in [*chosen, *rivals]
             if i in effects
         )
         return Card(
             "WHICH",
-            f"{' and '.join(map(words, chosen))}, or {' or '.join(map(words, rivals))}",
+            f"{' and '.join(map(spaced_name, chosen))}, or {' or '.join(map(spaced_name, rivals))}",
             f"probabilities: {chances}",
         )
     support = [
-        f"{percent(effects[i]['probability'])} sure: {', '.join(parameter_words(effects[i]))}"
+        f"{percent(effects[i]['probability'])} sure: {', '.join(parameter_texts(effects[i]))}"
         for i in chosen
     ]
-    return Card("WHICH", " and ".join(map(words, chosen)), "; ".join(support))
+    return Card("WHICH", " and ".join(map(spaced_name, chosen)), "; ".join(support))
 
 
 def far_card(verdict: dict[str, Any]) -> Card:
@@ -210,11 +212,11 @@ def effect_table(verdict: dict[str, Any]) -> Table:
         [
             e["id"],
             "yes" if e["id"] in verdict["selected"] else "",
-            words(e["subsystem"]),
+            spaced_name(e["subsystem"]),
             round(e["probability"], 2),
             percent(e["closes"]),
             percent(e["lost_without"]),
-            "; ".join(parameter_words(e)),
+            "; ".join(parameter_texts(e)),
         ]
         for e in verdict["effects"][:EFFECTS_SHOWN]
     ]
@@ -251,7 +253,9 @@ def next_parts(verdict: dict[str, Any]) -> list[Part]:
     if asked is None:
         return []
     time_s, level = zip(*asked["points"], strict=True)
-    shape, ends = ("linear", []) if named(asked["profile"]).straight else ("hv", [SECONDS])
+    shape, ends = (
+        ("linear", []) if profile_named(asked["profile"]).straight else ("hv", [PROFILE_S])
+    )
     course = go.Figure(
         go.Scatter(
             x=[*time_s, *ends],
@@ -264,7 +268,7 @@ def next_parts(verdict: dict[str, Any]) -> list[Part]:
     lines = [asked["why"] + ".", "Then diagnose all logs together."]
     opens = "of the largest command" + (
         ", the bridge open where it is 0 after the first press"
-        if named(asked["profile"]).coasts
+        if profile_named(asked["profile"]).coasts
         else ""
     )
     parts: list[Part] = [
@@ -283,7 +287,8 @@ def next_parts(verdict: dict[str, Any]) -> list[Part]:
 def where_parts(where: dict[str, Any]) -> list[Part]:
     """Shares of subsystems and regimes, and what the gap follows."""
     shares = sorted(
-        ((words(k), 100 * v) for k, v in where["share"].items() if v > 0.0), key=lambda i: -i[1]
+        ((spaced_name(k), 100 * v) for k, v in where["share"].items() if v > 0.0),
+        key=lambda i: -i[1],
     )
     regimes = [(r["regime"], 100 * r["share"]) for r in where["by_regime"]]
     follows = [

@@ -1,14 +1,14 @@
 """Puts a diagnosis into words: one sentence, and the lines that a terminal shows."""
 
 
-def words(name: str) -> str:
+def spaced_name(name: str) -> str:
     """An identifier as people say it."""
     return name.replace("_", " ")
 
 
-def sentence(verdict: dict) -> str:
+def verdict_sentence(verdict: dict) -> str:
     """The verdict in one sentence."""
-    gap, names = verdict["gap"], " and ".join(words(n) for n in verdict["selected"])
+    gap, names = verdict["gap"], " and ".join(spaced_name(n) for n in verdict["selected"])
     figures = f"gap {gap['before']:.2f} before, {gap['retuned']:.2f} retuned, {gap['after']:.2f} after (noise floor {gap['floor']:.2f})"
     if verdict["verdict"] == "none":
         return f"No gap beyond the noise and the stated tolerances: {figures}."
@@ -17,14 +17,14 @@ def sentence(verdict: dict) -> str:
         follows = f"; what remains follows {left}" if left else ""
         return f"A real gap that no effect of the catalogue closes: {figures}{follows}."
     if verdict["verdict"] == "ambiguous":
-        others = ", ".join(words(r["id"]) for r in verdict["indistinguishable"])
+        others = ", ".join(spaced_name(r["id"]) for r in verdict["indistinguishable"])
         return f"Most likely {names}, but {others} would predict these logs as well: {figures}."
     return f"The missing effect is {names}: {figures}."
 
 
-def summary(verdict: dict) -> list[str]:
+def summary_lines(verdict: dict) -> list[str]:
     """Lines for a terminal."""
-    lines = [sentence(verdict)]
+    lines = [verdict_sentence(verdict)]
     shares = {k: v for k, v in verdict["where"]["share"].items() if v >= 0.005}
     if shares:
         lines.append(
@@ -36,7 +36,7 @@ def summary(verdict: dict) -> list[str]:
     for effect in [e for e in verdict["effects"] if e["id"] in verdict["selected"]]:
         lines.append(
             f"{effect['id']}: probability {effect['probability']:.2f}, "
-            + ", ".join(parameter_words(effect))
+            + ", ".join(parameter_texts(effect))
         )
     for other in verdict["indistinguishable"]:
         lines.append(f"not to be told from {other['instead_of']}: {other['id']}")
@@ -47,7 +47,7 @@ def summary(verdict: dict) -> list[str]:
     return lines
 
 
-def parameter_words(effect: dict) -> list[str]:
+def parameter_texts(effect: dict) -> list[str]:
     """Each parameter with its interval and unit."""
     out = []
     for name, p in effect["parameters"].items():

@@ -18,7 +18,9 @@ from vgroove.rig import Rig
 SCHEMA = "vgroove.sim/1"
 
 
-def judge(rig: Rig, logs: Sequence[Any], restart_s: float = 0.25) -> tuple[dict[str, Any], Problem]:
+def compute_gap(
+    rig: Rig, logs: Sequence[Any], restart_s: float = 0.25
+) -> tuple[dict[str, Any], Problem]:
     """Gap of a rig to logs as the gap contract's section 5 defines it, as JSON-ready figures, and
     the problem behind them.
     """

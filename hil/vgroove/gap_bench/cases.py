@@ -18,8 +18,8 @@ COMMAND = Path("tests/truth/gap_bench.py")
 SOURCES = (
     "hil/vgroove/gap/**/*.py",
     "hil/vgroove/rig*.py",
-    "hil/vgroove/log.py",
-    "hil/vgroove/telemetry.py",
+    "hil/vgroove/log/*.py",
+    "hil/vgroove/telemetry/*.py",
     "plant/**/*.?pp",
     "hil/bindings/*.cpp",
 )

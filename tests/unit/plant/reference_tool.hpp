@@ -2,7 +2,7 @@
 #ifndef VGROOVE_TESTS_REFERENCE_TOOL_HPP
 #define VGROOVE_TESTS_REFERENCE_TOOL_HPP
 
-#include "plant/parameters.hpp"
+#include "plant/components/parameters.hpp"
 
 inline vgroove::Parameters reference_tool() {
     vgroove::Parameters p;

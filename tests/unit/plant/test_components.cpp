@@ -2,8 +2,8 @@
 #include <cmath>
 #include <gtest/gtest.h>
 
-#include "plant/drivetrain.hpp"
-#include "plant/friction_law.hpp"
+#include "plant/drivetrain/model.hpp"
+#include "plant/components/friction_law.hpp"
 
 using namespace vgroove;
 

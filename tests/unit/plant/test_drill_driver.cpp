@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "plant/drill_solvers.hpp"
+#include "plant/drill/solvers.hpp"
 
 using namespace vgroove;
 

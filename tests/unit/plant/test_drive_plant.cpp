@@ -3,7 +3,7 @@
 #include <cmath>
 #include <gtest/gtest.h>
 
-#include "plant/drive_plant.hpp"
+#include "plant/lockstep/drive_plant.hpp"
 #include "reference_tool.hpp"
 
 using namespace vgroove;

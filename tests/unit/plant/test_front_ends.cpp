@@ -2,7 +2,7 @@
 #include <cmath>
 #include <gtest/gtest.h>
 
-#include "plant/front_ends.hpp"
+#include "plant/components/front_ends.hpp"
 
 using namespace vgroove;
 

@@ -4,8 +4,8 @@
 
 #include <cmath>
 
-#include "plant/impact_log.hpp"
-#include "plant/impact_plant.hpp"
+#include "plant/impact/log.hpp"
+#include "plant/lockstep/impact_plant.hpp"
 #include "reference_tool.hpp"
 
 using namespace vgroove;

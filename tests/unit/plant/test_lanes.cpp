@@ -2,7 +2,7 @@
 #include <cmath>
 #include <gtest/gtest.h>
 
-#include "plant/lanes.hpp"
+#include "plant/numeric/lanes.hpp"
 
 using namespace vgroove;
 

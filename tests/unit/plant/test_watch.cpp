@@ -10,8 +10,8 @@
 #include <thread>
 #include <vector>
 
-#include "plant/impact_log.hpp"
-#include "plant/watch.hpp"
+#include "plant/impact/log.hpp"
+#include "plant/numeric/watch.hpp"
 #include "reference_tool.hpp"
 
 using namespace vgroove;

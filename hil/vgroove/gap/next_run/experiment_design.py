@@ -9,7 +9,7 @@ import numpy as np
 from vgroove import _core
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.fit import Fit
-from vgroove.gap.next_run.menu import Course, possible, time_grid
+from vgroove.gap.next_run.menu import RunProfile, feasible_profiles, time_grid
 from vgroove.gap.residual.channels import RAD_S_TO_RPM
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.search_state import Search
@@ -110,16 +110,16 @@ def most_separating_run(problem: Problem, state: Search, finding: Finding) -> di
     }
 
 
-def runs_of(problem: Problem) -> list[Course]:
+def runs_of(problem: Problem) -> list[RunProfile]:
     """The menu for this tool: what its logs show that it can do."""
     kind = problem.rig.input["kind"]
     commands = np.concatenate([np.asarray(log.columns[kind], float) for log in problem.logs])
     loads = [np.nanmax(np.abs(log.columns.get("load_nm", [0.0]))) for log in problem.logs]
     loaded = problem.rig.load["kind"] == "torque" and max(loads) > 0.0
-    return possible(kind == "duty", loaded, bool(np.nanmin(commands) < 0.0))
+    return feasible_profiles(kind == "duty", loaded, bool(np.nanmin(commands) < 0.0))
 
 
-def drive_of(problem: Problem, course: Course) -> _core.LogInput:
+def drive_of(problem: Problem, course: RunProfile) -> _core.LogInput:
     """A run as input of the plant, at the logs' own rate, up to the largest command and load that
     they hold (a duty: up to 1).
     """
@@ -172,7 +172,7 @@ def slewed(share: np.ndarray, most: np.ndarray) -> np.ndarray:
     return out
 
 
-def separation(problem: Problem, state: Search, best: Fit, rival: Fit, course: Course) -> float:
+def separation(problem: Problem, state: Search, best: Fit, rival: Fit, course: RunProfile) -> float:
     """RMS difference, in sigma a sample, of what two fits predict for a run, less what other
     numbers within their doubt make of it.
     """
@@ -221,7 +221,7 @@ def information(state: Search, one: Fit) -> np.ndarray:
     return weighted.T @ one.jacobian + np.diag(one.hypothesis.prior)
 
 
-def predictions(problem: Problem, course: Course, theta: np.ndarray) -> np.ndarray:
+def predictions(problem: Problem, course: RunProfile, theta: np.ndarray) -> np.ndarray:
     """What the judged signals show in a run from rest, (B, signals * rows), in their sigmas."""
     rows = _core.simulate_log(
         drive_of(problem, course),

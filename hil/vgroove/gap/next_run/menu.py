@@ -10,12 +10,12 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 
-SECONDS, REST_S = 4.0, 0.2
-MOST_ROWS = 4000
+PROFILE_S, REST_S = 4.0, 0.2
+MAX_ROWS = 4000
 
 
 @dataclass(frozen=True)
-class Course:
+class RunProfile:
     """Command over time: held (or, `straight`, joined) levels from instants on as shares of the
     largest command; load as a share of the largest; coasts: the bridge opens where the level is 0
     after the first press.
@@ -44,15 +44,15 @@ class Course:
         return [[t, v] for t, v in zip(self.time_s, self.level, strict=True)]
 
 
-def _held(name: str, shows: str, levels: list[float], **more: object) -> Course:
+def _held(name: str, shows: str, levels: list[float], **more: object) -> RunProfile:
     """Levels of equal length after a rest."""
-    each = (SECONDS - REST_S) / len(levels)
-    return Course(
+    each = (PROFILE_S - REST_S) / len(levels)
+    return RunProfile(
         name, shows, (0.0, *(REST_S + each * k for k in range(len(levels)))), (0.0, *levels), **more
     )
 
 
-MENU: tuple[Course, ...] = (
+MENU: tuple[RunProfile, ...] = (
     _held(
         "staircase",
         "slow and fast steady speeds up to the full command",
@@ -74,10 +74,10 @@ MENU: tuple[Course, ...] = (
         "large currents near standstill: resistance, current sensor and bus without back-EMF",
         [1.0, *[0.0] * 9, 1.0, *[0.0] * 9, 0.5, *[0.0] * 9, 0.5, *[0.0] * 9],
     ),
-    Course(
+    RunProfile(
         "slow sweep",
         "a slow passage through low speeds: break-away",
-        (0.0, REST_S, 2.2, SECONDS),
+        (0.0, REST_S, 2.2, PROFILE_S),
         (0.0, 0.0, 0.15, 0.0),
         True,
     ),
@@ -103,17 +103,17 @@ MENU: tuple[Course, ...] = (
 
 def time_grid(interval_s: float) -> np.ndarray:
     """Row times of a run."""
-    return np.arange(1, min(MOST_ROWS, round(SECONDS / interval_s)) + 1) * max(
-        interval_s, SECONDS / MOST_ROWS
+    return np.arange(1, min(MAX_ROWS, round(PROFILE_S / interval_s)) + 1) * max(
+        interval_s, PROFILE_S / MAX_ROWS
     )
 
 
-def possible(has_duty: bool, has_load: bool, both_ways: bool) -> list[Course]:
+def feasible_profiles(has_duty: bool, has_load: bool, both_ways: bool) -> list[RunProfile]:
     """The runs that a tool and its bench can do: coasting needs a bridge, load steps a brake,
     reversals a tool that turns back.
     """
 
-    def can(course: Course) -> bool:
+    def can(course: RunProfile) -> bool:
         return (
             (has_duty or not course.coasts)
             and (has_load or not course.load)
@@ -123,7 +123,7 @@ def possible(has_duty: bool, has_load: bool, both_ways: bool) -> list[Course]:
     return [course for course in MENU if can(course)]
 
 
-def named(name: str) -> Course:
+def profile_named(name: str) -> RunProfile:
     """The run of that name; VgrooveError with those that there are."""
     for course in MENU:
         if course.name == name.replace("_", " "):
@@ -133,7 +133,7 @@ def named(name: str) -> Course:
     )
 
 
-def proposed(verdict: Mapping[str, Any], source: str) -> Course:
+def profile_from_verdict(verdict: Mapping[str, Any], source: str) -> RunProfile:
     """The run that a verdict (gap contract, section 5) asks for, at its points; VgrooveError where
     it asks for none or they are no run.
     """
@@ -142,7 +142,7 @@ def proposed(verdict: Mapping[str, Any], source: str) -> Course:
         raise VgrooveError(
             f"{source}: its verdict is {verdict.get('verdict')} and asks for no further run"
         )
-    course = named(str(asked.get("profile")))
+    course = profile_named(str(asked.get("profile")))
     try:
         time_s, level = np.array(asked.get("points", course.points()), float).reshape(-1, 2).T
     except (TypeError, ValueError):
@@ -153,10 +153,11 @@ def proposed(verdict: Mapping[str, Any], source: str) -> Course:
         len(time_s) < 2
         or time_s[0] != 0.0
         or np.any(np.diff(time_s) <= 0.0)
-        or time_s[-1] > SECONDS
+        or time_s[-1] > PROFILE_S
         or not np.all(np.abs(level) <= 1.0)
     ):
         raise VgrooveError(
-            f"{source}: points of next_experiment begin at 0 s, go on in time to {SECONDS:g} s at most, and lie in -1..1"
+            f"{source}: points of next_experiment begin at 0 s, go on in time to {PROFILE_S:g} s at most, "
+            "and lie in -1..1"
         )
     return replace(course, time_s=tuple(time_s.tolist()), level=tuple(level.tolist()))

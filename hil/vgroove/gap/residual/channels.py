@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from vgroove.gap.cleaning.sensor_noise import RPM
+from vgroove.units import RAD_S_PER_RPM
 
 CLOCK = "clock"  # (B,): seconds of the logger in a second of the tool
 # (B, rows): what an encoder shows that is not the speed sensor
@@ -299,4 +299,4 @@ def show_encoder(simulation: Simulation, gain: np.ndarray, lag_s: np.ndarray) ->
         )
 
 
-RAD_S_TO_RPM = 1.0 / RPM
+RAD_S_TO_RPM = 1.0 / RAD_S_PER_RPM

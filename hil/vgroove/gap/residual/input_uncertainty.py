@@ -9,8 +9,8 @@ from scipy.signal import lfilter
 from vgroove.gap.cleaning.denoised_command import DenoisedCommand
 from vgroove.gap.cleaning.missing_values import interpolate_missing
 from vgroove.gap.cleaning.sensor_noise import (
+    FILTER_ROWS,
     RESIDUAL_POWER_SHARE,
-    SCATTER_WINDOW,
     column_sigma,
     decimal_resolution,
     high_pass_residual,
@@ -159,8 +159,8 @@ def on_smooth_ramps(command: np.ndarray) -> np.ndarray:
     """
     bend = np.abs(np.diff(command, 2, prepend=[command[0]] * 2)) > KINK * resolution_of(command)
     changes = np.diff(command, prepend=command[0]) != 0.0
-    reach = 2 * (SCATTER_WINDOW + LAGS) + 1
-    return maximum_filter1d(changes, SCATTER_WINDOW) & ~maximum_filter1d(bend, reach)
+    reach = 2 * (FILTER_ROWS + LAGS) + 1
+    return maximum_filter1d(changes, FILTER_ROWS) & ~maximum_filter1d(bend, reach)
 
 
 def of_one_row(rig: Rig, dt_s: float) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning import sensor_noise
-from vgroove.gap.cleaning.clock import on_even_clock
+from vgroove.gap.cleaning.clock import correct_time_stamps
 from vgroove.gap.cleaning.dead_samples import remove_dead_samples
 from vgroove.gap.cleaning.denoised_command import DenoisedCommand, denoise_command
 from vgroove.gap.cleaning.lost_rows import insert_lost_rows
@@ -20,11 +20,10 @@ from vgroove.gap.cleaning.missing_values import (
     interpolate_missing,
     interpolate_to_known_levels,
 )
-from vgroove.gap.cleaning.sensor_noise import RPM
+from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
-from vgroove.gap.hall_edges.missed_edge_rows import read_edges
-from vgroove.gap.hall_edges.missed_edges import missed_edges
-from vgroove.gap.hall_edges.reader import COUNTING_PULSES, EdgePeriods, near_reversal
+from vgroove.gap.hall_edges.missed_edge_rows import read_edges_with_missed
+from vgroove.gap.hall_edges.missed_edges import estimate_missed_edges
 from vgroove.gap.hall_edges.scale import edge_scale
 from vgroove.gap.hall_edges.stamp_check import stamp_contradictions
 from vgroove.gap.residual import blocks
@@ -44,6 +43,7 @@ from vgroove.gap.residual.regimes import regimes_of
 from vgroove.gap.residual.restarts import Restarts, StateObserver, find_restarts
 from vgroove.gap.residual.state_observer import make_state_observer, rough_speed
 from vgroove.rig import Rig
+from vgroove.units import RAD_S_PER_RPM
 
 DEFAULT_TIMEOUT_S = 0.25
 # more breaks than this, and than this share of the periods: the column holds no edge periods
@@ -98,7 +98,7 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> MeasuredRun:
     is left to judge.
     """
     log = remove_dead_samples(log, rig)
-    log = insert_lost_rows(on_even_clock(log, stamp_contradictions(log, rig)), rig)
+    log = insert_lost_rows(correct_time_stamps(log, stamp_contradictions(log, rig)), rig)
     time_s = np.asarray(log.time_s, dtype=float)
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     source, warnings = str(getattr(log, "source", "log")), list(getattr(log, "warnings", []))
@@ -281,7 +281,7 @@ def _edges(
         source,
         warnings,
     )
-    whole = found.chain[~found.falling]
+    whole = found.chain[~found.timeout]
     if len(np.unique(whole)) <= max(FEW_CHAINS, FILTERED_SHARE * len(whole)):
         return found
     warnings.append(
@@ -302,7 +302,7 @@ def _read_edges(
     as they were logged.
     """
     scale = edge_scale(time_s, speed_rpm, pulses, lsb_rpm)
-    found = read_edges(time_s, speed_rpm / scale, pulses, lsb_rpm)
+    found = read_edges_with_missed(time_s, speed_rpm / scale, pulses, lsb_rpm)
     if scale == 1.0:
         return found
     warnings.append(
@@ -345,9 +345,9 @@ def counted_from_rest(
     how far the shaft stood from it, and what edges a quick start hides, no row tells. A cogging
     would else start in another phase than it goes on in.
     """
-    if edges.falling.all():
+    if edges.timeout.all():
         return sight
-    first_s = edges.end_s[~edges.falling][0]
+    first_s = edges.end_s[~edges.timeout][0]
     shift = float(
         InterpolationPoints.of(time_s, np.array([first_s])).angle(motion)[0, 0]
     ) - sight.angle_at(first_s)
@@ -361,9 +361,9 @@ def chain_starts(edges: EdgePeriods | None, pulses: int) -> np.ndarray:
     it no row tells. A sensor that counts edges tears its chain without losing the count: there so
     many offsets would fit any ripple.
     """
-    if edges is None or pulses >= COUNTING_PULSES:
+    if edges is None or pulses >= MIN_COUNTING_PULSES:
         return np.zeros(0)
-    whole = np.flatnonzero(~edges.falling)
+    whole = np.flatnonzero(~edges.timeout)
     return edges.end_s[whole[1:]][np.diff(edges.chain[whole]) != 0]
 
 
@@ -516,7 +516,7 @@ def current_is_unsigned(columns: dict[str, np.ndarray], rig: Rig, sigma: float) 
         else rig.supply.get("voltage_v", 0.0)
     )
     volt = hold_last_value(columns[kind]) * (bus if kind == "duty" else 1.0)
-    speed = columns["speed_rpm"] * RPM
+    speed = columns["speed_rpm"] * RAD_S_PER_RPM
     expected = (volt - rig.motor["torque_constant_nm_per_a"] * speed) / rig.motor["resistance_ohm"]
     known = np.isfinite(current) & np.isfinite(expected)
     if "coast" in columns:
@@ -537,9 +537,9 @@ def _edge_speed(time_s: np.ndarray, speed_rpm: np.ndarray, rig: Rig, edges: Edge
     the time without one.
     """
     pulses = rig.sensors["hall_pulses_per_rev"]
-    missed = missed_edges(edges)
+    missed = estimate_missed_edges(edges)
     sigma = sigma_with_missed_rpm(rig, edges, missed)
-    keep = ~edges.falling & ~near_reversal(edges)
+    keep = ~edges.timeout & ~near_reversal(edges)
     wait_start, wait_row = _waits(
         time_s, speed_rpm, edges, rig.sensors.get("hall_timeout_s", DEFAULT_TIMEOUT_S)
     )
@@ -580,7 +580,7 @@ def _waits(
     """Rows without an edge since the time `start`: rows that fall, and rows that read 0 (from the
     last edge, at most the time-out ago).
     """
-    whole = ~edges.falling
+    whole = ~edges.timeout
     last_end, first_start = edges.end_s[whole], edges.start_s[whole]
     row = np.flatnonzero(speed_rpm == 0.0)
     now = time_s[row]
@@ -591,8 +591,8 @@ def _waits(
     since = np.maximum(since, time_s[0])
     real = now - since > 1e-6
     start, rows = (
-        np.concatenate([edges.start_s[edges.falling], since[real]]),
-        np.concatenate([edges.row[edges.falling], row[real]]),
+        np.concatenate([edges.start_s[edges.timeout], since[real]]),
+        np.concatenate([edges.row[edges.timeout], row[real]]),
     )
     order = np.argsort(rows, kind="stable")
     return start[order], rows[order]

@@ -9,10 +9,9 @@ import numpy as np
 
 from vgroove.gap.cleaning import sensor_noise
 from vgroove.gap.cleaning.missing_values import hold_last_value, interpolate_missing
-from vgroove.gap.cleaning.sensor_noise import RPM
+from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
-from vgroove.gap.hall_edges.missed_edges import count_missed_edges, missed_edges
-from vgroove.gap.hall_edges.reader import COUNTING_PULSES, EdgePeriods, near_reversal
+from vgroove.gap.hall_edges.missed_edges import add_missed_to_count, estimate_missed_edges
 from vgroove.gap.residual.channels import Channel
 from vgroove.gap.residual.restarts import (
     NEIGHBOURS,
@@ -22,6 +21,7 @@ from vgroove.gap.residual.restarts import (
     row_means,
 )
 from vgroove.rig import Rig
+from vgroove.units import RAD_S_PER_RPM
 
 # by as much a fit to neighbouring angles beats their differences: the errors of neighbours cancel
 ANGLES = NEIGHBOURS[0]
@@ -43,13 +43,16 @@ def make_state_observer(
     if "speed_rpm" in by_column and edges is None:
         channel = by_column["speed_rpm"]
         speed = Observations(
-            channel.time_s, channel.time_s, channel.measured * RPM, channel.sigma * RPM
+            channel.time_s,
+            channel.time_s,
+            channel.measured * RAD_S_PER_RPM,
+            channel.sigma * RAD_S_PER_RPM,
         )
         angle = angle_at(0.0) + np.concatenate(
             [[0.0], np.cumsum(0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.start_s))]
         )
         angle_at = _interpolated(speed.start_s, angle)
-    if edges is not None and not edges.falling.all():
+    if edges is not None and not edges.timeout.all():
         speed, angle_at = _edge_sight(rig, edges, _standing(rig)(0.0))
     if "position_rad" in by_column and (
         speed is None or np.ptp(by_column["position_rad"].time_s) > SEEN_SHARE * np.ptp(time_s)
@@ -100,15 +103,15 @@ def _edge_sight(
     rig: Rig, edges: EdgePeriods, angle: float
 ) -> tuple[Observations, Callable[[float], float]]:
     pulses = rig.sensors["hall_pulses_per_rev"]
-    missed = missed_edges(edges)
-    edges = count_missed_edges(edges, missed)
-    whole = ~edges.falling & ~near_reversal(edges)
+    missed = estimate_missed_edges(edges)
+    edges = add_missed_to_count(edges, missed)
+    whole = ~edges.timeout & ~near_reversal(edges)
     sigma = sigma_with_missed_rpm(rig, edges, missed)
     pitches = 1.0 + missed[whole]
-    rad_s = pitches * RPM
+    rad_s = pitches * RAD_S_PER_RPM
     turn = (
         {}
-        if pulses >= COUNTING_PULSES
+        if pulses >= MIN_COUNTING_PULSES
         else {"place": edges.count[whole] % pulses, "places": pulses}
     )
     seen = Observations(
@@ -118,7 +121,7 @@ def _edge_sight(
         sigma[whole] * rad_s,
         **turn,
     )
-    counted = ~edges.falling
+    counted = ~edges.timeout
     # On average the first edge comes half a pitch after rest.
     turns = (edges.count[counted] + 0.5 * np.sign(edges.count[counted][0])) / pulses
     first = edges.start_s[counted][0]

@@ -1,0 +1,175 @@
+"""BLF, ASC and MF4 logs: recorded CAN frames, or (MF4) one channel a column."""
+
+import io
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vgroove import telemetry
+from vgroove.errors import VgrooveError
+from vgroove.log.frames import log_from_session
+from vgroove.log.table import COLUMN_UNITS, Log, check_columns, checked
+
+QUARTER_HOUR_MS = 15 * 60 * 1000  # time zones differ by multiples of it
+TIME_ZONES = range(-56, 57)  # -14 h to +14 h in quarters of an hour
+
+
+def read_blf(path: Path) -> Log:
+    """Read a BLF recording; VgrooveError where it is damaged or holds no telemetry."""
+    from can.io import BLFReader
+
+    with _named_damage(path, "BLF"), BLFReader(path) as reader:
+        messages = list(reader)
+        if reader.object_count > len(messages):
+            raise ValueError(
+                f"its header counts {reader.object_count} objects, {len(messages)} can be read"
+            )
+        size = path.stat().st_size
+        if reader.file_size not in (0, size) and size < reader.file_size:
+            raise ValueError(f"its header states {reader.file_size} bytes, it has {size}")
+    return _log_from_messages(path, messages)
+
+
+def read_asc(path: Path) -> Log:
+    """Read an ASC recording; VgrooveError where it is damaged or holds no telemetry."""
+    from can.io import ASCReader
+
+    text = path.read_text("utf-8", errors="replace")
+    with _named_damage(path, "ASC"):
+        if "end triggerblock" not in text[-200:].lower():
+            raise ValueError("its end is missing")
+        with ASCReader(io.StringIO(text), relative_timestamp=True) as reader:
+            messages = list(reader)
+    return _log_from_messages(path, messages, _asc_offsets(text))
+
+
+def read_mf4(path: Path) -> Log:
+    """Read an MF4 file of CAN frames or of channels; VgrooveError where it is damaged."""
+    from asammdf import MDF
+
+    with _named_damage(path, "MF4"), MDF(str(path)) as mdf:
+        if "CAN_DataFrame" in mdf.channels_db:
+            return _log_from_messages(path, _mf4_messages(path))
+        return _mf4_channels(path, mdf)
+
+
+@contextmanager
+def _named_damage(path: Path, kind: str) -> Iterator[None]:
+    """Turns any exception that a third-party reader raises on damaged bytes into a VgrooveError."""
+    try:
+        yield
+    except (VgrooveError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        raise VgrooveError(
+            f"{path}: is a damaged or truncated {kind} file: {error or type(error).__name__}."
+        ) from error
+
+
+def _telemetry_frames(messages: Iterable[Any]) -> list[telemetry.Frame]:
+    """Messages of the form of telemetry frames; their CRC is not checked."""
+    return [
+        telemetry.Frame(
+            round(message.timestamp * 1000) & 0xFFFFFFFF,
+            message.arbitration_id,
+            bytes(message.data),
+        )
+        for message in messages
+        if message.arbitration_id in telemetry.OUTBOUND
+        and len(message.data) == telemetry.LENGTH
+        and not message.is_error_frame
+    ]
+
+
+def _log_from_messages(path: Path, messages: Iterable[Any], likely_ms: Iterable[int] = (0,)) -> Log:
+    """A CAN recording decoded with the signal list. Where the file keeps only time differences, the
+    board's time is recovered from the CRCs, `likely_ms` offsets first.
+    """
+    session = telemetry.Session(needs_boot=False)
+    frames, likely_ms = _telemetry_frames(messages), list(likely_ms)
+    offset = telemetry.time_offset(frames, likely_ms) or 0
+    frames = [frame._replace(time_ms=(frame.time_ms + offset) & 0xFFFFFFFF) for frame in frames]
+    intact = [frame for frame in frames if telemetry.frame_crc(*frame) == frame.data[7]]
+    session.counters.frames = len(intact)
+    session.counters.corrupt = len(frames) - len(intact)
+    if not intact:
+        raise VgrooveError(
+            f"{path}: holds no intact telemetry frame of a vgroove board "
+            f"({len(frames)} frames with its ids)."
+        )
+    session.feed(intact)
+    log = log_from_session(session, str(path))
+    if offset not in likely_ms:
+        log.warnings.append(
+            f"{path}: keeps only time differences: the start of time_s may not be the board's."
+        )
+    log.warnings += _session_warnings(session, log)
+    return checked(log)
+
+
+def _session_warnings(session: telemetry.Session, log: Log) -> list[str]:
+    """Losses and restarts of a recording."""
+    found, counters, path = [], session.counters, log.source
+    if counters.corrupt or counters.lost:
+        found.append(
+            f"{path}: {counters.corrupt} frames are corrupt, {counters.lost} FAST frames were lost."
+        )
+    if session.boot is None:
+        found.append(f"{path}: holds no BOOT frame: duty 1 is taken as compare value 255.")
+    if session.restarted:
+        end_s = log.time_s[-1] if len(log) else 0
+        found.append(
+            f"{path}: {telemetry.BOARD_RESTARTED} at {end_s:.3f} s, what follows is left out."
+        )
+    return found
+
+
+def _asc_offsets(text: str) -> list[int]:
+    """Likely offsets (ms) of an ASC file: python-can writes times since the first frame, and that
+    frame's time as a local date with unpadded milliseconds.
+    """
+    match = re.search(
+        r"Begin Triggerblock \w+ (\w+ \d+ \d+:\d+:\d+)\.(\d+) (\d+)", text, re.IGNORECASE
+    )
+    if match is None:
+        return [0]
+    moment = datetime.strptime(f"{match[1]} {match[3]}", "%b %d %H:%M:%S %Y").replace(tzinfo=UTC)
+    start_ms = round(moment.timestamp()) * 1000 + int(match[2])
+    return [0, *((start_ms + zone * QUARTER_HOUR_MS) & 0xFFFFFFFF for zone in TIME_ZONES)]
+
+
+def _mf4_messages(path: Path) -> list[Any]:
+    from can.io import MF4Reader
+
+    with MF4Reader(path) as reader:
+        return list(reader)
+
+
+def _mf4_channels(path: Path, mdf: Any) -> Log:
+    """Channels with the names of log columns, on the time base of the channel group that holds most
+    of them.
+    """
+    places = {name: mdf.channels_db[name] for name in COLUMN_UNITS if name in mdf.channels_db}
+    groups = [group for entries in places.values() for group, _ in entries]
+    check_columns(str(path), {"time_s", *places} if groups else set())
+    base = max(set(groups), key=groups.count)
+    log = Log(np.asarray(mdf.get_master(base), float), {}, str(path))
+    for name, entries in places.items():
+        own = next((entry for entry in entries if entry[0] == base), None)
+        if own is None:
+            log.warnings.append(f"{path}: the channel {name} has another time base and is ignored.")
+            continue
+        samples = mdf.get(name, *own).samples
+        if samples.dtype.kind not in "biuf":
+            raise VgrooveError(f"{path}: column {name}: its samples are not numbers.")
+        log.columns[name] = samples.astype(float)
+    known = {*COLUMN_UNITS, "time_s", "time", "t"}
+    unknown = [name for name in mdf.channels_db if name not in known]
+    log.warnings += [f"{path}: the unknown column {name} is ignored." for name in unknown]
+    check_columns(str(path), {"time_s", *log.columns})
+    return checked(log)

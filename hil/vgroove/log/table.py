@@ -1,0 +1,172 @@
+"""The table of samples that every log is, and the rules that it must keep
+(docs/spec/gap.md, section 1).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from vgroove import telemetry
+from vgroove.errors import VgrooveError
+
+INPUTS = ("duty", "voltage_v", "current_a")
+MEASURED = (
+    "voltage_v",
+    "supply_v",
+    "current_a",
+    "speed_rpm",
+    "position_rad",
+    "anvil_torque_nm",
+    "anvil_angle_rad",
+    "hammer_mm",
+)
+# Columns that no board sends: unit and quantity. Those of the board come from its signal list.
+BENCH_COLUMNS = {
+    "voltage_v": ("V", "voltage at the motor"),
+    "position_rad": ("rad", "motor angle"),
+    "load_nm": ("Nm", "load torque"),
+    "anvil_torque_nm": ("Nm", "anvil torque"),
+    "anvil_angle_rad": ("rad", "anvil angle"),
+    "hammer_mm": ("mm", "hammer displacement"),
+}
+COLUMN_UNITS = telemetry.COLUMN_UNITS | {name: unit for name, (unit, _) in BENCH_COLUMNS.items()}
+COLUMN_LABELS = telemetry.COLUMN_LABELS | {name: text for name, (_, text) in BENCH_COLUMNS.items()}
+MIN_USABLE_SAMPLES = 50  # docs/spec/gap.md, section 1
+MAX_DUTY = 1.0 + 1e-6  # a larger magnitude is reported; 1e-6 is the rounding of a text file
+
+
+@dataclass(frozen=True)
+class UnsignedCurrent:
+    """What marks a current column as a magnitude without sign (values chosen, not fitted)."""
+
+    min_current_a: float = 1.0  # rows below it say nothing about the sign: noise, offset
+    min_rows: int = 20  # rows of braking or reverse drive without which nothing is decided
+    negative_share: float = 0.02  # of the largest magnitude: a signed current goes below minus this
+
+
+UNSIGNED = UnsignedCurrent()
+
+
+@dataclass
+class Log:
+    """Samples over time: `time_s` (n,) strictly increasing, `columns` (n,) by name with NaN where a
+    sample is missing.
+
+    `source` names the origin for messages, `meta` holds what a recording states about the board
+    (boot, parameters, counters).
+    """
+
+    time_s: np.ndarray
+    columns: dict[str, np.ndarray]
+    source: str
+    warnings: list[str] = field(default_factory=list)
+    meta: dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.time_s if name == "time_s" else self.columns[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name == "time_s" or name in self.columns
+
+    def require(self, *names: str) -> None:
+        """VgrooveError naming the file and the first of `names` that is missing."""
+        for name in names:
+            if name not in self:
+                raise VgrooveError(f"{self.source}: the column {name} is missing.")
+
+
+def check_columns(source: str, names: Iterable[str]) -> None:
+    """VgrooveError unless the names include the time, an input and another measured signal."""
+    names = set(names)
+    if "time_s" not in names:
+        raise VgrooveError(f"{source}: line 1: the required column time_s is missing.")
+    if not names & set(INPUTS):
+        raise VgrooveError(
+            f"{source}: line 1: a required column is missing: one input of {', '.join(INPUTS)}."
+        )
+    if not any(names & (set(MEASURED) - {given}) for given in names & set(INPUTS)):
+        raise VgrooveError(
+            f"{source}: line 1: a required column is missing: a measured signal besides the input, "
+            "such as speed_rpm."
+        )
+
+
+def checked(log: Log, lines: list[int] | None = None) -> Log:
+    """The log, with warnings added, if it keeps the rules; VgrooveError otherwise.
+
+    Time increases, nothing is infinite, enough samples are usable. `lines` are the line numbers of
+    the rows in a text file, for the messages.
+    """
+
+    def place(row: int) -> str:
+        return f"line {lines[row]}" if lines else f"sample {row + 1}"
+
+    missing = ~np.isfinite(log.time_s)
+    if missing.any():
+        where = place(int(np.argmax(missing)))
+        raise VgrooveError(f"{log.source}: {where}, column time_s: the time is missing.")
+    not_later = np.diff(log.time_s) <= 0
+    if not_later.any():
+        at = int(np.argmax(not_later)) + 1
+        values = f"{log.time_s[at]:.10g} s after {log.time_s[at - 1]:.10g} s"
+        raise VgrooveError(
+            f"{log.source}: {place(at)}, column time_s: time does not increase ({values})."
+        )
+    for name, values in log.columns.items():
+        if np.isinf(values).any():
+            where = place(int(np.argmax(np.isinf(values))))
+            raise VgrooveError(f"{log.source}: {where}, column {name}: an infinite value.")
+    usable = _usable_samples(log)
+    if usable < MIN_USABLE_SAMPLES:
+        raise VgrooveError(
+            f"{log.source}: {usable} usable samples, at least {MIN_USABLE_SAMPLES} are needed."
+        )
+    log.warnings += _warnings(log)
+    return log
+
+
+def _usable_samples(log: Log) -> int:
+    """Number of samples with an input and another measured signal."""
+    usable = np.zeros(len(log), bool)
+    for given in (name for name in INPUTS if name in log):
+        others = [np.isfinite(log[name]) for name in MEASURED if name in log and name != given]
+        if others:
+            usable |= np.isfinite(log[given]) & np.any(others, axis=0)
+    return int(usable.sum())
+
+
+def _warnings(log: Log) -> list[str]:
+    """Doubtful properties of a log that is accepted."""
+    found = []
+    if "duty" in log and np.nanmax(np.abs(log["duty"]), initial=0.0) > MAX_DUTY:
+        found.append(
+            f"{log.source}: column duty: the greatest magnitude is "
+            f"{np.nanmax(np.abs(log['duty'])):.4g}, not within -1..1."
+        )
+    if current_is_unsigned(log):
+        found.append(
+            f"{log.source}: column current_a: never negative while the drive brakes or reverses, "
+            "so it is unsigned."
+        )
+    return found
+
+
+def current_is_unsigned(log: Log) -> bool:
+    """Whether the current is never negative although it should be for a while: in reverse drive, or
+    while the bridge brakes forward rotation.
+    """
+    if not all(name in log for name in ("duty", "current_a", "speed_rpm")):
+        return False
+    duty, current, speed = log["duty"], log["current_a"], log["speed_rpm"]
+    closed = log["coast"] == 0 if "coast" in log else np.ones(len(log), bool)
+    brakes = closed & (duty <= 0) & (speed > 0)
+    reverses = closed & (duty < 0) & (speed <= 0)
+    rows = (brakes | reverses) & (np.abs(current) > UNSIGNED.min_current_a)
+    if rows.sum() < UNSIGNED.min_rows:
+        return False
+    return bool(np.nanmin(current) > -UNSIGNED.negative_share * np.nanmax(np.abs(current)))

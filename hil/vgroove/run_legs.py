@@ -1,0 +1,47 @@
+"""A run of the diagnosis' menu as legs: stretches in one direction of rotation each, because a
+board's direction follows its switch, which is moved at standstill.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgroove.gap.next_run.menu import PROFILE_S, RunProfile
+from vgroove.profile_sender import OPEN, PERIOD_S
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A stretch of a run in steps of PERIOD_S: magnitude of the duty (n,), and where the bridge is
+    open (n,).
+    """
+
+    reverse: bool
+    duty: np.ndarray
+    opens: np.ndarray
+
+    @property
+    def duration_s(self) -> float:
+        """Its length."""
+        return len(self.duty) * PERIOD_S
+
+    def slewed(self, slew_per_s: float) -> np.ndarray:
+        """Duties (n,), OPEN where the bridge is open, that change at most at the rate of the
+        trigger's ramp: a step of the duty from rest would trip the board's over-current fault.
+        """
+        most, now, out = slew_per_s * PERIOD_S, 0.0, np.full(len(self.duty), OPEN)
+        for k in range(len(self.duty)):
+            now = 0.0 if self.opens[k] else now + float(np.clip(self.duty[k] - now, -most, most))
+            out[k] = OPEN if self.opens[k] else now
+        return out
+
+
+def legs_of(profile: RunProfile) -> list[Leg]:
+    """A run as legs: its rests and forward levels, then its rests and backward levels."""
+    time_s = np.arange(round(PROFILE_S / PERIOD_S)) * PERIOD_S
+    share, opens = profile.command(time_s), profile.opens(time_s)
+    legs = []
+    for reverse, along in ((False, share), (True, -share)):
+        if np.any(along > 0.0):
+            legs.append(Leg(reverse, along[along >= 0.0], opens[along >= 0.0]))
+    return legs

@@ -1,0 +1,55 @@
+// Contact and friction laws of lug flanks, lug tops and the end stop, in the symbols of the
+// Simscape Multibody contact force library (2015).
+#ifndef VGROOVE_PLANT_COMPONENTS_CONTACT_HPP
+#define VGROOVE_PLANT_COMPONENTS_CONTACT_HPP
+
+#include <cmath>
+
+#include "numeric/lanes.hpp"
+
+namespace vgroove {
+
+struct Contact {
+    double stiffness, damping;  // N/m^exponent, N s/m
+    double ramp_m;
+    double exponent;
+    double mu_static, mu_kinetic, speed;  // friction; speed = v_th, m/s
+};
+
+// k x^e
+VGROOVE_INLINE double contact_spring(const Contact &p, double pen) {
+    if (p.exponent == 1.0)
+        return p.stiffness * pen;
+    return pen > 0.0 ? p.stiffness * std::pow(pen, p.exponent) : 0.0;
+}
+
+// k x^e + b x' ramp while approaching, k x^e while separating; ramp runs from 0 to 1 over ramp_m.
+// Which branch holds is a mode of the solver.
+VGROOVE_INLINE double contact_force(const Contact &p, double pen, double rate, bool approaching,
+                                    bool ramped) {
+    const double spring = contact_spring(p, pen);
+    if (!approaching)
+        return spring;
+    return spring + p.damping * rate * (ramped ? 1.0 : pen / p.ramp_m);
+}
+
+// Stored: k x^(e + 1) / (e + 1)
+VGROOVE_INLINE double contact_energy(const Contact &p, double pen) {
+    return pen > 0.0 ? contact_spring(p, pen) * pen / (p.exponent + 1.0) : 0.0;
+}
+
+// mu_s v / v_th below v_th; mu_s - (v - v_th)(mu_s - mu_k) / (0.5 v_th) up to 1.5 v_th; mu_k above;
+// odd in v
+VGROOVE_INLINE double contact_friction(const Contact &p, double v) {
+    const double speed = std::fabs(v);
+    double mu = p.mu_kinetic;
+    if (speed < p.speed)
+        mu = p.mu_static * speed / p.speed;
+    else if (speed < 1.5 * p.speed)
+        mu = p.mu_static - (speed - p.speed) * (p.mu_static - p.mu_kinetic) / (0.5 * p.speed);
+    return v < 0.0 ? -mu : mu;
+}
+
+}  // namespace vgroove
+
+#endif

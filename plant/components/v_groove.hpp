@@ -1,0 +1,56 @@
+// V-groove: balls between spindle and hammer turn their relative angle q into an axial retraction x
+// of the hammer.
+#ifndef VGROOVE_PLANT_COMPONENTS_V_GROOVE_HPP
+#define VGROOVE_PLANT_COMPONENTS_V_GROOVE_HPP
+
+#include <cmath>
+
+#include "numeric/lanes.hpp"
+
+namespace vgroove {
+
+constexpr double VERTEX_LEAST_RAD =
+    1e-3;  // a sharper vertex is read as this one: its curvature must stay finite
+
+struct VGroove {
+    double lead;      // m/rad
+    double vertex2;   // rad^2
+    double vertex;    // rad
+    double ball_arm;  // m: friction torque on q per axial force, 0 without groove_friction
+};
+
+// x = rJ tan gJ |thJB| + rS tan gS |thSB|, thJB = share thSJ, share = (rS / cos gS) / (rJ / cos gJ
+// + rS / cos gS); r / cos g = sqrt(r^2 + lead^2)
+VGROOVE_INLINE double v_groove_lead(double spindle_lead, double spindle_radius, double hammer_lead,
+                                    double hammer_radius) {
+    const double spindle = std::sqrt(spindle_radius * spindle_radius + spindle_lead * spindle_lead);
+    const double hammer = std::sqrt(hammer_radius * hammer_radius + hammer_lead * hammer_lead);
+    const double share = hammer / (spindle + hammer);
+    return spindle_lead * share + hammer_lead * (1.0 - share);
+}
+
+// Effect groove_friction: torque on q = coefficient |axial force| r / cos(atan(l / r))
+VGROOVE_INLINE double v_groove_ball_arm(double coefficient, double lead, double radius) {
+    return coefficient * std::sqrt(radius * radius + lead * lead);
+}
+
+struct GroovePoint {
+    double x;  // m
+    double s;  // dx / dq, m/rad
+    double c;  // ds / dq, m/rad^2
+    double square,
+        run;  // q^2 + e^2 and l q: s^2 = run^2 / square, for who has no time to wait for the root
+};
+
+// x = l (sqrt(q^2 + e^2) - e), s = l q / sqrt(q^2 + e^2), s' = l e^2 / sqrt(q^2 + e^2)^3
+VGROOVE_INLINE GroovePoint v_groove_at(const VGroove &p, double q) {
+    const double square = q * q + p.vertex2, run = p.lead * q;
+    const double root = std::sqrt(square);
+    const double inverse = 1.0 / root;
+    return {p.lead * (root - p.vertex), run * inverse,
+            p.lead * p.vertex2 * inverse * inverse * inverse, square, run};
+}
+
+}  // namespace vgroove
+
+#endif

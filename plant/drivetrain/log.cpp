@@ -1,0 +1,231 @@
+// Log-driven simulation: rows to stretches of straight command and load, lanes of equal structure
+// together, outputs as the sensors show them.
+#include "drivetrain/log.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include "drivetrain/run_rows.hpp"
+
+namespace vgroove {
+
+const char *const ENERGY_NAMES[ENERGY_COLUMNS] = {
+    "work_in", "loss_bus", "loss_winding", "loss_friction", "loss_coupler", "work_load", "stored"};
+
+constexpr double NOT_SIMULATED = std::numeric_limits<double>::quiet_NaN();
+
+std::vector<double> hold_missing(const double *column, std::size_t count, double initial) {
+    std::vector<double> held(count);
+    double last = initial;
+    for (std::size_t row = 0; row < count; ++row) {
+        last = std::isnan(column[row]) ? last : column[row];
+        held[row] = last;
+    }
+    return held;
+}
+
+void log_input_set_command(LogInput &in, const double *command, double slew_per_s,
+                           double slew_slack) {
+    const std::size_t count = in.time_s.size();
+    in.command_end = hold_missing(command, count, 0.0);
+    in.command_start = in.command_end;
+    if (std::isnan(slew_per_s))
+        return;
+    for (std::size_t row = 1; row < count; ++row) {
+        const double allowed = slew_per_s * (in.time_s[row] - in.time_s[row - 1]) + slew_slack;
+        const double change = std::fabs(in.command_end[row] - in.command_end[row - 1]);
+        if (change <= allowed * (1.0 + 1e-9))
+            in.command_start[row] = in.command_end[row - 1];
+    }
+}
+
+struct Job {
+    std::uint32_t effects;
+    bool exact;  // linear between events, and so computed alone
+    std::vector<std::size_t> batch_rows;
+};
+
+struct Run {
+    const LogInput *in;
+    const double *theta;
+    const LogStarts *starts;
+    const LogOutput *out;
+    SimulateOptions options;
+    double command_peak, mean_interval_s;
+    std::size_t *spent_row;  // one a batch row
+};
+
+template <class V, int N> static void run_job(const Run &r, const Job &job) {
+    Group<V, N> g{};
+    g.lanes = static_cast<int>(job.batch_rows.size());
+    Drivetrain<V> &m = g.solver.model;
+    m.effects = job.effects;
+    m.input = r.in->kind;
+    m.bus_measured = !r.in->bus_v.empty();
+    m.load.kind = r.in->load_kind;
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
+        const std::size_t batch_row =
+            job.batch_rows[static_cast<std::size_t>(lane < g.lanes ? lane : 0)];
+        g.batch_row[lane] = batch_row;
+        g.parameters[lane] = parameters_from(r.theta + batch_row * PARAMETER_COUNT);
+        g.cursor[lane] = cursor_from(g.parameters[lane]);
+        drivetrain_set_lane(m, lane, g.parameters[lane], r.command_peak, r.mean_interval_s);
+    }
+    solver_prepare(g.solver, r.options.tolerance);
+    g.watch = r.options.watch;
+    std::fill_n(g.spent_row, LaneTraits<V>::COUNT, NOT_SPENT);
+    g.solver.exact = job.exact;
+    run_rows(g, *r.in, *r.starts, *r.out);
+    for (int lane = 0; lane < g.lanes; ++lane)
+        r.spent_row[g.batch_row[lane]] = g.spent_row[lane];
+}
+
+static void run_any(const Run &r, const Job &job) {
+    const bool full = (job.effects & EFFECTS_WITH_STATES) != 0u;
+    if (job.batch_rows.size() == 1)
+        full ? run_job<double, STATE_FULL_COUNT>(r, job)
+             : run_job<double, STATE_CORE_COUNT>(r, job);
+    else
+        full ? run_job<Lanes8, STATE_FULL_COUNT>(r, job)
+             : run_job<Lanes8, STATE_CORE_COUNT>(r, job);
+}
+
+// Batch rows of equal structure in groups of a vector's width, in the order of the batch.
+static std::vector<Job> jobs_of(const LogInput &in, const double *theta, std::size_t batch,
+                                bool adaptive) {
+    std::vector<Job> open, full;
+    for (std::size_t row = 0; row < batch; ++row) {
+        const Parameters p = parameters_from(theta + row * PARAMETER_COUNT);
+        naming_the_set(row, batch, [&] { check_parameters(p, in.kind != InputKind::CURRENT); });
+        const std::uint32_t effects = effects_of(p);
+        if (!adaptive && flow_applies(effects, in.load_kind)) {
+            full.push_back(Job{effects, true, {row}});
+            continue;
+        }
+        auto job = std::find_if(open.begin(), open.end(),
+                                [&](const Job &j) { return j.effects == effects; });
+        if (job == open.end())
+            job = open.insert(open.end(), Job{effects, false, {}});
+        job->batch_rows.push_back(row);
+        if (job->batch_rows.size() == static_cast<std::size_t>(LaneTraits<Lanes8>::COUNT)) {
+            full.push_back(*job);
+            open.erase(job);
+        }
+    }
+    full.insert(full.end(), open.begin(), open.end());
+    return full;
+}
+
+// Speed and angle of delay_s ago: cubic between rows (value and slope at both ends); before the
+// start the shaft ran as it did at the start.
+static void delay_measured(const LogInput &in, const Parameters &p, const LogStarts &starts,
+                           double *speed, double *angle) {
+    const std::size_t count = in.time_s.size();
+    const double delay =
+        p.speed_lag_s * (p.clock_skew_command != 0.0 ? 1.0 : 1.0 + p.clock_skew_relative);
+    const double to_true = delay > 0.0 ? p.speed_lag_s / delay : 1.0;
+    const std::vector<double> w(speed, speed + count), th(angle, angle + count);
+    for (std::size_t which = 0; which < starts.rows.size(); ++which) {
+        const std::size_t first = starts.rows[which];
+        const std::size_t end = which + 1 < starts.rows.size() ? starts.rows[which + 1] : count;
+        std::size_t left = first;
+        for (std::size_t row = first; row < end; ++row) {
+            const double at = in.time_s[row] - delay;
+            if (at <= in.time_s[first]) {
+                speed[row] = w[first];
+                angle[row] = th[first] + w[first] * (at - in.time_s[first]) * to_true;
+                continue;
+            }
+            while (left + 1 < row && in.time_s[left + 1] <= at)
+                ++left;
+            const double h = (in.time_s[left + 1] - in.time_s[left]) * to_true;
+            const double u = (at - in.time_s[left]) * to_true / h;
+            const double rise = th[left + 1] - th[left], a = h * w[left] - rise,
+                         b = -h * w[left + 1] + rise;
+            angle[row] = th[left] + u * rise + u * (1.0 - u) * ((1.0 - u) * a + u * b);
+            speed[row] =
+                (rise + (1.0 - 2.0 * u) * ((1.0 - u) * a + u * b) + u * (1.0 - u) * (b - a)) / h;
+        }
+    }
+}
+
+static void check_log(const LogInput &in, const LogStarts &starts) {
+    const std::size_t count = in.time_s.size();
+    if (count < 2 || starts.rows.empty())
+        throw std::invalid_argument("simulate_log needs two rows and one start");
+    for (std::size_t row = 1; row < count; ++row)
+        if (!(in.time_s[row] > in.time_s[row - 1]))
+            throw std::invalid_argument("simulate_log: time_s must increase");
+    for (std::size_t n = 0; n < starts.rows.size(); ++n)
+        if (starts.rows[n] >= count || (n > 0 && starts.rows[n] <= starts.rows[n - 1]))
+            throw std::invalid_argument("simulate_log: starts must be increasing row indices");
+}
+
+static double peak_of(const std::vector<double> &column) {
+    double peak = 0.0;
+    for (const double x : column)
+        peak = std::max(peak, std::fabs(x));
+    return peak;
+}
+
+static void fill_before_start(const LogInput &in, std::size_t batch, const LogStarts &starts,
+                              const LogOutput &out) {
+    const std::size_t count = in.time_s.size();
+    for (double *column : {out.current_a, out.supply_v, out.speed_rad_s, out.speed_measured_rad_s,
+                           out.angle_rad, out.angle_measured_rad})
+        for (std::size_t row = 0; row < batch; ++row)
+            std::fill_n(column + row * count, starts.rows.front(), NOT_SIMULATED);
+}
+
+static Run run_of(const LogInput &in, const double *theta, const LogStarts &starts,
+                  const LogOutput &out, const SimulateOptions &options) {
+    const double interval_s =
+        (in.time_s.back() - in.time_s.front()) / static_cast<double>(in.time_s.size() - 1);
+    return Run{&in, theta, &starts, &out, options, peak_of(in.command_end), interval_s, nullptr};
+}
+
+static void refuse_spent(const LogInput &in, const double *theta, std::size_t batch_row,
+                         std::size_t row) {
+    const Parameters p = parameters_from(theta + batch_row * PARAMETER_COUNT);
+    throw std::runtime_error("simulate_log: parameter set " + std::to_string(batch_row) +
+                             " needs too many steps at row " + std::to_string(row) + ", " +
+                             std::to_string(in.time_s[row]) + " s: " + fastest_parameter(p));
+}
+
+void simulate_log(const LogInput &in, const double *theta, std::size_t batch,
+                  const LogStarts &starts, const SimulateOptions &options, const LogOutput &out) {
+    check_log(in, starts);
+    fill_before_start(in, batch, starts, out);
+    std::vector<std::size_t> spent(batch, NOT_SPENT);
+    Run run = run_of(in, theta, starts, out, options);
+    run.spent_row = spent.data();
+    const std::vector<Job> jobs = jobs_of(in, theta, batch, options.adaptive);
+    share_work(jobs.size(), options.threads, options.watch,
+               [&](std::size_t job) { run_any(run, jobs[job]); });
+    const std::size_t count = in.time_s.size();
+    for (std::size_t row = 0; row < batch; ++row) {
+        if (spent[row] != NOT_SPENT && !options.keep_unfinished)
+            refuse_spent(in, theta, row, spent[row]);
+        const Parameters p = parameters_from(theta + row * PARAMETER_COUNT);
+        if (p.speed_lag_s > 0.0 && p.speed_lag_delay_form != 0.0)
+            delay_measured(in, p, starts, out.speed_measured_rad_s + row * count,
+                           out.angle_measured_rad + row * count);
+    }
+}
+
+void audit_log(const LogInput &in, const double *theta, const LogStarts &starts,
+               const LogOutput &out) {
+    check_log(in, starts);
+    fill_before_start(in, 1, starts, out);
+    std::fill_n(out.energy_j, starts.rows.front() * ENERGY_COLUMNS, NOT_SIMULATED);
+    std::size_t spent = NOT_SPENT;
+    Run run = run_of(in, theta, starts, out, SimulateOptions{});
+    run.spent_row = &spent;
+    run_job<double, STATE_AUDIT_COUNT>(run, jobs_of(in, theta, 1, true).front());
+    if (spent != NOT_SPENT)
+        refuse_spent(in, theta, 0, spent);
+}
+
+}  // namespace vgroove

@@ -1,0 +1,264 @@
+// Rows of a log as the solver sees them: stretches of straight command and load, and what the
+// sensors show at each row's end.
+#ifndef VGROOVE_PLANT_DRIVETRAIN_ROWS_HPP
+#define VGROOVE_PLANT_DRIVETRAIN_ROWS_HPP
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "drivetrain/log.hpp"
+#include "drivetrain/settle.hpp"
+#include "drivetrain/solver.hpp"
+
+namespace vgroove {
+
+constexpr std::size_t LOOK_ROWS = 64;  // so often a run asks whether it is still wanted
+constexpr std::size_t NOT_SPENT = std::numeric_limits<std::size_t>::max();
+
+// Where a lane stands in the log: rows in the lane's own time, the command column possibly shifted
+// against them.
+struct Cursor {
+    double row_scale;      // true seconds per second of the time stamps
+    double command_scale;  // seconds of the command column per true second
+    double delay_s;
+    double row_left_s;  // true time to the end of the row
+    double now_s;       // true time since the first row
+    std::size_t command_row;
+};
+
+inline Cursor cursor_from(const Parameters &p) {
+    const double skew = 1.0 + p.clock_skew_relative;
+    Cursor c{};
+    c.row_scale = p.clock_skew_command != 0.0 ? 1.0 : 1.0 / skew;
+    c.command_scale = skew;
+    c.delay_s = p.transport_delay_s;
+    return c;
+}
+
+template <class V, int N> struct Group {
+    Solver<V, N> solver;
+    Parameters parameters[LaneTraits<V>::COUNT];
+    Cursor cursor[LaneTraits<V>::COUNT];
+    std::size_t batch_row[LaneTraits<V>::COUNT];
+    std::size_t spent_row[LaneTraits<V>::COUNT];  // first row that the lane's steps did not reach
+    int lanes;                                    // in use; the rest repeat the first
+    Watch *watch;
+};
+
+template <class V>
+VGROOVE_INLINE void drive_command(Drive<V> &d, const LogInput &in, int lane, std::size_t row,
+                                  double from, double scale) {
+    const double start = in.command_start[row], end = in.command_end[row];
+    double rate = 0.0;
+    if (start != end)
+        rate = (end - start) / (in.time_s[row] - in.time_s[row - 1]);
+    set(d.command, lane, start == end ? end : start + rate * from);
+    set(d.command_rate, lane, rate * scale);
+    set(d.open, lane, in.open.empty() ? 0.0 : in.open[row]);
+    const double peak = std::max(std::fabs(start), std::fabs(end));
+    const double least = std::min(std::fabs(start), std::fabs(end));
+    const bool switching =
+        !(start == end && (peak == 0.0 || peak >= 1.0)) && peak > 0.0 && least < 1.0;
+    set(d.dead, lane, switching && !(get(d.open, lane) > 0.0) ? 1.0 : 0.0);
+}
+
+// The stretch of the command column that is in force now; its length in true time.
+template <class V, int N>
+VGROOVE_INLINE double shifted_stretch(Group<V, N> &g, const LogInput &in, int lane) {
+    Cursor &c = g.cursor[lane];
+    const double at = in.time_s[0] + (c.now_s - c.delay_s) * c.command_scale;
+    const std::size_t last = in.time_s.size() - 1;
+    while (c.command_row < last &&
+           in.time_s[c.command_row] - at <=
+               1e-9 * (in.time_s[c.command_row + 1] - in.time_s[c.command_row]))
+        ++c.command_row;
+    const std::size_t row = c.command_row;
+    const double left = (in.time_s[row] - at) / c.command_scale;
+    const double length = left > 0.0 && left < c.row_left_s ? left : c.row_left_s;
+    const double from = row > 0 ? at - in.time_s[row - 1] : 0.0;
+    drive_command(g.solver.drive, in, lane, row,
+                  left > 0.0 ? from : in.time_s[row] - in.time_s[row > 0 ? row - 1 : 0],
+                  c.command_scale);
+    if (left <= 0.0)
+        set(g.solver.drive.command_rate, lane, 0.0);
+    return length;
+}
+
+// Time stamps' seconds since the row's start; 0 in its first stretch.
+VGROOVE_INLINE double row_begun_s(const Cursor &c, const LogInput &in, std::size_t row) {
+    const double length = in.time_s[row] - in.time_s[row - 1];
+    return c.row_left_s == length * c.row_scale ? 0.0 : length - c.row_left_s / c.row_scale;
+}
+
+// Up to where the load changes its sign: |TL| is straight along a stretch.
+VGROOVE_INLINE double same_sign_stretch(double load_nm, double rate, double length) {
+    const double zero = rate != 0.0 ? -load_nm / rate : -1.0;
+    return zero > 1e-9 * length && zero < length * (1.0 - 1e-9) ? zero : length;
+}
+
+template <class V, int N>
+VGROOVE_INLINE bool next_stretch(Group<V, N> &g, const LogInput &in, std::size_t row, int lane) {
+    Cursor &c = g.cursor[lane];
+    Solver<V, N> &s = g.solver;
+    if (c.row_left_s <= 0.0 || s.spent[lane])
+        return false;
+    double length = c.row_left_s;
+    if (s.model.effects & EFFECT_COMMAND_SHIFT)
+        length = shifted_stretch(g, in, lane);
+    else
+        drive_command(s.drive, in, lane, row, row_begun_s(c, in, row), 1.0 / c.row_scale);
+    if (s.model.effects & EFFECT_LOAD_FRICTION)
+        length =
+            same_sign_stretch(get(s.drive.load_nm, lane), get(s.drive.load_rate, lane), length);
+    set(s.drive.dead, lane, get(s.drive.dead, lane) * get(s.model.dead_share, lane));
+    set(s.drive.time_s, lane, c.now_s);
+    c.now_s += length;
+    c.row_left_s -= length;
+    if (c.row_left_s < 1e-12 * length)
+        c.row_left_s = 0.0;
+    solver_begin(s, lane, length);
+    return true;
+}
+
+template <class V, int N>
+VGROOVE_INLINE void begin_row(Group<V, N> &g, const LogInput &in, std::size_t row, int lane) {
+    Cursor &c = g.cursor[lane];
+    Solver<V, N> &s = g.solver;
+    c.row_left_s = (in.time_s[row] - in.time_s[row - 1]) * c.row_scale;
+    if (!in.bus_v.empty())
+        set(s.drive.bus_v, lane, in.bus_v[row] / (1.0 + g.parameters[lane].supply_gain_relative));
+    if (in.load_kind == LoadKind::TORQUE) {
+        set(s.drive.load_nm, lane, in.load_nm[row - 1]);
+        set(s.drive.load_rate, lane, (in.load_nm[row] - in.load_nm[row - 1]) / c.row_left_s);
+    }
+    set(s.state.x[STATE_CURRENT_TIME], lane, 0.0);
+    set(s.state.x[STATE_BUS_TIME], lane, 0.0);
+    solver_earn(s, lane, 1, in.time_s[row] - in.time_s[row - 1]);
+}
+
+template <class V, int N>
+VGROOVE_INLINE void reset_lane(Group<V, N> &g, const LogInput &in, std::size_t row, int lane,
+                               const double *start, bool first) {
+    Solver<V, N> &s = g.solver;
+    set(s.drive.load_nm, lane, in.load_kind == LoadKind::TORQUE ? in.load_nm[row] : 0.0);
+    set(s.drive.load_rate, lane, 0.0);
+    Cursor &c = g.cursor[lane];
+    c.now_s = (in.time_s[row] - in.time_s[0]) * c.row_scale;
+    c.row_left_s = 0.0;
+    set(s.drive.time_s, lane, c.now_s);
+    settle_shaft(s, lane, start, first);
+}
+
+inline double sensed_current(const Parameters &p, double mean_a) {
+    const double read = mean_a * (1.0 + p.current_gain_relative) + p.current_offset_a;
+    return std::min(std::max(read, -p.current_limit_a), p.current_limit_a);
+}
+
+// Shaft quantities of one row; lag and eccentricity are applied to wheel speed and angle, gain to
+// both.
+template <class V, int N>
+VGROOVE_INLINE void write_shaft(const Group<V, N> &g, std::size_t at, int lane, V seen_speed,
+                                V seen_angle, const LogOutput &out) {
+    const State<V, N> &x = g.solver.state;
+    const Parameters &p = g.parameters[lane];
+    out.speed_rad_s[at] = get(x.x[STATE_SPEED], lane);
+    out.angle_rad[at] = get(x.x[STATE_ANGLE], lane);
+    double speed = get(seen_speed, lane), angle = get(seen_angle, lane);
+    if constexpr (N > STATE_CORE_COUNT) {
+        if (g.solver.model.effects & EFFECT_SPEED_LAG) {
+            speed = get(x.x[STATE_SPEED_FILTER], lane);
+            angle -= p.speed_lag_s * speed;  // th_f' = w_f = (th - th_f) / T
+        }
+    }
+    out.speed_measured_rad_s[at] = speed * (1.0 + p.speed_gain_relative);
+    out.angle_measured_rad[at] = angle * (1.0 + p.speed_gain_relative);
+}
+
+// A lane whose steps are used up shows nothing from that row on; the first such row is kept.
+template <class V, int N>
+VGROOVE_INLINE void write_spent(Group<V, N> &g, std::size_t at, std::size_t row, int lane,
+                                const LogOutput &out) {
+    for (double *column : {out.current_a, out.supply_v, out.speed_rad_s, out.speed_measured_rad_s,
+                           out.angle_rad, out.angle_measured_rad})
+        column[at] = std::numeric_limits<double>::quiet_NaN();
+    g.spent_row[lane] = std::min(g.spent_row[lane], row);
+}
+
+template <class V, int N>
+VGROOVE_INLINE void write_row(Group<V, N> &g, const LogInput &in, std::size_t row, bool start,
+                              const LogOutput &out) {
+    const Solver<V, N> &s = g.solver;
+    const V speed = sensors_wheel_speed<V>(s.model.sensors, s.model.effects, s.state.x[STATE_SPEED],
+                                           s.state.x[STATE_ANGLE]);
+    const V angle =
+        sensors_wheel_angle<V>(s.model.sensors, s.model.effects, s.state.x[STATE_ANGLE]);
+    const Electrical<V> e = drivetrain_electrical<V, N>(s.model, s.drive, s.mode, V{}, s.state);
+    for (int lane = 0; lane < g.lanes; ++lane) {
+        const Parameters &p = g.parameters[lane];
+        const std::size_t at = g.batch_row[lane] * in.time_s.size() + row;
+        const double seconds =
+            start ? 1.0 : (in.time_s[row] - in.time_s[row - 1]) * g.cursor[lane].row_scale;
+        const double current = start ? get(s.state.x[STATE_CURRENT], lane)
+                                     : get(s.state.x[STATE_CURRENT_TIME], lane) / seconds;
+        const double bus =
+            start ? get(e.bus_v, lane) : get(s.state.x[STATE_BUS_TIME], lane) / seconds;
+        out.current_a[at] = sensed_current(p, current);
+        out.supply_v[at] = bus * (1.0 + p.supply_gain_relative);
+        write_shaft(g, at, lane, speed, angle, out);
+        if (s.spent[lane])
+            write_spent(g, at, row, lane, out);
+    }
+    if constexpr (N > STATE_WORK_IN) {
+        double *energy = out.energy_j + row * ENERGY_COLUMNS;
+        for (int n = 0; n < ENERGY_COLUMNS - 1; ++n)
+            energy[n] = get(s.state.x[STATE_WORK_IN + n], 0);
+        energy[ENERGY_COLUMNS - 1] = get(drivetrain_stored<V, N>(s.model, s.state), 0);
+    }
+}
+
+template <class V, int N>
+VGROOVE_INLINE void reset_group(Group<V, N> &g, const LogInput &in, const LogStarts &starts,
+                                std::size_t which) {
+    const std::size_t row = starts.rows[which];
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
+        const std::size_t batch = starts.per_row ? g.batch_row[lane] * starts.rows.size() : 0;
+        reset_lane(g, in, row, lane, starts.state + 3 * (batch + which), which == 0);
+        if (!(g.solver.model.effects & EFFECT_COMMAND_SHIFT))
+            drive_command(g.solver.drive, in, lane, row, 0.0, 0.0);
+        set(g.solver.drive.command, lane, in.command_end[row]);
+        if (!in.bus_v.empty())
+            set(g.solver.drive.bus_v, lane,
+                in.bus_v[row] / (1.0 + g.parameters[lane].supply_gain_relative));
+    }
+}
+
+template <class V, int N>
+VGROOVE_INLINE void step_row(Group<V, N> &g, const LogInput &in, std::size_t row) {
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
+        begin_row(g, in, row, lane);
+    flush_tiny(g.solver.state);
+    solver_run(
+        g.solver, [&](int lane)
+                      __attribute__((always_inline)) { return next_stretch(g, in, row, lane); });
+}
+
+template <class V, int N>
+VGROOVE_INLINE void run_group(Group<V, N> &g, const LogInput &in, const LogStarts &starts,
+                              const LogOutput &out) {
+    std::size_t which = 0;
+    for (std::size_t row = starts.rows.front(); row < in.time_s.size(); ++row) {
+        if (g.watch && row % LOOK_ROWS == 0)
+            g.watch->look();
+        if (row > starts.rows.front())
+            step_row(g, in, row);
+        const bool start = which < starts.rows.size() && starts.rows[which] == row;
+        if (start)
+            reset_group(g, in, starts, which++);
+        write_row(g, in, row, start, out);
+    }
+}
+
+}  // namespace vgroove
+
+#endif

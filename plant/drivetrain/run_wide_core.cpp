@@ -1,0 +1,17 @@
+// Rows by Runge-Kutta, eight parameter sets a vector: the states that every drivetrain has. A file
+// of its own, since it takes a minute to compile.
+#include "drivetrain/run_rows.hpp"
+
+namespace vgroove {
+
+VGROOVE_CLONES static void wide_core(Group<Lanes8, STATE_CORE_COUNT> &g, const LogInput &in,
+                                     const LogStarts &starts, const LogOutput &out) {
+    run_group(g, in, starts, out);
+}
+
+void run_rows(Group<Lanes8, STATE_CORE_COUNT> &g, const LogInput &in, const LogStarts &starts,
+              const LogOutput &out) {
+    wide_core(g, in, starts, out);
+}
+
+}  // namespace vgroove

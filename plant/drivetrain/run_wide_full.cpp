@@ -1,0 +1,17 @@
+// Rows by Runge-Kutta, eight parameter sets a vector: all states. A file of its own, since it takes
+// a minute to compile.
+#include "drivetrain/run_rows.hpp"
+
+namespace vgroove {
+
+VGROOVE_CLONES static void wide_full(Group<Lanes8, STATE_FULL_COUNT> &g, const LogInput &in,
+                                     const LogStarts &starts, const LogOutput &out) {
+    run_group(g, in, starts, out);
+}
+
+void run_rows(Group<Lanes8, STATE_FULL_COUNT> &g, const LogInput &in, const LogStarts &starts,
+              const LogOutput &out) {
+    wide_full(g, in, starts, out);
+}
+
+}  // namespace vgroove

@@ -1,0 +1,397 @@
+// Rows of a log to stretches of straight command and load, solver over them, rows, trace and
+// energies out of its states.
+#include "impact/log.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace vgroove {
+
+const char *const IMPACT_COLUMN_NAMES[IMPACT_COLUMN_COUNT] = {
+    "current_a", "supply_v",           "speed_rad_s",     "speed_measured_rad_s",
+    "angle_rad", "angle_measured_rad", "anvil_torque_nm", "anvil_angle_rad",
+    "head_rad",  "hammer_mm",          "hammer_rad",      "housing_nm",
+    "arm_rad"};
+const char *const TRACE_COLUMN_NAMES[TRACE_COLUMN_COUNT] = {
+    "current_a",    "speed_rad_s",     "hammer_m",        "hammer_m_per_s", "hammer_rad",
+    "hammer_rad_s", "relative_rad",    "anvil_angle_rad", "anvil_rad_s",    "twist_rad",
+    "head_rad",     "anvil_torque_nm", "lug_torque_nm",   "housing_nm",     "housing_momentum_nm",
+    "arm_rad"};
+const char *const IMPACT_ENERGY_NAMES[ENERGY_COUNT] = {
+    "work_in",      "loss_electric", "loss_friction", "loss_groove",
+    "loss_contact", "loss_joint",    "stored"};
+
+// One stretch of a row in true time: command as a straight line.
+struct Stretch {
+    double length_s, command, command_rate, open;
+    bool switching;
+};
+
+static bool is_switching(double start, double end) {
+    const double peak = std::max(std::fabs(start), std::fabs(end)),
+                 least = std::min(std::fabs(start), std::fabs(end));
+    return !(start == end && (peak == 0.0 || peak >= 1.0)) && peak > 0.0 && least < 1.0;
+}
+
+// Reads the command column in its own time: transport_delay later, or at another rate than the rows
+// (clock_skew of the command's clock).
+class CommandReader {
+public:
+    CommandReader(const LogInput &in, const Parameters &p)
+        : in_(in),
+          delay_s_(p.transport_delay_s) {
+        const double skew = 1.0 + p.clock_skew_relative;
+        row_scale_ = p.clock_skew_command != 0.0 ? 1.0 : 1.0 / skew;
+        command_scale_ = skew;
+        shifted_ = delay_s_ > 0.0 || (p.clock_skew_relative != 0.0 && p.clock_skew_command != 0.0);
+    }
+
+    double row_scale() const { return row_scale_; }  // true seconds per second of the log
+    double row_s(std::size_t row) const {
+        return (in_.time_s[row] - in_.time_s[row - 1]) * row_scale_;
+    }
+
+    // The stretch that begins now_s after the first row, with left_s to the end of the row.
+    Stretch next(std::size_t row, double now_s, double left_s) {
+        if (!shifted_)
+            return of_row(row, 0.0, 1.0 / row_scale_, left_s);
+        const double at = in_.time_s[0] + (now_s - delay_s_) * command_scale_;
+        const std::size_t last = in_.time_s.size() - 1;
+        while (row_ < last &&
+               in_.time_s[row_] - at <= 1e-9 * (in_.time_s[row_ + 1] - in_.time_s[row_]))
+            ++row_;
+        const double until = (in_.time_s[row_] - at) / command_scale_;
+        if (until <= 0.0) {
+            Stretch s = of_row(row_, in_.time_s[row_] - in_.time_s[row_ > 0 ? row_ - 1 : 0],
+                               command_scale_, left_s);
+            s.command_rate = 0.0;
+            return s;
+        }
+        return of_row(row_, row_ > 0 ? at - in_.time_s[row_ - 1] : 0.0, command_scale_,
+                      std::min(until, left_s));
+    }
+
+private:
+    Stretch of_row(std::size_t row, double from, double scale, double length_s) const {
+        const double start = in_.command_start[row], end = in_.command_end[row];
+        const double rate =
+            start != end ? (end - start) / (in_.time_s[row] - in_.time_s[row - 1]) : 0.0;
+        const double open = in_.open.empty() ? 0.0 : in_.open[row];
+        return {length_s, start == end ? end : start + rate * from, rate * scale, open,
+                is_switching(start, end) && !(open > 0.0)};
+    }
+
+    const LogInput &in_;
+    double delay_s_, row_scale_, command_scale_;
+    bool shifted_;
+    std::size_t row_ = 0;
+};
+
+template <class L>
+static void write_trace(const ImpactSolver<L> &s, const ImpactState<L> &x, double tau, double *to) {
+    ImpactState<L> ds{};
+    const ImpactPoint at = impact_derivative<L>(s.model, s.drive, s.mode, tau, x, ds);
+    double momentum = 0.0;
+    if constexpr (L::AUDIT)
+        momentum = impact_reaction_by_momentum(s.model, at, ds);
+    const double values[TRACE_COLUMN_COUNT] = {at.i,
+                                               at.motor_w,
+                                               at.x,
+                                               at.x_rate,
+                                               x.x[L::HAMMER_ANGLE],
+                                               x.x[L::HAMMER_SPEED],
+                                               impact_relative<L>(s.model, x),
+                                               x.x[L::ANVIL_ANGLE],
+                                               x.x[L::ANVIL_SPEED],
+                                               x.x[L::TWIST],
+                                               at.head_rad,
+                                               at.joint_nm,
+                                               at.lug_nm,
+                                               at.housing_nm,
+                                               momentum,
+                                               x.x[L::ARM_ANGLE]};
+    std::copy(values, values + TRACE_COLUMN_COUNT, to);
+}
+
+// Fills the trace's times that lie in a step.
+struct Tracer {
+    ImpactOutput *out = nullptr;
+    double origin_s = 0.0, scale = 1.0;  // of the log's time, and true seconds per second of it
+    std::size_t next = 0;
+
+    template <class L> void step(ImpactSolver<L> &s, double h, double share) {
+        const double from = s.drive.time_s, to = from + h * share + 1e-12;  // times round
+        for (; next < out->trace_s.size(); ++next) {
+            const double at = (out->trace_s[next] - origin_s) * scale;
+            if (at > to)
+                return;
+            if (at < from - 1e-12)  // before the first row
+                continue;
+            impact_interpolate(s, h);
+            const double part = at > from ? (at - from) / h : 0.0;
+            write_trace<L>(s, impact_between(s, part), part * h,
+                           out->trace.data() + next * TRACE_COLUMN_COUNT);
+        }
+    }
+};
+
+template <class L>
+static double seen_speed(const ImpactSolver<L> &s, const Parameters &p, const ImpactState<L> &x) {
+    const Drivetrain<double> &d = s.model.drive;
+    return sensors_seen_speed(d.sensors, d.effects, p, x.x[STATE_SPEED], x.x[STATE_ANGLE],
+                              L::FULL ? x.x[STATE_SPEED_FILTER] : 0.0);
+}
+template <class L>
+static double seen_angle(const ImpactSolver<L> &s, const Parameters &p, const ImpactState<L> &x) {
+    const Drivetrain<double> &d = s.model.drive;
+    return sensors_seen_angle(d.sensors, d.effects, p, x.x[STATE_ANGLE],
+                              L::FULL ? x.x[STATE_SPEED_FILTER] : 0.0);
+}
+
+// effect speed_lag as a pure delay: speed and angle of the wheel delay_s before the end of each
+// row. Before the start the shaft rests.
+struct Seen {
+    double due_s, speed, angle;
+};
+struct DelayedWheel {
+    Parameters parameters;
+    std::vector<Seen> rows;  // empty without a delay
+    std::size_t next = 0;    // first that no step has reached
+
+    void prepare(const LogInput &in, double row_scale, const Parameters &p) {
+        parameters = p;
+        for (const double time_s : in.time_s)
+            rows.push_back({(time_s - in.time_s[0]) * row_scale - p.speed_lag_s, 0.0, 0.0});
+    }
+
+    template <class L> void step(ImpactSolver<L> &s, double h, double share) {
+        const double from = s.drive.time_s, to = from + h * share + 1e-12;
+        for (; next < rows.size() && rows[next].due_s <= to; ++next) {
+            if (rows[next].due_s < 0.0)
+                continue;
+            impact_interpolate(s, h);
+            const ImpactState<L> x =
+                impact_between(s, std::max((rows[next].due_s - from) / h, 0.0));
+            rows[next].speed = seen_speed(s, parameters, x);
+            rows[next].angle = seen_angle(s, parameters, x);
+        }
+    }
+};
+
+// One tool along a log.
+template <class L> struct LogRun final : ImpactObserver<L> {
+    const LogInput &in;
+    Parameters parameters;
+    CommandReader reader;
+    ImpactSolver<L> solver{};
+    Tracer tracer{};
+    DelayedWheel delayed{};
+    double now_s = 0.0;
+    double charge_as = 0.0, bus_vs = 0.0, housing_nms = 0.0;  // integrals at the last row
+
+    LogRun(const LogInput &log, const Parameters &p) : in(log), parameters(p), reader(log, p) {}
+
+    void step(ImpactSolver<L> &s, double h, double share) override {
+        if (tracer.out)
+            tracer.step(s, h, share);
+        if (!delayed.rows.empty())
+            delayed.step(s, h, share);
+    }
+};
+
+// Force and torque of the present; the whole derivative only where that decides them.
+template <class L>
+static ImpactPoint present_point(const ImpactSolver<L> &s, const ImpactState<L> &x, bool whole) {
+    if (!whole && !s.model.second_output)
+        return impact_sight<L>(s.model, s.drive, s.mode, s.into_s, x);
+    ImpactState<L> ds{};
+    return impact_derivative<L>(s.model, s.drive, s.mode, s.into_s, x, ds);
+}
+
+template <class L>
+static void write_row(LogRun<L> &run, std::size_t row, const ImpactOutput &out, std::size_t at) {
+    ImpactSolver<L> &s = run.solver;
+    const Parameters &p = run.parameters;
+    const ImpactState<L> present = impact_present(s);
+    const double *x = present.x;
+    const ImpactPoint now = present_point(s, present, row == 0);
+    const bool delays = !run.delayed.rows.empty();
+    const double per_s = row > 0 ? 1.0 / run.reader.row_s(row) : 0.0;
+    const double current = row > 0 ? (x[STATE_CURRENT_TIME] - run.charge_as) * per_s : now.i;
+    const double bus = row > 0 ? (x[STATE_BUS_TIME] - run.bus_vs) * per_s : now.bus_v;
+    const double values[IMPACT_COLUMN_COUNT] = {
+        sensors_read_current(p, current),
+        bus * (1.0 + p.supply_gain_relative),
+        x[STATE_SPEED],
+        delays ? run.delayed.rows[row].speed : seen_speed(s, p, present),
+        x[STATE_ANGLE],
+        delays ? run.delayed.rows[row].angle : seen_angle(s, p, present),
+        now.joint_nm,
+        x[L::ANVIL_ANGLE],
+        now.head_rad,
+        1e3 * now.x,
+        x[L::HAMMER_ANGLE],
+        row > 0 ? (x[L::HOUSING_TIME] - run.housing_nms) * per_s : now.housing_nm,
+        x[L::ARM_ANGLE]};
+    for (int n = 0; n < IMPACT_COLUMN_COUNT; ++n)
+        out.columns[n][at] = values[n];
+    run.charge_as = x[STATE_CURRENT_TIME];
+    run.bus_vs = x[STATE_BUS_TIME];
+    run.housing_nms = x[L::HOUSING_TIME];
+}
+
+static void write_energy(const ImpactSolver<AuditLayout> &s, double *to) {
+    using L = AuditLayout;
+    const double *x = s.state.x;
+    const double values[ENERGY_COUNT] = {x[L::WORK_IN],
+                                         x[L::LOSS_ELECTRIC],
+                                         x[L::LOSS_FRICTION],
+                                         x[L::LOSS_GROOVE],
+                                         x[L::LOSS_CONTACT] + s.dropped_j,
+                                         x[L::LOSS_JOINT],
+                                         impact_stored(s.model, s.mode, s.state)};
+    std::copy(values, values + ENERGY_COUNT, to);
+}
+
+template <class L> static void run_row(LogRun<L> &run, std::size_t row) {
+    const LogInput &in = run.in;
+    const double length = run.reader.row_s(row);
+    const bool load = in.load_kind == LoadKind::TORQUE;
+    const double load_rate = load ? (in.load_nm[row] - in.load_nm[row - 1]) / length : 0.0;
+    const double bus_v =
+        in.bus_v.empty() ? 0.0 : in.bus_v[row] / (1.0 + run.parameters.supply_gain_relative);
+    double left = length;
+    while (left > 0.0) {
+        const Stretch stretch = run.reader.next(row, run.now_s, left);
+        const double load_nm = load ? in.load_nm[row - 1] + load_rate * (length - left) : 0.0;
+        const ImpactDrive next{
+            stretch.command, stretch.command_rate,
+            stretch.open,    stretch.switching ? run.solver.model.drive.dead_share : 0.0,
+            bus_v,           load_nm,
+            load_rate};
+        impact_stretch(run.solver, next, run.now_s, stretch.length_s);
+        run.now_s += stretch.length_s;
+        left -= stretch.length_s;
+        left = left < 1e-12 * stretch.length_s ? 0.0 : left;
+    }
+    if (!run.delayed.rows.empty())
+        impact_cut(run.solver);
+}
+
+struct ImpactJob {
+    const LogInput *in;
+    const double *theta;
+    double command_peak;
+    ImpactAccuracy accuracy;
+    ImpactOutput *out;
+};
+
+template <class L>
+static void prepare(LogRun<L> &run, const ImpactJob &job, std::size_t batch_row,
+                    const Impact &model) {
+    const LogInput &in = *job.in;
+    ImpactOutput &out = *job.out;
+    ImpactSolver<L> &s = run.solver;
+    s.model = model;
+    s.tolerance = out.tolerance > 0.0
+                      ? out.tolerance
+                      : (L::EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST);
+    s.fixed_s = job.accuracy == ImpactAccuracy::FIXED ? out.fixed_s : 0.0;
+    s.history = batch_row == 0 && out.keep_history ? &out.history : nullptr;
+    s.drive.load_nm = in.load_kind == LoadKind::TORQUE ? in.load_nm[0] : 0.0;
+    impact_start(s);
+    if (batch_row == 0 && !out.trace_s.empty())
+        run.tracer = {&out, in.time_s[0], run.reader.row_scale(), 0};
+    if (run.parameters.speed_lag_s > 0.0 && run.parameters.speed_lag_delay_form != 0.0)
+        run.delayed.prepare(in, run.reader.row_scale(), run.parameters);
+    s.watch = out.watch;
+    s.parameters = &run.parameters;
+    s.observer = run.tracer.out || !run.delayed.rows.empty() ? &run : nullptr;
+}
+
+template <class L>
+static void run_tool(const ImpactJob &job, std::size_t batch_row, const Impact &model) {
+    const LogInput &in = *job.in;
+    ImpactOutput &out = *job.out;
+    LogRun<L> run(in, parameters_from(job.theta + batch_row * PARAMETER_COUNT));
+    prepare(run, job, batch_row, model);
+    const std::size_t rows = in.time_s.size();
+    for (std::size_t row = 0; row < rows; ++row) {
+        if (row > 0)
+            run_row(run, row);
+        write_row(run, row, out, batch_row * rows + row);
+        if constexpr (L::AUDIT)
+            if (batch_row == 0 && out.keep_energy)
+                write_energy(run.solver, out.energy.data() + row * ENERGY_COUNT);
+    }
+    ImpactSolver<L> &s = run.solver;
+    impact_cut(s);
+    blows_end(s.recorder, s.state.x[L::LUG_IMPULSE]);
+    for (Blow &b : s.recorder.blows)
+        b.time_s = in.time_s[0] + b.time_s / run.reader.row_scale();
+    out.blows[batch_row] = std::move(s.recorder.blows);
+    out.stats[batch_row] = s.stats;
+}
+
+static Impact model_of(const ImpactJob &job, std::size_t batch_row) {
+    const Parameters p = parameters_from(job.theta + batch_row * PARAMETER_COUNT);
+    return impact_from(p, job.in->load_kind, job.in->kind, !job.in->bus_v.empty(),
+                       job.command_peak);
+}
+
+static void run_any(const ImpactJob &job, std::size_t batch_row) {
+    const Impact model = model_of(job, batch_row);
+    if (job.accuracy == ImpactAccuracy::REFERENCE)
+        run_tool<AuditLayout>(job, batch_row, model);
+    else if (impact_needs_full(model))
+        run_tool<FullLayout>(job, batch_row, model);
+    else
+        run_tool<FastLayout>(job, batch_row, model);
+}
+
+double impact_check_step(double step_s) {
+    if (!(step_s >= IMPACT_STEP_LEAST_S && step_s <= IMPACT_STEP_MOST_S))
+        throw std::invalid_argument("the impact tool's fixed step_s must be from 1e-7 to 0.1");
+    return step_s;
+}
+
+static void check_trace(const std::vector<double> &trace_s) {
+    for (std::size_t n = 0; n < trace_s.size(); ++n)
+        if (!std::isfinite(trace_s[n]) || (n > 0 && trace_s[n] < trace_s[n - 1]))
+            throw std::invalid_argument("simulate_impact: trace_s must be finite and increase");
+}
+
+static void check_log(const LogInput &in) {
+    if (in.time_s.size() < 2)
+        throw std::invalid_argument("simulate_impact needs two rows");
+    for (std::size_t row = 1; row < in.time_s.size(); ++row)
+        if (!(in.time_s[row] > in.time_s[row - 1]))
+            throw std::invalid_argument("simulate_impact: time_s must increase");
+}
+
+void simulate_impact(const LogInput &in, const double *theta, std::size_t batch,
+                     ImpactAccuracy accuracy, int threads, ImpactOutput &out) {
+    check_log(in);
+    check_trace(out.trace_s);
+    if (accuracy == ImpactAccuracy::FIXED)
+        impact_check_step(out.fixed_s);
+    double peak = 0.0;
+    for (const double x : in.command_end)
+        peak = std::max(peak, std::fabs(x));
+    const ImpactJob job{&in, theta, peak, accuracy, &out};
+    out.blows.assign(batch, {});
+    out.stats.assign(batch, {});
+    out.trace.assign(out.trace_s.size() * TRACE_COLUMN_COUNT, std::nan(""));
+    out.energy.assign(out.keep_energy ? in.time_s.size() * ENERGY_COUNT : 0, 0.0);
+    const auto each = [&](auto what) {
+        return [&job, batch, what](std::size_t row) {
+            naming_the_set(row, batch, [&] { what(job, row); });
+        };
+    };
+    share_work(batch, 1, nullptr,
+               each(model_of));  // an impossible tool is named before any has run
+    share_work(batch, threads, out.watch, each(run_any));
+}
+
+}  // namespace vgroove

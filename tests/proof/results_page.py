@@ -1,0 +1,240 @@
+"""Writes docs/results.md, every measured figure of the project, from docs/results/*.json:
+`python tests/proof/results_page.py` writes the page, `--check` says whether it is up to date.
+"""
+
+import json
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+RESULTS = ROOT / "docs" / "results"
+PAGE = ROOT / "docs" / "results.md"
+
+HEAD = """\
+# Results
+
+Generated from the JSON files of [results](results/) by `python tests/proof/results_page.py`; a test
+fails when the page differs from them. A result of `make proof` carries the commit that it was made
+at; the figures of the last table are printed by the commands beside them.
+"""
+
+# Groups of cases of the blind set: key of the JSON -> words.
+GROUPS = {
+    "single": "one effect",
+    "pair": "two effects",
+    "triple": "three effects",
+    "none": "no effect",
+    "unlisted": "outside the catalogue",
+}
+OVERALL = {
+    "false_alarms": "an effect named where there is none",
+    "sure_and_wrong": "wrong name with a probability of 0.9 or more",
+    "ambiguous_though_separable": "`ambiguous` although one name would do",
+    "failed": "no verdict",
+}
+
+
+def read(name: str) -> dict[str, Any]:
+    """One result by the name of its file."""
+    return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def table(header: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> list[str]:
+    """Lines of a Markdown table."""
+    lines = [header, ("---",) * len(header), *rows]
+    return ["| " + " | ".join(str(cell) for cell in line) + " |" for line in lines]
+
+
+def rate(of: dict[str, Any]) -> str:
+    """Hits of a rate with the 95 % interval of its share."""
+    low, high = of["ci95"]
+    return f"{of['hits']} of {of['of']} ({100 * low:.0f}..{100 * high:.0f} %)" if of["of"] else "-"
+
+
+# Half of the blind set -> what it has been used for.
+HALVES = {
+    "report": "This half is for the report: no threshold is chosen on it.",
+    "tune": "Thresholds are chosen on this half.",
+}
+
+
+def blind_set(name: str) -> list[str]:
+    """Rates of one half of the blind set."""
+    result = read(name)
+    rates = result["rates"]
+    return [
+        f"## Blind set of the diagnosis, half `{result['set']}`",
+        "",
+        f"{result['cases']} sealed cases of the independent generator ([gap_bench](gap_bench.md)),"
+        f" engine {result['engine']}.",
+        HALVES[result["set"]] + " Right verdicts, with 95 % intervals:",
+        "",
+        *table(
+            (
+                "cases",
+                "rig exact, 3 times visible and more",
+                "rig off, other forms, from 1.5 times",
+            ),
+            (
+                (words, rate(rates["exact"][key]), rate(rates["hard"][key]))
+                for key, words in GROUPS.items()
+            ),
+        ),
+        "",
+        *table(
+            ("over all cases", ""), ((words, rate(rates[key])) for key, words in OVERALL.items())
+        ),
+    ]
+
+
+def demo() -> list[str]:
+    """The sealed tools of `make demo`."""
+    result = read("demo_seeds")
+    rows = (
+        (
+            run["seed"],
+            ", ".join(run["truth"]) or run["label"],
+            run["verdict"],
+            ", ".join(run["selected"]) or "-",
+            f"{run['before']:.2f}",
+            f"{run['after']:.2f}",
+        )
+        for run in result["runs"]
+    )
+    return [
+        "## Sealed tools of the demo",
+        "",
+        f"`make demo SEED=n`: {result['right']} of {result['of']} verdicts are right, commit "
+        f"{result['commit']}.",
+        "",
+        *table(("seed", "sealed effect", "verdict", "named", "gap before", "after"), rows),
+    ]
+
+
+def growth() -> list[str]:
+    """Exponents of the diagnosis' processor time."""
+    result = read("gap_growth")
+    return [
+        "## Processor time of a diagnosis",
+        "",
+        "Exponent of the growth (1 is linear), commit " + result["commit"] + ":",
+        "",
+        *table(
+            ("with", "exponent"),
+            (
+                ("length of the log, 3 to 24 s", f"{result['with_length']:.2f}"),
+                ("number of effects, 8 to 30", f"{result['with_effects']:.2f}"),
+            ),
+        ),
+    ]
+
+
+def speed() -> list[str]:
+    """The plant beside its peers."""
+    result = read("bench_speed")
+    return [
+        "## Speed of the plant",
+        "",
+        f"`{result['command']}`, commit {result['commit']}, {result['cpu']}, {result['cores']}"
+        " cores:",
+        "",
+        *table(
+            ("figure", "value", "required"),
+            (
+                (row["name"], f"{row['value']:.3g}", f"{row['relation']} {row['asked']:g}")
+                for row in result["asked"]
+            ),
+        ),
+    ]
+
+
+def trap() -> list[str]:
+    """One joint that lacks its Coulomb friction."""
+    result = read("bench_trap")
+    return [
+        "## A joint whose model lacks its Coulomb friction",
+        "",
+        "`vgroove bench trap`: one log for all methods; the error of the speed is on other data.",
+        "",
+        *table(
+            ("method", "error of the damping", "error of the speed"),
+            (
+                (
+                    row["name"],
+                    percent(row.get("damping_error"), "+.1f"),
+                    percent(row.get("speed_error"), ".2f"),
+                )
+                for row in result["answers"]
+            ),
+        ),
+    ]
+
+
+def percent(value: float | None, form: str) -> str:
+    """A share in per cent, a dash where there is none."""
+    return "-" if value is None else f"{100 * value:{form}} %"
+
+
+def torque() -> list[str]:
+    """Torque control on many joints."""
+    result = read("control_torque")
+    return [
+        "## Torque control, 200 joints a cell",
+        "",
+        f"`{result['command']}`, commit {result['commit']}:",
+        "",
+        *table(
+            ("variant", "set", "goal", "value", "limit"),
+            (
+                (
+                    row["variant"],
+                    row["set"],
+                    row["goal"],
+                    f"{row['value']:.3g}",
+                    f"{row['side']} {row['limit']:g}",
+                )
+                for row in result["goals"]
+            ),
+        ),
+    ]
+
+
+def printed() -> list[str]:
+    """Figures that commands print."""
+    rows = [row for row in read("figures").values() if isinstance(row, dict)]
+    return [
+        "## Firmware, controllers, data",
+        "",
+        *table(
+            ("figure", "value", "command"),
+            ((row["figure"], row["value"], f"`{row['command']}`") for row in rows),
+        ),
+    ]
+
+
+def page() -> str:
+    """The text of docs/results.md."""
+    parts = (
+        demo(),
+        blind_set("gap_bench"),
+        blind_set("gap_bench_tune"),
+        growth(),
+        speed(),
+        trap(),
+        torque(),
+        printed(),
+    )
+    return HEAD + "".join("\n" + "\n".join(lines) + "\n" for lines in parts)
+
+
+def main() -> None:
+    """Write the page, or with --check exit with 1 where it is not up to date."""
+    if "--check" in sys.argv:
+        raise SystemExit(PAGE.read_text(encoding="utf-8") != page())
+    PAGE.write_text(page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
