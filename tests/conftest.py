@@ -1,6 +1,5 @@
-"""What every test may rely on: programs that it starts hear Ctrl-C, even when the shell that runs
-the tests in the background does not; fixtures of a file are made once, since its tests run on one
-worker.
+"""Settings of all tests: programs that they start receive Ctrl-C, which a shell disables for jobs
+in the background; the tests of a file run on one worker, so that its fixtures are made once.
 """
 
 import signal
@@ -13,8 +12,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A file is a group for `--dist loadgroup` unless its tests name groups; those are long and
-    begin first, so that no worker waits at the end.
+    """Make each file a group of `--dist loadgroup`, unless its tests name groups themselves: those
+    are long and are scheduled first, so that no worker is idle at the end.
     """
     items.sort(key=lambda item: item.get_closest_marker("xdist_group") is None)
     for item in items:

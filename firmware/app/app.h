@@ -67,7 +67,7 @@ typedef struct {
     uint16_t trigger_greatest;
     bool save_offset;  // the offset measured at rest is saved as a parameter
     uint8_t overruns;
-    uint8_t configure_step;  // next step of configure.c
+    uint8_t configuration_step;  // next step of configure.c
     bool calibrated;
     bool hall_taken;       // all Hall pitches learned so far were within their range
     bool command_pending;  // a command waits for its execution and its ACK

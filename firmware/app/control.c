@@ -97,7 +97,10 @@ INLINE_NEVER int16_t control_step(Control *self, const ControllerInputs *in) {
 }
 
 bool control_was_heavy(const Control *self) {
-    return self->blow.busy CONTROL_LIST(HEAVY_TERM);
+    if (self->blow.busy) {
+        return true;
+    }
+    return false CONTROL_LIST(HEAVY_TERM);
 }
 
 void control_report(const Control *self, TelemetryControl *out) {

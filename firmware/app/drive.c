@@ -70,8 +70,10 @@ static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) 
         app->controlled = true;
     }
     const int16_t wish_q15 = control_step(&app->control, in);
-    app->heavy = app->heavy || control_was_heavy(&app->control);
     hal_mark_control(false);
+    if (control_was_heavy(&app->control)) {
+        app->heavy = true;
+    }
     return wish_q15;
 }
 

@@ -252,21 +252,32 @@ def prototype(message: Message, end: str) -> list[str]:
     return signature("void", name, f"{data}, const {kind} *signals", end)
 
 
-def change_prototype(message: Message, end: str) -> list[str]:
-    """Signature of the function that compares the OnChange signals of two frames."""
-    kind = f"const Telemetry{camel(message.name)}"
-    name = f"telemetry_{snake(message)}_changed"
-    return signature("bool", name, f"{kind} *before, {kind} *now", end)
+def macro(name: str, parameters: str, body: str, separator: str) -> list[str]:
+    """A function-like macro whose body is broken after `separator`."""
+    lines = [f"#define {name}({parameters})", *wrapped(f"    {body}", separator, 5)]
+    return [line + " \\" for line in lines[:-1]] + lines[-1:]
 
 
-def change_function(message: Message) -> list[str]:
-    """The comparison; empty for a message without OnChange signals."""
-    names = [signal.name for signal in payload(message) if is_sent_on_change(signal)]
+def change_macros(message: Message) -> list[str]:
+    """Comparison and copy of the contents of two frames, if a message has OnChange signals. Macros,
+    since avr-gcc makes inline functions longer; widest signals first, which change most often.
+    """
+    changing = [signal for signal in payload(message) if is_sent_on_change(signal)]
+    names = [signal.name for signal in sorted(changing, key=lambda signal: -signal.length)]
     if not names:
         return []
-    terms = " || ".join(f"before->{name} != now->{name}" for name in names)
-    lines = wrapped(f"    return {terms};", "|| ", 11)
-    return [*change_prototype(message, " {"), *lines, "}", ""]
+    prefix = f"TELEMETRY_{message.name}"
+    terms = " || ".join(f"(before)->{name} != (now)->{name}" for name in names)
+    contents = [s.name for s in payload(message) if not s.name.endswith(("_tick", "_counter"))]
+    copies = ", ".join(f"(to)->{name} = (from)->{name}" for name in contents)
+    return [
+        "",
+        f"// Whether a signal has changed whose change sends the frame {message.name}.",
+        *macro(f"{prefix}_CHANGED", "before, now", f"({terms})", "|| "),
+        "",
+        "// Copies all signals but the tick and the counter of the frame.",
+        *macro(f"{prefix}_COPY", "to, from", f"({copies})", ", "),
+    ]
 
 
 def header() -> str:
@@ -289,9 +300,8 @@ def header() -> str:
         lines += header_message(message)
     for message in messages():
         lines += prototype(message, ";")
-        if change_function(message):
-            lines += ["", "// Whether a signal has changed whose change sends the frame."]
-            lines += [*change_prototype(message, ";"), ""]
+    for message in messages():
+        lines += change_macros(message)
     return "\n".join([*lines, "", "#endif", ""])
 
 
@@ -408,7 +418,6 @@ def source() -> str:
     lines += ['#include "telemetry/telemetry_signals.h"', ""]
     for message in messages():
         lines += unpack_function(message) if is_inbound(message) else pack_function(message)
-        lines += change_function(message)
     return "\n".join(lines)
 
 

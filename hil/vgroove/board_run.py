@@ -17,10 +17,10 @@ from vgroove.run import RunOptions
 from vgroove.terminal import print_line
 
 
-def chosen_course(experiment: str | None, verdict: Path | None) -> RunProfile:
+def chosen_profile(experiment: str | None, verdict: Path | None) -> RunProfile:
     """The run that the options name; VgrooveError where they name none, or two."""
     if (experiment is None) == (verdict is None):
-        names = ", ".join(course.name for course in MENU)
+        names = ", ".join(profile.name for profile in MENU)
         raise VgrooveError(
             f"a board performs one run: --next VERDICT.json, or --experiment with one of {names}"
         )
@@ -55,7 +55,7 @@ class OperatorPrompt:
         self._shown = instruction
 
 
-def run_on_board(options: RunOptions, course: RunProfile, baud: int) -> None:
+def run_on_board(options: RunOptions, profile: RunProfile, baud: int) -> None:
     """Perform and record a run.
 
     Raises VgrooveError as `record` does or with what ended the run, KeyboardInterrupt on Ctrl-C;
@@ -70,7 +70,7 @@ def run_on_board(options: RunOptions, course: RunProfile, baud: int) -> None:
         raise VgrooveError("a run on a board is recorded: say where with -o LOG")
     console = Console(stderr=True)
     recording = Recording(options.on, options.output, baud)
-    recording.program = run = GuidedRun(course, recording.session)
+    recording.program = run = GuidedRun(profile, recording.session)
     with stop_on_signals() as stop:
         try:
             with seconds_bar(run.total_s, console=console) as bar:

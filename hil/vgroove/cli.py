@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -15,6 +15,9 @@ from vgroove.control_bench.command import control_command, figures_command
 from vgroove.errors import VgrooveError
 from vgroove.gap_bench.command import bench_command
 from vgroove.study.command import app as study_app
+
+if TYPE_CHECKING:
+    from vgroove.run import RunOptions
 
 # The plant starts threads itself, with which BLAS threads would compete. The variable is read when
 # numpy is first imported, which a command does.
@@ -159,23 +162,29 @@ def run(
     """Run a scenario, firmware and simulated tool in lock-step; or perform a run of the diagnosis'
     menu on a board (--on PORT).
     """
-    from dataclasses import replace
-
-    from vgroove.run import RunOptions, run_scenario
-    from vgroove.scenario import read_scenario
+    from vgroove.run import RunOptions
 
     options = RunOptions(on, target, elf, output, pty, wait, real_time, stats, eeprom)
     if scenario_path is None and on not in ("sil", "avr"):
-        from vgroove.board_run import chosen_course, run_on_board
+        from vgroove.board_run import chosen_profile, run_on_board
 
-        run_on_board(options, chosen_course(experiment, next_path), baud)
+        run_on_board(options, chosen_profile(experiment, next_path), baud)
         return
     if scenario_path is None or experiment or next_path:
         raise VgrooveError(
             "--on sil and --on avr run a SCENARIO; a board (--on PORT) performs --experiment NAME "
             "or --next VERDICT.json"
         )
-    scenario = read_scenario(scenario_path)
+    _run_scenario(scenario_path, seed, options)
+
+
+def _run_scenario(path: Path, seed: int | None, options: "RunOptions") -> None:
+    from dataclasses import replace
+
+    from vgroove.run import run_scenario
+    from vgroove.scenario import read_scenario
+
+    scenario = read_scenario(path)
     scenario = scenario if seed is None else replace(scenario, seed=seed)
     run_scenario(scenario, options, Console(), Console(stderr=True))
 
@@ -284,7 +293,7 @@ def gap_diagnose(
         list[Path], typer.Argument(metavar="LOG...", help="Logs of one tool, judged together.")
     ],
     rig: Annotated[
-        Path, typer.Option("--rig", help="What the simulation believes about the tool.")
+        Path, typer.Option("--rig", help="Rig file: the parameters of the simulated tool.")
     ],
     json_path: Annotated[
         Path | None, typer.Option("--json", help="Write the verdict as JSON.")
@@ -346,7 +355,7 @@ def effects(
         bool, typer.Option("--markdown", help="Print the table of docs/spec/gap.md.")
     ] = False,
 ) -> None:
-    """List the effects of the catalogue, or show one: equation, parameters, what a log must hold."""
+    """List the effects of the catalogue, or show one: equation, parameters, necessary channels."""
     from vgroove.gap.catalogue.listing import effect_lines, effect_rows, list_lines, markdown_table
 
     _check_outputs(json_path)

@@ -10,7 +10,7 @@ class VgrooveError(Exception):
 
 @contextmanager
 def refused_by_plant(what: str) -> Iterator[None]:
-    """Turns the plant's errors in the block into a VgrooveError about `what`: ValueError (it refuses
+    """Turns errors of the plant into a VgrooveError about `what`: ValueError (it refuses
     a value) and RuntimeError (it cannot simulate a run).
     """
     try:

@@ -89,7 +89,7 @@ class BoardState:
 class GuidedRun(HostProgram):
     """A run under way; `session` is that of its recording, whose rows begin with the first leg."""
 
-    course: RunProfile
+    profile: RunProfile
     session: telemetry.Session
     phase: Phase = Phase.PREPARE
     ended: str = ""
@@ -110,7 +110,7 @@ class GuidedRun(HostProgram):
     _mode_refused: bool = False
 
     def __post_init__(self) -> None:
-        self.legs = legs_of(self.course)
+        self.legs = legs_of(self.profile)
 
     def select(self, frames: Sequence[telemetry.Frame]) -> list[telemetry.Frame]:
         """Take note of the board's frames; those of FAST are recorded once the run has started."""
@@ -127,8 +127,8 @@ class GuidedRun(HostProgram):
             self._now_ms = time_ms
             return
         step_ms = (time_ms - self._now_ms) & 0xFFFFFFFF
-        believed = step_ms <= MAX_TIME_STEP_MS or self.phase is Phase.PREPARE
-        self._now_ms += step_ms if believed else 0
+        plausible = step_ms <= MAX_TIME_STEP_MS or self.phase is Phase.PREPARE
+        self._now_ms += step_ms if plausible else 0
 
     def _add_answer(self, frame: telemetry.Frame) -> None:
         ack = telemetry.decode_integers(frame)
@@ -306,7 +306,7 @@ class GuidedRun(HostProgram):
             case Phase.HOLD:
                 return f"hold the trigger, the run begins{self._trigger_limit()}"
             case Phase.DRIVE:
-                return f"{self.course.name}: hold the trigger{self._brake_setting()}"
+                return f"{self.profile.name}: hold the trigger{self._brake_setting()}"
         return "release the trigger"
 
     def _missing_condition(self) -> str:
@@ -336,13 +336,13 @@ class GuidedRun(HostProgram):
         return f"; it allows {100 * self._board.trigger:.0f} % only: pull it fully"
 
     def _brake_setting(self) -> str:
-        if not self.course.load:
+        if not self.profile.load:
             return ""
-        share = np.interp(self._phase_s, *np.array(self.course.load).T)
+        share = np.interp(self._phase_s, *np.array(self.profile.load).T)
         return f", brake at {100 * share:.0f} % of its largest load"
 
     def remarks(self) -> list[str]:
-        """What the user should know about the run that was performed."""
+        """Remarks for the user on the run that was performed."""
         out = []
         if self.least_trigger < 1.0:
             least = f"at its least it allowed {100 * self.least_trigger:.0f} %"
@@ -351,7 +351,7 @@ class GuidedRun(HostProgram):
         missing = self.sent - self.answered
         if missing > 0:
             out.append(f"{missing} of {self.sent} frames to the board were not answered")
-        if self.course.load:
+        if self.profile.load:
             out.append(
                 "the log lacks the brake's torque: add it as the column load_nm before diagnosing"
             )

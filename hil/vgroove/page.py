@@ -37,7 +37,7 @@ CSS = (
 
 @dataclass(frozen=True)
 class Table:
-    """One table. `name` is the last part of its file's name; the header of a column states its unit;
+    """One table. `name` is the last part of its file's name; a column's header states its unit;
     cells are texts, numbers or None.
     """
 
@@ -167,8 +167,8 @@ Part = Table | Picture | Note
 
 @dataclass(frozen=True)
 class Page:
-    """A page from top to bottom. `lead` is its finding in one sentence; pictures saved from the page
-    are named after `name`.
+    """A page from top to bottom. `lead` is its finding in one sentence; pictures saved from it are
+    named after `name`.
     """
 
     name: str

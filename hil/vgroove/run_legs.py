@@ -36,10 +36,10 @@ class Leg:
         return out
 
 
-def legs_of(course: RunProfile) -> list[Leg]:
+def legs_of(profile: RunProfile) -> list[Leg]:
     """A run as legs: its rests and forward levels, then its rests and backward levels."""
     time_s = np.arange(round(PROFILE_S / PERIOD_S)) * PERIOD_S
-    share, opens = course.command(time_s), course.opens(time_s)
+    share, opens = profile.command(time_s), profile.opens(time_s)
     legs = []
     for reverse, along in ((False, share), (True, -share)):
         if np.any(along > 0.0):

@@ -1,5 +1,5 @@
-"""Scenarios: a TOML file that says which tool is driven how, under which load, for how long; read,
-checked, and turned into a run.
+"""Scenarios: TOML files that state the tool, the trigger's motion, the load and the duration of a
+run; read and checked, and the parts of a lock-step run made from them.
 """
 
 import difflib
@@ -15,17 +15,20 @@ from vgroove.rig import SCHEMA as RIG_SCHEMA
 from vgroove.rig import Rig, read_rig, read_toml, rig_from_dict
 
 SCHEMA = "vgroove.scenario/1"
-DURATION_MAX_S = 3600.0
-DRILL_S = 4.0  # physics.md section 7: the run whose load comes between 2 and 3 s
-BOARD_EFFECTS = ("dead_time", "current_lag")  # of a rig: in lock-step the board has them itself
-# current and bus conversions that the firmware averages into a row (12 and 2 of 16, every 2,040
-# cycles)
-SAMPLES_A_ROW = (5.9, 1.0)
+MAX_DURATION_S = 3600.0
+FULL_TRIGGER_S = 1.0
+# docs/spec/model.md, section 7: the drill's reference run, whose load rises between 2 and 3 s
+DRILL_FULL_TRIGGER_S = 4.0
+BOARD_EFFECTS = ("dead_time", "current_lag")  # in lock-step the board itself causes them
+# ADC conversions that the firmware averages into a row of 1 ms: one every 2,040 cycles, that is
+# 7.8 in a row; of 16 conversions 12 are of the current and 2 of the bus voltage.
+CURRENT_SAMPLES_PER_ROW = 5.9
+SUPPLY_SAMPLES_PER_ROW = 1.0
 
 
 @dataclass(frozen=True)
 class Command:
-    """A frame sent to the board at a time: its name in the DBC and its signals."""
+    """A frame to be sent to the board at a time: its name in the DBC and its signals."""
 
     time_s: float
     frame: str
@@ -34,8 +37,8 @@ class Command:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A validated scenario. `rig` is what the simulation believes; `tool` what turns: effects
-    added, the board's own left out.
+    """A validated scenario. `rig` is the believed tool; `tool` is the simulated one, with the
+    effects of the scenario and without those that the board itself causes.
     """
 
     rig: Rig
@@ -51,18 +54,18 @@ class Scenario:
     rig_path: Path = field(default=Path())
 
     def front_ends(self) -> FrontEnds:
-        """The sensors of the run: the rig's noise of a row, spread over the samples that a row
-        averages.
+        """Sensors of the run. The rig states the noise of a row; the noise of one of the n samples
+        that a row averages is sqrt(n) times larger.
         """
         sensors = self.rig.sensors if self.noise else {}
         return FrontEnds(
             temperature_c=self.temperature_c,
-            current_noise_a=sensors.get("current_noise_a", 0.0) * SAMPLES_A_ROW[0] ** 0.5,
-            supply_noise_v=sensors.get("supply_noise_v", 0.0) * SAMPLES_A_ROW[1] ** 0.5,
+            current_noise_a=sensors.get("current_noise_a", 0.0) * CURRENT_SAMPLES_PER_ROW**0.5,
+            supply_noise_v=sensors.get("supply_noise_v", 0.0) * SUPPLY_SAMPLES_PER_ROW**0.5,
         )
 
 
-def _complain(where: str, sentence: str) -> VgrooveError:
+def _error(where: str, sentence: str) -> VgrooveError:
     return VgrooveError(f"{where}: {sentence}")
 
 
@@ -70,7 +73,7 @@ def _no_unknown(values: Mapping[str, Any], known: Mapping[str, Any], where: str)
     for key in values:
         if key not in known:
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
-            raise _complain(where, f"unknown key {key}; the nearest known one is {near[0]}")
+            raise _error(where, f"unknown key {key}; the nearest known one is {near[0]}")
 
 
 def _number(low: float, high: float) -> Callable[[Any, str], float]:
@@ -80,7 +83,7 @@ def _number(low: float, high: float) -> Callable[[Any, str], float]:
             or not isinstance(value, int | float)
             or not low <= value <= high
         ):
-            raise _complain(where, f"wants a number from {low:g} to {high:g}, not {value!r}")
+            raise _error(where, f"must be a number from {low:g} to {high:g}, not {value!r}")
         return float(value)
 
     return check
@@ -89,7 +92,7 @@ def _number(low: float, high: float) -> Callable[[Any, str], float]:
 def _whole(low: int, high: int) -> Callable[[Any, str], int]:
     def check(value: Any, where: str) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise _complain(where, f"wants a whole number from {low} to {high}, not {value!r}")
+            raise _error(where, f"must be a whole number from {low} to {high}, not {value!r}")
         return value
 
     return check
@@ -97,38 +100,36 @@ def _whole(low: int, high: int) -> Callable[[Any, str], int]:
 
 def _text(value: Any, where: str) -> str:
     if not isinstance(value, str):
-        raise _complain(where, f"wants a text, not {value!r}")
+        raise _error(where, f"must be a text, not {value!r}")
     return value
 
 
 def _flag(value: Any, where: str) -> bool:
     if not isinstance(value, bool):
-        raise _complain(where, f"wants true or false, not {value!r}")
+        raise _error(where, f"must be true or false, not {value!r}")
     return value
 
 
-def _points(
-    low: float, high: float, strict: bool = False
-) -> Callable[[Any, str], tuple[tuple[float, float], ...]]:
-    """Checks a list of [time_s, value]; times do not decrease."""
+def _points(low: float, high: float) -> Callable[[Any, str], tuple[tuple[float, float], ...]]:
+    """A check of a list of [time_s, value] whose times do not decrease."""
 
     def check(value: Any, where: str) -> tuple[tuple[float, float], ...]:
         if not isinstance(value, list) or not value:
-            raise _complain(where, "wants a list of points [time_s, value]")
+            raise _error(where, "must be a list of points [time_s, value]")
         points: list[tuple[float, float]] = []
         for number, point in enumerate(value, 1):
             if not isinstance(point, list) or len(point) != 2:
-                raise _complain(f"{where}, point {number}", f"wants [time_s, value], not {point!r}")
-            time_s = _number(0.0, DURATION_MAX_S)(point[0], f"{where}, time of point {number}")
+                raise _error(f"{where}, point {number}", f"must be [time_s, value], not {point!r}")
+            time_s = _number(0.0, MAX_DURATION_S)(point[0], f"{where}, time of point {number}")
             level = (
                 float(point[1])
                 if isinstance(point[1], bool)
                 else _number(low, high)(point[1], f"{where}, value of point {number}")
             )
-            if points and (time_s < points[-1][0] or (strict and time_s <= points[-1][0])):
-                raise _complain(
+            if points and (time_s < points[-1][0]):
+                raise _error(
                     f"{where}, point {number}",
-                    f"its time {time_s:g} s comes before that of the point before it",
+                    f"its time {time_s:g} s comes before the time of the previous point",
                 )
             points.append((time_s, level))
         return tuple(points)
@@ -146,7 +147,7 @@ TOP_KEYS: dict[str, Callable[[Any, str], Any]] = {
     "schema": _text,
     "name": _text,
     "rig": _text,
-    "duration_s": _number(0.01, DURATION_MAX_S),
+    "duration_s": _number(0.01, MAX_DURATION_S),
     "seed": _whole(0, 2**31 - 1),
     "mode": _whole(0, 3),
     "temperature_c": _number(-40.0, 150.0),
@@ -161,7 +162,7 @@ def _section(
 ) -> dict[str, Any]:
     values = data.get(name, {})
     if not isinstance(values, dict):
-        raise _complain(source, f"[{name}] is a table")
+        raise _error(source, f"[{name}] is a table")
     _no_unknown(values, keys, f"{source}: [{name}]")
     return {key: keys[key](value, f"{source}: {name}.{key}") for key, value in values.items()}
 
@@ -169,7 +170,7 @@ def _section(
 def _commands(data: Mapping[str, Any], source: str) -> tuple[Command, ...]:
     entries = data.get("command", [])
     if not isinstance(entries, list):
-        raise _complain(source, "commands are given as [[command]]")
+        raise _error(source, "commands are given as [[command]]")
     return tuple(
         _command(entry, f"{source}: [[command]] {number}")
         for number, entry in enumerate(entries, 1)
@@ -180,12 +181,14 @@ def _command(entry: Any, where: str) -> Command:
     from vgroove import telemetry
 
     if not isinstance(entry, dict):
-        raise _complain(where, "is a table")
+        raise _error(where, "is a table")
     inbound = {m.name: m for m in telemetry.database().messages if "HOST" in m.senders}
     frame = _text(entry.get("frame"), f"{where}.frame")
     if frame not in inbound:
         near = difflib.get_close_matches(frame, inbound, n=1, cutoff=0.0)[0]
-        raise _complain(where, f"the board takes no frame {frame}; the nearest known one is {near}")
+        raise _error(
+            where, f"the board has no inbound frame {frame}; the nearest known one is {near}"
+        )
     signals = {
         s.name: s for s in inbound[frame].signals if not s.name.endswith(("_sequence", "_crc"))
     }
@@ -195,20 +198,23 @@ def _command(entry: Any, where: str) -> Command:
         for name, s in signals.items()
     }
     return Command(
-        _number(0.0, DURATION_MAX_S)(entry.get("time_s"), f"{where}.time_s"), frame, values
+        _number(0.0, MAX_DURATION_S)(entry.get("time_s"), f"{where}.time_s"), frame, values
     )
 
 
 def _needed(data: Mapping[str, Any], key: str, source: str) -> Any:
     if key not in data:
-        raise _complain(source, f"the key {key} is missing")
+        raise _error(source, f"the key {key} is missing")
     return data[key]
 
 
 def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Scenario:
-    """A scenario from its TOML content; the rig's path is relative to `folder`."""
+    """A scenario from its TOML content; the path of the rig is relative to `folder`.
+
+    VgrooveError names the source, the key and the nearest known key.
+    """
     if _needed(data, "schema", source) != SCHEMA:
-        raise _complain(source, f'schema is {data["schema"]!r}; this version reads "{SCHEMA}"')
+        raise _error(source, f'schema is {data["schema"]!r}; this version reads "{SCHEMA}"')
     _no_unknown(data, {**TOP_KEYS, **dict.fromkeys(SECTIONS)}, source)
     top = {
         key: check(data[key], f"{source}: {key}") for key, check in TOP_KEYS.items() if key in data
@@ -219,7 +225,7 @@ def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Sc
     trigger = _section(data, "trigger", TRIGGER_KEYS, source)
     load = _section(data, "load", LOAD_KEYS, source)
     if load and tool.load["kind"] in JOINTS:
-        raise _complain(
+        raise _error(
             source,
             f"load.torque_nm acts on a free output, but a {tool.load['kind']} makes its own torque",
         )
@@ -241,12 +247,12 @@ def scenario_from_dict(data: Mapping[str, Any], source: str, folder: Path) -> Sc
 
 
 def read_scenario(path: str | Path) -> Scenario:
-    """Read and check a scenario; VgrooveError names file, key and the nearest known key."""
+    """Read and check a scenario; VgrooveError names the file, the key and the nearest known key."""
     return scenario_from_dict(read_toml(path), str(path), Path(path).parent)
 
 
 def read_scenario_or_rig(path: str | Path) -> Scenario:
-    """A scenario, or a rig at full trigger."""
+    """Read a scenario, or a rig, which is run at full trigger."""
     data = read_toml(path)
     if data.get("schema") == RIG_SCHEMA:
         return full_trigger(rig_from_dict(data, str(path)), str(path))
@@ -254,17 +260,18 @@ def read_scenario_or_rig(path: str | Path) -> Scenario:
 
 
 def full_trigger(rig: Rig, source: str) -> Scenario:
-    """The scenario of a rig alone: the trigger pulled fully at t = 0, as fast as the slew allows,
-    for 1 s; a drill driver's for 4 s.
+    """The scenario of a rig without one: the trigger is pulled fully at t = 0, as fast as the rig's
+    slew allows.
     """
-    duration_s = DRILL_S if rig.mechanism["kind"] == "drill_driver" else 1.0
+    is_drill = rig.mechanism["kind"] == "drill_driver"
+    duration_s = DRILL_FULL_TRIGGER_S if is_drill else FULL_TRIGGER_S
     slew = rig.input.get("slew_per_s")
     travel = ((0.0, 0.0), (1.0 / slew, 1.0)) if slew else ((0.0, 1.0),)
     return Scenario(rig, rig, duration_s, Profile(travel=travel, contact_travel=0.0), source=source)
 
 
 def command_messages(commands: tuple[Command, ...]) -> list[tuple[float, bytes]]:
-    """(time_s, frame bytes) of a scenario's commands, numbered in order."""
+    """(time_s, frame bytes) of a scenario's commands, with successive sequence numbers."""
     from vgroove import telemetry
 
     messages = []
@@ -281,16 +288,16 @@ def command_messages(commands: tuple[Command, ...]) -> list[tuple[float, bytes]]
 
 
 def without_board_effects(rig: Rig) -> Rig:
-    """The rig without what the board does by itself in lock-step (dead time, lag of the current
-    channel).
+    """The rig without the effects that the board itself causes in lock-step: dead time and the lag
+    of the current measurement.
     """
     effects = {name: values for name, values in rig.effects.items() if name not in BOARD_EFFECTS}
     return rig_from_dict({**rig.as_dict(), "effects": effects}, "the rig")
 
 
 def make_plant(tool: Rig, seed: int) -> Any:
-    """A tool as a lock-step plant: vgroove._core.DrivePlant, or ImpactPlant or DrillPlant where the
-    rig has that mechanism.
+    """The plant of a tool for lock-step: vgroove._core.ImpactPlant or DrillPlant by the rig's
+    mechanism, else DrivePlant. VgrooveError for values that the plant refuses.
     """
     from vgroove import _core
 
@@ -303,7 +310,7 @@ def make_plant(tool: Rig, seed: int) -> Any:
         )
     pulses = int(tool.sensors.get("hall_pulses_per_rev", 0))
     with refused_by_plant(tool.name or "the rig"):
-        if kind == "DrillPlant":  # pulse mode is the board's
+        if kind == "DrillPlant":  # the board's firmware makes the pulses of pulse mode
             parameters = tool.drill_parameters() | {"mechanism.pulse": 0.0}
             return _core.DrillPlant(
                 parameters, tool.value("supply.resistance_ohm"), hall_pulses_per_rev=pulses

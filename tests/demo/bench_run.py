@@ -1,5 +1,5 @@
-"""The demo's run: the real ELF on the simulated ATmega against the sealed tool, its RS232 recorded
-through python-can from a pty.
+"""The run of the demo: the firmware's ELF on the simulated ATmega drives the sealed tool, and its
+telemetry is recorded through python-can from a pty.
 """
 
 import subprocess
@@ -15,22 +15,22 @@ from vgroove.board import AvrBoard
 from vgroove.lockstep import Profile, Progress, steps
 from vgroove.pty_line import PtyLine
 
-REST_S = 0.6  # the board calibrates the current's offset before the trigger is touched
-REVERSE_AT_S = REST_S + 5.2  # the direction switch moves while the shaft stands
-TAIL_S = 0.1
+REST_S = 0.6  # at rest the board calibrates the offset of its current measurement
+REVERSE_AT_S = REST_S + 5.2  # the shaft is at rest when the direction switch moves
+TAIL_S = 0.1  # after the last step
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """What the recorder left: its log and what it said."""
+    """The recorded log and the summary that the recorder printed."""
 
     log: Path
-    said: str
+    summary: str
 
 
 def trigger_profile() -> Profile:
-    """The staircase with reversal as a hand makes it: travel of the trigger, and the direction
-    switch at standstill.
+    """The staircase with reversal as an operator makes it: travel of the trigger, and the direction
+    switch moved at standstill.
     """
     travel, before = [(0.0, 0.0)], 0.0
     for time_s, duty in DEMO_STEPS:
@@ -42,8 +42,9 @@ def trigger_profile() -> Profile:
 def record_run(
     elf: Path, tool: TruthTool, folder: Path, seed: int, progress: Callable[[Progress], None]
 ) -> Recorded:
-    """Run board and tool in lock-step while `vgroove record` takes the telemetry from the pty;
-    RuntimeError when it fails.
+    """Run board and tool in lock-step while `vgroove record` records the telemetry from the pty.
+
+    RuntimeError when the recorder fails.
     """
     log = folder / "run.csv"
     with PtyLine() as line, AvrBoard(elf) as board:
@@ -64,7 +65,7 @@ def record_run(
             progress(now)
         line.drain()
         recorder.terminate()
-        said = recorder.communicate(timeout=60)[0]
+        output = recorder.communicate(timeout=60)[0]
     if recorder.returncode != 0 or not log.exists():
-        raise RuntimeError(f"the recorder ended with {recorder.returncode}: {said}")
-    return Recorded(log, said.strip())
+        raise RuntimeError(f"the recorder ended with {recorder.returncode}: {output}")
+    return Recorded(log, output.strip())

@@ -1,5 +1,5 @@
-"""The demo: the real ELF drives a tool with a sealed effect, its RS232 is recorded and diagnosed,
-and then the seal is opened.
+"""The demo: the firmware's ELF drives a tool with a sealed effect, its telemetry is recorded and
+diagnosed, and then the sealed effect is compared with the verdict.
 """
 
 import argparse
@@ -19,40 +19,30 @@ from sealed import draw_sealed, open_sealed  # noqa: E402
 from vgroove.board import default_elf  # noqa: E402
 from vgroove.lockstep import Progress  # noqa: E402
 
+# Progress is shown every 16384 PWM periods (0.5 s); the loop reports it every 512 periods.
+PROGRESS_PERIODS, PROGRESS_WIDTH = 16384, 512
+
 
 def say(text: str = "") -> None:
+    """Print a line immediately."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
 
 
 def show_progress(now: Progress) -> None:
-    """One line that is written over, on a terminal only."""
-    if sys.stdout.isatty() and now.periods % 16384 < 512:
+    """Show the simulated time in one line that is overwritten, on terminals only."""
+    if sys.stdout.isatty() and now.periods % PROGRESS_PERIODS < PROGRESS_WIDTH:
         sys.stdout.write(f"\r  {now.time_s:5.1f} s simulated, {len(now.sent)} bytes of telemetry ")
         sys.stdout.flush()
 
 
 def diagnose(log: Path, folder: Path) -> dict:
-    """`vgroove gap diagnose` as anybody would call it; what it says goes to the terminal, its
-    verdict is returned.
-    """
+    """Run `vgroove gap diagnose` as a user does, print its output and return its verdict."""
     verdict = folder / "verdict.json"
-    command = [
-        sys.executable,
-        "-m",
-        "vgroove.cli",
-        "gap",
-        "diagnose",
-        str(log),
-        "--rig",
-        str(HERE / "rig.toml"),
-        "--json",
-        str(verdict),
-        "--html",
-        str(folder / "report.html"),
-        "--out-rig",
-        str(folder / "rig_corrected.toml"),
-    ]
+    command = [sys.executable, "-m", "vgroove.cli", "gap", "diagnose", str(log)]
+    command += ["--rig", str(HERE / "rig.toml"), "--json", str(verdict)]
+    command += ["--html", str(folder / "report.html")]
+    command += ["--out-rig", str(folder / "rig_corrected.toml")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(
@@ -63,8 +53,8 @@ def diagnose(log: Path, folder: Path) -> dict:
 
 
 def is_right(verdict: dict, answer: dict) -> bool:
-    """Whether the verdict is of the sealed kind and, for an effect, names it or a member of its
-    class, and nothing else.
+    """Whether the verdict is of the sealed kind and, for effects, names each sealed effect or one
+    that is indistinguishable from it, and no other effect.
     """
     if answer["label"] != "effect":
         return verdict["verdict"] == answer["label"]
@@ -77,8 +67,8 @@ def is_right(verdict: dict, answer: dict) -> bool:
     )
 
 
-def truth_in_words(answer: dict) -> str:
-    """The sealed answer as a sentence."""
+def answer_in_words(answer: dict) -> str:
+    """The sealed answer in words."""
     if answer["label"] == "none":
         return "none: the tool is the nominal one"
     name = answer["ids"][0] if answer["ids"] else f"outside the catalogue ({answer['what']})"
@@ -86,7 +76,8 @@ def truth_in_words(answer: dict) -> str:
     return f"{name}, {answer['times_visible']:.1f} times the visible limit ({numbers})"
 
 
-def parse(arguments: list[str]) -> argparse.Namespace:
+def parse_arguments(arguments: list[str]) -> argparse.Namespace:
+    """Options of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
@@ -102,33 +93,30 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 
 def main(arguments: list[str]) -> int:
-    """0 when the demo reached its end; whether the verdict is right: runs/demo_SEED/demo.json."""
-    args = parse(arguments)
+    """Run the demo; returns 0 when it reached its end. demo.json in its folder states whether the
+    verdict was right.
+    """
+    args = parse_arguments(arguments)
     folder = args.out or ROOT / "runs" / f"demo_{args.seed}"
     folder.mkdir(parents=True, exist_ok=True)
     begin = time.monotonic()
     sealed = draw_sealed(args.seed, folder)
-    say(
-        f"1  A tool is drawn by seed {args.seed}. What is wrong with it is sealed; "
-        f"SHA-256 of the answer:\n  {sealed.commitment}"
-    )
-    say(
-        "2  The ELF runs cycle by cycle on a simulated ATmega328P and drives that tool; "
-        "python-can records its RS232 from a pty."
-    )
+    say(f"1  A tool is drawn by seed {args.seed}. What is wrong with it is sealed; SHA-256 of the")
+    say(f"   answer:\n  {sealed.commitment}")
+    say("2  The ELF runs cycle by cycle on a simulated ATmega328P and drives that tool; python-can")
+    say("   records its RS232 from a pty.")
     recorded = record_run(args.elf, sealed.tool, folder, args.seed, show_progress)
-    say("\r" + "\n".join(f"  {line}" for line in recorded.said.splitlines()))
+    say("\r" + "\n".join(f"  {line}" for line in recorded.summary.splitlines()))
     say("3  Where does this log depart from the nominal simulation, and which effect is missing?")
     verdict = diagnose(recorded.log, folder)
     answer = open_sealed(sealed.path, sealed.commitment)
     right = is_right(verdict, answer)
     gap = verdict["gap"]
-    say(f"4  The seal is opened: {truth_in_words(answer)}")
-    say(
-        f"  verdict {verdict['verdict']} {' '.join(verdict['selected'])}: "
-        f"{'RIGHT' if right else 'WRONG'}; gap before {gap['before']:.2f}, "
-        f"after {gap['after']:.2f}, floor {gap['floor']:.2f}; {time.monotonic() - begin:.0f} s"
-    )
+    say(f"4  The seal is opened: {answer_in_words(answer)}")
+    named = f"{verdict['verdict']} {' '.join(verdict['selected'])}"
+    gaps = f"before {gap['before']:.2f}, after {gap['after']:.2f}, floor {gap['floor']:.2f}"
+    took = f"{time.monotonic() - begin:.0f} s"
+    say(f"  verdict {named}: {'RIGHT' if right else 'WRONG'}; gap {gaps}; {took}")
     paths = {"log": recorded.log, "json": folder / "verdict.json", "plot": folder / "report.html"}
     for name, path in paths.items():
         say(f"  {name:5}{path}")

@@ -1,5 +1,5 @@
-"""The demo as a newcomer runs it ends in a verdict that is right, and its judging of right and
-wrong is strict.
+"""The demo as a user runs it ends with a right verdict, and its comparison of verdict and answer is
+strict.
 """
 
 import json
@@ -28,7 +28,7 @@ def verdict(kind: str, *ids: str) -> dict:
     return {"verdict": kind, "selected": list(ids)}
 
 
-def test_any_member_of_the_class_is_right_and_nothing_besides() -> None:
+def test_an_indistinguishable_effect_is_right_and_any_other_is_wrong() -> None:
     assert demo.is_right(verdict("effect", "winding_resistance"), EFFECT)
     assert not demo.is_right(verdict("effect", "winding_resistance", "brush_drop"), EFFECT)
     assert not demo.is_right(verdict("effect", "brush_drop"), EFFECT)
@@ -37,7 +37,7 @@ def test_any_member_of_the_class_is_right_and_nothing_besides() -> None:
 
 
 @pytest.mark.parametrize("label", ["none", "unlisted"])
-def test_no_effect_of_the_catalogue_must_be_said_as_such(label: str) -> None:
+def test_a_tool_without_a_catalogued_effect_needs_the_verdict_of_its_kind(label: str) -> None:
     answer = {"label": label, "ids": [], "accept": []}
     assert demo.is_right(verdict(label), answer)
     assert not demo.is_right(verdict("effect", "brush_drop"), answer)

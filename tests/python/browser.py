@@ -1,5 +1,5 @@
-"""A page in a real Chromium: its elements after the scripts have run, what its console said, and
-what it loaded besides itself.
+"""Loads a page in an installed Chromium: its elements after the scripts have run, the messages of
+its console, and the addresses that it loaded.
 """
 
 import json
@@ -15,12 +15,13 @@ from vgroove.chromium import find_chromium
 from vgroove.errors import VgrooveError
 
 WATCH = """<script>addEventListener('load', () => setTimeout(() => {
-document.body.dataset.loaded = JSON.stringify(performance.getEntriesByType('resource').map(entry => entry.name))}, 1000))</script>"""
+const names = performance.getEntriesByType('resource').map(entry => entry.name)
+document.body.dataset.loaded = JSON.stringify(names)}, 1000))</script>"""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What a browser made of a page."""
+    """A loaded page: its elements as HTML, lines of its console, addresses that it loaded."""
 
     dom: str
     console: list[str]
@@ -28,15 +29,15 @@ class Seen:
 
 
 def need_chromium() -> str:
-    """The browser; the test is skipped where there is none."""
+    """Path of the browser; skips the test where none is installed."""
     try:
         return find_chromium()
     except VgrooveError:
-        pytest.skip("no Chromium here")
+        pytest.skip("Chromium is not installed")
 
 
 def seen(page: Path) -> Seen:
-    """The page as a browser sees it."""
+    """Load a page file in the browser."""
     watched = page.with_name(f"watched_{page.name}")
     watched.write_text(
         page.read_text(encoding="utf-8").replace("</head>", WATCH + "</head>", 1), encoding="utf-8"
@@ -53,7 +54,7 @@ def seen(page: Path) -> Seen:
     ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     loaded = re.search(r'data-loaded="([^"]*)"', done.stdout)
-    assert loaded, "the page's scripts have not come to their end"
+    assert loaded, "the page's scripts did not end in time"
     return Seen(
         done.stdout, re.findall(r".*CONSOLE.*", done.stderr), json.loads(unescape(loaded[1]))
     )

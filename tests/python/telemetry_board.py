@@ -1,5 +1,5 @@
-"""The firmware's telemetry and parameters, compiled for the host, as a board that tests drive: by
-the tick, or in real time on a pty.
+"""The firmware's telemetry and parameters, compiled for the host, as a board that tests step tick
+by tick, or that runs in real time on a pty.
 """
 
 import ctypes
@@ -18,10 +18,15 @@ from vgroove import telemetry
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [
-    "tests/unit/telemetry/shim.c", "firmware/telemetry/telemetry_signals.c", "firmware/telemetry/telemetry.c",
-    "firmware/telemetry/command.c", "firmware/app/param_store.c", "firmware/app/param_command.c", "firmware/core/crc.c",
+    "tests/unit/telemetry/shim.c",
+    "firmware/telemetry/telemetry_signals.c",
+    "firmware/telemetry/telemetry.c",
+    "firmware/telemetry/command.c",
+    "firmware/app/param_store.c",
+    "firmware/app/param_command.c",
+    "firmware/core/crc.c",
     "firmware/core/divide.c",
-]  # fmt: skip
+]
 EEPROM_BYTES = 1024
 
 
@@ -63,17 +68,28 @@ class Params(ctypes.Structure):
 class Inputs(ctypes.Structure):
     """TelemetryInputs."""
 
-    _fields_ = [("now_ms", ctypes.c_uint32), ("state", State), ("control", Control), ("health", Health), ("params", Params),
-                ("hold_slow", ctypes.c_bool), ("hold_state", ctypes.c_bool)]  # fmt: skip
+    _fields_ = [
+        ("now_ms", ctypes.c_uint32),
+        ("state", State),
+        ("control", Control),
+        ("health", Health),
+        ("params", Params),
+        ("hold_slow", ctypes.c_bool),
+        ("hold_state", ctypes.c_bool),
+    ]
 
 
 class Store(ctypes.Structure):
     """ParamStore."""
 
     _fields_ = [
-        ("value", ctypes.c_int16 * len(telemetry.parameter_list())), ("generation", ctypes.c_uint16), ("crc16", ctypes.c_uint16),
-        ("slot", ctypes.c_uint8), ("step", ctypes.c_uint8), ("status", ctypes.c_uint8),
-    ]  # fmt: skip
+        ("value", ctypes.c_int16 * len(telemetry.parameter_list())),
+        ("generation", ctypes.c_uint16),
+        ("crc16", ctypes.c_uint16),
+        ("slot", ctypes.c_uint8),
+        ("step", ctypes.c_uint8),
+        ("status", ctypes.c_uint8),
+    ]
 
 
 @cache
@@ -192,7 +208,7 @@ class Board:
 
 
 def moving(board: Board) -> Callable[[int], None]:
-    """Inputs that differ from tick to tick: a recording of them shows a row out of place."""
+    """Inputs that differ from tick to tick, so that a test detects a row at a wrong time."""
 
     def each(k: int) -> None:
         fast, state = board.fast, board.inputs.state
@@ -214,8 +230,8 @@ def wait_until(condition: Callable[[], bool], what: str, seconds: float = 60.0) 
 
 
 class PtyBoard:
-    """A board on a pty in real time: 1,000 ticks a second, commands answered; `damage` may change
-    what goes out.
+    """A board on a pty in real time: 1,000 ticks a second times `rate`, commands are answered;
+    `damage` changes the bytes that it sends.
     """
 
     def __init__(

@@ -1,5 +1,5 @@
-"""`vgroove run --on PORT` as a process on a pty, behind it the ELF on the simulated ATmega, or the
-native firmware where that is enough.
+"""`vgroove run --on PORT` as a process on a pty, whose other end is the ELF on the simulated
+ATmega, or the native firmware where the target does not matter.
 """
 
 import json
@@ -25,7 +25,7 @@ from vgroove.gap.next_run.menu import profile_named
 from vgroove.log import Log, read_log
 
 LIMIT_S = 120
-STAGED_ROWS = 2  # a command acts so much later than the state that gave it
+STAGED_ROWS = 2  # between the state from which a command follows and the row in which it acts
 
 
 def start_run(port: str, output: Path, *options: str) -> subprocess.Popen:
@@ -43,19 +43,19 @@ def start_run(port: str, output: Path, *options: str) -> subprocess.Popen:
 
 
 def wait_for(process: subprocess.Popen, words: str) -> None:
-    """Until the operator is told so; what came before is passed over."""
+    """Wait for a line of the run's stderr that contains `words`."""
     for line in process.stderr:
         if words in line:
             return
-    raise AssertionError(f"the run ended with {process.wait()} and never said: {words}")
+    raise AssertionError(f"the run ended with {process.wait()} without the line: {words}")
 
 
 def wait_for_the_drive(folder: Path) -> None:
-    """Until the run has driven for some time, as its rows tell."""
+    """Wait until the run's log has 60 kB, which it reaches while the bridge drives."""
     wait_for_part(folder / "log.csv", 60_000)
 
 
-def both(
+def start_both(
     on: str,
     folder: Path,
     run_s: float,
@@ -64,28 +64,28 @@ def both(
     travel: float = 1.0,
     log: str = "log.csv",
 ) -> tuple[subprocess.Popen, subprocess.Popen]:
-    """A board and a hand on a pty, their own account in direct.blf, and the host that performs a
-    run on it, recorded in `log`.
+    """Start a board with operator on a pty, which writes the board's own log to direct.blf, and the
+    host that performs a run on it and records to `log`.
     """
-    words = [
+    arguments = [
         str(Path(__file__).with_name("board_with_operator.py")),
         on,
         str(folder / "direct.blf"),
         *map(str, (run_s, held_s, travel)),
     ]
-    board = subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True)
+    board = subprocess.Popen([sys.executable, *arguments], stdout=subprocess.PIPE, text=True)
     return board, start_run(board.stdout.readline().strip(), folder / log, *options)
 
 
-def complaint(*arguments: str) -> str:
-    """What `vgroove run` says of options that it cannot use."""
+def error_message(*arguments: str) -> str:
+    """The message of the error that `vgroove run` raises for unusable options."""
     with pytest.raises(VgrooveError) as raised:
         CliRunner().invoke(app, ["run", *arguments], catch_exceptions=False)
     return str(raised.value)
 
 
 def last_answer_s(path: Path) -> float:
-    """When the board answered its last command, which it does some ms after having executed it."""
+    """Time at which the board answered its last command, some ms after its execution."""
     with BLFReader(path) as reader:
         return max(
             message.timestamp for message in reader if message.arbitration_id == telemetry.ACK
@@ -93,8 +93,8 @@ def last_answer_s(path: Path) -> float:
 
 
 def opens_after(path: Path) -> tuple[float, Log]:
-    """By how much the bridge drove on after the last answer, and the board's own log; from then on
-    it is open.
+    """Time for which the bridge drove after the last answer, and the board's own log; asserts that
+    the bridge is open afterwards.
     """
     log = read_log(path)
     drives = (log["coast"] == 0.0) & (log["duty"] != 0.0)
@@ -112,13 +112,13 @@ def test_the_elf_performs_the_run_of_a_verdict_and_the_log_is_the_boards_own(
         "next_experiment": {"profile": course.name, "why": "test", "points": course.points()},
     }
     (tmp_path / "v.json").write_text(json.dumps(asked))
-    board, host = both("avr", tmp_path, 6.5, "--next", str(tmp_path / "v.json"))
-    _, said = host.communicate(timeout=LIMIT_S)
-    assert host.returncode == 0, said
+    board, host = start_both("avr", tmp_path, 6.5, "--next", str(tmp_path / "v.json"))
+    _, stderr = host.communicate(timeout=LIMIT_S)
+    assert host.returncode == 0, stderr
     assert (
         board.wait(LIMIT_S) == 0
-        and "pull the trigger fully" in said
-        and "ended: run complete" in said
+        and "pull the trigger fully" in stderr
+        and "ended: run complete" in stderr
     )
     log, direct = read_log(tmp_path / "log.csv"), read_log(tmp_path / "direct.blf")
     rows = np.searchsorted(direct.time_s, log.time_s)
@@ -141,7 +141,7 @@ def test_the_elf_performs_the_run_of_a_verdict_and_the_log_is_the_boards_own(
 
 
 def test_a_killed_host_leaves_the_bridge_open_within_50_ms(tmp_path: Path) -> None:
-    board, host = both("avr", tmp_path, 5.5)
+    board, host = start_both("avr", tmp_path, 5.5)
     wait_for_the_drive(tmp_path)
     host.send_signal(signal.SIGKILL)
     host.wait(LIMIT_S)
@@ -153,24 +153,24 @@ def test_a_killed_host_leaves_the_bridge_open_within_50_ms(tmp_path: Path) -> No
 
 
 def test_ctrl_c_keeps_the_log_and_stops_the_motor(tmp_path: Path) -> None:
-    board, host = both("sil", tmp_path, 5.5)
+    board, host = start_both("sil", tmp_path, 5.5)
     wait_for_the_drive(tmp_path)
     host.send_signal(signal.SIGINT)
-    _, said = host.communicate(timeout=LIMIT_S)
-    assert host.returncode == 130 and "ended: interrupted" in said and "Traceback" not in said
+    _, stderr = host.communicate(timeout=LIMIT_S)
+    assert host.returncode == 130 and "ended: interrupted" in stderr and "Traceback" not in stderr
     assert board.wait(LIMIT_S) == 0 and opens_after(tmp_path / "direct.blf")[0] <= 0.051
     assert len(read_log(tmp_path / "log.csv")) > 500
 
 
 def test_the_elf_drives_no_more_than_the_trigger_and_not_without_it(tmp_path: Path) -> None:
-    board, host = both("avr", tmp_path, 3.5, held_s=2.0, travel=0.6, log="log.blf")
-    _, said = host.communicate(timeout=LIMIT_S)
+    board, host = start_both("avr", tmp_path, 3.5, held_s=2.0, travel=0.6, log="log.blf")
+    _, stderr = host.communicate(timeout=LIMIT_S)
     assert (
         host.returncode == 2
-        and "rows until then are in" in said
-        and "the trigger limited the run: at its least it allowed 6" in said
+        and "rows until then are in" in stderr
+        and "the trigger limited the run: at its least it allowed 6" in stderr
     )
-    assert re.search(r"the trigger was released, [01]\.\d s into the run of 4\.0 s", said), said
+    assert re.search(r"the trigger was released, [01]\.\d s into the run of 4\.0 s", stderr), stderr
     log = read_log(tmp_path / "log.blf")
     assert len(log) > 700 and 0.5 < log["duty"].max() < 0.7
     assert board.wait(LIMIT_S) == 0
@@ -185,27 +185,27 @@ def test_the_elf_drives_no_more_than_the_trigger_and_not_without_it(tmp_path: Pa
 
 
 def test_a_port_that_goes_away_is_a_sentence_and_the_log_is_kept(tmp_path: Path) -> None:
-    board, host = both("sil", tmp_path, 30.0)
+    board, host = start_both("sil", tmp_path, 30.0)
     wait_for_the_drive(tmp_path)
     board.kill()
-    _, said = host.communicate(timeout=LIMIT_S)
+    _, stderr = host.communicate(timeout=LIMIT_S)
     assert (
         host.returncode == 2
-        and "port lost after" in said
-        and "rows until then are in" in said
-        and "Traceback" not in said
+        and "port lost after" in stderr
+        and "rows until then are in" in stderr
+        and "Traceback" not in stderr
     )
     assert len(read_log(tmp_path / "log.csv")) > 500
 
 
 def test_ctrl_c_before_the_run_has_begun_leaves_nothing(tmp_path: Path) -> None:
-    board, host = both("sil", tmp_path, 30.0, held_s=0.0)  # the hand never pulls
+    board, host = start_both("sil", tmp_path, 30.0, held_s=0.0)  # the trigger is not pulled
     wait_for(host, "pull the trigger fully and hold it")
     host.send_signal(signal.SIGINT)
-    _, said = host.communicate(timeout=LIMIT_S)
+    _, stderr = host.communicate(timeout=LIMIT_S)
     board.kill()
     board.wait()
-    assert host.returncode == 130 and "Traceback" not in said
+    assert host.returncode == 130 and "Traceback" not in stderr
     assert [name for name in os.listdir(tmp_path) if "log" in name] == []
 
 
@@ -213,11 +213,11 @@ def test_a_port_without_a_board_is_a_sentence(tmp_path: Path) -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     host = start_run(os.ttyname(slave), tmp_path / "log.csv")
-    _, said = host.communicate(timeout=LIMIT_S)
+    _, stderr = host.communicate(timeout=LIMIT_S)
     os.close(master)
     os.close(slave)
     assert (
-        host.returncode == 2 and "no boot frame within 5 s" in said and os.listdir(tmp_path) == []
+        host.returncode == 2 and "no boot frame within 5 s" in stderr and os.listdir(tmp_path) == []
     )
 
 
@@ -250,7 +250,7 @@ def test_a_port_without_a_board_is_a_sentence(tmp_path: Path) -> None:
     ],
 )
 def test_unusable_options_are_sentences(arguments: list[str], sentence: str) -> None:
-    assert sentence in complaint(*arguments)
+    assert sentence in error_message(*arguments)
 
 
 def test_a_verdict_that_is_none_is_a_sentence(tmp_path: Path) -> None:
@@ -261,7 +261,7 @@ def test_a_verdict_that_is_none_is_a_sentence(tmp_path: Path) -> None:
         (none, "asks for no further run"),
     ):
         (tmp_path / "v.json").write_text(text)
-        assert sentence in complaint(
+        assert sentence in error_message(
             "--on",
             "/dev/ttyNone",
             "--next",

@@ -1,5 +1,5 @@
-"""A run of the diagnosis' menu on a board: the conductor in lock-step with the native firmware,
-trigger and switches in a hand's way.
+"""A run of the diagnosis' menu on a board: a guided run in lock-step with the native firmware,
+trigger and switches moved as an operator moves them.
 """
 
 from collections.abc import Callable
@@ -31,10 +31,10 @@ class Line:
     """
 
     def __init__(
-        self, course: str, cut: Callable[[float], bool] = lambda _: False, first: bytes = b""
+        self, profile: str, cut: Callable[[float], bool] = lambda _: False, first: bytes = b""
     ) -> None:
         self.session = telemetry.Session()
-        self.run = GuidedRun(profile_named(course), self.session)
+        self.run = GuidedRun(profile_named(profile), self.session)
         self._framer, self._out, self._cut = (
             telemetry.Framer(self.session.counters),
             bytearray(first),
@@ -60,12 +60,12 @@ class Line:
         return b"" if self._cut(time_s) else sent
 
 
-def performed(line: Line, seconds: float = 8.0, travel: tuple = HELD, **hand: object) -> Log:
-    """All that the native board sent while the line's run was performed; `travel` of the trigger
-    over time, `hand`: what else it does.
+def performed(line: Line, seconds: float = 8.0, travel: tuple = HELD, **stimuli: object) -> Log:
+    """Log of everything that the native board sent while the run was performed; `travel` of the
+    trigger over time, `stimuli`: other fields of lockstep.Profile.
     """
     tool = make_plant(without_board_effects(read_rig(RIG)), 1)
-    profile = lockstep.Profile(travel=travel, **hand)
+    profile = lockstep.Profile(travel=travel, **stimuli)
     return log_from_stream(
         lockstep.run(SilBoard(target=1), tool, profile, seconds, line=line, seed=1), "board"
     )
@@ -85,12 +85,12 @@ def test_a_staircase_is_performed_and_recorded_from_its_beginning() -> None:
     line = Line("staircase")
     log = performed(line)
     assert line.run.ended == RUN_COMPLETE and line.run.remarks() == []
-    begin, course = begin_s(line), profile_named("staircase")
+    begin, profile = begin_s(line), profile_named("staircase")
     assert (
         begin == pytest.approx(PRESSED_S + 1.0, abs=0.1)
         and not driven(log)[log.time_s <= begin].any()
     )
-    for start, level in course.points()[1:]:
+    for start, level in profile.points()[1:]:
         at = np.abs(log.time_s - (begin + start + 0.4)) < 0.01
         assert log["duty"][at] == pytest.approx(level, abs=0.005), (start, level)
     kept = log_from_session(line.session, "kept")
@@ -148,10 +148,10 @@ def test_a_coast_down_opens_the_bridge_where_its_level_is_0() -> None:
     assert opened == [0.0, 0.0, 1.0, 1.0] and line.run.ended == RUN_COMPLETE
 
 
-@pytest.mark.parametrize("course", [course.name for course in MENU])
-def test_every_run_of_the_menu_is_performed_without_a_fault(course: str) -> None:
-    line = Line(course)
-    both = course == "reversal"
+@pytest.mark.parametrize("profile", [profile.name for profile in MENU])
+def test_every_run_of_the_menu_is_performed_without_a_fault(profile: str) -> None:
+    line = Line(profile)
+    both = profile == "reversal"
     log = performed(
         line,
         13.0 if both else 8.0,
@@ -160,7 +160,7 @@ def test_every_run_of_the_menu_is_performed_without_a_fault(course: str) -> None
     )
     assert line.run.ended == RUN_COMPLETE and 5 not in log["state"][log.time_s < begin_s(line)]
     assert (3 != log["state"]).all() and np.abs(log["current_a"]).max() < 50.0
-    assert ("load_nm" in " ".join(line.run.remarks())) == (course == "load steps")
+    assert ("load_nm" in " ".join(line.run.remarks())) == (profile == "load steps")
 
 
 def test_a_released_trigger_ends_the_run() -> None:
@@ -172,7 +172,7 @@ def test_a_released_trigger_ends_the_run() -> None:
         "s into the run of 4.0 s"
     )
     assert not driven(log)[(log.time_s > 4.03) & (log.time_s < 5.0)].any()
-    assert driven(log)[log.time_s > 5.3].all(), "the hand's again"
+    assert driven(log)[log.time_s > 5.3].all(), "the trigger drives without the host"
 
 
 def test_a_line_that_breaks_stops_the_motor_within_50_ms() -> None:
@@ -189,11 +189,11 @@ def test_a_line_that_breaks_stops_the_motor_within_50_ms() -> None:
     )
 
 
-def test_a_line_without_tx_is_told_before_anything_turns() -> None:
+def test_a_line_without_tx_is_reported_before_anything_turns() -> None:
     line = Line("staircase", cut=lambda time_s: time_s > 1.0)
     log = performed(line, 4.0)
     assert "has answered no command" in line.run.ended
-    assert driven(log)[log.time_s > 2.0].any(), "the trigger is the hand's when the host is silent"
+    assert driven(log)[log.time_s > 2.0].any(), "the trigger drives when the host is silent"
 
 
 def test_a_trigger_that_is_held_already_is_to_be_released_first() -> None:
@@ -206,7 +206,7 @@ def test_a_trigger_that_is_held_already_is_to_be_released_first() -> None:
     )
 
 
-def test_nobody_at_the_trigger_ends_the_run_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_trigger_that_is_not_pulled_ends_the_run_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
     assert TIMEOUT_S >= 60.0
     monkeypatch.setattr("vgroove.guided_run.TIMEOUT_S", 1.5)
     line = Line("staircase")
@@ -232,8 +232,8 @@ def test_a_mode_that_the_host_has_chosen_is_changed_and_one_of_the_switch_is_not
 
 
 def test_a_leg_never_changes_faster_than_the_boards_ramp() -> None:
-    for course in MENU:
-        for leg in legs_of(course):
+    for profile in MENU:
+        for leg in legs_of(profile):
             duty = leg.slewed(6.0)
             closed = ~leg.opens[1:] & ~leg.opens[:-1]
             assert np.abs(np.diff(duty))[closed].max() <= 6.0 * 0.02 + 1e-12 and duty.max() <= 1.0
@@ -274,12 +274,12 @@ def test_a_verdict_without_a_run_is_a_sentence(verdict: dict, words: str) -> Non
 
 
 def test_the_run_of_a_verdict_is_that_of_the_menu_at_its_points() -> None:
-    for course in MENU:
+    for profile in MENU:
         assert (
             profile_from_verdict(
-                {"next_experiment": {"profile": course.name, "points": course.points()}}, "v.json"
+                {"next_experiment": {"profile": profile.name, "points": profile.points()}}, "v.json"
             )
-            == course
+            == profile
         )
     other = profile_from_verdict(
         {

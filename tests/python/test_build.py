@@ -1,5 +1,5 @@
-"""The build's own scripts: the hash of the commit is made without a word and only when it changes;
-the coverage preset is what it says.
+"""Scripts of the build: the header with the commit's hash is written without output and only when
+the hash changes; every configured preset can be built and tested.
 """
 
 import json
@@ -37,7 +37,7 @@ def commit(folder: Path, text: str) -> str:
 @pytest.mark.skipif(
     not (shutil.which("cmake") and shutil.which("git")), reason="cmake and git are needed"
 )
-def test_the_build_hash_is_the_commits_and_says_nothing(tmp_path: Path) -> None:
+def test_the_build_hash_is_the_commits_and_prints_nothing(tmp_path: Path) -> None:
     tree, output = tmp_path / "tree", tmp_path / "build_hash.h"
     tree.mkdir()
     first = commit(tree, "one")

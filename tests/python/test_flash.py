@@ -1,4 +1,4 @@
-"""Flashing: the real avrdude against a simulated bootloader on a pty; its flash is compared byte
+"""Flashing with avrdude through a simulated bootloader on a pty; its flash is compared byte
 for byte with the hex file.
 """
 
@@ -34,8 +34,8 @@ def hex_bytes(path: Path) -> dict[int, int]:
 
 @pytest.fixture(scope="module")
 def image(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The firmware's hex file, made from its ELF as the build makes it; from the bench's test
-    program before the first `make build`.
+    """The firmware's hex file, made from its ELF as the build does; before the first `make build`
+    from the test program tests/avr/probe_board.c.
     """
     folder = tmp_path_factory.mktemp("flash")
     elf = ROOT / "build" / "avr-uno" / "vgroove.elf"

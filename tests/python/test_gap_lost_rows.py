@@ -1,5 +1,5 @@
-"""Rows that a line lost: what follows a hole is a mean over its own interval where the current says
-so, else over the hole.
+"""Rows that a line lost: a row after a hole is a mean over its own interval where the current shows
+that, else over the hole.
 """
 
 from dataclasses import replace
@@ -34,7 +34,7 @@ def steps(time_s: np.ndarray) -> np.ndarray:
 
 
 def logged(tool: Rig, time_s: np.ndarray) -> MadeLog:
-    """What a logger with rows at these times writes of the tool, with its noise."""
+    """Log of the tool with rows at these times and with sensor noise."""
     rng, duty = np.random.default_rng(1), steps(time_s - 1.0 / HZ)
     rows = _core.simulate_log(
         _core.LogInput(time_s, "duty", duty),
@@ -51,20 +51,20 @@ def without(log: MadeLog, here: np.ndarray) -> MadeLog:
     return MadeLog(log.time_s[here], {name: values[here] for name, values in log.columns.items()})
 
 
-@pytest.mark.parametrize("waited", [False, True])
-def test_a_row_after_a_hole_is_read_as_the_logger_made_it(waited: bool) -> None:
-    """Rows lost on the line, or never taken: either log leaves the noise alone, though a current
-    falls by half in three rows here.
+@pytest.mark.parametrize("never_taken", [False, True])
+def test_a_row_after_a_hole_covers_the_interval_that_the_logger_measured(never_taken: bool) -> None:
+    """Rows lost on the line, or never taken: in both cases the residuals are noise, though the
+    current falls by half in three rows.
     """
     tool = stepping()
-    log = logged(tool, GRID[HERE]) if waited else without(logged(tool, GRID), HERE)
+    log = logged(tool, GRID[HERE]) if never_taken else without(logged(tool, GRID), HERE)
     problem = load_problem([log], tool)
     after = problem.time_s[problem.signal == 0]
     left = problem.residuals(problem.theta0)[0][problem.signal == 0]
     second = np.isin(np.round(after * HZ), np.round(GRID[np.flatnonzero(~HERE) + 1] * HZ))
     assert second.sum() > 15
     assert np.abs(left[second]).max() < 4.5
-    assert any("lost" in warning for warning in problem.warnings) is not waited
+    assert any("lost" in warning for warning in problem.warnings) is not never_taken
 
 
 def test_uneven_clocks_and_clocks_that_skip_often_have_no_holes() -> None:
@@ -85,8 +85,8 @@ def test_a_long_hole_costs_one_row() -> None:
     assert np.isnan(log.columns["current_a"]).sum() == 1
 
 
-def test_a_busy_command_with_missing_samples_is_not_left_out() -> None:
-    """Nearly all of a log that steps in every row would be behind such a step."""
+def test_a_command_that_steps_in_every_row_is_judged_despite_missing_samples() -> None:
+    """Leaving out what follows each step in a hole would leave out nearly the whole log."""
     tool, rng = stepping(), np.random.default_rng(4)
     duty = rng.uniform(0.2, 0.9, len(GRID))
     rows = _core.simulate_log(
@@ -98,7 +98,7 @@ def test_a_busy_command_with_missing_samples_is_not_left_out() -> None:
     assert len(run.channels[0].row) > 0.9 * len(GRID)
 
 
-def test_without_a_current_a_row_closes_what_the_contract_says() -> None:
+def test_without_a_current_a_row_lasts_since_the_row_before() -> None:
     log = without(logged(stepping(), GRID), HERE)
     quiet = MadeLog(
         log.time_s, {name: values for name, values in log.columns.items() if name != "current_a"}
@@ -108,14 +108,16 @@ def test_without_a_current_a_row_closes_what_the_contract_says() -> None:
     assert insert_lost_rows(blind, stepping()) is blind
 
 
-def test_one_pause_off_the_clock_hides_no_lost_rows() -> None:
+def test_one_pause_that_is_no_whole_number_of_intervals_hides_no_lost_rows() -> None:
     paused = GRID[HERE] + np.where(GRID[HERE] > 2.0, 0.4 / HZ, 0.0)
     assert len(rows_after_holes(paused)) >= len(rows_after_holes(GRID[HERE])) - 1
 
 
 @pytest.mark.parametrize("change", [0.6, 0.02])
 def test_a_step_in_a_hole_is_left_out_up_to_the_next_restart(change: float) -> None:
-    """In which row the command stepped none tells: what follows is a guess, where it matters."""
+    """The row in which the command stepped is unknown: for large steps the rows after it cannot be
+    judged.
+    """
     tool = stepping()
     command = np.where(GRID > 2.0, 0.3 + change, 0.3)
     command[np.abs(GRID - 2.0) < 0.5 / HZ] = np.nan
@@ -129,9 +131,7 @@ def test_a_step_in_a_hole_is_left_out_up_to_the_next_restart(change: float) -> N
 
 
 def test_a_ramp_runs_straight_through_missing_samples() -> None:
-    """A command that stood still in them would ask for a third of an ampere too little, and then
-    for as much at once.
-    """
+    """Holding the last value would give a third of an ampere too little, then as much too much."""
     tool = replace(stepping(), input={"kind": "duty", "slew_per_s": 6.0})
     duty = 0.5 + 0.4 * np.abs(np.mod(GRID, 0.8) / 0.4 - 1.0)
     rows = _core.simulate_log(

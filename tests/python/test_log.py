@@ -1,5 +1,5 @@
-"""Logs of every kind are read, and every rejection of the gap contract's section 1 is a sentence
-with file, line and column.
+"""Logs of every kind are read, and each rejection of docs/spec/gap.md, section 1, is a message with
+file, line and column.
 """
 
 import csv
@@ -109,10 +109,14 @@ def test_rejects_a_file_without_header(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("header", "column"),
-    [("t,duty,current_a,speed_rpm", "time_s"), ("time_s,x,y,speed_rpm", "one input of duty, voltage_v, current_a"),
-     ("time_s,duty,x,y", "a measured signal"), ("time_s,x,current_a,y", "a measured signal"),
-     ("time_s,duty,load_nm,trigger", "a measured signal")],
-)  # fmt: skip
+    [
+        ("t,duty,current_a,speed_rpm", "time_s"),
+        ("time_s,x,y,speed_rpm", "one input of duty, voltage_v, current_a"),
+        ("time_s,duty,x,y", "a measured signal"),
+        ("time_s,x,current_a,y", "a measured signal"),
+        ("time_s,duty,load_nm,trigger", "a measured signal"),
+    ],
+)
 def test_rejects_a_missing_required_column(tmp_path: Path, header: str, column: str) -> None:
     refused(written(tmp_path / "a.csv", [header, *csv_lines()[1:]]), "line 1", "missing", column)
 
@@ -188,17 +192,23 @@ def test_samples_without_input_or_without_measurement_do_not_count_as_usable(
 
 @pytest.mark.parametrize(
     ("content", "why"),
-    [(b"MDF     4.10    " + bytes(100), "MF4"), (b"LOGG" + bytes(200), "BLF"), (b"\x00\x01\x02time_s", "binary"),
-     (b"time_s,duty\n\xff\xfe\x80", "UTF-8"), ("time_s,duty".encode("utf-16"), "binary"), (b"date Fri Nov 20 10:00:00.000 2026\n", "ASC")],
-)  # fmt: skip
+    [
+        (b"MDF     4.10    " + bytes(100), "MF4"),
+        (b"LOGG" + bytes(200), "BLF"),
+        (b"\x00\x01\x02time_s", "binary"),
+        (b"time_s,duty\n\xff\xfe\x80", "UTF-8"),
+        ("time_s,duty".encode("utf-16"), "binary"),
+        (b"date Fri Nov 20 10:00:00.000 2026\n", "ASC"),
+    ],
+)
 def test_rejects_a_csv_that_is_not_one(tmp_path: Path, content: bytes, why: str) -> None:
     (tmp_path / "a.csv").write_bytes(content)
-    refused(tmp_path / "a.csv", "not what its ending .csv says", why)
+    refused(tmp_path / "a.csv", "does not match its ending .csv", why)
 
 
 @pytest.mark.parametrize("ending", [".mf4", ".blf", ".asc"])
-def test_rejects_a_text_that_calls_itself_binary(tmp_path: Path, ending: str) -> None:
-    refused(written(tmp_path / f"a{ending}", csv_lines()), f"not what its ending {ending} says")
+def test_rejects_a_text_with_the_ending_of_a_binary_file(tmp_path: Path, ending: str) -> None:
+    refused(written(tmp_path / f"a{ending}", csv_lines()), f"does not match its ending {ending}")
 
 
 def test_rejects_an_unknown_ending_and_a_missing_file(tmp_path: Path) -> None:
@@ -321,7 +331,6 @@ def test_a_large_file_is_read_at_the_cost_of_its_numbers(tmp_path: Path) -> None
     columns = {
         "duty": np.round(rng.uniform(-1, 1, rows), 4),
         "supply_v": np.round(rng.normal(18, 0.1, rows), 2),
-        # fmt: skip
         "current_a": np.round(rng.normal(0, 9, rows), 2),
         "speed_rpm": np.round(rng.normal(0, 5000, rows), 1),
     }
@@ -412,7 +421,7 @@ def test_rejects_a_truncated_recording(tmp_path: Path, stream: bytes, ending: st
 
 
 @pytest.mark.parametrize("ending", [".blf", ".asc", ".mf4"])
-def test_damage_in_a_recording_is_a_sentence_or_a_shorter_log_never_a_wrong_one(
+def test_damage_in_a_recording_is_an_error_or_a_shorter_log_never_a_wrong_one(
     tmp_path: Path, stream: bytes, ending: str
 ) -> None:
     whole = by_python_can(tmp_path / f"a{ending}", stream).read_bytes()
@@ -449,7 +458,7 @@ def test_rejects_a_recording_of_something_else(tmp_path: Path, ending: str) -> N
 
 
 @pytest.mark.parametrize("up_ms", [5, 123_456_789, 2**32 - 1500])
-def test_the_boards_time_is_found_again_from_the_crcs(up_ms: int) -> None:
+def test_the_boards_time_is_recovered_from_the_crcs(up_ms: int) -> None:
     eeprom_set()
     frames = telemetry.Framer().feed(Board(now_ms=up_ms).run(3000))
     shifted = [
@@ -477,7 +486,7 @@ def mf4(path: Path, samples: dict[str, np.ndarray], time_s: np.ndarray) -> Path:
     return path
 
 
-def test_an_mf4_with_the_contracts_channels_is_read(tmp_path: Path) -> None:
+def test_an_mf4_with_channels_named_as_log_columns_is_read(tmp_path: Path) -> None:
     log = sample_log()
     back = read_log(mf4(tmp_path / "a.mf4", log.columns | {"extra": np.zeros(200)}, log.time_s))
     assert np.array_equal(back.time_s, log.time_s) and np.array_equal(
@@ -488,12 +497,23 @@ def test_an_mf4_with_the_contracts_channels_is_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("change", "parts"),
-    [(lambda s, t: ({k: v for k, v in s.items() if k == "duty"}, t), ("missing", "measured signal")),
-     (lambda s, t: ({k: v[:49] for k, v in s.items()}, t[:49]), ("49 usable samples",)),
-     (lambda s, t: (s | {"speed_rpm": np.where(np.arange(200) == 7, np.inf, 1.0)}, t), ("sample 8", "speed_rpm", "infinite")),
-     (lambda s, t: (s, np.where(np.arange(200) == 7, t[6], t)), ("sample 8", "time_s", "does not increase")),
-     (lambda s, t: ({"x": s["duty"]}, t), ("time_s", "missing"))],
-)  # fmt: skip
+    [
+        (
+            lambda s, t: ({k: v for k, v in s.items() if k == "duty"}, t),
+            ("missing", "measured signal"),
+        ),
+        (lambda s, t: ({k: v[:49] for k, v in s.items()}, t[:49]), ("49 usable samples",)),
+        (
+            lambda s, t: (s | {"speed_rpm": np.where(np.arange(200) == 7, np.inf, 1.0)}, t),
+            ("sample 8", "speed_rpm", "infinite"),
+        ),
+        (
+            lambda s, t: (s, np.where(np.arange(200) == 7, t[6], t)),
+            ("sample 8", "time_s", "does not increase"),
+        ),
+        (lambda s, t: ({"x": s["duty"]}, t), ("time_s", "missing")),
+    ],
+)
 def test_rejects_in_an_mf4_what_it_rejects_in_a_csv(
     tmp_path: Path, change: Callable, parts: tuple[str, ...]
 ) -> None:

@@ -78,15 +78,16 @@ def changed_dbc() -> str:
 
 
 @pytest.fixture
-def package(tmp_path: Path) -> Path:
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the Python package with the lists that the generator makes of the changed DBC."""
     shutil.copytree(ROOT / "hil/vgroove", tmp_path / "vgroove")
     text = changed_dbc()
     database = cantools.database.load_string(text, "dbc", strict=True)
     messages = sorted(database.messages, key=lambda message: message.frame_id)
     generate = generator()
-    assert "uint8_t heat_sink_c;" in generate.header(messages)
-    assert "void telemetry_pack_thermal(" in generate.source(messages)
+    monkeypatch.setattr(generate, "messages", lambda: tuple(messages))
+    assert "uint8_t heat_sink_c;" in generate.header()
+    assert "void telemetry_pack_thermal(" in generate.source()
     data = tmp_path / "vgroove/data"
     (data / "vgroove.dbc").write_text(text, encoding="utf-8")
     tables = generate.telemetry_json(messages, generate.protocol_version(), "")

@@ -14,17 +14,17 @@ from vgroove.guided_run import GuidedRun
 from vgroove.log import Log, log_from_session, log_from_stream
 from vgroove.recorder import RUN_COMPLETE
 from vgroove.rig import read_rig
-from vgroove.scenario import SAMPLES_A_ROW, make_plant, without_board_effects
+from vgroove.scenario import CURRENT_SAMPLES_PER_ROW, make_plant, without_board_effects
 
 EFFECT = {"viscous_friction": {"nm_s_per_rad": 2e-6}}
 ONE_SPEED = ((0.0, 0.0), (0.6, 0.0), (0.62, 0.5))
 
 
-def told(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log:
-    """What the ELF says of a tool with the effect, as the trigger is pulled."""
+def recorded(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log:
+    """Log that the ELF sends while it drives a tool with the effect; `travel` of the trigger."""
     sensors = read_rig(RIG).sensors
     noise_a, noise_v = (
-        sensors["current_noise_a"] * SAMPLES_A_ROW[0] ** 0.5,
+        sensors["current_noise_a"] * CURRENT_SAMPLES_PER_ROW**0.5,
         sensors["supply_noise_v"],
     )
     front = lockstep.FrontEnds(current_noise_a=noise_a, supply_noise_v=noise_v)
@@ -37,7 +37,7 @@ def told(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log:
 
 
 def test_the_run_that_a_verdict_asks_for_decides_what_one_log_leaves_open() -> None:
-    one = told(ONE_SPEED, 2.6, None, 1)
+    one = recorded(ONE_SPEED, 2.6, None, 1)
     open_ = diagnose([one], read_rig(RIG)).verdict
     assert open_["verdict"] == "ambiguous"
     assert "viscous_friction" in [
@@ -46,7 +46,7 @@ def test_the_run_that_a_verdict_asks_for_decides_what_one_log_leaves_open() -> N
     ]
     line = Line("staircase")
     line.run = GuidedRun(profile_from_verdict(open_, "verdict"), line.session)
-    told(HELD, 7.2, line, 2)
+    recorded(HELD, 7.2, line, 2)
     two = log_from_session(line.session, "next")
     assert line.run.ended == RUN_COMPLETE and np.ptp(two["speed_rpm"]) > 5000.0
     both = diagnose([one, two], read_rig(RIG)).verdict

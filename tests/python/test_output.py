@@ -1,4 +1,6 @@
-"""Files that are written: whole or not at all, and refused before the work where they could not be."""
+"""Files that are written: whole or not at all, and refused before the work if they could not be
+written.
+"""
 
 import os
 import subprocess
@@ -88,15 +90,12 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path, name: str, words: str
 
 def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     (tmp_path / "log.csv").touch()
-    (tmp_path / "again.csv").symlink_to(tmp_path / "log.csv")
+    (tmp_path / "same.csv").symlink_to(tmp_path / "log.csv")
+    (tmp_path / "b").mkdir()
     with pytest.raises(VgrooveError, match="given twice"):
-        check_outputs(
-            [tmp_path / "a.json", tmp_path / "b" / ".." / "a.json"]
-            if (tmp_path / "b").mkdir() is None
-            else []
-        )
+        check_outputs([tmp_path / "a.json", tmp_path / "b" / ".." / "a.json"])
     with pytest.raises(VgrooveError, match="given twice"):
-        check_outputs([tmp_path / "again.csv"], [tmp_path / "log.csv"])
+        check_outputs([tmp_path / "same.csv"], [tmp_path / "log.csv"])
     check_outputs(
         [Path("/dev/null"), Path("/dev/null"), tmp_path / "a.json"], [tmp_path / "log.csv"]
     )
@@ -107,8 +106,8 @@ def vgroove(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, cwd=ROOT, capture_output=True, text=True, timeout=30, check=False)
 
 
-# Commands: each option that names a file to write, given a folder; inputs that are not there are
-# not even asked for.
+# Commands with their options that name a file to write. Outputs are checked first, so that the
+# inputs need not exist.
 COMMANDS = [
     ("gap diagnose none.csv --rig none.toml", ("--json", "--html", "--out-rig")),
     ("gap emps .", ("--json",)),

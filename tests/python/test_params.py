@@ -30,7 +30,7 @@ def values(store: Store) -> list[int]:
 
 
 def save(store: Store, index: int, value: int, steps: int = 10_000) -> bool:
-    """Set one parameter and step until the save is over; false when the value was refused."""
+    """Set one parameter and step until the save is complete; False when the value was refused."""
     if not library().param_set(ctypes.byref(store), index, ctypes.c_int32(value)):
         return False
     for _ in range(steps):
@@ -41,7 +41,7 @@ def save(store: Store, index: int, value: int, steps: int = 10_000) -> bool:
 
 
 def slot_image(version: int, generation: int, content: list[int]) -> bytes:
-    """A slot as the page on parameters describes it, made without the firmware."""
+    """A slot in the layout of docs/telemetry.md, made without the firmware."""
     body = struct.pack(f"<BBH{len(content)}h", version, len(content), generation, *content)
     return body + struct.pack("<H", telemetry.crc16(body))
 
@@ -80,7 +80,7 @@ def test_each_parameter_takes_its_limits_and_nothing_beyond(index: int) -> None:
     assert values(load())[index] == p.maximum
 
 
-def test_an_index_that_is_none_is_refused() -> None:
+def test_an_index_beyond_the_list_is_refused() -> None:
     store = load()
     assert not save(store, len(LIST), 0) and not save(store, 255, 0) and values(store) == DEFAULTS
 
@@ -139,8 +139,8 @@ def test_a_change_during_a_save_is_in_the_set_that_is_saved() -> None:
 
 
 def prepared(kind: str) -> bytes:
-    """EEPROM before the save that fails: never used, used once, used twice, with an older version
-    in one slot.
+    """EEPROM before the interrupted save: never written, written once, written twice, or with an
+    older list version in both slots.
     """
     old = [*DEFAULTS]
     old[12] = 700
@@ -253,7 +253,7 @@ def test_a_changed_byte_voids_its_slot(position: int) -> None:
     assert values(load()) == DEFAULTS and load().status == CORRUPT
 
 
-def test_a_stored_value_out_of_range_is_replaced_and_said() -> None:
+def test_a_stored_value_out_of_range_is_replaced_and_reported() -> None:
     content = [*DEFAULTS]
     content[12], content[7] = 5001, 20000
     eeprom_set(eeprom_with((0, slot_image(NEWEST, 5, content))))

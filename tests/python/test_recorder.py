@@ -35,7 +35,7 @@ HEADER = ",".join(("time_s", *telemetry.COLUMNS))
 
 
 def start(port: str, output: Path, *options: str, limit: int | None = None) -> subprocess.Popen:
-    """`vgroove record`; `limit`: greatest size of a file in bytes, as a full disk would cut it."""
+    """Start `vgroove record`; a file larger than `limit` bytes fails as on a full disk."""
 
     def before() -> None:
         if limit is not None:
@@ -49,7 +49,7 @@ def start(port: str, output: Path, *options: str, limit: int | None = None) -> s
 
 
 def wait_for_part(output: Path, size: int) -> None:
-    """Until the recorder has begun and written so much."""
+    """Wait until the recorder has written `size` bytes."""
     grows = output.with_name(output.name + ".csv") if output.suffix == ".mf4" else output
     part = grows.with_name(f".{grows.stem}.part{grows.suffix}")
     wait_until(
@@ -58,7 +58,7 @@ def wait_for_part(output: Path, size: int) -> None:
 
 
 def direct_log(pty: PtyBoard) -> dict[float, tuple]:
-    """What the board sent, row by row."""
+    """The rows that the board sent, by time."""
     log = log_from_stream(b"".join(pty.sent), "sent")
     return {
         t: tuple(row)
@@ -74,12 +74,12 @@ LATE_ROWS = 60
 
 
 def same_rows(path: Path, pty: PtyBoard, states_may_lack: bool = False) -> int:
-    """Every recorded row is one that was sent, value for value; returns how many."""
+    """Assert that every recorded row was sent with these values; returns the number of rows."""
     log, sent = read_log(path), direct_log(pty)
     got = np.column_stack([log[name] for name in telemetry.COLUMNS])
     expected = np.array([sent[time_s] for time_s in log.time_s.tolist()])
     assert np.allclose(got[:, :5], expected[:, :5], rtol=1e-9, atol=1e-12)
-    # a trigger that moves while the first STATE frame waits leaves a few rows without one
+    # while the first STATE frame is delayed, changes of the trigger are not in the first rows
     if not states_may_lack:
         complete = slice(20, -LATE_ROWS)
         assert np.allclose(got[complete, 5:], expected[complete, 5:], rtol=1e-9), np.flatnonzero(
@@ -110,7 +110,7 @@ def test_records_what_the_board_sent(tmp_path: Path, ending: str) -> None:
     ]
 
 
-def test_a_csv_has_the_contracts_columns(tmp_path: Path) -> None:
+def test_a_csv_has_the_columns_of_the_signal_list(tmp_path: Path) -> None:
     output = tmp_path / "run.csv"
     with PtyBoard() as pty:
         start(pty.port, output, "--seconds", "0.5").communicate(timeout=60)
@@ -165,7 +165,7 @@ def test_a_damaged_line_is_survived_and_counted(tmp_path: Path) -> None:
     )
 
 
-def test_a_board_that_already_runs_is_asked_for_its_boot_frame(tmp_path: Path) -> None:
+def test_a_running_board_is_requested_to_send_its_boot_frame(tmp_path: Path) -> None:
     with PtyBoard() as pty:
         time.sleep(1.0)
         os.set_blocking(pty._slave, False)
@@ -184,9 +184,7 @@ def test_a_board_that_already_runs_is_asked_for_its_boot_frame(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("ending", [".csv", ".blf", ".asc"])
-def test_a_full_disk_is_a_sentence_and_what_was_recorded_is_kept(
-    tmp_path: Path, ending: str
-) -> None:
+def test_a_full_disk_is_an_error_and_recorded_rows_are_kept(tmp_path: Path, ending: str) -> None:
     output, limit = (
         tmp_path / f"run{ending}",
         {".csv": 60_000, ".blf": 30_000, ".asc": 120_000}[ending],
@@ -245,7 +243,7 @@ def test_an_mf4_that_cannot_be_made_stays_as_csv(
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of its own with room for 108 kB, where mounting one is allowed."""
+    """A separate disk with room for 108 kB; the test is skipped where mounting is not allowed."""
     folder = tmp_path / "disk"
     folder.mkdir()
     if subprocess.run(
@@ -315,7 +313,7 @@ def test_a_long_mf4_is_converted_in_parts(tmp_path: Path, monkeypatch: pytest.Mo
         (KeyboardInterrupt(), ""),
     ],
 )
-def test_whatever_ends_a_recording_what_was_recorded_is_kept(
+def test_recorded_rows_are_kept_whatever_ends_the_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, words: str
 ) -> None:
     add_rows = CsvFile.add_rows
@@ -334,7 +332,7 @@ def test_whatever_ends_a_recording_what_was_recorded_is_kept(
     assert sorted(os.listdir(tmp_path)) == ["run.csv", "run.csv.json"]
 
 
-def test_a_name_that_is_taken_meanwhile_leaves_the_part_file(tmp_path: Path) -> None:
+def test_a_name_that_becomes_a_folder_meanwhile_leaves_the_part_file(tmp_path: Path) -> None:
     with PtyBoard() as pty:
         process = start(pty.port, tmp_path / "run.csv", "--seconds", "1")
         wait_for_part(tmp_path / "run.csv", 20_000)
@@ -348,7 +346,7 @@ def test_a_name_that_is_taken_meanwhile_leaves_the_part_file(tmp_path: Path) -> 
         assert same_rows(tmp_path / ".run.part.csv", pty) >= 1000
 
 
-def test_a_port_that_goes_away_is_a_sentence_and_the_file_complete(tmp_path: Path) -> None:
+def test_a_lost_port_is_an_error_and_the_file_is_complete(tmp_path: Path) -> None:
     output = tmp_path / "run.csv"
     with PtyBoard() as pty:
         process = start(pty.port, output, "--seconds", "60")
@@ -364,9 +362,7 @@ def test_a_port_that_goes_away_is_a_sentence_and_the_file_complete(tmp_path: Pat
 
 
 @pytest.mark.parametrize("noise", [b"", bytes(range(256))])
-def test_something_that_is_no_board_is_refused_with_a_sentence(
-    tmp_path: Path, noise: bytes
-) -> None:
+def test_a_port_without_a_board_is_an_error(tmp_path: Path, noise: bytes) -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     process = start(os.ttyname(slave), tmp_path / "run.csv", "--baud", "115200")
@@ -383,13 +379,13 @@ def test_something_that_is_no_board_is_refused_with_a_sentence(
     )
 
 
-def test_a_board_of_another_protocol_is_refused_with_a_sentence(tmp_path: Path) -> None:
+def test_a_board_of_another_protocol_is_an_error(tmp_path: Path) -> None:
     master, slave = os.openpty()
     boot = telemetry.frame_of_signals(
         "BOOT", 5, protocol_version=9, duty_full_scale=255, fast_divider=1
     )
     process = start(os.ttyname(slave), tmp_path / "run.csv")
-    while process.poll() is None:  # opening the port throws away what had come before
+    while process.poll() is None:  # opening the port discards bytes received before
         os.write(master, telemetry.frame_bytes(boot))
         time.sleep(0.1)
     _, text = process.communicate(timeout=30)
@@ -403,7 +399,7 @@ def test_a_board_of_another_protocol_is_refused_with_a_sentence(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("port", ["/dev/ttyNoSuchPort", "COM99"])
-def test_a_port_that_is_not_there_is_a_sentence(tmp_path: Path, port: str) -> None:
+def test_a_missing_port_is_an_error(tmp_path: Path, port: str) -> None:
     process = start(port, tmp_path / "run.csv")
     _, text = process.communicate(timeout=30)
     assert (
@@ -413,7 +409,7 @@ def test_a_port_that_is_not_there_is_a_sentence(tmp_path: Path, port: str) -> No
     )
 
 
-def test_an_unknown_ending_or_an_unwritable_place_is_a_sentence(tmp_path: Path) -> None:
+def test_an_unknown_ending_or_an_unwritable_folder_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(VgrooveError, match="ends in .csv, .mf4, .blf or .asc"):
         record(Recording("none", tmp_path / "run.txt"), lambda: True)
     with (

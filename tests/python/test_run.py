@@ -1,5 +1,5 @@
-"""`vgroove run`: determinism, pty with python-can's own logger and viewer and with `vgroove
-record`, Ctrl-C, speed of the loop.
+"""`vgroove run`: determinism, the pty read by python-can's logger and viewer and by `vgroove
+record`, Ctrl-C, unusable options, the lock-step interface.
 """
 
 import fcntl
@@ -27,7 +27,7 @@ VGROOVE = [sys.executable, "-m", "vgroove.cli"]
 
 
 def elf() -> Path:
-    """The ELF of the Uno, as `make build` leaves it."""
+    """Path of the Uno's ELF that `make build` makes."""
     path = Path(os.environ.get("VGROOVE_UNO_ELF", default_elf()))
     assert path.is_file(), f"there is no {path}: run `make build`"
     return path
@@ -38,7 +38,7 @@ def board_options(on: str) -> list[str]:
 
 
 def short_scenario(folder: Path, duration_s: float) -> Path:
-    """The spin-up, cut short."""
+    """The scenario spin_up with another duration."""
     text = (
         SCENARIO.read_text()
         .replace("duration_s = 3.0", f"duration_s = {duration_s}")
@@ -179,7 +179,7 @@ def test_a_slow_reader_loses_nothing() -> None:
     assert bytes(got) == sent
 
 
-def test_without_a_reader_bytes_go_nowhere_and_nothing_blocks() -> None:
+def test_without_a_reader_bytes_are_dropped_and_nothing_blocks() -> None:
     with PtyLine() as line:
         assert not line.has_reader()
         assert not line.wait_for_reader(0.05)
@@ -187,7 +187,7 @@ def test_without_a_reader_bytes_go_nowhere_and_nothing_blocks() -> None:
         assert line.dropped == 100_000
         reader = os.open(line.name, os.O_RDWR | os.O_NOCTTY)
         assert line.has_reader()
-        os.write(reader, b"\x03\x04\r\n\x11")  # nothing is a control character
+        os.write(reader, b"\x03\x04\r\n\x11")  # the terminal is raw: no byte is a control character
         time.sleep(0.05)
         assert line.receive() == b"\x03\x04\r\n\x11"
         os.close(reader)
@@ -218,7 +218,7 @@ def test_ctrl_c_leaves_a_valid_log_and_exits_130(tmp_path: Path) -> None:
         (["-o", "no/such/folder/log.csv"], "cannot be written"),
     ],
 )
-def test_unusable_options_are_sentences(
+def test_unusable_options_are_errors_with_a_message(
     arguments: list[str], sentence: str, tmp_path: Path
 ) -> None:
     done = vgroove("run", short_scenario(tmp_path, 0.1), *arguments)
@@ -227,8 +227,8 @@ def test_unusable_options_are_sentences(
     assert "Traceback" not in done.stderr
 
 
-class Echo:
-    """A board that keeps its inputs and answers a fixed drive."""
+class RecordingBoard:
+    """A board that records its inputs and always outputs the same drive."""
 
     def __init__(self) -> None:
         self.inputs: list[BoardInputs] = []
@@ -238,8 +238,8 @@ class Echo:
         return BoardOutputs(False, -51, 2, b"\x55" if len(self.inputs) == 3 else b"")
 
 
-class Meter:
-    """A tool that keeps its commands."""
+class RecordingTool:
+    """A tool that records its commands and always returns the same measurements."""
 
     def __init__(self) -> None:
         self.commands: list[tuple[bool, float, float, float]] = []
@@ -252,10 +252,10 @@ class Meter:
 
 
 def test_loop_joins_board_and_tool_by_the_interface() -> None:
-    board, tool = Echo(), Meter()
+    board, tool = RecordingBoard(), RecordingTool()
     sent = lockstep.run(board, tool, lockstep.Profile(load_nm=((0, 0.5),)), 0.01)
     assert sent == b"\x55"
-    # the gates are open before the board has spoken
+    # before the board's first output the gates are open
     assert tool.commands[0] == (True, 0.0, 0.0, 0.5)
     assert tool.commands[1] == (False, -51 / 255, 1 / 255, 0.5)
     assert board.inputs[0].adc_counts[:2] == (512 + 80, 720)
@@ -263,8 +263,8 @@ def test_loop_joins_board_and_tool_by_the_interface() -> None:
 
 
 def test_broken_hall_line_hides_edges() -> None:
-    board = Echo()
-    lockstep.run(board, Meter(), lockstep.Profile(gaps=((0.002, 0.004),)), 0.01)
+    board = RecordingBoard()
+    lockstep.run(board, RecordingTool(), lockstep.Profile(gaps=((0.002, 0.004),)), 0.01)
     hidden = [k * 510 / 16e6 for k, inputs in enumerate(board.inputs, 1) if not inputs.edges]
     assert len(hidden) == pytest.approx(0.002 * 16e6 / 510, abs=1)
     assert min(hidden) >= 0.002 and max(hidden) < 0.004

@@ -1,4 +1,4 @@
-"""Scenarios: what is read, what is refused and how the refusal is worded; stimuli that a profile
+"""Scenarios: what is read, what is refused and how the error reads; stimuli that a profile
 makes.
 """
 
@@ -48,7 +48,7 @@ def test_every_scenario_in_the_tree_is_valid(path: Path) -> None:
     assert scenario.rig_path.exists()
 
 
-def test_scenario_is_read_whole(tmp_path: Path) -> None:
+def test_every_key_of_a_scenario_is_read(tmp_path: Path) -> None:
     scenario = read_scenario(written(tmp_path))
     assert (scenario.duration_s, scenario.seed) == (1.0, 3)
     assert scenario.profile.travel == ((0.0, 0.0), (0.5, 1.0))
@@ -57,7 +57,9 @@ def test_scenario_is_read_whole(tmp_path: Path) -> None:
     assert scenario.commands[0].frame == "DUMP"
 
 
-def test_effects_of_the_scenario_turn_the_tool_and_not_the_belief(tmp_path: Path) -> None:
+def test_effects_of_the_scenario_change_the_simulated_and_not_the_believed_tool(
+    tmp_path: Path,
+) -> None:
     scenario = read_scenario(written(tmp_path))
     assert scenario.tool.effects["coulomb_friction"] == {"torque_nm": 0.02}
     assert "coulomb_friction" not in scenario.rig.effects
@@ -75,22 +77,22 @@ def test_effects_of_the_scenario_turn_the_tool_and_not_the_belief(tmp_path: Path
             r"\[trigger\]: unknown key travell; the nearest known one is travel",
         ),
         ("torque_nm = [[", "torque = [[", "unknown key torque; the nearest known one is torque_nm"),
-        ("seed = 3", "seed = 3.5", "seed: wants a whole number"),
-        ("seed = 3", "seed = true", "seed: wants a whole number"),
-        ("duration_s = 1.0", "duration_s = -1.0", "duration_s: wants a number from 0.01"),
+        ("seed = 3", "seed = 3.5", "seed: must be a whole number"),
+        ("seed = 3", "seed = true", "seed: must be a whole number"),
+        ("duration_s = 1.0", "duration_s = -1.0", "duration_s: must be a number from 0.01"),
         ("duration_s = 1.0\n", "", "the key duration_s is missing"),
-        ("[0.5, 1.0]", "[0.5, 1.5]", "value of point 2: wants a number from 0 to 1, not 1.5"),
-        ("[0.5, 1.0]", "[0.5]", r"point 2: wants \[time_s, value\]"),
+        ("[0.5, 1.0]", "[0.5, 1.5]", "value of point 2: must be a number from 0 to 1, not 1.5"),
+        ("[0.5, 1.0]", "[0.5]", r"point 2: must be \[time_s, value\]"),
         ("[[0.0, 0.0], [0.5, 1.0]]", "[[0.5, 0.0], [0.2, 1.0]]", "its time 0.2 s comes before"),
         ("scenario/1", "scenario/2", 'this version reads "vgroove.scenario/1"'),
-        ('"DUMP"', '"DUMPS"', "takes no frame DUMPS; the nearest known one is DUMP"),
-        ('"DUMP"', '"PARAM_READ"', "read_index: wants a number from 0 to 255, not None"),
+        ('"DUMP"', '"DUMPS"', "has no inbound frame DUMPS; the nearest known one is DUMP"),
+        ('"DUMP"', '"PARAM_READ"', "read_index: must be a number from 0 to 255, not None"),
         ('"DUMP"', '"DUMP"\nspeed = 1', "unknown key speed"),
         ("coulomb_friction", "coulomb_frictoin", "coulomb_friction"),
         ("seed = 3", "seed = ", "is not TOML"),
     ],
 )
-def test_refusals_name_key_and_nearest_known_one(
+def test_errors_name_the_key_and_the_nearest_known_one(
     tmp_path: Path, old: str, new: str, sentence: str
 ) -> None:
     assert old in GOOD
@@ -109,7 +111,7 @@ def test_a_torque_beside_a_joint_is_refused(tmp_path: Path) -> None:
     assert read_scenario(written(tmp_path, without)).rig.load["kind"] == "hard_joint"
 
 
-def test_missing_files_are_sentences(tmp_path: Path) -> None:
+def test_missing_files_are_errors_with_a_message(tmp_path: Path) -> None:
     with pytest.raises(VgrooveError, match="cannot be read"):
         read_scenario(tmp_path / "none.toml")
     with pytest.raises(VgrooveError, match="no_rig.toml: cannot be read"):
@@ -157,7 +159,7 @@ def test_contact_bounces_and_settles() -> None:
     assert contact[-1] == 1
 
 
-def test_noise_is_the_seed_s() -> None:
+def test_noise_follows_the_seed() -> None:
     front = FrontEnds(current_noise_a=0.25)
     chunks = [Stimulus(Profile(), front, seed).chunk(0, 4000).current_counts for seed in (1, 1, 2)]
     assert np.array_equal(chunks[0], chunks[1]) and not np.array_equal(chunks[0], chunks[2])
@@ -172,6 +174,6 @@ def test_line_carries_250_kilobaud() -> None:
     assert sum(sent) == pytest.approx(1000 * 510 / 640, abs=2)
 
 
-def test_script_speaks_when_it_is_due() -> None:
+def test_script_sends_when_it_is_due() -> None:
     script = Script([(0.5, b"b"), (0.1, b"a")])
     assert [script.receive(t) for t in (0.05, 0.2, 0.2, 0.6)] == [b"", b"a", b"", b"b"]

@@ -1,5 +1,5 @@
-"""vgroove sim RIG --log LOG: the gap it prints is the problem's, its CSV is a log, bad input leaves
-nothing behind.
+"""`vgroove sim`: the printed gap is that of the diagnosis' problem, the CSV is a log, a scenario or
+a rig drives the plant alone, and unusable input is an error that writes no file.
 """
 
 import json
@@ -16,6 +16,7 @@ from vgroove.errors import VgrooveError
 from vgroove.gap.residual.problem import load_problem
 from vgroove.log import read_log
 from vgroove.rig import read_rig, write_rig
+from vgroove.units import RPM_PER_RAD_S
 
 PRACTICE = Path(__file__).resolve().parents[1] / "data/practice"
 
@@ -38,7 +39,7 @@ def sim(*arguments: object) -> str:
     return result.stdout
 
 
-def test_the_gap_is_the_problems_and_names_its_stretches(tmp_path: Path) -> None:
+def test_the_gap_is_that_of_the_problem_and_names_its_held_out_intervals(tmp_path: Path) -> None:
     log = write_log(drive_log(rig(), seed=5), tmp_path / "log.csv")
     believed = rig().with_values({"motor.coulomb_nm": 0.013})
     write_rig(believed, tmp_path / "rig.toml")
@@ -61,7 +62,7 @@ def test_the_gap_of_two_logs_pools_them(tmp_path: Path) -> None:
     assert len(json.loads((tmp_path / "out.json").read_text())["held_out_s"]) == 2
 
 
-def test_the_simulated_log_is_a_log_without_a_gap_of_its_own(tmp_path: Path) -> None:
+def test_the_simulated_log_is_a_log_that_differs_by_the_noise(tmp_path: Path) -> None:
     log = write_log(drive_log(rig(), seed=5), tmp_path / "log.csv")
     write_rig(rig(), tmp_path / "rig.toml")
     sim(tmp_path / "rig.toml", "--log", log, "-o", tmp_path / "sim.csv")
@@ -107,7 +108,7 @@ def test_practice_logs_without_an_effect_end_at_the_noise(
         assert low < json.loads((tmp_path / "out.json").read_text())["gap"] < high
 
 
-def test_a_practice_log_ends_at_the_noise_with_the_effect_that_its_label_tells(
+def test_a_practice_log_ends_at_the_noise_with_the_effect_of_its_label(
     tmp_path: Path,
 ) -> None:
     folder = PRACTICE / "practice_001"
@@ -123,7 +124,8 @@ def test_a_practice_log_ends_at_the_noise_with_the_effect_that_its_label_tells(
 def scenario_of(tmp_path: Path, reverse: bool = False) -> Path:
     write_rig(rig(), tmp_path / "rig.toml")
     text = (
-        'schema = "vgroove.scenario/1"\nrig = "rig.toml"\nduration_s = 2.0\n[trigger]\ntravel = [[0.0, 0.0], [0.2, 0.0], [0.2, 1.0]]\n'
+        'schema = "vgroove.scenario/1"\nrig = "rig.toml"\nduration_s = 2.0\n'
+        "[trigger]\ntravel = [[0.0, 0.0], [0.2, 0.0], [0.2, 1.0]]\n"
         f"reverse = [[0.0, {str(reverse).lower()}]]\n"
     )
     (tmp_path / "scenario.toml").write_text(text)
@@ -138,7 +140,7 @@ def test_a_scenario_drives_the_plant_alone(tmp_path: Path) -> None:
     )
     k, current = believed.motor["torque_constant_nm_per_a"], made.columns["current_a"][-1]
     resistance = believed.motor["resistance_ohm"] + believed.supply.get("resistance_ohm", 0.0)
-    steady_rpm = (believed.supply["voltage_v"] - resistance * current) / k * 30.0 / np.pi
+    steady_rpm = (believed.supply["voltage_v"] - resistance * current) / k * RPM_PER_RAD_S
     assert made.columns["speed_rpm"][-1] == pytest.approx(steady_rpm, rel=1e-3)
     assert json.loads((tmp_path / "out.json").read_text())["speed_end_rpm"] == pytest.approx(
         made.columns["speed_rpm"][-1], rel=1e-6
@@ -153,12 +155,12 @@ def test_the_plant_alone_is_the_same_backwards(tmp_path: Path) -> None:
     assert np.allclose(forwards.columns["supply_v"], backwards.columns["supply_v"])
 
 
-def test_figures_that_cannot_be_written_are_a_sentence(tmp_path: Path) -> None:
+def test_figures_that_cannot_be_written_are_an_error(tmp_path: Path) -> None:
     with pytest.raises(VgrooveError, match="cannot be written"):
         sim(scenario_of(tmp_path), "--json", tmp_path / "absent" / "out.json")
 
 
-def dull(**columns: float | np.ndarray) -> MadeLog:
+def log_with(**columns: float | np.ndarray) -> MadeLog:
     """A log of the tool with some columns replaced."""
     log = drive_log(rig(), seed=3)
     log.columns |= {
@@ -176,10 +178,10 @@ def dull(**columns: float | np.ndarray) -> MadeLog:
         ({"current_a": np.nan, "speed_rpm": np.nan, "supply_v": np.nan}, "0 usable samples"),
     ],
 )
-def test_a_log_without_a_command_or_a_measurement_is_a_sentence(
+def test_a_log_without_a_command_or_a_measurement_is_an_error(
     tmp_path: Path, columns: dict[str, float], words: str
 ) -> None:
-    log = write_log(dull(**columns), tmp_path / "log.csv")
+    log = write_log(log_with(**columns), tmp_path / "log.csv")
     write_rig(rig(), tmp_path / "rig.toml")
     begin = time.process_time()
     with pytest.raises(VgrooveError, match=words):
@@ -196,18 +198,20 @@ def test_a_log_without_a_command_or_a_measurement_is_a_sentence(
         {"duty": 0.5, "current_a": 3.0, "speed_rpm": 5000.0, "supply_v": 18.0},
     ],
 )
-def test_a_log_whose_sensors_show_nothing_is_a_sentence(
+def test_a_log_whose_columns_are_constant_is_an_error(
     tmp_path: Path, columns: dict[str, float]
 ) -> None:
-    log = write_log(dull(**columns), tmp_path / "log.csv")
+    log = write_log(log_with(**columns), tmp_path / "log.csv")
     write_rig(rig(), tmp_path / "rig.toml")
     with pytest.raises(VgrooveError, match="no measured column changes"):
         sim(tmp_path / "rig.toml", "--log", log, "--json", tmp_path / "out.json")
     assert not (tmp_path / "out.json").exists()
 
 
-def test_a_shaft_that_runs_down_by_itself_is_judged_within_five_seconds(tmp_path: Path) -> None:
-    log = write_log(dull(duty=0.0, speed_rpm=np.linspace(5000.0, 0.0, 6001)), tmp_path / "log.csv")
+def test_a_shaft_that_runs_down_without_drive_is_judged_within_five_seconds(tmp_path: Path) -> None:
+    log = write_log(
+        log_with(duty=0.0, speed_rpm=np.linspace(5000.0, 0.0, 6001)), tmp_path / "log.csv"
+    )
     write_rig(rig(), tmp_path / "rig.toml")
     begin = time.process_time()
     sim(tmp_path / "rig.toml", "--log", log, "--json", tmp_path / "out.json")
@@ -223,7 +227,7 @@ def test_an_impact_rig_alone_runs_at_full_trigger(tmp_path: Path) -> None:
     sim(RIGS / "impact_driver.toml", "--json", tmp_path / "out.json")
     figures = json.loads((tmp_path / "out.json").read_text())
     assert figures["rows"] == 1001
-    # physics.md section 4, hard joint
+    # docs/spec/model.md, section 4: hard joint
     assert figures["blows_per_min"] == pytest.approx(2857, rel=2e-3)
     assert figures["torque_peak_nm"] == pytest.approx(144, rel=0.01)
 
@@ -239,7 +243,9 @@ def test_a_rig_alone_is_driven_no_faster_than_its_slew(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("key", "value"), [("lug_overlap_rad", 3.2), ("hammer_start_rad", 0.5)])
-def test_what_only_the_plant_refuses_is_a_sentence(key: str, value: float, tmp_path: Path) -> None:
+def test_a_value_that_only_the_plant_refuses_is_an_error(
+    key: str, value: float, tmp_path: Path
+) -> None:
     text = (RIGS / "impact_driver.toml").read_text()
     lines = [line for line in text.splitlines() if not line.startswith(key)]
     lines.insert(lines.index("[mechanism]") + 1, f"{key} = {value}")

@@ -90,9 +90,9 @@ def test_parameter_list_that_cannot_be_migrated_is_refused() -> None:
     text = generate.PARAM_TABLE.read_text()
     with pytest.raises(SystemExit, match="must stand before"):
         generate.read_parameters(text.replace("2,    60,    2)", "2,    60,    1)"))
-    with pytest.raises(SystemExit, match="needs -32768"):
+    with pytest.raises(SystemExit, match="violates -32768"):
         generate.read_parameters(text.replace("8192,  2048,", "1024,  2048,", 1))
-    with pytest.raises(SystemExit, match="could be read"):
+    with pytest.raises(SystemExit, match="are valid"):
         generate.read_parameters(text.replace("25600, 2560, 28160", "25600, 2560, TRIP"))
 
 
@@ -223,7 +223,7 @@ def test_the_line_is_never_overfull_and_no_fast_frame_waits(
         and kinds.count(telemetry.HEALTH) == 5
     )
     assert kinds.count(telemetry.PARAM) == 2 * len(telemetry.parameter_list())
-    # they take turns
+    # frames of equal priority alternate
     assert kinds.count(telemetry.STATE) == pytest.approx(
         kinds.count(telemetry.FRAME_IDS["CONTROL"]), rel=0.02, abs=1
     )
@@ -335,7 +335,7 @@ def test_a_dump_with_a_missing_or_changed_parameter_is_not_taken_for_complete() 
     assert missing.table is None and changed.table is None
 
 
-def test_an_unknown_protocol_is_refused_with_a_sentence() -> None:
+def test_an_unknown_protocol_is_an_error() -> None:
     boot = telemetry.frame_of_signals(
         "BOOT", 5, protocol_version=9, duty_full_scale=255, fast_divider=1
     )
@@ -436,7 +436,7 @@ def test_a_frame_that_begins_inside_a_damaged_one_is_found() -> None:
 
 
 def error_syndromes() -> list[int]:
-    """What each single flipped bit of id, time, data and CRC changes in the CRC comparison."""
+    """Syndrome: change of the CRC by each single flipped bit of id, time, data and CRC."""
     base = telemetry.crc8(bytes(15))
     flips = [
         telemetry.crc8(bytes(1 << (b % 8) if k == b // 8 else 0 for k in range(15))) ^ base
@@ -468,14 +468,14 @@ def test_of_the_errors_of_four_bits_one_in_127_passes_as_the_page_says() -> None
     passing = sum(count * (count - 1) // 2 for count in alike.tolist()) / 3
     assert 127 * passing / math.comb(128, 4) == pytest.approx(1, abs=0.02)
     page = (ROOT / "docs/telemetry.md").read_text()
-    for rate, said in ((1e-6, "3.8e8 years"), (1e-4, "3.8 years"), (1e-3, "3.8 hours")):
+    for rate, stated in ((1e-6, "3.8e8 years"), (1e-4, "3.8 years"), (1e-3, "3.8 hours")):
         undetected = (
             sum(math.comb(128, k) * rate**k * (1 - rate) ** (128 - k) for k in range(4, 129, 2))
             / 127
         )
         hours = 1 / (undetected * 1000) / 3600
-        value, unit = said.split()
-        assert said in page and hours / (8766 if unit == "years" else 1) == pytest.approx(
+        value, unit = stated.split()
+        assert stated in page and hours / (8766 if unit == "years" else 1) == pytest.approx(
             float(value), rel=0.03
         )
 
@@ -494,7 +494,7 @@ def test_the_crc_sees_every_burst_of_up_to_eight_bits() -> None:
 
 
 def damaged(data: bytes, rng: random.Random, rate: float) -> bytes:
-    """Bits flipped, bytes lost and inserted, stretches cut, each at `rate` per byte."""
+    """Data with bits flipped, bytes lost and inserted, and parts cut, each at `rate` per byte."""
     out = bytearray()
     skip = 0
     for byte in data:
@@ -516,7 +516,7 @@ def damaged(data: bytes, rng: random.Random, rate: float) -> bytes:
 
 @pytest.mark.parametrize("rate", [1e-4, 1e-3, 5e-3])
 @pytest.mark.parametrize("seed", range(3))
-def test_what_a_damaged_stream_yields_adds_up_and_nothing_wrong_passes_as_right(
+def test_counts_of_a_damaged_stream_add_up_and_no_wrong_frame_is_accepted(
     rate: float, seed: int
 ) -> None:
     board = Board()
@@ -570,7 +570,7 @@ def test_a_restart_ends_the_run_but_not_before_its_parameters_are_known() -> Non
     assert not early.restarted and len(early._fast) == 500 and early.table is not None
 
 
-def test_a_single_frame_from_another_time_is_not_believed() -> None:
+def test_a_single_frame_from_another_time_is_rejected() -> None:
     board = Board()
     frames = frames_of(board.run(1000, moving(board)))
     stray = telemetry.frame_of(3_000_000, telemetry.FAST, bytes(7))
@@ -598,7 +598,7 @@ def test_python_can_reads_the_undamaged_stream(tmp_path: Path) -> None:
         "baudrate=250000",
     ]
     logger = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    # made once the port is open and flushed: python-can needs a frame's begin
+    # bytes are sent once the port is open and flushed: python-can needs the first byte of a frame
     wait_until(target.exists, f"{target} appears")
     with board:
         wait_until(lambda: target.stat().st_size > 100_000, f"{target} grows")

@@ -17,7 +17,7 @@ from vgroove.reference.blows import BLOW, REBOUND
 from vgroove.reference.joints import JOINTS
 from vgroove.reference.rigs import DRIVE_ALONE, reference_rig, with_load
 from vgroove.rig import Rig
-from vgroove.scenario import SAMPLES_A_ROW
+from vgroove.scenario import CURRENT_SAMPLES_PER_ROW, SUPPLY_SAMPLES_PER_ROW
 from vgroove.sil import SilBoard
 from vgroove.units import TURN_RAD
 
@@ -68,8 +68,8 @@ def front_ends(noise: bool = True) -> FrontEnds:
     """The sensors of the bench: noise of single samples, of which a row averages several."""
     share = 1.0 if noise else 0.0
     return FrontEnds(
-        current_noise_a=share * sensors()["current_noise_a"] * SAMPLES_A_ROW[0] ** 0.5,
-        supply_noise_v=share * sensors()["supply_noise_v"] * SAMPLES_A_ROW[1] ** 0.5,
+        current_noise_a=share * sensors()["current_noise_a"] * CURRENT_SAMPLES_PER_ROW**0.5,
+        supply_noise_v=share * sensors()["supply_noise_v"] * SUPPLY_SAMPLES_PER_ROW**0.5,
     )
 
 

@@ -61,7 +61,7 @@ def _check_ending(path: Path) -> None:
         head = file.read(HEAD_BYTES)
     wrong = _wrong_kind(ending, head)
     if wrong:
-        raise VgrooveError(f"{path}: is not what its ending {ending} says: {wrong}.")
+        raise VgrooveError(f"{path}: its content does not match its ending {ending}: {wrong}.")
 
 
 def _wrong_kind(ending: str, head: bytes) -> str:

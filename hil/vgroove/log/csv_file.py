@@ -20,7 +20,8 @@ def read_csv(path: Path) -> Log:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise VgrooveError(
-            f"{path}: is not what its ending .csv says: byte {error.start} is not UTF-8 text."
+            f"{path}: its content does not match its ending .csv: byte {error.start} is not UTF-8 "
+            "text."
         ) from error
     header, lines, rows = _split_rows(path, text)
     warnings = _check_header(path, header)

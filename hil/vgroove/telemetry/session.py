@@ -30,7 +30,8 @@ TIME_MODULUS = 1 << 32  # of the frames' time in ms
 BACKWARD_MS = 1 << 31  # a larger step of the modular time is a step backward: a restart
 JUMP_MS = 10_000  # a larger gap in time needs a second frame that confirms it
 CONFIRM_MS = 1000  # the second frame is at most this much later
-# A tick signal is the low byte of a time: its frame is less than this older than it says.
+# A tick signal is the low byte of the time since which the values of its frame hold; the frame is
+# less than this later.
 TICK_MODULUS_MS = 256
 DUTY_FULL_SCALE = 255  # compare value of duty 1 where no BOOT frame was received
 BOARD_RESTARTED = "the board restarted"
@@ -47,7 +48,9 @@ class HeldSignals:
         self._changes: list[tuple[int, dict[str, float]]] = []
 
     def add(self, now_ms: int, signals: dict[str, float]) -> None:
-        """A frame that arrived at `now_ms`; its tick signal says since when its values hold."""
+        """A frame that arrived at `now_ms`; its tick signal is the time since which its values
+        hold, modulo 256.
+        """
         age_ms = (now_ms - int(signals[self._tick])) % TICK_MODULUS_MS if self._tick else 0
         self._changes.append((now_ms - age_ms, signals))
 

@@ -1,5 +1,5 @@
-// The drill driver's controller on a made motor: ramp, pulse mode, clutch, jams and what is none,
-// borders, and any input at all.
+// Drill driver's controller on a simple motor model: ramp, pulse mode, clutch, jams, ordinary
+// loads, limits, and random inputs.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -25,7 +25,7 @@ DrillSetpoints with_clutch(double torque_nm) {
     return set;
 }
 
-// Motor and controller; a wish acts in the tick after the one that it was made in.
+// Motor and controller; a returned duty is applied in the next tick.
 struct Drive {
     DrillSetpoints set;
     Drill drill{};
@@ -42,7 +42,7 @@ struct Drive {
         return *this;
     }
 
-    // load_a: current that the load takes while the shaft turns. Returns the wish.
+    // load_a: current of the load while the shaft turns. Returns the duty of the controller.
     int16_t tick(double travel, double load_a) {
         const bool open = now < 0;
         const double volts = now / 32767.0 * supply_v;
@@ -98,12 +98,12 @@ TEST(Drill, RunsUpInThreeTenthsOfASecondAndFollowsTheTrigger) {
     EXPECT_EQ(drill_state(&drive.drill), DRILL_RUN);
 }
 
-TEST(Drill, ATurningShaftIsTakenUpWhereItIs) {
+TEST(Drill, ATurningShaftKeepsItsDuty) {
     Drive drive(PLAIN);
     EXPECT_NEAR(drive.tick(0.7, 0.0) / 32767.0, 0.7, 0.01);
 }
 
-TEST(Drill, PulsesPast15AWhereItMayAndNotAt14) {
+TEST(Drill, PulsesAbove15AInPulseModeAndNotAt14) {
     DrillSetpoints pulse = PLAIN;
     pulse.pulse = true;
     for (const auto &[set, load_a, expected] :
@@ -114,7 +114,7 @@ TEST(Drill, PulsesPast15AWhereItMayAndNotAt14) {
     }
 }
 
-TEST(Drill, AShareOfThePulsesIsACoastOf25MsAndADriveOf75) {
+TEST(Drill, APulseIsACoastOf25MsAndADriveOf75Ms) {
     DrillSetpoints set = PLAIN;
     set.pulse = true;
     Drive drive = Drive(set).begun();
@@ -128,7 +128,7 @@ TEST(Drill, AShareOfThePulsesIsACoastOf25MsAndADriveOf75) {
     }
 }
 
-TEST(Drill, PulsesEndWhereTheMeanFallsBelow8AAndNotBeforeATenthOfASecond) {
+TEST(Drill, PulsesEndWhenTheMeanFallsBelow8AAndNotBeforeATenthOfASecond) {
     DrillSetpoints set = PLAIN;
     set.pulse = true;
     Drive drive = Drive(set).begun();
@@ -177,7 +177,7 @@ TEST(Drill, AntiKickbackCanBeTurnedOff) {
     EXPECT_EQ(drill_state(&drive.drill), DRILL_RUN);
 }
 
-// A screw whose torque rises with the angle: current i_set is reached after so many turns of the
+// A screw whose torque rises with the angle: the set current is reached after `degrees` of the
 // chuck.
 double tightened_a(Drive &drive, double set_a, double degrees) {
     drive.run(500, 1.0, 0.0);
@@ -212,14 +212,14 @@ TEST(Drill, TheClutchLetsTheFreeShaftRunAtItsSpeed) {
     EXPECT_NEAR(drill_estimate(&drive.drill) / 16.0, FRICTION_A, 0.5);
 }
 
-TEST(Drill, ATorqueOutOfReachIsRefused) {
+TEST(Drill, ATorqueOutOfRangeIsRefused) {
     EXPECT_EQ(Drive(with_clutch(13.3)).tick(0.1, 0.0) >= 0, true);
     Drive drive(with_clutch(14.0));
     EXPECT_EQ(drive.tick(0.1, 0.0), CONTROLLER_STOP);
     EXPECT_EQ(drill_stop_reason(&drive.drill), CONTROLLER_REASON_UNREACHABLE);
 }
 
-TEST(Drill, AnyInputGivesADutyOrACode) {
+TEST(Drill, RandomInputsGiveADutyOrACode) {
     std::mt19937 random(5);
     const auto any = [&random](int low, int high) {
         return std::uniform_int_distribution<int>(low, high)(random);
@@ -253,7 +253,7 @@ TEST(Drill, AnyInputGivesADutyOrACode) {
     }
 }
 
-TEST(Drill, APulseNeverDrivesWithoutTheTrigger) {
+TEST(Drill, APulseDoesNotDriveWithoutTheTrigger) {
     DrillSetpoints set = PLAIN;
     set.pulse = true;
     Drive drive = Drive(set).begun();

@@ -1,4 +1,4 @@
-// Fold-back: laws, and the closed loop with the reference motor (physics.md).
+// Fold-back: laws, and the closed loop with the reference motor (docs/spec/model.md, section 4).
 #include <gtest/gtest.h>
 
 extern "C" {
@@ -14,7 +14,7 @@ Foldback foldback() {
     return self;
 }
 
-TEST(Foldback, LeavesTheWishAloneWithinTheLimit) {
+TEST(Foldback, DoesNotChangeTheDutyWithinTheLimit) {
     Foldback self = foldback();
     for (int current = -45 * 512; current <= 45 * 512; current += 64)
         ASSERT_EQ(foldback_step(&self, 12345, static_cast<int16_t>(current)), 12345);
@@ -28,7 +28,7 @@ TEST(Foldback, BrakingCurrentRaisesTheDuty) {
     EXPECT_GT(foldback_step(&self, 0, -60 * 512), 0);
 }
 
-TEST(Foldback, StaysADutyWhateverHappens) {
+TEST(Foldback, ReturnsADutyForAnyInput) {
     Foldback self = foldback();
     for (int k = 0; k < 4000; ++k) {
         const int16_t duty = foldback_step(&self, 32767, k < 2000 ? 32767 : -32768);
@@ -36,8 +36,8 @@ TEST(Foldback, StaysADutyWhateverHappens) {
     }
 }
 
-// A locked shaft at 20.5 V and full trigger: the static gain is the highest there is. Current
-// follows within a tick, two ticks late.
+// A locked shaft at 20.5 V and full trigger, the greatest static gain. The current follows within a
+// tick, with a delay of two ticks.
 TEST(Foldback, LimitsALockedMotorWithoutTripping) {
     for (const double resistance : {0.19, 0.29}) {
         Foldback self = foldback();

@@ -1,5 +1,5 @@
-// Laws of the commanded profile: never beyond the trigger, never longer than it holds, and the hand
-// has the trigger back at its release.
+// Laws of the commanded duty profile: never beyond the trigger, never after its time limit, and the
+// trigger sets the duty again after its release.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -20,7 +20,7 @@ TEST(Profile, WithoutAFrameTheTriggerIsTheDuty) {
     }
 }
 
-TEST(Profile, AFrameHoldsForItsTimeAndNotATickLonger) {
+TEST(Profile, AFrameIsValidForItsTimeAndNotATickLonger) {
     Profile profile{};
     profile_take(&profile, 9000);
     for (unsigned ms = 1; ms < PROFILE_HOLD_MS; ++ms) {
@@ -31,7 +31,7 @@ TEST(Profile, AFrameHoldsForItsTimeAndNotATickLonger) {
     EXPECT_EQ(profile_wish(&profile, 20000), CONTROLLER_STOP);
     profile_tick(&profile, true);
     EXPECT_EQ(profile_wish(&profile, 20000), CONTROLLER_STOP)
-        << "while the drive goes on it does not become the hand's";
+        << "the trigger does not take over during a drive";
 }
 
 TEST(Profile, TheTriggerLimitsIt) {
@@ -43,24 +43,24 @@ TEST(Profile, TheTriggerLimitsIt) {
     EXPECT_EQ(profile_wish(&profile, 0), 0);
 }
 
-TEST(Profile, BelowZeroTheBridgeIsOpen) {
+TEST(Profile, ANegativeDutyOpensTheBridge) {
     Profile profile{};
     profile_take(&profile, -1);
     EXPECT_EQ(profile_wish(&profile, 20000), CONTROLLER_COAST);
 }
 
-TEST(Profile, OverAtAReleasedTriggerItLeavesTheTriggerToTheHand) {
+TEST(Profile, AProfileThatEndsAtAReleasedTriggerReturnsTheDutyToTheTrigger) {
     Profile profile{};
     profile_take(&profile, 100);
     for (unsigned ms = 0; ms < PROFILE_HOLD_MS; ++ms)
         profile_tick(&profile, false);
     EXPECT_EQ(profile_wish(&profile, 20000), CONTROLLER_STOP)
-        << "a trigger pulled in this very tick is still the profile's";
+        << "a trigger pulled in the same tick does not take over";
     profile_tick(&profile, false);
     EXPECT_EQ(profile_wish(&profile, 20000), 20000);
 }
 
-TEST(Profile, WhateverComesItNeverDrivesBeyondTheTriggerNorOnAnOldFrame) {
+TEST(Profile, RandomFramesNeverDriveBeyondTheTriggerNorAfterTheirTime) {
     std::mt19937 rng(5);
     Profile profile{};
     unsigned since = 1000;

@@ -1,1 +1,1 @@
-"""Cleaning of a log before it is judged: clock, lost rows, dead samples, missing values, command noise."""
+"""Cleaning of a log before the diagnosis: clock, lost rows, dead samples, gaps, command noise."""

@@ -1,59 +1,81 @@
-"""When a log's rows really closed: stamps that are taken late or rounded are put back on the even
-grid that they scatter around.
+"""Recovers the times at which a log's rows ended: time stamps that scatter around an even grid,
+because they were taken late or rounded, are replaced by that grid.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-NEAR = 0.5  # of an interval: a stamp further from its place on the grid belongs to no even clock
-EXACT = 1e-3  # of an interval: stamps this close to the grid are left as they are
-FEWEST_BREAKS = 5  # contradictions between edges and stamps that may come from reversals alone
-CLEARLY = 4.0  # times fewer contradictions on the grid
-LATE = 0.1  # of an interval: stamps scatter by no more that are written late
-PULL = 0.1  # share of a stamp's distance by which the clock that counts rows follows it
-FINEST_ROUNDING = 0.02  # of an interval: a last digit below that does not show in a row
+from vgroove.log import Log
+
+
+@dataclass(frozen=True)
+class ClockLimits:
+    """Limits of the choice between time stamps and even grid; lengths in intervals between rows.
+    Those without a derivation were chosen on the tuning half of the blind set.
+    """
+
+    usual_step: float = 1.5  # steps below this many median steps hold no missing row
+    max_distance: float = 0.5  # of a stamp from its grid point: beyond it belongs to another one
+    same_distance: float = 1e-3  # below, stamps and grid are equal and the stamps are kept
+    late_distance: float = 0.1  # largest distance of stamps that a host takes late
+    loop_gain: float = 0.1  # share of a stamp's distance by which the counting clock follows it
+    line_fits: int = 3  # fits of a line to the numbered rows; a long log needs a precise interval
+    # chains of edges that contradict the stamps: at most so many come from reversals alone
+    usual_contradictions: int = 5
+    fewer_contradictions: float = 4.0  # factor by which the grid must reduce them
+    # smallest rounding that is recognised
+    finest_rounding: float = 0.02
+    decimals: tuple[int, ...] = (1, 2, 3, 4, 5, 6)  # of stamps in s that may be rounded
+    digit_mismatch: float = 1e-4  # of the last digit: a rounded stamp misses it by less
+    rounding_error: float = 0.6  # of the last digit: distance to the grid from rounding alone
+
+
+LIMITS = ClockLimits()
 
 
 def even_grid(time_s: np.ndarray) -> np.ndarray | None:
-    """The even grid (n,), rows missing from it allowed, that all stamps lie within half an interval
-    of; None where there is none.
+    """The even grid (n,), s, that all stamps (n,) lie within half an interval of; rows may be
+    missing from it. None where there is none.
     """
     steps = np.diff(time_s)
-    # of rounded stamps the median is a digit off
-    interval = float(steps[steps < 1.5 * np.median(steps)].mean())
+    # the mean, because the median of rounded stamps is off by up to a digit
+    interval = float(steps[steps < LIMITS.usual_step * np.median(steps)].mean())
     place = row_numbers(time_s, interval)
-    for _ in range(3):  # a long log needs the interval to a small part of its row number
+    for _ in range(LIMITS.line_fits):
         slope, start = np.polyfit(place, time_s, 1)
         place = np.round((time_s - start) / slope)
         if np.any(np.diff(place) < 1.0):
             return None
     grid = start + slope * place
-    return grid if np.abs(time_s - grid).max() < NEAR * slope else None
+    return grid if np.abs(time_s - grid).max() < LIMITS.max_distance * slope else None
 
 
-def row_numbers(time_s: np.ndarray, interval: float) -> np.ndarray:
-    """Number (n,) of each row on a clock of about this interval that is pulled after the stamps, so
-    that their scatter does not add up.
+def row_numbers(time_s: np.ndarray, interval_s: float) -> np.ndarray:
+    """Number (n,) of each row on a clock of about this interval.
+
+    A first-order phase-locked loop: the clock follows the stamps by loop_gain, so that neither
+    their scatter nor an error of the interval adds up.
     """
     place, now = np.zeros(len(time_s)), float(time_s[0])
     for n in range(1, len(time_s)):
-        passed = max(1.0, round((float(time_s[n]) - now) / interval))
+        passed = max(1.0, round((float(time_s[n]) - now) / interval_s))
         place[n] = place[n - 1] + passed
-        now += passed * interval
-        now += PULL * (float(time_s[n]) - now)
+        now += passed * interval_s
+        now += LIMITS.loop_gain * (float(time_s[n]) - now)
     return place
 
 
 def is_rounding(time_s: np.ndarray, grid: np.ndarray) -> bool:
-    """Whether the distance to the grid is just the last decimal digit of the stamps."""
+    """Whether the distance of the stamps (n,) to the grid (n,) is only their last decimal digit."""
     interval = float(np.median(np.diff(grid)))
-    for digit in 10.0 ** -np.arange(1.0, 7.0):
-        if np.all(np.abs(np.round(time_s / digit) * digit - time_s) < 1e-4 * digit):
+    for digit in 10.0 ** -np.array(LIMITS.decimals, dtype=float):
+        error = np.abs(np.round(time_s / digit) * digit - time_s)
+        if np.all(error < LIMITS.digit_mismatch * digit):
             return bool(
-                digit > FINEST_ROUNDING * interval and np.abs(time_s - grid).max() < 0.6 * digit
+                digit > LIMITS.finest_rounding * interval
+                and np.abs(time_s - grid).max() < LIMITS.rounding_error * digit
             )
     return False
 
@@ -61,40 +83,47 @@ def is_rounding(time_s: np.ndarray, grid: np.ndarray) -> bool:
 def row_times(
     time_s: np.ndarray, contradictions: Callable[[np.ndarray], int] | None = None
 ) -> np.ndarray:
-    """Times (n,) at which the rows closed: the stamps, or the even grid behind them.
+    """Times (n,), s, at which the rows ended: the stamps (n,), or the even grid behind them.
 
     Uneven rows and scattered stamps look alike in the stamps. The Hall edges separate them: the
-    sensor's own timer measures the edge periods, and they follow one another without gaps only on
-    the right times. `contradictions` counts the breaks for given row times; None without edges (or
-    with a sensor that counts them). Then a scatter below LATE is taken for stamps that a host wrote
-    late, because a clock that starts the samples is steadier. Where the scatter is that small,
-    edges reject the grid only if it has more breaks than the stamps.
+    sensor's own timer measures the edge periods, and these follow one another without gaps only on
+    the right times. `contradictions` counts the gaps for given row times.
+
+    Without edges (None) a scatter below late_distance is taken as late stamps of a host, because
+    the clock that starts the samples is steadier. With edges, a scatter that small is kept only if
+    the grid has more contradictions than the stamps.
     """
     grid = even_grid(time_s) if len(time_s) > 2 else None
-    if grid is None or np.abs(time_s - grid).max() < EXACT * np.median(np.diff(grid)):
+    if grid is None:
+        return time_s
+    interval, distance = np.median(np.diff(grid)), np.abs(time_s - grid).max()
+    if distance < LIMITS.same_distance * interval:
         return time_s
     if is_rounding(time_s, grid):
         return grid
-    late = bool(np.abs(time_s - grid).max() < LATE * np.median(np.diff(grid)))
+    late = bool(distance < LIMITS.late_distance * interval)
     if contradictions is None:
         return grid if late else time_s
     stamped, even = contradictions(time_s), contradictions(grid)
-    clear = stamped >= even if late else stamped > FEWEST_BREAKS and stamped > CLEARLY * even
+    clear = (
+        stamped >= even
+        if late
+        else stamped > LIMITS.usual_contradictions and stamped > LIMITS.fewer_contradictions * even
+    )
     return grid if clear else time_s
 
 
-def correct_time_stamps(log: Any, contradictions: Callable[[np.ndarray], int] | None = None) -> Any:
-    """The log with the times at which its rows closed, and a warning where these are not its time
+def correct_time_stamps(log: Log, contradictions: Callable[[np.ndarray], int] | None = None) -> Log:
+    """The log with the times at which its rows ended, and a warning where these are not its time
     stamps; `contradictions` as in row_times.
     """
     time_s = np.asarray(log.time_s, dtype=float)
     real = row_times(time_s, contradictions)
     if real is time_s:
         return log
-    source, off = str(getattr(log, "source", "log")), float(np.abs(time_s - real).max())
+    off_ms = 1e3 * float(np.abs(time_s - real).max())
     warning = (
-        f"{source}: the time stamps scatter by up to {1e3 * off:.2g} ms around an even clock: "
+        f"{log.source}: the time stamps scatter by up to {off_ms:.2g} ms around an even clock: "
         "the rows are read on that clock"
     )
-    moved = [*getattr(log, "warnings", []), warning]
-    return replace(log, time_s=real, warnings=moved)
+    return replace(log, time_s=real, warnings=[*log.warnings, warning])

@@ -1,13 +1,12 @@
-"""Recognises samples that a sensor or a link did not deliver though a number stands there: dropped
-to zero, or frozen at an old value.
+"""Recognises samples that hold a number though the sensor or the link delivered none: dropped to
+zero, frozen at an old value, or disturbed.
 
-They are taken as missing. Nothing is done to a value that a tool could show: a current is 0 where
-the bridge is open, a Hall speed after its time-out, a clipped sensor stands at its limit, and a
-quiet one repeats itself while nothing else moves.
+They are taken as missing. Values that a tool can produce are left alone: a current of 0 while the
+bridge is open, a Hall speed of 0 after its timeout, a clipped sensor at its limit, a quiet sensor
+that repeats itself while nothing else moves.
 """
 
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
@@ -15,53 +14,98 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning.missing_values import hold_last_value
 from vgroove.gap.cleaning.sensor_noise import high_frequency_sigma
+from vgroove.log import Log
 from vgroove.rig import Rig
 
-MEASURED = ("current_a", "supply_v", "speed_rpm", "position_rad")
-# times the column's usual changes by which both neighbours of a dropped sample must stand off zero
-FAR = 4.0
-USUAL = 0.9  # quantile of a column's changes that is usual
-# usual changes that make a spike; share of its span the command may move; share of rows
-SPIKE, STILL, MANY = 20.0, 0.02, 0.02
-BESIDE = 3  # rows on each side that must agree that a value of zero is none
-FEWEST_FROZEN = 20  # rows that a column repeats itself before it may be frozen
-CHANCE = 1e-4  # expected number of such repeats in a log by chance
-PARTS = 5  # into which a stretch is cut to see whether another column moves in it
-MOVES = 0.1  # of a column's span, by which another moves while this one stands still
-PITCHES = 3.0  # edges that a speed must leave in a time-out before it cannot be one
-# of a rig that names none, shorter than measured.py assumes: the doubt is the sensor's
-SHORT_TIMEOUT_S = 0.05
+CHECKED = ("current_a", "supply_v", "speed_rpm")
+MEASURED = (*CHECKED, "position_rad")
+TINY = 1e-12  # smallest threshold on a change: a column without noise must not divide by zero
 
 
-def remove_dead_samples(log: Any, rig: Rig) -> Any:
-    """The log with dead samples as nan and a warning for each column that had any; VgrooveError
-    where no measured column ever changes.
+@dataclass(frozen=True)
+class DeadSampleLimits:
+    """Limits of the search for dead samples, chosen on the tuning half of the blind set. A column's
+    usual change is the quantile usual_quantile of its changes from sample to sample.
+    """
+
+    usual_quantile: float = 0.9
+    # dropped to zero
+    beside: int = 3  # rows on each side that must stand off zero
+    far: float = 4.0  # usual changes by which these rows must stand off zero
+    timeout_pitches: float = 3.0  # edges in a Hall timeout above which a speed cannot be 0
+    # timeout of a rig that states none, s: short, so that in doubt a speed of 0 is a real timeout
+    default_timeout_s: float = 0.05
+    # spikes
+    spike: float = 20.0  # usual changes off the neighbours
+    spike_neighbours: float = 0.5  # of that limit, within which the neighbours must agree
+    still_share: float = 0.02  # of its span, by which the command may move meanwhile
+    max_spike_share: float = 0.02  # of the rows: more are no disturbance
+    still_rows: int = 7  # window in which the command must be still
+    # frozen
+    min_frozen: int = 20  # rows, and pitches of a Hall speed, that a column repeats itself before
+    by_chance: float = 1e-4  # expected number of such repeats in a log by chance
+    min_repeat_probability: float = 1e-3  # smallest estimate, for a column without any repeat
+    parts: int = 5  # parts of a stretch whose medians show whether another column moves
+    moves_share: float = 0.1  # of a column's span, by which it moves between the parts
+    moves_sigma: float = 4.0  # standard deviations of a part's mean, likewise
+    span_quantiles: tuple[float, float] = (0.99, 0.01)  # between which a column's span lies
+    stopped_share: float = 0.5  # of a stretch, in which another column is frozen as well
+
+
+LIMITS = DeadSampleLimits()
+
+
+@dataclass(frozen=True)
+class _Column:
+    """One measured column (n,) among all columns of a log, times (n,), s, and the rig."""
+
+    name: str
+    time_s: np.ndarray
+    columns: dict[str, np.ndarray]
+    rig: Rig
+
+    @property
+    def values(self) -> np.ndarray:
+        """Samples (n,) of the column itself."""
+        return self.columns[self.name]
+
+    @property
+    def command(self) -> np.ndarray | None:
+        """The driving column (n,), with nan where samples are missing; None without one."""
+        return self.columns.get(self.rig.input["kind"])
+
+
+def remove_dead_samples(log: Log, rig: Rig) -> Log:
+    """The log with dead samples as nan and a warning that names the columns; VgrooveError where no
+    measured column ever changes.
     """
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
-    _refuse_lifeless(columns, rig, str(getattr(log, "source", "log")))
-    time_s, mask = np.asarray(log.time_s, dtype=float), {}
+    _refuse_constant(columns, rig, log.source)
+    time_s, found = np.asarray(log.time_s, dtype=float), {}
     stopped = np.zeros(len(time_s), bool)
-    for name in (n for n in MEASURED[:3] if n in columns and n != rig.input["kind"]):
-        mask[name] = dropped(columns, name, rig), frozen(time_s, columns, name, rig, stopped)
-        stopped = stopped | mask[name][1]
-    found = {name: masks for name, masks in mask.items() if np.any(masks)}
+    for name in (n for n in CHECKED if n in columns and n != rig.input["kind"]):
+        column = _Column(name, time_s, columns, rig)
+        masks = dropped_samples(column), frozen_samples(column, stopped)
+        stopped = stopped | masks[1]
+        if np.any(masks):
+            found[name] = masks
     if not found:
         return log
-    words = [
+    counts = [
         f"{name}: {int(zero.sum())} dropped to 0 or spikes, {int(still.sum())} frozen"
         for name, (zero, still) in found.items()
     ]
     cleaned = columns | {
         name: np.where(zero | still, np.nan, columns[name]) for name, (zero, still) in found.items()
     }
-    told = (
-        f"{log.source}: samples that no sensor would show are taken as missing: {'; '.join(words)}"
+    warning = (
+        f"{log.source}: samples that no sensor would show are taken as missing: {'; '.join(counts)}"
     )
-    return replace(log, columns=cleaned, warnings=[*log.warnings, told])
+    return replace(log, columns=cleaned, warnings=[*log.warnings, warning])
 
 
-def _refuse_lifeless(columns: dict[str, np.ndarray], rig: Rig, source: str) -> None:
-    """Nothing can be said about a tool of which every sensor shows one number."""
+def _refuse_constant(columns: dict[str, np.ndarray], rig: Rig, source: str) -> None:
+    """VgrooveError where every measured column holds one number only."""
     seen = [
         columns[name]
         for name in MEASURED
@@ -73,178 +117,195 @@ def _refuse_lifeless(columns: dict[str, np.ndarray], rig: Rig, source: str) -> N
         )
 
 
-def driven(columns: dict[str, np.ndarray], rig: Rig) -> np.ndarray:
-    """Rows (n,) in which the bridge drives, neither open nor shorted: a current of exactly 0 says
-    nothing elsewhere.
+def bridge_drives(column: _Column) -> np.ndarray:
+    """Rows (n,) in which the bridge drives, neither open nor shorted: elsewhere a current of
+    exactly 0 is possible.
     """
-    command = columns.get(rig.input["kind"])
-    known = (
-        hold_last_value(command) != 0.0
-        if command is not None
-        else np.ones(len(next(iter(columns.values()))), bool)
-    )
+    command, columns = column.command, column.columns
+    known = np.ones(len(column.time_s), bool)
+    if command is not None:
+        known = hold_last_value(command) != 0.0
     return known & (hold_last_value(columns["coast"]) == 0.0) if "coast" in columns else known
 
 
 def usual_change(values: np.ndarray) -> float:
-    """Change from sample to sample that is usual in a column (n,): noise, and what the tool does."""
-    return float(np.quantile(np.abs(np.diff(values)), USUAL)) if len(values) > 1 else 0.0
+    """Usual change of a column (n,) from sample to sample, in its unit: noise and motion."""
+    if len(values) < 2:
+        return 0.0
+    return float(np.quantile(np.abs(np.diff(values)), LIMITS.usual_quantile))
 
 
-def dropped(columns: dict[str, np.ndarray], name: str, rig: Rig) -> np.ndarray:
-    """Samples (n,) of exactly 0 between samples that stand far off it, as no motor, battery or edge
-    counter gives them: between such of one sign, or a long run of zeros while the bridge drives.
-    Few of them beyond what noise does must be spikes.
+def dropped_samples(column: _Column) -> np.ndarray:
+    """Samples (n,) of exactly 0 between samples that stand far off 0, and spikes.
+
+    The samples around must be of one sign, or the zeros a long run of the current while the bridge
+    drives: no motor, battery or edge counter behaves so.
     """
-    values, out = columns[name], spiked(columns, name, rig)
+    values, out = column.values, spikes(column)
+    beside, is_current = LIMITS.beside, column.name == "current_a"
     rows = np.flatnonzero(np.isfinite(values))
     live, zero = rows[values[rows] != 0.0], rows[values[rows] == 0.0]
-    if len(live) < 2 * BESIDE or not len(zero):
+    if len(live) < 2 * beside or not len(zero):
         return out
-    least = max(FAR * usual_change(values[live]), _slowest_rpm(rig) if name == "speed_rpm" else 0.0)
+    slowest_rpm = _slowest_rpm(column.rig) if column.name == "speed_rpm" else 0.0
+    least = max(LIMITS.far * usual_change(values[live]), slowest_rpm)
     at = np.searchsorted(live, zero)
-    inner = (at >= BESIDE) & (at <= len(live) - BESIDE)
+    inner = (at >= beside) & (at <= len(live) - beside)
     zero, at = zero[inner], at[inner]
-    around = np.stack([values[live[at + k]] for k in range(-BESIDE, BESIDE)])
+    around = np.stack([values[live[at + k]] for k in range(-beside, beside)])
     run = live[at] - live[at - 1] - 1  # zeros in a row
-    long_run = run >= FEWEST_FROZEN
-    one_sign = np.abs(np.sign(around).sum(axis=0)) == 2 * BESIDE
-    wrong = (np.abs(around) > least).all(axis=0) & (one_sign | (long_run & (name == "current_a")))
-    if name == "current_a":
-        wrong &= driven(columns, rig)[zero] | (run <= BESIDE)
+    one_sign = np.abs(np.sign(around).sum(axis=0)) == 2 * beside
+    long_run = (run >= LIMITS.min_frozen) & is_current
+    wrong = (np.abs(around) > least).all(axis=0) & (one_sign | long_run)
+    if is_current:
+        wrong &= bridge_drives(column)[zero] | (run <= beside)
     out[zero[wrong]] = True
     return out
 
 
-def spiked(columns: dict[str, np.ndarray], name: str, rig: Rig) -> np.ndarray:
-    """Single samples (n,) of current or bus far off their neighbours, which agree, while the
-    command holds still: a disturbed conversion. Where there are many, something makes them.
+def spikes(column: _Column) -> np.ndarray:
+    """Single samples (n,) of current or bus voltage far off their neighbours, which agree, while
+    the command is still: a disturbed conversion. None where there are many, which have a cause in
+    the tool.
     """
-    values, command = columns[name], columns.get(rig.input["kind"])
-    out = np.zeros(len(values), bool)
-    if name == "speed_rpm" or command is None or len(values) < 4 * BESIDE:
-        return out
-    whole, limit = (
-        hold_last_value(values),
-        SPIKE * max(usual_change(values[np.isfinite(values)]), 1e-12),
-    )
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(whole, 2, mode="edge"), 5)[
-        :, [0, 1, 3, 4]
-    ]
+    values, command = column.values, column.command
+    none = np.zeros(len(values), bool)
+    if column.name == "speed_rpm" or command is None or len(values) < 4 * LIMITS.beside:
+        return none
+    whole = hold_last_value(values)
+    limit = LIMITS.spike * max(usual_change(values[np.isfinite(values)]), TINY)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(whole, 2, mode="edge"), 5)
+    around = windows[:, [0, 1, 3, 4]]
     far = np.abs(whole - np.median(around, axis=1)) > limit
-    still = maximum_filter1d(hold_last_value(command), 7) - minimum_filter1d(
-        hold_last_value(command), 7
-    ) <= STILL * np.ptp(hold_last_value(command))
-    out = far & (np.ptp(around, axis=1) < 0.5 * limit) & still & np.isfinite(values)
-    return out if out.mean() < MANY else np.zeros(len(values), bool)
+    held = hold_last_value(command)
+    moved = maximum_filter1d(held, LIMITS.still_rows) - minimum_filter1d(held, LIMITS.still_rows)
+    still = moved <= LIMITS.still_share * np.ptp(held)
+    agree = np.ptp(around, axis=1) < LIMITS.spike_neighbours * limit
+    out = far & agree & still & np.isfinite(values)
+    return out if out.mean() < LIMITS.max_spike_share else none
 
 
 def _slowest_rpm(rig: Rig) -> float:
-    """Speed below which edges may time out between rows: three pitches a time-out."""
-    pulses = rig.sensors.get("hall_pulses_per_rev", 0)
-    return (
-        PITCHES * 60.0 / pulses / rig.sensors.get("hall_timeout_s", SHORT_TIMEOUT_S)
-        if pulses
-        else 0.0
-    )
-
-
-def frozen(
-    time_s: np.ndarray, columns: dict[str, np.ndarray], name: str, rig: Rig, stopped: np.ndarray
-) -> np.ndarray:
-    """Samples (n,) that repeat the one before for longer than chance allows, while another column
-    moves or has stopped (n,) with it, or ending in a jump.
+    """Speed, rpm, of timeout_pitches in a Hall timeout: below, edges may time out between rows; 0
+    for a speed that is not made from edges.
     """
-    values, out = columns[name], np.zeros(len(time_s), bool)
+    pulses = rig.sensors.get("hall_pulses_per_rev", 0)
+    if not pulses:
+        return 0.0
+    timeout_s = rig.sensors.get("hall_timeout_s", LIMITS.default_timeout_s)
+    return LIMITS.timeout_pitches * 60.0 / pulses / timeout_s
+
+
+def frozen_samples(column: _Column, stopped: np.ndarray) -> np.ndarray:
+    """Samples (n,) that repeat the one before for longer than chance explains, while another column
+    moves or is frozen as well (stopped, (n,)), or that end in a jump.
+    """
+    values, out = column.values, np.zeros(len(column.time_s), bool)
     rows = np.flatnonzero(np.isfinite(values))
-    if len(rows) < 2 * FEWEST_FROZEN:
+    if len(rows) < 2 * LIMITS.min_frozen:
         return out
     seen = values[rows]
     begin = np.flatnonzero(np.concatenate([[True], seen[1:] != seen[:-1]]))
     end = np.append(begin[1:], len(rows))
-    longest = longest_by_chance(end - begin, seen[begin] != 0.0)
-    for a, b in zip(begin[end - begin > longest], end[end - begin > longest], strict=True):
+    long_run = end - begin > longest_by_chance(end - begin, seen[begin] != 0.0)
+    for a, b in zip(begin[long_run], end[long_run], strict=True):
         first, last = rows[a], rows[b - 1]
-        if _may_stand(columns, name, rig, first, last, float(time_s[last] - time_s[first])):
+        if _may_repeat(column, first, last):
             continue
         if (
-            stopped[first : last + 1].mean() > 0.5
-            or _moves(columns, name, rig, first, last)
-            or _jumps(columns, name, rig, last)
+            stopped[first : last + 1].mean() > LIMITS.stopped_share
+            or _other_moves(column, first, last)
+            or _jumps(column, last)
         ):
             out[rows[a + 1 : b]] = True
     return out
 
 
-def _may_stand(
-    columns: dict[str, np.ndarray], name: str, rig: Rig, first: int, last: int, duration_s: float
-) -> bool:
-    """Whether a column may show one value between two rows: a current at its limit or undriven, a
-    speed for a few pitches.
+def _may_repeat(column: _Column, first: int, last: int) -> bool:
+    """Whether a column may hold one value from row first to last: a current at its limit or without
+    drive, a Hall speed for a few pitches, any column at 0.
     """
-    value = columns[name][first]
-    if name == "current_a":
-        return (
-            value in (np.nanmin(columns[name]), np.nanmax(columns[name]))
-            or not driven(columns, rig)[first : last + 1].all()
-        )
-    return value == 0.0 or (
-        name == "speed_rpm" and duration_s < FEWEST_FROZEN * _pitch_s(rig, value)
-    )
+    values, value = column.values, column.values[first]
+    if column.name == "current_a":
+        at_limit = value in (np.nanmin(values), np.nanmax(values))
+        return at_limit or not bridge_drives(column)[first : last + 1].all()
+    if value == 0.0:
+        return True
+    duration_s = float(column.time_s[last] - column.time_s[first])
+    longest_s = LIMITS.min_frozen * _pitch_s(column.rig, value)
+    return column.name == "speed_rpm" and duration_s < longest_s
 
 
 def _pitch_s(rig: Rig, speed_rpm: float) -> float:
-    """Time between two edges, for which a Hall speed repeats itself; 0 for a speed that is not made
-    from edges.
+    """Time between two edges, s, for which a Hall speed repeats itself; 0 for a speed that is not
+    made from edges.
     """
     pulses = rig.sensors.get("hall_pulses_per_rev", 0)
     return 60.0 / pulses / abs(speed_rpm) if pulses else 0.0
 
 
 def longest_by_chance(length: np.ndarray, nonzero: np.ndarray) -> float:
-    """Length in rows that a run of equal samples reaches by chance, from the runs (r,) of a column
-    that are not suspicious themselves.
+    """Length, rows, that a run of equal samples exceeds by_chance times in a log by chance, from
+    the lengths of all runs (r,); nonzero (r,): runs of another value than 0.
+
+    The probability of a repeat is estimated from the short runs; repeats are taken as independent
+    (geometric distribution of the length).
     """
-    usual = length[nonzero & (length < FEWEST_FROZEN)]
+    usual = length[nonzero & (length < LIMITS.min_frozen)]
     if not len(usual):
         return np.inf
-    again = 1.0 - len(usual) / max(int(usual.sum()), 1)  # share of rows that repeat the one before
-    return max(FEWEST_FROZEN, np.log(CHANCE / max(int(length.sum()), 1)) / np.log(max(again, 1e-3)))
+    repeat = 1.0 - len(usual) / max(int(usual.sum()), 1)
+    log_chance = np.log(LIMITS.by_chance / max(int(length.sum()), 1))
+    log_repeat = np.log(max(repeat, LIMITS.min_repeat_probability))
+    return max(LIMITS.min_frozen, log_chance / log_repeat)
 
 
-def _jumps(columns: dict[str, np.ndarray], name: str, rig: Rig, last: int) -> bool:
-    """Whether a column leaves the value that it repeated with a jump that no command asked for."""
-    values, command = columns[name], columns.get(rig.input["kind"])
-    after = values[last + 1 : last + 1 + BESIDE]
-    if command is None or not len(after) or _pitch_s(rig, 1.0) * (name == "speed_rpm") > 0.0:
+def _jumps(column: _Column, last: int) -> bool:
+    """Whether a column leaves the value that it repeated up to row `last` with a jump while the
+    command is still; a Hall speed changes in jumps anyway.
+    """
+    values, command = column.values, column.command
+    end = last + 1 + LIMITS.beside
+    after = values[last + 1 : end]
+    from_edges = column.name == "speed_rpm" and _pitch_s(column.rig, 1.0) > 0.0
+    if command is None or not len(after) or from_edges:
         return False
-    if np.ptp(hold_last_value(command)[last : last + 1 + BESIDE]) > STILL * np.ptp(
-        hold_last_value(command)
-    ):
+    held = hold_last_value(command)
+    if np.ptp(held[last:end]) > LIMITS.still_share * np.ptp(held):
         return False
     changes = np.abs(np.diff(values[np.isfinite(values)]))
     changing = changes[changes > 0.0]
-    return len(changing) > 0 and bool(
-        np.nanmin(np.abs(after - values[last])) > FAR * np.quantile(changing, USUAL)
-    )
+    if len(changing) == 0:
+        return False
+    usual = np.quantile(changing, LIMITS.usual_quantile)
+    return bool(np.nanmin(np.abs(after - values[last])) > LIMITS.far * usual)
 
 
-def _moves(columns: dict[str, np.ndarray], name: str, rig: Rig, first: int, last: int) -> bool:
-    """Whether the command, or another measured column beyond its noise, moves clearly between two
-    rows: medians of parts are compared. A rounded edge speed may well stand while the current
-    moves, so that for it only the command counts.
+def _other_moves(column: _Column, first: int, last: int) -> bool:
+    """Whether the command or another measured column moves clearly beyond its noise from row first
+    to last. A rounded Hall speed may repeat while the current moves: for it only the command
+    counts.
     """
-    from_edges = name == "speed_rpm" and _pitch_s(rig, 1.0) > 0.0
-    for other in {rig.input["kind"]} if from_edges else {*MEASURED, rig.input["kind"]} - {name}:
-        values = columns.get(other)
-        if values is None or not np.isfinite(values[first : last + 1]).any():
-            continue
-        whole = hold_last_value(values)
-        middles = [np.median(part) for part in np.array_split(whole[first : last + 1], PARTS)]
-        span = float(np.subtract(*np.quantile(whole, [0.99, 0.01])))
-        noise = 0.0 if other == rig.input["kind"] else high_frequency_sigma(values)
-        if np.ptp(middles) > max(
-            MOVES * span, FAR * noise / np.sqrt(max(1.0, (last - first) / PARTS)), 1e-12
-        ):
+    kind = column.rig.input["kind"]
+    from_edges = column.name == "speed_rpm" and _pitch_s(column.rig, 1.0) > 0.0
+    for other in {kind} if from_edges else {*MEASURED, kind} - {column.name}:
+        values = column.columns.get(other)
+        if values is not None and _moves(values, first, last, noisy=other != kind):
             return True
     return False
+
+
+def _moves(values: np.ndarray, first: int, last: int, noisy: bool) -> bool:
+    """Whether the medians of parts of the rows first..last differ by more than moves_share of the
+    column's (n,) span, and by more than its noise if it is a noisy measurement.
+    """
+    if not np.isfinite(values[first : last + 1]).any():
+        return False
+    whole = hold_last_value(values)
+    middles = [np.median(part) for part in np.array_split(whole[first : last + 1], LIMITS.parts)]
+    span = float(np.subtract(*np.quantile(whole, LIMITS.span_quantiles)))
+    noise = high_frequency_sigma(values) if noisy else 0.0
+    rows = max(1.0, (last - first) / LIMITS.parts)
+    return np.ptp(middles) > max(
+        LIMITS.moves_share * span, LIMITS.moves_sigma * noise / np.sqrt(rows), TINY
+    )

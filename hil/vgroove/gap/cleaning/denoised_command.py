@@ -1,5 +1,5 @@
-"""A measured command without most of its noise and with all of its steps, ramps and roundings, and
-what noise is left in it.
+"""Removes most of the noise of a measured command and keeps its steps, ramps and quantisation;
+states the noise that is left.
 """
 
 from dataclasses import dataclass
@@ -8,20 +8,34 @@ import numpy as np
 
 from vgroove.gap.cleaning.sensor_noise import command_noise_sigma
 
-MOST_REACH = 500  # samples on each side of one that is calmed
-TOGETHER = 4  # pairs of samples that may bend the window together
-BEND = 4.0  # sigmas by which they bend it for sure
-STEP_BACK = 4  # pairs before a bend that may belong to it
-STILL = 3.0  # sigmas by which a command that stands still may seem to move across a window
-FEWEST_ROWS = 50  # that stand still, or move, to tell what scatters there
-LASTING = (1, 8, 32)  # rows over which the command's own scatter may last
-LEAST_AVERAGED = 5  # samples in a mean beside which a scatter shows
+
+@dataclass(frozen=True)
+class DenoiseLimits:
+    """Limits of the adaptive mean, chosen on the tuning half of the blind set; sigma is the
+    standard deviation of the command's noise.
+    """
+
+    max_reach: int = 500  # samples: largest half width of a window
+    tested_pairs: int = 4  # outermost pairs of samples that are compared with the window inside
+    bend_sigma: float = 4.0  # difference of that comparison at which the window stops growing
+    back_pairs: int = 4  # pairs before the detected bend that may belong to it
+    moving_sigma: float = 3.0  # change across a window above which the command moves
+    min_rows: int = 50  # rows at rest, or moving, that are needed to estimate their scatter
+    min_averaged: int = 5  # samples in a mean beside which the scatter is visible
+    # rows over which the scatter of the command itself may be correlated
+    correlated_rows: tuple[int, ...] = (1, 8, 32)
+    unknown_share: float = 0.5  # share of the scatter that is kept where noise and command mix
+
+
+LIMITS = DenoiseLimits()
 
 
 @dataclass(frozen=True)
 class DenoisedCommand:
-    """A command (rows,) and 1 sigma of what is wrong with it: noise_v in a mean of so many samples
-    (averaged), which lasts for as many rows, and fast_v, from row to row; both (rows,) or a number.
+    """A command (n,) and the standard deviation of its remaining error, in the command's unit.
+
+    noise_v: noise of one logged sample; its mean over `averaged` samples (n,) is the error that
+    lasts for as many rows. fast_v: independent error of each row, (n,) or a number.
     """
 
     values: np.ndarray
@@ -31,73 +45,84 @@ class DenoisedCommand:
 
 
 def denoise_command(values: np.ndarray) -> DenoisedCommand:
-    """Each sample (n,) as the mean of the widest window around it that does not bend, as many on
-    both sides: straight lines stay.
+    """The command (n,) with each sample replaced by the mean of the widest symmetric window around
+    it that holds a straight line, which such a mean does not change.
 
-    What scatters more on ramps than at rest is the command's own rounding and stays, as far as
-    noise lets it be seen. Where nothing is at rest to tell them apart half of the scatter stays:
-    wrong by half, whichever it is.
+    Scatter that is larger on ramps than at rest is the command's own (its quantisation); of it the
+    share that exceeds the noise is kept (a Wiener gain). Where no part is at rest half of the
+    scatter is kept, with an error of the other half.
     """
-    scatter = command_noise_sigma(values)
-    if scatter == 0.0:
+    sigma = command_noise_sigma(values)
+    if sigma == 0.0:
         return DenoisedCommand(values)
-    mean, averaged = straight_means(values, scatter)
+    mean, averaged = straight_means(values, sigma)
     rest = values - mean
-    wide = averaged >= LEAST_AVERAGED
-    moves = moving(mean, averaged, scatter)
-    if np.count_nonzero(wide & ~moves) < FEWEST_ROWS:
-        return DenoisedCommand(mean + 0.5 * rest, 0.0, 1.0, 0.5 * scatter)
+    wide = averaged >= LIMITS.min_averaged
+    moves = is_moving(mean, averaged, sigma)
+    if np.count_nonzero(wide & ~moves) < LIMITS.min_rows:
+        share = LIMITS.unknown_share
+        return DenoisedCommand(mean + share * rest, 0.0, 1.0, share * sigma)
     noise_v = float(np.sqrt(np.mean(rest[wide & ~moves] ** 2)))
-    mine = wide & moves
-    own = max(0.0, power(rest, mine) - noise_v**2) if np.count_nonzero(mine) >= FEWEST_ROWS else 0.0
-    real = np.where(moves, own / (own + noise_v**2), 0.0)
-    return DenoisedCommand(mean + real * rest, noise_v, averaged, np.sqrt(real) * noise_v)
+    on_ramps, own = wide & moves, 0.0
+    if np.count_nonzero(on_ramps) >= LIMITS.min_rows:
+        own = max(0.0, scatter_power(rest, on_ramps) - noise_v**2)
+    gain = np.where(moves, own / (own + noise_v**2), 0.0)
+    return DenoisedCommand(mean + gain * rest, noise_v, averaged, np.sqrt(gain) * noise_v)
 
 
 def straight_means(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Means (n,) over the widest window around each sample that does not bend, and the number of
-    samples (n,) in each.
+    """Means (n,) over the widest symmetric window around each sample that holds a straight line,
+    and the number of samples (n,) in each; sigma: noise of one sample.
+
+    Windows grow sample by sample. One stops where the mean of its outermost pairs differs from the
+    mean inside by more than bend_sigma (one pair, then tested_pairs, so that weak bends show too).
     """
-    n, reach, grows = (
-        len(values),
-        np.zeros(len(values), dtype=int),
-        np.ones(len(values), dtype=bool),
-    )
-    most = min(MOST_REACH, (n - 1) // 2)
+    n = len(values)
+    reach, grows = np.zeros(n, dtype=int), np.ones(n, dtype=bool)
     total = np.concatenate([[0.0], np.cumsum(values)])
-    for k in range(1, most + 1):
+    for k in range(1, min(LIMITS.max_reach, (n - 1) // 2) + 1):
         at = np.flatnonzero(grows[k : n - k]) + k
         if not len(at):
             break
-        bent = np.zeros(len(at), dtype=bool)
-        for pairs in {1, min(k, TOGETHER)}:
-            inner = 2 * (k - pairs) + 1
-            inside = total[at + k - pairs + 1] - total[at - k + pairs]
-            outside = total[at + k + 1] - total[at - k] - inside
-            bent |= np.abs(outside / (2 * pairs) - inside / inner) > BEND * sigma * np.sqrt(
-                0.5 / pairs + 1.0 / inner
-            )
+        bent = _is_bent(total, at, k, sigma)
         grows[at[bent]] = False
-        reach[at[bent]] = max(0, k - 1 - STEP_BACK)
+        reach[at[bent]] = max(0, k - 1 - LIMITS.back_pairs)
         reach[at[~bent]] = k
     row = np.arange(n)
     return (total[row + reach + 1] - total[row - reach]) / (2 * reach + 1), 2 * reach + 1
 
 
-def moving(mean: np.ndarray, averaged: np.ndarray, sigma: float) -> np.ndarray:
-    """Whether the command (n,) moves around each sample: more across the half of its window than
-    its noise.
+def _is_bent(total: np.ndarray, at: np.ndarray, k: int, sigma: float) -> np.ndarray:
+    """Whether the window of half width k around each of the rows at (m,) bends; total (n + 1,):
+    cumulated sum of the command.
+    """
+    bent = np.zeros(len(at), dtype=bool)
+    for pairs in {1, min(k, LIMITS.tested_pairs)}:
+        inner = 2 * (k - pairs) + 1
+        inside = total[at + k - pairs + 1] - total[at - k + pairs]
+        outside = total[at + k + 1] - total[at - k] - inside
+        limit = LIMITS.bend_sigma * sigma * np.sqrt(0.5 / pairs + 1.0 / inner)
+        bent |= np.abs(outside / (2 * pairs) - inside / inner) > limit
+    return bent
+
+
+def is_moving(mean: np.ndarray, averaged: np.ndarray, sigma: float) -> np.ndarray:
+    """Whether the command moves around each sample (n,): its mean changes across half of the window
+    by more than the noise of two means explains.
     """
     reach = np.minimum(averaged // 2, np.minimum(np.arange(len(mean)), np.arange(len(mean))[::-1]))
     half = np.maximum(reach // 2, 1)
     row = np.arange(len(mean))
     across = mean[np.minimum(row + half, len(mean) - 1)] - mean[np.maximum(row - half, 0)]
-    return np.abs(across) > STILL * sigma * np.sqrt(2.0 / averaged)
+    return np.abs(across) > LIMITS.moving_sigma * sigma * np.sqrt(2.0 / averaged)
 
 
-def power(rest: np.ndarray, rows: np.ndarray) -> float:
-    """Power of what scatters (n,) at rows (mask), as of the white noise that is as strong where it
-    is slow: steps that last add up.
+def scatter_power(rest: np.ndarray, rows: np.ndarray) -> float:
+    """Variance of the white noise that has as much power at low frequencies as the scatter rest
+    (n,) in the rows (mask): the largest over the block lengths correlated_rows.
     """
-    slow = [np.convolve(rest, np.full(length, length**-0.5), mode="same") for length in LASTING]
+    slow = [
+        np.convolve(rest, np.full(length, length**-0.5), mode="same")
+        for length in LIMITS.correlated_rows
+    ]
     return max(float(np.mean(part[rows] ** 2)) for part in slow)

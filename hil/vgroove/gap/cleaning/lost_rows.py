@@ -1,64 +1,71 @@
-"""Rows that a logger took and a line lost: the row after such a hole shows means over its own
-interval, not over the hole.
+"""Marks rows that a logger took and the line to it lost: the row after such a hole holds means over
+its own interval, not over the hole.
 """
 
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vgroove.gap.cleaning.sensor_noise import column_sigma
+from vgroove.log import Log
 from vgroove.rig import Rig
 
-# of an interval, by which a step between rows may miss a whole number of intervals; share that do
-# not
-EVEN, MOSTLY = 0.05, 0.98
-# share of the rows that may come after a hole: a clock that skips more often has no interval of its
-# own
-RARE = 0.1
-FAR = 4.0  # sigma that a row lies off both readings, where a step of the command lies in its hole
-SURE = 9.0  # squared sigmas by which the rows together must speak for lost ones
+
+@dataclass(frozen=True)
+class LostRowLimits:
+    """Limits of the search for lost rows, chosen on the tuning half of the blind set."""
+
+    # of an interval, by which a step between rows may miss a whole number of intervals
+    even_error: float = 0.05
+    even_share: float = 0.98  # of the steps, that must be whole numbers of intervals
+    # share of the rows that may follow a hole: a clock that skips more often has no fixed interval
+    max_hole_share: float = 0.1
+    # sigma: a row further from both predictions follows a step of the command in its hole
+    max_distance_sigma: float = 4.0
+    min_evidence: float = 9.0  # sigma^2: sum over all rows above which the rows count as lost
+
+
+LIMITS = LostRowLimits()
 
 
 def rows_after_holes(time_s: np.ndarray) -> np.ndarray:
-    """Rows (k,) of an otherwise even clock before which one or several rows are missing."""
+    """Rows (k,) before which one or several rows are missing from an otherwise even clock; time_s
+    (n,), s.
+    """
     steps = np.diff(time_s)
     usual = float(np.median(steps)) if len(steps) else 1.0
     count = np.round(steps / usual)
-    even = np.abs(steps - count * usual) < EVEN * usual
+    even = np.abs(steps - count * usual) < LIMITS.even_error * usual
     after = np.flatnonzero(even & (count > 1.0)) + 1
-    return (
-        after
-        if np.mean(even) > MOSTLY and len(after) <= RARE * len(time_s)
-        else np.zeros(0, dtype=int)
-    )
+    is_clock = np.mean(even) > LIMITS.even_share
+    if is_clock and len(after) <= LIMITS.max_hole_share * len(time_s):
+        return after
+    return np.zeros(0, dtype=int)
 
 
 def evidence_for_lost_rows(
     time_s: np.ndarray, values: np.ndarray, after: np.ndarray, sigma: float
 ) -> float:
-    """Squared sigmas by which a column of means (n,) lies, after each hole, nearer to its
-    neighbours' curve in the middle of the last interval than to that in the middle of the hole.
+    """Log-likelihood ratio, sigma^2, of lost rows against a logger that waited, from a column of
+    means (n,) with noise sigma in the rows `after` (k,) holes.
+
+    A cubic through the four neighbouring means predicts the value: in the middle of the last
+    interval if rows were lost, in the middle of the hole if the row is the mean over the hole.
     """
     middle = time_s - 0.5 * float(np.median(np.diff(time_s)))
     after = after[(after > 1) & (after < len(time_s) - 2)]
     beside = after[:, None] + np.array([-2, -1, 1, 2])
     whole = 0.5 * (time_s[after - 1] + time_s[after])
-    miss = (
-        np.array(
-            [
-                values[after] - cubic(middle[beside], values[beside], at)
-                for at in (middle[after], whole)
-            ]
-        )
-        / sigma
-    )
-    told = np.abs(miss).min(axis=0, initial=np.inf) < FAR
-    return float(np.sum(miss[1, told] ** 2 - miss[0, told] ** 2))
+    predicted = [
+        lagrange_cubic(middle[beside], values[beside], at) for at in (middle[after], whole)
+    ]
+    miss = np.array([values[after] - value for value in predicted]) / sigma
+    used = np.abs(miss).min(axis=0, initial=np.inf) < LIMITS.max_distance_sigma
+    return float(np.sum(miss[1, used] ** 2 - miss[0, used] ** 2))
 
 
-def cubic(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Value (k,) at `at` (k,) of the cubic through four points (k, 4) each: Lagrange's formula."""
+def lagrange_cubic(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Value (k,) at `at` (k,) of the cubic through four points (k, 4) each (Lagrange's formula)."""
     total = np.zeros(len(at))
     for j in range(x.shape[1]):
         others = [m for m in range(x.shape[1]) if m != j]
@@ -66,32 +73,31 @@ def cubic(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
     return total
 
 
-def insert_lost_rows(log: Any, rig: Rig) -> Any:
-    """The log with an empty row where the last row of each hole is missing, if its current shows
-    means over the last interval alone; else a row's interval is what the contract says: since the
-    row before.
+def insert_lost_rows(log: Log, rig: Rig) -> Log:
+    """The log with an empty row in place of the last missing row of each hole, if its current holds
+    means over the last interval alone; else the log itself, whose rows last since the row before
+    (docs/spec/gap.md, section 1).
     """
-    time_s, after = (
-        np.asarray(log.time_s, dtype=float),
-        rows_after_holes(np.asarray(log.time_s, dtype=float)),
-    )
+    time_s = np.asarray(log.time_s, dtype=float)
+    after = rows_after_holes(time_s)
     if not len(after) or "current_a" not in log.columns or rig.input["kind"] == "current_a":
         return log
     current = np.asarray(log.columns["current_a"], dtype=float)
-    if (
-        not evidence_for_lost_rows(time_s, current, after, column_sigma(rig, "current_a", current))
-        > SURE
-    ):
+    sigma = column_sigma(rig, "current_a", current)
+    if not evidence_for_lost_rows(time_s, current, after, sigma) > LIMITS.min_evidence:
         return log
     lost_s = time_s[after] - float(np.median(np.diff(time_s)))
     columns = {
         name: np.insert(np.asarray(values, dtype=float), after, np.nan)
         for name, values in log.columns.items()
     }
-    told = f"{log.source}: rows were lost in {len(after)} places: the row after each is read as means over its own interval"
+    warning = (
+        f"{log.source}: rows were lost in {len(after)} places: "
+        "the row after each is read as means over its own interval"
+    )
     return replace(
         log,
         time_s=np.insert(time_s, after, lost_s),
         columns=columns,
-        warnings=[*log.warnings, told],
+        warnings=[*log.warnings, warning],
     )

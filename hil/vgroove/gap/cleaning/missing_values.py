@@ -1,14 +1,16 @@
-"""Columns of a log with their missing samples filled, for what must have a value in every row:
-inputs and loads.
-"""
+"""Fills missing samples of columns that must have a value in every row: inputs and loads."""
 
 import numpy as np
 
-MIN_KNOWN_SHARE = 0.9  # share of the rows that know a column which is read anew in each
+# share of the rows that must hold a value for a column to count as sampled in every row; below it
+# the column is slower than the log and holds its values (chosen: sparse columns hold far less)
+MIN_KNOWN_SHARE = 0.9
 
 
 def hold_last_value(values: np.ndarray) -> np.ndarray:
-    """Missing samples take the last value before them, the first ones the first value there is."""
+    """The column (n,) with missing samples (nan) replaced by the last value before them, the first
+    ones by the first value; zeros without any value.
+    """
     known = np.isfinite(values)
     if not known.any():
         return np.zeros_like(values)
@@ -17,20 +19,23 @@ def hold_last_value(values: np.ndarray) -> np.ndarray:
 
 
 def interpolate_missing(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Missing samples lie on the straight line between their neighbours."""
+    """The column (n,) at times time_s (n,), s, with missing samples on the straight line between
+    their neighbours; zeros without any value.
+    """
     known = np.isfinite(values)
     return np.interp(time_s, time_s[known], values[known]) if known.any() else np.zeros_like(values)
 
 
 def interpolate_to_known_levels(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """As filled, by values that occur: a rounded column keeps its steps. A column that comes less
-    often than the rows holds its values.
+    """As interpolate_missing, rounded to the nearest value that the column (n,) holds elsewhere: a
+    quantised column keeps its levels. A column that is sampled more slowly than the rows holds its
+    last value.
     """
     known = np.isfinite(values)
     if np.mean(known) < MIN_KNOWN_SHARE:
         return hold_last_value(values)
-    occur = np.unique(values[known])
+    levels = np.unique(values[known])
     line = interpolate_missing(time_s, values)
-    low = occur[np.maximum(np.searchsorted(occur, line, side="right") - 1, 0)]
-    high = occur[np.minimum(np.searchsorted(occur, line), len(occur) - 1)]
+    low = levels[np.maximum(np.searchsorted(levels, line, side="right") - 1, 0)]
+    high = levels[np.minimum(np.searchsorted(levels, line), len(levels) - 1)]
     return np.where(known, values, np.where(line - low < high - line, low, high))

@@ -1,6 +1,8 @@
-"""Sensor noise: what the rig states, and what a log alone tells where the rig is silent; a model's
-residual is never asked.
+"""Standard deviation of the sensors' noise: as the rig states it, or estimated from the log alone
+where the rig states none; never from a model's residual.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -8,19 +10,43 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from vgroove.rig import Rig
 
-# differences that must fit a column's resolution, and steps in the smallest of them
-STEPS_LOOKED_AT, MOST_PARTS = 2000, 64
-FILTER_ROWS, FILTER_ORDER = 11, 3  # Savitzky-Golay filter whose residual is called noise
-SHORT = (5, 2)  # window and order of the filter that reaches across fewer steps
-DIFFERENCE_ORDERS = range(3, 9)  # of a position, in which white noise is looked for
-MAD_TO_SIGMA = 1.4826  # median absolute deviation to standard deviation of a normal distribution
-# a noiseless log must not divide by zero
+# Savitzky-Golay filter whose residual is taken as noise: window, samples, and order
+FILTER_ROWS, FILTER_ORDER = 11, 3
+SHORT_ROWS, SHORT_ORDER = 5, 2  # a shorter one, whose window reaches across fewer steps
+DIFFERENCE_ORDERS = range(3, 9)  # orders of a position's differences in which noise is looked for
+MIN_SAMPLES = 20  # finite samples below which no noise is estimated
+# 1 / the 75 % quantile of the normal distribution: median absolute deviation to sigma
+MAD_TO_SIGMA = 1.4826
+# smallest standard deviation of each column, in its unit: a noiseless log must not divide by zero
 MIN_SIGMA = {"current_a": 1e-3, "supply_v": 1e-3, "speed_rpm": 1e-2, "position_rad": 1e-9}
 
 
+@dataclass(frozen=True)
+class ResolutionLimits:
+    """Limits of the search for a column's resolution, chosen on the tuning half of the blind
+    set.
+    """
+
+    min_step: float = 1e-9  # differences below are arithmetic
+    max_differences: int = 2000  # differences that are looked at: bounds the time
+    max_parts: int = 64  # resolution steps in the smallest difference, at most
+    # resolution steps in a difference above which the rounding of the smallest difference alone
+    # makes it miss the multiple
+    max_count: float = 1000.0
+    multiple_error: float = 0.1  # of a resolution step, by which a difference may miss a multiple
+    multiple_share: float = 0.98  # of the differences, that must be multiples
+    decimal_error: float = 1e-9  # in the column's unit, by which a rounded value misses its decimal
+    # decimals up to which a column looks exact, and last one that is taken as a rounding
+    exact_decimals: int = 3
+    last_decimals: int = 6
+
+
+LIMITS = ResolutionLimits()
+
+
 def residual_power_share(window: int, order: int) -> float:
-    """Share of the power of white noise that a smooth line through a window around each sample
-    leaves.
+    """Share of the power of white noise in the residual of a Savitzky-Golay filter of this window,
+    samples, and order.
     """
     return 1.0 - float(savgol_coeffs(window, order)[window // 2])
 
@@ -29,34 +55,35 @@ RESIDUAL_POWER_SHARE = residual_power_share(FILTER_ROWS, FILTER_ORDER)
 
 
 def high_frequency_sigma(values: np.ndarray) -> float:
-    """Standard deviation of a column's (n,) high-frequency scatter, robust against steps; nan where
-    fewer than 20 samples are there.
+    """Standard deviation of a column's (n,) high-frequency scatter, in its unit, robust against
+    steps; nan with fewer than MIN_SAMPLES finite samples.
     """
     finite = values[np.isfinite(values)]
-    if len(finite) < 20:
+    if len(finite) < MIN_SAMPLES:
         return float("nan")
-    spread = typical_sigma(finite)
-    return (
-        spread
-        if spread > 0.0
-        else float(high_pass_residual(finite).std() / np.sqrt(RESIDUAL_POWER_SHARE))
-    )
+    sigma = typical_sigma(finite)
+    if sigma > 0.0:
+        return sigma
+    return float(high_pass_residual(finite).std() / np.sqrt(RESIDUAL_POWER_SHARE))
 
 
 def typical_sigma(values: np.ndarray) -> float:
-    """Standard deviation of the scatter of a column (n,) in most of its samples; 0 where most
-    repeat the one before. Motion only adds: where steps follow one another closely, windows that
-    reach across fewer of them tell.
+    """Standard deviation of the scatter of a column (n,) in most of its samples, in its unit; 0
+    where most samples repeat the one before.
+
+    The smaller of two filters' estimates, because motion only adds scatter: where steps follow one
+    another closely the shorter window holds fewer of them.
     """
-    spreads = [
-        _usual(values, window, order) for window, order in ((FILTER_ROWS, FILTER_ORDER), SHORT)
+    sigmas = [
+        _robust_sigma(values, window, order)
+        for window, order in ((FILTER_ROWS, FILTER_ORDER), (SHORT_ROWS, SHORT_ORDER))
     ]
-    return min(spreads) if min(spreads) > 0.0 else max(spreads)
+    return min(sigmas) if min(sigmas) > 0.0 else max(sigmas)
 
 
-def _usual(values: np.ndarray, window: int, order: int) -> float:
-    """Standard deviation of white noise that leaves as much as most samples (n,) depart from a line
-    through a window around them.
+def _robust_sigma(values: np.ndarray, window: int, order: int) -> float:
+    """Standard deviation of the white noise whose filter residual has the median absolute deviation
+    that the column's (n,) residual has.
     """
     residual = high_pass_residual(values, window, order)
     return float(
@@ -67,27 +94,28 @@ def _usual(values: np.ndarray, window: int, order: int) -> float:
 
 
 def command_noise_sigma(values: np.ndarray) -> float:
-    """1 sigma of the noise of a measured command (n,); 0 for one without: a scatter within half a
-    step of the column is its rounding.
+    """Standard deviation of the noise of a measured command (n,), in its unit; 0 where the scatter
+    is at most half of the column's resolution and therefore rounding.
     """
     finite = values[np.isfinite(values)]
-    spread = typical_sigma(finite) if len(finite) >= FILTER_ROWS else 0.0
-    return spread if spread > 0.5 * resolution_of(finite) else 0.0
+    sigma = typical_sigma(finite) if len(finite) >= FILTER_ROWS else 0.0
+    return sigma if sigma > 0.5 * resolution_of(finite) else 0.0
 
 
 def high_pass_residual(
     values: np.ndarray, window: int = FILTER_ROWS, order: int = FILTER_ORDER
 ) -> np.ndarray:
-    """What a smooth line through a column (n,) leaves: its noise, and its rounding."""
+    """Difference (n,) of a column and its Savitzky-Golay filter: noise and rounding."""
     return values - savgol_filter(values, window, order)
 
 
 def divided_differences(
     time_s: np.ndarray, values: np.ndarray, order: int, rows: int = 1
 ) -> np.ndarray:
-    """Divided differences of a column (n,) at its times (n,), each over instants so many rows
-    apart: a polynomial of a lower order leaves nothing, however uneven the rows, and white noise
-    itself.
+    """Divided differences of a column (n,) at its times (n,), s, each over instants `rows` rows
+    apart, normalised so that white noise keeps its standard deviation.
+
+    A polynomial below this order vanishes, however uneven the rows.
     """
     times, values = (sliding_window_view(x, order * rows + 1)[:, ::rows] for x in (time_s, values))
     length, weight = times[:, -1:] - times[:, :1], np.ones(times.shape)
@@ -97,12 +125,14 @@ def divided_differences(
 
 
 def position_noise_sigma(time_s: np.ndarray, values: np.ndarray) -> float:
-    """Standard deviation of the noise of a position (n,) at its times (n,): differences of high
-    order leave of a smooth motion little. The least over the orders, since motion only adds; nan
-    where fewer than 20 samples are there.
+    """Standard deviation of the noise of a position (n,), in its unit, at times (n,), s; nan with
+    fewer than MIN_SAMPLES finite samples.
+
+    Differences of high order remove a smooth motion. The least over the orders counts, since motion
+    only adds.
     """
     known = np.isfinite(values)
-    if np.count_nonzero(known) < 20:
+    if np.count_nonzero(known) < MIN_SAMPLES:
         return float("nan")
     found = (
         divided_differences(time_s[known], values[known], order) for order in DIFFERENCE_ORDERS
@@ -111,18 +141,17 @@ def position_noise_sigma(time_s: np.ndarray, values: np.ndarray) -> float:
 
 
 def position_sigma(rig: Rig, time_s: np.ndarray, values: np.ndarray) -> float:
-    """1 sigma of the samples (n,) of an angle at their times (n,), rad: the log's scatter, at least
-    its quantisation.
+    """Standard deviation, rad, of the samples (n,) of an angle at times (n,), s: the log's scatter,
+    at least its quantisation.
     """
     rounding = rig.sensors.get("position_lsb_rad", resolution_of(values)) / np.sqrt(12.0)
-    return float(
-        np.nanmax([position_noise_sigma(time_s, values), rounding, MIN_SIGMA["position_rad"]])
-    )
+    noise = position_noise_sigma(time_s, values)
+    return float(np.nanmax([noise, rounding, MIN_SIGMA["position_rad"]]))
 
 
 def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
-    """1 sigma of a column's samples in its unit: stated noise and quantisation, or the log's
-    scatter where no noise is stated.
+    """Standard deviation of the samples (n,) of current_a, supply_v or speed_rpm, in its unit:
+    stated noise and quantisation, or the log's scatter where the rig states no noise.
     """
     noise_key, lsb_key = {
         "current_a": ("current_noise_a", "current_lsb_a"),
@@ -131,44 +160,48 @@ def column_sigma(rig: Rig, column: str, values: np.ndarray) -> float:
     }[column]
     rounding = rig.sensors.get(lsb_key, resolution_of(values)) / np.sqrt(12.0)
     noise = rig.sensors.get(noise_key)
-    sigma = (
-        np.hypot(noise, rounding)
-        if noise is not None
-        else max(high_frequency_sigma(values), rounding)
-    )
+    if noise is None:
+        sigma = max(high_frequency_sigma(values), rounding)
+    else:
+        sigma = np.hypot(noise, rounding)
     return float(max(sigma, MIN_SIGMA[column]))
 
 
-def resolution_of(command: np.ndarray) -> float:
-    """Resolution of a column: the greatest step of which all differences between its values are
-    multiples, at most the smallest difference.
+def resolution_of(values: np.ndarray) -> float:
+    """Resolution of a column (n,), in its unit: the greatest step of which all differences between
+    its values are multiples, at most the smallest difference; 0 for a constant.
 
-    A column that moves fast (an encoder) shows few neighbouring values: its smallest difference is
-    several steps.
+    A column that moves fast (an encoder) holds few neighbouring values: its smallest difference is
+    then several steps.
     """
-    steps = np.diff(np.unique(command[np.isfinite(command)]))
-    steps = steps[steps > 1e-9]
+    steps = np.diff(np.unique(values[np.isfinite(values)]))
+    steps = steps[steps > LIMITS.min_step]
     if not len(steps):
         return 0.0
     least = float(steps.min())
-    some = steps[:: max(1, len(steps) // STEPS_LOOKED_AT)]
-    for parts in range(1, MOST_PARTS + 1):
+    some = steps[:: max(1, len(steps) // LIMITS.max_differences)]
+    for parts in range(1, LIMITS.max_parts + 1):
         count = some * parts / least
-        # beyond that the smallest difference, rounded as it is, misses the multiple
-        near = count < 1000.0
-        if near.any() and np.mean(np.abs(count[near] - np.round(count[near])) < 0.1) > 0.98:
-            return least / parts
+        near = count < LIMITS.max_count
+        if near.any():
+            is_multiple = np.abs(count[near] - np.round(count[near])) < LIMITS.multiple_error
+            if np.mean(is_multiple) > LIMITS.multiple_share:
+                return least / parts
     return least
 
 
-def decimal_resolution(command: np.ndarray) -> float:
-    """Value of the last decimal digit that a column is rounded to; 0 where values look exact: up to
-    three decimals, or more than six.
+def decimal_resolution(values: np.ndarray) -> float:
+    """Value of the last decimal digit that a column (n,) is rounded to, in its unit; 0 where the
+    values look exact: up to three decimals, or more than six.
     """
-    known = command[np.isfinite(command)]
-    if np.all(np.abs(np.round(known, 3) - known) < 1e-9):
+    known = values[np.isfinite(values)]
+
+    def has_decimals(decimals: int) -> bool:
+        return bool(np.all(np.abs(np.round(known, decimals) - known) < LIMITS.decimal_error))
+
+    if has_decimals(LIMITS.exact_decimals):
         return 0.0
-    for decimals in range(4, 7):
-        if np.all(np.abs(np.round(known, decimals) - known) < 1e-9):
+    for decimals in range(LIMITS.exact_decimals + 1, LIMITS.last_decimals + 1):
+        if has_decimals(decimals):
             return 10.0**-decimals
     return 0.0

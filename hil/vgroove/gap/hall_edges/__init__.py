@@ -1,1 +1,1 @@
-"""The Hall edges behind a logged speed column: their times, hidden and missed edges, scale and jitter."""
+"""The Hall edges behind a logged speed column: times, hidden and missed edges, scale, jitter."""

@@ -1,5 +1,5 @@
-"""Standard deviation of Hall edges (angle and time stamp) estimated from a log's edge periods, and
-the resulting sigma of each edge speed.
+"""Estimates the standard deviation of Hall edges (angle and time stamp) from a log's edge periods,
+and from it the standard deviation of each edge speed.
 """
 
 from dataclasses import dataclass
@@ -13,12 +13,27 @@ from vgroove.gap.hall_edges.missed_edges import as_single_pitches, widen_beside_
 from vgroove.rig import Rig
 from vgroove.units import RAD_S_PER_RPM
 
-FEWEST_WINDOWS = 5  # of edge periods, in which their jitter is looked for
-# edge periods of a window besides two turns: room for what is slow, for a pattern of the turn, and
-# for jitter
-BESIDE_A_TURN = 14
-COUNTED_ROWS = 14  # of a sensor that counts edges, in which its jitter is looked for
-TOUCHING = 0.2  # of a period: two that begin and end closer than this share an edge
+
+@dataclass(frozen=True)
+class JitterLimits:
+    """Limits of the jitter estimate, chosen on the tuning half of the blind set."""
+
+    min_windows: int = 5  # windows of edge periods below which no jitter is estimated
+    # edge periods of a window besides two turns: degrees of freedom left for jitter after motion
+    # and the pattern of the turn are projected out
+    beside_turns: int = 14
+    counted_rows: int = 14  # edge periods of a window of a sensor that counts edges
+    touching_share: float = 0.2  # of a period: two that end and begin closer share an edge
+    # windows are fast whose squared speed is above this share of the given quantile
+    fast_share: float = 0.25
+    fast_quantile: float = 0.9
+    min_slow_windows: int = 5  # below, the fast windows serve for the angle part as well
+    iterations: int = 10  # alternating estimates of angle and time part
+    rank_tolerance: float = 1e-9  # singular values below this share of the largest count as 0
+    min_length_s: float = 1e-9  # smallest length of a period that is divided by, s
+
+
+LIMITS = JitterLimits()
 
 
 @dataclass(frozen=True)
@@ -30,23 +45,25 @@ class Jitter:
 
 
 def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) -> Jitter:
-    """Jitter of the edges from a log's edge periods alone; none where the log is too short to tell.
+    """Jitter of the edges from a log's edge periods alone; zero where the log is too short.
 
-    In windows of some turns a quintic motion and a pattern that repeats every turn (eccentric or
-    unequal edges, cogging) are taken away. What stays is rounding and jitter; neighbouring periods
-    share an edge, so that jitter e makes period n err by e(n) - e(n-1). Where a row shows the last
-    of several edges its neighbours share none, and its place in the turn is counted along the edges
-    that no row shows. Rows that come slowly hold fast motion: what the nominal model expects is
-    taken away. Motion only adds: the least that is found counts.
+    In windows of some turns an orthogonal projection removes slow motion and any pattern that
+    repeats every turn (eccentric or unequal edges, cogging). The remainder is rounding of standard
+    deviation rounding_rpm and jitter; neighbouring periods share an edge, so that jitter e adds
+    e(n) - e(n-1) to period n. The median over windows is divided by the median of chi-square.
+
+    Two numberings of the edges in the turn are tried (as reported, and with hidden edges), each
+    with and without the motion that the nominal model expects, since slow rows hold fast motion.
+    Motion only adds variance: the smallest estimate counts.
     """
     edges = edges.without_timeouts()
-    # each row spans several edges: no pattern of a turn is left, and a turn would be long
     counted = pulses_per_rev >= MIN_COUNTING_PULSES
+    # each row of a counting sensor spans several edges: no pattern of a turn is left
     turn = 1 if counted else pulses_per_rev
-    size = COUNTED_ROWS if counted else max(4 * turn, 2 * turn + BESIDE_A_TURN)
+    size = LIMITS.counted_rows if counted else max(4 * turn, 2 * turn + LIMITS.beside_turns)
     starts = np.arange(0, len(edges.row) - size + 1, size // 2)
     starts = starts[edges.chain[starts] == edges.chain[starts + size - 1]]
-    if len(starts) < FEWEST_WINDOWS:
+    if len(starts) < LIMITS.min_windows:
         return Jitter()
     rows = starts[:, None] + np.arange(size)
     motions = [0.0] if edges.expected_rpm is None else [0.0, edges.expected_rpm]
@@ -69,31 +86,35 @@ def _edge_variance(
     place: np.ndarray,
     rounding_rpm: float,
 ) -> np.ndarray:
-    """Variance (m,) of an edge's angle, rad^2, in windows of rows (m, size), less a known motion
-    (n,), if edges lie at places (n,) of the turn.
+    """Variance (m,) of an edge's angle, rad^2, in windows of rows (m, size), without a known motion
+    (n,), if the edges have the numbers `place` (n,) in the turn.
     """
     period, middle = edges.end_s - edges.start_s, 0.5 * (edges.start_s + edges.end_s)
     mean_period, size = period[rows].mean(axis=1), rows.shape[1]
-    keep = _what_motion_leaves(middle[rows], place[rows])
-    touching = float(np.mean(np.abs(edges.start_s[1:] - edges.end_s[:-1]) < TOUCHING * period[1:]))
+    keep = _motion_free_projection(middle[rows], place[rows])
+    near = LIMITS.touching_share * period[1:]
+    touching = float(np.mean(np.abs(edges.start_s[1:] - edges.end_s[:-1]) < near))
+    # covariance of differences e(n) - e(n-1) of unit jitter, after the projection
     seen = keep @ (2.0 * np.eye(size) - touching * (np.eye(size, k=1) + np.eye(size, k=-1))) @ keep
     power = np.trace(seen, axis1=1, axis2=2)
+    # the squared remainder is a sum of weighted squares: a scaled chi-square distribution with
+    # trace^2 / trace of the square as its degrees of freedom (Satterthwaite 1946)
     freedom = power**2 / np.sum(seen**2, axis=(1, 2))
-    usual = chi2.median(freedom) / freedom  # the median of so few squares lies below their mean
+    median_share = chi2.median(freedom) / freedom  # its median lies below its mean
     angle = ((edges.speed_rpm - motion_rpm) * RAD_S_PER_RPM)[rows] * mean_period[:, None]
     square = np.sum(np.einsum("mi,mij->mj", angle, keep) ** 2, axis=1)
     rounding = np.trace(keep, axis1=1, axis2=2) * (rounding_rpm * RAD_S_PER_RPM * mean_period) ** 2
-    return (square / usual - rounding) / power
+    return (square / median_share - rounding) / power
 
 
 def _split_jitter(variance: np.ndarray, speed_squared: np.ndarray) -> Jitter:
-    """Angle and time part of windows' edge variances (m,), rad^2 = angle^2 + speed^2 time^2, from
-    the medians of fast and slow windows.
+    """Angle and time part of the edge variances (m,) of windows, rad^2 = angle^2 + speed^2 time^2,
+    from the medians of fast and slow windows; speed_squared (m,), (rad/s)^2.
     """
-    fast = speed_squared >= 0.25 * np.quantile(speed_squared, 0.9)
-    slow = ~fast if np.count_nonzero(~fast) >= 5 else fast
+    fast = speed_squared >= LIMITS.fast_share * np.quantile(speed_squared, LIMITS.fast_quantile)
+    slow = ~fast if np.count_nonzero(~fast) >= LIMITS.min_slow_windows else fast
     angle = time = 0.0
-    for _ in range(10):
+    for _ in range(LIMITS.iterations):
         time = max(0.0, float(np.median((variance[fast] - angle) / speed_squared[fast])))
         angle = 0.5 * angle + 0.5 * max(
             0.0, float(np.median(variance[slow] - speed_squared[slow] * time))
@@ -101,11 +122,13 @@ def _split_jitter(variance: np.ndarray, speed_squared: np.ndarray) -> Jitter:
     return Jitter(float(np.sqrt(angle)), float(np.sqrt(time)))
 
 
-def _what_motion_leaves(time_s: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Projections (m, size, size) of windows of values at times (m, size) that remove all that is
-    slower than half of the fastest wave, a quintic, and what depends on the place (m, size) in the
-    turn alone: jitter of shared edges is strongest in the fastest waves, where no motion and no
-    vibration reaches.
+def _motion_free_projection(time_s: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Orthogonal projections (m, size, size) that remove motion from windows of values at times
+    (m, size), s.
+
+    Removed are the slower half of all cosines (discrete cosine transform), a quintic polynomial,
+    and what depends on the edge's number `place` (m, size) in the turn alone. Jitter of shared
+    edges is strongest in the fastest cosines, where motion and vibration are absent.
     """
     size, since = time_s.shape[1], time_s - time_s[:, :1]
     share = (0.5 + since * (size - 1) / since[:, -1:]) / size
@@ -115,13 +138,13 @@ def _what_motion_leaves(time_s: np.ndarray, place: np.ndarray) -> np.ndarray:
     basis, scale, _ = np.linalg.svd(
         np.concatenate([slow, quintic, turn], axis=2), full_matrices=False
     )
-    basis = basis * (scale > 1e-9 * scale[:, :1])[:, None, :]
+    basis = basis * (scale > LIMITS.rank_tolerance * scale[:, :1])[:, None, :]
     return np.eye(size) - basis @ np.swapaxes(basis, 1, 2)
 
 
 def sigma_with_missed_rpm(rig: Rig, edges: EdgePeriods, missed: np.ndarray) -> np.ndarray:
-    """1 sigma (m,) of each edge period's speed, rpm, where missed (m,) edges were passed unseen:
-    jitter is that of the edges as if seen.
+    """Standard deviation (m,) of each edge period's speed, rpm, where the sensor passed over missed
+    (m,) edges: jitter is that of the periods shortened to one pitch.
     """
     rounding = rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0)
     jitter = edge_jitter(
@@ -131,17 +154,14 @@ def sigma_with_missed_rpm(rig: Rig, edges: EdgePeriods, missed: np.ndarray) -> n
 
 
 def edge_sigma_rpm(rig: Rig, edges: EdgePeriods, jitter: Jitter) -> np.ndarray:
-    """1 sigma (m,) of each edge period's speed, rpm: quantisation, stated noise, edge jitter, and
-    how well its place in time is known.
+    """Standard deviation (m,) of each edge period's speed, rpm: quantisation, stated noise, edge
+    jitter, and the uncertainty of its place in time.
     """
-    length = np.maximum(edges.end_s - edges.start_s, 1e-9)
+    length = np.maximum(edges.end_s - edges.start_s, LIMITS.min_length_s)
     rounding = rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0)
     noise = rig.sensors.get("speed_noise_rpm", 0.0)
-    edge = (
-        np.sqrt(2.0)
-        * np.hypot(jitter.angle_rad / RAD_S_PER_RPM, jitter.time_s * edges.speed_rpm)
-        / length
-    )
+    edge_rpm = np.hypot(jitter.angle_rad / RAD_S_PER_RPM, jitter.time_s * edges.speed_rpm)
+    edge = np.sqrt(2.0) * edge_rpm / length
     return np.sqrt(
         rounding**2
         + noise**2
@@ -152,13 +172,15 @@ def edge_sigma_rpm(rig: Rig, edges: EdgePeriods, jitter: Jitter) -> np.ndarray:
 
 
 def _place_error_rpm(edges: EdgePeriods) -> np.ndarray:
-    """Speed error (m,) from the uncertain place of each period: its slack times the acceleration
-    around it.
+    """Speed error (m,), rpm, from the uncertain time of each period: the standard deviation of its
+    time, half width / sqrt(3), times the acceleration around it.
     """
     whole = np.flatnonzero(~edges.timeout)
     if len(whole) < 3:
         return np.zeros(len(edges.row))
     middle = 0.5 * (edges.start_s + edges.end_s)
     time, speed = middle[whole], edges.speed_rpm[whole]
-    rate = np.abs(np.gradient(speed, np.maximum.accumulate(time) + 1e-9 * np.arange(len(time))))
+    # strictly increasing times, which the gradient needs
+    increasing = np.maximum.accumulate(time) + LIMITS.min_length_s * np.arange(len(time))
+    rate = np.abs(np.gradient(speed, increasing))
     return edges.slack_s / np.sqrt(3.0) * np.interp(middle, time, rate)

@@ -1,12 +1,12 @@
-"""Reads rows that show only the last of several Hall edges as if the sensor missed none: periods of
-several pitches, and waits.
+"""Reads speed columns whose rows report the last of several Hall edges, of a sensor that misses
+edges: finds the periods of several pitches and the timeout samples.
 
-A missed edge lowers a row's speed, never raises it: the motion is the line through neighbouring
-rows that most of them lie on and none lies above. A row below it by a whole factor shows a period
-of several pitches, any other one waits for an edge that was missed.
+A missed edge lowers a row's speed, never raises it. The motion is therefore the line through
+neighbouring rows that most of them lie on and none lies above. A row below it by a whole factor
+reports a period of several pitches; any other row below it is a timeout sample after a missed edge.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -14,20 +14,36 @@ import numpy as np
 from vgroove.gap.cleaning.sensor_noise import MAD_TO_SIGMA
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods
 from vgroove.gap.hall_edges.missed_edges import MAX_PITCHES
-from vgroove.gap.hall_edges.reader import MISSING_ROWS_LIMIT, read_edge_periods
+from vgroove.gap.hall_edges.reader import read_edge_periods
+from vgroove.gap.hall_edges.row_reader import LIMITS as ROW_LIMITS
 
 SIDE = 4  # rows on each side through which the line goes
 PAIRS = np.array(list(combinations(range(2 * SIDE + 1), 2))).T
-FINEST, COARSEST = 0.003, 0.015  # of the speed, by which a row on the line may miss it
-SPREADS = 6.0  # of the rows on the line: how far one may lie from it
-ABOVE = 2.0  # rows on the line that one above it outweighs
-MIN_LONG_PERIODS = 5  # periods of several pitches in a log, below which none is believed
-PORTION = 2000  # rows at once: what is held in memory
+MIN_LONG_PERIODS = 5  # periods of several pitches in a log below which none is accepted
+PORTION_ROWS = 2000  # rows that are processed at once: bounds the memory
+
+
+@dataclass(frozen=True)
+class MissedRowLimits:
+    """Limits of the line through neighbouring rows, chosen on the tuning half of the blind set."""
+
+    # relative mismatch within which a row lies on the line, at least and at most
+    min_mismatch: float = 0.003
+    max_mismatch: float = 0.015
+    mismatch_sigma: float = 6.0  # mismatch in standard deviations of the rows on the line
+    above_weight: float = 2.0  # rows on the line that one row above it outweighs
+    slope_weight: float = 1e-3  # per change of log(speed) a row: prefers the flatter of equal lines
+
+
+LIMITS = MissedRowLimits()
 
 
 def motion(level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Logarithm of the motion's speed at each row (m,) from that of the rows' speeds (m,), and what
-    the rows on the line scatter by.
+    """log(speed) of the motion at each row (m,), and the standard deviation of the rows on its
+    line, from level: log(speed) of the rows (m,).
+
+    Consensus line: of the lines through all pairs of the 2 SIDE + 1 rows around, the one with the
+    most rows on it (RANSAC with every sample, Fischler and Bolles 1981).
     """
     x = np.arange(2 * SIDE + 1) - SIDE
     around = np.lib.stride_tricks.sliding_window_view(
@@ -38,12 +54,12 @@ def motion(level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     start = around[:, one] - slope * x[one]
     off = around[:, None, :] - start[:, :, None] - slope[:, :, None] * x
     votes = (
-        np.sum(np.abs(off) < COARSEST, axis=2)
-        - ABOVE * np.sum(off > COARSEST, axis=2)
-        - 1e-3 * np.abs(slope)
+        np.sum(np.abs(off) < LIMITS.max_mismatch, axis=2)
+        - LIMITS.above_weight * np.sum(off > LIMITS.max_mismatch, axis=2)
+        - LIMITS.slope_weight * np.abs(slope)
     )
     best = np.arange(len(level)), np.nanargmax(votes, axis=1)
-    on = np.where(np.abs(off[best]) < COARSEST, off[best], np.nan)
+    on = np.where(np.abs(off[best]) < LIMITS.max_mismatch, off[best], np.nan)
     shift = np.nanmedian(on, axis=1)
     return start[best] + shift, MAD_TO_SIGMA * np.nanmedian(np.abs(on - shift[:, None]), axis=1)
 
@@ -51,36 +67,35 @@ def motion(level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def classify_rows(
     time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Edges missed in the period that each row (n,) shows, and whether it waits; 0 and False for
-    rows that hide no edges.
+    """Edges missed in the period that each row (n,) reports, and whether it is a timeout sample
+    after a missed edge; 0 and False for rows into which at most one edge falls.
     """
-    missed, waits = np.zeros(len(speed_rpm), dtype=int), np.zeros(len(speed_rpm), dtype=bool)
+    missed, timeout = np.zeros(len(speed_rpm), dtype=int), np.zeros(len(speed_rpm), dtype=bool)
     hiding_rpm = 60.0 / pulses / float(np.median(np.diff(time_s)))
     for part in stretches(speed_rpm):
         size = np.abs(speed_rpm[part])
         if len(part) <= 2 * SIDE or size.max() < hiding_rpm:
             continue
-        line, spread = motion(np.log(size))
+        line, sigma = motion(np.log(size))
         below = line - np.log(size)
         pitches = np.clip(np.round(np.exp(below)), 1.0, MAX_PITCHES)
-        on, hides = (
-            np.abs(below - np.log(pitches)) < np.clip(SPREADS * spread, FINEST, COARSEST),
-            np.exp(line) > hiding_rpm,
-        )
-        missed[part] = np.where(hides & on, pitches - 1.0, 0.0)
-        waits[part] = hides & ~on & (below > 0.0)
-    return missed, waits
+        allowed = np.clip(LIMITS.mismatch_sigma * sigma, LIMITS.min_mismatch, LIMITS.max_mismatch)
+        whole_factor = np.abs(below - np.log(pitches)) < allowed
+        hides = np.exp(line) > hiding_rpm
+        missed[part] = np.where(hides & whole_factor, pitches - 1.0, 0.0)
+        timeout[part] = hides & ~whole_factor & (below > 0.0)
+    return missed, timeout
 
 
 def stretches(speed_rpm: np.ndarray) -> list[np.ndarray]:
-    """Rows of each stretch that turns one way without a hole, no longer than a portion."""
+    """Rows of each stretch of one direction without a hole, at most PORTION_ROWS long."""
     known = np.flatnonzero(np.isfinite(speed_rpm) & (speed_rpm != 0.0))
     if len(known) == 0:
         return []
     ends = (
         (np.diff(np.sign(speed_rpm[known])) != 0.0)
-        | (np.diff(known) > MISSING_ROWS_LIMIT)
-        | (np.arange(1, len(known)) % PORTION == 0)
+        | (np.diff(known) > ROW_LIMITS.missing_rows)
+        | (np.arange(1, len(known)) % PORTION_ROWS == 0)
     )
     return np.split(known, np.flatnonzero(ends) + 1)
 
@@ -88,17 +103,18 @@ def stretches(speed_rpm: np.ndarray) -> list[np.ndarray]:
 def read_edges_with_missed(
     time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float
 ) -> EdgePeriods:
-    """Edge periods of a speed column, those that are several pitches long included where rows show
-    only the last of several edges.
+    """Edge periods of a speed column (n,), rpm, of a sensor that may miss edges; periods of several
+    pitches are found where rows report only the last of several edges.
 
-    Where an edge lies follows from counting pitches, for which a row's speed must be that of one.
-    Rows that wait say nothing of a sensor that misses edges: they are left out.
+    The reader locates edges by counting pitches, for which each row's speed must be that of one
+    pitch. Timeout samples after missed edges are left out: they report the time since an edge that
+    is not the last one.
     """
-    missed, waits = classify_rows(time_s, speed_rpm, pulses)
+    missed, timeout = classify_rows(time_s, speed_rpm, pulses)
     if pulses >= MIN_COUNTING_PULSES or np.count_nonzero(missed) < MIN_LONG_PERIODS:
         return read_edge_periods(time_s, speed_rpm, pulses, lsb_rpm)
     found = read_edge_periods(
-        time_s, np.where(waits, np.nan, speed_rpm * (1.0 + missed)), pulses, lsb_rpm
+        time_s, np.where(timeout, np.nan, speed_rpm * (1.0 + missed)), pulses, lsb_rpm
     )
     unseen = np.where(found.timeout, 0, missed[found.row])
     count = found.count - np.where(

@@ -1,90 +1,131 @@
-"""Reads from a log alone how its edge speeds are scaled against its time stamps: edge periods chain
-up from row to row only unscaled.
+"""Estimates from a log alone the factor between its Hall speeds and its time stamps: edge periods
+follow one another from row to row without contradiction only at the right factor.
 """
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from vgroove.gap.hall_edges.chain import SPLIT_S
+from vgroove.gap.hall_edges.chain_stretch import longest_chain, period_error_bounds
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
-from vgroove.gap.hall_edges.reader import (
-    SPLIT_S,
-    count_chains,
-    longest_chain,
-    period_error_bounds,
-)
+from vgroove.gap.hall_edges.reader import count_chains
 
-COARSE = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)  # relative scales that are tried, both ways
-REFINED = 7  # halvings of the step around the best of them
-UNSUSPICIOUS = 12  # chains that reversals and stops alone may leave: nothing is looked for
-# chains an edge period of a sensor that counts which say nothing: chance lets one of many scales
-# chain them better
-COUNTED_WELL = 0.01
-FEWER = 3.0  # times fewer chains that make a scale believed,
-WHOLE = 0.03  # and at most so many chains an edge period
-LARGEST = 0.3
-# of the scale, that rounding may leave in what two rows that wait for an edge tell of it
-WAIT_ERROR = 0.03
-WAIT_NEAR = 0.005  # of the scale, besides rounding, within which rows that wait agree,
-# so many of them at least: rows of a shaft that slows down agree by chance; the most that are asked
-FEWEST_WAITS, MOST_WAITS = 4, 1000
-VOTES = 3  # rounds in which stretches agree on a sharper scale
-STEPS = 16  # each way, in which a still sharper one is looked for
-# rows at which a look shows whether any scale leaves so many times fewer chains
-GLANCE_ROWS, HOPEFUL = 600, 1.3
+
+@dataclass(frozen=True)
+class ScaleLimits:
+    """Limits of the search for the scale, chosen on the tuning half of the blind set."""
+
+    # relative errors of scale that are tried first, in both directions
+    coarse: tuple[float, ...] = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)
+    halvings: int = 7  # halvings of the step around the best of them
+    largest: float = 0.3  # largest relative error of scale that is considered
+    # chains that reversals and stops alone may leave: with at most so many no scale is searched
+    usual_chains: int = 12
+    # chains per edge period of a sensor that counts that are usual: with more, one of many scales
+    # would leave fewer by chance
+    usual_counted_share: float = 0.01
+    fewer_chains: float = 3.0  # factor by which a scale must reduce the number of chains
+    max_chain_share: float = 0.03  # chains per edge period above which no scale is accepted
+    vote_rounds: int = 3  # rounds in which the stretches' bounds refine the scale
+    fine_steps: int = 16  # steps in each direction of the last refinement
+    # first look at the fastest rows: the search goes on if one scale reduces the chains so far
+    glance_rows: int = 600
+    glance_fewer: float = 1.3
+
+
+@dataclass(frozen=True)
+class TimeoutScaleLimits:
+    """Limits of the scale from timeout samples, chosen on the tuning half of the blind set."""
+
+    max_error: float = 0.03  # relative error of scale from rounding above which a pair is rejected
+    agree: float = 0.005  # relative difference, besides rounding, within which two pairs agree
+    min_pairs: int = 4  # pairs that must agree: rows of a shaft that slows down agree by chance
+    max_pairs: int = 1000  # pairs that are compared: bounds the memory, which grows as the square
+
+
+LIMITS = ScaleLimits()
+TIMEOUT_LIMITS = TimeoutScaleLimits()
+
+# number of chains (scale, most to count) and properties of the longest chain (scale)
+ChainCount = Callable[..., int]
+LongestChain = Callable[[float], tuple[float, float, int]]
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A speed column (n,) with its row times, edges per turn and resolution."""
+
+    time_s: np.ndarray
+    speed_rpm: np.ndarray
+    pulses: int
+    lsb_rpm: float
+
+    def chains(self, scale: float, most: int | None = None) -> int:
+        """Number of chains if the speeds are divided by a scale."""
+        return count_chains(self.time_s, self.speed_rpm / scale, self.pulses, self.lsb_rpm, most)
+
+    def fastest(self, rows: int) -> "_Column":
+        """The part of so many rows in which the shaft is fastest."""
+        size = np.nan_to_num(np.abs(self.speed_rpm))
+        fast = np.convolve(size, np.ones(min(rows, len(size))), mode="valid")
+        first = int(np.argmax(fast))
+        part = slice(first, first + rows)
+        return _Column(self.time_s[part], self.speed_rpm[part], self.pulses, self.lsb_rpm)
 
 
 def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> float:
-    """Factor 1 + g of the speed column against its own edges; 1 where no scale chains them clearly
-    better than none.
+    """Factor 1 + g of the speed column (n,), rpm, against its own edges; 1 where no factor leaves
+    clearly fewer chains than 1 does.
 
-    A speed read g too high makes each period too short: the edges run away from the rows that show
-    them, and the chain tears every few milliseconds over g. A sensor's gain does that, and a
-    logger's clock that runs off; a filter behind the sensor tears it at any scale.
+    A speed that is logged g too high makes each period too short. The summed periods then run away
+    from the rows that report them, and the chain breaks every few milliseconds divided by g. The
+    sensor's gain or an inaccurate clock of the logger does that. A filter behind the sensor breaks
+    the chain at any factor.
     """
-
-    def torn(scale: float, most: int | None = None) -> int:
-        return count_chains(time_s, speed_rpm / scale, pulses, lsb_rpm, most)
-
-    as_read, counts = torn(1.0), pulses >= MIN_COUNTING_PULSES
+    column = _Column(time_s, speed_rpm, pulses, lsb_rpm)
+    as_read, counts = column.chains(1.0), pulses >= MIN_COUNTING_PULSES
     changes = int(np.count_nonzero(np.diff(speed_rpm[np.isfinite(speed_rpm)])))
-    if as_read <= max(UNSUSPICIOUS, counts * COUNTED_WELL * changes):
+    if as_read <= max(LIMITS.usual_chains, counts * LIMITS.usual_counted_share * changes):
         return 1.0
     scales = [
         timeout_scale(time_s, speed_rpm, pulses, lsb_rpm),
-        *(1.0 + sign * g for g in COARSE for sign in (1.0, -1.0)),
+        *(1.0 + sign * g for g in LIMITS.coarse for sign in (1.0, -1.0)),
     ]
-    if not _hopeful(time_s, speed_rpm, pulses, lsb_rpm, scales):
+    if not _any_reduces_chains(column, scales):
         return 1.0
-    best, count = _finest(torn, as_read, scales)
-    if FEWER * count >= as_read or count > max(UNSUSPICIOUS, WHOLE * changes):
+    best, count = _fewest_chains(column.chains, as_read, scales)
+    most = max(LIMITS.usual_chains, LIMITS.max_chain_share * changes)
+    if LIMITS.fewer_chains * count >= as_read or count > most:
         return 1.0
-    voted = _voted(time_s, speed_rpm, pulses, lsb_rpm, 1.0 + best)
-    if counts:  # the number of edges in its rows is a guess: its chains fit several scales
-        return voted if FEWER * torn(voted) < as_read else 1.0 + best
-
-    def chain(scale: float) -> tuple[float, float, int]:
-        return longest_chain(time_s, speed_rpm / scale, pulses, lsb_rpm)
-
-    return _sharpened(torn, chain, voted if torn(voted, count) <= count else 1.0 + best)
+    voted = _voted_scale(column, 1.0 + best)
+    if counts:  # the number of edges in its rows is uncertain: its chains fit several scales
+        return voted if LIMITS.fewer_chains * column.chains(voted) < as_read else 1.0 + best
+    start = voted if column.chains(voted, count) <= count else 1.0 + best
+    return _refined(column.chains, partial(_longest_chain, column), start)
 
 
-def _voted(
-    time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float, scale: float
-) -> float:
-    """The scale near one that chains the edges well that most stretches of them allow: one that
-    counts an edge wrong to make up for a scale that is off is outvoted. The edges are read anew
-    with each.
+def _longest_chain(column: _Column, scale: float) -> tuple[float, float, int]:
+    """Properties of the column's longest chain if the speeds are divided by a scale."""
+    return longest_chain(column.time_s, column.speed_rpm / scale, column.pulses, column.lsb_rpm)
+
+
+def _voted_scale(column: _Column, scale: float) -> float:
+    """The scale near `scale` that the bounds of most stretches of edges allow. Stretches with an
+    edge counted wrong are a minority. The edges are read again in each round.
     """
-    for _ in range(VOTES):
-        scale *= 1.0 + most_agreed_value(
-            period_error_bounds(time_s, speed_rpm / scale, pulses, lsb_rpm)
+    for _ in range(LIMITS.vote_rounds):
+        bounds = period_error_bounds(
+            column.time_s, column.speed_rpm / scale, column.pulses, column.lsb_rpm
         )
+        scale *= 1.0 + most_agreed_value(bounds)
     return scale
 
 
 def most_agreed_value(bounds: np.ndarray) -> float:
-    """Middle of the range that lies within the most of the bounds (m, 2); 0 without any."""
+    """Middle of the range that lies within the most of the intervals (m, 2); 0 without any."""
     if len(bounds) == 0:
         return 0.0
     ends, opens = bounds.ravel(), np.tile([True, False], len(bounds))
@@ -93,94 +134,93 @@ def most_agreed_value(bounds: np.ndarray) -> float:
     return float(0.5 * (ends[order][most] + ends[order][most + 1]))
 
 
-def _sharpened(
-    torn: Callable[..., int], chain: Callable[[float], tuple[float, float, int]], scale: float
-) -> float:
-    """The scale near one that chains the edges well at which the longest chain fits its rows best:
-    a small error runs away with its end.
+def _refined(chains: ChainCount, longest: LongestChain, scale: float) -> float:
+    """The scale near `scale` at which the longest chain fits its rows best: a small error of scale
+    moves the chain's end most.
 
-    Where chains still tear, edges are counted wrong to make up for a scale that is off: steps that
-    move the end by what tears it are tried.
+    Where chains contradict themselves, edges are counted wrong in place of a correct scale: then
+    steps of scale are tried that move the chain's end by SPLIT_S each.
     """
-    length_s, share, _ = chain(scale)
+    length_s, share, _ = longest(scale)
     fitted = scale * (1.0 + share)
-    if torn(fitted) <= torn(scale) and chain(fitted)[2] == 0:
+    if chains(fitted) <= chains(scale) and longest(fitted)[2] == 0:
         return fitted
-    best, fewest = scale, torn(scale)
-    for k in sorted(range(-STEPS, STEPS + 1), key=abs):
+    best, fewest = scale, chains(scale)
+    for k in sorted(range(-LIMITS.fine_steps, LIMITS.fine_steps + 1), key=abs):
         one = scale * (1.0 + k * SPLIT_S / length_s)
-        count = torn(one, fewest)
+        count = chains(one, fewest)
         if count < fewest:
             best, fewest = one, count
-    fitted = best * (1.0 + chain(best)[1])
-    return fitted if torn(fitted, fewest) <= fewest else best
+    fitted = best * (1.0 + longest(best)[1])
+    return fitted if chains(fitted, fewest) <= fewest else best
 
 
-def _hopeful(
-    time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float, scales: list[float]
-) -> bool:
-    """Whether one of the scales may chain the edges: a column that holds none tears everywhere at
-    any scale, which a fast stretch shows.
+def _any_reduces_chains(column: _Column, scales: list[float]) -> bool:
+    """Whether one of the scales reduces the number of chains in the fastest rows: a column without
+    edge periods has many at any scale.
     """
-    fast = np.convolve(
-        np.nan_to_num(np.abs(speed_rpm)), np.ones(min(GLANCE_ROWS, len(speed_rpm))), mode="valid"
+    fast = column.fastest(LIMITS.glance_rows)
+    as_read = fast.chains(1.0)
+    return as_read <= LIMITS.usual_chains or any(
+        LIMITS.glance_fewer * fast.chains(scale) < as_read for scale in scales
     )
-    rows = slice(first := int(np.argmax(fast)), first + GLANCE_ROWS)
-
-    def torn(scale: float) -> int:
-        return count_chains(time_s[rows], speed_rpm[rows] / scale, pulses, lsb_rpm)
-
-    as_read = torn(1.0)
-    return as_read <= UNSUSPICIOUS or any(HOPEFUL * torn(scale) < as_read for scale in scales)
 
 
 def timeout_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> float:
-    """Factor of the speed column that most rows that wait for an edge tell, 1 where too few do.
+    """Factor of the speed column (n,), rpm, that most pairs of timeout samples give; 1 where too
+    few agree.
 
-    A pitch over what such a row shows is the time without an edge: read too short by the factor, it
-    grows by so much less than the time from row to row. Few counts of pieces tell a scale from afar
-    where a fast shaft hides edges; this one needs no guess.
+    One pitch over a timeout sample's value is the time since the last edge, too short by the
+    factor: from row to row it grows by less than the time between the rows, by the same factor.
+    The number of edges in a row does not enter, unlike in the number of chains.
+    """
+    growth, error = _timeout_growth(time_s, speed_rpm, pulses, lsb_rpm)
+    sharpest = np.argsort(error, kind="stable")[: TIMEOUT_LIMITS.max_pairs]
+    growth, error = growth[sharpest], error[sharpest] + TIMEOUT_LIMITS.agree
+    agree = np.abs(growth[:, None] - growth) < np.minimum(error[:, None], error)
+    votes = agree.sum(axis=1)
+    if votes.max(initial=0) < TIMEOUT_LIMITS.min_pairs:
+        return 1.0
+    most = agree[np.argmax(votes)]
+    return float(1.0 / np.average(growth[most], weights=error[most] ** -2.0))
+
+
+def _timeout_growth(
+    time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Growth (k,) of one pitch over the speed per time between successive rows, and its error from
+    rounding, of the pairs of rows that may be timeout samples at a scale within LIMITS.largest.
     """
     shows = np.isfinite(speed_rpm) & (speed_rpm != 0.0)
     time, speed = time_s[shows], speed_rpm[shows]
     wait = 60.0 / pulses / np.abs(speed)
     rounding = 0.5 * lsb_rpm * wait / np.abs(speed)
-    grown, error = np.diff(wait) / np.diff(time), (rounding[1:] + rounding[:-1]) / np.diff(time)
-    alike = speed[1:] * speed[:-1] > 0.0
-    told = (
-        alike
-        & (np.abs(grown - 1.0 / (1.0 - LARGEST**2)) < LARGEST / (1.0 - LARGEST**2))
-        & (error < WAIT_ERROR)
-    )
-    sharpest = np.argsort(error[told], kind="stable")[:MOST_WAITS]
-    grown, error = grown[told][sharpest], error[told][sharpest] + WAIT_NEAR
-    agree = np.abs(grown[:, None] - grown) < np.minimum(error[:, None], error)
-    votes = agree.sum(axis=1)
-    if votes.max(initial=0) < FEWEST_WAITS:
-        return 1.0
-    most = agree[np.argmax(votes)]
-    return float(1.0 / np.average(grown[most], weights=error[most] ** -2.0))
+    growth, error = np.diff(wait) / np.diff(time), (rounding[1:] + rounding[:-1]) / np.diff(time)
+    one_direction = speed[1:] * speed[:-1] > 0.0
+    # the range 1 / (1 + largest) .. 1 / (1 - largest)
+    largest = LIMITS.largest
+    possible = np.abs(growth - 1.0 / (1.0 - largest**2)) < largest / (1.0 - largest**2)
+    used = one_direction & possible & (error < TIMEOUT_LIMITS.max_error)
+    return growth[used], error[used]
 
 
-def _finest(
-    torn: Callable[[float, int], int], as_read: int, scales: list[float]
-) -> tuple[float, int]:
-    """Relative scale near one of these with the fewest pieces, the smaller of equals, and that
-    number. One that leaves more than the best so far is counted no further.
+def _fewest_chains(chains: ChainCount, as_read: int, scales: list[float]) -> tuple[float, int]:
+    """Relative error of scale near one of the scales with the fewest chains (the smaller of
+    equals), and that number. Counting ends where one has more chains than the best so far.
     """
     tried = {0.0: as_read}
 
-    def best_with(scales: Iterable[float]) -> float:
-        for g in scales:
-            if g not in tried and abs(g) <= LARGEST:
-                tried[g] = torn(1.0 + g, min(tried.values()))
+    def best_with(errors: Iterable[float]) -> float:
+        for g in errors:
+            if g not in tried and abs(g) <= LIMITS.largest:
+                tried[g] = chains(1.0 + g, min(tried.values()))
         return min(tried, key=lambda g: (tried[g], abs(g)))
 
     best = best_with(scale - 1.0 for scale in scales)
-    step = 0.5 * max(abs(best), COARSE[0])
-    for _ in range(REFINED):
+    step = 0.5 * max(abs(best), LIMITS.coarse[0])
+    for _ in range(LIMITS.halvings):
         best = best_with((best - step, best + step))
         step *= 0.5
     level = [g for g in tried if tried[g] == tried[best]]
     middle = 0.5 * (min(level) + max(level))
-    return (middle if torn(1.0 + middle, tried[best]) <= tried[best] else best), tried[best]
+    return (middle if chains(1.0 + middle, tried[best]) <= tried[best] else best), tried[best]

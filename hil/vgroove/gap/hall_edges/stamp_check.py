@@ -1,21 +1,21 @@
-"""Checks time stamps against the Hall edges: edge periods follow one another only on the times at
-which the rows really closed.
+"""Checks time stamps against the Hall edges: edge periods follow one another without contradiction
+only on the times at which the rows really ended.
 """
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES
 from vgroove.gap.hall_edges.reader import count_chains
+from vgroove.log import Log
 from vgroove.rig import Rig
 
 
-def stamp_contradictions(log: Any, rig: Rig) -> Callable[[np.ndarray], int] | None:
-    """Function of row times (n,), s, that counts the uninterrupted chains of edge periods in the
-    log's speed column: more chains, more contradictions. None where the log shows no single edges.
+def stamp_contradictions(log: Log, rig: Rig) -> Callable[[np.ndarray], int] | None:
+    """Function of row times (n,), s, that counts the consistent chains of edge periods in the log's
+    speed column: more chains, more contradictions. None where the log holds no single edges.
     """
     pulses = rig.sensors.get("hall_pulses_per_rev", 0)
     if not 0 < pulses < MIN_COUNTING_PULSES or "speed_rpm" not in log.columns:

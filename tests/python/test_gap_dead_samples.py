@@ -1,5 +1,5 @@
-"""Dead samples: what no sensor shows is taken as missing, what a tool can show is left alone, and a
-lifeless log is refused.
+"""Dead samples: values that no sensor produces are taken as missing, values that a tool can produce
+are kept, and a log in which nothing changes is refused.
 """
 
 import tomllib
@@ -49,8 +49,8 @@ def rig() -> Rig:
 
 @pytest.fixture
 def log() -> Log:
-    """Two strokes with a rest between them; speeds repeat themselves between edges, the current is
-    0 where the bridge is open.
+    """Two strokes with a rest between them: rounded speeds repeat themselves, the current is 0
+    while the bridge is open.
     """
     rng, time_s = np.random.default_rng(3), 1e-3 * np.arange(ROWS)
     duty = 0.6 * np.abs(np.sin(np.pi * time_s / 2.0))
@@ -76,7 +76,7 @@ def missing(log: Log, rig: Rig, name: str) -> np.ndarray:
     return np.flatnonzero(np.isnan(remove_dead_samples(log, rig).columns[name]))
 
 
-def test_a_sound_log_is_left_as_it_is(log: Log, rig: Rig) -> None:
+def test_a_log_without_dead_samples_is_returned_unchanged(log: Log, rig: Rig) -> None:
     assert remove_dead_samples(log, rig) is log
 
 
@@ -105,13 +105,13 @@ def test_spikes_are_missing(log: Log, rig: Rig) -> None:
     np.testing.assert_array_equal(missing(log, rig, "current_a"), [600, 1500])
 
 
-def test_a_spike_at_a_step_of_the_command_is_believed(log: Log, rig: Rig) -> None:
+def test_a_spike_at_a_step_of_the_command_is_kept(log: Log, rig: Rig) -> None:
     log.columns["duty"][600:] += 0.3
     log.columns["current_a"][600] += 60.0
     assert 600 not in missing(log, rig, "current_a")
 
 
-def test_spikes_all_over_are_no_disturbance(log: Log, rig: Rig) -> None:
+def test_frequent_spikes_are_kept(log: Log, rig: Rig) -> None:
     log.columns["current_a"][5::20] += 60.0
     assert len(missing(log, rig, "current_a")) == 0
 
@@ -129,14 +129,14 @@ def test_spikes_all_over_are_no_disturbance(log: Log, rig: Rig) -> None:
         ),  # an edge that was missed
     ],
 )
-def test_what_a_tool_can_show_is_left_alone(
+def test_values_that_a_tool_can_produce_are_kept(
     log: Log, rig: Rig, change: Callable[[dict], None]
 ) -> None:
     change(log.columns)
     assert remove_dead_samples(log, rig) is log
 
 
-def test_a_quiet_sensor_that_stands_while_nothing_moves_is_left_alone(log: Log, rig: Rig) -> None:
+def test_a_sensor_that_repeats_itself_while_nothing_moves_is_kept(log: Log, rig: Rig) -> None:
     for name, value in (
         ("duty", 0.5),
         ("current_a", 10.0),

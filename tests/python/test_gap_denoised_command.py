@@ -1,5 +1,5 @@
-"""A measured command: its noise goes, its steps, ramps and roundings stay, and what is said to be
-wrong with it is.
+"""A measured command: its noise is removed, its steps, ramps and quantisation stay, and the stated
+error is the true one.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ LEVEL_V = 18.0 / 255.0
 
 
 def slewed(rows_per_ramp: int, level_v: float = LEVEL_V) -> np.ndarray:
-    """Plateaus of 400 rows and ramps between them, in whole levels of a timer."""
+    """Plateaus of 400 rows and ramps between them, quantised to the levels of a timer."""
     ends = np.random.default_rng(2).uniform(0.0, 18.0, 12)
     parts = [
         np.concatenate([np.full(400, a), np.linspace(a, b, rows_per_ramp)])
@@ -53,7 +53,7 @@ def test_a_command_without_noise_stays_as_it_is(clean: np.ndarray) -> None:
 
 
 def test_few_steps_between_long_holds_are_no_noise() -> None:
-    """Most rows repeat the one before: what scatters is the steps."""
+    """Most rows repeat the one before: only the steps scatter."""
     assert command_noise_sigma(np.repeat([0.0, 7.0, 0.0, 11.0, 0.0], 700)) == 0.0
 
 
@@ -68,16 +68,16 @@ def test_few_steps_between_long_holds_are_no_noise() -> None:
     ],
 )
 @pytest.mark.parametrize("rows", [1, 10, 40])
-def test_what_is_said_to_be_wrong_is(clean: np.ndarray, sigma: float, rows: int) -> None:
-    """Row by row and over as many rows as a shaft remembers."""
+def test_the_stated_error_is_the_true_one(clean: np.ndarray, sigma: float, rows: int) -> None:
+    """Of single rows and of means over as many rows as the shaft's time constant lasts."""
     found = denoise_command(noisy(clean, sigma))
     error = np.convolve(found.values - clean, np.full(rows, 1.0 / rows), mode="valid")
-    said = np.sqrt(
+    stated = np.sqrt(
         np.mean(
             found.noise_v**2 / (found.averaged + rows - 1.0) + np.asarray(found.fast_v) ** 2 / rows
         )
     )
-    assert 0.6 < said / np.sqrt(np.mean(error**2)) < 1.7
+    assert 0.6 < stated / np.sqrt(np.mean(error**2)) < 1.7
 
 
 def test_a_curve_is_followed() -> None:

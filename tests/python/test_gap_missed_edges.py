@@ -1,5 +1,5 @@
-"""Missed edges where rows show only the last of several: found, placed, and never seen in a log
-that misses none.
+"""Missed edges where rows report only the last of several edges: they are found and located, and a
+log without missed edges gives none.
 """
 
 import numpy as np
@@ -11,6 +11,7 @@ from vgroove.gap.hall_edges.missed_edge_rows import (
     classify_rows,
     read_edges_with_missed,
 )
+from vgroove.gap.hall_edges.missed_edges import consistent_missed_edges, most_likely_pitches
 
 FINE = np.arange(0, 40001) * 1e-4
 ROWS = FINE[20::20]
@@ -20,7 +21,7 @@ ANGLE = np.concatenate([[0.0], np.cumsum(0.5 * (SPEED[1:] + SPEED[:-1]) * np.dif
 
 
 def column(share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All edges, those that were seen, and the speed column that they make."""
+    """All edges, those that the sensor detects, and the speed column that these give."""
     edges = edge_times(FINE, ANGLE, PULSES)
     seen = edges[np.random.default_rng(2).random(len(edges)) >= share]
     return edges, seen, hall_column(ROWS, seen, PULSES, 0.3, 0.5)
@@ -47,16 +48,16 @@ def test_periods_of_several_pitches_are_found_and_lie_where_the_edges_were(share
     assert np.quantile(np.abs(mean_rpm - found.speed_rpm[whole]), 0.95) < 10.0
 
 
-def test_a_sensor_that_misses_none_is_read_as_it_is() -> None:
+def test_a_sensor_that_misses_none_gives_no_missed_edges() -> None:
     _, _, speed_rpm = column(0.0)
-    missed, waits = classify_rows(ROWS, speed_rpm, PULSES)
+    missed, timeout = classify_rows(ROWS, speed_rpm, PULSES)
     assert not missed.any()
-    assert np.mean(waits) < 0.01
+    assert np.mean(timeout) < 0.01
     assert read_edges_with_missed(ROWS, speed_rpm, PULSES, 0.5).missed is None
 
 
 @pytest.mark.parametrize("count", [MIN_LONG_PERIODS - 1, MIN_LONG_PERIODS])
-def test_a_few_rows_of_half_the_speed_are_no_habit_of_the_sensor(count: int) -> None:
+def test_a_few_rows_of_half_the_speed_are_no_missed_edges(count: int) -> None:
     _, _, speed_rpm = column(0.0)
     fast = np.flatnonzero(speed_rpm > 9000.0)[20::60][:count]
     speed_rpm[fast] *= 0.5
@@ -66,7 +67,19 @@ def test_a_few_rows_of_half_the_speed_are_no_habit_of_the_sensor(count: int) -> 
 
 
 @pytest.mark.parametrize("speed_rpm", [np.zeros(200), np.full(200, np.nan), np.full(200, 9000.0)])
-def test_columns_without_a_motion_to_follow(speed_rpm: np.ndarray) -> None:
-    missed, waits = classify_rows(ROWS[:200], speed_rpm, PULSES)
+def test_constant_and_empty_columns_give_no_missed_edges(speed_rpm: np.ndarray) -> None:
+    missed, timeout = classify_rows(ROWS[:200], speed_rpm, PULSES)
     assert not missed.any()
-    assert not waits.any()
+    assert not timeout.any()
+
+
+def test_missed_edges_are_separated_from_the_curvature_of_the_motion() -> None:
+    speed = np.linspace(100.0, 400.0, 60)
+    count = np.ones(60, int)
+    count[[7, 20, 21, 40]] = [2, 2, 3, 4]
+    level = np.log(speed / count)
+    assert np.array_equal(most_likely_pitches(level), count)
+    assert np.array_equal(consistent_missed_edges(level, count), count - 1)
+    # uniformly accelerated from rest: neither half nor twice
+    starting = np.log(np.sqrt(np.arange(1.0, 30.0)))
+    assert np.array_equal(most_likely_pitches(starting), np.ones(29, int))

@@ -1,5 +1,5 @@
-"""Edges behind a speed column: found where they were, counted once, located to microseconds,
-whatever the speed does.
+"""Hall edges behind a speed column: each is found once and located to microseconds, at steady,
+rising, falling and reversing speed.
 """
 
 from collections.abc import Callable
@@ -9,17 +9,13 @@ import numpy as np
 import pytest
 
 from made_log import edge_times, hall_column, rig
-from vgroove.gap.hall_edges.hidden_edges import (
-    PARTICLES,
-    HiddenEdges,
-    _bend,
-    _last_in_row,
-    _Particles,
-    counted_lengths,
-    unseen_lengths,
-)
+from vgroove.gap.hall_edges.hidden_edges import HiddenEdges, _last_in_row
+from vgroove.gap.hall_edges.hidden_periods import accelerated_edge_times, counted_edge_times
 from vgroove.gap.hall_edges.jitter import Jitter, edge_jitter, edge_sigma_rpm
-from vgroove.gap.hall_edges.reader import _Reader, read_edge_periods
+from vgroove.gap.hall_edges.particle_step import spacing_error_s
+from vgroove.gap.hall_edges.particles import PARTICLES, Particles, RowPair
+from vgroove.gap.hall_edges.reader import read_edge_periods
+from vgroove.gap.hall_edges.row_reader import RowReader, RowReading
 
 FINE = np.arange(0, 30001) * 1e-4
 ROWS = FINE[::10]
@@ -98,6 +94,7 @@ def test_sixteen_edges_a_turn_are_spans_between_last_edges() -> None:
 
 @pytest.mark.parametrize("lost", [False, True])
 def test_a_row_after_a_missing_one_shows_the_mean_over_its_own_edges(lost: bool) -> None:
+    """Of a sensor that counts edges: the row before is nan (lost = False) or absent (True)."""
     speed = steps_of_speed(6000.0)
     angle, missing = motion(speed), np.random.default_rng(5).random(len(ROWS[::2])) < 0.1
     column = hall_column(ROWS[::2], edge_times(FINE, angle, 32), 32, 0.05, 0.5)
@@ -124,7 +121,7 @@ def test_a_row_after_a_missing_one_shows_the_mean_over_its_own_edges(lost: bool)
 
 
 def steps_of_speed(top_rpm: float) -> np.ndarray:
-    """A shaft that follows steps of its command with a time constant of 25 ms, rpm / 9.55."""
+    """Speed (rad/s) of a shaft that follows steps of its command with a time constant of 25 ms."""
     goal = (
         np.select([FINE < 0.8, FINE < 1.6, FINE < 2.4], [1.0, 0.5, 0.85], 0.6)
         * top_rpm
@@ -143,8 +140,8 @@ def steps_of_speed(top_rpm: float) -> np.ndarray:
 def test_edges_are_placed_where_rows_show_the_last_of_several(
     pulses: int, log_hz: int, largest_s: float
 ) -> None:
-    """Which edge a row shows is told by how the speeds then change; what is said to be known of its
-    place is.
+    """The particle filter finds which edge a row reports from the speeds that follow, and the
+    half width that it states covers the true time.
     """
     rng, angle = np.random.default_rng(5), motion(steps_of_speed(12000.0))
     edges = edge_times(FINE, angle, pulses)
@@ -181,9 +178,9 @@ def misplaced(
     return np.concatenate(found_so)
 
 
-def test_a_braked_shaft_is_followed_from_several_edges_a_row_to_waits() -> None:
-    """While it slows down a row may show the last edge or the one before, and a wait looks like an
-    edge at the row's end.
+def test_edges_of_a_braked_shaft_are_located_down_to_timeout_samples() -> None:
+    """While the shaft slows down a row may report the last edge or the one before, and a timeout
+    sample looks like an edge at the row's end.
     """
     shares = []
     for pulses, log_hz in ((2, 300), (4, 500)):
@@ -221,9 +218,9 @@ def test_a_vibration_is_not_taken_for_jitter() -> None:
     assert np.hypot(found.angle_rad / 700.0, found.time_s) < 1e-6
 
 
-def test_fast_motion_between_slow_rows_is_no_jitter_where_the_model_knows_it() -> None:
-    """At 300 Hz a ripple of 90 Hz is as fast as jitter; what a model expects is taken away, and a
-    wrong expectation makes nothing worse.
+def test_fast_motion_between_slow_rows_is_no_jitter_where_the_model_predicts_it() -> None:
+    """At 300 Hz a ripple of 90 Hz is as fast as jitter. The model's expected speed is subtracted; a
+    wrong expectation does not raise the estimate.
     """
     fine = np.arange(0.0, 6.0, 1e-4)
     ripple = 3.0 * np.sin(2.0 * np.pi * 90.0 * fine)
@@ -240,8 +237,8 @@ def test_fast_motion_between_slow_rows_is_no_jitter_where_the_model_knows_it() -
         jitter = edge_jitter(replace(found, expected_rpm=expected), 4, 0.5 / np.sqrt(12.0))
         return float(np.hypot(jitter.angle_rad / 1000.0, jitter.time_s))
 
-    unasked = edge_jitter(found, 4, 0.5 / np.sqrt(12.0))
-    plain = float(np.hypot(unasked.angle_rad / 1000.0, unasked.time_s))
+    without_model = edge_jitter(found, 4, 0.5 / np.sqrt(12.0))
+    plain = float(np.hypot(without_model.angle_rad / 1000.0, without_model.time_s))
     assert plain > 5e-7 and jitter_s(-1.0) <= plain
     assert 1e-7 < jitter_s(1.0) < 0.5 * plain
 
@@ -250,11 +247,11 @@ def test_fast_motion_between_slow_rows_is_no_jitter_where_the_model_knows_it() -
     "pulses, log_hz, periods",
     [(4, 300, 2), (4, 300, 0), (6, 500, 3), (3, 1000, 0), (3, 300, 1), (1, 1000, 0)],
 )
-def test_what_turns_with_the_shaft_is_no_jitter_where_rows_hide_edges(
+def test_a_pattern_of_the_turn_is_no_jitter_where_rows_hide_edges(
     pulses: int, log_hz: int, periods: int
 ) -> None:
-    """Two swings a turn make four edges early and late in turn, as jitter would; rows that show
-    every second or third edge mix them up.
+    """Two ripple periods a turn make four edges early and late alternately, as jitter would; rows
+    that report every second or third edge mix the edges of the turn.
     """
     fine = np.arange(0.0, 6.0, 1e-4)
     angle = np.cumsum(900.0 + 250.0 * np.sin(2.0 * np.pi * 0.4 * fine)) * 1e-4
@@ -270,37 +267,37 @@ def test_what_turns_with_the_shaft_is_no_jitter_where_rows_hide_edges(
     assert 1.2e-7 < np.hypot(found.angle_rad / 1000.0, found.time_s) < 2.8e-7
 
 
-def test_a_wait_is_a_fall_and_ends_in_rest() -> None:
+def test_timeout_samples_before_standstill_are_recognised() -> None:
     speed = np.where(FINE < 1.0, 300.0, 0.0)
     edges = edge_times(FINE, motion(speed), 4)
     column = hall_column(ROWS, edges, 4, 0.05, 0.5)
     found = read_edge_periods(ROWS, column, 4, 0.5)
-    falls = found.row[found.timeout]
+    timeouts = found.row[found.timeout]
     waiting = np.flatnonzero((column > 0.0) & (ROWS > edges[-1] + (edges[-1] - edges[-2])))
-    assert set(waiting[1:-1]) <= set(falls)
+    assert set(waiting[1:-1]) <= set(timeouts)
     assert np.allclose(found.start_s[found.timeout], edges[-1], atol=2e-5)
     assert found.row.max() < np.flatnonzero(column == 0.0)[-1]
 
 
 @pytest.mark.parametrize("agree", [True, False])
-def test_rows_that_agree_on_a_wait_know_its_edge_better_than_the_steps_up_to_it(
+def test_timeout_samples_that_agree_replace_the_bounds_from_the_periods_before(
     agree: bool,
 ) -> None:
-    """A shaft braked hard, logged at 300 Hz: its last edge came 40 us before where the steps up to
-    it put it. One row could be an edge.
+    """A shaft braked hard, logged at 300 Hz: its last edge came 40 us before the time that the sum
+    of the periods gives. One such row alone could report a new edge.
     """
     edge_s, rows = -1.733e-3, np.array([-1, 0, 3, 4, 5, 6, 7]) / 300.0
     waits = [1288.5, 1288.5, *np.round(15.0 / (rows[2:] - edge_s) * 2.0) / 2.0]
-    reader = _Reader(
+    reader = RowReader(
         rows + 9e-3, np.array(waits if agree else [*waits[:3], 0.0, 0.0, 0.0, 0.0]), 4, 0.5
     )
-    reader.begin(1, 1288.5)
+    reader.begin(reader.reading(1, 1288.5))
     reader.last_row, reader.low, reader.high = 1, edge_s + 9.04e-3, edge_s + 9.13e-3
     reader.chain.low_s[-1], reader.chain.high_s[-1] = reader.low, reader.high
     for row in range(2, 7 if agree else 3):
-        reader.follow(row, waits[row])
+        reader.follow(reader.reading(row, waits[row]))
         reader.last_row = row
-    assert [fall[0] for fall in reader.chain.falls] == ([2, 3, 4, 5, 6] if agree else [])
+    assert [sample.row for sample in reader.chain.timeouts] == ([2, 3, 4, 5, 6] if agree else [])
     if agree:
         assert reader.low < edge_s + 9e-3 < reader.high < reader.low + 2e-5
         assert reader.chain.low_s[-1] < edge_s + 9e-3 < reader.chain.high_s[-1]
@@ -312,10 +309,10 @@ def test_edges_of_a_missing_row_passed_at_the_mean_of_both_speeds() -> None:
     """
     between = 2.0 / (1.0 / 1e-3 + 1.0 / 0.5e-3)
     own = 0.5e-3 * np.arange(1, 5)
-    assert counted_lengths(1e-3, 0.5e-3, 7, (0.0, 2e-3, 4e-3)) == pytest.approx(
+    assert counted_edge_times(1e-3, 0.5e-3, 7, (0.0, 2e-3, 4e-3)) == pytest.approx(
         [*own, *(own[-1] + between * np.arange(1, 4))]
     )
-    assert counted_lengths(1e-3, 0.5e-3, 7, (2e-3, 2e-3, 4e-3)) == pytest.approx(
+    assert counted_edge_times(1e-3, 0.5e-3, 7, (2e-3, 2e-3, 4e-3)) == pytest.approx(
         0.5e-3 * np.arange(1, 8)
     )
 
@@ -332,7 +329,7 @@ def test_missing_samples_and_reversals_break_nothing() -> None:
 
 
 @pytest.mark.parametrize("jitter_s", [2e-7, 1e-6])
-def test_time_jitter_is_told_from_motion_and_from_unequal_edges(jitter_s: float) -> None:
+def test_time_jitter_is_separated_from_motion_and_from_unequal_edges(jitter_s: float) -> None:
     rng = np.random.default_rng(3)
     edges = edge_times(FINE, motion(SPEEDS["wave"]), 4)
     uneven = np.tile([0.0, 3e-3, -2e-3, 1e-3], len(edges) // 4 + 1)[: len(edges)] / np.interp(
@@ -346,7 +343,7 @@ def test_time_jitter_is_told_from_motion_and_from_unequal_edges(jitter_s: float)
     assert 0.6 < np.hypot(found.angle_rad / fast, found.time_s) / jitter_s < 1.7
 
 
-def test_no_jitter_is_claimed_for_a_few_edges() -> None:
+def test_a_few_edges_give_no_jitter() -> None:
     edges = edge_times(FINE[:1000], motion(SPEEDS["ramp"])[:1000], 4)
     assert (
         edge_jitter(
@@ -358,9 +355,9 @@ def test_no_jitter_is_claimed_for_a_few_edges() -> None:
     )
 
 
-def test_edges_that_no_row_shows_lie_as_a_steady_acceleration_puts_them() -> None:
-    """Six edges between two shown periods while the speed rises by a third: evenly spaced they
-    would be late, and run-ups add that up.
+def test_hidden_edges_are_spaced_at_uniform_acceleration() -> None:
+    """Six edges between two reported periods while the speed rises by a third: even spacing would
+    make them late, and the error would add up over a run-up.
     """
     pitch, rate, w0, count = np.pi / 4.0, 9000.0, 500.0, 6
     times = (np.sqrt(w0**2 + 2.0 * rate * pitch * np.arange(count + 2)) - w0) / rate
@@ -368,16 +365,16 @@ def test_edges_that_no_row_shows_lie_as_a_steady_acceleration_puts_them() -> Non
     evenly = float(
         np.sum(periods[0] + (periods[-1] - periods[0]) * np.arange(1, count + 1) / count)
     )
-    length, bound, drift = _Reader(ROWS, np.zeros(len(ROWS)), 8, 0.5).step(
-        periods[0], periods[-1], count, 1e-8, 0
+    length, bound, drift = RowReader(ROWS, np.zeros(len(ROWS)), 8, 0.5).step(
+        periods[0], RowReading(0, 0.0, 0.0, periods[-1], 1e-8), count
     )
     assert abs(length - exact) < 0.05 * abs(evenly - exact)
     assert abs(length - exact) < drift < bound
 
 
 def test_jitter_of_an_encoder_is_not_its_motion() -> None:
-    """32 edges a turn, slow and changing: what is left of a window is rounding, not the bend of the
-    motion.
+    """32 edges a turn, slow and changing: after the projection a window holds rounding, not the
+    curvature of the motion.
     """
     fine = np.arange(0.0, 6.0, 1e-4)
     speed = 60.0 + 50.0 * np.sin(2.0 * np.pi * 0.7 * fine)
@@ -393,50 +390,54 @@ def test_jitter_of_an_encoder_is_not_its_motion() -> None:
     )
 
 
+def spacing_error(before_s: float, after_s: float, number: int, usual_change: float) -> float:
+    """Error bound of the last of so many edges whose periods change from before_s to after_s."""
+    zero, now_s = np.zeros(PARTICLES), number * after_s
+    particles = Particles(
+        zero, zero, zero, zero, zero, zero, now_s=0.0, growth=0.0, growth_change=usual_change
+    )
+    row = RowPair(0.0, 0.0, 0.0, now_s, (0.0, 0.0), (before_s, after_s), 0.0, counts=False)
+    return spacing_error_s(particles, row, np.full(PARTICLES, number))[0]
+
+
 @pytest.mark.parametrize("number", [2, 3, 5])
 @pytest.mark.parametrize("after_s", [1.9e-3, 2.2e-3])
-def test_a_motion_may_bend_suddenly_in_the_first_of_unseen_periods_or_in_the_last(
+def test_the_spacing_error_covers_a_sudden_change_in_the_first_or_last_hidden_period(
     number: int, after_s: float
 ) -> None:
-    """A command steps anywhere in a row: the last edge lies within what is said of it, and not far
-    within.
-    """
-    before_s, zero = 2e-3, np.zeros(PARTICLES)
-    cells = _Particles(zero, zero, zero, zero, zero, zero, now_s=0.0, growth=0.0, kink=1e-4)
-    bend = _bend(cells, (before_s, after_s), number * after_s, np.full(PARTICLES, number))[0]
-    steady = unseen_lengths(before_s, after_s, number)[-1]
+    """A command steps anywhere in a row: the bound on the last edge's error holds and is tight."""
+    before_s = 2e-3
+    error_s = spacing_error(before_s, after_s, number, usual_change=1e-4)
+    steady = accelerated_edge_times(before_s, after_s, number)[-1]
     late, early = (number - 1) * before_s + after_s, number * after_s
     largest = max(abs(late - steady), abs(early - steady))
-    assert 0.95 * bend < largest < 1.1 * bend
+    assert 0.95 * error_s < largest < 1.1 * error_s
 
 
-def test_a_motion_that_bends_as_it_always_does_is_known_better() -> None:
-    zero, sudden = np.zeros(PARTICLES), []
-    for usual in (1e-4, 0.1):
-        cells = _Particles(zero, zero, zero, zero, zero, zero, now_s=0.0, growth=0.0, kink=usual)
-        sudden.append(_bend(cells, (2e-3, 1.9e-3), 5.7e-3, np.full(PARTICLES, 3))[0])
-    assert sudden[1] < 0.3 * sudden[0]
+def test_the_spacing_error_is_smaller_where_periods_change_as_usual() -> None:
+    sudden, usual = (spacing_error(2e-3, 1.9e-3, 3, change) for change in (1e-4, 0.1))
+    assert usual < 0.3 * sudden
 
 
 @pytest.mark.parametrize("following_rpm, span", [(3781.0, 2), (3750.5, 1)])
 def test_a_value_that_repeats_while_periods_grow_shows_a_row_without_an_edge(
     following_rpm: float, span: int
 ) -> None:
-    """Both numbers of edges fit the long row; only after an edge at its end has the row after it
-    room for none.
+    """Both numbers of edges fit the long row; the next row can hold none only after an edge at the
+    long row's end.
     """
-    reader = _Reader(
+    reader = RowReader(
         np.array([-5.154e-3, 0.0, 2.186e-3]), np.array([3842.5, 3781.0, following_rpm]), 4, 0.5
     )
-    reader.begin(0, 3842.5)
+    reader.begin(reader.reading(0, 3842.5))
     reader.last_row, reader.low, reader.high = 0, -7.965e-3, -7.828e-3
-    reader.follow(1, 3781.0)
+    reader.follow(reader.reading(1, 3781.0))
     assert reader.chain.span[-1] == span
 
 
-def test_a_row_shows_its_last_edge() -> None:
-    """An edge after its row's end is the one before, one that another follows within the row is the
-    next, beyond what is known.
+def test_each_row_reports_its_last_edge() -> None:
+    """A smoothed edge beyond its row's end becomes the edge before, one that another edge follows
+    within the row becomes the next, where the distance exceeds the half width.
     """
     now = np.arange(1, 7) * 5e-3
     end = now + 1e-3 * np.array([-0.5, 0.2, -0.5, -2.2, -2.05, -0.5])

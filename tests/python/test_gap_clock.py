@@ -1,5 +1,5 @@
 """Time stamps that scatter around an even clock are corrected, uneven rows are kept: the Hall edges
-tell the two apart.
+separate the two cases.
 """
 
 import numpy as np
@@ -25,8 +25,8 @@ def rig(tmp_path) -> Rig:
 
 
 def hall_speed(t: np.ndarray) -> np.ndarray:
-    """Speed of a shaft that swells and slows, from four edges a turn, as rows at the times t show
-    it, in steps of 0.5 rpm.
+    """Speed column (n,), rpm, of rows that end at the times t (n,), s: a shaft whose speed rises
+    and falls, four edges a turn, resolution 0.5 rpm.
     """
     fine = np.linspace(0.0, t[-1] + 0.1, 400_001)
     speed = 600.0 + 250.0 * np.sin(4.0 * fine)
@@ -49,7 +49,7 @@ def times_by_edges(stamps: np.ndarray, speed_rpm: np.ndarray, rig: Rig) -> np.nd
     return row_times(stamps, stamp_contradictions(Log(stamps, {"speed_rpm": speed_rpm}, ""), rig))
 
 
-def test_stamps_that_scatter_are_put_back_on_the_clock(rig: Rig) -> None:
+def test_stamps_that_scatter_are_replaced_by_the_even_grid(rig: Rig) -> None:
     stamps = GRID + np.random.default_rng(1).uniform(-5e-5, 5e-5, len(GRID))
     log = Log(stamps, {"speed_rpm": hall_speed(GRID)}, "run.csv")
     log = correct_time_stamps(log, stamp_contradictions(log, rig))
@@ -57,13 +57,13 @@ def test_stamps_that_scatter_are_put_back_on_the_clock(rig: Rig) -> None:
     assert "even clock" in log.warnings[-1]
 
 
-def test_rows_that_are_uneven_are_believed(rig: Rig) -> None:
+def test_uneven_rows_keep_their_stamps(rig: Rig) -> None:
     real = GRID + np.random.default_rng(1).uniform(-5e-5, 5e-5, len(GRID))
     assert times_by_edges(real, hall_speed(real), rig) is real
 
 
 @pytest.mark.parametrize("uneven", [False, True])
-def test_edges_that_tell_little_have_to_speak_against_lateness(rig: Rig, uneven: bool) -> None:
+def test_few_edges_reject_the_grid_only_with_more_contradictions(rig: Rig, uneven: bool) -> None:
     even = np.arange(1, 121) / 600.0
     stamps = even + np.random.default_rng(1).uniform(-0.05, 0.05, len(even)) / 600.0
     speed = hall_speed(stamps if uneven else even)
@@ -85,7 +85,7 @@ def test_missing_rows_do_not_hide_the_clock() -> None:
     assert np.abs(even_grid(stamps[kept]) - GRID[kept]).max() < 1e-5
 
 
-def test_stamps_rounded_to_milliseconds_are_unrounded_without_edges() -> None:
+def test_stamps_rounded_to_milliseconds_are_corrected_without_edges() -> None:
     even = np.arange(600) / 300.0
     assert np.abs(row_times(np.round(even, 3)) - even).max() < 1e-4
     # scatter beyond the last digit is no rounding
@@ -94,13 +94,13 @@ def test_stamps_rounded_to_milliseconds_are_unrounded_without_edges() -> None:
     assert row_times(uneven) is uneven
 
 
-@pytest.mark.parametrize("scatter, believed", [(0.05, False), (0.33, True)])
+@pytest.mark.parametrize("scatter, kept", [(0.05, False), (0.33, True)])
 def test_without_edges_a_small_scatter_is_lateness_and_a_large_one_is_real(
-    scatter: float, believed: bool
+    scatter: float, kept: bool
 ) -> None:
     stamps = GRID + np.random.default_rng(1).uniform(-scatter, scatter, len(GRID)) * 1e-3
     found = row_times(stamps)
-    assert found is stamps if believed else np.abs(found - GRID).max() < 5e-6
+    assert found is stamps if kept else np.abs(found - GRID).max() < 5e-6
 
 
 def test_stamps_of_no_clock_have_no_grid() -> None:

@@ -1,0 +1,49 @@
+"""Times of the Hall edges that no log row reports, because several edges fall between two rows."""
+
+import numpy as np
+
+# s: bound on the error of every reported time, from rounding the row's time stamp and the edge's
+# time stamp to about 1 us each
+TICK_S = 2e-6
+# share of the change between two reported periods by which each hidden period between them may
+# differ from uniform acceleration; chosen on the tuning half of the blind set
+BEND_SHARE = 0.02
+# rows: a period longer than this many row intervals is reported by a row of its own, and at most
+# one edge falls into a row; chosen on the tuning half of the blind set
+ONE_EDGE_ROWS = 1.5
+
+
+def counted_edge_times(
+    previous_s: float, period_s: float, most: int, rows_s: tuple[float, float, float]
+) -> np.ndarray:
+    """Times (most,), s, from one edge to the first, second, ... edge after it, of a sensor that
+    reports the mean period over all edges since the row before (docs/spec/gap.md, section 1).
+
+    rows_s: end of the row read before, end of the last missing row, and end of this row. The edges
+    of missing rows are taken to pass at the mean of both reported speeds.
+    """
+    number, (before, since, now) = np.arange(1, most + 1), rows_s
+    if since <= before:
+        return period_s * number
+    missing_s = 2.0 / (1.0 / previous_s + 1.0 / period_s)
+    return missing_s * number + (period_s - missing_s) * np.minimum(
+        number, (now - since) / period_s
+    )
+
+
+def accelerated_edge_times(previous_s: float, period_s: float, most: int) -> np.ndarray:
+    """Times (most,), s, from one edge to the first, second, ... edge after it. The n-th entry
+    assumes that n periods lead from a period of previous_s to one of period_s at uniform
+    acceleration: the square of the speed then grows linearly with the angle.
+    """
+    number = np.arange(1, most + 1)
+    share = np.tril(number[None, :] / number[:, None])
+    rate = 1.0 / previous_s**2 + (1.0 / period_s**2 - 1.0 / previous_s**2) * share
+    return np.tril(1.0 / np.sqrt(rate)).sum(axis=1)
+
+
+def first_hidden_period(previous_s: float, period_s: float, count: np.ndarray) -> np.ndarray:
+    """Length (k,), s, of the first of `count` (k,) periods that lead from previous_s to period_s at
+    uniform acceleration.
+    """
+    return 1.0 / np.sqrt(1.0 / previous_s**2 + (1.0 / period_s**2 - 1.0 / previous_s**2) / count)
