@@ -14,10 +14,7 @@ from pathlib import Path
 from truth_helpers import TRUTH
 
 import gap_bench  # isort: skip
-from vgroove.gap.diagnose import diagnose
-
 from vgroove.gap import diagnose
-from vgroove.gap_bench.score import Scored
 from vgroove.gap_bench.scored import Scored
 from vgroove.log import read_log
 from vgroove.rig import read_rig
