@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vgroove.gap.residual.local_polynomial import MAX_STATE_SIGMAS, Observations, local_fit
+from vgroove.gap.residual.local_polynomial import LOCAL_FIT, Observations, local_fit
 from vgroove.gap.residual.restarts import Restarts
 from vgroove.gap.residual.speed_ripple import (
     SpeedRipple,
@@ -95,7 +95,7 @@ def test_a_large_ripple_of_the_turn_leaves_a_state_to_restart_from(
         observed, true, angle = pitches(ripple, 1.0, phase, seen)
         counted = replace(observed, pitch=np.arange(len(observed.value)) % 4, pitches_per_rev=4)
         found = local_fit(counted, INSTANT_S)
-        assert found.sigmas < MAX_STATE_SIGMAS < local_fit(observed, INSTANT_S).sigmas
+        assert found.sigmas < LOCAL_FIT.max_sigmas < local_fit(observed, INSTANT_S).sigmas
         restarts = Restarts(
             np.array([100]),
             np.array([[0.0, found.value, angle]]),

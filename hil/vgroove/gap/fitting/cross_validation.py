@@ -1,11 +1,11 @@
 """Out-of-fold residuals of a fit: each block of the log predicted by a Newton step, from the fit of
 all rows, to the optimum of the other folds, and simulated there.
 
-Method: approximate cross-validation by one Newton step for each fold (Beirami et al., On Optimal
-Generalizability in Parametric Learning, NeurIPS 2017). Where the model jumps (a ripple torque that
-stops the shaft) no part of such a step may lower the cost of the rows that it comes from. Then the
-points around the fit are simulated, and each fold takes the one of least cost on its training rows;
-the block that is to be predicted is not among them.
+Method: approximate cross-validation by one Newton step for each fold (Rahnama Rad and Maleki,
+Journal of the Royal Statistical Society B 82 (2020) 965). Where the model jumps (a ripple torque
+that stops the shaft) no part of such a step may lower the cost of the rows that it comes from. Then
+the points around the fit are simulated, and each fold takes the one of least cost on its training
+rows; the block that is to be predicted is not among them.
 """
 
 from collections.abc import Iterator, Sequence

@@ -43,7 +43,7 @@ def read_edge_periods(log: CleanLog) -> EdgePeriods | None:
     if len(np.unique(whole)) <= limit:
         return found
     log.warn(
-        "the speeds are no edge periods that follow one another (filtered?): compared over a pitch "
+        "the speeds are not those of consecutive edge periods (filtered?): compared over the pitch "
         "before each row"
     )
     return None
@@ -60,8 +60,8 @@ def _read_scaled(log: CleanLog) -> EdgePeriods:
     if scale == 1.0:
         return found
     log.warn(
-        "the edge periods behind speed_rpm follow one another on these time stamps only if the "
-        f"speeds are read {100.0 * (scale - 1.0):+.3g} % off: the sensor's gain, or a clock"
+        "the edge periods behind speed_rpm are consecutive on these time stamps only if the speeds "
+        f"are off by {100.0 * (scale - 1.0):+.3g} %: the sensor's gain, or a clock"
     )
     return replace(found, speed_rpm=found.speed_rpm * scale, scale=scale)
 

@@ -41,7 +41,6 @@ class LocalFitRules:
 
 
 LOCAL_FIT = LocalFitRules()
-MAX_STATE_SIGMAS = LOCAL_FIT.max_sigmas
 MIN_RESIDUAL = 1e-12  # keeps a weight finite
 
 

@@ -118,7 +118,7 @@ def _known_channels(
     gaps = count_inner(holes)
     if gaps:
         log.warn(
-            f"{gaps} holes in the command; what follows each is left out up to the next restart"
+            f"{gaps} holes in the command; the samples from each to the next restart are left out"
         )
     known = [channel for channel in known if len(channel.row)]
     if not known:

@@ -10,7 +10,6 @@ import numpy as np
 from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.local_polynomial import (
     LOCAL_FIT,
-    MAX_STATE_SIGMAS,
     NEIGHBOURS,
     NO_FIT,
     NOT_SMOOTHED,
@@ -168,7 +167,7 @@ def _best_known(
     best, chosen = np.inf, None
     for row in rows:
         state, sigmas, slope_penalty = observer.state(float(time_s[row]))
-        if sigmas < MAX_STATE_SIGMAS and sigmas + slope_penalty < best:
+        if sigmas < LOCAL_FIT.max_sigmas and sigmas + slope_penalty < best:
             best, chosen = sigmas + slope_penalty, (row, state)
     return chosen
 
