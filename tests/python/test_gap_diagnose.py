@@ -212,7 +212,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
 
 
 def test_the_verdict_holds_plain_numbers_only() -> None:
-    from vgroove.gap.verdict.schema import as_json
+    from vgroove.gap.verdict.json_values import as_json
 
     text = json.dumps(
         as_json({"a": np.float64(0.1) + 1e-14, "b": [np.int64(3), np.bool_(True), None]}),

@@ -5,6 +5,7 @@ nothing is loaded from elsewhere.
 from pathlib import Path
 
 import numpy as np
+import plotly.graph_objects as go
 import pytest
 
 from browser import seen
@@ -112,6 +113,17 @@ def test_the_cards_hold_the_verdicts_figures(found: dict[str, Verdict]) -> None:
             f"{rival.id.replace('_', ' ')} {100 * probability[rival.id]:.0f} %"
             in cards(tied)[1].support
         )
+
+
+def test_figures_are_plotly_objects_by_title(found: dict[str, Verdict]) -> None:
+    figures = found["effect"].figures()
+    assert {"Where: subsystems", "How far: the gap of each signal"} <= set(figures)
+    assert all(isinstance(figure, go.Figure) for figure in figures.values())
+
+
+def test_a_notebook_shows_the_page_in_a_frame(found: dict[str, Verdict]) -> None:
+    shown = found["none"]._repr_html_()
+    assert shown.startswith('<iframe srcdoc="&lt;!doctype html&gt;') and "<script" not in shown
 
 
 def test_the_check_sees_errors_and_loads_of_a_page(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.result import Verdict
-from vgroove.gap.verdict.schema import as_json
+from vgroove.gap.verdict.json_values import as_json
 from vgroove.rig import Rig
 
 

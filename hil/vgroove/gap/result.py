@@ -15,7 +15,6 @@ from vgroove.gap.verdict.schema import (
     Rival,
     Unexplained,
     Where,
-    as_json,
 )
 
 if TYPE_CHECKING:
@@ -65,6 +64,8 @@ class Verdict:
 
     def as_dict(self) -> dict[str, Any]:
         """The verdict's JSON as dicts, lists and Python numbers."""
+        from vgroove.gap.verdict.json_values import as_json
+
         names = [f.name for f in fields(self) if f.name != "evidence"]
         return {"schema": SCHEMA} | {name: as_json(getattr(self, name)) for name in names}
 

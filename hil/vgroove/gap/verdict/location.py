@@ -134,7 +134,7 @@ def is_significant_gain(search: Search, leaner: np.ndarray, fuller: np.ndarray) 
     samples = bootstrap_means(search.blocks, gain)
     low = float(np.quantile(samples, 1.0 - COMPARISON.significance))
     least = LOCATION.min_gain * search.noise_power()
-    return low > 0.0 and gain.sum() / search.blocks.total > least
+    return bool(low > 0.0 and gain.sum() / search.blocks.total > least)
 
 
 def active_subsystems(

@@ -6,13 +6,11 @@ values in sensor sigmas over held-out rows; shares lie in 0..1.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 from vgroove.gap.selection.parameter_estimate import ParameterEstimate
 
-SIGNIFICANT_DIGITS = 10  # of numbers in the JSON: the last bits differ between machines
-OMIT_IF_EMPTY = {"omit_if_empty": True}
+OMIT_IF_EMPTY = {"omit_if_empty": True}  # metadata of a field that the JSON may lack
 
 
 @dataclass(frozen=True)
@@ -151,25 +149,3 @@ class Unexplained:
     looks_like: str | None
     could_gain: float
     correction: Sequence[Sequence[float]]
-
-
-def as_json(value: Any) -> Any:
-    """The same in dicts, lists and Python numbers of SIGNIFICANT_DIGITS digits, ready for JSON."""
-    if is_dataclass(value):
-        shown = [f for f in fields(value) if not _is_omitted(f.metadata, getattr(value, f.name))]
-        return {f.name: as_json(getattr(value, f.name)) for f in shown}
-    if isinstance(value, Mapping):
-        return {str(k): as_json(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [as_json(v) for v in value]
-    return _plain_number(value)
-
-
-def _is_omitted(metadata: Mapping[str, Any], value: Any) -> bool:
-    return metadata.get("omit_if_empty", False) and not value
-
-
-def _plain_number(value: Any) -> Any:
-    """A Python number for a number of Python or NumPy; anything else as it is."""
-    value = value.item() if hasattr(value, "item") else value
-    return float(f"{value:.{SIGNIFICANT_DIGITS}g}") if isinstance(value, float) else value
