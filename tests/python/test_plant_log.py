@@ -1,5 +1,5 @@
-"""simulate_log as an interface: bytes, restarts, missing samples, delays, ranges, and how much
-faster than real time it is.
+"""simulate_log as an interface: equal bytes, restarts, missing samples, delays, ranges, and its speed
+over real time.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def test_rest_is_exact_up_to_the_coulomb_torque() -> None:
         ("motor.coulomb_nm", np.nan),
     ],
 )
-def test_values_outside_physics_are_refused_by_name(key: str, value: float) -> None:
+def test_impossible_values_are_refused_by_name(key: str, value: float) -> None:
     theta = theta_of(ref.Tool())
     theta[core.PARAMETERS.index(key)] = value
     with pytest.raises(ValueError, match=key.split(".")[1].split("_")[0]):
