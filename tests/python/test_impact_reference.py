@@ -1,5 +1,5 @@
-"""The impact tool of the plant against its second opinion (impact_reference.py and .json), and tests
-of that opinion itself.
+"""The impact tool of the plant against its second opinion (impact_reference.py and .json), and
+tests of that opinion itself.
 """
 
 from __future__ import annotations

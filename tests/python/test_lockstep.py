@@ -1,5 +1,5 @@
-"""The lock-step loop in C++ sends the same bytes as the one in Python, and records the true values of
-the tool.
+"""The lock-step loop in C++ sends the same bytes as the one in Python, and records the true values
+of the tool.
 """
 
 import threading
