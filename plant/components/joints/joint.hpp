@@ -56,8 +56,8 @@ struct JointKind {
     void (*slip)(const Parameters &p, double at_rad, JointSegment &s);
 };
 
-// A new joint: its entry in hil/vgroove/gap/catalogue/loads/ with the rig keys, its file here, and a
-// line each here, in JOINT_KINDS (joint.cpp), VGROOVE_LOADS (loads.hpp) and CMakeLists.txt.
+// A new joint: its entry in hil/vgroove/gap/catalogue/loads/ with the rig keys, its file here, a line
+// here, in JOINT_KINDS (joint.cpp), in VGROOVE_LOADS (loads.hpp) and in CMakeLists.txt.
 extern const JointKind LOCKED_JOINT;  // joint.cpp
 extern const JointKind HARD_JOINT;    // hard.cpp
 extern const JointKind DISC_JOINT;    // disc.cpp
