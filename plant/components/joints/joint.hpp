@@ -56,7 +56,7 @@ struct JointKind {
     void (*slip)(const Parameters &p, double at_rad, JointSegment &s);
 };
 
-// A new joint: its entry in hil/vgroove/gap/catalogue/loads/ with the rig keys, its file here, a line
+// A new joint: its entry with the rig keys in hil/vgroove/gap/catalogue/loads/, its file, a line
 // here, in JOINT_KINDS (joint.cpp), in VGROOVE_LOADS (loads.hpp) and in CMakeLists.txt.
 extern const JointKind LOCKED_JOINT;  // joint.cpp
 extern const JointKind HARD_JOINT;    // hard.cpp
