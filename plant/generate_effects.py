@@ -1,5 +1,5 @@
-"""Write effect_parameters.hpp from the catalogue hil/vgroove/gap/catalogue: the plant's parameters of
-effects and loads, the switch of each effect and the checks of its ranges.
+"""Write effect_parameters.hpp from the catalogue hil/vgroove/gap/catalogue: the plant's parameters
+of effects and loads, the switch of each effect and the checks of its ranges.
 
     python plant/generate_effects.py build/plant/effect_parameters.hpp [folder of the catalogue]
 

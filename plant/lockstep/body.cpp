@@ -1,4 +1,4 @@
-// A PWM period of any lock-step tool, and the Hall edges from its motion.
+// Hall edges of the lock-step tools, and their faults.
 #include "lockstep/body.hpp"
 
 #include <cmath>
@@ -18,23 +18,13 @@ LockstepBody::LockstepBody(HallWheel wheel, const HallFaults &faults, std::uint6
       faults_(faults),
       dropout_{seed} {}
 
-void LockstepBody::begin(const LockstepTool &tool) {
-    reading_ = tool.wheel();
-}
-
-PeriodResult LockstepBody::period(LockstepTool &tool, const BridgeCommand &command,
-                                  double load_nm) {
-    tool.run_period(command, load_nm);
-    const WheelReading before = reading_;
-    reading_ = tool.wheel();
-    if (reading_.angle != before.angle && !wheel_.edge_rad.empty())
-        hall_wheel_edges(wheel_, {before.angle, before.speed, reading_.angle, reading_.speed},
+void LockstepBody::add_edges(const WheelReading &end) {
+    const WheelReading from = reading_;
+    reading_ = end;
+    if (end.angle != from.angle && !wheel_.edge_rad.empty())
+        hall_wheel_edges(wheel_, {from.angle, from.speed, end.angle, end.speed},
                          faults_.dropout_probability, dropout_, cycles_ + faults_.delay_cycles,
                          edges_);
-    PeriodResult r{tool.measured_current(), tool.measured_bus(), 0, {}};
-    hall_wheel_take(edges_, cycles_, r);
-    cycles_ += PERIOD_CYCLES;
-    return r;
 }
 
 }  // namespace vgroove

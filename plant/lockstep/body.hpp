@@ -23,17 +23,6 @@ struct WheelReading {
     double angle, speed;
 };
 
-// One tool over one period
-class LockstepTool {
-public:
-    virtual ~LockstepTool() = default;
-    // load_nm: at the end of the period
-    virtual void run_period(const BridgeCommand &command, double load_nm) = 0;
-    virtual double measured_current() const = 0;  // at the end, A
-    virtual double measured_bus() const = 0;      // mean, V
-    virtual WheelReading wheel() const = 0;       // at the end
-};
-
 // Faults of the Hall sensor: lost edges, and a delay in CPU cycles
 struct HallFaults {
     double dropout_probability = 0.0;
@@ -43,14 +32,31 @@ struct HallFaults {
 // Effects hall_dropout, and speed_lag in the form of a delay
 HallFaults hall_faults(const Parameters &p);
 
+// A tool has
+//   void run_period(const BridgeCommand &, double load_nm)   load_nm: at the end of the period
+//   double measured_current() const                          at the end, A
+//   double measured_bus() const                              mean, V
+//   WheelReading wheel() const                               at the end
 class LockstepBody {
 public:
     LockstepBody(HallWheel wheel, const HallFaults &faults, std::uint64_t seed);
+
     // Takes the wheel's angle and speed as those at the start of the next period.
-    void begin(const LockstepTool &tool);
-    PeriodResult period(LockstepTool &tool, const BridgeCommand &command, double load_nm);
+    template <class Tool> void begin(const Tool &tool) { reading_ = tool.wheel(); }
+
+    template <class Tool>
+    PeriodResult period(Tool &tool, const BridgeCommand &command, double load_nm) {
+        tool.run_period(command, load_nm);
+        add_edges(tool.wheel());
+        PeriodResult r{tool.measured_current(), tool.measured_bus(), 0, {}};
+        hall_wheel_take(edges_, cycles_, r);
+        cycles_ += PERIOD_CYCLES;
+        return r;
+    }
 
 private:
+    void add_edges(const WheelReading &end);  // of the motion since the last reading
+
     HallWheel wheel_;
     HallFaults faults_;
     Noise dropout_;

@@ -39,7 +39,7 @@ static double chuck_torque(const DrillParameters &p, const DrillSystem &s, doubl
                     0.0);
 }
 
-struct DrillPlant::Body final : LockstepTool {
+struct DrillPlant::Body {
     DrillParameters parameters;
     double supply_ohm, step_s;
     DrillRealTime solver;
@@ -55,7 +55,7 @@ struct DrillPlant::Body final : LockstepTool {
           solver(p, h),
           lockstep(std::move(w), HallFaults{}, 0) {}
 
-    void run_period(const BridgeCommand &c, double load_end_nm) override {
+    void run_period(const BridgeCommand &c, double load_end_nm) {
         const DrillSystem &s = solver.system();
         const double current = s.x[DRILL_CURRENT], charge = s.sums[DRILL_CHARGE];
         const double bus = parameters.supply_v - supply_ohm * (c.coast ? 0.0 : c.duty * current);
@@ -70,9 +70,9 @@ struct DrillPlant::Body final : LockstepTool {
         bus_v = parameters.supply_v - supply_ohm * (c.coast ? 0.0 : c.duty * mean_a);
     }
 
-    double measured_current() const override { return solver.system().x[DRILL_CURRENT]; }
-    double measured_bus() const override { return bus_v; }
-    WheelReading wheel() const override {
+    double measured_current() const { return solver.system().x[DRILL_CURRENT]; }
+    double measured_bus() const { return bus_v; }
+    WheelReading wheel() const {
         const DrillSystem &s = solver.system();
         return {s.sums[DRILL_ANGLE], s.x[DRILL_SPEED]};
     }

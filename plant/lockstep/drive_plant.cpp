@@ -25,7 +25,7 @@ __attribute__((flatten)) static void run_solver(DriveSolver &s, double period_s)
         s, [](int) __attribute__((always_inline)) { return false; });
 }
 
-struct DrivePlant::Body final : LockstepTool {
+struct DrivePlant::Body {
     DriveSolver solver{};
     Parameters parameters;
     LockstepBody lockstep;
@@ -57,7 +57,7 @@ struct DrivePlant::Body final : LockstepTool {
         solver.state.x[STATE_BUS_TIME] = 0.0;
     }
 
-    void run_period(const BridgeCommand &command, double load_nm) override {
+    void run_period(const BridgeCommand &command, double load_nm) {
         commands.push_back(command);
         set_drive(commands.front(), load_nm);
         commands.pop_front();
@@ -69,18 +69,18 @@ struct DrivePlant::Body final : LockstepTool {
         solver.drive.load_nm = load_nm;
     }
 
-    double measured_current() const override {
+    double measured_current() const {
         const bool lags = (solver.model.effects & EFFECT_CURRENT_LAG) != 0u;
         return sensors_measured_current(
             parameters, solver.state.x[lags ? STATE_CURRENT_FILTER : STATE_CURRENT]);
     }
 
-    double measured_bus() const override {
+    double measured_bus() const {
         return solver.state.x[STATE_BUS_TIME] / period_s *
                (1.0 + parameters.effects.supply_gain.relative);
     }
 
-    WheelReading wheel() const override {
+    WheelReading wheel() const {
         const double *x = solver.state.x;
         const Drivetrain<double> &m = solver.model;
         const ShaftMotion shaft{x[STATE_SPEED], x[STATE_ANGLE], x[STATE_SPEED_FILTER]};

@@ -20,7 +20,7 @@ struct TimedCommand {
     BridgeCommand command;
 };
 
-struct ImpactBody : LockstepTool {
+struct ImpactBody {
     Parameters parameters;
     LockstepBody lockstep;
     std::deque<TimedCommand> commands{{0.0, {true, 0.0, 0.0}}};  // in force and to come
@@ -31,7 +31,11 @@ struct ImpactBody : LockstepTool {
           lockstep(std::move(wheel), hall_faults(p), seed),
           period_s(PERIOD_S / (1.0 + p.effects.clock_skew.relative)) {}
 
+    virtual ~ImpactBody() = default;
     virtual void run(double seconds, const BridgeCommand &c, double load_rate) = 0;
+    virtual double measured_current() const = 0;
+    virtual double measured_bus() const = 0;
+    virtual WheelReading wheel() const = 0;
     virtual void begin_means() = 0;
     virtual AdvanceResult now() const = 0;
     virtual AdvanceResult result(double seconds) const = 0;
@@ -43,7 +47,7 @@ struct ImpactBody : LockstepTool {
         return 2.0 * parameters.effects.dead_time.dead_time_s * parameters.bridge_pwm_hz;
     }
 
-    void run_period(const BridgeCommand &c, double load_end_nm) override {
+    void run_period(const BridgeCommand &c, double load_end_nm) {
         run_interval(period_s, {c.coast, c.duty, c.dead + dead_share()}, load_end_nm);
     }
 

@@ -78,7 +78,9 @@ class State:
 
 
 def stribeck(d: Drill, tc: float, w: float) -> float:
-    """Section 3: T = sqrt(2e) (Tbrk - Tc) exp(-(w/wSt)^2) w/wSt + Tc tanh(w/wCoul); Tbrk = 1.2 Tc."""
+    """T = sqrt(2e) (Tbrk - Tc) exp(-(w/wSt)^2) w/wSt + Tc tanh(w/wCoul), Tbrk = 1.2 Tc
+    (section 3).
+    """
     st, coul = np.sqrt(2.0) * d.w_brk, d.w_brk / 10.0
     return np.sqrt(2.0 * np.e) * 0.2 * tc * np.exp(-((w / st) ** 2)) * w / st + tc * np.tanh(
         w / coul

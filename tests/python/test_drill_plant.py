@@ -1,5 +1,5 @@
-"""The drill driver in lock-step and alone: it agrees with its reference and with SciPy's, keeps its
-clutch, runs under the firmware.
+"""The drill driver in lock-step and alone: it agrees with its reference and with SciPy, limits the
+torque by its clutch, runs under the firmware.
 """
 
 import json
@@ -52,7 +52,7 @@ def test_agrees_with_the_reference(gear: str, pulse: bool, clutch_nm: float) -> 
     assert np.max(np.abs(rows["current_a"] - mean_a)) < 2e-3 * np.max(np.abs(mean_a))
 
 
-def test_agrees_with_scipy_in_the_older_form_of_the_law_too() -> None:
+def test_agrees_with_scipy_in_the_exponential_form_of_the_law() -> None:
     tool = rig("low", mechanism__pulse=True)
     other = run(Drill(pulse=True, end=2.6), np.arange(1, 2600) * ROW_S)
     rows = alone(tool, 2.6)
@@ -138,12 +138,12 @@ def test_an_open_bridge_takes_the_current_through_the_diodes_and_then_nothing() 
         ("unknown parameter motor.volt", lambda: _core.DrillPlant({"motor.volt": 1.0})),
     ],
 )
-def test_what_does_not_fit_is_refused(words: str, call: object) -> None:
+def test_contradictory_requests_are_refused(words: str, call: object) -> None:
     with pytest.raises(ValueError, match=words):
         call()
 
 
-def test_rigs_that_do_not_fit_are_a_sentence() -> None:
+def test_unsuitable_rigs_are_refused_with_a_sentence() -> None:
     with pytest.raises(VgrooveError, match="no effects, so not coulomb_friction"):
         rig().with_effects({"coulomb_friction": {"torque_nm": 0.01}}).drill_parameters()
     with pytest.raises(VgrooveError, match="not voltage_v"):
@@ -174,7 +174,7 @@ def invoke(*arguments: object) -> None:
     ("gear", "slow", "fast", "mean", "peak"),
     [("low", 296, 394, 19, 37), ("high", 980, 1342, 22, 42)],
 )
-def test_sim_shows_section_7(
+def test_sim_has_the_figures_of_the_specification(
     gear: str, slow: float, fast: float, mean: float, peak: float, tmp_path: Path
 ) -> None:
     write_rig(rig(gear, mechanism__pulse=True), tmp_path / "rig.toml")

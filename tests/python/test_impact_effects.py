@@ -36,8 +36,8 @@ Trace = dict[str, np.ndarray]
 
 
 def motion(joint: str = "slip 60", duty: float = DUTY, **effects: dict[str, float]) -> Trace:
-    """Every 2 us from rest, with time derivatives; impacts go on and nothing switches where
-    `smooth`, no lug is touched where `calm`.
+    """Columns every 2 us from rest, with time derivatives. `smooth`: after the first impacts, no
+    event within the stencil. `untouched`: moreover no lug is touched.
     """
     time_s = np.arange(0.0, TO_S, STEP_S)
     t = drive(rig_with(JOINTS[joint]).with_effects(effects), np.full(125, duty), trace_s=time_s)[
@@ -54,7 +54,7 @@ def motion(joint: str = "slip 60", duty: float = DUTY, **effects: dict[str, floa
     t["motor_rad"] = np.concatenate(
         [[0.0], np.cumsum(0.5 * STEP_S * (t["speed_rad_s"][1:] + t["speed_rad_s"][:-1]))]
     )
-    return t | {"time_s": time_s, "smooth": smooth, "calm": smooth & ~struck}
+    return t | {"time_s": time_s, "smooth": smooth, "untouched": smooth & ~struck}
 
 
 def integrated(rate: Callable[[int, float], float], count: int) -> np.ndarray:
@@ -86,20 +86,20 @@ def terminal_v(t: Trace, voc: float | np.ndarray = VOC, ohm: float = RS) -> np.n
 
 
 def agrees(
-    t: Trace, found: np.ndarray, expected: np.ndarray, scale: float, where: str = "calm"
+    t: Trace, found: np.ndarray, expected: np.ndarray, scale: float, where: str = "untouched"
 ) -> None:
     """Within a five-hundredth of `scale`."""
     assert np.sum(t[where]) * STEP_S > 0.7 * (TO_S - FROM_S)
     np.testing.assert_allclose(found[t[where]], expected[t[where]], rtol=0, atol=2e-3 * scale)
 
 
-def rubbing(t: Trace) -> np.ndarray:
+def nominal_friction_nm(t: Trace) -> np.ndarray:
     return TC + B * t["speed_rad_s"]
 
 
 def test_the_balances_hold_without_an_effect() -> None:
     t = motion()
-    agrees(t, friction_nm(t), rubbing(t), 0.01)
+    agrees(t, friction_nm(t), nominal_friction_nm(t), 0.01)
     agrees(t, winding_v(t), terminal_v(t), 0.5)
 
 
@@ -134,12 +134,12 @@ def test_friction_at_the_motor_shaft(effect: str) -> None:
     t = motion(**{effect: values})
     added = FRICTIONS[effect](t, values)
     assert np.max(np.abs(added)) > 1e-3
-    agrees(t, friction_nm(t) - rubbing(t), added, 0.02)
+    agrees(t, friction_nm(t) - nominal_friction_nm(t), added, 0.02)
 
 
 def test_added_inertia_turns_with_the_motor() -> None:
     t = motion(added_inertia={"kg_m2": 4e-6})
-    agrees(t, friction_nm(t, JM + 4e-6), rubbing(t), 0.01)
+    agrees(t, friction_nm(t, JM + 4e-6), nominal_friction_nm(t), 0.01)
 
 
 def test_torque_constant_and_saturation_act_on_torque_and_voltage() -> None:
@@ -149,7 +149,7 @@ def test_torque_constant_and_saturation_act_on_torque_and_voltage() -> None:
     ):
         t = motion(**{name: values})
         constant = K * factor(t["current_a"])
-        agrees(t, friction_nm(t, constant=constant), rubbing(t), 0.01)
+        agrees(t, friction_nm(t, constant=constant), nominal_friction_nm(t), 0.01)
         agrees(t, winding_v(t) + (constant - K) * t["speed_rad_s"], terminal_v(t), 0.5)
 
 
@@ -188,7 +188,7 @@ def droop_v(t: Trace, e: dict[str, float]) -> np.ndarray:
 def test_voltage_across_the_winding(effect: str) -> None:
     t = motion(**{effect: EFFECTS[effect]})
     lost = VOLTAGES[effect](t, EFFECTS[effect])
-    assert np.max(lost[t["calm"]]) > 0.05
+    assert np.max(lost[t["untouched"]]) > 0.05
     agrees(t, terminal_v(t) - winding_v(t), lost, 0.5)
 
 
@@ -199,7 +199,7 @@ def test_inductance() -> None:
 
 def axial_n(t: Trace, rate: float = RATE, preload: float = F0) -> np.ndarray:
     """Force through the balls: F0 + k x + m x''; instants at the lugs' height are left out."""
-    t["calm"] &= np.abs(t["hammer_m"] - 4.5e-3) > 1.5e-4
+    t["untouched"] &= np.abs(t["hammer_m"] - 4.5e-3) > 1.5e-4
     return preload + rate * t["hammer_m"] + MASS * t["d_hammer_m_per_s"]
 
 
@@ -227,13 +227,15 @@ def test_groove_friction_opposes_the_balls() -> None:
     t = motion(groove_friction={"coefficient": 0.1})
     arm = 0.1 * RADIUS / np.cos(np.arctan(LEAD / RADIUS))
     way = np.sign(t["speed_rad_s"] / N - t["hammer_rad_s"])  # of q'
-    t["calm"] &= np.convolve(np.abs(np.diff(way, prepend=way[0])) > 0.0, np.ones(5), "same") == 0.0
+    t["untouched"] &= (
+        np.convolve(np.abs(np.diff(way, prepend=way[0])) > 0.0, np.ones(5), "same") == 0.0
+    )
     agrees(t, groove_nm(t), (slope_m(t) + arm * way) * axial_n(t), 2.0)
     for one_way in (1.0, -1.0):
-        assert np.sum(way[t["calm"]] == one_way) > 3000
+        assert np.sum(way[t["untouched"]] == one_way) > 3000
 
 
-def test_lug_wear_lets_go_at_a_lower_height() -> None:
+def test_lug_wear_releases_at_a_lower_height() -> None:
     """Flanks do not touch from the worn height on, and do below it."""
     for wear_m, height_m in ((0.0, 4.5e-3), (1.5e-3, 3.0e-3)):
         t = motion("locked", 0.6, lug_wear={"height_m": wear_m})
@@ -297,8 +299,8 @@ def test_backlash_is_a_play_with_stiff_flanks_between_motor_and_spindle() -> Non
     e = N * (ahead - np.where(np.abs(ahead - q) < np.abs(ahead + q), q, -q))
     over = np.where(np.abs(e) > 0.01 * N, e - np.sign(e) * 0.01 * N, 0.0)
     pushed = 8000.0**2 * reduced * over + 2.0 * 0.15 * 8000.0 * reduced * np.gradient(e, STEP_S)
-    gear_nm = K * t["current_a"] - rubbing(t) - JM * t["d_speed_rad_s"]
-    firm, push = t["calm"] & (np.abs(over) > 1e-3) & (q > 0.2), pushed * np.sign(over)
+    gear_nm = K * t["current_a"] - nominal_friction_nm(t) - JM * t["d_speed_rad_s"]
+    firm, push = t["untouched"] & (np.abs(over) > 1e-3) & (q > 0.2), pushed * np.sign(over)
     assert np.sum(firm & (push > 0.01)) > 10000
     np.testing.assert_allclose(
         gear_nm[firm & (push > 0.01)], pushed[firm & (push > 0.01)], rtol=0, atol=1e-3
@@ -306,7 +308,7 @@ def test_backlash_is_a_play_with_stiff_flanks_between_motor_and_spindle() -> Non
     # they push, never pull
     assert np.sum(firm & (push < -0.01)) > 10 and np.min((gear_nm * np.sign(over))[firm]) > -0.01
     # the rows before and after it too
-    loose = t["calm"] & (np.abs(e) + np.abs(np.gradient(e)) < 0.01 * N) & (q > 0.2)
+    loose = t["untouched"] & (np.abs(e) + np.abs(np.gradient(e)) < 0.01 * N) & (q > 0.2)
     assert np.sum(loose) > 50
     np.testing.assert_allclose(gear_nm[loose], 0.0, atol=1e-3)
 

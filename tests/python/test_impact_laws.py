@@ -1,5 +1,5 @@
-"""Laws that the impact plant keeps whatever its parameters: energy, momentum, torques of climb and
-release, order of blows, effects.
+"""Laws of the impact tool for all parameters: energy, momentum, climb and release torque, order of
+blows, neutral effects.
 """
 
 import numpy as np
@@ -88,7 +88,7 @@ def drive(
     load_nm: float = 5.0,
     **options: object,
 ) -> dict:
-    """The tool from rest, rows of 1 ms; a torque load is 5 N m unless told otherwise."""
+    """The tool from rest, rows of 1 ms; a torque load is 5 N m by default."""
     time_s = np.arange(duty.size) * 1e-3
     load = np.full(duty.size, load_nm) if rig.load["kind"] == "torque" else None
     log = core.LogInput(time_s, "duty", duty, load_kind=rig.load["kind"], load_nm=load, coast=coast)
@@ -282,7 +282,7 @@ SENSOR_EFFECTS = {
 
 
 @pytest.mark.parametrize("effect", SENSOR_EFFECTS)
-def test_sensor_effects_leave_the_tool_alone(effect: str) -> None:
+def test_sensor_effects_do_not_change_the_motion(effect: str) -> None:
     rig, duty = rig_with(JOINTS["slip 60"]), np.full(250, 0.9)
     plain, on = (
         drive(rig, duty, "fast"),
@@ -305,7 +305,7 @@ def test_sensor_effects_leave_the_tool_alone(effect: str) -> None:
         assert on["current_a"].sum() == pytest.approx(plain["current_a"].sum(), rel=0.02)
 
 
-def test_a_delayed_speed_is_the_speed_of_then() -> None:
+def test_a_delayed_speed_is_the_earlier_speed() -> None:
     rig, duty = rig_with(JOINTS["slip 60"]), np.full(250, 0.9)
     late = rig.with_effects(
         {

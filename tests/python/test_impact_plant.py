@@ -1,5 +1,5 @@
-"""The impact tool as a whole: the reference set's figures, lock-step equal to the log's run, what
-`vgroove sim` makes of it.
+"""The impact tool as a whole: figures of the reference set, lock-step equal to a log's run, and
+`vgroove sim` with it.
 """
 
 import copy
@@ -52,7 +52,7 @@ def settled(out: dict) -> tuple[float, float, float, np.ndarray]:
     return 60.0 / period.mean(), period.std() / period.mean(), current, late
 
 
-# docs/spec/model.md, section 4, last row of the reference set.
+# docs/spec/model.md, section 4, last row of the reference set
 @pytest.mark.parametrize(
     ("load", "rate", "current"),
     [

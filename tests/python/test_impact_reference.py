@@ -1,5 +1,5 @@
-"""The impact mechanism of the plant against its second opinion (impact_reference.py and .json), and
-that opinion itself.
+"""The impact tool of the plant against its second opinion (impact_reference.py and .json), and
+tests of that opinion itself.
 """
 
 from __future__ import annotations
@@ -87,21 +87,21 @@ def test_file_is_what_another_method_gives(case: str, method: str) -> None:
         ("slip_6", 2771, 25.5, 1e-3),
     ],
 )
-def test_reference_shows_the_table_of_physics(
+def test_reference_has_the_figures_of_the_specification(
     case: str, blows_per_min: float, current_a: float, within: float
 ) -> None:
     assert 60.0 / settled_period_s(case) == pytest.approx(blows_per_min, rel=within)
     assert settled_current_a(case) == pytest.approx(current_a, abs=0.2)
 
 
-def test_reference_shows_peaks_travel_and_free_speed() -> None:
+def test_reference_has_peaks_travel_and_free_speed() -> None:
     assert contacts("slope_700", reference.BLOW)[-5:-1, 4] == pytest.approx(144.0, abs=0.5)
     assert FILE["cases"]["slope_700"]["hammer_mm"] == pytest.approx(10.9, abs=0.05)
     assert column("free", "speed_rad_s")[-1] / 5.6 * 30 / math.pi == pytest.approx(2813, abs=0.5)
     assert column("free", "current_a")[-1] == pytest.approx(1.8, abs=0.05)
 
 
-def test_reference_loses_synchronism_as_physics_says() -> None:
+def test_reference_loses_synchronism_as_specified() -> None:
     def touches_per_lug(case: str) -> float:
         lugs = contacts(case, reference.BLOW, reference.REPEAT)[:, 1]
         settled = lugs[lugs >= 3]

@@ -1,5 +1,5 @@
-"""The lock-step loop in C++ gives what the Python loop gives, byte for byte, and keeps the truth
-beside it.
+"""The lock-step loop in C++ sends the same bytes as the one in Python, and records the true values
+of the tool.
 """
 
 import threading
@@ -56,7 +56,7 @@ def test_both_loops_send_the_same_bytes(rig: str) -> None:
     assert run(SilBoard, rig, seed=8)[0] != fast
 
 
-def test_truth_is_the_tool_s_own() -> None:
+def test_truth_records_the_true_values_of_the_tool() -> None:
     rig = read_rig(RIGS / "impact_driver.toml")
     tool, truth = make_plant(rig, 1), _core.Truth(1)
     with SilBoard() as board:

@@ -1,5 +1,5 @@
-"""Energy is a law of the plant: what the source gives is lost, done on the load or stored, with
-every effect and load in turn.
+"""Energy balance of the drivetrain with every effect and load in turn: the work of the source is
+lost, done on the load or stored.
 """
 
 from __future__ import annotations

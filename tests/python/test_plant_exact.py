@@ -1,5 +1,5 @@
 """The exact solver of linear drivetrains against the adaptive one, blocks against single rows, and
-the bound on every run's work.
+the bounded work of every run.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def test_exact_and_adaptive_agree(seed: int) -> None:
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**31))
 def test_blocks_and_single_rows_agree(seed: int) -> None:
-    """A command that is late by nothing to speak of takes the rows one by one."""
+    """A transport delay of 1e-15 s makes the solver compute row by row."""
     rng = np.random.default_rng(seed)
     tool, log = random_tool(rng), random_log(rng)
     tool.effects.pop("clock_skew", None)
@@ -230,7 +230,7 @@ def test_a_run_out_of_steps_names_row_time_and_parameter() -> None:
         )
 
 
-def test_unfinished_rows_are_nan_and_leave_their_neighbours_alone() -> None:
+def test_unfinished_rows_are_nan_and_do_not_change_other_sets() -> None:
     log = core.LogInput(np.arange(1000) * 1e-3, "duty", np.full(1000, 0.5))
     starts, state0 = np.array([0, 900]), np.array([[5.0, 300.0, 0.0], [5.0, 300.0, 0.0]])
     theta = np.array([coupled(2.0), coupled(1e9), theta_of(ref.Tool())])
@@ -271,7 +271,7 @@ def test_rest_after_braking_costs_no_more_than_running() -> None:
     assert rest < 2.0 * runs
 
 
-def test_brushes_around_zero_current_are_no_stiffer_than_they_look() -> None:
+def test_brushes_around_zero_current_cost_no_more_steps() -> None:
     """9 V across brushes at some 0.01 A are 30 ohm: braking with them takes no more than braking
     with 0.5 V.
     """

@@ -1,5 +1,5 @@
-"""Long and impossible runs of the plant: Ctrl-C ends them, an absurd rig ends with a sentence, a
-batch names its impossible tool.
+"""Long and impossible runs of the plant: Ctrl-C ends them, an absurd rig ends with a sentence, the
+impossible tool of a batch is named.
 """
 
 import subprocess

@@ -1,5 +1,5 @@
-"""simulate_log as an interface: bytes, restarts, missing samples, delays, ranges, and how much
-faster than real time it is.
+"""simulate_log as an interface: equal bytes, restarts, missing samples, delays, ranges, and its
+speed over real time.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def test_rest_is_exact_up_to_the_coulomb_torque() -> None:
         ("motor.coulomb_nm", np.nan),
     ],
 )
-def test_values_outside_physics_are_refused_by_name(key: str, value: float) -> None:
+def test_impossible_values_are_refused_by_name(key: str, value: float) -> None:
     theta = theta_of(ref.Tool())
     theta[core.PARAMETERS.index(key)] = value
     with pytest.raises(ValueError, match=key.split(".")[1].split("_")[0]):
@@ -212,9 +212,9 @@ def test_speed_figure(record_property: pytest.FixtureRequest) -> None:
     """Prints with pytest -s; the limit is far below the figure so that a busy machine passes."""
     single = speed_figure({}, 1, 1)
     batch = speed_figure({}, 32, 2)
-    print(
+    print(  # noqa: T201
         f"\nsimulate_log, 1 kHz: one lane {single:,.0f} x real time, "
         f"32 lanes on 2 threads {batch:,.0f} x per core"
-    )  # noqa: T201
+    )
     assert single > 1500.0
     assert batch > 0.5 * single

@@ -56,8 +56,8 @@ struct JointKind {
     void (*slip)(const Parameters &p, double at_rad, JointSegment &s);
 };
 
-// A new joint: its file, its line here, in JOINT_KINDS (joint.cpp), in CMakeLists.txt and in
-// VGROOVE_LOADS (components/loads.hpp); its rig keys in components/parameters.hpp.
+// A new joint: its entry with the rig keys in hil/vgroove/gap/catalogue/loads/, its file, a line
+// here, in JOINT_KINDS (joint.cpp), in VGROOVE_LOADS (loads.hpp) and in CMakeLists.txt.
 extern const JointKind LOCKED_JOINT;  // joint.cpp
 extern const JointKind HARD_JOINT;    // hard.cpp
 extern const JointKind DISC_JOINT;    // disc.cpp
