@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from vgroove.control_bench.command import control_command, figures_command
+from vgroove.control_bench.command import app as control_app
 from vgroove.errors import VgrooveError
-from vgroove.gap_bench.command import bench_command
+from vgroove.gap_bench.command import app as blind_set_app
 from vgroove.study.command import app as study_app
 from vgroove.terminal import print_line, print_warning
 
@@ -32,9 +32,8 @@ app.add_typer(gap_app, name="gap")
 bench_app = typer.Typer(no_args_is_help=True, help="Compare with peers in one run on one machine.")
 app.add_typer(bench_app, name="bench")
 app.add_typer(study_app, name="study")
-bench_app.command("control")(control_command)
-bench_app.command("figures")(figures_command)
-gap_app.command("bench")(bench_command)
+bench_app.registered_commands += control_app.registered_commands
+gap_app.registered_commands += blind_set_app.registered_commands
 
 
 @bench_app.callback()

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from vgroove.gap_bench.cases import BlindSet
     from vgroove.gap_bench.scored import Scored
 
+app = typer.Typer()  # its command is one of `vgroove gap`
 COST_KEYS = ("number", "name", "without", "verdict", "seconds", "cpu_seconds", "memory_mib")
 HALVES = ("tune", "report")
 
@@ -36,6 +37,7 @@ class Request:
     jobs: int = 1
 
 
+@app.command("bench")
 def bench_command(
     half: Annotated[
         str, typer.Option("--set", help="tune: the half that may be looked at; report: the other.")
