@@ -28,13 +28,13 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 #define PAIR_TURN (27 * (int16_t)DEG / 2)  // below 13.5 degrees per blow, two blows are averaged
 
 // Seat detection: the shape of the rise after its onset, see area_max().
-#define ONSET_Q8 287                   // 1.12
-#define SURE (5u * DEG)                // and 3/4 of the learned rotation: a slow rise counts
-#define WIDE_TURN (16 * (int16_t)DEG)  // above it a knot's edge over two blows is slow too
-#define SLOW_TURN (11 * (int16_t)DEG)  // a slow rise: below SLOW_Q8 per blow up to here,
-#define SLOW_Q8 55                     // 0.21; beyond, below 0.02 per degree
+#define ONSET_Q8 287     // 1.12
+#define SURE (5u * DEG)  // plus 3/4 of the learned rotation: least angle of a slow rise
+#define WIDE_TURN (16 * (int16_t)DEG)  // above: a knot edge spread over two blows is slow as well
+#define SLOW_TURN (11 * (int16_t)DEG)  // a rise is slow below SLOW_Q8 per blow up to here,
+#define SLOW_Q8 55                     // 0.21; above SLOW_TURN below 0.02 per degree
 #define SLOW_AREA_Q8 141               // 0.55: greatest area of a slow rise
-#define EDGE (9u * DEG)                // and a fifth of the learned rotation, see area_max()
+#define EDGE (9u * DEG)                // plus 1/5 of the learned rotation, see area_max()
 #define LATE_AREA_Q8 77                // 0.3: below this area the rise has only just begun
 #define GIVE_UP (60u * DEG)            // a rise this long is too flat for a seat
 

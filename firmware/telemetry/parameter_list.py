@@ -79,7 +79,7 @@ def check_parameters(version: int, parameters: list[Parameter], text: str) -> No
     lines = sum(1 for line in text.splitlines() if re.match(r"\s*X\(", line))
     if lines != len(parameters):
         raise SystemExit(
-            f"{PARAM_TABLE.name}: {lines} lines begin with X( but {len(parameters)} are valid"
+            f"{PARAM_TABLE.name}: {lines} lines begin with X( but {len(parameters)} could be read"
         )
     for earlier, later in zip(parameters, parameters[1:], strict=False):
         if later.version < earlier.version:
@@ -89,7 +89,7 @@ def check_parameters(version: int, parameters: list[Parameter], text: str) -> No
     for p in parameters:
         if not -32768 <= p.minimum <= p.default <= p.maximum <= 32767:
             raise SystemExit(
-                f"{PARAM_TABLE.name}: {p.name} violates "
+                f"{PARAM_TABLE.name}: {p.name} needs "
                 "-32768 <= least <= default <= greatest <= 32767"
             )
     if parameters[-1].version != version:
