@@ -88,7 +88,7 @@ class MeasuredProblem(Protocol):
 
     @property
     def censored(self) -> np.ndarray:
-        """Whether each residual (n,) counts only where it is not 0: a Hall edge still awaited."""
+        """Whether each residual (n,) is of a censored sample (see channels.Channel)."""
         ...
 
     @property
