@@ -137,8 +137,8 @@ class Separation:
 class Effect:
     """One physical effect that the nominal model leaves out.
 
-    equation, remark: docs/spec/gap.md, section 3, is written from them. parameters: the first one is the leading one,
-    whose value stands for the effect's size. needs: what a log must hold to show it, flags of
+    equation, remark: docs/spec/gap.md, section 3, is written from them. parameters: the first one
+    is the leading one, whose value stands for the effect's size. needs: what a log must hold to show it, flags of
     NEEDS. special_case_of: more general effects that contain it as a limit. identical_to: effects
     that no run tells from it, each with the flags under which that holds; this one is the likelier.
     switch: parameters whose departure from neutral makes the plant compute the effect; empty where
