@@ -57,13 +57,13 @@ typedef struct {
     uint8_t phase_ms;          // since the last change between coast and pulse
     uint8_t bin;
     uint8_t bin_ms;
-    uint8_t blind;   // ticks until the back-EMF can be measured
-    uint8_t gap;     // ticks since its last measurement
-    bool begun;      // the first step is over
-    bool known;      // the back-EMF has been measured in this drive
-    bool slow;       // the load is filtered over 32 ms
-    uint8_t state;   // DRILL_*
-    uint8_t reason;  // CONTROLLER_REASON_*
+    uint8_t settling;   // ticks until the back-EMF can be measured
+    uint8_t since_emf;  // ticks since its last measurement
+    bool begun;         // the first step is over
+    bool emf_known;     // the back-EMF has been measured in this drive
+    bool slow;          // the load is filtered over 32 ms
+    uint8_t state;      // DRILL_*
+    uint8_t reason;     // CONTROLLER_REASON_*
 } Drill;
 
 void drill_start(Drill *self, const DrillSetpoints *set);

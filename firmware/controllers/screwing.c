@@ -269,23 +269,23 @@ static void step_stage(Screwing *self, const ScrewingSetpoints *set, uint16_t su
 
 // A share of the trigger's duty plus half the least duty, limited to the least duty below and 17/8
 // of it above, beyond which the speed shows no ripple.
-static uint16_t wish_q15(const Screwing *self, int16_t travel_q15) {
+static uint16_t requested_q15(const Screwing *self, int16_t travel_q15) {
     const uint16_t least = (uint16_t)self->least_q15,
                    share = (uint16_t)(2u * (uint16_t)self->share_q15);
-    const uint16_t wish =
+    const uint16_t requested =
         (uint16_t)((uint16_t)(((uint32_t)(uint16_t)travel_q15 * share) >> 16) + least / 2u);
     const uint16_t most = (uint16_t)(2u * least + least / 8u);
-    return wish < least ? least : wish > most ? most : wish;
+    return requested < least ? least : requested > most ? most : requested;
 }
 
 static int16_t output(Screwing *self, int16_t travel_q15) {
     if (self->state == SCREWING_RUN_IN || self->least_q15 == 0) {
         self->duty_q15 = travel_q15;
     } else {
-        const uint16_t most = wish_q15(self, travel_q15);
-        const int16_t wish = (int16_t)(most < INT16_MAX ? most : INT16_MAX);
-        self->duty_q15 = slew_towards(self->duty_q15, wish, SLEW);
-        if (self->state == SCREWING_SETTLE && self->duty_q15 != wish) {
+        const uint16_t most = requested_q15(self, travel_q15);
+        const int16_t requested = (int16_t)(most < INT16_MAX ? most : INT16_MAX);
+        self->duty_q15 = slew_towards(self->duty_q15, requested, SLEW);
+        if (self->state == SCREWING_SETTLE && self->duty_q15 != requested) {
             self->left = SETTLE_WAVES;  // the duty has not settled
         }
     }

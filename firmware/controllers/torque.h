@@ -42,11 +42,11 @@ typedef struct {
 typedef struct {
     TorqueState state;
     ControllerReason reason;
-    uint8_t row;         // of the target in torque_map
-    uint16_t ticks;      // in this state; in LEVEL and RAISED from reaching the level on
-    uint8_t full_looks;  // consecutive decisions with the bridge fully on
-    uint8_t gathered;    // ticks in sum_a_q7, 1 to 3
-    int16_t sum_a_q7;    // of currents
+    uint8_t row;             // of the target in torque_map
+    uint16_t ticks;          // in this state; in LEVEL and RAISED from reaching the level on
+    uint8_t full_decisions;  // consecutive decisions with the bridge fully on
+    uint8_t gathered;        // ticks in sum_a_q7, 1 to 3
+    int16_t sum_a_q7;        // of currents
     int16_t duty_q15;
     int16_t level_mv;  // requested
     int16_t goal_mv;   // level_mv moves towards it

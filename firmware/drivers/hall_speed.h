@@ -64,7 +64,7 @@ bool hall_speed_at_rest(const HallSpeed *self);
 // Speed of the last period without sign; 0 if there was only one edge since standstill.
 uint16_t hall_speed_last_rpm_q1(const HallSpeed *self);
 
-// Sign of the speed: one Hall sensor cannot tell it, so it is the direction of the drive, changed
+// Sign of the speed: one Hall sensor does not measure it, so it is the direction of the drive, changed
 // only at standstill. False while the shaft turns.
 bool hall_speed_set_reverse(HallSpeed *self, bool reverse);
 

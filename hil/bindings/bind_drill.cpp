@@ -1,5 +1,5 @@
-// Python face of the drill driver: its parameters by name, a run by any of its solvers, and the
-// eigenvalues' matrix for stability limits.
+// Python binding of the drill driver: its parameters by name, a run by any of its solvers, its
+// Jacobian for stability limits, the lock-step tool.
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "bindings.hpp"
-#include "plant/drill/solvers.hpp"
+#include "plant/drill/run.hpp"
 #include "plant/lockstep/drill_plant.hpp"
 
 namespace nb = nanobind;
@@ -76,8 +76,8 @@ nb::dict simulate_drill(const nb::dict &parameters, const std::string &solver, d
                                   step_max_s,        row_s,      timed,  nullptr};
     const vgroove::DrillParameters p = parameters_of(parameters);
     vgroove::DrillRun run;
-    run_watched([&](vgroove::Watch *watch) {
-        request.watch = watch;
+    run_cancellable([&](vgroove::Cancellation *cancellation) {
+        request.cancellation = cancellation;
         run = vgroove::drill_run(p, request);
     });
     const std::size_t rows = run.rows.size() / vgroove::DRILL_ROW_COUNT;
@@ -96,8 +96,8 @@ nb::dict simulate_drill(const nb::dict &parameters, const std::string &solver, d
     return result;
 }
 
-// The matrix of the drill driver that turns with a closed bridge, clutch gripping (or slipping) and
-// the load's law at a chuck speed.
+// Jacobian of the rotating drill driver with a closed bridge, the clutch gripping or slipping, and
+// the slope of the load's friction law at a chuck speed
 nb::object drill_jacobian(const nb::dict &parameters, bool slips, double load_nm,
                           double chuck_rad_s) {
     const vgroove::DrillParameters p = parameters_of(parameters);
@@ -132,7 +132,7 @@ void bind_drill_plant(nb::module_ &m) {
     using vgroove::DrillPlant;
     nb::class_<DrillInterval>(m, "DrillInterval",
                               "An interval of the drill driver: means of current and bus, peak of "
-                              "the shaft, the rest at its end.")
+                              "the shaft, the others at its end.")
         .def_ro("current_a", &DrillInterval::current_a)
         .def_ro("supply_v", &DrillInterval::supply_v)
         .def_ro("shaft_peak_nm", &DrillInterval::shaft_peak_nm)
@@ -150,10 +150,11 @@ void bind_drill_plant(nb::module_ &m) {
              "hall_pulses_per_rev"_a = 4, "hall_offset_rad"_a = 0.0,
              "hall_spacing"_a = std::vector<double>(), "step_s"_a = vgroove::PERIOD_S)
         .def("period", &lockstep_period<DrillPlant>, "coast"_a, "duty"_a, "dead"_a,
-             "load_nm"_a = 0.0, PERIOD_WORDS)
+             "load_nm"_a = 0.0, PERIOD_DOC)
         .def("advance", &advance, "seconds"_a, "duty"_a, "coast"_a = false, "load_nm"_a = 0.0,
              "duty_from"_a.none() = nb::none(),
-             "duty_from: where the duty's straight line begins; absent: the duty is constant.")
+             "duty_from: duty at the start, from which it runs linearly to `duty`; absent: "
+             "constant.")
         .def_prop_ro("current_a",
                      [](const DrillPlant &self) { return self.system().x[vgroove::DRILL_CURRENT]; })
         .def_prop_ro("speed_rad_s",
@@ -178,7 +179,8 @@ void bind_drill_plant(nb::module_ &m) {
 void bind_drill(nb::module_ &m) {
     bind_drill_plant(m);
     m.def("drill_parameters", &drill_parameters,
-          "Names and defaults of the drill driver: physics.md section 7, low gear, normal mode, "
+          "Names and defaults of the drill driver: docs/spec/model.md, section 7, low gear, normal "
+          "mode, "
           "parameter step 1.");
     m.def("simulate_drill", &simulate_drill, "parameters"_a, "solver"_a = "reference",
           "duration_s"_a = 4.0, "step_s"_a = 0.0, "tolerance"_a = 1e-8, "step_max_s"_a = 0.0,

@@ -1,5 +1,5 @@
-// Python face of the native firmware: vgroove._core.Firmware, one PWM period a call or a whole
-// recorded run at once.
+// Python binding of the native firmware: vgroove._core.Firmware, one PWM period or a recorded run a
+// call.
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/vector.h>
 
@@ -14,11 +14,10 @@
 namespace nb = nanobind;
 using namespace nb::literals;
 
-// The simulation HAL is one instance a process: the newest Firmware owns it, an older one may not
-// be used any more.
+// The simulation HAL exists once in a process: the newest Firmware owns it, older ones are refused.
 static std::uint32_t owner = 0;
-static bool held = false;  // by a thread that runs it without the interpreter's lock; read and
-                           // written with that lock only
+// True while a thread runs it without the interpreter's lock; read and written with that lock only.
+static bool held = false;
 
 static void need_free() {
     if (held)
@@ -48,17 +47,17 @@ nb::bytes as_bytes(const void *data, std::size_t size) {
     return nb::bytes(static_cast<const char *>(data), size);
 }
 
-nb::list told_blows(const Firmware &self) {
+nb::list reported_blows(const Firmware &self) {
     need_owner(self);
     const SimBlow *blows = nullptr;
     const std::uint16_t count = sim_blows(&blows);
-    nb::list told;
+    nb::list reported;
     for (std::uint16_t k = 0; k < count; ++k) {
         const SimBlow &b = blows[k];
-        told.append(nb::make_tuple(b.time_ms / 1e3, b.lugs, b.repeats, b.period_q4 / 16e3,
-                                   b.mean_period_q7 / 128e3, b.spread_q15 / 32768.0));
+        reported.append(nb::make_tuple(b.time_ms / 1e3, b.lugs, b.repeats, b.period_q4 / 16e3,
+                                       b.mean_period_q7 / 128e3, b.spread_q15 / 32768.0));
     }
-    return told;
+    return reported;
 }
 
 void firmware_init(Firmware *self, nb::object eeprom, int reset_cause, int target, int isr_cycles,
@@ -115,7 +114,7 @@ void period(Firmware &self, const std::vector<int> &adc_counts, const std::vecto
     sim_period(&in, &self.outputs);
 }
 
-// The packed struct itself, as vgroove-board reads and writes it.
+// The packed structs that vgroove-board reads and writes
 nb::bytes exchange(Firmware &self, const nb::bytes &inputs) {
     need_owner(self);
     if (inputs.size() % sizeof(SimInputs) != 0)
@@ -170,9 +169,10 @@ void bind_firmware(nb::module_ &module) {
                          need_owner(self);
                          return as_bytes(sim_eeprom(), SIM_EEPROM_BYTES);
                      })
-        .def_prop_ro("blows", &told_blows,
-                     "Blows as the firmware told them since its start: (time_s, lugs, repeats of "
-                     "each lug, period_s, running period_s before it, its spread)")
+        .def_prop_ro(
+            "blows", &reported_blows,
+            "Blows that the firmware has reported since its start: (time_s, lugs, repeats of "
+            "each lug, period_s, running period_s before it, its spread)")
         .def_prop_ro("periods",
                      [](const Firmware &self) {
                          need_owner(self);

@@ -1,5 +1,5 @@
-// Python face of the impact tool: simulate_impact with rows, blows, trace, energies and step
-// history.
+// Python binding of the impact tool: simulate_impact with rows, blows, trace, energies and step
+// history, and the lock-step tool.
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
@@ -23,7 +23,7 @@ namespace {
 
 using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
-// A numpy array of its own with the bytes of a vector.
+// A new numpy array with the bytes of a vector
 template <class T> nb::object bytes_as(const std::vector<T> &values, const nb::object &dtype) {
     const nb::object numpy = nb::module_::import_("numpy");
     const nb::bytes bytes(reinterpret_cast<const char *>(values.data()), values.size() * sizeof(T));
@@ -134,8 +134,8 @@ nb::dict simulate_impact(const vgroove::LogInput &in, Matrix theta, const std::s
     out.keep_energy = energy;
     out.tolerance = tolerance;
     out.fixed_s = step_s;
-    run_watched([&](vgroove::Watch *watch) {
-        out.watch = watch;
+    run_cancellable([&](vgroove::Cancellation *cancellation) {
+        out.cancellation = cancellation;
         vgroove::simulate_impact(in, theta.data(), batch, accuracy, threads, out);
     });
     nb::dict result;
@@ -170,7 +170,7 @@ double governed(vgroove::ImpactPlant &plant, int rows, double row_s, double duty
     double now = duty;
     for (int row = 0; row < rows; ++row)
         now = plant.advance(row_s, now, false, 0.0).speed_rad_s > overspeed_rad_s ? 0.0 : duty;
-    return plant.head_rad();
+    return plant.now().head_rad;
 }
 
 void bind_impact_plant(nb::module_ &m) {
@@ -178,7 +178,7 @@ void bind_impact_plant(nb::module_ &m) {
     using vgroove::ImpactPlant;
     nb::class_<AdvanceResult>(m, "ImpactInterval",
                               "An interval of the impact tool: means of current, bus and housing "
-                              "reaction, the rest at its end.")
+                              "reaction, the others at its end.")
         .def_ro("current_a", &AdvanceResult::current_a)
         .def_ro("supply_v", &AdvanceResult::supply_v)
         .def_ro("speed_rad_s", &AdvanceResult::speed_rad_s)
@@ -197,7 +197,7 @@ void bind_impact_plant(nb::module_ &m) {
              "hall_spacing"_a = std::vector<double>(), "seed"_a = 0, "mode"_a = "fast",
              "step_s"_a = vgroove::IMPACT_STEP_FIXED_S)
         .def("period", &lockstep_period<ImpactPlant>, "coast"_a, "duty"_a, "dead"_a,
-             "load_nm"_a = 0.0, PERIOD_WORDS)
+             "load_nm"_a = 0.0, PERIOD_DOC)
         .def("advance", &ImpactPlant::advance, "seconds"_a, "duty"_a, "coast"_a = false,
              "load_nm"_a = 0.0)
         .def("governed", &governed, "rows"_a, "row_s"_a, "duty"_a, "overspeed_rad_s"_a,
@@ -209,17 +209,19 @@ void bind_impact_plant(nb::module_ &m) {
         .def(
             "blows", [](ImpactPlant &self) { return bytes_as(self.take_blows(), blow_dtype()); },
             "Blows since the last call.")
-        .def_prop_ro("current_a", &ImpactPlant::current_a)
-        .def_prop_ro("speed_rad_s", &ImpactPlant::speed_rad_s)
-        .def_prop_ro("angle_rad", &ImpactPlant::angle_rad)
+        .def_prop_ro("current_a", [](const ImpactPlant &self) { return self.now().current_a; })
+        .def_prop_ro("speed_rad_s", [](const ImpactPlant &self) { return self.now().speed_rad_s; })
+        .def_prop_ro("angle_rad", [](const ImpactPlant &self) { return self.now().angle_rad; })
         .def_prop_ro("time_s", &ImpactPlant::time_s)
         .def_prop_ro("winding_kelvin", &ImpactPlant::winding_kelvin)
-        .def_prop_ro("hammer_mm", &ImpactPlant::hammer_mm)
-        .def_prop_ro("anvil_torque_nm", &ImpactPlant::anvil_torque_nm)
-        .def_prop_ro("anvil_angle_rad", &ImpactPlant::anvil_angle_rad)
-        .def_prop_ro("head_rad", &ImpactPlant::head_rad)
-        .def_prop_ro("housing_nm", &ImpactPlant::housing_nm)
-        .def_prop_ro("arm_rad", &ImpactPlant::arm_rad);
+        .def_prop_ro("hammer_mm", [](const ImpactPlant &self) { return self.now().hammer_mm; })
+        .def_prop_ro("anvil_torque_nm",
+                     [](const ImpactPlant &self) { return self.now().anvil_torque_nm; })
+        .def_prop_ro("anvil_angle_rad",
+                     [](const ImpactPlant &self) { return self.now().anvil_angle_rad; })
+        .def_prop_ro("head_rad", [](const ImpactPlant &self) { return self.now().head_rad; })
+        .def_prop_ro("housing_nm", [](const ImpactPlant &self) { return self.now().housing_nm; })
+        .def_prop_ro("arm_rad", [](const ImpactPlant &self) { return self.now().arm_rad; });
 }
 
 }  // namespace
@@ -231,7 +233,7 @@ void bind_impact(nb::module_ &m) {
         events.append(name);
     m.attr("IMPACT_EVENTS") = events;
     m.def("check_impact_tool", &check_impact_tool, "parameters"_a, "load_kind"_a,
-          "ValueError with the reason where the plant cannot have such a tool.");
+          "ValueError with the reason where a tool with these parameters is impossible.");
     m.def("simulate_impact", &simulate_impact, "log_input"_a, "theta"_a, "mode"_a = "reference",
           "threads"_a = 1, "trace_s"_a.none() = nb::none(), "history"_a = false, "energy"_a = false,
           "tolerance"_a = 0.0, "step_s"_a = vgroove::IMPACT_STEP_FIXED_S,

@@ -1,5 +1,5 @@
-// Python face of the joints: slip torques over the head angle, disc springs and bolts as physics.md
-// section 6 has them.
+// Python binding of the joints: slip torques over the head angle, disc springs and bolts
+// (docs/spec/model.md, section 6).
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
 
@@ -8,6 +8,7 @@
 #include <string>
 
 #include "bindings.hpp"
+#include "plant/components/joints/disc.hpp"
 #include "plant/components/joints/joint.hpp"
 
 namespace nb = nanobind;

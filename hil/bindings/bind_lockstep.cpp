@@ -1,5 +1,5 @@
-// Python face of the lock-step in C++: run_lockstep over a chunk of stimuli, and Truth, which keeps
-// what the tool really did.
+// Python binding of the lock-step in C++: run_lockstep over a chunk of stimuli, and Truth, the
+// record of the tool's true values.
 #include "lockstep.hpp"
 
 #include <nanobind/ndarray.h>
@@ -54,7 +54,7 @@ SimInputs lockstep_message(const LockstepInputs &in, std::size_t at,
 static void truth_row(Truth &truth, const LockstepGates &gates, double time_s, double current_a,
                       double speed_rad_s, const vgroove::AdvanceResult &mechanism) {
     truth.housing_sum += mechanism.housing_nm;
-    if (++truth.waiting < truth.every)
+    if (++truth.periods < truth.every)
         return;
     const double duty = gates.coast ? std::numeric_limits<double>::quiet_NaN()
                                     : gates.compare / static_cast<double>(COMPARE_TOP);
@@ -64,10 +64,10 @@ static void truth_row(Truth &truth, const LockstepGates &gates, double time_s, d
                                             mechanism.hammer_mm,
                                             mechanism.head_rad,
                                             mechanism.anvil_torque_nm,
-                                            truth.housing_sum / static_cast<double>(truth.waiting),
+                                            truth.housing_sum / static_cast<double>(truth.periods),
                                             duty};
     truth.rows.insert(truth.rows.end(), row, row + TRUTH_COLUMN_COUNT);
-    truth.waiting = 0;
+    truth.periods = 0;
     truth.housing_sum = 0.0;
 }
 
@@ -157,7 +157,7 @@ template <class Tool> void note(Truth &self, const Tool &tool, bool coast, int c
 
 void bind_lockstep(nb::module_ &m) {
     nb::class_<Truth>(m, "Truth",
-                      "What a tool really did in lock-step, a row every `every` PWM periods.")
+                      "True values of a tool in lock-step, a row every `every` PWM periods.")
         .def(
             "__init__",
             [](Truth *self, int every) {
@@ -168,7 +168,7 @@ void bind_lockstep(nb::module_ &m) {
             },
             "every"_a = 1)
         .def("note", &note<vgroove::ImpactPlant>, "tool"_a, "coast"_a, "compare"_a,
-             "After a period of a loop of one's own.")
+             "Adds a period of a lock-step loop in Python.")
         .def("note", &note<vgroove::DrivePlant>, "tool"_a, "coast"_a, "compare"_a)
         .def("note", &note<vgroove::DrillPlant>, "tool"_a, "coast"_a, "compare"_a)
         .def_prop_ro("rows", &truth_rows, "(n, columns) in the order of TRUTH_COLUMNS");

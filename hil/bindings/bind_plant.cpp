@@ -1,10 +1,12 @@
-// Python face of plant/: LogInput, simulate_log and the parameter vector.
+// Python binding of the drivetrain: the parameter vector, LogInput, simulate_log, the lock-step
+// tool, and the front ends.
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <optional>
 #include <stdexcept>
@@ -12,32 +14,28 @@
 #include <utility>
 
 #include "bindings.hpp"
+#include "plant/components/front_ends.hpp"
 #include "plant/drivetrain/log.hpp"
 #include "plant/lockstep/drive_plant.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
 
+// "none, torque, ... or wood_screw"
+static std::string all_load_names() {
+    constexpr std::size_t count = std::size(vgroove::LOAD_NAMES);
+    std::string names;
+    for (std::size_t n = 0; n < count; ++n)
+        names +=
+            std::string(n == 0 ? "" : (n + 1 < count ? ", " : " or ")) + vgroove::LOAD_NAMES[n];
+    return names;
+}
+
 vgroove::LoadKind load_kind(const std::string &kind) {
-    if (kind == "none")
-        return vgroove::LoadKind::NONE;
-    if (kind == "torque")
-        return vgroove::LoadKind::TORQUE;
-    if (kind == "pendulum")
-        return vgroove::LoadKind::PENDULUM;
-    if (kind == "free")
-        return vgroove::LoadKind::FREE;
-    if (kind == "locked")
-        return vgroove::LoadKind::LOCKED;
-    if (kind == "hard_joint")
-        return vgroove::LoadKind::HARD_JOINT;
-    if (kind == "disc_spring")
-        return vgroove::LoadKind::DISC_SPRING;
-    if (kind == "wood_screw")
-        return vgroove::LoadKind::WOOD_SCREW;
-    throw std::invalid_argument("load_kind is none, torque, pendulum, free, locked, hard_joint, "
-                                "disc_spring or wood_screw, not " +
-                                kind);
+    for (std::size_t n = 0; n < std::size(vgroove::LOAD_NAMES); ++n)
+        if (kind == vgroove::LOAD_NAMES[n])
+            return static_cast<vgroove::LoadKind>(n);
+    throw std::invalid_argument("load_kind is " + all_load_names() + ", not " + kind);
 }
 
 namespace {
@@ -56,9 +54,8 @@ vgroove::InputKind input_kind(const std::string &kind) {
     throw std::invalid_argument("LogInput: kind is duty, voltage_v or current_a, not " + kind);
 }
 
-// Joints turn under an impact mechanism only.
 void require_drivetrain_load(vgroove::LoadKind kind) {
-    if (kind >= vgroove::LoadKind::LOCKED)
+    if (vgroove::load_is_joint(kind))
         throw std::invalid_argument("a joint needs an impact mechanism: without one load_kind is "
                                     "none, torque, pendulum or free");
 }
@@ -127,8 +124,8 @@ nb::dict simulate_log(const vgroove::LogInput &in, Matrix theta, Rows starts, Cu
     const vgroove::LogOutput out{
         block,           block + size, block + 2 * size, block + 3 * size, block + 4 * size,
         block + 5 * size};
-    run_watched([&](vgroove::Watch *watch) {
-        options.watch = watch;
+    run_cancellable([&](vgroove::Cancellation *cancellation) {
+        options.cancellation = cancellation;
         vgroove::simulate_log(in, theta.data(), batch, from, options, out);
     });
     const std::pair<const char *, double *> columns[] = {
@@ -210,7 +207,7 @@ void bind_drive_plant(nb::module_ &m) {
              "hall_pulses_per_rev"_a = 4, "hall_offset_rad"_a = 0.0,
              "hall_spacing"_a = std::vector<double>(), "seed"_a = 0)
         .def("period", &lockstep_period<vgroove::DrivePlant>, "coast"_a, "duty"_a, "dead"_a,
-             "load_nm"_a = 0.0, PERIOD_WORDS)
+             "load_nm"_a = 0.0, PERIOD_DOC)
         .def("reset", &vgroove::DrivePlant::reset, "current_a"_a, "speed_rad_s"_a, "angle_rad"_a)
         .def_prop_ro("current_a", &vgroove::DrivePlant::current_a)
         .def_prop_ro("speed_rad_s", &vgroove::DrivePlant::speed_rad_s)
@@ -240,8 +237,8 @@ void bind_drive_plant(nb::module_ &m) {
 
 void bind_plant(nb::module_ &m) {
     nb::list names;
-    for (const char *name : vgroove::PARAMETER_NAMES)
-        names.append(name);
+    for (int n = 0; n < vgroove::PARAMETER_COUNT; ++n)
+        names.append(vgroove::parameter_name(n));
     m.attr("PARAMETERS") = names;
     m.def("parameter_defaults", &parameter_defaults,
           "(P,) neutral parameters in the order of PARAMETERS: every effect off.");
@@ -257,7 +254,7 @@ void bind_plant(nb::module_ &m) {
           "speed_rad_s, angle_rad -> dict of (B, n).\n"
           "solver: exact (where the drivetrain is linear between events, else Runge-Kutta) or "
           "adaptive (Runge-Kutta everywhere, to `tolerance`).\n"
-          "unfinished: what becomes of a run whose bounded steps do not reach its end: raise "
+          "unfinished: for a run whose step budget is used up before its end: raise "
           "(RuntimeError naming row, time and parameter) or nan.");
     m.def("audit_log", &audit_log, "log_input"_a, "theta"_a, "starts"_a, "state0"_a,
           "theta (P,) -> dict of (n,) energies in J since the first start: work_in = losses + "

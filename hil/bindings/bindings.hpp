@@ -1,4 +1,4 @@
-// The rooms that are bound into vgroove._core, each in its own source file.
+// Declarations of the parts of vgroove._core, one source file each, and what they share.
 #ifndef VGROOVE_HIL_BINDINGS_HPP
 #define VGROOVE_HIL_BINDINGS_HPP
 
@@ -10,7 +10,7 @@
 
 #include "plant/components/hall_wheel.hpp"
 #include "plant/components/loads.hpp"
-#include "plant/numeric/watch.hpp"
+#include "plant/numeric/cancellation.hpp"
 
 using Column = nanobind::ndarray<const double, nanobind::ndim<1>, nanobind::c_contig,
                                  nanobind::device::cpu>;                       // in
@@ -25,8 +25,8 @@ template <class Get> Vector vector_of(std::size_t count, Get get) {
     return Vector(data, {count}, owner);
 }
 
-// The lock-step period that every tool has, as a method in Python.
-constexpr const char *PERIOD_WORDS =
+// period() of every lock-step tool as a method in Python
+constexpr const char *PERIOD_DOC =
     "-> (current_a as sensed at the end, supply_v mean, edges: CPU cycles 0..509 of Hall edges)";
 template <class Plant>
 nanobind::tuple lockstep_period(Plant &self, bool coast, double duty, double dead, double load_nm) {
@@ -37,20 +37,20 @@ nanobind::tuple lockstep_period(Plant &self, bool coast, double duty, double dea
     return nanobind::make_tuple(r.current_a, r.supply_v, edges);
 }
 
-// Lets Ctrl-C end a run that has let go of the interpreter.
-class PythonWatch final : public vgroove::Watch {
-    bool wants_end() override {
+// Lets Ctrl-C cancel a run that does not hold the interpreter's lock.
+class PythonCancellation final : public vgroove::Cancellation {
+    bool requested() override {
         const nanobind::gil_scoped_acquire held;
         return PyErr_CheckSignals() != 0;
     }
 };
 
-// work(watch) without the interpreter; KeyboardInterrupt where the user has ended it.
-template <class Work> void run_watched(const Work &work) {
-    PythonWatch watch;
+// Calls work(cancellation) without the interpreter's lock; a Ctrl-C becomes KeyboardInterrupt.
+template <class Work> void run_cancellable(const Work &work) {
+    PythonCancellation cancellation;
     try {
         const nanobind::gil_scoped_release unlocked;
-        work(&watch);
+        work(&cancellation);
     } catch (...) {
         if (PyErr_Occurred())
             throw nanobind::python_error();

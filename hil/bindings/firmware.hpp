@@ -1,5 +1,5 @@
-// The native firmware as the bindings hold it: one simulation a process, owned by the newest
-// instance and run by one thread at a time.
+// The native firmware in the bindings: one simulation a process, owned by the newest instance and
+// run by one thread at a time.
 #ifndef VGROOVE_HIL_FIRMWARE_HPP
 #define VGROOVE_HIL_FIRMWARE_HPP
 

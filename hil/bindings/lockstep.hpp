@@ -1,5 +1,5 @@
-// A chunk of lock-step, firmware and tool both in this process: what lockstep._run_chunk does, a
-// PWM period at a time, to the same bytes.
+// A chunk of PWM periods of firmware and tool in lock-step, both in this process; the same bytes as
+// vgroove.lockstep._run_chunk.
 #ifndef VGROOVE_HIL_LOCKSTEP_HPP
 #define VGROOVE_HIL_LOCKSTEP_HPP
 
@@ -17,7 +17,7 @@ constexpr int COMPARE_TOP = 255;
 constexpr double ADC_COUNTS = 1024.0;
 constexpr std::int16_t NO_BYTE = -1;
 
-// Stimuli of a chunk, one value a period, and the front ends' scales.
+// Stimuli of a chunk, one value a period, and the scales of the front ends
 struct LockstepInputs {
     const std::int64_t *trigger, *switches;
     const double *load_nm, *current_counts, *supply_counts;
@@ -48,10 +48,10 @@ constexpr const char *TRUTH_COLUMN_NAMES[TRUTH_COLUMN_COUNT] = {
     "time_s",   "current_a", "speed_rad_s", "hammer_mm",
     "head_rad", "joint_nm",  "housing_nm",  "duty"};
 
-// What really happened, a row every so many periods: values at the row's end, the housing reaction
-// as its mean, NaN for the duty of an open bridge.
+// True values of the tool, a row every `every` periods: values at the row's end, the housing
+// reaction as mean over it, NaN for the duty of an open bridge
 struct Truth {
-    std::size_t every = 1, waiting = 0;
+    std::size_t every = 1, periods = 0;  // of a row; since the last row
     double housing_sum = 0.0;
     std::vector<double> rows;
 };
@@ -61,14 +61,14 @@ void truth_note(Truth &truth, const vgroove::DrivePlant &tool, const LockstepGat
 void truth_note(Truth &truth, const vgroove::DrillPlant &tool,
                 const LockstepGates &gates);  // head: the chuck; joint: the shaft
 
-// One period's message to the board.
+// Message to the board for one period
 SimInputs lockstep_message(const LockstepInputs &in, std::size_t at,
                            const vgroove::PeriodResult &tool);
 
 double lockstep_dead(const LockstepGates &gates);
 LockstepGates lockstep_gates(const SimOutputs &outputs);
 
-// Runs the chunk; returns the bytes that the board sent. truth: nullptr for a run without.
+// Runs the chunk; returns the bytes that the board sent. truth may be null.
 template <class Tool>
 std::string lockstep_run(Firmware &board, Tool &tool, const LockstepInputs &in, LockstepGates gates,
                          Truth *truth) {

@@ -1,5 +1,4 @@
-// vgroove._core: what Python sees of the plant and of the native firmware; one bind_ function a
-// room.
+// vgroove._core: the plant and the native firmware as a Python module.
 #include <nanobind/nanobind.h>
 
 #include "bindings.hpp"

@@ -15,6 +15,7 @@ from vgroove.control_bench.command import control_command, figures_command
 from vgroove.errors import VgrooveError
 from vgroove.gap_bench.command import bench_command
 from vgroove.study.command import app as study_app
+from vgroove.terminal import print_line, print_warning
 
 if TYPE_CHECKING:
     from vgroove.run import RunOptions
@@ -200,7 +201,6 @@ def flash(
 ) -> None:
     """Write the firmware through the board's bootloader and read it back (avrdude)."""
     from vgroove.flash import flash as flash_board
-    from vgroove.terminal import print_line
 
     flash_board(port, target, image, lambda line: print_line(Console(stderr=True), line))
 
@@ -246,7 +246,6 @@ def _sim_logs(
     from vgroove.gap.simulate import compute_gap, gap_table, write_simulation
     from vgroove.log import read_log
     from vgroove.rig import read_rig
-    from vgroove.terminal import print_warning
 
     if not 0.0 < restart_s < float("inf"):
         raise VgrooveError(f"--restart-s must be above 0, not {restart_s:g}")
@@ -364,7 +363,7 @@ def effects(
     lines = effect_lines(effect_id) if effect_id else list_lines()
     _write_json(json_path, {"schema": "vgroove.effects/1", "effects": effect_rows()})
     for line in markdown_table().splitlines() if markdown else lines:
-        Console().print(line, highlight=False, markup=False, soft_wrap=True)
+        print_line(Console(), line)
 
 
 def main() -> None:
@@ -374,8 +373,6 @@ def main() -> None:
     try:
         app()
     except VgrooveError as error:
-        from vgroove.terminal import print_line
-
         print_line(Console(stderr=True), f"vgroove: {error}", style="red")
         sys.exit(2)
     except BrokenPipeError:

@@ -1,5 +1,5 @@
-"""The one loop that joins a board with a tool: a PWM period at a time, sensors in between, and the
-UART's bytes both ways.
+"""Lock-step of a board and a tool, one PWM period at a time: sensors between them, and the bytes of
+the UART in both directions.
 """
 
 from collections import deque
@@ -22,11 +22,11 @@ from vgroove.errors import refused_by_plant
 from vgroove.sil import SilBoard
 
 COMPARE_TOP = 255
-# 16.3 ms: stimuli are computed, and the line is served, so many periods at a time
+# Periods (16.3 ms) for which stimuli are computed and the line is served at once
 CHUNK_PERIODS = 512
 BYTE_CYCLES = 640  # 10 bits at 250 kBd
 ADC_VOLTS, ADC_COUNTS = 5.0, 1024
-# of the reference: the trigger's potentiometer keeps off the rails
+# Voltage of the trigger's potentiometer over the reference, at rest and over its travel
 TRAVEL_AT_REST, TRAVEL_SPAN = 0.1, 0.8
 
 
@@ -39,19 +39,21 @@ class Board(Protocol):
 
 
 class Tool(Protocol):
-    """Plant or truth generator: the same 510 cycles from the other side."""
+    """A tool of the plant, or the truth generator of the tests."""
 
     def period(
         self, coast: bool, duty: float, dead: float, load_nm: float, /
     ) -> tuple[float, float, Sequence[int]]:
-        """(motor current in A and bus in V at the period's end, Hall edges by cycle 0..509)."""
+        """One PWM period: motor current in A at its end, mean bus in V, CPU cycles 0..509 of the
+        Hall edges.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class FrontEnds:
-    """Sensors and dividers as board.h lists them; noise is 1 sigma of a single sample, before the
-    converter.
+    """Scales of the board's sensors and dividers; noise: standard deviation of a single sample
+    before the converter.
     """
 
     current_a_per_count: float = 0.125
@@ -71,8 +73,8 @@ class FrontEnds:
 
 @dataclass(frozen=True)
 class Profile:
-    """What hand and bench do over time. Points are (time_s, value), straight in between; steps are
-    two points at one time.
+    """Trigger, switches and load over time. Points are (time_s, value) joined by straight lines; a
+    step is two points at one time.
 
     `travel` 0..1 of the trigger, whose contact closes at `contact_travel` and bounces for
     `bounce_s`; `load_nm` acts at the output. `gaps` are spans (from_s, to_s) in which the Hall line
@@ -106,7 +108,7 @@ def step_values(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np
 
 @dataclass
 class Stimuli:
-    """One chunk of n periods, (n,) each: trigger counts, switches, load, what is added to current
+    """One chunk of n periods, (n,) each: trigger counts, switches, load, counts added to current
     and supply, broken Hall line.
     """
 
@@ -143,7 +145,7 @@ class Stimulus:
         self.bouncing_until = -1.0
 
     def chunk(self, first: int, count: int) -> Stimuli:
-        """Periods first .. first + count - 1; to be asked for in order."""
+        """Periods first .. first + count - 1; chunks must be taken in order."""
         p, front = self.profile, self.front
         time_s = (np.arange(first, first + count) + 1) * PERIOD_S
         travel = np.clip(curve(p.travel, time_s), 0.0, 1.0)
@@ -181,7 +183,7 @@ class Stimulus:
         )
 
     def _bounced(self, contact: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-        """After each change the contact is at random for bounce_s."""
+        """The contact (n,) with random values for bounce_s after each change."""
         bounced = contact.copy()
         for k, closed in enumerate(contact.tolist()):
             if closed != self.closed:
@@ -193,14 +195,14 @@ class Stimulus:
 
 
 class Line(Protocol):
-    """The other end of the UART, served once a chunk."""
+    """The host's end of the UART, served once a chunk."""
 
     def send(self, data: bytes) -> None:
         """Bytes from the board."""
         ...
 
     def receive(self, time_s: float) -> bytes:
-        """Bytes for the board that have come by this time."""
+        """Bytes for the board up to this time."""
         ...
 
 
@@ -211,11 +213,11 @@ class Script:
         self._messages = deque(sorted(messages, key=lambda message: message[0]))
 
     def send(self, data: bytes) -> None:
-        """Nobody listens."""
+        """Bytes from the board are dropped."""
         del data
 
     def receive(self, time_s: float) -> bytes:
-        """Messages due by now."""
+        """Messages up to this time."""
         due = bytearray()
         while self._messages and self._messages[0][0] <= time_s:
             due += self._messages.popleft()[1]
@@ -223,7 +225,7 @@ class Script:
 
 
 class Pacer:
-    """Spreads bytes over periods as a line of 250 kBd does."""
+    """Distributes bytes over periods at the rate of a line of 250 kBd."""
 
     def __init__(self) -> None:
         self._waiting: deque[int] = deque()
@@ -255,7 +257,7 @@ class Pacer:
 
 @dataclass
 class Progress:
-    """How far a run is: bytes that the board has sent, periods done, and the bridge as it stands."""
+    """Progress of a run: bytes that the board has sent, periods done, and the bridge outputs."""
 
     sent: bytearray = field(default_factory=bytearray)
     periods: int = 0
@@ -273,7 +275,7 @@ def _counts(value: float) -> int:
 
 @dataclass
 class _Run:
-    """Both sides of a run and what lies between them."""
+    """Board and tool of a run, and the sensors and the line between them."""
 
     board: Board
     tool: Tool
@@ -283,7 +285,7 @@ class _Run:
 
 
 def _is_native(board: Board, tool: Tool) -> bool:
-    """Both are ours and in this process: the same loop runs in C++."""
+    """Whether board and tool are in this process, so that the loop can run in C++."""
     from vgroove import _core
 
     return type(board) is SilBoard and type(tool) in (
@@ -345,8 +347,8 @@ def steps(
     """Run board and tool in lock-step from rest and yield after each chunk; Progress.sent holds all
     bytes that the board has sent.
 
-    With a native board and a tool of the plant the loop runs in C++, to the same bytes. `truth`, a
-    vgroove._core.Truth, keeps what such a tool really did.
+    With a native board and a tool of the plant the loop runs in C++, with the same bytes. `truth`,
+    a vgroove._core.Truth, records the true values of such a tool.
     """
     front, line = front or FrontEnds(), line or Script()
     stimulus, progress = Stimulus(profile, front, seed), Progress()

@@ -1,5 +1,5 @@
-"""`vgroove sim SCENARIO`: the plant alone, its trigger travel taken as the duty, no firmware and no
-sensors in between.
+"""`vgroove sim SCENARIO`: the plant alone with the trigger's travel as duty, without firmware and
+sensors.
 """
 
 from typing import Any
@@ -12,10 +12,11 @@ from vgroove.lockstep import Profile, curve, step_values
 from vgroove.log import Log
 from vgroove.rig import Rig
 from vgroove.scenario import Scenario
+from vgroove.units import RPM_PER_RAD_S
 
 SCHEMA = "vgroove.sim_scenario/1"
 ROW_S = 1e-3
-DRILL_STEP_S = ROW_S / 32  # of the drill driver, next to a PWM period
+DRILL_STEP_S = ROW_S / 32  # of the drill driver: close to a PWM period
 CHUCK_CHANNELS = ("chuck_rpm", "shaft_nm", "chuck_load_nm")
 BENCH_CHANNELS = (
     "anvil_torque_nm",
@@ -25,7 +26,6 @@ BENCH_CHANNELS = (
     "housing_nm",
     "arm_rad",
 )
-RAD_S_TO_RPM = 30.0 / np.pi
 
 
 def profile_columns(profile: Profile, time_s: np.ndarray) -> dict[str, np.ndarray]:
@@ -47,16 +47,17 @@ def simulate_scenario(scenario: Scenario) -> Log:
     """Rows of 1 ms, the first at rest: current (A) and bus (V) as means of the row, speed (rpm) and
     angle (rad) of the shaft at its end.
 
-    An impact tool has its bench channels too (torque of the joint, angle of anvil and head, hammer,
-    housing, arm), and what its impacts came to in `meta`. A drill driver has speed and load of the
-    chuck and the shaft's torque, and its pulse mode where the rig says `pulse = true`.
+    An impact tool also has the channels of a test bench (torque of the joint, angle of anvil and
+    head, hammer, housing, arm), and figures of its blows in `meta`. A drill driver has speed and
+    load of the chuck and the shaft's torque, and its pulse mode where the rig has `pulse = true`.
     """
     from vgroove import _core
 
     tool = scenario.tool
     if tool.input["kind"] != "duty":
         raise VgrooveError(
-            f"{scenario.source}: a trigger drives the bridge: the rig's [input] kind must be duty, not {tool.input['kind']}"
+            f"{scenario.source}: a trigger drives the bridge: the rig's [input] kind must be duty, "
+            f"not {tool.input['kind']}"
         )
     time_s = ROW_S * np.arange(round(scenario.duration_s / ROW_S) + 1)
     columns = profile_columns(scenario.profile, time_s)
@@ -86,15 +87,15 @@ def simulate_scenario(scenario: Scenario) -> Log:
             )
     columns |= {name: rows[name][0] for name in ("supply_v", "current_a")}
     columns |= {
-        "speed_rpm": rows["speed_rad_s"][0] * RAD_S_TO_RPM,
+        "speed_rpm": rows["speed_rad_s"][0] * RPM_PER_RAD_S,
         "position_rad": rows["angle_rad"][0],
     }
     return Log(time_s, columns, scenario.source, meta=meta)
 
 
 def straight_from(duty: np.ndarray, slew_per_s: float | None) -> np.ndarray:
-    """Where each row's duty (n,) begins its straight line: at the row before, unless it changes by
-    more than the slew allows.
+    """Duty (n,) at the start of each row's straight line: that of the row before, or the row's own
+    where the change exceeds the slew rate.
     """
     before = np.concatenate([duty[:1], duty[:-1]])
     return np.where(
@@ -130,13 +131,13 @@ def _simulate_drill(scenario: Scenario, time_s: np.ndarray, columns: dict[str, n
     columns |= {
         "supply_v": column("supply_v", scenario.tool.supply["voltage_v"]),
         "current_a": column("current_a"),
-        "speed_rpm": column("speed_rad_s") * RAD_S_TO_RPM,
+        "speed_rpm": column("speed_rad_s") * RPM_PER_RAD_S,
         "position_rad": column("angle_rad"),
     }
     columns |= dict(
         zip(
             CHUCK_CHANNELS,
-            (column("chuck_rad_s") * RAD_S_TO_RPM, column("shaft_nm"), column("load_nm")),
+            (column("chuck_rad_s") * RPM_PER_RAD_S, column("shaft_nm"), column("load_nm")),
             strict=True,
         )
     )
@@ -149,16 +150,16 @@ def _simulate_drill(scenario: Scenario, time_s: np.ndarray, columns: dict[str, n
 
 
 def while_pulled(blows: np.ndarray, time_s: np.ndarray, duty: np.ndarray) -> np.ndarray:
-    """The blows (structured, as simulate_impact gives them) that fall while the duty (n,) stands at
-    its largest size.
+    """The blows (structured, of simulate_impact) at times at which the duty (n,) has its largest
+    magnitude.
     """
     row = np.minimum(np.searchsorted(time_s, blows["time_s"]), len(duty) - 1)
     return blows[np.abs(duty[row]) >= np.max(np.abs(duty))]
 
 
 def impact_figures(blows: np.ndarray, head_rad: float) -> dict[str, float | int]:
-    """What blows came to: their number and repeats, rate and regularity of the second half of them,
-    torque, height, head angle.
+    """Figures of blows: number and repeats; of their second half rate, spread of the period, torque
+    and engaged height; the head's angle.
     """
     first = blows[blows["kind"] == 0]
     late = first[len(first) // 2 :]
@@ -179,7 +180,7 @@ def impact_figures(blows: np.ndarray, head_rad: float) -> dict[str, float | int]
 
 
 def scenario_figures(log: Log) -> dict[str, float | int | str]:
-    """What a run of the plant came to, JSON-ready."""
+    """Figures of a run of the plant, JSON-ready."""
     current, speed = log.columns["current_a"], log.columns["speed_rpm"]
     return {
         "schema": SCHEMA,

@@ -1,5 +1,5 @@
-// Contact and friction laws of lug flanks, lug tops and the end stop, in the symbols of the
-// Simscape Multibody contact force library (2015).
+// Contact and friction laws of lug flanks, lug tops and the end stop (docs/spec/model.md, section
+// 5, in the symbols of the Simscape Multibody contact force library, 2015).
 #ifndef VGROOVE_PLANT_COMPONENTS_CONTACT_HPP
 #define VGROOVE_PLANT_COMPONENTS_CONTACT_HPP
 
@@ -13,7 +13,8 @@ struct Contact {
     double stiffness, damping;  // N/m^exponent, N s/m
     double ramp_m;
     double exponent;
-    double mu_static, mu_kinetic, speed;  // friction; speed = v_th, m/s
+    double mu_static, mu_kinetic;  // coefficients of friction
+    double threshold_m_per_s;      // v_th
 };
 
 // k x^e
@@ -23,8 +24,8 @@ VGROOVE_INLINE double contact_spring(const Contact &p, double pen) {
     return pen > 0.0 ? p.stiffness * std::pow(pen, p.exponent) : 0.0;
 }
 
-// k x^e + b x' ramp while approaching, k x^e while separating; ramp runs from 0 to 1 over ramp_m.
-// Which branch holds is a mode of the solver.
+// k x^e + b x' ramp while approaching, k x^e while separating; the ramp rises from 0 to 1 over
+// ramp_m. `approaching` and `ramped` (the ramp has reached 1) are modes of the solver.
 VGROOVE_INLINE double contact_force(const Contact &p, double pen, double rate, bool approaching,
                                     bool ramped) {
     const double spring = contact_spring(p, pen);
@@ -33,7 +34,7 @@ VGROOVE_INLINE double contact_force(const Contact &p, double pen, double rate, b
     return spring + p.damping * rate * (ramped ? 1.0 : pen / p.ramp_m);
 }
 
-// Stored: k x^(e + 1) / (e + 1)
+// Energy of the spring: k x^(e + 1) / (e + 1)
 VGROOVE_INLINE double contact_energy(const Contact &p, double pen) {
     return pen > 0.0 ? contact_spring(p, pen) * pen / (p.exponent + 1.0) : 0.0;
 }
@@ -43,10 +44,11 @@ VGROOVE_INLINE double contact_energy(const Contact &p, double pen) {
 VGROOVE_INLINE double contact_friction(const Contact &p, double v) {
     const double speed = std::fabs(v);
     double mu = p.mu_kinetic;
-    if (speed < p.speed)
-        mu = p.mu_static * speed / p.speed;
-    else if (speed < 1.5 * p.speed)
-        mu = p.mu_static - (speed - p.speed) * (p.mu_static - p.mu_kinetic) / (0.5 * p.speed);
+    const double threshold = p.threshold_m_per_s;
+    if (speed < threshold)
+        mu = p.mu_static * speed / threshold;
+    else if (speed < 1.5 * threshold)
+        mu = p.mu_static - (speed - threshold) * (p.mu_static - p.mu_kinetic) / (0.5 * threshold);
     return v < 0.0 ? -mu : mu;
 }
 

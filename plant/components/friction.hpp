@@ -1,5 +1,5 @@
-// Friction and drag torques at the motor shaft: what depends on speed, what depends on angle, and
-// what holds at rest.
+// Friction and drag torques at the motor shaft: those that depend on speed, those that depend on
+// angle, and the torque that is held at rest (docs/spec/model.md, section 2).
 #ifndef VGROOVE_PLANT_COMPONENTS_FRICTION_HPP
 #define VGROOVE_PLANT_COMPONENTS_FRICTION_HPP
 
@@ -9,7 +9,7 @@
 namespace vgroove {
 
 template <class V> struct Friction {
-    V viscous, coulomb_nm;  // nominal and effect together
+    V viscous, coulomb_nm;  // nominal value plus effect
     V forward_nm, backward_nm;
     V breakaway_nm, stribeck_inverse;
     V drag, directional;
@@ -19,64 +19,87 @@ template <class V> struct Friction {
     V load_relative;
 };
 
-// load_dependent_friction: relative abs(TL) / N
-template <class V>
-VGROOVE_INLINE V friction_of_load(const Friction<V> &p, std::uint32_t effects, V load_motor_nm) {
-    return effects & EFFECT_LOAD_FRICTION ? p.load_relative * abs_of<V>(load_motor_nm) : V{};
+template <class V> void friction_set_lane(Friction<V> &f, int lane, const Parameters &p) {
+    set(f.viscous, lane, p.motor_viscous + p.effects.viscous_friction.nm_s_per_rad);
+    set(f.coulomb_nm, lane, p.motor_coulomb_nm + p.effects.coulomb_friction.torque_nm);
+    set(f.forward_nm, lane, p.effects.asymmetric_friction.forward_nm);
+    set(f.backward_nm, lane, p.effects.asymmetric_friction.backward_nm);
+    set(f.breakaway_nm, lane, p.effects.stribeck_friction.breakaway_nm);
+    set(f.stribeck_inverse, lane, 1.0 / p.effects.stribeck_friction.speed_rad_s);
+    set(f.drag, lane, p.effects.quadratic_drag.nm_s2_per_rad2);
+    set(f.directional, lane, p.effects.directional_viscous.nm_s_per_rad);
+    set(f.grease, lane, p.effects.cold_grease.nm_s_per_rad);
+    set(f.grease_rate, lane, 1.0 / p.effects.cold_grease.time_s);
+    set(f.cogging_nm, lane, p.effects.cogging_torque.torque_nm);
+    set(f.cogging_periods, lane, p.effects.cogging_torque.periods_per_rev);
+    set(f.cogging_phase, lane, p.effects.cogging_torque.phase_rad);
+    set(f.eccentricity_nm, lane, p.effects.gear_eccentricity.torque_nm);
+    set(f.eccentricity_phase, lane, p.effects.gear_eccentricity.phase_rad);
+    set(f.ratio_inverse, lane, 1.0 / p.gearbox_ratio);
+    set(f.load_relative, lane, p.effects.load_dependent_friction.relative);
 }
 
-// T = b w + (Tc + breakaway exp(-(w / ws)^2)) s + (forward | -backward) + drag w |w| + directional
-// |w| + grease exp(-t / tg) w
+// Effect load_dependent_friction: relative |TL| / N
+template <class V>
+VGROOVE_INLINE V friction_of_load(const Friction<V> &p, std::uint32_t effects, V load_motor_nm) {
+    return effects & EFFECT_LOAD_DEPENDENT_FRICTION ? p.load_relative * abs_of<V>(load_motor_nm)
+                                                    : V{};
+}
+
+// T = b w + (Tc + breakaway exp(-(w / ws)^2)) s + (forward | -backward)
+//     + drag w |w| + grease exp(-t / tg) w + directional |w|,    s: direction of sliding
 template <class V>
 VGROOVE_INLINE V friction_sliding(const Friction<V> &p, std::uint32_t effects, V slide, V w,
                                   V load_motor_nm, V time_s) {
     V coulomb = p.coulomb_nm + friction_of_load<V>(p, effects, load_motor_nm);
     V viscous = p.viscous;
-    if (effects & EFFECT_STRIBECK) {
+    if (effects & EFFECT_STRIBECK_FRICTION) {
         const V share = w * p.stribeck_inverse;
         coulomb += p.breakaway_nm * exp_of<V>(-share * share);
     }
-    if (effects & EFFECT_DRAG)
+    if (effects & EFFECT_QUADRATIC_DRAG)
         viscous += p.drag * abs_of<V>(w);
-    if (effects & EFFECT_GREASE)
+    if (effects & EFFECT_COLD_GREASE)
         viscous += p.grease * exp_of<V>(-time_s * p.grease_rate);
     V torque = viscous * w + slide * coulomb + (slide > 0.0 ? p.forward_nm : -p.backward_nm);
-    if (effects & EFFECT_DIRECTIONAL)
+    if (effects & EFFECT_DIRECTIONAL_VISCOUS)
         torque += p.directional * abs_of<V>(w);
     return torque;
 }
 
-// At rest any torque from -(Tc + breakaway + backward) to Tc + breakaway + forward is held; each is
-// the limit of the sliding torque at w -> 0.
+// At rest any torque from -(Tc + breakaway + backward) to Tc + breakaway + forward is held; both
+// ends are limits of the sliding torque for w -> 0.
 template <class V> struct HoldLimits { V forward_nm, backward_nm; };
 template <class V>
 VGROOVE_INLINE HoldLimits<V> friction_hold(const Friction<V> &p, std::uint32_t effects,
                                            V load_motor_nm) {
     V coulomb = p.coulomb_nm + friction_of_load<V>(p, effects, load_motor_nm);
-    if (effects & EFFECT_STRIBECK)
+    if (effects & EFFECT_STRIBECK_FRICTION)
         coulomb += p.breakaway_nm;
     return {coulomb + p.forward_nm, coulomb + p.backward_nm};
 }
 
-// cogging torque_nm sin(periods th + phase) + eccentricity torque_nm sin(th / N + phase)
+// Effects cogging_torque and gear_eccentricity: torque_nm sin(periods th + phase) + torque_nm
+// sin(th / N + phase)
 template <class V>
 VGROOVE_INLINE V friction_of_angle(const Friction<V> &p, std::uint32_t effects, V angle) {
     V torque{};
-    if (effects & EFFECT_COGGING)
+    if (effects & EFFECT_COGGING_TORQUE)
         torque += p.cogging_nm * sin_of<V>(p.cogging_periods * angle + p.cogging_phase);
-    if (effects & EFFECT_ECCENTRICITY)
+    if (effects & EFFECT_GEAR_ECCENTRICITY)
         torque += p.eccentricity_nm * sin_of<V>(angle * p.ratio_inverse + p.eccentricity_phase);
     return torque;
 }
 
-// Their potential: -torque_nm / periods cos(periods th + phase) - torque_nm N cos(th / N + phase)
+// Potential energy of both: -torque_nm / periods cos(periods th + phase) - torque_nm N cos(th / N +
+// phase)
 template <class V>
 VGROOVE_INLINE V friction_angle_energy(const Friction<V> &p, std::uint32_t effects, V angle) {
     V energy{};
-    if (effects & EFFECT_COGGING)
+    if (effects & EFFECT_COGGING_TORQUE)
         energy -= p.cogging_nm / p.cogging_periods *
                   cos_of<V>(p.cogging_periods * angle + p.cogging_phase);
-    if (effects & EFFECT_ECCENTRICITY)
+    if (effects & EFFECT_GEAR_ECCENTRICITY)
         energy -= p.eccentricity_nm / p.ratio_inverse *
                   cos_of<V>(angle * p.ratio_inverse + p.eccentricity_phase);
     return energy;

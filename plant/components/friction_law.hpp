@@ -1,5 +1,5 @@
-// Friction law of free loads and the drill driver's chuck (physics.md section 3): a smooth torque
-// over speed, in two forms.
+// Friction law of free loads and of the drill driver's chuck: a smooth torque over speed, in two
+// forms (docs/spec/model.md, section 3).
 #ifndef VGROOVE_PLANT_COMPONENTS_FRICTION_LAW_HPP
 #define VGROOVE_PLANT_COMPONENTS_FRICTION_LAW_HPP
 
@@ -10,11 +10,11 @@ namespace vgroove {
 template <class V> struct FrictionLaw {
     V breakaway_nm, coulomb_nm, viscous;
     V breakaway_rad_s;  // w_brk; wSt = sqrt(2) w_brk, wCoul = w_brk / 10
-    V threshold_rad_s;  // w_th of the older form
-    V decay_s_per_rad;  // cv of the older form
+    V threshold_rad_s;  // w_th of the exponential form
+    V decay_s_per_rad;  // cv of the exponential form
 };
 
-// T = sqrt(2e) (Tbrk - Tc) exp(-(w / wSt)^2) w / wSt + Tc tanh(w / wCoul) + f w
+// Stribeck form: T = sqrt(2e) (Tbrk - Tc) exp(-(w / wSt)^2) w / wSt + Tc tanh(w / wCoul) + f w
 template <class V> VGROOVE_INLINE V friction_law_stribeck(const FrictionLaw<V> &p, V w) {
     const V share = w / (1.4142135623730951 * p.breakaway_rad_s);
     const V peak =
@@ -22,7 +22,7 @@ template <class V> VGROOVE_INLINE V friction_law_stribeck(const FrictionLaw<V> &
     return peak + p.coulomb_nm * tanh_of<V>(10.0 * w / p.breakaway_rad_s) + p.viscous * w;
 }
 
-// dT / dw of it
+// dT / dw of the Stribeck form
 template <class V> VGROOVE_INLINE V friction_law_stribeck_slope(const FrictionLaw<V> &p, V w) {
     const V scale = 1.4142135623730951 * p.breakaway_rad_s;
     const V share = w / scale;
@@ -32,7 +32,7 @@ template <class V> VGROOVE_INLINE V friction_law_stribeck_slope(const FrictionLa
     return bump + p.coulomb_nm * (1.0 - sign * sign) * 10.0 / p.breakaway_rad_s + p.viscous;
 }
 
-// Linear below w_th; then (Tc + (Tbrk - Tc) exp(-cv |w|)) sign(w) + f w
+// Exponential form: linear below w_th; then (Tc + (Tbrk - Tc) exp(-cv |w|)) sign(w) + f w
 template <class V> VGROOVE_INLINE V friction_law_exponential(const FrictionLaw<V> &p, V w) {
     const V speed = abs_of<V>(w);
     const V at = max_of<V>(speed, p.threshold_rad_s);
@@ -43,7 +43,7 @@ template <class V> VGROOVE_INLINE V friction_law_exponential(const FrictionLaw<V
     return w < 0.0 ? -sized : sized;
 }
 
-// dT / dw of it
+// dT / dw of the exponential form
 template <class V> VGROOVE_INLINE V friction_law_exponential_slope(const FrictionLaw<V> &p, V w) {
     const V speed = abs_of<V>(w);
     const V at = max_of<V>(speed, p.threshold_rad_s);

@@ -1,5 +1,4 @@
-// Counts of the board's front ends, rounded and clipped as a 10-bit converter does, and the seeded
-// noise in front of them.
+// Counts of the board's front ends, rounded and clipped as a 10-bit converter does.
 #include "components/front_ends.hpp"
 
 #include <algorithm>
@@ -29,23 +28,6 @@ int trigger_counts(double travel) {
 int temperature_counts(double degc) {
     return to_counts((TEMPERATURE_V_AT_0_DEGC + TEMPERATURE_V_PER_K * degc) / ADC_REFERENCE_V *
                      COUNTS_MAX);
-}
-
-static std::uint64_t noise_word(Noise &noise) {
-    noise.state += 0x9e3779b97f4a7c15u;
-    std::uint64_t z = noise.state;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
-    return z ^ (z >> 31);
-}
-
-double noise_uniform(Noise &noise) {
-    return static_cast<double>(noise_word(noise) >> 11) * 0x1p-53;
-}
-
-double noise_normal(Noise &noise) {
-    const double radius = std::sqrt(-2.0 * std::log(1.0 - noise_uniform(noise)));
-    return radius * std::cos(6.283185307179586 * noise_uniform(noise));
 }
 
 }  // namespace vgroove

@@ -1,4 +1,4 @@
-// Edges of the Hall wheel out of the shaft's angle at both ends of a period.
+// Edges of the Hall wheel from angle and speed of the shaft at both ends of a period.
 #include "components/hall_wheel.hpp"
 
 #include <algorithm>
@@ -23,9 +23,9 @@ HallWheel hall_wheel(int pulses_per_rev, double offset_rad, const std::vector<do
     return wheel;
 }
 
-// Share of the period at which the wheel reaches an angle: Newton on the parabola through both
-// ends, from the chord.
-static double crossing_share(const Sweep &w, double angle) {
+// Share of the period at which the wheel reaches an angle: Newton's method on the parabola of a
+// linear speed, started on the chord
+static double crossing_share(const WheelMotion &w, double angle) {
     const double rise = w.end_angle - w.angle;
     const double bend = 0.5 * (w.end_speed - w.speed) * PERIOD_S;
     double u = (angle - w.angle) / rise;
@@ -42,8 +42,8 @@ static bool dropped(double probability, Noise &noise) {
     return probability > 0.0 && noise_uniform(noise) < probability;
 }
 
-void hall_wheel_edges(const HallWheel &wheel, const Sweep &w, double dropout, Noise &noise,
-                      std::int64_t from, std::deque<std::int64_t> &edges) {
+void hall_wheel_edges(const HallWheel &wheel, const WheelMotion &w, double dropout, Noise &noise,
+                      std::int64_t first_cycle, std::deque<std::int64_t> &edges) {
     const double low = std::min(w.angle, w.end_angle), high = std::max(w.angle, w.end_angle);
     std::int64_t found[PERIOD_EDGES_MAX];
     int count = 0;
@@ -54,19 +54,20 @@ void hall_wheel_edges(const HallWheel &wheel, const Sweep &w, double dropout, No
                 w.end_angle > w.angle ? angle > low && angle <= high : angle >= low && angle < high;
             if (passed && count < PERIOD_EDGES_MAX && !dropped(dropout, noise))
                 found[count++] =
-                    from + std::min<std::int64_t>(
-                               static_cast<std::int64_t>(crossing_share(w, angle) * PERIOD_CYCLES),
-                               PERIOD_CYCLES - 1);
+                    first_cycle +
+                    std::min<std::int64_t>(
+                        static_cast<std::int64_t>(crossing_share(w, angle) * PERIOD_CYCLES),
+                        PERIOD_CYCLES - 1);
         }
     if (w.end_angle < w.angle)
         std::reverse(found, found + count);
     edges.insert(edges.end(), found, found + count);
 }
 
-void hall_wheel_take(std::deque<std::int64_t> &edges, std::int64_t from, PeriodResult &r) {
-    while (!edges.empty() && edges.front() < from + PERIOD_CYCLES &&
+void hall_wheel_take(std::deque<std::int64_t> &edges, std::int64_t first_cycle, PeriodResult &r) {
+    while (!edges.empty() && edges.front() < first_cycle + PERIOD_CYCLES &&
            r.edge_count < PERIOD_EDGES_MAX) {
-        r.edge_cycle[r.edge_count++] = static_cast<int>(edges.front() - from);
+        r.edge_cycle[r.edge_count++] = static_cast<int>(edges.front() - first_cycle);
         edges.pop_front();
     }
 }

@@ -1,5 +1,5 @@
 // Motor: armature circuit of a permanent-magnet brushed machine, its torque constant, winding heat
-// and brushes.
+// and brushes (docs/spec/model.md, section 2).
 #ifndef VGROOVE_PLANT_COMPONENTS_MOTOR_HPP
 #define VGROOVE_PLANT_COMPONENTS_MOTOR_HPP
 
@@ -8,8 +8,9 @@
 
 namespace vgroove {
 
-constexpr double COPPER_PER_KELVIN = 0.0039;  // gap contract, winding_heating
-constexpr double BRUSH_CURRENT_A = 0.3;       // gap contract, brush_drop
+// docs/spec/gap.md, section 3: winding_heating and brush_drop
+constexpr double COPPER_PER_KELVIN = 0.0039;
+constexpr double BRUSH_CURRENT_A = 0.3;
 
 template <class V> struct Motor {
     V resistance_ohm;      // R (1 + relative)
@@ -20,9 +21,31 @@ template <class V> struct Motor {
     V brush_v;
 };
 
+// Inductance of the winding with its effect, H
+inline double motor_inductance(const Parameters &p) {
+    return p.motor_inductance_h * (1.0 + p.effects.inductance.relative);
+}
+
+// Torque constant with its effect, N m/A
+inline double motor_torque_constant(const Parameters &p) {
+    return p.motor_torque_constant * (1.0 + p.effects.torque_constant.relative);
+}
+
+template <class V> void motor_set_lane(Motor<V> &m, int lane, const Parameters &p) {
+    const double inductance = motor_inductance(p);
+    set(m.resistance_ohm, lane,
+        p.motor_resistance_ohm * (1.0 + p.effects.winding_resistance.relative));
+    set(m.inductance_inverse, lane, inductance > 0.0 ? 1.0 / inductance : 0.0);
+    set(m.constant, lane, motor_torque_constant(p));
+    set(m.saturation_inverse, lane, 1.0 / p.effects.magnetic_saturation.saturation_a);
+    set(m.kelvin_per_joule, lane, p.effects.winding_heating.kelvin_per_joule);
+    set(m.cooling_rate, lane, 1.0 / p.effects.winding_heating.cooling_s);
+    set(m.brush_v, lane, p.effects.brush_drop.voltage_v);
+}
+
 // k / (1 + (i / saturation_a)^2)
 template <class V> VGROOVE_INLINE V motor_constant(const Motor<V> &p, std::uint32_t effects, V i) {
-    if (!(effects & EFFECT_SATURATION))
+    if (!(effects & EFFECT_MAGNETIC_SATURATION))
         return p.constant;
     const V share = i * p.saturation_inverse;
     return p.constant / (1.0 + share * share);
@@ -32,7 +55,7 @@ template <class V> VGROOVE_INLINE V motor_constant(const Motor<V> &p, std::uint3
 template <class V, int N>
 VGROOVE_INLINE V motor_resistance(const Motor<V> &p, std::uint32_t effects, const State<V, N> &s) {
     if constexpr (N > STATE_HEAT)
-        if (effects & EFFECT_HEATING)
+        if (effects & EFFECT_WINDING_HEATING)
             return p.resistance_ohm * (1.0 + COPPER_PER_KELVIN * s.x[STATE_HEAT]);
     return p.resistance_ohm;
 }
@@ -41,7 +64,7 @@ VGROOVE_INLINE V motor_resistance(const Motor<V> &p, std::uint32_t effects, cons
 template <class V, int N>
 VGROOVE_INLINE void motor_heat_derivative(const Motor<V> &p, std::uint32_t effects, V i, V r,
                                           const State<V, N> &s, State<V, N> &ds) {
-    if (effects & EFFECT_HEATING)
+    if (effects & EFFECT_WINDING_HEATING)
         ds.x[STATE_HEAT] = p.kelvin_per_joule * i * i * r - s.x[STATE_HEAT] * p.cooling_rate;
 }
 
@@ -49,7 +72,7 @@ VGROOVE_INLINE void motor_heat_derivative(const Motor<V> &p, std::uint32_t effec
 // - ln cosh((i - ir) / 0.3))
 template <class V>
 VGROOVE_INLINE V motor_brush_voltage(const Motor<V> &p, std::uint32_t effects, V i, V ripple_a) {
-    if (!(effects & EFFECT_BRUSH))
+    if (!(effects & EFFECT_BRUSH_DROP))
         return V{};
     const V upper = log_two_cosh<V>((i + ripple_a) / BRUSH_CURRENT_A);
     const V lower = log_two_cosh<V>((i - ripple_a) / BRUSH_CURRENT_A);

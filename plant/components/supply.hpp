@@ -1,4 +1,5 @@
-// Supply: open-circuit source behind a resistance, with droop by charge and polarisation.
+// Supply: open-circuit source behind a resistance, with droop by charge and polarisation
+// (docs/spec/model.md, section 1).
 #ifndef VGROOVE_PLANT_COMPONENTS_SUPPLY_HPP
 #define VGROOVE_PLANT_COMPONENTS_SUPPLY_HPP
 
@@ -12,11 +13,20 @@ template <class V> struct Supply {
     V volt_per_coulomb, polarisation_ohm, polarisation_rate;
 };
 
-// effect supply_droop: Voc falls by volt_per_coulomb q + vp
+template <class V> void supply_set_lane(Supply<V> &s, int lane, const Parameters &p) {
+    set(s.open_circuit_v, lane, p.supply_voltage_v);
+    set(s.resistance_ohm, lane,
+        p.supply_resistance_ohm + p.effects.supply_resistance.resistance_ohm);
+    set(s.volt_per_coulomb, lane, p.effects.supply_droop.volt_per_coulomb);
+    set(s.polarisation_ohm, lane, p.effects.supply_droop.polarisation_ohm);
+    set(s.polarisation_rate, lane, 1.0 / p.effects.supply_droop.polarisation_s);
+}
+
+// Effect supply_droop: Voc - volt_per_coulomb q - vp
 template <class V, int N>
 VGROOVE_INLINE V supply_source(const Supply<V> &p, std::uint32_t effects, const State<V, N> &s) {
     if constexpr (N > STATE_POLARISATION)
-        if (effects & EFFECT_DROOP)
+        if (effects & EFFECT_SUPPLY_DROOP)
             return p.open_circuit_v - p.volt_per_coulomb * s.x[STATE_CHARGE] -
                    s.x[STATE_POLARISATION];
     return p.open_circuit_v;
@@ -26,7 +36,7 @@ VGROOVE_INLINE V supply_source(const Supply<V> &p, std::uint32_t effects, const 
 template <class V, int N>
 VGROOVE_INLINE void supply_derivative(const Supply<V> &p, std::uint32_t effects, V bus_a,
                                       const State<V, N> &s, State<V, N> &ds) {
-    if (!(effects & EFFECT_DROOP))
+    if (!(effects & EFFECT_SUPPLY_DROOP))
         return;
     ds.x[STATE_CHARGE] = bus_a;
     ds.x[STATE_POLARISATION] =

@@ -1,5 +1,5 @@
 // V-groove: balls between spindle and hammer turn their relative angle q into an axial retraction x
-// of the hammer.
+// of the hammer (docs/spec/model.md, section 4).
 #ifndef VGROOVE_PLANT_COMPONENTS_V_GROOVE_HPP
 #define VGROOVE_PLANT_COMPONENTS_V_GROOVE_HPP
 
@@ -9,8 +9,8 @@
 
 namespace vgroove {
 
-constexpr double VERTEX_LEAST_RAD =
-    1e-3;  // a sharper vertex is read as this one: its curvature must stay finite
+// A vertex radius below this is raised to it, so that the curvature of the groove stays finite.
+constexpr double VERTEX_LEAST_RAD = 1e-3;
 
 struct VGroove {
     double lead;      // m/rad
@@ -35,11 +35,10 @@ VGROOVE_INLINE double v_groove_ball_arm(double coefficient, double lead, double 
 }
 
 struct GroovePoint {
-    double x;  // m
-    double s;  // dx / dq, m/rad
-    double c;  // ds / dq, m/rad^2
-    double square,
-        run;  // q^2 + e^2 and l q: s^2 = run^2 / square, for who has no time to wait for the root
+    double x;            // m
+    double s;            // dx / dq, m/rad
+    double c;            // ds / dq, m/rad^2
+    double square, run;  // q^2 + e^2 and l q: s^2 = run^2 / square without the square root
 };
 
 // x = l (sqrt(q^2 + e^2) - e), s = l q / sqrt(q^2 + e^2), s' = l e^2 / sqrt(q^2 + e^2)^3

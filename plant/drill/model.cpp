@@ -1,17 +1,13 @@
-// Equations, guards and mode changes of the drill driver; its solvers are in drill_solvers.cpp and
-// drill_real_time.cpp.
+// Equations of the drill driver: inputs, rates of the state and of the integrals, their
+// derivatives.
 #include "drill/model.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <string>
 
 namespace vgroove {
-
-constexpr double SAME_INSTANT_S = 1e-12;
-constexpr double NEVER_S = std::numeric_limits<double>::infinity();
 
 void drill_check(const DrillParameters &p) {
     for (const DrillParameter &entry : DRILL_PARAMETERS) {
@@ -29,7 +25,7 @@ void drill_check(const DrillParameters &p) {
         throw std::invalid_argument("load.breakaway_ratio must be at least 1");
 }
 
-// d: 0 to drive.duty along the ramp; full while pulse mode drives
+// d: from 0 to drive.duty along the ramp; +-1 while pulse mode drives
 double drill_duty(const DrillParameters &p, const DrillMode &m, double time_s) {
     if (m.control != DrillControl::NORMAL)
         return m.control == DrillControl::DRIVE ? std::copysign(1.0, p.duty) : 0.0;
@@ -76,14 +72,14 @@ double drill_load_slope(const DrillParameters &p, double load_nm, double chuck_r
 }
 
 // K e + C (w / N - wc)
-static double gripping_torque(const DrillParameters &p, const DrillVector &x) {
+double drill_gripping_torque(const DrillParameters &p, const DrillVector &x) {
     return p.shaft_stiffness * x[DRILL_TWIST] +
            p.shaft_damping * (x[DRILL_SPEED] / p.ratio - x[DRILL_CHUCK]);
 }
 
 // T = K e + C e' while the clutch grips, +-clutch_nm while it slips
 double drill_shaft_torque(const DrillParameters &p, const DrillMode &m, const DrillVector &x) {
-    return m.clutch == 0 ? gripping_torque(p, x) : m.clutch * p.clutch_nm;
+    return m.clutch == 0 ? drill_gripping_torque(p, x) : m.clutch * p.clutch_nm;
 }
 
 // L i^2 / 2 + J w^2 / 2 + Jc wc^2 / 2 + K e^2 / 2
@@ -173,176 +169,6 @@ DrillSlopes drill_slopes(const DrillParameters &p, const DrillMode &m, const Dri
 DrillVector drill_scales(const DrillParameters &p) {
     const double free = p.supply_v / p.constant;
     return {p.supply_v / p.resistance_ohm, free, p.clutch_nm / p.shaft_stiffness, free / p.ratio};
-}
-
-void DrillCharge::push(double time_s, double charge, double current_a, bool always) {
-    if (!always && count_ > 0 && time_s - at(count_ - 1).time_s < spacing_s_)
-        return;
-    while (count_ > 2 && at(1).time_s <= time_s - window_s_) {
-        first_ = (first_ + 1) % points_.size();
-        --count_;
-    }
-    if (count_ == points_.size()) {
-        std::rotate(points_.begin(), points_.begin() + static_cast<std::ptrdiff_t>(first_),
-                    points_.end());
-        first_ = 0;
-        points_.resize(2 * count_);
-    }
-    points_[(first_ + count_++) % points_.size()] = {time_s, charge, current_a};
-}
-
-// (q(t) - q(t - window)) / window; q between two points is the cubic through both and their
-// currents
-double DrillCharge::average(double time_s, double charge) const {
-    const double then_s = time_s - window_s_;
-    std::size_t low = 0, high = count_ - 1;
-    if (then_s <= at(low).time_s)
-        return (charge - at(low).charge) / window_s_;
-    while (high - low > 1) {
-        const std::size_t middle = (low + high) / 2;
-        (at(middle).time_s < then_s ? low : high) = middle;
-    }
-    const Point &a = at(low), &b = at(high);
-    const double h = b.time_s - a.time_s;
-    const double u = h > 0.0 ? std::min((then_s - a.time_s) / h, 1.0) : 1.0;
-    const double rise = b.charge - a.charge;
-    const double then =
-        a.charge + rise * u +
-        u * (1.0 - u) * ((1.0 - u) * (a.current_a * h - rise) + u * (rise - b.current_a * h));
-    return (charge - then) / window_s_;
-}
-
-DrillSystem::DrillSystem(const DrillParameters &parameters, double charge_spacing_s,
-                         std::size_t charge_capacity)
-    : p(parameters),
-      charge(parameters.pulse_average_s, charge_spacing_s, charge_capacity) {
-    drill_check(p);
-    charge.push(0.0, 0.0, 0.0, true);
-}
-
-// Torque that Coulomb friction has to hold at rest: k i - T / N
-static double resting_torque(const DrillSystem &s, const DrillVector &x) {
-    return s.p.constant * x[DRILL_CURRENT] - drill_shaft_torque(s.p, s.mode, x) / s.p.ratio;
-}
-
-DrillGuards drill_guards(const DrillSystem &s, double time_s, const DrillVector &x, double charge) {
-    const DrillParameters &p = s.p;
-    const DrillMode &m = s.mode;
-    DrillGuards g;
-    g.fill(1.0);
-    g[DRILL_EVENT_MOTOR] = m.slide == 0 ? p.motor_coulomb_nm - std::fabs(resting_torque(s, x))
-                                        : m.slide * x[DRILL_SPEED];
-    const double torque = gripping_torque(p, x);
-    g[DRILL_EVENT_CLUTCH] =
-        m.clutch == 0 ? p.clutch_nm - std::fabs(torque) : m.clutch * torque - p.clutch_nm;
-    if (m.bridge == DrillBridge::DIODES)
-        g[DRILL_EVENT_DIODE] = -m.diode * x[DRILL_CURRENT];
-    if (p.pulse == 0.0)
-        return g;
-    if (m.control == DrillControl::NORMAL)
-        g[DRILL_EVENT_PULSE_ON] = p.pulse_on_a - std::fabs(x[DRILL_CURRENT]);
-    else if (time_s >= m.pulse_start_s + p.pulse_average_s - SAME_INSTANT_S)
-        g[DRILL_EVENT_PULSE_OFF] = std::fabs(s.charge.average(time_s, charge)) - p.pulse_off_a;
-    return g;
-}
-
-bool drill_any(const DrillGuards &g) {
-    return std::any_of(g.begin(), g.end(), [](double value) { return value < 0.0; });
-}
-
-static int sign_of(double x) {
-    return x > 0.0 ? 1 : (x < 0.0 ? -1 : 0);
-}
-
-// At rest: held up to Tc, else off the way it is driven.
-static DrillMark settle_motor(DrillSystem &s) {
-    const bool rested = s.mode.slide == 0;
-    s.mode.slide = 0;
-    s.x[DRILL_SPEED] = 0.0;
-    const double torque = resting_torque(s, s.x);
-    if (std::fabs(torque) > s.p.motor_coulomb_nm)
-        s.mode.slide = sign_of(torque);
-    return rested ? DrillMark::BREAK_AWAY : DrillMark::MOTOR_RESTS;
-}
-
-static DrillMark settle_clutch(DrillSystem &s) {
-    const double torque = gripping_torque(s.p, s.x);
-    s.mode.clutch = std::fabs(torque) > s.p.clutch_nm ? sign_of(torque) : 0;
-    return s.mode.clutch != 0 ? DrillMark::CLUTCH_SLIPS : DrillMark::CLUTCH_GRIPS;
-}
-
-static void set_bridge(DrillSystem &s, bool open) {
-    s.mode.diode = open ? -sign_of(s.x[DRILL_CURRENT]) : 0;
-    s.mode.bridge = !open ? DrillBridge::CLOSED
-                          : (s.mode.diode != 0 ? DrillBridge::DIODES : DrillBridge::BLOCKED);
-}
-
-static DrillMark set_control(DrillSystem &s, DrillControl control, double length_s) {
-    s.mode.control = control;
-    s.mode.switch_s += length_s;
-    set_bridge(s, control == DrillControl::COAST);
-    return control == DrillControl::COAST
-               ? DrillMark::COAST
-               : (control == DrillControl::DRIVE ? DrillMark::DRIVE : DrillMark::PULSE_OFF);
-}
-
-DrillMark drill_switch(DrillSystem &s, const DrillGuards &g) {
-    DrillMark mark = DrillMark::NONE;
-    if (g[DRILL_EVENT_CLUTCH] < 0.0)
-        mark = settle_clutch(s);
-    if (g[DRILL_EVENT_MOTOR] < 0.0)
-        mark = settle_motor(s);
-    if (g[DRILL_EVENT_DIODE] < 0.0) {
-        s.x[DRILL_CURRENT] = 0.0;
-        set_bridge(s, true);
-        mark = DrillMark::CURRENT_ENDS;
-    }
-    if (g[DRILL_EVENT_PULSE_OFF] < 0.0)
-        mark = set_control(s, DrillControl::NORMAL, 0.0);
-    if (g[DRILL_EVENT_PULSE_ON] < 0.0) {
-        s.mode.pulse_start_s = s.mode.switch_s = s.time_s;
-        set_control(s, DrillControl::COAST, s.p.pulse_coast_s);
-        mark = DrillMark::PULSE_ON;
-    }
-    return mark;
-}
-
-DrillMark drill_timers(DrillSystem &s) {
-    if (s.mode.control == DrillControl::NORMAL || s.time_s < s.mode.switch_s - SAME_INSTANT_S)
-        return DrillMark::NONE;
-    const bool coasting = s.mode.control == DrillControl::COAST;
-    return set_control(s, coasting ? DrillControl::DRIVE : DrillControl::COAST,
-                       coasting ? s.p.pulse_drive_s : s.p.pulse_coast_s);
-}
-
-void drill_command_bridge(DrillSystem &s, bool open) {
-    if (open)
-        s.mode.control = DrillControl::NORMAL;
-    if (s.mode.control == DrillControl::NORMAL && open != (s.mode.bridge != DrillBridge::CLOSED))
-        set_bridge(s, open);
-}
-
-double drill_next_time(const DrillSystem &s) {
-    const bool pulsing = s.mode.control != DrillControl::NORMAL;
-    const double times[] = {s.p.ramp_s, s.p.load_from_s, s.p.load_to_s,
-                            pulsing ? s.mode.switch_s : NEVER_S,
-                            pulsing ? s.mode.pulse_start_s + s.p.pulse_average_s : NEVER_S};
-    double next = NEVER_S;
-    for (const double time : times)
-        if (time > s.time_s + SAME_INSTANT_S)
-            next = std::min(next, time);
-    return next;
-}
-
-DrillMark drill_input_mark(const DrillParameters &p, double time_s) {
-    const auto at = [time_s](double instant) {
-        return std::fabs(time_s - instant) <= SAME_INSTANT_S;
-    };
-    if (p.load_nm > 0.0 && at(p.load_from_s))
-        return DrillMark::LOAD_ON;
-    if (p.load_nm > 0.0 && at(p.load_to_s))
-        return DrillMark::LOAD_OFF;
-    return at(p.ramp_s) ? DrillMark::RAMP_END : DrillMark::NONE;
 }
 
 }  // namespace vgroove

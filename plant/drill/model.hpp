@@ -1,5 +1,5 @@
-// The drill driver of physics.md section 7: motor and gear, shaft with a slip clutch, chuck under a
-// friction load, normal and pulse mode.
+// The drill driver (docs/spec/model.md, section 7): motor and gear, shaft with a slip clutch, chuck
+// under a friction load, normal and pulse mode. Its parameters, modes and equations.
 #ifndef VGROOVE_PLANT_DRILL_MODEL_HPP
 #define VGROOVE_PLANT_DRILL_MODEL_HPP
 
@@ -14,8 +14,8 @@ namespace vgroove {
 
 enum class DrillRange { ANY, NOT_NEGATIVE, POSITIVE };
 
-// X(member, name, default, range). SI units, named as rig keys; defaults: physics.md section 7 in
-// low gear, section 4 for the motor, parameter step 1.
+// X(member, name, default, range). SI units, named as rig keys; defaults: docs/spec/model.md,
+// section 7 in low gear with parameter step 1, section 4 for the motor.
 // clang-format off
 #define VGROOVE_DRILL_PARAMETERS(X) \
     X(supply_v,         "supply.voltage_v",                           18.0,     POSITIVE) \
@@ -71,10 +71,10 @@ constexpr DrillParameter DRILL_PARAMETERS[] = {VGROOVE_DRILL_PARAMETERS(VGROOVE_
 // Throws std::invalid_argument naming the key of a value outside its physical range.
 void drill_check(const DrillParameters &p);
 
-// What moves: motor current and speed, elastic twist of the shaft (at the output), chuck speed.
+// State: motor current and speed, elastic twist of the shaft (at the output), chuck speed
 enum DrillCore { DRILL_CURRENT, DRILL_SPEED, DRILL_TWIST, DRILL_CHUCK, DRILL_CORE_COUNT };
-// What only adds up: charge, angles, and the energies in J: work_in = the losses + work_load +
-// change of what is stored.
+// Integrals that the state does not depend on: charge, angles, and energies in J: work_in = losses
+// + work_load + change of stored energy
 enum DrillSum {
     DRILL_CHARGE,
     DRILL_ANGLE,
@@ -90,16 +90,13 @@ enum DrillSum {
 using DrillVector = Eigen::Matrix<double, DRILL_CORE_COUNT, 1>;
 using DrillSums = Eigen::Matrix<double, DRILL_SUM_COUNT, 1>;
 
-enum class DrillBridge {
-    CLOSED,
-    DIODES,
-    BLOCKED
-};  // diodes: the open bridge carries the current against the bus until it is 0
-enum class DrillControl { NORMAL, COAST, DRIVE };  // coast and drive: the two halves of pulse mode
+// DIODES: the open bridge carries the current against the bus until it is 0.
+enum class DrillBridge { CLOSED, DIODES, BLOCKED };
+enum class DrillControl { NORMAL, COAST, DRIVE };  // COAST and DRIVE: the two parts of pulse mode
 
 struct DrillMode {
     int slide = 0;   // of the motor: -1, 0 held by Coulomb friction, 1
-    int clutch = 0;  // 0 grips, else the sign of the torque that it slips at
+    int clutch = 0;  // 0 grips, else the sign of the torque at which it slips
     DrillBridge bridge = DrillBridge::CLOSED;
     int diode = 0;  // sign of the bus across the motor while the diodes conduct
     DrillControl control = DrillControl::NORMAL;
@@ -109,7 +106,7 @@ struct DrillMode {
 
 struct DrillInput {
     double terminal_v,
-        terminal_v_per_s;  // d Vs and its slope, or what the diodes put across the motor
+        terminal_v_per_s;  // d Vs and its slope, or the voltage of the conducting diodes
     double load_nm;        // Tc of the friction law at the chuck; 0: no load
 };
 
@@ -118,7 +115,8 @@ struct DrillRates {
     DrillSums sums;
 };
 
-struct DrillSlopes {  // of the rates: by the core, and by time
+// Derivatives of the rates, by the state and by time
+struct DrillSlopes {
     Eigen::Matrix<double, DRILL_CORE_COUNT, DRILL_CORE_COUNT> core;
     Eigen::Matrix<double, DRILL_SUM_COUNT, DRILL_CORE_COUNT> sums;
     DrillVector core_time;
@@ -127,119 +125,20 @@ struct DrillSlopes {  // of the rates: by the core, and by time
 
 double drill_duty(const DrillParameters &p, const DrillMode &m, double time_s);
 DrillInput drill_input(const DrillParameters &p, const DrillMode &m, double time_s);
-// The same inputs later in a stretch within which nothing changes by the clock: a stretch does not
-// see what begins at its end.
+// The inputs later_s later, within a stretch in which no timed change happens
 DrillInput drill_later(const DrillInput &in, double later_s);
 double drill_load_torque(const DrillParameters &p, double load_nm, double chuck_rad_s);
 double drill_load_slope(const DrillParameters &p, double load_nm, double chuck_rad_s);
+double drill_gripping_torque(const DrillParameters &p, const DrillVector &x);
 double drill_shaft_torque(const DrillParameters &p, const DrillMode &m, const DrillVector &x);
 double drill_stored_energy(const DrillParameters &p, const DrillVector &x);
 DrillRates drill_rates(const DrillParameters &p, const DrillMode &m, const DrillInput &in,
                        const DrillVector &x);
 DrillSlopes drill_slopes(const DrillParameters &p, const DrillMode &m, const DrillInput &in,
                          const DrillVector &x);
-// The size of each core state: stall current, free speed, twist at the clutch's limit, free speed
-// at the chuck.
+// Scale of each state: stall current, free speed, twist at the clutch's limit, free speed at the
+// chuck
 DrillVector drill_scales(const DrillParameters &p);
-
-// The charge of the last pulse_average_s, for the moving average of the current: a ring that grows
-// when it is full.
-class DrillCharge {
-public:
-    explicit DrillCharge(double window_s, double spacing_s, std::size_t capacity)
-        : points_(capacity),
-          window_s_(window_s),
-          spacing_s_(spacing_s) {}
-    void push(double time_s, double charge, double current_a, bool always);
-    double average(double time_s, double charge) const;
-
-private:
-    struct Point {
-        double time_s, charge, current_a;
-    };
-    const Point &at(std::size_t n) const { return points_[(first_ + n) % points_.size()]; }
-    std::vector<Point> points_;
-    std::size_t first_ = 0, count_ = 0;
-    double window_s_, spacing_s_;
-};
-
-// What a fixed-step solver keeps, so that its ring never grows: points this far apart, and room for
-// those at changes of mode.
-constexpr double DRILL_CHARGE_SPACING_S = 50e-6;
-inline std::size_t drill_charge_points(const DrillParameters &p) {
-    return static_cast<std::size_t>(p.pulse_average_s / DRILL_CHARGE_SPACING_S) + 4096;
-}
-
-// Instants at which the equations change. Below 0 a guard has been passed.
-enum DrillEvent {
-    DRILL_EVENT_MOTOR,
-    DRILL_EVENT_CLUTCH,
-    DRILL_EVENT_DIODE,
-    DRILL_EVENT_PULSE_ON,
-    DRILL_EVENT_PULSE_OFF,
-    DRILL_EVENT_COUNT
-};
-using DrillGuards = std::array<double, DRILL_EVENT_COUNT>;
-
-struct DrillSystem {
-    DrillParameters p;
-    DrillMode mode;
-    DrillVector x = DrillVector::Zero();
-    DrillSums sums = DrillSums::Zero();
-    double time_s = 0.0;
-    DrillCharge charge;
-
-    // charge_spacing_s: least distance of the points kept for the moving average
-    explicit DrillSystem(const DrillParameters &parameters, double charge_spacing_s = 0.0,
-                         std::size_t charge_capacity = 64);
-};
-
-DrillGuards drill_guards(const DrillSystem &s, double time_s, const DrillVector &x, double charge);
-bool drill_any(const DrillGuards &g);
-
-// What a run tells of itself besides its rows.
-enum class DrillMark {
-    NONE,
-    BREAK_AWAY,
-    MOTOR_RESTS,
-    CLUTCH_SLIPS,
-    CLUTCH_GRIPS,
-    CURRENT_ENDS,
-    PULSE_ON,
-    COAST,
-    DRIVE,
-    PULSE_OFF,
-    LOAD_ON,
-    LOAD_OFF,
-    RAMP_END
-};
-constexpr const char *DRILL_MARKS[] = {"none",
-                                       "motor breaks away",
-                                       "motor comes to rest",
-                                       "clutch slips",
-                                       "clutch grips",
-                                       "diodes block",
-                                       "pulse mode begins",
-                                       "coast begins",
-                                       "drive begins",
-                                       "normal again",
-                                       "load on",
-                                       "load off",
-                                       "ramp ends"};
-
-// Changes the mode where a guard is below 0, sets the state that the change fixes; the mark of the
-// change.
-DrillMark drill_switch(DrillSystem &s, const DrillGuards &g);
-// Timed changes: the halves of pulse mode. NONE when none is due.
-DrillMark drill_timers(DrillSystem &s);
-// The next instant after the system's time at which something changes by the clock alone; infinite
-// when none.
-double drill_next_time(const DrillSystem &s);
-// A commanded bridge: opening it ends pulse mode; closing it is left to pulse mode while that
-// lasts.
-void drill_command_bridge(DrillSystem &s, bool open);
-// Marks of the inputs at a time (load on and off, end of the ramp), or NONE.
-DrillMark drill_input_mark(const DrillParameters &p, double time_s);
 
 }  // namespace vgroove
 

@@ -1,13 +1,12 @@
-// The drill driver in real time: fixed steps of bounded work that stay exact and stable however
-// stiff the shaft and however long the step.
+// The drill driver's real-time mode: fixed steps of bounded work that are stable for any stiffness
+// of the shaft and any length of the step.
 //
-// Between two changes of mode everything but the chuck's friction law is linear, so a stretch is
-// advanced by a matrix exponential made beforehand. The law's torque is taken as constant over a
-// stretch at its value at the stretch's end (implicit, one scalar equation), which is exact where
-// the law is flat and holds the chuck where it is steep. A step is cut into pieces of at most
-// PIECE_S; a change of mode within a piece is found by halving, with matrices of halved lengths,
-// until the tick.
-#include "drill/solvers.hpp"
+// Between two events everything but the chuck's friction law is linear, so that a stretch is
+// advanced by a matrix exponential computed beforehand. The law's torque is constant over a
+// stretch, at its value at the stretch's end (implicit, one scalar equation): exact where the law
+// is flat, stable where it is steep. A step is divided into pieces of at most PIECE_S; an event
+// within a piece is located by bisection, with the matrices of halved lengths, to one tick.
+#include "drill/real_time.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -22,12 +21,10 @@ namespace {
 
 constexpr double PIECE_S = 100e-6;
 constexpr int LOCATE_LEVELS = 12;  // a tick is a piece / 4096: 24 ns or less
-constexpr int LOCATED_MAX =
-    16;  // changes of mode located in one step; later ones are taken at the end of their piece
-constexpr int CLOCKED_MAX = 16;  // changes by the clock that a step of at most 1 s is planned for:
-                                 // two a pulse, the load, the ramp
+constexpr int LOCATED_MAX = 16;    // events located in one step; later ones end with their piece
+constexpr int TIMED_MAX = 16;      // timed changes in a step of at most 1 s: pulse mode, load, ramp
 constexpr double NEVER_S = std::numeric_limits<double>::infinity();
-constexpr int HALVINGS_MAX = 40;  // of the search for the friction torque
+constexpr int BISECTIONS_MAX = 40;  // for the chuck speed
 
 // Linear state: the core, charge, both angles. Linear input: terminal voltage and its slope, signs
 // of motor friction and clutch, load torque.
@@ -78,8 +75,8 @@ Square linear_rates(const DrillParameters &p, bool conducts, bool slides, bool g
     return a;
 }
 
-// Chuck speed w with w = free + push (law(w) - law0): halving, the law's torque is bounded by its
-// break-away torque and the viscous part
+// Chuck speed w with w = free + push (law(w) - law0), by bisection: the law's torque is bounded by
+// its breakaway torque and the viscous part
 double chuck_speed(const DrillParameters &p, double load_nm, double free, double push,
                    double law0) {
     const auto over = [&](double w) {
@@ -88,7 +85,7 @@ double chuck_speed(const DrillParameters &p, double load_nm, double free, double
     const double width = -push * (1.1 * p.breakaway_ratio * load_nm + std::fabs(law0) +
                                   p.load_viscous * std::fabs(free));
     double low = free - width, high = free + width;
-    for (int n = 0; n < HALVINGS_MAX && high - low > 1e-12 * (1.0 + std::fabs(free)); ++n) {
+    for (int n = 0; n < BISECTIONS_MAX && high - low > 1e-12 * (1.0 + std::fabs(free)); ++n) {
         const double middle = 0.5 * (low + high);
         (over(middle) < 0.0 ? low : high) = middle;
     }
@@ -143,7 +140,7 @@ const DrillSystem &DrillRealTime::system() const {
 }
 int DrillRealTime::advances_max() const {
     return (1 << (body_->levels - LOCATE_LEVELS)) +
-           (2 * LOCATED_MAX + CLOCKED_MAX) * (LOCATE_LEVELS + 1);
+           (2 * LOCATED_MAX + TIMED_MAX) * (LOCATE_LEVELS + 1);
 }
 int DrillRealTime::advances() const {
     return body_->advances_taken;
@@ -162,7 +159,7 @@ void DrillRealTime::command(const DrillCommand &c) {
 
 namespace {
 
-// The linear state and input at the start of a stretch; the law's torque is that of the speed then.
+// Linear state and input at the start of a stretch, with the law's torque at the speed there
 Linear linear_of(const DrillSystem &s, const DrillInput &in) {
     Linear z;
     z.head<DRILL_CORE_COUNT>() = s.x;
@@ -172,6 +169,7 @@ Linear linear_of(const DrillSystem &s, const DrillInput &in) {
     return z;
 }
 
+// State after a stretch
 using End = Eigen::Matrix<double, LINEAR_STATES, 1>;
 
 End advanced(const DrillParameters &p, const Advance &by, const Linear &z, double load_nm) {
@@ -193,21 +191,21 @@ long largest_power_of_two(long n) {
 
 }  // namespace
 
-// A stretch that is tried: where the system would be after it.
-struct Tried {
+// A trial stretch: the system after it
+struct StretchTrial {
     End end;
     double time_s;
     DrillGuards guards;
 };
 
-static Tried tried(const DrillRealTime::Body &b, long at, long size) {
+static StretchTrial try_stretch(const DrillRealTime::Body &b, long at, long size) {
     const DrillSystem &s = b.s;
     const int level =
         b.levels - static_cast<int>(std::lround(std::log2(static_cast<double>(size))));
     const DrillInput in = drill_input(s.p, s.mode, s.time_s);
     const Advance &by = b.advances[variant_of(s.mode) * static_cast<std::size_t>(b.levels + 1) +
                                    static_cast<std::size_t>(level)];
-    Tried t;
+    StretchTrial t;
     t.end = advanced(s.p, by, linear_of(s, in), in.load_nm);
     t.time_s = b.start_s + static_cast<double>(at + size) * b.tick_s;
     t.guards = drill_guards(s, t.time_s, t.end.head<DRILL_CORE_COUNT>(),
@@ -215,7 +213,7 @@ static Tried tried(const DrillRealTime::Body &b, long at, long size) {
     return t;
 }
 
-// Ticks from the step's start to the next change by the clock, or to the step's end
+// Ticks from the step's start to the next timed change, or to the step's end
 static long next_stop(const DrillRealTime::Body &b, long at) {
     const long ticks = 1L << b.levels;
     const double next = (drill_next_time(b.s) - b.start_s) / b.tick_s;
@@ -223,7 +221,7 @@ static long next_stop(const DrillRealTime::Body &b, long at) {
                                              : ticks;
 }
 
-static DrillMark take(DrillSystem &s, const Tried &t, bool met) {
+static DrillMark accept_stretch(DrillSystem &s, const StretchTrial &t, bool met) {
     s.time_s = t.time_s;
     s.x = t.end.head<DRILL_CORE_COUNT>();
     s.sums.head<3>() = t.end.tail<3>();
@@ -234,7 +232,7 @@ static DrillMark take(DrillSystem &s, const Tried &t, bool met) {
     return mark;
 }
 
-// Each located change and each clocked one costs at most one or two descents through the levels:
+// A located event costs at most two descents through the levels, a timed change one:
 // advances_max().
 void DrillRealTime::step() {
     Body &b = *body_;
@@ -243,7 +241,7 @@ void DrillRealTime::step() {
     b.advances_taken = 0;
     for (long at = 0; at < 1L << b.levels;) {
         const long size = std::min(size_max, largest_power_of_two(next_stop(b, at) - at));
-        const Tried t = tried(b, at, size);
+        const StretchTrial t = try_stretch(b, at, size);
         ++b.advances_taken;
         const bool met = drill_any(t.guards);
         if (met && size > 1 && located < LOCATED_MAX) {
@@ -252,7 +250,7 @@ void DrillRealTime::step() {
         }
         at += size;
         located += met ? 1 : 0;
-        const DrillMark mark = take(b.s, t, met);
+        const DrillMark mark = accept_stretch(b.s, t, met);
         if (marks != nullptr && mark != DrillMark::NONE)
             marks->push_back({b.s.time_s, b.step_s, mark});
         const bool searching = !met && size_max > 1 && size_max < b.piece_ticks;

@@ -1,9 +1,9 @@
-// Whole blocks of rows of a linear run at once: maps of eight rows a vector, then the one short
-// chain from row to row, then what the rows show.
+// Blocks of rows of a linear run: the affine maps of eight rows in one vector, then current and
+// speed from row to row, then the measured quantities.
 //
-// A block assumes that nothing changes its mode. The first row in which that is not certain, and
-// the rows of coasting with current, are left to the solver with its events. A run is always
-// computed alone, so that its bytes cannot depend on its batch.
+// A block assumes that its modes do not change. From the first row in which they may change, and
+// while an open bridge carries current, the solver with its events takes over. Each run is computed
+// alone, so that its result does not depend on the batch.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_EXACT_ROWS_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_EXACT_ROWS_HPP
 
@@ -23,11 +23,11 @@ struct Block {
     int vectors;
     FlowInput<Lanes8> in[BLOCK_VECTORS];
     Flow<Lanes8> flow[BLOCK_VECTORS];
-    bool complete;  // no row was left because its mode is not certain
-    double current[BLOCK_ROWS + 1], speed[BLOCK_ROWS + 1];  // at the rows' ends, the start first
+    bool complete;                                          // the modes of all its rows are certain
+    double current[BLOCK_ROWS + 1], speed[BLOCK_ROWS + 1];  // at the start and at the rows' ends
 };
 
-// The eight numbers from p on, which need not be aligned.
+// Eight numbers from p on, which need not be aligned
 VGROOVE_INLINE Lanes8 block_load(const double *p) {
     Lanes8 v;
     std::memcpy(&v, p, sizeof v);
@@ -75,7 +75,7 @@ VGROOVE_INLINE bool block_any(const Lanes8 &v) {
     return any;
 }
 
-// Current and speed at the ends of the rows.
+// Current and speed at the ends of the rows, one row after the other
 VGROOVE_INLINE void block_chain(Block &b, double i, double w) {
     b.current[0] = i;
     b.speed[0] = w;
@@ -91,8 +91,8 @@ VGROOVE_INLINE void block_chain(Block &b, double i, double w) {
     }
 }
 
-// Positive where the shaft slides the same way all through the row: both ends are further from 0
-// than either end's slope leads in half a row.
+// Positive where the shaft certainly slides the same way during the whole row: the speed at both
+// ends is larger than its slope at either end would change it in half a row.
 VGROOVE_INLINE Lanes8 block_slides(const FlowConstants &c, const FlowInput<Lanes8> &in,
                                    double inertia_inverse, const Lanes8 &i0, const Lanes8 &i1,
                                    const Lanes8 &w0, const Lanes8 &w1) {
@@ -108,8 +108,8 @@ VGROOVE_INLINE Lanes8 block_slides(const FlowConstants &c, const FlowInput<Lanes
     return min_of<Lanes8>(c.slide * w0, c.slide * w1) - max_of<Lanes8>(rises, swings);
 }
 
-// Positive where friction and load hold the shaft all through the row: the current stays between
-// its start and what the voltages ask for.
+// Positive where friction and load certainly hold the shaft during the whole row: the current stays
+// between its start and the steady values at both ends of the row.
 VGROOVE_INLINE Lanes8 block_holds(const FlowConstants &c, const FlowInput<Lanes8> &in,
                                   const Friction<double> &f, const Lanes8 &i0) {
     const Lanes8 last = in.command + in.h * in.command_rate;
@@ -123,18 +123,18 @@ VGROOVE_INLINE Lanes8 block_holds(const FlowConstants &c, const FlowInput<Lanes8
     }
     const Lanes8 load_end = in.load_nm + in.h * in.load_rate;
     const Lanes8 carried = max_of<Lanes8>(min_of<Lanes8>(in.load_nm, load_end), Lanes8{});
-    const Lanes8 rubbing =
+    const Lanes8 friction =
         f.coulomb_nm +
         c.load_relative * min_of<Lanes8>(abs_of<Lanes8>(in.load_nm), abs_of<Lanes8>(load_end));
-    const Lanes8 forwards = carried + rubbing + f.forward_nm,
-                 backwards = carried + rubbing + f.backward_nm;
+    const Lanes8 forwards = carried + friction + f.forward_nm,
+                 backwards = carried + friction + f.backward_nm;
     const Lanes8 one = c.constant * high, other = c.constant * low;
-    const Lanes8 room = min_of<Lanes8>(forwards - max_of<Lanes8>(one, other),
-                                       backwards + min_of<Lanes8>(one, other));
-    return room >= 0.0 ? splat<Lanes8>(1.0) : splat<Lanes8>(-1.0);
+    const Lanes8 reserve = min_of<Lanes8>(forwards - max_of<Lanes8>(one, other),
+                                          backwards + min_of<Lanes8>(one, other));
+    return reserve >= 0.0 ? splat<Lanes8>(1.0) : splat<Lanes8>(-1.0);
 }
 
-// Rows from the block's first on in which nothing can have changed the mode.
+// Number of rows, from the block's first on, in which the modes certainly do not change
 VGROOVE_INLINE int block_certain(const Block &b, const Drivetrain<double> &m, bool open, int rows) {
     const FlowConstants &c = b.constants;
     for (int v = 0; v < b.vectors; ++v) {
@@ -152,8 +152,8 @@ VGROOVE_INLINE int block_certain(const Block &b, const Drivetrain<double> &m, bo
         if (c.load_relative != 0.0)
             fit =
                 in.load_nm * (in.load_nm + in.h * in.load_rate) >= 0.0 ? fit : splat<Lanes8>(-1.0);
-        const Lanes8 doubt = abs_of<Lanes8>(b.flow[v].d1 * i0 + b.flow[v].d2 * w0 + b.flow[v].d0);
-        fit = min_of<Lanes8>(fit, SOLVER_DOUBT * m.current_scale - doubt);
+        const Lanes8 error_a = abs_of<Lanes8>(b.flow[v].d1 * i0 + b.flow[v].d2 * w0 + b.flow[v].d0);
+        fit = min_of<Lanes8>(fit, SOLVER_RAMP_ERROR * m.current_scale - error_a);
         for (int lane = 0; lane < BLOCK_WIDTH; ++lane)
             if (!(fit[lane] > 0.0) || at + lane >= rows)
                 return at + lane;
@@ -165,10 +165,10 @@ VGROOVE_INLINE Sensors<Lanes8> block_wheel(const Sensors<double> &p) {
     return {Lanes8{}, Lanes8{}, splat<Lanes8>(p.hall_amplitude), splat<Lanes8>(p.hall_phase)};
 }
 
-// What the first `count` rows of vector v show; the angle is the one at the vector's start, and
-// afterwards the one at its last row.
-VGROOVE_INLINE void block_show(const Block &b, const ExactGroup &g, std::size_t at, int v,
-                               int count, double &angle, const LogOutput &out) {
+// Writes the first `count` rows of vector v. angle: at the vector's start, and afterwards at its
+// last row.
+VGROOVE_INLINE void block_write(const Block &b, const ExactGroup &g, std::size_t at, int v,
+                                int count, double &angle, const LogOutput &out) {
     const FlowConstants &c = b.constants;
     const FlowInput<Lanes8> &in = b.in[v];
     const Flow<Lanes8> &f = b.flow[v];
@@ -183,13 +183,15 @@ VGROOVE_INLINE void block_show(const Block &b, const ExactGroup &g, std::size_t 
     for (int lane = 0; lane < BLOCK_WIDTH; ++lane)
         th[lane] = angle += turned[lane];
     angle = th[count - 1];
-    const Lanes8 sensed = mean * (1.0 + p.current_gain_relative) + p.current_offset_a;
-    const Lanes8 clipped = min_of<Lanes8>(max_of<Lanes8>(sensed, splat<Lanes8>(-p.current_limit_a)),
-                                          splat<Lanes8>(p.current_limit_a));
+    const Lanes8 measured =
+        mean * (1.0 + p.effects.current_gain.relative) + p.effects.current_offset.offset_a;
+    const Lanes8 clipped = min_of<Lanes8>(
+        max_of<Lanes8>(measured, splat<Lanes8>(-p.effects.current_saturation.limit_a)),
+        splat<Lanes8>(p.effects.current_saturation.limit_a));
     const Lanes8 bus = in.bus_v - c.supply_ohm * (f.b1 * i + f.b2 * w + f.b0) / in.h;
-    const double gain = 1.0 + p.speed_gain_relative;
+    const double gain = 1.0 + p.effects.speed_gain.relative;
     block_store(out.current_a + at, clipped, count);
-    block_store(out.supply_v + at, bus * (1.0 + p.supply_gain_relative), count);
+    block_store(out.supply_v + at, bus * (1.0 + p.effects.supply_gain.relative), count);
     block_store(out.speed_rad_s + at, w1, count);
     block_store(out.angle_rad + at, th, count);
     block_store(out.speed_measured_rad_s + at,
@@ -199,7 +201,7 @@ VGROOVE_INLINE void block_show(const Block &b, const ExactGroup &g, std::size_t 
                 sensors_wheel_angle<Lanes8>(block_wheel(m.sensors), m.effects, th) * gain, count);
 }
 
-// The solver stands at the end of row `last`, as if it had come there itself.
+// Sets the solver to the end of row `last`.
 VGROOVE_INLINE void block_hand_over(const Block &b, ExactGroup &g, const LogInput &in,
                                     std::size_t last, int rows, double angle) {
     Solver<double, STATE_CORE_COUNT> &s = g.solver;
@@ -210,11 +212,11 @@ VGROOVE_INLINE void block_hand_over(const Block &b, ExactGroup &g, const LogInpu
     s.mode.slide = b.constants.slide;
     s.mode.diode = 0.0;
     g.cursor[0].now_s = (in.time_s[last] - in.time_s[0]) * g.cursor[0].row_scale;
-    solver_earn(s, 0, rows, 0.0);
+    solver_grant_steps(s, 0, rows, 0.0);
 }
 
-// Rows from `row` to before `end`, no more than a block holds: as many as are certain; returns how
-// many.
+// Computes the rows from `row` on, before `end` and within one block, as far as their modes are
+// certain; returns their number.
 VGROOVE_INLINE int block_run(Block &b, ExactGroup &g, const LogInput &in, std::size_t row,
                              std::size_t end, const LogOutput &out) {
     Solver<double, STATE_CORE_COUNT> &s = g.solver;
@@ -240,30 +242,30 @@ VGROOVE_INLINE int block_run(Block &b, ExactGroup &g, const LogInput &in, std::s
     double angle = s.state.x[STATE_ANGLE];
     const std::size_t at = g.batch_row[0] * in.time_s.size() + row;
     for (int v = 0; v * BLOCK_WIDTH < rows; ++v)
-        block_show(b, g, at + static_cast<std::size_t>(v * BLOCK_WIDTH), v,
-                   std::min(rows - v * BLOCK_WIDTH, BLOCK_WIDTH), angle, out);
+        block_write(b, g, at + static_cast<std::size_t>(v * BLOCK_WIDTH), v,
+                    std::min(rows - v * BLOCK_WIDTH, BLOCK_WIDTH), angle, out);
     if (rows > 0)
         block_hand_over(b, g, in, row + static_cast<std::size_t>(rows) - 1, rows, angle);
     return rows;
 }
 
-// The run of one parameter set: blocks where they go, else row by row.
+// The run of one parameter set: in blocks where the modes are certain, else row by row
 VGROOVE_INLINE void run_exact_rows(ExactGroup &g, const LogInput &in, const LogStarts &starts,
                                    const LogOutput &out) {
     Block b;
-    b.bus_scale = 1.0 / (1.0 + g.parameters[0].supply_gain_relative);
+    b.bus_scale = 1.0 / (1.0 + g.parameters[0].effects.supply_gain.relative);
     const bool shifted = (g.solver.model.effects & EFFECT_COMMAND_SHIFT) != 0u;
     std::size_t which = 0, width = BLOCK_ROWS;
     for (std::size_t row = starts.rows.front(); row < in.time_s.size();) {
-        if (g.watch)
-            g.watch->look();
+        if (g.cancellation)
+            g.cancellation->check();
         if (which < starts.rows.size() && starts.rows[which] == row) {
             reset_group(g, in, starts, which++);
             write_row(g, in, row++, true, out);
             continue;
         }
         const std::size_t last = which < starts.rows.size() ? starts.rows[which] : in.time_s.size();
-        if (!shifted && !g.solver.spent[0]) {
+        if (!shifted && !g.solver.exhausted[0]) {
             row += static_cast<std::size_t>(
                 block_run(b, g, in, row, std::min(last, row + width), out));
             width = b.complete ? std::min<std::size_t>(2 * width, BLOCK_ROWS) : BLOCK_WIDTH;

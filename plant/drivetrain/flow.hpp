@@ -2,10 +2,7 @@
 // as an affine map of the state at its start.
 //
 // x' = A x + u0 + u1 t with x = (i, w) gives x(h) = e^Z x + h phi1(Z) u0 + h^2 phi2(Z) u1 and its
-// integral h phi1 x + h^2 phi2 u0 + h^3 phi3 u1, Z = h A. Every function of a 2 x 2 matrix is a I +
-// b Z (Cayley and Hamilton), whatever its eigenvalues; phi3 is a Taylor sum of a halved Z, the
-// doubling phi_k(2 z) = 2^-k (e^z phi_k(z) + sum phi_j(z) / (k - j)!) of Skaflestad and Wright
-// (Appl. Numer. Math. 59, 2009) leads back.
+// integral h phi1 x + h^2 phi2 u0 + h^3 phi3 u1, Z = h A, phi of numeric/phi_functions.hpp.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_FLOW_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_FLOW_HPP
 
@@ -13,107 +10,50 @@
 #include <limits>
 
 #include "drivetrain/model.hpp"
+#include "numeric/phi_functions.hpp"
 
 namespace vgroove {
 
-// a I + b Z
-template <class V> struct MatrixFunction { V a, b; };
-
-template <class V> struct PhiFunctions { MatrixFunction<V> e, p1, p2, p3; };
-
-constexpr double FLOW_TAYLOR_RADIUS = 1.0;  // of the halved Z; 13 terms of phi3 leave 6 / 16! of 1
-// Rates above this per stretch are taken as this: what is over within a millionth of a stretch is
-// over at once.
+// Rates above this per stretch are limited to it: a motion that ends within a millionth of a
+// stretch counts as over at once.
 constexpr double FLOW_RATE_MAX = 1e6;
 
-template <class V>
-VGROOVE_INLINE MatrixFunction<V> flow_product(const MatrixFunction<V> &p,
-                                              const MatrixFunction<V> &q, V trace, V det) {
-    const V bb = p.b * q.b;
-    return {p.a * q.a - bb * det, p.a * q.b + p.b * q.a + bb * trace};
-}
-
-// Largest size of an eigenvalue: |T| / 2 + sqrt(T^2 / 4 + |D|) at most |T| + sqrt|D|.
-VGROOVE_INLINE int flow_doublings(double trace, double det) {
-    const double radius = std::fabs(trace) + std::sqrt(std::fabs(det));
-    return radius > FLOW_TAYLOR_RADIUS && radius < 1e300 ? std::ilogb(radius) + 1 : 0;
-}
-
-template <class V> VGROOVE_INLINE PhiFunctions<V> flow_taylor(V trace, V det) {
-    V a = splat<V>(1.0 / 1307674368000.0), b{};
-    double factorial = 1307674368000.0;  // 15!
-    for (int n = 15; n > 3; --n) {
-        factorial /= n;
-        const V next = 1.0 / factorial - b * det;
-        b = a + b * trace;
-        a = next;
-    }
-    PhiFunctions<V> f;
-    f.p3 = {a, b};
-    f.p2 = {0.5 - f.p3.b * det, f.p3.a + f.p3.b * trace};
-    f.p1 = {1.0 - f.p2.b * det, f.p2.a + f.p2.b * trace};
-    f.e = {1.0 - f.p1.b * det, f.p1.a + f.p1.b * trace};
-    return f;
-}
-
-// e^Z, phi1, phi2, phi3 as functions of Z from its trace and determinant; doublings: enough for
-// every lane.
-template <class V> VGROOVE_INLINE PhiFunctions<V> flow_functions(V trace, V det, int doublings) {
-    const double scale = std::ldexp(1.0, -doublings);
-    V t = trace * scale, d = det * (scale * scale);
-    PhiFunctions<V> f = flow_taylor<V>(t, d);
-    for (int n = 0; n < doublings; ++n) {
-        const MatrixFunction<V> q1 = flow_product<V>(f.e, f.p1, t, d),
-                                q2 = flow_product<V>(f.e, f.p2, t, d);
-        const MatrixFunction<V> q3 = flow_product<V>(f.e, f.p3, t, d),
-                                q0 = flow_product<V>(f.e, f.e, t, d);
-        f.p3 = {0.125 * (q3.a + 0.5 * f.p1.a + f.p2.a + f.p3.a),
-                0.0625 * (q3.b + 0.5 * f.p1.b + f.p2.b + f.p3.b)};
-        f.p2 = {0.25 * (q2.a + f.p1.a + f.p2.a), 0.125 * (q2.b + f.p1.b + f.p2.b)};
-        f.p1 = {0.5 * (q1.a + f.p1.a), 0.25 * (q1.b + f.p1.b)};
-        f.e = {q0.a, 0.5 * q0.b};
-        t = 2.0 * t;
-        d = 4.0 * d;
-    }
-    return f;
-}
-
-// Constants of one linear run, and the modes that hold over the stretch.
+// Constants of the linear drivetrain, and the modes that hold over the stretch.
 struct FlowConstants {
     double inductance_inverse, inertia_inverse;
     double resistance_ohm;  // winding and bridge
-    double supply_ohm;      // acts times duty squared; 0 with a measured bus or a stated voltage
+    double supply_ohm;      // multiplied by duty squared; 0 with a measured bus or a stated voltage
     double supply_v;        // open circuit
     double constant;        // N m/A and V s/rad
-    double viscous, friction_nm;  // while it slides the way it does: T = viscous w + friction_nm +
-                                  // slide (1 + load_relative) TL
+    // Friction and load torque in the direction of sliding: viscous w + friction_nm +
+    // slide (1 + load_relative) TL
+    double viscous, friction_nm;
     double load_relative;
     double slide;     // 0: at rest
     double conducts;  // 0: the bridge blocks, or the current is the input
-    double swing,
-        swing_s;  // underdamped: rad/s that a current of 1 A can swing the shaft by, where a
-                  // stretch is longer than half a radian of the swing
-    bool volts;   // the command is a voltage
+    // Underdamped: a current of 1 A can change the speed by `swing` rad/s and back within a stretch
+    // that is longer than swing_s, half a radian of the oscillation.
+    double swing, swing_s;
+    bool volts;  // the command is a voltage
     bool current_input;
 };
 
 // Command, load at the motor shaft and their slopes along the stretch.
 template <class V> struct FlowInput { V h, command, command_rate, load_nm, load_rate, bus_v; };
 
-// x(h) = e x + g; integral of x = f x + m; integral of duty times current = b x + b0; doubt about
-// the current d x + d0.
+// x(h) = e x + g; integral of x = f x + m; integral of duty times current = b x + b0; error of the
+// current at most d x + d0.
 template <class V> struct Flow {
     V e11, e12, e21, e22, g1, g2;
     V f11, f12, f21, f22, m1, m2;
     V b1, b2, b0;
-    V d1, d2, d0;  // what the extrapolation of a ramp has added to the current last: larger than
-                   // its error
+    V d1, d2, d0;  // last correction by the extrapolation of a ramp
 };
 
-// One stretch with the resistance of one duty.
+// One stretch with a constant resistance.
 template <class V>
 VGROOVE_INLINE Flow<V> flow_constant(const FlowConstants &c, V h, V resistance, V v, V v_rate,
-                                     V torque, V torque_rate, int &doublings) {
+                                     V torque, V torque_rate, int &halvings) {
     const double moves = c.slide * c.slide;
     V inductance = splat<V>(c.conducts * c.inductance_inverse);
     const V damping = resistance * h;
@@ -130,10 +70,10 @@ VGROOVE_INLINE Flow<V> flow_constant(const FlowConstants &c, V h, V resistance, 
             z21 = couples * inertia * h, z22 = -c.viscous * inertia * h;
     const V trace = z11 + z22, det = z11 * z22 - z12 * z21;
     for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
-        const int needs = flow_doublings(get(trace, lane), get(det, lane));
-        doublings = needs > doublings ? needs : doublings;
+        const int needs = phi_halvings(get(trace, lane), get(det, lane));
+        halvings = needs > halvings ? needs : halvings;
     }
-    const PhiFunctions<V> p = flow_functions<V>(trace, det, doublings);
+    const PhiFunctions<V> p = phi_functions<V>(trace, det, halvings);
     const V h2 = h * h, h3 = h2 * h;
     const V u1 = v * inductance, u2 = torque * inertia, r1 = v_rate * inductance,
             r2 = torque_rate * inertia;
@@ -155,7 +95,7 @@ VGROOVE_INLINE Flow<V> flow_constant(const FlowConstants &c, V h, V resistance, 
     return f;
 }
 
-// First a, then b.
+// The map a followed by the map b
 template <class V> VGROOVE_INLINE Flow<V> flow_joined(const Flow<V> &a, const Flow<V> &b, V duty) {
     Flow<V> f;
     f.e11 = b.e11 * a.e11 + b.e12 * a.e21;
@@ -190,7 +130,7 @@ VGROOVE_INLINE Flow<V> flow_blend(double a, const Flow<V> &x, double b, const Fl
     return f;
 }
 
-// Torque that friction and load put on the sliding shaft; |TL| keeps its sign along a stretch.
+// Torque of friction and load on the sliding shaft; TL keeps its sign along a stretch.
 template <class V> struct FlowTorque { V torque_nm, rate; };
 template <class V>
 VGROOVE_INLINE FlowTorque<V> flow_torque(const FlowConstants &c, const FlowInput<V> &in) {
@@ -205,7 +145,7 @@ VGROOVE_INLINE FlowTorque<V> flow_torque(const FlowConstants &c, const FlowInput
     return t;
 }
 
-// A ramp of the duty behind a supply resistance in equal parts, each with the resistance of its
+// A ramp of the duty behind a supply resistance, in equal parts, each with the resistance at its
 // middle.
 template <class V>
 VGROOVE_INLINE Flow<V> flow_parts(const FlowConstants &c, const FlowInput<V> &in, V source,
@@ -213,7 +153,7 @@ VGROOVE_INLINE Flow<V> flow_parts(const FlowConstants &c, const FlowInput<V> &in
     const V h = in.h * (1.0 / parts);
     Flow<V> whole{};
     whole.e11 = whole.e22 = splat<V>(1.0);
-    int doublings = 0;
+    int halvings = 0;
     for (int n = 0; n < parts; ++n) {
         const V begin = h * n;
         const V duty = in.command + in.command_rate * (begin + 0.5 * h);
@@ -222,14 +162,14 @@ VGROOVE_INLINE Flow<V> flow_parts(const FlowConstants &c, const FlowInput<V> &in
         const V resistance = c.resistance_ohm + c.supply_ohm * duty * duty;
         whole = flow_joined<V>(whole,
                                flow_constant<V>(c, h, resistance, v, in.command_rate * source,
-                                                torque, t.rate, doublings),
+                                                torque, t.rate, halvings),
                                duty);
     }
     return whole;
 }
 
-// The whole stretch. Ramps behind a supply resistance: parts with constant resistance have an error
-// in even powers of their length, which is extrapolated.
+// The whole stretch. For a ramp behind a supply resistance the error of the parts is a series in
+// even powers of their length: Richardson extrapolation from one, two and four parts.
 template <class V>
 VGROOVE_INLINE Flow<V> flow_of(const FlowConstants &c, const FlowInput<V> &in, bool ramps) {
     const V source = c.volts ? splat<V>(1.0) : in.bus_v;
@@ -247,9 +187,9 @@ VGROOVE_INLINE Flow<V> flow_of(const FlowConstants &c, const FlowInput<V> &in, b
         return sixth;
     }
     const V resistance = c.resistance_ohm + c.supply_ohm * in.command * in.command;
-    int doublings = 0;
+    int halvings = 0;
     Flow<V> f = flow_constant<V>(c, in.h, resistance, in.command * source, in.command_rate * source,
-                                 t.torque_nm, t.rate, doublings);
+                                 t.torque_nm, t.rate, halvings);
     f.b1 = in.command * f.f11;
     f.b2 = in.command * f.f12;
     f.b0 = in.command * f.m1;
@@ -257,16 +197,16 @@ VGROOVE_INLINE Flow<V> flow_of(const FlowConstants &c, const FlowInput<V> &in, b
     return f;
 }
 
-// Effects under which the drivetrain is linear between changes of direction; sensors that only show
-// it otherwise are not in its way.
-constexpr std::uint32_t FLOW_EFFECTS =
-    EFFECT_DIRECTIONAL | EFFECT_LOAD_FRICTION | EFFECT_HALL | EFFECT_COMMAND_SHIFT;
+// Effects with which the drivetrain is linear between changes of direction.
+constexpr std::uint32_t FLOW_EFFECTS = EFFECT_DIRECTIONAL_VISCOUS | EFFECT_LOAD_DEPENDENT_FRICTION |
+                                       EFFECT_HALL_ECCENTRICITY | EFFECT_COMMAND_SHIFT;
 
 VGROOVE_INLINE bool flow_applies(std::uint32_t effects, LoadKind load) {
     return !(effects & ~FLOW_EFFECTS) && (load == LoadKind::NONE || load == LoadKind::TORQUE);
 }
 
-// Underdamped motors swing: the speed between two instants of one sign may have the other one.
+// An underdamped motor oscillates: the speed between two instants may have another sign than at
+// both.
 VGROOVE_INLINE void flow_set_swing(FlowConstants &c) {
     const double a = c.conducts * c.resistance_ohm * c.inductance_inverse,
                  b = c.viscous * c.inertia_inverse;
@@ -277,7 +217,7 @@ VGROOVE_INLINE void flow_set_swing(FlowConstants &c) {
     c.swing = square > 0.0 ? std::sqrt(c.inertia_inverse / c.inductance_inverse) : 0.0;
 }
 
-// slide: -1, 0, 1; open: all gates are off, and the diodes carry current when diode is not 0
+// slide: -1, 0, 1; open: all switches are open, and the diodes conduct where diode is not 0
 VGROOVE_INLINE FlowConstants flow_constants(const Drivetrain<double> &m, double slide, bool open,
                                             double diode) {
     const Friction<double> &f = m.friction;
@@ -289,9 +229,9 @@ VGROOVE_INLINE FlowConstants flow_constants(const Drivetrain<double> &m, double 
     c.supply_ohm = duty && !m.bus_measured ? m.supply.resistance_ohm : 0.0;
     c.supply_v = m.supply.open_circuit_v;
     c.constant = m.motor.constant;
-    c.viscous = f.viscous + (m.effects & EFFECT_DIRECTIONAL ? slide * f.directional : 0.0);
+    c.viscous = f.viscous + (m.effects & EFFECT_DIRECTIONAL_VISCOUS ? slide * f.directional : 0.0);
     c.friction_nm = slide * f.coulomb_nm + (slide > 0.0 ? f.forward_nm : -f.backward_nm);
-    c.load_relative = m.effects & EFFECT_LOAD_FRICTION ? f.load_relative : 0.0;
+    c.load_relative = m.effects & EFFECT_LOAD_DEPENDENT_FRICTION ? f.load_relative : 0.0;
     c.slide = slide;
     c.conducts = m.input == InputKind::CURRENT || (open && diode == 0.0) ? 0.0 : 1.0;
     c.volts = m.input == InputKind::VOLTAGE && !open;
@@ -300,8 +240,8 @@ VGROOVE_INLINE FlowConstants flow_constants(const Drivetrain<double> &m, double 
     return c;
 }
 
-// Whether the shaft may stop and go on within the stretch unseen: it slows down at first and speeds
-// up at last, and could come to 0 in between.
+// Whether the shaft may stop and go on within the stretch although both ends have the same sign: it
+// decelerates at first and accelerates at last, and could reach 0 in between.
 VGROOVE_INLINE bool flow_dips(const FlowConstants &c, const FlowInput<double> &in, double i0,
                               double w0, double i1, double w1) {
     const FlowTorque<double> t = flow_torque<double>(c, in);
@@ -317,12 +257,14 @@ VGROOVE_INLINE bool flow_dips(const FlowConstants &c, const FlowInput<double> &i
     return least >= 0.0 && c.slide != 0.0 && (turns || swings);
 }
 
-// The state after h seconds of one mode; doubt: of the current there, A, or infinite where a
-// shorter step must be taken.
+// The state after h seconds in one mode. error_a: of its current, A; infinite where a shorter step
+// must be taken.
 template <int N>
-VGROOVE_INLINE State<double, N> flow_state(const Drivetrain<double> &m, const Drive<double> &in,
-                                           const Mode<double> &mode, double h,
-                                           const State<double, N> &s, double &doubt) {
+VGROOVE_INLINE State<double, N> flow_state(const Driven<double> &d, double h,
+                                           const State<double, N> &s, double &error_a) {
+    const Drivetrain<double> &m = d.model;
+    const Drive<double> &in = d.drive;
+    const Mode<double> &mode = d.mode;
     const bool open = in.open > 0.0 && m.input != InputKind::CURRENT;
     const FlowConstants c = flow_constants(m, mode.slide, open, mode.diode);
     const double bus = m.bus_measured ? in.bus_v : c.supply_v;
@@ -342,7 +284,8 @@ VGROOVE_INLINE State<double, N> flow_state(const Drivetrain<double> &m, const Dr
                                                  : f.f11 * i + f.f12 * w + f.m1;
     end.x[STATE_BUS_TIME] += bus * h - c.supply_ohm * (f.b1 * i + f.b2 * w + f.b0);
     const bool dips = flow_dips(c, line, i, w, end.x[STATE_CURRENT], end.x[STATE_SPEED]);
-    doubt = dips ? std::numeric_limits<double>::infinity() : std::fabs(f.d1 * i + f.d2 * w + f.d0);
+    error_a =
+        dips ? std::numeric_limits<double>::infinity() : std::fabs(f.d1 * i + f.d2 * w + f.d0);
     return end;
 }
 

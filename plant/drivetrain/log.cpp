@@ -1,5 +1,5 @@
-// Log-driven simulation: rows to stretches of straight command and load, lanes of equal structure
-// together, outputs as the sensors show them.
+// Simulation of a log: parameter sets with the same effects share the lanes of a vector, the groups
+// share the threads; a lag in the form of a delay is applied to the finished columns.
 #include "drivetrain/log.hpp"
 
 #include <algorithm>
@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "drivetrain/run_rows.hpp"
+#include "numeric/thread_pool.hpp"
 
 namespace vgroove {
 
@@ -16,34 +17,10 @@ const char *const ENERGY_NAMES[ENERGY_COLUMNS] = {
 
 constexpr double NOT_SIMULATED = std::numeric_limits<double>::quiet_NaN();
 
-std::vector<double> hold_missing(const double *column, std::size_t count, double initial) {
-    std::vector<double> held(count);
-    double last = initial;
-    for (std::size_t row = 0; row < count; ++row) {
-        last = std::isnan(column[row]) ? last : column[row];
-        held[row] = last;
-    }
-    return held;
-}
-
-void log_input_set_command(LogInput &in, const double *command, double slew_per_s,
-                           double slew_slack) {
-    const std::size_t count = in.time_s.size();
-    in.command_end = hold_missing(command, count, 0.0);
-    in.command_start = in.command_end;
-    if (std::isnan(slew_per_s))
-        return;
-    for (std::size_t row = 1; row < count; ++row) {
-        const double allowed = slew_per_s * (in.time_s[row] - in.time_s[row - 1]) + slew_slack;
-        const double change = std::fabs(in.command_end[row] - in.command_end[row - 1]);
-        if (change <= allowed * (1.0 + 1e-9))
-            in.command_start[row] = in.command_end[row - 1];
-    }
-}
-
+// Parameter sets that are computed together
 struct Job {
     std::uint32_t effects;
-    bool exact;  // linear between events, and so computed alone
+    bool exact;  // linear between events: computed alone
     std::vector<std::size_t> batch_rows;
 };
 
@@ -54,7 +31,7 @@ struct Run {
     const LogOutput *out;
     SimulateOptions options;
     double command_peak, mean_interval_s;
-    std::size_t *spent_row;  // one a batch row
+    std::size_t *exhausted_row;  // for each batch row
 };
 
 template <class V, int N> static void run_job(const Run &r, const Job &job) {
@@ -74,12 +51,12 @@ template <class V, int N> static void run_job(const Run &r, const Job &job) {
         drivetrain_set_lane(m, lane, g.parameters[lane], r.command_peak, r.mean_interval_s);
     }
     solver_prepare(g.solver, r.options.tolerance);
-    g.watch = r.options.watch;
-    std::fill_n(g.spent_row, LaneTraits<V>::COUNT, NOT_SPENT);
+    g.cancellation = r.options.cancellation;
+    std::fill_n(g.exhausted_row, LaneTraits<V>::COUNT, NOT_EXHAUSTED);
     g.solver.exact = job.exact;
     run_rows(g, *r.in, *r.starts, *r.out);
     for (int lane = 0; lane < g.lanes; ++lane)
-        r.spent_row[g.batch_row[lane]] = g.spent_row[lane];
+        r.exhausted_row[g.batch_row[lane]] = g.exhausted_row[lane];
 }
 
 static void run_any(const Run &r, const Job &job) {
@@ -92,7 +69,7 @@ static void run_any(const Run &r, const Job &job) {
              : run_job<Lanes8, STATE_CORE_COUNT>(r, job);
 }
 
-// Batch rows of equal structure in groups of a vector's width, in the order of the batch.
+// Batch rows with the same effects in groups of a vector's width, in the order of the batch
 static std::vector<Job> jobs_of(const LogInput &in, const double *theta, std::size_t batch,
                                 bool adaptive) {
     std::vector<Job> open, full;
@@ -118,14 +95,15 @@ static std::vector<Job> jobs_of(const LogInput &in, const double *theta, std::si
     return full;
 }
 
-// Speed and angle of delay_s ago: cubic between rows (value and slope at both ends); before the
-// start the shaft ran as it did at the start.
+// Replaces speed and angle by those of the delay before each row: cubic between rows (value and
+// slope at both ends); before the start the shaft has the speed of the start.
 static void delay_measured(const LogInput &in, const Parameters &p, const LogStarts &starts,
                            double *speed, double *angle) {
     const std::size_t count = in.time_s.size();
     const double delay =
-        p.speed_lag_s * (p.clock_skew_command != 0.0 ? 1.0 : 1.0 + p.clock_skew_relative);
-    const double to_true = delay > 0.0 ? p.speed_lag_s / delay : 1.0;
+        p.effects.speed_lag.time_constant_s *
+        (p.effects.clock_skew.command_clock != 0.0 ? 1.0 : 1.0 + p.effects.clock_skew.relative);
+    const double to_true = delay > 0.0 ? p.effects.speed_lag.time_constant_s / delay : 1.0;
     const std::vector<double> w(speed, speed + count), th(angle, angle + count);
     for (std::size_t which = 0; which < starts.rows.size(); ++which) {
         const std::size_t first = starts.rows[which];
@@ -155,19 +133,10 @@ static void check_log(const LogInput &in, const LogStarts &starts) {
     const std::size_t count = in.time_s.size();
     if (count < 2 || starts.rows.empty())
         throw std::invalid_argument("simulate_log needs two rows and one start");
-    for (std::size_t row = 1; row < count; ++row)
-        if (!(in.time_s[row] > in.time_s[row - 1]))
-            throw std::invalid_argument("simulate_log: time_s must increase");
+    log_input_check_time(in, "simulate_log");
     for (std::size_t n = 0; n < starts.rows.size(); ++n)
         if (starts.rows[n] >= count || (n > 0 && starts.rows[n] <= starts.rows[n - 1]))
             throw std::invalid_argument("simulate_log: starts must be increasing row indices");
-}
-
-static double peak_of(const std::vector<double> &column) {
-    double peak = 0.0;
-    for (const double x : column)
-        peak = std::max(peak, std::fabs(x));
-    return peak;
 }
 
 static void fill_before_start(const LogInput &in, std::size_t batch, const LogStarts &starts,
@@ -183,11 +152,12 @@ static Run run_of(const LogInput &in, const double *theta, const LogStarts &star
                   const LogOutput &out, const SimulateOptions &options) {
     const double interval_s =
         (in.time_s.back() - in.time_s.front()) / static_cast<double>(in.time_s.size() - 1);
-    return Run{&in, theta, &starts, &out, options, peak_of(in.command_end), interval_s, nullptr};
+    return Run{&in,        theta,  &starts, &out, options, log_input_peak(in.command_end),
+               interval_s, nullptr};
 }
 
-static void refuse_spent(const LogInput &in, const double *theta, std::size_t batch_row,
-                         std::size_t row) {
+static void throw_exhausted(const LogInput &in, const double *theta, std::size_t batch_row,
+                            std::size_t row) {
     const Parameters p = parameters_from(theta + batch_row * PARAMETER_COUNT);
     throw std::runtime_error("simulate_log: parameter set " + std::to_string(batch_row) +
                              " needs too many steps at row " + std::to_string(row) + ", " +
@@ -198,18 +168,18 @@ void simulate_log(const LogInput &in, const double *theta, std::size_t batch,
                   const LogStarts &starts, const SimulateOptions &options, const LogOutput &out) {
     check_log(in, starts);
     fill_before_start(in, batch, starts, out);
-    std::vector<std::size_t> spent(batch, NOT_SPENT);
+    std::vector<std::size_t> exhausted(batch, NOT_EXHAUSTED);
     Run run = run_of(in, theta, starts, out, options);
-    run.spent_row = spent.data();
+    run.exhausted_row = exhausted.data();
     const std::vector<Job> jobs = jobs_of(in, theta, batch, options.adaptive);
-    share_work(jobs.size(), options.threads, options.watch,
-               [&](std::size_t job) { run_any(run, jobs[job]); });
+    run_parallel(jobs.size(), options.threads, options.cancellation,
+                 [&](std::size_t job) { run_any(run, jobs[job]); });
     const std::size_t count = in.time_s.size();
     for (std::size_t row = 0; row < batch; ++row) {
-        if (spent[row] != NOT_SPENT && !options.keep_unfinished)
-            refuse_spent(in, theta, row, spent[row]);
+        if (exhausted[row] != NOT_EXHAUSTED && !options.keep_unfinished)
+            throw_exhausted(in, theta, row, exhausted[row]);
         const Parameters p = parameters_from(theta + row * PARAMETER_COUNT);
-        if (p.speed_lag_s > 0.0 && p.speed_lag_delay_form != 0.0)
+        if (p.effects.speed_lag.time_constant_s > 0.0 && p.effects.speed_lag.delay_form != 0.0)
             delay_measured(in, p, starts, out.speed_measured_rad_s + row * count,
                            out.angle_measured_rad + row * count);
     }
@@ -220,12 +190,12 @@ void audit_log(const LogInput &in, const double *theta, const LogStarts &starts,
     check_log(in, starts);
     fill_before_start(in, 1, starts, out);
     std::fill_n(out.energy_j, starts.rows.front() * ENERGY_COLUMNS, NOT_SIMULATED);
-    std::size_t spent = NOT_SPENT;
+    std::size_t exhausted = NOT_EXHAUSTED;
     Run run = run_of(in, theta, starts, out, SimulateOptions{});
-    run.spent_row = &spent;
+    run.exhausted_row = &exhausted;
     run_job<double, STATE_AUDIT_COUNT>(run, jobs_of(in, theta, 1, true).front());
-    if (spent != NOT_SPENT)
-        refuse_spent(in, theta, 0, spent);
+    if (exhausted != NOT_EXHAUSTED)
+        throw_exhausted(in, theta, 0, exhausted);
 }
 
 }  // namespace vgroove

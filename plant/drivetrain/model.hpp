@@ -1,5 +1,5 @@
-// The drivetrain as one model: its constants, the derivative of its state and the quantities whose
-// change of sign is an event.
+// The drivetrain as one model: its components joined, the derivative of its state and the functions
+// whose change of sign is an event (docs/spec/model.md, sections 1, 2 and 8).
 #ifndef VGROOVE_PLANT_DRIVETRAIN_MODEL_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_MODEL_HPP
 
@@ -26,18 +26,23 @@ template <class V> struct Drivetrain {
     Gear<V> gear;
     Load<V> load;
     Sensors<V> sensors;
-    V dead_share;                  // 2 dead_time_s pwm_hz
-    V current_scale, speed_scale;  // A, rad/s: what errors are measured against
-    V torque_scale;                // N m
+    V current_scale, speed_scale, torque_scale;  // A, rad/s, N m: errors are relative to them
 };
 
-// Constants of one lane from its parameters. command_peak: the largest command of the run, for the
-// error scales.
+// A drivetrain with the drive and the modes that hold along a stretch
+template <class V> struct Driven {
+    const Drivetrain<V> &model;
+    const Drive<V> &drive;
+    const Mode<V> &mode;
+};
+
+// Sets the constants of one lane; effects, input, load kind of m are set before. command_peak: the
+// largest command of the run, mean_interval_s: of its rows; both give the scales of errors.
 template <class V>
 void drivetrain_set_lane(Drivetrain<V> &m, int lane, const Parameters &p, double command_peak,
                          double mean_interval_s);
 
-// Electrical quantities at one instant.
+// Electrical quantities at one instant: current, torque constant, resistance, duty, bus, ...
 template <class V> struct Electrical {
     V i, k, r, duty, bus_v, bus_a, terminal_v, brush_v, source_v, ripple_a;
 };
@@ -73,9 +78,9 @@ VGROOVE_INLINE Electrical<V> drivetrain_electrical(const Drivetrain<V> &m, const
     return e;
 }
 
-// Torques at the motor shaft that do not depend on the direction of sliding.
+// Torques, referred to the motor shaft, that do not depend on the direction of sliding
 template <class V> struct Torques {
-    V drive_nm;         // on the motor (on the whole shaft when it is one body)
+    V drive_nm;         // on the motor; on the whole shaft where it is one body
     V output_drive_nm;  // on the output side
     V opposing_nm;      // TL / N of the load column
     V free_nm;          // TL / N of a free load
@@ -139,7 +144,7 @@ VGROOVE_INLINE void drivetrain_mechanical(const Drivetrain<V> &m, const Drive<V>
     }
 }
 
-// Powers for the energy audit, each from its own component; their integrals balance the change of
+// Powers for the energy audit, from each component; their integrals balance the change of
 // drivetrain_stored.
 template <class V, int N>
 VGROOVE_INLINE void drivetrain_audit(const Drivetrain<V> &m, const Drive<V> &in,
@@ -166,7 +171,7 @@ VGROOVE_INLINE void drivetrain_audit(const Drivetrain<V> &m, const Drive<V> &in,
     ds.x[STATE_WORK_LOAD] = (output_slide * t.opposing_nm + t.free_nm) * output_w;
 }
 
-// Stored energy: inductance, turning masses, coupler, pendulum, cogging and eccentricity.
+// Stored energy: inductance, rotating masses, coupler, pendulum, cogging and eccentricity
 template <class V, int N>
 VGROOVE_INLINE V drivetrain_stored(const Drivetrain<V> &m, const State<V, N> &s) {
     const V i = s.x[STATE_CURRENT], w = s.x[STATE_SPEED], angle = s.x[STATE_ANGLE];
@@ -182,7 +187,7 @@ VGROOVE_INLINE V drivetrain_stored(const Drivetrain<V> &m, const State<V, N> &s)
     return stored + load_energy<V>(m.load, angle - twist);
 }
 
-// The derivative of the whole state.
+// Derivative of the whole state, tau after the start of the stretch
 template <class V, int N>
 VGROOVE_INLINE State<V, N> drivetrain_derivative(const Drivetrain<V> &m, const Drive<V> &in,
                                                  const Mode<V> &mode, V tau, const State<V, N> &s) {
@@ -209,14 +214,14 @@ VGROOVE_INLINE State<V, N> drivetrain_derivative(const Drivetrain<V> &m, const D
     return ds;
 }
 
-// How far the drive is beyond what friction holds: > 0 forwards, < 0 backwards, 0 while it holds.
+// Torque in excess of what friction holds: > 0 forwards, < 0 backwards, 0 where friction holds it
 template <class V> VGROOVE_INLINE V excess_over(V drive, V forward, V backward) {
     return drive > forward ? drive - forward : (drive < -backward ? drive + backward : V{});
 }
 
-// Event functions: positive until the event, negative after it.
+// Event functions: positive before the event, negative after it
 template <class V> struct Events {
-    V excess, output_excess;  // N m beyond the hold, signed
+    V excess, output_excess;  // N m, signed
     V shaft, output, diode;
 };
 

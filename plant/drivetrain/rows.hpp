@@ -1,5 +1,5 @@
-// Rows of a log as the solver sees them: stretches of straight command and load, and what the
-// sensors show at each row's end.
+// Rows of a log: each is one or several stretches with command and load as straight lines, and the
+// measured quantities at its end.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_ROWS_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_ROWS_HPP
 
@@ -13,26 +13,28 @@
 
 namespace vgroove {
 
-constexpr std::size_t LOOK_ROWS = 64;  // so often a run asks whether it is still wanted
-constexpr std::size_t NOT_SPENT = std::numeric_limits<std::size_t>::max();
+constexpr std::size_t CANCEL_CHECK_ROWS = 64;  // rows between two checks for cancellation
+constexpr std::size_t NOT_EXHAUSTED = std::numeric_limits<std::size_t>::max();
+// Stretches shorter than this share of a row or of a stretch are rounding.
+constexpr double SAME_INSTANT = 1e-9, ROW_END = 1e-12;
 
-// Where a lane stands in the log: rows in the lane's own time, the command column possibly shifted
-// against them.
+// Position of a lane in the log. Effects transport_delay and clock_skew shift the command column
+// against the rows.
 struct Cursor {
     double row_scale;      // true seconds per second of the time stamps
     double command_scale;  // seconds of the command column per true second
     double delay_s;
-    double row_left_s;  // true time to the end of the row
-    double now_s;       // true time since the first row
+    double row_remaining_s;  // true time to the end of the row
+    double now_s;            // true time since the first row
     std::size_t command_row;
 };
 
 inline Cursor cursor_from(const Parameters &p) {
-    const double skew = 1.0 + p.clock_skew_relative;
+    const double skew = 1.0 + p.effects.clock_skew.relative;
     Cursor c{};
-    c.row_scale = p.clock_skew_command != 0.0 ? 1.0 : 1.0 / skew;
+    c.row_scale = p.effects.clock_skew.command_clock != 0.0 ? 1.0 : 1.0 / skew;
     c.command_scale = skew;
-    c.delay_s = p.transport_delay_s;
+    c.delay_s = p.effects.transport_delay.delay_s;
     return c;
 }
 
@@ -41,9 +43,10 @@ template <class V, int N> struct Group {
     Parameters parameters[LaneTraits<V>::COUNT];
     Cursor cursor[LaneTraits<V>::COUNT];
     std::size_t batch_row[LaneTraits<V>::COUNT];
-    std::size_t spent_row[LaneTraits<V>::COUNT];  // first row that the lane's steps did not reach
-    int lanes;                                    // in use; the rest repeat the first
-    Watch *watch;
+    std::size_t
+        exhausted_row[LaneTraits<V>::COUNT];  // first row that the step budget did not reach
+    int lanes;                                // in use; the others repeat the first
+    Cancellation *cancellation;
 };
 
 template <class V>
@@ -56,14 +59,11 @@ VGROOVE_INLINE void drive_command(Drive<V> &d, const LogInput &in, int lane, std
     set(d.command, lane, start == end ? end : start + rate * from);
     set(d.command_rate, lane, rate * scale);
     set(d.open, lane, in.open.empty() ? 0.0 : in.open[row]);
-    const double peak = std::max(std::fabs(start), std::fabs(end));
-    const double least = std::min(std::fabs(start), std::fabs(end));
-    const bool switching =
-        !(start == end && (peak == 0.0 || peak >= 1.0)) && peak > 0.0 && least < 1.0;
-    set(d.dead, lane, switching && !(get(d.open, lane) > 0.0) ? 1.0 : 0.0);
+    const bool switches = log_input_switches(start, end) && !(get(d.open, lane) > 0.0);
+    set(d.dead, lane, switches ? 1.0 : 0.0);
 }
 
-// The stretch of the command column that is in force now; its length in true time.
+// Sets the stretch of a shifted command column that is in force; returns its length in true time.
 template <class V, int N>
 VGROOVE_INLINE double shifted_stretch(Group<V, N> &g, const LogInput &in, int lane) {
     Cursor &c = g.cursor[lane];
@@ -71,11 +71,11 @@ VGROOVE_INLINE double shifted_stretch(Group<V, N> &g, const LogInput &in, int la
     const std::size_t last = in.time_s.size() - 1;
     while (c.command_row < last &&
            in.time_s[c.command_row] - at <=
-               1e-9 * (in.time_s[c.command_row + 1] - in.time_s[c.command_row]))
+               SAME_INSTANT * (in.time_s[c.command_row + 1] - in.time_s[c.command_row]))
         ++c.command_row;
     const std::size_t row = c.command_row;
     const double left = (in.time_s[row] - at) / c.command_scale;
-    const double length = left > 0.0 && left < c.row_left_s ? left : c.row_left_s;
+    const double length = left > 0.0 && left < c.row_remaining_s ? left : c.row_remaining_s;
     const double from = row > 0 ? at - in.time_s[row - 1] : 0.0;
     drive_command(g.solver.drive, in, lane, row,
                   left > 0.0 ? from : in.time_s[row] - in.time_s[row > 0 ? row - 1 : 0],
@@ -85,38 +85,40 @@ VGROOVE_INLINE double shifted_stretch(Group<V, N> &g, const LogInput &in, int la
     return length;
 }
 
-// Time stamps' seconds since the row's start; 0 in its first stretch.
-VGROOVE_INLINE double row_begun_s(const Cursor &c, const LogInput &in, std::size_t row) {
+// Time since the row's start in seconds of the time stamps; 0 in its first stretch
+VGROOVE_INLINE double row_elapsed_s(const Cursor &c, const LogInput &in, std::size_t row) {
     const double length = in.time_s[row] - in.time_s[row - 1];
-    return c.row_left_s == length * c.row_scale ? 0.0 : length - c.row_left_s / c.row_scale;
+    return c.row_remaining_s == length * c.row_scale ? 0.0
+                                                     : length - c.row_remaining_s / c.row_scale;
 }
 
-// Up to where the load changes its sign: |TL| is straight along a stretch.
+// Length up to the instant at which the load changes its sign: |TL| is a straight line along a
+// stretch.
 VGROOVE_INLINE double same_sign_stretch(double load_nm, double rate, double length) {
     const double zero = rate != 0.0 ? -load_nm / rate : -1.0;
-    return zero > 1e-9 * length && zero < length * (1.0 - 1e-9) ? zero : length;
+    return zero > SAME_INSTANT * length && zero < length * (1.0 - SAME_INSTANT) ? zero : length;
 }
 
 template <class V, int N>
 VGROOVE_INLINE bool next_stretch(Group<V, N> &g, const LogInput &in, std::size_t row, int lane) {
     Cursor &c = g.cursor[lane];
     Solver<V, N> &s = g.solver;
-    if (c.row_left_s <= 0.0 || s.spent[lane])
+    if (c.row_remaining_s <= 0.0 || s.exhausted[lane])
         return false;
-    double length = c.row_left_s;
+    double length = c.row_remaining_s;
     if (s.model.effects & EFFECT_COMMAND_SHIFT)
         length = shifted_stretch(g, in, lane);
     else
-        drive_command(s.drive, in, lane, row, row_begun_s(c, in, row), 1.0 / c.row_scale);
-    if (s.model.effects & EFFECT_LOAD_FRICTION)
+        drive_command(s.drive, in, lane, row, row_elapsed_s(c, in, row), 1.0 / c.row_scale);
+    if (s.model.effects & EFFECT_LOAD_DEPENDENT_FRICTION)
         length =
             same_sign_stretch(get(s.drive.load_nm, lane), get(s.drive.load_rate, lane), length);
-    set(s.drive.dead, lane, get(s.drive.dead, lane) * get(s.model.dead_share, lane));
+    set(s.drive.dead, lane, get(s.drive.dead, lane) * get(s.model.bridge.dead_share, lane));
     set(s.drive.time_s, lane, c.now_s);
     c.now_s += length;
-    c.row_left_s -= length;
-    if (c.row_left_s < 1e-12 * length)
-        c.row_left_s = 0.0;
+    c.row_remaining_s -= length;
+    if (c.row_remaining_s < ROW_END * length)
+        c.row_remaining_s = 0.0;
     solver_begin(s, lane, length);
     return true;
 }
@@ -125,16 +127,17 @@ template <class V, int N>
 VGROOVE_INLINE void begin_row(Group<V, N> &g, const LogInput &in, std::size_t row, int lane) {
     Cursor &c = g.cursor[lane];
     Solver<V, N> &s = g.solver;
-    c.row_left_s = (in.time_s[row] - in.time_s[row - 1]) * c.row_scale;
+    c.row_remaining_s = (in.time_s[row] - in.time_s[row - 1]) * c.row_scale;
     if (!in.bus_v.empty())
-        set(s.drive.bus_v, lane, in.bus_v[row] / (1.0 + g.parameters[lane].supply_gain_relative));
+        set(s.drive.bus_v, lane,
+            in.bus_v[row] / (1.0 + g.parameters[lane].effects.supply_gain.relative));
     if (in.load_kind == LoadKind::TORQUE) {
         set(s.drive.load_nm, lane, in.load_nm[row - 1]);
-        set(s.drive.load_rate, lane, (in.load_nm[row] - in.load_nm[row - 1]) / c.row_left_s);
+        set(s.drive.load_rate, lane, (in.load_nm[row] - in.load_nm[row - 1]) / c.row_remaining_s);
     }
     set(s.state.x[STATE_CURRENT_TIME], lane, 0.0);
     set(s.state.x[STATE_BUS_TIME], lane, 0.0);
-    solver_earn(s, lane, 1, in.time_s[row] - in.time_s[row - 1]);
+    solver_grant_steps(s, lane, 1, in.time_s[row] - in.time_s[row - 1]);
 }
 
 template <class V, int N>
@@ -145,54 +148,49 @@ VGROOVE_INLINE void reset_lane(Group<V, N> &g, const LogInput &in, std::size_t r
     set(s.drive.load_rate, lane, 0.0);
     Cursor &c = g.cursor[lane];
     c.now_s = (in.time_s[row] - in.time_s[0]) * c.row_scale;
-    c.row_left_s = 0.0;
+    c.row_remaining_s = 0.0;
     set(s.drive.time_s, lane, c.now_s);
     settle_shaft(s, lane, start, first);
 }
 
-inline double sensed_current(const Parameters &p, double mean_a) {
-    const double read = mean_a * (1.0 + p.current_gain_relative) + p.current_offset_a;
-    return std::min(std::max(read, -p.current_limit_a), p.current_limit_a);
-}
-
-// Shaft quantities of one row; lag and eccentricity are applied to wheel speed and angle, gain to
-// both.
+// Speed and angle of one row. wheel: speed and angle of the eccentric Hall wheel.
+template <class V> struct WheelState { V speed, angle; };
 template <class V, int N>
-VGROOVE_INLINE void write_shaft(const Group<V, N> &g, std::size_t at, int lane, V seen_speed,
-                                V seen_angle, const LogOutput &out) {
+VGROOVE_INLINE void write_shaft(const Group<V, N> &g, std::size_t at, int lane,
+                                const WheelState<V> &wheel, const LogOutput &out) {
     const State<V, N> &x = g.solver.state;
     const Parameters &p = g.parameters[lane];
     out.speed_rad_s[at] = get(x.x[STATE_SPEED], lane);
     out.angle_rad[at] = get(x.x[STATE_ANGLE], lane);
-    double speed = get(seen_speed, lane), angle = get(seen_angle, lane);
+    double speed = get(wheel.speed, lane), angle = get(wheel.angle, lane);
     if constexpr (N > STATE_CORE_COUNT) {
         if (g.solver.model.effects & EFFECT_SPEED_LAG) {
             speed = get(x.x[STATE_SPEED_FILTER], lane);
-            angle -= p.speed_lag_s * speed;  // th_f' = w_f = (th - th_f) / T
+            angle -= p.effects.speed_lag.time_constant_s * speed;  // w_f = (th - th_f) / T
         }
     }
-    out.speed_measured_rad_s[at] = speed * (1.0 + p.speed_gain_relative);
-    out.angle_measured_rad[at] = angle * (1.0 + p.speed_gain_relative);
+    out.speed_measured_rad_s[at] = speed * (1.0 + p.effects.speed_gain.relative);
+    out.angle_measured_rad[at] = angle * (1.0 + p.effects.speed_gain.relative);
 }
 
-// A lane whose steps are used up shows nothing from that row on; the first such row is kept.
+// A lane whose step budget is used up has NaN from that row on; the first such row is kept.
 template <class V, int N>
-VGROOVE_INLINE void write_spent(Group<V, N> &g, std::size_t at, std::size_t row, int lane,
-                                const LogOutput &out) {
+VGROOVE_INLINE void write_exhausted(Group<V, N> &g, std::size_t at, std::size_t row, int lane,
+                                    const LogOutput &out) {
     for (double *column : {out.current_a, out.supply_v, out.speed_rad_s, out.speed_measured_rad_s,
                            out.angle_rad, out.angle_measured_rad})
         column[at] = std::numeric_limits<double>::quiet_NaN();
-    g.spent_row[lane] = std::min(g.spent_row[lane], row);
+    g.exhausted_row[lane] = std::min(g.exhausted_row[lane], row);
 }
 
 template <class V, int N>
 VGROOVE_INLINE void write_row(Group<V, N> &g, const LogInput &in, std::size_t row, bool start,
                               const LogOutput &out) {
     const Solver<V, N> &s = g.solver;
-    const V speed = sensors_wheel_speed<V>(s.model.sensors, s.model.effects, s.state.x[STATE_SPEED],
-                                           s.state.x[STATE_ANGLE]);
-    const V angle =
-        sensors_wheel_angle<V>(s.model.sensors, s.model.effects, s.state.x[STATE_ANGLE]);
+    const WheelState<V> wheel{
+        sensors_wheel_speed<V>(s.model.sensors, s.model.effects, s.state.x[STATE_SPEED],
+                               s.state.x[STATE_ANGLE]),
+        sensors_wheel_angle<V>(s.model.sensors, s.model.effects, s.state.x[STATE_ANGLE])};
     const Electrical<V> e = drivetrain_electrical<V, N>(s.model, s.drive, s.mode, V{}, s.state);
     for (int lane = 0; lane < g.lanes; ++lane) {
         const Parameters &p = g.parameters[lane];
@@ -203,11 +201,11 @@ VGROOVE_INLINE void write_row(Group<V, N> &g, const LogInput &in, std::size_t ro
                                      : get(s.state.x[STATE_CURRENT_TIME], lane) / seconds;
         const double bus =
             start ? get(e.bus_v, lane) : get(s.state.x[STATE_BUS_TIME], lane) / seconds;
-        out.current_a[at] = sensed_current(p, current);
-        out.supply_v[at] = bus * (1.0 + p.supply_gain_relative);
-        write_shaft(g, at, lane, speed, angle, out);
-        if (s.spent[lane])
-            write_spent(g, at, row, lane, out);
+        out.current_a[at] = sensors_measured_current(p, current);
+        out.supply_v[at] = bus * (1.0 + p.effects.supply_gain.relative);
+        write_shaft(g, at, lane, wheel, out);
+        if (s.exhausted[lane])
+            write_exhausted(g, at, row, lane, out);
     }
     if constexpr (N > STATE_WORK_IN) {
         double *energy = out.energy_j + row * ENERGY_COLUMNS;
@@ -229,7 +227,7 @@ VGROOVE_INLINE void reset_group(Group<V, N> &g, const LogInput &in, const LogSta
         set(g.solver.drive.command, lane, in.command_end[row]);
         if (!in.bus_v.empty())
             set(g.solver.drive.bus_v, lane,
-                in.bus_v[row] / (1.0 + g.parameters[lane].supply_gain_relative));
+                in.bus_v[row] / (1.0 + g.parameters[lane].effects.supply_gain.relative));
     }
 }
 
@@ -248,8 +246,8 @@ VGROOVE_INLINE void run_group(Group<V, N> &g, const LogInput &in, const LogStart
                               const LogOutput &out) {
     std::size_t which = 0;
     for (std::size_t row = starts.rows.front(); row < in.time_s.size(); ++row) {
-        if (g.watch && row % LOOK_ROWS == 0)
-            g.watch->look();
+        if (g.cancellation && row % CANCEL_CHECK_ROWS == 0)
+            g.cancellation->check();
         if (row > starts.rows.front())
             step_row(g, in, row);
         const bool start = which < starts.rows.size() && starts.rows[which] == row;

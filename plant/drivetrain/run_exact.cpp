@@ -1,4 +1,4 @@
-// Rows of one parameter set by exact maps.
+// Rows of one parameter set by exact affine maps.
 #include "drivetrain/exact_rows.hpp"
 #include "drivetrain/run_rows.hpp"
 

@@ -1,4 +1,4 @@
-// The loops over rows, each compiled once for its number of lanes and states.
+// Loops over the rows of a log, each compiled for one number of lanes and states.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_RUN_ROWS_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_RUN_ROWS_HPP
 

@@ -1,4 +1,4 @@
-// Rows by Runge-Kutta, one parameter set.
+// Rows of one parameter set by the solver with error control.
 #include "drivetrain/run_rows.hpp"
 
 namespace vgroove {

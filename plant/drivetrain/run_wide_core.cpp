@@ -1,5 +1,5 @@
-// Rows by Runge-Kutta, eight parameter sets a vector: the states that every drivetrain has. A file
-// of its own, since it takes a minute to compile.
+// Rows of eight parameter sets at once by the solver with error control, core states alone. A file
+// of its own because it takes a minute to compile.
 #include "drivetrain/run_rows.hpp"
 
 namespace vgroove {

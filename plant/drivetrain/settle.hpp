@@ -1,5 +1,5 @@
-// Start of a run: current, speed and angle given, filters settled, the output side in contact; at a
-// later start it goes on as it was.
+// Start of a run from a given current, speed and angle: filters settled, the output side in
+// contact.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_SETTLE_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_SETTLE_HPP
 
@@ -7,8 +7,10 @@
 
 namespace vgroove {
 
-// Output side moving with the motor: the twist is what the torque of a rigid shaft asks for; in the
-// middle of the play where there is none.
+constexpr double UNLIMITED_S = 1e9;  // first step: limited by the stretch alone
+
+// Output side that moves with the motor: its twist carries the torque that a rigid shaft would
+// transmit; without torque it is in the middle of the play.
 template <class V, int N> VGROOVE_INLINE void settle_output(Solver<V, N> &s, int lane) {
     set(s.state.x[STATE_OUTPUT_SPEED], lane, get(s.state.x[STATE_SPEED], lane));
     set(s.state.x[STATE_TWIST], lane, 0.0);
@@ -16,11 +18,11 @@ template <class V, int N> VGROOVE_INLINE void settle_output(Solver<V, N> &s, int
     const V i = s.state.x[STATE_CURRENT], w = s.state.x[STATE_SPEED];
     const V motor_nm = motor_constant<V>(s.model.motor, s.model.effects, i) * i;
     const Torques<V> t = drivetrain_torques<V, N>(s.model, s.drive, V{}, motor_nm, s.state);
-    const V rubbing = friction_sliding<V>(s.model.friction, s.model.effects, s.mode.slide, w,
-                                          t.load_nm, s.drive.time_s);
+    const V friction = friction_sliding<V>(s.model.friction, s.model.effects, s.mode.slide, w,
+                                           t.load_nm, s.drive.time_s);
     const double slide = get(s.mode.slide, lane);
-    const double free_nm =
-        get(t.drive_nm, lane) + get(t.coupler_nm, lane) - (slide != 0.0 ? get(rubbing, lane) : 0.0);
+    const double free_nm = get(t.drive_nm, lane) + get(t.coupler_nm, lane) -
+                           (slide != 0.0 ? get(friction, lane) : 0.0);
     const double load =
         get(t.load_nm, lane) - get(t.opposing_nm, lane) + slide * get(t.opposing_nm, lane);
     const double motor = 1.0 / get(s.model.gear.inertia_inverse, lane),
@@ -32,15 +34,15 @@ template <class V, int N> VGROOVE_INLINE void settle_output(Solver<V, N> &s, int
         torque / get(s.model.gear.stiffness, lane) + sign_of(torque) * half);
 }
 
-// Output side with the twist that it has, at a speed; at rest it may hold.
+// Output side at a speed, with its twist unchanged
 template <class V, int N> VGROOVE_INLINE void keep_output(Solver<V, N> &s, int lane, double speed) {
     set(s.state.x[STATE_OUTPUT_SPEED], lane, speed);
     set(s.mode.output_slide, lane, sign_of(speed));
 }
 
-// start: current, speed, angle. Slow states (charge, polarisation, heat) go on; the caller has set
-// the load in the drive. No sensor shows the output side behind a spring or a play: unless this is
-// the first start it keeps its twist and its speed against the motor.
+// start: current, speed, angle. The caller has set the load in the drive. Slow states (charge,
+// polarisation, heat) keep their values. No sensor measures the output side behind a spring or a
+// play: unless this is the first start it keeps its twist and its speed relative to the motor.
 template <class V, int N>
 VGROOVE_INLINE void settle_shaft(Solver<V, N> &s, int lane, const double *start,
                                  bool first = true) {
@@ -50,13 +52,13 @@ VGROOVE_INLINE void settle_shaft(Solver<V, N> &s, int lane, const double *start,
     set(s.state.x[STATE_ANGLE], lane, start[2]);
     set(s.mode.slide, lane, sign_of(start[1]));
     set(s.mode.diode, lane, 0.0);
-    set(s.level_s, lane, 1e9);
-    s.left_s[lane] = 0.0;
+    set(s.allowed_s, lane, UNLIMITED_S);
+    s.remaining_s[lane] = 0.0;
     if constexpr (N > STATE_CORE_COUNT) {
         set(s.state.x[STATE_CURRENT_FILTER], lane, start[0]);
-        const V seen = sensors_wheel_speed<V>(s.model.sensors, s.model.effects,
-                                              s.state.x[STATE_SPEED], s.state.x[STATE_ANGLE]);
-        set(s.state.x[STATE_SPEED_FILTER], lane, get(seen, lane));
+        const V wheel = sensors_wheel_speed<V>(s.model.sensors, s.model.effects,
+                                               s.state.x[STATE_SPEED], s.state.x[STATE_ANGLE]);
+        set(s.state.x[STATE_SPEED_FILTER], lane, get(wheel, lane));
         if (s.model.effects & EFFECT_TWO_BODIES) {
             const double output =
                 get(s.state.x[STATE_OUTPUT_SPEED], lane) + start[1] - motor_before;

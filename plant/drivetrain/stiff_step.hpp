@@ -1,20 +1,21 @@
-// One step for what explicit Runge-Kutta would crawl through: brushes and dead time around 0 A,
-// tiny inductances and time constants.
+// Step of the drivetrain where it is stiff, so that an explicit method would need very short steps:
+// brushes and dead time around 0 A, tiny inductances and time constants.
 //
-// ROS34PW2 of Rang and Angermann (BIT 45, 2005), order 3 with an error of order 2, L-stable, for
-// any approximation of the Jacobian: here its diagonal for currents, speed and filters, so that no
-// system has to be solved.
+// ROS34PW2 (numeric/rosenbrock.hpp) with the diagonal of the Jacobian for current, speed and
+// filters, so that no system of equations has to be solved.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_STIFF_STEP_HPP
 
 #include "drivetrain/model.hpp"
+#include "numeric/rosenbrock.hpp"
 
 namespace vgroove {
 
-constexpr double STIFF_STEP = 1.2;      // rate times step from which on a step is stiff,
-constexpr double STIFF_STRETCH = 64.0;  // where the rate times the whole stretch is more than this
+// A step is stiff where the rate times the step and the rate times the whole stretch exceed these.
+constexpr double STIFF_STEP = 1.2;
+constexpr double STIFF_STRETCH = 64.0;
 
-// How fast each state falls back by itself, 1/s; 0 where that is never fast.
+// Rate at which each state decays by itself, 1/s; 0 where it is never fast.
 template <class V> struct Rates { V current, speed, current_filter, speed_filter; };
 
 template <class V, int N>
@@ -25,7 +26,7 @@ VGROOVE_INLINE V rate_of_current(const Drivetrain<V> &m, const Drive<V> &in, con
     if (m.input == InputKind::DUTY)
         ohm += m.bridge.resistance_ohm +
                (m.bus_measured ? V{} : m.supply.resistance_ohm * e.duty * e.duty);
-    if (m.effects & EFFECT_BRUSH) {
+    if (m.effects & EFFECT_BRUSH_DROP) {
         const V share = e.brush_v / m.motor.brush_v;
         ohm += abs_of<V>(m.motor.brush_v * (1.0 - share * share)) /
                max_of<V>(splat<V>(BRUSH_CURRENT_A), e.ripple_a);
@@ -56,68 +57,33 @@ template <class V> VGROOVE_INLINE V fastest_rate(const Rates<V> &r) {
     return max_of<V>(max_of<V>(r.current, r.speed), max_of<V>(r.current_filter, r.speed_filter));
 }
 
-constexpr double STIFF_GAMMA = 0.435866521508459;
-
-// A stage's slope k from the right-hand side f and the earlier slopes in `sum`: (1 + h gamma rate)
-// k = f - h rate sum
-template <class V> VGROOVE_INLINE V stiff_solved(V f, V h, V rate, V sum) {
-    return (f - h * rate * sum) / (1.0 + STIFF_GAMMA * (h * rate));
-}
-
 template <class V, int N>
-VGROOVE_INLINE State<V, N> stiff_stage(const Rates<V> &r, V h, const State<V, N> &f,
+VGROOVE_INLINE State<V, N> stiff_slope(const Rates<V> &r, V h, const State<V, N> &f,
                                        const State<V, N> &sum) {
     State<V, N> k = f;
-    k.x[STATE_CURRENT] = stiff_solved<V>(f.x[STATE_CURRENT], h, r.current, sum.x[STATE_CURRENT]);
-    k.x[STATE_SPEED] = stiff_solved<V>(f.x[STATE_SPEED], h, r.speed, sum.x[STATE_SPEED]);
+    k.x[STATE_CURRENT] =
+        rosenbrock_slope<V>(f.x[STATE_CURRENT], h, r.current, sum.x[STATE_CURRENT]);
+    k.x[STATE_SPEED] = rosenbrock_slope<V>(f.x[STATE_SPEED], h, r.speed, sum.x[STATE_SPEED]);
     if constexpr (N > STATE_CORE_COUNT) {
-        k.x[STATE_CURRENT_FILTER] = stiff_solved<V>(f.x[STATE_CURRENT_FILTER], h, r.current_filter,
-                                                    sum.x[STATE_CURRENT_FILTER]);
-        k.x[STATE_SPEED_FILTER] =
-            stiff_solved<V>(f.x[STATE_SPEED_FILTER], h, r.speed_filter, sum.x[STATE_SPEED_FILTER]);
+        k.x[STATE_CURRENT_FILTER] = rosenbrock_slope<V>(
+            f.x[STATE_CURRENT_FILTER], h, r.current_filter, sum.x[STATE_CURRENT_FILTER]);
+        k.x[STATE_SPEED_FILTER] = rosenbrock_slope<V>(f.x[STATE_SPEED_FILTER], h, r.speed_filter,
+                                                      sum.x[STATE_SPEED_FILTER]);
     }
     return k;
 }
 
-template <class V, int N> struct StiffStep { State<V, N> state, error; };
-
 // slope: the right-hand side at the start of the step.
 template <class V, int N>
-VGROOVE_INLINE StiffStep<V, N> stiff_step(const Drivetrain<V> &m, const Drive<V> &in,
-                                          const Mode<V> &mode, const Rates<V> &r, V h,
-                                          const State<V, N> &y, const State<V, N> &slope) {
-    State<V, N> s{}, sum{};
-    const State<V, N> k1 = stiff_stage<V, N>(r, h, slope, sum);
-    for (int n = 0; n < N; ++n) {
-        s.x[n] = y.x[n] + h * (0.871733043016918 * k1.x[n]);
-        sum.x[n] = -0.871733043016918 * k1.x[n];
-    }
-    const State<V, N> k2 = stiff_stage<V, N>(
-        r, h, drivetrain_derivative<V, N>(m, in, mode, 0.871733043016918 * h, s), sum);
-    for (int n = 0; n < N; ++n) {
-        s.x[n] = y.x[n] + h * (0.84457060015369423 * k1.x[n] - 0.11299064236484185 * k2.x[n]);
-        sum.x[n] = -0.90338057013044082 * k1.x[n] + 0.054180672388095326 * k2.x[n];
-    }
-    const State<V, N> k3 = stiff_stage<V, N>(
-        r, h, drivetrain_derivative<V, N>(m, in, mode, 0.73157995778885238 * h, s), sum);
-    for (int n = 0; n < N; ++n) {
-        s.x[n] = y.x[n] + h * k3.x[n];
-        sum.x[n] = 0.24212380706095346 * k1.x[n] - 1.2232505839045147 * k2.x[n] +
-                   0.54526025533510214 * k3.x[n];
-    }
-    const State<V, N> k4 =
-        stiff_stage<V, N>(r, h, drivetrain_derivative<V, N>(m, in, mode, h, s), sum);
-    StiffStep<V, N> end;
-    for (int n = 0; n < N; ++n) {
-        end.state.x[n] =
-            y.x[n] + h * (0.24212380706095346 * k1.x[n] - 1.2232505839045147 * k2.x[n] +
-                          1.545260255335102 * k3.x[n] + STIFF_GAMMA * k4.x[n]);
-        end.error.x[n] = (0.24212380706095346 - 0.37810903145819369) * k1.x[n] +
-                         (0.096042292212423178 - 1.2232505839045147) * k2.x[n] +
-                         (1.545260255335102 - 0.5) * k3.x[n] +
-                         (STIFF_GAMMA - 0.2179332607542295) * k4.x[n];
-    }
-    return end;
+VGROOVE_INLINE RosenbrockStep<V, N> stiff_step(const Driven<V> &d, const Rates<V> &r, V h,
+                                               const State<V, N> &y, const State<V, N> &slope) {
+    return ros34pw2_step<V, N>(
+        y, h, slope,
+        [&](const State<V, N> &f, const State<V, N> &sum)
+            __attribute__((always_inline)) { return stiff_slope<V, N>(r, h, f, sum); },
+        [&](V tau, const State<V, N> &s) __attribute__((always_inline)) {
+            return drivetrain_derivative<V, N>(d.model, d.drive, d.mode, tau, s);
+        });
 }
 
 }  // namespace vgroove

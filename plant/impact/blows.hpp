@@ -1,5 +1,5 @@
-// Blows: what each contact of a hammer lug with an anvil lug was, as physics.md section 4 counts
-// them.
+// Record of the contacts of hammer lugs with anvil lugs: blows, repeats and rebounds
+// (docs/spec/model.md, section 4).
 #ifndef VGROOVE_PLANT_IMPACT_BLOWS_HPP
 #define VGROOVE_PLANT_IMPACT_BLOWS_HPP
 
@@ -10,21 +10,22 @@
 
 namespace vgroove {
 
-constexpr double REPEAT_AFTER_S = 3e-3;  // a later contact with the same lug is a repeat ...
-constexpr double REPEAT_SPEED_SHARE =
-    0.25;  // ... at this share or more of the first one's speed, else a rebound
+// A later contact with the same lug is a repeat if it comes after REPEAT_AFTER_S with at least this
+// share of the first one's approach speed, else a rebound.
+constexpr double REPEAT_AFTER_S = 3e-3;
+constexpr double REPEAT_SPEED_SHARE = 0.25;
 
 enum BlowKind { BLOW_FIRST, BLOW_REPEAT, BLOW_REBOUND };
 
 struct Blow {
     double time_s;
     double approach_rad_s;  // hammer against anvil, positive when it closes the gap
-    double engaged_m;       // height of the lugs that meet
+    double engaged_m;       // lug height that is in contact
     double impulse_nm_s;    // of the lug torque over this contact
     double peak_torque_nm;  // of the joint, largest magnitude until the next contact
     long kind;
     long lug;      // number of the anvil lug
-    long skipped;  // lugs passed untouched since the last blow; blows only
+    long skipped;  // lugs passed without contact since the last blow; for blows only
 };
 
 struct BlowRecorder {
@@ -60,7 +61,7 @@ VGROOVE_INLINE void blows_end(BlowRecorder &r, double impulse) {
     r.open = false;
 }
 
-// Largest joint torque along a step, from its values and slopes at both ends.
+// Updates the peak of the joint torque with a step: cubic through values and slopes at both ends.
 VGROOVE_INLINE void blows_torque(BlowRecorder &r, double h, double from, double from_rate,
                                  double to, double to_rate) {
     Blow &b = r.blows.back();
@@ -68,8 +69,7 @@ VGROOVE_INLINE void blows_torque(BlowRecorder &r, double h, double from, double 
     b.peak_torque_nm = a > b.peak_torque_nm ? a : b.peak_torque_nm;
     if (from_rate * to_rate >= 0.0)
         return;
-    const double u = from_rate / (from_rate - to_rate),
-                 v = 1.0 - u;  // where the slope would pass 0
+    const double u = from_rate / (from_rate - to_rate), v = 1.0 - u;  // near the slope's zero
     const double top = v * v * (1.0 + 2.0 * u) * from + u * u * (3.0 - 2.0 * u) * to +
                        h * u * v * (v * from_rate - u * to_rate);
     b.peak_torque_nm = std::fabs(top) > b.peak_torque_nm ? std::fabs(top) : b.peak_torque_nm;

@@ -1,9 +1,9 @@
-// Switches of the impact mechanism: for each, a function that is positive until it happens, and
-// what changes then.
+// Events of the impact tool: for each a function that is positive before it and negative after it,
+// and the events that are possible in a mode.
 #ifndef VGROOVE_PLANT_IMPACT_EVENTS_HPP
 #define VGROOVE_PLANT_IMPACT_EVENTS_HPP
 
-#include "impact/model.hpp"
+#include "impact/derivative.hpp"
 
 namespace vgroove {
 
@@ -14,8 +14,8 @@ enum ImpactEvent {
     IMPACT_STOP,      // hammer reaches the end stop
     IMPACT_LEAVE,     // contact ends
     IMPACT_TURN,      // contact turns from approaching to separating or back
-    IMPACT_RAMP,      // damping is fully on, or no longer
-    IMPACT_LAP,       // the overlap ends under a hammer that stands on a lug
+    IMPACT_RAMP,      // the contact's damping reaches its full value, or leaves it
+    IMPACT_LAP,       // the hammer, on top of a lug, reaches the end of the overlap
     IMPACT_SLIP_FORWARD,
     IMPACT_SLIP_BACKWARD,
     IMPACT_STICK,
@@ -49,9 +49,9 @@ constexpr unsigned impact_bit(ImpactEvent e) {
     return 1u << e;
 }
 
-// Switches that can happen from a mode.
-VGROOVE_INLINE unsigned impact_possible(const Impact &m, const ImpactMode &mode,
-                                        const Drive<double> &in) {
+// Events that can happen in a mode, as bits
+VGROOVE_INLINE unsigned impact_events_possible(const Impact &m, const ImpactMode &mode,
+                                               const Drive<double> &in) {
     unsigned mask = impact_bit(IMPACT_MOTOR);
     if (mode.place != ContactPlace::NONE)
         mask |= impact_bit(IMPACT_LEAVE) | impact_bit(IMPACT_TURN) |
@@ -77,23 +77,25 @@ VGROOVE_INLINE unsigned impact_possible(const Impact &m, const ImpactMode &mode,
     return mask;
 }
 
-// Share of a lug period by which the hammer lug is past a lug's flank, 0 .. period: on top of the
-// lug while below the overlap.
+// Angle by which the hammer lug is past the flank of an anvil lug, from 0 to the lug period: it is
+// over the lug while this is below the overlap.
 VGROOVE_INLINE double impact_lap(const Impact &m, double relative) {
     return relative - m.period_rad * std::floor(relative / m.period_rad);
 }
 
-VGROOVE_INLINE double impact_rest_margin(double needed, double forward, double backward) {
+// Torque that is missing to break a held body away
+VGROOVE_INLINE double hold_margin(double needed, double forward, double backward) {
     return needed > 0.0 ? forward - needed : backward + needed;
 }
 
-// Whether forces decide a switch; the others can be read off angles and speeds (impact_sight).
+// Whether the event function needs forces; the others follow from angles and speeds.
 VGROOVE_INLINE bool impact_by_force(const ImpactMode &mode, int event) {
     return event == IMPACT_AXIAL || (event == IMPACT_ROLL && mode.roll == 0.0) ||
            (event == IMPACT_MOTOR && mode.drive.slide == 0.0) ||
            (event == IMPACT_DIODE && mode.drive.diode == 0.0);
 }
 
+// The event function: positive before the event
 template <class L>
 VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode,
                                          const ImpactState<L> &s, const ImpactPoint &at,
@@ -115,7 +117,7 @@ VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode
         return mode.ramped ? at.pen - m.contact.ramp_m : m.contact.ramp_m - at.pen;
     case IMPACT_LAP: {
         const double relative =
-            impact_relative<L>(m, s) - mode.forward_rad;  // forward_rad: flank of the lug below
+            impact_relative<L>(m, s) - mode.forward_rad;  // the flank of the lug below
         return relative < 0.5 * m.overlap_rad ? relative : m.overlap_rad - relative;
     }
     case IMPACT_SLIP_FORWARD:
@@ -130,7 +132,7 @@ VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode
         return at.head_rad - m.joint.segment[mode.segment].from_rad;
     case IMPACT_MOTOR:
         return mode.drive.slide == 0.0
-                   ? impact_rest_margin(at.held_nm, at.hold_forward_nm, at.hold_backward_nm)
+                   ? hold_margin(at.held_nm, at.hold_forward_nm, at.hold_backward_nm)
                    : mode.drive.slide * s.x[STATE_SPEED];
     case IMPACT_DIODE:
         return mode.drive.diode == 0.0 ? at.bus_v - std::fabs(at.emf_v)
@@ -146,10 +148,11 @@ VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode
     }
 }
 
-// Those of the possible switches that lie behind, as bits.
+// Those of the possible events whose function is negative, as bits
 template <class L>
-VGROOVE_INLINE unsigned impact_met(const Impact &m, const ImpactMode &mode, unsigned possible,
-                                   const ImpactState<L> &s, const ImpactPoint &at) {
+VGROOVE_INLINE unsigned impact_events_met(const Impact &m, const ImpactMode &mode,
+                                          unsigned possible, const ImpactState<L> &s,
+                                          const ImpactPoint &at) {
     unsigned met = 0u;
     for (unsigned left = possible; left != 0u; left &= left - 1u) {
         const int event = __builtin_ctz(left);
@@ -159,11 +162,11 @@ VGROOVE_INLINE unsigned impact_met(const Impact &m, const ImpactMode &mode, unsi
     return met;
 }
 
-// The gap between lugs in which a relative angle lies, or next to which it lies.
+// Enters the gap between two lugs in which, or next to which, a relative angle lies.
 VGROOVE_INLINE void impact_enter_gap(const Impact &m, ImpactMode &mode, double relative) {
     const double lap = impact_lap(m, relative);
     double lug = std::floor(relative / m.period_rad) + 1.0;
-    if (lap < 0.5 * m.overlap_rad)  // just past a flank, backwards off a lug
+    if (lap < 0.5 * m.overlap_rad)  // just past a flank: it has left the lug backwards
         lug -= 1.0;
     mode.above = false;
     mode.place = ContactPlace::NONE;
@@ -178,7 +181,7 @@ VGROOVE_INLINE void impact_enter_contact(ImpactMode &mode, ContactPlace place) {
     mode.ramped = false;
 }
 
-// Down to the height of the lugs: between them, or on one of them.
+// The hammer comes down to the height of the lugs: into a gap, or onto a lug.
 VGROOVE_INLINE void impact_come_down(const Impact &m, ImpactMode &mode, double relative) {
     const double lap = impact_lap(m, relative);
     if (lap <= 0.0 || lap >= m.overlap_rad) {
@@ -187,10 +190,6 @@ VGROOVE_INLINE void impact_come_down(const Impact &m, ImpactMode &mode, double r
     }
     impact_enter_contact(mode, ContactPlace::TOP);
     mode.forward_rad = relative - lap;
-}
-
-VGROOVE_INLINE double impact_sign(double x) {
-    return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0);
 }
 
 }  // namespace vgroove

@@ -1,32 +1,26 @@
-// Flight of the hammer between contacts, fast mode: the anvil rings in closed form, and a step
-// takes the motor's current exactly where it decays.
+// Fast mode: steps of the hammer's flight between contacts, in which the decay of the motor current
+// is exact.
 //
-// Exponential Runge-Kutta of fourth order of Krogstad (J. Comput. Phys. 203, 2005): the classical
-// one for every state but the current, whose own decay would hold an explicit step below a
-// millisecond. Four derivatives a step; error from the last stage's slope against the end's.
+// Exponential Runge-Kutta method of fourth order of Krogstad (J. Comput. Phys. 203, 2005): the
+// classical method for every state but the current, whose own decay would limit an explicit step to
+// less than a millisecond. Four derivatives a step; the error is estimated from the difference of
+// the last stage's slope and that at the end.
 #ifndef VGROOVE_PLANT_IMPACT_FLIGHT_HPP
 #define VGROOVE_PLANT_IMPACT_FLIGHT_HPP
 
-#include "impact/solver.hpp"
+#include "impact/ringing.hpp"
+#include "numeric/phi_functions.hpp"
 
 namespace vgroove {
 
-template <class L>
-void impact_stage(const ImpactSolver<L> &self, double tau, const ImpactState<L> &s,
-                  ImpactState<L> &ds);  // impact_steps.cpp
-template <class L>
-ImpactPoint impact_slope(ImpactSolver<L> &self, double tau, const ImpactState<L> &s,
-                         ImpactState<L> &ds);
+// Error estimate over the error: the estimate is of third order, the method of fourth.
+constexpr double FLIGHT_ERROR_SHARE = 0.014;
+// Distance from the groove's vertex, over the vertex radius, beyond which the method is used.
+constexpr double FLIGHT_VERTICES = 8.0;
+// Longest step towards the vertex, over the distance from it.
+constexpr double FLIGHT_APPROACH = 0.5;
 
-constexpr double FLIGHT_ERROR_SHARE = 0.014;  // the estimate is of third order: it overstates
-constexpr double FLIGHT_VERTICES =
-    8.0;  // vertex radii from the groove's vertex, from where on a flight is one
-constexpr double FLIGHT_APPROACH = 0.5;  // of the way to the vertex in one step
-constexpr double RING_STEP = 1.0;  // longest step over the anvil's time constant while the hammer
-                                   // is within the anvil's swing
-constexpr double RING_FELT_RAD = 1e-5;  // a smaller swing moves no contact
-
-// Rate at which the current decays by itself.
+// Rate at which the current decays by itself, 1/s
 VGROOVE_INLINE double flight_rate(const Impact &m, const ImpactMode &mode,
                                   const Drive<double> &in) {
     const Drivetrain<double> &d = m.drive;
@@ -41,103 +35,23 @@ VGROOVE_INLINE double flight_rate(const Impact &m, const ImpactMode &mode,
     return ohm * d.motor.inductance_inverse;
 }
 
-// phi_k of z / 2 with z = -rate h, and of z by doubling.
+// phi_k of z / 2 with z = -rate h, and of z by the doubling formula
 VGROOVE_INLINE void flight_weigh(FlightWeights &w, double h, double rate) {
     if (w.h == h && w.rate == rate)
         return;
     const double z = -0.5 * rate * h;
-    double phi_0, phi_1, phi_2, phi_3;
-    if (z > -1.0) {
-        phi_3 = 1.0 / 479001600.0;
-        double factorial = 39916800.0;  // Taylor: sum of z^k / (k + 3)!
-        for (int n = 11; n >= 3; --n) {
-            phi_3 = phi_3 * z + 1.0 / factorial;
-            factorial /= n;
-        }
-        phi_2 = 0.5 + z * phi_3;
-        phi_1 = 1.0 + z * phi_2;
-        phi_0 = 1.0 + z * phi_1;
-    } else {
-        phi_0 = exp_of<double>(z);
-        phi_1 = (phi_0 - 1.0) / z;
-        phi_2 = (phi_1 - 1.0) / z;
-        phi_3 = (phi_2 - 0.5) / z;
-    }
+    const Phi f = phi_of(z);
     w.h = h;
     w.rate = rate;
-    w.half_1 = phi_1;
-    w.half_2 = phi_2;
-    w.full_1 = 0.5 * (phi_0 + 1.0) * phi_1;
-    w.full_2 = 0.25 * (phi_1 * phi_1 + 2.0 * phi_2);
-    w.full_3 = 0.125 * (phi_1 * phi_2 + phi_2 + 2.0 * phi_3);
+    w.half_1 = f.p1;
+    w.half_2 = f.p2;
+    w.full_1 = 0.5 * (f.p0 + 1.0) * f.p1;
+    w.full_2 = 0.25 * (f.p1 * f.p1 + 2.0 * f.p2);
+    w.full_3 = 0.125 * (f.p1 * f.p2 + f.p2 + 2.0 * f.p3);
 }
 
-// How far the untouched anvil can still swing to either side of its head, rad.
-template <class L> VGROOVE_INLINE double ring_swing(const Impact &m, const ImpactState<L> &s) {
-    return std::sqrt(s.x[L::TWIST] * s.x[L::TWIST] +
-                     s.x[L::ANVIL_SPEED] * s.x[L::ANVIL_SPEED] / m.ring_square);
-}
-
-// Whether the hammer's lugs are out of reach of an anvil that swings so far.
-template <class L>
-VGROOVE_INLINE bool ring_clear(const Impact &m, const ImpactMode &mode, const ImpactState<L> &s,
-                               double swing) {
-    if (mode.above)
-        return true;
-    const double from_head = impact_relative<L>(m, s) + s.x[L::TWIST];
-    return mode.forward_rad - from_head > swing && from_head - mode.backward_rad > swing;
-}
-
-// The anvil is left to itself once nothing touches it, the joint can no longer slip and the torque
-// no longer pass its peak; at rest it stays.
-template <class L> VGROOVE_INLINE void ring_begin(ImpactSolver<L> &self) {
-    ImpactMode &mode = self.mode;
-    const ImpactState<L> &s = self.state;
-    const bool struck = mode.place == ContactPlace::FORWARD || mode.place == ContactPlace::BACKWARD;
-    if (mode.frozen || struck || mode.slip != 0 || self.model.second_output)
-        return;
-    const double swing = ring_swing<L>(self.model, s);
-    if (swing < FROZEN_TWIST_RAD) {
-        mode.frozen = true;
-    } else if (!mode.ringing) {
-        const double torque =
-            swing * (self.model.joint.stiffness +
-                     self.model.joint.damping * std::sqrt(self.model.ring_square));
-        const double peak = self.recorder.any ? self.recorder.blows.back().peak_torque_nm : 0.0;
-        mode.ringing =
-            torque < self.point.forward_nm && torque < self.point.backward_nm && torque <= peak;
-    }
-    if (mode.frozen || mode.ringing)
-        self.slope.x[L::ANVIL_ANGLE] = self.slope.x[L::ANVIL_SPEED] = self.slope.x[L::TWIST] = 0.0;
-    if (mode.frozen) {
-        mode.ringing = false;
-        self.state.x[L::ANVIL_SPEED] = 0.0;
-    }
-}
-
-// Longest step: short while hammer and anvil may still meet within the anvil's swing.
-template <class L> VGROOVE_INLINE double ring_longest(const ImpactSolver<L> &self) {
-    if (!self.mode.ringing)
-        return IMPACT_NO_HORIZON_S;
-    const double swing = ring_swing<L>(self.model, self.state);
-    return swing < RING_FELT_RAD || ring_clear<L>(self.model, self.mode, self.state, swing)
-               ? IMPACT_NO_HORIZON_S
-               : RING_STEP / std::sqrt(self.model.ring_square);
-}
-
-// Whether the step just tried brought the hammer within the swing that the anvil had at its start,
-// and was too long for that.
-template <class L> VGROOVE_INLINE bool ring_overlooked(const ImpactSolver<L> &self, double h) {
-    if (!self.mode.ringing)
-        return false;
-    const double swing = ring_swing<L>(self.model, self.state);
-    return swing >= RING_FELT_RAD &&
-           h * h * self.model.ring_square > 1.01 * RING_STEP * RING_STEP &&
-           !ring_clear<L>(self.model, self.mode, self.step.end, swing);
-}
-
-// Off the vertex of the groove: near it the force turns within a fraction of a millisecond, and the
-// fifth order is worth its stages.
+// Whether the step is a flight: no contact, and away from the groove's vertex, where the spring
+// force reverses within a fraction of a millisecond and the fifth order needs fewer derivatives.
 template <class L> VGROOVE_INLINE bool flight_applies(const ImpactSolver<L> &self) {
     if (L::EXACT || self.model.two_bodies || self.model.second_output)
         return false;
@@ -149,7 +63,7 @@ template <class L> VGROOVE_INLINE bool flight_applies(const ImpactSolver<L> &sel
            q * q > FLIGHT_VERTICES * FLIGHT_VERTICES * self.model.groove.vertex2;
 }
 
-// Longest step: towards the vertex of the groove only part of the way.
+// Longest step: towards the groove's vertex part of the way only
 template <class L> VGROOVE_INLINE double flight_longest(const ImpactSolver<L> &self) {
     const ImpactState<L> &s = self.state;
     const double q = impact_spindle_angle<L>(self.model, s) - s.x[L::HAMMER_ANGLE];
@@ -160,6 +74,7 @@ template <class L> VGROOVE_INLINE double flight_longest(const ImpactSolver<L> &s
     return min_of(longest, FLIGHT_APPROACH * std::fabs(q / rate));
 }
 
+// State of a stage: y + h k, the current y + `current`
 template <class L>
 VGROOVE_INLINE void flight_stage(const ImpactState<L> &y, double h, const ImpactState<L> &k,
                                  double current, ImpactState<L> &s) {
@@ -168,7 +83,7 @@ VGROOVE_INLINE void flight_stage(const ImpactState<L> &y, double h, const Impact
     s.x[STATE_CURRENT] = y.x[STATE_CURRENT] + current;
 }
 
-// One step. Leaves end, end_slope and the error per second in `error`.
+// One trial step of length h; error: of each state, per second
 template <class L>
 __attribute__((noinline)) void flight_attempt(ImpactSolver<L> &self, double h,
                                               ImpactState<L> &error) {
@@ -181,28 +96,32 @@ __attribute__((noinline)) void flight_attempt(ImpactSolver<L> &self, double h,
     const double i = y.x[I], n1 = k1.x[I] + rate * i;
     ImpactState<L> s;
     flight_stage<L>(y, 0.5 * h, k1, 0.5 * h * w.half_1 * k1.x[I], s);
-    impact_stage(self, 0.5 * h, s, t.k2);
-    const double n2 = t.k2.x[I] + rate * s.x[I];
-    flight_stage<L>(y, 0.5 * h, t.k2, h * (0.5 * w.half_1 * k1.x[I] + w.half_2 * (n2 - n1)), s);
-    impact_stage(self, 0.5 * h, s, t.k3);
-    const double middle = s.x[I], n3 = t.k3.x[I] + rate * middle;
-    flight_stage<L>(y, h, t.k3, h * (w.full_1 * k1.x[I] + 2.0 * w.full_2 * (n3 - n1)), s);
-    impact_stage(self, h, s, t.k4);
-    const double n4 = t.k4.x[I] + rate * s.x[I];
+    impact_stage(self, 0.5 * h, s, t.slopes.k2);
+    const double n2 = t.slopes.k2.x[I] + rate * s.x[I];
+    flight_stage<L>(y, 0.5 * h, t.slopes.k2, h * (0.5 * w.half_1 * k1.x[I] + w.half_2 * (n2 - n1)),
+                    s);
+    impact_stage(self, 0.5 * h, s, t.slopes.k3);
+    const double middle = s.x[I], n3 = t.slopes.k3.x[I] + rate * middle;
+    flight_stage<L>(y, h, t.slopes.k3, h * (w.full_1 * k1.x[I] + 2.0 * w.full_2 * (n3 - n1)), s);
+    impact_stage(self, h, s, t.slopes.k4);
+    const double n4 = t.slopes.k4.x[I] + rate * s.x[I];
     for (int n = 0; n < L::COUNT; ++n)
-        t.end.x[n] = y.x[n] + h / 6.0 * ((k1.x[n] + t.k4.x[n]) + 2.0 * (t.k2.x[n] + t.k3.x[n]));
+        t.end.x[n] =
+            y.x[n] +
+            h / 6.0 * ((k1.x[n] + t.slopes.k4.x[n]) + 2.0 * (t.slopes.k2.x[n] + t.slopes.k3.x[n]));
     t.end.x[I] =
         i + h * (w.full_1 * k1.x[I] + (4.0 * w.full_3 - 3.0 * w.full_2) * n1 +
                  (2.0 * w.full_2 - 4.0 * w.full_3) * (n2 + n3) + (4.0 * w.full_3 - w.full_2) * n4);
     if (self.mode.ringing)
-        impact_ring(self, h, t.end);
+        anvil_ring(self, h, t.end);
     t.end_point = impact_slope(self, h, t.end, t.end_slope);
     for (int n = 0; n < L::COUNT; ++n)
-        error.x[n] = FLIGHT_ERROR_SHARE / 6.0 * (t.k4.x[n] - t.end_slope.x[n]);
-    // Means and rows come off the interpolant: its middle against the stage there.
-    const double bent = 0.5 * (i + t.end.x[I]) + 0.125 * h * (k1.x[I] - t.end_slope.x[I]) - middle;
-    error.x[I] = FLIGHT_ERROR_SHARE *
-                 max_of(std::fabs(bent) / h, std::fabs(t.k4.x[I] - t.end_slope.x[I]) / 6.0);
+        error.x[n] = FLIGHT_ERROR_SHARE / 6.0 * (t.slopes.k4.x[n] - t.end_slope.x[n]);
+    // Rows are read from the interpolant: compare its middle with the stage there.
+    const double deviation =
+        0.5 * (i + t.end.x[I]) + 0.125 * h * (k1.x[I] - t.end_slope.x[I]) - middle;
+    error.x[I] = FLIGHT_ERROR_SHARE * max_of(std::fabs(deviation) / h,
+                                             std::fabs(t.slopes.k4.x[I] - t.end_slope.x[I]) / 6.0);
     self.stats.derivatives += 3.0;
 }
 

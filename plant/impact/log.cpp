@@ -1,10 +1,14 @@
-// Rows of a log to stretches of straight command and load, solver over them, rows, trace and
-// energies out of its states.
+// Simulation of a log with the impact tool: rows as stretches with command and load as straight
+// lines; columns, trace and energies from the solver's states.
 #include "impact/log.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+
+#include "impact/energy.hpp"
+#include "impact/interpolant.hpp"
+#include "numeric/thread_pool.hpp"
 
 namespace vgroove {
 
@@ -22,29 +26,24 @@ const char *const IMPACT_ENERGY_NAMES[ENERGY_COUNT] = {
     "work_in",      "loss_electric", "loss_friction", "loss_groove",
     "loss_contact", "loss_joint",    "stored"};
 
-// One stretch of a row in true time: command as a straight line.
+// One stretch of a row, in true time, with the command as a straight line
 struct Stretch {
     double length_s, command, command_rate, open;
     bool switching;
 };
 
-static bool is_switching(double start, double end) {
-    const double peak = std::max(std::fabs(start), std::fabs(end)),
-                 least = std::min(std::fabs(start), std::fabs(end));
-    return !(start == end && (peak == 0.0 || peak >= 1.0)) && peak > 0.0 && least < 1.0;
-}
-
-// Reads the command column in its own time: transport_delay later, or at another rate than the rows
-// (clock_skew of the command's clock).
+// The command column in its own time: effects transport_delay and clock_skew (of the command's
+// clock) shift it against the rows.
 class CommandReader {
 public:
     CommandReader(const LogInput &in, const Parameters &p)
         : in_(in),
-          delay_s_(p.transport_delay_s) {
-        const double skew = 1.0 + p.clock_skew_relative;
-        row_scale_ = p.clock_skew_command != 0.0 ? 1.0 : 1.0 / skew;
+          delay_s_(p.effects.transport_delay.delay_s) {
+        const double skew = 1.0 + p.effects.clock_skew.relative;
+        row_scale_ = p.effects.clock_skew.command_clock != 0.0 ? 1.0 : 1.0 / skew;
         command_scale_ = skew;
-        shifted_ = delay_s_ > 0.0 || (p.clock_skew_relative != 0.0 && p.clock_skew_command != 0.0);
+        shifted_ = delay_s_ > 0.0 || (p.effects.clock_skew.relative != 0.0 &&
+                                      p.effects.clock_skew.command_clock != 0.0);
     }
 
     double row_scale() const { return row_scale_; }  // true seconds per second of the log
@@ -79,7 +78,7 @@ private:
             start != end ? (end - start) / (in_.time_s[row] - in_.time_s[row - 1]) : 0.0;
         const double open = in_.open.empty() ? 0.0 : in_.open[row];
         return {length_s, start == end ? end : start + rate * from, rate * scale, open,
-                is_switching(start, end) && !(open > 0.0)};
+                log_input_switches(start, end) && !(open > 0.0)};
     }
 
     const LogInput &in_;
@@ -114,7 +113,7 @@ static void write_trace(const ImpactSolver<L> &s, const ImpactState<L> &x, doubl
     std::copy(values, values + TRACE_COLUMN_COUNT, to);
 }
 
-// Fills the trace's times that lie in a step.
+// Writes the trace's times that lie in a step.
 struct Tracer {
     ImpactOutput *out = nullptr;
     double origin_s = 0.0, scale = 1.0;  // of the log's time, and true seconds per second of it
@@ -136,33 +135,38 @@ struct Tracer {
     }
 };
 
-template <class L>
-static double seen_speed(const ImpactSolver<L> &s, const Parameters &p, const ImpactState<L> &x) {
-    const Drivetrain<double> &d = s.model.drive;
-    return sensors_seen_speed(d.sensors, d.effects, p, x.x[STATE_SPEED], x.x[STATE_ANGLE],
-                              L::FULL ? x.x[STATE_SPEED_FILTER] : 0.0);
+template <class L> static ShaftMotion shaft_of(const ImpactState<L> &x) {
+    return {x.x[STATE_SPEED], x.x[STATE_ANGLE], L::FULL ? x.x[STATE_SPEED_FILTER] : 0.0};
 }
 template <class L>
-static double seen_angle(const ImpactSolver<L> &s, const Parameters &p, const ImpactState<L> &x) {
+static double measured_speed(const ImpactSolver<L> &s, const Parameters &p,
+                             const ImpactState<L> &x) {
     const Drivetrain<double> &d = s.model.drive;
-    return sensors_seen_angle(d.sensors, d.effects, p, x.x[STATE_ANGLE],
-                              L::FULL ? x.x[STATE_SPEED_FILTER] : 0.0);
+    return sensors_measured_speed(d.sensors, d.effects, p, shaft_of<L>(x));
+}
+template <class L>
+static double measured_angle(const ImpactSolver<L> &s, const Parameters &p,
+                             const ImpactState<L> &x) {
+    const Drivetrain<double> &d = s.model.drive;
+    return sensors_measured_angle(d.sensors, d.effects, p, shaft_of<L>(x));
 }
 
-// effect speed_lag as a pure delay: speed and angle of the wheel delay_s before the end of each
-// row. Before the start the shaft rests.
-struct Seen {
+// Effect speed_lag as a delay: measured speed and angle of the delay before the end of each row.
+// Before the start the shaft is at rest.
+struct DelayedRow {
     double due_s, speed, angle;
 };
 struct DelayedWheel {
     Parameters parameters;
-    std::vector<Seen> rows;  // empty without a delay
-    std::size_t next = 0;    // first that no step has reached
+    std::vector<DelayedRow> rows;  // empty without a delay
+    std::size_t next = 0;          // first that no step has reached
 
     void prepare(const LogInput &in, double row_scale, const Parameters &p) {
         parameters = p;
         for (const double time_s : in.time_s)
-            rows.push_back({(time_s - in.time_s[0]) * row_scale - p.speed_lag_s, 0.0, 0.0});
+            rows.push_back(
+                {(time_s - in.time_s[0]) * row_scale - p.effects.speed_lag.time_constant_s, 0.0,
+                 0.0});
     }
 
     template <class L> void step(ImpactSolver<L> &s, double h, double share) {
@@ -173,13 +177,13 @@ struct DelayedWheel {
             impact_interpolate(s, h);
             const ImpactState<L> x =
                 impact_between(s, std::max((rows[next].due_s - from) / h, 0.0));
-            rows[next].speed = seen_speed(s, parameters, x);
-            rows[next].angle = seen_angle(s, parameters, x);
+            rows[next].speed = measured_speed(s, parameters, x);
+            rows[next].angle = measured_angle(s, parameters, x);
         }
     }
 };
 
-// One tool along a log.
+// The run of one parameter set
 template <class L> struct LogRun final : ImpactObserver<L> {
     const LogInput &in;
     Parameters parameters;
@@ -200,13 +204,13 @@ template <class L> struct LogRun final : ImpactObserver<L> {
     }
 };
 
-// Force and torque of the present; the whole derivative only where that decides them.
+// Geometry and torques of the present; the derivative is computed only where they need it
 template <class L>
 static ImpactPoint present_point(const ImpactSolver<L> &s, const ImpactState<L> &x, bool whole) {
     if (!whole && !s.model.second_output)
-        return impact_sight<L>(s.model, s.drive, s.mode, s.into_s, x);
+        return impact_kinematics<L>(s.model, s.drive, s.mode, s.elapsed_s, x);
     ImpactState<L> ds{};
-    return impact_derivative<L>(s.model, s.drive, s.mode, s.into_s, x, ds);
+    return impact_derivative<L>(s.model, s.drive, s.mode, s.elapsed_s, x, ds);
 }
 
 template <class L>
@@ -221,12 +225,12 @@ static void write_row(LogRun<L> &run, std::size_t row, const ImpactOutput &out, 
     const double current = row > 0 ? (x[STATE_CURRENT_TIME] - run.charge_as) * per_s : now.i;
     const double bus = row > 0 ? (x[STATE_BUS_TIME] - run.bus_vs) * per_s : now.bus_v;
     const double values[IMPACT_COLUMN_COUNT] = {
-        sensors_read_current(p, current),
-        bus * (1.0 + p.supply_gain_relative),
+        sensors_measured_current(p, current),
+        bus * (1.0 + p.effects.supply_gain.relative),
         x[STATE_SPEED],
-        delays ? run.delayed.rows[row].speed : seen_speed(s, p, present),
+        delays ? run.delayed.rows[row].speed : measured_speed(s, p, present),
         x[STATE_ANGLE],
-        delays ? run.delayed.rows[row].angle : seen_angle(s, p, present),
+        delays ? run.delayed.rows[row].angle : measured_angle(s, p, present),
         now.joint_nm,
         x[L::ANVIL_ANGLE],
         now.head_rad,
@@ -259,15 +263,16 @@ template <class L> static void run_row(LogRun<L> &run, std::size_t row) {
     const double length = run.reader.row_s(row);
     const bool load = in.load_kind == LoadKind::TORQUE;
     const double load_rate = load ? (in.load_nm[row] - in.load_nm[row - 1]) / length : 0.0;
-    const double bus_v =
-        in.bus_v.empty() ? 0.0 : in.bus_v[row] / (1.0 + run.parameters.supply_gain_relative);
+    const double bus_v = in.bus_v.empty()
+                             ? 0.0
+                             : in.bus_v[row] / (1.0 + run.parameters.effects.supply_gain.relative);
     double left = length;
     while (left > 0.0) {
         const Stretch stretch = run.reader.next(row, run.now_s, left);
         const double load_nm = load ? in.load_nm[row - 1] + load_rate * (length - left) : 0.0;
         const ImpactDrive next{
             stretch.command, stretch.command_rate,
-            stretch.open,    stretch.switching ? run.solver.model.drive.dead_share : 0.0,
+            stretch.open,    stretch.switching ? run.solver.model.drive.bridge.dead_share : 0.0,
             bus_v,           load_nm,
             load_rate};
         impact_stretch(run.solver, next, run.now_s, stretch.length_s);
@@ -276,7 +281,7 @@ template <class L> static void run_row(LogRun<L> &run, std::size_t row) {
         left = left < 1e-12 * stretch.length_s ? 0.0 : left;
     }
     if (!run.delayed.rows.empty())
-        impact_cut(run.solver);
+        impact_truncate(run.solver);
 }
 
 struct ImpactJob {
@@ -303,9 +308,10 @@ static void prepare(LogRun<L> &run, const ImpactJob &job, std::size_t batch_row,
     impact_start(s);
     if (batch_row == 0 && !out.trace_s.empty())
         run.tracer = {&out, in.time_s[0], run.reader.row_scale(), 0};
-    if (run.parameters.speed_lag_s > 0.0 && run.parameters.speed_lag_delay_form != 0.0)
+    if (run.parameters.effects.speed_lag.time_constant_s > 0.0 &&
+        run.parameters.effects.speed_lag.delay_form != 0.0)
         run.delayed.prepare(in, run.reader.row_scale(), run.parameters);
-    s.watch = out.watch;
+    s.cancellation = out.cancellation;
     s.parameters = &run.parameters;
     s.observer = run.tracer.out || !run.delayed.rows.empty() ? &run : nullptr;
 }
@@ -326,7 +332,7 @@ static void run_tool(const ImpactJob &job, std::size_t batch_row, const Impact &
                 write_energy(run.solver, out.energy.data() + row * ENERGY_COUNT);
     }
     ImpactSolver<L> &s = run.solver;
-    impact_cut(s);
+    impact_truncate(s);
     blows_end(s.recorder, s.state.x[L::LUG_IMPULSE]);
     for (Blow &b : s.recorder.blows)
         b.time_s = in.time_s[0] + b.time_s / run.reader.row_scale();
@@ -365,9 +371,7 @@ static void check_trace(const std::vector<double> &trace_s) {
 static void check_log(const LogInput &in) {
     if (in.time_s.size() < 2)
         throw std::invalid_argument("simulate_impact needs two rows");
-    for (std::size_t row = 1; row < in.time_s.size(); ++row)
-        if (!(in.time_s[row] > in.time_s[row - 1]))
-            throw std::invalid_argument("simulate_impact: time_s must increase");
+    log_input_check_time(in, "simulate_impact");
 }
 
 void simulate_impact(const LogInput &in, const double *theta, std::size_t batch,
@@ -376,10 +380,7 @@ void simulate_impact(const LogInput &in, const double *theta, std::size_t batch,
     check_trace(out.trace_s);
     if (accuracy == ImpactAccuracy::FIXED)
         impact_check_step(out.fixed_s);
-    double peak = 0.0;
-    for (const double x : in.command_end)
-        peak = std::max(peak, std::fabs(x));
-    const ImpactJob job{&in, theta, peak, accuracy, &out};
+    const ImpactJob job{&in, theta, log_input_peak(in.command_end), accuracy, &out};
     out.blows.assign(batch, {});
     out.stats.assign(batch, {});
     out.trace.assign(out.trace_s.size() * TRACE_COLUMN_COUNT, std::nan(""));
@@ -389,9 +390,8 @@ void simulate_impact(const LogInput &in, const double *theta, std::size_t batch,
             naming_the_set(row, batch, [&] { what(job, row); });
         };
     };
-    share_work(batch, 1, nullptr,
-               each(model_of));  // an impossible tool is named before any has run
-    share_work(batch, threads, out.watch, each(run_any));
+    run_parallel(batch, 1, nullptr, each(model_of));  // impossible sets are refused before any run
+    run_parallel(batch, threads, out.cancellation, each(run_any));
 }
 
 }  // namespace vgroove

@@ -1,21 +1,23 @@
-// simulate_impact: the impact tool driven by the rows of a log, many parameter sets at once, with
-// its blows.
+// simulate_impact: the impact tool driven by the rows of a log, for many parameter sets at once,
+// with its blows.
 #ifndef VGROOVE_PLANT_IMPACT_LOG_HPP
 #define VGROOVE_PLANT_IMPACT_LOG_HPP
 
-#include "components/sensed.hpp"
-#include "drivetrain/log.hpp"
+#include "drivetrain/log_input.hpp"
 #include "impact/solver.hpp"
 
 namespace vgroove {
 
 enum class ImpactAccuracy { REFERENCE, FAST, FIXED };
 
-constexpr double IMPACT_STEP_FIXED_S = 35e-6;  // unless another is asked for
+constexpr double IMPACT_STEP_FIXED_S = 35e-6;  // default
+constexpr double CHANGE_INTERVAL_S = 1e-3;
+// Local error over the scales of current, speeds and angles
+constexpr double IMPACT_TOLERANCE_REFERENCE = 1e-10, IMPACT_TOLERANCE_FAST = 7e-5;
 constexpr double IMPACT_STEP_LEAST_S = 1e-7, IMPACT_STEP_MOST_S = 0.1;
 
-// Columns of batch x log rows. Means over the row: current, bus, housing; the others at its end, of
-// the first row all.
+// Columns of batch x log rows. Current, bus and housing are means over the row, the others values
+// at its end; in the first row all are values of the instant.
 enum ImpactColumn {
     IMPACT_CURRENT,
     IMPACT_SUPPLY,
@@ -34,7 +36,7 @@ enum ImpactColumn {
 };
 extern const char *const IMPACT_COLUMN_NAMES[IMPACT_COLUMN_COUNT];
 
-// Quantities of a dense trace.
+// Quantities of a trace at times of the caller's choice
 enum ImpactTraceColumn {
     TRACE_CURRENT,
     TRACE_SPEED,
@@ -74,27 +76,26 @@ struct ImpactOutput {
     double *columns[IMPACT_COLUMN_COUNT];  // each batch x rows
     std::vector<std::vector<Blow>> blows;  // one list per batch row
     std::vector<ImpactStats> stats;
-    std::vector<double>
-        trace_s;  // times of the dense trace, increasing, first batch row only; empty: none
-    std::vector<double> trace;  // times x TRACE_COLUMN_COUNT
+    std::vector<double> trace_s;  // times of the trace, increasing; empty: none
+    std::vector<double> trace;    // times x TRACE_COLUMN_COUNT, first batch row only
     bool keep_history = false;
     std::vector<StepRecord> history;  // first batch row only
     bool keep_energy = false;
     std::vector<double> energy;            // rows x ENERGY_COUNT, first batch row only
-    double tolerance = 0.0;                // 0: the accuracy's own
+    double tolerance = 0.0;                // 0: IMPACT_TOLERANCE_REFERENCE or _FAST
     double fixed_s = IMPACT_STEP_FIXED_S;  // step of accuracy FIXED
-    Watch *watch = nullptr;                // asked now and then whether the run is still wanted
+    Cancellation *cancellation = nullptr;
 };
 
-// theta: batch x PARAMETER_COUNT. The tool starts at rest, the hammer's lug hammer_start_rad from
-// the anvil's.
+// theta: batch x PARAMETER_COUNT. The tool starts at rest, the hammer's lug at hammer_start_rad
+// from the anvil's. Throws as simulate_log does.
 void simulate_impact(const LogInput &in, const double *theta, std::size_t batch,
                      ImpactAccuracy accuracy, int threads, ImpactOutput &out);
 
-// Gives the step of accuracy FIXED back, or throws std::invalid_argument.
+// Returns step_s if it is a possible step of accuracy FIXED, else throws std::invalid_argument.
 double impact_check_step(double step_s);
 
-// State of a tool at rest; also used by the lock-step tool.
+// Sets the tool at rest.
 template <class L> void impact_start(ImpactSolver<L> &s) {
     s.state = ImpactState<L>{};
     s.mode = ImpactMode{};
@@ -103,57 +104,55 @@ template <class L> void impact_start(ImpactSolver<L> &s) {
     impact_enter_gap(s.model, s.mode, s.model.start_rad);
     if (s.model.two_bodies)
         s.state.x[STATE_TWIST] = 0.0;
-    s.level_s = IMPACT_FIRST_CONTACT_S;
-    s.fresh = true;
-    s.ahead = false;
-    s.into_s = 0.0;
+    s.allowed_s = IMPACT_FIRST_CONTACT_S;
+    s.slope_stale = true;
+    s.pending = false;
+    s.elapsed_s = 0.0;
     s.weights = FlightWeights{};
     s.recorder = BlowRecorder{};
     s.stats = ImpactStats{};
     s.dropped_j = 0.0;
-    s.look_in = IMPACT_LOOK_STEPS;
-    s.credit = IMPACT_STEPS_SAVED;
-    s.looked_s = 0.0;
+    s.check_in = IMPACT_CHECK_STEPS;
+    s.step_budget = IMPACT_STEPS_SAVED;
+    s.checked_s = 0.0;
 }
 
-// Command and load of the next stretch; whether they are what they were, so that the solver need
-// not look anew.
+// Command and load of a stretch
 struct ImpactDrive {
     double command, command_rate, open, dead, bus_v, load_nm, load_rate;
 };
+
+// Whether the next stretch continues the lines of command and load
 template <class L>
-VGROOVE_INLINE bool impact_goes_on(const ImpactSolver<L> &s, const ImpactDrive &next) {
+VGROOVE_INLINE bool impact_drive_unchanged(const ImpactSolver<L> &s, const ImpactDrive &next) {
     const Drive<double> &d = s.drive;
     return d.command_rate == next.command_rate && d.open == next.open && d.dead == next.dead &&
            d.bus_v == next.bus_v && d.load_rate == next.load_rate &&
-           std::fabs(d.command + d.command_rate * s.into_s - next.command) <= 1e-12 &&
-           std::fabs(d.load_nm + d.load_rate * s.into_s - next.load_nm) <= 1e-12;
+           std::fabs(d.command + d.command_rate * s.elapsed_s - next.command) <= 1e-12 &&
+           std::fabs(d.load_nm + d.load_rate * s.elapsed_s - next.load_nm) <= 1e-12;
 }
 
-// Runs through a stretch. Where something changes the bridge opens or closes and switches are asked
-// again; a change is likely to be followed by another at the stretch's end, but not within a
-// millisecond.
+// Runs through a stretch. Where command or load change, the pending step is truncated and the modes
+// of the bridge follow. Another change is then expected at the stretch's end, but not within
+// CHANGE_INTERVAL_S.
 template <class L>
 VGROOVE_INLINE void impact_stretch(ImpactSolver<L> &s, const ImpactDrive &next, double now_s,
                                    double length_s) {
     s.horizon_s = IMPACT_NO_HORIZON_S;
-    if (!impact_goes_on(s, next)) {
-        impact_cut(s);
-        s.horizon_s = max_of(length_s, 1e-3);
+    if (!impact_drive_unchanged(s, next)) {
+        impact_truncate(s);
+        s.horizon_s = max_of(length_s, CHANGE_INTERVAL_S);
         s.drive = {next.command, next.command_rate, next.load_nm, next.load_rate,
                    next.bus_v,   next.open,         next.dead,    now_s};
-        s.fresh = true;
+        s.slope_stale = true;
         s.mode.ringing = s.mode.ringing && !s.model.joint.of_load;
         if (!(s.drive.open > 0.0))
             s.mode.drive.diode = 0.0;
         else if (s.mode.drive.diode == 0.0)
-            s.mode.drive.diode = impact_sign(s.state.x[STATE_CURRENT]);
+            s.mode.drive.diode = sign_of(s.state.x[STATE_CURRENT]);
     }
     impact_run(s, length_s);
 }
-
-constexpr double IMPACT_TOLERANCE_REFERENCE = 1e-10;
-constexpr double IMPACT_TOLERANCE_FAST = 7e-5;
 
 }  // namespace vgroove
 

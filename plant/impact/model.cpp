@@ -1,5 +1,5 @@
-// Constants of the impact mechanism from the flat parameters, with the effects that change a
-// coefficient folded in; energies and momentum.
+// Constants of the impact tool from the flat parameters, including the effects that change a
+// coefficient, and the checks of their ranges.
 #include "impact/model.hpp"
 
 #include <algorithm>
@@ -11,23 +11,18 @@
 namespace vgroove {
 
 constexpr double TURN_RAD = 6.283185307179586;
-constexpr double HAMMER_ANGLE_SCALE_RAD = 0.01;  // of the order of the deflection in a blow
+constexpr double ANGLE_SCALE_RAD = 0.01;  // for errors: of the order of the twist in a blow
 
-static void require(bool holds, const char *what) {
-    if (!holds)
-        throw std::invalid_argument(std::string("plant parameter out of range: ") + what);
-}
-
-// With the numbers that do not go together.
-static void require_together(bool holds, const char *words, double a, double b) {
+// message: a printf format for the two numbers that contradict each other
+static void require_together(bool holds, const char *message, double a, double b) {
     if (holds)
         return;
     char text[200];
-    std::snprintf(text, sizeof text, words, a, b);
+    std::snprintf(text, sizeof text, message, a, b);
     throw std::invalid_argument(text);
 }
 
-// Hammer and anvil lugs: a gap between them, a hammer that rises above them and starts in a gap.
+// The hammer must be able to rise above the lugs, and must start in a gap between them.
 static void check_lugs(const Impact &m, const Parameters &p) {
     require_together(m.travel_m > m.lug_height_m,
                      "mechanism.travel_rad lets the hammer rise by %.4g m: it must be more than "
@@ -41,31 +36,37 @@ static void check_lugs(const Impact &m, const Parameters &p) {
 }
 
 static void check_impact(const Parameters &p) {
-    require(p.hammer_inertia_kg_m2 > 0.0, "mechanism.hammer_inertia_kg_m2 must be positive");
-    require(p.hammer_mass_kg > 0.0, "mechanism.hammer_mass_kg must be positive");
-    require(p.anvil_inertia_kg_m2 > 0.0, "mechanism.anvil_inertia_kg_m2 must be positive");
-    require(p.groove_lead_m_per_rad > 0.0, "mechanism.groove_lead_m_per_rad must be positive");
-    require(p.groove_radius_m > 0.0, "mechanism.groove_radius_m must be positive");
-    require(p.lug_count >= 1.0 && p.lug_count == std::floor(p.lug_count),
-            "mechanism.lug_count must be a whole number above 0");
+    require_parameter(p.hammer_inertia_kg_m2 > 0.0,
+                      "mechanism.hammer_inertia_kg_m2 must be positive");
+    require_parameter(p.hammer_mass_kg > 0.0, "mechanism.hammer_mass_kg must be positive");
+    require_parameter(p.anvil_inertia_kg_m2 > 0.0,
+                      "mechanism.anvil_inertia_kg_m2 must be positive");
+    require_parameter(p.groove_lead_m_per_rad > 0.0,
+                      "mechanism.groove_lead_m_per_rad must be positive");
+    require_parameter(p.groove_radius_m > 0.0, "mechanism.groove_radius_m must be positive");
+    require_parameter(p.lug_count >= 1.0 && p.lug_count == std::floor(p.lug_count),
+                      "mechanism.lug_count must be a whole number above 0");
     require_together(p.lug_overlap_rad > 0.0 && p.lug_overlap_rad < TURN_RAD / p.lug_count,
                      "mechanism.lug_overlap_rad %.4g leaves no gap between the lugs: it must be "
                      "above 0 and below a turn over mechanism.lug_count, %.4g",
                      p.lug_overlap_rad, TURN_RAD / p.lug_count);
-    require(p.lug_radius_m > 0.0, "mechanism.lug_radius_m must be positive");
+    require_parameter(p.lug_radius_m > 0.0, "mechanism.lug_radius_m must be positive");
     require_together(
-        p.lug_height_m - p.lug_wear_m > 0.0,
+        p.lug_height_m - p.effects.lug_wear.height_m > 0.0,
         "mechanism.lug_height_m %.4g must be more than effects.lug_wear.height_m, %.4g",
-        p.lug_height_m, p.lug_wear_m);
-    require(p.contact_stiffness > 0.0, "mechanism.contact_stiffness_n_per_m must be positive");
-    require(p.contact_ramp_m > 0.0, "mechanism.contact_ramp_m must be positive");
-    require(p.contact_exponent >= 1.0, "mechanism.contact_exponent must be at least 1");
-    require(p.friction_speed_m_per_s > 0.0, "mechanism.friction_speed_m_per_s must be positive");
-    require(p.joint_stiffness * (1.0 + p.joint_stiffness_relative) > 0.0,
-            "load.stiffness_nm_per_rad must be positive");
-    require(p.arm_inertia_kg_m2 > 0.0, "mechanism.arm_inertia_kg_m2 must be positive");
-    require(p.spring_rate_n_per_m * (1.0 + p.spring_rate_relative) >= 0.0,
-            "mechanism.spring_rate_n_per_m must not be negative");
+        p.lug_height_m, p.effects.lug_wear.height_m);
+    require_parameter(p.contact_stiffness > 0.0,
+                      "mechanism.contact_stiffness_n_per_m must be positive");
+    require_parameter(p.contact_ramp_m > 0.0, "mechanism.contact_ramp_m must be positive");
+    require_parameter(p.contact_exponent >= 1.0, "mechanism.contact_exponent must be at least 1");
+    require_parameter(p.friction_speed_m_per_s > 0.0,
+                      "mechanism.friction_speed_m_per_s must be positive");
+    require_parameter(p.load.stiffness_nm_per_rad * (1.0 + p.effects.joint_stiffness.relative) >
+                          0.0,
+                      "load.stiffness_nm_per_rad must be positive");
+    require_parameter(p.arm_inertia_kg_m2 > 0.0, "mechanism.arm_inertia_kg_m2 must be positive");
+    require_parameter(p.spring_rate_n_per_m * (1.0 + p.effects.spring_rate.relative) >= 0.0,
+                      "mechanism.spring_rate_n_per_m must not be negative");
 }
 
 static void set_groove_and_hammer(Impact &m, const Parameters &p) {
@@ -77,36 +78,38 @@ static void set_groove_and_hammer(Impact &m, const Parameters &p) {
         v_groove_lead(p.groove_lead_m_per_rad, p.groove_radius_m, hammer_lead, hammer_radius);
     m.groove.vertex = std::max(p.vertex_rad, VERTEX_LEAST_RAD);
     m.groove.vertex2 = m.groove.vertex * m.groove.vertex;
-    m.groove.ball_arm = v_groove_ball_arm(p.groove_friction, m.groove.lead,
+    m.groove.ball_arm = v_groove_ball_arm(p.effects.groove_friction.coefficient, m.groove.lead,
                                           0.5 * (p.groove_radius_m + hammer_radius));
     m.ball_friction = m.groove.ball_arm > 0.0;
     m.hammer_inertia = p.hammer_inertia_kg_m2;
     m.hammer_inertia_inverse = 1.0 / p.hammer_inertia_kg_m2;
     m.hammer_mass = p.hammer_mass_kg;
-    m.preload_n = p.spring_preload_n * (1.0 + p.spring_preload_relative);
-    m.rate_n_per_m = p.spring_rate_n_per_m * (1.0 + p.spring_rate_relative);
+    m.preload_n = p.spring_preload_n * (1.0 + p.effects.spring_preload.relative);
+    m.rate_n_per_m = p.spring_rate_n_per_m * (1.0 + p.effects.spring_rate.relative);
     m.travel_m = v_groove_at(m.groove, p.travel_rad).x;
 }
 
 static void set_lugs(Impact &m, const Parameters &p) {
-    m.lug_height_m = p.lug_height_m - p.lug_wear_m;
+    m.lug_height_m = p.lug_height_m - p.effects.lug_wear.height_m;
     m.lug_radius_m = p.lug_radius_m;
     m.overlap_rad = p.lug_overlap_rad;
     m.period_rad = TURN_RAD / p.lug_count;
     m.start_rad = p.hammer_start_rad;
-    m.contact = {p.contact_stiffness,     p.contact_damping * (1.0 + p.impact_damping_relative),
-                 p.contact_ramp_m,        p.contact_exponent,
-                 p.friction_static,       p.friction_kinetic,
-                 p.friction_speed_m_per_s};
+    m.contact = {
+        p.contact_stiffness,     p.contact_damping * (1.0 + p.effects.impact_damping.relative),
+        p.contact_ramp_m,        p.contact_exponent,
+        p.friction_static,       p.friction_kinetic,
+        p.friction_speed_m_per_s};
     m.flank_friction = p.friction_static != 0.0 || p.friction_kinetic != 0.0;
     check_lugs(m, p);
 }
 
-// effect coupler_compliance, at the output: J2 = inertia_kg_m2, c = 2 damping_ratio sqrt(stiffness
-// J2). A pendulum hangs on the second body.
+// Effect coupler_compliance, behind the anvil: J2 = inertia_kg_m2, c = 2 damping_ratio
+// sqrt(stiffness J2). A pendulum is attached to the second body.
 static void set_output(Impact &m, const Parameters &p, LoadKind load) {
-    const bool coupler = std::isfinite(p.coupler_stiffness), pendulum = load == LoadKind::PENDULUM;
-    const double mass = pendulum ? p.load_mass_kg * p.load_length_m * p.load_length_m : 0.0;
+    const bool coupler = std::isfinite(p.effects.coupler_compliance.stiffness_nm_per_rad),
+               pendulum = load == LoadKind::PENDULUM;
+    const double mass = load_inertia(p, load);
     m.joint = joint_from(p, load);
     m.anvil_inertia = p.anvil_inertia_kg_m2;
     m.anvil_inertia_inverse = 1.0 / p.anvil_inertia_kg_m2;
@@ -115,24 +118,26 @@ static void set_output(Impact &m, const Parameters &p, LoadKind load) {
     m.ring_swings = m.ring_square > m.ring_decay * m.ring_decay;
     m.ring_rate = std::sqrt(std::fabs(m.ring_square - m.ring_decay * m.ring_decay));
     m.second_output = coupler || pendulum;
-    m.output_inertia =
-        std::max(mass + (coupler ? p.coupler_inertia_kg_m2 : 0.0), OUTPUT_INERTIA_LEAST);
+    m.output_inertia = std::max(mass + (coupler ? p.effects.coupler_compliance.inertia_kg_m2 : 0.0),
+                                OUTPUT_INERTIA_LEAST);
     m.output_inertia_inverse = 1.0 / m.output_inertia;
-    m.coupler_stiffness = coupler ? p.coupler_stiffness : m.joint.stiffness;
+    m.coupler_stiffness =
+        coupler ? p.effects.coupler_compliance.stiffness_nm_per_rad : m.joint.stiffness;
     m.coupler_damping =
-        coupler ? 2.0 * p.coupler_damping_ratio * std::sqrt(p.coupler_stiffness * m.output_inertia)
-                : m.joint.damping;
-    m.pendulum_nm = pendulum ? p.load_mass_kg * GRAVITY_M_S2 * p.load_length_m : 0.0;
-    m.zero_rad = p.load_zero_rad;
+        coupler
+            ? 2.0 * p.effects.coupler_compliance.damping_ratio *
+                  std::sqrt(p.effects.coupler_compliance.stiffness_nm_per_rad * m.output_inertia)
+            : m.joint.damping;
+    m.pendulum_nm = pendulum ? p.load.mass_kg * GRAVITY_M_S2 * p.load.length_m : 0.0;
+    m.zero_rad = p.load.zero_rad;
 }
 
-// The drivetrain without what belongs to the output in impact mode: there coupler_compliance sits
-// behind the anvil.
+// Parameters of the drivetrain alone: coupler and load act behind the anvil.
 static Parameters drivetrain_parameters(const Parameters &p) {
     Parameters d = p;
-    d.coupler_stiffness = OFF_AT_INFINITY;
-    d.coupler_inertia_kg_m2 = 0.0;
-    d.load_mass_kg = 0.0;
+    d.effects.coupler_compliance.stiffness_nm_per_rad = OFF_AT_INFINITY;
+    d.effects.coupler_compliance.inertia_kg_m2 = 0.0;
+    d.load.mass_kg = 0.0;
     return d;
 }
 
@@ -147,7 +152,7 @@ static void set_drive(Impact &m, const Parameters &p, InputKind input, bool bus_
     m.two_bodies = (m.drive.effects & EFFECT_TWO_BODIES) != 0u;
     m.ratio = p.gearbox_ratio;
     m.ratio_inverse = 1.0 / p.gearbox_ratio;
-    m.motor_inertia = p.motor_inertia_kg_m2 + p.added_inertia_kg_m2;
+    m.motor_inertia = p.motor_inertia_kg_m2 + p.effects.added_inertia.kg_m2;
     m.spindle_inertia =
         p.gearbox_output_inertia + (m.two_bodies ? 0.0 : m.ratio * m.ratio * m.motor_inertia);
     m.spindle_inertia_inverse = 1.0 / m.spindle_inertia;
@@ -157,8 +162,9 @@ Impact impact_from(const Parameters &p, LoadKind load, InputKind input, bool bus
                    double command_peak) {
     check_parameters(p, input != InputKind::CURRENT);
     check_impact(p);
-    require(load != LoadKind::FREE,
-            "a free load turns without an impact mechanism; under one load.kind = none is free");
+    require_parameter(
+        load != LoadKind::FREE,
+        "a free load turns without an impact mechanism; under one load.kind = none is free");
     Impact m{};
     set_drive(m, p, input, bus_measured, command_peak);
     set_groove_and_hammer(m, p);
@@ -170,60 +176,8 @@ Impact impact_from(const Parameters &p, LoadKind load, InputKind input, bool bus
     m.current_weight = 1.0 / m.drive.current_scale;
     m.speed_weight = 1.0 / m.drive.speed_scale;
     m.output_weight = m.ratio * m.speed_weight;
-    m.angle_weight = 1.0 / HAMMER_ANGLE_SCALE_RAD;
+    m.angle_weight = 1.0 / ANGLE_SCALE_RAD;
     return m;
-}
-
-static double twist_energy(const Impact &m, const ImpactState<AuditLayout> &s) {
-    using L = AuditLayout;
-    double energy = 0.5 * m.joint.stiffness * s.x[L::TWIST] * s.x[L::TWIST];
-    if (!m.second_output)
-        return energy;
-    const double twist = s.x[L::COUPLER_TWIST], w = s.x[L::OUTPUT_SPEED];
-    energy += 0.5 * m.coupler_stiffness * twist * twist + 0.5 * m.output_inertia * w * w;
-    return energy +
-           m.pendulum_nm * (1.0 - cos_of<double>(s.x[L::ANVIL_ANGLE] - twist - m.zero_rad));
-}
-
-double impact_stored(const Impact &m, const ImpactMode &mode, const ImpactState<AuditLayout> &s) {
-    using L = AuditLayout;
-    const double i = s.x[STATE_CURRENT], w = s.x[STATE_SPEED],
-                 spindle = impact_spindle_speed<L>(m, s);
-    const double q = impact_spindle_angle<L>(m, s) - s.x[L::HAMMER_ANGLE],
-                 q_rate = spindle - s.x[L::HAMMER_SPEED];
-    const GroovePoint g = v_groove_at(m.groove, q);
-    const double x_rate = g.s * q_rate;
-    double energy =
-        0.5 * m.spindle_inertia * spindle * spindle +
-        friction_angle_energy<double>(m.drive.friction, m.drive.effects, s.x[STATE_ANGLE]);
-    if (m.two_bodies)
-        energy += 0.5 * m.motor_inertia * w * w +
-                  gear_coupler_energy<double>(m.drive.gear, s.x[STATE_TWIST]);
-    if (m.drive.input != InputKind::CURRENT)
-        energy += 0.5 * i * i / m.drive.motor.inductance_inverse;
-    energy += 0.5 * m.hammer_inertia * s.x[L::HAMMER_SPEED] * s.x[L::HAMMER_SPEED] +
-              0.5 * m.hammer_mass * x_rate * x_rate;
-    energy += m.preload_n * g.x + 0.5 * m.rate_n_per_m * g.x * g.x;
-    energy +=
-        0.5 * m.anvil_inertia * s.x[L::ANVIL_SPEED] * s.x[L::ANVIL_SPEED] + twist_energy(m, s);
-    if (mode.place != ContactPlace::NONE)
-        energy += contact_energy(
-            m.contact, impact_gap(m, mode, impact_relative<L>(m, s), 0.0, g.x, x_rate).pen);
-    return energy;
-}
-
-double impact_reaction_by_momentum(const Impact &m, const ImpactPoint &at,
-                                   const ImpactState<AuditLayout> &ds) {
-    using L = AuditLayout;
-    const double spindle_alone =
-        m.spindle_inertia - (m.two_bodies ? 0.0 : m.ratio * m.ratio * m.motor_inertia);
-    const double spindle_rate =
-        (m.two_bodies ? ds.x[STATE_OUTPUT_SPEED] : ds.x[STATE_SPEED]) * m.ratio_inverse;
-    double change = m.motor_inertia * ds.x[STATE_SPEED] + spindle_alone * spindle_rate;
-    change += m.hammer_inertia * ds.x[L::HAMMER_SPEED] + m.anvil_inertia * ds.x[L::ANVIL_SPEED];
-    if (m.second_output)
-        change += m.output_inertia * ds.x[L::OUTPUT_SPEED];
-    return at.joint_nm + change;
 }
 
 }  // namespace vgroove

@@ -1,5 +1,5 @@
-// The impact mechanism behind the drivetrain: constants, state layout, modes and the derivative
-// (physics.md sections 4 to 6 and 8).
+// The impact mechanism behind the drivetrain: layout of its state, modes and constants
+// (docs/spec/model.md, sections 4 to 6 and 8).
 #ifndef VGROOVE_PLANT_IMPACT_MODEL_HPP
 #define VGROOVE_PLANT_IMPACT_MODEL_HPP
 
@@ -10,17 +10,17 @@
 
 namespace vgroove {
 
-constexpr double OUTPUT_INERTIA_LEAST =
-    1e-6;  // kg m2, a coupler's sensor lighter than that is read as this
+// A coupler's inertia below this is raised to it, kg m2.
+constexpr double OUTPUT_INERTIA_LEAST = 1e-6;
 
-// States: those of the drivetrain (motor current, speed, angle, ...), then the mechanism's. FULL:
-// with every effect, the states of slow ones and of a second output body; else none of them
-// (impact_needs_full), in code that does not ask for them. AUDIT: with energies.
+// Layout of the state: first the drivetrain's, then the mechanism's. FULL: with the states of
+// effects and of a second output body; without it the code for them is left out
+// (impact_needs_full). AUDIT: with energies.
 template <bool FULL_STATES, bool AUDITED> struct ImpactLayout {
     static constexpr bool FULL = FULL_STATES, AUDIT = AUDITED;
-    static constexpr bool EXACT = AUDITED;  // how the solver locates switches, impact_solver.hpp
+    static constexpr bool EXACT = AUDITED;  // accuracy of located events, impact/solver.hpp
     static constexpr int HAMMER_ANGLE =
-        FULL ? STATE_FULL_COUNT : STATE_CORE_COUNT;  // rad, from the spindle's angle at the start
+        FULL ? STATE_FULL_COUNT : STATE_CORE_COUNT;  // rad, 0 at the start
     static constexpr int HAMMER_SPEED = HAMMER_ANGLE + 1;
     static constexpr int ANVIL_ANGLE = HAMMER_ANGLE + 2;
     static constexpr int ANVIL_SPEED = HAMMER_ANGLE + 3;
@@ -48,30 +48,23 @@ using FullLayout = ImpactLayout<true, false>;
 using AuditLayout = ImpactLayout<true, true>;
 template <class L> using ImpactState = State<double, L::COUNT>;
 
-enum class ContactPlace {
-    NONE,
-    FORWARD,
-    BACKWARD,
-    TOP,
-    STOP
-};  // hammer lug on either flank of an anvil lug, on its top, hammer at the end stop
+// Hammer lug on either flank of an anvil lug, or on its top; hammer at the end stop
+enum class ContactPlace { NONE, FORWARD, BACKWARD, TOP, STOP };
 
-// What switches between smooth stretches. A contact, a slip, a ramp is a mode: within one the
-// derivative is analytic.
+// Discrete modes. Within one combination of modes the derivative is a smooth function.
 struct ImpactMode {
     Mode<double> drive;
     ContactPlace place;
-    bool above;  // above the lugs, else in the gap behind lug `lug`
-    bool approaching, ramped;
-    double forward_rad;   // relative angle at which the gap ends at a lug's flank; lug * period
-    double backward_rad;  // and at which it begins
-    long lug;             // number of the lug that ends the gap, 0 for the first
-    int slip;             // joint: -1 backwards, 0 sticks, 1 forwards
-    int segment;          // of the joint
-    double roll;          // groove: sign of q', 0 while the balls stick
-    double axial_sign;    // sign of the force through the balls
-    bool ringing;         // anvil rings on its joint, untouched, in closed form; fast mode only
-    bool frozen;          // and has come to rest
+    bool above;                // the hammer is above the lugs, else in the gap before lug `lug`
+    bool approaching, ramped;  // contact: penetration grows; its damping has the full value
+    double forward_rad, backward_rad;  // relative angles at the end and the begin of the gap
+    long lug;                          // number of the lug at the end of the gap, 0 for the first
+    int slip;                          // joint: -1 backwards, 0 sticks, 1 forwards
+    int segment;                       // of the joint
+    double roll;                       // groove: sign of q', 0 while the balls stick
+    double axial_sign;                 // sign of the force through the balls
+    bool ringing;  // fast mode: the untouched anvil rings on its joint in closed form
+    bool frozen;   // anvil and joint are at rest
 };
 
 struct Impact {
@@ -91,383 +84,27 @@ struct Impact {
     double preload_n, rate_n_per_m;
     double lug_height_m, lug_radius_m, overlap_rad, period_rad, travel_m, start_rad;
     double anvil_inertia, anvil_inertia_inverse;
-    double ring_decay, ring_square, ring_rate;  // anvil on its sticking joint: C / 2 JA, K / JA,
-                                                // root of the difference of their squares
-    bool ring_swings;                           // less than critically damped
+    // Anvil on its sticking joint: C / 2 JA, K / JA, sqrt |K / JA - (C / 2 JA)^2|; less than
+    // critically damped
+    double ring_decay, ring_square, ring_rate;
+    bool ring_swings;
     double coupler_stiffness, coupler_damping, output_inertia, output_inertia_inverse;
     double pendulum_nm, zero_rad;
     double arm_inertia_inverse, arm_stiffness, arm_damping;
-    double current_weight, speed_weight, output_weight,
-        angle_weight;  // of errors: 1 over stall current, free speed, that at the anvil, an angle
+    // Weights of errors: 1 / stall current, 1 / free speed at the motor and at the anvil, 1 / angle
+    double current_weight, speed_weight, output_weight, angle_weight;
 };
 
-// Throws std::invalid_argument naming what is out of range.
+// Throws std::invalid_argument, which names the parameter that is out of range.
 Impact impact_from(const Parameters &p, LoadKind load, InputKind input, bool bus_measured,
                    double command_peak);
 
-// True when the parameters need states or terms beyond the core's.
+// Whether the parameters need states or terms that only the FULL layout has
 VGROOVE_INLINE bool impact_needs_full(const Impact &m) {
     return (m.drive.effects & ~static_cast<std::uint32_t>(EFFECT_DEAD_TIME)) != 0u ||
            m.drive.input != InputKind::DUTY || m.drive.bus_measured || m.two_bodies ||
            m.second_output || m.flank_friction || m.ball_friction;
 }
-
-// Quantities of one instant beside the derivative.
-struct ImpactPoint {
-    double i, motor_w, motor_rate;  // motor speed and its rate
-    double friction_nm;             // motor friction, also what holds at rest
-    double held_nm, hold_forward_nm,
-        hold_backward_nm;  // torque on a resting motor and what friction holds
-    double bus_v, emf_v;
-    double q, q_rate, x, x_rate;
-    double axial_n, roll_needed_nm;  // force through the balls; friction torque that keeps rolling
-                                     // balls at rest
-    double spindle_nm;               // torque from spindle to hammer through the groove
-    double pen, pen_rate, contact_n, lug_nm;
-    double anvil_load_nm;  // torque of joint or coupler on the anvil
-    double joint_nm, trial_nm, forward_nm, backward_nm;
-    double head_rad;
-    double housing_nm;
-};
-
-struct ContactGap {
-    double pen, rate;
-};
-
-// Penetration of the contact that the place names, and its rate.
-VGROOVE_INLINE ContactGap impact_gap(const Impact &m, const ImpactMode &mode, double relative,
-                                     double relative_rate, double x, double x_rate) {
-    switch (mode.place) {
-    case ContactPlace::FORWARD:
-        return {m.lug_radius_m * (relative - mode.forward_rad), m.lug_radius_m * relative_rate};
-    case ContactPlace::BACKWARD:
-        return {m.lug_radius_m * (mode.backward_rad - relative), -m.lug_radius_m * relative_rate};
-    case ContactPlace::TOP:
-        return {m.lug_height_m - x, -x_rate};
-    case ContactPlace::STOP:
-        return {x - m.travel_m, x_rate};
-    case ContactPlace::NONE:
-        break;
-    }
-    return {0.0, 0.0};
-}
-
-template <class L>
-VGROOVE_INLINE double impact_spindle_angle(const Impact &m, const ImpactState<L> &s) {
-    double angle = s.x[STATE_ANGLE];
-    if constexpr (L::FULL)
-        if (m.two_bodies)
-            angle -= s.x[STATE_TWIST];
-    return angle * m.ratio_inverse;
-}
-
-template <class L>
-VGROOVE_INLINE double impact_spindle_speed(const Impact &m, const ImpactState<L> &s) {
-    if constexpr (L::FULL)
-        if (m.two_bodies)
-            return s.x[STATE_OUTPUT_SPEED] * m.ratio_inverse;
-    return s.x[STATE_SPEED] * m.ratio_inverse;
-}
-
-template <class L> VGROOVE_INLINE double impact_relative(const Impact &m, const ImpactState<L> &s) {
-    return s.x[L::HAMMER_ANGLE] + m.start_rad - s.x[L::ANVIL_ANGLE];
-}
-
-template <class L> VGROOVE_INLINE double impact_head(const Impact &m, const ImpactState<L> &s) {
-    double output = s.x[L::ANVIL_ANGLE];
-    if constexpr (L::FULL)
-        if (m.second_output)
-            output -= s.x[L::COUPLER_TWIST];
-    return output - s.x[L::TWIST];
-}
-
-// Motor current: L i' = v - R i - k w - brush. Torque at the shaft: k i less what depends on speed
-// and angle.
-template <class L>
-VGROOVE_INLINE Electrical<double>
-impact_electrical(const Impact &m, const Drive<double> &in, const ImpactMode &mode, double tau,
-                  const ImpactState<L> &s, ImpactState<L> &ds, ImpactPoint &at) {
-    const Drivetrain<double> &d = m.drive;
-    const Electrical<double> e = drivetrain_electrical<double, L::COUNT>(d, in, mode.drive, tau, s);
-    const double w = s.x[STATE_SPEED];
-    ds.x[STATE_CURRENT] = 0.0;
-    if (d.input != InputKind::CURRENT && !(in.open > 0.0 && mode.drive.diode == 0.0))
-        ds.x[STATE_CURRENT] =
-            motor_current_slope<double>(d.motor, e.terminal_v, e.r, e.i, e.k, w, e.brush_v);
-    ds.x[STATE_CURRENT_TIME] = e.i;
-    ds.x[STATE_BUS_TIME] = e.bus_v;
-    at.i = e.i;
-    at.motor_w = w;
-    at.bus_v = e.bus_v;
-    at.emf_v = e.k * w;
-    at.friction_nm = friction_sliding<double>(d.friction, d.effects, mode.drive.slide, w, e.k * e.i,
-                                              in.time_s + tau);
-    if (mode.drive.slide == 0.0) {
-        const HoldLimits<double> hold = friction_hold<double>(d.friction, d.effects, e.k * e.i);
-        at.hold_forward_nm = hold.forward_nm;
-        at.hold_backward_nm = hold.backward_nm;
-    }
-    return e;
-}
-
-// Contact, then spindle and hammer: with B = 1 / JJ + 1 / JS, s_b = s + ball friction, A = F0 + k x
-// + Faxial + m s' q'^2 and P = TJ / JJ + Tlug / JS, q'' = (P - B s_b A) / (1 + B m s s_b); the
-// balls carry Faxial = A + m s q'' = (A + m s P) / (1 + B m s s_b), the groove s_b Faxial.
-struct GrooveForces {
-    double spindle_rate, hammer_rate;
-};
-
-template <class L>
-VGROOVE_INLINE GrooveForces impact_groove(const Impact &m, const ImpactMode &mode,
-                                          double spindle_nm, const GroovePoint &g,
-                                          ImpactPoint &at) {
-    double axial =
-        m.preload_n + m.rate_n_per_m * at.x + m.hammer_mass * g.c * at.q_rate * at.q_rate;
-    if (mode.place != ContactPlace::NONE) {
-        const double n =
-            contact_force(m.contact, at.pen, at.pen_rate, mode.approaching, mode.ramped);
-        at.contact_n = n;
-        if (mode.place == ContactPlace::FORWARD || mode.place == ContactPlace::BACKWARD) {
-            at.lug_nm =
-                mode.place == ContactPlace::FORWARD ? m.lug_radius_m * n : -m.lug_radius_m * n;
-            if (L::FULL && m.flank_friction)
-                axial += contact_friction(m.contact, at.x_rate) * n;
-        } else {
-            axial += mode.place == ContactPlace::STOP ? n : -n;
-        }
-    }
-    const bool stuck = mode.drive.slide == 0.0 && !(L::FULL && m.two_bodies);
-    const double spindle = stuck ? 0.0 : m.spindle_inertia_inverse;
-    const double pull = spindle_nm * spindle + at.lug_nm * m.hammer_inertia_inverse;
-    const double both = spindle + m.hammer_inertia_inverse;
-    at.axial_n = axial;
-    if (L::FULL && m.ball_friction) {
-        const double s = g.s + mode.roll * mode.axial_sign * m.groove.ball_arm;
-        at.roll_needed_nm = pull / both - g.s * axial;
-        if (mode.roll != 0.0)
-            at.axial_n =
-                (axial + m.hammer_mass * g.s * pull) / (1.0 + both * m.hammer_mass * g.s * s);
-        at.spindle_nm = mode.roll == 0.0 ? pull / both : s * at.axial_n;
-    } else {
-        at.axial_n = (axial + m.hammer_mass * g.s * pull) *
-                     (g.square / (g.square + both * m.hammer_mass * g.run * g.run));
-        at.spindle_nm = g.s * at.axial_n;
-    }
-    return {(spindle_nm - at.spindle_nm) * spindle,
-            (at.spindle_nm - at.lug_nm) * m.hammer_inertia_inverse};
-}
-
-// Groove and contact as the angles and speeds have them.
-template <class L>
-VGROOVE_INLINE GroovePoint impact_geometry(const Impact &m, const ImpactMode &mode,
-                                           const ImpactState<L> &s, ImpactPoint &at) {
-    at.q = impact_spindle_angle<L>(m, s) - s.x[L::HAMMER_ANGLE];
-    at.q_rate = impact_spindle_speed<L>(m, s) - s.x[L::HAMMER_SPEED];
-    const GroovePoint g = v_groove_at(m.groove, at.q);
-    at.x = g.x;
-    at.x_rate = g.s * at.q_rate;
-    const double relative_rate = s.x[L::HAMMER_SPEED] - s.x[L::ANVIL_SPEED];
-    const ContactGap gap =
-        impact_gap(m, mode, impact_relative<L>(m, s), relative_rate, at.x, at.x_rate);
-    at.pen = gap.pen;
-    at.pen_rate = gap.rate;
-    return g;
-}
-
-// Speed of the body that the joint holds.
-template <class L>
-VGROOVE_INLINE double impact_output_speed(const Impact &m, const ImpactState<L> &s) {
-    if constexpr (L::FULL)
-        if (m.second_output)
-            return s.x[L::OUTPUT_SPEED];
-    return s.x[L::ANVIL_SPEED];
-}
-
-// T = K e + C w while the head sticks, limited to the slip torques.
-template <class L>
-VGROOVE_INLINE void impact_joint(const Impact &m, const Drive<double> &in, const ImpactMode &mode,
-                                 double tau, const ImpactState<L> &s, ImpactPoint &at) {
-    at.head_rad = impact_head<L>(m, s);
-    const double load = in.load_nm + in.load_rate * tau;
-    const SlipTorques slip =
-        joint_slip(m.joint, mode.segment, at.head_rad, load > 0.0 ? load : 0.0);
-    at.trial_nm =
-        m.joint.stiffness * s.x[L::TWIST] + m.joint.damping * impact_output_speed<L>(m, s);
-    at.forward_nm = slip.forward_nm;
-    at.backward_nm = slip.backward_nm;
-    at.joint_nm =
-        mode.slip == 0 ? at.trial_nm : (mode.slip > 0 ? slip.forward_nm : -slip.backward_nm);
-}
-
-// What switches are looked up by, without forces: for events that angles and speeds decide.
-template <class L>
-VGROOVE_INLINE ImpactPoint impact_sight(const Impact &m, const Drive<double> &in,
-                                        const ImpactMode &mode, double tau,
-                                        const ImpactState<L> &s) {
-    ImpactPoint at{};
-    impact_geometry<L>(m, mode, s, at);
-    impact_joint<L>(m, in, mode, tau, s, at);
-    return at;
-}
-
-// e' = (T - K e) / C; JA wA' = Tlug - T. A second body: J2 w2' = Kc ec + Cc ec' - T, ec' = wA - w2,
-// and the anvil carries Kc ec + Cc ec'.
-template <class L>
-VGROOVE_INLINE void impact_output(const Impact &m, const ImpactMode &mode, const ImpactState<L> &s,
-                                  ImpactState<L> &ds, ImpactPoint &at) {
-    const double w = impact_output_speed<L>(m, s);
-    ds.x[L::TWIST] = mode.slip == 0 ? w
-                                    : (at.joint_nm - m.joint.stiffness * s.x[L::TWIST]) *
-                                          m.joint.damping_inverse;
-    at.anvil_load_nm = at.joint_nm;
-    if constexpr (L::FULL) {
-        if (m.second_output) {
-            const double twist = s.x[L::COUPLER_TWIST];
-            ds.x[L::COUPLER_TWIST] = s.x[L::ANVIL_SPEED] - w;
-            at.anvil_load_nm =
-                m.coupler_stiffness * twist + m.coupler_damping * ds.x[L::COUPLER_TWIST];
-            at.joint_nm +=
-                m.pendulum_nm != 0.0
-                    ? m.pendulum_nm * sin_of<double>(s.x[L::ANVIL_ANGLE] - twist - m.zero_rad)
-                    : 0.0;
-            ds.x[L::OUTPUT_SPEED] = (at.anvil_load_nm - at.joint_nm) * m.output_inertia_inverse;
-        }
-    }
-    ds.x[L::ANVIL_ANGLE] = s.x[L::ANVIL_SPEED];
-    ds.x[L::ANVIL_SPEED] = (at.lug_nm - at.anvil_load_nm) * m.anvil_inertia_inverse;
-    if (mode.ringing || mode.frozen)
-        ds.x[L::ANVIL_ANGLE] = ds.x[L::ANVIL_SPEED] = ds.x[L::TWIST] = 0.0;
-}
-
-// Motor and spindle: one body, or two with play between them. Returns the torque on the spindle
-// from the motor's side.
-template <class L>
-VGROOVE_INLINE double impact_spindle_torque(const Impact &m, const ImpactState<L> &s,
-                                            double motor_nm) {
-    if constexpr (L::FULL)
-        if (m.two_bodies)
-            return m.ratio *
-                   gear_coupler_torque<double>(m.drive.gear, m.drive.effects, s.x[STATE_TWIST],
-                                               s.x[STATE_SPEED] - s.x[STATE_OUTPUT_SPEED]);
-    return m.ratio * motor_nm;
-}
-
-template <class L>
-VGROOVE_INLINE void impact_shafts(const Impact &m, const ImpactMode &mode, double motor_nm,
-                                  double spindle_nm, double spindle_rate, ImpactState<L> &ds,
-                                  ImpactPoint &at, const ImpactState<L> &s) {
-    const bool slides = mode.drive.slide != 0.0;
-    at.motor_rate = spindle_rate * m.ratio;
-    at.held_nm = motor_nm + at.friction_nm - at.spindle_nm * m.ratio_inverse;
-    if constexpr (L::FULL) {
-        if (m.two_bodies) {
-            const double gear_nm = spindle_nm * m.ratio_inverse;
-            at.held_nm = motor_nm + at.friction_nm - gear_nm;
-            at.motor_rate = slides ? (motor_nm - gear_nm) / m.motor_inertia : 0.0;
-            ds.x[STATE_OUTPUT_SPEED] = spindle_rate * m.ratio;
-            ds.x[STATE_TWIST] = s.x[STATE_SPEED] - s.x[STATE_OUTPUT_SPEED];
-        }
-    }
-    if (!slides)
-        at.friction_nm = at.held_nm;
-    ds.x[STATE_SPEED] = at.motor_rate;
-    ds.x[STATE_ANGLE] = s.x[STATE_SPEED];
-}
-
-// T_h = N (k i - Tf) - (N - 1) Jm w'; arm: J_h ph'' + c ph' + k ph = T_h
-template <class L>
-VGROOVE_INLINE void impact_housing(const Impact &m, double motor_nm_before_friction,
-                                   const ImpactState<L> &s, ImpactState<L> &ds, ImpactPoint &at) {
-    at.housing_nm = m.ratio * (motor_nm_before_friction - at.friction_nm) -
-                    (m.ratio - 1.0) * m.motor_inertia * at.motor_rate;
-    ds.x[L::ARM_ANGLE] = s.x[L::ARM_SPEED];
-    ds.x[L::ARM_SPEED] =
-        (at.housing_nm - m.arm_damping * s.x[L::ARM_SPEED] - m.arm_stiffness * s.x[L::ARM_ANGLE]) *
-        m.arm_inertia_inverse;
-    ds.x[L::HOUSING_TIME] = at.housing_nm;
-    ds.x[L::LUG_IMPULSE] = at.lug_nm;
-}
-
-// Powers of source and losses; with the energy dropped at a release (impact_solver.hpp) they
-// balance the change of impact_stored.
-template <class L>
-VGROOVE_INLINE void impact_audit(const Impact &m, const Drive<double> &in,
-                                 const Electrical<double> &e, const ImpactMode &mode,
-                                 const ImpactState<L> &s, ImpactState<L> &ds,
-                                 const ImpactPoint &at) {
-    const Drivetrain<double> &d = m.drive;
-    const double w = at.motor_w;
-    const double source_v = d.bus_measured ? e.bus_v : e.source_v;
-    if (d.input == InputKind::CURRENT)
-        ds.x[L::WORK_IN] = e.k * e.i * w;
-    else
-        ds.x[L::WORK_IN] = d.input == InputKind::DUTY ? source_v * e.bus_a : e.terminal_v * e.i;
-    double electric = d.input == InputKind::CURRENT ? 0.0 : e.r * e.i * e.i + e.brush_v * e.i;
-    if (d.input == InputKind::DUTY)
-        electric += (d.bus_measured ? 0.0 : supply_loss<double>(d.supply, e.bus_a)) +
-                    bridge_loss<double>(d.bridge, d.effects, in, e.bus_v, e.ripple_a, e.i);
-    ds.x[L::LOSS_ELECTRIC] = electric;
-    ds.x[L::LOSS_FRICTION] = at.friction_nm * w;
-    if (m.two_bodies) {
-        const double slip = s.x[STATE_SPEED] - s.x[STATE_OUTPUT_SPEED];
-        const double torque =
-            gear_coupler_torque<double>(d.gear, d.effects, s.x[STATE_TWIST], slip);
-        ds.x[L::LOSS_FRICTION] +=
-            (torque - gear_spring_torque<double>(d.gear, s.x[STATE_TWIST])) * slip;
-    }
-    ds.x[L::LOSS_GROOVE] = mode.roll * std::fabs(at.axial_n) * m.groove.ball_arm * at.q_rate;
-    if (mode.place != ContactPlace::NONE)
-        ds.x[L::LOSS_CONTACT] = (at.contact_n - contact_spring(m.contact, at.pen)) * at.pen_rate;
-    if (m.flank_friction && at.lug_nm != 0.0)
-        ds.x[L::LOSS_CONTACT] += contact_friction(m.contact, at.x_rate) * at.contact_n * at.x_rate;
-    const double elastic = m.joint.stiffness * s.x[L::TWIST];
-    const double joint_only =
-        mode.slip == 0 ? at.trial_nm : (mode.slip > 0 ? at.forward_nm : -at.backward_nm);
-    const double output_w = m.second_output ? s.x[L::OUTPUT_SPEED] : s.x[L::ANVIL_SPEED];
-    ds.x[L::LOSS_JOINT] = joint_only * output_w - elastic * ds.x[L::TWIST];
-    if (m.second_output)
-        ds.x[L::LOSS_JOINT] += m.coupler_damping * ds.x[L::COUPLER_TWIST] * ds.x[L::COUPLER_TWIST];
-}
-
-// The derivative of the whole state, tau into a step.
-template <class L>
-VGROOVE_INLINE ImpactPoint impact_derivative(const Impact &m, const Drive<double> &in,
-                                             const ImpactMode &mode, double tau,
-                                             const ImpactState<L> &s, ImpactState<L> &ds) {
-    ImpactPoint at{};
-    const Electrical<double> e = impact_electrical<L>(m, in, mode, tau, s, ds, at);
-    const double torque =
-        e.k * e.i - friction_of_angle<double>(m.drive.friction, m.drive.effects, s.x[STATE_ANGLE]);
-    const double motor_nm = torque - at.friction_nm;
-    const GroovePoint g = impact_geometry<L>(m, mode, s, at);
-    const double spindle_nm = impact_spindle_torque<L>(m, s, motor_nm);
-    const GrooveForces f = impact_groove<L>(m, mode, spindle_nm, g, at);
-    ds.x[L::HAMMER_ANGLE] = s.x[L::HAMMER_SPEED];
-    ds.x[L::HAMMER_SPEED] = f.hammer_rate;
-    impact_joint<L>(m, in, mode, tau, s, at);
-    impact_output<L>(m, mode, s, ds, at);
-    impact_shafts<L>(m, mode, motor_nm, spindle_nm, f.spindle_rate, ds, at, s);
-    impact_housing<L>(m, torque, s, ds, at);
-    if constexpr (L::FULL) {
-        if (m.drive.effects & EFFECT_CURRENT_LAG)
-            ds.x[STATE_CURRENT_TIME] = s.x[STATE_CURRENT_FILTER];
-        supply_derivative<double, L::COUNT>(m.drive.supply, m.drive.effects, e.bus_a, s, ds);
-        motor_heat_derivative<double, L::COUNT>(m.drive.motor, m.drive.effects, e.i, e.r, s, ds);
-        sensors_derivative<double, L::COUNT>(m.drive.sensors, m.drive.effects, e.i, s, ds);
-    }
-    if constexpr (L::AUDIT)
-        impact_audit<L>(m, in, e, mode, s, ds, at);
-    return at;
-}
-
-// Stored energy: inductance, turning and sliding masses, hammer spring, contact, joint and coupler
-// twist, pendulum, cogging, play.
-double impact_stored(const Impact &m, const ImpactMode &mode, const ImpactState<AuditLayout> &s);
-
-// Joint torque plus the change of angular momentum of everything that turns: the housing reaction
-// the other way.
-double impact_reaction_by_momentum(const Impact &m, const ImpactPoint &at,
-                                   const ImpactState<AuditLayout> &ds);
 
 }  // namespace vgroove
 

@@ -1,38 +1,81 @@
-// One period of the drill driver: command, dead time, pack and load into the real-time solver,
-// edges of the Hall wheel out of the motor's angle.
+// One period of the drill driver: command, dead time, pack resistance and load go into the
+// real-time solver.
 #include "lockstep/drill_plant.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <deque>
-#include <limits>
 #include <stdexcept>
 #include <string>
 #include <utility>
 
 #include "components/bridge.hpp"
-#include "drill/solvers.hpp"
+#include "drill/real_time.hpp"
+#include "lockstep/body.hpp"
 
 namespace vgroove {
 
-constexpr double WHOLE_STEPS = 1e-6;  // how far from a whole number of steps an interval may be
+// An interval may differ from a whole number of steps by this share of a step.
+constexpr double WHOLE_STEPS = 1e-6;
 
-struct DrillPlant::Body {
+// v = (d - dead S(i)) Vs, S(i) = i / ir within +-1, ir = max(0.2 A, |d| (1 - |d|) Vs / (2 L f))
+static double effective_duty(const DrillParameters &p, double duty, double dead, double bus,
+                             double current_a) {
+    const double share = std::fabs(duty);
+    if (share == 0.0 || share >= 1.0 || dead == 0.0)
+        return duty;
+    const Bridge<double> bridge{0.0, PERIOD_S / (2.0 * p.inductance_h), 0.0, 0.0};
+    return duty -
+           dead * bridge_sign<double>(bridge, current_a, bridge_ripple<double>(bridge, duty, bus));
+}
+
+// Tc in the middle of the period, which is middle_s
+static double chuck_torque(const DrillParameters &p, const DrillSystem &s, double middle_s,
+                           double command_nm) {
+    const double window = middle_s >= p.load_from_s && middle_s < p.load_to_s ? p.load_nm : 0.0;
+    const double past_rad =
+        s.sums[DRILL_CHUCK_ANGLE] + s.x[DRILL_CHUCK] * (middle_s - s.time_s) - p.rise_from_rad;
+    return std::max(window + std::min(p.rise_nm_per_rad * std::max(past_rad, 0.0), p.rise_most_nm) +
+                        command_nm,
+                    0.0);
+}
+
+struct DrillPlant::Body final : LockstepTool {
     DrillParameters parameters;
     double supply_ohm, step_s;
-    HallWheel wheel;
     DrillRealTime solver;
-    double load_nm = 0.0, chuck_nm = 0.0;  // of the command at the end of the last period; Tc
-    std::deque<std::int64_t> edges;
-    std::int64_t cycles = 0;
-    Noise dropout{};
+    LockstepBody lockstep;
+    double load_nm = 0.0;   // of the command at the end of the last period
+    double chuck_nm = 0.0;  // Tc of the last period
+    double bus_v = 0.0;     // mean of the last period
 
     Body(const DrillParameters &p, double ohm, HallWheel w, double h)
         : parameters(p),
           supply_ohm(ohm),
           step_s(h),
-          wheel(std::move(w)),
-          solver(p, h) {}
+          solver(p, h),
+          lockstep(std::move(w), HallFaults{}, 0) {}
+
+    void run_period(const BridgeCommand &c, double load_end_nm) override {
+        const DrillSystem &s = solver.system();
+        const double current = s.x[DRILL_CURRENT], charge = s.sums[DRILL_CHARGE];
+        const double bus = parameters.supply_v - supply_ohm * (c.coast ? 0.0 : c.duty * current);
+        chuck_nm =
+            chuck_torque(parameters, s, s.time_s + 0.5 * step_s, 0.5 * (load_nm + load_end_nm));
+        load_nm = load_end_nm;
+        const double duty =
+            c.coast ? 0.0 : effective_duty(parameters, c.duty, c.dead, bus, current);
+        solver.command({c.coast, duty, bus, chuck_nm});
+        solver.step();
+        const double mean_a = (s.sums[DRILL_CHARGE] - charge) / step_s;
+        bus_v = parameters.supply_v - supply_ohm * (c.coast ? 0.0 : c.duty * mean_a);
+    }
+
+    double measured_current() const override { return solver.system().x[DRILL_CURRENT]; }
+    double measured_bus() const override { return bus_v; }
+    WheelReading wheel() const override {
+        const DrillSystem &s = solver.system();
+        return {s.sums[DRILL_ANGLE], s.x[DRILL_SPEED]};
+    }
 };
 
 DrillPlant::DrillPlant(const DrillParameters &p, double supply_ohm, HallWheel wheel,
@@ -42,7 +85,8 @@ DrillPlant::DrillPlant(const DrillParameters &p, double supply_ohm, HallWheel wh
     if (supply_ohm > 0.0 && p.pulse != 0.0)
         throw std::invalid_argument(
             "pulse mode without a board has no pack resistance: supply.resistance_ohm must be 0");
-    body_.reset(new Body(p, supply_ohm, std::move(wheel), step_s));
+    body_ = std::make_unique<Body>(p, supply_ohm, std::move(wheel), step_s);
+    body_->lockstep.begin(*body_);
 }
 
 DrillPlant::~DrillPlant() = default;
@@ -62,53 +106,10 @@ double DrillPlant::shaft_nm() const {
     return drill_shaft_torque(s.p, s.mode, s.x);
 }
 
-// v = (d - dead S(i)) Vs, S(i) = i / ir within +-1, ir = max(0.2 A, |d| (1 - |d|) Vs / (2 L f))
-static double effective_duty(const DrillParameters &p, double duty, double dead, double bus,
-                             double current_a) {
-    const double share = std::fabs(duty);
-    if (share == 0.0 || share >= 1.0 || dead == 0.0)
-        return duty;
-    const Bridge<double> bridge{0.0, PERIOD_S / (2.0 * p.inductance_h), 0.0};
-    return duty -
-           dead * bridge_sign<double>(bridge, current_a, bridge_ripple<double>(bridge, duty, bus));
-}
-
-// Tc in the middle of the period
-static double chuck_torque(const DrillParameters &p, const DrillSystem &s, double middle_s,
-                           double command_nm) {
-    const double window = middle_s >= p.load_from_s && middle_s < p.load_to_s ? p.load_nm : 0.0;
-    const double past_rad =
-        s.sums[DRILL_CHUCK_ANGLE] + s.x[DRILL_CHUCK] * (middle_s - s.time_s) - p.rise_from_rad;
-    return std::max(window + std::min(p.rise_nm_per_rad * std::max(past_rad, 0.0), p.rise_most_nm) +
-                        command_nm,
-                    0.0);
-}
-
 PeriodResult DrillPlant::period(bool coast, double duty, double dead, double load_nm) {
     if (!(std::fabs(duty) <= 1.0))
         throw std::invalid_argument("duty must be within +-1");
-    Body &b = *body_;
-    const DrillSystem &s = b.solver.system();
-    const double current = s.x[DRILL_CURRENT], angle = s.sums[DRILL_ANGLE],
-                 speed = s.x[DRILL_SPEED], charge = s.sums[DRILL_CHARGE];
-    const double bus = b.parameters.supply_v - b.supply_ohm * (coast ? 0.0 : duty * current);
-    b.chuck_nm =
-        chuck_torque(b.parameters, s, s.time_s + 0.5 * b.step_s, 0.5 * (b.load_nm + load_nm));
-    b.load_nm = load_nm;
-    b.solver.command({coast, coast ? 0.0 : effective_duty(b.parameters, duty, dead, bus, current),
-                      bus, b.chuck_nm});
-    b.solver.step();
-    const double mean_a = (s.sums[DRILL_CHARGE] - charge) / b.step_s;
-    const Sweep sweep{angle, speed, s.sums[DRILL_ANGLE], s.x[DRILL_SPEED]};
-    if (sweep.end_angle != sweep.angle && !b.wheel.edge_rad.empty())
-        hall_wheel_edges(b.wheel, sweep, 0.0, b.dropout, b.cycles, b.edges);
-    PeriodResult r{s.x[DRILL_CURRENT],
-                   b.parameters.supply_v - b.supply_ohm * (coast ? 0.0 : duty * mean_a),
-                   0,
-                   {}};
-    hall_wheel_take(b.edges, b.cycles, r);
-    b.cycles += PERIOD_CYCLES;
-    return r;
+    return body_->lockstep.period(*body_, {coast, duty, dead}, load_nm);
 }
 
 DrillInterval DrillPlant::advance(double seconds, double duty_from, double duty, bool coast,

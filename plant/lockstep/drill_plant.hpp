@@ -1,5 +1,5 @@
-// The drill driver in lock-step: with a board a PWM period at a time, or with any controller an
-// interval at a time.
+// The drill driver in lock-step: with a board, one PWM period a call; with any other controller,
+// one interval a call.
 #ifndef VGROOVE_PLANT_LOCKSTEP_DRILL_PLANT_HPP
 #define VGROOVE_PLANT_LOCKSTEP_DRILL_PLANT_HPP
 
@@ -7,33 +7,32 @@
 #include <memory>
 
 #include "components/hall_wheel.hpp"
-#include "drill/model.hpp"
+#include "drill/events.hpp"
 
 namespace vgroove {
 
-// What an interval came to: means of current and bus, the largest shaft torque, the rest at its
-// end.
+// An interval: current and bus as means, the largest shaft torque, the others at its end
 struct DrillInterval {
     double current_a, supply_v, shaft_peak_nm, speed_rad_s, angle_rad, chuck_rad_s, chuck_angle_rad,
         shaft_nm, load_nm;
-    double slipped_s;  // how long the clutch slipped
+    double slipped_s;  // time during which the clutch slipped
 };
 
-// The load at the chuck is the friction law over Tc = what the parameters put on between from_s and
-// to_s + rise_nm_per_rad times the chuck's angle past rise_from_rad, at most rise_most_nm, + the
-// torque that comes with each period.
+// The load at the chuck is the friction law with Tc = torque_nm between from_s and to_s, plus
+// rise_nm_per_rad times the chuck's angle past rise_from_rad up to rise_most_nm, plus the load
+// torque of each period.
 class DrillPlant {
 public:
-    // supply_ohm: of the pack. step_s: of period(), 510 CPU cycles unless the plant runs alone.
+    // supply_ohm: of the pack. step_s: length of a period; 510 CPU cycles with a board.
     DrillPlant(const DrillParameters &p, double supply_ohm, HallWheel wheel, double step_s);
     ~DrillPlant();
     DrillPlant(DrillPlant &&) noexcept;
 
-    // As DrivePlant::period. With the parameters' pulse mode on, it replaces the duty as physics.md
-    // section 7 has it: for runs without a board.
+    // As DrivePlant::period. Pulse mode of the parameters replaces the duty (docs/spec/model.md,
+    // section 7): for runs without a board.
     PeriodResult period(bool coast, double duty, double dead, double load_nm);
 
-    // A whole number of steps; the duty runs straight from `duty_from` to `duty`.
+    // A whole number of periods; the duty runs linearly from `duty_from` to `duty`.
     DrillInterval advance(double seconds, double duty_from, double duty, bool coast,
                           double load_nm);
 

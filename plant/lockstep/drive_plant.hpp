@@ -1,4 +1,4 @@
-// The tool in lock-step with a board: one PWM period at a time, Hall edges in CPU cycles
+// The drivetrain in lock-step with a board: one PWM period a call, Hall edges in CPU cycles
 // (docs/architecture.md).
 #ifndef VGROOVE_PLANT_LOCKSTEP_DRIVE_PLANT_HPP
 #define VGROOVE_PLANT_LOCKSTEP_DRIVE_PLANT_HPP

@@ -1,5 +1,5 @@
-// Lock-step face of the impact tool: commands and their delay, the solver over an interval, edges
-// of the Hall wheel out of the angle.
+// The impact tool over an interval: commands and their delay go into the solver, means and values
+// at the end come out of the step that reaches beyond it.
 #include "lockstep/impact_plant.hpp"
 
 #include <algorithm>
@@ -8,70 +8,108 @@
 #include <stdexcept>
 #include <utility>
 
+#include "impact/interpolant.hpp"
+#include "lockstep/body.hpp"
+
 namespace vgroove {
+
+constexpr double SAME_INSTANT_S = 1e-12;
 
 struct TimedCommand {
     double from_s;
-    bool coast;
-    double duty, dead;
+    BridgeCommand command;
 };
 
-struct ImpactBody {
+struct ImpactBody : LockstepTool {
     Parameters parameters;
-    HallWheel wheel;
-    Noise dropout;
-    std::deque<TimedCommand> commands;  // in force and still to come
-    std::deque<std::int64_t> edges;     // cycles since start at which each is seen
-    std::int64_t cycles = 0, edge_delay = 0;
-    double now_s = 0.0, period_s = PERIOD_S, load_nm = 0.0;
-    Sweep sweep{};
+    LockstepBody lockstep;
+    std::deque<TimedCommand> commands{{0.0, {true, 0.0, 0.0}}};  // in force and to come
+    double now_s = 0.0, period_s, load_nm = 0.0;
 
-    virtual ~ImpactBody() = default;
-    virtual void run(double seconds, const TimedCommand &c, double load_from_nm,
-                     double load_rate) = 0;
-    virtual void adopt() = 0;  // the parameters, once they are there
-    virtual void reset_means() = 0;
-    virtual AdvanceResult now() const = 0;  // true values of this instant
+    ImpactBody(const Parameters &p, HallWheel wheel, std::uint64_t seed)
+        : parameters(p),
+          lockstep(std::move(wheel), hall_faults(p), seed),
+          period_s(PERIOD_S / (1.0 + p.effects.clock_skew.relative)) {}
+
+    virtual void run(double seconds, const BridgeCommand &c, double load_rate) = 0;
+    virtual void begin_means() = 0;
+    virtual AdvanceResult now() const = 0;
     virtual AdvanceResult result(double seconds) const = 0;
-    virtual double sensed_current() const = 0;
-    virtual double mean_bus(double seconds) const = 0;
-    virtual double seen_angle() const = 0;
-    virtual double seen_speed() const = 0;
     virtual double kelvin() const = 0;
     virtual ImpactStats statistics() const = 0;
     virtual std::vector<Blow> take_blows() = 0;
+
+    double dead_share() const {
+        return 2.0 * parameters.effects.dead_time.dead_time_s * parameters.bridge_pwm_hz;
+    }
+
+    void run_period(const BridgeCommand &c, double load_end_nm) override {
+        run_interval(period_s, {c.coast, c.duty, c.dead + dead_share()}, load_end_nm);
+    }
+
+    // Runs an interval with the commands in force in it; effect transport_delay: each command acts
+    // that much later than it is given.
+    void run_interval(double seconds, const BridgeCommand &given, double load_end_nm) {
+        begin_means();
+        const double rate = (load_end_nm - load_nm) / seconds;
+        if (parameters.effects.transport_delay.delay_s == 0.0) {
+            run(seconds, given, rate);
+            now_s += seconds;
+        } else {
+            commands.push_back({now_s + parameters.effects.transport_delay.delay_s, given});
+            run_delayed(seconds, rate);
+        }
+        load_nm = load_end_nm;
+    }
+
+    void run_delayed(double seconds, double load_rate) {
+        double left = seconds;
+        while (left > 0.0) {
+            while (commands.size() > 1 && commands[1].from_s - now_s < SAME_INSTANT_S)
+                commands.pop_front();
+            const double until = commands.size() > 1 ? commands[1].from_s - now_s : left;
+            const double length = until < left ? until : left;
+            run(length, commands.front().command, load_rate);
+            load_nm += load_rate * length;
+            now_s += length;
+            left = length == left ? 0.0 : left - length;
+        }
+    }
 };
 
 namespace {
 
 template <class L> struct SolverBody final : ImpactBody {
-    mutable ImpactSolver<L> solver{};  // looking into a step shapes its interpolant
-    double charge_as = 0.0, bus_vs = 0.0,
-           housing_nms = 0.0;       // integrals at the start of the interval
-    mutable ImpactState<L> seen{};  // state at the end of an interval, as it was given away,
-    mutable double seen_s = -1.0;   // and when
+    mutable ImpactSolver<L> solver{};  // reading a step computes its interpolant
+    double charge_as = 0.0, bus_vs = 0.0, housing_nms = 0.0;  // integrals at the interval's start
+    mutable ImpactState<L> returned{};  // state of the last result, and its time
+    mutable double returned_s = -1.0;
 
-    void run(double seconds, const TimedCommand &c, double load_from_nm,
-             double load_rate) override {
+    SolverBody(const Impact &m, const Parameters &p, HallWheel wheel, std::uint64_t seed)
+        : ImpactBody(p, std::move(wheel), seed) {
+        solver.model = m;
+        solver.tolerance = L::EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST;
+        solver.parameters = &parameters;
+        impact_start(solver);
+    }
+
+    void run(double seconds, const BridgeCommand &c, double load_rate) override {
         const double share = std::fabs(c.duty);
         const double dead = !c.coast && share > 0.0 && share < 1.0 ? c.dead : 0.0;
         solver.model.drive.effects &= ~static_cast<std::uint32_t>(EFFECT_DEAD_TIME);
         if (dead > 0.0)
             solver.model.drive.effects |= EFFECT_DEAD_TIME;
-        impact_stretch(solver,
-                       {c.duty, 0.0, c.coast ? 1.0 : 0.0, dead, 0.0, load_from_nm, load_rate},
+        impact_stretch(solver, {c.duty, 0.0, c.coast ? 1.0 : 0.0, dead, 0.0, load_nm, load_rate},
                        now_s, seconds);
     }
 
-    void adopt() override { solver.parameters = &parameters; }
-
     double present(int n) const { return impact_present_of(solver, n); }
 
-    void reset_means() override {
-        if (seen_s == now_s) {
-            charge_as = seen.x[STATE_CURRENT_TIME];
-            bus_vs = seen.x[STATE_BUS_TIME];
-            housing_nms = seen.x[L::HOUSING_TIME];
+    void begin_means() override {
+        if (returned_s == now_s) {
+            charge_as = returned.x[STATE_CURRENT_TIME];
+            bus_vs = returned.x[STATE_BUS_TIME];
+            housing_nms = returned.x[L::HOUSING_TIME];
             return;
         }
         charge_as = present(STATE_CURRENT_TIME);
@@ -79,11 +117,7 @@ template <class L> struct SolverBody final : ImpactBody {
         housing_nms = present(L::HOUSING_TIME);
     }
 
-    AdvanceResult now() const override {
-        const ImpactState<L> x = impact_present(solver);
-        ImpactState<L> ds{};
-        const ImpactPoint at =
-            impact_derivative<L>(solver.model, solver.drive, solver.mode, solver.into_s, x, ds);
+    static AdvanceResult result_of(const ImpactPoint &at, const ImpactState<L> &x) {
         return {at.i,
                 at.bus_v,
                 x.x[STATE_SPEED],
@@ -96,70 +130,62 @@ template <class L> struct SolverBody final : ImpactBody {
                 x.x[L::ARM_ANGLE]};
     }
 
-    // Means and values of this instant, from one look into the step; the whole derivative only
-    // where it decides the joint's torque.
-    AdvanceResult result(double seconds) const override {
-        if (solver.model.second_output)
-            return meant(now(), impact_present(solver), seconds);
+    AdvanceResult now() const override {
         const ImpactState<L> x = impact_present(solver);
-        const ImpactPoint at =
-            impact_sight<L>(solver.model, solver.drive, solver.mode, solver.into_s, x);
-        const AdvanceResult r{0.0,
-                              0.0,
-                              x.x[STATE_SPEED],
-                              x.x[STATE_ANGLE],
-                              at.joint_nm,
-                              x.x[L::ANVIL_ANGLE],
-                              at.head_rad,
-                              1e3 * at.x,
-                              0.0,
-                              x.x[L::ARM_ANGLE]};
-        return meant(r, x, seconds);
+        ImpactState<L> ds{};
+        return result_of(
+            impact_derivative<L>(solver.model, solver.drive, solver.mode, solver.elapsed_s, x, ds),
+            x);
     }
 
-    AdvanceResult meant(AdvanceResult r, const ImpactState<L> &x, double seconds) const {
-        seen = x;
-        seen_s = now_s;
+    // Means and values of this instant; the derivative is computed only where the joint's torque
+    // needs it.
+    AdvanceResult result(double seconds) const override {
+        if (solver.model.second_output)
+            return with_means(now(), impact_present(solver), seconds);
+        const ImpactState<L> x = impact_present(solver);
+        return with_means(result_of(impact_kinematics<L>(solver.model, solver.drive, solver.mode,
+                                                         solver.elapsed_s, x),
+                                    x),
+                          x, seconds);
+    }
+
+    AdvanceResult with_means(AdvanceResult r, const ImpactState<L> &x, double seconds) const {
+        returned = x;
+        returned_s = now_s;
         r.current_a =
-            sensors_read_current(parameters, (x.x[STATE_CURRENT_TIME] - charge_as) / seconds);
-        r.supply_v =
-            (x.x[STATE_BUS_TIME] - bus_vs) / seconds * (1.0 + parameters.supply_gain_relative);
+            sensors_measured_current(parameters, (x.x[STATE_CURRENT_TIME] - charge_as) / seconds);
+        r.supply_v = (x.x[STATE_BUS_TIME] - bus_vs) / seconds *
+                     (1.0 + parameters.effects.supply_gain.relative);
         r.housing_nm = (x.x[L::HOUSING_TIME] - housing_nms) / seconds;
         return r;
     }
 
-    double sensed_current() const override {
+    double measured_current() const override {
         const bool lags = L::FULL && (solver.model.drive.effects & EFFECT_CURRENT_LAG);
-        return sensors_read_current(parameters,
-                                    present(lags ? static_cast<int>(STATE_CURRENT_FILTER)
-                                                 : static_cast<int>(STATE_CURRENT)));
+        return sensors_measured_current(parameters,
+                                        present(lags ? static_cast<int>(STATE_CURRENT_FILTER)
+                                                     : static_cast<int>(STATE_CURRENT)));
     }
 
-    double mean_bus(double seconds) const override {
-        return (present(STATE_BUS_TIME) - bus_vs) / seconds *
-               (1.0 + parameters.supply_gain_relative);
+    double measured_bus() const override {
+        return (present(STATE_BUS_TIME) - bus_vs) / period_s *
+               (1.0 + parameters.effects.supply_gain.relative);
     }
 
-    double filtered_speed() const { return L::FULL ? present(STATE_SPEED_FILTER) : 0.0; }
-
-    double seen_angle() const override {
+    WheelReading wheel() const override {
         const Drivetrain<double> &d = solver.model.drive;
-        return sensors_seen_angle(d.sensors, d.effects, parameters, present(STATE_ANGLE),
-                                  filtered_speed());
-    }
-
-    double seen_speed() const override {
-        const Drivetrain<double> &d = solver.model.drive;
-        return sensors_seen_speed(d.sensors, d.effects, parameters, present(STATE_SPEED),
-                                  present(STATE_ANGLE), filtered_speed());
+        const ShaftMotion shaft{present(STATE_SPEED), present(STATE_ANGLE),
+                                L::FULL ? present(STATE_SPEED_FILTER) : 0.0};
+        return {sensors_measured_angle(d.sensors, d.effects, parameters, shaft),
+                sensors_measured_speed(d.sensors, d.effects, parameters, shaft)};
     }
 
     double kelvin() const override { return L::FULL ? present(STATE_HEAT) : 0.0; }
 
     ImpactStats statistics() const override { return solver.stats; }
 
-    // Those whose contact is over and whose torque has passed its peak; the last one stays, it
-    // names the lug of the next.
+    // The last blow stays in the recorder, which compares the next contact's lug with it.
     std::vector<Blow> take_blows() override {
         BlowRecorder &r = solver.recorder;
         const bool settled =
@@ -178,17 +204,8 @@ template <class L> struct SolverBody final : ImpactBody {
     }
 
 private:
-    std::size_t taken = 0;
+    std::size_t taken = 0;  // blows of the recorder that have been returned
 };
-
-template <class L> std::unique_ptr<ImpactBody> body_of(const Impact &m, double fixed_s) {
-    auto body = std::make_unique<SolverBody<L>>();
-    body->solver.model = m;
-    body->solver.tolerance = L::EXACT ? IMPACT_TOLERANCE_REFERENCE : IMPACT_TOLERANCE_FAST;
-    body->solver.fixed_s = fixed_s;
-    impact_start(body->solver);
-    return body;
-}
 
 }  // namespace
 
@@ -196,77 +213,32 @@ ImpactPlant::ImpactPlant(const Parameters &p, LoadKind load, HallWheel wheel, st
                          ImpactAccuracy accuracy, double step_s) {
     const double fixed_s = accuracy == ImpactAccuracy::FIXED ? impact_check_step(step_s) : 0.0;
     const Impact m = impact_from(p, load, InputKind::DUTY, false, 1.0);
+    const auto make = [&](auto body) {
+        body->solver.fixed_s = fixed_s;
+        body_ = std::move(body);
+    };
     if (accuracy == ImpactAccuracy::REFERENCE)
-        body_ = body_of<AuditLayout>(m, 0.0);
+        make(std::make_unique<SolverBody<AuditLayout>>(m, p, std::move(wheel), seed));
+    else if (impact_needs_full(m))
+        make(std::make_unique<SolverBody<FullLayout>>(m, p, std::move(wheel), seed));
     else
-        body_ = impact_needs_full(m) ? body_of<FullLayout>(m, fixed_s)
-                                     : body_of<FastLayout>(m, fixed_s);
-    ImpactBody &b = *body_;
-    b.parameters = p;
-    b.adopt();
-    b.wheel = std::move(wheel);
-    b.dropout.state = seed;
-    b.period_s = PERIOD_S / (1.0 + p.clock_skew_relative);
-    b.edge_delay = p.speed_lag_delay_form != 0.0 ? std::llround(p.speed_lag_s * CPU_HZ) : 0;
-    b.commands.push_back({0.0, true, 0.0, 0.0});
-    b.sweep = Sweep{0.0, 0.0, b.seen_angle(), b.seen_speed()};
+        make(std::make_unique<SolverBody<FastLayout>>(m, p, std::move(wheel), seed));
+    body_->lockstep.begin(*body_);
 }
 
 ImpactPlant::~ImpactPlant() = default;
 ImpactPlant::ImpactPlant(ImpactPlant &&) noexcept = default;
 
-// Runs an interval with the commands in force in it: each acts transport_delay after it is given.
-static void run_interval(ImpactBody &b, double seconds, const TimedCommand &given, double load_nm) {
-    b.reset_means();
-    const double rate = (load_nm - b.load_nm) / seconds;
-    if (b.parameters.transport_delay_s == 0.0) {
-        b.run(seconds, given, b.load_nm, rate);
-        b.now_s += seconds;
-        b.load_nm = load_nm;
-        return;
-    }
-    TimedCommand late = given;
-    late.from_s = b.now_s + b.parameters.transport_delay_s;
-    b.commands.push_back(late);
-    double left = seconds;
-    while (left > 0.0) {
-        while (b.commands.size() > 1 && b.commands[1].from_s - b.now_s < 1e-12)
-            b.commands.pop_front();
-        const double until = b.commands.size() > 1 ? b.commands[1].from_s - b.now_s : left;
-        const double length = until < left ? until : left;
-        b.run(length, b.commands.front(), b.load_nm, rate);
-        b.load_nm += rate * length;
-        b.now_s += length;
-        left = length == left ? 0.0 : left - length;
-    }
-    b.load_nm = load_nm;
-}
-
 PeriodResult ImpactPlant::period(bool coast, double duty, double dead, double load_nm) {
-    ImpactBody &b = *body_;
-    run_interval(
-        b, b.period_s,
-        {0.0, coast, duty, dead + 2.0 * b.parameters.dead_time_s * b.parameters.bridge_pwm_hz},
-        load_nm);
-    b.sweep = Sweep{b.sweep.end_angle, b.sweep.end_speed, b.seen_angle(), b.seen_speed()};
-    if (b.sweep.end_angle != b.sweep.angle && !b.wheel.edge_rad.empty())
-        hall_wheel_edges(b.wheel, b.sweep, b.parameters.hall_dropout_probability, b.dropout,
-                         b.cycles + b.edge_delay, b.edges);
-    PeriodResult r{b.sensed_current(), b.mean_bus(b.period_s), 0, {}};
-    hall_wheel_take(b.edges, b.cycles, r);
-    b.cycles += PERIOD_CYCLES;
-    return r;
+    return body_->lockstep.period(*body_, {coast, duty, dead}, load_nm);
 }
 
 AdvanceResult ImpactPlant::advance(double seconds, double duty, bool coast, double load_nm) {
     if (!(seconds > 0.0) || !std::isfinite(seconds + duty + load_nm))
         throw std::invalid_argument(
             "ImpactPlant.advance: seconds must be above 0, duty and load_nm finite");
-    ImpactBody &b = *body_;
-    run_interval(b, seconds,
-                 {0.0, coast, duty, 2.0 * b.parameters.dead_time_s * b.parameters.bridge_pwm_hz},
-                 load_nm);
-    return b.result(seconds);
+    body_->run_interval(seconds, {coast, duty, body_->dead_share()}, load_nm);
+    return body_->result(seconds);
 }
 
 AdvanceResult ImpactPlant::period_end() const {
@@ -275,38 +247,14 @@ AdvanceResult ImpactPlant::period_end() const {
     return r;
 }
 
-double ImpactPlant::current_a() const {
-    return body_->now().current_a;
-}
-double ImpactPlant::speed_rad_s() const {
-    return body_->now().speed_rad_s;
-}
-double ImpactPlant::angle_rad() const {
-    return body_->now().angle_rad;
+AdvanceResult ImpactPlant::now() const {
+    return body_->now();
 }
 double ImpactPlant::time_s() const {
     return body_->now_s;
 }
 double ImpactPlant::winding_kelvin() const {
     return body_->kelvin();
-}
-double ImpactPlant::hammer_mm() const {
-    return body_->now().hammer_mm;
-}
-double ImpactPlant::anvil_torque_nm() const {
-    return body_->now().anvil_torque_nm;
-}
-double ImpactPlant::anvil_angle_rad() const {
-    return body_->now().anvil_angle_rad;
-}
-double ImpactPlant::head_rad() const {
-    return body_->now().head_rad;
-}
-double ImpactPlant::housing_nm() const {
-    return body_->now().housing_nm;
-}
-double ImpactPlant::arm_rad() const {
-    return body_->now().arm_rad;
 }
 
 ImpactStats ImpactPlant::statistics() const {

@@ -1,5 +1,5 @@
-// The impact tool in lock-step: with a board a PWM period at a time, or with any controller an
-// interval at a time.
+// The impact tool in lock-step: with a board, one PWM period a call; with any other controller, one
+// interval a call.
 #ifndef VGROOVE_PLANT_LOCKSTEP_IMPACT_PLANT_HPP
 #define VGROOVE_PLANT_LOCKSTEP_IMPACT_PLANT_HPP
 
@@ -13,13 +13,13 @@
 
 namespace vgroove {
 
-// What an interval came to: means over it, the rest at its end.
+// An interval: current, bus and housing reaction as means over it, the others at its end
 struct AdvanceResult {
     double current_a, supply_v, speed_rad_s, angle_rad, anvil_torque_nm, anvil_angle_rad, head_rad,
         hammer_mm, housing_nm, arm_rad;
 };
 
-struct ImpactBody;  // impact_plant.cpp: solver of the accuracy and effects asked for
+struct ImpactBody;  // impact_plant.cpp: the solver for an accuracy and a state layout
 
 class ImpactPlant {
 public:
@@ -33,27 +33,19 @@ public:
     // end.
     PeriodResult period(bool coast, double duty, double dead, double load_nm);
 
-    // Any interval with one command; dead time as the dead_time effect has it.
+    // An interval of any length with one command; dead time as the dead_time effect has it.
     AdvanceResult advance(double seconds, double duty, bool coast, double load_nm);
 
-    // True values at the end of the last period, the housing reaction as its mean over it.
+    // True values at the end of the last period; the housing reaction as its mean over the period.
     AdvanceResult period_end() const;
 
-    double current_a() const;
-    double speed_rad_s() const;
-    double angle_rad() const;
+    AdvanceResult now() const;  // true values of the present instant
     double time_s() const;
     double winding_kelvin() const;
-    double hammer_mm() const;
-    double anvil_torque_nm() const;
-    double anvil_angle_rad() const;
-    double head_rad() const;
-    double housing_nm() const;
-    double arm_rad() const;
 
     ImpactStats statistics() const;  // since the start
-    std::vector<Blow>
-    take_blows();  // since the last call; the last of them may still gain torque and impulse
+    // Blows since the last call whose contact is over and whose torque has passed its peak
+    std::vector<Blow> take_blows();
 
 private:
     std::unique_ptr<ImpactBody> body_;

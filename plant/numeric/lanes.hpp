@@ -1,5 +1,5 @@
-// The number type of the plant: one double, or a vector of doubles (one simulation a lane), and
-// elementary functions with the same bits in every width.
+// The number type of the plant: one double, or a vector of eight doubles with one simulation in
+// each lane, and elementary functions whose results have the same bits in both.
 #ifndef VGROOVE_PLANT_NUMERIC_LANES_HPP
 #define VGROOVE_PLANT_NUMERIC_LANES_HPP
 
@@ -8,7 +8,7 @@
 
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC diagnostic ignored                                                                     \
-    "-Wpsabi"  // every function that takes a vector by value is inlined into its caller
+    "-Wpsabi"  // no vector is passed by value: functions that take one are inlined
 #endif
 
 namespace vgroove {
@@ -18,7 +18,8 @@ typedef std::uint64_t Words8 __attribute__((vector_size(64)));
 
 #define VGROOVE_INLINE inline __attribute__((always_inline))
 
-// One compiled body for each of three vector widths, chosen at load time; the bytes are the same.
+// The compiler emits a function for each of three vector widths and the program picks one when it
+// is loaded; the results are the same to the last bit.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(VGROOVE_NO_CLONES)
 #define VGROOVE_CLONES __attribute__((flatten, target_clones("avx512f", "avx2", "default")))
 #else
@@ -64,6 +65,11 @@ template <class V> VGROOVE_INLINE V from_bits(typename LaneTraits<V>::Word w) {
 
 template <class V> VGROOVE_INLINE V abs_of(V x) {
     return x < 0.0 ? -x : x;
+}
+template <class V> VGROOVE_INLINE V sqrt_of(V x) {
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
+        set(x, lane, __builtin_sqrt(get(x, lane)));
+    return x;
 }
 template <class V> VGROOVE_INLINE V max_of(V a, V b) {
     return a > b ? a : b;

@@ -1,9 +1,10 @@
-"""How the cost of a diagnosis grows with the log's length and with the number of effects:
+"""Growth of the cost of a diagnosis with the length of the log and with the number of effects:
 `gap_growth.py [--json FILE]`, about two minutes.
 
-One run of the plant with an effect in it, of several lengths; catalogues of every n-th effect
-beside the true one, the mean over all n beginnings, since effects differ in cost. Growth is the
-exponent of the processor time between the smallest and the largest, 1 is linear.
+The logs are runs of the plant with one effect, of several lengths. The catalogues consist of the
+true effect and every n-th other one, with the mean over the n possible first ones, since effects
+differ in cost. Growth is the exponent of the processor time between the smallest and the largest
+size; 1 is linear.
 """
 
 import argparse
@@ -35,7 +36,7 @@ PERIOD_S = 3.0
 
 
 def cost(seconds: float, every: int = 1, begin: int = 0) -> dict[str, Any]:
-    """One diagnosis: processor and wall seconds, simulated rows, what it said."""
+    """One diagnosis: processor and wall seconds, runs of the log, named effects."""
     levels = [
         (start + PERIOD_S * n, level)
         for n in range(int(seconds / PERIOD_S))
@@ -59,7 +60,7 @@ def cost(seconds: float, every: int = 1, begin: int = 0) -> dict[str, Any]:
 
 
 def mean_cost(seconds: float, every: int) -> dict[str, Any]:
-    """The mean over catalogues of every n-th effect."""
+    """The mean cost over the catalogues of every n-th effect."""
     parts = [cost(seconds, every, begin) for begin in range(every)]
     means = {
         key: float(np.mean([part[key] for part in parts]))
@@ -69,7 +70,7 @@ def mean_cost(seconds: float, every: int) -> dict[str, Any]:
 
 
 def growth(rows: list[dict[str, Any]], size: str, key: str) -> float:
-    """Exponent of a cost between the smallest and the largest."""
+    """Exponent of the cost `key` over `size`, between the smallest and the largest."""
     first, last = rows[0], rows[-1]
     return float(np.log(last[key] / first[key]) / np.log(last[size] / first[size]))
 

@@ -1,5 +1,5 @@
-"""Second opinion on the drill driver: physics.md sections 1 to 3 and 7 in SciPy, rtol 1e-10; shares
-no code with plant/.
+"""Second opinion on the drill driver: docs/spec/model.md, sections 1 to 3 and 7, in SciPy at rtol
+1e-10; shares no code with plant/.
 
 A run is a chain of LSODA integrations, each ended by an event (motor breaks away or stops, clutch
 slips or grips, diodes block, pulse mode begins or ends) or by the clock (ramp, load, halves of
@@ -43,7 +43,7 @@ def chained(polynomial: object, y_before: np.ndarray) -> object:
 
 @dataclass
 class Drill:
-    """Values of section 7 (low gear, parameter step 1, normal mode) and of the motor of section 4."""
+    """Values of section 7 (low gear, parameter step 1, normal mode) and motor of section 4."""
 
     supply: float = 18.0
     r: float = 0.19
@@ -78,7 +78,7 @@ class State:
 
 
 def stribeck(d: Drill, tc: float, w: float) -> float:
-    """Section 3: T = sqrt(2e) (Tbrk - Tc) exp(-(w/wSt)^2) w/wSt + Tc tanh(w/wCoul), Tbrk = 1.2 Tc."""
+    """Section 3: T = sqrt(2e) (Tbrk - Tc) exp(-(w/wSt)^2) w/wSt + Tc tanh(w/wCoul); Tbrk = 1.2 Tc."""
     st, coul = np.sqrt(2.0) * d.w_brk, d.w_brk / 10.0
     return np.sqrt(2.0 * np.e) * 0.2 * tc * np.exp(-((w / st) ** 2)) * w / st + tc * np.tanh(
         w / coul

@@ -1,5 +1,5 @@
-"""Second opinion on the impact mechanism: physics.md sections 1, 2, 4, 5 and 6 integrated by SciPy
-at rtol 1e-10.
+"""Second opinion on the impact mechanism: docs/spec/model.md, sections 1, 2, 4, 5 and 6, integrated
+by SciPy at rtol 1e-10.
 
 Written from that page alone; shares no code with plant/. Contact, lug, joint and friction are
 modes: inside a mode the right-hand side is smooth, and a mode ends where one of its margins passes
@@ -46,8 +46,8 @@ PEN_EPS, RATE_EPS, ANGLE_EPS, TORQUE_EPS, CURRENT_EPS = 1e-13, 1e-10, 1e-12, 1e-
 
 @dataclass(frozen=True)
 class Tool:
-    """Reference set of physics.md section 4; the joint by its slip torque forwards run_nm + slope *
-    head angle.
+    """Reference set of docs/spec/model.md, section 4; the joint by its slip torque forwards, run_nm
+    + slope * head angle.
     """
 
     voc: float = 18.5
@@ -104,7 +104,7 @@ class Tool:
         return both[::-1] if self.mirrored else both
 
 
-# Section 6: lag screw M6 (the contract's keys), disc springs 40 x 20.4 x 1.5 with n = 4, i = 42,
+# Section 6: lag screw M6 (the rig's keys), disc springs 40 x 20.4 x 1.5 with n = 4, i = 42,
 # bolt M16.
 WOOD_START, WOOD_END, WOOD_TURNS, WOOD_SEAT, WOOD_SEAT_DEG, WOOD_STRIPPED, WOOD_LOOSEN = (
     0.5,

@@ -1,5 +1,5 @@
-"""Second opinion on the drivetrain: physics.md sections 1, 2, 6 and gap-contract.md section 3 in
-SciPy at rtol 1e-10.
+"""Second opinion on the drivetrain: docs/spec/model.md, sections 1, 2 and 6, and docs/spec/gap.md,
+section 3, in SciPy at rtol 1e-10.
 
 Written from those two pages alone; shares no code with plant/. Slow on purpose: every straight
 stretch of command and load is one or more calls of solve_ivp, ended by an event wherever a body
@@ -20,8 +20,8 @@ I, W, TH, QI, QV, CHARGE, POL, HEAT, IF, WF, W2, TH2 = range(12)  # noqa: E741
 
 @dataclass
 class Log:
-    """Rows as the contract reads them; command, load and coast are those of the row that ends at
-    time_s.
+    """Rows as docs/spec/gap.md, section 1, reads them; command, load and coast are those of the row
+    that ends at time_s.
     """
 
     time_s: np.ndarray
@@ -72,7 +72,7 @@ def free_nm(
     w_th: float = 0.0,
     cv: float = 0.0,
 ) -> float:
-    """physics.md section 3: the Simscape form, or with w_th the older one."""
+    """docs/spec/model.md, section 3: the Stribeck form, or with w_th the exponential one."""
     if w_th:
         at = max(abs(w), w_th)
         torque = tc + (tbrk - tc) * np.exp(-cv * at) + f * at

@@ -1,5 +1,5 @@
-"""The drill driver shows the figures of physics.md section 7 and agrees with an independent
-integration to a millionth (asked: 0.01 %).
+"""The drill driver has the figures of docs/spec/model.md, section 7, and agrees with an independent
+integration to a millionth.
 """
 
 import numpy as np

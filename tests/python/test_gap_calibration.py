@@ -30,12 +30,13 @@ def test_the_coefficients_are_those_fitted_to_the_recorded_cases() -> None:
 def test_probabilities_are_calibrated_on_cases_left_out_of_the_fit() -> None:
     x, true, weight = proof.table(ROWS)
     whole = weight == 1.0
-    said, sure = proof.foreseen(ROWS)[whole], true[whole][proof.foreseen(ROWS)[whole] >= 0.9]
+    held_out = proof.held_out_probabilities(ROWS)[whole]
+    sure = true[whole][held_out >= 0.9]
     assert len(sure) >= 10 and sure.mean() >= 0.9
-    before = np.array([r["said"] for r in ROWS])[whole]
+    given = np.array([r["said"] for r in ROWS])[whole]
     assert (
-        proof.figures(said, true[whole])["log_loss"]
-        <= proof.figures(before, true[whole])["log_loss"]
+        proof.figures(held_out, true[whole])["log_loss"]
+        <= proof.figures(given, true[whole])["log_loss"]
     )
 
 

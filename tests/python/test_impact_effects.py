@@ -1,5 +1,5 @@
-"""Each effect in impact mode does what the gap contract's equation says: its term is read back from
-the motion, by balances.
+"""Effects in impact mode against their equations in docs/spec/gap.md, section 3: each term is
+computed from the simulated motion by balances.
 
 The torque on motor, spindle and hammer together is N (k i - T) = (JJ + N^2 Jm) w' / N + JS wS' +
 Tlug, whatever the groove does, so the friction T at the motor shaft follows from the motion; so do
@@ -198,7 +198,7 @@ def test_inductance() -> None:
 
 
 def axial_n(t: Trace, rate: float = RATE, preload: float = F0) -> np.ndarray:
-    """Force through the balls: F0 + k x + m x''; the lugs' tops, which push as well, are left out."""
+    """Force through the balls: F0 + k x + m x''; instants at the lugs' height are left out."""
     t["calm"] &= np.abs(t["hammer_m"] - 4.5e-3) > 1.5e-4
     return preload + rate * t["hammer_m"] + MASS * t["d_hammer_m_per_s"]
 
@@ -312,7 +312,9 @@ def test_backlash_is_a_play_with_stiff_flanks_between_motor_and_spindle() -> Non
 
 
 def test_the_arm_swings_under_the_housing_reaction() -> None:
-    """physics.md section 8: J_h ph'' + c ph' + k ph = T_h; 4e-3 kg m2, 0.25 N m s/rad, 25 N m/rad."""
+    """J_h ph'' + c ph' + k ph = T_h with 4e-3 kg m2, 0.25 N m s/rad and 25 N m/rad
+    (docs/spec/model.md, section 8).
+    """
     t = motion("locked")
     speed = np.gradient(t["arm_rad"], STEP_S)
     assert np.max(np.abs(t["housing_nm"])) > 1.0

@@ -52,7 +52,7 @@ def settled(out: dict) -> tuple[float, float, float, np.ndarray]:
     return 60.0 / period.mean(), period.std() / period.mean(), current, late
 
 
-# physics.md section 4, last row of the reference set.
+# docs/spec/model.md, section 4, last row of the reference set.
 @pytest.mark.parametrize(
     ("load", "rate", "current"),
     [

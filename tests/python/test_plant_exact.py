@@ -140,22 +140,41 @@ import sys
 import numpy as np
 from vgroove import _core as core
 index = core.PARAMETERS.index
-base = {"supply.voltage_v": 18.0, "motor.resistance_ohm": 0.19, "motor.inductance_h": 1e-4,
-        "motor.torque_constant_nm_per_a": 0.0109, "motor.inertia_kg_m2": 1.6e-5,
-        "motor.viscous_nm_s_per_rad": 4.5e-6, "motor.coulomb_nm": 0.012, "gearbox.ratio": 5.6}
+base = {
+    "supply.voltage_v": 18.0,
+    "motor.resistance_ohm": 0.19,
+    "motor.inductance_h": 1e-4,
+    "motor.torque_constant_nm_per_a": 0.0109,
+    "motor.inertia_kg_m2": 1.6e-5,
+    "motor.viscous_nm_s_per_rad": 4.5e-6,
+    "motor.coulomb_nm": 0.012,
+    "gearbox.ratio": 5.6,
+}
 lag, brush = "effects.current_lag.time_constant_s", "effects.brush_drop.voltage_v"
 cog = "effects.cogging_torque.torque_nm"
-odd = [{}, {"motor.resistance_ohm": 1e9}, {"motor.resistance_ohm": 0.0},
-       {"motor.inductance_h": 1e-30}, {"motor.inertia_kg_m2": 1e-30},
-       {"motor.torque_constant_nm_per_a": 0.0}, {"motor.viscous_nm_s_per_rad": 1e9},
-       {"motor.viscous_nm_s_per_rad": -1e9}, {"supply.resistance_ohm": 1e9},
-       {"motor.inductance_h": 1e-30, "motor.inertia_kg_m2": 1e-30, "motor.resistance_ohm": 0.0},
-       {lag: 1e-9}, {brush: 9.0}, {brush: 1e9}, {lag: 1e-9, "motor.resistance_ohm": 1e9},
-       {cog: 0.01, "motor.inertia_kg_m2": 1e-30},
-       {cog: 0.01, "effects.cogging_torque.periods_per_rev": 1e9},
-       {"effects.coupler_compliance.stiffness_nm_per_rad": 1e12,
-        "gearbox.output_inertia_kg_m2": 1e-9},
-       {"effects.gear_backlash.play_rad": 0.03, "gearbox.output_inertia_kg_m2": 1e-15}]
+odd = [
+    {},
+    {"motor.resistance_ohm": 1e9},
+    {"motor.resistance_ohm": 0.0},
+    {"motor.inductance_h": 1e-30},
+    {"motor.inertia_kg_m2": 1e-30},
+    {"motor.torque_constant_nm_per_a": 0.0},
+    {"motor.viscous_nm_s_per_rad": 1e9},
+    {"motor.viscous_nm_s_per_rad": -1e9},
+    {"supply.resistance_ohm": 1e9},
+    {"motor.inductance_h": 1e-30, "motor.inertia_kg_m2": 1e-30, "motor.resistance_ohm": 0.0},
+    {lag: 1e-9},
+    {brush: 9.0},
+    {brush: 1e9},
+    {lag: 1e-9, "motor.resistance_ohm": 1e9},
+    {cog: 0.01, "motor.inertia_kg_m2": 1e-30},
+    {cog: 0.01, "effects.cogging_torque.periods_per_rev": 1e9},
+    {
+        "effects.coupler_compliance.stiffness_nm_per_rad": 1e12,
+        "gearbox.output_inertia_kg_m2": 1e-9,
+    },
+    {"effects.gear_backlash.play_rad": 0.03, "gearbox.output_inertia_kg_m2": 1e-15},
+]
 rows = 6000
 for values in odd:
     theta = np.array(core.parameter_defaults())
@@ -164,16 +183,18 @@ for values in odd:
     for duty in (np.zeros(rows), np.full(rows, 0.7), np.sin(np.arange(rows))):
         for start in ((0.0, 0.0, 0.0), (5.0, 300.0, 0.0)):
             log = core.LogInput(np.arange(rows) * 1e-3, "duty", duty, 6.0)
-            core.simulate_log(log, theta[None, :], np.array([0]), np.array([start]), threads=1,
-                              unfinished="nan")
+            core.simulate_log(
+                log, theta[None, :], np.array([0]), np.array([start]), threads=1, unfinished="nan"
+            )
 many = 1_000_000
 log = core.LogInput(np.arange(many) * 1e-3, "duty", np.zeros(many))
 theta = np.array(core.parameter_defaults())
 for name, value in base.items():
     theta[index(name)] = value
-core.simulate_log(log, theta[None, :], np.array([0]), np.zeros((1, 3)), threads=1)
-core.simulate_log(log, theta[None, :], np.array([0]), np.zeros((1, 3)), threads=1,
-                  solver="adaptive")
+for solver in ("exact", "adaptive"):
+    core.simulate_log(
+        log, theta[None, :], np.array([0]), np.zeros((1, 3)), threads=1, solver=solver
+    )
 print("done")
 """
 

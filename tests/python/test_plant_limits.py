@@ -36,12 +36,16 @@ ENDLESS = {
     "impact reference": "core.simulate_impact(log(1e6, 100.0), theta, mode='reference')",
     "impact fast": "core.simulate_impact(log(1e6, 100.0), theta, mode='fast')",
     "impact fixed": "core.simulate_impact(log(1e6, 100.0), theta, mode='fixed', step_s=1e-5)",
-    "impact batch": "core.simulate_impact("
-    "log(1e5, 100.0), np.repeat(theta, 64, 0), mode='fast', threads=2)",
-    "drivetrain": "core.simulate_log(log(2e4, 1e-3), np.repeat(theta, 40, 0), "
-    "np.array([0]), np.zeros((1, 3)), 2, 'adaptive')",
-    "drill driver": "core.simulate_drill("
-    "core.drill_parameters(), 'euler', 3600.0, step_s=1e-7, row_s=1.0)",
+    "impact batch": (
+        "core.simulate_impact(log(1e5, 100.0), np.repeat(theta, 64, 0), mode='fast', threads=2)"
+    ),
+    "drivetrain": (
+        "core.simulate_log(log(2e4, 1e-3), np.repeat(theta, 40, 0), np.array([0]),"
+        " np.zeros((1, 3)), 2, 'adaptive')"
+    ),
+    "drill driver": (
+        "core.simulate_drill(core.drill_parameters(), 'euler', 3600.0, step_s=1e-7, row_s=1.0)"
+    ),
 }
 
 

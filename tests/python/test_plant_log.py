@@ -212,9 +212,9 @@ def test_speed_figure(record_property: pytest.FixtureRequest) -> None:
     """Prints with pytest -s; the limit is far below the figure so that a busy machine passes."""
     single = speed_figure({}, 1, 1)
     batch = speed_figure({}, 32, 2)
-    print(  # noqa: T201
+    print(
         f"\nsimulate_log, 1 kHz: one lane {single:,.0f} x real time, "
         f"32 lanes on 2 threads {batch:,.0f} x per core"
-    )
+    )  # noqa: T201
     assert single > 1500.0
     assert batch > 0.5 * single

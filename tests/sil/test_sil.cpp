@@ -1,5 +1,5 @@
-// Laws of the closed loop: nothing drives before, after or against the trigger, and equal runs give
-// equal bytes.
+// Laws of the closed loop, whatever the controller: nothing drives before, after or against the
+// trigger, and a run can be repeated to the byte.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,7 +8,7 @@
 
 #include "hal/sim/sim.h"
 #include "plant/lockstep/drive_plant.hpp"
-#include "unit/plant/reference_tool.hpp"
+#include "reference_tool.hpp"
 
 namespace {
 
@@ -16,8 +16,8 @@ constexpr double SUPPLY_V = 18.5;
 constexpr double RPM = 30.0 / 3.14159265358979;
 constexpr int PERIODS_PER_MS = 31;
 
-// Drive of docs/spec/model.md, section 4, without impact mechanism: hammer and anvil turn with the
-// spindle.
+// The reference drive (docs/spec/model.md, section 4) without its mechanism: hammer and anvil turn
+// with the spindle.
 vgroove::Parameters reference() {
     vgroove::Parameters p = reference_tool();
     p.gearbox_output_inertia = 6e-5;
@@ -31,7 +31,7 @@ struct Row {
     double speed_rpm;
 };
 
-// Board and tool in lock-step; hold() runs them and stores a row per millisecond.
+// Board and tool in lock-step; hold() drives them and keeps a row for each millisecond.
 class Loop {
 public:
     explicit Loop(vgroove::LoadKind load = vgroove::LoadKind::NONE)
@@ -113,7 +113,7 @@ TEST(Sil, NothingDrivesAfterRelease) {
     Loop loop;
     loop.hold(0.0, false, 300);
     loop.hold(1.0, false, 700);
-    loop.hold(0.0, false, 60);  // debouncing and release
+    loop.hold(0.0, false, 60);  // debounce and what the release may take
     const std::size_t begin = loop.rows.size();
     loop.hold(0.0, false, 1000);
     for (std::size_t k = begin; k < loop.rows.size(); ++k) {
@@ -128,7 +128,7 @@ TEST(Sil, DirectionChangesOnlyAtStandstill) {
     loop.hold(1.0, false, 600);
     loop.hold(1.0, true, 300);
     loop.hold(0.0, true, 100);
-    loop.hold(1.0, true, 300);  // turning: the release coasts
+    loop.hold(1.0, true, 300);  // still turning: the release coasts
     for (const Row &row : loop.rows) {
         ASSERT_FALSE(row.compare < 0 && row.speed_rpm > 300.0)
             << row.compare << " at " << row.speed_rpm << " rpm";

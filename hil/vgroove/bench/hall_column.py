@@ -1,5 +1,5 @@
-"""The Hall column of a run, compared as the diagnosis compares it: the mean speed over each row's
-last edge period.
+"""The Hall speed column of a run as the diagnosis compares it: the mean speed over the last edge
+period of each row.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ NEWTON_STEPS = 4
 
 
 def edge_times(time_s: Floats, angle_rad: Floats, speed_rad_s: Floats) -> Floats:
-    """Instants (m,) at which a growing angle passes a multiple of the pitch, by the cubic through
+    """Times (m,) at which a growing angle passes a multiple of the pitch, by the cubic through
     angles and speeds at the rows.
     """
     pitch = 2.0 * np.pi / PULSES_PER_TURN
@@ -32,8 +32,8 @@ def edge_times(time_s: Floats, angle_rad: Floats, speed_rad_s: Floats) -> Floats
 
 
 def hall_channel(time_s: Floats, edges_s: Floats) -> SpanChannel:
-    """The channel of a log whose edges lie so; its `measured` is the Hall column in rad/s, its
-    `row` the rows from the second edge on.
+    """The channel of a log with these edges: `measured` is the Hall column in rad/s, `row` are the
+    rows from the second edge on.
     """
     last = np.searchsorted(edges_s, time_s, side="right") - 1
     row = np.flatnonzero(last >= 1)

@@ -39,8 +39,8 @@ def effect_table(problem: Problem, one: Fit, effect_id: str) -> dict[str, Any]:
     table: dict[str, Any] = {
         p.name: float(theta[problem.index(effect.name(p))]) for p in effect.parameters if not p.of
     }
-    if effect_id == "hall_dropout":
-        table["probability"] = problem.missed_share
+    if effect.counted:
+        table[effect.leading.name] = problem.missed_share
     if effect.form and theta[problem.index(effect.flag_name)] == 1.0:
         table[effect.form.key] = effect.form.words[1]
     return table

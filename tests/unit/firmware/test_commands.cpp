@@ -17,7 +17,7 @@ namespace {
 
 constexpr int TRIGGER_LOW_INDEX = 15, TRIGGER_HIGH_INDEX = 16, MODE_INDEX = 17, BAUD_INDEX = 18,
               OFFSET_INDEX = 6;
-constexpr double PERIODS_A_MS = 16000.0 / 510;
+constexpr double PERIODS_PER_MS = 16000.0 / 510;
 
 struct HostTest : testing::Test {
     SimOutputs out{};
@@ -43,7 +43,7 @@ struct HostTest : testing::Test {
     }
 
     void run(int ms) {
-        for (int k = 0; k < static_cast<int>(ms * PERIODS_A_MS); ++k) {
+        for (int k = 0; k < static_cast<int>(ms * PERIODS_PER_MS); ++k) {
             in.rx_count = 0;
             if (!to_board.empty() && k % 2 == 0) {
                 in.rx[in.rx_count++] = to_board.front();

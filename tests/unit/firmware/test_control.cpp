@@ -167,10 +167,10 @@ TEST_P(EveryMode, GivesADutyOrACodeAndAStopIsFinal) {
     for (const Inputs &tape : tapes()) {
         Control control{};
         bool stopped = false;
-        for (const int16_t wish : replay(&control, GetParam(), tape, defaults())) {
-            ASSERT_GE(wish, CONTROLLER_COAST);
-            ASSERT_TRUE(!stopped || wish == CONTROLLER_STOP);
-            stopped = wish == CONTROLLER_STOP;
+        for (const int16_t requested : replay(&control, GetParam(), tape, defaults())) {
+            ASSERT_GE(requested, CONTROLLER_COAST);
+            ASSERT_TRUE(!stopped || requested == CONTROLLER_STOP);
+            stopped = requested == CONTROLLER_STOP;
         }
         ASSERT_EQ(stopped, control.stopped);
         TelemetryControl report{};
@@ -238,9 +238,9 @@ TEST_P(EveryMode, AnyAllowedParametersGiveADutyOrACode) {
                                                         : inside);
         }
         Control control{};
-        for (const int16_t wish :
+        for (const int16_t requested :
              replay(&control, GetParam(), all[static_cast<size_t>(k) % all.size()], value))
-            ASSERT_GE(wish, CONTROLLER_COAST) << k;
+            ASSERT_GE(requested, CONTROLLER_COAST) << k;
     }
 }
 

@@ -30,7 +30,7 @@ struct Drive {
     DrillSetpoints set;
     Drill drill{};
     double supply_v = 18.0, emf_v = 0.0, current_a = 0.0, turned = 0.0;
-    int16_t now = CONTROLLER_COAST, wish = CONTROLLER_COAST;
+    int16_t now = CONTROLLER_COAST, requested = CONTROLLER_COAST;
 
     explicit Drive(const DrillSetpoints &s, double volts = 18.0) : set(s), supply_v(volts) {
         drill_start(&drill, &set);
@@ -67,9 +67,9 @@ struct Drive {
         in.duty_q15 = static_cast<int16_t>(open ? 0 : now);
         in.coasted = open;
         const Blow none{};
-        now = wish;
-        wish = drill_step(&drill, &set, &in, &none);
-        return wish;
+        now = requested;
+        requested = drill_step(&drill, &set, &in, &none);
+        return requested;
     }
 
     void run(int ms, double travel, double load_a) {
@@ -90,11 +90,11 @@ struct Drive {
 TEST(Drill, RunsUpInThreeTenthsOfASecondAndFollowsTheTrigger) {
     Drive drive = Drive(PLAIN).begun();
     drive.run(150, 1.0, 0.0);
-    EXPECT_NEAR(drive.wish / 32767.0, 0.5, 0.01);
+    EXPECT_NEAR(drive.requested / 32767.0, 0.5, 0.01);
     drive.run(155, 1.0, 0.0);
-    EXPECT_EQ(drive.wish, 32767);
+    EXPECT_EQ(drive.requested, 32767);
     drive.run(200, 0.4, 0.0);
-    EXPECT_NEAR(drive.wish / 32767.0, 0.4, 1e-3);
+    EXPECT_NEAR(drive.requested / 32767.0, 0.4, 1e-3);
     EXPECT_EQ(drill_state(&drive.drill), DRILL_RUN);
 }
 
@@ -122,9 +122,9 @@ TEST(Drill, APulseIsACoastOf25MsAndADriveOf75Ms) {
     ASSERT_GT(drive.until(DRILL_COAST, 400, 1.0, 18.0), 0);
     for (int turn = 0; turn < 5; ++turn) {
         EXPECT_EQ(drive.until(DRILL_PULSE, 100, 1.0, 18.0), 24);
-        EXPECT_GT(drive.wish, 20000);
+        EXPECT_GT(drive.requested, 20000);
         EXPECT_EQ(drive.until(DRILL_COAST, 100, 1.0, 18.0), 76);
-        EXPECT_EQ(drive.wish, CONTROLLER_COAST);
+        EXPECT_EQ(drive.requested, CONTROLLER_COAST);
     }
 }
 
@@ -243,10 +243,10 @@ TEST(Drill, RandomInputsGiveADutyOrACode) {
             in.duty_q15 = static_cast<int16_t>(any(0, 32767));
             in.coasted = any(0, 3) == 0;
             const Blow none{};
-            const int16_t wish = drill_step(&drill, &set, &in, &none);
-            ASSERT_GE(wish, CONTROLLER_COAST);
-            ASSERT_TRUE(!stopped || wish == CONTROLLER_STOP);
-            stopped = wish == CONTROLLER_STOP;
+            const int16_t requested = drill_step(&drill, &set, &in, &none);
+            ASSERT_GE(requested, CONTROLLER_COAST);
+            ASSERT_TRUE(!stopped || requested == CONTROLLER_STOP);
+            stopped = requested == CONTROLLER_STOP;
             ASSERT_EQ(stopped, drill_state(&drill) == DRILL_STOPPED);
             ASSERT_EQ(stopped, drill_stop_reason(&drill) != CONTROLLER_REASON_NONE);
         }

@@ -41,16 +41,16 @@ TEST(Foldback, ReturnsADutyForAnyInput) {
 TEST(Foldback, LimitsALockedMotorWithoutTripping) {
     for (const double resistance : {0.19, 0.29}) {
         Foldback self = foldback();
-        int16_t wish = 0;
+        int16_t requested = 0;
         double staged = 0.0, applied = 0.0, worst = 0.0, current = 0.0;
         for (int k = 0; k < 2000; ++k) {
             current = applied * 20.5 / resistance;
             worst = std::max(worst, current);
             applied = staged;
-            wish = slew_towards(wish, 32767, 197);
-            staged =
-                foldback_step(&self, wish, static_cast<int16_t>(std::min(32767.0, current * 512))) /
-                32768.0;
+            requested = slew_towards(requested, 32767, 197);
+            staged = foldback_step(&self, requested,
+                                   static_cast<int16_t>(std::min(32767.0, current * 512))) /
+                     32768.0;
         }
         EXPECT_LT(worst, 50.0) << resistance;
         EXPECT_NEAR(current, 45.0, 0.5) << resistance;

@@ -28,12 +28,12 @@ struct Tool {
     bool slower_at_less = true;  // energy and speed follow the duty
     double motor_turns = 0.2, phase = 0.0, head_deg = 0.0, period_s = 1.0, since_s = 0.0;
     int blows = 0, ticks = 0;
-    int16_t wish = 0;
+    int16_t requested = 0;
     Screwing screwing{};
     Blow blow{};
     ScrewingSetpoints set = SET;
 
-    double share() const { return slower_at_less ? wish / (TURN_Q15 * travel) : 1.0; }
+    double share() const { return slower_at_less ? requested / (TURN_Q15 * travel) : 1.0; }
     double travel = 1.0;
 
     double blow_deg() const { return energy_j * share() / torque(head_deg) * 180.0 / M_PI; }
@@ -67,7 +67,7 @@ struct Tool {
         in.supply_mv = SUPPLY_MV;
         if (ticks == 0) {
             screwing_start(&screwing, &set);
-            wish = in.travel_q15;
+            requested = in.travel_q15;
         }
         for (int n = 0; n < TICK_STEPS; ++n)
             advance(in);
@@ -76,7 +76,7 @@ struct Tool {
         blow.impacting = blows > 0;
         blow.count = static_cast<uint16_t>(blows);
         const int16_t answer = screwing_step(&screwing, &set, &in, &blow);
-        wish = answer < 0 ? int16_t{0} : answer;
+        requested = answer < 0 ? int16_t{0} : answer;
         ticks++;
     }
 
@@ -407,28 +407,28 @@ TEST(Screwing, ThePowerIsLoweredAtTheSecondBlow) {
     Tool t{[](double) { return 2.0; }, 4.2, 9000};
     int16_t last = 0;
     while (t.blows < 2) {
-        last = t.wish;
+        last = t.requested;
         t.tick();
         if (t.blows < 2) {
-            EXPECT_TRUE(t.ticks == 1 || t.wish == 32767);
+            EXPECT_TRUE(t.ticks == 1 || t.requested == 32767);
         }
     }
     for (int n = 0; n < 200; ++n) {
-        const int16_t before = t.wish;
+        const int16_t before = t.requested;
         t.tick();
-        EXPECT_LE(before - t.wish, 110);
+        EXPECT_LE(before - t.requested, 110);
     }
     EXPECT_EQ(last, 32767);
-    EXPECT_NEAR(t.wish, SHARE * 32767 + LEAST / 2, 3);
+    EXPECT_NEAR(t.requested, SHARE * 32767 + LEAST / 2, 3);
 }
 
 // Time until a drive at this trigger reaches its power, and that power.
-int16_t settled_wish(double travel, double torque_nm) {
+int16_t settled_duty(double travel, double torque_nm) {
     Tool t{[=](double) { return torque_nm; }, 4.2, 9000};
     t.travel = travel;
     t.slower_at_less = false;
     t.run(4, 1e9);
-    return t.wish;
+    return t.requested;
 }
 
 // 0.067 of the trigger's duty per degree of missing rotation to the setpoint, once; then to half of
@@ -440,16 +440,16 @@ TEST(Screwing, ASmallRotationGetsMorePower) {
     const double little_deg = 4.2 / LITTLE_NM * 180 / M_PI,
                  measured_deg = little_deg * 12 * 360 / (GEAR * PULSES) / (180 + little_deg);
     const auto power = [](double share_q15) { return share_q15 * 32767 / 32768 + LEAST / 2; };
-    EXPECT_NEAR(settled_wish(1.0, WIDE_NM), power(SET.share_q15), 3);
-    EXPECT_NEAR(settled_wish(1.0, LITTLE_NM),
+    EXPECT_NEAR(settled_duty(1.0, WIDE_NM), power(SET.share_q15), 3);
+    EXPECT_NEAR(settled_duty(1.0, LITTLE_NM),
                 power(SET.share_q15 + per_deg * (small_deg - measured_deg)), 400);
-    EXPECT_NEAR(settled_wish(1.0, LEAST_NM), 17 * LEAST / 8, 3);
-    EXPECT_NEAR(settled_wish(0.5, LEAST_NM), 16383, 3);
+    EXPECT_NEAR(settled_duty(1.0, LEAST_NM), 17 * LEAST / 8, 3);
+    EXPECT_NEAR(settled_duty(0.5, LEAST_NM), 16383, 3);
 }
 
 TEST(Screwing, ThePowerHasALowerLimit) {
-    EXPECT_NEAR(settled_wish(0.5, 4.0), LEAST, 3);
-    EXPECT_NEAR(settled_wish(0.25, 4.0), 0.25 * 32767, 1);  // limited by the trigger
+    EXPECT_NEAR(settled_duty(0.5, 4.0), LEAST, 3);
+    EXPECT_NEAR(settled_duty(0.25, 4.0), 0.25 * 32767, 1);  // limited by the trigger
 }
 
 TEST(Screwing, WithoutBlowsTheTriggerDrives) {
@@ -509,10 +509,10 @@ TEST(Screwing, RandomInputsGiveADutyOrAStop) {
             Blow blow{};
             blow.impacting = random() % 50 != 0;
             blow.count = 9;
-            const int16_t wish = screwing_step(&s, &set, &in, &blow);
-            ASSERT_TRUE(wish == CONTROLLER_STOP ||
-                        (wish >= 0 && wish <= std::max<int>(in.travel_q15, 0)))
-                << wish;
+            const int16_t requested = screwing_step(&s, &set, &in, &blow);
+            ASSERT_TRUE(requested == CONTROLLER_STOP ||
+                        (requested >= 0 && requested <= std::max<int>(in.travel_q15, 0)))
+                << requested;
             ASSERT_LE(screwing_state(&s), SCREWING_SEATED);
             ASSERT_GE(screwing_estimate(&s), 0);
         }

@@ -27,7 +27,7 @@ struct Tool {
     Torque torque{};
     Blow blow{};
     double supply_v = 18.5, winding = 1.0, current_a = 13.0, duty = 0.0, own_v = 0.0;
-    int16_t travel_q15 = INT16_MAX, wish = 0;
+    int16_t travel_q15 = INT16_MAX, requested = 0;
     int ticks = 0, steps = 0;
     bool blows_busy = false;  // every fifth tick
 
@@ -47,21 +47,22 @@ struct Tool {
         blow.count = static_cast<uint16_t>(ticks / 50);
         blow.busy = steps < 2 || (blows_busy && steps % 5 == 1);  // at its start, or at a blow
         ++steps;
-        wish = torque_step(&torque, &set, &in, &blow);
-        duty = wish < 0 ? 0.0 : wish / 32767.0;
+        requested = torque_step(&torque, &set, &in, &blow);
+        duty = requested < 0 ? 0.0 : requested / 32767.0;
         ++ticks;
-        return wish;
+        return requested;
     }
 
     // Runs for at most `ms`; whether the drive has not ended.
     bool run(int ms) {
-        for (int n = 0; n < ms && wish != CONTROLLER_STOP; ++n)
+        for (int n = 0; n < ms && requested != CONTROLLER_STOP; ++n)
             step();
-        return wish != CONTROLLER_STOP;
+        return requested != CONTROLLER_STOP;
     }
 
     bool run_into(TorqueState state, int ms = 3000) {
-        for (int n = 0; n < ms && wish != CONTROLLER_STOP && torque_state(&torque) != state; ++n)
+        for (int n = 0; n < ms && requested != CONTROLLER_STOP && torque_state(&torque) != state;
+             ++n)
             step();
         return torque_state(&torque) == state;
     }
@@ -245,14 +246,14 @@ TEST(Torque, AResumedDriveBeginsWithTheDutyOfItsSpeed) {
 
 TEST(Torque, EvaluatesAndSettlesForTheirTimes) {
     struct Wanted {
-        int target, look_ms, settle_ms;
+        int target, evaluate_ms, settle_ms;
     };
     for (const Wanted &wanted : {Wanted{60, 1700, 3300}, {100, 1200, 2800}}) {
         Tool tool(static_cast<int16_t>(wanted.target));
         tool.current_a = amperes(torque_map_settled_a_q8(row_of(wanted.target))) + 0.5;
         ASSERT_TRUE(tool.run_into(TORQUE_LEVEL));
         const int way_ms = (torque_map_level_mv(row_of(wanted.target)) - tool.torque.level_mv) / 8;
-        EXPECT_NEAR(stay(tool), way_ms + wanted.look_ms, 8) << wanted.target;
+        EXPECT_NEAR(stay(tool), way_ms + wanted.evaluate_ms, 8) << wanted.target;
         ASSERT_EQ(torque_state(&tool.torque), TORQUE_SETTLE);
         EXPECT_NEAR(stay(tool), wanted.settle_ms, 8) << wanted.target;
     }

@@ -270,13 +270,13 @@ TEST(Vibration, RandomInputsGiveADutyWithinTheTrigger) {
             in.supply_mv = static_cast<uint16_t>(coin(random) != 0 ? unsigned_word(random) : 0);
             in.duty_q15 = duty();
             drive.blow.impacting = coin(random) == 0;
-            const int16_t wish = vibration_step(&drive.self, &drive.set, &in, &drive.blow);
-            ASSERT_GE(wish, 0);
-            ASSERT_LE(wish, std::max<int>(in.trigger_q15, first ? in.travel_q15 : last))
+            const int16_t requested = vibration_step(&drive.self, &drive.set, &in, &drive.blow);
+            ASSERT_GE(requested, 0);
+            ASSERT_LE(requested, std::max<int>(in.trigger_q15, first ? in.travel_q15 : last))
                 << run << ' ' << n;
             ASSERT_LE(vibration_state(&drive.self), VIBRATION_RUN);
             ASSERT_GE(vibration_estimate(&drive.self), 0);
-            last = wish;
+            last = requested;
             first = false;
         }
     }

@@ -1,36 +1,27 @@
-// The reference tool of physics.md section 4, drivetrain and mechanism, for tests in C++.
+// The reference tool, rigs/impact_driver.toml without its load, as parameters of the plant.
 #ifndef VGROOVE_TESTS_REFERENCE_TOOL_HPP
 #define VGROOVE_TESTS_REFERENCE_TOOL_HPP
 
+#include <cstring>
+#include <stdexcept>
+
 #include "plant/components/parameters.hpp"
+#include "reference_tool_values.hpp"  // generated: generate_reference_tool.py
+
+inline int parameter_position(const char *name) {
+    for (int n = 0; n < vgroove::PARAMETER_COUNT; ++n)
+        if (std::strcmp(vgroove::parameter_name(n), name) == 0)
+            return n;
+    throw std::invalid_argument(name);
+}
 
 inline vgroove::Parameters reference_tool() {
-    vgroove::Parameters p;
-    p.supply_voltage_v = 18.5;
-    p.supply_resistance_ohm = 0.10;
-    p.bridge_pwm_hz = 31372.5;
-    p.motor_resistance_ohm = 0.19;
-    p.motor_inductance_h = 1e-4;
-    p.motor_torque_constant = 0.0109;
-    p.motor_inertia_kg_m2 = 1.6e-5;
-    p.motor_viscous = 4.5e-6;
-    p.motor_coulomb_nm = 0.012;
-    p.gearbox_ratio = 5.6;
-    p.gearbox_output_inertia = 6e-6;
-    p.hammer_inertia_kg_m2 = 4.5e-5;
-    p.hammer_mass_kg = 0.19;
-    p.groove_lead_m_per_rad = 4.4e-3;
-    p.groove_radius_m = 0.010;
-    p.travel_rad = 2.8;
-    p.spring_preload_n = 220.0;
-    p.spring_rate_n_per_m = 29400.0;
-    p.lug_height_m = 4.5e-3;
-    p.lug_radius_m = 0.015;
-    p.lug_overlap_rad = 1.0;
-    p.contact_stiffness = 3e7;
-    p.contact_damping = 2e3;
-    p.anvil_inertia_kg_m2 = 1.2e-5;
-    return p;
+    const vgroove::Parameters neutral;
+    double theta[vgroove::PARAMETER_COUNT];
+    std::memcpy(theta, &neutral, sizeof theta);
+    for (const ReferenceValue &v : REFERENCE_TOOL_VALUES)
+        theta[parameter_position(v.name)] = v.value;
+    return vgroove::parameters_from(theta);
 }
 
 #endif

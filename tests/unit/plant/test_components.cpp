@@ -1,14 +1,14 @@
-// Laws of single components: what each effect adds and that it adds nothing when it is off.
+// Equations of single components, with effects on and off.
 #include <cmath>
 #include <gtest/gtest.h>
 
-#include "plant/drivetrain/model.hpp"
 #include "plant/components/friction_law.hpp"
+#include "plant/drivetrain/model.hpp"
 
 using namespace vgroove;
 
 TEST(Bridge, RippleHasItsFloorAndPeak) {
-    const Bridge<double> p{0.0, 1.0 / (2.0 * 1e-4 * 20000.0), 0.0};
+    const Bridge<double> p{0.0, 1.0 / (2.0 * 1e-4 * 20000.0), 0.0, 0.0};
     EXPECT_DOUBLE_EQ(bridge_ripple<double>(p, 0.0, 18.0), 0.2);
     EXPECT_DOUBLE_EQ(bridge_ripple<double>(p, -0.5, 18.0), 0.25 * 18.0 / 4.0);
     EXPECT_DOUBLE_EQ(bridge_sign<double>(p, 0.5, 1.0), 0.5);
@@ -18,11 +18,11 @@ TEST(Bridge, RippleHasItsFloorAndPeak) {
 TEST(Motor, BrushDropIsOddAndSettlesAtItsVoltage) {
     Motor<double> p{};
     p.brush_v = 0.6;
-    EXPECT_NEAR(motor_brush_voltage<double>(p, EFFECT_BRUSH, 20.0, 1.0), 0.6, 1e-12);
-    EXPECT_NEAR(motor_brush_voltage<double>(p, EFFECT_BRUSH, 0.3, 1e-4), 0.6 * std::tanh(1.0),
+    EXPECT_NEAR(motor_brush_voltage<double>(p, EFFECT_BRUSH_DROP, 20.0, 1.0), 0.6, 1e-12);
+    EXPECT_NEAR(motor_brush_voltage<double>(p, EFFECT_BRUSH_DROP, 0.3, 1e-4), 0.6 * std::tanh(1.0),
                 1e-7);
-    EXPECT_DOUBLE_EQ(motor_brush_voltage<double>(p, EFFECT_BRUSH, -0.4, 0.7),
-                     -motor_brush_voltage<double>(p, EFFECT_BRUSH, 0.4, 0.7));
+    EXPECT_DOUBLE_EQ(motor_brush_voltage<double>(p, EFFECT_BRUSH_DROP, -0.4, 0.7),
+                     -motor_brush_voltage<double>(p, EFFECT_BRUSH_DROP, 0.4, 0.7));
     EXPECT_EQ(motor_brush_voltage<double>(p, 0u, 20.0, 1.0), 0.0);
 }
 
@@ -34,7 +34,7 @@ TEST(Friction, HoldIsTheLimitOfSliding) {
     p.breakaway_nm = 0.01;
     p.stribeck_inverse = 1.0 / 30.0;
     p.load_relative = 0.1;
-    const std::uint32_t on = EFFECT_STRIBECK | EFFECT_LOAD_FRICTION;
+    const std::uint32_t on = EFFECT_STRIBECK_FRICTION | EFFECT_LOAD_DEPENDENT_FRICTION;
     const HoldLimits<double> hold = friction_hold<double>(p, on, 0.2);
     EXPECT_NEAR(friction_sliding<double>(p, on, 1.0, 1e-12, 0.2, 0.0), hold.forward_nm, 1e-12);
     EXPECT_NEAR(friction_sliding<double>(p, on, -1.0, -1e-12, 0.2, 0.0), -hold.backward_nm, 1e-12);
@@ -52,7 +52,7 @@ TEST(Gear, FlanksPushAndNeverPull) {
     EXPECT_NEAR(gear_coupler_energy<double>(p, 0.03), 0.5 * 100.0 * 0.02 * 0.02, 1e-15);
 }
 
-// physics.md section 3: break-away torque at w_brk, Coulomb far above, odd, at rest 0.
+// docs/spec/model.md, section 3: break-away torque at w_brk, Coulomb far above, odd, at rest 0.
 TEST(FrictionLaw, BothFormsMeetTheirNamedTorques) {
     FrictionLaw<double> law{};
     law.breakaway_nm = 7.2;

@@ -1,12 +1,12 @@
-// Laws of the drill driver (physics.md section 7): energy, clutch, rest, slopes, and its solvers
-// against one another.
+// Laws of the drill driver (docs/spec/model.md, section 7): energy, clutch, rest, slopes, and its
+// solvers against one another.
 #include <algorithm>
 #include <cmath>
 #include <gtest/gtest.h>
 #include <stdexcept>
 #include <string>
 
-#include "plant/drill/solvers.hpp"
+#include "plant/drill/real_time.hpp"
 
 using namespace vgroove;
 

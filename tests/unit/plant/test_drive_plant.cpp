@@ -1,5 +1,5 @@
-// The lock-step tool shows the reference tool of physics.md: free speed, stall current, braking,
-// coasting, edges.
+// The lock-step tool shows the reference tool of docs/spec/model.md: free speed, stall current,
+// braking, coasting, edges.
 #include <cmath>
 #include <gtest/gtest.h>
 
@@ -99,7 +99,7 @@ TEST(DrivePlant, EdgesCountTheAngleBothWays) {
 
 TEST(DrivePlant, UnequalSpacingAndEccentricityMoveEdgesNotTheShaft) {
     Parameters p = reference_tool();
-    p.hall_amplitude_rad = 0.1;
+    p.effects.hall_eccentricity.amplitude_rad = 0.1;
     DrivePlant plain = tool(reference_tool()),
                odd(p, LoadKind::NONE, hall_wheel(4, 0.3, {0.2, 0.3, 0.24, 0.26}), 1);
     int differ = 0, plain_edges = 0, odd_edges = 0;
@@ -117,7 +117,7 @@ TEST(DrivePlant, UnequalSpacingAndEccentricityMoveEdgesNotTheShaft) {
 
 TEST(DrivePlant, DropoutLosesItsShareOfEdgesAndIsSeeded) {
     Parameters p = reference_tool();
-    p.hall_dropout_probability = 0.1;
+    p.effects.hall_dropout.probability = 0.1;
     DrivePlant all = tool(reference_tool()), some = tool(p), again = tool(p);
     int edges = 0, kept = 0;
     for (int n = 0; n < 60000; ++n) {
@@ -131,7 +131,7 @@ TEST(DrivePlant, DropoutLosesItsShareOfEdgesAndIsSeeded) {
 
 TEST(DrivePlant, TransportDelayWaits) {
     Parameters p = reference_tool();
-    p.transport_delay_s = 0.01;
+    p.effects.transport_delay.delay_s = 0.01;
     DrivePlant plant = tool(p);
     run_for(plant, 0.0099, 1.0);
     EXPECT_EQ(plant.current_a(), 0.0);

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "plant/components/front_ends.hpp"
+#include "plant/numeric/noise.hpp"
 
 using namespace vgroove;
 

@@ -4,6 +4,8 @@
 
 #include <cmath>
 
+#include "plant/components/joints/disc.hpp"
+#include "plant/impact/fixed_steps.hpp"
 #include "plant/impact/log.hpp"
 #include "plant/lockstep/impact_plant.hpp"
 #include "reference_tool.hpp"
@@ -105,14 +107,14 @@ static SlipTorques slip_at(const Joint &j, double head_rad) {
 
 TEST(Joint, HardJointSlipsAtRunTorqueThenAtTheSlope) {
     Parameters p;
-    p.joint_run_nm = 0.3;
-    p.joint_slope = 700.0;
+    p.load.run_torque_nm = 0.3;
+    p.load.slip_slope_nm_per_rad = 700.0;
     const Joint j = joint_from(p, LoadKind::HARD_JOINT);
     EXPECT_DOUBLE_EQ(slip_at(j, -0.1).forward_nm, 0.3);
     EXPECT_DOUBLE_EQ(slip_at(j, 0.0).forward_nm, 0.3);
     EXPECT_DOUBLE_EQ(slip_at(j, 0.2).forward_nm, 140.3);
     EXPECT_DOUBLE_EQ(slip_at(j, 0.2).backward_nm, 0.3 + 0.75 * 140.0);
-    p.thread_friction_relative = 0.1;
+    p.effects.thread_friction.relative = 0.1;
     EXPECT_NEAR(slip_at(joint_from(p, LoadKind::HARD_JOINT), 0.2).forward_nm, 1.1 * 140.3, 1e-12);
     EXPECT_EQ(slip_at(joint_from(p, LoadKind::LOCKED), 0.2).forward_nm,
               std::numeric_limits<double>::infinity());
@@ -121,13 +123,13 @@ TEST(Joint, HardJointSlipsAtRunTorqueThenAtTheSlope) {
 
 static Parameters m6_screw() {
     Parameters p;
-    p.joint_stiffness = 100.0;
-    p.screw_start_nm = 0.5;
-    p.screw_end_nm = 6.0;
-    p.screw_turns = 36.0;
-    p.screw_seat_nm = 12.0;
-    p.joint_from_turns = 12.0;
-    p.joint_loosen_ratio = 0.6;
+    p.load.stiffness_nm_per_rad = 100.0;
+    p.load.start_nm = 0.5;
+    p.load.end_nm = 6.0;
+    p.load.turns = 36.0;
+    p.load.seat_nm = 12.0;
+    p.load.from_turns = 12.0;
+    p.load.loosen_ratio = 0.6;
     return p;
 }
 
@@ -147,9 +149,9 @@ TEST(Joint, WoodScrewRunsInSeatsAndStrips) {
 TEST(Joint, AKnotAddsItsTorqueBetweenTwoHeadAngles) {
     Parameters p = m6_screw();
     const Joint clear = joint_from(p, LoadKind::WOOD_SCREW);
-    p.knot_nm = 3.0;
-    p.knot_from_rad = 10.0;
-    p.knot_to_rad = 12.0;
+    p.effects.wood_knot.torque_nm = 3.0;
+    p.effects.wood_knot.from_rad = 10.0;
+    p.effects.wood_knot.to_rad = 12.0;
     const Joint knotted = joint_from(p, LoadKind::WOOD_SCREW);
     EXPECT_DOUBLE_EQ(slip_at(knotted, 9.999).forward_nm, slip_at(clear, 9.999).forward_nm);
     EXPECT_NEAR(slip_at(knotted, 10.0).forward_nm, slip_at(clear, 10.0).forward_nm + 3.0, 1e-12);
@@ -160,10 +162,10 @@ TEST(Joint, AKnotAddsItsTorqueBetweenTwoHeadAngles) {
 
 TEST(Joint, DiscStackThroughTheBolt) {
     Parameters p;
-    p.disc_parallel = 4.0;
-    p.disc_series = 42.0;
-    p.joint_from_turns = 4.0;
-    p.joint_run_nm = 0.3;
+    p.load.parallel = 4.0;
+    p.load.series = 42.0;
+    p.load.from_turns = 4.0;
+    p.load.run_torque_nm = 0.3;
     const Joint j = joint_from(p, LoadKind::DISC_SPRING);
     const DiscSpring disc{40e-3, 20.4e-3, 1.5e-3, 1.15e-3};
     for (const double turns : {0.0, 3.0, 12.0}) {
@@ -176,7 +178,7 @@ TEST(Joint, DiscStackThroughTheBolt) {
     }
     const double flat = 2.0 * PI * (42.0 * 1.15 / 2.0 - 4.0);
     EXPECT_NEAR(slip_at(j, flat + 0.1).forward_nm, slip_at(j, flat).forward_nm + 70.0, 1e-6);
-    p.joint_hysteresis_relative = 0.2;
+    p.effects.joint_hysteresis.relative = 0.2;
     const Joint lossy = joint_from(p, LoadKind::DISC_SPRING);
     EXPECT_DOUBLE_EQ(slip_at(lossy, 1.0).forward_nm, slip_at(j, 1.0).forward_nm);
     EXPECT_NEAR(slip_at(lossy, 1.0).backward_nm - 0.3, 0.8 * (slip_at(j, 1.0).backward_nm - 0.3),
@@ -221,12 +223,12 @@ TEST(Impact, ParametersOutOfRangeAreNamed) {
 // Largest number of derivatives that a fixed step of step_s may need: three cuts of six in each
 // piece, and their switches.
 static double most_work(double step_s) {
-    return std::ceil(step_s / IMPACT_PIECE_S) * (IMPACT_CUTS_MAX + 1) * (6.0 + 8.0);
+    return std::ceil(step_s / IMPACT_PIECE_S) * (IMPACT_EVENTS_LOCATED_MAX + 1) * (6.0 + 8.0);
 }
 
 TEST(ImpactPlant, FixedStepsHaveBoundedWork) {
     Parameters p = reference_tool();
-    p.joint_run_nm = 6.0;  // the joint with the most contacts
+    p.load.run_torque_nm = 6.0;  // the joint with the most contacts
     for (const double step_s : {10e-6, 35e-6, 70e-6}) {
         ImpactPlant tool(p, LoadKind::HARD_JOINT, HallWheel{}, 1, ImpactAccuracy::FIXED, step_s);
         double before = 0.0, worst = 0.0;
@@ -259,7 +261,7 @@ static std::vector<Blow> contacts_of(const Parameters &p, ImpactAccuracy accurac
 TEST(ImpactPlant, FastModeMeetsTheReferencesContacts) {
     Parameters p = reference_tool();
     for (const double run_nm : {6.0, 60.0, 400.0}) {
-        p.joint_run_nm = run_nm;
+        p.load.run_torque_nm = run_nm;
         for (const double duty : {1.0, -1.0, 0.8}) {
             const double dead = duty == 0.8 ? 0.05 : 0.0;
             const std::vector<Blow> fast = contacts_of(p, ImpactAccuracy::FAST, duty, dead);
@@ -284,7 +286,7 @@ TEST(ImpactPlant, FastModeMeetsTheReferencesContacts) {
 TEST(ImpactPlant, FastModeTakesFewStepsABlow) {
     for (const double run_nm : {60.0, 400.0}) {
         Parameters p = reference_tool();
-        p.joint_run_nm = run_nm;
+        p.load.run_torque_nm = run_nm;
         ImpactPlant tool(p, LoadKind::HARD_JOINT, HallWheel{}, 1, ImpactAccuracy::FAST, 0.0);
         tool.advance(0.5, 1.0, false, 0.0);
         const ImpactStats s = tool.statistics();
@@ -298,8 +300,8 @@ TEST(ImpactPlant, RestsUntilItIsDriven) {
                      ImpactAccuracy::FAST, 0.0);
     for (int n = 0; n < 1000; ++n)
         EXPECT_EQ(tool.period(false, 0.0, 0.0, 0.0).edge_count, 0);
-    EXPECT_EQ(tool.speed_rad_s(), 0.0);
-    EXPECT_EQ(tool.angle_rad(), 0.0);
+    EXPECT_EQ(tool.now().speed_rad_s, 0.0);
+    EXPECT_EQ(tool.now().angle_rad, 0.0);
 }
 
 TEST(ImpactPlant, BlowsAreHandedOverOnce) {

@@ -9,6 +9,7 @@ from .entry import (
     Parameter,
     Periodic,
     Scales,
+    Separation,
     constant,
 )
 from .keys import NOT_NEGATIVE, POSITIVE
@@ -108,6 +109,13 @@ EFFECTS = (
             ),
         ),
         less_likely=True,
+        separations=(
+            Separation(
+                "added_inertia",
+                "fast ramps",
+                "a spring oscillates after steep edges, a rigid inertia does not",
+            ),
+        ),
     ),
     Effect(
         "gear_backlash",

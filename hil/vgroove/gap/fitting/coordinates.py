@@ -84,7 +84,7 @@ class HypothesisBuilder:
     def _of_effect(
         self, effect: Effect, ids: tuple[str, ...], known: dict[str, float]
     ) -> list[Started]:
-        if effect.id == "asymmetric_friction" and "coulomb_friction" in ids:
+        if effect.constant_beside in ids:
             return [(self._constant_torque(effect), (0.0,))]
         pairs = [
             self._of_parameter(effect, parameter, known)
@@ -108,7 +108,7 @@ class HypothesisBuilder:
         return coordinate, parameter.starts
 
     def _constant_torque(self, effect: Effect) -> Coordinate:
-        """Beside Coulomb friction the asymmetry is a constant torque: forward_nm = -backward_nm."""
+        """The effect as a constant torque: its second parameter is minus its first one."""
         columns = tuple(self.problem.index(effect.name(p)) for p in effect.parameters)
         size = effect.parameters[0].size(self.scales)
         name = effect.name(effect.parameters[0])

@@ -6,6 +6,7 @@ Technometrics 7, 1965).
 import numpy as np
 
 from vgroove import _core
+from vgroove.gap.catalogue import SEPARATIONS
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.next_run.menu import RunProfile, feasible_profiles, time_grid
 from vgroove.gap.residual.problem import Problem
@@ -34,31 +35,6 @@ RUN_OF_COVARIATE = {
     "load": "load steps",
     "sign of speed": "reversal",
     "rate of command": "fast ramps",
-}
-
-# why a run separates a pair of effects, where the physics is known: run and reason
-KNOWN_REASONS = {
-    frozenset({"brush_drop", "dead_time"}): (
-        "staircase up to full duty",
-        "at full duty nothing switches, so that dead time takes no voltage; the brushes still do",
-    ),
-    frozenset({"added_inertia", "clock_skew"}): (
-        "coast-down",
-        "with the bridge open an inertia stretches the run-down; a clock error also shifts the"
-        " edges of a steady speed against the time stamps: hold one for some seconds before",
-    ),
-    frozenset({"transport_delay", "speed_lag"}): (
-        "fast ramps",
-        "a delay shifts current and speed, a lag of the sensor the speed alone",
-    ),
-    frozenset({"coupler_compliance", "added_inertia"}): (
-        "fast ramps",
-        "a spring oscillates after steep edges, a rigid inertia does not",
-    ),
-    frozenset({"torque_constant", "speed_gain"}): (
-        "stall pulse",
-        "at standstill the speed sensor has no influence, the torque constant has",
-    ),
 }
 
 
@@ -105,8 +81,8 @@ def most_separating_run(problem: Problem, search: Search, finding: Finding) -> N
 def separation_reason(profile: RunProfile, finding: Finding, sigma: float) -> str:
     """Why a run separates the best set from its first rival, and by how much, in a sentence."""
     rival = finding.rivals[0]
-    known = KNOWN_REASONS.get(frozenset(set(finding.best.ids) ^ set(rival.ids)))
-    why = known[1] if known and known[0].startswith(profile.name) else profile.content
+    known = SEPARATIONS.get(frozenset(set(finding.best.ids) ^ set(rival.ids)))
+    why = known.reason if known and known.run.startswith(profile.name) else profile.content
     best, other = (" with ".join(one.ids) for one in (finding.best, rival))
     return (
         f"{why}; in this run {best} and {other} differ by {sigma:.2g} sigma a sample, whatever"

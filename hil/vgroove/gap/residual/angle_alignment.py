@@ -12,18 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vgroove.gap.catalogue import PERIODIC
 from vgroove.gap.residual.agreement import CLIP_SIGMAS
 from vgroove.gap.residual.huber import huber_weight
 from vgroove.gap.residual.measured_run import MeasuredRun
 from vgroove.gap.residual.protocol import MeasuredProblem
 from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.units import TURN_RAD
-
-PERIODIC = {
-    "cogging_torque": "torque_nm",
-    "gear_eccentricity": "torque_nm",
-    "hall_eccentricity": "amplitude_rad",
-}
 
 
 @dataclass(frozen=True)
@@ -95,7 +90,8 @@ def _stretch_of_restart(run: MeasuredRun) -> tuple[bool, np.ndarray]:
 
 def active_periodic_effects(problem: MeasuredProblem, theta: np.ndarray) -> list[str]:
     """Effects of a parameter vector (P,) that follow the angle."""
-    return [i for i, size in PERIODIC.items() if theta[problem.index(f"effects.{i}.{size}")] != 0.0]
+    names = {i: f"effects.{i}.{periodic.amplitude}" for i, periodic in PERIODIC.items()}
+    return [i for i, name in names.items() if theta[problem.index(name)] != 0.0]
 
 
 def candidate_shifts(
@@ -123,12 +119,14 @@ def candidate_shifts(
 
 def fewest_periods_per_rev(problem: MeasuredProblem, theta: np.ndarray) -> float:
     """Fewest periods a motor turn of the effects of theta (P,) that follow the angle."""
-    every = {
-        "cogging_torque": float(theta[problem.index("effects.cogging_torque.periods_per_rev")]),
-        "hall_eccentricity": 1.0,
-        "gear_eccentricity": 1.0 / problem.rig.gearbox["ratio"],
-    }
-    return min(every[i] for i in active_periodic_effects(problem, theta))
+
+    def periods(effect: str) -> float:
+        return PERIODIC[effect].periods_per_rev(
+            lambda name: float(theta[problem.index(f"effects.{effect}.{name}")]),
+            problem.rig.gearbox["ratio"],
+        )
+
+    return min(map(periods, active_periodic_effects(problem, theta)))
 
 
 def align_angles(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vgroove.errors import VgrooveError
+from vgroove.gap.catalogue import DIAGNOSED_LOADS
 from vgroove.gap.residual.angle_alignment import align_angles
 from vgroove.gap.residual.blocks import FoldBlocks
 from vgroove.gap.residual.channels import Channel
@@ -17,7 +18,6 @@ from vgroove.gap.residual.measured_run import MeasuredRun, prepare_run
 from vgroove.gap.residual.problem import Problem, SignalInfo
 from vgroove.rig import Rig
 
-SIMULATED_LOADS = ("none", "torque", "pendulum")
 RESTART_S = 0.25  # docs/spec/gap.md, section 5
 
 
@@ -54,10 +54,10 @@ def _check_simulated(rig: Rig) -> None:
             f"a log of a tool with mechanism {rig.mechanism['kind']} cannot be judged yet, "
             "only one with mechanism none"
         )
-    if rig.load["kind"] not in SIMULATED_LOADS:
+    if rig.load["kind"] not in DIAGNOSED_LOADS:
         raise VgrooveError(
             f"a log of a tool with load {rig.load['kind']} cannot be judged yet, "
-            f"only with {', '.join(SIMULATED_LOADS)}"
+            f"only with {', '.join(DIAGNOSED_LOADS)}"
         )
 
 

@@ -8,10 +8,12 @@ input), the error of a restart without the ripple lasts until the next restart.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
+from vgroove.gap.catalogue import PERIODIC
 from vgroove.gap.residual.measured_run import MeasuredRun
 from vgroove.gap.residual.restarts import Restarts
 
@@ -62,20 +64,21 @@ def speed_ripples(
         return float(values[parameters.index(name)])
 
     speed = run.restarts.measured[:, 1]
-    gear_periods = 1.0 / value("gearbox.ratio")
-    periods = {
-        "cogging_torque": value("effects.cogging_torque.periods_per_rev"),
-        "gear_eccentricity": gear_periods,
-    }
-    for effect, count in periods.items():
-        torque = value(f"effects.{effect}.torque_nm")
-        if torque:
-            response = torque * torque_response(value, run, count * speed)
-            yield _shaft_ripple(count, response, value(f"effects.{effect}.phase_rad"), speed)
-    wheel = value("effects.hall_eccentricity.amplitude_rad")
-    if wheel:
-        phase = np.full(len(speed), value("effects.hall_eccentricity.phase_rad"))
-        yield SpeedRipple(1.0, wheel * speed, phase, False)
+    for effect, periodic in PERIODIC.items():
+        own = partial(_of_effect, value, effect)
+        amplitude = own(periodic.amplitude)
+        if not amplitude:
+            continue
+        count, phase = periodic.periods_per_rev(own, value("gearbox.ratio")), own("phase_rad")
+        if periodic.moves_shaft:
+            response = amplitude * torque_response(value, run, count * speed)
+            yield _shaft_ripple(count, response, phase, speed)
+        else:
+            yield SpeedRipple(count, amplitude * speed * count, np.full(len(speed), phase), False)
+
+
+def _of_effect(value: Callable[[str], float], effect: str, name: str) -> float:
+    return value(f"effects.{effect}.{name}")
 
 
 def _shaft_ripple(

@@ -68,7 +68,7 @@ class Estimate:
     def parameters(self, effect_id: str) -> dict[str, ParameterEstimate]:
         """Reported parameters of one effect, with 95 % intervals from cluster-robust covariance."""
         problem = self.engine.problem
-        if effect_id == "hall_dropout":
+        if BY_ID[effect_id].counted:
             return dropout_parameters(problem)
         found, theta = {}, self.fit.theta(problem.theta0)
         for parameter in (p for p in BY_ID[effect_id].parameters if p.reported):

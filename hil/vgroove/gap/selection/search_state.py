@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vgroove.gap.catalogue import Effect
+from vgroove.gap.catalogue import CONVENTIONS_AT_LOWER_BOUND, Effect
 from vgroove.gap.cleaning.sensor_noise import MAD_TO_SIGMA
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
@@ -64,8 +64,6 @@ SPEED_SCALE, CLOCK_SCALE, OF_COMMAND_CLOCK = (
     "effects.clock_skew.relative",
     "effects.clock_skew.command_clock",
 )
-# parameters that describe nothing at their lower bound: a delay as short as the logger's convention
-INVALID_AT_LOWER_BOUND = ("effects.transport_delay.delay_s",)
 
 
 @dataclass
@@ -310,7 +308,7 @@ def is_valid(one: Fit) -> bool:
     at_bound = (
         c.low > 0.0 and x < COMPARISON.bound_margin * c.low
         for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)
-        if c.name in INVALID_AT_LOWER_BOUND
+        if c.name in CONVENTIONS_AT_LOWER_BOUND
     )
     return not any(at_bound)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.catalogue import BY_ID, OUTPUT_TURN
+from vgroove.gap.catalogue import PERIODIC
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.residual import angle_alignment
@@ -205,16 +205,9 @@ def cosine_index(h: Hypothesis) -> int:
 
 def periods_per_rev(h: Hypothesis, ratio: float) -> float:
     """Periods per motor revolution of a periodic effect at its start; ratio: of the gearbox."""
-    periods = BY_ID[h.ids[0]].periodic.periods
-    if periods == OUTPUT_TURN:
-        return 1.0 / ratio
-    if not isinstance(periods, str):
-        return periods
-    return next(
-        float(x) * c.factors[0]
-        for c, x in zip(h.coordinates, h.start, strict=True)
-        if c.name.endswith(periods)
-    )
+    effect = h.ids[0]
+    starts = {c.name: float(x) * c.factors[0] for c, x in zip(h.coordinates, h.start, strict=True)}
+    return PERIODIC[effect].periods_per_rev(lambda name: starts[f"effects.{effect}.{name}"], ratio)
 
 
 def by_effect(fits: Sequence[Fit]) -> list[list[Fit]]:

@@ -1,5 +1,5 @@
-// Long runs: what a pool's parts throw comes out the same whatever the threads, a run may be ended,
-// and one that does not come forward ends itself.
+// Thread pool and cancellation: the exception that comes out of a pool does not depend on the
+// number of threads, a run can be cancelled, and a run that needs too many steps ends by itself.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -11,32 +11,32 @@
 #include <vector>
 
 #include "plant/impact/log.hpp"
-#include "plant/numeric/watch.hpp"
+#include "plant/numeric/thread_pool.hpp"
 #include "reference_tool.hpp"
 
 using namespace vgroove;
 
-// Wants the end from the `after`-th question on.
-struct Impatient final : Watch {
+// Requests the end from the call number `after` on.
+struct Impatient final : Cancellation {
     int after, asked = 0;
     explicit Impatient(int n) : after(n) {}
-    bool wants_end() override { return ++asked >= after; }
+    bool requested() override { return ++asked >= after; }
 };
 
-TEST(SharedWork, DoesEveryPartOnce) {
+TEST(ThreadPool, RunsEveryPieceOnce) {
     for (const int threads : {0, 1, 2, 8}) {
         std::vector<std::atomic<int>> done(100);
-        share_work(done.size(), threads, nullptr, [&](std::size_t n) { ++done[n]; });
+        run_parallel(done.size(), threads, nullptr, [&](std::size_t n) { ++done[n]; });
         for (const std::atomic<int> &times : done)
             EXPECT_EQ(times, 1);
     }
-    share_work(0, 4, nullptr, [](std::size_t) { FAIL(); });
+    run_parallel(0, 4, nullptr, [](std::size_t) { FAIL(); });
 }
 
-TEST(SharedWork, TheLowestPartThatFailsIsHeard) {
+TEST(ThreadPool, TheExceptionOfTheLowestPieceComesOut) {
     for (int round = 0; round < 20; ++round)
         try {
-            share_work(8, 4, nullptr, [](std::size_t n) {
+            run_parallel(8, 4, nullptr, [](std::size_t n) {
                 if (n == 2)
                     std::this_thread::sleep_for(std::chrono::milliseconds(2));
                 if (n >= 2)
@@ -48,27 +48,27 @@ TEST(SharedWork, TheLowestPartThatFailsIsHeard) {
         }
 }
 
-TEST(SharedWork, EndsInAllThreadsWhenTheCallerWantsIt) {
+TEST(ThreadPool, IsCancelledInAllThreads) {
     for (const int threads : {1, 3}) {
-        Impatient watch(1);
-        EXPECT_THROW(share_work(3, threads, &watch,
-                                [&](std::size_t) {
-                                    for (;;)
-                                        watch.look();
-                                }),
-                     Interrupted);
-        EXPECT_EQ(watch.asked, 1);
+        Impatient cancellation(1);
+        EXPECT_THROW(run_parallel(3, threads, &cancellation,
+                                  [&](std::size_t) {
+                                      for (;;)
+                                          cancellation.check();
+                                  }),
+                     Cancelled);
+        EXPECT_EQ(cancellation.asked, 1);
     }
 }
 
-TEST(SharedWork, ACallerWithNothingLeftToDoStillEndsIt) {
-    Impatient watch(2);
-    EXPECT_THROW(share_work(2, 2, &watch,
-                            [&](std::size_t n) {
-                                while (n == 1)
-                                    watch.look();
-                            }),
-                 Interrupted);
+TEST(ThreadPool, IsCancelledByACallerWithoutWork) {
+    Impatient cancellation(2);
+    EXPECT_THROW(run_parallel(2, 2, &cancellation,
+                              [&](std::size_t n) {
+                                  while (n == 1)
+                                      cancellation.check();
+                              }),
+                 Cancelled);
 }
 
 static LogInput full_trigger(std::size_t rows, double row_s) {
@@ -82,13 +82,13 @@ static LogInput full_trigger(std::size_t rows, double row_s) {
 }
 
 static void simulate(const std::vector<Parameters> &tools, double row_s, ImpactAccuracy accuracy,
-                     int threads, Watch *watch) {
+                     int threads, Cancellation *cancellation) {
     const std::size_t rows = 100;
     std::vector<double> columns(IMPACT_COLUMN_COUNT * tools.size() * rows);
     ImpactOutput out{};
     for (std::size_t n = 0; n < IMPACT_COLUMN_COUNT; ++n)
         out.columns[n] = columns.data() + n * tools.size() * rows;
-    out.watch = watch;
+    out.cancellation = cancellation;
     simulate_impact(full_trigger(rows, row_s), reinterpret_cast<const double *>(tools.data()),
                     tools.size(), accuracy, threads, out);
 }
@@ -103,7 +103,7 @@ static std::string refusal(const std::vector<Parameters> &tools, ImpactAccuracy 
     return "";
 }
 
-TEST(ImpactRun, ABatchNamesItsImpossibleTool) {
+TEST(ImpactRun, AnImpossibleToolOfABatchIsNamed) {
     std::vector<Parameters> tools(5, reference_tool());
     tools[3].lug_overlap_rad = 3.2;
     tools[4].hammer_mass_kg = 0.0;
@@ -117,25 +117,25 @@ TEST(ImpactRun, ABatchNamesItsImpossibleTool) {
     }
 }
 
-TEST(ImpactRun, OneThatDoesNotComeForwardEndsWithTheParameterBehindIt) {
+TEST(ImpactRun, TooManyStepsNameTheParameterBehindThem) {
     std::vector<Parameters> tools(2, reference_tool());
-    tools[1].joint_damping = 1e6;  // 8e10 per s
+    tools[1].load.damping_nm_s_per_rad = 1e6;  // 8e10 per s
     for (const ImpactAccuracy accuracy : {ImpactAccuracy::FAST, ImpactAccuracy::REFERENCE}) {
-        const std::string words = refusal(tools, accuracy, 1);
-        EXPECT_EQ(words.rfind("parameter set 1: impact mechanism: needs too many steps at 0.", 0),
+        const std::string message = refusal(tools, accuracy, 1);
+        EXPECT_EQ(message.rfind("parameter set 1: impact mechanism: needs too many steps at 0.", 0),
                   0u)
-            << words;
-        EXPECT_NE(words.find("load.damping_nm_s_per_rad = 1e+06"), std::string::npos) << words;
+            << message;
+        EXPECT_NE(message.find("load.damping_nm_s_per_rad = 1e+06"), std::string::npos) << message;
     }
 }
 
-TEST(ImpactRun, EndsWhenTheCallerWantsIt) {
+TEST(ImpactRun, IsCancelled) {
     for (const ImpactAccuracy accuracy :
          {ImpactAccuracy::FAST, ImpactAccuracy::REFERENCE, ImpactAccuracy::FIXED}) {
-        Impatient watch(2);
+        Impatient cancellation(2);
         const auto began = std::chrono::steady_clock::now();
-        EXPECT_THROW(simulate({reference_tool()}, 1e3, accuracy, 1, &watch),
-                     Interrupted);  // 100,000 s
+        EXPECT_THROW(simulate({reference_tool()}, 1e3, accuracy, 1, &cancellation),
+                     Cancelled);  // 100,000 s
         EXPECT_LT(std::chrono::steady_clock::now() - began, std::chrono::seconds(20));
     }
 }

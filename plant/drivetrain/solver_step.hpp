@@ -1,0 +1,131 @@
+// One trial step of the drivetrain's solver: exact where the drivetrain is linear, else by Dormand
+// and Prince, or by ROS34PW2 where it is stiff.
+#ifndef VGROOVE_PLANT_DRIVETRAIN_SOLVER_STEP_HPP
+#define VGROOVE_PLANT_DRIVETRAIN_SOLVER_STEP_HPP
+
+#include "drivetrain/flow.hpp"
+#include "drivetrain/solver_state.hpp"
+#include "drivetrain/stiff_step.hpp"
+#include "numeric/dormand_prince.hpp"
+
+namespace vgroove {
+
+template <class V, int N> struct Trial {
+    State<V, N> state, slope;
+    V error;  // largest local error over tolerance
+};
+
+template <class V, int N>
+VGROOVE_INLINE V solver_error(const Drivetrain<V> &m, V h, const State<V, N> &e,
+                              double error_scale) {
+    V worst = abs_of<V>(e.x[STATE_SPEED]) / m.speed_scale;
+    if (m.input != InputKind::CURRENT)
+        worst = max_of<V>(worst, abs_of<V>(e.x[STATE_CURRENT]) / m.current_scale);
+    if constexpr (N > STATE_TWIST) {
+        if (m.effects & EFFECT_TWO_BODIES)
+            worst = max_of<V>(worst, abs_of<V>(e.x[STATE_OUTPUT_SPEED]) / m.speed_scale);
+        if (m.effects & EFFECT_CURRENT_LAG)
+            worst = max_of<V>(worst, abs_of<V>(e.x[STATE_CURRENT_FILTER]) / m.current_scale);
+        if (m.effects & EFFECT_SPEED_LAG)
+            worst = max_of<V>(worst, abs_of<V>(e.x[STATE_SPEED_FILTER]) / m.speed_scale);
+    }
+    return abs_of<V>(h) * worst * error_scale;
+}
+
+template <class V, int N>
+VGROOVE_INLINE Trial<V, N> solver_try_explicit(const Solver<V, N> &self, V h) {
+    constexpr StageSum SUM = StageSum::COMMON_FACTOR;
+    const Drivetrain<V> &m = self.model;
+    StageSlopes<V, N> k;
+    State<V, N> error;
+    Trial<V, N> a;
+    dormand_prince_stages<SUM, V, N>(
+        self.state, self.slope, h,
+        k, [&](V tau, const State<V, N> &s, State<V, N> &to) __attribute__((always_inline)) {
+            to = drivetrain_derivative<V, N>(m, self.drive, self.mode, tau, s);
+        });
+    dormand_prince_end<SUM, V, N>(self.state, self.slope, h, k, a.state);
+    a.slope = drivetrain_derivative<V, N>(m, self.drive, self.mode, h, a.state);
+    dormand_prince_error<V, N>(self.slope, k, a.slope, error);
+    a.error = solver_error<V, N>(m, h, error, self.error_scale);
+    return a;
+}
+
+template <class V, int N>
+VGROOVE_INLINE Trial<V, N> solver_try_stiff(const Solver<V, N> &self, const Rates<V> &rates, V h) {
+    const RosenbrockStep<V, N> end =
+        stiff_step<V, N>({self.model, self.drive, self.mode}, rates, h, self.state, self.slope);
+    Trial<V, N> a;
+    a.state = end.state;
+    a.slope = drivetrain_derivative<V, N>(self.model, self.drive, self.mode, h, a.state);
+    a.error = solver_error<V, N>(self.model, h, end.error, self.error_scale);
+    return a;
+}
+
+// The stiff trial in the lanes that are stiff, the explicit one in the others
+template <class V, int N>
+VGROOVE_INLINE Trial<V, N> solver_mixed(const Trial<V, N> &stiff, const Trial<V, N> &plain,
+                                        const bool *is_stiff) {
+    Trial<V, N> a = plain;
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
+        if (!is_stiff[lane])
+            continue;
+        for (int n = 0; n < N; ++n) {
+            set(a.state.x[n], lane, get(stiff.state.x[n], lane));
+            set(a.slope.x[n], lane, get(stiff.slope.x[n], lane));
+        }
+        set(a.error, lane, get(stiff.error, lane));
+    }
+    return a;
+}
+
+// Slopes of the lanes whose state, drive or modes have changed
+template <class V, int N> VGROOVE_INLINE void solver_refresh(Solver<V, N> &self) {
+    bool any = false;
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane)
+        any = any || self.slope_stale[lane];
+    if (!any)
+        return;
+    const State<V, N> slope =
+        drivetrain_derivative<V, N>(self.model, self.drive, self.mode, V{}, self.state);
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
+        if (!self.slope_stale[lane])
+            continue;
+        for (int n = 0; n < N; ++n)
+            set(self.slope.x[n], lane, get(slope.x[n], lane));
+        self.slope_stale[lane] = false;
+    }
+}
+
+// A step of length h in each lane; a lane with h = 0 stays where it is. Stiff: the rate times the
+// step, and the rate times the whole stretch, are above their limits.
+template <class V, int N> VGROOVE_INLINE Trial<V, N> solver_step(Solver<V, N> &self, V h) {
+    if constexpr (LaneTraits<V>::COUNT == 1)
+        if (self.exact) {
+            Trial<V, N> a{};
+            a.state = flow_state<N>({self.model, self.drive, self.mode}, h, self.state, a.error);
+            a.error /= SOLVER_RAMP_ERROR * self.model.current_scale;
+            return a;
+        }
+    solver_refresh(self);
+    const Rates<V> rates = stiff_rates<V, N>(self.model, self.drive, self.mode, self.state);
+    const V fastest = fastest_rate<V>(rates);
+    bool all = true, any = false;
+    bool is_stiff[LaneTraits<V>::COUNT];
+    for (int lane = 0; lane < LaneTraits<V>::COUNT; ++lane) {
+        const double rate = get(fastest, lane);
+        is_stiff[lane] = rate * get(h, lane) > STIFF_STEP &&
+                         rate * self.least_s[lane] > STIFF_STRETCH * SOLVER_STEP_MIN;
+        const bool stays = get(h, lane) == 0.0;
+        all = all && (is_stiff[lane] || stays);
+        any = any || is_stiff[lane];
+    }
+    if (!any)
+        return solver_try_explicit(self, h);
+    const Trial<V, N> a = solver_try_stiff(self, rates, h);
+    return all ? a : solver_mixed(a, solver_try_explicit(self, h), is_stiff);
+}
+
+}  // namespace vgroove
+
+#endif

@@ -1,0 +1,81 @@
+// Fast mode: the anvil that nothing touches rings on its joint in closed form, and is left out of
+// the equations until it can be touched again.
+#ifndef VGROOVE_PLANT_IMPACT_RINGING_HPP
+#define VGROOVE_PLANT_IMPACT_RINGING_HPP
+
+#include "impact/interpolant.hpp"
+
+namespace vgroove {
+
+// Longest step times the anvil's natural frequency, while the hammer is within its amplitude
+constexpr double RING_STEP = 1.0;
+// An amplitude below this moves no contact.
+constexpr double RING_NEGLIGIBLE_RAD = 1e-5;
+
+// Amplitude of the untouched anvil about its head, rad
+template <class L> VGROOVE_INLINE double ring_swing(const Impact &m, const ImpactState<L> &s) {
+    return std::sqrt(s.x[L::TWIST] * s.x[L::TWIST] +
+                     s.x[L::ANVIL_SPEED] * s.x[L::ANVIL_SPEED] / m.ring_square);
+}
+
+// Whether the hammer's lugs are out of reach of an anvil with this amplitude
+template <class L>
+VGROOVE_INLINE bool ring_clear(const Impact &m, const ImpactMode &mode, const ImpactState<L> &s,
+                               double swing) {
+    if (mode.above)
+        return true;
+    const double from_head = impact_relative<L>(m, s) + s.x[L::TWIST];
+    return mode.forward_rad - from_head > swing && from_head - mode.backward_rad > swing;
+}
+
+// Begins the closed form once nothing touches the anvil, its torque is below the slip torques and
+// below the peak of the last blow; an anvil at rest is frozen.
+template <class L> VGROOVE_INLINE void ring_begin(ImpactSolver<L> &self) {
+    ImpactMode &mode = self.mode;
+    const ImpactState<L> &s = self.state;
+    const bool struck = mode.place == ContactPlace::FORWARD || mode.place == ContactPlace::BACKWARD;
+    if (mode.frozen || struck || mode.slip != 0 || self.model.second_output)
+        return;
+    const double swing = ring_swing<L>(self.model, s);
+    if (swing < FROZEN_TWIST_RAD) {
+        mode.frozen = true;
+    } else if (!mode.ringing) {
+        const double torque =
+            swing * (self.model.joint.stiffness +
+                     self.model.joint.damping * std::sqrt(self.model.ring_square));
+        const double peak = self.recorder.any ? self.recorder.blows.back().peak_torque_nm : 0.0;
+        mode.ringing =
+            torque < self.point.forward_nm && torque < self.point.backward_nm && torque <= peak;
+    }
+    if (mode.frozen || mode.ringing)
+        self.slope.x[L::ANVIL_ANGLE] = self.slope.x[L::ANVIL_SPEED] = self.slope.x[L::TWIST] = 0.0;
+    if (mode.frozen) {
+        mode.ringing = false;
+        self.state.x[L::ANVIL_SPEED] = 0.0;
+    }
+}
+
+// Longest step: short while the hammer is within the anvil's amplitude
+template <class L> VGROOVE_INLINE double ring_longest(const ImpactSolver<L> &self) {
+    if (!self.mode.ringing)
+        return IMPACT_NO_HORIZON_S;
+    const double swing = ring_swing<L>(self.model, self.state);
+    return swing < RING_NEGLIGIBLE_RAD || ring_clear<L>(self.model, self.mode, self.state, swing)
+               ? IMPACT_NO_HORIZON_S
+               : RING_STEP / std::sqrt(self.model.ring_square);
+}
+
+// Whether the tried step was too long to exclude a contact within the amplitude that the anvil had
+// at its start
+template <class L> VGROOVE_INLINE bool ring_contact_missed(const ImpactSolver<L> &self, double h) {
+    if (!self.mode.ringing)
+        return false;
+    const double swing = ring_swing<L>(self.model, self.state);
+    return swing >= RING_NEGLIGIBLE_RAD &&
+           h * h * self.model.ring_square > 1.01 * RING_STEP * RING_STEP &&
+           !ring_clear<L>(self.model, self.mode, self.step.end, swing);
+}
+
+}  // namespace vgroove
+
+#endif

@@ -1,0 +1,103 @@
+// The functions phi_k of exponential integrators, of a number and of a 2 x 2 matrix: phi_0(z) =
+// e^z, phi_k(z) = (phi_(k-1)(z) - 1 / (k - 1)!) / z.
+//
+// Every function of a 2 x 2 matrix Z is a I + b Z (Cayley and Hamilton), whatever its eigenvalues,
+// and follows from its trace and determinant. phi_3 is a Taylor sum of a halved Z; the doubling
+// formula phi_k(2 z) = 2^-k (e^z phi_k(z) + sum phi_j(z) / (k - j)!) of Skaflestad and Wright
+// (Appl. Numer. Math. 59, 2009) leads back.
+#ifndef VGROOVE_PLANT_NUMERIC_PHI_FUNCTIONS_HPP
+#define VGROOVE_PLANT_NUMERIC_PHI_FUNCTIONS_HPP
+
+#include <cmath>
+
+#include "numeric/lanes.hpp"
+
+namespace vgroove {
+
+// a I + b Z
+template <class V> struct MatrixFunction { V a, b; };
+
+template <class V> struct PhiFunctions { MatrixFunction<V> e, p1, p2, p3; };
+
+constexpr double PHI_TAYLOR_RADIUS = 1.0;  // of the halved Z; 13 terms of phi_3 leave 6 / 16! of 1
+
+template <class V>
+VGROOVE_INLINE MatrixFunction<V> matrix_product(const MatrixFunction<V> &p,
+                                                const MatrixFunction<V> &q, V trace, V det) {
+    const V bb = p.b * q.b;
+    return {p.a * q.a - bb * det, p.a * q.b + p.b * q.a + bb * trace};
+}
+
+// Halvings after which the Taylor sum holds. Largest size of an eigenvalue: |T| / 2 + sqrt(T^2 / 4
+// + |D|), at most |T| + sqrt|D|.
+VGROOVE_INLINE int phi_halvings(double trace, double det) {
+    const double radius = std::fabs(trace) + std::sqrt(std::fabs(det));
+    return radius > PHI_TAYLOR_RADIUS && radius < 1e300 ? std::ilogb(radius) + 1 : 0;
+}
+
+template <class V> VGROOVE_INLINE PhiFunctions<V> phi_taylor(V trace, V det) {
+    V a = splat<V>(1.0 / 1307674368000.0), b{};
+    double factorial = 1307674368000.0;  // 15!
+    for (int n = 15; n > 3; --n) {
+        factorial /= n;
+        const V next = 1.0 / factorial - b * det;
+        b = a + b * trace;
+        a = next;
+    }
+    PhiFunctions<V> f;
+    f.p3 = {a, b};
+    f.p2 = {0.5 - f.p3.b * det, f.p3.a + f.p3.b * trace};
+    f.p1 = {1.0 - f.p2.b * det, f.p2.a + f.p2.b * trace};
+    f.e = {1.0 - f.p1.b * det, f.p1.a + f.p1.b * trace};
+    return f;
+}
+
+// e^Z, phi_1, phi_2 and phi_3 of Z from its trace and determinant; halvings: enough for every lane
+template <class V> VGROOVE_INLINE PhiFunctions<V> phi_functions(V trace, V det, int halvings) {
+    const double scale = std::ldexp(1.0, -halvings);
+    V t = trace * scale, d = det * (scale * scale);
+    PhiFunctions<V> f = phi_taylor<V>(t, d);
+    for (int n = 0; n < halvings; ++n) {
+        const MatrixFunction<V> q1 = matrix_product<V>(f.e, f.p1, t, d),
+                                q2 = matrix_product<V>(f.e, f.p2, t, d);
+        const MatrixFunction<V> q3 = matrix_product<V>(f.e, f.p3, t, d),
+                                q0 = matrix_product<V>(f.e, f.e, t, d);
+        f.p3 = {0.125 * (q3.a + 0.5 * f.p1.a + f.p2.a + f.p3.a),
+                0.0625 * (q3.b + 0.5 * f.p1.b + f.p2.b + f.p3.b)};
+        f.p2 = {0.25 * (q2.a + f.p1.a + f.p2.a), 0.125 * (q2.b + f.p1.b + f.p2.b)};
+        f.p1 = {0.5 * (q1.a + f.p1.a), 0.25 * (q1.b + f.p1.b)};
+        f.e = {q0.a, 0.5 * q0.b};
+        t = 2.0 * t;
+        d = 4.0 * d;
+    }
+    return f;
+}
+
+// phi_0 to phi_3 of a number z <= 0
+struct Phi {
+    double p0, p1, p2, p3;
+};
+VGROOVE_INLINE Phi phi_of(double z) {
+    Phi f;
+    if (z > -1.0) {
+        f.p3 = 1.0 / 479001600.0;
+        double factorial = 39916800.0;  // Taylor: sum of z^k / (k + 3)!
+        for (int n = 11; n >= 3; --n) {
+            f.p3 = f.p3 * z + 1.0 / factorial;
+            factorial /= n;
+        }
+        f.p2 = 0.5 + z * f.p3;
+        f.p1 = 1.0 + z * f.p2;
+        f.p0 = 1.0 + z * f.p1;
+    } else {
+        f.p0 = exp_of<double>(z);
+        f.p1 = (f.p0 - 1.0) / z;
+        f.p2 = (f.p1 - 1.0) / z;
+        f.p3 = (f.p2 - 0.5) / z;
+    }
+    return f;
+}
+
+}  // namespace vgroove
+
+#endif
