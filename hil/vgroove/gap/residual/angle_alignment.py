@@ -205,9 +205,9 @@ class FirstOrderRipple:
         return -solve_ridge(*self.summed(shift_rad))
 
     def best_shifts(self, choices: list[np.ndarray], reference: int = 0) -> np.ndarray:
-        """Offsets (stretches,) relative to the reference stretch, each out of the choices of a stretch,
-        for which one amplitude and phase fits all stretches best. Greedy: the stretches are added
-        one by one, the one of the largest gain first.
+        """Offsets (stretches,) relative to the reference stretch, each one of the choices of its
+        stretch, for which one amplitude and phase fits all stretches best. Greedy: the stretches
+        are added one by one, the one of the largest gain first.
         """
         gains = np.array(
             [b @ solve_ridge(n, b) for n, b in zip(self.normal, self.gradient, strict=True)]
