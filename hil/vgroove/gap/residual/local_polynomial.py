@@ -197,8 +197,7 @@ def quadratic(
     solution = _robust_solution(basis, seen.value[part], seen.sigma[part], force)
     _, slope, curvature = solution.coefficients[: DEGREE + 1].sum(axis=1) / scale ** np.arange(3)
     one = min(float(np.median(seen.sigma[part])), seen.typical_sigma)
-    weighted = basis * solution.row_weight
-    covariance = np.linalg.inv(weighted.T @ weighted)
+    covariance = np.linalg.inv((basis * solution.row_weight).T @ (basis * solution.row_weight))
     weight = covariance[0] @ basis.T * solution.row_weight[:, 0] ** 2
     freedom = len(start) - basis.shape[1]
     left = solution.weighted_square / freedom
