@@ -17,7 +17,7 @@ from vgroove.gap.residual.measured_run import MeasuredRun
 from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.rig import rig_from_dict
 
-DT, WINDOW, COUNT = 1e-3, 250, 24
+DT, WINDOW, COUNT = 1e-3, 250, 24  # row interval in s, rows between restarts, number of restarts
 RIG = {
     "motor.resistance_ohm": 0.19,
     "motor.torque_constant_nm_per_a": 0.0109,
@@ -44,9 +44,12 @@ TOOL = {
     "mechanism": {"kind": "none"},
     "sensors": {"log_hz": 1000},
 }
+# values of parameters that must not be 0 in a model without their effect
 NEUTRAL = {"effects.stribeck_friction.speed_rad_s": 1.0}
 SIGMA = {"current_a": 0.15, "speed_rpm": 20.0, "supply_v": 0.02}
-KINDS = frozenset({"duty", "voltage", "current", "speed", "supply", "both"})
+# what the log holds, as flags of Effect.needs
+FLAGS = frozenset({"duty", "voltage", "current", "speed", "supply", "both"})
+# effects that _run() simulates
 MODELLED = (
     "supply_resistance",
     "winding_resistance",
@@ -92,8 +95,11 @@ class Signal:
 
 
 class Toy:
-    """Simulates itself with hidden effects, adds noise, and computes residuals: a MeasuredProblem
-    without prepared logs.
+    """A MeasuredProblem without prepared logs. Its measurement is its own simulation with hidden
+    effects (parameter values by name) and noise.
+
+    still_speed: the duty is a single step, not ramps; oscillation_a: amplitude, A, of an
+    oscillation of the measured current that no effect explains.
     """
 
     runs: tuple[MeasuredRun, ...] = ()
@@ -102,7 +108,11 @@ class Toy:
     missed_edges = (0.0, 0.0)
 
     def __init__(
-        self, hidden: dict[str, float], seed: int = 1, still_speed: bool = False, hum: float = 0.0
+        self,
+        hidden: dict[str, float],
+        seed: int = 1,
+        still_speed: bool = False,
+        oscillation_a: float = 0.0,
     ) -> None:
         self.parameters = [
             *RIG,
@@ -131,7 +141,7 @@ class Toy:
         rng = np.random.default_rng(seed)
         sigma = np.array([s.sigma for s in self.signals])[:, None]
         self.measured_rows = exact + sigma * rng.standard_normal(exact.shape)
-        self.measured_rows[0] += hum * np.sin(2 * np.pi * 7.3 * t)
+        self.measured_rows[0] += oscillation_a * np.sin(2 * np.pi * 7.3 * t)
         n = exact.shape[1]
         self.n = 3 * n
         self.signal = np.repeat(np.arange(3), n)
@@ -257,14 +267,14 @@ class Toy:
 
 
 def duty(t: np.ndarray) -> np.ndarray:
-    """Ramps and holds forwards and backwards; quiet at the start."""
+    """Ramps and holds in both directions, from rest."""
     knots_t = [0, 0.3, 0.5, 1.2, 1.3, 2.0, 2.3, 2.9, 3.2, 3.8, 4.1, 4.7, 5.0, 5.5, 6.0]
     knots_d = [0, 0.0, 0.6, 0.6, 0.9, 0.9, 0.2, 0.2, -0.5, -0.5, -0.8, -0.8, 0.4, 0.4, 0.1]
     return np.interp(t, knots_t, knots_d)
 
 
 def fit_of(toy: Toy, *ids: str, tolerance: dict[str, float] | None = None) -> tuple[Engine, Fit]:
-    """Best fit of a set over its starts."""
+    """The engine of a toy and the best fit of a set of effects over its starts."""
     engine = Engine(toy, SCALES, tolerance or {})
     fits = engine.fit(engine.hypotheses([BY_ID[i] for i in ids]))
     best = min(fits, key=lambda f: f.cost)

@@ -94,13 +94,13 @@ def test_plan_has_the_cases_of_the_page() -> None:
     assert {e.name for e in plan("tune")}.isdisjoint(e.name for e in plan("report"))
 
 
-def test_a_beginning_of_the_plan_is_a_sample_of_all_kinds() -> None:
+def test_the_first_cases_of_the_plan_are_of_all_kinds() -> None:
     first = Counter(e.kind for e in plan("tune")[:120])
     assert set(first) == {"single", "none", "pair", "triple", "unlisted"}
     assert 40 <= first["single"] <= 90
 
 
-def test_sealed_answers_cannot_be_read_and_not_be_changed(tmp_path: Path) -> None:
+def test_sealed_answers_can_be_neither_read_nor_changed(tmp_path: Path) -> None:
     line = gap_bench.seal({"ids": ["brush_drop"]}, "abc")
     path = tmp_path / "answers.sealed"
     path.write_text(line)
@@ -128,7 +128,7 @@ def test_a_case_is_the_same_whenever_it_is_made(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("effect_id", sorted(FORMS))
-def test_other_forms_are_other_and_not_something_else(effect_id: str) -> None:
+def test_other_forms_differ_from_the_catalogues_by_less_than_the_effect(effect_id: str) -> None:
     profile = {"load": "load_steps", "two_way": "reversals", "slow": "crawl", "": "staircase"}[
         BY_ID[effect_id].needs
     ]
@@ -163,8 +163,8 @@ def test_retuning_removes_what_the_tolerances_explain_and_leaves_the_rest() -> N
 
 def test_a_tolerated_key_is_fitted_under_its_prior_from_the_rigs_value() -> None:
     one, nothing = np.ones((1, 1)), np.zeros((1, 0))
-    for stands, left in ((0.0, 0.5), (1.0, 1.0), (-1.0, 0.0)):
-        found = responses.fit(np.ones(1), one, np.array([stands]), nothing, np.zeros(0))[1]
+    for offset_sigmas, left in ((0.0, 0.5), (1.0, 1.0), (-1.0, 0.0)):
+        found = responses.fit(np.ones(1), one, np.array([offset_sigmas]), nothing, np.zeros(0))[1]
         assert found == pytest.approx(left, abs=1e-3)
 
 
@@ -182,7 +182,7 @@ def test_indistinguishable_effects_are_found(monkeypatch: pytest.MonkeyPatch) ->
         sizes={"bridge_resistance": 0.02},
         params={"bridge_resistance_ohm": 0.02},
     )
-    assert bench_draw.ties_of(same) == []  # the class is no tie: either name is right
+    assert bench_draw.ties_of(same) == []  # equivalent effects are no tie: either name is right
     monkeypatch.setattr(bench_draw, "accepts", lambda effect_id, setting: [effect_id])
     assert bench_draw.ties_of(same) == [["winding_resistance"]]
 

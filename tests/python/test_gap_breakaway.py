@@ -1,5 +1,5 @@
 """Speed uncertainty from pre-sliding friction after a rest: where it applies, its size, and that
-the residuals are uncorrelated whatever the true impulse was.
+the residuals are uncorrelated whatever the gained speed was.
 """
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ from vgroove.rig import Rig, read_rig
 from vgroove.units import RPM_PER_RAD_S
 
 TIME = np.arange(1, 401) * 5e-3
-# turns at 1.05 s
+# reverses at 1.05 s
 SPEED = np.interp(
     TIME,
     [0.0, 0.2, 0.5, 0.9, 1.1, 1.4, 1.5, 2.0],
@@ -80,19 +80,19 @@ def test_a_shaft_breaks_away_where_it_starts_and_where_it_reverses() -> None:
 
 
 @pytest.mark.parametrize("acceleration", [300.0, 2000.0, 15000.0])
-def test_the_impulse_is_that_of_a_friction_that_builds_up_over_a_small_angle(
+def test_the_gained_speed_is_that_of_a_friction_that_builds_up_over_a_small_angle(
     rig: Rig, acceleration: float
 ) -> None:
     inertia, coulomb, dt = rig.shaft_inertia_kg_m2, rig.motor["coulomb_nm"], 1e-6
     speed = angle = 0.0
-    for _ in range(int(30e-3 / dt)):  # Dahl's friction, 0.8 mrad
+    for _ in range(int(30e-3 / dt)):  # Dahl's friction, which builds up over 0.8 mrad
         speed += dt * (acceleration + coulomb / inertia * np.exp(-angle / 8e-4))
         angle += dt * speed
     gained = speed - 30e-3 * acceleration
     assert 0.2 < gained / breakaway_sigma_rad_s(rig, np.array([acceleration]))[0] < 2.0
 
 
-def test_the_impulse_lasts_up_to_the_next_restart_and_censored_samples_have_none(
+def test_the_offset_lasts_up_to_the_next_restart_and_censored_samples_have_none(
     opened: RowChannel,
 ) -> None:
     held = opened.offset_sigma > 0.0
@@ -102,7 +102,7 @@ def test_the_impulse_lasts_up_to_the_next_restart_and_censored_samples_have_none
     assert np.all(np.minimum(np.abs(unlike - 0.2), np.abs(unlike - 1.05)) < 0.011)
 
 
-def test_residuals_after_an_unknown_impulse_are_uncorrelated(opened: RowChannel) -> None:
+def test_residuals_with_an_unknown_shared_offset_are_uncorrelated(opened: RowChannel) -> None:
     white = residual(opened, np.diag(opened.sigma)).T  # r' = white @ r
     shared = np.stack(
         [
@@ -115,7 +115,7 @@ def test_residuals_after_an_unknown_impulse_are_uncorrelated(opened: RowChannel)
     )
 
 
-def test_a_likely_impulse_is_removed_and_an_unlikely_one_stays(opened: RowChannel) -> None:
+def test_a_likely_offset_is_removed_and_an_unlikely_one_stays(opened: RowChannel) -> None:
     first = (opened.offset_group == 0) & (opened.offset_sigma > 0.0)
     left = [
         residual(opened, np.where(first, factor * opened.offset_sigma, 0.0)[None])[0]
@@ -125,7 +125,7 @@ def test_a_likely_impulse_is_removed_and_an_unlikely_one_stays(opened: RowChanne
     assert not np.any(left[0][~first])
 
 
-def test_a_voltage_input_has_no_impulse(rig: Rig) -> None:
+def test_with_a_voltage_as_input_there_is_no_offset(rig: Rig) -> None:
     channel = speeds(np.ones(len(TIME)))
     driven = replace(rig, input={"kind": "voltage_v"})
     record = SpeedRecord(seen(), 0.0, False)

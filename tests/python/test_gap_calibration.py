@@ -41,15 +41,17 @@ def test_probabilities_are_calibrated_on_cases_left_out_of_the_fit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("sign", "up"), [("blocks", True), ("forms", True), ("closed", True), ("others", False)]
+    ("quantity", "rises"), [("blocks", True), ("forms", True), ("closed", True), ("others", False)]
 )
-def test_the_probability_moves_with_each_quantity_in_its_direction(sign: str, up: bool) -> None:
+def test_the_probability_moves_with_each_quantity_in_its_direction(
+    quantity: str, rises: bool
+) -> None:
     middle = {"blocks": 1.5, "forms": 1.0, "closed": 2.0, "others": 1.0}
     low, high = (
-        calibration.probability(NameEvidence(**middle | {sign: middle[sign] + step}))
+        calibration.probability(NameEvidence(**middle | {quantity: middle[quantity] + step}))
         for step in (-0.5, 0.5)
     )
-    assert (low < high) is up
+    assert (low < high) is rises
 
 
 def test_an_effect_without_a_margin_is_below_one_half() -> None:

@@ -88,14 +88,14 @@ def test_missing_rows_do_not_hide_the_clock() -> None:
 def test_stamps_rounded_to_milliseconds_are_corrected_without_edges() -> None:
     even = np.arange(600) / 300.0
     assert np.abs(row_times(np.round(even, 3)) - even).max() < 1e-4
-    # scatter beyond the last digit is no rounding
+    # scatter of more than the last digit is no rounding
     uneven = np.round(even + np.random.default_rng(1).uniform(-5e-4, 5e-4, 600), 3)
     assert even_grid(uneven) is not None and not is_rounding(uneven, even_grid(uneven))
     assert row_times(uneven) is uneven
 
 
 @pytest.mark.parametrize("scatter, kept", [(0.05, False), (0.33, True)])
-def test_without_edges_a_small_scatter_is_lateness_and_a_large_one_is_real(
+def test_without_edges_a_small_scatter_is_corrected_and_a_large_one_is_kept(
     scatter: float, kept: bool
 ) -> None:
     stamps = GRID + np.random.default_rng(1).uniform(-scatter, scatter, len(GRID)) * 1e-3

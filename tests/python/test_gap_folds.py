@@ -16,13 +16,13 @@ TORQUE = "effects.coulomb_friction.torque_nm"
 
 
 def test_a_block_is_predicted_without_its_own_rows() -> None:
-    spoilt = Toy({TORQUE: 0.004})
+    disturbed = Toy({TORQUE: 0.004})
     clean = fit_of(Toy({TORQUE: 0.004}), "coulomb_friction")[1]
     shift = 300.0
-    _, test = spoilt.folds[2]
-    spoilt.measured_rows[1, np.unique(spoilt.row[test])] += shift
-    _, dirty = fit_of(spoilt, "coulomb_friction")
-    moved = (dirty.out_of_fold - clean.out_of_fold)[test & (spoilt.signal == 1)]
+    _, test = disturbed.folds[2]
+    disturbed.measured_rows[1, np.unique(disturbed.row[test])] += shift
+    _, moved_fit = fit_of(disturbed, "coulomb_friction")
+    moved = (moved_fit.out_of_fold - clean.out_of_fold)[test & (disturbed.signal == 1)]
     np.testing.assert_allclose(moved, shift / 20.0, atol=0.3)
 
 
@@ -41,8 +41,8 @@ def predicted_with(
 def test_a_step_that_raises_the_cost_of_its_training_rows_is_shortened(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Where the model is nonlinear, a step without one fold may overshoot: the effect must not lose
-    by that.
+    """Where the model is nonlinear, the step to the fit without one fold may be too long; the
+    predictions with it would be too bad.
     """
     engine, best = fit_of(Toy({TORQUE: 0.004}), "coulomb_friction")
     beside = engine.fit([replace(best.hypothesis, start=best.x - 0.36)], 0)[0]
@@ -85,8 +85,8 @@ def test_a_block_does_not_influence_the_point_that_predicts_it(
         * toy.sigma
     )
     toy.measured_rows += np.where(test, disturbance, 0.0).reshape(3, -1)
-    spoilt = engine.fit([replace(best.hypothesis, start=best.x)], 0)[0]
-    assert min(engine.costs(spoilt, beside[None, :])) < spoilt.cost
-    predicted_with(monkeypatch, engine, spoilt, np.full(len(best.x), 9.0))
-    np.testing.assert_allclose(spoilt.out_of_fold[test], spoilt.residual[test])
-    assert not np.allclose(spoilt.out_of_fold[~test], spoilt.residual[~test])
+    disturbed = engine.fit([replace(best.hypothesis, start=best.x)], 0)[0]
+    assert min(engine.costs(disturbed, beside[None, :])) < disturbed.cost
+    predicted_with(monkeypatch, engine, disturbed, np.full(len(best.x), 9.0))
+    np.testing.assert_allclose(disturbed.out_of_fold[test], disturbed.residual[test])
+    assert not np.allclose(disturbed.out_of_fold[~test], disturbed.residual[~test])

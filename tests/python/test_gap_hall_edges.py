@@ -71,7 +71,7 @@ def test_edges_are_counted_through(name: str) -> None:
     assert abs(int(found.count[whole][-1]) - (len(edges) - 1)) <= 2
 
 
-def test_sixteen_edges_a_turn_are_spans_between_last_edges() -> None:
+def test_periods_of_a_sensor_that_counts_edges_lie_between_the_last_edges_of_rows() -> None:
     angle = motion(SPEEDS["wave"])
     edges = edge_times(FINE, angle, 24)
     found = read_edge_periods(ROWS, hall_column(ROWS, edges, 24, 0.3, 0.5), 24, 0.5)
@@ -273,8 +273,8 @@ def test_timeout_samples_before_standstill_are_recognised() -> None:
     column = hall_column(ROWS, edges, 4, 0.05, 0.5)
     found = read_edge_periods(ROWS, column, 4, 0.5)
     timeouts = found.row[found.timeout]
-    waiting = np.flatnonzero((column > 0.0) & (ROWS > edges[-1] + (edges[-1] - edges[-2])))
-    assert set(waiting[1:-1]) <= set(timeouts)
+    without_edge = np.flatnonzero((column > 0.0) & (ROWS > edges[-1] + (edges[-1] - edges[-2])))
+    assert set(without_edge[1:-1]) <= set(timeouts)
     assert np.allclose(found.start_s[found.timeout], edges[-1], atol=2e-5)
     assert found.row.max() < np.flatnonzero(column == 0.0)[-1]
 

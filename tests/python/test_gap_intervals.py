@@ -21,6 +21,7 @@ from vgroove.gap.selection.intervals import (
 )
 from vgroove.log import Log
 from vgroove.rig import Rig, rig_from_dict
+from vgroove.units import RPM_PER_RAD_S
 
 COULOMB = [BY_ID["coulomb_friction"]]
 SCALES = Scales(
@@ -51,7 +52,7 @@ def problem() -> Problem:
     seen = trap.measured(trap.moved(*trap.drive(2, trap.TRAIN_S, trap.TRAIN_NM)), 2)
     columns = {
         "current_a": seen.torque_nm,
-        "speed_rpm": seen.speed_rad_s * trap.RAD_S_TO_RPM,
+        "speed_rpm": seen.speed_rad_s * RPM_PER_RAD_S,
         "position_rad": seen.angle_rad,
     }
     return load_problem([Log(seen.time_s, columns, "one joint")], joint())

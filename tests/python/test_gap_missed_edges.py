@@ -80,6 +80,6 @@ def test_missed_edges_are_separated_from_the_curvature_of_the_motion() -> None:
     level = np.log(speed / count)
     assert np.array_equal(most_likely_pitches(level), count)
     assert np.array_equal(consistent_missed_edges(level, count), count - 1)
-    # uniformly accelerated from rest: neither half nor twice
+    # uniformly accelerated from rest: no ratio of successive speeds means a missed edge
     starting = np.log(np.sqrt(np.arange(1.0, 30.0)))
     assert np.array_equal(most_likely_pitches(starting), np.ones(29, int))

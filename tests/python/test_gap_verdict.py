@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gap_toy import KINDS, MODELLED, SCALES, Toy
+from gap_toy import FLAGS, MODELLED, SCALES, Toy
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.engine import Engine
@@ -35,7 +35,7 @@ def decided(
     one_way: bool = False,
 ) -> tuple:
     """(search, finding) on a toy problem."""
-    kinds = KINDS - ({"both"} if one_way else set())
+    kinds = FLAGS - ({"both"} if one_way else set())
     effects = [BY_ID[i] for i in MODELLED if set(BY_ID[i].needs) <= kinds and i not in without]
     engine = Engine(toy, SCALES, tolerance or {})
     selection = search.select(search_state.begin(engine, effects, DiagnosisOptions()))
@@ -196,7 +196,7 @@ def test_only_friction_laws_are_interchangeable(
 
 
 def test_a_gap_outside_the_catalogue_is_unlisted() -> None:
-    toy = Toy({}, hum=1.0)
+    toy = Toy({}, oscillation_a=1.0)
     found = decided(toy)
     assert found[1].verdict == "unlisted" and named(toy, found) == []
     assert found[1].remainder.significant
@@ -212,7 +212,7 @@ def test_equivalent_effects_are_listed_and_the_verdict_stays_effect() -> None:
     toy = Toy({"effects.winding_resistance.relative": 0.1})
     found = decided(toy)
     assert found[1].verdict == "effect"
-    listed = effect_findings.indistinguishable(*found, KINDS)
+    listed = effect_findings.indistinguishable(*found, FLAGS)
     assert [(o.id, o.instead_of) for o in listed] == [("bridge_resistance", "winding_resistance")]
 
 

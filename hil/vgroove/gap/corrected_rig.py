@@ -1,4 +1,4 @@
-"""The corrected rig of a verdict: the input rig with fitted tolerated keys and selected effects."""
+"""The corrected rig of a verdict: the input rig with retuned values and the selected effects."""
 
 from typing import Any
 
@@ -13,11 +13,11 @@ from vgroove.rig import Rig
 
 
 def corrected_rig(verdict: Verdict) -> Rig:
-    """The rig with the retuned keys, to the digits of the verdict's JSON, and the effects of the
+    """The rig with the retuned values, rounded as in the verdict's JSON, and the effects of the
     reported fit.
 
-    A parameter that is another effect's key in a rig (the flanks of a play) brings that effect's
-    table with it.
+    A parameter that is a key of another effect in a rig (stiffness and damping of the flanks of a
+    play are keys of coupler_compliance) adds the table of that effect.
     """
     problem, fit = verdict.evidence.problem, verdict.evidence.estimate.fit
     owners = dict.fromkeys(
@@ -34,7 +34,7 @@ def corrected_parameters(verdict: Verdict) -> np.ndarray:
 
 
 def effect_table(problem: Problem, one: Fit, effect_id: str) -> dict[str, Any]:
-    """[effects.<id>] of a rig: all parameters of the fit, phases and forms included."""
+    """Table [effects.<id>] of a rig: all parameters of the fit, phases and forms included."""
     theta, effect = one.theta(problem.theta0), BY_ID[effect_id]
     table: dict[str, Any] = {
         p.name: float(theta[problem.index(effect.name(p))]) for p in effect.parameters if not p.of

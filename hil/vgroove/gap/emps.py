@@ -23,7 +23,9 @@ SCHEMA = "vgroove.emps/1"
 # low-pass filter of position and force (Hz, order), and rows cut off at either end
 FILTER_HZ, FILTER_ORDER, TRIMMED_ROWS = 100.0, 2, 50
 MIN_ROWS = 1000  # of a log
-FREE_RUN_S = 0.25  # interval at which a free run restarts (docs/spec/gap.md, section 5)
+# length of a free run: a simulation driven by the force from the measured state at its start
+# (docs/spec/gap.md, section 5)
+FREE_RUN_S = 0.25
 THIRDS = 3  # folds of the held-out error
 # parameters of Simulation_EMPS.m in the data set
 PUBLISHED = {
@@ -32,13 +34,14 @@ PUBLISHED = {
     "coulomb_n": 20.3935,
     "offset_n": -3.1648,
 }
-TERMS = {
+UNITS = {
     "inertia_kg": "kg",
     "viscous_n_s_per_m": "N s/m",
     "coulomb_n": "N",
     "offset_n": "N",
     "directional_n_s_per_m": "N s/m",
 }
+# title and added parameters of each model; M: the mass alone
 NESTED_MODELS = [
     ("M", ["inertia_kg"]),
     ("+ viscous", ["viscous_n_s_per_m"]),
@@ -58,7 +61,7 @@ class Axis:
     acceleration: np.ndarray
     force: np.ndarray
 
-    def terms(self, names: list[str]) -> np.ndarray:
+    def regressors(self, names: list[str]) -> np.ndarray:
         """Regressors (n, k) of the force for the named parameters."""
         columns = {
             "inertia_kg": self.acceleration,
@@ -100,7 +103,7 @@ def read_axis(directory: str | Path) -> Axis:
 
 def fit(axis: Axis, names: list[str], rows: np.ndarray) -> dict[str, float]:
     """Least-squares parameters of a model on some rows of the axis."""
-    values, *_ = np.linalg.lstsq(axis.terms(names)[rows], axis.force[rows], rcond=None)
+    values, *_ = np.linalg.lstsq(axis.regressors(names)[rows], axis.force[rows], rcond=None)
     return dict(zip(names, (float(v) for v in values), strict=True))
 
 
@@ -124,11 +127,10 @@ def model_figures(axis: Axis, title: str, names: list[str]) -> dict[str, Any]:
     parts = [fit(axis, names, third != k) for k in range(THIRDS)]
     held_out = np.empty_like(axis.force)
     for k, part in enumerate(parts):
-        held_out[third == k] = (axis.terms(names) @ np.array([part[name] for name in names]))[
-            third == k
-        ]
+        force = axis.regressors(names) @ np.array([part[name] for name in names])
+        held_out[third == k] = force[third == k]
     norm = np.linalg.norm(axis.force)
-    in_sample = axis.terms(names) @ np.array([whole[name] for name in names])
+    in_sample = axis.regressors(names) @ np.array([whole[name] for name in names])
     return {
         "model": title,
         "in_sample": float(np.linalg.norm(axis.force - in_sample) / norm),
@@ -140,8 +142,8 @@ def model_figures(axis: Axis, title: str, names: list[str]) -> dict[str, Any]:
 
 
 def free_run_error(axis: Axis, parts: list[dict[str, float]], third: np.ndarray) -> float:
-    """RMS speed error, m/s, of the plant driven by the force, restarted every FREE_RUN_S; each
-    third has the parameters of the other two.
+    """RMS speed error, m/s, of free runs of the plant, driven by the force and restarted every
+    FREE_RUN_S; each third is simulated with the parameters fitted to the other two.
     """
     step = int(round(FREE_RUN_S / float(np.median(np.diff(axis.time_s)))))
     starts = np.arange(0, len(axis.time_s), step, dtype=np.int64)
@@ -183,7 +185,7 @@ def emps_figures(directory: str | Path) -> dict[str, Any]:
             "value": found[name],
             "published": known,
             "relative": found[name] / known - 1.0,
-            "unit": TERMS[name],
+            "unit": UNITS[name],
         }
         for name, known in PUBLISHED.items()
     }
@@ -206,7 +208,7 @@ def error_table(entries: list[dict[str, Any]]) -> Table:
             entry["model"],
             f"{100 * entry['in_sample']:.1f} %",
             f"{100 * entry['held_out']:.1f} %",
-            f"{entry['parameters'][entry['last']]:.4g} {TERMS[entry['last']]}",
+            f"{entry['parameters'][entry['last']]:.4g} {UNITS[entry['last']]}",
             f"{1000 * entry['free_run_m_per_s']:.1f} mm/s",
         )
     return table

@@ -1,4 +1,4 @@
-"""The figures of a diagnosis page: gap of each signal, shares, traces and the remainder's curve."""
+"""The figures of a diagnosis page: gap of each signal, shares, traces, correction of the rest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ Traces = dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class LogTraces:
-    """Traces of one log in the signals' units: nominal and corrected model; name: of the log;
-    after: what the corrected model is called; held_out_s: judged stretches [from, to].
+    """Traces of one log in the signals' units, of the nominal and the corrected model. name: of the
+    log; after: name of the corrected model in the figure; held_out_s: judged stretches [from, to].
     """
 
     name: str
@@ -55,7 +55,10 @@ def gap_picture(gap: Gap) -> Picture:
             )
         )
     style(figure, 400, barmode="group", yaxis_title="gap / noise floor")
-    note = "RMS of measured minus model on held-out blocks, over what noise alone gives"
+    note = (
+        "RMS of measured minus model on held-out blocks, over what noise alone gives. Retuned: the"
+        " rig's values refitted within their tolerances; after: with the named effects too."
+    )
     return Picture("How far: the gap of each signal", figure, note)
 
 
@@ -75,10 +78,10 @@ def bars_figure(rows: Sequence[tuple[str, float]], axis: str) -> go.Figure:
     return figure.update_layout(margin={"l": 260, "r": 60})
 
 
-def command_picture(asked: NextExperiment) -> Picture:
+def command_picture(proposed: NextExperiment) -> Picture:
     """The command of a proposed run over time."""
-    profile = profile_named(asked.profile)
-    time_s, level = zip(*asked.points, strict=True)
+    profile = profile_named(proposed.profile)
+    time_s, level = zip(*proposed.points, strict=True)
     shape, ends = ("linear", []) if profile.linear else ("hv", [PROFILE_S])
     curve = go.Scatter(
         x=[*time_s, *ends],
@@ -90,12 +93,12 @@ def command_picture(asked: NextExperiment) -> Picture:
     )
     note = "of the largest command"
     if profile.opens_bridge:
-        note += ", the bridge open where it is 0 after the first press"
+        note += ", the bridge open where it is 0, but for the rest at the beginning"
     return Picture("Its command", figure, note)
 
 
 def remainder_figure(left: Unexplained, unit: str) -> go.Figure:
-    """The smooth correction of a signal over the covariate that the remainder follows."""
+    """The smooth correction of a signal over the covariate that the remainder depends on."""
     x, y = zip(*left.correction, strict=True)
     curve = go.Scatter(x=x, y=y, mode="lines+markers", line={"color": CORRECTED})
     axis = f"correction of {left.signal} in {unit}"

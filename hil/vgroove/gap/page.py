@@ -1,5 +1,5 @@
-"""The page of a verdict: where, which, how far and what next as cards on top, then the figures and
-tables behind them.
+"""The page of a verdict: four cards on top (WHERE: the subsystem; WHICH: the effect; HOW FAR: the
+gap; WHAT NEXT: the run to record), then figures and tables.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from vgroove.gap.verdict.schema import Gap, NextExperiment, Unexplained, Where
 from vgroove.page import Card, Note, Page, Part, Picture, Table
 
 EFFECTS_SHOWN, CORRELATES_SHOWN = 12, 8  # rows of the page; the JSON has all
-MIN_SHARE_SHOWN = 0.05  # of a further subsystem on the card WHERE
+MIN_SHARE_SHOWN = 0.05  # smallest share of a further subsystem that the card WHERE lists
 RUN_COMMAND = (
     "vgroove run --on PORT --next VERDICT.json -o next.csv"
     "    (PORT: the board's; VERDICT.json: from --json)"
@@ -57,7 +57,7 @@ def percent(share: float | None) -> str:
 
 
 def cards(verdict: Verdict) -> list[Card]:
-    """Where, which, how far, what next."""
+    """The cards WHERE, WHICH, HOW FAR and WHAT NEXT."""
     return [where_card(verdict), which_card(verdict), far_card(verdict), next_card(verdict)]
 
 
@@ -133,13 +133,13 @@ def far_card(verdict: Verdict) -> Card:
 
 def next_card(verdict: Verdict) -> Card:
     """The run to record next."""
-    asked = verdict.next_experiment
-    if asked is None:
-        return Card("WHAT NEXT", "no further run", "--out-rig writes the rig with what was found")
-    support = asked.why
-    if asked.separation:
-        support = f"separates the rivals by {asked.separation[0].sigma:.2g} sigma a sample"
-    return Card("WHAT NEXT", f"record: {asked.profile}", support)
+    proposed = verdict.next_experiment
+    if proposed is None:
+        return Card("WHAT NEXT", "no further run", "--out-rig writes the corrected rig")
+    support = proposed.why
+    if proposed.separation:
+        support = f"separates the rivals by {proposed.separation[0].sigma:.2g} sigma a sample"
+    return Card("WHAT NEXT", f"record: {proposed.profile}", support)
 
 
 def gap_parts(gap: Gap) -> list[Part]:
@@ -191,20 +191,20 @@ def rival_parts(verdict: Verdict) -> list[Part]:
     return [Table("rivals", title, ["effect", "instead of", "probability", "closes alone"], rows)]
 
 
-def next_parts(asked: NextExperiment | None) -> list[Part]:
-    """The proposed run: why, the command that performs it, its course, and how far each run of the
-    menu separates the rivals.
+def next_parts(proposed: NextExperiment | None) -> list[Part]:
+    """The proposed run: why, the command line that performs it, its command over time, and how far
+    each run of the menu separates the rivals.
     """
-    if asked is None:
+    if proposed is None:
         return []
-    lines = [asked.why + ".", "Then diagnose all logs together."]
-    title = f"What next: record the run '{asked.profile}'"
-    parts: list[Part] = [Note(title, lines, RUN_COMMAND), command_picture(asked)]
-    if asked.separation:
-        rows = [(s.profile, s.sigma) for s in asked.separation]
+    lines = [proposed.why + ".", "Then diagnose all logs together."]
+    title = f"What next: record the run '{proposed.profile}'"
+    parts: list[Part] = [Note(title, lines, RUN_COMMAND), command_picture(proposed)]
+    if proposed.separation:
+        rows = [(s.profile, s.sigma) for s in proposed.separation]
         note = (
-            "difference of the predictions, in sigma a sample, less what other sizes of the"
-            " effects could make of it"
+            "RMS difference of the predictions, in sigma a sample, that remains for all sizes of"
+            " the effects that the logs allow"
         )
         figure = bars_figure(rows, "sigma a sample")
         parts.append(Picture("How far each run would separate the rivals", figure, note))
@@ -212,7 +212,9 @@ def next_parts(asked: NextExperiment | None) -> list[Part]:
 
 
 def where_parts(where: Where) -> list[Part]:
-    """Shares of subsystems and regimes, and what the gap follows; nothing where there is no gap."""
+    """Shares of subsystems and regimes, and the quantities that the gap depends on; empty where
+    there is no gap.
+    """
     shares = [(spaced_name(k), 100 * v) for k, v in where.share.items() if v > 0.0]
     if not shares:
         return []
@@ -241,7 +243,9 @@ def where_parts(where: Where) -> list[Part]:
 
 
 def remainder_parts(left: Unexplained, units: dict[str, str]) -> list[Part]:
-    """What remains, what it follows, and how much a smooth correction for that would close."""
+    """The remainder, the quantity that it depends on, and how much a smooth correction over that
+    quantity would close.
+    """
     if not left.significant or left.best_correlate is None:
         what = "is noise"
         if left.significant:

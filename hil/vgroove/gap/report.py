@@ -1,9 +1,9 @@
-"""A verdict in sentences: one line, and the lines that a terminal shows."""
+"""A verdict as text: in one sentence, and as the lines that the command prints."""
 
 from vgroove.gap.result import Verdict
 from vgroove.gap.verdict.schema import EffectFinding
 
-MIN_SHARE_SHOWN = 0.005  # of a subsystem in the summary: it would read 0 %
+MIN_SHARE_SHOWN = 0.005  # smallest share of a subsystem in the summary: a smaller one rounds to 0 %
 
 
 def spaced_name(name: str) -> str:
@@ -43,8 +43,8 @@ def summary_lines(verdict: Verdict) -> list[str]:
     for other in verdict.indistinguishable:
         lines.append(f"not distinguishable from {other.instead_of} on these logs: {other.id}")
     if verdict.next_experiment:
-        asked = verdict.next_experiment
-        lines.append(f"next run: {asked.profile} ({asked.why})")
+        proposed = verdict.next_experiment
+        lines.append(f"next run: {proposed.profile} ({proposed.why})")
     return lines
 
 

@@ -32,8 +32,8 @@ NOTEBOOK_HEIGHT_PX = 900  # of the frame that holds a page; the page scrolls in 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a verdict rests on: the measured problem at the aligned shaft angles, the search, and
-    the fit whose parameter values are reported.
+    """What a verdict was computed from: the measured problem with aligned shaft angles, the search,
+    and the fit whose parameter values are reported.
     """
 
     problem: "Problem"
@@ -83,7 +83,9 @@ class Verdict:
         return summary_lines(self)
 
     def corrected_rig(self) -> "Rig":
-        """The rig with the fitted values of its tolerated keys and with the selected effects."""
+        """The rig with the fitted values of the keys that have a tolerance and with the selected
+        effects.
+        """
         from vgroove.gap.corrected_rig import corrected_rig
 
         return corrected_rig(self)

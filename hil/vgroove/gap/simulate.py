@@ -1,5 +1,5 @@
-"""The command `vgroove sim RIG --log LOG`: simulates a rig with the input of a log, and states the
-gap on the blocks that a diagnosis judges.
+"""The command `vgroove sim RIG --log LOG`: simulates a rig with the input of a log, and computes
+the gap on the held-out blocks of a diagnosis.
 """
 
 from collections.abc import Sequence

@@ -1,5 +1,5 @@
-"""The stages of a diagnosis by name: problem, search, location, decision, parameter values, next
-run, and the verdict that they add up to.
+"""The stages of a diagnosis, one function each: problem, search, remainder, decision, location,
+parameter values, next run, verdict.
 """
 
 from collections.abc import Sequence
@@ -44,8 +44,8 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Located:
-    """A selection with its problem at the aligned shaft angles, the covariates (n,) of its
-    residuals, and the remainder of the selected fit.
+    """A selection with its problem with aligned shaft angles, the covariates (n,) of its residuals,
+    and the remainder of the selected fit.
     """
 
     selection: Selection
@@ -80,7 +80,7 @@ def load(logs: Sequence[Any], rig: Rig, options: DiagnosisOptions) -> Problem:
 
 
 def begin_search(problem: Problem, options: DiagnosisOptions) -> Search:
-    """A search over the effects of the catalogue that the logs can show."""
+    """A search over the effects of the catalogue that the columns and motion of the logs allow."""
     rig = problem.rig
     engine = Engine(problem, effect_scales(problem), rig.tolerance, frozenset(rig.effects))
     effects = available(log_flags(problem), frozenset(options.without))
@@ -88,7 +88,7 @@ def begin_search(problem: Problem, options: DiagnosisOptions) -> Search:
 
 
 def locate_remainder(selection: Selection) -> Located:
-    """What the selected fit leaves, and what that depends on."""
+    """The remainder of the selected fit, and the quantity that it depends on."""
     search = selection.search
     search.progress("what remains, and where the gap lies")
     problem = search.problem.with_angles(search.engine.angles)
@@ -98,7 +98,7 @@ def locate_remainder(selection: Selection) -> Located:
 
 
 def decide(located: Located) -> Decision:
-    """None, effect, ambiguous or unlisted."""
+    """The verdict (none, effect, ambiguous or unlisted) with the fit that is reported."""
     finding = decision.decide(located.selection, located.remainder)
     return Decision(located, finding, decision.reported_fit(located.search, finding))
 
