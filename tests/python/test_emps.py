@@ -1,5 +1,5 @@
-"""The measured EMPS axis: the ladder of force errors and the published parameters, as the data's
-README states them.
+"""The measured EMPS axis: the force errors of the nested friction models and the published
+parameters are those of tests/data/emps/README.md.
 """
 
 import json
@@ -13,7 +13,7 @@ from vgroove.errors import VgrooveError
 from vgroove.gap.emps import PUBLISHED, emps_figures
 
 EMPS = Path(__file__).resolve().parents[1] / "data/emps"
-# model: in sample %, held-out thirds %, free run mm/s (README of the data)
+# model -> error in sample %, on held-out thirds %, of free runs mm/s (tests/data/emps/README.md)
 TABLE = {
     "M": (69.6, 69.6, 56.4),
     "+ viscous": (18.0, 18.1, 9.3),
@@ -22,6 +22,7 @@ TABLE = {
     "+ directional viscous": (3.5, 3.5, 1.0),
     "the same without the offset": (3.5, 3.6, None),
 }
+# model -> parameter that it adds last
 LAST = {
     "M": 95.1,
     "+ Coulomb": 20.24,
@@ -31,7 +32,7 @@ LAST = {
 }
 
 
-def test_the_errors_of_the_nested_models_are_the_readmes(tmp_path: Path) -> None:
+def test_the_errors_of_the_nested_models_are_those_of_the_data_sets_page(tmp_path: Path) -> None:
     result = CliRunner().invoke(
         app, ["gap", "emps", str(EMPS), "--json", str(tmp_path / "emps.json")]
     )

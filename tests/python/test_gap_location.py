@@ -49,11 +49,11 @@ def test_a_remainder_that_depends_on_speed_is_significant_and_noise_is_not() -> 
     toy = Toy({})
     state, finding = decided(toy)
     speed = np.tile(toy.measured_rows[1], 3)
-    drivers = {"speed": speed, "time": toy.time_s}
-    assert not remainder.remaining(state, finding.best, drivers).significant
+    covariates = {"speed": speed, "time": toy.time_s}
+    assert not remainder.remaining(state, finding.best, covariates).significant
     held = finding.best.out_of_fold
     finding.best.out_of_fold = held + 2.0 * np.sin(speed / 1500.0) * (toy.signal == 1)
-    left = remainder.remaining(state, finding.best, drivers)
+    left = remainder.remaining(state, finding.best, covariates)
     assert (left.significant, left.best_correlate, left.signal) == (True, "speed", "speed_rpm")
 
 

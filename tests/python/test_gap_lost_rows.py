@@ -1,5 +1,5 @@
-"""Rows that a line lost: a row after a hole is a mean over its own interval where the current shows
-that, else over the hole.
+"""Rows lost between logger and file: the row after a hole is a mean over its own interval where the
+current shows that, otherwise over the hole.
 """
 
 from dataclasses import replace
@@ -17,8 +17,8 @@ from vgroove.rig import Rig
 
 HZ = 300
 GRID = np.arange(0, 4 * HZ + 1) / HZ
-HERE = np.random.default_rng(3).uniform(size=len(GRID)) > 0.03
-HERE[[0, -1]] = True
+KEPT = np.random.default_rng(3).uniform(size=len(GRID)) > 0.03  # rows that are in the log
+KEPT[[0, -1]] = True
 
 
 def stepping() -> Rig:
@@ -47,39 +47,42 @@ def logged(tool: Rig, time_s: np.ndarray) -> MadeLog:
     return MadeLog(time_s, {"duty": duty, "current_a": current, "speed_rpm": speed})
 
 
-def without(log: MadeLog, here: np.ndarray) -> MadeLog:
-    return MadeLog(log.time_s[here], {name: values[here] for name, values in log.columns.items()})
+def with_rows(log: MadeLog, kept: np.ndarray) -> MadeLog:
+    """The log with the rows of a mask (rows,)."""
+    return MadeLog(log.time_s[kept], {name: values[kept] for name, values in log.columns.items()})
 
 
-@pytest.mark.parametrize("never_taken", [False, True])
-def test_a_row_after_a_hole_covers_the_interval_that_the_logger_measured(never_taken: bool) -> None:
-    """Rows lost on the line, or never taken: in both cases the residuals are noise, though the
-    current falls by half in three rows.
+@pytest.mark.parametrize("never_recorded", [False, True])
+def test_a_row_after_a_hole_covers_the_interval_that_the_logger_measured(
+    never_recorded: bool,
+) -> None:
+    """Rows lost on the line, or never recorded: in both cases the residuals are noise, although the
+    current falls by half within three rows.
     """
     tool = stepping()
-    log = logged(tool, GRID[HERE]) if never_taken else without(logged(tool, GRID), HERE)
+    log = logged(tool, GRID[KEPT]) if never_recorded else with_rows(logged(tool, GRID), KEPT)
     problem = load_problem([log], tool)
     after = problem.time_s[problem.signal == 0]
     left = problem.residuals(problem.theta0)[0][problem.signal == 0]
-    second = np.isin(np.round(after * HZ), np.round(GRID[np.flatnonzero(~HERE) + 1] * HZ))
+    second = np.isin(np.round(after * HZ), np.round(GRID[np.flatnonzero(~KEPT) + 1] * HZ))
     assert second.sum() > 15
     assert np.abs(left[second]).max() < 4.5
-    assert any("lost" in warning for warning in problem.warnings) is not never_taken
+    assert any("lost" in warning for warning in problem.warnings) is not never_recorded
 
 
 def test_uneven_clocks_and_clocks_that_skip_often_have_no_holes() -> None:
     assert np.array_equal(
-        rows_after_holes(GRID[HERE]), np.flatnonzero(np.diff(np.flatnonzero(HERE)) > 1) + 1
+        rows_after_holes(GRID[KEPT]), np.flatnonzero(np.diff(np.flatnonzero(KEPT)) > 1) + 1
     )
     uneven = GRID + np.random.default_rng(2).uniform(-0.3, 0.3, len(GRID)) / HZ
-    assert not len(rows_after_holes(uneven[HERE]))
+    assert not len(rows_after_holes(uneven[KEPT]))
     assert not len(rows_after_holes(GRID[np.arange(len(GRID)) % 5 != 0]))
     assert not len(rows_after_holes(GRID))
 
 
-def test_a_long_hole_costs_one_row() -> None:
+def test_a_long_hole_is_replaced_by_one_empty_row() -> None:
     log = insert_lost_rows(
-        without(logged(stepping(), GRID), (GRID < 1.0) | (GRID > 3.0)), stepping()
+        with_rows(logged(stepping(), GRID), (GRID < 1.0) | (GRID > 3.0)), stepping()
     )
     assert len(log.time_s) == np.count_nonzero((GRID < 1.0) | (GRID > 3.0)) + 1
     assert np.isnan(log.columns["current_a"]).sum() == 1
@@ -99,7 +102,7 @@ def test_a_command_that_steps_in_every_row_is_judged_despite_missing_samples() -
 
 
 def test_without_a_current_a_row_lasts_since_the_row_before() -> None:
-    log = without(logged(stepping(), GRID), HERE)
+    log = with_rows(logged(stepping(), GRID), KEPT)
     quiet = MadeLog(
         log.time_s, {name: values for name, values in log.columns.items() if name != "current_a"}
     )
@@ -109,8 +112,8 @@ def test_without_a_current_a_row_lasts_since_the_row_before() -> None:
 
 
 def test_one_pause_that_is_no_whole_number_of_intervals_hides_no_lost_rows() -> None:
-    paused = GRID[HERE] + np.where(GRID[HERE] > 2.0, 0.4 / HZ, 0.0)
-    assert len(rows_after_holes(paused)) >= len(rows_after_holes(GRID[HERE])) - 1
+    paused = GRID[KEPT] + np.where(GRID[KEPT] > 2.0, 0.4 / HZ, 0.0)
+    assert len(rows_after_holes(paused)) >= len(rows_after_holes(GRID[KEPT])) - 1
 
 
 @pytest.mark.parametrize("change", [0.6, 0.02])
@@ -131,7 +134,7 @@ def test_a_step_in_a_hole_is_left_out_up_to_the_next_restart(change: float) -> N
 
 
 def test_a_ramp_runs_straight_through_missing_samples() -> None:
-    """Holding the last value would give a third of an ampere too little, then as much too much."""
+    """With the last value held the current would be 0.33 A too small, then 0.33 A too large."""
     tool = replace(stepping(), input={"kind": "duty", "slew_per_s": 6.0})
     duty = 0.5 + 0.4 * np.abs(np.mod(GRID, 0.8) / 0.4 - 1.0)
     rows = _core.simulate_log(

@@ -14,11 +14,11 @@ from vgroove.gap import Verdict, diagnose
 from vgroove.gap.page import cards
 from vgroove.page import Note, Page, Table
 
-ABROAD = "http://vgroove.invalid/other.js"
+OTHER_SITE = "http://vgroove.invalid/other.js"
 SHORT = [(0.2, 0.4), (0.8, 0.9), (1.4, 0.5)]
 
 
-def hummed() -> MadeLog:
+def with_oscillating_current() -> MadeLog:
     """A log whose current oscillates at 37 Hz, which no effect explains."""
     made = drive_log(rig(), seconds=2.0, levels=SHORT)
     made.columns["current_a"] = made.columns["current_a"] + 0.8 * np.sin(
@@ -33,7 +33,7 @@ LOGS = {
     "ambiguous": lambda: drive_log(
         rig(effects={"viscous_friction": {"nm_s_per_rad": 6e-7}}), seconds=2.0, levels=[(0.2, 0.5)]
     ),
-    "unlisted": hummed,
+    "unlisted": with_oscillating_current,
 }
 CARDS = {
     "none": ("nowhere", "no effect is missing", "no further run"),
@@ -137,11 +137,11 @@ def test_the_check_sees_errors_and_loads_of_a_page(tmp_path: Path) -> None:
     page.write_text(
         text.replace(
             "</body>",
-            f"<script src={ABROAD}></script><script>console.error('broken')</script></body>",
+            f"<script src={OTHER_SITE}></script><script>console.error('broken')</script></body>",
         )
     )
     shown = seen(page)
-    assert any("broken" in line for line in shown.console) and shown.loaded == [ABROAD]
+    assert any("broken" in line for line in shown.console) and shown.loaded == [OTHER_SITE]
     assert (
         "x &lt; y" in shown.dom
         and "vgroove &lt;run&gt;" in shown.dom

@@ -1,5 +1,5 @@
-"""What a Hall wheel does not measure and the log contains: angles lost at stops, edges that were
-missed, and the gain of the speed.
+"""Quantities that are estimated from a log because a Hall sensor does not measure them: angles lost
+at stops, missed edges, and the gain of the speed.
 """
 
 from dataclasses import replace
@@ -84,7 +84,7 @@ def test_best_shifts_of_a_first_order_ripple_are_the_true_ones() -> None:
     assert ripple.gain(found) > 2.0 * ripple.gain(np.zeros(4))
 
 
-def test_a_gain_closes_to_the_noise() -> None:
+def test_a_gain_of_the_speed_in_the_rig_leaves_noise_alone() -> None:
     made = drive_log(rig())
     high = replace(
         made,

@@ -155,8 +155,8 @@ def test_a_long_log_holds_out_blocks_three_seven_eleven() -> None:
 
 
 def test_every_block_of_a_long_log_is_tested_by_one_fold() -> None:
-    """The reported gap of a long log is of a quarter of its blocks (docs/spec/gap.md, section 5);
-    effects are compared on all of them, each predicted by a fit without it.
+    """The reported gap of a long log is that of a quarter of its blocks (docs/spec/gap.md, section
+    5); effects are compared on all blocks, each predicted by a fit without it.
     """
     problem = load_problem([drive_log(rig(), seconds=12.0)], rig())
     assert len(problem.folds) == 4 and all(
@@ -391,7 +391,7 @@ def test_a_force_driven_axis_is_judged_by_its_acceleration_and_restarts() -> Non
     )
 
 
-def test_a_loggers_slow_clock_shows_against_the_clock_of_the_sensor() -> None:
+def test_a_slow_clock_of_the_logger_raises_the_gap_and_its_clock_skew_lowers_it() -> None:
     made = drive_log(rig(), seed=4)
     skewed = MadeLog(made.time_s * 1.02, made.columns)
     problem = load_problem([skewed], rig())

@@ -1,5 +1,5 @@
-"""Restarts of the model: a restart from its own states does not change its motion, that of the
-output side (which no sensor shows) included.
+"""Restarts of the model: a restart from its own states changes neither its motion nor that of the
+output side, which no sensor measures.
 """
 
 import numpy as np
@@ -77,7 +77,7 @@ def test_a_restart_from_the_models_own_states_changes_nothing(effects: dict[str,
 
 
 def instant_current(theta: np.ndarray, t: np.ndarray, duty: np.ndarray, row: int) -> float:
-    """Current at the end of a row: the mean over a microsecond's row put in there."""
+    """Current at the end of a row: the mean over a row of 1 us that is inserted there."""
     times = np.insert(t, row, t[row] - 1e-6)
     drive = _core.LogInput(times, "duty", np.insert(duty, row, duty[row]))
     return float(
@@ -101,8 +101,8 @@ def test_angles_at_restarts_count_from_the_rest_before_the_first_edge(seed: int)
 
 
 def test_a_nominal_model_far_from_the_count_shifts_no_angle() -> None:
-    made, lame = drive_log(rig(), seconds=3.0), rig(motor={"inertia_kg_m2": 1.6e-3})
-    rows = load_problem([made], lame).runs[0].restarts
+    made, heavy = drive_log(rig(), seconds=3.0), rig(motor={"inertia_kg_m2": 1.6e-3})
+    rows = load_problem([made], heavy).runs[0].restarts
     plain = load_problem([made], rig()).runs[0].restarts
     assert np.array_equal(rows.rows, plain.rows)
     apart = rows.measured[1:, 2] - plain.measured[1:, 2]

@@ -44,20 +44,20 @@ def value(name: str) -> float:
 
 
 def pitches(
-    ripple: float, periods: float, phase: float, seen: float
+    ripple: float, periods: float, phase: float, of_sensor: float
 ) -> tuple[Observations, float, float]:
-    """Edge periods, 4 a turn, of a shaft that slows down and whose speed (or, seen, whose sensor)
-    oscillates; true speed and angle there.
+    """Edge periods, 4 a turn, of a shaft that slows down and whose speed (of_sensor = 0) or whose
+    sensor (of_sensor = 1) oscillates; true speed and angle at INSTANT_S.
     """
     fine = np.arange(0.0, 0.2, 1e-6)
     mean = SPEED + SLOPE * (fine - INSTANT_S)
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (mean[1:] + mean[:-1]) * 1e-6)])
-    # of the angle: its rate is the ripple of the speed
+    # ripple of the angle, whose derivative is the ripple of the speed
     shift = ripple / (periods * SPEED) * np.sin(periods * angle + phase)
     edges = np.interp(np.arange(np.pi / 2.0, angle[-1] - 1.0, np.pi / 2.0), angle + shift, fine)
     value = (np.pi / 2.0) / np.diff(edges)
     at = int(INSTANT_S * 1e6)
-    true = mean[at] + (1.0 - seen) * ripple * np.cos(periods * angle[at] + phase)
+    true = mean[at] + (1.0 - of_sensor) * ripple * np.cos(periods * angle[at] + phase)
     return (
         Observations(edges[:-1], edges[1:], value, np.full(len(value), 0.05)),
         float(true),
@@ -65,12 +65,14 @@ def pitches(
     )
 
 
-@pytest.mark.parametrize("seen", [0.0, 1.0])
+@pytest.mark.parametrize("of_sensor", [0.0, 1.0])
 @pytest.mark.parametrize("periods, ripple", [(1.0 / 5.6, 0.4), (1.0, 0.6), (2.0, 1.5), (3.0, 2.0)])
-def test_a_restart_has_the_speed_of_the_shaft(periods: float, ripple: float, seen: float) -> None:
+def test_a_restart_has_the_speed_of_the_shaft(
+    periods: float, ripple: float, of_sensor: float
+) -> None:
     errors, plain = [], []
     for phase in np.arange(8) * np.pi / 4.0:
-        observed, true, angle = pitches(ripple, periods, phase, seen)
+        observed, true, angle = pitches(ripple, periods, phase, of_sensor)
         found = local_fit(observed, INSTANT_S)
         restarts = Restarts(
             np.array([100]),
@@ -79,20 +81,20 @@ def test_a_restart_has_the_speed_of_the_shaft(periods: float, ripple: float, see
             np.array([[0.0, found.curvature]]),
             smoothing=(found.smoothing,),
         )
-        one = SpeedRipple(periods, np.array([ripple]), np.array([phase]), of_shaft=seen == 0.0)
+        one = SpeedRipple(periods, np.array([ripple]), np.array([phase]), of_shaft=of_sensor == 0.0)
         errors.append(found.value + unsmoothed_part(restarts, one)[0] - true)
         plain.append(found.value - true)
     assert np.std(errors) < 0.1 * ripple
     assert np.std(plain) > 3.0 * np.std(errors) or np.std(plain) < 0.05 * ripple
 
 
-@pytest.mark.parametrize("seen", [0.0, 1.0])
+@pytest.mark.parametrize("of_sensor", [0.0, 1.0])
 @pytest.mark.parametrize("ripple", [3.0, 20.0])
 def test_a_large_ripple_of_the_turn_leaves_a_state_to_restart_from(
-    ripple: float, seen: float
+    ripple: float, of_sensor: float
 ) -> None:
     for phase in np.arange(8) * np.pi / 4.0:
-        observed, true, angle = pitches(ripple, 1.0, phase, seen)
+        observed, true, angle = pitches(ripple, 1.0, phase, of_sensor)
         counted = replace(observed, pitch=np.arange(len(observed.value)) % 4, pitches_per_rev=4)
         found = local_fit(counted, INSTANT_S)
         assert found.sigmas < LOCAL_FIT.max_sigmas < local_fit(observed, INSTANT_S).sigmas
@@ -103,7 +105,7 @@ def test_a_large_ripple_of_the_turn_leaves_a_state_to_restart_from(
             np.array([[0.0, found.curvature]]),
             smoothing=(found.smoothing,),
         )
-        one = SpeedRipple(1.0, np.array([ripple]), np.array([phase]), of_shaft=seen == 0.0)
+        one = SpeedRipple(1.0, np.array([ripple]), np.array([phase]), of_shaft=of_sensor == 0.0)
         assert found.value + unsmoothed_part(restarts, one)[0] == pytest.approx(
             true, abs=0.03 * ripple
         )

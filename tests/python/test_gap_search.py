@@ -23,14 +23,14 @@ from vgroove.gap.selection import (
 )
 from vgroove.gap.selection.options import DiagnosisOptions
 
-HUMP = {
+STRIBECK_AND_GAIN = {
     "effects.stribeck_friction.breakaway_nm": 0.01,
     "effects.stribeck_friction.speed_rad_s": 400.0,
     "effects.current_gain.relative": 0.06,
 }
 
 
-def begun(toy: Toy) -> search_state.Search:
+def begun_search(toy: Toy) -> search_state.Search:
     """A search with the nominal and retuned fits made."""
     effects = [BY_ID[i] for i in MODELLED]
     return search_state.begin(Engine(toy, SCALES, {}), effects, DiagnosisOptions())
@@ -39,28 +39,28 @@ def begun(toy: Toy) -> search_state.Search:
 def fit_at(
     state: search_state.Search, numbers: dict[str, float], ids: tuple[str, ...], rounds: int
 ) -> Fit:
-    """Fit of a set from given numbers (SI)."""
+    """Fit of a set, started from parameter values in SI units; others start at 0."""
     h = state.engine.hypotheses([BY_ID[i] for i in ids])[0]
     start = np.array([numbers.get(c.name, 0.0) / c.factors[0] for c in h.coordinates])
     return state.engine.fit([replace(h, start=np.clip(start, h.low, h.high))], rounds)[0]
 
 
 def test_a_leaner_set_is_fitted_from_the_fuller_sets_values_too() -> None:
-    state = begun(Toy(HUMP))
+    state = begun_search(Toy(STRIBECK_AND_GAIN))
     pair, triple = (
         ("current_gain", "stribeck_friction"),
         ("current_gain", "quadratic_drag", "stribeck_friction"),
     )
-    astray = fit_at(state, {"effects.stribeck_friction.speed_rad_s": 5.0}, pair, 0)
-    state.fits.update({pair: astray, triple: fit_at(state, HUMP, triple, 6)})
-    assert state.score(astray) > 1.2
+    poor = fit_at(state, {"effects.stribeck_friction.speed_rad_s": 5.0}, pair, 0)
+    state.fits.update({pair: poor, triple: fit_at(state, STRIBECK_AND_GAIN, triple, 6)})
+    assert state.score(poor) > 1.2
     best = backward.backward(state, state.fits[triple])
     assert search_state.key(best.ids) == pair and state.score(best) < 1.05
 
 
 def test_a_member_that_imitates_the_true_one_is_exchanged() -> None:
     truth = {"effects.coulomb_friction.torque_nm": 0.006, "effects.current_gain.relative": -0.08}
-    state = begun(Toy(truth))
+    state = begun_search(Toy(truth))
     wrong, pair = ("current_gain", "quadratic_drag"), ("coulomb_friction", "current_gain")
     state.fits[wrong] = fit_at(state, {}, wrong, 6)
     assert state.score(state.fits[wrong]) > 1.2 and pair not in state.fits
@@ -104,8 +104,8 @@ def test_an_effect_in_equations_that_the_others_do_not_reach_acts_elsewhere(
 def test_a_small_effect_in_other_equations_is_kept(
     first: str, gain: float, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Retuning leaves 104, the first effect 4: a member that acts in equations beyond the
-    first one's reach needs to gain a hundredth of what the first closes.
+    """Retuning leaves a squared gap of 104, the first effect 4: a member in equations that the
+    first effect does not enter must gain a hundredth of what the first closes, other members more.
     """
     left = {
         "": 104.0,
@@ -136,18 +136,18 @@ def test_a_small_effect_in_other_equations_is_kept(
 
 
 @pytest.mark.parametrize(("second", "named"), [("coulomb_friction", True), ("current_gain", False)])
-def test_a_form_error_shows_in_the_signals_in_which_the_effect_shows(
+def test_a_form_error_is_confined_to_the_signals_in_which_the_effect_is_large(
     second: str, named: bool
 ) -> None:
     """Beside a large offset of the current a small friction is no form error of the offset, because
-    the speed shows it too; a small gain of the current may be one.
+    it changes the speed too; a small gain of the current may be one.
     """
     small = {
         "coulomb_friction": {"effects.coulomb_friction.torque_nm": 0.002},
         "current_gain": {"effects.current_gain.relative": 0.04},
     }
     truth = {"effects.current_offset.offset_a": 1.2} | small[second]
-    state = begun(Toy(truth))
+    state = begun_search(Toy(truth))
     pair = search_state.key(("current_offset", second))
     state.fits[pair] = fit_at(state, truth, pair, 6)
     alone = state.fit_and_keep([state.engine.hypotheses([BY_ID["current_offset"]])[0]])[0]
@@ -161,8 +161,8 @@ def test_a_form_error_shows_in_the_signals_in_which_the_effect_shows(
 
 
 class Stepped:
-    """A search whose sets have given squared gaps; a set is better if it gains `worth` and its step
-    is significant.
+    """A search whose sets of 0, 1, 2, ... effects have given squared gaps; a set is better if it
+    gains more than `share` and the step to its size is significant.
     """
 
     def __init__(self, gaps: list[float], significant: dict[int, bool]) -> None:
@@ -175,7 +175,7 @@ class Stepped:
         return self.sets[size : size + 1]
 
     def fit_and_keep(self, _: list[SimpleNamespace]) -> None:
-        """All are fitted."""
+        """Nothing to do: all sets are fitted."""
 
     def score(self, one: SimpleNamespace) -> float:
         return one.gap
@@ -184,10 +184,10 @@ class Stepped:
         self,
         fuller: SimpleNamespace,
         leaner: SimpleNamespace,
-        worth: float = search_state.COMPARISON.min_gain,
+        share: float = search_state.COMPARISON.min_gain,
     ) -> bool:
         steps = len(fuller.ids) - len(leaner.ids)
-        return leaner.gap - fuller.gap > worth and (steps > 1 or self.significant[len(fuller.ids)])
+        return leaner.gap - fuller.gap > share and (steps > 1 or self.significant[len(fuller.ids)])
 
     def min_gain(self, leaner: SimpleNamespace) -> float:
         return search_state.COMPARISON.min_gain
@@ -229,7 +229,7 @@ def test_two_further_effects_are_tried_while_a_gap_is_left(
     monkeypatch.setattr(forward, "prefer_special_cases", lambda _, best, base=None: best)
     monkeypatch.setattr(forward, "rescale", lambda state: state)
     monkeypatch.setattr(forward, "deepest_minimum", lambda _, best: best)
-    monkeypatch.setattr(forward, "distinct_hypotheses", lambda promised: promised)
+    monkeypatch.setattr(forward, "distinct_hypotheses", lambda fits: fits)
     monkeypatch.setattr(forward, "extensions", lambda state, base: state.ranked(len(base.ids) + 1))
     monkeypatch.setattr(
         forward, "grow", lambda state, base: next(iter(state.ranked(len(base.ids) + 1)), None)
@@ -248,8 +248,8 @@ def test_two_further_effects_are_tried_while_a_gap_is_left(
 def test_a_special_case_that_gains_nothing_over_the_base_does_not_replace_the_general_effect(
     special: float, base: float | None, named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The general effect is not significantly better in so few blocks; but with the special case
-    the set would stop growing.
+    """The general effect is not significantly better than its special case in so few blocks; but
+    with the special case the set would not be better than the base, and growth would end.
     """
 
     def fit_of(left: float, *ids: str) -> SimpleNamespace:
@@ -258,7 +258,7 @@ def test_a_special_case_that_gains_nothing_over_the_base_does_not_replace_the_ge
     state = SimpleNamespace(
         score=lambda one: one.left,
         min_gain=lambda one: 0.1,
-        is_better=lambda fuller, leaner, worth: False,
+        is_better=lambda fuller, leaner, share: False,
         effects=[BY_ID["coulomb_friction"], BY_ID["asymmetric_friction"]],
     )
     monkeypatch.setattr(candidate_sets, "fit_set", lambda _, ids, near: fit_of(special, *ids))
@@ -274,24 +274,24 @@ def test_an_effect_of_many_starts_is_restarted_beside_another() -> None:
     """Alone it may converge to values that imitate another effect; from those values it gains
     little beside that effect.
     """
-    state, stribeck = begun(Toy(HUMP)), BY_ID["stribeck_friction"]
+    state, stribeck = begun_search(Toy(STRIBECK_AND_GAIN)), BY_ID["stribeck_friction"]
     gain = state.engine.fit(state.engine.hypotheses([BY_ID["current_gain"]]))[0]
     state.engine.remember(
         fit_at(state, {"effects.stribeck_friction.speed_rad_s": 5.0}, ("stribeck_friction",), 0)
     )
     kept = extension.starts_beside(state, gain, stribeck)
     assert len(kept) == 1 and len(extension.starts_beside(state, gain, stribeck, restart=True)) == 3
-    astray = min(
+    poor = min(
         extension.first_order(state, gain, one).out_of_fold.std()
         for one in extension.differentiate_added(state, gain, kept)
     )
     found = extension.restarted_extensions(state, gain)
     assert [one.ids for one in found] == [("current_gain", "stribeck_friction")]
-    assert found[0].out_of_fold.std() < 0.9 * astray
+    assert found[0].out_of_fold.std() < 0.9 * poor
 
 
 def test_fits_near_the_best_are_continued_to_convergence() -> None:
-    state = begun(Toy(HUMP))
+    state = begun_search(Toy(STRIBECK_AND_GAIN))
     near, far = (
         fit_at(state, {"effects.stribeck_friction.speed_rad_s": 200.0}, ids, 0).hypothesis
         for ids in (("current_gain", "stribeck_friction"), ("winding_resistance",))
@@ -311,7 +311,7 @@ def test_a_set_is_fitted_in_each_of_its_forms() -> None:
     """A lag and a delay, the logger's clock and the command's: no gradient leads from one form
     to another, whichever the related fit has.
     """
-    state = begun(Toy({}))
+    state = begun_search(Toy({}))
     state.effects.append(BY_ID["speed_lag"])
     related = state.engine.hypotheses([BY_ID["current_gain"], BY_ID["speed_lag"]])[-1]
     near = state.engine.fit([replace(related, start=np.full(len(related.start), 0.5))], 0)[0]

@@ -1,8 +1,8 @@
-"""Servos that move a pendulum, logged by a coarse angle alone: their friction is below the noise of
-speeds from row to row, which the encoder's steps make.
+"""Servos that move a pendulum, logged by a coarse angle alone. The effect of their friction on the
+speed is smaller than the quantisation of differences of the angle between rows.
 
-The servo is not that of the plant: bristles (LuGre) instead of a sign, steps of 0.1 ms, a position
-loop that holds its voltage for a row.
+The servo is simulated here, not by the plant: LuGre friction (bristles) instead of Coulomb
+friction, steps of 0.1 ms, and a position controller that holds its voltage for a row.
 """
 
 from collections.abc import Callable
@@ -46,14 +46,14 @@ def servo_rig() -> Rig:
 
 
 def strokes(time_s: float) -> float:
-    """Two sines, from rest."""
+    """Wanted angle in rad: two sines, from rest."""
     return min(1.0, 2.0 * time_s) * float(
         1.2 * np.sin(0.7 * np.pi * time_s) + 0.6 * np.sin(2.2 * np.pi * time_s)
     )
 
 
 def lift(time_s: float) -> float:
-    """Raised slowly, held, and released."""
+    """Wanted angle in rad: raised slowly, held, and back to 0 in a step."""
     return 0.8 * min(time_s, 2.0) if time_s < 3.0 else 0.0
 
 

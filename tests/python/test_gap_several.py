@@ -1,5 +1,5 @@
-"""Several logs of one tool diagnosed together; the run proposed where one log does not decide; what
-a gap and its remainder depend on.
+"""Several logs of one tool diagnosed together; the run that is proposed where one log leaves a tie;
+the covariates of a gap and of its remainder.
 """
 
 from dataclasses import replace
@@ -64,21 +64,21 @@ def test_logs_of_different_length_rate_and_columns_are_diagnosed_together() -> N
     assert top["share"] > 0.2 and top["signal"] in ("speed_rpm", "current_a", "position_rad")
 
 
-def test_the_proposed_run_decides_what_one_log_leaves_open() -> None:
+def test_the_proposed_run_decides_what_one_log_leaves_undecided() -> None:
     tool = rig(effects={"viscous_friction": {"nm_s_per_rad": 6e-7}})
-    one = drive_log(tool, seconds=2.0, levels=[(0.2, 0.5)])  # one speed: any friction does
-    open_ = diagnose([one], rig()).as_dict()
-    assert open_["verdict"] == "ambiguous"
+    one = drive_log(tool, seconds=2.0, levels=[(0.2, 0.5)])  # one speed: all friction laws tie
+    undecided = diagnose([one], rig()).as_dict()
+    assert undecided["verdict"] == "ambiguous"
     assert "viscous_friction" in [
-        *open_["selected"],
-        *(r["id"] for r in open_["indistinguishable"]),
+        *undecided["selected"],
+        *(r["id"] for r in undecided["indistinguishable"]),
     ]
-    proposed = open_["next_experiment"]
-    told = [s["sigma"] for s in proposed["separation"]]
+    proposed = undecided["next_experiment"]
+    separations = [s["sigma"] for s in proposed["separation"]]
     assert (
         proposed["separation"][0]["profile"] == proposed["profile"]
-        and told == sorted(told, reverse=True)
-        and told[0] > 2.0 * told[-1]
+        and separations == sorted(separations, reverse=True)
+        and separations[0] > 2.0 * separations[-1]
     )
     two = drive_log(
         tool, seed=5, seconds=4.0, levels=[tuple(point) for point in proposed["points"]]
@@ -93,13 +93,13 @@ def test_only_runs_that_the_tool_can_perform_are_proposed() -> None:
     assert {c.name for c in feasible_profiles(has_duty=True, has_load=True, both_ways=True)} == {
         c.name for c in MENU
     }
-    for course in MENU:
-        share = course.command(time_grid(1e-3))
+    for profile in MENU:
+        share = profile.command(time_grid(1e-3))
         assert share.shape == (4000,) and np.abs(share).max() <= 1.0 and share[0] == 0.0
 
 
 @pytest.mark.parametrize(
-    ("follows_", "torque", "name"),
+    ("correlate", "torque", "name"),
     [
         ("current", 0.5, "load steps"),
         ("current", 0.0, "staircase"),
@@ -107,18 +107,18 @@ def test_only_runs_that_the_tool_can_perform_are_proposed() -> None:
         (None, 0.5, "staircase"),
     ],
 )
-def test_an_unlisted_gap_asks_for_the_run_of_its_correlate(
-    follows_: str | None, torque: float, name: str
+def test_for_an_unlisted_gap_the_run_of_its_correlate_is_proposed(
+    correlate: str | None, torque: float, name: str
 ) -> None:
     log = MadeLog(
         np.arange(3.0), {"duty": np.array([0.0, 0.5, 1.0]), "load_nm": np.full(3, torque)}
     )
     problem = SimpleNamespace(rig=rig(load={"kind": "torque"}), logs=[log])
     finding = SimpleNamespace(
-        verdict="unlisted", remainder=SimpleNamespace(best_correlate=follows_)
+        verdict="unlisted", remainder=SimpleNamespace(best_correlate=correlate)
     )
-    asked = propose(problem, None, finding)
-    assert asked.profile == name and asked.points == profile_named(name).points()
+    proposed = propose(problem, None, finding)
+    assert proposed.profile == name and proposed.points == profile_named(name).points()
 
 
 def test_a_smooth_curve_gains_what_depends_on_the_covariate() -> None:
@@ -126,14 +126,14 @@ def test_a_smooth_curve_gains_what_depends_on_the_covariate() -> None:
     speed, cluster = rng.uniform(-100.0, 100.0, 4000), np.arange(4000) // 50
     noise = rng.standard_normal(4000)
     bent = noise + 2.0 * np.abs(speed) / 100.0
-    driver = correlates.Covariate("speed", speed)
-    assert correlates.cross_validated_gain(bent, driver, cluster) == pytest.approx(
+    covariate = correlates.Covariate("speed", speed)
+    assert correlates.cross_validated_gain(bent, covariate, cluster) == pytest.approx(
         1.0 - 1.0 / np.mean(bent**2), abs=0.03
     )
-    assert correlates.cross_validated_gain(noise, driver, cluster) < 0.01
-    x, y = correlates.smooth_curve(bent, driver)
+    assert correlates.cross_validated_gain(noise, covariate, cluster) < 0.01
+    x, y = correlates.smooth_curve(bent, covariate)
     assert np.interp([-80.0, 0.0, 80.0], x, y) == pytest.approx([1.6, 0.05, 1.6], abs=0.3)
-    assert correlates.describe_curve(x, y, driver) == "grows with speed"
+    assert correlates.describe_curve(x, y, covariate) == "grows with speed"
 
 
 def test_a_covariate_that_is_mostly_constant_has_a_smooth_curve() -> None:

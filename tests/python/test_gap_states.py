@@ -31,7 +31,7 @@ def test_noise_on_a_smooth_motion_is_averaged_over_many_rows() -> None:
         local_fit(seen(300.0 + 50.0 * TIME + rng.normal(size=200), 1.0), 0.1).value - 305.0
         for _ in range(200)
     ]
-    assert np.std(errors) < 0.42  # with eight rows it is 0.53
+    assert np.std(errors) < 0.42  # a quadratic through eight rows has 0.53
 
 
 def test_a_kink_is_fitted_with_few_rows() -> None:
@@ -40,8 +40,8 @@ def test_a_kink_is_fitted_with_few_rows() -> None:
     assert local_fit(seen(bent, 0.1), 0.085).value == pytest.approx(10.0, abs=0.05)
 
 
-# a force in steps: no parabola follows its speed
-RIPPLE = KnownForce(TIME, np.where(np.arange(200) // 8 % 2 == 0, 4000.0, -2500.0))
+# a force in steps, whose speed a quadratic does not fit
+STEPPED_FORCE = KnownForce(TIME, np.where(np.arange(200) // 8 % 2 == 0, 4000.0, -2500.0))
 
 
 @pytest.mark.parametrize("length", [0.0, 0.7e-3, 5.3e-3])
@@ -49,9 +49,11 @@ def test_a_known_force_adds_no_uncertainty_to_a_state(length: float) -> None:
     noise, start, end = np.random.default_rng(4).normal(size=200), TIME - length, TIME
     start = np.maximum(start, 0.0)
     still = Observations(start, end, 300.0 + noise, np.ones(200))
-    driven = replace(still, value=still.value + RIPPLE.means(start, end), known_force=RIPPLE)
+    driven = replace(
+        still, value=still.value + STEPPED_FORCE.means(start, end), known_force=STEPPED_FORCE
+    )
     for instant in (0.07, 0.0842, 0.1):
-        true = 300.0 + RIPPLE.at(np.array([instant]))[0][0]
+        true = 300.0 + STEPPED_FORCE.at(np.array([instant]))[0][0]
         found, plain = local_fit(driven, instant), local_fit(still, instant)
         assert found.value - true == pytest.approx(plain.value - 300.0, abs=1e-9)
         assert found.sigmas == pytest.approx(plain.sigmas)
@@ -61,12 +63,17 @@ def test_a_known_force_adds_no_uncertainty_to_a_state(length: float) -> None:
 def test_the_means_of_a_known_force_over_spans_are_its_integral() -> None:
     fine = np.linspace(0.0, 0.199, 19901)
     speed = np.concatenate(
-        [[0.0], np.cumsum(RIPPLE.rate[np.searchsorted(TIME, 0.5 * (fine[1:] + fine[:-1]))] * 1e-5)]
+        [
+            [0.0],
+            np.cumsum(
+                STEPPED_FORCE.rate[np.searchsorted(TIME, 0.5 * (fine[1:] + fine[:-1]))] * 1e-5
+            ),
+        ]
     )
-    assert RIPPLE.at(fine)[0] == pytest.approx(speed, abs=1e-6)
+    assert STEPPED_FORCE.at(fine)[0] == pytest.approx(speed, abs=1e-6)
     span = slice(3210, 4771)
     mean = np.mean(0.5 * (speed[span][1:] + speed[span][:-1]))
-    assert RIPPLE.means(fine[[span.start]], fine[[span.stop - 1]]) == pytest.approx(
+    assert STEPPED_FORCE.means(fine[[span.start]], fine[[span.stop - 1]]) == pytest.approx(
         [mean], abs=1e-6
     )
 

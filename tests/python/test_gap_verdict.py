@@ -34,13 +34,13 @@ def decided(
     without: tuple[str, ...] = (),
     one_way: bool = False,
 ) -> tuple:
-    """(search, finding) on a toy problem."""
+    """Search and finding of the diagnosis of a toy problem."""
     kinds = FLAGS - ({"both"} if one_way else set())
     effects = [BY_ID[i] for i in MODELLED if set(BY_ID[i].needs) <= kinds and i not in without]
     engine = Engine(toy, SCALES, tolerance or {})
     selection = search.select(search_state.begin(engine, effects, DiagnosisOptions()))
-    drivers = {"speed": np.tile(toy.measured_rows[1], 3), "time": toy.time_s}
-    left = remainder.remaining(selection.search, selection.best, drivers)
+    covariates = {"speed": np.tile(toy.measured_rows[1], 3), "time": toy.time_s}
+    left = remainder.remaining(selection.search, selection.best, covariates)
     return selection.search, decision.decide(selection, left)
 
 
@@ -58,13 +58,13 @@ def effects_of(toy: Toy, finding: tuple) -> list[EffectFinding]:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_noise_is_none(seed: int) -> None:
+def test_the_verdict_on_noise_is_none(seed: int) -> None:
     toy = Toy({}, seed=seed)
     found = decided(toy)
     assert found[1].verdict == "none" and named(toy, found) == []
 
 
-def test_what_three_sigma_explain_is_none() -> None:
+def test_the_verdict_is_none_where_three_sigma_of_the_tolerance_explain_the_gap() -> None:
     toy = Toy({"motor.resistance_ohm": 0.19 * 1.04})
     found = decided(toy, {"motor.resistance_ohm": 0.02})
     assert found[1].verdict == "none"
@@ -107,7 +107,6 @@ def test_a_pair_is_named_strongest_first() -> None:
     assert (found[1].verdict, named(toy, found)) == ("effect", ["coulomb_friction", "current_gain"])
     effects = effects_of(toy, found)
     assert [e.id for e in effects[:2]] == ["coulomb_friction", "current_gain"]
-    # of 12 blocks
     assert all(e.probability > 0.5 and e.lost_without > 0.0 for e in effects[:2])
     assert all(e.probability < 0.1 for e in effects[2:])
 
@@ -169,7 +168,7 @@ def test_a_friction_law_that_corrects_another_is_not_named_if_a_rival_law_does_a
 
 
 @pytest.mark.parametrize(
-    "others,bends",
+    "others,interchangeable",
     [
         ([("viscous_friction", "stribeck_friction")], ["quadratic_drag"]),
         ([("viscous_friction", "cold_grease")], []),
@@ -178,14 +177,14 @@ def test_a_friction_law_that_corrects_another_is_not_named_if_a_rival_law_does_a
     ],
 )
 def test_only_friction_laws_are_interchangeable(
-    others: list[tuple[str, ...]], bends: list[str]
+    others: list[tuple[str, ...]], interchangeable: list[str]
 ) -> None:
     rivals = [SimpleNamespace(ids=ids) for ids in others]
     assert (
         search.interchangeable_friction_laws(
             SimpleNamespace(ids=("viscous_friction", "quadratic_drag")), rivals
         )
-        == bends
+        == interchangeable
     )
     assert (
         search.interchangeable_friction_laws(
@@ -217,7 +216,9 @@ def test_equivalent_effects_are_listed_and_the_verdict_stays_effect() -> None:
 
 
 def test_sets_that_differ_by_chance_are_tied() -> None:
-    """Nearly equal models differ by next to nothing, equally in every block."""
+    """The difference is the same in every block, so that the bootstrap alone would find it
+    significant.
+    """
     search_of, _ = decided(Toy({"effects.coulomb_friction.torque_nm": 0.004}))[:2]
     one = search_of.fits[("coulomb_friction",)]
     for squares, tied in ((2.0, True), (6.0, False)):
@@ -362,8 +363,8 @@ def test_several_effects_that_leave_a_visible_gap_approximate_another(
     assert decision.approximates_other_effect(state, best) is doubtful
 
 
-# One effect closes 0.7 of the squared gap before retuning (docs/spec/gap.md, section 3) and the
-# larger part of what retuning leaves; two close 0.85 of what retuning leaves.
+# One effect must close 0.7 of the squared gap before retuning (docs/spec/gap.md, section 5) and the
+# larger part of what retuning leaves; two must close 0.85 of what retuning leaves.
 @pytest.mark.parametrize(
     ("count", "nominal", "retuned", "after", "doubtful"),
     [
@@ -383,8 +384,8 @@ def test_a_set_that_closes_too_little_is_doubtful(
     assert decision.closes_too_little(state, best) is doubtful
 
 
-# Squared gap over all blocks and over the judged blocks; over all blocks the larger part of what
-# retuning leaves must close.
+# after, reported: squared gap over all blocks and over the judged blocks. Over all blocks the
+# effect must close the larger part of what retuning leaves.
 @pytest.mark.parametrize(
     ("after", "reported", "doubtful"),
     [(4.1, 4.1, True), (4.1, 3.9, False), (5.9, 3.9, False), (6.1, 3.9, True)],
@@ -449,10 +450,10 @@ def test_models_that_differ_in_few_blocks_far_beyond_the_noise_are_distinguished
     blocks, left = blocks_of(18, 100), np.random.default_rng(3).normal(size=1800)
     apart = np.zeros(1800)
     apart[900:930] = 5.0
-    for distance, told in ((apart, True), (0.05 * apart, False), (0.0 * apart, False)):
+    for distance, distinguished in ((apart, True), (0.05 * apart, False), (0.0 * apart, False)):
         sums = np.bincount(blocks.cluster, weights=(left + distance) ** 2 - left**2)
         assert difference_interval(blocks, sums)[0] <= 0.0
-        assert (fixed_design_bound(blocks, left + distance, left) > 0.0) is told
+        assert (fixed_design_bound(blocks, left + distance, left) > 0.0) is distinguished
 
 
 def test_rivals_must_differ_by_the_minimum_effect_size() -> None:
@@ -543,7 +544,7 @@ def test_a_doubtful_pair_gives_way_to_a_sufficient_member() -> None:
 
 
 @pytest.mark.parametrize(
-    ("left", "significant", "said"),
+    ("left", "significant", "verdict"),
     [
         (1.08**2, True, "none"),
         (1.09**2, True, "none"),
@@ -552,16 +553,16 @@ def test_a_doubtful_pair_gives_way_to_a_sufficient_member() -> None:
     ],
 )
 def test_a_remainder_below_the_smallest_visible_gap_is_none(
-    left: float, significant: bool, said: str
+    left: float, significant: bool, verdict: str
 ) -> None:
     state = Scored(left, left, left)
     state.blocks, state.block_losses = blocks_of(20), lambda one: np.full(20, 10.0 * one)
     found = decision.decide(selected(state, named_gap(left, 0)), structure(significant))
-    assert found.verdict == said
+    assert found.verdict == verdict
 
 
 @pytest.mark.parametrize(
-    ("above", "follows", "said"),
+    ("above", "follows", "verdict"),
     [
         ([4.0] * 20, None, "unlisted"),
         ([20.0] * 4 + [0.0] * 16, None, "none"),
@@ -569,18 +570,18 @@ def test_a_remainder_below_the_smallest_visible_gap_is_none(
     ],
 )
 def test_a_remainder_without_correlate_must_be_a_gap_in_most_bootstrap_samples(
-    above: list[float], follows: str | None, said: str
+    above: list[float], follows: str | None, verdict: str
 ) -> None:
     """Excess of 0.4 noise powers in total: in every block, or in four blocks of twenty."""
     state = Scored(1.4, 1.4, 1.4)
     state.blocks, state.block_losses = blocks_of(20), lambda one: 10.0 + np.array(above)
     left = replace(structure(True), best_correlate=follows)
-    assert decision.decide(selected(state, named_gap(1.4, 0)), left).verdict == said
+    assert decision.decide(selected(state, named_gap(1.4, 0)), left).verdict == verdict
 
 
 # squared gaps: before 11, what the set leaves, what its first member leaves alone
 @pytest.mark.parametrize(
-    ("count", "after", "alone", "significant", "said", "named"),
+    ("count", "after", "alone", "significant", "verdict", "named"),
     [
         (2, 1.9, 9.0, True, "unlisted", 2),
         (2, 1.9, 3.0, True, "effect", 1),
@@ -591,12 +592,12 @@ def test_a_remainder_without_correlate_must_be_a_gap_in_most_bootstrap_samples(
     ],
 )
 def test_doubtful_sets_are_not_named(
-    count: int, after: float, alone: float, significant: bool, said: str, named: int
+    count: int, after: float, alone: float, significant: bool, verdict: str, named: int
 ) -> None:
     state = Scored(11.0, 11.0, after)
     state.fits = {("a",): named_gap(alone, 1), ("b",): named_gap(9.5, 1)}
     found = decision.decide(selected(state, named_gap(after, count)), structure(significant))
-    assert (found.verdict, len(found.best.ids)) == (said, named)
+    assert (found.verdict, len(found.best.ids)) == (verdict, named)
 
 
 @pytest.mark.parametrize("seen", [True, False])

@@ -21,7 +21,7 @@ ONE_SPEED = ((0.0, 0.0), (0.6, 0.0), (0.62, 0.5))
 
 
 def recorded(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log:
-    """Log that the firmware's ELF sends of a tool with the effect, for a course of the trigger."""
+    """Log of the firmware's ELF on a tool with the effect; travel: points of the trigger over time."""
     sensors = read_rig(RIG).sensors
     noise_a, noise_v = (
         sensors["current_noise_a"] * CURRENT_SAMPLES_PER_ROW**0.5,
@@ -36,16 +36,16 @@ def recorded(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log
     return log_from_stream(sent, "ELF")
 
 
-def test_the_run_that_a_verdict_asks_for_decides_what_one_log_leaves_open() -> None:
+def test_the_run_that_a_verdict_proposes_decides_what_one_log_leaves_undecided() -> None:
     one = recorded(ONE_SPEED, 2.6, None, 1)
-    open_ = diagnose([one], read_rig(RIG)).as_dict()
-    assert open_["verdict"] == "ambiguous"
+    undecided = diagnose([one], read_rig(RIG)).as_dict()
+    assert undecided["verdict"] == "ambiguous"
     assert "viscous_friction" in [
-        *open_["selected"],
-        *(rival["id"] for rival in open_["indistinguishable"]),
+        *undecided["selected"],
+        *(rival["id"] for rival in undecided["indistinguishable"]),
     ]
     line = Line("staircase")
-    line.run = GuidedRun(profile_from_verdict(open_, "verdict"), line.session)
+    line.run = GuidedRun(profile_from_verdict(undecided, "verdict"), line.session)
     recorded(HELD, 7.2, line, 2)
     two = log_from_session(line.session, "next")
     assert line.run.ended == RUN_COMPLETE and np.ptp(two["speed_rpm"]) > 5000.0
