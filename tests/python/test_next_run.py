@@ -21,7 +21,7 @@ ONE_SPEED = ((0.0, 0.0), (0.6, 0.0), (0.62, 0.5))
 
 
 def recorded(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log:
-    """Log of the firmware's ELF on a tool with the effect; travel: points of the trigger over time."""
+    """Log that the ELF of the firmware sends of a tool with the effect; travel: of the trigger."""
     sensors = read_rig(RIG).sensors
     noise_a, noise_v = (
         sensors["current_noise_a"] * CURRENT_SAMPLES_PER_ROW**0.5,

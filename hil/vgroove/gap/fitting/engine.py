@@ -28,7 +28,7 @@ from vgroove.gap.residual.protocol import MeasuredProblem
 
 # Threshold of Huber's loss in robust standard deviations of the residuals: in the first round,
 # whose start may be far from the minimum, and in all others. Chosen on the tuning half of the blind
-# set.
+# set (docs/gap_bench.md).
 FIRST_HUBER_SIGMAS, FINAL_HUBER_SIGMAS = 20.0, 4.0
 MAX_RESIDUAL = 1e5  # sigma; larger residuals, and those of failed simulations, are clipped here
 
@@ -36,7 +36,7 @@ MAX_RESIDUAL = 1e5  # sigma; larger residuals, and those of failed simulations, 
 @dataclass(frozen=True)
 class DampingRules:
     """Damping factors (shares of the Gauss-Newton step) that are tried, and when a fit has
-    converged; chosen on the tuning half of the blind set.
+    converged; chosen on the tuning half of the blind set (docs/gap_bench.md).
     """
 
     short_step: float = 0.35  # second trial of a round, as a share of the first

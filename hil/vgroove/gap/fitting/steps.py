@@ -12,7 +12,7 @@ from vgroove.gap.fitting.normal_equations import FoldGroups
 
 # Share of the curvature of all rows that is added to a fold's normal equations as a ridge around
 # the step of all rows: it matters only where the fold's rows contain less than this share of the
-# information on a number. Chosen on the tuning half of the blind set.
+# information on a number. Chosen on the tuning half of the blind set (docs/gap_bench.md).
 FOLD_RIDGE_SHARE = 1e-3
 # ridge of a linear system, relative to its diagonal and absolute: without it the system is singular
 # where a number has no influence

@@ -24,7 +24,7 @@ from vgroove.units import TURN_RAD
 @dataclass(frozen=True)
 class AlignmentRules:
     """Candidate offsets of a stretch, and when one replaces no offset; chosen on the tuning half of
-    the blind set.
+    the blind set (docs/gap_bench.md).
     """
 
     # without edges: over the period of the effect; with edges: over the period of an effect of the

@@ -23,7 +23,9 @@ PRE_SLIDING_RAD = 2e-3
 
 @dataclass(frozen=True)
 class BreakawayRules:
-    """Starts from rest in a speed record; chosen on the tuning half of the blind set."""
+    """Starts from rest in a speed record; chosen on the tuning half of the blind set
+    (docs/gap_bench.md).
+    """
 
     min_rest_s: float = 0.1  # a longer interval without a speed above moving_sigmas is a rest
     moving_sigmas: float = 3.0  # a speed above this counts as motion

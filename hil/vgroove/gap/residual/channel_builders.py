@@ -24,7 +24,9 @@ UNSIGNED_NOTE = (
 
 @dataclass(frozen=True)
 class UnsignedCurrentTest:
-    """When a current column shows magnitudes; chosen on the tuning half of the blind set."""
+    """When a current column shows magnitudes; chosen on the tuning half of the blind set
+    (docs/gap_bench.md).
+    """
 
     # the drive brakes where the expected current is negative and its magnitude exceeds all three:
     # A, sigmas of the current, share of the largest expected current

@@ -21,7 +21,7 @@ from vgroove.units import RPM_PER_RAD_S, TURN_RAD
 class FilteredSpeedTest:
     """A speed column holds no edge periods if they form more chains (uninterrupted sequences of
     edges) than the larger of a number and a share of the periods. Chosen on the tuning half of the
-    blind set.
+    blind set (docs/gap_bench.md).
     """
 
     max_chains: int = 20

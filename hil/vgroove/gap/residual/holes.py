@@ -15,7 +15,7 @@ from vgroove.gap.residual.restarts import Restarts, StateObserver, find_restarts
 @dataclass(frozen=True)
 class HoleRules:
     """When missing samples of the command count as a hole; chosen on the tuning half of the blind
-    set.
+    set (docs/gap_bench.md).
     """
 
     # the motion after a hole is unknown if the hole is longer than both (s, usual row intervals)

@@ -27,7 +27,8 @@ UNIFORM_WIDTH_SIGMAS = np.sqrt(12.0)  # width of a uniform distribution in stand
 @dataclass(frozen=True)
 class RoundingTest:
     """Test by the current whether the bridge applied the quantised values of a ramp's column or a
-    finer command that only the logger rounded; chosen on the tuning half of the blind set.
+    finer command that only the logger rounded; chosen on the tuning half of the blind set
+    (docs/gap_bench.md).
     """
 
     # second difference, in steps of the column, above which a ramp bends; rounding of a straight

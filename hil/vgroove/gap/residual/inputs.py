@@ -20,7 +20,9 @@ from vgroove.gap.residual.input_uncertainty import MeasuredInput
 
 @dataclass(frozen=True)
 class CommandLimits:
-    """When a column cannot be the command of a log; chosen on the tuning half of the blind set."""
+    """When a column cannot be the command of a log; chosen on the tuning half of the blind set
+    (docs/gap_bench.md).
+    """
 
     max_duty: float = 1.01  # a compare value of 256 of 255 is rounding, anything above is no duty
     # speed in rpm that a shaft may gain without a command (noise, a hand), besides doubling

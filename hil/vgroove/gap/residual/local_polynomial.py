@@ -21,7 +21,7 @@ DEGREE = 2
 @dataclass(frozen=True)
 class LocalFitRules:
     """What a local quadratic is fitted to, and when it is trusted; chosen on the tuning half of the
-    blind set.
+    blind set (docs/gap_bench.md).
     """
 
     max_distance_s: float = 0.06  # observations further from an instant are not used

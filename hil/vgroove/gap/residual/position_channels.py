@@ -23,7 +23,7 @@ from vgroove.gap.residual.clean_log import CleanLog
 @dataclass(frozen=True)
 class DifferenceRules:
     """Rows between the instants of a difference of angles; chosen on the tuning half of the blind
-    set.
+    set (docs/gap_bench.md).
     """
 
     min_force_rows: int = 2  # of a second difference

@@ -23,7 +23,9 @@ from vgroove.gap.residual.sensors import SensorErrors
 
 @dataclass(frozen=True)
 class RestartRules:
-    """Where restarts are looked for; chosen on the tuning half of the blind set."""
+    """Where restarts are looked for; chosen on the tuning half of the blind set
+    (docs/gap_bench.md).
+    """
 
     # reach: largest distance of a restart from its regular instant, for restarts every nominal_s
     search_s: float = 0.05

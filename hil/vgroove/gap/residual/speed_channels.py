@@ -25,7 +25,7 @@ MIN_SPEED_RPM = 1e-6  # keeps a period finite
 @dataclass(frozen=True)
 class FilteredSpeedRules:
     """Which samples of a filtered edge speed are compared; chosen on the tuning half of the blind
-    set.
+    set (docs/gap_bench.md).
     """
 
     # longest edge period, in s and as a share of the sensor's timeout: the instant to which a

@@ -19,7 +19,7 @@ from vgroove.gap.residual.restarts import Restarts
 
 # amplitude, as a share of the speed, at which the first-order response is reduced to one half, and
 # the order of that reduction: the response assumes an even speed, which a larger ripple is not.
-# Chosen on the tuning half of the blind set.
+# Chosen on the tuning half of the blind set (docs/gap_bench.md).
 LARGE_SHARE, TRANSITION_ORDER = 0.2, 4
 MIN_SPEED = 1e-9  # rad/s; keeps a ratio finite at rest
 

@@ -24,7 +24,9 @@ AngleAt = Callable[[float], float]
 
 @dataclass(frozen=True)
 class ObserverRules:
-    """Which column gives the speed and the angle; chosen on the tuning half of the blind set."""
+    """Which column gives the speed and the angle; chosen on the tuning half of the blind set
+    (docs/gap_bench.md).
+    """
 
     # factor by which a fit to several angles is more precise than their single differences, because
     # the errors of neighbouring differences cancel

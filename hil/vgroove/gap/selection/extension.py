@@ -16,6 +16,7 @@ from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.selection.search_state import Search, key
 
 # first-order candidates that are kept of a set; chosen on the tuning half of the blind set
+# (docs/gap_bench.md)
 MAX_EXTENSIONS = 6
 NO_COST = np.inf  # cost of a first-order fit, which is not evaluated
 

@@ -26,8 +26,8 @@ from vgroove.rig import Rig
 
 @dataclass(frozen=True)
 class EstimateLimits:
-    """Thresholds of the reported parameter values; chosen on the tuning half of the blind set where
-    no source is stated.
+    """Thresholds of the reported parameter values; chosen on the tuning half of the blind set
+    (docs/gap_bench.md) where no source is stated.
     """
 
     time_constants: float = 16.0  # length of a long stretch, in time constants of the shaft

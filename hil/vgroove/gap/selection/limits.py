@@ -12,7 +12,7 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class StepwiseLimits:
     """Thresholds of the stepwise selection. Shares are of squared gaps above the noise. Chosen on
-    the tuning half of the blind set unless a derivation is stated.
+    the tuning half of the blind set (docs/gap_bench.md) unless a derivation is stated.
     """
 
     max_effects: int = 4  # members of a set

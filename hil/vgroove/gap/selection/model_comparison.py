@@ -17,8 +17,8 @@ from vgroove.gap.fitting.hypothesis import Fit
 
 @dataclass(frozen=True)
 class BootstrapLimits:
-    """Numbers of the block bootstrap; chosen on the tuning half of the blind set where no other
-    origin is stated.
+    """Numbers of the block bootstrap; chosen on the tuning half of the blind set
+    (docs/gap_bench.md) where no other origin is stated.
     """
 
     draws: int = 2000  # bootstrap samples: 10 of them lie above the 99.5 % quantile

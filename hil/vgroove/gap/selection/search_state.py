@@ -35,7 +35,8 @@ from vgroove.gap.selection.options import DiagnosisOptions
 @dataclass(frozen=True)
 class ComparisonLimits:
     """Thresholds by which the search compares fits. A gap is in units of the noise's RMS, a squared
-    gap in units of its power. Chosen on the tuning half of the blind set unless a source is stated.
+    gap in units of its power. Chosen on the tuning half of the blind set (docs/gap_bench.md) unless
+    a source is stated.
     """
 
     clip_sigma: float = CLIP_SIGMAS  # residuals are clipped here (docs/spec/gap.md, section 5)

@@ -20,7 +20,7 @@ from vgroove.gap.selection.search_state import COMPARISON, Search, key, reblock,
 @dataclass(frozen=True)
 class StartLimits:
     """How many starts of an effect are tried, and when the shaft angle is aligned. Chosen on the
-    tuning half of the blind set.
+    tuning half of the blind set (docs/gap_bench.md).
     """
 
     # an effect with more starts is fitted from those of least cost only, evaluated without a fit

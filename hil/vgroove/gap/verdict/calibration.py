@@ -1,8 +1,8 @@
 """Probability that a named effect is at work: logistic calibration (J. Platt, Advances in Large
 Margin Classifiers, 1999) on four quantities of the search.
 
-The coefficients are fitted to the opened cases of the blind set's tuning half
-(docs/results/gap_certainty.json) by tests/proof/gap_certainty.py.
+The coefficients are fitted by tests/proof/gap_certainty.py to the opened cases of the blind set's
+tuning half (docs/gap_bench.md), which docs/results/gap_certainty.json lists.
 """
 
 from dataclasses import astuple

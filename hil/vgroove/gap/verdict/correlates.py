@@ -12,7 +12,9 @@ from vgroove.units import TURN_RAD
 
 @dataclass(frozen=True)
 class CorrelateLimits:
-    """Numbers of the search for covariates; chosen on the tuning half of the blind set."""
+    """Numbers of the search for covariates; chosen on the tuning half of the blind set
+    (docs/gap_bench.md).
+    """
 
     bins: int = 12  # quantile bins of a covariate
     bin_prior_rows: float = 3.0  # rows of value 0 that are added to each bin (shrinkage)

@@ -16,7 +16,8 @@ from vgroove.gap.verdict.remainder import Remainder
 @dataclass(frozen=True)
 class DecisionLimits:
     """Thresholds of the decision, shares of squared gaps above the noise. Chosen on the tuning half
-    of the blind set unless a source is stated; entry n of a tuple is for sets of n + 1 effects.
+    of the blind set (docs/gap_bench.md) unless a source is stated; entry n of a tuple is for sets
+    of n + 1 effects.
     """
 
     # Least share that a set closes (docs/spec/gap.md, section 5): one effect of the gap before

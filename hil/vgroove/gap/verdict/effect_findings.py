@@ -19,7 +19,9 @@ from vgroove.gap.verdict.schema import EffectFinding, NameEvidence, Rival
 
 @dataclass(frozen=True)
 class ProbabilityLimits:
-    """Bounds of stated probabilities; chosen on the tuning half of the blind set."""
+    """Bounds of stated probabilities; chosen on the tuning half of the blind set
+    (docs/gap_bench.md).
+    """
 
     max_named: float = 0.99  # largest, of a named effect or a rival
     max_unnamed: float = 0.4  # largest, of any other effect

@@ -27,7 +27,9 @@ UNEXPLAINED = "unexplained"
 
 @dataclass(frozen=True)
 class LocationLimits:
-    """Thresholds of the location; chosen on the tuning half of the blind set."""
+    """Thresholds of the location; chosen on the tuning half of the blind set
+    (docs/gap_bench.md).
+    """
 
     ridge: float = 1e-6  # relative ridge of the normal matrices: columns may be collinear
     absolute_ridge: float = 1e-9  # of columns scaled to RMS 1, for those that are zero in a fold

@@ -23,7 +23,9 @@ OWN_COVARIATE = {"current_a": "current", "supply_v": "bus voltage"}
 
 @dataclass(frozen=True)
 class RemainderLimits:
-    """Thresholds of the remainder; chosen on the tuning half of the blind set."""
+    """Thresholds of the remainder; chosen on the tuning half of the blind set
+    (docs/gap_bench.md).
+    """
 
     min_excess: float = 0.15  # smallest squared gap above the noise of a remainder, in noise powers
     min_correlate_share: float = 0.05  # of the squared gap: smaller correlates are not listed
