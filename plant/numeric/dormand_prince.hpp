@@ -90,29 +90,27 @@ VGROOVE_INLINE V weighted_slopes(const double (&e)[7], V k1, V k3, V k4, V k5, V
 template <class V, int N> struct StageSlopes { State<V, N> k2, k3, k4, k5, k6; };
 
 // The stages of a step of length h from y with the slope k1. slope(time into the step, state, to)
-// writes the derivative to its last argument. The slopes are local variables until the end: a
-// compiler keeps those in registers, but not the members of k (5 % of the time of one simulation).
+// writes the derivative to its last argument.
 template <StageSum SUM, class V, int N, class Slope>
 VGROOVE_INLINE void dormand_prince_stages(const State<V, N> &y, const State<V, N> &k1, V h,
                                           StageSlopes<V, N> &k, Slope &&slope) {
     using T = DormandPrince;
-    State<V, N> s, k2, k3, k4, k5, k6;
+    State<V, N> s;
     for (int n = 0; n < N; ++n)
         s.x[n] = stage_2<SUM, V>(y.x[n], h, k1.x[n]);
-    slope(T::C[0] * h, s, k2);
+    slope(T::C[0] * h, s, k.k2);
     for (int n = 0; n < N; ++n)
-        s.x[n] = stage_3<SUM, V>(y.x[n], h, k1.x[n], k2.x[n]);
-    slope(T::C[1] * h, s, k3);
+        s.x[n] = stage_3<SUM, V>(y.x[n], h, k1.x[n], k.k2.x[n]);
+    slope(T::C[1] * h, s, k.k3);
     for (int n = 0; n < N; ++n)
-        s.x[n] = stage_4<SUM, V>(y.x[n], h, k1.x[n], k2.x[n], k3.x[n]);
-    slope(T::C[2] * h, s, k4);
+        s.x[n] = stage_4<SUM, V>(y.x[n], h, k1.x[n], k.k2.x[n], k.k3.x[n]);
+    slope(T::C[2] * h, s, k.k4);
     for (int n = 0; n < N; ++n)
-        s.x[n] = stage_5<SUM, V>(y.x[n], h, k1.x[n], k2.x[n], k3.x[n], k4.x[n]);
-    slope(T::C[3] * h, s, k5);
+        s.x[n] = stage_5<SUM, V>(y.x[n], h, k1.x[n], k.k2.x[n], k.k3.x[n], k.k4.x[n]);
+    slope(T::C[3] * h, s, k.k5);
     for (int n = 0; n < N; ++n)
-        s.x[n] = stage_6<SUM, V>(y.x[n], h, k1.x[n], k2.x[n], k3.x[n], k4.x[n], k5.x[n]);
-    slope(T::C[4] * h, s, k6);
-    k = {k2, k3, k4, k5, k6};
+        s.x[n] = stage_6<SUM, V>(y.x[n], h, k1.x[n], k.k2.x[n], k.k3.x[n], k.k4.x[n], k.k5.x[n]);
+    slope(T::C[4] * h, s, k.k6);
 }
 
 // State at the end of the step
