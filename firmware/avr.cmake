@@ -1,5 +1,5 @@
-# The ELF for VGROOVE_MCU in the root of the build tree, its hex file beside it, and the test program
-# of the golden vectors.
+# The ELF for VGROOVE_MCU in the root of the build tree, its hex file beside it, and the program of
+# the golden vectors.
 set(VGROOVE_MCU atmega328p CACHE STRING "atmega328p or atmega2560")
 set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-sections -fdata-sections
   -fno-fat-lto-objects -mrelax -mstrict-X -fno-move-loop-invariants)

@@ -10,7 +10,7 @@
 #include "hal/hal.h"
 
 #define OVERRUN_FAULT_TICKS 2u
-#define FULL_TICKS_MAX 3u  // slow work waits no longer: 1 tick in 4 is enough for the line
+#define FULL_TICKS_MAX 3u  // longest delay of slow work: 1 tick in 4 is enough for the line
 
 void app_init(App *self, uint32_t build_hash) {
     *self =

@@ -53,7 +53,7 @@ typedef struct {
     int16_t duty_limit_q15;                   // duty at full trigger, a setpoint
     int16_t ramp_q15;                         // ramped trigger
     int16_t slew_q15;                         // greatest change of ramp_q15 per tick
-    int16_t wish_q15;                         // duty that the controller returned last
+    int16_t requested_q15;                    // duty that the controller returned last
     int16_t ramp_duty_q15;      // last duty that drove the shaft, and its speed: a drive that
     int16_t ramp_speed_rpm_q1;  // begins with a turning shaft starts from their ratio
     uint8_t calibration;        // TELEMETRY_CALIBRATE_WHAT_*, CANCEL: none
@@ -67,7 +67,7 @@ typedef struct {
     uint16_t trigger_greatest;
     bool save_offset;  // the offset measured at rest is saved as a parameter
     uint8_t overruns;
-    uint8_t configure_step;  // next step of configure.c
+    uint8_t configuration_step;  // next step of configure.c
     bool calibrated;
     bool hall_taken;       // all Hall pitches learned so far were within their range
     bool command_pending;  // a command waits for its execution and its ACK

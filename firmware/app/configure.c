@@ -31,7 +31,7 @@ static void configure_hall_pitch(App *app, uint8_t pitch) {
 
 void configure_step(App *app) {
     const int16_t *value = app->params.value;
-    const uint8_t step = app->configure_step;
+    const uint8_t step = app->configuration_step;
     if (step >= STEP_DONE) {
         return;
     }
@@ -46,13 +46,13 @@ void configure_step(App *app) {
     } else {
         configure_hall_pitch(app, (uint8_t)(step - STEP_PITCH));
     }
-    app->configure_step = (uint8_t)(step + 1u);
+    app->configuration_step = (uint8_t)(step + 1u);
 }
 
 bool configure_pending(const App *app) {
-    return app->configure_step < STEP_DONE;
+    return app->configuration_step < STEP_DONE;
 }
 
 void configure_begin(App *app) {
-    app->configure_step = STEP_LIMITS;
+    app->configuration_step = STEP_LIMITS;
 }

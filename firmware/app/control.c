@@ -81,7 +81,7 @@ INLINE_NEVER void control_start(Control *self, uint8_t mode, bool reverse) {
 
 static int16_t step(Control *self, const ControllerInputs *in) {
     switch (self->mode) { CONTROL_LIST(STEP_CASE) }
-    return profile_wish(&self->profile, in->travel_q15);
+    return profile_duty(&self->profile, in->travel_q15);
 }
 
 INLINE_NEVER int16_t control_step(Control *self, const ControllerInputs *in) {
@@ -91,13 +91,16 @@ INLINE_NEVER int16_t control_step(Control *self, const ControllerInputs *in) {
     if (!blows_are(self->mode, CONTROL_BLOWS_NONE)) {
         blow_step(&self->blow, &self->blow_set, in);
     }
-    const int16_t wish_q15 = step(self, in);
-    self->stopped = wish_q15 < 0 && wish_q15 != CONTROLLER_COAST;
-    return self->stopped ? CONTROLLER_STOP : wish_q15;
+    const int16_t requested_q15 = step(self, in);
+    self->stopped = requested_q15 < 0 && requested_q15 != CONTROLLER_COAST;
+    return self->stopped ? CONTROLLER_STOP : requested_q15;
 }
 
 bool control_was_heavy(const Control *self) {
-    return self->blow.busy CONTROL_LIST(HEAVY_TERM);
+    if (self->blow.busy) {
+        return true;
+    }
+    return false CONTROL_LIST(HEAVY_TERM);
 }
 
 void control_report(const Control *self, TelemetryControl *out) {

@@ -32,8 +32,9 @@ static int16_t limited_travel(const App *app) {
 
 // Ramped trigger: the duty of the plain mode, and the trigger input of the controllers.
 static int16_t ramp(App *app, ModesCommand command, int16_t wanted_q15, int16_t speed_rpm_q1) {
-    if (app->controlled && command == MODES_COMMAND_RAMP_DOWN && app->wish_q15 < app->ramp_q15) {
-        app->ramp_q15 = app->wish_q15;  // no more than the controller's duty
+    if (app->controlled && command == MODES_COMMAND_RAMP_DOWN &&
+        app->requested_q15 < app->ramp_q15) {
+        app->ramp_q15 = app->requested_q15;  // no more than the controller's duty
     }
     if (!app->driving) {
         app->ramp_q15 = resumed_duty(app, speed_rpm_q1);
@@ -59,7 +60,7 @@ static int16_t coast(App *app) {
 }
 
 // Duty that the controller returns; a released trigger ends its drive.
-static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) {
+static int16_t requested_duty(App *app, ModesCommand command, const ControllerInputs *in) {
     if (command == MODES_COMMAND_RAMP_DOWN) {
         app->controlled = false;
         return in->travel_q15;
@@ -69,10 +70,12 @@ static int16_t wish(App *app, ModesCommand command, const ControllerInputs *in) 
         control_start(&app->control, app->mode, app->modes.reverse);
         app->controlled = true;
     }
-    const int16_t wish_q15 = control_step(&app->control, in);
-    app->heavy = app->heavy || control_was_heavy(&app->control);
+    const int16_t requested_q15 = control_step(&app->control, in);
     hal_mark_control(false);
-    return wish_q15;
+    if (control_was_heavy(&app->control)) {
+        app->heavy = true;
+    }
+    return requested_q15;
 }
 
 // Keeps duty and speed for resumed_duty(); not while braking, when duty and speed do not match.
@@ -102,13 +105,13 @@ int16_t drive_step(App *app) {
     in->coasted = app->bridge.row_compare == H_BRIDGE_COAST;
     in->edges = app->hall.new_edges;
     app->driving = true;
-    const int16_t wish_q15 = wish(app, command, in);
-    app->wish_q15 = wish_q15;
-    const int16_t duty_q15 = foldback_step(&app->foldback, wish_q15, in->current_a_q9);
+    const int16_t requested_q15 = requested_duty(app, command, in);
+    app->requested_q15 = requested_q15;
+    const int16_t duty_q15 = foldback_step(&app->foldback, requested_q15, in->current_a_q9);
     if (foldback_active(&app->foldback)) {
         app->measured.flags |= TELEMETRY_FLAGS_FOLDBACK;
     }
-    if (wish_q15 < 0) {
+    if (requested_q15 < 0) {
         return H_BRIDGE_COAST;
     }
     note_driven(app, duty_q15, in);

@@ -53,7 +53,7 @@ void faults_step(Faults *self, const Measurement *m, const FaultLimits *limits,
 // Whether the current is that of a driven shaft at rest.
 bool faults_draws_like_standing(const Measurement *m, int16_t compare);
 
-// Clears the faults whose condition is no longer present.
+// Clears the faults whose condition has ended.
 void faults_clear(Faults *self);
 
 #endif

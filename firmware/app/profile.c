@@ -21,7 +21,7 @@ ProfileState profile_state(const Profile *self) {
     return self->acts ? PROFILE_ACTING : PROFILE_NONE;
 }
 
-int16_t profile_wish(const Profile *self, int16_t travel_q15) {
+int16_t profile_duty(const Profile *self, int16_t travel_q15) {
     if (!self->acts) {
         return travel_q15;
     }

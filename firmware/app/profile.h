@@ -33,6 +33,6 @@ void profile_tick(Profile *self, bool drives);
 ProfileState profile_state(const Profile *self);
 
 // Duty to be driven at this trigger, CONTROLLER_COAST or CONTROLLER_STOP.
-int16_t profile_wish(const Profile *self, int16_t travel_q15);
+int16_t profile_duty(const Profile *self, int16_t travel_q15);
 
 #endif

@@ -29,8 +29,8 @@ typedef struct {
 #define STANDSTILL_RPM_Q1_PER_MS 636u
 // Full duty gives 18.5 V / 0.0109 V s = 16,200 rpm: 64 rpm per count of the compare value.
 #define STANDSTILL_RPM_Q1_PER_COUNT 128u
-// An unloaded shaft no longer draws the current of a shaft at rest by then: it reaches 0.42 of its
-// speed at 45 A within 26 ms.
+// An unloaded shaft does not draw the current of a shaft at rest for so long: it reaches 0.42 of
+// its speed at 45 A within 26 ms.
 #define STANDSTILL_STARTED_MS 100u
 
 typedef struct {

@@ -8,10 +8,12 @@
 //                       const Blow *blow);
 //         once a tick (1 ms) of the drive; returns the duty 0..32767, CONTROLLER_STOP or
 //         CONTROLLER_COAST
-//     uint8_t NAME_state(const Name *self);        for telemetry: its enumerator, 0..15
-//     uint8_t NAME_stop_reason(const Name *self);  CONTROLLER_REASON_*
-//     int16_t NAME_estimate(const Name *self);     for telemetry: as its page says, 0 if it has
-//     none
+//     uint8_t NAME_state(const Name *self);
+//         for telemetry: its enumerator, 0..15
+//     uint8_t NAME_stop_reason(const Name *self);
+//         CONTROLLER_REASON_*
+//     int16_t NAME_estimate(const Name *self);
+//         for telemetry: defined on the controller's page, 0 if it has none
 // All quantities count in the direction of the drive: positive speed and current drive the tool,
 // negative current brakes it.
 #ifndef VGROOVE_CONTROLLERS_CONTROLLER_H

@@ -28,8 +28,8 @@
 #define INDUCTANCE_MV_Q0 100     // per A: L / 1 ms
 #define INERTIA_A_Q9_PER_MV 69   // J / k^2 / 1 ms = 0.1347 A/mV
 #define FRICTION_A_Q4 Q(1.1, 4)  // Tc / k
-#define BLIND_TICKS 2u           // after an open bridge, until the current has built up
-#define GAP_MAX 80u
+#define SETTLING_TICKS 2u        // after an open bridge, until the current has built up
+#define SINCE_EMF_MAX 80u
 
 // Kickback. A jam in either gear takes at once the load current that stalls the motor, 55 A (16 V,
 // a pack of 0.1 ohm) to 108 A; the largest ordinary loads, 12 N m in low gear and 3.5 N m in high
@@ -95,7 +95,7 @@ static void set_clutch(Drill *self, const DrillSetpoints *set) {
 
 void drill_start(Drill *self, const DrillSetpoints *set) {
     (void)set;  // read in the first step
-    *self = (Drill){.state = DRILL_RUN, .blind = BLIND_TICKS};
+    *self = (Drill){.state = DRILL_RUN, .settling = SETTLING_TICKS};
 }
 
 void drill_reverse(DrillSetpoints *set) {
@@ -125,8 +125,8 @@ static void judge_fall(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     const int16_t seen_mv = fall_mv > FALL_MAX_MV ? FALL_MAX_MV : fall_mv;
     int16_t beyond_mv =
         (int16_t)(seen_mv - FALL_MV_PER_MS + (((current_a_q9 >> 6) * MV_PER_A) >> 3));
-    if (self->gap > 1u) {
-        beyond_mv = (int16_t)(beyond_mv - (int16_t)(self->gap - 1u) * FALL_MV_PER_MS);
+    if (self->since_emf > 1u) {
+        beyond_mv = (int16_t)(beyond_mv - (int16_t)(self->since_emf - 1u) * FALL_MV_PER_MS);
     } else if (beyond_mv > FALLEN_TICK_MV) {
         beyond_mv = FALLEN_TICK_MV;
     }
@@ -155,23 +155,24 @@ static void track_load(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
 static void observe(Drill *self, const DrillSetpoints *set, const ControllerInputs *in) {
     const int16_t last_a_q9 = self->last_a_q9;
     self->last_a_q9 = in->current_a_q9;
-    if (self->gap < GAP_MAX) {
-        self->gap++;
+    if (self->since_emf < SINCE_EMF_MAX) {
+        self->since_emf++;
     }
-    self->blind = in->coasted ? BLIND_TICKS : (uint8_t)(self->blind - (self->blind > 0u ? 1u : 0u));
-    if (self->blind > 0u) {
+    self->settling =
+        in->coasted ? SETTLING_TICKS : (uint8_t)(self->settling - (self->settling > 0u ? 1u : 0u));
+    if (self->settling > 0u) {
         return;
     }
     const int16_t emf_mv = emf_of(set, in, last_a_q9);
-    if (self->known) {
+    if (self->emf_known) {
         judge_fall(self, emf_mv, in->current_a_q9);
-        if (set->clutch_dnm > 0 && self->gap == 1u) {
+        if (set->clutch_dnm > 0 && self->since_emf == 1u) {
             track_load(self, emf_mv, in->current_a_q9);
         }
     }
     self->emf_mv = emf_mv;
-    self->gap = 0;
-    self->known = true;
+    self->since_emf = 0;
+    self->emf_known = true;
 }
 
 // Whether the load reaches the setting if the bridge opens: the kinetic energy carries a load that

@@ -1,14 +1,13 @@
 // Drill driver: normal and pulse mode, electronic clutch, anti-kickback.
 //
-//          current above 15 A (pulse = 1, no clutch)             25 ms
-//   RUN ---------------------------------------------> COAST ----------------> PULSE
-//    ^                                                  |  ^        75 ms        |
-//    |                                                  |  '---------------------+
-//    '--------------------------------------------------+------------------------'
-//          mean current of 0.1 s below 8 A, from 0.1 s after the first coast on
-//   any: the shaft slows down faster than any ordinary load slows it ------> STOPPED (kickback)
-//   RUN: the load torque would peak at the setting of the clutch ----------> STOPPED (clutch)
-//   RUN: setting of the clutch out of range at the start -------------> STOPPED (unreachable)
+//   from        to       condition
+//   RUN         COAST    current above 15 A (pulse = 1, no clutch)
+//   COAST       PULSE    25 ms elapsed
+//   PULSE       COAST    75 ms elapsed
+//   COAST,PULSE RUN      mean current of 0.1 s below 8 A, from 0.1 s after the first coast on
+//   any         STOPPED  the shaft slows down faster than any ordinary load slows it (kickback)
+//   RUN         STOPPED  the load torque would peak at the setting of the clutch (clutch)
+//   RUN         STOPPED  setting of the clutch out of range, at the start (unreachable)
 //
 // The speed is observed by the back-EMF e = d Vs - R i - L i', which has no delay by Hall edges.
 // The current of the load alone is i - J / k^2 e', where J / k^2 e' is that of the inertia. A jam
@@ -57,13 +56,13 @@ typedef struct {
     uint8_t phase_ms;          // since the last change between coast and pulse
     uint8_t bin;
     uint8_t bin_ms;
-    uint8_t blind;   // ticks until the back-EMF can be measured
-    uint8_t gap;     // ticks since its last measurement
-    bool begun;      // the first step is over
-    bool known;      // the back-EMF has been measured in this drive
-    bool slow;       // the load is filtered over 32 ms
-    uint8_t state;   // DRILL_*
-    uint8_t reason;  // CONTROLLER_REASON_*
+    uint8_t settling;   // ticks until the back-EMF can be measured
+    uint8_t since_emf;  // ticks since its last measurement
+    bool begun;         // the first step is over
+    bool emf_known;     // the back-EMF has been measured in this drive
+    bool slow;          // the load is filtered over 32 ms
+    uint8_t state;      // DRILL_*
+    uint8_t reason;     // CONTROLLER_REASON_*
 } Drill;
 
 void drill_start(Drill *self, const DrillSetpoints *set);

@@ -21,7 +21,7 @@ typedef struct {
 void foldback_init(Foldback *self, int16_t limit_a_q9);
 
 // Allowed duty 0..32767 for the requested one; current counts in the direction of the drive.
-int16_t foldback_step(Foldback *self, int16_t wish_q15, int16_t current_a_q9);
+int16_t foldback_step(Foldback *self, int16_t requested_q15, int16_t current_a_q9);
 
 bool foldback_active(const Foldback *self);
 

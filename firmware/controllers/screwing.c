@@ -28,13 +28,13 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 #define PAIR_TURN (27 * (int16_t)DEG / 2)  // below 13.5 degrees per blow, two blows are averaged
 
 // Seat detection: the shape of the rise after its onset, see area_max().
-#define ONSET_Q8 287                   // 1.12
-#define SURE (5u * DEG)                // and 3/4 of the learned rotation: a slow rise counts
-#define WIDE_TURN (16 * (int16_t)DEG)  // above it a knot's edge over two blows is slow too
-#define SLOW_TURN (11 * (int16_t)DEG)  // a slow rise: below SLOW_Q8 per blow up to here,
-#define SLOW_Q8 55                     // 0.21; beyond, below 0.02 per degree
+#define ONSET_Q8 287     // 1.12
+#define SURE (5u * DEG)  // plus 3/4 of the learned rotation: least angle of a slow rise
+#define WIDE_TURN (16 * (int16_t)DEG)  // above: a knot edge spread over two blows is slow as well
+#define SLOW_TURN (11 * (int16_t)DEG)  // a rise is slow below SLOW_Q8 per blow up to here,
+#define SLOW_Q8 55                     // 0.21; above SLOW_TURN below 0.02 per degree
 #define SLOW_AREA_Q8 141               // 0.55: greatest area of a slow rise
-#define EDGE (9u * DEG)                // and a fifth of the learned rotation, see area_max()
+#define EDGE (9u * DEG)                // plus 1/5 of the learned rotation, see area_max()
 #define LATE_AREA_Q8 77                // 0.3: below this area the rise has only just begun
 #define GIVE_UP (60u * DEG)            // a rise this long is too flat for a seat
 
@@ -269,23 +269,23 @@ static void step_stage(Screwing *self, const ScrewingSetpoints *set, uint16_t su
 
 // A share of the trigger's duty plus half the least duty, limited to the least duty below and 17/8
 // of it above, beyond which the speed shows no ripple.
-static uint16_t wish_q15(const Screwing *self, int16_t travel_q15) {
+static uint16_t requested_q15(const Screwing *self, int16_t travel_q15) {
     const uint16_t least = (uint16_t)self->least_q15,
                    share = (uint16_t)(2u * (uint16_t)self->share_q15);
-    const uint16_t wish =
+    const uint16_t requested =
         (uint16_t)((uint16_t)(((uint32_t)(uint16_t)travel_q15 * share) >> 16) + least / 2u);
     const uint16_t most = (uint16_t)(2u * least + least / 8u);
-    return wish < least ? least : wish > most ? most : wish;
+    return requested < least ? least : requested > most ? most : requested;
 }
 
 static int16_t output(Screwing *self, int16_t travel_q15) {
     if (self->state == SCREWING_RUN_IN || self->least_q15 == 0) {
         self->duty_q15 = travel_q15;
     } else {
-        const uint16_t most = wish_q15(self, travel_q15);
-        const int16_t wish = (int16_t)(most < INT16_MAX ? most : INT16_MAX);
-        self->duty_q15 = slew_towards(self->duty_q15, wish, SLEW);
-        if (self->state == SCREWING_SETTLE && self->duty_q15 != wish) {
+        const uint16_t most = requested_q15(self, travel_q15);
+        const int16_t requested = (int16_t)(most < INT16_MAX ? most : INT16_MAX);
+        self->duty_q15 = slew_towards(self->duty_q15, requested, SLEW);
+        if (self->state == SCREWING_SETTLE && self->duty_q15 != requested) {
             self->left = SETTLE_WAVES;  // the duty has not settled
         }
     }

@@ -8,13 +8,14 @@
 // power, supply and trigger have no influence on it. The torque is inversely proportional to the
 // rotation per blow: `rise` is the learned rotation over the present one.
 //
-//             impacts             learned             rise > ONSET
-//   RUN_IN ------------> SETTLE ----------> TRACK <------------------> SUSPECT ------> SEATED
-//     ^                   ^  |                        rise below ONSET,       rise grows  (stop)
-//     |                   '--' small rotation:        or constant for too     linearly
-//     |                        more power             long: denser wood,      with the angle
-//     |                                               learned
-//     '-- no blows, from any state but SEATED
+//   from     to       condition
+//   RUN_IN   SETTLE   impacts
+//   SETTLE   SETTLE   small rotation per blow: more power
+//   SETTLE   TRACK    rotation per blow learned
+//   TRACK    SUSPECT  rise above ONSET
+//   SUSPECT  TRACK    rise below ONSET, or constant for too long: denser wood, learned
+//   SUSPECT  SEATED   the rise grows linearly with the angle: stop
+//   any      RUN_IN   no blows, except in SEATED
 #ifndef VGROOVE_CONTROLLERS_SCREWING_H
 #define VGROOVE_CONTROLLERS_SCREWING_H
 

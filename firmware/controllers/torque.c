@@ -25,21 +25,21 @@
 #define BLOWS_FIRST 2u
 #define BLOWS_A_Q8 (9 * 256)  // above the current of a run-down, below that of blows
 #define BLOWS_MS 600u         // from then on the current replaces undetected blows
-#define LOOK_MS 1200u
-#define SLOW_LOOK_MS 1700u  // on the lowest levels, where blows are rarer
+#define EVALUATE_MS 1200u
+#define SLOW_EVALUATE_MS 1700u  // on the lowest levels, where blows are rarer
 #define SETTLE_MS 2800u
 #define SLOW_SETTLE_MS 3300u
 #define SLOW_BELOW_MV 7000
-#define RAISED_LOOK_MS 150u
-#define CHANGED_LOOK_MS 300u  // on levels at which lugs are hit once instead of twice
+#define RAISED_EVALUATE_MS 150u
+#define CHANGED_EVALUATE_MS 300u  // on levels at which lugs are hit once instead of twice
 
 // A low target whose current is exceeded this soon after the first evaluation belongs to a hard
 // joint; the filters lag by LOW_LATE_NM.
 #define LOW_LATE_MS 120u
 #define LOW_LATE_NM 4
-#define LOW_LOOK_MS 450u  // the slowest filter settles after the motor's start
+#define LOW_EVALUATE_MS 450u  // the slowest filter settles after the motor's start
 #define RAISED_MS 8000u
-#define FULL_LOOKS 150u        // decisions, one in two ticks: 0.3 s
+#define FULL_DECISIONS 150u    // decisions, one in two ticks: 0.3 s
 #define TWICE_ABOVE_MV 8000    // lugs are hit three times below this level, twice above,
 #define CHANGED_ABOVE_MV 9200  // once above this
 #define LEAD_ABOVE_MV 11000    // the torque grows fast: the lag of the filters is compensated
@@ -131,8 +131,8 @@ static int16_t joint_a_q8(const Torque *self) {
     return (int16_t)(current + gained - (gained >> 2));
 }
 
-static uint16_t look_ms(const Torque *self) {
-    return self->goal_mv < SLOW_BELOW_MV ? SLOW_LOOK_MS : LOOK_MS;
+static uint16_t evaluate_ms(const Torque *self) {
+    return self->goal_mv < SLOW_BELOW_MV ? SLOW_EVALUATE_MS : EVALUATE_MS;
 }
 
 static uint16_t settle_ms(const Torque *self) {
@@ -146,9 +146,10 @@ static bool current_valid(const Torque *self) {
         return true;
     }
     if (self->raised_mv < TWICE_ABOVE_MV) {
-        return self->ticks >= LOW_LOOK_MS;
+        return self->ticks >= LOW_EVALUATE_MS;
     }
-    return self->ticks >= (self->raised_mv < LEAD_ABOVE_MV ? CHANGED_LOOK_MS : RAISED_LOOK_MS);
+    return self->ticks >=
+           (self->raised_mv < LEAD_ABOVE_MV ? CHANGED_EVALUATE_MS : RAISED_EVALUATE_MS);
 }
 
 static bool arrived(const Torque *self) {
@@ -162,7 +163,7 @@ static bool in_reach(const Torque *self, uint16_t supply_mv) {
 }
 
 static TorqueState next_state(const Torque *self, const ControllerInputs *in, const Blow *blow) {
-    if (self->full_looks >= FULL_LOOKS) {
+    if (self->full_decisions >= FULL_DECISIONS) {
         return TORQUE_OVER;
     }
     switch (self->state) {
@@ -176,7 +177,7 @@ static TorqueState next_state(const Torque *self, const ControllerInputs *in, co
         }
         return self->settled_a_q8 == TORQUE_MAP_NEVER ? TORQUE_RAISED : TORQUE_LEVEL;
     case TORQUE_LEVEL:
-        if (self->ticks < look_ms(self)) {
+        if (self->ticks < evaluate_ms(self)) {
             return TORQUE_LEVEL;
         }
         return high_word(self->slow_a_q24) >= self->settled_a_q8 ? TORQUE_SETTLE : TORQUE_RAISED;
@@ -210,17 +211,17 @@ static void conclude(Torque *self, int16_t target_nm, const ControllerInputs *in
         self->reason = CONTROLLER_REASON_UNREACHABLE;
         return;
     }
-    if (self->full_looks >= FULL_LOOKS) {
+    if (self->full_decisions >= FULL_DECISIONS) {
         const int16_t held_mv = (int16_t)((int16_t)in->supply_mv - high_word(self->taken_mv_q16));
         off_nm = deviation_nm((int16_t)(held_mv - torque_map_level_mv(self->row)), MV_PER_NM);
     } else if (self->state == TORQUE_RAISED) {
         off_nm = deviation_nm((int16_t)(joint_a_q8(self) - self->stop_a_q8), A_Q8_PER_NM);
-        if (self->raised_mv < TWICE_ABOVE_MV && self->ticks < LOW_LOOK_MS + LOW_LATE_MS) {
+        if (self->raised_mv < TWICE_ABOVE_MV && self->ticks < LOW_EVALUATE_MS + LOW_LATE_MS) {
             off_nm = (int16_t)(off_nm + LOW_LATE_NM);
         }
     }
     self->estimate_nm = (int16_t)(target_nm + off_nm > 0 ? target_nm + off_nm : 0);
-    if (self->full_looks >= FULL_LOOKS ||
+    if (self->full_decisions >= FULL_DECISIONS ||
         (off_nm < 0 ? -off_nm : off_nm) > (int16_t)((uint16_t)target_nm / MISSED_SHARE)) {
         self->reason = CONTROLLER_REASON_MISSED;
     }
@@ -268,15 +269,15 @@ static void count_tick(Torque *self) {
 }
 
 static void set_duty(Torque *self, uint16_t supply_mv) {
-    const int16_t wish_mv = (int16_t)(self->level_mv + high_word(self->taken_mv_q16));
-    const bool full = wish_mv > 0 && (uint16_t)wish_mv >= supply_mv;
-    self->full_looks = (uint8_t)(full ? self->full_looks + 1u : 0u);
-    if (wish_mv <= 0) {
+    const int16_t requested_mv = (int16_t)(self->level_mv + high_word(self->taken_mv_q16));
+    const bool full = requested_mv > 0 && (uint16_t)requested_mv >= supply_mv;
+    self->full_decisions = (uint8_t)(full ? self->full_decisions + 1u : 0u);
+    if (requested_mv <= 0) {
         self->duty_q15 = 0;
     } else {
         self->duty_q15 =
             full ? INT16_MAX
-                 : (int16_t)(divide_by_u16((uint32_t)(uint16_t)wish_mv << 16, supply_mv) >> 1);
+                 : (int16_t)(divide_by_u16((uint32_t)(uint16_t)requested_mv << 16, supply_mv) >> 1);
     }
 }
 

@@ -6,18 +6,15 @@
 // winding. A soft joint would take too long to get there: it is hammered on a raised level until
 // the current, which rises as the blows turn the joint less, reaches that of the target torque.
 //
-//          blows                current of a hard joint             settle_ms elapsed
-//   RUN -----------> LEVEL ---------------------------> SETTLE -----------------------> OVER
-//    |                 |                                                             (reached)
-//    |                 |  current of a soft joint            current of the target,
-//    |                 '--------------------------> RAISED   or RAISED_MS elapsed
-//    |  blows, low target                             |  '----------------------------> OVER
-//    +------------------------------------------------'            (reached, missed, timeout)
-//    |  target out of range, or supply too low
-//    '--------------------------------------------------------------------------------> OVER
-//                                                                                 (unreachable)
-//   any: bridge fully on for 0.3 s without holding the level -------------------------> OVER
-//                                                                                    (missed)
+//   from    to      condition
+//   RUN     LEVEL   blows
+//   RUN     RAISED  blows, and a target too low for a hard joint to settle at
+//   RUN     OVER    target out of range, or supply too low (unreachable)
+//   LEVEL   SETTLE  current of a hard joint
+//   LEVEL   RAISED  current of a soft joint
+//   SETTLE  OVER    settle time elapsed (reached)
+//   RAISED  OVER    current of the target, or RAISED_MS elapsed (reached, missed, timeout)
+//   any     OVER    bridge fully on for 0.3 s without holding the level (missed)
 #ifndef VGROOVE_CONTROLLERS_TORQUE_H
 #define VGROOVE_CONTROLLERS_TORQUE_H
 
@@ -42,11 +39,11 @@ typedef struct {
 typedef struct {
     TorqueState state;
     ControllerReason reason;
-    uint8_t row;         // of the target in torque_map
-    uint16_t ticks;      // in this state; in LEVEL and RAISED from reaching the level on
-    uint8_t full_looks;  // consecutive decisions with the bridge fully on
-    uint8_t gathered;    // ticks in sum_a_q7, 1 to 3
-    int16_t sum_a_q7;    // of currents
+    uint8_t row;             // of the target in torque_map
+    uint16_t ticks;          // in this state; in LEVEL and RAISED from reaching the level on
+    uint8_t full_decisions;  // consecutive decisions with the bridge fully on
+    uint8_t gathered;        // ticks in sum_a_q7, 1 to 3
+    int16_t sum_a_q7;        // of currents
     int16_t duty_q15;
     int16_t level_mv;  // requested
     int16_t goal_mv;   // level_mv moves towards it

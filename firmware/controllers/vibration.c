@@ -40,7 +40,7 @@ typedef enum {
 typedef struct {
     uint16_t applied_mv;
     uint16_t emf_mv;
-} Seen;
+} MotorVoltages;
 
 static uint16_t high_word(uint32_t product) {
     return (uint16_t)(product >> 16);
@@ -61,13 +61,15 @@ static uint16_t emf_by_speed(const Vibration *self, int16_t speed_rpm_q1) {
                             : 0u;
 }
 
-static Seen look(const Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in) {
+static MotorVoltages measure(const Vibration *self, const VibrationSetpoints *set,
+                             const ControllerInputs *in) {
     const uint16_t supply_mv = in->supply_mv < INT16_MAX ? in->supply_mv : INT16_MAX;
-    Seen seen = {.applied_mv = high_word((uint32_t)(2u * (uint16_t)in->duty_q15) * supply_mv)};
-    seen.emf_mv = (uint8_t)set->method == CONTROLLER_METHOD_SPEED
-                      ? emf_by_speed(self, in->speed_rpm_q1)
-                      : emf_by_current(self, seen.applied_mv, in->current_a_q9);
-    return seen;
+    MotorVoltages motor = {.applied_mv =
+                               high_word((uint32_t)(2u * (uint16_t)in->duty_q15) * supply_mv)};
+    motor.emf_mv = (uint8_t)set->method == CONTROLLER_METHOD_SPEED
+                       ? emf_by_speed(self, in->speed_rpm_q1)
+                       : emf_by_current(self, motor.applied_mv, in->current_a_q9);
+    return motor;
 }
 
 void vibration_start(Vibration *self, const VibrationSetpoints *set) {
@@ -76,10 +78,11 @@ void vibration_start(Vibration *self, const VibrationSetpoints *set) {
         .mohm_q7 = (uint16_t)((set->motor_mohm < MOHM_MAX ? set->motor_mohm : MOHM_MAX) << 7)};
 }
 
-static uint8_t next_phase(const Vibration *self, const ControllerInputs *in, const Seen *seen) {
+static uint8_t next_phase(const Vibration *self, const ControllerInputs *in,
+                          const MotorVoltages *motor) {
     switch ((VibrationPhase)self->phase) {
     case VIBRATION_APPROACH:
-        if (seen->emf_mv < self->top_mv - fixed_sixteenth(self->top_mv)) {
+        if (motor->emf_mv < self->top_mv - fixed_sixteenth(self->top_mv)) {
             return VIBRATION_CLIMB;
         }
         return self->phase_ms >= APPROACH_MS ? VIBRATION_RUN : VIBRATION_APPROACH;
@@ -110,10 +113,10 @@ static int16_t surge(const Vibration *self, const ControllerInputs *in) {
 
 // Duty limit: falls while the joint is hard, that is while the motor is slow for its voltage.
 static int16_t limited(const Vibration *self, const VibrationSetpoints *set,
-                       const ControllerInputs *in, const Seen *seen, const Blow *blow) {
-    if (blow->impacting && seen->applied_mv > set->hard_mv &&
-        seen->emf_mv <
-            high_word((uint32_t)seen->applied_mv * (uint16_t)(2 * set->hard_share_q15))) {
+                       const ControllerInputs *in, const MotorVoltages *motor, const Blow *blow) {
+    if (blow->impacting && motor->applied_mv > set->hard_mv &&
+        motor->emf_mv <
+            high_word((uint32_t)motor->applied_mv * (uint16_t)(2 * set->hard_share_q15))) {
         const int16_t from_q15 =
             self->limit_q15 < in->trigger_q15 ? self->limit_q15 : in->trigger_q15;
         return slew_towards(from_q15, 0, LIMIT_STEP_Q15);
@@ -128,7 +131,7 @@ static int16_t climb(const Vibration *self, const VibrationSetpoints *set) {
 }
 
 static int16_t output(Vibration *self, const VibrationSetpoints *set, const ControllerInputs *in,
-                      const Seen *seen, const Blow *blow) {
+                      const MotorVoltages *motor, const Blow *blow) {
     switch ((VibrationPhase)self->phase) {
     case VIBRATION_APPROACH:
         return slew_towards(self->duty_q15, set->approach_q15, APPROACH_STEP_Q15);
@@ -139,16 +142,17 @@ static int16_t output(Vibration *self, const VibrationSetpoints *set, const Cont
     case VIBRATION_RUN:
         break;
     }
-    self->limit_q15 = limited(self, set, in, seen, blow);
+    self->limit_q15 = limited(self, set, in, motor, blow);
     return slew_towards(self->duty_q15, self->limit_q15, RUN_STEP_Q15);
 }
 
 // Limits the duty to the trigger's; a trigger that is released partly is followed at the rate of
 // its ramp.
-static int16_t within_trigger(const Vibration *self, const ControllerInputs *in, int16_t wish_q15) {
+static int16_t within_trigger(const Vibration *self, const ControllerInputs *in,
+                              int16_t requested_q15) {
     const int16_t down_q15 = (int16_t)(self->duty_q15 - RUN_STEP_Q15);
     const int16_t most_q15 = in->trigger_q15 > down_q15 ? in->trigger_q15 : down_q15;
-    return wish_q15 < most_q15 ? wish_q15 : most_q15;
+    return requested_q15 < most_q15 ? requested_q15 : most_q15;
 }
 
 // Angle of climb_turn_q8 in mV ms / 16.
@@ -188,12 +192,12 @@ static void prepare(Vibration *self, const VibrationSetpoints *set, const Contro
     }
 }
 
-static void note(Vibration *self, const Seen *seen) {
+static void note(Vibration *self, const MotorVoltages *motor) {
     if (self->phase == VIBRATION_APPROACH) {
-        self->top_mv = self->phase_ms >= SETTLE_MS && seen->emf_mv > self->top_mv ? seen->emf_mv
-                                                                                  : self->top_mv;
+        self->top_mv = self->phase_ms >= SETTLE_MS && motor->emf_mv > self->top_mv ? motor->emf_mv
+                                                                                   : self->top_mv;
     } else if (self->phase == VIBRATION_CLIMB) {
-        const uint16_t turned = (uint16_t)(self->turned + fixed_sixteenth(seen->emf_mv));
+        const uint16_t turned = (uint16_t)(self->turned + fixed_sixteenth(motor->emf_mv));
         self->turned = turned < self->turned ? UINT16_MAX : turned;
     }
 }
@@ -204,15 +208,15 @@ int16_t vibration_step(Vibration *self, const VibrationSetpoints *set, const Con
     if (self->prepared < PREPARE_CLIMB) {
         prepare(self, set, in);
     }
-    const Seen seen = look(self, set, in);
+    const MotorVoltages motor = measure(self, set, in);
     self->phase_ms = (uint8_t)(self->phase_ms + (self->phase_ms < UINT8_MAX ? 1u : 0u));
-    note(self, &seen);
-    const uint8_t next = next_phase(self, in, &seen);
+    note(self, &motor);
+    const uint8_t next = next_phase(self, in, &motor);
     if (next != self->phase) {
         self->phase = next;
         self->phase_ms = 0;
     }
-    self->duty_q15 = within_trigger(self, in, output(self, set, in, &seen, blow));
+    self->duty_q15 = within_trigger(self, in, output(self, set, in, &motor, blow));
     return self->duty_q15;
 }
 

@@ -64,8 +64,8 @@ bool hall_speed_at_rest(const HallSpeed *self);
 // Speed of the last period without sign; 0 if there was only one edge since standstill.
 uint16_t hall_speed_last_rpm_q1(const HallSpeed *self);
 
-// Sign of the speed: one Hall sensor cannot tell it, so it is the direction of the drive, changed
-// only at standstill. False while the shaft turns.
+// Sign of the speed: one Hall sensor does not measure it, so it is the direction of the drive,
+// changed only at standstill. False while the shaft turns.
 bool hall_speed_set_reverse(HallSpeed *self, bool reverse);
 
 // Starts or ends learning the pitches; `learned` is set when they are available, after 256 edges at

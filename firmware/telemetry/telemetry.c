@@ -91,13 +91,11 @@ static bool trigger_moved(uint8_t before, uint8_t now) {
 static void note_state(Telemetry *self, const TelemetryInputs *in) {
     const uint16_t flags =
         self->state_pending ? in->state.flags | self->state.flags : in->state.flags;
-    if (!trigger_moved(self->state.trigger, in->state.trigger) && self->state.flags == flags &&
-        !telemetry_state_changed(&self->state, &in->state)) {
+    if (!trigger_moved(self->state.trigger, in->state.trigger) &&
+        !TELEMETRY_STATE_CHANGED(&self->state, &in->state) && self->state.flags == flags) {
         return;
     }
-    const uint8_t counter = self->state.state_counter;
-    self->state = in->state;
-    self->state.state_counter = counter;
+    TELEMETRY_STATE_COPY(&self->state, &in->state);
     self->state.flags = flags;
     self->state.state_tick = (uint8_t)in->now_ms;
     self->state_pending = true;
@@ -105,7 +103,7 @@ static void note_state(Telemetry *self, const TelemetryInputs *in) {
 
 static void note_control(Telemetry *self, const TelemetryInputs *in) {
     const TelemetryControl *now = &in->control;
-    if (!telemetry_control_changed(&self->control, now)) {
+    if (!TELEMETRY_CONTROL_CHANGED(&self->control, now)) {
         return;
     }
     self->control = *now;

@@ -24,12 +24,6 @@ void telemetry_pack_state(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetrySta
     data[6] = (uint8_t)((signals->state_counter & 0xFu) | ((signals->contact & 0x1u) << 4));
 }
 
-bool telemetry_state_changed(const TelemetryState *before, const TelemetryState *now) {
-    return before->state != now->state || before->mode != now->mode ||
-           before->reverse != now->reverse || before->faults != now->faults ||
-           before->contact != now->contact;
-}
-
 void telemetry_pack_boot(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryBoot *signals) {
     data[0] = (uint8_t)(signals->protocol_version);
     data[1] = (uint8_t)(signals->build_hash);
@@ -93,11 +87,6 @@ void telemetry_pack_control(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryC
     data[4] = (uint8_t)((blow_period_ms >> 8) & 0xFFu);
     data[5] = (uint8_t)((uint16_t)signals->estimate);
     data[6] = (uint8_t)((uint16_t)signals->estimate >> 8);
-}
-
-bool telemetry_control_changed(const TelemetryControl *before, const TelemetryControl *now) {
-    return before->control_state != now->control_state ||
-           before->stop_reason != now->stop_reason || before->blow_count != now->blow_count;
 }
 
 bool telemetry_unpack_set_mode(TelemetrySetMode *signals,

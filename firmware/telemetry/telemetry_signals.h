@@ -332,10 +332,6 @@ typedef struct {
 
 void telemetry_pack_fast(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryFast *signals);
 void telemetry_pack_state(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryState *signals);
-
-// Whether a signal has changed whose change sends the frame.
-bool telemetry_state_changed(const TelemetryState *before, const TelemetryState *now);
-
 void telemetry_pack_boot(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryBoot *signals);
 void telemetry_pack_param(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryParam *signals);
 void telemetry_pack_param_table(uint8_t data[TELEMETRY_DATA_BYTES],
@@ -343,10 +339,6 @@ void telemetry_pack_param_table(uint8_t data[TELEMETRY_DATA_BYTES],
 void telemetry_pack_ack(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryAck *signals);
 void telemetry_pack_health(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryHealth *signals);
 void telemetry_pack_control(uint8_t data[TELEMETRY_DATA_BYTES], const TelemetryControl *signals);
-
-// Whether a signal has changed whose change sends the frame.
-bool telemetry_control_changed(const TelemetryControl *before, const TelemetryControl *now);
-
 bool telemetry_unpack_set_mode(TelemetrySetMode *signals, const uint8_t data[TELEMETRY_DATA_BYTES]);
 bool telemetry_unpack_param_read(TelemetryParamRead *signals,
                                  const uint8_t data[TELEMETRY_DATA_BYTES]);
@@ -358,5 +350,28 @@ bool telemetry_unpack_calibrate(TelemetryCalibrate *signals,
 bool telemetry_unpack_setpoint(TelemetrySetpoint *signals,
                                const uint8_t data[TELEMETRY_DATA_BYTES]);
 bool telemetry_unpack_profile(TelemetryProfile *signals, const uint8_t data[TELEMETRY_DATA_BYTES]);
+
+// Whether a signal has changed whose change sends the frame STATE.
+#define TELEMETRY_STATE_CHANGED(before, now) \
+    ((before)->faults != (now)->faults || (before)->state != (now)->state || \
+     (before)->mode != (now)->mode || (before)->reverse != (now)->reverse || \
+     (before)->contact != (now)->contact)
+
+// Copies all signals but the tick and the counter of the frame.
+#define TELEMETRY_STATE_COPY(to, from) \
+    ((to)->trigger = (from)->trigger, (to)->state = (from)->state, (to)->mode = (from)->mode, \
+     (to)->reverse = (from)->reverse, (to)->faults = (from)->faults, (to)->flags = (from)->flags, \
+     (to)->contact = (from)->contact)
+
+// Whether a signal has changed whose change sends the frame CONTROL.
+#define TELEMETRY_CONTROL_CHANGED(before, now) \
+    ((before)->blow_count != (now)->blow_count || \
+     (before)->control_state != (now)->control_state || (before)->stop_reason != (now)->stop_reason)
+
+// Copies all signals but the tick and the counter of the frame.
+#define TELEMETRY_CONTROL_COPY(to, from) \
+    ((to)->control_state = (from)->control_state, (to)->stop_reason = (from)->stop_reason, \
+     (to)->blow_count = (from)->blow_count, (to)->blow_period_ms = (from)->blow_period_ms, \
+     (to)->estimate = (from)->estimate)
 
 #endif

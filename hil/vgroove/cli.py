@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from vgroove.control_bench.command import control_command, figures_command
+from vgroove.control_bench.command import app as control_app
 from vgroove.errors import VgrooveError
-from vgroove.gap_bench.command import bench_command
+from vgroove.gap_bench.command import app as blind_set_app
 from vgroove.study.command import app as study_app
+from vgroove.terminal import print_line, print_warning
 
 if TYPE_CHECKING:
     from vgroove.run import RunOptions
@@ -31,9 +32,8 @@ app.add_typer(gap_app, name="gap")
 bench_app = typer.Typer(no_args_is_help=True, help="Compare with peers in one run on one machine.")
 app.add_typer(bench_app, name="bench")
 app.add_typer(study_app, name="study")
-bench_app.command("control")(control_command)
-bench_app.command("figures")(figures_command)
-gap_app.command("bench")(bench_command)
+bench_app.registered_commands += control_app.registered_commands
+gap_app.registered_commands += blind_set_app.registered_commands
 
 
 @bench_app.callback()
@@ -200,7 +200,6 @@ def flash(
 ) -> None:
     """Write the firmware through the board's bootloader and read it back (avrdude)."""
     from vgroove.flash import flash as flash_board
-    from vgroove.terminal import print_line
 
     flash_board(port, target, image, lambda line: print_line(Console(stderr=True), line))
 
@@ -246,7 +245,6 @@ def _sim_logs(
     from vgroove.gap.simulate import compute_gap, gap_table, write_simulation
     from vgroove.log import read_log
     from vgroove.rig import read_rig
-    from vgroove.terminal import print_warning
 
     if not 0.0 < restart_s < float("inf"):
         raise VgrooveError(f"--restart-s must be above 0, not {restart_s:g}")
@@ -318,9 +316,11 @@ def gap_diagnose(
     """Find where logs and simulation differ, which effect the simulation lacks, and how much that
     effect reduces the gap.
     """
-    from vgroove.gap.command import diagnose_files
+    from vgroove.gap import DiagnosisOptions
+    from vgroove.gap.command import OutputPaths, diagnose_files
 
-    diagnose_files(logs, rig, json_path, html_path, out_rig, seed, without or [])
+    outputs = OutputPaths(json_path, html_path, out_rig)
+    diagnose_files(logs, rig, outputs, DiagnosisOptions(seed, tuple(without or ())))
 
 
 @gap_app.command("emps")
@@ -362,7 +362,7 @@ def effects(
     lines = effect_lines(effect_id) if effect_id else list_lines()
     _write_json(json_path, {"schema": "vgroove.effects/1", "effects": effect_rows()})
     for line in markdown_table().splitlines() if markdown else lines:
-        Console().print(line, highlight=False, markup=False, soft_wrap=True)
+        print_line(Console(), line)
 
 
 def main() -> None:
@@ -372,8 +372,6 @@ def main() -> None:
     try:
         app()
     except VgrooveError as error:
-        from vgroove.terminal import print_line
-
         print_line(Console(stderr=True), f"vgroove: {error}", style="red")
         sys.exit(2)
     except BrokenPipeError:

@@ -99,7 +99,7 @@ class Table:
 def table_from_dicts(
     name: str, title: str, columns: Sequence[tuple[str, str]], rows: Iterable[dict[str, Any]]
 ) -> Table:
-    """A table whose rows are dicts; `columns` are pairs (header, key), a missing key is no value."""
+    """A table of dicts: `columns` are pairs (header, key); a missing key is an empty cell."""
     cells = [[row.get(key) for _, key in columns] for row in rows]
     return Table(name, title, [header for header, _ in columns], cells)
 
@@ -150,7 +150,7 @@ class Note:
 
 @dataclass(frozen=True)
 class Card:
-    """A box at the top of a page: a question, its answer in a few words, and the evidence for it."""
+    """A box at the top of a page: a question, its answer in a few words, and its evidence."""
 
     question: str
     answer: str

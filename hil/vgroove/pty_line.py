@@ -105,7 +105,7 @@ class PtyLine:
             os.close(slave)
 
     def drain(self) -> None:
-        """Wait until the reader has read everything, has closed it, or reads nothing for DRAIN_S."""
+        """Wait until the reader has read everything, has closed, or reads nothing for DRAIN_S."""
         left, since = self._unread(), time.monotonic()
         while self.has_reader() and time.monotonic() - since < (DRAIN_S if left else QUIET_S):
             time.sleep(0.02)

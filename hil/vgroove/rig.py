@@ -102,7 +102,7 @@ class Rig:
                 theta[position[key]] = value
             elif key.startswith("effects."):
                 raise VgrooveError(
-                    f"this build of the plant has no {key}: run `pip install -e .` in the tree again"
+                    f"this build of the plant has no {key}: build it again with `make build`"
                 )
         return theta
 

@@ -39,7 +39,7 @@ class Leg:
 def legs_of(profile: RunProfile) -> list[Leg]:
     """A run as legs: its rests and forward levels, then its rests and backward levels."""
     time_s = np.arange(round(PROFILE_S / PERIOD_S)) * PERIOD_S
-    share, opens = profile.command(time_s), profile.opens(time_s)
+    share, opens = profile.command(time_s), profile.bridge_open(time_s)
     legs = []
     for reverse, along in ((False, share), (True, -share)):
         if np.any(along > 0.0):

@@ -14,7 +14,8 @@ RAM_LIMIT = int(1.5 * 1024)
 TICK_CYCLES_MAX = 5000  # of 16,000, including the interrupts within the tick
 CONTROL_CYCLES_MAX = 1500
 SOFT_FLOAT = re.compile(
-    r"__(add|sub|mul|div|cmp|eq|ne|lt|le|gt|ge|fix|fixuns|float|floatun|neg|fp_)[a-z]*(sf|df|si)?[23]?$"
+    r"__(add|sub|mul|div|cmp|eq|ne|lt|le|gt|ge|fix|fixuns|float|floatun|neg|fp_)"
+    r"[a-z]*(sf|df|si)?[23]?$"
 )
 FLOAT_MARK = re.compile(r"sf|df|fp_")
 

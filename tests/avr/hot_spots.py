@@ -69,7 +69,8 @@ def main() -> None:
             )
         everything, worst = by_function(table, arguments.elf)
         report = read_statistics(stats)
-    print(f"{'function':32}{'worst tick':>12}{'whole run':>14}   worst tick {report['tick']}")  # noqa: T201
+    head = f"{'function':32}{'worst tick':>12}{'whole run':>14}   worst tick {report['tick']}"
+    print(head)  # noqa: T201
     for name, cycles in sorted(worst.items(), key=lambda item: -item[1])[:25]:
         print(f"{name:32}{cycles:12}{everything[name]:14}")  # noqa: T201
 

@@ -1,5 +1,5 @@
-"""Lint the firmware: clang-tidy with --target=avr, cppcheck --platform=avr8 with MISRA, golden
-vectors, page of pins.
+"""Lint the firmware: clang-tidy with --target=avr, cppcheck --platform=avr8 with MISRA, rules of
+its structure, golden vectors, page of pins.
 """
 
 import atexit
@@ -16,15 +16,15 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 FIRMWARE = ROOT / "firmware"
 AVR_INCLUDE = Path("/usr/lib/avr/include")
-# cppcheck of hal/avr: it takes ISR() for one function of many definitions (8.6), and its vector for
-# an unused parameter (2.7).
+# cppcheck of hal/avr: it mistakes ISR() for one function with many definitions (8.6) and its vector
+# for an unused parameter (2.7).
 BOARD = ("-D__AVR_ATmega328P__", "--suppress=misra-c2012-2.7", "--suppress=misra-c2012-8.6")
 SUPPRESSIONS = Path(__file__).with_name("misra_suppressions.txt")
 GENERATED = {"telemetry_signals.c"}
 
 
 def sources(*folders: str) -> list[Path]:
-    """C files of folders of firmware/, generated ones left out."""
+    """C files of folders of firmware/, without the generated ones."""
     return [
         p
         for folder in folders
@@ -34,6 +34,7 @@ def sources(*folders: str) -> list[Path]:
 
 
 def portable() -> list[Path]:
+    """C files that both the target and the host build."""
     return sources("core", "drivers", "controllers", "telemetry", "app")
 
 
@@ -44,7 +45,7 @@ def run(command: list[str]) -> tuple[int, str]:
 
 
 def suppressed_rules() -> list[str]:
-    """Rules of misra_suppressions.txt; a line without a reason is an error."""
+    """Rules of misra_suppressions.txt; exits with a message on a line without a reason."""
     rules = []
     for line in SUPPRESSIONS.read_text(encoding="utf-8").splitlines():
         if line.strip() and not line.startswith("#"):
@@ -56,18 +57,19 @@ def suppressed_rules() -> list[str]:
 
 
 def board_sources() -> list[Path]:
+    """C files that only the target builds."""
     return sources("hal/avr")
 
 
 def host_sources() -> list[Path]:
-    """What only the host builds: the simulated machine and the fake one of the unit tests."""
+    """C files that only the host builds: simulated hardware, fake hardware of the unit tests."""
     return sources("hal/sim", "hal/native")
 
 
 @functools.cache
 def stand_ins() -> Path:
-    """A folder with build_hash.h, which the build makes, and declarations for the inline assembly
-    of avr-libc that clang does not take.
+    """A folder with build_hash.h, which the build generates, and declarations that replace the
+    inline assembly of avr-libc, which clang rejects.
     """
     folder = Path(tempfile.mkdtemp(prefix="vgroove-lint-"))
     atexit.register(shutil.rmtree, folder)
@@ -82,12 +84,12 @@ def stand_ins() -> Path:
 
 
 def tidy(path: Path) -> list[str]:
-    """Findings of clang-tidy in one file, as the AVR sees it, or the host where only the host
+    """Findings of clang-tidy in one file, compiled for the AVR, or for the host if only the host
     builds it.
     """
     flags = ["-std=c11", f"-I{FIRMWARE}", "-isystem", str(stand_ins())]
     if path not in host_sources():
-        # clang takes no C statements in naked functions; avr-gcc does, and theirs touch no stack.
+        # clang rejects C statements in naked functions; those of hal/avr use no stack.
         flags += [
             "--target=avr",
             "-mmcu=atmega328p",
@@ -109,7 +111,7 @@ def tidy(path: Path) -> list[str]:
 
 
 def cppcheck(paths: list[Path], *more: str, platform: str = "avr8") -> list[str]:
-    """Findings of cppcheck and, for the target, its MISRA addon, deviations left out."""
+    """Findings of cppcheck and, for the target, of its MISRA addon, without the deviations."""
     rules = ["--addon=misra"] if platform == "avr8" else []
     off = [f"--suppress=misra-c2012-{rule}" for rule in suppressed_rules()]
     command = [
@@ -135,7 +137,7 @@ def cppcheck(paths: list[Path], *more: str, platform: str = "avr8") -> list[str]
 
 
 def generated_pages() -> list[str]:
-    """Generated files that are not what their source says."""
+    """Generated files that do not match their source."""
     scripts = ["firmware/hal/avr/pins.py", "tests/vectors/make_vectors.py"]
     return [
         text.strip()
@@ -145,8 +147,81 @@ def generated_pages() -> list[str]:
     ]
 
 
+def code_of(text: str) -> str:
+    """C source without comments and string literals; line numbers are kept."""
+    pattern = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"', re.DOTALL)
+    return pattern.sub(lambda match: re.sub(r"[^\n]", " ", match.group()), text)
+
+
+def switch_defaults(path: str, text: str) -> list[str]:
+    """`default:` labels: they hide a missing case from -Wswitch-enum."""
+    return [
+        f"{path}:{number}: default: in a switch; list all enumerators"
+        for number, line in enumerate(code_of(text).splitlines(), 1)
+        if re.search(r"\bdefault\s*:", line)
+    ]
+
+
+def listed_controllers(text: str) -> set[str]:
+    """Names of the entries of CONTROL_LIST, in the spelling of the modes and of the functions."""
+    entries = re.findall(r"^    X\((\w+), (\w+), (\w+),", text, re.MULTILINE)
+    return {name for entry in entries for name in entry}
+
+
+def named_controllers(path: str, text: str, names: set[str]) -> list[str]:
+    """Identifiers of the dispatcher that contain the name of a controller or of its mode."""
+    pattern = re.compile(r"\b(?:\w+_)?(?:" + "|".join(sorted(names)) + r")(?:Setpoints|_\w+)?\b")
+    return [
+        f"{path}:{number}: {match.group()} names a controller; use a column of CONTROL_LIST"
+        for number, line in enumerate(code_of(text).splitlines(), 1)
+        for match in pattern.finditer(line)
+    ]
+
+
+def include_cycles(modules: dict[str, set[str]]) -> list[str]:
+    """Pairs of modules that include each other, directly or through others; `modules` maps each
+    module to those it includes.
+    """
+    reach = {name: set(included) for name, included in modules.items()}
+    for _ in modules:
+        for name in modules:
+            reach[name] |= {far for near in reach[name] for far in reach.get(near, set())}
+    return [
+        f"{a} and {b} include each other"
+        for a in sorted(modules)
+        for b in sorted(modules)
+        if a < b and b in reach[a] and a in reach[b]
+    ]
+
+
+def modules_of_app() -> dict[str, set[str]]:
+    """Modules of firmware/app (header and source together) -> modules of it that they include.
+    app.h is left out: it declares the state that the others share.
+    """
+    modules: dict[str, set[str]] = {}
+    for path in sorted((FIRMWARE / "app").glob("*.[ch]")):
+        included = re.findall(r'#include "app/(\w+)\.h"', path.read_text(encoding="utf-8"))
+        modules.setdefault(path.stem, set()).update(set(included) - {path.stem, "app"})
+    return modules
+
+
+def structure() -> list[str]:
+    """Findings of the rules about switches, the dispatcher and includes."""
+    texts = {
+        path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+        for folder in (FIRMWARE, ROOT / "hil" / "board")
+        for ending in ("*.c", "*.h", "*.cpp", "*.hpp")
+        for path in sorted(folder.rglob(ending))
+    }
+    names = listed_controllers(texts["firmware/app/control_list.h"])
+    dispatcher = ("firmware/app/control.c", "firmware/app/control.h", "firmware/app/modes.c")
+    found = [line for path, text in texts.items() for line in switch_defaults(path, text)]
+    found += [line for path in dispatcher for line in named_controllers(path, texts[path], names)]
+    return found + include_cycles(modules_of_app())
+
+
 def findings() -> list[str]:
-    """All findings, one a line."""
+    """All findings, one per line."""
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
         from_tidy = list(pool.map(tidy, portable() + board_sources() + host_sources()))
     from_cppcheck = (
@@ -154,7 +229,8 @@ def findings() -> list[str]:
         + cppcheck(board_sources(), *BOARD)
         + cppcheck(host_sources(), platform="unix64")
     )
-    return [line for lines in from_tidy for line in lines] + from_cppcheck + generated_pages()
+    from_tools = [line for lines in from_tidy for line in lines] + from_cppcheck
+    return from_tools + structure() + generated_pages()
 
 
 if __name__ == "__main__":

@@ -6,8 +6,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import gap_rules
 import layout
+import python_rules
 import rules
 import text_rules
 from rules import Violation
@@ -51,9 +51,9 @@ RULES: dict[str, Rule] = {
     "citation": cited,
     "history": text_rules.history_words,
     "person": text_rules.first_person,
-    "stages": of_python(gap_rules.stage_violations),
-    "arguments": of_python(gap_rules.many_arguments),
-    "attributes": of_python(gap_rules.literal_attributes),
+    "stages": of_python(python_rules.stage_violations),
+    "arguments": of_python(python_rules.many_arguments),
+    "attributes": of_python(python_rules.literal_attributes),
 }
 
 

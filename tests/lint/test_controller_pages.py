@@ -10,7 +10,8 @@ import rules
 
 PAGES = rules.ROOT / "docs" / "controllers"
 FIRMWARE = rules.ROOT / "firmware" / "controllers"
-CONTROLLERS = ("sync", "screwing", "vibration", "torque", "drill")
+LIST = rules.ROOT / "firmware" / "app" / "control_list.h"
+CONTROLLERS = re.findall(r"^    X\(\w+, (\w+),", LIST.read_text(encoding="utf-8"), re.MULTILINE)
 DIAGRAM = re.compile(r"```mermaid\nstateDiagram-v2\n(.*?)```", re.DOTALL)
 ARROW = re.compile(r"^\s*(\w+|\[\*\]) --> (\w+|\[\*\])(?:: \S.*)?$")
 

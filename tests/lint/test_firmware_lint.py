@@ -1,6 +1,4 @@
-"""The firmware passes its linters, and the linters are themselves tried on code that breaks their
-rules.
-"""
+"""The firmware passes its linters, and the linters find violations in test code."""
 
 import shutil
 from pathlib import Path
@@ -9,15 +7,52 @@ import lint_firmware
 import pytest
 
 TOOLS = all(shutil.which(tool) for tool in ("clang-tidy", "cppcheck"))
-pytestmark = pytest.mark.skipif(not TOOLS, reason="clang-tidy and cppcheck are not installed")
+needs_tools = pytest.mark.skipif(not TOOLS, reason="clang-tidy and cppcheck are not installed")
 
 
+def test_switches_dispatcher_and_includes_keep_their_rules() -> None:
+    assert lint_firmware.structure() == []
+
+
+def test_a_default_label_is_found() -> None:
+    text = "switch (a) {\ncase A:\n    break;\ndefault :\n    break;\n}\n"
+    assert lint_firmware.switch_defaults("x.c", text) == [
+        "x.c:4: default: in a switch; list all enumerators"
+    ]
+    for harmless in (
+        "// default: none\n",
+        'puts("default: 1");',
+        "/* default:\n */",
+        "x_default: 1",
+    ):
+        assert lint_firmware.switch_defaults("x.c", harmless) == []
+
+
+def test_a_controller_in_the_dispatcher_is_found() -> None:
+    names = lint_firmware.listed_controllers("    X(DRILL, drill, Drill, CONTROL_BOTH,\n      P)\n")
+    assert names == {"DRILL", "drill", "Drill"}
+    for text in ("self->set.drill.pulse = 0;", "mode != TELEMETRY_MODE_DRILL", "drill_step(self);",
+                 "const DrillSetpoints *set;"):  # fmt: skip
+        assert len(lint_firmware.named_controllers("x.c", text, names)) == 1, text
+    assert lint_firmware.named_controllers("x.c", "drilling(); // DRILL", names) == []
+
+
+def test_modules_that_include_each_other_are_found() -> None:
+    assert lint_firmware.include_cycles({"a": {"b"}, "b": {"c"}, "c": {"d"}, "d": set()}) == []
+    assert lint_firmware.include_cycles({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == [
+        "b and c include each other"
+    ]
+    assert len(lint_firmware.include_cycles({"a": {"b"}, "b": {"c"}, "c": {"a"}})) == 3
+
+
+@needs_tools
 def test_firmware_is_clean() -> None:
     found = lint_firmware.findings()
     assert not found, "\n".join(found)
 
 
-def test_clang_tidy_catches(tmp_path: Path) -> None:
+@needs_tools
+def test_clang_tidy_finds_a_violation(tmp_path: Path) -> None:
     bad = tmp_path / "bad.c"
     bad.write_text(
         "#include <stdint.h>\nint16_t f(int16_t a);\nint16_t f(int16_t a) {\n"
@@ -27,7 +62,8 @@ def test_clang_tidy_catches(tmp_path: Path) -> None:
     assert "braces" in found and "redundant" in found
 
 
-def test_cppcheck_catches_misra(tmp_path: Path) -> None:
+@needs_tools
+def test_cppcheck_finds_a_misra_violation(tmp_path: Path) -> None:
     bad = tmp_path / "bad.c"
     bad.write_text(
         "#include <stdint.h>\nuint8_t f(uint8_t a);\nuint8_t f(uint8_t a) {\n"
@@ -49,7 +85,8 @@ def test_every_c_file_of_the_firmware_is_linted() -> None:
     } == linted
 
 
-def test_the_boards_files_are_seen_as_the_board_builds_them(tmp_path: Path) -> None:
+@needs_tools
+def test_board_files_are_checked_as_the_target_builds_them(tmp_path: Path) -> None:
     bad = tmp_path / "bad.c"
     bad.write_text(
         '#include <avr/interrupt.h>\n#include <avr/wdt.h>\n#include "build_hash.h"\n'
@@ -68,7 +105,8 @@ def test_the_boards_files_are_seen_as_the_board_builds_them(tmp_path: Path) -> N
     )
 
 
-def test_what_only_the_host_builds_is_checked_for_mistakes(tmp_path: Path) -> None:
+@needs_tools
+def test_host_files_are_checked_for_errors(tmp_path: Path) -> None:
     bad = tmp_path / "bad.c"
     bad.write_text("int f(void) {\n    int a[2] = {1, 2};\n    return a[2];\n}\n")
     assert any(

@@ -36,14 +36,18 @@ def flags_of_cmake() -> set[str]:
 
 
 def sources_of_cmake() -> set[str]:
-    listed = re.search(
-        r"set\(firmware_sources(.*?)\)", (FIRMWARE / "CMakeLists.txt").read_text(), re.DOTALL
-    )[1].split()
+    """C files of the firmware; a list of CMake within the list is that of a file(GLOB)."""
+    cmake = (FIRMWARE / "CMakeLists.txt").read_text()
+    listed = re.search(r"set\(firmware_sources(.*?)\)", cmake, re.DOTALL)[1].split()
     avr = re.search(
         r"add_executable\(vgroove \$\{firmware_sources\}([^)]*)\)",
         (FIRMWARE / "avr.cmake").read_text(),
     )[1].split()
-    return set(listed) | set(avr)
+    found = {name for name in (*listed, *avr) if not name.startswith("$")}
+    for name in (name[2:-1] for name in listed if name.startswith("$")):
+        pattern = re.search(rf"file\(GLOB {name}\b[^)]*?(\S+\.c)\)", cmake)[1]
+        found |= {path.relative_to(FIRMWARE).as_posix() for path in FIRMWARE.glob(pattern)}
+    return found
 
 
 def sources_of_platformio(parser: configparser.ConfigParser, root: Path = FIRMWARE) -> set[str]:

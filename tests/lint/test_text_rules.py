@@ -2,9 +2,9 @@
 pending.txt; each rule is itself tried on a text that breaks it.
 """
 
-import gap_rules
 import pending
 import pytest
+import python_rules
 import text_rules
 from rules import Violation
 from text_rules import first_person, history_words, long_lines, outside_citations
@@ -163,21 +163,25 @@ def test_the_first_person_is_caught() -> None:
     ],
 )
 def test_imports_back_to_an_earlier_stage_are_caught(path: str, line: str, count: int) -> None:
-    assert bool(gap_rules.stage_violations(f"{gap_rules.GAP}/{path}", line + "\n")) == bool(count)
-    assert gap_rules.stage_violations(f"hil/vgroove/{path}", line + "\n") == []
+    assert bool(python_rules.stage_violations(f"{python_rules.GAP}/{path}", line + "\n")) == bool(
+        count
+    )
+    assert python_rules.stage_violations(f"hil/vgroove/{path}", line + "\n") == []
 
 
 def test_a_function_of_six_arguments_is_caught() -> None:
-    path = f"{gap_rules.GAP}/a.py"
+    path = f"{python_rules.GAP}/a.py"
     five, six = "a, b, c, d, e", "a, b, c, *, d, e=1, **f"
-    assert gap_rules.many_arguments(path, f"def f({five}): ...\n") == []
-    assert gap_rules.many_arguments(path, f"class A:\n    def f(self, {five}): ...\n") == []
-    assert len(gap_rules.many_arguments(path, f"def f({six}): ...\n")) == 1
-    assert gap_rules.many_arguments("tests/a.py", f"def f({six}): ...\n") == []
+    assert python_rules.many_arguments(path, f"def f({five}): ...\n") == []
+    assert python_rules.many_arguments(path, f"class A:\n    def f(self, {five}): ...\n") == []
+    assert len(python_rules.many_arguments(path, f"def f({six}): ...\n")) == 1
+    assert python_rules.many_arguments("tests/a.py", f"def f({six}): ...\n") == []
+    command = f"@app.command('x')\ndef f({six}): ...\n"
+    assert python_rules.many_arguments("hil/vgroove/cli.py", command) == []
 
 
 def test_an_attribute_looked_up_by_a_literal_name_is_caught() -> None:
-    path = f"{gap_rules.GAP}/a.py"
+    path = f"{python_rules.GAP}/a.py"
     text = 'a = getattr(b, "c", None)\nif hasattr(b, "d"):\n    pass\n'
-    assert len(gap_rules.literal_attributes(path, text)) == 2
-    assert gap_rules.literal_attributes(path, "a = getattr(b, name)\n") == []
+    assert len(python_rules.literal_attributes(path, text)) == 2
+    assert python_rules.literal_attributes(path, "a = getattr(b, name)\n") == []

@@ -1,8 +1,10 @@
-"""Fits the coefficients of vgroove/gap/certainty.py to opened cases of the blind set's half `tune`.
+"""Fits the coefficients of vgroove.gap.verdict.calibration to opened cases of the blind set's half
+`tune`.
 
-gap_certainty.py           the coefficients, and how they do on cases that they were not fitted to,
-from docs/results/gap_certainty.json gap_certainty.py --gather  makes that file anew from the
-verdicts that `vgroove gap bench [--removed]` keeps of the engine that stands here
+    gap_certainty.py            prints the coefficients, and their figures on cases to which they
+                                were not fitted, from docs/results/gap_certainty.json
+    gap_certainty.py --gather   first writes that file from the verdicts that
+                                `vgroove gap bench [--removed]` has kept for this engine
 """
 
 import argparse
@@ -18,15 +20,16 @@ from scipy.special import expit
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = ROOT / "docs" / "results" / "gap_certainty.json"
-# weight of a name given where the catalogue lacked the truth: most real gaps have one in it
-OF_REMOVED = 0.3
-RIDGE = 0.3  # few cases: coefficients are drawn to 0 as by a normal prior of variance 1 / RIDGE
+# Weight of a name given where the catalogue lacked the true effect, since most real gaps have their
+# effect in the catalogue
+REMOVED_WEIGHT = 0.3
+RIDGE = 0.3  # normal prior of variance 1 / RIDGE on the coefficients, since there are few cases
 BINS = (0.0, 0.2, 0.5, 0.7, 0.9, 0.95, 1.0000001)
-SURE = 0.99  # most that a verdict says
+MAX_PROBABILITY = 0.99  # of a verdict
 
 
 def gather() -> dict[str, Any]:
-    """Every name of the best sets of the kept verdicts, with its signs and whether it is at work."""
+    """Every effect of the kept verdicts with its evidence (`signs`) and whether it is true."""
     from vgroove.gap_bench.cases import BlindSet
 
     blind, rows = BlindSet(ROOT, "tune"), []
@@ -56,6 +59,7 @@ def gather() -> dict[str, Any]:
 def row(
     number: int, gone: list[str], answer: dict[str, Any], effect: dict[str, Any]
 ) -> dict[str, Any]:
+    """One named effect of a verdict; `gone` is the effect that the catalogue lacked, if any."""
     true = not gone and any(effect["id"] in ids for ids in answer["accept"])
     return {
         "number": number,
@@ -68,17 +72,17 @@ def row(
 
 
 def table(rows: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """1 and the signs (n, k), whether the name is true (n,), weights (n,)."""
+    """1 and the evidence (n, k), whether the name is true (n,), weights (n,)."""
     x = np.array([[1.0, *r["signs"].values()] for r in rows])
     return (
         x,
         np.array([r["true"] for r in rows]),
-        np.where([bool(r["without"]) for r in rows], OF_REMOVED, 1.0),
+        np.where([bool(r["without"]) for r in rows], REMOVED_WEIGHT, 1.0),
     )
 
 
 def fitted(x: np.ndarray, true: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Coefficients (k,) of the logistic law; the constant has no prior."""
+    """Coefficients (k,) of a logistic regression with RIDGE; the constant has no prior."""
     side = np.where(true, 1.0, -1.0)
 
     def loss(b: np.ndarray) -> float:
@@ -87,24 +91,24 @@ def fitted(x: np.ndarray, true: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.round(minimize(loss, np.zeros(x.shape[1]), method="BFGS").x, 2)
 
 
-def foreseen(rows: list[dict[str, Any]]) -> np.ndarray:
-    """Probability of each name (n,) by a fit to the other cases."""
+def held_out_probabilities(rows: list[dict[str, Any]]) -> np.ndarray:
+    """Probability of each name (n,) by leave-one-out cross-validation over the cases."""
     x, true, weight = table(rows)
     case = np.array([r["number"] for r in rows])
     out = np.zeros(len(rows))
     for number in np.unique(case):
         others = case != number
         out[~others] = expit(x[~others] @ fitted(x[others], true[others], weight[others]))
-    return np.minimum(out, SURE)
+    return np.minimum(out, MAX_PROBABILITY)
 
 
-def figures(said: np.ndarray, true: np.ndarray) -> dict[str, Any]:
+def figures(given: np.ndarray, true: np.ndarray) -> dict[str, Any]:
     """Brier score, log loss and reliability of probabilities (n,)."""
-    kept = np.clip(said, 1.0 - SURE, SURE)
-    bins = [(said >= low) & (said < high) for low, high in zip(BINS, BINS[1:], strict=False)]
+    kept = np.clip(given, 1.0 - MAX_PROBABILITY, MAX_PROBABILITY)
+    bins = [(given >= low) & (given < high) for low, high in zip(BINS, BINS[1:], strict=False)]
     return {
-        "names": len(said),
-        "brier": float(np.mean((said - true) ** 2)),
+        "names": len(given),
+        "brier": float(np.mean((given - true) ** 2)),
         "log_loss": float(-np.mean(np.log(np.where(true, kept, 1.0 - kept)))),
         "reliability": [
             (low, int(true[b].sum()), int(b.sum())) for low, b in zip(BINS, bins, strict=False)
@@ -113,6 +117,7 @@ def figures(said: np.ndarray, true: np.ndarray) -> dict[str, Any]:
 
 
 def main() -> None:
+    """Print the coefficients and the figures of given and of held-out probabilities."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -123,14 +128,15 @@ def main() -> None:
     x, true, weight = table(rows)
     sys.stdout.write(f"COEFFICIENTS = {tuple(float(b) for b in fitted(x, true, weight))}\n")
     whole = weight == 1.0
-    for name, said in (
-        ("as said in the verdicts", np.array([r["said"] for r in rows])),
-        ("foreseen", foreseen(rows)),
+    for name, given in (
+        ("given by the verdicts", np.array([r["said"] for r in rows])),
+        ("held out", held_out_probabilities(rows)),
     ):
-        f = figures(said[whole], true[whole])
+        f = figures(given[whole], true[whole])
         reliable = ", ".join(f"{low:g}: {hits}/{of}" for low, hits, of in f["reliability"] if of)
         sys.stdout.write(
-            f"{name}: {f['names']} names, Brier {f['brier']:.3f}, log loss {f['log_loss']:.3f}; right from {reliable}\n"
+            f"{name}: {f['names']} names, Brier {f['brier']:.3f}, log loss {f['log_loss']:.3f};"
+            f" right from {reliable}\n"
         )
 
 

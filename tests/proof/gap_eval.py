@@ -1,5 +1,5 @@
-"""Diagnose folders of labelled cases and count: `gap_eval.py DIR [DIR ...] [--jobs N] [--json
-FILE]`; labels are read after verdicts.
+"""Diagnoses folders of labelled cases and counts right verdicts:
+`gap_eval.py DIR [DIR ...] [--jobs N] [--json FILE]`; a label is read after its verdict.
 """
 
 import argparse
@@ -12,23 +12,24 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-# as the command line does: the plant has threads of its own
+# as on the command line: the plant has its own threads
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from vgroove.gap.diagnose import diagnose  # noqa: E402
+from vgroove.gap import diagnose  # noqa: E402
 from vgroove.rig import read_rig  # noqa: E402
 
-# a gap that retuning brings below this: stated tolerances explain the effect, `none` is what the
-# contract asks for
+# A gap below this after retuning: the stated tolerances explain the effect, and `none` is right
+# (docs/spec/gap.md, section 5)
 HIDDEN = 1.05
+SURE = 0.9  # probability from which a first name counts as confident
 
 
 def judge(folder: Path) -> dict[str, Any]:
-    """Verdict of one case beside its label; a crash is a wrong answer with its message."""
+    """Verdict and label of one case; an exception is a wrong verdict with its message."""
     start, busy = time.perf_counter(), time.process_time()
     try:
-        verdict = diagnose([folder / "log.csv"], read_rig(folder / "rig.toml")).verdict
-    except Exception as error:  # the count goes on
+        verdict = diagnose([folder / "log.csv"], read_rig(folder / "rig.toml")).as_dict()
+    except Exception as error:  # the other cases are counted
         verdict = {
             "verdict": f"crash: {error}",
             "selected": [],
@@ -48,8 +49,8 @@ def judge(folder: Path) -> dict[str, Any]:
 
 
 def score(label: dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
-    """right: verdict and names as labelled; first: the first name is true; tie: ambiguous, truth
-    among the rivals; hidden: see HIDDEN.
+    """right: verdict and names as labelled; first: the first name is true; tie: ambiguous with the
+    true effects among the rivals; hidden: none within HIDDEN.
     """
     wanted, named, kind = label.get("accept", []), verdict["selected"], verdict["verdict"]
     if label["label"] != "effect":
@@ -74,7 +75,7 @@ def score(label: dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
 
 
 def row(result: dict[str, Any]) -> str:
-    """One line about a case."""
+    """One line on a case."""
     label, verdict, gap = result["label"], result["verdict"], result["verdict"]["gap"]
     truth = "+".join(label["ids"]) or label.get("what", "none")
     mark = next((m for m in ("right", "tie", "hidden") if result[m]), "WRONG")
@@ -82,8 +83,9 @@ def row(result: dict[str, Any]) -> str:
     top = verdict["effects"][0]["probability"] if verdict["effects"] else 0.0
     sizes = "/".join(f"{v:.1f}" for v in label.get("times_visible", {}).values())
     return (
-        f"{mark:6s} {Path(result['case']).name} {label.get('profile', ''):11s} {truth} x{sizes} -> {verdict['verdict']} "
-        f"{'+'.join(verdict['selected'])} [{rivals}] p {top:.2f} gap {gap['before']:.2f}/{gap['retuned']:.2f}/{gap['after']:.2f} "
+        f"{mark:6s} {Path(result['case']).name} {label.get('profile', ''):11s} {truth} x{sizes} -> "
+        f"{verdict['verdict']} {'+'.join(verdict['selected'])} [{rivals}] p {top:.2f} "
+        f"gap {gap['before']:.2f}/{gap['retuned']:.2f}/{gap['after']:.2f} "
         f"{result['seconds']:.1f} s (cpu {result['cpu_seconds']:.1f})"
     )
 
@@ -98,7 +100,7 @@ def kind_of(label: dict[str, Any]) -> str:
 
 
 def totals(results: list[dict[str, Any]]) -> list[str]:
-    """Rates by kind of case, confident wrong names, times, wrong answers, what right ones closed."""
+    """Rates by kind of case, confident wrong names, times, wrong verdicts, closed shares."""
     lines = []
     for kind in ("none", "unlisted", "single", "pair", "triple"):
         mine = [r for r in results if kind_of(r["label"]) == kind]
@@ -110,20 +112,21 @@ def totals(results: list[dict[str, Any]]) -> list[str]:
         for r in results
         if not r["first"]
         and r["verdict"]["selected"]
-        and r["verdict"]["effects"][0]["probability"] >= 0.9
+        and r["verdict"]["effects"][0]["probability"] >= SURE
     ]
-    lines.append(f"confident (>= 0.9) wrong first name: {len(wrong)} of {len(results)}")
+    lines.append(f"confident (>= {SURE:g}) wrong first name: {len(wrong)} of {len(results)}")
     for what in ("seconds", "cpu_seconds"):
         times = sorted(r[what] for r in results)
         tenth = times[int(0.9 * (len(times) - 1))]
         lines.append(
-            f"{what}: median {times[len(times) // 2]:.1f}, tenth above {tenth:.1f}, most {times[-1]:.1f}"
+            f"{what}: median {times[len(times) // 2]:.1f}, tenth above {tenth:.1f}, "
+            f"most {times[-1]:.1f}"
         )
     return lines + confusion(results) + closing(results)
 
 
 def confusion(results: list[dict[str, Any]]) -> list[str]:
-    """Wrong answers as truth -> answer."""
+    """Wrong verdicts as truth -> verdict."""
     wrong = [r for r in results if not (r["right"] or r["tie"] or r["hidden"])]
     names = Counter(
         (
@@ -136,7 +139,7 @@ def confusion(results: list[dict[str, Any]]) -> list[str]:
 
 
 def closing(results: list[dict[str, Any]]) -> list[str]:
-    """Share of the gap closed where the answer is right."""
+    """Share of the gap that right verdicts close."""
     closed = sorted(
         r["verdict"]["gap"]["closed"]
         for r in results

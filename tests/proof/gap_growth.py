@@ -1,9 +1,10 @@
-"""How the cost of a diagnosis grows with the log's length and with the number of effects:
+"""Growth of the cost of a diagnosis with the length of the log and with the number of effects:
 `gap_growth.py [--json FILE]`, about two minutes.
 
-One run of the plant with an effect in it, of several lengths; catalogues of every n-th effect
-beside the true one, the mean over all n beginnings, since effects differ in cost. Growth is the
-exponent of the processor time between the smallest and the largest, 1 is linear.
+The logs are runs of the plant with one effect, of several lengths. The catalogues consist of the
+true effect and every n-th other one, with the mean over the n possible first ones, since effects
+differ in cost. Growth is the exponent of the processor time between the smallest and the largest
+size; 1 is linear.
 """
 
 import argparse
@@ -23,8 +24,8 @@ from rich.console import Console  # noqa: E402
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "python"))
 
 from made_log import drive_log, rig  # noqa: E402
+from vgroove.gap import DiagnosisOptions, diagnose  # noqa: E402
 from vgroove.gap.catalogue import CATALOGUE  # noqa: E402
-from vgroove.gap.diagnose import diagnose  # noqa: E402
 from vgroove.page import Table  # noqa: E402
 
 EFFECT = {"viscous_friction": {"nm_s_per_rad": 2.5e-6}}
@@ -35,7 +36,7 @@ PERIOD_S = 3.0
 
 
 def cost(seconds: float, every: int = 1, begin: int = 0) -> dict[str, Any]:
-    """One diagnosis: processor and wall seconds, simulated rows, what it said."""
+    """One diagnosis: processor and wall seconds, runs of the log, named effects."""
     levels = [
         (start + PERIOD_S * n, level)
         for n in range(int(seconds / PERIOD_S))
@@ -44,20 +45,22 @@ def cost(seconds: float, every: int = 1, begin: int = 0) -> dict[str, Any]:
     log = drive_log(rig().with_effects(EFFECT), seconds=seconds, levels=levels)
     kept = {next(iter(EFFECT)), *(e.id for e in CATALOGUE[begin::every])}
     wall, busy = time.perf_counter(), time.process_time()
-    found = diagnose([log], rig(), without=[e.id for e in CATALOGUE if e.id not in kept])
+    found = diagnose(
+        [log], rig(), DiagnosisOptions(without=[e.id for e in CATALOGUE if e.id not in kept])
+    )
     wall, busy = time.perf_counter() - wall, time.process_time() - busy
     return {
         "log_s": seconds,
-        "effects": len(found.search.effects),
+        "effects": len(found.effects),
         "cpu_s": busy,
         "wall_s": wall,
-        "runs": found.search.engine.calls,
-        "named": found.verdict["selected"],
+        "runs": found.evidence.search.engine.calls,
+        "named": found.selected,
     }
 
 
 def mean_cost(seconds: float, every: int) -> dict[str, Any]:
-    """The mean over catalogues of every n-th effect."""
+    """The mean cost over the catalogues of every n-th effect."""
     parts = [cost(seconds, every, begin) for begin in range(every)]
     means = {
         key: float(np.mean([part[key] for part in parts]))
@@ -67,7 +70,7 @@ def mean_cost(seconds: float, every: int) -> dict[str, Any]:
 
 
 def growth(rows: list[dict[str, Any]], size: str, key: str) -> float:
-    """Exponent of a cost between the smallest and the largest."""
+    """Exponent of the cost `key` over `size`, between the smallest and the largest."""
     first, last = rows[0], rows[-1]
     return float(np.log(last[key] / first[key]) / np.log(last[size] / first[size]))
 

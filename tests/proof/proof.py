@@ -1,5 +1,6 @@
-"""`make proof`: what takes longer than a change may wait. Resumable: results are kept under
-build/proof until the commit changes.
+"""`make proof`: measurements that take too long for every change, written to docs/results.
+
+An interrupted proof resumes: finished items are kept under build/proof until the commit changes.
 """
 
 import argparse
@@ -20,9 +21,9 @@ from vgroove.control_bench.control import PARTS, Choice
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "docs" / "results"
 DEMO_SEEDS = range(1, 21)
-# times the bench's usual number of draws
+# Part of the control bench -> factor of its number of draws
 CONTROL_DRAWS = {"blows": 1, "sync": 1, "screwing": 3, "vibration": 1, "torque": 20, "drill": 10}
-CONTROL_ROWS_MOST = 250
+MAX_CONTROL_ROWS = 250  # longer lists of single runs are not committed
 
 
 def commit() -> str:
@@ -43,7 +44,7 @@ def commit() -> str:
 
 
 def kept(folder: Path, name: str, work: Callable[[], dict]) -> dict:
-    """The result of an item from an interrupted run of the same commit, or of doing the work now."""
+    """The result of an item, kept by an interrupted proof of the same commit or of `work`."""
     path = folder / f"{name}.json"
     if not path.exists():
         result = work()
@@ -53,7 +54,7 @@ def kept(folder: Path, name: str, work: Callable[[], dict]) -> dict:
 
 
 def demo(seed: int, folder: Path) -> dict:
-    """One demo as a user runs it."""
+    """The result of the demo with a seed."""
     out = folder / f"demo_{seed}"
     command = [sys.executable, ROOT / "tests/demo/demo.py", "--seed", str(seed), "--out", out]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -63,7 +64,7 @@ def demo(seed: int, folder: Path) -> dict:
 
 
 def demo_seeds(folder: Path, jobs: int) -> dict:
-    """The demo for every seed: how many verdicts are right."""
+    """The demo with every seed: number of right verdicts, and each verdict."""
     with ThreadPoolExecutor(jobs) as pool:
         work = pool.map(
             lambda seed: kept(folder, f"demo_{seed}", lambda: demo(seed, folder)), DEMO_SEEDS
@@ -86,8 +87,8 @@ def demo_seeds(folder: Path, jobs: int) -> dict:
 
 
 def gap_bench(half: str, folder: Path, jobs: int) -> dict:
-    """A half of the blind set, as a user runs it, single effects once more without their effect;
-    the bench keeps its verdicts by itself.
+    """A half of the blind set by the command line, the single cases also without their effect in
+    the catalogue; the bench keeps its verdicts itself.
     """
     out = folder / f"gap_bench_{half}.json"
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -111,9 +112,7 @@ def gap_bench(half: str, folder: Path, jobs: int) -> dict:
 
 
 def control(part: str, folder: Path, jobs: int) -> dict:
-    """The whole matrix of a part of the controllers' bench; finished cells are kept in the folder,
-    pages quote summaries and goals.
-    """
+    """All cells of a part of the controllers' bench; finished cells are kept in the folder."""
     choice = Choice(draws=CONTROL_DRAWS[part], workers=jobs, keep=folder / f"control_{part}")
     found = without_runs(PARTS[part](choice).data[part])
     goals = found.get("goals", [])
@@ -128,11 +127,11 @@ def control(part: str, folder: Path, jobs: int) -> dict:
 
 
 def without_runs(part: dict) -> dict:
-    """A part without its lists of single runs; cells of a matrix stay."""
+    """A part without its lists of single runs, which are longer than those of cells."""
     return {
         key: value
         for key, value in part.items()
-        if not (isinstance(value, list) and len(value) > CONTROL_ROWS_MOST)
+        if not (isinstance(value, list) and len(value) > MAX_CONTROL_ROWS)
     }
 
 

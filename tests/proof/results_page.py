@@ -68,8 +68,8 @@ def blind_set(name: str) -> list[str]:
         f"## Blind set of the diagnosis, half `{result['set']}`",
         "",
         f"{result['cases']} sealed cases of the independent generator ([gap_bench](gap_bench.md)),"
-        f" engine {result['engine']}. {HALVES[result['set']]}",
-        "Right verdicts, with 95 % intervals:",
+        f" engine {result['engine']}.",
+        HALVES[result["set"]] + " Right verdicts, with 95 % intervals:",
         "",
         *table(
             (

@@ -1,7 +1,7 @@
-"""Forty cases of the blind set's half for tuning that guard every change: made again from
-tests/truth/fixed_cases.json, judged, scored.
+"""Forty cases of the blind set's half `tune`, made from tests/truth/fixed_cases.json, diagnosed and
+scored, to guard every change.
 
-`python tests/python/fixed_cases.py` judges all and prints the counts from which the floors of
+`python tests/python/fixed_cases.py` diagnoses all and prints the counts from which the limits of
 test_gap_fixed.py are set.
 """
 
@@ -14,20 +14,20 @@ from pathlib import Path
 from truth_helpers import TRUTH
 
 import gap_bench  # isort: skip
-from vgroove.gap.diagnose import diagnose
-from vgroove.gap_bench.score import Scored
+from vgroove.gap import diagnose
+from vgroove.gap_bench.scored import Scored
 from vgroove.log import read_log
 from vgroove.rig import read_rig
 
 ROWS = json.loads((TRUTH / "fixed_cases.json").read_text(encoding="utf-8"))
 
 
-def judged(row: dict, folder: Path) -> Scored:
-    """Make a case, diagnose it in this process, and put the answer beside it."""
-    case = gap_bench.thawed(row)
+def diagnosed(row: dict, folder: Path) -> Scored:
+    """Make a case in a folder and diagnose it in this process; the verdict with its answer."""
+    case = gap_bench.frozen_case(row)
     gap_bench.write_case(case, folder)
     begin = time.process_time()
-    verdict = diagnose([read_log(folder / "log.csv")], read_rig(folder / "rig.toml")).verdict
+    verdict = diagnose([read_log(folder / "log.csv")], read_rig(folder / "rig.toml")).as_dict()
     seconds = time.process_time() - begin
     return Scored(
         row["number"],
@@ -42,21 +42,22 @@ def judged(row: dict, folder: Path) -> Scored:
 
 
 def story(cases: list[Scored]) -> str:
-    """A line for each case, for whoever reads a failure."""
+    """A line for each case, shown when a test fails."""
     return "\n".join(
-        f"{c.number} {c.kind} {'+'.join(c.answer['ids'])} {c.answer['times_visible']} -> {c.word} {'+'.join(c.selected)} "
+        f"{c.number} {c.kind} {'+'.join(c.answer['ids'])} {c.answer['times_visible']} -> "
+        f"{c.outcome} {'+'.join(c.selected)} "
         f"{'right' if c.right else 'WRONG'} {c.cpu_seconds:.1f} s"
         for c in cases
     )
 
 
 def counts(cases: list[Scored]) -> dict[str, int]:
-    """What the floors speak of."""
+    """The counts that test_gap_fixed.py limits."""
     return {
         "of": len(cases),
         "right": sum(c.right for c in cases),
         "sure_and_wrong": sum(c.sure_and_wrong for c in cases),
-        "false_alarms": sum(c.kind == "none" and c.word != "none" for c in cases),
+        "false_alarms": sum(c.kind == "none" and c.outcome != "none" for c in cases),
     }
 
 
@@ -64,7 +65,7 @@ def main() -> int:
     for place in (0, 1):
         with tempfile.TemporaryDirectory() as folder:
             cases = [
-                judged(row, Path(folder) / f"case_{n}") for n, row in enumerate(ROWS[place::2])
+                diagnosed(row, Path(folder) / f"case_{n}") for n, row in enumerate(ROWS[place::2])
             ]
         sys.stdout.write(f"{story(cases)}\n{counts(cases)}\n")
     return 0

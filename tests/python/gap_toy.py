@@ -1,8 +1,8 @@
-"""A small problem with the interface of gap/problem.py, made of numpy alone: tests of the decision
-logic need neither plant nor logs.
+"""A small test double of a measured problem (residual/protocol.py) in numpy alone, so that tests of
+the decision logic need neither plant nor logs.
 
 Windows of 0.25 s restart from the true state and run in parallel; the winding's inductance is left
-out, so that steps of 1 ms are enough.
+out, so that steps of 1 ms are enough. It has no logs and no effect that follows the angle.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,11 @@ import numpy as np
 
 from vgroove.gap.catalogue import BY_ID, CATALOGUE, Scales
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Engine, Fit
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.residual.measured_run import MeasuredRun
+from vgroove.gap.residual.restart_angles import RestartAngles
+from vgroove.rig import rig_from_dict
 
 DT, WINDOW, COUNT = 1e-3, 250, 24
 RIG = {
@@ -21,6 +25,24 @@ RIG = {
     "motor.viscous_nm_s_per_rad": 4.5e-6,
     "motor.coulomb_nm": 0.012,
     "supply.voltage_v": 18.0,
+}
+TOOL = {
+    "schema": "vgroove.rig/1",
+    "name": "toy",
+    "input": {"kind": "duty"},
+    "supply": {"voltage_v": 18.0},
+    "motor": {
+        "resistance_ohm": 0.19,
+        "inductance_h": 1e-4,
+        "torque_constant_nm_per_a": 0.0109,
+        "inertia_kg_m2": 1.8e-5,
+        "viscous_nm_s_per_rad": 4.5e-6,
+        "coulomb_nm": 0.012,
+    },
+    "gearbox": {"ratio": 1.0, "output_inertia_kg_m2": 0.0},
+    "load": {"kind": "none"},
+    "mechanism": {"kind": "none"},
+    "sensors": {"log_hz": 1000},
 }
 NEUTRAL = {"effects.stribeck_friction.speed_rad_s": 1.0}
 SIGMA = {"current_a": 0.15, "speed_rpm": 20.0, "supply_v": 0.02}
@@ -62,7 +84,7 @@ SCALES = Scales(
 
 @dataclass
 class Signal:
-    """As problem.SignalInfo."""
+    """A judged column: see residual.problem.SignalInfo."""
 
     column: str
     unit: str
@@ -70,7 +92,14 @@ class Signal:
 
 
 class Toy:
-    """Simulates itself with hidden effects, adds noise, and offers residuals."""
+    """Simulates itself with hidden effects, adds noise, and computes residuals: a MeasuredProblem
+    without prepared logs.
+    """
+
+    runs: tuple[MeasuredRun, ...] = ()
+    angles = RestartAngles(())
+    rig = rig_from_dict(TOOL, "toy")
+    missed_edges = (0.0, 0.0)
 
     def __init__(
         self, hidden: dict[str, float], seed: int = 1, still_speed: bool = False, hum: float = 0.0
@@ -109,6 +138,7 @@ class Toy:
         self.row = np.tile(np.arange(n), 3)
         self.time_s = np.tile(t, 3)
         self.log = np.zeros(self.n, int)
+        self.censored = np.zeros(self.n, bool)
         self.block = (self.time_s // 0.75).astype(int) + 1
         self.folds = [((self.block - 1) % 4 != k, (self.block - 1) % 4 == k) for k in range(4)]
         self.judged = np.ones(self.n, bool)
@@ -186,8 +216,8 @@ class Toy:
         stacked = np.stack([np.stack(np.broadcast_arrays(*row)) for row in rows], axis=-1)
         return stacked.reshape(3, len(theta), -1)
 
-    def residuals(self, theta: np.ndarray) -> np.ndarray:
-        """Normalised, (B, n)."""
+    def residuals(self, theta: np.ndarray, angles: RestartAngles | None = None) -> np.ndarray:
+        """(measured - model) / sigma, (B, n); no effect depends on the angles."""
         sim = self.simulate(np.atleast_2d(theta))
         return (
             (
@@ -205,23 +235,24 @@ class Toy:
         )
 
     def floor(self, mask: np.ndarray | None = None) -> float:
-        """The noise is exact here."""
+        """The gap that noise alone leaves: sigma is the standard deviation of the noise."""
         return 1.0
 
-    def gap_by_signal(self, r: np.ndarray, mask: np.ndarray) -> dict[str, float]:
-        """RMS in units."""
+    def gap_by_signal(self, r: np.ndarray, mask: np.ndarray | None = None) -> dict[str, float]:
+        """Clipped RMS of each signal in its unit."""
+        mask = self.judged if mask is None else mask
         return {
             s.column: s.sigma
             * float(np.sqrt((np.clip(r[mask & (self.signal == i)], -10, 10) ** 2).mean()))
             for i, s in enumerate(self.signals)
         }
 
-    def floor_by_signal(self, mask: np.ndarray) -> dict[str, float]:
-        """What noise alone gives."""
+    def floor_by_signal(self, mask: np.ndarray | None = None) -> dict[str, float]:
+        """RMS of each signal that noise alone leaves."""
         return {s.column: s.sigma for s in self.signals}
 
-    def iso18571(self, r: np.ndarray, mask: np.ndarray) -> dict[str, float | None]:
-        """Not rated here."""
+    def iso18571(self, r: np.ndarray, mask: np.ndarray | None = None) -> dict[str, float | None]:
+        """No signal is rated."""
         return {s.column: None for s in self.signals}
 
 

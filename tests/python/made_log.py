@@ -1,5 +1,5 @@
-"""Makes logs as the gap contract describes them from a known motion: what tests of the diagnosis
-compare with.
+"""Makes logs (docs/spec/gap.md, section 1) from a known motion: what tests of the diagnosis compare
+with.
 """
 
 from dataclasses import dataclass, field
@@ -68,7 +68,7 @@ def edge_times(
 def hall_column(
     time_s: np.ndarray, edges: np.ndarray, pulses: int, timeout_s: float, lsb_rpm: float
 ) -> np.ndarray:
-    """Speed column (rpm) as the contract's section 1 defines it from edge times."""
+    """Speed column (rpm) from edge times (docs/spec/gap.md, section 1)."""
     speed = np.zeros(len(time_s))
     last = np.searchsorted(edges, time_s, side="right") - 1
     for i, (now, k) in enumerate(zip(time_s, last, strict=True)):

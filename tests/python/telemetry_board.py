@@ -94,7 +94,7 @@ class Store(ctypes.Structure):
 
 @cache
 def library() -> ctypes.CDLL:
-    """The firmware's sources as a shared library; a warning fails it, undefined behaviour aborts."""
+    """The firmware as a shared library; warnings fail the build, undefined behaviour aborts."""
     compiler = shutil.which("cc") or shutil.which("gcc")
     assert compiler, "a C compiler is needed"
     target = Path(tempfile.mkdtemp(prefix="vgroove-shim-")) / "shim.so"

@@ -290,7 +290,9 @@ def test_the_run_of_a_verdict_is_that_of_the_menu_at_its_points() -> None:
         },
         "v.json",
     )
-    assert other.level == (0.0, 0.4, 0.0) and other.opens(np.array([0.1, 0.3, 3.0])).tolist() == [
+    assert other.level == (0.0, 0.4, 0.0) and other.bridge_open(
+        np.array([0.1, 0.3, 3.0])
+    ).tolist() == [
         False,
         False,
         True,

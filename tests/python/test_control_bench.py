@@ -1,5 +1,5 @@
-"""The controllers' bench judges as issue 5 says, and a fifth of its cells holds what the
-controllers promise.
+"""The controllers' bench computes the measures of docs/control_bench.md, and the controllers hold
+limits on a fifth of its cells.
 """
 
 from pathlib import Path
@@ -31,10 +31,12 @@ from vgroove.control_bench.runs import (
     PULL_S,
     AbsentError,
     Run,
+    RunPlan,
     eeprom_image,
     parameter,
     pull,
     reference,
+    run_plan,
     sil_run,
 )
 from vgroove.control_bench.waves import POINTS, range_of, wave_picture
@@ -67,12 +69,12 @@ def run_of(hits: np.ndarray, rig: Any, truth: np.ndarray | None = None) -> Run:
 
 
 def clean_of(hits: np.ndarray) -> float:
-    """Share of clean blows that the bench finds."""
+    """Share of clean blows by the bench's measure."""
     height = reference().mechanism["lug_height_m"]
     return float(scores.clean(hits[hits["kind"] < 2], height).mean())
 
 
-def test_clean_is_what_the_issue_says() -> None:
+def test_clean_blows_are_those_of_the_definition() -> None:
     regular = [0.02 * k for k in range(10)]
     assert clean_of(struck(regular)) == 1.0
     assert clean_of(struck(regular, skipped={4: 1})) == 0.9
@@ -91,7 +93,7 @@ def test_clean_is_what_the_issue_says() -> None:
     )
 
 
-def test_halves_and_seeds_are_apart() -> None:
+def test_halves_share_no_pair_and_no_seed() -> None:
     for cells in (
         sync.cells(),
         blows.cells(),
@@ -145,7 +147,7 @@ def test_weighting_is_that_of_iso_5349(hz: float, weight: float) -> None:
     assert abs(response[0]) == pytest.approx(weight, rel=0.02)
 
 
-def test_ripple_takes_no_notice_of_what_was_before() -> None:
+def test_ripple_does_not_depend_on_earlier_samples() -> None:
     run = housing_run(
         lambda t: np.where(t < 1.0, 0.0, 6.0 + np.sqrt(2.0) * np.sin(2 * np.pi * 100 * t))
     )
@@ -153,7 +155,7 @@ def test_ripple_takes_no_notice_of_what_was_before() -> None:
     assert scores.vibration(run, 1.0005, 1.5)["rms_nm"] > 1.2  # with the jump
 
 
-def test_work_is_slip_torque_times_way() -> None:
+def test_work_is_the_integral_of_the_slip_torque() -> None:
     rows = np.zeros((3, 8))
     rows[:, 0], rows[:, 4] = (0.0, 0.5, 1.0), (0.0, 0.1, 0.3)
     run = run_of(struck([0.1]), reference("hard_joint"), rows)
@@ -191,15 +193,13 @@ def test_parameters_go_into_the_eeprom() -> None:
 
 
 def test_other_tools_scatter_by_a_tenth_and_the_reference_tool_does_not() -> None:
-    nominal = sync.tool(18.5, "locked", None)
+    nominal = sync.CellTool(18.5, "locked", None).rig()
+    drawn = [sync.CellTool(18.5, "locked", seed).rig() for seed in range(60)]
     for name in sync.TOOL_PARAMETERS:
-        shares = [
-            sync.tool(18.5, "locked", seed).value(name) / nominal.value(name) for seed in range(60)
-        ]
+        shares = [rig.value(name) / nominal.value(name) for rig in drawn]
         assert 0.9 <= min(shares) < 0.93 and 1.07 < max(shares) <= 1.1
-    assert sync.tool(18.5, "locked", 5).value("motor.resistance_ohm") == sync.tool(
-        18.5, "locked", 5
-    ).value("motor.resistance_ohm")
+    again = sync.CellTool(18.5, "locked", 5).rig()
+    assert drawn[5].value("motor.resistance_ohm") == again.value("motor.resistance_ohm")
     assert all("tool" not in cell for cell in sync.cells()) and all(
         cell["tool"] == cell["seed"] for cell in sync.other_cells()
     )
@@ -252,7 +252,7 @@ def test_an_absent_controller_is_reported_not_run() -> None:
     )
 
 
-def test_the_operator_lets_go_behind_the_seat() -> None:
+def test_the_operator_releases_the_trigger_after_the_seat() -> None:
     run = screwing.plain_run(screwing.screw("m6", 18.5, 0.75, False, 3), 1.0, 3)
     seated = screwing.passing_s(run, run.seat_rad)
     closed = run.truth["time_s"][~np.isnan(run.truth["duty"])]
@@ -265,7 +265,7 @@ def test_the_operator_lets_go_behind_the_seat() -> None:
     )
 
 
-def test_screws_scatter_as_said() -> None:
+def test_screws_scatter_by_their_limits() -> None:
     rigs = [screwing.screw("m8", 18.5, 1.25, True, seed) for seed in range(200)]
     starts = np.array([rig.load["start_nm"] for rig in rigs]) / (0.9 * 1.25)
     assert starts.mean() == pytest.approx(1.0, abs=0.04) and starts.std() == pytest.approx(
@@ -303,7 +303,7 @@ def test_the_map_names_blow_and_step() -> None:
     assert (rows[60.0]["blow"], rows[60.0]["kind"]) == (None, "out of reach")
 
 
-def test_what_is_told_as_missed_is_no_error() -> None:
+def test_a_target_reported_as_missed_is_no_error() -> None:
     cell = {"target_nm": 100.0, "slope": 60.0, "variant": "torque", "seed": 1}
     rows = [{**cell, "torque_nm": t, "reason": "reached"} for t in (98.0, 102.0)] + [
         {**cell, "torque_nm": 70.0, "reason": "missed"}
@@ -321,26 +321,28 @@ def test_the_plain_shape_is_the_uncontrolled_tool() -> None:
     assert plain["rms_nm"] == pytest.approx(vibration.run_figures(board, aim)["rms_nm"], rel=0.25)
 
 
-def words_of(figure: go.Figure) -> set[str]:
-    """What a figure says besides the numbers on its axes."""
+def texts_of(figure: go.Figure) -> set[str]:
+    """Titles and annotations of a figure."""
     axes = [axis.title.text for axis in (*figure.select_xaxes(), *figure.select_yaxes())]
     return {
-        " ".join(words.split())
-        for words in [*axes, *(note.text for note in figure.layout.annotations)]
-        if words
+        " ".join(text.split())
+        for text in [*axes, *(note.text for note in figure.layout.annotations)]
+        if text
     }
 
 
 @pytest.mark.parametrize("part", list(WAVES))
-def test_the_command_still_makes_the_figures_of_the_pages(part: str) -> None:
+def test_the_command_makes_the_figures_of_the_pages(part: str) -> None:
     wave = WAVES[part]()
     figure = wave_picture(wave).figure
     shown = ElementTree.fromstring(
         image_path(ROOT / "docs" / "images", wave).read_text(encoding="utf-8")
     )
-    told = {" ".join("".join(e.itertext()).split()) for e in shown.iter() if e.tag.endswith("text")}
-    assert words_of(figure) <= told, (
-        f"make it anew: vgroove bench figures docs/images --part {part}"
+    texts = {
+        " ".join("".join(e.itertext()).split()) for e in shown.iter() if e.tag.endswith("text")
+    }
+    assert texts_of(figure) <= texts, (
+        f"make it again: vgroove bench figures docs/images --part {part}"
     )
     curves = [trace for trace in figure.data if trace.mode == "lines"]
     drawn = [e.get("d", "") for e in shown.iter() if e.get("class") == "js-line"]
@@ -358,23 +360,23 @@ def test_a_figures_curve_keeps_its_peak() -> None:
     ] == pytest.approx(892.0)
 
 
-def told_blows(times_s: list[float], repeats: int = 0, lugs: int = 1) -> np.ndarray:
-    """Rows of Run.told, 25 ms apart by their running period."""
+def reported_blows(times_s: list[float], repeats: int = 0, lugs: int = 1) -> np.ndarray:
+    """Rows of Run.reported with a running period of 25 ms."""
     return np.array([(t, lugs, repeats, 0.025, 0.025, 0.02) for t in times_s])
 
 
-def test_repeats_are_judged_from_blow_to_blow() -> None:
+def test_repeats_are_compared_from_blow_to_blow() -> None:
     blows_s = np.array([1.0, 1.025, 1.05])
-    told = told_blows([1.01, 1.03, 1.06], repeats=1)
+    reported = reported_blows([1.01, 1.03, 1.06], repeats=1)
     again = np.array([1.012, 1.04, 1.045])
-    assert blows.repeat_figures(told, blows_s, again) == {
+    assert blows.repeat_figures(reported, blows_s, again) == {
         "repeats": 3,
         "repeats_told": 3,
         "repeats_right": 2,
     }
     # of each lug
-    assert blows.repeat_figures(told_blows([1.01], 1, 2), blows_s, again)["repeats_told"] == 2
-    assert blows.repeat_figures(told, blows_s, np.zeros(0))["repeats_right"] == 0
+    assert blows.repeat_figures(reported_blows([1.01], 1, 2), blows_s, again)["repeats_told"] == 2
+    assert blows.repeat_figures(reported, blows_s, np.zeros(0))["repeats_right"] == 0
     row = {"repeats": 100, "repeats_told": 100, "repeats_right": 90}
     assert blows.repeats_right(row) and not blows.repeats_right({**row, "repeats_right": 89})
     assert not blows.repeats_right({**row, "repeats_told": 106}) and blows.repeats_right(
@@ -387,17 +389,17 @@ def test_repeats_are_judged_from_blow_to_blow() -> None:
     )
 
 
-def test_periods_are_judged_behind_the_settling() -> None:
+def test_periods_are_compared_after_the_settling() -> None:
     times = list(np.arange(0.3, 2.0, 0.025))
-    found = blows.period_figures(told_blows(times), np.array(times))
+    found = blows.period_figures(reported_blows(times), np.array(times))
     assert found["period_error"] == pytest.approx(0.0, abs=1e-9) and found[
         "spread"
     ] == pytest.approx(0.0, abs=1e-9)
     assert found["spread_told"] == pytest.approx(0.02)
-    assert blows.period_figures(told_blows(times), 1.02 * np.array(times))[
+    assert blows.period_figures(reported_blows(times), 1.02 * np.array(times))[
         "period_error"
     ] == pytest.approx(1 - 1 / 1.02)
-    assert blows.period_figures(told_blows(times[:20]), np.array(times))["period_error"] is None
+    assert blows.period_figures(reported_blows(times[:20]), np.array(times))["period_error"] is None
 
 
 def test_workers_give_what_one_process_gives() -> None:
@@ -407,7 +409,7 @@ def test_workers_give_what_one_process_gives() -> None:
     )
 
 
-def test_kept_figures_are_taken_and_those_of_other_cells_are_not(tmp_path: Any) -> None:
+def test_kept_figures_are_read_for_the_same_cells_only(tmp_path: Any) -> None:
     done: list[int] = []
 
     def work(variant: Variant, *, n: int) -> dict:
@@ -458,7 +460,7 @@ def test_the_subset_on_the_elf_has_every_controller_and_every_end() -> None:
 @pytest.mark.parametrize(
     "case", [case for part in avr.CASES.values() for case in part], ids=lambda case: case.name
 )
-def test_the_elf_decides_alike(case: avr.Case) -> None:
+def test_the_elf_makes_the_same_decisions(case: avr.Case) -> None:
     row = avr.differing(case)
     assert row["equal"], row
     assert row["rows"] > 980 * case.seconds and row["frames"] >= 1
@@ -485,7 +487,7 @@ FIFTH = Choice(only_fifth=True, workers=1)
 
 @pytest.fixture(scope="module")
 def fifth() -> Any:
-    """Each part's fifth, run when it is first asked for."""
+    """The fifth of each part, run at its first use."""
     found: dict[str, dict] = {}
 
     def part(name: str) -> dict:
@@ -526,7 +528,7 @@ def test_fifth_of_low_vibration(fifth: Any, method: str) -> None:
 
 
 @pytest.mark.parametrize("supply_v", [16.25, 16.45, 16.7])
-def test_a_hard_joint_between_the_supplies_of_the_matrix_shakes_no_more(supply_v: float) -> None:
+def test_a_hard_joint_between_the_supplies_of_the_matrix_vibrates_no_more(supply_v: float) -> None:
     rows = [
         vibration.work(variant, supply_v=supply_v, load="hard_joint", seed=7)
         for variant in vibration.VARIANTS
@@ -576,15 +578,9 @@ def test_fifth_of_torque_control(fifth: Any) -> None:
 def test_a_jam_opens_the_bridge_in_both_directions(gear: str, reverse: float) -> None:
     load = ((0.0, 0.0), (0.8, 0.0), (0.805, 1.5 * drill.stall_nm(gear, 18.0)))
     profile = Profile(travel=drill.pulled(1.0), reverse=((0.0, reverse),), load_nm=load)
-    run = drill.drill_run(
-        drill.CONTROLLER,
-        drill.drill_rig(gear, 18.0),
-        drill.drill_params(gear),
-        profile,
-        1.0,
-        3,
-        truth_every=4,
-    )
+    params = drill.drill_params(gear)
+    plan = RunPlan(profile, drill.CONTROLLER.mode, params, 1.0, 3, truth_every=4)
+    run = run_plan(drill.drill_rig(gear, 18.0), plan)
     first_s, good_s = drill.opened_s(run, 0.8)
     assert torque.reason_of(run) == "kickback" and first_s - 0.8 <= 0.03 and good_s - 0.8 <= 0.03
     assert np.sign(run.truth["speed_rad_s"][run.truth["time_s"] < 0.8][-1]) == 1.0 - 2.0 * reverse

@@ -31,7 +31,7 @@ LAST = {
 }
 
 
-def test_the_ladder_is_the_tables(tmp_path: Path) -> None:
+def test_the_errors_of_the_nested_models_are_the_readmes(tmp_path: Path) -> None:
     result = CliRunner().invoke(
         app, ["gap", "emps", str(EMPS), "--json", str(tmp_path / "emps.json")]
     )

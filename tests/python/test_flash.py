@@ -21,7 +21,7 @@ PROBE = ROOT / "tests" / "avr" / "probe_board.c"
 
 
 def hex_bytes(path: Path) -> dict[int, int]:
-    """Address -> byte of an Intel hex file with records of type 0 only; checks each record's sum."""
+    """Address -> byte of an Intel hex file; the checksum of each record is asserted."""
     image = {}
     for line in path.read_text().split():
         record = bytes.fromhex(line[1:])

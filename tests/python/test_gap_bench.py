@@ -1,5 +1,5 @@
-"""The blind set: its plan is what the project promises, its answers stay sealed, and its scoring
-takes no wrong answer for a right one.
+"""The blind set: its plan has the cases of docs/gap_bench.md, its answers stay sealed, and its
+scoring counts no wrong verdict as right.
 """
 
 import json
@@ -22,11 +22,13 @@ from bench_plan import SETS, Entry, plan  # isort: skip
 from forms import FORMS, other_form  # isort: skip
 from rigs import TOLERANCE  # isort: skip
 from vgroove.errors import VgrooveError
-from vgroove.gap_bench import cases, needs, report, run, score
-from vgroove.gap_bench.command import chosen
+from vgroove.gap_bench import cases, needs, rates, report, run, score
+from vgroove.gap_bench import scored as scoring
+from vgroove.gap_bench.command import Request, chosen
 from vgroove.gap_bench.report import bench_page, tables
 
-R = ["bridge_resistance", "winding_resistance"]
+ROOT = Path(__file__).resolve().parents[2]
+R = ["bridge_resistance", "winding_resistance"]  # equivalent effects
 
 
 def scored(
@@ -36,11 +38,11 @@ def scored(
     probability: float = 0.95,
     rivals: tuple[str, ...] = (),
     **answer: Any,
-) -> score.Scored:
-    """A case as the scorer sees it."""
+) -> scoring.Scored:
+    """A scored case with these true ids and this verdict."""
     accept = [R if i in R else [i] for i in ids]
     kind = {0: "none", 1: "single", 2: "pair", 3: "triple"}[len(ids)]
-    words = {
+    stated = {
         "kind": kind,
         "label": "effect" if ids else kind,
         "ids": ids,
@@ -52,7 +54,7 @@ def scored(
         "number": 0,
         **answer,
     }
-    words = {
+    stated = {
         key: ""
         for key in (
             "rig",
@@ -66,9 +68,9 @@ def scored(
             "load",
             "two_way",
         )
-    } | words
+    } | stated
     effects = [{"id": i, "probability": probability, "parameters": {}} for i in selected]
-    said = {
+    given = {
         "verdict": verdict,
         "selected": selected,
         "effects": effects,
@@ -76,10 +78,10 @@ def scored(
         "gap": {"closed": 0.98, "closed_beyond_retuning": 0.9},
         "warnings": [],
     }
-    return score.Scored(0, "x", None, words, said, 1.0, 1.0, 100.0)
+    return scoring.Scored(0, "x", None, stated, given, 1.0, 1.0, 100.0)
 
 
-def test_plan_holds_what_the_project_promises() -> None:
+def test_plan_has_the_cases_of_the_page() -> None:
     kinds: Counter[str] = Counter()
     by_effect: Counter[str] = Counter()
     for half in SETS:
@@ -138,13 +140,13 @@ def test_other_forms_are_other_and_not_something_else(effect_id: str) -> None:
     if effect_id == "hall_dropout":
         assert other["hall_burst"] > 0.0
         return
-    log = responses.seen(setting, other)
+    log = responses.noiseless_log(setting, other)
     left, whole = responses.measured(log) - responses.modelled(log, made), responses.deviation(log)
     assert responses.clipped_rms(left) > 1e-3
     assert responses.clipped_rms(left) < responses.clipped_rms(whole)
 
 
-def test_retuning_takes_what_the_tolerances_explain_and_leaves_the_rest() -> None:
+def test_retuning_removes_what_the_tolerances_explain_and_leaves_the_rest() -> None:
     setting = setting_of("staircase", seconds=3.0)
     setting = replace(setting, rig=replace(setting.rig, tolerance=TOLERANCE))
     within, beyond = ({"coulomb_nm": setting.rig.coulomb_nm * (1.0 + part)} for part in (0.05, 0.6))
@@ -159,14 +161,14 @@ def test_retuning_takes_what_the_tolerances_explain_and_leaves_the_rest() -> Non
     assert min(bench_draw.gap_left(setting, above), bench_draw.gap_left(setting, below)) > 1.0
 
 
-def test_a_tolerated_key_moves_under_its_prior_from_where_the_rig_says() -> None:
+def test_a_tolerated_key_is_fitted_under_its_prior_from_the_rigs_value() -> None:
     one, nothing = np.ones((1, 1)), np.zeros((1, 0))
     for stands, left in ((0.0, 0.5), (1.0, 1.0), (-1.0, 0.0)):
         found = responses.fit(np.ones(1), one, np.array([stands]), nothing, np.zeros(0))[1]
         assert found == pytest.approx(left, abs=1e-3)
 
 
-def test_who_cannot_be_told_apart_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_indistinguishable_effects_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     setting = setting_of("staircase", seconds=1.5)
     entry = Entry("tune", 0, "single", "exact", "winding_resistance")
     ids, sizes = ("supply_gain",), {"supply_gain": 0.004}
@@ -185,7 +187,7 @@ def test_who_cannot_be_told_apart_is_found(monkeypatch: pytest.MonkeyPatch) -> N
     assert bench_draw.ties_of(same) == [["winding_resistance"]]
 
 
-def test_a_case_is_made_again_from_what_its_search_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_case_is_made_again_from_its_found_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
     entry = next(
         e
         for e in plan("tune")
@@ -200,24 +202,24 @@ def test_a_case_is_made_again_from_what_its_search_found(monkeypatch: pytest.Mon
         "multiples": {"current_offset": 2.0},
         "ties": [],
     }
-    case = gap_bench.thawed(row)
+    case = gap_bench.frozen_case(row)
     assert (
         case.params == {"current_offset_a": 0.5}
-        and case.setting.seed == gap_bench.thawed(row).setting.seed
+        and case.setting.seed == gap_bench.frozen_case(row).setting.seed
     )
     keys = [key.split(".")[1] for key in case.setting.rig.tolerance]
     assert keys and all(
         getattr(case.setting.tool, key) != getattr(case.setting.rig, key) for key in keys
     )
     with pytest.raises(ValueError, match="freeze"):
-        gap_bench.thawed(row | {"ids": ["brush_drop"]})
+        gap_bench.frozen_case(row | {"ids": ["brush_drop"]})
 
 
 @pytest.mark.parametrize("kind", ["duty", "voltage_v", "current_a"])
 def test_the_model_of_the_tool_itself_leaves_nothing(kind: str) -> None:
     for bus in ("modelled", "measured") if kind == "duty" else ("absent",):
         setting = setting_of("staircase", seconds=1.5, input=kind, bus=bus)
-        log = responses.seen(setting, {})
+        log = responses.noiseless_log(setting, {})
         assert responses.clipped_rms(responses.deviation(log)) < (
             0.35 if kind == "current_a" else 0.15
         )
@@ -235,8 +237,8 @@ def test_the_model_of_the_tool_itself_leaves_nothing(kind: str) -> None:
         assert ("duty" in table) == (kind == "duty")
 
 
-def test_the_table_of_needs_goes_where_its_marks_are() -> None:
-    counted = score.needs(
+def test_the_table_of_needs_replaces_the_text_between_its_marks() -> None:
+    counted = needs.count_needs(
         [
             scored(
                 ["brush_drop"],
@@ -265,20 +267,16 @@ def test_the_table_of_needs_goes_where_its_marks_are() -> None:
 
 
 def test_the_page_shows_the_committed_figures() -> None:
-    results = house_root() / "docs" / "results" / "gap_bench.json"
+    results = ROOT / "docs" / "results" / "gap_bench.json"
     if not results.exists():
         pytest.skip("no run of the blind set is committed")
-    page = (house_root() / "docs" / "gap_bench.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "gap_bench.md").read_text(encoding="utf-8")
     assert report.renewed(page, json.loads(results.read_text(encoding="utf-8"))) == page
 
 
-def house_root() -> Path:
-    return Path(__file__).resolve().parents[2]
-
-
-def test_wilson_is_wilson() -> None:
-    assert score.wilson(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
-    assert score.wilson(98, 100) == pytest.approx((0.9300, 0.9945), abs=1e-4)
+def test_intervals_of_shares_are_wilsons() -> None:
+    assert rates.wilson(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
+    assert rates.wilson(98, 100) == pytest.approx((0.9300, 0.9945), abs=1e-4)
 
 
 def test_only_true_names_are_right() -> None:
@@ -297,10 +295,10 @@ def test_only_true_names_are_right() -> None:
 
 
 def test_a_tie_is_right_only_where_there_is_one() -> None:
-    honest = scored(
+    tie = scored(
         ["brush_drop"], "ambiguous", ["dead_time"], rivals=("brush_drop",), ties=[["dead_time"]]
     )
-    assert honest.right
+    assert tie.right
     assert not scored(
         ["brush_drop"], "ambiguous", ["brush_drop"], rivals=("dead_time",), ties=[]
     ).right
@@ -309,7 +307,7 @@ def test_a_tie_is_right_only_where_there_is_one() -> None:
     ).right
 
 
-def test_figures_count_what_they_say(tmp_path: Path) -> None:
+def test_figures_count_the_cases(tmp_path: Path) -> None:
     table = [
         scored(["brush_drop"], "effect", ["brush_drop"]),
         scored(["brush_drop"], "effect", ["dead_time"]),
@@ -317,14 +315,14 @@ def test_figures_count_what_they_say(tmp_path: Path) -> None:
         scored([], "effect", ["dead_time"], 0.7),
     ]
     figures = {"set": "tune", "engine": "0", "cases": 4} | score.score(table)
-    rates = figures["rates"]
-    assert (rates["exact"]["single"]["hits"], rates["exact"]["single"]["of"]) == (1, 3)
+    counted = figures["rates"]
+    assert (counted["exact"]["single"]["hits"], counted["exact"]["single"]["of"]) == (1, 3)
     assert (
-        rates["sure_and_wrong"]["hits"],
-        rates["false_alarms"]["hits"],
-        rates["ambiguous_though_separable"]["hits"],
+        counted["sure_and_wrong"]["hits"],
+        counted["false_alarms"]["hits"],
+        counted["ambiguous_though_separable"]["hits"],
     ) == (1, 1, 1)
-    assert rates["exact"]["single_listed_first"]["hits"] == 2
+    assert counted["exact"]["single_listed_first"]["hits"] == 2
     top = figures["calibration"][-1]
     assert (top["hits"], top["of"]) == (1, 2)
     assert ("brush_drop", "effect dead_time", 1) in figures["confusion"]
@@ -340,16 +338,16 @@ def test_figures_count_what_they_say(tmp_path: Path) -> None:
         ([], None),
     ],
 )
-def test_power_is_the_size_from_which_on_nearly_all_are_named(
+def test_power_is_the_size_from_which_on_nearly_all_are_right(
     rows: list[tuple[float, bool]], size: float | None
 ) -> None:
     assert score.power_size(rows) == size
 
 
-def test_without_its_effect_any_name_is_wrong_and_a_sure_one_counted_apart() -> None:
+def test_without_its_effect_any_name_is_wrong_and_sure_ones_are_counted() -> None:
     gone = [
-        replace(scored(["brush_drop"], word, names), without="brush_drop")
-        for word, names in (
+        replace(scored(["brush_drop"], outcome, names), without="brush_drop")
+        for outcome, names in (
             ("unlisted", []),
             ("ambiguous", ["dead_time"]),
             ("effect", ["dead_time"]),
@@ -369,35 +367,37 @@ def test_without_its_effect_any_name_is_wrong_and_a_sure_one_counted_apart() -> 
         ([], ["added_inertia", "speed_gain"], False),
     ],
 )
-def test_a_special_case_that_nobody_could_tell_from_the_truth_is_right(
+def test_a_special_case_that_is_tied_with_the_truth_is_right(
     ties: list[list[str]], named: list[str], right: bool
 ) -> None:
     assert scored(["speed_gain", "coupler_compliance"], "effect", named, ties=ties).right is right
 
 
-def test_a_late_speed_column_shows_whole_rows() -> None:
+def test_a_delayed_speed_column_is_late_by_whole_rows() -> None:
     answer = {
         "sizes": {"speed_lag": 2.4e-5, "dead_time": 1e-6},
         "log_hz": 1000.0,
         "truth": {"speed_delay_s": 2.4e-5},
     }
-    assert score.true_parameter(answer, "speed_lag") == pytest.approx(1e-3)
-    assert score.true_parameter(answer | {"truth": {"speed_lag_s": 2.4e-5}}, "speed_lag") == 2.4e-5
+    assert scoring.true_parameter(answer, "speed_lag") == pytest.approx(1e-3)
+    lagged = answer | {"truth": {"speed_lag_s": 2.4e-5}}
+    assert scoring.true_parameter(lagged, "speed_lag") == 2.4e-5
 
 
-def test_cases_are_chosen_as_asked() -> None:
-    assert chosen(list(range(100)), None, True, []) == list(range(20))
-    assert chosen(list(range(100)), 3, False, []) == [0, 1, 2]
-    assert chosen(list(range(100)), None, False, [7, 7, 2]) == [2, 7]
+def test_cases_are_chosen_by_the_options() -> None:
+    hundred = list(range(100))
+    assert chosen(hundred, Request("tune", fifth=True)) == list(range(20))
+    assert chosen(hundred, Request("tune", count=3)) == [0, 1, 2]
+    assert chosen(hundred, Request("tune", numbers=[7, 7, 2])) == [2, 7]
     with pytest.raises(VgrooveError, match="100"):
-        chosen(list(range(100)), None, False, [100])
+        chosen(hundred, Request("tune", numbers=[100]))
 
 
-def test_a_run_that_was_stopped_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    blind, asked = cases.BlindSet(tmp_path, "tune"), []
+def test_an_interrupted_run_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    blind, diagnosed = cases.BlindSet(tmp_path, "tune"), []
 
     def diagnose_apart(case: Path, without: str | None) -> dict[str, Any]:
-        asked.append((case.name, without))
+        diagnosed.append((case.name, without))
         return {
             "verdict": {"verdict": "none"},
             "seconds": 1.0,
@@ -414,10 +414,10 @@ def test_a_run_that_was_stopped_goes_on(tmp_path: Path, monkeypatch: pytest.Monk
         ("a", "brush_drop"),
     ):
         assert run.kept_verdict(blind, engine, 7, "abc", without)["number"] == 7
-    assert asked == [("abc", None), ("abc", None), ("abc", "brush_drop")]
+    assert diagnosed == [("abc", None), ("abc", None), ("abc", "brush_drop")]
 
 
-def test_a_diagnosis_that_fails_is_a_case_that_failed(tmp_path: Path) -> None:
+def test_a_failed_diagnosis_is_a_failed_case(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("time_s,duty\n0.1,0\n")
     (tmp_path / "rig.toml").write_text("schema = 'vgroove.rig/1'\n")
     found = run.diagnose_apart(tmp_path, None)
@@ -427,7 +427,7 @@ def test_a_diagnosis_that_fails_is_a_case_that_failed(tmp_path: Path) -> None:
     assert found["memory_mib"] > 10.0 and found["cpu_seconds"] > 0.0
 
 
-def test_without_a_checkout_the_command_says_what_it_needs(
+def test_without_a_checkout_the_error_names_what_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -1,5 +1,5 @@
-"""What pre-sliding friction leaves open after a rest: where it does, how much, and that the
-residuals stay white whatever it was.
+"""Speed uncertainty from pre-sliding friction after a rest: where it applies, its size, and that
+the residuals are uncorrelated whatever the true impulse was.
 """
 
 from dataclasses import replace
@@ -8,10 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vgroove.gap.residual.breakaway import impulse_rad_s, passages, widen_after_breakaway
-from vgroove.gap.residual.channels import RAD_S_TO_RPM, RowChannel
-from vgroove.gap.residual.restarts import Observations
+from vgroove.gap.residual.breakaway import (
+    SpeedRecord,
+    breakaway_impulse_rad_s,
+    breakaways,
+    widen_after_breakaway,
+)
+from vgroove.gap.residual.channels import RowChannel
+from vgroove.gap.residual.local_polynomial import Observations
 from vgroove.rig import Rig, read_rig
+from vgroove.units import RPM_PER_RAD_S
 
 TIME = np.arange(1, 401) * 5e-3
 # turns at 1.05 s
@@ -59,17 +65,18 @@ def rig() -> Rig:
 @pytest.fixture
 def opened(rig: Rig) -> RowChannel:
     sigma = np.random.default_rng(2).uniform(0.5, 4.0, len(TIME))
-    return widen_after_breakaway(
-        (speeds(sigma),), seen(0.5), rig, np.array([0.0, 0.42, 0.8, 1.3]), 0.0, False
-    )[0]
+    record = SpeedRecord(seen(0.5), 0.0, False)
+    return widen_after_breakaway((speeds(sigma),), record, rig, np.array([0.0, 0.42, 0.8, 1.3]))[0]
 
 
-def test_a_shaft_leaves_its_rest_where_it_starts_and_where_it_turns_round() -> None:
-    for noise in (0.0, 0.5):  # noise at rest turns nothing round
-        instants, acceleration = passages(seen(noise), 0.0, False)
+def test_a_shaft_breaks_away_where_it_starts_and_where_it_reverses() -> None:
+    for noise in (0.0, 0.5):  # noise at rest is no reversal
+        instants, acceleration = breakaways(SpeedRecord(seen(noise), 0.0, False))
         assert instants == pytest.approx([0.2, 1.05], abs=0.011)
         assert acceleration == pytest.approx([1000.0, 2000.0], rel=0.2)
-    assert len(passages(seen(), 0.0, True)[0]) == 1  # a log that begins in motion has no start
+    assert (
+        len(breakaways(SpeedRecord(seen(), 0.0, True))[0]) == 1
+    )  # a log that begins in motion has no start
 
 
 @pytest.mark.parametrize("acceleration", [300.0, 2000.0, 15000.0])
@@ -82,18 +89,20 @@ def test_the_impulse_is_that_of_a_friction_that_builds_up_over_a_small_angle(
         speed += dt * (acceleration + coulomb / inertia * np.exp(-angle / 8e-4))
         angle += dt * speed
     gained = speed - 30e-3 * acceleration
-    assert 0.2 < gained / impulse_rad_s(rig, np.array([acceleration]))[0] < 2.0
+    assert 0.2 < gained / breakaway_impulse_rad_s(rig, np.array([acceleration]))[0] < 2.0
 
 
-def test_it_lasts_up_to_the_next_restart_and_no_wait_knows_of_it(opened: RowChannel) -> None:
+def test_the_impulse_lasts_up_to_the_next_restart_and_censored_samples_have_none(
+    opened: RowChannel,
+) -> None:
     held = opened.impulse > 0.0
     expected = (TIME > 0.2) & (TIME < 0.42) | (TIME > 1.05) & (TIME < 1.3)
-    unlike = TIME[held != (expected & ~opened.conditional)]
-    assert len(unlike) <= 2  # at 0.2 and 1.05 s the speed is too low to be told from rest
+    unlike = TIME[held != (expected & ~opened.censored)]
+    assert len(unlike) <= 2  # at 0.2 and 1.05 s the speed is within the noise of a rest
     assert np.all(np.minimum(np.abs(unlike - 0.2), np.abs(unlike - 1.05)) < 0.011)
 
 
-def test_residuals_of_an_unknown_impulse_are_white(opened: RowChannel) -> None:
+def test_residuals_after_an_unknown_impulse_are_uncorrelated(opened: RowChannel) -> None:
     white = residual(opened, np.diag(opened.sigma)).T  # r' = white @ r
     shared = np.stack(
         [
@@ -106,7 +115,7 @@ def test_residuals_of_an_unknown_impulse_are_white(opened: RowChannel) -> None:
     )
 
 
-def test_a_likely_impulse_leaves_little_and_an_impossible_one_stays(opened: RowChannel) -> None:
+def test_a_likely_impulse_is_removed_and_an_unlikely_one_stays(opened: RowChannel) -> None:
     first = (opened.passage == 0) & (opened.impulse > 0.0)
     left = [
         residual(opened, np.where(first, factor * opened.impulse, 0.0)[None])[0]
@@ -116,11 +125,10 @@ def test_a_likely_impulse_leaves_little_and_an_impossible_one_stays(opened: RowC
     assert not np.any(left[0][~first])
 
 
-def test_a_voltage_forgets_it(rig: Rig) -> None:
+def test_a_voltage_input_has_no_impulse(rig: Rig) -> None:
     channel = speeds(np.ones(len(TIME)))
     driven = replace(rig, input={"kind": "voltage_v"})
-    assert widen_after_breakaway((channel,), seen(), driven, np.zeros(1), 0.0, False)[0] is channel
-    assert (
-        widen_after_breakaway((channel,), seen(), rig, np.zeros(1), 0.0, False)[0].impulse.max()
-        < RAD_S_TO_RPM * 5.0
-    )
+    record = SpeedRecord(seen(), 0.0, False)
+    assert widen_after_breakaway((channel,), record, driven, np.zeros(1))[0] is channel
+    widened = widen_after_breakaway((channel,), record, rig, np.zeros(1))[0]
+    assert widened.impulse.max() < RPM_PER_RAD_S * 5.0

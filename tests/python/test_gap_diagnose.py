@@ -1,10 +1,11 @@
-"""The command from files to verdict: practice data, EMPS, schema, determinism, the corrected rig,
-unusable input leaves nothing behind.
+"""From files to verdict: practice cases, EMPS, schema, determinism, corrected rig, and refusal of
+unusable input without output.
 """
 
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +16,7 @@ import pytest
 from made_log import drive_log, rig
 from vgroove import _core
 from vgroove.errors import VgrooveError
-from vgroove.gap.diagnose import diagnose
+from vgroove.gap import DiagnosisOptions, diagnose
 from vgroove.gap.selection import intervals
 from vgroove.gap.simulate import compute_gap
 from vgroove.output import write_text
@@ -38,7 +39,7 @@ def test_practice(case: str) -> None:
     label = json.loads((PRACTICE / case / "label.json").read_text())
     verdict = diagnose(
         [PRACTICE / case / "log.csv"], read_rig(PRACTICE / case / "rig.toml")
-    ).verdict
+    ).as_dict()
     assert verdict["verdict"] == label["label"]
     assert len(verdict["selected"]) == len(label["ids"])
     assert all(
@@ -58,13 +59,13 @@ def test_sizes_are_those_of_the_tool() -> None:
     """
     friction = diagnose(
         [PRACTICE / "practice_011" / "log.csv"], read_rig(PRACTICE / "practice_011" / "rig.toml")
-    ).verdict
+    ).as_dict()
     torque = friction["effects"][0]["parameters"]["torque_nm"]
     assert torque["value"] == pytest.approx(0.007093, rel=0.02)
     assert torque["ci95"][0] < torque["value"] < torque["ci95"][1]
     late = diagnose(
         [PRACTICE / "practice_003" / "log.csv"], read_rig(PRACTICE / "practice_003" / "rig.toml")
-    ).verdict
+    ).as_dict()
     assert late["effects"][0]["parameters"]["delay_s"]["value"] == pytest.approx(0.00423, rel=0.02)
     assert (
         late["gap"]["retuned"] < 0.8 * late["gap"]["before"]
@@ -72,8 +73,8 @@ def test_sizes_are_those_of_the_tool() -> None:
     )
 
 
-def test_emps_is_named_unaided() -> None:
-    verdict = diagnose([EMPS / "log.csv"], read_rig(EMPS / "rig.toml")).verdict
+def test_emps_is_named_from_log_and_rig_alone() -> None:
+    verdict = diagnose([EMPS / "log.csv"], read_rig(EMPS / "rig.toml")).as_dict()
     assert verdict["verdict"] == "effect"
     assert set(verdict["selected"][:2]) == {"viscous_friction", "coulomb_friction"}
     assert verdict["selected"][2:] in (["directional_viscous"], ["asymmetric_friction"])
@@ -103,25 +104,32 @@ def test_same_input_same_bytes_and_the_corrected_rig_gives_the_gap_after(tmp_pat
     assert "coulomb_friction" in page and "held-out" in page and "<script src=" not in page
 
 
-def test_an_effect_left_out_is_not_named() -> None:
+def test_an_excluded_effect_is_not_named() -> None:
     case = PRACTICE / "practice_008"
     verdict = diagnose(
-        [case / "log.csv"], read_rig(case / "rig.toml"), without=["current_offset"]
-    ).verdict
+        [case / "log.csv"],
+        read_rig(case / "rig.toml"),
+        DiagnosisOptions(without=["current_offset"]),
+    ).as_dict()
     assert verdict["verdict"] in ("unlisted", "ambiguous")
     assert "current_offset" not in {e["id"] for e in verdict["effects"]}
     with pytest.raises(VgrooveError, match="warp_drive"):
-        diagnose([case / "log.csv"], read_rig(case / "rig.toml"), without=["warp_drive"])
+        diagnose(
+            [case / "log.csv"],
+            read_rig(case / "rig.toml"),
+            DiagnosisOptions(without=["warp_drive"]),
+        )
 
 
 @pytest.mark.parametrize(("visible", "form"), [(0.1, "edges"), (10.0, None)])
-def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has_it(
+def test_dead_time_is_stated_in_the_form_of_the_specification_where_that_suffices(
     visible: float, form: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A light tool whose current falls below the ripple: what the contract's mean leaves there is
-    visible, so a form of ours is stated.
+    """A light tool whose current falls below the ripple: the averaged form of docs/spec/gap.md,
+    section 3, leaves a visible gap there, so the form at the pulse edges is stated.
     """
-    monkeypatch.setattr(intervals, "VISIBLE", visible)
+    limits = replace(intervals.ESTIMATE, max_form_gap=visible)
+    monkeypatch.setattr(intervals, "ESTIMATE", limits)
     light = rig(
         motor={"coulomb_nm": 0.003, "viscous_nm_s_per_rad": 1e-6},
         sensors={"current_noise_a": 0.05, "current_lsb_a": 0.01},
@@ -132,23 +140,26 @@ def test_dead_time_is_known_by_what_a_bridge_does_and_stated_as_the_contract_has
         SimpleNamespace(input=light.input, sensors=light.sensors, parameters=lambda: theta)
     )
     found = diagnose([log], light)
-    assert (found.verdict["verdict"], found.verdict["selected"]) == ("effect", ["dead_time"])
-    assert found.search.score(found.search.fits[("dead_time",)]) < 1.05
+    search = found.evidence.search
+    assert (found.verdict, found.selected) == ("effect", ["dead_time"])
+    assert search.score(search.fits[("dead_time",)]) < 1.05
     assert found.corrected_rig().effects["dead_time"].get("form") == form
-    assert (found.verdict["gap"]["after"] > 1.1) is (form is None)
+    assert (found.gap.after > 1.1) is (form is None)
     again = compute_gap(found.corrected_rig(), [log])[0]["gap"]
-    # a bad model's folds differ
-    assert again == pytest.approx(found.verdict["gap"]["after"], rel=0.01 if form else 0.1)
+    # the folds of a model that leaves a gap differ
+    assert again == pytest.approx(found.gap.after, rel=0.01 if form else 0.1)
 
 
 def small_rig(folder: Path) -> Path:
     """A complete rig."""
     path = folder / "rig.toml"
     path.write_text(
-        'schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n[motor]\nresistance_ohm = 0.19\n'
-        "inductance_h = 1e-4\ntorque_constant_nm_per_a = 0.0109\ninertia_kg_m2 = 1.6e-5\nviscous_nm_s_per_rad = 4.5e-6\n"
-        'coulomb_nm = 0.012\n[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n[mechanism]\nkind = "none"\n'
-        '[load]\nkind = "none"\n'
+        'schema = "vgroove.rig/1"\n[input]\nkind = "duty"\n[supply]\nvoltage_v = 18.0\n'
+        "[motor]\nresistance_ohm = 0.19\ninductance_h = 1e-4\n"
+        "torque_constant_nm_per_a = 0.0109\ninertia_kg_m2 = 1.6e-5\n"
+        "viscous_nm_s_per_rad = 4.5e-6\ncoulomb_nm = 0.012\n"
+        "[gearbox]\nratio = 5.6\noutput_inertia_kg_m2 = 6e-5\n"
+        '[mechanism]\nkind = "none"\n[load]\nkind = "none"\n'
     )
     return path
 
@@ -163,7 +174,7 @@ def small_rig(folder: Path) -> Path:
         ("time_s,duty,current_a\n0.001,0.1,1\n", "usable"),
     ],
 )
-def test_unusable_logs_leave_nothing_behind(tmp_path: Path, text: str, words: str) -> None:
+def test_unusable_logs_write_no_file(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "log.csv").write_text(text)
     done = command(
         tmp_path / "log.csv",
@@ -201,10 +212,10 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
 
 
 def test_the_verdict_holds_plain_numbers_only() -> None:
-    from vgroove.gap.diagnose import plain
+    from vgroove.gap.verdict.json_values import as_json
 
     text = json.dumps(
-        plain({"a": np.float64(0.1) + 1e-14, "b": [np.int64(3), np.bool_(True), None]}),
+        as_json({"a": np.float64(0.1) + 1e-14, "b": [np.int64(3), np.bool_(True), None]}),
         allow_nan=False,
     )
     assert text == '{"a": 0.1, "b": [3, true, null]}'

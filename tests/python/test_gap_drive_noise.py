@@ -1,5 +1,5 @@
-"""What the driving columns leave open: a timer's compare value is what ran, a number that the
-logger rounded is not.
+"""Uncertainty of the model's input: a timer's compare value ran as it is logged, a number that the
+logger rounded did not.
 """
 
 import numpy as np
@@ -8,9 +8,10 @@ import pytest
 from made_log import rig
 from vgroove import _core
 from vgroove.gap.residual.input_uncertainty import (
-    drive_sigma,
-    of_one_row,
+    MeasuredInput,
+    input_sigma,
     on_smooth_ramps,
+    one_row_share,
     ramp_sigma,
     winding_response,
 )
@@ -41,15 +42,15 @@ def current_of(command: np.ndarray, delay_rows: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("delay_rows", [0, 3])
-def test_a_command_that_ran_as_it_is_written_leaves_little_open(delay_rows: int) -> None:
+def test_a_command_that_ran_as_logged_has_little_uncertainty(delay_rows: int) -> None:
     assert ramp_sigma(tool(), TIME_S, ROUNDED, current_of(ROUNDED, delay_rows)) < 0.5 * FULL
 
 
-def test_a_rounded_column_leaves_its_rounding_open() -> None:
+def test_a_rounded_column_has_the_uncertainty_of_its_rounding() -> None:
     assert ramp_sigma(tool(), TIME_S, ROUNDED, current_of(WAVE)) > 0.75 * FULL
 
 
-def test_without_a_current_or_its_noise_nothing_is_known_better() -> None:
+def test_without_a_current_or_its_noise_the_uncertainty_is_that_of_rounding() -> None:
     assert ramp_sigma(tool(), TIME_S, ROUNDED, None) == pytest.approx(FULL, rel=1e-3)
     silent = rig(input={"kind": "duty", "slew_per_s": 10.0})
     del silent.sensors["current_noise_a"]
@@ -66,13 +67,13 @@ def test_steps_are_no_ramps() -> None:
 
 def test_a_winding_follows_a_constant_and_half_of_one_rows_error() -> None:
     assert np.allclose(winding_response(tool(), 1e-3, np.full(20, 0.7)), 0.7)
-    assert of_one_row(tool(), 10.0) == pytest.approx(np.sqrt(0.5), rel=0.02)
-    assert of_one_row(tool(), 1e-5) < 0.2
+    assert one_row_share(tool(), 10.0) == pytest.approx(np.sqrt(0.5), rel=0.02)
+    assert one_row_share(tool(), 1e-5) < 0.2
 
 
-def test_what_is_left_open_widens_only_where_the_command_changes() -> None:
+def test_uncertainty_grows_only_where_the_command_changes() -> None:
     stairs = np.where(TIME_S < 3.0, 0.2, WAVE)
-    speed, current = drive_sigma(tool(), TIME_S, stairs, None, None)
+    speed, current = input_sigma(tool(), MeasuredInput(TIME_S, stairs))
     still, moving = TIME_S < 2.9, TIME_S > 3.1
     assert (
         current[moving].min() > 10.0 * max(current[still].max(), 1e-9)

@@ -1,5 +1,5 @@
-"""Fits of hypotheses: steps inside bounds, parameters recovered, keys under their prior, intervals
-that hold.
+"""Fits of hypotheses: steps within bounds, recovered parameters, nuisance parameters under their
+priors, coverage of confidence intervals.
 """
 
 import numpy as np
@@ -7,8 +7,10 @@ import pytest
 
 from gap_toy import SCALES, Toy, fit_of
 from vgroove.gap.catalogue import BY_ID, CATALOGUE, available, contains, equivalents
-from vgroove.gap.fitting.fit import Engine, bounded_step, covariance
-from vgroove.gap.residual.batches import alike, portions
+from vgroove.gap.fitting.covariance import sandwich_covariance
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.steps import bounded_step
+from vgroove.gap.residual.batches import split_by_size, split_by_structure
 
 TORQUE = "effects.coulomb_friction.torque_nm"
 
@@ -42,17 +44,17 @@ def test_bounded_step_is_the_constrained_minimum() -> None:
         ("stribeck_friction.breakaway_nm", 0.02),
     ],
 )
-def test_a_size_is_recovered(name: str, size: float) -> None:
+def test_the_size_of_an_effect_is_recovered(name: str, size: float) -> None:
     toy = Toy(
         {f"effects.{name}": size}
         | ({"effects.stribeck_friction.speed_rad_s": 80.0} if "stribeck" in name else {})
     )
     _, best = fit_of(toy, name.split(".")[0])
     assert value(toy, best, f"effects.{name}") == pytest.approx(size, rel=0.05)
-    assert toy.gap(best.held) < 1.02
+    assert toy.gap(best.out_of_fold) < 1.02
 
 
-def test_nothing_to_fit_is_nothing_fitted() -> None:
+def test_no_hypothesis_gives_no_fit() -> None:
     assert Engine(Toy({}), SCALES, {}).fit([]) == []
 
 
@@ -65,7 +67,7 @@ def test_outliers_do_not_move_the_fit() -> None:
     assert value(toy, best, TORQUE) == pytest.approx(0.004, rel=0.05)
 
 
-def test_keys_stay_within_three_sigma_and_take_what_they_may() -> None:
+def test_nuisance_parameters_stay_within_three_sigma() -> None:
     toy = Toy({"motor.resistance_ohm": 0.19 * 1.15})
     engine, _ = fit_of(toy, tolerance={"motor.resistance_ohm": 0.02})
     retuned = engine.fit(engine.hypotheses([]))[0]
@@ -76,9 +78,9 @@ def test_keys_stay_within_three_sigma_and_take_what_they_may() -> None:
     )
 
 
-def test_what_a_folds_rows_do_not_tell_stays_where_all_rows_put_it() -> None:
-    """Two offsets of the current; the second shows in the rows of one fold alone, but for a trace
-    elsewhere that only noise could move.
+def test_a_number_without_information_in_a_folds_rows_keeps_the_step_of_all_rows() -> None:
+    """Two offsets of the current; the second affects the rows of one fold, and others by so little
+    that only their noise would determine it.
     """
     toy = Toy({"effects.current_offset.offset_a": 0.5})
     engine, one = fit_of(toy, "current_offset", "current_gain")
@@ -91,25 +93,25 @@ def test_what_a_folds_rows_do_not_tell_stays_where_all_rows_put_it() -> None:
     assert apart[0][0] == pytest.approx(-noise[engine.problem.folds[0][0]].mean(), abs=0.01)
 
 
-def test_intervals_hold_the_truth() -> None:
+def test_intervals_cover_the_true_value() -> None:
     inside = 0
     for seed in range(40):
         toy = Toy({TORQUE: 0.004}, seed=seed)
         engine, best = fit_of(toy, "coulomb_friction")
         cluster = (toy.time_s / 0.05).astype(int)
         spread = (
-            np.sqrt(covariance(best, engine.train, cluster)[0, 0])
+            np.sqrt(sandwich_covariance(best, engine.train, cluster)[0, 0])
             * best.hypothesis.coordinates[0].factors[0]
         )
         inside += abs(value(toy, best, TORQUE) - 0.004) < 1.96 * spread
     assert 34 <= inside <= 40
 
 
-def test_offset_beside_coulomb_is_one_number() -> None:
+def test_asymmetry_beside_coulomb_friction_is_one_number() -> None:
     engine = Engine(Toy({}), SCALES, {})
-    alone = engine.hypotheses([BY_ID["asymmetric_friction"]])[0]
+    single = engine.hypotheses([BY_ID["asymmetric_friction"]])[0]
     beside = engine.hypotheses([BY_ID["coulomb_friction"], BY_ID["asymmetric_friction"]])[0]
-    assert (alone.count, beside.count) == (2, 2)
+    assert (single.count, beside.count) == (2, 2)
     theta = beside.theta(engine.problem.theta0, np.array([[0.0, 1.0]]))[0]
     forward, backward = (
         theta[engine.problem.index(f"effects.asymmetric_friction.{s}_nm")]
@@ -131,7 +133,7 @@ def test_phase_and_amplitude_come_from_sine_and_cosine() -> None:
     )
 
 
-def test_catalogue_follows_the_kind_of_log() -> None:
+def test_available_effects_follow_from_what_a_log_holds() -> None:
     full = frozenset(
         {"duty", "voltage", "current", "speed", "supply", "both", "load", "gear", "edges", "output"}
     )
@@ -165,10 +167,10 @@ def test_classes_and_special_cases() -> None:
 
 
 def test_differences_of_positive_numbers_are_relative() -> None:
-    """A stiffness of 0.05 in its size is not differenced over 0.1: the slope there says nothing
-    about the valley at 0.05.
+    """A stiffness of 0.05 in its size is not differenced over a step of 0.1, which is larger than
+    the number itself.
     """
-    from vgroove.gap.fitting.fit import Coordinate
+    from vgroove.gap.fitting.hypothesis import Coordinate
 
     stiffness = Coordinate("k", (0,), (1.0,), 0.0, 0.01, 900.0, 0.1)
     torque = Coordinate("t", (0,), (1.0,), 0.0, -1.0, 1.0, 0.1)
@@ -176,40 +178,43 @@ def test_differences_of_positive_numbers_are_relative() -> None:
     assert torque.step_at(0.05) == 0.1
 
 
-def test_intervals_widen_where_folds_disagree() -> None:
-    """Half widths hold what long clusters and left-out folds ask for, not the noise alone."""
-    from vgroove.gap.fitting.fit import covariance, half_widths
+def test_intervals_are_wider_where_folds_disagree() -> None:
+    """Half widths include the scatter over long clusters and over folds, not the noise alone."""
+    from vgroove.gap.fitting.covariance import interval_half_widths, sandwich_covariance
 
     toy = Toy({"effects.coulomb_friction.torque_nm": 0.003})
     engine = Engine(toy, SCALES, {})
     one = engine.fit(engine.hypotheses([BY_ID["coulomb_friction"]]))[0]
     short = np.unique(np.floor(toy.time_s / 0.05), return_inverse=True)[1]
-    alone = 1.96 * np.sqrt(np.diag(covariance(one, engine.train, short)))
-    assert np.all(half_widths(engine, one, [short]) >= alone)
-    # a block that wants another size
-    rotten = one.residual + 3.0 * one.jacobian[:, 0] * np.where(
+    of_noise = 1.96 * np.sqrt(np.diag(sandwich_covariance(one, engine.train, short)))
+    assert np.all(interval_half_widths(engine, one, [short]) >= of_noise)
+    # a block in which the effect has another size
+    disturbed = one.residual + 3.0 * one.jacobian[:, 0] * np.where(
         toy.block % 4 == 0, 0.05, -0.05 / 3.0
     )
-    moved = type(one)(one.hypothesis, one.x, rotten, one.jacobian, one.cost, 1e9)
-    assert half_widths(engine, moved, [short])[0] > 2.0 * half_widths(engine, one, [short])[0]
+    moved = type(one)(one.hypothesis, one.x, disturbed, one.jacobian, one.cost, 1e9)
+    assert (
+        interval_half_widths(engine, moved, [short])[0]
+        > 2.0 * interval_half_widths(engine, one, [short])[0]
+    )
 
 
 @pytest.mark.parametrize(
     "sizes,expected",
     [([], []), ([3], [1]), ([2, 2, 2], [2, 1]), ([9, 1, 1], [1, 2]), ([0, 0, 5], [3])],
 )
-def test_portions_hold_no_more_than_asked_and_miss_nothing(
+def test_split_by_size_respects_the_limit_and_keeps_every_item(
     sizes: list[int], expected: list[int]
 ) -> None:
-    parts = list(portions(sizes, 4))
+    parts = list(split_by_size(sizes, 4))
     assert [part.stop - part.start for part in parts] == expected
     assert [n for part in parts for n in range(len(sizes))[part]] == list(range(len(sizes)))
 
 
 @pytest.mark.parametrize("most", [1, 8, 20])
-def test_a_batch_is_cut_into_sets_of_one_structure_and_misses_none(most: int) -> None:
+def test_split_by_structure_keeps_every_set_and_whole_lanes(most: int) -> None:
     kind = np.array([0, 1, 2, 0, 1] * 5)
-    parts = alike(np.eye(3, dtype=bool)[kind], most)
+    parts = split_by_structure(np.eye(3, dtype=bool)[kind], most)
     np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(25))
     lanes = sum(-(-int(np.count_nonzero(kind[part] == k)) // 8) for part in parts for k in range(3))
     assert lanes == 5  # 10, 10 and 5 sets, eight at a time

@@ -11,8 +11,8 @@ from made_log import MadeLog, rig
 from vgroove import _core
 from vgroove.gap.cleaning.lost_rows import insert_lost_rows, rows_after_holes
 from vgroove.gap.cleaning.missing_values import interpolate_to_known_levels
+from vgroove.gap.residual.loading import load_problem
 from vgroove.gap.residual.measured_run import prepare_run
-from vgroove.gap.residual.problem import load_problem
 from vgroove.rig import Rig
 
 HZ = 300

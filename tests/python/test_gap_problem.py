@@ -1,5 +1,5 @@
-"""Problem: a log of a tool that is exactly its rig ends at the noise, a wrong rig does not, and
-every array says what its residual is.
+"""The measured problem: the log of a tool that equals its rig leaves a gap of 1 (sensor noise),
+that of another tool a larger one, and each array describes its residuals.
 """
 
 from dataclasses import replace
@@ -12,8 +12,9 @@ from vgroove import _core
 from vgroove.errors import VgrooveError
 from vgroove.gap.cleaning import sensor_noise
 from vgroove.gap.residual import blocks
-from vgroove.gap.residual.measured_run import current_is_unsigned
-from vgroove.gap.residual.problem import Problem, load_problem
+from vgroove.gap.residual.channel_builders import current_is_unsigned
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.problem import Problem
 from vgroove.rig import Rig, rig_from_dict
 
 REVERSING = [(0.2, 0.5), (1.5, -0.6), (3.0, 0.8), (4.5, -0.3)]
@@ -38,15 +39,13 @@ def by_signal(problem: Problem, residual: np.ndarray) -> dict[str, float]:
 
 @pytest.mark.parametrize("restart_s", [0.1, 0.25, 100.0])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_true_rig_ends_at_the_noise_with_and_without_restarts(
-    restart_s: float, seed: int
-) -> None:
+def test_true_rig_leaves_noise_alone_with_and_without_restarts(restart_s: float, seed: int) -> None:
     problem = load_problem([drive_log(rig(), seed=seed)], rig(), restart_s=restart_s)
     residual = problem.residuals(problem.theta0)[0]
     assert problem.gap(residual) == pytest.approx(1.0, abs=0.05)
     for column, gap in by_signal(problem, residual).items():
         assert gap == pytest.approx(1.0, abs=0.2), column
-    assert (len(problem.runs[0].starts) > 15) == (restart_s < 1.0)
+    assert (len(problem.runs[0].restarts.rows) > 15) == (restart_s < 1.0)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +58,7 @@ def test_a_true_rig_ends_at_the_noise_with_and_without_restarts(
         {"supply.resistance_ohm": 0.01},
     ],
 )
-def test_a_wrong_rig_does_not(log: MadeLog, change: dict) -> None:
+def test_wrong_rig_leaves_more_than_noise(log: MadeLog, change: dict) -> None:
     problem = load_problem([log], rig().with_values(change))
     assert problem.gap(problem.residuals(problem.theta0)[0]) > 1.3
 
@@ -76,7 +75,7 @@ def test_a_wrong_rig_does_not(log: MadeLog, change: dict) -> None:
         {"winding_heating": {"kelvin_per_joule": 0.3, "cooling_s": 20.0}},
     ],
 )
-def test_an_effect_opens_the_gap_and_its_rig_closes_it(effect: dict) -> None:
+def test_effect_raises_the_gap_and_a_rig_with_it_leaves_noise_alone(effect: dict) -> None:
     tool = rig().with_effects(effect)
     made = drive_log(
         tool,
@@ -95,7 +94,7 @@ def test_an_effect_opens_the_gap_and_its_rig_closes_it(effect: dict) -> None:
     assert after.gap(after.residuals(after.theta0)[0]) == pytest.approx(1.0, abs=0.08)
 
 
-def test_batches_are_the_single_answers(problem: Problem) -> None:
+def test_a_batch_equals_its_sets_computed_singly(problem: Problem) -> None:
     theta = np.repeat(problem.theta0[None], 5, axis=0)
     theta[:, problem.index("motor.coulomb_nm")] *= np.linspace(0.8, 1.2, 5)
     together = problem.residuals(theta)
@@ -104,31 +103,33 @@ def test_batches_are_the_single_answers(problem: Problem) -> None:
         assert np.allclose(problem.residuals(one)[0], row, atol=1e-6)
 
 
-def test_arrays_say_what_each_residual_is(problem: Problem, log: MadeLog) -> None:
+def test_arrays_describe_each_residual(problem: Problem, log: MadeLog) -> None:
     names = [s.column for s in problem.signals]
     assert names == ["current_a", "supply_v", "speed_rpm"]
     rows = problem.signal == names.index("current_a")
     assert np.array_equal(problem.measured[rows], log.columns["current_a"][problem.row[rows]])
     assert np.array_equal(problem.time_s[rows], log.time_s[problem.row[rows]])
     assert problem.sigma[rows].min() == pytest.approx(np.hypot(0.15, 0.1 / np.sqrt(12.0)), rel=1e-9)
-    speeds = (problem.signal == names.index("speed_rpm")) & ~problem.conditional
+    speeds = (problem.signal == names.index("speed_rpm")) & ~problem.censored
     assert np.array_equal(problem.measured[speeds], log.columns["speed_rpm"][problem.row[speeds]])
     assert 2000 < speeds.sum() < 5000
-    assert problem.runs[0].starts[1:].tolist() == sorted(
-        set(problem.runs[0].starts[1:]) - set(problem.row[rows])
+    assert problem.runs[0].restarts.rows[1:].tolist() == sorted(
+        set(problem.runs[0].restarts.rows[1:]) - set(problem.row[rows])
     )
     model = problem.measured - problem.residuals(problem.theta0)[0] * problem.sigma
     trace = problem.traces(problem.theta0)[0]["speed_rpm"]
     assert np.allclose(trace[2], model[speeds])
 
 
-def test_a_row_that_repeats_an_edge_counts_once(problem: Problem, log: MadeLog) -> None:
+def test_a_row_that_repeats_an_edge_period_is_no_further_sample(
+    problem: Problem, log: MadeLog
+) -> None:
     slow = (log.time_s > 3.6) & (log.time_s < 4.2)
     passed = float(np.sum(log.columns["speed_rpm"][slow]) / 60.0 * 4 * 1e-3)
     names = [s.column for s in problem.signals]
     counted = (
         (problem.signal == names.index("speed_rpm"))
-        & ~problem.conditional
+        & ~problem.censored
         & np.isin(problem.row, np.flatnonzero(slow))
     )
     assert 0.9 * passed - 8 < counted.sum() < passed + 2 < 0.4 * slow.sum()
@@ -153,9 +154,9 @@ def test_a_long_log_holds_out_blocks_three_seven_eleven() -> None:
     )
 
 
-def test_the_search_weighs_every_block_of_a_long_log() -> None:
-    """The contract's figures are of a quarter of a long log; what decides between effects is all of
-    it, each block predicted unseen.
+def test_every_block_of_a_long_log_is_tested_by_one_fold() -> None:
+    """The reported gap of a long log is of a quarter of its blocks (docs/spec/gap.md, section 5);
+    effects are compared on all of them, each predicted by a fit without it.
     """
     problem = load_problem([drive_log(rig(), seconds=12.0)], rig())
     assert len(problem.folds) == 4 and all(
@@ -167,11 +168,11 @@ def test_the_search_weighs_every_block_of_a_long_log() -> None:
 def test_strokes_longer_than_a_block_give_thirds() -> None:
     time_s = np.arange(0.0, 24.0, 1e-3)
     to_and_fro = np.sign(np.sin(2.0 * np.pi * time_s / 6.0))
-    assert blocks.stroke_s(time_s, to_and_fro) == pytest.approx(3.0, rel=0.1)
-    cut = blocks.cut(time_s, blocks.stroke_s(time_s, to_and_fro))
+    assert blocks.mean_stroke_s(time_s, to_and_fro) == pytest.approx(3.0, rel=0.1)
+    cut = blocks.cut_blocks(time_s, blocks.mean_stroke_s(time_s, to_and_fro))
     assert (cut.folds, cut.rotate, len(cut.edges_s)) == (3, True, 4)
-    assert blocks.cut(time_s, blocks.stroke_s(time_s, np.ones(len(time_s)))).folds == 4
-    assert len(blocks.cut(time_s[:4000], 4.0).edges_s) == 9
+    assert blocks.cut_blocks(time_s, blocks.mean_stroke_s(time_s, np.ones(len(time_s)))).folds == 4
+    assert len(blocks.cut_blocks(time_s[:4000], 4.0).edges_s) == 9
 
 
 def test_two_logs_are_judged_together() -> None:
@@ -214,7 +215,9 @@ def signed_speed(made: MadeLog) -> np.ndarray:
     )
 
 
-def test_a_stuck_tool_counts_only_where_the_model_would_have_passed_an_edge(log: MadeLog) -> None:
+def test_timeout_samples_of_a_stuck_tool_count_where_the_model_exceeds_their_bound(
+    log: MadeLog,
+) -> None:
     columns = {
         **log.columns,
         "speed_rpm": np.zeros(len(log.time_s)),
@@ -222,10 +225,10 @@ def test_a_stuck_tool_counts_only_where_the_model_would_have_passed_an_edge(log:
     }
     problem = load_problem([MadeLog(log.time_s, columns)], rig())
     residual = problem.residuals(problem.theta0)[0]
-    waits = problem.conditional & np.isfinite(problem.squared(residual))
-    assert problem.conditional.sum() > 5500
-    assert 4500 < waits.sum() < 5800 and np.all(residual[waits] < 0.0)
-    assert np.all(problem.time_s[waits] > 0.3)
+    exceeded = problem.censored & np.isfinite(problem.squared(residual))
+    assert problem.censored.sum() > 5500
+    assert 4500 < exceeded.sum() < 5800 and np.all(residual[exceeded] < 0.0)
+    assert np.all(problem.time_s[exceeded] > 0.3)
 
 
 def test_nothing_to_judge_and_no_input_are_refused(log: MadeLog) -> None:
@@ -250,7 +253,7 @@ def test_a_measured_bus_drives_the_model(log: MadeLog) -> None:
     assert problem.gap(problem.residuals(problem.theta0)[0]) > 3.0
 
 
-def test_stated_noise_wins_and_unstated_noise_comes_from_the_log(log: MadeLog) -> None:
+def test_noise_is_that_of_the_rig_or_else_estimated_from_the_log(log: MadeLog) -> None:
     assert sensor_noise.column_sigma(rig(), "current_a", log.columns["current_a"]) == pytest.approx(
         np.hypot(0.15, 0.1 / np.sqrt(12.0))
     )
@@ -283,7 +286,7 @@ def test_encoder_is_judged_through_its_derivative(log: MadeLog) -> None:
     assert by_signal(wrong, wrong.residuals(wrong.theta0)[0])["position_rad"] > 2.0
 
 
-def test_an_encoder_knows_nothing_of_the_speed_sensors_gain(log: MadeLog) -> None:
+def test_an_encoder_does_not_depend_on_the_speed_sensors_gain(log: MadeLog) -> None:
     tool = rig(sensors={"position_lsb_rad": 0.005})
     drive = _core.LogInput(log.time_s, "duty", log.columns["duty"], slew_per_s=6.0)
     angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))[
@@ -308,7 +311,7 @@ def test_iso18571_rates_the_better_model_higher(problem: Problem) -> None:
     assert 0.9 < good["speed_rpm"] <= 1.0 and bad["speed_rpm"] < good["speed_rpm"] - 0.02
 
 
-def test_missed_edges_open_the_gap_and_a_sensor_that_drops_edges_closes_it() -> None:
+def test_missed_edges_raise_the_gap_and_a_sensor_that_drops_edges_lowers_it() -> None:
     made = drive_log(rig(), dropout=0.03)
     problem = load_problem([made], rig())
     theta = np.repeat(problem.theta0[None], 2, axis=0)
@@ -378,7 +381,7 @@ def test_a_force_driven_axis_is_judged_by_its_acceleration_and_restarts() -> Non
     assert [s.column for s in problem.signals] == ["position_rad"] and problem.signals[
         0
     ].unit == "rad/s^2"
-    assert len(problem.folds) == 3 and len(problem.runs[0].starts) > 20
+    assert len(problem.folds) == 3 and len(problem.runs[0].restarts.rows) > 20
     assert problem.gap(problem.residuals(problem.theta0)[0]) == pytest.approx(1.0, abs=0.15)
     wrong = load_problem([axis_log(offset=3.0)], axis_rig())
     right = load_problem([axis_log(offset=3.0)], axis_rig(offset=3.0))
@@ -388,17 +391,14 @@ def test_a_force_driven_axis_is_judged_by_its_acceleration_and_restarts() -> Non
     )
 
 
-def test_a_loggers_slow_clock_is_seen_against_the_sensors_own() -> None:
+def test_a_loggers_slow_clock_shows_against_the_clock_of_the_sensor() -> None:
     made = drive_log(rig(), seed=4)
     skewed = MadeLog(made.time_s * 1.02, made.columns)
     problem = load_problem([skewed], rig())
     theta = np.repeat(problem.theta0[None], 2, axis=0)
     theta[1, problem.index("effects.clock_skew.relative")] = 0.02
     steady = (
-        (problem.signal == 2)
-        & ~problem.conditional
-        & (problem.time_s > 2.3)
-        & (problem.time_s < 2.6)
+        (problem.signal == 2) & ~problem.censored & (problem.time_s > 2.3) & (problem.time_s < 2.6)
     )
     before, after = np.abs(problem.residuals(theta)[:, steady] * problem.sigma[steady])
     assert (
@@ -445,7 +445,7 @@ def test_the_noise_of_a_measured_bus_belongs_to_sigma(log: MadeLog) -> None:
     assert problem.gap(problem.residuals(problem.theta0)[0]) == pytest.approx(1.0, abs=0.15)
 
 
-def test_warnings_of_the_reader_and_of_dead_columns_reach_the_verdict(log: MadeLog) -> None:
+def test_warnings_of_the_reader_and_of_dead_columns_are_kept(log: MadeLog) -> None:
     dead = MadeLog(
         log.time_s,
         {**log.columns, "current_a": np.zeros(len(log.time_s))},
@@ -457,7 +457,7 @@ def test_warnings_of_the_reader_and_of_dead_columns_reach_the_verdict(log: MadeL
 
 
 @pytest.mark.parametrize("step", [0.02, 2.0 * np.pi / 4096])
-def test_the_resolution_of_a_fast_encoder_is_seen(step: float) -> None:
+def test_resolution_of_a_fast_encoder(step: float) -> None:
     angle = 0.5 * 900.0 * np.linspace(0.0, 1.0, 1001) ** 2 + 40.0 * np.linspace(0.0, 1.0, 1001)
     assert sensor_noise.resolution_of(np.round(angle / step) * step) == pytest.approx(
         step, rel=1e-6
@@ -474,7 +474,7 @@ def test_the_resolution_of_a_fast_encoder_is_seen(step: float) -> None:
         {"transport_delay": {"delay_s": 0.004}},
     ],
 )
-def test_stamps_that_do_not_begin_at_zero_change_nothing(
+def test_the_gap_does_not_depend_on_the_first_time_stamp(
     log: MadeLog, shift_s: float, effect: dict
 ) -> None:
     tool = rig().with_effects(effect)
@@ -483,16 +483,17 @@ def test_stamps_that_do_not_begin_at_zero_change_nothing(
         p.gap(p.residuals(p.theta0)[0])
         for p in (load_problem([made], tool) for made in (log, moved))
     ]
-    # equal but for restarts: of instants known equally well another may be taken
+    # equal except for restarts: of two instants known equally well either may be chosen
     assert gaps[1] == pytest.approx(gaps[0], rel=0.03)
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("seen", [1, 2, 1000])
-def test_an_angle_that_was_hardly_seen_takes_no_restart_away(seen: int) -> None:
+def test_an_angle_column_of_few_samples_changes_no_restart(seen: int) -> None:
     log = drive_log(rig())
     angle = np.where(np.arange(len(log.time_s)) < seen, 0.0, np.nan)
     with_angle = replace(log, columns=log.columns | {"position_rad": angle})
     np.testing.assert_array_equal(
-        load_problem([with_angle], rig()).runs[0].starts, load_problem([log], rig()).runs[0].starts
+        load_problem([with_angle], rig()).runs[0].restarts.rows,
+        load_problem([log], rig()).runs[0].restarts.rows,
     )

@@ -1,5 +1,5 @@
-"""Restarts of the model: from its own states it goes on as if nothing had happened, the output side
-that no sensor shows too.
+"""Restarts of the model: a restart from its own states does not change its motion, that of the
+output side (which no sensor shows) included.
 """
 
 import numpy as np
@@ -7,7 +7,7 @@ import pytest
 
 from made_log import MadeLog, drive_log, rig
 from vgroove import _core
-from vgroove.gap.residual.problem import load_problem
+from vgroove.gap.residual.loading import load_problem
 
 BASE = {
     "supply.voltage_v": 18.0,
@@ -88,7 +88,7 @@ def instant_current(theta: np.ndarray, t: np.ndarray, duty: np.ndarray, row: int
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_angle_at_restarts_goes_on_from_the_rest_before_the_first_edge(seed: int) -> None:
+def test_angles_at_restarts_count_from_the_rest_before_the_first_edge(seed: int) -> None:
     tool = rig(sensors={"hall_pulses_per_rev": 2})
     made = drive_log(tool, seed=seed, seconds=3.0)
     run = load_problem([made], tool).runs[0]
@@ -96,11 +96,11 @@ def test_the_angle_at_restarts_goes_on_from_the_rest_before_the_first_edge(seed:
     angle = _core.simulate_log(drive, tool.parameters()[None], np.array([0]), np.zeros((1, 3)))[
         "angle_rad"
     ][0]
-    assert len(run.starts) > 6
-    assert np.abs(run.restarts.measured[:, 2] - angle[run.starts]).max() < 0.1
+    assert len(run.restarts.rows) > 6
+    assert np.abs(run.restarts.measured[:, 2] - angle[run.restarts.rows]).max() < 0.1
 
 
-def test_a_nominal_model_that_knows_nothing_of_the_start_moves_no_angle() -> None:
+def test_a_nominal_model_far_from_the_count_shifts_no_angle() -> None:
     made, lame = drive_log(rig(), seconds=3.0), rig(motor={"inertia_kg_m2": 1.6e-3})
     rows = load_problem([made], lame).runs[0].restarts
     plain = load_problem([made], rig()).runs[0].restarts
@@ -109,7 +109,7 @@ def test_a_nominal_model_that_knows_nothing_of_the_start_moves_no_angle() -> Non
     assert np.ptp(apart) < 1e-6 and abs(apart[0]) < np.pi
 
 
-def test_a_restart_in_a_clipped_current_goes_on_with_the_current_that_runs() -> None:
+def test_a_restart_in_a_clipped_current_starts_from_the_true_current() -> None:
     tool, limit = rig(), 3.0
     triangle = [(0.05 + 0.5 * k, 1.0 - k % 2) for k in range(8)]
     made = drive_log(tool, seconds=4.0, levels=triangle, noise=False, slew_per_s=2.0)

@@ -1,5 +1,5 @@
-"""The speed at a restart: what a smooth curve through measured speeds does not follow of a swing,
-at an open bridge and at a closed one.
+"""Ripple of the speed at a restart: the part of an oscillation that a smooth curve through measured
+speeds lacks, with an open and a closed bridge.
 """
 
 from dataclasses import replace
@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vgroove.gap.residual.restarts import TRUST, Observations, Restarts, local_fit
+from vgroove.gap.residual.local_polynomial import LOCAL_FIT, Observations, local_fit
+from vgroove.gap.residual.restarts import Restarts
 from vgroove.gap.residual.speed_ripple import (
     SpeedRipple,
     add_speed_ripple,
@@ -43,20 +44,20 @@ def value(name: str) -> float:
 
 
 def pitches(
-    swing: float, periods: float, phase: float, seen: float
+    ripple: float, periods: float, phase: float, seen: float
 ) -> tuple[Observations, float, float]:
     """Edge periods, 4 a turn, of a shaft that slows down and whose speed (or, seen, whose sensor)
-    swings; true speed and angle there.
+    oscillates; true speed and angle there.
     """
     fine = np.arange(0.0, 0.2, 1e-6)
     mean = SPEED + SLOPE * (fine - INSTANT_S)
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (mean[1:] + mean[:-1]) * 1e-6)])
-    # of the angle: its rate is the swing of the speed
-    shift = swing / (periods * SPEED) * np.sin(periods * angle + phase)
+    # of the angle: its rate is the ripple of the speed
+    shift = ripple / (periods * SPEED) * np.sin(periods * angle + phase)
     edges = np.interp(np.arange(np.pi / 2.0, angle[-1] - 1.0, np.pi / 2.0), angle + shift, fine)
     value = (np.pi / 2.0) / np.diff(edges)
     at = int(INSTANT_S * 1e6)
-    true = mean[at] + (1.0 - seen) * swing * np.cos(periods * angle[at] + phase)
+    true = mean[at] + (1.0 - seen) * ripple * np.cos(periods * angle[at] + phase)
     return (
         Observations(edges[:-1], edges[1:], value, np.full(len(value), 0.05)),
         float(true),
@@ -65,60 +66,58 @@ def pitches(
 
 
 @pytest.mark.parametrize("seen", [0.0, 1.0])
-@pytest.mark.parametrize("periods, swing", [(1.0 / 5.6, 0.4), (1.0, 0.6), (2.0, 1.5), (3.0, 2.0)])
-def test_a_restart_has_the_speed_that_the_shaft_has(
-    periods: float, swing: float, seen: float
-) -> None:
+@pytest.mark.parametrize("periods, ripple", [(1.0 / 5.6, 0.4), (1.0, 0.6), (2.0, 1.5), (3.0, 2.0)])
+def test_a_restart_has_the_speed_of_the_shaft(periods: float, ripple: float, seen: float) -> None:
     errors, plain = [], []
     for phase in np.arange(8) * np.pi / 4.0:
-        observed, true, angle = pitches(swing, periods, phase, seen)
+        observed, true, angle = pitches(ripple, periods, phase, seen)
         found = local_fit(observed, INSTANT_S)
         restarts = Restarts(
             np.array([100]),
             np.array([[0.0, found.value, angle]]),
             np.array([[0.0, found.slope]]),
-            np.array([[0.0, found.bend]]),
+            np.array([[0.0, found.curvature]]),
             smoothing=(found.smoothing,),
         )
-        one = SpeedRipple(periods, np.array([swing]), np.array([phase]), of_shaft=seen == 0.0)
+        one = SpeedRipple(periods, np.array([ripple]), np.array([phase]), of_shaft=seen == 0.0)
         errors.append(found.value + unsmoothed_part(restarts, one)[0] - true)
         plain.append(found.value - true)
-    assert np.std(errors) < 0.1 * swing
-    assert np.std(plain) > 3.0 * np.std(errors) or np.std(plain) < 0.05 * swing
+    assert np.std(errors) < 0.1 * ripple
+    assert np.std(plain) > 3.0 * np.std(errors) or np.std(plain) < 0.05 * ripple
 
 
 @pytest.mark.parametrize("seen", [0.0, 1.0])
-@pytest.mark.parametrize("swing", [3.0, 20.0])
+@pytest.mark.parametrize("ripple", [3.0, 20.0])
 def test_a_large_ripple_of_the_turn_leaves_a_state_to_restart_from(
-    swing: float, seen: float
+    ripple: float, seen: float
 ) -> None:
     for phase in np.arange(8) * np.pi / 4.0:
-        observed, true, angle = pitches(swing, 1.0, phase, seen)
-        counted = replace(observed, place=np.arange(len(observed.value)) % 4, places=4)
+        observed, true, angle = pitches(ripple, 1.0, phase, seen)
+        counted = replace(observed, pitch=np.arange(len(observed.value)) % 4, pitches_per_rev=4)
         found = local_fit(counted, INSTANT_S)
-        assert found.doubt < TRUST < local_fit(observed, INSTANT_S).doubt
+        assert found.sigmas < LOCAL_FIT.max_sigmas < local_fit(observed, INSTANT_S).sigmas
         restarts = Restarts(
             np.array([100]),
             np.array([[0.0, found.value, angle]]),
             np.array([[0.0, found.slope]]),
-            np.array([[0.0, found.bend]]),
+            np.array([[0.0, found.curvature]]),
             smoothing=(found.smoothing,),
         )
-        one = SpeedRipple(1.0, np.array([swing]), np.array([phase]), of_shaft=seen == 0.0)
+        one = SpeedRipple(1.0, np.array([ripple]), np.array([phase]), of_shaft=seen == 0.0)
         assert found.value + unsmoothed_part(restarts, one)[0] == pytest.approx(
-            true, abs=0.03 * swing
+            true, abs=0.03 * ripple
         )
 
 
-def test_no_ripple_is_taken_away_where_a_place_of_the_turn_shows_no_edge() -> None:
+def test_no_pattern_is_fitted_where_a_pitch_of_the_turn_has_no_observation() -> None:
     observed, _, _ = pitches(20.0, 1.0, 0.3, 1.0)
-    three = replace(observed, place=np.arange(len(observed.value)) % 3, places=4)
+    three = replace(observed, pitch=np.arange(len(observed.value)) % 3, pitches_per_rev=4)
     assert local_fit(three, INSTANT_S) == local_fit(observed, INSTANT_S)
 
 
 @pytest.mark.parametrize("rate", [60.0, 900.0, -2500.0])
 @pytest.mark.parametrize("closed", [False, True])
-def test_the_answer_to_a_torque_is_that_of_shaft_and_winding(rate: float, closed: bool) -> None:
+def test_torque_response_is_that_of_shaft_and_winding(rate: float, closed: bool) -> None:
     inertia = 1.6e-5 + 2e-6 + 6e-5 / 5.6**2
 
     def slope(t: float, state: np.ndarray) -> list[float]:
@@ -135,12 +134,14 @@ def test_the_answer_to_a_torque_is_that_of_shaft_and_winding(rate: float, closed
         slope, (0.0, t[-1]), [0.0, 0.0], t_eval=t, max_step=period / 40.0, rtol=1e-8, atol=1e-10
     ).y[1]
     found = 2.0 * np.mean((speed - speed.mean()) * np.exp(-1j * rate * t)) / 0.01
-    run = SimpleNamespace(starts=np.array([5]), bridge_closed=np.full(10, closed))
+    run = SimpleNamespace(
+        restarts=SimpleNamespace(rows=np.array([5])), bridge_closed=np.full(10, closed)
+    )
     assert torque_response(value, run, np.array([rate]))[0] == pytest.approx(found, rel=0.02)
 
 
 @pytest.mark.parametrize("viscous", [4.5e-6, 0.0])
-def test_a_start_at_rest_and_a_parameter_set_without_a_swing_stay_as_measured(
+def test_a_start_at_rest_and_a_parameter_set_without_ripple_stay_as_measured(
     viscous: float,
 ) -> None:
     observed, _, angle = pitches(1.5, 2.0, 0.3, 0.0)
@@ -150,9 +151,7 @@ def test_a_start_at_rest_and_a_parameter_set_without_a_swing_stay_as_measured(
     restarts = Restarts(
         np.array([0, 100]), measured, np.zeros((2, 2)), np.zeros((2, 2)), smoothing=made_of
     )
-    run = SimpleNamespace(
-        restarts=restarts, starts=restarts.rows, bridge_closed=np.zeros(200, dtype=bool)
-    )
+    run = SimpleNamespace(restarts=restarts, bridge_closed=np.zeros(200, dtype=bool))
     problem = SimpleNamespace(index=NAMES.index)
     plain = np.array([VALUES[name] for name in NAMES])
     with_cogging = plain.copy()

@@ -1,5 +1,5 @@
-"""Steps of the search for sets of effects: what a set is fitted from, and when the search looks
-further than one effect.
+"""Stepwise selection: from which values a set is fitted, which members are dropped, and when two
+further effects are tried together.
 """
 
 from dataclasses import replace
@@ -10,8 +10,18 @@ import pytest
 
 from gap_toy import MODELLED, SCALES, Toy
 from vgroove.gap.catalogue import BY_ID
-from vgroove.gap.fitting.fit import Engine, Fit
-from vgroove.gap.selection import extension, search, search_state
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.selection import (
+    backward,
+    candidate_sets,
+    extension,
+    forward,
+    limits,
+    search,
+    search_state,
+)
+from vgroove.gap.selection.options import DiagnosisOptions
 
 HUMP = {
     "effects.stribeck_friction.breakaway_nm": 0.01,
@@ -22,10 +32,8 @@ HUMP = {
 
 def begun(toy: Toy) -> search_state.Search:
     """A search with the nominal and retuned fits made."""
-    rows = search_state.Rows(toy.log, toy.time_s, toy.signal, np.zeros(toy.n, bool), 0.25)
-    return search_state.begin(
-        Engine(toy, SCALES, {}), [BY_ID[i] for i in MODELLED], rows, 0, lambda _: None
-    )
+    effects = [BY_ID[i] for i in MODELLED]
+    return search_state.begin(Engine(toy, SCALES, {}), effects, DiagnosisOptions())
 
 
 def fit_at(
@@ -37,26 +45,26 @@ def fit_at(
     return state.engine.fit([replace(h, start=np.clip(start, h.low, h.high))], rounds)[0]
 
 
-def test_a_leaner_set_starts_again_from_the_fuller_one() -> None:
+def test_a_leaner_set_is_fitted_from_the_fuller_sets_values_too() -> None:
     state = begun(Toy(HUMP))
     pair, triple = (
         ("current_gain", "stribeck_friction"),
         ("current_gain", "quadratic_drag", "stribeck_friction"),
     )
     astray = fit_at(state, {"effects.stribeck_friction.speed_rad_s": 5.0}, pair, 0)
-    state.fits |= {pair: astray, triple: fit_at(state, HUMP, triple, 6)}
+    state.fits.update({pair: astray, triple: fit_at(state, HUMP, triple, 6)})
     assert state.score(astray) > 1.2
-    best = search.backward(state, state.fits[triple])
+    best = backward.backward(state, state.fits[triple])
     assert search_state.key(best.ids) == pair and state.score(best) < 1.05
 
 
-def test_a_member_that_stands_in_for_the_true_one_is_exchanged() -> None:
+def test_a_member_that_imitates_the_true_one_is_exchanged() -> None:
     truth = {"effects.coulomb_friction.torque_nm": 0.006, "effects.current_gain.relative": -0.08}
     state = begun(Toy(truth))
     wrong, pair = ("current_gain", "quadratic_drag"), ("coulomb_friction", "current_gain")
     state.fits[wrong] = fit_at(state, {}, wrong, 6)
     assert state.score(state.fits[wrong]) > 1.2 and pair not in state.fits
-    best = search.exchanged(state, state.fits[wrong])
+    best = search.exchange_members(state, state.fits[wrong])
     assert search_state.key(best.ids) == pair and state.score(best) < 1.05
 
 
@@ -74,14 +82,14 @@ def test_a_member_that_stands_in_for_the_true_one_is_exchanged() -> None:
         (("transport_delay",), "inductance", False),
     ],
 )
-def test_what_enters_none_of_the_others_equations_works_elsewhere(
+def test_an_effect_in_equations_that_the_others_do_not_reach_acts_elsewhere(
     others: tuple[str, ...], member: str, elsewhere: bool
 ) -> None:
-    scored = SimpleNamespace(score=lambda one: one.left, level=lambda: 1.0)
+    scored = SimpleNamespace(score=lambda one: one.left, noise_power=lambda: 1.0)
     leaner = SimpleNamespace(ids=others, left=3.0)
     for left, larger_part in ((1.9, True), (2.1, False)):
         best = SimpleNamespace(ids=(*others, member), left=left)
-        assert search.works_elsewhere(scored, best, leaner) is (elsewhere and larger_part)
+        assert backward.acts_elsewhere(scored, best, leaner) is (elsewhere and larger_part)
 
 
 @pytest.mark.parametrize(
@@ -96,8 +104,8 @@ def test_what_enters_none_of_the_others_equations_works_elsewhere(
 def test_a_small_effect_in_other_equations_is_kept(
     first: str, gain: float, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Retuning leaves 104, the first effect 4: a hundredth of what it closes is enough in equations
-    that its form does not reach.
+    """Retuning leaves 104, the first effect 4: a member that acts in equations beyond the
+    first one's reach needs to gain a hundredth of what the first closes.
     """
     left = {
         "": 104.0,
@@ -111,24 +119,28 @@ def test_a_small_effect_in_other_equations_is_kept(
 
     state = SimpleNamespace(
         score=lambda one: one.left,
-        level=lambda: 1.0,
+        noise_power=lambda: 1.0,
         retuned=fit_of(),
-        least_gain=lambda one: 0.1,
-        by_signal=lambda one, clip: np.array([one.left]),
+        min_gain=lambda one: 0.1,
+        loss_by_signal=lambda one, clip: np.array([one.left]),
     )
     monkeypatch.setattr(
-        search, "without", lambda _, best, i: fit_of(*(j for j in best.ids if j != i))
+        backward, "fit_without", lambda _, best, i: fit_of(*(j for j in best.ids if j != i))
     )
     assert (
-        search.trimmed(state, fit_of(first, "supply_resistance"), search.FORM_SHARE).ids
+        backward.drop_form_corrections(
+            state, fit_of(first, "supply_resistance"), limits.STEPWISE.max_form_share
+        ).ids
         == (first, "supply_resistance")
     ) is kept
 
 
 @pytest.mark.parametrize(("second", "named"), [("coulomb_friction", True), ("current_gain", False)])
-def test_what_a_form_leaves_lies_where_the_effect_shows(second: str, named: bool) -> None:
-    """Beside a large offset of the current a small friction, which the speed shows too, is no form
-    of it; a small gain may be.
+def test_a_form_error_shows_in_the_signals_in_which_the_effect_shows(
+    second: str, named: bool
+) -> None:
+    """Beside a large offset of the current a small friction is no form error of the offset, because
+    the speed shows it too; a small gain of the current may be one.
     """
     small = {
         "coulomb_friction": {"effects.coulomb_friction.torque_nm": 0.002},
@@ -138,18 +150,18 @@ def test_what_a_form_leaves_lies_where_the_effect_shows(second: str, named: bool
     state = begun(Toy(truth))
     pair = search_state.key(("current_offset", second))
     state.fits[pair] = fit_at(state, truth, pair, 6)
-    alone = state.add([state.engine.hypotheses([BY_ID["current_offset"]])[0]])[0]
-    assert state.better(state.fits[pair], alone)
-    assert state.score(alone) - state.score(state.fits[pair]) < search.FORM_SHARE * (
+    alone = state.fit_and_keep([state.engine.hypotheses([BY_ID["current_offset"]])[0]])[0]
+    assert state.is_better(state.fits[pair], alone)
+    assert state.score(alone) - state.score(state.fits[pair]) < limits.STEPWISE.max_form_share * (
         state.score(state.retuned) - state.score(alone)
     )
-    assert search.trimmed(state, state.fits[pair], search.FORM_SHARE) is (
-        state.fits[pair] if named else alone
-    )
+    assert backward.drop_form_corrections(
+        state, state.fits[pair], limits.STEPWISE.max_form_share
+    ) is (state.fits[pair] if named else alone)
 
 
 class Stepped:
-    """A search whose sets have given squared gaps; a set is better by `worth`, and only if its step
+    """A search whose sets have given squared gaps; a set is better if it gains `worth` and its step
     is significant.
     """
 
@@ -162,33 +174,37 @@ class Stepped:
     def ranked(self, size: int) -> list[SimpleNamespace]:
         return self.sets[size : size + 1]
 
-    def add(self, _: list[SimpleNamespace]) -> None:
+    def fit_and_keep(self, _: list[SimpleNamespace]) -> None:
         """All are fitted."""
 
     def score(self, one: SimpleNamespace) -> float:
         return one.gap
 
-    def better(
-        self, fuller: SimpleNamespace, leaner: SimpleNamespace, worth: float = search_state.WORTH
+    def is_better(
+        self,
+        fuller: SimpleNamespace,
+        leaner: SimpleNamespace,
+        worth: float = search_state.COMPARISON.min_gain,
     ) -> bool:
         steps = len(fuller.ids) - len(leaner.ids)
         return leaner.gap - fuller.gap > worth and (steps > 1 or self.significant[len(fuller.ids)])
 
-    def least_gain(self, leaner: SimpleNamespace) -> float:
-        return search_state.WORTH
+    def min_gain(self, leaner: SimpleNamespace) -> float:
+        return search_state.COMPARISON.min_gain
 
-    def level(self) -> float:
+    def noise_power(self) -> float:
         return 1.0
 
-    def visible(self, one: SimpleNamespace) -> bool:
+    def closes_visible_gap(self, one: SimpleNamespace) -> bool:
         return True
 
-    leaves_a_gap = search_state.Search.leaves_a_gap
+    leaves_gap = search_state.Search.leaves_gap
+    excess_power = search_state.Search.excess_power
 
 
-# Squared gaps of the sets of 0, 1, 2, ... effects; whether the second alone is significant; how
-# many are found. The least gap: 1.21. Two may not be what the first's form leaves, a tenth of what
-# it closes, and must close the larger part of the rest.
+# Squared gaps of the sets of 0, 1, 2, ... effects; whether the second step is significant; how
+# many effects are found. The smallest visible gap is 1.21. Two further effects are tried if the set
+# leaves more than a tenth of what it closes (form errors) and if they close the larger part of it.
 @pytest.mark.parametrize(
     ("gaps", "second", "found"),
     [
@@ -206,19 +222,19 @@ class Stepped:
         ([9.0, 4.0, 3.0, 2.49], False, 3),
     ],
 )
-def test_two_further_effects_are_looked_for_while_a_gap_is_left(
+def test_two_further_effects_are_tried_while_a_gap_is_left(
     gaps: list[float], second: bool, found: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     state = Stepped(gaps, {1: True, 2: second, 3: True})
-    monkeypatch.setattr(search, "simplest", lambda _, best, base=None: best)
-    monkeypatch.setattr(search, "rescale", lambda _: None)
-    monkeypatch.setattr(search, "deepest_minimum", lambda _, best: best)
-    monkeypatch.setattr(search, "distinct", lambda promised: promised)
-    monkeypatch.setattr(search, "extensions", lambda state, base: state.ranked(len(base.ids) + 1))
+    monkeypatch.setattr(forward, "prefer_special_cases", lambda _, best, base=None: best)
+    monkeypatch.setattr(forward, "rescale", lambda state: state)
+    monkeypatch.setattr(forward, "deepest_minimum", lambda _, best: best)
+    monkeypatch.setattr(forward, "distinct_hypotheses", lambda promised: promised)
+    monkeypatch.setattr(forward, "extensions", lambda state, base: state.ranked(len(base.ids) + 1))
     monkeypatch.setattr(
-        search, "grow", lambda state, base: next(iter(state.ranked(len(base.ids) + 1)), None)
+        forward, "grow", lambda state, base: next(iter(state.ranked(len(base.ids) + 1)), None)
     )
-    assert len(search.forward(state).ids) == found
+    assert len(forward.forward(state)[1].ids) == found
 
 
 @pytest.mark.parametrize(
@@ -229,11 +245,11 @@ def test_two_further_effects_are_looked_for_while_a_gap_is_left(
         (4.40, None, "coulomb_friction"),
     ],
 )
-def test_a_special_case_that_gains_nothing_over_the_base_takes_no_place(
+def test_a_special_case_that_gains_nothing_over_the_base_does_not_replace_the_general_effect(
     special: float, base: float | None, named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The general effect is not significantly better, in so few blocks; but the special one would
-    end the growth of the set.
+    """The general effect is not significantly better in so few blocks; but with the special case
+    the set would stop growing.
     """
 
     def fit_of(left: float, *ids: str) -> SimpleNamespace:
@@ -241,12 +257,12 @@ def test_a_special_case_that_gains_nothing_over_the_base_takes_no_place(
 
     state = SimpleNamespace(
         score=lambda one: one.left,
-        least_gain=lambda one: 0.1,
-        better=lambda fuller, leaner, worth: False,
+        min_gain=lambda one: 0.1,
+        is_better=lambda fuller, leaner, worth: False,
         effects=[BY_ID["coulomb_friction"], BY_ID["asymmetric_friction"]],
     )
-    monkeypatch.setattr(search, "fit_set", lambda _, ids, near: fit_of(special, *ids))
-    found = search.simplest(
+    monkeypatch.setattr(candidate_sets, "fit_set", lambda _, ids, near: fit_of(special, *ids))
+    found = candidate_sets.prefer_special_cases(
         state,
         fit_of(3.0, "speed_gain", "asymmetric_friction"),
         None if base is None else fit_of(base, "speed_gain"),
@@ -254,9 +270,9 @@ def test_a_special_case_that_gains_nothing_over_the_base_takes_no_place(
     assert found.ids == ("speed_gain", named)
 
 
-def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
-    """Where it ended alone it may have done another effect's work: kept to those numbers it gains
-    little beside the other.
+def test_an_effect_of_many_starts_is_restarted_beside_another() -> None:
+    """Alone it may converge to values that imitate another effect; from those values it gains
+    little beside that effect.
     """
     state, stribeck = begun(Toy(HUMP)), BY_ID["stribeck_friction"]
     gain = state.engine.fit(state.engine.hypotheses([BY_ID["current_gain"]]))[0]
@@ -264,46 +280,50 @@ def test_an_effect_of_many_starts_begins_anew_beside_another() -> None:
         fit_at(state, {"effects.stribeck_friction.speed_rad_s": 5.0}, ("stribeck_friction",), 0)
     )
     kept = extension.starts_beside(state, gain, stribeck)
-    assert len(kept) == 1 and len(extension.starts_beside(state, gain, stribeck, anew=True)) == 3
+    assert len(kept) == 1 and len(extension.starts_beside(state, gain, stribeck, restart=True)) == 3
     astray = min(
-        extension.first_order(state, gain, one).held.std()
-        for one in extension.differenced(state, gain, kept)
+        extension.first_order(state, gain, one).out_of_fold.std()
+        for one in extension.differentiate_added(state, gain, kept)
     )
     found = extension.restarted_extensions(state, gain)
     assert [one.ids for one in found] == [("current_gain", "stribeck_friction")]
-    assert found[0].held.std() < 0.9 * astray
+    assert found[0].out_of_fold.std() < 0.9 * astray
 
 
-def test_what_comes_near_the_best_goes_on_until_it_has_converged() -> None:
+def test_fits_near_the_best_are_continued_to_convergence() -> None:
     state = begun(Toy(HUMP))
     near, far = (
         fit_at(state, {"effects.stribeck_friction.speed_rad_s": 200.0}, ids, 0).hypothesis
         for ids in (("current_gain", "stribeck_friction"), ("winding_resistance",))
     )
     brief = state.engine.fit([near, far], 1)
-    assert all(one.moving for one in brief) and state.near(brief) == brief[:1]
-    found = state.add([near, far], 1)
+    assert all(one.improving for one in brief) and state.near_best(brief) == brief[:1]
+    found = state.fit_and_keep([near, far], 1)
     assert (
         found[0].cost
-        == state.engine.fit([near], search_state.CONVERGED)[0].cost
+        == state.engine.fit([near], search_state.COMPARISON.max_rounds)[0].cost
         < brief[0].cost - 100.0
     )
-    assert not found[0].moving and found[1].moving and found[1].cost == brief[1].cost
+    assert not found[0].improving and found[1].improving and found[1].cost == brief[1].cost
 
 
 def test_a_set_is_fitted_in_each_of_its_forms() -> None:
-    """A lag and a delay, the logger's clock and the command's: no slope leads from one form to
-    another, whichever the related fit has.
+    """A lag and a delay, the logger's clock and the command's: no gradient leads from one form
+    to another, whichever the related fit has.
     """
     state = begun(Toy({}))
     state.effects.append(BY_ID["speed_lag"])
     related = state.engine.hypotheses([BY_ID["current_gain"], BY_ID["speed_lag"]])[-1]
     near = state.engine.fit([replace(related, start=np.full(len(related.start), 0.5))], 0)[0]
-    tried = search.started(state, ["speed_lag", "clock_skew"], near)
+    tried = candidate_sets.hypotheses_near(state, ["speed_lag", "clock_skew"], near)
     assert len({h.fixed for h in tried}) == len(tried) == 4 and all(
         h.start[0] == 0.5 for h in tried
     )
     assert (
-        len(search.distinct([near, near, replace(near, hypothesis=replace(related, fixed=()))]))
+        len(
+            candidate_sets.distinct_hypotheses(
+                [near, near, replace(near, hypothesis=replace(related, fixed=()))]
+            )
+        )
         == 2
     )

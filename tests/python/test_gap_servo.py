@@ -1,8 +1,8 @@
-"""Servos that swing a pendulum, logged by a coarse angle alone: frictions that a speed from row to
-row would drown in the encoder's steps.
+"""Servos that move a pendulum, logged by a coarse angle alone: their friction is below the noise of
+speeds from row to row, which the encoder's steps make.
 
-The servo is not the plant's: bristles (LuGre) instead of a sign, steps of 0.1 ms, a position loop
-that holds its voltage for a row.
+The servo is not that of the plant: bristles (LuGre) instead of a sign, steps of 0.1 ms, a position
+loop that holds its voltage for a row.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from made_log import MadeLog
-from vgroove.gap.diagnose import diagnose
+from vgroove.gap import diagnose
 from vgroove.rig import Rig, rig_from_dict
 
 STEP_S, ROW_S, LOG_S, COUNTS = 1e-4, 0.005, 8.0, 4096
@@ -29,7 +29,7 @@ GAIN_V_PER_RAD, LIMIT_V = 30.0, 15.0
 
 
 def servo_rig() -> Rig:
-    """The servo with the frictions that its maker states: everything at the output, gear ratio 1."""
+    """The servo with the frictions that its maker states, all at the output; gear ratio 1."""
     return rig_from_dict(
         {
             "schema": "vgroove.rig/1",
@@ -53,7 +53,7 @@ def strokes(time_s: float) -> float:
 
 
 def lift(time_s: float) -> float:
-    """Up slowly, held, and let go."""
+    """Raised slowly, held, and released."""
     return 0.8 * min(time_s, 2.0) if time_s < 3.0 else 0.0
 
 
@@ -64,7 +64,7 @@ def servo_log(
     viscous: float = 0.0,
 ) -> MadeLog:
     """Log of a servo that follows wanted(time_s), rad, with more friction than its rig states:
-    constant, a share of the load, viscous.
+    coulomb_nm in N m, load as a share of the load torque, viscous in N m s/rad.
     """
     lsb, rows = 2.0 * np.pi / COUNTS, round(LOG_S / ROW_S)
     ohm, nm_per_a, inertia = (
@@ -117,10 +117,10 @@ def servo_log(
     ],
     ids=["nothing", "coulomb", "load", "viscous"],
 )
-def test_friction_of_a_servo_is_told_by_a_coarse_angle_alone(
+def test_friction_of_a_servo_is_identified_from_a_coarse_angle_alone(
     wanted: Callable[[float], float], more: dict[str, float], effect: str, size: float
 ) -> None:
-    verdict = diagnose([servo_log(wanted, **more)], servo_rig()).verdict
+    verdict = diagnose([servo_log(wanted, **more)], servo_rig()).as_dict()
     assert (verdict["verdict"], verdict["selected"]) == (
         ("effect", [effect]) if effect else ("none", [])
     )

@@ -1,5 +1,5 @@
-"""Several logs of one tool judged together, the run proposed where one log cannot decide, and what
-a gap and its remainder follow.
+"""Several logs of one tool diagnosed together; the run proposed where one log does not decide; what
+a gap and its remainder depend on.
 """
 
 from dataclasses import replace
@@ -10,7 +10,7 @@ import pytest
 
 from made_log import MadeLog, drive_log, rig
 from vgroove import _core
-from vgroove.gap.diagnose import diagnose
+from vgroove.gap import diagnose
 from vgroove.gap.next_run.experiment_design import propose
 from vgroove.gap.next_run.menu import MENU, feasible_profiles, profile_named, time_grid
 from vgroove.gap.simulate import compute_gap
@@ -26,7 +26,7 @@ def every_second(made: MadeLog) -> MadeLog:
     return MadeLog(made.time_s[::2], columns, "half rate")
 
 
-def test_logs_of_other_length_rate_and_columns_are_judged_together() -> None:
+def test_logs_of_different_length_rate_and_columns_are_diagnosed_together() -> None:
     tool = rig(effects={"coulomb_friction": {"torque_nm": 0.003}})
     long, short = (
         drive_log(tool),
@@ -44,7 +44,7 @@ def test_logs_of_other_length_rate_and_columns_are_judged_together() -> None:
         short, columns=short.columns | {"position_rad": np.round(angle / 0.001) * 0.001}
     )
     found = diagnose([long, short], rig())
-    verdict = found.verdict
+    verdict = found.as_dict()
     assert (verdict["verdict"], verdict["selected"]) == ("effect", ["coulomb_friction"])
     torque = verdict["effects"][0]["parameters"]["torque_nm"]
     assert (
@@ -67,7 +67,7 @@ def test_logs_of_other_length_rate_and_columns_are_judged_together() -> None:
 def test_the_proposed_run_decides_what_one_log_leaves_open() -> None:
     tool = rig(effects={"viscous_friction": {"nm_s_per_rad": 6e-7}})
     one = drive_log(tool, seconds=2.0, levels=[(0.2, 0.5)])  # one speed: any friction does
-    open_ = diagnose([one], rig()).verdict
+    open_ = diagnose([one], rig()).as_dict()
     assert open_["verdict"] == "ambiguous"
     assert "viscous_friction" in [
         *open_["selected"],
@@ -83,11 +83,11 @@ def test_the_proposed_run_decides_what_one_log_leaves_open() -> None:
     two = drive_log(
         tool, seed=5, seconds=4.0, levels=[tuple(point) for point in proposed["points"]]
     )
-    both = diagnose([one, two], rig()).verdict
+    both = diagnose([one, two], rig()).as_dict()
     assert (both["verdict"], both["selected"]) == ("effect", ["viscous_friction"])
 
 
-def test_a_run_is_only_proposed_to_a_tool_that_can_do_it() -> None:
+def test_only_runs_that_the_tool_can_perform_are_proposed() -> None:
     names = {c.name for c in feasible_profiles(has_duty=False, has_load=False, both_ways=False)}
     assert names == {"staircase", "stall pulse", "slow sweep", "hold at heat", "fast ramps"}
     assert {c.name for c in feasible_profiles(has_duty=True, has_load=True, both_ways=True)} == {
@@ -107,44 +107,46 @@ def test_a_run_is_only_proposed_to_a_tool_that_can_do_it() -> None:
         (None, 0.5, "staircase"),
     ],
 )
-def test_what_repeats_a_remainder_is_a_run_that_the_tool_can_do(
+def test_an_unlisted_gap_asks_for_the_run_of_its_correlate(
     follows_: str | None, torque: float, name: str
 ) -> None:
     log = MadeLog(
         np.arange(3.0), {"duty": np.array([0.0, 0.5, 1.0]), "load_nm": np.full(3, torque)}
     )
     problem = SimpleNamespace(rig=rig(load={"kind": "torque"}), logs=[log])
-    finding = SimpleNamespace(verdict="unlisted", left=SimpleNamespace(best_correlate=follows_))
+    finding = SimpleNamespace(
+        verdict="unlisted", remainder=SimpleNamespace(best_correlate=follows_)
+    )
     asked = propose(problem, None, finding)
-    assert asked["profile"] == name and asked["points"] == profile_named(name).points()
+    assert asked.profile == name and asked.points == profile_named(name).points()
 
 
-def test_a_curve_over_what_is_followed_gains_what_is_there() -> None:
+def test_a_smooth_curve_gains_what_depends_on_the_covariate() -> None:
     rng = np.random.default_rng(1)
     speed, cluster = rng.uniform(-100.0, 100.0, 4000), np.arange(4000) // 50
     noise = rng.standard_normal(4000)
     bent = noise + 2.0 * np.abs(speed) / 100.0
-    driver = correlates.Driver("speed", speed)
-    assert correlates.gained(bent, driver, cluster) == pytest.approx(
+    driver = correlates.Covariate("speed", speed)
+    assert correlates.cross_validated_gain(bent, driver, cluster) == pytest.approx(
         1.0 - 1.0 / np.mean(bent**2), abs=0.03
     )
-    assert correlates.gained(noise, driver, cluster) < 0.01
+    assert correlates.cross_validated_gain(noise, driver, cluster) < 0.01
     x, y = correlates.smooth_curve(bent, driver)
     assert np.interp([-80.0, 0.0, 80.0], x, y) == pytest.approx([1.6, 0.05, 1.6], abs=0.3)
-    assert correlates.looks(x, y, driver) == "grows with speed"
+    assert correlates.describe_curve(x, y, driver) == "grows with speed"
 
 
-def test_a_driver_that_mostly_stands_still_has_a_smooth_curve_too() -> None:
+def test_a_covariate_that_is_mostly_constant_has_a_smooth_curve() -> None:
     rng = np.random.default_rng(4)
     crowded = 3e-7 * np.concatenate([1e-5 * rng.standard_normal(1200), rng.uniform(-1.0, 1.0, 400)])
     x, y = correlates.smooth_curve(
-        2e7 * crowded + 0.1 * rng.standard_normal(1600), correlates.Driver("speed", crowded)
+        2e7 * crowded + 0.1 * rng.standard_normal(1600), correlates.Covariate("speed", crowded)
     )
     assert np.all(np.diff(x) > 1e-4 * np.ptp(x))
     assert np.interp([-2e-7, 0.0, 2e-7], x, y) == pytest.approx([-4.0, 0.0, 4.0], abs=0.2)
 
 
-def test_a_line_of_the_spectrum_is_found_and_noise_has_none() -> None:
+def test_a_spectral_line_is_found_and_noise_has_none() -> None:
     rng = np.random.default_rng(2)
     time_s, noise = np.sort(rng.uniform(0.0, 6.0, 5000)), rng.standard_normal(5000)
     assert correlates.spectral_line(noise, time_s) is None
@@ -152,7 +154,7 @@ def test_a_line_of_the_spectrum_is_found_and_noise_has_none() -> None:
         noise + 0.7 * np.sin(2.0 * np.pi * 50.0 * time_s), time_s
     ) == pytest.approx(50.0, abs=0.1)
     angle = 300.0 * time_s
-    found = correlates.lines(
+    found = correlates.spectral_covariates(
         noise + 0.7 * np.sin(0.37 * angle), time_s, angle, 1.0, np.zeros(5000, int)
     )
     assert [d.name for d in found if "0.37" in d.name] == ["output angle, 0.37 periods a turn"]

@@ -1,5 +1,5 @@
-"""Measured states to restart from: the width of the local fit follows noise and bend, and never
-reaches across a reversal.
+"""Local polynomial regression and measured states: the width of a fit follows noise and curvature,
+and no fit crosses a reversal.
 """
 
 from dataclasses import replace
@@ -13,7 +13,9 @@ from vgroove.gap.cleaning.sensor_noise import (
     position_noise_sigma,
     position_sigma,
 )
-from vgroove.gap.residual.restarts import KnownForce, Observations, Restarts, local_fit
+from vgroove.gap.residual.local_polynomial import KnownForce, Observations, local_fit
+from vgroove.gap.residual.restarts import Restarts
+from vgroove.gap.residual.sensors import SensorErrors
 from vgroove.rig import read_rig
 
 TIME = np.arange(200) * 1e-3
@@ -29,10 +31,10 @@ def test_noise_on_a_smooth_motion_is_averaged_over_many_rows() -> None:
         local_fit(seen(300.0 + 50.0 * TIME + rng.normal(size=200), 1.0), 0.1).value - 305.0
         for _ in range(200)
     ]
-    assert np.std(errors) < 0.42  # eight rows alone leave 0.53
+    assert np.std(errors) < 0.42  # with eight rows it is 0.53
 
 
-def test_a_bend_is_followed_by_few_rows() -> None:
+def test_a_kink_is_fitted_with_few_rows() -> None:
     bent = np.where(TIME < 0.1, 10.0, 10.0 + 2000.0 * (TIME - 0.1))
     assert local_fit(seen(bent, 0.1), 0.104).value == pytest.approx(18.0, abs=1.5)
     assert local_fit(seen(bent, 0.1), 0.085).value == pytest.approx(10.0, abs=0.05)
@@ -43,20 +45,20 @@ RIPPLE = KnownForce(TIME, np.where(np.arange(200) // 8 % 2 == 0, 4000.0, -2500.0
 
 
 @pytest.mark.parametrize("length", [0.0, 0.7e-3, 5.3e-3])
-def test_a_known_force_costs_a_state_nothing_whatever_it_does(length: float) -> None:
+def test_a_known_force_adds_no_uncertainty_to_a_state(length: float) -> None:
     noise, start, end = np.random.default_rng(4).normal(size=200), TIME - length, TIME
     start = np.maximum(start, 0.0)
     still = Observations(start, end, 300.0 + noise, np.ones(200))
-    driven = replace(still, value=still.value + RIPPLE.means(start, end), driven=RIPPLE)
+    driven = replace(still, value=still.value + RIPPLE.means(start, end), known_force=RIPPLE)
     for instant in (0.07, 0.0842, 0.1):
         true = 300.0 + RIPPLE.at(np.array([instant]))[0][0]
-        found, alone = local_fit(driven, instant), local_fit(still, instant)
-        assert found.value - true == pytest.approx(alone.value - 300.0, abs=1e-9)
-        assert found.doubt == pytest.approx(alone.doubt)
-        assert local_fit(replace(driven, driven=None), instant).doubt > 1.5 * found.doubt
+        found, plain = local_fit(driven, instant), local_fit(still, instant)
+        assert found.value - true == pytest.approx(plain.value - 300.0, abs=1e-9)
+        assert found.sigmas == pytest.approx(plain.sigmas)
+        assert local_fit(replace(driven, known_force=None), instant).sigmas > 1.5 * found.sigmas
 
 
-def test_what_a_known_force_does_over_spans_is_its_integral() -> None:
+def test_the_means_of_a_known_force_over_spans_are_its_integral() -> None:
     fine = np.linspace(0.0, 0.199, 19901)
     speed = np.concatenate(
         [[0.0], np.cumsum(RIPPLE.rate[np.searchsorted(TIME, 0.5 * (fine[1:] + fine[:-1]))] * 1e-5)]
@@ -69,13 +71,15 @@ def test_what_a_known_force_does_over_spans_is_its_integral() -> None:
     )
 
 
-def test_the_slope_of_a_driven_speed_is_that_of_the_speed() -> None:
+def test_slope_with_a_known_force_is_that_of_the_whole_speed() -> None:
     steady = KnownForce(TIME, np.full(200, 500.0))
-    found = local_fit(replace(seen(500.0 * TIME - 80.0 * TIME, 0.1), driven=steady), 0.1)
-    assert (found.value, found.slope, found.bend) == pytest.approx((42.0, 420.0, 0.0), abs=1e-6)
+    found = local_fit(replace(seen(500.0 * TIME - 80.0 * TIME, 0.1), known_force=steady), 0.1)
+    assert (found.value, found.slope, found.curvature) == pytest.approx(
+        (42.0, 420.0, 0.0), abs=1e-6
+    )
 
 
-def test_no_fit_reaches_across_a_reversal() -> None:
+def test_no_fit_crosses_a_reversal() -> None:
     rng = np.random.default_rng(2)
     turning = np.where(TIME < 0.1, 40.0 * (TIME - 0.1), 80.0 * (TIME - 0.1)) + 0.3 * rng.normal(
         size=200
@@ -118,7 +122,7 @@ def test_a_position_is_never_finer_than_its_step() -> None:
 
 
 @pytest.mark.parametrize("from_angle, speed", [(True, 102.0), (False, 80.0)])
-def test_differences_of_an_angle_know_the_loggers_clock_and_no_speed_sensor(
+def test_differences_of_an_angle_depend_on_the_loggers_clock_and_on_no_speed_sensor(
     from_angle: bool, speed: float
 ) -> None:
     found = Restarts(
@@ -129,11 +133,11 @@ def test_differences_of_an_angle_know_the_loggers_clock_and_no_speed_sensor(
         from_angle,
     )
     gain, offset, lag = np.array([[1.0, 1.1]]), np.array([[0.0, 0.0]]), np.array([[0.0, 0.01]])
-    state = found.states(gain, offset, lag, np.array([False]), np.array([1.02]))[0, 0]
+    state = found.states(SensorErrors(gain, offset, lag, np.array([False]), np.array([1.02])))[0, 0]
     assert state == pytest.approx([3.0, speed, 0.0])
 
 
-def test_behind_a_clipped_current_is_what_the_motion_asks_for() -> None:
+def test_a_clipped_current_is_replaced_by_the_current_that_the_motion_needs() -> None:
     found = Restarts(
         np.array([0]),
         np.array([[-5.0, 100.0, 0.0]]),
@@ -142,8 +146,7 @@ def test_behind_a_clipped_current_is_what_the_motion_asks_for() -> None:
         motion_a=np.array([-30.0]),
     )
     none, sets = np.zeros((4, 2)), np.ones(4)
-    states = found.states(
-        none + 1.0, none, none, sets == 0.0, sets, np.array([np.inf, 5.0, 5.5, 5.6])
-    )
+    limit_a = np.array([np.inf, 5.0, 5.5, 5.6])
+    states = found.states(SensorErrors(none + 1.0, none, none, sets == 0.0, sets, limit_a))
     assert states[:, 0, 0] == pytest.approx([-5.0, -30.0, -30.0, -5.0])
     assert np.all(states[:, 0, 1] == 100.0)

@@ -1,5 +1,5 @@
-"""Decisions on a problem with known answers: none, one effect, pairs, true ties, gaps outside the
-catalogue, and the figures reported.
+"""Decisions on a problem with known answers: none, one effect, pairs, ties, gaps outside the
+catalogue; bootstrap intervals; the reported figures.
 """
 
 from dataclasses import replace
@@ -11,17 +11,19 @@ import pytest
 from gap_toy import KINDS, MODELLED, SCALES, Toy
 from vgroove.gap.catalogue import BY_ID
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Engine
-from vgroove.gap.selection import search, search_state
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.selection import forward, intervals, limits, search, search_state
 from vgroove.gap.selection.model_comparison import (
     Blocks,
-    few_blocks,
-    interval,
-    least_loss,
+    difference_interval,
+    fixed_design_bound,
     make_blocks,
-    typical_interval,
+    small_sample_factor,
+    typical_value_interval,
 )
-from vgroove.gap.verdict import decision, location
+from vgroove.gap.selection.options import DiagnosisOptions
+from vgroove.gap.verdict import decision, effect_findings, gap_figures, remainder
+from vgroove.gap.verdict.schema import EffectFinding
 
 FLOOR = 1.0
 
@@ -36,25 +38,22 @@ def decided(
     kinds = KINDS - ({"both"} if one_way else set())
     effects = [BY_ID[i] for i in MODELLED if set(BY_ID[i].needs) <= kinds and i not in without]
     engine = Engine(toy, SCALES, tolerance or {})
-    rows = search_state.Rows(toy.log, toy.time_s, toy.signal, np.zeros(toy.n, bool), 0.25)
-    state = search_state.begin(engine, effects, rows, 0, lambda _: None)
-    best, rivals = search.run(state)
+    selection = search.select(search_state.begin(engine, effects, DiagnosisOptions()))
     drivers = {"speed": np.tile(toy.measured_rows[1], 3), "time": toy.time_s}
-    left = location.remaining(
-        state, best, drivers, toy.signal, ["current_a", "speed_rpm", "supply_v"], FLOOR
-    )
-    return state, decision.decide(state, best, rivals, left, FLOOR)
+    left = remainder.remaining(selection.search, selection.best, drivers)
+    return selection.search, decision.decide(selection, left)
 
 
 def named(toy: Toy, finding: tuple) -> list[str]:
     """Selected effects."""
-    return decision.selected(finding[0], toy, finding[1], FLOOR)
+    return effect_findings.selected(*finding)
 
 
-def effects_of(toy: Toy, finding: tuple) -> list[dict]:
-    """The verdict's list of effects, with numbers as the search made them."""
-    return decision.effects_section(
-        toy, finding[0], finding[1], FLOOR, decision.estimate_of(finding[0], finding[1].best)
+def effects_of(toy: Toy, finding: tuple) -> list[EffectFinding]:
+    """The verdict's list of effects, with parameter values as the search made them."""
+    state, decided_ = finding
+    return effect_findings.effect_findings(
+        state, decided_, intervals.estimate_of(state, decided_.best)
     )
 
 
@@ -69,8 +68,8 @@ def test_what_three_sigma_explain_is_none() -> None:
     toy = Toy({"motor.resistance_ohm": 0.19 * 1.04})
     found = decided(toy, {"motor.resistance_ohm": 0.02})
     assert found[1].verdict == "none"
-    assert decision.gap_of(toy, found[0].nominal.held) > 1.1
-    assert decision.estimate_of(found[0], found[1].best).tolerated()[
+    assert search_state.reported_gap(toy, found[0].nominal) > 1.1
+    assert intervals.estimate_of(found[0], found[1].best).retuned_parameters()[
         "motor.resistance_ohm"
     ] == pytest.approx(0.19 * 1.04, rel=0.01)
 
@@ -97,7 +96,7 @@ def test_one_effect_is_named(name: str, size: float) -> None:
     toy = Toy({f"effects.{name}": size})
     found = decided(toy)
     assert (found[1].verdict, named(toy, found)) == ("effect", [name.split(".")[0]])
-    assert decision.gap_section(toy, found[0], found[1].best, FLOOR)["after"] < 1.02
+    assert gap_figures.gap_figures(found[0], found[1].best).after < 1.02
 
 
 def test_a_pair_is_named_strongest_first() -> None:
@@ -107,20 +106,20 @@ def test_a_pair_is_named_strongest_first() -> None:
     found = decided(toy)
     assert (found[1].verdict, named(toy, found)) == ("effect", ["coulomb_friction", "current_gain"])
     effects = effects_of(toy, found)
-    assert [e["id"] for e in effects[:2]] == ["coulomb_friction", "current_gain"]
+    assert [e.id for e in effects[:2]] == ["coulomb_friction", "current_gain"]
     # of 12 blocks
-    assert all(e["probability"] > 0.5 and e["lost_without"] > 0.0 for e in effects[:2])
-    assert all(e["probability"] < 0.1 for e in effects[2:])
+    assert all(e.probability > 0.5 and e.lost_without > 0.0 for e in effects[:2])
+    assert all(e.probability < 0.1 for e in effects[2:])
 
 
 @pytest.mark.parametrize(
     "offset_a,names", [(0.4, ["coulomb_friction", "current_offset"]), (0.12, ["coulomb_friction"])]
 )
-def test_what_closes_less_than_the_forms_of_the_others_may_leave_is_not_named(
+def test_a_member_within_the_form_error_of_the_others_is_not_named(
     offset_a: float, names: list[str]
 ) -> None:
-    """Both offsets are seen; beside a friction of ten times the noise the small one may be a
-    friction of slightly other form.
+    """Both offsets are significant; beside a friction of ten times the noise the small offset may
+    be a form error of the friction.
     """
     toy = Toy(
         {"effects.coulomb_friction.torque_nm": 0.012, "effects.current_offset.offset_a": offset_a}
@@ -130,16 +129,16 @@ def test_what_closes_less_than_the_forms_of_the_others_may_leave_is_not_named(
         found[0].fits[key]
         for key in (("coulomb_friction", "current_offset"), ("coulomb_friction",))
     )
-    assert found[0].better(pair, alone)
+    assert found[0].is_better(pair, alone)
     assert (found[1].verdict, named(toy, found)) == ("effect", names)
     share = (found[0].score(alone) - found[0].score(pair)) / (
         found[0].score(found[0].retuned) - found[0].score(alone)
     )
-    assert (share > search.FORM_SHARE) == (len(names) == 2)
+    assert (share > limits.STEPWISE.max_form_share) == (len(names) == 2)
 
 
 @pytest.mark.parametrize("drag,named_alone", [(2e-8, True), (4e-8, False)])
-def test_a_law_that_only_bends_another_is_not_named_when_several_bend_it_as_well(
+def test_a_friction_law_that_corrects_another_is_not_named_if_a_rival_law_does_as_well(
     drag: float, named_alone: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pair, other = (
@@ -147,7 +146,7 @@ def test_a_law_that_only_bends_another_is_not_named_when_several_bend_it_as_well
         SimpleNamespace(ids=("viscous_friction", "stribeck_friction")),
     )
     monkeypatch.setattr(
-        search, "rivals", lambda _, best: [other] if search_state.key(best.ids) == pair else []
+        search, "tied_rivals", lambda _, best: [other] if search_state.key(best.ids) == pair else []
     )
     state = decided(
         Toy(
@@ -157,12 +156,15 @@ def test_a_law_that_only_bends_another_is_not_named_when_several_bend_it_as_well
             }
         )
     )[0]
-    best, found = search.settled(state, state.fits[pair])
+    best, found = search.drop_doubtful_members(state, state.fits[pair])
     alone = state.fits[("viscous_friction",)]
     share = (state.score(alone) - state.score(state.fits[pair])) / (
         state.score(state.retuned) - state.score(alone)
     )
-    assert share > search.UNSURE_SHARE and (share < search.SHAPE_SHARE) is named_alone
+    assert (
+        share > limits.STEPWISE.min_share_of_tied_member
+        and (share < limits.STEPWISE.max_friction_form_share) is named_alone
+    )
     assert (best, found) == ((alone, []) if named_alone else (state.fits[pair], [other]))
 
 
@@ -175,49 +177,55 @@ def test_a_law_that_only_bends_another_is_not_named_when_several_bend_it_as_well
         ([("viscous_friction", "stribeck_friction"), ("viscous_friction", "winding_heating")], []),
     ],
 )
-def test_only_laws_of_friction_bend_one_another(
+def test_only_friction_laws_are_interchangeable(
     others: list[tuple[str, ...]], bends: list[str]
 ) -> None:
     rivals = [SimpleNamespace(ids=ids) for ids in others]
     assert (
-        search.bending(SimpleNamespace(ids=("viscous_friction", "quadratic_drag")), rivals) == bends
+        search.interchangeable_friction_laws(
+            SimpleNamespace(ids=("viscous_friction", "quadratic_drag")), rivals
+        )
+        == bends
     )
-    assert search.bending(SimpleNamespace(ids=("current_gain", "quadratic_drag")), rivals) == []
+    assert (
+        search.interchangeable_friction_laws(
+            SimpleNamespace(ids=("current_gain", "quadratic_drag")), rivals
+        )
+        == []
+    )
 
 
 def test_a_gap_outside_the_catalogue_is_unlisted() -> None:
     toy = Toy({}, hum=1.0)
     found = decided(toy)
     assert found[1].verdict == "unlisted" and named(toy, found) == []
-    assert found[1].left.significant
+    assert found[1].remainder.significant
 
 
-def test_an_effect_taken_out_of_the_catalogue_is_not_named_with_confidence() -> None:
+def test_without_the_true_effect_the_gap_is_unlisted() -> None:
     toy = Toy({"effects.transport_delay.delay_s": 0.006})
     found = decided(toy, without=("transport_delay",))
     assert found[1].verdict == "unlisted"
 
 
-def test_equivalent_members_are_listed_and_do_not_make_it_ambiguous() -> None:
+def test_equivalent_effects_are_listed_and_the_verdict_stays_effect() -> None:
     toy = Toy({"effects.winding_resistance.relative": 0.1})
     found = decided(toy)
     assert found[1].verdict == "effect"
-    listed = decision.indistinguishable(toy, found[0], found[1], KINDS, FLOOR)
-    assert [(o["id"], o["instead_of"]) for o in listed] == [
-        ("bridge_resistance", "winding_resistance")
-    ]
+    listed = effect_findings.indistinguishable(*found, KINDS)
+    assert [(o.id, o.instead_of) for o in listed] == [("bridge_resistance", "winding_resistance")]
 
 
-def test_sets_that_leave_the_same_but_for_chance_are_tied() -> None:
-    """Nearly the same model may differ by next to nothing, and alike in every block."""
+def test_sets_that_differ_by_chance_are_tied() -> None:
+    """Nearly equal models differ by next to nothing, equally in every block."""
     search_of, _ = decided(Toy({"effects.coulomb_friction.torque_nm": 0.004}))[:2]
     one = search_of.fits[("coulomb_friction",)]
     for squares, tied in ((2.0, True), (6.0, False)):
         rows = np.where(
             search_of.blocks.tested, squares / np.count_nonzero(search_of.blocks.tested), 0.0
         )
-        other = replace(one, held=np.sqrt(one.held**2 + rows))
-        assert search_of.tied(other, one) is tied
+        other = replace(one, out_of_fold=np.sqrt(one.out_of_fold**2 + rows))
+        assert search_of.is_tied(other, one) is tied
 
 
 def test_a_true_tie_is_ambiguous() -> None:
@@ -226,11 +234,11 @@ def test_a_true_tie_is_ambiguous() -> None:
     assert found[1].verdict == "ambiguous"
     rivals = {i for f in found[1].rivals for i in f.ids} | set(found[1].best.ids)
     assert {"coulomb_friction", "viscous_friction"} <= rivals
-    chance = {e["id"]: e["probability"] for e in effects_of(toy, found)}
+    chance = {e.id: e.probability for e in effects_of(toy, found)}
     assert max(chance.values()) < 0.9
 
 
-def test_between_equals_the_likelier_and_smaller_is_preferred() -> None:
+def test_of_tied_sets_the_smaller_and_likelier_is_preferred() -> None:
     engine = Engine(Toy({}), SCALES, {})
     inertia, clock, compliance = (
         engine.fit(engine.hypotheses([BY_ID[i]])[:1], 0)[0]
@@ -238,12 +246,13 @@ def test_between_equals_the_likelier_and_smaller_is_preferred() -> None:
     )
     for alike in (True, False):
         state = SimpleNamespace(
-            contradicted=lambda one: False, alike=lambda one, other, alike=alike: alike
+            contradicts_edge_scale=lambda one: False,
+            equal_up_to_chance=lambda one, other, alike=alike: alike,
         )
-        assert search.preferred(state, inertia, clock) == alike and search.preferred(
+        assert search.is_preferred(state, inertia, clock) == alike and search.is_preferred(
             state, clock, compliance
         )
-        assert not search.preferred(state, clock, inertia) and not search.preferred(
+        assert not search.is_preferred(state, clock, inertia) and not search.is_preferred(
             state, compliance, clock
         )
 
@@ -257,28 +266,30 @@ def test_between_equals_the_likelier_and_smaller_is_preferred() -> None:
         (0.995, "added_inertia"),
     ],
 )
-def test_edges_on_another_clock_prefer_what_explains_it(scale: float, named: str) -> None:
+def test_a_scale_error_of_the_edges_prefers_the_set_that_explains_it(
+    scale: float, named: str
+) -> None:
     toy = Toy({})
     engine = Engine(toy, SCALES, {})
     toy.runs = [SimpleNamespace(edge_scale=scale)]
     inertia, clock = (
         engine.fit(engine.hypotheses([BY_ID[i]])[:1], 0)[0] for i in ("added_inertia", "clock_skew")
     )
-    state = search_state.Search(engine, [], None, None, inertia, inertia)
+    state = search_state.Search(engine, [], None, inertia, inertia)
     skewed = replace(clock, x=np.array([0.005 / clock.hypothesis.coordinates[0].factors[0]]))
     assert min((inertia, skewed), key=lambda one: search.preference(state, one)).ids == (named,)
-    assert not state.contradicted(skewed) or scale < 1.004
+    assert not state.contradicts_edge_scale(skewed) or scale < 1.004
 
 
 def test_closed_figures() -> None:
-    assert decision.closed(1.05, 1.0, 1.0) is None
-    assert decision.closed(3.0, 1.0, 1.0) == 1.0
-    assert decision.closed(3.0, 2.0, 1.0) == pytest.approx(0.5)
-    assert decision.closed(3.0, 4.0, 1.0) == 0.0
+    assert gap_figures.closed_share(1.05, 1.0, 1.0) is None
+    assert gap_figures.closed_share(3.0, 1.0, 1.0) == 1.0
+    assert gap_figures.closed_share(3.0, 2.0, 1.0) == pytest.approx(0.5)
+    assert gap_figures.closed_share(3.0, 4.0, 1.0) == 0.0
 
 
 class Scored:
-    """A search of which only the squared gaps matter."""
+    """A search reduced to squared gaps; a fit is its own squared gap."""
 
     def __init__(self, nominal: float, retuned: float, best: float) -> None:
         self.nominal, self.retuned, self.best = nominal, retuned, best
@@ -286,33 +297,39 @@ class Scored:
     def score(self, one: float) -> float:
         return one
 
-    def reported(self, one: float) -> float:
+    def reported_score(self, one: float) -> float:
         return one
 
-    alike = search_state.Search.alike
+    equal_up_to_chance = search_state.Search.equal_up_to_chance
 
-    def level(self) -> float:
+    def noise_power(self) -> float:
         return 1.0
 
-    def contradicted(self, one: float) -> bool:
+    def contradicts_edge_scale(self, one: float) -> bool:
         return False
 
-    least_gain, least_loss = search_state.Search.least_gain, search_state.Search.least_loss
-    likely_better, closes_large = (
-        search_state.Search.likely_better,
-        search_state.Search.closes_large,
+    min_gain, loss_bound = search_state.Search.min_gain, search_state.Search.loss_bound
+    is_likely_better, closes_large_gap = (
+        search_state.Search.is_likely_better,
+        search_state.Search.closes_large_gap,
     )
-    surely_leaves_a_gap = search_state.Search.surely_leaves_a_gap
+    leaves_gap_in_most_draws = search_state.Search.leaves_gap_in_most_draws
     without: frozenset[str] = frozenset()
+    floor = FLOOR
 
 
-def structure(significant: bool) -> location.Structure:
-    """What is left, as far as a verdict asks."""
-    return location.Structure(significant, None, 0.0, None)
+def structure(significant: bool) -> remainder.Remainder:
+    """A remainder without a correlate."""
+    return remainder.Remainder(significant, None, 0.0, None)
+
+
+def selected(state: Scored, best: float) -> search.Selection:
+    """A selection without rivals."""
+    return search.Selection(state, best, [])
 
 
 class Named(float):
-    """A squared gap that is also a fit with names."""
+    """A squared gap that is also a fit with effect ids."""
 
     ids: tuple[str, ...] = ()
 
@@ -323,10 +340,10 @@ def named_gap(after: float, count: int) -> Named:
     return one
 
 
-# A patchwork leaves more than the least visible gap (10 % above the noise: 1.21), and more than
-# 0.08 (two effects) or 0.05 of the gap.
+# A set of several effects is doubtful if it leaves more than the smallest visible gap (10 % above
+# the noise: 1.21), and more than 0.08 (two effects) or 0.05 of the gap.
 @pytest.mark.parametrize(
-    ("count", "retuned", "after", "patchwork"),
+    ("count", "retuned", "after", "doubtful"),
     [
         (2, 9.0, 1.62, False),
         (2, 9.0, 1.66, True),
@@ -338,20 +355,17 @@ def named_gap(after: float, count: int) -> Named:
         (2, 3.0, 1.22, True),
     ],
 )
-def test_several_effects_that_leave_a_visible_gap_are_a_patchwork(
-    count: int, retuned: float, after: float, patchwork: bool
+def test_several_effects_that_leave_a_visible_gap_approximate_another(
+    count: int, retuned: float, after: float, doubtful: bool
 ) -> None:
     state, best = Scored(retuned, retuned, after), named_gap(after, count)
-    assert (
-        decision.patched(state, best, decision.closed_squared(state, best, FLOOR), FLOOR)
-        is patchwork
-    )
+    assert decision.approximates_other_effect(state, best) is doubtful
 
 
-# One effect: 0.7 of the gap before retuning (contract) and the larger part of the rest; two: 0.85
-# of what retuning leaves.
+# One effect closes 0.7 of the squared gap before retuning (docs/spec/gap.md, section 3) and the
+# larger part of what retuning leaves; two close 0.85 of what retuning leaves.
 @pytest.mark.parametrize(
-    ("count", "nominal", "retuned", "after", "imitation"),
+    ("count", "nominal", "retuned", "after", "doubtful"),
     [
         (1, 11.0, 11.0, 3.9, False),
         (1, 11.0, 11.0, 4.1, True),
@@ -362,103 +376,100 @@ def test_several_effects_that_leave_a_visible_gap_are_a_patchwork(
         (2, 11.0, 3.0, 1.4, True),
     ],
 )
-def test_what_closes_too_little_imitates_something_else(
-    count: int, nominal: float, retuned: float, after: float, imitation: bool
+def test_a_set_that_closes_too_little_is_doubtful(
+    count: int, nominal: float, retuned: float, after: float, doubtful: bool
 ) -> None:
     state, best = Scored(nominal, retuned, after), named_gap(after, count)
-    assert (
-        decision.imitates(state, best, decision.closed_squared(state, best, FLOOR), FLOOR)
-        is imitation
-    )
+    assert decision.closes_too_little(state, best) is doubtful
 
 
-# What all blocks leave, and what the contract's do; the larger part of what retuning leaves must go
-# over all of them.
+# Squared gap over all blocks and over the judged blocks; over all blocks the larger part of what
+# retuning leaves must close.
 @pytest.mark.parametrize(
-    ("after", "reported", "imitation"),
+    ("after", "reported", "doubtful"),
     [(4.1, 4.1, True), (4.1, 3.9, False), (5.9, 3.9, False), (6.1, 3.9, True)],
 )
-def test_the_bulk_is_the_contracts_over_its_blocks_or_over_all(
-    after: float, reported: float, imitation: bool
+def test_one_effect_closes_enough_over_the_judged_blocks_or_over_all(
+    after: float, reported: float, doubtful: bool
 ) -> None:
     state, best = Scored(11.0, 11.0, after), named_gap(after, 1)
-    state.reported = lambda one: reported if one is best else one
-    assert (
-        decision.imitates(state, best, decision.closed_squared(state, best, FLOOR), FLOOR)
-        is imitation
-    )
+    state.reported_score = lambda one: reported if one is best else one
+    assert decision.closes_too_little(state, best) is doubtful
 
 
 @pytest.mark.parametrize(
     ("retuned", "after", "seen"),
     [(1.09**2, 1.0, False), (1.11**2, 1.0, True), (1.0, 0.85**2, True), (1.0, 0.95**2, False)],
 )
-def test_a_gap_below_the_contracts_least_is_no_effect(
+def test_an_effect_that_closes_no_visible_gap_is_not_named(
     retuned: float, after: float, seen: bool
 ) -> None:
-    assert search_state.Search.visible(Scored(retuned, retuned, after), named_gap(after, 1)) is seen
-
-
-def test_few_blocks_widen_intervals() -> None:
-    # Student's t for 5 degrees of freedom
-    assert few_blocks(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)
-    assert few_blocks(1000, 0.95) == pytest.approx(1.0, abs=0.002)
-    time_s = np.arange(600) * 1e-3
-    blocks = make_blocks(
-        np.zeros(600, int), time_s, np.ones(600, bool), 0.1, 0, np.zeros(600, bool)
+    assert (
+        search_state.Search.closes_visible_gap(Scored(retuned, retuned, after), named_gap(after, 1))
+        is seen
     )
-    low, high = interval(blocks, np.array([3.0, 0.2, 2.0, 0.1, 0.3, 3.0]) * 100.0, 0.99)
-    assert low < 0.0 < 2.0 < high  # six blocks of one sign are no evidence at 99 %
+
+
+def test_intervals_over_few_blocks_are_wider() -> None:
+    # Student's t for 5 degrees of freedom
+    assert small_sample_factor(6, 0.99) == pytest.approx(4.032 / 2.576 * np.sqrt(6 / 5), rel=1e-3)
+    assert small_sample_factor(1000, 0.95) == pytest.approx(1.0, abs=0.002)
+    time_s = np.arange(600) * 1e-3
+    rows = SimpleNamespace(log=np.zeros(600, int), time_s=time_s, censored=np.zeros(600, bool))
+    blocks = make_blocks(rows, np.ones(600, bool), 0.1, 0)
+    low, high = difference_interval(blocks, np.array([3.0, 0.2, 2.0, 0.1, 0.3, 3.0]) * 100.0, 0.99)
+    assert low < 0.0 < 2.0 < high  # six blocks of one sign are not significant at 99 %
 
 
 def blocks_of(count: int, rows: int = 10) -> Blocks:
     """`count` blocks of as many rows each."""
     time_s = np.arange(count * rows) * 1e-3
     none = np.zeros(count * rows, int)
-    return make_blocks(none, time_s + 5e-7, none == 0, rows * 1e-3, 0, none == 1)
+    timed = SimpleNamespace(log=none, time_s=time_s + 5e-7, censored=none == 1)
+    return make_blocks(timed, none == 0, rows * 1e-3, 0)
 
 
 @pytest.mark.parametrize("count", [6, 8, 14, 60])
 @pytest.mark.parametrize("law", ["normal", "laplace", "standard_cauchy"])
-def test_differences_without_meaning_seldom_pass(count: int, law: str) -> None:
+def test_differences_of_zero_mean_are_seldom_significant(count: int, law: str) -> None:
     blocks, rng = blocks_of(count), np.random.default_rng(1)
     trials = getattr(rng, law)(size=(300, count))
-    passed = [typical_interval(blocks, trial, 0.9)[0] > 0.0 for trial in trials]
+    passed = [typical_value_interval(blocks, trial, 0.9)[0] > 0.0 for trial in trials]
     assert np.mean(passed) < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 300)
 
 
 def test_a_few_large_gains_among_small_ones_of_their_sign_are_significant() -> None:
     gains = np.array([97.0, 22, 190, -5, 72, -5, 4149, 1971, 174, 3723, 52, 24, 3, 5])
-    assert interval(blocks_of(14), gains, 0.99)[0] > 0.0
+    assert difference_interval(blocks_of(14), gains, 0.99)[0] > 0.0
     one = np.array([97.0, -22, 190, -85, 72, -95, 9149, -71, -74, -123, 52, 24, -30, 5])
-    assert interval(blocks_of(14), one, 0.99)[0] < 0.0  # one lucky block
+    assert difference_interval(blocks_of(14), one, 0.99)[0] < 0.0  # one block alone
 
 
-def test_models_that_part_in_few_blocks_far_beyond_the_noise_are_told_apart() -> None:
+def test_models_that_differ_in_few_blocks_far_beyond_the_noise_are_distinguished() -> None:
     blocks, left = blocks_of(18, 100), np.random.default_rng(3).normal(size=1800)
     apart = np.zeros(1800)
     apart[900:930] = 5.0
     for distance, told in ((apart, True), (0.05 * apart, False), (0.0 * apart, False)):
         sums = np.bincount(blocks.cluster, weights=(left + distance) ** 2 - left**2)
-        assert interval(blocks, sums)[0] <= 0.0
-        assert (least_loss(blocks, left + distance, left) > 0.0) is told
+        assert difference_interval(blocks, sums)[0] <= 0.0
+        assert (fixed_design_bound(blocks, left + distance, left) > 0.0) is told
 
 
-def test_what_rivals_differ_by_must_also_matter() -> None:
+def test_rivals_must_differ_by_the_minimum_effect_size() -> None:
     state = Scored(4.0, 4.0, 1.0)
-    state.blocks, state.clip, noise = (
+    state.blocks, state.clip_sigma, noise = (
         blocks_of(18, 1000),
-        search_state.CLIP,
+        search_state.COMPARISON.clip_sigma,
         np.random.default_rng(3).normal(size=18000),
     )
-    state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.held**2)
+    state.block_losses = lambda one: np.bincount(state.blocks.cluster, weights=one.out_of_fold**2)
     best, part = named_gap(1.0, 1), np.arange(18000) < 3000
-    best.held = noise
+    best.out_of_fold = noise
     for distance, tied in ((2.0, False), (0.4, True)):
         one = named_gap(1.0, 1)
-        one.held = noise + distance * part
-        assert least_loss(state.blocks, one.held, best.held) > 0.0
-        assert search_state.Search.tied(state, one, best) is tied
+        one.out_of_fold = noise + distance * part
+        assert fixed_design_bound(state.blocks, one.out_of_fold, best.out_of_fold) > 0.0
+        assert search_state.Search.is_tied(state, one, best) is tied
 
 
 @pytest.mark.parametrize(
@@ -471,25 +482,29 @@ def test_what_rivals_differ_by_must_also_matter() -> None:
         ([0.0, 6.0, 0.0, 1.0, 0.0, 0.0, 0.0], False),
     ],
 )
-def test_a_gain_in_few_blocks_of_a_short_log_is_one_unless_one_block_makes_it(
+def test_a_gain_in_few_blocks_of_a_short_log_counts_unless_it_is_in_one_block(
     distances: list[float], better: bool
 ) -> None:
     state, noise = Scored(4.0, 4.0, 1.0), np.random.default_rng(3).normal(size=700)
-    state.blocks, state.clip = blocks_of(7, 100), search_state.CLIP
-    state.sums = lambda one: np.bincount(state.blocks.cluster, weights=one.held**2)
+    state.blocks, state.clip_sigma = blocks_of(7, 100), search_state.COMPARISON.clip_sigma
+    state.block_losses = lambda one: np.bincount(state.blocks.cluster, weights=one.out_of_fold**2)
     fuller, leaner = named_gap(1.0, 2), named_gap(4.0, 1)
-    fuller.held, leaner.held = noise, noise + np.repeat(distances, 100)
+    fuller.out_of_fold, leaner.out_of_fold = noise, noise + np.repeat(distances, 100)
     assert (
-        interval(state.blocks, state.sums(leaner) - state.sums(fuller), search_state.LEVEL)[0]
+        difference_interval(
+            state.blocks,
+            state.block_losses(leaner) - state.block_losses(fuller),
+            search_state.COMPARISON.significance,
+        )[0]
         <= 0.0
         or not better
     )
-    assert search_state.Search.better(state, fuller, leaner) is better
+    assert search_state.Search.is_better(state, fuller, leaner) is better
 
 
 @pytest.mark.parametrize("alike", [False, True])
 @pytest.mark.parametrize("share", [0.1, 0.3, 1.0])
-def test_the_least_loss_on_a_run_is_seldom_overestimated(alike: bool, share: float) -> None:
+def test_the_fixed_design_bound_seldom_exceeds_the_true_loss(alike: bool, share: float) -> None:
     """Noise of each row, or the same for all rows of a block, where two models differ in a share of
     the blocks.
     """
@@ -497,7 +512,7 @@ def test_the_least_loss_on_a_run_is_seldom_overestimated(alike: bool, share: flo
     for _ in range(300):
         apart = np.repeat(rng.normal(size=30) * (np.arange(30) < 30 * share), 10)
         left = np.repeat(rng.normal(size=30), 10) if alike else rng.normal(size=300)
-        over.append(least_loss(blocks, left + apart, left) > float(apart @ apart) / 300)
+        over.append(fixed_design_bound(blocks, left + apart, left) > float(apart @ apart) / 300)
     assert np.mean(over) < 0.025 + 3.0 * np.sqrt(0.025 * 0.975 / 300)
 
 
@@ -510,21 +525,21 @@ def test_the_least_loss_on_a_run_is_seldom_overestimated(alike: bool, share: flo
         ([200.0] * 4 + [0.0] * 16, True),
     ],
 )
-def test_an_event_in_one_block_is_no_gap(above: list[float], stands: bool) -> None:
+def test_an_excess_in_one_block_is_no_remainder(above: list[float], stands: bool) -> None:
     state = Scored(1.0, 1.0, 1.0 + sum(above) / 200.0)
-    state.blocks, state.sums = blocks_of(20), lambda one: 10.0 + np.array(above)
-    assert location.stands_above(state, named_gap(state.best, 0), 1.0) is stands
+    state.blocks, state.block_losses = blocks_of(20), lambda one: 10.0 + np.array(above)
+    assert remainder.stands_above_noise(state, named_gap(state.best, 0), 1.0) is stands
 
 
-def test_a_form_that_others_mend_is_still_the_effect() -> None:
-    """A doubtful pair gives way to its member that closes the bulk alone; without such a member it
-    stays unlisted.
+def test_a_doubtful_pair_gives_way_to_a_sufficient_member() -> None:
+    """A doubtful pair gives way to the member that closes enough alone; without such a member the
+    gap is unlisted.
     """
     state, pair = Scored(11.0, 11.0, 1.9), named_gap(2.6, 2)
     state.fits = {("a",): named_gap(3.0, 1), ("b",): named_gap(9.0, 1)}
-    assert decision.leading(state, pair, FLOOR) is state.fits[("a",)]
+    assert decision.sufficient_member(state, pair) is state.fits[("a",)]
     state.fits[("a",)] = named_gap(8.0, 1)
-    assert decision.leading(state, pair, FLOOR) is None
+    assert decision.sufficient_member(state, pair) is None
 
 
 @pytest.mark.parametrize(
@@ -536,12 +551,12 @@ def test_a_form_that_others_mend_is_still_the_effect() -> None:
         (1.5, False, "none"),
     ],
 )
-def test_a_remainder_below_the_contracts_least_gap_is_none(
+def test_a_remainder_below_the_smallest_visible_gap_is_none(
     left: float, significant: bool, said: str
 ) -> None:
     state = Scored(left, left, left)
-    state.blocks, state.sums = blocks_of(20), lambda one: np.full(20, 10.0 * one)
-    found = decision.decide(state, named_gap(left, 0), [], structure(significant), FLOOR)
+    state.blocks, state.block_losses = blocks_of(20), lambda one: np.full(20, 10.0 * one)
+    found = decision.decide(selected(state, named_gap(left, 0)), structure(significant))
     assert found.verdict == said
 
 
@@ -553,14 +568,14 @@ def test_a_remainder_below_the_contracts_least_gap_is_none(
         ([20.0] * 4 + [0.0] * 16, "speed", "unlisted"),
     ],
 )
-def test_a_remainder_that_follows_nothing_must_be_a_gap_in_most_draws(
+def test_a_remainder_without_correlate_must_be_a_gap_in_most_bootstrap_samples(
     above: list[float], follows: str | None, said: str
 ) -> None:
-    """0.4 of the noise power in all: everywhere, or in four blocks of twenty."""
+    """Excess of 0.4 noise powers in total: in every block, or in four blocks of twenty."""
     state = Scored(1.4, 1.4, 1.4)
-    state.blocks, state.sums = blocks_of(20), lambda one: 10.0 + np.array(above)
+    state.blocks, state.block_losses = blocks_of(20), lambda one: 10.0 + np.array(above)
     left = replace(structure(True), best_correlate=follows)
-    assert decision.decide(state, named_gap(1.4, 0), [], left, FLOOR).verdict == said
+    assert decision.decide(selected(state, named_gap(1.4, 0)), left).verdict == said
 
 
 # squared gaps: before 11, what the set leaves, what its first member leaves alone
@@ -580,27 +595,27 @@ def test_doubtful_sets_are_not_named(
 ) -> None:
     state = Scored(11.0, 11.0, after)
     state.fits = {("a",): named_gap(alone, 1), ("b",): named_gap(9.5, 1)}
-    found = decision.decide(state, named_gap(after, count), [], structure(significant), FLOOR)
+    found = decision.decide(selected(state, named_gap(after, count)), structure(significant))
     assert (found.verdict, len(found.best.ids)) == (said, named)
 
 
 @pytest.mark.parametrize("seen", [True, False])
-def test_no_search_goes_on_from_an_effect_that_cannot_be_seen(
+def test_forward_selection_stops_at_an_effect_that_closes_no_visible_gap(
     seen: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     state, one = Scored(2.0, 1.1, 1.0), named_gap(1.0, 1)
-    state.ranked, state.better, state.visible = (
+    state.ranked, state.is_better, state.closes_visible_gap = (
         lambda size: [one],
         lambda fuller, leaner: True,
         lambda fit: seen,
     )
-    monkeypatch.setattr(search, "simplest", lambda _, best, base=None: best)
-    monkeypatch.setattr(search, "deepest_minimum", lambda _, best: best)
-    monkeypatch.setattr(search, "grow", lambda *_: None)
-    assert search.forward(state) == (one if seen else state.retuned)
+    monkeypatch.setattr(forward, "prefer_special_cases", lambda _, best, base=None: best)
+    monkeypatch.setattr(forward, "deepest_minimum", lambda _, best: best)
+    monkeypatch.setattr(forward, "grow", lambda *_: None)
+    assert forward.forward(state)[1] == (one if seen else state.retuned)
 
 
-def test_equal_parameters_run_once() -> None:
+def test_equal_parameter_sets_are_simulated_once() -> None:
     engine = Engine(Toy({}), SCALES, {})
     h = engine.hypotheses([BY_ID["coulomb_friction"]])[0]
     rows = np.stack(
@@ -612,7 +627,7 @@ def test_equal_parameters_run_once() -> None:
     assert not np.array_equal(rows[0], rows[1])
 
 
-def test_kept_key_columns_lead_to_the_same_fit() -> None:
+def test_reused_nuisance_columns_lead_to_the_same_fit() -> None:
     tolerance = {
         "motor.resistance_ohm": 0.02,
         "motor.torque_constant_nm_per_a": 0.004,
@@ -624,7 +639,7 @@ def test_kept_key_columns_lead_to_the_same_fit() -> None:
         engine = Engine(toy, SCALES, tolerance)
         retuned = engine.fit(engine.hypotheses([]))[0]
         predict_held_out(engine, [retuned])
-        engine.key_columns = retuned.jacobian if kept else None
+        engine.nuisance_columns = retuned.jacobian if kept else None
         fits.append(engine.fit(engine.hypotheses([BY_ID["added_inertia"]], retuned.x), 12)[0])
         calls = engine.calls
     assert calls < 40

@@ -1,5 +1,5 @@
-"""One log of the ELF leaves two effects open; the run that the verdict asks for, performed by the
-ELF, decides between them.
+"""One log of the AVR firmware leaves two effects tied; the run that the verdict proposes, performed
+by the firmware, decides between them.
 """
 
 import numpy as np
@@ -8,7 +8,7 @@ from test_board_run import HELD, RIG, Line
 from test_run import elf
 from vgroove import lockstep
 from vgroove.board import AvrBoard
-from vgroove.gap.diagnose import diagnose
+from vgroove.gap import diagnose
 from vgroove.gap.next_run.menu import profile_from_verdict
 from vgroove.guided_run import GuidedRun
 from vgroove.log import Log, log_from_session, log_from_stream
@@ -21,7 +21,7 @@ ONE_SPEED = ((0.0, 0.0), (0.6, 0.0), (0.62, 0.5))
 
 
 def recorded(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log:
-    """Log that the ELF sends while it drives a tool with the effect; `travel` of the trigger."""
+    """Log that the firmware's ELF sends of a tool with the effect, for a course of the trigger."""
     sensors = read_rig(RIG).sensors
     noise_a, noise_v = (
         sensors["current_noise_a"] * CURRENT_SAMPLES_PER_ROW**0.5,
@@ -38,7 +38,7 @@ def recorded(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log
 
 def test_the_run_that_a_verdict_asks_for_decides_what_one_log_leaves_open() -> None:
     one = recorded(ONE_SPEED, 2.6, None, 1)
-    open_ = diagnose([one], read_rig(RIG)).verdict
+    open_ = diagnose([one], read_rig(RIG)).as_dict()
     assert open_["verdict"] == "ambiguous"
     assert "viscous_friction" in [
         *open_["selected"],
@@ -49,5 +49,5 @@ def test_the_run_that_a_verdict_asks_for_decides_what_one_log_leaves_open() -> N
     recorded(HELD, 7.2, line, 2)
     two = log_from_session(line.session, "next")
     assert line.run.ended == RUN_COMPLETE and np.ptp(two["speed_rpm"]) > 5000.0
-    both = diagnose([one, two], read_rig(RIG)).verdict
+    both = diagnose([one, two], read_rig(RIG)).as_dict()
     assert (both["verdict"], both["selected"]) == ("effect", ["viscous_friction"])

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from made_log import MadeLog, drive_log, rig
 from vgroove import cli
 from vgroove.errors import VgrooveError
-from vgroove.gap.residual.problem import load_problem
+from vgroove.gap.residual.loading import load_problem
 from vgroove.log import read_log
 from vgroove.rig import read_rig, write_rig
 from vgroove.units import RPM_PER_RAD_S

@@ -1,4 +1,4 @@
-"""The studies as a user runs them, on reduced grids: laws in their JSON, tables that agree with it,
+"""The studies by the command line, on reduced grids: laws in their JSON, tables that agree with it,
 a page that a browser draws.
 """
 
@@ -17,14 +17,15 @@ import pytest
 
 from browser import need_chromium, seen
 from vgroove.page import Table, thin
-from vgroove.study.steps import event_rows, largest_below
+from vgroove.study.step_events import event_rows
+from vgroove.study.steps import largest_below
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT_S = 300
 
 
-def vgroove(*words: str | Path, cwd: Path) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "vgroove.cli", *map(str, words)]
+def vgroove(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "vgroove.cli", *map(str, arguments)]
     return subprocess.run(
         command, capture_output=True, text=True, timeout=LIMIT_S, check=False, cwd=cwd
     )
@@ -154,7 +155,7 @@ def test_a_rig_changes_the_result_and_png_is_drawn(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("arguments", "sentence"),
     [
         (("--rig", ROOT / "rigs/impact_driver.toml"), "drill_driver"),
         (("--rig", "absent.toml"), "absent.toml"),
@@ -165,12 +166,12 @@ def test_a_rig_changes_the_result_and_png_is_drawn(tmp_path: Path) -> None:
     ],
 )
 def test_bad_input_is_a_sentence_and_exit_code_2(
-    tmp_path: Path, words: tuple, sentence: str
+    tmp_path: Path, arguments: tuple, sentence: str
 ) -> None:
     (tmp_path / "file").write_text("")
     low = (ROOT / "rigs/drill_driver_low.toml").read_text()
     (tmp_path / "mixed.toml").write_text(low.split("[load]")[0] + '[load]\nkind = "none"\n')
-    done = vgroove("study", "steps", "--points", "2", *words, cwd=tmp_path)
+    done = vgroove("study", "steps", "--points", "2", *arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert sentence in done.stderr and "Traceback" not in done.stderr
     assert not list(tmp_path.rglob("*.csv")) and not list(tmp_path.rglob("*.json"))

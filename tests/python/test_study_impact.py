@@ -1,5 +1,5 @@
-"""The studies of the impact tool as a user runs them, on reduced grids: laws of physics.md sections
-4 and 6 in their JSON.
+"""The studies of the impact tool by the command line, on reduced grids: laws of docs/spec/model.md,
+sections 4 and 6, in their JSON.
 """
 
 import json
@@ -11,19 +11,21 @@ import pytest
 
 from browser import seen
 from test_study import rows_of, vgroove
+from vgroove.reference.blows import clean
+from vgroove.reference.bolt import lever_m
+from vgroove.reference.rigs import impact_rig
 from vgroove.rig import read_rig
+from vgroove.study.disc_springs import disc_force
 from vgroove.study.impact import phases_of
-from vgroove.study.impact_runs import REFERENCE_RIG, clean, impact_rig
-from vgroove.study.load import disc_force, lever_m
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOW = np.dtype([("time_s", "f8"), ("engaged_m", "f8"), ("kind", "i8"), ("skipped", "i8")])
 
 
-def made(folder: Path, *words: str) -> dict:
-    done = vgroove("study", *words, "-o", "out", cwd=folder)
+def made(folder: Path, *arguments: str) -> dict:
+    done = vgroove("study", *arguments, "-o", "out", cwd=folder)
     assert done.returncode == 0, done.stderr
-    return json.loads((folder / f"out/{words[0]}.json").read_text())
+    return json.loads((folder / f"out/{arguments[0]}.json").read_text())
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +52,7 @@ def test_the_reference_tool_is_the_rig_of_the_tree() -> None:
     ours, files = impact_rig(None), read_rig(ROOT / "rigs/impact_driver.toml")
     for section in ("supply", "motor", "gearbox", "mechanism"):
         assert getattr(ours, section) == getattr(files, section)
-    assert REFERENCE_RIG["load"]["kind"] == "locked"
+    assert ours.load["kind"] == "locked"
 
 
 def test_rate_and_current_rise_with_the_supply_and_synchronism_is_lost(
@@ -65,7 +67,7 @@ def test_rate_and_current_rise_with_the_supply_and_synchronism_is_lost(
         assert all(0.0 <= row["synchronism"] <= 1.0 for row in mine)
     slipping = {row["supply_v"]: row for row in rows if row["load"] == "slip_60"}
     assert slipping[18.5]["synchronism"] == 1.0
-    # physics.md section 4: "about half of the lug height"
+    # docs/spec/model.md, section 4: about half of the lug height
     assert slipping[20.5]["engaged_percent"] == pytest.approx(50, abs=12)
     assert slipping[21.0]["synchronism"] < 0.5
 

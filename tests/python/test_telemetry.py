@@ -5,6 +5,7 @@ import importlib
 import itertools
 import math
 import random
+import re
 import struct
 import subprocess
 import sys
@@ -85,15 +86,22 @@ def test_the_check_of_generated_files_sees_a_changed_one() -> None:
         assert generate.differences({path: text + "x"}), path
 
 
-def test_parameter_list_that_cannot_be_migrated_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("entry", "new", "error"),
+    [
+        (r"(X\(DEAD_TIME_COUNT,.*?,\s*)2\)", "1)", "must stand before"),
+        (r'(X\(HALL_PITCH_0_Q15,\s*"1",\s*)8192', "1024", "violates -32768"),
+        (r"(X\(TRIP_A_Q9,.*?)28160", "TRIP", "are valid"),
+    ],
+)
+def test_parameter_list_that_cannot_be_migrated_is_refused(
+    entry: str, new: str, error: str
+) -> None:
     generate = generator()
-    text = generate.PARAM_TABLE.read_text()
-    with pytest.raises(SystemExit, match="must stand before"):
-        generate.read_parameters(text.replace("2,    60,    2)", "2,    60,    1)"))
-    with pytest.raises(SystemExit, match="violates -32768"):
-        generate.read_parameters(text.replace("8192,  2048,", "1024,  2048,", 1))
-    with pytest.raises(SystemExit, match="are valid"):
-        generate.read_parameters(text.replace("25600, 2560, 28160", "25600, 2560, TRIP"))
+    text, count = re.subn(entry, rf"\g<1>{new}", generate.PARAM_TABLE.read_text())
+    assert count == 1
+    with pytest.raises(SystemExit, match=error):
+        generate.read_parameters(text)
 
 
 def test_check_values_of_both_crcs() -> None:

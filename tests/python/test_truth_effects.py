@@ -1,6 +1,4 @@
-"""Every effect of the generator is seen, in the signals and with the sign that its physics asks
-for.
-"""
+"""Every effect of the generator is visible, in the signals and with the sign of its physics."""
 
 from collections.abc import Callable
 
@@ -11,8 +9,8 @@ from truth_helpers import (
     BY_ID,
     CATALOGUE,
     FIRST,
+    NOISELESS,
     OUTSIDE,
-    SILENT,
     Run,
     Setting,
     columns,
@@ -42,15 +40,15 @@ PROFILE = {"load": "load_steps", "two_way": "reversals", "slow": "crawl", "": "s
 
 
 def pair(effect_id: str, part: float) -> tuple[Setting, Run, Run]:
-    """(setting, effect-free run, run with the effect at a part of its largest sensible size)."""
+    """(setting, effect-free run, run with the effect at a part of its largest plausible size)."""
     effect = BY_ID[effect_id]
     setting = setting_of(PROFILE[effect.needs])
     params = effect_params(setting, effect_id, part * effect.top(setting.rig))
-    return setting, simulate(setting, SILENT)[0], simulate(setting, params | SILENT)[0]
+    return setting, simulate(setting, NOISELESS)[0], simulate(setting, params | NOISELESS)[0]
 
 
 def top_half(run: Run) -> np.ndarray:
-    """Rows where the tool is fast and steady enough for a mean to mean something."""
+    """Rows with more than 0.3 of the largest speed, over which means are taken."""
     return np.abs(run.speed_rad_s) > 0.3 * np.max(np.abs(run.speed_rad_s))
 
 
@@ -66,7 +64,7 @@ def mean_current(run: Run) -> float:
 def test_effect_can_be_seen_and_grows_with_its_size(effect_id: str) -> None:
     effect = BY_ID[effect_id]
     setting = setting_of(PROFILE[effect.needs], seconds=4.0)
-    reference = simulate(setting, SILENT)[0]
+    reference = simulate(setting, NOISELESS)[0]
     top = effect.top(setting.rig)
     large, small = (
         visibility(setting, reference, effect_id, 0.7 * top),
@@ -77,7 +75,7 @@ def test_effect_can_be_seen_and_grows_with_its_size(effect_id: str) -> None:
 
 
 @pytest.mark.parametrize("effect_id", sorted(SENSORS))
-def test_sensor_effect_leaves_the_tool_alone(effect_id: str) -> None:
+def test_sensor_effect_does_not_change_the_tool(effect_id: str) -> None:
     _, without, with_it = pair(effect_id, 0.5)
     assert np.array_equal(without.speed_rad_s, with_it.speed_rad_s)
     assert np.array_equal(without.current_a, with_it.current_a) == (SENSORS[effect_id] != "i")
@@ -101,20 +99,20 @@ MORE_CURRENT = ("coulomb_friction", "viscous_friction", "quadratic_drag", "cold_
 
 
 @pytest.mark.parametrize("effect_id", SLOWER)
-def test_what_takes_voltage_or_torque_makes_the_tool_slower(effect_id: str) -> None:
+def test_losses_of_voltage_or_torque_make_the_tool_slower(effect_id: str) -> None:
     _, without, with_it = pair(effect_id, 0.5)
     assert mean_speed(with_it) < 0.9995 * mean_speed(without)
 
 
 @pytest.mark.parametrize("effect_id", MORE_CURRENT)
-def test_friction_costs_current(effect_id: str) -> None:
+def test_friction_raises_the_current(effect_id: str) -> None:
     _, without, with_it = pair(effect_id, 0.5)
     assert mean_current(with_it) > 1.02 * mean_current(without)
 
 
 def held_sizes() -> dict[str, Callable[[], tuple[float, float]]]:
-    """Effect -> (measured, expected) where steady state gives the size by hand; reference tool at
-    duty 0.6 unless said.
+    """Effect -> (measured, expected) where the steady state gives the size in closed form; the
+    reference tool at duty 0.6, where no other is given.
     """
     base, v, r, k = steady(0.6), 18.0, 0.19, 0.0109
     friction = 0.012 + 4.5e-6 * base["speed_rad_s"]
@@ -168,8 +166,8 @@ def test_steady_speed_is_what_the_equation_gives(name: str) -> None:
 def test_dead_time_takes_nothing_while_the_current_changes_sign_between_the_edges(
     share: float, sign: float
 ) -> None:
-    """At a share of the ripple's height: the law of `at_edges`; the mean of the sign over the
-    ripple would be the share itself.
+    """The mean current is `share` of the height of the current ripple: dead time acts by the sign
+    of the current at the two edges, not by the mean sign over the ripple.
     """
     duty, v, r, k, dead_s = 128 / 255, 18.0, 0.19, 0.0109, 4e-7
     current = share * duty * (1.0 - duty) * v / (2.0 * 1e-4 * 20000.0)
@@ -190,8 +188,8 @@ def test_directional_friction_turns_with_the_direction() -> None:
 
 def test_supply_resistance_drops_the_bus_by_the_bus_current() -> None:
     setting = setting_of("staircase")
-    run = simulate(setting, {"supply_resistance_ohm": 0.1} | SILENT)[0]
-    duty = columns(setting, SILENT)["duty"]
+    run = simulate(setting, {"supply_resistance_ohm": 0.1} | NOISELESS)[0]
+    duty = columns(setting, NOISELESS)["duty"]
     row = np.argmax(run.speed_rad_s)
     assert 18.0 - run.supply_v[row] == pytest.approx(0.1 * duty[row] * run.current_a[row], rel=0.01)
 
@@ -208,15 +206,17 @@ def test_inertia_slows_the_run_up_and_nothing_else() -> None:
 
 def test_heat_raises_resistance_by_copper_and_cools() -> None:
     setting, _, _ = pair("winding_heating", 0.5)
-    run = simulate(setting, {"heating_kelvin_per_joule": 1.0, "heating_cooling_s": 0.2} | SILENT)[0]
+    run = simulate(
+        setting, {"heating_kelvin_per_joule": 1.0, "heating_cooling_s": 0.2} | NOISELESS
+    )[0]
     assert np.max(run.winding_kelvin) > 3.0
     assert run.winding_kelvin[-1] < 0.8 * np.max(run.winding_kelvin)
 
 
 def test_transport_delay_shifts_the_run_by_its_length() -> None:
     setting = setting_of("ramps")
-    without = simulate(setting, SILENT)[0]
-    late = simulate(setting, {"transport_delay_s": 0.01} | SILENT)[0]
+    without = simulate(setting, NOISELESS)[0]
+    late = simulate(setting, {"transport_delay_s": 0.01} | NOISELESS)[0]
     assert np.max(np.abs(late.speed_rad_s[10:] - without.speed_rad_s[:-10])) < 0.01 * top_speed(
         setting.rig
     )
@@ -225,28 +225,28 @@ def test_transport_delay_shifts_the_run_by_its_length() -> None:
 
 def test_current_gain_offset_and_limit_are_exact() -> None:
     setting = setting_of("staircase")
-    plain = simulate(setting, SILENT)[0].current_a
-    changed = simulate(setting, {"current_gain": 0.1, "current_offset_a": -0.5} | SILENT)[
+    plain = simulate(setting, NOISELESS)[0].current_a
+    changed = simulate(setting, {"current_gain": 0.1, "current_offset_a": -0.5} | NOISELESS)[
         0
     ].current_a
     assert np.allclose(changed, 1.1 * plain - 0.5, atol=1e-9)
     assert np.max(
-        simulate(setting, {"current_limit_a": 2.0} | SILENT)[0].current_a
+        simulate(setting, {"current_limit_a": 2.0} | NOISELESS)[0].current_a
     ) == pytest.approx(2.0)
 
 
 def test_lost_edges_halve_single_speeds() -> None:
     setting = setting_of("staircase")
-    run, _, _, sensors = simulate(setting, {"hall_dropout": 0.03} | SILENT)
+    run, _, _, sensors = simulate(setting, {"hall_dropout": 0.03} | NOISELESS)
     speed = speed_column(run, sensors)
     fast = np.abs(run.speed_rad_s) > 500.0
     ratio = speed[fast] / run.speed_rad_s[fast]
     assert 0.005 < np.mean((ratio > 0.45) & (ratio < 0.55)) < 0.2
 
 
-def test_clock_that_runs_fast_stamps_later() -> None:
+def test_fast_clock_gives_later_time_stamps() -> None:
     setting = setting_of("ramps")
-    table, skewed = columns(setting, SILENT), columns(setting, SILENT | {"clock_skew": 0.03})
+    table, skewed = columns(setting, NOISELESS), columns(setting, NOISELESS | {"clock_skew": 0.03})
     moving = np.argmax(np.abs(table["duty"]) > 0.05)
     assert np.argmax(np.abs(skewed["duty"]) > 0.05) >= moving
     assert np.array_equal(table["time_s"], skewed["time_s"])
@@ -258,6 +258,6 @@ def test_visible_limit_has_visibility_one(effect_id: str) -> None:
     setting = setting_of(PROFILE[BY_ID[effect_id].needs], seconds=4.0)
     limit = visible_limit(setting, effect_id)
     assert limit is not None
-    assert visibility(setting, simulate(setting, SILENT)[0], effect_id, limit) == pytest.approx(
+    assert visibility(setting, simulate(setting, NOISELESS)[0], effect_id, limit) == pytest.approx(
         1.0, abs=0.06
     )

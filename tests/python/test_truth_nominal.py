@@ -1,4 +1,4 @@
-"""With every effect off the generator agrees with the nominal page, integrated by SciPy with an
+"""With every effect off the generator agrees with the nominal model, integrated by SciPy with an
 averaged bridge, to about the noise.
 """
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from truth_helpers import (
-    RPM,
-    SILENT,
+    NOISELESS,
+    RPM_PER_RAD_S,
     Command,
     columns,
     deviations,
@@ -24,7 +24,7 @@ PROFILES = ("staircase", "ramps", "reversals", "load_steps", "hand", "chirp", "c
 
 
 def logged_command(table: dict[str, np.ndarray]) -> Command:
-    """What a reader of the log knows of the command: its rows, straight in between."""
+    """The command by the rows of a log, linear between them."""
     time = np.concatenate([[0.0], table["time_s"]])
     load = table.get("load_nm", np.zeros(len(table["time_s"])))
     return Command(
@@ -37,10 +37,10 @@ def logged_command(table: dict[str, np.ndarray]) -> Command:
 
 
 @pytest.mark.parametrize("profile", PROFILES)
-def test_effect_free_run_is_the_nominal_page(profile: str) -> None:
+def test_effect_free_run_is_the_nominal_model(profile: str) -> None:
     setting = setting_of(profile)
-    run, _, _, sensors = simulate(setting, SILENT)
-    model = nominal_run(setting.rig, logged_command(columns(setting, SILENT)), run.time_s)
+    run, _, _, sensors = simulate(setting, NOISELESS)
+    model = nominal_run(setting.rig, logged_command(columns(setting, NOISELESS)), run.time_s)
     found = deviations(run, model, sensors, sensors)
     limits = {"current_a": 0.15, "supply_v": 0.15, "speed_rpm": 0.9}
     assert not {
@@ -50,10 +50,10 @@ def test_effect_free_run_is_the_nominal_page(profile: str) -> None:
     }
 
 
-def test_supply_resistance_of_the_rig_is_the_nominal_page() -> None:
+def test_supply_resistance_of_the_rig_is_the_nominal_model() -> None:
     setting = setting_of("staircase", supply_resistance_ohm=0.05)
-    run, _, _, sensors = simulate(setting, SILENT)
-    model = nominal_run(setting.rig, logged_command(columns(setting, SILENT)), run.time_s)
+    run, _, _, sensors = simulate(setting, NOISELESS)
+    model = nominal_run(setting.rig, logged_command(columns(setting, NOISELESS)), run.time_s)
     found = deviations(run, model, sensors, sensors)
     assert gap({"supply_v": found["supply_v"]}) < 0.3
     assert gap(found) < 0.6
@@ -71,26 +71,26 @@ def test_log_of_an_effect_free_run_has_a_gap_of_about_one() -> None:
     assert 0.93 < gap(found) < 1.1
 
 
-def test_comparison_notices_a_resistance_off_by_half_a_percent() -> None:
+def test_comparison_detects_a_resistance_off_by_half_a_percent() -> None:
     setting = setting_of("staircase")
-    run, _, _, sensors = simulate(setting, SILENT)
+    run, _, _, sensors = simulate(setting, NOISELESS)
     wrong = replace(setting.rig, resistance_ohm=setting.rig.resistance_ohm * 1.005)
-    model = nominal_run(wrong, logged_command(columns(setting, SILENT)), run.time_s)
+    model = nominal_run(wrong, logged_command(columns(setting, NOISELESS)), run.time_s)
     assert gap(deviations(run, model, sensors, sensors)) > 0.8
 
 
 def test_speed_column_is_one_pitch_over_the_last_edge_period_and_falls() -> None:
     setting = setting_of("stop_and_go")
-    run, _, _, sensors = simulate(setting, SILENT)
+    run, _, _, sensors = simulate(setting, NOISELESS)
     speed, at, period = hall_rows(run, sensors)
     fresh = ~np.isnan(at)
     turning = fresh & (np.abs(run.speed_rad_s) > 300.0)
     assert np.max(np.abs(np.abs(speed[turning]) * period[turning] - np.pi / 2)) < 1e-9
     last = np.searchsorted(run.edge_s, run.time_s, side="right") - 1
-    waiting = run.time_s - run.edge_s[np.maximum(last, 0)]
-    late = (last >= 1) & (waiting > 1e-6) & (speed != 0.0)
-    assert np.all(np.abs(speed[late]) <= np.pi / 2 / waiting[late] + 1e-9)
-    assert np.all(speed[(last >= 0) & (waiting > sensors.hall_timeout_s)] == 0.0)
+    since_edge = run.time_s - run.edge_s[np.maximum(last, 0)]
+    late = (last >= 1) & (since_edge > 1e-6) & (speed != 0.0)
+    assert np.all(np.abs(speed[late]) <= np.pi / 2 / since_edge[late] + 1e-9)
+    assert np.all(speed[(last >= 0) & (since_edge > sensors.hall_timeout_s)] == 0.0)
 
 
 def test_counting_speed_of_an_encoder_follows_the_shaft() -> None:
@@ -101,7 +101,7 @@ def test_counting_speed_of_an_encoder_follows_the_shaft() -> None:
         rig=replace(setting.rig, sensors=sensors),
         tool=replace(setting.tool, sensors=sensors),
     )
-    run, _, _, sensors = simulate(setting, SILENT)
+    run, _, _, sensors = simulate(setting, NOISELESS)
     speed = hall_rows(run, sensors)[0]
     fast = np.abs(run.speed_rad_s) > 200.0
-    assert np.sqrt(np.mean((speed[fast] - run.speed_rad_s[fast]) ** 2)) * RPM < 60.0
+    assert np.sqrt(np.mean((speed[fast] - run.speed_rad_s[fast]) ** 2)) * RPM_PER_RAD_S < 60.0

@@ -66,7 +66,7 @@ def test_energy_drawn_is_lost_or_stored(params: dict[str, float]) -> None:
     )
     inside = tool.inside()
     lost = inside["copper_j"] + inside["friction_j"] + inside["load_j"]
-    # its spring and damper are not in the audit
+    # its spring and damper are not in the energy balance
     coupled = 0.05 * inside["drawn_j"] if "coupler_nm_per_rad" in params else 0.0
     assert inside["drawn_j"] == pytest.approx(
         lost + inside["stored_j"], abs=0.004 * inside["drawn_j"] + coupled
@@ -77,8 +77,10 @@ def test_energy_drawn_is_lost_or_stored(params: dict[str, float]) -> None:
 @pytest.mark.parametrize(
     "params", [{"coupler_nm_per_rad": 0.4, "coupler_damping_ratio": 0.1}, {"play_rad": 0.05}]
 )
-def test_two_bodies_keep_the_clock_however_long_the_step(params: dict[str, float]) -> None:
-    """Half a step of 25 us too early would be 0.015 rad at full speed, and look like less inertia."""
+def test_two_masses_have_no_phase_error_at_any_step(params: dict[str, float]) -> None:
+    """A phase error of half a step of 25 us is 0.015 rad at full speed and acts like a smaller
+    inertia.
+    """
     time, duty = np.array([0.0, 0.2, 1.0]), np.array([0.0, 1.0, 1.0])
     angles = [
         Generator(step_s=step, **params)
@@ -102,7 +104,7 @@ def test_coast_opens_the_bridge_and_brake_shorts_it() -> None:
 
 
 @pytest.mark.parametrize("duty", [0.5, -0.5])
-def test_dead_time_takes_voltage_against_the_current(duty: float) -> None:
+def test_dead_time_reduces_the_voltage_against_the_current(duty: float) -> None:
     dead = 8 / 2 / 255
     speeds = []
     for lost in (0.0, dead):
@@ -187,7 +189,7 @@ def test_rigs_of_cases_obey_the_schema(tmp_path: Path) -> None:
         jsonschema.validate(tomllib.loads(path.read_text()), json.loads(schema.read_text()))
 
 
-def test_seal_tells_nothing_and_opens_to_the_answer(tmp_path: Path) -> None:
+def test_seal_is_unreadable_and_opens_to_the_answer(tmp_path: Path) -> None:
     shut = sealed.draw_sealed(4, tmp_path)
     data = shut.path.read_bytes()
     assert not any(

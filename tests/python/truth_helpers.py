@@ -1,5 +1,5 @@
-"""Shared by the tests of the generator: its folder on the path, settings to test with, and the
-nominal page integrated by SciPy.
+"""Shared by the tests of the generator: its modules, settings, and the nominal model of
+docs/spec/model.md integrated by SciPy.
 """
 
 import sys
@@ -14,11 +14,19 @@ if str(TRUTH) not in sys.path:
     sys.path.insert(0, str(TRUTH))
 
 import sealed  # noqa: E402
-from cases import SILENT, Setting, columns, effect_params, simulate, visibility, visible_limit  # noqa: E402
+from cases import (  # noqa: E402
+    NOISELESS,
+    Setting,
+    columns,
+    effect_params,
+    simulate,
+    visibility,
+    visible_limit,
+)
 from effects import BY_ID, CATALOGUE, FIRST, OUTSIDE, top_speed  # noqa: E402
 from profiles import draw  # noqa: E402
 from rigs import REFERENCE, Rig  # noqa: E402
-from signals import RPM, deviations, gap, hall_rows, speed_column  # noqa: E402
+from signals import RPM_PER_RAD_S, deviations, gap, hall_rows, speed_column  # noqa: E402
 from truth import Command, Generator, Run, TruthTool  # noqa: E402
 
 __all__ = [
@@ -26,8 +34,8 @@ __all__ = [
     "CATALOGUE",
     "FIRST",
     "OUTSIDE",
-    "RPM",
-    "SILENT",
+    "RPM_PER_RAD_S",
+    "NOISELESS",
     "TRUTH",
     "Command",
     "Generator",
@@ -52,7 +60,7 @@ __all__ = [
 
 
 def setting_of(profile: str, seconds: float = 3.0, seed: int = 5, **rig_changes: object) -> Setting:
-    """The reference tool on a profile; loads of about 6 A where the profile has some."""
+    """The reference tool on a profile, with loads of about 6 A if the profile has loads."""
     rig = replace(REFERENCE, slew_per_s=6.0, **rig_changes)
     made = draw(
         profile,
@@ -65,7 +73,7 @@ def setting_of(profile: str, seconds: float = 3.0, seed: int = 5, **rig_changes:
 
 
 def steady(duty: float, seconds: float = 0.8, **params: float) -> dict[str, float]:
-    """Inner quantities of the reference tool after `seconds` at a duty from rest."""
+    """States of the reference tool after `seconds` at a duty from rest."""
     tool = Generator(**params)
     time = np.array([0.0, seconds + 1.0])
     tool.run(
@@ -75,8 +83,9 @@ def steady(duty: float, seconds: float = 0.8, **params: float) -> dict[str, floa
 
 
 class Nominal:
-    """physics.md sections 1 and 2, bridge averaged, friction as a sign with sticking; states i, w,
-    angle, charge, bus volt seconds.
+    """docs/spec/model.md, sections 1 and 2: bridge averaged, friction as a sign with sticking. The
+    states are current, speed, angle, charge and the integral of the bus voltage; `way` is the sign
+    of the motion, 0 at rest.
     """
 
     def __init__(self, rig: Rig, command: Command) -> None:
@@ -105,31 +114,31 @@ class Nominal:
         )
         return [current_rate, torque / self.inertia if self.way else 0.0, speed, current, bus]
 
-    def leaves(self, t: float, x: np.ndarray) -> float:
-        """Falls through zero when the regime ends: the shaft stops, or the torque at rest passes
-        what is held.
+    def margin(self, t: float, x: np.ndarray) -> float:
+        """Falls through zero where motion or rest ends: the shaft stops, or the torque at rest
+        exceeds the dry friction.
         """
         if self.way:
             return self.way * x[1] + 1e-9
         return self.dry(t) - abs(self.rig.torque_constant_nm_per_a * x[0])
 
-    def after(self, t: float, x: np.ndarray) -> None:
-        """The regime after an end: on through zero when the torque asks for it, else at rest."""
+    def switch(self, t: float, x: np.ndarray) -> None:
+        """Set the sign of the motion after an event by the torque, 0 where friction holds it."""
         torque = self.rig.torque_constant_nm_per_a * x[0]
         self.way = int(np.sign(torque)) if abs(torque) >= self.dry(t) * (1 - 1e-9) else 0
         x[1] = 1e-7 * self.way
 
 
 def nominal_run(rig: Rig, command: Command, rows: np.ndarray) -> Run:
-    """The nominal page over the rows (n,), LSODA, rtol 1e-8; means of current and bus over each
-    row.
+    """The nominal model over the rows (n,) by LSODA with rtol 1e-8; current and bus voltage are
+    means over each row.
     """
     model, t, x = Nominal(rig, command), 0.0, np.zeros(5)
 
-    def leaves(time: float, state: np.ndarray) -> float:
-        return model.leaves(time, state)
+    def margin(time: float, state: np.ndarray) -> float:
+        return model.margin(time, state)
 
-    leaves.terminal, leaves.direction = True, -1.0
+    margin.terminal, margin.direction = True, -1.0
     found = [x.copy()]
     while len(found) <= len(rows):
         ahead = rows[len(found) - 1 :]
@@ -139,7 +148,7 @@ def nominal_run(rig: Rig, command: Command, rows: np.ndarray) -> Run:
             x,
             "LSODA",
             ahead,
-            events=leaves,
+            events=margin,
             rtol=1e-8,
             atol=1e-9,
             max_step=2e-3,
@@ -148,7 +157,7 @@ def nominal_run(rig: Rig, command: Command, rows: np.ndarray) -> Run:
         if part.status != 1:
             break
         t, x = float(part.t_events[0][-1]), part.y_events[0][-1].copy()
-        model.after(t, x)
+        model.switch(t, x)
     states = np.array(found)
     length = np.diff(rows, prepend=0.0)
     mean = np.diff(states[:, 3:], axis=0) / length[:, None]

@@ -1,5 +1,5 @@
-"""Draws a case of the blind set: tool, rig, profile, logger, effects of a visible size, and who
-could be mistaken for them in principle.
+"""Draws a case of the blind set: tool, rig, profile, logger, effects of a visible size, and the
+effects that cannot be distinguished from them on the log.
 """
 
 from collections.abc import Callable, Sequence
@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 from bench_plan import SEED, SETS, SIZES, Entry, partners
-from cases import SILENT, Setting, effect_params, simulate
+from cases import NOISELESS, Setting, effect_params, simulate
 from effects import BY_ID, accepted
 from forms import Level, other_form
 from profiles import BENCH_NAMES, draw
@@ -17,23 +17,26 @@ from responses import (
     Rival,
     applicable,
     clipped_rms,
+    compare_fits,
     fit,
     measured,
     modelled,
+    noiseless_log,
     rivals,
-    seen,
-    tied,
     times,
     tolerance_columns,
 )
-from rigs import TOLERANCE, draw_rig, draw_tool
+from rigs import TOLERANCE, Rig, draw_rig, draw_tool
 from signals import Sensors
 
 ATTEMPTS = 60
-ROWS_MOST = 24000
-CLOSES_LEAST = 0.75  # of the squared gap: an effect in another form must still be that effect
-OUTSIDE_MOST = 0.6  # of the squared gap of a case outside the catalogue that any one effect takes
-RATES = (300.0, 500.0, 1000.0, 1000.0, 1000.0, 2000.0, 4000.0)
+MAX_ROWS = 24000
+# Share of the squared gap that the catalogue's form of an effect must explain, so that an effect in
+# another form remains that effect
+MIN_EXPLAINED = 0.75
+# Share of the squared gap of a case outside the catalogue that any single effect may explain
+MAX_EXPLAINED_OUTSIDE = 0.6
+RATES = (300.0, 500.0, 1000.0, 1000.0, 1000.0, 2000.0, 4000.0)  # Hz, drawn
 LOGGERS = (
     ("ideal",) * 10
     + ("irregular",) * 3
@@ -42,9 +45,11 @@ LOGGERS = (
     + ("mixed",)
     + ("lost",)
 )
-NEAR = 0.5
-# contain the effect as a special case: no rivals
+NEAR = 0.5  # of the gap: a rival that leaves less is simulated again at its fitted size
+VISIBLE_ATTEMPTS = 9  # of the search for the visible limit
+# Effect -> more general effects that contain it as a special case and are no rivals
 GENERAL = {"coulomb_friction": ("asymmetric_friction",)}
+# Need of an effect -> profiles that fulfil it
 NEEDED = {"two_way": ("reversals",), "load": ("load_steps", "reversals"), "slow": ("crawl",)}
 
 
@@ -61,30 +66,31 @@ class Case:
     attempt: int = 0
 
 
-class Unfit(Exception):
-    """This draw makes no case; the next is tried."""
+class UnsuitableDraw(Exception):
+    """This draw makes no case; the next one is tried."""
 
 
 def draw_case(entry: Entry) -> Case:
-    """The case of an entry; always the same."""
+    """The case of an entry, a function of the entry alone."""
     reasons = []
     for attempt in range(ATTEMPTS):
         try:
-            return replace(attempt_case(entry, chance(entry, attempt)), attempt=attempt)
-        except (Unfit, ArithmeticError) as reason:
+            return replace(attempt_case(entry, generator_of(entry, attempt)), attempt=attempt)
+        except (UnsuitableDraw, ArithmeticError) as reason:
             reasons.append(str(reason))
     raise RuntimeError(f"{entry}: no case in {ATTEMPTS} draws: {reasons[-3:]}")
 
 
-def chance(entry: Entry, attempt: int) -> np.random.Generator:
+def generator_of(entry: Entry, attempt: int) -> np.random.Generator:
+    """Random numbers of an attempt."""
     return np.random.default_rng([SEED, SETS.index(entry.set), entry.number, attempt])
 
 
 def case_again(
     entry: Entry, attempt: int, sizes: dict[str, float], multiples: dict[str, float]
 ) -> Case:
-    """A case that was drawn before, without the search for its sizes."""
-    rng = chance(entry, attempt)
+    """A case with known sizes, without the search for them."""
+    rng = generator_of(entry, attempt)
     ids = partners(entry, rng)
     setting = draw_setting(entry, ids, rng)
     level, params = level_of(setting), {}
@@ -94,10 +100,11 @@ def case_again(
 
 
 def attempt_case(entry: Entry, rng: np.random.Generator) -> Case:
+    """One attempt to draw a case; raises UnsuitableDraw."""
     ids = partners(entry, rng)
     setting = draw_setting(entry, ids, rng)
     if not all(usable(i, setting) for i in ids):
-        raise Unfit("the log cannot show it")
+        raise UnsuitableDraw("the log cannot show it")
     level = level_of(setting)
     sizes, multiples, params = {}, {}, {}
     for effect_id in ids:
@@ -110,7 +117,7 @@ def attempt_case(entry: Entry, rng: np.random.Generator) -> Case:
 
 
 def usable(effect_id: str, setting: Setting) -> bool:
-    """Whether an effect, of the catalogue or not, can show itself in the log."""
+    """Whether the log can show an effect, of the catalogue or not."""
     rig = setting.rig
     if effect_id in ("u_battery_contact", "u_duty_glitches", "u_brush_contact"):
         return rig.input == "duty" and rig.bus != "measured"
@@ -120,29 +127,16 @@ def usable(effect_id: str, setting: Setting) -> bool:
 
 
 def draw_setting(entry: Entry, ids: list[str], rng: np.random.Generator) -> Setting:
-    """Tool, rig, profile and logger."""
+    """Tool, rig, profile and logger of a case."""
     needs = [BY_ID[i].needs for i in ids if BY_ID[i].needs]
     names = [n for n in BENCH_NAMES if all(n in NEEDED[need] for need in needs)]
     if not names:
-        raise Unfit("no profile for all of them")
+        raise UnsuitableDraw("no profile for all of them")
     name = str(rng.choice(names))
     kind = str(rng.choice(["duty", "voltage_v", "current_a"], p=[0.8, 0.13, 0.07]))
     rate = float(rng.choice(RATES))
-    seconds = round(min(float(np.exp(rng.uniform(np.log(3.0), np.log(20.0)))), ROWS_MOST / rate), 2)
-    sensors = draw_sensors(rate, kind, rng)
-    slew = (
-        None
-        if rng.uniform() < 0.25
-        else 10.0
-        if name in ("hand", "stop_and_go", "chirp", "coast_down")
-        else 6.0
-    )
-    bus = (
-        str(rng.choice(["modelled", "measured", "absent"], p=[0.65, 0.15, 0.2]))
-        if kind == "duty"
-        else "absent"
-    )
-    rig = draw_rig(rng, sensors=sensors, slew_per_s=slew, input=kind, bus=bus)
+    seconds = round(min(float(np.exp(rng.uniform(np.log(3.0), np.log(20.0)))), MAX_ROWS / rate), 2)
+    rig = draw_input(name, kind, draw_sensors(rate, kind, rng), rng)
     rig = replace(rig, tolerance=TOLERANCE) if entry.regime == "hard" else rig
     rig = replace(rig, supply_resistance_ohm=0.0) if kind != "duty" else rig
     load_nm = (
@@ -155,15 +149,26 @@ def draw_setting(entry: Entry, ids: list[str], rng: np.random.Generator) -> Sett
     profile = replace(profile, coast_at_zero=profile.coast_at_zero and kind == "duty")
     rig = replace(rig, load="torque" if len(profile.load_time_s) else "none")
     logger = str(rng.choice(LOGGERS)) if kind == "duty" else "ideal"
-    # a model cannot be driven by rows that are not there
-    logger = "ideal" if logger == "lost" and bus == "measured" else logger
+    # rows that were lost cannot drive a model
+    logger = "ideal" if logger == "lost" and rig.bus == "measured" else logger
     return Setting(rig, draw_tool(rig, rng), profile, seconds, int(rng.integers(1, 2**31)), logger)
 
 
+def draw_input(profile: str, kind: str, sensors: Sensors, rng: np.random.Generator) -> Rig:
+    """A tool with an input of this kind, its slew rate and its bus."""
+    fast = profile in ("hand", "stop_and_go", "chirp", "coast_down")
+    slew = None if rng.uniform() < 0.25 else (10.0 if fast else 6.0)
+    bus = "absent"
+    if kind == "duty":
+        bus = str(rng.choice(["modelled", "measured", "absent"], p=[0.65, 0.15, 0.2]))
+    return draw_rig(rng, sensors=sensors, slew_per_s=slew, input=kind, bus=bus)
+
+
 def draw_sensors(rate: float, kind: str, rng: np.random.Generator) -> Sensors:
-    """Hall, encoder or tachometer; now and then an angle as well, or alone. A current that drives
-    the model is measured finely: its noise would add up to a speed that no sensor's sigma speaks
-    of.
+    """Hall sensor, encoder, tachometer or angle; 8 % of the others have an angle as well.
+
+    A current that drives the model has little noise, since the model integrates that noise into a
+    speed error that no sensor's sigma includes.
     """
     fine = (
         {"current_noise_a": 0.001, "current_lsb_a": 0.0005}
@@ -196,7 +201,8 @@ def draw_sensors(rate: float, kind: str, rng: np.random.Generator) -> Sensors:
 
 
 def level_of(setting: Setting) -> Level:
-    run = simulate(setting, FAST | SILENT)[0]
+    """RMS of current and speed of the effect-free run."""
+    run = simulate(setting, FAST | NOISELESS)[0]
     return Level(
         max(float(np.sqrt(np.mean(run.current_a**2))), 0.1),
         max(float(np.sqrt(np.mean(run.speed_rad_s**2))), 1.0),
@@ -206,7 +212,7 @@ def level_of(setting: Setting) -> Level:
 def formed(
     setting: Setting, level: Level, effect_id: str, size: float, regime: str
 ) -> dict[str, float]:
-    """Parameters of an effect, in another form than the catalogue's where the regime says so."""
+    """Parameters of an effect; in the regime `hard` in another form than the catalogue's."""
     made = effect_params(setting, effect_id, size)
     if regime != "hard":
         return made
@@ -221,7 +227,7 @@ def formed(
 
 def gap_left(setting: Setting, params: dict[str, float]) -> float:
     """The gap without noise after retuning the tolerated keys."""
-    log = seen(setting, params)
+    log = noiseless_log(setting, params)
     base = modelled(log, {})
     found = measured(log) - base
     return clipped_rms(
@@ -232,7 +238,9 @@ def gap_left(setting: Setting, params: dict[str, float]) -> float:
 def draw_size(
     setting: Setting, level: Level, effect_id: str, regime: str, rng: np.random.Generator
 ) -> tuple[float, float]:
-    """(size with its sign, multiple of the visible limit): log-uniform over the regime's multiples."""
+    """(size with its sign, multiple of the visible limit), log-uniform over the regime's
+    multiples.
+    """
     effect = BY_ID[effect_id]
     sign = float(rng.choice([-1.0, 1.0])) if effect.signed else 1.0
     least, most = SIZES[regime]
@@ -240,7 +248,7 @@ def draw_size(
     top = effect.top(setting.tool)
     limit = visible_limit(setting, level, effect_id, sign, regime)
     if limit * least > top:
-        raise Unfit(f"{effect_id} is hardly visible")
+        raise UnsuitableDraw(f"{effect_id} is hardly visible")
     multiple = min(multiple, top / limit)
     return sign * limit * multiple, multiple
 
@@ -248,8 +256,8 @@ def draw_size(
 def visible_limit(
     setting: Setting, level: Level, effect_id: str, sign: float, regime: str
 ) -> float:
-    """The size at which the gap without noise is 1 after retuning, within 15 %; it is sought first
-    where it shows before retuning.
+    """The size at which the gap without noise is 1 after retuning, within 15 %; the search starts
+    from the size at which it is 1 before retuning.
     """
     effect = BY_ID[effect_id]
     top = effect.top(setting.tool)
@@ -273,24 +281,24 @@ def search_size(
 ) -> float:
     """The size at which `left` is 1."""
     low, high = 0.0, np.inf
-    for _ in range(9):
-        seen_gap = left(size)
-        if abs(seen_gap - 1.0) < within:
-            return min(size / seen_gap, top)  # the response is nearly linear so close to 1
-        low, high = (size, high) if seen_gap < 1.0 else (low, size)
-        if seen_gap < 1.0 and size >= top:
-            raise Unfit(f"{effect_id} is invisible")
-        size = min(size * float(np.clip(1.0 / max(seen_gap, 1e-6), 0.1, 10.0)), top)
+    for _ in range(VISIBLE_ATTEMPTS):
+        gap = left(size)
+        if abs(gap - 1.0) < within:
+            return min(size / gap, top)  # close to 1 the response is nearly linear
+        low, high = (size, high) if gap < 1.0 else (low, size)
+        if gap < 1.0 and size >= top:
+            raise UnsuitableDraw(f"{effect_id} is invisible")
+        size = min(size * float(np.clip(1.0 / max(gap, 1e-6), 0.1, 10.0)), top)
         if not low < size < high:
             size = 0.5 * (low + min(high, top))
     return size
 
 
-class Linear:
-    """A case's log as linear fits see it."""
+class LinearFits:
+    """Linear fits of effects to the noiseless log of a case."""
 
     def __init__(self, setting: Setting, params: dict[str, float]) -> None:
-        self.setting, self.log = setting, seen(setting, params)
+        self.setting, self.log = setting, noiseless_log(setting, params)
         self.base = modelled(self.log, {})
         self.found = measured(self.log) - self.base
         self.tolerated, self.stands = tolerance_columns(self.log, self.base)
@@ -298,76 +306,78 @@ class Linear:
     def left_by(
         self, columns: Sequence[np.ndarray], least: Sequence[float]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(coefficients, what is left)."""
+        """(coefficients of the columns (n,) each, residual (n,)); `least` bounds the
+        coefficients.
+        """
         table = np.array(columns).T.reshape(len(self.found), len(columns))
         return fit(self.found, self.tolerated, self.stands, table, np.array(least, dtype=float))
 
     def truth(self, ids: Sequence[str], sizes: dict[str, float]) -> list[np.ndarray]:
-        """Responses to the true effects in the catalogue's form."""
+        """Responses (n,) to the true effects in the catalogue's form."""
         return [
             modelled(self.log, effect_params(self.setting, i, sizes[i])) - self.base for i in ids
         ]
 
     def rms(self, columns: Sequence[np.ndarray]) -> float:
+        """Clipped RMS of the residual of a fit of these columns."""
         return clipped_rms(self.left_by(columns, [-np.inf] * len(columns))[1])
 
 
 def assess(
     setting: Setting, kind: str, ids: list[str], sizes: dict[str, float], params: dict[str, float]
 ) -> None:
-    """Raises Unfit when the catalogue's form of the truth would not be the answer, or one of
-    several effects hides behind the others.
+    """Raise UnsuitableDraw where the catalogue's form of the truth does not explain the log, where
+    a single effect of the catalogue explains a case outside it, or where one of several effects is
+    not visible beside the others.
     """
     if kind == "none" or "hall_dropout" in ids:
         return
-    linear = Linear(setting, params)
+    linear = LinearFits(setting, params)
     retuned = linear.rms([])
     if kind == "unlisted":
         for rival in rivals(linear.log, linear.base):
-            closes = (
-                1.0
-                - (
-                    clipped_rms(linear.left_by(list(rival.columns.T), list(rival.least))[1])
-                    / retuned
-                )
-                ** 2
-            )
-            if closes > OUTSIDE_MOST:
-                raise Unfit(f"{ids[0]}: {rival.id} takes {closes:.2f}")
+            residual = linear.left_by(list(rival.columns.T), list(rival.least))[1]
+            explained = 1.0 - (clipped_rms(residual) / retuned) ** 2
+            if explained > MAX_EXPLAINED_OUTSIDE:
+                raise UnsuitableDraw(f"{ids[0]}: {rival.id} explains {explained:.2f}")
         return
     own = linear.truth(ids, sizes)
     left = linear.rms(own)
-    if 1.0 - (left / retuned) ** 2 < CLOSES_LEAST:
-        raise Unfit(f"{ids}: the catalogue's form closes {1.0 - (left / retuned) ** 2:.2f}")
+    explained = 1.0 - (left / retuned) ** 2
+    if explained < MIN_EXPLAINED:
+        raise UnsuitableDraw(f"{ids}: the catalogue's form explains {explained:.2f}")
     for k in range(len(own) if len(own) > 1 else 0):
         if linear.rms(own[:k] + own[k + 1 :]) ** 2 - left**2 < 1.0:
-            raise Unfit(f"{ids}: {ids[k]} hides behind the others")
+            raise UnsuitableDraw(f"{ids}: {ids[k]} is not visible beside the others")
 
 
 def ties_of(case: Case) -> list[list[str]]:
-    """Sets of effects of the catalogue that nobody could tell from the truth on this log: replaced
-    by a rival, one or several of the true effects leave as little, or the difference lies within
-    what blocks and noise leave open.
+    """Sets of effects of the catalogue that cannot be distinguished from the truth on this log.
+
+    In each set a rival replaces one or several of the true effects, and the residual is as small,
+    or the difference is within the uncertainty by blocks and noise.
     """
     if case.entry.kind in ("none", "unlisted") or "hall_dropout" in case.ids:
         return []
-    linear = Linear(case.setting, case.params)
+    linear = LinearFits(case.setting, case.params)
     own = linear.truth(case.ids, case.sizes)
     truth, time_s = linear.left_by(own, [-np.inf] * len(own))[1], times(linear.log)
     same = {name for i in case.ids for name in (i, *GENERAL.get(i, ()), *accepts(i, case.setting))}
     found = set()
     for rival in (r for r in rivals(linear.log, linear.base) if r.id not in same):
         for keep in kept_sets(len(own)):
-            if verdict_on(rival, linear, [own[k] for k in keep], truth, time_s) >= 0:
+            if compare_rival(rival, linear, [own[k] for k in keep], truth, time_s) >= 0:
                 found.add((*(case.ids[k] for k in keep), rival.id))
     return sorted(list(one) for one in found)
 
 
-def verdict_on(
-    rival: Rival, linear: Linear, kept: list[np.ndarray], truth: np.ndarray, time_s: np.ndarray
+def compare_rival(
+    rival: Rival, linear: LinearFits, kept: list[np.ndarray], truth: np.ndarray, time_s: np.ndarray
 ) -> int:
-    """As `tied`; a rival that comes near is simulated again at the size that the fit gave it, since
-    its response is not quite linear.
+    """compare_fits of a rival beside `kept` true effects.
+
+    A rival that leaves little is simulated again at its fitted size, since its response is not
+    exactly linear.
     """
     free = [-np.inf] * len(kept)
     size, left = linear.left_by([*kept, *rival.columns.T], [*free, *rival.least])
@@ -377,7 +387,7 @@ def verdict_on(
         or abs(part) < 1e-3
         or clipped_rms(left) > NEAR * clipped_rms(linear.found)
     ):
-        return tied(time_s, truth, left)
+        return compare_fits(time_s, truth, left)
     for _ in range(2):
         try:
             column = modelled(linear.log, rival.again(part)) - linear.base
@@ -385,16 +395,16 @@ def verdict_on(
             return -1
         size, left = linear.left_by([*kept, column], [*free, -np.inf])
         part *= float(size[-1])
-    return tied(time_s, truth, left)
+    return compare_fits(time_s, truth, left)
 
 
 def kept_sets(count: int) -> list[tuple[int, ...]]:
-    """Which of the true effects stay while a rival takes the place of the rest."""
+    """Indices of the true effects that remain where a rival replaces the others, all choices."""
     return [keep for length in range(count) for keep in combinations(range(count), length)]
 
 
 def accepts(effect_id: str, setting: Setting) -> list[str]:
-    """Ids that are the same thing on this log."""
+    """Ids that are equivalent on this log."""
     ids = accepted(BY_ID[effect_id], setting.profile.two_way)
     classes = (
         (("torque_constant", "current_gain"), ("asymmetric_friction", "current_offset"))

@@ -1,6 +1,4 @@
-"""The plan of the blind set: which cases there are, in which half, of which kind and regime;
-nothing is drawn here but their order.
-"""
+"""The plan of the blind set: half, kind and regime of every case, and their order."""
 
 import hashlib
 from dataclasses import dataclass
@@ -12,7 +10,8 @@ SEED = 20261121
 SETS = ("tune", "report")
 PER_EFFECT, NONES, PAIRS, TRIPLES, OUTSIDE = 20, 300, 150, 40, 100
 SIZES = {"exact": (3.0, 10.0), "hard": (1.5, 10.0)}  # times the visible limit after retuning
-TOGETHER_NEVER = (
+# Pairs that are too similar for one case
+TOO_SIMILAR = (
     frozenset(("coulomb_friction", "asymmetric_friction")),
     frozenset(("speed_lag", "hall_dropout")),
 )
@@ -20,8 +19,8 @@ TOGETHER_NEVER = (
 
 @dataclass(frozen=True)
 class Entry:
-    """A case to draw: `exact`: rig exact, plain forms, three times visible and more; `hard`: rig
-    off, other forms, down to just visible.
+    """A case to draw. Regime `exact`: exact rig, the catalogue's forms, 3 to 10 visible limits;
+    `hard`: rig off by its tolerances, other forms, 1.5 to 10 visible limits.
     """
 
     set: str
@@ -32,14 +31,12 @@ class Entry:
 
     @property
     def name(self) -> str:
-        """Says nothing about the case."""
+        """A hash that reveals nothing about the case."""
         return hashlib.sha256(f"{SEED} {self.set} {self.number}".encode()).hexdigest()[:10]
 
 
 def plan(half: str) -> list[Entry]:
-    """The cases of a half in the order in which they are run: any beginning of it is a fair sample
-    of the whole.
-    """
+    """The cases of a half in a random order, so that the first n are a sample of the whole."""
     kinds: list[tuple[str, str, str]] = []
     for effect in CATALOGUE:
         kinds += [("single", ("exact", "hard")[n % 2], effect.id) for n in range(PER_EFFECT // 2)]
@@ -64,17 +61,15 @@ def plan(half: str) -> list[Entry]:
 
 
 def alike(one: str, other: str) -> bool:
-    """Whether two ids are the same thing, or too near to be put into one case."""
+    """Whether two ids are equivalent or too similar for one case."""
     return (
         bool(set(accepted(BY_ID[one], True)) & set(accepted(BY_ID[other], True)))
-        or frozenset((one, other)) in TOGETHER_NEVER
+        or frozenset((one, other)) in TOO_SIMILAR
     )
 
 
 def partners(entry: Entry, rng: np.random.Generator) -> list[str]:
-    """Ids of a case: the planned one, and for pairs and triples others that are not the same thing
-    by another name.
-    """
+    """Ids of a case: the planned one, and for pairs and triples drawn ones that differ from it."""
     if entry.kind == "none":
         return []
     ids = [entry.first]

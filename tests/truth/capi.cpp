@@ -11,7 +11,7 @@ using truth::Tool;
 
 namespace {
 
-// Straight lines through points whose times never fall; a step is two points at one time.
+// Piecewise linear curve through points with ascending times; a step is two points at one time.
 class Curve {
 public:
     Curve(const double *t, const double *y, int n) : t_(t), y_(y), n_(n) {}
@@ -37,25 +37,25 @@ private:
     int n_, k_ = 0;
 };
 
-// Part of the delay that changes at random every few milliseconds, with numbers of its own so that
-// nothing else moves.
+// Part of the delay that changes at random every few milliseconds, with a random stream of its own,
+// so that it changes nothing else.
 class Jitter {
 public:
     explicit Jitter(const truth::Params &params)
         : width_s_(params.transport_jitter_s),
           hold_s_(params.transport_hold_s),
-          chance_(static_cast<std::uint64_t>(params.seed) + 77) {}
+          random_(static_cast<std::uint64_t>(params.seed) + 77) {}
     double at(double t) {
         while (width_s_ > 0.0 && t >= until_s_) {
             until_s_ += hold_s_;
-            value_s_ = width_s_ * (2.0 * chance_.uniform() - 1.0);
+            value_s_ = width_s_ * (2.0 * random_.uniform() - 1.0);
         }
         return value_s_;
     }
 
 private:
     double width_s_, hold_s_, until_s_ = 0.0, value_s_ = 0.0;
-    truth::Chance chance_;
+    truth::RandomStream random_;
 };
 
 struct RowOut {
@@ -109,7 +109,7 @@ void truth_start(Tool *tool) {
 }
 
 // Rows end at row_s[0..rows-1]; the first begins at begin_s. Returns the number of edges, which
-// truth_edges then hands over; -1 when the numbers ran away.
+// truth_edges copies; -1 where the integration diverged.
 int truth_run(Tool *tool, const TruthCommand *command, double begin_s, const double *row_s,
               int rows, double *out) {
     tool->start();
@@ -124,16 +124,17 @@ int truth_run(Tool *tool, const TruthCommand *command, double begin_s, const dou
     int row = 0;
     double row_begin = begin_s;
     for (std::int64_t n = 0; row < rows; ++n) {
-        const double now = begin_s + static_cast<double>(n) * period;
-        const double commanded = now + 0.5 * period - tool->params.transport_delay_s -
-                                 jitter.at(now);  // as the middle of the period asks
+        const double start = begin_s + static_cast<double>(n) * period;
+        // the command at the middle of the period, before the delay
+        const double commanded =
+            start + 0.5 * period - tool->params.transport_delay_s - jitter.at(start);
         Drive drive;
         const double wanted = duty.at(commanded);
         drive.duty = levels > 0.0 ? std::round(wanted * levels) / levels : wanted;
         drive.coast = coast.held(commanded) > 0.5;
-        drive.load_nm = load.at(now + 0.5 * period);
-        drive.bus_v = command->bus_count > 0 ? bus.held(now + 0.5 * period) : 0.0;
-        tool->state.time_s = now;
+        drive.load_nm = load.at(start + 0.5 * period);
+        drive.bus_v = command->bus_count > 0 ? bus.held(start + 0.5 * period) : 0.0;
+        tool->state.time_s = start;
         tool->begin_period(period, drive);
         while (row < rows && tool->advance(row_s[row])) {
             close_row(*tool, row_s[row] - row_begin, row_out[row]);
@@ -159,8 +160,8 @@ struct TruthPeriod {
     std::int32_t edge_cycle[8];
 };
 
-// One lock-step period of 510 cycles of 16 MHz; `dead` is the loss of duty by dead time, as the
-// board's message says.
+// One lock-step period of 510 cycles of 16 MHz; `dead` is the loss of duty by dead time, as in the
+// board's message.
 void truth_period(Tool *tool, int coast, double duty, double dead, double load_nm,
                   TruthPeriod *out) {
     constexpr double PERIOD_S = 510.0 / 16e6;
@@ -179,8 +180,8 @@ void truth_period(Tool *tool, int coast, double duty, double dead, double load_n
     tool->advance(1e300);
     tool->state.time_s = begin + PERIOD_S;
     out->current_a = tool->sensed_current(tool->state.sensed_a) +
-                     tool->params.current_noise_a * tool->chance.normal();
-    out->supply_v = tool->sensed_supply() + tool->params.supply_noise_v * tool->chance.normal();
+                     tool->params.current_noise_a * tool->random.normal();
+    out->supply_v = tool->sensed_supply() + tool->params.supply_noise_v * tool->random.normal();
     out->edge_count = static_cast<std::int32_t>(std::min<std::size_t>(tool->edges.size(), 8));
     for (std::int32_t n = 0; n < out->edge_count; ++n) {
         const double cycle =
@@ -189,8 +190,7 @@ void truth_period(Tool *tool, int coast, double duty, double dead, double load_n
     }
 }
 
-// Inner quantities for the tests: current, bus, speed, angle, bristle, then the energies of the
-// audit.
+// States and energies for the tests, in the order of INSIDE in truth.py.
 void truth_inside(const Tool *tool, double *out) {
     const truth::State &s = tool->state;
     const double values[12] = {s.time_s,

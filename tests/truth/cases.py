@@ -1,5 +1,5 @@
-"""A case: a rig, the tool that is really there, a profile, effects of a size; its run, its log, and
-how visible an effect is.
+"""A case: rig, true tool, profile and effects of a size; its run, its log, and the visibility of an
+effect.
 """
 
 from dataclasses import dataclass, replace
@@ -12,13 +12,15 @@ from signals import Sensors, deviations, gap, noisy
 from truth import Command, Generator, Run
 
 LEVELS = 255.0  # of the duty
-SILENT = {"hall_jitter_s": 0.0}
+NOISELESS = {"hall_jitter_s": 0.0}
+MISSING_SHARE = 0.01  # of the samples that a logger of the kind "missing" leaves empty
+VISIBLE_WITHIN, VISIBLE_ATTEMPTS = 0.03, 14  # of the search for the visible limit
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Everything of a case but its effects; `tool` is `rig` off by its tolerances, `logger` says
-    how rows come about.
+    """Everything of a case but its effects; `tool` is `rig` off by its tolerances, `logger` the
+    kind of the rows: ideal, irregular, missing, mixed, jitter or lost.
     """
 
     rig: Rig
@@ -42,8 +44,8 @@ def row_times(setting: Setting) -> np.ndarray:
 def simulate(
     setting: Setting, params: dict[str, float]
 ) -> tuple[Run, Command, np.ndarray, Sensors]:
-    """Run the tool with an effect's parameters; (run, command in true time, time stamps of the
-    rows, sensors of the logger).
+    """Run the tool with the parameters of its effects: (run, command in true time, time stamps of
+    the rows, sensors with the logger's settings).
     """
     tool_params, logger = split(params)
     stamps = row_times(setting)
@@ -67,7 +69,7 @@ def simulate(
 
 
 def columns(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarray]:
-    """The log's columns and the shaft's angle, which no column shows; a missing sample is nan."""
+    """The columns of the log, a missing sample as nan, and the shaft's angle as angle_rad."""
     run, made, stamps, sensors = simulate(setting, params)
     skew = split(params)[1].get("command_skew", 0.0)
     at = run.time_s / (1.0 + skew)
@@ -84,7 +86,8 @@ def columns(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarray]
         )
     if setting.logger in ("missing", "mixed"):
         for name in ("supply_v", "current_a", "speed_rpm"):
-            out[name] = np.where(rng.uniform(size=len(stamps)) < 0.01, np.nan, out[name])
+            missing = rng.uniform(size=len(stamps)) < MISSING_SHARE
+            out[name] = np.where(missing, np.nan, out[name])
     if setting.logger == "jitter":
         step = 1.0 / setting.rig.sensors.log_hz
         out["time_s"] = np.round(stamps + step * 0.05 * rng.uniform(-1.0, 1.0, len(stamps)), 6)
@@ -92,8 +95,8 @@ def columns(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarray]
 
 
 def effect_params(setting: Setting, effect_id: str, size: float) -> dict[str, float]:
-    """Parameters of an effect on the setting's tool; what the effect draws besides its size depends
-    on the seed alone.
+    """Parameters of an effect of this size on the setting's tool; its other parameters are drawn by
+    the setting's seed alone.
     """
     rng = np.random.default_rng([setting.seed, *effect_id.encode()])
     return BY_ID[effect_id].make(setting.tool, size, rng)
@@ -102,15 +105,15 @@ def effect_params(setting: Setting, effect_id: str, size: float) -> dict[str, fl
 def visibility(setting: Setting, reference: Run, effect_id: str, size: float) -> float:
     """Normalised RMS difference to the effect-free run of the same seed."""
     params = effect_params(setting, effect_id, size)
-    run, _, _, sensors = simulate(setting, params | SILENT)
+    run, _, _, sensors = simulate(setting, params | NOISELESS)
     skew = params.get("command_skew", 0.0) + params.get("clock_skew", 0.0)
     model = simulate_skewed(setting, skew) if skew else reference
     return gap(deviations(run, model, sensors, setting.rig.sensors))
 
 
 def simulate_skewed(setting: Setting, skew: float) -> Run:
-    """What a model makes of a log with a wrong clock: the tool driven with the command as the log
-    tells it, in true time.
+    """The run of a model by a log with a wrong clock: the effect-free tool with the command at the
+    times of the log.
     """
     grid = np.concatenate([[0.0], row_times(setting)])
     made = command(setting.profile, setting.rig.slew_per_s, grid, LEVELS)
@@ -122,22 +125,22 @@ def simulate_skewed(setting: Setting, skew: float) -> Run:
 
 
 def visible_limit(setting: Setting, effect_id: str, sign: float = 1.0) -> float | None:
-    """The size (unsigned) at which the visibility is 1, within 3 %; None when the effect cannot be
-    seen at any size that makes sense.
+    """The size (unsigned) at which the visibility is 1, within 3 %; None where no size up to the
+    effect's top is visible.
     """
     effect = BY_ID[effect_id]
-    reference = simulate(setting, SILENT)[0]
+    reference = simulate(setting, NOISELESS)[0]
     top = effect.top(setting.rig)
     size = min(effect.guess(setting.rig), top)
     low, high = 0.0, np.inf
-    for _ in range(14):
-        seen = visibility(setting, reference, effect_id, sign * size)
-        if abs(seen - 1.0) < 0.03:
+    for _ in range(VISIBLE_ATTEMPTS):
+        found = visibility(setting, reference, effect_id, sign * size)
+        if abs(found - 1.0) < VISIBLE_WITHIN:
             return size
-        low, high = (size, high) if seen < 1.0 else (low, size)
-        if seen < 1.0 and size >= top:
+        low, high = (size, high) if found < 1.0 else (low, size)
+        if found < 1.0 and size >= top:
             return None
-        step = float(np.clip(1.0 / max(seen, 1e-6), 0.1, 10.0))
+        step = float(np.clip(1.0 / max(found, 1e-6), 0.1, 10.0))
         size = min(size * step, top)
         if not low < size < high:
             size = 0.5 * (low + min(high, top))

@@ -1,5 +1,7 @@
-"""What can be wrong with a generated tool: the catalogue's effects and others, each with one size
-in physical units.
+"""Effects of a generated tool, of the catalogue and outside it, each with one size in physical
+units.
+
+The list is independent of the diagnosis' catalogue by design.
 """
 
 from collections.abc import Callable
@@ -8,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from rigs import Rig
 
-# Keys of an effect that belong to the logger and not to the tool; everything else is a parameter of
-# params.hpp.
+# Keys of an effect that belong to the logger; all others are parameters of the tool (params.hpp).
 LOGGER_KEYS = (
     "speed_gain",
     "speed_lag_s",
@@ -23,8 +24,12 @@ Made = Callable[[Rig, float, np.random.Generator], dict[str, float]]
 
 @dataclass(frozen=True)
 class Effect:
-    """`make(rig, size, rng)` gives the changed parameters; `guess(rig)` a size of the visible
-    order; `top` the largest sensible one.
+    """An effect: `make(rig, size, rng)` are its changed parameters, `guess(rig)` a size near the
+    visible limit, `top(rig)` the largest plausible size.
+
+    signed: the size may be negative. needs: property of the profile that shows it (two_way, load,
+    slow). first: in the default list of make_cases.py. accept: equivalent ids. one_way: the id that
+    it is equivalent to on a log in one direction.
     """
 
     id: str
@@ -145,8 +150,8 @@ def _glitch(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]
 
 
 def _tight(rig: Rig, size: float, rng: np.random.Generator) -> dict[str, float]:
-    """A spot that comes round only every few dozen turns of the output, as a drum or a lead screw
-    has it.
+    """A tight spot that repeats only every few dozen turns of the output, as on a drum or a lead
+    screw.
     """
     every = 2 * np.pi * rng.uniform(12.0, 30.0)
     at = rng.uniform(0.2, 0.9) * every
@@ -332,8 +337,8 @@ CATALOGUE = tuple(
         ("clock_skew", _skew, _const(1e-3), _const(0.05), {"signed": True}),
     )
 )
-# Outside the catalogue: what they do comes and goes, or follows a clock, so that no constant term
-# of the catalogue takes the bulk of it.
+# Outside the catalogue: intermittent effects, or effects of time, most of which no constant term of
+# the catalogue explains.
 OUTSIDE = tuple(
     Effect(*row)
     for row in (
@@ -365,8 +370,8 @@ FIRST = tuple(effect.id for effect in CATALOGUE if effect.first)
 
 
 def accepted(effect: Effect, two_way: bool) -> list[str]:
-    """Ids that are right answers for an effect: its equivalence class, and what it is in a one-way
-    log.
+    """Ids that are right answers for an effect: its equivalents, also those on a log in one
+    direction.
     """
     ids = list(effect.accept) or [effect.id]
     if effect.one_way and not two_way:

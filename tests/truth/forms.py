@@ -1,6 +1,4 @@
-"""Functional forms that are not the catalogue's: what a real tool has instead of the equation that
-the diagnosis knows, an id at a time.
-"""
+"""Functional forms of the effects other than the catalogue's, as a real tool may have them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +9,7 @@ from rigs import Rig
 
 @dataclass(frozen=True)
 class Level:
-    """Where the tool works on a profile: RMS of current and speed of its effect-free run."""
+    """Operating level of a tool on a profile: RMS of current and speed of its effect-free run."""
 
     current_a: float
     speed_rad_s: float
@@ -21,7 +19,7 @@ Form = Callable[[Rig, dict[str, float], Level, np.random.Generator], dict[str, f
 
 
 def off_one(rng: np.random.Generator, low: float, high: float, around: float = 1.0) -> float:
-    """A power on one side of `around` or the other, off by low .. high."""
+    """A power that differs from `around` by low .. high, with a random sign."""
     return around + float(rng.choice([-1.0, 1.0])) * float(rng.uniform(low, high))
 
 
@@ -39,7 +37,7 @@ def _supply(
 def _droop(
     rig: Rig, made: dict[str, float], level: Level, rng: np.random.Generator
 ) -> dict[str, float]:
-    """Two time constants: the surface of the electrodes and what diffuses behind it."""
+    """Polarisation with two time constants: electrode surface and diffusion."""
     part = float(rng.uniform(0.25, 0.45))
     return made | {
         "polarisation_ohm": made["polarisation_ohm"] * (1.0 - part),
@@ -94,7 +92,7 @@ def _inductance(
 def _flux(
     rig: Rig, made: dict[str, float], level: Level, rng: np.random.Generator
 ) -> dict[str, float]:
-    """A magnet of another strength saturates a little as well."""
+    """A magnet of another strength that saturates slightly."""
     size = abs(made["torque_constant_nm_per_a"] / rig.torque_constant_nm_per_a - 1.0)
     return made | {"saturation_a": level.current_a / (float(rng.uniform(0.03, 0.1)) * size) ** 0.5}
 
@@ -135,14 +133,14 @@ def _lag(first: str, second: str) -> Form:
 
 
 def _grown(key: str, low: float, high: float, around: float = 1.0) -> Form:
-    """A power of the speed beside the catalogue's."""
+    """A power of the speed that differs from the catalogue's."""
     return lambda rig, made, level, rng: (
         made | {key: off_one(rng, low, high, around), "reference_rad_s": level.speed_rad_s}
     )
 
 
 def _drawn(**ranges: tuple[float, float]) -> Form:
-    """Parameters beside the catalogue's, each drawn from its range."""
+    """Additional parameters, each drawn from its range."""
     return lambda rig, made, level, rng: (
         made | {key: float(rng.uniform(*ends)) for key, ends in ranges.items()}
     )
@@ -213,8 +211,8 @@ FORMS: dict[str, Form] = {
 def other_form(
     effect_id: str, rig: Rig, made: dict[str, float], level: Level, rng: np.random.Generator
 ) -> dict[str, float]:
-    """An effect's parameters `made` in another form; those that have but one form (an inertia, an
-    offset) stay.
+    """An effect's parameters `made` in another form; effects with a single form (an inertia, an
+    offset) are unchanged.
     """
     form = FORMS.get(effect_id)
     return form(rig, made, level, rng) if form else made

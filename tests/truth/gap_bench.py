@@ -1,4 +1,4 @@
-"""The blind set's own command, `gap_bench.py list|make|open FOLDER [--set ...] [--numbers ...]`:
+"""The command of the blind set, `gap_bench.py list|make|open FOLDER [--set ...] [--numbers ...]`:
 answers are sealed as cases are made.
 """
 
@@ -19,7 +19,7 @@ from sealed import mask
 from signals import Sensors
 
 SEALED = "answers.sealed"
-LOST = 0.01  # share of the rows that a logger of the kind "lost" never wrote
+LOST_SHARE = 0.01  # of the rows that a logger of the kind "lost" omits
 FORMATS = {
     "time_s": "{:.6f}",
     "duty": "{:.4f}",
@@ -34,7 +34,7 @@ FORMATS = {
 
 
 def log_table(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarray]:
-    """The log's columns as the rig's input and sensors ask for them."""
+    """The columns of the log that belong to the rig's input and sensors."""
     rig, judged = setting.rig, channels(setting.rig)
     table = columns(setting, params)
     rng = np.random.default_rng([setting.seed, 17])
@@ -55,7 +55,7 @@ def log_table(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarra
             * rig.sensors.position_lsb_rad
         )
     if setting.logger == "lost":
-        here = rng.uniform(size=len(angle)) >= LOST
+        here = rng.uniform(size=len(angle)) >= LOST_SHARE
         table = {name: values[here] for name, values in table.items()}
     return table
 
@@ -72,14 +72,14 @@ def write_log(path: Path, table: dict[str, np.ndarray]) -> None:
 
 
 def write_case(case: Case, folder: Path) -> None:
-    """log.csv and rig.toml, nothing else."""
+    """Write log.csv and rig.toml of a case."""
     folder.mkdir(parents=True, exist_ok=True)
     write_log(folder / "log.csv", log_table(case.setting, case.params))
     (folder / "rig.toml").write_text(toml(case.setting.rig), encoding="utf-8")
 
 
 def answer_of(case: Case) -> dict[str, object]:
-    """What is sealed about a case."""
+    """The sealed answer of a case."""
     setting, rig, s = case.setting, case.setting.rig, case.setting.rig.sensors
     label = case.entry.kind if case.entry.kind in ("none", "unlisted") else "effect"
     return {
@@ -96,7 +96,7 @@ def answer_of(case: Case) -> dict[str, object]:
         "tool": {key: getattr(setting.tool, key.split(".")[1]) for key in rig.tolerance},
         "input": rig.input,
         "bus": rig.bus if rig.input == "duty" else "none",
-        "sensor": sensor_word(s),
+        "sensor": sensor_kind(s),
         "position": s.position_lsb_rad > 0.0,
         "profile": setting.profile.name,
         "two_way": setting.profile.two_way,
@@ -108,8 +108,8 @@ def answer_of(case: Case) -> dict[str, object]:
     }
 
 
-def sensor_word(s: Sensors) -> str:
-    """What measures the speed."""
+def sensor_kind(s: Sensors) -> str:
+    """The sensor of the speed: hall, encoder, tachometer or angle."""
     if s.hall_pulses_per_rev:
         return "hall" if s.hall_pulses_per_rev < 16 else "encoder"
     return "tachometer" if s.speed_noise_rpm else "angle"
@@ -124,11 +124,12 @@ def seal(answer: dict[str, object], name: str) -> str:
 
 
 def key_of(name: str) -> str:
+    """Key of the mask of a case's answer."""
     return f"vgroove gap bench {SEED} {name}"
 
 
 def opened(path: Path) -> dict[str, dict[str, object]]:
-    """All answers by case name; ValueError when a line is not what was committed to."""
+    """All answers by case name; ValueError where a line differs from its commitment."""
     out = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
         name, commitment, text = line.split(" ")
@@ -140,38 +141,44 @@ def opened(path: Path) -> dict[str, dict[str, object]]:
 
 
 def make(folder: Path, entries: list[Entry]) -> None:
-    """Make the cases that are missing; each one's answer is sealed before its folder gets its name,
-    and what is sealed is made as it is.
+    """Make the missing cases. An answer is sealed before its folder gets its name,
+    and a case with a sealed answer is made by that answer.
     """
     path = folder / SEALED
-    here = opened(path)
+    sealed = opened(path)
     for entry in entries:
         target = folder / "cases" / entry.name
-        if entry.name not in here or not target.exists():
-            a = here.get(entry.name)
-            case = (
-                case_again(entry, a["attempt"], a["sizes"], a["times_visible"])
-                if a
-                else draw_case(entry)
-            )
-            fresh = target.with_suffix(".part")
-            write_case(case, fresh)
-            if entry.name not in here:
-                with path.open("a", encoding="utf-8") as file:
-                    file.write(seal(answer_of(case), entry.name))
-            fresh.rename(target)
+        if entry.name not in sealed or not target.exists():
+            answer = sealed.get(entry.name)
+            case = answered_case(entry, answer) if answer else draw_case(entry)
+            part = target.with_suffix(".part")
+            write_case(case, part)
+            if entry.name not in sealed:
+                append_sealed(path, answer_of(case), entry.name)
+            part.rename(target)
         sys.stdout.write(f"{entry.number} {entry.name}\n")
         sys.stdout.flush()
 
 
+def answered_case(entry: Entry, answer: dict[str, object]) -> Case:
+    """The case of a sealed answer."""
+    return case_again(entry, answer["attempt"], answer["sizes"], answer["times_visible"])
+
+
+def append_sealed(path: Path, answer: dict[str, object], name: str) -> None:
+    """Append an answer to a sealed file."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(seal(answer, name))
+
+
 def freeze(folder: Path, entries: list[Entry]) -> list[dict[str, object]]:
-    """What makes sealed cases again without their search, ties included: for sets that stand in the
-    repository.
+    """Rows from which frozen_case makes sealed cases without their search, ties included: for sets
+    in the repository.
     """
-    known = show(folder, entries, with_ties=True)
+    answers = show(folder, entries, with_ties=True)
     rows = []
     for entry in entries:
-        answer = known[entry.name]
+        answer = answers[entry.name]
         rows.append(
             {
                 "half": entry.set,
@@ -182,35 +189,32 @@ def freeze(folder: Path, entries: list[Entry]) -> list[dict[str, object]]:
     return rows
 
 
-def thawed(row: dict[str, object]) -> Case:
-    """The case of a row of `freeze`; ValueError when the generator would draw another."""
+def frozen_case(row: dict[str, object]) -> Case:
+    """The case of a row of `freeze`; ValueError where the generator draws other effects."""
     case = case_again(
         plan(row["half"])[row["number"]], row["attempt"], row["sizes"], row["multiples"]
     )
     if list(case.ids) != row["ids"]:
         raise ValueError(
-            f"case {row['number']} of {row['half']} holds {case.ids}, not {row['ids']}: freeze it anew"
+            f"case {row['number']} of {row['half']} has {case.ids}, not {row['ids']}: "
+            "freeze it again"
         )
     return case
 
 
 def show(folder: Path, entries: list[Entry], with_ties: bool) -> dict[str, object]:
-    """Answers of the entries; with ties as far as they are asked for, which are kept beside the
-    sealed file.
+    """Answers of the entries, with the ties that are known; with_ties computes the missing ones,
+    which are kept in a sealed file of their own.
     """
-    here = opened(folder / SEALED)
-    out = {entry.name: here[entry.name] for entry in entries if entry.name in here}
+    sealed = opened(folder / SEALED)
+    out = {entry.name: sealed[entry.name] for entry in entries if entry.name in sealed}
     kept = folder / "ties.sealed"
-    known = opened(kept)
+    ties = opened(kept)
     for entry in entries if with_ties else []:
-        if entry.name not in known and entry.name in out:
-            a = out[entry.name]
-            known[entry.name] = {
-                "ties": ties_of(case_again(entry, a["attempt"], a["sizes"], a["times_visible"]))
-            }
-            with kept.open("a", encoding="utf-8") as file:
-                file.write(seal(known[entry.name], entry.name))
-    return {name: answer | known.get(name, {}) for name, answer in out.items()}
+        if entry.name not in ties and entry.name in out:
+            ties[entry.name] = {"ties": ties_of(answered_case(entry, out[entry.name]))}
+            append_sealed(kept, ties[entry.name], entry.name)
+    return {name: answer | ties.get(name, {}) for name, answer in out.items()}
 
 
 def main(arguments: list[str]) -> int:
@@ -222,10 +226,12 @@ def main(arguments: list[str]) -> int:
     parser.add_argument(
         "--ties",
         action="store_true",
-        help="open: say also who cannot be told from the truth in principle",
+        help="open: with the effects that cannot be distinguished from the truth",
     )
     parser.add_argument(
-        "--kinds", action="store_true", help="list: with kinds and ids, for people only"
+        "--kinds",
+        action="store_true",
+        help="list: with kinds and ids, which the bench must not read",
     )
     args = parser.parse_args(arguments)
     entries = plan(args.half)

@@ -1,5 +1,5 @@
-"""Make folders of measured-like logs with rig, label and sealed truth: `make_cases.py OUT --seed N
---count M [--kind ...]`.
+"""Makes folders with measured-like log, rig and label: `make_cases.py OUT --seed N --count M
+[--kind ...]`.
 """
 
 import argparse
@@ -26,11 +26,23 @@ FORMATS = {
     "load_nm": "{:.4f}",
 }
 KINDS = ("single", "none", "unlisted", "pair")
+# Of 20 mixed cases 15 singles, 2 without effect, 2 unlisted, 1 pair
+MIXED = (
+    ("single",) * 7
+    + ("none",)
+    + ("single",) * 5
+    + ("unlisted",)
+    + ("single",) * 3
+    + ("none", "unlisted", "pair")
+)
+ATTEMPTS = 20
 
 
 @dataclass(frozen=True)
 class Order:
-    """What is wanted of a set of cases."""
+    """Options of a set of cases; `tolerance` and `steps` are the shares of cases with a rig off by
+    its tolerances and with a command without a slew rate.
+    """
 
     kinds: tuple[str, ...]
     ids: tuple[str, ...]
@@ -44,7 +56,7 @@ class Order:
 
 
 def draw_setting(order: Order, rng: np.random.Generator, need: str) -> Setting:
-    """Tool, profile and logger of a case; `need` is what the effect wants of the profile."""
+    """Tool, profile and logger of a case; `need` is Effect.needs."""
     wanted = {"two_way": ("reversals",), "load": ("load_steps",), "slow": ("crawl",)}.get(
         need, order.profiles
     )
@@ -69,8 +81,8 @@ def draw_setting(order: Order, rng: np.random.Generator, need: str) -> Setting:
 
 
 def effects_of(kind: str, index: int, order: Order, rng: np.random.Generator) -> list[str]:
-    """Ids of a case: singles go round the list, pairs are drawn from different subsystems' ids,
-    unlisted from outside the catalogue.
+    """Ids of a case: singles by `index` in turns, pairs with a drawn effect that is not equivalent,
+    unlisted ones from outside the catalogue.
     """
     if kind == "none":
         return []
@@ -90,10 +102,10 @@ def effects_of(kind: str, index: int, order: Order, rng: np.random.Generator) ->
 def draw_case(
     kind: str, index: int, order: Order, seed: int
 ) -> tuple[Setting, dict[str, float], dict[str, float]]:
-    """(setting, size per effect, multiple of the visible limit per effect); draws again where an
-    effect cannot be seen.
+    """(setting, size of each effect, its multiple of the visible limit); draws again where an
+    effect is not visible, up to ATTEMPTS times.
     """
-    for attempt in range(20):
+    for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, index, attempt])
         ids = effects_of(kind, index, order, rng)
         needs = [BY_ID[i].needs for i in ids if BY_ID[i].needs]
@@ -106,14 +118,14 @@ def draw_case(
             sizes[effect_id], multiples[effect_id] = drawn
         if len(sizes) == len(ids):
             return setting, sizes, multiples
-    raise RuntimeError(f"no visible case of {ids} in 20 draws")
+    raise RuntimeError(f"no visible case of {ids} in {ATTEMPTS} draws")
 
 
 def draw_size(
     setting: Setting, effect_id: str, order: Order, rng: np.random.Generator
 ) -> tuple[float, float] | None:
-    """(size, multiple of the visible limit), log-uniform over the multiples asked for; None where
-    that is beyond what makes sense.
+    """(size, multiple of the visible limit), log-uniform over the order's multiples; None where the
+    size exceeds the effect's top.
     """
     effect = BY_ID[effect_id]
     sign = float(rng.choice([-1.0, 1.0])) if effect.signed else 1.0
@@ -126,6 +138,7 @@ def draw_size(
 
 
 def cell(name: str, value: float) -> str:
+    """A number as the log has it; empty for nan."""
     text = "" if np.isnan(value) else FORMATS[name].format(value)
     return text.replace("-0.00", "0.00") if text == "-0.00" else text
 
@@ -162,7 +175,7 @@ def label_of(
     multiples: dict[str, float],
     params: dict[str, float],
 ) -> dict[str, object]:
-    """The label in the form of the practice data; `truth` is all that was changed on the tool."""
+    """The label as in tests/data/practice; `truth` are all changed parameters of the tool."""
     two_way = setting.profile.two_way
     label = {"single": "effect", "pair": "effect"}.get(kind, kind)
     ids = list(sizes) if label == "effect" else []
@@ -185,7 +198,8 @@ def label_of(
     return found
 
 
-def parse(arguments: list[str]) -> tuple[argparse.Namespace, Order]:
+def parser_of_options() -> argparse.ArgumentParser:
+    """The options of the command."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--seed", type=int, default=1)
@@ -216,17 +230,13 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, Order]:
         "--logger", default="ideal", choices=("ideal", "irregular", "missing", "jitter", "mixed")
     )
     parser.add_argument("--jobs", type=int, default=2)
-    args = parser.parse_args(arguments)
-    # mixed: of 20 cases 15 singles, 2 without effect, 2 unlisted, 1 pair
-    mixed = (
-        ("single",) * 7
-        + ("none",)
-        + ("single",) * 5
-        + ("unlisted",)
-        + ("single",) * 3
-        + ("none", "unlisted", "pair")
-    )
-    kinds = mixed if args.kind == "mixed" else tuple(args.kind.split(","))
+    return parser
+
+
+def parse(arguments: list[str]) -> tuple[argparse.Namespace, Order]:
+    """Options and order of a command line."""
+    args = parser_of_options().parse_args(arguments)
+    kinds = MIXED if args.kind == "mixed" else tuple(args.kind.split(","))
     ids = {"first": FIRST, "all": tuple(e.id for e in CATALOGUE)}.get(args.ids) or tuple(
         args.ids.split(",")
     )

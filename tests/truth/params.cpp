@@ -1,4 +1,4 @@
-// The names under which the parameters of a generated tool are set from outside.
+// Names of the parameters of a generated tool for Python.
 #include "params.hpp"
 
 #include <cstring>

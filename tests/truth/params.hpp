@@ -1,5 +1,4 @@
-// Everything that can be set on a generated tool, SI units, one line each; the Python side sets
-// them by these names.
+// Parameters of a generated tool, SI units; Python sets them by these names.
 #pragma once
 
 namespace truth {
@@ -36,7 +35,7 @@ struct Params {
     double current_noise_a = 0.0, supply_noise_v = 0.0;
     // timing
     double transport_delay_s = 0.0;
-    // outside the catalogue; the gate opens and closes at random times
+    // outside the catalogue; the gate switches intermittent effects on and off at random times
     double gate_on_s = 0.2, gate_off_s = 0.5;
     double u_load_nm = 0.0, u_brush_ohm = 0.0, u_contact_ohm = 0.0, u_glitch = 0.0;
     double u_tight_nm = 0.0, u_tight_every_rad = 6.283185307179586, u_tight_width_rad = 0.5,
@@ -45,8 +44,8 @@ struct Params {
     double u_torque_hum_nm = 0.0, u_torque_hz = 7.3, u_hum_a = 0.0, u_hum_hz = 50.0;
     double u_ripple_nm = 0.0, u_ripple_per_rev = 0.37, u_ripple_wander = 3.0;
     double u_supply_square_ohm_per_a = 0.0;
-    // other functional forms than the catalogue's: powers over a reference, second stages, bends;
-    // neutral as they stand
+    // functional forms other than the catalogue's: powers over a reference, second stages, bends;
+    // the defaults are neutral
     double polarisation2_ohm = 0.0, polarisation2_s = 1.0, extra_source_ohm = 0.0,
            source_power = 0.0;
     double extra_ohm = 0.0, extra_ohm_power = 0.0, extra_inductance_h = 0.0,
@@ -60,13 +59,13 @@ struct Params {
     double current_lag2_s = 0.0, current_gain_bend = 0.0, current_limit_power = 0.0,
            hall_burst = 0.0;
     double transport_jitter_s = 0.0, transport_hold_s = 2e-3;
-    // the command is a current: duty times this; 0 where it is a duty
+    // above 0: the command is a current, duty times this
     double current_source_a = 0.0;
-    // integration and chance
+    // integration step, seed of the random numbers
     double step_s = 5e-6, seed = 1.0;
 };
 
-// Address of a member by its name, or nullptr.
+// Address of a parameter by its name, or nullptr.
 double *find_param(Params &params, const char *name);
 
 }  // namespace truth

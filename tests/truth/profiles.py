@@ -1,5 +1,5 @@
-"""Command profiles of the cases: what a bench or a hand does with the trigger, and loads that the
-bench applies.
+"""Command profiles of the cases, as a test bench or a hand on the trigger makes them, and bench
+loads.
 """
 
 from dataclasses import dataclass, field
@@ -13,8 +13,8 @@ BENCH_NAMES = (*NAMES, "coast_down")
 
 @dataclass(frozen=True)
 class Profile:
-    """Targets that hold from their times on, or a curve through them (`smooth`), whether the bridge
-    opens at rest, and load points.
+    """Targets (n,) of the duty that hold from their times on, or points of a curve (`smooth`);
+    whether the bridge opens at zero duty; points (m,) of the load.
     """
 
     name: str
@@ -31,9 +31,7 @@ class Profile:
 
 
 def draw(name: str, seconds: float, load_nm: float, rng: np.random.Generator) -> Profile:
-    """One profile of a name, `seconds` long; `load_nm` is the size of the loads of a profile that
-    has some.
-    """
+    """A profile by its name, `seconds` long; `load_nm` scales the loads of a profile with loads."""
     made = {
         "staircase": _staircase,
         "ramps": _ramps,
@@ -49,7 +47,9 @@ def draw(name: str, seconds: float, load_nm: float, rng: np.random.Generator) ->
 
 
 def _times(seconds: float, dwell: float, rng: np.random.Generator) -> np.ndarray:
-    """Instants at which something changes, from 0.2 s after the start to 0.4 s before the end."""
+    """Times (n,) of changes about `dwell` apart, from 0.2 s after the start to 0.4 s before the
+    end.
+    """
     count = max(3, round((seconds - 0.6) / dwell))
     return 0.2 + (seconds - 0.6) / count * (np.arange(count) + rng.uniform(0.0, 0.3, count))
 
@@ -110,18 +110,18 @@ def _load_steps(seconds: float, load_nm: float, rng: np.random.Generator) -> Pro
 def _loads(
     seconds: float, load_nm: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Load torque that comes and goes over ramps of 30 ms."""
-    times, levels, now = [0.0], [0.0], 0.0
+    """Times and levels of a load torque that switches on and off over ramps of 30 ms."""
+    times, levels, level = [0.0], [0.0], 0.0
     for at in _times(seconds, 0.7, rng) + 0.2:
-        wanted = 0.0 if now > 0.0 and rng.uniform() < 0.6 else load_nm * rng.uniform(0.3, 1.0)
+        wanted = 0.0 if level > 0.0 and rng.uniform() < 0.6 else load_nm * rng.uniform(0.3, 1.0)
         times += [at, at + 0.03]
-        levels += [now, wanted]
-        now = wanted
-    return np.array([*times, seconds - 0.1, seconds - 0.05]), np.array([*levels, now, 0.0])
+        levels += [level, wanted]
+        level = wanted
+    return np.array([*times, seconds - 0.1, seconds - 0.05]), np.array([*levels, level, 0.0])
 
 
 def _hand(seconds: float, _: float, rng: np.random.Generator) -> Profile:
-    """A finger: presses that overshoot, tremble at about 8 Hz and let go."""
+    """A finger on the trigger: presses with overshoot, tremor at about 8 Hz, and releases."""
     t = np.arange(0.0, seconds, 0.02)
     presses = _pressed(t, seconds, rng)
     tremble = 0.03 * np.convolve(rng.standard_normal(len(t) + 4), np.hanning(5), "valid")
@@ -148,14 +148,14 @@ def _stop_and_go(seconds: float, _: float, rng: np.random.Generator) -> Profile:
 
 
 def _coast_down(seconds: float, _: float, rng: np.random.Generator) -> Profile:
-    """Up to a speed, then the bridge opens for about as long."""
+    """Driven up to a speed, then the bridge is open for about as long."""
     times = _times(seconds, 0.8, rng)
     levels = np.where(np.arange(len(times)) % 2 == 0, rng.uniform(0.3, 1.0, len(times)), 0.0)
     return _holding("coast_down", times, levels, seconds, coast_at_zero=True)
 
 
 def _crawl(seconds: float, _: float, rng: np.random.Generator) -> Profile:
-    """Slow running, where friction of the Stribeck kind lives, with a fast stretch now and then."""
+    """Slow running, where Stribeck friction acts, with a fast part in every fourth step."""
     times = _times(seconds, 0.6, rng)
     levels = np.where(
         np.arange(len(times)) % 4 == 3,
@@ -177,7 +177,7 @@ def _chirp(seconds: float, _: float, rng: np.random.Generator) -> Profile:
 
 
 def slewed(times: np.ndarray, targets: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the straight lines along which the command follows held targets at `rate` per
+    """Times and values of the piecewise linear command that follows held targets at `rate` per
     second.
     """
     t_out, y_out, value = [0.0], [float(targets[0])], float(targets[0])
@@ -197,25 +197,25 @@ def slewed(times: np.ndarray, targets: np.ndarray, rate: float) -> tuple[np.ndar
 
 
 def limited(times: np.ndarray, points: np.ndarray, rate: float) -> np.ndarray:
-    """A curve's points moved so that no line between them is steeper than `rate`."""
+    """Points (n,) of a curve, limited to changes of `rate` per second."""
     out = points.astype(float).copy()
     for n in range(1, len(out)):
-        room = rate * (times[n] - times[n - 1])
-        out[n] = np.clip(points[n], out[n - 1] - room, out[n - 1] + room)
+        change = rate * (times[n] - times[n - 1])
+        out[n] = np.clip(points[n], out[n - 1] - change, out[n - 1] + change)
     return out
 
 
 def snapped(times: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Each time moved to the nearest instant of a grid, so that a row sees a whole command."""
+    """Times (n,) rounded up to those of a grid, so that a command changes between rows."""
     return grid[np.clip(np.searchsorted(grid, times), 0, len(grid) - 1)]
 
 
 def command(profile: Profile, slew_per_s: float | None, grid: np.ndarray, levels: float) -> Command:
-    """The command that the bridge gets: slewed lines, or (without a slew rate) values that are
-    constant over each row of `grid`.
+    """The command of the bridge: piecewise linear at the slew rate, or, without one, constant over
+    each row of `grid`.
 
-    The controller decides at the instants of `grid` in steps of 1 / levels; between them the PWM
-    runs straight on the slewed lines.
+    The controller sets values of resolution 1 / levels at the times of `grid`; between them the
+    slewed command is linear.
     """
     loads = (
         snapped(profile.load_time_s, grid) if len(profile.load_time_s) else profile.load_time_s,
@@ -242,16 +242,16 @@ def command(profile: Profile, slew_per_s: float | None, grid: np.ndarray, levels
 
 
 def open_at_zero(time: np.ndarray, duty: np.ndarray) -> np.ndarray:
-    """1 from each point on after which the command stays zero."""
+    """1 at the points where the command is zero and remains so, else 0, (n,)."""
     after = np.concatenate([duty[1:], [0.0]])
     return ((duty == 0.0) & (after == 0.0)).astype(float)
 
 
 def sampled(times: np.ndarray, points: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """The command just before each instant of `at`."""
+    """The command just before each time of `at`."""
     return np.interp(at - 1e-7, times, points)
 
 
 def held(times: np.ndarray, points: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """The value of the last point before each instant of `at`."""
+    """The value of the last point before each time of `at`."""
     return points[np.clip(np.searchsorted(times, at - 1e-7, side="right") - 1, 0, len(points) - 1)]

@@ -1,5 +1,5 @@
-"""What a log shows and what a model makes of it, without noise, in units of the sensors' noise;
-retuning and rivals as linear responses.
+"""Noiseless logs and their models in units of the sensors' noise; retuning and rival effects as
+linear responses.
 """
 
 from collections.abc import Callable
@@ -7,32 +7,33 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from cases import SILENT, Setting, simulate
-from effects import BY_ID, CATALOGUE, split
+from cases import NOISELESS, Setting, simulate
+from effects import BY_ID, CATALOGUE, split, top_speed
 from rigs import Rig, generator_params
 from scipy.optimize import lsq_linear
-from signals import RPM, Sensors, hall_rows, lagged, speed_column
+from signals import RPM_PER_RAD_S, Sensors, hall_rows, lagged, speed_column
 from truth import Command, Generator, Run
 
-FAST = {"step_s": 2.5e-5}
-CLIP = 10.0
-PRIOR_MOST = 3.0  # sigma
-ROBUST = 30.0
-POSITION_S = 0.02  # angles are compared through their change over this
-BLOCK_S = 0.5
-RESTART_S = 0.25
-DRAWS = 400
+FAST = {"step_s": 2.5e-5}  # longer integration step
+CLIP = 10.0  # of a residual, in sigma
+MAX_PRIOR = 3.0  # sigma, of a tolerated key
+HUBER_SIGMA = 30.0  # larger residuals have less weight in a fit
+POSITION_S = 0.02  # angles are compared by their changes over this time
+BLOCK_S = 0.5  # of the block bootstrap
+RESTART_S = 0.25  # from one restart of the model's speed to the next: docs/spec/gap.md, section 4
+DRAWS = 400  # of the block bootstrap
+CONFIDENCE = (0.025, 0.975)
 
 
 @dataclass(frozen=True)
-class Seen:
-    """A log without noise: the run per row on the logger's time, the samples of speed, and the
-    command that a model gets from it.
+class NoiselessLog:
+    """A log without noise: the run at the logger's rows, the speed samples (row, time, edge period,
+    speed, sigma), and the command that a model gets from the log.
     """
 
     setting: Setting
     run: Run
-    told: Command
+    command: Command
     row: np.ndarray
     at_s: np.ndarray
     span_s: np.ndarray
@@ -42,7 +43,7 @@ class Seen:
 
 
 def channels(rig: Rig) -> tuple[str, ...]:
-    """The columns that are judged."""
+    """The columns that are compared."""
     s = rig.sensors
     speed = ("speed_rpm",) if s.hall_pulses_per_rev or s.speed_noise_rpm else ()
     current = () if rig.input == "current_a" else ("current_a",)
@@ -50,40 +51,40 @@ def channels(rig: Rig) -> tuple[str, ...]:
     return (*current, *bus, *speed, *(("position_rad",) if s.position_lsb_rad else ()))
 
 
-def seen(setting: Setting, params: dict[str, float]) -> Seen:
-    """Run the tool with an effect and read it as the logger does."""
-    run, made, stamps, sensors = simulate(setting, FAST | SILENT | params)
+def noiseless_log(setting: Setting, params: dict[str, float]) -> NoiselessLog:
+    """Run the tool with an effect; the log without noise."""
+    run, made, stamps, sensors = simulate(setting, FAST | NOISELESS | params)
     logger = split(params)[1]
     clock = 1.0 + logger.get("clock_skew", 0.0)
     logged = replace(run, time_s=stamps, edge_s=run.edge_s * clock)
-    told = replace(
+    given = replace(
         made,
         time_s=made.time_s * clock * (1.0 + logger.get("command_skew", 0.0)),
         load_time_s=made.load_time_s * clock,
     )
     if setting.rig.bus == "measured":
-        told = replace(told, bus_time_s=np.concatenate([[0.0], stamps[:-1]]), bus_v=logged.supply_v)
+        bus_time_s = np.concatenate([[0.0], stamps[:-1]])
+        given = replace(given, bus_time_s=bus_time_s, bus_v=logged.supply_v)
     if setting.rig.input == "current_a":
-        told = current_command(told, stamps, logged.current_a)
-    return Seen(
-        setting, logged, told, *speed_samples(run, sensors, clock), 1.0 + sensors.speed_gain
-    )
+        given = current_command(given, stamps, logged.current_a)
+    samples = speed_samples(run, sensors, clock)
+    return NoiselessLog(setting, logged, given, *samples, 1.0 + sensors.speed_gain)
 
 
-def current_command(told: Command, stamps: np.ndarray, current_a: np.ndarray) -> Command:
-    """The measured current, held over each row."""
+def current_command(command: Command, stamps: np.ndarray, current_a: np.ndarray) -> Command:
+    """The measured current, held over each row, as the command."""
     time = np.repeat(np.concatenate([[0.0], stamps]), 2)[1:-1]
     amps = np.repeat(current_a, 2)
-    return replace(told, time_s=time, duty=amps, coast=np.zeros(len(time)))
+    return replace(command, time_s=time, duty=amps, coast=np.zeros(len(time)))
 
 
 def speed_samples(run: Run, sensors: Sensors, clock: float) -> tuple[np.ndarray, ...]:
-    """(row, time, span, speed, sigma) of each speed that the log shows: one for each new edge, or
-    one for each row of a tachometer.
+    """(row, time, edge period, speed, sigma) of the speed samples of a log: one for each new edge,
+    or one for each row of a tachometer.
     """
-    speed, lsb = speed_column(run, sensors), sensors.speed_lsb_rpm / RPM / 12**0.5
+    speed, lsb = speed_column(run, sensors), sensors.speed_lsb_rpm / RPM_PER_RAD_S / 12**0.5
     if not sensors.hall_pulses_per_rev:
-        sigma = np.full(len(speed), np.hypot(lsb, sensors.speed_noise_rpm / RPM))
+        sigma = np.full(len(speed), np.hypot(lsb, sensors.speed_noise_rpm / RPM_PER_RAD_S))
         return np.arange(len(speed)), run.time_s * clock, np.zeros(len(speed)), speed, sigma
     _, at, period = hall_rows(run, sensors)
     fresh = ~np.isnan(at) & (np.diff(np.where(np.isnan(at), -1.0, at), prepend=-1.0) != 0)
@@ -97,19 +98,18 @@ def speed_samples(run: Run, sensors: Sensors, clock: float) -> tuple[np.ndarray,
     )
 
 
-def modelled(log: Seen, change: dict[str, float]) -> np.ndarray:
-    """All judged samples (n,) in units of sigma as the tool's model with a change of plain form has
-    them.
+def modelled(log: NoiselessLog, change: dict[str, float]) -> np.ndarray:
+    """All compared samples (n,) in units of sigma, of the tool's model with a change of
+    parameters.
     """
     setting = log.setting
     tool_change, logger = split(change)
     clock, late = 1.0 + logger.get("clock_skew", 0.0), 1.0 + logger.get("command_skew", 0.0)
-    told = log.told
-    told = replace(
-        told,
-        time_s=told.time_s / (clock * late),
-        load_time_s=told.load_time_s / clock,
-        bus_time_s=told.bus_time_s / clock,
+    command = replace(
+        log.command,
+        time_s=log.command.time_s / (clock * late),
+        load_time_s=log.command.load_time_s / clock,
+        bus_time_s=log.command.bus_time_s / clock,
     )
     largest = float(np.max(setting.profile.load_nm, initial=0.0)) / setting.rig.ratio
     tool = Generator(
@@ -121,18 +121,18 @@ def modelled(log: Seen, change: dict[str, float]) -> np.ndarray:
     tool.set(
         **(
             FAST
-            | SILENT
+            | NOISELESS
             | tool_change
             | ({"current_source_a": 1.0} if setting.rig.input == "current_a" else {})
         )
     )
-    run = tool.run(told, log.run.time_s / clock)
+    run = tool.run(command, log.run.time_s / clock)
     run = replace(run, time_s=log.run.time_s, speed_rad_s=run.speed_rad_s / clock)
     return in_sigma(log, run, tool_change, logger, clock)
 
 
-def measured(log: Seen) -> np.ndarray:
-    """The same samples as the log has them."""
+def measured(log: NoiselessLog) -> np.ndarray:
+    """The same samples (n,) of the log."""
     parts = []
     for name, sigma in sigmas(log).items():
         values = {
@@ -145,9 +145,9 @@ def measured(log: Seen) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def since_restart(log: Seen, speed: np.ndarray) -> np.ndarray:
-    """With a current as input nothing holds the model's speed, whose errors add up from the last
-    restart on (0.25 s, the contract's).
+def since_restart(log: NoiselessLog, speed: np.ndarray) -> np.ndarray:
+    """The speed; with a current as input the change of the speed since the last restart, since the
+    model's speed then integrates errors.
     """
     if log.setting.rig.input != "current_a" or len(speed) == 0:
         return speed
@@ -155,7 +155,8 @@ def since_restart(log: Seen, speed: np.ndarray) -> np.ndarray:
     return speed - speed[np.searchsorted(window, window, side="left")]
 
 
-def sigmas(log: Seen) -> dict[str, np.ndarray | float]:
+def sigmas(log: NoiselessLog) -> dict[str, np.ndarray | float]:
+    """Sigma of the samples of each channel."""
     s = log.setting.rig.sensors
     table = {
         "current_a": np.hypot(s.current_noise_a, s.current_lsb_a / 12**0.5),
@@ -166,7 +167,7 @@ def sigmas(log: Seen) -> dict[str, np.ndarray | float]:
     return {name: table[name] for name in channels(log.setting.rig)}
 
 
-def times(log: Seen) -> np.ndarray:
+def times(log: NoiselessLog) -> np.ndarray:
     """Time of each sample (n,)."""
     rows = log.run.time_s
     table = {
@@ -178,15 +179,22 @@ def times(log: Seen) -> np.ndarray:
     return np.concatenate([table[name] for name in channels(log.setting.rig)])
 
 
-def steps_of(log: Seen, values: np.ndarray, late: bool = False) -> np.ndarray:
-    """Changes of a column over POSITION_S without overlap, or its value at their ends."""
+def steps_of(log: NoiselessLog, values: np.ndarray, late: bool = False) -> np.ndarray:
+    """Changes of a column over consecutive intervals of POSITION_S; with `late` its values at their
+    ends.
+    """
     stride = max(1, round(POSITION_S * log.setting.rig.sensors.log_hz))
     return values[stride::stride] if late else np.diff(values[::stride])
 
 
 def in_sigma(
-    log: Seen, run: Run, tool_change: dict[str, float], logger: dict[str, float], clock: float
+    log: NoiselessLog,
+    run: Run,
+    tool_change: dict[str, float],
+    logger: dict[str, float],
+    clock: float,
 ) -> np.ndarray:
+    """All compared samples (n,) of a model's run in units of sigma."""
     parts = []
     for name, sigma in sigmas(log).items():
         angle = steps_of(log, hall_angle(run.angle_rad, tool_change))
@@ -201,7 +209,7 @@ def in_sigma(
 
 
 def hall_angle(angle: np.ndarray, change: dict[str, float]) -> np.ndarray:
-    """The angle as an eccentric sensor has it."""
+    """The angle (n,) of an eccentric sensor."""
     amplitude = change.get("hall_eccentricity_rad", 0.0)
     return (
         angle + amplitude * np.sin(angle + change.get("hall_eccentricity_phase_rad", 0.0))
@@ -211,9 +219,13 @@ def hall_angle(angle: np.ndarray, change: dict[str, float]) -> np.ndarray:
 
 
 def speeds(
-    log: Seen, run: Run, tool_change: dict[str, float], logger: dict[str, float], clock: float
+    log: NoiselessLog,
+    run: Run,
+    tool_change: dict[str, float],
+    logger: dict[str, float],
+    clock: float,
 ) -> np.ndarray:
-    """The model's speed over each measured edge period, through the sensor's gain and lag."""
+    """The model's speed over each measured edge period, with the sensor's gain and lag."""
     time = np.concatenate([[run.begin_s], run.time_s])
     speed = np.concatenate([[0.0], run.speed_rad_s])
     if log.setting.rig.sensors.hall_pulses_per_rev:
@@ -225,15 +237,17 @@ def speeds(
     else:
         out, sign = np.interp(log.at_s, time, speed), 1.0
     if logger.get("speed_lag_s") or logger.get("speed_delay_s"):
-        out = sign * behind(
+        out = sign * with_lag(
             log, run, sign * out, logger.get("speed_lag_s", 0.0), logger.get("speed_delay_s", 0.0)
         )
     return out * (1.0 + logger.get("speed_gain", 0.0)) * clock
 
 
-def behind(log: Seen, run: Run, samples: np.ndarray, lag_s: float, delay_s: float) -> np.ndarray:
-    """The sensor's electronics see each sample held until the next; rows of the samples after its
-    lag or delay.
+def with_lag(
+    log: NoiselessLog, run: Run, samples: np.ndarray, lag_s: float, delay_s: float
+) -> np.ndarray:
+    """Speed samples after the lag or delay of a sensor whose electronics hold each sample until the
+    next one.
     """
     last = np.searchsorted(log.row, np.arange(len(run.time_s)), side="right") - 1
     held = np.where(last >= 0, samples[np.maximum(last, 0)], 0.0)
@@ -244,7 +258,7 @@ def behind(log: Seen, run: Run, samples: np.ndarray, lag_s: float, delay_s: floa
 
 
 def angles(run: Run, t: np.ndarray) -> np.ndarray:
-    """Angle between rows by cubic Hermite interpolation of angle and speed."""
+    """Angle at times t by cubic Hermite interpolation of angle and speed."""
     time = np.concatenate([[run.begin_s], run.time_s])
     angle, speed = np.concatenate([[0.0], run.angle_rad]), np.concatenate([[0.0], run.speed_rad_s])
     k = np.clip(np.searchsorted(time, t, side="right") - 1, 0, len(time) - 2)
@@ -258,13 +272,13 @@ def angles(run: Run, t: np.ndarray) -> np.ndarray:
     )
 
 
-def deviation(log: Seen) -> np.ndarray:
+def deviation(log: NoiselessLog) -> np.ndarray:
     """(log - model of the tool without the effect) / sigma."""
     return measured(log) - modelled(log, {})
 
 
-def tolerance_columns(log: Seen, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(response (n, p) to a sigma of each tolerated key, where in sigma the tool stands)."""
+def tolerance_columns(log: NoiselessLog, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(responses (n, p) to a sigma of each tolerated key, deviations (p,) of the tool in sigma)."""
     rig, tool, columns, stands = log.setting.rig, log.setting.tool, [], []
     for key, sigma in rig.tolerance.items():
         name = key.split(".")[1]
@@ -277,8 +291,8 @@ def tolerance_columns(log: Seen, base: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def weights(found: np.ndarray) -> np.ndarray:
-    """Few samples far off must not rule a linear fit."""
-    return np.minimum(1.0, ROBUST / np.maximum(np.abs(found), 1e-9))
+    """Weights (n,) of a linear fit against outliers (Huber 1964)."""
+    return np.minimum(1.0, HUBER_SIGMA / np.maximum(np.abs(found), 1e-9))
 
 
 def fit(
@@ -288,8 +302,11 @@ def fit(
     columns: np.ndarray,
     least: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(coefficients of `columns`, what they and the tolerated keys leave of `found` (n,)); keys
-    under their prior, within 3 sigma.
+    """(coefficients (q,) of `columns`, residual (n,)) of a weighted linear fit of `found` (n,).
+
+    `tolerated` (n, p) are the responses to the tolerated keys, fitted under their normal prior
+    within MAX_PRIOR; `stands` (p,) are the tool's deviations in sigma; `least` (q,) bounds the
+    coefficients.
     """
     w = weights(found)
     p, q = tolerated.shape[1], columns.shape[1]
@@ -305,22 +322,23 @@ def fit(
     right = aw.T @ (found * w) - prior.T @ stands
     root = np.linalg.cholesky(gram + (1e-9 * np.trace(gram) / len(gram) + 1e-12) * np.eye(p + q))
     low = np.concatenate(
-        [-PRIOR_MOST - stands - 1e-6, np.where(np.isfinite(least), least * scale[p:], -np.inf)]
+        [-MAX_PRIOR - stands - 1e-6, np.where(np.isfinite(least), least * scale[p:], -np.inf)]
     )
-    high = np.concatenate([PRIOR_MOST - stands + 1e-6, np.full(q, np.inf)])
+    high = np.concatenate([MAX_PRIOR - stands + 1e-6, np.full(q, np.inf)])
     x = lsq_linear(root.T, np.linalg.solve(root, right), (low, high)).x / scale
     return x[p:], found - a @ x
 
 
 def clipped_rms(values: np.ndarray) -> float:
+    """RMS of residuals clipped at CLIP."""
     return float(np.sqrt(np.mean(np.clip(values, -CLIP, CLIP) ** 2)))
 
 
 NONE = np.zeros(0)
 
 
-def after_retuning(log: Seen) -> float:
-    """The gap without noise that retuning the tolerated keys leaves."""
+def after_retuning(log: NoiselessLog) -> float:
+    """The gap without noise after retuning the tolerated keys."""
     base = modelled(log, {})
     found = measured(log) - base
     tolerated, stands = tolerance_columns(log, base)
@@ -330,8 +348,8 @@ def after_retuning(log: Seen) -> float:
 def variants(
     effect_id: str, tool: Rig, size: float, top_rad_s: float
 ) -> list[list[dict[str, float]]]:
-    """Ways in which an effect of the catalogue may act, each as the columns that a linear fit gives
-    it.
+    """Variants of an effect of the catalogue, each as the parameters of the columns of a linear
+    fit.
     """
     c, s = 0.0, np.pi / 2
     special = {
@@ -380,8 +398,8 @@ def variants(
 
 
 def applicable(effect_id: str, setting: Setting) -> bool:
-    """Whether the log's columns and input leave the effect anything to show itself in."""
-    rig, seen_in = setting.rig, channels(setting.rig)
+    """Whether the input and the columns of a log can show an effect."""
+    rig, compared = setting.rig, channels(setting.rig)
     if effect_id in ("supply_resistance", "supply_droop"):
         return rig.input == "duty" and rig.bus != "measured"
     if effect_id == "supply_gain":
@@ -393,7 +411,7 @@ def applicable(effect_id: str, setting: Setting) -> bool:
     if effect_id.startswith("current_"):
         return rig.input != "current_a" or effect_id in ("current_gain", "current_offset")
     if effect_id.startswith("speed_"):
-        return "speed_rpm" in seen_in
+        return "speed_rpm" in compared
     if effect_id.startswith("hall_"):
         return 0 < rig.sensors.hall_pulses_per_rev < 16
     needs = BY_ID[effect_id].needs
@@ -402,25 +420,28 @@ def applicable(effect_id: str, setting: Setting) -> bool:
 
 @dataclass(frozen=True)
 class Rival:
-    """One way of one effect: its columns (n, q) and whether their coefficients may be negative."""
+    """One variant of an effect: its columns (n, q), and lower bounds (q,) of their coefficients.
+
+    `again(part)` are the parameters at a multiple of the columns' size.
+    """
 
     id: str
     columns: np.ndarray
     least: np.ndarray
-    again: Callable[[float], dict[str, float]]  # parameters at a multiple of the columns' size
+    again: Callable[[float], dict[str, float]]
 
 
-def rivals(log: Seen, base: np.ndarray) -> list[Rival]:
-    """The linear responses of every effect of the catalogue that the log could show."""
+def rivals(log: NoiselessLog, base: np.ndarray) -> list[Rival]:
+    """The linear responses of every effect of the catalogue that the log can show."""
     out = []
     setting = log.setting
-    top_rad_s = setting.tool.voltage_v / setting.tool.torque_constant_nm_per_a
+    top_rad_s = top_speed(setting.tool)
     for effect in CATALOGUE:
         if not applicable(effect.id, setting):
             continue
         size = min(3.0 * effect.guess(setting.tool), effect.top(setting.tool))
         for n, ways in enumerate(variants(effect.id, setting.tool, size, top_rad_s)):
-            again = partial(scaled, effect.id, setting.tool, size, top_rad_s, n)
+            again = partial(scaled, setting.tool, effect.id, (size, n))
             columns = np.array([modelled(log, params) - base for params in ways]).T
             free = effect.signed or len(ways) > 1
             out.append(
@@ -430,16 +451,19 @@ def rivals(log: Seen, base: np.ndarray) -> list[Rival]:
 
 
 def scaled(
-    effect_id: str, tool: Rig, size: float, top_rad_s: float, way: int, part: float
+    tool: Rig, effect_id: str, size_and_variant: tuple[float, int], part: float
 ) -> dict[str, float]:
-    """A single-column variant at a multiple of its size, within what makes sense."""
+    """Parameters of a single-column variant at a multiple of its size, at most the effect's top."""
+    size, number = size_and_variant
     top = BY_ID[effect_id].top(tool)
-    return variants(effect_id, tool, float(np.clip(size * part, -top, top)), top_rad_s)[way][0]
+    sized = float(np.clip(size * part, -top, top))
+    return variants(effect_id, tool, sized, top_speed(tool))[number][0]
 
 
-def tied(time_s: np.ndarray, truth: np.ndarray, rival: np.ndarray) -> int:
-    """-1: the rival is decidedly worse; 0: blocks and noise leave it open (as the contract has it,
-    by a block bootstrap); 1: better.
+def compare_fits(time_s: np.ndarray, truth: np.ndarray, rival: np.ndarray) -> int:
+    """Compare the residuals (n,) of the truth and of a rival by a block bootstrap with the noise of
+    the sensors: -1 where the rival is significantly worse, 1 where it is better, 0 otherwise
+    (docs/spec/gap.md, section 5).
     """
     block = (time_s / BLOCK_S).astype(int)
     truth, rival = np.clip(truth, -CLIP, CLIP), np.clip(rival, -CLIP, CLIP)
@@ -449,5 +473,5 @@ def tied(time_s: np.ndarray, truth: np.ndarray, rival: np.ndarray) -> int:
     totals = totals + 2.0 * float(np.sqrt(np.sum((rival - truth) ** 2))) * rng.standard_normal(
         DRAWS
     )
-    low, high = np.quantile(totals, [0.025, 0.975])
+    low, high = np.quantile(totals, CONFIDENCE)
     return -1 if low > 0.0 else (1 if high < 0.0 else 0)

@@ -1,5 +1,5 @@
-"""Tools of the cases: what the simulation believes (rig.toml) and the generator's parameters for
-the same tool.
+"""Tools of the cases: the nominal tool (rig.toml), and the generator's parameters of the same
+tool.
 """
 
 from dataclasses import asdict, dataclass, field, replace
@@ -34,8 +34,8 @@ class Rig:
     tolerance: dict[str, float] = field(default_factory=dict)
 
 
-# Classes of tools as the catalogues of makers show them; numbers estimated from no-load speed,
-# stall current and mass of the rotor.
+# Classes of power tools; values estimated from the no-load speed, stall current and rotor mass in
+# manufacturers' catalogues.
 TOOLS = (
     Rig("compact drill, 18 V", 18.0, 0.082, 6.2e-5, 0.0076, 9.5e-6, 3.1e-6, 0.0085, 11.0, 8e-5),
     Rig("impact driver, 18 V", 18.0, 0.17, 9e-5, 0.0102, 1.5e-5, 4e-6, 0.0105, 6.2, 5.5e-5),
@@ -55,7 +55,7 @@ TOOLS = (
         supply_resistance_ohm=0.02,
     ),
 )
-# The reference set of the nominal page with its measured-load gear: the tool of the demo.
+# The reference set of docs/spec/model.md, section 4, without its impact mechanism: the demo's tool.
 REFERENCE = Rig(
     "impact driver, 18 V",
     18.0,
@@ -91,7 +91,7 @@ def three_digits(value: float) -> float:
 
 
 def draw_rig(rng: np.random.Generator, **changes: object) -> Rig:
-    """One of the tools with its numbers moved by up to 20 %, as rounded as a data sheet."""
+    """One of TOOLS with its values changed by up to 20 % and rounded to three digits."""
     base = TOOLS[int(rng.integers(len(TOOLS)))]
     moved = {
         key: three_digits(getattr(base, key) * float(rng.uniform(0.82, 1.2))) for key in VARIED
@@ -100,7 +100,7 @@ def draw_rig(rng: np.random.Generator, **changes: object) -> Rig:
 
 
 def draw_tool(rig: Rig, rng: np.random.Generator) -> Rig:
-    """The tool that is really there: the rig, off by its tolerances (cut at two sigma)."""
+    """The true tool: the rig with values off by its tolerances, at most two sigma."""
     real = {}
     for key, sigma in rig.tolerance.items():
         name = key.split(".")[1]
@@ -127,33 +127,47 @@ def generator_params(rig: Rig) -> dict[str, float]:
     return params
 
 
-def toml(rig: Rig) -> str:
-    """rig.toml as section 2 of the gap contract has it."""
-    d = asdict(rig)
-    s = rig.sensors
+def input_lines(rig: Rig) -> list[str]:
+    """Section [input]; the slew rate is in the unit of the input."""
     volts = rig.voltage_v if rig.input == "voltage_v" else 1.0
-    slew = (
-        [f"slew_per_s = {rig.slew_per_s * volts}"]
-        if rig.slew_per_s and rig.input != "current_a"
-        else []
-    )
-    slew += ['bus = "measured"'] if rig.bus == "measured" else []
-    pendulum = (
-        [f"mass_kg = {rig.pendulum_mass_kg}", f"length_m = {rig.pendulum_length_m}"]
-        if rig.load == "pendulum"
-        else []
-    )
-    tolerance = (
-        ["[tolerance]", *(f'"{key}" = {value}' for key, value in rig.tolerance.items())]
-        if rig.tolerance
-        else []
-    )
+    lines = ["[input]", f'kind = "{rig.input}"']
+    if rig.slew_per_s and rig.input != "current_a":
+        lines.append(f"slew_per_s = {rig.slew_per_s * volts}")
+    return lines + (['bus = "measured"'] if rig.bus == "measured" else [])
+
+
+def load_lines(rig: Rig) -> list[str]:
+    """Section [load]."""
+    lines = ["[load]", f'kind = "{rig.load}"']
+    if rig.load == "pendulum":
+        lines += [f"mass_kg = {rig.pendulum_mass_kg}", f"length_m = {rig.pendulum_length_m}"]
+    return lines
+
+
+def sensor_lines(s: Sensors) -> list[str]:
+    """Section [sensors]."""
+    lines = [
+        "[sensors]",
+        f"log_hz = {s.log_hz:g}",
+        f"current_noise_a = {s.current_noise_a}",
+        f"current_lsb_a = {s.current_lsb_a}",
+        f"speed_lsb_rpm = {s.speed_lsb_rpm}",
+        f"hall_pulses_per_rev = {s.hall_pulses_per_rev}",
+        f"hall_timeout_s = {s.hall_timeout_s}",
+        f"supply_noise_v = {s.supply_noise_v}",
+    ]
+    lines += [f"speed_noise_rpm = {s.speed_noise_rpm}"] if s.speed_noise_rpm else []
+    return lines + ([f"position_lsb_rad = {s.position_lsb_rad!r}"] if s.position_lsb_rad else [])
+
+
+def toml(rig: Rig) -> str:
+    """The text of rig.toml (docs/spec/gap.md, section 2)."""
+    d = asdict(rig)
+    tolerance = [f'"{key}" = {value}' for key, value in rig.tolerance.items()]
     lines = [
         'schema = "vgroove.rig/1"',
         f'name = "{rig.name}"',
-        "[input]",
-        f'kind = "{rig.input}"',
-        *slew,
+        *input_lines(rig),
         "[supply]",
         f"voltage_v = {rig.voltage_v}",
         f"resistance_ohm = {rig.supply_resistance_ohm}",
@@ -166,19 +180,8 @@ def toml(rig: Rig) -> str:
         f"output_inertia_kg_m2 = {rig.output_inertia_kg_m2!r}",
         "[mechanism]",
         'kind = "none"',
-        "[load]",
-        f'kind = "{rig.load}"',
-        *pendulum,
-        "[sensors]",
-        f"log_hz = {s.log_hz:g}",
-        f"current_noise_a = {s.current_noise_a}",
-        f"current_lsb_a = {s.current_lsb_a}",
-        f"speed_lsb_rpm = {s.speed_lsb_rpm}",
-        f"hall_pulses_per_rev = {s.hall_pulses_per_rev}",
-        f"hall_timeout_s = {s.hall_timeout_s}",
-        f"supply_noise_v = {s.supply_noise_v}",
-        *([f"speed_noise_rpm = {s.speed_noise_rpm}"] if s.speed_noise_rpm else []),
-        *([f"position_lsb_rad = {s.position_lsb_rad!r}"] if s.position_lsb_rad else []),
-        *tolerance,
+        *load_lines(rig),
+        *sensor_lines(rig.sensors),
+        *(["[tolerance]", *tolerance] if tolerance else []),
     ]
     return "\n".join(lines) + "\n"

@@ -1,4 +1,4 @@
-"""The sealed effect of the demo: drawn by seed, committed to by its hash, opened only after the
+"""The sealed effect of the demo: drawn by a seed, committed to by its hash, opened after the
 verdict.
 """
 
@@ -15,11 +15,10 @@ from rigs import REFERENCE, generator_params
 from signals import Sensors
 from truth import TruthTool
 
-# The board calibrates the current's offset away at rest, so that effect would be no effect of the
-# demo's tool.
+# The board calibrates the offset of the current at rest, so that this effect would be invisible.
 DEMO_IDS = tuple(name for name in FIRST if name != "current_offset")
-# What the 1 kHz frame of the board amounts to: about eight samples of 0.15 A and 0.125 A a row,
-# capture at 16 MHz.
+# The rows of the board at 1 kHz: means of about eight samples with a noise of 0.15 A and a
+# resolution of 0.125 A; Hall edges captured at 16 MHz.
 BOARD = Sensors(
     current_noise_a=0.055,
     current_lsb_a=0.0125,
@@ -29,8 +28,8 @@ BOARD = Sensors(
 )
 TOOL_NOISE = {"current_noise_a": 0.15, "supply_noise_v": 0.02, "hall_jitter_s": 2e-7}
 # Trigger of the demo: (time, signed duty); zero is the released trigger, where the bridge opens.
-# Upwards only: on the way down the current would cross zero within the PWM ripple, where the
-# averaged dead time of the nominal bridge is no longer what a bridge does.
+# The magnitude only rises: where it falls, the current crosses zero within the PWM ripple, where
+# the averaged dead time of the nominal model is not valid.
 DEMO_STEPS = (
     (0.0, 0.0),
     (0.2, 0.08),
@@ -54,9 +53,7 @@ PREFIX = b"vgroove sealed truth 1\n"
 
 @dataclass(frozen=True)
 class Sealed:
-    """A tool with a sealed effect: `commitment` is the SHA-256 of what `open_sealed(path,
-    commitment)` will show.
-    """
+    """A tool with a sealed effect; `commitment` is the SHA-256 of the answer in `path`."""
 
     tool: TruthTool
     commitment: str
@@ -71,11 +68,11 @@ def demo_setting(seed: int) -> Setting:
 
 
 def draw_answer(seed: int) -> dict[str, object]:
-    """Label, ids, accepted ids, size and tool parameters that a seed stands for: a tenth none, a
-    tenth outside the catalogue.
+    """Label, ids, accepted ids, size and tool parameters of a seed; of ten seeds in a row one has
+    no effect and one is outside the catalogue.
     """
     block, place = divmod(seed - 1, 10)
-    # of ten seeds in a row, one is 0 and one is 1
+    # of ten seeds in a row, one has kind 0 (no effect) and one kind 1 (outside the catalogue)
     kind = int(np.random.default_rng([block % 2**32, 26]).permutation(10)[place])
     for attempt in range(20):
         rng = np.random.default_rng([seed, 19, attempt])
@@ -132,10 +129,10 @@ def tool_of(answer: dict[str, object]) -> TruthTool:
 
 
 def draw_sealed(seed: int, folder: Path) -> Sealed:
-    """Draw the tool of a seed; the answer goes masked into `folder`, only its hash is told."""
+    """Draw the tool of a seed, and write the masked answer into `folder`."""
     answer = draw_answer(seed)
     text = json.dumps(answer, sort_keys=True).encode()
-    text += b" " * (1024 - len(text) % 1024)  # the length tells nothing
+    text += b" " * (1024 - len(text) % 1024)  # so that the length does not reveal the answer
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "sealed_truth.bin"
     commitment = hashlib.sha256(text).hexdigest()
@@ -144,7 +141,7 @@ def draw_sealed(seed: int, folder: Path) -> Sealed:
 
 
 def open_sealed(path: Path, commitment: str) -> dict[str, object]:
-    """The answer, after the verdict; ValueError when the file is not what was committed to."""
+    """The answer; ValueError where the file differs from the commitment."""
     data = path.read_bytes()
     if not data.startswith(PREFIX):
         raise ValueError(f"{path} is no sealed truth")
@@ -155,8 +152,8 @@ def open_sealed(path: Path, commitment: str) -> dict[str, object]:
 
 
 def mask(text: bytes, key: str) -> bytes:
-    """Exclusive or with a stream of hashes: nothing that a search or a glance reads, the same call
-    undoes it.
+    """The exclusive or of a text with a stream of hashes, which makes it unreadable; a second call
+    restores the text.
     """
     blocks = (hashlib.sha256(f"{key} {n}".encode()).digest() for n in range(len(text) // 32 + 1))
     stream = b"".join(blocks)[: len(text)]

@@ -1,4 +1,4 @@
-"""From a run to what a logger writes, and how far two runs lie apart in units of the sensors'
+"""Columns that a logger writes of a run, and the difference of two runs in units of the sensors'
 noise.
 """
 
@@ -7,12 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from truth import Run
 
-RPM = 60.0 / (2.0 * np.pi)
+RPM_PER_RAD_S = 60.0 / (2.0 * np.pi)
+COUNTING_EDGES = 16  # from so many edges a turn on the sensor counts edges between rows
+CLIP = 10.0  # of a deviation, in sigma
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """The `[sensors]` of a rig, and what the logger does besides."""
+    """Section [sensors] of a rig, and the errors of the logger; a tachometer has
+    hall_pulses_per_rev 0 and speed_noise_rpm above 0.
+    """
 
     log_hz: float = 1000.0
     current_noise_a: float = 0.15
@@ -27,13 +31,13 @@ class Sensors:
     speed_lag_s: float = 0.0
     speed_delay_s: float = 0.0
     speed_lag2_s: float = 0.0
-    speed_noise_rpm: float = 0.0  # of a tachometer: hall_pulses_per_rev is 0
+    speed_noise_rpm: float = 0.0
     position_lsb_rad: float = 0.0
 
 
 def hall_rows(run: Run, sensors: Sensors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(speed in rad/s per row, time of the row's last edge, period it stands on; nan without one):
-    one pitch over the last edge period.
+    """For each row (n,): speed in rad/s (one pitch over the last edge period), time of the last
+    edge, and that period; time and period are nan without one.
     """
     pitch = 2.0 * np.pi / sensors.hall_pulses_per_rev
     last = np.searchsorted(run.edge_s, run.time_s, side="right") - 1
@@ -41,26 +45,26 @@ def hall_rows(run: Run, sensors: Sensors) -> tuple[np.ndarray, np.ndarray, np.nd
     has = last >= 1
     at = np.where(has, run.edge_s[np.maximum(last, 0)] if len(run.edge_s) else 0.0, -np.inf)
     period = np.where(has, gaps[np.maximum(last, 0)] if len(run.edge_s) else np.inf, np.inf)
-    waiting = run.time_s - at
+    since_edge = run.time_s - at
     steps = np.ones(len(run.time_s))
-    if sensors.hall_pulses_per_rev >= 16:
+    if sensors.hall_pulses_per_rev >= COUNTING_EDGES:
         period, steps = counted(run, last, period)
-    shown = np.maximum(period, waiting)
+    shown = np.maximum(period, since_edge)
     alive = has & (shown <= sensors.hall_timeout_s)
     direction = (
         run.edge_direction[np.maximum(last, 0)] if len(run.edge_s) else np.ones(len(run.time_s))
     )
-    pitches = np.where(waiting > period, 1.0, steps)
+    pitches = np.where(since_edge > period, 1.0, steps)
     speed = np.where(
         alive, direction * pitches * pitch / np.where(alive, np.maximum(shown, 1e-9), 1.0), 0.0
     )
-    fresh = alive & (waiting <= period)
+    fresh = alive & (since_edge <= period)
     return speed, np.where(fresh, at, np.nan), np.where(fresh, period, np.nan)
 
 
 def counted(run: Run, last: np.ndarray, period: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """From 16 edges a turn on: (time, edges) between the last edges of this row and of the row
-    before.
+    """(time, number of edges) between the last edge of a row and that of the row before, (n,)
+    each.
     """
     before = np.concatenate([[-1], last[:-1]])
     moved = (last > before) & (before >= 0)
@@ -70,9 +74,7 @@ def counted(run: Run, last: np.ndarray, period: np.ndarray) -> tuple[np.ndarray,
 
 
 def speed_column(run: Run, sensors: Sensors) -> np.ndarray:
-    """Speed as the tool would log it, rad/s: gain, lag or delay of the sensor's own electronics
-    included.
-    """
+    """Logged speed (n,) in rad/s, with gain, lag and delay of the sensor."""
     speed = hall_rows(run, sensors)[0] if sensors.hall_pulses_per_rev else run.speed_rad_s
     speed = speed * (1.0 + sensors.speed_gain)
     if sensors.speed_delay_s > 0.0:
@@ -87,7 +89,7 @@ def speed_column(run: Run, sensors: Sensors) -> np.ndarray:
 
 
 def lagged(run: Run, values: np.ndarray, lag_s: float) -> np.ndarray:
-    """Values per row behind a first-order filter."""
+    """Values (n,) after a first-order low-pass filter."""
     keep, out, value = (
         np.exp(-np.diff(run.time_s, prepend=run.begin_s) / lag_s),
         np.empty_like(values),
@@ -100,7 +102,7 @@ def lagged(run: Run, values: np.ndarray, lag_s: float) -> np.ndarray:
 
 
 def noisy(run: Run, sensors: Sensors, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """The three measured columns with noise and steps of the converters."""
+    """The measured columns supply_v, current_a and speed_rpm, with noise and resolution."""
 
     def steps(values: np.ndarray, lsb: float) -> np.ndarray:
         return np.round(values / lsb) * lsb if lsb > 0 else values
@@ -115,7 +117,7 @@ def noisy(run: Run, sensors: Sensors, rng: np.random.Generator) -> dict[str, np.
     noise = (
         sensors.speed_noise_rpm * rng.standard_normal(n) if sensors.speed_noise_rpm > 0.0 else 0.0
     )
-    speed = steps(speed_column(run, sensors) * RPM + noise, sensors.speed_lsb_rpm)
+    speed = steps(speed_column(run, sensors) * RPM_PER_RAD_S + noise, sensors.speed_lsb_rpm)
     return {"supply_v": supply, "current_a": current, "speed_rpm": speed}
 
 
@@ -138,8 +140,8 @@ def _angle_at(run: Run, t: np.ndarray) -> np.ndarray:
 def deviations(
     measured: Run, model: Run, sensors: Sensors, model_sensors: Sensors
 ) -> dict[str, np.ndarray]:
-    """(measured - model) / sigma per signal, without noise: speeds over the measured edge periods,
-    a repeated edge once.
+    """(measured - model) / sigma of each signal without noise; speeds over the measured edge
+    periods, once for each edge.
     """
     out = {
         "current_a": (measured.current_a - model.current_a)
@@ -157,12 +159,13 @@ def deviations(
         * (1.0 + model_sensors.speed_gain)
     )
     sigma = np.hypot(
-        sensors.speed_lsb_rpm / RPM / 12**0.5, speed * 2**0.5 * sensors.edge_jitter_s / period
+        sensors.speed_lsb_rpm / RPM_PER_RAD_S / 12**0.5,
+        speed * 2**0.5 * sensors.edge_jitter_s / period,
     )
     out["speed_rpm"] = (speed - modelled) / sigma
     return out
 
 
 def gap(found: dict[str, np.ndarray]) -> float:
-    """RMS over all signals and samples, each clipped at 10."""
-    return float(np.sqrt(np.mean(np.clip(np.concatenate(list(found.values())), -10.0, 10.0) ** 2)))
+    """RMS over all signals and samples, each clipped at CLIP."""
+    return float(np.sqrt(np.mean(np.clip(np.concatenate(list(found.values())), -CLIP, CLIP) ** 2)))

@@ -15,28 +15,27 @@ double sign(double x) {
     return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0);
 }
 
-// (|x| / reference)^power, level below a fiftieth of the reference so that no power runs away at
-// rest; 1 for the power 0, whatever x.
-double grown(double x, double reference, double power) {
+// (|x| / reference)^power, constant below a fiftieth of the reference, since a negative power
+// diverges at 0; 1 for the power 0.
+double power_law(double x, double reference, double power) {
     return power == 0.0 ? 1.0 : std::pow(std::max(std::abs(x) / reference, 0.02), power);
 }
 
-// Drag that grows with speed: viscous, quadratic, one-sided, each with its power.
+// Friction that grows with speed: viscous, quadratic, one-sided, each with its power.
 double drag_torque(const Params &p, double w) {
     double torque =
-        p.viscous_nm_s_per_rad * w +
-        p.quadratic_nm_s2 * w * std::abs(w) * grown(w, p.reference_rad_s, p.quadratic_power - 2.0);
+        p.viscous_nm_s_per_rad * w + p.quadratic_nm_s2 * w * std::abs(w) *
+                                         power_law(w, p.reference_rad_s, p.quadratic_power - 2.0);
     torque += p.directional_viscous_nm_s * std::abs(w) *
-              grown(w, p.reference_rad_s, p.directional_power - 1.0);
+              power_law(w, p.reference_rad_s, p.directional_power - 1.0);
     if (p.extra_viscous_nm_s != 0.0) {
-        torque += p.extra_viscous_nm_s * w * grown(w, p.reference_rad_s, p.viscous_power - 1.0);
+        torque += p.extra_viscous_nm_s * w * power_law(w, p.reference_rad_s, p.viscous_power - 1.0);
     }
     return torque;
 }
 
-// z' = w - |w| z / z_ss solved exactly over h at constant speed; |z| never exceeds what the surface
-// holds.
-void bend(Bristle &bristle, double speed, double h, double limit_rad) {
+// z' = w - |w| z / z_ss solved exactly over h at constant speed; |z| does not exceed z_ss.
+void advance_bristle(Bristle &bristle, double speed, double h, double limit_rad) {
     if (limit_rad <= 1e-12) {
         bristle.deflection_rad = 0.0;
         return;
@@ -47,7 +46,7 @@ void bend(Bristle &bristle, double speed, double h, double limit_rad) {
         std::clamp(target + (bristle.deflection_rad - target) * keep, -limit_rad, limit_rad);
 }
 
-// LuGre torque: spring, and a damping that fades away as the surface slides.
+// LuGre torque (Canudas de Wit 1995): spring, and a damping that decreases with the sliding speed.
 double bristle_torque(const Bristle &bristle, double speed, double stiffness, double damping,
                       double limit_rad) {
     if (limit_rad <= 1e-12) {
@@ -60,7 +59,7 @@ double bristle_torque(const Bristle &bristle, double speed, double stiffness, do
 
 }  // namespace
 
-double Chance::uniform() {
+double RandomStream::uniform() {
     state_ += 0x9E3779B97F4A7C15ULL;
     std::uint64_t x = state_;
     x = (x ^ (x >> 30U)) * 0xBF58476D1CE4E5B9ULL;
@@ -69,7 +68,7 @@ double Chance::uniform() {
     return (static_cast<double>(x >> 11U) + 0.5) / 9007199254740992.0;
 }
 
-double Chance::normal() {
+double RandomStream::normal() {
     const double radius = std::sqrt(-2.0 * std::log(uniform()));
     return radius * std::cos(TURN * uniform());
 }
@@ -82,20 +81,20 @@ void Tool::start() {
     sums = Sums{};
     edges.clear();
     commands.clear();
-    chance = Chance(static_cast<std::uint64_t>(params.seed));
+    random = RandomStream(static_cast<std::uint64_t>(params.seed));
     out_inertia_ =
         (params.output_inertia_kg_m2 + pendulum) / squared + params.coupler_inertia_kg_m2;
     two_masses_ = (params.coupler_nm_per_rad > 0.0 || params.play_rad > 0.0) && out_inertia_ > 0.0;
     inertia_ = params.inertia_kg_m2 + (two_masses_ ? 0.0 : out_inertia_);
     stiffness_ = std::max(params.coulomb_nm, 1e-4) / params.bristle_rad;
     load_stiffness_ = std::max(params.load_reference_nm, 1e-4) / params.bristle_rad;
-    // A stiff coupling wants steps of a thirtieth of its period at most.
-    const double swing =
+    // A stiff coupling needs steps of at most a thirtieth of its period.
+    const double coupling_rad_s =
         two_masses_ ? std::sqrt(coupling_rate() * (1.0 / out_inertia_ + 1.0 / inertia_)) : 1.0;
-    step_s_ = std::min(params.step_s, 0.2 / swing);
+    step_s_ = std::min(params.step_s, 0.2 / coupling_rad_s);
     state.bus_v = params.voltage_v;
-    state.gate_until_s = params.gate_off_s * (0.5 + chance.uniform());
-    state.ripple_rad = TURN * chance.uniform();
+    state.gate_until_s = params.gate_off_s * (0.5 + random.uniform());
+    state.ripple_rad = TURN * random.uniform();
     state.edge_index = static_cast<long>(
         std::floor((hall_angle(0.0) - params.hall_offset_rad) * params.hall_edges / TURN));
     while (params.hall_edges > 0.0 && edge_angle(state.edge_index + 1) <= hall_angle(0.0)) {
@@ -122,10 +121,10 @@ void Tool::move_gate() {
     }
     state.gate = !state.gate;
     state.gate_until_s = state.time_s + (state.gate ? params.gate_on_s : params.gate_off_s) *
-                                            (0.5 + chance.uniform());
+                                            (0.5 + random.uniform());
 }
 
-// What changes little within a PWM period: heat, charge, grease, and the random events.
+// States that change little within a PWM period: heat, charge, and the random events.
 void Tool::slow_states(double period_s) {
     move_gate();
     const double bus_a = drive_.coast ? 0.0 : drive_.duty * state.current_a;
@@ -148,7 +147,7 @@ void Tool::slow_states(double period_s) {
                   params.u_supply_square_ohm_per_a * std::abs(bus_a);
     if (params.extra_source_ohm != 0.0) {
         source_ohm_ +=
-            params.extra_source_ohm * grown(bus_a, params.reference_a, params.source_power);
+            params.extra_source_ohm * power_law(bus_a, params.reference_a, params.source_power);
     }
     if (drive_.bus_v > 0.0) {
         open_circuit_v_ = drive_.bus_v;
@@ -157,10 +156,10 @@ void Tool::slow_states(double period_s) {
     k_ = params.torque_constant_nm_per_a * (1.0 - (state.gate ? params.u_flux_loss : 0.0));
     state.ripple_rate += (1.0 - state.ripple_rate) * period_s / 0.05 +
                          params.u_ripple_wander * std::sqrt(period_s / 0.05) *
-                             (params.u_ripple_nm != 0.0 ? chance.normal() : 0.0);
+                             (params.u_ripple_nm != 0.0 ? random.normal() : 0.0);
 }
 
-// Leg A carries a pulse centred in the period; leg B stands high in reverse, so that the motor sees
+// Leg A has a pulse centred in the period; leg B is high in reverse, so that the motor voltage is
 // (pulse - 1) Vs.
 void Tool::plan_spans(double period_s) {
     const double t0 = state.time_s, end = t0 + period_s;
@@ -222,8 +221,8 @@ bool Tool::advance(double cut_s) {
     return state.time_s >= cut_s;
 }
 
-// Which way the bus is applied to the motor: -1, 0, 1. A floating leg follows the current through
-// its diodes.
+// Sign of the bus voltage at the motor: -1, 0, 1. The diodes of a floating leg conduct by the sign
+// of the current.
 int Tool::bridge_sign(int leg_a, int leg_b) const {
     const double current = state.current_a;
     const int a = leg_a >= 0 ? leg_a : (current > 0.0 ? 0 : 1);
@@ -239,7 +238,7 @@ double Tool::saturated_k(double current_a) const {
     return x < 1e-6 ? k_ : k_ * std::tanh(x) / x;
 }
 
-// Of a winding whose iron saturates; the extra part fades away with the current.
+// Inductance of a winding with saturation: the extra part decreases with the current.
 double Tool::inductance(double current_a) const {
     if (params.extra_inductance_h == 0.0) {
         return params.inductance_h;
@@ -250,26 +249,28 @@ double Tool::inductance(double current_a) const {
 
 // A resistance that rises with the current by a power.
 double Tool::extra_resistance() const {
-    return params.extra_ohm == 0.0 ? 0.0
-                                   : params.extra_ohm * grown(state.current_a, params.reference_a,
-                                                              params.extra_ohm_power);
+    return params.extra_ohm == 0.0
+               ? 0.0
+               : params.extra_ohm *
+                     power_law(state.current_a, params.reference_a, params.extra_ohm_power);
 }
 
-// Torque that the sliding surface of the motor holds at most: everything dry.
+// Largest dry friction of the motor.
 double Tool::dry_level(double speed) const {
     const double p = params.stribeck_rad_s;
     const double near = params.stribeck_power == 2.0
                             ? speed * speed / (p * p)
                             : std::pow(std::abs(speed) / p, params.stribeck_power);
-    const double fluff = params.breakaway_nm != 0.0 ? params.breakaway_nm * std::exp(-near) : 0.0;
+    const double breakaway =
+        params.breakaway_nm != 0.0 ? params.breakaway_nm * std::exp(-near) : 0.0;
     const double side =
         state.motor_bristle.deflection_rad >= 0.0 ? params.forward_nm : params.backward_nm;
-    const double load = load_at_shaft_nm_ * grown(load_at_shaft_nm_, params.load_reference_nm,
-                                                  params.load_friction_power - 1.0);
-    double level = params.coulomb_nm + fluff + side + params.load_friction * load;
+    const double load = load_at_shaft_nm_ * power_law(load_at_shaft_nm_, params.load_reference_nm,
+                                                      params.load_friction_power - 1.0);
+    double level = params.coulomb_nm + breakaway + side + params.load_friction * load;
     if (params.power_coulomb_nm != 0.0) {
-        level +=
-            params.power_coulomb_nm * grown(speed, params.reference_rad_s, params.coulomb_power);
+        level += params.power_coulomb_nm *
+                 power_law(speed, params.reference_rad_s, params.coulomb_power);
     }
     if (state.gate) {
         level += params.u_load_nm;
@@ -286,7 +287,7 @@ double Tool::dry_level(double speed) const {
     return std::max(level, 0.0);
 }
 
-// Torques against the shaft that are smooth in speed, angle and time.
+// Torques on the shaft that are smooth in speed, angle and time.
 double Tool::smooth_torque() const {
     const Params &p = params;
     const double w = state.speed_rad_s, angle = state.angle_rad;
@@ -315,14 +316,14 @@ double Tool::smooth_torque() const {
     return torque;
 }
 
-// Play alone: flanks as stiff as steel teeth are on this scale, 400 Hz with the output side.
+// With play alone the flanks have the stiffness of steel teeth: 400 Hz with the output side.
 double Tool::coupling_rate() const {
     return params.coupler_nm_per_rad > 0.0 ? params.coupler_nm_per_rad : out_inertia_ * 6.3e6;
 }
 
-// The spring between motor and output side, both referred to the motor shaft; free within the play.
-// It is taken where the bodies are halfway through the step, so that neither makes energy nor runs
-// ahead of the clock.
+// Torque of the spring between motor and output side, both referred to the motor shaft; 0 within
+// the play. It is computed at the middle of the step, so that it creates no energy and has no phase
+// error.
 double Tool::coupling_torque(double h) const {
     const double half = 0.5 * params.play_rad * params.ratio;
     const double twist = state.angle_rad - state.out_angle_rad +
@@ -341,7 +342,7 @@ void Tool::step_output(double h) {
     State &s = state;
     const double limit = load_at_shaft_nm_ / load_stiffness_;
     const double speed = two_masses_ ? s.out_speed_rad_s : s.speed_rad_s;
-    bend(s.load_bristle, speed, 0.5 * h, limit);
+    advance_bristle(s.load_bristle, speed, 0.5 * h, limit);
     const double damping =
         2.0 * params.bristle_damping * std::sqrt(load_stiffness_ * (inertia_ + out_inertia_));
     double torque = bristle_torque(s.load_bristle, speed, load_stiffness_, damping, limit);
@@ -369,7 +370,7 @@ void Tool::step_shaft(double h, double volts, bool conducting) {
     State &s = state;
     const double k = saturated_k(s.current_a);
     const double limit = dry_level(s.speed_rad_s) / stiffness_;
-    bend(s.motor_bristle, s.speed_rad_s, 0.5 * h, limit);
+    advance_bristle(s.motor_bristle, s.speed_rad_s, 0.5 * h, limit);
     const double damping = 2.0 * params.bristle_damping * std::sqrt(stiffness_ * inertia_);
     const double smooth = smooth_torque();
     const double friction =
@@ -388,15 +389,15 @@ void Tool::step_shaft(double h, double volts, bool conducting) {
         i1 = 2.0 * i_mid - i0;
     }
     if (params.current_source_a > 0.0) {
-        i1 = 2.0 * params.current_source_a * drive_.duty -
-             i0;  // the mean over the step is what the source gives
+        // the mean over the step is the current of the source
+        i1 = 2.0 * params.current_source_a * drive_.duty - i0;
     }
     const double i_mid = 0.5 * (i0 + i1);
     s.current_a = params.current_source_a > 0.0 ? i_mid : i1;
     s.speed_rad_s = w0 + 2.0 * c * (k * i_mid - against);
     const double w_mid = 0.5 * (w0 + s.speed_rad_s);
     s.angle_rad += h * w_mid;
-    bend(s.motor_bristle, s.speed_rad_s, 0.5 * h, limit);
+    advance_bristle(s.motor_bristle, s.speed_rad_s, 0.5 * h, limit);
     s.motor_bristle.torque_nm = friction - smooth;
     s.ripple_rad += h * w_mid * params.u_ripple_per_rev * s.ripple_rate;
     sums.copper_j += h * (resistance_ * i_mid * i_mid + drop * i_mid);
@@ -405,11 +406,12 @@ void Tool::step_shaft(double h, double volts, bool conducting) {
         sums.load_j += h * s.load_bristle.torque_nm * w_mid;
         s.out_speed_rad_s = s.speed_rad_s;
         s.out_angle_rad = s.angle_rad;
-        bend(s.load_bristle, s.speed_rad_s, 0.5 * h, load_at_shaft_nm_ / load_stiffness_);
+        advance_bristle(s.load_bristle, s.speed_rad_s, 0.5 * h,
+                        load_at_shaft_nm_ / load_stiffness_);
     }
 }
 
-// The bus sags over the source resistance; the bus capacitor smooths the ripple of the switching.
+// Voltage drop over the source resistance; the bus capacitor smooths the ripple of the switching.
 void Tool::step_bus(double h, double bus_a) {
     if (source_ohm_ <= 0.0) {
         state.bus_v = open_circuit_v_;
@@ -448,7 +450,7 @@ void Tool::step(double h, int leg_a, int leg_b) {
     find_edges(t0, h, angle0);
 }
 
-// The sensor's filter, of one stage or two.
+// The filter of the current sensor, with one stage or two.
 void Tool::sense_current(double mean_a, double h) {
     State &s = state;
     if (params.current_lag_s <= 0.0) {
@@ -511,20 +513,20 @@ double Tool::edge_angle(long index) const {
     return params.hall_offset_rad + static_cast<double>(index) * pitch + uneven;
 }
 
-// Edges passed in a step, located by linear interpolation; backwards a little later, by the
-// sensor's hysteresis.
+// Edges passed in a step, located by linear interpolation; in reverse they are late by the sensor's
+// hysteresis.
 void Tool::find_edges(double t0, double h, double angle0) {
     if (params.hall_edges <= 0.0 || !(std::abs(state.angle_rad - angle0) < 1.0)) {
-        return;  // no sensor, or numbers that are none any more
+        return;  // no sensor, or the integration has diverged
     }
     const double a0 = hall_angle(angle0), a1 = hall_angle(state.angle_rad);
     const auto keep = [&](double at, int direction) {
         const double part = a1 != a0 ? std::clamp((at - a0) / (a1 - a0), 0.0, 1.0) : 1.0;
         const double jitter =
-            params.hall_jitter_s > 0.0 ? params.hall_jitter_s * chance.normal() : 0.0;
+            params.hall_jitter_s > 0.0 ? params.hall_jitter_s * random.normal() : 0.0;
         if (params.hall_dropout > 0.0) {
             state.missed =
-                chance.uniform() <
+                random.uniform() <
                 (state.missed && params.hall_burst > 0.0 ? params.hall_burst : params.hall_dropout);
             if (state.missed) {
                 return;

@@ -1,5 +1,5 @@
-// A power tool's drive as it runs in reality: switched bridge, bristle friction, edges found within
-// the step.
+// The drive of a power tool with the details of a real one: switched bridge, bristle friction, Hall
+// edges located within the step.
 #pragma once
 
 #include <cstdint>
@@ -10,10 +10,10 @@
 
 namespace truth {
 
-// Counter-based enough for our purpose: splitmix64, the same numbers on every machine.
-class Chance {
+// Random numbers by splitmix64 (Steele 2014), the same on every machine.
+class RandomStream {
 public:
-    explicit Chance(std::uint64_t seed) : state_(seed) {}
+    explicit RandomStream(std::uint64_t seed) : state_(seed) {}
     double uniform();
     double normal();
 
@@ -26,7 +26,7 @@ struct Edge {
     int direction;
 };
 
-// A bristle of LuGre type: deflection z, torque stiffness * z.
+// A bristle of the LuGre model: deflection z, torque stiffness * z.
 struct Bristle {
     double deflection_rad = 0.0;
     double torque_nm = 0.0;
@@ -37,8 +37,8 @@ struct State {
     double current_a = 0.0;
     double bus_v = 0.0;
     double speed_rad_s = 0.0, angle_rad = 0.0;
-    double out_speed_rad_s = 0.0,
-           out_angle_rad = 0.0;  // referred to the motor shaft; equal to the above while rigid
+    // of the output side, referred to the motor shaft; those of the motor where the drive is rigid
+    double out_speed_rad_s = 0.0, out_angle_rad = 0.0;
     Bristle motor_bristle, load_bristle;
     double charge_c = 0.0, polarisation_v = 0.0;
     double winding_kelvin = 0.0, housing_kelvin = 0.0;
@@ -51,7 +51,7 @@ struct State {
     long edge_index = 0;
 };
 
-// Integrals over the row that is being made, and energies for the audit of the tests.
+// Integrals over the current row, and energies since the start for the energy balance.
 struct Sums {
     double current_as = 0.0, bus_vs = 0.0;
     double drawn_j = 0.0, copper_j = 0.0, friction_j = 0.0, load_j = 0.0;
@@ -60,10 +60,9 @@ struct Sums {
 struct Drive {
     bool coast = false;
     double duty = 0.0;
-    double dead_s =
-        0.0;  // each edge of the switching leg may move by this much, against the current
+    double dead_s = 0.0;  // largest shift of each edge of the switching leg, against the current
     double load_nm = 0.0;
-    double bus_v = 0.0;  // above 0: the bus is this, whatever the source
+    double bus_v = 0.0;  // above 0: the bus voltage, in place of the source
 };
 
 class Tool {
@@ -72,8 +71,8 @@ public:
     State state;
     Sums sums;
     std::vector<Edge> edges;
-    Chance chance{1};
-    std::deque<Drive> commands;  // of the lock-step, those that the bridge has yet to act on
+    RandomStream random{1};
+    std::deque<Drive> commands;  // of the lock-step, those that have not reached the bridge
 
     void start();
     // One PWM period of the given length from state.time_s on, cut at `cut_s` if that lies inside;
@@ -87,7 +86,7 @@ public:
 private:
     struct Span {
         double end_s;
-        int leg_a;  // 1 high, 0 low, -1 floating: its diodes decide
+        int leg_a;  // 1 high, 0 low, -1 floating: its diodes conduct
         int leg_b;
     };
     Span spans_[6];

@@ -1,5 +1,5 @@
-"""The generated tool as Python sees it: the shared library by ctypes, runs that become logs, and
-the lock-step tool of the demo.
+"""Python interface of the generated tool (a shared library, by ctypes): runs for logs, and the
+lock-step tool of the demo.
 """
 
 import ctypes
@@ -53,9 +53,9 @@ class _Period(ctypes.Structure):
 
 @dataclass(frozen=True)
 class Command:
-    """Bridge command and load over time, straight between points; a step is two points at one time.
-    `coast` holds from its point on. A bus that is given holds from its points on and stands for the
-    source.
+    """Bridge command and load over time, linear between points; a step is two points at one time.
+
+    `coast` and `bus_v` hold from each of their points on; a bus that is given replaces the source.
     """
 
     time_s: np.ndarray
@@ -69,7 +69,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run left behind: per row (n,) means and end values without noise, and the Hall edges
+    """Result of a run: for each row (n,) means and end values without noise, and the Hall edges
     (m,).
     """
 
@@ -85,8 +85,8 @@ class Run:
 
 
 def library_path() -> Path:
-    """The shared library: VGROOVE_TRUTH_LIB, or the newest under build/*/truth/ that Python can
-    load (no sanitizer build).
+    """The shared library: VGROOVE_TRUTH_LIB, or the newest one under build/*/truth/ without
+    sanitizers.
 
     Raises FileNotFoundError with the command that builds it.
     """
@@ -99,7 +99,8 @@ def library_path() -> Path:
     found = sorted(built, key=lambda path: path.stat().st_mtime)
     if not found:
         raise FileNotFoundError(
-            "libvgroove_truth.so is not built: cmake -S tests/truth -B build/truth && cmake --build build/truth"
+            "libvgroove_truth.so is not built: "
+            "cmake -S tests/truth -B build/truth && cmake --build build/truth"
         )
     return found[-1]
 
@@ -138,9 +139,19 @@ def _pointer(array: np.ndarray) -> "ctypes._Pointer":
     return array.ctypes.data_as(_DOUBLES)
 
 
+def _message(command: Command) -> tuple[_Command, dict[str, np.ndarray]]:
+    """The command as the library takes it, and the arrays that it points to."""
+    names = ("time_s", "duty", "coast", "load_time_s", "load_nm", "bus_time_s", "bus_v")
+    arrays = {n: np.ascontiguousarray(getattr(command, n), dtype=float) for n in names}
+    counts = {"count": "time_s", "load_count": "load_time_s", "bus_count": "bus_time_s"}
+    pointers = {name: _pointer(array) for name, array in arrays.items()}
+    lengths = {name: len(arrays[of]) for name, of in counts.items()}
+    return _Command(**pointers, **lengths), arrays
+
+
 class Generator:
-    """One tool of the generator: named parameters in SI units (params.hpp), runs, and its inner
-    quantities.
+    """One tool of the generator: named parameters in SI units (params.hpp), runs, and its
+    states.
     """
 
     _lib: ctypes.CDLL | None = None
@@ -156,7 +167,7 @@ class Generator:
             Generator._lib.truth_free(self._tool)
 
     def set(self, **params: float) -> None:
-        """Set parameters; KeyError names one that does not exist."""
+        """Set parameters; KeyError for one that does not exist."""
         for name, value in params.items():
             if Generator._lib.truth_set(self._tool, name.encode(), float(value)) != 0:
                 raise KeyError(f"the generator has no parameter {name}")
@@ -165,50 +176,28 @@ class Generator:
         return Generator._lib.truth_get(self._tool, name.encode())
 
     def start(self) -> None:
-        """Back to rest at time 0 with the parameters as they stand."""
+        """Return to rest at time 0, with the parameters unchanged."""
         Generator._lib.truth_start(self._tool)
 
     def inside(self) -> dict[str, float]:
-        """Inner quantities now: states and the energies drawn, lost and stored since the start."""
+        """States, and the energies drawn, lost and stored since the start, by name (INSIDE)."""
         out = np.zeros(len(INSIDE))
         Generator._lib.truth_inside(self._tool, _pointer(out))
         return dict(zip(INSIDE, out.tolist(), strict=True))
 
     def run(self, command: Command, row_s: np.ndarray, begin_s: float = 0.0) -> Run:
-        """Run from rest; rows end at `row_s` (n,), the first begins at `begin_s`."""
-        arrays = [
-            np.ascontiguousarray(a, dtype=float)
-            for a in (
-                command.time_s,
-                command.duty,
-                command.coast,
-                command.load_time_s,
-                command.load_nm,
-                command.bus_time_s,
-                command.bus_v,
-            )
-        ]
+        """Run from rest; rows end at `row_s` (n,), the first begins at `begin_s`.
+
+        Raises ArithmeticError where the integration diverges.
+        """
         rows = np.ascontiguousarray(row_s, dtype=float)
-        message = _Command(
-            _pointer(arrays[0]),
-            _pointer(arrays[1]),
-            _pointer(arrays[2]),
-            len(arrays[0]),
-            _pointer(arrays[3]),
-            _pointer(arrays[4]),
-            len(arrays[3]),
-            _pointer(arrays[5]),
-            _pointer(arrays[6]),
-            len(arrays[5]),
-        )
+        message, _arrays = _message(command)
         out = np.zeros((len(rows), 5))
         count = Generator._lib.truth_run(
             self._tool, ctypes.byref(message), begin_s, _pointer(rows), len(rows), _pointer(out)
         )
         if count < 0:
-            raise ArithmeticError(
-                "the generator's numbers ran away: parameters too stiff for its step"
-            )
+            raise ArithmeticError("the generator diverged: parameters too stiff for its step")
         edges = np.zeros((2, count))
         Generator._lib.truth_edges(self._tool, _pointer(edges[0]), _pointer(edges[1]))
         order = np.argsort(edges[0], kind="stable")
@@ -230,8 +219,8 @@ class TruthTool(Generator):
     def period(
         self, coast: int, duty: float, dead: float, load_nm: float = 0.0
     ) -> tuple[float, float, list[int]]:
-        """(current in A at the period's end, supply in V, Hall edges as cycles 0..509), sensor
-        noise included.
+        """(current in A at the end of the period, supply in V, Hall edges as cycles 0..509), with
+        the noise of the sensors.
         """
         answer = self._answer
         self._call(self._tool, coast, duty, dead, load_nm, self._reference)

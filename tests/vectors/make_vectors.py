@@ -1,5 +1,5 @@
-"""Golden vectors of the firmware's arithmetic from exact rationals, no code of the firmware in it.
---check only compares.
+"""Generate firmware_vectors.h, golden vectors of the firmware's arithmetic computed with exact
+rationals and without its code; --check only compares.
 """
 
 import argparse
@@ -23,8 +23,8 @@ def saturate(value: int) -> int:
 
 
 def mean_q4(total: int, count: int) -> int:
-    """Mean of `count` ADC counts in 1/16; the firmware multiplies by 2^20 / count cut to an integer
-    (nearest for 6) and shifts.
+    """Mean of `count` ADC counts in 1/16; the firmware multiplies by 2^20 / count truncated to an
+    integer (rounded for 6) and shifts.
     """
     factor = {
         1: 1048576,
@@ -46,7 +46,7 @@ def current_a_q9(mean: int, gain_a_q15: int) -> int:
 
 
 def compare(duty_q15: int) -> int:
-    """Signed compare value, nearest, symmetric."""
+    """Signed compare value, rounded to nearest, symmetric."""
     size = nearest(Fraction(abs(duty_q15), 1 << 15) * 255)
     return -size if duty_q15 < 0 else size
 
@@ -64,7 +64,7 @@ def temperature_c_q4(counts: int) -> int:
 
 
 def travel_q15(counts: int, low: int) -> int:
-    """Travel for an upper dead band at low + 820, with the firmware's factor cut to 7 binary
+    """Travel for an upper dead band at low + 820, with the firmware's factor truncated to 7 binary
     places.
     """
     if counts <= low:
@@ -75,7 +75,7 @@ def travel_q15(counts: int, low: int) -> int:
 
 
 def speed_rpm_q1(period: int, pulses: int) -> int:
-    """Two edges `period` cycles apart, seen within the period: nearest half rpm, saturated."""
+    """Speed of two edges `period` cycles apart: nearest half rpm, saturated."""
     return min(32767, nearest(Fraction(2 * 60 * 16_000_000 // pulses, period)))
 
 
@@ -85,7 +85,7 @@ def slewed(now: int, target: int) -> int:
 
 
 def cases() -> list[tuple[str, int, int, int]]:
-    """(function, a, b, expected): ends of every range, their neighbours, and seeded values between."""
+    """(function, a, b, expected): ends of each range, their neighbours, seeded values between."""
     draw = random.Random(SEED)
     edge16 = [-32768, -32767, -129, -128, -1, 0, 1, 127, 128, 255, 256, 32766, 32767]
     out = [
@@ -169,7 +169,7 @@ def main() -> int:
         return 0
     if OUT.read_text(encoding="utf-8") == text():
         return 0
-    sys.stderr.write(f"{OUT.name} is not what make_vectors.py computes\n")
+    sys.stderr.write(f"{OUT.name} does not match make_vectors.py: run it\n")
     return 1
 
 

@@ -1,4 +1,4 @@
-// Evaluates one golden vector with the firmware's own functions.
+// Evaluation of a golden vector with the firmware's functions.
 #include "vectors.h"
 
 #include "core/fixed.h"
@@ -41,7 +41,7 @@ static int32_t travel(int32_t counts, int32_t low) {
     return self.travel_q15;
 }
 
-// Two edges `period` cycles apart, the second at the end of a tick.
+// Speed from two edges `period` cycles apart, the second at the end of a tick.
 static int32_t speed(int32_t period, int32_t pulses) {
     HallSpeed self = {0};
     hall_speed_configure(&self, (uint8_t)pulses, TIMEOUT_MS);

@@ -1,5 +1,5 @@
-// The firmware's arithmetic behind one call, so that the same golden vectors run on the host and on
-// the AVR.
+// The firmware's arithmetic behind one function, so that the same golden vectors run on host and
+// AVR.
 #ifndef VGROOVE_TESTS_VECTORS_H
 #define VGROOVE_TESTS_VECTORS_H
 

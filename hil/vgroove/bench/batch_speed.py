@@ -1,5 +1,5 @@
-"""Batches of different tools on all cores, and how the cost of impact mode grows with simulated
-time and with the batch.
+"""Batches of different tools on all cores, and the cost of impact mode over the simulated time and
+over the size of the batch.
 """
 
 import dataclasses
@@ -11,17 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from vgroove.bench.impact_speed import ROWS, reference_head, row_times
-from vgroove.bench.impact_tool import ImpactTool, rest
+from vgroove.bench.impact_tool import SLIPPING, ImpactTool, rest
 from vgroove.bench.own import impact_heads
+from vgroove.bench.solvers import FAST, NUMBALSODA
 from vgroove.bench.timing import medians
+from vgroove.progress import Tick
 
 Floats = npt.NDArray[np.float64]
-Done = Callable[[str], None]
 
-OWN_BATCH, PEER_BATCH, CHECKED = 512, 32, 4
+OWN_BATCH, PEER_BATCH = 512, 32
+CHECKED = 4  # tools of a batch whose error is computed
 TIMES_MS = (500, 1000, 2000, 4000)
 SIZES = (64, 128, 256, 512)
-SPREAD = {
+SPREAD = {  # largest relative deviation of a drawn tool's values
     "supply_v": 0.03,
     "preload_n": 0.03,
     "rate_n_m": 0.03,
@@ -33,10 +35,10 @@ SPREAD = {
 
 @dataclass(frozen=True)
 class BatchFigure:
-    """One-second roll-outs of different tools a second, waited for and on an idle machine (by
-    processor time).
+    """Throughput of a batch of runs of one second, in runs a second: by wall time, and on an idle
+    machine (by processor time).
 
-    head_error: the largest of the first CHECKED tools.
+    head_error: the largest relative error of the head's angle among the first CHECKED tools.
     """
 
     name: str
@@ -49,8 +51,8 @@ class BatchFigure:
 
 @dataclass(frozen=True)
 class Cost:
-    """Processor seconds of one simulated second (`of` = time) or of one roll-out (`of` = batch) at
-    one size.
+    """Processor seconds of one simulated second (`of` = time) or of one run (`of` = batch) at one
+    size (s, runs).
     """
 
     of: str
@@ -59,8 +61,8 @@ class Cost:
 
 
 def different_tools(count: int, seed: int) -> list[ImpactTool]:
-    """Tools around the reference: battery, spring, hammer and joint within a few per cent of it."""
-    rng, base = np.random.default_rng(seed), ImpactTool()
+    """Tools whose values of SPREAD are drawn around the reference tool."""
+    rng, base = np.random.default_rng(seed), SLIPPING["slip_60"]
     factors = {name: 1.0 + width * rng.uniform(-1.0, 1.0, count) for name, width in SPREAD.items()}
     return [
         dataclasses.replace(
@@ -71,29 +73,25 @@ def different_tools(count: int, seed: int) -> list[ImpactTool]:
 
 
 def largest_error(heads: Floats, references: Floats) -> float:
+    """Largest relative error of the first heads (n,) against their references."""
     return float(np.max(np.abs(heads[: references.size] / references - 1.0)))
 
 
 def measure_batch(
-    seed: int, repeats: int, peer_rtol: float | None, done: Done
+    seed: int, repeats: int, peer_rtol: float | None, tick: Tick
 ) -> list[BatchFigure]:
-    """Our fast mode, and numbalsoda's LSODA in a parallel loop where it is at hand (`peer_rtol`),
-    on the same tools.
+    """The plant's fast mode, and numbalsoda's LSODA in a parallel loop (with a tolerance
+    `peer_rtol`), on the same tools.
     """
     threads = os.cpu_count() or 1
     tools = different_tools(OWN_BATCH, seed)
     references = np.array([reference_head(tool) for tool in tools[:CHECKED]])
-    done("batch: reference")
-    works, counts = (
-        {"vgroove, fast": impact_heads(tools, ROWS, "fast", threads)},
-        {"vgroove, fast": OWN_BATCH},
-    )
+    tick("batch: reference")
+    works = {FAST: impact_heads(tools, ROWS, "fast", threads)}
+    counts = {FAST: OWN_BATCH, NUMBALSODA: PEER_BATCH}
     if peer_rtol is not None:
-        works["numbalsoda LSODA"], counts["numbalsoda LSODA"] = (
-            _numbalsoda_batch(tools[:PEER_BATCH], peer_rtol),
-            PEER_BATCH,
-        )
-    seconds = medians(works, repeats, lambda name: done(f"batch: {name}"))
+        works[NUMBALSODA] = _numbalsoda_batch(tools[:PEER_BATCH], peer_rtol)
+    seconds = medians(works, repeats, lambda name: tick(f"batch: {name}"))
     return [
         BatchFigure(
             name,
@@ -110,11 +108,8 @@ def measure_batch(
 def _numbalsoda_batch(tools: list[ImpactTool], rtol: float) -> Callable[[], Floats]:
     from vgroove.bench.impact_peers import Numbalsoda
 
-    batch, sets, times = (
-        Numbalsoda().batch,
-        np.stack([tool.vector() for tool in tools]),
-        row_times(ROWS),
-    )
+    batch, times = Numbalsoda().batch, row_times(ROWS)
+    sets = np.stack([tool.vector() for tool in tools])
 
     def run() -> Floats:
         ends = batch(times, rest(), sets, rtol)
@@ -123,8 +118,8 @@ def _numbalsoda_batch(tools: list[ImpactTool], rtol: float) -> Callable[[], Floa
     return run
 
 
-def measure_growth(seed: int, repeats: int, done: Done) -> list[Cost]:
-    """Cost of one simulated second over the length of a run, and of one roll-out over the size of a
+def measure_growth(seed: int, repeats: int, tick: Tick) -> list[Cost]:
+    """Cost of a simulated second over the length of a run, and of a run over the size of a
     batch.
     """
     tools, threads = different_tools(max(SIZES), seed), os.cpu_count() or 1
@@ -136,7 +131,7 @@ def measure_growth(seed: int, repeats: int, done: Done) -> list[Cost]:
     seconds = medians(
         {name: works[key] for name, key in names.items()},
         repeats,
-        lambda name: done(f"growth: {name}"),
+        lambda name: tick(f"growth: {name}"),
     )
     each = {name: size / 1000.0 if of == "time" else size for name, (of, size) in names.items()}
     return [
@@ -146,6 +141,6 @@ def measure_growth(seed: int, repeats: int, done: Done) -> list[Cost]:
 
 
 def growth(costs: list[Cost], of: str) -> float:
-    """Largest over smallest cost of one: 1 when the whole cost is linear."""
+    """Largest over smallest cost of a unit (`of` as in Cost); 1 where the cost is linear."""
     each = [cost.seconds_each for cost in costs if cost.of == of]
     return max(each) / min(each)

@@ -1,6 +1,4 @@
-"""The impact model once more as a CasADi expression, for CVODES with its exact Jacobian;
-impact_model.py has the equations' sources.
-"""
+"""The equations of impact_model.py as a CasADi expression, for CVODES with the exact Jacobian."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -12,11 +10,10 @@ import numpy.typing as npt
 from vgroove.bench.impact_tool import DEEP_M, NEAR_RAD, PARAMETER_COUNT, STATES, ImpactTool
 
 Floats = npt.NDArray[np.float64]
-ROW_S = 1e-3
 
 
 def contact(pen: ca.SX, rate: ca.SX, t: dict[str, ca.SX]) -> ca.SX:
-    """Force of section 5, exponent 1, N."""
+    """Contact force in N (docs/spec/model.md, section 5, exponent 1)."""
     damping = ca.if_else(rate > 0, t["contact_n_s_m"] * rate * ca.fmin(pen / t["ramp_m"], 1), 0)
     return ca.if_else(pen > 0, t["contact_n_m"] * pen + damping, 0)
 
@@ -24,7 +21,7 @@ def contact(pen: ca.SX, rate: ca.SX, t: dict[str, ca.SX]) -> ca.SX:
 def lug_forces(
     x: ca.SX, dx: ca.SX, phi: ca.SX, dphi: ca.SX, t: dict[str, ca.SX]
 ) -> tuple[ca.SX, ca.SX]:
-    """Torque on the hammer's lugs and axial force on the hammer."""
+    """Torque on the hammer's lugs and axial force on the hammer, as in impact_model.py."""
     radius, overlap = t["lug_radius_m"], t["overlap_rad"]
     into = phi - t["pitch_rad"] * ca.floor(phi / t["pitch_rad"])
     deep = t["lug_height_m"] - x
@@ -74,9 +71,7 @@ def expression() -> tuple[ca.SX, ca.SX, ca.SX]:
 
 
 def load_casadi() -> Callable[[Floats, Floats, Floats, float], Floats]:
-    """CVODES (BDF, faster here than Adams) with the right-hand side in CasADi's own virtual
-    machine.
-    """
+    """CVODES (BDF, faster here than Adams) with the right-hand side in CasADi's virtual machine."""
     y, p, rates = expression()
     made: dict[tuple[float, int], ca.Function] = {}
 

@@ -1,4 +1,4 @@
-"""The nominal drivetrain for general-purpose solvers: numbalsoda, scikit-sundae and SciPy,
+"""The nominal drivetrain for general-purpose solvers (numbalsoda, scikit-sundae, SciPy), with a
 right-hand side compiled by numba.
 """
 
@@ -12,8 +12,8 @@ from scipy.integrate import odeint
 Floats = npt.NDArray[np.float64]
 Solver = Callable[[Floats, Floats, Floats, float], Floats]
 
-# A general solver needs a smooth sign(): narrow enough to change the run by less than the accuracy
-# that is compared.
+# Width of the smooth sign() that a general solver needs; it changes the run by less than the
+# accuracy that is compared.
 SIGN_WIDTH_RAD_S = 0.02
 
 
@@ -68,7 +68,7 @@ def load_sundae() -> Solver:
         )
         if times.size > 2:
             return solver.solve(times, y0).y
-        # given two times it would return its own steps
+        # for two times it would return its own steps
         between = np.array([times[0], 0.5 * (times[0] + times[1]), times[1]])
         return solver.solve(between, y0).y[[0, 2]]
 
@@ -76,6 +76,7 @@ def load_sundae() -> Solver:
 
 
 def load_scipy() -> Solver:
+    """SciPy's LSODA, which is always present."""
     return scipy_lsoda
 
 

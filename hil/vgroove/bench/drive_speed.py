@@ -1,5 +1,5 @@
-"""The drivetrain alone against general-purpose solvers: one log-like run at equal accuracy, and
-what sensitivities of a run cost.
+"""The drivetrain alone against general-purpose solvers at equal accuracy, and the cost of the
+sensitivities of a run.
 """
 
 from collections.abc import Callable
@@ -10,35 +10,31 @@ import numpy.typing as npt
 
 from vgroove import _core
 from vgroove.bench.hall_column import edge_times, hall_channel
-from vgroove.bench.own import parameters
-from vgroove.bench.timing import medians
+from vgroove.bench.own import ROW_S, drive_values, parameters
+from vgroove.bench.timing import Seconds, medians
 from vgroove.gap.residual.channels import SpanChannel
+from vgroove.progress import Tick
 
 Floats = npt.NDArray[np.float64]
 
+# times (n,), start (3,), parameters, relative tolerance -> states (n, 3)
 Solver = Callable[[Floats, Floats, Floats, float], Floats]
-Done = Callable[[str], None]
 
-ACCURACY = 1e-4  # largest speed error over the run / largest speed
+ACCURACY = 1e-4  # largest error of the speed over the run, of the largest speed
 DIFFERENCE = 1e-3  # relative change of a parameter for its sensitivity
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
-BUS_V = 18.0
-SLEW_PER_S = 6.0
-MOTOR = {
-    "resistance_ohm": 0.19,
-    "inductance_h": 1e-4,
-    "torque_constant_nm_per_a": 0.0109,
-    "inertia_kg_m2": 1.6e-5,
-    "viscous_nm_s_per_rad": 4.5e-6,
-    "coulomb_nm": 0.012,
-}
+REFERENCE_TOLERANCE = 1e-11
+BUS_V = 18.0  # stiff supply
+SLEW_PER_S = 6.0  # of the duty
+STEPS_PER_S, STEP_ROWS = 2, 500  # of the staircase
+DUTIES = (0.3, 1.0)  # range of the drawn steps
+BEND = 1e-12  # a smaller second difference of the duty is no bend
 OWN, SENSITIVITIES = "vgroove with Hall", "vgroove, sensitivities"
-GEARBOX = {"ratio": 5.6, "output_inertia_kg_m2": 6e-5}
 
 
 @dataclass(frozen=True)
 class DriveFigure:
-    """Median seconds (wall and processor) of one solver for the run and its error against the
+    """Median wall and processor seconds of one solver for the run, and its error against the
     reference.
     """
 
@@ -53,57 +49,58 @@ class DriveFigure:
 
 @dataclass(frozen=True)
 class Run:
-    """Rows of a log (time, duty at the row's end) and the stretches of one slope that a general
-    solver integrates at a time.
+    """Rows of a log, (n,) each: time and duty at the end of a row; the segments (first row, last
+    row) of constant slope, which a general solver integrates one by one.
     """
 
     time_s: Floats
     duty: Floats
-    stretches: list[tuple[int, int]]
+    segments: list[tuple[int, int]]
 
 
 def staircase_run(seconds: int, seed: int) -> Run:
-    """A staircase of forward duties with ramps at the trigger's slew rate, 1 kHz rows."""
+    """A staircase of forward duties at rows of 1 ms, with ramps of the trigger's slew rate."""
     rng = np.random.default_rng(seed)
-    steps = np.repeat(rng.uniform(0.3, 1.0, 2 * seconds), 500)
+    steps = np.repeat(rng.uniform(*DUTIES, STEPS_PER_S * seconds), STEP_ROWS)
     duty = np.zeros(steps.size + 1)
     for row in range(1, duty.size):
         duty[row] = duty[row - 1] + np.clip(
-            steps[row - 1] - duty[row - 1], -SLEW_PER_S * 1e-3, SLEW_PER_S * 1e-3
+            steps[row - 1] - duty[row - 1], -SLEW_PER_S * ROW_S, SLEW_PER_S * ROW_S
         )
-    bends = np.flatnonzero(np.abs(np.diff(duty, 2)) > 1e-12) + 1
+    bends = np.flatnonzero(np.abs(np.diff(duty, 2)) > BEND) + 1
     knots = [0, *bends.tolist(), duty.size - 1]
     return Run(
-        np.arange(duty.size) * 1e-3,
+        np.arange(duty.size) * ROW_S,
         duty,
         [(a, b) for a, b in zip(knots, knots[1:], strict=False) if b > a],
     )
 
 
 def peer_parameters(run: Run, first: int, last: int) -> Floats:
-    """Parameters of drive_peers._derivative for one stretch."""
+    """Parameters of drive_peers._derivative for one segment."""
+    drive = drive_values()
     slope = (run.duty[last] - run.duty[first]) / (run.time_s[last] - run.time_s[first])
-    inertia = MOTOR["inertia_kg_m2"] + GEARBOX["output_inertia_kg_m2"] / GEARBOX["ratio"] ** 2
+    behind = drive["gearbox.output_inertia_kg_m2"] / drive["gearbox.ratio"] ** 2
     return np.array(
         [
             BUS_V * run.duty[first],
             BUS_V * slope,
             run.time_s[first],
-            MOTOR["resistance_ohm"],
-            MOTOR["inductance_h"],
-            MOTOR["torque_constant_nm_per_a"],
-            inertia,
-            MOTOR["viscous_nm_s_per_rad"],
-            MOTOR["coulomb_nm"],
+            drive["motor.resistance_ohm"],
+            drive["motor.inductance_h"],
+            drive["motor.torque_constant_nm_per_a"],
+            drive["motor.inertia_kg_m2"] + behind,
+            drive["motor.viscous_nm_s_per_rad"],
+            drive["motor.coulomb_nm"],
         ]
     )
 
 
 def peer_states(run: Run, solver: Solver, rtol: float) -> Floats:
-    """Motor speed rad/s and angle rad at the rows, (n, 2)."""
+    """Motor speed in rad/s and angle in rad at the rows, (n, 2), by a peer."""
     found = np.zeros((run.time_s.size, 2))
     state = np.zeros(3)
-    for first, last in run.stretches:
+    for first, last in run.segments:
         states = solver(
             run.time_s[first : last + 1], state, peer_parameters(run, first, last), rtol
         )
@@ -113,23 +110,16 @@ def peer_states(run: Run, solver: Solver, rtol: float) -> Floats:
 
 
 def own_parameters() -> Floats:
-    """The tool of physics.md in the order of _core.PARAMETERS."""
-    motor, gearbox = (
-        {f"motor.{k}": v for k, v in MOTOR.items()},
-        {f"gearbox.{k}": v for k, v in GEARBOX.items()},
-    )
-    return parameters({"supply.voltage_v": BUS_V} | motor | gearbox)
+    """The reference drive on a stiff supply, in the order of _core.PARAMETERS."""
+    return parameters(drive_values() | {"supply.voltage_v": BUS_V, "supply.resistance_ohm": 0.0})
 
 
 def own_run(run: Run, theta: Floats, hall: SpanChannel) -> Callable[[], tuple[Floats, Floats]]:
-    """A call that runs theta (B, P) along the rows on one thread: motor speed rad/s (B, n) and Hall
-    column (B, m).
+    """A call that runs tools theta (B, P) along the rows on one thread and returns the motor speed
+    in rad/s (B, n) and the Hall column (B, m).
     """
-    log, start, state = (
-        _core.LogInput(run.time_s, "duty", run.duty, SLEW_PER_S),
-        np.array([0]),
-        np.zeros((1, 3)),
-    )
+    log = _core.LogInput(run.time_s, "duty", run.duty, SLEW_PER_S)
+    start, state = np.array([0]), np.zeros((1, 3))
 
     def work() -> tuple[Floats, Floats]:
         rows = _core.simulate_log(log, theta, start, state, threads=1)
@@ -139,11 +129,11 @@ def own_run(run: Run, theta: Floats, hall: SpanChannel) -> Callable[[], tuple[Fl
 
 
 def difference_sets() -> Floats:
-    """The tool and the same with each of its motor's and gear's numbers changed a little, (1 + K,
-    P).
+    """The drive, and the drive with each of the K values of motor and gearbox changed by
+    DIFFERENCE, (1 + K, P).
     """
     nominal = own_parameters()
-    names = [f"motor.{key}" for key in MOTOR] + [f"gearbox.{key}" for key in GEARBOX]
+    names = [name for name in drive_values() if not name.startswith("supply.")]
     places = [_core.PARAMETERS.index(name) for name in names]
     sets = np.repeat(nominal[None, :], 1 + len(places), axis=0)
     sets[np.arange(len(places)) + 1, places] *= 1.0 + DIFFERENCE
@@ -151,12 +141,13 @@ def difference_sets() -> Floats:
 
 
 def speed_error(speed: Floats, reference: Floats) -> float:
+    """Largest difference of speeds (n,), of the largest reference speed."""
     return float(np.max(np.abs(speed - reference)) / np.max(reference))
 
 
 def loosest(solver: Solver, run: Run, reference: Floats) -> tuple[float, float]:
-    """Tolerance and error: the loosest tolerance that reaches ACCURACY, else the one that comes
-    nearest.
+    """Tolerance and error of a peer at the loosest tolerance that reaches ACCURACY, else at the one
+    of the least error.
     """
     tried: list[tuple[float, float]] = []
     for rtol in TOLERANCES:
@@ -169,7 +160,7 @@ def loosest(solver: Solver, run: Run, reference: Floats) -> tuple[float, float]:
 
 
 def load_solvers() -> dict[str, Solver]:
-    """The peers that are on this machine."""
+    """The peers that this machine has."""
     from vgroove.bench.drive_peers import LOADERS
 
     found = {}
@@ -182,20 +173,20 @@ def load_solvers() -> dict[str, Solver]:
 
 
 def own_error(rows: tuple[Floats, Floats], reference: Floats, hall: SpanChannel) -> float:
-    """The larger of the errors of the shaft's speed and of the Hall column."""
+    """The larger one of the errors of the shaft's speed and of the Hall column."""
     return max(speed_error(rows[0][0], reference), speed_error(rows[1][0], hall.measured))
 
 
 def measure_drive(
-    seconds: int, seed: int, repeats: int, done: Done
+    seconds: int, seed: int, repeats: int, tick: Tick
 ) -> tuple[list[DriveFigure], float]:
-    """Ours (with the Hall column) and the peers on one staircase; and the runs that one sensitivity
-    costs (differences in one call).
+    """The plant (with the Hall column) and the peers on one staircase; and the cost of one
+    sensitivity, by differences in one call, in runs.
     """
     from vgroove.bench.drive_peers import scipy_lsoda
 
     run = staircase_run(seconds, seed)
-    reference = peer_states(run, scipy_lsoda, 1e-11)
+    reference = peer_states(run, scipy_lsoda, REFERENCE_TOLERANCE)
     hall = hall_channel(run.time_s, edge_times(run.time_s, reference[:, 1], reference[:, 0]))
     sets = difference_sets()
     one, many = own_run(run, sets[:1], hall), own_run(run, sets, hall)
@@ -207,18 +198,15 @@ def measure_drive(
         rtol, error = loosest(solver, run, reference[:, 0])
         chosen[name] = (rtol, error)
         works[name] = lambda solver=solver, rtol=rtol: peer_states(run, solver, rtol)
-    taken = medians(works, repeats, lambda name: done(f"drivetrain: {name}"))
+    taken = medians(works, repeats, lambda name: tick(f"drivetrain: {name}"))
     length = float(run.time_s[-1])
-    figures = [
-        DriveFigure(
-            name,
-            taken[name].wall,
-            taken[name].cpu,
-            length / taken[name].wall,
-            error,
-            bool(error <= ACCURACY),
-            rtol,
-        )
-        for name, (rtol, error) in chosen.items()
-    ]
+    figures = [figure_of(name, taken[name], length, *chosen[name]) for name in chosen]
     return figures, (taken[SENSITIVITIES].cpu / taken[OWN].cpu - 1.0) / (len(sets) - 1)
+
+
+def figure_of(
+    name: str, taken: Seconds, length_s: float, rtol: float | None, error: float
+) -> DriveFigure:
+    """The figure of a timed solver for a run of length_s."""
+    reached = bool(error <= ACCURACY)
+    return DriveFigure(name, taken.wall, taken.cpu, length_s / taken.wall, error, reached, rtol)

@@ -1,14 +1,14 @@
-// The peer that a user would write by hand: the impact tool of physics.md section 4 by
-// semi-implicit Euler with a fixed step.
+// A hand-written peer: the impact tool of docs/spec/model.md, section 4, by semi-implicit Euler
+// with a fixed step.
 //
-// Parameters and states are those of impact_model.py; built by euler.py with -O3 when the
+// Parameters and states are those of impact_tool.py; euler.py builds it with -O3 when the
 // comparison runs.
 #include <cmath>
 #include <cstdint>
 
 namespace {
 
-// The order is that of ImpactTool in impact_model.py.
+// In the order of ImpactTool in impact_tool.py.
 struct Tool {
     double supply, supply_ohm, resistance, inductance, torque_constant, motor_inertia, viscous,
         coulomb, ratio;
@@ -21,13 +21,13 @@ struct State {
     double current, spindle, spindle_speed, hammer, hammer_speed, anvil, anvil_speed, twist;
 };
 
+// Where a lug of the hammer is: in the gap between the anvil's lugs, or above them.
 enum class Lugs { GAP, ABOVE };
 
-// "In the gap, or above the lugs" is a state.
 struct Place {
     Lugs lugs = Lugs::GAP;
-    double flank =
-        0.0;  // relative angle of the anvil flank in front of the hammer's lug, or under it
+    // relative angle of the anvil flank in front of the hammer's lug, or under it
+    double flank = 0.0;
 };
 
 struct Groove {
@@ -40,7 +40,7 @@ inline Groove groove_of(const Tool &p, double q) {
             p.lead * p.vertex * p.vertex / (root * root * root)};
 }
 
-// Section 5, exponent 1.
+// Contact force: docs/spec/model.md, section 5, exponent 1.
 inline double contact(const Tool &p, double pen, double rate) {
     if (pen <= 0.0)
         return 0.0;

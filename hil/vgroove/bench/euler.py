@@ -10,15 +10,16 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from vgroove.bench.own import ROW_S
+
 Floats = npt.NDArray[np.float64]
 
 SOURCE = Path(__file__).with_name("euler.cpp")
 FLAGS = ("-std=c++17", "-O3", "-march=native", "-shared", "-fPIC")
-ROW_S = 1e-3
 
 
 def compiler() -> str:
-    """The C++ compiler: $CXX, c++ or g++."""
+    """The C++ compiler: $CXX, c++ or g++; ImportError without one."""
     for name in (os.environ.get("CXX"), "c++", "g++"):
         if name and shutil.which(name):
             return name
@@ -26,7 +27,7 @@ def compiler() -> str:
 
 
 def build() -> ctypes.CDLL:
-    """The shared library, built in a directory of its own that goes once it is loaded."""
+    """The shared library, built in a temporary directory; ImportError where it does not build."""
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "euler.so"
         done = subprocess.run(
@@ -41,7 +42,7 @@ def build() -> ctypes.CDLL:
 
 
 def run(library: ctypes.CDLL, y0: Floats, p: Floats, rows: int, step_s: float) -> Floats:
-    """States (rows + 1, 8) at 1 kHz by steps of step_s, which divides a millisecond."""
+    """States (rows + 1, 8) at rows of 1 ms by steps of step_s, which divides 1 ms."""
     steps = round(ROW_S / step_s)
     out, state = np.empty((rows, y0.size)), y0.copy()
     arrays = [a.ctypes.data_as(ctypes.c_void_p) for a in (p, state, out)]

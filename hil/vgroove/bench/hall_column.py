@@ -1,11 +1,11 @@
-"""The Hall column of a run, compared as the diagnosis compares it: the mean speed over each row's
-last edge period.
+"""The Hall speed column of a run as the diagnosis compares it: the mean speed over the last edge
+period of each row.
 """
 
 import numpy as np
 import numpy.typing as npt
 
-from vgroove.gap.residual.channels import SpanChannel, span_channel
+from vgroove.gap.residual.channels import ChannelInfo, Samples, SpanChannel, Spans, span_channel
 
 Floats = npt.NDArray[np.float64]
 
@@ -14,7 +14,7 @@ NEWTON_STEPS = 4
 
 
 def edge_times(time_s: Floats, angle_rad: Floats, speed_rad_s: Floats) -> Floats:
-    """Instants (m,) at which a growing angle passes a multiple of the pitch, by the cubic through
+    """Times (m,) at which a growing angle passes a multiple of the pitch, by the cubic through
     angles and speeds at the rows.
     """
     pitch = 2.0 * np.pi / PULSES_PER_TURN
@@ -32,24 +32,13 @@ def edge_times(time_s: Floats, angle_rad: Floats, speed_rad_s: Floats) -> Floats
 
 
 def hall_channel(time_s: Floats, edges_s: Floats) -> SpanChannel:
-    """The channel of a log whose edges lie so; its `measured` is the Hall column in rad/s, its
-    `row` the rows from the second edge on.
+    """The channel of a log with these edges: `measured` is the Hall column in rad/s, `row` are the
+    rows from the second edge on.
     """
     last = np.searchsorted(edges_s, time_s, side="right") - 1
     row = np.flatnonzero(last >= 1)
     start, end = edges_s[last[row] - 1], edges_s[last[row]]
     measured = 2.0 * np.pi / PULSES_PER_TURN / (end - start)
-    nothing = np.zeros(row.size)
-    return span_channel(
-        "speed_rpm",
-        "rad/s",
-        time_s,
-        (start, end),
-        row,
-        measured,
-        nothing,
-        nothing.astype(bool),
-        1.0,
-        True,
-        "",
-    )
+    info = ChannelInfo("speed_rpm", "rad/s", edges=True)
+    samples = Samples(row, measured, np.zeros(row.size))
+    return span_channel(info, samples, Spans(time_s, start, end))

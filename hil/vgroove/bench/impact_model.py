@@ -1,10 +1,10 @@
-"""The impact tool of physics.md section 4 as one right-hand side compiled by numba, for
-general-purpose solvers that know no events.
+"""The impact tool of docs/spec/model.md, section 4, as one right-hand side compiled by numba, for
+general-purpose solvers without event location.
 
-The state "in the gap, or above the lugs" has to be read off the angles here: below the lug's height
-a hammer lug that has passed a forward flank by less than NEAR_RAD touches it; so it does a rear
-flank, if it is lower than DEEP_M; everywhere else over a lug it stands on its top. That gives the
-page's states in the runs that are timed. The equations are the page's.
+The contact of a lug follows from the angles alone. Below the lug height a hammer lug that has
+passed a forward flank by less than NEAR_RAD touches that flank; it touches a rear flank where it is
+deeper than DEEP_M; elsewhere over a lug it stands on the top. In the timed runs this gives the
+contacts of the specification.
 """
 
 import math
@@ -20,7 +20,7 @@ Floats = npt.NDArray[np.float64]
 
 @nb.njit(inline="always")
 def contact(pen: float, rate: float, stiffness: float, damping: float, ramp: float) -> float:
-    """Force of section 5, exponent 1, N."""
+    """Contact force in N (docs/spec/model.md, section 5, exponent 1)."""
     if pen <= 0.0:
         return 0.0
     return stiffness * pen + (damping * rate * min(pen / ramp, 1.0) if rate > 0.0 else 0.0)
@@ -28,9 +28,9 @@ def contact(pen: float, rate: float, stiffness: float, damping: float, ramp: flo
 
 @nb.njit(inline="always")
 def lug_forces(x: float, dx: float, phi: float, dphi: float, p: Floats) -> tuple[float, float]:
-    """Torque on the hammer's lugs and axial force on the hammer (towards the anvil positive)."""
+    """Torque on the hammer's lugs and axial force on the hammer, positive towards the anvil."""
     pitch, height, radius, overlap = p[17], p[18], p[19], p[20]
-    into = phi - pitch * math.floor(phi / pitch)  # how far the flank is past the last anvil flank
+    into = phi - pitch * math.floor(phi / pitch)  # angle of the flank past the last anvil flank
     if x >= height or into >= overlap:
         return 0.0, 0.0
     if into < NEAR_RAD:
@@ -44,7 +44,7 @@ def lug_forces(x: float, dx: float, phi: float, dphi: float, p: Floats) -> tuple
 
 @nb.njit
 def derivative(y: Floats, dy: Floats, p: Floats) -> None:
-    """dy/dt of STATES."""
+    """dy/dt of STATES (8,); p is ImpactTool.vector()."""
     q, dq = y[1] - y[3], y[2] - y[4]
     root = math.sqrt(q * q + p[13] * p[13])
     x, s, ds = (

@@ -1,8 +1,8 @@
-"""Impact mode against general-purpose solvers at equal accuracy: the screw's angle after a second,
-slipping at 60 N m and slope 700.
+"""Impact mode against general-purpose solvers at equal accuracy: the head's angle after a second,
+on joints that slip at 60 N m and with a slope of 700 N m/rad.
 
-A peer runs at the loosest tolerance that reaches the accuracy on both joints: its user does not
-know the joint beforehand.
+A peer runs at the loosest tolerance that reaches the accuracy on both joints, since one tolerance
+must serve joints that are unknown beforehand.
 """
 
 import math
@@ -13,22 +13,23 @@ import numpy as np
 import numpy.typing as npt
 
 from vgroove.bench.impact_tool import SLIPPING, ImpactTool, head_rad, rest
+from vgroove.bench.own import ROW_S
 from vgroove.bench.solvers import Peer
 from vgroove.bench.timing import Seconds, medians
+from vgroove.progress import Tick
 
 Floats = npt.NDArray[np.float64]
-# what is timed: a second of the tool, giving its head's angle
+# Makes the call that is timed: one second of a tool, with the head's angle as result
 Prepare = Callable[[ImpactTool], Callable[[], float]]
-Done = Callable[[str], None]
 
-ACCURACY = 1e-3  # of the head's angle
+ACCURACY = 1e-3  # largest relative error of the head's angle
 ROWS = 1000  # of 1 ms: one simulated second
 
 
 @dataclass(frozen=True)
 class Figure:
-    """Median seconds (wall and processor) of one simulated second and the error of the head's
-    angle; reached: within ACCURACY.
+    """Median wall and processor seconds of one simulated second, and the relative error of the
+    head's angle; reached: the error is within ACCURACY.
     """
 
     name: str
@@ -43,7 +44,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Choice:
-    """A solver at the tolerance at which it will be timed."""
+    """A solver at the tolerance at which it is timed."""
 
     name: str
     work: Callable[[], float]
@@ -53,18 +54,19 @@ class Choice:
 
 
 def row_times(rows: int) -> Floats:
-    return np.arange(rows + 1) * 1e-3
+    """Times (rows + 1,) of rows of 1 ms."""
+    return np.arange(rows + 1) * ROW_S
 
 
 def reference_head(tool: ImpactTool, rows: int = ROWS) -> float:
-    """The head's angle at the tightest tolerance."""
+    """The head's angle by the reference solver."""
     from vgroove.bench.impact_peers import reference
 
     return head_rad(reference(row_times(rows), rest(), tool.vector())[-1])
 
 
 def peer_head(peer: Peer, tool: ImpactTool, tolerance: float) -> float:
-    """NaN where the solver gives up."""
+    """The head's angle by a peer; NaN where its solver fails."""
     try:
         return head_rad(peer.run(row_times(ROWS), rest(), tool.vector(), tolerance)[-1])
     except RuntimeError:
@@ -72,7 +74,7 @@ def peer_head(peer: Peer, tool: ImpactTool, tolerance: float) -> float:
 
 
 def errors_at(peer: Peer, tolerance: float, heads: dict[str, float]) -> dict[str, float]:
-    """Relative error of the head's angle by joint, infinite where the solver gives up."""
+    """Relative error of the head's angle on each joint; infinite where the solver fails."""
     errors = {
         case: abs(peer_head(peer, SLIPPING[case], tolerance) / head - 1.0)
         for case, head in heads.items()
@@ -81,8 +83,8 @@ def errors_at(peer: Peer, tolerance: float, heads: dict[str, float]) -> dict[str
 
 
 def choose(peer: Peer, heads: dict[str, float]) -> dict[str, Choice]:
-    """By joint, at the loosest tolerance that reaches ACCURACY on all; where none does, at the one
-    that comes nearest.
+    """A peer on each joint at the loosest tolerance that reaches ACCURACY on all; where none does,
+    at the tolerance of the least error.
     """
     tried: list[tuple[float, dict[str, float]]] = []
     for tolerance in peer.tolerances:
@@ -107,17 +109,18 @@ def _head_work(peer: Peer, tool: ImpactTool, tolerance: float) -> Callable[[], f
 
 
 def own_choice(name: str, prepare: Prepare, tool: ImpactTool, head: float) -> Choice:
+    """The plant as a choice, with its error."""
     work = prepare(tool)
     return Choice(name, work, float(abs(work() / head - 1.0)))
 
 
-def measure(owns: dict[str, Prepare], peers: list[Peer], repeats: int, done: Done) -> list[Figure]:
-    """Every solver on both joints, each timed in turn with the others."""
+def measure(owns: dict[str, Prepare], peers: list[Peer], repeats: int, tick: Tick) -> list[Figure]:
+    """Every solver on both joints, timed in turns."""
     heads = {case: reference_head(tool) for case, tool in SLIPPING.items()}
     chosen = []
     for peer in peers:
         chosen.append(choose(peer, heads))
-        done(f"tolerance of {peer.name}")
+        tick(f"tolerance of {peer.name}")
     figures = []
     for case, tool in SLIPPING.items():
         choices = [
@@ -126,13 +129,14 @@ def measure(owns: dict[str, Prepare], peers: list[Peer], repeats: int, done: Don
         seconds = medians(
             {c.name: c.work for c in choices},
             repeats,
-            lambda name, case=case: done(f"{case}: {name}"),
+            lambda name, case=case: tick(f"{case}: {name}"),
         )
         figures += [figure_of(choice, case, seconds[choice.name]) for choice in choices]
     return figures
 
 
 def figure_of(choice: Choice, case: str, seconds: Seconds) -> Figure:
+    """The figure of a timed choice."""
     reached = bool(choice.error <= ACCURACY)
     return Figure(
         choice.name,
@@ -147,5 +151,5 @@ def figure_of(choice: Choice, case: str, seconds: Seconds) -> Figure:
 
 
 def runs_of(owns: int, peers: int, repeats: int) -> int:
-    """How often `measure` calls `done`."""
+    """How often `measure` calls `tick`."""
     return peers + len(SLIPPING) * repeats * (owns + peers)

@@ -1,5 +1,5 @@
-"""Impact mode in lock-step with a 1 ms controller: the plant advances a millisecond, the controller
-sees it and commands the next.
+"""Impact mode in lock-step with a controller of 1 ms: the plant advances a tick, then the
+controller reads its speed and sets the duty of the next tick.
 """
 
 from collections.abc import Callable
@@ -8,17 +8,16 @@ from dataclasses import dataclass
 from vgroove import _core
 from vgroove.bench.impact_speed import ROWS, Figure
 from vgroove.bench.impact_tool import ImpactTool
-from vgroove.bench.own import impact_parameters
+from vgroove.bench.own import ROW_S, impact_parameters
 
-ROW_S = 1e-3
-# the controller looks at every row and never has to act: the same run as without it
+# The controller cuts the duty above this speed: never, so that the run is the one without it
 OVERSPEED_RAD_S = 1e9
 
 
 @dataclass(frozen=True)
 class LockstepFigure:
-    """Processor seconds of one simulated second alone and in lock-step, one solver; extra = share
-    that lock-step costs more.
+    """Processor seconds of one simulated second of a solver alone and in lock-step; extra is the
+    relative increase.
     """
 
     name: str
@@ -29,8 +28,8 @@ class LockstepFigure:
 
 
 def own_lockstep(tool: ImpactTool) -> Callable[[], float]:
-    """A second of the tool from rest, a compiled controller every millisecond, as firmware and the
-    peer's are; gives the head's angle.
+    """A call that runs a second of the tool from rest with a compiled controller (as the firmware
+    and the peer's controllers are) and returns the head's angle.
     """
     theta = impact_parameters(tool)
     return lambda: _core.ImpactPlant(theta, load_kind="hard_joint", mode="fast").governed(
@@ -54,8 +53,8 @@ def own_lockstep_in_python(tool: ImpactTool) -> Callable[[], float]:
 
 
 def pairs(figures: list[Figure], names: dict[str, tuple[str, str]]) -> list[LockstepFigure]:
-    """Lock-step against alone, by case, from figures measured in turn; names: solver -> (alone,
-    lock-step).
+    """Lock-step against alone for each case, from figures timed in turns; `names` are the solvers'
+    names of the figures (alone, lock-step).
     """
     seconds = {(f.name, f.case): f.cpu_seconds for f in figures}
     found = []

@@ -1,5 +1,5 @@
-"""Memory of a run of the plant: what a process takes for runs of different lengths, against the
-columns that go in and come out.
+"""Memory of a run of the plant: peak memory of the process over the length of the run, against the
+size of the columns that go in and come out.
 """
 
 import json
@@ -12,30 +12,18 @@ import numpy as np
 
 from vgroove import _core
 from vgroove.bench.impact_tool import SLIPPING
-from vgroove.bench.own import impact_log, impact_parameters, parameters
+from vgroove.bench.own import ROW_S, drive_values, impact_log, impact_parameters, parameters
+from vgroove.units import BYTES_PER_KIB, BYTES_PER_MIB
 
 LENGTHS_S = (10, 60, 120)
-ROWS_A_SECOND = 1000
+ROWS_PER_S = 1000
 RUNS = ("impact", "drivetrain")
-DRIVE_VALUES = {
-    "supply.voltage_v": 18.5,
-    "supply.resistance_ohm": 0.1,
-    "motor.resistance_ohm": 0.19,
-    "motor.inductance_h": 1e-4,
-    "motor.torque_constant_nm_per_a": 0.0109,
-    "motor.inertia_kg_m2": 1.6e-5,
-    "motor.viscous_nm_s_per_rad": 4.5e-6,
-    "motor.coulomb_nm": 0.012,
-    "gearbox.ratio": 5.6,
-    "gearbox.output_inertia_kg_m2": 6e-5,
-}
-KIB, MIB = 1024, 1 << 20
 
 
 @dataclass(frozen=True)
 class Memory:
-    """One run in a process of its own: how far its peak rose during the run, and the bytes of its
-    log (columns in and out, blows).
+    """One run in a process of its own: the rise of its peak memory during the run, and the size of
+    its log (columns in and out, blows).
     """
 
     of: str
@@ -46,7 +34,7 @@ class Memory:
 
 def run(of: str, seconds: int) -> int:
     """Bytes of the log of one run, rows of 1 ms."""
-    rows = seconds * ROWS_A_SECOND
+    rows = seconds * ROWS_PER_S
     given = 2 * 8 * (rows + 1)  # time and command
     if of == "impact":
         out = _core.simulate_impact(
@@ -57,38 +45,34 @@ def run(of: str, seconds: int) -> int:
             + out["blows"][0].nbytes
             + sum(column.nbytes for column in out.values() if isinstance(column, np.ndarray))
         )
-    drive = _core.LogInput(np.arange(rows + 1) * 1e-3, "duty", np.full(rows + 1, 1.0))
-    out = _core.simulate_log(
-        drive, parameters(DRIVE_VALUES)[None, :], np.array([0]), np.zeros((1, 3)), threads=1
-    )
+    drive = _core.LogInput(np.arange(rows + 1) * ROW_S, "duty", np.full(rows + 1, 1.0))
+    theta = parameters(drive_values())[None, :]
+    out = _core.simulate_log(drive, theta, np.array([0]), np.zeros((1, 3)), threads=1)
     return given + sum(column.nbytes for column in out.values())
 
 
 def peak_bytes() -> int:
-    """Largest resident size of this program so far (getrusage's would be that of the process it was
-    forked from, too).
-    """
+    """Largest resident size of this process; getrusage would include the process that forked it."""
     status = Path("/proc/self/status").read_text(encoding="ascii")
-    return (
-        int(next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM:")))
-        * KIB
-    )
+    peak = next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM:"))
+    return int(peak) * BYTES_PER_KIB
 
 
 def measure_here(of: str, seconds: int) -> Memory:
-    """After a short run that loads all code; only the first measurement of a process means
-    anything, since a peak never falls.
+    """Measure in this process, after a short run that loads all code.
+
+    Only the first measurement of a process is valid, since a peak never falls.
     """
     run(of, 1)
     before = peak_bytes()
     log = run(of, seconds)
-    return Memory(of, seconds, log / MIB, (peak_bytes() - before) / MIB)
+    return Memory(of, seconds, log / BYTES_PER_MIB, (peak_bytes() - before) / BYTES_PER_MIB)
 
 
 def measure_memory(
     runs: tuple[str, ...] = RUNS, lengths_s: tuple[int, ...] = LENGTHS_S
 ) -> list[Memory]:
-    """Each run in a process of its own, lengths in rising order."""
+    """Measure each run in a process of its own, the lengths in ascending order."""
     found = []
     for of in runs:
         for seconds in lengths_s:
@@ -99,8 +83,8 @@ def measure_memory(
 
 
 def growth_over_log(found: list[Memory], of: str) -> float:
-    """What a longer run takes more, over what its log has more: a few copies of the log, nothing
-    else.
+    """Increase of the peak memory over the increase of the log's size, from the shortest run to the
+    longest: the number of copies of the log.
     """
     mine = [m for m in found if m.of == of]
     return (mine[-1].peak_mib - mine[0].peak_mib) / (mine[-1].log_mib - mine[0].log_mib)

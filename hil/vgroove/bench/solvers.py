@@ -1,5 +1,5 @@
-"""The peers of the impact comparison by name: how each is loaded, its tolerances from loose to
-tight, how to install it.
+"""The peers of the impact comparison: how each is loaded, its tolerances from loose to tight, and
+the command that installs it.
 """
 
 from collections.abc import Callable
@@ -14,6 +14,7 @@ Run = Callable[[Floats, Floats, Floats, float], Floats]
 
 RTOLS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 1e-7, 1e-8)
 NUMBALSODA, NUMBALSODA_RESTARTED = "numbalsoda LSODA", "numbalsoda, restarted"
+FAST = "vgroove, fast"
 EULER, EULER_2_US = "C++ Euler", "C++ Euler at 2 us"
 STEPS_S = (1e-5, 5e-6, 2e-6, 1e-6, 5e-7, 2e-7, 1e-7)
 
@@ -32,7 +33,7 @@ class Peer:
 
 @dataclass(frozen=True)
 class Missing:
-    """A peer that is not on this machine and the command that installs it."""
+    """A peer that this machine lacks, and the command that installs it."""
 
     name: str
     install: str

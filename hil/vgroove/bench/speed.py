@@ -1,8 +1,7 @@
-"""`vgroove bench speed`: the plant against the solvers that a user would pick instead, all in one
-run on one machine.
+"""`vgroove bench speed`: the plant against general-purpose solvers, all in one run on one machine.
 
-What a user waits is wall time; ratios are of processor time, which other programs on the machine
-cannot tilt.
+Speeds are given in wall time; ratios are of processor time, which does not depend on the load of
+the machine by other programs.
 """
 
 import os
@@ -12,7 +11,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from vgroove.bench import (
     batch_speed,
@@ -29,6 +27,7 @@ from vgroove.bench.own import impact_heads
 from vgroove.bench.solvers import (
     EULER,
     EULER_2_US,
+    FAST,
     NUMBALSODA,
     NUMBALSODA_RESTARTED,
     Missing,
@@ -36,24 +35,23 @@ from vgroove.bench.solvers import (
     load_peers,
 )
 from vgroove.errors import VgrooveError
+from vgroove.progress import Tick, step_bar
 
 SCHEMA = "vgroove.bench_speed/1"
-FAST, REFERENCE, LOCKSTEP = "vgroove, fast", "vgroove, reference", "vgroove, lock-step"
+REFERENCE, LOCKSTEP = "vgroove, reference", "vgroove, lock-step"
 IN_PYTHON = "vgroove, lock-step in Python"
+# Name in the table -> names of the figures alone and in lock-step
 LOCKSTEP_PAIRS = {
-    "vgroove, fast": (FAST, LOCKSTEP),
+    FAST: (FAST, LOCKSTEP),
     IN_PYTHON: (FAST, IN_PYTHON),
-    "numbalsoda LSODA": (NUMBALSODA, NUMBALSODA_RESTARTED),
+    NUMBALSODA: (NUMBALSODA, NUMBALSODA_RESTARTED),
 }
 MUJOCO = Missing("MuJoCo (step cost)", "pip install mujoco")
-Done = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Asked:
-    """One figure against what was asked of it; met is None where the figure needs a peer that is
-    missing.
-    """
+class Requirement:
+    """A figure and its limit; met is None where the figure needs a peer that is missing."""
 
     name: str
     value: float | None
@@ -62,38 +60,54 @@ class Asked:
     met: bool | None
 
 
+@dataclass(frozen=True)
+class Limits:
+    """The project's requirements on the speed of the plant (docs/bench.md)."""
+
+    impact_wall_s: float = 0.003  # for one simulated second
+    over_numbalsoda: float = 12.0  # least ratio of the times
+    over_euler: float = 5.0
+    lockstep_extra: float = 0.15  # largest relative increase of the time
+    rollouts_per_s: float = 1000.0
+    growth: float = 1.25  # largest over smallest cost
+    drive_real_time: float = 20_000.0  # least ratio of simulated time to wall time
+    sensitivity_runs: float = 1.5  # cost of a sensitivity in runs
+    log_copies: float = 2.0  # memory of a longer run over that of its log
+
+
+LIMITS = Limits()
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Seconds of the drivetrain's run, seed of the drawn runs and tools, timed rounds."""
+
+    seconds: int
+    seed: int
+    repeats: int
+
+
 def bench_speed(
     seconds: int = 10, seed: int = 1, repeats: int = 5, console: Console | None = None
 ) -> dict[str, Any]:
-    """All figures of one run, JSON-ready; a progress bar on a console that is a terminal."""
+    """All figures of one run, ready for JSON; a progress bar on a console that is a terminal.
+
+    Raises VgrooveError without numba.
+    """
     try:
         import numba  # noqa: F401
     except ImportError as error:
         raise VgrooveError(
-            "The reference and most peers need numba, an optional extra: run `make bench`, or pip install numba."
+            "The reference and most peers need numba, an optional extra: run `make bench`, or "
+            "pip install numba."
         ) from error
     peers, missing = load_peers()
-    columns = (
-        TextColumn("{task.description:48}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    console = console or Console()
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as progress:
-        task = progress.add_task("reference", total=runs_of(peers, repeats))
-        return measure(
-            peers,
-            missing,
-            (seconds, seed, repeats),
-            lambda name: progress.update(task, advance=1, description=name),
-        )
+    with step_bar(runs_of(peers, repeats), "reference", console or Console()) as tick:
+        return measure(peers, missing, Effort(seconds, seed, repeats), tick)
 
 
 def runs_of(peers: list[Peer], repeats: int) -> int:
-    """How often `measure` tells its progress."""
+    """How often `measure` calls `tick`."""
     batch = 1 + 2 * repeats
     growth = repeats * (len(batch_speed.TIMES_MS) + len(batch_speed.SIZES))
     impact = impact_speed.runs_of(len(owns()), len(peers), repeats) + sensitivity.runs_of(peers)
@@ -101,7 +115,7 @@ def runs_of(peers: list[Peer], repeats: int) -> int:
 
 
 def own_prepare(mode: str) -> impact_speed.Prepare:
-    """The plant's impact mode as the comparison asks for it."""
+    """The plant's impact mode as the comparison runs it."""
 
     def prepare(tool: ImpactTool) -> Callable[[], float]:
         run = impact_heads([tool], impact_speed.ROWS, mode)
@@ -111,6 +125,7 @@ def own_prepare(mode: str) -> impact_speed.Prepare:
 
 
 def owns() -> dict[str, impact_speed.Prepare]:
+    """The plant's ways of running, by name."""
     return {
         FAST: own_prepare("fast"),
         LOCKSTEP: own_lockstep,
@@ -120,26 +135,24 @@ def owns() -> dict[str, impact_speed.Prepare]:
 
 
 def measure(
-    peers: list[Peer], missing: list[Missing], run: tuple[int, int, int], done: Done
+    peers: list[Peer], missing: list[Missing], effort: Effort, tick: Tick
 ) -> dict[str, Any]:
-    """Impact, lock-step, batch, growth and drivetrain in turn; run = drivetrain seconds, seed,
-    repeats.
-    """
-    seconds, seed, repeats = run
-    impact = impact_speed.measure(owns(), peers, repeats, done)
-    tolerances = sensitivity.measure_sensitivity(own_prepare("fast"), peers, impact, repeats, done)
+    """Measure impact mode, lock-step, batch, growth, drivetrain and memory, one after the other."""
+    seed, repeats = effort.seed, effort.repeats
+    impact = impact_speed.measure(owns(), peers, repeats, tick)
+    tolerances = sensitivity.measure_sensitivity(own_prepare("fast"), peers, impact, repeats, tick)
     rtol = next((f.tolerance for f in impact if f.name == NUMBALSODA and f.case == "slip_60"), None)
-    batch = batch_speed.measure_batch(seed, repeats, rtol, done)
-    costs = batch_speed.measure_growth(seed, repeats, done)
-    drive, sensitivity_runs = drive_speed.measure_drive(seconds, seed, repeats, done)
+    batch = batch_speed.measure_batch(seed, repeats, rtol, tick)
+    costs = batch_speed.measure_growth(seed, repeats, tick)
+    drive, sensitivity_runs = drive_speed.measure_drive(effort.seconds, seed, repeats, tick)
     memories = memory.measure_memory()
     lockstep, step_s = lockstep_speed.pairs(impact, LOCKSTEP_PAIRS), mujoco_step_s()
-    asked = [
-        *asked_of_impact(impact, lockstep),
-        *asked_of_tolerances(tolerances),
-        *asked_of_batch(batch, costs),
-        *asked_of_drive(drive, sensitivity_runs),
-        *asked_of_memory(memories),
+    requirements = [
+        *impact_requirements(impact, lockstep),
+        tolerance_requirement(tolerances),
+        *batch_requirements(batch, costs),
+        *drive_requirements(drive, sensitivity_runs),
+        *memory_requirements(memories),
     ]
     return {
         "schema": SCHEMA,
@@ -148,8 +161,8 @@ def measure(
         "busy": busy_share(impact),
         "seed": seed,
         "repeats": repeats,
-        "drive_seconds": seconds,
-        "asked": [asdict(a) for a in asked],
+        "drive_seconds": effort.seconds,
+        "asked": [asdict(r) for r in requirements],
         "impact": [
             asdict(f) | {"ratio": f.cpu_seconds / own_cpu_seconds(impact, f.case)} for f in impact
         ],
@@ -166,7 +179,7 @@ def measure(
 
 
 def cpu_name() -> str:
-    """The processor's name where Linux tells it."""
+    """Name of the processor by /proc/cpuinfo, else of the architecture."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as text:
             return next(
@@ -178,7 +191,7 @@ def cpu_name() -> str:
 
 
 def mujoco_step_s() -> float | None:
-    """None where MuJoCo is missing."""
+    """Seconds of a step of MuJoCo; None where it is missing."""
     try:
         from vgroove.bench.mujoco_step import seconds_per_step
     except ImportError:
@@ -187,87 +200,89 @@ def mujoco_step_s() -> float | None:
 
 
 def busy_share(figures: list[Figure]) -> float:
-    """Share of the time that the machine spent on other programs while single-threaded solvers ran."""
+    """Share of the wall time of single-threaded solvers that the machine spent on other
+    programs.
+    """
     return 1.0 - sum(f.cpu_seconds for f in figures) / sum(f.seconds for f in figures)
 
 
 def own_cpu_seconds(figures: list[Figure], case: str) -> float:
+    """Processor seconds of the plant's fast mode on a joint."""
     return next(f.cpu_seconds for f in figures if f.name == FAST and f.case == case)
 
 
 def worst_ratio(figures: list[Figure], name: str) -> float | None:
-    """A peer's time over ours, on the joint where it is smallest."""
+    """A peer's time over the plant's, on the joint where it is smallest."""
     ratios = [f.cpu_seconds / own_cpu_seconds(figures, f.case) for f in figures if f.name == name]
     return min(ratios, default=None)
 
 
-def judged(name: str, value: float | None, relation: str, asked: float) -> Asked:
-    met = None if value is None else bool(value <= asked if relation == "<=" else value >= asked)
-    return Asked(name, value, relation, asked, met)
+def at_most(name: str, value: float, limit: float) -> Requirement:
+    """A figure that must not exceed its limit."""
+    return Requirement(name, value, "<=", limit, bool(value <= limit))
 
 
-def asked_of_impact(figures: list[Figure], lockstep: list[LockstepFigure]) -> list[Asked]:
+def at_least(name: str, value: float | None, limit: float) -> Requirement:
+    """A figure that must reach its limit; None without its peer."""
+    return Requirement(name, value, ">=", limit, None if value is None else bool(value >= limit))
+
+
+def impact_requirements(figures: list[Figure], lockstep: list[LockstepFigure]) -> list[Requirement]:
+    """Speed and accuracy of impact mode, alone and in lock-step."""
     own = [f for f in figures if f.name == FAST]
     extra = [f.extra for f in lockstep if f.name == FAST]
+    ratios = {name: worst_ratio(figures, name) for name in (NUMBALSODA, EULER_2_US, EULER)}
+    wall_s, error = max(f.seconds for f in own), max(f.head_error for f in own)
+    over_lsoda, over_euler = LIMITS.over_numbalsoda, LIMITS.over_euler
     return [
-        judged("impact: wall s per simulated s", max(f.seconds for f in own), "<=", 0.003),
-        judged(
-            "impact: error of the head's angle",
-            max(f.head_error for f in own),
-            "<=",
-            impact_speed.ACCURACY,
-        ),
-        judged("impact: times as fast as numbalsoda", worst_ratio(figures, NUMBALSODA), ">=", 12.0),
-        judged(
-            "impact: times as fast as Euler at 2 us", worst_ratio(figures, EULER_2_US), ">=", 5.0
-        ),
-        judged("impact: the same, Euler at equal accuracy", worst_ratio(figures, EULER), ">=", 5.0),
-        judged("impact: share that lock-step costs more", max(extra), "<=", 0.15),
+        at_most("impact: wall s per simulated s", wall_s, LIMITS.impact_wall_s),
+        at_most("impact: error of the head's angle", error, impact_speed.ACCURACY),
+        at_least("impact: times as fast as numbalsoda", ratios[NUMBALSODA], over_lsoda),
+        at_least("impact: times as fast as Euler at 2 us", ratios[EULER_2_US], over_euler),
+        at_least("impact: the same, Euler at equal accuracy", ratios[EULER], over_euler),
+        at_most("impact: share that lock-step costs more", max(extra), LIMITS.lockstep_extra),
     ]
 
 
-def asked_of_tolerances(found: list[sensitivity.Sensitivity]) -> list[Asked]:
-    return [
-        judged(
-            "impact: the same, at its cheapest tolerance that passes",
-            sensitivity.least_ratio(found, NUMBALSODA),
-            ">=",
-            12.0,
-        )
-    ]
+def tolerance_requirement(found: list[sensitivity.Sensitivity]) -> Requirement:
+    """Speed of impact mode against numbalsoda at the peer's cheapest passing tolerance."""
+    return at_least(
+        "impact: the same, at its cheapest tolerance that passes",
+        sensitivity.least_ratio(found, NUMBALSODA),
+        LIMITS.over_numbalsoda,
+    )
 
 
-def asked_of_batch(
+def batch_requirements(
     batch: list[batch_speed.BatchFigure], costs: list[batch_speed.Cost]
-) -> list[Asked]:
+) -> list[Requirement]:
+    """Throughput and accuracy of a batch, and the growth of the cost."""
+    own, by_time = batch[0], batch_speed.growth(costs, "time")
+    by_batch = batch_speed.growth(costs, "batch")
     return [
-        judged("batch: one-second roll-outs per second", batch[0].per_second, ">=", 1000.0),
-        judged(
-            "batch: error of the head's angle", batch[0].head_error, "<=", impact_speed.ACCURACY
-        ),
-        judged(
-            "growth with time: dearest over cheapest", batch_speed.growth(costs, "time"), "<=", 1.25
-        ),
-        judged(
-            "growth with batch: dearest over cheapest",
-            batch_speed.growth(costs, "batch"),
-            "<=",
-            1.25,
-        ),
+        at_least("batch: one-second roll-outs per second", own.per_second, LIMITS.rollouts_per_s),
+        at_most("batch: error of the head's angle", own.head_error, impact_speed.ACCURACY),
+        at_most("growth with time: dearest over cheapest", by_time, LIMITS.growth),
+        at_most("growth with batch: dearest over cheapest", by_batch, LIMITS.growth),
     ]
 
 
-def asked_of_drive(drive: list[drive_speed.DriveFigure], sensitivity: float) -> list[Asked]:
+def drive_requirements(
+    drive: list[drive_speed.DriveFigure], sensitivity_runs: float
+) -> list[Requirement]:
+    """Speed and accuracy of the drivetrain, and the cost of a sensitivity."""
+    own, runs = drive[0], LIMITS.sensitivity_runs
     return [
-        judged("drivetrain: times real time", drive[0].times_real_time, ">=", 20_000.0),
-        judged("drivetrain: error of the speed", drive[0].speed_error, "<=", drive_speed.ACCURACY),
-        judged("drivetrain: runs that a sensitivity costs", sensitivity, "<=", 1.5),
+        at_least("drivetrain: times real time", own.times_real_time, LIMITS.drive_real_time),
+        at_most("drivetrain: error of the speed", own.speed_error, drive_speed.ACCURACY),
+        at_most("drivetrain: runs that a sensitivity costs", sensitivity_runs, runs),
     ]
 
 
-def asked_of_memory(found: list[memory.Memory]) -> list[Asked]:
-    """Bounded by the log: every byte more that a longer run takes belongs to a copy of its columns."""
+def memory_requirements(found: list[memory.Memory]) -> list[Requirement]:
+    """Memory of a longer run: at most LIMITS.log_copies copies of its columns."""
     name = "{}: memory of a longer run over its log's"
     return [
-        judged(name.format(of), memory.growth_over_log(found, of), "<=", 2.0) for of in memory.RUNS
+        at_most(name.format(of), memory.growth_over_log(found, of), LIMITS.log_copies)
+        for of in memory.RUNS
     ]

@@ -1,8 +1,8 @@
-"""Timing for comparisons: everything of one comparison takes turns, so that a busy machine is
-unfair to nobody; medians.
+"""Timing of comparisons: all solvers of a comparison run in turns, so that the load of the machine
+affects all alike; the figures are medians.
 
-Wall time is what a user waits; processor time beside it tells how much of that the machine spent on
-others.
+Wall time is the time to the result; processor time excludes what the machine spends on other
+programs.
 """
 
 import statistics
@@ -11,39 +11,41 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-ROUND_S, MOST_CALLS = 0.05, 50  # a short work is called several times in its round
+from vgroove.progress import Tick
+
+ROUND_S, MAX_CALLS = 0.05, 50  # a work is called several times in its round, up to ROUND_S
 
 
 @dataclass(frozen=True)
 class Seconds:
-    """Of one call: wall, and processor time of all its threads."""
+    """Wall time of one call, and processor time of all its threads."""
 
     wall: float
     cpu: float
 
 
 def seconds_of(work: Callable[[], Any]) -> Seconds:
+    """Time one call."""
     wall, cpu = time.perf_counter(), time.process_time()
     work()
     return Seconds(time.perf_counter() - wall, time.process_time() - cpu)
 
 
 def median_of(samples: list[Seconds]) -> Seconds:
+    """Median of the wall times and median of the processor times."""
     return Seconds(
         statistics.median(s.wall for s in samples), statistics.median(s.cpu for s in samples)
     )
 
 
 def calls_in_round(seconds: float) -> int:
-    """Calls of a work that takes so long; a long one is called once."""
-    return max(1, min(MOST_CALLS, int(ROUND_S / max(seconds, 1e-9))))
+    """Calls in a round of a work that takes this long; a long one is called once."""
+    return max(1, min(MAX_CALLS, int(ROUND_S / max(seconds, 1e-9))))
 
 
-def medians(
-    works: dict[str, Callable[[], Any]], repeats: int, done: Callable[[str], None]
-) -> dict[str, Seconds]:
-    """Median seconds of a call of each, over `repeats` rounds after a warm-up; `done` hears each
-    name after its turn.
+def medians(works: dict[str, Callable[[], Any]], repeats: int, tick: Tick) -> dict[str, Seconds]:
+    """Median seconds of a call of each work, over `repeats` rounds after a warm-up; `tick` is
+    called with the name of a work after its turn.
     """
     calls = {}
     for name, work in works.items():
@@ -53,5 +55,5 @@ def medians(
     for _ in range(repeats):
         for name, work in works.items():
             rounds[name].append(median_of([seconds_of(work) for _ in range(calls[name])]))
-            done(name)
+            tick(name)
     return {name: median_of(samples) for name, samples in rounds.items()}

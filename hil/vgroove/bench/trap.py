@@ -1,8 +1,8 @@
-"""`vgroove bench trap`: one joint whose simulation lacks its Coulomb friction. Who retunes the
-damping, and who names the friction?
+"""`vgroove bench trap`: one joint whose simulation lacks its Coulomb friction. Which tool names the
+friction, and which one changes the damping instead?
 
-The truth is integrated here, with friction as an exact impulse in steps of 10 us: no peer's and not
-the plant's.
+The true motion is integrated here in steps of 10 us, with friction as an exact impulse, by neither
+the plant nor a peer.
 """
 
 import importlib
@@ -19,26 +19,39 @@ from rich.table import Table
 
 from vgroove import _core
 from vgroove.bench.solvers import Missing
-from vgroove.gap.diagnose import diagnose
+from vgroove.gap import diagnose
 from vgroove.gap.report import verdict_sentence
 from vgroove.log import Log
 from vgroove.rig import Rig, rig_from_dict
+from vgroove.units import RPM_PER_RAD_S
 
 Floats = npt.NDArray[np.float64]
 
 SCHEMA = "vgroove.bench_trap/1"
 INERTIA, DAMPING, COULOMB = 2e-3, 2e-3, 0.04  # kg m2, N m s/rad, N m
-# the simulation's, and how far it may be retuned (1 sigma, relative)
+# The damping of the simulation, and its tolerance (1 sigma, relative)
 BELIEVED_DAMPING, DAMPING_SIGMA = 2.5e-3, 0.5
 POSITION_NOISE_RAD, SPEED_NOISE_RAD_S = 0.01, 0.3
-LOG_HZ, STEPS_A_ROW = 500, 200
+LOG_HZ, STEPS_PER_ROW = 500, 200
 TRAIN_S, NEW_S = 20.0, 8.0
-# size of the drive: new data is slower motion, where friction matters more
+# Torque of the drive: the new data has slower motion, on which friction has more influence
 TRAIN_NM, NEW_NM = 0.10, 0.07
-TONES_HZ, TONES = (0.4, 0.9, 1.7, 3.1), (1.0, 0.7, 0.5, 0.3)
-RAD_S_TO_RPM = 30.0 / math.pi
-MUJOCO, PYSINDY = "MuJoCo sysid", "PySINDy residual"
-WAYS = {MUJOCO: "pip install mujoco[sysid]", PYSINDY: "pip install pysindy"}
+TONES_HZ, TONES = (0.4, 0.9, 1.7, 3.1), (1.0, 0.7, 0.5, 0.3)  # frequencies, relative amplitudes
+
+
+@dataclass(frozen=True)
+class TrapPeer:
+    """A peer: its name, the module with its `answers`, and the command that installs it."""
+
+    name: str
+    module: str
+    install: str
+
+
+PEERS = (
+    TrapPeer("MuJoCo sysid", "trap_mujoco", "pip install mujoco[sysid]"),
+    TrapPeer("PySINDy residual", "trap_pysindy", "pip install pysindy"),
+)
 
 RIG = f"""
 schema = "vgroove.rig/1"
@@ -63,7 +76,7 @@ kind = "none"
 kind = "none"
 [sensors]
 log_hz = {LOG_HZ}
-speed_noise_rpm = {SPEED_NOISE_RAD_S * RAD_S_TO_RPM}
+speed_noise_rpm = {SPEED_NOISE_RAD_S * RPM_PER_RAD_S}
 [tolerance]
 "motor.viscous_nm_s_per_rad" = {DAMPING_SIGMA}
 """
@@ -71,8 +84,8 @@ speed_noise_rpm = {SPEED_NOISE_RAD_S * RAD_S_TO_RPM}
 
 @dataclass(frozen=True)
 class Motion:
-    """Rows (n,) of the joint: end of the row s, torque held over it N m, angle rad and speed rad/s
-    at its end.
+    """Rows (n,) of the joint: end of the row, torque held over the row, angle and speed at
+    its end.
     """
 
     time_s: Floats
@@ -83,10 +96,10 @@ class Motion:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a tool says of the training data and how far its model is from the truth on new data.
+    """Result of a tool on the training data, and the error of its model on new data.
 
-    speed_error: RMS error of the speed on the new data, open loop, over the RMS of the speed.
-    friction_nm is None where none was found.
+    says: the result in the tool's words. speed_error: RMS error of the open-loop speed on the new
+    data, over the RMS of the speed. friction_nm is None where none was found.
     """
 
     name: str
@@ -98,7 +111,7 @@ class Answer:
 
 
 def drive(seed: int, seconds: float, size_nm: float) -> tuple[Floats, Floats]:
-    """Ends of the rows, s, and torques, N m: four tones of random phase."""
+    """Ends of the rows in s and torques in N m, (n,) each: TONES with random phases."""
     time_s = np.arange(1, round(seconds * LOG_HZ) + 1) / LOG_HZ
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, len(TONES))
     tones = [
@@ -109,13 +122,13 @@ def drive(seed: int, seconds: float, size_nm: float) -> tuple[Floats, Floats]:
 
 
 def moved(time_s: Floats, torque_nm: Floats) -> Motion:
-    """The joint's true motion from rest."""
-    step = 1.0 / LOG_HZ / STEPS_A_ROW
-    most = step * COULOMB / INERTIA
+    """The true motion of the joint from rest."""
+    step = 1.0 / LOG_HZ / STEPS_PER_ROW
+    most = step * COULOMB / INERTIA  # largest change of the speed by friction in a step
     angle = speed = 0.0
     rows = np.empty((len(time_s), 2))
     for row, torque in enumerate(torque_nm.tolist()):
-        for _ in range(STEPS_A_ROW):
+        for _ in range(STEPS_PER_ROW):
             free = speed + step / INERTIA * (torque - DAMPING * speed)
             speed = free - math.copysign(most, free) if abs(free) > most else 0.0
             angle += step * speed
@@ -124,7 +137,7 @@ def moved(time_s: Floats, torque_nm: Floats) -> Motion:
 
 
 def measured(motion: Motion, seed: int) -> Motion:
-    """The motion as noisy sensors show it."""
+    """The motion with the noise of the sensors."""
     rng, count = np.random.default_rng([seed, 1]), len(motion.time_s)
     return Motion(
         motion.time_s,
@@ -135,11 +148,12 @@ def measured(motion: Motion, seed: int) -> Motion:
 
 
 def relative_error(speed: Floats, truth: Motion) -> float:
+    """RMS error of a speed (n,) over the RMS of the true speed."""
     return float(np.linalg.norm(speed - truth.speed_rad_s) / np.linalg.norm(truth.speed_rad_s))
 
 
 def predicted(rig: Rig, motion: Motion) -> Floats:
-    """Speed (n,) rad/s that a rig shows under a motion's torque, from rest, open loop."""
+    """Open-loop speed (n,) in rad/s of a rig under the torque of a motion, from rest."""
     torque = _core.LogInput(motion.time_s, "current_a", np.ascontiguousarray(motion.torque_nm))
     rest = np.zeros((1, 3))
     return _core.simulate_log(torque, rig.parameters()[None], np.zeros(1, dtype=np.int64), rest)[
@@ -147,22 +161,22 @@ def predicted(rig: Rig, motion: Motion) -> Floats:
     ][0]
 
 
-def own_answer(seen: Motion, new: Motion) -> Answer:
-    """`vgroove gap diagnose` on the training log."""
+def own_answer(train: Motion, new: Motion) -> Answer:
+    """The result of `vgroove gap diagnose` on the training log."""
     columns = {
-        "current_a": seen.torque_nm,
-        "speed_rpm": seen.speed_rad_s * RAD_S_TO_RPM,
-        "position_rad": seen.angle_rad,
+        "current_a": train.torque_nm,
+        "speed_rpm": train.speed_rad_s * RPM_PER_RAD_S,
+        "position_rad": train.angle_rad,
     }
     start = time.process_time()
     found = diagnose(
-        [Log(seen.time_s, columns, "one joint")], rig_from_dict(tomllib.loads(RIG), "one joint")
+        [Log(train.time_s, columns, "one joint")], rig_from_dict(tomllib.loads(RIG), "one joint")
     )
     busy = time.process_time() - start
     corrected = found.corrected_rig()
     return Answer(
         "vgroove gap diagnose",
-        verdict_sentence(found.verdict),
+        verdict_sentence(found),
         corrected.motor["viscous_nm_s_per_rad"],
         corrected.effects.get("coulomb_friction", {}).get("torque_nm"),
         relative_error(predicted(corrected, new), new),
@@ -171,24 +185,23 @@ def own_answer(seen: Motion, new: Motion) -> Answer:
 
 
 def peers() -> tuple[list[Callable[[Motion, Motion], list[Answer]]], list[Missing]]:
-    """The peers on this machine, and those that are not."""
+    """The `answers` of the peers that this machine has, and the peers that it lacks."""
     found, missing = [], []
-    for name, module in ((MUJOCO, "trap_mujoco"), (PYSINDY, "trap_pysindy")):
+    for peer in PEERS:
         try:
-            found.append(importlib.import_module(f"vgroove.bench.{module}").answers)
+            found.append(importlib.import_module(f"vgroove.bench.{peer.module}").answers)
         except ImportError:
-            missing.append(Missing(name, WAYS[name]))
+            missing.append(Missing(peer.name, peer.install))
     return found, missing
 
 
 def bench_trap(seed: int = 1) -> dict[str, Any]:
-    """Every tool's answer to the same log, JSON-ready."""
-    seen, new = (
-        measured(moved(*drive(seed, TRAIN_S, TRAIN_NM)), seed),
-        moved(*drive(seed + 1000, NEW_S, NEW_NM)),
-    )
+    """The result of every tool on the same log, ready for JSON."""
+    train = measured(moved(*drive(seed, TRAIN_S, TRAIN_NM)), seed)
+    new = moved(*drive(seed + 1000, NEW_S, NEW_NM))
     others, missing = peers()
-    answers = [own_answer(seen, new)] + [answer for ask in others for answer in ask(seen, new)]
+    answers = [own_answer(train, new)]
+    answers += [answer for answers_of in others for answer in answers_of(train, new)]
     truth = {
         "damping_nm_s_per_rad": DAMPING,
         "coulomb_nm": COULOMB,
@@ -210,10 +223,13 @@ def bench_trap(seed: int = 1) -> dict[str, Any]:
 
 def trap_table(figures: dict[str, Any]) -> Table:
     """One row a tool."""
-    title = f"One joint, damping {DAMPING:g} N m s/rad, Coulomb friction {COULOMB:g} N m that the model lacks"
+    title = (
+        f"One joint, damping {DAMPING:g} N m s/rad, Coulomb friction {COULOMB:g} N m that the "
+        "model lacks"
+    )
     columns = (
         "tool",
-        "what it says",
+        "result",
         "damping off by",
         "friction N m",
         "speed error on new data",

@@ -1,5 +1,5 @@
-"""MuJoCo's system identification on the trap's joint: damping alone as its user would, and with the
-friction added by hand.
+"""MuJoCo's system identification on the joint of `vgroove bench trap`: damping alone, and damping
+with the friction added by hand.
 """
 
 import time
@@ -14,7 +14,9 @@ from vgroove.bench.trap import Answer, Floats, Motion
 
 JOINT = f"""
 <mujoco>
-  <option timestep="{1.0 / trap.LOG_HZ}" gravity="0 0 0" integrator="implicitfast"><flag contact="disable"/></option>
+  <option timestep="{1.0 / trap.LOG_HZ}" gravity="0 0 0" integrator="implicitfast">
+    <flag contact="disable"/>
+  </option>
   <worldbody>
     <body name="arm">
       <inertial pos="0 0 0" mass="1" diaginertia="{trap.INERTIA} {trap.INERTIA} {trap.INERTIA}"/>
@@ -22,34 +24,37 @@ JOINT = f"""
     </body>
   </worldbody>
   <actuator><motor joint="joint"/></actuator>
-  <sensor><jointpos name="position" joint="joint"/><jointvel name="velocity" joint="joint"/></sensor>
+  <sensor>
+    <jointpos name="position" joint="joint"/>
+    <jointvel name="velocity" joint="joint"/>
+  </sensor>
 </mujoco>
 """
-# start, bounds
+# Start and bounds of each field
 FIELDS = {"damping": (trap.BELIEVED_DAMPING, 0.0, 0.05), "frictionloss": (1e-3, 0.0, 0.5)}
 
 
-def answers(seen: Motion, new: Motion) -> list[Answer]:
+def answers(train: Motion, new: Motion) -> list[Answer]:
     """Damping alone; damping and friction."""
     return [
-        answer("MuJoCo sysid, damping", ("damping",), seen, new),
-        answer("MuJoCo sysid, friction added by hand", ("damping", "frictionloss"), seen, new),
+        answer("MuJoCo sysid, damping", ("damping",), train, new),
+        answer("MuJoCo sysid, friction added by hand", ("damping", "frictionloss"), train, new),
     ]
 
 
-def answer(name: str, fields: tuple[str, ...], seen: Motion, new: Motion) -> Answer:
-    """What the fit of the joint's fields gives."""
+def answer(name: str, fields: tuple[str, ...], train: Motion, new: Motion) -> Answer:
+    """The result of a fit of these fields of the joint."""
     start = time.process_time()
-    fitted = fit(fields, seen)
+    fitted = fit(fields, train)
     busy = time.process_time() - start
-    # the report's text has no public getter
+    # the text of the report has no public getter
     says = "; ".join(insight["title"] for insight in AutomatedInsights("", fitted)._insights)
     found = {field: float(np.ravel(fitted[field].value)[0]) for field in fields}
     error = trap.relative_error(free_run(found, new), new)
     return Answer(name, says, found["damping"], found.get("frictionloss"), error, busy)
 
 
-def fit(fields: tuple[str, ...], seen: Motion) -> sysid.ParameterDict:
+def fit(fields: tuple[str, ...], train: Motion) -> sysid.ParameterDict:
     """The joint's fields, fitted to angle and speed."""
     spec = mujoco.MjSpec.from_string(JOINT)
     model = spec.compile()
@@ -67,10 +72,10 @@ def fit(fields: tuple[str, ...], seen: Motion) -> sysid.ParameterDict:
         )
     begin = sysid.create_initial_state(model, np.zeros(1), np.zeros(1), np.zeros(0))
     sensors = sysid.TimeSeries.from_names(
-        seen.time_s, np.column_stack([seen.angle_rad, seen.speed_rad_s]), model
+        train.time_s, np.column_stack([train.angle_rad, train.speed_rad_s]), model
     )
-    # held from the row's start
-    control = sysid.TimeSeries(seen.time_s - 1.0 / trap.LOG_HZ, seen.torque_nm[:, None])
+    # held from the start of the row
+    control = sysid.TimeSeries(train.time_s - 1.0 / trap.LOG_HZ, train.torque_nm[:, None])
     sequences = sysid.ModelSequences("joint", spec, "measured", begin, control, sensors)
     fitted, _ = sysid.optimize(
         initial_params=parameters,
@@ -81,7 +86,7 @@ def fit(fields: tuple[str, ...], seen: Motion) -> sysid.ParameterDict:
 
 
 def set_field(spec: mujoco.MjSpec, field: str, value: float) -> None:
-    """A field of the joint; MuJoCo 4 keeps damping as a polynomial's coefficients."""
+    """Set a field of the joint; in MuJoCo 4 the damping is a list of coefficients."""
     joint = spec.joint("joint")
     old = getattr(joint, field)
     setattr(joint, field, value if np.ndim(old) == 0 else [value] + [0.0] * (len(old) - 1))

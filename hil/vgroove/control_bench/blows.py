@@ -92,17 +92,15 @@ def period_figures(reported: np.ndarray, blows_s: np.ndarray) -> Figures:
     }
 
 
-def work(
-    variant: Variant, *, supply_v: float, load: str, trigger: float, seed: int, **_: Any
-) -> Figures:
+def work(variant: Variant, **cell: Any) -> Figures:
     """One cell: the count over the whole drive, and the figures of its repeats and periods."""
     run = sil_run(
-        reference(MATRIX_JOINTS[load].load, supply_v=supply_v),
+        reference(MATRIX_JOINTS[cell["load"]].load, supply_v=cell["supply_v"]),
         mode=variant.mode,
         params=variant.params,
-        profile=pull(trigger, release_s=RELEASE_S),
+        profile=pull(cell["trigger"], release_s=RELEASE_S),
         duration_s=SECONDS,
-        seed=seed,
+        seed=cell["seed"],
     )
     if not len(run.control["time_s"]):
         raise AbsentError("this firmware reports no blows: it sends no frame CONTROL")

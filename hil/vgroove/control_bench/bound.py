@@ -148,22 +148,21 @@ def best_shape(rig: Rig, aim: float, plain_s: float, seed: int) -> np.ndarray:
     return best
 
 
-def work(
-    variant: Variant, *, supply_v: float, load: str, seed: int, margin: bool = False, **_: Any
-) -> Figures:
+def work(variant: Variant, **cell: Any) -> Figures:
     """The best shape of one cell, and with `margin` the loss of its gain by an error of the
     phase.
     """
     del variant
+    supply_v, load = cell["supply_v"], cell["load"]
     rig, aim = reference(load, supply_v=supply_v), vibration.aim_rad(supply_v, load)
     plain = vibration.run_figures(shaped_run(rig, START, aim), aim)
-    best = best_shape(rig, aim, plain["time_s"], seed)
+    best = best_shape(rig, aim, plain["time_s"], cell["seed"])
     found = {
         **vibration.run_figures(shaped_run(rig, best, aim), aim),
         "shape": best.tolist(),
         "plain": plain,
     }
-    if margin:
+    if cell["margin"]:
         found["margin"] = [
             phase_row(rig, best, aim, error, plain["rms_nm"]) for error in PHASE_ERRORS
         ]

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+app = typer.Typer()  # its commands are those of `vgroove bench`
 HALVES = ("both", "tune", "report")
 PLATFORMS = ("sil", "avr")
 PIPED_WIDTH = 200  # columns of a table that goes into a file or a pipe
@@ -30,6 +31,7 @@ def processor_s() -> float:
     return used.user + used.system + used.children_user + used.children_system
 
 
+@app.command("control")
 def control_command(
     part: Annotated[
         list[str] | None,
@@ -88,6 +90,7 @@ def control_command(
         write_text(html_path, report.page().as_html())
 
 
+@app.command("figures")
 def figures_command(
     folder: Annotated[Path, typer.Argument(help="Where the figures go, e.g. docs/images.")],
     part: Annotated[

@@ -33,7 +33,7 @@ LOCKS = [
     ("bridge opened", "opened"),
     ("median in ms", "median_ms"),
     ("most in ms", "most_ms"),
-    ("for good, most in ms", "good_ms"),
+    ("finally open, most in ms", "good_ms"),
     ("by the over-current trip instead", "tripped"),
 ]
 COLOURS = {"low": "#00798c", "high": "#d1495b"}

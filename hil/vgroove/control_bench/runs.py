@@ -14,7 +14,7 @@ from vgroove import _core, lockstep, telemetry
 from vgroove.errors import VgrooveError
 from vgroove.lockstep import FrontEnds, Profile
 from vgroove.reference.blows import BLOW, REBOUND
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import DRIVE_ALONE, reference_rig, with_load
 from vgroove.rig import Rig
 from vgroove.scenario import CURRENT_SAMPLES_PER_ROW, SUPPLY_SAMPLES_PER_ROW
@@ -40,10 +40,10 @@ def reference(
     *,
     supply_v: float | None = None,
 ) -> Rig:
-    """The reference tool on one of vgroove.reference.joints.JOINTS, or on a section [load];
-    `values` are other dotted keys.
+    """The reference tool on one of vgroove.reference.joints.REFERENCE_JOINTS, or on a section
+    [load]; `values` are other dotted keys.
     """
-    load = JOINTS[joint].load if isinstance(joint, str) else joint
+    load = REFERENCE_JOINTS[joint].load if isinstance(joint, str) else joint
     supply = {} if supply_v is None else {"supply.voltage_v": supply_v}
     return with_load(reference_rig(), load, {**supply, **(values or {})})
 

@@ -21,7 +21,7 @@ from vgroove.control_bench.runs import (
     sil_run,
 )
 from vgroove.control_bench.sets import half_of, seed_of
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig
 from vgroove.units import TURN_RAD
 
@@ -80,7 +80,7 @@ def screw(size: str, supply_v: float, wood: float, knot: bool, seed: int) -> Rig
     """The tool on one screw: start and end torque are drawn, all torques scale with the wood."""
     random = np.random.default_rng([seed, 9])
     scatter = np.clip(1.0 + SCATTER * random.standard_normal(2), *SCATTER_LIMITS)
-    load = JOINTS[size].load
+    load = REFERENCE_JOINTS[size].load
     changed = {
         **load,
         "start_nm": load["start_nm"] * wood * scatter[0],

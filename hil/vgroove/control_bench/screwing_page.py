@@ -14,7 +14,7 @@ from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync_page import methods
 from vgroove.control_bench.waves import Drive, Line, Panel, Wave, wave_picture
 from vgroove.page import Picture, style, table_from_dicts
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.report import Report
 
 SUMMARY = [
@@ -75,7 +75,9 @@ def past_picture(rows: Sequence[Figures]) -> Picture:
         chosen = [r for r in rows if r["variant"] == name and r["past_deg"] > -360.0]
         figure.add_trace(
             go.Box(
-                x=[f"{JOINTS[r['size']].short}, trigger {r['trigger']:g}" for r in chosen],
+                x=[
+                    f"{REFERENCE_JOINTS[r['size']].short}, trigger {r['trigger']:g}" for r in chosen
+                ],
                 y=[r["past_deg"] for r in chosen],
                 name=name,
                 marker={"color": colour},

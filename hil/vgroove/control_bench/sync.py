@@ -12,17 +12,19 @@ from vgroove.control_bench.jobs import PLAIN, Figures, Job, Variant
 from vgroove.control_bench.runs import PULL_S, Run, pull, reference, sil_run
 from vgroove.control_bench.scores import sync_figures
 from vgroove.control_bench.sets import SUPPLIES_V, halved, seed_of
-from vgroove.reference.joints import JOINTS, Joint
+from vgroove.reference.joints import REFERENCE_JOINTS, Joint
 from vgroove.rig import Rig
 
-SLIP_15 = Joint({**JOINTS["slip_60"].load, "run_torque_nm": 15}, "slips at 15 N m", "slip 15")
+SLIP_15 = Joint(
+    {**REFERENCE_JOINTS["slip_60"].load, "run_torque_nm": 15}, "slips at 15 N m", "slip 15"
+)
 MATRIX_JOINTS = {
-    "locked": JOINTS["locked"],
-    "slip_60": JOINTS["slip_60"],
+    "locked": REFERENCE_JOINTS["locked"],
+    "slip_60": REFERENCE_JOINTS["slip_60"],
     "slip_15": SLIP_15,
-    "slip_6": JOINTS["slip_6"],
-    "m8": replace(JOINTS["m8"], title="wood, M8"),
-    "disc_spring": JOINTS["disc_spring"],
+    "slip_6": REFERENCE_JOINTS["slip_6"],
+    "m8": replace(REFERENCE_JOINTS["m8"], title="wood, M8"),
+    "disc_spring": REFERENCE_JOINTS["disc_spring"],
 }
 LOADS = tuple(MATRIX_JOINTS)
 TRIGGERS = (0.6, 0.8, 1.0)

@@ -13,7 +13,7 @@ from vgroove.control_bench.jobs import PLAIN, Figures, Job, Variant
 from vgroove.control_bench.runs import PULL_S, Run, reference, sil_run
 from vgroove.control_bench.sets import half_of, seed_of
 from vgroove.reference.bolt import FRICTIONS, lever_m
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig
 
 TARGETS_NM = (40.0, 60.0, 80.0, 100.0, 120.0)
@@ -54,7 +54,9 @@ def joint(slope: float, seed: int | None) -> Rig:
         else np.random.default_rng([seed, 5]).uniform(-SCATTER, SCATTER, 4)
     )
     friction, of_slope, supply, winding = 1.0 + scatter
-    rig = reference({**JOINTS["hard_joint"].load, "slip_slope_nm_per_rad": slope * of_slope})
+    rig = reference(
+        {**REFERENCE_JOINTS["hard_joint"].load, "slip_slope_nm_per_rad": slope * of_slope}
+    )
     rig = rig.with_values(
         {
             "supply.voltage_v": rig.supply["voltage_v"] * supply,

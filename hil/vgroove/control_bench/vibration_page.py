@@ -12,7 +12,7 @@ from vgroove.control_bench.sets import by_half
 from vgroove.control_bench.sync_page import METHOD_TITLES, methods
 from vgroove.control_bench.waves import Drive, Panel, Wave, wave_picture
 from vgroove.page import Picture, style, table_from_dicts
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.report import Report
 
 SUMMARY = [
@@ -69,7 +69,7 @@ def cell_picture(rows: Sequence[Figures]) -> Picture:
         chosen = [r for r in rows if r["variant"] == name]
         figure.add_trace(
             go.Bar(
-                x=[f"{JOINTS[r['load']].title}, {r['supply_v']:g} V" for r in chosen],
+                x=[f"{REFERENCE_JOINTS[r['load']].title}, {r['supply_v']:g} V" for r in chosen],
                 y=[r["rms_nm"] for r in chosen],
                 name=name,
                 marker={"color": colour},
@@ -153,7 +153,9 @@ def phase_picture(rows: Sequence[Figures]) -> Picture | None:
     )
     figure.update_xaxes(title="error of the phase in periods")
     figure.update_yaxes(title="change of the RMS in %")
-    note = f"full knowledge, {JOINTS[found[0]['load']].title} at {found[0]['supply_v']:g} V"
+    note = (
+        f"full knowledge, {REFERENCE_JOINTS[found[0]['load']].title} at {found[0]['supply_v']:g} V"
+    )
     return Picture("Margin of the phase", style(figure, 420), note)
 
 

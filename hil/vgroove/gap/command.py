@@ -1,61 +1,59 @@
-"""The command `vgroove gap diagnose`: reads, shows progress, writes what was asked for, whole or
-not at all.
+"""The command `vgroove gap diagnose`: reads logs and rig, shows progress, and writes the requested
+files, all or none.
 """
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tomli_w
 from rich.console import Console
 
-from vgroove.gap.diagnose import Diagnosis, diagnose
-from vgroove.gap.page import diagnosis_page
-from vgroove.gap.report import summary_lines
+from vgroove.gap import DiagnosisOptions, Verdict, diagnose
 from vgroove.log import read_log
 from vgroove.output import check_outputs, write_text
 from vgroove.rig import read_rig
+from vgroove.terminal import print_line, print_warning
+
+
+@dataclass(frozen=True)
+class OutputPaths:
+    """Files that a diagnosis writes; None: not wanted."""
+
+    json: Path | None = None
+    html: Path | None = None
+    rig: Path | None = None
 
 
 def diagnose_files(
-    logs: Sequence[Path],
-    rig_path: Path,
-    json_path: Path | None,
-    html_path: Path | None,
-    out_rig: Path | None,
-    seed: int,
-    without: Sequence[str],
+    logs: Sequence[Path], rig_path: Path, outputs: OutputPaths, options: DiagnosisOptions
 ) -> None:
-    """Diagnose log files; the verdict in words goes to stdout, progress and warnings to stderr."""
-    check_outputs((json_path, html_path, out_rig), (*logs, rig_path))
+    """Diagnose log files; the verdict goes to stdout, progress and warnings to stderr."""
+    check_outputs((outputs.json, outputs.html, outputs.rig), (*logs, rig_path))
     notes = Console(stderr=True)
     rig, tables = read_rig(rig_path), [read_log(path) for path in logs]
-    with notes.status("reading") as status:
-        found = diagnose(tables, rig, seed, without, lambda text: status.update(text))
-        texts = outputs(found, logs, json_path, html_path, out_rig)
-    for warning in found.verdict["warnings"]:
-        notes.print(
-            f"vgroove: {warning}", style="yellow", highlight=False, markup=False, soft_wrap=True
-        )
+    with notes.status("reading the logs") as status:
+        verdict = diagnose(tables, rig, replace(options, progress=status.update))
+        texts = output_texts(verdict, [path.name for path in logs], outputs)
+    for warning in verdict.warnings:
+        print_warning(notes, warning)
     for path, text in texts:
         write_text(path, text)
-    for line in summary_lines(found.verdict):
-        Console().print(line, highlight=False, markup=False, soft_wrap=True)
+    for line in verdict.summary():
+        print_line(Console(), line)
 
 
-def outputs(
-    found: Diagnosis,
-    logs: Sequence[Path],
-    json_path: Path | None,
-    html_path: Path | None,
-    out_rig: Path | None,
+def output_texts(
+    verdict: Verdict, names: Sequence[str], outputs: OutputPaths
 ) -> list[tuple[Path, str]]:
-    """Texts of the files that were asked for; all are made before any is written."""
+    """Paths and texts of the requested files; all texts are made before any file is written."""
     texts = []
-    if json_path:
-        texts.append((json_path, json.dumps(found.verdict, indent=1, allow_nan=False) + "\n"))
-    if html_path:
-        texts.append((html_path, diagnosis_page(found, [path.name for path in logs]).as_html()))
-    if out_rig:
-        texts.append((out_rig, tomli_w.dumps(found.corrected_rig().as_dict())))
+    if outputs.json:
+        content = json.dumps(verdict.as_dict(), indent=1, allow_nan=False)
+        texts.append((outputs.json, content + "\n"))
+    if outputs.html:
+        texts.append((outputs.html, verdict.page(names).as_html()))
+    if outputs.rig:
+        texts.append((outputs.rig, tomli_w.dumps(verdict.corrected_rig().as_dict())))
     return texts

@@ -1,5 +1,5 @@
-"""The EMPS positioning axis: nested friction models refitted to its force, their ladder of errors,
-and free runs of the plant.
+"""The EMPS positioning axis: nested friction models fitted to its force, the error of each, and the
+speed error of the plant in free runs.
 
 Data and published parameters: A. Janot, M. Gautier, M. Brunot, "Data Set and Reference Models of
 EMPS", Workshop on Nonlinear System Identification Benchmarks, 2019. Filters, trimming and held-out
@@ -20,9 +20,12 @@ from vgroove.log import read_log
 from vgroove.rig import read_rig
 
 SCHEMA = "vgroove.emps/1"
-FILTER_HZ, FILTER_ORDER, TRIM = 100.0, 2, 50
-RUN_S, THIRDS = 0.25, 3
-# Simulation_EMPS.m
+# low-pass filter of position and force (Hz, order), and rows cut off at either end
+FILTER_HZ, FILTER_ORDER, TRIMMED_ROWS = 100.0, 2, 50
+MIN_ROWS = 1000  # of a log
+FREE_RUN_S = 0.25  # interval at which a free run restarts (docs/spec/gap.md, section 5)
+THIRDS = 3  # folds of the held-out error
+# parameters of Simulation_EMPS.m in the data set
 PUBLISHED = {
     "inertia_kg": 95.1089,
     "viscous_n_s_per_m": 203.5034,
@@ -36,7 +39,7 @@ TERMS = {
     "offset_n": "N",
     "directional_n_s_per_m": "N s/m",
 }
-LADDER = [
+NESTED_MODELS = [
     ("M", ["inertia_kg"]),
     ("+ viscous", ["viscous_n_s_per_m"]),
     ("+ Coulomb", ["coulomb_n"]),
@@ -76,19 +79,20 @@ def read_axis(directory: str | Path) -> Axis:
     missing = [name for name in ("current_a", "position_rad") if name not in log.columns]
     if missing:
         raise VgrooveError(
-            f"{folder / 'log.csv'}: the column {missing[0]} is missing, the ladder needs force and position"
+            f"{folder / 'log.csv'}: the column {missing[0]} is missing, the models need force and"
+            " position"
         )
     time_s = np.asarray(log.time_s)
     rate = 1.0 / float(np.median(np.diff(time_s)))
-    if rate <= 2.0 * FILTER_HZ or len(time_s) < 1000:
+    if rate <= 2.0 * FILTER_HZ or len(time_s) < MIN_ROWS:
         raise VgrooveError(
-            f"{folder / 'log.csv'}: needs 1000 samples at more than {2 * FILTER_HZ:g} Hz"
+            f"{folder / 'log.csv'}: needs {MIN_ROWS} samples at more than {2 * FILTER_HZ:g} Hz"
         )
     low_pass = butter(FILTER_ORDER, FILTER_HZ / (0.5 * rate))
     position = filtfilt(*low_pass, log.columns["position_rad"])
     force = filtfilt(*low_pass, rig.motor["torque_constant_nm_per_a"] * log.columns["current_a"])
     speed = np.gradient(position, time_s)
-    kept = slice(TRIM, -TRIM)
+    kept = slice(TRIMMED_ROWS, -TRIMMED_ROWS)
     return Axis(
         time_s[kept], position[kept], speed[kept], np.gradient(speed, time_s)[kept], force[kept]
     )
@@ -100,19 +104,20 @@ def fit(axis: Axis, names: list[str], rows: np.ndarray) -> dict[str, float]:
     return dict(zip(names, (float(v) for v in values), strict=True))
 
 
-def ladder(axis: Axis) -> list[dict[str, Any]]:
-    """One entry per nested model: relative force errors in sample and on held-out thirds, the free
-    run's speed error, parameters.
+def nested_models(axis: Axis) -> list[dict[str, Any]]:
+    """One entry per nested model: relative force errors in sample and on held-out thirds, speed
+    error of free runs in m/s, and parameters.
     """
     models, names = [], []
-    for title, added in LADDER:
+    for title, added in NESTED_MODELS:
         names = names + added
         models.append((title, list(names)))
     models.append(("the same without the offset", [name for name in names if name != "offset_n"]))
-    return [_entry(axis, title, chosen) for title, chosen in models]
+    return [model_figures(axis, title, chosen) for title, chosen in models]
 
 
-def _entry(axis: Axis, title: str, names: list[str]) -> dict[str, Any]:
+def model_figures(axis: Axis, title: str, names: list[str]) -> dict[str, Any]:
+    """Errors and parameters of one model; each third is predicted by a fit to the other two."""
     everything = np.ones(len(axis.time_s), dtype=bool)
     third = np.minimum(THIRDS * np.arange(len(axis.time_s)) // len(axis.time_s), THIRDS - 1)
     whole = fit(axis, names, everything)
@@ -135,22 +140,22 @@ def _entry(axis: Axis, title: str, names: list[str]) -> dict[str, Any]:
 
 
 def free_run_error(axis: Axis, parts: list[dict[str, float]], third: np.ndarray) -> float:
-    """RMS speed error, m/s, of the plant driven by the force, restarted every 0.25 s; each third
-    has the parameters of the other two.
+    """RMS speed error, m/s, of the plant driven by the force, restarted every FREE_RUN_S; each
+    third has the parameters of the other two.
     """
-    step = int(round(RUN_S / float(np.median(np.diff(axis.time_s)))))
+    step = int(round(FREE_RUN_S / float(np.median(np.diff(axis.time_s)))))
     starts = np.arange(0, len(axis.time_s), step, dtype=np.int64)
     states = np.stack([np.zeros(len(starts)), axis.speed[starts], axis.position[starts]], axis=1)
     drive = _core.LogInput(axis.time_s, "current_a", np.ascontiguousarray(axis.force))
     speed = _core.simulate_log(
-        drive, np.stack([_theta(part) for part in parts]), starts, states, threads=2
+        drive, np.stack([plant_parameters(part) for part in parts]), starts, states, threads=2
     )["speed_rad_s"]
     error = speed[third, np.arange(len(third))] - axis.speed
     return float(np.sqrt(np.mean(error**2)))
 
 
-def _theta(parameters: dict[str, float]) -> np.ndarray:
-    """Parameter vector of the plant for a model of the axis: 1 m read as 1 rad, 1 N as 1 N m."""
+def plant_parameters(parameters: dict[str, float]) -> np.ndarray:
+    """Parameter vector (P,) of the plant for a model of the axis: 1 m as 1 rad, 1 N as 1 N m."""
     theta = np.array(_core.parameter_defaults(), dtype=float)
     offset = parameters.get("offset_n", 0.0)
     values = {
@@ -168,8 +173,10 @@ def _theta(parameters: dict[str, float]) -> np.ndarray:
 
 
 def emps_figures(directory: str | Path) -> dict[str, Any]:
-    """The ladder and the published parameters beside those of the + offset model, ready for JSON."""
-    entries = ladder(read_axis(directory))
+    """The nested models, and the published parameters beside those of the + offset model, ready
+    for JSON.
+    """
+    entries = nested_models(read_axis(directory))
     found = next(entry for entry in entries if entry["model"] == "+ offset")["parameters"]
     compared = {
         name: {
@@ -185,32 +192,36 @@ def emps_figures(directory: str | Path) -> dict[str, Any]:
 
 def emps_tables(figures: dict[str, Any]) -> list[Table]:
     """The figures as tables."""
-    steps = Table(title="relative error of the force", title_justify="left")
-    for name in (
-        "model",
-        "in sample",
-        "held-out thirds",
-        "last parameter added",
-        "0.25 s free run, held out",
-    ):
-        steps.add_column(name, justify="left" if name == "model" else "right")
-    for entry in figures["ladder"]:
-        last = f"{entry['parameters'][entry['last']]:.4g} {TERMS[entry['last']]}"
-        steps.add_row(
+    return [error_table(figures["ladder"]), published_table(figures["published"])]
+
+
+def error_table(entries: list[dict[str, Any]]) -> Table:
+    """Errors of the nested models."""
+    table = Table(title="relative error of the force", title_justify="left")
+    header = ("model", "in sample", "held-out thirds", "last parameter added")
+    for name in (*header, f"{FREE_RUN_S:g} s free run, held out"):
+        table.add_column(name, justify="left" if name == "model" else "right")
+    for entry in entries:
+        table.add_row(
             entry["model"],
             f"{100 * entry['in_sample']:.1f} %",
             f"{100 * entry['held_out']:.1f} %",
-            last,
+            f"{entry['parameters'][entry['last']]:.4g} {TERMS[entry['last']]}",
             f"{1000 * entry['free_run_m_per_s']:.1f} mm/s",
         )
-    known = Table(title="+ offset against the published parameters", title_justify="left")
+    return table
+
+
+def published_table(rows: dict[str, dict[str, Any]]) -> Table:
+    """Fitted parameters beside the published ones."""
+    table = Table(title="+ offset against the published parameters", title_justify="left")
     for name in ("parameter", "found", "published", "difference"):
-        known.add_column(name, justify="left" if name == "parameter" else "right")
-    for name, row in figures["published"].items():
-        known.add_row(
+        table.add_column(name, justify="left" if name == "parameter" else "right")
+    for name, row in rows.items():
+        table.add_row(
             name,
             f"{row['value']:.4f} {row['unit']}",
             f"{row['published']:.4f} {row['unit']}",
             f"{100 * row['relative']:+.2f} %",
         )
-    return [steps, known]
+    return table

@@ -1,97 +1,80 @@
-"""The page of a diagnosis: where, which, how far and what next at first sight, then everything that
-supports it.
+"""The page of a verdict: where, which, how far and what next as cards on top, then the figures and
+tables behind them.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
-import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
-
-from vgroove.gap.diagnose import Diagnosis
-from vgroove.gap.next_run.menu import PROFILE_S, profile_named
-from vgroove.gap.report import parameter_texts, spaced_name, verdict_sentence
-from vgroove.page import Card, Note, Page, Part, Picture, Table, style, thin
-
-MEASURED, NOMINAL, RETUNED, CORRECTED, FLOOR, SHADE = (
-    "#30343b",
-    "#d1495b",
-    "#edae49",
-    "#00798c",
-    "#9aa0a6",
-    "rgba(237,174,73,0.16)",
+from vgroove.gap.corrected_rig import corrected_parameters
+from vgroove.gap.figures import (
+    LogTraces,
+    bars_figure,
+    command_picture,
+    gap_picture,
+    remainder_figure,
+    trace_picture,
 )
-EFFECTS_SHOWN, FOLLOWS_SHOWN = 12, 8
-SHARE_SHOWN = 0.05
-Traces = dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+from vgroove.gap.report import parameter_texts, spaced_name, verdict_sentence
+from vgroove.gap.result import Verdict
+from vgroove.gap.verdict.schema import Gap, NextExperiment, Unexplained, Where
+from vgroove.page import Card, Note, Page, Part, Picture, Table
+
+EFFECTS_SHOWN, CORRELATES_SHOWN = 12, 8  # rows of the page; the JSON has all
+MIN_SHARE_SHOWN = 0.05  # of a further subsystem on the card WHERE
+RUN_COMMAND = (
+    "vgroove run --on PORT --next VERDICT.json -o next.csv"
+    "    (PORT: the board's; VERDICT.json: from --json)"
+)
 
 
-def diagnosis_page(found: Diagnosis, names: Sequence[str]) -> Page:
-    """The page of a diagnosis of logs with these names."""
-    problem, verdict = found.problem, found.verdict
+def verdict_page(verdict: Verdict, names: Sequence[str]) -> Page:
+    """The page of a verdict on logs with these names."""
+    problem = verdict.evidence.problem
     units = {s.column: s.unit for s in problem.signals}
-    nominal, corrected = problem.traces(problem.theta0), problem.traces(found.theta())
-    traces = [
-        trace_picture(
-            name, nominal[j], corrected[j], units, problem.held_out_s[j], problem.restart_s, verdict
-        )
-        for j, name in enumerate(names)
-    ]
-    retuned = [
-        [key, problem.rig.value(key), value] for key, value in verdict["retuned_parameters"].items()
-    ]
     parts = [
-        *gap_parts(verdict["gap"]),
-        effect_table(verdict),
+        *gap_parts(verdict.gap),
+        effects_table(verdict),
         *rival_parts(verdict),
-        *next_parts(verdict),
-        *where_parts(verdict["where"]),
-        *left_parts(verdict["unexplained"], units),
-        *traces,
+        *next_parts(verdict.next_experiment),
+        *where_parts(verdict.where),
+        *remainder_parts(verdict.unexplained, units),
+        *trace_parts(verdict, names, units),
+        *retuned_parts(verdict),
     ]
-    parts += (
-        [Table("retuned", "Rig values within their tolerance", ["key", "rig", "retuned"], retuned)]
-        if retuned
-        else []
-    )
-    title = f"Gap of {problem.rig.name or 'the rig'}: {', '.join(names)}"
     return Page(
         "gap",
-        title,
+        f"Gap of {problem.rig.name or 'the rig'}: {', '.join(names)}",
         [],
         parts,
         lead=verdict_sentence(verdict),
         cards=cards(verdict),
-        warnings=verdict["warnings"],
+        warnings=verdict.warnings,
     )
 
 
 def percent(share: float | None) -> str:
-    """A share in words."""
+    """A share in per cent; a dash for none."""
     return "–" if share is None else f"{100 * share:.0f} %"
 
 
-def cards(verdict: dict[str, Any]) -> list[Card]:
+def cards(verdict: Verdict) -> list[Card]:
     """Where, which, how far, what next."""
     return [where_card(verdict), which_card(verdict), far_card(verdict), next_card(verdict)]
 
 
-def where_card(verdict: dict[str, Any]) -> Card:
+def where_card(verdict: Verdict) -> Card:
     """The subsystem with the largest share, the others, and the regime."""
-    ranked = sorted(verdict["where"]["share"].items(), key=lambda i: -i[1])
+    ranked = sorted(verdict.where.share.items(), key=lambda item: -item[1])
     if not ranked:
         return Card("WHERE", "nowhere", "what differs is noise, or within the rig's tolerances")
     others = [
         f"{spaced_name(name)} {percent(value)}"
         for name, value in ranked[1:]
-        if value >= SHARE_SHOWN
+        if value >= MIN_SHARE_SHOWN
     ]
-    signals = verdict["gap"]["by_signal"]
-    seen = max(signals, key=lambda name: signals[name]["before"] / signals[name]["floor"])
+    signals = verdict.gap.by_signal
+    seen = max(signals, key=lambda name: signals[name].before / signals[name].floor)
     regimes = [
-        f"most of it at {r['regime']} ({percent(r['share'])})"
-        for r in verdict["where"]["by_regime"][:1]
+        f"most of it at {r.regime} ({percent(r.share)})" for r in verdict.where.by_regime[:1]
     ]
     return Card(
         "WHERE",
@@ -100,324 +83,208 @@ def where_card(verdict: dict[str, Any]) -> Card:
     )
 
 
-def which_card(verdict: dict[str, Any]) -> Card:
-    """What is missing, or why nothing is named."""
-    effects = {e["id"]: e for e in verdict["effects"]}
-    if verdict["verdict"] == "none":
+def which_card(verdict: Verdict) -> Card:
+    """The missing effect, or why none is named."""
+    if verdict.verdict == "none":
         return Card("WHICH", "no effect is missing", "")
-    if verdict["verdict"] == "unlisted":
-        left = verdict["unexplained"]
-        gain = f"; a correction over that could gain {percent(left['could_gain'])}"
-        looks = left["looks_like"] + gain if left["looks_like"] else "no pattern"
-        return Card("WHICH", "none of the catalogue", f"what is left: {looks}")
-    chosen = verdict["selected"]
-    if verdict["verdict"] == "ambiguous":
-        rivals = [r["id"] for r in verdict["indistinguishable"]]
-        chances = ", ".join(
-            f"{spaced_name(i)} {percent(effects[i]['probability'])}"
-            for i in [*chosen, *rivals]
-            if i in effects
-        )
-        return Card(
-            "WHICH",
-            f"{' and '.join(map(spaced_name, chosen))}, or {' or '.join(map(spaced_name, rivals))}",
-            f"probabilities: {chances}",
-        )
+    if verdict.verdict == "unlisted":
+        left = verdict.unexplained
+        gain = f"; a smooth correction for that would close {percent(left.could_gain)} of it"
+        looks = left.looks_like + gain if left.looks_like else "no pattern"
+        return Card("WHICH", "none of the catalogue", f"what remains: {looks}")
+    if verdict.verdict == "ambiguous":
+        return ambiguous_card(verdict)
+    chosen = [verdict.effect(i) for i in verdict.selected]
     support = [
-        f"{percent(effects[i]['probability'])} sure: {', '.join(parameter_texts(effects[i]))}"
-        for i in chosen
+        f"probability {percent(e.probability)}: {', '.join(parameter_texts(e))}" for e in chosen
     ]
-    return Card("WHICH", " and ".join(map(spaced_name, chosen)), "; ".join(support))
+    return Card("WHICH", " and ".join(spaced_name(e.id) for e in chosen), "; ".join(support))
 
 
-def far_card(verdict: dict[str, Any]) -> Card:
-    """The gap before and after."""
-    gap = verdict["gap"]
-    closes = f"closes {percent(gap['closed'])}" if gap["closed"] is not None else "no gap to close"
-    closes += " [{}, {}]".format(*map(percent, gap["closed_ci95"])) if gap["closed_ci95"] else ""
-    alone = (
-        f", retuning alone {percent(gap['closed_by_retuning'])}"
-        if gap["closed_by_retuning"] is not None
-        else ""
+def ambiguous_card(verdict: Verdict) -> Card:
+    """The likeliest effects, their rivals, and all probabilities."""
+    chance = {e.id: e.probability for e in verdict.effects}
+    rivals = [r.id for r in verdict.indistinguishable]
+    chances = [
+        f"{spaced_name(i)} {percent(chance[i])}"
+        for i in [*verdict.selected, *rivals]
+        if i in chance
+    ]
+    named = " and ".join(map(spaced_name, verdict.selected))
+    return Card(
+        "WHICH",
+        f"{named}, or {' or '.join(map(spaced_name, rivals))}",
+        f"probabilities: {', '.join(chances)}",
     )
-    support = f"noise floor {gap['floor']:.2f} (RMS in sigma, held out); {closes}{alone}"
-    return Card("HOW FAR", f"{gap['before']:.2f} → {gap['after']:.2f}", support)
 
 
-def next_card(verdict: dict[str, Any]) -> Card:
+def far_card(verdict: Verdict) -> Card:
+    """The gap before and after."""
+    gap = verdict.gap
+    closes = f"closes {percent(gap.closed)}" if gap.closed is not None else "no gap to close"
+    if gap.closed_ci95:
+        closes += " [{}, {}]".format(*map(percent, gap.closed_ci95))
+    alone = ""
+    if gap.closed_by_retuning is not None:
+        alone = f", retuning alone {percent(gap.closed_by_retuning)}"
+    support = f"noise floor {gap.floor:.2f} (RMS in sigma, held out); {closes}{alone}"
+    return Card("HOW FAR", f"{gap.before:.2f} → {gap.after:.2f}", support)
+
+
+def next_card(verdict: Verdict) -> Card:
     """The run to record next."""
-    asked = verdict["next_experiment"]
+    asked = verdict.next_experiment
     if asked is None:
         return Card("WHAT NEXT", "no further run", "--out-rig writes the rig with what was found")
-    parts = asked.get("separation")
-    support = (
-        f"parts the rivals by {parts[0]['sigma']:.2g} sigma a sample" if parts else asked["why"]
-    )
-    return Card("WHAT NEXT", f"record: {asked['profile']}", support)
+    support = asked.why
+    if asked.separation:
+        support = f"separates the rivals by {asked.separation[0].sigma:.2g} sigma a sample"
+    return Card("WHAT NEXT", f"record: {asked.profile}", support)
 
 
-def gap_parts(gap: dict[str, Any]) -> list[Part]:
-    """Gap of each signal in units of its floor, and in its own unit with the agreement ratings."""
-    figure, names = go.Figure(), list(gap["by_signal"])
-    for label, colour in (
-        ("before", NOMINAL),
-        ("retuned", RETUNED),
-        ("after", CORRECTED),
-        ("floor", FLOOR),
-    ):
-        values = [gap["by_signal"][n][label] / gap["by_signal"][n]["floor"] for n in names]
-        text = [f"{v:.2f}" for v in values]
-        figure.add_trace(
-            go.Bar(
-                x=names,
-                y=values,
-                name=label,
-                marker_color=colour,
-                text=text,
-                textposition="outside",
-            )
-        )
-    style(figure, 400, barmode="group", yaxis_title="gap / noise floor")
-    keys = ("unit", "before", "retuned", "after", "floor", "iso18571_before", "iso18571_after")
-    rows = [[name, *(one[key] for key in keys)] for name, one in gap["by_signal"].items()]
-    header = [
-        "signal",
-        "unit",
-        "before",
-        "retuned",
-        "after",
-        "floor",
-        "ISO/TS 18571 before",
-        "after",
+def gap_parts(gap: Gap) -> list[Part]:
+    """Gap of each signal in units of its floor, and in its own unit with the ISO ratings."""
+    header = ["signal", "unit", "before", "retuned", "after", "floor"]
+    header += ["ISO/TS 18571 before", "after"]
+    rows = [
+        [n, s.unit, s.before, s.retuned, s.after, s.floor, s.iso18571_before, s.iso18571_after]
+        for n, s in gap.by_signal.items()
     ]
-    note = "RMS of measured minus model on held-out blocks, over what noise alone gives"
-    return [
-        Picture("How far: the gap of each signal", figure, note),
-        Table("signals", "The same in units", header, rows),
-    ]
+    return [gap_picture(gap), Table("signals", "The same in units", header, rows)]
 
 
-def effect_table(verdict: dict[str, Any]) -> Table:
+def effects_table(verdict: Verdict) -> Table:
     """The likeliest effects."""
-    header = [
-        "effect",
-        "named",
-        "subsystem",
-        "probability",
-        "closes alone",
-        "lost without",
-        "fitted [95 % interval]",
-    ]
+    header = ["effect", "named", "subsystem", "probability", "closes alone", "lost without"]
+    header.append("fitted [95 % interval]")
     rows = [
         [
-            e["id"],
-            "yes" if e["id"] in verdict["selected"] else "",
-            spaced_name(e["subsystem"]),
-            round(e["probability"], 2),
-            percent(e["closes"]),
-            percent(e["lost_without"]),
+            e.id,
+            "yes" if e.id in verdict.selected else "",
+            spaced_name(e.subsystem),
+            round(e.probability, 2),
+            percent(e.closes),
+            percent(e.lost_without),
             "; ".join(parameter_texts(e)),
         ]
-        for e in verdict["effects"][:EFFECTS_SHOWN]
+        for e in verdict.effects[:EFFECTS_SHOWN]
     ]
-    more = len(verdict["effects"]) - len(rows)
+    more = len(verdict.effects) - len(rows)
     rest = f" (the first {len(rows)}; {more} more are less likely)" if more > 0 else ""
     return Table("effects", f"Which: effects, ranked{rest}", header, rows)
 
 
-def rival_parts(verdict: dict[str, Any]) -> list[Part]:
-    """What these logs cannot tell apart."""
-    chance = {e["id"]: round(e["probability"], 2) for e in verdict["effects"]}
+def rival_parts(verdict: Verdict) -> list[Part]:
+    """The effects that these logs do not distinguish from the named ones."""
+    chance = {e.id: round(e.probability, 2) for e in verdict.effects}
     rows = [
-        [r["id"], r["instead_of"], chance.get(r["id"]), percent(r["closes"])]
-        for r in verdict["indistinguishable"]
+        [r.id, r.instead_of, chance.get(r.id), percent(r.closes)] for r in verdict.indistinguishable
     ]
-    tied = verdict["verdict"] == "ambiguous"
+    if not rows:
+        return []
+    tied = verdict.verdict == "ambiguous"
     title = (
         "Rivals that predict the held-out data as well"
         if tied
-        else "Equal by physics: no such log could tell them apart"
+        else "Identical by physics: no log of this kind distinguishes them"
     )
-    return (
-        [Table("rivals", title, ["effect", "instead of", "probability", "closes alone"], rows)]
-        if rows
-        else []
-    )
+    return [Table("rivals", title, ["effect", "instead of", "probability", "closes alone"], rows)]
 
 
-def next_parts(verdict: dict[str, Any]) -> list[Part]:
-    """The proposed run: why, how it is performed, its command, and how far each run of the menu
-    parts the rivals.
+def next_parts(asked: NextExperiment | None) -> list[Part]:
+    """The proposed run: why, the command that performs it, its course, and how far each run of the
+    menu separates the rivals.
     """
-    asked = verdict["next_experiment"]
     if asked is None:
         return []
-    time_s, level = zip(*asked["points"], strict=True)
-    shape, ends = (
-        ("linear", []) if profile_named(asked["profile"]).straight else ("hv", [PROFILE_S])
-    )
-    course = go.Figure(
-        go.Scatter(
-            x=[*time_s, *ends],
-            y=[*level, *level[-1:] * len(ends)],
-            line={"shape": shape, "color": CORRECTED},
+    lines = [asked.why + ".", "Then diagnose all logs together."]
+    title = f"What next: record the run '{asked.profile}'"
+    parts: list[Part] = [Note(title, lines, RUN_COMMAND), command_picture(asked)]
+    if asked.separation:
+        rows = [(s.profile, s.sigma) for s in asked.separation]
+        note = (
+            "difference of the predictions, in sigma a sample, less what other sizes of the"
+            " effects could make of it"
         )
-    )
-    plain(course, 260, xaxis_title="time in s", yaxis_title="command, share")
-    command = "vgroove run --on PORT --next VERDICT.json -o next.csv    (PORT: the board's; VERDICT.json: from --json)"
-    lines = [asked["why"] + ".", "Then diagnose all logs together."]
-    opens = "of the largest command" + (
-        ", the bridge open where it is 0 after the first press"
-        if profile_named(asked["profile"]).coasts
-        else ""
-    )
-    parts: list[Part] = [
-        Note(f"What next: record the run '{asked['profile']}'", lines, command),
-        Picture("Its command", course, opens),
-    ]
-    if asked.get("separation"):
-        rows = [(s["profile"], s["sigma"]) for s in asked["separation"]]
-        note = "difference of what they predict, in sigma a sample, less what other sizes of the effects could make of it"
-        parts.append(
-            Picture("How far each run would part the rivals", bars(rows, "sigma a sample"), note)
-        )
+        figure = bars_figure(rows, "sigma a sample")
+        parts.append(Picture("How far each run would separate the rivals", figure, note))
     return parts
 
 
-def where_parts(where: dict[str, Any]) -> list[Part]:
-    """Shares of subsystems and regimes, and what the gap follows."""
-    shares = sorted(
-        ((spaced_name(k), 100 * v) for k, v in where["share"].items() if v > 0.0),
-        key=lambda i: -i[1],
-    )
-    regimes = [(r["regime"], 100 * r["share"]) for r in where["by_regime"]]
-    follows = [
-        (f"{c['follows']} (in {c['signal']})", 100 * c["share"])
-        for c in where["by_correlate"][:FOLLOWS_SHOWN]
-    ]
+def where_parts(where: Where) -> list[Part]:
+    """Shares of subsystems and regimes, and what the gap follows; nothing where there is no gap."""
+    shares = [(spaced_name(k), 100 * v) for k, v in where.share.items() if v > 0.0]
+    if not shares:
+        return []
     shown = (
         (
             "Where: subsystems",
-            shares,
-            "share of the squared gap, Shapley value of each subsystem's own flexible correction",
+            sorted(shares, key=lambda item: -item[1]),
+            "share of the squared gap: Shapley value of a flexible correction of each subsystem",
         ),
         (
             "Where: regimes",
-            regimes,
+            [(r.regime, 100 * r.share) for r in where.by_regime],
             "share of the squared gap of the nominal model above the noise",
         ),
         (
             "What the gap follows",
-            follows,
-            "share of the squared gap, after retuning, that goes with each signal alone; they overlap",
+            [
+                (f"{c.follows} (in {c.signal})", 100 * c.share)
+                for c in where.by_correlate[:CORRELATES_SHOWN]
+            ],
+            "share of the squared gap, after retuning, that each quantity alone explains; the"
+            " shares overlap",
         ),
     )
-    return [
-        Picture(title, bars(rows, "share in %"), note)
-        for title, rows, note in shown
-        if rows and shares
-    ]
+    return [Picture(title, bars_figure(r, "share in %"), note) for title, r, note in shown if r]
 
 
-def bars(rows: Sequence[tuple[str, float]], axis: str) -> go.Figure:
-    """Horizontal bars, the first row on top."""
-    names, values = zip(*reversed(rows), strict=True)
-    text = [f"{v:.3g}" for v in values]
-    bar = go.Bar(
-        x=values,
-        y=names,
-        orientation="h",
-        marker_color=CORRECTED,
-        text=text,
-        textposition="outside",
-        cliponaxis=False,
-    )
-    figure = go.Figure(bar)
-    plain(figure, 106 + 34 * len(rows), xaxis_title=axis)
-    return figure.update_layout(margin={"l": 260, "r": 60})
-
-
-def plain(figure: go.Figure, height: int, **layout: Any) -> go.Figure:
-    """The house's look for a figure without a legend."""
-    return style(figure, height, **layout).update_layout(showlegend=False, margin={"t": 36})
-
-
-def trace_picture(
-    name: str,
-    nominal: Traces,
-    corrected: Traces,
-    units: dict[str, str],
-    held_out: Sequence[Sequence[float]],
-    restart_s: float,
-    verdict: dict[str, Any],
-) -> Picture:
-    """Per signal: measured, nominal, corrected above; residuals of both below; held-out blocks
-    shaded.
-    """
-    after = "corrected" if verdict["selected"] else "retuned"
-    rows = 2 * len(nominal)
-    labels = [text for n in nominal for text in (f"{n} in {units[n]}", f"{n}: measured - model")]
-    figure = make_subplots(
-        rows=rows, cols=1, shared_xaxes=True, vertical_spacing=0.25 / rows, subplot_titles=labels
-    )
-    for i, signal in enumerate(nominal):
-        t, y, model, fixed = thin(nominal[signal][0], *nominal[signal][1:], corrected[signal][2])
-        curves = (
-            (1, "measured", y, MEASURED),
-            (1, "nominal", model, NOMINAL),
-            (1, after, fixed, CORRECTED),
-            (2, "nominal", y - model, NOMINAL),
-            (2, after, y - fixed, CORRECTED),
-        )
-        for row, label, values, colour in curves:
-            figure.add_trace(
-                line(t, values, label, colour, i == 0 and row == 1), row=2 * i + row, col=1
-            )
-    for start, end in held_out:
-        figure.add_vrect(x0=start, x1=end, fillcolor=SHADE, line_width=0, layer="below")
-    style(figure, 130 + 190 * rows)
-    figure.update_xaxes(title_text="time in s", row=rows, col=1)
+def remainder_parts(left: Unexplained, units: dict[str, str]) -> list[Part]:
+    """What remains, what it follows, and how much a smooth correction for that would close."""
+    if not left.significant or left.best_correlate is None:
+        what = "is noise"
+        if left.significant:
+            what = "is more than noise, and follows none of the measured signals"
+        return [Note("What is left", [f"What the named effects and retuning leave {what}."])]
     note = (
-        f"models restarted every {restart_s:g} s; shaded: held-out blocks, which the figures above are from, each predicted by a fit "
-        "that did not see it; the curves are those of the final fit"
+        f"{left.signal}: {left.looks_like}; a smooth correction over it would take"
+        f" {percent(left.could_gain)} of the squared gap that is left above the noise (on blocks"
+        " that it was not fitted to)"
     )
-    return Picture(f"{name}: measured, nominal and {after} model", figure, note)
-
-
-def line(t: np.ndarray, y: np.ndarray, name: str, colour: str, legend: bool) -> go.Scatter:
-    """One curve."""
-    return go.Scatter(
-        x=t,
-        y=y,
-        name=name,
-        mode="lines",
-        line={"color": colour, "width": 1.2},
-        legendgroup=name,
-        showlegend=legend,
-    )
-
-
-def left_parts(left: dict[str, Any], units: dict[str, str]) -> list[Part]:
-    """What remains, what it follows and what a correction over that would gain."""
-    if not left["significant"] or left["best_correlate"] is None:
-        said = (
-            "is more than noise, and follows none of the measured signals"
-            if left["significant"]
-            else "is noise"
-        )
-        return [Note("What is left", [f"What the named effects and retuning leave {said}."])]
-    gain = f"a smooth correction over it would take {percent(left['could_gain'])} of the squared gap that is left above the noise"
-    note = f"{left['signal']}: {left['looks_like']}; {gain} (on blocks it was not drawn through)"
-    title = f"What is left follows {left['best_correlate']}"
-    if not left["correction"]:
+    title = f"What is left follows {left.best_correlate}"
+    if not left.correction:
         return [Note(title, [note])]
-    x, y = zip(*left["correction"], strict=True)
-    figure = go.Figure(go.Scatter(x=x, y=y, mode="lines+markers", line={"color": CORRECTED}))
-    correction = f"correction of {left['signal']} in {units.get(left['signal'], '')}"
+    return [Picture(title, remainder_figure(left, units.get(left.signal, "")), note)]
+
+
+def trace_parts(verdict: Verdict, names: Sequence[str], units: dict[str, str]) -> list[Part]:
+    """Measured, nominal and corrected traces of each log."""
+    problem = verdict.evidence.problem
+    nominal = problem.traces(problem.theta0)
+    corrected = problem.traces(corrected_parameters(verdict))
+    after = "corrected" if verdict.selected else "retuned"
     return [
-        Picture(
-            title,
-            plain(figure, 340, xaxis_title=left["best_correlate"], yaxis_title=correction),
-            note,
+        trace_picture(
+            LogTraces(
+                name,
+                after,
+                units,
+                nominal[j],
+                corrected[j],
+                problem.held_out_s[j],
+                problem.restart_s,
+            )
         )
+        for j, name in enumerate(names)
     ]
+
+
+def retuned_parts(verdict: Verdict) -> list[Part]:
+    """Rig values that have a tolerance, as stated and as fitted."""
+    rig = verdict.evidence.problem.rig
+    rows = [[key, rig.value(key), value] for key, value in verdict.retuned_parameters.items()]
+    if not rows:
+        return []
+    header = ["key", "rig", "retuned"]
+    return [Table("retuned", "Rig values within their tolerance", header, rows)]

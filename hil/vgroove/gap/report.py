@@ -1,56 +1,57 @@
-"""Puts a diagnosis into words: one sentence, and the lines that a terminal shows."""
+"""A verdict in sentences: one line, and the lines that a terminal shows."""
+
+from vgroove.gap.result import Verdict
+from vgroove.gap.verdict.schema import EffectFinding
+
+MIN_SHARE_SHOWN = 0.005  # of a subsystem in the summary: it would read 0 %
 
 
 def spaced_name(name: str) -> str:
-    """An identifier as people say it."""
+    """An identifier with spaces."""
     return name.replace("_", " ")
 
 
-def verdict_sentence(verdict: dict) -> str:
+def verdict_sentence(verdict: Verdict) -> str:
     """The verdict in one sentence."""
-    gap, names = verdict["gap"], " and ".join(spaced_name(n) for n in verdict["selected"])
-    figures = f"gap {gap['before']:.2f} before, {gap['retuned']:.2f} retuned, {gap['after']:.2f} after (noise floor {gap['floor']:.2f})"
-    if verdict["verdict"] == "none":
+    gap, names = verdict.gap, " and ".join(map(spaced_name, verdict.selected))
+    figures = (
+        f"gap {gap.before:.2f} before, {gap.retuned:.2f} retuned, {gap.after:.2f} after"
+        f" (noise floor {gap.floor:.2f})"
+    )
+    if verdict.verdict == "none":
         return f"No gap beyond the noise and the stated tolerances: {figures}."
-    if verdict["verdict"] == "unlisted":
-        left = verdict["unexplained"]["best_correlate"]
+    if verdict.verdict == "unlisted":
+        left = verdict.unexplained.best_correlate
         follows = f"; what remains follows {left}" if left else ""
         return f"A real gap that no effect of the catalogue closes: {figures}{follows}."
-    if verdict["verdict"] == "ambiguous":
-        others = ", ".join(spaced_name(r["id"]) for r in verdict["indistinguishable"])
+    if verdict.verdict == "ambiguous":
+        others = ", ".join(spaced_name(r.id) for r in verdict.indistinguishable)
         return f"Most likely {names}, but {others} would predict these logs as well: {figures}."
     return f"The missing effect is {names}: {figures}."
 
 
-def summary_lines(verdict: dict) -> list[str]:
-    """Lines for a terminal."""
+def summary_lines(verdict: Verdict) -> list[str]:
+    """Sentence, shares of the subsystems, named effects, rivals and next run, a line each."""
     lines = [verdict_sentence(verdict)]
-    shares = {k: v for k, v in verdict["where"]["share"].items() if v >= 0.005}
+    shares = {k: v for k, v in verdict.where.share.items() if v >= MIN_SHARE_SHOWN}
     if shares:
-        lines.append(
-            "where: "
-            + ", ".join(
-                f"{k} {100 * v:.0f} %" for k, v in sorted(shares.items(), key=lambda i: -i[1])
-            )
-        )
-    for effect in [e for e in verdict["effects"] if e["id"] in verdict["selected"]]:
-        lines.append(
-            f"{effect['id']}: probability {effect['probability']:.2f}, "
-            + ", ".join(parameter_texts(effect))
-        )
-    for other in verdict["indistinguishable"]:
-        lines.append(f"not to be told from {other['instead_of']}: {other['id']}")
-    if verdict["next_experiment"]:
-        lines.append(
-            f"next run: {verdict['next_experiment']['profile']} ({verdict['next_experiment']['why']})"
-        )
+        ranked = sorted(shares.items(), key=lambda item: -item[1])
+        lines.append("where: " + ", ".join(f"{k} {100 * v:.0f} %" for k, v in ranked))
+    for effect in (e for e in verdict.effects if e.id in verdict.selected):
+        parameters = ", ".join(parameter_texts(effect))
+        lines.append(f"{effect.id}: probability {effect.probability:.2f}, {parameters}")
+    for other in verdict.indistinguishable:
+        lines.append(f"not distinguishable from {other.instead_of} on these logs: {other.id}")
+    if verdict.next_experiment:
+        asked = verdict.next_experiment
+        lines.append(f"next run: {asked.profile} ({asked.why})")
     return lines
 
 
-def parameter_texts(effect: dict) -> list[str]:
-    """Each parameter with its interval and unit."""
-    out = []
-    for name, p in effect["parameters"].items():
-        ci = f" [{p['ci95'][0]:.4g}, {p['ci95'][1]:.4g}]" if p["ci95"] else ""
-        out.append(f"{name} {p['value']:.4g}{ci} {p['unit']}")
-    return out
+def parameter_texts(effect: EffectFinding) -> list[str]:
+    """Each parameter of an effect with its 95 % interval and unit."""
+    texts = []
+    for name, p in effect.parameters.items():
+        interval = f" [{p.ci95[0]:.4g}, {p.ci95[1]:.4g}]" if p.ci95 else ""
+        texts.append(f"{name} {p.value:.4g}{interval} {p.unit}")
+    return texts

@@ -1,5 +1,5 @@
-"""vgroove sim RIG --log LOG: drives a rig with a log's input and says how far the log is from it,
-on the blocks that a diagnosis judges.
+"""The command `vgroove sim RIG --log LOG`: simulates a rig with the input of a log, and states the
+gap on the blocks that a diagnosis judges.
 """
 
 from collections.abc import Sequence
@@ -10,10 +10,11 @@ import numpy as np
 from rich.table import Table
 
 from vgroove.errors import VgrooveError
-from vgroove.gap.residual.channels import RAD_S_TO_RPM
-from vgroove.gap.residual.problem import Problem, load_problem
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.problem import Problem
 from vgroove.log import Log, write_csv
 from vgroove.rig import Rig
+from vgroove.units import RPM_PER_RAD_S
 
 SCHEMA = "vgroove.sim/1"
 
@@ -21,20 +22,33 @@ SCHEMA = "vgroove.sim/1"
 def compute_gap(
     rig: Rig, logs: Sequence[Any], restart_s: float = 0.25
 ) -> tuple[dict[str, Any], Problem]:
-    """Gap of a rig to logs as the gap contract's section 5 defines it, as JSON-ready figures, and
-    the problem behind them.
+    """Gap of a rig to logs (docs/spec/gap.md, section 5) as JSON-ready figures, and the problem
+    behind them. restart_s: interval in s at which the model restarts from measured states.
     """
     problem = load_problem(logs, rig, restart_s=restart_s)
     residual = problem.residuals(problem.theta0)[0]
-    errors, floors, ratings = (
-        problem.gap_by_signal(residual),
-        problem.floor_by_signal(),
-        problem.iso18571(residual),
-    )
-    judged = [problem.judged & (problem.signal == k) for k in range(len(problem.signals))]
-    counted = np.isfinite(problem.squared(residual))
-    by_signal = {
-        s.column: {
+    figures = {
+        "schema": SCHEMA,
+        "rig": rig.name,
+        "logs": [str(log.source) for log in problem.logs],
+        "gap": problem.gap(residual),
+        "floor": problem.floor(),
+        "restart_s": problem.restart_s,
+        "held_out_s": problem.held_out_s,
+        "by_signal": signal_figures(problem, residual),
+        "warnings": list(problem.warnings),
+    }
+    return figures, problem
+
+
+def signal_figures(problem: Problem, residual: np.ndarray) -> dict[str, dict[str, Any]]:
+    """Error, floor, gap and ISO/TS 18571 rating of each judged column; residual (n,)."""
+    errors, floors = problem.gap_by_signal(residual), problem.floor_by_signal()
+    ratings, counted = problem.iso18571(residual), np.isfinite(problem.squared(residual))
+    found = {}
+    for k, s in enumerate(problem.signals):
+        mask = problem.judged & (problem.signal == k)
+        found[s.column] = {
             "unit": s.unit,
             "error": errors[s.column],
             "floor": floors[s.column],
@@ -43,28 +57,14 @@ def compute_gap(
             "samples": int(counted[mask].sum()),
             "note": s.note,
         }
-        for s, mask in zip(problem.signals, judged, strict=True)
-    }
-    figures = {
-        "schema": SCHEMA,
-        "rig": rig.name,
-        "logs": [str(getattr(log, "source", "")) for log in problem.logs],
-        "gap": problem.gap(residual),
-        "floor": problem.floor(),
-        "restart_s": problem.restart_s,
-        "held_out_s": problem.held_out_s,
-        "by_signal": by_signal,
-        "warnings": problem.warnings,
-    }
-    return figures, problem
+    return found
 
 
 def gap_table(figures: dict[str, Any]) -> Table:
-    """The figures of judge() as a table."""
-    table = Table(
-        title=f"gap {figures['gap']:.3f} of {figures['rig'] or 'the rig'} (floor {figures['floor']:g})",
-        title_justify="left",
-    )
+    """The figures of compute_gap() as a table."""
+    rig, floor = figures["rig"] or "the rig", figures["floor"]
+    title = f"gap {figures['gap']:.3f} of {rig} (floor {floor:g})"
+    table = Table(title=title, title_justify="left")
     for name in ("signal", "gap", "RMS error", "noise", "unit", "ISO 18571", "samples"):
         table.add_column(name, justify="left" if name in ("signal", "unit") else "right")
     for column, row in figures["by_signal"].items():
@@ -82,7 +82,9 @@ def gap_table(figures: dict[str, Any]) -> Table:
 
 
 def write_simulation(problem: Problem, path: str | Path) -> None:
-    """Write the simulated rows of the one log of a problem as a log CSV, restarted as judged."""
+    """Write the simulated rows of the one log of a problem as a log CSV, with the restarts of the
+    judged gap; VgrooveError for several logs.
+    """
     if len(problem.runs) != 1:
         raise VgrooveError("-o writes one simulated log: give one --log")
     run, rows = problem.runs[0], problem.simulate(problem.theta0)[0]
@@ -94,7 +96,7 @@ def write_simulation(problem: Problem, path: str | Path) -> None:
     simulated = {
         "current_a": rows["current_a"][0],
         "supply_v": rows["supply_v"][0],
-        "speed_rpm": rows["speed_measured_rad_s"][0] * RAD_S_TO_RPM,
+        "speed_rpm": rows["speed_measured_rad_s"][0] * RPM_PER_RAD_S,
         "position_rad": rows["angle_measured_rad"][0],
     }
     columns |= {name: values for name, values in simulated.items() if name not in columns}

@@ -1,3 +1,3 @@
 """The blind set of the diagnosis: runs `vgroove gap diagnose` on sealed cases of the independent
-generator and scores it.
+generator and scores the verdicts.
 """

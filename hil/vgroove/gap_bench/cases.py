@@ -1,5 +1,5 @@
-"""Cases of the blind set as the bench gets them: made and opened by the generator's own command,
-which shares nothing with this package.
+"""Cases of the blind set: made and opened by the command of the generator (tests/truth), which
+shares no code with this package.
 """
 
 import hashlib
@@ -14,84 +14,62 @@ from typing import Any
 from vgroove.errors import VgrooveError
 
 COMMAND = Path("tests/truth/gap_bench.py")
+# Sources on which a verdict depends
 SOURCES = (
-    "hil/vgroove/gap/*.py",
-    "hil/vgroove/rig.py",
+    "hil/vgroove/gap/**/*.py",
+    "hil/vgroove/rig*.py",
     "hil/vgroove/log/*.py",
     "hil/vgroove/telemetry/*.py",
-    "plant/*.?pp",
+    "plant/**/*.?pp",
     "hil/bindings/*.cpp",
 )
 
 
 @dataclass(frozen=True)
 class BlindSet:
-    """A half of the set in its folder; `checkout` holds the generator."""
+    """A half of the set; `checkout` is the folder of the project, which holds the generator."""
 
     checkout: Path
     half: str
 
     @property
     def folder(self) -> Path:
+        """Folder of the half's cases, answers and verdicts."""
         return self.checkout / "build" / "gapbench" / self.half
 
-    def ask(self, what: str, numbers: Sequence[int], *more: str) -> subprocess.Popen[str]:
-        """Start the generator's command."""
-        command = [
-            sys.executable,
-            str(self.checkout / COMMAND),
-            what,
-            str(self.folder),
-            "--set",
-            self.half,
-            "--numbers",
-            ",".join(map(str, numbers)),
-            *more,
-        ]
-        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-    def names(self, numbers: Sequence[int]) -> dict[int, str]:
-        """Name of each case by its number; without numbers all."""
-        rows = json.loads(
-            finished(self.ask("list", numbers)) if numbers else finished(self.ask_all())
+    def start(self, action: str, numbers: Sequence[int] = (), *more: str) -> subprocess.Popen[str]:
+        """Start the generator's command for the cases of these numbers; without numbers for all."""
+        chosen = ["--numbers", ",".join(map(str, numbers))] if numbers else []
+        script = str(self.checkout / COMMAND)
+        command = [sys.executable, script, action, str(self.folder), "--set", self.half]
+        return subprocess.Popen(
+            [*command, *chosen, *more], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
-        return {number: name for number, name in rows}
 
-    def ask_all(self) -> subprocess.Popen[str]:
-        command = [
-            sys.executable,
-            str(self.checkout / COMMAND),
-            "list",
-            str(self.folder),
-            "--set",
-            self.half,
-        ]
-        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    def names(self, numbers: Sequence[int] = ()) -> dict[int, str]:
+        """Name of each case by its number; without numbers of all cases."""
+        return {number: name for number, name in json.loads(finished(self.start("list", numbers)))}
 
-    def make(self, numbers: Sequence[int], tell: Callable[[int], None]) -> None:
-        """Make the cases that are not there yet; tells each number when it is."""
-        with self.ask("make", numbers) as process:
+    def make(self, numbers: Sequence[int], made: Callable[[int], None]) -> None:
+        """Make the missing ones of these cases; `made` is called with each number that exists."""
+        with self.start("make", numbers) as process:
             for line in process.stdout or ():
-                tell(int(line.split()[0]))
+                made(int(line.split()[0]))
             error = process.stderr.read() if process.stderr else ""
-        if process.returncode != 0:
-            raise VgrooveError(
-                f"the generator failed: {error.strip().splitlines()[-1] if error.strip() else process.returncode}"
-            )
+        check_generator(process.returncode, error)
 
     def answers(self, numbers: Sequence[int], with_ties: bool = False) -> dict[str, dict[str, Any]]:
-        """Opened answers by name, after the verdicts."""
-        return (
-            json.loads(finished(self.ask("open", numbers, *(["--ties"] if with_ties else []))))
-            if numbers
-            else {}
-        )
+        """Opened answers by name; to be called after the verdicts."""
+        if not numbers:
+            return {}
+        return json.loads(finished(self.start("open", numbers, *(["--ties"] * with_ties))))
 
     def case(self, name: str) -> Path:
+        """Folder of a case: log.csv and rig.toml."""
         return self.folder / "cases" / name
 
     def engine(self) -> str:
-        """Digest of the sources that a verdict depends on."""
+        """Digest of SOURCES, under which verdicts are kept."""
         digest = hashlib.sha256()
         for pattern in SOURCES:
             for path in sorted(self.checkout.glob(pattern)):
@@ -100,23 +78,28 @@ class BlindSet:
 
 
 def finished(process: subprocess.Popen[str]) -> str:
-    """What a command printed; VgrooveError with its last line when it failed."""
+    """Wait for a command and return its output; VgrooveError with its last line if it failed."""
     out, error = process.communicate()
-    if process.returncode != 0:
-        raise VgrooveError(
-            f"the generator failed: {error.strip().splitlines()[-1] if error.strip() else process.returncode}"
-        )
+    check_generator(process.returncode, error)
     return out
 
 
+def check_generator(status: int, error: str) -> None:
+    """VgrooveError with the last line of `error` where the generator's exit code is not 0."""
+    if status != 0:
+        lines = error.strip().splitlines()
+        raise VgrooveError(f"the generator failed: {lines[-1] if lines else status}")
+
+
 def find_checkout() -> Path:
-    """The checkout that holds the generator: the working folder or one above it, else where this
-    package was installed from (editable).
+    """The project's checkout: at or above the working folder, else the one from which this package
+    was installed (editable). VgrooveError without one.
     """
     for start in (Path.cwd(), Path(__file__).resolve().parent):
         for folder in (start, *start.parents):
             if (folder / COMMAND).exists():
                 return folder
     raise VgrooveError(
-        f"the blind set needs the project's checkout: no {COMMAND} here or above (it is no part of the installed package)"
+        f"the blind set needs the project's checkout: no {COMMAND} here or above "
+        "(it is no part of the installed package)"
     )

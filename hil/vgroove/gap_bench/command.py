@@ -1,18 +1,43 @@
-"""The command `vgroove gap bench`: which cases, their run with a progress bar, the tables."""
+"""The command `vgroove gap bench`: choice of the cases, their run with a progress bar, the
+tables.
+"""
 
-import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from vgroove.errors import VgrooveError
 
+if TYPE_CHECKING:
+    from vgroove.gap_bench.cases import BlindSet
+    from vgroove.gap_bench.scored import Scored
+
+app = typer.Typer()  # its command is one of `vgroove gap`
 COST_KEYS = ("number", "name", "without", "verdict", "seconds", "cpu_seconds", "memory_mib")
+HALVES = ("tune", "report")
 
 
+@dataclass(frozen=True)
+class Request:
+    """The cases to run: a half, and of it the first `count`, a fifth, or these numbers; `removed`
+    runs all single cases a second time without their effect in the catalogue, `without` those of
+    these effects; `jobs` cases run at a time.
+    """
+
+    half: str
+    count: int | None = None
+    fifth: bool = False
+    numbers: Sequence[int] = ()
+    removed: bool = False
+    without: Sequence[str] = ()
+    jobs: int = 1
+
+
+@app.command("bench")
 def bench_command(
     half: Annotated[
         str, typer.Option("--set", help="tune: the half that may be looked at; report: the other.")
@@ -28,7 +53,7 @@ def bench_command(
     removed: Annotated[
         bool,
         typer.Option(
-            "--removed", help="Single cases once more without their effect in the catalogue."
+            "--removed", help="Single cases a second time without their effect in the catalogue."
         ),
     ] = False,
     without: Annotated[
@@ -43,88 +68,67 @@ def bench_command(
         Path | None, typer.Option("--html", help="Write one self-contained page.")
     ] = None,
     page: Annotated[
-        Path | None, typer.Option(help="Renew the tables in this page (docs/gap_bench.md).")
+        Path | None, typer.Option(help="Replace the tables in this page (docs/gap_bench.md).")
     ] = None,
 ) -> None:
     """The blind set: sealed cases of an independent generator, diagnosed one by one (kept, so a run
     resumes), opened and scored.
     """
     from vgroove.gap_bench.report import bench_page, renewed, tables
-    from vgroove.output import check_outputs, write_text
+    from vgroove.output import check_outputs, write_json, write_text
 
     check_outputs((json_path, html_path), ())
-    figures = bench(
-        half, count, fifth, number or [], removed, without or [], jobs, Console(stderr=True)
-    )
+    request = Request(half, count, fifth, number or (), removed, without or (), jobs)
+    figures = run_bench(request, Console(stderr=True))
     for table in tables(figures):
         Console().print(table.as_rich())
     if json_path:
-        write_text(json_path, json.dumps(figures, indent=1) + "\n")
+        write_json(json_path, figures, allow_nan=True)
     if html_path:
         write_text(html_path, bench_page(figures))
     if page:
         write_text(page, renewed(page.read_text(encoding="utf-8"), figures))
 
 
-def bench(
-    half: str,
-    count: int | None,
-    fifth: bool,
-    numbers: list[int],
-    removed: bool,
-    without: list[str],
-    jobs: int,
-    console: Console,
-) -> dict[str, Any]:
-    """Run and score; the figures of all tables."""
+def run_bench(request: Request, console: Console) -> dict[str, Any]:
+    """Run and score the cases; the figures of all tables. The progress bar goes to `console`."""
     from vgroove.gap_bench.cases import BlindSet, find_checkout
     from vgroove.gap_bench.run import run_cases
     from vgroove.gap_bench.score import score
+    from vgroove.progress import step_bar
 
-    if half not in ("tune", "report"):
-        raise VgrooveError(f"--set is tune or report, not {half}")
-    blind = BlindSet(find_checkout(), half)
-    wanted = chosen(sorted(blind.names([])), count, fifth, numbers)
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-    )
-    with bar:
-        task = bar.add_task("cases", total=len(wanted))
-        found = run_cases(
-            blind,
-            [(n, None) for n in wanted],
-            jobs,
-            lambda step, text: bar.update(task, advance=step, description=text),
-        )
+    if request.half not in HALVES:
+        raise VgrooveError(f"--set is {' or '.join(HALVES)}, not {request.half}")
+    blind = BlindSet(find_checkout(), request.half)
+    numbers = chosen(sorted(blind.names()), request)
+    with step_bar(len(numbers), "cases", console, keep=True) as bar:
+        found = run_cases(blind, [(n, None) for n in numbers], request.jobs, bar)
         answers = opened(blind, found)
-        gone = [
-            (n, effect) for n, effect in singles(found, answers) if removed or effect in without
+        removals = [
+            (number, effect)
+            for number, effect in singles(found, answers)
+            if request.removed or effect in request.without
         ]
-        bar.reset(task, total=len(gone))
-        more = run_cases(
-            blind, gone, jobs, lambda step, text: bar.update(task, advance=step, description=text)
-        )
-    cases = [scored(one, answers) for one in (*found, *more)]
-    return {"set": half, "engine": blind.engine(), "cases": len(wanted)} | score(cases)
+        bar.restart(len(removals))
+        found += run_cases(blind, removals, request.jobs, bar)
+    cases = [scored(one, answers) for one in found]
+    return {"set": request.half, "engine": blind.engine(), "cases": len(numbers)} | score(cases)
 
 
-def chosen(numbers: list[int], count: int | None, fifth: bool, wanted: list[int]) -> list[int]:
-    """The numbers of the cases to run; VgrooveError for one that the half has not."""
-    unknown = sorted(set(wanted) - set(numbers))
+def chosen(numbers: list[int], request: Request) -> list[int]:
+    """The requested ones of the half's numbers; VgrooveError for a number that it lacks."""
+    unknown = sorted(set(request.numbers) - set(numbers))
     if unknown:
         raise VgrooveError(f"--number {unknown[0]}: the half has cases 0 to {numbers[-1]}")
-    if wanted:
-        return sorted(set(wanted))
-    return numbers[: count or (len(numbers) // 5 if fifth else len(numbers))]
+    if request.numbers:
+        return sorted(set(request.numbers))
+    fifth = len(numbers) // 5 if request.fifth else len(numbers)
+    return numbers[: request.count or fifth]
 
 
-def opened(blind: Any, found: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Answers of the judged cases; who ties with whom is worked out for those that are ambiguous or
-    not right.
+def opened(blind: "BlindSet", found: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Answers of the diagnosed cases by name; ties are computed for the cases that are not
+    right.
     """
     answers = blind.answers([one["number"] for one in found])
     doubtful = [
@@ -136,9 +140,9 @@ def opened(blind: Any, found: list[dict[str, Any]]) -> dict[str, dict[str, Any]]
 
 
 def singles(
-    found: list[dict[str, Any]], answers: dict[str, dict[str, Any]]
+    found: Sequence[Mapping[str, Any]], answers: Mapping[str, dict[str, Any]]
 ) -> list[tuple[int, str]]:
-    """(number, its effect) of the single cases."""
+    """(number, effect) of the single cases."""
     return [
         (one["number"], answers[one["name"]]["ids"][0])
         for one in found
@@ -146,7 +150,8 @@ def singles(
     ]
 
 
-def scored(one: dict[str, Any], answers: dict[str, dict[str, Any]]) -> Any:
-    from vgroove.gap_bench.score import Scored
+def scored(one: Mapping[str, Any], answers: Mapping[str, dict[str, Any]]) -> "Scored":
+    """A verdict with its answer."""
+    from vgroove.gap_bench.scored import Scored
 
     return Scored(answer=answers[one["name"]], **{key: one[key] for key in COST_KEYS})

@@ -1,4 +1,4 @@
-"""Tables and the page of the blind set."""
+"""Tables and page of the blind set's figures."""
 
 from typing import Any
 
@@ -8,10 +8,17 @@ from vgroove.gap_bench.needs import needs_table
 from vgroove.gap_bench.score import KINDS, POWER_EDGES
 from vgroove.page import Card, Page, Picture, Table, style
 
-# Goals of the project per regime and kind.
+# Goals of the project: share of right verdicts by regime and kind.
 GOALS = {
     "exact": {"single": 0.98, "pair": 0.92},
     "hard": {"single": 0.93, "pair": 0.80, "triple": 0.60},
+}
+# Quantiles of a cost, and (unit, goal) of each.
+QUANTILES = ("median", "tenth above", "most")
+COST_UNITS = {
+    "seconds": ("s", "8 / 20 s"),
+    "cpu_seconds": ("s of processor", ""),
+    "memory_mib": ("MiB", "1024 MiB"),
 }
 FURTHER_SINGLES = {
     "single_alone": "single, nothing besides",
@@ -24,14 +31,15 @@ REGIMES = {
 
 
 def share(one: dict[str, Any]) -> str:
-    """A rate as text."""
+    """A rate with its counts and its interval in %."""
     if not one["of"]:
         return "-"
-    return f"{100 * one['share']:.1f} % ({one['hits']}/{one['of']}; {100 * one['ci95'][0]:.0f}..{100 * one['ci95'][1]:.0f})"
+    low, high = (f"{100 * end:.0f}" for end in one["ci95"])
+    return f"{100 * one['share']:.1f} % ({one['hits']}/{one['of']}; {low}..{high})"
 
 
 def tables(figures: dict[str, Any]) -> list[Table]:
-    """All tables in the order in which they are read."""
+    """All tables in their order on the page."""
     out = [
         rate_table(figures),
         further_table(figures),
@@ -43,7 +51,7 @@ def tables(figures: dict[str, Any]) -> list[Table]:
 
 
 def rate_table(figures: dict[str, Any]) -> Table:
-    """Right answers per kind and regime, with the goals."""
+    """Right verdicts by kind and regime, with the goals."""
     what = f"half '{figures['set']}', {figures['cases']} cases, engine {figures['engine']}"
     rows = []
     for kind in (*KINDS[:1], *FURTHER_SINGLES, *KINDS[1:]):
@@ -61,13 +69,8 @@ def rate_table(figures: dict[str, Any]) -> Table:
 
 
 def further_table(figures: dict[str, Any]) -> Table:
-    """Wrong answers, parameters, cost."""
-    rates, closed, cost, six = (
-        figures["rates"],
-        figures["closed"],
-        figures["cost"],
-        figures["cost_of_6_s"],
-    )
+    """Wrong verdicts, gap closed, parameters and cost over all cases."""
+    rates, closed, parameters = figures["rates"], figures["closed"], figures["parameters"]
     rows = [
         ["named with 90 % and wrong", share(rates["sure_and_wrong"]), "at most 1 %"],
         ["false alarms of none", share(rates["false_alarms"]), "at most 1 %"],
@@ -79,55 +82,41 @@ def further_table(figures: dict[str, Any]) -> Table:
             number(closed["closed_beyond_retuning"]["median"]),
             "",
         ],
-        [
-            "parameter within 5 % or inside",
-            share(figures["parameters"]["within 5 % or inside"]),
-            "",
-        ],
-        [
-            "parameter inside its interval",
-            share(figures["parameters"]["inside the interval"]),
-            "95 %",
-        ],
+        ["parameter within 5 % or inside", share(parameters["within 5 % or inside"]), ""],
+        ["parameter inside its interval", share(parameters["inside the interval"]), "95 %"],
+        *cost_rows("all logs", figures["cost"]),
+        *cost_rows("logs of 5..7 s", figures["cost_of_6_s"]),
     ]
-    for name, one in (("all logs", cost), ("logs of 5..7 s", six)):
-        for key, unit in (
-            ("seconds", "s"),
-            ("cpu_seconds", "s of processor"),
-            ("memory_mib", "MiB"),
-        ):
-            text = (
-                f"{one[key]['median']:.1f} / {one[key]['tenth above']:.1f} / {one[key]['most']:.1f} {unit}"
-                if one[key]
-                else "-"
-            )
-            rows.append(
-                [
-                    f"{name}: median / tenth above / most",
-                    text,
-                    {"seconds": "8 / 20 s", "memory_mib": "1024 MiB"}.get(key, ""),
-                ]
-            )
     return Table("further", "Over all cases", ["", "figure", "goal"], rows)
 
 
+def cost_rows(name: str, cost: dict[str, Any]) -> list[list[str]]:
+    """Seconds, processor seconds and memory of a diagnosis, with the goals."""
+    rows = []
+    for key, (unit, goal) in COST_UNITS.items():
+        values = [f"{cost[key][q]:.1f}" for q in QUANTILES] if cost[key] else []
+        text = f"{' / '.join(values)} {unit}" if values else "-"
+        rows.append([f"{name}: {' / '.join(QUANTILES)}", text, goal])
+    return rows
+
+
 def number(value: float | None) -> str:
-    """A figure as text."""
+    """A figure with three digits."""
     return "-" if value is None else f"{value:.3f}"
 
 
 def calibration_table(figures: dict[str, Any]) -> Table:
-    """Probabilities said and found."""
+    """Given probabilities and the shares of true names."""
     rows = [
         [f"{one['from']:.2f} .. {one['to']:.2f}", number(one["said"]), share(one)]
         for one in figures["calibration"]
     ]
-    title = "Calibration: of the names said with a probability, how many are at work"
-    return Table("calibration", title, ["said", "mean", "at work"], rows)
+    title = "Calibration: share of true names by the probability that the verdict gives"
+    return Table("calibration", title, ["probability", "mean", "true"], rows)
 
 
 def power_table(figures: dict[str, Any]) -> Table:
-    """Names by size."""
+    """Right single cases by effect and size."""
     bins = [
         f"{low:g}..{high:.0f}" if high > 9 else f"{low:g}..{high:g}"
         for low, high in zip(POWER_EDGES, POWER_EDGES[1:], strict=False)
@@ -146,33 +135,34 @@ def power_table(figures: dict[str, Any]) -> Table:
 
 
 def confusion_table(figures: dict[str, Any]) -> Table:
-    """Wrong answers by truth."""
+    """Wrong verdicts by truth."""
     rows = [
         [truth, answer, count] for truth, answer, count in figures["confusion"] if answer != "right"
     ]
     return Table(
         "confusion",
         "Confusion: singles, none and unlisted that are not right",
-        ["truth", "answer", "cases"],
+        ["truth", "verdict", "cases"],
         rows,
     )
 
 
 def removed_table(found: dict[str, Any]) -> Table:
-    """Answers without the effect in the catalogue."""
+    """Verdicts without the effect in the catalogue."""
     rows = [
-        [effect, ", ".join(f"{n} x {word}" for word, n in words.items())]
-        for effect, words in found["by effect"].items()
+        [effect, ", ".join(f"{n} x {verdict}" for verdict, n in counts.items())]
+        for effect, counts in found["by effect"].items()
     ]
     title = (
-        f"Effects removed from the catalogue: not named wrongly {share(found['not named wrongly'])}, goal 90 %; "
+        "Effects removed from the catalogue: not named wrongly "
+        f"{share(found['not named wrongly'])}, goal 90 %; "
         f"named with 90 % and wrong {share(found['named with 90 % and wrong'])}"
     )
-    return Table("removed", title, ["removed", "answers"], rows)
+    return Table("removed", title, ["removed", "verdicts"], rows)
 
 
 def calibration_figure(figures: dict[str, Any]) -> go.Figure:
-    """Share at work over probability said."""
+    """Share of true names over the given probability."""
     rows = [one for one in figures["calibration"] if one["of"]]
     bars = {
         "type": "data",
@@ -180,18 +170,18 @@ def calibration_figure(figures: dict[str, Any]) -> go.Figure:
         "array": [r["ci95"][1] - r["share"] for r in rows],
         "arrayminus": [r["share"] - r["ci95"][0] for r in rows],
     }
-    said, found = [r["said"] for r in rows], [r["share"] for r in rows]
+    given, found = [r["said"] for r in rows], [r["share"] for r in rows]
     curve = go.Figure(
         [
             go.Scatter(x=[0, 1], y=[0, 1], mode="lines", name="calibrated", line={"dash": "dot"}),
-            go.Scatter(x=said, y=found, mode="lines+markers", name="found", error_y=bars),
+            go.Scatter(x=given, y=found, mode="lines+markers", name="found", error_y=bars),
         ]
     )
-    return style(curve, 500, xaxis_title="probability said", yaxis_title="share at work")
+    return style(curve, 500, xaxis_title="given probability", yaxis_title="share of true names")
 
 
 def cards(figures: dict[str, Any]) -> list[Card]:
-    """Rates against their goals at first sight."""
+    """The main rates with their goals."""
     rates, out = figures["rates"], []
     for kind in ("single", "pair"):
         goal = GOALS["exact"][kind]
@@ -208,7 +198,7 @@ def cards(figures: dict[str, Any]) -> list[Card]:
 
 
 def percent(one: dict[str, Any]) -> str:
-    """A rate in a word."""
+    """A rate in % with its number of cases."""
     return f"{100 * one['share']:.1f} % of {one['of']}" if one["of"] else "-"
 
 
@@ -216,7 +206,7 @@ def bench_page(figures: dict[str, Any]) -> str:
     """All tables and the calibration curve as one page that opens offline."""
     title = f"Blind set of the diagnosis, half '{figures['set']}', {figures['cases']} cases"
     parts = tables(figures)
-    note = "of the names said with a probability, the share that is at work, with 95 % intervals"
+    note = "share of true names by the probability that the verdict gives, with 95 % intervals"
     curve = Picture("Calibration", calibration_figure(figures), note)
     return Page(
         "gap_bench", title, [], [*parts[:2], curve, *parts[2:]], cards=cards(figures)
@@ -224,7 +214,7 @@ def bench_page(figures: dict[str, Any]) -> str:
 
 
 def renewed(page: str, figures: dict[str, Any]) -> str:
-    """A Markdown page with the table of needs and all tables of figures between their marks."""
+    """A Markdown page with the table of needs and all other tables replaced between their marks."""
     page = between(page, "needs", needs_table(figures["needs"]))
     return between(
         page,
@@ -234,7 +224,7 @@ def renewed(page: str, figures: dict[str, Any]) -> str:
 
 
 def between(page: str, name: str, text: str) -> str:
-    """The page with a text between its marks of that name; ValueError where they are missing."""
+    """The page with the text between the marks of that name replaced; ValueError without marks."""
     begin, end = f"<!--{name}-->", f"<!--end of {name}-->"
     head, mark, rest = page.partition(begin)
     _, closing, tail = rest.partition(end)

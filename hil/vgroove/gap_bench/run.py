@@ -1,5 +1,5 @@
-"""Runs the diagnosis on the cases, each in a process of its own that sees a log and a rig and
-nothing else; kept, so that a run resumes.
+"""Runs the diagnosis on cases, each in a process of its own with nothing but a log and a rig; kept
+verdicts let an interrupted run resume.
 """
 
 import contextlib
@@ -27,11 +27,12 @@ KEPT = (
     "unexplained",
     "warnings",
 )
-AHEAD = 8  # cases are made in portions, so that verdicts come from the start
-Job = tuple[int, str | None]
+BATCH = 8  # cases that are made before they are diagnosed
+Job = tuple[int, str | None]  # number of a case, effect to leave out of the catalogue
 
 
 def verdict_path(blind: BlindSet, engine: str, name: str, without: str | None) -> Path:
+    """File of a kept verdict."""
     return (
         blind.folder
         / "verdicts"
@@ -41,38 +42,38 @@ def verdict_path(blind: BlindSet, engine: str, name: str, without: str | None) -
 
 
 def run_cases(
-    blind: BlindSet, jobs_wanted: Sequence[Job], jobs: int, tell: Callable[[int, str], None]
+    blind: BlindSet, jobs: Sequence[Job], processes: int, bar: Callable[[str, int], None]
 ) -> list[dict[str, Any]]:
-    """Verdicts with their cost for (number, effect to leave out or None); `tell` hears how many
-    cases are made or judged.
+    """Verdicts of the jobs with their cost, `processes` at a time; `bar` is called with a text and
+    the number of jobs that are finished with it (0 or 1).
     """
-    engine, names = blind.engine(), blind.names(sorted({number for number, _ in jobs_wanted}))
+    if not jobs:
+        return []
+    engine, names = blind.engine(), blind.names(sorted({number for number, _ in jobs}))
+
+    def lacks_case(job: Job) -> bool:
+        path = verdict_path(blind, engine, names[job[0]], job[1])
+        return not path.exists() and not blind.case(names[job[0]]).exists()
+
     out = []
-    with ThreadPoolExecutor(jobs) as pool:
-        for start in range(0, len(jobs_wanted), AHEAD):
-            part = jobs_wanted[start : start + AHEAD]
-            missing = sorted(
-                {
-                    n
-                    for n, without in part
-                    if not verdict_path(blind, engine, names[n], without).exists()
-                    and not blind.case(names[n]).exists()
-                }
-            )
+    with ThreadPoolExecutor(processes) as pool:
+        for start in range(0, len(jobs), BATCH):
+            batch = jobs[start : start + BATCH]
+            missing = sorted({job[0] for job in batch if lacks_case(job)})
             if missing:
-                blind.make(missing, lambda number: tell(0, f"case {number} made"))
+                blind.make(missing, lambda number: bar(f"case {number} made", 0))
             for found in pool.map(
-                lambda job: kept_verdict(blind, engine, job[0], names[job[0]], job[1]), part
+                lambda job: kept_verdict(blind, engine, job[0], names[job[0]], job[1]), batch
             ):
                 out.append(found)
-                tell(1, f"case {found['number']}: {found['verdict']['verdict']}")
+                bar(f"case {found['number']}: {found['verdict']['verdict']}", 1)
     return out
 
 
 def kept_verdict(
     blind: BlindSet, engine: str, number: int, name: str, without: str | None
 ) -> dict[str, Any]:
-    """The verdict of an earlier run of the same engine, or a fresh one."""
+    """The verdict of an earlier run with the same engine; without one the case is diagnosed."""
     path = verdict_path(blind, engine, name, without)
     if not path.exists():
         found = diagnose_apart(blind.case(name), without)
@@ -86,8 +87,8 @@ def kept_verdict(
 
 
 def diagnose_apart(case: Path, without: str | None) -> dict[str, Any]:
-    """`vgroove gap diagnose` as a user calls it, with wall and processor seconds and peak memory of
-    its process.
+    """Verdict of `vgroove gap diagnose` in a process of its own, with the wall and processor
+    seconds and the peak memory of that process.
     """
     with tempfile.TemporaryDirectory() as folder:
         for name in ("log.csv", "rig.toml"):
@@ -106,11 +107,12 @@ def diagnose_apart(case: Path, without: str | None) -> dict[str, Any]:
             *(["--without", without] if without else []),
         ]
         begin = time.monotonic()
-        with open(Path(folder) / "said", "w", encoding="utf-8") as said:
-            process = subprocess.Popen(command, cwd=folder, stdout=said, stderr=said)
-            usage, status = waited(process)
+        output = Path(folder) / "output"
+        with output.open("w", encoding="utf-8") as file:
+            process = subprocess.Popen(command, cwd=folder, stdout=file, stderr=file)
+            usage, status = wait_with_usage(process)
         seconds = time.monotonic() - begin
-        verdict = crash(Path(folder) / "said", status)
+        verdict = failed_verdict(output, status)
         with contextlib.suppress(OSError, ValueError):
             verdict = json.loads((Path(folder) / "verdict.json").read_text(encoding="utf-8"))
     return {
@@ -121,10 +123,8 @@ def diagnose_apart(case: Path, without: str | None) -> dict[str, Any]:
     }
 
 
-def waited(process: subprocess.Popen) -> tuple[Any, int]:
-    """(resource usage, exit code) of a process that has ended; it is killed when the wait is
-    interrupted.
-    """
+def wait_with_usage(process: subprocess.Popen) -> tuple[Any, int]:
+    """(resource usage, exit code) of a process after its end; an interrupt kills the process."""
     try:
         _, status, usage = os.wait4(process.pid, 0)
     except BaseException:
@@ -134,9 +134,9 @@ def waited(process: subprocess.Popen) -> tuple[Any, int]:
     return usage, process.returncode
 
 
-def crash(said: Path, status: int) -> dict[str, Any]:
-    """A verdict that is none: what the process said last."""
-    lines = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+def failed_verdict(output: Path, status: int) -> dict[str, Any]:
+    """The verdict of a process that wrote none: its exit code and the last line of its output."""
+    lines = output.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     return {
         "verdict": "failed",
         "selected": [],

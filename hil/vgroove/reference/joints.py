@@ -30,7 +30,7 @@ class Joint:
 
 # Values of docs/spec/model.md, sections 4 (locked, hard and slipping joints) and 6 (disc springs,
 # lag screws).
-JOINTS: dict[str, Joint] = {
+REFERENCE_JOINTS: dict[str, Joint] = {
     "locked": Joint({"kind": "locked", **_STIFF}, "locked", "locked"),
     "hard_joint": Joint(
         {**_HARD, "run_torque_nm": 0.3, "slip_slope_nm_per_rad": 700},

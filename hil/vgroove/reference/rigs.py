@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from vgroove.errors import VgrooveError
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig, read_rig, rig_from_dict
 
 IMPACT_DRIVER = "impact_driver"  # docs/spec/model.md, section 4: the reference set of 18 V class
@@ -26,11 +27,13 @@ def reference_rig(name: str = IMPACT_DRIVER) -> Rig:
 
 
 def impact_rig(path: Path | None) -> Rig:
-    """The impact tool of a file, or the reference tool where `path` is None.
+    """The impact tool of a file, or the reference tool on a locked joint where `path` is None.
 
     Raises VgrooveError where the rig has no impact mechanism or is not driven by a duty.
     """
-    rig = read_rig(path) if path else reference_rig()
+    if path is None:
+        return with_load(reference_rig(), REFERENCE_JOINTS["locked"].load)
+    rig = read_rig(path)
     if rig.mechanism["kind"] != "impact":
         raise VgrooveError(f'{path}: this study needs [mechanism] kind = "impact"')
     if rig.input["kind"] != "duty" or "voltage_v" not in rig.supply:

@@ -199,16 +199,18 @@ def impact_command(
     marked.
     """
     from vgroove.errors import VgrooveError
-    from vgroove.reference.joints import JOINTS
+    from vgroove.reference.joints import REFERENCE_JOINTS
     from vgroove.reference.rigs import impact_rig
     from vgroove.report import prepare_files
     from vgroove.study.impact import impact_study
     from vgroove.study.impact_runs import with_joint
 
     tool = impact_rig(rig)
-    if joint != "rig" and joint not in JOINTS:
-        raise VgrooveError(f"--joint must be one of {', '.join(JOINTS)}, rig, not {joint}")
+    if joint != "rig" and joint not in REFERENCE_JOINTS:
+        raise VgrooveError(
+            f"--joint must be one of {', '.join(REFERENCE_JOINTS)}, rig, not {joint}"
+        )
     tool = tool if joint == "rig" else with_joint(tool, joint)
-    title = "the rig's own joint" if joint == "rig" else JOINTS[joint].title
+    title = "the rig's own joint" if joint == "rig" else REFERENCE_JOINTS[joint].title
     files = prepare_files("impact", folder, json_path, png)
     finish(impact_study(tool, title, seconds, duty), files)

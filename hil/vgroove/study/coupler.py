@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from vgroove.page import Picture, Table, style
 from vgroove.reference.blows import BLOW
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig
 from vgroove.study.impact_runs import blow_figures, simulate, with_joint
 
@@ -74,7 +74,7 @@ def coupler_table(rows: list[dict[str, Any]]) -> Table:
         ["joint", "coupler", "peak torque in N m", "blows/min", "current in A", "deg per blow"],
         [
             [
-                JOINTS[r["load"]].short,
+                REFERENCE_JOINTS[r["load"]].short,
                 r["coupler"],
                 *(r[k] for k in keys),
             ]

@@ -5,7 +5,7 @@ import plotly.graph_objects as go
 
 from vgroove.page import Picture, Table, style, thin
 from vgroove.reference.bolt import PITCH_M, lever_m
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig
 from vgroove.study.impact_runs import simulate, with_joint
 from vgroove.units import TURN_RAD
@@ -47,7 +47,7 @@ def simulated_stack(rig: Rig, duration_s: float) -> dict[str, np.ndarray]:
     While the head turns, the joint's torque is its slip torque, so that each sample of a turning
     head is a point of the stack's curve.
     """
-    load = JOINTS["disc_spring"].load
+    load = REFERENCE_JOINTS["disc_spring"].load
     time_s = np.arange(SAMPLE_S, duration_s, SAMPLE_S)
     deflection, force = [], []
     for from_turns in START_TURNS:

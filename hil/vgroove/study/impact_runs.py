@@ -8,15 +8,15 @@ import numpy as np
 from vgroove import _core
 from vgroove.errors import refused_by_plant
 from vgroove.reference.blows import BLOW, clean, hits_between
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import with_load
 from vgroove.rig import Rig
 from vgroove.units import RPM_PER_RAD_S
 
 
 def with_joint(rig: Rig, joint: str, values: Mapping[str, float] | None = None) -> Rig:
-    """The same tool on one of JOINTS, and other values of dotted keys, if given."""
-    return with_load(rig, JOINTS[joint].load, values)
+    """The same tool on one of REFERENCE_JOINTS, and other values of dotted keys, if given."""
+    return with_load(rig, REFERENCE_JOINTS[joint].load, values)
 
 
 def simulate(rigs: Sequence[Rig], duration_s: float, duty: float, **options: Any) -> dict[str, Any]:

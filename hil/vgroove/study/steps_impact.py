@@ -12,7 +12,7 @@ from vgroove import _core
 from vgroove.page import Picture, Table, style
 from vgroove.progress import Tick
 from vgroove.reference.blows import BLOW, hits_between
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.report import Report
 from vgroove.rig import Rig
 from vgroove.study.impact_runs import simulate, with_joint
@@ -64,7 +64,7 @@ def impact_steps(rig: Rig, tolerance: float, tick: Tick) -> Report:
     histories = []
     for joint in JOINT_COLOURS:
         histories.append(impact_history(rig, joint, tolerance))
-        tick(f"impact cycle: {JOINTS[joint].title}")
+        tick(f"impact cycle: {REFERENCE_JOINTS[joint].title}")
     events = [
         {"load": h["load"], **row}
         for h in histories
@@ -94,7 +94,7 @@ def impact_line(events: list[dict[str, Any]]) -> str:
     worst = min(events, key=lambda r: r["smallest_after_s"])
     return (
         f"Over the impact cycle the step falls most after '{worst['event']}' "
-        f"({JOINTS[worst['load']].title}): from {worst['before_s'] * 1e6:.3g} us to "
+        f"({REFERENCE_JOINTS[worst['load']].title}): from {worst['before_s'] * 1e6:.3g} us to "
         f"{worst['smallest_after_s'] * 1e6:.3g} us."
     )
 
@@ -114,7 +114,10 @@ def cycle_table(rows: list[dict[str, Any]]) -> Table:
         "cycle",
         "Variable step over one impact cycle",
         ["joint", "cycle in ms", "steps", *STEP_HEADER],
-        [[JOINTS[r["load"]].title, r["period_ms"], r["steps"], *step_cells(r)] for r in rows],
+        [
+            [REFERENCE_JOINTS[r["load"]].title, r["period_ms"], r["steps"], *step_cells(r)]
+            for r in rows
+        ],
     )
 
 
@@ -125,7 +128,7 @@ def impact_event_table(rows: list[dict[str, Any]]) -> Table:
         "Events of the impact cycle, and the time until half of the step before is reached again "
         "(medians)",
         ["joint", *EVENT_HEADER],
-        [[JOINTS[r["load"]].title, *event_cells(r)] for r in rows],
+        [[REFERENCE_JOINTS[r["load"]].title, *event_cells(r)] for r in rows],
     )
 
 
@@ -156,7 +159,7 @@ def step_traces(h: dict[str, Any]) -> tuple[go.Scatter, go.Scatter]:
     start, end = h["cycle"]
     at = np.flatnonzero((h["time_s"] >= start - MARGIN_S) & (h["time_s"] <= end + MARGIN_S))
     time_ms, step_us = 1e3 * (h["time_s"][at] - start), 1e6 * h["length_s"][at]
-    name, colour = JOINTS[h["load"]].title, JOINT_COLOURS[h["load"]]
+    name, colour = REFERENCE_JOINTS[h["load"]].title, JOINT_COLOURS[h["load"]]
     marked = [n for n, k in enumerate(at) if h["mark"][k] != NO_EVENT]
     chosen = np.setdiff1d(np.arange(len(at)), marked)
     curve = go.Scatter(
@@ -189,6 +192,6 @@ def hammer_trace(h: dict[str, Any]) -> go.Scatter:
         y=h["hammer_mm"][shown],
         mode="lines",
         line={"color": JOINT_COLOURS[h["load"]], "width": 1.4},
-        legendgroup=JOINTS[h["load"]].title,
+        legendgroup=REFERENCE_JOINTS[h["load"]].title,
         showlegend=False,
     )

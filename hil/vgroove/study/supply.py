@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 
 from vgroove.page import Picture, Table, style, table_from_dicts
 from vgroove.progress import Tick
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.report import Report
 from vgroove.rig import Rig
 from vgroove.study.impact_runs import blow_figures, simulate, with_joint
@@ -70,7 +70,7 @@ def supply_study(
     found: list[dict[str, Any]] = []
     for load in JOINT_COLOURS:
         found += supply_rows(rig, load, voltages, duration_s, duty)
-        tick(JOINTS[load].title)
+        tick(REFERENCE_JOINTS[load].title)
     data = {
         "rig": rig.name,
         "duty": duty,
@@ -87,7 +87,7 @@ def supply_study(
 def supply_lines(found: list[dict[str, Any]]) -> list[str]:
     """The findings, one sentence a joint."""
     return [
-        supply_line(JOINTS[load].title, [r for r in found if r["load"] == load])
+        supply_line(REFERENCE_JOINTS[load].title, [r for r in found if r["load"] == load])
         for load in JOINT_COLOURS
     ]
 
@@ -109,7 +109,8 @@ def supply_line(title: str, found: list[dict[str, Any]]) -> str:
 def supply_table(found: list[dict[str, Any]]) -> Table:
     """Every figure of every run."""
     rows = [
-        {**r, "joint": JOINTS[r["load"]].short, "clean": percent(r["synchronism"])} for r in found
+        {**r, "joint": REFERENCE_JOINTS[r["load"]].short, "clean": percent(r["synchronism"])}
+        for r in found
     ]
     return table_from_dicts("runs", "Impacts over the supply voltage", COLUMNS, rows)
 
@@ -133,7 +134,7 @@ def supply_picture(found: list[dict[str, Any]]) -> Picture:
                 go.Scatter(
                     x=[r["supply_v"] for r in rows],
                     y=values,
-                    name=JOINTS[load].title,
+                    name=REFERENCE_JOINTS[load].title,
                     legendgroup=load,
                     mode="lines+markers",
                     showlegend=panel == 0,

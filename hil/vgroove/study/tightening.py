@@ -7,7 +7,7 @@ from typing import Any
 from vgroove import _core
 from vgroove.page import Table
 from vgroove.reference.bolt import FRICTIONS, lever_m
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.rig import Rig
 from vgroove.study.impact_runs import simulate, with_joint
 
@@ -39,7 +39,7 @@ def reached_torques(
     """Slip torque of the hard joint after duration_s of full duty, for each supply voltage."""
     rigs = [with_joint(rig, "hard_joint", {"supply.voltage_v": v}) for v in voltages]
     rows = simulate(rigs, duration_s, 1.0)
-    load = JOINTS["hard_joint"].load
+    load = REFERENCE_JOINTS["hard_joint"].load
     head = rows["head_rad"][:, -1]
     return [
         {

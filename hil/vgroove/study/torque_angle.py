@@ -10,7 +10,7 @@ from plotly.subplots import make_subplots
 
 from vgroove import _core
 from vgroove.page import Picture, Table, style
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import reference_rig
 from vgroove.rig import Rig
 from vgroove.study.impact_runs import with_joint
@@ -97,7 +97,7 @@ def joint_table(rows: list[dict[str, Any]]) -> Table:
         ],
         [
             [
-                JOINTS[r["joint"]].short,
+                REFERENCE_JOINTS[r["joint"]].short,
                 *(r[k] for k in ("start_nm", "most_nm", "most_turns", "work_j", "backward_share")),
             ]
             for r in rows
@@ -111,7 +111,7 @@ def curve_picture(curves: dict[str, dict[str, np.ndarray]]) -> Picture:
     """
     figure = make_subplots(rows=1, cols=2, column_widths=[0.7, 0.3], horizontal_spacing=0.1)
     for joint, found in curves.items():
-        hard, title, colour = joint == "hard_joint", JOINTS[joint].title, CURVES[joint][1]
+        hard, title, colour = joint == "hard_joint", REFERENCE_JOINTS[joint].title, CURVES[joint][1]
         x = 360 * found["turns"] if hard else found["turns"]
         forward = {"name": title, "line": {"color": colour, "width": 2}}
         backward = {
@@ -139,7 +139,7 @@ def other_picture() -> Picture:
     figure = make_subplots(rows=1, cols=3, horizontal_spacing=0.09)
     degrees, speed = np.linspace(-180.0, 180.0, 181), np.linspace(-30.0, 30.0, 601)
     twist = np.linspace(-3.0, 3.0, 61)
-    stiffness = JOINTS["locked"].load["stiffness_nm_per_rad"]
+    stiffness = REFERENCE_JOINTS["locked"].load["stiffness_nm_per_rad"]
     locked = (f"locked joint, {stiffness:,} N m/rad", LOCKED_COLOUR, "solid")
     pendulum = ("pendulum, 0.49 kg at 0.1 m", PENDULUM_COLOUR, "solid")
     stribeck = ("free load, Stribeck", FREE_COLOURS[0], "solid")

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from vgroove import _core
-from vgroove.reference.joints import JOINTS
+from vgroove.reference.joints import REFERENCE_JOINTS
 from vgroove.reference.rigs import reference_rig, with_load
 from vgroove.rig import Rig
 
@@ -157,7 +157,7 @@ class Run:
             "supply.voltage_v": supply_v,
             "motor.resistance_ohm": rig.motor["resistance_ohm"] * resistance,
         }
-        self.load = {**JOINTS["hard_joint"].load, "slip_slope_nm_per_rad": slope}
+        self.load = {**REFERENCE_JOINTS["hard_joint"].load, "slip_slope_nm_per_rad": slope}
         here = with_load(rig, self.load, values)
         self.tool = Tool(_core.ImpactPlant(here.parameters(), "hard_joint"), supply_v=supply_v)
         self.level, self.slope = Level(rig), slope

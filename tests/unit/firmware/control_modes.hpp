@@ -1,4 +1,4 @@
-// The modes whose controller this firmware has, for tests that go through all of them.
+// The modes of this firmware, for tests of all controllers.
 #ifndef VGROOVE_TESTS_CONTROL_MODES_HPP
 #define VGROOVE_TESTS_CONTROL_MODES_HPP
 

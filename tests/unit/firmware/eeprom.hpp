@@ -1,5 +1,4 @@
-// An EEPROM whose first slot holds the default parameters but for some, for runs that begin with
-// them.
+// An EEPROM image with the default parameters except given ones, for the start of a run.
 #pragma once
 
 #include <array>

@@ -1,4 +1,4 @@
-// ADC: slots, cadence, what a tick takes, the trip in the interrupt.
+// ADC: slots, sampling schedule, samples of a tick, over-current trip in the interrupt.
 #include <gtest/gtest.h>
 
 extern "C" {
@@ -18,7 +18,7 @@ struct Converter {
         adc_sequence_init(&adc);
     }
 
-    // Runs the hardware up to the tick that begins at `tick`, its interrupts `late` cycles late.
+    // Runs the hardware up to the tick at cycle `tick`, with interrupts `late` cycles late.
     AdcTick tick(uint32_t tick, uint32_t late = 0) {
         while (HAL_FIRST_SAMPLE_CYCLES + 2040ull * conversions + late <= 16000ull * (tick + 1)) {
             adc_sequence_on_result(&adc, static_cast<uint16_t>(conversions % 1024));
@@ -53,8 +53,8 @@ TEST_F(AdcTest, NextChannelIsKnownBeforeTheResult) {
     }
 }
 
-// The law behind the equality of native and AVR telemetry.
-TEST_F(AdcTest, WhatATickTakesDoesNotDependOnLatency) {
+// Condition for equal telemetry of native firmware and AVR.
+TEST_F(AdcTest, SamplesOfATickDoNotDependOnLatency) {
     Converter late;
     for (uint32_t k = 0; k < 3000; ++k) {
         const AdcTick a = tick(k, 0);
@@ -66,7 +66,7 @@ TEST_F(AdcTest, WhatATickTakesDoesNotDependOnLatency) {
     }
 }
 
-TEST_F(AdcTest, TakesSevenOrEightATickAndAllInTheEnd) {
+TEST_F(AdcTest, TakesSevenOrEightSamplesPerTickAndNoneIsLeft) {
     uint32_t taken = 0;
     for (uint32_t k = 0; k < 1020; ++k) {  // 8,000 conversions exactly
         const uint8_t before = adc.tail;
@@ -78,17 +78,17 @@ TEST_F(AdcTest, TakesSevenOrEightATickAndAllInTheEnd) {
     EXPECT_NEAR(taken, 8000, 1);
 }
 
-TEST_F(AdcTest, AMissedConversionIsNoticedAndTheCadenceGoesOn) {
+TEST_F(AdcTest, AMissedConversionIsDetectedAndTheScheduleContinues) {
     for (uint32_t k = 0; k < 20; ++k)
         EXPECT_FALSE(tick(k).lost);
-    ++conversions;  // one result never comes
+    ++conversions;  // one result is missing
     int lost = 0;
     for (uint32_t k = 20; k < 200; ++k)
         lost += tick(k).lost ? 1 : 0;
     EXPECT_EQ(lost, 1);
 }
 
-TEST_F(AdcTest, AnOverflowIsNoticedAndTheSlotsStayInStep) {
+TEST_F(AdcTest, AnOverflowIsDetectedAndTheSlotsStayAligned) {
     tick(0);
     for (int k = 0; k < 70; ++k)
         adc_sequence_on_result(&adc, 512);
@@ -101,7 +101,7 @@ TEST_F(AdcTest, AnOverflowIsNoticedAndTheSlotsStayInStep) {
     EXPECT_TRUE((out.fresh & (1u << HAL_ADC_BUS)) == 0 || out.latest[HAL_ADC_BUS] == 740);
 }
 
-TEST_F(AdcTest, TripsJustBeyondTheLimitsAndOnCurrentOnly) {
+TEST_F(AdcTest, TripsJustBeyondTheLimitsAndOnlyForCurrent) {
     adc_sequence_set_trip(&adc, 112, 912);
     EXPECT_EQ(native.locks, 0);
     for (int k = 0; k < 64; ++k) {
@@ -116,7 +116,7 @@ TEST_F(AdcTest, TripsJustBeyondTheLimitsAndOnCurrentOnly) {
     }
 }
 
-TEST_F(AdcTest, TheTickSeesTheTripThatTheInterruptSaw) {
+TEST_F(AdcTest, TheTickReportsTheTripOfTheInterrupt) {
     adc_sequence_set_trip(&adc, 112, 912);
     for (uint32_t k = 0; k < 50; ++k) {
         bool interrupt = false;

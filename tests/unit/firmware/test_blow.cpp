@@ -1,5 +1,5 @@
-// Blow detection on made signals: counts, repeats, notches, missed valleys, pauses, and any input
-// at all.
+// Blow detection on synthetic signals: counts, repeats, notches, missed valleys, pauses, and random
+// inputs.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -19,7 +19,7 @@ const BlowSetpoints SPEED{717, BLOW_SOURCE_SPEED, 190, 876},
     CURRENT{717, BLOW_SOURCE_CURRENT, 190, 876};
 constexpr double SUPPLY_MV = 17000, MOHM = 190, RPM_PER_V = 876, DUTY = 0.8;
 
-// What the board measures of a motor at a speed, at constant duty.
+// Inputs that the board measures at a motor speed, with constant duty.
 ControllerInputs measured(double rpm) {
     const double current = 1e3 * (DUTY * SUPPLY_MV * 1e-3 - rpm / RPM_PER_V) / MOHM;
     return {0,
@@ -37,8 +37,8 @@ struct Swing {
     double second = 0.0;     // depth of a second valley, as a share of the first
 };
 
-// Mean speed such that the motor turns TURN from blow to blow; valleys at phase 0 and, the second,
-// at 0.4.
+// Mean speed at which the motor turns by TURN from blow to blow; valleys at phase 0, second ones at
+// phase 0.4.
 double speed_at(const Swing &s, double time_s) {
     const double phase = time_s * s.per_min / 60.0;
     const double mean = TURN * s.per_min;
@@ -76,7 +76,7 @@ protected:
     Blow blow{};
 };
 
-TEST_P(BlowSources, CountsEveryBlowFrom1200To4000AMinute) {
+TEST_P(BlowSources, CountsEveryBlowFrom1200To4000PerMinute) {
     for (const double ripple : {0.01, 0.05, 0.2})
         for (double rate = 1200; rate <= 4000; rate += 175) {
             blow_start(&blow, &GetParam());
@@ -95,13 +95,13 @@ TEST_P(BlowSources, PeriodIsFinerThanTheTick) {
     EXPECT_LT(blow.spread_q15, 0.03 * 32768);
 }
 
-TEST_P(BlowSources, ANotchOfAnEvenSwingIsNoSecondBlow) {
+TEST_P(BlowSources, ANotchOfASmallRippleIsNoSecondBlow) {
     const Found found = run(blow, GetParam(), {3000, 0.03, 0.7}, 0.0, 2.0);
     EXPECT_NEAR(found.lugs, 100, 1);
     EXPECT_EQ(found.repeats, 0);
 }
 
-TEST_P(BlowSources, LevelIsThatOfTheBlows) {
+TEST_P(BlowSources, RippleAndBaseSpeedAreThoseOfTheSignal) {
     run(blow, GetParam(), {3000, 0.05}, 0.0, 1.0);
     const double mean = TURN * 3000;
     EXPECT_NEAR(blow.base_rpm, mean, 0.03 * mean);
@@ -109,8 +109,8 @@ TEST_P(BlowSources, LevelIsThatOfTheBlows) {
 }
 
 // From lug to lug in 31 ms or less the hammer has no time for a second swing, in 50 ms or more it
-// has for a third.
-TEST_P(BlowSources, RepeatsFollowFromTheTimeOfALug) {
+// has time for a third.
+TEST_P(BlowSources, RepeatsFollowFromTheTimePerLug) {
     const struct {
         double ms;
         int repeats;
@@ -124,14 +124,14 @@ TEST_P(BlowSources, RepeatsFollowFromTheTimeOfALug) {
     }
 }
 
-// A screw that runs freely for seconds, then impacts of a small ripple.
-TEST_P(BlowSources, BlowsAreSeenAfterALongFreeRun) {
+// A screw without load for seconds, then impacts with a small ripple.
+TEST_P(BlowSources, BlowsAreDetectedAfterALongFreeRun) {
     run(blow, GetParam(), {3000, 0.0}, 0.0, 3.0);
     EXPECT_EQ(blow.count, 0);
     EXPECT_NEAR(run(blow, GetParam(), {3000, 0.02}, 3.0, 5.0).lugs, 1 + 100, 2.0);
 }
 
-TEST_P(BlowSources, NoRippleNoBlow) {
+TEST_P(BlowSources, ConstantSpeedHasNoBlow) {
     const Found found = run(blow, GetParam(), {3000, 0.0}, 0.0, 2.0);
     EXPECT_EQ(found.lugs, 0);
     EXPECT_FALSE(blow.impacting);
@@ -141,13 +141,13 @@ TEST_P(BlowSources, ARunUpHasNoBlow) {
     for (int ms = 0; ms < 400; ++ms) {
         const ControllerInputs in = measured(
             11000.0 *
-            (1.0 - std::exp(-(ms + 20) / 80.0)));  // from where the current is within its range
+            (1.0 - std::exp(-(ms + 20) / 80.0)));  // starting with a current within its range
         blow_step(&blow, &GetParam(), &in);
         ASSERT_EQ(blow.lugs, 0) << ms;
     }
 }
 
-TEST_P(BlowSources, AnUnseenValleyStandsForTwo) {
+TEST_P(BlowSources, AMissingValleyCountsAsABlow) {
     run(blow, GetParam(), {2400, 0.1}, 0.0, 0.5);
     const uint16_t before = blow.count;
     int lugs = 0;
@@ -163,8 +163,8 @@ TEST_P(BlowSources, AnUnseenValleyStandsForTwo) {
     EXPECT_EQ(blow.count - before, 4);
 }
 
-// A lug is counted ahead when the next valley does not come; the first blow after the pause makes
-// it good, and brings its first contact, which leaves no valley.
+// When the next valley does not come, a lug is counted by its angle. The first blow after the pause
+// corrects that and adds the first contact, which leaves no valley.
 TEST_P(BlowSources, APauseEndsTheImpacts) {
     run(blow, GetParam(), {2400, 0.1}, 0.0, 0.5);
     EXPECT_TRUE(blow.impacting);
@@ -176,15 +176,14 @@ TEST_P(BlowSources, APauseEndsTheImpacts) {
     EXPECT_NEAR(blow.count - count, 1 + 40, 1.5);
 }
 
-// A ripple of a twentieth is below the hysteresis until that has been forgotten: an eighth of a
-// second.
+// A ripple of 5 % is below the hysteresis until the learned ripple has decayed, after 1/8 s.
 TEST_P(BlowSources, FollowsAChangeOfRateAndRipple) {
     const Found slow = run(blow, GetParam(), {1500, 0.25}, 0.0, 1.0);
     const Found fast = run(blow, GetParam(), {3600, 0.012}, 1.0, 2.0);
     EXPECT_NEAR(slow.lugs + fast.lugs, 25 + 60, 7.5);
 }
 
-TEST_P(BlowSources, StartForgetsTheDriveBefore) {
+TEST_P(BlowSources, StartResetsThePreviousDrive) {
     run(blow, GetParam(), {3000, 0.05}, 0.0, 1.0);
     blow_start(&blow, &GetParam());
     EXPECT_EQ(blow.count, 0);
@@ -192,7 +191,7 @@ TEST_P(BlowSources, StartForgetsTheDriveBefore) {
     EXPECT_NEAR(run(blow, GetParam(), {1500, 0.1}, 0.0, 1.0).lugs, 25, 1);
 }
 
-TEST_P(BlowSources, AnyInputGivesOneConsistentEvent) {
+TEST_P(BlowSources, RandomInputsGiveConsistentEvents) {
     std::mt19937 random(7);
     std::uniform_int_distribution<int> any(-32768, 32767);
     uint16_t lugs = 0;
@@ -220,7 +219,7 @@ INSTANTIATE_TEST_SUITE_P(Sources, BlowSources, ::testing::Values(SPEED, CURRENT)
                              return set.param.source == BLOW_SOURCE_SPEED ? "Speed" : "Current";
                          });
 
-TEST(Blow, CoastingHidesTheCurrentsSpeed) {
+TEST(Blow, AnOpenBridgeHoldsTheSpeedComputedFromTheCurrent) {
     Blow blow{};
     blow_start(&blow, &CURRENT);
     run(blow, CURRENT, {3000, 0.05}, 0.0, 1.0);

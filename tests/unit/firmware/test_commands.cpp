@@ -1,4 +1,5 @@
-// Whole runs with a host: calibrations by command, parameters that are refused, the slow line.
+// Whole runs with a host: calibrations by command, refused parameters, the slow line, duty
+// profiles.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -16,7 +17,7 @@ namespace {
 
 constexpr int TRIGGER_LOW_INDEX = 15, TRIGGER_HIGH_INDEX = 16, MODE_INDEX = 17, BAUD_INDEX = 18,
               OFFSET_INDEX = 6;
-constexpr double PERIODS_A_MS = 16000.0 / 510;
+constexpr double PERIODS_PER_MS = 16000.0 / 510;
 
 struct HostTest : testing::Test {
     SimOutputs out{};
@@ -42,7 +43,7 @@ struct HostTest : testing::Test {
     }
 
     void run(int ms) {
-        for (int k = 0; k < static_cast<int>(ms * PERIODS_A_MS); ++k) {
+        for (int k = 0; k < static_cast<int>(ms * PERIODS_PER_MS); ++k) {
             in.rx_count = 0;
             if (!to_board.empty() && k % 2 == 0) {
                 in.rx[in.rx_count++] = to_board.front();
@@ -58,7 +59,7 @@ struct HostTest : testing::Test {
         }
     }
 
-    // The result that the command is acknowledged with.
+    // Result in the command's ACK.
     int ask(std::uint32_t id, std::array<std::uint8_t, 7> data) {
         data[6] = ++sequence;
         const Bytes frame = frame_of(id, data);
@@ -123,7 +124,7 @@ TEST_F(HostTest, CalibrateTriggerLearnsItsEnds) {
     EXPECT_EQ(read(TRIGGER_HIGH_INDEX), 880 - (880 - 100) / 32);
 }
 
-TEST_F(HostTest, CalibrateTriggerThatIsNotMovedChangesNothing) {
+TEST_F(HostTest, CalibratingATriggerThatIsNotMovedChangesNothing) {
     run(400);
     ASSERT_EQ(calibrate(TELEMETRY_CALIBRATE_WHAT_TRIGGER), TELEMETRY_ACK_RESULT_OK);
     run(5200);
@@ -163,9 +164,9 @@ TEST_F(HostTest, AModeThatDoesNotExistIsRefused) {
     EXPECT_EQ(ask(TELEMETRY_SET_MODE_ID, {6}), TELEMETRY_ACK_RESULT_OUT_OF_RANGE);
 }
 
-// The parameter is saved, the next start has the slow line: every second tick a row, no counter
-// left out, and all slow frames still come.
-TEST_F(HostTest, AtTheSlowRateItDecimatesAndLosesNothing) {
+// The parameter is saved, and the next start uses the slow line: a row every second tick,
+// consecutive counters, and all slow frames.
+TEST_F(HostTest, TheSlowLineSendsEverySecondRowAndLosesNothing) {
     run(400);
     ASSERT_EQ(write(BAUD_INDEX, 1), TELEMETRY_ACK_RESULT_OK);
     run(1500);
@@ -186,7 +187,7 @@ TEST_F(HostTest, AtTheSlowRateItDecimatesAndLosesNothing) {
     EXPECT_EQ(read(BAUD_INDEX), 1);
 }
 
-// Host and hand together: the trigger held at `counts`, a duty commanded every 20 ms.
+// Host and user together: the trigger held at `counts`, a duty commanded every 20 ms.
 struct ProfileTest : HostTest {
     void SetUp() override {
         HostTest::SetUp();
@@ -220,9 +221,9 @@ struct ProfileTest : HostTest {
 constexpr int STOPPED = 5;
 constexpr int16_t QUARTER_Q15 = 8192;  // 64 counts of the bridge
 
-TEST_F(ProfileTest, IsObeyedWhileTheTriggerIsHeld) {
+TEST_F(ProfileTest, SetsTheDutyWhileTheTriggerIsPressed) {
     command(QUARTER_Q15, 100);
-    EXPECT_NE(out.coast, 0) << "not before";
+    EXPECT_NE(out.coast, 0) << "before the first frame";
     press();
     command(QUARTER_Q15, 300);
     EXPECT_EQ(out.compare, 64);
@@ -235,7 +236,7 @@ TEST_F(ProfileTest, IsObeyedWhileTheTriggerIsHeld) {
     EXPECT_EQ(out.compare, 64);
     release();
     command(QUARTER_Q15, 100);
-    EXPECT_NE(out.coast, 0) << "not after";
+    EXPECT_NE(out.coast, 0) << "after the release";
 }
 
 TEST_F(ProfileTest, IsLimitedByTheTrigger) {
@@ -250,20 +251,19 @@ TEST_F(ProfileTest, EndsFiftyMillisecondsAfterTheLastFrameUntilTheRelease) {
     command(QUARTER_Q15, 300);
     ASSERT_EQ(out.compare, 64);
     run(40);
-    EXPECT_EQ(out.compare, 64)
-        << "the last frame came 60 ms ago, took 12 to be read, and holds for 50";
+    EXPECT_EQ(out.compare, 64) << "last frame 60 ms ago, at most 12 ms to read it, valid for 50 ms";
     run(10);
     EXPECT_NE(out.coast, 0);
     run(100);
     EXPECT_EQ(state(), STOPPED);
     EXPECT_EQ(stop_reason(), static_cast<int>(TELEMETRY_STOP_REASON_TIMEOUT));
     command(QUARTER_Q15, 200);
-    EXPECT_NE(out.coast, 0) << "over is over";
+    EXPECT_NE(out.coast, 0) << "a later frame does not restart the drive";
     release();
     run(400);
     press();
     run(300);
-    EXPECT_GT(out.compare, 200) << "the hand's again";
+    EXPECT_GT(out.compare, 200) << "the duty of the trigger again";
 }
 
 TEST_F(ProfileTest, IsRefusedInOtherModesAndOutOfRange) {
@@ -273,7 +273,7 @@ TEST_F(ProfileTest, IsRefusedInOtherModesAndOutOfRange) {
     EXPECT_EQ(ask(TELEMETRY_PROFILE_ID, {0, 16}), TELEMETRY_ACK_RESULT_NOT_NOW);
 }
 
-TEST_F(ProfileTest, AFaultGoesBeforeIt) {
+TEST_F(ProfileTest, AFaultHasPriority) {
     press();
     command(QUARTER_Q15, 300);
     ASSERT_EQ(out.compare, 64);
@@ -285,7 +285,7 @@ TEST_F(ProfileTest, AFaultGoesBeforeIt) {
     EXPECT_NE(out.coast, 0);
 }
 
-TEST_F(HostTest, TheTorqueTargetIsASetpointToo) {
+TEST_F(HostTest, TheTorqueTargetIsASetpoint) {
     constexpr int TORQUE_INDEX = PARAM_TORQUE_TARGET_NM;
     run(400);
     ASSERT_EQ(read(TORQUE_INDEX), 80);

@@ -1,5 +1,5 @@
-// Laws of every controller, whatever the sensors say: what comes out is a duty or a code, the same
-// inputs give the same, a stop is final.
+// Laws of every controller for any sensor values: the output is a duty or a code, equal inputs give
+// equal outputs, a stop is final.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -37,7 +37,7 @@ const int16_t *defaults() {
     return parameters.store.value;
 }
 
-// A motor that swings as it does under impacts, with what the sensors of the board make of it.
+// A motor whose speed oscillates as under impacts, as the sensors of the board measure it.
 Inputs impacting(unsigned seed) {
     std::mt19937 rng(seed);
     std::uniform_real_distribution<double> unit(0, 1);
@@ -69,7 +69,7 @@ int16_t any_i16(std::mt19937 &rng) {
                                          : static_cast<int>(rng() & 0xFFFF) - 32768);
 }
 
-Inputs wild(unsigned seed) {
+Inputs random_inputs(unsigned seed) {
     std::mt19937 rng(seed);
     Inputs tape;
     ControllerInputs in{};
@@ -94,12 +94,12 @@ Inputs wild(unsigned seed) {
 enum class Broken {
     NOT,
     SPEED_STUCK,
-    SPEED_SILENT,
+    SPEED_ZERO,
     SPEED_SATURATED,
     CURRENT_STUCK,
-    CURRENT_SILENT,
+    CURRENT_ZERO,
     CURRENT_SATURATED,
-    SUPPLY_SILENT,
+    SUPPLY_ZERO,
     SUPPLY_SATURATED,
     LAST
 };
@@ -111,7 +111,7 @@ Inputs with_broken(Inputs tape, Broken what) {
         case Broken::SPEED_STUCK:
             in.speed_rpm_q1 = tape[k - 1].speed_rpm_q1;
             break;
-        case Broken::SPEED_SILENT:
+        case Broken::SPEED_ZERO:
             in.speed_rpm_q1 = 0;
             break;
         case Broken::SPEED_SATURATED:
@@ -120,13 +120,13 @@ Inputs with_broken(Inputs tape, Broken what) {
         case Broken::CURRENT_STUCK:
             in.current_a_q9 = tape[k - 1].current_a_q9;
             break;
-        case Broken::CURRENT_SILENT:
+        case Broken::CURRENT_ZERO:
             in.current_a_q9 = 0;
             break;
         case Broken::CURRENT_SATURATED:
             in.current_a_q9 = static_cast<int16_t>(k % 2 == 0 ? INT16_MAX : INT16_MIN);
             break;
-        case Broken::SUPPLY_SILENT:
+        case Broken::SUPPLY_ZERO:
             in.supply_mv = 0;
             break;
         case Broken::SUPPLY_SATURATED:
@@ -143,7 +143,7 @@ Inputs with_broken(Inputs tape, Broken what) {
 std::vector<Inputs> tapes() {
     std::vector<Inputs> all;
     for (unsigned seed = 1; seed <= 12; ++seed) {
-        all.push_back(wild(seed));
+        all.push_back(random_inputs(seed));
         all.push_back(with_broken(impacting(seed),
                                   static_cast<Broken>(seed % static_cast<unsigned>(Broken::LAST))));
     }
@@ -167,21 +167,21 @@ TEST_P(EveryMode, GivesADutyOrACodeAndAStopIsFinal) {
     for (const Inputs &tape : tapes()) {
         Control control{};
         bool stopped = false;
-        for (const int16_t wish : replay(&control, GetParam(), tape, defaults())) {
-            ASSERT_GE(wish, CONTROLLER_COAST);
-            ASSERT_TRUE(!stopped || wish == CONTROLLER_STOP);
-            stopped = wish == CONTROLLER_STOP;
+        for (const int16_t requested : replay(&control, GetParam(), tape, defaults())) {
+            ASSERT_GE(requested, CONTROLLER_COAST);
+            ASSERT_TRUE(!stopped || requested == CONTROLLER_STOP);
+            stopped = requested == CONTROLLER_STOP;
         }
         ASSERT_EQ(stopped, control.stopped);
-        TelemetryControl said{};
-        control_report(&control, &said);
-        ASSERT_LE(said.stop_reason, CONTROLLER_REASON_TIMEOUT);
-        ASSERT_EQ(stopped, said.stop_reason != CONTROLLER_REASON_NONE)
+        TelemetryControl report{};
+        control_report(&control, &report);
+        ASSERT_LE(report.stop_reason, CONTROLLER_REASON_TIMEOUT);
+        ASSERT_EQ(stopped, report.stop_reason != CONTROLLER_REASON_NONE)
             << "a stop has a reason, and nothing else has";
     }
 }
 
-TEST_P(EveryMode, AStopHoldsWhateverTheControllerWouldSay) {
+TEST_P(EveryMode, AStopHoldsWhateverTheControllerReturns) {
     Control control{};
     control_prepare(&control, GetParam(), defaults());
     control_start(&control, GetParam(), false);
@@ -191,20 +191,20 @@ TEST_P(EveryMode, AStopHoldsWhateverTheControllerWouldSay) {
     ASSERT_TRUE(control.stopped);
 }
 
-TEST_P(EveryMode, ADriveKnowsNothingOfTheOneBefore) {
+TEST_P(EveryMode, ADriveDoesNotDependOnThePreviousOne) {
     const std::vector<Inputs> all = tapes();
     for (size_t k = 0; k + 1 < all.size(); ++k) {
         Control fresh{}, used;
         std::memset(&used, 0xA5, sizeof used);
-        used.profile = Profile{};  // the host's: it outlives a drive
+        used.profile = Profile{};  // of the host: it persists across drives
         replay(&used, GetParam(), all[k], defaults());
         ASSERT_EQ(replay(&used, GetParam(), all[k + 1], defaults()),
                   replay(&fresh, GetParam(), all[k + 1], defaults()));
     }
 }
 
-TEST_P(EveryMode, NothingIsKeptOutsideItsStruct) {
-    const Inputs one = impacting(1), other = wild(2);
+TEST_P(EveryMode, AllStateIsInTheStruct) {
+    const Inputs one = impacting(1), other = random_inputs(2);
     Control a{}, b{}, alone{};
     const std::vector<int16_t> expected = replay(&alone, GetParam(), one, defaults());
     control_prepare(&a, GetParam(), defaults());
@@ -217,8 +217,7 @@ TEST_P(EveryMode, NothingIsKeptOutsideItsStruct) {
     }
 }
 
-// Every parameter at its borders and anywhere between: none of them, and no two of them, may break
-// the law of the duty.
+// Every parameter at its limits and between them, alone and in combination.
 TEST_P(EveryMode, AnyAllowedParametersGiveADutyOrACode) {
     struct Limits {
         int32_t least, greatest;
@@ -239,25 +238,25 @@ TEST_P(EveryMode, AnyAllowedParametersGiveADutyOrACode) {
                                                         : inside);
         }
         Control control{};
-        for (const int16_t wish :
+        for (const int16_t requested :
              replay(&control, GetParam(), all[static_cast<size_t>(k) % all.size()], value))
-            ASSERT_GE(wish, CONTROLLER_COAST) << k;
+            ASSERT_GE(requested, CONTROLLER_COAST) << k;
     }
 }
 
-// Parameters that are told apart: 100 + number.
+// A different value for each parameter: 100 + index.
 std::array<int16_t, PARAM_COUNT> numbered() {
     std::array<int16_t, PARAM_COUNT> value{};
     std::iota(value.begin(), value.end(), int16_t{100});
     return value;
 }
 
-TEST(Control, SetpointsAreTheParametersOfTheirName) {
+TEST(Control, SetpointsAreTheParametersOfTheSameName) {
     const auto value = numbered();
     Control control{};
     control_prepare(&control, TELEMETRY_MODE_SYNC, value.data());
     EXPECT_EQ(control.blow_set.turn_q8, 100 + PARAM_BLOW_TURN_Q8);
-    EXPECT_EQ(control.blow_set.source, BLOW_SOURCE_CURRENT) << "sync by neither speed nor current";
+    EXPECT_EQ(control.blow_set.source, BLOW_SOURCE_CURRENT) << "any method but speed";
     EXPECT_EQ(control.blow_set.motor_mohm, 100 + PARAM_MOTOR_MOHM);
     EXPECT_EQ(control.blow_set.motor_rpm_per_v, 100 + PARAM_MOTOR_RPM_PER_V);
     EXPECT_EQ(control.set.sync.method, 100 + PARAM_SYNC_METHOD);
@@ -283,7 +282,7 @@ TEST(Control, SetpointsAreTheParametersOfTheirName) {
     EXPECT_EQ(control.set.drill.kickback, 100 + PARAM_DRILL_KICKBACK);
 }
 
-TEST(Control, SetpointsOfLowVibrationAreTheParametersOfTheirName) {
+TEST(Control, SetpointsOfLowVibrationAreTheParametersOfTheSameName) {
     const auto value = numbered();
     Control control{};
     control_prepare(&control, TELEMETRY_MODE_VIBRATION, value.data());
@@ -300,9 +299,9 @@ TEST(Control, SetpointsOfLowVibrationAreTheParametersOfTheirName) {
     EXPECT_EQ(set.motor_rpm_per_v, 100 + PARAM_MOTOR_RPM_PER_V);
 }
 
-TEST(Control, ThePlainModeGivesTheTrigger) {
+TEST(Control, ThePlainModeReturnsTheTrigger) {
     Control control{};
-    const Inputs tape = wild(3);
+    const Inputs tape = random_inputs(3);
     const std::vector<int16_t> out = replay(&control, TELEMETRY_MODE_DUTY, tape, defaults());
     for (size_t k = 0; k < tape.size(); ++k)
         ASSERT_EQ(out[k], tape[k].travel_q15);
@@ -315,7 +314,7 @@ TEST(Control, AModeThatDoesNotExistIsThePlainOne) {
     EXPECT_EQ(control.mode, TELEMETRY_MODE_DUTY);
 }
 
-TEST(Control, WhatEndsADriveAtATorqueOrADepthLeavesReverseToThePlainMode) {
+TEST(Control, ControllersThatTightenLeaveReverseToThePlainMode) {
     for (const unsigned mode : {TELEMETRY_MODE_SCREWING, TELEMETRY_MODE_TORQUE}) {
         Control control{};
         control_prepare(&control, static_cast<uint8_t>(mode), defaults());
@@ -324,7 +323,7 @@ TEST(Control, WhatEndsADriveAtATorqueOrADepthLeavesReverseToThePlainMode) {
     }
 }
 
-TEST(Control, TheDrillWatchesForJamsInReverseAndLeavesClutchAndPulsesToTheDriveForwards) {
+TEST(Control, TheDrillDetectsJamsInReverseWithoutClutchAndPulseMode) {
     std::vector<int16_t> value(defaults(), defaults() + PARAM_COUNT);
     value[PARAM_DRILL_CLUTCH_DNM] = 50;
     value[PARAM_DRILL_PULSE] = 1;
@@ -349,7 +348,7 @@ TEST(Control, TheParametersAllowTheModesOfTheListAndNoOthers) {
     EXPECT_EQ(modes().size(), modes().back() + 1u);
 }
 
-TEST(Control, ReasonsAreCalledTheSameOnTheLine) {
+TEST(Control, StopReasonsEqualTheValuesOfTheSignal) {
     EXPECT_EQ(int{CONTROLLER_REASON_NONE}, int{TELEMETRY_STOP_REASON_NONE});
     EXPECT_EQ(int{CONTROLLER_REASON_SEATED}, int{TELEMETRY_STOP_REASON_SEATED});
     EXPECT_EQ(int{CONTROLLER_REASON_REACHED}, int{TELEMETRY_STOP_REASON_REACHED});

@@ -15,7 +15,7 @@ CurrentSense sense(int16_t gain_a_q15 = 4096, int16_t offset_q4 = 8192) {
     return self;
 }
 
-TEST(CurrentSense, MeanIsExactToAnSixteenth) {
+TEST(CurrentSense, MeanIsExactToASixteenthOfACount) {
     for (uint16_t count = 1; count <= 8; ++count)
         for (uint32_t sum = 0; sum <= 1023u * count; ++sum)
             ASSERT_NEAR(
@@ -47,7 +47,7 @@ TEST(CurrentSense, SaturatesBeyondSixtyFourAmperes) {
     EXPECT_TRUE(saturated);
 }
 
-TEST(CurrentSense, TripLimitsAreTheLastCountsWithin) {
+TEST(CurrentSense, TripLimitsAreTheLastCountsThatDoNotTrip) {
     const CurrentSense self = sense();
     const CurrentLimits limits = current_sense_limits(&self, static_cast<int16_t>(Q(50.0, 9u)));
     EXPECT_EQ(limits.high, 912);  // 50.0 A exactly
@@ -57,8 +57,8 @@ TEST(CurrentSense, TripLimitsAreTheLastCountsWithin) {
     EXPECT_EQ(least.low, 113);
 }
 
-TEST(CurrentSense, TripIsNeverBeyondWhatTheAdcCanTell) {
-    const CurrentSense self = sense(1024);  // 0.031 A a count: full scale is 16 A
+TEST(CurrentSense, TripIsWithinTheRangeOfTheAdc) {
+    const CurrentSense self = sense(1024);  // 0.031 A per count: full scale is 16 A
     const CurrentLimits limits = current_sense_limits(&self, static_cast<int16_t>(Q(55.0, 9u)));
     EXPECT_EQ(limits.low, 1);
     EXPECT_EQ(limits.high, 1022);
@@ -76,7 +76,7 @@ TEST(CurrentSense, OffsetIsTheMeanAtRest) {
     EXPECT_EQ(self.offset_q4, 8326);  // 520.4 counts
 }
 
-TEST(CurrentSense, RefusesAnOffsetThatIsABrokenSensor) {
+TEST(CurrentSense, RejectsTheOffsetOfABrokenSensor) {
     for (const int count : {512 - 20, 512 + 20, 512 - 21, 512 + 21}) {
         CurrentSense self = sense();
         bool implausible = false;

@@ -1,5 +1,5 @@
-// The drill driver's controller on a made motor: ramp, pulse mode, clutch, jams and what is none,
-// borders, and any input at all.
+// Drill driver's controller on a simple motor model: ramp, pulse mode, clutch, jams, ordinary
+// loads, limits, and random inputs.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -25,12 +25,12 @@ DrillSetpoints with_clutch(double torque_nm) {
     return set;
 }
 
-// Motor and controller; a wish acts in the tick after the one that it was made in.
+// Motor and controller; a returned duty is applied in the next tick.
 struct Drive {
     DrillSetpoints set;
     Drill drill{};
     double supply_v = 18.0, emf_v = 0.0, current_a = 0.0, turned = 0.0;
-    int16_t now = CONTROLLER_COAST, wish = CONTROLLER_COAST;
+    int16_t now = CONTROLLER_COAST, requested = CONTROLLER_COAST;
 
     explicit Drive(const DrillSetpoints &s, double volts = 18.0) : set(s), supply_v(volts) {
         drill_start(&drill, &set);
@@ -42,7 +42,7 @@ struct Drive {
         return *this;
     }
 
-    // load_a: current that the load takes while the shaft turns. Returns the wish.
+    // load_a: current of the load while the shaft turns. Returns the duty of the controller.
     int16_t tick(double travel, double load_a) {
         const bool open = now < 0;
         const double volts = now / 32767.0 * supply_v;
@@ -67,9 +67,9 @@ struct Drive {
         in.duty_q15 = static_cast<int16_t>(open ? 0 : now);
         in.coasted = open;
         const Blow none{};
-        now = wish;
-        wish = drill_step(&drill, &set, &in, &none);
-        return wish;
+        now = requested;
+        requested = drill_step(&drill, &set, &in, &none);
+        return requested;
     }
 
     void run(int ms, double travel, double load_a) {
@@ -90,20 +90,20 @@ struct Drive {
 TEST(Drill, RunsUpInThreeTenthsOfASecondAndFollowsTheTrigger) {
     Drive drive = Drive(PLAIN).begun();
     drive.run(150, 1.0, 0.0);
-    EXPECT_NEAR(drive.wish / 32767.0, 0.5, 0.01);
+    EXPECT_NEAR(drive.requested / 32767.0, 0.5, 0.01);
     drive.run(155, 1.0, 0.0);
-    EXPECT_EQ(drive.wish, 32767);
+    EXPECT_EQ(drive.requested, 32767);
     drive.run(200, 0.4, 0.0);
-    EXPECT_NEAR(drive.wish / 32767.0, 0.4, 1e-3);
+    EXPECT_NEAR(drive.requested / 32767.0, 0.4, 1e-3);
     EXPECT_EQ(drill_state(&drive.drill), DRILL_RUN);
 }
 
-TEST(Drill, ATurningShaftIsTakenUpWhereItIs) {
+TEST(Drill, ATurningShaftKeepsItsDuty) {
     Drive drive(PLAIN);
     EXPECT_NEAR(drive.tick(0.7, 0.0) / 32767.0, 0.7, 0.01);
 }
 
-TEST(Drill, PulsesPast15AWhereItMayAndNotAt14) {
+TEST(Drill, PulsesAbove15AInPulseModeAndNotAt14) {
     DrillSetpoints pulse = PLAIN;
     pulse.pulse = true;
     for (const auto &[set, load_a, expected] :
@@ -114,7 +114,7 @@ TEST(Drill, PulsesPast15AWhereItMayAndNotAt14) {
     }
 }
 
-TEST(Drill, AShareOfThePulsesIsACoastOf25MsAndADriveOf75) {
+TEST(Drill, APulseIsACoastOf25MsAndADriveOf75Ms) {
     DrillSetpoints set = PLAIN;
     set.pulse = true;
     Drive drive = Drive(set).begun();
@@ -122,13 +122,13 @@ TEST(Drill, AShareOfThePulsesIsACoastOf25MsAndADriveOf75) {
     ASSERT_GT(drive.until(DRILL_COAST, 400, 1.0, 18.0), 0);
     for (int turn = 0; turn < 5; ++turn) {
         EXPECT_EQ(drive.until(DRILL_PULSE, 100, 1.0, 18.0), 24);
-        EXPECT_GT(drive.wish, 20000);
+        EXPECT_GT(drive.requested, 20000);
         EXPECT_EQ(drive.until(DRILL_COAST, 100, 1.0, 18.0), 76);
-        EXPECT_EQ(drive.wish, CONTROLLER_COAST);
+        EXPECT_EQ(drive.requested, CONTROLLER_COAST);
     }
 }
 
-TEST(Drill, PulsesEndWhereTheMeanFallsBelow8AAndNotBeforeATenthOfASecond) {
+TEST(Drill, PulsesEndWhenTheMeanFallsBelow8AAndNotBeforeATenthOfASecond) {
     DrillSetpoints set = PLAIN;
     set.pulse = true;
     Drive drive = Drive(set).begun();
@@ -177,7 +177,7 @@ TEST(Drill, AntiKickbackCanBeTurnedOff) {
     EXPECT_EQ(drill_state(&drive.drill), DRILL_RUN);
 }
 
-// A screw whose torque rises with the angle: current i_set is reached after so many turns of the
+// A screw whose torque rises with the angle: the set current is reached after `degrees` of the
 // chuck.
 double tightened_a(Drive &drive, double set_a, double degrees) {
     drive.run(500, 1.0, 0.0);
@@ -212,14 +212,14 @@ TEST(Drill, TheClutchLetsTheFreeShaftRunAtItsSpeed) {
     EXPECT_NEAR(drill_estimate(&drive.drill) / 16.0, FRICTION_A, 0.5);
 }
 
-TEST(Drill, ATorqueOutOfReachIsRefused) {
+TEST(Drill, ATorqueOutOfRangeIsRefused) {
     EXPECT_EQ(Drive(with_clutch(13.3)).tick(0.1, 0.0) >= 0, true);
     Drive drive(with_clutch(14.0));
     EXPECT_EQ(drive.tick(0.1, 0.0), CONTROLLER_STOP);
     EXPECT_EQ(drill_stop_reason(&drive.drill), CONTROLLER_REASON_UNREACHABLE);
 }
 
-TEST(Drill, AnyInputGivesADutyOrACode) {
+TEST(Drill, RandomInputsGiveADutyOrACode) {
     std::mt19937 random(5);
     const auto any = [&random](int low, int high) {
         return std::uniform_int_distribution<int>(low, high)(random);
@@ -243,17 +243,17 @@ TEST(Drill, AnyInputGivesADutyOrACode) {
             in.duty_q15 = static_cast<int16_t>(any(0, 32767));
             in.coasted = any(0, 3) == 0;
             const Blow none{};
-            const int16_t wish = drill_step(&drill, &set, &in, &none);
-            ASSERT_GE(wish, CONTROLLER_COAST);
-            ASSERT_TRUE(!stopped || wish == CONTROLLER_STOP);
-            stopped = wish == CONTROLLER_STOP;
+            const int16_t requested = drill_step(&drill, &set, &in, &none);
+            ASSERT_GE(requested, CONTROLLER_COAST);
+            ASSERT_TRUE(!stopped || requested == CONTROLLER_STOP);
+            stopped = requested == CONTROLLER_STOP;
             ASSERT_EQ(stopped, drill_state(&drill) == DRILL_STOPPED);
             ASSERT_EQ(stopped, drill_stop_reason(&drill) != CONTROLLER_REASON_NONE);
         }
     }
 }
 
-TEST(Drill, APulseNeverDrivesWithoutTheTrigger) {
+TEST(Drill, APulseDoesNotDriveWithoutTheTrigger) {
     DrillSetpoints set = PLAIN;
     set.pulse = true;
     Drive drive = Drive(set).begun();

@@ -1,4 +1,4 @@
-// Faults: found at, not under and just over each limit and time; latched until cleared.
+// Faults: detected at each limit and time, not below it; latched until cleared.
 #include <gtest/gtest.h>
 
 extern "C" {
@@ -35,7 +35,7 @@ struct FaultsTest : testing::Test {
     }
 };
 
-TEST_F(FaultsTest, NoneInAHealthyTool) {
+TEST_F(FaultsTest, NoFaultInNormalOperation) {
     EXPECT_EQ(ticks_to(0xFF, 255, 2000, true), -1);
     EXPECT_EQ(ticks_to(0xFF, H_BRIDGE_COAST), -1);
 }
@@ -53,7 +53,7 @@ TEST_F(FaultsTest, UnderVoltageAfterTenTicks) {
     EXPECT_EQ(faults.latched, 0);
 }
 
-TEST_F(FaultsTest, ClearingKeepsWhatStillHolds) {
+TEST_F(FaultsTest, ClearingKeepsFaultsWhoseConditionIsPresent) {
     m.supply_mv = 5000;
     ticks_to(TELEMETRY_FAULTS_UNDER_VOLTAGE, 0);
     faults_clear(&faults);
@@ -67,7 +67,7 @@ TEST_F(FaultsTest, OverTemperature) {
     EXPECT_EQ(ticks_to(TELEMETRY_FAULTS_OVER_TEMPERATURE, 0), 100);
 }
 
-TEST_F(FaultsTest, ALostTemperatureSensorIsNoHeat) {
+TEST_F(FaultsTest, ALostTemperatureSensorIsNotOverTemperature) {
     m.temperature_c_q4 = 400 * 16;
     m.temperature_lost = true;
     EXPECT_EQ(ticks_to(TELEMETRY_FAULTS_SENSOR_LOST, 0), 100);
@@ -79,19 +79,19 @@ TEST_F(FaultsTest, OverCurrentAtOnce) {
     EXPECT_EQ(ticks_to(TELEMETRY_FAULTS_OVER_CURRENT, 100), 1);
 }
 
-TEST_F(FaultsTest, StallIsAStandingShaftThatDraws) {
+TEST_F(FaultsTest, StallIsAShaftAtRestThatDrawsCurrent) {
     m.current_a_q9 = 45 * 512;  // half duty, 9.3 V over 0.21 ohm
     EXPECT_EQ(ticks_to(TELEMETRY_FAULTS_STALL | TELEMETRY_FAULTS_SENSOR_LOST, 128), 501);
     EXPECT_EQ(faults.latched, TELEMETRY_FAULTS_STALL);
 }
 
-TEST_F(FaultsTest, LostHallIsAShaftThatTurnsUnseen) {
+TEST_F(FaultsTest, SensorLostIsATurningShaftWithoutEdges) {
     m.current_a_q9 = -10 * 512;
     EXPECT_EQ(ticks_to(TELEMETRY_FAULTS_STALL | TELEMETRY_FAULTS_SENSOR_LOST, -255), 501);
     EXPECT_EQ(faults.latched, TELEMETRY_FAULTS_SENSOR_LOST);
 }
 
-TEST_F(FaultsTest, NeitherBelowSixPercentNorWithEdgesNorCoasting) {
+TEST_F(FaultsTest, NoStallBelowSixPercentNorWithEdgesNorCoasting) {
     m.current_a_q9 = 45 * 512;
     EXPECT_EQ(ticks_to(0xFF, 15), -1);
     EXPECT_EQ(ticks_to(0xFF, 255, 2000, true), -1);
@@ -99,9 +99,9 @@ TEST_F(FaultsTest, NeitherBelowSixPercentNorWithEdgesNorCoasting) {
     EXPECT_EQ(ticks_to(0xFF, 16), 501);
 }
 
-// A standing shaft in a controller's pulses: its time adds up over the pauses, and the rise of the
-// current after them is not taken for a turning shaft.
-TEST_F(FaultsTest, AStallInPulsesIsFoundAndNotTakenForALostSensor) {
+// A shaft at rest under a controller's pulses: the stall time accumulates over the pauses, and the
+// rise of the current after a pause is not mistaken for a turning shaft.
+TEST_F(FaultsTest, AStallUnderPulsesIsDetectedAndIsNoLostSensor) {
     int driven = 0;
     for (int k = 0; k < 3000 && faults.latched == 0; ++k) {
         const int phase = k % 10;
@@ -113,14 +113,14 @@ TEST_F(FaultsTest, AStallInPulsesIsFoundAndNotTakenForALostSensor) {
     EXPECT_NEAR(driven, 501, FAULTS_SETTLED_MS);
 }
 
-TEST_F(FaultsTest, AStallUnderADutyThatRestsBetweenIsFound) {
+TEST_F(FaultsTest, AStallUnderAnIntermittentDutyIsDetected) {
     m.current_a_q9 = 45 * 512;
     for (int k = 0; k < 1010; ++k)
         tick(k % 2 == 0 ? 128 : 0);
     EXPECT_EQ(faults.latched, TELEMETRY_FAULTS_STALL);
 }
 
-TEST_F(FaultsTest, ANewDriveAndAnEdgeBeginTheTimeOfAStallAnew) {
+TEST_F(FaultsTest, ANewDriveAndAnEdgeRestartTheStallTime) {
     m.current_a_q9 = 45 * 512;
     for (const bool edge : {true, false}) {
         for (int k = 0; k < 500; ++k)
@@ -131,12 +131,12 @@ TEST_F(FaultsTest, ANewDriveAndAnEdgeBeginTheTimeOfAStallAnew) {
     }
 }
 
-TEST_F(FaultsTest, CadenceAndOverrunAreFaultsOfTheirOwn) {
+TEST_F(FaultsTest, AdcCadenceAndOverrunAreFaults) {
     m.adc.lost = true;
     EXPECT_EQ(ticks_to(TELEMETRY_FAULTS_ADC_CADENCE, 0), 1);
     faults.overrun = true;
     EXPECT_EQ(ticks_to(TELEMETRY_FAULTS_OVERRUN, 0), 1);
-    EXPECT_FALSE(faults.overrun) << "one tick's event";
+    EXPECT_FALSE(faults.overrun) << "an event of one tick";
 }
 
 }  // namespace

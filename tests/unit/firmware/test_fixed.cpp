@@ -12,7 +12,7 @@ extern "C" {
 
 namespace {
 
-TEST(Fixed, SaturatesAtInt16AndSaysSo) {
+TEST(Fixed, SaturatesAtInt16AndSetsTheFlag) {
     bool saturated = false;
     EXPECT_EQ(fixed_saturate_i16(32767, &saturated), 32767);
     EXPECT_EQ(fixed_saturate_i16(-32768, &saturated), -32768);
@@ -89,8 +89,8 @@ TEST(Ring, DropsTheByteThatDoesNotFit) {
     EXPECT_TRUE(ring_push_byte(&ring, 0xFF));
 }
 
-// Frames are built in their places and leave byte by byte; a place is free again when the last byte
-// of its frame has left.
+// Frames are built in their slots and sent byte by byte; a slot is free when the last byte of its
+// frame has been sent.
 TEST(RingFramesQueue, KeepsFramesWholeAndInOrder) {
     RingFrames ring{};
     uint8_t out = 0;
@@ -118,10 +118,10 @@ TEST(RingFramesQueue, HoldsThreeFramesAndNotOneMore) {
     EXPECT_EQ(ring_frames_free(&ring), 0);
     EXPECT_TRUE(ring_pop_frame_byte(&ring, &out));
     EXPECT_EQ(ring_frames_free(&ring), 1)
-        << "there is a fourth place: head and tail must not meet, no more";
+        << "the fourth slot stays free, so that head and tail differ";
 }
 
-TEST(Divide, IsTheFloorAtEveryBorder) {
+TEST(Divide, IsTheFloorAtEveryLimit) {
     const uint32_t divisors[] = {
         1,           2,         3,     255,    256,      32767,          32768,
         65535,       65536,     65537, 131071, 1u << 24, (1u << 24) + 1, 0x7FFFFFFFu,

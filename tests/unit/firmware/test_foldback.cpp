@@ -1,4 +1,4 @@
-// Fold-back: laws, and the closed loop with the reference motor (physics.md).
+// Fold-back: laws, and the closed loop with the reference motor (docs/spec/model.md, section 4).
 #include <gtest/gtest.h>
 
 extern "C" {
@@ -14,7 +14,7 @@ Foldback foldback() {
     return self;
 }
 
-TEST(Foldback, LeavesTheWishAloneWithinTheLimit) {
+TEST(Foldback, DoesNotChangeTheDutyWithinTheLimit) {
     Foldback self = foldback();
     for (int current = -45 * 512; current <= 45 * 512; current += 64)
         ASSERT_EQ(foldback_step(&self, 12345, static_cast<int16_t>(current)), 12345);
@@ -28,7 +28,7 @@ TEST(Foldback, BrakingCurrentRaisesTheDuty) {
     EXPECT_GT(foldback_step(&self, 0, -60 * 512), 0);
 }
 
-TEST(Foldback, StaysADutyWhateverHappens) {
+TEST(Foldback, ReturnsADutyForAnyInput) {
     Foldback self = foldback();
     for (int k = 0; k < 4000; ++k) {
         const int16_t duty = foldback_step(&self, 32767, k < 2000 ? 32767 : -32768);
@@ -36,21 +36,21 @@ TEST(Foldback, StaysADutyWhateverHappens) {
     }
 }
 
-// A locked shaft at 20.5 V and full trigger: the static gain is the highest there is. Current
-// follows within a tick, two ticks late.
+// A locked shaft at 20.5 V and full trigger, the greatest static gain. The current follows within a
+// tick, with a delay of two ticks.
 TEST(Foldback, LimitsALockedMotorWithoutTripping) {
     for (const double resistance : {0.19, 0.29}) {
         Foldback self = foldback();
-        int16_t wish = 0;
+        int16_t requested = 0;
         double staged = 0.0, applied = 0.0, worst = 0.0, current = 0.0;
         for (int k = 0; k < 2000; ++k) {
             current = applied * 20.5 / resistance;
             worst = std::max(worst, current);
             applied = staged;
-            wish = slew_towards(wish, 32767, 197);
-            staged =
-                foldback_step(&self, wish, static_cast<int16_t>(std::min(32767.0, current * 512))) /
-                32768.0;
+            requested = slew_towards(requested, 32767, 197);
+            staged = foldback_step(&self, requested,
+                                   static_cast<int16_t>(std::min(32767.0, current * 512))) /
+                     32768.0;
         }
         EXPECT_LT(worst, 50.0) << resistance;
         EXPECT_NEAR(current, 45.0, 0.5) << resistance;

@@ -1,5 +1,5 @@
-// Bridge: compare values, dead time, phases, never both transistors of a leg, when an order is
-// applied.
+// Bridge: compare values, dead time, phases, never both transistors of a leg, times at which orders
+// are applied.
 #include <gtest/gtest.h>
 
 extern "C" {
@@ -33,7 +33,7 @@ TEST(HBridge, CompareIsTheNearest) {
     EXPECT_EQ(h_bridge_compare(-32768), -255);
 }
 
-TEST(HBridge, LegANeverTurnsBothOnAndIsFullAtItsEnds) {
+TEST(HBridge, LegANeverTurnsBothOnAndDoesNotSwitchAtTheEnds) {
     for (uint8_t dead = 2; dead <= 60; ++dead) {
         for (int c = 0; c <= 255; ++c) {
             HBridgeOrder order{};
@@ -64,8 +64,7 @@ TEST_F(BridgeTest, ArmsForOneTickBeforeItDrives) {
     EXPECT_EQ(native.high_below, 100);
     EXPECT_EQ(native.low_above, 102);
     tick(103);
-    EXPECT_EQ(bridge.row_compare, 101)
-        << "the row that closes had the compare value applied at its begin";
+    EXPECT_EQ(bridge.row_compare, 101) << "the row has the compare value applied at its beginning";
 }
 
 TEST_F(BridgeTest, ReverseHoldsLegBHigh) {
@@ -97,7 +96,7 @@ TEST_F(BridgeTest, BrakeKeepsTheLeg) {
         tick(-10);
     tick(0);
     tick(0);
-    EXPECT_EQ(native.high_below, 253) << "by way of the value where the low side rests already";
+    EXPECT_EQ(native.high_below, 253) << "via the value at which the low side is off";
     EXPECT_EQ(native.low_above, 255);
     tick(0);
     EXPECT_TRUE(native.enabled && native.leg_b_high);
@@ -122,7 +121,7 @@ TEST_F(BridgeTest, ATripOpensAtOnceAndHoldsUntilCleared) {
     h_bridge_on_trip(&bridge);
     EXPECT_FALSE(native.enabled);
     tick(200);
-    EXPECT_FALSE(native.enabled) << "a staged order must not close it again";
+    EXPECT_FALSE(native.enabled) << "a staged order must not enable it";
     h_bridge_note_trip(&bridge);
     EXPECT_EQ(bridge.row_compare, H_BRIDGE_COAST);
     tick(H_BRIDGE_COAST);
@@ -132,15 +131,15 @@ TEST_F(BridgeTest, ATripOpensAtOnceAndHoldsUntilCleared) {
     EXPECT_TRUE(native.enabled);
 }
 
-// The compare values are written far enough from the TOP that latches them, whatever phase the tick
-// falls in.
+// The compare values are written with a margin before the TOP that latches them, at every phase of
+// the tick.
 TEST_F(BridgeTest, IsAppliedWithAMarginBeforeTop) {
     for (uint64_t k = 0; k < 5000; ++k) {
         h_bridge_next_row(&bridge);
         h_bridge_stage(&bridge, 10);
         const uint64_t applied =
             16000 * (k + 2) +
-            (native.apply_later ? HAL_APPLY_LATER_CYCLES : 0);  // by the tick after this one
+            (native.apply_later ? HAL_APPLY_LATER_CYCLES : 0);  // ordered in the previous tick
         const uint64_t since_top = (applied - HAL_FIRST_TOP_CYCLES) % HAL_CYCLES_PER_PERIOD;
         ASSERT_GE(HAL_CYCLES_PER_PERIOD - since_top, HAL_APPLY_MARGIN_CYCLES) << k;
         ASSERT_EQ(native.locks, 0);

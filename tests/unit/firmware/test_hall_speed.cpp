@@ -1,4 +1,4 @@
-// Speed: accuracy over the range, fall and time-out, missed and double edges, unequal pitches,
+// Speed: accuracy over the range, decrease and timeout, missed and double edges, unequal pitches,
 // sign.
 #include <gtest/gtest.h>
 
@@ -66,7 +66,7 @@ TEST_F(HallTest, SteadySpeedWithinTwoPerMilleOrHalfALsb) {
     }
 }
 
-TEST_F(HallTest, SaturatesAboveTheRangeAndSaysSo) {
+TEST_F(HallTest, SaturatesAboveTheRangeAndSetsTheFlag) {
     double edge = 1000.0;
     run(1600000, &edge, 480e6 / 32767.0 + 0.4);  // just within
     EXPECT_GE(last.rpm_q1, 32764);
@@ -76,7 +76,7 @@ TEST_F(HallTest, SaturatesAboveTheRangeAndSaysSo) {
     EXPECT_TRUE(last.saturated);
 }
 
-TEST_F(HallTest, NeverExceedsOnePitchOverTheAgeAndEndsAtTheTimeout) {
+TEST_F(HallTest, NeverExceedsOnePitchOverTheTimeSinceTheEdgeAndEndsAtTheTimeout) {
     double edge = 1000.0;
     run(1600000, &edge, 48000.0);
     const double newest = edge - 48000.0;
@@ -93,7 +93,7 @@ TEST_F(HallTest, NeverExceedsOnePitchOverTheAgeAndEndsAtTheTimeout) {
     EXPECT_TRUE(hall_speed_at_rest(&hall));
 }
 
-TEST_F(HallTest, OneEdgeIsNoSpeedTwoAre) {
+TEST_F(HallTest, TwoEdgesGiveASpeedAndOneDoesNot) {
     tick({5000});
     EXPECT_EQ(last.rpm_q1, 0);
     EXPECT_FALSE(hall_speed_at_rest(&hall));
@@ -101,10 +101,11 @@ TEST_F(HallTest, OneEdgeIsNoSpeedTwoAre) {
     EXPECT_EQ(last.rpm_q1, 30000);
 }
 
-TEST_F(HallTest, EdgesYoungerThanTheTickBelongToTheNext) {
+TEST_F(HallTest, EdgesAfterTheTickBelongToTheNext) {
     tick({8000});
     hall_speed_on_edge(&hall, static_cast<uint16_t>(8000 + 16000));
-    hall_speed_on_edge(&hall, static_cast<uint16_t>(32000 + 5));  // came while the tick was late
+    hall_speed_on_edge(&hall,
+                       static_cast<uint16_t>(32000 + 5));  // edge during the delay of the tick
     now += HAL_CYCLES_PER_TICK;
     last = hall_speed_tick(&hall);
     EXPECT_EQ(hall.new_edges, 1);
@@ -143,7 +144,7 @@ TEST_F(HallTest, AMissedEdgeIsCountedAndTheSpeedStays) {
     EXPECT_EQ(last.rpm_q1, 20000);
 }
 
-TEST_F(HallTest, ARealFallOfSlowSpeedIsNoMissedEdge) {
+TEST_F(HallTest, ADecreaseOfALowSpeedIsNoMissedEdge) {
     double edge = 1000.0;
     run(3200000, &edge, 200000.0);  // 1,200 rpm
     edge += 200000.0;
@@ -152,7 +153,7 @@ TEST_F(HallTest, ARealFallOfSlowSpeedIsNoMissedEdge) {
     EXPECT_EQ(last.rpm_q1, 1200);
 }
 
-TEST_F(HallTest, TheSignIsTakenAtStandstillOnly) {
+TEST_F(HallTest, TheSignChangesAtStandstillOnly) {
     EXPECT_TRUE(hall_speed_set_reverse(&hall, true));
     double edge = 1000.0;
     run(160000, &edge, 24000.0);
@@ -165,7 +166,7 @@ TEST_F(HallTest, TheSignIsTakenAtStandstillOnly) {
     EXPECT_TRUE(hall_speed_set_reverse(&hall, false));
 }
 
-TEST_F(HallTest, KnownUnequalPitchesGiveAnEvenSpeed) {
+TEST_F(HallTest, KnownUnequalPitchesGiveAConstantSpeed) {
     const int16_t share[4] = {9000, 7600, 8600, 7568};
     for (uint8_t k = 0; k < 4; ++k)
         hall_speed_set_pitch(&hall, k, share[k]);
@@ -186,7 +187,7 @@ TEST_F(HallTest, KnownUnequalPitchesGiveAnEvenSpeed) {
     }
 }
 
-TEST_F(HallTest, AnOverflowOfTheRingIsSaid) {
+TEST_F(HallTest, AnOverflowOfTheRingIsReported) {
     for (int k = 0; k < 33; ++k)
         hall_speed_on_edge(&hall, static_cast<uint16_t>(k * 400));
     tick({});
@@ -195,9 +196,9 @@ TEST_F(HallTest, AnOverflowOfTheRingIsSaid) {
     EXPECT_FALSE(last.overflowed);
 }
 
-// Calibration run, then a restart: the learned shares fit, the phase is found again, the speed is
-// even.
-TEST(HallSpacing, IsLearnedAndFoundAgain) {
+// Calibration run, then a restart: the learned shares are correct, the index is identified again,
+// and the speed is constant.
+TEST(HallSpacing, IsLearnedAndIdentifiedAgain) {
     const double share[4] = {9000, 7600, 8600, 7568};
     for (const bool reverse : {false, true}) {
         Shaft shaft;
@@ -232,7 +233,7 @@ TEST(HallSpacing, IsLearnedAndFoundAgain) {
         EXPECT_NEAR(sorted[3], 9000, 12);
         shaft.hall.learned = false;
         shaft.configure(4, 300);
-        // In reverse the sequence was learned backwards; it is stored forwards.
+        // Learned in reverse order in reverse, stored for forward rotation.
         for (uint8_t k = 0; k < 4; ++k)
             hall_speed_set_pitch(&shaft.hall, k, static_cast<int16_t>(share[k]));
         EXPECT_LT(turn(200), 30.0);
@@ -240,9 +241,9 @@ TEST(HallSpacing, IsLearnedAndFoundAgain) {
     }
 }
 
-// Learning that is given up, or a write of parameters meanwhile: the index is searched again, and
-// learning goes on, in turn.
-TEST(HallSpacing, LearningIsGivenUpOrGoesOnAcrossAConfiguration) {
+// After learning is cancelled, the index is searched again; after a parameter change, learning
+// continues.
+TEST(HallSpacing, LearningCanBeCancelledAndContinuesAfterAConfiguration) {
     const double share[4] = {9000, 7600, 8600, 7568};
     for (const bool cancelled : {true, false}) {
         Shaft shaft;

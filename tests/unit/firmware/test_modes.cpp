@@ -1,4 +1,4 @@
-// State machine: every transition, and the laws that hold in all states.
+// State machine: every transition, and laws of all states.
 #include <gtest/gtest.h>
 
 extern "C" {
@@ -23,7 +23,7 @@ ModesInputs inputs_of(unsigned bits) {
             (bits & 16) != 0, (bits & 32) != 0, (bits & 64) != 0, (bits & 128) != 0};
 }
 
-TEST(Modes, AFaultWinsInEveryStateAndTheBridgeOpens) {
+TEST(Modes, AFaultHasPriorityInEveryStateAndOpensTheBridge) {
     for (const ModesState state : ALL) {
         for (unsigned bits = 0; bits < 256; ++bits) {
             ModesInputs m = inputs_of(bits);
@@ -74,7 +74,7 @@ TEST(Modes, StartsOnlyArmed) {
     EXPECT_EQ(self.state, MODES_DRIVE);
 }
 
-TEST(Modes, ReleasesWhenTheSwitchIsThrownAndWantsTheTriggerAnew) {
+TEST(Modes, ADirectionSwitchReleasesTheDriveUntilTheTriggerIsPressedAgain) {
     Modes self = in_state(MODES_DRIVE);
     ModesInputs m{};
     m.pressed = m.contact = m.reverse_switch = true;
@@ -109,7 +109,7 @@ TEST(Modes, AStoppedDriveStaysOpenUntilTheContactOpens) {
     EXPECT_EQ(self.state, MODES_DRIVE);
 }
 
-TEST(Modes, ResumesWhileItTurns) {
+TEST(Modes, ResumesWhileTheShaftTurns) {
     Modes self = in_state(MODES_RELEASE);
     ModesInputs m{};
     m.pressed = m.contact = true;
@@ -117,7 +117,7 @@ TEST(Modes, ResumesWhileItTurns) {
     EXPECT_EQ(self.state, MODES_DRIVE);
 }
 
-TEST(Modes, AFaultIsClearedAtAReleasedTriggerWithItsConditionGone) {
+TEST(Modes, AFaultIsClearedAtAReleasedTriggerWithoutItsCondition) {
     ModesInputs m{};
     m.fault = m.contact = m.standstill = true;
     Modes self = in_state(MODES_FAULT);
@@ -126,13 +126,13 @@ TEST(Modes, AFaultIsClearedAtAReleasedTriggerWithItsConditionGone) {
     m.contact = false;
     m.fault_persists = true;
     modes_step(&self, &m);
-    EXPECT_EQ(self.state, MODES_FAULT) << "condition holds";
+    EXPECT_EQ(self.state, MODES_FAULT) << "condition present";
     m.fault_persists = false;
     modes_step(&self, &m);
     EXPECT_EQ(self.state, MODES_IDLE);
 }
 
-TEST(Modes, CalibratesAtStandstillAndLeavesWhenDone) {
+TEST(Modes, CalibratesAtStandstillUntilDone) {
     ModesInputs m{};
     m.calibrating = true;
     Modes self = in_state(MODES_IDLE);

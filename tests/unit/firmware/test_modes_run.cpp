@@ -1,4 +1,4 @@
-// Whole runs in every mode with pins that say anything: a released trigger and every fault open the
+// Whole runs in every mode with random pin inputs: a released trigger and every fault open the
 // bridge, the mode changes at rest only.
 #include <gtest/gtest.h>
 
@@ -19,7 +19,7 @@ extern "C" {
 
 namespace {
 
-constexpr double PERIODS_A_MS = 16000.0 / 510;
+constexpr double PERIODS_PER_MS = 16000.0 / 510;
 constexpr int RELEASED_MS =
     12;  // 5 to debounce, 2 until the order acts, conversions of the trigger between
 constexpr int HALL_TIMEOUT_MS = 300;
@@ -60,7 +60,7 @@ struct ModeTest : testing::TestWithParam<uint8_t> {
     }
 
     void turn(double rpm) {
-        edge_gap = rpm > 0 ? 60.0 / (4 * rpm) * 1000 * PERIODS_A_MS : 0;
+        edge_gap = rpm > 0 ? 60.0 / (4 * rpm) * 1000 * PERIODS_PER_MS : 0;
         next_edge = static_cast<double>(period) + edge_gap;
     }
 
@@ -83,7 +83,7 @@ struct ModeTest : testing::TestWithParam<uint8_t> {
     }
 
     void run(int ms) {
-        for (const long end = period + static_cast<long>(ms * PERIODS_A_MS); period < end;)
+        for (const long end = period + static_cast<long>(ms * PERIODS_PER_MS); period < end;)
             one_period();
     }
 
@@ -108,7 +108,7 @@ struct ModeTest : testing::TestWithParam<uint8_t> {
 
     int set_mode(uint8_t mode) { return ask(TELEMETRY_SET_MODE_ID, {mode}); }
     static int mode_of(const Bytes &state) { return state[12] >> 4 & 7; }
-    // Tick since which a STATE frame holds.
+    // Tick in which the values of a STATE frame were set.
     static size_t since(const Bytes &state) {
         const unsigned ms = state[1] | static_cast<unsigned>(state[2]) << 8;
         return ms - ((ms - state[10]) & 0xFFu);
@@ -166,9 +166,8 @@ TEST_P(ModeTest, EveryFaultOpensTheBridgeAndHoldsItOpenUntilTheRelease) {
     }
 }
 
-// Without an edge and with the current of a standing shaft: whatever a controller makes of it, the
-// bridge is open in the end.
-TEST_P(ModeTest, AStallEnds) {
+// No edges and the current of a shaft at rest: the bridge opens with every controller.
+TEST_P(ModeTest, AStallOpensTheBridge) {
     drive();
     turn(0);
     for (int ms = 0; ms < 3000 && state() == TELEMETRY_STATE_DRIVE; ++ms) {
@@ -201,7 +200,7 @@ TEST_P(ModeTest, TheModeIsRefusedWhileDrivenTurningOrPressed) {
     EXPECT_EQ(set_mode(GetParam()), TELEMETRY_ACK_RESULT_NOT_NOW) << "contact closed";
 }
 
-TEST_P(ModeTest, TheModeSwitchGoesBeforeTheHost) {
+TEST_P(ModeTest, TheModeSwitchHasPriorityOverTheHost) {
     const auto index = static_cast<uint8_t>(PARAM_MODE_SWITCH_2);
     ASSERT_EQ(ask(TELEMETRY_PARAM_WRITE_ID, {index, 0, GetParam(), 0, 0, 0}),
               TELEMETRY_ACK_RESULT_OK);
@@ -215,16 +214,19 @@ TEST_P(ModeTest, TheModeSwitchGoesBeforeTheHost) {
     EXPECT_EQ(mode(), 0);
 }
 
-// Laws under anything: open when released, changes of mode at a released trigger and at rest only.
-TEST_P(ModeTest, LawsHoldWhateverThePinsSay) {
-    std::mt19937 rng(GetParam() + 1u);
-    const auto any = [&rng](unsigned below) { return static_cast<unsigned>(rng() % below); };
-    ASSERT_EQ(set_mode(GetParam()), TELEMETRY_ACK_RESULT_OK);
-    long released_at = period;
-    std::vector<char> closed(60000), edges(60000);  // by the tick that follows
-    size_t states = frames[TELEMETRY_STATE_ID].size();
-    int last_mode = GetParam(), changes = 0;
-    for (int step = 0; step < 400; ++step) {
+// Random pin inputs for 400 steps, with the laws checked in every period: bridge open when
+// released, mode changes at a released trigger and at rest only.
+struct RandomPins : ModeTest {
+    std::mt19937 rng;
+    std::vector<char> closed = std::vector<char>(60000);  // contact, by the tick that follows
+    std::vector<char> edges = std::vector<char>(60000);   // any edge, by the tick that follows
+    long released_at = 0;
+    size_t states = 0;
+    int last_mode = 0, changes = 0;
+
+    unsigned any(unsigned below) { return static_cast<unsigned>(rng() % below); }
+
+    void change_one_input() {
         const unsigned pick = any(10);
         if (pick < 3) {
             release();
@@ -242,7 +244,11 @@ TEST_P(ModeTest, LawsHoldWhateverThePinsSay) {
             in.adc_counts[SIM_ADC_BUS] =
                 static_cast<uint16_t>(any(16) == 0 ? any(1024) : 640 + any(180));
         }
-        if (step % 20 == 18) {  // runs down, and rests with the mode switch in any position
+    }
+
+    // Every 20 steps: run-down, then rest with the mode switch in any position.
+    void run_down_or_rest(int step) {
+        if (step % 20 == 18) {
             release();
             turn(150);
         } else if (step % 20 == 19) {
@@ -251,32 +257,51 @@ TEST_P(ModeTest, LawsHoldWhateverThePinsSay) {
             in.switches ^=
                 static_cast<uint8_t>(any(2) * SIM_SWITCH_MODE_0 + any(2) * SIM_SWITCH_MODE_1);
         }
+    }
+
+    void check_period() {
+        const bool contact = (in.switches & SIM_SWITCH_CONTACT) != 0;
+        released_at = contact ? period : released_at;
+        one_period();
+        const auto tick = static_cast<size_t>((255 + 510 * period) / 16000 + 1);
+        closed[tick] = contact;
+        edges[tick] = edges[tick] != 0 || in.edge_count > 0;
+        if (period - released_at > static_cast<long>(RELEASED_MS * PERIODS_PER_MS)) {
+            ASSERT_NE(out.coast, 0) << period;
+        }
+    }
+
+    void check_mode_changes() {
+        const std::vector<Bytes> &sent = frames[TELEMETRY_STATE_ID];
+        for (; states < sent.size(); ++states) {
+            if (mode_of(sent[states]) == last_mode)
+                continue;
+            last_mode = mode_of(sent[states]);
+            const size_t at = since(sent[states]);
+            const auto set = [](char c) { return c != 0; };
+            ASSERT_FALSE(std::all_of(&closed[at - 6], &closed[at], set)) << "pressed at " << at;
+            ASSERT_FALSE(std::any_of(&edges[at - HALL_TIMEOUT_MS + 2], &edges[at], set))
+                << "turning at " << at;
+            ++changes;
+        }
+    }
+};
+INSTANTIATE_TEST_SUITE_P(Every, RandomPins, testing::ValuesIn(modes()));
+
+TEST_P(RandomPins, KeepTheLawsOfReleaseAndModeChange) {
+    rng.seed(GetParam() + 1u);
+    ASSERT_EQ(set_mode(GetParam()), TELEMETRY_ACK_RESULT_OK);
+    released_at = period;
+    states = frames[TELEMETRY_STATE_ID].size();
+    last_mode = GetParam();
+    for (int step = 0; step < 400; ++step) {
+        change_one_input();
+        run_down_or_rest(step);
         const long end =
-            period + static_cast<long>(step % 20 < 18 ? any(600) + 1 : 600 * PERIODS_A_MS);
+            period + static_cast<long>(step % 20 < 18 ? any(600) + 1 : 600 * PERIODS_PER_MS);
         while (period < end) {
-            const bool contact = (in.switches & SIM_SWITCH_CONTACT) != 0;
-            released_at = contact ? period : released_at;
-            one_period();
-            const auto tick = static_cast<size_t>((255 + 510 * period) / 16000 + 1);
-            closed[tick] = contact;
-            edges[tick] = edges[tick] != 0 || in.edge_count > 0;
-            if (period - released_at > static_cast<long>(RELEASED_MS * PERIODS_A_MS)) {
-                ASSERT_NE(out.coast, 0) << period;
-            }
-            const std::vector<Bytes> &said = frames[TELEMETRY_STATE_ID];
-            for (; states < said.size(); ++states) {
-                if (mode_of(said[states]) == last_mode)
-                    continue;
-                last_mode = mode_of(said[states]);
-                const size_t at = since(said[states]);
-                ASSERT_FALSE(
-                    std::all_of(&closed[at - 6], &closed[at], [](char c) { return c != 0; }))
-                    << "pressed at " << at;
-                ASSERT_FALSE(std::any_of(&edges[at - HALL_TIMEOUT_MS + 2], &edges[at],
-                                         [](char e) { return e != 0; }))
-                    << "turning at " << at;
-                ++changes;
-            }
+            ASSERT_NO_FATAL_FAILURE(check_period());
+            ASSERT_NO_FATAL_FAILURE(check_mode_changes());
         }
     }
     EXPECT_GT(changes, 0);

@@ -1,5 +1,5 @@
-// Whole runs of the firmware on the lock-step machine against a motor: start, release, faults,
-// direction, latency law, EEPROM.
+// Whole runs of the firmware in lock-step with a motor model: start, release, faults, direction,
+// independence of latency, EEPROM.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -26,7 +26,7 @@ struct State {
     int trigger, state, reverse, faults, flags;
 };
 
-// The reference tool of physics.md, switched off from its mechanism; Euler at 1.6 us.
+// Motor of docs/spec/model.md, section 4, without the impact mechanism; Euler steps of 1.6 us.
 struct Tool {
     double i = 0, w = 0, angle = 0, vs = 18.5, rs = 0.10;
     long pitches = 0;
@@ -147,7 +147,7 @@ struct RunTest : testing::Test {
     int state() const { return states.empty() ? -1 : states.back().state; }
 };
 
-TEST_F(RunTest, BeginsWithBootAndSendsOneFastFrameATick) {
+TEST_F(RunTest, BeginsWithBootAndSendsOneFastFramePerTick) {
     run(1.0);
     EXPECT_EQ(frames[TELEMETRY_BOOT_ID], 1);
     EXPECT_EQ(frames[TELEMETRY_PARAM_TABLE_ID], 1);
@@ -173,7 +173,7 @@ TEST_F(RunTest, AFullTriggerStartReachesTheNoLoadSpeedWithoutTripping) {
     EXPECT_EQ(fast.back().compare, 255);
 }
 
-TEST_F(RunTest, ALockedMotorIsHeldAtTheFoldbackThenStalls) {
+TEST_F(RunTest, ALockedMotorIsLimitedByTheFoldbackThenStalls) {
     run(0.5);
     tool.locked = true;
     press(1.0);
@@ -191,19 +191,19 @@ TEST_F(RunTest, AnOverCurrentOpensTheBridgeAtOnceAndIsClearedByRelease) {
     press(0.5);
     run(0.5);
     ASSERT_EQ(out.coast, 0);
-    tool.i = 63.0;  // a short that the fold-back cannot see coming
+    tool.i = 63.0;  // a short circuit, faster than the fold-back
     int periods = 0;
     for (; out.coast == 0 && periods < 100; ++periods) {
         tool.i = 63.0;
         run(PERIOD_S / 2);
     }
     EXPECT_LE(periods, 13)
-        << "one slot of three may measure something else, and a conversion lasts four periods";
+        << "another channel may be converted first, and a conversion takes four periods";
     run(0.05);
     EXPECT_EQ(faults(), TELEMETRY_FAULTS_OVER_CURRENT);
     EXPECT_EQ(state(), TELEMETRY_STATE_FAULT);
     run(0.3);
-    EXPECT_NE(out.coast, 0) << "latched while the trigger is held";
+    EXPECT_NE(out.coast, 0) << "latched while the trigger is pressed";
     press(0.0);
     run(0.1);
     EXPECT_EQ(faults(), 0);
@@ -212,9 +212,8 @@ TEST_F(RunTest, AnOverCurrentOpensTheBridgeAtOnceAndIsClearedByRelease) {
     EXPECT_EQ(out.coast, 0);
 }
 
-// Counts of the bridge's sensor, through ADC, faults and state machine, to the open bridge and
-// back.
-TEST_F(RunTest, AnOverheatedBridgeStopsTheDriveUntilItIsCoolAndReleased) {
+// From the ADC counts of the temperature sensor through faults and state machine to the bridge.
+TEST_F(RunTest, OverTemperatureStopsTheDriveUntilCooledAndReleased) {
     constexpr uint16_t AT_90_C = 287, AT_91_C = 289;  // (T + 50) / 0.48828
     run(0.5);
     press(0.5);
@@ -224,7 +223,7 @@ TEST_F(RunTest, AnOverheatedBridgeStopsTheDriveUntilItIsCoolAndReleased) {
     EXPECT_EQ(faults(), 0) << "at the limit";
     in.adc_counts[SIM_ADC_TEMPERATURE] = AT_91_C;
     run(0.09);
-    EXPECT_EQ(out.coast, 0) << "not yet 100 ms";
+    EXPECT_EQ(out.coast, 0) << "less than 100 ms";
     run(0.03);
     EXPECT_EQ(faults(), TELEMETRY_FAULTS_OVER_TEMPERATURE);
     EXPECT_NE(out.coast, 0);
@@ -244,7 +243,7 @@ TEST_F(RunTest, AnOverheatedBridgeStopsTheDriveUntilItIsCoolAndReleased) {
     EXPECT_EQ(out.coast, 0);
 }
 
-TEST_F(RunTest, ALostHallSensorIsNamed) {
+TEST_F(RunTest, ALostHallSensorIsReported) {
     run(0.5);
     tool.hall_works = false;
     press(0.6);
@@ -285,8 +284,8 @@ TEST_F(RunTest, ReleaseCoastsAndAResumedDriveDoesNotBrakeHardInAnyMode) {
     }
 }
 
-// Down from what was driven last, within the fold-back, in every mode; the duty never rises again.
-TEST_F(RunTest, AReleaseThatRampsGoesDownFromWhatTheControllerDroveInAnyMode) {
+// The ramp starts at the last duty, within the fold-back, in every mode; the duty never rises.
+TEST_F(RunTest, ARampedReleaseStartsAtTheDutyOfTheControllerInAnyMode) {
     for (int mode = 0; mode <= static_cast<int>(TELEMETRY_MODE_MAX); ++mode) {
         if (!control_has(static_cast<uint8_t>(mode)))
             continue;
@@ -302,7 +301,7 @@ TEST_F(RunTest, AReleaseThatRampsGoesDownFromWhatTheControllerDroveInAnyMode) {
         run(0.3);
         EXPECT_EQ(faults(), 0) << mode;
         for (size_t k = 1; k < fast.size(); ++k) {
-            const bool braked = fast[k].current_q9 < -30 * 512;  // where the fold-back adds some
+            const bool braked = fast[k].current_q9 < -30 * 512;  // the fold-back may raise the duty
             ASSERT_TRUE(fast[k].compare <= std::max(fast[k - 1].compare, 0) || braked)
                 << mode << ' ' << k;
             ASSERT_LE(fast[k].compare, std::max(released, 0)) << mode;
@@ -317,7 +316,7 @@ TEST_F(RunTest, TheDirectionChangesAtStandstillOnly) {
     run(0.6);
     press(0.6, true);
     run(0.2);
-    EXPECT_NE(out.coast, 0) << "thrown while turning: release";
+    EXPECT_NE(out.coast, 0) << "switched while turning: release";
     EXPECT_GT(tool.w, 0);
     press(0.0, true);
     run(3.0);
@@ -331,10 +330,10 @@ TEST_F(RunTest, TheDirectionChangesAtStandstillOnly) {
     EXPECT_EQ(states.back().reverse, 1);
 }
 
-// Every row after the sensor's end: while the shaft turns the tool does not drive against it.
-TEST_F(RunTest, ALostSensorDoesNotLetTheDirectionChangeWhileTheShaftTurns) {
+// After the sensor's failure the tool never drives against a turning shaft.
+TEST_F(RunTest, ALostSensorDelaysTheDirectionChangeWhileTheShaftTurns) {
     for (const double driven_s :
-         {0.7, 0.4, 0.1}) {  // fault found; time-out in the drive; time-out while coasting
+         {0.7, 0.4, 0.1}) {  // fault detected; timeout in the drive; timeout while coasting
         start(SIM_START_DEFAULT);
         tool.friction = 0.006;
         run(0.5);
@@ -347,19 +346,19 @@ TEST_F(RunTest, ALostSensorDoesNotLetTheDirectionChangeWhileTheShaftTurns) {
         run(0.5);
         int reversed_turning = 0;
         for (int k = 0; k < 800; ++k) {
-            press(k % 100 < 50 ? 0.0 : 0.6, true);  // the user tries again and again
+            press(k % 100 < 50 ? 0.0 : 0.6, true);  // the user presses repeatedly
             const bool turns = tool.w > 20.0;
             run(0.01);
             reversed_turning += turns && out.coast == 0 && out.compare < 0 ? 1 : 0;
         }
         EXPECT_EQ(reversed_turning, 0) << driven_s;
-        EXPECT_EQ(states.back().reverse, 1) << "after the run-down it does change";
+        EXPECT_EQ(states.back().reverse, 1) << "the direction changes after the run-down";
     }
 }
 
-// The sensor dies at low speed or at rest, the drive goes on for less than any time-out: what it
-// may have given the shaft is waited for.
-TEST_F(RunTest, AccelerationThatNoEdgeShowsDoesNotLetTheDirectionChange) {
+// The sensor fails at low speed or at rest, and the drive lasts less than any timeout: the firmware
+// waits for the speed that the drive may have given the shaft.
+TEST_F(RunTest, AccelerationWithoutEdgesDelaysTheDirectionChange) {
     for (const bool from_rest : {true, false}) {
         for (const double driven_s : {0.08, 0.15, 0.25}) {
             start(SIM_START_DEFAULT);
@@ -386,8 +385,8 @@ TEST_F(RunTest, AccelerationThatNoEdgeShowsDoesNotLetTheDirectionChange) {
     }
 }
 
-// A seated screw: the load stops the shaft within some turns, the user releases and turns it back.
-TEST_F(RunTest, AShaftThatStoodUnderLoadTurnsBackSoon) {
+// A seated screw: the load stops the shaft within some turns, the user releases and reverses.
+TEST_F(RunTest, AShaftStoppedByTheLoadReversesWithoutDelay) {
     run(0.5);
     press(1.0);
     run(0.4);
@@ -404,15 +403,15 @@ TEST_F(RunTest, AShaftThatStoodUnderLoadTurnsBackSoon) {
     EXPECT_LT(tool.w, 0);
 }
 
-TEST_F(RunTest, ATriggerHeldAtTheStartDoesNotStart) {
+TEST_F(RunTest, ATriggerPressedAtTheStartDoesNotDrive) {
     press(1.0);
     run(1.0);
     EXPECT_NE(out.coast, 0);
     EXPECT_EQ(tool.w, 0);
 }
 
-// What is sent is a function of edges and counts alone: the law that makes native and AVR telemetry
-// equal.
+// The sent bytes depend on edges and counts alone: condition for equal telemetry of native firmware
+// and AVR.
 TEST_F(RunTest, TelemetryDoesNotDependOnLatency) {
     std::vector<uint8_t> first;
     std::vector<SimInputs> tape;
@@ -442,7 +441,7 @@ TEST_F(RunTest, TelemetryDoesNotDependOnLatency) {
     }
 }
 
-TEST_F(RunTest, ResetForgetsEverything) {
+TEST_F(RunTest, ResetStartsFromANewState) {
     auto record = [this] {
         start(SIM_START_DEFAULT);
         std::vector<uint8_t> sent;

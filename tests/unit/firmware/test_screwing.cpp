@@ -1,5 +1,5 @@
-// Precise screwing on a tool of pure kinematics: blows that turn a screw by an energy over its
-// torque, and the Hall edges of the motor behind them.
+// Precise screwing on a kinematic tool model: each blow turns the screw by its energy over the
+// torque, and the motor produces the Hall edges.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -19,7 +19,7 @@ constexpr int SUPPLY_MV = 18500, LEAST = 5800 * 32768 / SUPPLY_MV;
 const ScrewingSetpoints SET{PULSES, 717, 7373, 5800, 200, 340};
 constexpr double SHARE = 7373 / 32768.0;
 
-using Torque = std::function<double(double)>;  // N m over the head's degrees
+using Torque = std::function<double(double)>;  // N m over the angle of the head in degrees
 
 struct Tool {
     Torque torque;
@@ -28,12 +28,12 @@ struct Tool {
     bool slower_at_less = true;  // energy and speed follow the duty
     double motor_turns = 0.2, phase = 0.0, head_deg = 0.0, period_s = 1.0, since_s = 0.0;
     int blows = 0, ticks = 0;
-    int16_t wish = 0;
+    int16_t requested = 0;
     Screwing screwing{};
     Blow blow{};
     ScrewingSetpoints set = SET;
 
-    double share() const { return slower_at_less ? wish / (TURN_Q15 * travel) : 1.0; }
+    double share() const { return slower_at_less ? requested / (TURN_Q15 * travel) : 1.0; }
     double travel = 1.0;
 
     double blow_deg() const { return energy_j * share() / torque(head_deg) * 180.0 / M_PI; }
@@ -60,14 +60,14 @@ struct Tool {
         }
     }
 
-    // One tick; the drive before the first blows is behind it.
+    // One tick, after the drive up to the first blows.
     void tick() {
         ControllerInputs in{};
         in.travel_q15 = static_cast<int16_t>(travel * TURN_Q15);
         in.supply_mv = SUPPLY_MV;
         if (ticks == 0) {
             screwing_start(&screwing, &set);
-            wish = in.travel_q15;
+            requested = in.travel_q15;
         }
         for (int n = 0; n < TICK_STEPS; ++n)
             advance(in);
@@ -76,11 +76,11 @@ struct Tool {
         blow.impacting = blows > 0;
         blow.count = static_cast<uint16_t>(blows);
         const int16_t answer = screwing_step(&screwing, &set, &in, &blow);
-        wish = answer < 0 ? int16_t{0} : answer;
+        requested = answer < 0 ? int16_t{0} : answer;
         ticks++;
     }
 
-    // Until it stops by itself; false: not within the seconds or up to the head's angle.
+    // Runs until the controller stops; false: not within the time or the angle of the head.
     bool run(double seconds, double to_deg) {
         for (int n = 0; n < 1000 * seconds && head_deg < to_deg; ++n) {
             tick();
@@ -91,7 +91,7 @@ struct Tool {
     }
 };
 
-// Wood, then the head's ramp to twice the torque within 90 degrees.
+// Wood, then a ramp to twice the torque within 90 degrees at the head.
 Torque seat_at(double deg, double end_nm, double rise_per_turn = 0.02) {
     return [=](double at) {
         const double wood = end_nm * (1.0 + rise_per_turn * std::min(at - deg, 0.0) / 360.0);
@@ -119,7 +119,7 @@ TEST_P(ScrewingSizes, StopsOnTheRampOfTheSeat) {
     EXPECT_LT(t.head_deg, 1500 + 75);
 }
 
-TEST_P(ScrewingSizes, LearnsTheTurnOfABlow) {
+TEST_P(ScrewingSizes, LearnsTheRotationPerBlow) {
     Tool t = tool([this](double) { return GetParam().end_nm; });
     EXPECT_FALSE(t.run(4, 1e9));
     EXPECT_EQ(screwing_state(&t.screwing), SCREWING_TRACK);
@@ -150,8 +150,8 @@ INSTANTIATE_TEST_SUITE_P(Sizes, ScrewingSizes,
                                            Screw{3.0, 11.0, 6500}, Screw{4.2, 18.0, 9800}),
                          [](const auto &one) { return "Case" + std::to_string(one.index); });
 
-// Too flat for a seat: after 60 degrees it is the wood, and what follows is measured against it.
-TEST(Screwing, ALevelThatStaysIsLearnedAnew) {
+// Too flat for a seat: after 60 degrees it becomes the reference for what follows.
+TEST(Screwing, AConstantTorqueIsLearned) {
     Tool t{[](double at) {
                return 9.0 * (1.0 + 0.25 * std::min(std::max((at - 1500) / 40, 0.0), 1.0));
            },
@@ -164,7 +164,7 @@ TEST(Screwing, ALevelThatStaysIsLearnedAnew) {
     EXPECT_NEAR(screwing_estimate(&t.screwing), 256, 12);
 }
 
-TEST(Screwing, TheRiseIsThatOfTheParameter) {
+TEST(Screwing, StopsAtTheRiseOfTheParameter) {
     double last = 0;
     for (const int16_t rise : {int16_t{300}, int16_t{420}}) {
         Tool t{seat_at(1500, 11.0), 4.2, 9500};
@@ -176,9 +176,9 @@ TEST(Screwing, TheRiseIsThatOfTheParameter) {
     }
 }
 
-constexpr double UNIT = 364.0;  // of a turn, a degree
+constexpr double UNIT = 364.0;  // of a rotation per degree
 
-// What follows on the end of a wave, of turns given instead of measured.
+// Computations of a finished wave with given instead of measured rotations.
 struct Judged {
     Screwing s{};
 
@@ -191,7 +191,7 @@ struct Judged {
 
     static int16_t turn_of(double deg) { return static_cast<int16_t>(std::lround(deg * UNIT)); }
 
-    // Learns anew, at the power that it begins with.
+    // Learns again at the initial power.
     void settle() {
         s.state = SCREWING_SETTLE;
         for (int n = 0; n < 300; ++n)
@@ -217,8 +217,8 @@ struct Judged {
     }
 };
 
-// 14 blows, of which the first 4 do not count.
-TEST(ScrewingLaw, TheTurnIsLearnedFromTenBlows) {
+// 14 blows, of which the first 4 are skipped.
+TEST(ScrewingLaw, TheRotationIsLearnedFromTenBlows) {
     Judged judged(30.0);
     judged.settle();
     for (int n = 0; n < 8; ++n)
@@ -232,8 +232,8 @@ TEST(ScrewingLaw, TheTurnIsLearnedFromTenBlows) {
     EXPECT_EQ(judged.s.share_q15, SET.share_q15);
 }
 
-// After 7 blows, and the turn is learned anew.
-TEST(ScrewingLaw, WhatABlowLacksIsGivenAsPower) {
+// After 7 blows; then the rotation is learned again.
+TEST(ScrewingLaw, AMissingRotationRaisesThePower) {
     for (const double turn : {6.0, 11.0}) {
         Judged judged(turn);
         judged.settle();
@@ -248,8 +248,7 @@ TEST(ScrewingLaw, WhatABlowLacksIsGivenAsPower) {
     }
 }
 
-// Degrees at which a seat is found where the torque follows `rise` over the angle; -1: none up to
-// the last.
+// Angle in degrees at which a seat is detected when the torque follows `rise`; -1: none.
 double seat_deg(double learned_deg, const std::function<double(double)> &rise,
                 double last_deg = 360.0) {
     Judged judged(learned_deg);
@@ -276,7 +275,7 @@ TEST(ScrewingLaw, ASlowRiseIsASeatAtOnce) {
     }
 }
 
-TEST(ScrewingLaw, ASteepRiseWaitsForTheAngleThatTellsAnEdgeFromARamp) {
+TEST(ScrewingLaw, ASteepRiseIsASeatAfterTheAngleThatExcludesAnEdge) {
     for (const auto &[learned, per_deg] :
          {std::pair{5.0, 0.055}, std::pair{8.0, 0.036}, std::pair{14.0, 0.036}}) {
         const double onset = 0.12 / per_deg;
@@ -285,8 +284,9 @@ TEST(ScrewingLaw, ASteepRiseWaitsForTheAngleThatTellsAnEdgeFromARamp) {
     }
 }
 
-// Up to 11 degrees a blow the limit between both is inverse to the turn, then 0.0195 a degree.
-TEST(ScrewingLaw, WhatIsSlowDependsOnTheTurnOfABlow) {
+// The limit of a slow rise is inverse to the rotation up to 11 degrees per blow, then 0.0195 per
+// degree.
+TEST(ScrewingLaw, TheLimitOfASlowRiseDependsOnTheRotationPerBlow) {
     for (const auto &[learned, slow, steep] :
          {std::tuple{5.5, 0.034, 0.046}, std::tuple{14.0, 0.017, 0.027}}) {
         const double waits = (9.0 + learned / 5.0) / 0.3;
@@ -295,14 +295,14 @@ TEST(ScrewingLaw, WhatIsSlowDependsOnTheTurnOfABlow) {
     }
 }
 
-TEST(ScrewingLaw, SoDoesAnyRiseWhereABlowTurnsFar) {
+TEST(ScrewingLaw, NoRiseIsSlowAtALargeRotationPerBlow) {
     EXPECT_LT(slope_seat_deg(15.5, 0.010), 40.0);
     EXPECT_GT(slope_seat_deg(16.5, 0.010), 50.0);
     EXPECT_LT(slope_seat_deg(20.0, 0.012), 75.0);
 }
 
-// An edge, drawn out over up to two blows, then level over a turn.
-TEST(ScrewingLaw, NoLevelIsASeat) {
+// An edge over up to two blows, then constant for a turn.
+TEST(ScrewingLaw, AConstantTorqueIsNoSeat) {
     for (const double learned : {4.0, 8.0, 12.0, 14.0, 18.0})
         for (const double level : {1.55, 1.7, 2.0})
             for (const double blows : {0.0, 1.0, 2.0}) {
@@ -316,7 +316,7 @@ TEST(ScrewingLaw, NoLevelIsASeat) {
             }
 }
 
-TEST(ScrewingLaw, ALevelIsLearnedAfterSixtyDegrees) {
+TEST(ScrewingLaw, AConstantTorqueIsLearnedAfterSixtyDegrees) {
     Judged judged(14.0);
     double turned = 0.0;
     while (judged.s.learned == Judged::turn_of(14.0)) {
@@ -330,7 +330,7 @@ TEST(ScrewingLaw, ALevelIsLearnedAfterSixtyDegrees) {
     EXPECT_NEAR(screwing_estimate(&judged.s), 256, 2);
 }
 
-TEST(ScrewingLaw, WhatFallsBackIsForgotten) {
+TEST(ScrewingLaw, ARiseThatFallsBackIsDiscarded) {
     Judged judged(14.0);
     for (int n = 0; n < 5; ++n)
         judged.wave(11.0);
@@ -342,9 +342,9 @@ TEST(ScrewingLaw, WhatFallsBackIsForgotten) {
     EXPECT_EQ(judged.s.over_q8, 0);
 }
 
-// An onset that lasts without growing, and then an edge: not the ramp that both together look like;
-// and no worse a seat.
-TEST(ScrewingLaw, WhatRisesBehindAnEarlyOnsetIsWeighedByItself) {
+// A constant rise followed by an edge is not the ramp that both together resemble; a real seat
+// after it is detected as well.
+TEST(ScrewingLaw, ARiseAfterAnEarlyOnsetIsIntegratedByItself) {
     for (const double learned : {9.0, 14.0, 18.0}) {
         EXPECT_EQ(seat_deg(learned, [](double at) { return at < 30.0 ? 1.14 : 1.7; }), -1.0)
             << learned;
@@ -355,7 +355,7 @@ TEST(ScrewingLaw, WhatRisesBehindAnEarlyOnsetIsWeighedByItself) {
     }
 }
 
-TEST(ScrewingLaw, TheWoodIsFollowedUpAndDown) {
+TEST(ScrewingLaw, TheReferenceFollowsTheWoodUpAndDown) {
     for (const double turn : {2.0, 6.0, 15.0})
         for (const double off : {0.95, 1.25}) {
             Judged judged(turn);
@@ -366,8 +366,8 @@ TEST(ScrewingLaw, TheWoodIsFollowedUpAndDown) {
         }
 }
 
-// The pitches of the Hall sensor lie the same again every second blow.
-TEST(ScrewingLaw, AnErrorThatComesBackEverySecondBlowCancels) {
+// The Hall pitches repeat every second blow.
+TEST(ScrewingLaw, AnErrorWithAPeriodOfTwoBlowsCancels) {
     Judged judged(8.0);
     for (int n = 0; n < 200; ++n) {
         judged.wave(8.0 + 1.5 * std::cos(M_PI / 2 * n));
@@ -377,8 +377,8 @@ TEST(ScrewingLaw, AnErrorThatComesBackEverySecondBlowCancels) {
     }
 }
 
-// Over 16 waves, or 11 degrees, of noise; over more where a blow turns little.
-TEST(ScrewingLaw, TheLessABlowTurnsTheMoreAreAveraged) {
+// Noise is averaged over 16 waves, or 11 degrees; over more with a small rotation per blow.
+TEST(ScrewingLaw, SmallRotationsAreAveragedOverMoreBlows) {
     const auto reached = [](double learned, int waves) {
         Judged judged(learned);
         for (int n = 0; n < waves; ++n)
@@ -391,7 +391,7 @@ TEST(ScrewingLaw, TheLessABlowTurnsTheMoreAreAveraged) {
     EXPECT_NEAR(reached(1.0, 20), 1.0 - std::pow(1.0 - 8.0 / 256, 19), 0.15);
 }
 
-TEST(Screwing, TheTriggersPlaceDoesNotMoveTheStop) {
+TEST(Screwing, TheTriggerDoesNotMoveTheStop) {
     double least = 1e9, most = 0.0;
     for (const double travel : {0.5, 0.65, 0.8, 1.0}) {
         Tool t{seat_at(1500, 9.0), 4.2 * travel, 9500 * std::sqrt(travel)};
@@ -407,49 +407,49 @@ TEST(Screwing, ThePowerIsLoweredAtTheSecondBlow) {
     Tool t{[](double) { return 2.0; }, 4.2, 9000};
     int16_t last = 0;
     while (t.blows < 2) {
-        last = t.wish;
+        last = t.requested;
         t.tick();
         if (t.blows < 2) {
-            EXPECT_TRUE(t.ticks == 1 || t.wish == 32767);
+            EXPECT_TRUE(t.ticks == 1 || t.requested == 32767);
         }
     }
     for (int n = 0; n < 200; ++n) {
-        const int16_t before = t.wish;
+        const int16_t before = t.requested;
         t.tick();
-        EXPECT_LE(before - t.wish, 110);
+        EXPECT_LE(before - t.requested, 110);
     }
     EXPECT_EQ(last, 32767);
-    EXPECT_NEAR(t.wish, SHARE * 32767 + LEAST / 2, 3);
+    EXPECT_NEAR(t.requested, SHARE * 32767 + LEAST / 2, 3);
 }
 
-// How long a drive of this travel takes to come to its power, and what that is.
-int16_t settled_wish(double travel, double torque_nm) {
+// Time until a drive at this trigger reaches its power, and that power.
+int16_t settled_duty(double travel, double torque_nm) {
     Tool t{[=](double) { return torque_nm; }, 4.2, 9000};
     t.travel = travel;
     t.slower_at_less = false;
     t.run(4, 1e9);
-    return t.wish;
+    return t.requested;
 }
 
-// 0.067 of the trigger's duty for each degree that a blow turns the screw by less than the
-// setpoint, once; then by less than half of it.
-TEST(Screwing, ALittleTurnGetsMorePower) {
+// 0.067 of the trigger's duty per degree of missing rotation to the setpoint, once; then to half of
+// it.
+TEST(Screwing, ASmallRotationGetsMorePower) {
     constexpr double WIDE_NM = 4.0, LITTLE_NM = 26.0,
-                     LEAST_NM = 60.0;  // 60, 9 and 4 degrees a blow
+                     LEAST_NM = 60.0;  // 60, 9 and 4 degrees per blow
     const double per_deg = 48.0 / 8.0 * UNIT, small_deg = 12.5;
     const double little_deg = 4.2 / LITTLE_NM * 180 / M_PI,
                  measured_deg = little_deg * 12 * 360 / (GEAR * PULSES) / (180 + little_deg);
     const auto power = [](double share_q15) { return share_q15 * 32767 / 32768 + LEAST / 2; };
-    EXPECT_NEAR(settled_wish(1.0, WIDE_NM), power(SET.share_q15), 3);
-    EXPECT_NEAR(settled_wish(1.0, LITTLE_NM),
+    EXPECT_NEAR(settled_duty(1.0, WIDE_NM), power(SET.share_q15), 3);
+    EXPECT_NEAR(settled_duty(1.0, LITTLE_NM),
                 power(SET.share_q15 + per_deg * (small_deg - measured_deg)), 400);
-    EXPECT_NEAR(settled_wish(1.0, LEAST_NM), 17 * LEAST / 8, 3);
-    EXPECT_NEAR(settled_wish(0.5, LEAST_NM), 16383, 3);
+    EXPECT_NEAR(settled_duty(1.0, LEAST_NM), 17 * LEAST / 8, 3);
+    EXPECT_NEAR(settled_duty(0.5, LEAST_NM), 16383, 3);
 }
 
-TEST(Screwing, ThePowerIsAtLeastWhatKeepsItImpacting) {
-    EXPECT_NEAR(settled_wish(0.5, 4.0), LEAST, 3);
-    EXPECT_NEAR(settled_wish(0.25, 4.0), 0.25 * 32767, 1);  // the trigger's, where that is less
+TEST(Screwing, ThePowerHasALowerLimit) {
+    EXPECT_NEAR(settled_duty(0.5, 4.0), LEAST, 3);
+    EXPECT_NEAR(settled_duty(0.25, 4.0), 0.25 * 32767, 1);  // limited by the trigger
 }
 
 TEST(Screwing, WithoutBlowsTheTriggerDrives) {
@@ -466,7 +466,7 @@ TEST(Screwing, WithoutBlowsTheTriggerDrives) {
     EXPECT_EQ(screwing_state(&s), SCREWING_RUN_IN);
 }
 
-TEST(Screwing, BlowsThatEndBringTheRunInBack) {
+TEST(Screwing, WhenBlowsEndTheRunInReturns) {
     Tool t{[](double) { return 5.0; }, 4.2, 9000};
     t.run(1, 1e9);
     EXPECT_NE(screwing_state(&t.screwing), SCREWING_RUN_IN);
@@ -490,7 +490,7 @@ TEST(Screwing, StaysStoppedUntilTheNextDrive) {
     EXPECT_EQ(screwing_stop_reason(&t.screwing), CONTROLLER_REASON_NONE);
 }
 
-TEST(Screwing, AnyInputGivesADutyOrAStop) {
+TEST(Screwing, RandomInputsGiveADutyOrAStop) {
     std::mt19937 random(11);
     std::uniform_int_distribution<int> any(-32768, 32767);
     for (int drive = 0; drive < 200; ++drive) {
@@ -509,10 +509,10 @@ TEST(Screwing, AnyInputGivesADutyOrAStop) {
             Blow blow{};
             blow.impacting = random() % 50 != 0;
             blow.count = 9;
-            const int16_t wish = screwing_step(&s, &set, &in, &blow);
-            ASSERT_TRUE(wish == CONTROLLER_STOP ||
-                        (wish >= 0 && wish <= std::max<int>(in.travel_q15, 0)))
-                << wish;
+            const int16_t requested = screwing_step(&s, &set, &in, &blow);
+            ASSERT_TRUE(requested == CONTROLLER_STOP ||
+                        (requested >= 0 && requested <= std::max<int>(in.travel_q15, 0)))
+                << requested;
             ASSERT_LE(screwing_state(&s), SCREWING_SEATED);
             ASSERT_GE(screwing_estimate(&s), 0);
         }

@@ -1,5 +1,5 @@
-// Standstill: believed at once after slow edges, after the run-down where the shaft may turn
-// unseen; values at the limits.
+// Standstill: immediate after slow edges, after the run-down time where the shaft may turn without
+// edges; values at the limits.
 #include <gtest/gtest.h>
 
 extern "C" {
@@ -20,7 +20,7 @@ int ticks_to_rest(const StandstillInputs &first, bool coasts = true, int most = 
     return -1;
 }
 
-TEST(Standstill, IsTheSensorsWordWhileItIsBelieved) {
+TEST(Standstill, FollowsTheSensorAfterSlowEdges) {
     Standstill self{};
     self.turned = true;
     const StandstillInputs rests{false, true, 0};
@@ -32,7 +32,8 @@ TEST(Standstill, WaitsForTheRunDownFromTheLastSpeed) {
     EXPECT_EQ(ticks_to_rest({false, true, 6}), 0) << "3 rpm";
     EXPECT_EQ(ticks_to_rest({false, true, 120}), 18) << "60 rpm";
     EXPECT_EQ(ticks_to_rest({false, true, 32767}), 4999);
-    EXPECT_EQ(ticks_to_rest({false, true, 65535}), 5000) << "at most the whole run-down";
+    EXPECT_EQ(ticks_to_rest({false, true, 65535}), 5000)
+        << "limited to the run-down from full speed";
 }
 
 TEST(Standstill, WaitsForTheWholeRunDownAfterALostSensor) {
@@ -45,7 +46,7 @@ TEST(Standstill, DoesNotCountWhileDriven) {
     EXPECT_EQ(ticks_to_rest({false, false, 2000}, false), -1);
 }
 
-TEST(Standstill, ASlowEndDoesNotShortenAWaitThatRuns) {
+TEST(Standstill, ASlowEndDoesNotShortenAPendingWait) {
     Standstill self{};
     const StandstillInputs lost{true, true, 0}, slow{false, true, 60};
     (void)standstill_step(&self, &lost);
@@ -66,17 +67,16 @@ int rest_after_drive(int ms, int compare, bool stood) {
     return -1;
 }
 
-TEST(Standstill, WaitsForWhatTheDriveMayHaveGivenUnseen) {
+TEST(Standstill, WaitsForTheSpeedThatADriveMayHaveGivenWithoutEdges) {
     EXPECT_EQ(rest_after_drive(0, 255, false), 0);
     EXPECT_EQ(rest_after_drive(1, 255, false), 636 * 10000 / 65536);
     EXPECT_EQ(rest_after_drive(10, -255, false), 6360 * 10000 / 65536);
     EXPECT_EQ(rest_after_drive(99, 255, false), 255 * 128 * 10000 / 65536)
         << "full duty, full speed";
-    EXPECT_EQ(rest_after_drive(99, 20, false), 20 * 128 * 10000 / 65536)
-        << "no faster than the duty";
+    EXPECT_EQ(rest_after_drive(99, 20, false), 20 * 128 * 10000 / 65536) << "limited by the duty";
     EXPECT_EQ(rest_after_drive(99, 255, true), 255 * 128 * 10000 / 65536)
-        << "too early to believe the current";
-    EXPECT_EQ(rest_after_drive(100, 255, true), 0) << "a shaft that stands under load";
+        << "too early to evaluate the current";
+    EXPECT_EQ(rest_after_drive(100, 255, true), 0) << "a shaft at rest under load";
     EXPECT_EQ(rest_after_drive(300, 255, false), 255 * 128 * 10000 / 65536);
 }
 

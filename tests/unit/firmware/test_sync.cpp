@@ -1,5 +1,5 @@
-// Synchronisation on made blows: level over supply, trim by dips and by current, borders, and any
-// input at all.
+// Synchronisation on synthetic blows: level over supply, trim by dips and by current, limits, and
+// random inputs.
 #include <gtest/gtest.h>
 
 #include <cstdint>
@@ -26,7 +26,7 @@ ControllerInputs inputs(double travel, double supply_v, double current_a = 25.0)
             0};
 }
 
-// Impacts at 8,000 rpm with dips of a depth; a blow comes with `struck`.
+// Impacts at 8,000 rpm with dips of a given depth; `struck`: a blow in this tick.
 Blow impacting(double depth, bool struck) {
     Blow blow{};
     blow.impacting = true;
@@ -64,7 +64,7 @@ struct Tool {
 
 class SyncMethods : public ::testing::TestWithParam<SyncSetpoints> {};
 
-TEST_P(SyncMethods, TheTriggerDrivesUntilTheToolImpacts) {
+TEST_P(SyncMethods, TheTriggerSetsTheDutyUntilTheToolImpacts) {
     Tool tool(GetParam());
     EXPECT_NEAR(tool.free_run(1, 0.7, 18.5), 0.7, 1e-4);
     EXPECT_NEAR(tool.free_run(31, 0.4, 18.5), 0.4, 1e-4);
@@ -86,7 +86,7 @@ TEST_P(SyncMethods, TheTriggerMovesTheLevelWithinTheBand) {
     EXPECT_NEAR(high, 15.5, 0.03);
 }
 
-TEST_P(SyncMethods, ANearlyReleasedTriggerIsTheDuty) {
+TEST_P(SyncMethods, ANearlyReleasedTriggerSetsTheDuty) {
     Tool tool(GetParam());
     EXPECT_NEAR(tool.run(400, 0.29, 18.5, 0.3) / 18.5, 0.29, 1e-3);
 }
@@ -104,7 +104,7 @@ TEST_P(SyncMethods, TheDutyMovesAtALimitedRate) {
     EXPECT_GT(last, 0.7 * 32767);
 }
 
-TEST_P(SyncMethods, OutOfStepRaisesTheLevelFastToItsEnd) {
+TEST_P(SyncMethods, OutOfStepRaisesTheLevelFastToItsLimit) {
     Tool tool(GetParam());
     const double before = tool.run(200, 0.6, 20.5, 0.03), after = tool.run(200, 0.6, 20.5, 0.25);
     EXPECT_GT(after, before + 1.0);
@@ -114,14 +114,14 @@ TEST_P(SyncMethods, OutOfStepRaisesTheLevelFastToItsEnd) {
     EXPECT_EQ(sync_state(&tool.sync), SYNC_HOLD);
 }
 
-TEST_P(SyncMethods, AnEmptyBatteryWindsNothingUp) {
+TEST_P(SyncMethods, AnEmptyBatteryCausesNoWindUp) {
     Tool tool(GetParam());
     EXPECT_NEAR(tool.run(4000, 1.0, 13.0, 0.25), 13.0, 0.01);
     EXPECT_EQ(tool.duty, 32767);
     EXPECT_LT(tool.sync.trim_mv, 1000);
 }
 
-TEST_P(SyncMethods, NoBlowGivesTheTriggerBackAndKeepsTheTrim) {
+TEST_P(SyncMethods, WithoutBlowsTheTriggerSetsTheDutyAndTheTrimIsKept) {
     Tool tool(GetParam());
     const double level = tool.run(600, 0.6, 20.5, 0.15);
     EXPECT_NEAR(tool.free_run(300, 0.6, 20.5), 0.6, 1e-4);
@@ -130,7 +130,7 @@ TEST_P(SyncMethods, NoBlowGivesTheTriggerBackAndKeepsTheTrim) {
     EXPECT_EQ(tool.sync.trim_mv, 0);
 }
 
-TEST_P(SyncMethods, WhateverComesTheDutyIsOne) {
+TEST_P(SyncMethods, RandomInputsGiveADuty) {
     std::mt19937 random(3);
     std::uniform_int_distribution<int> any(-32768, 32767);
     Tool tool(GetParam());
@@ -156,10 +156,11 @@ TEST_P(SyncMethods, WhateverComesTheDutyIsOne) {
 
 INSTANTIATE_TEST_SUITE_P(Methods, SyncMethods, ::testing::Values(BY_SPEED, BY_CURRENT),
                          [](const auto &set) {
-                             return set.param.method == CONTROLLER_METHOD_SPEED ? "Speed" : "Current";
+                             return set.param.method == CONTROLLER_METHOD_SPEED ? "Speed"
+                                                                                : "Current";
                          });
 
-TEST(Sync, DeepDipsRaiseAndShallowOnesLower) {
+TEST(Sync, DeepDipsRaiseTheLevelAndShallowOnesLowerIt) {
     Tool tool(BY_SPEED);
     EXPECT_NEAR(tool.run(100, 0.6, 18.5, 0.0601), 14.98 + 0.5,
                 0.12);  // five blows: the limit is 0.06

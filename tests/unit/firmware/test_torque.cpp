@@ -1,5 +1,5 @@
-// Torque control on a motor at rest in its cycle: the level behind any supply and winding, hard and
-// soft joints, what is refused and what is missed.
+// Torque control on a motor with a given mean current: level for any supply and winding, hard and
+// soft joints, refused and missed targets.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -20,14 +20,14 @@ uint8_t row_of(int target_nm) {
     return static_cast<uint8_t>(target_nm - TORQUE_MAP_FIRST_NM);
 }
 
-// A motor that draws a given current at once, behind any supply and winding; a command acts a tick
-// later.
+// A motor that draws a given current at once, with any supply and winding; a duty is applied in the
+// next tick.
 struct Tool {
     TorqueSetpoints set;
     Torque torque{};
     Blow blow{};
     double supply_v = 18.5, winding = 1.0, current_a = 13.0, duty = 0.0, own_v = 0.0;
-    int16_t travel_q15 = INT16_MAX, wish = 0;
+    int16_t travel_q15 = INT16_MAX, requested = 0;
     int ticks = 0, steps = 0;
     bool blows_busy = false;  // every fifth tick
 
@@ -38,37 +38,37 @@ struct Tool {
         own_v = K * speed + R * current_a;
         ControllerInputs in{};
         in.trigger_q15 = travel_q15;
-        in.travel_q15 =
-            static_cast<int16_t>(std::min<int>(travel_q15, 197 * (ticks + 1)));  // the frame's ramp
+        in.travel_q15 = static_cast<int16_t>(
+            std::min<int>(travel_q15, 197 * (ticks + 1)));  // the ramp of the trigger
         in.speed_rpm_q1 = static_cast<int16_t>(std::fmin(std::lround(2 * speed * RPM), 32767));
         in.current_a_q9 = static_cast<int16_t>(std::lround(current_a * 512));
         in.supply_mv = static_cast<uint16_t>(supply_v * 1000);
         in.duty_q15 = static_cast<int16_t>(std::lround(duty * 255) * 257 / 2);
         blow.count = static_cast<uint16_t>(ticks / 50);
-        blow.busy =
-            steps < 2 || (blows_busy && steps % 5 == 1);  // with its own beginning, or with a blow
+        blow.busy = steps < 2 || (blows_busy && steps % 5 == 1);  // at its start, or at a blow
         ++steps;
-        wish = torque_step(&torque, &set, &in, &blow);
-        duty = wish < 0 ? 0.0 : wish / 32767.0;
+        requested = torque_step(&torque, &set, &in, &blow);
+        duty = requested < 0 ? 0.0 : requested / 32767.0;
         ++ticks;
-        return wish;
+        return requested;
     }
 
-    // At most so long; whether it went on.
+    // Runs for at most `ms`; whether the drive has not ended.
     bool run(int ms) {
-        for (int n = 0; n < ms && wish != CONTROLLER_STOP; ++n)
+        for (int n = 0; n < ms && requested != CONTROLLER_STOP; ++n)
             step();
-        return wish != CONTROLLER_STOP;
+        return requested != CONTROLLER_STOP;
     }
 
     bool run_into(TorqueState state, int ms = 3000) {
-        for (int n = 0; n < ms && wish != CONTROLLER_STOP && torque_state(&torque) != state; ++n)
+        for (int n = 0; n < ms && requested != CONTROLLER_STOP && torque_state(&torque) != state;
+             ++n)
             step();
         return torque_state(&torque) == state;
     }
 };
 
-// Milliseconds in the state that it is in.
+// Milliseconds in the present state.
 int stay(Tool &tool) {
     const uint8_t state = torque_state(&tool.torque);
     int ms = 0;
@@ -93,7 +93,7 @@ TEST(Torque, RefusesTargetsOutsideItsMap) {
         EXPECT_GE(Tool(static_cast<int16_t>(target)).step(), 0) << target;
 }
 
-TEST(Torque, RefusesWhatASupplyDoesNotCarryBeforeTheFirstBlow) {
+TEST(Torque, RefusesALevelAboveTheSupplyBeforeTheFirstBlow) {
     const double most = torque_map_raised_mv(row_of(120)) * 1.125e-3;
     Tool weak(120), strong(120), low(60);
     weak.supply_v = low.supply_v = most - 0.01;
@@ -112,18 +112,18 @@ TEST(Torque, DoesNotDriveAtAReleasedTrigger) {
     EXPECT_EQ(tool.step(), CONTROLLER_COAST);
 }
 
-TEST(Torque, WaitsBelowTheFirstBlowsForThem) {
+TEST(Torque, StaysAtTheRunLevelUntilTheFirstBlows) {
     Tool tool(100);
     tool.current_a = 2.0;
     for (int n = 0; n < 5000; ++n) {
-        tool.ticks = 0;  // no blow comes
+        tool.ticks = 0;  // without blows
         ASSERT_GE(tool.step(), 0);
     }
     EXPECT_EQ(torque_state(&tool.torque), TORQUE_RUN);
     EXPECT_NEAR(tool.own_v, 5.5, 0.1);
 }
 
-TEST(Torque, HoldsItsLevelBehindAnySupplyAndWinding) {
+TEST(Torque, HoldsItsLevelForAnySupplyAndWinding) {
     for (const int target : {60, 85, 110}) {
         for (const double supply_v : {16.65, 18.5, 20.35}) {
             for (const double winding : {0.9, 1.0, 1.1, 1.4}) {
@@ -144,7 +144,7 @@ TEST(Torque, HoldsItsLevelBehindAnySupplyAndWinding) {
     }
 }
 
-TEST(Torque, SettlesAHardJointAndSaysReached) {
+TEST(Torque, SettlesAHardJointAndReportsReached) {
     Tool tool(100);
     tool.current_a = amperes(torque_map_settled_a_q8(row_of(100))) + 0.1;
     ASSERT_TRUE(tool.run_into(TORQUE_SETTLE));
@@ -169,16 +169,16 @@ TEST(Torque, RaisesForASoftJointAndStopsAtItsCurrent) {
     }
 }
 
-TEST(Torque, SaysMissedAndWhereOnAJointTooHardForALowTarget) {
+TEST(Torque, ReportsMissedWithTheTorqueOnAJointTooHardForALowTarget) {
     Tool tool(40);
     tool.current_a = amperes(torque_map_stop_a_q8(row_of(52))) + 0.01;
     EXPECT_FALSE(tool.run(3000));
     EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_MISSED);
     EXPECT_NEAR(torque_estimate(&tool.torque), 560,
-                20);  // 52 N m and what the filters have not seen yet
+                20);  // 52 N m plus the lag of the filters
 }
 
-TEST(Torque, ALowTargetPassedSoonBehindTheFirstLookIsMissedAndLaterReached) {
+TEST(Torque, ALowTargetExceededAtTheFirstEvaluationIsMissedAndLaterReached) {
     int missed = 0, reached = 0;
     for (int from_ms = 250; from_ms < 600; from_ms += 10) {
         Tool tool(40);
@@ -203,7 +203,7 @@ TEST(Torque, ALowTargetPassedSoonBehindTheFirstLookIsMissedAndLaterReached) {
     EXPECT_GT(reached, 3);
 }
 
-TEST(Torque, GivesUpOnAJointThatTakesTooLong) {
+TEST(Torque, EndsAfterTheTimeLimit) {
     Tool tool(60);
     tool.current_a = 12.0;
     EXPECT_TRUE(tool.run(9000));
@@ -212,7 +212,7 @@ TEST(Torque, GivesUpOnAJointThatTakesTooLong) {
     EXPECT_LT(torque_estimate(&tool.torque), 600);
 }
 
-TEST(Torque, SaysMissedWhenTheSupplyNoLongerCarriesTheLevel) {
+TEST(Torque, ReportsMissedWhenTheSupplyFallsBelowTheLevel) {
     Tool tool(110);
     tool.current_a = amperes(torque_map_settled_a_q8(row_of(110))) + 0.2;
     ASSERT_TRUE(tool.run_into(TORQUE_SETTLE));
@@ -222,7 +222,7 @@ TEST(Torque, SaysMissedWhenTheSupplyNoLongerCarriesTheLevel) {
     EXPECT_NEAR(torque_estimate(&tool.torque), 980, 30);  // 10 V: about 98 N m
 }
 
-TEST(Torque, TheFirstBlowsAreTakenAQuarterOfAVoltLowAndNotAtOnce) {
+TEST(Torque, TheFirstBlowsAreAQuarterOfAVoltLowerAndRamped) {
     Tool tool(100);
     tool.current_a = 2.0;
     for (int n = 0; n < 80; ++n) {
@@ -235,31 +235,31 @@ TEST(Torque, TheFirstBlowsAreTakenAQuarterOfAVoltLowAndNotAtOnce) {
         tool.step();
     }
     EXPECT_GT(tool.own_v, 5.2);
-    EXPECT_LT(tool.own_v, 5.4);  // what a nominal tool does not need is found out later
+    EXPECT_LT(tool.own_v, 5.4);  // the nominal tool's excess is measured later
 }
 
-TEST(Torque, ADriveTakenUpWhileTheShaftTurnsBeginsWithItsDuty) {
+TEST(Torque, AResumedDriveBeginsWithTheDutyOfItsSpeed) {
     Tool tool(100);
     tool.ticks = 80;
     EXPECT_EQ(tool.step(), 81 * 197);
 }
 
-TEST(Torque, LooksAndSettlesForAsLongAsItTakes) {
+TEST(Torque, EvaluatesAndSettlesForTheirTimes) {
     struct Wanted {
-        int target, look_ms, settle_ms;
+        int target, evaluate_ms, settle_ms;
     };
     for (const Wanted &wanted : {Wanted{60, 1700, 3300}, {100, 1200, 2800}}) {
         Tool tool(static_cast<int16_t>(wanted.target));
         tool.current_a = amperes(torque_map_settled_a_q8(row_of(wanted.target))) + 0.5;
         ASSERT_TRUE(tool.run_into(TORQUE_LEVEL));
         const int way_ms = (torque_map_level_mv(row_of(wanted.target)) - tool.torque.level_mv) / 8;
-        EXPECT_NEAR(stay(tool), way_ms + wanted.look_ms, 8) << wanted.target;
+        EXPECT_NEAR(stay(tool), way_ms + wanted.evaluate_ms, 8) << wanted.target;
         ASSERT_EQ(torque_state(&tool.torque), TORQUE_SETTLE);
         EXPECT_NEAR(stay(tool), wanted.settle_ms, 8) << wanted.target;
     }
 }
 
-TEST(Torque, ASixteenthBesideIsMissed) {
+TEST(Torque, ADeviationOfASixteenthIsMissed) {
     for (const auto &[beside_nm, reason] :
          {std::pair{5, CONTROLLER_REASON_REACHED}, {9, CONTROLLER_REASON_MISSED}}) {
         Tool tool(110);
@@ -273,7 +273,7 @@ TEST(Torque, ASixteenthBesideIsMissed) {
     }
 }
 
-TEST(Torque, ATargetThatIsNearlyThereForTooLongTimesOut) {
+TEST(Torque, ATargetNearlyReachedForTooLongTimesOut) {
     Tool tool(60);
     tool.current_a = amperes(torque_map_settled_a_q8(row_of(60))) - 0.1;
     ASSERT_TRUE(tool.run_into(TORQUE_RAISED));
@@ -284,7 +284,7 @@ TEST(Torque, ATargetThatIsNearlyThereForTooLongTimesOut) {
     EXPECT_EQ(torque_stop_reason(&tool.torque), CONTROLLER_REASON_TIMEOUT);
 }
 
-// Milliseconds from a step of the current, 1.5 A beyond the target's, to the stop.
+// Milliseconds from a step of the current to 1.5 A above the target's until the stop.
 int lag_ms(int target_nm, bool busy = false) {
     Tool tool(static_cast<int16_t>(target_nm));
     tool.blows_busy = busy;
@@ -296,7 +296,7 @@ int lag_ms(int target_nm, bool busy = false) {
     return stay(tool);
 }
 
-TEST(Torque, AQuickGainOfTorqueIsSeenInTime) {
+TEST(Torque, AFastGainOfTorqueIsDetectedInTime) {
     for (const auto &[target, most_ms] : {std::pair{70, 60}, {85, 115}, {100, 40}, {115, 40}}) {
         const int quiet_ms = lag_ms(target);
         EXPECT_LE(quiet_ms, most_ms) << target;
@@ -304,7 +304,7 @@ TEST(Torque, AQuickGainOfTorqueIsSeenInTime) {
     }
 }
 
-TEST(Torque, OverIsOver) {
+TEST(Torque, AnEndedDriveStaysEnded) {
     Tool tool(40);
     tool.current_a = 30.0;
     EXPECT_FALSE(tool.run(3000));
@@ -313,7 +313,7 @@ TEST(Torque, OverIsOver) {
         EXPECT_EQ(tool.step(), CONTROLLER_STOP);
 }
 
-TEST(Torque, MapIsWhatTheSearchNeeds) {
+TEST(Torque, TheMapIsMonotonicAndWithinItsLimits) {
     for (uint8_t row = 0; row < TORQUE_MAP_ROWS; ++row) {
         EXPECT_EQ(torque_map_settled_a_q8(row) == TORQUE_MAP_NEVER, row < row_of(60)) << int{row};
         EXPECT_GE(torque_map_level_mv(row), 5000);

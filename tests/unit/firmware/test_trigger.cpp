@@ -40,7 +40,7 @@ TEST(Trigger, DeadBandEndsAtItsCount) {
     EXPECT_EQ(self.travel_q15, 32767);
 }
 
-TEST(Trigger, EverySwitchIsDebouncedByItself) {
+TEST(Trigger, EachSwitchIsDebouncedIndependently) {
     for (const uint8_t bit : {uint8_t{1}, uint8_t{2}, uint8_t{4}, uint8_t{8}}) {
         Trigger self = trigger();
         for (unsigned k = 1; k < TRIGGER_DEBOUNCE_TICKS; ++k)
@@ -56,7 +56,7 @@ TEST(Trigger, EverySwitchIsDebouncedByItself) {
     }
 }
 
-TEST(Trigger, ABounceStartsTheCountAgain) {
+TEST(Trigger, ABounceRestartsTheDebouncing) {
     Trigger self = trigger();
     for (int k = 0; k < 50; ++k) {
         trigger_set_switches(&self, static_cast<uint8_t>(k % 5 == 4 ? 0 : 15));

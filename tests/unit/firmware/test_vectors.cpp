@@ -5,7 +5,7 @@
 
 namespace {
 
-TEST(Vectors, EveryOneBitForBit) {
+TEST(Vectors, AllVectorsAreEqualBitForBit) {
     for (uint16_t k = 0; k < VECTORS_COUNT; ++k) {
         const Vector v = vectors_at(k);
         EXPECT_EQ(vectors_evaluate(v.function, v.a, v.b), v.expected)

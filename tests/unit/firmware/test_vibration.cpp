@@ -1,4 +1,4 @@
-// Low vibration: each phase, what ends it, and its borders; any input at all.
+// Low vibration: each phase, its end and its limits; random inputs.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -19,7 +19,7 @@ VibrationSetpoints setpoints(uint8_t method) {
     return {method, 8520, 7700, 108, 175, 40 * 512, 21234, 14400, 190, 876};
 }
 
-// What the board measures of a motor at a speed with a duty.
+// Inputs that the board measures at a motor speed and a duty.
 ControllerInputs measured(double rpm, int16_t duty_q15, int16_t trigger_q15 = FULL,
                           int16_t travel_q15 = 0) {
     const double current = (duty_q15 / 32768.0 * SUPPLY_V - rpm / RPM_PER_V) / OHM;
@@ -69,7 +69,7 @@ class BothMethods : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Vibration, BothMethods,
                          testing::Values(CONTROLLER_METHOD_SPEED, CONTROLLER_METHOD_CURRENT));
 
-TEST_P(BothMethods, ApproachesWithLittleDuty) {
+TEST_P(BothMethods, ApproachesWithASmallDuty) {
     Drive drive(static_cast<uint8_t>(GetParam()));
     drive.run_up(2800, 40);
     EXPECT_EQ(vibration_state(&drive.self), VIBRATION_APPROACH);
@@ -89,7 +89,7 @@ TEST_P(BothMethods, DipOfASixteenthIsTheAnvil) {
     EXPECT_LT(drive.duty_q15, drive.set.approach_q15);
 }
 
-TEST_P(BothMethods, SurgesWhenTheMotorHasTurnedThatFar) {
+TEST_P(BothMethods, SurgesAfterTheAngleOfTheClimb) {
     Drive drive(static_cast<uint8_t>(GetParam()));
     drive.meet_anvil();
     const double per_ms = 1500.0 / 60e3, wanted = 175.0 / 256.0;
@@ -111,7 +111,7 @@ TEST(Vibration, DutyGrowsAlongTheClimb) {
     EXPECT_EQ(drive.duty_q15 - first, 5 * drive.set.climb_per_ms_q15);
 }
 
-TEST(Vibration, ClimbThatDoesNotEndSurgesAfterATenthOfASecond) {
+TEST(Vibration, ClimbEndsAfterATenthOfASecond) {
     Drive drive;
     drive.meet_anvil();
     int ms = 0;
@@ -134,13 +134,14 @@ TEST(Vibration, SurgeHoldsItsCurrent) {
             EXPECT_GE(current, 35.0);
         }
     }
-    EXPECT_GT(n, 60);  // (18 V - 0.19 ohm 40 A) 876 rpm/V less 1,500 rpm, at 90 rpm a ms, is 84 ms
+    EXPECT_GT(n,
+              60);  // (18 V - 0.19 ohm 40 A) 876 rpm/V less 1,500 rpm, at 90 rpm per ms, is 84 ms
     EXPECT_EQ(drive.self.phase, VIBRATION_RUN);
     EXPECT_EQ(drive.duty_q15, FULL);
 }
 
-// Its third climb would end on top of a lug with more.
-TEST(Vibration, AWeakBatterySurgesWithLess) {
+// With more current the third climb would end on top of a lug.
+TEST(Vibration, AWeakBatterySurgesWithLessCurrent) {
     struct Wanted {
         double supply_v, set_a, surge_a;
     };
@@ -168,7 +169,7 @@ TEST(Vibration, AWeakBatterySurgesWithLess) {
 }
 
 // duty + R (surge_a - i) / Vs, at most 0.12 more than the last; above surge_a what it is.
-TEST(Vibration, SurgeAddsWhatTheWindingWants) {
+TEST(Vibration, SurgeAddsTheDropOfTheWinding) {
     struct Case {
         double current;
         int duty;
@@ -185,7 +186,7 @@ TEST(Vibration, SurgeAddsWhatTheWindingWants) {
     }
 }
 
-TEST(Vibration, WithoutAnAnvilItBecomesThePlainMode) {
+TEST(Vibration, WithoutADipItBecomesThePlainMode) {
     Drive drive;
     int ms = 0;
     for (; drive.self.phase == VIBRATION_APPROACH && ms < 1000; ++ms)
@@ -194,7 +195,7 @@ TEST(Vibration, WithoutAnAnvilItBecomesThePlainMode) {
     EXPECT_EQ(drive.self.phase, VIBRATION_RUN);
     for (; drive.duty_q15 < FULL && ms < 1000; ++ms)
         drive.step(6000);
-    EXPECT_NEAR(ms, 90 + (32767 - 8520) / 197.0, 2);  // the trigger's ramp of 6 a second
+    EXPECT_NEAR(ms, 90 + (32767 - 8520) / 197.0, 2);  // the trigger's ramp of 6 per second
 }
 
 TEST(Vibration, ResumedDriveKeepsTheDutyOfItsSpeed) {
@@ -204,7 +205,7 @@ TEST(Vibration, ResumedDriveKeepsTheDutyOfItsSpeed) {
 }
 
 // With back-EMF below 0.648 of the voltage, in impacts.
-TEST_P(BothMethods, HardJointIsHitWithLessVoltage) {
+TEST_P(BothMethods, AHardJointReducesTheVoltage) {
     for (const double share : {0.62, 0.67}) {
         Drive drive(static_cast<uint8_t>(GetParam()));
         drive.release();
@@ -220,7 +221,7 @@ TEST_P(BothMethods, HardJointIsHitWithLessVoltage) {
     }
 }
 
-TEST(Vibration, NoBlowsNoLimit) {
+TEST(Vibration, WithoutBlowsThereIsNoLimit) {
     Drive drive;
     drive.release();
     for (int n = 0; n < 500; ++n)
@@ -237,10 +238,10 @@ TEST(Vibration, NeverBeyondTheTrigger) {
     }
     EXPECT_EQ(drive.duty_q15, 12000);
     const int16_t less = drive.step(4000, 9000);
-    EXPECT_EQ(12000 - less, 197);  // a trigger let go a little: at its own rate
+    EXPECT_EQ(12000 - less, 197);  // a partly released trigger: at the rate of its ramp
 }
 
-TEST(Vibration, SilentSensorsEndInThePlainMode) {
+TEST(Vibration, SensorsWithoutSignalEndInThePlainMode) {
     Drive drive;
     ControllerInputs in{};
     in.trigger_q15 = FULL;
@@ -250,7 +251,7 @@ TEST(Vibration, SilentSensorsEndInThePlainMode) {
     EXPECT_EQ(drive.duty_q15, FULL);
 }
 
-TEST(Vibration, AnyInputGivesADutyWithinTheTrigger) {
+TEST(Vibration, RandomInputsGiveADutyWithinTheTrigger) {
     std::mt19937 random(7);
     std::uniform_int_distribution<int> word(INT16_MIN, INT16_MAX), unsigned_word(0, UINT16_MAX),
         coin(0, 3);
@@ -269,13 +270,13 @@ TEST(Vibration, AnyInputGivesADutyWithinTheTrigger) {
             in.supply_mv = static_cast<uint16_t>(coin(random) != 0 ? unsigned_word(random) : 0);
             in.duty_q15 = duty();
             drive.blow.impacting = coin(random) == 0;
-            const int16_t wish = vibration_step(&drive.self, &drive.set, &in, &drive.blow);
-            ASSERT_GE(wish, 0);
-            ASSERT_LE(wish, std::max<int>(in.trigger_q15, first ? in.travel_q15 : last))
+            const int16_t requested = vibration_step(&drive.self, &drive.set, &in, &drive.blow);
+            ASSERT_GE(requested, 0);
+            ASSERT_LE(requested, std::max<int>(in.trigger_q15, first ? in.travel_q15 : last))
                 << run << ' ' << n;
             ASSERT_LE(vibration_state(&drive.self), VIBRATION_RUN);
             ASSERT_GE(vibration_estimate(&drive.self), 0);
-            last = wish;
+            last = requested;
             first = false;
         }
     }

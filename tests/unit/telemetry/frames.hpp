@@ -1,4 +1,4 @@
-// Frames as a host writes them, for the tests of telemetry in C++.
+// Frames of a host, for the telemetry tests in C++.
 #pragma once
 
 #include <array>
@@ -12,7 +12,7 @@ extern "C" {
 
 using Bytes = std::vector<std::uint8_t>;
 
-// The CRC of a frame of 19 bytes as docs/telemetry.md defines it: over id, time and the first seven
+// CRC of a frame of 19 bytes as docs/telemetry.md defines it: over id, time and the first seven
 // data bytes.
 inline std::uint8_t frame_crc(const Bytes &frame) {
     std::uint8_t crc = crc8_over(CRC8_INIT, &frame[6], 4);

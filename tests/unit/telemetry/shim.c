@@ -1,5 +1,5 @@
-// Telemetry and parameters of the firmware as a shared library for tests in Python: an EEPROM that
-// fails on demand, flat calls.
+// Telemetry and parameters of the firmware as a shared library for tests in Python: plain
+// functions, and an EEPROM that fails on request.
 #include <stddef.h>
 #include <string.h>
 
@@ -51,8 +51,8 @@ uint8_t hal_eeprom_read(uint16_t address) {
     return eeprom[address];
 }
 
-// Write number `fail_at` (counted from 1) leaves garbage behind; later ones do nothing, as the
-// power is gone.
+// Write number `fail_at` (counted from 1) leaves a random byte; later ones do nothing, since the
+// power has failed.
 void hal_eeprom_start_write(uint16_t address, uint8_t value) {
     writes++;
     busy = busy_steps;
@@ -106,7 +106,7 @@ uint8_t shim_board_tick(ShimBoard *board, const TelemetryInputs *wanted, const T
     return telemetry_tick(&board->telemetry, &in, fast, out);
 }
 
-// 0: no frame yet, 1: executed, 2: answered only; 3: the byte must wait for the ACK before it.
+// 0: no frame yet, 1: executed, 2: acknowledged only, 3: the byte must wait for the pending ACK.
 uint8_t shim_board_receive(ShimBoard *board, uint8_t byte, bool idle, uint8_t *result) {
     Command command;
     if (telemetry_ack_pending(&board->telemetry)) {

@@ -1,5 +1,5 @@
-// The inbound parser: what is whole is handed out once, what is truncated, damaged, over-long or of
-// an unknown id is not executed, and nothing behind it is lost.
+// Parser of inbound frames: an intact frame is executed once; truncated, damaged, too long or
+// unknown frames are not executed, and the frames after them are not lost.
 #include <gtest/gtest.h>
 
 #include "frames.hpp"
@@ -40,7 +40,7 @@ Bytes joined(std::initializer_list<Bytes> parts) {
     return all;
 }
 
-TEST(CommandParser, HandsOutAWholeFrame) {
+TEST(CommandParser, ReturnsACompleteFrame) {
     CommandParser parser{};
     Command command{};
     for (std::size_t k = 0; k + 1 < READ.size(); ++k)
@@ -54,7 +54,7 @@ TEST(CommandParser, HandsOutAWholeFrame) {
     EXPECT_EQ(parser.errors, 0);
 }
 
-TEST(CommandParser, ATruncatedFrameCostsOnlyItself) {
+TEST(CommandParser, ATruncatedFrameLosesOnlyItself) {
     for (std::size_t length = 1; length < READ.size(); ++length) {
         const Parsed got =
             parse(joined({Bytes(READ.begin(), READ.begin() + static_cast<long>(length)), READ}));
@@ -63,7 +63,7 @@ TEST(CommandParser, ATruncatedFrameCostsOnlyItself) {
     }
 }
 
-TEST(CommandParser, EveryDamagedByteIsSeenAndTheNextFrameIsFound) {
+TEST(CommandParser, EveryDamagedByteIsDetectedAndTheNextFrameIsFound) {
     for (std::size_t at = 0; at < READ.size(); ++at) {
         Bytes damaged = READ;
         damaged[at] ^= 0x40;
@@ -74,7 +74,7 @@ TEST(CommandParser, EveryDamagedByteIsSeenAndTheNextFrameIsFound) {
     }
 }
 
-TEST(CommandParser, AnOverlongFrameAndItsLengthAreRefused) {
+TEST(CommandParser, AFrameOfAnotherLengthIsRejected) {
     Bytes longer = READ;
     longer[5] = 9;
     longer.insert(longer.begin() + 10, 0);
@@ -83,7 +83,7 @@ TEST(CommandParser, AnOverlongFrameAndItsLengthAreRefused) {
     EXPECT_EQ(got.errors, static_cast<int>(longer.size()));
 }
 
-TEST(CommandParser, AWrongIdIsAnsweredButNotExecuted) {
+TEST(CommandParser, AnUnknownIdIsAcknowledgedButNotExecuted) {
     for (const std::uint32_t id :
          {0x10000u + TELEMETRY_PARAM_READ_ID, 0x01000000u + TELEMETRY_PARAM_READ_ID}) {
         const Parsed got = parse(frame_of(id, {7, 0, 0, 0, 0, 0, 41}));
@@ -92,7 +92,7 @@ TEST(CommandParser, AWrongIdIsAnsweredButNotExecuted) {
     }
 }
 
-TEST(CommandParser, ABadCrcIsAnsweredWithItsSequence) {
+TEST(CommandParser, ABadCrcIsAcknowledgedWithItsSequence) {
     Bytes damaged = READ;
     damaged[17] ^= 1;
     const Parsed got = parse(damaged);
@@ -100,12 +100,12 @@ TEST(CommandParser, ABadCrcIsAnsweredWithItsSequence) {
     EXPECT_EQ(got.sequences, std::vector<int>{41});
 }
 
-TEST(CommandParser, AStepLooksAtFewBytes) {
+TEST(CommandParser, AStepExaminesFewBytes) {
     CommandParser parser{};
     Command command{};
-    Bytes starts(18, 0xAA);  // each looks like a begin until its length is there
+    Bytes starts(18, 0xAA);  // each may start a frame until its length byte
     starts[5] = 8;
-    starts.push_back(0);  // no end
+    starts.push_back(0);  // wrong end byte
     for (const std::uint8_t byte : starts)
         command_byte(&parser, byte);
     int steps = 0, last = parser.count;

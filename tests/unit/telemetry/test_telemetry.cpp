@@ -1,5 +1,5 @@
-// Outbound frames: framing, values at the borders of their fields, the schedule of slow frames and
-// the order at the start.
+// Outbound frames: framing, values at the limits of their signals, schedule of slow frames, and
+// order at the start.
 #include <gtest/gtest.h>
 
 #include "frames.hpp"
@@ -48,9 +48,9 @@ TEST(Telemetry, BeginsWithBootAndAFastFrameInTheFirstTick) {
     EXPECT_EQ(id_of(line.frames[1]), TELEMETRY_FAST_ID);
 }
 
-TEST(Telemetry, EveryFrameIsFramedAndItsCrcRight) {
+TEST(Telemetry, EveryFrameHasItsFramingAndCrc) {
     Line line;
-    line.in.now_ms = 0x01FFFFF0u;  // the time carries through all its bytes
+    line.in.now_ms = 0x01FFFFF0u;  // the increment carries through all bytes of the time
     int slow = 0;
     for (int k = 0; k < 200; ++k) {
         line.tick();
@@ -69,7 +69,7 @@ TEST(Telemetry, EveryFrameIsFramedAndItsCrcRight) {
     EXPECT_GE(slow, 1 + 3 + 1 + 2) << "BOOT, parameters, their table, STATE, HEALTH";
 }
 
-TEST(Telemetry, FastHoldsItsFieldsAtTheirBorders) {
+TEST(Telemetry, FastHoldsItsSignalsAtTheirLimits) {
     struct Case {
         int current, speed, duty, supply;
     };
@@ -91,7 +91,7 @@ TEST(Telemetry, FastHoldsItsFieldsAtTheirBorders) {
     }
 }
 
-TEST(Telemetry, ASlowFrameTakesTwoTicksAndIsHeldWhenAsked) {
+TEST(Telemetry, ASlowFrameTakesTwoTicksAndIsHeldOnRequest) {
     Line line;
     for (int k = 0; k < 500; ++k)
         line.tick();
@@ -114,7 +114,7 @@ TEST(Telemetry, ASlowFrameTakesTwoTicksAndIsHeldWhenAsked) {
     EXPECT_EQ(id_of(line.frames[0]), TELEMETRY_ACK_ID);
 }
 
-TEST(Telemetry, TheSlowLineDecimatesAndMeans) {
+TEST(Telemetry, TheSlowLineSendsMeansOfTwoTicks) {
     Line line(TELEMETRY_BAUD_115200);
     int fast = 0;
     double bytes = 0;
@@ -122,11 +122,11 @@ TEST(Telemetry, TheSlowLineDecimatesAndMeans) {
         line.fast.current_a = static_cast<std::int16_t>(k % 2 == 0 ? -101 : -103);
         line.tick();
         bytes += 19.0 * static_cast<double>(line.frames.size());
-        ASSERT_LE(bytes, 57 + 11.52 * k) << "never more than the queue and the line hold";
+        ASSERT_LE(bytes, 57 + 11.52 * k) << "within the capacity of queue and line";
         if (line.frames.empty() || id_of(line.frames.back()) != TELEMETRY_FAST_ID)
             continue;
         EXPECT_EQ(k % 2, 0);
-        EXPECT_EQ(line.frames.back()[16] >> 4, fast % 16) << "no counter is left out";
+        EXPECT_EQ(line.frames.back()[16] >> 4, fast % 16) << "consecutive counters";
         EXPECT_EQ(static_cast<std::int16_t>(line.frames.back()[10] | line.frames.back()[11] << 8),
                   -102);
         ++fast;

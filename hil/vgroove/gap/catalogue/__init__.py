@@ -20,12 +20,13 @@ from . import (
     supply,
     timing,
 )
-from .entry import OUTPUT_TURN, Effect, Form, Load, LoadKey, Parameter, Periodic, Scales
+from .entry import OUTPUT_TURN, Effect, Form, Load, LoadKey, Parameter, Periodic, Scales, Separation
 from .loads import DIAGNOSED_LOADS, JOINTS, LOADS, load_parameters
 
 __all__ = [
     "BY_ID",
     "CATALOGUE",
+    "CONVENTIONS_AT_LOWER_BOUND",
     "DIAGNOSED_LOADS",
     "FLAGS_BEYOND_SPECIFICATION",
     "FRICTION_LAWS",
@@ -36,6 +37,7 @@ __all__ = [
     "OUTPUT_TURN",
     "PERIODIC",
     "SENSORS",
+    "SEPARATIONS",
     "SPECIAL_CASES",
     "Effect",
     "Form",
@@ -44,6 +46,7 @@ __all__ = [
     "Parameter",
     "Periodic",
     "Scales",
+    "Separation",
     "available",
     "contains",
     "equations",
@@ -99,6 +102,10 @@ PERIODIC = {e.id: e.periodic for e in CATALOGUE if e.periodic}
 FLAGS_BEYOND_SPECIFICATION = tuple(
     e.flag_name for e in CATALOGUE if e.form and e.form.beyond_specification
 )
+CONVENTIONS_AT_LOWER_BOUND = frozenset(
+    e.name(p) for e in CATALOGUE for p in e.parameters if p.low_is_convention
+)
+SEPARATIONS = {frozenset({e.id, s.other}): s for e in CATALOGUE for s in e.separations}
 LESS_LIKELY = frozenset(e.id for e in CATALOGUE if e.less_likely)
 
 # Equations of the model that the effects of a subsystem enter, where an entry states no others.

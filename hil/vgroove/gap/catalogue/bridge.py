@@ -1,6 +1,6 @@
 """Effects of the bridge."""
 
-from .entry import ZERO, Effect, Form, Parameter
+from .entry import ZERO, Effect, Form, Parameter, Separation
 
 EFFECTS = (
     Effect(
@@ -15,6 +15,14 @@ EFFECTS = (
         form=Form("form", ("mean", "edges"), "at_edges", beyond_specification=True),
         switch=("dead_time_s",),
         less_likely=True,
+        separations=(
+            Separation(
+                "brush_drop",
+                "staircase up to full duty",
+                "at full duty nothing switches, so that dead time takes no voltage; the brushes "
+                "still do",
+            ),
+        ),
     ),
     Effect(
         "bridge_resistance",

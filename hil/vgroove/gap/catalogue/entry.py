@@ -66,7 +66,8 @@ class Parameter:
     bounds of the search, SI. In units of size: starts of the fit, step of its differences, and
     least, below which the number is taken as 0 (a lag of nanoseconds would only make the simulation
     stiff). reported: whether a verdict lists the number. of: the effect whose key this number is in
-    a rig, where it is another's.
+    a rig, where it is another's. low_is_convention: a number at its lower bound describes the
+    logger, not an effect.
     """
 
     name: str
@@ -81,6 +82,7 @@ class Parameter:
     of: str | None = None
     key: Key = ANY
     neutral: float = 0.0
+    low_is_convention: bool = False
 
 
 @dataclass(frozen=True)
@@ -112,23 +114,41 @@ class Periodic:
     periods: float | str
     moves_shaft: bool = True
 
+    def periods_per_rev(self, value: Callable[[str], float], ratio: float) -> float:
+        """Periods a motor turn; value: of a parameter of the effect, ratio: of the gear."""
+        if self.periods == OUTPUT_TURN:
+            return 1.0 / ratio
+        return value(self.periods) if isinstance(self.periods, str) else self.periods
+
 
 OUTPUT_TURN = "once an output turn"
+
+
+@dataclass(frozen=True)
+class Separation:
+    """The run of the menu (gap/next_run) that separates an effect from another one, and why."""
+
+    other: str
+    run: str
+    reason: str
 
 
 @dataclass(frozen=True)
 class Effect:
     """One physical effect that the nominal model leaves out.
 
-    equation, remark: docs/spec/gap.md, section 3, is written from them. parameters: the first one is the leading one,
-    whose value stands for the effect's size. needs: what a log must hold to show it, flags of
+    equation, remark: docs/spec/gap.md, section 3, is written from them. parameters: the first one
+    is the leading one, whose value stands for the effect's size. needs: what a log must hold to show it, flags of
     NEEDS. special_case_of: more general effects that contain it as a limit. identical_to: effects
     that no run tells from it, each with the flags under which that holds; this one is the likelier.
     switch: parameters whose departure from neutral makes the plant compute the effect; empty where
     it only changes a constant of the model, or where the component decides. equations: those of the
     model that it enters, where they are not its subsystem's. loads: kinds that it acts on, where
     not all. friction_law: a torque over speed alone, so that sums of some such laws imitate others.
-    less_likely: of two effects that predict a log alike the other one is taken.
+    less_likely: of two effects that predict a log alike the other one is taken. constant_beside: an
+    effect beside which only the difference of the two parameters is this effect's own, a constant
+    torque. counted: the value is counted from the logs, not fitted. separations: runs that separate
+    it from others, where the physics is known.
     """
 
     id: str
@@ -146,6 +166,9 @@ class Effect:
     remark: str = ""
     friction_law: bool = False
     less_likely: bool = False
+    constant_beside: str = ""
+    counted: bool = False
+    separations: tuple[Separation, ...] = ()
 
     @property
     def phase(self) -> bool:

@@ -9,6 +9,7 @@ from .entry import (
     Parameter,
     Periodic,
     Scales,
+    Separation,
     constant,
 )
 from .keys import NOT_NEGATIVE, POSITIVE
@@ -74,8 +75,8 @@ EFFECTS = (
     Effect(
         "coupler_compliance",
         "gearbox",
-        "mechanism `none`, at the motor shaft: the output side J2 = J_out / N^2 + inertia_kg_m2 moves behind a "
-        "spring, c = 2 damping_ratio sqrt(stiffness_nm_per_rad J2); mechanism `impact`: "
+        "mechanism `none`, at the motor shaft: the output side J2 = J_out / N^2 + inertia_kg_m2 "
+        "moves behind a spring, c = 2 damping_ratio sqrt(stiffness_nm_per_rad J2); mechanism `impact`: "
         "between anvil and joint, J2 = inertia_kg_m2",
         (
             Parameter(
@@ -108,6 +109,13 @@ EFFECTS = (
             ),
         ),
         less_likely=True,
+        separations=(
+            Separation(
+                "added_inertia",
+                "fast ramps",
+                "a spring oscillates after steep edges, a rigid inertia does not",
+            ),
+        ),
     ),
     Effect(
         "gear_backlash",

@@ -1,7 +1,7 @@
 """Effects of the motor's winding, brushes and magnets."""
 
 from .common import relative, time_constant
-from .entry import OFF_AT_INFINITY, ZERO, Effect, Parameter
+from .entry import OFF_AT_INFINITY, ZERO, Effect, Parameter, Separation
 from .keys import POSITIVE
 
 EFFECTS = (
@@ -54,6 +54,13 @@ EFFECTS = (
         (relative(0.02, 0.5),),
         identical_to=(("current_gain", ("current_input",)),),
         equations=("voltage", "torque"),
+        separations=(
+            Separation(
+                "speed_gain",
+                "stall pulse",
+                "at standstill the speed sensor has no influence, the torque constant has",
+            ),
+        ),
     ),
     Effect(
         "magnetic_saturation",

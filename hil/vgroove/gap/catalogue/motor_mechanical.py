@@ -3,7 +3,7 @@ positive against w > 0.
 """
 
 from .common import PHASE, torque, viscous
-from .entry import ZERO, Effect, Parameter, Periodic, constant
+from .entry import ZERO, Effect, Parameter, Periodic, Separation, constant
 from .keys import POSITIVE
 
 EFFECTS = (
@@ -57,6 +57,7 @@ EFFECTS = (
         "T + forward_nm for w > 0, T - backward_nm for w < 0, in between at rest",
         (torque("forward_nm"), torque("backward_nm")),
         needs=("both",),
+        constant_beside="coulomb_friction",
         remark="forward_nm = -backward_nm is a constant torque offset. Needs both directions: in a "
         "one-way log it is `coulomb_friction`",
     ),
@@ -103,6 +104,15 @@ EFFECTS = (
             ),
         ),
         special_case_of=("coupler_compliance",),
+        separations=(
+            Separation(
+                "clock_skew",
+                "coast-down",
+                "with the bridge open an inertia stretches the run-down; a clock error also shifts "
+                "the edges of a steady speed against the time stamps: hold one for some seconds "
+                "before",
+            ),
+        ),
     ),
     Effect(
         "cogging_torque",

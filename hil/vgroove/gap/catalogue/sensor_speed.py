@@ -37,5 +37,6 @@ EFFECTS = (
         ),
         needs=("edges",),
         remark="single speeds are far too low",
+        counted=True,
     ),
 )

@@ -1,6 +1,6 @@
 """Effects of the clocks: a late command, a clock that runs fast or slow."""
 
-from .entry import Effect, Form, Parameter, constant
+from .entry import Effect, Form, Parameter, Separation, constant
 from .keys import NOT_NEGATIVE, SKEW
 
 EFFECTS = (
@@ -17,6 +17,14 @@ EFFECTS = (
                 constant(0.1),
                 (0.0, 4.0),
                 key=NOT_NEGATIVE,
+                low_is_convention=True,
+            ),
+        ),
+        separations=(
+            Separation(
+                "speed_lag",
+                "fast ramps",
+                "a delay shifts current and speed, a lag of the sensor the speed alone",
             ),
         ),
     ),

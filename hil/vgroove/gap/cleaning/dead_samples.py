@@ -38,9 +38,9 @@ class DeadSampleLimits:
     # spikes
     spike: float = 20.0  # usual changes off the neighbours
     spike_neighbours: float = 0.5  # of that limit, within which the neighbours must agree
-    still_share: float = 0.02  # of its span, by which the command may move meanwhile
+    constant_share: float = 0.02  # of its span, by which the command may move meanwhile
     max_spike_share: float = 0.02  # of the rows: more are no disturbance
-    still_rows: int = 7  # window in which the command must be still
+    constant_rows: int = 7  # window in which the command must be constant
     # frozen
     min_frozen: int = 20  # rows, and pitches of a Hall speed, that a column repeats itself before
     by_chance: float = 1e-4  # expected number of such repeats in a log by chance
@@ -92,14 +92,15 @@ def remove_dead_samples(log: Log, rig: Rig) -> Log:
     if not found:
         return log
     counts = [
-        f"{name}: {int(zero.sum())} dropped to 0 or spikes, {int(still.sum())} frozen"
-        for name, (zero, still) in found.items()
+        f"{name}: {int(zero.sum())} dropped to 0 or spikes, {int(repeated.sum())} frozen"
+        for name, (zero, repeated) in found.items()
     ]
     cleaned = columns | {
-        name: np.where(zero | still, np.nan, columns[name]) for name, (zero, still) in found.items()
+        name: np.where(zero | repeated, np.nan, columns[name])
+        for name, (zero, repeated) in found.items()
     }
     warning = (
-        f"{log.source}: samples that no sensor would show are taken as missing: {'; '.join(counts)}"
+        f"{log.source}: values that no sensor produces are taken as missing: {'; '.join(counts)}"
     )
     return replace(log, columns=cleaned, warnings=[*log.warnings, warning])
 
@@ -165,8 +166,8 @@ def dropped_samples(column: _Column) -> np.ndarray:
 
 def spikes(column: _Column) -> np.ndarray:
     """Single samples (n,) of current or bus voltage far off their neighbours, which agree, while
-    the command is still: a disturbed conversion. None where there are many, which have a cause in
-    the tool.
+    the command is constant: a disturbed conversion. None where there are many, because these have a
+    cause in the tool.
     """
     values, command = column.values, column.command
     none = np.zeros(len(values), bool)
@@ -178,10 +179,12 @@ def spikes(column: _Column) -> np.ndarray:
     around = windows[:, [0, 1, 3, 4]]
     far = np.abs(whole - np.median(around, axis=1)) > limit
     held = hold_last_value(command)
-    moved = maximum_filter1d(held, LIMITS.still_rows) - minimum_filter1d(held, LIMITS.still_rows)
-    still = moved <= LIMITS.still_share * np.ptp(held)
+    moved = maximum_filter1d(held, LIMITS.constant_rows) - minimum_filter1d(
+        held, LIMITS.constant_rows
+    )
+    constant = moved <= LIMITS.constant_share * np.ptp(held)
     agree = np.ptp(around, axis=1) < LIMITS.spike_neighbours * limit
-    out = far & agree & still & np.isfinite(values)
+    out = far & agree & constant & np.isfinite(values)
     return out if out.mean() < LIMITS.max_spike_share else none
 
 
@@ -262,7 +265,7 @@ def longest_by_chance(length: np.ndarray, nonzero: np.ndarray) -> float:
 
 def _jumps(column: _Column, last: int) -> bool:
     """Whether a column leaves the value that it repeated up to row `last` with a jump while the
-    command is still; a Hall speed changes in jumps anyway.
+    command is constant; a Hall speed changes in jumps anyway.
     """
     values, command = column.values, column.command
     end = last + 1 + LIMITS.beside
@@ -271,7 +274,7 @@ def _jumps(column: _Column, last: int) -> bool:
     if command is None or not len(after) or from_edges:
         return False
     held = hold_last_value(command)
-    if np.ptp(held[last:end]) > LIMITS.still_share * np.ptp(held):
+    if np.ptp(held[last:end]) > LIMITS.constant_share * np.ptp(held):
         return False
     changes = np.abs(np.diff(values[np.isfinite(values)]))
     changing = changes[changes > 0.0]

@@ -10,7 +10,8 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from vgroove.rig import Rig
 
-# Savitzky-Golay filter whose residual is taken as noise: window, samples, and order
+# filter of Savitzky and Golay (Anal. Chem. 36(8), 1964) whose residual is taken as noise: window,
+# samples, and order
 FILTER_ROWS, FILTER_ORDER = 11, 3
 SHORT_ROWS, SHORT_ORDER = 5, 2  # a shorter one, whose window reaches across fewer steps
 DIFFERENCE_ORDERS = range(3, 9)  # orders of a position's differences in which noise is looked for

@@ -1,1 +1,3 @@
-"""Fits of effect parameters: damped Gauss-Newton in lock step, normal equations, cross-validation."""
+"""Fits of effect parameters: damped Gauss-Newton in lock step, normal equations, cross-validation,
+confidence intervals.
+"""

@@ -1,84 +1,84 @@
-"""What a fit predicts of each block from the other blocks alone: a Newton step from the fit of all
-rows, simulated.
+"""Out-of-fold residuals of a fit: each block of the log predicted by a Newton step, from the fit of
+all rows, to the optimum of the other folds, and simulated there.
 
-Where the model jumps (a ripple that stops the shaft) no part of that step may make the rows better
-that it is made from. Then the points around the fit are tried as they are, and each fold takes the
-one at which its own rows, the block not among them, leave least.
+Method: approximate cross-validation by one Newton step for each fold (Rahnama Rad and Maleki,
+Journal of the Royal Statistical Society B 82 (2020) 965). Where the model jumps (a ripple torque
+that stops the shaft) no part of such a step may lower the cost of the rows that it comes from. Then
+the points around the fit are simulated, and each fold takes the one of least cost on its training
+rows; the block that is to be predicted is not among them.
 """
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from vgroove.gap.fitting.fit import Engine, Fit, around
-from vgroove.gap.fitting.neighbour_points import SPREADS, ripple_neighbours
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.fitting.neighbour_points import RING_HALF_WIDTHS, ripple_neighbours
+from vgroove.gap.fitting.steps import points_along
 
-SHORTER = 2  # times a fold's step is shortened that makes its own rows worse
+MAX_SHORTENINGS = 2  # of a fold's step that raises the cost of the fold's training rows
+SHORTENING = 0.3  # factor of each
 
-Step = tuple[Fit, int, np.ndarray]
+FoldStep = tuple[Fit, int, np.ndarray]  # a fit, a fold and its step (p,)
 
 
 def predict_held_out(engine: Engine, fits: Sequence[Fit]) -> None:
-    """Replace first-order held-out predictions by simulated ones, fold by fold, and refresh the
-    Jacobians.
+    """Replace out-of-fold residuals to first order by simulated ones, fold by fold, and compute the
+    Jacobians afresh.
     """
     todo = [f for f in fits if not f.exact]
     if not todo:
         return
     engine.differentiate(todo, fresh=True)
-    astray = [(one, k, step) for one in todo for k, step in enumerate(engine.fold_steps(one))]
-    for n in range(1 + SHORTER):
-        astray = list(
-            stepped(engine, [(one, k, 0.3 * step if n else step) for one, k, step in astray])
-        )
+    failed = [(one, k, step) for one in todo for k, step in enumerate(engine.fold_steps(one))]
+    for n in range(1 + MAX_SHORTENINGS):
+        steps = [(one, k, SHORTENING * step if n else step) for one, k, step in failed]
+        failed = list(take_fold_steps(engine, steps))
     for one in todo:
-        fit_around(engine, one, [k for other, k, _ in astray if other is one])
+        predict_at_best_point(engine, one, [k for other, k, _ in failed if other is one])
         one.exact = True
 
 
-def stepped(engine: Engine, steps: Sequence[Step]) -> Iterator[Step]:
-    """Predict each fold's block at its step; the steps that make their own rows, of which the
-    Jacobian promised a gain, worse.
+def take_fold_steps(engine: Engine, steps: Sequence[FoldStep]) -> Iterator[FoldStep]:
+    """Predict each fold's block at its step; yields the steps that raise the cost of the fold's
+    training rows.
     """
     jobs = [(one.hypothesis, (one.x + step)[None, :]) for one, _, step in steps]
-    for (one, k, step), (row,) in zip(steps, engine.shown(jobs), strict=True):
+    for (one, k, step), (row,) in zip(steps, engine.residuals_of_jobs(jobs), strict=True):
         train, test = engine.problem.folds[k]
-        one.held[test] = row[test]
-        if engine.cost(one, one.x + step, row, train) > engine.cost(
-            one, one.x, one.residual, train
-        ) + engine.enough(one):
+        one.out_of_fold[test] = row[test]
+        before = engine.cost(one, one.x, one.residual, train)
+        if engine.cost(one, one.x + step, row, train) > before + engine.converged_gain(one):
             yield one, k, step
 
 
-def fit_around(engine: Engine, one: Fit, folds: Sequence[int]) -> None:
-    """Predict the blocks of these folds at the best point around the fit for each one's own rows,
-    the fit's own point one of them.
+def predict_at_best_point(engine: Engine, one: Fit, folds: Sequence[int]) -> None:
+    """Predict the blocks of these folds at the point of least cost on each fold's training rows,
+    out of the points around the fit and the fit itself.
     """
     if not folds:
         return
-    points = near(one)
+    points = points_around(one)
     least = np.full(len(engine.problem.folds), np.inf)
-    for x, (row,) in zip(
-        points, engine.shown([(one.hypothesis, x[None, :]) for x in points]), strict=True
-    ):
+    rows = engine.residuals_of_jobs([(one.hypothesis, x[None, :]) for x in points])
+    for x, (row,) in zip(points, rows, strict=True):
         for k in folds:
             train, test = engine.problem.folds[k]
             cost = engine.cost(one, x, row, train)
             if cost < least[k]:
-                least[k], one.held[test] = cost, row[test]
+                least[k], one.out_of_fold[test] = cost, row[test]
 
 
-def near(one: Fit) -> np.ndarray:
-    """Points (k, p) around a fit, itself the first: rings around its ripples, and each number a
-    difference's step up and down.
+def points_around(one: Fit) -> np.ndarray:
+    """Points (k, p) around a fit, itself the first: rings around its ripples, and each number one
+    difference step up and down.
     """
-    steps = np.array(
-        [c.step_at(float(x)) for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)]
-    )
+    steps = one.hypothesis.steps_at(one.x)
     points = [
         one.x[None, :],
-        *(ripple_neighbours(one, spread) for spread in SPREADS),
-        around(one.x, steps),
-        around(one.x, -steps),
+        *(ripple_neighbours(one, half_width) for half_width in RING_HALF_WIDTHS),
+        points_along(one.x, steps),
+        points_along(one.x, -steps),
     ]
     return np.clip(np.concatenate(points), one.hypothesis.low, one.hypothesis.high)

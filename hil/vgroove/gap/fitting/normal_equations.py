@@ -1,15 +1,17 @@
-"""Normal equations of robust fits, summed over each group of rows that the same folds use: leaving
-a fold out costs no further pass.
+"""Normal equations of robust fits, summed over each group of rows that the same folds use, so that
+a fit without one fold needs no further pass over the rows.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-CHUNK = 4096  # rows that are weighted at once: they stay in the processor's cache
+from vgroove.gap.residual.huber import huber_weight
+
+CHUNK_ROWS = 4096  # rows that are weighted at once: their columns fit into a processor's cache
 
 
-class Groups:
+class FoldGroups:
     """Groups of rows (n,): of each, which folds train on it, which fold tests it (-1: none), and
     the rows as stretches of the log.
     """
@@ -20,11 +22,10 @@ class Groups:
         _, first, group = np.unique(code, return_index=True, return_inverse=True)
         self.count, self.rows = len(first), len(code)
         self.trains = masks[: len(folds), first]
-        self.tested_by = np.where(
-            masks[len(folds) :, first].any(axis=0), masks[len(folds) :, first].argmax(axis=0), -1
-        )
+        tests = masks[len(folds) :, first]
+        self.tested_by = np.where(tests.any(axis=0), tests.argmax(axis=0), -1)
         cuts = np.union1d(
-            np.flatnonzero(np.diff(group, prepend=-1)), np.arange(0, self.rows, CHUNK)
+            np.flatnonzero(np.diff(group, prepend=-1)), np.arange(0, self.rows, CHUNK_ROWS)
         )
         self.stretches = [
             (slice(int(a), int(b)), int(group[a]))
@@ -32,8 +33,8 @@ class Groups:
         ]
 
     def sums(self, columns: np.ndarray, residual: np.ndarray, delta: float) -> np.ndarray:
-        """Of each group J'WJ and J'Wr side by side (groups, p, p + 1), for columns J (n, p),
-        residuals r (n,) and Huber's weights W.
+        """J'WJ and J'Wr of each group side by side (groups, p, p + 1), for columns J (n, p),
+        residuals r (n,) and the weights W of Huber's loss.
         """
         p = columns.shape[1]
         out = np.zeros((self.count, p, p + 1))
@@ -44,20 +45,18 @@ class Groups:
         return out
 
     def moved(self, residual: np.ndarray, columns: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """Residuals (n,) after the step (groups, p) of each row's group."""
+        """Residuals (n,) to first order after the step (groups, p) of each row's group."""
         out = np.empty(self.rows)
         for rows, group in self.stretches:
             np.add(residual[rows], columns[rows] @ steps[group], out=out[rows])
         return out
 
+    @property
+    def trained(self) -> np.ndarray:
+        """Whether any fold trains on each group (groups,)."""
+        return self.trains.any(axis=0)
 
-def huber_weight(residual: np.ndarray, delta: float) -> np.ndarray:
-    """Weight of each residual, 1 up to delta."""
-    return np.minimum(1.0, delta / np.maximum(np.abs(residual), 1e-9))
-
-
-def huber(residual: np.ndarray, delta: float) -> float:
-    """Huber's loss of residuals, square near 0."""
-    size = np.abs(residual)
-    near = np.minimum(size, delta)
-    return float(near @ (2.0 * size - near))
+    @property
+    def leaves_out(self) -> np.ndarray:
+        """Whether each fold (folds,) trains on fewer rows than all folds together."""
+        return (self.trains != self.trained).any(axis=1)

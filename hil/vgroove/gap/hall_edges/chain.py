@@ -157,8 +157,9 @@ def intersect_bounds(
     """Middle and half width (edges,), s, of the interval that all bounds leave to each edge's
     offset from its relative time.
 
-    Set-membership estimation (Milanese, Vicino 1991): a bound on one edge bounds every other one
-    through the relative times, less what the rounding of the periods in between can add.
+    Set-membership estimation (Milanese, Vicino, Automatica 27(6), 1991): a bound on one edge bounds
+    every other one through the relative times, less what the rounding of the periods in between
+    can add.
     """
     forward_low = np.maximum.accumulate(low + drift) - drift
     forward_high = np.minimum.accumulate(high - drift) + drift

@@ -5,11 +5,16 @@ A row reports the period of its last edge; how many edges passed since the last 
 before is hidden. At a steady speed any place within one period fits the rows. While the speed
 changes only one place makes the accelerations of successive rows agree.
 
-The filter (Gordon, Salmond, Smith 1993; Arulampalam et al. 2002) follows PARTICLES hypotheses of
-the last edge's time. Each stands for a short interval of time (Abdallah, Gning, Bonnifait 2008),
-passes hidden edges at uniform acceleration, and costs the squared deviation of its speed from
-uniform acceleration. Resampling is deterministic. Edge times are the weighted means over each
-particle's ancestors (fixed-lag smoothing, Kitagawa 1996).
+The filter [1, 2] follows PARTICLES hypotheses of the last edge's time. Each stands for a short
+interval of time [3], passes hidden edges at uniform acceleration, and costs the squared deviation
+of its speed from uniform acceleration. Resampling is deterministic. Edge times are the weighted
+means over the particles' ancestors (fixed-lag smoothing [4]).
+
+[1] Gordon, Salmond, Smith: Novel approach to nonlinear/non-Gaussian Bayesian state estimation,
+    IEE Proc. F 140(2), 1993.
+[2] Arulampalam et al.: A tutorial on particle filters, IEEE Trans. Signal Process. 50(2), 2002.
+[3] Abdallah, Gning, Bonnifait: Box particle filtering, Automatica 44(3), 2008.
+[4] Kitagawa: Monte Carlo filter and smoother, J. Comput. Graph. Stat. 5(1), 1996.
 """
 
 from dataclasses import dataclass

@@ -91,19 +91,23 @@ def _edge_variance(
     """
     period, middle = edges.end_s - edges.start_s, 0.5 * (edges.start_s + edges.end_s)
     mean_period, size = period[rows].mean(axis=1), rows.shape[1]
-    keep = _motion_free_projection(middle[rows], place[rows])
+    projection = _motion_free_projection(middle[rows], place[rows])
     near = LIMITS.touching_share * period[1:]
     touching = float(np.mean(np.abs(edges.start_s[1:] - edges.end_s[:-1]) < near))
     # covariance of differences e(n) - e(n-1) of unit jitter, after the projection
-    seen = keep @ (2.0 * np.eye(size) - touching * (np.eye(size, k=1) + np.eye(size, k=-1))) @ keep
-    power = np.trace(seen, axis1=1, axis2=2)
+    unit = 2.0 * np.eye(size) - touching * (np.eye(size, k=1) + np.eye(size, k=-1))
+    covariance = projection @ unit @ projection
+    power = np.trace(covariance, axis1=1, axis2=2)
     # the squared remainder is a sum of weighted squares: a scaled chi-square distribution with
-    # trace^2 / trace of the square as its degrees of freedom (Satterthwaite 1946)
-    freedom = power**2 / np.sum(seen**2, axis=(1, 2))
+    # trace^2 / trace of the square as its degrees of freedom (Satterthwaite, Biometrics Bulletin
+    # 2(6), 1946)
+    freedom = power**2 / np.sum(covariance**2, axis=(1, 2))
     median_share = chi2.median(freedom) / freedom  # its median lies below its mean
     angle = ((edges.speed_rpm - motion_rpm) * RAD_S_PER_RPM)[rows] * mean_period[:, None]
-    square = np.sum(np.einsum("mi,mij->mj", angle, keep) ** 2, axis=1)
-    rounding = np.trace(keep, axis1=1, axis2=2) * (rounding_rpm * RAD_S_PER_RPM * mean_period) ** 2
+    square = np.sum(np.einsum("mi,mij->mj", angle, projection) ** 2, axis=1)
+    rounding = (
+        np.trace(projection, axis1=1, axis2=2) * (rounding_rpm * RAD_S_PER_RPM * mean_period) ** 2
+    )
     return (square / median_share - rounding) / power
 
 

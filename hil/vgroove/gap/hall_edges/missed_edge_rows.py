@@ -43,7 +43,7 @@ def motion(level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     line, from level: log(speed) of the rows (m,).
 
     Consensus line: of the lines through all pairs of the 2 SIDE + 1 rows around, the one with the
-    most rows on it (RANSAC with every sample, Fischler and Bolles 1981).
+    most rows on it (RANSAC with every sample: Fischler, Bolles, Comm. ACM 24(6), 1981).
     """
     x = np.arange(2 * SIDE + 1) - SIDE
     around = np.lib.stride_tricks.sliding_window_view(

@@ -51,8 +51,9 @@ def estimate_missed_edges(edges: EdgePeriods) -> np.ndarray:
 def most_likely_pitches(level: np.ndarray) -> np.ndarray:
     """Number of pitches (m,) in each period that gives the smoothest speed; level: log(speed) (m,).
 
-    The Viterbi algorithm over the states (pitches of one period, pitches of the next): a transition
-    costs the squared second difference of the corrected level, a missed edge LIMITS.edge_cost.
+    The Viterbi algorithm (Forney, Proc. IEEE 61(3), 1973) over the states (pitches of one period,
+    pitches of the next): a transition costs the squared second difference of the corrected level,
+    a missed edge LIMITS.edge_cost.
     """
     step = np.log(np.arange(1, MAX_PITCHES + 1))
     price = LIMITS.edge_cost * np.arange(MAX_PITCHES)

@@ -83,7 +83,7 @@ class RowPair:
         return min(self.period_s) > ONE_EDGE_ROWS * (self.now_s - self.before_s)
 
     def most_edges(self, since_s: float) -> int:
-        """Upper bound on the number of edges between since_s and the row's end."""
+        """Bound on the number of edges from since_s to the row's end: two more than fit."""
         return int((self.now_s - since_s) / min(self.period_s)) + 2
 
     def edge_times(self, most: int) -> np.ndarray:

@@ -105,11 +105,11 @@ def _timeout_records(
     samples += [(chain.row[i], i, chain.speed_rpm[i]) for i in np.flatnonzero(edges.timeout)]
     records = []
     for row, edge, speed in samples:
-        wait = 60.0 / (column.pulses * abs(speed))
-        error_s = edges.slack_s[edge] + wait * column.lsb_rpm / abs(speed)
+        since_s = 60.0 / (column.pulses * abs(speed))
+        error_s = edges.slack_s[edge] + since_s * column.lsb_rpm / abs(speed)
         error_s = error_s + ROW_LIMITS.timeout_slack_s
         now, end = column.time_s[row], edges.end_s[edge]
-        if abs(now - wait - end) < error_s:
+        if abs(now - since_s - end) < error_s:
             records.append((row, end, now, speed, edges.slack_s[edge], True, piece[edge], 0))
     return records
 
@@ -155,8 +155,8 @@ def _locate(column: _SpeedColumn, chain: EdgeChain) -> tuple[EdgeChain, _Located
         np.concatenate([getattr(part, field.name) for part in parts])
         for field in fields(_LocatedEdges)
     )
-    torn = np.concatenate([[0], np.diff(piece) > 0])
-    return chain, _LocatedEdges(end, slack, np.cumsum(torn), span, length, timeout)
+    cut = np.concatenate([[0], np.diff(piece) > 0])
+    return chain, _LocatedEdges(end, slack, np.cumsum(cut), span, length, timeout)
 
 
 def _locate_part(column: _SpeedColumn, chain: EdgeChain, hidden: bool) -> _LocatedEdges:

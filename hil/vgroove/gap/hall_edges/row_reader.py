@@ -2,8 +2,8 @@
 timeout sample, a new edge, or standstill.
 
 Between rows the reader keeps the interval [low, high] of times at which the last edge may lie (set
-membership, Milanese and Vicino 1991). Each row narrows it; a row that leaves it empty begins a new
-chain.
+membership: Milanese, Vicino, Automatica 27(6), 1991). Each row narrows it; a row that leaves it
+empty begins a new chain.
 """
 
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ class RowReaderLimits:
     strain_s: float = 1e-4  # s: a row's interval missed by more than this breaks the chain
     timeout_slack_s: float = 1e-5  # s: mismatch of one timeout sample and the chain
     timeout_agreeing: int = 2  # rows after a timeout sample that must give the same edge time
-    repeat_wait: float = 4.0  # errors of time after which an equal value is no timeout sample
+    repeat_errors: float = 4.0  # errors of time after which an equal value is no timeout sample
     next_rows: int = 4  # rows within which the next one that holds a value is looked for
     rounding_share: float = 0.1  # of the worst case: what independent rounding errors add up to
     # of a row's interval: with shorter periods the number of counted edges in the row is uncertain
@@ -105,7 +105,7 @@ class RowReader:
         self.uncounted = 0.0  # fraction of an edge that the mean speed gives beyond those counted
 
     def reading(self, row: int, speed_rpm: float) -> RowReading:
-        """The row with the period that its speed stands for."""
+        """The row with one pitch over its speed and the rounding error of that period."""
         period = 60.0 / (self.pulses * abs(speed_rpm))
         rounding = period * self.half_lsb / abs(speed_rpm)
         return RowReading(row, speed_rpm, self.time[row], period, rounding)
@@ -123,6 +123,7 @@ class RowReader:
         yield from self.chains[given:]
 
     def _read_row(self, row: int, speed: float) -> None:
+        """End the chain at standstill, begin one after a reversal or a hole, else go on with it."""
         if speed == 0.0:
             self.chain = None
         elif (
@@ -224,13 +225,13 @@ class RowReader:
         if following is None or self.speed[following] == 0.0:
             return True
         after = self.reading(following, self.speed[following])
-        wait_s = after.now_s - r.now_s
-        if _equal(after.speed_rpm, r.speed_rpm) and wait_s > LIMITS.repeat_wait * error_s:
+        apart_s = after.now_s - r.now_s
+        if _equal(after.speed_rpm, r.speed_rpm) and apart_s > LIMITS.repeat_errors * error_s:
             return False
         same_edge = abs((after.now_s - after.period_s) - edge_s)
         if same_edge <= error_s + after.rounding_s + TICK_S:
             return True
-        return r.period_s > wait_s + after.rounding_s
+        return r.period_s > apart_s + after.rounding_s
 
     def _following_agree(self, row: int, edge_s: float, error_s: float) -> bool:
         """Whether the next rows report the time since the same edge as this one: new edges could
@@ -287,6 +288,7 @@ class RowReader:
         since, before = self.starts[r.row], self._before()
         if not self.counts or r.period_s >= LIMITS.counted_share * (r.now_s - before):
             self.uncounted = 0.0
+            # two more than fit, since both periods and the interval's ends are rounded
             return range(1, int((r.now_s - self.low) / min(r.period_s, previous_s)) + 3)
         self.uncounted += (r.now_s - since) / r.period_s + 0.5 * (since - before) * (
             1.0 / r.period_s + 1.0 / previous_s

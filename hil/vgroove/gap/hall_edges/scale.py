@@ -193,9 +193,9 @@ def _timeout_growth(
     """
     shows = np.isfinite(speed_rpm) & (speed_rpm != 0.0)
     time, speed = time_s[shows], speed_rpm[shows]
-    wait = 60.0 / pulses / np.abs(speed)
-    rounding = 0.5 * lsb_rpm * wait / np.abs(speed)
-    growth, error = np.diff(wait) / np.diff(time), (rounding[1:] + rounding[:-1]) / np.diff(time)
+    since_s = 60.0 / pulses / np.abs(speed)
+    rounding = 0.5 * lsb_rpm * since_s / np.abs(speed)
+    growth, error = np.diff(since_s) / np.diff(time), (rounding[1:] + rounding[:-1]) / np.diff(time)
     one_direction = speed[1:] * speed[:-1] > 0.0
     # the range 1 / (1 + largest) .. 1 / (1 - largest)
     largest = LIMITS.largest

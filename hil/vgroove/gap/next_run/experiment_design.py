@@ -1,30 +1,34 @@
-"""Which run to record next: the one of a menu whose predicted logs differ most between the
-surviving rivals, whatever their numbers.
+"""Chooses the run to record next: the one whose predicted logs differ most between the tied sets of
+effects, whatever their parameter values (model discrimination, W. G. Hunter and A. M. Reiner,
+Technometrics 7, 1965).
 """
-
-from typing import Any
 
 import numpy as np
 
 from vgroove import _core
-from vgroove.gap.catalogue import BY_ID
-from vgroove.gap.fitting.fit import Fit
+from vgroove.gap.catalogue import SEPARATIONS
+from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.next_run.menu import RunProfile, feasible_profiles, time_grid
-from vgroove.gap.residual.channels import RAD_S_TO_RPM
 from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.search_state import Search
 from vgroove.gap.verdict.decision import Finding
+from vgroove.gap.verdict.schema import NextExperiment, ProfileSeparation
+from vgroove.units import RPM_PER_RAD_S
 
-RIVALS = 3
-CLIP = 100.0  # sigmas of one sample
-SHOWN = {
+MAX_RIVALS = 3  # tied sets that a run must separate from the best set; bounds the time
+MAX_DIFFERENCE = 100.0  # sigma of one sample: larger differences count no more
+MAX_SLOPE = 1e6  # sigma per scaled parameter: a simulation that runs away has no derivative
+PRECISION = 1e-10  # relative: smaller singular values of the information matrix count as 0
+# judged column -> simulated quantity and its factor; an angle is judged through its derivative
+SIMULATED = {
     "current_a": ("current_a", 1.0),
     "supply_v": ("supply_v", 1.0),
-    "speed_rpm": ("speed_measured_rad_s", RAD_S_TO_RPM),
-    # what a signal shows in a simulation, as it is judged
+    "speed_rpm": ("speed_measured_rad_s", RPM_PER_RAD_S),
     "position_rad": ("speed_measured_rad_s", 1.0),
 }
-REPEATS = {
+# covariate that a remainder follows -> run in which the covariate varies most
+DEFAULT_RUN = "staircase"
+RUN_OF_COVARIATE = {
     "time since start": "hold at heat",
     "heat": "hold at heat",
     "current": "load steps",
@@ -33,85 +37,61 @@ REPEATS = {
     "rate of command": "fast ramps",
 }
 
-# Why the run that a simulation chooses parts a pair, where that is known.
-PARTED = {
-    frozenset({"brush_drop", "dead_time"}): (
-        "staircase up to full duty",
-        "dead time takes nothing at full duty, where nothing switches; brushes take as much as before",
-    ),
-    frozenset({"added_inertia", "clock_skew"}): (
-        "coast-down",
-        "with the bridge open inertia stretches the decay; a clock also shifts the edges of a steady speed against stamps: "
-        "hold one for some seconds before",
-    ),
-    frozenset({"transport_delay", "speed_lag"}): (
-        "fast ramps",
-        "a delay shifts current and speed, a lag of the sensor the speed alone",
-    ),
-    frozenset({"coupler_compliance", "added_inertia"}): (
-        "fast ramps",
-        "a spring rings after steep edges, a rigid inertia does not",
-    ),
-    frozenset({"torque_constant", "speed_gain"}): (
-        "stall pulse",
-        "at standstill no speed sensor matters, the torque constant pulls",
-    ),
-}
 
-
-def propose(problem: Problem, state: Search, finding: Finding) -> dict[str, Any] | None:
-    """Profile and reason when the verdict is ambiguous (the run that parts the rivals) or unlisted
-    (the run that shows more of the gap).
+def propose(problem: Problem, search: Search, finding: Finding) -> NextExperiment | None:
+    """The run that separates tied sets (ambiguous), or the one that shows more of an unlisted gap;
+    None for the other verdicts.
     """
     if finding.verdict == "ambiguous":
-        return most_separating_run(problem, state, finding)
+        return most_separating_run(problem, search, finding)
     if finding.verdict == "unlisted":
-        follows = finding.left.best_correlate
-        runs = {c.name: c for c in runs_of(problem)}
-        course = runs.get(REPEATS.get(follows or "", ""), runs["staircase"])
-        reason = (
-            f"what remains follows {follows}"
-            if follows
-            else "what remains follows none of the measured signals"
-        )
-        return {
-            "profile": course.name,
-            "why": f"{reason}; {course.shows} tell whether it repeats",
-            "points": course.points(),
-        }
+        return repeating_run(problem, finding.remainder.best_correlate)
     return None
 
 
-def most_separating_run(problem: Problem, state: Search, finding: Finding) -> dict[str, Any]:
-    """The run in which the least of the differences between the selected set and its rivals is
-    largest.
-    """
+def repeating_run(problem: Problem, follows: str | None) -> NextExperiment:
+    """The run in which the covariate that the remainder follows varies most."""
     runs = {c.name: c for c in runs_of(problem)}
-    apart = {
+    profile = runs.get(RUN_OF_COVARIATE.get(follows or "", ""), runs[DEFAULT_RUN])
+    what = follows if follows else "none of the measured signals"
+    why = f"what remains follows {what}; this run shows whether it repeats: {profile.content}"
+    return NextExperiment(profile.name, why, profile.points())
+
+
+def most_separating_run(problem: Problem, search: Search, finding: Finding) -> NextExperiment:
+    """The run in which the smallest difference between the best set and any rival is largest."""
+    runs = {c.name: c for c in runs_of(problem)}
+    least = {
         name: min(
-            separation(problem, state, finding.best, rival, course)
-            for rival in finding.rivals[:RIVALS]
+            separation(problem, search, (finding.best, rival), profile)
+            for rival in finding.rivals[:MAX_RIVALS]
         )
-        for name, course in runs.items()
+        for name, profile in runs.items()
     }
-    name = max(apart, key=lambda n: (round(apart[n], 6), -list(runs).index(n)))
+    name = max(least, key=lambda n: (round(least[n], 6), -list(runs).index(n)))
+    ranked = sorted(least.items(), key=lambda item: (-item[1], item[0]))
+    return NextExperiment(
+        name,
+        separation_reason(runs[name], finding, least[name]),
+        runs[name].points(),
+        [ProfileSeparation(n, sigma) for n, sigma in ranked],
+    )
+
+
+def separation_reason(profile: RunProfile, finding: Finding, sigma: float) -> str:
+    """Why a run separates the best set from its first rival, and by how much, in a sentence."""
     rival = finding.rivals[0]
-    known = PARTED.get(frozenset(set(finding.best.ids) ^ set(rival.ids)))
-    why = known[1] if known and known[0].startswith(name) else runs[name].shows
-    differ = f"there {words(finding.best.ids)} and {words(rival.ids)} differ by {apart[name]:.2g} sigma a sample, whatever their sizes"
-    return {
-        "profile": name,
-        "why": f"{why}; {differ}",
-        "points": runs[name].points(),
-        "separation": [
-            {"profile": n, "sigma": v}
-            for n, v in sorted(apart.items(), key=lambda i: (-i[1], i[0]))
-        ],
-    }
+    known = SEPARATIONS.get(frozenset(set(finding.best.ids) ^ set(rival.ids)))
+    why = known.reason if known and known.run.startswith(profile.name) else profile.content
+    best, other = (" with ".join(one.ids) for one in (finding.best, rival))
+    return (
+        f"{why}; in this run {best} and {other} differ by {sigma:.2g} sigma a sample, whatever"
+        " their sizes"
+    )
 
 
 def runs_of(problem: Problem) -> list[RunProfile]:
-    """The menu for this tool: what its logs show that it can do."""
+    """The runs of the menu that the logs show the tool to be capable of."""
     kind = problem.rig.input["kind"]
     commands = np.concatenate([np.asarray(log.columns[kind], float) for log in problem.logs])
     loads = [np.nanmax(np.abs(log.columns.get("load_nm", [0.0]))) for log in problem.logs]
@@ -119,126 +99,117 @@ def runs_of(problem: Problem) -> list[RunProfile]:
     return feasible_profiles(kind == "duty", loaded, bool(np.nanmin(commands) < 0.0))
 
 
-def drive_of(problem: Problem, course: RunProfile) -> _core.LogInput:
-    """A run as input of the plant, at the logs' own rate, up to the largest command and load that
-    they hold (a duty: up to 1).
+def simulation_input(problem: Problem, profile: RunProfile) -> _core.LogInput:
+    """A run as input of the plant, at the logs' row interval and up to the largest command and load
+    in them (a duty: up to 1).
     """
     rig, kind = problem.rig, problem.rig.input["kind"]
-    time_s = time_grid_of(problem)
-    top = (
-        1.0
-        if kind == "duty"
-        else max(float(np.nanmax(np.abs(log.columns[kind]))) for log in problem.logs)
-    )
-    share, more = course.command(time_s), {}
+    time_s = time_grid(row_interval_s(problem))
+    top = 1.0 if kind == "duty" else max_magnitude(problem, kind)
+    share, more = profile.command(time_s), {}
     if "slew_per_s" in rig.input:
         more["slew_per_s"] = rig.input["slew_per_s"]
-        share = slewed(share, np.diff(time_s, prepend=0.0) * rig.input["slew_per_s"] / top)
+        share = slew_limited(share, np.diff(time_s, prepend=0.0) * rig.input["slew_per_s"] / top)
     if rig.bus_is_measured and kind == "duty":
         more["supply_v"] = np.full(len(time_s), rig.supply["voltage_v"])
-    if course.coasts:
-        more["coast"] = ((share == 0.0) & course.opens(time_s)).astype(float)
+    if profile.opens_bridge:
+        more["coast"] = ((share == 0.0) & profile.bridge_open(time_s)).astype(float)
     load = "none" if rig.load["kind"] == "torque" else rig.load["kind"]
-    if course.load:
-        most, load = (
-            max(
-                float(np.nanmax(np.abs(log.columns["load_nm"])))
-                for log in problem.logs
-                if "load_nm" in log.columns
-            ),
-            "torque",
-        )
-        more["load_nm"] = most * np.interp(time_s, *np.array(course.load).T)
+    if profile.load:
+        most, load = max_magnitude(problem, "load_nm"), "torque"
+        more["load_nm"] = most * np.interp(time_s, *np.array(profile.load).T)
     return _core.LogInput(time_s, kind, top * share, load_kind=load, **more)
 
 
-def time_grid_of(problem: Problem) -> np.ndarray:
-    """Row times of a run, recorded as the logs were."""
-    return time_grid(
-        float(
-            np.median(
-                np.concatenate([np.diff(np.asarray(log.time_s, float)) for log in problem.logs])
-            )
-        )
+def max_magnitude(problem: Problem, column: str) -> float:
+    """Largest magnitude of a column over all logs that have it, in its unit."""
+    return max(
+        float(np.nanmax(np.abs(log.columns[column])))
+        for log in problem.logs
+        if column in log.columns
     )
 
 
-def slewed(share: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """Shares (n,) that run after the wanted ones by at most so much a row."""
-    out, now = np.empty_like(share), 0.0
+def row_interval_s(problem: Problem) -> float:
+    """Median interval between rows of the logs, s."""
+    intervals = [np.diff(np.asarray(log.time_s, float)) for log in problem.logs]
+    return float(np.median(np.concatenate(intervals)))
+
+
+def slew_limited(share: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """A command (n,) that follows a wanted one by at most `most` (n,) in each row."""
+    out, level = np.empty_like(share), 0.0
     for n, wanted in enumerate(share):
-        now += float(np.clip(wanted - now, -most[n], most[n]))
-        out[n] = now
+        level += float(np.clip(wanted - level, -most[n], most[n]))
+        out[n] = level
     return out
 
 
-def separation(problem: Problem, state: Search, best: Fit, rival: Fit, course: RunProfile) -> float:
-    """RMS difference, in sigma a sample, of what two fits predict for a run, less what other
-    numbers within their doubt make of it.
+def separation(
+    problem: Problem, search: Search, pair: tuple[Fit, Fit], profile: RunProfile
+) -> float:
+    """RMS difference, in sigma a sample, of what two fits predict of a run, less what other
+    parameter values within their uncertainty could make of it; 0 where a simulation fails.
     """
-    parts = [moved(problem, one) for one in (best, rival)]
-    shown = predictions(problem, course, np.vstack(parts))
+    parts = [parameter_sets(problem, one) for one in pair]
+    shown = predictions(problem, profile, np.vstack(parts))
     if not np.all(np.isfinite(shown)):
         return 0.0
     first, second = shown[: len(parts[0])], shown[len(parts[0]) :]
-    difference = np.clip(first[0] - second[0], -CLIP, CLIP)
-    columns = np.vstack([slopes(first, best), -slopes(second, rival)]).T
+    difference = np.clip(first[0] - second[0], -MAX_DIFFERENCE, MAX_DIFFERENCE)
+    columns = np.vstack([slopes(first, pair[0]), -slopes(second, pair[1])]).T
     known = np.zeros((columns.shape[1],) * 2)
-    for at, one in ((0, best), (len(best.x), rival)):
-        known[at : at + len(one.x), at : at + len(one.x)] = information(state, one)
+    for at, one in ((0, pair[0]), (len(pair[0].x), pair[1])):
+        known[at : at + len(one.x), at : at + len(one.x)] = information(search, one)
     gradient = columns.T @ difference
-    spent = gradient @ np.linalg.lstsq(known + columns.T @ columns, gradient, rcond=1e-10)[0]
-    return float(np.sqrt(max(0.0, difference @ difference - spent) / len(difference)))
+    solution = np.linalg.lstsq(known + columns.T @ columns, gradient, rcond=PRECISION)[0]
+    explained = gradient @ solution
+    return float(np.sqrt(max(0.0, difference @ difference - explained) / len(difference)))
 
 
-def moved(problem: Problem, one: Fit) -> np.ndarray:
-    """Parameter vectors (1 + p, P) of a fit and of one step along each of its numbers."""
-    h = one.hypothesis
-    return h.theta(problem.theta0, np.vstack([one.x, one.x + np.diag(_steps(one))]))
+def parameter_sets(problem: Problem, one: Fit) -> np.ndarray:
+    """Parameter vectors (1 + p, P) of a fit and of one step along each of its parameters."""
+    points = np.vstack([one.x, one.x + np.diag(difference_steps(one))])
+    return one.hypothesis.theta(problem.theta0, points)
 
 
-def _steps(one: Fit) -> np.ndarray:
-    size = np.array(
-        [c.step_at(float(x)) for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)]
-    )
+def difference_steps(one: Fit) -> np.ndarray:
+    """Steps (p,) of the differences, away from an upper bound."""
+    size = one.hypothesis.steps_at(one.x)
     return np.where(one.x + size > one.hypothesis.high, -size, size)
 
 
 def slopes(shown: np.ndarray, one: Fit) -> np.ndarray:
-    """Derivatives (p, n) of what is shown (1 + p, n) along a fit's numbers."""
-    return (
-        np.clip((shown[1:] - shown[0]) / _steps(one)[:, None], -1e6, 1e6)
-        if len(one.x)
-        else np.zeros((0, shown.shape[1]))
-    )
+    """Derivatives (p, n) along a fit's parameters of predictions (1 + p, n)."""
+    if not len(one.x):
+        return np.zeros((0, shown.shape[1]))
+    found = (shown[1:] - shown[0]) / difference_steps(one)[:, None]
+    return np.clip(found, -MAX_SLOPE, MAX_SLOPE)
 
 
-def information(state: Search, one: Fit) -> np.ndarray:
-    """What the logs at hand say about a fit's numbers (p, p), their priors included; rows that are
-    wrong together count once.
+def information(search: Search, one: Fit) -> np.ndarray:
+    """Fisher information (p, p) of the recorded logs on a fit's parameters, with their priors;
+    weighted down by the squared gap where the fit is far from the noise.
     """
-    weighted = one.jacobian * (state.engine.train / max(1.0, state.score(one)))[:, None]
+    weighted = one.jacobian * (search.engine.train / max(1.0, search.score(one)))[:, None]
     return weighted.T @ one.jacobian + np.diag(one.hypothesis.prior)
 
 
-def predictions(problem: Problem, course: RunProfile, theta: np.ndarray) -> np.ndarray:
-    """What the judged signals show in a run from rest, (B, signals * rows), in their sigmas."""
+def predictions(problem: Problem, profile: RunProfile, theta: np.ndarray) -> np.ndarray:
+    """Judged signals in a run from rest, (B, signals * rows) in their sigmas, for theta (B, P)."""
     rows = _core.simulate_log(
-        drive_of(problem, course),
+        simulation_input(problem, profile),
         np.ascontiguousarray(theta),
         np.array([0]),
         np.zeros((1, 3)),
         threads=problem.threads,
         unfinished="nan",
     )
-    dt = time_grid_of(problem)
-    parts = []
-    for s in (s for s in problem.signals if s.column in SHOWN):
-        shown = rows[SHOWN[s.column][0]] * SHOWN[s.column][1]
-        parts.append((np.gradient(shown, dt, axis=1) if s.unit == "rad/s^2" else shown) / s.sigma)
+    time_s, parts = time_grid(row_interval_s(problem)), []
+    for s in (s for s in problem.signals if s.column in SIMULATED):
+        name, factor = SIMULATED[s.column]
+        shown = rows[name] * factor
+        parts.append(
+            (np.gradient(shown, time_s, axis=1) if s.unit == "rad/s^2" else shown) / s.sigma
+        )
     return np.hstack(parts)
-
-
-def words(ids: tuple[str, ...]) -> str:
-    """Names of effects in a sentence."""
-    return " with ".join(BY_ID[i].id for i in ids)

@@ -1,5 +1,5 @@
-"""The runs that a prototype can do by itself, as commands a simulation or a board can follow,
-scaled to a tool's input.
+"""The menu of runs that a prototype can perform by itself, as commands over time that a simulation
+or a board can follow, scaled to the tool's input.
 """
 
 from collections.abc import Mapping
@@ -10,66 +10,68 @@ import numpy as np
 
 from vgroove.errors import VgrooveError
 
-PROFILE_S, REST_S = 4.0, 0.2
-MAX_ROWS = 4000
+PROFILE_S, REST_S = 4.0, 0.2  # duration of a run, and of the rest that it begins with, s
+MAX_ROWS = 4000  # rows of a simulated run: 1 kHz
 
 
 @dataclass(frozen=True)
 class RunProfile:
-    """Command over time: held (or, `straight`, joined) levels from instants on as shares of the
-    largest command; load as a share of the largest; coasts: the bridge opens where the level is 0
-    after the first press.
+    """A run: its command over time.
+
+    level: shares of the largest command from each instant of time_s on; linear: joined by straight
+    lines, else held. opens_bridge: the bridge opens where the level is 0 after the first press.
+    load: points [time in s, share of the largest load]. content: what the log of it will show.
     """
 
     name: str
-    shows: str
+    content: str
     time_s: tuple[float, ...]
     level: tuple[float, ...]
-    straight: bool = False
-    coasts: bool = False
+    linear: bool = False
+    opens_bridge: bool = False
     load: tuple[tuple[float, float], ...] = ()
 
     def command(self, time_s: np.ndarray) -> np.ndarray:
         """Shares (n,) of the largest command."""
-        if self.straight:
+        if self.linear:
             return np.interp(time_s, self.time_s, self.level)
         return np.asarray(self.level)[np.searchsorted(self.time_s, time_s, side="right") - 1]
 
-    def opens(self, time_s: np.ndarray) -> np.ndarray:
-        """Where (n,) the bridge is open."""
-        return np.logical_and(self.coasts and time_s > self.time_s[1], self.command(time_s) == 0.0)
+    def bridge_open(self, time_s: np.ndarray) -> np.ndarray:
+        """Whether (n,) the bridge is open."""
+        pressed = self.opens_bridge and time_s > self.time_s[1]
+        return np.logical_and(pressed, self.command(time_s) == 0.0)
 
     def points(self) -> list[list[float]]:
-        """[time, share of the largest command] of each change."""
+        """[time in s, share of the largest command] of each change."""
         return [[t, v] for t, v in zip(self.time_s, self.level, strict=True)]
 
 
-def _held(name: str, shows: str, levels: list[float], **more: object) -> RunProfile:
+def _steps(name: str, content: str, levels: list[float], **more: Any) -> RunProfile:
     """Levels of equal length after a rest."""
     each = (PROFILE_S - REST_S) / len(levels)
-    return RunProfile(
-        name, shows, (0.0, *(REST_S + each * k for k in range(len(levels)))), (0.0, *levels), **more
-    )
+    starts = (0.0, *(REST_S + each * k for k in range(len(levels))))
+    return RunProfile(name, content, starts, (0.0, *levels), **more)
 
 
 MENU: tuple[RunProfile, ...] = (
-    _held(
+    _steps(
         "staircase",
         "slow and fast steady speeds up to the full command",
         [0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0, 0.3],
     ),
-    _held(
+    _steps(
         "reversal",
         "the same speeds in both directions",
         [0.3, -0.3, 0.6, -0.6, 1.0, -1.0, 0.15, -0.15],
     ),
-    _held(
+    _steps(
         "coast-down",
         "free deceleration with the bridge open: friction and inertia without the electrical side",
         [0.6, 0.0, 1.0, 0.0],
-        coasts=True,
+        opens_bridge=True,
     ),
-    _held(
+    _steps(
         "stall pulse",
         "large currents near standstill: resistance, current sensor and bus without back-EMF",
         [1.0, *[0.0] * 9, 1.0, *[0.0] * 9, 0.5, *[0.0] * 9, 0.5, *[0.0] * 9],
@@ -81,7 +83,7 @@ MENU: tuple[RunProfile, ...] = (
         (0.0, 0.0, 0.15, 0.0),
         True,
     ),
-    _held(
+    _steps(
         "load steps",
         "current changed at constant speed",
         [0.8],
@@ -96,68 +98,71 @@ MENU: tuple[RunProfile, ...] = (
             (3.5, 0.0),
         ),
     ),
-    _held("hold at heat", "a long hold at the largest command", [1.0]),
-    _held("fast ramps", "steep command edges at several speeds", [0.3, 0.8] * 8 + [0.1, 1.0] * 4),
+    _steps("hold at heat", "a long hold at the largest command", [1.0]),
+    _steps("fast ramps", "steep command edges at several speeds", [0.3, 0.8] * 8 + [0.1, 1.0] * 4),
 )
 
 
 def time_grid(interval_s: float) -> np.ndarray:
-    """Row times of a run."""
-    return np.arange(1, min(MAX_ROWS, round(PROFILE_S / interval_s)) + 1) * max(
-        interval_s, PROFILE_S / MAX_ROWS
-    )
+    """Row times in s of a run that is recorded every interval_s."""
+    count = min(MAX_ROWS, round(PROFILE_S / interval_s))
+    return np.arange(1, count + 1) * max(interval_s, PROFILE_S / MAX_ROWS)
 
 
 def feasible_profiles(has_duty: bool, has_load: bool, both_ways: bool) -> list[RunProfile]:
-    """The runs that a tool and its bench can do: coasting needs a bridge, load steps a brake,
-    reversals a tool that turns back.
+    """The runs that a tool and its bench can perform: an open bridge needs a duty as input, load
+    steps a brake, reversals a tool that turns both ways.
     """
-
-    def can(course: RunProfile) -> bool:
-        return (
-            (has_duty or not course.coasts)
-            and (has_load or not course.load)
-            and (both_ways or min(course.level) >= 0.0)
-        )
-
-    return [course for course in MENU if can(course)]
+    return [
+        profile
+        for profile in MENU
+        if (has_duty or not profile.opens_bridge)
+        and (has_load or not profile.load)
+        and (both_ways or min(profile.level) >= 0.0)
+    ]
 
 
 def profile_named(name: str) -> RunProfile:
-    """The run of that name; VgrooveError with those that there are."""
-    for course in MENU:
-        if course.name == name.replace("_", " "):
-            return course
-    raise VgrooveError(
-        f"there is no run {name}; the menu has {', '.join(course.name for course in MENU)}"
-    )
+    """The run of that name, with spaces or underscores; VgrooveError that lists the menu."""
+    for profile in MENU:
+        if profile.name == name.replace("_", " "):
+            return profile
+    names = ", ".join(profile.name for profile in MENU)
+    raise VgrooveError(f"there is no run {name}; the menu has {names}")
 
 
 def profile_from_verdict(verdict: Mapping[str, Any], source: str) -> RunProfile:
-    """The run that a verdict (gap contract, section 5) asks for, at its points; VgrooveError where
-    it asks for none or they are no run.
+    """The run that a verdict's JSON proposes, with its points (docs/spec/gap.md, section 5).
+
+    source: the file's name, for messages. VgrooveError where the verdict proposes no run or its
+    points are not those of a run.
     """
     asked = verdict.get("next_experiment")
     if not isinstance(asked, Mapping):
         raise VgrooveError(
             f"{source}: its verdict is {verdict.get('verdict')} and asks for no further run"
         )
-    course = profile_named(str(asked.get("profile")))
+    profile = profile_named(str(asked.get("profile")))
     try:
-        time_s, level = np.array(asked.get("points", course.points()), float).reshape(-1, 2).T
+        time_s, level = np.array(asked.get("points", profile.points()), float).reshape(-1, 2).T
     except (TypeError, ValueError):
         raise VgrooveError(
             f"{source}: points of next_experiment are pairs [s, share of the largest command]"
         ) from None
-    if (
-        len(time_s) < 2
-        or time_s[0] != 0.0
-        or np.any(np.diff(time_s) <= 0.0)
-        or time_s[-1] > PROFILE_S
-        or not np.all(np.abs(level) <= 1.0)
-    ):
+    if not _is_command(time_s, level):
         raise VgrooveError(
-            f"{source}: points of next_experiment begin at 0 s, go on in time to {PROFILE_S:g} s at most, "
-            "and lie in -1..1"
+            f"{source}: points of next_experiment begin at 0 s, go on in time to {PROFILE_S:g} s"
+            " at most, and lie in -1..1"
         )
-    return replace(course, time_s=tuple(time_s.tolist()), level=tuple(level.tolist()))
+    return replace(profile, time_s=tuple(time_s.tolist()), level=tuple(level.tolist()))
+
+
+def _is_command(time_s: np.ndarray, level: np.ndarray) -> bool:
+    """Whether points (n,) begin at 0, increase in time up to PROFILE_S, and lie in -1..1."""
+    return (
+        len(time_s) >= 2
+        and time_s[0] == 0.0
+        and not np.any(np.diff(time_s) <= 0.0)
+        and not time_s[-1] > PROFILE_S
+        and bool(np.all(np.abs(level) <= 1.0))
+    )

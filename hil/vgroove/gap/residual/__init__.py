@@ -1,1 +1,3 @@
-"""Log and model to normalised residuals: channels, restarts, state observer, angle alignment, blocks."""
+"""From logs and a rig to normalised residuals: channels, restarts, state observer, angle alignment,
+uncertainty of the input, blocks.
+"""

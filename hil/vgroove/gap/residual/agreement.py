@@ -4,9 +4,9 @@ import numpy as np
 
 from vgroove.gap.residual.time_warping import overall_rating
 
-CLIP = 10.0
-RATING_SAMPLES = 1000  # the metric's cost grows with the square of the samples
-LEAST_SAMPLES = 20
+CLIP_SIGMAS = 10.0  # a residual counts as no more in a gap: docs/spec/gap.md, section 5
+MAX_RATED_SAMPLES = 1000  # the rating's cost grows with the square of the samples
+MIN_RATED_SAMPLES = 20  # fewer samples are no curve that can be rated
 
 
 def iso18571(
@@ -15,13 +15,13 @@ def iso18571(
     """ISO/TS 18571 overall rating 0..1 of a model curve (m,) against a measured one, and the
     samples behind it.
 
-    Both are brought to a uniform grid of at most 1000 samples. None when there are fewer than 20
-    samples or the measured curve is flat.
+    Both are interpolated on a uniform grid of at most MAX_RATED_SAMPLES. None when there are fewer
+    than MIN_RATED_SAMPLES or the measured curve is flat.
     """
-    if len(time_s) < LEAST_SAMPLES or np.ptp(measured) == 0.0:
+    if len(time_s) < MIN_RATED_SAMPLES or np.ptp(measured) == 0.0:
         return None, 0
     order = np.argsort(time_s, kind="stable")
-    count = min(len(time_s), RATING_SAMPLES)
+    count = min(len(time_s), MAX_RATED_SAMPLES)
     grid = np.linspace(time_s[order[0]], time_s[order[-1]], count)
     curves = [
         np.column_stack([grid, np.interp(grid, time_s[order], values[order])])
@@ -32,3 +32,11 @@ def iso18571(
     except (ValueError, ZeroDivisionError, IndexError):
         return None, 0
     return (float(np.clip(rating, 0.0, 1.0)), len(time_s)) if np.isfinite(rating) else (None, 0)
+
+
+def mean_rating(rated: list[tuple[float | None, int]]) -> float | None:
+    """Mean of ratings weighted by their samples; None where no curve could be rated."""
+    known = [(rating, count) for rating, count in rated if rating is not None]
+    if not known:
+        return None
+    return float(np.average([r for r, _ in known], weights=[c for _, c in known]))

@@ -1,42 +1,51 @@
-"""Where the shaft stands: a count of edges is lost at every stop, each log begins anywhere. Effects
-that follow the angle tell how much.
+"""Estimates the motor's angle after stops from the effects that follow the angle.
 
-A stretch is a run of restarts over which the count holds. Its angle is known up to whole pitches of
-the Hall wheel (with edges) or not at all (without, and from a rest to the first edge); nothing else
-of the tool changes from stretch to stretch. Offsets are read from what a cogging, an eccentric gear
-or an eccentric wheel leaves least with; a tool without such an effect does not feel them.
+A count of edges is lost at every stop, and each log begins at an unknown angle. A stretch is a run
+of restarts over which the count holds. Its angle is known up to whole pitches of the Hall wheel
+(with edges) or not at all (without edges, and from a rest to the first edge); nothing else of the
+tool changes from stretch to stretch. The offset of each stretch is the candidate that leaves the
+smallest residual under a cogging, an eccentric gear or an eccentric wheel; a tool without such an
+effect does not depend on it.
 """
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from vgroove.gap.residual.problem import Problem
+from vgroove.gap.catalogue import PERIODIC
+from vgroove.gap.residual.agreement import CLIP_SIGMAS
+from vgroove.gap.residual.huber import huber_weight
+from vgroove.gap.residual.measured_run import MeasuredRun
+from vgroove.gap.residual.protocol import MeasuredProblem
+from vgroove.gap.residual.restart_angles import RestartAngles
+from vgroove.units import TURN_RAD
 
-PERIODIC = {
-    "cogging_torque": "torque_nm",
-    "gear_eccentricity": "torque_nm",
-    "hall_eccentricity": "amplitude_rad",
-}
-FINE = 32  # offsets that are tried over a period without edges, and over a turn of the output
-WORTH = 10.0  # squared sigmas by which an offset must be better than none
-CLIP = 10.0
+
+@dataclass(frozen=True)
+class AlignmentRules:
+    """Candidate offsets of a stretch, and when one replaces no offset; chosen on the tuning half of
+    the blind set.
+    """
+
+    candidates_per_period: int = 32  # without edges; with edges over a turn of the output
+    min_gain: float = 10.0  # squared sigma
+
+
+ALIGNMENT = AlignmentRules()
+SLOWER_THAN_A_TURN = 1.01  # of a turn: a period longer than this is the output's, not the motor's
+# ridge of a 2 x 2 system, relative to its diagonal and absolute
+RIDGE_SHARE, RIDGE = 1e-6, 1e-9
 
 
 @dataclass(frozen=True)
 class AngleStretches:
-    """of (n,): stretch of each residual; rest: whether each is the way from a rest to the first
-    edge; first: whether it is its log's first but for that; log: which it lies in; restart: of each
-    log's restarts.
-    """
+    """Stretches of restarts over which the count of edges holds, over all logs."""
 
-    of: np.ndarray
-    rest: np.ndarray
-    first: np.ndarray
-    log: np.ndarray
-    restart: list[np.ndarray]
+    of: np.ndarray  # (n,) stretch of each residual
+    rest: np.ndarray  # (stretches,) whether each is the way from a rest to the first edge
+    first: np.ndarray  # (stretches,) whether each is its log's first, apart from such a rest
+    log: np.ndarray  # (stretches,) the log that each lies in
+    restart: tuple[np.ndarray, ...]  # per log (S,): the stretch of each restart
 
     @property
     def count(self) -> int:
@@ -45,110 +54,111 @@ class AngleStretches:
 
     @property
     def reference(self) -> int:
-        """The stretch whose angles the phases are told in."""
+        """The stretch whose angles the phases of effects refer to."""
         return int(np.argmax(self.first))
 
 
-def angle_stretches(problem: "Problem") -> AngleStretches:
-    """Stretches of all logs: a new one at the first restart after each instant at which the count
-    may be lost.
+def angle_stretches(problem: MeasuredProblem) -> AngleStretches:
+    """Stretches of all logs: each begins at the first restart after an instant at which the count
+    may have been lost.
     """
-    of, restart, rest, first, log, number = np.zeros(problem.n, int), [], [], [], [], 0
+    of, restart, rest, first, log = np.zeros(problem.n, int), [], [], [], []
     for j, run in enumerate(problem.runs):
-        time_s = np.asarray(run.log.time_s)
-        lost = np.searchsorted(run.lost_s, time_s[run.restarts.rows])
-        alone = run.from_rest and len(lost) > 1
-        lost[:1] -= alone
-        group = np.unique(lost, return_inverse=True)[1] + number
+        number = len(log)
+        from_rest, group = _stretch_of_restart(run)
         rows = problem.log == j
-        # a restart's own row shows what was before
+        # a residual at a restart's own row belongs to the stretch before it
         window = np.searchsorted(run.restarts.rows, problem.row[rows], side="left") - 1
-        of[rows] = group[np.maximum(window, 0)]
-        count = int(group[-1]) - number + 1
-        rest += [alone and k == 0 for k in range(count)]
-        first += [k == alone for k in range(count)]
+        of[rows] = (group + number)[np.maximum(window, 0)]
+        count = int(group[-1]) + 1
+        rest += [from_rest and k == 0 for k in range(count)]
+        first += [k == from_rest for k in range(count)]
         log += [j] * count
-        restart.append(group)
-        number += count
-    return AngleStretches(of, np.array(rest), np.array(first), np.array(log), restart)
+        restart.append(group + number)
+    return AngleStretches(of, np.array(rest), np.array(first), np.array(log), tuple(restart))
 
 
-def with_angle_shift(problem: "Problem", parts: AngleStretches, shift_rad: np.ndarray) -> "Problem":
-    """The problem with each stretch's shaft standing shift_rad (stretches,) further on."""
-    runs = []
-    for run, group in zip(problem.runs, parts.restart, strict=True):
-        measured = run.restarts.measured.copy()
-        measured[:, 2] += shift_rad[group]
-        runs.append(replace(run, restarts=replace(run.restarts, measured=measured)))
-    return replace(problem, runs=tuple(runs))
+def _stretch_of_restart(run: MeasuredRun) -> tuple[bool, np.ndarray]:
+    """Whether the first restart is a stretch of its own (a rest at an unknown angle), and the
+    stretch of each restart (S,), counted from 0.
+    """
+    lost = np.searchsorted(run.lost_s, np.asarray(run.log.time_s)[run.restarts.rows])
+    from_rest = run.from_rest and len(lost) > 1
+    lost[:1] -= from_rest
+    return from_rest, np.unique(lost, return_inverse=True)[1]
 
 
-def active_periodic_effects(problem: "Problem", theta: np.ndarray) -> list[str]:
-    """Effects of a parameter vector that follow the angle."""
-    return [i for i, size in PERIODIC.items() if theta[problem.index(f"effects.{i}.{size}")] != 0.0]
+def active_periodic_effects(problem: MeasuredProblem, theta: np.ndarray) -> list[str]:
+    """Effects of a parameter vector (P,) that follow the angle."""
+    names = {i: f"effects.{i}.{periodic.amplitude}" for i, periodic in PERIODIC.items()}
+    return [i for i, name in names.items() if theta[problem.index(name)] != 0.0]
 
 
-def offsets(problem: "Problem", parts: AngleStretches, stretch: int, periods: float) -> np.ndarray:
-    """Offsets (k,) in rad that a stretch may have for an effect of so many periods a motor turn:
-    with edges whole pitches, over a turn (at a log's start: over the effect's period); without
-    edges at a log's start, and at a rest before the first edge, anything.
+def candidate_shifts(
+    problem: MeasuredProblem, parts: AngleStretches, stretch: int, periods_per_rev: float
+) -> np.ndarray:
+    """Offsets (k,) in rad that a stretch may have for an effect of so many periods a motor turn.
+
+    With edges: whole pitches over a turn, in a log's first stretch over the effect's period.
+    Without edges, and at a rest before the first edge: any angle, in steps; but 0 where a stretch
+    without edges is not its log's first, as its angle was measured.
     """
     run, first = problem.runs[parts.log[stretch]], bool(parts.first[stretch])
     if not run.pitch_rad and not first:
         return np.zeros(1)
-    period = 2.0 * np.pi / periods
+    count = ALIGNMENT.candidates_per_period
+    period = TURN_RAD / periods_per_rev
     if not run.pitch_rad or parts.rest[stretch]:
-        return period / FINE * np.arange(FINE)
-    found = np.arange(round(2.0 * np.pi / run.pitch_rad))
-    if first and period > 2.0 * np.pi * 1.01:
-        found = np.unique(
-            np.concatenate(
-                [found, np.round(period / FINE * np.arange(FINE) / run.pitch_rad).astype(int)]
-            )
-        )
+        return period / count * np.arange(count)
+    found = np.arange(round(TURN_RAD / run.pitch_rad))
+    if first and period > TURN_RAD * SLOWER_THAN_A_TURN:
+        over_period = np.round(period / count * np.arange(count) / run.pitch_rad).astype(int)
+        found = np.unique(np.concatenate([found, over_period]))
     return run.pitch_rad * found
 
 
-def periods_of(problem: "Problem", theta: np.ndarray) -> float:
-    """Fewest periods a motor turn of the effects of theta that follow the angle."""
-    every = {
-        "cogging_torque": float(theta[problem.index("effects.cogging_torque.periods_per_rev")]),
-        "hall_eccentricity": 1.0,
-        "gear_eccentricity": 1.0 / problem.rig.gearbox["ratio"],
-    }
-    return min(every[i] for i in active_periodic_effects(problem, theta))
+def fewest_periods_per_rev(problem: MeasuredProblem, theta: np.ndarray) -> float:
+    """Fewest periods a motor turn of the effects of theta (P,) that follow the angle."""
+
+    def periods(effect: str) -> float:
+        return PERIODIC[effect].periods_per_rev(
+            lambda name: float(theta[problem.index(f"effects.{effect}.{name}")]),
+            problem.rig.gearbox["ratio"],
+        )
+
+    return min(map(periods, active_periodic_effects(problem, theta)))
 
 
-def align_angles(problem: "Problem", theta: np.ndarray) -> "Problem":
-    """The problem with the offset of every stretch that leaves least of the gap under theta (P,);
-    as it is if nothing follows the angle.
+def align_angles(
+    problem: MeasuredProblem, theta: np.ndarray, angles: RestartAngles
+) -> RestartAngles:
+    """Restart angles with the offset of every stretch that leaves the smallest residual under theta
+    (P,); the same object where no effect of theta follows the angle.
     """
     parts = angle_stretches(problem)
-    if (
-        parts.count < 2
-        or not active_periodic_effects(problem, theta)
-        or problem.rig.load["kind"] == "pendulum"
-    ):
-        return problem
-    choices = [offsets(problem, parts, g, periods_of(problem, theta)) for g in range(parts.count)]
+    fixed = problem.rig.load["kind"] == "pendulum" or parts.count < 2
+    if fixed or not active_periodic_effects(problem, theta):
+        return angles
+    periods = fewest_periods_per_rev(problem, theta)
+    choices = [candidate_shifts(problem, parts, g, periods) for g in range(parts.count)]
     choices[parts.reference] = np.zeros(1)
     best, shift = np.full(parts.count, np.inf), np.zeros(parts.count)
     for k in range(max(len(c) for c in choices)):
         trial = np.array([c[k] if k < len(c) else 0.0 for c in choices])
-        residual = with_angle_shift(problem, parts, trial).residuals(theta)[0]
+        residual = problem.residuals(theta, angles.shifted(parts.restart, trial))[0]
         cost = np.bincount(
-            parts.of, weights=np.minimum(np.abs(residual), CLIP) ** 2, minlength=parts.count
+            parts.of, weights=np.minimum(np.abs(residual), CLIP_SIGMAS) ** 2, minlength=parts.count
         )
-        better = cost < best - (WORTH if k else 0.0)
+        better = cost < best - (ALIGNMENT.min_gain if k else 0.0)
         best, shift = np.where(better, cost, best), np.where(better, trial, shift)
-    return with_angle_shift(problem, parts, shift)
+    return angles.shifted(parts.restart, shift)
 
 
 @dataclass(frozen=True)
 class FirstOrderRipple:
-    """What a small effect that follows the angle would do, to first order: periods a motor turn,
-    normal matrices (stretches, 2, 2) and gradients (stretches, 2) of the squared residual over its
-    sine and cosine amplitudes.
+    """A small effect that follows the angle, to first order: periods a motor turn, normal matrices
+    (stretches, 2, 2) and gradients (stretches, 2) of the squared residual over its sine and cosine
+    amplitudes.
     """
 
     periods: float
@@ -159,8 +169,8 @@ class FirstOrderRipple:
     def of(
         parts: AngleStretches, periods: float, residual: np.ndarray, columns: np.ndarray
     ) -> "FirstOrderRipple":
-        """From residuals (n,) and their derivatives (n, 2)."""
-        weight = np.minimum(1.0, CLIP / np.maximum(np.abs(residual), 1e-9))
+        """From residuals (n,) and their derivatives (n, 2), with Huber's weights."""
+        weight = huber_weight(residual, CLIP_SIGMAS)
         products = weight[:, None] * np.column_stack(
             [columns[:, [0, 0, 1, 1]] * columns[:, [0, 1, 0, 1]], columns * residual[:, None]]
         )
@@ -169,47 +179,48 @@ class FirstOrderRipple:
         )
         return FirstOrderRipple(periods, sums[:, :4].reshape(-1, 2, 2), sums[:, 4:])
 
-    def seen_from(self, stretch: int, shift_rad: float) -> tuple[np.ndarray, np.ndarray]:
+    def rotated(self, stretch: int, shift_rad: float) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and gradient of one stretch over the amplitudes of a shaft that stands
         shift_rad further on.
         """
         c, s = np.cos(self.periods * shift_rad), np.sin(self.periods * shift_rad)
-        turn = np.array([[c, -s], [s, c]])
-        return turn.T @ self.normal[stretch] @ turn, turn.T @ self.gradient[stretch]
+        rotation = np.array([[c, -s], [s, c]])
+        return rotation.T @ self.normal[stretch] @ rotation, rotation.T @ self.gradient[stretch]
 
-    def together(self, shift_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def summed(self, shift_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and gradient of all stretches with offsets (stretches,)."""
-        both = [self.seen_from(g, d) for g, d in enumerate(shift_rad)]
+        both = [self.rotated(g, d) for g, d in enumerate(shift_rad)]
         return sum(n for n, _ in both), sum(b for _, b in both)
 
     def gain(self, shift_rad: np.ndarray) -> float:
-        """Squared residual that the effect takes away with offsets (stretches,)."""
-        normal, gradient = self.together(shift_rad)
-        return float(gradient @ solved(normal, gradient))
+        """Squared residual that the effect removes with offsets (stretches,)."""
+        normal, gradient = self.summed(shift_rad)
+        return float(gradient @ solve_ridge(normal, gradient))
 
     def amplitudes(self, shift_rad: np.ndarray) -> np.ndarray:
-        """Sine and cosine amplitude that take it away."""
-        return -solved(*self.together(shift_rad))
+        """Sine and cosine amplitude (2,) that remove it."""
+        return -solve_ridge(*self.summed(shift_rad))
 
     def best_shifts(self, choices: list[np.ndarray], reference: int = 0) -> np.ndarray:
         """Offsets (stretches,) against a reference, out of each stretch's choices, that fit one
-        amplitude and phase best: the stretch that shows most leads.
+        amplitude and phase best. Greedy: stretch by stretch, that of the largest gain first.
         """
-        alone = np.array(
-            [b @ solved(n, b) for n, b in zip(self.normal, self.gradient, strict=True)]
+        gains = np.array(
+            [b @ solve_ridge(n, b) for n, b in zip(self.normal, self.gradient, strict=True)]
         )
-        order, shift = np.argsort(-alone, kind="stable"), np.zeros(len(alone))
+        order, shift = np.argsort(-gains, kind="stable"), np.zeros(len(gains))
         normal, gradient = np.zeros((2, 2)), np.zeros(2)
         for g in order:
-            swing = -solved(normal, gradient)
-            seen = [self.seen_from(g, d) for d in choices[g]]
-            costs = [2.0 * b @ swing + swing @ n @ swing for n, b in seen]
+            ripple = -solve_ridge(normal, gradient)
+            rotated = [self.rotated(g, d) for d in choices[g]]
+            costs = [2.0 * b @ ripple + ripple @ n @ ripple for n, b in rotated]
             k = int(np.argmin(costs)) if normal.any() else 0
-            shift[g], normal, gradient = choices[g][k], normal + seen[k][0], gradient + seen[k][1]
+            shift[g] = choices[g][k]
+            normal, gradient = normal + rotated[k][0], gradient + rotated[k][1]
         return shift - shift[reference]
 
 
-def solved(normal: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """Solution (2,) of a 2 x 2 system; zeros where nothing is seen."""
-    ridge = normal + np.diag(1e-6 * np.diag(normal) + 1e-9)
+def solve_ridge(normal: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """Solution (2,) of a 2 x 2 system with a small ridge; zeros where the system is zero."""
+    ridge = normal + np.diag(RIDGE_SHARE * np.diag(normal) + RIDGE)
     return np.linalg.solve(ridge, gradient)

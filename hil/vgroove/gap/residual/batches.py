@@ -1,4 +1,4 @@
-"""Cuts batches of parameter sets into parts that memory, cache and the plant's lanes like."""
+"""Cuts batches of parameter sets into parts that fit into memory, a cache and the plant's lanes."""
 
 from collections.abc import Iterator, Sequence
 
@@ -7,9 +7,9 @@ import numpy as np
 LANES = 8  # parameter sets of one structure that the plant runs side by side
 
 
-def portions(sizes: Sequence[int], most: int) -> Iterator[slice]:
+def split_by_size(sizes: Sequence[int], most: int) -> Iterator[slice]:
     """Slices over consecutive items whose sizes add up to `most` or less; an item larger than that
-    is alone.
+    has a slice of its own.
     """
     first, total = 0, 0
     for at, size in enumerate(sizes):
@@ -21,12 +21,14 @@ def portions(sizes: Sequence[int], most: int) -> Iterator[slice]:
         yield slice(first, len(sizes))
 
 
-def alike(structure: np.ndarray, most: int) -> list[np.ndarray]:
-    """Members of a batch in parts of `most` or so, those of equal structure (B, k) together and
-    their lanes not torn apart.
+def split_by_structure(structure: np.ndarray, most: int) -> list[np.ndarray]:
+    """Members of a batch in parts of about `most`, those of equal structure (B, k) together and in
+    whole groups of lanes.
     """
     _, kind = np.unique(structure, axis=0, return_inverse=True)
     order = np.argsort(kind, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(kind[order])) + 1)
     lanes = [group[at : at + LANES] for group in groups for at in range(0, len(group), LANES)]
-    return [np.concatenate(lanes[part]) for part in portions([len(one) for one in lanes], most)]
+    return [
+        np.concatenate(lanes[part]) for part in split_by_size([len(one) for one in lanes], most)
+    ]

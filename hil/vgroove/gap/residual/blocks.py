@@ -1,40 +1,54 @@
-"""Cuts a log into blocks and says which of them are predicted by fits that did not see them."""
+"""Cuts a log into blocks for cross-validation: which fold tests each block, and which blocks count
+in the reported gap.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-LONGEST_BLOCK_S = 1.0
+from vgroove.gap.residual.immutable import freeze_arrays
+
+# docs/spec/gap.md, section 5: blocks of 1 s, or an eighth of a shorter log; of every four blocks,
+# counted from 1, the third is held out; logs under 10 s rotate the four folds
+MAX_BLOCK_S = 1.0
+MIN_BLOCKS = 8
 SHORT_LOG_S = 10.0
 FOLDS = 4
-HELD_OUT = 3  # of every four blocks, counted from 1
+HELD_OUT = 3
+# strokes between a block and this share of the log: thirds take turns instead
+STROKE_FOLDS = 3
+MAX_STROKE_SHARE = 0.5
+MOVING_SHARE = 0.02  # of the top speed, below which a speed has no sign
 
 
 @dataclass(frozen=True)
-class Blocks:
-    """Blocks of one log: edges_s (k+1,) their borders; folds: their number; rotate: every block is
-    judged once, by a fit to the others.
+class FoldBlocks:
+    """Blocks of one log: edges_s (k + 1,) their borders in s; folds their number; rotate: every
+    block counts, predicted by a fit to the others.
     """
 
     edges_s: np.ndarray
     folds: int
     rotate: bool
 
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
     def of(self, time_s: np.ndarray) -> np.ndarray:
-        """Number of the block, counted from 1, that each time lies in."""
+        """Number (m,) of the block, counted from 1, that each time lies in."""
         last = len(self.edges_s) - 1
         return np.clip(np.searchsorted(self.edges_s, time_s, side="left"), 1, last)
 
     def fold_of(self, block: np.ndarray) -> np.ndarray:
-        """Fold 0..folds-1 that tests each block."""
+        """Fold 0..folds-1 that tests each block (m,)."""
         return (block - HELD_OUT) % self.folds
 
     def judged(self, block: np.ndarray) -> np.ndarray:
-        """Whether each block's samples count in the gap."""
+        """Whether the samples of each block (m,) count in the gap."""
         return np.ones(len(block), dtype=bool) if self.rotate else self.fold_of(block) == 0
 
     def stretches(self) -> list[list[float]]:
-        """Judged stretches [from, to] in seconds, neighbours joined."""
+        """Judged stretches [from, to] in s, neighbours joined."""
         number = np.arange(1, len(self.edges_s))
         found: list[list[float]] = []
         for k in number[self.judged(number)]:
@@ -46,30 +60,30 @@ class Blocks:
         return found
 
 
-def stroke_s(time_s: np.ndarray, speed: np.ndarray) -> float:
-    """Mean time between reversals of a signed speed; the log's length when it never reverses. Below
-    2 % of the top a speed has no sign.
+def mean_stroke_s(time_s: np.ndarray, speed: np.ndarray) -> float:
+    """Mean time between reversals of a signed speed (rows,) in s; the log's length when it never
+    reverses.
     """
     known = np.isfinite(speed)
     top = np.max(np.abs(speed[known]), initial=0.0)
-    moving = known & (np.abs(speed) > 0.02 * top)
+    moving = known & (np.abs(speed) > MOVING_SHARE * top)
     length = float(time_s[-1] - time_s[0])
     if top == 0.0 or not moving.any():
         return length
     return length / (1 + int(np.count_nonzero(np.diff(np.sign(speed[moving])))))
 
 
-def cut(time_s: np.ndarray, stroke: float) -> Blocks:
-    """Blocks of a log whose motion keeps one direction for `stroke` seconds.
-
-    1 s, or an eighth of a shorter log; blocks 3, 7, 11, ... are held out, logs under 10 s rotate
-    the four folds. Where a longer log goes to and fro in strokes longer than that, thirds take
-    turns, so that both directions are in every fit.
+def cut_blocks(time_s: np.ndarray, stroke: float) -> FoldBlocks:
+    """Blocks of a log whose motion keeps one direction for `stroke` seconds on average. Where a
+    long log goes to and fro in strokes longer than a block, thirds take turns, so that both
+    directions are in every fit.
     """
     start = float(time_s[0])
     length = float(time_s[-1]) - start
-    if length >= SHORT_LOG_S and LONGEST_BLOCK_S < stroke < 0.5 * length:
-        return Blocks(start + length * np.arange(4) / 3.0, 3, True)
-    block = min(LONGEST_BLOCK_S, length / 8.0)
+    if length >= SHORT_LOG_S and MAX_BLOCK_S < stroke < MAX_STROKE_SHARE * length:
+        edges = start + length * np.arange(STROKE_FOLDS + 1) / float(STROKE_FOLDS)
+        return FoldBlocks(edges, STROKE_FOLDS, True)
+    block = min(MAX_BLOCK_S, length / MIN_BLOCKS)
     count = max(1, round(length / block))
-    return Blocks(start + length * np.arange(count + 1) / count, FOLDS, length < SHORT_LOG_S)
+    edges = start + length * np.arange(count + 1) / count
+    return FoldBlocks(edges, FOLDS, length < SHORT_LOG_S)

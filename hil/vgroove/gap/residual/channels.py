@@ -1,66 +1,64 @@
-"""Channels: one measured signal each, and how the model's rows turn into what that signal shows."""
+"""Channels: one measured signal of a log each, and what the model shows in that signal."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from vgroove.units import RAD_S_PER_RPM
+from vgroove.gap.hall_edges.missed_edges import MAX_PITCHES
+from vgroove.gap.residual.immutable import freeze_arrays
+from vgroove.gap.residual.sensors import SensorErrors
 
 CLOCK = "clock"  # (B,): seconds of the logger in a second of the tool
-# (B, rows): what an encoder shows that is not the speed sensor
+# (B, rows): angle and speed that an encoder shows beside the speed sensor
 ENCODER = ("encoder_angle_rad", "encoder_speed_rad_s")
 SPEED_SENSOR = ("angle_measured_rad", "speed_measured_rad_s")
-DROPS_EDGES = "drops_edges"  # (B,): the parameter set's Hall sensor misses edges
-MOST_PITCHES = 5.0  # that a sensor which drops edges takes for one
+SHAFT = ("angle_rad", "speed_rad_s")
+DROPS_EDGES = "drops_edges"  # (B,): whether the parameter set's Hall sensor misses edges
+MIN_SPEED = 1e-9  # in the signal's unit; keeps a ratio of speeds finite
 Simulation = dict[str, np.ndarray]  # (B, rows) arrays of vgroove._core.simulate_log
 
 
 @dataclass(frozen=True)
 class InterpolationPoints:
-    """Instants (m,) between rows, for cubic Hermite interpolation: row at the interval's end, share
-    of it that has passed, its length.
+    """Instants (m,) between rows, for cubic Hermite interpolation of the angle (its derivative, the
+    speed, is known at the rows; de Boor, A Practical Guide to Splines, chapter IV).
     """
 
-    row: np.ndarray
-    share: np.ndarray
-    length_s: np.ndarray
+    row: np.ndarray  # (m,) row at the end of the interval
+    share: np.ndarray  # (m,) share 0..1 of the interval before the instant
+    length_s: np.ndarray  # (m,) length of the interval
 
     @staticmethod
     def of(time_s: np.ndarray, instants_s: np.ndarray) -> "InterpolationPoints":
-        """Places of instants between a log's rows; those before the first row are moved to it."""
+        """Instants (m,) between a log's rows; those before the first row are moved to it."""
         row = np.clip(np.searchsorted(time_s, instants_s, side="left"), 1, len(time_s) - 1)
         length = time_s[row] - time_s[row - 1]
-        return InterpolationPoints(
-            row, np.clip((instants_s - time_s[row - 1]) / length, 0.0, 1.0), length
-        )
+        share = np.clip((instants_s - time_s[row - 1]) / length, 0.0, 1.0)
+        return InterpolationPoints(row, share, length)
 
     def __getitem__(self, keep: np.ndarray) -> "InterpolationPoints":
         return InterpolationPoints(self.row[keep], self.share[keep], self.length_s[keep])
 
     def shares(self) -> tuple[np.ndarray, np.ndarray]:
-        """Shares (2, m) of the angles of the rows before and after an instant, and of their speeds,
-        in the angle there (Hermite).
+        """Weights (2, m), in the angle at an instant, of the angles of the rows before and after,
+        and of their speeds.
         """
         f, g = self.share, 1.0 - self.share
-        return np.stack([g * g * (1.0 + 2.0 * f), f * f * (3.0 - 2.0 * f)]), np.stack([g, -f]) * (
-            self.length_s * f * g
-        )
+        of_angles = np.stack([g * g * (1.0 + 2.0 * f), f * f * (3.0 - 2.0 * f)])
+        return of_angles, np.stack([g, -f]) * (self.length_s * f * g)
 
     def weights(self, rows: int) -> list[csr_array]:
-        """Weights (m, rows) of the rows' angles and of their speeds in the angle at the instants."""
-        at = (
-            np.repeat(np.arange(len(self.row)), 2),
-            np.column_stack([self.row - 1, self.row]).ravel(),
-        )
-        return [
-            csr_array((share.T.ravel(), at), shape=(len(self.row), rows)) for share in self.shares()
-        ]
+        """The same as sparse matrices (m, rows): of the rows' angles and of their speeds."""
+        count = len(self.row)
+        columns = np.column_stack([self.row - 1, self.row]).ravel()
+        at = (np.repeat(np.arange(count), 2), columns)
+        return [csr_array((share.T.ravel(), at), shape=(count, rows)) for share in self.shares()]
 
     def angle(self, simulation: Simulation, sensor: tuple[str, str] = SPEED_SENSOR) -> np.ndarray:
-        """Measured angle (B, m) of the model at the instants."""
+        """Angle (B, m) of the model at the instants, as a sensor shows it."""
         value, slope = (
             before * simulation[name].take(self.row - 1, axis=1)
             + after * simulation[name].take(self.row, axis=1)
@@ -73,74 +71,78 @@ class InterpolationPoints:
 
 @dataclass(frozen=True)
 class Channel:
-    """One judged signal of one log: rows (m,), their times, measured values and sigmas in the
-    signal's unit.
+    """One judged signal of one log: m samples that end at rows of the log.
 
-    conditional: (m,) rows that say only that no edge came: they count where the model would have
-    passed one. impulse: (m,) 1 sigma of an offset that all rows of one passage (m,), in order,
-    share and that no model knows.
+    A censored sample states only an upper bound of the speed: a timeout sample of a Hall sensor, at
+    which no edge has come for so long. It counts where the model exceeds the bound (censored data:
+    Tobin, Econometrica 26 (1958) 24).
     """
 
     column: str
     unit: str
-    row: np.ndarray
-    time_s: np.ndarray
-    measured: np.ndarray
-    sigma: np.ndarray
-    conditional: np.ndarray
-    edges: bool = False
-    magnitude: bool = False
+    row: np.ndarray  # (m,)
+    time_s: np.ndarray  # (m,)
+    measured: np.ndarray  # (m,) in the unit
+    sigma: np.ndarray  # (m,) standard deviation in the unit
+    censored: np.ndarray  # (m,) whether the sample is an upper bound
+    edges: bool = False  # made from Hall edges
+    magnitude: bool = False  # compared by magnitude
     note: str = ""
+    # (m,) number, in order, of the passage that each sample lies in, and the standard deviation of
+    # an offset that all samples of one passage share and that no model knows
     passage: np.ndarray | None = None
     impulse: np.ndarray | None = None
 
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
     def first_row(self) -> np.ndarray:
-        """Row (m,) before the first that each value depends on; a restart after it and up to `row`
-        cuts the value in two.
+        """Row (m,) before the first that each sample depends on; a restart after it and up to `row`
+        cuts the sample in two.
         """
         return self.row - 1
 
-    def kept(self, keep: np.ndarray) -> "Channel":
-        """The channel with a part of its rows."""
-        many = {f.name: _part(getattr(self, f.name), keep) for f in fields(self)}
-        return replace(self, **many)
+    def select(self, keep: np.ndarray) -> "Channel":
+        """The channel with the samples of a mask (m,)."""
+        return replace(self, **{f.name: _selected(vars(self)[f.name], keep) for f in fields(self)})
 
     def model(self, simulation: Simulation) -> np.ndarray:
         """What the model shows in this channel (B, m), in the signal's unit."""
         raise NotImplementedError
 
     def compared(self, simulation: Simulation) -> np.ndarray:
-        """What the measurement is compared with (B, m): the model, and of offsets that no model
-        knows what makes the residuals white.
+        """What the measurement is compared with (B, m): the model plus the estimated part of the
+        shared offsets that leaves the residuals uncorrelated.
         """
         model = self.model(simulation)
         return model if self.impulse is None else model + self._offset(self.measured - model)
 
     def _offset(self, error: np.ndarray) -> np.ndarray:
-        """Part (B, m) of the errors (B, m) that is taken for the shared offsets: with s = impulse /
-        sigma, the residuals r - s k (s.r) of noise of covariance 1 + s s' have covariance 1.
+        """Part (B, m) of the errors (B, m) that is attributed to the shared offsets (whitening):
+        with s = impulse / sigma and residuals r of covariance 1 + s s', r - s k (s'r) has
+        covariance 1 for k = (1 - 1 / sqrt(1 + s's)) / s's.
         """
         first = np.flatnonzero(np.diff(self.passage, prepend=self.passage[0] - 1))
         share = self.impulse / self.sigma**2
-        seen = np.add.reduceat(self.impulse * share, first)
-        found = np.add.reduceat(error * share, first, axis=1)
-        weight = np.where(
-            seen > 0.0, (1.0 - 1.0 / np.sqrt(1.0 + seen)) / np.where(seen > 0.0, seen, 1.0), 0.0
-        )
-        return self.impulse * np.repeat(
-            weight * found, np.diff(np.append(first, len(self.passage))), axis=1
-        )
+        power = np.add.reduceat(self.impulse * share, first)
+        projected = np.add.reduceat(error * share, first, axis=1)
+        divisor = np.where(power > 0.0, power, 1.0)
+        weight = np.where(power > 0.0, (1.0 - 1.0 / np.sqrt(1.0 + power)) / divisor, 0.0)
+        length = np.diff(np.append(first, len(self.passage)))
+        return self.impulse * np.repeat(weight * projected, length, axis=1)
 
 
-def _part(value: Any, keep: np.ndarray) -> Any:
+def _selected(value: Any, keep: np.ndarray) -> Any:
     if isinstance(value, tuple):
-        return tuple(_part(item, keep) for item in value)
+        return tuple(_selected(item, keep) for item in value)
     return value[keep] if isinstance(value, np.ndarray | InterpolationPoints) else value
 
 
 @dataclass(frozen=True)
 class RowChannel(Channel):
-    """A sample per row: current and bus as means over the row, a speed at its end."""
+    """A sample per row: current and bus as means over the row, a speed at its end. The model shows
+    the column `key` of its simulation times `factor`.
+    """
 
     key: str = ""
     factor: float = 1.0
@@ -152,10 +154,11 @@ class RowChannel(Channel):
 
 @dataclass(frozen=True)
 class SpanChannel(Channel):
-    """A mean speed over a span between two instants: the difference quotient of the measured angle.
+    """A mean speed over a span between two instants: the difference quotient of the sensor's angle
+    times `factor`.
 
-    missed (m,): edges that seem to have been passed unseen in the span. A model whose Hall sensor
-    drops edges shows one pitch for all.
+    missed (m,): edges that seem to have been missed in the span. A model whose Hall sensor misses
+    edges shows one pitch for all of them.
     """
 
     start: InterpolationPoints | None = None
@@ -174,18 +177,14 @@ class SpanChannel(Channel):
         logger, in the mean speed.
         """
         rows = int(max(self.start.row.max(), self.end.row.max())) + 1
-        found = [
-            end - start
-            for start, end in zip(self.start.weights(rows), self.end.weights(rows), strict=True)
-        ]
-        return tuple(
-            csr_array(one.multiply((self.factor / self.length_s)[:, None])) for one in found
-        )
+        pairs = zip(self.start.weights(rows), self.end.weights(rows), strict=True)
+        quotient = (self.factor / self.length_s)[:, None]
+        return tuple(csr_array((end - start).multiply(quotient)) for start, end in pairs)
 
     @cached_property
-    def waiting(self) -> np.ndarray:
-        """Places (k,) of the rows that wait for an edge."""
-        return np.flatnonzero(self.conditional)
+    def bounds(self) -> np.ndarray:
+        """Places (k,) of the censored samples."""
+        return np.flatnonzero(self.censored)
 
     def mean_speed(self, simulation: Simulation) -> np.ndarray:
         """Mean of the model's speed (B, m) over the spans."""
@@ -200,103 +199,141 @@ class SpanChannel(Channel):
         )
 
     def pitches(self, mean: np.ndarray) -> np.ndarray:
-        """Pitches (B, m) that a sensor which drops edges takes for one: as many as the model's mean
-        speed (B, m) asks for.
+        """Pitches (B, m) that a sensor which misses edges reports as one: the model's mean speed
+        (B, m) over the measured one, rounded.
         """
-        return np.clip(
-            np.round(np.abs(mean) / np.maximum(np.abs(self.measured), 1e-9)), 1.0, MOST_PITCHES
-        )
+        ratio = np.abs(mean) / np.maximum(np.abs(self.measured), MIN_SPEED)
+        return np.clip(np.round(ratio), 1.0, MAX_PITCHES)
 
     def model(self, simulation: Simulation) -> np.ndarray:
         mean = self.mean_speed(simulation)
         if self.edges and CLOCK in simulation:
             # edge periods are timed by the sensor's clock, spans lie on the logger's
             mean *= simulation[CLOCK][:, None]
-        drops = (
-            simulation[DROPS_EDGES][:, None]
-            if self.missed is not None and DROPS_EDGES in simulation
-            else np.zeros((1, 1), bool)
-        )
+        drops = np.zeros((1, 1), bool)
+        if self.missed is not None and DROPS_EDGES in simulation:
+            drops = simulation[DROPS_EDGES][:, None]
         if drops.any():
             mean = np.where(drops, mean / self.pitches(mean), mean)
-        if len(self.waiting):
-            mean[:, self.waiting] = self.waited(mean[:, self.waiting], drops)
+        if len(self.bounds):
+            mean[:, self.bounds] = self.bounded(mean[:, self.bounds], drops)
         return mean
 
-    def waited(self, mean: np.ndarray, drops: np.ndarray) -> np.ndarray:
-        """What rows that wait for an edge show of a model's mean speed (B, k) over the wait: they
-        state the most that it can have been, and no difference below that; of a sensor that drops
-        edges (B, 1) they say nothing.
+    def bounded(self, mean: np.ndarray, drops: np.ndarray) -> np.ndarray:
+        """What censored samples show of a model's mean speed (B, k): the measured bound, plus the
+        excess over it; of a sensor that misses edges (B, 1) the bound alone.
         """
-        measured = self.measured[self.waiting]
-        beyond = np.abs(mean) - np.abs(measured)
-        return np.where(drops | (beyond <= 0.0), measured, measured + beyond)
+        measured = self.measured[self.bounds]
+        excess = np.abs(mean) - np.abs(measured)
+        return np.where(drops | (excess <= 0.0), measured, measured + excess)
 
 
 @dataclass(frozen=True)
 class ForceChannel(Channel):
-    """Acceleration between three instants, the second difference of the angle: force compared with
-    force where the input is a force.
+    """Acceleration between three instants, the second difference of the encoder's angle: where the
+    input is a force, force is compared with force.
     """
 
-    places: tuple[InterpolationPoints, InterpolationPoints, InterpolationPoints] | None = None
+    points: tuple[InterpolationPoints, InterpolationPoints, InterpolationPoints] | None = None
     length_s: np.ndarray | None = None
 
     def first_row(self) -> np.ndarray:
-        return self.places[0].row - 1
+        return self.points[0].row - 1
 
     def model(self, simulation: Simulation) -> np.ndarray:
-        first, middle, last = (place.angle(simulation, ENCODER) for place in self.places)
+        first, middle, last = (point.angle(simulation, ENCODER) for point in self.points)
         return (last - 2.0 * middle + first) / self.length_s**2
 
 
-def span_channel(
-    column: str,
-    unit: str,
-    log_time_s: np.ndarray,
-    spans: tuple[np.ndarray, np.ndarray],
-    row: np.ndarray,
-    measured: np.ndarray,
-    sigma: np.ndarray,
-    conditional: np.ndarray,
-    factor: float,
-    edges: bool,
-    note: str,
-) -> SpanChannel:
-    """A channel of mean speeds over spans (start_s, end_s); factor turns rad/s into the signal's
-    unit.
+@dataclass(frozen=True)
+class ChannelInfo:
+    """What a channel is: its column and unit, whether it is made from Hall edges or compared by
+    magnitude, a note for the user.
     """
-    start, end = spans
+
+    column: str
+    unit: str
+    edges: bool = False
+    magnitude: bool = False
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples (m,) of a channel: the row at which each ends, its value and standard deviation in
+    the channel's unit, whether it is censored (default: none is).
+    """
+
+    row: np.ndarray
+    measured: np.ndarray
+    sigma: np.ndarray
+    censored: np.ndarray | None = None
+
+    def mask(self) -> np.ndarray:
+        """Whether each sample (m,) is censored."""
+        return np.zeros(len(self.row), dtype=bool) if self.censored is None else self.censored
+
+
+@dataclass(frozen=True)
+class Spans:
+    """Spans (m,) in s over which samples are means, in a log with rows at log_time_s (rows,)."""
+
+    log_time_s: np.ndarray
+    start_s: np.ndarray
+    end_s: np.ndarray
+
+
+@dataclass(frozen=True)
+class ModelColumn:
+    """Column of a simulation that a row channel compares, and the factor to the channel's unit."""
+
+    key: str
+    factor: float = field(default=1.0)
+
+
+def span_channel(
+    info: ChannelInfo, samples: Samples, spans: Spans, factor: float = 1.0
+) -> SpanChannel:
+    """A channel of mean speeds over spans; factor turns rad/s into the channel's unit."""
     return SpanChannel(
-        column,
-        unit,
-        row,
-        0.5 * (start + end),
-        measured,
-        sigma,
-        conditional,
-        edges=edges,
-        note=note,
-        start=InterpolationPoints.of(log_time_s, start),
-        end=InterpolationPoints.of(log_time_s, end),
-        length_s=end - start,
+        **vars(info),
+        row=samples.row,
+        time_s=0.5 * (spans.start_s + spans.end_s),
+        measured=samples.measured,
+        sigma=samples.sigma,
+        censored=samples.mask(),
+        start=InterpolationPoints.of(spans.log_time_s, spans.start_s),
+        end=InterpolationPoints.of(spans.log_time_s, spans.end_s),
+        length_s=spans.end_s - spans.start_s,
         factor=factor,
     )
 
 
-def show_encoder(simulation: Simulation, gain: np.ndarray, lag_s: np.ndarray) -> None:
-    """Add what an encoder shows to a simulation: the eccentric wheel, but neither gain nor lag (B,)
-    of the speed sensor.
+def row_channel(
+    info: ChannelInfo, time_s: np.ndarray, values: np.ndarray, sigma: float, model: ModelColumn
+) -> RowChannel:
+    """A channel with one sample of standard deviation sigma per row (rows,) of a column; missing
+    samples are left out.
     """
-    apart = (gain != 1.0) | (lag_s > 0.0)
-    for name, sensor, shaft in zip(
-        ENCODER, SPEED_SENSOR, ("angle_rad", "speed_rad_s"), strict=True
-    ):
-        simulation[name] = (
-            np.where(apart[:, None], simulation[shaft], simulation[sensor])
-            if apart.any()
-            else simulation[sensor]
-        )
+    row = np.flatnonzero(np.isfinite(values))
+    return RowChannel(
+        **vars(info),
+        row=row,
+        time_s=time_s[row],
+        measured=values[row],
+        sigma=np.full(len(row), sigma),
+        censored=np.zeros(len(row), dtype=bool),
+        key=model.key,
+        factor=model.factor,
+    )
 
 
-RAD_S_TO_RPM = 1.0 / RAD_S_PER_RPM
+def add_encoder(simulation: Simulation, errors: SensorErrors) -> None:
+    """Add what an encoder shows to a simulation: the eccentric wheel, but neither gain nor lag of
+    the speed sensor.
+    """
+    differs = (errors.gain[:, 1] != 1.0) | (errors.lag_s[:, 1] > 0.0)
+    for name, sensor, shaft in zip(ENCODER, SPEED_SENSOR, SHAFT, strict=True):
+        simulation[name] = simulation[sensor]
+        if differs.any():
+            simulation[name] = np.where(differs[:, None], simulation[shaft], simulation[sensor])

@@ -1,30 +1,54 @@
-"""Regimes of motion, row by row: where in a run a gap sits."""
+"""Regimes of motion of each row of a log, by which a gap is located."""
+
+from dataclasses import dataclass
 
 import numpy as np
+
+
+@dataclass(frozen=True)
+class RegimeLimits:
+    """Limits of the regimes, as shares of the top speed; chosen for reports, no decision depends on
+    them.
+    """
+
+    smoothing_s: float = 0.02  # moving mean of the speed, at least min_rows long
+    min_rows: int = 3
+    bands: float = 4.0  # of steady speed, about, up to the top speed
+    standstill: float = 0.01
+    start: float = 0.15
+    changing_per_s: float = 0.3
+
+
+REGIMES = RegimeLimits()
+CHANGING = ("standstill", "start", "speeding up", "braking", "reversal")
+STANDSTILL, START, SPEEDING_UP, BRAKING, REVERSAL, STEADY = range(6)
 
 
 def regimes_of(
     time_s: np.ndarray, speed: np.ndarray, command: np.ndarray
 ) -> tuple[np.ndarray, list[str]]:
-    """Regime of each row: standstill, start, speeding up, braking, reversal, and steady in bands of
-    speed.
+    """Regime (rows,) of each row and the regimes' names, from speeds and commands (rows,):
+    standstill, start, speeding up, braking, reversal, and steady in bands of speed.
     """
-    top = float(np.max(np.abs(speed)))
+    size = np.abs(speed)
+    top = float(np.max(size))
     if top == 0.0:
         return np.zeros(len(time_s), dtype=int), ["whole log"]
-    width = max(3, int(round(0.02 / np.median(np.diff(time_s)))))
+    width = max(REGIMES.min_rows, int(round(REGIMES.smoothing_s / np.median(np.diff(time_s)))))
     rate = np.gradient(np.convolve(speed, np.ones(width) / width, mode="same"), time_s)
-    band = top / 4.0
+    band = _round_up(top / REGIMES.bands)
+    names = [f"steady, {k * band:g}-{(k + 1) * band:g} rad/s" for k in range(int(top // band) + 1)]
+    regime = STEADY + (size // band).astype(int)
+    changing, growing = np.abs(rate) > REGIMES.changing_per_s * top, rate * np.sign(speed) > 0.0
+    regime[changing & growing] = SPEEDING_UP
+    regime[changing & ~growing] = BRAKING
+    regime[changing & growing & (size < REGIMES.start * top)] = START
+    regime[(command * speed < 0.0) & (size > REGIMES.standstill * top)] = REVERSAL
+    regime[size <= REGIMES.standstill * top] = STANDSTILL
+    return regime, [*CHANGING, *names]
+
+
+def _round_up(band: float) -> float:
+    """A number rounded up to one significant digit."""
     digits = 10.0 ** np.floor(np.log10(band))
-    band = float(np.ceil(band / digits) * digits)
-    names = ["standstill", "start", "speeding up", "braking", "reversal"]
-    names += [f"steady, {k * band:g}-{(k + 1) * band:g} rad/s" for k in range(int(top // band) + 1)]
-    regime = 5 + (np.abs(speed) // band).astype(int)
-    changing = np.abs(rate) > 0.3 * top
-    growing = rate * np.sign(speed) > 0.0
-    regime[changing & growing] = 2
-    regime[changing & ~growing] = 3
-    regime[changing & growing & (np.abs(speed) < 0.15 * top)] = 1
-    regime[(command * speed < 0.0) & (np.abs(speed) > 0.01 * top)] = 4
-    regime[np.abs(speed) <= 0.01 * top] = 0
-    return regime, names
+    return float(np.ceil(band / digits) * digits)

@@ -1,48 +1,55 @@
-"""Sensor filters at restarts: the plant starts them settled, but what was measured there is the
-filter's own output, on the move.
+"""Corrects the sensor filters of a simulation at restarts: the plant starts them settled, but a
+measured state is the filter's own output, and it moves.
 """
 
 import numpy as np
 
 from vgroove.gap.residual.channels import Simulation
 from vgroove.gap.residual.restarts import Restarts
+from vgroove.gap.residual.sensors import SensorErrors
+
+MIN_INTERVAL_S = 1e-12  # keeps a ratio finite in the first row
 
 
 def correct_filters(
-    simulation: Simulation,
-    time_s: np.ndarray,
-    restarts: Restarts,
-    lags: np.ndarray,
-    delay_form: np.ndarray,
+    simulation: Simulation, time_s: np.ndarray, restarts: Restarts, errors: SensorErrors
 ) -> None:
-    """Change a simulation in place so that filters go on from the measured values.
+    """Change a simulation in place so that its sensor filters continue from the measured values.
 
-    lags (B, 2): time constants of the current and speed sensors; delay_form (B,): the speed sensor
-    delays instead. A filter y' = (x - y) / T started at x instead of y = x - T y' is wrong by T y'
-    exp(-t / T), exactly; slopes are those of y, as measured.
+    A filter y' = (x - y) / T started at y = x instead of y = x - T y' errs by T y' exp(-t / T),
+    exactly, with the slope y' as measured.
     """
     window = np.searchsorted(restarts.rows, np.arange(len(time_s)), side="right") - 1
     since = time_s - time_s[restarts.rows][window]
-    dt = np.diff(time_s, prepend=time_s[0])
-    for b in np.flatnonzero(lags[:, 0] > 0.0):
-        lag, slope = lags[b, 0], restarts.slopes[window, 0]
-        left = np.where(dt > 0.0, lag / np.maximum(dt, 1e-12), 0.0) * (
-            np.exp(-np.maximum(since - dt, 0.0) / lag) - np.exp(-since / lag)
-        )
-        simulation["current_a"][b] -= np.where(since > 0.0, lag * slope * left, 0.0)
-    for b in np.flatnonzero(lags[:, 1] > 0.0):
-        lag, slope, bend = lags[b, 1], restarts.slopes[window, 1], restarts.bends[window, 1]
-        before = np.maximum(lag - since, 0.0)  # how long before the restart the delayed shaft is
-        start = slope + lag * bend
-        speed = (
-            -start * before + 0.5 * bend * before**2
-            if delay_form[b]
-            else -slope * lag * np.exp(-since / lag)
-        )
-        angle = (
-            0.5 * start * before**2 - bend * before**3 / 6.0
-            if delay_form[b]
-            else slope * lag**2 * np.exp(-since / lag)
-        )
+    for b in np.flatnonzero(errors.lag_s[:, 0] > 0.0):
+        slope = restarts.slopes[window, 0]
+        simulation["current_a"][b] -= _mean_error(time_s, since, slope, errors.lag_s[b, 0])
+    for b in np.flatnonzero(errors.lag_s[:, 1] > 0.0):
+        lag, slope = errors.lag_s[b, 1], restarts.slopes[window, 1]
+        if errors.delayed[b]:
+            speed, angle = _delay_error(since, slope, restarts.curvatures[window, 1], lag)
+        else:
+            speed = -slope * lag * np.exp(-since / lag)
+            angle = slope * lag**2 * np.exp(-since / lag)
         simulation["speed_measured_rad_s"][b] += speed
         simulation["angle_measured_rad"][b] += angle
+
+
+def _mean_error(time_s: np.ndarray, since: np.ndarray, slope: np.ndarray, lag: float) -> np.ndarray:
+    """Error (rows,) of a filtered current's mean over each row, in A."""
+    dt = np.diff(time_s, prepend=time_s[0])
+    decay = np.exp(-np.maximum(since - dt, 0.0) / lag) - np.exp(-since / lag)
+    mean_decay = np.where(dt > 0.0, lag / np.maximum(dt, MIN_INTERVAL_S), 0.0) * decay
+    return np.where(since > 0.0, lag * slope * mean_decay, 0.0)
+
+
+def _delay_error(
+    since: np.ndarray, slope: np.ndarray, curvature: np.ndarray, delay: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (rows,) of a delayed speed in rad/s and of its angle in rad: until the delay has
+    passed, the sensor shows the motion before the restart.
+    """
+    before = np.maximum(delay - since, 0.0)
+    start = slope + delay * curvature
+    speed = -start * before + 0.5 * curvature * before**2
+    return speed, 0.5 * start * before**2 - curvature * before**3 / 6.0

@@ -1,119 +1,105 @@
-"""What of a log shows the states of the tool: the finest measured speed, the current, an angle to
-keep count by.
+"""Makes the state observer of a log: the most precise measured speed, the current, and an angle
+that counts the shaft's turns.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vgroove.gap.cleaning import sensor_noise
 from vgroove.gap.cleaning.missing_values import hold_last_value, interpolate_missing
+from vgroove.gap.cleaning.sensor_noise import position_sigma
 from vgroove.gap.hall_edges.edge_periods import MIN_COUNTING_PULSES, EdgePeriods, near_reversal
 from vgroove.gap.hall_edges.jitter import sigma_with_missed_rpm
 from vgroove.gap.hall_edges.missed_edges import add_missed_to_count, estimate_missed_edges
 from vgroove.gap.residual.channels import Channel
-from vgroove.gap.residual.restarts import (
-    NEIGHBOURS,
-    KnownForce,
-    Observations,
-    StateObserver,
-    row_means,
-)
+from vgroove.gap.residual.clean_log import CleanLog
+from vgroove.gap.residual.local_polynomial import NEIGHBOURS, KnownForce, Observations, row_means
+from vgroove.gap.residual.restarts import StateObserver
 from vgroove.rig import Rig
-from vgroove.units import RAD_S_PER_RPM
+from vgroove.units import RAD_S_PER_RPM, TURN_RAD
 
-# by as much a fit to neighbouring angles beats their differences: the errors of neighbours cancel
-ANGLES = NEIGHBOURS[0]
-# of a log that an angle must last: one that fails early shows no states beside a speed
-SEEN_SHARE = 0.5
-START_S = 0.02  # the shaft is taken to leave its rest this long before the first edge
+AngleAt = Callable[[float], float]
+
+
+@dataclass(frozen=True)
+class ObserverRules:
+    """Which column gives the speed and the angle; chosen on the tuning half of the blind set."""
+
+    # factor by which a fit to neighbouring angles beats their differences, whose errors cancel
+    angle_gain: float = float(NEIGHBOURS[0])
+    min_angle_share: float = 0.5  # of a log, that an angle must last to serve beside a speed
+    start_s: float = 0.02  # the shaft leaves its rest so long before the first edge
+    # a speed is 0 where none was observed for longer than the first, except near observations
+    max_gap_s: float = 0.1
+    gap_margin_s: float = 0.05
+
+
+OBSERVER = ObserverRules()
 
 
 def make_state_observer(
-    time_s: np.ndarray,
-    columns: dict[str, np.ndarray],
-    rig: Rig,
-    edges: EdgePeriods | None,
-    channels: list[Channel],
+    log: CleanLog, edges: EdgePeriods | None, channels: list[Channel]
 ) -> StateObserver:
-    """What shows the states: the finest measured speed, the current, and an angle to keep count by."""
+    """The observer of a log with its edge periods and channels."""
     by_column = {channel.column: channel for channel in channels}
-    speed, angle_at, from_angle = None, _standing(rig), False
-    if "speed_rpm" in by_column and edges is None:
-        channel = by_column["speed_rpm"]
-        speed = Observations(
-            channel.time_s,
-            channel.time_s,
-            channel.measured * RAD_S_PER_RPM,
-            channel.sigma * RAD_S_PER_RPM,
-        )
-        angle = angle_at(0.0) + np.concatenate(
-            [[0.0], np.cumsum(0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.start_s))]
-        )
-        angle_at = _interpolated(speed.start_s, angle)
-    if edges is not None and not edges.timeout.all():
-        speed, angle_at = _edge_sight(rig, edges, _standing(rig)(0.0))
-    if "position_rad" in by_column and (
-        speed is None or np.ptp(by_column["position_rad"].time_s) > SEEN_SHARE * np.ptp(time_s)
-    ):
-        differences, angle_at = _position_sight(time_s, columns["position_rad"], rig)
+    speed, angle_at = _observed_speed(log, edges, by_column.get("speed_rpm"))
+    from_angle = False
+    if "position_rad" in by_column and (speed is None or _lasts(log, by_column["position_rad"])):
+        differences, angle_at = _from_position(log)
         from_angle = speed is None or typical_speed_sigma(
             differences
-        ) / ANGLES < typical_speed_sigma(speed)
+        ) / OBSERVER.angle_gain < typical_speed_sigma(speed)
         speed = differences if from_angle else speed
-    current = None
-    if rig.input["kind"] == "current_a":
-        force = hold_last_value(columns["current_a"])
-        speed = (
-            None
-            if speed is None
-            else replace(speed, driven=KnownForce(time_s, _nominal_rate(rig, force)))
-        )
-        return StateObserver(
-            speed, None, angle_at, lambda t, w, dw: float(np.interp(t, time_s, force)), from_angle
-        )
-    if "current_a" in by_column and not by_column["current_a"].magnitude:
-        channel = by_column["current_a"]
-        current = row_means(time_s, columns["current_a"], float(channel.sigma[0]))
-    return StateObserver(
-        speed,
-        current,
-        angle_at,
-        lambda t, w, dw: _current_from_motion(rig, time_s, columns, t, w, dw),
-        from_angle,
-    )
+    if log.kind == "current_a":
+        return _with_current_input(log, speed, angle_at, from_angle)
+    current, channel = None, by_column.get("current_a")
+    if channel is not None and not channel.magnitude:
+        current = row_means(log.time_s, log.columns["current_a"], float(channel.sigma[0]))
+    return StateObserver(speed, current, angle_at, _current_from_motion(log), from_angle)
+
+
+def _observed_speed(
+    log: CleanLog, edges: EdgePeriods | None, channel: Channel | None
+) -> tuple[Observations | None, AngleAt]:
+    """Observations of the speed column, and the angle that it counts."""
+    rest = log.rig.load.get("zero_rad", 0.0) * log.rig.gearbox["ratio"]
+    if edges is not None and not edges.timeout.all():
+        return _from_edges(log.rig, edges, rest)
+    if edges is not None or channel is None:
+        return None, lambda t: rest
+    sigma = channel.sigma * RAD_S_PER_RPM
+    speed = Observations(channel.time_s, channel.time_s, channel.measured * RAD_S_PER_RPM, sigma)
+    gained = 0.5 * (speed.value[1:] + speed.value[:-1]) * np.diff(speed.start_s)
+    angle = rest + np.concatenate([[0.0], np.cumsum(gained)])
+    return speed, _interpolated(speed.start_s, angle)
+
+
+def _lasts(log: CleanLog, channel: Channel) -> bool:
+    """Whether an angle's channel covers enough of the log; one that fails early gives no states."""
+    return np.ptp(channel.time_s) > OBSERVER.min_angle_share * np.ptp(log.time_s)
 
 
 def typical_speed_sigma(seen: Observations) -> float:
-    """1 sigma (rad/s) of a usual observation."""
+    """Standard deviation (rad/s) of a usual observation."""
     return float(np.median(seen.sigma))
 
 
-def _standing(rig: Rig) -> Callable[[float], float]:
-    angle = rig.load.get("zero_rad", 0.0) * rig.gearbox["ratio"]
-    return lambda t: angle
-
-
-def _interpolated(time_s: np.ndarray, angle: np.ndarray) -> Callable[[float], float]:
+def _interpolated(time_s: np.ndarray, angle: np.ndarray) -> AngleAt:
     return lambda t: float(np.interp(t, time_s, angle))
 
 
-def _edge_sight(
-    rig: Rig, edges: EdgePeriods, angle: float
-) -> tuple[Observations, Callable[[float], float]]:
+def _from_edges(rig: Rig, edges: EdgePeriods, rest: float) -> tuple[Observations, AngleAt]:
+    """Speeds over edge periods, and the angle that the edges count from a rest in rad."""
     pulses = rig.sensors["hall_pulses_per_rev"]
     missed = estimate_missed_edges(edges)
     edges = add_missed_to_count(edges, missed)
     whole = ~edges.timeout & ~near_reversal(edges)
     sigma = sigma_with_missed_rpm(rig, edges, missed)
-    pitches = 1.0 + missed[whole]
-    rad_s = pitches * RAD_S_PER_RPM
-    turn = (
-        {}
-        if pulses >= MIN_COUNTING_PULSES
-        else {"place": edges.count[whole] % pulses, "places": pulses}
-    )
+    rad_s = (1.0 + missed[whole]) * RAD_S_PER_RPM
+    turn = {}
+    if pulses < MIN_COUNTING_PULSES:
+        turn = {"pitch": edges.count[whole] % pulses, "pitches_per_rev": pulses}
     seen = Observations(
         edges.start_s[whole],
         edges.end_s[whole],
@@ -122,18 +108,18 @@ def _edge_sight(
         **turn,
     )
     counted = ~edges.timeout
-    # On average the first edge comes half a pitch after rest.
+    # on average the first edge comes half a pitch after rest
     turns = (edges.count[counted] + 0.5 * np.sign(edges.count[counted][0])) / pulses
     first = edges.start_s[counted][0]
-    times = np.concatenate([[first - START_S], edges.end_s[counted]])
-    return seen, _interpolated(times, angle + 2.0 * np.pi * np.concatenate([[0.0], turns]))
+    times = np.concatenate([[first - OBSERVER.start_s], edges.end_s[counted]])
+    return seen, _interpolated(times, rest + TURN_RAD * np.concatenate([[0.0], turns]))
 
 
-def _position_sight(
-    time_s: np.ndarray, position: np.ndarray, rig: Rig
-) -> tuple[Observations, Callable[[float], float]]:
+def _from_position(log: CleanLog) -> tuple[Observations, AngleAt]:
+    """Speeds as differences of a measured angle, and that angle."""
+    time_s, position = log.time_s, log.columns["position_rad"]
     known = np.flatnonzero(np.isfinite(position))
-    sigma = sensor_noise.position_sigma(rig, time_s, position)
+    sigma = position_sigma(log.rig, time_s, position)
     length = np.diff(time_s[known])
     speed = Observations(
         time_s[known[:-1]],
@@ -144,36 +130,47 @@ def _position_sight(
     return speed, _interpolated(time_s[known], position[known])
 
 
-def _nominal_rate(rig: Rig, current_a: np.ndarray) -> np.ndarray:
-    """Acceleration (rows,) of the shaft under its motor's torque alone."""
-    return rig.motor["torque_constant_nm_per_a"] * current_a / rig.shaft_inertia_kg_m2
+def _with_current_input(
+    log: CleanLog, speed: Observations | None, angle_at: AngleAt, from_angle: bool
+) -> StateObserver:
+    """Observer of a log whose input is a current: the motor's torque is a known force."""
+    rig, force = log.rig, hold_last_value(log.columns["current_a"])
+    if speed is not None:
+        rate = rig.motor["torque_constant_nm_per_a"] * force / rig.shaft_inertia_kg_m2
+        speed = replace(speed, known_force=KnownForce(log.time_s, rate))
+    return StateObserver(
+        speed, None, angle_at, lambda t, w, dw: float(np.interp(t, log.time_s, force)), from_angle
+    )
 
 
-def _current_from_motion(
-    rig: Rig, time_s: np.ndarray, columns: dict[str, np.ndarray], t: float, w: float, dw: float
-) -> float:
-    """Current that the nominal motor needs for a motion: a start for the model where no signed
-    current is measured.
+def _current_from_motion(log: CleanLog) -> Callable[[float, float, float], float]:
+    """Function of an instant, speed and acceleration: current in A that the nominal motor needs for
+    that motion, where no signed current is measured.
     """
-    motor, ratio = rig.motor, rig.gearbox["ratio"]
-    torque = rig.shaft_inertia_kg_m2 * dw + motor["viscous_nm_s_per_rad"] * w
-    torque += np.sign(w) * motor["coulomb_nm"]
-    if "load_nm" in columns and rig.load["kind"] == "torque":
-        torque += (
-            np.sign(w)
-            * float(np.interp(t, time_s, interpolate_missing(time_s, columns["load_nm"])))
-            / ratio
-        )
-    return float(torque / motor["torque_constant_nm_per_a"])
+    rig, time_s = log.rig, log.time_s
+    motor, load = rig.motor, None
+    if "load_nm" in log.columns and rig.load["kind"] == "torque":
+        load = interpolate_missing(time_s, log.columns["load_nm"])
+
+    def current_a(t: float, speed: float, acceleration: float) -> float:
+        torque = rig.shaft_inertia_kg_m2 * acceleration + motor["viscous_nm_s_per_rad"] * speed
+        torque += np.sign(speed) * motor["coulomb_nm"]
+        if load is not None:
+            at_instant = float(np.interp(t, time_s, load))
+            torque += np.sign(speed) * at_instant / rig.gearbox["ratio"]
+        return float(torque / motor["torque_constant_nm_per_a"])
+
+    return current_a
 
 
-def rough_speed(time_s: np.ndarray, sight: StateObserver) -> np.ndarray:
-    """A rough speed per row, rad/s, for regimes and strokes; zeros where none is measured."""
-    if sight.speed is None or not len(sight.speed.value):
+def rough_speed(time_s: np.ndarray, observer: StateObserver) -> np.ndarray:
+    """A rough speed (rows,) in rad/s, for regimes and strokes; zeros where none is measured."""
+    seen = observer.speed
+    if seen is None or not len(seen.value):
         return np.zeros(len(time_s))
-    middle = 0.5 * (sight.speed.start_s + sight.speed.end_s)
-    speed = np.interp(time_s, middle, sight.speed.value, left=0.0, right=0.0)
-    gap = np.diff(middle, prepend=middle[0])
-    for k in np.flatnonzero(gap > 0.1):
-        speed[(time_s > middle[k - 1] + 0.05) & (time_s < middle[k] - 0.05)] = 0.0
+    middle = 0.5 * (seen.start_s + seen.end_s)
+    speed = np.interp(time_s, middle, seen.value, left=0.0, right=0.0)
+    gap, margin = np.diff(middle, prepend=middle[0]), OBSERVER.gap_margin_s
+    for k in np.flatnonzero(gap > OBSERVER.max_gap_s):
+        speed[(time_s > middle[k - 1] + margin) & (time_s < middle[k] - margin)] = 0.0
     return speed

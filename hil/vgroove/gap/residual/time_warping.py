@@ -1,5 +1,7 @@
-"""The ISO/TS 18571 rating of objective_rating_metrics with its time warping done in numpy: the
-package's own compiles for 15 s first.
+"""The ISO/TS 18571 rating of the package objective_rating_metrics with its dynamic time warping in
+numpy: the package's own implementation compiles for 15 s at its first call.
+
+Method: Sakoe and Chiba, IEEE Transactions on Acoustics, Speech, and Signal Processing 26 (1978) 43.
 """
 
 import sys
@@ -8,12 +10,12 @@ from unittest.mock import MagicMock, patch
 
 import numpy as np
 
-UNUSED = ("dtwalign", "dtwalign.step_pattern", "dtwalign.window")
+UNUSED_MODULES = ("dtwalign", "dtwalign.step_pattern", "dtwalign.window")
 
 
 def overall_rating(reference: np.ndarray, comparison: np.ndarray, dt: float) -> float:
-    """ISO/TS 18571 overall rating of a curve (n, 2: time, value) against a reference on the same
-    grid.
+    """ISO/TS 18571 overall rating 0..1 of a curve (n, 2: time, value) against a reference on the
+    same grid of step dt.
     """
     metric = _metric()
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -22,10 +24,10 @@ def overall_rating(reference: np.ndarray, comparison: np.ndarray, dt: float) -> 
 
 @cache
 def _metric() -> type:
-    """The package's class with our alignment; its own (numba, matplotlib: seconds of start-up) is
-    kept out while it is imported.
+    """The package's class with the warping of this module; its own (numba, matplotlib: seconds of
+    start-up) is replaced by a stub while the package is imported.
     """
-    absent = {name: MagicMock() for name in UNUSED if name not in sys.modules}
+    absent = {name: MagicMock() for name in UNUSED_MODULES if name not in sys.modules}
     with patch.dict(sys.modules, absent):
         from objective_rating_metrics.rating import ISO18571
     ISO18571._compute_magnitude = staticmethod(aligned)
@@ -33,14 +35,16 @@ def _metric() -> type:
 
 
 def aligned(x: np.ndarray, y: np.ndarray, window_size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Both curves along their warping path, as ISO18571._compute_magnitude gives them."""
-    path = align(x, y, int(np.ceil(window_size * len(x))) - 1)
+    """Both curves (k,) along their warping path, as ISO18571._compute_magnitude gives them;
+    window_size: width of the Sakoe-Chiba band as a share of the curves' length.
+    """
+    path = warping_path(x, y, int(np.ceil(window_size * len(x))) - 1)
     return x[path[:, 0]], y[path[:, 1]]
 
 
-def align(x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
-    """Warping path (k, 2) of least squared distance between x (n,) and y (n,), |i - j| <= reach,
-    ends tied, all steps of weight one.
+def warping_path(x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
+    """Warping path (k, 2) of the smallest squared distance between x (n,) and y (n,) with
+    |i - j| <= reach, both ends fixed, all steps of weight one; one anti-diagonal at a time.
     """
     n = len(x)
     step = np.zeros((2 * n - 1, n), np.int8)
@@ -48,22 +52,22 @@ def align(x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
     for k in range(2 * n - 1):
         low, high = max(0, k - n + 1, -((reach - k) // 2)), min(k, n - 1, (k + reach) // 2)
         i = np.arange(low, high + 1)
-        now = np.full(n + 1, np.inf)
+        total = np.full(n + 1, np.inf)
         cost = (x[i] - y[k - i]) ** 2
         if k == 0:
-            now[1] = cost[0]
+            total[1] = cost[0]
         else:
             # from (i-1, j), (i, j-1), (i-1, j-1); index 0 is outside
             ways = np.stack([last[i], last[i + 1], before[i]])
             best = np.argmin(ways, axis=0)
             step[k, i] = best
-            now[i + 1] = cost + ways[best, np.arange(len(i))]
-        before, last = last, now
-    return backtrack(step, n)
+            total[i + 1] = cost + ways[best, np.arange(len(i))]
+        before, last = last, total
+    return _backtrack(step, n)
 
 
-def backtrack(step: np.ndarray, n: int) -> np.ndarray:
-    """Follow the stored steps from the last pair to the first."""
+def _backtrack(step: np.ndarray, n: int) -> np.ndarray:
+    """The path (k, 2) along the stored steps, from the last pair back to the first, in order."""
     i = j = n - 1
     path = [(i, j)]
     while i > 0 or j > 0:

@@ -1,1 +1,3 @@
-"""Which set of effects predicts held-out rows best: single effects, steps, model comparison, intervals."""
+"""Which set of effects predicts held-out rows best: stepwise selection, model comparison and
+confidence intervals.
+"""

@@ -1,8 +1,8 @@
-"""Looks around a fit with a ripple of torque, where no slope leads on.
+"""Leaves a poor local minimum of a fit with a torque ripple, where no gradient leads on.
 
-A cogging that stops the shaft makes the squared gap a staircase over its amplitude and phase;
-Gauss-Newton ends on some step of it. The steps near by are tried as they are, rings of them around
-the fit, coarse to fine, and a better one is fitted in its turn.
+A cogging that stops the shaft makes the squared gap a staircase over its amplitude and phase, and
+Gauss-Newton ends on one of the steps. A pattern search evaluates rings of points around the fit,
+coarse to fine; a better point is the start of a further fit.
 """
 
 from dataclasses import replace
@@ -10,20 +10,20 @@ from dataclasses import replace
 import numpy as np
 
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Fit
-from vgroove.gap.fitting.neighbour_points import SPREADS, ripple_neighbours
-from vgroove.gap.selection.search_state import CONVERGED, Search, key
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.fitting.neighbour_points import RING_HALF_WIDTHS, ripple_neighbours
+from vgroove.gap.selection.search_state import COMPARISON, Search, key
 
-MOVES = 3  # fits that one ring may ask for
+MAX_FITS_PER_RING = 3  # further fits from one width of ring; bounds the time of a search
 
 
 def deepest_minimum(search: Search, one: Fit) -> Fit:
-    """The best fit of a set that leaves a gap around one of it, its ripples somewhat larger,
-    smaller or turned.
+    """The best fit of a set around one that leaves a visible gap, with amplitude or phase of its
+    ripples changed; the given fit where none is better.
     """
     best = one
-    for spread in SPREADS if search.leaves_a_gap(one) else ():
-        for _ in range(MOVES):
+    for spread in RING_HALF_WIDTHS if search.leaves_gap(one) else ():
+        for _ in range(MAX_FITS_PER_RING):
             moved = better_neighbour(search, best, spread)
             if moved is None:
                 break
@@ -35,8 +35,8 @@ def deepest_minimum(search: Search, one: Fit) -> Fit:
 
 
 def better_neighbour(search: Search, one: Fit, spread: float) -> Fit | None:
-    """A converged fit that leaves less than one, from the best point of the rings around it; none
-    where no point leaves less.
+    """A converged fit of less cost, started from the best point of a ring around a fit; None where
+    no point or fit is better.
     """
     points = ripple_neighbours(one, spread)
     if not len(points):
@@ -44,7 +44,6 @@ def better_neighbour(search: Search, one: Fit, spread: float) -> Fit | None:
     costs = search.engine.costs(one, points)
     if not search.engine.is_gain(one, min(costs)):
         return None
-    again = search.engine.fit(
-        [replace(one.hypothesis, start=points[int(np.argmin(costs))])], CONVERGED
-    )[0]
+    start = points[int(np.argmin(costs))]
+    again = search.engine.fit([replace(one.hypothesis, start=start)], COMPARISON.max_rounds)[0]
     return again if search.engine.is_gain(one, again.cost) else None

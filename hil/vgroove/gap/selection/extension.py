@@ -1,4 +1,8 @@
-"""Sets with one effect more, to first order: what a newcomer beside a fitted set promises."""
+"""Candidates of forward selection: a fitted set with one effect more, predicted to first order.
+
+One Gauss-Newton step from the fitted set predicts the gain of each further effect without a fit of
+its own. Only the best candidates are then fitted.
+"""
 
 import heapq
 from collections.abc import Iterator, Sequence
@@ -7,16 +11,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vgroove.gap.catalogue import BY_ID, Effect
-from vgroove.gap.fitting.fit import NARROW, Fit, Hypothesis
+from vgroove.gap.fitting.engine import FINAL_HUBER_SIGMAS
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.selection.search_state import Search, key
 
-PROPOSALS = 6
+MAX_EXTENSIONS = 6  # first-order candidates that are kept of a set; chosen on the tuning half
+NO_COST = np.inf  # of a first-order fit: its cost is not evaluated
 
 
 @dataclass(frozen=True)
 class AddedEffect:
-    """A further effect beside a fitted set: the hypothesis of both, its residuals (n,) at its
-    start, their slopes (n, new) along each new number.
+    """A further effect beside a fitted set: hypothesis of both, its residuals (n,) at its start,
+    and their slopes (n, new) along each new parameter.
     """
 
     hypothesis: Hypothesis
@@ -26,59 +32,62 @@ class AddedEffect:
 
 @dataclass(frozen=True)
 class RankedExtensions:
-    """What was found beside a base as it was then: its best first-order extensions, best first."""
+    """The best first-order extensions of a base set, best first, with the state of the search that
+    they were computed in.
+    """
 
     base: Fit
     exact: bool
-    clip: float
+    clip_sigma: float
     fits: list[Fit]
 
+    def holds_for(self, search: Search, base: Fit) -> bool:
+        """Whether they are those of a base set in this state of the search."""
+        state = (base.exact, search.clip_sigma)
+        return self.base is base and (self.exact, self.clip_sigma) == state
 
-def extensions(search: Search, base: Fit, count: int = PROPOSALS) -> list[Fit]:
-    """The best first-order fits (at most PROPOSALS) of base plus a further effect, best first: own
-    Jacobian columns for the newcomer, those of base for the rest. They are many: they keep no
-    Jacobian.
+
+def extensions(search: Search, base: Fit, count: int = MAX_EXTENSIONS) -> list[Fit]:
+    """The best first-order fits (at most MAX_EXTENSIONS) of base plus a further effect, best first.
+
+    The Jacobian has own columns for the further effect and those of base for the rest. The fits
+    keep no Jacobian: they are many.
     """
-    known = search.promised.get(key(base.ids))
-    if (
-        known is None
-        or known.base is not base
-        or (known.exact, known.clip) != (base.exact, search.clip)
-    ):
+    known = search.cache.extensions.get(key(base.ids))
+    if known is None or not known.holds_for(search, base):
         found = heapq.nsmallest(
-            PROPOSALS,
+            MAX_EXTENSIONS,
             (first_order(search, base, one) for one in added_effects(search, base)),
             key=search.score,
         )
-        search.promised[key(base.ids)] = known = RankedExtensions(
-            base, base.exact, search.clip, found
-        )
+        known = RankedExtensions(base, base.exact, search.clip_sigma, found)
+        search.cache.extensions[key(base.ids)] = known
     return known.fits[:count]
 
 
 def added_effects(search: Search, base: Fit) -> Iterator[AddedEffect]:
-    """Each further effect beside base. The slopes of the last set asked for that is no smaller are
-    kept: `where` asks for them again.
+    """Each further effect beside base. The slopes of the largest base are cached: the location of
+    the gap needs them again.
     """
     kept: list[tuple[Hypothesis, np.ndarray]] = []
-    for one in differenced(search, base, trials_beside(search, base)):
+    for one in differentiate_added(search, base, hypotheses_beside(search, base)):
         kept.append((one.hypothesis, one.columns))
         yield one
-    if search.reach is None or len(base.ids) >= len(search.reach[0].ids):
-        search.reach = base, kept
+    cached = search.cache.slopes
+    if cached is None or len(base.ids) >= len(cached[0].ids):
+        search.cache.slopes = base, kept
 
 
 def extension_slopes(search: Search, base: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
-    """Hypotheses of base plus each further effect, and the slopes (n, new) along the newcomer's
-    numbers.
-    """
-    if search.reach is not None and search.reach[0] is base:
-        return search.reach[1]
+    """Hypotheses of base plus each further effect, and the slopes (n, new) along its parameters."""
+    cached = search.cache.slopes
+    if cached is not None and cached[0] is base:
+        return cached[1]
     return [(one.hypothesis, one.columns) for one in added_effects(search, base)]
 
 
-def trials_beside(search: Search, base: Fit) -> list[Hypothesis]:
-    """Hypotheses of base plus each further effect, started from base and the newcomer's own starts."""
+def hypotheses_beside(search: Search, base: Fit) -> list[Hypothesis]:
+    """Hypotheses of base plus each further effect, from base and from the effect's own starts."""
     return [
         h
         for effect in search.effects
@@ -88,17 +97,17 @@ def trials_beside(search: Search, base: Fit) -> list[Hypothesis]:
 
 
 def starts_beside(
-    search: Search, base: Fit, effect: Effect, anew: bool = False
+    search: Search, base: Fit, effect: Effect, restart: bool = False
 ) -> list[Hypothesis]:
-    """Hypotheses of base plus an effect, started from base and the effect's own starts, anew
-    wherever it ended alone; none twice.
+    """Hypotheses of base plus an effect, started from base and from the effect's own starts; with
+    restart from all of them although its fit alone is known. None occurs twice.
     """
     count, trials = base.hypothesis.count, {}
     for h in search.engine.hypotheses(
-        [*(BY_ID[i] for i in base.ids), effect], anew=effect if anew else None
+        [*(BY_ID[i] for i in base.ids), effect], from_catalogue=effect if restart else None
     ):
         new = h.count - count
-        if new >= 1 and same_coordinates(h, base, count):
+        if new >= 1 and extends_base(h, base, count):
             trial = replace(
                 h,
                 start=np.concatenate(
@@ -110,21 +119,26 @@ def starts_beside(
 
 
 def restarted_extensions(search: Search, base: Fit) -> list[Fit]:
-    """First-order fits of base plus each effect of many starts, from the best of them beside base:
-    where it ended alone it may have done another effect's work.
+    """First-order fits of base plus each effect of many starts, from the best start beside base.
+
+    Alone, such an effect may have converged to values that imitate a member of base.
     """
     found = []
     for effect in (e for e in search.effects if search.engine.is_known(e) and e.id not in base.ids):
-        trials = differenced(search, base, starts_beside(search, base, effect, anew=True))
+        trials = differentiate_added(
+            search, base, starts_beside(search, base, effect, restart=True)
+        )
         found += heapq.nsmallest(
             1, (first_order(search, base, one) for one in trials), key=search.score
         )
     return found
 
 
-def differenced(search: Search, base: Fit, trials: list[Hypothesis]) -> Iterator[AddedEffect]:
-    """Each trial's residuals at its start and their slopes along each of its new numbers, by one
-    step forward.
+def differentiate_added(
+    search: Search, base: Fit, trials: list[Hypothesis]
+) -> Iterator[AddedEffect]:
+    """Each trial's residuals at its start, and their slopes along its new parameters by forward
+    differences.
     """
     engine, count = search.engine, base.hypothesis.count
     jobs = []
@@ -133,37 +147,43 @@ def differenced(search: Search, base: Fit, trials: list[Hypothesis]) -> Iterator
             count : h.count
         ]
         jobs.append((h, np.vstack([h.start, h.start + steps])))
-    for h, (start, *moved) in zip(trials, engine.shown(jobs), strict=True):
-        yield AddedEffect(h, start, slopes(h, start, moved, count))
+    for h, (start, *moved) in zip(trials, engine.residuals_of_jobs(jobs), strict=True):
+        yield AddedEffect(h, start, forward_differences(h, start, moved, count))
 
 
-def slopes(h: Hypothesis, start: np.ndarray, moved: Sequence[np.ndarray], count: int) -> np.ndarray:
-    """Slopes (n, new) in single precision along a newcomer's numbers, those after the first
-    `count`, from residuals (n,) one step on.
+def forward_differences(
+    h: Hypothesis, start: np.ndarray, moved: Sequence[np.ndarray], count: int
+) -> np.ndarray:
+    """Slopes (n, new) in single precision along the parameters after the first `count`, from the
+    residuals (n,) at the start and one step along each.
     """
     out = np.zeros((len(moved), len(start)), np.float32)
     for column, c, x, row in zip(out, h.coordinates[count:], h.start[count:], moved, strict=False):
-        # next to no amplitude says nothing about periods: they stay as they start
+        # at nearly zero amplitude the number of periods has no effect: it keeps its start
         if not c.name.endswith("periods_per_rev"):
             column[:] = (row - start) / c.step_at(float(x))
     return out.T
 
 
-def same_coordinates(h: Hypothesis, base: Fit, count: int) -> bool:
-    """True when an extension begins with its base's coordinates and form (a Coulomb newcomer
-    changes what asymmetric_friction means, a coupler is the flanks of a play).
+def extends_base(h: Hypothesis, base: Fit, count: int) -> bool:
+    """Whether an extension begins with the coordinates and the form of its base.
+
+    It does not where the further effect redefines a member: beside Coulomb friction
+    asymmetric_friction is an offset, beside a play a coupler is the flanks of the play.
     """
     return h.coordinates[:count] == base.hypothesis.coordinates[:count] and set(
         base.hypothesis.fixed
     ) <= set(h.fixed)
 
 
-def first_order(search: Search, base: Fit, newcomer: AddedEffect) -> Fit:
-    """The extended fit as one Newton step from base predicts it."""
-    engine, count, h = search.engine, base.hypothesis.count, newcomer.hypothesis
-    jacobian = np.vstack([base.jacobian.T[:count], newcomer.columns.T, base.jacobian.T[count:]]).T
-    one = Fit(h, h.start.copy(), newcomer.residual, jacobian, np.inf, max(base.delta, NARROW))
+def first_order(search: Search, base: Fit, added: AddedEffect) -> Fit:
+    """The extended fit as one Gauss-Newton step from base predicts it."""
+    engine, count, h = search.engine, base.hypothesis.count, added.hypothesis
+    jacobian = np.vstack([base.jacobian.T[:count], added.columns.T, base.jacobian.T[count:]]).T
+    one = Fit(
+        h, h.start.copy(), added.residual, jacobian, NO_COST, max(base.delta, FINAL_HUBER_SIGMAS)
+    )
     whole, apart = engine.steps(one)
-    one.residual = one.held = engine.foretold(one, apart, whole)
+    one.residual = one.out_of_fold = engine.predict_first_order(one, apart, whole)
     one.x, one.jacobian = one.x + whole, jacobian[:0]
     return one

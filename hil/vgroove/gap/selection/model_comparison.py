@@ -1,24 +1,55 @@
-"""Weighs fits against one another on held-out rows: squared gaps per block, bootstrapped over
-blocks because residuals are coloured.
+"""Compares fits on held-out rows: sums of squared residuals per block of time, and confidence
+intervals of their differences from the block bootstrap.
+
+Residuals of a dynamic model are correlated in time. Therefore whole blocks of rows are resampled,
+not rows: the block bootstrap (H. R. Kuensch, Annals of Statistics 17, 1989) with non-overlapping
+blocks (E. Carlstein, Annals of Statistics 14, 1986).
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.stats import norm, t
 
-from vgroove.gap.fitting.fit import Fit
+from vgroove.gap.fitting.hypothesis import Fit
 
-DRAWS = 2000
-SHORTEST_S = 0.05
-TINY = 1e-300
-HOPELESS = 1e6  # an interval from one or two blocks says nothing
+
+@dataclass(frozen=True)
+class BootstrapLimits:
+    """Numbers of the block bootstrap; chosen on the tuning half of the blind set where no other
+    origin is stated.
+    """
+
+    draws: int = 2000  # bootstrap samples: the 99.5 % quantile rests on 10 of them
+    min_block_s: float = 0.05  # shortest block, s: 50 rows of a 1 kHz log
+    min_rows: int = 50  # rows of a signal from which a correlation time is estimated
+    uncorrelated: float = 0.05  # autocorrelation below which rows are taken as independent
+    min_count: int = 3  # blocks below which a bootstrap variance is not used
+    unbounded: float = 1e6  # bound of an interval that too few blocks leave open, squared gap
+
+
+BOOTSTRAP = BootstrapLimits()
+MIN_POWER = 1e-300  # avoids 0 / 0 where two fits leave equal residuals
+
+
+class TimedRows(Protocol):
+    """Rows of residuals (n,): log index, time in s, and whether a row counts only when it is not 0
+    (`censored`: a lower bound of an edge period, docs/spec/gap.md, section 5).
+    """
+
+    log: np.ndarray
+    time_s: np.ndarray
+    censored: np.ndarray
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """Blocks of rows: the block of each row, rows tested, how often each bootstrap draw takes each
-    (DRAWS, blocks), random subsets.
+    """Blocks of rows for the bootstrap.
+
+    cluster (n,): block of each row; tested (n,): rows that count; draws (draws, blocks): how often
+    each bootstrap sample takes each block; subsets (draws, blocks): random halves of the blocks,
+    0 or 1; rows (blocks,): rows of each block that count as samples; length_s: length in s.
     """
 
     cluster: np.ndarray
@@ -30,56 +61,58 @@ class Blocks:
 
     @property
     def total(self) -> float:
-        """Judged rows of all blocks."""
+        """Rows of all blocks that count as samples."""
         return float(self.rows.sum())
+
+    @property
+    def count(self) -> int:
+        """Blocks that hold samples."""
+        return int(np.count_nonzero(self.rows))
 
 
 def correlation_time(
     residual: np.ndarray, time_s: np.ndarray, group: np.ndarray, restart_s: float
 ) -> float:
-    """Integrated autocorrelation time in s of the worst group (signal of a log), read from its
-    first zero crossing on.
+    """Longest integrated autocorrelation time in s over the groups (signals of a log).
+
+    residual, time_s, group: (n,). The autocorrelation is summed up to the first lag at which it
+    vanishes, at most over the time restart_s between two restarts of the model.
     """
-    worst = 0.0
+    longest = 0.0
     for g in np.unique(group):
         rows = np.flatnonzero(group == g)
         r = residual[rows] - residual[rows].mean()
-        if len(rows) < 50 or not r.any():
+        if len(rows) < BOOTSTRAP.min_rows or not r.any():
             continue
         spacing = (time_s[rows][-1] - time_s[rows][0]) / max(1, len(rows) - 1)
         lags = min(len(r) // 4, max(2, int(restart_s / max(spacing, 1e-9))))
         power = np.abs(np.fft.rfft(r, 2 * len(r))) ** 2
         rho = np.fft.irfft(power)[:lags] / np.dot(r, r)
-        below = np.flatnonzero(rho < 0.05)
+        below = np.flatnonzero(rho < BOOTSTRAP.uncorrelated)
         end = int(below[0]) if below.size else lags
-        worst = max(worst, spacing * (1.0 + 2.0 * float(rho[1:end].sum())))
-    return worst
+        longest = max(longest, spacing * (1.0 + 2.0 * float(rho[1:end].sum())))
+    return longest
 
 
-def make_blocks(
-    log: np.ndarray,
-    time_s: np.ndarray,
-    tested: np.ndarray,
-    length_s: float,
-    seed: int,
-    conditional: np.ndarray,
-    draws: int = DRAWS,
-) -> Blocks:
-    """Cut the tested rows into blocks of length_s and draw bootstrap samples of them; conditional
-    rows may cost, but are no samples.
+def make_blocks(rows: TimedRows, tested: np.ndarray, length_s: float, seed: int) -> Blocks:
+    """Cut the tested rows (n,) into blocks of length_s and draw bootstrap samples of the blocks.
+
+    Conditional rows add to the squared residuals of their block but are not counted as samples.
     """
-    number = np.floor(time_s / length_s).astype(int)
-    keys = log.astype(np.int64) * (int(number.max()) + 2) + number
+    number = np.floor(rows.time_s / length_s).astype(int)
+    keys = rows.log.astype(np.int64) * (int(number.max()) + 2) + number
     _, cluster = np.unique(keys, return_inverse=True)
-    rows = np.bincount(cluster, weights=(tested & ~conditional).astype(float))
-    used = np.flatnonzero(rows)
-    counts = np.zeros((draws, len(rows)))
+    samples = np.bincount(cluster, weights=(tested & ~rows.censored).astype(float))
+    used = np.flatnonzero(samples)
+    draws = np.zeros((BOOTSTRAP.draws, len(samples)))
     rng = np.random.default_rng(seed)
-    counts[:, used] = rng.multinomial(len(used), np.full(len(used), 1.0 / len(used)), size=draws)
-    subsets = np.zeros((draws, len(rows)))
-    subsets[:, used] = rng.random((draws, len(used))) < 0.5
+    draws[:, used] = rng.multinomial(
+        len(used), np.full(len(used), 1.0 / len(used)), size=BOOTSTRAP.draws
+    )
+    subsets = np.zeros((BOOTSTRAP.draws, len(samples)))
+    subsets[:, used] = rng.random((BOOTSTRAP.draws, len(used))) < 0.5
     subsets[np.ix_(~subsets.any(axis=1), used)] = 1.0
-    return Blocks(cluster, tested, counts, subsets, rows, length_s)
+    return Blocks(cluster, tested, draws, subsets, samples, length_s)
 
 
 def block_sums(blocks: Blocks, squared: np.ndarray) -> np.ndarray:
@@ -89,39 +122,42 @@ def block_sums(blocks: Blocks, squared: np.ndarray) -> np.ndarray:
     )
 
 
-def draw_means(blocks: Blocks, sums: np.ndarray) -> np.ndarray:
-    """Mean square of each draw (DRAWS,) of per-block sums."""
+def bootstrap_means(blocks: Blocks, sums: np.ndarray) -> np.ndarray:
+    """Mean square (draws,) of each bootstrap sample, from sums per block (blocks,)."""
     return blocks.draws @ sums / (blocks.draws @ blocks.rows)
 
 
-def interval(blocks: Blocks, difference: np.ndarray, level: float = 0.95) -> tuple[float, float]:
-    """Interval of a difference of squared gaps given per-block sums: where both hold, that of the
-    bootstrap, widened where there are few blocks, and that of subsets.
+def difference_interval(
+    blocks: Blocks, difference: np.ndarray, level: float = 0.95
+) -> tuple[float, float]:
+    """Confidence interval of a difference of squared gaps from its sums per block (blocks,).
+
+    It is the intersection of the bootstrap's percentile interval, widened by
+    small_sample_factor(), and of the interval of typical values.
     """
-    means = draw_means(blocks, difference)
+    means = bootstrap_means(blocks, difference)
     low, high = np.quantile(means, [(1.0 - level) / 2.0, (1.0 + level) / 2.0])
-    middle, wider = (
-        difference.sum() / blocks.total,
-        few_blocks(int(np.count_nonzero(blocks.rows)), level),
-    )
-    least, most = typical_interval(blocks, difference, level)
+    middle, wider = difference.sum() / blocks.total, small_sample_factor(blocks.count, level)
+    least, most = typical_value_interval(blocks, difference, level)
     return max(float(middle + wider * (low - middle)), least), min(
         float(middle + wider * (high - middle)), most
     )
 
 
-def least_loss(blocks: Blocks, worse: np.ndarray, better: np.ndarray, level: float = 0.95) -> float:
-    """Lower end of the interval of the difference of two squared gaps on the run as it was, given
-    held-out residuals (n,).
+def fixed_design_bound(
+    blocks: Blocks, worse: np.ndarray, better: np.ndarray, level: float = 0.95
+) -> float:
+    """Lower confidence bound of the difference of two squared gaps for the run as it was.
 
-    Where and by how much two models differ is the run's doing; chance is only in what the better
-    one leaves there, alike over a block's rows. Student's t for as many degrees of freedom as
-    blocks matter (Satterthwaite 1946); no less scatter than white noise has.
+    worse, better: held-out residuals (n,). The difference of the two models is taken as given by
+    the run (fixed design); only the residual of the better model is random, equally correlated
+    within a block. The bound has Student's t with the effective degrees of freedom of the blocks
+    (F. E. Satterthwaite, Biometrics Bulletin 2, 1946) and at least the variance of white noise.
     """
     apart, left = np.where(blocks.tested, worse - better, 0.0), np.where(blocks.tested, better, 0.0)
     chance = 2.0 * np.bincount(blocks.cluster, weights=apart * left, minlength=len(blocks.rows))
     power, distance = chance**2, float(apart @ apart)
-    freedom = max(1.0, float(power.sum() ** 2 / max(float((power**2).sum()), TINY)))
+    freedom = max(1.0, float(power.sum() ** 2 / max(float((power**2).sum()), MIN_POWER)))
     white = 4.0 * distance * float(left @ left) / blocks.total
     scatter = np.sqrt(max(float(power.sum()), white))
     return (
@@ -130,29 +166,32 @@ def least_loss(blocks: Blocks, worse: np.ndarray, better: np.ndarray, level: flo
     )
 
 
-def typical_interval(blocks: Blocks, difference: np.ndarray, level: float) -> tuple[float, float]:
-    """Interval from means over random subsets of the blocks, exact for any symmetric law of a
-    block's difference (Hartigan 1969, typical values). Student's t takes a few large gains among
-    many small ones of the same sign for scatter; subsets see that all agree.
+def typical_value_interval(
+    blocks: Blocks, difference: np.ndarray, level: float
+) -> tuple[float, float]:
+    """Confidence interval from means over random subsets of the blocks, from sums (blocks,).
+
+    It is exact for any symmetric distribution of a block's difference (J. A. Hartigan, JASA 64,
+    1969, typical values). Student's t takes a few large gains among many small ones of equal sign
+    for scatter; subset means do not.
     """
-    count = int(np.count_nonzero(blocks.rows))
-    if 0.5**count > (1.0 - level) / 2.0:
-        return -HOPELESS, HOPELESS
+    if 0.5**blocks.count > (1.0 - level) / 2.0:
+        return -BOOTSTRAP.unbounded, BOOTSTRAP.unbounded
     means = blocks.subsets @ difference / (blocks.subsets @ blocks.rows)
     low, high = np.quantile(means, [(1.0 - level) / 2.0, (1.0 + level) / 2.0])
     return float(low), float(high)
 
 
-def few_blocks(count: int, level: float) -> float:
-    """How much wider a bootstrap interval over `count` blocks must be: Student's t for the normal
-    quantile, n - 1 for n in the variance.
+def small_sample_factor(count: int, level: float) -> float:
+    """Factor on the width of a bootstrap interval over `count` blocks: Student's t for the normal
+    quantile, and n - 1 for n in the variance.
     """
-    if count < 3:
-        return HOPELESS
+    if count < BOOTSTRAP.min_count:
+        return BOOTSTRAP.unbounded
     quantile = 0.5 * (1.0 + level)
     return float(t.ppf(quantile, count - 1) / norm.ppf(quantile) * np.sqrt(count / (count - 1.0)))
 
 
-def squared(one: Fit, clip: float) -> np.ndarray:
-    """Clipped squares of the held-out residuals (n,)."""
-    return np.minimum(np.abs(one.held), clip) ** 2
+def clipped_squares(one: Fit, clip_sigma: float) -> np.ndarray:
+    """Squares (n,) of the held-out residuals, each residual clipped at clip_sigma."""
+    return np.minimum(np.abs(one.out_of_fold), clip_sigma) ** 2

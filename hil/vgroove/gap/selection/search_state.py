@@ -1,282 +1,369 @@
-"""What a search for effects holds: fits of the sets that were tried, and how two of them are
-weighed on held-out rows.
+"""The state of a search for effects, and the rules by which it compares two fits on held-out rows.
 
-A fuller set must be worth it twice: its held-out gain is significant under the block bootstrap, and
-it is large enough to matter.
+A Search is immutable but for its cache of fits. A larger set of effects replaces a smaller one only
+if its held-out gain is significant under the block bootstrap and larger than a minimum effect size.
 """
 
+import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from vgroove.gap.catalogue import Effect
+from vgroove.gap.catalogue import CONVENTIONS_AT_LOWER_BOUND, Effect
+from vgroove.gap.cleaning.sensor_noise import MAD_TO_SIGMA
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Engine, Fit, Hypothesis
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
+from vgroove.gap.residual.agreement import CLIP_SIGMAS
+from vgroove.gap.residual.protocol import MeasuredProblem
+from vgroove.gap.residual.restart_angles import RestartAngles
 from vgroove.gap.selection.model_comparison import (
-    SHORTEST_S,
+    BOOTSTRAP,
     Blocks,
     block_sums,
+    clipped_squares,
     correlation_time,
-    interval,
-    least_loss,
+    difference_interval,
+    fixed_design_bound,
     make_blocks,
-    squared,
 )
-
-CLIP = 10.0
-WORTH = 0.05
-VISIBLE = 0.1
-WORTH_SHARE = 0.01
-LEVEL = 0.99
-CHANCE = 3.84  # squared sigmas that one number gains by chance (95 % of chi-square)
-# squared gap above the noise, in noise, and share of it that no chance takes away
-LARGE, NEARLY_ALL = 0.5, 0.9
-LIKELY = 0.8  # interval whose lower end must still be worth it: the gain is not one lucky block's
-# of the best squared gap: fits beyond stay where their first rounds put them, with first-order
-# predictions
-WITHIN_REACH = 1.5
-CONVERGED = 12  # rounds in which fits end; most need four
-# what scales edge speeds against stamps
-SCALING = ("speed_gain.relative", "clock_skew.relative", "clock_skew.command_clock")
-FLOORED = ("effects.transport_delay.delay_s",)
+from vgroove.gap.selection.options import DiagnosisOptions
 
 
 @dataclass(frozen=True)
-class Rows:
-    """Where each residual comes from: log, time, signal (n,), whether it counts only when not 0,
-    and how often the model restarts.
+class ComparisonLimits:
+    """Thresholds by which the search compares fits. A gap is in units of the noise's RMS, a squared
+    gap in units of its power. Chosen on the tuning half of the blind set unless a source is stated.
     """
 
-    log: np.ndarray
-    time_s: np.ndarray
-    signal: np.ndarray
-    conditional: np.ndarray
-    restart_s: float
+    clip_sigma: float = CLIP_SIGMAS  # residuals are clipped here (docs/spec/gap.md, section 5)
+    visible_gap: float = 0.1  # smallest gap above the noise (docs/spec/gap.md, section 5)
+    min_gain: float = 0.05  # squared gap, of the noise power, that one more effect must close
+    min_gain_share: float = 0.01  # and share of the squared gap above the noise
+    min_general_gain: float = 0.03  # the same of a general effect over its special case
+    significance: float = 0.99  # two-sided level at which a gain counts as real
+    likely: float = 0.8  # two-sided level at which a gain must still exceed the minimum
+    chance_gain: float = 3.84  # squared sigmas that one parameter gains by chance: chi^2, 95 %, 1
+    large_gap: float = 0.5  # squared gap above the noise, of the noise power, that is large
+    nearly_all: float = 0.9  # share of a large gap that must close whichever block is left out
+    min_scale_share: float = 0.5  # share of an edge clock's scale error that a set must explain
+    bound_margin: float = 1.02  # a parameter below this multiple of its lower bound is at the bound
+    near_best: float = 1.5  # squared gaps up to this multiple of the best are fitted to convergence
+    max_rounds: int = 12  # Gauss-Newton rounds until convergence; most fits need four
+    far_from_noise: float = 2.0  # median residual, sigma, above which the clip grows with it
+    block_correlation_times: float = 3.0  # length of a bootstrap block, in correlation times
+    max_block_restarts: float = 2.0  # and its upper bound, in restart intervals
+
+
+COMPARISON = ComparisonLimits()
+# parameters that scale edge speeds against time stamps; the last one only says whose clock it is
+SPEED_SCALE, CLOCK_SCALE, OF_COMMAND_CLOCK = (
+    "effects.speed_gain.relative",
+    "effects.clock_skew.relative",
+    "effects.clock_skew.command_clock",
+)
 
 
 @dataclass
+class SearchCache:
+    """The one mutable part of a search: results that later steps use again.
+
+    fits: the best converged fit of each set of effects that was tried, by key() of its ids.
+    refitted_leaner: the set whose subsets were last fitted from its own parameter values.
+    slopes: the largest set whose extensions were differentiated, with the slopes (n, new) of each.
+    extensions: the best first-order extensions of a set, by key() of its ids.
+    """
+
+    fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
+    refitted_leaner: Fit | None = None
+    slopes: tuple[Fit, list[tuple[Hypothesis, np.ndarray]]] | None = None
+    extensions: dict[tuple[str, ...], Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Search:
-    """State of the search; fits holds the best converged fit of each set that was tried."""
+    """A search over sets of effects on one problem.
+
+    effects: those that may be selected; without: ids that the user excluded; nominal: the model as
+    the rig states it; retuned: the same with its tolerated keys refitted; clip_sigma: where
+    residuals are clipped; seed: of the bootstrap; progress: receives a text at each stage.
+    """
 
     engine: Engine
     effects: list[Effect]
-    rows: Rows
     blocks: Blocks
     nominal: Fit
     retuned: Fit
     seed: int = 0
-    clip: float = CLIP
+    clip_sigma: float = COMPARISON.clip_sigma
     without: frozenset[str] = frozenset()
-    fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
-    leaned: Fit | None = None
-    reach: tuple[Fit, list[tuple[Hypothesis, np.ndarray]]] | None = None
-    promised: dict[tuple[str, ...], Any] = field(default_factory=dict)
-    tell: Callable[[str], None] = lambda _: None
+    progress: Callable[[str], None] = lambda _: None
+    cache: SearchCache = field(default_factory=SearchCache)
 
-    def sums(self, one: Fit, clip: float | None = None) -> np.ndarray:
-        """Squared held-out residuals per bootstrap block (blocks,), clipped as the search compares
-        or as asked.
+    @property
+    def problem(self) -> MeasuredProblem:
+        """The measured problem as it was loaded."""
+        return self.engine.problem
+
+    @property
+    def fits(self) -> dict[tuple[str, ...], Fit]:
+        """The best converged fit of each set of effects that was tried."""
+        return self.cache.fits
+
+    @property
+    def floor(self) -> float:
+        """Gap that noise alone leaves."""
+        return self.problem.floor()
+
+    def with_angles(self, angles: RestartAngles) -> "Search":
+        """The same search with other motor angles at the restarts; fits known so far stay."""
+        engine = copy.copy(self.engine)
+        engine.angles = angles
+        return replace(self, engine=engine)
+
+    def block_losses(self, one: Fit) -> np.ndarray:
+        """Sum of the clipped squared held-out residuals of each bootstrap block (blocks,)."""
+        return block_sums(self.blocks, clipped_squares(one, self.clip_sigma))
+
+    def loss_by_signal(self, one: Fit, clip_sigma: float) -> np.ndarray:
+        """Part of each signal in the squared held-out gap (signals,)."""
+        weights = np.where(self.blocks.tested, clipped_squares(one, clip_sigma), 0.0)
+        return np.bincount(self.problem.signal, weights=weights) / self.blocks.total
+
+    def score(self, one: Fit) -> float:
+        """Squared held-out gap over all blocks, in units of the noise power."""
+        return float(self.block_losses(one).sum()) / self.blocks.total
+
+    def reported_score(self, one: Fit) -> float:
+        """Squared held-out gap over the judged blocks alone (docs/spec/gap.md, section 5)."""
+        return reported_gap(self.problem, one) ** 2
+
+    def noise_power(self) -> float:
+        """Squared gap that is taken as noise: 1, or more where the best fit is far from the noise
+        and rescale() has widened the clip.
         """
-        return block_sums(self.blocks, squared(one, self.clip if clip is None else clip))
+        return (self.clip_sigma / COMPARISON.clip_sigma) ** 2
 
-    def by_signal(self, one: Fit, clip: float) -> np.ndarray:
-        """What each signal adds to the squared held-out gap (signals,)."""
-        weights = np.where(self.blocks.tested, squared(one, clip), 0.0)
-        return np.bincount(self.rows.signal, weights=weights) / self.blocks.total
+    def excess_power(self, one: Fit) -> float:
+        """Squared gap that a set leaves above the noise."""
+        return self.score(one) - self.noise_power()
 
-    def score(self, one: Fit, clip: float | None = None) -> float:
-        """Squared held-out gap."""
-        return float(self.sums(one, clip).sum()) / self.blocks.total
-
-    def reported(self, one: Fit) -> float:
-        """Squared held-out gap as the contract's figures have it: over their blocks alone."""
-        return gap_of(self.engine.problem, one.held) ** 2
-
-    def alike(self, one: Fit, other: Fit) -> bool:
-        """Whether two sets leave the same but for what chance does to one number."""
-        return abs(float(self.sums(one).sum() - self.sums(other).sum())) <= CHANCE * self.level()
-
-    def tied(self, one: Fit, best: Fit) -> bool:
-        """The contract's rule: the 95 % interval of the difference contains 0, or both leave the
-        same. What tells two models apart may happen in few blocks, which a draw of blocks may miss:
-        far beyond the noise there, and large enough to matter, it tells them apart as well. So do
-        the edges.
+    def min_gain(self, leaner: Fit, share: float = COMPARISON.min_gain) -> float:
+        """Squared gap that a fuller set must close of what a leaner one leaves: the minimum effect
+        size.
         """
-        if self.contradicted(one) and not self.contradicted(best):
-            return False
-        if self.alike(one, best):
-            return True
-        if interval(self.blocks, self.sums(one) - self.sums(best))[0] > 0.0:
-            return False
-        return self.least_loss(one, best) <= self.least_gain(best)
-
-    def least_loss(self, worse: Fit, better: Fit, level: float = 0.95) -> float:
-        """Squared gap that the worse fit surely loses on the run as it was."""
-        return least_loss(
-            self.blocks, *(np.clip(f.held, -self.clip, self.clip) for f in (worse, better)), level
+        return share * self.noise_power() + COMPARISON.min_gain_share * max(
+            0.0, self.score(leaner) - self.noise_power()
         )
 
-    def contradicted(self, one: Fit) -> bool:
-        """Whether a log's edges follow one another only on another scale than its time stamps, and
-        no clock and no gain of the set explains most of that: the sensor times edges by its own
-        clock, far finer than what a motion shows.
+    def equal_up_to_chance(self, one: Fit, other: Fit) -> bool:
+        """Whether two sets differ by no more than one parameter gains by chance."""
+        difference = float(self.block_losses(one).sum() - self.block_losses(other).sum())
+        return abs(difference) <= COMPARISON.chance_gain * self.noise_power()
+
+    def is_tied(self, one: Fit, best: Fit) -> bool:
+        """Whether a set predicts the held-out rows as well as the best: the 95 % interval of the
+        difference contains 0 (docs/spec/gap.md, section 5), or chance explains the difference.
+
+        Models may differ in few blocks only, which most bootstrap samples miss. Therefore a set is
+        also worse if its loss on the run as it was exceeds the minimum effect size, and if the
+        scale of the Hall edges contradicts it but not the best.
         """
-        problem = self.engine.problem
-        scales = [run.edge_scale for run in getattr(problem, "runs", ()) if run.edge_scale != 1.0]
+        if self.contradicts_edge_scale(one) and not self.contradicts_edge_scale(best):
+            return False
+        if self.equal_up_to_chance(one, best):
+            return True
+        difference = self.block_losses(one) - self.block_losses(best)
+        if difference_interval(self.blocks, difference)[0] > 0.0:
+            return False
+        return self.loss_bound(one, best) <= self.min_gain(best)
+
+    def loss_bound(self, worse: Fit, better: Fit, level: float = 0.95) -> float:
+        """Lower confidence bound of the squared gap that the worse fit loses on this very run."""
+        clip = self.clip_sigma
+        return fixed_design_bound(
+            self.blocks, *(np.clip(f.out_of_fold, -clip, clip) for f in (worse, better)), level
+        )
+
+    def contradicts_edge_scale(self, one: Fit) -> bool:
+        """Whether a log's Hall edges fit each other only on another time scale than its stamps, and
+        no clock or gain of the set explains at least half of that scale error.
+
+        The sensor times edges by its own clock, far more finely than a motion shows a scale.
+        """
+        problem = self.problem
+        scales = [run.edge_scale for run in problem.runs if run.edge_scale != 1.0]
         if not scales:
             return False
+        theta = one.theta(problem.theta0)
         gain, clock, of_command = (
-            one.theta(problem.theta0)[problem.index(f"effects.{name}")] for name in SCALING
+            theta[problem.index(name)] for name in (SPEED_SCALE, CLOCK_SCALE, OF_COMMAND_CLOCK)
         )
-        told = (1.0 + gain) * (1.0 + (0.0 if of_command else clock))
-        return any(abs(scale - told) > 0.5 * abs(scale - 1.0) for scale in scales)
+        explained = (1.0 + gain) * (1.0 + (0.0 if of_command else clock))
+        return any(
+            abs(scale - explained) > COMPARISON.min_scale_share * abs(scale - 1.0)
+            for scale in scales
+        )
 
-    def better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
-        """True when the fuller set is significantly better, in any draw of blocks or on the run as
-        it was, and by an amount that matters in most draws; or when it closes a gap that is large.
+    def is_better(self, fuller: Fit, leaner: Fit, share: float = COMPARISON.min_gain) -> bool:
+        """Whether a fuller set replaces a leaner one: it closes a large gap, or its gain likely
+        exceeds the minimum effect size and is significant, over resampled blocks or on the run as
+        it was.
         """
-        if self.closes_large(fuller, leaner):
+        if self.closes_large_gap(fuller, leaner):
             return True
-        if not self.likely_better(fuller, leaner, worth):
+        if not self.is_likely_better(fuller, leaner, share):
             return False
-        apart = self.sums(leaner) - self.sums(fuller)
-        return interval(self.blocks, apart, LEVEL)[0] > 0.0 or self.least_loss(
-            leaner, fuller, LEVEL
-        ) > self.least_gain(leaner, worth)
-
-    def closes_large(self, fuller: Fit, leaner: Fit) -> bool:
-        """True when the fuller set takes nearly all of a large gap, whichever block is left out: a
-        short log has too few of them to show more by draws.
-        """
-        noise, more, left = self.level() * self.blocks.rows, self.sums(leaner), self.sums(fuller)
-        noise, above, gain = (float(x.sum()) - x for x in (noise, more - noise, more - left))
-        return bool(np.all(above > LARGE * noise) and np.all(gain > NEARLY_ALL * above))
-
-    def likely_better(self, fuller: Fit, leaner: Fit, worth: float = WORTH) -> bool:
-        """True when the fuller set is better by an amount that matters in most draws of blocks."""
-        apart, worth = self.sums(leaner) - self.sums(fuller), self.least_gain(leaner, worth)
-        return (
-            float(apart.sum()) / self.blocks.total > worth
-            and interval(self.blocks, apart, LIKELY)[0] > worth
+        gain = self.block_losses(leaner) - self.block_losses(fuller)
+        return difference_interval(self.blocks, gain, COMPARISON.significance)[0] > 0.0 or (
+            self.loss_bound(leaner, fuller, COMPARISON.significance) > self.min_gain(leaner, share)
         )
 
-    def least_gain(self, leaner: Fit, worth: float = WORTH) -> float:
-        """Squared gap that a fuller set must take away from a leaner one."""
-        return worth * self.level() + WORTH_SHARE * max(0.0, self.score(leaner) - self.level())
-
-    def visible(self, one: Fit) -> bool:
-        """The contract's least gap: below VISIBLE of the noise it is no gap, and what takes it away
-        is no effect that could be named.
+    def is_likely_better(
+        self, fuller: Fit, leaner: Fit, share: float = COMPARISON.min_gain
+    ) -> bool:
+        """Whether the gain exceeds the minimum effect size in most bootstrap samples: it does not
+        rest on one block.
         """
-        noise, left = np.sqrt(self.level()), np.sqrt(self.score(one))
-        return bool(np.sqrt(self.score(self.retuned)) - min(noise, left) >= VISIBLE * noise)
+        gain, least = (
+            self.block_losses(leaner) - self.block_losses(fuller),
+            self.min_gain(leaner, share),
+        )
+        return (
+            float(gain.sum()) / self.blocks.total > least
+            and difference_interval(self.blocks, gain, COMPARISON.likely)[0] > least
+        )
 
-    def leaves_a_gap(self, one: Fit) -> bool:
-        """Whether a set leaves a gap that the contract calls one."""
-        return self.score(one) >= (1.0 + VISIBLE) ** 2 * self.level()
-
-    def surely_leaves_a_gap(self, one: Fit) -> bool:
-        """Whether what a set leaves is a gap of the contract in most draws of blocks: not by the
-        few in which something happened.
+    def closes_large_gap(self, fuller: Fit, leaner: Fit) -> bool:
+        """Whether the fuller set closes nearly all of a large gap whichever block is left out
+        (jackknife); a short log has too few blocks for a significant bootstrap.
         """
-        above = self.sums(one) - (1.0 + VISIBLE) ** 2 * self.level() * self.blocks.rows
-        return interval(self.blocks, above, LIKELY)[0] > 0.0
+        noise, more, left = (
+            self.noise_power() * self.blocks.rows,
+            self.block_losses(leaner),
+            self.block_losses(fuller),
+        )
+        noise, above, gain = (float(x.sum()) - x for x in (noise, more - noise, more - left))
+        return bool(
+            np.all(above > COMPARISON.large_gap * noise)
+            and np.all(gain > COMPARISON.nearly_all * above)
+        )
 
-    def level(self) -> float:
-        """Squared gap that is taken as noise: 1, or what the best fit leaves where no fit comes
-        near 1.
+    def closes_visible_gap(self, one: Fit) -> bool:
+        """Whether a set closes at least the smallest visible gap; an effect that closes less cannot
+        be named.
         """
-        return (self.clip / CLIP) ** 2
+        noise, left = np.sqrt(self.noise_power()), np.sqrt(self.score(one))
+        before = np.sqrt(self.score(self.retuned))
+        return bool(before - min(noise, left) >= COMPARISON.visible_gap * noise)
 
-    def add(self, hypotheses: Sequence[Hypothesis], iterations: int = 6) -> list[Fit]:
-        """Fit, bring what comes near the best to convergence, settle it, and keep the best of each
-        set.
+    def leaves_gap(self, one: Fit) -> bool:
+        """Whether a set leaves a visible gap."""
+        return self.score(one) >= (1.0 + COMPARISON.visible_gap) ** 2 * self.noise_power()
+
+    def leaves_gap_in_most_draws(self, one: Fit) -> bool:
+        """Whether a set leaves a visible gap in most bootstrap samples: the gap does not rest on
+        the few blocks in which one event happened.
+        """
+        noise = (1.0 + COMPARISON.visible_gap) ** 2 * self.noise_power() * self.blocks.rows
+        above = self.block_losses(one) - noise
+        return difference_interval(self.blocks, above, COMPARISON.likely)[0] > 0.0
+
+    def fit_and_keep(self, hypotheses: Sequence[Hypothesis], iterations: int = 6) -> list[Fit]:
+        """Fit hypotheses, bring those near the best to convergence, predict their held-out rows,
+        and return the best fit known of each set.
         """
         fits = self.engine.fit(hypotheses, iterations)
         if fits:
-            self.engine.go_on(self.near(fits), range(iterations, CONVERGED))
-            predict_held_out(self.engine, self.near(fits))
+            self.engine.continue_fits(
+                self.near_best(fits), range(iterations, COMPARISON.max_rounds)
+            )
+            predict_held_out(self.engine, self.near_best(fits))
         for one in fits:
             known = self.fits.get(key(one.ids))
             if known is None or one.cost < known.cost:
                 self.fits[key(one.ids)] = one
         return [self.fits[k] for k in dict.fromkeys(key(h.ids) for h in hypotheses)]
 
-    def near(self, fits: Sequence[Fit]) -> list[Fit]:
-        """Those of some fits that come near the best of them."""
-        reach = WITHIN_REACH * min(self.score(f) for f in fits)
-        return [f for f in fits if self.score(f) <= reach]
+    def near_best(self, fits: Sequence[Fit]) -> list[Fit]:
+        """Those of some fits whose squared gap comes near the best of them."""
+        limit = COMPARISON.near_best * min(self.score(f) for f in fits)
+        return [f for f in fits if self.score(f) <= limit]
 
     def ranked(self, size: int) -> list[Fit]:
-        """Fits of sets of one size, best first; equal scores in catalogue order."""
-        mine = (f for k, f in self.fits.items() if len(k) == size and plausible(f))
+        """Fits of sets of one size, best first; equal scores in the order of their ids."""
+        mine = (f for k, f in self.fits.items() if len(k) == size and is_valid(f))
         return sorted(mine, key=lambda f: (round(self.score(f), 9), f.ids))
 
 
-def gap_of(problem: Any, held: np.ndarray) -> float:
-    """The contract's gap of held-out residuals."""
-    return float(problem.gap(held, problem.judged))
+def reported_gap(problem: MeasuredProblem, one: Fit) -> float:
+    """Gap of held-out residuals over the judged rows (docs/spec/gap.md, section 5)."""
+    return float(problem.gap(one.out_of_fold, problem.judged))
 
 
-def plausible(one: Fit) -> bool:
-    """False when a number that must not be zero (a delay beyond the logger's convention) is pressed
-    against its lower bound.
-    """
-    pressed = (
-        c.low > 0.0 and x < 1.02 * c.low
+def is_valid(one: Fit) -> bool:
+    """False for a fit with a parameter at a lower bound at which it describes nothing."""
+    at_bound = (
+        c.low > 0.0 and x < COMPARISON.bound_margin * c.low
         for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)
-        if c.name in FLOORED
+        if c.name in CONVENTIONS_AT_LOWER_BOUND
     )
-    return not any(pressed)
+    return not any(at_bound)
 
 
 def key(ids: Sequence[str]) -> tuple[str, ...]:
-    """Order-free name of a set."""
+    """Identifier of a set of effects, independent of their order."""
     return tuple(sorted(ids))
 
 
-def begin(
-    engine: Engine, effects: list[Effect], rows: Rows, seed: int, tell: Callable[[str], None]
-) -> Search:
-    """Nominal and retuned fits, bootstrap blocks."""
-    tell("nominal and retuned model")
-    empty = Hypothesis((), (), np.zeros(0))
+def begin(engine: Engine, effects: list[Effect], options: DiagnosisOptions) -> Search:
+    """A search with the nominal and the retuned fit and its bootstrap blocks."""
+    options.progress("fitting the rig's tolerated values")
+    empty, problem = Hypothesis((), (), np.zeros(0)), engine.problem
     nominal = engine.fit([empty], 0)[0]
     nominal.exact = True
     retuned = nominal
-    if engine.keys:
+    if engine.nuisance:
         retuned = engine.fit(engine.hypotheses([]))[0]
         predict_held_out(engine, [retuned])
-        engine.key_columns = retuned.jacobian
-    tested = np.logical_or.reduce([test for _, test in engine.problem.folds])
-    blocks = make_blocks(rows.log, rows.time_s, tested, rows.restart_s, seed, rows.conditional)
-    search = Search(engine, effects, rows, blocks, nominal, retuned, seed, tell=tell)
-    search.fits[()] = retuned
-    return search
+        engine.nuisance_columns = retuned.jacobian
+    tested = np.logical_or.reduce([test for _, test in problem.folds])
+    blocks = make_blocks(problem, tested, problem.restart_s, options.seed)
+    return Search(
+        engine,
+        effects,
+        blocks,
+        nominal,
+        retuned,
+        seed=options.seed,
+        without=frozenset(options.without),
+        progress=options.progress,
+        cache=SearchCache({(): retuned}),
+    )
 
 
-def rescale(search: Search) -> None:
-    """Where even the best fit is far from the noise (real machines), clip in units of what it
-    leaves, so that models still compare.
+def rescale(search: Search) -> Search:
+    """The search with its clip in units of what the best fit leaves, where even that is far from
+    the noise (real machines): a clip at 10 sigma would make all models equal.
     """
-    leanest = min(
-        search.fits.values(), key=lambda f: np.median(np.abs(f.held[search.blocks.tested]))
+    tested = search.blocks.tested
+    medians = {k: np.median(np.abs(f.out_of_fold[tested])) for k, f in search.fits.items()}
+    left = MAD_TO_SIGMA * float(min(medians.values()))
+    return replace(
+        search, clip_sigma=COMPARISON.clip_sigma * max(1.0, left / COMPARISON.far_from_noise)
     )
-    left = 1.4826 * float(np.median(np.abs(leanest.held[search.blocks.tested])))
-    search.clip = CLIP * max(1.0, left / 2.0)
 
 
-def reblock(search: Search) -> None:
-    """Bootstrap blocks a few correlation times long, as the residual of the best single fit shows
-    them.
-    """
-    rows, best = search.rows, min(search.fits.values(), key=search.score)
-    memory = correlation_time(
-        best.residual, rows.time_s, rows.log * 1000 + rows.signal, rows.restart_s
+def reblock(search: Search) -> Search:
+    """The search with bootstrap blocks of a few correlation times of the best fit's residual."""
+    problem, best = search.problem, min(search.fits.values(), key=search.score)
+    correlated_s = correlation_time(
+        best.residual, problem.time_s, problem.log * 1000 + problem.signal, problem.restart_s
     )
-    length = min(max(SHORTEST_S, 3.0 * memory), 2.0 * rows.restart_s)
-    search.blocks = make_blocks(
-        rows.log, rows.time_s, search.blocks.tested, length, search.seed, rows.conditional
+    length = min(
+        max(BOOTSTRAP.min_block_s, COMPARISON.block_correlation_times * correlated_s),
+        COMPARISON.max_block_restarts * problem.restart_s,
     )
+    return replace(search, blocks=make_blocks(problem, search.blocks.tested, length, search.seed))

@@ -1,193 +1,217 @@
-"""Every effect alone: from all its starts, the shaft's angle after stops set where an effect that
-follows it tells, to convergence.
+"""Fits every effect alone, to convergence, and aligns the shaft angle after stops where an effect
+that is periodic in the angle determines it.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vgroove.gap.catalogue import PERIODIC
 from vgroove.gap.fitting.cross_validation import predict_held_out
-from vgroove.gap.fitting.fit import Fit, Hypothesis
+from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.residual import angle_alignment
-from vgroove.gap.residual.batches import portions
-from vgroove.gap.residual.problem import Problem
-from vgroove.gap.selection.extension import AddedEffect, differenced
-from vgroove.gap.selection.search_state import CONVERGED, Search, key, reblock, rescale
-
-# starts of one effect beyond which they are screened, and how many are fitted then
-SCREEN_ABOVE, SCREENED = 6, 3
-AMPLITUDES, PHASES = (3.0, 8.0), 8  # of a periodic effect, in its size, that are screened
-STARTS = 32  # that are fitted at once, with their Jacobians in memory
-MANY_STARTS = 4  # of more starts than this two are taken on
-# squared gap after retuning, in noise, below which no start of a resonance, a play or a large
-# ripple is looked for
-LARGE = 1.1
-# squared sigmas that offsets at stops must gain an effect which follows the angle; times the best
-# gain without
-FIRM, FIRMER = 100.0, 1.2
+from vgroove.gap.residual.batches import split_by_size
+from vgroove.gap.residual.protocol import MeasuredProblem
+from vgroove.gap.selection.extension import AddedEffect, differentiate_added
+from vgroove.gap.selection.search_state import COMPARISON, Search, key, reblock, rescale
 
 
-def singles(search: Search) -> None:
-    """Every effect alone, all starts briefly, the best start of each to convergence."""
-    search.tell("each effect alone")
-    x_keys, swings = search.retuned.x, swinging(search)
+@dataclass(frozen=True)
+class StartLimits:
+    """How many starts of an effect are tried, and when the shaft angle is aligned. Chosen on the
+    tuning half of the blind set.
+    """
+
+    max_unscreened: int = 6  # starts beyond which they are screened by their cost as they are
+    screened: int = 3  # starts that are left
+    many: int = 4  # starts beyond which two, not one, are fitted to convergence
+    brief_rounds: int = 2  # rounds after which the best starts are chosen
+    fitted_at_once: int = 32  # starts whose Jacobians are in memory together
+    # squared gap after retuning, of the noise power, below which no far start is tried
+    min_squared_gap: float = 1.1
+    ripple_sizes: tuple[float, ...] = (3.0, 8.0)  # amplitudes that are screened, in typical sizes
+    ripple_phases: int = 8  # phases that are screened, evenly over a turn
+    tiny_ripple: float = 1e-3  # amplitude at which a ripple's slopes are taken, in typical sizes
+    # squared sigmas that aligned angles must gain an effect, and their ratio to the best unaligned
+    min_alignment_gain: float = 100.0
+    min_alignment_ratio: float = 1.2
+
+
+STARTS = StartLimits()
+RippleStarts = Mapping[tuple[str, ...], list[Hypothesis]]
+
+
+def fit_single_effects(search: Search) -> Search:
+    """Fit every effect alone: all starts briefly, the best starts to convergence.
+
+    Returns the search with aligned shaft angles, the clip of the best fit and bootstrap blocks of
+    its correlation time. Effects of many starts are remembered: larger sets start them where they
+    ended alone.
+    """
+    search.progress("each effect alone")
+    search, ripples = ripple_starts(search)
+    keys = search.retuned.x
     starts = [
-        screened(search, swings.get((e.id,)) or search.engine.hypotheses([e], x_keys))
+        screened(search, ripples.get((e.id,)) or search.engine.hypotheses([e], keys))
         for e in search.effects
     ]
-    again = []
-    for part in portions([len(group) for group in starts], STARTS):
-        brief = search.engine.fit([h for group in starts[part] for h in group], 2)
-        again += [
-            replace(f.hypothesis, start=f.x)
-            for group in by_effect(brief)
-            for f in group[: 2 if len(group) > MANY_STARTS else 1]
-        ]
-    search.add(again, CONVERGED)
-    align_to_best_single(search)
+    search.fit_and_keep(best_brief_starts(search, starts), COMPARISON.max_rounds)
+    search = align_to_best_single(search)
     for effect in search.effects:
-        if len(search.engine.hypotheses([effect])) > SCREEN_ABOVE and not effect.phase:
+        many = len(search.engine.hypotheses([effect])) > STARTS.max_unscreened
+        if many and not effect.phase:
             search.engine.remember(search.fits[(effect.id,)])
-    rescale(search)
-    reblock(search)
+    return reblock(rescale(search))
 
 
-def swinging(search: Search) -> dict[tuple[str, ...], list[Hypothesis]]:
-    """Starts of the effects that follow the angle, each with the amplitudes that a straight line
-    asks for; before that the shaft of each stretch between stops, and of each log, is set where the
-    one of them that gains most wants it.
-    """
-    engine, problem = search.engine, search.engine.problem
-    starts = [
-        h for e in search.effects if e.phase for h in engine.hypotheses([e], search.retuned.x)
-    ]
-    if not starts or not hasattr(problem, "runs"):
-        return {}
-    parts, found = angle_alignment.angle_stretches(problem), {}
-    free = parts.count > 1 and problem.rig.load["kind"] != "pendulum"
-    trials = [
-        (one.hypothesis, swing_of(one, parts, problem))
-        for one in differenced(
-            search,
-            search.retuned,
-            [replace(h, start=with_ripple_amplitudes(h, (1e-3, 1e-3))) for h in starts],
-        )
-    ]
-    shift = (
-        clearest_shifts(problem, parts, [one for _, one in trials])
-        if free
-        else np.zeros(parts.count)
-    )
-    engine.problem = (
-        angle_alignment.with_angle_shift(problem, parts, shift) if shift.any() else problem
-    )
-    for h, one in trials:
-        found.setdefault(h.ids, []).append(
-            replace(h, start=with_ripple_amplitudes(h, one.amplitudes(shift)))
-        )
+def best_brief_starts(search: Search, starts: list[list[Hypothesis]]) -> list[Hypothesis]:
+    """Of each effect's starts the best one, of many the best two, after a brief fit."""
+    found = []
+    for part in split_by_size([len(group) for group in starts], STARTS.fitted_at_once):
+        brief = search.engine.fit([h for group in starts[part] for h in group], STARTS.brief_rounds)
+        for group in by_effect(brief):
+            kept = group[: 2 if len(group) > STARTS.many else 1]
+            found += [replace(f.hypothesis, start=f.x) for f in kept]
     return found
 
 
-def swing_of(
-    one: AddedEffect, parts: angle_alignment.AngleStretches, problem: Problem
+def ripple_starts(search: Search) -> tuple[Search, RippleStarts]:
+    """Starts of the periodic effects by id, with the amplitudes of a linear fit; and the search
+    with the shaft angle of each stretch between stops aligned for the one that gains most by it.
+    """
+    problem = search.problem
+    starts = [
+        h
+        for e in search.effects
+        if e.phase
+        for h in search.engine.hypotheses([e], search.retuned.x)
+    ]
+    if not starts:
+        return search, {}
+    parts = angle_alignment.angle_stretches(problem)
+    tiny = (STARTS.tiny_ripple, STARTS.tiny_ripple)
+    trials = [
+        (one.hypothesis, first_order_ripple(one, parts, problem))
+        for one in differentiate_added(
+            search,
+            search.retuned,
+            [replace(h, start=with_ripple_amplitudes(h, tiny)) for h in starts],
+        )
+    ]
+    shift = np.zeros(parts.count)
+    if parts.count > 1 and problem.rig.load["kind"] != "pendulum":
+        shift = clearest_shifts(problem, parts, [one for _, one in trials])
+    if shift.any():
+        search = search.with_angles(search.engine.angles.shifted(parts.restart, shift))
+    found: dict[tuple[str, ...], list[Hypothesis]] = {}
+    for h, one in trials:
+        start = with_ripple_amplitudes(h, one.amplitudes(shift))
+        found.setdefault(h.ids, []).append(replace(h, start=start))
+    return search, found
+
+
+def first_order_ripple(
+    one: AddedEffect, parts: angle_alignment.AngleStretches, problem: MeasuredProblem
 ) -> angle_alignment.FirstOrderRipple:
-    """First order of a periodic effect from its residuals at next to no amplitude and their slopes."""
-    at = cosine_at(one.hypothesis)
+    """A periodic effect to first order, from its residuals and slopes at nearly zero amplitude."""
+    at = cosine_index(one.hypothesis)
     return angle_alignment.FirstOrderRipple.of(
         parts,
-        periods_of(one.hypothesis, problem.rig.gearbox["ratio"]),
+        periods_per_rev(one.hypothesis, problem.rig.gearbox["ratio"]),
         one.residual,
         one.columns[:, at : at + 2],
     )
 
 
 def clearest_shifts(
-    problem: Problem,
+    problem: MeasuredProblem,
     parts: angle_alignment.AngleStretches,
-    swings: Sequence[angle_alignment.FirstOrderRipple],
+    ripples: Sequence[angle_alignment.FirstOrderRipple],
 ) -> np.ndarray:
-    """Offsets (stretches,) that the effect which gains most by them wants; zeros where any gains
-    about as much without.
+    """Angle shifts (stretches,) in rad for the periodic effect that gains most by them; zeros where
+    some effect gains about as much without.
     """
     none = np.zeros(parts.count)
-    best, shift = max(FIRM, FIRMER * max(swing.gain(none) for swing in swings)), none
-    for swing in swings:
-        found = swing.best_shifts(
-            [angle_alignment.offsets(problem, parts, g, swing.periods) for g in range(parts.count)],
+    unaligned = max(ripple.gain(none) for ripple in ripples)
+    best = max(STARTS.min_alignment_gain, STARTS.min_alignment_ratio * unaligned)
+    shift = none
+    for ripple in ripples:
+        found = ripple.best_shifts(
+            [
+                angle_alignment.candidate_shifts(problem, parts, g, ripple.periods)
+                for g in range(parts.count)
+            ],
             parts.reference,
         )
-        gain = swing.gain(found)
+        gain = ripple.gain(found)
         if gain > best:
             best, shift = gain, found
     return shift
 
 
-def align_to_best_single(search: Search) -> None:
-    """Set the stretches anew by the converged fit of the best effect that follows the angle, where
-    it is a good one; fit those again.
+def align_to_best_single(search: Search) -> Search:
+    """The search with shaft angles aligned by the best converged periodic effect, if that effect is
+    likely better than retuning; the periodic effects are fitted again.
     """
-    mine = [search.fits[(e.id,)] for e in search.effects if e.phase]
-    best = min(mine, key=search.score, default=search.retuned)
-    if not hasattr(search.engine.problem, "runs") or not search.likely_better(best, search.retuned):
-        return
-    problem = search.engine.problem
-    search.engine.problem = angle_alignment.align_angles(problem, best.theta(problem.theta0))
-    if search.engine.problem is problem:
-        return
-    for one in mine:
+    periodic = [search.fits[(e.id,)] for e in search.effects if e.phase]
+    if not periodic:
+        return search
+    best = min(periodic, key=search.score)
+    if not search.is_likely_better(best, search.retuned):
+        return search
+    problem, known = search.problem, search.engine.angles
+    angles = angle_alignment.align_angles(problem, best.theta(problem.theta0), known)
+    if angles is known:
+        return search
+    search = search.with_angles(angles)
+    for one in periodic:
         del search.fits[key(one.ids)]
-    search.add([replace(one.hypothesis, start=one.x) for one in mine], CONVERGED)
+    search.fit_and_keep(
+        [replace(one.hypothesis, start=one.x) for one in periodic], COMPARISON.max_rounds
+    )
+    return search
 
 
-def align_to_selection(search: Search, loaded: Problem, best: Fit) -> Fit:
-    """The selected fit with the shaft's angles as anyone finds them who loads the logs with its
-    parameters (`vgroove sim`).
+def align_to_selection(search: Search, best: Fit) -> tuple[Search, Fit]:
+    """The search and the selected fit with the shaft angles that the fit's own parameters align in
+    the problem as it was loaded, as `vgroove sim` aligns them.
     """
-    theta = best.theta(loaded.theta0)
-    if not angle_alignment.active_periodic_effects(loaded, theta):
-        return best
-    now, wanted = search.engine.problem, angle_alignment.align_angles(loaded, theta)
-    if all(
-        np.array_equal(a.restarts.measured, b.restarts.measured)
-        for a, b in zip(now.runs, wanted.runs, strict=True)
-    ):
-        return best
-    search.engine.problem = wanted
-    again = search.engine.fit([replace(best.hypothesis, start=best.x)], CONVERGED)[0]
+    problem = search.problem
+    theta = best.theta(problem.theta0)
+    if not angle_alignment.active_periodic_effects(problem, theta):
+        return search, best
+    angles = angle_alignment.align_angles(problem, theta, problem.angles)
+    if search.engine.angles.equals(angles):
+        return search, best
+    search = search.with_angles(angles)
+    again = search.engine.fit([replace(best.hypothesis, start=best.x)], COMPARISON.max_rounds)[0]
     predict_held_out(search.engine, [again])
     search.fits[key(best.ids)] = again
-    return again
+    return search, again
 
 
 def with_ripple_amplitudes(h: Hypothesis, amplitudes: Sequence[float]) -> np.ndarray:
-    """Start of a periodic effect with these sine and cosine amplitudes."""
+    """Start of a periodic effect with these cosine and sine amplitudes."""
     start = h.start.copy()
-    start[cosine_at(h) : cosine_at(h) + 2] = amplitudes
+    start[cosine_index(h) : cosine_index(h) + 2] = amplitudes
     return np.clip(start, h.low, h.high)
 
 
-def cosine_at(h: Hypothesis) -> int:
-    """Place of a periodic effect's first amplitude among its numbers."""
+def cosine_index(h: Hypothesis) -> int:
+    """Index of a periodic effect's cosine amplitude among its parameters; the sine follows it."""
     return next(i for i, c in enumerate(h.coordinates) if c.role == "cosine")
 
 
-def periods_of(h: Hypothesis, ratio: float) -> float:
-    """Periods a motor turn of a periodic effect as it starts."""
-    if h.ids[0] == "gear_eccentricity":
-        return 1.0 / ratio
-    return next(
-        (
-            float(x) * c.factors[0]
-            for c, x in zip(h.coordinates, h.start, strict=True)
-            if c.name.endswith("periods_per_rev")
-        ),
-        1.0,
-    )
+def periods_per_rev(h: Hypothesis, ratio: float) -> float:
+    """Periods per motor revolution of a periodic effect at its start; ratio: of the gearbox."""
+    effect = h.ids[0]
+    starts = {c.name: float(x) * c.factors[0] for c, x in zip(h.coordinates, h.start, strict=True)}
+    return PERIODIC[effect].periods_per_rev(lambda name: starts[f"effects.{effect}.{name}"], ratio)
 
 
 def by_effect(fits: Sequence[Fit]) -> list[list[Fit]]:
-    """Fits of single effects, effect by effect, the best start first."""
+    """Fits of single effects grouped by effect, the best start first."""
     groups: dict[str, list[Fit]] = {}
     for one in fits:
         groups.setdefault(one.ids[0], []).append(one)
@@ -195,39 +219,36 @@ def by_effect(fits: Sequence[Fit]) -> list[list[Fit]]:
 
 
 def screened(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
-    """The best few of many starts, by what they predict as they are: a resonance or a play is only
-    found from nearby.
+    """The starts of an effect that are fitted: of many those of least cost as they are.
+
+    A resonance, a play or a large ripple is found only from a start near it.
     """
-    quiet = search.score(search.retuned) < LARGE
+    small_gap = search.score(search.retuned) < STARTS.min_squared_gap
     if any(c.role == "cosine" for c in starts[0].coordinates):
-        return (
-            starts
-            if quiet
-            else starts + promising(search, [turned for h in starts for turned in around(h)])
-        )
-    if quiet:
-        return starts[:: max(1, len(starts) // SCREENED)]
-    return starts if len(starts) <= SCREEN_ABOVE else promising(search, starts)
+        if small_gap:
+            return starts
+        return starts + least_costly(search, [start for h in starts for start in large_ripples(h)])
+    if small_gap:
+        return starts[:: max(1, len(starts) // STARTS.screened)]
+    return starts if len(starts) <= STARTS.max_unscreened else least_costly(search, starts)
 
 
-def promising(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
-    """The SCREENED starts that predict best as they are."""
-    shown = search.engine.shown([(h, h.start[None, :]) for h in starts])
-    cost = [
-        float((np.minimum(np.abs(row[search.engine.train]), search.clip) ** 2).sum())
-        for (row,) in shown
-    ]
-    return [starts[k] for k in np.argsort(cost, kind="stable")[:SCREENED]]
+def least_costly(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
+    """The few starts whose residuals, without a fit, have the least clipped squared sum."""
+    shown = search.engine.residuals_of_jobs([(h, h.start[None, :]) for h in starts])
+    train, clip = search.engine.train, search.clip_sigma
+    cost = [float((np.minimum(np.abs(row[train]), clip) ** 2).sum()) for (row,) in shown]
+    return [starts[k] for k in np.argsort(cost, kind="stable")[: STARTS.screened]]
 
 
-def around(h: Hypothesis) -> list[Hypothesis]:
-    """Starts of a periodic effect with amplitudes and phases that no straight line leads to from 0:
-    large ones stop the shaft.
+def large_ripples(h: Hypothesis) -> list[Hypothesis]:
+    """Starts of a periodic effect with large amplitudes over all phases: a large ripple stops the
+    shaft, and no gradient leads to it from zero.
     """
-    at, out = cosine_at(h), []
-    for size in AMPLITUDES:
-        for angle in np.arange(PHASES) * (2.0 * np.pi / PHASES):
+    at, found = cosine_index(h), []
+    for size in STARTS.ripple_sizes:
+        for angle in np.arange(STARTS.ripple_phases) * (2.0 * np.pi / STARTS.ripple_phases):
             start = h.start.copy()
             start[at : at + 2] = size * np.cos(angle), size * np.sin(angle)
-            out.append(replace(h, start=np.clip(start, h.low, h.high)))
-    return out
+            found.append(replace(h, start=np.clip(start, h.low, h.high)))
+    return found

@@ -1,1 +1,3 @@
-"""From the search to the verdict: decision, calibrated probability, location of the gap, correlates."""
+"""From the search to the verdict: decision, calibrated probabilities, location of the gap, and what
+the remainder depends on.
+"""

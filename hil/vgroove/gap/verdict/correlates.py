@@ -1,5 +1,5 @@
-"""What a residual follows (measured signals, angles, time, lines of a spectrum), and what a smooth
-correction over it would gain.
+"""What a residual depends on: bin means over a measured quantity, cross-validated smoothing splines
+and lines of the spectrum.
 """
 
 from dataclasses import dataclass
@@ -7,204 +7,184 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_smoothing_spline
 
-from vgroove.gap.selection.model_comparison import Blocks
-
-BINS = 12
-KNOTS = 60  # points of quantiles that a spline is drawn through
-# of the range: quantiles as close together are one point, or no spline could be told through them
-CLOSE = 1e-3
-TURN = 2.0 * np.pi
-LINE = 30.0  # times the usual power by which a line of a spectrum stands out
-LONGEST_GRID = 1 << 16
-SHOWN = 25  # points of a correction that are reported
+from vgroove.units import TURN_RAD
 
 
 @dataclass(frozen=True)
-class Driver:
-    """A quantity (n,) that a residual may follow; period: of an angle, 0 otherwise."""
+class CorrelateLimits:
+    """Numbers of the search for covariates; chosen on the tuning half of the blind set."""
+
+    bins: int = 12  # quantile bins of a covariate
+    bin_prior_rows: float = 3.0  # rows of mean 0 that each bin is shrunk by
+    rows_per_bin: int = 4  # rows for each bin below which nothing is predicted
+    knots: int = 60  # quantile means that a spline is fitted to
+    min_points: int = 5  # below which no spline is fitted
+    min_knot_distance: float = 1e-3  # of the range: closer quantiles are one point
+    line_over_median: float = 30.0  # power of a spectral line over the median around it, rows white
+    line_rows: int = 200  # rows below which no line is looked for
+    slow_cells: int = 16  # lowest frequencies of the spectrum, which are drifts and no lines
+    max_grid: int = 1 << 16  # cells of the grid that the spectrum is computed on
+    points_reported: int = 25  # of a correction
+    monotonic: float = 0.8  # correlation from which a curve is called growing or falling
+    output_line: float = 1.5  # periods an output turn above which a line is stated per motor turn
+
+
+CORRELATE = CorrelateLimits()
+
+
+@dataclass(frozen=True)
+class Covariate:
+    """A quantity (n,) that a residual may depend on; period: of an angle, 0 otherwise."""
 
     name: str
     value: np.ndarray
     period: float = 0.0
 
 
-def edges_of(driver: np.ndarray) -> np.ndarray:
-    """Inner bin edges at quantiles of the driver (few values: between them)."""
-    levels = np.unique(driver)
-    if len(levels) <= BINS:
+def bin_edges(value: np.ndarray) -> np.ndarray:
+    """Inner bin edges at quantiles of a covariate; between the levels where it has few."""
+    levels = np.unique(value)
+    if len(levels) <= CORRELATE.bins:
         return (levels[1:] + levels[:-1]) / 2.0
-    return np.unique(np.quantile(driver, np.linspace(0.0, 1.0, BINS + 1)[1:-1]))
+    return np.unique(np.quantile(value, np.linspace(0.0, 1.0, CORRELATE.bins + 1)[1:-1]))
 
 
-def predicted(residual: np.ndarray, driver: np.ndarray, cluster: np.ndarray) -> np.ndarray:
-    """Bin means of the other half of the blocks (even blocks predict odd ones and the other way
-    round).
+def predict_by_bins(residual: np.ndarray, value: np.ndarray, cluster: np.ndarray) -> np.ndarray:
+    """Residuals (m,) as bin means over a covariate predict them, two-fold cross-validated: even
+    blocks predict odd ones and odd ones even ones. cluster (m,): block of each row.
     """
-    if len(driver) < 4 * BINS:
+    if len(value) < CORRELATE.rows_per_bin * CORRELATE.bins:
         return np.zeros_like(residual)
-    bins = np.searchsorted(edges_of(driver), driver)
-    out = np.zeros_like(residual)
+    bins = np.searchsorted(bin_edges(value), value)
+    out, size = np.zeros_like(residual), CORRELATE.bins + 1
     for parity in (0, 1):
         there, here = cluster % 2 == parity, cluster % 2 != parity
-        count = np.bincount(bins[there], minlength=BINS + 1)
-        mean = np.bincount(bins[there], weights=residual[there], minlength=BINS + 1) / (count + 3.0)
+        count = np.bincount(bins[there], minlength=size) + CORRELATE.bin_prior_rows
+        mean = np.bincount(bins[there], weights=residual[there], minlength=size) / count
         out[here] = mean[bins[here]]
     return out
 
 
-def smooth_curve(residual: np.ndarray, driver: Driver) -> tuple[np.ndarray, np.ndarray]:
-    """A smoothing spline (stiffness by generalised cross-validation) through means over quantiles:
-    points (k,) and values.
+def smooth_curve(residual: np.ndarray, covariate: Covariate) -> tuple[np.ndarray, np.ndarray]:
+    """A smoothing spline through quantile means: covariate (k,) and residual there (k,).
+
+    Its stiffness is chosen by generalised cross-validation (P. Craven, G. Wahba, Numerische
+    Mathematik 31, 1979).
     """
-    x, y, weight = _means(residual, driver)
-    if len(x) < 5:
+    x, y, weight = quantile_means(residual, covariate)
+    if len(x) < CORRELATE.min_points:
         return x, y
-    if driver.period:  # three turns of it, so that its ends meet
-        x, y, weight = (
-            np.concatenate([x - driver.period, x, x + driver.period]),
-            np.tile(y, 3),
-            np.tile(weight, 3),
-        )
+    if covariate.period:  # three periods, so that the ends of the middle one meet
+        x = np.concatenate([x - covariate.period, x, x + covariate.period])
+        y, weight = np.tile(y, 3), np.tile(weight, 3)
     scale = float(np.ptp(x))
     curve = make_smoothing_spline(x / scale, y, w=weight)
-    grid = np.linspace(0.0, driver.period, KNOTS) if driver.period else x
+    grid = np.linspace(0.0, covariate.period, CORRELATE.knots) if covariate.period else x
     return grid, curve(grid / scale)
 
 
-def _means(residual: np.ndarray, driver: Driver) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means over quantiles of the driver (k,), of the residual there, and their weights (rows; the
-    spline scales them).
-    """
-    step = max(CLOSE * float(np.ptp(driver.value)), 1e-12)
-    inner = step * np.unique(
-        np.round(np.quantile(driver.value, np.linspace(0.0, 1.0, KNOTS + 1)[1:-1]) / step)
-    )
-    bins = np.unique(np.searchsorted(inner, driver.value), return_inverse=True)[1]
+def quantile_means(
+    residual: np.ndarray, covariate: Covariate
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means of covariate (k,) and residual (k,) over quantile bins, and the rows of each bin."""
+    value = covariate.value
+    step = max(CORRELATE.min_knot_distance * float(np.ptp(value)), 1e-12)
+    quantiles = np.quantile(value, np.linspace(0.0, 1.0, CORRELATE.knots + 1)[1:-1])
+    inner = step * np.unique(np.round(quantiles / step))
+    bins = np.unique(np.searchsorted(inner, value), return_inverse=True)[1]
     count = np.bincount(bins)
-    x, y = (np.bincount(bins, weights=v) / count for v in (driver.value, residual))
+    x, y = (np.bincount(bins, weights=v) / count for v in (value, residual))
     apart = np.concatenate([[True], np.diff(x) > 0.5 * step])
     return x[apart], y[apart], count[apart].astype(float)
 
 
-def gained(residual: np.ndarray, driver: Driver, cluster: np.ndarray) -> float:
-    """Share of the squared residual (m,) that a smooth correction takes from blocks that it was not
-    drawn through.
+def cross_validated_gain(residual: np.ndarray, covariate: Covariate, cluster: np.ndarray) -> float:
+    """Share of the squared residual (m,) that a smooth curve closes, two-fold cross-validated over
+    the blocks.
     """
     left = residual.copy()
     for parity in (0, 1):
         there, here = cluster % 2 == parity, cluster % 2 != parity
-        if there.sum() < 4 * BINS or not here.any():
+        if there.sum() < CORRELATE.rows_per_bin * CORRELATE.bins or not here.any():
             return 0.0
-        x, y = smooth_curve(
-            residual[there], Driver(driver.name, driver.value[there], driver.period)
-        )
-        left[here] -= np.interp(driver.value[here], x, y)
+        half = Covariate(covariate.name, covariate.value[there], covariate.period)
+        x, y = smooth_curve(residual[there], half)
+        left[here] -= np.interp(covariate.value[here], x, y)
     return float(1.0 - (left**2).sum() / max(float((residual**2).sum()), 1e-12))
 
 
 def spectral_line(residual: np.ndarray, place: np.ndarray) -> float | None:
-    """Frequency (per unit of place) of the line that stands out in the residual's spectrum over a
-    growing place; None where none does.
+    """Frequency, per unit of place, of a line in the residual's spectrum over an increasing place
+    (m,), time or angle; None where no line exceeds the noise.
     """
     span = float(np.ptp(place))
-    if span <= 0.0 or len(place) < 200:
+    if span <= 0.0 or len(place) < CORRELATE.line_rows:
         return None
-    cells = int(min(LONGEST_GRID, 2 ** np.ceil(np.log2(2 * len(place)))))
+    cells = int(min(CORRELATE.max_grid, 2 ** np.ceil(np.log2(2 * len(place)))))
     cell = np.minimum(((place - place.min()) / span * (cells - 1)).astype(int), cells - 1)
-    power = (
-        np.abs(
-            np.fft.rfft(
-                np.bincount(cell, weights=residual - residual.mean(), minlength=cells), 2 * cells
-            )
-        )
-        ** 2
-    )
+    grid = np.bincount(cell, weights=residual - residual.mean(), minlength=cells)
+    power = np.abs(np.fft.rfft(grid, 2 * cells)) ** 2
     power = power[: len(place) // 2]
-    power[:16] = 0.0  # slow drifts are no line
+    power[: CORRELATE.slow_cells] = 0.0
     top = int(np.argmax(power))
-    usual = np.median(power[max(16, top // 2) : 2 * top + 32])
-    return (
-        top / (2.0 * span * cells / (cells - 1))
-        if usual > 0.0 and power[top] > LINE * usual / np.log(2.0)
-        else None
+    usual = np.median(
+        power[max(CORRELATE.slow_cells, top // 2) : 2 * top + 2 * CORRELATE.slow_cells]
     )
+    # the median of an exponentially distributed power is ln 2 times its mean
+    if usual <= 0.0 or power[top] <= CORRELATE.line_over_median * usual / np.log(2.0):
+        return None
+    return top / (2.0 * span * cells / (cells - 1))
 
 
-def lines(
+def spectral_covariates(
     residual: np.ndarray,
     time_s: np.ndarray,
     angle: np.ndarray | None,
     ratio: float,
     log: np.ndarray,
-) -> list[Driver]:
-    """Lines of the spectra over time and over the motor's angle (of the first log), as angles of
-    their own that the residual may follow.
+) -> list[Covariate]:
+    """Lines of the spectra over time in s and over the motor's unwound angle in rad, read from the
+    first log, as angles that the residual may depend on; ratio: of the gearbox.
     """
     found, first = [], log == log[0]
     line = spectral_line(residual[first], time_s[first])
     if line is not None:
-        found.append(Driver(f"time at {line:.4g} Hz", np.mod(TURN * line * time_s, TURN), TURN))
-    if angle is not None:
-        line = spectral_line(residual[first], angle[first] / TURN)
-        if line is not None:
-            whose = (
-                f"motor angle, {line:.4g} periods a turn"
-                if line * ratio > 1.5
-                else f"output angle, {line * ratio:.4g} periods a turn"
-            )
-            found.append(Driver(whose, np.mod(angle * line, TURN), TURN))
+        phase = np.mod(TURN_RAD * line * time_s, TURN_RAD)
+        found.append(Covariate(f"time at {line:.4g} Hz", phase, TURN_RAD))
+    if angle is None:
+        return found
+    line = spectral_line(residual[first], angle[first] / TURN_RAD)
+    if line is not None:
+        shaft, periods = (
+            ("motor", line) if line * ratio > CORRELATE.output_line else ("output", line * ratio)
+        )
+        name = f"{shaft} angle, {periods:.4g} periods a turn"
+        found.append(Covariate(name, np.mod(angle * line, TURN_RAD), TURN_RAD))
     return found
 
 
-def looks(x: np.ndarray, y: np.ndarray, driver: Driver) -> str:
-    """A correction (k,) in words."""
-    name = driver.name
-    if driver.period:
-        turns = " at " not in name and "periods" not in name
-        return (
-            f"repeats with every turn of the {name.replace(' angle', '')}"
-            if turns
-            else f"periodic in {name}"
-        )
+def describe_curve(x: np.ndarray, y: np.ndarray, covariate: Covariate) -> str:
+    """A curve (k,) over a covariate in words."""
+    name = covariate.name
+    if covariate.period:
+        once_a_turn = " at " not in name and "periods" not in name
+        shaft = name.replace(" angle", "")
+        return f"repeats with every turn of the {shaft}" if once_a_turn else f"periodic in {name}"
     if name == "sign of speed":
         return "changes with the direction of motion"
     if len(x) < 3 or np.ptp(y) <= 0.0:
         return f"differs with {name}"
-    rise = np.corrcoef(x, y)[0, 1]
+    odd = np.corrcoef(x, y)[0, 1]
     even = np.corrcoef(np.abs(x), y)[0, 1] if x.min() < 0.0 < x.max() else 0.0
-    if max(abs(rise), abs(even)) > 0.8:
-        return f"{'grows' if (rise if abs(rise) >= abs(even) else even) > 0.0 else 'falls'} with {name}"
-    at = x[int(np.argmax(np.abs(y - np.median(y))))]
-    return f"has a {'peak' if y[int(np.argmax(np.abs(y - np.median(y))))] > np.median(y) else 'dip'} at {name} {at:.3g}"
+    if max(abs(odd), abs(even)) > CORRELATE.monotonic:
+        larger = odd if abs(odd) >= abs(even) else even
+        return f"{'grows' if larger > 0.0 else 'falls'} with {name}"
+    at = int(np.argmax(np.abs(y - np.median(y))))
+    return f"has a {'peak' if y[at] > np.median(y) else 'dip'} at {name} {x[at]:.3g}"
 
 
-def thinned(x: np.ndarray, y: np.ndarray, scale: float) -> list[list[float]]:
-    """Points [driver, correction in the signal's unit] of a curve for the verdict."""
-    chosen = np.unique(np.linspace(0, len(x) - 1, min(SHOWN, len(x))).astype(int))
-    return [[float(x[i]), float(y[i] * scale)] for i in chosen]
-
-
-def shares(
-    residual: np.ndarray,
-    drivers: list[Driver],
-    signal: np.ndarray,
-    names: list[str],
-    own: dict[str, str],
-    blocks: Blocks,
-    floor: float,
-) -> list[dict[str, object]]:
-    """How much of the squared gap above the noise each driver explains in each signal, largest
-    first; what explains a twentieth is told.
-    """
-    total = float((residual[blocks.tested] ** 2 - floor**2).sum())
-    found = []
-    for driver in drivers if total > 0.0 else []:
-        for k in (k for k in range(len(names)) if own.get(names[k]) != driver.name):
-            rows = blocks.tested & (signal == k) & np.isfinite(driver.value) & (residual != 0.0)
-            left = residual[rows] - predicted(
-                residual[rows], driver.value[rows], blocks.cluster[rows]
-            )
-            share = float((residual[rows] ** 2 - left**2).sum()) / total
-            if share > 0.05:
-                found.append({"follows": driver.name, "signal": names[k], "share": min(1.0, share)})
-    return sorted(found, key=lambda f: (-f["share"], f["follows"], f["signal"]))
+def thin_curve(x: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:
+    """At most CORRELATE.points_reported points of a curve, evenly spread, its ends among them."""
+    count = min(CORRELATE.points_reported, len(x))
+    chosen = np.unique(np.linspace(0, len(x) - 1, count).astype(int))
+    return [(float(x[i]), float(y[i])) for i in chosen]

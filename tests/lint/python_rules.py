@@ -1,5 +1,5 @@
-"""Rules of Python code in the diagnosis (hil/vgroove/gap) and in folders that follow them: imports
-between stages, number of arguments, no attributes looked up by a literal name.
+"""Rules of the Python code in the package: imports between the stages of the diagnosis, number of
+arguments, no attributes looked up by a literal name.
 """
 
 import ast
@@ -21,8 +21,7 @@ STAGES = (
 CATALOGUE = "catalogue"
 
 ARGUMENTS_LIMIT = 5
-# Folders whose functions take at most ARGUMENTS_LIMIT arguments; the rest of hil/ is to follow.
-FEW_ARGUMENTS = (GAP,)
+FEW_ARGUMENTS = ("hil",)  # folders whose functions take at most ARGUMENTS_LIMIT arguments
 
 
 def stage_of(module: str) -> str | None:
@@ -81,14 +80,23 @@ def argument_count(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     return len(names) + len(of.kwonlyargs) + bool(of.vararg) + bool(of.kwarg) - first_is_own
 
 
+def is_command(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    """Whether a function is a command of the terminal (`@app.command(...)`), whose arguments are
+    options.
+    """
+    calls = (d.func for d in function.decorator_list if isinstance(d, ast.Call))
+    return any(isinstance(call, ast.Attribute) and call.attr == "command" for call in calls)
+
+
 def many_arguments(path: str, text: str) -> list[Violation]:
-    """Functions with more than ARGUMENTS_LIMIT arguments."""
+    """Functions with more than ARGUMENTS_LIMIT arguments, but commands of the terminal."""
     if not path.startswith(tuple(folder + "/" for folder in FEW_ARGUMENTS)):
         return []
     return [
         Violation(path, node.lineno, f"{node.name} takes {count} arguments")
         for node in ast.walk(ast.parse(text))
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and not is_command(node)
         and (count := argument_count(node)) > ARGUMENTS_LIMIT
     ]
 

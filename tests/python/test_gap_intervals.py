@@ -1,5 +1,5 @@
-"""Numbers over long stretches: what a joint remembers for longer than a restart is read from runs
-as long as that, and only there.
+"""Parameter values over long stretches: where the speed decays more slowly than the model restarts,
+and only there, they come from longer runs.
 """
 
 import tomllib
@@ -10,14 +10,14 @@ import pytest
 
 from vgroove.bench import trap
 from vgroove.gap.catalogue import BY_ID, Scales
-from vgroove.gap.fitting.fit import Engine
-from vgroove.gap.residual.problem import Problem, load_problem
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.problem import Problem
 from vgroove.gap.selection.intervals import (
-    AT_NOISE,
-    FORM_ERROR,
+    ESTIMATE,
     Estimate,
-    memory_s,
-    over_long_stretches,
+    estimate_over_long_stretches,
+    speed_time_constant_s,
 )
 from vgroove.log import Log
 from vgroove.rig import Rig, rig_from_dict
@@ -62,20 +62,22 @@ def engine(problem: Problem) -> Engine:
     return Engine(problem, SCALES, problem.rig.tolerance)
 
 
-def test_memory_is_inertia_over_all_damping() -> None:
-    assert memory_s(joint()) == pytest.approx(trap.INERTIA / trap.BELIEVED_DAMPING)
+def test_the_time_constant_is_inertia_over_all_damping() -> None:
+    assert speed_time_constant_s(joint()) == pytest.approx(trap.INERTIA / trap.BELIEVED_DAMPING)
     table = tomllib.loads(trap.RIG)
     driven = rig_from_dict(table | {"input": {"kind": "voltage_v"}}, "one joint")
-    assert memory_s(driven) == pytest.approx(trap.INERTIA / (trap.BELIEVED_DAMPING + 1.0))
+    assert speed_time_constant_s(driven) == pytest.approx(
+        trap.INERTIA / (trap.BELIEVED_DAMPING + 1.0)
+    )
 
 
-def test_long_stretches_tell_more_and_their_intervals_hold_the_truth(
+def test_long_stretches_are_more_accurate_and_their_intervals_hold_the_true_values(
     problem: Problem, engine: Engine
 ) -> None:
     short = engine.fit(engine.hypotheses(COULOMB), 8)[0]
-    found = over_long_stretches(problem, engine, short)
+    found = estimate_over_long_stretches(engine, short)
     damping, friction = (
-        found.tolerated()["motor.viscous_nm_s_per_rad"],
+        found.retuned_parameters()["motor.viscous_nm_s_per_rad"],
         found.parameters("coulomb_friction")["torque_nm"],
     )
     before = short.hypothesis.theta(problem.theta0, short.x[None, :])[0][
@@ -83,47 +85,46 @@ def test_long_stretches_tell_more_and_their_intervals_hold_the_truth(
     ]
     assert abs(damping - trap.DAMPING) < 0.5 * abs(before - trap.DAMPING)
     assert damping == pytest.approx(trap.DAMPING, rel=0.01)
-    assert friction["ci95"][0] < trap.COULOMB < friction["ci95"][1]
+    assert friction.ci95[0] < trap.COULOMB < friction.ci95[1]
     assert 2.0 * scatter(found, "effects.coulomb_friction.torque_nm") < 0.05 * trap.COULOMB
 
 
 def scatter(found: Estimate, name: str) -> float:
-    """Half width of what the fit alone leaves open of a number."""
+    """Half width of a parameter from the fit alone, without form error."""
     at = [c.name for c in found.fit.hypothesis.coordinates].index(name)
     return float(found.half[at] * found.fit.hypothesis.coordinates[at].factors[0])
 
 
-def test_an_interval_leaves_room_for_a_form_that_is_nearly_the_catalogues(
-    problem: Problem, engine: Engine
-) -> None:
-    found = over_long_stretches(problem, engine, engine.fit(engine.hypotheses(COULOMB), 8)[0])
+def test_an_interval_contains_the_form_error(problem: Problem, engine: Engine) -> None:
+    found = estimate_over_long_stretches(engine, engine.fit(engine.hypotheses(COULOMB), 8)[0])
     friction = found.parameters("coulomb_friction")["torque_nm"]
-    half = 0.5 * (friction["ci95"][1] - friction["ci95"][0])
+    half = 0.5 * (friction.ci95[1] - friction.ci95[0])
     assert half == pytest.approx(
         np.hypot(
-            scatter(found, "effects.coulomb_friction.torque_nm"), FORM_ERROR * friction["value"]
+            scatter(found, "effects.coulomb_friction.torque_nm"),
+            ESTIMATE.form_error * friction.value,
         )
     )
 
 
-def test_a_model_that_lacks_something_is_not_run_for_so_long(
+def test_a_model_that_lacks_an_effect_has_no_long_estimate(
     problem: Problem, engine: Engine
 ) -> None:
     retuned = engine.fit(engine.hypotheses([]), 8)[0]
-    assert problem.gap(retuned.residual) > AT_NOISE
-    assert over_long_stretches(problem, engine, retuned) is None
+    assert problem.gap(retuned.residual) > ESTIMATE.max_gap
+    assert estimate_over_long_stretches(engine, retuned) is None
 
 
-def test_a_shaft_that_forgets_between_two_restarts_is_not_fitted_again(
+def test_a_shaft_whose_speed_decays_between_restarts_is_not_fitted_again(
     problem: Problem, engine: Engine
 ) -> None:
     one = engine.fit(engine.hypotheses(COULOMB), 1)[0]
-    forgetful = replace(
+    damped = replace(
         problem, rig=joint(viscous_nm_s_per_rad=trap.INERTIA / (0.9 * problem.restart_s))
     )
-    assert over_long_stretches(forgetful, engine, one) is None
+    assert estimate_over_long_stretches(Engine(damped, SCALES, problem.rig.tolerance), one) is None
 
 
-def test_nothing_fitted_is_nothing_to_fit_again(problem: Problem) -> None:
+def test_a_model_without_fitted_parameters_is_not_fitted_again(problem: Problem) -> None:
     bare = Engine(problem, SCALES, {})
-    assert over_long_stretches(problem, bare, bare.fit(bare.hypotheses([]), 0)[0]) is None
+    assert estimate_over_long_stretches(bare, bare.fit(bare.hypotheses([]), 0)[0]) is None

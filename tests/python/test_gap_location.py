@@ -1,13 +1,13 @@
-"""Where: shares that add to one and sit where the effect is, sensors not mistaken for physics, and
-what a remainder follows.
+"""Location of the gap: Shapley shares add to one and lie in the subsystem of the effect; regimes;
+what a remainder depends on.
 """
 
 import numpy as np
 import pytest
 
 from gap_toy import Toy
-from test_gap_verdict import FLOOR, decided
-from vgroove.gap.verdict import location
+from test_gap_verdict import decided
+from vgroove.gap.verdict import location, remainder
 
 
 @pytest.mark.parametrize(
@@ -23,17 +23,17 @@ from vgroove.gap.verdict import location
 )
 def test_the_share_lies_where_the_effect_is(name: str, size: float, place: str) -> None:
     state, finding = decided(Toy({f"effects.{name}": size}))
-    shares = location.shapley_shares(state, finding.best, FLOOR)
+    shares = location.shapley_shares(state, finding.best)
     assert sum(shares.values()) == pytest.approx(1.0)
     assert max(shares, key=shares.get) == place and shares[place] > 0.9
     assert all(v >= 0.0 for v in shares.values())
 
 
-def test_two_places_share() -> None:
+def test_effects_in_two_subsystems_share_the_gap() -> None:
     state, finding = decided(
         Toy({"effects.coulomb_friction.torque_nm": 0.003, "effects.current_offset.offset_a": 0.5})
     )
-    shares = location.shapley_shares(state, finding.best, FLOOR)
+    shares = location.shapley_shares(state, finding.best)
     assert shares["motor_mechanical"] > 0.2 and shares["sensor_current"] > 0.2
     assert sum(shares.values()) == pytest.approx(1.0)
 
@@ -45,23 +45,20 @@ def test_shapley_of_a_known_game() -> None:
     assert location.shapley(["a", "b"], worth, "b") == pytest.approx(1.5)
 
 
-def test_a_remainder_that_follows_speed_is_found_and_noise_is_not() -> None:
+def test_a_remainder_that_depends_on_speed_is_significant_and_noise_is_not() -> None:
     toy = Toy({})
     state, finding = decided(toy)
     speed = np.tile(toy.measured_rows[1], 3)
     drivers = {"speed": speed, "time": toy.time_s}
-    names = ["current_a", "speed_rpm", "supply_v"]
-    assert not location.remaining(
-        state, finding.best, drivers, toy.signal, names, FLOOR
-    ).significant
-    held = finding.best.held
-    finding.best.held = held + 2.0 * np.sin(speed / 1500.0) * (toy.signal == 1)
-    left = location.remaining(state, finding.best, drivers, toy.signal, names, FLOOR)
+    assert not remainder.remaining(state, finding.best, drivers).significant
+    held = finding.best.out_of_fold
+    finding.best.out_of_fold = held + 2.0 * np.sin(speed / 1500.0) * (toy.signal == 1)
+    left = remainder.remaining(state, finding.best, drivers)
     assert (left.significant, left.best_correlate, left.signal) == (True, "speed", "speed_rpm")
 
 
-def test_regimes_hold_the_whole_gap() -> None:
+def test_the_shares_of_the_regimes_add_to_one() -> None:
     toy = Toy({"effects.coulomb_friction.torque_nm": 0.003})
     state, _ = decided(toy)
-    parts = location.by_regime(state, toy.regime, toy.regimes)
-    assert sum(p["share"] for p in parts) == pytest.approx(1.0, abs=0.02)
+    parts = location.regime_shares(state)
+    assert sum(p.share for p in parts) == pytest.approx(1.0, abs=0.02)

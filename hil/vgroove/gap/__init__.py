@@ -1,0 +1,74 @@
+"""Diagnosis of the gap between measured logs and the simulation of one tool: the public Python API.
+
+    from vgroove.gap import diagnose
+    from vgroove.rig import read_rig
+
+    verdict = diagnose(["run.csv"], read_rig("tool.toml"))
+    verdict.selected, verdict.gap.closed, verdict.figures(), verdict.corrected_rig()
+
+In a notebook a verdict shows its page. Importing this package loads no numerical package and not
+vgroove.rig, whose keys come from vgroove.gap.catalogue: diagnose() imports the stages.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from vgroove.gap.result import Verdict
+from vgroove.gap.selection.options import DiagnosisOptions
+from vgroove.gap.selection.parameter_estimate import ParameterEstimate
+from vgroove.gap.verdict.schema import (
+    CorrelateShare,
+    EffectFinding,
+    Gap,
+    NameEvidence,
+    NextExperiment,
+    ProfileSeparation,
+    RegimeShare,
+    Rival,
+    SignalGap,
+    Unexplained,
+    Where,
+)
+
+if TYPE_CHECKING:
+    from vgroove.rig import Rig
+
+__all__ = [
+    "CorrelateShare",
+    "DiagnosisOptions",
+    "EffectFinding",
+    "Gap",
+    "NameEvidence",
+    "NextExperiment",
+    "ParameterEstimate",
+    "ProfileSeparation",
+    "RegimeShare",
+    "Rival",
+    "SignalGap",
+    "Unexplained",
+    "Verdict",
+    "Where",
+    "diagnose",
+]
+
+DEFAULT_OPTIONS = DiagnosisOptions()
+
+
+def diagnose(
+    logs: Sequence[Any], rig: "Rig", options: DiagnosisOptions = DEFAULT_OPTIONS
+) -> Verdict:
+    """Diagnose logs (paths or vgroove.log.Log objects) of one tool against its rig.
+
+    VgrooveError for unusable logs, a rig that cannot be simulated, or an unknown excluded effect.
+    """
+    from vgroove.gap import stages
+
+    problem = stages.load(logs, rig, options)
+    search = stages.begin_search(problem, options)
+    selection = stages.select(search)
+    located = stages.locate_remainder(selection)
+    decision = stages.decide(located)
+    where = stages.locate_gap(decision)
+    estimate = stages.estimate(decision)
+    next_run = stages.propose(decision)
+    return stages.state_verdict(decision, where, estimate, next_run)

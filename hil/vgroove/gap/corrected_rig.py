@@ -1,0 +1,46 @@
+"""The corrected rig of a verdict: the input rig with fitted tolerated keys and selected effects."""
+
+from typing import Any
+
+import numpy as np
+
+from vgroove.gap.catalogue import BY_ID
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.residual.problem import Problem
+from vgroove.gap.result import Verdict
+from vgroove.gap.verdict.json_values import as_json
+from vgroove.rig import Rig
+
+
+def corrected_rig(verdict: Verdict) -> Rig:
+    """The rig with the retuned keys, to the digits of the verdict's JSON, and the effects of the
+    reported fit.
+
+    A parameter that is another effect's key in a rig (the flanks of a play) brings that effect's
+    table with it.
+    """
+    problem, fit = verdict.evidence.problem, verdict.evidence.estimate.fit
+    owners = dict.fromkeys(
+        [*fit.ids, *(p.of for i in fit.ids for p in BY_ID[i].parameters if p.of)]
+    )
+    effects = {i: effect_table(problem, fit, i) for i in owners}
+    values = as_json(verdict.retuned_parameters)
+    return problem.rig.with_values(values).with_effects(effects)
+
+
+def corrected_parameters(verdict: Verdict) -> np.ndarray:
+    """Parameter vector (P,) of the corrected model."""
+    return verdict.evidence.estimate.fit.theta(verdict.evidence.problem.theta0)
+
+
+def effect_table(problem: Problem, one: Fit, effect_id: str) -> dict[str, Any]:
+    """[effects.<id>] of a rig: all parameters of the fit, phases and forms included."""
+    theta, effect = one.theta(problem.theta0), BY_ID[effect_id]
+    table: dict[str, Any] = {
+        p.name: float(theta[problem.index(effect.name(p))]) for p in effect.parameters if not p.of
+    }
+    if effect.counted:
+        table[effect.leading.name] = problem.missed_share
+    if effect.form and theta[problem.index(effect.flag_name)] == 1.0:
+        table[effect.form.key] = effect.form.words[1]
+    return table

@@ -1,0 +1,126 @@
+"""Fitted numbers of catalogue effects on one problem: their columns in theta, scales, bounds and
+starts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+
+from vgroove.gap.catalogue import Effect, Parameter, Scales
+from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Coordinate, Hypothesis
+from vgroove.gap.residual.protocol import MeasuredProblem
+
+# sine and cosine amplitude, in the effect's typical size, from which a periodic effect starts
+RIPPLE_START = 0.05
+# bound of the asymmetry beside Coulomb friction, in the effect's typical size: none in effect
+UNBOUNDED = 1e6
+
+Started = tuple[Coordinate, tuple[float, ...]]  # a coordinate and its starts
+
+
+@dataclass
+class HypothesisBuilder:
+    """Builds hypotheses for one problem: scales of the tool, standard deviations of the rig's
+    values (nuisance parameters), effects that the rig holds already.
+
+    known holds, by name, where numbers of effects with many starts ended when fitted alone.
+    """
+
+    problem: MeasuredProblem
+    scales: Scales
+    tolerance: dict[str, float]
+    present: frozenset[str] = frozenset()
+    known: dict[str, float] = field(default_factory=dict)
+
+    def nuisance(self) -> tuple[Coordinate, ...]:
+        """Coordinates of the rig's values with a tolerance, in standard deviations."""
+        found = []
+        for name, sigma in sorted(self.tolerance.items()):
+            column = self.problem.index(name)
+            value = float(self.problem.theta0[column])
+            if sigma > 0.0 and value != 0.0:
+                limit = MAX_NUISANCE_SIGMAS
+                scale = (sigma * value,)
+                found.append(Coordinate(name, (column,), scale, value, -limit, limit, prior=True))
+        return tuple(found)
+
+    def hypotheses(
+        self,
+        effects: Sequence[Effect],
+        nuisance: tuple[Coordinate, ...],
+        x_nuisance: np.ndarray,
+        from_catalogue: Effect | None = None,
+    ) -> list[Hypothesis]:
+        """One hypothesis for each form and start of a set of effects: the product of the forms and
+        starts of its members. from_catalogue: a member that takes its catalogue starts even where
+        it has a known one.
+        """
+        ids = tuple(e.id for e in effects)
+        started = [
+            pair
+            for e in effects
+            for pair in self._of_effect(e, ids, {} if e is from_catalogue else self.known)
+        ]
+        starts = np.meshgrid(*[np.array(s) for _, s in started], indexing="ij")
+        grid = np.stack([g.ravel() for g in starts], axis=1) if started else np.zeros((1, 0))
+        coordinates = tuple(c for c, _ in started) + nuisance
+        low, high = np.array([c.low for c in coordinates]), np.array([c.high for c in coordinates])
+        return [
+            Hypothesis(
+                ids, coordinates, np.clip(np.concatenate([row, x_nuisance]), low, high), form
+            )
+            for form in self._forms(effects)
+            for row in grid
+        ]
+
+    def _forms(self, effects: Sequence[Effect]) -> list[tuple[tuple[int, float], ...]]:
+        return [
+            tuple((self.problem.index(name), value) for form in forms for name, value in form)
+            for forms in product(*[e.forms for e in effects])
+        ]
+
+    def _of_effect(
+        self, effect: Effect, ids: tuple[str, ...], known: dict[str, float]
+    ) -> list[Started]:
+        if effect.constant_beside in ids:
+            return [(self._constant_torque(effect), (0.0,))]
+        pairs = [
+            self._of_parameter(effect, parameter, known)
+            for parameter in effect.beside({*ids, *self.present})
+        ]
+        return _as_sine_and_cosine(pairs) if effect.phase else pairs
+
+    def _of_parameter(
+        self, effect: Effect, parameter: Parameter, known: dict[str, float]
+    ) -> Started:
+        name, size = effect.name(parameter), parameter.size(self.scales)
+        column = self.problem.index(effect.column(parameter))
+        low, high = parameter.low(self.scales) / size, parameter.high(self.scales) / size
+        coordinate = Coordinate(
+            name, (column,), (size,), 0.0, low, high, parameter.step, parameter.least
+        )
+        if name in known:
+            return coordinate, (known[name],)
+        if effect.id in self.present:
+            return coordinate, (float(self.problem.theta0[column]) / size,)
+        return coordinate, parameter.starts
+
+    def _constant_torque(self, effect: Effect) -> Coordinate:
+        """The effect as a constant torque: its second parameter is minus its first one."""
+        columns = tuple(self.problem.index(effect.name(p)) for p in effect.parameters)
+        size = effect.parameters[0].size(self.scales)
+        name = effect.name(effect.parameters[0])
+        return Coordinate(name, columns, (size, -size), 0.0, -UNBOUNDED, UNBOUNDED)
+
+
+def _as_sine_and_cosine(pairs: list[Started]) -> list[Started]:
+    """Amplitude (first) and phase (last) of a periodic effect become its sine and cosine amplitude:
+    a least-squares problem without the phase's singularity at amplitude 0.
+    """
+    amplitude, phase = pairs[0][0], pairs[-1][0]
+    bound = max(abs(amplitude.high), 1.0)
+    cosine = replace(amplitude, low=-bound, high=bound, role="cosine")
+    sine = replace(phase, low=-bound, high=bound, role="sine")
+    return [*pairs[1:-1], (cosine, (RIPPLE_START,)), (sine, (RIPPLE_START,))]

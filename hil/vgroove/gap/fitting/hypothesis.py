@@ -1,0 +1,121 @@
+"""Hypotheses: sets of effects with the numbers that a fit estimates, their bounds and starts, and
+the fitted state of one.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+# bound of a nuisance parameter (a rig value with a tolerance), in its standard deviations
+MAX_NUISANCE_SIGMAS = 3.0
+# step of a forward difference, in the typical size of the number
+DIFFERENCE_STEP = 0.1
+# the same for a number that stays above 0 (a stiffness, a time), as a share of the number
+MAX_RELATIVE_STEP = 0.1
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One fitted number x: theta[columns] = origin + factors * x, 0 where |x| < least. A cosine and
+    the sine after it are an amplitude and its phase.
+    """
+
+    name: str
+    columns: tuple[int, ...]
+    factors: tuple[float, ...]
+    origin: float
+    low: float
+    high: float
+    step: float = DIFFERENCE_STEP
+    least: float = 0.0
+    prior: bool = False  # a nuisance parameter under a standard normal prior
+    role: str = "plain"  # or "cosine", "sine"
+
+    def step_at(self, x: float) -> float:
+        """Step of a forward difference at x."""
+        if self.low > 0.0 and x != 0.0:
+            return min(self.step, MAX_RELATIVE_STEP * abs(x))
+        return self.step
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects with one start (p,); the coordinates hold the effects' numbers first, the
+    nuisance parameters last; fixed holds columns of theta and the values of a form of an effect.
+    """
+
+    ids: tuple[str, ...]
+    coordinates: tuple[Coordinate, ...]
+    start: np.ndarray
+    fixed: tuple[tuple[int, float], ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Numbers that belong to effects."""
+        return sum(not c.prior for c in self.coordinates)
+
+    @property
+    def low(self) -> np.ndarray:
+        """Lower bounds (p,)."""
+        return np.array([c.low for c in self.coordinates])
+
+    @property
+    def high(self) -> np.ndarray:
+        """Upper bounds (p,)."""
+        return np.array([c.high for c in self.coordinates])
+
+    @property
+    def prior(self) -> np.ndarray:
+        """1 for coordinates under a standard normal prior (p,)."""
+        return np.array([float(c.prior) for c in self.coordinates])
+
+    def steps_at(self, x: np.ndarray) -> np.ndarray:
+        """Steps (p,) of forward differences at x (p,)."""
+        return np.array([c.step_at(float(v)) for c, v in zip(self.coordinates, x, strict=True)])
+
+    def theta(self, base: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Parameter vectors (B, P) of coordinate vectors (B, p) on top of a rig's own (P,)."""
+        out = np.repeat(base[None, :], len(x), axis=0)
+        for column, value in self.fixed:
+            out[:, column] = value
+        for i, c in enumerate(self.coordinates):
+            if c.role == "plain":
+                value = np.where(np.abs(x[:, i]) < c.least, 0.0, x[:, i])
+                for column, factor in zip(c.columns, c.factors, strict=True):
+                    out[:, column] = c.origin + factor * value
+            elif c.role == "cosine":
+                out[:, c.columns[0]] = c.factors[0] * np.hypot(x[:, i], x[:, i + 1])
+                phase_column = self.coordinates[i + 1].columns[0]
+                out[:, phase_column] = np.arctan2(x[:, i + 1], x[:, i])
+        return out
+
+
+@dataclass
+class Fit:
+    """A fitted hypothesis: residuals (n,) and Jacobian (n, p) at x (p,) on all rows; out_of_fold
+    (n,) predicts every row by a fit to the other folds.
+
+    Jacobians are many and large: they are in single precision.
+    """
+
+    hypothesis: Hypothesis
+    x: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+    cost: float
+    delta: float  # threshold of Huber's loss, in sigma
+    damping: float = 1.0  # share of the Gauss-Newton step that is tried
+    out_of_fold: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    exact: bool = False  # out_of_fold is simulated, not predicted to first order
+    nuisance_slopes_known: bool = False  # their columns of the Jacobian may serve at another x
+    jacobian_is_at_x: bool = False
+    improving: bool = True  # the last round lowered the cost by more than a converged fit gains
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Effects of the hypothesis."""
+        return self.hypothesis.ids
+
+    def theta(self, base: np.ndarray) -> np.ndarray:
+        """Parameter vector (P,) on top of the rig's own (P,)."""
+        return self.hypothesis.theta(base, self.x[None, :])[0]

@@ -1,0 +1,60 @@
+"""A cleaned log under its rig, from which the parts of a measured run are made."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vgroove.gap.cleaning.clock import correct_time_stamps
+from vgroove.gap.cleaning.dead_samples import remove_dead_samples
+from vgroove.gap.cleaning.lost_rows import insert_lost_rows
+from vgroove.gap.cleaning.sensor_noise import column_sigma
+from vgroove.gap.hall_edges.stamp_check import stamp_contradictions
+from vgroove.rig import Rig
+
+
+@dataclass(frozen=True)
+class CleanLog:
+    """Times (rows,) in s and columns (rows,), nan where a sample is missing; warnings collects
+    sentences for the user while the log is prepared.
+    """
+
+    log: Any
+    rig: Rig
+    time_s: np.ndarray
+    columns: dict[str, np.ndarray]
+    source: str
+    warnings: list[str]
+
+    @property
+    def kind(self) -> str:
+        """The column that drives the model."""
+        return self.rig.input["kind"]
+
+    @property
+    def pulses_per_rev(self) -> int:
+        """Edges of the Hall wheel a motor turn; 0 without one."""
+        return self.rig.sensors.get("hall_pulses_per_rev", 0)
+
+    def has_values(self, column: str) -> bool:
+        """Whether a column holds any value."""
+        return column in self.columns and bool(np.isfinite(self.columns[column]).any())
+
+    def sigma(self, column: str) -> float:
+        """Standard deviation of a column's noise in its unit."""
+        return column_sigma(self.rig, column, self.columns[column])
+
+    def warn(self, sentence: str) -> None:
+        """Add a sentence about this log for the user."""
+        self.warnings.append(f"{self.source}: {sentence}")
+
+
+def clean_log(log: Any, rig: Rig) -> CleanLog:
+    """A log (time_s, columns, source, warnings) without dead samples, on an even clock, with rows
+    where the logger lost some.
+    """
+    log = remove_dead_samples(log, rig)
+    log = insert_lost_rows(correct_time_stamps(log, stamp_contradictions(log, rig)), rig)
+    columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
+    time_s = np.asarray(log.time_s, dtype=float)
+    return CleanLog(log, rig, time_s, columns, log.source, list(log.warnings))

@@ -1,0 +1,144 @@
+"""Missing-data intervals of the command ("holes"): the samples from each up to the next restart
+are left out, because the state that the model continues from there is unknown.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgroove.gap.cleaning.missing_values import MIN_KNOWN_SHARE
+from vgroove.gap.residual.channels import Channel
+from vgroove.gap.residual.clean_log import CleanLog
+from vgroove.gap.residual.restarts import Restarts, StateObserver, find_restarts
+
+
+@dataclass(frozen=True)
+class HoleRules:
+    """When missing samples of the command count as a hole; chosen on the tuning half of the blind
+    set.
+    """
+
+    # a command unknown for longer than both (s, usual intervals) leaves the motion after it unknown
+    min_s: float = 0.02
+    min_rows: int = 8
+    # change of the command in a shorter hole, as a share of its span, whose row matters
+    min_step_share: float = 0.1
+    # share of a log's rows that may be left out after such steps
+    max_step_rows_share: float = 0.1
+
+
+@dataclass(frozen=True)
+class MotionStartRules:
+    """When a log begins in motion: its first speeds begin within max_start_s, the slowest of them
+    is not much slower than the fastest and above the noise. Chosen on the tuning half of the blind
+    set.
+    """
+
+    speeds: int = 4
+    max_start_s: float = 0.02
+    min_speed_share: float = 0.5
+    min_speed_sigmas: float = 10.0
+    max_first_restart_s: float = 0.15  # the first well-known state comes at most so late
+
+
+HOLES, IN_MOTION = HoleRules(), MotionStartRules()
+BEFORE_LOG = -1  # row before a hole that begins before the log
+
+Hole = tuple[int, int]  # the rows before and after it
+
+
+def find_restarts_and_holes(
+    log: CleanLog, observer: StateObserver, restart_s: float, moving: bool
+) -> tuple[Restarts, list[Hole]]:
+    """Restarts of a log, some soon after each hole of its command, and the holes; moving: the log
+    begins in motion.
+    """
+    command = log.columns[log.kind]
+    begin = [0] * moving
+    holes = _holes(log.time_s, command)
+    steps = _steps_in_holes(log.time_s, command, log.rig.input.get("slew_per_s", 0.0))
+    resume = begin + [row for _, row in holes + steps]
+    restarts = find_restarts(observer, log.time_s, restart_s, resume)
+    if _share_behind(steps, restarts.rows, len(log.time_s)) <= HOLES.max_step_rows_share:
+        holes += steps
+    else:  # a command that steps in every hole: little would be left
+        resume = begin + [row for _, row in holes]
+        restarts = find_restarts(observer, log.time_s, restart_s, resume)
+    return restarts, holes + (_rough_start(restarts, log.time_s) if moving else [])
+
+
+def _holes(time_s: np.ndarray, command: np.ndarray) -> list[Hole]:
+    """Intervals in which the command is unknown: missing rows or missing samples."""
+    known = np.flatnonzero(np.isfinite(command))
+    length = np.diff(time_s[known])
+    limit = max(HOLES.min_s, HOLES.min_rows * float(np.median(np.diff(time_s))))
+    return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(length > limit)]
+
+
+def _steps_in_holes(time_s: np.ndarray, command: np.ndarray, slew_per_s: float) -> list[Hole]:
+    """Missing samples in which the command stepped at an unknown row; none of a command that is
+    sampled less often than the rows.
+    """
+    known = np.flatnonzero(np.isfinite(command))
+    if len(known) < MIN_KNOWN_SHARE * len(command):
+        return []
+    length, change = np.diff(time_s[known]), np.abs(np.diff(command[known]))
+    limit = slew_per_s * length + HOLES.min_step_share * np.ptp(command[known])
+    stepped = (np.diff(known) > 1) & (change > limit)
+    return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(stepped)]
+
+
+def _share_behind(holes: list[Hole], starts: np.ndarray, rows: int) -> float:
+    """Share of a log's rows from each hole up to the next restart."""
+    ends = np.append(starts, rows)
+    return sum(int(ends[np.searchsorted(ends, after)]) - before for before, after in holes) / rows
+
+
+def begins_in_motion(observer: StateObserver, time_s: np.ndarray) -> bool:
+    """Whether a log begins in motion."""
+    speed = observer.speed
+    if speed is None or len(speed.value) < IN_MOTION.speeds:
+        return False
+    if speed.start_s[0] > time_s[0] + IN_MOTION.max_start_s:
+        return False
+    first = np.abs(speed.value[: IN_MOTION.speeds])
+    return bool(
+        first.min() > IN_MOTION.min_speed_share * first.max()
+        and first.min() > IN_MOTION.min_speed_sigmas * speed.sigma[0]
+    )
+
+
+def _rough_start(restarts: Restarts, time_s: np.ndarray) -> list[Hole]:
+    """A log that begins in motion is judged from its first well-known state on, as after a hole:
+    what came before is unknown.
+    """
+    latest = time_s[0] + IN_MOTION.max_first_restart_s
+    early = restarts.rows[(restarts.rows > 0) & (time_s[restarts.rows] < latest)]
+    return [(BEFORE_LOG, 1)] if len(early) and restarts.measured[0, 1] != 0.0 else []
+
+
+def count_inner(holes: list[Hole]) -> int:
+    """Holes that lie within the log."""
+    return sum(before > BEFORE_LOG for before, _ in holes)
+
+
+def select_known(channel: Channel, starts: np.ndarray, holes: list[Hole]) -> Channel:
+    """The channel without samples that a restart (rows starts) cuts in two, and without those from
+    each hole up to the next restart.
+    """
+    return _outside_holes(_uncut(channel, starts), starts, holes)
+
+
+def _uncut(channel: Channel, starts: np.ndarray) -> Channel:
+    window = np.searchsorted(starts, channel.row, side="right")
+    first_window = np.searchsorted(starts, channel.first_row(), side="right")
+    return channel.select((window == first_window) & (channel.first_row() >= 0))
+
+
+def _outside_holes(channel: Channel, starts: np.ndarray, holes: list[Hole]) -> Channel:
+    keep = np.ones(len(channel.row), dtype=bool)
+    for before, after in holes:
+        later = starts[starts >= after]
+        until = int(later[0]) if later.size else np.iinfo(int).max
+        keep &= (channel.row <= before) | (channel.first_row() >= until)
+    return channel.select(keep)

@@ -1,0 +1,147 @@
+"""The columns that drive the model: command, measured bus, load torque, open bridge."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vgroove import _core
+from vgroove.errors import VgrooveError
+from vgroove.gap.cleaning.denoised_command import DenoisedCommand, denoise_command
+from vgroove.gap.cleaning.missing_values import (
+    hold_last_value,
+    interpolate_missing,
+    interpolate_to_known_levels,
+)
+from vgroove.gap.cleaning.sensor_noise import resolution_of
+from vgroove.gap.residual.clean_log import CleanLog
+from vgroove.gap.residual.input_uncertainty import MeasuredInput
+
+
+@dataclass(frozen=True)
+class CommandLimits:
+    """When a column cannot be the command of a log; chosen on the tuning half of the blind set."""
+
+    max_duty: float = 1.01  # a compare value of 256 of 255 is rounding, anything above is no duty
+    # speed in rpm that a shaft may gain without a command (noise, a hand), besides doubling
+    max_unaided_rpm: float = 100.0
+    unaided_factor: float = 2.0
+
+
+COMMAND = CommandLimits()
+# standard deviations of a measured voltage within which a change is noise, no step
+STEP_SIGMAS = 4.0
+
+
+@dataclass(frozen=True)
+class DrivingInput:
+    """The plant's input, and the same as it was measured."""
+
+    plant: _core.LogInput
+    measured: MeasuredInput
+
+
+def read_input(log: CleanLog) -> DrivingInput:
+    """The input of a log's simulation; VgrooveError for a command that is missing or cannot have
+    driven the tool.
+    """
+    rig, time_s = log.rig, log.time_s
+    command = interpolate_to_known_levels(time_s, _command(log))
+    more: dict[str, Any] = {}
+    if rig.bus_is_measured and log.kind == "duty":
+        more["supply_v"] = _bus(log)
+    load = _load_kind(log)
+    if load == "torque":
+        more["load_nm"] = interpolate_missing(time_s, log.columns["load_nm"])
+    if "coast" in log.columns:
+        more["coast"] = hold_last_value(log.columns["coast"])
+    denoised, step_slack = None, resolution_of(log.columns[log.kind])
+    if log.kind == "voltage_v":
+        denoised = denoise_command(command)
+        noise = np.hypot(denoised.noise_v, np.max(denoised.fast_v))
+        command, step_slack = denoised.values, step_slack + STEP_SIGMAS * noise
+    elif "supply_v" in more:
+        denoised = DenoisedCommand(more["supply_v"], log.sigma("supply_v"))
+    if "slew_per_s" in rig.input:  # noise must not make steps of a ramp
+        more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": step_slack}
+    # the plant steps in time since the first row: stamps far from 0 would cost it digits
+    plant = _core.LogInput(time_s - time_s[0], log.kind, command, load_kind=load, **more)
+    measured = MeasuredInput(
+        time_s,
+        command,
+        load_nm=more.get("load_nm"),
+        current_a=log.columns.get("current_a"),
+        denoised=denoised,
+        bridge_closed=_bridge_closed(log),
+    )
+    return DrivingInput(plant, measured)
+
+
+def _command(log: CleanLog) -> np.ndarray:
+    """The column that drives the model; VgrooveError for one that cannot have driven the tool."""
+    kind = log.kind
+    if kind not in log.columns:
+        raise VgrooveError(
+            f"{log.source}: the column {kind} is missing, which drives the model according to the "
+            "rig"
+        )
+    command = log.columns[kind]
+    if not np.isfinite(command).any():
+        raise VgrooveError(
+            f"{log.source}: the column {kind}, which drives the model according to the rig, "
+            "holds no value"
+        )
+    top = np.nanmax(np.abs(command))
+    if kind == "duty" and top > COMMAND.max_duty:
+        raise VgrooveError(
+            f"{log.source}: the column duty reaches {top:.4g}: a duty lies within -1..1 "
+            "(is it in percent?)"
+        )
+    unloaded = log.rig.load["kind"] == "none"
+    if unloaded and not np.nan_to_num(command).any() and "speed_rpm" in log.columns:
+        _refuse_unaided_start(log)
+    return command
+
+
+def _refuse_unaided_start(log: CleanLog) -> None:
+    """VgrooveError for a command of 0 throughout beside a shaft that speeds up: the log has another
+    command. (A log that begins at speed may run down without one.)
+    """
+    speed = log.columns["speed_rpm"]
+    speed = np.abs(speed[np.isfinite(speed)])
+    if len(speed) == 0:
+        return
+    begin, fast = float(np.median(speed[: len(speed) // 50 + 1])), float(np.percentile(speed, 95))
+    if fast > COMMAND.unaided_factor * begin + COMMAND.max_unaided_rpm:
+        raise VgrooveError(
+            f"{log.source}: the column {log.kind} is 0 throughout while the shaft speeds up from "
+            f"{begin:.4g} to {fast:.4g} rpm: it is not the command of this log"
+        )
+
+
+def _bus(log: CleanLog) -> np.ndarray:
+    """The measured bus voltage (rows,) in V."""
+    if "supply_v" not in log.columns:
+        raise VgrooveError(
+            f"{log.source}: the column supply_v is missing, which drives the model according to "
+            "the rig (input.bus)"
+        )
+    return interpolate_missing(log.time_s, log.columns["supply_v"])
+
+
+def _load_kind(log: CleanLog) -> str:
+    """The rig's load; none, with a warning, for a load torque that the log does not hold."""
+    load = log.rig.load["kind"]
+    if load != "torque" or "load_nm" in log.columns:
+        return load
+    log.warn("the rig has a load torque but the log no column load_nm: taken as no load")
+    return "none"
+
+
+def _bridge_closed(log: CleanLog) -> np.ndarray:
+    """Whether a voltage drives the motor at each row (rows,), so that its back-EMF brakes it."""
+    if log.kind == "current_a":
+        return np.zeros(len(log.time_s), dtype=bool)
+    if "coast" not in log.columns:
+        return np.ones(len(log.time_s), dtype=bool)
+    return hold_last_value(log.columns["coast"]) == 0.0

@@ -1,0 +1,144 @@
+"""Loads logs and a rig as a measured problem: checks, one prepared run per log, and the arrays of
+all their channels joined.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vgroove.errors import VgrooveError
+from vgroove.gap.catalogue import DIAGNOSED_LOADS
+from vgroove.gap.residual.angle_alignment import align_angles
+from vgroove.gap.residual.blocks import FoldBlocks
+from vgroove.gap.residual.channels import Channel
+from vgroove.gap.residual.measured_run import MeasuredRun, prepare_run
+from vgroove.gap.residual.problem import Problem, SignalInfo
+from vgroove.rig import Rig
+
+RESTART_S = 0.25  # docs/spec/gap.md, section 5
+
+
+def load_problem(
+    logs: Sequence[Any], rig: Rig, restart_s: float = RESTART_S, threads: int = 2
+) -> Problem:
+    """Problem of one tool's logs (Log objects or paths) and a rig.
+
+    VgrooveError when the rig's input column is missing, nothing else is measured, the plant cannot
+    follow the rig along a log, or the rig's mechanism or load is not simulated.
+    """
+    _check_simulated(rig)
+    if not logs:
+        raise VgrooveError("no log to judge")
+    if restart_s <= 0.0:
+        raise VgrooveError("restart_s must be above 0")
+    runs = tuple(prepare_run(_read(log), rig, restart_s) for log in logs)
+    problem = _join(rig, runs, restart_s, threads)
+    _check_reach(problem)
+    return problem.with_angles(align_angles(problem, problem.theta0, problem.angles))
+
+
+def _read(log: Any) -> Any:
+    if not isinstance(log, str | Path):
+        return log
+    from vgroove.log import read_log
+
+    return read_log(log)
+
+
+def _check_simulated(rig: Rig) -> None:
+    if rig.mechanism["kind"] != "none":
+        raise VgrooveError(
+            f"a log of a tool with mechanism {rig.mechanism['kind']} cannot be judged yet, "
+            "only one with mechanism none"
+        )
+    if rig.load["kind"] not in DIAGNOSED_LOADS:
+        raise VgrooveError(
+            f"a log of a tool with load {rig.load['kind']} cannot be judged yet, "
+            f"only with {', '.join(DIAGNOSED_LOADS)}"
+        )
+
+
+def _check_reach(problem: Problem) -> None:
+    """Refuse a rig that the plant cannot simulate along its logs. (A parameter set of a fit that it
+    cannot simulate has residuals of 1e6 sigma.)
+    """
+    try:
+        problem.simulate(problem.theta0, unfinished="raise")
+    except RuntimeError as error:
+        raise VgrooveError(f"the rig cannot be simulated along the log: {error}") from error
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One channel of one log: the log's index, its run and the channel."""
+
+    log: int
+    run: MeasuredRun
+    channel: Channel
+
+
+def _join(rig: Rig, runs: tuple[MeasuredRun, ...], restart_s: float, threads: int) -> Problem:
+    """Concatenate the channels of all logs, log by log and channel by channel, as Problem.models
+    does.
+    """
+    parts = [_Part(j, run, channel) for j, run in enumerate(runs) for channel in run.channels]
+    columns = list(dict.fromkeys(part.channel.column for part in parts))
+    regimes = tuple(dict.fromkeys(name for run in runs for name in run.regimes))
+    block = [part.run.blocks.of(part.channel.time_s) for part in parts]
+
+    def joined(value: Callable[[Channel], np.ndarray]) -> np.ndarray:
+        return np.concatenate([value(part.channel) for part in parts])
+
+    sizes = [len(part.channel.row) for part in parts]
+    return Problem(
+        rig=rig,
+        runs=runs,
+        theta0=rig.parameters(),
+        restart_s=restart_s,
+        threads=threads,
+        signals=tuple(_signal_info(column, parts) for column in columns),
+        regimes=regimes,
+        signal=np.repeat([columns.index(part.channel.column) for part in parts], sizes),
+        log=np.repeat([part.log for part in parts], sizes),
+        row=joined(lambda c: c.row),
+        time_s=joined(lambda c: c.time_s),
+        measured=joined(lambda c: c.measured),
+        sigma=joined(lambda c: c.sigma),
+        censored=joined(lambda c: c.censored),
+        block=np.concatenate(block),
+        regime=np.concatenate([_regime_of(part, regimes) for part in parts]),
+        fold=_per_block(parts, block, FoldBlocks.fold_of),
+        judged=_per_block(parts, block, FoldBlocks.judged),
+        warnings=tuple(warning for run in runs for warning in run.warnings),
+    )
+
+
+def _regime_of(part: _Part, regimes: tuple[str, ...]) -> np.ndarray:
+    number = np.array([regimes.index(name) for name in part.run.regimes])
+    return number[part.run.regime[part.channel.row]]
+
+
+def _per_block(
+    parts: list[_Part],
+    block: list[np.ndarray],
+    value: Callable[[FoldBlocks, np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """A property of each residual's block."""
+    return np.concatenate(
+        [value(part.run.blocks, numbers) for part, numbers in zip(parts, block, strict=True)]
+    )
+
+
+def _signal_info(column: str, parts: list[_Part]) -> SignalInfo:
+    channels = [part.channel for part in parts if part.channel.column == column]
+    return SignalInfo(
+        column,
+        channels[0].unit,
+        float(np.median(np.concatenate([c.sigma for c in channels]))),
+        any(c.edges for c in channels),
+        any(c.magnitude for c in channels),
+        "; ".join(dict.fromkeys(c.note for c in channels if c.note)),
+    )

@@ -1,0 +1,123 @@
+"""Channels of an encoder: mean speeds over spans of rows, or, where the input is a current or a
+force, accelerations.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vgroove.gap.cleaning.sensor_noise import divided_differences, position_sigma
+from vgroove.gap.residual.channels import (
+    ENCODER,
+    Channel,
+    ChannelInfo,
+    ForceChannel,
+    InterpolationPoints,
+    Samples,
+    Spans,
+    span_channel,
+)
+from vgroove.gap.residual.clean_log import CleanLog
+
+
+@dataclass(frozen=True)
+class DifferenceRules:
+    """Rows between the instants of a difference of angles; chosen on the tuning half of the blind
+    set.
+    """
+
+    min_force_rows: int = 2  # of a second difference
+    max_span_s: float = 0.05  # longest span of a second difference
+    # standard deviation of the second difference, in the noise's, above which the motion bends
+    # visibly: rows are added up to there
+    bend_sigmas: float = 4.0
+    min_spans: int = 6  # of a second difference in the log
+    max_gap_spans: int = 5  # missing samples in a span, in its rows
+    even_share: float = 1e-3  # by which the two halves of a second difference may differ
+
+
+DIFFERENCES = DifferenceRules()
+
+
+def position_channel(log: CleanLog) -> Channel:
+    """The encoder's channel: force compared with force where the input is a current or force,
+    otherwise the mean speed.
+    """
+    position = log.columns["position_rad"]
+    sigma = position_sigma(log.rig, log.time_s, position)
+    known = np.flatnonzero(np.isfinite(position))
+    if log.kind == "current_a":
+        return _force_channel(log, known, sigma)
+    return _speed_channel(log, known, sigma)
+
+
+def _speed_channel(log: CleanLog, known: np.ndarray, sigma: float) -> Channel:
+    time_s, position = log.time_s, log.columns["position_rad"]
+    rows = _span_rows(time_s[known], position[known], sigma, 1)
+    first, last = known[:-rows:rows], known[rows::rows]
+    close = last - first <= DIFFERENCES.max_gap_spans * rows
+    first, last = first[close], last[close]
+    length = time_s[last] - time_s[first]
+    channel = span_channel(
+        ChannelInfo("position_rad", "rad/s", note="compared through its derivative"),
+        Samples(last, (position[last] - position[first]) / length, np.sqrt(2.0) * sigma / length),
+        Spans(time_s, time_s[first], time_s[last]),
+    )
+    return replace(channel, sensor=ENCODER)
+
+
+def _force_channel(log: CleanLog, known: np.ndarray, sigma: float) -> ForceChannel:
+    time_s, position = log.time_s, log.columns["position_rad"]
+    rows = _span_rows(time_s[known], position[known], sigma, DIFFERENCES.min_force_rows)
+    first, middle, last = _even_triples(time_s, known, rows)
+    length = 0.5 * (time_s[last] - time_s[first])
+    sigma_of_input = _input_acceleration_sigma(log) * np.sqrt(2.0 / 3.0 / rows)
+    points = (InterpolationPoints.of(time_s, time_s[at]) for at in (first, middle, last))
+    return ForceChannel(
+        "position_rad",
+        "rad/s^2",
+        last,
+        time_s[middle],
+        (position[last] - 2.0 * position[middle] + position[first]) / length**2,
+        np.hypot(np.sqrt(6.0) * sigma / length**2, sigma_of_input),
+        np.zeros(len(last), dtype=bool),
+        note="compared through its second derivative: force with force",
+        points=tuple(points),
+        length_s=length,
+    )
+
+
+def _even_triples(
+    time_s: np.ndarray, known: np.ndarray, rows: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First, middle and last rows (k,) of second differences, those with halves of equal length."""
+    first, middle, last = known[: -2 * rows : rows], known[rows:-rows:rows], known[2 * rows :: rows]
+    count = min(len(first), len(middle), len(last))
+    first, middle, last = first[:count], middle[:count], last[:count]
+    length = 0.5 * (time_s[last] - time_s[first])
+    even = np.abs((time_s[middle] - time_s[first]) / length - 1.0) < DIFFERENCES.even_share
+    return first[even], middle[even], last[even]
+
+
+def _input_acceleration_sigma(log: CleanLog) -> float:
+    """Standard deviation of the acceleration in rad/s^2 from the noise of a measured current."""
+    rig = log.rig
+    return (
+        rig.motor["torque_constant_nm_per_a"]
+        * rig.sensors.get("current_noise_a", 0.0)
+        / rig.shaft_inertia_kg_m2
+    )
+
+
+def _span_rows(time_s: np.ndarray, position: np.ndarray, sigma: float, least: int) -> int:
+    """Rows between the instants of a difference, at least so many: doubled while the acceleration
+    is hidden in the noise and the span short.
+    """
+    rows, step = least, float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    while 2 * rows * step <= DIFFERENCES.max_span_s and DIFFERENCES.min_spans * rows < len(
+        position
+    ):
+        if divided_differences(time_s, position, 2, rows).std() > DIFFERENCES.bend_sigmas * sigma:
+            break
+        rows *= 2
+    return rows

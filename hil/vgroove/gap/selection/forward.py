@@ -1,0 +1,116 @@
+"""Forward stepwise selection: grows the set of effects while a further one is significantly better
+and gains more than the minimum effect size.
+"""
+
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.selection.basins import deepest_minimum
+from vgroove.gap.selection.candidate_sets import distinct_hypotheses, gains, prefer_special_cases
+from vgroove.gap.selection.extension import extensions, restarted_extensions
+from vgroove.gap.selection.limits import STEPWISE
+from vgroove.gap.selection.search_state import COMPARISON, Search, key, rescale
+
+
+def forward(search: Search) -> tuple[Search, Fit]:
+    """The search, rescaled where the set came near the noise, and the largest set that is better
+    than each set before it; the retuned fit where no effect is.
+    """
+    best = best_single(search)
+    if not is_visibly_better(search, best):
+        pair = grow(search, best)
+        found = pair is not None and is_visibly_better(search, pair)
+        return search, pair if found else search.retuned
+    while len(best.ids) < STEPWISE.max_effects:
+        larger = grow(search, best)
+        if larger is not None and not search.is_better(larger, best):
+            larger = add_two(search, best, larger)
+        if larger is None:
+            break
+        best = larger
+        if search.score(best) < STEPWISE.near_noise**2:
+            search = rescale(search)
+    return search, best
+
+
+def best_single(search: Search) -> Fit:
+    """The best single effect, or the retuned fit where none could be fitted."""
+    singles = search.ranked(1)
+    if not singles:
+        return search.retuned
+    return prefer_special_cases(search, deepest_minimum(search, singles[0]))
+
+
+def is_visibly_better(search: Search, one: Fit) -> bool:
+    """Whether a set is better than retuning and closes a visible gap."""
+    return search.is_better(one, search.retuned) and search.closes_visible_gap(one)
+
+
+def add_two(search: Search, base: Fit, larger: Fit) -> Fit | None:
+    """A set of two more effects that is better than base, where one more gains without being
+    significant: what the second leaves may hide what the first gains.
+
+    It is tried only where both promise to close the larger part of what is left.
+    """
+    if (
+        not gains(search, larger, base)
+        or not leaves_enough_for_two(search, base)
+        or len(larger.ids) >= STEPWISE.max_effects
+    ):
+        return None
+    candidates = extensions(search, larger)
+    if not candidates or search.excess_power(
+        candidates[0]
+    ) > STEPWISE.min_part_of_second * search.excess_power(base):
+        return None
+    search.fit_and_keep(distinct_hypotheses(candidates))
+    both = prefer_special_cases(search, search.ranked(len(larger.ids) + 1)[0], base)
+    return both if search.is_better(both, base, 2.0 * COMPARISON.min_gain) else None
+
+
+def leaves_enough_for_two(search: Search, base: Fit) -> bool:
+    """Whether base leaves a visible gap that is larger than what deviations of its members' forms
+    may leave, taken twice.
+    """
+    closed = search.score(search.retuned) - search.score(base)
+    return search.leaves_gap(base) and (
+        search.excess_power(base) > 2.0 * STEPWISE.max_form_share * closed
+    )
+
+
+def grow(search: Search, base: Fit) -> Fit | None:
+    """Best converged set with one effect more than base, from extensions of base and of its closest
+    rivals.
+    """
+    search.progress(f"a further effect beside {', '.join(base.ids)}")
+    size = len(base.ids) + 1
+    proposals = [
+        f
+        for rival in close_rivals(search, base)
+        for f in extensions(search, rival, STEPWISE.extensions_of_rival)
+    ]
+    search.fit_and_keep(distinct_hypotheses(extensions(search, base) + proposals))
+    found = next(iter(search.ranked(size)), base)
+    if search.leaves_gap(found):
+        restarted = restarted_extensions(search, base)
+        limit = search.score(found)
+        search.fit_and_keep(
+            distinct_hypotheses([one for one in restarted if search.score(one) < limit])
+        )
+    ranked = search.ranked(size)
+    if not ranked:
+        return None
+    return prefer_special_cases(search, deepest_minimum(search, ranked[0]), base)
+
+
+def close_rivals(search: Search, base: Fit) -> list[Fit]:
+    """The best other sets of the same size; none where base leaves too little for any further
+    effect.
+    """
+    if leaves_nothing(search, base):
+        return []
+    others = [f for f in search.ranked(len(base.ids)) if key(f.ids) != key(base.ids)]
+    return others[: STEPWISE.rivals_extended]
+
+
+def leaves_nothing(search: Search, base: Fit) -> bool:
+    """Whether base leaves less above the noise than the minimum effect size."""
+    return search.score(base) < (1.0 + COMPARISON.min_gain) * search.noise_power()

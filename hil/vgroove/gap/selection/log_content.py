@@ -1,0 +1,110 @@
+"""What logs and rig contain: which effects they can show, and the magnitudes that effects are
+scaled by.
+"""
+
+import numpy as np
+
+from vgroove.gap.catalogue import Scales
+from vgroove.gap.cleaning.missing_values import interpolate_missing
+from vgroove.gap.residual.magnitude import robust_magnitude
+from vgroove.gap.residual.problem import Problem
+from vgroove.units import RAD_S_PER_RPM
+
+MOVING_SHARE = 0.02  # of the largest speed: below it the shaft counts as standing
+MIN_TIME_EACH_WAY = 0.05  # share of the moving rows that each direction needs
+MIN_REFLECTED_INERTIA = 0.01  # of the rotor's inertia: less behind the gear shows in no log
+STALL_SHARE = 0.3  # current without a current column, in stall currents
+ROWS_OF_DELAY = 1.5  # row intervals below which a delay may be the logger's convention
+
+
+def logged_column(problem: Problem, name: str) -> np.ndarray:
+    """A column of all logs, concatenated; empty where no log has it."""
+    found = [np.asarray(log.columns[name], float) for log in problem.logs if name in log.columns]
+    return np.concatenate(found) if found else np.zeros(0)
+
+
+def fill_rows(values: np.ndarray) -> np.ndarray:
+    """Missing samples interpolated over the row numbers."""
+    return interpolate_missing(np.arange(len(values)), values)
+
+
+def measured_speed(problem: Problem, j: int) -> np.ndarray:
+    """Motor speed of log j per row, rad/s, from the speed or the position column; zeros where both
+    are absent.
+    """
+    log = problem.logs[j]
+    if "speed_rpm" in log.columns:
+        return fill_rows(np.asarray(log.columns["speed_rpm"], float)) * RAD_S_PER_RPM
+    if "position_rad" in log.columns:
+        angle = fill_rows(np.asarray(log.columns["position_rad"], float))
+        return np.gradient(angle, np.asarray(log.time_s, float))
+    return np.zeros(len(log.time_s))
+
+
+def all_speeds(problem: Problem) -> np.ndarray:
+    """Motor speed of all logs, rad/s, concatenated."""
+    return np.concatenate([measured_speed(problem, j) for j in range(len(problem.logs))])
+
+
+def turns_both_ways(problem: Problem) -> bool:
+    """Whether the shaft turns in either direction for a sensible part of the time."""
+    speed = all_speeds(problem)
+    moving = np.abs(speed) > MOVING_SHARE * max(np.abs(speed).max(), 1e-12)
+    backward = float((speed[moving] < 0.0).mean()) if moving.any() else 0.0
+    return MIN_TIME_EACH_WAY < backward < 1.0 - MIN_TIME_EACH_WAY
+
+
+def log_flags(problem: Problem) -> frozenset[str]:
+    """What the logs can show, as flags of Effect.needs."""
+    rig, kind, judged = problem.rig, problem.rig.input["kind"], {s.column for s in problem.signals}
+    torque = np.nanmax(np.abs(logged_column(problem, "load_nm")), initial=0.0) > 0.0
+    load = rig.load["kind"] == "pendulum" or (rig.load["kind"] == "torque" and torque)
+    reflected = rig.shaft_inertia_kg_m2 / rig.motor["inertia_kg_m2"] - 1.0
+    flags = {
+        "duty": kind == "duty",
+        "voltage": kind != "current_a",
+        "current_input": kind == "current_a",
+        "current": "current_a" in judged,
+        "speed": "speed_rpm" in judged,
+        "supply": "supply_v" in judged,
+        "edges": any(s.edges for s in problem.signals),
+        "both": turns_both_ways(problem),
+        "load": bool(load),
+        "gear": rig.gearbox["ratio"] > 1.0,
+        "output": bool(load) or reflected > MIN_REFLECTED_INERTIA,
+    }
+    return frozenset(name for name, here in flags.items() if here)
+
+
+def effect_scales(problem: Problem) -> Scales:
+    """Magnitudes (SI) that the sizes of effects are scaled by, from the logs and the rig."""
+    rig, motor = problem.rig, problem.rig.motor
+    resistance, k = motor["resistance_ohm"], motor["torque_constant_nm_per_a"]
+    volt = robust_magnitude(
+        logged_column(problem, "supply_v"),
+        rig.supply.get("voltage_v", 0.0)
+        or robust_magnitude(logged_column(problem, "voltage_v"), 1.0),
+    )
+    amp = robust_magnitude(logged_column(problem, "current_a"), STALL_SHARE * volt / resistance)
+    times = [np.asarray(log.time_s, float) for log in problem.logs]
+    interval = float(np.median(np.concatenate([np.diff(t) for t in times])))
+    # A measured current may belong to the start or the end of its row, by the logger's convention:
+    # one row interval is no delay.
+    least_delay = ROWS_OF_DELAY * interval if rig.input["kind"] == "current_a" else 0.0
+    return Scales(
+        volt=volt,
+        amp=amp,
+        speed=robust_magnitude(all_speeds(problem), volt / k),
+        torque=k * amp,
+        inertia=rig.shaft_inertia_kg_m2,
+        motor_inertia=motor["inertia_kg_m2"],
+        resistance=resistance,
+        coulomb=motor["coulomb_nm"],
+        viscous=motor["viscous_nm_s_per_rad"],
+        ratio=rig.gearbox["ratio"],
+        duration=float(max(t[-1] - t[0] for t in times)),
+        interval=interval,
+        least_delay=least_delay,
+        pwm_hz=rig.bridge.get("pwm_hz", 20000.0),
+        supply_ohm=rig.supply.get("resistance_ohm", 0.0),
+    )

@@ -1,0 +1,147 @@
+"""The stages of a diagnosis by name: problem, search, location, decision, parameter values, next
+run, and the verdict that they add up to.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from vgroove.errors import VgrooveError
+from vgroove.gap.catalogue import BY_ID, CATALOGUE, available
+from vgroove.gap.fitting.engine import Engine
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.next_run import experiment_design
+from vgroove.gap.residual.loading import load_problem
+from vgroove.gap.residual.problem import Problem
+from vgroove.gap.result import Evidence, Verdict
+from vgroove.gap.selection.intervals import Estimate, best_estimate
+from vgroove.gap.selection.log_content import effect_scales, log_flags
+from vgroove.gap.selection.options import DiagnosisOptions
+from vgroove.gap.selection.search import Selection, select
+from vgroove.gap.selection.search_state import Search, begin
+from vgroove.gap.verdict import decision
+from vgroove.gap.verdict.covariates import Covariates, covariates_of
+from vgroove.gap.verdict.decision import Finding
+from vgroove.gap.verdict.effect_findings import effect_findings, indistinguishable, selected
+from vgroove.gap.verdict.gap_figures import gap_figures
+from vgroove.gap.verdict.location import largest_share, regime_shares, shapley_shares
+from vgroove.gap.verdict.remainder import Remainder, correlate_shares, remaining, unexplained
+from vgroove.gap.verdict.schema import NextExperiment, Where
+from vgroove.rig import Rig
+
+__all__ = [
+    "begin_search",
+    "decide",
+    "estimate",
+    "load",
+    "locate_gap",
+    "locate_remainder",
+    "propose",
+    "select",
+    "state_verdict",
+]
+
+
+@dataclass(frozen=True)
+class Located:
+    """A selection with its problem at the aligned shaft angles, the covariates (n,) of its
+    residuals, and the remainder of the selected fit.
+    """
+
+    selection: Selection
+    problem: Problem
+    covariates: Covariates
+    remainder: Remainder
+
+    @property
+    def search(self) -> Search:
+        """The finished search."""
+        return self.selection.search
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A located selection, the finding on it, and the fit whose gap is reported as `after`."""
+
+    located: Located
+    finding: Finding
+    reported: Fit
+
+
+def load(logs: Sequence[Any], rig: Rig, options: DiagnosisOptions) -> Problem:
+    """Logs and rig as normalised residuals; VgrooveError for unusable logs or an unknown id."""
+    for name in options.without:
+        if name not in BY_ID:
+            known = ", ".join(e.id for e in CATALOGUE)
+            raise VgrooveError(
+                f"--without: {name} is not in the catalogue of this diagnosis ({known})"
+            )
+    return load_problem(logs, rig)
+
+
+def begin_search(problem: Problem, options: DiagnosisOptions) -> Search:
+    """A search over the effects of the catalogue that the logs can show."""
+    rig = problem.rig
+    engine = Engine(problem, effect_scales(problem), rig.tolerance, frozenset(rig.effects))
+    effects = available(log_flags(problem), frozenset(options.without))
+    return begin(engine, effects, options)
+
+
+def locate_remainder(selection: Selection) -> Located:
+    """What the selected fit leaves, and what that depends on."""
+    search = selection.search
+    search.progress("what remains, and where the gap lies")
+    problem = search.problem.with_angles(search.engine.angles)
+    covariates = covariates_of(problem, selection.best.theta(problem.theta0))
+    remainder = remaining(search, selection.best, covariates)
+    return Located(selection, problem, covariates, remainder)
+
+
+def decide(located: Located) -> Decision:
+    """None, effect, ambiguous or unlisted."""
+    finding = decision.decide(located.selection, located.remainder)
+    return Decision(located, finding, decision.reported_fit(located.search, finding))
+
+
+def locate_gap(decided: Decision) -> Where:
+    """Shares of subsystems, regimes and covariates in the gap."""
+    search, finding = decided.located.search, decided.finding
+    share = shapley_shares(search, finding.best) if finding.verdict != "none" else {}
+    return Where(
+        largest_share(share),
+        share,
+        regime_shares(search),
+        correlate_shares(search, decided.located.covariates),
+    )
+
+
+def estimate(decided: Decision) -> Estimate:
+    """Parameter values of the reported fit with 95 % intervals."""
+    return best_estimate(decided.located.search, decided.reported)
+
+
+def propose(decided: Decision) -> NextExperiment | None:
+    """The run to record next, where one log does not decide."""
+    located = decided.located
+    return experiment_design.propose(located.problem, located.search, decided.finding)
+
+
+def state_verdict(
+    decided: Decision, where: Where, estimated: Estimate, next_run: NextExperiment | None
+) -> Verdict:
+    """The verdict of docs/spec/gap.md, section 5."""
+    search, problem, finding = decided.located.search, decided.located.problem, decided.finding
+    rivals = indistinguishable(search, finding, log_flags(problem))
+    return Verdict(
+        verdict=finding.verdict,
+        selected=selected(search, finding),
+        gap=gap_figures(search, decided.reported),
+        where=where,
+        effects=effect_findings(search, finding, estimated),
+        indistinguishable=[r for r in rivals if r.id not in search.without],
+        retuned_parameters=estimated.retuned_parameters(),
+        next_experiment=next_run,
+        unexplained=unexplained(search, finding.remainder),
+        warnings=list(problem.warnings),
+        evidence=Evidence(problem, search, estimated),
+    )

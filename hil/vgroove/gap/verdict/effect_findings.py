@@ -1,0 +1,146 @@
+"""Which: the effects of the catalogue with their probabilities, what each closes, and the rivals
+that these logs do not distinguish.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vgroove.gap.catalogue import equivalents
+from vgroove.gap.fitting.hypothesis import Fit
+from vgroove.gap.selection.intervals import Estimate, estimate_of
+from vgroove.gap.selection.search import win_shares
+from vgroove.gap.selection.search_state import Search, is_valid, key, reported_gap
+from vgroove.gap.verdict import calibration
+from vgroove.gap.verdict.decision import Finding
+from vgroove.gap.verdict.gap_figures import MIN_GAP, closed_share
+from vgroove.gap.verdict.schema import EffectFinding, NameEvidence, Rival
+
+
+@dataclass(frozen=True)
+class ProbabilityLimits:
+    """Bounds of stated probabilities; chosen on the tuning half of the blind set."""
+
+    max_named: float = 0.99  # of a named effect or a rival
+    max_unnamed: float = 0.4  # of any other: significant or not, it is not named
+    tied: float = 0.5  # at least of a selected effect with rivals, at most of a rival
+
+
+PROBABILITY = ProbabilityLimits()
+AFTER_NAMED = 99  # sort key of effects that are not named
+
+
+def effect_findings(search: Search, finding: Finding, estimate: Estimate) -> list[EffectFinding]:
+    """All effects that were tried: named ones first, then by probability and by what they close
+    alone. Parameters of the estimate's effects come from it, others from the fit of each alone.
+    """
+    evidence = {i: calibration.name_evidence(search, finding.best, i) for i in finding.best.ids}
+    chance = probabilities(search, finding, evidence)
+    before = reported_gap(search.problem, search.nominal)
+    found = []
+    for effect in search.effects:
+        alone = search.fits[(effect.id,)]
+        source = estimate if effect.id in estimate.fit.ids else estimate_of(search, alone)
+        unlisted = finding.verdict == "unlisted"
+        found.append(
+            EffectFinding(
+                effect.id,
+                effect.subsystem,
+                round(chance[effect.id], 6),
+                closed_share(before, reported_gap(search.problem, alone), search.floor),
+                0.0 if unlisted else lost_without(search, finding.best, effect.id),
+                source.parameters(effect.id),
+                evidence.get(effect.id),
+            )
+        )
+    rank = {i: n for n, i in enumerate(selected(search, finding))}
+    return sorted(
+        found,
+        key=lambda e: (rank.get(e.id, AFTER_NAMED), -e.probability, -(e.closes or 0.0), e.id),
+    )
+
+
+def selected(search: Search, finding: Finding) -> list[str]:
+    """Ids of the named effects, strongest first; none for the verdicts none and unlisted."""
+    if not finding.names_effects:
+        return []
+    strength = {i: lost_without(search, finding.best, i) for i in finding.best.ids}
+    return sorted(finding.best.ids, key=lambda i: (-strength[i], i))
+
+
+def lost_without(search: Search, best: Fit, effect_id: str) -> float:
+    """Share of the gap that opens again without one effect of the best set; 0 if no member."""
+    if effect_id not in best.ids:
+        return 0.0
+    problem, floor = search.problem, search.floor
+    rest = search.fits.get(key([i for i in best.ids if i != effect_id]), search.retuned)
+    before, after, without = (reported_gap(problem, f) for f in (search.nominal, best, rest))
+    if before - floor < MIN_GAP:
+        return 0.0
+    return float(np.clip((without - after) / max(before - floor, 1e-9), 0.0, 1.0))
+
+
+def probabilities(
+    search: Search, finding: Finding, evidence: dict[str, NameEvidence]
+) -> dict[str, float]:
+    """Marginal probability of each effect by id: of a member of the best set from its evidence, of
+    any other from how often a set that holds it leaves least in the block bootstrap.
+    """
+    candidates = [
+        search.retuned,
+        *(f for k, f in sorted(search.fits.items()) if k and is_valid(f)),
+    ]
+    share = win_shares(search, candidates)
+    found = {
+        e.id: float(sum(s for s, f in zip(share, candidates, strict=True) if e.id in f.ids))
+        for e in search.effects
+    }
+    found |= {i: calibration.probability(one) for i, one in evidence.items()}
+    if finding.verdict == "ambiguous":
+        found = divide_among_rivals(found, finding)
+    known: set[str] = set()
+    if finding.names_effects:
+        known = {i for f in (finding.best, *finding.rivals) for i in f.ids}
+    return {
+        i: min(p, PROBABILITY.max_named if i in known else PROBABILITY.max_unnamed)
+        for i, p in found.items()
+    }
+
+
+def divide_among_rivals(chance: dict[str, float], finding: Finding) -> dict[str, float]:
+    """Probabilities of tied sets: a selected effect that a rival lacks gets a half and a share of
+    the rest, each rival between that share and a half.
+    """
+    rivals = [i for f in finding.rivals for i in f.ids if i not in finding.best.ids]
+    spare = PROBABILITY.tied / (1 + len(rivals))
+    out = dict(chance)
+    for i in (i for i in finding.best.ids if any(i not in f.ids for f in finding.rivals)):
+        out[i] = float(np.clip(out[i], PROBABILITY.tied, PROBABILITY.tied + spare))
+    for i in rivals:
+        out[i] = float(np.clip(out[i], spare, PROBABILITY.tied))
+    return out
+
+
+def indistinguishable(search: Search, finding: Finding, flags: frozenset[str]) -> list[Rival]:
+    """Effects that these logs do not distinguish from the selected ones: members of their
+    equivalence classes on logs with these flags, then members of the tied sets.
+    """
+    if not finding.names_effects:
+        return []
+    found = [rival(search, other, i) for i in finding.best.ids for other in equivalents(i, flags)]
+    for tied in finding.rivals:
+        gone = [i for i in finding.best.ids if i not in tied.ids]
+        for j, new in enumerate(i for i in tied.ids if i not in finding.best.ids):
+            if gone and all(r.id != new for r in found):
+                instead_of = gone[min(j, len(gone) - 1)]
+                found.append(rival(search, new, instead_of, of=new))
+    return found
+
+
+def rival(search: Search, effect_id: str, instead_of: str, of: str | None = None) -> Rival:
+    """A rival with what it closes alone: an equivalent as much as the effect that it replaces."""
+    problem = search.problem
+    before, alone = (
+        reported_gap(problem, f) for f in (search.nominal, search.fits[(of or instead_of,)])
+    )
+    return Rival(effect_id, instead_of, closed_share(before, alone, search.floor))

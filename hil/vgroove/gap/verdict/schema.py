@@ -1,0 +1,151 @@
+"""The parts of a verdict as dataclasses, one for each object of its JSON (docs/spec/gap.md, section
+5); field names and their order are those of the JSON.
+
+Standard library only: importing vgroove.gap must not load the numerical packages. Gaps are RMS
+values in sensor sigmas over held-out rows; shares lie in 0..1.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from vgroove.gap.selection.parameter_estimate import ParameterEstimate
+
+OMIT_IF_EMPTY = {"omit_if_empty": True}  # metadata of a field that the JSON may lack
+
+
+@dataclass(frozen=True)
+class SignalGap:
+    """Gap of one signal in its unit before, retuned and after, and its ISO/TS 18571 ratings (0..1;
+    None where the signal is too short or flat to rate).
+    """
+
+    unit: str
+    before: float
+    retuned: float
+    after: float
+    floor: float
+    iso18571_before: float | None
+    iso18571_after: float | None
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Gap of the nominal model (before), of the retuned model and of the corrected model (after);
+    floor: what noise alone gives. closed*: shares, None where the gap is below 0.1. held_out_s: the
+    judged stretches in s, a list per log.
+    """
+
+    before: float
+    retuned: float
+    after: float
+    floor: float
+    closed: float | None
+    closed_ci95: Sequence[float] | None
+    closed_by_retuning: float | None
+    closed_beyond_retuning: float | None
+    restart_s: float
+    held_out_s: Sequence[Sequence[Sequence[float]]]
+    by_signal: Mapping[str, SignalGap]
+
+
+@dataclass(frozen=True)
+class RegimeShare:
+    """Share of the nominal model's squared gap in one regime of operation."""
+
+    regime: str
+    share: float
+
+
+@dataclass(frozen=True)
+class CorrelateShare:
+    """Share of a signal's squared gap after retuning that one measured quantity explains."""
+
+    follows: str
+    signal: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Where:
+    """Location of the gap: the subsystem of the largest Shapley share, all shares with
+    'unexplained', regimes and correlates, largest first.
+    """
+
+    subsystem: str | None
+    share: Mapping[str, float]
+    by_regime: Sequence[RegimeShare]
+    by_correlate: Sequence[CorrelateShare]
+
+
+@dataclass(frozen=True)
+class NameEvidence:
+    """The four quantities that an effect's probability is calibrated on: logarithms of its margin
+    in standard deviations (blocks), of its margin in what the set leaves (forms), and of what
+    retuning leaves in what the set leaves (closed); the number of other effects of the set.
+    """
+
+    blocks: float
+    forms: float
+    closed: float
+    others: float
+
+
+@dataclass(frozen=True)
+class EffectFinding:
+    """One effect of the catalogue: probability that it is at work, share of the gap that it closes
+    alone, share lost when it alone leaves the selected set, parameters by name, and the evidence of
+    its probability where it belongs to the best set.
+    """
+
+    id: str
+    subsystem: str
+    probability: float
+    closes: float | None
+    lost_without: float
+    parameters: Mapping[str, ParameterEstimate]
+    signs: NameEvidence | None
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An effect that these logs do not distinguish from a selected one; closes: share alone."""
+
+    id: str
+    instead_of: str
+    closes: float | None
+
+
+@dataclass(frozen=True)
+class ProfileSeparation:
+    """RMS difference, in sigma a sample, that the rivals would show in a run of the menu."""
+
+    profile: str
+    sigma: float
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """The run to record next: name in the menu, reason, command as [time in s, share of the largest
+    command], and for rivals the separation of each run, largest first.
+    """
+
+    profile: str
+    why: str
+    points: Sequence[Sequence[float]]
+    separation: Sequence[ProfileSeparation] = field(default=(), metadata=OMIT_IF_EMPTY)
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """The remainder: whether it is significant, the measured quantity and the signal that it
+    follows, its share of the squared gap, what the curve looks like, the share of the remainder
+    above the noise that a smooth correction would close, and points [quantity, correction] of it.
+    """
+
+    significant: bool
+    best_correlate: str | None
+    signal: str | None
+    share_of_squared_gap: float
+    looks_like: str | None
+    could_gain: float
+    correction: Sequence[Sequence[float]]
