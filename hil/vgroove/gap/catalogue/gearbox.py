@@ -39,7 +39,7 @@ FLANKS = (
         lambda s: 10.0 * _tooth_stiffness(s),
         (0.5,),
         reported=False,
-        of="coupler_compliance",
+        key_of="coupler_compliance",
     ),
     Parameter(
         "damping_ratio",
@@ -50,7 +50,7 @@ FLANKS = (
         (0.7, 1.1, 1.7),
         step=0.02,
         reported=False,
-        of="coupler_compliance",
+        key_of="coupler_compliance",
     ),
 )
 
