@@ -60,7 +60,7 @@ def rate(of: dict[str, Any]) -> str:
 
 # Half of the blind set -> what it has been used for.
 HALVES = {
-    "report": "This half is used for reporting only: no threshold is chosen on it.",
+    "report": "Used for reporting only: no threshold is chosen on it.",
     "tune": "Thresholds are chosen on this half.",
 }
 

@@ -126,7 +126,7 @@ def _voted_scale(column: _Column, scale: float) -> float:
 
 
 def most_agreed_value(bounds: np.ndarray) -> float:
-    """Middle of the range that is common to the largest number of intervals (m, 2); 0 without any."""
+    """Middle of the range common to the largest number of intervals (m, 2); 0 without any."""
     if len(bounds) == 0:
         return 0.0
     ends, opens = bounds.ravel(), np.tile([True, False], len(bounds))
