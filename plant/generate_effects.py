@@ -135,8 +135,8 @@ def header(catalogue: ModuleType) -> str:
 
 
 def main(target: str, folder: str = str(CATALOGUE)) -> None:
-    """Write the header. An unchanged header keeps its modification time, so that nothing is compiled
-    again.
+    """Write the header. An unchanged header keeps its modification time, so that nothing is
+    compiled again.
     """
     path, text = Path(target), header(import_catalogue(Path(folder)))
     if path.exists() and path.read_text(encoding="utf-8") == text:

@@ -53,8 +53,7 @@ void gear_set_lane(Gear<V> &g, int lane, const Parameters &p, std::uint32_t effe
 }
 
 // Coupler torque K e + c e', e the twist beyond the play, e' = slip the difference of the speeds.
-// Flanks that meet across a play push each other and never
-// pull.
+// Flanks that meet across a play push each other and never pull.
 template <class V>
 VGROOVE_INLINE V gear_coupler_torque(const Gear<V> &p, std::uint32_t effects, V twist, V slip) {
     if (!(effects & EFFECT_PLAY))

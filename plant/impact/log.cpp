@@ -120,7 +120,7 @@ struct Tracer {
     std::size_t next = 0;
 
     template <class L> void step(ImpactSolver<L> &s, double h, double share) {
-        const double from = s.drive.time_s, to = from + h * share + 1e-12;  // times round
+        const double from = s.drive.time_s, to = from + h * share + 1e-12;  // rounding of times
         for (; next < out->trace_s.size(); ++next) {
             const double at = (out->trace_s[next] - origin_s) * scale;
             if (at > to)
@@ -151,7 +151,7 @@ static double measured_angle(const ImpactSolver<L> &s, const Parameters &p,
     return sensors_measured_angle(d.sensors, d.effects, p, shaft_of<L>(x));
 }
 
-// Effect speed_lag as a delay: measured speed and angle of the delay before the end of each row.
+// Effect speed_lag as a delay: measured speed and angle one delay before the end of each row.
 // Before the start the shaft is at rest.
 struct DelayedRow {
     double due_s, speed, angle;

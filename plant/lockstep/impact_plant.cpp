@@ -23,7 +23,8 @@ struct TimedCommand {
 struct ImpactBody {
     Parameters parameters;
     LockstepBody lockstep;
-    std::deque<TimedCommand> commands{{0.0, {true, 0.0, 0.0}}};  // in force and to come
+    std::deque<TimedCommand> commands{
+        {0.0, {true, 0.0, 0.0}}};  // the one in force, then those that act later
     double now_s = 0.0, period_s, load_nm = 0.0;
 
     ImpactBody(const Parameters &p, HallWheel wheel, std::uint64_t seed)
