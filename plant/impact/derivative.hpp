@@ -107,7 +107,7 @@ impact_electrical(const Impact &m, const Drive<double> &in, const ImpactMode &mo
 // Contact, then spindle (J) and hammer (S), in the symbols of docs/spec/model.md, section 4: with
 // B = 1 / JJ + 1 / JS, s_b = s + ball friction, A = F0 + k x + Faxial + m s' q'^2 and
 // P = TJ / JJ + Tlug / JS, q'' = (P - B s_b A) / (1 + B m s s_b); the balls carry
-// Faxial = A + m s q'' = (A + m s P) / (1 + B m s s_b), the groove s_b Faxial.
+// Fball = A + m s q'' = (A + m s P) / (1 + B m s s_b), the groove s_b Fball.
 struct GrooveForces {
     double spindle_rate, hammer_rate;
 };

@@ -1,5 +1,5 @@
-"""The impact tool of the plant against its second opinion (impact_reference.py and .json), and
-tests of that opinion itself.
+"""The impact tool of the plant against its independent reference (impact_reference.py and .json),
+and tests of that reference itself.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from vgroove import _core as core
 
 FILE = json.loads(reference.RESULTS.read_text())
 PLACE = {name: place for place, name in enumerate(FILE["columns"])}
-LIVE_S = 0.06
+LIVE_S = 0.06  # part of a case that the test integrates again
 
 
 def column(case: str, name: str) -> np.ndarray:
@@ -59,7 +59,7 @@ def test_file_holds_the_cases_of_the_script() -> None:
     ],
 )
 def test_file_is_what_another_method_gives(case: str, method: str) -> None:
-    """Radau made the file; explicit Runge-Kutta and LSODA run its first blows again."""
+    """The file was computed by Radau; explicit Runge-Kutta and LSODA give the same first blows."""
     live = reference.simulate(reference.CASES[case].tool(), LIVE_S, method, row_s=reference.ROW_S)
     kept, rows = (
         [c for c in FILE["cases"][case]["contacts"] if c[0] < LIVE_S],
@@ -102,15 +102,15 @@ def test_reference_has_peaks_travel_and_free_speed() -> None:
 
 
 def test_reference_loses_synchronism_as_specified() -> None:
-    def touches_per_lug(case: str) -> float:
+    def contacts_per_lug(case: str) -> float:
         lugs = contacts(case, reference.BLOW, reference.REPEAT)[:, 1]
         settled = lugs[lugs >= 3]
         return len(settled[settled < settled[-1]]) / len(set(settled[settled < settled[-1]]))
 
     periods = np.diff(contacts("locked_duty_0.7", reference.BLOW)[6:, 0])
     assert np.std(periods) / np.mean(periods) == pytest.approx(0.24, abs=0.01)
-    assert touches_per_lug("locked_duty_0.5") == pytest.approx(2.0, abs=0.01)
-    assert touches_per_lug("locked_duty_0.3") == pytest.approx(3.0, abs=0.3)
+    assert contacts_per_lug("locked_duty_0.5") == pytest.approx(2.0, abs=0.01)
+    assert contacts_per_lug("locked_duty_0.3") == pytest.approx(3.0, abs=0.3)
 
 
 # What a field of the reference's Tool is called in a rig.
