@@ -31,7 +31,7 @@ public:
     int advances() const;
     int advances_max() const;
 
-    struct Body;
+    struct Body;  // data of the solver, defined in real_time.cpp
 
 private:
     std::unique_ptr<Body> body_;

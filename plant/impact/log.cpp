@@ -113,7 +113,7 @@ static void write_trace(const ImpactSolver<L> &s, const ImpactState<L> &x, doubl
     std::copy(values, values + TRACE_COLUMN_COUNT, to);
 }
 
-// Writes the trace's times that lie in a step.
+// Writes the rows of the trace whose times lie in a step.
 struct Tracer {
     ImpactOutput *out = nullptr;
     double origin_s = 0.0, scale = 1.0;  // of the log's time, and true seconds per second of it
@@ -204,7 +204,8 @@ template <class L> struct LogRun final : ImpactObserver<L> {
     }
 };
 
-// Geometry and torques of the present; the derivative is computed only where they need it
+// Geometry and torques at the present instant; whole: with the forces. The derivative is computed
+// only where it is needed.
 template <class L>
 static ImpactPoint present_point(const ImpactSolver<L> &s, const ImpactState<L> &x, bool whole) {
     if (!whole && !s.model.second_output)

@@ -143,8 +143,8 @@ template <class L> struct SolverBody final : ImpactBody {
             x);
     }
 
-    // Means and values of this instant; the derivative is computed only where the joint's torque
-    // needs it.
+    // Means over the interval and values at its end. The derivative is computed only where the
+    // torque of the joint depends on it.
     AdvanceResult result(double seconds) const override {
         if (solver.model.second_output)
             return with_means(now(), impact_present(solver), seconds);

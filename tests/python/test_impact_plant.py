@@ -181,9 +181,11 @@ def test_results_do_not_depend_on_batch_or_threads() -> None:
 def test_fixed_steps_give_the_blows_of_the_reference(load: dict) -> None:
     rig = rig_with(load)
     kept, fixed = (run(rig, mode=mode) for mode in ("reference", "fixed"))
-    first, own = (out["blows"][0]["time_s"][out["blows"][0]["kind"] == 0] for out in (kept, fixed))
-    assert len(first) == len(own)
-    np.testing.assert_allclose(own, first, rtol=0, atol=2e-4)
+    expected_s, found_s = (
+        out["blows"][0]["time_s"][out["blows"][0]["kind"] == 0] for out in (kept, fixed)
+    )
+    assert len(expected_s) == len(found_s)
+    np.testing.assert_allclose(found_s, expected_s, rtol=0, atol=2e-4)
     np.testing.assert_allclose(fixed["speed_rad_s"], kept["speed_rad_s"], rtol=0, atol=0.01 * 1677)
 
 

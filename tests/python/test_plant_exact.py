@@ -152,7 +152,7 @@ base = {
 }
 lag, brush = "effects.current_lag.time_constant_s", "effects.brush_drop.voltage_v"
 cog = "effects.cogging_torque.torque_nm"
-odd = [
+extreme = [
     {},
     {"motor.resistance_ohm": 1e9},
     {"motor.resistance_ohm": 0.0},
@@ -176,7 +176,7 @@ odd = [
     {"effects.gear_backlash.play_rad": 0.03, "gearbox.output_inertia_kg_m2": 1e-15},
 ]
 rows = 6000
-for values in odd:
+for values in extreme:
     theta = np.array(core.parameter_defaults())
     for name, value in (base | values).items():
         theta[index(name)] = value

@@ -215,13 +215,13 @@ TEST(DrillDriver, RealTimeWorkIsBounded) {
     p.clutch_nm = 4.0;
     p.load_nm = 40.0;
     for (const double step_s : {35e-6, 1e-3, 0.1}) {
-        DrillRealTime body(p, step_s);
+        DrillRealTime solver(p, step_s);
         int most = 0;
         for (int n = 0; n < static_cast<int>(4.0 / step_s); ++n) {
-            body.step();
-            most = std::max(most, body.advances());
+            solver.step();
+            most = std::max(most, solver.advances());
         }
-        EXPECT_LE(most, body.advances_max());
+        EXPECT_LE(most, solver.advances_max());
         EXPECT_GT(most, static_cast<int>(step_s / 100e-6));
     }
 }
