@@ -10,8 +10,7 @@
 #include "hal/hal.h"
 
 #define OVERRUN_FAULT_TICKS 2u
-#define FULL_TICKS_MAX                                                                             \
-    3u  // most ticks in a row without slow work: one in four suffices for the line
+#define FULL_TICKS_MAX 3u  // most ticks in a row without slow work: one in four is enough
 
 void app_init(App *self, uint32_t build_hash) {
     *self =

@@ -72,8 +72,8 @@ typedef struct {
     bool hall_taken;       // all Hall pitches learned so far were within their range
     bool command_pending;  // a command waits for its execution and its ACK
     bool heavy;            // the drive used many cycles in this tick
-    uint8_t full_ticks;    // consecutive ticks with a heavy drive or two edges: slow work
-                           // waits
+    uint8_t full_ticks;    // consecutive ticks with a heavy drive or two edges, in which
+                           // there is no slow work
     bool slow_turn;        // a slow frame had to wait in the last tick: it precedes slow work
 } App;
 

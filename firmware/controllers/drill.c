@@ -35,12 +35,11 @@
 // a pack of 0.1 ohm) to 108 A; the largest ordinary loads, 12 N m in low gear and 3.5 N m in high
 // gear, take 36 A. The threshold of 45 A is a fall of the back-EMF by 334 mV/ms.
 #define FALL_MV_PER_MS 334
-#define FALL_BY_INERTIA_MV                                                                         \
-    150                       // 20 A of inertia: less is an overload, for fold-back and stall fault
-#define FALLEN_MV 300         // a larger sum of the falls beyond ordinary loads is a jam
-#define FALLEN_CLUTCH_MV 900  // the same with the clutch set, which acts first where it can
-#define FALLEN_TICK_MV 160    // most that a tick adds to the sum: one tick alone is no jam
-#define FALLEN_MAX_MV 10000   // limits of the sum and of a fall: both together fit in 16 bits
+#define FALL_BY_INERTIA_MV 150  // per tick, 20 A of inertia: a smaller fall is an overload
+#define FALLEN_MV 300           // a larger sum of the falls beyond ordinary loads is a jam
+#define FALLEN_CLUTCH_MV 900    // the same with the clutch set, which acts first where it can
+#define FALLEN_TICK_MV 160      // most that a tick adds to the sum: one tick alone is no jam
+#define FALLEN_MAX_MV 10000     // limits of the sum and of a fall: both together fit in 16 bits
 #define FALL_MAX_MV 20000
 #define MV_PER_A 7  // k^2 / J / 1 ms
 
@@ -189,7 +188,7 @@ static bool clutch_reached(Drill *self) {
                                                                : (uint16_t)now_a_q9 >> 5);
     const int16_t most_a_q9 = slope_a_q9 > RISING_MAX_A_Q9 ? RISING_MAX_A_Q9 : slope_a_q9;
     const int16_t rising_a_q13 =
-        (int16_t)(slope_a_q9 < 0 ? 0 : most_a_q9 << 4);  // 4 left, 16 right: the 12
+        (int16_t)(slope_a_q9 < 0 ? 0 : most_a_q9 << 4);  // by 4 here, back by 16 below
     const int16_t swing = (int16_t)(((int32_t)self->emf_mv * rising_a_q13) >> 16);
     self->now_a_q4 = now_a_q4;
     return (int32_t)now_a_q4 * now_a_q4 + (int32_t)swing * SWING_NUMERATOR >= self->set_a2_q8;

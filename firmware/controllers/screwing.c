@@ -31,8 +31,7 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 // Seat detection: the shape of the rise after its onset, see area_max().
 #define ONSET_Q8 287     // 1.12
 #define SURE (5u * DEG)  // plus 3/4 of the learned rotation: least angle of a slow rise
-#define WIDE_TURN                                                                                  \
-    (16 * (int16_t)DEG)  // above it no rise is slow: a knot's edge over two blows would be
+#define WIDE_TURN (16 * (int16_t)DEG)  // above it even a knot's edge over two blows would be slow
 #define SLOW_TURN (11 * (int16_t)DEG)  // up to it a rise is slow below SLOW_Q8 per blow, above it
 #define SLOW_Q8 55                     // (0.21) below SLOW_Q8 / SLOW_TURN: 0.0195 per degree
 #define SLOW_AREA_Q8 141               // 0.55: greatest area of a slow rise
