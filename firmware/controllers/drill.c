@@ -188,7 +188,7 @@ static bool clutch_reached(Drill *self) {
                                                                : (uint16_t)now_a_q9 >> 5);
     const int16_t most_a_q9 = slope_a_q9 > RISING_MAX_A_Q9 ? RISING_MAX_A_Q9 : slope_a_q9;
     const int16_t rising_a_q13 =
-        (int16_t)(slope_a_q9 < 0 ? 0 : most_a_q9 << 4);  // by 4 here, back by 16 below
+        (int16_t)(slope_a_q9 < 0 ? 0 : most_a_q9 << 4);  // left by 4, right by 16 below: 12
     const int16_t swing = (int16_t)(((int32_t)self->emf_mv * rising_a_q13) >> 16);
     self->now_a_q4 = now_a_q4;
     return (int32_t)now_a_q4 * now_a_q4 + (int32_t)swing * SWING_NUMERATOR >= self->set_a2_q8;
