@@ -151,7 +151,7 @@ def speed() -> list[str]:
 
 
 def trap() -> list[str]:
-    """One joint that lacks its Coulomb friction."""
+    """Errors of identification methods on a joint whose model lacks its Coulomb friction."""
     result = read("bench_trap")
     return [
         "## A joint whose model lacks its Coulomb friction",

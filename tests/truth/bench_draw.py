@@ -75,13 +75,13 @@ def draw_case(entry: Entry) -> Case:
     reasons = []
     for attempt in range(ATTEMPTS):
         try:
-            return replace(attempt_case(entry, generator_of(entry, attempt)), attempt=attempt)
+            return replace(attempt_case(entry, random_of_attempt(entry, attempt)), attempt=attempt)
         except (UnsuitableDraw, ArithmeticError) as reason:
             reasons.append(str(reason))
     raise RuntimeError(f"{entry}: no case in {ATTEMPTS} draws: {reasons[-3:]}")
 
 
-def generator_of(entry: Entry, attempt: int) -> np.random.Generator:
+def random_of_attempt(entry: Entry, attempt: int) -> np.random.Generator:
     """Random numbers of an attempt."""
     return np.random.default_rng([SEED, SETS.index(entry.set), entry.number, attempt])
 
@@ -90,7 +90,7 @@ def case_again(
     entry: Entry, attempt: int, sizes: dict[str, float], multiples: dict[str, float]
 ) -> Case:
     """A case with known sizes, without the search for them."""
-    rng = generator_of(entry, attempt)
+    rng = random_of_attempt(entry, attempt)
     ids = partners(entry, rng)
     setting = draw_setting(entry, ids, rng)
     level, params = level_of(setting), {}
@@ -301,7 +301,7 @@ class LinearFits:
         self.setting, self.log = setting, noiseless_log(setting, params)
         self.base = modelled(self.log, {})
         self.found = measured(self.log) - self.base
-        self.tolerated, self.stands = tolerance_columns(self.log, self.base)
+        self.tolerated, self.tool_sigmas = tolerance_columns(self.log, self.base)
 
     def left_by(
         self, columns: Sequence[np.ndarray], least: Sequence[float]
@@ -310,7 +310,9 @@ class LinearFits:
         coefficients.
         """
         table = np.array(columns).T.reshape(len(self.found), len(columns))
-        return fit(self.found, self.tolerated, self.stands, table, np.array(least, dtype=float))
+        return fit(
+            self.found, self.tolerated, self.tool_sigmas, table, np.array(least, dtype=float)
+        )
 
     def truth(self, ids: Sequence[str], sizes: dict[str, float]) -> list[np.ndarray]:
         """Responses (n,) to the true effects in the catalogue's form."""

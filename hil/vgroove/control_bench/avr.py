@@ -161,7 +161,7 @@ def avr_board(image: bytes, folder: Path) -> AvrBoard:
     return AvrBoard(default_elf(), eeprom=path, seed=SEED)
 
 
-def both(case: Case) -> tuple[Run, Run]:
+def run_on_both_boards(case: Case) -> tuple[Run, Run]:
     """The drive on the native firmware and on the ELF."""
     plan = RunPlan(case.profile, case.mode, case.params, case.seconds, SEED)
     native = run_plan(case.rig(), plan)
@@ -192,10 +192,10 @@ def frame_differences(a: Sequence[Any], b: Sequence[Any]) -> int:
 
 
 def differing(case: Case) -> dict[str, Any]:
-    """Rows and CONTROL frames that differ between both runs, and whether the drive ended as
+    """Rows and CONTROL frames that differ between the two runs, and whether the drive ended as
     expected.
     """
-    native, avr = both(case)
+    native, avr = run_on_both_boards(case)
     rows, differ = row_differences(native.telemetry, avr.telemetry)
     control = telemetry.database().get_message_by_name("CONTROL").frame_id
     controls = [[f for f in run.frames if f.id == control] for run in (native, avr)]

@@ -220,16 +220,16 @@ def lock_work(variant: Variant, *, gear: str, supply_v: float, seed: int, **_: A
     profile = Profile(travel=pulled(trigger), reverse=((0.0, float(reverse)),), load_nm=load)
     rig, params = drill_rig(gear, supply_v, pack_ohm=pack_ohm), drill_params(gear, pulse=pulse)
     run = run_plan(rig, RunPlan(profile, variant.mode, params, 1.2, seed, truth_every=4))
-    first_s, good_s = opened_s(run, at_s)
+    first_s, final_s = opened_s(run, at_s)
     opened = {
         "open_ms": None if first_s is None else 1e3 * (first_s - at_s),
-        "good_ms": 1e3 * max(good_s - at_s, 0.0),
+        "good_ms": 1e3 * max(final_s - at_s, 0.0),
     }
     drawn = {"trigger": trigger, "before_nm": before, "pulse": pulse, "reverse": reverse}
     return {**opened, "reason": reason_of(run), "faults": run.faults, **drawn}
 
 
-def wandering_trigger(random: np.random.Generator) -> tuple[tuple[float, float], ...]:
+def random_trigger(random: np.random.Generator) -> tuple[tuple[float, float], ...]:
     """Points (time, travel) of a trigger that is pulled, moved and released at random."""
     points, time_s = [(0.0, 0.0), (PULL_S, 0.0)], PULL_S
     while time_s < NORMAL_S:
@@ -240,7 +240,7 @@ def wandering_trigger(random: np.random.Generator) -> tuple[tuple[float, float],
     return tuple(points)
 
 
-def wandering_load(random: np.random.Generator, most_nm: float) -> tuple[tuple[float, float], ...]:
+def random_load(random: np.random.Generator, most_nm: float) -> tuple[tuple[float, float], ...]:
     """Points (time, load) of random loads that rise within 0.1, 5 or 50 ms."""
     points, time_s = [(0.0, 0.0)], 0.6
     while time_s < NORMAL_S:
@@ -265,8 +265,8 @@ def normal_work(variant: Variant, *, gear: str, seed: int, **_: Any) -> Figures:
     screw = Screw(rise, random.uniform(2.0, 30.0), most_nm)
     rig = drill_rig(gear, supply_v, screw if on_screw else None, pack_ohm)
     profile = Profile(
-        travel=wandering_trigger(random),
-        load_nm=((0.0, 0.0),) if on_screw else wandering_load(random, most_nm),
+        travel=random_trigger(random),
+        load_nm=((0.0, 0.0),) if on_screw else random_load(random, most_nm),
     )
     profile = replace(profile, reverse=((0.0, float(not on_screw and random.integers(2) == 1)),))
     params = drill_params(gear, pulse=pulse)

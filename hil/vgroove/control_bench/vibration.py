@@ -114,7 +114,7 @@ def disturbed(name: str, aim: float) -> tuple[Rig, Profile]:
     rig, profile = reference(MARGIN_LOAD, supply_v=MARGIN_V), pull(1.0)
     from_s, to_s = PULL_S + MARGIN_FROM_S, PULL_S + MARGIN_FROM_S + MARGIN_LENGTH_S
     if name == "Hall line broken":
-        profile = replace(profile, gaps=((from_s, to_s),))
+        profile = replace(profile, hall_breaks=((from_s, to_s),))
     if name == "current off":
         pulse = ((0.0, 0.0), (from_s, 0.0), (from_s, MARGIN_A), (to_s, MARGIN_A), (to_s, 0.0))
         profile = replace(profile, current_add_a=pulse)
