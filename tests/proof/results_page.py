@@ -1,5 +1,5 @@
 """Writes docs/results.md, every measured figure of the project, from docs/results/*.json:
-`python tests/proof/results_page.py` writes the page, `--check` says whether it is up to date.
+`python tests/proof/results_page.py` writes the page; `--check` exits with 1 where it differs.
 """
 
 import json

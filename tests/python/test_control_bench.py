@@ -26,7 +26,7 @@ from vgroove.control_bench import (
 from vgroove.control_bench.control import PARTS, Choice
 from vgroove.control_bench.figures import WAVES, image_path
 from vgroove.control_bench.goals import Goal
-from vgroove.control_bench.jobs import PLAIN, Job, Variant, do, run_jobs
+from vgroove.control_bench.jobs import PLAIN, Job, Variant, run_job, run_jobs
 from vgroove.control_bench.runs import (
     PULL_S,
     AbsentError,
@@ -244,7 +244,7 @@ def test_the_search_finds_a_duty_that_is_clean_where_the_trigger_is_not() -> Non
 
 
 def test_an_absent_controller_is_reported_not_run() -> None:
-    row = do(Job(sync.work, Variant("method 9", "polish"), sync.cells()[0]))
+    row = run_job(Job(sync.work, Variant("method 9", "polish"), sync.cells()[0]))
     assert (
         row["variant"] == "method 9"
         and "has no mode polish" in row["absent"]

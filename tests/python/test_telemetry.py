@@ -281,7 +281,7 @@ def test_control_goes_out_on_change_with_its_tick_and_rows_carry_it() -> None:
     stream = board.run(1200, each)
     frames = [frame for frame in frames_of(stream) if frame.id == telemetry.FRAME_IDS["CONTROL"]]
     assert len(frames) == 1 + 24 and telemetry.decode(frames[-1])["estimate"] == 1175, (
-        "the estimate alone is no news"
+        "a change of the estimate alone sends no frame"
     )
     log = log_from_stream(stream, "board")
     since = np.round(log.time_s * 1000).astype(int) - 1

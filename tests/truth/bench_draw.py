@@ -226,7 +226,7 @@ def formed(
 
 
 def gap_left(setting: Setting, params: dict[str, float]) -> float:
-    """The gap without noise after retuning the tolerated keys."""
+    """The gap without noise after a fit of the tolerated keys (nuisance parameters)."""
     log = noiseless_log(setting, params)
     base = modelled(log, {})
     found = measured(log) - base
@@ -263,8 +263,8 @@ def visible_limit(
     top = effect.top(setting.tool)
     untuned = replace(setting, rig=replace(setting.rig, tolerance={}))
 
-    def left(size: float, judged: Setting) -> float:
-        return gap_left(judged, formed(setting, level, effect_id, sign * size, regime))
+    def left(size: float, fitted: Setting) -> float:
+        return gap_left(fitted, formed(setting, level, effect_id, sign * size, regime))
 
     near = search_size(
         lambda size: left(size, untuned), min(effect.guess(setting.tool), top), top, 0.4, effect_id
@@ -332,7 +332,7 @@ def assess(
     a single effect of the catalogue explains a case outside it, or where one of several effects is
     not visible beside the others.
     """
-    if kind == "none" or "hall_dropout" in ids:
+    if kind == "none" or "hall_dropout" in ids:  # missed edges are random: no linear response
         return
     linear = LinearFits(setting, params)
     retuned = linear.rms([])

@@ -1,5 +1,5 @@
-"""Noiseless logs and their models in units of the sensors' noise; retuning and rival effects as
-linear responses.
+"""Noiseless logs and their models in units of the sensors' noise; changes of the tolerated keys
+and rival effects as linear responses.
 """
 
 from collections.abc import Callable
@@ -338,7 +338,7 @@ NONE = np.zeros(0)
 
 
 def after_retuning(log: NoiselessLog) -> float:
-    """The gap without noise after retuning the tolerated keys."""
+    """The gap without noise after a fit of the tolerated keys (nuisance parameters)."""
     base = modelled(log, {})
     found = measured(log) - base
     tolerated, tool_sigmas = tolerance_columns(log, base)

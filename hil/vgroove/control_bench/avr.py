@@ -63,7 +63,9 @@ def tighten(target_nm: float, slope: float, seconds: float, ends: str) -> Case:
 
 
 def jam(gear: str) -> Case:
-    """A drill driver whose bit jams: within 5 ms the load rises to 1.5 times the stall torque."""
+    """A drill driver whose bit locks (jams): within 5 ms the load rises to 1.5 times the stall
+    torque.
+    """
     jammed_s = drill.LOCK_AT_S + drill.LOCK_S
     jammed_nm = 1.5 * drill.stall_nm(gear, 18.0)
     return Case(

@@ -20,10 +20,11 @@ from vgroove.reference.rigs import reference_rig, with_load
 from vgroove.rig import Rig
 
 SUPPLIES_V = (16.0, 17.0, 18.0, 19.0, 20.5)
-# of the chuck from 0 to the clutch setting: hard to soft joint, VDI/VDE 2647
+# Rotation of the chuck over which the torque rises from 0 to the clutch setting: hard to soft
+# joint, VDI/VDE 2647
 CLUTCH_DEG = (30.0, 90.0, 360.0)
-CLUTCH_FROM_RAD = 3.0
-# draws of each cell; NORMAL_RUNS where more than one draw is asked for
+CLUTCH_FROM_RAD = 3.0  # chuck angle at which the torque begins to rise
+# Draws of each cell; of a normal run NORMAL_RUNS if --draws is above 1, else one
 CLUTCH_RUNS, LOCK_RUNS, NORMAL_RUNS = 1, 6, 10
 LOCK_S, LOCK_AT_S = 5e-3, 0.9  # duration of the rise to the locked load; earliest time
 LOCK_SHARE = (1.0, 2.0)  # of the stall torque
@@ -163,8 +164,8 @@ def drill_params(gear: str, clutch_nm: float = 0.0, pulse: bool = False) -> dict
 
 
 def opened_s(run: Run, after_s: float) -> tuple[float | None, float]:
-    """Times at which the bridge was first open after after_s (in pulse mode it may be open then),
-    and at which it opened finally.
+    """Time at which the bridge was first open after after_s (in pulse mode it may be open already),
+    and time after which it remained open.
     """
     time_s, is_open = run.truth["time_s"], np.isnan(run.truth["duty"])
     first = np.flatnonzero(is_open & (time_s > after_s))
@@ -186,7 +187,9 @@ def pulled(trigger: float) -> tuple[tuple[float, float], ...]:
 
 
 def clutch_work(variant: Variant, **cell: Any) -> Figures:
-    """A joint whose torque rises with the angle: the torque at which the tool is left."""
+    """A joint whose torque rises with the angle: its torque when the bridge is open and the motor
+    stands.
+    """
     gear, clutch_nm, seed = cell["gear"], cell["clutch_nm"], cell["seed"]
     random = np.random.default_rng([seed, 2])
     rise, trigger = clutch_nm / np.radians(cell["degrees"]), random.uniform(0.5, 1.0)

@@ -154,7 +154,9 @@ def closed(cases: Sequence[Scored]) -> dict[str, Any]:
 
 
 def cost(cases: Sequence[Scored]) -> dict[str, Any]:
-    """Seconds and memory of a diagnosis: median, 0.9 quantile ("tenth above") and maximum."""
+    """Seconds and memory of a diagnosis: median, 90th percentile (key "tenth above")
+    and maximum (key "most").
+    """
     out: dict[str, Any] = {"of": len(cases)}
     for key in ("seconds", "cpu_seconds", "memory_mib"):
         values = [getattr(c, key) for c in cases]

@@ -170,7 +170,9 @@ class WithoutEffect:
 
     @property
     def wrong(self) -> bool:
-        """Whether the verdict is wrong: none, failed, or an effect other than an equivalent."""
+        """Whether the verdict is wrong: none, failed, or the name of an effect that is not
+        equivalent to the removed one.
+        """
         c = self.case
         return (
             c.outcome not in ("unlisted", "ambiguous")
