@@ -99,7 +99,7 @@ template <class T> const T *values_of(const Column<T> &column, std::size_t perio
     return column.data();
 }
 
-// Columns in the order of lockstep.Stimuli, then the bytes to the board.
+// Columns in the order of lockstep.StimulusChunk, then the bytes to the board.
 template <class Tool>
 nb::bytes run(Firmware &board, Tool &tool, Column<std::int64_t> trigger,
               Column<std::int64_t> switches, Column<double> load_nm, Column<double> current_counts,

@@ -1,5 +1,5 @@
-"""A run of the diagnosis' menu as legs: stretches in one direction of rotation each, because a
-board's direction follows its switch, which is moved at standstill.
+"""A run of the diagnosis' menu as legs, each in one direction of rotation, because the direction
+of a board follows its switch, which the operator moves at standstill.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Leg:
 
     @property
     def duration_s(self) -> float:
-        """Its length."""
+        """Length of the leg."""
         return len(self.duty) * PERIOD_S
 
     def slewed(self, slew_per_s: float) -> np.ndarray:
@@ -37,7 +37,9 @@ class Leg:
 
 
 def legs_of(profile: RunProfile) -> list[Leg]:
-    """A run as legs: its rests and forward levels, then its rests and backward levels."""
+    """A run as at most two legs: its samples with a level of 0 or above, then those with a level of
+    0 or below, as magnitudes; a direction without drive has no leg.
+    """
     time_s = np.arange(round(PROFILE_S / PERIOD_S)) * PERIOD_S
     share, opens = profile.command(time_s), profile.bridge_open(time_s)
     legs = []

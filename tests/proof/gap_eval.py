@@ -117,10 +117,10 @@ def totals(results: list[dict[str, Any]]) -> list[str]:
     lines.append(f"confident (>= {SURE:g}) wrong first name: {len(wrong)} of {len(results)}")
     for what in ("seconds", "cpu_seconds"):
         times = sorted(r[what] for r in results)
-        tenth = times[int(0.9 * (len(times) - 1))]
+        high = times[int(0.9 * (len(times) - 1))]
         lines.append(
-            f"{what}: median {times[len(times) // 2]:.1f}, tenth above {tenth:.1f}, "
-            f"most {times[-1]:.1f}"
+            f"{what}: median {times[len(times) // 2]:.1f}, 90th percentile {high:.1f}, "
+            f"maximum {times[-1]:.1f}"
         )
     return lines + confusion(results) + closing(results)
 

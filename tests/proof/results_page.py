@@ -1,5 +1,5 @@
 """Writes docs/results.md, every measured figure of the project, from docs/results/*.json:
-`python tests/proof/results_page.py` writes the page, `--check` says whether it is up to date.
+`python tests/proof/results_page.py` writes the page; `--check` exits with 1 where it differs.
 """
 
 import json
@@ -156,7 +156,7 @@ def speed() -> list[str]:
 
 
 def trap() -> list[str]:
-    """One joint that lacks its Coulomb friction."""
+    """Errors of identification methods on a joint whose model lacks its Coulomb friction."""
     result = read("bench_trap")
     return [
         "## A joint whose model lacks its Coulomb friction",

@@ -13,7 +13,7 @@ from drill_reference import Drill, run
 from vgroove import _core, cli
 from vgroove.errors import VgrooveError
 from vgroove.log import read_log
-from vgroove.plant_alone import make_drill, straight_from
+from vgroove.plant_alone import make_drill, row_start_duty
 from vgroove.rig import Rig, read_rig, write_rig
 from vgroove.scenario import make_plant
 
@@ -163,8 +163,8 @@ def test_unsuitable_rigs_are_refused_with_the_reason() -> None:
 
 def test_the_duty_of_a_row_starts_at_the_previous_value_within_the_slew_rate() -> None:
     duty = np.array([0.0, 0.003, 0.5, 0.5])
-    assert np.array_equal(straight_from(duty, 4.0), [0.0, 0.0, 0.5, 0.5]) and np.array_equal(
-        straight_from(duty, None), duty
+    assert np.array_equal(row_start_duty(duty, 4.0), [0.0, 0.0, 0.5, 0.5]) and np.array_equal(
+        row_start_duty(duty, None), duty
     )
 
 

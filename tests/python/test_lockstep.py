@@ -26,7 +26,7 @@ PROFILES = {
     "board_18v": lockstep.Profile(
         travel=TRIGGER_TRAVEL,
         load_nm=((0.0, 0.0), (0.4, 0.3)),
-        gaps=((0.3, 0.33),),
+        hall_breaks=((0.3, 0.33),),
         current_add_a=((0.0, 0.0), (0.5, 70.0)),
     ),
 }
@@ -119,7 +119,7 @@ def refusals_of_a_run() -> list[str]:
     running it.
     """
     count = 30_000
-    stimuli = lockstep.Stimulus(PROFILES["impact_driver"], FRONT, 7).chunk(0, count)
+    stimuli = lockstep.StimulusSource(PROFILES["impact_driver"], FRONT, 7).chunk(0, count)
     try:
         board, tool = SilBoard(), make_plant(read_rig(RIGS / "impact_driver.toml"), 1)
         _core.run_lockstep(

@@ -110,7 +110,7 @@ def test_friction_raises_the_current(effect_id: str) -> None:
     assert mean_current(with_it) > 1.02 * mean_current(without)
 
 
-def held_sizes() -> dict[str, Callable[[], tuple[float, float]]]:
+def steady_speeds() -> dict[str, Callable[[], tuple[float, float]]]:
     """Effect -> (measured, expected) where the steady state gives the size in closed form; the
     reference tool at duty 0.6, where no other is given.
     """
@@ -156,14 +156,14 @@ def held_sizes() -> dict[str, Callable[[], tuple[float, float]]]:
     }
 
 
-@pytest.mark.parametrize("name", sorted(held_sizes()))
+@pytest.mark.parametrize("name", sorted(steady_speeds()))
 def test_steady_speed_is_what_the_equation_gives(name: str) -> None:
-    measured, expected = held_sizes()[name]()
+    measured, expected = steady_speeds()[name]()
     assert measured == pytest.approx(expected, rel=2e-3)
 
 
 @pytest.mark.parametrize(("share", "sign"), [(0.5, 0.0), (0.8, 0.0), (1.25, 1.0), (2.0, 1.0)])
-def test_dead_time_takes_nothing_while_the_current_changes_sign_between_the_edges(
+def test_dead_time_has_no_effect_while_the_current_changes_sign_between_the_edges(
     share: float, sign: float
 ) -> None:
     """The mean current is `share` of the height of the current ripple: dead time acts by the sign

@@ -30,7 +30,7 @@ def seed_of(half: str, *numbers: int) -> int:
 
 
 def fifth(cells: Sequence[Any]) -> list[Any]:
-    """Every fifth cell: the named fifth of a matrix."""
+    """Every fifth cell, for quick runs (`--fifth`)."""
     return list(cells[::5])
 
 

@@ -29,7 +29,10 @@ TRUTH_EVERY = 15  # PWM periods: about 0.5 ms
 FIXED_TIME, FIXED_COUNT = "fixed time", "fixed count"  # stop rules of simpler tools
 VARIANTS = (Variant(FIXED_TIME), Variant(FIXED_COUNT), Variant("torque", "torque"))
 REASONS_REFUSED = ("unreachable", "missed")
-GOALS = {"std": 0.03, "mean": 0.03}  # of the target: the project's goals (docs/control_bench.md)
+GOALS = {
+    "std": 0.03,
+    "mean": 0.03,
+}  # of the target: the project's goals (docs/controllers/torque.md)
 PRACTICE_ALPHA = (2.5, 4.0)  # tightening factor of impact wrenches, VDI 2230 part 1, table A8
 
 
@@ -208,8 +211,8 @@ def jobs(
 def cell_figures(
     rows: Sequence[Figures], target_nm: float, slope: float, variant: str
 ) -> Figures | None:
-    """Spread and mean error of one cell over its joints; `told` counts the joints whose target was
-    refused or reported as missed. None without joints.
+    """Standard deviation and mean error of one cell over its joints; `told` counts the joints of
+    which the controller told that it refused the target or missed it. None without joints.
     """
     chosen = [
         r for r in rows if (r["target_nm"], r["slope"], r["variant"]) == (target_nm, slope, variant)
