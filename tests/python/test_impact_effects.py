@@ -38,8 +38,8 @@ Trace = dict[str, np.ndarray]
 
 def motion(joint: str = "slip 60", duty: float = DUTY, **effects: dict[str, float]) -> Trace:
     """Columns every 2 us from rest, with time derivatives. `smooth`: samples after the first
-    impacts without an event among their nine neighbours. `untouched`: of these, samples without
-    contact of a lug.
+    impacts without an event within four samples. `untouched`: of these, samples without contact
+    of a lug within four samples.
     """
     time_s = np.arange(0.0, TO_S, STEP_S)
     t = drive(rig_with(JOINTS[joint]).with_effects(effects), np.full(125, duty), trace_s=time_s)[
