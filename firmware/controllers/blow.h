@@ -7,7 +7,7 @@
 // a hysteresis of a share of the learned ripple. The angle that the motor has turned since the last
 // blow classifies the valley. From lug to lug the motor turns at least gear / lugs, plus the
 // joint's own rotation, which is learned as mean_angle:
-//   - soon after a blow: a second valley of that blow itself (a notch), ignored
+//   - soon after a blow: a second valley of that blow itself, ignored
 //   - before 0.66 mean_angle: a second swing on the same lug, a repeat
 //   - each 0.56 mean_angle beyond a lug: one more lug whose valley was not detected
 #ifndef VGROOVE_CONTROLLERS_BLOW_H

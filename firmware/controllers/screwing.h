@@ -58,7 +58,7 @@ typedef struct {
     int16_t now;      // rotation per blow, averaged
     int16_t learned;  // rotation per blow, reference of the rise
     uint16_t turned;  // rotation since the onset of the rise
-    int16_t rise_q8;  // learned / now
+    int16_t rise_q8;  // learned over averaged rotation
     int16_t base_q8;  // rise at the onset
     int16_t over_q8;  // rise above base_q8 in the last wave
     int32_t area;     // integral of over_q8 over the rotation

@@ -28,7 +28,7 @@
 typedef enum {
     TORQUE_RUN,     // before the first blows
     TORQUE_LEVEL,   // on the level of the target, until the current separates hard from soft joints
-    TORQUE_SETTLE,  // hard joint: until blows no longer turn it
+    TORQUE_SETTLE,  // hard joint: until blows do not turn it any further
     TORQUE_RAISED,  // soft joint: until the current is that of the target
     TORQUE_OVER,
 } TorqueState;
