@@ -10,7 +10,7 @@ import pytest
 
 from vgroove.gap.residual.breakaway import (
     SpeedRecord,
-    breakaway_impulse_rad_s,
+    breakaway_sigma_rad_s,
     breakaways,
     widen_after_breakaway,
 )
@@ -89,13 +89,13 @@ def test_the_impulse_is_that_of_a_friction_that_builds_up_over_a_small_angle(
         speed += dt * (acceleration + coulomb / inertia * np.exp(-angle / 8e-4))
         angle += dt * speed
     gained = speed - 30e-3 * acceleration
-    assert 0.2 < gained / breakaway_impulse_rad_s(rig, np.array([acceleration]))[0] < 2.0
+    assert 0.2 < gained / breakaway_sigma_rad_s(rig, np.array([acceleration]))[0] < 2.0
 
 
 def test_the_impulse_lasts_up_to_the_next_restart_and_censored_samples_have_none(
     opened: RowChannel,
 ) -> None:
-    held = opened.impulse > 0.0
+    held = opened.offset_sigma > 0.0
     expected = (TIME > 0.2) & (TIME < 0.42) | (TIME > 1.05) & (TIME < 1.3)
     unlike = TIME[held != (expected & ~opened.censored)]
     assert len(unlike) <= 2  # at 0.2 and 1.05 s the speed is within the noise of a rest
@@ -106,8 +106,8 @@ def test_residuals_after_an_unknown_impulse_are_uncorrelated(opened: RowChannel)
     white = residual(opened, np.diag(opened.sigma)).T  # r' = white @ r
     shared = np.stack(
         [
-            np.where(opened.passage == p, opened.impulse / opened.sigma, 0.0)
-            for p in np.unique(opened.passage)
+            np.where(opened.offset_group == p, opened.offset_sigma / opened.sigma, 0.0)
+            for p in np.unique(opened.offset_group)
         ]
     )
     assert white @ (np.eye(len(TIME)) + shared.T @ shared) @ white.T == pytest.approx(
@@ -116,9 +116,9 @@ def test_residuals_after_an_unknown_impulse_are_uncorrelated(opened: RowChannel)
 
 
 def test_a_likely_impulse_is_removed_and_an_unlikely_one_stays(opened: RowChannel) -> None:
-    first = (opened.passage == 0) & (opened.impulse > 0.0)
+    first = (opened.offset_group == 0) & (opened.offset_sigma > 0.0)
     left = [
-        residual(opened, np.where(first, factor * opened.impulse, 0.0)[None])[0]
+        residual(opened, np.where(first, factor * opened.offset_sigma, 0.0)[None])[0]
         for factor in (1.0, 100.0)
     ]
     assert np.sum(left[0] ** 2) < 1.0 and np.sum(left[1] ** 2) > 1e3
@@ -131,4 +131,4 @@ def test_a_voltage_input_has_no_impulse(rig: Rig) -> None:
     record = SpeedRecord(seen(), 0.0, False)
     assert widen_after_breakaway((channel,), record, driven, np.zeros(1))[0] is channel
     widened = widen_after_breakaway((channel,), record, rig, np.zeros(1))[0]
-    assert widened.impulse.max() < RPM_PER_RAD_S * 5.0
+    assert widened.offset_sigma.max() < RPM_PER_RAD_S * 5.0

@@ -92,7 +92,7 @@ def test_long_stretches_are_more_accurate_and_their_intervals_hold_the_true_valu
 def scatter(found: Estimate, name: str) -> float:
     """Half width of a parameter from the fit alone, without form error."""
     at = [c.name for c in found.fit.hypothesis.coordinates].index(name)
-    return float(found.half[at] * found.fit.hypothesis.coordinates[at].factors[0])
+    return float(found.half_widths[at] * found.fit.hypothesis.coordinates[at].factors[0])
 
 
 def test_an_interval_contains_the_form_error(problem: Problem, engine: Engine) -> None:

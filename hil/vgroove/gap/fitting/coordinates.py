@@ -12,20 +12,21 @@ from vgroove.gap.catalogue import Effect, Parameter, Scales
 from vgroove.gap.fitting.hypothesis import MAX_NUISANCE_SIGMAS, Coordinate, Hypothesis
 from vgroove.gap.residual.protocol import MeasuredProblem
 
-# sine and cosine amplitude, in the effect's typical size, from which a periodic effect starts
+# start of amplitude cos(phase) and of amplitude sin(phase) of a periodic effect, in the effect's
+# typical size
 RIPPLE_START = 0.05
-# bound of the asymmetry beside Coulomb friction, in the effect's typical size: none in effect
+# bound of the asymmetry beside Coulomb friction, in the effect's typical size: practically none
 UNBOUNDED = 1e6
 
-Started = tuple[Coordinate, tuple[float, ...]]  # a coordinate and its starts
+Started = tuple[Coordinate, tuple[float, ...]]  # a coordinate and the values of its starts
 
 
 @dataclass
 class HypothesisBuilder:
-    """Builds hypotheses for one problem: scales of the tool, standard deviations of the rig's
-    values (nuisance parameters), effects that the rig holds already.
-
-    known holds, by name, where numbers of effects with many starts ended when fitted alone.
+    """Builds hypotheses for one problem. scales: of the tool; tolerance: relative standard
+    deviations of the rig's values (nuisance parameters); present: effects that the rig contains
+    already; known: by name, the fitted numbers of effects with many starts, from the fit of each
+    effect alone.
     """
 
     problem: MeasuredProblem
@@ -54,8 +55,8 @@ class HypothesisBuilder:
         from_catalogue: Effect | None = None,
     ) -> list[Hypothesis]:
         """One hypothesis for each form and start of a set of effects: the product of the forms and
-        starts of its members. from_catalogue: a member that takes its catalogue starts even where
-        it has a known one.
+        starts of its members. from_catalogue: a member that starts from the catalogue's values even
+        where `known` has its fitted ones.
         """
         ids = tuple(e.id for e in effects)
         started = [
@@ -116,8 +117,9 @@ class HypothesisBuilder:
 
 
 def _as_sine_and_cosine(pairs: list[Started]) -> list[Started]:
-    """Amplitude (first) and phase (last) of a periodic effect become its sine and cosine amplitude:
-    a least-squares problem without the phase's singularity at amplitude 0.
+    """The coordinates of a periodic effect with amplitude (first) and phase (last) replaced by
+    amplitude cos(phase), role "cosine", and amplitude sin(phase), role "sine": least squares in
+    these has no singularity at amplitude 0.
     """
     amplitude, phase = pairs[0][0], pairs[-1][0]
     bound = max(abs(amplitude.high), 1.0)

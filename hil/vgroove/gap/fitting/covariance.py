@@ -38,9 +38,9 @@ def interval_half_widths(engine: Engine, one: Fit, clusters: Sequence[np.ndarray
     """Half widths (p,) of 95 % intervals of the fitted numbers: the widest of the intervals by the
     sandwich over each clustering (n,) of the rows, and by the jackknife over the folds.
 
-    Noise alone gives narrow intervals. A model of a slightly different form errs in the same
-    direction over whole strokes: long clusters and estimates without one fold show that. Both take
-    Student's t for their few degrees of freedom.
+    Intervals from white noise alone are too narrow: a model of a slightly different functional form
+    errs in the same direction over whole strokes. The scatter over long clusters and between folds
+    includes that. Both use Student's t for their few degrees of freedom.
     """
     found = [np.zeros(len(one.x))]
     found += [_clustered_half_widths(one, engine.train, cluster) for cluster in clusters]

@@ -2,10 +2,10 @@
 all rows, to the optimum of the other folds, and simulated there.
 
 Method: approximate cross-validation by one Newton step for each fold (Rahnama Rad and Maleki,
-Journal of the Royal Statistical Society B 82 (2020) 965). Where the model jumps (a ripple torque
-that stops the shaft) no part of such a step may lower the cost of the rows that it comes from. Then
-the points around the fit are simulated, and each fold takes the one of least cost on its training
-rows; the block that is to be predicted is not among them.
+Journal of the Royal Statistical Society B 82 (2020) 965). Where the residuals jump (a ripple torque
+that stops the shaft) the step and its fractions may all raise the cost of the fold's training rows.
+Then points around the fit are simulated, and the fold takes the one of least cost on its training
+rows; the block that is to be predicted is not among these rows.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,12 +20,12 @@ from vgroove.gap.fitting.steps import points_along
 MAX_SHORTENINGS = 2  # of a fold's step that raises the cost of the fold's training rows
 SHORTENING = 0.3  # factor of each
 
-FoldStep = tuple[Fit, int, np.ndarray]  # a fit, a fold and its step (p,)
+FoldStep = tuple[Fit, int, np.ndarray]  # a fit, the index of a fold and the step (p,) of the fold
 
 
 def predict_held_out(engine: Engine, fits: Sequence[Fit]) -> None:
-    """Replace out-of-fold residuals to first order by simulated ones, fold by fold, and compute the
-    Jacobians afresh.
+    """Replace the first-order out-of-fold residuals of fits by simulated ones, fold by fold; all
+    columns of the Jacobians are computed at the fit.
     """
     todo = [f for f in fits if not f.exact]
     if not todo:

@@ -1,9 +1,9 @@
 """Fits many hypotheses in lock step: damped Gauss-Newton (Nocedal and Wright 2006, section 10.3)
 under Huber's loss, within bounds, with nuisance parameters under normal priors.
 
-All parameter sets that a round needs (every hypothesis, every finite difference) go to the
-simulator in one batch. A hypothesis is fitted on all training rows; the fits of the folds follow
-from the same Jacobian, one Newton step away (cross_validation.py).
+All parameter sets of one round (every hypothesis, every finite difference) are simulated in one
+batch. A hypothesis is fitted on all training rows; the fit of each fold is one Newton step from it
+with the same Jacobian (cross_validation.py).
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,30 +26,35 @@ from vgroove.gap.residual.batches import split_by_size
 from vgroove.gap.residual.huber import huber_loss
 from vgroove.gap.residual.protocol import MeasuredProblem
 
-# Threshold of Huber's loss in robust standard deviations of the residuals: in the first round, in
-# which a start may be far off, and from then on. Chosen on the tuning half of the blind set.
+# Threshold of Huber's loss in robust standard deviations of the residuals: in the first round,
+# whose start may be far from the minimum, and in all others. Chosen on the tuning half of the blind
+# set.
 FIRST_HUBER_SIGMAS, FINAL_HUBER_SIGMAS = 20.0, 4.0
-MAX_RESIDUAL = 1e5  # sigma; a model that is further off has run away
+MAX_RESIDUAL = 1e5  # sigma; larger residuals, and those of failed simulations, are clipped here
 
 
 @dataclass(frozen=True)
 class DampingRules:
-    """Shares of the Gauss-Newton step that are tried, and when a fit has converged; chosen on the
-    tuning half of the blind set.
+    """Damping factors (shares of the Gauss-Newton step) that are tried, and when a fit has
+    converged; chosen on the tuning half of the blind set.
     """
 
     short_step: float = 0.35  # second trial of a round, as a share of the first
-    reduction: float = 0.1  # of the damping, after a round without a gain that promised one
-    growth: float = 3.0  # of the damping, after any other round
-    min_damping: float = 0.02
-    min_gain: float = 1.0  # of the cost: squared sigma
-    min_gain_share: float = 2e-4  # of the cost
-    huber_excess: float = 1.5  # of Huber's threshold over the final one, beyond which it follows
+    # change of the damping factor after a round that gained nothing although the Jacobian predicts
+    # a gain, and after any other round
+    reduction: float = 0.1
+    growth: float = 3.0
+    min_damping: float = 0.02  # smallest damping factor
+    # a round that lowers the cost by less than both has converged: squared sigma, share of the cost
+    min_gain: float = 1.0
+    min_gain_share: float = 2e-4
+    # ratio of Huber's threshold to that of the final residuals above which it is computed again
+    huber_excess: float = 1.5
 
 
 @dataclass(frozen=True)
 class BatchLimits:
-    """Residual vectors, and residuals, that are held at once to make Jacobians (64 MB)."""
+    """Residual vectors, and residuals, that are in memory at once for the Jacobians (64 MB)."""
 
     vectors: int = 192
     residuals: int = 8_000_000
@@ -86,7 +91,9 @@ class Engine:
     # --- hypotheses ---
 
     def remember(self, one: Fit) -> None:
-        """Larger sets start the effects of a fit where it ended, not from their many starts."""
+        """Store the fitted numbers of a fit: fits of larger sets start its effects from these, not
+        from their many starts.
+        """
         self.builder.known |= {
             c.name: float(x)
             for c, x in zip(one.hypothesis.coordinates, one.x, strict=True)
@@ -94,7 +101,7 @@ class Engine:
         }
 
     def is_known(self, effect: Effect) -> bool:
-        """Whether larger sets start the effect where it ended when fitted alone."""
+        """Whether fits of larger sets start the effect from the values of its fit alone."""
         return any(effect.name(p) in self.builder.known for p in effect.parameters)
 
     def hypotheses(
@@ -104,7 +111,7 @@ class Engine:
         from_catalogue: Effect | None = None,
     ) -> list[Hypothesis]:
         """All forms and starts of a set of effects; nuisance parameters start at x_nuisance, the
-        effect from_catalogue at its catalogue starts even where larger sets start it elsewhere.
+        effect from_catalogue at the catalogue's starts even if its fitted numbers are stored.
         """
         x = np.zeros(len(self.nuisance)) if x_nuisance is None else x_nuisance
         return self.builder.hypotheses(effects, self.nuisance, x, from_catalogue)
@@ -117,8 +124,8 @@ class Engine:
         return max(1, min(BATCH.vectors, BATCH.residuals // self.problem.n))
 
     def residuals(self, jobs: Sequence[Job]) -> list[np.ndarray]:
-        """Residuals (n,), row by row, of hypotheses at coordinate vectors (B, p) in one batch;
-        equal parameter sets are simulated, and held, once.
+        """One vector of residuals (n,) for each coordinate vector of the jobs (B, p), in one batch;
+        equal parameter sets are simulated, and stored, once.
         """
         theta = np.concatenate([h.theta(self.problem.theta0, np.atleast_2d(x)) for h, x in jobs])
         places: dict[bytes, int] = {}
@@ -223,7 +230,7 @@ class Engine:
         """Jacobians by forward differences, of as many hypotheses in a batch as memory holds.
 
         The columns of the nuisance parameters hardly depend on the effects: those of the model
-        without effects serve until a step fails, or a fresh Jacobian is asked for.
+        without effects are used until a step fails, or `fresh` requires all columns.
         """
         steps = [difference_steps(one, one.x, fresh) for one in fits]
         jobs = [
@@ -235,9 +242,9 @@ class Engine:
             _set_jacobian(one, signed, moved)
 
     def _advance(self, fits: Sequence[Fit], round_: int, ahead: bool) -> list[bool]:
-        """One round of each fit; True for those that have not converged. ahead: the differences
-        that the Jacobian at the whole step needs run in the same batch, because the trials of one
-        fit alone hardly fill the plant's lanes.
+        """One round of each fit; True for those that have not converged. ahead: the differences for
+        the Jacobian after the whole step are simulated in the same batch, because the trials of one
+        fit alone do not fill the plant's SIMD lanes.
         """
         shares = np.array([[1.0], [DAMPING.short_step]])
         trials = [one.x + one.damping * shares * self.steps(one)[0] for one in fits]
@@ -264,16 +271,16 @@ class Engine:
         """
         costs = [self.cost(one, x, r) for x, r in zip(trial, rows, strict=True)]
         best = int(np.argmin(costs))
-        gain, promised = one.cost - costs[best], self._first_order_gain(one, trial[0])
+        gain, predicted = one.cost - costs[best], self._first_order_gain(one, trial[0])
         if gain > 0.0:
             one.x, one.residual, one.cost = trial[best], rows[best].copy(), costs[best]
             one.jacobian_is_at_x = False
         if (
             gain <= 0.0
-            and promised > self.converged_gain(one)
+            and predicted > self.converged_gain(one)
             and one.damping > DAMPING.min_damping
         ):
-            # a curved valley: the straight step does not keep what it promises
+            # the cost is so curved along the step that no trial gains what the Jacobian predicts
             one.damping *= DAMPING.reduction
             one.nuisance_slopes_known = one.jacobian_is_at_x = False
             return True
@@ -297,7 +304,7 @@ class Engine:
         return newton_steps(self.groups, one)
 
     def fold_steps(self, one: Fit) -> np.ndarray:
-        """Steps (folds, p) from a converged fit: none for a fold that leaves nothing out."""
+        """Steps (folds, p) from a converged fit: 0 for a fold that leaves nothing out."""
         return np.where(self.groups.leaves_out[:, None], self.steps(one)[1], 0.0)
 
     def steps_without(self, one: Fit) -> np.ndarray:
@@ -307,8 +314,8 @@ class Engine:
     def predict_first_order(
         self, one: Fit, by_fold: np.ndarray, untested: np.ndarray
     ) -> np.ndarray:
-        """Every row (n,) to first order after the step (folds, p) of the fold that tests it, or
-        after the step untested (p,).
+        """Residuals (n,) to first order: of each row after the step (folds, p) of the fold that
+        tests it, of rows that no fold tests after the step untested (p,).
         """
         return predict_first_order(self.groups, one, by_fold, untested)
 

@@ -10,14 +10,17 @@ import numpy as np
 MAX_NUISANCE_SIGMAS = 3.0
 # step of a forward difference, in the typical size of the number
 DIFFERENCE_STEP = 0.1
-# the same for a number that stays above 0 (a stiffness, a time), as a share of the number
+# largest step for a number that stays above 0 (a stiffness, a time), as a share of the number
 MAX_RELATIVE_STEP = 0.1
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One fitted number x: theta[columns] = origin + factors * x, 0 where |x| < least. A cosine and
-    the sine after it are an amplitude and its phase.
+    """One fitted number x: theta[columns] = origin + factors * x, with x taken as 0 where
+    |x| < least.
+
+    Of a periodic effect the coordinate of role "cosine" is amplitude cos(phase) and that of role
+    "sine", which follows it, amplitude sin(phase).
     """
 
     name: str
@@ -40,8 +43,8 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A set of effects with one start (p,); the coordinates hold the effects' numbers first, the
-    nuisance parameters last; fixed holds columns of theta and the values of a form of an effect.
+    """A set of effects with one start (p,). coordinates: the effects' numbers first, the nuisance
+    parameters last. fixed: columns of theta and their values that select a form of an effect.
     """
 
     ids: tuple[str, ...]
@@ -93,9 +96,9 @@ class Hypothesis:
 @dataclass
 class Fit:
     """A fitted hypothesis: residuals (n,) and Jacobian (n, p) at x (p,) on all rows; out_of_fold
-    (n,) predicts every row by a fit to the other folds.
+    (n,): residuals of every row under a fit to the other folds.
 
-    Jacobians are many and large: they are in single precision.
+    The Jacobians are in single precision, because they are many and large.
     """
 
     hypothesis: Hypothesis
@@ -104,7 +107,7 @@ class Fit:
     jacobian: np.ndarray
     cost: float
     delta: float  # threshold of Huber's loss, in sigma
-    damping: float = 1.0  # share of the Gauss-Newton step that is tried
+    damping: float = 1.0  # damping factor: share of the Gauss-Newton step that is tried
     out_of_fold: np.ndarray = field(default_factory=lambda: np.zeros(0))
     exact: bool = False  # out_of_fold is simulated, not predicted to first order
     nuisance_slopes_known: bool = False  # their columns of the Jacobian may serve at another x

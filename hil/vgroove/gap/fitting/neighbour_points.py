@@ -1,20 +1,20 @@
-"""Points around a fit with a ripple of torque: where the ripple stops the shaft, the gap is a
-staircase over amplitude and phase, and no slope leads from one step to the next.
+"""Points around a fit with a ripple of torque: where the ripple stops the shaft, the gap is
+piecewise constant over amplitude and phase, so that a gradient does not lead to a lower value.
 """
 
 import numpy as np
 
 from vgroove.gap.fitting.hypothesis import Fit
 
-# half widths of the square rings of points, relative to the ripple's amplitude: along it, and
-# across it (a change of phase)
+# half widths of the square grids of points ("rings") in the complex plane of the ripple, relative
+# to its amplitude
 RING_HALF_WIDTHS = (0.4, 0.2, 0.1, 0.05)
-SIDE = np.linspace(-1.0, 1.0, 5)
+SIDE = np.linspace(-1.0, 1.0, 5)  # grid along a side, in half widths
 
 
 def ripple_neighbours(one: Fit, half_width: float) -> np.ndarray:
-    """Points (k, p) around a fit, one torque that follows the angle changed in each: its amplitude
-    and phase as a complex number, times 1 and up to half_width more or less along and across.
+    """Points (k, p) around a fit, one torque ripple changed in each: the complex number
+    amplitude exp(i phase) is multiplied by 1 + half_width (a + i b), with a and b from SIDE.
     """
     factors = 1.0 + half_width * (SIDE[:, None] + 1j * SIDE).ravel()
     points = []
@@ -29,7 +29,7 @@ def ripple_neighbours(one: Fit, half_width: float) -> np.ndarray:
 
 
 def _torque_ripples(one: Fit) -> list[int]:
-    """Places in x of the cosine amplitudes of torques that follow the angle."""
+    """Indices in x of the coordinates of role "cosine" of torque ripples."""
     return [
         i
         for i, c in enumerate(one.hypothesis.coordinates)

@@ -12,8 +12,8 @@ CHUNK_ROWS = 4096  # rows that are weighted at once: their columns fit into a pr
 
 
 class FoldGroups:
-    """Groups of rows (n,): of each, which folds train on it, which fold tests it (-1: none), and
-    the rows as stretches of the log.
+    """Groups of rows (n,) that the same folds use: which folds train on each group, which fold
+    tests it (-1: none), and slices of consecutive rows of one group.
     """
 
     def __init__(self, folds: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
@@ -27,7 +27,7 @@ class FoldGroups:
         cuts = np.union1d(
             np.flatnonzero(np.diff(group, prepend=-1)), np.arange(0, self.rows, CHUNK_ROWS)
         )
-        self.stretches = [
+        self.slices = [
             (slice(int(a), int(b)), int(group[a]))
             for a, b in zip(cuts, [*cuts[1:], self.rows], strict=True)
         ]
@@ -38,7 +38,7 @@ class FoldGroups:
         """
         p = columns.shape[1]
         out = np.zeros((self.count, p, p + 1))
-        for rows, group in self.stretches:
+        for rows, group in self.slices:
             both = np.empty((p + 1, rows.stop - rows.start))
             both[:p], both[p] = columns[rows].T, residual[rows]
             out[group] += (both[:p] * huber_weight(both[p], delta)) @ both.T
@@ -47,7 +47,7 @@ class FoldGroups:
     def moved(self, residual: np.ndarray, columns: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """Residuals (n,) to first order after the step (groups, p) of each row's group."""
         out = np.empty(self.rows)
-        for rows, group in self.stretches:
+        for rows, group in self.slices:
             np.add(residual[rows], columns[rows] @ steps[group], out=out[rows])
         return out
 

@@ -10,12 +10,12 @@ import numpy as np
 from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.fitting.normal_equations import FoldGroups
 
-# Share of the curvature of all rows that stays in a fold's normal equations, pulling towards the
-# step of all rows: it decides only where the fold's rows hold less than this share of the
+# Share of the curvature of all rows that is added to a fold's normal equations as a ridge around
+# the step of all rows: it matters only where the fold's rows contain less than this share of the
 # information on a number. Chosen on the tuning half of the blind set.
 FOLD_RIDGE_SHARE = 1e-3
-# ridge of a linear system, relative to its diagonal and absolute: it keeps a number without any
-# influence solvable
+# ridge of a linear system, relative to its diagonal and absolute: without it the system is singular
+# where a number has no influence
 RIDGE_SHARE, RIDGE = 1e-9, 1e-12
 BOUND_SLACK = 1e-12  # violation of a bound that is rounding
 
@@ -47,8 +47,8 @@ def _step(one: Fit, sums: np.ndarray) -> np.ndarray:
 def predict_first_order(
     groups: FoldGroups, one: Fit, by_fold: np.ndarray, untested: np.ndarray
 ) -> np.ndarray:
-    """Every row (n,) to first order as the step (folds, p) of the fold that tests it moves it;
-    untested (p,) moves the rows that no fold tests.
+    """Residuals (n,) to first order: of each row after the step (folds, p) of the fold that tests
+    it; of rows that no fold tests after the step untested (p,).
     """
     steps = np.vstack([by_fold, untested])[groups.tested_by]
     return groups.moved(one.residual, one.jacobian, steps)

@@ -1,6 +1,6 @@
 """Chooses the run to record next: the one whose predicted logs differ most between the tied sets of
-effects, whatever their parameter values (model discrimination, W. G. Hunter and A. M. Reiner,
-Technometrics 7, 1965).
+effects after the parameter values of both are fitted to the difference (experiment for
+discriminating between models, A. C. Atkinson and V. V. Fedorov, Biometrika 62, 1975).
 """
 
 import numpy as np
@@ -16,8 +16,8 @@ from vgroove.gap.verdict.schema import NextExperiment, ProfileSeparation
 from vgroove.units import RPM_PER_RAD_S
 
 MAX_RIVALS = 3  # tied sets that a run must separate from the best set; bounds the time
-MAX_DIFFERENCE = 100.0  # sigma of one sample: larger differences count no more
-MAX_SLOPE = 1e6  # sigma per scaled parameter: a simulation that runs away has no derivative
+MAX_DIFFERENCE = 100.0  # sigma; differences of a sample are clipped here
+MAX_SLOPE = 1e6  # sigma per scaled parameter; derivatives are clipped here
 PRECISION = 1e-10  # relative: smaller singular values of the information matrix count as 0
 # judged column -> simulated quantity and its factor; an angle is judged through its derivative
 SIMULATED = {
@@ -39,8 +39,8 @@ RUN_OF_COVARIATE = {
 
 
 def propose(problem: Problem, search: Search, finding: Finding) -> NextExperiment | None:
-    """The run that separates tied sets (ambiguous), or the one that shows more of an unlisted gap;
-    None for the other verdicts.
+    """The run that separates tied sets (verdict ambiguous), or the run in which the covariate of an
+    unlisted gap varies most; None for the other verdicts.
     """
     if finding.verdict == "ambiguous":
         return most_separating_run(problem, search, finding)
@@ -137,7 +137,7 @@ def row_interval_s(problem: Problem) -> float:
 
 
 def slew_limited(share: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """A command (n,) that follows a wanted one by at most `most` (n,) in each row."""
+    """A command (n,) that follows a wanted one and changes by at most `most` (n,) in each row."""
     out, level = np.empty_like(share), 0.0
     for n, wanted in enumerate(share):
         level += float(np.clip(wanted - level, -most[n], most[n]))

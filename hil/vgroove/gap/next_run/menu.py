@@ -19,8 +19,8 @@ class RunProfile:
     """A run: its command over time.
 
     level: shares of the largest command from each instant of time_s on; linear: joined by straight
-    lines, else held. opens_bridge: the bridge opens where the level is 0 after the first press.
-    load: points [time in s, share of the largest load]. content: what the log of it will show.
+    lines, else held. opens_bridge: the bridge opens where the level is 0, but for the rest at the
+    beginning. load: points [time in s, share of the largest load]. content: what its log contains.
     """
 
     name: str
@@ -39,8 +39,8 @@ class RunProfile:
 
     def bridge_open(self, time_s: np.ndarray) -> np.ndarray:
         """Whether (n,) the bridge is open."""
-        pressed = self.opens_bridge and time_s > self.time_s[1]
-        return np.logical_and(pressed, self.command(time_s) == 0.0)
+        after_rest = self.opens_bridge and time_s > self.time_s[1]
+        return np.logical_and(after_rest, self.command(time_s) == 0.0)
 
     def points(self) -> list[list[float]]:
         """[time in s, share of the largest command] of each change."""
@@ -78,7 +78,7 @@ MENU: tuple[RunProfile, ...] = (
     ),
     RunProfile(
         "slow sweep",
-        "a slow passage through low speeds: break-away",
+        "low speeds passed slowly: breakaway",
         (0.0, REST_S, 2.2, PROFILE_S),
         (0.0, 0.0, 0.15, 0.0),
         True,

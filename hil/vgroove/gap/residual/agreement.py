@@ -4,7 +4,7 @@ import numpy as np
 
 from vgroove.gap.residual.time_warping import overall_rating
 
-CLIP_SIGMAS = 10.0  # a residual counts as no more in a gap: docs/spec/gap.md, section 5
+CLIP_SIGMAS = 10.0  # residuals are clipped here in a gap: docs/spec/gap.md, section 5
 MAX_RATED_SAMPLES = 1000  # the rating's cost grows with the square of the samples
 MIN_RATED_SAMPLES = 20  # fewer samples are no curve that can be rated
 
@@ -12,8 +12,8 @@ MIN_RATED_SAMPLES = 20  # fewer samples are no curve that can be rated
 def iso18571(
     time_s: np.ndarray, measured: np.ndarray, model: np.ndarray
 ) -> tuple[float | None, int]:
-    """ISO/TS 18571 overall rating 0..1 of a model curve (m,) against a measured one, and the
-    samples behind it.
+    """ISO/TS 18571 overall rating 0..1 of a model curve (m,) against a measured one, and the number
+    of samples that it is computed from.
 
     Both are interpolated on a uniform grid of at most MAX_RATED_SAMPLES. None when there are fewer
     than MIN_RATED_SAMPLES or the measured curve is flat.

@@ -1,11 +1,11 @@
-"""Estimates the motor's angle after stops from the effects that follow the angle.
+"""Estimates the motor's angle after stops from the effects that are periodic in the angle.
 
-A count of edges is lost at every stop, and each log begins at an unknown angle. A stretch is a run
-of restarts over which the count holds. Its angle is known up to whole pitches of the Hall wheel
-(with edges) or not at all (without edges, and from a rest to the first edge); nothing else of the
-tool changes from stretch to stretch. The offset of each stretch is the candidate that leaves the
-smallest residual under a cogging, an eccentric gear or an eccentric wheel; a tool without such an
-effect does not depend on it.
+A count of edges is lost at every stop, and each log begins at an unknown angle. A stretch is a
+sequence of restarts over which the count is not lost. Its angle is known up to whole pitches of the
+Hall wheel (with edges) or not at all (without edges, and from a rest to the first edge). All other
+parameters are the same in every stretch. The offset of each stretch is the candidate that leaves
+the smallest residual under a periodic effect: a cogging, an eccentric gear or an eccentric wheel.
+Without such an effect the residuals do not depend on the offset.
 """
 
 from dataclasses import dataclass
@@ -27,8 +27,10 @@ class AlignmentRules:
     the blind set.
     """
 
-    candidates_per_period: int = 32  # without edges; with edges over a turn of the output
-    min_gain: float = 10.0  # squared sigma
+    # without edges: over the period of the effect; with edges: over the period of an effect of the
+    # output, besides all pitches of a motor turn
+    candidates_per_period: int = 32
+    min_gain: float = 10.0  # decrease of the sum of squared residuals, squared sigma
 
 
 ALIGNMENT = AlignmentRules()
@@ -39,11 +41,11 @@ RIDGE_SHARE, RIDGE = 1e-6, 1e-9
 
 @dataclass(frozen=True)
 class AngleStretches:
-    """Stretches of restarts over which the count of edges holds, over all logs."""
+    """Stretches of restarts over which the count of edges is not lost, over all logs."""
 
     of: np.ndarray  # (n,) stretch of each residual
-    rest: np.ndarray  # (stretches,) whether each is the way from a rest to the first edge
-    first: np.ndarray  # (stretches,) whether each is its log's first, apart from such a rest
+    rest: np.ndarray  # (stretches,) whether each lasts from a rest to the first edge
+    first: np.ndarray  # (stretches,) whether each is its log's first, not counting one of `rest`
     log: np.ndarray  # (stretches,) the log that each lies in
     restart: tuple[np.ndarray, ...]  # per log (S,): the stretch of each restart
 
@@ -89,7 +91,7 @@ def _stretch_of_restart(run: MeasuredRun) -> tuple[bool, np.ndarray]:
 
 
 def active_periodic_effects(problem: MeasuredProblem, theta: np.ndarray) -> list[str]:
-    """Effects of a parameter vector (P,) that follow the angle."""
+    """Periodic effects that a parameter vector (P,) switches on."""
     names = {i: f"effects.{i}.{periodic.amplitude}" for i, periodic in PERIODIC.items()}
     return [i for i, name in names.items() if theta[problem.index(name)] != 0.0]
 
@@ -99,9 +101,10 @@ def candidate_shifts(
 ) -> np.ndarray:
     """Offsets (k,) in rad that a stretch may have for an effect of so many periods a motor turn.
 
-    With edges: whole pitches over a turn, in a log's first stretch over the effect's period.
-    Without edges, and at a rest before the first edge: any angle, in steps; but 0 where a stretch
-    without edges is not its log's first, as its angle was measured.
+    With edges: whole pitches over a motor turn; in a log's first stretch also over the effect's
+    period, where that is longer. From a rest to the first edge, and in the first stretch of a log
+    without edges: angles over the effect's period in equal steps. In later stretches of a log
+    without edges: 0, since their angle was measured.
     """
     run, first = problem.runs[parts.log[stretch]], bool(parts.first[stretch])
     if not run.pitch_rad and not first:
@@ -118,7 +121,7 @@ def candidate_shifts(
 
 
 def fewest_periods_per_rev(problem: MeasuredProblem, theta: np.ndarray) -> float:
-    """Fewest periods a motor turn of the effects of theta (P,) that follow the angle."""
+    """Fewest periods a motor turn of the periodic effects that theta (P,) switches on."""
 
     def periods(effect: str) -> float:
         return PERIODIC[effect].periods_per_rev(
@@ -133,7 +136,7 @@ def align_angles(
     problem: MeasuredProblem, theta: np.ndarray, angles: RestartAngles
 ) -> RestartAngles:
     """Restart angles with the offset of every stretch that leaves the smallest residual under theta
-    (P,); the same object where no effect of theta follows the angle.
+    (P,); the same object where theta switches no periodic effect on.
     """
     parts = angle_stretches(problem)
     fixed = problem.rig.load["kind"] == "pendulum" or parts.count < 2
@@ -156,9 +159,9 @@ def align_angles(
 
 @dataclass(frozen=True)
 class FirstOrderRipple:
-    """A small effect that follows the angle, to first order: periods a motor turn, normal matrices
-    (stretches, 2, 2) and gradients (stretches, 2) of the squared residual over its sine and cosine
-    amplitudes.
+    """A periodic effect of small amplitude, linearised: periods a motor turn, and the squared
+    residual of each stretch as a quadratic form of [amplitude cos(phase), amplitude sin(phase)]:
+    normal matrices (stretches, 2, 2) and gradients (stretches, 2).
     """
 
     periods: float
@@ -169,7 +172,9 @@ class FirstOrderRipple:
     def of(
         parts: AngleStretches, periods: float, residual: np.ndarray, columns: np.ndarray
     ) -> "FirstOrderRipple":
-        """From residuals (n,) and their derivatives (n, 2), with Huber's weights."""
+        """From residuals (n,) and their derivatives (n, 2) along the two numbers, with Huber's
+        weights.
+        """
         weight = huber_weight(residual, CLIP_SIGMAS)
         products = weight[:, None] * np.column_stack(
             [columns[:, [0, 0, 1, 1]] * columns[:, [0, 1, 0, 1]], columns * residual[:, None]]
@@ -180,9 +185,7 @@ class FirstOrderRipple:
         return FirstOrderRipple(periods, sums[:, :4].reshape(-1, 2, 2), sums[:, 4:])
 
     def rotated(self, stretch: int, shift_rad: float) -> tuple[np.ndarray, np.ndarray]:
-        """Normal matrix and gradient of one stretch over the amplitudes of a shaft that stands
-        shift_rad further on.
-        """
+        """Normal matrix and gradient of one stretch with shift_rad added to its shaft angle."""
         c, s = np.cos(self.periods * shift_rad), np.sin(self.periods * shift_rad)
         rotation = np.array([[c, -s], [s, c]])
         return rotation.T @ self.normal[stretch] @ rotation, rotation.T @ self.gradient[stretch]
@@ -198,12 +201,13 @@ class FirstOrderRipple:
         return float(gradient @ solve_ridge(normal, gradient))
 
     def amplitudes(self, shift_rad: np.ndarray) -> np.ndarray:
-        """Sine and cosine amplitude (2,) that remove it."""
+        """[amplitude cos(phase), amplitude sin(phase)] that leave the smallest squared residual."""
         return -solve_ridge(*self.summed(shift_rad))
 
     def best_shifts(self, choices: list[np.ndarray], reference: int = 0) -> np.ndarray:
-        """Offsets (stretches,) against a reference, out of each stretch's choices, that fit one
-        amplitude and phase best. Greedy: stretch by stretch, that of the largest gain first.
+        """Offsets (stretches,) relative to the reference stretch, each one of the choices of its
+        stretch, for which one amplitude and phase fits all stretches best. Greedy: the stretches
+        are added one by one, the one of the largest gain first.
         """
         gains = np.array(
             [b @ solve_ridge(n, b) for n, b in zip(self.normal, self.gradient, strict=True)]

@@ -1,10 +1,12 @@
-"""Cuts batches of parameter sets into parts that fit into memory, a cache and the plant's lanes."""
+"""Cuts batches of parameter sets into parts that fit into memory, a cache and the plant's SIMD
+lanes (plant/numeric/lanes.hpp).
+"""
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-LANES = 8  # parameter sets of one structure that the plant runs side by side
+LANES = 8  # parameter sets that the plant simulates in parallel; all switch the same effects on
 
 
 def split_by_size(sizes: Sequence[int], most: int) -> Iterator[slice]:
@@ -22,8 +24,8 @@ def split_by_size(sizes: Sequence[int], most: int) -> Iterator[slice]:
 
 
 def split_by_structure(structure: np.ndarray, most: int) -> list[np.ndarray]:
-    """Members of a batch in parts of about `most`, those of equal structure (B, k) together and in
-    whole groups of lanes.
+    """Indices of the members of a batch in parts of about `most`. Members of equal structure (B, k:
+    which effects are switched on) are adjacent, and no group of LANES is split.
     """
     _, kind = np.unique(structure, axis=0, return_inverse=True)
     order = np.argsort(kind, kind="stable")

@@ -15,10 +15,11 @@ MIN_BLOCKS = 8
 SHORT_LOG_S = 10.0
 FOLDS = 4
 HELD_OUT = 3
-# strokes between a block and this share of the log: thirds take turns instead
+# a log whose strokes last longer than a block and less than MAX_STROKE_SHARE of the log is cut into
+# thirds that rotate
 STROKE_FOLDS = 3
 MAX_STROKE_SHARE = 0.5
-MOVING_SHARE = 0.02  # of the top speed, below which a speed has no sign
+MOVING_SHARE = 0.02  # of the top speed: a lower speed counts as standstill
 
 
 @dataclass(frozen=True)
@@ -74,9 +75,9 @@ def mean_stroke_s(time_s: np.ndarray, speed: np.ndarray) -> float:
 
 
 def cut_blocks(time_s: np.ndarray, stroke: float) -> FoldBlocks:
-    """Blocks of a log whose motion keeps one direction for `stroke` seconds on average. Where a
-    long log goes to and fro in strokes longer than a block, thirds take turns, so that both
-    directions are in every fit.
+    """Blocks of a log whose motion keeps one direction for `stroke` seconds on average. A long log
+    of strokes to and fro that last longer than a block is cut into thirds that rotate, so that
+    every fit has rows of both directions.
     """
     start = float(time_s[0])
     length = float(time_s[-1]) - start

@@ -1,9 +1,10 @@
-"""Uncertainty of the speed after a start from rest where a force drives the model: friction builds
-up over a small angle, which no effect of the catalogue describes.
+"""Uncertainty of the speed after a start from rest where a current or force drives the model:
+friction builds up over a small angle, which no effect of the catalogue describes.
 
 Before a surface slides it yields like a spring (pre-sliding: Dahl, AIAA Journal 14 (1976) 1675).
-The shaft gains a speed on a model whose friction acts at once. Under a voltage the difference
-decays with the motor's time constant; under a measured current it lasts until the model restarts.
+The shaft therefore starts faster than a model whose friction acts at once. With a voltage as input
+the difference decays with the motor's time constant; with a measured current it lasts until the
+model restarts.
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ from vgroove.rig import Rig
 from vgroove.units import RPM_PER_RAD_S
 
 # angle of a motor's shaft over which its friction builds up: some micrometres in its bearings and
-# under its brushes
+# under its brushes, at radii of some millimetres
 PRE_SLIDING_RAD = 2e-3
 
 
@@ -24,8 +25,8 @@ PRE_SLIDING_RAD = 2e-3
 class BreakawayRules:
     """Starts from rest in a speed record; chosen on the tuning half of the blind set."""
 
-    min_rest_s: float = 0.1  # without a speed: the shaft stood still
-    moving_sigmas: float = 3.0  # a speed above this is no rest
+    min_rest_s: float = 0.1  # a longer interval without a speed above moving_sigmas is a rest
+    moving_sigmas: float = 3.0  # a speed above this counts as motion
     # the acceleration after a rest is taken over at least so long and so many observations
     rise_s: float = 0.01
     rise_observations: int = 3
@@ -37,7 +38,9 @@ MIN_TIME_S, MIN_ACCELERATION = 1e-6, 1e-6  # keep an acceleration (rad/s^2) and 
 
 @dataclass(frozen=True)
 class SpeedRecord:
-    """Observed speeds of a log that begins at start_s, in motion or at rest; None: no speed."""
+    """Observed speeds of a log (None: no speed), the time at which it begins, and whether the shaft
+    moves there.
+    """
 
     speed: Observations | None
     start_s: float
@@ -65,9 +68,9 @@ def breakaways(record: SpeedRecord) -> tuple[np.ndarray, np.ndarray]:
     return begin[first], np.maximum(mean, rise)
 
 
-def breakaway_impulse_rad_s(rig: Rig, acceleration: np.ndarray) -> np.ndarray:
+def breakaway_sigma_rad_s(rig: Rig, acceleration: np.ndarray) -> np.ndarray:
     """Standard deviation (k,) in rad/s of the speed gained at breakaway at accelerations (k,) in
-    rad/s^2: what Coulomb friction takes away in the time for PRE_SLIDING_RAD.
+    rad/s^2: the speed that Coulomb friction removes while the shaft turns by PRE_SLIDING_RAD.
     """
     duration = np.sqrt(2.0 * PRE_SLIDING_RAD / np.maximum(acceleration, MIN_ACCELERATION))
     return rig.motor["coulomb_nm"] / rig.shaft_inertia_kg_m2 * duration
@@ -82,19 +85,22 @@ def widen_after_breakaway(
     if rig.input["kind"] != "current_a" or record.speed is None:
         return channels
     instants, acceleration = breakaways(record)
-    size = breakaway_impulse_rad_s(rig, acceleration)
+    sigma_rad_s = breakaway_sigma_rad_s(rig, acceleration)
     following = np.searchsorted(restart_s, instants, side="right")
     until = np.append(restart_s, np.inf)[following]
-    return tuple(_with_impulses(channel, instants, until, size) for channel in channels)
+    return tuple(_with_offsets(channel, instants, until, sigma_rad_s) for channel in channels)
 
 
-def _with_impulses(
-    channel: Channel, instants: np.ndarray, until: np.ndarray, size: np.ndarray
+def _with_offsets(
+    channel: Channel, instants: np.ndarray, until: np.ndarray, sigma_rad_s: np.ndarray
 ) -> Channel:
+    """The channel with an unknown offset of standard deviation sigma_rad_s (k,) that its samples
+    from each instant (k,) to `until` (k,) share; unchanged where it is no speed.
+    """
     factor = {"rpm": RPM_PER_RAD_S, "rad/s": 1.0}.get(channel.unit)
     if factor is None or not len(instants):
         return channel
-    passage = np.searchsorted(instants, channel.time_s, side="right") - 1
-    affected = (passage >= 0) & (channel.time_s < until[passage]) & ~channel.censored
-    impulse = np.where(affected, factor * size[passage], 0.0)
-    return replace(channel, passage=passage, impulse=impulse)
+    group = np.searchsorted(instants, channel.time_s, side="right") - 1
+    affected = (group >= 0) & (channel.time_s < until[group]) & ~channel.censored
+    offset_sigma = np.where(affected, factor * sigma_rad_s[group], 0.0)
+    return replace(channel, offset_group=group, offset_sigma=offset_sigma)

@@ -26,14 +26,14 @@ UNSIGNED_NOTE = (
 class UnsignedCurrentTest:
     """When a current column shows magnitudes; chosen on the tuning half of the blind set."""
 
-    # a braking current lies below all of these: A, sigmas, share of the largest expected current
+    # the drive brakes where the expected current is negative and its magnitude exceeds all three:
+    # A, sigmas of the current, share of the largest expected current
     min_braking_a: float = 1.0
     min_braking_sigmas: float = 8.0
     min_braking_share: float = 0.05
-    min_rows: int = 20  # with a braking current
-    # an unsigned current has a median above the first there, and everywhere its lowest values
-    # (this quantile) above the second
-    min_median_sigmas: float = 3.0
+    min_rows: int = 20  # in which the drive brakes
+    min_median_sigmas: float = 3.0  # an unsigned current has a larger median in the rows of braking
+    # and over the whole log this quantile of it is above min_lowest_sigmas
     lowest_quantile: float = 0.001
     min_lowest_sigmas: float = -5.0
 

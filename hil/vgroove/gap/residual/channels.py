@@ -1,4 +1,4 @@
-"""Channels: one measured signal of a log each, and what the model shows in that signal."""
+"""Channels: one measured signal of a log each, and the prediction of the model for it."""
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -12,7 +12,7 @@ from vgroove.gap.residual.immutable import freeze_arrays
 from vgroove.gap.residual.sensors import SensorErrors
 
 CLOCK = "clock"  # (B,): seconds of the logger in a second of the tool
-# (B, rows): angle and speed that an encoder shows beside the speed sensor
+# (B, rows): angle and speed as an encoder would measure them, besides the speed sensor's
 ENCODER = ("encoder_angle_rad", "encoder_speed_rad_s")
 SPEED_SENSOR = ("angle_measured_rad", "speed_measured_rad_s")
 SHAFT = ("angle_rad", "speed_rad_s")
@@ -43,22 +43,24 @@ class InterpolationPoints:
         return InterpolationPoints(self.row[keep], self.share[keep], self.length_s[keep])
 
     def shares(self) -> tuple[np.ndarray, np.ndarray]:
-        """Weights (2, m), in the angle at an instant, of the angles of the rows before and after,
-        and of their speeds.
+        """Hermite weights (2, m) of the angle at each instant: those of the angles of the row
+        before and the row after, and those of their speeds.
         """
         f, g = self.share, 1.0 - self.share
         of_angles = np.stack([g * g * (1.0 + 2.0 * f), f * f * (3.0 - 2.0 * f)])
         return of_angles, np.stack([g, -f]) * (self.length_s * f * g)
 
     def weights(self, rows: int) -> list[csr_array]:
-        """The same as sparse matrices (m, rows): of the rows' angles and of their speeds."""
+        """The weights of shares() as sparse matrices (m, rows): of the rows' angles, of their
+        speeds.
+        """
         count = len(self.row)
         columns = np.column_stack([self.row - 1, self.row]).ravel()
         at = (np.repeat(np.arange(count), 2), columns)
         return [csr_array((share.T.ravel(), at), shape=(count, rows)) for share in self.shares()]
 
     def angle(self, simulation: Simulation, sensor: tuple[str, str] = SPEED_SENSOR) -> np.ndarray:
-        """Angle (B, m) of the model at the instants, as a sensor shows it."""
+        """Angle (B, m) of the model at the instants, as a sensor would measure it."""
         value, slope = (
             before * simulation[name].take(self.row - 1, axis=1)
             + after * simulation[name].take(self.row, axis=1)
@@ -73,8 +75,8 @@ class InterpolationPoints:
 class Channel:
     """One judged signal of one log: m samples that end at rows of the log.
 
-    A censored sample states only an upper bound of the speed: a timeout sample of a Hall sensor, at
-    which no edge has come for so long. It counts where the model exceeds the bound (censored data:
+    A censored sample is only an upper bound of the speed: a timeout sample of a Hall sensor, one
+    pitch over the time without an edge. It counts where the model exceeds the bound (censored data:
     Tobin, Econometrica 26 (1958) 24).
     """
 
@@ -88,10 +90,10 @@ class Channel:
     edges: bool = False  # made from Hall edges
     magnitude: bool = False  # compared by magnitude
     note: str = ""
-    # (m,) number, in order, of the passage that each sample lies in, and the standard deviation of
-    # an offset that all samples of one passage share and that no model knows
-    passage: np.ndarray | None = None
-    impulse: np.ndarray | None = None
+    # (m,) number, in order of time, of the group of samples that share one unknown offset, and the
+    # standard deviation of that offset in the unit (0: none); see breakaway.py
+    offset_group: np.ndarray | None = None
+    offset_sigma: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -107,29 +109,29 @@ class Channel:
         return replace(self, **{f.name: _selected(vars(self)[f.name], keep) for f in fields(self)})
 
     def model(self, simulation: Simulation) -> np.ndarray:
-        """What the model shows in this channel (B, m), in the signal's unit."""
+        """Prediction of the model for this channel (B, m), in the signal's unit."""
         raise NotImplementedError
 
     def compared(self, simulation: Simulation) -> np.ndarray:
-        """What the measurement is compared with (B, m): the model plus the estimated part of the
-        shared offsets that leaves the residuals uncorrelated.
+        """What the measurement is compared with (B, m): the model plus that part of the shared
+        offsets whose removal leaves the residuals uncorrelated.
         """
         model = self.model(simulation)
-        return model if self.impulse is None else model + self._offset(self.measured - model)
+        return model if self.offset_sigma is None else model + self._offset(self.measured - model)
 
     def _offset(self, error: np.ndarray) -> np.ndarray:
         """Part (B, m) of the errors (B, m) that is attributed to the shared offsets (whitening):
-        with s = impulse / sigma and residuals r of covariance 1 + s s', r - s k (s'r) has
+        with s = offset_sigma / sigma and residuals r of covariance 1 + s s', r - s k (s'r) has
         covariance 1 for k = (1 - 1 / sqrt(1 + s's)) / s's.
         """
-        first = np.flatnonzero(np.diff(self.passage, prepend=self.passage[0] - 1))
-        share = self.impulse / self.sigma**2
-        power = np.add.reduceat(self.impulse * share, first)
+        first = np.flatnonzero(np.diff(self.offset_group, prepend=self.offset_group[0] - 1))
+        share = self.offset_sigma / self.sigma**2
+        power = np.add.reduceat(self.offset_sigma * share, first)
         projected = np.add.reduceat(error * share, first, axis=1)
         divisor = np.where(power > 0.0, power, 1.0)
         weight = np.where(power > 0.0, (1.0 - 1.0 / np.sqrt(1.0 + power)) / divisor, 0.0)
-        length = np.diff(np.append(first, len(self.passage)))
-        return self.impulse * np.repeat(weight * projected, length, axis=1)
+        length = np.diff(np.append(first, len(self.offset_group)))
+        return self.offset_sigma * np.repeat(weight * projected, length, axis=1)
 
 
 def _selected(value: Any, keep: np.ndarray) -> Any:
@@ -140,8 +142,8 @@ def _selected(value: Any, keep: np.ndarray) -> Any:
 
 @dataclass(frozen=True)
 class RowChannel(Channel):
-    """A sample per row: current and bus as means over the row, a speed at its end. The model shows
-    the column `key` of its simulation times `factor`.
+    """A sample per row: current and bus as means over the row, a speed at its end. It is compared
+    with the column `key` of the simulation times `factor`.
     """
 
     key: str = ""
@@ -157,8 +159,8 @@ class SpanChannel(Channel):
     """A mean speed over a span between two instants: the difference quotient of the sensor's angle
     times `factor`.
 
-    missed (m,): edges that seem to have been missed in the span. A model whose Hall sensor misses
-    edges shows one pitch for all of them.
+    missed (m,): estimated number of edges that the sensor missed in the span. For a parameter set
+    whose Hall sensor misses edges, the predicted speed is one pitch over the whole span.
     """
 
     start: InterpolationPoints | None = None
@@ -183,7 +185,7 @@ class SpanChannel(Channel):
 
     @cached_property
     def bounds(self) -> np.ndarray:
-        """Places (k,) of the censored samples."""
+        """Indices (k,) of the censored samples."""
         return np.flatnonzero(self.censored)
 
     def mean_speed(self, simulation: Simulation) -> np.ndarray:
@@ -199,8 +201,8 @@ class SpanChannel(Channel):
         )
 
     def pitches(self, mean: np.ndarray) -> np.ndarray:
-        """Pitches (B, m) that a sensor which misses edges reports as one: the model's mean speed
-        (B, m) over the measured one, rounded.
+        """Number of pitches (B, m) that a sensor which misses edges reports as one: mean speed of
+        the model (B, m) over the measured speed, rounded.
         """
         ratio = np.abs(mean) / np.maximum(np.abs(self.measured), MIN_SPEED)
         return np.clip(np.round(ratio), 1.0, MAX_PITCHES)
@@ -220,8 +222,9 @@ class SpanChannel(Channel):
         return mean
 
     def bounded(self, mean: np.ndarray, drops: np.ndarray) -> np.ndarray:
-        """What censored samples show of a model's mean speed (B, k): the measured bound, plus the
-        excess over it; of a sensor that misses edges (B, 1) the bound alone.
+        """Predictions of the censored samples from a model's mean speed (B, k): the measured bound,
+        plus the excess of the model over it; the bound alone for a sensor that misses edges (drops
+        (B, 1)), since a missed edge explains the excess.
         """
         measured = self.measured[self.bounds]
         excess = np.abs(mean) - np.abs(measured)
@@ -230,8 +233,8 @@ class SpanChannel(Channel):
 
 @dataclass(frozen=True)
 class ForceChannel(Channel):
-    """Acceleration between three instants, the second difference of the encoder's angle: where the
-    input is a force, force is compared with force.
+    """Acceleration from the encoder's angle at three instants (second difference), for a current or
+    force as input: its residual times the inertia is an error of the force.
     """
 
     points: tuple[InterpolationPoints, InterpolationPoints, InterpolationPoints] | None = None
@@ -247,8 +250,8 @@ class ForceChannel(Channel):
 
 @dataclass(frozen=True)
 class ChannelInfo:
-    """What a channel is: its column and unit, whether it is made from Hall edges or compared by
-    magnitude, a note for the user.
+    """Description of a channel: its column and unit, whether it is made from Hall edges or compared
+    by magnitude, a note for the user.
     """
 
     column: str
@@ -329,8 +332,8 @@ def row_channel(
 
 
 def add_encoder(simulation: Simulation, errors: SensorErrors) -> None:
-    """Add what an encoder shows to a simulation: the eccentric wheel, but neither gain nor lag of
-    the speed sensor.
+    """Add angle and speed as an encoder measures them to a simulation: with the eccentricity of the
+    wheel; the shaft's own where the speed sensor has a gain or a lag, which an encoder has not.
     """
     differs = (errors.gain[:, 1] != 1.0) | (errors.lag_s[:, 1] > 0.0)
     for name, sensor, shaft in zip(ENCODER, SPEED_SENSOR, SHAFT, strict=True):

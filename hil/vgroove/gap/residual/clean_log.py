@@ -1,4 +1,4 @@
-"""A cleaned log under its rig, from which the parts of a measured run are made."""
+"""A cleaned log with its rig, from which the parts of a measured run are made."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,5 +1,5 @@
-"""Hall edges of a log beside the nominal model: their periods, the speed that the model has over
-each, and the angle that the edges count.
+"""Hall edges of a log compared with the nominal model: their periods, the mean speed of the model
+over each, and the angle that the edges count.
 """
 
 from dataclasses import dataclass, replace
@@ -19,8 +19,9 @@ from vgroove.units import RPM_PER_RAD_S, TURN_RAD
 
 @dataclass(frozen=True)
 class FilteredSpeedTest:
-    """A speed column holds no edge periods if its chain of edges breaks more often than this, in
-    number and as a share of the periods. Chosen on the tuning half of the blind set.
+    """A speed column holds no edge periods if they form more chains (uninterrupted sequences of
+    edges) than the larger of a number and a share of the periods. Chosen on the tuning half of the
+    blind set.
     """
 
     max_chains: int = 20
@@ -28,8 +29,8 @@ class FilteredSpeedTest:
 
 
 FILTERED_TEST = FilteredSpeedTest()
-# difference in rad between the nominal model and the count at the first edge, beyond which the
-# nominal model says nothing about the start
+# difference in rad between the nominal model and the count at the first edge; above it the angle of
+# the nominal model is not used
 MAX_START_ERROR_RAD = TURN_RAD
 
 
@@ -80,7 +81,7 @@ def nominal_motion(plant_input: _core.LogInput, rig: Rig) -> Simulation:
 
 def add_expected_speed(edges: EdgePeriods, time_s: np.ndarray, motion: Simulation) -> EdgePeriods:
     """The edge periods with the mean speed of the nominal model over each; unchanged where the
-    model ran away.
+    simulation did not reach all of them.
     """
     start, end = (
         InterpolationPoints.of(time_s, instants_s).angle(motion)[0]
@@ -96,8 +97,9 @@ def align_count_to_rest(
     """The observer with the angle of its count shifted, from the first edge on, to the nominal
     model's angle at that edge.
 
-    The rows do not show how far the shaft stood from the first edge, nor the edges that a quick
-    start hides. Without the shift a cogging would change its phase at the first restart.
+    The log contains neither the angle between the rest position and the first edge nor the edges
+    that a quick start hides between two rows. Without the shift the phase of a cogging would jump
+    at the first restart.
     """
     if edges.timeout.all():
         return observer
@@ -112,9 +114,9 @@ def align_count_to_rest(
 
 
 def chain_starts(edges: EdgePeriods | None, pulses: int) -> np.ndarray:
-    """Instants (k,) in s at which a chain of edges begins that is not the first: the number of
-    edges before it is unknown. None for a sensor that counts edges, whose chains break without a
-    loss of the count: that many free offsets would fit any ripple.
+    """Instants (k,) in s at which each chain of edges but the first begins: the number of edges
+    since the chain before is unknown. Empty for a sensor that counts edges: its chains end without
+    a loss of the count, and one free angle offset for each would fit any ripple.
     """
     if edges is None or pulses >= MIN_COUNTING_PULSES:
         return np.zeros(0)

@@ -1,5 +1,5 @@
-"""Missing-data intervals of the command ("holes"): the samples from each up to the next restart
-are left out, because the state that the model continues from there is unknown.
+"""Holes: missing-data intervals of the command (docs/rig.md). The samples from each up to the next
+restart are left out, because the state from which the model continues after it is unknown.
 """
 
 from dataclasses import dataclass
@@ -18,33 +18,35 @@ class HoleRules:
     set.
     """
 
-    # a command unknown for longer than both (s, usual intervals) leaves the motion after it unknown
+    # the motion after a hole is unknown if the hole is longer than both (s, usual row intervals)
     min_s: float = 0.02
     min_rows: int = 8
-    # change of the command in a shorter hole, as a share of its span, whose row matters
+    # a shorter hole counts if the command changes in it by more than this share of its span, since
+    # the row in which it stepped is unknown
     min_step_share: float = 0.1
-    # share of a log's rows that may be left out after such steps
+    # share of a log's rows that may be left out after such steps; above it these holes are ignored
     max_step_rows_share: float = 0.1
 
 
 @dataclass(frozen=True)
 class MotionStartRules:
-    """When a log begins in motion: its first speeds begin within max_start_s, the slowest of them
-    is not much slower than the fastest and above the noise. Chosen on the tuning half of the blind
-    set.
+    """When a log begins in motion: its first speed is observed within max_start_s, and the slowest
+    of its first speeds is above a share of the fastest and above the noise. Chosen on the tuning
+    half of the blind set.
     """
 
-    speeds: int = 4
+    speeds: int = 4  # observations that are tested
     max_start_s: float = 0.02
     min_speed_share: float = 0.5
     min_speed_sigmas: float = 10.0
-    max_first_restart_s: float = 0.15  # the first well-known state comes at most so late
+    # without a restart within this time from the first row the whole log is judged
+    max_first_restart_s: float = 0.15
 
 
 HOLES, IN_MOTION = HoleRules(), MotionStartRules()
 BEFORE_LOG = -1  # row before a hole that begins before the log
 
-Hole = tuple[int, int]  # the rows before and after it
+Hole = tuple[int, int]  # the rows before and after a hole
 
 
 def find_restarts_and_holes(
@@ -59,12 +61,12 @@ def find_restarts_and_holes(
     steps = _steps_in_holes(log.time_s, command, log.rig.input.get("slew_per_s", 0.0))
     resume = begin + [row for _, row in holes + steps]
     restarts = find_restarts(observer, log.time_s, restart_s, resume)
-    if _share_behind(steps, restarts.rows, len(log.time_s)) <= HOLES.max_step_rows_share:
+    if _share_left_out(steps, restarts.rows, len(log.time_s)) <= HOLES.max_step_rows_share:
         holes += steps
     else:  # a command that steps in every hole: little would be left
         resume = begin + [row for _, row in holes]
         restarts = find_restarts(observer, log.time_s, restart_s, resume)
-    return restarts, holes + (_rough_start(restarts, log.time_s) if moving else [])
+    return restarts, holes + (_unknown_start(restarts, log.time_s) if moving else [])
 
 
 def _holes(time_s: np.ndarray, command: np.ndarray) -> list[Hole]:
@@ -76,7 +78,7 @@ def _holes(time_s: np.ndarray, command: np.ndarray) -> list[Hole]:
 
 
 def _steps_in_holes(time_s: np.ndarray, command: np.ndarray, slew_per_s: float) -> list[Hole]:
-    """Missing samples in which the command stepped at an unknown row; none of a command that is
+    """Missing samples in which the command stepped at an unknown row; empty for a command that is
     sampled less often than the rows.
     """
     known = np.flatnonzero(np.isfinite(command))
@@ -88,7 +90,7 @@ def _steps_in_holes(time_s: np.ndarray, command: np.ndarray, slew_per_s: float) 
     return [(int(known[k]), int(known[k + 1])) for k in np.flatnonzero(stepped)]
 
 
-def _share_behind(holes: list[Hole], starts: np.ndarray, rows: int) -> float:
+def _share_left_out(holes: list[Hole], starts: np.ndarray, rows: int) -> float:
     """Share of a log's rows from each hole up to the next restart."""
     ends = np.append(starts, rows)
     return sum(int(ends[np.searchsorted(ends, after)]) - before for before, after in holes) / rows
@@ -108,9 +110,9 @@ def begins_in_motion(observer: StateObserver, time_s: np.ndarray) -> bool:
     )
 
 
-def _rough_start(restarts: Restarts, time_s: np.ndarray) -> list[Hole]:
-    """A log that begins in motion is judged from its first well-known state on, as after a hole:
-    what came before is unknown.
+def _unknown_start(restarts: Restarts, time_s: np.ndarray) -> list[Hole]:
+    """A hole at the beginning of a log that begins in motion, so that it is judged from its first
+    restart on: the state at its first row is known only roughly.
     """
     latest = time_s[0] + IN_MOTION.max_first_restart_s
     early = restarts.rows[(restarts.rows > 0) & (time_s[restarts.rows] < latest)]

@@ -26,19 +26,21 @@ UNIFORM_WIDTH_SIGMAS = np.sqrt(12.0)  # width of a uniform distribution in stand
 
 @dataclass(frozen=True)
 class RoundingTest:
-    """How the current shows whether a ramp ran as its column rounds it; chosen on the tuning half
-    of the blind set.
+    """Test by the current whether the bridge applied the quantised values of a ramp's column or a
+    finer command that only the logger rounded; chosen on the tuning half of the blind set.
     """
 
-    kink_steps: float = 3.5  # steps of the column by which a straight, rounded ramp seems to bend
+    # second difference, in steps of the column, above which a ramp bends; rounding of a straight
+    # ramp alone stays below it
+    kink_steps: float = 3.5
     max_lag_rows: int = 8  # rows by which the current may lag behind its command
-    min_rows: int = 50  # of smooth ramps; fewer show nothing
-    sigmas: float = 2.0  # by which shares are bounded
+    min_rows: int = 50  # rows on smooth ramps below which the test is not made
+    sigmas: float = 2.0  # of the confidence bounds of the shares
     min_power: float = 1e-12  # A^2; keeps a ratio of powers finite
 
 
 ROUNDING = RoundingTest()
-IMPULSE_ROWS = 64  # length of an impulse response: longer than any winding's
+IMPULSE_ROWS = 64  # length of the computed impulse response of the winding, rows
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class MeasuredInput:
     load_nm: np.ndarray | None = None
     current_a: np.ndarray | None = None  # measured; its samples may be missing
     denoised: DenoisedCommand | None = None  # a measured terminal or bus voltage with its noise
-    bridge_closed: np.ndarray | bool = True  # whether the voltage reaches the motor
+    bridge_closed: np.ndarray | bool = True  # (rows,) whether the voltage reaches the motor
 
 
 def input_sigma(
@@ -58,23 +60,21 @@ def input_sigma(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations (rows,) of speed in rad/s and current in A from errors of the input.
 
-    A ramp is known to its column's resolution or better (ramp_sigma), a load step to the row in
-    which it happens, a measured current and a measured voltage to their noise, a constant command
-    to the last digit written. The nominal motor turns each error into an impulse of speed that
-    decays with its time constant, or ends at the next restart. An open bridge passes no error on
-    and does not brake.
+    The errors: of a ramp the resolution of its column or less (ramp_sigma()), of a load step its
+    instant within a row, of a measured current or voltage its noise, of a constant command its last
+    digit. Each error changes the speed of the nominal motor by an impulse that decays with the
+    motor's time constant, or ends at the next restart. An open bridge passes no error of the
+    command on and does not brake.
     """
     dt = np.diff(given.time_s, prepend=2.0 * given.time_s[0] - given.time_s[1])
-    forgetting = _speed_decay(rig, given.bridge_closed) + 1.0 / restart_s  # 1/s
+    decay = _speed_decay(rig, given.bridge_closed) + 1.0 / restart_s  # 1/s
     current, torque = _command_errors(rig, given, dt)
     if given.denoised is not None:
-        noise_current, noise_torque = _voltage_errors(rig, given, dt, forgetting)
+        noise_current, noise_torque = _voltage_errors(rig, given, dt, decay)
         current, torque = np.hypot(current, noise_current), np.hypot(torque, noise_torque)
     if given.load_nm is not None:
         torque = np.hypot(torque, _load_errors(rig, given.load_nm))
-    variance = _accumulated(
-        (torque * dt / rig.shaft_inertia_kg_m2) ** 2, np.exp(-2.0 * forgetting * dt)
-    )
+    variance = _accumulated((torque * dt / rig.shaft_inertia_kg_m2) ** 2, np.exp(-2.0 * decay * dt))
     amps_per_rad_s = rig.motor["torque_constant_nm_per_a"] / rig.motor["resistance_ohm"]
     speed = np.hypot(np.sqrt(variance), _constant_command_error(rig, given.command))
     return speed, np.sqrt(current**2 + variance * amps_per_rad_s**2)
@@ -106,10 +106,11 @@ def _command_errors(
 
 
 def _voltage_errors(
-    rig: Rig, given: MeasuredInput, dt: np.ndarray, forgetting: np.ndarray
+    rig: Rig, given: MeasuredInput, dt: np.ndarray, decay: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations (rows,) of current, A, and torque, N m, from the noise of a measured
-    voltage, which is white or lasts as long as a mean over rows.
+    voltage: a white part, and a part that is correlated over the rows that were averaged. decay
+    (rows,): rate in 1/s at which an error of the speed decays.
     """
     motor, noise = rig.motor, given.denoised
     constant, resistance = motor["torque_constant_nm_per_a"], motor["resistance_ohm"]
@@ -117,16 +118,16 @@ def _voltage_errors(
     reached = 1.0 - np.exp(-dt * resistance / motor["inductance_h"])
     duty = np.minimum(np.abs(given.command), 1.0) if rig.input["kind"] == "duty" else 1.0
     amps = duty * given.bridge_closed / resistance
-    # duration of the noise over the time in which the shaft forgets a white one
-    lasts = 0.5 * (noise.averaged - 1.0) * dt * forgetting
+    # correlation time of the averaged noise over the time constant of the speed
+    lasts = 0.5 * (noise.averaged - 1.0) * dt * decay
     current = amps * reached * np.hypot(noise.noise_v / np.sqrt(noise.averaged), noise.fast_v)
     torque = constant * amps * np.hypot(noise.noise_v / np.sqrt(1.0 + lasts), noise.fast_v)
     return current, torque
 
 
 def _load_errors(rig: Rig, load_nm: np.ndarray) -> np.ndarray:
-    """Standard deviation (rows,) of the motor's torque in N m: a load step lies anywhere in its
-    row.
+    """Standard deviation (rows,) of the motor's torque in N m, as a load step may be at any instant
+    of its row.
     """
     return (
         np.abs(np.diff(load_nm, prepend=load_nm[0])) / UNIFORM_WIDTH_SIGMAS / rig.gearbox["ratio"]
@@ -134,8 +135,8 @@ def _load_errors(rig: Rig, load_nm: np.ndarray) -> np.ndarray:
 
 
 def _accumulated(impulse: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Variance (rows,) of a first-order process with the variance of its impulses (rows,) and the
-    share (rows,) that each row keeps of the variance before.
+    """Variance (rows,) of a first-order process: impulse (rows,) is the variance that each row
+    adds, kept (rows,) the share of the variance before that remains.
     """
     variance = np.empty(len(impulse))
     last = 0.0
@@ -145,8 +146,8 @@ def _accumulated(impulse: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 
 def _constant_command_error(rig: Rig, command: np.ndarray) -> np.ndarray:
-    """Standard deviation (rows,) of the speed in rad/s from the last digit of a command; commands
-    of 0 and of the full supply are exact.
+    """Standard deviation (rows,) of the speed in rad/s from rounding of a command to its last
+    digit; commands of 0 and of +-1 are exact.
     """
     inexact = (np.abs(command) != 0.0) & (np.abs(command) != 1.0)
     if rig.input["kind"] == "current_a":
@@ -164,11 +165,12 @@ def ramp_sigma(
     rig: Rig, time_s: np.ndarray, command: np.ndarray, current_a: np.ndarray | None
 ) -> float:
     """Standard deviation of a ramp's command (rows,) at the end of a row, in its column's unit:
-    that of rounding to the column's steps, less what the measured current (rows,) shows to have
-    run as it is written.
+    that of rounding to the column's steps, reduced by the share of the rounding that the bridge
+    really applied.
 
-    A timer's compare value is what ran, a number rounded by the logger is not. Rounding is fast and
-    of known shape: it was real as far as the fast part of the current follows that of the column.
+    A timer's compare value is applied as it is logged: it has no rounding error. A command that the
+    logger rounded was applied unrounded. The measured current (rows,) separates the two: its
+    high-frequency part follows the steps of the column only where they were applied.
     """
     rounded = resolution_of(command) / UNIFORM_WIDTH_SIGMAS
     if current_a is None or "current_noise_a" not in rig.sensors:
@@ -188,11 +190,12 @@ def ramp_sigma(
 
 
 def rounding_share(lagged: np.ndarray, fast: np.ndarray, noise: float) -> float:
-    """Share 0..1 of the power of a rounding that did not run, from the fast part of a current (n,)
-    and of what follows from the rounded command at several delays (n, lags).
+    """Share 0..1 of the power of a rounding that was not applied to the motor, from the
+    high-frequency part of the current, fast (n,), and that which the rounded command would cause at
+    several delays, lagged (n, lags). noise: power of the sensor's noise in `fast`, A^2.
 
-    It is the power that the current lacks of what follows from the command, plus its power above
-    the sensor's noise power, each as large as the scatter of n samples allows.
+    It is the power of the expected part that is missing in the current, plus the power of the
+    current above the sensor's noise; each is an upper confidence bound for n samples.
     """
     lags = ROUNDING.max_lag_rows
     power = max(float(np.mean(lagged[:, 0] ** 2)), ROUNDING.min_power)
@@ -207,8 +210,8 @@ def rounding_share(lagged: np.ndarray, fast: np.ndarray, noise: float) -> float:
 
 
 def on_smooth_ramps(command: np.ndarray) -> np.ndarray:
-    """Rows (mask) near which the command changes, and bends no more than a rounded straight line
-    seems to.
+    """Mask (rows,) of rows near which the command changes, and its second difference is no larger
+    than rounding of a straight line makes it.
     """
     step = resolution_of(command)
     bend = np.abs(np.diff(command, 2, prepend=[command[0]] * 2)) > ROUNDING.kink_steps * step
@@ -218,8 +221,8 @@ def on_smooth_ramps(command: np.ndarray) -> np.ndarray:
 
 
 def one_row_share(rig: Rig, dt_s: float) -> float:
-    """Share of a command's error at one row's end that the row means of the current show (root of
-    the sum of squares).
+    """Change of the row means of the current from an error of the command at the end of one row, as
+    a share of the stationary change (root of the sum of squares over the rows).
     """
     impulse = np.zeros(IMPULSE_ROWS)
     impulse[1] = 1.0
@@ -228,7 +231,7 @@ def one_row_share(rig: Rig, dt_s: float) -> float:
 
 def winding_response(rig: Rig, dt_s: float, command: np.ndarray) -> np.ndarray:
     """Row means of the current that a command (rows,), straight between rows, drives through a
-    winding at rest, as a share of volt over resistance: L i' + R i = u, solved exactly.
+    winding of a motor at rest, in units of the stationary current: L i' + R i = u, solved exactly.
     """
     r = dt_s * rig.motor["resistance_ohm"] / rig.motor["inductance_h"]
     a, before = np.exp(-r), np.concatenate([command[:1], command[:-1]])

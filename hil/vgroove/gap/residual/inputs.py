@@ -29,13 +29,13 @@ class CommandLimits:
 
 
 COMMAND = CommandLimits()
-# standard deviations of a measured voltage within which a change is noise, no step
+# a change of a measured voltage by fewer standard deviations of its noise is no step
 STEP_SIGMAS = 4.0
 
 
 @dataclass(frozen=True)
 class DrivingInput:
-    """The plant's input, and the same as it was measured."""
+    """The input of a log's simulation, and the measured columns that it is made from."""
 
     plant: _core.LogInput
     measured: MeasuredInput
@@ -62,9 +62,9 @@ def read_input(log: CleanLog) -> DrivingInput:
         command, step_slack = denoised.values, step_slack + STEP_SIGMAS * noise
     elif "supply_v" in more:
         denoised = DenoisedCommand(more["supply_v"], log.sigma("supply_v"))
-    if "slew_per_s" in rig.input:  # noise must not make steps of a ramp
+    if "slew_per_s" in rig.input:  # changes within the slack follow the ramp: noise is no step
         more |= {"slew_per_s": rig.input["slew_per_s"], "slew_slack": step_slack}
-    # the plant steps in time since the first row: stamps far from 0 would cost it digits
+    # time since the first row: stamps far from 0 would lose digits in the plant's steps
     plant = _core.LogInput(time_s - time_s[0], log.kind, command, load_kind=load, **more)
     measured = MeasuredInput(
         time_s,
@@ -104,8 +104,8 @@ def _command(log: CleanLog) -> np.ndarray:
 
 
 def _refuse_unaided_start(log: CleanLog) -> None:
-    """VgrooveError for a command of 0 throughout beside a shaft that speeds up: the log has another
-    command. (A log that begins at speed may run down without one.)
+    """VgrooveError for a command that is always 0 although the shaft speeds up: the tool had
+    another command. (A log that begins in motion may run down without one.)
     """
     speed = log.columns["speed_rpm"]
     speed = np.abs(speed[np.isfinite(speed)])

@@ -51,19 +51,19 @@ def _read(log: Any) -> Any:
 def _check_simulated(rig: Rig) -> None:
     if rig.mechanism["kind"] != "none":
         raise VgrooveError(
-            f"a log of a tool with mechanism {rig.mechanism['kind']} cannot be judged yet, "
+            f"a log of a tool with mechanism {rig.mechanism['kind']} cannot be judged, "
             "only one with mechanism none"
         )
     if rig.load["kind"] not in DIAGNOSED_LOADS:
         raise VgrooveError(
-            f"a log of a tool with load {rig.load['kind']} cannot be judged yet, "
+            f"a log of a tool with load {rig.load['kind']} cannot be judged, "
             f"only with {', '.join(DIAGNOSED_LOADS)}"
         )
 
 
 def _check_reach(problem: Problem) -> None:
-    """Refuse a rig that the plant cannot simulate along its logs. (A parameter set of a fit that it
-    cannot simulate has residuals of 1e6 sigma.)
+    """VgrooveError for a rig that the plant cannot simulate along its logs. (A parameter set of a
+    fit that it cannot simulate has residuals of UNFINISHED_RESIDUAL.)
     """
     try:
         problem.simulate(problem.theta0, unfinished="raise")

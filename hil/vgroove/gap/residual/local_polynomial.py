@@ -1,5 +1,5 @@
 """Value and derivatives of a noisy signal at an instant by local polynomial regression: a robust
-quadratic through the observations on both sides, which does not lag.
+quadratic through the observations on both sides, which adds no delay.
 
 Methods: Fan and Gijbels, Local Polynomial Modelling and Its Applications, 1996 (on even rows a
 Savitzky-Golay filter, Analytical Chemistry 36 (1964) 1627); the width is chosen by the smallest
@@ -30,13 +30,13 @@ class LocalFitRules:
     # a quadratic is adequate while the mean square of its residuals lies within so many of its
     # standard deviations above that of noise
     max_lack_of_fit: float = 1.0
-    typical_quantile: float = 0.9  # of the observations' sigmas: that of a usual observation
-    rounds: int = 3  # of reweighting
-    huber_sigmas: float = 3.0  # of the residuals' spread
-    spread_factor: float = 1.5  # median of absolute residuals to their standard deviation, about
-    # penalty for a slope, in s: of two instants known equally well that of lower slope is taken
+    typical_quantile: float = 0.9  # of the observations' sigmas: sigma of a usual observation
+    rounds: int = 3  # of iterative reweighting
+    huber_sigmas: float = 3.0  # threshold of Huber's weights, in standard deviations of residuals
+    spread_factor: float = 1.5  # standard deviation over median absolute residual, rounded (1.4826)
+    # penalty for a slope, in s: of two instants of equal uncertainty that of lower slope is taken
     slope_penalty_s: float = 2e-4
-    # observations of each pitch of the turn that a pattern of the turn needs
+    # observations of each pitch of the turn below which no pattern of the turn is fitted
     min_of_each_pitch: int = 2
 
 
@@ -46,8 +46,8 @@ MIN_RESIDUAL = 1e-12  # keeps a weight finite
 
 @dataclass(frozen=True)
 class KnownForce:
-    """Effect of a known force on a speed, up to a constant: rates (rows,) in rad/s^2 over the
-    intervals that end at time_s (rows,).
+    """Acceleration by a known force: rates (rows,) in rad/s^2 over the intervals that end at time_s
+    (rows,). Speed and angle follow from it up to a constant.
     """
 
     time_s: np.ndarray
@@ -68,7 +68,7 @@ class KnownForce:
         return speed[row] - self.rate[row] * before, angle[row] - mean * before
 
     def means(self, start_s: np.ndarray, end_s: np.ndarray) -> np.ndarray:
-        """Mean speeds (m,) over spans; an instant's is the speed there."""
+        """Mean speeds (m,) over spans; over a span of length 0 the speed at that instant."""
         (speed, first), (_, last), length = self.at(start_s), self.at(end_s), end_s - start_s
         return np.where(length > 0.0, (last - first) / np.where(length > 0.0, length, 1.0), speed)
 
@@ -83,7 +83,7 @@ class Observations:
     end_s: np.ndarray
     value: np.ndarray
     sigma: np.ndarray
-    known_force: KnownForce | None = None  # moves the signal; a quadratic follows the rest
+    known_force: KnownForce | None = None  # its part of the signal is subtracted before a fit
     pitch: np.ndarray | None = None  # (m,) number of the pitch of the turn that each span is
     pitches_per_rev: int = 1
 
@@ -106,8 +106,8 @@ class Observations:
 
     @cached_property
     def typical_sigma(self) -> float:
-        """Sigma that nine tenths of the spans stay below: the unit of a state's uncertainty where
-        the spans around it are worse.
+        """90 % quantile of the spans' sigmas: the unit of a state's uncertainty where the spans
+        around the state are noisier than this.
         """
         return float(np.quantile(self.sigma, LOCAL_FIT.typical_quantile))
 
@@ -131,9 +131,10 @@ NOT_SMOOTHED = Smoothing(np.zeros(0), np.zeros(0), np.zeros(0))
 
 @dataclass(frozen=True)
 class LocalFit:
-    """A signal at an instant: value, first and second derivative; the value's standard deviation,
-    lack of fit included, and the penalty for its slope, both in sigmas of the sensor; whether the
-    residuals of the quadratic are no more than noise; what the value was computed from.
+    """A signal at an instant: value, first and second derivative (slope, curvature). sigmas: the
+    standard deviation of the value, lack of fit included, and slope_penalty, both in sigmas of the
+    sensor. adequate: whether the residuals of the quadratic are no more than noise. smoothing: what
+    the value was computed from.
     """
 
     value: float
@@ -194,15 +195,15 @@ def quadratic(
         basis = np.column_stack([basis, seen.turn_pattern(part)])
     force = seen.force_means(time_s, part)
     solution = _robust_solution(basis, seen.value[part], seen.sigma[part], force)
-    _, slope, curvature = solution.both[: DEGREE + 1].sum(axis=1) / scale ** np.arange(3)
+    _, slope, curvature = solution.coefficients[: DEGREE + 1].sum(axis=1) / scale ** np.arange(3)
     one = min(float(np.median(seen.sigma[part])), seen.typical_sigma)
-    covariance = np.linalg.inv((basis * solution.rows).T @ (basis * solution.rows))
-    weight = covariance[0] @ basis.T * solution.rows[:, 0] ** 2
+    covariance = np.linalg.inv((basis * solution.row_weight).T @ (basis * solution.row_weight))
+    weight = covariance[0] @ basis.T * solution.row_weight[:, 0] ** 2
     freedom = len(start) - basis.shape[1]
     left = solution.weighted_square / freedom
     sigma = float(np.sqrt(covariance[0, 0])) * np.sqrt(max(1.0, left))
     return LocalFit(
-        float(solution.both[0, 0]),
+        float(solution.coefficients[0, 0]),
         float(slope),
         2.0 * float(curvature),
         sigma / one,
@@ -213,8 +214,8 @@ def quadratic(
 
 
 def _may_be_fitted(seen: Observations, time_s: float, part: slice, neighbours: int) -> bool:
-    """Whether there are so many observations within reach, and wide fits do not cross a reversal:
-    friction and play bend a motion there.
+    """Whether the part lies within the observations and within max_distance_s of the instant, and a
+    part wider than the narrowest contains no reversal: friction and play bend a motion there.
     """
     if part.start < 0 or part.stop > len(seen.value):
         return False
@@ -232,12 +233,13 @@ def _mean_monomials(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Solution:
-    """Coefficients (p, 2) of the values without the known force, and of the force; weights over
-    sigma (m, 1) of the last round; sum of weighted squares of the residuals.
+    """Coefficients (p, 2): of the values without the known force, and of the force. row_weight
+    (m, 1): weight over sigma of each row in the last round. weighted_square: sum of the weighted
+    squared residuals.
     """
 
-    both: np.ndarray
-    rows: np.ndarray
+    coefficients: np.ndarray
+    row_weight: np.ndarray
     weighted_square: float
 
 
@@ -248,14 +250,14 @@ def _robust_solution(
     weight = np.ones_like(value)
     for _ in range(LOCAL_FIT.rounds):
         rows = (weight / sigma)[:, None]
-        both, *_ = np.linalg.lstsq(
+        coefficients, *_ = np.linalg.lstsq(
             basis * rows, np.column_stack([value - force, force]) * rows, rcond=None
         )
-        error = np.abs(value - force - basis @ both[:, 0]) / sigma
+        error = np.abs(value - force - basis @ coefficients[:, 0]) / sigma
         spread = max(1.0, LOCAL_FIT.spread_factor * float(np.median(error)))
         limit = LOCAL_FIT.huber_sigmas * spread
         weight = np.minimum(1.0, limit / np.maximum(error, MIN_RESIDUAL))
-    return _Solution(both, rows, float(np.sum((weight * error) ** 2)))
+    return _Solution(coefficients, rows, float(np.sum((weight * error) ** 2)))
 
 
 def row_means(time_s: np.ndarray, values: np.ndarray, sigma: float) -> Observations:

@@ -1,4 +1,4 @@
-"""Robust magnitude of a logged column: what sizes of effects are measured in."""
+"""Robust magnitude of a logged column: the unit in which sizes of effects are expressed."""
 
 import numpy as np
 

@@ -55,7 +55,7 @@ class MeasuredRun:
     pitch_rad: float  # motor angle between two edges; 0 without edges
     bridge_closed: np.ndarray  # (rows,) whether a voltage drives the motor and brakes it
     edge_scale: float = 1.0  # of the edge speeds against the time stamps, from the edges alone
-    # the angle is counted along edges, from a rest at an unknown angle before the first of them
+    # whether the log begins with a rest at an unknown angle, and edges alone count the angle then
     from_rest: bool = False
 
     def __post_init__(self) -> None:
@@ -101,8 +101,8 @@ def prepare_run(log: Any, rig: Rig, restart_s: float) -> MeasuredRun:
 
 
 def _counts_from_unknown_rest(log: CleanLog, edges: EdgePeriods | None) -> bool:
-    """Whether edges alone count the angle, and neither an encoder nor gravity says where the shaft
-    rests.
+    """Whether edges alone measure the angle, and that of a rest is unknown: there is no encoder,
+    and no pendulum, which hangs at a known angle.
     """
     without_encoder = "position_rad" not in log.columns
     return edges is not None and without_encoder and log.rig.load["kind"] != "pendulum"

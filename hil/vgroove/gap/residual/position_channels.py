@@ -28,11 +28,11 @@ class DifferenceRules:
 
     min_force_rows: int = 2  # of a second difference
     max_span_s: float = 0.05  # longest span of a second difference
-    # standard deviation of the second difference, in the noise's, above which the motion bends
-    # visibly: rows are added up to there
+    # the number of rows is doubled until the standard deviation of the second difference exceeds
+    # this multiple of the noise: the acceleration is then visible
     bend_sigmas: float = 4.0
-    min_spans: int = 6  # of a second difference in the log
-    max_gap_spans: int = 5  # missing samples in a span, in its rows
+    min_spans: int = 6  # spans that the log must hold
+    max_gap_spans: int = 5  # longest span with missing samples, in usual spans
     even_share: float = 1e-3  # by which the two halves of a second difference may differ
 
 
@@ -40,8 +40,8 @@ DIFFERENCES = DifferenceRules()
 
 
 def position_channel(log: CleanLog) -> Channel:
-    """The encoder's channel: force compared with force where the input is a current or force,
-    otherwise the mean speed.
+    """The encoder's channel: the acceleration where the input is a current or force, otherwise the
+    mean speed.
     """
     position = log.columns["position_rad"]
     sigma = position_sigma(log.rig, log.time_s, position)
@@ -81,7 +81,7 @@ def _force_channel(log: CleanLog, known: np.ndarray, sigma: float) -> ForceChann
         (position[last] - 2.0 * position[middle] + position[first]) / length**2,
         np.hypot(np.sqrt(6.0) * sigma / length**2, sigma_of_input),
         np.zeros(len(last), dtype=bool),
-        note="compared through its second derivative: force with force",
+        note="compared through its second derivative",
         points=tuple(points),
         length_s=length,
     )
@@ -110,8 +110,8 @@ def _input_acceleration_sigma(log: CleanLog) -> float:
 
 
 def _span_rows(time_s: np.ndarray, position: np.ndarray, sigma: float, least: int) -> int:
-    """Rows between the instants of a difference, at least so many: doubled while the acceleration
-    is hidden in the noise and the span short.
+    """Rows between the instants of a difference: `least`, doubled while the acceleration is hidden
+    in the noise and the span is short enough.
     """
     rows, step = least, float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     while 2 * rows * step <= DIFFERENCES.max_span_s and DIFFERENCES.min_spans * rows < len(

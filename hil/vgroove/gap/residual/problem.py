@@ -35,13 +35,13 @@ from vgroove.gap.residual.sensors import SensorErrors
 from vgroove.gap.residual.speed_ripple import add_speed_ripple
 from vgroove.rig import Rig
 
-RUN_AWAY_RESIDUAL = 1e6  # sigma; replaces the residuals of a model that runs away
+UNFINISHED_RESIDUAL = 1e6  # sigma; of rows that the plant does not reach within its step budget
 
 
 @dataclass(frozen=True)
 class PortionLimits:
-    """What a thread simulates at once, so that it stays in its cache: parameter sets, and rows of
-    their logs.
+    """What a thread simulates at once, so that the data stay in the processor's cache: parameter
+    sets, and rows of all their logs.
     """
 
     sets: int = 48
@@ -138,7 +138,9 @@ class Problem:
 
     @property
     def missed_edges(self) -> tuple[float, float]:
-        """Edges that the speed columns seem to have missed, and all edges, those included."""
+        """Estimated number of edges that the speed columns missed, and number of all edges, missed
+        ones included.
+        """
         channels = [
             c
             for run in self.runs
@@ -150,8 +152,8 @@ class Problem:
 
     @property
     def missed_share(self) -> float:
-        """Share of the edges that the speed columns seem to have missed: an estimate of
-        hall_dropout's probability.
+        """Share of the edges that the speed columns missed: an estimate of hall_dropout's
+        probability.
         """
         missed, edges = self.missed_edges
         return missed / max(1.0, edges)
@@ -187,8 +189,9 @@ class Problem:
         return np.concatenate(parts, axis=1)
 
     def residuals(self, theta: np.ndarray, angles: RestartAngles | None = None) -> np.ndarray:
-        """(measured - model) / sigma (B, n) for theta (B, P) or (P,), not clipped, finite (1e6 for
-        a model that runs away); restarted at these motor angles (default: the problem's own).
+        """(measured - model) / sigma (B, n) for theta (B, P) or (P,), not clipped, finite
+        (UNFINISHED_RESIDUAL where the simulation fails); the model restarts at these motor angles
+        (default: the problem's own).
 
         Portions of the batch, sets of equal structure together, run in parallel: the simulation
         and its comparison with the measurement.
@@ -215,7 +218,7 @@ class Problem:
         for place in places:
             residual = out[place]
             if not np.isfinite(residual.sum()):
-                residual[~np.isfinite(residual)] = RUN_AWAY_RESIDUAL
+                residual[~np.isfinite(residual)] = UNFINISHED_RESIDUAL
 
     def squared(self, residual: np.ndarray) -> np.ndarray:
         """Clipped squares of residuals, same shape; nan where a censored residual does not count

@@ -13,10 +13,10 @@ class RegimeLimits:
 
     smoothing_s: float = 0.02  # moving mean of the speed, at least min_rows long
     min_rows: int = 3
-    bands: float = 4.0  # of steady speed, about, up to the top speed
-    standstill: float = 0.01
-    start: float = 0.15
-    changing_per_s: float = 0.3
+    bands: float = 4.0  # approximate number of bands of steady speed up to the top speed
+    standstill: float = 0.01  # a lower speed is standstill
+    start: float = 0.15  # speeding up at a lower speed is a start
+    changing_per_s: float = 0.3  # a larger rate, 1/s, is speeding up or braking
 
 
 REGIMES = RegimeLimits()

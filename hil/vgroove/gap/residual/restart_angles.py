@@ -1,5 +1,5 @@
-"""The motor's angle at every restart of every log: the one part of the measured states that a
-search estimates and then passes on.
+"""The motor's angle at every restart of every log: the one part of the measured states that the
+search for effects estimates.
 """
 
 from dataclasses import dataclass

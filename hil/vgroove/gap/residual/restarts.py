@@ -25,15 +25,17 @@ from vgroove.gap.residual.sensors import SensorErrors
 class RestartRules:
     """Where restarts are looked for; chosen on the tuning half of the blind set."""
 
-    search_s: float = 0.05  # a restart may move by so much, for restarts every nominal_s
+    # reach: largest distance of a restart from its regular instant, for restarts every nominal_s
+    search_s: float = 0.05
     nominal_s: float = 0.25
-    candidates: int = 11  # instants within that reach
+    candidates: int = 11  # instants within the reach that are compared
     min_rows: int = 5  # between restarts, and to the end of the log
-    resume_reach: float = 1.2  # centre of the search after a hole, in reaches
-    min_last_share: float = 0.5  # of a restart interval, that the last one needs
-    # of the sensor's limit, beyond which a current is taken as clipped: a soft limit bends before
+    resume_reach: float = 1.2  # distance of the search's centre from the end of a hole, in reaches
+    min_last_share: float = 0.5  # shortest time from the last restart to the end, in intervals
+    # share of the sensor's limit from which a current is taken as clipped: a soft limit deviates
+    # before
     clipped_share: float = 0.9
-    # first observations of a log show motion from so many sigmas on
+    # mean of a log's first observations, in sigmas, above which the log begins in motion
     start_sigmas: float = 3.0
 
 
@@ -42,9 +44,9 @@ RESTART = RestartRules()
 
 @dataclass(frozen=True)
 class State:
-    """Measured [current_a, speed_rad_s, angle_rad] at an instant, the current that the motion there
-    needs (nan: unknown), slope and curvature of the first two (2, 2), and what the speed was
-    computed from.
+    """Measured [current_a, speed_rad_s, angle_rad] at an instant; motion_a: the current in A that
+    the speed and acceleration there require by the torque balance (nan: unknown); rates (2, 2):
+    slope and curvature of current and speed; smoothing: what the speed was computed from.
     """
 
     value: np.ndarray
@@ -55,9 +57,10 @@ class State:
 
 @dataclass(frozen=True)
 class StateObserver:
-    """Computes states from a log: observations of speed_rad_s and current_a (None: not measured),
-    the angle at an instant, the current that a motion (instant, speed, acceleration) needs; whether
-    the speeds are differences of a measured angle over the log's times.
+    """Computes states from a log. speed, current: observations in rad/s and A (None: not measured);
+    angle_at: the angle at an instant; current_from: the current that a motion (instant, speed,
+    acceleration) requires; from_angle: whether the speeds are differences of a measured angle over
+    the log's times.
     """
 
     speed: Observations | None
@@ -93,7 +96,7 @@ class Restarts:
     curvatures: np.ndarray  # (S, 2) second derivatives of current and speed
     from_angle: bool = False  # the speeds are differences of a measured angle
     smoothing: tuple[Smoothing, ...] = ()  # what each speed was computed from
-    motion_a: np.ndarray | float = np.nan  # (S,) currents that the motion needs
+    motion_a: np.ndarray | float = np.nan  # (S,) currents that the motion requires, A
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -113,9 +116,9 @@ class Restarts:
         """True states (B, S, 3) behind the measured ones for the sensor errors of B parameter sets.
 
         Speeds that are differences of an angle have the logger's clock as their gain, and no lag.
-        A clipped current is replaced by the current that the motion needs: a start from the limit
-        would lack, or add, an impulse of torque as long as the winding's time constant, and where
-        the bridge opens nothing removes it again.
+        A clipped current is replaced by the current that the motion requires. A restart at the
+        sensor's limit would cause an error of the torque that lasts for the winding's time
+        constant; while the bridge is open, the error of the speed that results does not decay.
         """
         gain, lag_s = errors.gain, errors.lag_s
         if self.from_angle:
@@ -137,9 +140,9 @@ def find_restarts(
     """Restarts of a log with rows at time_s (rows,). The first is row 0, at rest unless the log is
     in motion there.
 
-    About every restart_s, and soon after each row of `resume` (ends of holes), the instant within
-    reach whose state is known best; none where no state is known well enough (standstill, the first
-    edges, reversals, steps): the model continues without a restart.
+    About every restart_s, and soon after each row of `resume` (ends of holes), the model restarts
+    at the instant within reach whose state has the lowest uncertainty. Where the uncertainty of all
+    is too large (standstill, the first edges, reversals, steps) it continues without a restart.
     """
     rows, found = [0], [_first_state(observer, time_s)]
     reach = RESTART.search_s * min(1.0, restart_s / RESTART.nominal_s)
@@ -161,8 +164,8 @@ def find_restarts(
 def _best_known(
     observer: StateObserver, time_s: np.ndarray, rows: Sequence[int]
 ) -> tuple[int, State] | None:
-    """Row and state of the lowest uncertainty and slope; None where no state is known well
-    enough.
+    """Row and state of the smallest sum of uncertainty and slope penalty; None where every
+    uncertainty exceeds LOCAL_FIT.max_sigmas.
     """
     best, chosen = np.inf, None
     for row in rows:

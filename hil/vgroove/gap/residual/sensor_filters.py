@@ -1,5 +1,5 @@
-"""Corrects the sensor filters of a simulation at restarts: the plant starts them settled, but a
-measured state is the filter's own output, and it moves.
+"""Corrects the sensor filters of a simulation at restarts: the plant starts them settled at the
+true state, but the filter's output is the measured state, which lags behind a changing signal.
 """
 
 import numpy as np

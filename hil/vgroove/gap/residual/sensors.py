@@ -1,5 +1,5 @@
-"""Errors of the current and speed sensors of a batch of parameter sets, through which the measured
-states and signals are seen.
+"""Errors of the current and speed sensors of a batch of parameter sets: what lies between true and
+measured states.
 """
 
 from collections.abc import Callable

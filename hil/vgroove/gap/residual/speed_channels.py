@@ -28,21 +28,24 @@ class FilteredSpeedRules:
     set.
     """
 
-    max_pitch_s: float = 0.02  # at longer periods the time of a filtered speed is uncertain
-    max_timeout_share: float = 0.25  # the same in the sensor's time-out
-    # a row shows the pitch that ended half a pitch ago: from and to so many pitches before the row
+    # longest edge period, in s and as a share of the sensor's timeout: the instant to which a
+    # filtered speed belongs is uncertain at longer ones
+    max_pitch_s: float = 0.02
+    max_timeout_share: float = 0.25
+    # a row is compared with the pitch that ended half a pitch before it: beginning and end of that
+    # pitch, in pitches before the row
     start_pitches: float = 1.5
     end_pitches: float = 0.5
     slope_rows: int = 5  # of the moving mean whose slope is the acceleration
 
 
 FILTERED_SPEED = FilteredSpeedRules()
-MIN_GAP_S = 1e-6  # time since an edge, below which a row holds that edge
+MIN_GAP_S = 1e-6  # a row that ends less than this after an edge holds that edge
 
 
 def edge_speed_channel(log: CleanLog, edges: EdgePeriods) -> SpanChannel:
-    """Mean speeds over the edge periods, and the rows without a new edge as censored samples: at
-    most one pitch over the time since the last edge.
+    """Mean speeds over the edge periods, and the rows without a new edge as censored samples: their
+    speed is at most one pitch over the time since the last edge.
     """
     speed_rpm = log.columns["speed_rpm"]
     missed = estimate_missed_edges(edges)
@@ -82,8 +85,9 @@ def _bound_sigma(log: CleanLog, sigma: np.ndarray, count: int) -> np.ndarray:
 def _rows_without_edge(
     time_s: np.ndarray, speed_rpm: np.ndarray, edges: EdgePeriods, timeout_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Instants (k,) in s since which no edge came, and the rows (k,): rows whose speed falls, and
-    rows that read 0 (since the last edge, at most the time-out ago).
+    """Instants (k,) in s since which no edge came, and the rows (k,) without a new edge that they
+    belong to: the timeout samples, and the rows that read 0. For the latter the instant is that of
+    the last edge, at most timeout_s before the row.
     """
     whole = ~edges.timeout
     last_end, first_start = edges.end_s[whole], edges.start_s[whole]
@@ -104,8 +108,9 @@ def _rows_without_edge(
 
 
 def filtered_speed_channel(log: CleanLog) -> SpanChannel:
-    """A filtered edge speed: each row shows about the pitch that ended half a pitch ago, and is
-    uncertain by what the speed changes over a pitch at a uniformly distributed instant.
+    """A filtered edge speed: each row is compared with the pitch that ended half a pitch before it.
+    The delay is uniformly distributed over a pitch, so that sigma includes the change of the speed
+    over a pitch.
     """
     time_s, measured = log.time_s, log.columns["speed_rpm"]
     speed_rpm = interpolate_missing(time_s, measured)

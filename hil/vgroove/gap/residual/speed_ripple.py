@@ -1,5 +1,5 @@
-"""Adds the ripple of the speed to the measured speeds at restarts: a smooth curve through measured
-speeds does not follow it, the shaft does.
+"""Adds the ripple of the speed to the measured speeds at restarts: the smooth curve that gives
+these speeds does not contain the ripple of the shaft.
 
 A cogging or an eccentric gear makes the speed oscillate with the angle; an eccentric Hall wheel
 makes the measured speed oscillate. Where little brakes the shaft (an open bridge, a current as
@@ -17,9 +17,9 @@ from vgroove.gap.catalogue import PERIODIC
 from vgroove.gap.residual.measured_run import MeasuredRun
 from vgroove.gap.residual.restarts import Restarts
 
-# amplitude, as a share of the speed, at which the first-order response is halved: a shaft whose
-# speed oscillates by more does not turn evenly enough for the response to follow from its angle;
-# and the order of the transition. Chosen on the tuning half of the blind set.
+# amplitude, as a share of the speed, at which the first-order response is reduced to one half, and
+# the order of that reduction: the response assumes an even speed, which a larger ripple is not.
+# Chosen on the tuning half of the blind set.
 LARGE_SHARE, TRANSITION_ORDER = 0.2, 4
 MIN_SPEED = 1e-9  # rad/s; keeps a ratio finite at rest
 
@@ -45,8 +45,8 @@ class SpeedRipple:
 def add_speed_ripple(
     parameters: NamedParameters, run: MeasuredRun, theta: np.ndarray, states: np.ndarray
 ) -> np.ndarray:
-    """States (B, S, 3) of parameter sets (B, P) with the shaft's speed at each restart instead of
-    the smooth one around it.
+    """States (B, S, 3) of parameter sets (B, P), their speed at each restart with the ripple that
+    the smooth curve lacks.
     """
     found = states.copy()
     for values, mine in zip(theta, found, strict=True):

@@ -1,5 +1,5 @@
-"""Makes the state observer of a log: the most precise measured speed, the current, and an angle
-that counts the shaft's turns.
+"""Makes the state observer of a log: the most precise measured speed, the current, and the angle of
+the shaft over all turns.
 """
 
 from collections.abc import Callable
@@ -26,11 +26,14 @@ AngleAt = Callable[[float], float]
 class ObserverRules:
     """Which column gives the speed and the angle; chosen on the tuning half of the blind set."""
 
-    # factor by which a fit to neighbouring angles beats their differences, whose errors cancel
+    # factor by which a fit to several angles is more precise than their single differences, because
+    # the errors of neighbouring differences cancel
     angle_gain: float = float(NEIGHBOURS[0])
-    min_angle_share: float = 0.5  # of a log, that an angle must last to serve beside a speed
-    start_s: float = 0.02  # the shaft leaves its rest so long before the first edge
-    # a speed is 0 where none was observed for longer than the first, except near observations
+    # share of a log that an angle column must cover to be used where a speed column exists
+    min_angle_share: float = 0.5
+    start_s: float = 0.02  # assumed time from the end of the rest to the first edge
+    # the rough speed is 0 between observations that are further apart than max_gap_s, but for
+    # gap_margin_s next to each
     max_gap_s: float = 0.1
     gap_margin_s: float = 0.05
 
@@ -76,7 +79,7 @@ def _observed_speed(
 
 
 def _lasts(log: CleanLog, channel: Channel) -> bool:
-    """Whether an angle's channel covers enough of the log; one that fails early gives no states."""
+    """Whether an angle's channel covers enough of the log for the states to come from it."""
     return np.ptp(channel.time_s) > OBSERVER.min_angle_share * np.ptp(log.time_s)
 
 

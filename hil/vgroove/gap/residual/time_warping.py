@@ -1,5 +1,5 @@
-"""The ISO/TS 18571 rating of the package objective_rating_metrics with its dynamic time warping in
-numpy: the package's own implementation compiles for 15 s at its first call.
+"""The ISO/TS 18571 rating of the package objective_rating_metrics, with the dynamic time warping
+replaced by one in numpy: that of the package is compiled at its first call, which takes 15 s.
 
 Method: Sakoe and Chiba, IEEE Transactions on Acoustics, Speech, and Signal Processing 26 (1978) 43.
 """

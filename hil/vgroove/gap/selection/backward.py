@@ -1,5 +1,5 @@
-"""Backward stepwise selection: drops the members of a set whose gain is too small, or may only
-correct the form of another member.
+"""Backward stepwise selection: drops the members of a set whose gain is too small, or no larger
+than the form error of another member (see limits.py).
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,9 @@ from vgroove.gap.selection.search_state import COMPARISON, Search
 
 
 def backward(search: Search, best: Fit) -> Fit:
-    """The set without the members whose gain is not significant, the least useful removed first."""
+    """The set without the members whose gain is not significant; the member of the smallest gain is
+    removed first.
+    """
     search.progress("whether every effect is needed")
     while len(best.ids) > 1:
         leanest = min(leaner_sets(search, best), key=search.score)
@@ -27,8 +29,8 @@ def backward(search: Search, best: Fit) -> Fit:
 def leaner_sets(search: Search, best: Fit) -> list[Fit]:
     """The sets of all members but one.
 
-    Each is fitted once from the fuller set's values as well: its own first fit may have ended in a
-    poor local minimum, and the removed member would seem to be needed.
+    Each is fitted once more from the fuller set's values: its own first fit may have ended in a
+    poor local minimum, from which the gain of the removed member would be overestimated.
     """
     if search.cache.refitted_leaner is not best:
         search.fit_and_keep(
@@ -41,8 +43,8 @@ def leaner_sets(search: Search, best: Fit) -> list[Fit]:
 def drop_form_corrections(
     search: Search, best: Fit, share: float, members: Sequence[str] | None = None
 ) -> Fit:
-    """The set without the members (of those given; default: any) that may only correct the form of
-    the others: they gain no more than `share` of what the others close.
+    """The set without the members (of those given; default: any) whose gain may be a form error of
+    the others: it is no more than `share` of what the others close.
     """
     while len(best.ids) > 1:
         leanest = min(
@@ -61,10 +63,10 @@ def drop_form_corrections(
 
 
 def acts_elsewhere(search: Search, best: Fit, leaner: Fit) -> bool:
-    """Whether the removed member enters equations that the other members do not reach, and closes
+    """Whether the removed member enters only equations that the other members do not, and closes
     the larger part of what they leave.
 
-    There the form errors of the others are small, and no single effect closes them.
+    In these equations the form errors of the others are small, and one effect cannot close them.
     """
     removed = frozenset().union(*map(equations, set(best.ids) - set(leaner.ids)))
     gain = search.score(leaner) - search.score(best)
@@ -74,9 +76,9 @@ def acts_elsewhere(search: Search, best: Fit, leaner: Fit) -> bool:
 
 def exceeds_form_error(search: Search, best: Fit, leaner: Fit, share: float) -> bool:
     """Whether a set gains more than a share of what a leaner one closes, over all signals or in one
-    of them: a form error shows in the signals in which the effect shows.
+    of them: the form error of an effect is large only in the signals in which the effect is large.
 
-    Gaps are clipped as they are reported, whatever clip the search compares with.
+    Residuals are clipped as in the reported gap, also where the search has widened its clip.
     """
     clip = COMPARISON.clip_sigma
     left, more, alone = (search.loss_by_signal(f, clip) for f in (best, leaner, search.retuned))

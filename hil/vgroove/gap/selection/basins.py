@@ -1,8 +1,8 @@
-"""Leaves a poor local minimum of a fit with a torque ripple, where no gradient leads on.
+"""Continues a fit with a torque ripple from a poor local minimum by a pattern search.
 
-A cogging that stops the shaft makes the squared gap a staircase over its amplitude and phase, and
-Gauss-Newton ends on one of the steps. A pattern search evaluates rings of points around the fit,
-coarse to fine; a better point is the start of a further fit.
+A cogging that stops the shaft makes the squared gap piecewise constant over its amplitude and
+phase, so that Gauss-Newton stops on the piece on which it starts. The pattern search evaluates
+rings of points around the fit, coarse to fine; a better point is the start of a further fit.
 """
 
 from dataclasses import replace
@@ -18,8 +18,8 @@ MAX_FITS_PER_RING = 3  # further fits from one width of ring; bounds the time of
 
 
 def deepest_minimum(search: Search, one: Fit) -> Fit:
-    """The best fit of a set around one that leaves a visible gap, with amplitude or phase of its
-    ripples changed; the given fit where none is better.
+    """The best fit that the pattern search finds from a fit that leaves a visible gap; the given
+    fit where it leaves none or no other is better.
     """
     best = one
     for spread in RING_HALF_WIDTHS if search.leaves_gap(one) else ():

@@ -57,8 +57,9 @@ def distinct_hypotheses(proposals: Sequence[Fit]) -> list[Hypothesis]:
 
 
 def prefer_special_cases(search: Search, best: Fit, base: Fit | None = None) -> Fit:
-    """The set with general effects replaced by special cases, where the general effect is not
-    better and the special case gains more than the minimum effect size over a base set.
+    """The set with each general effect replaced by its special case, where the general effect is
+    not better and the set with the special case gains more than the minimum effect size over a base
+    set.
     """
     for member in best.ids:
         known = {e.id for e in search.effects} - set(best.ids)
@@ -72,5 +73,5 @@ def prefer_special_cases(search: Search, best: Fit, base: Fit | None = None) -> 
 
 
 def gains(search: Search, one: Fit, base: Fit | None) -> bool:
-    """Whether a set closes more than the minimum effect size of what a base set leaves."""
+    """Whether a set gains more than the minimum effect size over a base set; True without one."""
     return base is None or search.score(base) - search.score(one) > search.min_gain(base)

@@ -15,8 +15,9 @@ from vgroove.gap.fitting.engine import FINAL_HUBER_SIGMAS
 from vgroove.gap.fitting.hypothesis import Fit, Hypothesis
 from vgroove.gap.selection.search_state import Search, key
 
-MAX_EXTENSIONS = 6  # first-order candidates that are kept of a set; chosen on the tuning half
-NO_COST = np.inf  # of a first-order fit: its cost is not evaluated
+# first-order candidates that are kept of a set; chosen on the tuning half of the blind set
+MAX_EXTENSIONS = 6
+NO_COST = np.inf  # cost of a first-order fit, which is not evaluated
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,8 @@ class AddedEffect:
 
 @dataclass(frozen=True)
 class RankedExtensions:
-    """The best first-order extensions of a base set, best first, with the state of the search that
-    they were computed in.
+    """The best first-order extensions of a base set, best first, with the state of the search in
+    which they were computed.
     """
 
     base: Fit
@@ -42,7 +43,7 @@ class RankedExtensions:
     fits: list[Fit]
 
     def holds_for(self, search: Search, base: Fit) -> bool:
-        """Whether they are those of a base set in this state of the search."""
+        """Whether they were computed for this base set in this state of the search."""
         state = (base.exact, search.clip_sigma)
         return self.base is base and (self.exact, self.clip_sigma) == state
 
@@ -50,8 +51,8 @@ class RankedExtensions:
 def extensions(search: Search, base: Fit, count: int = MAX_EXTENSIONS) -> list[Fit]:
     """The best first-order fits (at most MAX_EXTENSIONS) of base plus a further effect, best first.
 
-    The Jacobian has own columns for the further effect and those of base for the rest. The fits
-    keep no Jacobian: they are many.
+    The columns of the Jacobian are computed for the further effect and taken from base for the
+    rest. The fits keep no Jacobian, because they are many.
     """
     known = search.cache.extensions.get(key(base.ids))
     if known is None or not known.holds_for(search, base):
@@ -66,8 +67,8 @@ def extensions(search: Search, base: Fit, count: int = MAX_EXTENSIONS) -> list[F
 
 
 def added_effects(search: Search, base: Fit) -> Iterator[AddedEffect]:
-    """Each further effect beside base. The slopes of the largest base are cached: the location of
-    the gap needs them again.
+    """Each further effect beside base. The slopes of the largest base are cached, because the
+    location of the gap uses them again.
     """
     kept: list[tuple[Hypothesis, np.ndarray]] = []
     for one in differentiate_added(search, base, hypotheses_beside(search, base)):
@@ -99,8 +100,8 @@ def hypotheses_beside(search: Search, base: Fit) -> list[Hypothesis]:
 def starts_beside(
     search: Search, base: Fit, effect: Effect, restart: bool = False
 ) -> list[Hypothesis]:
-    """Hypotheses of base plus an effect, started from base and from the effect's own starts; with
-    restart from all of them although its fit alone is known. None occurs twice.
+    """Hypotheses of base plus an effect, started from base and from the effect's stored fit or,
+    with restart or without such a fit, from all of its catalogue starts. Equal ones occur once.
     """
     count, trials = base.hypothesis.count, {}
     for h in search.engine.hypotheses(
@@ -119,9 +120,9 @@ def starts_beside(
 
 
 def restarted_extensions(search: Search, base: Fit) -> list[Fit]:
-    """First-order fits of base plus each effect of many starts, from the best start beside base.
+    """First-order fits of base plus each effect of many starts, from the best of its starts.
 
-    Alone, such an effect may have converged to values that imitate a member of base.
+    The fit of such an effect alone may have converged to values that imitate a member of base.
     """
     found = []
     for effect in (e for e in search.effects if search.engine.is_known(e) and e.id not in base.ids):
@@ -168,8 +169,9 @@ def forward_differences(
 def extends_base(h: Hypothesis, base: Fit, count: int) -> bool:
     """Whether an extension begins with the coordinates and the form of its base.
 
-    It does not where the further effect redefines a member: beside Coulomb friction
-    asymmetric_friction is an offset, beside a play a coupler is the flanks of the play.
+    It does not where a member has other coordinates beside the further effect: beside Coulomb
+    friction asymmetric_friction is a constant torque, and beside a play (gear_backlash) a coupler
+    is the stiffness and damping of the play's flanks.
     """
     return h.coordinates[:count] == base.hypothesis.coordinates[:count] and set(
         base.hypothesis.fixed

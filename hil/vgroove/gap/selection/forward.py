@@ -11,8 +11,9 @@ from vgroove.gap.selection.search_state import COMPARISON, Search, key, rescale
 
 
 def forward(search: Search) -> tuple[Search, Fit]:
-    """The search, rescaled where the set came near the noise, and the largest set that is better
-    than each set before it; the retuned fit where no effect is.
+    """The search, with its clip computed again where the set came near the noise, and the last of a
+    sequence of growing sets of which each is better than the one before; the retuned fit where no
+    effect is better.
     """
     best = best_single(search)
     if not is_visibly_better(search, best):
@@ -45,10 +46,10 @@ def is_visibly_better(search: Search, one: Fit) -> bool:
 
 
 def add_two(search: Search, base: Fit, larger: Fit) -> Fit | None:
-    """A set of two more effects that is better than base, where one more gains without being
-    significant: what the second leaves may hide what the first gains.
+    """A set of two more effects that is better than base, where the gain of one more, `larger`, is
+    not significant: the gap of the second may hide the gain of the first.
 
-    It is tried only where both promise to close the larger part of what is left.
+    It is fitted only where both are predicted to close the larger part of what is left.
     """
     if (
         not gains(search, larger, base)
@@ -67,9 +68,7 @@ def add_two(search: Search, base: Fit, larger: Fit) -> Fit | None:
 
 
 def leaves_enough_for_two(search: Search, base: Fit) -> bool:
-    """Whether base leaves a visible gap that is larger than what deviations of its members' forms
-    may leave, taken twice.
-    """
+    """Whether base leaves a visible gap that is larger than twice the form error of its members."""
     closed = search.score(search.retuned) - search.score(base)
     return search.leaves_gap(base) and (
         search.excess_power(base) > 2.0 * STEPWISE.max_form_share * closed

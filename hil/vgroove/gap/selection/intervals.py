@@ -1,9 +1,9 @@
 """Parameter values of a fit with 95 % intervals; fitted again over long stretches where the shaft's
 speed decays more slowly than the model restarts.
 
-The gap is judged with a restart every quarter of a second (docs/spec/gap.md, section 5). A joint
-that coasts for a second shows its friction better in one undisturbed run than in pieces that each
-begin with a measured, noisy state.
+The gap is judged with a restart every quarter of a second (docs/spec/gap.md, section 5). The
+friction of a joint that coasts for a second is estimated more precisely from one simulation over
+the second than from four that each begin with a measured, noisy state.
 """
 
 from dataclasses import dataclass, replace
@@ -32,14 +32,16 @@ class EstimateLimits:
 
     time_constants: float = 16.0  # length of a long stretch, in time constants of the shaft
     rounds: int = 8  # Gauss-Newton rounds over long stretches
-    max_gap: float = (
-        1.1  # in noise floors, over long stretches: a model that lacks something drifts
-    )
-    cluster_s: float = 0.5  # rows within this time may be wrong together: a stroke of a machine
-    # relative half width, 95 %, by which a real effect of slightly other form moves a value;
-    # measured by `vgroove gap bench` (share of true values inside their interval)
+    # largest gap over long stretches, in noise floors, with which their values are reported: the
+    # simulation of a model that lacks an effect drifts from the log
+    max_gap: float = 1.1
+    cluster_s: float = 0.5  # length of a cluster of correlated residuals: a stroke of a machine
+    # relative half width, 95 %, of the error of a value from the form error of the effect (see
+    # limits.py); measured by `vgroove gap bench` (share of true values inside their interval)
     form_error: float = 0.03
-    max_form_gap: float = COMPARISON.visible_gap  # gap that the catalogue's form may leave more
+    # the catalogue's form of an effect is reported, instead of the selected form, if the gap is
+    # larger by no more than this
+    max_form_gap: float = COMPARISON.visible_gap
 
 
 ESTIMATE = EstimateLimits()
@@ -48,8 +50,8 @@ Z95 = 1.96  # two-sided 95 % quantile of the standard normal distribution
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fit, the engine of its problem, and groupings (n,) of its rows: rows of one group may be
-    wrong together.
+    """A fit, the engine of its problem, and clusterings (n,) of its rows: the residuals of one
+    cluster may be correlated.
     """
 
     engine: Engine
@@ -57,8 +59,8 @@ class Estimate:
     clusters: tuple[np.ndarray, ...]
 
     @cached_property
-    def half(self) -> np.ndarray:
-        """Half widths (p,) of the 95 % intervals of the fitted parameters, in their scaled unit."""
+    def half_widths(self) -> np.ndarray:
+        """Half widths (p,) of the 95 % intervals of the fitted numbers, in the numbers' units."""
         return (
             interval_half_widths(self.engine, self.fit, self.clusters)
             if len(self.fit.x)
@@ -74,7 +76,7 @@ class Estimate:
         for parameter in (p for p in BY_ID[effect_id].parameters if p.reported):
             name = BY_ID[effect_id].name(parameter)
             value = float(theta[problem.index(name)])
-            interval = parameter_interval(self.fit, name, value, self.half)
+            interval = parameter_interval(self.fit, name, value, self.half_widths)
             found[parameter.name] = ParameterEstimate(value, interval, parameter.unit)
         return found
 
@@ -85,14 +87,16 @@ class Estimate:
 
 
 def estimate_of(search: Search, one: Fit) -> Estimate:
-    """The parameter values of a fit as the search made it."""
+    """The parameter values of a fit of the search, with its restarts."""
     problem = search.problem
     clusters = (search.blocks.cluster, time_clusters(problem.log, problem.time_s))
     return Estimate(search.engine, one, clusters)
 
 
 def best_estimate(search: Search, shown: Fit) -> Estimate:
-    """Parameter values of a fit over long stretches where they say more, else as it was made."""
+    """Parameter values of a fit over long stretches where these can be used, else of the fit with
+    the restarts of the search.
+    """
     return estimate_over_long_stretches(search.engine, shown) or estimate_of(search, shown)
 
 
@@ -113,32 +117,32 @@ def dropout_parameters(problem: MeasuredProblem) -> dict[str, ParameterEstimate]
 
 
 def parameter_interval(
-    one: Fit, name: str, value: float, half: np.ndarray
+    one: Fit, name: str, value: float, half_widths: np.ndarray
 ) -> tuple[float, float] | None:
-    """95 % interval of a fitted parameter from its covariance and the form error; None if the
-    parameter was not fitted. half: (p,).
+    """95 % interval of a fitted parameter from half_widths (p,) and the form error; None if the
+    parameter was not fitted.
 
-    Of an amplitude with a phase the wider of the cosine's and the sine's half width counts.
+    For an amplitude with a phase the larger half width of its two coordinates is used.
     """
     for i, c in enumerate(one.hypothesis.coordinates):
-        if c.name == name or is_other_side_of(c, name):
-            wide = max(half[i], half[i + 1]) if c.role == "cosine" else half[i]
-            wide = float(np.hypot(float(wide) * abs(c.factors[0]), ESTIMATE.form_error * value))
-            return value - wide, value + wide
+        if c.name == name or sets_backward_friction(c, name):
+            fitted = half_widths[i : i + 2].max() if c.role == "cosine" else half_widths[i]
+            half = float(np.hypot(float(fitted) * abs(c.factors[0]), ESTIMATE.form_error * value))
+            return value - half, value + half
     return None
 
 
-def is_other_side_of(coordinate: object, name: str) -> bool:
-    """Whether a coordinate sets a friction of the backward direction together with the forward one
-    (asymmetric_friction beside coulomb_friction).
+def sets_backward_friction(coordinate: object, name: str) -> bool:
+    """Whether a name is that of a backward friction which the coordinate of the forward one sets
+    too (asymmetric_friction beside coulomb_friction).
     """
     both = coordinate.name.endswith("forward_nm") and len(coordinate.columns) == 2
     return name.endswith("backward_nm") and both
 
 
 def in_catalogue_form(search: Search, best: Fit) -> Fit:
-    """The same effects in the forms of docs/spec/gap.md, section 3, unless those leave a visible
-    gap more than the form that was selected.
+    """The same effects in the forms of docs/spec/gap.md, section 3, unless the gap of these is
+    larger than that of the selected forms by more than the smallest visible gap.
     """
     beyond = {search.problem.index(name) for name in FLAGS_BEYOND_SPECIFICATION}
     fixed = tuple(
@@ -154,7 +158,7 @@ def in_catalogue_form(search: Search, best: Fit) -> Fit:
 
 
 def time_clusters(log: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-    """Group (n,) of each row: stretches of cluster_s of each log."""
+    """Cluster (n,) of each row: the rows of one log within cluster_s."""
     stretch = np.floor(time_s / ESTIMATE.cluster_s).astype(np.int64)
     keys = log.astype(np.int64) * (int(stretch.max()) + 2) + stretch
     return np.unique(keys, return_inverse=True)[1]
@@ -172,10 +176,12 @@ def speed_time_constant_s(rig: Rig) -> float:
 
 
 def estimate_over_long_stretches(engine: Engine, shown: Fit) -> Estimate | None:
-    """The same effects and keys fitted over stretches of several time constants of the shaft.
+    """The same effects and nuisance parameters fitted with a restart only every several time
+    constants of the shaft's speed.
 
-    None where the speed decays between two restarts anyway, where a periodic effect needed its
-    angles aligned stretch by stretch, or where the model drifts from the log over such a stretch.
+    None where that time constant is shorter than the time between two restarts, where the fit has a
+    periodic effect, whose angles are aligned for each stretch between stops, or where the model
+    drifts from the log in the longer time.
     """
     problem = engine.problem
     constant_s = speed_time_constant_s(problem.rig)

@@ -1,4 +1,10 @@
-"""Thresholds that decide how large a set of effects grows and which members it loses again."""
+"""Thresholds of the stepwise selection: how large a set of effects grows, and which members are
+removed.
+
+The form of an effect is the functional form of its equation. The form error is the part of the
+squared gap that remains because a real effect has a slightly different form than the catalogue's;
+further effects of the catalogue can close it without being at work.
+"""
 
 from dataclasses import dataclass
 
@@ -10,22 +16,29 @@ class StepwiseLimits:
     """
 
     max_effects: int = 4  # members of a set
-    near_noise: float = 2.0  # gap, in noise, below which the clip is set again: all is explained
-    # A form that deviates by a quarter of its size leaves (1 / 4)^2 of the squared gap: a member
-    # that gains less, of what the others close, may only correct the form of another.
+    # gap, in units of the noise's RMS, below which the clip of the residuals is computed again
+    near_noise: float = 2.0
+    # Largest form error, as a share of what an effect closes: a form that deviates by 0.22 of the
+    # effect leaves 0.22^2 = 0.05 of its squared gap. A member that gains less may only correct the
+    # form of another.
     max_form_share: float = 0.05
-    # the same in equations that the others do not enter, where their forms leave next to nothing
+    # the same in equations that the others do not enter, where their form errors are small
     max_form_share_elsewhere: float = 0.01
-    min_part_elsewhere: float = 0.5  # of what is left there, that the member must then close
-    # docs/spec/gap.md, section 3: an effect in another form closes at least 0.7 of its squared gap
+    # part of what the others leave that the member must close for that smaller share to apply
+    min_part_elsewhere: float = 0.5
+    # the same for a law of friction beside another: an effect in another form closes at least 0.7
+    # of its squared gap (docs/spec/gap.md, section 5), so that 0.3 / 0.7 of what it closes may be
+    # left
     max_friction_form_share: float = 0.3 / 0.7
-    min_share_of_tied_member: float = 0.1  # that a member with tied alternatives must gain
-    min_part_of_second: float = 0.5  # of what the first leaves, that a second effect must promise
+    # share of what the others close that a member must gain if a tied rival lacks it
+    min_share_of_tied_member: float = 0.1
+    # largest part of what base leaves that two further effects may leave to first order
+    min_part_of_second: float = 0.5
     max_exchanges: int = 3  # rounds in which one member is exchanged
     extensions_of_rival: int = 3  # first-order candidates of each close rival of a set
     rivals_extended: int = 2  # close rivals whose extensions are tried
-    extensions_in_exchange: int = 4  # first-order candidates in a member's place
-    max_more_parameters: int = 2  # parameters that a rival may have beyond the best set
+    extensions_in_exchange: int = 4  # first-order candidates that replace a member
+    max_more_parameters: int = 2  # parameters that a rival may have more than the best set
 
 
 STEPWISE = StepwiseLimits()

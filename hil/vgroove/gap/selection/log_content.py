@@ -10,10 +10,11 @@ from vgroove.gap.residual.magnitude import robust_magnitude
 from vgroove.gap.residual.problem import Problem
 from vgroove.units import RAD_S_PER_RPM
 
-MOVING_SHARE = 0.02  # of the largest speed: below it the shaft counts as standing
-MIN_TIME_EACH_WAY = 0.05  # share of the moving rows that each direction needs
-MIN_REFLECTED_INERTIA = 0.01  # of the rotor's inertia: less behind the gear shows in no log
-STALL_SHARE = 0.3  # current without a current column, in stall currents
+MOVING_SHARE = 0.02  # of the largest speed: a lower speed counts as standstill
+MIN_TIME_EACH_WAY = 0.05  # share of the moving rows in each direction for both to count
+# inertia behind the gear, as a share of the rotor's, below which a log cannot contain its effects
+MIN_REFLECTED_INERTIA = 0.01
+STALL_SHARE = 0.3  # assumed magnitude of a current that is not logged, as a share of stall current
 ROWS_OF_DELAY = 1.5  # row intervals below which a delay may be the logger's convention
 
 
@@ -47,7 +48,7 @@ def all_speeds(problem: Problem) -> np.ndarray:
 
 
 def turns_both_ways(problem: Problem) -> bool:
-    """Whether the shaft turns in either direction for a sensible part of the time."""
+    """Whether the shaft turns in each direction for MIN_TIME_EACH_WAY of the moving rows."""
     speed = all_speeds(problem)
     moving = np.abs(speed) > MOVING_SHARE * max(np.abs(speed).max(), 1e-12)
     backward = float((speed[moving] < 0.0).mean()) if moving.any() else 0.0

@@ -21,7 +21,7 @@ class BootstrapLimits:
     origin is stated.
     """
 
-    draws: int = 2000  # bootstrap samples: the 99.5 % quantile rests on 10 of them
+    draws: int = 2000  # bootstrap samples: 10 of them lie above the 99.5 % quantile
     min_block_s: float = 0.05  # shortest block, s: 50 rows of a 1 kHz log
     min_rows: int = 50  # rows of a signal from which a correlation time is estimated
     uncorrelated: float = 0.05  # autocorrelation below which rows are taken as independent
@@ -34,8 +34,9 @@ MIN_POWER = 1e-300  # avoids 0 / 0 where two fits leave equal residuals
 
 
 class TimedRows(Protocol):
-    """Rows of residuals (n,): log index, time in s, and whether a row counts only when it is not 0
-    (`censored`: a lower bound of an edge period, docs/spec/gap.md, section 5).
+    """Rows of residuals (n,): log index, time in s, and whether the sample is censored, an upper
+    bound of a speed. The residual of a censored sample is 0 where the model respects the bound, and
+    the row then does not count (docs/spec/gap.md, section 5).
     """
 
     log: np.ndarray
@@ -97,7 +98,7 @@ def correlation_time(
 def make_blocks(rows: TimedRows, tested: np.ndarray, length_s: float, seed: int) -> Blocks:
     """Cut the tested rows (n,) into blocks of length_s and draw bootstrap samples of the blocks.
 
-    Conditional rows add to the squared residuals of their block but are not counted as samples.
+    Censored rows add to the squared residuals of their block but are not counted as samples.
     """
     number = np.floor(rows.time_s / length_s).astype(int)
     keys = rows.log.astype(np.int64) * (int(number.max()) + 2) + number
@@ -149,10 +150,10 @@ def fixed_design_bound(
 ) -> float:
     """Lower confidence bound of the difference of two squared gaps for the run as it was.
 
-    worse, better: held-out residuals (n,). The difference of the two models is taken as given by
-    the run (fixed design); only the residual of the better model is random, equally correlated
-    within a block. The bound has Student's t with the effective degrees of freedom of the blocks
-    (F. E. Satterthwaite, Biometrics Bulletin 2, 1946) and at least the variance of white noise.
+    worse, better: held-out residuals (n,). The difference of the two models is taken as fixed by
+    the run (fixed design); only the residual of the better model is random, and correlated within a
+    block. The bound uses Student's t with the effective degrees of freedom of the blocks (F. E.
+    Satterthwaite, Biometrics Bulletin 2, 1946) and at least the variance of white noise.
     """
     apart, left = np.where(blocks.tested, worse - better, 0.0), np.where(blocks.tested, better, 0.0)
     chance = 2.0 * np.bincount(blocks.cluster, weights=apart * left, minlength=len(blocks.rows))
@@ -172,8 +173,8 @@ def typical_value_interval(
     """Confidence interval from means over random subsets of the blocks, from sums (blocks,).
 
     It is exact for any symmetric distribution of a block's difference (J. A. Hartigan, JASA 64,
-    1969, typical values). Student's t takes a few large gains among many small ones of equal sign
-    for scatter; subset means do not.
+    1969, typical values). A few large gains among many small ones of equal sign widen an interval
+    by Student's t until it contains 0; an interval of subset means stays on one side of 0.
     """
     if 0.5**blocks.count > (1.0 - level) / 2.0:
         return -BOOTSTRAP.unbounded, BOOTSTRAP.unbounded

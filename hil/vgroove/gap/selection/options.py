@@ -1,4 +1,4 @@
-"""What a caller of the diagnosis chooses."""
+"""The options of a diagnosis."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
-    """Options of a diagnosis.
-
-    seed: of the bootstrap; without: ids of effects that are excluded from the catalogue; progress:
-    receives a text at each stage.
+    """seed: of the bootstrap; without: ids of effects that are excluded from the catalogue;
+    progress: is called with a text at each stage.
     """
 
     seed: int = 0

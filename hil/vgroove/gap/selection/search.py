@@ -25,7 +25,7 @@ from vgroove.gap.selection.single_effects import align_to_selection, fit_single_
 
 @dataclass(frozen=True)
 class Selection:
-    """What a search selected: the state in which it ended, the best fit (the retuned one where no
+    """Result of a search: the state in which it ended, the best fit (the retuned one where no
     effect is better), and the rivals that predict the held-out rows as well.
     """
 
@@ -37,8 +37,8 @@ class Selection:
 def select(search: Search) -> Selection:
     """The whole search on one problem.
 
-    The selected fit ends with the shaft angles that its own parameters align, as `vgroove sim`
-    finds them from the corrected rig.
+    The shaft angles of the selected fit are those that its own parameters align, as `vgroove sim`
+    aligns them with the corrected rig.
     """
     search, best = forward(fit_single_effects(search))
     rivals: list[Fit] = []
@@ -55,7 +55,7 @@ def select(search: Search) -> Selection:
 
 def drop_doubtful_members(search: Search, best: Fit) -> tuple[Fit, list[Fit]]:
     """The selected fit and its rivals, without small members that rivals replace by other effects,
-    and without laws of friction that only correct the form of another law.
+    and without laws of friction whose gain may be a form error of another law.
     """
     rivals = tied_rivals(search, best)
     replaced = [i for i in best.ids if any(i not in f.ids for f in rivals)]
@@ -69,8 +69,8 @@ def drop_doubtful_members(search: Search, best: Fit) -> tuple[Fit, list[Fit]]:
 
 
 def interchangeable_friction_laws(best: Fit, rivals: Sequence[Fit]) -> list[str]:
-    """Laws of friction in the best set that rivals replace only by other such laws, beside a second
-    law that stays.
+    """Laws of friction in the best set that rivals replace by other laws of friction only; empty
+    unless the set has two laws of friction.
     """
     replacements = {
         i: [set(f.ids) - set(best.ids) for f in rivals if i not in f.ids]
@@ -86,7 +86,8 @@ def interchangeable_friction_laws(best: Fit, rivals: Sequence[Fit]) -> list[str]
 
 
 def exchange_members(search: Search, best: Fit) -> Fit:
-    """The best set after exchanges of single members, as long as the result is not tied.
+    """The best set after exchanges of single members; they end when the result is no better or
+    tied.
 
     Forward selection misses pairs whose members gain little alone.
     """
@@ -104,9 +105,7 @@ def exchange_members(search: Search, best: Fit) -> Fit:
 
 
 def fit_exchanges(search: Search, best: Fit) -> None:
-    """Fit the sets in which another effect replaces one member and that are among the best to first
-    order.
-    """
+    """Fit the sets with one member replaced by another effect that are the best to first order."""
     if len(best.ids) < 2:
         return
     close: list[Fit] = []
@@ -118,8 +117,8 @@ def fit_exchanges(search: Search, best: Fit) -> None:
 
 
 def tied_rivals(search: Search, best: Fit) -> list[Fit]:
-    """Converged sets that predict the held-out rows as well as best, best first. A rival is no
-    larger and does not only generalise the best set.
+    """Converged sets that predict the held-out rows as well as best, best first. A rival has no
+    more effects than the best set and is no generalisation of it.
     """
     most = best.hypothesis.count + STEPWISE.max_more_parameters
     pool = [
@@ -134,8 +133,9 @@ def tied_rivals(search: Search, best: Fit) -> list[Fit]:
 
 
 def leanest_tied(search: Search, best: Fit) -> Fit:
-    """Among tied sets the one with fewest parameters; among those of as many that leave the same
-    the a-priori likelier effects (added inertia rather than a wrong clock).
+    """The tied set with the fewest parameters. Among sets with equally many parameters and equal
+    gaps it is the one of the effects that are likelier a priori (an added inertia rather than a
+    wrong clock).
 
     A special case replaces its general effect unless the general one is better.
     """
@@ -159,8 +159,8 @@ def is_as_good(search: Search, one: Fit, best: Fit) -> bool:
 
 
 def is_preferred(search: Search, one: Fit, best: Fit) -> bool:
-    """Whether a set comes before the best one in order of preference; the likelihood of its effects
-    decides only where both leave the same.
+    """Whether a set is preferred to the best one by preference(); the number of less likely effects
+    decides only where the gaps of both are equal up to chance.
     """
     mine, its = preference(search, one), preference(search, best)
     return mine[:2] < its[:2] or mine < its and search.equal_up_to_chance(one, best)
@@ -175,8 +175,8 @@ def preference(search: Search, one: Fit) -> tuple[bool, int, int]:
 
 
 def win_shares(search: Search, candidates: Sequence[Fit]) -> np.ndarray:
-    """Share (k,) of bootstrap samples in which each candidate set leaves least, with half the
-    minimum effect size added for each parameter.
+    """Share (k,) of the bootstrap samples in which each candidate set has the smallest squared gap,
+    with half the minimum effect size added for each parameter.
     """
     penalty = 0.5 * COMPARISON.min_gain * search.noise_power()
     means = np.stack(

@@ -40,25 +40,33 @@ class ComparisonLimits:
 
     clip_sigma: float = CLIP_SIGMAS  # residuals are clipped here (docs/spec/gap.md, section 5)
     visible_gap: float = 0.1  # smallest gap above the noise (docs/spec/gap.md, section 5)
-    min_gain: float = 0.05  # squared gap, of the noise power, that one more effect must close
-    min_gain_share: float = 0.01  # and share of the squared gap above the noise
-    min_general_gain: float = 0.03  # the same of a general effect over its special case
-    significance: float = 0.99  # two-sided level at which a gain counts as real
-    likely: float = 0.8  # two-sided level at which a gain must still exceed the minimum
-    chance_gain: float = 3.84  # squared sigmas that one parameter gains by chance: chi^2, 95 %, 1
-    large_gap: float = 0.5  # squared gap above the noise, of the noise power, that is large
-    nearly_all: float = 0.9  # share of a large gap that must close whichever block is left out
+    # minimum effect size: squared gap that one more effect must close, as a share of the noise
+    # power, plus a share of the squared gap above the noise
+    min_gain: float = 0.05
+    min_gain_share: float = 0.01
+    min_general_gain: float = 0.03  # in place of min_gain, of a general effect over a special case
+    significance: float = 0.99  # two-sided level of the interval by which a gain is significant
+    likely: float = 0.8  # two-sided level of the interval that must exceed the minimum effect size
+    # squared sigmas that one parameter gains by chance: 95 % quantile of chi^2 with 1 degree of
+    # freedom
+    chance_gain: float = 3.84
+    large_gap: float = 0.5  # smallest large gap: squared, above the noise, in noise powers
+    # share of a large gap that a set must close whichever block is left out
+    nearly_all: float = 0.9
     min_scale_share: float = 0.5  # share of an edge clock's scale error that a set must explain
     bound_margin: float = 1.02  # a parameter below this multiple of its lower bound is at the bound
     near_best: float = 1.5  # squared gaps up to this multiple of the best are fitted to convergence
     max_rounds: int = 12  # Gauss-Newton rounds until convergence; most fits need four
-    far_from_noise: float = 2.0  # median residual, sigma, above which the clip grows with it
+    # robust standard deviation of the best fit's residuals, sigma, above which the clip grows in
+    # proportion to it
+    far_from_noise: float = 2.0
     block_correlation_times: float = 3.0  # length of a bootstrap block, in correlation times
     max_block_restarts: float = 2.0  # and its upper bound, in restart intervals
 
 
 COMPARISON = ComparisonLimits()
-# parameters that scale edge speeds against time stamps; the last one only says whose clock it is
+# parameters that scale edge speeds against time stamps; the last one is the flag of the command's
+# clock
 SPEED_SCALE, CLOCK_SCALE, OF_COMMAND_CLOCK = (
     "effects.speed_gain.relative",
     "effects.clock_skew.relative",
@@ -71,7 +79,7 @@ class SearchCache:
     """The one mutable part of a search: results that later steps use again.
 
     fits: the best converged fit of each set of effects that was tried, by key() of its ids.
-    refitted_leaner: the set whose subsets were last fitted from its own parameter values.
+    refitted_leaner: the last set whose subsets were fitted from its parameter values.
     slopes: the largest set whose extensions were differentiated, with the slopes (n, new) of each.
     extensions: the best first-order extensions of a set, by key() of its ids.
     """
@@ -151,15 +159,15 @@ class Search:
         return self.score(one) - self.noise_power()
 
     def min_gain(self, leaner: Fit, share: float = COMPARISON.min_gain) -> float:
-        """Squared gap that a fuller set must close of what a leaner one leaves: the minimum effect
-        size.
+        """Minimum effect size: squared gap that a fuller set must close of what a leaner one
+        leaves. share: of the noise power.
         """
         return share * self.noise_power() + COMPARISON.min_gain_share * max(
             0.0, self.score(leaner) - self.noise_power()
         )
 
     def equal_up_to_chance(self, one: Fit, other: Fit) -> bool:
-        """Whether two sets differ by no more than one parameter gains by chance."""
+        """Whether the losses of two sets differ by no more than one parameter gains by chance."""
         difference = float(self.block_losses(one).sum() - self.block_losses(other).sum())
         return abs(difference) <= COMPARISON.chance_gain * self.noise_power()
 
@@ -167,9 +175,9 @@ class Search:
         """Whether a set predicts the held-out rows as well as the best: the 95 % interval of the
         difference contains 0 (docs/spec/gap.md, section 5), or chance explains the difference.
 
-        Models may differ in few blocks only, which most bootstrap samples miss. Therefore a set is
-        also worse if its loss on the run as it was exceeds the minimum effect size, and if the
-        scale of the Hall edges contradicts it but not the best.
+        Models may differ in few blocks only, which many bootstrap samples do not contain. Therefore
+        a set is not tied if its loss on this very run (loss_bound()) exceeds the minimum effect
+        size, nor if the scale of the Hall edges contradicts it but not the best.
         """
         if self.contradicts_edge_scale(one) and not self.contradicts_edge_scale(best):
             return False
@@ -188,10 +196,11 @@ class Search:
         )
 
     def contradicts_edge_scale(self, one: Fit) -> bool:
-        """Whether a log's Hall edges fit each other only on another time scale than its stamps, and
-        no clock or gain of the set explains at least half of that scale error.
+        """Whether the edge periods of a log are consecutive only on another time scale than that of
+        its stamps (run.edge_scale), and no clock or gain of the set explains at least half of that
+        scale error.
 
-        The sensor times edges by its own clock, far more finely than a motion shows a scale.
+        The edges determine the scale far more precisely than the motion does.
         """
         problem = self.problem
         scales = [run.edge_scale for run in problem.runs if run.edge_scale != 1.0]
@@ -209,8 +218,8 @@ class Search:
 
     def is_better(self, fuller: Fit, leaner: Fit, share: float = COMPARISON.min_gain) -> bool:
         """Whether a fuller set replaces a leaner one: it closes a large gap, or its gain likely
-        exceeds the minimum effect size and is significant, over resampled blocks or on the run as
-        it was.
+        exceeds the minimum effect size and is significant, by the block bootstrap or on this very
+        run (loss_bound()).
         """
         if self.closes_large_gap(fuller, leaner):
             return True
@@ -224,8 +233,8 @@ class Search:
     def is_likely_better(
         self, fuller: Fit, leaner: Fit, share: float = COMPARISON.min_gain
     ) -> bool:
-        """Whether the gain exceeds the minimum effect size in most bootstrap samples: it does not
-        rest on one block.
+        """Whether the gain exceeds the minimum effect size in most bootstrap samples, so that it
+        does not come from one block.
         """
         gain, least = (
             self.block_losses(leaner) - self.block_losses(fuller),
@@ -264,8 +273,8 @@ class Search:
         return self.score(one) >= (1.0 + COMPARISON.visible_gap) ** 2 * self.noise_power()
 
     def leaves_gap_in_most_draws(self, one: Fit) -> bool:
-        """Whether a set leaves a visible gap in most bootstrap samples: the gap does not rest on
-        the few blocks in which one event happened.
+        """Whether a set leaves a visible gap in most bootstrap samples, so that the gap does not
+        come from a few blocks in which one event happened.
         """
         noise = (1.0 + COMPARISON.visible_gap) ** 2 * self.noise_power() * self.blocks.rows
         above = self.block_losses(one) - noise
@@ -288,7 +297,7 @@ class Search:
         return [self.fits[k] for k in dict.fromkeys(key(h.ids) for h in hypotheses)]
 
     def near_best(self, fits: Sequence[Fit]) -> list[Fit]:
-        """Those of some fits whose squared gap comes near the best of them."""
+        """Those of some fits whose squared gap is at most near_best times the smallest of them."""
         limit = COMPARISON.near_best * min(self.score(f) for f in fits)
         return [f for f in fits if self.score(f) <= limit]
 
@@ -345,8 +354,9 @@ def begin(engine: Engine, effects: list[Effect], options: DiagnosisOptions) -> S
 
 
 def rescale(search: Search) -> Search:
-    """The search with its clip in units of what the best fit leaves, where even that is far from
-    the noise (real machines): a clip at 10 sigma would make all models equal.
+    """The search with its clip in proportion to the residuals of the best fit, where even these are
+    far from the noise (real machines): with a clip at 10 sigma the squared gaps of all models would
+    be equal.
     """
     tested = search.blocks.tested
     medians = {k: np.median(np.abs(f.out_of_fold[tested])) for k, f in search.fits.items()}
@@ -359,9 +369,8 @@ def rescale(search: Search) -> Search:
 def reblock(search: Search) -> Search:
     """The search with bootstrap blocks of a few correlation times of the best fit's residual."""
     problem, best = search.problem, min(search.fits.values(), key=search.score)
-    correlated_s = correlation_time(
-        best.residual, problem.time_s, problem.log * 1000 + problem.signal, problem.restart_s
-    )
+    group = problem.log * len(problem.signals) + problem.signal
+    correlated_s = correlation_time(best.residual, problem.time_s, group, problem.restart_s)
     length = min(
         max(BOOTSTRAP.min_block_s, COMPARISON.block_correlation_times * correlated_s),
         COMPARISON.max_block_restarts * problem.restart_s,

@@ -23,17 +23,20 @@ class StartLimits:
     tuning half of the blind set.
     """
 
-    max_unscreened: int = 6  # starts beyond which they are screened by their cost as they are
-    screened: int = 3  # starts that are left
-    many: int = 4  # starts beyond which two, not one, are fitted to convergence
-    brief_rounds: int = 2  # rounds after which the best starts are chosen
+    # an effect with more starts is fitted from those of least cost only, evaluated without a fit
+    max_unscreened: int = 6
+    screened: int = 3  # number of these starts
+    many: int = 4  # of more starts than this, two, not one, are fitted to convergence
+    brief_rounds: int = 2  # Gauss-Newton rounds after which the best starts are chosen
     fitted_at_once: int = 32  # starts whose Jacobians are in memory together
-    # squared gap after retuning, of the noise power, below which no far start is tried
+    # squared gap after retuning, in noise powers, below which no large ripple is tried and the
+    # starts are not evaluated
     min_squared_gap: float = 1.1
     ripple_sizes: tuple[float, ...] = (3.0, 8.0)  # amplitudes that are screened, in typical sizes
     ripple_phases: int = 8  # phases that are screened, evenly over a turn
     tiny_ripple: float = 1e-3  # amplitude at which a ripple's slopes are taken, in typical sizes
-    # squared sigmas that aligned angles must gain an effect, and their ratio to the best unaligned
+    # gain that a periodic effect must have with aligned angles: squared sigmas, and ratio to the
+    # largest gain of any effect without alignment
     min_alignment_gain: float = 100.0
     min_alignment_ratio: float = 1.2
 
@@ -45,15 +48,15 @@ RippleStarts = Mapping[tuple[str, ...], list[Hypothesis]]
 def fit_single_effects(search: Search) -> Search:
     """Fit every effect alone: all starts briefly, the best starts to convergence.
 
-    Returns the search with aligned shaft angles, the clip of the best fit and bootstrap blocks of
-    its correlation time. Effects of many starts are remembered: larger sets start them where they
-    ended alone.
+    Returns the search with aligned shaft angles, its clip from the residuals of the best fit, and
+    bootstrap blocks of a length from their correlation time. The fitted numbers of effects with
+    many starts are stored: fits of larger sets start from them.
     """
     search.progress("each effect alone")
     search, ripples = ripple_starts(search)
-    keys = search.retuned.x
+    nuisance = search.retuned.x
     starts = [
-        screened(search, ripples.get((e.id,)) or search.engine.hypotheses([e], keys))
+        screened(search, ripples.get((e.id,)) or search.engine.hypotheses([e], nuisance))
         for e in search.effects
     ]
     search.fit_and_keep(best_brief_starts(search, starts), COMPARISON.max_rounds)
@@ -66,7 +69,7 @@ def fit_single_effects(search: Search) -> Search:
 
 
 def best_brief_starts(search: Search, starts: list[list[Hypothesis]]) -> list[Hypothesis]:
-    """Of each effect's starts the best one, of many the best two, after a brief fit."""
+    """The best start of each effect after a brief fit, or the best two where it has many."""
     found = []
     for part in split_by_size([len(group) for group in starts], STARTS.fitted_at_once):
         brief = search.engine.fit([h for group in starts[part] for h in group], STARTS.brief_rounds)
@@ -77,8 +80,9 @@ def best_brief_starts(search: Search, starts: list[list[Hypothesis]]) -> list[Hy
 
 
 def ripple_starts(search: Search) -> tuple[Search, RippleStarts]:
-    """Starts of the periodic effects by id, with the amplitudes of a linear fit; and the search
-    with the shaft angle of each stretch between stops aligned for the one that gains most by it.
+    """The search with the shaft angle of each stretch between stops aligned for the periodic effect
+    that gains most by it, and the starts of the periodic effects by id, with the amplitudes of a
+    linear fit.
     """
     problem = search.problem
     starts = [
@@ -192,14 +196,14 @@ def align_to_selection(search: Search, best: Fit) -> tuple[Search, Fit]:
 
 
 def with_ripple_amplitudes(h: Hypothesis, amplitudes: Sequence[float]) -> np.ndarray:
-    """Start of a periodic effect with these cosine and sine amplitudes."""
+    """Start (p,) of a periodic effect with [amplitude cos(phase), amplitude sin(phase)]."""
     start = h.start.copy()
     start[cosine_index(h) : cosine_index(h) + 2] = amplitudes
     return np.clip(start, h.low, h.high)
 
 
 def cosine_index(h: Hypothesis) -> int:
-    """Index of a periodic effect's cosine amplitude among its parameters; the sine follows it."""
+    """Index of the coordinate of role "cosine" of a periodic effect; the "sine" follows it."""
     return next(i for i, c in enumerate(h.coordinates) if c.role == "cosine")
 
 
@@ -219,9 +223,10 @@ def by_effect(fits: Sequence[Fit]) -> list[list[Fit]]:
 
 
 def screened(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
-    """The starts of an effect that are fitted: of many those of least cost as they are.
+    """The starts of an effect that are fitted; of many those of least cost, evaluated without a
+    fit.
 
-    A resonance, a play or a large ripple is found only from a start near it.
+    A fit converges to a resonance, a play or a large ripple only from a start near it.
     """
     small_gap = search.score(search.retuned) < STARTS.min_squared_gap
     if any(c.role == "cosine" for c in starts[0].coordinates):
@@ -234,7 +239,7 @@ def screened(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
 
 
 def least_costly(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
-    """The few starts whose residuals, without a fit, have the least clipped squared sum."""
+    """The STARTS.screened starts with the smallest sum of clipped squared residuals, not fitted."""
     shown = search.engine.residuals_of_jobs([(h, h.start[None, :]) for h in starts])
     train, clip = search.engine.train, search.clip_sigma
     cost = [float((np.minimum(np.abs(row[train]), clip) ** 2).sum()) for (row,) in shown]
@@ -243,7 +248,7 @@ def least_costly(search: Search, starts: list[Hypothesis]) -> list[Hypothesis]:
 
 def large_ripples(h: Hypothesis) -> list[Hypothesis]:
     """Starts of a periodic effect with large amplitudes over all phases: a large ripple stops the
-    shaft, and no gradient leads to it from zero.
+    shaft, and a fit from a small amplitude does not converge to it.
     """
     at, found = cosine_index(h), []
     for size in STARTS.ripple_sizes:

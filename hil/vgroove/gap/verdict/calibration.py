@@ -16,7 +16,8 @@ from vgroove.gap.selection.model_comparison import bootstrap_means, small_sample
 from vgroove.gap.selection.search_state import COMPARISON, Search, is_valid
 from vgroove.gap.verdict.schema import NameEvidence
 
-# of 1 and the fields of NameEvidence, in their order; printed by tests/proof/gap_certainty.py
+# of the constant 1 and of the fields of NameEvidence in their order; printed by
+# tests/proof/gap_certainty.py
 COEFFICIENTS = (-0.42, 0.99, 0.33, 0.07, -1.01)
 MIN_DEVIATION = 1e-12  # avoids a division by 0 where two fits are equal
 
@@ -24,8 +25,8 @@ MIN_DEVIATION = 1e-12  # avoids a division by 0 where two fits are equal
 def name_evidence(search: Search, best: Fit, effect_id: str) -> NameEvidence:
     """Evidence for one effect of the best set, from squared gaps above the noise.
 
-    The minimum effect size is added to what a set leaves, so that nothing is divided by a remainder
-    too small to matter.
+    The minimum effect size is added to the squared gap that a set leaves, so that no divisor is
+    nearly 0.
     """
     after = search.score(best)
     noise = min(search.floor**2 * search.noise_power(), after)

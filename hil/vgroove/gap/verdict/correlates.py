@@ -1,5 +1,5 @@
-"""What a residual depends on: bin means over a measured quantity, cross-validated smoothing splines
-and lines of the spectrum.
+"""Finds what a residual depends on: bin means over a measured quantity, cross-validated smoothing
+splines, and lines of the spectrum.
 """
 
 from dataclasses import dataclass
@@ -15,18 +15,21 @@ class CorrelateLimits:
     """Numbers of the search for covariates; chosen on the tuning half of the blind set."""
 
     bins: int = 12  # quantile bins of a covariate
-    bin_prior_rows: float = 3.0  # rows of mean 0 that each bin is shrunk by
-    rows_per_bin: int = 4  # rows for each bin below which nothing is predicted
+    bin_prior_rows: float = 3.0  # rows of value 0 that are added to each bin (shrinkage)
+    rows_per_bin: int = 4  # mean number of rows in a bin below which nothing is predicted
     knots: int = 60  # quantile means that a spline is fitted to
     min_points: int = 5  # below which no spline is fitted
     min_knot_distance: float = 1e-3  # of the range: closer quantiles are one point
-    line_over_median: float = 30.0  # power of a spectral line over the median around it, rows white
+    # least power of a spectral line, over the mean power of white rows as the median around the
+    # line gives it
+    line_over_median: float = 30.0
     line_rows: int = 200  # rows below which no line is looked for
-    slow_cells: int = 16  # lowest frequencies of the spectrum, which are drifts and no lines
+    slow_cells: int = 16  # cells of lowest frequency, which are drifts and no lines
     max_grid: int = 1 << 16  # cells of the grid that the spectrum is computed on
     points_reported: int = 25  # of a correction
     monotonic: float = 0.8  # correlation from which a curve is called growing or falling
-    output_line: float = 1.5  # periods an output turn above which a line is stated per motor turn
+    # periods an output turn above which the period of a line is stated in motor turns
+    output_line: float = 1.5
 
 
 CORRELATE = CorrelateLimits()
@@ -34,7 +37,7 @@ CORRELATE = CorrelateLimits()
 
 @dataclass(frozen=True)
 class Covariate:
-    """A quantity (n,) that a residual may depend on; period: of an angle, 0 otherwise."""
+    """A quantity (n,) that a residual may depend on; period: 2 pi for an angle, 0 otherwise."""
 
     name: str
     value: np.ndarray
@@ -68,8 +71,8 @@ def predict_by_bins(residual: np.ndarray, value: np.ndarray, cluster: np.ndarray
 def smooth_curve(residual: np.ndarray, covariate: Covariate) -> tuple[np.ndarray, np.ndarray]:
     """A smoothing spline through quantile means: covariate (k,) and residual there (k,).
 
-    Its stiffness is chosen by generalised cross-validation (P. Craven, G. Wahba, Numerische
-    Mathematik 31, 1979).
+    Its smoothing parameter is chosen by generalised cross-validation (P. Craven, G. Wahba,
+    Numerische Mathematik 31, 1979).
     """
     x, y, weight = quantile_means(residual, covariate)
     if len(x) < CORRELATE.min_points:
@@ -144,7 +147,7 @@ def spectral_covariates(
     log: np.ndarray,
 ) -> list[Covariate]:
     """Lines of the spectra over time in s and over the motor's unwound angle in rad, read from the
-    first log, as angles that the residual may depend on; ratio: of the gearbox.
+    first log, as phase angles (n,) that the residual may depend on; ratio: of the gearbox.
     """
     found, first = [], log == log[0]
     line = spectral_line(residual[first], time_s[first])

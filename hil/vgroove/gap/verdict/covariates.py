@@ -9,9 +9,10 @@ from vgroove.gap.selection.log_content import fill_rows, measured_speed
 from vgroove.units import TURN_RAD
 
 Covariates = dict[str, np.ndarray]
-UNWOUND_ANGLE = "unwound motor angle"  # for spectra over the angle, no covariate by itself
-HEAT_TIME_S = 2.0  # time constant of the heat, s: a winding's, as far as a log of seconds shows it
-SMOOTHED_ROWS = 21  # rows of the moving mean: a sample's noise must not explain the sample
+UNWOUND_ANGLE = "unwound motor angle"  # for spectra over the angle, not used as a covariate
+HEAT_TIME_S = 2.0  # time constant of the heat, s: the order of a winding's, for logs of seconds
+# rows of the moving mean, without which the noise of a sample would correlate with its own residual
+SMOOTHED_ROWS = 21
 STANDSTILL_RAD_S = 1.0  # speed below which the direction counts as 0
 # columns of a log -> names in a verdict
 COLUMN_NAMES = {
@@ -24,7 +25,7 @@ COLUMN_NAMES = {
 
 
 def covariates_of(problem: Problem, theta: np.ndarray) -> Covariates:
-    """Covariates (n,) by name that all logs have; angles are those of the model theta (P,)."""
+    """Covariates (n,) by name that all logs have; the angles are simulated with theta (P,)."""
     angles = [simulation["angle_rad"][0] for simulation in problem.simulate(theta)]
     tables = [log_covariates(problem, j, angles[j]) for j in range(len(problem.logs))]
     names = set.intersection(*(set(t) for t in tables))

@@ -19,12 +19,13 @@ class DecisionLimits:
     of the blind set unless a source is stated; entry n of a tuple is for sets of n + 1 effects.
     """
 
-    # That a set must close, else it is too little: of one effect before retuning (docs/spec/gap.md,
-    # section 3), of more, which imitate more, beyond retuning.
+    # Least share that a set closes (docs/spec/gap.md, section 5): one effect of the gap before
+    # retuning; several, which together imitate more, of the gap that retuning leaves.
     min_closed: tuple[float, ...] = (0.7, 0.85, 0.9, 0.9)
-    min_closed_beyond_retuning: float = 0.5  # that one effect must close all the same
-    # that a set of several must close if it leaves a visible gap: form errors of a quarter of their
-    # size leave (1 / 4)^2, so that effects that are really there close more
+    min_closed_beyond_retuning: float = 0.5  # least share that one effect closes of the latter
+    # Least share that a set of several effects closes if it leaves a visible gap. Effects that are
+    # at work leave only their form error (see selection/limits.py): a form that deviates by 0.28 or
+    # 0.22 of the effect leaves 0.28^2 = 0.08 or 0.22^2 = 0.05.
     min_closed_by_several: tuple[float, ...] = (0.0, 0.92, 0.95, 0.95)
     # excess power of the smallest visible gap (docs/spec/gap.md, section 5), in noise powers
     visible_excess: float = (1.0 + COMPARISON.visible_gap) ** 2 - 1.0
@@ -50,9 +51,10 @@ class Finding:
 
 
 def decide(selection: Selection, remainder: Remainder) -> Finding:
-    """The verdict from the selected set, its rivals and the structure of the remainder.
+    """The verdict from the selected set, its rivals and the remainder.
 
-    A doubtful set gives way to a member that suffices alone: the others only correct its form.
+    A doubtful set is replaced by a member that closes enough alone: the gain of the others is taken
+    as its form error.
     """
     search, best, rivals = selection.search, selection.best, selection.rivals
     if not best.ids:
@@ -68,8 +70,8 @@ def decide(selection: Selection, remainder: Remainder) -> Finding:
 
 
 def is_unlisted_gap(search: Search, retuned: Fit, remainder: Remainder) -> bool:
-    """Whether retuning leaves a visible gap that is significant, and that follows a measured
-    quantity or stands in most bootstrap samples.
+    """Whether retuning leaves a visible gap that is significant, and that either depends on a
+    measured quantity or is visible in most bootstrap samples.
     """
     return (
         remainder.significant
@@ -96,10 +98,11 @@ def sufficient_member(search: Search, best: Fit) -> Fit | None:
 
 
 def closes_too_little(search: Search, best: Fit) -> bool:
-    """Whether a set closes too little to be what is missing.
+    """Whether a set closes too little to be the missing effects.
 
-    One effect is compared with the gap before retuning, over the judged blocks or over all: what
-    retuning closed counts for it as long as it closes the larger part of the rest.
+    The share of one effect is that of the gap before retuning, over the judged blocks or over all,
+    whichever is larger. What retuning closes is so credited to the effect, provided that it closes
+    the larger part of what retuning leaves.
     """
     beyond = closed_beyond_retuning(search, best)
     least = DECISION.min_closed[len(best.ids) - 1]
@@ -114,7 +117,7 @@ def closes_too_little(search: Search, best: Fit) -> bool:
 
 def approximates_other_effect(search: Search, best: Fit) -> bool:
     """Whether a set of several effects leaves a visible gap and closes less than effects that are
-    really there: several smooth laws together approximate many others.
+    at work would: several smooth laws together approximate many others.
     """
     return (
         len(best.ids) > 1
@@ -136,7 +139,7 @@ def stands_for_excluded(search: Search, best: Fit) -> bool:
 
 
 def closed_beyond_retuning(search: Search, best: Fit) -> float:
-    """Share of the squared gap beyond retuning that a set closes."""
+    """Share of the squared gap left by retuning that a set closes."""
     return closed_power_share(search.score(search.retuned), search.score(best), search.floor)
 
 

@@ -1,5 +1,5 @@
-"""Which: the effects of the catalogue with their probabilities, what each closes, and the rivals
-that these logs do not distinguish.
+"""The effects of a verdict: their probabilities, the share of the gap that each closes, and the
+rivals that these logs do not distinguish.
 """
 
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ from vgroove.gap.verdict.schema import EffectFinding, NameEvidence, Rival
 class ProbabilityLimits:
     """Bounds of stated probabilities; chosen on the tuning half of the blind set."""
 
-    max_named: float = 0.99  # of a named effect or a rival
-    max_unnamed: float = 0.4  # of any other: significant or not, it is not named
-    tied: float = 0.5  # at least of a selected effect with rivals, at most of a rival
+    max_named: float = 0.99  # largest, of a named effect or a rival
+    max_unnamed: float = 0.4  # largest, of any other effect
+    tied: float = 0.5  # smallest of a selected effect that has rivals, and largest of a rival
 
 
 PROBABILITY = ProbabilityLimits()
@@ -32,7 +32,8 @@ AFTER_NAMED = 99  # sort key of effects that are not named
 
 def effect_findings(search: Search, finding: Finding, estimate: Estimate) -> list[EffectFinding]:
     """All effects that were tried: named ones first, then by probability and by what they close
-    alone. Parameters of the estimate's effects come from it, others from the fit of each alone.
+    alone. The parameters of the estimate's effects are those of the estimate, the others those of
+    the fit of each effect alone.
     """
     evidence = {i: calibration.name_evidence(search, finding.best, i) for i in finding.best.ids}
     chance = probabilities(search, finding, evidence)
@@ -84,7 +85,8 @@ def probabilities(
     search: Search, finding: Finding, evidence: dict[str, NameEvidence]
 ) -> dict[str, float]:
     """Marginal probability of each effect by id: of a member of the best set from its evidence, of
-    any other from how often a set that holds it leaves least in the block bootstrap.
+    any other the share of bootstrap samples in which a set that contains it leaves the smallest gap
+    (win_shares()).
     """
     candidates = [
         search.retuned,
@@ -108,8 +110,8 @@ def probabilities(
 
 
 def divide_among_rivals(chance: dict[str, float], finding: Finding) -> dict[str, float]:
-    """Probabilities of tied sets: a selected effect that a rival lacks gets a half and a share of
-    the rest, each rival between that share and a half.
+    """Probabilities clipped for tied sets. With n rivals and spare = 0.5 / (1 + n): a selected
+    effect that a rival lacks to 0.5..0.5 + spare, each rival to spare..0.5.
     """
     rivals = [i for f in finding.rivals for i in f.ids if i not in finding.best.ids]
     spare = PROBABILITY.tied / (1 + len(rivals))
@@ -133,14 +135,16 @@ def indistinguishable(search: Search, finding: Finding, flags: frozenset[str]) -
         for j, new in enumerate(i for i in tied.ids if i not in finding.best.ids):
             if gone and all(r.id != new for r in found):
                 instead_of = gone[min(j, len(gone) - 1)]
-                found.append(rival(search, new, instead_of, of=new))
+                found.append(rival(search, new, instead_of, fitted=new))
     return found
 
 
-def rival(search: Search, effect_id: str, instead_of: str, of: str | None = None) -> Rival:
-    """A rival with what it closes alone: an equivalent as much as the effect that it replaces."""
+def rival(search: Search, effect_id: str, instead_of: str, fitted: str | None = None) -> Rival:
+    """A rival and the share that it closes alone. fitted: the effect whose fit gives that share; by
+    default the effect that the rival replaces, for an equivalent, which has no fit of its own.
+    """
     problem = search.problem
     before, alone = (
-        reported_gap(problem, f) for f in (search.nominal, search.fits[(of or instead_of,)])
+        reported_gap(problem, f) for f in (search.nominal, search.fits[(fitted or instead_of,)])
     )
     return Rival(effect_id, instead_of, closed_share(before, alone, search.floor))

@@ -1,4 +1,4 @@
-"""How far: the gap before, retuned and after, the share that is closed, and the same per signal."""
+"""The figures of the gap: before, retuned and after, the share that is closed, and all per signal."""
 
 import numpy as np
 
@@ -47,7 +47,7 @@ def gap_figures(search: Search, shown: Fit) -> Gap:
 
 def closed_interval(search: Search, shown: Fit) -> list[float] | None:
     """95 % block-bootstrap interval of the closed share over the judged rows; residuals are clipped
-    as the reported gap is, whatever clip the search compares with.
+    as in the reported gap, also where the search has widened its clip.
     """
     problem, floor = search.problem, search.floor
     if reported_gap(problem, search.nominal) - floor < MIN_GAP:

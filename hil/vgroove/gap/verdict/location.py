@@ -1,5 +1,5 @@
-"""Where: Shapley shares (L. S. Shapley, 1953) of the subsystems in the squared gap beyond retuning,
-and the shares of the regimes of operation.
+"""Locates the gap: Shapley shares (L. S. Shapley, A value for n-person games, 1953) of the
+subsystems in the squared gap that retuning leaves, and the shares of the regimes of motion.
 
 A subsystem's flexible correction is the span of all its catalogue effects, linearised at the
 selected model; among their regressors are speed, its sign, current, angle, time, heat and duty. The
@@ -21,7 +21,7 @@ from vgroove.gap.selection.model_comparison import block_sums, bootstrap_means
 from vgroove.gap.selection.search_state import COMPARISON, Search
 from vgroove.gap.verdict.schema import RegimeShare
 
-NUISANCE = ""  # owner of a tolerated rig key's column
+NUISANCE = ""  # owner of a nuisance parameter's column
 UNEXPLAINED = "unexplained"
 
 
@@ -43,9 +43,10 @@ LOCATION = LocationLimits()
 class LinearModel:
     """Linearised residuals: target (n,) + columns (n, m) @ step.
 
-    owner (m,): subsystem of each column, NUISANCE for a tolerated key. prior (m,): curvature of the
-    keys' prior around the rig's value; offset (m,): of the selected fit from there; bound (m,): of
-    a key's distance from the rig's value. Columns are scaled to RMS 1.
+    owner (m,): subsystem of each column, NUISANCE for a nuisance parameter. Of a nuisance
+    parameter, prior (m,) is the curvature of its prior around the rig's value, offset (m,) the
+    distance of the selected fit from the rig's value, and bound (m,) the largest such distance.
+    Columns are scaled to RMS 1.
     """
 
     target: np.ndarray
@@ -111,8 +112,8 @@ def normal_equations(search: Search, model: LinearModel) -> NormalEquations:
 def corrected_squares(
     search: Search, model: LinearModel, sums: NormalEquations, members: frozenset[str]
 ) -> np.ndarray:
-    """Clipped squared held-out residuals (n,) with the corrections of the members (and the
-    tolerated keys) fitted on the other folds.
+    """Clipped squared held-out residuals (n,) with the corrections of the members (and the nuisance
+    parameters) fitted on the other folds.
     """
     use = np.flatnonzero(np.isin(model.owner, [*members, NUISANCE]))
     out = model.target.copy()
@@ -141,7 +142,7 @@ def active_subsystems(
     search: Search, model: LinearModel, sums: NormalEquations, best: Fit
 ) -> list[str]:
     """Subsystems of the selected effects, and any other whose correction gains significantly beside
-    them, the most useful first.
+    them, in order of gain.
     """
     chosen = list(dict.fromkeys(BY_ID[i].subsystem for i in best.ids))
     pool = sorted(set(model.owner) - {NUISANCE, *chosen})
@@ -157,8 +158,8 @@ def active_subsystems(
 
 
 def shapley_shares(search: Search, best: Fit) -> dict[str, float]:
-    """Shapley share of each subsystem in the squared gap beyond retuning; with 'unexplained' they
-    add to one.
+    """Shapley share of each subsystem in the squared gap that retuning leaves; with 'unexplained'
+    they add to one.
     """
     model = linear_model(search, best)
     sums = normal_equations(search, model)

@@ -1,5 +1,5 @@
-"""What remains: whether a fit leaves more than noise, which measured quantity the rest depends on,
-and what a smooth correction over that quantity would close.
+"""The remainder of a fit: whether it is more than noise, which measured quantity it depends on, and
+what a smooth correction over that quantity would close.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from vgroove.gap.verdict.location import is_significant_gain
 from vgroove.gap.verdict.schema import CorrelateShare, Unexplained
 from vgroove.units import TURN_RAD
 
-# a signal's own smoothed column: its noise would explain itself
+# signal -> covariate that is its own smoothed column: its noise would correlate with its residual
 OWN_COVARIATE = {"current_a": "current", "supply_v": "bus voltage"}
 
 
@@ -25,7 +25,7 @@ OWN_COVARIATE = {"current_a": "current", "supply_v": "bus voltage"}
 class RemainderLimits:
     """Thresholds of the remainder; chosen on the tuning half of the blind set."""
 
-    min_excess: float = 0.15  # squared gap above the noise, in noise powers: less is no remainder
+    min_excess: float = 0.15  # smallest squared gap above the noise of a remainder, in noise powers
     min_correlate_share: float = 0.05  # of the squared gap: smaller correlates are not listed
 
 
@@ -34,11 +34,12 @@ REMAINDER = RemainderLimits()
 
 @dataclass(frozen=True)
 class Remainder:
-    """What a fit leaves: whether it is significant, the covariate and the signal that it follows,
-    and the squared gap that bin means over the covariate close (gain).
+    """What a fit leaves. significant: whether it is more than noise; best_correlate, signal: the
+    covariate that it depends on, and the signal; gain: squared gap that bin means over the
+    covariate close.
 
     could_gain: share of the remainder above the noise that a smooth correction would close;
-    correction: its points, covariate and sigmas; looks_like: the curve in words.
+    correction: its points [covariate, correction in sigmas]; looks_like: the curve in words.
     """
 
     significant: bool
@@ -63,7 +64,7 @@ class SignalResiduals:
 
     @staticmethod
     def of(search: Search, one: Fit) -> "SignalResiduals":
-        """Those of a fit, clipped as the search compares."""
+        """Residuals of a fit, clipped at the clip of the search."""
         clip, problem = search.clip_sigma, search.problem
         names = [s.column for s in problem.signals]
         return SignalResiduals(
@@ -75,7 +76,7 @@ class SignalResiduals:
         return self.blocks.tested & (self.signal == k) & np.isfinite(covariate.value)
 
     def signals_for(self, covariate: Covariate) -> Iterator[int]:
-        """Signals that the covariate was not measured by itself."""
+        """Indices of the signals of which the covariate is not the own column."""
         for k, name in enumerate(self.names):
             if OWN_COVARIATE.get(name) != covariate.name:
                 yield k
@@ -99,8 +100,8 @@ class Correlate:
 
 
 def remaining(search: Search, best: Fit, covariates: Covariates) -> Remainder:
-    """The structure of what a fit leaves, from two-fold cross-validated bin means over each
-    covariate and over spectral lines.
+    """The remainder of a fit, from two-fold cross-validated bin means over each covariate and over
+    spectral lines.
     """
     residuals = SignalResiduals.of(search, best)
     top = strongest(residuals, measured_covariates(covariates))
@@ -145,8 +146,8 @@ def described(search: Search, best: Fit, residuals: SignalResiduals, top: Correl
 
 
 def stands_above_noise(search: Search, best: Fit, noise: float) -> bool:
-    """Whether a fit leaves more than the noise power, and not in one or two blocks only: that would
-    be an event of the run.
+    """Whether a fit leaves more than the noise power, and not in one or two blocks only, as a
+    single event of the run would.
     """
     above = search.block_losses(best) - noise * search.blocks.rows
     least = COMPARISON.min_gain * noise

@@ -30,9 +30,10 @@ class SignalGap:
 
 @dataclass(frozen=True)
 class Gap:
-    """Gap of the nominal model (before), of the retuned model and of the corrected model (after);
-    floor: what noise alone gives. closed*: shares, None where the gap is below 0.1. held_out_s: the
-    judged stretches in s, a list per log.
+    """Gap of the nominal model (before), of the retuned model (the rig's values refitted within
+    their tolerances) and of the corrected model (after); floor: what noise alone gives. closed*:
+    shares, None where the gap above the floor is below 0.1. held_out_s: the judged stretches in s,
+    a list per log.
     """
 
     before: float
@@ -50,7 +51,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class RegimeShare:
-    """Share of the nominal model's squared gap in one regime of operation."""
+    """Share of the nominal model's squared gap in one regime of motion."""
 
     regime: str
     share: float
@@ -79,9 +80,12 @@ class Where:
 
 @dataclass(frozen=True)
 class NameEvidence:
-    """The four quantities that an effect's probability is calibrated on: logarithms of its margin
-    in standard deviations (blocks), of its margin in what the set leaves (forms), and of what
-    retuning leaves in what the set leaves (closed); the number of other effects of the set.
+    """The four quantities that an effect's probability is calibrated on.
+
+    margin: how much larger the squared gap of the best set without the effect is. blocks:
+    log(1 + margin / standard deviation of the margin over the bootstrap blocks). forms:
+    log(1 + margin / squared gap that the named set leaves). closed: log(squared gap that retuning
+    leaves / that the named set leaves). others: number of other effects of the set.
     """
 
     blocks: float
@@ -137,9 +141,10 @@ class NextExperiment:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """The remainder: whether it is significant, the measured quantity and the signal that it
-    follows, its share of the squared gap, what the curve looks like, the share of the remainder
-    above the noise that a smooth correction would close, and points [quantity, correction] of it.
+    """The remainder. significant: whether it is more than noise; best_correlate, signal: the
+    measured quantity that it depends on, and the signal; looks_like: that dependence in words;
+    could_gain: share of the remainder above the noise that a smooth correction would close;
+    correction: points [quantity, correction in the signal's unit] of it.
     """
 
     significant: bool
