@@ -338,26 +338,40 @@ def _run_chunk(run: _Run, stimuli: StimulusChunk, progress: Progress) -> None:
     progress.gates = gates
 
 
+@dataclass(frozen=True)
+class LockstepOptions:
+    """What a lock-step run may have besides board, tool, profile and duration.
+
+    front: the board's front ends; line: the serial line's other end; seed: of the sensors' noise;
+    truth: a vgroove._core.Truth that records the true values of a tool of the plant; on_progress:
+    called after each chunk, by run() alone.
+    """
+
+    front: FrontEnds | None = None
+    line: Line | None = None
+    seed: int = 1
+    truth: Any = None
+    on_progress: Callable[[Progress], None] | None = None
+
+
+DEFAULT_OPTIONS = LockstepOptions()
+
+
 def steps(
     board: Board,
     tool: Tool,
     profile: Profile,
     duration_s: float,
-    *,
-    front: FrontEnds | None = None,
-    line: Line | None = None,
-    seed: int = 1,
-    truth: Any = None,
+    options: LockstepOptions = DEFAULT_OPTIONS,
 ) -> Iterator[Progress]:
     """Run board and tool in lock-step from rest and yield after each chunk; Progress.sent holds all
     bytes that the board has sent.
 
-    With a native board and a tool of the plant the loop runs in C++, with the same bytes. `truth`,
-    a vgroove._core.Truth, records the true values of such a tool.
+    With a native board and a tool of the plant the loop runs in C++, with the same bytes.
     """
-    front, line = front or FrontEnds(), line or Script()
-    stimulus, progress = StimulusSource(profile, front, seed), Progress()
-    parts = _Run(board, tool, front, Pacer(), truth)
+    front, line = options.front or FrontEnds(), options.line or Script()
+    stimulus, progress = StimulusSource(profile, front, options.seed), Progress()
+    parts = _Run(board, tool, front, Pacer(), options.truth)
     run_chunk = _run_chunk_native if _is_native(board, tool) else _run_chunk
     periods = round(duration_s / PERIOD_S)
     while progress.periods < periods:
@@ -376,17 +390,11 @@ def run(
     tool: Tool,
     profile: Profile,
     duration_s: float,
-    *,
-    front: FrontEnds | None = None,
-    line: Line | None = None,
-    seed: int = 1,
-    on_progress: Callable[[Progress], None] | None = None,
+    options: LockstepOptions = DEFAULT_OPTIONS,
 ) -> bytes:
-    """Run to the end and return the bytes that the board sent, which are the same for the same
-    arguments.
-    """
+    """Run to the end; returns the bytes that the board sent. Same arguments, same bytes."""
     progress = Progress()
-    for progress in steps(board, tool, profile, duration_s, front=front, line=line, seed=seed):
-        if on_progress:
-            on_progress(progress)
+    for progress in steps(board, tool, profile, duration_s, options):
+        if options.on_progress:
+            options.on_progress(progress)
     return bytes(progress.sent)

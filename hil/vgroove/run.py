@@ -118,9 +118,7 @@ def _run_in_lockstep(
             tool,
             scenario.profile,
             scenario.duration_s,
-            front=front,
-            line=line,
-            seed=scenario.seed,
+            lockstep.LockstepOptions(front=front, line=line, seed=scenario.seed),
         ):
             sent += now.sent[done:]
             done = len(now.sent)

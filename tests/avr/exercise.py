@@ -149,8 +149,6 @@ def record_tape(duration_s: float = DURATION_S, seed: int = 5) -> tuple[bytes, D
         tool,
         PROFILE,
         duration_s,
-        front=front,
-        line=lockstep.Script(_frames()),
-        seed=seed,
+        lockstep.LockstepOptions(front=front, line=lockstep.Script(_frames()), seed=seed),
     )
     return bytes(board.tape), tool

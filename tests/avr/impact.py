@@ -89,9 +89,7 @@ def impact_tape(name: str) -> bytes:
         tool,
         PULLS,
         DURATION_S,
-        front=front_ends(),
-        line=lockstep.Script(_frames(case)),
-        seed=3,
+        lockstep.LockstepOptions(front=front_ends(), line=lockstep.Script(_frames(case)), seed=3),
     )
     return bytes(board.tape)
 

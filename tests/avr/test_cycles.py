@@ -43,9 +43,11 @@ def stress_statistics(elf: Path, mcu: str, folder: Path) -> dict:
             tool,
             scenario.profile,
             scenario.duration_s,
-            front=scenario.front_ends(),
-            line=lockstep.Script(command_messages(scenario.commands)),
-            on_progress=lambda _: speeds.append(tool.speed_rad_s),
+            lockstep.LockstepOptions(
+                front=scenario.front_ends(),
+                line=lockstep.Script(command_messages(scenario.commands)),
+                on_progress=lambda _: speeds.append(tool.speed_rad_s),
+            ),
         )
     return {**read_statistics(stats), "rpm": max(speeds) * 30 / 3.141592653589793}
 

@@ -67,7 +67,10 @@ def performed(line: Line, seconds: float = 8.0, travel: tuple = HELD, **stimuli:
     tool = make_plant(without_board_effects(read_rig(RIG)), 1)
     profile = lockstep.Profile(travel=travel, **stimuli)
     return log_from_stream(
-        lockstep.run(SilBoard(target=1), tool, profile, seconds, line=line, seed=1), "board"
+        lockstep.run(
+            SilBoard(target=1), tool, profile, seconds, lockstep.LockstepOptions(line=line, seed=1)
+        ),
+        "board",
     )
 
 

@@ -41,7 +41,11 @@ def run(board_type: type, rig: str, seed: int = 7) -> tuple[bytes, np.ndarray]:
     line = lockstep.Script([(0.1, READ), (0.3, READ * 3)])
     with board_type() as board:
         *_, last = lockstep.steps(
-            board, tool, PROFILES[rig], 0.6, front=FRONT, line=line, seed=seed, truth=truth
+            board,
+            tool,
+            PROFILES[rig],
+            0.6,
+            lockstep.LockstepOptions(front=FRONT, line=line, seed=seed, truth=truth),
         )
     return bytes(last.sent), truth.rows
 
@@ -60,7 +64,9 @@ def test_truth_records_the_true_values_of_the_tool() -> None:
     rig = read_rig(RIGS / "impact_driver.toml")
     tool, truth = make_plant(rig, 1), _core.Truth(1)
     with SilBoard() as board:
-        for _ in lockstep.steps(board, tool, PROFILES["impact_driver"], 0.5, truth=truth):
+        for _ in lockstep.steps(
+            board, tool, PROFILES["impact_driver"], 0.5, lockstep.LockstepOptions(truth=truth)
+        ):
             pass
     column = dict(zip(_core.TRUTH_COLUMNS, truth.rows.T, strict=True))
     assert np.allclose(np.diff(column["time_s"]), lockstep.PERIOD_S, rtol=1e-9)
