@@ -211,8 +211,8 @@ def jobs(
 def cell_figures(
     rows: Sequence[Figures], target_nm: float, slope: float, variant: str
 ) -> Figures | None:
-    """Standard deviation and mean error of one cell over its joints; `told` counts the joints of
-    which the controller told that it refused the target or missed it. None without joints.
+    """Standard deviation and mean error of one cell over its joints; `told` counts the joints
+    whose target the controller reported as refused or missed. None without joints.
     """
     chosen = [
         r for r in rows if (r["target_nm"], r["slope"], r["variant"]) == (target_nm, slope, variant)
