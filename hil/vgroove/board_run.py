@@ -67,7 +67,7 @@ def run_on_board(options: RunOptions, profile: RunProfile, baud: int) -> None:
             "--on avr"
         )
     if options.output is None:
-        raise VgrooveError("a run on a board is recorded: say where with -o LOG")
+        raise VgrooveError("a run on a board is recorded: name the log file with -o LOG")
     console = Console(stderr=True)
     recording = Recording(options.on, options.output, baud)
     recording.program = run = GuidedRun(profile, recording.session)

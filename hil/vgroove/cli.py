@@ -293,7 +293,7 @@ def _check_outputs(*outputs: Path | None, inputs: Sequence[Path] = ()) -> None:
 @gap_app.command("diagnose")
 def gap_diagnose(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="Logs of one tool, judged together.")
+        list[Path], typer.Argument(metavar="LOG...", help="Logs of one tool, diagnosed together.")
     ],
     rig: Annotated[
         Path, typer.Option("--rig", help="Rig file: the parameters of the simulated tool.")

@@ -314,21 +314,21 @@ class GuidedRun(HostProgram):
 
     def _missing_condition(self) -> str:
         """The first condition that a leg still needs to begin, as an instruction."""
-        board, way = self._board, "backward" if self.legs[self._leg].reverse else "forward"
+        board, direction = self._board, "backward" if self.legs[self._leg].reverse else "forward"
         if board is None:
             return "wait: the board has sent no STATE frame yet"
         if board.faults:
             faults = " and ".join(board.faults)
             return f"the board reports {faults}: release the trigger, remove the cause"
         if board.contact:
-            switch = f", then set the direction switch to {way}" if self._leg else ""
+            switch = f", then set the direction switch to {direction}" if self._leg else ""
             return "release the trigger" + switch
         if board.mode != "duty" and self._mode_refused:
             return "turn the mode switch to position 0"
         if board.mode != "duty":
             return "wait: the board changes to mode duty"
         if board.reverse != self.legs[self._leg].reverse:
-            return f"set the direction switch to {way}"
+            return f"set the direction switch to {direction}"
         if self.session.table is None:
             return "wait: the board sends its parameters"
         return "wait: the shaft comes to rest" if board.state != "idle" else "hold the trigger"

@@ -232,7 +232,7 @@ class Pacer:
 
     def __init__(self) -> None:
         self._waiting: deque[int] = deque()
-        self._credit = BYTE_CYCLES
+        self._credit_cycles = BYTE_CYCLES
 
     def add(self, data: bytes) -> None:
         """Bytes that the host has sent."""
@@ -240,10 +240,10 @@ class Pacer:
 
     def next(self) -> bytes:
         """The byte whose stop bit ends in this period, or none."""
-        self._credit = min(self._credit + CYCLES_PER_PERIOD, 2 * BYTE_CYCLES)
-        if not self._waiting or self._credit < BYTE_CYCLES:
+        self._credit_cycles = min(self._credit_cycles + CYCLES_PER_PERIOD, 2 * BYTE_CYCLES)
+        if not self._waiting or self._credit_cycles < BYTE_CYCLES:
             return b""
-        self._credit -= BYTE_CYCLES
+        self._credit_cycles -= BYTE_CYCLES
         return bytes((self._waiting.popleft(),))
 
     def take(self, periods: int) -> np.ndarray:
@@ -254,7 +254,9 @@ class Pacer:
             byte = self.next()
             bytes_or_none[at] = byte[0] if byte else -1
             at += 1
-        self._credit = min(self._credit + (periods - at) * CYCLES_PER_PERIOD, 2 * BYTE_CYCLES)
+        self._credit_cycles = min(
+            self._credit_cycles + (periods - at) * CYCLES_PER_PERIOD, 2 * BYTE_CYCLES
+        )
         return bytes_or_none
 
 

@@ -19,7 +19,8 @@ from vgroove.recording_files import RecordingFile, file_type
 from vgroove.serial_bus import ResyncBus, command_message
 
 BOOT_TIMEOUT_S = 5.0
-# A board that resets when the port opens sends BOOT by itself within this time; others are asked.
+# A board that resets when the port opens sends BOOT by itself within this time; from others it is
+# requested by DUMP.
 FIRST_DUMP_S = 0.4
 DUMP_INTERVAL_S = 1.0
 MAX_DUMPS = 8

@@ -29,11 +29,14 @@ class Leg:
         """Duties (n,), OPEN where the bridge is open, that change at most at the rate of the
         trigger's ramp: a step of the duty from rest would trip the board's over-current fault.
         """
-        most, now, out = slew_per_s * PERIOD_S, 0.0, np.full(len(self.duty), OPEN)
+        max_step, duty, slewed = slew_per_s * PERIOD_S, 0.0, np.full(len(self.duty), OPEN)
         for k in range(len(self.duty)):
-            now = 0.0 if self.opens[k] else now + float(np.clip(self.duty[k] - now, -most, most))
-            out[k] = OPEN if self.opens[k] else now
-        return out
+            if self.opens[k]:
+                duty = 0.0
+                continue
+            duty += float(np.clip(self.duty[k] - duty, -max_step, max_step))
+            slewed[k] = duty
+        return slewed
 
 
 def legs_of(profile: RunProfile) -> list[Leg]:

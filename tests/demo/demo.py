@@ -101,7 +101,7 @@ def main(arguments: list[str]) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     begin = time.monotonic()
     sealed = draw_sealed(args.seed, folder)
-    say(f"1  A tool is drawn by seed {args.seed}. What is wrong with it is sealed; SHA-256 of the")
+    say(f"1  A tool is drawn by seed {args.seed}. Its effect is sealed; SHA-256 of the")
     say(f"   answer:\n  {sealed.commitment}")
     say("2  The ELF runs cycle by cycle on a simulated ATmega328P and drives that tool; python-can")
     say("   records its RS232 from a pty.")

@@ -24,7 +24,7 @@ HIDDEN = 1.05
 SURE = 0.9  # probability from which a first name counts as confident
 
 
-def judge(folder: Path) -> dict[str, Any]:
+def diagnose_case(folder: Path) -> dict[str, Any]:
     """Verdict and label of one case; an exception is a wrong verdict with its message."""
     start, busy = time.perf_counter(), time.process_time()
     try:
@@ -163,7 +163,7 @@ def main(arguments: list[str]) -> int:
         [],
     )
     with ProcessPoolExecutor(args.jobs) as pool:
-        for result in pool.map(judge, cases):
+        for result in pool.map(diagnose_case, cases):
             results.append(result)
             sys.stdout.write(row(result) + "\n")
             sys.stdout.flush()

@@ -232,7 +232,7 @@ def test_a_port_without_a_board_gives_a_message(tmp_path: Path) -> None:
             ["--on", "/dev/ttyNone", "-o", "log.csv", "--experiment", "waltz"],
             "there is no run waltz; the menu has staircase",
         ),
-        (["--on", "/dev/ttyNone", "--experiment", "reversal"], "say where with -o LOG"),
+        (["--on", "/dev/ttyNone", "--experiment", "reversal"], "name the log file with -o LOG"),
         (
             ["--on", "/dev/ttyNone", "--experiment", "reversal", "-o", "log.csv"],
             "/dev/ttyNone: the port cannot be opened",

@@ -223,7 +223,7 @@ def test_the_model_of_the_tool_itself_leaves_nothing(kind: str) -> None:
         assert responses.clipped_rms(responses.deviation(log)) < (
             0.35 if kind == "current_a" else 0.15
         )
-        judged = {
+        compared = {
             "duty": {
                 "modelled": ("current_a", "supply_v", "speed_rpm"),
                 "measured": ("current_a", "speed_rpm"),
@@ -231,7 +231,7 @@ def test_the_model_of_the_tool_itself_leaves_nothing(kind: str) -> None:
             "voltage_v": {"absent": ("current_a", "speed_rpm")},
             "current_a": {"absent": ("speed_rpm",)},
         }[kind][bus]
-        assert responses.channels(setting.rig) == judged
+        assert responses.channels(setting.rig) == compared
         table = gap_bench.log_table(setting, {})
         assert {"duty": "duty", "voltage_v": "voltage_v", "current_a": "current_a"}[kind] in table
         assert ("duty" in table) == (kind == "duty")

@@ -236,7 +236,7 @@ def test_a_users_rig_on_its_own_joint(tmp_path: Path) -> None:
     [
         ("supply", ("clean blows in %", "lag screw M8")),
         ("load", ("slip torque in N m", "DIN EN 16984")),
-        ("impact", ("hammer back in mm", "lug height")),
+        ("impact", ("hammer in mm", "lug height")),
     ],
 )
 def test_browsers_draw_the_pages(name: str, words: tuple, request: pytest.FixtureRequest) -> None:

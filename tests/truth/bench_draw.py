@@ -267,7 +267,11 @@ def visible_limit(
         return gap_left(fitted, formed(setting, level, effect_id, sign * size, regime))
 
     near = search_size(
-        lambda size: left(size, untuned), min(effect.guess(setting.tool), top), top, 0.4, effect_id
+        lambda size: left(size, untuned),
+        min(effect.start_size(setting.tool), top),
+        top,
+        0.4,
+        effect_id,
     )
     return (
         search_size(lambda size: left(size, setting), near, top, 0.15, effect_id)

@@ -439,7 +439,7 @@ def rivals(log: NoiselessLog, base: np.ndarray) -> list[Rival]:
     for effect in CATALOGUE:
         if not applicable(effect.id, setting):
             continue
-        size = min(3.0 * effect.guess(setting.tool), effect.top(setting.tool))
+        size = min(3.0 * effect.start_size(setting.tool), effect.top(setting.tool))
         for n, ways in enumerate(variants(effect.id, setting.tool, size, top_rad_s)):
             again = partial(scaled, setting.tool, effect.id, (size, n))
             columns = np.array([modelled(log, params) - base for params in ways]).T

@@ -239,7 +239,7 @@ def impact_requirements(figures: list[Figure], lockstep: list[LockstepFigure]) -
         at_most("impact: error of the head's angle", error, impact_speed.ACCURACY),
         at_least("impact: times as fast as numbalsoda", ratios[NUMBALSODA], over_lsoda),
         at_least("impact: times as fast as Euler at 2 us", ratios[EULER_2_US], over_euler),
-        at_least("impact: the same, Euler at equal accuracy", ratios[EULER], over_euler),
+        at_least("impact: times as fast as Euler at equal accuracy", ratios[EULER], over_euler),
         at_most("impact: share that lock-step costs more", max(extra), LIMITS.lockstep_extra),
     ]
 
@@ -247,7 +247,7 @@ def impact_requirements(figures: list[Figure], lockstep: list[LockstepFigure]) -
 def tolerance_requirement(found: list[sensitivity.ToleranceFigure]) -> Requirement:
     """Speed of impact mode against numbalsoda at the peer's cheapest passing tolerance."""
     return at_least(
-        "impact: the same, at its cheapest tolerance that passes",
+        "impact: times as fast as numbalsoda, cheapest tolerance",
         sensitivity.least_ratio(found, NUMBALSODA),
         LIMITS.over_numbalsoda,
     )
@@ -262,8 +262,8 @@ def batch_requirements(
     return [
         at_least("batch: one-second roll-outs per second", own.per_second, LIMITS.rollouts_per_s),
         at_most("batch: error of the head's angle", own.head_error, impact_speed.ACCURACY),
-        at_most("growth with time: dearest over cheapest", by_time, LIMITS.growth),
-        at_most("growth with batch: dearest over cheapest", by_batch, LIMITS.growth),
+        at_most("growth with time: largest over smallest cost", by_time, LIMITS.growth),
+        at_most("growth with batch: largest over smallest cost", by_batch, LIMITS.growth),
     ]
 
 

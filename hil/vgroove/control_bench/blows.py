@@ -15,7 +15,7 @@ from vgroove.control_bench.sync import MATRIX_JOINTS
 from vgroove.reference.blows import REPEAT
 
 TRIGGERS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-RATES_PER_MIN = (1200.0, 4000.0)  # cells outside are not judged
+RATES_PER_MIN = (1200.0, 4000.0)  # cells outside are not evaluated
 SECONDS = 3.0  # of the run
 RELEASE_S = SECONDS - 0.2  # early enough that the report of the last blow arrives
 VARIANTS = (
@@ -27,8 +27,8 @@ FEW_REPEATS = 6  # so many occur in the run-up; a cell without more of them coun
 # Largest period spread (mean absolute deviation over mean) of a synchronous tool
 IN_STEP = 0.03
 REPEAT_GOALS = {"precision": 0.85, "recall": 0.9}
-SETTLE_S = 0.5  # after the pull; periods are judged from then on
-MIN_PERIODS = 8  # with fewer no period is judged
+SETTLE_S = 0.5  # after the pull; periods are evaluated from then on
+MIN_PERIODS = 8  # with fewer no period is evaluated
 
 
 def cells() -> list[dict[str, Any]]:

@@ -1,5 +1,5 @@
-"""Halves of a matrix of cells: controllers are tuned on one half and judged on the other, which has
-other pairs of supply and load.
+"""Halves of a matrix of cells: controllers are tuned on one half and evaluated on the other, which
+has other pairs of supply and load.
 """
 
 from collections.abc import Sequence

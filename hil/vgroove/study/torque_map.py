@@ -3,9 +3,9 @@ that belong to each torque (docs/controllers/torque.md).
 
 `python -m vgroove.study.torque_map firmware/controllers/torque_map.c`
 
-The slopes of the fit differ from those on which the controller is judged. The tool is controlled as
-by the firmware: sensors with the resolution of the board, a command that acts one tick later, and
-the filters of torque.c.
+The slopes of the fit differ from those on which the controller is evaluated. The tool is controlled
+as by the firmware: sensors with the resolution of the board, a command that acts one tick later,
+and the filters of torque.c.
 """
 
 import itertools
