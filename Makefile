@@ -25,7 +25,8 @@ $(VENV)/bin/python:
 	$(PY) -m pip install -q --upgrade pip
 
 # The package is installed again when a C, C++ or CMake source or the catalogue is newer than the
-# last install, or when a Python module was added, moved or removed; the text of modules is live.
+# last install, or when a Python module was added, moved or removed; an edited module needs no
+# installation.
 SOURCES := $(shell find firmware plant hil/bindings hil/vgroove/gap/catalogue -name '*.[ch]' \
              -o -name '*.[ch]pp' -o -name CMakeLists.txt -o -name '*.dbc' -o -name '*.py')
 MODULES := build/python_modules.txt
@@ -74,7 +75,7 @@ bench: build ## comparisons with peers (installs them as the extra [bench])
 	$(VENV)/bin/vgroove bench speed --json build/bench_speed.json
 	$(VENV)/bin/vgroove bench trap --json build/bench_trap.json
 
-proof: build ## what takes longer; resumable, results into docs/results
+proof: build ## checks that take longer; resumable, results into docs/results
 	$(PY) tests/proof/proof.py
 
 flash: build ## make flash PORT=/dev/ttyUSB0 [TARGET=uno|mega]

@@ -6,8 +6,8 @@ set(avr_flags -mmcu=${VGROOVE_MCU} -DF_CPU=16000000UL -Os -flto -ffunction-secti
 
 add_executable(vgroove ${firmware_sources} hal/avr/bridge.c hal/avr/eeprom.c hal/avr/isr.c
   hal/avr/main.c hal/avr/serial.c hal/avr/start.c)
-# What runs in interrupts is compiled for speed, the rest for size, and what runs seldom with fewer
-# inlined functions, which is smaller again.
+# Code of interrupts is compiled for speed, the rest for size, rarely executed code in addition with
+# fewer inlined functions, which makes it smaller.
 set_source_files_properties(hal/avr/isr.c drivers/adc_sequence.c core/ring.c
   PROPERTIES COMPILE_OPTIONS -O2)
 set_source_files_properties(app/calibrate.c app/configure.c app/execute.c app/param_command.c

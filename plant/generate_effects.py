@@ -4,7 +4,7 @@ of effects and loads, the switch of each effect and the checks of its ranges.
     python plant/generate_effects.py build/plant/effect_parameters.hpp [folder of the catalogue]
 
 Standard library only, because the build runs it before any package is installed. The catalogue is
-imported as a package of its own, so that vgroove with its dependencies is not.
+imported as a package of its own, so that vgroove and its dependencies are not imported.
 """
 
 import importlib
@@ -135,7 +135,9 @@ def header(catalogue: ModuleType) -> str:
 
 
 def main(target: str, folder: str = str(CATALOGUE)) -> None:
-    """Write the header; an unchanged one keeps its time, so that nothing is compiled again."""
+    """Write the header. An unchanged header keeps its modification time, so that nothing is
+    compiled again.
+    """
     path, text = Path(target), header(import_catalogue(Path(folder)))
     if path.exists() and path.read_text(encoding="utf-8") == text:
         return

@@ -10,7 +10,7 @@
 #include "hal/hal.h"
 
 #define OVERRUN_FAULT_TICKS 2u
-#define FULL_TICKS_MAX 3u  // longest delay of slow work: 1 tick in 4 is enough for the line
+#define FULL_TICKS_MAX 3u  // most ticks in a row without slow work: one in four is enough
 
 void app_init(App *self, uint32_t build_hash) {
     *self =
@@ -33,7 +33,7 @@ void app_init(App *self, uint32_t build_hash) {
 
 static void read_inputs(App *self) {
     trigger_set_switches(&self->trigger,
-                         hal_switches());  // first: no latch holds the pins
+                         hal_switches());  // first, next to the tick: no hardware latches the pins
     h_bridge_next_row(&self->bridge);
     measure_analog(&self->measured, &self->adc, &self->current, &self->trigger,
                    self->params.value[PARAM_BUS_GAIN_MV_Q8]);
@@ -50,11 +50,13 @@ static void find_faults(App *self) {
     faults_step(&self->faults, &self->measured, &self->fault_limits, &drive);
 }
 
-// Decides whether the shaft stands; only for ticks without speed, since it needs many cycles.
+// Whether the shaft stands. Called only in ticks with a Hall speed of 0, since it needs many
+// cycles.
 INLINE_NEVER static bool rests(App *self) {
-    const bool ended = self->standstill.turned;
+    const bool ended = self->standstill.turned;  // the speed has become 0 in this tick
     const bool coasts = self->bridge.row_compare == H_BRIDGE_COAST;
     const bool settled = self->faults.settled_ms >= FAULTS_SETTLED_MS;
+    // The shaft may turn although the sensor gives no edges.
     const bool unseen = (self->faults.active & TELEMETRY_FAULTS_SENSOR_LOST) != 0u ||
                         (ended && settled &&
                          !faults_draws_like_standing(&self->measured, self->bridge.row_compare));
@@ -118,7 +120,8 @@ static void note_lateness(App *self, uint8_t ticks_late) {
     self->faults.overrun = ticks_late > OVERRUN_FAULT_TICKS;
 }
 
-// Does one pending piece of work that costs as much as a slow frame; false: none was pending.
+// Does one pending computation that takes about as many cycles as packing a slow frame; false: none
+// was pending.
 static bool slow_work(App *self) {
     const bool no_edge = self->hall.new_edges == 0u;
     if (execute_pending(self)) {
@@ -139,8 +142,9 @@ static bool slow_work(App *self) {
     return true;
 }
 
-// One of these fits in a tick: slow work, a slow frame, a second edge, or the computations of a
-// controller at a blow. What has been held back comes first in the next tick.
+// A tick has cycles for one of these: slow work, a slow frame, a second edge, or the computations
+// of a controller at a blow. A slow frame that had to wait has priority over slow work in the next
+// tick.
 static void share_tick(App *self) {
     const bool two_edges =
         self->hall.new_edges > 1u || (self->measured.flags & TELEMETRY_FLAGS_DOUBLE_EDGE) != 0u;

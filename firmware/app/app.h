@@ -48,8 +48,8 @@ typedef struct {
     TelemetryInputs report;                   // kept between ticks, since most of it rarely changes
     uint8_t spare[TELEMETRY_TICK_BYTES_MAX];  // receives frames when the UART's queue is full
     uint16_t worst_cycles;                    // longest tick since the last HEALTH frame
-    uint16_t kept_flags;                      // flags of ticks that could not report their state
-    uint16_t standing_flags;                  // TELEMETRY_FLAGS_* set at the start
+    uint16_t kept_flags;                      // flags of the ticks since the last update of STATE
+    uint16_t standing_flags;                  // TELEMETRY_FLAGS_* that hold until the next start
     int16_t duty_limit_q15;                   // duty at full trigger, a setpoint
     int16_t ramp_q15;                         // ramped trigger
     int16_t slew_q15;                         // greatest change of ramp_q15 per tick
@@ -72,14 +72,14 @@ typedef struct {
     bool hall_taken;       // all Hall pitches learned so far were within their range
     bool command_pending;  // a command waits for its execution and its ACK
     bool heavy;            // the drive used many cycles in this tick
-    uint8_t full_ticks;    // consecutive ticks with a heavy drive or two edges: slow work is held
-                           // held back
-    bool slow_turn;        // a slow frame has been held back for other work: it goes first now
+    uint8_t full_ticks;    // consecutive ticks with a heavy drive or two edges, in which
+                           // there is no slow work
+    bool slow_turn;        // a slow frame had to wait in the last tick: it precedes slow work
 } App;
 
 void app_init(App *self, uint32_t build_hash);
 
-// `ticks_late`: ticks that have come due since this one and are pending.
+// `ticks_late`: number of later ticks that are due as well.
 void app_tick(App *self, uint8_t ticks_late);
 
 // Interrupts. app_on_apply(), which applies the staged order to the bridge, has the highest
@@ -87,7 +87,7 @@ void app_tick(App *self, uint8_t ticks_late);
 void app_on_tick(App *self);
 void app_on_apply(App *self);
 void app_on_edge(App *self, uint16_t stamp);
-// Channel of the next conversion; call before app_on_sample().
+// Channel of the next conversion, read in the ADC interrupt before app_on_sample().
 uint8_t app_next_channel(const App *self);
 void app_on_sample(App *self, uint16_t counts);
 void app_on_received(App *self, uint8_t byte, bool damaged);

@@ -1,4 +1,5 @@
-// Hands changed parameters to their drivers, a few in each tick, since each costs a division.
+// Applies changed parameters to the drivers that use them, a few in each tick, since each needs a
+// division.
 #ifndef VGROOVE_APP_CONFIGURE_H
 #define VGROOVE_APP_CONFIGURE_H
 

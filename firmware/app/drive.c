@@ -5,6 +5,7 @@
 #include "core/slew.h"
 #include "hal/hal.h"
 
+// The value counted positive in the direction of the drive; -32768 becomes 32767.
 static int16_t along(const App *app, int16_t value) {
     return app->modes.reverse ? (int16_t)(value == INT16_MIN ? INT16_MAX : -value) : value;
 }
@@ -21,6 +22,7 @@ static int16_t resumed_duty(const App *app, int16_t speed_rpm_q1) {
     return (int16_t)(duty_q15 < ramp_q15 ? duty_q15 : ramp_q15);
 }
 
+// Travel of the trigger times the duty limit.
 static int16_t limited_travel(const App *app) {
     if (app->duty_limit_q15 == INT16_MAX) {
         return app->trigger.travel_q15;  // most ticks
@@ -44,7 +46,8 @@ static int16_t ramp(App *app, ModesCommand command, int16_t wanted_q15, int16_t 
     return app->ramp_q15;
 }
 
-// Duty applied in the tick just measured; a step of the bridge is 128.5.
+// Duty applied in the tick just measured. A count of the compare value is 2^15 / 255 in Q15,
+// computed as 257 / 2.
 static int16_t applied_duty_q15(const App *app) {
     const int16_t compare = app->bridge.row_compare;
     return (int16_t)(compare == H_BRIDGE_COAST

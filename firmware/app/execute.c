@@ -6,7 +6,8 @@
 #include "app/param_command.h"
 #include "core/inline.h"
 
-#define BYTES_PER_TICK 2u  // about 70 commands/s with their ACKs; the queue holds three at once
+#define BYTES_PER_TICK                                                                             \
+    2u  // about 70 commands/s with their ACKs; the receive queue holds three commands
 
 static bool idle(const App *app) {
     return app->modes.state != MODES_DRIVE && app->modes.state != MODES_RELEASE &&

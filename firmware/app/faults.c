@@ -19,12 +19,13 @@ static uint8_t held_for(bool holds, uint8_t ticks, uint8_t limit) {
     return (uint8_t)(ticks < limit ? ticks + 1u : limit);
 }
 
+// Absolute value, of a negative value less 1: -32768 does not overflow.
 static int16_t magnitude(int16_t value) {
     return (int16_t)(value < 0 ? -(int16_t)(value + 1) : value);
 }
 
-// |i| * 0.5 ohm > |duty| Vs. The reference motor of docs/spec/model.md, section 4, has 0.29 ohm at
-// rest, 10 ohm turning without load and 0.6 ohm at 30 A.
+// |duty| Vs / |i| < 0.5 ohm. For the reference motor of docs/spec/model.md, section 4, this ratio
+// is 0.29 ohm at rest (pack and winding), 0.6 ohm turning at 30 A, and 10 ohm turning without load.
 INLINE_NEVER bool faults_draws_like_standing(const Measurement *m, int16_t compare) {
     const uint32_t current_ma =
         fixed_byte_down((uint32_t)(uint16_t)magnitude(m->current_a_q9) * 1000u) >> 1;

@@ -7,7 +7,7 @@
 // | sensor_lost      | the same with the current of a turning shaft; temperature or current      |
 // |                  | sensor out of range                                                       |
 // | over_temperature | bridge above the limit for 100 ms                                         |
-// | adc_cadence      | the ring of samples holds more or fewer than the conversion sequence      |
+// | adc_cadence      | the ring holds more or fewer samples than were scheduled for the tick     |
 // | overrun          | a tick began more than two ticks late                                     |
 #ifndef VGROOVE_APP_FAULTS_H
 #define VGROOVE_APP_FAULTS_H

@@ -9,8 +9,8 @@ static ModesState next_of_idle(const Modes *self, const ModesInputs *m) {
     if (m->calibrating && m->standstill) {
         return MODES_CALIBRATE;
     }
-    const bool right_way = m->standstill || m->reverse_switch == self->reverse;
-    return m->pressed && self->armed && right_way ? MODES_DRIVE : MODES_IDLE;
+    const bool direction_allowed = m->standstill || m->reverse_switch == self->reverse;
+    return m->pressed && self->armed && direction_allowed ? MODES_DRIVE : MODES_IDLE;
 }
 
 static ModesState next_of_release(const Modes *self, const ModesInputs *m) {

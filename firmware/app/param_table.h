@@ -39,7 +39,7 @@
     X(STALL_MS,                  "ms",       500,   50,   5000,  1)                              \
       /* time without an edge under drive until the stall fault */                               \
     X(SLEW_PER_MS_Q15,           "1/ms",     197,   1,    32767, 1)                              \
-      /* greatest rate of the duty: 197 is 6 per second */                                       \
+      /* greatest rate of the duty; a raw value of 197 is 6 per second */                        \
     X(RELEASE_MODE,              "1",        0,     0,    1,     1)                              \
       /* trigger release: 0 coasts, 1 ramps down within the fold-back */                         \
     X(TRIGGER_LOW_COUNT,         "count",    100,   0,    500,   1)                              \
@@ -51,7 +51,7 @@
     X(BAUD_SELECT,               "1",        0,     0,    1,     1)                              \
       /* 0: 250,000 Bd, 1: 115,200 Bd; from the next start on */                                 \
     X(FAST_DIVIDER,              "1",        1,     1,    63,    1)                              \
-      /* ticks between two FAST frames, limited by the baud rate; from the next start on */      \
+      /* ticks per FAST frame, at 115,200 Bd at least 2; from the next start on */               \
     X(HALL_TIMEOUT_MS,           "ms",       300,   300,  2000,  2)                              \
       /* time without an edge after which the speed is 0 */                                      \
     X(DEAD_TIME_COUNT,           "62.5 ns",  2,     2,    60,    2)                              \
@@ -70,15 +70,15 @@
     X(MOTOR_RPM_PER_V,           "rpm/V",    876,   50,   950,   3) /* speed constant */         \
     /* sync */                                                                                   \
     X(SYNC_METHOD,               "1",        1,     1,    2,     3)                              \
-      /* sync by, and blows detected in: 1 motor speed, 2 motor current */                       \
+      /* signal of the controller and of its blow detection: 1 motor speed, 2 motor current */   \
     X(SYNC_LOW_MV,               "mV",       14200, 6000, 25000, 3)                              \
       /* mean motor voltage while impacting, trigger nearly released */                          \
     X(SYNC_HIGH_MV,              "mV",       15500, 6000, 25000, 3)                              \
       /* mean motor voltage while impacting, full trigger */                                     \
     X(SYNC_DEPTH_MIN_Q15,        "1",        393,   0,    16383, 3)                              \
-      /* speed dips below this share of the speed lower the voltage */                           \
+      /* valleys of the speed below this share of it lower the voltage */                        \
     X(SYNC_DEPTH_MAX_Q15,        "1",        1966,  0,    16383, 3)                              \
-      /* speed dips above this share of the speed raise the voltage */                           \
+      /* valleys of the speed above this share of it raise the voltage */                        \
     X(SYNC_CURRENT_A_Q9,         "A",        12800, 1024, 28160, 3)                              \
       /* method 2: mean current while impacting */                                               \
     /* screwing */                                                                               \
@@ -87,12 +87,12 @@
     X(SCREWING_LEAST_MV,         "mV",       5800,  3000, 12000, 3)                              \
       /* lower limit of the motor voltage while impacting */                                     \
     X(SCREWING_SMALL_DEG_Q4,     "deg",      200,   0,    1440,  3)                              \
-      /* screw turn per blow below which the power is raised */                                  \
+      /* rotation of the screw per blow below which the power is raised */                       \
     X(SCREWING_RISE_Q8,          "1",        340,   290,  512,   3)                              \
-      /* seating: torque over the learned torque, at least */                                    \
+      /* seat detection: least ratio of the present torque to the learned one */                 \
     /* vibration */                                                                              \
     X(VIBRATION_METHOD,          "1",        2,     1,    2,     3)                              \
-      /* low vibration by: 1 Hall speed, 2 speed computed from current and duty */               \
+      /* signal of the controller: 1 Hall speed, 2 speed computed from current and duty */       \
     X(VIBRATION_APPROACH_Q15,    "1",        9175,  3277, 32767, 3)                              \
       /* duty until the hammer meets the anvil */                                                \
     X(VIBRATION_CLIMB_Q15,       "1",        7766,  1638, 32767, 3)                              \
@@ -102,7 +102,7 @@
     X(VIBRATION_CLIMB_TURN_Q8,   "turn",     172,   26,   768,   3)                              \
       /* motor turns from the dip of the speed to the first release of the hammer */             \
     X(VIBRATION_SURGE_A_Q9,      "A",        21504, 5120, 22528, 3)                              \
-      /* current from the release until the duty is that of the trigger */                       \
+      /* current from the hammer's release until the duty is that of the trigger */              \
     X(VIBRATION_HARD_SHARE_Q15,  "1",        21234, 0,    32767, 3)                              \
       /* hard joint: back-EMF below this share of the motor voltage */                           \
     X(VIBRATION_HARD_MV,         "mV",       14400, 8000, 30000, 3)                              \
@@ -114,7 +114,7 @@
     X(DRILL_CLUTCH_DNM,          "0.1 Nm",   0,     0,    300,   3)                              \
       /* torque of the electronic clutch at the chuck, 0: no clutch */                           \
     X(DRILL_RATIO_Q8,            "1",        8064,  256,  32767, 3)                              \
-      /* gear ratio, 31.5 in low gear */                                                         \
+      /* gear ratio motor / chuck: 31.5 in low gear, 8.75 in high gear */                        \
     X(DRILL_PULSE,               "1",        0,     0,    1,     3)                              \
       /* 1: pulse mode above 15 A */                                                             \
     X(DRILL_KICKBACK,            "1",        1,     0,    1,     3) /* 1: anti-kickback */       \

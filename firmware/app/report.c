@@ -44,6 +44,7 @@ static void fill_state(const App *app, TelemetryState *state) {
     state->contact = trigger_contact(&app->trigger) ? 1u : 0u;
 }
 
+// Saturating sum.
 static uint8_t sum_u8(uint8_t a, uint8_t b) {
     return (uint8_t)(a > UINT8_MAX - b ? UINT8_MAX : a + b);
 }

@@ -14,8 +14,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-// From 16,383 rpm. The unloaded reference motor needs 2 s with 1.8e-5 kg m2 and at least 0.012 N m
-// (docs/spec/model.md, section 4).
+// Run-down time from 16,383 rpm, with a margin: the unloaded reference motor needs 2 s, with an
+// inertia of 1.8e-5 kg m2 and a friction of at least 0.012 N m (docs/spec/model.md, section 4).
 #define STANDSTILL_RUN_DOWN_MS 5000u
 
 typedef struct {
@@ -29,15 +29,15 @@ typedef struct {
 #define STANDSTILL_RPM_Q1_PER_MS 636u
 // Full duty gives 18.5 V / 0.0109 V s = 16,200 rpm: 64 rpm per count of the compare value.
 #define STANDSTILL_RPM_Q1_PER_COUNT 128u
-// An unloaded shaft does not draw the current of a shaft at rest for so long: it reaches 0.42 of
-// its speed at 45 A within 26 ms.
+// Time of a drive after which the current shows whether the shaft turns: at 45 A an unloaded shaft
+// reaches 0.42 of its full speed within 26 ms and draws less than a shaft at rest from then on.
 #define STANDSTILL_STARTED_MS 100u
 
 typedef struct {
-    uint8_t driven_ms;       // since the last edge, up to STANDSTILL_STARTED_MS
-    uint8_t driven_compare;  // greatest magnitude since then
+    uint8_t driven_ms;       // time driven since the last edge, up to STANDSTILL_STARTED_MS
+    uint8_t driven_compare;  // greatest magnitude of the compare value in that time
     bool stood;              // the current at STANDSTILL_STARTED_MS was that of a shaft at rest
-    uint16_t unseen_ms;      // time with an open bridge left in which the shaft may turn
+    uint16_t unseen_ms;      // remaining time with an open bridge in which the shaft may turn
     bool turned;             // the caller sets it in ticks with speed
 } Standstill;
 

@@ -8,8 +8,8 @@
 #include "core/inline.h"
 
 #define ANGLE_MAX 28000              // about ten lugs; leaves room for a sum with another angle
-#define ANGLE_NEVER INT16_MAX        // ahead_angle: no blow is counted without a valley
-#define ANGLE_AHEAD (INT16_MAX - 1)  // ahead_angle: the blow has been counted without a valley
+#define ANGLE_NEVER INT16_MAX        // value of ahead_angle: no blow is counted without a valley
+#define ANGLE_AHEAD (INT16_MAX - 1)  // value of ahead_angle: one has been counted without a valley
 
 // Angle (rpm ms / 64) of 1/256 turn: 60,000 ms/min / 2^6 / 2^8 = 3.66.
 #define ANGLE_PER_TURN_Q7 469u
@@ -24,10 +24,12 @@
 #define SINCE_MAX_MS 252u  // limit of the times since blow and valley: fits in Q4, multiple of 4
 #define PAUSE_MS 160u      // without a valley: the impacts have ended
 
-// No valley for 1.5 lugs: the learned ripple is too large and is halved every 4 ms.
+// Mask of a time in ms: the learned ripple is halved every 4 ms while the motor has turned by more
+// than 1.5 lugs since the last blow, since it is too large to detect the valleys.
 #define FORGET_MASK_MS 3u
 
-// Ripple below 1/16 of the speed: the hammer swings once per lug, a second valley is a notch.
+// Ripple below 1/16 of the speed: the hammer swings once per lug, a second valley belongs to the
+// same blow.
 #define EVEN_SHIFT 4u
 
 // Ripple above 1/8 of the speed: hammer and lugs are out of step, a valley may stand for two lugs.
@@ -41,7 +43,7 @@
 #define LUGS_FIRST 2u
 #define LUGS_MAX 8u
 #define SPEED_MAX_RPM 16383  // range of the Hall speed: differences fit in 16 bits
-#define THIRD_RPM 600        // a third landing below half of again_rpm plus this
+#define THIRD_RPM 600        // below half of again_rpm plus this there is a third landing
 
 // Values of `seen`, a count that saturates.
 #define SEEN_NONE 0u
@@ -50,7 +52,7 @@
 
 // Computation that the next tick does: setpoints a tick after the start, a blow after its valley,
 // the means after the blow.
-typedef enum { WORK_NONE, WORK_NEXT, WORK_SET, WORK_HIT, WORK_LEARN } Work;
+typedef enum { WORK_NONE, WORK_STARTED, WORK_SETPOINTS, WORK_VALLEY, WORK_MEANS } Work;
 
 static uint8_t one_more(uint8_t ms) {
     return ms < SINCE_MAX_MS ? (uint8_t)(ms + 1u) : ms;
@@ -71,7 +73,7 @@ void blow_start(Blow *self, const BlowSetpoints *set) {
     self->rising = true;
     self->ahead_angle = ANGLE_NEVER;
     set_ripple(self, RIPPLE_START_RPM);
-    self->work = WORK_NEXT;
+    self->work = WORK_STARTED;
 }
 
 // Sets the learned angle; 0.66 of it is the least from blow to blow.
@@ -92,8 +94,9 @@ static void take_setpoints(Blow *self, const BlowSetpoints *set) {
     self->rpm_per_a_q7 = (uint16_t)(per_a > UINT16_MAX ? UINT16_MAX : per_a);
 }
 
-// The bus voltage dips with the current, as the speed does. The result is the high word of each
-// product: a shift by 16 is a move.
+// (duty Vs - R i) rpm/V, with the measured bus voltage Vs, which falls with the current. Factors
+// are scaled so that each result is the high word of a product: a shift by 16 is a move of
+// registers.
 static int16_t speed_by_current(const Blow *self, const ControllerInputs *in) {
     const uint16_t applied_mv =
         (uint16_t)(((uint32_t)(uint16_t)(2u * (uint16_t)in->duty_q15) * in->supply_mv) >> 16);
@@ -120,7 +123,7 @@ static void count_time(Blow *self) {
     }
 }
 
-// Angle beyond a lug from which one more lug is counted: 0.56 of the mean angle, half of it while
+// Angle beyond a lug from which one more lug is counted: 0.56 of the mean angle, 0.5 of it while
 // the hammer swings once per lug.
 static int16_t more_angle(const Blow *self) {
     return (int16_t)((self->mean_angle >> 1) + (self->even ? 0 : self->mean_angle >> 4));
@@ -190,7 +193,7 @@ static void close_blow(Blow *self) {
             (uint16_t)((uint16_t)(self->since_ms << 4) + self->last_fraction_q4 - fraction_q4);
         self->period_q4 = self->lugs == 2u ? since_q4 >> 1 : since_q4;
         learn_angle(self, self->lugs == 2u ? self->angle >> 1 : self->angle);
-        self->work = WORK_LEARN;
+        self->work = WORK_MEANS;
     }
     self->last_fraction_q4 = fraction_q4;
     self->angle = 0;
@@ -241,6 +244,7 @@ static uint8_t repeats_of(const Blow *self) {
     return self->seen == SEEN_MAX && self->base_rpm < (self->again_rpm >> 1) + THIRD_RPM ? 2 : 1;
 }
 
+// Classifies a valley by the angle since the last blow.
 static void judge(Blow *self) {
     self->lugs = lugs_of(self);
     self->impacting = self->seen > SEEN_NONE;
@@ -251,19 +255,20 @@ static void judge(Blow *self) {
     self->hit_angle = self->angle;
 }
 
-// One computation per tick spreads the cycles.
+// Does the computation that the last tick left: one per tick distributes the cycles.
 INLINE_NEVER static void work(Blow *self, const BlowSetpoints *set) {
-    const Work now = (Work)self->work;
-    self->work = now == WORK_NEXT ? WORK_SET : WORK_NONE;
-    if (now == WORK_SET) {
+    const Work due = (Work)self->work;
+    self->work = due == WORK_STARTED ? WORK_SETPOINTS : WORK_NONE;
+    if (due == WORK_SETPOINTS) {
         take_setpoints(self, set);
-    } else if (now == WORK_HIT) {
+    } else if (due == WORK_VALLEY) {
         judge(self);
-    } else if (now == WORK_LEARN) {
+    } else if (due == WORK_MEANS) {
         learn_period(self);
     }
 }
 
+// A valley has ended: prepares its classification unless it follows the last one too soon.
 static void valley(Blow *self, int16_t last_rpm) {
     const int16_t dead = (int16_t)(self->even ? self->blow_angle : self->mean_angle >> 2);
     if (self->seen > SEEN_NONE && self->angle - self->hit_angle < dead) {
@@ -274,11 +279,13 @@ static void valley(Blow *self, int16_t last_rpm) {
     learn_ripple(self);
     self->since_hit_ms = 0;
     self->busy = true;
-    self->work = WORK_HIT;
+    self->work = WORK_VALLEY;
 }
 
+// Speed of the source and its deviation from the mean.
 static void sense(Blow *self, const BlowSetpoints *set, const ControllerInputs *in) {
-    const bool first = self->base_rpm == 0;  // a resumed drive begins with a speed
+    const bool first =
+        self->base_rpm == 0;  // base_rpm starts at the speed: the shaft may turn already
     if ((uint8_t)set->source == BLOW_SOURCE_SPEED) {
         self->speed_rpm = in->speed_rpm_q1 < 0 ? 0 : in->speed_rpm_q1 >> 1;
     } else if (!in->coasted) {  // mean of two ticks against sample noise

@@ -2,12 +2,12 @@
 // motor's speed; shared by the controllers of the impact tool.
 //
 // Signal: the Hall speed, or the speed computed from the current, (duty supply - R i) rpm/V, in
-// which a dip of the speed is a peak of the current. The hammer brakes the motor while it climbs
+// which a valley of the speed is a peak of the current. The hammer brakes the motor while it climbs
 // and releases it when it has passed a lug or landed on one. The valley in between is detected with
 // a hysteresis of a share of the learned ripple. The angle that the motor has turned since the last
 // blow classifies the valley. From lug to lug the motor turns at least gear / lugs, plus the
 // joint's own rotation, which is learned as mean_angle:
-//   - soon after a blow: the notch of that blow itself, ignored
+//   - soon after a blow: a second valley of that blow itself, ignored
 //   - before 0.66 mean_angle: a second swing on the same lug, a repeat
 //   - each 0.56 mean_angle beyond a lug: one more lug whose valley was not detected
 #ifndef VGROOVE_CONTROLLERS_BLOW_H
@@ -29,12 +29,12 @@ typedef struct {
 
 typedef struct {
     // Event of this tick.
-    uint8_t lugs;     // struck: 0 none, 1, more where valleys were not detected
+    uint8_t lugs;     // blows: 0, 1, more where the valleys of previous ones were not detected
     bool busy;        // the detection used more cycles than in most ticks
-    uint8_t repeats;  // of the last blow: further landings on each lug at its speed, not counted
+    uint8_t repeats;  // further landings on each lug at the speed of the last blow, not counted
 
     // Of the drive.
-    bool impacting;  // valleys follow one another
+    bool impacting;  // a second valley has been detected, and the last one 160 ms ago at most
     uint16_t count;  // blows without repeats; includes those whose angle passed without a valley
 
     // Of the last valley that stands for one or two lugs.
@@ -64,7 +64,7 @@ typedef struct {
     int16_t lug_angle, mean_angle;   // from lug to lug: least, learned
     int16_t blow_angle;              // 0.66 mean_angle: least angle from blow to blow
     int16_t ahead_angle;             // beyond it a blow counts without a valley
-    int16_t again_rpm;               // below this speed a lug is struck again
+    int16_t again_rpm;               // mean speed below which the hammer lands on a lug again
     uint16_t rpm_per_mv_q15, rpm_per_a_q7;
     uint16_t deviation_q8;
 } Blow;

@@ -53,10 +53,10 @@ typedef enum {
     CONTROLLER_REASON_SEATED,       // the screw head has met the wood
     CONTROLLER_REASON_REACHED,      // target torque reached
     CONTROLLER_REASON_UNREACHABLE,  // target torque out of the tool's range: drive refused
-    CONTROLLER_REASON_MISSED,       // ended off the target torque, by what the estimate shows
+    CONTROLLER_REASON_MISSED,       // ended off the target torque; the estimate is the torque
     CONTROLLER_REASON_CLUTCH,       // torque of the electronic clutch reached
     CONTROLLER_REASON_KICKBACK,     // the shaft jammed
-    CONTROLLER_REASON_SENSOR,       // a measured value is implausible
+    CONTROLLER_REASON_SENSOR,       // a measured value is implausible; no controller returns it
     CONTROLLER_REASON_TIMEOUT,      // longest duration of the drive exceeded
 } ControllerReason;
 

@@ -8,10 +8,10 @@
 #include "core/slew.h"
 
 // Rates of the duty per ms.
-#define DUTY_UP_Q15 109      // 0 to 1 in 0.3 s
-#define DUTY_LOADED_Q15 400  // under load with the clutch set
-#define DUTY_DOWN_Q15 197    // 6 per second
-#define LOADED_A_Q17 Q(2.5, 17)
+#define DUTY_UP_Q15 109          // 0 to 1 in 0.3 s
+#define DUTY_LOADED_Q15 400      // under load with the clutch set
+#define DUTY_DOWN_Q15 197        // 6 per second
+#define LOADED_A_Q17 Q(2.5, 17)  // load current above which the shaft counts as loaded
 
 // Pulse mode.
 #define PULSE_ON_A_Q9 Q(15.0, 9)
@@ -23,46 +23,45 @@
 #define PULSE_A 44u   // limit of a pulse's voltage above the back-EMF, as a current
 #define RESUME_A 30u  // in its first RESUME_MS, while the back-EMF may be falling
 #define RESUME_MS 3u
-#define PULSE_SLEW_Q15 500  // a step would look like one of the back-EMF: L / R is 0.5 ms
+#define PULSE_SLEW_Q15 500  // per tick: the current lags a step by L / R = 0.5 ms
 
-#define INDUCTANCE_MV_Q0 100     // per A: L / 1 ms
+#define INDUCTANCE_MV_Q0 100     // per A and tick: L / 1 ms
 #define INERTIA_A_Q9_PER_MV 69   // J / k^2 / 1 ms = 0.1347 A/mV
 #define FRICTION_A_Q4 Q(1.1, 4)  // Tc / k
 #define SETTLING_TICKS 2u        // after an open bridge, until the current has built up
-#define SINCE_EMF_MAX 80u
+#define SINCE_EMF_MAX 80u        // ticks; times FALL_MV_PER_MS it fits in 16 bits
 
 // Kickback. A jam in either gear takes at once the load current that stalls the motor, 55 A (16 V,
 // a pack of 0.1 ohm) to 108 A; the largest ordinary loads, 12 N m in low gear and 3.5 N m in high
 // gear, take 36 A. The threshold of 45 A is a fall of the back-EMF by 334 mV/ms.
 #define FALL_MV_PER_MS 334
-#define FALL_BY_INERTIA_MV                                                                         \
-    150  // 20 A of inertia: less is an overload, for fold-back and stall fault
-#define FALLEN_MV 300
-#define FALLEN_CLUTCH_MV 900  // with the clutch set, which acts first where it can
-#define FALLEN_TICK_MV 160    // limit per tick: one tick alone is no jam
-#define FALLEN_MAX_MV 10000
+#define FALL_BY_INERTIA_MV 150  // per tick, 20 A of inertia: a smaller fall is an overload
+#define FALLEN_MV 300           // a larger sum of the falls beyond ordinary loads is a jam
+#define FALLEN_CLUTCH_MV 900    // the same with the clutch set, which acts first where it can
+#define FALLEN_TICK_MV 160      // most that a tick adds to the sum: one tick alone is no jam
+#define FALLEN_MAX_MV 10000     // limits of the sum and of a fall: both together fit in 16 bits
 #define FALL_MAX_MV 20000
 #define MV_PER_A 7  // k^2 / J / 1 ms
 
 // Electronic clutch.
 #define CLUTCH_A_Q4_MAX Q(40.0, 4)  // below the fold-back limit
 #define CLUTCH_A_Q9_MAX Q(40.0, 9)
-#define FILTER_SHIFT 8u  // a move of bytes
-#define FILTER_GAIN 8    // over 2^FILTER_SHIFT: 1/32 ms
-#define SLOW_A_Q4 Q(18.0, 4)
-#define NOISE_A_Q4 Q(1.6, 4)  // a noisy estimate reaches the setting early by this much
+#define FILTER_SHIFT 8u       // a move of bytes
+#define FILTER_GAIN 8         // per 2^FILTER_SHIFT and tick: 32 ms, with twice the gain 16 ms
+#define SLOW_A_Q4 Q(18.0, 4)  // a setting below this load current is filtered over 32 ms
+#define NOISE_A_Q4 Q(1.6, 4)  // added to the setting, which the noise reaches early by so much
 #define NOISE_SLOW_A_Q4 Q(1.0, 4)
 #define LEAD_TICKS 2  // from the middle of a measured tick to the opening of the bridge
 
-// Speed with the clutch set: back-EMF whose kinetic energy a joint of 30 degrees takes up without
-// passing the setting.
+// Greatest speed with the clutch set, as a back-EMF: a joint whose torque rises to the setting
+// within 30 degrees takes up its kinetic energy without passing the setting.
 #define LIMIT_MV 750
 #define LIMIT_MV_PER_DNM 32
 #define LIMIT_MV_PER_A 27
-#define RISING_MAX_A_Q9 2000
+#define RISING_MAX_A_Q9 2000  // greatest rise of the load per tick: 16 times it fits in 16 bits
 
-// J / k^2 e i' in A^2 Q8 from mV and A Q9 per tick, after a shift of 12; times 1.5, since the slope
-// lags.
+// Factor of J / k^2 e i' in A^2 Q8, for the product of e in mV and i' in A Q9 per tick after a
+// shift by 12 bits; 1.5 times the value of the motor, since the slope lags.
 #define SWING_NUMERATOR 416
 
 static int16_t not_below_0(int32_t value) {
@@ -144,8 +143,8 @@ static int32_t gained(const Drill *self, int32_t off_a_q9) {
     return self->slow ? slow : 2 * slow;
 }
 
-// Load current i - J / k^2 e', filtered over 16 ms, or over 32 ms with a low setting of the clutch,
-// at which the noise is relatively larger and the shaft slower.
+// Filters the load current i - J / k^2 e' over 16 ms, or over 32 ms with a low setting of the
+// clutch, at which the noise is relatively larger and the shaft slower.
 static void track_load(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     const int32_t inertia_a_q9 = (int32_t)(int16_t)(self->emf_mv - emf_mv) * INERTIA_A_Q9_PER_MV;
     self->level_a_q17 += gained(self, current_a_q9 + inertia_a_q9 - filtered(self->level_a_q17));
@@ -181,13 +180,15 @@ static bool clutch_reached(Drill *self) {
     const int32_t level_a_q9 = filtered(self->level_a_q17);
     const int32_t apart_a_q9 = level_a_q9 - filtered(self->smooth_a_q17);
     const int16_t short_a_q9 = (int16_t)fixed_clamp_i32(apart_a_q9, INT16_MIN, INT16_MAX);
-    const int16_t slope_a_q9 = (int16_t)(self->slow ? short_a_q9 >> 5 : short_a_q9 >> 4);  // a tick
+    const int16_t slope_a_q9 =
+        (int16_t)(self->slow ? short_a_q9 >> 5 : short_a_q9 >> 4);  // rise per tick
     const int32_t now_a_q9 = level_a_q9 + apart_a_q9 + (int16_t)(LEAD_TICKS * slope_a_q9);
     const int16_t now_a_q4 = (int16_t)(now_a_q9 < 0            ? 0
                                        : now_a_q9 > UINT16_MAX ? 2047
                                                                : (uint16_t)now_a_q9 >> 5);
     const int16_t most_a_q9 = slope_a_q9 > RISING_MAX_A_Q9 ? RISING_MAX_A_Q9 : slope_a_q9;
-    const int16_t rising_a_q13 = (int16_t)(slope_a_q9 < 0 ? 0 : most_a_q9 << 4);  // 4 of the 12
+    const int16_t rising_a_q13 =
+        (int16_t)(slope_a_q9 < 0 ? 0 : most_a_q9 << 4);  // left by 4, right by 16 below: 12
     const int16_t swing = (int16_t)(((int32_t)self->emf_mv * rising_a_q13) >> 16);
     self->now_a_q4 = now_a_q4;
     return (int32_t)now_a_q4 * now_a_q4 + (int32_t)swing * SWING_NUMERATOR >= self->set_a2_q8;
@@ -208,7 +209,7 @@ static int16_t governed(const Drill *self, const DrillSetpoints *set, const Cont
         (uint16_t)(((uint32_t)(uint16_t)(2u * (uint16_t)self->duty_q15) * in->supply_mv) >> 16);
     const int32_t missing_mv = (int32_t)self->limit_mv + drop_mv - now_mv;
     return (int16_t)fixed_clamp_i32(self->duty_q15 + missing_mv + (missing_mv >> 1), 0,
-                                    in->travel_q15);  // gain 1.5: below 2^15 / 20.5 V
+                                    in->travel_q15);  // gain 1.5 per mV: less than 2^15 / 20,500 mV
 }
 
 // Whether the mean current of the last 0.1 s is below 8 A, evaluated every 10 ms.
@@ -278,7 +279,8 @@ static bool jammed_coasting(const Drill *self, const ControllerInputs *in) {
                (int32_t)PULSE_COAST_MS * FALL_MV_PER_MS;
 }
 
-// Full duty limited to a voltage of PULSE_A above the back-EMF, since the shaft may have stopped.
+// Full duty, limited to the voltage that drives PULSE_A through the winding beyond the back-EMF,
+// since the shaft may have stopped.
 static int16_t pulse_duty(const Drill *self, const DrillSetpoints *set,
                           const ControllerInputs *in) {
     const bool resuming = self->phase_ms <= PULSE_COAST_MS + RESUME_MS;
@@ -314,7 +316,7 @@ static int16_t output(Drill *self, const DrillSetpoints *set, const ControllerIn
 // First step of the drive: computes the clutch's limits; there is no back-EMF to observe yet.
 static int16_t begin(Drill *self, const DrillSetpoints *set, int16_t travel_q15) {
     self->begun = true;
-    self->duty_q15 = travel_q15;  // that of a turning shaft
+    self->duty_q15 = travel_q15;  // 0, or the duty that matches a turning shaft
     if (set->clutch_dnm > 0) {
         set_clutch(self, set);
     }

@@ -9,9 +9,10 @@
 //   RUN         STOPPED  the load torque would peak at the setting of the clutch (clutch)
 //   RUN         STOPPED  setting of the clutch out of range, at the start (unreachable)
 //
-// The speed is observed by the back-EMF e = d Vs - R i - L i', which has no delay by Hall edges.
-// The current of the load alone is i - J / k^2 e', where J / k^2 e' is that of the inertia. A jam
-// removes more speed in a few ms than the current explains.
+// The speed is observed by the back-EMF e = d Vs - R i - L i', which has no delay by Hall edges:
+// duty d, bus voltage Vs, current i, resistance R and inductance L of the winding; ' is a rate of
+// change. The current of the load alone is i - J / k^2 e', where J / k^2 e' is that of the inertia
+// J at the torque constant k. A jam removes more speed in a few ms than the current explains.
 #ifndef VGROOVE_CONTROLLERS_DRILL_H
 #define VGROOVE_CONTROLLERS_DRILL_H
 
@@ -66,7 +67,8 @@ typedef struct {
 } Drill;
 
 void drill_start(Drill *self, const DrillSetpoints *set);
-// Clutch and pulse mode act in the direction that tightens only; a jam kicks in both.
+// Setpoints of a drive in reverse: clutch and pulse mode act in forward only, anti-kickback in both
+// directions.
 void drill_reverse(DrillSetpoints *set);
 
 int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInputs *in,
@@ -74,7 +76,8 @@ int16_t drill_step(Drill *self, const DrillSetpoints *set, const ControllerInput
 uint8_t drill_state(const Drill *self);
 uint8_t drill_stop_reason(const Drill *self);
 
-// Load current of the clutch in 1/16 A; the torque at the chuck is (i - Tc / k) N k.
+// Load current i of the clutch in 1/16 A; the torque at the chuck is (i - Tc / k) N k, with the
+// Coulomb friction Tc and the gear ratio N.
 int16_t drill_estimate(const Drill *self);
 
 #endif

@@ -8,7 +8,8 @@
 // Computation of a finished wave, one per tick.
 typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 
-// Rotations are in 1/364 degree. Waves last half a blow each.
+// Rotations are in 1/364 degree: 2^16 is 180 degrees, from lug to lug of two. A wave, six Hall
+// pitches, lasts half a blow.
 #define DEG 364u
 #define WAVE_SCALE 100663296u  // 2^15 * 6 pitches / 90 degrees of the spindle * pulses * turn_q8
 #define EDGES_MAX 2u           // per tick: at a higher speed there is no ripple
@@ -30,16 +31,16 @@ typedef enum { STAGE_NONE, STAGE_PHASE, STAGE_JUDGE, STAGE_WEIGH } Stage;
 // Seat detection: the shape of the rise after its onset, see area_max().
 #define ONSET_Q8 287     // 1.12
 #define SURE (5u * DEG)  // plus 3/4 of the learned rotation: least angle of a slow rise
-#define WIDE_TURN (16 * (int16_t)DEG)  // above: a knot edge spread over two blows is slow as well
-#define SLOW_TURN (11 * (int16_t)DEG)  // a rise is slow below SLOW_Q8 per blow up to here,
-#define SLOW_Q8 55                     // 0.21; above SLOW_TURN below 0.02 per degree
+#define WIDE_TURN (16 * (int16_t)DEG)  // above it even a knot's edge over two blows would be slow
+#define SLOW_TURN (11 * (int16_t)DEG)  // up to it a rise is slow below SLOW_Q8 per blow, above it
+#define SLOW_Q8 55                     // (0.21) below SLOW_Q8 / SLOW_TURN: 0.0195 per degree
 #define SLOW_AREA_Q8 141               // 0.55: greatest area of a slow rise
 #define EDGE (9u * DEG)                // plus 1/5 of the learned rotation, see area_max()
 #define LATE_AREA_Q8 77                // 0.3: below this area the rise has only just begun
-#define GIVE_UP (60u * DEG)            // a rise this long is too flat for a seat
+#define GIVE_UP (60u * DEG)            // no seat within this angle: the rise is learned as wood
 
 // Power and duty.
-#define SHARE_MORE 48u    // of power per lacking rotation, in eighths: 0.067 per degree
+#define SHARE_MORE 48u    // share_q15 per missing 1/364 degree, times 8: 0.067 per degree
 #define LEAST_MAX 30000u  // 17/8 of it fits in 16 bits
 #define SLEW 110          // of the duty per tick: a step would brake the motor
 
@@ -69,8 +70,8 @@ static void settle(Screwing *self) {
     self->rise_q8 = 0;
 }
 
-// At the end of a wave: the sums of sums less those of two waves before weight 18 pitches with a
-// trapezium, in which a constant, a slope and the ripple once per lug cancel.
+// At the end of a wave: the sums of sums less those of the wave before the last weight 18 pitches
+// with a trapezium, in which a constant, a slope and the ripple once per lug cancel.
 static void close_wave(Screwing *self) {
     for (uint8_t n = 0; n < SCREWING_AXES; n++) {
         self->found[n] = (int16_t)(self->twice[n] - self->before[n]);
@@ -117,6 +118,7 @@ static int16_t part_q8(int16_t value, uint16_t share_q8) {
     return (int16_t)(((int32_t)value * (int16_t)share_q8 + 128) >> 8);
 }
 
+// Weight of a new rotation in the average, Q8.
 static uint16_t weight_q8(const Screwing *self) {
     if (self->state == SCREWING_SETTLE) {
         return self->left > SETTLE_WAVES - UNSETTLED_WAVES ? 256u : SETTLE_MEMORY_Q8;
@@ -128,14 +130,15 @@ static uint16_t weight_q8(const Screwing *self) {
     return share_q8 < MEMORY_MIN_Q8 ? MEMORY_MIN_Q8 : share_q8 > 256u ? 256u : share_q8;
 }
 
-// Each blow meets other Hall pitches, and the same ones again two blows later where a blow turns
-// little. The mean of two blows cancels the error of the pitches.
+// Rotation per blow without the error of unequal Hall pitches: where a blow turns little, the
+// pitches repeat every second blow, and the mean of two blows cancels their error.
 static int16_t steady_turn(const Screwing *self) {
     return self->learned < PAIR_TURN ? (int16_t)(((int32_t)self->turn + self->before_last) >> 1)
                                      : self->turn;
 }
 
-// Rotation per blow missing to the setpoint; once the power has been raised, to half of it.
+// Rotation by which a blow falls short of small_deg_q4; once the power has been raised, of half of
+// it.
 static uint16_t lacking(const Screwing *self, const ScrewingSetpoints *set) {
     const uint8_t shift = self->share_q15 == set->share_q15 ? 4u : 5u;
     const uint16_t small = (uint16_t)(((uint32_t)(uint16_t)set->small_deg_q4 * DEG) >> shift);
@@ -199,6 +202,7 @@ static int16_t area_max(const Screwing *self) {
     return (int16_t)(part_q8(turned, 205) - (int16_t)EDGE - part_q8(learned, 51));
 }
 
+// Adds a wave, half a blow, to the angle since the onset and to the integral (trapezium rule).
 static void add_wave(Screwing *self) {
     const int16_t over_q8 = (int16_t)(self->rise_q8 - self->base_q8);
     self->turned = (uint16_t)(self->turned + (uint16_t)self->turn / 2u);

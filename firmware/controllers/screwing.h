@@ -44,21 +44,21 @@ typedef struct {
 // Rotations of the screw are in 1/364 degree, for two lugs (180 degrees from lug to lug).
 typedef struct {
     uint8_t state;
-    uint8_t stage;      // computation of the wave that comes next, Stage in screwing.c
+    uint8_t stage;      // next computation of the finished wave, Stage in screwing.c
     uint8_t place;      // of the next pitch in the wave
     uint8_t left;       // waves left of SETTLE
-    int16_t share_q15;  // of the trigger's duty
-    int16_t least_q15;  // least duty
+    int16_t share_q15;  // of the trigger's duty, while impacting
+    int16_t least_q15;  // duty of the least motor voltage; 0: not computed yet
     int16_t duty_q15;   // returned last, follows the requested one at SLEW
     uint16_t excess;    // six pitches of the spindle less 90 degrees, 2^16 = 90 degrees, as phase
     uint16_t phase;     // of the ripple in the last wave
-    int16_t half;       // rotation in the last wave
+    int16_t half;       // rotation in the last wave, in 1/728 degree
     int16_t turn;       // rotation per blow, from the last two waves
     int16_t last_turn, before_last;
     int16_t now;      // rotation per blow, averaged
     int16_t learned;  // rotation per blow, reference of the rise
-    uint16_t turned;  // rotation since the onset
-    int16_t rise_q8;  // learned / now
+    uint16_t turned;  // rotation since the onset of the rise
+    int16_t rise_q8;  // learned over averaged rotation
     int16_t base_q8;  // rise at the onset
     int16_t over_q8;  // rise above base_q8 in the last wave
     int32_t area;     // integral of over_q8 over the rotation

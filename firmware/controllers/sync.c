@@ -18,8 +18,8 @@
 #define STEP_FAST_MV 250
 #define STEP_DOWN_MV 60
 #define CURRENT_DEAD_A_Q9 1536  // method 2: dead band of 3 A around the setpoint
-#define CURRENT_STEP_SHIFT 4u   // 32 mV per A beyond it; stable at 3 A/V and three blows of lag
-#define SEEK_SHIFT 1u           // dips of twice the limit: out of step
+#define CURRENT_STEP_SHIFT 4u   // 32 mV per A beyond it: stable with 3 A/V of the tool, lag 3 blows
+#define SEEK_SHIFT 1u           // valleys of twice the limit: out of step
 
 // Computations that alternate from tick to tick.
 typedef enum { TURN_FOLLOW, TURN_TRIM, TURN_LEVEL, TURN_APPROACH } Turn;
@@ -47,8 +47,8 @@ static void follow(Sync *self, const ControllerInputs *in) {
     self->current_a_q9 = (int16_t)(self->current_a_q9 + (half >> (CURRENT_SHIFT - 1u)));
 }
 
-// value * share / 2^15 with bit 0 cleared: the high word of a product is a move, a shift by 15 is
-// not.
+// value * share / 2^15 with bit 0 cleared: the high word of a product costs nothing, a shift by 15
+// is a loop.
 static int16_t part_of(int16_t value, int16_t share_q15) {
     return (int16_t)(2 * (int16_t)(((int32_t)value * share_q15) >> 16));
 }
@@ -74,17 +74,17 @@ static int16_t base_mv(const SyncSetpoints *set, int16_t travel_q15) {
 // Trims the level by the last blow.
 static void trim(Sync *self, const SyncSetpoints *set, const Blow *blow) {
     const int16_t deep = part_of(blow->base_rpm, set->depth_max_q15);
-    const bool lost = blow->ripple_rpm >> SEEK_SHIFT > deep;
-    const int16_t by_dips =
+    const bool out_of_step = blow->ripple_rpm >> SEEK_SHIFT > deep;
+    const int16_t by_depth =
         trim_by_depth(blow->ripple_rpm, deep, part_of(blow->base_rpm, set->depth_min_q15));
-    const int16_t even =
-        (uint8_t)set->method == CONTROLLER_METHOD_SPEED ? by_dips : trim_by_current(self, set);
-    const int16_t step = lost ? STEP_FAST_MV : even;
+    const int16_t by_method =
+        (uint8_t)set->method == CONTROLLER_METHOD_SPEED ? by_depth : trim_by_current(self, set);
+    const int16_t step = out_of_step ? STEP_FAST_MV : by_method;
     if (step < 0 || self->goal_q15 < INT16_MAX) {  // at full duty the level cannot rise
         self->trim_mv =
             (int16_t)fixed_clamp_i32((int32_t)self->trim_mv + step, -TRIM_MAX_MV, TRIM_MAX_MV);
     }
-    self->state = lost ? SYNC_SEEK : SYNC_HOLD;
+    self->state = out_of_step ? SYNC_SEEK : SYNC_HOLD;
 }
 
 static void set_level(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
@@ -95,7 +95,7 @@ static void set_level(Sync *self, const SyncSetpoints *set, int16_t travel_q15) 
 }
 
 // Duty of the level, by steps that leave a sixth of the error or less: 3/2 approximates 2^15 over
-// the supply voltage and saves a division.
+// the supply voltage in mV and saves a division.
 static void approach(Sync *self) {
     const int16_t given_mv =
         (int16_t)(uint16_t)(((uint32_t)(uint16_t)self->goal_q15 * self->supply_mv_q1) >> 16);
@@ -110,7 +110,7 @@ static void engage(Sync *self, const SyncSetpoints *set, int16_t travel_q15) {
     self->state = SYNC_HOLD;
     self->turn = TURN_FOLLOW;
     self->blow_pending = false;
-    self->current_a_q9 = set->current_a_q9;  // not that of the run-up
+    self->current_a_q9 = set->current_a_q9;  // the filtered current is that of the run-up
     self->goal_q15 = self->duty_q15;
     set_level(self, set, travel_q15);
 }

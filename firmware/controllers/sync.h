@@ -4,14 +4,16 @@
 // voltage (duty times bus voltage) that hardly depends on load and supply:
 // docs/controllers/sync.md. While the tool impacts, the duty is the one that yields this level. The
 // trigger moves the level within the band, and the blows trim it:
-//   method 1, speed: depth of the speed dips that the blows cause. Below the band the hammer falls
-//     out of step and the dips are deep; above it the hammer hits early and the dips are shallow.
-//   method 2, current: mean current of a blow, held near a setpoint. Dips of twice the limit raise
-//     the level with either method.
+//   method 1, speed: depth of the valleys that the blows leave in the speed (blow.h). Below the
+//   band
+//     the hammer falls out of step and they are deep; above it the hammer hits early and they are
+//     shallow.
+//   method 2, current: mean current of a blow, held near a setpoint. Valleys of twice the limit
+//     raise the level with either method.
 //
-//            impacts                             dips of twice the limit
+//            impacts                            valleys of twice the limit
 //   PLAIN ------------> HOLD (level = base + trim) <--------------------> SEEK (trim rises fast)
-//     ^                   |                          dips below that       |
+//     ^                   |                         valleys below that     |
 //     '-------------------+------------------------------------------------'
 //       no blows, or trigger below 0.3: duty of the trigger; the trim is kept for the drive
 #ifndef VGROOVE_CONTROLLERS_SYNC_H
@@ -26,8 +28,8 @@ typedef struct {
     uint16_t method;        // CONTROLLER_METHOD_*, also the signal that blows are detected in
     int16_t low_mv;         // level at trigger 0
     int16_t high_mv;        // level at full trigger
-    int16_t depth_min_q15;  // dips below this share of the speed lower the level
-    int16_t depth_max_q15;  // dips above this share raise it
+    int16_t depth_min_q15;  // valleys below this share of the speed lower the level
+    int16_t depth_max_q15;  // valleys above this share raise it
     int16_t current_a_q9;   // method 2: mean current of a blow
 } SyncSetpoints;
 

@@ -10,20 +10,20 @@
 // mV per 2^-9 A.
 #define EMF_MV_Q16 37403
 #define DROP_MV_Q16 24320
-#define EXCESS_MAX_MV 4000  // beyond the range of supplies and windings: a sensor fault
+#define EXCESS_MAX_MV 4000  // limit of the excess voltage; more is a sensor fault
 
-// A strong supply and a cold winding: the first blows must not be too hard, since what they turn
-// cannot be undone.
+// Initial feed-forward, below that of any supply and winding: the first blows must not be too hard,
+// since what they turn cannot be undone.
 #define TAKEN_FIRST_MV (-250)
 
-#define RUN_MV 5500  // least level at which the hammer climbs over the lugs, with a margin
-#define RUN_MV_PER_MS 30
-#define MV_PER_MS 8
-#define RUN_MS 100u
+#define RUN_MV 5500       // least level at which the hammer climbs over the lugs, with a margin
+#define RUN_MV_PER_MS 30  // rate of the level in RUN
+#define MV_PER_MS 8       // and in the other states
+#define RUN_MS 100u       // in RUN the feed-forward adapts from then on
 #define REST_MS                                                                                    \
-    8u  // the supply is unloaded; several ticks, since the blow detection takes the first
+    8u  // the supply carries no load; several ticks, since the blow detection uses the first
 #define BLOWS_FIRST 2u
-#define BLOWS_A_Q8 (9 * 256)  // above the current of a run-down, below that of blows
+#define BLOWS_A_Q8 (9 * 256)  // above the current of a nut that runs freely, below that of blows
 #define BLOWS_MS 600u         // from then on the current replaces undetected blows
 #define EVALUATE_MS 1200u
 #define SLOW_EVALUATE_MS 1700u  // on the lowest levels, where blows are rarer
@@ -33,13 +33,13 @@
 #define RAISED_EVALUATE_MS 150u
 #define CHANGED_EVALUATE_MS 300u  // on levels at which lugs are hit once instead of twice
 
-// A low target whose current is exceeded this soon after the first evaluation belongs to a hard
-// joint; the filters lag by LOW_LATE_NM.
+// When the current of a low target is exceeded so soon after the first evaluation, the joint is
+// hard: the torque is LOW_LATE_NM above that of the filtered current.
 #define LOW_LATE_MS 120u
 #define LOW_LATE_NM 4
 #define LOW_EVALUATE_MS 450u  // the slowest filter settles after the motor's start
 #define RAISED_MS 8000u
-#define FULL_DECISIONS 150u    // decisions, one in two ticks: 0.3 s
+#define FULL_DECISIONS 150u    // in a row with the bridge fully on, one in two ticks: 0.3 s
 #define TWICE_ABOVE_MV 8000    // lugs are hit three times below this level, twice above,
 #define CHANGED_ABOVE_MV 9200  // once above this
 #define LEAD_ABOVE_MV 11000    // the torque grows fast: the lag of the filters is compensated
@@ -114,7 +114,7 @@ static void measure_voltage(Torque *self, const ControllerInputs *in) {
     }
 }
 
-// Where lugs are hit twice, the current approaches that of the raised level from below and is
+// On raised levels on which each lug is hit twice the current rises to its value from below and is
 // valid at once.
 static bool valid_at_once(const Torque *self) {
     return self->raised_mv > TWICE_ABOVE_MV && self->raised_mv < CHANGED_ABOVE_MV;
@@ -194,7 +194,7 @@ static TorqueState next_state(const Torque *self, const ControllerInputs *in, co
     return self->state;
 }
 
-// Deviation from the target in N m, from that of the current or of the level.
+// Deviation from the target in N m, from the deviation of the current or of the level.
 static int16_t deviation_nm(int16_t difference, uint8_t per_nm) {
     const int16_t rows =
         (int16_t)divide_by_u16((uint16_t)(difference < 0 ? -difference : difference), per_nm);
@@ -254,16 +254,16 @@ static void move_level(Torque *self, const ControllerInputs *in) {
     if (self->state == TORQUE_RUN) {
         rate = RUN_MV_PER_MS;
     }
-    int16_t way = (int16_t)(self->goal_mv - self->level_mv);
-    way = way > rate ? rate : way;
-    self->level_mv = (int16_t)(self->level_mv + (way < -MV_PER_MS ? -MV_PER_MS : way));
+    int16_t change_mv = (int16_t)(self->goal_mv - self->level_mv);
+    change_mv = change_mv > rate ? rate : change_mv;
+    self->level_mv = (int16_t)(self->level_mv + (change_mv < -MV_PER_MS ? -MV_PER_MS : change_mv));
 }
 
 // Time in the state; in LEVEL and RAISED only on the goal level, in RUN up to BLOWS_MS.
 static void count_tick(Torque *self) {
-    const bool on_its_way =
+    const bool level_moves =
         (self->state == TORQUE_LEVEL || self->state == TORQUE_RAISED) && !arrived(self);
-    if (!on_its_way && (self->state != TORQUE_RUN || self->ticks < BLOWS_MS)) {
+    if (!level_moves && (self->state != TORQUE_RUN || self->ticks < BLOWS_MS)) {
         self->ticks++;
     }
 }

@@ -1,10 +1,11 @@
 // Torque control: tightens a joint of unknown stiffness to a target torque.
 //
-// The controlled variable is the level, the motor's voltage k w + R i with nominal k and R. A
-// feed-forward adds what supply, heat and winding tolerance take. At a constant level blows stop
-// turning a joint at a torque that belongs to the level (torque_map.h), whatever the supply and the
-// winding. A soft joint would take too long to get there: it is hammered on a raised level until
-// the current, which rises as the blows turn the joint less, reaches that of the target torque.
+// The controlled variable is the level, the motor's voltage k w + R i: speed w, current i, nominal
+// torque constant k and resistance R. A feed-forward adds the voltage that supply, heating and
+// winding tolerance consume. At a constant level blows stop turning a joint at a torque that
+// belongs to the level (torque_map.h), whatever the supply and the winding. A soft joint would take
+// too long to get there: it is hammered on a raised level until the current, which rises as the
+// blows turn the joint less, reaches that of the target torque.
 //
 //   from    to      condition
 //   RUN     LEVEL   blows
@@ -27,7 +28,7 @@
 typedef enum {
     TORQUE_RUN,     // before the first blows
     TORQUE_LEVEL,   // on the level of the target, until the current separates hard from soft joints
-    TORQUE_SETTLE,  // hard joint: until blows no longer turn it
+    TORQUE_SETTLE,  // hard joint: until blows do not turn it any further
     TORQUE_RAISED,  // soft joint: until the current is that of the target
     TORQUE_OVER,
 } TorqueState;
@@ -45,14 +46,14 @@ typedef struct {
     uint8_t gathered;        // ticks in sum_a_q7, 1 to 3
     int16_t sum_a_q7;        // of currents
     int16_t duty_q15;
-    int16_t level_mv;  // requested
-    int16_t goal_mv;   // level_mv moves towards it
-    int16_t settled_a_q8;
+    int16_t level_mv;      // requested
+    int16_t goal_mv;       // level_mv moves towards it
+    int16_t settled_a_q8;  // these three: row of torque_map.h
     int16_t raised_mv;
     int16_t stop_a_q8;
     int16_t estimate_nm;
     int32_t excess_mv_q16;  // voltage beyond the nominal motor's, low-pass filtered once
-    int32_t taken_mv_q16;   // and twice
+    int32_t taken_mv_q16;   // and twice: the feed-forward
     int32_t quick_a_q24;    // current, low-pass filtered once,
     int32_t current_a_q24;  // twice
     int32_t slow_a_q24;     // and three times

@@ -25,7 +25,7 @@
 
 // At a bus voltage below 16.9 V the third climb on a hard joint would end on top of a lug.
 #define LOW_SURGE_A_Q9 Q(30.5, 9)
-#define LOW_256MV 66u
+#define LOW_256MV 66u  // 16.9 V in steps of 256 mV
 
 // Computations of the first ticks, one per tick, in their order.
 typedef enum {
@@ -98,7 +98,8 @@ static uint8_t next_phase(const Vibration *self, const ControllerInputs *in,
     return VIBRATION_RUN;
 }
 
-// Duty at which the current rises to surge_a: the applied one plus the resistive drop of the rest.
+// Duty at which the current rises to surge_a: the applied duty plus that of the missing current's
+// drop in the winding.
 static int16_t surge(const Vibration *self, const ControllerInputs *in) {
     const uint16_t most_q15 = (uint16_t)(self->duty_q15 + SURGE_STEP_Q15);
     if (in->current_a_q9 >= self->surge_a_q9) {
@@ -124,6 +125,7 @@ static int16_t limited(const Vibration *self, const VibrationSetpoints *set,
     return slew_towards(self->limit_q15, INT16_MAX, LIMIT_STEP_Q15);
 }
 
+// Duty of the climb, which rises with its time.
 static int16_t climb(const Vibration *self, const VibrationSetpoints *set) {
     const uint32_t duty_q15 =
         (uint16_t)set->climb_q15 + (uint32_t)(uint16_t)set->climb_per_ms_q15 * self->phase_ms;
@@ -192,6 +194,7 @@ static void prepare(Vibration *self, const VibrationSetpoints *set, const Contro
     }
 }
 
+// Greatest back-EMF of the approach, angle of the climb.
 static void note(Vibration *self, const MotorVoltages *motor) {
     if (self->phase == VIBRATION_APPROACH) {
         self->top_mv = self->phase_ms >= SETTLE_MS && motor->emf_mv > self->top_mv ? motor->emf_mv

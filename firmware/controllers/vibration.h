@@ -4,8 +4,8 @@
 // The housing shakes most when the hammer lands on top of a lug instead of behind it. That happens
 // during the run-up, when the spindle is too fast for a soft landing and too slow for the hammer to
 // pass the lug. The controller therefore approaches the joint with a low voltage, lets the hammer
-// climb over the first lug with the remaining momentum, and applies full current as soon as the
-// hammer is released, so that the next climb is fast enough.
+// climb over the first lug with the remaining momentum, and applies the surge current as soon as
+// the hammer is released, so that the next climb is fast enough.
 //
 //             speed dips             angle turned            duty reaches the trigger's
 //   APPROACH ------------> CLIMB --------------------> SURGE ---------------------------> RUN
@@ -31,7 +31,7 @@ typedef struct {
     int16_t climb_q15;         // duty at the start of the climb
     int16_t climb_per_ms_q15;  // its rate, so that the hammer cannot get stuck on the lug
     uint16_t climb_turn_q8;    // motor turns from the dip to the hammer's release
-    int16_t surge_a_q9;        // current from the release to full duty
+    int16_t surge_a_q9;        // current from the hammer's release to the duty of the trigger
     int16_t hard_share_q15;    // hard joint: back-EMF below this share of the motor voltage
     uint16_t hard_mv;          // motor voltage on a hard joint
     uint16_t motor_mohm;       // winding

@@ -27,8 +27,8 @@ typedef struct {
 typedef struct {
     volatile uint16_t trip_low;   // least current counts within the trip
     volatile uint16_t trip_high;  // greatest
-    uint8_t next_channel;   // of the conversion after the next one; known before the interrupt,
-                            // which sets it first
+    uint8_t next_channel;   // selected in the next ADC interrupt, before it reads the result: the
+                            // channel of the conversion that follows
     volatile uint8_t head;  // conversions so far, modulo 256; modulo 16: slot and index in the ring
     uint8_t tail;           // conversions used so far
     int16_t cycles_ahead;   // from the newest usable sample to the tick; negative before the first

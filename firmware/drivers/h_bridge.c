@@ -5,15 +5,16 @@
 #include "core/units.h"
 #include "hal/hal.h"
 
-#define COMPARE_FACTOR 510u  // 2 HAL_COMPARE_MAX
-#define TICK_IN_PERIODS (HAL_CYCLES_PER_TICK % HAL_CYCLES_PER_PERIOD)
+#define COMPARE_FACTOR 510u                                             // 2 HAL_COMPARE_MAX
+#define TICK_REST_CYCLES (HAL_CYCLES_PER_TICK % HAL_CYCLES_PER_PERIOD)  // beyond whole periods
 
+// Cycles to the first TOP after a tick, from those of the tick before it.
 static uint16_t top_after(uint16_t cycles_to_top) {
     uint16_t cycles = cycles_to_top;
-    if (cycles < TICK_IN_PERIODS) {
+    if (cycles < TICK_REST_CYCLES) {
         cycles = (uint16_t)(cycles + HAL_CYCLES_PER_PERIOD);
     }
-    return (uint16_t)(cycles - TICK_IN_PERIODS);
+    return (uint16_t)(cycles - TICK_REST_CYCLES);
 }
 
 void h_bridge_init(HBridge *self, uint8_t dead_counts) {

@@ -1,8 +1,9 @@
 // H-bridge, sign-magnitude PWM with synchronous rectification: converts a signed compare value into
 // an order to the timer, which an interrupt of the tick timer applies.
 //
-// Leg A switches, leg B is static: low in forward, v = c / 255 Vs; high in reverse with leg A at
-// 255 - |c|, v = (c_A / 255 - 1) Vs. c = 0 brakes.
+// Leg A switches, leg B is static. With the signed compare value c, the motor voltage v and the bus
+// voltage Vs: forward, leg B low, v = c / 255 Vs; reverse, leg B high and leg A at c_A = 255 - |c|,
+// v = (c_A / 255 - 1) Vs. c = 0 brakes.
 //
 //            c                  c, same leg B
 //   OPEN --------> ARMED ---------------------> DRIVING --+
@@ -54,7 +55,8 @@ int16_t h_bridge_compare(int16_t duty_q15);
 // Compare values of leg A for c in 0..255, `dead_counts` apart unless leg A does not switch.
 void h_bridge_leg_a(HBridgeOrder *order, uint8_t compare, uint8_t dead_counts);
 
-// Beginning of a tick: shifts the compare values of the rows. End of a tick: orders `compare`
+// Beginning of a tick: shifts the compare values of the rows (a row of the log is one tick). End of
+// a tick: orders `compare`
 // (-255..255 or H_BRIDGE_COAST) for the next one.
 void h_bridge_next_row(HBridge *self);
 void h_bridge_stage(HBridge *self, int16_t compare);

@@ -11,7 +11,8 @@
 #define CLEAR_RATIO 2u        // the best phase must fit twice as well as the next
 #define UNEVEN_MIN_Q15 164    // 0.5 %: pitches closer than this to a quarter count as equal
 
-// Steps of a search: expected periods, then one phase per step, then idle until the next round.
+// Steps of a search: expected periods, then one phase (index of the first pitch) per step, then
+// idle until the next round.
 enum {
     SEARCH_NONE,
     SEARCH_WANTED,

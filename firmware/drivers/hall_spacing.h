@@ -13,7 +13,7 @@
 #include <stdint.h>
 
 #define HALL_SPACING_PITCHES 4u
-#define HALL_SPACING_ROUNDS 64u
+#define HALL_SPACING_ROUNDS 64u  // of four pitches, in a learning run
 #define HALL_SPACING_UNKNOWN 0xFFu
 
 typedef struct {
@@ -23,7 +23,7 @@ typedef struct {
     uint32_t this_round;
     uint8_t at;  // pitch that ends at the next edge
     uint8_t rounds;
-    uint8_t phase;  // found in the last search
+    uint8_t phase;  // index of the round's first pitch, found in the last search
     bool learning;
     uint8_t step;   // of the search, 0: none
     uint8_t found;  // best phase so far

@@ -8,7 +8,7 @@
 // rpm Q1 = 2 * 60 s/min * f_cpu * pitch / period. The pitch in turns is 4 * share Q15 / 2^15 /
 // pulses, or 1 / pulses if all are equal.
 #define FACTOR_OF_TURN ((uint32_t)2 * 60u * HAL_CPU_HZ)  // 1.92e9 < 2^32
-#define SHARE_BITS 13u  // of an equal pitch, HALL_SPEED_PITCH_EQUAL_Q15
+#define SHARE_BITS 13u  // 2^13 is the share of an equal pitch, HALL_SPEED_PITCH_EQUAL_Q15
 #define SPEED_MAX_Q1 INT16_MAX
 #define CYCLES_PER_MS (HAL_CPU_HZ / 1000u)
 #define PERIOD_EDGES 2u  // edges since standstill from which on there is a period
@@ -16,8 +16,8 @@
 // An edge after less than a quarter of the last period is a second edge of the same magnet.
 #define DOUBLE_RATIO 4u
 
-// Times least_cycles: below 2,979 rpm the drive can halve its speed within a pitch, which looks
-// like a missed edge.
+// Missed edges are detected in periods up to this multiple of least_cycles: below 2,979 rpm the
+// drive can halve its speed within a pitch, which looks like a missed edge.
 #define MISSED_RATIO 11u
 
 // factor_equal * share / 2^13 in two parts, since the product has 45 bits.

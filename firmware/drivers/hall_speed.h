@@ -26,8 +26,8 @@ typedef struct {
     uint32_t factor[HALL_SPEED_PITCHES];  // rpm Q1 times period of each pitch
     uint32_t factor_equal;
     uint32_t edge_factor;   // of the pitch that ended at the last edge, if its index was known
-    uint32_t least_cycles;  // a shorter period is twice the range of the speed: not an edge
-    uint32_t fast_cycles;   // a longer period: a missed edge looks like braking
+    uint32_t least_cycles;  // a shorter period is more than twice the range of the speed: no edge
+    uint32_t fast_cycles;   // in a longer period a missed edge looks like braking
     uint16_t magnitude_rpm_q1;
     uint8_t edges;      // since standstill, up to 2: there is a period
     uint8_t index;      // pitch that begins at the last edge

@@ -14,7 +14,7 @@ typedef struct {
                                       // the next tick
     volatile uint8_t receive_errors;  // overruns, bad stop bits, full queue; saturates
     uint8_t room;                     // frames whose slots are in the queue, not in `spare`
-    uint8_t send_lost;  // frames dropped by a full queue; saturates, 0 within the byte budget
+    uint8_t send_lost;  // frames dropped by a full queue; 0 within the byte budget; not reported
 } Uart;
 
 void uart_init(Uart *self, uint8_t baud);

@@ -12,7 +12,7 @@
 #define DATA_AT 10u
 #define CRC_AT 17u
 #define END_AT 18u
-#define GIVEN_UP_MAX 4u  // bytes examined in one step
+#define RESYNC_BYTES_MAX 4u  // bytes dropped in one step of the resynchronisation
 
 // Whether the bytes from `first` on, fewer than a frame, can be the beginning of one.
 static bool plausible(const CommandParser *self, uint8_t first) {
@@ -39,7 +39,7 @@ static void count_errors(CommandParser *self, uint8_t bytes) {
 // none is left.
 INLINE_NEVER static bool resynchronise(CommandParser *self) {
     uint8_t first = 1;
-    while (first < GIVEN_UP_MAX && !plausible(self, first)) {
+    while (first < RESYNC_BYTES_MAX && !plausible(self, first)) {
         first++;
     }
     self->count = (uint8_t)(self->count - first);

@@ -5,7 +5,8 @@
 // work is done in separate steps, in ticks that read no bytes:
 //     if (!telemetry_ack_pending(&telemetry)) {
 //         if (command_reading(&parser)) {
-//             while (command_reading(&parser) && uart_read(&byte)) command_byte(&parser, byte);
+//             while (command_reading(&parser) && uart_receive(&uart, &byte))
+//                 command_byte(&parser, byte);
 //         } else if (command_step(&parser, &command)) {
 //             if (command.fresh) command.result = execute(&command);
 //             command_answered(&parser, &command, &telemetry);

@@ -8,6 +8,7 @@
 #define FRAME_START 0xAAu
 #define FRAME_END 0xBBu
 #define DATA_AT 10u  // after start, time, length and id
+// Budgets are in 1/100 byte.
 #define FRAME_COST (100u * TELEMETRY_FRAME_BYTES)
 #define BUDGET_MAX (100u * TELEMETRY_QUEUE_BYTES)
 #define TRIGGER_STEP 2u  // smaller changes of the trigger are ADC noise
@@ -80,6 +81,7 @@ bool telemetry_health_due(const Telemetry *self) {
 bool telemetry_health_sent(const Telemetry *self) {
     return self->health_packed;
 }
+
 // A move of at least TRIGGER_STEP, or one to an end of the travel.
 static bool trigger_moved(uint8_t before, uint8_t now) {
     const uint8_t distance = (uint8_t)(before > now ? before - now : now - before);
@@ -87,7 +89,7 @@ static bool trigger_moved(uint8_t before, uint8_t now) {
            (distance > 0u && (now == 0u || now == TELEMETRY_TRIGGER_MAX));
 }
 
-// The flags of a pending frame are kept: none is lost while the frame waits.
+// The flags of a frame that has not been packed yet are kept in the updated one.
 static void note_state(Telemetry *self, const TelemetryInputs *in) {
     const uint16_t flags =
         self->state_pending ? in->state.flags | self->state.flags : in->state.flags;

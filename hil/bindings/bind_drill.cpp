@@ -96,8 +96,8 @@ nb::dict simulate_drill(const nb::dict &parameters, const std::string &solver, d
     return result;
 }
 
-// Jacobian of the rotating drill driver with a closed bridge, the clutch gripping or slipping, and
-// the slope of the load's friction law at a chuck speed
+// Jacobian of the state of the drill driver with a turning motor, a closed bridge, the clutch
+// gripping or slipping, and the load's friction law linearised at chuck_rad_s
 nb::object drill_jacobian(const nb::dict &parameters, bool slips, double load_nm,
                           double chuck_rad_s) {
     const vgroove::DrillParameters p = parameters_of(parameters);
@@ -189,5 +189,6 @@ void bind_drill(nb::module_ &m) {
           "mark}; execution_ns; rejected; diverged_s or None.");
     m.def("drill_jacobian", &drill_jacobian, "parameters"_a, "slips"_a = false, "load_nm"_a = 0.0,
           "chuck_rad_s"_a = 1e9,
-          "(4, 4) of current, motor speed, twist, chuck speed while the motor turns.");
+          "Jacobian (4, 4) of current, motor speed, twist, chuck speed while the motor turns; the "
+          "default chuck_rad_s is beyond the steep part of the friction law.");
 }

@@ -140,7 +140,7 @@ void bind_firmware(nb::module_ &module) {
         "One at a time in a process.\n"
         "eeprom: image of 1,024 bytes or None (erased); reset_cause and target as BOOT reports "
         "them; isr_cycles and\n"
-        "tick_cycles delay interrupts and the tick, which must not change what is sent.")
+        "tick_cycles delay interrupts and the tick; the bytes sent must not depend on them.")
         .def("__init__", &firmware_init, "eeprom"_a.none() = nb::none(), "reset_cause"_a = 1,
              "target"_a = 0, "isr_cycles"_a = SIM_ISR_CYCLES, "tick_cycles"_a = SIM_TICK_CYCLES)
         .def("period", &period, "adc_counts"_a, "edges"_a = std::vector<int>(), "switches"_a = 0,

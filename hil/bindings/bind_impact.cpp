@@ -122,7 +122,7 @@ nb::dict simulate_impact(const vgroove::LogInput &in, Matrix theta, const std::s
                                     std::to_string(vgroove::PARAMETER_COUNT) + ")");
     const vgroove::ImpactAccuracy accuracy = accuracy_of(mode);
     if (energy && accuracy != vgroove::ImpactAccuracy::REFERENCE)
-        throw std::invalid_argument("simulate_impact: energies come with mode reference");
+        throw std::invalid_argument("simulate_impact: energy needs mode reference");
     double *block = new double[vgroove::IMPACT_COLUMN_COUNT * size + 1];
     nb::capsule owner(block, [](void *p) noexcept { delete[] static_cast<double *>(p); });
     vgroove::ImpactOutput out{};
@@ -201,11 +201,11 @@ void bind_impact_plant(nb::module_ &m) {
         .def("advance", &ImpactPlant::advance, "seconds"_a, "duty"_a, "coast"_a = false,
              "load_nm"_a = 0.0)
         .def("governed", &governed, "rows"_a, "row_s"_a, "duty"_a, "overspeed_rad_s"_a,
-             "advance() row by row under a compiled controller that gives no duty after a row "
-             "above a speed; the head's angle, rad.")
+             "advance() row by row with a controller in C++: duty 0 after a row that ends above "
+             "overspeed_rad_s, else `duty`. Returns the head angle, rad.")
         .def(
             "statistics", [](ImpactPlant &self) { return statistics_of(self.statistics()); },
-            "Steps, rejected steps, switches, derivatives so far.")
+            "Numbers of steps, rejected steps, events and derivatives since the start.")
         .def(
             "blows", [](ImpactPlant &self) { return bytes_as(self.take_blows(), blow_dtype()); },
             "Blows since the last call.")
@@ -233,7 +233,7 @@ void bind_impact(nb::module_ &m) {
         events.append(name);
     m.attr("IMPACT_EVENTS") = events;
     m.def("check_impact_tool", &check_impact_tool, "parameters"_a, "load_kind"_a,
-          "ValueError with the reason where a tool with these parameters is impossible.");
+          "Raises ValueError, which names the reason, for parameters that no tool can have.");
     m.def("simulate_impact", &simulate_impact, "log_input"_a, "theta"_a, "mode"_a = "reference",
           "threads"_a = 1, "trace_s"_a.none() = nb::none(), "history"_a = false, "energy"_a = false,
           "tolerance"_a = 0.0, "step_s"_a = vgroove::IMPACT_STEP_FIXED_S,

@@ -99,7 +99,7 @@ template <class T> const T *values_of(const Column<T> &column, std::size_t perio
     return column.data();
 }
 
-// Columns in the order of lockstep.Stimuli, then the bytes to the board.
+// Columns in the order of lockstep.StimulusChunk, then the bytes to the board.
 template <class Tool>
 nb::bytes run(Firmware &board, Tool &tool, Column<std::int64_t> trigger,
               Column<std::int64_t> switches, Column<double> load_nm, Column<double> current_counts,
@@ -133,7 +133,8 @@ template <class Tool> void bind_run(nb::module_ &m) {
     m.def("run_lockstep", &run<Tool>, "firmware"_a, "tool"_a, "trigger"_a, "switches"_a,
           "load_nm"_a, "current_counts"_a, "supply_counts"_a, "broken"_a, "received"_a, "front"_a,
           "gates"_a, "truth"_a.none() = nb::none(),
-          "A chunk of lock-step, a value of each column a period; received: a byte or -1. front: "
+          "Runs a chunk of lock-step; every column has one value a period. received: a byte or -1. "
+          "front: "
           "counts per A and V, temperature counts; gates:\n"
           "coast, compare, dead_counts in force in the first period. Returns the bytes sent; the "
           "firmware holds the gates of the next period.");

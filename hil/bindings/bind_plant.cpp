@@ -216,12 +216,13 @@ void bind_drive_plant(nb::module_ &m) {
         .def_prop_ro("winding_kelvin", &vgroove::DrivePlant::winding_kelvin);
     m.attr("PERIOD_S") = vgroove::PERIOD_S;
     m.def("current_counts", &vgroove::current_counts, "current_a"_a, "offset_a"_a = 0.0,
-          "noise_a"_a = 0.0, "noise_a: the noise of this sample");
+          "noise_a"_a = 0.0, "noise_a: noise added to this sample, A");
     m.def("bus_counts", &vgroove::bus_counts, "supply_v"_a);
     m.def("trigger_counts", &vgroove::trigger_counts, "travel"_a);
     m.def("temperature_counts", &vgroove::temperature_counts, "degc"_a);
-    nb::class_<FrontEnds>(m, "FrontEnds",
-                          "All four front ends of the board; noise is 1 sigma in A, seeded.")
+    nb::class_<FrontEnds>(
+        m, "FrontEnds",
+        "All four front ends of the board; current_noise_a: standard deviation in A, seeded.")
         .def(
             "__init__",
             [](FrontEnds *self, std::uint64_t seed, double offset_a, double noise_a) {

@@ -16,7 +16,7 @@ using Column = nanobind::ndarray<const double, nanobind::ndim<1>, nanobind::c_co
                                  nanobind::device::cpu>;                       // in
 using Vector = nanobind::ndarray<nanobind::numpy, double, nanobind::ndim<1>>;  // out
 
-// (count,) of get(n)
+// Array (count,) of get(0) to get(count - 1)
 template <class Get> Vector vector_of(std::size_t count, Get get) {
     auto *data = new double[count + 1];
     nanobind::capsule owner(data, [](void *p) noexcept { delete[] static_cast<double *>(p); });
@@ -64,6 +64,6 @@ void bind_drill(nanobind::module_ &m);     // bind_drill.cpp
 void bind_joints(nanobind::module_ &m);    // bind_joints.cpp
 void bind_impact(nanobind::module_ &m);    // bind_impact.cpp, called by bind_plant
 void bind_firmware(nanobind::module_ &m);  // bind_firmware.cpp
-void bind_lockstep(nanobind::module_ &m);  // bind_lockstep.cpp: both of them
+void bind_lockstep(nanobind::module_ &m);  // bind_lockstep.cpp: firmware and tool
 
 #endif

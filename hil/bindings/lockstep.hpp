@@ -17,15 +17,15 @@ constexpr int COMPARE_TOP = 255;
 constexpr double ADC_COUNTS = 1024.0;
 constexpr std::int16_t NO_BYTE = -1;
 
-// Stimuli of a chunk, one value a period, and the scales of the front ends
+// Stimuli of a chunk of periods, one value a period, and the scales of the front ends
 struct LockstepInputs {
-    const std::int64_t *trigger, *switches;
-    const double *load_nm, *current_counts, *supply_counts;
-    const bool *broken;            // Hall line
-    const std::int16_t *received;  // byte to the board or NO_BYTE
+    const std::int64_t *trigger, *switches;                  // counts; bits of SimInputs
+    const double *load_nm, *current_counts, *supply_counts;  // counts added to current and bus
+    const bool *broken;                                      // Hall line
+    const std::int16_t *received;                            // byte to the board or NO_BYTE
     std::size_t periods;
-    double per_ampere, per_volt;
-    int temperature;
+    double per_ampere, per_volt;  // counts per A and V
+    int temperature;              // counts
 };
 
 struct LockstepGates {

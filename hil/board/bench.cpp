@@ -218,7 +218,7 @@ std::string Bench::statistics() const {
          << ", \"longest_cadence_cycles\": " << converter.longest << "}";
     const HallReport &line = line_.report();
     json << ",\n \"hall\": {\"edges\": " << line.edges << ", \"captured\": " << line.captured
-         << ", \"deaf\": " << line.deaf << "}";
+         << ", \"deaf\": " << line.not_selected << "}";
     const SerialReport &serial = serial_.report();
     json << ",\n \"uart\": {\"baud\": " << serial.baud << ", \"sent\": " << serial.sent
          << ", \"received\": " << serial.received << ", \"overruns\": " << serial.overruns

@@ -16,6 +16,7 @@ constexpr unsigned PINE = 0x2c;
 constexpr unsigned PING = 0x32;
 constexpr unsigned PINL = 0x109;
 
+// Rows in the order of BoardMap and TimerMap.
 // clang-format off: tables, a row of the data sheet a line
 const BoardMap UNO = {
     "atmega328p",

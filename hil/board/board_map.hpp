@@ -30,7 +30,7 @@ struct BoardMap {
     std::array<std::pair<Pin, unsigned>, 4>
         switches;                      // pin, bit of SimInputs.switches; closed = pulled low
     std::array<unsigned, 4> channels;  // ADC channel of each SimInputs.adc_counts
-    int receive, empty, complete, converter, eeprom, watchdog;
+    int receive, empty, complete, converter, eeprom, watchdog;  // numbers of the vectors
     std::vector<std::pair<int, const char *>> vector_names;
 };
 

@@ -130,8 +130,9 @@ bool Bridge::level(const Period &period, const Drives &drives, int gate, Cycle a
         return drive == Drive::ON;
     }
     const Cycle bottom = period.start + TIMER_TOP;
-    const bool near = at >= bottom - period.latched[index] && at < bottom + period.latched[index];
-    return near == (drive == Drive::WAVE);
+    const bool around_bottom =
+        at >= bottom - period.latched[index] && at < bottom + period.latched[index];
+    return around_bottom == (drive == Drive::WAVE);
 }
 
 void Bridge::turned_on(int leg, const char *which, Cycle at, Cycle other_off) {

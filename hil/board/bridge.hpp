@@ -49,6 +49,7 @@ public:
     Cycle shortest_dead() const { return shortest_dead_; }
 
 private:
+    // Gate signal: constant, or the compare output of Timer0: WAVE is high around BOTTOM.
     enum class Drive : std::uint8_t { OFF, ON, WAVE, INVERTED };
     using Drives = std::array<Drive, GATES>;
     struct Change {
@@ -70,7 +71,7 @@ private:
     struct Leg {
         bool high = false;
         bool low = false;
-        Cycle high_off = -1000;
+        Cycle high_off = -1000;  // of the last turn-off; long ago at the start
         Cycle low_off = -1000;
     };
 

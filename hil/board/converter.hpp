@@ -37,6 +37,8 @@ public:
 private:
     bool bit(std::uint8_t mask) const { return (machine_.peek(CONTROL) & mask) != 0; }
     void triggered(Cycle at);
+    // In half ADC clocks to sample and end: 27 and 50 for the first conversion after ADEN, 3 and 26
+    // for one started by ADSC, 4 and 27 for a triggered one.
     void start(Cycle at, Cycle half_clocks_to_sample, Cycle half_clocks_to_end);
     void write_control(std::uint8_t value);
     void finish();
@@ -48,8 +50,8 @@ private:
     const AnalogueSource &source_;
     int vector_;
     bool busy_ = false;
-    bool fresh_ = true;  // the first conversion after ADEN takes 25 clocks
-    bool locked_ = false;
+    bool fresh_ = true;    // the next conversion is the first after ADEN
+    bool locked_ = false;  // ADCL has been read, ADCH not: a result is not stored
     unsigned mux_ = 0;
     Cycle started_ = -1;
     Cycle last_trigger_ = -1;

@@ -25,16 +25,16 @@ void HallLine::edge(Cycle at) {
 }
 
 // The capture unit receives the level `high` at cycle `at`.
-void HallLine::see(Cycle at, bool high) {
-    if (high == seen_high_) {
+void HallLine::apply_level(Cycle at, bool high) {
+    if (high == filtered_high_) {
         return;
     }
-    seen_high_ = high;
+    filtered_high_ = high;
     if (timer_.captures(high)) {
         ++report_.captured;
         timer_.capture(at);
     } else {
-        ++report_.deaf;
+        ++report_.not_selected;
     }
 }
 
@@ -43,7 +43,7 @@ void HallLine::advance(Cycle now) {
         if (!filtering_.empty() && filtering_.front().at == due) {
             const Level level = filtering_.front();
             filtering_.pop_front();
-            see(level.at, level.high);
+            apply_level(level.at, level.high);
         } else {
             const Cycle at = edges_.front();
             edges_.pop_front();
@@ -59,8 +59,8 @@ void HallLine::advance(Cycle now) {
 
 void HallLine::update() {
     const Cycle edge = edges_.empty() ? NEVER : edges_.front();
-    const Cycle seen = filtering_.empty() ? NEVER : filtering_.front().at;
-    due = edge < seen ? edge : seen;
+    const Cycle level = filtering_.empty() ? NEVER : filtering_.front().at;
+    due = edge < level ? edge : level;
 }
 
 }  // namespace board

@@ -13,7 +13,7 @@ namespace board {
 struct HallReport {
     long edges = 0;
     long captured = 0;
-    long deaf = 0;  // edges missed because the program had not changed the edge select
+    long not_selected = 0;  // edges missed because the program had not changed the edge select
 };
 
 class HallLine final : public Device {
@@ -28,7 +28,7 @@ public:
     const HallReport &report() const { return report_; }
 
 private:
-    void see(Cycle at, bool level);
+    void apply_level(Cycle at, bool high);
     void update();
 
     struct Level {
@@ -39,8 +39,8 @@ private:
     Timer &timer_;
     Ports &ports_;
     Pin pin_;
-    bool high_ = true;       // open collector with pull-up
-    bool seen_high_ = true;  // after the filter
+    bool high_ = true;           // open collector with pull-up
+    bool filtered_high_ = true;  // level after the noise canceller
     std::deque<Cycle> edges_;
     std::deque<Level> filtering_;
     HallReport report_;

@@ -37,15 +37,16 @@ public:
     virtual void write(std::uint16_t address, std::uint8_t value) = 0;
     virtual std::uint8_t read(std::uint16_t address) = 0;
     virtual void advance(Cycle now) = 0;
-    virtual void acknowledge(int vector) = 0;
+    virtual void acknowledge(int vector) = 0;  // its interrupt has been entered
     virtual void reset() = 0;
-    Cycle due = NEVER;
+    Cycle due = NEVER;  // next event
 };
 
 // Observer of interrupt entries and exits.
 class InterruptWatch {
 public:
     virtual ~InterruptWatch() = default;
+    // `waited`: cycles since the request; `pc`: byte address of the interrupted program.
     virtual void entered(int vector, Cycle at, Cycle waited, unsigned pc) = 0;
     virtual void left(Cycle at) = 0;
 };
@@ -74,11 +75,15 @@ public:
 
     void add(Device &device) { devices_.push_back(&device); }
     void attach(avr_io_t &io);
+    // The device receives reads and writes of the register.
     void own(unsigned address, Device &device);
+    // The device is told when the interrupt is entered.
     void serve(int vector, Device &device) { servers_[static_cast<std::size_t>(vector)] = &device; }
     void watch(InterruptWatch &watch) { watch_ = &watch; }
+    // Interrupt request of a vector: pending while `level` is true.
     void line(int vector, bool level);
     void stall(Cycle cycles) { avr_->cycle += static_cast<avr_cycle_count_t>(cycles); }
+    // Recomputes the next event of the devices, after a change of `due`.
     void refresh();
     bool current_is_sbi(std::uint8_t &mask) const;
     // From this call on, cycles by word address.
@@ -102,11 +107,11 @@ private:
     std::vector<Device *> devices_;
     std::array<Device *, VECTORS_MAX> servers_{};
     InterruptWatch *watch_ = nullptr;
-    std::vector<Cycle> *counted_ = nullptr;
-    std::uint64_t pending_ = 0;
-    std::array<Cycle, VECTORS_MAX> raised_{};
-    Cycle due_ = NEVER;
-    unsigned used_end_ = 0;
+    std::vector<Cycle> *counted_ = nullptr;    // cycles by word address
+    std::uint64_t pending_ = 0;                // requested vectors, one bit each
+    std::array<Cycle, VECTORS_MAX> raised_{};  // cycle of each request
+    Cycle due_ = NEVER;                        // next event of all devices
+    unsigned used_end_ = 0;                    // end of the variables in SRAM
     std::vector<std::uint8_t> elf_eeprom_;
     int resets_ = 0;
 };

@@ -18,12 +18,14 @@ using board::BoardError;
 
 constexpr int EXIT_USAGE = 2;
 constexpr int EXIT_BOARD = 3;
-constexpr const char *USAGE = "usage: vgroove-board ELF [--mcu atmega328p|atmega2560] [--eeprom "
-                              "FILE] [--stats FILE] [--reset-cause por|ext|bor|wdt]\n"
-                              "                     [--cut CYCLE] [--brown-out CYCLE] "
-                              "[--least-dead CYCLES] [--profile FILE] [--seed N]\n"
-                              "Reads one SimInputs a PWM period on stdin, answers one SimOutputs "
-                              "on stdout (firmware/hal/sim/sim_io.h). Ends with stdin.\n";
+constexpr const char *USAGE =
+    "usage: vgroove-board ELF [--mcu atmega328p|atmega2560] [--eeprom "
+    "FILE] [--stats FILE] [--reset-cause por|ext|bor|wdt]\n"
+    "                     [--cut CYCLE] [--brown-out CYCLE] "
+    "[--least-dead CYCLES] [--profile FILE] [--seed N]\n"
+    "Reads one SimInputs a PWM period on stdin, answers one SimOutputs "
+    "on stdout (firmware/hal/sim/sim_io.h),\nuntil stdin ends. --cut: the power fails at "
+    "this cycle; --brown-out: reset at this cycle.\n";
 
 std::uint8_t reset_cause(const std::string &name) {
     const char *names[] = {"por", "ext", "bor", "wdt"};

@@ -22,7 +22,7 @@ constexpr std::uint8_t EEMPE = 0x04;
 constexpr std::uint8_t EERIE = 0x08;
 constexpr Cycle READ_STALL = 4;
 constexpr Cycle WRITE_STALL = 2;
-constexpr Cycle ENABLE_WINDOW = 6;      // four cycles after the instruction that set EEMPE
+constexpr Cycle ENABLE_WINDOW = 6;      // four cycles after the SBI (2 cycles) that set EEMPE
 constexpr Cycle ATOMIC_CYCLES = 54400;  // erase and write: 3.4 ms
 constexpr Cycle HALF_CYCLES = 28800;    // erase only, write only: 1.8 ms
 constexpr unsigned WDTCSR = 0x60;
@@ -33,6 +33,7 @@ constexpr std::uint8_t WDCE = 0x10;
 constexpr std::uint8_t WDE = 0x08;
 constexpr std::uint8_t WDRF = 0x08;
 constexpr std::uint8_t PRESCALE_BITS = 0x27;
+constexpr Cycle CHANGE_WINDOW = 6;           // four cycles after the STS (2 cycles)
 constexpr Cycle WATCHDOG_STEP = 2048 * 125;  // 2048 periods of 128 kHz in CPU cycles
 
 }  // namespace
@@ -154,7 +155,7 @@ void Watchdog::write(unsigned short, std::uint8_t value) {
         change_until_ = -1;
     } else if (opening) {
         kept |= WDE;
-        change_until_ = machine_.now() + 6;
+        change_until_ = machine_.now() + CHANGE_WINDOW;
     }
     if ((machine_.peek(MCUSR) & WDRF) != 0) {
         kept |= WDE;

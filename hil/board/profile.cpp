@@ -97,10 +97,10 @@ void Profile::left(Cycle at) {
     if (!frames_.empty()) {
         frames_.back().nested += whole;
     }
-    spend(own, at);
+    add_interrupt_cycles(own, at);
 }
 
-void Profile::spend(Cycle cycles, Cycle at) {
+void Profile::add_interrupt_cycles(Cycle cycles, Cycle at) {
     interrupt_total_ += cycles;
     if (at - window_start_ >= WINDOW_CYCLES) {
         worst_window_ = std::max(worst_window_, window_cycles_);

@@ -60,15 +60,15 @@ public:
     double worst_window_share() const;
 
 private:
-    struct Frame {
+    struct Frame {  // a running interrupt
         int vector;
         Cycle entered;
-        Cycle nested;
+        Cycle nested;  // cycles of the interrupts within it
     };
     void begin_tick();
     void end_tick();
     void end_control();
-    void spend(Cycle cycles, Cycle at);
+    void add_interrupt_cycles(Cycle cycles, Cycle at);
 
     Machine &machine_;
     const Timer &tick_;
@@ -77,14 +77,15 @@ private:
     ControlCost controls_;
     Cycle control_began_ = 0;
     std::vector<Frame> frames_;
-    Cycle since_ = 0;
-    Cycle tick_match_ = 0;
-    Cycle interrupt_total_ = 0;
+    Cycle since_ = 0;            // entry of the first interrupt
+    Cycle tick_match_ = 0;       // compare match of the present tick
+    Cycle interrupt_total_ = 0;  // cycles of all interrupts so far
     Cycle window_start_ = 0;
     Cycle window_cycles_ = 0;
     Cycle worst_window_ = 0;
     unsigned lowest_stack_ = 0xffff;
-    std::vector<std::uint8_t> snapshot_;
+    std::vector<std::uint8_t> snapshot_;  // SRAM between variables and stack after the start
+    // Cycles by word address: so far, at the beginning of the tick, of the longest tick.
     std::vector<Cycle> counted_, at_tick_, worst_tick_;
 };
 

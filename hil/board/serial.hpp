@@ -40,9 +40,9 @@ private:
     void update();
 
     Machine &machine_;
-    int receive_, empty_, complete_;
-    bool shifting_ = false;
-    bool waiting_ = false;
+    int receive_, empty_, complete_;  // numbers of the vectors
+    bool shifting_ = false;           // a byte is being sent
+    bool waiting_ = false;            // a second one is in the buffer
     bool complete_flag_ = false;
     bool overrun_ = false;
     std::uint8_t shift_ = 0;

@@ -58,7 +58,7 @@ unsigned Timer::compare(unsigned low) const {
 }
 
 Cycle Timer::ticks(Cycle now) const {
-    const Cycle raw = running_ ? floor_div(now - base_, prescale_) : frozen_;
+    const Cycle raw = running_ ? floor_div(now - base_, prescale_) : stopped_count_;
     const Cycle length = period();
     return raw - floor_div(raw, length) * length;
 }
@@ -88,22 +88,22 @@ std::array<Timer::Source, 3> Timer::sources() const {
              {OCFB, b > top ? -1 : (b + 1) % (top + 1)}}};
 }
 
-void Timer::freeze(Cycle now) {
-    frozen_ = ticks(now);
+void Timer::stop(Cycle now) {
+    stopped_count_ = ticks(now);
     running_ = false;
 }
 
 // The next count comes at the next edge of the prescaler, which runs independently since its last
 // reset.
-void Timer::thaw(Cycle now) {
+void Timer::resume(Cycle now) {
     if (prescale_ == 0 || held_) {
         return;
     }
     const Cycle next =
         prescaler_origin_ + prescale_ * (floor_div(now - prescaler_origin_, prescale_) + 1);
-    base_ = next - prescale_ * (frozen_ + 1);
+    base_ = next - prescale_ * (stopped_count_ + 1);
     running_ = true;
-    synced_ = now;
+    advanced_to_ = now;
 }
 
 void Timer::configure() {
@@ -127,10 +127,10 @@ void Timer::configure() {
 
 void Timer::set_count(unsigned value) {
     const Cycle now = machine_.now();
-    frozen_ = static_cast<Cycle>(value);
+    stopped_count_ = static_cast<Cycle>(value);
     if (running_) {
         running_ = false;
-        thaw(now);
+        resume(now);
     }
 }
 
@@ -164,8 +164,8 @@ void Timer::write_control(unsigned address, std::uint8_t value) {
     configure();
     if (mode_ != mode_before || prescale_ != prescale_before) {
         running_ = false;
-        frozen_ = position;
-        thaw(now);
+        stopped_count_ = position;
+        resume(now);
     }
     if (control_hook_) {
         control_hook_();
@@ -237,13 +237,13 @@ void Timer::set_flag(std::uint8_t flag, Cycle at) {
 void Timer::advance(Cycle now) {
     if (running_) {
         for (const Source &source : sources()) {
-            const Cycle at = source.phase < 0 ? NEVER : occurrence(source.phase, synced_);
+            const Cycle at = source.phase < 0 ? NEVER : occurrence(source.phase, advanced_to_);
             if (at <= now) {
                 set_flag(source.flag, at);
             }
         }
     }
-    synced_ = now;
+    advanced_to_ = now;
     update();
 }
 
@@ -267,7 +267,7 @@ void Timer::update() {
     const unsigned wanted = (mask | (armed_ ? TOV : 0u)) & ~flags;
     for (const Source &source : sources()) {
         if ((wanted & source.flag) != 0 && source.phase >= 0) {
-            const Cycle at = occurrence(source.phase, synced_);
+            const Cycle at = occurrence(source.phase, advanced_to_);
             due = at < due ? at : due;
         }
     }
@@ -285,8 +285,8 @@ void Timer::acknowledge(int vector) {
 }
 
 void Timer::reset() {
-    freeze(machine_.now());
-    frozen_ = 0;
+    stop(machine_.now());
+    stopped_count_ = 0;
     prescale_ = 0;
     mode_ = Mode::NORMAL;
     held_ = false;
@@ -311,10 +311,10 @@ void Timer::hold(Cycle now, bool held) {
     advance(now);
     held_ = held;
     if (held) {
-        freeze(now);
+        stop(now);
     } else {
         prescaler_origin_ = now;
-        thaw(now);
+        resume(now);
     }
     update();
 }

@@ -58,8 +58,8 @@ private:
     Cycle occurrence(Cycle phase, Cycle after) const;
     std::array<Source, 3> sources() const;
     unsigned compare(unsigned low) const;
-    void freeze(Cycle now);
-    void thaw(Cycle now);
+    void stop(Cycle now);
+    void resume(Cycle now);
     void configure();
     void set_count(unsigned value);
     void write_pair(unsigned low, unsigned address, std::uint8_t value);
@@ -77,9 +77,9 @@ private:
     bool armed_ = false;
     Cycle prescale_ = 0;
     Cycle prescaler_origin_ = 0;
-    Cycle base_ = 0;    // cycle of count 0 while running
-    Cycle frozen_ = 0;  // count while stopped
-    Cycle synced_ = 0;
+    Cycle base_ = 0;           // cycle of count 0 while running
+    Cycle stopped_count_ = 0;  // count while stopped
+    Cycle advanced_to_ = 0;    // flags are set up to this cycle
     Cycle last_compare_a_ = 0;
     std::uint8_t temp_ = 0;
     std::function<void(Cycle)> overflow_hook_;

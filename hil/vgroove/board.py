@@ -69,7 +69,7 @@ def unpack_outputs(message: bytes) -> BoardOutputs:
     return BoardOutputs(coast != 0, compare, dead_counts, tx[:count])
 
 
-def find_tool() -> Path:
+def find_board_program() -> Path:
     """Path of vgroove-board: $VGROOVE_BOARD, the newest in the tree's build folders, or PATH."""
     built = sorted(
         (Path(__file__).resolve().parents[2] / "build").glob("*/hil/board/vgroove-board"),
@@ -101,7 +101,9 @@ def _checked_elf(elf: Path) -> Path:
 
 
 def _failure_message(errors: bytes, code: int) -> str:
-    """The message of vgroove-board on stderr, or all of it, or the exit code."""
+    """What vgroove-board reported: its first message on stderr, else all of stderr, else its exit
+    code.
+    """
     lines = errors.decode(errors="replace").splitlines()
     prefix = "vgroove-board: "
     messages = [line.removeprefix(prefix) for line in lines if line.startswith(prefix)]
@@ -111,7 +113,7 @@ def _failure_message(errors: bytes, code: int) -> str:
 
 
 def _arguments(elf: Path, mcu: str, options: dict[str, object]) -> list[str]:
-    command = [str(find_tool()), str(_checked_elf(elf)), "--mcu", mcu]
+    command = [str(find_board_program()), str(_checked_elf(elf)), "--mcu", mcu]
     for name, value in options.items():
         if value is not None:
             command += ["--" + name.replace("_", "-"), str(value)]
@@ -136,8 +138,8 @@ class AvrBoard:
             stderr=self._errors,
             start_new_session=True,
         )
-        self._to = self._process.stdin.fileno()
-        self._from = self._process.stdout.fileno()
+        self._to_board_fd = self._process.stdin.fileno()
+        self._from_board_fd = self._process.stdout.fileno()
 
     def __enter__(self) -> "AvrBoard":
         return self
@@ -150,8 +152,8 @@ class AvrBoard:
         sent in this one.
         """
         try:
-            os.write(self._to, pack_inputs(inputs))
-            message = os.read(self._from, OUTPUT_BYTES)
+            os.write(self._to_board_fd, pack_inputs(inputs))
+            message = os.read(self._from_board_fd, OUTPUT_BYTES)
         except BrokenPipeError:
             raise self._failure() from None
         if len(message) != OUTPUT_BYTES:

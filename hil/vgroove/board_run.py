@@ -38,8 +38,8 @@ def chosen_profile(experiment: str | None, verdict: Path | None) -> RunProfile:
 
 
 class OperatorPrompt:
-    """Shows the operator's instructions: in the progress bar on a terminal, else each once as a
-    line.
+    """Shows the operator's instructions: in the progress bar on a terminal; elsewhere each new
+    instruction is printed as a line.
     """
 
     def __init__(self, console: Console, run: GuidedRun, bar: ProgressBar) -> None:
@@ -58,8 +58,8 @@ class OperatorPrompt:
 def run_on_board(options: RunOptions, profile: RunProfile, baud: int) -> None:
     """Perform and record a run.
 
-    Raises VgrooveError as `record` does or with what ended the run, KeyboardInterrupt on Ctrl-C;
-    both keep the log.
+    Raises VgrooveError as `record` does, or with the reason why the run ended early, and
+    KeyboardInterrupt on Ctrl-C; the rows recorded until then are kept.
     """
     if options != RunOptions(options.on, output=options.output):
         raise VgrooveError(
@@ -67,7 +67,7 @@ def run_on_board(options: RunOptions, profile: RunProfile, baud: int) -> None:
             "--on avr"
         )
     if options.output is None:
-        raise VgrooveError("a run on a board is recorded: say where with -o LOG")
+        raise VgrooveError("a run on a board is recorded: name the log file with -o LOG")
     console = Console(stderr=True)
     recording = Recording(options.on, options.output, baud)
     recording.program = run = GuidedRun(profile, recording.session)

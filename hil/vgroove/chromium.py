@@ -17,6 +17,9 @@ from vgroove.page import PAGE_WIDTH
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM_LIMIT_S = 120
+# Simulated time for which the page's scripts run before the picture is taken
+PAGE_SCRIPTS_MS, FIGURE_SCRIPTS_MS = 8_000, 20_000
+WINDOW_MARGIN = 60  # CSS pixels beside the page, for its padding
 
 
 def find_chromium() -> str:
@@ -42,8 +45,8 @@ def draw(chromium: str, text: str, png_path: Path, height: int) -> None:
         "--disable-gpu",
         "--hide-scrollbars",
         "--force-device-scale-factor=2",
-        f"--window-size={PAGE_WIDTH + 60},{height}",
-        "--virtual-time-budget=8000",
+        f"--window-size={PAGE_WIDTH + WINDOW_MARGIN},{height}",
+        f"--virtual-time-budget={PAGE_SCRIPTS_MS}",
         f"--screenshot={part}",
         source.resolve().as_uri(),
     ]
@@ -79,7 +82,7 @@ def svg_of(chromium: str, figure: go.Figure) -> str:
             "--headless",
             "--no-sandbox",
             "--disable-gpu",
-            "--virtual-time-budget=20000",
+            f"--virtual-time-budget={FIGURE_SCRIPTS_MS}",
             "--dump-dom",
             source.as_uri(),
         ]

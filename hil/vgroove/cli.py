@@ -29,7 +29,10 @@ gap_app = typer.Typer(
     no_args_is_help=True, help="Diagnose the gap between a log and its simulation."
 )
 app.add_typer(gap_app, name="gap")
-bench_app = typer.Typer(no_args_is_help=True, help="Compare with peers in one run on one machine.")
+bench_app = typer.Typer(
+    no_args_is_help=True,
+    help="Benchmarks: plant and diagnosis against other software, controllers in simulation.",
+)
 app.add_typer(bench_app, name="bench")
 app.add_typer(study_app, name="study")
 bench_app.registered_commands += control_app.registered_commands
@@ -38,15 +41,17 @@ gap_app.registered_commands += blind_set_app.registered_commands
 
 @bench_app.callback()
 def bench() -> None:
-    """Compare with peers in one run on one machine."""
+    """Benchmarks: plant and diagnosis against other software, controllers in simulation."""
 
 
 @bench_app.command("speed")
 def bench_speed_command(
     seconds: Annotated[
-        int, typer.Option(min=1, help="Seconds of the drivetrain's staircase.")
+        int, typer.Option(min=1, help="Length in s of the drivetrain's run, a staircase of duties.")
     ] = 10,
-    seed: Annotated[int, typer.Option(help="Seed of the staircase and of the batch's tools.")] = 1,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the staircase and of the tools of the batch.")
+    ] = 1,
     repeats: Annotated[
         int, typer.Option(min=1, help="Timed rounds; the figures are their medians.")
     ] = 5,
@@ -288,7 +293,7 @@ def _check_outputs(*outputs: Path | None, inputs: Sequence[Path] = ()) -> None:
 @gap_app.command("diagnose")
 def gap_diagnose(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="Logs of one tool, judged together.")
+        list[Path], typer.Argument(metavar="LOG...", help="Logs of one tool, diagnosed together.")
     ],
     rig: Annotated[
         Path, typer.Option("--rig", help="Rig file: the parameters of the simulated tool.")

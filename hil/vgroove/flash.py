@@ -14,7 +14,12 @@ from vgroove.errors import VgrooveError
 # the protocol STK500v1, that of the Mega 2560 STK500v2 ("wiring").
 PROGRAMMERS = {"uno": ("arduino", "m328p", 115200), "mega": ("wiring", "m2560", 115200)}
 
-ERROR_WORDS = ("mismatch", "error", "cannot", "can't")  # in the order of their worth as a reason
+ERROR_WORDS = (
+    "mismatch",
+    "error",
+    "cannot",
+    "can't",
+)  # first the words that state the cause most exactly
 
 
 def flash_command(port: str, target: str, image: Path) -> list[str]:
@@ -40,9 +45,9 @@ def flash(
     port: str,
     target: str = "uno",
     image: Path | None = None,
-    say: Callable[[str], None] = lambda _: None,
+    on_line: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """Flash and verify; `say` gets each line of avrdude.
+    """Flash and verify; `on_line` is called with each line that avrdude prints.
 
     VgrooveError with avrdude's error when a byte differs or the board does not answer.
     """
@@ -54,14 +59,14 @@ def flash(
     for line in process.stdout or ():
         if line.strip():
             lines.append(line.rstrip())
-            say(lines[-1])
+            on_line(lines[-1])
     if process.wait() != 0:
         raise VgrooveError(f"avrdude could not flash {port}: {_reason(lines)}")
 
 
 def _reason(lines: list[str]) -> str:
-    """The error among avrdude's lines; those on modem control lines (ioctl), which a pty has not,
-    are ignored.
+    """The error message among avrdude's lines, without those about modem control lines (ioctl),
+    which a pseudo-terminal does not have.
     """
     relevant = [line.strip() for line in lines if "ioctl" not in line]
     for word in ERROR_WORDS:

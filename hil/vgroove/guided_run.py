@@ -30,13 +30,13 @@ from vgroove.run_legs import legs_of
 
 HOLD_S = 1.0
 COAST_S = 0.5
-TIMEOUT_S = 120.0  # for the operator, in each of PREPARE, PRESS and HOLD together
-# Half a second of frames without answer: less than HOLD_S, so that no run begins on a line on which
-# the board receives nothing.
+TIMEOUT_S = 120.0  # for the operator in each leg: PREPARE, PRESS and HOLD together
+# Unanswered frames in succession: those of 0.5 s, which is less than HOLD_S, so that no run begins
+# on a line on which the board receives nothing.
 MAX_UNANSWERED = 25
 MODE_INTERVAL_S = 1.0  # between two requests of mode duty
-MAX_TIME_STEP_MS = 1000  # a larger step between two frames is a damaged frame
-TRIGGER_MARGIN = 0.02  # a trigger above the commanded duty less this does not limit it
+MAX_TIME_STEP_MS = 1000  # a frame whose time is further ahead of the last one is damaged
+TRIGGER_MARGIN = 0.02  # the trigger limits a commanded duty that exceeds its travel by more
 NO_ANSWER = (
     "the board sends telemetry but has answered no command for half a second: "
     "check the line to its RX pin"
@@ -75,7 +75,7 @@ class BoardState:
 
     @classmethod
     def of(cls, frame: telemetry.Frame) -> "BoardState":
-        """From the frame."""
+        """The content of a STATE frame."""
         values = telemetry.decode(frame)
         state = telemetry.value_table("STATE", "state")[int(values["state"])]
         mode = telemetry.value_table("STATE", "mode")[int(values["mode"])]
@@ -87,7 +87,10 @@ class BoardState:
 
 @dataclass
 class GuidedRun(HostProgram):
-    """A run under way; `session` is that of its recording, whose rows begin with the first leg."""
+    """A run in progress; `session` is that of its recording, whose rows begin with the first leg.
+
+    `sent` and `answered` count PROFILE frames.
+    """
 
     profile: RunProfile
     session: telemetry.Session
@@ -96,13 +99,13 @@ class GuidedRun(HostProgram):
     started: bool = False
     sent: int = 0
     answered: int = 0
-    unanswered: int = 0  # in succession
-    least_trigger: float = 1.0  # least travel of the trigger where more was commanded
+    unanswered: int = 0  # PROFILE frames since the last answer
+    least_trigger: float = 1.0  # smallest trigger travel at which it limited the commanded duty
     max_silence_s = MAX_SILENCE_S
     _board: BoardState | None = None
     _now_ms: int | None = None
     _phase_since_s: float = 0.0
-    _operator_since_s: float | None = None  # since when the operator is to act
+    _operator_since_s: float | None = None  # board time at which the operator's TIMEOUT_S began
     _leg: int = 0
     _duties: np.ndarray = field(default_factory=lambda: np.zeros(0))
     _sender: ProfileSender | None = None
@@ -311,21 +314,21 @@ class GuidedRun(HostProgram):
 
     def _missing_condition(self) -> str:
         """The first condition that a leg still needs to begin, as an instruction."""
-        board, way = self._board, "backward" if self.legs[self._leg].reverse else "forward"
+        board, direction = self._board, "backward" if self.legs[self._leg].reverse else "forward"
         if board is None:
             return "wait: the board has sent no STATE frame yet"
         if board.faults:
             faults = " and ".join(board.faults)
             return f"the board reports {faults}: release the trigger, remove the cause"
         if board.contact:
-            switch = f", then set the direction switch to {way}" if self._leg else ""
+            switch = f", then set the direction switch to {direction}" if self._leg else ""
             return "release the trigger" + switch
         if board.mode != "duty" and self._mode_refused:
             return "turn the mode switch to position 0"
         if board.mode != "duty":
             return "wait: the board changes to mode duty"
         if board.reverse != self.legs[self._leg].reverse:
-            return f"set the direction switch to {way}"
+            return f"set the direction switch to {direction}"
         if self.session.table is None:
             return "wait: the board sends its parameters"
         return "wait: the shaft comes to rest" if board.state != "idle" else "hold the trigger"
@@ -345,9 +348,9 @@ class GuidedRun(HostProgram):
         """Remarks for the user on the run that was performed."""
         out = []
         if self.least_trigger < 1.0:
-            least = f"at its least it allowed {100 * self.least_trigger:.0f} %"
+            least = f"it allowed a duty of only {100 * self.least_trigger:.0f} %"
             kept = "the log holds the duty that was driven"
-            out.append(f"the trigger limited the run: {least}; {kept}")
+            out.append(f"the trigger limited the run: at one time {least}; {kept}")
         missing = self.sent - self.answered
         if missing > 0:
             out.append(f"{missing} of {self.sent} frames to the board were not answered")

@@ -22,11 +22,12 @@ from vgroove.errors import refused_by_plant
 from vgroove.sil import SilBoard
 
 COMPARE_TOP = 255
-# Periods (16.3 ms) for which stimuli are computed and the line is served at once
+# Periods (16.3 ms) of a chunk: stimuli are computed, and the UART is served, once a chunk
 CHUNK_PERIODS = 512
 BYTE_CYCLES = 640  # 10 bits at 250 kBd
 ADC_VOLTS, ADC_COUNTS = 5.0, 1024
-# Voltage of the trigger's potentiometer over the reference, at rest and over its travel
+# Voltage of the trigger's potentiometer as a share of the ADC reference: at rest, and its increase
+# over the full travel
 TRAVEL_AT_REST, TRAVEL_SPAN = 0.1, 0.8
 
 
@@ -44,7 +45,8 @@ class Tool(Protocol):
     def period(
         self, coast: bool, duty: float, dead: float, load_nm: float, /
     ) -> tuple[float, float, Sequence[int]]:
-        """One PWM period: motor current in A at its end, mean bus in V, CPU cycles 0..509 of the
+        """One PWM period at a duty of -1..1, where `dead` is the share of the bus voltage that dead
+        time takes: motor current in A at its end, mean bus voltage in V, CPU cycles 0..509 of the
         Hall edges.
         """
         ...
@@ -52,8 +54,8 @@ class Tool(Protocol):
 
 @dataclass(frozen=True)
 class FrontEnds:
-    """Scales of the board's sensors and dividers; noise: standard deviation of a single sample
-    before the converter.
+    """Scales of the board's analogue front ends (current sensor, voltage divider, temperature
+    sensor); the noise is the standard deviation of a single sample before the converter.
     """
 
     current_a_per_count: float = 0.125
@@ -77,21 +79,21 @@ class Profile:
     step is two points at one time.
 
     `travel` 0..1 of the trigger, whose contact closes at `contact_travel` and bounces for
-    `bounce_s`; `load_nm` acts at the output. `gaps` are spans (from_s, to_s) in which the Hall line
-    is broken; `current_add_a` is added before the current's converter.
+    `bounce_s`; `load_nm` acts at the output. `hall_breaks` are spans (from_s, to_s) in which the
+    Hall line is broken; `current_add_a` is added before the current's converter.
     """
 
     travel: Sequence[tuple[float, float]] = ((0.0, 0.0),)
     reverse: Sequence[tuple[float, float]] = ((0.0, 0.0),)
     load_nm: Sequence[tuple[float, float]] = ((0.0, 0.0),)
     current_add_a: Sequence[tuple[float, float]] = ((0.0, 0.0),)
-    gaps: Sequence[tuple[float, float]] = ()
+    hall_breaks: Sequence[tuple[float, float]] = ()
     mode: int = 0
     contact_travel: float = 0.02
     bounce_s: float = 0.0
 
 
-def curve(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np.ndarray:
+def interpolate_points(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np.ndarray:
     """Straight lines between points; at the time of a step the later value holds."""
     times, values = np.array(points, dtype=float).T
     right = np.interp(time_s, times, values)
@@ -107,9 +109,9 @@ def step_values(points: Sequence[tuple[float, float]], time_s: np.ndarray) -> np
 
 
 @dataclass
-class Stimuli:
-    """One chunk of n periods, (n,) each: trigger counts, switches, load, counts added to current
-    and supply, broken Hall line.
+class StimulusChunk:
+    """Stimuli of one chunk of n PWM periods, (n,) each: ADC counts of the trigger, switches, load
+    in N m, ADC counts added to current and supply, whether the Hall line is broken.
     """
 
     trigger: np.ndarray
@@ -135,8 +137,8 @@ class Stimuli:
         return zip(*(column.tolist() for column in self.columns()), strict=True)
 
 
-class Stimulus:
-    """A profile as chunks of Stimuli; the same seed gives the same noise."""
+class StimulusSource:
+    """Computes a profile as successive StimulusChunks; the same seed gives the same noise."""
 
     def __init__(self, profile: Profile, front: FrontEnds, seed: int) -> None:
         self.profile, self.front = profile, front
@@ -144,28 +146,29 @@ class Stimulus:
         self.closed = False
         self.bouncing_until = -1.0
 
-    def chunk(self, first: int, count: int) -> Stimuli:
+    def chunk(self, first: int, count: int) -> StimulusChunk:
         """Periods first .. first + count - 1; chunks must be taken in order."""
         p, front = self.profile, self.front
         time_s = (np.arange(first, first + count) + 1) * PERIOD_S
-        travel = np.clip(curve(p.travel, time_s), 0.0, 1.0)
+        travel = np.clip(interpolate_points(p.travel, time_s), 0.0, 1.0)
         noise = self.random.standard_normal((2, count))
+        # zero current is 512 counts; 0.5 makes the truncation of _counts round to the nearest count
         current = (
             512.5
-            + (curve(p.current_add_a, time_s) + front.current_noise_a * noise[0])
+            + (interpolate_points(p.current_add_a, time_s) + front.current_noise_a * noise[0])
             / front.current_a_per_count
         )
         supply = 0.5 + front.supply_noise_v * noise[1] / front.supply_v_per_count
         broken = np.zeros(count, bool)
-        for begin, end in p.gaps:
+        for begin, end in p.hall_breaks:
             broken |= (time_s >= begin) & (time_s < end)
         trigger = np.round((TRAVEL_AT_REST + TRAVEL_SPAN * travel) * (ADC_COUNTS - 1)).astype(
             np.int64
         )
-        return Stimuli(
+        return StimulusChunk(
             trigger,
             self._switches(travel, time_s).astype(np.int64),
-            curve(p.load_nm, time_s),
+            interpolate_points(p.load_nm, time_s),
             current,
             supply,
             broken,
@@ -229,7 +232,7 @@ class Pacer:
 
     def __init__(self) -> None:
         self._waiting: deque[int] = deque()
-        self._credit = BYTE_CYCLES
+        self._credit_cycles = BYTE_CYCLES
 
     def add(self, data: bytes) -> None:
         """Bytes that the host has sent."""
@@ -237,10 +240,10 @@ class Pacer:
 
     def next(self) -> bytes:
         """The byte whose stop bit ends in this period, or none."""
-        self._credit = min(self._credit + CYCLES_PER_PERIOD, 2 * BYTE_CYCLES)
-        if not self._waiting or self._credit < BYTE_CYCLES:
+        self._credit_cycles = min(self._credit_cycles + CYCLES_PER_PERIOD, 2 * BYTE_CYCLES)
+        if not self._waiting or self._credit_cycles < BYTE_CYCLES:
             return b""
-        self._credit -= BYTE_CYCLES
+        self._credit_cycles -= BYTE_CYCLES
         return bytes((self._waiting.popleft(),))
 
     def take(self, periods: int) -> np.ndarray:
@@ -251,13 +254,17 @@ class Pacer:
             byte = self.next()
             bytes_or_none[at] = byte[0] if byte else -1
             at += 1
-        self._credit = min(self._credit + (periods - at) * CYCLES_PER_PERIOD, 2 * BYTE_CYCLES)
+        self._credit_cycles = min(
+            self._credit_cycles + (periods - at) * CYCLES_PER_PERIOD, 2 * BYTE_CYCLES
+        )
         return bytes_or_none
 
 
 @dataclass
 class Progress:
-    """Progress of a run: bytes that the board has sent, periods done, and the bridge outputs."""
+    """Progress of a run: bytes that the board has sent, periods done, and the board's last
+    outputs.
+    """
 
     sent: bytearray = field(default_factory=bytearray)
     periods: int = 0
@@ -295,7 +302,7 @@ def _is_native(board: Board, tool: Tool) -> bool:
     )
 
 
-def _run_chunk_native(run: _Run, stimuli: Stimuli, progress: Progress) -> None:
+def _run_chunk_native(run: _Run, stimuli: StimulusChunk, progress: Progress) -> None:
     from vgroove import _core
 
     machine, received = run.board.machine, run.pacer.take(len(stimuli.trigger))
@@ -306,7 +313,7 @@ def _run_chunk_native(run: _Run, stimuli: Stimuli, progress: Progress) -> None:
     progress.gates = BoardOutputs(machine.coast, machine.compare, machine.dead_counts, machine.tx)
 
 
-def _run_chunk(run: _Run, stimuli: Stimuli, progress: Progress) -> None:
+def _run_chunk(run: _Run, stimuli: StimulusChunk, progress: Progress) -> None:
     board, tool, pacer, truth = run.board, run.tool, run.pacer, run.truth
     per_ampere, per_volt, temperature = run.front.scales()
     coast, compare, dead_counts, _ = progress.gates
@@ -333,34 +340,48 @@ def _run_chunk(run: _Run, stimuli: Stimuli, progress: Progress) -> None:
     progress.gates = gates
 
 
+@dataclass(frozen=True)
+class LockstepOptions:
+    """What a lock-step run may have besides board, tool, profile and duration.
+
+    front: the board's front ends; line: the serial line's other end; seed: of the sensors' noise;
+    truth: a vgroove._core.Truth that records the true values of a tool of the plant; on_progress:
+    called after each chunk, by run() alone.
+    """
+
+    front: FrontEnds | None = None
+    line: Line | None = None
+    seed: int = 1
+    truth: Any = None
+    on_progress: Callable[[Progress], None] | None = None
+
+
+DEFAULT_OPTIONS = LockstepOptions()
+
+
 def steps(
     board: Board,
     tool: Tool,
     profile: Profile,
     duration_s: float,
-    *,
-    front: FrontEnds | None = None,
-    line: Line | None = None,
-    seed: int = 1,
-    truth: Any = None,
+    options: LockstepOptions = DEFAULT_OPTIONS,
 ) -> Iterator[Progress]:
     """Run board and tool in lock-step from rest and yield after each chunk; Progress.sent holds all
     bytes that the board has sent.
 
-    With a native board and a tool of the plant the loop runs in C++, with the same bytes. `truth`,
-    a vgroove._core.Truth, records the true values of such a tool.
+    With a native board and a tool of the plant the loop runs in C++, with the same bytes.
     """
-    front, line = front or FrontEnds(), line or Script()
-    stimulus, progress = Stimulus(profile, front, seed), Progress()
-    both = _Run(board, tool, front, Pacer(), truth)
+    front, line = options.front or FrontEnds(), options.line or Script()
+    stimulus, progress = StimulusSource(profile, front, options.seed), Progress()
+    parts = _Run(board, tool, front, Pacer(), options.truth)
     run_chunk = _run_chunk_native if _is_native(board, tool) else _run_chunk
     periods = round(duration_s / PERIOD_S)
     while progress.periods < periods:
         count = min(CHUNK_PERIODS, periods - progress.periods)
-        both.pacer.add(line.receive(progress.time_s))
+        parts.pacer.add(line.receive(progress.time_s))
         before = len(progress.sent)
         with refused_by_plant(f"after {progress.time_s:.3f} s of lock-step"):
-            run_chunk(both, stimulus.chunk(progress.periods, count), progress)
+            run_chunk(parts, stimulus.chunk(progress.periods, count), progress)
         progress.periods += count
         line.send(bytes(progress.sent[before:]))
         yield progress
@@ -371,15 +392,11 @@ def run(
     tool: Tool,
     profile: Profile,
     duration_s: float,
-    *,
-    front: FrontEnds | None = None,
-    line: Line | None = None,
-    seed: int = 1,
-    on_progress: Callable[[Progress], None] | None = None,
+    options: LockstepOptions = DEFAULT_OPTIONS,
 ) -> bytes:
     """Run to the end; returns the bytes that the board sent. Same arguments, same bytes."""
     progress = Progress()
-    for progress in steps(board, tool, profile, duration_s, front=front, line=line, seed=seed):
-        if on_progress:
-            on_progress(progress)
+    for progress in steps(board, tool, profile, duration_s, options):
+        if options.on_progress:
+            options.on_progress(progress)
     return bytes(progress.sent)

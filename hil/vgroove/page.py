@@ -37,8 +37,8 @@ CSS = (
 
 @dataclass(frozen=True)
 class Table:
-    """One table. `name` is the last part of its file's name; a column's header states its unit;
-    cells are texts, numbers or None.
+    """One table. The CSV file is named REPORT_NAME.csv with this `name`; a column's header states
+    its unit; cells are texts, numbers or None.
     """
 
     name: str
@@ -105,8 +105,8 @@ def table_from_dicts(
 
 
 def shown(cell: Any) -> str:
-    """Text of a cell: numbers to four digits, magnitudes below LEAST_SHOWN as such, a dash for
-    None.
+    """Text of a cell: numbers to four digits, "< 0.0001" for magnitudes below LEAST_SHOWN, a dash
+    for None.
     """
     if cell is None:
         return "–"
@@ -167,8 +167,8 @@ Part = Table | Picture | Note
 
 @dataclass(frozen=True)
 class Page:
-    """A page from top to bottom. `lead` is its finding in one sentence; pictures saved from it are
-    named after `name`.
+    """Content of a page in its order. `lead` is the main finding in one sentence; pictures that a
+    reader saves from the page are named after `name`.
     """
 
     name: str
@@ -180,7 +180,9 @@ class Page:
     warnings: Sequence[str] = ()
 
     def as_html(self, bar: bool | str = "hover") -> str:
-        """The page as one HTML text; `bar`: when plotly's buttons above a figure are visible."""
+        """The page as one HTML text; `bar`: when plotly's buttons above a figure are visible (its
+        option displayModeBar: True, False or "hover").
+        """
         body = [f"<h1>{html.escape(self.title)}</h1>"]
         body += [f"<p class=lead>{html.escape(self.lead)}</p>"] if self.lead else []
         body += (
@@ -226,7 +228,7 @@ class Page:
 
 def style(figure: go.Figure, height: int, **layout: Any) -> go.Figure:
     """Give a figure the common style of all reports and return it: white, page width, legend above,
-    type that is legible at half the page's width.
+    a font that is legible when the page is shown at half its width.
     """
     legend = {
         "orientation": "h",

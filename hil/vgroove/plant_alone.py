@@ -8,8 +8,9 @@ import numpy as np
 from rich.table import Table
 
 from vgroove.errors import VgrooveError, refused_by_plant
-from vgroove.lockstep import Profile, curve, step_values
+from vgroove.lockstep import Profile, interpolate_points, step_values
 from vgroove.log import Log
+from vgroove.reference.blows import BLOW, REPEAT
 from vgroove.rig import Rig
 from vgroove.scenario import Scenario
 from vgroove.units import RPM_PER_RAD_S
@@ -18,7 +19,7 @@ SCHEMA = "vgroove.sim_scenario/1"
 ROW_S = 1e-3
 DRILL_STEP_S = ROW_S / 32  # of the drill driver: close to a PWM period
 CHUCK_CHANNELS = ("chuck_rpm", "shaft_nm", "chuck_load_nm")
-BENCH_CHANNELS = (
+TEST_BENCH_CHANNELS = (
     "anvil_torque_nm",
     "anvil_angle_rad",
     "hammer_mm",
@@ -29,17 +30,17 @@ BENCH_CHANNELS = (
 
 
 def profile_columns(profile: Profile, time_s: np.ndarray) -> dict[str, np.ndarray]:
-    """`duty` (travel, negative in reverse), `coast` (contact open) and `load_nm` of a profile; a
-    row's value holds over the whole row.
+    """`duty` (travel, negative in reverse), `coast` (contact open) and `load_nm` of a profile;
+    a value holds over the row (1 ms) that ends at its time.
     """
     starts = np.maximum(time_s - ROW_S, 0.0)
-    travel = curve(profile.travel, starts)
+    travel = interpolate_points(profile.travel, starts)
     pressed = travel >= profile.contact_travel
     sign = np.where(step_values(profile.reverse, starts) > 0.0, -1.0, 1.0)
     return {
         "duty": np.where(pressed, sign * travel, 0.0),
         "coast": np.where(pressed, 0.0, 1.0),
-        "load_nm": curve(profile.load_nm, time_s),
+        "load_nm": interpolate_points(profile.load_nm, time_s),
     }
 
 
@@ -76,9 +77,9 @@ def simulate_scenario(scenario: Scenario) -> Log:
     with refused_by_plant(scenario.source):
         if tool.mechanism["kind"] == "impact":
             rows = _core.simulate_impact(drive, tool.parameters()[None, :], mode="fast")
-            columns |= {name: rows[name][0] for name in BENCH_CHANNELS}
+            columns |= {name: rows[name][0] for name in TEST_BENCH_CHANNELS}
             meta = impact_figures(
-                while_pulled(rows["blows"][0], time_s, columns["duty"]),
+                blows_at_full_duty(rows["blows"][0], time_s, columns["duty"]),
                 float(rows["head_rad"][0, -1]),
             )
         else:
@@ -93,9 +94,9 @@ def simulate_scenario(scenario: Scenario) -> Log:
     return Log(time_s, columns, scenario.source, meta=meta)
 
 
-def straight_from(duty: np.ndarray, slew_per_s: float | None) -> np.ndarray:
-    """Duty (n,) at the start of each row's straight line: that of the row before, or the row's own
-    where the change exceeds the slew rate.
+def row_start_duty(duty: np.ndarray, slew_per_s: float | None) -> np.ndarray:
+    """Duty (n,) at the start of each row, from which it changes linearly to the row's own: the duty
+    of the row before, or the row's own (a step) where the change exceeds the slew rate.
     """
     before = np.concatenate([duty[:1], duty[:-1]])
     return np.where(
@@ -116,7 +117,7 @@ def make_drill(tool: Rig) -> Any:
 
 
 def _simulate_drill(scenario: Scenario, time_s: np.ndarray, columns: dict[str, np.ndarray]) -> Log:
-    begins = straight_from(columns["duty"], scenario.tool.input.get("slew_per_s"))
+    begins = row_start_duty(columns["duty"], scenario.tool.input.get("slew_per_s"))
     with refused_by_plant(scenario.source):
         plant = make_drill(scenario.tool)
         commands = (
@@ -149,24 +150,24 @@ def _simulate_drill(scenario: Scenario, time_s: np.ndarray, columns: dict[str, n
     return Log(time_s, columns, scenario.source, meta=meta)
 
 
-def while_pulled(blows: np.ndarray, time_s: np.ndarray, duty: np.ndarray) -> np.ndarray:
-    """The blows (structured, of simulate_impact) at times at which the duty (n,) has its largest
-    magnitude.
+def blows_at_full_duty(blows: np.ndarray, time_s: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    """Those of the `blows` (structured array of simulate_impact) at whose times the duty (n,) has
+    its largest magnitude.
     """
     row = np.minimum(np.searchsorted(time_s, blows["time_s"]), len(duty) - 1)
     return blows[np.abs(duty[row]) >= np.max(np.abs(duty))]
 
 
 def impact_figures(blows: np.ndarray, head_rad: float) -> dict[str, float | int]:
-    """Figures of blows: number and repeats; of their second half rate, spread of the period, torque
-    and engaged height; the head's angle.
+    """Figures of blows: the number of blows and of repeats; from the second half of the blows their
+    rate, the spread of the period, the peak torque and the engaged height; the head's angle.
     """
-    first = blows[blows["kind"] == 0]
+    first = blows[blows["kind"] == BLOW]
     late = first[len(first) // 2 :]
     period = np.diff(late["time_s"])
     figures: dict[str, float | int] = {
         "blows": len(first),
-        "repeats": int(np.sum(blows["kind"] == 1)),
+        "repeats": int(np.sum(blows["kind"] == REPEAT)),
         "head_end_rad": head_rad,
     }
     if len(period):

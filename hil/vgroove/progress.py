@@ -18,7 +18,7 @@ Tick = Callable[[str], None]  # one step is done; the text names what is done ne
 
 
 class ProgressBar:
-    """A bar under way; calling it is a `Tick`."""
+    """A progress bar; calling it is a `Tick`."""
 
     def __init__(self, progress: Progress, total: float, text: str) -> None:
         self._progress = progress

@@ -15,7 +15,7 @@ from vgroove.errors import VgrooveError
 # A serial library flushes its input while it opens a port, during which a real board is in its
 # bootloader: nothing is sent for this time.
 SETTLE_S = 0.3
-DRAIN_S = 5.0  # without progress: the reader is taken to have stopped
+DRAIN_S = 5.0  # a reader that reads nothing for this time counts as stopped
 # The kernel refills the reader's buffer from another one, with delay on a busy machine: the line is
 # drained when the buffer has been empty for this time.
 QUIET_S = 0.3
@@ -114,7 +114,7 @@ class PtyLine:
                 left, since = unread, time.monotonic()
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the board's end, so that the reader gets a hang-up."""
         if self._master >= 0:
             os.close(self._master)
             self._master = -1

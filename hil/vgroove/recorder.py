@@ -19,14 +19,15 @@ from vgroove.recording_files import RecordingFile, file_type
 from vgroove.serial_bus import ResyncBus, command_message
 
 BOOT_TIMEOUT_S = 5.0
-# A board that resets when the port opens sends BOOT by itself within this time; others are asked.
+# A board that resets when the port opens sends BOOT by itself within this time; from others it is
+# requested by DUMP.
 FIRST_DUMP_S = 0.4
 DUMP_INTERVAL_S = 1.0
 MAX_DUMPS = 8
 FLUSH_INTERVAL_S = 0.25
 MAX_SILENCE_S = 2.0
 RUN_COMPLETE = "run complete"  # the expected end of a host program
-# Values of `ended`; besides them stands the message of an error of disk or conversion.
+# Values of `ended`; an error of the disk or of the conversion has its message there instead.
 ENDS = (
     "port lost",
     "interrupted",
@@ -35,7 +36,7 @@ ENDS = (
     "board silent",
     RUN_COMPLETE,
 )
-# Ends that are errors where a length of the recording was asked for.
+# Ends that are errors, unless only the user's Ctrl-C was to end the recording.
 EARLY_ENDS = ("port lost", "board silent", "board restarted")
 SIDECAR_SCHEMA = "vgroove.recording/1"
 
@@ -151,7 +152,7 @@ def _from_boot(frames: list[telemetry.Frame]) -> list[telemetry.Frame]:
 
 @dataclass
 class _Recorder:
-    """A recording under way."""
+    """A recording in progress."""
 
     bus: ResyncBus
     recording: Recording

@@ -22,7 +22,7 @@ ASC_TAIL_BYTES = 1024  # more than two lines of an ASC file
 
 
 class RecordingFile(ABC):
-    """A log under way: a hidden part file until it is complete and gets its name."""
+    """A log that is being written: a hidden part file until it is complete and gets its name."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -43,7 +43,7 @@ class RecordingFile(ABC):
 
     @abstractmethod
     def salvage(self) -> None:
-        """Complete the part file with what it holds, using no more room: the disk is full.
+        """Complete the part file with what it holds without enlarging it, since the disk is full.
 
         Afterwards `path` is the name that the file will have.
         """

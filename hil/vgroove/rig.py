@@ -64,7 +64,7 @@ class Rig:
         return values[name] if name in values else DEFAULTS[key]
 
     def with_values(self, values: Mapping[str, float]) -> "Rig":
-        """The same rig with other values of dotted keys, validated again."""
+        """A copy with other values of dotted keys, validated again."""
         data = self.as_dict()
         for key, value in values.items():
             section, name = key.split(".", 1)
@@ -72,7 +72,7 @@ class Rig:
         return rig_from_dict(data, "the changed rig")
 
     def with_effects(self, effects: Mapping[str, Mapping[str, Any]]) -> "Rig":
-        """The same rig with effects added or, where it has them already, replaced."""
+        """A copy with effects added or, where the rig has them already, replaced."""
         data = self.as_dict()
         data.setdefault("effects", {}).update(
             {name: dict(values) for name, values in effects.items()}
@@ -80,15 +80,15 @@ class Rig:
         return rig_from_dict(data, "the changed rig")
 
     def parameters(self) -> np.ndarray:
-        """The plant's parameter vector (P,) in the order of vgroove._core.PARAMETERS, effects of
-        the rig included.
+        """The plant's parameter vector (P,) in the order of vgroove._core.PARAMETERS, with the
+        effects of the rig; VgrooveError for a drill driver.
         """
         from vgroove import _core
 
         if self.mechanism["kind"] == "drill_driver":
             raise VgrooveError(
-                f"{self.name or 'the rig'}: a drill driver is no drivetrain with effects and a "
-                "log's input: `vgroove sim`, `vgroove run` and `vgroove study steps` run it"
+                f"{self.name or 'the rig'}: a drill driver cannot be simulated with the effects or "
+                "the input of a log: use `vgroove sim`, `vgroove run` or `vgroove study steps`"
             )
         for effect in self.effects:
             if "impact" in BY_ID[effect].needs and self.mechanism["kind"] != "impact":
@@ -108,7 +108,7 @@ class Rig:
 
     def drill_parameters(self) -> dict[str, float]:
         """The drill driver's parameters by name, defaults for what the rig leaves out; VgrooveError
-        for a rig that is none.
+        for a rig of another tool, or one that states what the drill driver does not have.
         """
         from vgroove import _core
 
@@ -123,8 +123,8 @@ class Rig:
             )
         if self.input["kind"] != "duty" or self.bus_is_measured:
             raise VgrooveError(
-                f"{name}: a duty and its own supply drive the drill driver, "
-                f"not {self.input['kind']} and a measured bus"
+                f"{name}: the drill driver needs a duty as input and a modelled bus, "
+                f"not {self.input['kind']} and a {self.input.get('bus', 'modelled')} bus"
             )
         known = _core.drill_parameters()
         found = {key: value for key, value in self._flat().items() if key in known}
@@ -133,7 +133,7 @@ class Rig:
         return known | found
 
     def _flat(self) -> dict[str, float]:
-        """The rig's numbers by dotted key; the words of a form as the plant's 0 or 1."""
+        """The rig's numbers by dotted key; the value of a form key as the plant's flag, 0 or 1."""
         flat = {}
         for section in PLANT_SECTIONS:
             form = LOADS[self.load["kind"]].form if section == "load" else None
@@ -143,7 +143,7 @@ class Rig:
         return flat
 
     def as_dict(self) -> dict[str, Any]:
-        """The rig as the file states it; nothing shared with this object."""
+        """The rig as the file states it, as a deep copy."""
         data: dict[str, Any] = {"schema": SCHEMA}
         if self.name is not None:
             data["name"] = self.name
@@ -166,7 +166,7 @@ class Rig:
 
 
 def _numbers(where: str, values: Mapping[str, Any], form: Form | None) -> dict[str, float]:
-    """Numbers of a table by dotted key; a form's second word is 1 in the plant, its first one 0."""
+    """Numbers of a table by dotted key; the flag of a form is 1 for its second word, else 0."""
     flat = {f"{where}.{k}": float(v) for k, v in values.items() if isinstance(v, int | float)}
     if form and form.key in values:
         flat[f"{where}.{form.flag}"] = float(values[form.key] == form.words[1])
@@ -200,7 +200,7 @@ def write_rig(rig: Rig, path: str | Path) -> None:
 
 
 def rig_from_dict(data: Mapping[str, Any], source: str) -> Rig:
-    """Validate what a rig file holds; `source` opens every message."""
+    """The rig of a file's tables, validated; VgrooveError, whose message begins with `source`."""
     if data.get("schema") != SCHEMA:
         raise VgrooveError(f'{source}: schema must be "{SCHEMA}", not {data.get("schema")!r}')
     _no_unknown(data, ("schema", "name", *SECTIONS, *KINDS, "tolerance", "effects"), source, "")
@@ -220,7 +220,7 @@ def rig_from_dict(data: Mapping[str, Any], source: str) -> Rig:
 
 
 def _sections(data: Mapping[str, Any], source: str) -> dict[str, dict[str, Any]]:
-    """Every section of a rig but [tolerance], each key checked by itself."""
+    """Every section of a rig but [tolerance], each key checked on its own."""
     sections = {s: _section(data[s], keys, source, s) for s, keys in SECTIONS.items() if s in data}
     sections |= {s: _kind_section(data[s], kinds, source, s) for s, kinds in KINDS.items()}
     effects = _table(data.get("effects", {}), source, "effects")

@@ -1,4 +1,6 @@
-"""Checks of a rig's values together: their time constants and rates must be those of a tool."""
+"""Checks of quantities that depend on several keys of a rig: their time constants and rates must be
+possible for a tool, and such that the solver can follow them.
+"""
 
 import math
 from dataclasses import dataclass
@@ -10,15 +12,17 @@ from vgroove.gap.catalogue import BY_ID
 if TYPE_CHECKING:
     from vgroove.rig import Rig
 
-# Highest rate of the impact mechanism, per second, that its solver follows in bounded work.
+# Highest rate of the impact mechanism, rad/s or 1/s, that its solver follows in bounded work.
 MAX_RATE_PER_S = 1e6
 
 
 @dataclass(frozen=True)
-class Figure:
-    """What follows from several keys, and within which limits a tool keeps it."""
+class DerivedQuantity:
+    """A quantity computed from several keys of a rig, its allowed range low..high, and the keys;
+    name: what it is, with its unit.
+    """
 
-    words: str
+    name: str
     value: float
     low: float
     high: float
@@ -26,15 +30,15 @@ class Figure:
 
 
 def check_tool(rig: "Rig", source: str) -> None:
-    """Check that the sections fit one another; VgrooveError, opened by `source`, where not."""
+    """Check that the sections of a rig agree; VgrooveError, whose message begins with `source`."""
     _check_kinds(rig, source)
-    _check_figures(rig, source)
+    _check_quantities(rig, source)
     _check_joint_effects(rig, source)
     _check_impact_tool(rig, source)
 
 
 def _check_kinds(rig: "Rig", source: str) -> None:
-    """Kinds of mechanism, load and input that go together."""
+    """Check that the kinds of mechanism, load and input may be combined."""
     if (rig.mechanism["kind"] == "drill_driver") != (rig.load["kind"] == "chuck"):
         raise VgrooveError(
             f'{source}: [mechanism] kind = "drill_driver" and [load] kind = "chuck" go together'
@@ -51,24 +55,24 @@ def _check_kinds(rig: "Rig", source: str) -> None:
         )
 
 
-def _check_figures(rig: "Rig", source: str) -> None:
-    """Values that are possible one by one must make a possible tool; its time constants bound the
-    rates that a solver has to follow.
+def _check_quantities(rig: "Rig", source: str) -> None:
+    """Check the quantities that depend on several keys; they bound the rates that a solver has to
+    follow.
     """
-    electrical = _electrical_figures(rig) if rig.input["kind"] != "current_a" else ()
-    impact = _impact_figures(rig) if rig.mechanism["kind"] == "impact" else ()
-    for figure in (*_mechanical_figures(rig), *electrical, *impact):
-        if not figure.low <= figure.value <= figure.high:
-            stated = ", ".join(f"{key} {rig.value(key):g}" for key in figure.keys)
+    electrical = _electrical_quantities(rig) if rig.input["kind"] != "current_a" else ()
+    impact = _impact_quantities(rig) if rig.mechanism["kind"] == "impact" else ()
+    for quantity in (*_mechanical_quantities(rig), *electrical, *impact):
+        if not quantity.low <= quantity.value <= quantity.high:
+            stated = ", ".join(f"{key} {rig.value(key):g}" for key in quantity.keys)
             raise VgrooveError(
-                f"{source}: {stated}: together they make {figure.words} {figure.value:.3g}, "
-                f"which must be from {figure.low:g} to {figure.high:g}; "
+                f"{source}: {stated}: together they make {quantity.name} {quantity.value:.3g}, "
+                f"which must be from {quantity.low:g} to {quantity.high:g}; "
                 "is one of them in another unit?"
             )
 
 
 def _check_joint_effects(rig: "Rig", source: str) -> None:
-    """An effect of a joint needs a load that it acts on."""
+    """Check that each effect of a joint acts on the kind of load of the rig."""
     for effect in rig.effects:
         loads = BY_ID[effect].loads
         if loads and rig.load["kind"] not in loads:
@@ -79,8 +83,8 @@ def _check_joint_effects(rig: "Rig", source: str) -> None:
 
 
 def _check_impact_tool(rig: "Rig", source: str) -> None:
-    """Lugs that fit one another, a hammer that starts between them and rises above them: the
-    plant's own conditions.
+    """Check the plant's conditions: the lugs leave a gap; the hammer starts between them and can
+    rise above them.
     """
     if rig.mechanism["kind"] == "impact":
         from vgroove import _core
@@ -89,50 +93,51 @@ def _check_impact_tool(rig: "Rig", source: str) -> None:
             _core.check_impact_tool(rig.parameters(), rig.load["kind"])
 
 
-_MASSES = ("motor.inertia_kg_m2", "gearbox.output_inertia_kg_m2", "gearbox.ratio")
+_INERTIA_KEYS = ("motor.inertia_kg_m2", "gearbox.output_inertia_kg_m2", "gearbox.ratio")
 
 
-def _mechanical_figures(rig: "Rig") -> list[Figure]:
+def _mechanical_quantities(rig: "Rig") -> list[DerivedQuantity]:
+    """Inertia and mechanical time constant at the motor shaft."""
     added = rig.effects.get("added_inertia", {}).get("kg_m2", 0.0)
     drag = rig.motor["viscous_nm_s_per_rad"]
     found = [
-        Figure(
+        DerivedQuantity(
             "the inertia at the motor with the added one in kg m2",
             rig.shaft_inertia_kg_m2 + added,
             1e-12,
             1e6,
-            _MASSES,
+            _INERTIA_KEYS,
         )
     ]
     if drag > 0.0:
-        keys = ("motor.viscous_nm_s_per_rad", *_MASSES)
+        keys = ("motor.viscous_nm_s_per_rad", *_INERTIA_KEYS)
         found.append(
-            Figure(
+            DerivedQuantity(
                 "the time constant J / b in s", rig.shaft_inertia_kg_m2 / drag, 1e-5, math.inf, keys
             )
         )
     return found
 
 
-def _electrical_figures(rig: "Rig") -> list[Figure]:
-    """Time constants: winding 1 us (the fastest coreless motors have 3 us) to 0.3 s, run-up 10 us
-    (those: 1 ms) to 1,000 s.
+def _electrical_quantities(rig: "Rig") -> list[DerivedQuantity]:
+    """Time constants and ratios of the electrical part. The fastest coreless motors have a winding
+    time constant of 3 us (limit 1 us) and a run-up time constant of 1 ms (limit 10 us).
     """
     motor = rig.motor
     resistance, k = motor["resistance_ohm"], motor["torque_constant_nm_per_a"]
     winding, run_up = (
         ("motor.inductance_h", "motor.resistance_ohm"),
-        ("motor.resistance_ohm", "motor.torque_constant_nm_per_a", *_MASSES),
+        ("motor.resistance_ohm", "motor.torque_constant_nm_per_a", *_INERTIA_KEYS),
     )
     found = [
-        Figure(
+        DerivedQuantity(
             "the winding's time constant L / R in s",
             motor["inductance_h"] / resistance,
             1e-6,
             0.3,
             winding,
         ),
-        Figure(
+        DerivedQuantity(
             "the run-up time constant J R / k^2 in s",
             rig.shaft_inertia_kg_m2 * resistance / k**2,
             1e-5,
@@ -150,9 +155,9 @@ def _electrical_figures(rig: "Rig") -> list[Figure]:
         )
         pack = rig.value("supply.resistance_ohm") / resistance
         found += [
-            Figure("Coulomb friction over stall torque", share, 0.0, 1.0, stall),
-            Figure(
-                "the ratio of the resistances",
+            DerivedQuantity("Coulomb friction over stall torque", share, 0.0, 1.0, stall),
+            DerivedQuantity(
+                "pack resistance over winding resistance",
                 pack,
                 0.0,
                 100.0,
@@ -162,10 +167,10 @@ def _electrical_figures(rig: "Rig") -> list[Figure]:
     return found
 
 
-def _impact_figures(rig: "Rig") -> list[Figure]:
-    """Rates of contact, joint and spring. The reference set: 27 krad/s and 48,000 per s in a
-    contact, 16 krad/s and 25,000 per s of the anvil on its joint, 390 rad/s of the hammer on its
-    spring.
+def _impact_quantities(rig: "Rig") -> list[DerivedQuantity]:
+    """Rates of contact, joint and spring. The reference set of docs/spec/model.md, section 4, has
+    27 krad/s and 48,000 per s in a lug contact, 16 krad/s and 25,000 per s of the anvil on its
+    joint, 390 rad/s of the hammer on its spring.
     """
     m, load = rig.mechanism, rig.load
     hammer, anvil = "mechanism.hammer_inertia_kg_m2", "mechanism.anvil_inertia_kg_m2"
@@ -174,21 +179,21 @@ def _impact_figures(rig: "Rig") -> list[Figure]:
     )
     lugs = ("mechanism.lug_radius_m", hammer, anvil)
     found = [
-        Figure(
+        DerivedQuantity(
             "the rate of the lugs' contact in rad/s",
             math.sqrt(m["contact_stiffness_n_per_m"] * lug),
             1e2,
             MAX_RATE_PER_S,
             ("mechanism.contact_stiffness_n_per_m", *lugs),
         ),
-        Figure(
+        DerivedQuantity(
             "the rate of the contact's damping per s",
             m["contact_damping_n_s_per_m"] * lug,
             0.0,
             MAX_RATE_PER_S,
             ("mechanism.contact_damping_n_s_per_m", *lugs),
         ),
-        Figure(
+        DerivedQuantity(
             "the rate of the hammer on its spring in rad/s",
             math.sqrt(m["spring_rate_n_per_m"] / m["hammer_mass_kg"]),
             0.0,
@@ -197,19 +202,19 @@ def _impact_figures(rig: "Rig") -> list[Figure]:
         ),
     ]
     if "stiffness_nm_per_rad" in load:
-        swing = math.sqrt(load["stiffness_nm_per_rad"] / m["anvil_inertia_kg_m2"])
-        decay = load["damping_nm_s_per_rad"] / m["anvil_inertia_kg_m2"]
+        anvil_rad_s = math.sqrt(load["stiffness_nm_per_rad"] / m["anvil_inertia_kg_m2"])
+        damping_per_s = load["damping_nm_s_per_rad"] / m["anvil_inertia_kg_m2"]
         found += [
-            Figure(
+            DerivedQuantity(
                 "the rate of the anvil on its joint in rad/s",
-                swing,
+                anvil_rad_s,
                 1.0,
                 MAX_RATE_PER_S,
                 ("load.stiffness_nm_per_rad", anvil),
             ),
-            Figure(
+            DerivedQuantity(
                 "the rate of the joint's damping per s",
-                decay,
+                damping_per_s,
                 0.0,
                 MAX_RATE_PER_S,
                 ("load.damping_nm_s_per_rad", anvil),

@@ -5,9 +5,9 @@ loads come from the catalogue.
 from vgroove.gap.catalogue import BY_ID, LOADS
 from vgroove.gap.catalogue.keys import Key, between, choice, flag, whole
 
-# From motors of a few milliwatts (0.3 W: 5e-10 kg m2, 0.5 mN m/A, 100 ohm) to 10 kW and
-# more, and linear axes read with the same keys (EMPS: 95 kg, 35 N/V). They are wide: what they
-# refuse is no tool, or a number in another unit.
+# The ranges include motors from 0.3 W (5e-10 kg m2, 0.5 mN m/A, 100 ohm) to hundreds of kilowatts,
+# and linear axes described by the same keys (EMPS, the electro-mechanical positioning system of
+# tests/data/emps: 95 kg, 35 N/V). A value outside is impossible for a tool, or in another unit.
 SECTIONS: dict[str, dict[str, Key]] = {
     "input": {
         "kind": choice("duty", "voltage_v", "current_a"),
@@ -84,7 +84,7 @@ MECHANISMS: dict[str, dict[str, Key]] = {
     },
 }
 
-# Sections whose further keys depend on their key `kind`.
+# Sections whose other keys depend on the value of their key `kind`.
 KINDS: dict[str, dict[str, dict[str, Key]]] = {
     "mechanism": MECHANISMS,
     "load": {kind: load.rig_keys for kind, load in LOADS.items()},

@@ -40,7 +40,7 @@ class RunOptions:
     eeprom: Path | None = None
 
 
-def _image(path: Path | None) -> bytes | None:
+def _eeprom_image(path: Path | None) -> bytes | None:
     if path is None or not path.exists():
         return None
     try:
@@ -55,7 +55,7 @@ def _image(path: Path | None) -> bytes | None:
 def make_board(options: RunOptions, seed: int) -> AvrBoard | SilBoard:
     """The board that the options name."""
     if options.on == "sil":
-        return SilBoard(eeprom=_image(options.eeprom))
+        return SilBoard(eeprom=_eeprom_image(options.eeprom))
     if options.on != "avr":
         raise VgrooveError(
             f"--on is sil or avr, not {options.on}; a board on a port performs --experiment NAME "
@@ -118,9 +118,7 @@ def _run_in_lockstep(
             tool,
             scenario.profile,
             scenario.duration_s,
-            front=front,
-            line=line,
-            seed=scenario.seed,
+            lockstep.LockstepOptions(front=front, line=line, seed=scenario.seed),
         ):
             sent += now.sent[done:]
             done = len(now.sent)

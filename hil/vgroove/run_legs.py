@@ -1,5 +1,5 @@
-"""A run of the diagnosis' menu as legs: stretches in one direction of rotation each, because a
-board's direction follows its switch, which is moved at standstill.
+"""A run of the diagnosis' menu as legs, each in one direction of rotation, because the direction
+of a board follows its switch, which the operator moves at standstill.
 """
 
 from dataclasses import dataclass
@@ -22,22 +22,27 @@ class Leg:
 
     @property
     def duration_s(self) -> float:
-        """Its length."""
+        """Length of the leg."""
         return len(self.duty) * PERIOD_S
 
     def slewed(self, slew_per_s: float) -> np.ndarray:
         """Duties (n,), OPEN where the bridge is open, that change at most at the rate of the
         trigger's ramp: a step of the duty from rest would trip the board's over-current fault.
         """
-        most, now, out = slew_per_s * PERIOD_S, 0.0, np.full(len(self.duty), OPEN)
+        max_step, duty, slewed = slew_per_s * PERIOD_S, 0.0, np.full(len(self.duty), OPEN)
         for k in range(len(self.duty)):
-            now = 0.0 if self.opens[k] else now + float(np.clip(self.duty[k] - now, -most, most))
-            out[k] = OPEN if self.opens[k] else now
-        return out
+            if self.opens[k]:
+                duty = 0.0
+                continue
+            duty += float(np.clip(self.duty[k] - duty, -max_step, max_step))
+            slewed[k] = duty
+        return slewed
 
 
 def legs_of(profile: RunProfile) -> list[Leg]:
-    """A run as legs: its rests and forward levels, then its rests and backward levels."""
+    """A run as at most two legs: its samples with a level of 0 or above, then those with a level of
+    0 or below, as magnitudes; a direction without drive has no leg.
+    """
     time_s = np.arange(round(PROFILE_S / PERIOD_S)) * PERIOD_S
     share, opens = profile.command(time_s), profile.bridge_open(time_s)
     legs = []

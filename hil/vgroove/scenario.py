@@ -21,7 +21,7 @@ FULL_TRIGGER_S = 1.0
 DRILL_FULL_TRIGGER_S = 4.0
 BOARD_EFFECTS = ("dead_time", "current_lag")  # in lock-step the board itself causes them
 # ADC conversions that the firmware averages into a row of 1 ms: one every 2,040 cycles, that is
-# 7.8 in a row; of 16 conversions 12 are of the current and 2 of the bus voltage.
+# 7.8 a row; of 16 conversions 12 are of the current and 2 of the bus voltage.
 CURRENT_SAMPLES_PER_ROW = 5.9
 SUPPLY_SAMPLES_PER_ROW = 1.0
 
@@ -37,8 +37,8 @@ class Command:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A validated scenario. `rig` is the believed tool; `tool` is the simulated one, with the
-    effects of the scenario and without those that the board itself causes.
+    """A validated scenario. `rig` holds the assumed parameters of the tool; `tool` those of the
+    simulated one, with the effects of the scenario and without those that the board itself causes.
     """
 
     rig: Rig
@@ -260,8 +260,8 @@ def read_scenario_or_rig(path: str | Path) -> Scenario:
 
 
 def full_trigger(rig: Rig, source: str) -> Scenario:
-    """The scenario of a rig without one: the trigger is pulled fully at t = 0, as fast as the rig's
-    slew allows.
+    """The scenario for a rig that is given alone: the trigger is pulled fully at t = 0, as fast as
+    the rig's slew rate allows.
     """
     is_drill = rig.mechanism["kind"] == "drill_driver"
     duration_s = DRILL_FULL_TRIGGER_S if is_drill else FULL_TRIGGER_S

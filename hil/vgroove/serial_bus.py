@@ -1,4 +1,4 @@
-"""python-can's serial bus to the board, made to survive damaged bytes."""
+"""python-can's serial bus to the board, which continues after damaged bytes."""
 
 from collections import deque
 from contextlib import suppress

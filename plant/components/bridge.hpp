@@ -18,7 +18,7 @@ template <class V> struct Bridge {
     V dead_share;      // 2 dead_time_s pwm_hz
 };
 
-// inductance_h: of the winding, with its effect
+// inductance_h: of the winding, including effect inductance
 template <class V>
 void bridge_set_lane(Bridge<V> &b, int lane, const Parameters &p, double inductance_h) {
     set(b.resistance_ohm, lane, p.effects.bridge_resistance.resistance_ohm);
@@ -28,7 +28,7 @@ void bridge_set_lane(Bridge<V> &b, int lane, const Parameters &p, double inducta
     set(b.dead_share, lane, 2.0 * p.effects.dead_time.dead_time_s * p.bridge_pwm_hz);
 }
 
-// ir = max(0.2 A, abs(d) (1 - abs(d)) Vs / (2 L pwm_hz))
+// Amplitude of the current ripple: ir = max(0.2 A, abs(d) (1 - abs(d)) Vs / (2 L pwm_hz))
 template <class V> VGROOVE_INLINE V bridge_ripple(const Bridge<V> &p, V duty, V bus_v) {
     const V share = abs_of<V>(duty);
     return max_of<V>(splat<V>(RIPPLE_FLOOR_A), share * (1.0 - share) * bus_v * p.ripple_a_per_v);

@@ -47,16 +47,18 @@ static std::vector<Rate> drivetrain_rates(const Parameters &p) {
     const double ohm = p.motor_resistance_ohm * (1.0 + p.effects.winding_resistance.relative) +
                        p.supply_resistance_ohm + p.effects.supply_resistance.resistance_ohm +
                        p.effects.bridge_resistance.resistance_ohm;
-    // Which of the two is further from the values of usual tools
+    // R / L is fast because of one of the two: the one whose value differs more, on a logarithmic
+    // scale, from that of a usual tool.
     const double usual_ohm = 1.0, usual_henry = 1e-4;
-    const bool odd = std::fabs(std::log10(std::max(ohm, 1e-300) / usual_ohm)) >
-                     std::fabs(std::log10(std::max(inductance, 1e-300) / usual_henry));
+    const bool unusual_ohm = std::fabs(std::log10(std::max(ohm, 1e-300) / usual_ohm)) >
+                             std::fabs(std::log10(std::max(inductance, 1e-300) / usual_henry));
     return {
-        {odd ? "motor.resistance_ohm" : "motor.inductance_h",
-         odd ? p.motor_resistance_ohm : p.motor_inductance_h, ohm / inductance},
+        {unusual_ohm ? "motor.resistance_ohm" : "motor.inductance_h",
+         unusual_ohm ? p.motor_resistance_ohm : p.motor_inductance_h, ohm / inductance},
         {"motor.inertia_kg_m2", p.motor_inertia_kg_m2,
          std::max(std::fabs(p.motor_torque_constant) / std::sqrt(inductance * total),
                   (p.motor_viscous + p.effects.viscous_friction.nm_s_per_rad) / total)},
+        // 0.3 A: BRUSH_CURRENT_A of components/motor.hpp
         {"effects.brush_drop.voltage_v", p.effects.brush_drop.voltage_v,
          p.effects.brush_drop.voltage_v / (0.3 * inductance)},
         {"effects.current_lag.time_constant_s", p.effects.current_lag.time_constant_s,
@@ -80,15 +82,15 @@ static std::vector<Rate> drivetrain_rates(const Parameters &p) {
     };
 }
 
-// Rates of hammer, anvil, joint and arm, each by itself
+// Rates of hammer, anvil, joint and arm, each with the other bodies at rest
 static std::vector<Rate> mechanism_rates(const Parameters &p) {
-    const double lug = p.lug_radius_m * p.lug_radius_m *
-                       (1.0 / p.hammer_inertia_kg_m2 + 1.0 / p.anvil_inertia_kg_m2);
+    const double inverse_mass = p.lug_radius_m * p.lug_radius_m *
+                                (1.0 / p.hammer_inertia_kg_m2 + 1.0 / p.anvil_inertia_kg_m2);
     return {
         {"mechanism.contact_stiffness_n_per_m", p.contact_stiffness,
-         std::sqrt(p.contact_stiffness * lug)},
+         std::sqrt(p.contact_stiffness * inverse_mass)},
         {"mechanism.contact_damping_n_s_per_m", p.contact_damping,
-         p.contact_damping * (1.0 + p.effects.impact_damping.relative) * lug},
+         p.contact_damping * (1.0 + p.effects.impact_damping.relative) * inverse_mass},
         {"mechanism.spring_rate_n_per_m", p.spring_rate_n_per_m,
          std::sqrt(p.spring_rate_n_per_m / p.hammer_mass_kg)},
         {"mechanism.arm_stiffness_nm_per_rad", p.arm_stiffness,

@@ -14,7 +14,8 @@ template <class V> struct FrictionLaw {
     V decay_s_per_rad;  // cv of the exponential form
 };
 
-// Stribeck form: T = sqrt(2e) (Tbrk - Tc) exp(-(w / wSt)^2) w / wSt + Tc tanh(w / wCoul) + f w
+// Stribeck form (below, 1.41421... is sqrt(2) and 2.33164... is sqrt(2e)):
+// T = sqrt(2e) (Tbrk - Tc) exp(-(w / wSt)^2) w / wSt + Tc tanh(w / wCoul) + f w
 template <class V> VGROOVE_INLINE V friction_law_stribeck(const FrictionLaw<V> &p, V w) {
     const V share = w / (1.4142135623730951 * p.breakaway_rad_s);
     const V peak =
@@ -26,10 +27,10 @@ template <class V> VGROOVE_INLINE V friction_law_stribeck(const FrictionLaw<V> &
 template <class V> VGROOVE_INLINE V friction_law_stribeck_slope(const FrictionLaw<V> &p, V w) {
     const V scale = 1.4142135623730951 * p.breakaway_rad_s;
     const V share = w / scale;
-    const V bump = 2.331643981597124 * (p.breakaway_nm - p.coulomb_nm) * exp_of<V>(-share * share) *
-                   (1.0 - 2.0 * share * share) / scale;
+    const V peak_slope = 2.331643981597124 * (p.breakaway_nm - p.coulomb_nm) *
+                         exp_of<V>(-share * share) * (1.0 - 2.0 * share * share) / scale;
     const V sign = tanh_of<V>(10.0 * w / p.breakaway_rad_s);
-    return bump + p.coulomb_nm * (1.0 - sign * sign) * 10.0 / p.breakaway_rad_s + p.viscous;
+    return peak_slope + p.coulomb_nm * (1.0 - sign * sign) * 10.0 / p.breakaway_rad_s + p.viscous;
 }
 
 // Exponential form: linear below w_th; then (Tc + (Tbrk - Tc) exp(-cv |w|)) sign(w) + f w

@@ -11,7 +11,7 @@ constexpr double CURRENT_A_PER_COUNT = 0.125;           // +-64 A: docs/spec/mod
 constexpr double BUS_V_PER_COUNT = 40.96 / COUNTS_MAX;  // divider to 40.96 V full scale
 constexpr double TRIGGER_RELEASED_SHARE = 0.1;          // of the reference voltage
 constexpr double TRIGGER_PRESSED_SHARE = 0.9;
-constexpr double TEMPERATURE_V_AT_0_DEGC = 0.5;  // 10 mV/K sensor, E (TMP36 class)
+constexpr double TEMPERATURE_V_AT_0_DEGC = 0.5;  // 10 mV/K sensor, TMP36 class (estimate)
 constexpr double TEMPERATURE_V_PER_K = 0.01;
 constexpr double ADC_REFERENCE_V = 5.0;
 

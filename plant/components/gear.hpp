@@ -52,8 +52,8 @@ void gear_set_lane(Gear<V> &g, int lane, const Parameters &p, std::uint32_t effe
         split ? 0.5 * p.effects.gear_backlash.play_rad * std::fabs(p.gearbox_ratio) : 0.0);
 }
 
-// K e + c x', e the twist beyond the play. Flanks that meet across a play push each other and never
-// pull.
+// Coupler torque K e + c e', e the twist beyond the play, e' = slip the difference of the speeds.
+// Flanks that meet across a play push each other and never pull.
 template <class V>
 VGROOVE_INLINE V gear_coupler_torque(const Gear<V> &p, std::uint32_t effects, V twist, V slip) {
     if (!(effects & EFFECT_PLAY))
@@ -66,7 +66,7 @@ VGROOVE_INLINE V gear_coupler_torque(const Gear<V> &p, std::uint32_t effects, V 
     return over > 0.0 ? forward : (over < 0.0 ? backward : V{});
 }
 
-// Elastic part K e
+// Elastic part K e of the coupler torque
 template <class V> VGROOVE_INLINE V gear_spring_torque(const Gear<V> &p, V twist) {
     const V over = max_of<V>(abs_of<V>(twist) - p.half_play, V{});
     return p.stiffness * (twist < 0.0 ? -over : over);

@@ -24,7 +24,8 @@ struct HallWheel {
 // lies at offset_rad. Throws std::invalid_argument for a wrong number of shares.
 HallWheel hall_wheel(int pulses_per_rev, double offset_rad, const std::vector<double> &shares);
 
-// Motion of the wheel in a period: angle and speed at both ends, the speed changing linearly.
+// Motion of the wheel in a period: angle in rad and speed in rad/s at both ends; the speed changes
+// linearly.
 struct WheelMotion {
     double angle, speed, end_angle, end_speed;
 };

@@ -30,7 +30,7 @@ enum class LoadKind { VGROOVE_LOADS(VGROOVE_LOAD_ENUMERATOR) };
 constexpr const char *LOAD_NAMES[] = {VGROOVE_LOADS(VGROOVE_LOAD_NAME)};
 #undef VGROOVE_LOAD_NAME
 
-// Joints turn under an impact mechanism only.
+// Whether the load is a joint; a joint needs an impact mechanism.
 constexpr bool load_is_joint(LoadKind kind) {
     return kind >= LoadKind::LOCKED;
 }
@@ -69,7 +69,7 @@ template <class V> VGROOVE_INLINE V load_opposing(const Load<V> &p, const Drive<
     return p.kind == LoadKind::TORQUE ? (in.load_nm + in.load_rate * tau) * p.ratio_inverse : V{};
 }
 
-// m g l sin(th / N - zero) / N
+// Torque of a pendulum at the motor shaft: m g length sin(th / N - zero) / N
 template <class V> VGROOVE_INLINE V load_of_angle(const Load<V> &p, V output_angle_motor) {
     if (p.kind != LoadKind::PENDULUM)
         return V{};
@@ -87,7 +87,7 @@ template <class V> VGROOVE_INLINE V load_of_speed(const Load<V> &p, V output_w_m
            p.ratio_inverse;
 }
 
-// dT / dw of it, at the motor shaft
+// Slope dT / dw of that torque, both referred to the motor shaft
 template <class V> VGROOVE_INLINE V load_speed_slope(const Load<V> &p, V output_w_motor) {
     if (p.kind != LoadKind::FREE)
         return V{};
@@ -97,7 +97,7 @@ template <class V> VGROOVE_INLINE V load_speed_slope(const Load<V> &p, V output_
     return slope * p.ratio_inverse * p.ratio_inverse;
 }
 
-// Potential energy m g l (1 - cos(th / N - zero))
+// Potential energy m g length (1 - cos(th / N - zero))
 template <class V> VGROOVE_INLINE V load_energy(const Load<V> &p, V output_angle_motor) {
     if (p.kind != LoadKind::PENDULUM)
         return V{};

@@ -43,7 +43,7 @@ template <class V> void motor_set_lane(Motor<V> &m, int lane, const Parameters &
     set(m.brush_v, lane, p.effects.brush_drop.voltage_v);
 }
 
-// k / (1 + (i / saturation_a)^2)
+// Torque constant with saturation: k / (1 + (i / saturation_a)^2)
 template <class V> VGROOVE_INLINE V motor_constant(const Motor<V> &p, std::uint32_t effects, V i) {
     if (!(effects & EFFECT_MAGNETIC_SATURATION))
         return p.constant;
@@ -51,7 +51,7 @@ template <class V> VGROOVE_INLINE V motor_constant(const Motor<V> &p, std::uint3
     return p.constant / (1.0 + share * share);
 }
 
-// R (1 + 0.0039 D)
+// Resistance R (1 + 0.0039 D), D: temperature of the winding above its cold state, K
 template <class V, int N>
 VGROOVE_INLINE V motor_resistance(const Motor<V> &p, std::uint32_t effects, const State<V, N> &s) {
     if constexpr (N > STATE_HEAT)

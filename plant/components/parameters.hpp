@@ -73,6 +73,7 @@ const char *parameter_name(int n);
 Parameters parameters_from(const double *theta);
 
 // Throws std::invalid_argument, which names the parameter that is outside its physical range.
+// electrical: whether winding and bridge are simulated; else their parameters are not checked.
 void require_parameter(bool holds, const char *message);
 void check_parameters(const Parameters &p, bool electrical);
 

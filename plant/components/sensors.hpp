@@ -39,7 +39,7 @@ VGROOVE_INLINE V sensors_wheel_angle(const Sensors<V> &p, std::uint32_t effects,
     return angle + p.hall_amplitude * sin_of<V>(angle + p.hall_phase);
 }
 
-// y' = (input - y) / time constant, for current and speed
+// First-order lags y' = (input - y) / time constant of measured current and speed
 template <class V, int N>
 VGROOVE_INLINE void sensors_derivative(const Sensors<V> &p, std::uint32_t effects, V i,
                                        const State<V, N> &s, State<V, N> &ds) {

@@ -22,7 +22,7 @@ template <class V> void supply_set_lane(Supply<V> &s, int lane, const Parameters
     set(s.polarisation_rate, lane, 1.0 / p.effects.supply_droop.polarisation_s);
 }
 
-// Effect supply_droop: Voc - volt_per_coulomb q - vp
+// Effect supply_droop: Voc - volt_per_coulomb q - vp, q: charge drawn, vp: polarisation voltage
 template <class V, int N>
 VGROOVE_INLINE V supply_source(const Supply<V> &p, std::uint32_t effects, const State<V, N> &s) {
     if constexpr (N > STATE_POLARISATION)

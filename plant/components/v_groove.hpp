@@ -13,12 +13,14 @@ namespace vgroove {
 constexpr double VERTEX_LEAST_RAD = 1e-3;
 
 struct VGroove {
-    double lead;      // m/rad
-    double vertex2;   // rad^2
-    double vertex;    // rad
+    double lead;      // l, m/rad
+    double vertex2;   // e^2, rad^2
+    double vertex;    // e, rounding of the vertex, rad
     double ball_arm;  // m: friction torque on q per axial force, 0 without groove_friction
 };
 
+// Lead l of the grooves of spindle (J) and hammer (S) together, r: radius of a groove, g: its helix
+// angle, r tan g: its lead, B: ball.
 // x = rJ tan gJ |thJB| + rS tan gS |thSB|, thJB = share thSJ, share = (rS / cos gS) / (rJ / cos gJ
 // + rS / cos gS); r / cos g = sqrt(r^2 + lead^2)
 VGROOVE_INLINE double v_groove_lead(double spindle_lead, double spindle_radius, double hammer_lead,

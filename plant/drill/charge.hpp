@@ -1,4 +1,4 @@
-// Moving average of the motor current, for the end of pulse mode.
+// Moving average of the motor current, which decides when pulse mode ends.
 #ifndef VGROOVE_PLANT_DRILL_CHARGE_HPP
 #define VGROOVE_PLANT_DRILL_CHARGE_HPP
 
@@ -16,7 +16,7 @@ public:
         : points_(capacity),
           window_s_(window_s),
           spacing_s_(spacing_s) {}
-    // Adds a point if the interval has passed, or `always`.
+    // Adds a point if spacing_s has passed since the last one, or if `always` is set.
     void push(double time_s, double charge, double current_a, bool always);
     double average(double time_s, double charge) const;
 
@@ -30,8 +30,8 @@ private:
     double window_s_, spacing_s_;
 };
 
-// Interval of the points of a fixed-step solver, and their number with room for points at events,
-// so that its ring buffer never grows
+// Spacing of the points of a fixed-step solver, and the capacity of its ring buffer: 4096 more
+// points than the average needs, for events, so that the buffer never grows
 constexpr double DRILL_CHARGE_SPACING_S = 50e-6;
 inline std::size_t drill_charge_points(const DrillParameters &p) {
     return static_cast<std::size_t>(p.pulse_average_s / DRILL_CHARGE_SPACING_S) + 4096;

@@ -52,7 +52,7 @@ static int direction_of(double x) {
     return x > 0.0 ? 1 : (x < 0.0 ? -1 : 0);
 }
 
-// Motor at rest: held up to Tc, else it slides the way it is driven.
+// Motor at rest: friction holds torques up to Tc; a larger one makes it slide in its direction.
 static DrillMark settle_motor(DrillSystem &s) {
     const bool rested = s.mode.slide == 0;
     s.mode.slide = 0;

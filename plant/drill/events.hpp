@@ -74,8 +74,8 @@ DrillMark drill_switch(DrillSystem &s, const DrillGuards &g);
 DrillMark drill_timers(DrillSystem &s);
 // The next instant at which an input or pulse mode changes by time alone; infinite for none
 double drill_next_time(const DrillSystem &s);
-// Opens or closes the bridge by command. Opening it ends pulse mode; while pulse mode lasts it
-// closes the bridge itself.
+// Opens or closes the bridge by command. Opening it ends pulse mode. A command to close it is
+// ignored in pulse mode, which opens and closes the bridge by itself.
 void drill_command_bridge(DrillSystem &s, bool open);
 // Event of the inputs at a time: load on or off, end of the ramp; or NONE
 DrillMark drill_input_mark(const DrillParameters &p, double time_s);

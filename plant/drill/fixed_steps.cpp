@@ -62,10 +62,11 @@ DrillRun drill_run_fixed(const DrillParameters &p, const DrillRequest &request) 
     DrillRun run;
     const bool real_time = request.solver == DrillSolver::REAL_TIME;
     DrillSystem system(p, DRILL_CHARGE_SPACING_S, drill_charge_points(p));
-    std::unique_ptr<DrillRealTime> body(real_time ? new DrillRealTime(p, request.step_s) : nullptr);
-    if (body)
-        body->marks = &run.marks;
-    const DrillSystem &s = body ? body->system() : system;
+    std::unique_ptr<DrillRealTime> real_time_solver(real_time ? new DrillRealTime(p, request.step_s)
+                                                              : nullptr);
+    if (real_time_solver)
+        real_time_solver->marks = &run.marks;
+    const DrillSystem &s = real_time_solver ? real_time_solver->system() : system;
     Recorder recorder{run, 0.0};
     recorder.write(s, 0.0, s.x, s.sums);
     const auto count =
@@ -75,8 +76,8 @@ DrillRun drill_run_fixed(const DrillParameters &p, const DrillRequest &request) 
     for (std::size_t n = 1; n <= count; ++n) {
         drill_check_cancelled(request, n);
         const auto started = std::chrono::steady_clock::now();
-        if (body)
-            body->step();
+        if (real_time_solver)
+            real_time_solver->step();
         else
             explicit_step(system, request.solver, request.step_s,
                           static_cast<double>(n) * request.step_s, run.marks);

@@ -71,7 +71,7 @@ double drill_load_slope(const DrillParameters &p, double load_nm, double chuck_r
                                 : friction_law_stribeck_slope<double>(law, chuck_rad_s);
 }
 
-// K e + C (w / N - wc)
+// Shaft torque that a gripping clutch carries: K e + C (w / N - wc)
 double drill_gripping_torque(const DrillParameters &p, const DrillVector &x) {
     return p.shaft_stiffness * x[DRILL_TWIST] +
            p.shaft_damping * (x[DRILL_SPEED] / p.ratio - x[DRILL_CHUCK]);
@@ -82,7 +82,7 @@ double drill_shaft_torque(const DrillParameters &p, const DrillMode &m, const Dr
     return m.clutch == 0 ? drill_gripping_torque(p, x) : m.clutch * p.clutch_nm;
 }
 
-// L i^2 / 2 + J w^2 / 2 + Jc wc^2 / 2 + K e^2 / 2
+// Stored energy: L i^2 / 2 + J w^2 / 2 + Jc wc^2 / 2 + K e^2 / 2
 double drill_stored_energy(const DrillParameters &p, const DrillVector &x) {
     return 0.5 * (p.inductance_h * x[DRILL_CURRENT] * x[DRILL_CURRENT] +
                   p.motor_inertia * x[DRILL_SPEED] * x[DRILL_SPEED] +
@@ -90,8 +90,10 @@ double drill_stored_energy(const DrillParameters &p, const DrillVector &x) {
                   p.shaft_stiffness * x[DRILL_TWIST] * x[DRILL_TWIST]);
 }
 
-// L i' = v - R i - k w;  J w' = k i - b w - Tc sign(w) - T / N;  e' = (T - K e) / C;  Jc wc' = T -
-// Tload(wc) work_in' = v i;  R i^2;  (b w + Tc sign(w)) w;  C e'^2;  T (w / N - wc - e');  Tload wc
+// State: L i' = v - R i - k w;  J w' = k i - b w - Tc sign(w) - T / N;  e' = (T - K e) / C;
+// Jc wc' = T - Tload(wc), e: twist, wc: chuck speed, T: shaft torque.
+// Rates of the sums: i, w, wc, work_in' = v i; losses in winding R i^2, motor (b w + Tc sign(w)) w,
+// shaft C e'^2, clutch T (w / N - wc - e'); work_load' = Tload wc
 DrillRates drill_rates(const DrillParameters &p, const DrillMode &m, const DrillInput &in,
                        const DrillVector &x) {
     const double i = x[DRILL_CURRENT], w = x[DRILL_SPEED], chuck = x[DRILL_CHUCK];

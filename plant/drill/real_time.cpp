@@ -75,8 +75,10 @@ Square linear_rates(const DrillParameters &p, bool conducts, bool slides, bool g
     return a;
 }
 
-// Chuck speed w with w = free + push (law(w) - law0), by bisection: the law's torque is bounded by
-// its breakaway torque and the viscous part
+// Chuck speed w with w = free + push (law(w) - law0), by bisection. free: speed after the stretch
+// if the law's torque stayed at law0; push: change of the speed per N m of that torque, negative.
+// The bracket follows from the bound of the law's torque: breakaway torque (with a margin of a
+// tenth) and viscous part.
 double chuck_speed(const DrillParameters &p, double load_nm, double free, double push,
                    double law0) {
     const auto over = [&](double w) {

@@ -26,12 +26,12 @@ public:
     const DrillSystem &system() const;
     // Where events within the steps are recorded; null in real time, because a record allocates.
     std::vector<DrillStep> *marks = nullptr;
-    // Linear advances of the last step, and the largest possible number: the pieces of a step and
-    // the searches for its events.
+    // Number of linear advances (matrix products) of the last step, and its upper bound: those of
+    // the pieces of a step and of the location of its events.
     int advances() const;
     int advances_max() const;
 
-    struct Body;
+    struct Body;  // data of the solver, defined in real_time.cpp
 
 private:
     std::unique_ptr<Body> body_;

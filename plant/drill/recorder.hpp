@@ -1,4 +1,4 @@
-// Rows of a run of the drill driver, also between the ends of its steps.
+// Rows of a run of the drill driver: at the ends of its steps, or interpolated at equal intervals.
 #ifndef VGROOVE_PLANT_DRILL_RECORDER_HPP
 #define VGROOVE_PLANT_DRILL_RECORDER_HPP
 

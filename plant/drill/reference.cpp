@@ -12,10 +12,10 @@
 namespace vgroove {
 
 constexpr double STEP_MIN_S = 1e-13;
-// So many steps of about DRILL_LOCATE_S in a row: changes of mode that follow one another without
-// end
+// A run ends with an error after so many steps of about DRILL_LOCATE_S one after the other: its
+// modes change without end.
 constexpr int STUCK_STEPS = 1000;
-// Step budget: trials for each simulated second, and beyond
+// Step budget: trial steps granted for each simulated second, and once for the run
 constexpr double STEPS_SECOND = 5e5, STEPS_SAVED = 1e6;
 
 namespace {

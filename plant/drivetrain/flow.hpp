@@ -130,7 +130,8 @@ VGROOVE_INLINE Flow<V> flow_blend(double a, const Flow<V> &x, double b, const Fl
     return f;
 }
 
-// Torque of friction and load on the sliding shaft; TL keeps its sign along a stretch.
+// Torque of friction and load TL on the sliding shaft; TL, referred to it, keeps its sign along a
+// stretch.
 template <class V> struct FlowTorque { V torque_nm, rate; };
 template <class V>
 VGROOVE_INLINE FlowTorque<V> flow_torque(const FlowConstants &c, const FlowInput<V> &in) {

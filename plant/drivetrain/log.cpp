@@ -1,5 +1,6 @@
-// Simulation of a log: parameter sets with the same effects share the lanes of a vector, the groups
-// share the threads; a lag in the form of a delay is applied to the finished columns.
+// Simulation of a log: parameter sets with the same effects are simulated in the lanes of one
+// vector, the groups on several threads; a lag in the form of a delay is applied to the finished
+// columns.
 #include "drivetrain/log.hpp"
 
 #include <algorithm>
@@ -95,8 +96,8 @@ static std::vector<Job> jobs_of(const LogInput &in, const double *theta, std::si
     return full;
 }
 
-// Replaces speed and angle by those of the delay before each row: cubic between rows (value and
-// slope at both ends); before the start the shaft has the speed of the start.
+// Replaces speed and angle of each row by those one delay earlier: cubic between rows (value and
+// slope at both ends). Before the start the shaft has the speed of the start.
 static void delay_measured(const LogInput &in, const Parameters &p, const LogStarts &starts,
                            double *speed, double *angle) {
     const std::size_t count = in.time_s.size();

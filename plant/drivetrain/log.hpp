@@ -10,7 +10,8 @@
 
 namespace vgroove {
 
-// Views of row-major arrays of batch rows x log rows; all of them are filled.
+// Views of row-major arrays of batch rows x log rows; all of them are filled. A batch row is one
+// parameter set.
 struct LogOutput {
     double *current_a, *supply_v, *speed_rad_s, *speed_measured_rad_s, *angle_rad,
         *angle_measured_rad;

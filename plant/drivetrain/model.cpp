@@ -7,7 +7,7 @@
 
 namespace vgroove {
 
-// Least scales, so that a tool without voltage or torque constant still has some
+// Lower limits, so that no scale is 0 for a tool without voltage or torque constant
 constexpr double VOLTAGE_LEAST_V = 1e-3, CURRENT_LEAST_A = 1e-6, RESISTANCE_LEAST_OHM = 1e-3,
                  CONSTANT_LEAST = 1e-9, SCALE_LEAST = 1e-12;
 // The free speed counts as scale up to this multiple of the speed gained in one row.

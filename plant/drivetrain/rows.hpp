@@ -15,7 +15,7 @@ namespace vgroove {
 
 constexpr std::size_t CANCEL_CHECK_ROWS = 64;  // rows between two checks for cancellation
 constexpr std::size_t NOT_EXHAUSTED = std::numeric_limits<std::size_t>::max();
-// Stretches shorter than this share of a row or of a stretch are rounding.
+// Times below these shares, of a row's interval and of a stretch, count as rounding errors.
 constexpr double SAME_INSTANT = 1e-9, ROW_END = 1e-12;
 
 // Position of a lane in the log. Effects transport_delay and clock_skew shift the command column

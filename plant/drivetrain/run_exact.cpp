@@ -4,14 +4,14 @@
 
 namespace vgroove {
 
-VGROOVE_CLONES static void blocks(Group<double, STATE_CORE_COUNT> &g, const LogInput &in,
-                                  const LogStarts &starts, const LogOutput &out) {
+VGROOVE_CLONES static void run_blocks(Group<double, STATE_CORE_COUNT> &g, const LogInput &in,
+                                      const LogStarts &starts, const LogOutput &out) {
     run_exact_rows(g, in, starts, out);
 }
 
 void run_exact(Group<double, STATE_CORE_COUNT> &g, const LogInput &in, const LogStarts &starts,
                const LogOutput &out) {
-    blocks(g, in, starts, out);
+    run_blocks(g, in, starts, out);
 }
 
 }  // namespace vgroove

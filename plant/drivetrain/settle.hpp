@@ -1,5 +1,5 @@
-// Start of a run from a given current, speed and angle: filters settled, the output side in
-// contact.
+// Start of a run from a given current, speed and angle: filters at their steady state, the output
+// side in contact.
 #ifndef VGROOVE_PLANT_DRIVETRAIN_SETTLE_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_SETTLE_HPP
 

@@ -3,6 +3,8 @@
 #ifndef VGROOVE_PLANT_DRIVETRAIN_SOLVER_STEP_HPP
 #define VGROOVE_PLANT_DRIVETRAIN_SOLVER_STEP_HPP
 
+#include <new>
+
 #include "drivetrain/flow.hpp"
 #include "drivetrain/solver_state.hpp"
 #include "drivetrain/stiff_step.hpp"
@@ -42,7 +44,9 @@ VGROOVE_INLINE Trial<V, N> solver_try_explicit(const Solver<V, N> &self, V h) {
     dormand_prince_stages<SUM, V, N>(
         self.state, self.slope, h,
         k, [&](V tau, const State<V, N> &s, State<V, N> &to) __attribute__((always_inline)) {
-            to = drivetrain_derivative<V, N>(m, self.drive, self.mode, tau, s);
+            // Constructed in place: a copy would wait for the stores of its components.
+            ::new (static_cast<void *>(&to))
+                State<V, N>(drivetrain_derivative<V, N>(m, self.drive, self.mode, tau, s));
         });
     dormand_prince_end<SUM, V, N>(self.state, self.slope, h, k, a.state);
     a.slope = drivetrain_derivative<V, N>(m, self.drive, self.mode, h, a.state);

@@ -24,7 +24,7 @@ template <class L> VGROOVE_INLINE double impact_torque_rate(const ImpactSolver<L
                : 0.0;
 }
 
-// Accepts the tried step up to a share of it; an event that ends it is applied.
+// Accepts the tried step up to a share of it, and applies the event that ends it (-1: none).
 template <class L>
 __attribute__((noinline)) void impact_accept(ImpactSolver<L> &self, double share, int event) {
     const double h = self.step.h, torque = self.point.joint_nm, rate = impact_torque_rate(self);

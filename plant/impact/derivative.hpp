@@ -9,18 +9,18 @@ namespace vgroove {
 
 // Forces and geometry of one instant
 struct ImpactPoint {
-    double i, motor_w, motor_rate;  // motor speed and its rate
-    double friction_nm;             // motor friction, also what holds at rest
+    double i, motor_w, motor_rate;  // motor current, speed, and the speed's rate
+    double friction_nm;             // of the motor; at rest the torque that friction holds
     double held_nm, hold_forward_nm,
         hold_backward_nm;  // torque on a resting motor and what friction holds
     double bus_v, emf_v;
-    double q, q_rate, x, x_rate;
-    double axial_n;         // through the balls
-    double roll_needed_nm;  // friction torque that keeps balls at rest
-    double spindle_nm;      // torque from spindle to hammer through the groove
-    double pen, pen_rate, contact_n, lug_nm;
-    double anvil_load_nm;  // torque of joint or coupler on the anvil
-    double joint_nm, trial_nm, forward_nm, backward_nm;
+    double q, q_rate, x, x_rate;  // angle spindle less hammer, retraction of the hammer, rates
+    double axial_n;               // through the balls
+    double roll_needed_nm;        // friction torque that keeps balls at rest
+    double spindle_nm;            // torque from spindle to hammer through the groove
+    double pen, pen_rate, contact_n, lug_nm;             // penetration, m; forces of the contact
+    double anvil_load_nm;                                // torque of joint or coupler on the anvil
+    double joint_nm, trial_nm, forward_nm, backward_nm;  // trial: if the joint stuck; slip torques
     double head_rad;
     double housing_nm;
 };
@@ -104,9 +104,10 @@ impact_electrical(const Impact &m, const Drive<double> &in, const ImpactMode &mo
     return e;
 }
 
-// Contact, then spindle and hammer: with B = 1 / JJ + 1 / JS, s_b = s + ball friction, A = F0 + k x
-// + Faxial + m s' q'^2 and P = TJ / JJ + Tlug / JS, q'' = (P - B s_b A) / (1 + B m s s_b); the
-// balls carry Faxial = A + m s q'' = (A + m s P) / (1 + B m s s_b), the groove s_b Faxial.
+// Contact, then spindle (J) and hammer (S), in the symbols of docs/spec/model.md, section 4: with
+// B = 1 / JJ + 1 / JS, s_b = s + ball friction, A = F0 + k x + Faxial + m s' q'^2 and
+// P = TJ / JJ + Tlug / JS, q'' = (P - B s_b A) / (1 + B m s s_b); the balls carry
+// Fball = A + m s q'' = (A + m s P) / (1 + B m s s_b), the groove s_b Fball.
 struct GrooveForces {
     double spindle_rate, hammer_rate;
 };
@@ -168,7 +169,7 @@ VGROOVE_INLINE GroovePoint impact_geometry(const Impact &m, const ImpactMode &mo
     return g;
 }
 
-// Speed of the body behind which the joint is
+// Speed of the body to which the joint is attached
 template <class L>
 VGROOVE_INLINE double impact_output_speed(const Impact &m, const ImpactState<L> &s) {
     if constexpr (L::FULL)
@@ -177,7 +178,7 @@ VGROOVE_INLINE double impact_output_speed(const Impact &m, const ImpactState<L> 
     return s.x[L::ANVIL_SPEED];
 }
 
-// T = K e + C w while the head sticks, limited to the slip torques.
+// Torque of the joint: T = K e + C w while the head sticks, else the slip torque of its direction.
 template <class L>
 VGROOVE_INLINE void impact_joint(const Impact &m, const Drive<double> &in, const ImpactMode &mode,
                                  double tau, const ImpactState<L> &s, ImpactPoint &at) {
@@ -282,8 +283,8 @@ VGROOVE_INLINE void impact_housing(const Impact &m, double motor_nm_before_frict
     ds.x[L::LUG_IMPULSE] = at.lug_nm;
 }
 
-// Powers of source and losses; together with the energy dropped at releases they balance the change
-// of impact_stored.
+// Powers of source and losses; together with the energy that contact springs lose at releases they
+// balance the change of impact_stored.
 template <class L>
 VGROOVE_INLINE void impact_audit(const Impact &m, const Drive<double> &in,
                                  const Electrical<double> &e, const ImpactMode &mode,

@@ -83,7 +83,7 @@ VGROOVE_INLINE double impact_lap(const Impact &m, double relative) {
     return relative - m.period_rad * std::floor(relative / m.period_rad);
 }
 
-// Torque that is missing to break a held body away
+// Torque by which what friction holds exceeds the torque on a body at rest
 VGROOVE_INLINE double hold_margin(double needed, double forward, double backward) {
     return needed > 0.0 ? forward - needed : backward + needed;
 }

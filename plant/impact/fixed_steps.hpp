@@ -6,7 +6,8 @@
 
 namespace vgroove {
 
-// Longest piece of a stiff step: the contact oscillates at 27,000 rad/s.
+// Longest piece of a stiff step: the contact of the reference tool oscillates at 27,000 rad/s,
+// sqrt(contact stiffness x lug radius^2 x (1 / JS + 1 / JA)).
 constexpr double IMPACT_PIECE_S = 6e-6;
 constexpr int IMPACT_EVENTS_LOCATED_MAX = 2;  // in one piece
 constexpr double EVENT_WIDTH_FIXED_S = 1e-8;  // events are located within this

@@ -13,7 +13,8 @@
 
 namespace vgroove {
 
-// Error estimate over the error: the estimate is of third order, the method of fourth.
+// Share of the difference of slopes that is taken as the error: the difference is of third order,
+// the method of fourth.
 constexpr double FLIGHT_ERROR_SHARE = 0.014;
 // Distance from the groove's vertex, over the vertex radius, beyond which the method is used.
 constexpr double FLIGHT_VERTICES = 8.0;
@@ -63,7 +64,7 @@ template <class L> VGROOVE_INLINE bool flight_applies(const ImpactSolver<L> &sel
            q * q > FLIGHT_VERTICES * FLIGHT_VERTICES * self.model.groove.vertex2;
 }
 
-// Longest step: towards the groove's vertex part of the way only
+// Longest step; towards the groove's vertex it covers part of the way only
 template <class L> VGROOVE_INLINE double flight_longest(const ImpactSolver<L> &self) {
     const ImpactState<L> &s = self.state;
     const double q = impact_spindle_angle<L>(self.model, s) - s.x[L::HAMMER_ANGLE];

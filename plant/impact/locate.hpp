@@ -55,7 +55,7 @@ VGROOVE_INLINE double impact_value_between(ImpactSolver<L> &self, double h, doub
     return impact_event_value<L>(self.model, self.mode, s, at, event);
 }
 
-// Share of the step just past the instant of an event that is met by `met`
+// Share of the step just past the instant of an event whose function is negative at the point `met`
 template <class L>
 VGROOVE_INLINE double impact_locate(ImpactSolver<L> &self, double h, int event,
                                     const EventPoint &met, double width_s) {

@@ -113,14 +113,14 @@ static void write_trace(const ImpactSolver<L> &s, const ImpactState<L> &x, doubl
     std::copy(values, values + TRACE_COLUMN_COUNT, to);
 }
 
-// Writes the trace's times that lie in a step.
+// Writes the rows of the trace whose times lie in a step.
 struct Tracer {
     ImpactOutput *out = nullptr;
     double origin_s = 0.0, scale = 1.0;  // of the log's time, and true seconds per second of it
     std::size_t next = 0;
 
     template <class L> void step(ImpactSolver<L> &s, double h, double share) {
-        const double from = s.drive.time_s, to = from + h * share + 1e-12;  // times round
+        const double from = s.drive.time_s, to = from + h * share + 1e-12;  // rounding of times
         for (; next < out->trace_s.size(); ++next) {
             const double at = (out->trace_s[next] - origin_s) * scale;
             if (at > to)
@@ -151,7 +151,7 @@ static double measured_angle(const ImpactSolver<L> &s, const Parameters &p,
     return sensors_measured_angle(d.sensors, d.effects, p, shaft_of<L>(x));
 }
 
-// Effect speed_lag as a delay: measured speed and angle of the delay before the end of each row.
+// Effect speed_lag as a delay: measured speed and angle one delay before the end of each row.
 // Before the start the shaft is at rest.
 struct DelayedRow {
     double due_s, speed, angle;
@@ -204,7 +204,8 @@ template <class L> struct LogRun final : ImpactObserver<L> {
     }
 };
 
-// Geometry and torques of the present; the derivative is computed only where they need it
+// Geometry and torques at the present instant; whole: with the forces. The derivative is computed
+// only where it is needed.
 template <class L>
 static ImpactPoint present_point(const ImpactSolver<L> &s, const ImpactState<L> &x, bool whole) {
     if (!whole && !s.model.second_output)

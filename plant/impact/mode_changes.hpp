@@ -155,6 +155,7 @@ __attribute__((noinline)) void impact_apply_event(ImpactSolver<L> &self, int eve
     self.slope_stale = true;
 }
 
+// Applies the events that have already happened at the start of a step, until none is left.
 template <class L> void impact_refresh(ImpactSolver<L> &self) {
     for (int n = 0; n < IMPACT_EVENTS_AT_ONCE_MAX; ++n) {
         self.point = impact_slope(self, 0.0, self.state, self.slope);

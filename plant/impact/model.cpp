@@ -30,8 +30,8 @@ static void check_lugs(const Impact &m, const Parameters &p) {
                      m.travel_m, m.lug_height_m);
     const double place = m.start_rad - m.period_rad * std::floor(m.start_rad / m.period_rad);
     require_together(place == 0.0 || place >= m.overlap_rad,
-                     "mechanism.hammer_start_rad %.4g starts the hammer on a lug: before the "
-                     "anvil's lug it may start up to %.4g rad (negative)",
+                     "mechanism.hammer_start_rad %.4g starts the hammer on a lug: it may be "
+                     "from -%.4g to 0 rad, before the anvil's lug",
                      p.hammer_start_rad, m.period_rad - m.overlap_rad);
 }
 

@@ -57,7 +57,7 @@ struct ImpactMode {
     ContactPlace place;
     bool above;                // the hammer is above the lugs, else in the gap before lug `lug`
     bool approaching, ramped;  // contact: penetration grows; its damping has the full value
-    double forward_rad, backward_rad;  // relative angles at the end and the begin of the gap
+    double forward_rad, backward_rad;  // relative angles at the end and the start of the gap
     long lug;                          // number of the lug at the end of the gap, 0 for the first
     int slip;                          // joint: -1 backwards, 0 sticks, 1 forwards
     int segment;                       // of the joint
@@ -84,8 +84,8 @@ struct Impact {
     double preload_n, rate_n_per_m;
     double lug_height_m, lug_radius_m, overlap_rad, period_rad, travel_m, start_rad;
     double anvil_inertia, anvil_inertia_inverse;
-    // Anvil on its sticking joint: C / 2 JA, K / JA, sqrt |K / JA - (C / 2 JA)^2|; less than
-    // critically damped
+    // Anvil (JA) on its sticking joint (K, C): C / (2 JA), K / JA, sqrt |K / JA - (C / (2 JA))^2|;
+    // ring_swings: the damping is less than critical
     double ring_decay, ring_square, ring_rate;
     bool ring_swings;
     double coupler_stiffness, coupler_damping, output_inertia, output_inertia_inverse;

@@ -7,7 +7,8 @@
 
 namespace vgroove {
 
-// Longest step times the anvil's natural frequency, while the hammer is within its amplitude
+// Longest step times the anvil's natural frequency, while the hammer is within the anvil's
+// amplitude
 constexpr double RING_STEP = 1.0;
 // An amplitude below this moves no contact.
 constexpr double RING_NEGLIGIBLE_RAD = 1e-5;

@@ -19,7 +19,7 @@ namespace vgroove {
 constexpr int SERIES_GROOVE = 3;
 constexpr double SERIES_SHARE = 0.7;    // of the length that the last terms allow
 constexpr double SERIES_REDUCE = 0.5;   // factor on a step whose error is too large
-constexpr double SERIES_NEXT_S = 4e-4;  // first step of the next method
+constexpr double SERIES_NEXT_S = 4e-4;  // first step of the method that follows the series
 constexpr Reciprocals<SERIES_ORDER> SERIES_RECIPROCAL = reciprocals<SERIES_ORDER>();
 
 // Derivatives of the linear quantities: name_x is the derivative of the quantity by x; i and w are
@@ -45,6 +45,7 @@ struct SeriesJet {
     double *push() { return push_of + SERIES_GROOVE; }
     double *axial() { return axial_of + SERIES_GROOVE; }
 };
+
 // Whether the motion can be followed by series: everything but the groove and the joint's slip
 // torque is linear.
 template <class L> VGROOVE_INLINE bool series_applies(const ImpactSolver<L> &self) {

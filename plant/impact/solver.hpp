@@ -104,8 +104,8 @@ template <class L> struct ImpactSolver {
     ImpactObserver<L> *observer;       // or null
 };
 
-// Derivative and point in a state, tau after the start of the step. Not inlined: the code of a step
-// must fit into the processor's first-level cache.
+// Derivative and ImpactPoint (forces and geometry) in a state, tau after the start of the step. Not
+// inlined: the code of a step must fit into the processor's first-level cache.
 template <class L>
 __attribute__((noinline)) ImpactPoint impact_slope(ImpactSolver<L> &self, double tau,
                                                    const ImpactState<L> &s, ImpactState<L> &ds) {

@@ -21,7 +21,8 @@ __attribute__((noinline)) void impact_adapt(ImpactSolver<L> &self, double h, dou
         return;
     }
     const bool cut = h < 0.99 * self.allowed_s;
-    const bool kept = self.step.flight && allowed > h && allowed < 1.25 * h;  // keeps the weights
+    const bool kept =
+        self.step.flight && allowed > h && allowed < 1.25 * h;  // equal steps keep FlightWeights
     if (!has_event && !kept && (!cut || allowed > self.allowed_s))
         self.allowed_s = allowed;
 }

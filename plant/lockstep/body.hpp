@@ -23,7 +23,7 @@ struct WheelReading {
     double angle, speed;
 };
 
-// Faults of the Hall sensor: lost edges, and a delay in CPU cycles
+// Faults of the Hall sensor: probability that an edge is lost, and a delay in CPU cycles
 struct HallFaults {
     double dropout_probability = 0.0;
     std::int64_t delay_cycles = 0;

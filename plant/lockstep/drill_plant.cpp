@@ -14,10 +14,11 @@
 
 namespace vgroove {
 
-// An interval may differ from a whole number of steps by this share of a step.
+// An interval may differ from a whole number of steps by this share of a step (rounding).
 constexpr double WHOLE_STEPS = 1e-6;
 
-// v = (d - dead S(i)) Vs, S(i) = i / ir within +-1, ir = max(0.2 A, |d| (1 - |d|) Vs / (2 L f))
+// Duty without dead time that gives the same voltage: v = (d - dead S(i)) Vs, S(i) = i / ir within
+// +-1, ir = max(0.2 A, |d| (1 - |d|) Vs / (2 L f))
 static double effective_duty(const DrillParameters &p, double duty, double dead, double bus,
                              double current_a) {
     const double share = std::fabs(duty);
@@ -28,7 +29,7 @@ static double effective_duty(const DrillParameters &p, double duty, double dead,
            dead * bridge_sign<double>(bridge, current_a, bridge_ripple<double>(bridge, duty, bus));
 }
 
-// Tc in the middle of the period, which is middle_s
+// Coulomb torque Tc of the load at middle_s, the middle of the period
 static double chuck_torque(const DrillParameters &p, const DrillSystem &s, double middle_s,
                            double command_nm) {
     const double window = middle_s >= p.load_from_s && middle_s < p.load_to_s ? p.load_nm : 0.0;

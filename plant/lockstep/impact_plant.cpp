@@ -23,7 +23,8 @@ struct TimedCommand {
 struct ImpactBody {
     Parameters parameters;
     LockstepBody lockstep;
-    std::deque<TimedCommand> commands{{0.0, {true, 0.0, 0.0}}};  // in force and to come
+    std::deque<TimedCommand> commands{
+        {0.0, {true, 0.0, 0.0}}};  // the one in force, then those that act later
     double now_s = 0.0, period_s, load_nm = 0.0;
 
     ImpactBody(const Parameters &p, HallWheel wheel, std::uint64_t seed)
@@ -142,8 +143,8 @@ template <class L> struct SolverBody final : ImpactBody {
             x);
     }
 
-    // Means and values of this instant; the derivative is computed only where the joint's torque
-    // needs it.
+    // Means over the interval and values at its end. The derivative is computed only where the
+    // torque of the joint depends on it.
     AdvanceResult result(double seconds) const override {
         if (solver.model.second_output)
             return with_means(now(), impact_present(solver), seconds);

@@ -1,4 +1,4 @@
-// When the caller is asked whether a run shall end, and how all threads of the run learn of it.
+// Cancellation of a run: its caller is asked at intervals, and a flag ends all its threads.
 #include "numeric/cancellation.hpp"
 
 namespace vgroove {

@@ -13,9 +13,12 @@ struct EventBracket {
     double low_s = 0.0, high_s = 0.0, value_low = 0.0, value_high = 0.0;
 };
 
-constexpr int BISECT_EVERY = 8;  // repeats: so that a bracket that one end holds up shrinks too
+// Every so many trials bisect, because the false-position method may move one end of the bracket
+// only.
+constexpr int BISECT_EVERY = 8;
 
-// Length of the next trial step within the bracket
+// Length of the next trial step within the bracket; the middle where the method's trial is too
+// close to an end of it
 VGROOVE_INLINE double illinois_trial(const EventBracket &at) {
     const double width = at.high_s - at.low_s;
     const double guess = at.low_s + width * (at.value_low / (at.value_low - at.value_high));

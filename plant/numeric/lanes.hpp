@@ -36,6 +36,7 @@ template <> struct LaneTraits<Lanes8> {
     static constexpr int COUNT = 8;
 };
 
+// get, set: the number in one lane. splat: the same number in every lane.
 VGROOVE_INLINE double get(const double &v, int) {
     return v;
 }

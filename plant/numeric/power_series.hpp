@@ -81,7 +81,7 @@ VGROOVE_INLINE double polynomial_minimum(const Polynomial<ORDER> &p, double h) {
 
 // x^(-1/n) within a few per cent, with the same bits on every machine: the exponent divided by n
 VGROOVE_INLINE double rough_inverse_root(double x, unsigned n) {
-    constexpr std::uint64_t ONE = 0x3FF0000000000000u;
+    constexpr std::uint64_t ONE = 0x3FF0000000000000u;  // bits of 1.0
     return from_bits<double>(ONE + ONE / n - bits_of(x) / n);
 }
 

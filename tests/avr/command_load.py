@@ -9,7 +9,7 @@ from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, pack_inputs
 
 CONTACT = 1
 DURATION_S = 6.0
-EDGE_CYCLES = 60 * 16e6 / (15900 * 4)
+EDGE_CYCLES = 60 * 16e6 / (15900 * 4)  # 15,900 rpm, four edges per turn
 DRIVE_S, COMMANDS_S = 0.4, 0.8
 BYTE_PERIODS = 640 / CYCLES_PER_PERIOD  # bytes at 250 kBd, without a pause
 # 39 to 65 ms between two pairs of commands, so that all phases of a tick occur.
@@ -61,7 +61,10 @@ def command_load_tape() -> bytes:
         inputs.append(
             pack_inputs(
                 BoardInputs(
-                    (520, 740, travel, 154), edges, CONTACT if driven else 0, received.get(k, b"")
+                    (520, 740, travel, 154),  # ADC counts: 1 A, 18.5 V, trigger, 25 degC
+                    edges,
+                    CONTACT if driven else 0,
+                    received.get(k, b""),
                 )
             )
         )

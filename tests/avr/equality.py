@@ -1,5 +1,6 @@
-"""Processor-in-the-loop equality: the inputs of a board's pins are recorded once on a tape and
-replayed into two boards, whose telemetry is compared signal by signal.
+"""Processor-in-the-loop equality: the inputs of a board's pins are recorded once and replayed into
+two boards, whose telemetry is compared signal by signal. A tape is such a recording: the packed
+BoardInputs of each PWM period.
 """
 
 from dataclasses import dataclass

@@ -1,5 +1,5 @@
-"""Ten seconds that use every driver: both directions, over-current, missed and double edges, edges
-at ticks, contact bounce, EEPROM writes.
+"""A run of ten seconds that uses every driver: both directions, over-current, missed and double
+edges, edges at ticks, contact bounce, EEPROM writes.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from vgroove.sil import SilBoard
 
 RIG = Path(__file__).resolve().parents[2] / "rigs" / "board_18v.toml"
 DURATION_S = 10.0
-FIRST_TOP, TICK = 255, 16000
+FIRST_TOP, TICK = 255, 16000  # CPU cycles: start of period 0, length of a tick
 PROFILE = Profile(
     travel=(
         (0, 0),
@@ -56,13 +56,13 @@ PROFILE = Profile(
         (7.403, 0),
     ),
     load_nm=((0, 0), (2.2, 0), (2.6, 0.6), (3.0, 0.2), (8.4, 0), (8.8, 1.0), (9.2, 0.2)),
-    gaps=((1.0, 1.004), (2.7, 2.702), (8.9, 9.15)),
+    hall_breaks=((1.0, 1.004), (2.7, 2.702), (8.9, 9.15)),
     mode=0,
     bounce_s=0.003,
 )
 
 
-class AwkwardEdges:
+class DisturbedEdges:
     """A tool whose Hall edges are moved to a tick when they are near one; some are doubled, some
     missed.
     """
@@ -80,9 +80,9 @@ class AwkwardEdges:
         """The tool's PWM period with modified edges."""
         current, supply, edges = self._tool.period(coast, duty, dead, load_nm)
         begin, self._begin = self._begin, self._begin + CYCLES_PER_PERIOD
-        return current, supply, self._awkward(list(edges), begin) if edges else edges
+        return current, supply, self._disturbed(list(edges), begin) if edges else edges
 
-    def _awkward(self, edges: list[int], begin: int) -> list[int]:
+    def _disturbed(self, edges: list[int], begin: int) -> list[int]:
         self._edges += 1
         tick = -begin % TICK
         if tick < CYCLES_PER_PERIOD and len(edges) == 1:
@@ -96,8 +96,8 @@ class AwkwardEdges:
 
 
 class SettledSwitches:
-    """A board whose switches do not change while a tick reads them: what a pin reads that changes
-    then depends on latency, also on silicon.
+    """A board whose switches do not change around a tick: the value that a tick reads from a
+    changing pin depends on the latency, also on silicon.
     """
 
     def __init__(self, board: TapeBoard) -> None:
@@ -139,9 +139,9 @@ def _frames() -> list[tuple[float, bytes]]:
     ]
 
 
-def record_tape(duration_s: float = DURATION_S, seed: int = 5) -> tuple[bytes, AwkwardEdges]:
+def record_tape(duration_s: float = DURATION_S, seed: int = 5) -> tuple[bytes, DisturbedEdges]:
     """Tape of a native run of the exercise, and its tool."""
-    tool = AwkwardEdges(make_plant(without_board_effects(read_rig(RIG)), seed))
+    tool = DisturbedEdges(make_plant(without_board_effects(read_rig(RIG)), seed))
     board = TapeBoard(SilBoard(target=1))
     front = FrontEnds(current_noise_a=0.3, supply_noise_v=0.03)
     lockstep.run(
@@ -149,8 +149,6 @@ def record_tape(duration_s: float = DURATION_S, seed: int = 5) -> tuple[bytes, A
         tool,
         PROFILE,
         duration_s,
-        front=front,
-        line=lockstep.Script(_frames()),
-        seed=seed,
+        lockstep.LockstepOptions(front=front, line=lockstep.Script(_frames()), seed=seed),
     )
     return bytes(board.tape), tool

@@ -64,8 +64,10 @@ def main() -> None:
                 make_plant(scenario.tool, 1),
                 scenario.profile,
                 scenario.duration_s,
-                front=scenario.front_ends(),
-                line=lockstep.Script(command_messages(scenario.commands)),
+                lockstep.LockstepOptions(
+                    front=scenario.front_ends(),
+                    line=lockstep.Script(command_messages(scenario.commands)),
+                ),
             )
         everything, worst = by_function(table, arguments.elf)
         report = read_statistics(stats)

@@ -18,7 +18,7 @@ from vgroove.scenario import make_plant
 from vgroove.sil import SilBoard
 
 DURATION_S = 1.9
-COMMAND_S = 0.2  # after the calibration of the current offset
+COMMAND_S = 0.2  # time of the first command, after the calibration of the current offset
 PULLS = Profile(
     travel=(
         (0, 0),
@@ -89,15 +89,15 @@ def impact_tape(name: str) -> bytes:
         tool,
         PULLS,
         DURATION_S,
-        front=front_ends(),
-        line=lockstep.Script(_frames(case)),
-        seed=3,
+        lockstep.LockstepOptions(front=front_ends(), line=lockstep.Script(_frames(case)), seed=3),
     )
     return bytes(board.tape)
 
 
 def acted(name: str, log: Log) -> bool:
-    """Whether the log shows the case's mode with an active controller."""
+    """Whether the drives of the log are in the case's mode and its controller acts: above 20 A in
+    mode drill, after ten blows in the others.
+    """
     driven = log["state"] == 1
     at_work = log["current_a"] > 20 if CASES[name].mode == "drill" else log["blow_count"] > 10
     return bool(

@@ -1,9 +1,13 @@
 // Test program of the bench tool: one-letter commands over the UART exercise timers, capture, ADC,
 // EEPROM, watchdog and bridge.
 //
-// Events go out as a letter and two bytes, high byte first: T tick stamp, C capture stamp, A result
-// (channel in the top bits), E EEPROM busy time in 8 cycles, G EEPROM byte, R reset cause, S pins,
-// N number of conversions.
+// Commands, each argument a byte: t COUNT ticks, c ON captures, a COUNT results, k ON clear the
+// trigger flag of the ADC, n number of conversions, e ADDRESS VALUE write the EEPROM, g ADDRESS
+// read it, b HIGH_BELOW LOW_ABOVE REVERSE drive the bridge, o open it, s pins, r reset cause, w
+// wait for the watchdog, m a tick and a controller step between the marks of GPIOR0. Events go out
+// as a letter and two bytes, high byte first: T tick stamp, C capture stamp, A result (channel in
+// the top bits), E EEPROM busy time in 8 cycles, G EEPROM byte, R reset cause, S pins, N number of
+// conversions.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
@@ -202,7 +206,7 @@ static void idle_loop(uint8_t turns) {
     }
 }
 
-static void obey(uint8_t command) {
+static void execute(uint8_t command) {
     uint8_t a;
     uint8_t b;
     switch (command) {
@@ -272,6 +276,6 @@ int main(void) {
     start_timers();
     sei();
     while (1) {
-        obey(take());
+        execute(take());
     }
 }

@@ -39,6 +39,10 @@ def profile_tape() -> bytes:
     tool = make_tool(reference("slip_60", {}), 3)
     line = ProfileSender(stairs, LASTS_S, BEGIN_S)
     lockstep.run(
-        SettledSwitches(board), tool, PULLS, DURATION_S, front=front_ends(), line=line, seed=3
+        SettledSwitches(board),
+        tool,
+        PULLS,
+        DURATION_S,
+        lockstep.LockstepOptions(front=front_ends(), line=line, seed=3),
     )
     return bytes(board.tape)

@@ -1,5 +1,5 @@
-"""The ADC trigger is prepared in time behind bursts of edges and received bytes, at every phase
-relative to the result.
+"""The ADC is prepared for its next trigger in time, also during bursts of edges and received bytes,
+at every phase relative to the result.
 """
 
 import random
@@ -10,18 +10,17 @@ import pytest
 from vgroove import board
 from vgroove.board import CYCLES_PER_PERIOD, BoardInputs, pack_inputs, read_statistics
 
-# Microcontroller, and the least longest delay of the ADC interrupt in cycles that the bursts must
-# cause. On the Mega the capture interrupt has a lower priority than the ADC's and delays it only
-# while it runs.
+# Microcontroller, and cycles by which the bursts must delay the ADC interrupt at least once. On the
+# Mega the capture interrupt has a lower priority than the ADC's and delays it only while it runs.
 TARGETS = {"uno_elf": ("atmega328p", 309), "mega_elf": ("atmega2560", 120)}
 PERIODS = 20000
-FIRST_TOP, FIRST_RESULT, CADENCE = 255, 2241, 2040
+FIRST_TOP, FIRST_RESULT, CADENCE = 255, 2241, 2040  # CPU cycles, docs/firmware.md, Timing
 BURST_EDGES = 8
 
 
 def burst(random_: random.Random) -> list[int]:
-    """Cycles of edges relative to a result: hardly further apart than their interrupt takes, the
-    first up to 250 cycles before the result.
+    """Cycles of edges relative to a result, 60 to 130 cycles apart (their interrupt takes 86 or
+    97); the first comes up to 250 cycles before the result.
     """
     at, edges = random_.randrange(-250, 60), []
     for _ in range(random_.randrange(2, BURST_EDGES)):
@@ -51,7 +50,7 @@ def test_bursts_of_interrupts_delay_no_conversion(
     (mcu, wait), stats = TARGETS[target], tmp_path / "stats.json"
     board.replay(request.getfixturevalue(target), burst_tape(1), mcu=mcu, stats=stats)
     report = read_statistics(stats)
-    assert report["isr"]["ADC"]["longest_wait_cycles"] > wait, "the bursts do not delay"
+    assert report["isr"]["ADC"]["longest_wait_cycles"] > wait, "the bursts cause no delay"
     assert report["adc"]["conversions"] >= PERIODS / 4 - 2
     assert (
         report["adc"]["shortest_cadence_cycles"]

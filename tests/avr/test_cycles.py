@@ -25,13 +25,11 @@ TARGETS = {"uno_elf": "atmega328p", "mega_elf": "atmega2560"}
 ISR_CYCLES_MAX = 120
 ISR_SHARE_MAX = 0.15
 STACK_BYTES_MIN = 400
-TRIGGER_GAP = 2040
+TRIGGER_GAP = 2040  # cycles between two ADC triggers
 TRIGGER_WINDOW = 309  # cycles from a result to the next trigger
-ARMED_AFTER = (
-    43  # cycles from the entry of an interrupt to the cleared trigger flag, docs/firmware.md
-)
-BETWEEN = 6  # longest instruction between two interrupts
-WAKE = 4
+FLAG_CYCLES = 43  # from the entry of an interrupt to the cleared trigger flag, docs/firmware.md
+INSTRUCTION_CYCLES = 6  # longest instruction between two interrupts
+WAKE_UP_CYCLES = 4
 
 
 def stress_statistics(elf: Path, mcu: str, folder: Path) -> dict:
@@ -45,9 +43,11 @@ def stress_statistics(elf: Path, mcu: str, folder: Path) -> dict:
             tool,
             scenario.profile,
             scenario.duration_s,
-            front=scenario.front_ends(),
-            line=lockstep.Script(command_messages(scenario.commands)),
-            on_progress=lambda _: speeds.append(tool.speed_rad_s),
+            lockstep.LockstepOptions(
+                front=scenario.front_ends(),
+                line=lockstep.Script(command_messages(scenario.commands)),
+                on_progress=lambda _: speeds.append(tool.speed_rad_s),
+            ),
         )
     return {**read_statistics(stats), "rpm": max(speeds) * 30 / 3.141592653589793}
 
@@ -68,13 +68,13 @@ def test_the_scenario_loads_the_board(stress: dict) -> None:
     assert stress["resets"] == 0
 
 
-def test_worst_tick_with_the_interrupts_in_it(stress: dict) -> None:
+def test_longest_tick_with_its_interrupts_keeps_its_cycles(stress: dict) -> None:
     assert stress["tick"]["count"] >= 1990, "GPIOR0 bit 0 must mark the tick"
     assert stress["tick"]["worst_cycles"] <= TICK_CYCLES_MAX, json.dumps(stress["tick"])
     assert stress["tick"]["late"] == 0
 
 
-def test_each_interrupt(stress: dict) -> None:
+def test_each_interrupt_keeps_its_cycles(stress: dict) -> None:
     over = {
         name: cost["worst_cycles"]
         for name, cost in stress["isr"].items()
@@ -90,10 +90,12 @@ def test_the_adc_is_prepared_in_time_by_any_interrupt(stress: dict) -> None:
     worst = {name: cost["worst_cycles"] for name, cost in stress["isr"].items()}
     udre = next(cycles for name, cycles in worst.items() if "UDRE" in name)
     running = max(cycles for name, cycles in worst.items() if name != "ADC")
-    assert running + 2 * udre + 3 * BETWEEN + WAKE + ARMED_AFTER < TRIGGER_WINDOW, worst
+    assert (
+        running + 2 * udre + 3 * INSTRUCTION_CYCLES + WAKE_UP_CYCLES + FLAG_CYCLES < TRIGGER_WINDOW
+    ), worst
 
 
-def test_share_of_the_interrupts(stress: dict) -> None:
+def test_the_interrupts_keep_their_share(stress: dict) -> None:
     assert stress["isr_share_worst_100ms"] <= ISR_SHARE_MAX
 
 

@@ -30,7 +30,7 @@ def native(tape: bytes) -> bytes:
     return sent_bytes(sil.replay(tape, target=1))
 
 
-def _said(differences_found: list[Difference]) -> str:
+def _lines(differences_found: list[Difference]) -> str:
     return "\n".join(str(difference) for difference in differences_found)
 
 
@@ -77,7 +77,7 @@ def native_equals_avr(tape: bytes, target: str, request: pytest.FixtureRequest) 
     avr = periods_of(board.replay(request.getfixturevalue(target), tape, mcu=mcu))
     native_sent, avr_sent = (b"".join(period.tx for period in periods) for periods in (native, avr))
     found = differences(native_sent, avr_sent) + bridge_differences(native, avr)
-    assert not found, "native and AVR differ:\n" + _said(found)
+    assert not found, "native and AVR differ:\n" + _lines(found)
     assert damaged(avr_sent) == 0
     return native_sent
 
@@ -116,7 +116,7 @@ def test_the_sent_bytes_do_not_depend_on_latencies(
     isr_cycles: int, tick_cycles: int, tape: bytes, native: bytes
 ) -> None:
     other = sent_bytes(sil.replay(tape, target=1, isr_cycles=isr_cycles, tick_cycles=tick_cycles))
-    assert not differences(native, other), _said(differences(native, other))
+    assert not differences(native, other), _lines(differences(native, other))
 
 
 def test_one_changed_shift_in_the_avr_build_is_caught(

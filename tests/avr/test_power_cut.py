@@ -11,9 +11,11 @@ from vgroove import board, telemetry
 from vgroove.board import BoardInputs, pack_inputs, read_statistics
 from vgroove.errors import VgrooveError
 
-REST = BoardInputs((512, 740, 102, 154))
-OLD, NEW = 197, 150
+REST = BoardInputs((512, 740, 102, 154))  # ADC counts: 0 A, 18.5 V, trigger released, 25 degC
+OLD, NEW = 197, 150  # raw values of slew_per_ms_q15
+# PWM periods, 31,372 in a second
 WRITE_AT, WRITE_PERIODS, START_PERIODS = 9000, 31372 * 2, 31372
+BYTE_CYCLES = 54_400  # write time of an EEPROM byte, 3.4 ms
 
 
 def slew_index() -> int:
@@ -68,7 +70,7 @@ def test_old_or_new_value_survives(
     share: float, uno_elf: Path, whole_write: tuple[int, int], tmp_path: Path
 ) -> None:
     first, count = whole_write
-    cut = first + int(share * count * 54_400)
+    cut = first + int(share * count * BYTE_CYCLES)
     memory = tmp_path / "eeprom.bin"
     board.replay(
         uno_elf,

@@ -13,7 +13,7 @@ from vgroove.board import AvrBoard, BoardInputs
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGETS = {"atmega328p": "uno", "atmega2560": "mega"}
-PERIODS_MAX = 31372 * 20
+PERIODS_MAX = 31372 * 20  # PWM periods: 20 s
 SOURCES = ("tests/avr/vectors_main.c", "tests/vectors/vectors.c", "firmware/hal/avr/serial.c")
 FLAGS = [
     "-DF_CPU=16000000UL",

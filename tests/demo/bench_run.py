@@ -12,7 +12,7 @@ from sealed import DEMO_SECONDS, DEMO_STEPS
 from truth import TruthTool
 
 from vgroove.board import AvrBoard
-from vgroove.lockstep import Profile, Progress, steps
+from vgroove.lockstep import LockstepOptions, Profile, Progress, steps
 from vgroove.pty_line import PtyLine
 
 REST_S = 0.6  # at rest the board calibrates the offset of its current measurement
@@ -60,7 +60,11 @@ def record_run(
                 "the recorder did not open the pty: " + (recorder.communicate()[0] or "")
             )
         for now in steps(
-            board, tool, trigger_profile(), REST_S + DEMO_SECONDS + TAIL_S, line=line, seed=seed
+            board,
+            tool,
+            trigger_profile(),
+            REST_S + DEMO_SECONDS + TAIL_S,
+            LockstepOptions(line=line, seed=seed),
         ):
             progress(now)
         line.drain()

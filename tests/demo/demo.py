@@ -20,7 +20,7 @@ from vgroove.board import default_elf  # noqa: E402
 from vgroove.lockstep import Progress  # noqa: E402
 
 # Progress is shown every 16384 PWM periods (0.5 s); the loop reports it every 512 periods.
-PROGRESS_PERIODS, PROGRESS_WIDTH = 16384, 512
+PROGRESS_PERIODS, REPORT_PERIODS = 16384, 512
 
 
 def say(text: str = "") -> None:
@@ -31,7 +31,7 @@ def say(text: str = "") -> None:
 
 def show_progress(now: Progress) -> None:
     """Show the simulated time in one line that is overwritten, on terminals only."""
-    if sys.stdout.isatty() and now.periods % PROGRESS_PERIODS < PROGRESS_WIDTH:
+    if sys.stdout.isatty() and now.periods % PROGRESS_PERIODS < REPORT_PERIODS:
         sys.stdout.write(f"\r  {now.time_s:5.1f} s simulated, {len(now.sent)} bytes of telemetry ")
         sys.stdout.flush()
 
@@ -101,7 +101,7 @@ def main(arguments: list[str]) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     begin = time.monotonic()
     sealed = draw_sealed(args.seed, folder)
-    say(f"1  A tool is drawn by seed {args.seed}. What is wrong with it is sealed; SHA-256 of the")
+    say(f"1  A tool is drawn by seed {args.seed}. Its effect is sealed; SHA-256 of the")
     say(f"   answer:\n  {sealed.commitment}")
     say("2  The ELF runs cycle by cycle on a simulated ATmega328P and drives that tool; python-can")
     say("   records its RS232 from a pty.")

@@ -24,7 +24,7 @@ HIDDEN = 1.05
 SURE = 0.9  # probability from which a first name counts as confident
 
 
-def judge(folder: Path) -> dict[str, Any]:
+def diagnose_case(folder: Path) -> dict[str, Any]:
     """Verdict and label of one case; an exception is a wrong verdict with its message."""
     start, busy = time.perf_counter(), time.process_time()
     try:
@@ -117,10 +117,10 @@ def totals(results: list[dict[str, Any]]) -> list[str]:
     lines.append(f"confident (>= {SURE:g}) wrong first name: {len(wrong)} of {len(results)}")
     for what in ("seconds", "cpu_seconds"):
         times = sorted(r[what] for r in results)
-        tenth = times[int(0.9 * (len(times) - 1))]
+        high = times[int(0.9 * (len(times) - 1))]
         lines.append(
-            f"{what}: median {times[len(times) // 2]:.1f}, tenth above {tenth:.1f}, "
-            f"most {times[-1]:.1f}"
+            f"{what}: median {times[len(times) // 2]:.1f}, 90th percentile {high:.1f}, "
+            f"maximum {times[-1]:.1f}"
         )
     return lines + confusion(results) + closing(results)
 
@@ -163,7 +163,7 @@ def main(arguments: list[str]) -> int:
         [],
     )
     with ProcessPoolExecutor(args.jobs) as pool:
-        for result in pool.map(judge, cases):
+        for result in pool.map(diagnose_case, cases):
             results.append(result)
             sys.stdout.write(row(result) + "\n")
             sys.stdout.flush()

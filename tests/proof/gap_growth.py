@@ -29,10 +29,10 @@ from vgroove.gap.catalogue import CATALOGUE  # noqa: E402
 from vgroove.page import Table  # noqa: E402
 
 EFFECT = {"viscous_friction": {"nm_s_per_rad": 2.5e-6}}
-SECONDS = (3.0, 6.0, 12.0, 24.0)
-EVERY = (4, 2, 1)
-PATTERN = [(0.3, 0.35), (1.0, 0.8), (1.8, 0.5), (2.4, 1.0)]
-PERIOD_S = 3.0
+SECONDS = (3.0, 6.0, 12.0, 24.0)  # lengths of the logs
+EVERY = (4, 2, 1)  # catalogues of every fourth, every second and every effect
+PATTERN = [(0.3, 0.35), (1.0, 0.8), (1.8, 0.5), (2.4, 1.0)]  # (time in s, duty), repeated
+PERIOD_S = 3.0  # of the pattern
 
 
 def cost(seconds: float, every: int = 1, begin: int = 0) -> dict[str, Any]:

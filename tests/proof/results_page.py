@@ -1,5 +1,5 @@
 """Writes docs/results.md, every measured figure of the project, from docs/results/*.json:
-`python tests/proof/results_page.py` writes the page, `--check` says whether it is up to date.
+`python tests/proof/results_page.py` writes the page; `--check` exits with 1 where it differs.
 """
 
 import json
@@ -18,6 +18,11 @@ HEAD = """\
 Generated from the JSON files of [results](results/) by `python tests/proof/results_page.py`; a test
 fails when the page differs from them. A result of `make proof` carries the commit that it was made
 at; the figures of the last table are printed by the commands beside them.
+
+Terms: *sealed* (hidden from the diagnosis until its verdict), *visible* (the visible limit), rig
+*exact* or *off* and *engine* are defined in [gap_bench](gap_bench.md); *in reach*, *cell* and the
+measures of the controllers in [control_bench](control_bench.md); *clean blow* in
+[studies](studies.md); the roll-outs and solvers of the speed table in [plant](plant.md).
 """
 
 # Groups of cases of the blind set: key of the JSON -> words.
@@ -55,7 +60,7 @@ def rate(of: dict[str, Any]) -> str:
 
 # Half of the blind set -> what it has been used for.
 HALVES = {
-    "report": "This half is for the report: no threshold is chosen on it.",
+    "report": "Used for reporting only: no threshold is chosen on it.",
     "tune": "Thresholds are chosen on this half.",
 }
 
@@ -151,7 +156,7 @@ def speed() -> list[str]:
 
 
 def trap() -> list[str]:
-    """One joint that lacks its Coulomb friction."""
+    """Errors of identification methods on a joint whose model lacks its Coulomb friction."""
     result = read("bench_trap")
     return [
         "## A joint whose model lacks its Coulomb friction",

@@ -97,7 +97,11 @@ def main(on: str, log: Path, run_s: float, held_s: float, travel: float) -> None
         pty.wait_for_reader()
         line = HostAndOperator(pty, held_s, travel)
         for progress in lockstep.steps(
-            board, tool, lockstep.Profile(travel=line.travel), MAX_RUN_S, line=line
+            board,
+            tool,
+            lockstep.Profile(travel=line.travel),
+            MAX_RUN_S,
+            lockstep.LockstepOptions(line=line),
         ):
             sent = progress.sent
             if progress.time_s > line.pulled_s + run_s:

@@ -1,9 +1,9 @@
-"""Second opinion on the drill driver: docs/spec/model.md, sections 1 to 3 and 7, in SciPy at rtol
-1e-10; shares no code with plant/.
+"""Independent reference of the drill driver: docs/spec/model.md, sections 1 to 3 and 7, in SciPy at
+rtol 1e-10; shares no code with plant/. Symbols are those of that page, in SI units.
 
 A run is a chain of LSODA integrations, each ended by an event (motor breaks away or stops, clutch
-slips or grips, diodes block, pulse mode begins or ends) or by the clock (ramp, load, halves of
-pulse mode).
+slips or grips, diodes block, pulse mode begins or ends) or at a given time (end of the ramp, load
+on and off, coast and drive of pulse mode).
 """
 
 from dataclasses import dataclass, field
@@ -16,8 +16,8 @@ I, W, E, C, Q = range(5)  # noqa: E741  current, motor speed, twist, chuck speed
 
 
 class ChainedLsoda(LSODA):
-    """LSODA whose interpolant begins where its step began: its own polynomial misses that by the
-    step's error, so that the sign of a guard that is next to 0 there could change without a root.
+    """LSODA whose interpolant begins where its step began: the polynomial of LSODA differs from it
+    by the step's error, so that a guard near 0 could change its sign there without a root.
     """
 
     def _step_impl(self) -> tuple[bool, str | None]:
@@ -66,7 +66,7 @@ class Drill:
 @dataclass
 class State:
     """What holds between two events: signs of sliding and slipping, whether the bridge is open, and
-    pulse mode's clock.
+    the times of pulse mode.
     """
 
     slide: int = 0
@@ -133,7 +133,7 @@ def events_of(d: Drill, s: State) -> dict[str, object]:
     return guards
 
 
-def normal_again(d: Drill, s: State, sol: object, t0: float, t1: float) -> float | None:
+def pulse_mode_end(d: Drill, s: State, sol: object, t0: float, t1: float) -> float | None:
     """First instant in t0..t1 at which the moving average over 0.1 s, tested from 0.1 s after pulse
     mode began, is below 8 A.
     """
@@ -158,13 +158,13 @@ def normal_again(d: Drill, s: State, sol: object, t0: float, t1: float) -> float
 
 
 def switch_pulse(s: State, t: float) -> None:
-    """The next half of pulse mode."""
+    """Change between coasting (25 ms) and driving (75 ms) in pulse mode."""
     s.open = not s.open
     s.switch = t + (0.025 if s.open else 0.075)
 
 
 def settle(d: Drill, s: State, name: str, t: float, y: np.ndarray) -> None:
-    """What an event changes."""
+    """Apply an event: the modes and states that it changes."""
     torque = d.k * y[I] - (s.slip * d.clutch if s.slip else grip(d, y)) / d.n
     if name == "break":
         s.slide = int(np.sign(torque))
@@ -186,7 +186,7 @@ def run(d: Drill, rows: np.ndarray) -> dict[str, np.ndarray]:
     s, y, t = State(), np.zeros(5), 0.0
     out = np.full((len(rows), 5), np.nan)
     while t < d.end - 1e-12:
-        clock = [
+        fixed_times = [
             x
             for x in (
                 0.3,
@@ -198,7 +198,7 @@ def run(d: Drill, rows: np.ndarray) -> dict[str, np.ndarray]:
             )
             if x > t + 1e-12
         ]
-        stop = min(clock)
+        stop = min(fixed_times)
         guards = events_of(d, s)
         found = solve_ivp(
             lambda u, x: rates(d, s, u, x),
@@ -213,15 +213,17 @@ def run(d: Drill, rows: np.ndarray) -> dict[str, np.ndarray]:
         t1, name = (found.t[-1], None)
         for key, times in zip(guards, found.t_events, strict=True):
             name = key if times.size and times[0] == t1 else name
-        again = normal_again(d, s, found.sol, t, t1)
+        ended = pulse_mode_end(d, s, found.sol, t, t1)
         t1, name = (
-            (again, "again") if again is not None and again < t1 else (t1 if name else stop, name)
+            (ended, "pulse_end")
+            if ended is not None and ended < t1
+            else (t1 if name else stop, name)
         )
         here = (rows >= t) & (rows <= t1)
         out[here] = found.sol(rows[here]).T if here.any() else np.empty((0, 5))
         s.pieces = [p for p in s.pieces if p[1] > t - 0.2] + [(t, t1, found.sol)]
         y, t = np.array(found.sol(t1)), t1
-        if name == "again":
+        if name == "pulse_end":
             s.pulse_start, s.switch, s.open = None, np.inf, False
         elif name:
             settle(d, s, name, t, y)

@@ -41,7 +41,7 @@ def diagnosed(row: dict, folder: Path) -> Scored:
     )
 
 
-def story(cases: list[Scored]) -> str:
+def case_lines(cases: list[Scored]) -> str:
     """A line for each case, shown when a test fails."""
     return "\n".join(
         f"{c.number} {c.kind} {'+'.join(c.answer['ids'])} {c.answer['times_visible']} -> "
@@ -67,7 +67,7 @@ def main() -> int:
             cases = [
                 diagnosed(row, Path(folder) / f"case_{n}") for n, row in enumerate(ROWS[place::2])
             ]
-        sys.stdout.write(f"{story(cases)}\n{counts(cases)}\n")
+        sys.stdout.write(f"{case_lines(cases)}\n{counts(cases)}\n")
     return 0
 
 

@@ -1,16 +1,17 @@
-"""Second opinion on the impact mechanism: docs/spec/model.md, sections 1, 2, 4, 5 and 6, integrated
-by SciPy at rtol 1e-10.
+"""Independent reference of the impact mechanism: docs/spec/model.md, sections 1, 2, 4, 5 and 6,
+integrated by SciPy at rtol 1e-10.
 
 Written from that page alone; shares no code with plant/. Contact, lug, joint and friction are
 modes: inside a mode the right-hand side is smooth, and a mode ends where one of its margins passes
-zero, located to rounding. Slow on purpose, so the runs that the tests compare with are kept in
-impact_reference.json, made by `python tests/python/impact_reference.py [CASE...]` (Radau, ten
-minutes).
+zero, located to rounding. It is slow, because every event ends an integration, so the runs that the
+tests compare with are stored in impact_reference.json, which the command
+`python tests/python/impact_reference.py [CASE...]` writes (Radau, ten minutes).
 
-Where the page leaves room: the hammer's start angle is that of its flank before the anvil's flank;
-the contact ramp is linear; lug top and end stop have stiffness, damping and ramp of the flanks;
-only touches of the forward flank are blows; the head angle that counts for the slip torque is at
-least 0; release and the end of an overlap drop the contact force at once.
+Where the page leaves a choice: the hammer's start angle is the angle from the anvil's flank to the
+flank of the hammer, negative before it; the contact ramp is linear; lug top and end stop have
+stiffness, damping and ramp of the flanks; a contact of either flank is recorded, with the number of
+its lug; the head angle that counts for the slip torque is at least 0; at a release and at the end
+of an overlap the contact force becomes 0 at once.
 """
 
 from __future__ import annotations
@@ -39,15 +40,15 @@ FREE, RAMP, FULL, BACK = range(4)
 # the hammer's lugs: in a gap below h, above h beside the lugs, over a lug
 GAP, CLEAR, OVER = range(3)
 STICK, FORWARD, BACKWARD = range(3)  # the joint
-BLOW, REPEAT, LATER = range(3)  # kinds of first contacts
-# a margin ends its mode this far beyond zero
+BLOW, REPEAT, REBOUND = range(3)  # kinds of contacts: docs/spec/model.md, section 4
+# a mode ends where one of its margins is this far beyond zero
 PEN_EPS, RATE_EPS, ANGLE_EPS, TORQUE_EPS, CURRENT_EPS = 1e-13, 1e-10, 1e-12, 1e-9, 1e-10
 
 
 @dataclass(frozen=True)
 class Tool:
-    """Reference set of docs/spec/model.md, section 4; the joint by its slip torque forwards, run_nm
-    + slope * head angle.
+    """Reference set of docs/spec/model.md, section 4, in its symbols and in SI units. A hard joint
+    has the slip torque run_nm + slope * head angle forwards.
     """
 
     voc: float = 18.5
@@ -84,9 +85,9 @@ class Tool:
     duty: float = 1.0
     joint: str = "hard"  # hard | wood | discs
     from_turns: float = 0.0
-    mirrored: bool = False  # everything the other way round: a run in reverse
-    slew: float = math.inf  # the duty rises so fast, per s
-    stop_s: float = math.inf  # then the trigger is let go: the bridge brakes (duty 0) or is open
+    mirrored: bool = False  # a run in reverse: angles, speeds and torques have the other sign
+    slew: float = math.inf  # rate at which the duty rises, 1/s
+    stop_s: float = math.inf  # release of the trigger: the bridge brakes (duty 0) or coasts (open)
     coast: bool = False
 
     def slip(self, head: float) -> tuple[float, float]:
@@ -156,7 +157,7 @@ def discs_n(turns: float) -> float:
 
 
 def bolt_m(way: float) -> float:
-    """Torque over bolt force, tightening (1) or loosening (-1)."""
+    """Torque over bolt force in m, tightening (way 1) or loosening (way -1)."""
     return way * 0.16 * BOLT_PITCH + 0.58 * BOLT_FLANK * BOLT_MU + BOLT_HEAD / 2 * BOLT_MU
 
 
@@ -257,7 +258,7 @@ class Result:
 
 
 def push(pen: float, rate: float, mode: int, tool: Tool) -> float:
-    """Contact law of section 5, exponent 1, of a frozen mode, N."""
+    """Force of the contact law of section 5 with exponent 1 in a given mode, N."""
     if mode == FREE:
         return 0.0
     damping = (
@@ -269,7 +270,7 @@ def push(pen: float, rate: float, mode: int, tool: Tool) -> float:
 
 
 def contact_margins(pen: float, rate: float, mode: int, tool: Tool) -> list[float]:
-    """Scaled so that -1 ends the mode."""
+    """Margins of a contact's mode, scaled so that the mode ends at -1."""
     if mode == FREE:
         return [-pen / PEN_EPS]
     if mode == BACK:
@@ -442,7 +443,9 @@ class Impact:
         return found
 
     def pass_lugs(self, y: np.ndarray) -> None:
-        """The state "in the gap, or above the lugs" after a margin of it ended."""
+        """Set the state "in a gap, above the lugs or over a lug" after one of its margins was
+        passed.
+        """
         mode, below = self.mode, self.groove(y[THJ] - y[THS])[0] < self.tool.h
         phi = self.flank(y)
         if mode.lugs == OVER:
@@ -460,8 +463,8 @@ class Impact:
             mode.lugs = GAP if below else CLEAR
 
     def switch(self, y: np.ndarray) -> int | None:
-        """All modes from the state just beyond a margin; the lug whose flank has just been touched,
-        if any.
+        """Set all modes from the state just beyond a margin; return the number of the lug whose
+        flank has just been touched, or None.
         """
         mode, t = self.mode, self.tool
         was_touching = mode.lugs == GAP and (mode.forward != FREE or mode.rear != FREE)
@@ -505,14 +508,14 @@ class Impact:
 
 
 def kind_of(blows: list[Contact], lug: int, t: float, approach: float) -> int:
-    """Section 4: blow, repeat, or a later contact that belongs to the blow."""
+    """Section 4: blow, repeat or rebound."""
     if not blows or lug != blows[-1].lug:
         return BLOW
     last = blows[-1]
     return (
         REPEAT
         if t - last.time_s > REPEAT_AFTER_S and approach >= REPEAT_SPEED * last.approach_rad_s
-        else LATER
+        else REBOUND
     )
 
 
@@ -600,7 +603,7 @@ def stretch(
 def simulate(
     tool: Tool, seconds: float, method: str = "DOP853", rtol: float = RTOL, row_s: float = 1e-3
 ) -> Result:
-    """A run from rest with a constant duty; rows every row_s from 0 on."""
+    """A run of the tool from rest, with its duty, slew and stop; rows every row_s from 0 on."""
     plant, out = Impact(tool), Result()
     y, t = np.zeros(11), 0.0
     y[THJ] = y[THS] = tool.start
@@ -643,7 +646,7 @@ def as_json(case: Case, result: Result) -> dict:
 
 
 def make(method: str, rtol: float, names: list[str]) -> dict:
-    """The whole file; with names only those cases are run again."""
+    """The content of the file; with names only those cases are run, the others are kept."""
     kept = json.loads(RESULTS.read_text())["cases"] if names else {}
     run = {
         name: as_json(

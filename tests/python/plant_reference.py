@@ -1,9 +1,9 @@
-"""Second opinion on the drivetrain: docs/spec/model.md, sections 1, 2 and 6, and docs/spec/gap.md,
-section 3, in SciPy at rtol 1e-10.
+"""Independent reference of the drivetrain: docs/spec/model.md, sections 1 to 3, and
+docs/spec/gap.md, section 3, in SciPy at rtol 1e-10.
 
-Written from those two pages alone; shares no code with plant/. Slow on purpose: every straight
-stretch of command and load is one or more calls of solve_ivp, ended by an event wherever a body
-stops or breaks away or the diodes block.
+Written from those two pages alone; shares no code with plant/. It is slow: every stretch in which
+command and load are straight lines is one or more calls of solve_ivp, ended by an event wherever a
+body stops or breaks away or the diodes block.
 """
 
 from __future__ import annotations
@@ -36,7 +36,9 @@ class Log:
 
 @dataclass
 class Tool:
-    """Nominal keys of a rig and the effects that are on, {id: {parameter: value}}."""
+    """Nominal keys of a rig, in the symbols of docs/spec/model.md and SI units, and the effects
+    that are on, {id: {parameter: value}}.
+    """
 
     voltage: float = 18.5
     supply_ohm: float = 0.1
@@ -52,7 +54,7 @@ class Tool:
     mass: float = 0.0
     length: float = 0.0
     zero: float = 0.0
-    # law of a free load: tc, tbrk, w_brk, f; the older form: w_th, cv instead
+    # law of a free load: tc, tbrk, w_brk, f; the exponential form has w_th, cv instead of w_brk
     free: dict[str, float] = field(default_factory=dict)
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
 
@@ -141,7 +143,7 @@ class Drivetrain:
         self.s1 = self.s2 = self.diode = 0.0
         self.u0 = self.du = self.tl0 = self.dtl = self.t0 = self.bus = 0.0
         self.open = False
-        self.slack_nm = 1e-12  # a resting body is let go this far beyond its hold
+        self.slack_nm = 1e-12  # a body at rest slides where its drive exceeds the hold by this
 
     def ripple(self, d: float, vs: float) -> float:
         return max(0.2, abs(d) * (1 - abs(d)) * vs / (2 * self.l * self.tool.pwm_hz))
@@ -355,7 +357,7 @@ class Drivetrain:
             )
         return first, second, third, abs(y[TH] - y[TH2]) - self.play - 1e-13 if self.play else 1.0
 
-    def ask_rest(self, t: float, y: np.ndarray, shaft: bool, output: bool) -> None:
+    def decide_rest(self, t: float, y: np.ndarray, shaft: bool, output: bool) -> None:
         if shaft:
             y[W] = 0.0
         if output:
@@ -366,7 +368,7 @@ class Drivetrain:
         if output:
             self.s2 = float(np.sign(ex2))
 
-    def watch(self) -> list:
+    def terminal_events(self) -> list:
         """Terminal events of solve_ivp."""
         found = []
         for which in range(4):
@@ -388,21 +390,27 @@ class Drivetrain:
             y[TH2] = y[TH] - np.sign(y[TH] - y[TH2]) * (self.play + 1e-12)  # the flanks have met
             hit[0], hit[1] = hit[0] or not self.s1, hit[1] or not self.s2
         if hit[0] or hit[1]:
-            self.ask_rest(t, y, hit[0], hit[1])
-        # let go and stopped in the same instant: it rests until the drive has grown
+            self.decide_rest(t, y, hit[0], hit[1])
+        # a body that breaks away and stops in the same instant rests until the drive has grown
         if stalled and not hit[3]:
             self.s1, self.s2 = (0.0 if hit[0] else self.s1), (0.0 if hit[1] else self.s2)
 
     def run(self, t0: float, t1: float, y: np.ndarray, method: str) -> np.ndarray:
-        """One stretch; self.u0, du, tl0, dtl, t0, open are set."""
+        """State after one stretch; the caller has set u0, du, tl0, dtl, t0, open."""
         if not self.open:
             self.diode = 0.0
         elif self.diode == 0:
             self.diode = float(np.sign(y[I]))
-        self.ask_rest(t0, y, y[W] == 0.0, self.two and y[W2] == 0.0)
+        self.decide_rest(t0, y, y[W] == 0.0, self.two and y[W2] == 0.0)
         while t1 - t0 > 1e-13:
             sol = solve_ivp(
-                self.rhs, (t0, t1), y, method=method, rtol=RTOL, atol=1e-9, events=self.watch()
+                self.rhs,
+                (t0, t1),
+                y,
+                method=method,
+                rtol=RTOL,
+                atol=1e-9,
+                events=self.terminal_events(),
             )
             assert sol.success, sol.message
             stalled = float(sol.t[-1]) - t0 < 1e-13
@@ -413,8 +421,8 @@ class Drivetrain:
 
 
 def settle(m: Drivetrain, y: np.ndarray, t: float) -> None:
-    """Filters settled, output side moving with the motor (twist of a rigid shaft), in the middle of
-    a play without a torque.
+    """Set the start: filters at steady state, output side moving with the motor. Its twist carries
+    the torque of a rigid shaft; without torque it is in the middle of the play.
     """
     y[IF] = y[I]
     hall = m.tool.on("hall_eccentricity")

@@ -58,7 +58,7 @@ NAMES = {
 
 
 @pytest.mark.parametrize("case", SLIPPING)
-def test_tool_is_the_references(case: str) -> None:
+def test_tool_has_the_values_of_the_reference(case: str) -> None:
     tool, other = SLIPPING[case], reference.CASES[case].tool()
     assert {name: getattr(tool, name) for name in NAMES} == {
         name: getattr(other, theirs) for name, theirs in NAMES.items()
@@ -199,7 +199,7 @@ def test_a_failing_solver_has_an_infinite_error() -> None:
     assert chosen["slip_60"].error == math.inf
 
 
-def test_works_run_in_turns_and_short_ones_are_called_several_times() -> None:
+def test_solvers_run_in_turns_and_short_runs_are_repeated() -> None:
     order: list[str] = []
     works = {
         "long": lambda: order.append("long") or timing.time.sleep(0.06),
@@ -362,7 +362,9 @@ def test_ratio_at_the_cheapest_tolerance_that_reaches_both_joints() -> None:
     sensitivity = importlib.import_module("vgroove.bench.sensitivity")
 
     def row(case: str, tolerance: float, ratio: float, reached: bool) -> object:
-        return sensitivity.Sensitivity("made", case, tolerance, "rtol", 0.0, reached, 1e-2, ratio)
+        return sensitivity.ToleranceFigure(
+            "made", case, tolerance, "rtol", 0.0, reached, 1e-2, ratio
+        )
 
     rows = [
         row("slip_60", 1e-4, 9.0, False),
@@ -389,7 +391,7 @@ def test_every_tolerance_of_the_grid_is_run_beside_the_plant(
     speed, ticks = importlib.import_module("vgroove.bench.impact_speed"), []
     peers = [solvers.Peer("made", None, (1e-5, 1e-6)), solvers.Peer("of one step", None, (1e-5,))]
     chosen = [speed.Figure("made", case, 1.0, 1.0, 0.0, True, 1e-5, "rtol") for case in SLIPPING]
-    found = sensitivity.measure_sensitivity(
+    found = sensitivity.measure_tolerances(
         lambda tool: lambda: sum(range(1000)), peers, chosen, 2, ticks.append
     )
     assert len(ticks) == sensitivity.runs_of(peers) == len(SLIPPING)

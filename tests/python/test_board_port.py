@@ -168,7 +168,7 @@ def test_the_elf_drives_no_more_than_the_trigger_and_not_without_it(tmp_path: Pa
     assert (
         host.returncode == 2
         and "rows until then are in" in stderr
-        and "the trigger limited the run: at its least it allowed 6" in stderr
+        and "the trigger limited the run: at one time it allowed a duty of only 6" in stderr
     )
     assert re.search(r"the trigger was released, [01]\.\d s into the run of 4\.0 s", stderr), stderr
     log = read_log(tmp_path / "log.blf")
@@ -184,7 +184,7 @@ def test_the_elf_drives_no_more_than_the_trigger_and_not_without_it(tmp_path: Pa
     )
 
 
-def test_a_port_that_goes_away_is_a_sentence_and_the_log_is_kept(tmp_path: Path) -> None:
+def test_a_lost_port_gives_a_message_and_the_log_is_kept(tmp_path: Path) -> None:
     board, host = start_both("sil", tmp_path, 30.0)
     wait_for_the_drive(tmp_path)
     board.kill()
@@ -209,7 +209,7 @@ def test_ctrl_c_before_the_run_has_begun_leaves_nothing(tmp_path: Path) -> None:
     assert [name for name in os.listdir(tmp_path) if "log" in name] == []
 
 
-def test_a_port_without_a_board_is_a_sentence(tmp_path: Path) -> None:
+def test_a_port_without_a_board_gives_a_message(tmp_path: Path) -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     host = start_run(os.ttyname(slave), tmp_path / "log.csv")
@@ -232,7 +232,7 @@ def test_a_port_without_a_board_is_a_sentence(tmp_path: Path) -> None:
             ["--on", "/dev/ttyNone", "-o", "log.csv", "--experiment", "waltz"],
             "there is no run waltz; the menu has staircase",
         ),
-        (["--on", "/dev/ttyNone", "--experiment", "reversal"], "say where with -o LOG"),
+        (["--on", "/dev/ttyNone", "--experiment", "reversal"], "name the log file with -o LOG"),
         (
             ["--on", "/dev/ttyNone", "--experiment", "reversal", "-o", "log.csv"],
             "/dev/ttyNone: the port cannot be opened",
@@ -249,11 +249,11 @@ def test_a_port_without_a_board_is_a_sentence(tmp_path: Path) -> None:
         ([], "run a SCENARIO"),
     ],
 )
-def test_unusable_options_are_sentences(arguments: list[str], sentence: str) -> None:
+def test_unusable_options_give_a_message(arguments: list[str], sentence: str) -> None:
     assert sentence in error_message(*arguments)
 
 
-def test_a_verdict_that_is_none_is_a_sentence(tmp_path: Path) -> None:
+def test_a_file_that_is_no_verdict_gives_a_message(tmp_path: Path) -> None:
     none = '{"verdict": "none", "next_experiment": null}'
     for text, sentence in (
         ("{", "is no JSON"),

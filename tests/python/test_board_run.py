@@ -67,7 +67,10 @@ def performed(line: Line, seconds: float = 8.0, travel: tuple = HELD, **stimuli:
     tool = make_plant(without_board_effects(read_rig(RIG)), 1)
     profile = lockstep.Profile(travel=travel, **stimuli)
     return log_from_stream(
-        lockstep.run(SilBoard(target=1), tool, profile, seconds, line=line, seed=1), "board"
+        lockstep.run(
+            SilBoard(target=1), tool, profile, seconds, lockstep.LockstepOptions(line=line, seed=1)
+        ),
+        "board",
     )
 
 
@@ -112,11 +115,14 @@ def test_a_staircase_is_performed_and_recorded_from_its_beginning() -> None:
     ]
 
 
-def test_the_trigger_limits_the_run_and_the_log_says_what_was_driven() -> None:
+def test_the_trigger_limits_the_run_and_the_log_has_the_driven_duty() -> None:
     line = Line("staircase")
     log = performed(line, travel=((0.0, 0.0), (PRESSED_S, 0.0), (PRESSED_S + 0.02, 0.5)))
     assert line.run.ended == RUN_COMPLETE and 0.4 < np.abs(log["duty"]).max() < 0.55
-    assert "the trigger limited the run: at its least it allowed 5" in line.run.remarks()[0]
+    assert (
+        "the trigger limited the run: at one time it allowed a duty of only 5"
+        in line.run.remarks()[0]
+    )
 
 
 def test_a_reversal_is_two_legs_with_the_switch_moved_by_the_operator_in_between() -> None:
@@ -268,7 +274,7 @@ def test_a_leg_never_changes_faster_than_the_boards_ramp() -> None:
         ({"next_experiment": {"profile": "staircase", "points": "none"}}, "are pairs"),
     ],
 )
-def test_a_verdict_without_a_run_is_a_sentence(verdict: dict, words: str) -> None:
+def test_a_verdict_without_a_run_gives_a_message(verdict: dict, words: str) -> None:
     with pytest.raises(VgrooveError, match=words):
         profile_from_verdict(verdict, "v.json")
 

@@ -26,7 +26,7 @@ from vgroove.control_bench import (
 from vgroove.control_bench.control import PARTS, Choice
 from vgroove.control_bench.figures import WAVES, image_path
 from vgroove.control_bench.goals import Goal
-from vgroove.control_bench.jobs import PLAIN, Job, Variant, do, run_jobs
+from vgroove.control_bench.jobs import PLAIN, Job, Variant, run_job, run_jobs
 from vgroove.control_bench.runs import (
     PULL_S,
     AbsentError,
@@ -244,7 +244,7 @@ def test_the_search_finds_a_duty_that_is_clean_where_the_trigger_is_not() -> Non
 
 
 def test_an_absent_controller_is_reported_not_run() -> None:
-    row = do(Job(sync.work, Variant("method 9", "polish"), sync.cells()[0]))
+    row = run_job(Job(sync.work, Variant("method 9", "polish"), sync.cells()[0]))
     assert (
         row["variant"] == "method 9"
         and "has no mode polish" in row["absent"]
@@ -581,8 +581,8 @@ def test_a_jam_opens_the_bridge_in_both_directions(gear: str, reverse: float) ->
     params = drill.drill_params(gear)
     plan = RunPlan(profile, drill.CONTROLLER.mode, params, 1.0, 3, truth_every=4)
     run = run_plan(drill.drill_rig(gear, 18.0), plan)
-    first_s, good_s = drill.opened_s(run, 0.8)
-    assert torque.reason_of(run) == "kickback" and first_s - 0.8 <= 0.03 and good_s - 0.8 <= 0.03
+    first_s, final_s = drill.opened_s(run, 0.8)
+    assert torque.reason_of(run) == "kickback" and first_s - 0.8 <= 0.03 and final_s - 0.8 <= 0.03
     assert np.sign(run.truth["speed_rad_s"][run.truth["time_s"] < 0.8][-1]) == 1.0 - 2.0 * reverse
 
 

@@ -13,7 +13,7 @@ from drill_reference import Drill, run
 from vgroove import _core, cli
 from vgroove.errors import VgrooveError
 from vgroove.log import read_log
-from vgroove.plant_alone import make_drill, straight_from
+from vgroove.plant_alone import make_drill, row_start_duty
 from vgroove.rig import Rig, read_rig, write_rig
 from vgroove.scenario import make_plant
 
@@ -28,8 +28,8 @@ def rig(gear: str = "low", **changes: object) -> Rig:
     )
 
 
-def alone(tool: Rig, seconds: float = 4.0) -> dict[str, np.ndarray]:
-    """Rows of 1 ms of a full trigger in the ramp of 0.3 s, met exactly; (n,) each."""
+def run_alone(tool: Rig, seconds: float = 4.0) -> dict[str, np.ndarray]:
+    """Rows of 1 ms at full trigger, whose duty rises exactly along the ramp of 0.3 s; (n,) each."""
     plant = make_drill(tool)
     duty = np.minimum(np.arange(round(seconds / ROW_S) + 1) * ROW_S / 0.3, 1.0)
     rows = [
@@ -45,34 +45,36 @@ def alone(tool: Rig, seconds: float = 4.0) -> dict[str, np.ndarray]:
 def test_agrees_with_the_reference(gear: str, pulse: bool, clutch_nm: float) -> None:
     tool = rig(gear, mechanism__pulse=pulse, mechanism__clutch_nm=clutch_nm)
     best = _core.simulate_drill(tool.drill_parameters(), row_s=ROW_S, tolerance=1e-9)
-    rows = alone(tool)
+    rows = run_alone(tool)
     for name in ("speed_rad_s", "chuck_rad_s"):
         assert np.max(np.abs(rows[name] - best[name][1:])) < 1e-3 * np.max(np.abs(best[name])), name
     mean_a = np.diff(best["charge_as"]) / ROW_S
     assert np.max(np.abs(rows["current_a"] - mean_a)) < 2e-3 * np.max(np.abs(mean_a))
 
 
-def test_agrees_with_scipy_in_the_exponential_form_of_the_law() -> None:
+def test_agrees_with_scipy_and_the_exponential_law_has_its_steady_torque() -> None:
     tool = rig("low", mechanism__pulse=True)
     other = run(Drill(pulse=True, end=2.6), np.arange(1, 2600) * ROW_S)
-    rows = alone(tool, 2.6)
+    rows = run_alone(tool, 2.6)
     for name in ("speed_rad_s", "chuck_rad_s"):
         assert np.max(np.abs(rows[name][:2599] - other[name])) < 1e-3 * np.max(
             np.abs(other[name])
         ), name
-    older = alone(rig("low", load__form="exponential", load__from_s=0.0, load__to_s=9.0), 1.0)
-    p = tool.drill_parameters()
-    friction = 0.012 + 4.5e-6 * older["speed_rad_s"][-1]
-    # Tc + (Tbrk - Tc) exp(-cv w) at a steady speed
-    torque = 6.0 + 1.2 * np.exp(-10.0 * older["chuck_rad_s"][-1])
-    assert older["shaft_nm"][-1] == pytest.approx(torque, rel=1e-3)
-    assert older["current_a"][-1] * p["motor.torque_constant_nm_per_a"] * 31.5 == pytest.approx(
-        torque + 31.5 * friction, rel=1e-3
+    exponential = run_alone(
+        rig("low", load__form="exponential", load__from_s=0.0, load__to_s=9.0), 1.0
     )
+    p = tool.drill_parameters()
+    friction = 0.012 + 4.5e-6 * exponential["speed_rad_s"][-1]
+    # Tc + (Tbrk - Tc) exp(-cv w) at a steady speed
+    torque = 6.0 + 1.2 * np.exp(-10.0 * exponential["chuck_rad_s"][-1])
+    assert exponential["shaft_nm"][-1] == pytest.approx(torque, rel=1e-3)
+    assert exponential["current_a"][-1] * p[
+        "motor.torque_constant_nm_per_a"
+    ] * 31.5 == pytest.approx(torque + 31.5 * friction, rel=1e-3)
 
 
 def test_the_shaft_never_carries_more_than_the_clutch() -> None:
-    rows = alone(rig("low", mechanism__clutch_nm=4.0), 3.2)
+    rows = run_alone(rig("low", mechanism__clutch_nm=4.0), 3.2)
     assert 3.99 < rows["shaft_peak_nm"].max() <= 4.0 + 1e-9
     # the chuck stands, the motor goes on
     assert rows["chuck_rad_s"][2900] < 0.1 < rows["speed_rad_s"][2900]
@@ -86,20 +88,23 @@ def test_a_load_that_rises_with_the_angle_stops_the_chuck_where_the_torques_meet
         row = plant.advance(ROW_S, 0.3)
     stall = 31.5 * (0.0109 * 0.3 * 18.0 / 0.19 - 0.012)
     assert row.load_nm == pytest.approx(20.0 * (row.chuck_angle_rad - 3.0), rel=1e-3)
-    # its own inertia took it past the stall torque, and friction holds it
+    # the tool's inertia turns the chuck beyond the angle of the stall torque; friction holds it
     assert stall < 0.95 * row.load_nm
     assert row.chuck_rad_s < 0.02
 
 
 def test_hall_edges_and_pack_resistance() -> None:
     plant = make_plant(rig("high", supply__resistance_ohm=0.1, load__torque_nm=0.0), seed=1)
-    edges, least = 0, 99.0
+    ramp_periods = 9411  # 0.3 s
+    edges, least_error_v = 0, 99.0
     for n in range(20_000):
-        current, supply, found = plant.period(False, min(n / 9411, 1.0), 0.0, 1.0)
+        current, supply, found = plant.period(False, min(n / ramp_periods, 1.0), 0.0, 1.0)
         edges += len(found)
-        least = min(least, supply - (18.0 - 0.1 * min(n / 9411, 1.0) * current))
+        least_error_v = min(
+            least_error_v, supply - (18.0 - 0.1 * min(n / ramp_periods, 1.0) * current)
+        )
     assert abs(edges - plant.angle_rad / (np.pi / 2.0)) <= 1.0
-    assert edges > 300 and abs(least) < 0.02
+    assert edges > 300 and abs(least_error_v) < 0.02
     assert current == pytest.approx(
         (1.0 / 8.75 + 0.012 + 4.5e-6 * plant.speed_rad_s) / 0.0109, rel=1e-3
     )
@@ -138,12 +143,12 @@ def test_an_open_bridge_takes_the_current_through_the_diodes_and_then_nothing() 
         ("unknown parameter motor.volt", lambda: _core.DrillPlant({"motor.volt": 1.0})),
     ],
 )
-def test_contradictory_requests_are_refused(words: str, call: object) -> None:
+def test_impossible_requests_are_refused(words: str, call: object) -> None:
     with pytest.raises(ValueError, match=words):
         call()
 
 
-def test_unsuitable_rigs_are_refused_with_a_sentence() -> None:
+def test_unsuitable_rigs_are_refused_with_the_reason() -> None:
     with pytest.raises(VgrooveError, match="no effects, so not coulomb_friction"):
         rig().with_effects({"coulomb_friction": {"torque_nm": 0.01}}).drill_parameters()
     with pytest.raises(VgrooveError, match="not voltage_v"):
@@ -156,10 +161,10 @@ def test_unsuitable_rigs_are_refused_with_a_sentence() -> None:
         read_rig(ROOT / "rigs/board_18v.toml").drill_parameters()
 
 
-def test_a_row_begins_where_the_one_before_ended_within_the_slew() -> None:
+def test_the_duty_of_a_row_starts_at_the_previous_value_within_the_slew_rate() -> None:
     duty = np.array([0.0, 0.003, 0.5, 0.5])
-    assert np.array_equal(straight_from(duty, 4.0), [0.0, 0.0, 0.5, 0.5]) and np.array_equal(
-        straight_from(duty, None), duty
+    assert np.array_equal(row_start_duty(duty, 4.0), [0.0, 0.0, 0.5, 0.5]) and np.array_equal(
+        row_start_duty(duty, None), duty
     )
 
 
@@ -207,12 +212,12 @@ def test_run_in_sil_agrees_with_the_plant_alone(tmp_path: Path) -> None:
     invoke("sim", path, "-o", tmp_path / "sim.csv")
     board, model = read_log(tmp_path / "run.csv"), read_log(tmp_path / "sim.csv")
     for begin, end in ((1.0, 1.9), (2.2, 2.55)):  # free, and under 6 N m
-        seen, believed = ((log.time_s > begin) & (log.time_s < end) for log in (board, model))
-        assert board["speed_rpm"][seen].mean() == pytest.approx(
-            model["speed_rpm"][believed].mean(), rel=2e-3
+        measured, modelled = ((log.time_s > begin) & (log.time_s < end) for log in (board, model))
+        assert board["speed_rpm"][measured].mean() == pytest.approx(
+            model["speed_rpm"][modelled].mean(), rel=2e-3
         )
-        assert board["current_a"][seen].mean() == pytest.approx(
-            model["current_a"][believed].mean(), abs=0.15
+        assert board["current_a"][measured].mean() == pytest.approx(
+            model["current_a"][modelled].mean(), abs=0.15
         )
 
 

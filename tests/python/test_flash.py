@@ -94,7 +94,7 @@ def test_command_line_flashes_and_exits_2_on_corruption(image: Path) -> None:
     assert "avrdude could not flash" in failed.stderr
 
 
-def test_unusable_input_is_a_sentence(tmp_path: Path, image: Path) -> None:
+def test_unusable_input_gives_a_message(tmp_path: Path, image: Path) -> None:
     with pytest.raises(VgrooveError, match="no firmware at .*none.hex"):
         flash("/dev/null", "uno", tmp_path / "none.hex")
     with pytest.raises(VgrooveError, match="uno or mega"):

@@ -128,7 +128,7 @@ def test_a_case_is_the_same_whenever_it_is_made(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("effect_id", sorted(FORMS))
-def test_other_forms_differ_from_the_catalogues_by_less_than_the_effect(effect_id: str) -> None:
+def test_other_forms_differ_from_the_effect_by_less_than_the_effect_itself(effect_id: str) -> None:
     profile = {"load": "load_steps", "two_way": "reversals", "slow": "crawl", "": "staircase"}[
         BY_ID[effect_id].needs
     ]
@@ -163,8 +163,8 @@ def test_retuning_removes_what_the_tolerances_explain_and_leaves_the_rest() -> N
 
 def test_a_tolerated_key_is_fitted_under_its_prior_from_the_rigs_value() -> None:
     one, nothing = np.ones((1, 1)), np.zeros((1, 0))
-    for offset_sigmas, left in ((0.0, 0.5), (1.0, 1.0), (-1.0, 0.0)):
-        found = responses.fit(np.ones(1), one, np.array([offset_sigmas]), nothing, np.zeros(0))[1]
+    for tool_sigmas, left in ((0.0, 0.5), (1.0, 1.0), (-1.0, 0.0)):
+        found = responses.fit(np.ones(1), one, np.array([tool_sigmas]), nothing, np.zeros(0))[1]
         assert found == pytest.approx(left, abs=1e-3)
 
 
@@ -223,7 +223,7 @@ def test_the_model_of_the_tool_itself_leaves_nothing(kind: str) -> None:
         assert responses.clipped_rms(responses.deviation(log)) < (
             0.35 if kind == "current_a" else 0.15
         )
-        judged = {
+        compared = {
             "duty": {
                 "modelled": ("current_a", "supply_v", "speed_rpm"),
                 "measured": ("current_a", "speed_rpm"),
@@ -231,7 +231,7 @@ def test_the_model_of_the_tool_itself_leaves_nothing(kind: str) -> None:
             "voltage_v": {"absent": ("current_a", "speed_rpm")},
             "current_a": {"absent": ("speed_rpm",)},
         }[kind][bus]
-        assert responses.channels(setting.rig) == judged
+        assert responses.channels(setting.rig) == compared
         table = gap_bench.log_table(setting, {})
         assert {"duty": "duty", "voltage_v": "voltage_v", "current_a": "current_a"}[kind] in table
         assert ("duty" in table) == (kind == "duty")
@@ -396,7 +396,7 @@ def test_cases_are_chosen_by_the_options() -> None:
 def test_an_interrupted_run_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     blind, diagnosed = cases.BlindSet(tmp_path, "tune"), []
 
-    def diagnose_apart(case: Path, without: str | None) -> dict[str, Any]:
+    def diagnose_in_own_process(case: Path, without: str | None) -> dict[str, Any]:
         diagnosed.append((case.name, without))
         return {
             "verdict": {"verdict": "none"},
@@ -405,7 +405,7 @@ def test_an_interrupted_run_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             "memory_mib": 1.0,
         }
 
-    monkeypatch.setattr(run, "diagnose_apart", diagnose_apart)
+    monkeypatch.setattr(run, "diagnose_in_own_process", diagnose_in_own_process)
     for engine, without in (
         ("a", None),
         ("a", None),
@@ -420,7 +420,7 @@ def test_an_interrupted_run_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_a_failed_diagnosis_is_a_failed_case(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("time_s,duty\n0.1,0\n")
     (tmp_path / "rig.toml").write_text("schema = 'vgroove.rig/1'\n")
-    found = run.diagnose_apart(tmp_path, None)
+    found = run.diagnose_in_own_process(tmp_path, None)
     assert (
         found["verdict"]["verdict"] == "failed" and "exit code 2" in found["verdict"]["warnings"][0]
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fixed_cases import ROWS, counts, diagnosed, story
+from fixed_cases import ROWS, case_lines, counts, diagnosed
 from vgroove.gap_bench.scored import Scored
 
 
@@ -52,12 +52,12 @@ def cases(half: Half) -> list[Scored]:
 
 def test_enough_cases_are_right(half: Half, cases: list[Scored]) -> None:
     assert len(cases) == 20
-    assert counts(cases)["right"] >= half.right_least, story(cases)
+    assert counts(cases)["right"] >= half.right_least, case_lines(cases)
 
 
 def test_few_wrong_names_have_a_high_probability(half: Half, cases: list[Scored]) -> None:
-    assert counts(cases)["sure_and_wrong"] <= half.sure_and_wrong_most, story(cases)
+    assert counts(cases)["sure_and_wrong"] <= half.sure_and_wrong_most, case_lines(cases)
 
 
 def test_there_are_few_false_alarms(half: Half, cases: list[Scored]) -> None:
-    assert counts(cases)["false_alarms"] <= half.false_alarms_most, story(cases)
+    assert counts(cases)["false_alarms"] <= half.false_alarms_most, case_lines(cases)

@@ -33,7 +33,7 @@ SCALES = Scales(
     motor_inertia=trap.INERTIA,
     resistance=1.0,
     coulomb=0.0,
-    viscous=trap.BELIEVED_DAMPING,
+    viscous=trap.ASSUMED_DAMPING,
     ratio=1.0,
     duration=20.0,
     interval=0.002,
@@ -64,11 +64,11 @@ def engine(problem: Problem) -> Engine:
 
 
 def test_the_time_constant_is_inertia_over_all_damping() -> None:
-    assert speed_time_constant_s(joint()) == pytest.approx(trap.INERTIA / trap.BELIEVED_DAMPING)
+    assert speed_time_constant_s(joint()) == pytest.approx(trap.INERTIA / trap.ASSUMED_DAMPING)
     table = tomllib.loads(trap.RIG)
     driven = rig_from_dict(table | {"input": {"kind": "voltage_v"}}, "one joint")
     assert speed_time_constant_s(driven) == pytest.approx(
-        trap.INERTIA / (trap.BELIEVED_DAMPING + 1.0)
+        trap.INERTIA / (trap.ASSUMED_DAMPING + 1.0)
     )
 
 

@@ -16,6 +16,7 @@ import pytest
 from test_impact_laws import EFFECTS, JOINTS, drive
 from test_impact_plant import rig_with
 
+# Reference set of docs/spec/model.md, section 4, in its symbols
 N, K, JM, JJ, JS, L_H, R, RS, VOC, B, TC = (
     5.6,
     0.0109,
@@ -36,8 +37,9 @@ Trace = dict[str, np.ndarray]
 
 
 def motion(joint: str = "slip 60", duty: float = DUTY, **effects: dict[str, float]) -> Trace:
-    """Columns every 2 us from rest, with time derivatives. `smooth`: after the first impacts, no
-    event within the stencil. `untouched`: moreover no lug is touched.
+    """Columns every 2 us from rest, with time derivatives. `smooth`: samples after the first
+    impacts without an event within four samples. `untouched`: of these, samples without contact
+    of a lug within four samples.
     """
     time_s = np.arange(0.0, TO_S, STEP_S)
     t = drive(rig_with(JOINTS[joint]).with_effects(effects), np.full(125, duty), trace_s=time_s)[
@@ -76,7 +78,7 @@ def friction_nm(t: Trace, inertia: float = JM, constant: float | np.ndarray = K)
 
 
 def winding_v(t: Trace, inductance: float = L_H) -> np.ndarray:
-    """What source, bridge and brushes leave: L i' + R i + k w."""
+    """Voltage across the winding, L i' + R i + k w."""
     return inductance * t["d_current_a"] + R * t["current_a"] + K * t["speed_rad_s"]
 
 
@@ -88,7 +90,7 @@ def terminal_v(t: Trace, voc: float | np.ndarray = VOC, ohm: float = RS) -> np.n
 def agrees(
     t: Trace, found: np.ndarray, expected: np.ndarray, scale: float, where: str = "untouched"
 ) -> None:
-    """Within a five-hundredth of `scale`."""
+    """Found and expected agree within 0.002 `scale` in the samples `where`."""
     assert np.sum(t[where]) * STEP_S > 0.7 * (TO_S - FROM_S)
     np.testing.assert_allclose(found[t[where]], expected[t[where]], rtol=0, atol=2e-3 * scale)
 
@@ -103,7 +105,7 @@ def test_the_balances_hold_without_an_effect() -> None:
     agrees(t, winding_v(t), terminal_v(t), 0.5)
 
 
-# What each effect adds to T, at the size that EFFECTS gives it.
+# What each effect adds to T, from the motion and its parameters.
 FRICTIONS: dict[str, Callable[[Trace, dict[str, float]], np.ndarray]] = {
     "coulomb_friction": lambda t, e: e["torque_nm"] * np.sign(t["speed_rad_s"]),
     "stribeck_friction": lambda t, e: (
@@ -122,7 +124,8 @@ FRICTIONS: dict[str, Callable[[Trace, dict[str, float]], np.ndarray]] = {
     "cogging_torque": lambda t, e: e["torque_nm"] * np.sin(e["periods_per_rev"] * t["motor_rad"]),
     "gear_eccentricity": lambda t, e: e["torque_nm"] * np.sin(t["motor_rad"] / N),
 }
-SLOW = {
+# Sizes for the speeds of the impact tool, at which the term of EFFECTS is too small to measure
+SIZES_AT_SPEED = {
     "stribeck_friction": {"breakaway_nm": 0.02, "speed_rad_s": 800.0},
     "quadratic_drag": {"nm_s2_per_rad2": 2e-8},
 }
@@ -130,7 +133,7 @@ SLOW = {
 
 @pytest.mark.parametrize("effect", FRICTIONS)
 def test_friction_at_the_motor_shaft(effect: str) -> None:
-    values = SLOW.get(effect, EFFECTS[effect])
+    values = SIZES_AT_SPEED.get(effect, EFFECTS[effect])
     t = motion(**{effect: values})
     added = FRICTIONS[effect](t, values)
     assert np.max(np.abs(added)) > 1e-3
@@ -159,7 +162,7 @@ VOLTAGES: dict[str, Callable[[Trace, dict[str, float]], np.ndarray]] = {
     "bridge_resistance": lambda t, e: e["resistance_ohm"] * t["current_a"],
     "winding_resistance": lambda t, e: e["relative"] * R * t["current_a"],
     "dead_time": lambda t, e: 2.0 * e["dead_time_s"] * PWM_HZ * (VOC - RS * DUTY * t["current_a"]),
-    # 16 A and more: tanh(i / 0.3 A) is 1, the ripple is 4 A
+    # the current is 16 A or more and its ripple 4 A, so that tanh(i / 0.3 A) is 1
     "brush_drop": lambda t, e: np.full_like(t["time_s"], e["voltage_v"]),
     "winding_heating": lambda t, e: 0.0039 * R * t["current_a"] * heat_kelvin(t, e),
     "supply_droop": lambda t, e: DUTY * droop_v(t, e),
@@ -305,9 +308,9 @@ def test_backlash_is_a_play_with_stiff_flanks_between_motor_and_spindle() -> Non
     np.testing.assert_allclose(
         gear_nm[firm & (push > 0.01)], pushed[firm & (push > 0.01)], rtol=0, atol=1e-3
     )
-    # they push, never pull
+    # the flanks push and never pull
     assert np.sum(firm & (push < -0.01)) > 10 and np.min((gear_nm * np.sign(over))[firm]) > -0.01
-    # the rows before and after it too
+    # no contact of the flanks in the neighbouring samples either
     loose = t["untouched"] & (np.abs(e) + np.abs(np.gradient(e)) < 0.01 * N) & (q > 0.2)
     assert np.sum(loose) > 50
     np.testing.assert_allclose(gear_nm[loose], 0.0, atol=1e-3)

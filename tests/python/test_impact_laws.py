@@ -40,7 +40,7 @@ JOINTS = {
     "pendulum": {"kind": "pendulum", "mass_kg": 0.49, "length_m": 0.1},
     "torque": {"kind": "torque"},
 }
-# One size of each effect that acts on the motion, its off value being the default.
+# One size of each effect that acts on the motion; the default of a parameter is its off value.
 EFFECTS = {
     "supply_resistance": {"resistance_ohm": 0.05},
     "supply_droop": {"volt_per_coulomb": 0.05, "polarisation_ohm": 0.03, "polarisation_s": 0.05},
@@ -162,7 +162,7 @@ def test_housing_reaction_both_ways(effect: str | None) -> None:
 
 
 def integral(time_s: np.ndarray, values: np.ndarray) -> float:
-    """Trapezoids."""
+    """Integral over time by the trapezoidal rule."""
     return float(np.trapezoid(values, time_s))
 
 
@@ -195,8 +195,8 @@ def test_momentum_balances_at_each_blow(joint: str) -> None:
 def ramped(
     rig: Rig, seconds: float, torque_nm: float, **options: object
 ) -> tuple[np.ndarray, dict]:
-    """Spindle torque rising from 0 to torque_nm, no motor friction but a heavy viscous one: a climb
-    without swings.
+    """Run with a spindle torque that rises from 0 to torque_nm. High viscous friction of the motor
+    lets the hammer climb the groove without oscillation.
     """
     time_s = np.arange(round(seconds * 1000) + 1) * 1e-3
     current = torque_nm / (5.6 * 0.0109) * time_s / seconds
@@ -240,7 +240,9 @@ def test_no_more_blows_than_lugs_per_relative_turn(joint: str, duty: float, lugs
 
 
 def off_values(effect: str) -> dict[str, float]:
-    """The effect at its neutral size: the defaults, except for keys that only shape it."""
+    """Parameters at which the effect is off: their defaults, or the value of EFFECTS where the
+    default is infinite.
+    """
     defaults = dict(zip(core.PARAMETERS, core.parameter_defaults(), strict=True))
     off = {key: float(defaults[f"effects.{effect}.{key}"]) for key in EFFECTS[effect]}
     return {
@@ -248,7 +250,8 @@ def off_values(effect: str) -> dict[str, float]:
     }
 
 
-AT_INFINITY = ("magnetic_saturation", "coupler_compliance")  # no file can hold their off value
+# The off value of these is infinite, which a rig file cannot hold.
+AT_INFINITY = ("magnetic_saturation", "coupler_compliance")
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
@@ -320,7 +323,7 @@ def test_a_delayed_speed_is_the_earlier_speed() -> None:
     assert np.all(out["speed_measured_rad_s"][0, :3] == 0.0)
 
 
-def test_commands_act_late_and_clocks_differ() -> None:
+def test_transport_delay_shifts_the_command_and_clock_skew_the_time_stamps() -> None:
     rig, duty = rig_with(LOCKED), np.concatenate([np.zeros(20), np.full(230, 0.9)])
     plain, late = (
         drive(r, duty, "fast")

@@ -42,8 +42,8 @@ def run(
 
 
 def settled(out: dict) -> tuple[float, float, float, np.ndarray]:
-    """Blows per minute, spread of the period, mean current after half a second, and the blows
-    since.
+    """After 0.5 s: blows per minute, standard deviation of the period over its mean, mean current
+    in A, and the blows.
     """
     blows = out["blows"][0]
     late = blows[blows["time_s"] > 0.5]
@@ -95,7 +95,7 @@ def test_at_low_duty_each_lug_is_hit_more_than_once(duty: float, hits: int) -> N
     assert set(per_lug) == {hits}
 
 
-def test_synchronism_is_lost_at_duty_07_and_at_205_volts() -> None:
+def test_synchronism_is_lost_at_duty_0_7_and_at_20_5_v() -> None:
     assert settled(run(rig_with(LOCKED), 0.7))[1] == pytest.approx(0.24, abs=0.01)
     late = settled(run(rig_with({**HARD, "run_torque_nm": 60.0}, supply__voltage_v=20.5)))[3]
     assert np.mean(late["engaged_m"]) == pytest.approx(0.5 * 4.5e-3, rel=0.25)
@@ -161,7 +161,7 @@ def test_a_scenario_of_an_impact_rig_is_simulated() -> None:
     )
 
 
-def test_same_bytes_whatever_batch_and_threads() -> None:
+def test_results_do_not_depend_on_batch_or_threads() -> None:
     theta = np.array(
         [rig_with({**HARD, "run_torque_nm": nm}).parameters() for nm in (20.0, 40.0, 60.0)]
     )
@@ -181,13 +181,15 @@ def test_same_bytes_whatever_batch_and_threads() -> None:
 def test_fixed_steps_give_the_blows_of_the_reference(load: dict) -> None:
     rig = rig_with(load)
     kept, fixed = (run(rig, mode=mode) for mode in ("reference", "fixed"))
-    first, own = (out["blows"][0]["time_s"][out["blows"][0]["kind"] == 0] for out in (kept, fixed))
-    assert len(first) == len(own)
-    np.testing.assert_allclose(own, first, rtol=0, atol=2e-4)
+    expected_s, found_s = (
+        out["blows"][0]["time_s"][out["blows"][0]["kind"] == 0] for out in (kept, fixed)
+    )
+    assert len(expected_s) == len(found_s)
+    np.testing.assert_allclose(found_s, expected_s, rtol=0, atol=2e-4)
     np.testing.assert_allclose(fixed["speed_rad_s"], kept["speed_rad_s"], rtol=0, atol=0.01 * 1677)
 
 
-def test_a_fixed_step_that_is_too_long_says_so() -> None:
+def test_a_fixed_step_that_is_too_long_is_refused() -> None:
     rig = rig_with(LOCKED, mechanism__anvil_inertia_kg_m2=5e-7)
     with pytest.raises(RuntimeError, match="too long"):
         run(rig, mode="fixed", step_s=1e-3)
@@ -195,7 +197,7 @@ def test_a_fixed_step_that_is_too_long_says_so() -> None:
 
 def test_random_tools_end_and_keep_their_energy() -> None:
     """Every key of mechanism and motor up to threefold either way; those that no mechanism can have
-    are refused by a sentence.
+    are refused with a message.
     """
     rng = np.random.default_rng(4)
     names = [
@@ -230,7 +232,7 @@ def test_random_tools_end_and_keep_their_energy() -> None:
     assert done > 20
 
 
-def test_what_no_run_can_have_is_refused() -> None:
+def test_impossible_steps_times_and_intervals_are_refused() -> None:
     rig = rig_with(LOCKED)
     for step_s in (0.0, -1e-5, float("nan")):
         with pytest.raises(ValueError, match="step_s"):

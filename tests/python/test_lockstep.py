@@ -16,24 +16,24 @@ from vgroove.telemetry import frame_bytes, frame_of_signals
 
 RIGS = Path(__file__).resolve().parents[2] / "rigs"
 FRONT = lockstep.FrontEnds(current_noise_a=0.3, supply_noise_v=0.05)
-PULL = ((0.0, 0.0), (0.2, 0.0), (0.25, 1.0), (0.55, 1.0), (0.56, 0.0))
+TRIGGER_TRAVEL = ((0.0, 0.0), (0.2, 0.0), (0.25, 1.0), (0.55, 1.0), (0.56, 0.0))
 READ = frame_bytes(frame_of_signals("PARAM_READ", 100, read_index=3, read_sequence=1))
 PROFILES = {
-    "drill_driver_low": lockstep.Profile(travel=PULL, load_nm=((0.0, 0.0), (0.4, 4.0))),
+    "drill_driver_low": lockstep.Profile(travel=TRIGGER_TRAVEL, load_nm=((0.0, 0.0), (0.4, 4.0))),
     "impact_driver": lockstep.Profile(
-        travel=PULL, reverse=((0.0, 0.0), (0.5, 1.0)), bounce_s=0.003
+        travel=TRIGGER_TRAVEL, reverse=((0.0, 0.0), (0.5, 1.0)), bounce_s=0.003
     ),
     "board_18v": lockstep.Profile(
-        travel=PULL,
+        travel=TRIGGER_TRAVEL,
         load_nm=((0.0, 0.0), (0.4, 0.3)),
-        gaps=((0.3, 0.33),),
+        hall_breaks=((0.3, 0.33),),
         current_add_a=((0.0, 0.0), (0.5, 70.0)),
     ),
 }
 
 
-class SlowBoard(SilBoard):
-    """The same firmware, but not known to be: the loop in Python serves it."""
+class PythonLoopBoard(SilBoard):
+    """The same firmware under a type for which lockstep.steps uses the loop in Python."""
 
 
 def run(board_type: type, rig: str, seed: int = 7) -> tuple[bytes, np.ndarray]:
@@ -41,14 +41,18 @@ def run(board_type: type, rig: str, seed: int = 7) -> tuple[bytes, np.ndarray]:
     line = lockstep.Script([(0.1, READ), (0.3, READ * 3)])
     with board_type() as board:
         *_, last = lockstep.steps(
-            board, tool, PROFILES[rig], 0.6, front=FRONT, line=line, seed=seed, truth=truth
+            board,
+            tool,
+            PROFILES[rig],
+            0.6,
+            lockstep.LockstepOptions(front=FRONT, line=line, seed=seed, truth=truth),
         )
     return bytes(last.sent), truth.rows
 
 
 @pytest.mark.parametrize("rig", sorted(PROFILES))
 def test_both_loops_send_the_same_bytes(rig: str) -> None:
-    slow, slow_truth = run(SlowBoard, rig)
+    slow, slow_truth = run(PythonLoopBoard, rig)
     fast, fast_truth = run(SilBoard, rig)
     assert len(slow) > 5000 and fast == slow
     assert fast_truth.shape == (round(0.6 / lockstep.PERIOD_S) // 3, len(_core.TRUTH_COLUMNS))
@@ -60,7 +64,9 @@ def test_truth_records_the_true_values_of_the_tool() -> None:
     rig = read_rig(RIGS / "impact_driver.toml")
     tool, truth = make_plant(rig, 1), _core.Truth(1)
     with SilBoard() as board:
-        for _ in lockstep.steps(board, tool, PROFILES["impact_driver"], 0.5, truth=truth):
+        for _ in lockstep.steps(
+            board, tool, PROFILES["impact_driver"], 0.5, lockstep.LockstepOptions(truth=truth)
+        ):
             pass
     column = dict(zip(_core.TRUTH_COLUMNS, truth.rows.T, strict=True))
     assert np.allclose(np.diff(column["time_s"]), lockstep.PERIOD_S, rtol=1e-9)
@@ -71,13 +77,14 @@ def test_truth_records_the_true_values_of_the_tool() -> None:
     )
     driven = column["time_s"] > 0.25
     assert np.isnan(column["duty"][~driven][:100]).all() and column["duty"][driven].max() == 1.0
-    # the housing takes what the joint and all that turns have got
+    # the integrals of housing reaction and joint torque differ by the angular momentum of all that
+    # turns, at most 0.35 N m s
     momentum = np.cumsum(column["housing_nm"]) * lockstep.PERIOD_S
     joint = np.cumsum(column["joint_nm"]) * lockstep.PERIOD_S
     assert momentum[-1] == pytest.approx(joint[-1], abs=0.35)
 
 
-def test_pacer_takes_a_chunk_as_it_takes_periods() -> None:
+def test_pacer_gives_a_chunk_the_bytes_of_its_periods() -> None:
     one, many = lockstep.Pacer(), lockstep.Pacer()
     for data, periods in ((b"", 3), (b"abc", 2), (b"", 5), (b"defgh", 4), (b"", 9)):
         one.add(data)
@@ -88,37 +95,37 @@ def test_pacer_takes_a_chunk_as_it_takes_periods() -> None:
 
 def test_one_thread_at_a_time() -> None:
     """While a thread runs the firmware without the interpreter's lock another one is refused, and
-    the next run is unharmed.
+    the next run gives the same bytes.
     """
     alone = run(SilBoard, "impact_driver")[0]
-    said: list[str] = []
+    refusals: list[str] = []
     over = threading.Event()
 
-    def disturb() -> None:
+    def make_firmware_repeatedly() -> None:
         while not over.is_set():
             try:
                 _core.Firmware()
             except RuntimeError as error:
-                said.append(str(error))
+                refusals.append(str(error))
 
-    other = threading.Thread(target=disturb)
+    other = threading.Thread(target=make_firmware_repeatedly)
     other.start()
     for _ in range(100):
-        said += refused_of_a_run()
-        if said:
+        refusals += refusals_of_a_run()
+        if refusals:
             break
     over.set()
     other.join()
-    assert said and "only one can run in a process" in said[0]
+    assert refusals and "only one can run in a process" in refusals[0]
     assert run(SilBoard, "impact_driver")[0] == alone
 
 
-def refused_of_a_run() -> list[str]:
-    """A run of a second, in the way of another thread; what it was refused with, when the other one
-    came first.
+def refusals_of_a_run() -> list[str]:
+    """Run the firmware for about a second; the message of the refusal, if another thread was
+    running it.
     """
     count = 30_000
-    stimuli = lockstep.Stimulus(PROFILES["impact_driver"], FRONT, 7).chunk(0, count)
+    stimuli = lockstep.StimulusSource(PROFILES["impact_driver"], FRONT, 7).chunk(0, count)
     try:
         board, tool = SilBoard(), make_plant(read_rig(RIGS / "impact_driver.toml"), 1)
         _core.run_lockstep(

@@ -521,7 +521,7 @@ def test_rejects_in_an_mf4_what_it_rejects_in_a_csv(
     refused(mf4(tmp_path / "a.mf4", *change(log.columns, log.time_s)), *parts)
 
 
-def test_practice_log_is_read_as_it_stands() -> None:
+def test_practice_log_is_read_without_warnings() -> None:
     log = read_log(PRACTICE)
     assert (
         len(log) == 6000

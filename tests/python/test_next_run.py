@@ -31,7 +31,11 @@ def recorded(travel: tuple, seconds: float, line: Line | None, seed: int) -> Log
     tool = make_plant(without_board_effects(read_rig(RIG)).with_effects(EFFECT), 1)
     with AvrBoard(elf()) as board:
         sent = lockstep.run(
-            board, tool, lockstep.Profile(travel=travel), seconds, front=front, line=line, seed=seed
+            board,
+            tool,
+            lockstep.Profile(travel=travel),
+            seconds,
+            lockstep.LockstepOptions(front=front, line=line, seed=seed),
         )
     return log_from_stream(sent, "ELF")
 

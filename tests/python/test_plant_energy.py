@@ -1,5 +1,5 @@
 """Energy balance of the drivetrain with every effect and load in turn: the work of the source is
-lost, done on the load or stored.
+the sum of losses, work on the load and stored energy.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Long and impossible runs of the plant: Ctrl-C ends them, an absurd rig ends with a sentence, the
-impossible tool of a batch is named.
+"""Long and impossible runs of the plant: Ctrl-C ends them, a run of an extreme rig ends with a
+message, the impossible tool of a batch is named.
 """
 
 import subprocess
@@ -21,7 +21,8 @@ from vgroove.rig import Rig, rig_from_dict
 from vgroove.scenario import full_trigger
 
 ROOT = Path(__file__).resolve().parents[2]
-PATIENCE_S = 30.0  # of a busy machine; without an answer to Ctrl-C each of these runs takes minutes
+# Time allowed to a busy machine for ending a run; without Ctrl-C each of these runs takes minutes.
+CTRL_C_TIMEOUT_S = 30.0
 
 BEGIN = """
 import sys, numpy as np
@@ -67,7 +68,7 @@ def test_ctrl_c_ends_a_run(name: str) -> None:
             time.sleep(0.3)
             assert run.poll() is None
             run.send_signal(2)
-            _, errors = run.communicate(timeout=PATIENCE_S)
+            _, errors = run.communicate(timeout=CTRL_C_TIMEOUT_S)
         finally:
             run.kill()
     assert "KeyboardInterrupt" in errors
@@ -76,7 +77,7 @@ def test_ctrl_c_ends_a_run(name: str) -> None:
 
 def test_ctrl_c_at_the_command_line_leaves_no_file_and_exit_code_130(tmp_path: Path) -> None:
     rig = tomllib.loads((ROOT / "rigs/impact_driver.toml").read_text())
-    # the slowest of solvers
+    # effects with which the solver is slowest
     rig["effects"] = {"gear_backlash": {"play_rad": 0.01}, "groove_friction": {"coefficient": 0.05}}
     (tmp_path / "rig.toml").write_text(tomli_w.dumps(rig))
     scenario = {
@@ -103,13 +104,13 @@ def test_ctrl_c_at_the_command_line_leaves_no_file_and_exit_code_130(tmp_path: P
         words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as run:
         try:
-            # importing takes as long as the machine lets it
+            # wait until the modules are imported, which takes longer on a busy machine
             while "vgroove.plant_alone" not in (line := run.stderr.readline()):
                 assert line
             time.sleep(1.0)
             assert run.poll() is None
             run.send_signal(2)
-            run.communicate(timeout=PATIENCE_S)
+            run.communicate(timeout=CTRL_C_TIMEOUT_S)
         finally:
             run.kill()
     assert run.returncode == 130
@@ -158,7 +159,7 @@ def changed(section: str, key: str, value: float) -> dict:
         ("load", "stiffness_nm_per_rad", 1e9, ["load.stiffness_nm_per_rad", "rad/s"]),
     ],
 )
-def test_what_the_plant_refuses_the_rig_refuses(
+def test_a_rig_that_the_plant_would_refuse_is_refused_when_read(
     section: str, key: str, value: float, words: list[str]
 ) -> None:
     with pytest.raises(VgrooveError) as error:
@@ -209,9 +210,9 @@ def test_a_batch_names_its_impossible_tool() -> None:
         core.simulate_log(drive, theta, np.array([0]), np.zeros((1, 3)))
 
 
-def drawn_rig(rng: np.random.Generator) -> Rig | None:
-    """A tool each of whose values is off by up to a factor of a thousand; None where the rig
-    refuses it with a sentence.
+def random_rig(rng: np.random.Generator) -> Rig | None:
+    """A tool with three in ten of its values changed by up to a factor of 1000; None where the rig
+    refuses it with a message.
     """
     data = rig_with(
         JOINTS[str(rng.choice(["locked", "slip 60", "slope 700", "screw", "discs"]))]
@@ -232,8 +233,8 @@ def drawn_rig(rng: np.random.Generator) -> Rig | None:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_any_rig_runs_or_ends_with_a_sentence(seed: int) -> None:
-    rig = drawn_rig(np.random.default_rng(seed))
+def test_any_rig_runs_or_ends_with_a_message(seed: int) -> None:
+    rig = random_rig(np.random.default_rng(seed))
     if rig is None:
         return
     log = core.LogInput(np.arange(100) * 1e-3, "duty", np.ones(100), load_kind=rig.load["kind"])

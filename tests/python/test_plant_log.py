@@ -52,7 +52,7 @@ def test_parameters_are_named_once_and_neutral() -> None:
     assert neutral[names.index("gearbox.ratio")] == 1.0
 
 
-def test_same_bytes_whatever_batch_and_threads() -> None:
+def test_results_do_not_depend_on_batch_or_threads() -> None:
     log, theta = long_log(0.6), batch_theta(37)
     starts, state0 = np.array([0, 250]), np.array([[0.0, 0.0, 0.0], [5.0, 300.0, 1.0]])
     together = core.simulate_log(log, theta, starts, state0, 2)
@@ -77,7 +77,7 @@ def test_starts_reset_fast_states_and_leave_rows_before_the_first_empty() -> Non
     assert out["angle_rad"][0, [100, 300]].tolist() == [7.0, 2.0]
 
 
-def test_restart_on_the_own_path_changes_nothing() -> None:
+def test_restart_at_the_state_of_the_run_changes_nothing() -> None:
     theta, at = theta_of(ref.Tool())[None, :], 300
     log = core.LogInput(np.arange(1, 501) / 1000.0, "current_a", np.full(500, 4.0))
     free = core.simulate_log(log, theta, np.array([0]), np.zeros((1, 3)), 1)
@@ -95,7 +95,7 @@ def test_restart_on_the_own_path_changes_nothing() -> None:
         ("current_lag", False),
     ],
 )
-def test_slow_states_run_through_restarts(name: str, slow: bool) -> None:
+def test_slow_states_continue_at_later_starts(name: str, slow: bool) -> None:
     log = long_log(1.0)
     theta = theta_of(ref.Tool(effects={name: EFFECTS[name]}))[None, :]
     state = np.array([[5.0, 300.0, 0.0]])
@@ -103,7 +103,7 @@ def test_slow_states_run_through_restarts(name: str, slow: bool) -> None:
         "current_a"
     ][0, 805]
     cold_log = core.simulate_log(log, theta, np.array([800]), state, 1)["current_a"][0, 805]
-    if name == "cold_grease":  # its clock is the log's, so the later start knows it too
+    if name == "cold_grease":  # its time counts from the log's first row, also for a later start
         assert through == pytest.approx(cold_log, rel=1e-9)
     elif slow:
         assert abs(through - cold_log) > 1e-3
@@ -119,10 +119,10 @@ def test_missing_command_and_load_hold_the_last_value() -> None:
         core.LogInput(time_s, "duty", duty, None, None, load, None, "torque"), *given
     )
     duty[50:60], load[80] = np.nan, np.nan
-    holed = core.simulate_log(
+    with_gaps = core.simulate_log(
         core.LogInput(time_s, "duty", duty, None, None, load, None, "torque"), *given
     )
-    assert whole["current_a"].tobytes() == holed["current_a"].tobytes()
+    assert whole["current_a"].tobytes() == with_gaps["current_a"].tobytes()
 
 
 def test_pure_delay_of_the_speed_sensor() -> None:
@@ -133,7 +133,7 @@ def test_pure_delay_of_the_speed_sensor() -> None:
     assert np.allclose(late["speed_rad_s"], plain["speed_rad_s"])
     rows = np.flatnonzero(log.time_s > 0.0034)
     angle = np.interp(log.time_s[rows] - 0.0034, log.time_s, plain["angle_rad"])
-    # chord against curve, rows of up to 9 ms
+    # np.interp is linear between rows of up to 9 ms, the plant's angle is a curve: at most 1 rad
     assert np.max(np.abs(late["angle_measured_rad"][rows] - angle)) < 1.0
     steady = core.LogInput(np.arange(0, 2001) / 1000.0, "voltage_v", np.full(2001, 9.0))
     out = core.simulate_log(
@@ -194,8 +194,8 @@ def test_bad_shapes_and_times_are_refused() -> None:
 
 
 def speed_figure(effects: dict[str, dict[str, float]], lanes: int, threads: int) -> float:
-    """Times real time per core, all lanes together; the best of nine in processor time, which a
-    busy machine leaves alone.
+    """Simulated time of all lanes over processor time, the largest of nine runs. Processor time
+    hardly depends on what else the machine does.
     """
     log = long_log(30.0)
     theta = np.repeat(theta_of(ref.Tool(effects=effects))[None, :], lanes, axis=0)
@@ -209,7 +209,7 @@ def speed_figure(effects: dict[str, dict[str, float]], lanes: int, threads: int)
 
 
 def test_speed_figure(record_property: pytest.FixtureRequest) -> None:
-    """Prints with pytest -s; the limit is far below the figure so that a busy machine passes."""
+    """pytest -s prints the figures. The limit is far below them, so that a busy machine passes."""
     single = speed_figure({}, 1, 1)
     batch = speed_figure({}, 32, 2)
     print(  # noqa: T201

@@ -129,7 +129,8 @@ def plant_run(
     return {name: column[0] for name, column in out.items()}
 
 
-def worst(plant: dict[str, np.ndarray], truth: dict[str, np.ndarray]) -> dict[str, float]:
+def relative_errors(plant: dict[str, np.ndarray], truth: dict[str, np.ndarray]) -> dict[str, float]:
+    """Largest difference of each column after the first row, over its largest value."""
     found = {}
     for name, column in plant.items():
         a, b = column[1:], truth[name][1:]
@@ -140,7 +141,7 @@ def worst(plant: dict[str, np.ndarray], truth: dict[str, np.ndarray]) -> dict[st
 def check(
     tool: ref.Tool, log: ref.Log, start: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> None:
-    found = worst(plant_run(tool, log, start), ref.simulate(tool, log, start))
+    found = relative_errors(plant_run(tool, log, start), ref.simulate(tool, log, start))
     assert max(found.values()) < AGREEMENT, found
 
 
@@ -172,7 +173,7 @@ FREE = {
             "viscous_nm_s_per_rad": 2e-3,
         },
     ),
-    "older form": (
+    "exponential": (
         {"tc": 1.0, "tbrk": 1.5, "w_th": 2.0, "cv": 0.05, "f": 1e-3},
         {
             "torque_nm": 1.0,
@@ -196,7 +197,7 @@ def test_free_load(form: str, effect: str | None) -> None:
     log, theta = drive_log(load_kind="free"), theta_of(tool)
     for key, value in keys.items():
         theta[core.PARAMETERS.index(f"load.{key}")] = value
-    found = worst(
+    found = relative_errors(
         plant_run(tool, log, (0.0, 0.0, 0.0), theta), ref.simulate(tool, log, (0.0, 0.0, 0.0))
     )
     assert max(found.values()) < AGREEMENT, found

@@ -131,7 +131,10 @@ def refused(change: dict, *words: str) -> None:
             ["motor.coulomb_nm 12", "stall torque 11.6", "from 0 to 1"],
         ),  # mN m
         # mOhm
-        ({"supply/resistance_ohm": 100}, ["supply.resistance_ohm 100", "ratio of the resistances"]),
+        (
+            {"supply/resistance_ohm": 100},
+            ["supply.resistance_ohm 100", "pack resistance over winding resistance"],
+        ),
         ({"supply/voltage_v": 18500}, ["supply.voltage_v", "not 18500"]),  # mV
         ({"motor/viscous_nm_s_per_rad": 4.5}, ["motor.viscous_nm_s_per_rad 4.5", "J / b"]),
         (

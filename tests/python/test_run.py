@@ -264,7 +264,7 @@ def test_loop_joins_board_and_tool_by_the_interface() -> None:
 
 def test_broken_hall_line_hides_edges() -> None:
     board = RecordingBoard()
-    lockstep.run(board, RecordingTool(), lockstep.Profile(gaps=((0.002, 0.004),)), 0.01)
+    lockstep.run(board, RecordingTool(), lockstep.Profile(hall_breaks=((0.002, 0.004),)), 0.01)
     hidden = [k * 510 / 16e6 for k, inputs in enumerate(board.inputs, 1) if not inputs.edges]
     assert len(hidden) == pytest.approx(0.002 * 16e6 / 510, abs=1)
     assert min(hidden) >= 0.002 and max(hidden) < 0.004

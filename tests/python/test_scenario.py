@@ -10,7 +10,7 @@ import pytest
 
 from vgroove.board import PERIOD_S, SWITCH_CONTACT, SWITCH_REVERSE
 from vgroove.errors import VgrooveError
-from vgroove.lockstep import FrontEnds, Pacer, Profile, Script, Stimulus
+from vgroove.lockstep import FrontEnds, Pacer, Profile, Script, StimulusSource
 from vgroove.scenario import command_messages, read_scenario, without_board_effects
 from vgroove.telemetry import frame_crc
 
@@ -57,7 +57,7 @@ def test_every_key_of_a_scenario_is_read(tmp_path: Path) -> None:
     assert scenario.commands[0].frame == "DUMP"
 
 
-def test_effects_of_the_scenario_change_the_simulated_and_not_the_believed_tool(
+def test_effects_of_the_scenario_change_the_simulated_and_not_the_assumed_tool(
     tmp_path: Path,
 ) -> None:
     scenario = read_scenario(written(tmp_path))
@@ -132,8 +132,8 @@ def test_stimuli_follow_the_profile_whatever_the_chunks() -> None:
         load_nm=((0, 0), (0.004, 0), (0.004, 2), (0.02, 2)),
         mode=2,
     )
-    whole = Stimulus(profile, FrontEnds(), 1).chunk(0, 400)
-    parts = Stimulus(profile, FrontEnds(), 1)
+    whole = StimulusSource(profile, FrontEnds(), 1).chunk(0, 400)
+    parts = StimulusSource(profile, FrontEnds(), 1)
     first, second = parts.chunk(0, 150), parts.chunk(150, 250)
     for one, two, both in zip(first.columns(), second.columns(), whole.columns(), strict=True):
         assert np.array_equal(np.concatenate((one, two)), both)
@@ -149,7 +149,7 @@ def test_stimuli_follow_the_profile_whatever_the_chunks() -> None:
 
 
 def test_contact_bounces_and_settles() -> None:
-    stimulus = Stimulus(
+    stimulus = StimulusSource(
         Profile(travel=((0, 0), (0.01, 0), (0.01, 1), (1, 1)), bounce_s=0.004), FrontEnds(), 1
     )
     contact = np.array(stimulus.chunk(0, 1000).switches) & SWITCH_CONTACT
@@ -161,7 +161,9 @@ def test_contact_bounces_and_settles() -> None:
 
 def test_noise_follows_the_seed() -> None:
     front = FrontEnds(current_noise_a=0.25)
-    chunks = [Stimulus(Profile(), front, seed).chunk(0, 4000).current_counts for seed in (1, 1, 2)]
+    chunks = [
+        StimulusSource(Profile(), front, seed).chunk(0, 4000).current_counts for seed in (1, 1, 2)
+    ]
     assert np.array_equal(chunks[0], chunks[1]) and not np.array_equal(chunks[0], chunks[2])
     assert np.std(chunks[0]) * 0.125 == pytest.approx(0.25, rel=0.05)
 

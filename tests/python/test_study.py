@@ -50,7 +50,7 @@ def drill(steps: Path) -> dict:
     return json.loads((steps / "steps.json").read_text())["drill"]
 
 
-def test_real_time_mode_holds_at_every_step(drill: dict) -> None:
+def test_real_time_mode_is_accurate_at_every_step_size(drill: dict) -> None:
     mine = [row for row in drill["sweep"] if row["solver"] == "real_time"]
     assert {row["step_s"] for row in mine} >= {10e-6, 35e-6, 40e-6, 70e-6, 0.1}
     assert max(row["speed_error"] for row in mine) < 1e-5
@@ -61,7 +61,7 @@ def test_real_time_mode_holds_at_every_step(drill: dict) -> None:
     )
 
 
-def test_the_designs_steps_become_possible_one_by_one(drill: dict) -> None:
+def test_each_parameter_step_admits_a_longer_euler_step(drill: dict) -> None:
     """Euler: none of 70, 40 and 35 us in parameter step 1, not 70 us in step 2, all in step 3."""
     rows = [row for row in drill["sweep"] if (row["solver"], row["mode"]) == ("euler", "pulse")]
     pulse = {
@@ -86,7 +86,7 @@ def test_explicit_solvers_fail_beyond_their_stability(drill: dict) -> None:
         assert row["chuck_s"] is None or row["chuck_s"] < row["stability_limit_s"]
 
 
-def test_each_parameter_step_lets_the_variable_step_grow(drill: dict) -> None:
+def test_each_parameter_step_needs_fewer_variable_steps(drill: dict) -> None:
     for mode in ("normal", "pulse", "slipping"):
         counts = [row["steps"] for row in drill["variable"] if row["mode"] == mode]
         assert counts[0] > 1.5 * counts[1] > 2.25 * counts[2]
@@ -165,7 +165,7 @@ def test_a_rig_changes_the_result_and_png_is_drawn(tmp_path: Path) -> None:
         (("--json", "absent/x.json"), "absent"),
     ],
 )
-def test_bad_input_is_a_sentence_and_exit_code_2(
+def test_bad_input_gives_a_message_and_exit_code_2(
     tmp_path: Path, arguments: tuple, sentence: str
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -219,7 +219,7 @@ def test_thinning_keeps_the_peaks() -> None:
     assert few[0] == 0.0 and few[-1] == 1.0 and np.all(np.diff(few) > 0)
 
 
-def test_a_table_says_the_same_everywhere() -> None:
+def test_a_table_has_the_same_cells_in_csv_and_html() -> None:
     table = Table("x", "T", ["a <b>", "n in s"], [["k", 1.25], ["m", None]])
     assert table.as_csv() == "a <b>,n in s\nk,1.25\nm,\n"
     assert "a &lt;b&gt;" in table.as_html() and "1.25" in table.as_html()

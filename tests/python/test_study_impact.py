@@ -108,7 +108,7 @@ def test_clean_blows() -> None:
     assert list(clean(hits(*regular[:5], (0.1021, 4e-3, 0, 0)), 4.5e-3)) == [True] * 5 + [False]
 
 
-def test_loads_hold_the_laws_of_section_6(load: tuple[Path, dict]) -> None:
+def test_loads_obey_section_6_of_the_model(load: tuple[Path, dict]) -> None:
     data = load[1]
     springs = data["disc_springs"]
     assert springs["single_at_0.75_n"] == pytest.approx(2621, abs=1)
@@ -132,7 +132,7 @@ def test_loads_hold_the_laws_of_section_6(load: tuple[Path, dict]) -> None:
     assert [most[j] for j in ("m6", "m8", "m10")] == pytest.approx([12, 22, 38], rel=0.05)
 
 
-def test_the_coupler_takes_the_tip_off_the_peaks(load: tuple[Path, dict]) -> None:
+def test_the_coupler_lowers_the_measured_peaks(load: tuple[Path, dict]) -> None:
     peak = {(row["load"], row["coupler"]): row["torque_peak_nm"] for row in load[1]["coupler"]}
     assert peak["locked", "with"] < 0.85 * peak["locked", "without"]
     assert peak["slip_60", "without"] == pytest.approx(60.0, abs=0.1)
@@ -210,7 +210,7 @@ def test_a_blow_shrinks_the_step_and_the_cycle_recovers_it(tmp_path: Path) -> No
         (("steps", "--only", "neither"), "--only must be"),
     ],
 )
-def test_bad_input_is_a_sentence_and_exit_code_2(
+def test_bad_input_gives_a_message_and_exit_code_2(
     tmp_path: Path, words: tuple, sentence: str
 ) -> None:
     done = vgroove("study", *words, cwd=tmp_path)
@@ -219,7 +219,7 @@ def test_bad_input_is_a_sentence_and_exit_code_2(
     assert not list(tmp_path.rglob("*.*"))
 
 
-def test_a_rig_of_ones_own_on_its_own_joint(tmp_path: Path) -> None:
+def test_a_users_rig_on_its_own_joint(tmp_path: Path) -> None:
     text = (
         (ROOT / "rigs/impact_driver.toml")
         .read_text()
@@ -236,7 +236,7 @@ def test_a_rig_of_ones_own_on_its_own_joint(tmp_path: Path) -> None:
     [
         ("supply", ("clean blows in %", "lag screw M8")),
         ("load", ("slip torque in N m", "DIN EN 16984")),
-        ("impact", ("hammer back in mm", "lug height")),
+        ("impact", ("hammer in mm", "lug height")),
     ],
 )
 def test_browsers_draw_the_pages(name: str, words: tuple, request: pytest.FixtureRequest) -> None:

@@ -80,7 +80,7 @@ def test_generated_files_are_those_of_the_signal_and_parameter_lists() -> None:
     assert run.returncode == 0, run.stdout
 
 
-def test_the_check_of_generated_files_sees_a_changed_one() -> None:
+def test_the_check_of_generated_files_detects_a_changed_one() -> None:
     generate = generator()
     for path, text in generate.outputs().items():
         assert generate.differences({path: text + "x"}), path
@@ -281,7 +281,7 @@ def test_control_goes_out_on_change_with_its_tick_and_rows_carry_it() -> None:
     stream = board.run(1200, each)
     frames = [frame for frame in frames_of(stream) if frame.id == telemetry.FRAME_IDS["CONTROL"]]
     assert len(frames) == 1 + 24 and telemetry.decode(frames[-1])["estimate"] == 1175, (
-        "the estimate alone is no news"
+        "a change of the estimate alone sends no frame"
     )
     log = log_from_stream(stream, "board")
     since = np.round(log.time_s * 1000).astype(int) - 1
@@ -322,7 +322,7 @@ def test_rows_carry_the_state_of_their_own_tick_though_its_frame_comes_later() -
     )
 
 
-def test_a_recording_knows_every_parameter_and_their_crc() -> None:
+def test_a_recording_has_every_parameter_and_their_crc() -> None:
     session = session_of(Board().run(400))
     expected = {k: p.default for k, p in enumerate(telemetry.parameter_list())}
     assert session.parameters == expected and session.table["table_status"] == 1
@@ -406,7 +406,7 @@ def test_the_same_command_sent_again_is_answered_again_but_not_executed_again() 
     assert board.store.value[12] == 600
 
 
-def test_a_read_answers_with_the_parameter_before_its_ack_is_old() -> None:
+def test_a_read_is_answered_by_the_parameter_and_an_ack() -> None:
     board = Board()
     board.run(400)
     board.receive(command_bytes("PARAM_READ", 9, read_index=7))
@@ -453,7 +453,7 @@ def error_syndromes() -> list[int]:
     return flips + [1 << bit for bit in range(8)]
 
 
-def test_the_crc_sees_every_error_of_one_to_three_bits_that_leaves_the_id_known() -> None:
+def test_the_crc_detects_every_error_of_one_to_three_bits_that_leaves_the_id_known() -> None:
     syndromes = error_syndromes()
     missed = [
         pair
@@ -469,7 +469,7 @@ def test_the_crc_sees_every_error_of_one_to_three_bits_that_leaves_the_id_known(
     assert all(syndrome.bit_count() % 2 == 1 for syndrome in syndromes)
 
 
-def test_of_the_errors_of_four_bits_one_in_127_passes_as_the_page_says() -> None:
+def test_of_the_errors_of_four_bits_one_in_127_passes_as_the_page_states() -> None:
     pairs = [a ^ b for a, b in itertools.combinations(error_syndromes(), 2)]
     alike = np.bincount(pairs)
     # each set of four is three pairs of pairs
@@ -488,7 +488,7 @@ def test_of_the_errors_of_four_bits_one_in_127_passes_as_the_page_says() -> None
         )
 
 
-def test_the_crc_sees_every_burst_of_up_to_eight_bits() -> None:
+def test_the_crc_detects_every_burst_of_up_to_eight_bits() -> None:
     order = [8 * (b // 8) + 7 - b % 8 for b in range(120)] + [120 + 7 - b for b in range(8)]
     syndromes = [error_syndromes()[b] for b in order]
     for start in range(128):

@@ -48,7 +48,7 @@ def pair(effect_id: str, part: float) -> tuple[Setting, Run, Run]:
 
 
 def top_half(run: Run) -> np.ndarray:
-    """Rows with more than 0.3 of the largest speed, over which means are taken."""
+    """Rows with more than 0.3 of the largest speed, over which means are loss_share."""
     return np.abs(run.speed_rad_s) > 0.3 * np.max(np.abs(run.speed_rad_s))
 
 
@@ -110,7 +110,7 @@ def test_friction_raises_the_current(effect_id: str) -> None:
     assert mean_current(with_it) > 1.02 * mean_current(without)
 
 
-def held_sizes() -> dict[str, Callable[[], tuple[float, float]]]:
+def steady_speeds() -> dict[str, Callable[[], tuple[float, float]]]:
     """Effect -> (measured, expected) where the steady state gives the size in closed form; the
     reference tool at duty 0.6, where no other is given.
     """
@@ -156,14 +156,14 @@ def held_sizes() -> dict[str, Callable[[], tuple[float, float]]]:
     }
 
 
-@pytest.mark.parametrize("name", sorted(held_sizes()))
+@pytest.mark.parametrize("name", sorted(steady_speeds()))
 def test_steady_speed_is_what_the_equation_gives(name: str) -> None:
-    measured, expected = held_sizes()[name]()
+    measured, expected = steady_speeds()[name]()
     assert measured == pytest.approx(expected, rel=2e-3)
 
 
 @pytest.mark.parametrize(("share", "sign"), [(0.5, 0.0), (0.8, 0.0), (1.25, 1.0), (2.0, 1.0)])
-def test_dead_time_takes_nothing_while_the_current_changes_sign_between_the_edges(
+def test_dead_time_has_no_effect_while_the_current_changes_sign_between_the_edges(
     share: float, sign: float
 ) -> None:
     """The mean current is `share` of the height of the current ripple: dead time acts by the sign
@@ -171,11 +171,11 @@ def test_dead_time_takes_nothing_while_the_current_changes_sign_between_the_edge
     """
     duty, v, r, k, dead_s = 128 / 255, 18.0, 0.19, 0.0109, 4e-7
     current = share * duty * (1.0 - duty) * v / (2.0 * 1e-4 * 20000.0)
-    rubbing = k * current - 4.5e-6 * duty * v / k
-    w = steady(duty, 1.6, dead_time_s=dead_s, coulomb_nm=rubbing)["speed_rad_s"]
-    drawn = (rubbing + 4.5e-6 * w) / k
-    taken = (duty * v - r * drawn - k * w) / (2.0 * dead_s * 20000.0 * v)
-    assert taken == pytest.approx(sign, abs=0.1)
+    friction_nm = k * current - 4.5e-6 * duty * v / k
+    w = steady(duty, 1.6, dead_time_s=dead_s, coulomb_nm=friction_nm)["speed_rad_s"]
+    drawn = (friction_nm + 4.5e-6 * w) / k
+    loss_share = (duty * v - r * drawn - k * w) / (2.0 * dead_s * 20000.0 * v)
+    assert loss_share == pytest.approx(sign, abs=0.1)
 
 
 def test_directional_friction_turns_with_the_direction() -> None:

@@ -14,7 +14,7 @@ namespace {
 
 constexpr double SUPPLY_V = 18.5;
 constexpr double RPM = 30.0 / 3.14159265358979;
-constexpr int PERIODS_PER_MS = 31;
+constexpr int PERIODS_PER_MS = 31;  // 31.37, rounded down
 
 // The reference drive (docs/spec/model.md, section 4) without its mechanism: hammer and anvil turn
 // with the spindle.
@@ -65,7 +65,7 @@ private:
         in.adc_counts[SIM_ADC_BUS] = static_cast<std::uint16_t>(result.supply_v / 0.025 + 0.5);
         in.adc_counts[SIM_ADC_TRIGGER] =
             static_cast<std::uint16_t>((0.1 + 0.8 * travel) * 1023.0 + 0.5);
-        in.adc_counts[SIM_ADC_TEMPERATURE] = 154;  // 25 degC
+        in.adc_counts[SIM_ADC_TEMPERATURE] = 154;  // counts at 25 degC
         in.switches = static_cast<std::uint8_t>((travel > 0.02 ? SIM_SWITCH_CONTACT : 0) |
                                                 (reverse ? SIM_SWITCH_REVERSE : 0));
         in.edge_count = static_cast<std::uint8_t>(result.edge_count);

@@ -75,13 +75,13 @@ def draw_case(entry: Entry) -> Case:
     reasons = []
     for attempt in range(ATTEMPTS):
         try:
-            return replace(attempt_case(entry, generator_of(entry, attempt)), attempt=attempt)
+            return replace(attempt_case(entry, random_of_attempt(entry, attempt)), attempt=attempt)
         except (UnsuitableDraw, ArithmeticError) as reason:
             reasons.append(str(reason))
     raise RuntimeError(f"{entry}: no case in {ATTEMPTS} draws: {reasons[-3:]}")
 
 
-def generator_of(entry: Entry, attempt: int) -> np.random.Generator:
+def random_of_attempt(entry: Entry, attempt: int) -> np.random.Generator:
     """Random numbers of an attempt."""
     return np.random.default_rng([SEED, SETS.index(entry.set), entry.number, attempt])
 
@@ -90,7 +90,7 @@ def case_again(
     entry: Entry, attempt: int, sizes: dict[str, float], multiples: dict[str, float]
 ) -> Case:
     """A case with known sizes, without the search for them."""
-    rng = generator_of(entry, attempt)
+    rng = random_of_attempt(entry, attempt)
     ids = partners(entry, rng)
     setting = draw_setting(entry, ids, rng)
     level, params = level_of(setting), {}
@@ -226,7 +226,7 @@ def formed(
 
 
 def gap_left(setting: Setting, params: dict[str, float]) -> float:
-    """The gap without noise after retuning the tolerated keys."""
+    """The gap without noise after a fit of the tolerated keys (nuisance parameters)."""
     log = noiseless_log(setting, params)
     base = modelled(log, {})
     found = measured(log) - base
@@ -263,11 +263,15 @@ def visible_limit(
     top = effect.top(setting.tool)
     untuned = replace(setting, rig=replace(setting.rig, tolerance={}))
 
-    def left(size: float, judged: Setting) -> float:
-        return gap_left(judged, formed(setting, level, effect_id, sign * size, regime))
+    def left(size: float, fitted: Setting) -> float:
+        return gap_left(fitted, formed(setting, level, effect_id, sign * size, regime))
 
     near = search_size(
-        lambda size: left(size, untuned), min(effect.guess(setting.tool), top), top, 0.4, effect_id
+        lambda size: left(size, untuned),
+        min(effect.start_size(setting.tool), top),
+        top,
+        0.4,
+        effect_id,
     )
     return (
         search_size(lambda size: left(size, setting), near, top, 0.15, effect_id)
@@ -301,7 +305,7 @@ class LinearFits:
         self.setting, self.log = setting, noiseless_log(setting, params)
         self.base = modelled(self.log, {})
         self.found = measured(self.log) - self.base
-        self.tolerated, self.stands = tolerance_columns(self.log, self.base)
+        self.tolerated, self.tool_sigmas = tolerance_columns(self.log, self.base)
 
     def left_by(
         self, columns: Sequence[np.ndarray], least: Sequence[float]
@@ -310,7 +314,9 @@ class LinearFits:
         coefficients.
         """
         table = np.array(columns).T.reshape(len(self.found), len(columns))
-        return fit(self.found, self.tolerated, self.stands, table, np.array(least, dtype=float))
+        return fit(
+            self.found, self.tolerated, self.tool_sigmas, table, np.array(least, dtype=float)
+        )
 
     def truth(self, ids: Sequence[str], sizes: dict[str, float]) -> list[np.ndarray]:
         """Responses (n,) to the true effects in the catalogue's form."""
@@ -330,7 +336,7 @@ def assess(
     a single effect of the catalogue explains a case outside it, or where one of several effects is
     not visible beside the others.
     """
-    if kind == "none" or "hall_dropout" in ids:
+    if kind == "none" or "hall_dropout" in ids:  # missed edges are random: no linear response
         return
     linear = LinearFits(setting, params)
     retuned = linear.rms([])

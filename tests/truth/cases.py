@@ -131,7 +131,7 @@ def visible_limit(setting: Setting, effect_id: str, sign: float = 1.0) -> float 
     effect = BY_ID[effect_id]
     reference = simulate(setting, NOISELESS)[0]
     top = effect.top(setting.rig)
-    size = min(effect.guess(setting.rig), top)
+    size = min(effect.start_size(setting.rig), top)
     low, high = 0.0, np.inf
     for _ in range(VISIBLE_ATTEMPTS):
         found = visibility(setting, reference, effect_id, sign * size)

@@ -24,8 +24,8 @@ Made = Callable[[Rig, float, np.random.Generator], dict[str, float]]
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect: `make(rig, size, rng)` are its changed parameters, `guess(rig)` a size near the
-    visible limit, `top(rig)` the largest plausible size.
+    """An effect: `make(rig, size, rng)` are its changed parameters, `start_size(rig)` a size near
+    the visible limit, `top(rig)` the largest plausible size.
 
     signed: the size may be negative. needs: property of the profile that shows it (two_way, load,
     slow). first: in the default list of make_cases.py. accept: equivalent ids. one_way: the id that
@@ -34,7 +34,7 @@ class Effect:
 
     id: str
     make: Made
-    guess: Callable[[Rig], float]
+    start_size: Callable[[Rig], float]
     top: Callable[[Rig], float]
     signed: bool = False
     needs: str = ""

@@ -35,7 +35,7 @@ FORMATS = {
 
 def log_table(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarray]:
     """The columns of the log that belong to the rig's input and sensors."""
-    rig, judged = setting.rig, channels(setting.rig)
+    rig, compared = setting.rig, channels(setting.rig)
     table = columns(setting, params)
     rng = np.random.default_rng([setting.seed, 17])
     angle = table.pop("angle_rad")
@@ -47,9 +47,9 @@ def log_table(setting: Setting, params: dict[str, float]) -> dict[str, np.ndarra
         del table["duty"]
     if rig.input != "duty" or rig.bus == "absent":
         del table["supply_v"]
-    if "speed_rpm" not in judged:
+    if "speed_rpm" not in compared:
         del table["speed_rpm"]
-    if "position_rad" in judged:
+    if "position_rad" in compared:
         table["position_rad"] = (
             np.floor(hall_angle(angle, split(params)[0]) / rig.sensors.position_lsb_rad)
             * rig.sensors.position_lsb_rad
@@ -118,7 +118,7 @@ def sensor_kind(s: Sensors) -> str:
 def seal(answer: dict[str, object], name: str) -> str:
     """A line of the sealed file: name, commitment, masked answer."""
     text = json.dumps(answer, sort_keys=True).encode()
-    text += b" " * (1024 - len(text) % 1024)
+    text += b" " * (1024 - len(text) % 1024)  # so that the length does not reveal the answer
     commitment = hashlib.sha256(text).hexdigest()
     return f"{name} {commitment} {mask(text, key_of(name)).hex()}\n"
 

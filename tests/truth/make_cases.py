@@ -39,7 +39,7 @@ ATTEMPTS = 20
 
 
 @dataclass(frozen=True)
-class Order:
+class CaseOptions:
     """Options of a set of cases; `tolerance` and `steps` are the shares of cases with a rig off by
     its tolerances and with a command without a slew rate.
     """
@@ -55,14 +55,14 @@ class Order:
     steps: float
 
 
-def draw_setting(order: Order, rng: np.random.Generator, need: str) -> Setting:
+def draw_setting(options: CaseOptions, rng: np.random.Generator, need: str) -> Setting:
     """Tool, profile and logger of a case; `need` is Effect.needs."""
     wanted = {"two_way": ("reversals",), "load": ("load_steps",), "slow": ("crawl",)}.get(
-        need, order.profiles
+        need, options.profiles
     )
-    sensors = Sensors(log_hz=order.log_hz)
-    rig = draw_rig(rng, sensors=sensors, slew_per_s=None if rng.uniform() < order.steps else 6.0)
-    if rng.uniform() < order.tolerance:
+    sensors = Sensors(log_hz=options.log_hz)
+    rig = draw_rig(rng, sensors=sensors, slew_per_s=None if rng.uniform() < options.steps else 6.0)
+    if rng.uniform() < options.tolerance:
         rig = replace(rig, tolerance=TOLERANCE)
     name = str(rng.choice(wanted))
     if name in ("hand", "stop_and_go", "chirp") and rig.slew_per_s:
@@ -73,14 +73,19 @@ def draw_setting(order: Order, rng: np.random.Generator, need: str) -> Setting:
         * rig.ratio
         * (rig.voltage_v / 18.0) ** 0.5
     )
-    profile = draw(name, order.seconds, load_nm, rng)
+    profile = draw(name, options.seconds, load_nm, rng)
     rig = replace(rig, load="torque" if len(profile.load_time_s) else "none")
     return Setting(
-        rig, draw_tool(rig, rng), profile, order.seconds, int(rng.integers(1, 2**31)), order.logger
+        rig,
+        draw_tool(rig, rng),
+        profile,
+        options.seconds,
+        int(rng.integers(1, 2**31)),
+        options.logger,
     )
 
 
-def effects_of(kind: str, index: int, order: Order, rng: np.random.Generator) -> list[str]:
+def effects_of(kind: str, index: int, options: CaseOptions, rng: np.random.Generator) -> list[str]:
     """Ids of a case: singles by `index` in turns, pairs with a drawn effect that is not equivalent,
     unlisted ones from outside the catalogue.
     """
@@ -88,31 +93,31 @@ def effects_of(kind: str, index: int, order: Order, rng: np.random.Generator) ->
         return []
     if kind == "unlisted":
         return [OUTSIDE_IDS[int(rng.integers(len(OUTSIDE_IDS)))]]
-    first = order.ids[index % len(order.ids)]
+    first = options.ids[index % len(options.ids)]
     if kind == "single":
         return [first]
     others = [
         i
-        for i in order.ids
+        for i in options.ids
         if i != first and not set(accepted(BY_ID[i], True)) & set(accepted(BY_ID[first], True))
     ]
     return [first, str(rng.choice(others))]
 
 
 def draw_case(
-    kind: str, index: int, order: Order, seed: int
+    kind: str, index: int, options: CaseOptions, seed: int
 ) -> tuple[Setting, dict[str, float], dict[str, float]]:
     """(setting, size of each effect, its multiple of the visible limit); draws again where an
     effect is not visible, up to ATTEMPTS times.
     """
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, index, attempt])
-        ids = effects_of(kind, index, order, rng)
+        ids = effects_of(kind, index, options, rng)
         needs = [BY_ID[i].needs for i in ids if BY_ID[i].needs]
-        setting = draw_setting(order, rng, needs[0] if needs else "")
+        setting = draw_setting(options, rng, needs[0] if needs else "")
         sizes, multiples = {}, {}
         for effect_id in ids:
-            drawn = draw_size(setting, effect_id, order, rng)
+            drawn = draw_size(setting, effect_id, options, rng)
             if drawn is None:
                 break
             sizes[effect_id], multiples[effect_id] = drawn
@@ -122,16 +127,16 @@ def draw_case(
 
 
 def draw_size(
-    setting: Setting, effect_id: str, order: Order, rng: np.random.Generator
+    setting: Setting, effect_id: str, options: CaseOptions, rng: np.random.Generator
 ) -> tuple[float, float] | None:
-    """(size, multiple of the visible limit), log-uniform over the order's multiples; None where the
-    size exceeds the effect's top.
+    """(size, multiple of the visible limit), the multiple log-uniform over `options.sizes`; None
+    where the size exceeds the effect's top.
     """
     effect = BY_ID[effect_id]
     sign = float(rng.choice([-1.0, 1.0])) if effect.signed else 1.0
-    multiple = float(np.exp(rng.uniform(*np.log(order.sizes))))
+    multiple = float(np.exp(rng.uniform(*np.log(options.sizes))))
     limit = visible_limit(setting, effect_id, sign)
-    if limit is None or limit * order.sizes[0] > effect.top(setting.rig):
+    if limit is None or limit * options.sizes[0] > effect.top(setting.rig):
         return None
     multiple = min(multiple, effect.top(setting.rig) / limit)
     return sign * limit * multiple, multiple
@@ -151,9 +156,9 @@ def write_log(path: Path, table: dict[str, np.ndarray]) -> None:
     path.write_text("\n".join([",".join(names), *rows]) + "\n")
 
 
-def write_case(folder: Path, kind: str, index: int, order: Order, seed: int) -> str:
+def write_case(folder: Path, kind: str, index: int, options: CaseOptions, seed: int) -> str:
     """Make one case and return a line about it."""
-    setting, sizes, multiples = draw_case(kind, index, order, seed)
+    setting, sizes, multiples = draw_case(kind, index, options, seed)
     params: dict[str, float] = {}
     for effect_id, size in sizes.items():
         params |= effect_params(setting, effect_id, size)
@@ -233,8 +238,8 @@ def parser_of_options() -> argparse.ArgumentParser:
     return parser
 
 
-def parse(arguments: list[str]) -> tuple[argparse.Namespace, Order]:
-    """Options and order of a command line."""
+def parse(arguments: list[str]) -> tuple[argparse.Namespace, CaseOptions]:
+    """Arguments and case options of a command line."""
     args = parser_of_options().parse_args(arguments)
     kinds = MIXED if args.kind == "mixed" else tuple(args.kind.split(","))
     ids = {"first": FIRST, "all": tuple(e.id for e in CATALOGUE)}.get(args.ids) or tuple(
@@ -242,7 +247,7 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, Order]:
     )
     low, high = (float(x) for x in args.size.split(":"))
     profiles = NAMES if args.profiles == "all" else tuple(args.profiles.split(","))
-    return args, Order(
+    return args, CaseOptions(
         kinds,
         ids,
         (low, high),
@@ -256,12 +261,12 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, Order]:
 
 
 def main(arguments: list[str]) -> int:
-    args, order = parse(arguments)
-    for name in order.ids:
+    args, options = parse(arguments)
+    for name in options.ids:
         if name not in BY_ID:
             sys.stderr.write(f"{name} is no effect of the generator\n")
             return 2
-    kinds = [order.kinds[n % len(order.kinds)] for n in range(args.count)]
+    kinds = [options.kinds[n % len(options.kinds)] for n in range(args.count)]
     serial = {kind: 0 for kind in kinds}
     plan = []
     for n, kind in enumerate(kinds):
@@ -270,7 +275,7 @@ def main(arguments: list[str]) -> int:
                 args.out / f"case_{n + 1:03d}",
                 kind,
                 serial[kind] if kind == "single" else n,
-                order,
+                options,
                 args.seed,
             )
         )

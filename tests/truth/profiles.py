@@ -8,7 +8,7 @@ import numpy as np
 from truth import Command
 
 NAMES = ("staircase", "ramps", "reversals", "load_steps", "hand", "stop_and_go", "chirp", "crawl")
-BENCH_NAMES = (*NAMES, "coast_down")
+BENCH_NAMES = (*NAMES, "coast_down")  # of the blind set
 
 
 @dataclass(frozen=True)
@@ -124,8 +124,8 @@ def _hand(seconds: float, _: float, rng: np.random.Generator) -> Profile:
     """A finger on the trigger: presses with overshoot, tremor at about 8 Hz, and releases."""
     t = np.arange(0.0, seconds, 0.02)
     presses = _pressed(t, seconds, rng)
-    tremble = 0.03 * np.convolve(rng.standard_normal(len(t) + 4), np.hanning(5), "valid")
-    duty = np.clip(np.where(presses > 0.02, presses + tremble, presses), 0.0, 1.0)
+    tremor = 0.03 * np.convolve(rng.standard_normal(len(t) + 4), np.hanning(5), "valid")
+    duty = np.clip(np.where(presses > 0.02, presses + tremor, presses), 0.0, 1.0)
     return Profile("hand", t, duty, smooth=True)
 
 

@@ -1,5 +1,5 @@
-"""Noiseless logs and their models in units of the sensors' noise; retuning and rival effects as
-linear responses.
+"""Noiseless logs and their models in units of the sensors' noise; changes of the tolerated keys
+and rival effects as linear responses.
 """
 
 from collections.abc import Callable
@@ -279,15 +279,15 @@ def deviation(log: NoiselessLog) -> np.ndarray:
 
 def tolerance_columns(log: NoiselessLog, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(responses (n, p) to a sigma of each tolerated key, deviations (p,) of the tool in sigma)."""
-    rig, tool, columns, stands = log.setting.rig, log.setting.tool, [], []
+    rig, tool, columns, tool_sigmas = log.setting.rig, log.setting.tool, [], []
     for key, sigma in rig.tolerance.items():
         name = key.split(".")[1]
         nominal = getattr(rig, name)
         columns.append(
             2.0 * (modelled(log, {name: getattr(tool, name) + 0.5 * sigma * nominal}) - base)
         )
-        stands.append((getattr(tool, name) / nominal - 1.0) / sigma)
-    return np.array(columns).T.reshape(len(base), len(columns)), np.array(stands)
+        tool_sigmas.append((getattr(tool, name) / nominal - 1.0) / sigma)
+    return np.array(columns).T.reshape(len(base), len(columns)), np.array(tool_sigmas)
 
 
 def weights(found: np.ndarray) -> np.ndarray:
@@ -298,14 +298,14 @@ def weights(found: np.ndarray) -> np.ndarray:
 def fit(
     found: np.ndarray,
     tolerated: np.ndarray,
-    stands: np.ndarray,
+    tool_sigmas: np.ndarray,
     columns: np.ndarray,
     least: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(coefficients (q,) of `columns`, residual (n,)) of a weighted linear fit of `found` (n,).
 
     `tolerated` (n, p) are the responses to the tolerated keys, fitted under their normal prior
-    within MAX_PRIOR; `stands` (p,) are the tool's deviations in sigma; `least` (q,) bounds the
+    within MAX_PRIOR; `tool_sigmas` (p,) are the tool's deviations in sigma; `least` (q,) bounds the
     coefficients.
     """
     w = weights(found)
@@ -319,12 +319,12 @@ def fit(
     prior = np.zeros((p, p + q))
     prior[:, :p] = np.eye(p)
     gram = aw.T @ aw + prior.T @ prior
-    right = aw.T @ (found * w) - prior.T @ stands
+    right = aw.T @ (found * w) - prior.T @ tool_sigmas
     root = np.linalg.cholesky(gram + (1e-9 * np.trace(gram) / len(gram) + 1e-12) * np.eye(p + q))
     low = np.concatenate(
-        [-MAX_PRIOR - stands - 1e-6, np.where(np.isfinite(least), least * scale[p:], -np.inf)]
+        [-MAX_PRIOR - tool_sigmas - 1e-6, np.where(np.isfinite(least), least * scale[p:], -np.inf)]
     )
-    high = np.concatenate([MAX_PRIOR - stands + 1e-6, np.full(q, np.inf)])
+    high = np.concatenate([MAX_PRIOR - tool_sigmas + 1e-6, np.full(q, np.inf)])
     x = lsq_linear(root.T, np.linalg.solve(root, right), (low, high)).x / scale
     return x[p:], found - a @ x
 
@@ -338,11 +338,11 @@ NONE = np.zeros(0)
 
 
 def after_retuning(log: NoiselessLog) -> float:
-    """The gap without noise after retuning the tolerated keys."""
+    """The gap without noise after a fit of the tolerated keys (nuisance parameters)."""
     base = modelled(log, {})
     found = measured(log) - base
-    tolerated, stands = tolerance_columns(log, base)
-    return clipped_rms(fit(found, tolerated, stands, np.zeros((len(found), 0)), NONE)[1])
+    tolerated, tool_sigmas = tolerance_columns(log, base)
+    return clipped_rms(fit(found, tolerated, tool_sigmas, np.zeros((len(found), 0)), NONE)[1])
 
 
 def variants(
@@ -439,7 +439,7 @@ def rivals(log: NoiselessLog, base: np.ndarray) -> list[Rival]:
     for effect in CATALOGUE:
         if not applicable(effect.id, setting):
             continue
-        size = min(3.0 * effect.guess(setting.tool), effect.top(setting.tool))
+        size = min(3.0 * effect.start_size(setting.tool), effect.top(setting.tool))
         for n, ways in enumerate(variants(effect.id, setting.tool, size, top_rad_s)):
             again = partial(scaled, setting.tool, effect.id, (size, n))
             columns = np.array([modelled(log, params) - base for params in ways]).T

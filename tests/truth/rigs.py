@@ -91,7 +91,7 @@ def three_digits(value: float) -> float:
 
 
 def draw_rig(rng: np.random.Generator, **changes: object) -> Rig:
-    """One of TOOLS with its values changed by up to 20 % and rounded to three digits."""
+    """One of TOOLS with its values changed by -18 to +20 % and rounded to three digits."""
     base = TOOLS[int(rng.integers(len(TOOLS)))]
     moved = {
         key: three_digits(getattr(base, key) * float(rng.uniform(0.82, 1.2))) for key in VARIED

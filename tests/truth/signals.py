@@ -41,10 +41,10 @@ def hall_rows(run: Run, sensors: Sensors) -> tuple[np.ndarray, np.ndarray, np.nd
     """
     pitch = 2.0 * np.pi / sensors.hall_pulses_per_rev
     last = np.searchsorted(run.edge_s, run.time_s, side="right") - 1
-    gaps = np.diff(run.edge_s, prepend=-np.inf)
+    periods = np.diff(run.edge_s, prepend=-np.inf)
     has = last >= 1
     at = np.where(has, run.edge_s[np.maximum(last, 0)] if len(run.edge_s) else 0.0, -np.inf)
-    period = np.where(has, gaps[np.maximum(last, 0)] if len(run.edge_s) else np.inf, np.inf)
+    period = np.where(has, periods[np.maximum(last, 0)] if len(run.edge_s) else np.inf, np.inf)
     since_edge = run.time_s - at
     steps = np.ones(len(run.time_s))
     if sensors.hall_pulses_per_rev >= COUNTING_EDGES:

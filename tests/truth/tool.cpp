@@ -124,7 +124,8 @@ void Tool::move_gate() {
                                             (0.5 + random.uniform());
 }
 
-// States that change little within a PWM period: heat, charge, and the random events.
+// States that change little within a PWM period: heat, charge, the random events, and the rate of
+// the random ripple (a random walk around 1 with a time constant of 50 ms).
 void Tool::slow_states(double period_s) {
     move_gate();
     const double bus_a = drive_.coast ? 0.0 : drive_.duty * state.current_a;
@@ -508,6 +509,7 @@ double Tool::edge_angle(long index) const {
     const double pitch = TURN / params.hall_edges;
     const long turn = static_cast<long>(params.hall_edges);
     const long place = ((index % turn) + turn) % turn;
+    // unequal spacing: a fixed irregular pattern over a turn
     const double uneven = params.hall_spacing_rad * std::sin(2.4 * static_cast<double>(place + 1) *
                                                              static_cast<double>(place + 1));
     return params.hall_offset_rad + static_cast<double>(index) * pitch + uneven;

@@ -75,9 +75,10 @@ public:
     std::deque<Drive> commands;  // of the lock-step, those that have not reached the bridge
 
     void start();
-    // One PWM period of the given length from state.time_s on, cut at `cut_s` if that lies inside;
-    // returns true when cut.
+    // Begins a PWM period of the given length at state.time_s.
     void begin_period(double period_s, const Drive &drive);
+    // Advances to the end of the period, or to cut_s where that lies within it; returns whether
+    // cut_s is reached.
     bool advance(double cut_s);
     double sensed_current(double filtered_a) const;
     double sensed_supply() const;

@@ -38,7 +38,7 @@ void avr_paint_stack(void) {
 
 static uint16_t stack_free_bytes;
 
-// Searches the lowest byte that the stack has used; runs when no tick is pending.
+// Searches the lowest byte that the stack has used, a few bytes after each tick.
 static void look_at_stack(void) {
     static uint8_t *at = &_end;
     for (uint8_t k = 0; k < PAINT_STEP; k++, at++) {

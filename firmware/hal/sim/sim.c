@@ -171,6 +171,7 @@ static void on_apply(void) {
     sim.apply_at = NEVER;
 }
 
+// Records the blow of this tick for sim_blows().
 static void keep_blow(void) {
     const Blow *blow = &sim.app.control.blow;
     if (!sim.app.controlled || blow->lugs == 0u || sim.blow_count >= SIM_BLOWS_MAX) {

@@ -28,8 +28,8 @@ typedef struct {
     uint16_t tick_cycles;   // from tick to the start of app_tick, 260 .. 8,000
 } SimStart;
 
-// An ADC result comes 54 cycles before the end of a period, and the AVR opens the bridge in the
-// next period.
+// Default latencies. An ADC result comes 54 cycles before the end of a period; with an interrupt
+// latency above that an over-current opens the bridge in the next period, as on the AVR.
 #define SIM_ISR_CYCLES 80u
 #define SIM_TICK_CYCLES 400u
 #define SIM_START_DEFAULT                                                                          \

@@ -1,1 +1,1 @@
-"""Comparisons with peers, each in one run on one machine."""
+"""Comparisons with other software (peers), each in one run on one machine."""

@@ -83,8 +83,8 @@ def measure_memory(
 
 
 def growth_over_log(found: list[Memory], of: str) -> float:
-    """Increase of the peak memory over the increase of the log's size, from the shortest run to the
-    longest: the number of copies of the log.
+    """Increase of the peak memory divided by the increase of the log's size, from the shortest run
+    to the longest: the number of copies of the log in memory.
     """
     mine = [m for m in found if m.of == of]
     return (mine[-1].peak_mib - mine[0].peak_mib) / (mine[-1].log_mib - mine[0].log_mib)

@@ -1,5 +1,5 @@
 """Time and accuracy of a peer over its tolerance, on a finer grid than the one from which its
-tolerance is chosen.
+tolerance is chosen: how sensitive the comparison is to that choice.
 
 A solver without event location reaches an accuracy by chance at some tolerances and misses it at
 tighter ones; the grid shows how much the ratio of the times depends on the choice.
@@ -15,14 +15,14 @@ from vgroove.bench.solvers import Peer
 from vgroove.bench.timing import seconds_of
 from vgroove.progress import Tick
 
-# Factors of the peer's chosen tolerance: 1e-4, 8e-5, 7e-5 .. for 3e-5
+# Factors of the peer's chosen tolerance; with 3e-5 they give 1e-4, 8e-5, 7e-5, 6e-5 ..
 STEPS = (10 / 3, 8 / 3, 7 / 3, 2.0, 5 / 3, 4 / 3, 1.0, 2 / 3)
 LONG_S = 0.2  # a longer run is timed once
-OWN_CALLS = 9  # of the plant's runs beside each run of a peer; their median counts
+OWN_CALLS = 9  # runs of the plant beside each run of a peer; their median counts
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class ToleranceFigure:
     """A peer at one tolerance: relative error of the head's angle and processor seconds of one
     simulated second; ratio: over the plant's, run in turns with it.
     """
@@ -38,7 +38,7 @@ class Sensitivity:
 
 
 def runs_of(peers: list[Peer]) -> int:
-    """How often `measure_sensitivity` calls `tick`."""
+    """How often `measure_tolerances` calls `tick`."""
     return len(SLIPPING) * sum(len(peer.tolerances) > 1 for peer in peers)
 
 
@@ -51,9 +51,9 @@ class OnJoint:
     head: float
 
 
-def measure_sensitivity(
+def measure_tolerances(
     own: Prepare, peers: list[Peer], chosen: list[Figure], repeats: int, tick: Tick
-) -> list[Sensitivity]:
+) -> list[ToleranceFigure]:
     """Every peer that has more than one tolerance, on every joint."""
     at = {f.name: f.tolerance for f in chosen if f.tolerance is not None}
     found = []
@@ -65,7 +65,7 @@ def measure_sensitivity(
     return found
 
 
-def at_tolerance(peer: Peer, joint: OnJoint, tolerance: float, repeats: int) -> Sensitivity:
+def at_tolerance(peer: Peer, joint: OnJoint, tolerance: float, repeats: int) -> ToleranceFigure:
     """A peer at one tolerance, timed in turns with the plant."""
     tool = SLIPPING[joint.case]
     error = abs(peer_head(peer, tool, tolerance) / joint.head - 1.0)
@@ -77,7 +77,7 @@ def at_tolerance(peer: Peer, joint: OnJoint, tolerance: float, repeats: int) -> 
         ratios.append(times[-1] / own_s)
         if times[-1] > LONG_S:
             break
-    return Sensitivity(
+    return ToleranceFigure(
         peer.name,
         joint.case,
         tolerance,
@@ -89,7 +89,7 @@ def at_tolerance(peer: Peer, joint: OnJoint, tolerance: float, repeats: int) -> 
     )
 
 
-def least_ratio(found: list[Sensitivity], name: str) -> float | None:
+def least_ratio(found: list[ToleranceFigure], name: str) -> float | None:
     """Least ratio of a peer over the joints and the tolerances that reach the accuracy on both
     joints; None where there is none.
     """

@@ -62,7 +62,7 @@ class Requirement:
 
 @dataclass(frozen=True)
 class Limits:
-    """The project's requirements on the speed of the plant (docs/bench.md)."""
+    """The project's requirements on the speed of the plant (the comparisons: docs/plant.md)."""
 
     impact_wall_s: float = 0.003  # for one simulated second
     over_numbalsoda: float = 12.0  # least ratio of the times
@@ -125,7 +125,7 @@ def own_prepare(mode: str) -> impact_speed.Prepare:
 
 
 def owns() -> dict[str, impact_speed.Prepare]:
-    """The plant's ways of running, by name."""
+    """The modes in which the plant is timed, by name."""
     return {
         FAST: own_prepare("fast"),
         LOCKSTEP: own_lockstep,
@@ -140,7 +140,7 @@ def measure(
     """Measure impact mode, lock-step, batch, growth, drivetrain and memory, one after the other."""
     seed, repeats = effort.seed, effort.repeats
     impact = impact_speed.measure(owns(), peers, repeats, tick)
-    tolerances = sensitivity.measure_sensitivity(own_prepare("fast"), peers, impact, repeats, tick)
+    tolerances = sensitivity.measure_tolerances(own_prepare("fast"), peers, impact, repeats, tick)
     rtol = next((f.tolerance for f in impact if f.name == NUMBALSODA and f.case == "slip_60"), None)
     batch = batch_speed.measure_batch(seed, repeats, rtol, tick)
     costs = batch_speed.measure_growth(seed, repeats, tick)
@@ -239,15 +239,15 @@ def impact_requirements(figures: list[Figure], lockstep: list[LockstepFigure]) -
         at_most("impact: error of the head's angle", error, impact_speed.ACCURACY),
         at_least("impact: times as fast as numbalsoda", ratios[NUMBALSODA], over_lsoda),
         at_least("impact: times as fast as Euler at 2 us", ratios[EULER_2_US], over_euler),
-        at_least("impact: the same, Euler at equal accuracy", ratios[EULER], over_euler),
+        at_least("impact: times as fast as Euler at equal accuracy", ratios[EULER], over_euler),
         at_most("impact: share that lock-step costs more", max(extra), LIMITS.lockstep_extra),
     ]
 
 
-def tolerance_requirement(found: list[sensitivity.Sensitivity]) -> Requirement:
+def tolerance_requirement(found: list[sensitivity.ToleranceFigure]) -> Requirement:
     """Speed of impact mode against numbalsoda at the peer's cheapest passing tolerance."""
     return at_least(
-        "impact: the same, at its cheapest tolerance that passes",
+        "impact: times as fast as numbalsoda, cheapest tolerance",
         sensitivity.least_ratio(found, NUMBALSODA),
         LIMITS.over_numbalsoda,
     )
@@ -262,8 +262,8 @@ def batch_requirements(
     return [
         at_least("batch: one-second roll-outs per second", own.per_second, LIMITS.rollouts_per_s),
         at_most("batch: error of the head's angle", own.head_error, impact_speed.ACCURACY),
-        at_most("growth with time: dearest over cheapest", by_time, LIMITS.growth),
-        at_most("growth with batch: dearest over cheapest", by_batch, LIMITS.growth),
+        at_most("growth with time: largest over smallest cost", by_time, LIMITS.growth),
+        at_most("growth with batch: largest over smallest cost", by_batch, LIMITS.growth),
     ]
 
 

@@ -13,7 +13,8 @@ from typing import Any
 
 from vgroove.progress import Tick
 
-ROUND_S, MAX_CALLS = 0.05, 50  # a work is called several times in its round, up to ROUND_S
+# In its round a short call is repeated for about ROUND_S, at most MAX_CALLS times.
+ROUND_S, MAX_CALLS = 0.05, 50
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def median_of(samples: list[Seconds]) -> Seconds:
 
 
 def calls_in_round(seconds: float) -> int:
-    """Calls in a round of a work that takes this long; a long one is called once."""
+    """Number of calls in a round of a call that takes this many seconds; at least one."""
     return max(1, min(MAX_CALLS, int(ROUND_S / max(seconds, 1e-9))))
 
 

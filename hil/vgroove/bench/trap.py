@@ -1,5 +1,6 @@
-"""`vgroove bench trap`: one joint whose simulation lacks its Coulomb friction. Which tool names the
-friction, and which one changes the damping instead?
+"""`vgroove bench trap`: one joint whose simulation lacks its Coulomb friction. It is a trap for an
+identification method that fits only the parameters of the model: which method names the friction,
+and which one changes the damping instead?
 
 The true motion is integrated here in steps of 10 us, with friction as an exact impulse, by neither
 the plant nor a peer.
@@ -29,8 +30,8 @@ Floats = npt.NDArray[np.float64]
 
 SCHEMA = "vgroove.bench_trap/1"
 INERTIA, DAMPING, COULOMB = 2e-3, 2e-3, 0.04  # kg m2, N m s/rad, N m
-# The damping of the simulation, and its tolerance (1 sigma, relative)
-BELIEVED_DAMPING, DAMPING_SIGMA = 2.5e-3, 0.5
+# The damping that the simulation assumes, and its tolerance (1 sigma, relative)
+ASSUMED_DAMPING, DAMPING_SIGMA = 2.5e-3, 0.5
 POSITION_NOISE_RAD, SPEED_NOISE_RAD_S = 0.01, 0.3
 LOG_HZ, STEPS_PER_ROW = 500, 200
 TRAIN_S, NEW_S = 20.0, 8.0
@@ -65,7 +66,7 @@ resistance_ohm = 1.0
 inductance_h = 1e-3
 torque_constant_nm_per_a = 1.0
 inertia_kg_m2 = {INERTIA}
-viscous_nm_s_per_rad = {BELIEVED_DAMPING}
+viscous_nm_s_per_rad = {ASSUMED_DAMPING}
 coulomb_nm = 0.0
 [gearbox]
 ratio = 1.0
@@ -96,10 +97,11 @@ class Motion:
 
 @dataclass(frozen=True)
 class Answer:
-    """Result of a tool on the training data, and the error of its model on new data.
+    """Result of a method on the training data, and the error of its model on new data.
 
-    says: the result in the tool's words. speed_error: RMS error of the open-loop speed on the new
-    data, over the RMS of the speed. friction_nm is None where none was found.
+    says: the text that the method prints as its result. speed_error: RMS error of the open-loop
+    speed on the new data, as a share of the RMS of the speed. friction_nm is None where none was
+    found.
     """
 
     name: str
@@ -124,13 +126,13 @@ def drive(seed: int, seconds: float, size_nm: float) -> tuple[Floats, Floats]:
 def moved(time_s: Floats, torque_nm: Floats) -> Motion:
     """The true motion of the joint from rest."""
     step = 1.0 / LOG_HZ / STEPS_PER_ROW
-    most = step * COULOMB / INERTIA  # largest change of the speed by friction in a step
+    most_rad_s = step * COULOMB / INERTIA  # largest change of the speed by friction in a step
     angle = speed = 0.0
     rows = np.empty((len(time_s), 2))
     for row, torque in enumerate(torque_nm.tolist()):
         for _ in range(STEPS_PER_ROW):
             free = speed + step / INERTIA * (torque - DAMPING * speed)
-            speed = free - math.copysign(most, free) if abs(free) > most else 0.0
+            speed = free - math.copysign(most_rad_s, free) if abs(free) > most_rad_s else 0.0
             angle += step * speed
         rows[row] = angle, speed
     return Motion(time_s, torque_nm, rows[:, 0], rows[:, 1])
@@ -196,7 +198,7 @@ def peers() -> tuple[list[Callable[[Motion, Motion], list[Answer]]], list[Missin
 
 
 def bench_trap(seed: int = 1) -> dict[str, Any]:
-    """The result of every tool on the same log, ready for JSON."""
+    """The result of every method on the same log, ready for JSON."""
     train = measured(moved(*drive(seed, TRAIN_S, TRAIN_NM)), seed)
     new = moved(*drive(seed + 1000, NEW_S, NEW_NM))
     others, missing = peers()
@@ -222,7 +224,7 @@ def bench_trap(seed: int = 1) -> dict[str, Any]:
 
 
 def trap_table(figures: dict[str, Any]) -> Table:
-    """One row a tool."""
+    """One row a method."""
     title = (
         f"One joint, damping {DAMPING:g} N m s/rad, Coulomb friction {COULOMB:g} N m that the "
         "model lacks"

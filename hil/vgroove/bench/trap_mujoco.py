@@ -20,7 +20,7 @@ JOINT = f"""
   <worldbody>
     <body name="arm">
       <inertial pos="0 0 0" mass="1" diaginertia="{trap.INERTIA} {trap.INERTIA} {trap.INERTIA}"/>
-      <joint name="joint" type="hinge" axis="0 0 1" damping="{trap.BELIEVED_DAMPING}"/>
+      <joint name="joint" type="hinge" axis="0 0 1" damping="{trap.ASSUMED_DAMPING}"/>
     </body>
   </worldbody>
   <actuator><motor joint="joint"/></actuator>
@@ -31,7 +31,7 @@ JOINT = f"""
 </mujoco>
 """
 # Start and bounds of each field
-FIELDS = {"damping": (trap.BELIEVED_DAMPING, 0.0, 0.05), "frictionloss": (1e-3, 0.0, 0.5)}
+FIELDS = {"damping": (trap.ASSUMED_DAMPING, 0.0, 0.05), "frictionloss": (1e-3, 0.0, 0.5)}
 
 
 def answers(train: Motion, new: Motion) -> list[Answer]:

@@ -24,7 +24,7 @@ def answers(train: Motion, new: Motion) -> list[Answer]:
     terms = residual_terms(train)
     busy = time.process_time() - start
     text = " ".join(f"{value:+.3g} {name}" for name, value in terms.items() if value) or "nothing"
-    damping = trap.BELIEVED_DAMPING - trap.INERTIA * terms["w"]
+    damping = trap.ASSUMED_DAMPING - trap.INERTIA * terms["w"]
     friction = -trap.INERTIA * terms["sign(w)"]
     error = trap.relative_error(free_run(terms, new), new)
     return [
@@ -46,7 +46,7 @@ def residual_terms(train: Motion) -> dict[str, float]:
     speed = savgol_filter(train.speed_rad_s, WINDOW, ORDER)
     rate = savgol_filter(train.speed_rad_s, WINDOW, ORDER, deriv=1, delta=1.0 / trap.LOG_HZ)
     torque = savgol_filter(train.torque_nm, WINDOW, ORDER)
-    residual = rate - (torque - trap.BELIEVED_DAMPING * speed) / trap.INERTIA
+    residual = rate - (torque - trap.ASSUMED_DAMPING * speed) / trap.INERTIA
     library = pysindy.CustomLibrary(
         [f for _, f in TERMS], [lambda x, n=name: n for name, _ in TERMS]
     )
@@ -66,7 +66,7 @@ def free_run(terms: dict[str, float], new: Motion) -> Floats:
     for row, torque in enumerate(new.torque_nm.tolist()):
         for _ in range(STEPS_PER_ROW):
             smooth = terms["w"] * speed + terms["w |w|"] * speed * abs(speed)
-            free = speed + step * ((torque - trap.BELIEVED_DAMPING * speed) / trap.INERTIA + smooth)
+            free = speed + step * ((torque - trap.ASSUMED_DAMPING * speed) / trap.INERTIA + smooth)
             friction = -step * terms["sign(w)"]
             speed = free - np.copysign(friction, free) if abs(free) > friction else 0.0
         out[row] = speed

@@ -63,7 +63,9 @@ def tighten(target_nm: float, slope: float, seconds: float, ends: str) -> Case:
 
 
 def jam(gear: str) -> Case:
-    """A drill driver whose bit jams: within 5 ms the load rises to 1.5 times the stall torque."""
+    """A drill driver whose bit locks (jams): within 5 ms the load rises to 1.5 times the stall
+    torque.
+    """
     jammed_s = drill.LOCK_AT_S + drill.LOCK_S
     jammed_nm = 1.5 * drill.stall_nm(gear, 18.0)
     return Case(
@@ -161,7 +163,7 @@ def avr_board(image: bytes, folder: Path) -> AvrBoard:
     return AvrBoard(default_elf(), eeprom=path, seed=SEED)
 
 
-def both(case: Case) -> tuple[Run, Run]:
+def run_on_both_boards(case: Case) -> tuple[Run, Run]:
     """The drive on the native firmware and on the ELF."""
     plan = RunPlan(case.profile, case.mode, case.params, case.seconds, SEED)
     native = run_plan(case.rig(), plan)
@@ -192,10 +194,10 @@ def frame_differences(a: Sequence[Any], b: Sequence[Any]) -> int:
 
 
 def differing(case: Case) -> dict[str, Any]:
-    """Rows and CONTROL frames that differ between both runs, and whether the drive ended as
+    """Rows and CONTROL frames that differ between the two runs, and whether the drive ended as
     expected.
     """
-    native, avr = both(case)
+    native, avr = run_on_both_boards(case)
     rows, differ = row_differences(native.telemetry, avr.telemetry)
     control = telemetry.database().get_message_by_name("CONTROL").frame_id
     controls = [[f for f in run.frames if f.id == control] for run in (native, avr)]

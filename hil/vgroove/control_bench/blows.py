@@ -15,7 +15,7 @@ from vgroove.control_bench.sync import MATRIX_JOINTS
 from vgroove.reference.blows import REPEAT
 
 TRIGGERS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-RATES_PER_MIN = (1200.0, 4000.0)  # cells outside are not judged
+RATES_PER_MIN = (1200.0, 4000.0)  # cells outside are not evaluated
 SECONDS = 3.0  # of the run
 RELEASE_S = SECONDS - 0.2  # early enough that the report of the last blow arrives
 VARIANTS = (
@@ -23,11 +23,12 @@ VARIANTS = (
     Variant("by current", params={"blow_source": 1}),
 )
 GOAL = 0.01  # largest error of the count, of the true count
-FEW_REPEATS = 6  # so many occur during the run-up of every cell and are not judged
-IN_STEP = 0.03  # largest period spread (mean deviation over mean) of a tool in step
+FEW_REPEATS = 6  # so many occur in the run-up; a cell without more of them counts as right
+# Largest period spread (mean absolute deviation over mean) of a synchronous tool
+IN_STEP = 0.03
 REPEAT_GOALS = {"precision": 0.85, "recall": 0.9}
-SETTLE_S = 0.5  # after the pull; periods are judged from then on
-MIN_PERIODS = 8  # with fewer no period is judged
+SETTLE_S = 0.5  # after the pull; periods are evaluated from then on
+MIN_PERIODS = 8  # with fewer no period is evaluated
 
 
 def cells() -> list[dict[str, Any]]:
@@ -58,10 +59,11 @@ def opened_s(run: Run) -> float:
 
 
 def repeat_figures(reported: np.ndarray, blows_s: np.ndarray, repeats_s: np.ndarray) -> Figures:
-    """Numbers of true, reported and rightly reported repeats.
+    """Numbers of true, reported ("told") and rightly reported repeats.
 
     `reported` (n, len(REPORTED)) are the board's blows, `blows_s` and `repeats_s` the times of the
-    plant's. Between two true blows as many repeats are right as are both true and reported.
+    plant's blows and repeats. Of the repeats between two true blows the smaller one of the true and
+    the reported number counts as right. The board reports repeats for each lug.
     """
     if len(blows_s) < 2:
         return {"repeats": len(repeats_s), "repeats_told": 0, "repeats_right": 0}
@@ -77,8 +79,8 @@ def repeat_figures(reported: np.ndarray, blows_s: np.ndarray, repeats_s: np.ndar
 
 
 def period_figures(reported: np.ndarray, blows_s: np.ndarray) -> Figures:
-    """Reported against true periods after SETTLE_S: error of the running mean, and both spreads
-    (mean deviation over mean).
+    """Reported against true periods after SETTLE_S: relative error of the running mean, and the
+    spreads (mean absolute deviation over mean) of the true and of the reported ("told") periods.
     """
     true = np.diff(blows_s[blows_s > PULL_S + SETTLE_S])
     rows = reported[reported[:, 0] > PULL_S + SETTLE_S]

@@ -41,13 +41,14 @@ def control_command(
         ),
     ] = None,
     half: Annotated[
-        str, typer.Option("--set", help="Half of the matrix values: tune, report, or both.")
+        str,
+        typer.Option("--set", help="Half of the cells: tune (for development), report, or both."),
     ] = "both",
     on: Annotated[
         str,
         typer.Option(
-            help="sil: native firmware; avr: a named subset on the ELF, its decisions against "
-            "those of sil."
+            help="sil: native firmware; avr: a subset of drives on the ELF, whose decisions are "
+            "compared with those of sil."
         ),
     ] = "sil",
     only_fifth: Annotated[bool, typer.Option("--fifth", help="Every fifth cell.")] = False,

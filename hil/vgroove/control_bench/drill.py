@@ -20,10 +20,11 @@ from vgroove.reference.rigs import reference_rig, with_load
 from vgroove.rig import Rig
 
 SUPPLIES_V = (16.0, 17.0, 18.0, 19.0, 20.5)
-# of the chuck from 0 to the clutch setting: hard to soft joint, VDI/VDE 2647
+# Rotation of the chuck over which the torque rises from 0 to the clutch setting: hard to soft
+# joint, VDI/VDE 2647
 CLUTCH_DEG = (30.0, 90.0, 360.0)
-CLUTCH_FROM_RAD = 3.0
-# draws of each cell; NORMAL_RUNS where more than one draw is asked for
+CLUTCH_FROM_RAD = 3.0  # chuck angle at which the torque begins to rise
+# Draws of each cell; of a normal run NORMAL_RUNS if --draws is above 1, else one
 CLUTCH_RUNS, LOCK_RUNS, NORMAL_RUNS = 1, 6, 10
 LOCK_S, LOCK_AT_S = 5e-3, 0.9  # duration of the rise to the locked load; earliest time
 LOCK_SHARE = (1.0, 2.0)  # of the stall torque
@@ -163,8 +164,8 @@ def drill_params(gear: str, clutch_nm: float = 0.0, pulse: bool = False) -> dict
 
 
 def opened_s(run: Run, after_s: float) -> tuple[float | None, float]:
-    """Times at which the bridge was first open after after_s (in pulse mode it may be open then),
-    and at which it opened finally.
+    """Time at which the bridge was first open after after_s (in pulse mode it may be open already),
+    and time after which it remained open.
     """
     time_s, is_open = run.truth["time_s"], np.isnan(run.truth["duty"])
     first = np.flatnonzero(is_open & (time_s > after_s))
@@ -186,7 +187,9 @@ def pulled(trigger: float) -> tuple[tuple[float, float], ...]:
 
 
 def clutch_work(variant: Variant, **cell: Any) -> Figures:
-    """A joint whose torque rises with the angle: the torque at which the tool is left."""
+    """A joint whose torque rises with the angle: its torque when the bridge is open and the motor
+    stands.
+    """
     gear, clutch_nm, seed = cell["gear"], cell["clutch_nm"], cell["seed"]
     random = np.random.default_rng([seed, 2])
     rise, trigger = clutch_nm / np.radians(cell["degrees"]), random.uniform(0.5, 1.0)
@@ -220,16 +223,16 @@ def lock_work(variant: Variant, *, gear: str, supply_v: float, seed: int, **_: A
     profile = Profile(travel=pulled(trigger), reverse=((0.0, float(reverse)),), load_nm=load)
     rig, params = drill_rig(gear, supply_v, pack_ohm=pack_ohm), drill_params(gear, pulse=pulse)
     run = run_plan(rig, RunPlan(profile, variant.mode, params, 1.2, seed, truth_every=4))
-    first_s, good_s = opened_s(run, at_s)
+    first_s, final_s = opened_s(run, at_s)
     opened = {
         "open_ms": None if first_s is None else 1e3 * (first_s - at_s),
-        "good_ms": 1e3 * max(good_s - at_s, 0.0),
+        "good_ms": 1e3 * max(final_s - at_s, 0.0),
     }
     drawn = {"trigger": trigger, "before_nm": before, "pulse": pulse, "reverse": reverse}
     return {**opened, "reason": reason_of(run), "faults": run.faults, **drawn}
 
 
-def wandering_trigger(random: np.random.Generator) -> tuple[tuple[float, float], ...]:
+def random_trigger(random: np.random.Generator) -> tuple[tuple[float, float], ...]:
     """Points (time, travel) of a trigger that is pulled, moved and released at random."""
     points, time_s = [(0.0, 0.0), (PULL_S, 0.0)], PULL_S
     while time_s < NORMAL_S:
@@ -240,7 +243,7 @@ def wandering_trigger(random: np.random.Generator) -> tuple[tuple[float, float],
     return tuple(points)
 
 
-def wandering_load(random: np.random.Generator, most_nm: float) -> tuple[tuple[float, float], ...]:
+def random_load(random: np.random.Generator, most_nm: float) -> tuple[tuple[float, float], ...]:
     """Points (time, load) of random loads that rise within 0.1, 5 or 50 ms."""
     points, time_s = [(0.0, 0.0)], 0.6
     while time_s < NORMAL_S:
@@ -265,8 +268,8 @@ def normal_work(variant: Variant, *, gear: str, seed: int, **_: Any) -> Figures:
     screw = Screw(rise, random.uniform(2.0, 30.0), most_nm)
     rig = drill_rig(gear, supply_v, screw if on_screw else None, pack_ohm)
     profile = Profile(
-        travel=wandering_trigger(random),
-        load_nm=((0.0, 0.0),) if on_screw else wandering_load(random, most_nm),
+        travel=random_trigger(random),
+        load_nm=((0.0, 0.0),) if on_screw else random_load(random, most_nm),
     )
     profile = replace(profile, reverse=((0.0, float(not on_screw and random.integers(2) == 1)),))
     params = drill_params(gear, pulse=pulse)

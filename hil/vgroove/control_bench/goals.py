@@ -71,7 +71,9 @@ def goals_table(name: str, goals: Sequence[Goal]) -> Table:
 
 
 def met_line(goals: Sequence[Goal]) -> str:
-    """A sentence: how many goals are met, and which are missed on the widest set."""
+    """A sentence: how many goals are met, and which are missed on the largest set of cells (all of
+    them where both halves were run).
+    """
     widest = goals[-1].half
     missed = [f"{g.variant}: {g.figure}" for g in goals if not g.met and g.half == widest]
     counted = f"{sum(g.met for g in goals)} of {len(goals)} goals are met"

@@ -41,7 +41,7 @@ class Job:
     cell: Mapping[str, Any]
 
 
-def do(job: Job) -> Figures:
+def run_job(job: Job) -> Figures:
     """The cell and its figures; where the firmware lacks the controller, only the reason."""
     try:
         figures = job.work(job.variant, **job.cell)
@@ -91,9 +91,9 @@ def _kept(
 def _run(jobs: Sequence[Job], tick: Tick, text: str, workers: int | None) -> list[Figures]:
     count = min(workers or os.cpu_count() or 1, MAX_WORKERS, max(1, len(jobs)))
     if count == 1:
-        return [_ticked(do(job), tick, text) for job in jobs]
+        return [_ticked(run_job(job), tick, text) for job in jobs]
     with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
-        return [_ticked(figures, tick, text) for figures in pool.map(do, jobs, chunksize=4)]
+        return [_ticked(figures, tick, text) for figures in pool.map(run_job, jobs, chunksize=4)]
 
 
 def _ticked(figures: Figures, tick: Tick, text: str) -> Figures:

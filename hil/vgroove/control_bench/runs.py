@@ -254,9 +254,7 @@ def run_plan(rig: Rig, plan: RunPlan) -> Run:
             tool,
             plan.profile,
             plan.duration_s,
-            front=front_ends(plan.noise),
-            seed=plan.seed,
-            truth=truth,
+            lockstep.LockstepOptions(front=front_ends(plan.noise), seed=plan.seed, truth=truth),
         )
         for progress in steps:
             if plan.stop_when is not None and plan.stop_when(tool, progress):

@@ -43,7 +43,7 @@ REST_S = 0.15  # with the bridge open for so long a drive is over
 TRUTH_EVERY = 31  # PWM periods: about 1 ms
 VARIANTS = (PLAIN, Variant("screwing", "screwing"))
 # Change of the impact rate of small and soft screws, turn past the seat, share of early stops,
-# ratio of the times to the seat: the project's goals (docs/control_bench.md).
+# ratio of the times to the seat: the project's goals (docs/controllers/screwing.md).
 GOALS = {"rate": -0.33, "turn_deg": 45.0, "early": 0.01, "time": 2.5}
 CELL_KEYS = ("size", "supply_v", "wood", "trigger", "knot", "seed")
 

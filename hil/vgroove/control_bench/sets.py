@@ -1,5 +1,5 @@
-"""Halves of a matrix of cells: controllers are tuned on one half and judged on the other, which has
-other pairs of supply and load.
+"""Halves of a matrix of cells: controllers are tuned on one half and evaluated on the other, which
+has other pairs of supply and load.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ def seed_of(half: str, *numbers: int) -> int:
 
 
 def fifth(cells: Sequence[Any]) -> list[Any]:
-    """Every fifth cell: the named fifth of a matrix."""
+    """Every fifth cell, for quick runs (`--fifth`)."""
     return list(cells[::5])
 
 

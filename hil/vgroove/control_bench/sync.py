@@ -51,7 +51,7 @@ TOOL_PARAMETERS = (
 DUTIES = tuple(round(0.30 + 0.025 * n, 3) for n in range(29))  # of the search for a clean duty
 FULL_DUTY = 0.98  # a larger mean duty counts as full
 # Ratio of the unclean shares with and without control, gain of poor cells, mean clean share, mean
-# period spread (standard deviation over mean): the project's goals (docs/control_bench.md).
+# period spread (standard deviation over mean): the project's goals (docs/controllers/sync.md).
 GOALS = {"unclean_ratio": 0.5, "poor_gain": 0.20, "clean": 0.97, "spread": 0.012}
 
 
@@ -153,7 +153,7 @@ def with_reason(row: Figures, searched: Sequence[Figures]) -> Figures:
     if same["best_clean"] < GOALS["clean"]:
         reason = "no constant duty is clean"
     elif row["duty"] >= FULL_DUTY:
-        reason = "full duty gives less than the band that is held"
+        reason = "full duty gives less voltage than the controller holds"
     else:
         reason = "the controller's"
     return {

@@ -24,7 +24,7 @@ SUMMARY = [
     ("clean", "clean"),
     ("unclean ratio", "unclean_ratio"),
     ("poor cells", "poor_cells"),
-    ("gain there", "poor_gain"),
+    ("gain in poor cells", "poor_gain"),
     ("cells worse", "worse_cells"),
     ("worst change", "worst_change"),
     ("spread", "spread"),
@@ -41,7 +41,7 @@ UNCLEAN = [
     ("clean", "clean"),
     ("mean duty", "duty"),
     ("best of any constant duty", "best_clean"),
-    ("at", "best_duty"),
+    ("at duty", "best_duty"),
     ("reason", "reason"),
 ]
 

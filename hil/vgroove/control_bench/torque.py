@@ -29,7 +29,10 @@ TRUTH_EVERY = 15  # PWM periods: about 0.5 ms
 FIXED_TIME, FIXED_COUNT = "fixed time", "fixed count"  # stop rules of simpler tools
 VARIANTS = (Variant(FIXED_TIME), Variant(FIXED_COUNT), Variant("torque", "torque"))
 REASONS_REFUSED = ("unreachable", "missed")
-GOALS = {"std": 0.03, "mean": 0.03}  # of the target: the project's goals (docs/control_bench.md)
+GOALS = {
+    "std": 0.03,
+    "mean": 0.03,
+}  # of the target: the project's goals (docs/controllers/torque.md)
 PRACTICE_ALPHA = (2.5, 4.0)  # tightening factor of impact wrenches, VDI 2230 part 1, table A8
 
 
@@ -86,8 +89,8 @@ def nominal(slope: float) -> dict[str, Any]:
 
 
 def map_row(found: dict[str, Any], target_nm: float) -> Figures:
-    """Blow and time at which the nominal joint passes a target, and the torque that this blow adds,
-    as a share of the target.
+    """The blow with which the nominal joint passes a target, the time half-way to the next blow,
+    and the torque that this blow adds, as a share of the target.
     """
     there = np.flatnonzero(found["torque_nm"] >= target_nm)
     row: Figures = {
@@ -100,6 +103,7 @@ def map_row(found: dict[str, Any], target_nm: float) -> Figures:
     at = int(there[0])
     before = found["torque_nm"][at - 1] if at else 0.0
     step = float((found["torque_nm"][at] - before) / target_nm)
+    # the blow after it, or a typical period later
     later = found["time_s"][at + 1] if at + 1 < len(found["time_s"]) else found["time_s"][at] + 0.02
     kind = "in reach" if step < FAST_STEP else "too fast"
     return {
@@ -167,6 +171,7 @@ def fixed_work(rig: Rig, rule: str, blow: int | None, time_s: float | None, seed
     """One drawn joint under one of the simple rules."""
     if blow is None or time_s is None:
         return {"torque_nm": None, "reason": "out of reach", "blows": 0, "faults": 0}
+    # after a fixed time, or long enough that a slower tool makes the same number of blows
     seconds = time_s + 0.02 if rule == FIXED_TIME else 3.0 * time_s + 0.3
     run = sil_run(rig, duration_s=PULL_S + seconds, seed=seed, truth_every=TRUTH_EVERY)
     return {
@@ -208,8 +213,8 @@ def jobs(
 def cell_figures(
     rows: Sequence[Figures], target_nm: float, slope: float, variant: str
 ) -> Figures | None:
-    """Spread and mean error of one cell over its joints; `told` counts the joints whose target was
-    refused or reported as missed. None without joints.
+    """Standard deviation and mean error of one cell over its joints; `told` counts the joints
+    whose target the controller reported as refused or missed. None without joints.
     """
     chosen = [
         r for r in rows if (r["target_nm"], r["slope"], r["variant"]) == (target_nm, slope, variant)

@@ -25,8 +25,8 @@ VARIANTS = (
     Variant("method 1", "vibration", {"vibration_method": 1}),
     Variant("method 2", "vibration", {"vibration_method": 2}),
 )
-# The aim: the head angle with this share of the torque that the uncontrolled tool reaches in this
-# time, the seat of a screw, or MAX_TURNS.
+# The aim is a head angle: on a joint that with TORQUE_SHARE of the torque that the uncontrolled
+# tool reaches in TORQUE_S, on a screw its seat; in both cases at most MAX_TURNS.
 TORQUE_S, TORQUE_SHARE = 1.0, 0.8
 MAX_TURNS = 4.0
 SECONDS = 4.0  # longest run
@@ -38,8 +38,8 @@ MARGIN_FROM_S, MARGIN_LENGTH_S = 0.2, 0.06  # after the pull; duration of about 
 MARGIN_A = 10.0  # error of the current
 BOUND = "full knowledge"
 # Changes of the mean RMS (required, desired), of the worst cell's RMS and of the time: the
-# project's goals (docs/control_bench.md).
-GOALS = {"mean": -0.19, "aim": -0.30, "worst": 0.03, "time": 0.05}
+# project's goals (docs/controllers/vibration.md).
+GOALS = {"mean": -0.19, "desired_mean": -0.30, "worst": 0.03, "time": 0.05}
 
 
 def cells() -> list[dict[str, Any]]:
@@ -58,7 +58,7 @@ def cells() -> list[dict[str, Any]]:
 @lru_cache(maxsize=32)
 def aim_rad(supply_v: float, load: str) -> float:
     """Head angle in rad that ends a run: that of 80 % of the torque that the uncontrolled tool
-    reaches in 1 s, the seat of a screw, or 4 turns.
+    reaches in 1 s, on a screw its seat; at most 4 turns.
     """
     run = sil_run(reference(load, supply_v=supply_v), duration_s=PULL_S + TORQUE_S)
     if load == "m8":
@@ -114,7 +114,7 @@ def disturbed(name: str, aim: float) -> tuple[Rig, Profile]:
     rig, profile = reference(MARGIN_LOAD, supply_v=MARGIN_V), pull(1.0)
     from_s, to_s = PULL_S + MARGIN_FROM_S, PULL_S + MARGIN_FROM_S + MARGIN_LENGTH_S
     if name == "Hall line broken":
-        profile = replace(profile, gaps=((from_s, to_s),))
+        profile = replace(profile, hall_breaks=((from_s, to_s),))
     if name == "current off":
         pulse = ((0.0, 0.0), (from_s, 0.0), (from_s, MARGIN_A), (to_s, MARGIN_A), (to_s, 0.0))
         profile = replace(profile, current_add_a=pulse)

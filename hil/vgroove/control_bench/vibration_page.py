@@ -24,8 +24,8 @@ SUMMARY = [
     ("worst cell", "worst"),
     ("ISO-weighted change", "weighted"),
     ("change while impacting", "impacting"),
-    ("time change", "time"),
-    ("longest", "time_most"),
+    ("time change, mean", "time"),
+    ("time change, most", "time_most"),
 ]
 CELLS = [
     ("variant", "variant"),

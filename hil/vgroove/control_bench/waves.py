@@ -19,7 +19,7 @@ from vgroove.rig import Rig
 
 PLAIN_COLOUR, CONTROLLED_COLOURS = "#30343b", ("#c1394f", "#00798c", "#7a5195")
 BLOW_COLOUR, REPEAT_COLOUR = "#444444", "#e07b00"
-REFERENCE = {"dash": "dash", "color": "#666666", "width": 1}
+LEVEL_LINE = {"dash": "dash", "color": "#666666", "width": 1}
 PANEL_HEIGHT, TOP_HEIGHT = 175, 130  # CSS pixels, of a panel and of all above and below
 GAP = 0.19  # between panels, of the figure's height
 MARGIN_SHARE = 0.08  # of a panel's range: free above and below its curves
@@ -208,10 +208,10 @@ def add_drive(figure: go.Figure, one: DrawnRun, panels: Sequence[Panel], column:
                 "annotation_text": level.text,
                 "annotation_position": "bottom left" if level.below else "top left",
             }
-            figure.add_hline(level.value, row=row, col=column, line=REFERENCE, **place)
+            figure.add_hline(level.value, row=row, col=column, line=LEVEL_LINE, **place)
         if event:
             named = {"annotation_text": event[1], "annotation_position": "top right"}
-            look = {"line": REFERENCE, **(named if row == 1 else {})}
+            look = {"line": LEVEL_LINE, **(named if row == 1 else {})}
             figure.add_vline(event[0] - PULL_S, row=row, col=column, **look)
 
 

@@ -21,7 +21,7 @@ def corrected_rig(verdict: Verdict) -> Rig:
     """
     problem, fit = verdict.evidence.problem, verdict.evidence.estimate.fit
     owners = dict.fromkeys(
-        [*fit.ids, *(p.of for i in fit.ids for p in BY_ID[i].parameters if p.of)]
+        [*fit.ids, *(p.key_of for i in fit.ids for p in BY_ID[i].parameters if p.key_of)]
     )
     effects = {i: effect_table(problem, fit, i) for i in owners}
     values = as_json(verdict.retuned_parameters)
@@ -37,7 +37,7 @@ def effect_table(problem: Problem, one: Fit, effect_id: str) -> dict[str, Any]:
     """Table [effects.<id>] of a rig: all parameters of the fit, phases and forms included."""
     theta, effect = one.theta(problem.theta0), BY_ID[effect_id]
     table: dict[str, Any] = {
-        p.name: float(theta[problem.index(effect.name(p))]) for p in effect.parameters if not p.of
+        p.name: float(theta[problem.index(effect.name(p))]) for p in effect.own_parameters
     }
     if effect.counted:
         table[effect.leading.name] = problem.missed_share

@@ -14,7 +14,7 @@ from typing import Any
 from vgroove.errors import VgrooveError
 
 COMMAND = Path("tests/truth/gap_bench.py")
-# Sources on which a verdict depends
+# Sources on which a verdict depends; their digest is called the engine in results
 SOURCES = (
     "hil/vgroove/gap/**/*.py",
     "hil/vgroove/rig*.py",

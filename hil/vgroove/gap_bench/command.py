@@ -40,11 +40,15 @@ class Request:
 @app.command("bench")
 def bench_command(
     half: Annotated[
-        str, typer.Option("--set", help="tune: the half that may be looked at; report: the other.")
+        str,
+        typer.Option(
+            "--set",
+            help="tune: the half for development; report: the half for the reported figures.",
+        ),
     ] = "tune",
     count: Annotated[
         int | None,
-        typer.Option(min=1, help="Only the first cases of the half, a fair sample of it."),
+        typer.Option(min=1, help="Only the first cases of the half; their order is random."),
     ] = None,
     fifth: Annotated[bool, typer.Option("--fifth", help="A fifth of the half.")] = False,
     number: Annotated[

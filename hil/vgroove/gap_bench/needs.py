@@ -27,7 +27,7 @@ GROUPS = {
     ),
     "bus": Group(
         lambda a: a["bus"],
-        (("modelled", "bus judged"), ("measured", "bus drives"), ("absent", "no bus")),
+        (("modelled", "bus compared"), ("measured", "bus drives"), ("absent", "no bus")),
     ),
     "speed from": Group(
         lambda a: a["sensor"],

@@ -13,8 +13,9 @@ GOALS = {
     "exact": {"single": 0.98, "pair": 0.92},
     "hard": {"single": 0.93, "pair": 0.80, "triple": 0.60},
 }
-# Quantiles of a cost, and (unit, goal) of each.
-QUANTILES = ("median", "tenth above", "most")
+# Quantiles of a cost: key of the JSON -> words.
+QUANTILES = {"median": "median", "tenth above": "90th percentile", "most": "maximum"}
+# Unit and goal of each cost; goals of the median and the 90th percentile, or of the maximum.
 COST_UNITS = {
     "seconds": ("s", "8 / 20 s"),
     "cpu_seconds": ("s of processor", ""),
@@ -96,7 +97,7 @@ def cost_rows(name: str, cost: dict[str, Any]) -> list[list[str]]:
     for key, (unit, goal) in COST_UNITS.items():
         values = [f"{cost[key][q]:.1f}" for q in QUANTILES] if cost[key] else []
         text = f"{' / '.join(values)} {unit}" if values else "-"
-        rows.append([f"{name}: {' / '.join(QUANTILES)}", text, goal])
+        rows.append([f"{name}: {' / '.join(QUANTILES.values())}", text, goal])
     return rows
 
 

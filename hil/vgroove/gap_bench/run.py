@@ -76,7 +76,7 @@ def kept_verdict(
     """The verdict of an earlier run with the same engine; without one the case is diagnosed."""
     path = verdict_path(blind, engine, name, without)
     if not path.exists():
-        found = diagnose_apart(blind.case(name), without)
+        found = diagnose_in_own_process(blind.case(name), without)
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_suffix(".part")
         part.write_text(json.dumps(found), encoding="utf-8")
@@ -86,7 +86,7 @@ def kept_verdict(
     )
 
 
-def diagnose_apart(case: Path, without: str | None) -> dict[str, Any]:
+def diagnose_in_own_process(case: Path, without: str | None) -> dict[str, Any]:
     """Verdict of `vgroove gap diagnose` in a process of its own, with the wall and processor
     seconds and the peak memory of that process.
     """

@@ -30,10 +30,10 @@ def rates(cases: Sequence[Scored]) -> dict[str, Any]:
         mine = [c for c in cases if c.answer["regime"] == regime]
         out[regime] = {kind: rate(c.right for c in mine if c.kind == kind) for kind in KINDS}
         out[regime]["single_alone"] = rate(
-            c.complete or c.fair_tie for c in mine if c.kind == "single"
+            c.complete or c.right_by_tie for c in mine if c.kind == "single"
         )
         out[regime]["single_listed_first"] = rate(
-            c.listed_first or c.fair_tie for c in mine if c.kind == "single"
+            c.listed_first or c.right_by_tie for c in mine if c.kind == "single"
         )
     clear = [c for c in cases if c.answer["label"] == "effect" and not c.tied]
     return out | {
@@ -154,7 +154,9 @@ def closed(cases: Sequence[Scored]) -> dict[str, Any]:
 
 
 def cost(cases: Sequence[Scored]) -> dict[str, Any]:
-    """Seconds and memory of a diagnosis: median, 0.9 quantile ("tenth above") and maximum."""
+    """Seconds and memory of a diagnosis: median, 90th percentile (key "tenth above")
+    and maximum (key "most").
+    """
     out: dict[str, Any] = {"of": len(cases)}
     for key in ("seconds", "cpu_seconds", "memory_mib"):
         values = [getattr(c, key) for c in cases]
@@ -172,7 +174,7 @@ def removed(cases: Sequence[Scored]) -> dict[str, Any]:
     """Verdicts on cases whose effect the catalogue lacked: how often they are not wrong, how often
     sure and wrong, and which they are.
     """
-    good = [not c.named_without for c in map(WithoutEffect, cases)]
+    good = [not c.wrong for c in map(WithoutEffect, cases)]
     return {
         "not named wrongly": rate(good),
         "named with 90 % and wrong": rate(c.sure_and_wrong for c in cases),

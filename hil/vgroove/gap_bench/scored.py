@@ -93,7 +93,7 @@ class Scored:
         )
 
     @property
-    def honest_tie(self) -> bool:
+    def ambiguous_tie(self) -> bool:
         """Whether the verdict is ambiguous, the case is tied, and the true effects are named."""
         return (
             self.outcome == "ambiguous"
@@ -115,9 +115,9 @@ class Scored:
         return self.outcome == "effect" and any(set(tie) == set(self.selected) for tie in simpler)
 
     @property
-    def fair_tie(self) -> bool:
+    def right_by_tie(self) -> bool:
         """Whether the verdict is the best that a tied case allows."""
-        return self.honest_tie or self.simpler_tie
+        return self.ambiguous_tie or self.simpler_tie
 
     @property
     def leads(self) -> bool:
@@ -139,9 +139,9 @@ class Scored:
     @property
     def right(self) -> bool:
         """Whether the verdict is right by the goals: singles by their first effect, pairs and
-        triples by all effects and no other; ties as fair_tie.
+        triples by all effects and no other; ties as right_by_tie.
         """
-        return self.fair_tie or (self.first if self.kind == "single" else self.complete)
+        return self.right_by_tie or (self.first if self.kind == "single" else self.complete)
 
     @property
     def probabilities(self) -> dict[str, float]:
@@ -169,8 +169,10 @@ class WithoutEffect:
     case: Scored
 
     @property
-    def named_without(self) -> bool:
-        """Whether the verdict is wrong: none, failed, or an effect other than an equivalent."""
+    def wrong(self) -> bool:
+        """Whether the verdict is wrong: none, failed, or the name of an effect that is not
+        equivalent to the removed one.
+        """
         c = self.case
         return (
             c.outcome not in ("unlisted", "ambiguous")

@@ -1,5 +1,5 @@
-"""Logs from the board's telemetry: from bytes, or from the rows of a session. They are not checked,
-for they may be short.
+"""Logs from the board's telemetry: from bytes, or from the rows of a session. The rules of
+docs/spec/gap.md, section 1, are not checked, since such a log may have fewer rows than required.
 """
 
 from vgroove import telemetry

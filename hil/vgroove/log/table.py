@@ -23,7 +23,7 @@ MEASURED = (
     "hammer_mm",
 )
 # Columns that no board sends: unit and quantity. Those of the board come from its signal list.
-BENCH_COLUMNS = {
+TEST_BENCH_COLUMNS = {
     "voltage_v": ("V", "voltage at the motor"),
     "position_rad": ("rad", "motor angle"),
     "load_nm": ("Nm", "load torque"),
@@ -31,8 +31,12 @@ BENCH_COLUMNS = {
     "anvil_angle_rad": ("rad", "anvil angle"),
     "hammer_mm": ("mm", "hammer displacement"),
 }
-COLUMN_UNITS = telemetry.COLUMN_UNITS | {name: unit for name, (unit, _) in BENCH_COLUMNS.items()}
-COLUMN_LABELS = telemetry.COLUMN_LABELS | {name: text for name, (_, text) in BENCH_COLUMNS.items()}
+COLUMN_UNITS = telemetry.COLUMN_UNITS | {
+    name: unit for name, (unit, _) in TEST_BENCH_COLUMNS.items()
+}
+COLUMN_LABELS = telemetry.COLUMN_LABELS | {
+    name: text for name, (_, text) in TEST_BENCH_COLUMNS.items()
+}
 MIN_USABLE_SAMPLES = 50  # docs/spec/gap.md, section 1
 MAX_DUTY = 1.0 + 1e-6  # a larger magnitude is reported; 1e-6 is the rounding of a text file
 
@@ -41,8 +45,8 @@ MAX_DUTY = 1.0 + 1e-6  # a larger magnitude is reported; 1e-6 is the rounding of
 class UnsignedCurrent:
     """What marks a current column as a magnitude without sign (values chosen, not fitted)."""
 
-    min_current_a: float = 1.0  # rows below it say nothing about the sign: noise, offset
-    min_rows: int = 20  # rows of braking or reverse drive without which nothing is decided
+    min_current_a: float = 1.0  # noise and offset hide the sign of a smaller current
+    min_rows: int = 20  # least number of rows with braking or reverse drive for a decision
     negative_share: float = 0.02  # of the largest magnitude: a signed current goes below minus this
 
 

@@ -1,1 +1,1 @@
-"""The design's studies: each makes a vgroove.report.Report of tables, figures and JSON."""
+"""Studies of the tool's design: each makes a vgroove.report.Report of tables, figures and JSON."""

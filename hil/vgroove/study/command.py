@@ -8,14 +8,17 @@ import typer
 if TYPE_CHECKING:
     from vgroove.report import Report, ReportFiles
 
-app = typer.Typer(no_args_is_help=True, help="The design's studies: table, JSON and plot of each.")
+app = typer.Typer(no_args_is_help=True, help="Studies of the tool's design: tables, JSON, plots.")
 
 Folder = Annotated[
     Path,
     typer.Option("-o", "--output", metavar="DIR", help="Folder of the files: page, tables, JSON."),
 ]
 JsonPath = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="JSON elsewhere than in the folder.")
+    Path | None,
+    typer.Option(
+        "--json", metavar="FILE", help="Path of the JSON; without: NAME.json in the folder."
+    ),
 ]
 Png = Annotated[
     bool, typer.Option("--png", help="Draw the page into a PNG as well (needs Chromium).")
@@ -35,16 +38,16 @@ def finish(report: "Report", files: "ReportFiles") -> None:
 
 @app.callback()
 def study() -> None:
-    """The design's studies: table, JSON and plot of each."""
+    """Studies of the tool's design: tables, JSON, plots."""
 
 
-TOLERANCES = (1e-11, 1e-2)  # least and largest of the variable-step solvers
+TOLERANCES = (1e-11, 1e-2)  # least and largest --tolerance
 MAX_VOLTAGES = 1000  # of `vgroove study supply`
 ImpactRig = Annotated[
     Path | None,
     typer.Option(
         "--rig",
-        help="Impact tool; without: the reference set of 18 V class. Its load is the study's.",
+        help="Impact tool; without: the reference set of 18 V class. The study sets its load.",
     ),
 ]
 Duty = Annotated[float, typer.Option(min=0.05, max=1.0, help="Duty of the bridge, from rest.")]
@@ -63,10 +66,10 @@ def steps_command(
         int, typer.Option(min=2, max=200, help="Fixed steps of the sweep from 10 us to 100 ms.")
     ] = 41,
     tolerance: Annotated[
-        float, typer.Option(help="Local error of the variable-step solvers, of each state's size.")
+        float, typer.Option(help="Local error of the variable-step solvers, relative to a state.")
     ] = 1e-6,
     repeats: Annotated[
-        int, typer.Option(min=1, max=50, help="Runs behind each execution time.")
+        int, typer.Option(min=1, max=50, help="Runs of which the least time of a step counts.")
     ] = 5,
     folder: Folder = Path("study"),
     json_path: JsonPath = None,
@@ -122,7 +125,7 @@ def supply_command(
         float, typer.Option("--to", min=1.0, max=1000.0, help="Highest supply voltage.")
     ] = 21.0,
     step_v: Annotated[
-        float, typer.Option("--step", min=0.001, help="Distance of the voltages.")
+        float, typer.Option("--step", min=0.001, help="Interval between voltages.")
     ] = 0.5,
     seconds: Annotated[
         float, typer.Option(min=0.8, max=60.0, help="Length of each run; figures from 0.5 s on.")

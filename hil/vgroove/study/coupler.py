@@ -1,5 +1,5 @@
-"""Effect of a torque sensor between anvil and joint on the measured blows, for `vgroove study
-load`.
+"""Effect of a torque sensor between anvil and joint, called coupler in the results, on the
+measured blows, for `vgroove study load`.
 """
 
 from typing import Any

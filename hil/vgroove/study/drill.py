@@ -1,5 +1,5 @@
-"""The drill driver's runs for the studies: parameters of a rig, modes and parameter steps of the
-design, errors, limits of stability.
+"""The drill driver's runs for the studies: parameters of a rig, modes and parameter steps (sets of
+parameters that make the model less stiff), errors, limits of stability.
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ DURATION_S = 4.0
 GRID_S = 5e-6  # interval of the reference's rows; every fixed step is a multiple of it
 REFERENCE_TOLERANCE = 1e-9
 SPEEDS = ("speed_rad_s", "chuck_rad_s")
-ROUNDING = 1e-9  # of an amplification of 1
+ROUNDING = 1e-9  # by which an amplification may exceed 1
 
 
 def parameters_of(rig: Rig) -> dict[str, float]:
@@ -64,13 +64,13 @@ class Case:
     """One run of the studies: a mode and a parameter step on a tool."""
 
     mode: str
-    step: int
+    parameter_step: int
     parameters: dict[str, float]
 
     @property
     def title(self) -> str:
         """Name of the case in progress texts."""
-        return f"{self.mode}, step {self.step}"
+        return f"{self.mode}, parameter step {self.parameter_step}"
 
     @property
     def free_rad_s(self) -> dict[str, float]:

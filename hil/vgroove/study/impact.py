@@ -44,7 +44,7 @@ PHASES = {
 }
 # Axis title, and the column and legend of each curve.
 PANELS = (
-    ("hammer back in mm", [("hammer_mm", "hammer displacement")]),
+    ("hammer in mm", [("hammer_mm", "hammer displacement")]),
     (
         "rotation in °",
         [
@@ -203,7 +203,7 @@ def impact_line(figures: dict[str, float]) -> str:
     return (
         f"{figures['blows_per_min']:.0f} blows per minute ({figures['period_ms']:.2f} ms), "
         f"{figures['joint_peak_nm']:.1f} N m peaks, {figures['current_mean_a']:.1f} A mean, "
-        f"hammer back {figures['hammer_max_mm']:.2f} mm, "
+        f"hammer displaced by {figures['hammer_max_mm']:.2f} mm, "
         f"{figures['hammer_max_rpm']:.0f} rpm of the hammer at the blow."
     )
 

@@ -52,7 +52,7 @@ def motion_table(rows: list[dict[str, float]]) -> Table:
             "duty in %",
             "largest torque in N m",
             "mean current in A",
-            "hammer back in mm",
+            "largest hammer displacement in mm",
             "head turned in deg",
         ],
         [[100 * duty, *others] for duty, *others in (r.values() for r in rows)],

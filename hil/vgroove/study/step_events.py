@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-RECOVERED = 0.5  # of the step before an event: from there on the step counts as recovered
-STEPS_BEFORE = 5  # the step before an event is the largest of so many
+RECOVERED = 0.5  # of the step before an event: a step of this size counts as recovered
+STEPS_BEFORE = 5  # the "step before" an event is the largest of the five steps that end at it
 NO_EVENT = "none"  # the mark of a step that ends where the solver chose
 STEP_HEADER = ["smallest in us", "median in us", "largest in us"]
 EVENT_HEADER = ["event", "count", "step before in us", "smallest after in us", "recovery in ms"]

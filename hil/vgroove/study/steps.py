@@ -57,7 +57,7 @@ def sweep_case(case: Case, steps_s: np.ndarray, tick: Tick) -> list[dict[str, An
             rows.append(
                 {
                     "mode": case.mode,
-                    "parameter_step": case.step,
+                    "parameter_step": case.parameter_step,
                     "solver": solver,
                     "step_s": float(step_s),
                     "speed_error": errors["speed_rad_s"],
@@ -90,13 +90,14 @@ def largest_steps(sweep: Sequence[dict[str, Any]], chosen: Sequence[Case]) -> li
             rows = [
                 r
                 for r in sweep
-                if (r["mode"], r["parameter_step"], r["solver"]) == (case.mode, case.step, solver)
+                if (r["mode"], r["parameter_step"], r["solver"])
+                == (case.mode, case.parameter_step, solver)
             ]
             theory = None if solver == "real_time" else drill.stability_limit_s(case, solver)
             found.append(
                 {
                     "mode": case.mode,
-                    "parameter_step": case.step,
+                    "parameter_step": case.parameter_step,
                     "solver": solver,
                     "speed_s": largest_below(rows, "speed_error"),
                     "chuck_s": largest_below(rows, "chuck_error"),
@@ -165,7 +166,7 @@ def run_drill_steps(parameters: dict[str, float], effort: Effort, tick: Tick) ->
         tick(f"{case.title}: variable step")
     steps_s = sweep_steps(effort.points)
     sweep = [row for case in chosen for row in sweep_case(case, steps_s, tick)]
-    timed = next(c for c in chosen if c.mode == "pulse" and c.step == 1)
+    timed = next(c for c in chosen if c.mode == "pulse" and c.parameter_step == 1)
     data = {
         "parameters": parameters,
         "tolerance": effort.tolerance,
@@ -186,12 +187,16 @@ def drill_ticks() -> int:
 
 def variable_row(h: dict[str, Any]) -> dict[str, Any]:
     """Step sizes of one history."""
-    case = {"mode": h["case"].mode, "parameter_step": h["case"].step, "rejected": h["rejected"]}
+    case = {
+        "mode": h["case"].mode,
+        "parameter_step": h["case"].parameter_step,
+        "rejected": h["rejected"],
+    }
     return case | step_figures(h["length_s"], h["mark"])
 
 
 def history_events(h: dict[str, Any]) -> list[dict[str, Any]]:
     """Events of one history, a row for each kind."""
-    case = {"mode": h["case"].mode, "parameter_step": h["case"].step}
+    case = {"mode": h["case"].mode, "parameter_step": h["case"].parameter_step}
     rows = event_rows(h["time_s"], h["length_s"], h["mark"])
     return [case | row for row in event_summary(rows)]

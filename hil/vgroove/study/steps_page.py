@@ -183,7 +183,7 @@ def history_picture(histories: list[dict[str, Any]], tolerance: float) -> Pictur
     modes = list(dict.fromkeys(h["case"].mode for h in histories))
     figure = mode_panels(modes)
     for h in histories:
-        row, step = modes.index(h["case"].mode) + 1, h["case"].step
+        row, step = modes.index(h["case"].mode) + 1, h["case"].parameter_step
         curve = go.Scatter(
             x=h["time_s"],
             y=h["length_s"] * 1e6,

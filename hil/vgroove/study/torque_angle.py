@@ -16,7 +16,7 @@ from vgroove.rig import Rig
 from vgroove.study.impact_runs import with_joint
 from vgroove.units import TURN_RAD
 
-# Joints whose head turns: the turns that are drawn from the start of the log, and the colour.
+# Joints whose head turns: the turns that are drawn from the start of a run, and the colour.
 CURVES = {
     "hard_joint": (0.15, "#30343b"),
     "disc_spring": (20.1, "#d1495b"),
@@ -35,7 +35,7 @@ FREE = {"coulomb_nm": 0.5, "breakaway_nm": 0.6, "w_brk": 5.0, "threshold": 0.5, 
 
 def free_nm(speed_rad_s: np.ndarray, exponential: bool = False) -> np.ndarray:
     """Friction in N m of a free load at speeds (n,), by docs/spec/model.md, section 3: the
-    Stribeck law, or the older exponential form.
+    Stribeck law, or the exponential form.
     """
     tc, tbrk, w_brk = FREE["coulomb_nm"], FREE["breakaway_nm"], FREE["w_brk"]
     if exponential:
@@ -57,7 +57,7 @@ def pendulum_nm(angle_rad: np.ndarray) -> np.ndarray:
 
 
 def curve(rig: Rig, joint: str) -> dict[str, np.ndarray]:
-    """Slip torque forwards and backwards over the turns of the head from the start of the log, (n,)
+    """Slip torque forwards and backwards over the turns of the head from the start of a run, (n,)
     each.
     """
     turns = np.linspace(0.0, CURVES[joint][0], CURVE_POINTS)
@@ -126,7 +126,7 @@ def curve_picture(curves: dict[str, dict[str, np.ndarray]]) -> Picture:
     figure.update_xaxes(title_text="head angle in °", row=1, col=2)
     figure.update_yaxes(title_text="slip torque in N m", col=1)
     note = (
-        "Torque at which the head turns, from the start of the log (screws 12 turns deep, springs "
+        "Torque at which the head turns, from the start of a run (screws 12 turns deep, springs "
         "4 turns tight); dashed: backwards."
     )
     return Picture("Torque over angle", style(figure, 520), note)
@@ -143,12 +143,12 @@ def other_picture() -> Picture:
     locked = (f"locked joint, {stiffness:,} N m/rad", LOCKED_COLOUR, "solid")
     pendulum = ("pendulum, 0.49 kg at 0.1 m", PENDULUM_COLOUR, "solid")
     stribeck = ("free load, Stribeck", FREE_COLOURS[0], "solid")
-    older = ("free load, older form", FREE_COLOURS[1], "dash")
+    by_exponential = ("free load, exponential form", FREE_COLOURS[1], "dash")
     curves = (
         (1, twist, stiffness * np.radians(twist), locked),
         (2, degrees, pendulum_nm(np.radians(degrees)), pendulum),
         (3, speed, free_nm(speed), stribeck),
-        (3, speed, free_nm(speed, exponential=True), older),
+        (3, speed, free_nm(speed, exponential=True), by_exponential),
     )
     for col, x, y, (name, colour, dash) in curves:
         line = {"color": colour, "width": 2, "dash": dash}

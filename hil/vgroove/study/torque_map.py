@@ -3,9 +3,9 @@ that belong to each torque (docs/controllers/torque.md).
 
 `python -m vgroove.study.torque_map firmware/controllers/torque_map.c`
 
-The slopes of the fit differ from those on which the controller is judged. The tool is controlled as
-by the firmware: sensors with the resolution of the board, a command that acts one tick later, and
-the filters of torque.c.
+The slopes of the fit differ from those on which the controller is evaluated. The tool is controlled
+as by the firmware: sensors with the resolution of the board, a command that acts one tick later,
+and the filters of torque.c.
 """
 
 import itertools
@@ -25,15 +25,15 @@ TICK_S = 1e-3
 SUPPLY_LSB_V = 0.025  # resolution of the supply in the firmware
 RUN_V = 5.5  # level of the run-up
 LEVEL_STEP_V = 0.04
-# The slip torque is settled this long after the level is reached, and the current is measured
-# before; below SLOW_BELOW_V both take longer.
+# Seconds after the level is reached: at MEASURE_S the current is measured, at SETTLE_S the slip
+# torque is settled; below SLOW_BELOW_V both take longer.
 MEASURE_S, SETTLE_S = 1.2, 2.8
 SLOW_BELOW_V, SLOW_MEASURE_S, SLOW_SETTLE_S = 7.0, 1.7, 3.3
 MEAN_TICKS = 100  # the measured current is a mean over several blows
 # Smaller targets are below the slip torque that the weakest blows over the lugs lead to: they have
 # a raised level only.
 LEAST_HELD_NM = 60
-# In the C table: no current, since the target is below LEAST_HELD_NM.
+# In the C table in place of a current: none is valid, since the target is below LEAST_HELD_NM.
 NEVER = 255
 # N m/rad, of the slip torque that a level leads to
 HARD_SLOPES = (130.0, 200.0, 330.0, 500.0, 800.0)
@@ -48,12 +48,16 @@ SOFT_SLOPES = (50.0, 58.0, 68.0, 80.0, 94.0, 110.0, 130.0)
 # (raised level in V, first and last row in N m): levels at which the current determines the torque
 # and a single blow adds little
 RAISED_V = ((5.6, 40, 57), (8.6, 58, 81), (10.0, 82, 90), (12.7, 91, 105), (13.6, 106, 120))
-EARLY_A = 0.03  # lead of the filtered current on the lowest level, by its noise
+# Added to the stop currents of the lowest level, since noise makes the filtered current pass a
+# limit early
+EARLY_A = 0.03
 
 
 @dataclass
 class Tool:
-    """Plant and sensors of the board at 1 kHz; voltages in V, currents in A."""
+    """Plant and sensors of the board at 1 kHz: pitch of the Hall edges, state at the last tick,
+    time and period of the last edge, measured values, bridge voltage of the last tick.
+    """
 
     plant: _core.ImpactPlant
     pitch_rad: float = np.pi / 2  # four edges a turn
@@ -106,7 +110,11 @@ class Tool:
 
 @dataclass
 class Level:
-    """The filters and the voltage level of torque.c for the nominal motor of `rig`."""
+    """The filters and the voltage level of torque.c for the nominal motor of `rig`. excess_v and
+    taken_v: voltage beyond that of the nominal motor (back-EMF plus winding drop), low-pass
+    filtered once and twice; quick_a, current_a, slow_a: current, filtered once, twice and three
+    times.
+    """
 
     rig: Rig
     goal_v: float = RUN_V
@@ -148,7 +156,9 @@ class Level:
 
 
 class Run:
-    """One joint, from rest to blows on the level RUN_V."""
+    """One joint, from rest to blows on the level RUN_V: until the filtered current reaches 9 A, for
+    at most 1.5 s.
+    """
 
     def __init__(
         self, rig: Rig, slope: float, supply_v: float = 18.5, resistance: float = 1.0
@@ -244,7 +254,9 @@ def raised(rig: Rig, level_v: float, first_nm: int, last_nm: int, before_v: floa
 def raised_points(
     run: Run, level_v: float, first_nm: int, last_nm: int
 ) -> list[tuple[float, float]]:
-    """(torque in N m, current in A) of each tick while the torque passes first_nm..last_nm."""
+    """(torque in N m, current in A) of each tick while the torque passes first_nm..last_nm, with 3
+    and 4 N m more at the ends, for at most 9 s from rest.
+    """
     points = []
     while run.torque_nm < last_nm + 4 and run.tool.time_s < 9.0:
         run.level.tick(run.tool)

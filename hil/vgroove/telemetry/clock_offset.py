@@ -12,8 +12,8 @@ import numpy as np
 
 from vgroove.telemetry.frames import Frame, frame_crc
 
-SAMPLE_FRAMES = 200  # frames, spread over the recording, that vote on an offset
-SEARCH_FRAMES = 6  # frames that restrict the search: 2^32 / 256^6 wrong offsets are left
+SAMPLE_FRAMES = 200  # frames, spread over the recording, with which an offset is tested
+SEARCH_FRAMES = 6  # frames that restrict the search: of 2^32 offsets 2^32 / 256^6 fit by chance
 SEARCHES = 10  # sets of frames tried, since one damaged frame spoils a search
 BLOCKS = 64  # parts of a search, which bounds its memory
 

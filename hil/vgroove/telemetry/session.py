@@ -57,7 +57,7 @@ class HeldSignals:
     def at(self, times_ms: np.ndarray) -> dict[str, np.ndarray]:
         """Columns (n,) with the values in force at each of the rising `times_ms` (n,).
 
-        NaN before the first frame. Changes before the last time are forgotten.
+        NaN before the first frame. Changes before the last time are then dropped.
         """
         changes = sorted(self._changes, key=lambda change: change[0])
         unknown = {column.signal: np.nan for column in self._columns}

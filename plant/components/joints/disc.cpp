@@ -49,7 +49,8 @@ double bolt_torque(const Bolt &p, double force_n, double thread_friction, double
 }
 
 // Torque per force of the bolt: its friction, and its pitch, which changes sign backwards. Effect
-// thread_friction scales the friction, effect joint_hysteresis lowers the torque backwards.
+// thread_friction scales the friction, effect joint_hysteresis multiplies the torque backwards by
+// `loosening`.
 struct BoltLevers {
     double friction_m, pitch_m, loosening;
 };
@@ -60,8 +61,8 @@ static BoltLevers bolt_levers(const Parameters &p) {
             0.16 * p.load.bolt_pitch_m, 1.0 - p.effects.joint_hysteresis.relative};
 }
 
-// The stack's force over the head angle, as a cubic: F(u) = scale (a u - 1.5 h0 u^2 + 0.5 u^3), u =
-// start + per_rad th the deflection of one spring
+// The stack's force over the head angle, as a cubic: F(u) = scale (a u - 1.5 h0 u^2 + 0.5 u^3), a =
+// h0^2 + t^2, u = start + per_rad th the deflection of one spring
 struct StackForce {
     double scale, start_m, per_rad;
 };

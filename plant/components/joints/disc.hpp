@@ -11,7 +11,7 @@ constexpr double POISSON = 0.3;
 // F = 4 E / (1 - nu^2) t^4 / (K1 De^2) (s / t) [(h0 / t - s / t)(h0 / t - s / 2t) + 1],
 // K1 = (1 / pi) ((d - 1) / d)^2 / ((d + 1) / (d - 1) - 2 / ln d), d = De / Di
 struct DiscSpring {
-    double outer_m, inner_m, thickness_m, cone_m;  // De, Di, t, h0
+    double outer_m, inner_m, thickness_m, cone_m;  // De, Di, t, h0 (height of the unloaded cone)
 };
 double disc_spring_force(const DiscSpring &p, double deflection_m);
 
@@ -22,7 +22,8 @@ double disc_spring_scale(const DiscSpring &p);
 double disc_stack_force(const DiscSpring &p, double parallel, double series, double deflection_m);
 double disc_stack_length(const DiscSpring &p, double parallel, double series);
 
-// A bolt M16 of class 12.9
+// Bolt of VDI 2230, by default M16 of property class 12.9: pitch P, flank diameter d2, core
+// diameter d3 (dS = (d2 + d3) / 2), diameter of the head's friction D_Km, yield stress Rp
 struct Bolt {
     double pitch_m = 2e-3, flank_m = 14.701e-3, core_m = 13.546e-3, head_m = 20e-3,
            yield_pa = 1100e6;

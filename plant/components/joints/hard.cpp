@@ -4,8 +4,9 @@
 
 namespace vgroove {
 
-// Slip torque: run torque + slope th; backwards run torque + loosen_ratio slope th. A head behind
-// its start (th < 0) slips at the run torque. Effect thread_friction scales both.
+// Slip torque: run torque + slope th; backwards run torque + loosen_ratio slope th. A head that
+// has turned back behind its start (th < 0) slips at the run torque. Effect thread_friction scales
+// both.
 static void hard_slip(const Parameters &p, double at_rad, JointSegment &s) {
     const double slope = at_rad > 0.0 ? p.load.slip_slope_nm_per_rad : 0.0;
     const double factor = 1.0 + p.effects.thread_friction.relative;

@@ -8,7 +8,7 @@
 
 namespace vgroove {
 
-constexpr double EVERYWHERE = std::numeric_limits<double>::infinity();
+constexpr double UNLIMITED = std::numeric_limits<double>::infinity();
 
 static std::vector<double> no_breakpoints(const Parameters &) {
     return {};
@@ -16,7 +16,7 @@ static std::vector<double> no_breakpoints(const Parameters &) {
 
 // A head that never turns
 static void locked_slip(const Parameters &, double, JointSegment &s) {
-    s.forward[0] = s.backward[0] = EVERYWHERE;
+    s.forward[0] = s.backward[0] = UNLIMITED;
 }
 
 const JointKind LOCKED_JOINT{LoadKind::LOCKED, no_breakpoints, locked_slip};
@@ -75,12 +75,12 @@ Joint joint_from(const Parameters &p, LoadKind kind) {
     j.damping = std::max(p.load.damping_nm_s_per_rad, j.stiffness * JOINT_RELAXATION_LEAST_S);
     j.damping_inverse = 1.0 / j.damping;
     j.of_load = kind == LoadKind::TORQUE;
-    double from = -EVERYWHERE;
+    double from = -UNLIMITED;
     for (const double to : breakpoints_of(p, kind)) {
         j.segment[j.count++] = segment_between(p, kind, from, to);
         from = to;
     }
-    j.segment[j.count++] = segment_between(p, kind, from, EVERYWHERE);
+    j.segment[j.count++] = segment_between(p, kind, from, UNLIMITED);
     return j;
 }
 

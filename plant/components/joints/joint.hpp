@@ -1,4 +1,5 @@
 // Joint under the anvil: an elastic twist, limited to slip torques that depend on the head angle
+// th, the angle of the screw's head since the start
 // (docs/spec/model.md, section 6).
 #ifndef VGROOVE_PLANT_COMPONENTS_JOINTS_JOINT_HPP
 #define VGROOVE_PLANT_COMPONENTS_JOINTS_JOINT_HPP
@@ -44,7 +45,8 @@ VGROOVE_INLINE SlipTorques joint_slip(const Joint &p, int segment, double head_r
     return {joint_polynomial(s.forward, head_rad), joint_polynomial(s.backward, head_rad)};
 }
 
-// The joint of a kind with the effects of mechanism and load; other loads slip at 0.
+// The joint of a load kind, with the effects that act on it. A load that is no joint gives a joint
+// that slips at 0.
 Joint joint_from(const Parameters &p, LoadKind kind);
 int joint_segment_at(const Joint &p, double head_rad);
 

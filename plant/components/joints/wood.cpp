@@ -8,12 +8,13 @@ namespace vgroove {
 
 constexpr double PI = 3.141592653589793;
 
-// Head angles at which the tip enters, the head touches, the thread begins and ends to strip
+// Head angles at which the tip enters the wood, the head touches it, the thread begins to strip and
+// is stripped
 struct ScrewAngles {
     double entry_rad, seat_rad, strip_rad, stripped_rad;
 };
 
-// While it strips the torque falls at half the seat torque per 90 degrees.
+// While the thread strips, the torque falls by half of seat_nm per 90 degrees.
 static ScrewAngles screw_angles(const Parameters &p) {
     const double entry = -2.0 * PI * p.load.from_turns;
     const double seat = entry + 2.0 * PI * p.load.turns;

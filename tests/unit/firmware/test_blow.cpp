@@ -49,7 +49,7 @@ double speed_at(const Swing &s, double time_s) {
 }
 
 struct Found {
-    int lugs = 0, repeats = 0, hits = 0;
+    int lugs = 0, repeats = 0, hits = 0;  // hits: ticks that reported blows
     double period_ms = 0.0, longest_ms = 0.0, shortest_ms = 1e9;
 };
 

@@ -1,5 +1,5 @@
-// Whole runs with a host: calibrations by command, refused parameters, the slow line, duty
-// profiles.
+// Whole runs with a host: calibrations by command, refused parameters, the slow line (115,200 Bd),
+// duty profiles.
 #include <gtest/gtest.h>
 
 #include <algorithm>

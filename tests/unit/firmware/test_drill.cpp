@@ -13,8 +13,8 @@ extern "C" {
 
 namespace {
 
-constexpr double R = 0.19, L = 1e-4, CAPACITY = 0.1347,
-                 FRICTION_A = 1.1;  // of the reference motor: J / k^2, Tc / k
+// Of the reference motor: winding, J / k^2 in A s/V, Tc / k.
+constexpr double R = 0.19, L = 1e-4, INERTIA_AS_PER_V = 0.1347, FRICTION_A = 1.1;
 constexpr double TICK_S = 1e-3;
 constexpr int SUBSTEPS = 50;
 const DrillSetpoints PLAIN{0, 8064, 190, 876, false, true};
@@ -55,7 +55,7 @@ struct Drive {
             const double torque_a =
                 current_a -
                 (emf_v > 0.0 ? load_a + FRICTION_A : std::min(current_a, load_a + FRICTION_A));
-            emf_v = std::max(0.0, emf_v + h / CAPACITY * torque_a);
+            emf_v = std::max(0.0, emf_v + h / INERTIA_AS_PER_V * torque_a);
             mean_a += current_a / SUBSTEPS;
             turned += h * emf_v;
         }

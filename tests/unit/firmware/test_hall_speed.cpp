@@ -48,6 +48,7 @@ struct Shaft {
 
 struct HallTest : testing::Test, Shaft {};
 
+// Cycles from edge to edge.
 double period_of(double rpm, int pulses) {
     return 60.0 * HAL_CPU_HZ / (rpm * pulses);
 }
@@ -206,6 +207,7 @@ TEST(HallSpacing, IsLearnedAndIdentifiedAgain) {
         hall_speed_learn(&shaft.hall, true);
         double at = 1000.0;
         int pitch = 2;
+        // Greatest deviation of the reported speed from 20,000 half rpm, after 40 ticks.
         auto turn = [&](int ticks) {
             double spread = 0.0;
             for (int t = 0; t < ticks; ++t) {

@@ -18,6 +18,7 @@ Modes in_state(ModesState state, bool armed = true, bool reverse = false) {
 constexpr ModesState ALL[] = {MODES_IDLE,  MODES_DRIVE,     MODES_RELEASE,
                               MODES_FAULT, MODES_CALIBRATE, MODES_STOPPED};
 
+// Each member is a bit of the number.
 ModesInputs inputs_of(unsigned bits) {
     return {(bits & 1) != 0,  (bits & 2) != 0,  (bits & 4) != 0,  (bits & 8) != 0,
             (bits & 16) != 0, (bits & 32) != 0, (bits & 64) != 0, (bits & 128) != 0};

@@ -87,7 +87,7 @@ struct ModeTest : testing::TestWithParam<uint8_t> {
             one_period();
     }
 
-    // Milliseconds until the bridge is open, at most `most`.
+    // Milliseconds until the bridge is open; `most` + 1 if it does not open within `most`.
     int opens_within(int most) {
         for (int ms = 0; ms <= most; ++ms) {
             run(1);

@@ -28,9 +28,9 @@ struct State {
 
 // Motor of docs/spec/model.md, section 4, without the impact mechanism; Euler steps of 1.6 us.
 struct Tool {
-    double i = 0, w = 0, angle = 0, vs = 18.5, rs = 0.10;
+    double i = 0, w = 0, angle = 0, vs = 18.5, rs = 0.10;  // A, rad/s, rad, V, ohm
     long pitches = 0;
-    double friction = 0.012;
+    double friction = 0.012;  // N m
     bool locked = false, hall_works = true;
 
     void period(const SimOutputs &o, SimInputs *in) {
@@ -136,6 +136,7 @@ struct RunTest : testing::Test {
         }
     }
 
+    // Greatest current in the FAST frames, A.
     double worst_current() const {
         double worst = 0;
         for (const Fast &f : fast)

@@ -13,7 +13,7 @@ extern "C" {
 
 namespace {
 
-constexpr double GEAR = 5.6, TURN_Q15 = 32767.0, STEP_S = 5e-5;
+constexpr double GEAR = 5.6, FULL_Q15 = 32767.0, STEP_S = 5e-5;
 constexpr int TICK_STEPS = 20, PULSES = 4;
 constexpr int SUPPLY_MV = 18500, LEAST = 5800 * 32768 / SUPPLY_MV;
 const ScrewingSetpoints SET{PULSES, 717, 7373, 5800, 200, 340};
@@ -23,9 +23,9 @@ using Torque = std::function<double(double)>;  // N m over the angle of the head
 
 struct Tool {
     Torque torque;
-    double energy_j, rpm;        // of a blow; mean of the motor
-    double ripple = 0.08;        // of the speed
-    bool slower_at_less = true;  // energy and speed follow the duty
+    double energy_j, rpm;      // of a blow; mean of the motor
+    double ripple = 0.08;      // of the speed
+    bool follows_duty = true;  // energy and speed fall with the duty
     double motor_turns = 0.2, phase = 0.0, head_deg = 0.0, period_s = 1.0, since_s = 0.0;
     int blows = 0, ticks = 0;
     int16_t requested = 0;
@@ -33,7 +33,7 @@ struct Tool {
     Blow blow{};
     ScrewingSetpoints set = SET;
 
-    double share() const { return slower_at_less ? requested / (TURN_Q15 * travel) : 1.0; }
+    double share() const { return follows_duty ? requested / (FULL_Q15 * travel) : 1.0; }
     double travel = 1.0;
 
     double blow_deg() const { return energy_j * share() / torque(head_deg) * 180.0 / M_PI; }
@@ -63,7 +63,7 @@ struct Tool {
     // One tick, after the drive up to the first blows.
     void tick() {
         ControllerInputs in{};
-        in.travel_q15 = static_cast<int16_t>(travel * TURN_Q15);
+        in.travel_q15 = static_cast<int16_t>(travel * FULL_Q15);
         in.supply_mv = SUPPLY_MV;
         if (ticks == 0) {
             screwing_start(&screwing, &set);
@@ -198,8 +198,9 @@ struct Judged {
             wave(0.0, 0);
     }
 
+    // Evaluates a wave with this rotation per blow in `stages` steps; 0: a step without a wave.
     uint8_t wave(double turn_deg, int stages = 2) {
-        constexpr uint8_t JUDGE = 2;
+        constexpr uint8_t JUDGE = 2;  // STAGE_JUDGE of screwing.c
         if (stages > 0) {
             s.before_last = s.last_turn;
             s.last_turn = s.turn;
@@ -422,11 +423,11 @@ TEST(Screwing, ThePowerIsLoweredAtTheSecondBlow) {
     EXPECT_NEAR(t.requested, SHARE * 32767 + LEAST / 2, 3);
 }
 
-// Time until a drive at this trigger reaches its power, and that power.
+// Duty of a drive at this trigger after 4 s on a constant torque.
 int16_t settled_duty(double travel, double torque_nm) {
     Tool t{[=](double) { return torque_nm; }, 4.2, 9000};
     t.travel = travel;
-    t.slower_at_less = false;
+    t.follows_duty = false;
     t.run(4, 1e9);
     return t.requested;
 }

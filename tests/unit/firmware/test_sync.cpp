@@ -1,5 +1,5 @@
-// Synchronisation on synthetic blows: level over supply, trim by dips and by current, limits, and
-// random inputs.
+// Synchronisation on synthetic blows: level over supply, trim by the depth of the valleys and by
+// current, limits, and random inputs.
 #include <gtest/gtest.h>
 
 #include <cstdint>
@@ -26,7 +26,7 @@ ControllerInputs inputs(double travel, double supply_v, double current_a = 25.0)
             0};
 }
 
-// Impacts at 8,000 rpm with dips of a given depth; `struck`: a blow in this tick.
+// Impacts at 8,000 rpm with valleys of a given depth; `struck`: a blow in this tick.
 Blow impacting(double depth, bool struck) {
     Blow blow{};
     blow.impacting = true;
@@ -160,7 +160,7 @@ INSTANTIATE_TEST_SUITE_P(Methods, SyncMethods, ::testing::Values(BY_SPEED, BY_CU
                                                                                 : "Current";
                          });
 
-TEST(Sync, DeepDipsRaiseTheLevelAndShallowOnesLowerIt) {
+TEST(Sync, DeepValleysRaiseTheLevelAndShallowOnesLowerIt) {
     Tool tool(BY_SPEED);
     EXPECT_NEAR(tool.run(100, 0.6, 18.5, 0.0601), 14.98 + 0.5,
                 0.12);  // five blows: the limit is 0.06

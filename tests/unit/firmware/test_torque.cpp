@@ -26,7 +26,8 @@ struct Tool {
     TorqueSetpoints set;
     Torque torque{};
     Blow blow{};
-    double supply_v = 18.5, winding = 1.0, current_a = 13.0, duty = 0.0, own_v = 0.0;
+    double supply_v = 18.5, winding = 1.0, current_a = 13.0, duty = 0.0,
+           own_v = 0.0;  // own_v: k w + R i
     int16_t travel_q15 = INT16_MAX, requested = 0;
     int ticks = 0, steps = 0;
     bool blows_busy = false;  // every fifth tick
@@ -68,7 +69,7 @@ struct Tool {
     }
 };
 
-// Milliseconds in the present state.
+// Milliseconds until the present state ends.
 int stay(Tool &tool) {
     const uint8_t state = torque_state(&tool.torque);
     int ms = 0;

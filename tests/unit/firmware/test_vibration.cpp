@@ -52,12 +52,13 @@ struct Drive {
         for (int n = 0; n < ms; ++n)
             step(rpm * n / ms);
     }
-    // Until the climb begins.
+    // Runs until the climb begins.
     void meet_anvil() {
         run_up(2800, 40);
         for (int ms = 0; self.phase == VIBRATION_APPROACH && ms < 1000; ++ms)
             step(2500);
     }
+    // Runs until the hammer is released: the surge begins.
     void release() {
         meet_anvil();
         for (int ms = 0; self.phase == VIBRATION_CLIMB && ms < 1000; ++ms)

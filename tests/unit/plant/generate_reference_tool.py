@@ -1,4 +1,4 @@
-"""Write reference_tool_values.hpp: the values of rigs/impact_driver.toml but its load, by name.
+"""Write reference_tool_values.hpp: the values of rigs/impact_driver.toml without its load, by name.
 
 python tests/unit/plant/generate_reference_tool.py rigs/impact_driver.toml TARGET.hpp
 """
@@ -9,7 +9,7 @@ from pathlib import Path
 
 SECTIONS = ("supply", "bridge", "motor", "gearbox", "mechanism")
 TEXT = """\
-// Values of {rig} but its load. Written by tests/unit/plant/generate_reference_tool.py.
+// Values of {rig} without its load. Written by tests/unit/plant/generate_reference_tool.py.
 #ifndef VGROOVE_REFERENCE_TOOL_VALUES_HPP
 #define VGROOVE_REFERENCE_TOOL_VALUES_HPP
 

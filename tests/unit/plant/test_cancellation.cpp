@@ -1,4 +1,4 @@
-// Thread pool and cancellation: the exception that comes out of a pool does not depend on the
+// Thread pool and cancellation: the exception that a pool rethrows does not depend on the
 // number of threads, a run can be cancelled, and a run that needs too many steps ends by itself.
 #include <gtest/gtest.h>
 
@@ -16,11 +16,11 @@
 
 using namespace vgroove;
 
-// Requests the end from the call number `after` on.
-struct Impatient final : Cancellation {
-    int after, asked = 0;
-    explicit Impatient(int n) : after(n) {}
-    bool requested() override { return ++asked >= after; }
+// Requests the end from a given call of requested() on, counted from 1.
+struct RequestFromCall final : Cancellation {
+    int first, calls = 0;
+    explicit RequestFromCall(int n) : first(n) {}
+    bool requested() override { return ++calls >= first; }
 };
 
 TEST(ThreadPool, RunsEveryPieceOnce) {
@@ -33,7 +33,7 @@ TEST(ThreadPool, RunsEveryPieceOnce) {
     run_parallel(0, 4, nullptr, [](std::size_t) { FAIL(); });
 }
 
-TEST(ThreadPool, TheExceptionOfTheLowestPieceComesOut) {
+TEST(ThreadPool, RethrowsTheExceptionOfTheLowestPiece) {
     for (int round = 0; round < 20; ++round)
         try {
             run_parallel(8, 4, nullptr, [](std::size_t n) {
@@ -50,19 +50,19 @@ TEST(ThreadPool, TheExceptionOfTheLowestPieceComesOut) {
 
 TEST(ThreadPool, IsCancelledInAllThreads) {
     for (const int threads : {1, 3}) {
-        Impatient cancellation(1);
+        RequestFromCall cancellation(1);
         EXPECT_THROW(run_parallel(3, threads, &cancellation,
                                   [&](std::size_t) {
                                       for (;;)
                                           cancellation.check();
                                   }),
                      Cancelled);
-        EXPECT_EQ(cancellation.asked, 1);
+        EXPECT_EQ(cancellation.calls, 1);
     }
 }
 
 TEST(ThreadPool, IsCancelledByACallerWithoutWork) {
-    Impatient cancellation(2);
+    RequestFromCall cancellation(2);
     EXPECT_THROW(run_parallel(2, 2, &cancellation,
                               [&](std::size_t n) {
                                   while (n == 1)
@@ -119,7 +119,7 @@ TEST(ImpactRun, AnImpossibleToolOfABatchIsNamed) {
 
 TEST(ImpactRun, TooManyStepsNameTheParameterBehindThem) {
     std::vector<Parameters> tools(2, reference_tool());
-    tools[1].load.damping_nm_s_per_rad = 1e6;  // 8e10 per s
+    tools[1].load.damping_nm_s_per_rad = 1e6;  // over the anvil's inertia: a rate of 8e10 per s
     for (const ImpactAccuracy accuracy : {ImpactAccuracy::FAST, ImpactAccuracy::REFERENCE}) {
         const std::string message = refusal(tools, accuracy, 1);
         EXPECT_EQ(message.rfind("parameter set 1: impact mechanism: needs too many steps at 0.", 0),
@@ -132,7 +132,7 @@ TEST(ImpactRun, TooManyStepsNameTheParameterBehindThem) {
 TEST(ImpactRun, IsCancelled) {
     for (const ImpactAccuracy accuracy :
          {ImpactAccuracy::FAST, ImpactAccuracy::REFERENCE, ImpactAccuracy::FIXED}) {
-        Impatient cancellation(2);
+        RequestFromCall cancellation(2);
         const auto began = std::chrono::steady_clock::now();
         EXPECT_THROW(simulate({reference_tool()}, 1e3, accuracy, 1, &cancellation),
                      Cancelled);  // 100,000 s

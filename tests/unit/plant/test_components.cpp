@@ -52,8 +52,9 @@ TEST(Gear, FlanksPushAndNeverPull) {
     EXPECT_NEAR(gear_coupler_energy<double>(p, 0.03), 0.5 * 100.0 * 0.02 * 0.02, 1e-15);
 }
 
-// docs/spec/model.md, section 3: break-away torque at w_brk, Coulomb far above, odd, at rest 0.
-TEST(FrictionLaw, BothFormsMeetTheirNamedTorques) {
+// docs/spec/model.md, section 3: the law is the break-away torque at w_brk, the Coulomb torque far
+// above it, 0 at rest, and odd in the speed.
+TEST(FrictionLaw, BothFormsHaveTheirBreakAwayAndCoulombTorques) {
     FrictionLaw<double> law{};
     law.breakaway_nm = 7.2;
     law.coulomb_nm = 6.0;

@@ -26,6 +26,7 @@ static std::size_t rows_of(const DrillRun &run) {
     return run.rows.size() / DRILL_ROW_COUNT;
 }
 
+// Source energy less losses, work and stored energy, J
 static double unbalanced(const DrillRun &run, std::size_t row) {
     double energy = at(run, row, DRILL_ROW_SUMS + DRILL_WORK_IN) - at(run, row, DRILL_ROW_STORED);
     for (const DrillSum loss : {DRILL_LOSS_WINDING, DRILL_LOSS_MOTOR, DRILL_LOSS_SHAFT,
@@ -34,7 +35,8 @@ static double unbalanced(const DrillRun &run, std::size_t row) {
     return energy;
 }
 
-// Low gear in pulse mode with each clutch: gripping, slipping under the load.
+// Low gear with several torques of the clutch: one that always grips, others that slip under the
+// load.
 class DrillOfClutch : public ::testing::TestWithParam<double> {
 protected:
     DrillParameters parameters(bool pulse) const {
@@ -45,7 +47,7 @@ protected:
     }
 };
 
-TEST_P(DrillOfClutch, EnergyIsAccountedFor) {
+TEST_P(DrillOfClutch, EnergyBalances) {
     for (const bool pulse : {false, true}) {
         const DrillRun run = run_of(parameters(pulse), DrillSolver::REFERENCE, 0.0, 1e-3);
         ASSERT_EQ(rows_of(run), 4001u);
@@ -73,7 +75,7 @@ TEST_P(DrillOfClutch, ShaftNeverCarriesMoreThanTheClutch) {
     EXPECT_GT(most, std::min(GetParam(), 6.0) * 0.99);
 }
 
-TEST_P(DrillOfClutch, RealTimeKeepsToTheReferenceAtEveryStep) {
+TEST_P(DrillOfClutch, RealTimeAgreesWithTheReferenceAtEveryStepLength) {
     for (const double step_s : {40e-6, 1e-3, 0.1}) {
         const DrillRun run = run_of(parameters(true), DrillSolver::REAL_TIME, step_s, step_s);
         const DrillRun reference = run_of(parameters(true), DrillSolver::REFERENCE, 0.0, step_s);
@@ -98,7 +100,7 @@ TEST(DrillDriver, SlippingClutchHoldsTheChuckOfAStrongerLoad) {
     EXPECT_GT(at(run, 2500, DRILL_ROW_CORE + DRILL_SPEED), 1300.0);
 }
 
-// k i < Tc: 12 mN m are 1.1 A are 0.21 V
+// The motor turns from k i = Tc = 12 mN m on, which is 1.1 A, 0.21 V or a duty of 0.0116
 TEST(DrillDriver, MotorRestsBelowItsCoulombTorque) {
     DrillParameters p;
     for (const DrillSolver solver :
@@ -136,7 +138,7 @@ TEST(DrillDriver, CoastingTakesNothingFromTheSupply) {
                   at(run, n - 1, DRILL_ROW_SUMS + DRILL_WORK_IN) + 1e-12);
         ASSERT_GE(at(run, n, DRILL_ROW_CORE + DRILL_CURRENT), 0.0);
     }
-    EXPECT_NEAR(static_cast<double>(coasting) * 1e-4, 11 * 0.025, 0.005);
+    EXPECT_NEAR(static_cast<double>(coasting) * 1e-4, 11 * 0.025, 0.005);  // 11 coasts of 25 ms
 }
 
 // Central differences of the rates in every mode
@@ -185,8 +187,8 @@ TEST(DrillDriver, ReferenceErrorFollowsItsTolerance) {
     EXPECT_LT(error[1], 0.1 * error[0]);
     EXPECT_LT(error[2], 0.1 * error[1]);
     EXPECT_LT(error[2], 1e-6 * p.supply_v / p.constant);
-    EXPECT_LT(steps[2], 15.0 * steps[1]);  // order 4 needs 3.2 times the steps for a hundredth of
-                                           // the error, events none
+    EXPECT_LT(steps[2], 15.0 * steps[1]);  // smooth motion: order 4 needs 100^(1/4) = 3.2 times the
+                                           // steps for a hundredth of the error
 }
 
 // Every change of mode is in the record of steps, and the steps add to the run.
@@ -213,13 +215,13 @@ TEST(DrillDriver, RealTimeWorkIsBounded) {
     p.clutch_nm = 4.0;
     p.load_nm = 40.0;
     for (const double step_s : {35e-6, 1e-3, 0.1}) {
-        DrillRealTime body(p, step_s);
+        DrillRealTime solver(p, step_s);
         int most = 0;
         for (int n = 0; n < static_cast<int>(4.0 / step_s); ++n) {
-            body.step();
-            most = std::max(most, body.advances());
+            solver.step();
+            most = std::max(most, solver.advances());
         }
-        EXPECT_LE(most, body.advances_max());
+        EXPECT_LE(most, solver.advances_max());
         EXPECT_GT(most, static_cast<int>(step_s / 100e-6));
     }
 }

@@ -1,5 +1,5 @@
-// The lock-step tool shows the reference tool of docs/spec/model.md: free speed, stall current,
-// braking, coasting, edges.
+// The lock-step drivetrain has the figures of the reference tool of docs/spec/model.md: free speed,
+// stall current, braking, coasting, edges.
 #include <cmath>
 #include <gtest/gtest.h>
 
@@ -39,7 +39,7 @@ TEST(DrivePlant, BrakingFromFreeSpeedGives89Amperes) {
     EXPECT_NEAR(plant.current_a(), -89.0, 0.5);
 }
 
-TEST(DrivePlant, CoastEmptiesTheCurrentAndStaysOpen) {
+TEST(DrivePlant, CoastEndsTheCurrentAndTheBridgeStaysOpen) {
     DrivePlant plant = tool(reference_tool(), LoadKind::TORQUE);
     run_for(plant, 0.2, 1.0, false, 0.0, 1.5);
     ASSERT_GT(plant.current_a(), 20.0);
@@ -52,7 +52,7 @@ TEST(DrivePlant, CoastEmptiesTheCurrentAndStaysOpen) {
     EXPECT_GT(plant.speed_rad_s(), 0.0);
 }
 
-TEST(DrivePlant, RestHoldsExactlyUpToTheCoulombTorque) {
+TEST(DrivePlant, ShaftRestsExactlyUpToTheCoulombTorque) {
     const Parameters p = reference_tool();
     const double held = p.motor_coulomb_nm / p.motor_torque_constant * (p.motor_resistance_ohm) /
                         p.supply_voltage_v;
@@ -70,7 +70,7 @@ TEST(DrivePlant, DeadTimeTakesItsShareOfTheBus) {
     run_for(plain, 1.0, 0.5 - 0.02, false, 0.0, 1.0);
     run_for(dead, 1.0, 0.5, false, 0.02, 1.0);
     EXPECT_NEAR(dead.speed_rad_s(), plain.speed_rad_s(),
-                2.0);  // the bus sags with d i, so not exactly
+                2.0);  // approximate: the bus voltage falls with d i
     run_for(plain, 1.0, 1.0, false, 0.0, 1.0);
     run_for(dead, 1.0, 1.0, false, 0.02, 1.0);
     EXPECT_NEAR(dead.speed_rad_s(), plain.speed_rad_s(),
@@ -118,18 +118,18 @@ TEST(DrivePlant, UnequalSpacingAndEccentricityMoveEdgesNotTheShaft) {
 TEST(DrivePlant, DropoutLosesItsShareOfEdgesAndIsSeeded) {
     Parameters p = reference_tool();
     p.effects.hall_dropout.probability = 0.1;
-    DrivePlant all = tool(reference_tool()), some = tool(p), again = tool(p);
+    DrivePlant all = tool(reference_tool()), some = tool(p), same_seed = tool(p);
     int edges = 0, kept = 0;
     for (int n = 0; n < 60000; ++n) {
         edges += all.period(false, 1.0, 0.0, 0.0).edge_count;
         const int seen = some.period(false, 1.0, 0.0, 0.0).edge_count;
-        ASSERT_EQ(seen, again.period(false, 1.0, 0.0, 0.0).edge_count);
+        ASSERT_EQ(seen, same_seed.period(false, 1.0, 0.0, 0.0).edge_count);
         kept += seen;
     }
     EXPECT_NEAR(static_cast<double>(kept) / edges, 0.9, 0.02);
 }
 
-TEST(DrivePlant, TransportDelayWaits) {
+TEST(DrivePlant, CommandActsAfterTheTransportDelay) {
     Parameters p = reference_tool();
     p.effects.transport_delay.delay_s = 0.01;
     DrivePlant plant = tool(p);

@@ -220,8 +220,8 @@ TEST(Impact, ParametersOutOfRangeAreNamed) {
     EXPECT_NO_THROW(impact_from(p, LoadKind::LOCKED, InputKind::DUTY, false, 1.0));
 }
 
-// Largest number of derivatives that a fixed step of step_s may need: three cuts of six in each
-// piece, and their switches.
+// Largest number of derivatives that a fixed step of step_s may need: in each piece three steps of
+// six derivatives, with at most eight more each for their events.
 static double most_work(double step_s) {
     return std::ceil(step_s / IMPACT_PIECE_S) * (IMPACT_EVENTS_LOCATED_MAX + 1) * (6.0 + 8.0);
 }
@@ -243,7 +243,7 @@ TEST(ImpactPlant, FixedStepsHaveBoundedWork) {
     }
 }
 
-// Contacts of 0.2 s of steps of a PWM period, the last 0.04 s with the bridge open.
+// Contacts of a run of 0.2 s in steps of one PWM period; the bridge is open in the last 0.04 s.
 static std::vector<Blow> contacts_of(const Parameters &p, ImpactAccuracy accuracy, double duty,
                                      double dead) {
     ImpactPlant tool(p, LoadKind::HARD_JOINT, HallWheel{}, 1, accuracy, 0.0);
@@ -256,9 +256,9 @@ static std::vector<Blow> contacts_of(const Parameters &p, ImpactAccuracy accurac
     return found;
 }
 
-// On either flank, with dead time and with an open bridge: the series of a contact are the
-// reference's motion.
-TEST(ImpactPlant, FastModeMeetsTheReferencesContacts) {
+// On either flank, with dead time and with an open bridge, the Taylor series of fast mode give the
+// contacts of reference mode.
+TEST(ImpactPlant, FastModeHasTheContactsOfReferenceMode) {
     Parameters p = reference_tool();
     for (const double run_nm : {6.0, 60.0, 400.0}) {
         p.load.run_torque_nm = run_nm;
@@ -282,7 +282,7 @@ TEST(ImpactPlant, FastModeMeetsTheReferencesContacts) {
     }
 }
 
-// What fast mode's speed rests on: a blow with all its contacts, slips and turns in few steps.
+// Fast mode is fast because a blow with all its contacts and slips takes few steps.
 TEST(ImpactPlant, FastModeTakesFewStepsABlow) {
     for (const double run_nm : {60.0, 400.0}) {
         Parameters p = reference_tool();
@@ -304,7 +304,7 @@ TEST(ImpactPlant, RestsUntilItIsDriven) {
     EXPECT_EQ(tool.now().angle_rad, 0.0);
 }
 
-TEST(ImpactPlant, BlowsAreHandedOverOnce) {
+TEST(ImpactPlant, EachBlowIsReturnedOnce) {
     ImpactPlant tool(reference_tool(), LoadKind::LOCKED, HallWheel{}, 1, ImpactAccuracy::FAST, 0.0);
     ImpactPlant whole(reference_tool(), LoadKind::LOCKED, HallWheel{}, 1, ImpactAccuracy::FAST,
                       0.0);

@@ -6,6 +6,7 @@
 
 using namespace vgroove;
 
+// Irregular arguments of both signs for n from 0 to 399
 static double spread(int n) {
     return (n - 200) * 0.173 + 1e-3 * n * n;
 }

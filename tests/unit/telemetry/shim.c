@@ -106,7 +106,8 @@ uint8_t shim_board_tick(ShimBoard *board, const TelemetryInputs *wanted, const T
     return telemetry_tick(&board->telemetry, &in, fast, out);
 }
 
-// 0: no frame yet, 1: executed, 2: acknowledged only, 3: the byte must wait for the pending ACK.
+// Takes a byte. 0: no complete frame, 1: a command was executed, 2: a command was acknowledged
+// only, 3: the byte was not taken, since an ACK is pending.
 uint8_t shim_board_receive(ShimBoard *board, uint8_t byte, bool idle, uint8_t *result) {
     Command command;
     if (telemetry_ack_pending(&board->telemetry)) {

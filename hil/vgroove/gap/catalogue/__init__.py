@@ -1,8 +1,8 @@
-"""The catalogue of effects: one entry an effect. Everything that needs a list of effects asks here.
+"""The catalogue of effects: one entry for each effect; every list of effects is read from here.
 
-The modules are named after the subsystems; loads/ holds one entry a kind of load. Standard library
-only, with relative imports: the plant's build imports this package by itself to write the plant's
-parameters (plant/generate_effects.py).
+The modules are named after the subsystems; loads/ holds one entry for each kind of load. Standard
+library only, with relative imports: the plant's build imports this package without the others to
+write the plant's parameters (plant/generate_effects.py).
 """
 
 from collections.abc import Iterable
@@ -120,14 +120,14 @@ _EQUATIONS = {
 
 
 def equations(effect_id: str) -> frozenset[str]:
-    """Equations of the model that an effect enters; a sensor's is its own."""
+    """Equations of the model that an effect enters; for a sensor's effect, the sensor's name."""
     effect = BY_ID[effect_id]
     return frozenset(effect.equations or _EQUATIONS.get(effect.subsystem, (effect.subsystem,)))
 
 
 def equations_and_sensors(effect_id: str) -> frozenset[str]:
-    """Equations in which an error of an effect's form can imitate a further effect: its own, and
-    those of all sensors, which show everything but one another.
+    """Equations whose effects an error in the form of this effect can imitate: those that it enters
+    and all sensors; for an effect of a sensor, its own sensor only.
     """
     own = equations(effect_id)
     return own if BY_ID[effect_id].subsystem in SENSORS else own | SENSORS
@@ -145,15 +145,15 @@ def _classes(flags: frozenset[str]) -> list[tuple[str, ...]]:
 
 def equivalents(effect_id: str, flags: frozenset[str]) -> tuple[str, ...]:
     """Other members of the effect's equivalence class on logs with these flags (docs/spec/gap.md,
-    section 3): no such run tells them apart.
+    section 3): they predict the same logs.
     """
     classes = _classes(flags)
     return tuple(o for group in classes if effect_id in group for o in group if o != effect_id)
 
 
 def contains(general: tuple[str, ...], special: tuple[str, ...]) -> bool:
-    """Whether the general set contains the special one: equal members, members that generalise
-    others, or further members.
+    """Whether a set of effects contains another one: each effect of the special set, or a
+    generalisation of it, is in the general set, one for one.
     """
     rest = list(special)
     for effect in general:

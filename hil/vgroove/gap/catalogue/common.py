@@ -25,7 +25,7 @@ def relative(size: float, bound: float = 0.9, high: float | None = None) -> Para
 
 
 def series_resistance(low: OfScales = ZERO) -> Parameter:
-    """A resistance in the circuit: typically 2 % of the voltage at the logged current."""
+    """A resistance in the circuit, sized as a drop of 2 % of the voltage at the logged current."""
     return Parameter(
         "resistance_ohm", "ohm", lambda s: 0.02 * s.volt / s.amp, low, lambda s: s.volt / s.amp
     )
@@ -34,12 +34,12 @@ def series_resistance(low: OfScales = ZERO) -> Parameter:
 def torque(
     name: str = "torque_nm", low: OfScales = NO_LOWER_BOUND, starts: tuple[float, ...] = (0.0,)
 ) -> Parameter:
-    """A torque: typically 3 % of the logged motor torque."""
+    """A torque, sized as 3 % of the logged motor torque."""
     return Parameter(name, "N m", lambda s: 0.03 * s.torque, low, lambda s: 2.0 * s.torque, starts)
 
 
 def viscous(low: OfScales = NO_LOWER_BOUND, starts: tuple[float, ...] = (0.0,)) -> Parameter:
-    """A torque per speed: typically 3 % of the logged motor torque at the logged speed."""
+    """A viscous coefficient, sized as 3 % of the logged motor torque over the logged speed."""
     return Parameter(
         "nm_s_per_rad",
         "N m s/rad",
@@ -51,7 +51,7 @@ def viscous(low: OfScales = NO_LOWER_BOUND, starts: tuple[float, ...] = (0.0,)) 
 
 
 def time_constant(name: str, starts: tuple[float, ...], neutral: float = 1.0) -> Parameter:
-    """A time constant of the order of the log's length."""
+    """A time constant, sized as the log's duration."""
     return Parameter(
         name,
         "s",
@@ -65,13 +65,13 @@ def time_constant(name: str, starts: tuple[float, ...], neutral: float = 1.0) ->
 
 
 def sensor_lag() -> Parameter:
-    """A time constant of the order of two rows."""
+    """Time constant of a sensor, sized as two row intervals."""
     return Parameter(
         "time_constant_s",
         "s",
         lambda s: 2.0 * s.interval,
         ZERO,
         constant(0.1),
-        least=0.01,
+        zero_below=0.01,
         key=NOT_NEGATIVE,
     )

@@ -17,13 +17,13 @@ OFF_AT_INFINITY = inf  # neutral value of a limit or a stiffness
 
 @dataclass(frozen=True)
 class Scales:
-    """What the logs and the rig span, SI: the units in which effects are sized.
+    """Magnitudes of logs and rig, SI, from which the typical sizes of effects are computed.
 
-    The magnitudes volt, amp (A), speed (rad/s) and torque (N m) are the 99th percentiles of the
-    logged columns; inertia (kg m2) is that at the motor shaft, motor_inertia the rotor's alone;
-    resistance (ohm), coulomb (N m) and viscous (N m s/rad) are the motor's; duration (s) is the
-    longest log's, interval (s) the median row interval; least_delay (s) is the shortest delay that
-    is not a convention of the logger.
+    volt (V), amp (A), speed (rad/s) and torque (N m) are 99th percentiles of the logged columns;
+    inertia (kg m2) is that at the motor shaft, motor_inertia the rotor's alone; resistance (ohm),
+    coulomb (N m), viscous (N m s/rad) and the gear ratio are those of the rig; duration (s) is that
+    of the longest log, interval (s) the median interval between rows. least_delay (s): a shorter
+    delay of the command may come from the logger's choice of the instant that a row stands for.
     """
 
     volt: float
@@ -47,7 +47,7 @@ OfScales = Callable[[Scales], float]
 
 
 def constant(value: float) -> OfScales:
-    """A size or bound that no log changes."""
+    """A size or bound that does not depend on the logs."""
     return lambda s: value
 
 
@@ -60,14 +60,14 @@ NO_UPPER_BOUND = constant(UNBOUNDED)
 class Parameter:
     """One number of an effect.
 
-    key: values that a rig accepts. neutral: the value with the effect off. size: the typical value
-    at which the effect shows on a log (a few per cent of the torque, voltage or current there), so
-    that a fit works in numbers near one on a wrist motor and on a machine axis alike. low, high:
-    bounds of the search, SI. In units of size: starts of the fit, step of its differences, and
-    least, below which the number is taken as 0 (a lag of nanoseconds would only make the simulation
-    stiff). reported: whether a verdict lists the number. of: the effect whose key this number is in
-    a rig, where it is another's. low_is_convention: a number at its lower bound describes the
-    logger, not an effect.
+    key: values that a rig accepts. neutral: the value with the effect off. size: a typical value at
+    which the effect is visible in a log (a few per cent of the torque, voltage or current there);
+    fits work in units of it, so that numbers are near one for any machine. low, high: bounds of the
+    search, SI. In units of size: starts, the start values of the fit; step, of its finite
+    differences; zero_below, below which the number is taken as 0 (a lag of nanoseconds would only
+    make the simulation stiff). reported: whether a verdict lists the number. key_of: the effect
+    under which a rig states this number, if that is another effect. low_is_convention: a number at
+    its lower bound describes the logger (Scales.least_delay), not an effect.
     """
 
     name: str
@@ -77,9 +77,9 @@ class Parameter:
     high: OfScales = NO_UPPER_BOUND
     starts: tuple[float, ...] = (0.0,)
     step: float = 0.1
-    least: float = 0.0
+    zero_below: float = 0.0
     reported: bool = True
-    of: str | None = None
+    key_of: str | None = None
     key: Key = ANY
     neutral: float = 0.0
     low_is_convention: bool = False
@@ -87,9 +87,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Form:
-    """Two forms of one law: the rig key and its words, the first the default, and the plant's
-    parameter that is 1 for the second word. beyond_specification: docs/spec/gap.md, section 3, has
-    the first form alone, so that other readers of a rig know no other.
+    """Two forms of one law. key: the rig key; words: its two values, the first one the default;
+    flag: the plant's parameter that is 1 for the second word. beyond_specification: section 3 of
+    docs/spec/gap.md defines the first form only, so other programs that read a rig may not know the
+    second.
     """
 
     key: str
@@ -105,9 +106,9 @@ class Form:
 
 @dataclass(frozen=True)
 class Periodic:
-    """An effect that repeats with the shaft's angle: its amplitude's parameter; its periods a motor
-    turn, a number, a parameter's name, or OUTPUT_TURN; whether the shaft itself turns unevenly or
-    only its sensor reads so.
+    """How an effect repeats with the shaft's angle. amplitude: name of its amplitude's parameter.
+    periods: periods a motor turn, as a number, as a parameter's name, or OUTPUT_TURN. moves_shaft:
+    True if the speed of the shaft itself ripples, False if only the sensor's reading does.
     """
 
     amplitude: str
@@ -137,18 +138,22 @@ class Separation:
 class Effect:
     """One physical effect that the nominal model leaves out.
 
-    equation, remark: docs/spec/gap.md, section 3, is written from them. parameters: the first one
-    is the leading one, whose value stands for the effect's size. needs: what a log must hold to show it, flags of
-    NEEDS. special_case_of: more general effects that contain it as a limit. identical_to: effects
-    that no run tells from it, each with the flags under which that holds; this one is the likelier.
-    switch: parameters whose departure from neutral makes the plant compute the effect; empty where
-    it only changes a constant of the model, or where the component decides. equations: those of the
-    model that it enters, where they are not its subsystem's. loads: kinds that it acts on, where
-    not all. friction_law: a torque over speed alone, so that sums of some such laws imitate others.
-    less_likely: of two effects that predict a log alike the other one is taken. constant_beside: an
-    effect beside which only the difference of the two parameters is this effect's own, a constant
-    torque. counted: the value is counted from the logs, not fitted. separations: runs that separate
-    it from others, where the physics is known.
+    equation, remark: texts of docs/spec/gap.md, section 3.
+    parameters: the first one is the leading one, whose value is the effect's size.
+    needs: what a log must hold to show the effect, as flags of NEEDS.
+    special_case_of: more general effects that contain it as a limit.
+    identical_to: effects that predict the same logs, each with the flags of NEEDS under which that
+    holds; this effect is the likelier one.
+    switch: the plant computes the effect if one of these parameters is not neutral; empty where the
+    effect only changes a constant of the model, or where the plant's component decides.
+    equations: equations of the model that it enters, where they are not its subsystem's.
+    loads: kinds of load that it acts on; empty: all.
+    friction_law: a torque that depends on speed alone; sums of such laws imitate other ones.
+    less_likely: of two effects that predict a log equally well the other one is taken.
+    constant_beside: in a set with this other effect only the difference of the two parameters is
+    fitted, a constant torque, because the other effect describes their mean.
+    counted: the value is counted from the logs, not fitted.
+    separations: runs that separate it from other effects for a known physical reason.
     """
 
     id: str
@@ -171,29 +176,29 @@ class Effect:
     separations: tuple[Separation, ...] = ()
 
     @property
-    def phase(self) -> bool:
-        """Whether amplitude and phase are fitted as sine and cosine amplitudes."""
+    def has_phase(self) -> bool:
+        """Whether it has an amplitude and a phase (fitted as sine and cosine amplitude)."""
         return self.periodic is not None
 
     @property
     def forms(self) -> tuple[tuple[tuple[str, float], ...], ...]:
-        """Settings (flat parameter name, value) that are tried, not fitted; the default first."""
+        """The forms to try, the default first, each as (plant parameter, value) of its flags."""
         return ((), ((self.flag_name, 1.0),)) if self.form else ((),)
 
     @property
     def flag_name(self) -> str:
-        """Flat parameter that is 1 for the second form; empty for an effect of one form."""
+        """Plant parameter that is 1 for the second form; empty for an effect of one form."""
         return f"effects.{self.id}.{self.form.flag}" if self.form else ""
 
     @property
     def leading(self) -> Parameter:
-        """The parameter that stands for the effect's size."""
+        """The parameter whose value is the effect's size."""
         return self.parameters[0]
 
     @property
     def own_parameters(self) -> tuple[Parameter, ...]:
         """Parameters that are the effect's own keys in a rig."""
-        return tuple(p for p in self.parameters if p.of is None)
+        return tuple(p for p in self.parameters if p.key_of is None)
 
     @property
     def rig_keys(self) -> dict[str, Key]:
@@ -217,18 +222,20 @@ class Effect:
         return f"effects.{self.id}.{parameter.name}"
 
     def column(self, parameter: Parameter) -> str:
-        """Name in the simulator's flat parameter vector."""
-        return f"effects.{parameter.of or self.id}.{parameter.name}"
+        """Name in the plant's parameter vector."""
+        return f"effects.{parameter.key_of or self.id}.{parameter.name}"
 
     def beside(self, ids: Iterable[str]) -> tuple[Parameter, ...]:
-        """Parameters that are left to it beside other effects."""
-        return tuple(p for p in self.parameters if p.of not in ids)
+        """Parameters that are fitted for it in a set with the effects `ids`: those that are no keys
+        of one of these.
+        """
+        return tuple(p for p in self.parameters if p.key_of not in ids)
 
 
 @dataclass(frozen=True)
 class LoadKey:
-    """One key of [load]: the values that a rig accepts, and the value where a rig leaves it out
-    (None: a word, no parameter of the plant).
+    """One key of [load]. key: the values that a rig accepts; default: the value where a rig leaves
+    it out (None: the key is no parameter of the plant's load).
     """
 
     name: str
@@ -241,7 +248,8 @@ class LoadKey:
 class Load:
     """One kind of load: its keys in a rig, and its law as text (docs/spec/model.md, section 6).
 
-    joint: it twists elastically up to a slip torque. diagnosed: logs with it can be diagnosed.
+    joint: it twists elastically up to a slip torque. diagnosed: logs of a tool with this load can
+    be diagnosed.
     """
 
     kind: str

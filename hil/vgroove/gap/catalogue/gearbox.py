@@ -26,9 +26,10 @@ def _tooth_stiffness(s: Scales) -> float:
     return TOOTH_CONTACT_RAD_S**2 * s.motor_inertia * max(1.0 - s.motor_inertia / s.inertia, 0.01)
 
 
-# The flanks that end a play are the coupler's spring and damper in a rig. No data sheet states
-# their coefficient of restitution (starts: 0.8, 0.7 and 0.6), and a few per cent of it decide where
-# in the play the next reversal finds the output side: they are nuisance parameters.
+# Tooth flanks in contact, at both ends of a play; a rig states them as the keys of the effect
+# coupler_compliance. No data sheet states their coefficient of restitution (the starts of the
+# damping ratio correspond to 0.8, 0.7 and 0.6), and a few per cent of it change where in the play
+# the output side is at the next reversal: they are fitted as nuisance parameters.
 FLANKS = (
     Parameter(
         "stiffness_nm_per_rad",
@@ -38,7 +39,7 @@ FLANKS = (
         lambda s: 10.0 * _tooth_stiffness(s),
         (0.5,),
         reported=False,
-        of="coupler_compliance",
+        key_of="coupler_compliance",
     ),
     Parameter(
         "damping_ratio",
@@ -49,7 +50,7 @@ FLANKS = (
         (0.7, 1.1, 1.7),
         step=0.02,
         reported=False,
-        of="coupler_compliance",
+        key_of="coupler_compliance",
     ),
 )
 
@@ -76,8 +77,8 @@ EFFECTS = (
         "coupler_compliance",
         "gearbox",
         "mechanism `none`, at the motor shaft: the output side J2 = J_out / N^2 + inertia_kg_m2 "
-        "moves behind a spring, c = 2 damping_ratio sqrt(stiffness_nm_per_rad J2); mechanism `impact`: "
-        "between anvil and joint, J2 = inertia_kg_m2",
+        "moves behind a spring with damping c = 2 damping_ratio sqrt(stiffness_nm_per_rad J2); "
+        "mechanism `impact`: the spring is between anvil and joint, J2 = inertia_kg_m2",
         (
             Parameter(
                 "stiffness_nm_per_rad",
@@ -85,6 +86,7 @@ EFFECTS = (
                 lambda s: s.inertia * 100.0**2,
                 lambda s: s.inertia * 10.0**2,
                 lambda s: s.inertia * 3000.0**2,
+                # natural frequencies of 14 to 340 rad/s: the response is not linear in it
                 tuple(0.02 * 1.4**n for n in range(20)),
                 key=POSITIVE,
                 neutral=OFF_AT_INFINITY,
@@ -120,7 +122,7 @@ EFFECTS = (
     Effect(
         "gear_backlash",
         "gearbox",
-        "the output side follows only after play_rad (total, at the output)",
+        "the output side follows the motor only after a play of play_rad (total, at the output)",
         (
             Parameter(
                 "play_rad",
@@ -128,7 +130,7 @@ EFFECTS = (
                 constant(0.02),
                 ZERO,
                 constant(1.0),
-                tuple(0.25 * 1.25**n for n in range(23)),
+                tuple(0.25 * 1.25**n for n in range(23)),  # 5 mrad to 0.7 rad
                 key=NOT_NEGATIVE,
             ),
             *FLANKS,

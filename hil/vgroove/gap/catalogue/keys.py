@@ -46,12 +46,12 @@ def whole(low: int, high: int) -> Key:
 
 
 def choice(*names: str) -> Key:
-    """One of some words."""
+    """One of the names."""
     return Key("one of " + ", ".join(names), lambda v: v in names)
 
 
 def flag() -> Key:
-    """true or false."""
+    """A truth value."""
     return Key("true or false", lambda v: isinstance(v, bool))
 
 

@@ -25,7 +25,7 @@ def _row(effect: Effect) -> dict[str, Any]:
         "special_case_of": list(effect.special_case_of),
         "identical_to": [other for other, _ in effect.identical_to],
         "forms": {form.key: list(form.words)} if form else {},
-        "repeats_with_the_angle": effect.phase,
+        "repeats_with_the_angle": effect.has_phase,
         "loads": list(effect.loads),
     }
 

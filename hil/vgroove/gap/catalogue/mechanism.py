@@ -16,7 +16,7 @@ EFFECTS = (
         ),
         needs=("impact",),
     ),
-    Effect("spring_rate", "mechanism", "k (1 + relative)", (relative(0.05),), needs=("impact",)),
+    Effect("spring_rate", "mechanism", "k_s (1 + relative)", (relative(0.05),), needs=("impact",)),
     Effect(
         "spring_preload", "mechanism", "F0 (1 + relative)", (relative(0.05),), needs=("impact",)
     ),

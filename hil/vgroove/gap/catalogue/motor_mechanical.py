@@ -54,12 +54,12 @@ EFFECTS = (
     Effect(
         "asymmetric_friction",
         "motor_mechanical",
-        "T + forward_nm for w > 0, T - backward_nm for w < 0, in between at rest",
+        "T + forward_nm for w > 0, T - backward_nm for w < 0, any value in between at rest",
         (torque("forward_nm"), torque("backward_nm")),
         needs=("both",),
         constant_beside="coulomb_friction",
         remark="forward_nm = -backward_nm is a constant torque offset. Needs both directions: in a "
-        "one-way log it is `coulomb_friction`",
+        "log of one direction it equals `coulomb_friction`",
     ),
     Effect(
         "directional_viscous",
@@ -68,7 +68,7 @@ EFFECTS = (
         (viscous(),),
         needs=("both",),
         remark="more viscous friction in one direction than in the other. Needs both directions: "
-        "in a one-way log it is `viscous_friction`",
+        "in a log of one direction it equals `viscous_friction`",
         switch=("nm_s_per_rad",),
     ),
     Effect(

@@ -29,14 +29,14 @@ EFFECTS = (
     Effect(
         "hall_dropout",
         "sensor_speed",
-        "each edge is missed with that probability",
+        "each edge is missed with this probability, independently of the others",
         (
             Parameter(
                 "probability", "1", constant(0.01), ZERO, constant(0.5), (1.0,), key=PROBABILITY
             ),
         ),
         needs=("edges",),
-        remark="single speeds are far too low",
+        remark="the speed over a missed edge is too low by a whole factor",
         counted=True,
     ),
 )

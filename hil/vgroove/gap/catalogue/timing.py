@@ -7,7 +7,7 @@ EFFECTS = (
     Effect(
         "transport_delay",
         "timing",
-        "whatever column drives the model acts delay_s late",
+        "the column that drives the model acts delay_s later than logged",
         (
             Parameter(
                 "delay_s",
@@ -31,10 +31,10 @@ EFFECTS = (
     Effect(
         "clock_skew",
         "timing",
-        "time stamps t (1 + relative), the logger's (all columns) or the command column's",
+        "time stamps t (1 + relative), of the logger (all columns) or of the command column alone",
         (Parameter("relative", "1", constant(0.01), constant(-0.05), constant(0.05), key=SKEW),),
-        remark="within +-0.05. Without a position or a second clock the logger's looks like "
-        "`added_inertia`",
+        remark="within +-0.05. Without a position or a second clock a logger's skew has the same "
+        "effect on the log as `added_inertia`",
         form=Form("clock", ("logger", "command"), "command_clock"),
         equations=("voltage", "torque", "command", "sensor_speed"),
         less_likely=True,

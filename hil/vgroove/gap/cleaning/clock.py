@@ -20,15 +20,15 @@ class ClockLimits:
     max_distance: float = 0.5  # of a stamp from its grid point: beyond it belongs to another one
     same_distance: float = 1e-3  # below, stamps and grid are equal and the stamps are kept
     late_distance: float = 0.1  # largest distance of stamps that a host takes late
-    loop_gain: float = 0.1  # share of a stamp's distance by which the counting clock follows it
-    line_fits: int = 3  # fits of a line to the numbered rows; a long log needs a precise interval
-    # chains of edges that contradict the stamps: at most so many come from reversals alone
+    loop_gain: float = 0.1  # share of a stamp's deviation by which the loop's clock is corrected
+    line_fits: int = 3  # fits of a line to the numbered rows, each of which refines the interval
+    # contradictions of edges and stamps: reversals alone cause at most so many
     usual_contradictions: int = 5
     fewer_contradictions: float = 4.0  # factor by which the grid must reduce them
-    # smallest rounding that is recognised
+    # smallest rounding that is recognised, in intervals
     finest_rounding: float = 0.02
     decimals: tuple[int, ...] = (1, 2, 3, 4, 5, 6)  # of stamps in s that may be rounded
-    digit_mismatch: float = 1e-4  # of the last digit: a rounded stamp misses it by less
+    digit_mismatch: float = 1e-4  # of the last digit: largest error of a rounded stamp (arithmetic)
     rounding_error: float = 0.6  # of the last digit: distance to the grid from rounding alone
 
 
@@ -53,10 +53,10 @@ def even_grid(time_s: np.ndarray) -> np.ndarray | None:
 
 
 def row_numbers(time_s: np.ndarray, interval_s: float) -> np.ndarray:
-    """Number (n,) of each row on a clock of about this interval.
+    """Number (n,) of each row on an even clock of about this interval, s.
 
-    A first-order phase-locked loop: the clock follows the stamps by loop_gain, so that neither
-    their scatter nor an error of the interval adds up.
+    A first-order phase-locked loop: the clock is corrected towards each stamp by loop_gain, so that
+    neither the scatter of the stamps nor an error of the interval accumulates.
     """
     place, now = np.zeros(len(time_s)), float(time_s[0])
     for n in range(1, len(time_s)):
@@ -68,7 +68,7 @@ def row_numbers(time_s: np.ndarray, interval_s: float) -> np.ndarray:
 
 
 def is_rounding(time_s: np.ndarray, grid: np.ndarray) -> bool:
-    """Whether the distance of the stamps (n,) to the grid (n,) is only their last decimal digit."""
+    """Whether the stamps (n,) differ from the grid (n,) only by rounding to a decimal digit."""
     interval = float(np.median(np.diff(grid)))
     for digit in 10.0 ** -np.array(LIMITS.decimals, dtype=float):
         error = np.abs(np.round(time_s / digit) * digit - time_s)
@@ -85,9 +85,9 @@ def row_times(
 ) -> np.ndarray:
     """Times (n,), s, at which the rows ended: the stamps (n,), or the even grid behind them.
 
-    Uneven rows and scattered stamps look alike in the stamps. The Hall edges separate them: the
-    sensor's own timer measures the edge periods, and these follow one another without gaps only on
-    the right times. `contradictions` counts the gaps for given row times.
+    The stamps alone do not show whether the rows are uneven or only the stamps scatter. The Hall
+    edges show it: the sensor's own timer measures the edge periods, and these follow one another
+    without contradictions only at the true row times. `contradictions` counts them for given times.
 
     Without edges (None) a scatter below late_distance is taken as late stamps of a host, because
     the clock that starts the samples is steadier. With edges, a scatter that small is kept only if
@@ -124,6 +124,6 @@ def correct_time_stamps(log: Log, contradictions: Callable[[np.ndarray], int] | 
     off_ms = 1e3 * float(np.abs(time_s - real).max())
     warning = (
         f"{log.source}: the time stamps scatter by up to {off_ms:.2g} ms around an even clock: "
-        "the rows are read on that clock"
+        "the times of that clock are used"
     )
     return replace(log, time_s=real, warnings=[*log.warnings, warning])

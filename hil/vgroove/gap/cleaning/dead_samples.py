@@ -1,7 +1,7 @@
 """Recognises samples that hold a number though the sensor or the link delivered none: dropped to
 zero, frozen at an old value, or disturbed.
 
-They are taken as missing. Values that a tool can produce are left alone: a current of 0 while the
+They are taken as missing. Values that a tool can produce are kept: a current of 0 while the
 bridge is open, a Hall speed of 0 after its timeout, a clipped sensor at its limit, a quiet sensor
 that repeats itself while nothing else moves.
 """
@@ -30,26 +30,26 @@ class DeadSampleLimits:
 
     usual_quantile: float = 0.9
     # dropped to zero
-    beside: int = 3  # rows on each side that must stand off zero
-    far: float = 4.0  # usual changes by which these rows must stand off zero
-    timeout_pitches: float = 3.0  # edges in a Hall timeout above which a speed cannot be 0
+    beside: int = 3  # rows on each side that must differ from zero
+    far: float = 4.0  # usual changes by which these rows must differ from zero
+    timeout_pitches: float = 3.0  # edges in a Hall timeout: at a higher speed no row can read 0
     # timeout of a rig that states none, s: short, so that in doubt a speed of 0 is a real timeout
     default_timeout_s: float = 0.05
     # spikes
-    spike: float = 20.0  # usual changes off the neighbours
-    spike_neighbours: float = 0.5  # of that limit, within which the neighbours must agree
-    constant_share: float = 0.02  # of its span, by which the command may move meanwhile
-    max_spike_share: float = 0.02  # of the rows: more are no disturbance
+    spike: float = 20.0  # usual changes by which a spike differs from its neighbours
+    spike_neighbours: float = 0.5  # share of that limit, within which the neighbours must agree
+    constant_share: float = 0.02  # of its span, by which a constant command may change
+    max_spike_share: float = 0.02  # of the rows: more spikes have a cause in the tool
     constant_rows: int = 7  # window in which the command must be constant
     # frozen
-    min_frozen: int = 20  # rows, and pitches of a Hall speed, that a column repeats itself before
+    min_frozen: int = 20  # rows (of a Hall speed: pitches) that a value may be repeated for
     by_chance: float = 1e-4  # expected number of such repeats in a log by chance
     min_repeat_probability: float = 1e-3  # smallest estimate, for a column without any repeat
     parts: int = 5  # parts of a stretch whose medians show whether another column moves
     moves_share: float = 0.1  # of a column's span, by which it moves between the parts
-    moves_sigma: float = 4.0  # standard deviations of a part's mean, likewise
-    span_quantiles: tuple[float, float] = (0.99, 0.01)  # between which a column's span lies
-    stopped_share: float = 0.5  # of a stretch, in which another column is frozen as well
+    moves_sigma: float = 4.0  # standard deviations of a part's mean, by which it moves as well
+    span_quantiles: tuple[float, float] = (0.99, 0.01)  # whose difference is a column's span
+    others_frozen_share: float = 0.5  # of a stretch, in which other columns are frozen as well
 
 
 LIMITS = DeadSampleLimits()
@@ -82,11 +82,11 @@ def remove_dead_samples(log: Log, rig: Rig) -> Log:
     columns = {name: np.asarray(values, dtype=float) for name, values in log.columns.items()}
     _refuse_constant(columns, rig, log.source)
     time_s, found = np.asarray(log.time_s, dtype=float), {}
-    stopped = np.zeros(len(time_s), bool)
+    others_frozen = np.zeros(len(time_s), bool)
     for name in (n for n in CHECKED if n in columns and n != rig.input["kind"]):
         column = _Column(name, time_s, columns, rig)
-        masks = dropped_samples(column), frozen_samples(column, stopped)
-        stopped = stopped | masks[1]
+        masks = dropped_samples(column), frozen_samples(column, others_frozen)
+        others_frozen = others_frozen | masks[1]
         if np.any(masks):
             found[name] = masks
     if not found:
@@ -137,10 +137,10 @@ def usual_change(values: np.ndarray) -> float:
 
 
 def dropped_samples(column: _Column) -> np.ndarray:
-    """Samples (n,) of exactly 0 between samples that stand far off 0, and spikes.
+    """Samples (n,) of exactly 0 between samples that are far from 0, and spikes.
 
-    The samples around must be of one sign, or the zeros a long run of the current while the bridge
-    drives: no motor, battery or edge counter behaves so.
+    Either the samples around have one sign, or the zeros are a long run of the current while the
+    bridge drives: no motor, battery or edge counter gives such values.
     """
     values, out = column.values, spikes(column)
     beside, is_current = LIMITS.beside, column.name == "current_a"
@@ -165,9 +165,9 @@ def dropped_samples(column: _Column) -> np.ndarray:
 
 
 def spikes(column: _Column) -> np.ndarray:
-    """Single samples (n,) of current or bus voltage far off their neighbours, which agree, while
-    the command is constant: a disturbed conversion. None where there are many, because these have a
-    cause in the tool.
+    """Single samples (n,) of current or bus voltage far from their neighbours, which agree, while
+    the command is constant: a disturbed conversion. All False where there are many, because these
+    have a cause in the tool.
     """
     values, command = column.values, column.command
     none = np.zeros(len(values), bool)
@@ -189,8 +189,8 @@ def spikes(column: _Column) -> np.ndarray:
 
 
 def _slowest_rpm(rig: Rig) -> float:
-    """Speed, rpm, of timeout_pitches in a Hall timeout: below, edges may time out between rows; 0
-    for a speed that is not made from edges.
+    """Speed, rpm, of timeout_pitches edges in a Hall timeout: at a lower one a row may read 0 after
+    the timeout; 0 for a speed that is not made from edges.
     """
     pulses = rig.sensors.get("hall_pulses_per_rev", 0)
     if not pulses:
@@ -199,9 +199,9 @@ def _slowest_rpm(rig: Rig) -> float:
     return LIMITS.timeout_pitches * 60.0 / pulses / timeout_s
 
 
-def frozen_samples(column: _Column, stopped: np.ndarray) -> np.ndarray:
+def frozen_samples(column: _Column, others_frozen: np.ndarray) -> np.ndarray:
     """Samples (n,) that repeat the one before for longer than chance explains, while another column
-    moves or is frozen as well (stopped, (n,)), or that end in a jump.
+    moves or is frozen as well (others_frozen, (n,)), or that end in a jump.
     """
     values, out = column.values, np.zeros(len(column.time_s), bool)
     rows = np.flatnonzero(np.isfinite(values))
@@ -216,7 +216,7 @@ def frozen_samples(column: _Column, stopped: np.ndarray) -> np.ndarray:
         if _may_repeat(column, first, last):
             continue
         if (
-            stopped[first : last + 1].mean() > LIMITS.stopped_share
+            others_frozen[first : last + 1].mean() > LIMITS.others_frozen_share
             or _other_moves(column, first, last)
             or _jumps(column, last)
         ):
@@ -299,8 +299,8 @@ def _other_moves(column: _Column, first: int, last: int) -> bool:
 
 
 def _moves(values: np.ndarray, first: int, last: int, noisy: bool) -> bool:
-    """Whether the medians of parts of the rows first..last differ by more than moves_share of the
-    column's (n,) span, and by more than its noise if it is a noisy measurement.
+    """Whether the medians of parts of the rows first..last of a column (n,) differ by more than
+    moves_share of its span and, if it is noisy, by more than the noise of a median explains.
     """
     if not np.isfinite(values[first : last + 1]).any():
         return False

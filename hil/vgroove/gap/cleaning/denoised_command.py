@@ -19,9 +19,9 @@ class DenoiseLimits:
     tested_pairs: int = 4  # outermost pairs of samples that are compared with the window inside
     bend_sigma: float = 4.0  # difference of that comparison at which the window stops growing
     back_pairs: int = 4  # pairs before the detected bend that may belong to it
-    moving_sigma: float = 3.0  # change across a window above which the command moves
-    min_rows: int = 50  # rows at rest, or moving, that are needed to estimate their scatter
-    min_averaged: int = 5  # samples in a mean beside which the scatter is visible
+    moving_sigma: float = 3.0  # change across a window, in its sigma, above which the command moves
+    min_rows: int = 50  # rows of constant, or of moving, command needed to estimate their scatter
+    min_averaged: int = 5  # samples in a mean from which on its residual shows the scatter
     # rows over which the scatter of the command itself may be correlated
     correlated_rows: tuple[int, ...] = (1, 8, 32)
     unknown_share: float = 0.5  # share of the scatter that is kept where noise and command mix
@@ -34,8 +34,9 @@ LIMITS = DenoiseLimits()
 class DenoisedCommand:
     """A command (n,) and the standard deviation of its remaining error, in the command's unit.
 
-    noise_v: noise of one logged sample; its mean over `averaged` samples (n,) is the error that
-    lasts for as many rows. fast_v: independent error of each row, (n,) or a number.
+    noise_v: noise of one logged sample; the mean of that noise over `averaged` samples (n,) is an
+    error that is common to as many rows. fast_v: independent error of each row, (n,) or a number.
+    The suffix _v holds for a voltage as input.
     """
 
     values: np.ndarray
@@ -48,26 +49,27 @@ def denoise_command(values: np.ndarray) -> DenoisedCommand:
     """The command (n,) with each sample replaced by the mean of the widest symmetric window around
     it that holds a straight line, which such a mean does not change.
 
-    Scatter that is larger on ramps than at rest is the command's own (its quantisation); of it the
-    share that exceeds the noise is kept (a Wiener gain). Where no part is at rest half of the
-    scatter is kept, with an error of the other half.
+    Scatter that is larger on ramps than at a constant command is the command's own (quantisation);
+    the share of it that exceeds the noise is kept (a Wiener gain). Where too few rows have a
+    constant command to measure the noise, half of the scatter is kept, with an error of the other
+    half.
     """
     sigma = command_noise_sigma(values)
     if sigma == 0.0:
         return DenoisedCommand(values)
     mean, averaged = straight_means(values, sigma)
-    rest = values - mean
+    residual = values - mean
     wide = averaged >= LIMITS.min_averaged
     moves = is_moving(mean, averaged, sigma)
     if np.count_nonzero(wide & ~moves) < LIMITS.min_rows:
         share = LIMITS.unknown_share
-        return DenoisedCommand(mean + share * rest, 0.0, 1.0, share * sigma)
-    noise_v = float(np.sqrt(np.mean(rest[wide & ~moves] ** 2)))
+        return DenoisedCommand(mean + share * residual, 0.0, 1.0, share * sigma)
+    noise_v = float(np.sqrt(np.mean(residual[wide & ~moves] ** 2)))
     on_ramps, own = wide & moves, 0.0
     if np.count_nonzero(on_ramps) >= LIMITS.min_rows:
-        own = max(0.0, scatter_power(rest, on_ramps) - noise_v**2)
+        own = max(0.0, scatter_power(residual, on_ramps) - noise_v**2)
     gain = np.where(moves, own / (own + noise_v**2), 0.0)
-    return DenoisedCommand(mean + gain * rest, noise_v, averaged, np.sqrt(gain) * noise_v)
+    return DenoisedCommand(mean + gain * residual, noise_v, averaged, np.sqrt(gain) * noise_v)
 
 
 def straight_means(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
@@ -117,12 +119,12 @@ def is_moving(mean: np.ndarray, averaged: np.ndarray, sigma: float) -> np.ndarra
     return np.abs(across) > LIMITS.moving_sigma * sigma * np.sqrt(2.0 / averaged)
 
 
-def scatter_power(rest: np.ndarray, rows: np.ndarray) -> float:
-    """Variance of the white noise that has as much power at low frequencies as the scatter rest
-    (n,) in the rows (mask): the largest over the block lengths correlated_rows.
+def scatter_power(residual: np.ndarray, rows: np.ndarray) -> float:
+    """Variance of the white noise that has as much power at low frequencies as the residual
+    (n,) has in the rows (mask, (n,)): the largest over the block lengths correlated_rows.
     """
     slow = [
-        np.convolve(rest, np.full(length, length**-0.5), mode="same")
+        np.convolve(residual, np.full(length, length**-0.5), mode="same")
         for length in LIMITS.correlated_rows
     ]
     return max(float(np.mean(part[rows] ** 2)) for part in slow)

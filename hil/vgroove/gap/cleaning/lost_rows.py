@@ -1,5 +1,5 @@
-"""Marks rows that a logger took and the line to it lost: the row after such a hole holds means over
-its own interval, not over the hole.
+"""Marks rows that were sampled but lost on the line to the logger: the row after such a hole holds
+means over its own interval, not over the hole.
 """
 
 from dataclasses import dataclass, replace
@@ -20,9 +20,9 @@ class LostRowLimits:
     even_share: float = 0.98  # of the steps, that must be whole numbers of intervals
     # share of the rows that may follow a hole: a clock that skips more often has no fixed interval
     max_hole_share: float = 0.1
-    # sigma: a row further from both predictions follows a step of the command in its hole
+    # sigma: a row further from both predictions is left out (the command stepped in its hole)
     max_distance_sigma: float = 4.0
-    min_evidence: float = 9.0  # sigma^2: sum over all rows above which the rows count as lost
+    min_evidence: float = 9.0  # evidence_for_lost_rows above which rows are taken as lost: 3 sigma
 
 
 LIMITS = LostRowLimits()
@@ -46,8 +46,8 @@ def rows_after_holes(time_s: np.ndarray) -> np.ndarray:
 def evidence_for_lost_rows(
     time_s: np.ndarray, values: np.ndarray, after: np.ndarray, sigma: float
 ) -> float:
-    """Log-likelihood ratio, sigma^2, of lost rows against a logger that waited, from a column of
-    means (n,) with noise sigma in the rows `after` (k,) holes.
+    """Twice the log-likelihood ratio of lost rows against a logger that took no rows in the holes,
+    from a column of means (n,) with noise sigma in the rows `after` (k,) holes.
 
     A cubic through the four neighbouring means predicts the value: in the middle of the last
     interval if rows were lost, in the middle of the hole if the row is the mean over the hole.
@@ -55,9 +55,9 @@ def evidence_for_lost_rows(
     middle = time_s - 0.5 * float(np.median(np.diff(time_s)))
     after = after[(after > 1) & (after < len(time_s) - 2)]
     beside = after[:, None] + np.array([-2, -1, 1, 2])
-    whole = 0.5 * (time_s[after - 1] + time_s[after])
+    middle_of_hole = 0.5 * (time_s[after - 1] + time_s[after])
     predicted = [
-        lagrange_cubic(middle[beside], values[beside], at) for at in (middle[after], whole)
+        lagrange_cubic(middle[beside], values[beside], at) for at in (middle[after], middle_of_hole)
     ]
     miss = np.array([values[after] - value for value in predicted]) / sigma
     used = np.abs(miss).min(axis=0, initial=np.inf) < LIMITS.max_distance_sigma
@@ -75,8 +75,8 @@ def lagrange_cubic(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 def insert_lost_rows(log: Log, rig: Rig) -> Log:
     """The log with an empty row in place of the last missing row of each hole, if its current holds
-    means over the last interval alone; else the log itself, whose rows last since the row before
-    (docs/spec/gap.md, section 1).
+    means over the last interval alone; else the log itself, whose rows are means since the row
+    before (docs/spec/gap.md, section 1).
     """
     time_s = np.asarray(log.time_s, dtype=float)
     after = rows_after_holes(time_s)

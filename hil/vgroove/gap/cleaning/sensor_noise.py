@@ -13,7 +13,7 @@ from vgroove.rig import Rig
 # filter of Savitzky and Golay (Anal. Chem. 36(8), 1964) whose residual is taken as noise: window,
 # samples, and order
 FILTER_ROWS, FILTER_ORDER = 11, 3
-SHORT_ROWS, SHORT_ORDER = 5, 2  # a shorter one, whose window reaches across fewer steps
+SHORT_ROWS, SHORT_ORDER = 5, 2  # a shorter one, whose window contains fewer steps of the motion
 DIFFERENCE_ORDERS = range(3, 9)  # orders of a position's differences in which noise is looked for
 MIN_SAMPLES = 20  # finite samples below which no noise is estimated
 # 1 / the 75 % quantile of the normal distribution: median absolute deviation to sigma
@@ -28,11 +28,11 @@ class ResolutionLimits:
     set.
     """
 
-    min_step: float = 1e-9  # differences below are arithmetic
-    max_differences: int = 2000  # differences that are looked at: bounds the time
+    min_step: float = 1e-9  # smaller differences are rounding errors of arithmetic
+    max_differences: int = 2000  # differences that are examined: bounds the time
     max_parts: int = 64  # resolution steps in the smallest difference, at most
-    # resolution steps in a difference above which the rounding of the smallest difference alone
-    # makes it miss the multiple
+    # a difference of more resolution steps is not examined: the rounding of the smallest
+    # difference alone would make it miss a multiple
     max_count: float = 1000.0
     multiple_error: float = 0.1  # of a resolution step, by which a difference may miss a multiple
     multiple_share: float = 0.98  # of the differences, that must be multiples
@@ -129,8 +129,8 @@ def position_noise_sigma(time_s: np.ndarray, values: np.ndarray) -> float:
     """Standard deviation of the noise of a position (n,), in its unit, at times (n,), s; nan with
     fewer than MIN_SAMPLES finite samples.
 
-    Differences of high order remove a smooth motion. The least over the orders counts, since motion
-    only adds.
+    Differences of high order remove a smooth motion. The smallest estimate over the orders is
+    taken, since motion only adds to it.
     """
     known = np.isfinite(values)
     if np.count_nonzero(known) < MIN_SAMPLES:

@@ -91,7 +91,7 @@ class HypothesisBuilder:
             self._of_parameter(effect, parameter, known)
             for parameter in effect.beside({*ids, *self.present})
         ]
-        return _as_sine_and_cosine(pairs) if effect.phase else pairs
+        return _as_sine_and_cosine(pairs) if effect.has_phase else pairs
 
     def _of_parameter(
         self, effect: Effect, parameter: Parameter, known: dict[str, float]
@@ -100,7 +100,7 @@ class HypothesisBuilder:
         column = self.problem.index(effect.column(parameter))
         low, high = parameter.low(self.scales) / size, parameter.high(self.scales) / size
         coordinate = Coordinate(
-            name, (column,), (size,), 0.0, low, high, parameter.step, parameter.least
+            name, (column,), (size,), 0.0, low, high, parameter.step, parameter.zero_below
         )
         if name in known:
             return coordinate, (known[name],)

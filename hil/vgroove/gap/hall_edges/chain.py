@@ -1,4 +1,4 @@
-"""Chains of Hall edges that follow one another without a gap: relative times from the periods,
+"""Chains of successive Hall edges of which none is missing: relative times from the edge periods,
 bounds on the absolute times from the rows.
 """
 
@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-# s: bounds that contradict one another by more than this show an edge too many or too few; above
-# the rounding errors of time stamps and periods, below the shortest period (chosen on the tuning
-# half of the blind set)
+# s: where bounds contradict one another by more than this, an edge too many or too few was counted;
+# larger than the rounding errors of time stamps and periods, smaller than the shortest period
+# (chosen on the tuning half of the blind set)
 SPLIT_S = 2e-5
 
 
@@ -43,8 +43,8 @@ class ChainEdge(NamedTuple):
 
 @dataclass
 class EdgeChain:
-    """Edges that follow one another without a gap, as lists over the edges (see ChainEdge);
-    offset_s: time since the first edge.
+    """Successive edges of which none is missing, as lists over the edges (see ChainEdge); offset_s:
+    time since the first edge.
     """
 
     offset_s: list[float] = field(default_factory=list)
@@ -85,8 +85,8 @@ class EdgeChain:
         return EdgeChain(**lists, timeouts=timeouts)
 
     def with_timeouts(self, among: np.ndarray, pulses: int) -> "EdgeChain":
-        """The chain with the timeout samples of the edges `among` (edges,) as edges of their own,
-        which add no step.
+        """The chain with further entries for the timeout samples of the edges in the mask `among`
+        (edges,); each has the offset of its edge and span 0.
         """
         samples = [sample for sample in self.timeouts if among[sample.edge]]
         edge = [sample.edge for sample in samples]
@@ -118,8 +118,8 @@ class EdgeChain:
         return merged
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lower and upper bound on the first edge's time that each edge gives, and the rounding
-        errors summed up to it, all (edges,), s.
+        """Lower and upper bound that each edge gives on the time of the first edge, and the sum of
+        the rounding errors up to that edge, all (edges,), s.
         """
         offset = np.asarray(self.offset_s)
         return (
@@ -129,8 +129,8 @@ class EdgeChain:
         )
 
     def hides_edges(self, time_s: np.ndarray, rows: float = 1.0) -> np.ndarray:
-        """Whether several edges may fall into each edge's row (edges,): its period is shorter than
-        `rows` intervals between rows, which end at time_s (n,).
+        """Whether several edges may fall into the row of each edge (edges,): its period is shorter
+        than `rows` times the row's interval; the rows end at time_s (n,).
         """
         return np.asarray(self.period_s) < rows * (
             time_s[np.asarray(self.row)] - np.asarray(self.before_s)
@@ -158,8 +158,8 @@ def intersect_bounds(
     offset from its relative time.
 
     Set-membership estimation (Milanese, Vicino, Automatica 27(6), 1991): a bound on one edge bounds
-    every other one through the relative times, less what the rounding of the periods in between
-    can add.
+    every other one through the relative times, widened by the rounding errors of the periods in
+    between.
     """
     forward_low = np.maximum.accumulate(low + drift) - drift
     forward_high = np.minimum.accumulate(high - drift) + drift

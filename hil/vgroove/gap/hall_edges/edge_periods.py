@@ -9,8 +9,8 @@ import numpy as np
 # pulses per turn from which a sensor reports the mean speed over all edges since the row before;
 # below, the speed over the last edge period alone (docs/spec/gap.md, section 1)
 MIN_COUNTING_PULSES = 16
-# s: periods that end or begin closer than this to a change of sign are suspect, since the shaft may
-# pass one edge twice where it turns back; chosen on the tuning half of the blind set
+# s: periods that end or begin closer than this to a change of sign may be wrong, since the shaft
+# may pass one edge twice where it reverses; chosen on the tuning half of the blind set
 REVERSAL_S = 0.1
 
 
@@ -20,15 +20,15 @@ class EdgePeriods:
 
     row: index of the log row that reports the period.
     start_s, end_s: the span over which the row's speed is a mean.
-    speed_rpm: the row's value, one pitch over the span; with `scale`, as logged.
+    speed_rpm: the row's value as logged: one pitch over the span, times `scale`.
     slack_s: half width of the interval of all values of end_s that the rows allow.
     timeout: True for a timeout sample, a row that reports the time since the last edge: one pitch
     over that time is an upper bound of the speed, and no edge lies at end_s.
     chain: index of the uninterrupted sequence of edges that the period belongs to.
     count: signed number of edges passed at end_s since the first of all (0 for timeout samples).
     expected_rpm: mean speed of the nominal model over each span, where it was computed.
-    missed: number of edges in each span that the sensor passed over, where rows show it.
-    scale: factor between the logged speeds and one pitch over the span, measured in the log's time.
+    missed: number of edges in each span that the sensor missed, where it is known from the rows.
+    scale: logged speed over one pitch per span, measured in the time of the log.
     """
 
     row: np.ndarray

@@ -2,13 +2,13 @@
 particle filter.
 
 A row reports the period of its last edge; how many edges passed since the last edge of the row
-before is hidden. At a steady speed any place within one period fits the rows. While the speed
-changes only one place makes the accelerations of successive rows agree.
+before is hidden. At a steady speed any time of the last edge within one period agrees with the
+rows. While the speed changes only one time makes the accelerations of successive rows agree.
 
 The filter [1, 2] follows PARTICLES hypotheses of the last edge's time. Each stands for a short
-interval of time [3], passes hidden edges at uniform acceleration, and costs the squared deviation
-of its speed from uniform acceleration. Resampling is deterministic. Edge times are the weighted
-means over the particles' ancestors (fixed-lag smoothing [4]).
+interval of time [3] and passes the hidden edges at uniform acceleration; its cost (-2 log weight)
+grows by the squared deviation of its speed from uniform acceleration. Resampling is deterministic.
+Edge times are the weighted means over the particles' ancestors (fixed-lag smoothing [4]).
 
 [1] Gordon, Salmond, Smith: Novel approach to nonlinear/non-Gaussian Bayesian state estimation,
     IEE Proc. F 140(2), 1993.
@@ -40,7 +40,7 @@ from vgroove.gap.hall_edges.particles import (
 class SmoothingLimits:
     """Limits of the backward pass, chosen on the tuning half of the blind set."""
 
-    edges: int = 100  # later edges that correct an edge's time: beyond, periods drift
+    edges: int = 100  # later edges that correct an edge's time: beyond, rounding errors accumulate
     contradiction: float = 1.0  # cost, sigma^2, above which the best particle contradicts a row
     contradicted_share: float = 0.05  # of the rows: above it an edge too many or too few is counted
     contradicted_rows: float = 2.0  # rows that may contradict a chain of any length
@@ -67,14 +67,14 @@ class HiddenEdges:
 @dataclass
 class _Path:
     """History of the particles, edge by edge (m, PARTICLES): time of the edge, edges since the one
-    before, whether the row is a timeout sample, cost of contradictions, parent in the row before,
-    distance from the parent's middle; half width of the widest particle (m,).
+    before, whether the row is a timeout sample, cost of contradictions with the row, parent in the
+    row before, distance from the parent's middle; half width of the widest particle (m,).
     """
 
     time_s: np.ndarray
     step: np.ndarray
     timeout: np.ndarray
-    wrong: np.ndarray
+    contradiction: np.ndarray
     parent: np.ndarray
     shift_s: np.ndarray
     half_s: np.ndarray
@@ -144,15 +144,15 @@ def track_hidden_edges(
 
 
 def _advance(particles: Particles, path: _Path, row: RowPair, i: int) -> None:
-    """Move the particles over row i and record what they do. They start again where the row
-    contradicts all of them, or where no edge came for too long.
+    """Move the particles over row i and record the result in the path. New particles are spread
+    over the row if it contradicts all particles, or if no edge came for too long.
     """
     unseen_s = row.now_s - np.max(particles.time_s[particles.alive()])
     branches = branch(particles, (path.parent[i - 1], path.shift_s[i - 1]), row)
     path.timeout[i] = branches.timeout
-    path.step[i], path.wrong[i] = propagate(particles, row, branches)
+    path.step[i], path.contradiction[i] = propagate(particles, row, branches)
     contradicted = row.one_edge and not np.any(
-        particles.alive() & (path.wrong[i] < LIMITS.row_cost)
+        particles.alive() & (path.contradiction[i] < LIMITS.row_cost)
     )
     longest_s = row.now_s - row.before_s + LIMITS.gap_periods * row.period_s[1]
     if contradicted or unseen_s > longest_s:
@@ -167,8 +167,8 @@ def _advance(particles: Particles, path: _Path, row: RowPair, i: int) -> None:
 def _last_in_row(found: HiddenEdges, now_s: np.ndarray, period_s: np.ndarray) -> HiddenEdges:
     """Edges of which each is the last one before its row's end now_s (m,).
 
-    When a row was read a particle may have been too wide to place its edge before or after the
-    row's end; the smoothed times decide.
+    When a row is read, a particle may be too wide to decide whether its edge lies before or after
+    the row's end; the smoothed times decide it.
     """
     end, step = found.end_s.copy(), found.step.copy()
     sooner, later = end > now_s + found.slack_s, end + period_s < now_s - found.slack_s
@@ -188,8 +188,8 @@ def _backtrace(particles: Particles, path: _Path, rounding_s: np.ndarray) -> Hid
     """Weighted mean and spread of each edge's time (m,) over the particles' ancestors; None where
     the best particle contradicts too many rows.
 
-    A particle's distance from its parent's middle corrects the ancestors' times as well, fading
-    over SMOOTHING.edges.
+    A particle's distance from its parent's middle also corrects the times of its ancestors, with a
+    weight that decays exponentially over SMOOTHING.edges edges.
     """
     m, weight = len(path.time_s), np.exp(-0.5 * particles.cost)
     weight /= weight.sum()
@@ -208,7 +208,7 @@ def _backtrace(particles: Particles, path: _Path, rounding_s: np.ndarray) -> Hid
         end[i] = weight @ here
         spread[i] = np.sqrt(weight @ (here - end[i]) ** 2)
         step[i], timeout[i] = path.step[i][at[best]], path.timeout[i][at[best]]
-        contradicted += path.wrong[i][at[best]] > SMOOTHING.contradiction
+        contradicted += path.contradiction[i][at[best]] > SMOOTHING.contradiction
     if contradicted > max(SMOOTHING.contradicted_rows, SMOOTHING.contradicted_share * m):
         return None
     half = _smallest_half_widths(path.half_s, particles.widest_s(), timeout)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-# s: bound on the error of every reported time, from rounding the row's time stamp and the edge's
-# time stamp to about 1 us each
+# s: bound on the error of every reported time: the time stamps of row and edge are rounded to about
+# 1 us each
 TICK_S = 2e-6
 # share of the change between two reported periods by which each hidden period between them may
 # differ from uniform acceleration; chosen on the tuning half of the blind set

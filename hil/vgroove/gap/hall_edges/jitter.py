@@ -19,15 +19,15 @@ class JitterLimits:
     """Limits of the jitter estimate, chosen on the tuning half of the blind set."""
 
     min_windows: int = 5  # windows of edge periods below which no jitter is estimated
-    # edge periods of a window besides two turns: degrees of freedom left for jitter after motion
-    # and the pattern of the turn are projected out
+    # edge periods of a window in addition to two turns: degrees of freedom that remain for jitter
+    # after motion and the pattern of the turn are projected out
     beside_turns: int = 14
     counted_rows: int = 14  # edge periods of a window of a sensor that counts edges
-    touching_share: float = 0.2  # of a period: two that end and begin closer share an edge
-    # windows are fast whose squared speed is above this share of the given quantile
+    touching_share: float = 0.2  # of a period: two periods that are closer than this share an edge
+    # a window is fast if its squared speed exceeds this share of that quantile of all windows
     fast_share: float = 0.25
     fast_quantile: float = 0.9
-    min_slow_windows: int = 5  # below, the fast windows serve for the angle part as well
+    min_slow_windows: int = 5  # with fewer, the angle part is estimated from the fast windows too
     iterations: int = 10  # alternating estimates of angle and time part
     rank_tolerance: float = 1e-9  # singular values below this share of the largest count as 0
     min_length_s: float = 1e-9  # smallest length of a period that is divided by, s
@@ -47,14 +47,14 @@ class Jitter:
 def edge_jitter(edges: EdgePeriods, pulses_per_rev: int, rounding_rpm: float) -> Jitter:
     """Jitter of the edges from a log's edge periods alone; zero where the log is too short.
 
-    In windows of some turns an orthogonal projection removes slow motion and any pattern that
-    repeats every turn (eccentric or unequal edges, cogging). The remainder is rounding of standard
-    deviation rounding_rpm and jitter; neighbouring periods share an edge, so that jitter e adds
-    e(n) - e(n-1) to period n. The median over windows is divided by the median of chi-square.
+    In windows of four or more turns an orthogonal projection removes slow motion and any pattern
+    that repeats every turn (eccentric or unequal edges, cogging). What remains is rounding of
+    standard deviation rounding_rpm and jitter; neighbouring periods share an edge, so that jitter e
+    adds e(n) - e(n-1) to period n. The median over windows is divided by the median of chi-square.
 
     Two numberings of the edges in the turn are tried (as reported, and with hidden edges), each
-    with and without the motion that the nominal model expects, since slow rows hold fast motion.
-    Motion only adds variance: the smallest estimate counts.
+    with and without subtracting the motion that the nominal model expects. Motion that is left only
+    adds variance: the smallest estimate is taken.
     """
     edges = edges.without_timeouts()
     counted = pulses_per_rev >= MIN_COUNTING_PULSES
@@ -86,8 +86,8 @@ def _edge_variance(
     place: np.ndarray,
     rounding_rpm: float,
 ) -> np.ndarray:
-    """Variance (m,) of an edge's angle, rad^2, in windows of rows (m, size), without a known motion
-    (n,), if the edges have the numbers `place` (n,) in the turn.
+    """Variance (m,) of an edge's angle, rad^2, in windows of rows (m, size), after subtracting the
+    known motion (n,); place (n,): number of each edge in the turn.
     """
     period, middle = edges.end_s - edges.start_s, 0.5 * (edges.start_s + edges.end_s)
     mean_period, size = period[rows].mean(axis=1), rows.shape[1]
@@ -147,8 +147,8 @@ def _motion_free_projection(time_s: np.ndarray, place: np.ndarray) -> np.ndarray
 
 
 def sigma_with_missed_rpm(rig: Rig, edges: EdgePeriods, missed: np.ndarray) -> np.ndarray:
-    """Standard deviation (m,) of each edge period's speed, rpm, where the sensor passed over missed
-    (m,) edges: jitter is that of the periods shortened to one pitch.
+    """Standard deviation (m,) of each edge period's speed, rpm, where the sensor missed `missed`
+    (m,) edges: jitter is estimated from the periods shortened to one pitch.
     """
     rounding = rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0)
     jitter = edge_jitter(
@@ -159,7 +159,7 @@ def sigma_with_missed_rpm(rig: Rig, edges: EdgePeriods, missed: np.ndarray) -> n
 
 def edge_sigma_rpm(rig: Rig, edges: EdgePeriods, jitter: Jitter) -> np.ndarray:
     """Standard deviation (m,) of each edge period's speed, rpm: quantisation, stated noise, edge
-    jitter, and the uncertainty of its place in time.
+    jitter, and the uncertainty of its instant.
     """
     length = np.maximum(edges.end_s - edges.start_s, LIMITS.min_length_s)
     rounding = rig.sensors.get("speed_lsb_rpm", 0.0) / np.sqrt(12.0)

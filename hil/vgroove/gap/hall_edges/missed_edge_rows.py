@@ -20,7 +20,7 @@ from vgroove.gap.hall_edges.row_reader import LIMITS as ROW_LIMITS
 SIDE = 4  # rows on each side through which the line goes
 PAIRS = np.array(list(combinations(range(2 * SIDE + 1), 2))).T
 MIN_LONG_PERIODS = 5  # periods of several pitches in a log below which none is accepted
-PORTION_ROWS = 2000  # rows that are processed at once: bounds the memory
+PORTION_ROWS = 2000  # rows that are processed together: bounds the memory
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class MissedRowLimits:
     min_mismatch: float = 0.003
     max_mismatch: float = 0.015
     mismatch_sigma: float = 6.0  # mismatch in standard deviations of the rows on the line
-    above_weight: float = 2.0  # rows on the line that one row above it outweighs
-    slope_weight: float = 1e-3  # per change of log(speed) a row: prefers the flatter of equal lines
+    above_weight: float = 2.0  # votes that one row above the line costs
+    slope_weight: float = 1e-3  # votes per slope, log(speed) a row: of equal lines the flatter wins
 
 
 LIMITS = MissedRowLimits()
@@ -72,7 +72,7 @@ def classify_rows(
     """
     missed, timeout = np.zeros(len(speed_rpm), dtype=int), np.zeros(len(speed_rpm), dtype=bool)
     hiding_rpm = 60.0 / pulses / float(np.median(np.diff(time_s)))
-    for part in stretches(speed_rpm):
+    for part in one_direction_parts(speed_rpm):
         size = np.abs(speed_rpm[part])
         if len(part) <= 2 * SIDE or size.max() < hiding_rpm:
             continue
@@ -87,8 +87,10 @@ def classify_rows(
     return missed, timeout
 
 
-def stretches(speed_rpm: np.ndarray) -> list[np.ndarray]:
-    """Rows of each stretch of one direction without a hole, at most PORTION_ROWS long."""
+def one_direction_parts(speed_rpm: np.ndarray) -> list[np.ndarray]:
+    """Rows of each part of the column (n,) of one direction without missing rows, at most
+    PORTION_ROWS long.
+    """
     known = np.flatnonzero(np.isfinite(speed_rpm) & (speed_rpm != 0.0))
     if len(known) == 0:
         return []
@@ -116,14 +118,14 @@ def read_edges_with_missed(
     found = read_edge_periods(
         time_s, np.where(timeout, np.nan, speed_rpm * (1.0 + missed)), pulses, lsb_rpm
     )
-    unseen = np.where(found.timeout, 0, missed[found.row])
+    missed_here = np.where(found.timeout, 0, missed[found.row])
     count = found.count - np.where(
-        found.timeout, 0, np.cumsum(unseen * np.sign(found.speed_rpm).astype(int))
+        found.timeout, 0, np.cumsum(missed_here * np.sign(found.speed_rpm).astype(int))
     )
     return replace(
         found,
-        start_s=found.end_s - (found.end_s - found.start_s) * (1.0 + unseen),
-        speed_rpm=found.speed_rpm / (1.0 + unseen),
+        start_s=found.end_s - (found.end_s - found.start_s) * (1.0 + missed_here),
+        speed_rpm=found.speed_rpm / (1.0 + missed_here),
         count=count,
-        missed=unseen,
+        missed=missed_here,
     )

@@ -1,5 +1,5 @@
-"""Estimates how many Hall edges a sensor passed over: periods that are two to five pitches long
-while the motion beside them goes on.
+"""Estimates how many Hall edges a sensor missed: periods that are two to five pitches long while
+the periods beside them show no such drop of the speed.
 """
 
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ LIMITS = MissedEdgeLimits()
 
 
 def estimate_missed_edges(edges: EdgePeriods) -> np.ndarray:
-    """Number of edges (m,) that the sensor passed over in each period, at least the known number
+    """Number of edges (m,) that the sensor missed in each period, at least the known number
     edges.missed; 0 for timeout samples.
     """
     missed, measured = np.zeros(len(edges.row), dtype=int), np.flatnonzero(~edges.timeout)
@@ -95,8 +95,8 @@ def add_missed_to_count(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
 
 
 def widen_beside_missed(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
-    """The periods with half a pitch more half width near missed edges (m,): rows that report the
-    last of several periods locate it by counting.
+    """The periods with their half width enlarged by half a pitch near missed edges (m,), because
+    rows that report the last of several periods locate it by counting edges.
     """
     near = missed > 0
     if len(missed):
@@ -106,7 +106,7 @@ def widen_beside_missed(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
 
 
 def as_single_pitches(edges: EdgePeriods, missed: np.ndarray) -> EdgePeriods:
-    """The periods shortened to their last pitch, as a sensor that misses nothing reports them: edge
+    """The periods shortened to their last pitch, as a sensor that misses no edge reports them; edge
     jitter is estimated from these.
     """
     share = 1.0 / (1.0 + missed)

@@ -1,4 +1,4 @@
-"""Moves the particles of the hidden-edge filter from one row to the next and weighs them."""
+"""Moves the particles of the hidden-edge filter from one row to the next and updates their cost."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,9 @@ from vgroove.gap.hall_edges.particles import LIMITS, Branches, Particles, RowPai
 
 @dataclass(frozen=True)
 class _Move:
-    """Where the particles (PARTICLES,) go: number of edges passed, which pass none, the number that
-    lengths are computed with (at least 1), time of the last edge, its error, length of the first
-    period passed.
+    """Move of the particles (PARTICLES,) over a row: number of edges passed; whether it is 0
+    (stays); the same number, at least 1, with which lengths are computed; time of the last edge,
+    its error, and length of the first period passed, s.
     """
 
     edges: np.ndarray
@@ -44,14 +44,14 @@ def propagate(
     and the cost of what contradicts the row, sigma^2, both (PARTICLES,).
     """
     move = _move(particles, row, branches)
-    wrong = _contradiction(particles, row, branches, move)
+    contradiction = _contradiction(particles, row, branches, move)
     change = _speed_change(particles, row, branches, move)
     jump_cost = np.minimum((change.jump / change.sigma) ** 2, LIMITS.row_cost)
-    particles.cost = particles.cost + wrong + jump_cost
+    particles.cost = particles.cost + contradiction + jump_cost
     particles.cost -= particles.cost.min()
     _update(particles, row, move, change)
     _widen(particles, row, branches, move)
-    return move.edges, wrong
+    return move.edges, contradiction
 
 
 def _move(particles: Particles, row: RowPair, branches: Branches) -> _Move:
@@ -98,8 +98,9 @@ def spacing_error_s(particles: Particles, row: RowPair, number: np.ndarray) -> n
     """Bound (PARTICLES,), s, on the error of the last of `number` edges that are spaced as uniform
     acceleration puts them.
 
-    Where the growth of the periods changes more than before (a command that steps) it may have
-    changed in the first hidden period or in the last: half of all periods then err by the change.
+    Where the growth of the periods changes much more than before (a step of the command), the
+    change may have happened in the first hidden period or in the last: its effect on the sum of
+    periods is then uncertain by half of the number of periods times the change.
     """
     growth = particles.growth_until(row)
     kink = abs(growth - particles.growth)
@@ -115,8 +116,9 @@ def spacing_error_s(particles: Particles, row: RowPair, number: np.ndarray) -> n
 def _contradiction(
     particles: Particles, row: RowPair, branches: Branches, move: _Move
 ) -> np.ndarray:
-    """Cost (PARTICLES,), sigma^2, of an edge after the row's end, of an edge too early for the row
-    that reports the one before, and of a new value without an edge that is no timeout sample.
+    """Cost (PARTICLES,), sigma^2, of three contradictions: the last edge lies after the row's end;
+    the first edge passed lies before the end of the row that reported the edge before it; the row
+    has a new value but neither an edge nor the value of a timeout sample.
     """
     sigma_s = TICK_S + move.error_s
     late = (np.maximum(move.time_s - row.now_s - particles.half_s, 0.0) / sigma_s) ** 2
@@ -135,7 +137,7 @@ def _contradiction(
 def _speed_change(
     particles: Particles, row: RowPair, branches: Branches, move: _Move
 ) -> _SpeedChange:
-    """Speed that each particle gives the last period, and how much its change departs from the
+    """Speed of each particle in the last period, and the deviation of its change per time from the
     change before.
     """
     speed, period, timeout = row.speed_rpm[1], row.period_s[1], branches.timeout
@@ -168,7 +170,7 @@ def _jump_sigma(particles: Particles, row: RowPair, number: np.ndarray, rate: fl
 
 
 def _update(particles: Particles, row: RowPair, move: _Move, change: _SpeedChange) -> None:
-    """Carry the state on to the row's end."""
+    """Set the particles' state to that at the row's end."""
     new, kept = LIMITS.smoothing, 1.0 - LIMITS.smoothing
     growth = particles.growth_until(row)
     particles.growth_change = kept * particles.growth_change + new * abs(growth - particles.growth)

@@ -23,9 +23,9 @@ class ParticleLimits:
     """
 
     # resampling
-    filled: int = 48  # particles after resampling; the others are free for branches
+    filled: int = 48  # particles in use after resampling; the others are free for branches
     resample_edges: int = 8  # edges between two resamplings
-    min_alive: int = 32  # alive particles, half of all, below which they are split at once
+    min_alive: int = 32  # with fewer particles alive (half of all) these are split at once
     reject_cost: float = 25.0  # cost above the best particle's at which one is rejected: 5 sigma
     free_cost: float = 50.0  # cost given to a free particle; above reject_cost
     row_cost: float = 16.0  # largest cost of one row's speed change (outliers): 4 sigma
@@ -35,14 +35,14 @@ class ParticleLimits:
     # noise of time and speed
     edge_jitter_s: float = 5e-7  # standard deviation of one edge's time stamp, s
     jump_factor: float = 3.0  # standard deviation of a speed jump, in units of the noise
-    curve_share: float = 0.3  # of the speed change in a period, by which the next one may differ
+    curve_share: float = 0.3  # of the speed change in a period, by which the next change may differ
     smoothing: float = 0.1  # weight of the newest value in exponential means
     min_step_s: float = 1e-6  # smallest time difference that is divided by, s
     # unknown motion between two reported periods
-    kink_share: float = 0.25  # of the change of the periods' growth: error of a hidden period
-    kink_factor: float = 4.0  # times the usual change of growth: a sudden one (a stepped command)
-    # rows without an edge
-    timeout_share: float = 0.003  # of a period: mismatch of a timeout sample and a wide particle
+    kink_share: float = 0.25  # of a change of the periods' growth (kink): error of a hidden period
+    kink_factor: float = 4.0  # usual changes of growth above which one is sudden (command step)
+    # rows into which no edge falls
+    timeout_share: float = 0.003  # of a period: largest mismatch of timeout sample and particle
     gap_periods: float = 3.0  # periods, besides one row, that pass at most without an edge
 
 
@@ -210,8 +210,8 @@ Ancestry = tuple[np.ndarray, np.ndarray]  # parents and shifts (PARTICLES,) of t
 
 
 def branch(particles: Particles, ancestry: Ancestry, row: RowPair) -> Branches:
-    """Copy particles for which a row has two readings: each goes on with one of them. A row of a
-    sensor that counts edges has one reading.
+    """Copy particles for which a row can be read in two ways, so that one copy continues with each
+    reading. A row of a sensor that counts edges has one reading.
     """
     branches = Branches(np.zeros(PARTICLES, dtype=bool), np.full(PARTICLES, -1))
     if row.counts:

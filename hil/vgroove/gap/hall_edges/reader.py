@@ -17,8 +17,8 @@ from vgroove.gap.hall_edges.row_reader import RowReader
 # s: an edge this close to a row's end may have been reported by either row, above the sum of all
 # roundings of time
 NEAR_END_S = 5e-6
-# edges on both sides of rows that hide edges that the particle filter reads as well, to know the
-# motion there; chosen on the tuning half of the blind set
+# number of edges before and after rows that hide edges that the particle filter processes as well,
+# because it needs the motion there; chosen on the tuning half of the blind set
 BESIDE_HIDDEN = 150
 
 
@@ -89,7 +89,7 @@ def read_edge_periods(
 def _period_record(
     chain: EdgeChain, edges: _LocatedEdges, i: int, numbers: tuple[int, int]
 ) -> _Record:
-    """The period that ends with edge i; numbers: its chain and its count of edges."""
+    """Record of the period that ends with edge i; numbers: its chain and its count of edges."""
     end = edges.end_s[i]
     start = end - edges.length_s[i]
     return (chain.row[i], start, end, chain.speed_rpm[i], edges.slack_s[i], False, *numbers)
@@ -98,8 +98,8 @@ def _period_record(
 def _timeout_records(
     column: _SpeedColumn, chain: EdgeChain, edges: _LocatedEdges, piece: np.ndarray
 ) -> list[_Record]:
-    """The timeout samples of a chain that agree with the time of their edge; the others report the
-    time since a hidden edge.
+    """Records of a chain's timeout samples that agree with the time of their edge; the others
+    report the time since a hidden edge.
     """
     samples = [(sample.row, sample.edge, sample.speed_rpm) for sample in chain.timeouts]
     samples += [(chain.row[i], i, chain.speed_rpm[i]) for i in np.flatnonzero(edges.timeout)]
@@ -133,9 +133,9 @@ def count_chains(
 def _locate(column: _SpeedColumn, chain: EdgeChain) -> tuple[EdgeChain, _LocatedEdges]:
     """The chain, and the times of its edges.
 
-    Where rows hide edges the particle filter locates them, with timeout samples as edges of their
-    own, because only there the chain's own bounds may be wrong about these; elsewhere the edges are
-    the intersection of all bounds.
+    Where rows hide edges the particle filter locates them; timeout samples are separate entries
+    there, because the chain's own bounds may assign them to a wrong edge. Elsewhere the time of an
+    edge is the intersection of all bounds.
     """
     hidden = chain.hides_edges(column.time_s)
     if column.counts:
@@ -160,7 +160,7 @@ def _locate(column: _SpeedColumn, chain: EdgeChain) -> tuple[EdgeChain, _Located
 
 
 def _locate_part(column: _SpeedColumn, chain: EdgeChain, hidden: bool) -> _LocatedEdges:
-    """The edges of a part of a chain whose rows all hide edges, or none."""
+    """The edges of a part of a chain in which either all rows may hide edges (hidden) or none."""
     row, period, span, length = (
         np.asarray(x) for x in (chain.row, chain.period_s, chain.span, chain.length_s)
     )

@@ -1,4 +1,4 @@
-"""Reads the rows of a Hall speed column one after another and sorts each: a repeated value, a
+"""Reads the rows of a Hall speed column one after another and classifies each: a repeated value, a
 timeout sample, a new edge, or standstill.
 
 Between rows the reader keeps the interval [low, high] of times at which the last edge may lie (set
@@ -30,13 +30,13 @@ class RowReaderLimits:
     """
 
     equal_share: float = 1e-9  # two speeds closer than this are equal: arithmetic alone differs
-    changing_s: float = 1e-5  # s: above this change of period no two successive periods are equal
+    changing_s: float = 1e-5  # s: if periods change by more, two equal values are one period
     strain_s: float = 1e-4  # s: a row's interval missed by more than this breaks the chain
-    timeout_slack_s: float = 1e-5  # s: mismatch of one timeout sample and the chain
+    timeout_slack_s: float = 1e-5  # s: largest mismatch of one timeout sample and the chain
     timeout_agreeing: int = 2  # rows after a timeout sample that must give the same edge time
-    repeat_errors: float = 4.0  # errors of time after which an equal value is no timeout sample
+    repeat_errors: float = 4.0  # errors of time: an equal value after longer is no timeout sample
     next_rows: int = 4  # rows within which the next one that holds a value is looked for
-    rounding_share: float = 0.1  # of the worst case: what independent rounding errors add up to
+    rounding_share: float = 0.1  # of the worst case: sum of independent rounding errors of a chain
     # of a row's interval: with shorter periods the number of counted edges in the row is uncertain
     counted_share: float = 0.8
     missing_rows: int = 3  # most missing rows across which edges are counted
@@ -102,7 +102,7 @@ class RowReader:
         self.chain: EdgeChain | None = None
         self.low = self.high = 0.0
         self.last_row = -1
-        self.uncounted = 0.0  # fraction of an edge that the mean speed gives beyond those counted
+        self.uncounted = 0.0  # edges by the mean speed minus edges counted, a fraction
 
     def reading(self, row: int, speed_rpm: float) -> RowReading:
         """The row with one pitch over its speed and the rounding error of that period."""
@@ -123,7 +123,7 @@ class RowReader:
         yield from self.chains[given:]
 
     def _read_row(self, row: int, speed: float) -> None:
-        """End the chain at standstill, begin one after a reversal or a hole, else go on with it."""
+        """End the chain at standstill, begin one after a reversal or a hole, else continue it."""
         if speed == 0.0:
             self.chain = None
         elif (
@@ -171,8 +171,8 @@ class RowReader:
         self.chain.add(edge, fit.step_s)
 
     def follow(self, r: RowReading) -> None:
-        """Sort a row that goes on with the chain, or begin a new one where its value fits no number
-        of edges.
+        """Classify a row that continues the chain, or begin a new chain where its value agrees with
+        no number of edges.
         """
         error_s = r.rounding_s + TICK_S
         edge_s = r.now_s - r.period_s
@@ -203,8 +203,9 @@ class RowReader:
             self.low, self.high = max(self.low, low), min(self.high, high)
 
     def _add_timeout_bound(self, low: float, high: float) -> None:
-        """Add the bound that a timeout sample gives to the last edge's time. Where it contradicts
-        the interval it replaces it: samples that agree are more precise than summed periods.
+        """Add the bound that a timeout sample gives to the last edge's time. Where the
+        bound contradicts the interval it replaces the interval: timeout samples that agree with one
+        another are more precise than summed periods.
         """
         if max(low - self.high, self.low - high) > LIMITS.timeout_slack_s:
             self.low, self.high = low, high
@@ -253,19 +254,20 @@ class RowReader:
         return next((k for k in range(row + 1, end) if not isnan(self.speed[k])), None)
 
     def step(self, previous_s: float, r: RowReading, count: int) -> tuple[float, float, float]:
-        """Time from the last edge to the count-th after it, its worst-case error, and the share of
-        that error that adds up over a chain, all s; previous_s: the period before.
+        """Time from the last edge to the count-th after it, its worst-case error, and the part of
+        that error that accumulates over a chain, all s; previous_s: the period before.
 
-        Hidden edges are spaced at uniform acceleration (even spacing would add up to late edges in
-        a run-up). A sensor that counts does not report how many edges it counted: where several fit
-        into a row the last edge is uncertain by one period, independently from row to row.
+        Hidden edges are spaced at uniform acceleration (with even spacing the edges of a run-up
+        would become later and later). A sensor that counts does not report how many edges it
+        counted: where several fit into a row the last edge is uncertain by one period,
+        independently from row to row.
         """
         if self.counts:
             return self._counted_step(previous_s, r, count)
         first, last = 1.0 / (previous_s * previous_s), 1.0 / (r.period_s * r.period_s)
         rate = first + (last - first) * np.arange(1, count + 1) / count
         steps = 1.0 / np.sqrt(rate)
-        # an error of one sign while the motion bends: it adds up in full
+        # the error has one sign while the acceleration changes: it accumulates in full
         bend = BEND_SHARE * abs(r.period_s - previous_s) * (count - 1)
         worst = r.rounding_s * count
         drift = bend + LIMITS.rounding_share * r.rounding_s * count
@@ -310,8 +312,8 @@ class RowReader:
         if low - high > LIMITS.strain_s:
             if r.period_s > ONE_EDGE_ROWS * (r.now_s - self._before()):
                 return False
-            # the number of edges is uncertain: the chain goes on, consistent_pieces or
-            # track_hidden_edges decides later
+            # the number of edges is uncertain: the chain continues, and consistent_pieces or
+            # track_hidden_edges corrects it
             low, high = floor, ceiling
         self._add(r, best, floor, ceiling)
         self.low, self.high = min(low, high), max(low, high)

@@ -20,20 +20,21 @@ class ScaleLimits:
 
     # relative errors of scale that are tried first, in both directions
     coarse: tuple[float, ...] = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)
-    halvings: int = 7  # halvings of the step around the best of them
+    halvings: int = 7  # of the search step around the best of them
     largest: float = 0.3  # largest relative error of scale that is considered
-    # chains that reversals and stops alone may leave: with at most so many no scale is searched
+    # chains that reversals and stops alone may cause: with at most so many the scale is taken as 1
     usual_chains: int = 12
-    # chains per edge period of a sensor that counts that are usual: with more, one of many scales
-    # would leave fewer by chance
+    # usual chains per edge period of a sensor that counts edges: up to so many no scale is
+    # searched, since one of many scales would leave fewer chains by chance
     usual_counted_share: float = 0.01
     fewer_chains: float = 3.0  # factor by which a scale must reduce the number of chains
     max_chain_share: float = 0.03  # chains per edge period above which no scale is accepted
-    vote_rounds: int = 3  # rounds in which the stretches' bounds refine the scale
+    vote_rounds: int = 3  # rounds in which the bounds of the segments refine the scale
     fine_steps: int = 16  # steps in each direction of the last refinement
-    # first look at the fastest rows: the search goes on if one scale reduces the chains so far
-    glance_rows: int = 600
-    glance_fewer: float = 1.3
+    # a search in the fastest rows alone decides whether the column is searched: one scale must
+    # reduce the chains there by this factor
+    preview_rows: int = 600
+    preview_fewer: float = 1.3
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class TimeoutScaleLimits:
     """Limits of the scale from timeout samples, chosen on the tuning half of the blind set."""
 
     max_error: float = 0.03  # relative error of scale from rounding above which a pair is rejected
-    agree: float = 0.005  # relative difference, besides rounding, within which two pairs agree
+    agree: float = 0.005  # relative difference, in addition to rounding, within which pairs agree
     min_pairs: int = 4  # pairs that must agree: rows of a shaft that slows down agree by chance
     max_pairs: int = 1000  # pairs that are compared: bounds the memory, which grows as the square
 
@@ -77,13 +78,13 @@ class _Column:
 
 
 def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float) -> float:
-    """Factor 1 + g of the speed column (n,), rpm, against its own edges; 1 where no factor leaves
+    """Factor 1 + g between the speed column (n,), rpm, and its own edges; 1 where no factor gives
     clearly fewer chains than 1 does.
 
-    A speed that is logged g too high makes each period too short. The summed periods then run away
-    from the rows that report them, and the chain breaks every few milliseconds divided by g. The
-    sensor's gain or an inaccurate clock of the logger does that. A filter behind the sensor breaks
-    the chain at any factor.
+    A speed that is logged too high by the share g makes each period too short. The sum of the
+    periods then drifts away from the times of the rows, and the chain breaks every few milliseconds
+    divided by g. Causes are a wrong gain of the sensor or a wrong clock of the logger. A filter
+    behind the sensor breaks the chain at any factor.
     """
     column = _Column(time_s, speed_rpm, pulses, lsb_rpm)
     as_read, counts = column.chains(1.0), pulses >= MIN_COUNTING_PULSES
@@ -113,8 +114,8 @@ def _longest_chain(column: _Column, scale: float) -> tuple[float, float, int]:
 
 
 def _voted_scale(column: _Column, scale: float) -> float:
-    """The scale near `scale` that the bounds of most stretches of edges allow. Stretches with an
-    edge counted wrong are a minority. The edges are read again in each round.
+    """The scale near `scale` that the bounds of most segments of edges allow; segments with a wrong
+    edge count are a minority. The edges are read again in each round.
     """
     for _ in range(LIMITS.vote_rounds):
         bounds = period_error_bounds(
@@ -125,7 +126,7 @@ def _voted_scale(column: _Column, scale: float) -> float:
 
 
 def most_agreed_value(bounds: np.ndarray) -> float:
-    """Middle of the range that lies within the most of the intervals (m, 2); 0 without any."""
+    """Middle of the range common to the largest number of intervals (m, 2); 0 without any."""
     if len(bounds) == 0:
         return 0.0
     ends, opens = bounds.ravel(), np.tile([True, False], len(bounds))
@@ -135,11 +136,11 @@ def most_agreed_value(bounds: np.ndarray) -> float:
 
 
 def _refined(chains: ChainCount, longest: LongestChain, scale: float) -> float:
-    """The scale near `scale` at which the longest chain fits its rows best: a small error of scale
-    moves the chain's end most.
+    """The scale near `scale` at which the longest chain agrees best with its rows: the end of a
+    long chain depends most on the scale.
 
-    Where chains contradict themselves, edges are counted wrong in place of a correct scale: then
-    steps of scale are tried that move the chain's end by SPLIT_S each.
+    Where bounds of a chain contradict one another, wrong edge counts may compensate a wrong scale:
+    then scales are tried in steps that move the end of the chain by SPLIT_S.
     """
     length_s, share, _ = longest(scale)
     fitted = scale * (1.0 + share)
@@ -156,13 +157,13 @@ def _refined(chains: ChainCount, longest: LongestChain, scale: float) -> float:
 
 
 def _any_reduces_chains(column: _Column, scales: list[float]) -> bool:
-    """Whether one of the scales reduces the number of chains in the fastest rows: a column without
-    edge periods has many at any scale.
+    """Whether one of the scales reduces the number of chains in the fastest rows, or these have
+    few: a column without edge periods has many at any scale.
     """
-    fast = column.fastest(LIMITS.glance_rows)
+    fast = column.fastest(LIMITS.preview_rows)
     as_read = fast.chains(1.0)
     return as_read <= LIMITS.usual_chains or any(
-        LIMITS.glance_fewer * fast.chains(scale) < as_read for scale in scales
+        LIMITS.preview_fewer * fast.chains(scale) < as_read for scale in scales
     )
 
 
@@ -170,9 +171,9 @@ def timeout_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rp
     """Factor of the speed column (n,), rpm, that most pairs of timeout samples give; 1 where too
     few agree.
 
-    One pitch over a timeout sample's value is the time since the last edge, too short by the
-    factor: from row to row it grows by less than the time between the rows, by the same factor.
-    The number of edges in a row does not enter, unlike in the number of chains.
+    One pitch over the value of a timeout sample is the time since the last edge divided by the
+    factor: from row to row it grows by the time between the rows divided by the factor. Unlike the
+    number of chains this does not depend on the number of edges in a row.
     """
     growth, error = _timeout_growth(time_s, speed_rpm, pulses, lsb_rpm)
     sharpest = np.argsort(error, kind="stable")[: TIMEOUT_LIMITS.max_pairs]
@@ -197,7 +198,7 @@ def _timeout_growth(
     rounding = 0.5 * lsb_rpm * since_s / np.abs(speed)
     growth, error = np.diff(since_s) / np.diff(time), (rounding[1:] + rounding[:-1]) / np.diff(time)
     one_direction = speed[1:] * speed[:-1] > 0.0
-    # the range 1 / (1 + largest) .. 1 / (1 - largest)
+    # growth from 1 / (1 + largest) to 1 / (1 - largest)
     largest = LIMITS.largest
     possible = np.abs(growth - 1.0 / (1.0 - largest**2)) < largest / (1.0 - largest**2)
     used = one_direction & possible & (error < TIMEOUT_LIMITS.max_error)
@@ -205,8 +206,8 @@ def _timeout_growth(
 
 
 def _fewest_chains(chains: ChainCount, as_read: int, scales: list[float]) -> tuple[float, int]:
-    """Relative error of scale near one of the scales with the fewest chains (the smaller of
-    equals), and that number. Counting ends where one has more chains than the best so far.
+    """Relative error of scale with the fewest chains, near one of the scales, and that number of
+    chains; of equal ones the smallest error. Counting stops at more chains than the best has.
     """
     tried = {0.0: as_read}
 

@@ -1,5 +1,5 @@
 """Checks time stamps against the Hall edges: edge periods follow one another without contradiction
-only on the times at which the rows really ended.
+only if the times are those at which the rows ended.
 """
 
 from collections.abc import Callable

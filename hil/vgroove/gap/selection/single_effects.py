@@ -63,7 +63,7 @@ def fit_single_effects(search: Search) -> Search:
     search = align_to_best_single(search)
     for effect in search.effects:
         many = len(search.engine.hypotheses([effect])) > STARTS.max_unscreened
-        if many and not effect.phase:
+        if many and not effect.has_phase:
             search.engine.remember(search.fits[(effect.id,)])
     return reblock(rescale(search))
 
@@ -88,7 +88,7 @@ def ripple_starts(search: Search) -> tuple[Search, RippleStarts]:
     starts = [
         h
         for e in search.effects
-        if e.phase
+        if e.has_phase
         for h in search.engine.hypotheses([e], search.retuned.x)
     ]
     if not starts:
@@ -158,7 +158,7 @@ def align_to_best_single(search: Search) -> Search:
     """The search with shaft angles aligned by the best converged periodic effect, if that effect is
     likely better than retuning; the periodic effects are fitted again.
     """
-    periodic = [search.fits[(e.id,)] for e in search.effects if e.phase]
+    periodic = [search.fits[(e.id,)] for e in search.effects if e.has_phase]
     if not periodic:
         return search
     best = min(periodic, key=search.score)

@@ -1,4 +1,4 @@
-"""The figures of the gap: before, retuned and after, the share that is closed, and each signal."""
+"""The figures of the gap: before, retuned and after, the closed share, and all per signal."""
 
 import numpy as np
 

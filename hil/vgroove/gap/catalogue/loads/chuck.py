@@ -1,4 +1,4 @@
-"""The drill driver's chuck: a friction for a time, and a torque that rises with the angle."""
+"""The drill driver's chuck: a friction between two instants, and a torque that rises with angle."""
 
 from ..entry import Load, LoadKey
 from ..keys import between
@@ -6,7 +6,8 @@ from .keys import FRICTION_FORM, FRICTION_LAW
 
 LOAD = Load(
     "chuck",
-    "friction law of section 3 from from_s to to_s, and a torque that rises with the angle",
+    "friction law of docs/spec/model.md, section 3, between the times from_s and to_s, and a "
+    "torque that rises with the angle",
     (
         *FRICTION_LAW,
         LoadKey("from_s", "s", between(0, 1e4), None),

@@ -6,7 +6,7 @@ from .keys import FROM_TURNS, RUN_TORQUE, TWIST
 
 LOAD = Load(
     "disc_spring",
-    "force of the stack times the bolt's levers, and run_torque_nm",
+    "force of the stack times the lever arms of thread and head, plus run_torque_nm",
     (
         *TWIST,
         RUN_TORQUE,

@@ -1,4 +1,6 @@
-"""Keys that several loads share. Ranges are wide: they separate tools from slips of a unit."""
+"""Keys that several loads share. Ranges are wide: they only exclude values in a wrong
+unit.
+"""
 
 from ..entry import Form, LoadKey
 from ..keys import between

@@ -1,4 +1,4 @@
-"""No load: the output shaft is free; the anvil of an impact mechanism meets nothing."""
+"""No load: the output shaft is free; the anvil of an impact mechanism turns freely."""
 
 from ..entry import Load
 

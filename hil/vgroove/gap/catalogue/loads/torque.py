@@ -1,4 +1,4 @@
-"""A torque that the bench knows: the column load_nm."""
+"""A torque that the test bench measures: the column load_nm."""
 
 from ..entry import Load
 
