@@ -25,8 +25,8 @@ class DecisionLimits:
     min_closed: tuple[float, ...] = (0.7, 0.85, 0.9, 0.9)
     min_closed_beyond_retuning: float = 0.5  # least share that one effect closes of the latter
     # Least share that a set of several effects closes if it leaves a visible gap. Effects that are
-    # at work leave only their form error (see selection/limits.py): a form that deviates by 0.28 or
-    # 0.22 of the effect leaves 0.28^2 = 0.08 or 0.22^2 = 0.05.
+    # at work leave only their form error (see selection/limits.py): a form that deviates by about
+    # a quarter of the effect leaves about (1/4)^2.
     min_closed_by_several: tuple[float, ...] = (0.0, 0.92, 0.95, 0.95)
     # excess power of the smallest visible gap (docs/spec/gap.md, section 5), in noise powers
     visible_excess: float = (1.0 + COMPARISON.visible_gap) ** 2 - 1.0
