@@ -19,8 +19,8 @@ class StepwiseLimits:
     # gap, in units of the noise's RMS, below which the clip of the residuals is computed again
     near_noise: float = 2.0
     # Largest form error, as a share of what an effect closes: a form that deviates by about a
-    # quarter of the effect leaves about (1/4)^2 of its squared gap. A member that gains less may only correct the
-    # form of another.
+    # quarter of the effect leaves about (1/4)^2 of its squared gap. A member that gains less may
+    # only correct the form of another.
     max_form_share: float = 0.05
     # the same in equations that the others do not enter, where their form errors are small
     max_form_share_elsewhere: float = 0.01
