@@ -6,6 +6,9 @@
     verdict = diagnose(["run.csv"], read_rig("tool.toml"))
     verdict.selected, verdict.gap.closed, verdict.figures(), verdict.corrected_rig()
 
+Comments name two halves of a blind set: simulated cases with known answers (docs/gap_bench.md). On
+the tuning half thresholds are chosen; on the other half the reported figures are computed.
+
 In a notebook a verdict shows its page. Importing this package loads no numerical package and not
 vgroove.rig, whose keys come from vgroove.gap.catalogue: diagnose() imports the stages.
 """

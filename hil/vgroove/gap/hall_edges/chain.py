@@ -32,7 +32,7 @@ class ChainEdge(NamedTuple):
 
     row: int  # row that reports the edge
     speed_rpm: float  # value of the row
-    period_s: float  # one pitch over the value
+    period_s: float  # one pitch divided by the value
     length_s: float  # span that the value is the mean of: one period, or several counted ones
     span: int  # edges since the edge before
     growth_s: float  # rounding error that the step from the edge before adds
