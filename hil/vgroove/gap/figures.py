@@ -91,7 +91,7 @@ def command_picture(asked: NextExperiment) -> Picture:
     note = "of the largest command"
     if profile.opens_bridge:
         note += ", the bridge open where it is 0 after the first press"
-    return Picture("Its command", figure, note)
+    return Picture("Command of the proposed run", figure, note)
 
 
 def remainder_figure(left: Unexplained, unit: str) -> go.Figure:

@@ -203,8 +203,8 @@ def next_parts(asked: NextExperiment | None) -> list[Part]:
     if asked.separation:
         rows = [(s.profile, s.sigma) for s in asked.separation]
         note = (
-            "difference of the predictions, in sigma a sample, less what other sizes of the"
-            " effects could make of it"
+            "RMS difference of the rivals' predictions, in sigma a sample, less the part that other"
+            " parameter values of the effects explain"
         )
         figure = bars_figure(rows, "sigma a sample")
         parts.append(Picture("How far each run would separate the rivals", figure, note))

@@ -148,8 +148,8 @@ def slew_limited(share: np.ndarray, most: np.ndarray) -> np.ndarray:
 def separation(
     problem: Problem, search: Search, pair: tuple[Fit, Fit], profile: RunProfile
 ) -> float:
-    """RMS difference, in sigma a sample, of what two fits predict of a run, less what other
-    parameter values within their uncertainty could make of it; 0 where a simulation fails.
+    """RMS difference, in sigma a sample, of what two fits predict of a run, less the part
+    that other parameter values within their uncertainty explain; 0 where a simulation fails.
     """
     parts = [parameter_sets(problem, one) for one in pair]
     shown = predictions(problem, profile, np.vstack(parts))
