@@ -101,8 +101,8 @@ def closes_too_little(search: Search, best: Fit) -> bool:
     """Whether a set closes too little to be the missing effects.
 
     The share of one effect is that of the gap before retuning, over the judged blocks or over all,
-    whichever is larger. What retuning closes is so credited to the effect, provided that it closes
-    the larger part of what retuning leaves.
+    whichever is larger. What retuning closes is thus credited to the effect, provided that the
+    effect closes the larger part of what retuning leaves.
     """
     beyond = closed_beyond_retuning(search, best)
     least = DECISION.min_closed[len(best.ids) - 1]
