@@ -6,12 +6,11 @@
     verdict = diagnose(["run.csv"], read_rig("tool.toml"))
     verdict.selected, verdict.gap.closed, verdict.figures(), verdict.corrected_rig()
 
-A notebook displays a verdict as its page. Importing this package loads no numerical package, and
-not vgroove.rig, which imports vgroove.gap.catalogue: diagnose() imports the stages when it is
-called.
+Comments name two halves of a blind set: simulated cases with known answers (docs/gap_bench.md). On
+the tuning half thresholds are chosen; on the other half the reported figures are computed.
 
-Many thresholds are "chosen on the tuning half of the blind set": sealed test cases of an
-independent generator (docs/gap_bench.md), half of which, `tune`, serves development.
+In a notebook a verdict shows its page. Importing this package loads no numerical package and not
+vgroove.rig, whose keys come from vgroove.gap.catalogue: diagnose() imports the stages.
 """
 
 from collections.abc import Sequence

@@ -93,8 +93,8 @@ def command_picture(proposed: NextExperiment) -> Picture:
     )
     note = "of the largest command"
     if profile.opens_bridge:
-        note += ", the bridge open where it is 0, but for the rest at the beginning"
-    return Picture("Its command", figure, note)
+        note += ", the bridge open where it is 0 after the first press"
+    return Picture("Command of the proposed run", figure, note)
 
 
 def remainder_figure(left: Unexplained, unit: str) -> go.Figure:

@@ -203,8 +203,8 @@ def next_parts(proposed: NextExperiment | None) -> list[Part]:
     if proposed.separation:
         rows = [(s.profile, s.sigma) for s in proposed.separation]
         note = (
-            "RMS difference of the predictions, in sigma a sample, that remains for all sizes of"
-            " the effects that the logs allow"
+            "RMS difference of the rivals' predictions, in sigma a sample, less the part that other"
+            " parameter values of the effects explain"
         )
         figure = bars_figure(rows, "sigma a sample")
         parts.append(Picture("How far each run would separate the rivals", figure, note))

@@ -19,8 +19,8 @@ EFFECTS = (
             Separation(
                 "brush_drop",
                 "staircase up to full duty",
-                "at full duty nothing switches, so that dead time takes no voltage; the brushes "
-                "still do",
+                "at full duty nothing switches, so that dead time takes no voltage; the brush "
+                "drop remains",
             ),
         ),
     ),

@@ -1,4 +1,7 @@
-"""Parameters that several effects share: a relative change, a resistance, a torque, a lag."""
+"""Parameters that several effects share: a relative change, a resistance, a torque, a lag.
+
+"Sized as" states the typical size, Parameter.size.
+"""
 
 from .entry import (
     NO_LOWER_BOUND,

@@ -16,6 +16,7 @@ EFFECTS = (
     Effect(
         "winding_heating",
         "motor_electrical",
+        # 0.0039 1/K: copper; D: temperature of the winding above its cold state, K
         "R (1 + 0.0039 D); D' = kelvin_per_joule i^2 R (1 + 0.0039 D) - D / cooling_s",
         (
             Parameter(

@@ -109,8 +109,8 @@ EFFECTS = (
                 "clock_skew",
                 "coast-down",
                 "with the bridge open an inertia stretches the run-down; a clock error also shifts "
-                "the edges of a steady speed against the time stamps: hold one for some seconds "
-                "before",
+                "the edges of a steady speed against the time stamps: hold a steady speed for "
+                "some seconds before",
             ),
         ),
     ),

@@ -71,8 +71,8 @@ def predict_at_best_point(engine: Engine, one: Fit, folds: Sequence[int]) -> Non
 
 
 def points_around(one: Fit) -> np.ndarray:
-    """Points (k, p) around a fit, itself the first: rings around its ripples, and each number one
-    difference step up and down.
+    """Points (k, p) around a fit, itself the first: the square grids of ripple_neighbours(), and
+    each number one difference step up and down.
     """
     steps = one.hypothesis.steps_at(one.x)
     points = [

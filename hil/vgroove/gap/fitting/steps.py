@@ -50,6 +50,7 @@ def predict_first_order(
     """Residuals (n,) to first order: of each row after the step (folds, p) of the fold that tests
     it; of rows that no fold tests after the step untested (p,).
     """
+    # index -1 of tested_by (a group that no fold tests) selects the last row, `untested`
     steps = np.vstack([by_fold, untested])[groups.tested_by]
     return groups.moved(one.residual, one.jacobian, steps)
 

@@ -32,10 +32,10 @@ class ChainEdge(NamedTuple):
 
     row: int  # row that reports the edge
     speed_rpm: float  # value of the row
-    period_s: float  # one pitch over the value
+    period_s: float  # one pitch divided by the value
     length_s: float  # span that the value is the mean of: one period, or several counted ones
     span: int  # edges since the edge before
-    growth_s: float  # rounding error that the step from the edge before adds
+    drift_s: float  # rounding error that the step from the edge before adds
     low_s: float  # bounds of the edge's absolute time, from the row alone
     high_s: float
     before_s: float  # time of the row read before
@@ -48,7 +48,7 @@ class EdgeChain:
     """
 
     offset_s: list[float] = field(default_factory=list)
-    growth_s: list[float] = field(default_factory=list)
+    drift_s: list[float] = field(default_factory=list)
     low_s: list[float] = field(default_factory=list)
     high_s: list[float] = field(default_factory=list)
     row: list[int] = field(default_factory=list)
@@ -67,7 +67,7 @@ class EdgeChain:
         self.period_s.append(edge.period_s)
         self.length_s.append(edge.length_s)
         self.span.append(edge.span)
-        self.growth_s.append(edge.growth_s)
+        self.drift_s.append(edge.drift_s)
         self.low_s.append(edge.low_s)
         self.high_s.append(edge.high_s)
         self.before_s.append(edge.before_s)
@@ -93,7 +93,7 @@ class EdgeChain:
         period = [60.0 / (pulses * abs(sample.speed_rpm)) for sample in samples]
         more = {
             "offset_s": [self.offset_s[k] for k in edge],
-            "growth_s": [0.0] * len(edge),
+            "drift_s": [0.0] * len(edge),
             "low_s": [self.low_s[k] for k in edge],
             "high_s": [self.high_s[k] for k in edge],
             "row": [sample.row for sample in samples],
@@ -125,7 +125,7 @@ class EdgeChain:
         return (
             np.asarray(self.low_s) - offset,
             np.asarray(self.high_s) - offset,
-            np.cumsum(self.growth_s),
+            np.cumsum(self.drift_s),
         )
 
     def hides_edges(self, time_s: np.ndarray, rows: float = 1.0) -> np.ndarray:
@@ -142,9 +142,9 @@ def consistent_pieces(low: np.ndarray, high: np.ndarray, drift: np.ndarray) -> l
     too many or too few was counted there. drift: rounding errors summed along the chain, s.
     """
     cuts, top, bottom = [0], -inf, inf
-    growth = np.diff(drift, prepend=drift[:1]).tolist()
-    for i, (least, most, grown) in enumerate(zip(low.tolist(), high.tolist(), growth, strict=True)):
-        top, bottom = max(top - grown, least), min(bottom + grown, most)
+    steps = np.diff(drift, prepend=drift[:1]).tolist()
+    for i, (least, most, step) in enumerate(zip(low.tolist(), high.tolist(), steps, strict=True)):
+        top, bottom = max(top - step, least), min(bottom + step, most)
         if top - bottom > SPLIT_S:
             cuts.append(i)
             top, bottom = least, most

@@ -20,10 +20,10 @@ class EdgePeriods:
 
     row: index of the log row that reports the period.
     start_s, end_s: the span over which the row's speed is a mean.
-    speed_rpm: the row's value as logged: one pitch over the span, times `scale`.
+    speed_rpm: the row's value as logged: one pitch divided by the span, times `scale`.
     slack_s: half width of the interval of all values of end_s that the rows allow.
     timeout: True for a timeout sample, a row that reports the time since the last edge: one pitch
-    over that time is an upper bound of the speed, and no edge lies at end_s.
+    divided by that time is an upper bound of the speed, and no edge lies at end_s.
     chain: index of the uninterrupted sequence of edges that the period belongs to.
     count: signed number of edges passed at end_s since the first of all (0 for timeout samples).
     expected_rpm: mean speed of the nominal model over each span, where it was computed.

@@ -71,6 +71,7 @@ def classify_rows(
     after a missed edge; 0 and False for rows into which at most one edge falls.
     """
     missed, timeout = np.zeros(len(speed_rpm), dtype=int), np.zeros(len(speed_rpm), dtype=bool)
+    # at a higher speed several edges fall into a row, which reports the last one
     hiding_rpm = 60.0 / pulses / float(np.median(np.diff(time_s)))
     for part in one_direction_parts(speed_rpm):
         size = np.abs(speed_rpm[part])

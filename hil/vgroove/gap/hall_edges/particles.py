@@ -267,6 +267,8 @@ def _timeout_readings(particles: Particles, row: RowPair) -> tuple[np.ndarray, n
     """Edges (PARTICLES,) from each particle's last edge to the one since which the row would report
     the time, and whether that reading is possible.
     """
+    # edge_s: the edge since which the row would report the time, at `number` pitches after the
+    # particle's last edge; shows: mean speed in between, with the relative error `unsure`
     speed, edge_s = abs(row.speed_rpm[1]), row.now_s - row.period_s[1]
     pitch, apart = speed * row.period_s[1], edge_s - particles.time_s
     number = np.maximum(np.round(np.abs(particles.speed) * apart / pitch), 1.0)

@@ -59,8 +59,8 @@ _Record = tuple[int, float, float, float, float, bool, int, int]
 def read_edge_periods(
     time_s: np.ndarray, speed_rpm: np.ndarray, pulses_per_rev: int, lsb_rpm: float
 ) -> EdgePeriods:
-    """Edge periods of a speed column (n,), rpm, that holds one pulse pitch over the last edge
-    period; rows end at time_s (n,), lsb_rpm is the column's resolution.
+    """Edge periods of a speed column (n,), rpm, that holds one pulse pitch divided by the last
+    edge period; rows end at time_s (n,), lsb_rpm is the column's resolution.
 
     A row that repeats an edge counts once. The end of each period is the sum of the periods before
     it; the rows of the whole chain bound where the chain lies in time (docs/spec/gap.md, sections 1

@@ -31,7 +31,9 @@ class RowReaderLimits:
 
     equal_share: float = 1e-9  # two speeds closer than this are equal: arithmetic alone differs
     changing_s: float = 1e-5  # s: if periods change by more, two equal values are one period
-    strain_s: float = 1e-4  # s: a row's interval missed by more than this breaks the chain
+    # s: where the edge predicted from the chain lies outside the row's own interval by more than
+    # this, the number of edges in the row is wrong or uncertain
+    max_mismatch_s: float = 1e-4
     timeout_slack_s: float = 1e-5  # s: largest mismatch of one timeout sample and the chain
     timeout_agreeing: int = 2  # rows after a timeout sample that must give the same edge time
     repeat_errors: float = 4.0  # errors of time: an equal value after longer is no timeout sample
@@ -48,8 +50,8 @@ LIMITS = RowReaderLimits()
 
 
 class RowReading(NamedTuple):
-    """One row: index, speed, end, one pitch over the speed, error of that period from the speed's
-    resolution (0.5 LSB).
+    """One row: index, speed, end, period (one pitch divided by the speed), error of that period
+    from the speed's resolution (0.5 LSB).
     """
 
     row: int
@@ -105,7 +107,7 @@ class RowReader:
         self.uncounted = 0.0  # edges by the mean speed minus edges counted, a fraction
 
     def reading(self, row: int, speed_rpm: float) -> RowReading:
-        """The row with one pitch over its speed and the rounding error of that period."""
+        """The row with its period, one pitch divided by its speed, and that period's error."""
         period = 60.0 / (self.pulses * abs(speed_rpm))
         rounding = period * self.half_lsb / abs(speed_rpm)
         return RowReading(row, speed_rpm, self.time[row], period, rounding)
@@ -176,7 +178,8 @@ class RowReader:
         """
         error_s = r.rounding_s + TICK_S
         edge_s = r.now_s - r.period_s
-        # an equal value of a period that may have ended just before gives no bound
+        # an equal value repeats the last period, or is a further period of the same length where
+        # one fits before the row's end; it bounds the last edge only if none fits
         if (
             _equal(r.speed_rpm, self.chain.speed_rpm[-1])
             and self.high + r.period_s + 2.0 * error_s > r.now_s
@@ -184,7 +187,7 @@ class RowReader:
             if self.low + r.period_s > r.now_s + error_s:
                 self._narrow(edge_s - error_s, r.now_s + TICK_S)
             return
-        # twice the rounding: a board may truncate one pitch over the time since the edge
+        # twice the rounding: a board may truncate the speed, one pitch / time since the edge
         if self._is_timeout(r, error_s + r.rounding_s):
             self._add_timeout_bound(
                 edge_s - error_s - r.rounding_s, edge_s + error_s + r.rounding_s
@@ -213,10 +216,10 @@ class RowReader:
         self._narrow(low, high)
 
     def _is_timeout(self, r: RowReading, error_s: float) -> bool:
-        """Whether the row reports the time since the last edge: one pitch over it."""
+        """Whether the row reports one pitch divided by the time since the last edge."""
         edge_s = r.now_s - r.period_s
         agreeing = self._following_agree(r.row, edge_s, error_s)
-        spread = error_s + (LIMITS.strain_s if agreeing else LIMITS.timeout_slack_s)
+        spread = error_s + (LIMITS.max_mismatch_s if agreeing else LIMITS.timeout_slack_s)
         if (
             abs(r.speed_rpm) >= abs(self.chain.speed_rpm[-1])
             or not self.low - spread <= edge_s <= self.high + spread
@@ -309,7 +312,7 @@ class RowReader:
         ceiling = r.now_s + r.rounding_s + TICK_S
         best = self._widest_fit(r, floor, ceiling)
         low, high = best.low_s, best.high_s
-        if low - high > LIMITS.strain_s:
+        if low - high > LIMITS.max_mismatch_s:
             if r.period_s > ONE_EDGE_ROWS * (r.now_s - self._before()):
                 return False
             # the number of edges is uncertain: the chain continues, and consistent_pieces or

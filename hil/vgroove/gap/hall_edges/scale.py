@@ -82,9 +82,9 @@ def edge_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: 
     clearly fewer chains than 1 does.
 
     A speed that is logged too high by the share g makes each period too short. The sum of the
-    periods then drifts away from the times of the rows, and the chain breaks every few milliseconds
-    divided by g. Causes are a wrong gain of the sensor or a wrong clock of the logger. A filter
-    behind the sensor breaks the chain at any factor.
+    periods then drifts away from the times of the rows, and the chain breaks about every
+    (few milliseconds) / g. Causes are a wrong gain of the sensor or a wrong clock of the logger. A
+    filter behind the sensor breaks the chain at any factor.
     """
     column = _Column(time_s, speed_rpm, pulses, lsb_rpm)
     as_read, counts = column.chains(1.0), pulses >= MIN_COUNTING_PULSES
@@ -171,9 +171,9 @@ def timeout_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rp
     """Factor of the speed column (n,), rpm, that most pairs of timeout samples give; 1 where too
     few agree.
 
-    One pitch over the value of a timeout sample is the time since the last edge divided by the
-    factor: from row to row it grows by the time between the rows divided by the factor. Unlike the
-    number of chains this does not depend on the number of edges in a row.
+    One pitch divided by the value of a timeout sample is the time since the last edge divided by
+    the factor: from row to row it grows by the time between the rows divided by the factor. Unlike
+    the number of chains this does not depend on the number of edges in a row.
     """
     growth, error = _timeout_growth(time_s, speed_rpm, pulses, lsb_rpm)
     sharpest = np.argsort(error, kind="stable")[: TIMEOUT_LIMITS.max_pairs]
@@ -189,8 +189,9 @@ def timeout_scale(time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rp
 def _timeout_growth(
     time_s: np.ndarray, speed_rpm: np.ndarray, pulses: int, lsb_rpm: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Growth (k,) of one pitch over the speed per time between successive rows, and its error from
-    rounding, of the pairs of rows that may be timeout samples at a scale within LIMITS.largest.
+    """Growth (k,) of (one pitch / speed) from row to row, divided by the time between the rows,
+    and its error from rounding, of the pairs of rows that may be timeout samples at a scale within
+    LIMITS.largest.
     """
     shows = np.isfinite(speed_rpm) & (speed_rpm != 0.0)
     time, speed = time_s[shows], speed_rpm[shows]

@@ -85,8 +85,8 @@ def separation_reason(profile: RunProfile, finding: Finding, sigma: float) -> st
     why = known.reason if known and known.run.startswith(profile.name) else profile.content
     best, other = (" with ".join(one.ids) for one in (finding.best, rival))
     return (
-        f"{why}; in this run {best} and {other} differ by {sigma:.2g} sigma a sample, whatever"
-        " their sizes"
+        f"{why}; in this run {best} and {other} differ by at least {sigma:.2g} sigma a sample,"
+        " whatever the sizes of their effects"
     )
 
 
@@ -148,9 +148,8 @@ def slew_limited(share: np.ndarray, most: np.ndarray) -> np.ndarray:
 def separation(
     problem: Problem, search: Search, pair: tuple[Fit, Fit], profile: RunProfile
 ) -> float:
-    """RMS difference, in sigma a sample, of what two fits predict of a run, after subtraction of
-    the part that other parameter values within their uncertainty explain; 0 where a simulation
-    fails.
+    """RMS difference, in sigma a sample, of what two fits predict of a run, less the part
+    that other parameter values within their uncertainty explain; 0 where a simulation fails.
     """
     parts = [parameter_sets(problem, one) for one in pair]
     shown = predictions(problem, profile, np.vstack(parts))
@@ -162,6 +161,7 @@ def separation(
     known = np.zeros((columns.shape[1],) * 2)
     for at, one in ((0, pair[0]), (len(pair[0].x), pair[1])):
         known[at : at + len(one.x), at : at + len(one.x)] = information(search, one)
+    # least squares of the difference, with what the recorded logs state on the parameters as prior
     gradient = columns.T @ difference
     solution = np.linalg.lstsq(known + columns.T @ columns, gradient, rcond=PRECISION)[0]
     explained = gradient @ solution

@@ -74,7 +74,8 @@ def angle_stretches(problem: MeasuredProblem) -> AngleStretches:
         of[rows] = (group + number)[np.maximum(window, 0)]
         count = int(group[-1]) + 1
         rest += [from_rest and k == 0 for k in range(count)]
-        first += [k == from_rest for k in range(count)]
+        # stretch 1 where stretch 0 is a rest, else stretch 0
+        first += [k == int(from_rest) for k in range(count)]
         log += [j] * count
         restart.append(group + number)
     return AngleStretches(of, np.array(rest), np.array(first), np.array(log), tuple(restart))
@@ -86,7 +87,7 @@ def _stretch_of_restart(run: MeasuredRun) -> tuple[bool, np.ndarray]:
     """
     lost = np.searchsorted(run.lost_s, np.asarray(run.log.time_s)[run.restarts.rows])
     from_rest = run.from_rest and len(lost) > 1
-    lost[:1] -= from_rest
+    lost[:1] -= from_rest  # a number of its own (-1) makes the first restart a separate stretch
     return from_rest, np.unique(lost, return_inverse=True)[1]
 
 

@@ -76,8 +76,8 @@ class Channel:
     """One judged signal of one log: m samples that end at rows of the log.
 
     A censored sample is only an upper bound of the speed: a timeout sample of a Hall sensor, one
-    pitch over the time without an edge. It counts where the model exceeds the bound (censored data:
-    Tobin, Econometrica 26 (1958) 24).
+    pitch divided by the time without an edge. It counts where the model exceeds the bound (censored
+    data: Tobin, Econometrica 26 (1958) 24).
     """
 
     column: str
@@ -160,7 +160,7 @@ class SpanChannel(Channel):
     times `factor`.
 
     missed (m,): estimated number of edges that the sensor missed in the span. For a parameter set
-    whose Hall sensor misses edges, the predicted speed is one pitch over the whole span.
+    whose Hall sensor misses edges, the predicted speed is one pitch divided by the whole span.
     """
 
     start: InterpolationPoints | None = None

@@ -62,7 +62,7 @@ def _read_scaled(log: CleanLog) -> EdgePeriods:
         return found
     log.warn(
         "the edge periods behind speed_rpm are consecutive on these time stamps only if the speeds "
-        f"are off by {100.0 * (scale - 1.0):+.3g} %: the sensor's gain, or a clock"
+        f"are wrong by {100.0 * (scale - 1.0):+.3g} %: a wrong gain of the sensor, or a wrong clock"
     )
     return replace(found, speed_rpm=found.speed_rpm * scale, scale=scale)
 

@@ -25,7 +25,7 @@ class CommandLimits:
     """
 
     max_duty: float = 1.01  # a compare value of 256 of 255 is rounding, anything above is no duty
-    # speed in rpm that a shaft may gain without a command (noise, a hand), besides doubling
+    # speed in rpm that a shaft may gain without a command (noise, a turn by hand), besides doubling
     max_unaided_rpm: float = 100.0
     unaided_factor: float = 2.0
 

@@ -33,7 +33,7 @@ class LocalFitRules:
     typical_quantile: float = 0.9  # of the observations' sigmas: sigma of a usual observation
     rounds: int = 3  # of iterative reweighting
     huber_sigmas: float = 3.0  # threshold of Huber's weights, in standard deviations of residuals
-    spread_factor: float = 1.5  # standard deviation over median absolute residual, rounded (1.4826)
+    spread_factor: float = 1.5  # standard deviation / median absolute residual (1.4826, rounded)
     # penalty for a slope, in s: of two instants of equal uncertainty that of lower slope is taken
     slope_penalty_s: float = 2e-4
     # observations of each pitch of the turn below which no pattern of the turn is fitted

@@ -45,7 +45,7 @@ MIN_GAP_S = 1e-6  # a row that ends less than this after an edge holds that edge
 
 def edge_speed_channel(log: CleanLog, edges: EdgePeriods) -> SpanChannel:
     """Mean speeds over the edge periods, and the rows without a new edge as censored samples: their
-    speed is at most one pitch over the time since the last edge.
+    speed is at most one pitch divided by the time since the last edge.
     """
     speed_rpm = log.columns["speed_rpm"]
     missed = estimate_missed_edges(edges)

@@ -18,8 +18,8 @@ from vgroove.gap.residual.measured_run import MeasuredRun
 from vgroove.gap.residual.restarts import Restarts
 
 # amplitude, as a share of the speed, at which the first-order response is reduced to one half, and
-# the order of that reduction: the response assumes an even speed, which a larger ripple is not.
-# Chosen on the tuning half of the blind set (docs/gap_bench.md).
+# the order of that reduction: the response assumes a nearly constant speed.
+# Chosen on the tuning half of the blind set.
 LARGE_SHARE, TRANSITION_ORDER = 0.2, 4
 MIN_SPEED = 1e-9  # rad/s; keeps a ratio finite at rest
 

@@ -2,7 +2,8 @@
 
 A cogging that stops the shaft makes the squared gap piecewise constant over its amplitude and
 phase, so that Gauss-Newton stops on the piece on which it starts. The pattern search evaluates
-rings of points around the fit, coarse to fine; a better point is the start of a further fit.
+square grids of points around the fit ("rings"), wide to narrow; a better point is the start of a
+further fit.
 """
 
 from dataclasses import replace
@@ -14,7 +15,7 @@ from vgroove.gap.fitting.hypothesis import Fit
 from vgroove.gap.fitting.neighbour_points import RING_HALF_WIDTHS, ripple_neighbours
 from vgroove.gap.selection.search_state import COMPARISON, Search, key
 
-MAX_FITS_PER_RING = 3  # further fits from one width of ring; bounds the time of a search
+MAX_FITS_PER_RING = 3  # further fits from one width of grid; bounds the time of a search
 
 
 def deepest_minimum(search: Search, one: Fit) -> Fit:

@@ -2,7 +2,7 @@
 speed decays more slowly than the model restarts.
 
 The gap is judged with a restart every quarter of a second (docs/spec/gap.md, section 5). The
-friction of a joint that coasts for a second is estimated more precisely from one simulation over
+friction of a shaft that coasts for a second is estimated more precisely from one simulation over
 the second than from four that each begin with a measured, noisy state.
 """
 

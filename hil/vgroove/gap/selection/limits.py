@@ -3,7 +3,7 @@ removed.
 
 The form of an effect is the functional form of its equation. The form error is the part of the
 squared gap that remains because a real effect has a slightly different form than the catalogue's;
-further effects of the catalogue can close it without being at work.
+further effects of the catalogue can close it without being present in the tool.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,8 @@ class StepwiseLimits:
     max_friction_form_share: float = 0.3 / 0.7
     # share of what the others close that a member must gain if a tied rival lacks it
     min_share_of_tied_member: float = 0.1
-    # largest part of what base leaves that two further effects may leave to first order
+    # largest part of the squared gap above the noise left by the set so far (base) that may remain
+    # with two further effects to first order; a pair that leaves more is not fitted
     min_part_of_second: float = 0.5
     max_exchanges: int = 3  # rounds in which one member is exchanged
     extensions_of_rival: int = 3  # first-order candidates of each close rival of a set

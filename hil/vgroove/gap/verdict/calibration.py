@@ -1,4 +1,4 @@
-"""Probability that a named effect is at work: logistic calibration (J. Platt, Advances in Large
+"""Probability that a named effect is present: logistic calibration (J. Platt, Advances in Large
 Margin Classifiers, 1999) on four quantities of the search.
 
 The coefficients are fitted by tests/proof/gap_certainty.py to the opened cases of the blind set's
@@ -65,5 +65,5 @@ def difference_deviation(search: Search, one: Fit, other: Fit) -> float:
 
 
 def probability(evidence: NameEvidence) -> float:
-    """Probability that an effect with this evidence is at work."""
+    """Probability that an effect with this evidence is present."""
     return float(expit(np.dot(COEFFICIENTS, (1.0, *astuple(evidence)))))

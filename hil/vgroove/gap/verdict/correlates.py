@@ -22,8 +22,8 @@ class CorrelateLimits:
     knots: int = 60  # quantile means that a spline is fitted to
     min_points: int = 5  # below which no spline is fitted
     min_knot_distance: float = 1e-3  # of the range: closer quantiles are one point
-    # least power of a spectral line, over the mean power of white rows as the median around the
-    # line gives it
+    # smallest power of a spectral line, divided by the mean power of noise, which is estimated as
+    # the median power around the line over ln 2
     line_over_median: float = 30.0
     line_rows: int = 200  # rows below which no line is looked for
     slow_cells: int = 16  # cells of lowest frequency, which are drifts and no lines

@@ -28,7 +28,7 @@ class DecisionLimits:
     # at work leave only their form error (see selection/limits.py): a form that deviates by about
     # a quarter of the effect leaves about (1/4)^2.
     min_closed_by_several: tuple[float, ...] = (0.0, 0.92, 0.95, 0.95)
-    # excess power of the smallest visible gap (docs/spec/gap.md, section 5), in noise powers
+    # relative excess power of the smallest visible gap (docs/spec/gap.md, section 5)
     visible_excess: float = (1.0 + COMPARISON.visible_gap) ** 2 - 1.0
     min_gap_power: float = 1e-9  # avoids a division by 0 where there is no gap
 
@@ -86,8 +86,8 @@ def is_doubtful(search: Search, best: Fit) -> bool:
     return closes_too_little(search, best) or approximates_other_effect(search, best)
 
 
-def excess_power(search: Search, best: Fit) -> float:
-    """Squared gap that a set leaves above the noise, in noise powers."""
+def relative_excess_power(search: Search, best: Fit) -> float:
+    """Squared gap that a set leaves above the noise, divided by the noise power."""
     return search.score(best) / (search.floor**2 * search.noise_power()) - 1.0
 
 
@@ -102,8 +102,8 @@ def closes_too_little(search: Search, best: Fit) -> bool:
     """Whether a set closes too little to be the missing effects.
 
     The share of one effect is that of the gap before retuning, over the judged blocks or over all,
-    whichever is larger. What retuning closes is so credited to the effect, provided that it closes
-    the larger part of what retuning leaves.
+    whichever is larger. What retuning closes is thus credited to the effect, provided that the
+    effect closes the larger part of what retuning leaves.
     """
     beyond = closed_beyond_retuning(search, best)
     least = DECISION.min_closed[len(best.ids) - 1]
@@ -118,12 +118,12 @@ def closes_too_little(search: Search, best: Fit) -> bool:
 
 def approximates_other_effect(search: Search, best: Fit) -> bool:
     """Whether a set of several effects leaves a visible gap and closes less than effects that are
-    at work would: several smooth laws together approximate many others.
+    present would: several smooth laws together approximate many others.
     """
     return (
         len(best.ids) > 1
         and closed_beyond_retuning(search, best) < DECISION.min_closed_by_several[len(best.ids) - 1]
-        and excess_power(search, best) > DECISION.visible_excess
+        and relative_excess_power(search, best) > DECISION.visible_excess
     )
 
 

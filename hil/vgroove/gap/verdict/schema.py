@@ -96,7 +96,7 @@ class NameEvidence:
 
 @dataclass(frozen=True)
 class EffectFinding:
-    """One effect of the catalogue: probability that it is at work, share of the gap that it closes
+    """One effect of the catalogue: probability that it is present, share of the gap that it closes
     alone, share lost when it alone leaves the selected set, parameters by name, and the evidence of
     its probability where it belongs to the best set.
     """
