@@ -2,14 +2,14 @@
 // it.
 //
 // control_list.h lists the controllers, controllers/controller.h says what each one must provide.
-// What app/ does for all controllers, so that none of them has to:
+// What app/ does for all controllers, so that no controller has to do it:
 //   - It steps a controller in state DRIVE only: trigger pressed, no fault, direction settled.
 //     Release, faults and the direction switch end the drive without asking the controller.
 //   - Its trigger input is ramped (slew_per_ms); when the shaft is turning at the start of the
 //     drive, the ramp begins at the duty of that speed. A controller that returns in->travel_q15
 //     behaves as the plain mode.
 //   - It limits the returned duty to 0..32767 and reduces it while the current exceeds the
-//     fold-back limit. The controller reads the duty that was applied two ticks later
+//     fold-back limit. Two ticks later the controller gets the duty that the bridge has applied
 //     (in->duty_q15, in->coasted).
 //   - CONTROLLER_STOP ends the drive: state `stopped`, bridge open until the trigger's contact
 //     opens; telemetry sends the reason until the next drive.

@@ -61,7 +61,8 @@ static uint16_t slot_word(uint8_t slot, uint16_t at) {
                       (uint16_t)((uint16_t)slot_byte(slot, (uint16_t)(at + 1u)) << 8));
 }
 
-// Intact: not void, fits the stride, CRC right; the version may be unknown.
+// Whether the slot holds a complete set: not void, its length fits into the slot, the CRC is right.
+// The version may be unknown.
 static bool slot_whole(uint8_t slot) {
     const uint16_t crc_at = (uint16_t)(VALUES_AT + 2u * slot_byte(slot, COUNT_AT));
     uint16_t crc = CRC16_INIT;
@@ -74,7 +75,8 @@ static bool slot_whole(uint8_t slot) {
     return crc == slot_word(slot, crc_at);
 }
 
-// An erased EEPROM reads 0xFF everywhere; a slot whose save was interrupted has another count.
+// An erased EEPROM reads 0xFF everywhere. A slot whose save was interrupted also has the version
+// 0xFF (void), but its count byte is not 0xFF.
 static bool slot_erased(uint8_t slot) {
     return slot_byte(slot, 0) == VERSION_VOID && slot_byte(slot, COUNT_AT) == UINT8_MAX;
 }

@@ -235,7 +235,7 @@ static uint8_t lugs_of(Blow *self) {
 }
 
 // The hammer's swing lasts about 31 ms: when the motor needs longer than that from lug to lug at
-// the mean speed, the hammer lands on the same lug once more, at 50 ms a third time. Whether that
+// the mean speed, the hammer lands on the same lug once more, at 51 ms a third time. Whether that
 // leaves a valley of its own depends on the joint.
 static uint8_t repeats_of(const Blow *self) {
     if (self->base_rpm >= self->again_rpm || self->seen == SEEN_NONE) {

@@ -113,8 +113,9 @@ static int16_t emf_of(const DrillSetpoints *set, const ControllerInputs *in, int
     return not_below_0((int32_t)applied_mv - (drop_mv >> 1) - rise_mv);
 }
 
-// Sums the falls of the back-EMF beyond those of ordinary loads; falls while the drive brakes do
-// not count.
+// Sums the falls of the back-EMF e over successive ticks, each less the fall that an ordinary load
+// causes: FALL_MV_PER_MS - MV_PER_A i, since the motor current i carries a part of the load. The
+// sum restarts at 0 in a tick in which e falls by FALL_BY_INERTIA_MV or less, or the drive brakes.
 static void judge_fall(Drill *self, int16_t emf_mv, int16_t current_a_q9) {
     const int16_t fall_mv = (int16_t)(self->emf_mv - emf_mv);
     if (current_a_q9 <= 0 || fall_mv <= FALL_BY_INERTIA_MV) {

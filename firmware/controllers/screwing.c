@@ -70,8 +70,9 @@ static void settle(Screwing *self) {
     self->rise_q8 = 0;
 }
 
-// At the end of a wave: the sums of sums less those of the wave before the last weight 18 pitches
-// with a trapezium, in which a constant, a slope and the ripple once per lug cancel.
+// At the end of a wave: `found`, the double sums of this wave less those of the wave before the
+// last, weights the speeds of 18 pitches with a trapezium. A constant speed, a linear trend and the
+// ripple once per lug contribute 0 to it.
 static void close_wave(Screwing *self) {
     for (uint8_t n = 0; n < SCREWING_AXES; n++) {
         self->found[n] = (int16_t)(self->twice[n] - self->before[n]);
@@ -137,8 +138,8 @@ static int16_t steady_turn(const Screwing *self) {
                                      : self->turn;
 }
 
-// Rotation by which a blow falls short of small_deg_q4; once the power has been raised, of half of
-// it.
+// Rotation that a blow lacks to small_deg_q4, or, once the power has been raised, to half of
+// small_deg_q4.
 static uint16_t lacking(const Screwing *self, const ScrewingSetpoints *set) {
     const uint8_t shift = self->share_q15 == set->share_q15 ? 4u : 5u;
     const uint16_t small = (uint16_t)(((uint32_t)(uint16_t)set->small_deg_q4 * DEG) >> shift);

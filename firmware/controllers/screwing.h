@@ -62,8 +62,9 @@ typedef struct {
     int16_t base_q8;  // rise at the onset
     int16_t over_q8;  // rise above base_q8 in the last wave
     int32_t area;     // integral of over_q8 over the rotation
-    // On SCREWING_AXES axes 60 degrees apart: sums of the speeds, sums of these sums in this wave,
-    // in the last one and in the one before, and their second difference.
+    // On SCREWING_AXES axes, 60 degrees of the wave apart: running sums of the speeds (`sum`); sums
+    // of `sum` over this wave (`twice`), the last wave and the one before; their difference
+    // (`found`).
     uint16_t sum[SCREWING_AXES], twice[SCREWING_AXES];
     uint16_t last[SCREWING_AXES], before[SCREWING_AXES];
     int16_t found[SCREWING_AXES];

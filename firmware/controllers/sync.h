@@ -5,11 +5,10 @@
 // docs/controllers/sync.md. While the tool impacts, the duty is the one that yields this level. The
 // trigger moves the level within the band, and the blows trim it:
 //   method 1, speed: depth of the valleys that the blows leave in the speed (blow.h). Below the
-//   band
-//     the hammer falls out of step and they are deep; above it the hammer hits early and they are
-//     shallow.
-//   method 2, current: mean current of a blow, held near a setpoint. Valleys of twice the limit
-//     raise the level with either method.
+//     band the hammer falls out of step and the valleys are deep; above it the hammer hits early
+//     and they are shallow.
+//   method 2, current: mean current, held near a setpoint.
+// With either method valleys deeper than twice the limit depth_max_q15 raise the level fast (SEEK).
 //
 //            impacts                            valleys of twice the limit
 //   PLAIN ------------> HOLD (level = base + trim) <--------------------> SEEK (trim rises fast)

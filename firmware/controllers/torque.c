@@ -21,10 +21,11 @@
 #define MV_PER_MS 8       // and in the other states
 #define RUN_MS 100u       // in RUN the feed-forward adapts from then on
 #define REST_MS                                                                                    \
-    8u  // the supply carries no load; several ticks, since the blow detection uses the first
+    8u  // the supply is measured without load; several ticks, since the blow detection uses the
+        // first
 #define BLOWS_FIRST 2u
 #define BLOWS_A_Q8 (9 * 256)  // above the current of a nut that runs freely, below that of blows
-#define BLOWS_MS 600u         // from then on the current replaces undetected blows
+#define BLOWS_MS 600u         // from then on a current above BLOWS_A_Q8 counts as undetected blows
 #define EVALUATE_MS 1200u
 #define SLOW_EVALUATE_MS 1700u  // on the lowest levels, where blows are rarer
 #define SETTLE_MS 2800u

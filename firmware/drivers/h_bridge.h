@@ -55,9 +55,9 @@ int16_t h_bridge_compare(int16_t duty_q15);
 // Compare values of leg A for c in 0..255, `dead_counts` apart unless leg A does not switch.
 void h_bridge_leg_a(HBridgeOrder *order, uint8_t compare, uint8_t dead_counts);
 
-// Beginning of a tick: shifts the compare values of the rows (a row of the log is one tick). End of
-// a tick: orders `compare`
-// (-255..255 or H_BRIDGE_COAST) for the next one.
+// Call h_bridge_next_row() at the beginning of a tick: moves staged_compare to next_compare and
+// that to row_compare (a row of the log is one tick). Call h_bridge_stage() at the end of a tick:
+// orders `compare` (-255..255 or H_BRIDGE_COAST) for the next tick.
 void h_bridge_next_row(HBridge *self);
 void h_bridge_stage(HBridge *self, int16_t compare);
 

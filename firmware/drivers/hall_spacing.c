@@ -4,9 +4,9 @@
 #include "core/divide.h"
 #include "core/inline.h"
 
-#define UNIT_SHIFT 8u         // periods in 256 cycles
-#define LEARN_SHIFT 4u        // while learning in 16 cycles: up to 65 ms
-#define STEADY_SHIFT 5u       // constant speed: two revolutions of four pitches agree within 1/32
+#define UNIT_SHIFT 8u    // periods in 256 cycles
+#define LEARN_SHIFT 4u   // while learning in 16 cycles: up to 65 ms
+#define STEADY_SHIFT 5u  // constant speed: two successive rounds of four pitches agree within 1/32
 #define ROUND_MAX (1u << 14)  // in UNIT_SHIFT, 0.26 s: misfits fit in 16 bits
 #define CLEAR_RATIO 2u        // the best phase must fit twice as well as the next
 #define UNEVEN_MIN_Q15 164    // 0.5 %: pitches closer than this to a quarter count as equal

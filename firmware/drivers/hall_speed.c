@@ -175,8 +175,9 @@ static void take_edges(HallSpeed *self, HallSpeedResult *result) {
     }
 }
 
-// Whether the time since the last edge may bound the speed: with equal pitches from the last period
-// on, with unequal pitches earlier.
+// Whether the time since the last edge can bound the speed: with equal pitches once it exceeds the
+// last period; with unequal pitches, of which the present one may be shorter, once it exceeds half
+// of the last period.
 static bool may_fall(const HallSpeed *self, uint32_t age) {
     return age > (self->index_known ? self->period_cycles / 2u : self->period_cycles);
 }

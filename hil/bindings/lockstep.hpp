@@ -21,8 +21,8 @@ constexpr std::int16_t NO_BYTE = -1;
 struct LockstepInputs {
     const std::int64_t *trigger, *switches;                  // counts; bits of SimInputs
     const double *load_nm, *current_counts, *supply_counts;  // counts added to current and bus
-    const bool *broken;                                      // Hall line
-    const std::int16_t *received;                            // byte to the board or NO_BYTE
+    const bool *broken;            // the Hall line is interrupted: no edges
+    const std::int16_t *received;  // byte to the board or NO_BYTE
     std::size_t periods;
     double per_ampere, per_volt;  // counts per A and V
     int temperature;              // counts
@@ -51,15 +51,15 @@ constexpr const char *TRUTH_COLUMN_NAMES[TRUTH_COLUMN_COUNT] = {
 // True values of the tool, a row every `every` periods: values at the row's end, the housing
 // reaction as mean over it, NaN for the duty of an open bridge
 struct Truth {
-    std::size_t every = 1, periods = 0;  // of a row; since the last row
+    std::size_t every = 1, periods = 0;  // periods per row; periods since the last row
     double housing_sum = 0.0;
     std::vector<double> rows;
 };
 
 void truth_note(Truth &truth, const vgroove::ImpactPlant &tool, const LockstepGates &gates);
 void truth_note(Truth &truth, const vgroove::DrivePlant &tool, const LockstepGates &gates);
-void truth_note(Truth &truth, const vgroove::DrillPlant &tool,
-                const LockstepGates &gates);  // head: the chuck; joint: the shaft
+// head_rad is the angle of the chuck, joint_nm the torque of the shaft.
+void truth_note(Truth &truth, const vgroove::DrillPlant &tool, const LockstepGates &gates);
 
 // Message to the board for one period
 SimInputs lockstep_message(const LockstepInputs &in, std::size_t at,

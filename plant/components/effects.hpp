@@ -10,8 +10,8 @@
 namespace vgroove {
 
 // Switches that depend on more than one effect or on the rig; the others are generated.
-// TWO_BODIES: motor and output side move apart. PLAY: with a play between them. SPEED_LAG: by a
-// filter, not as a delay. COMMAND_SHIFT: the command column is shifted against the rows.
+// TWO_BODIES: motor and output side move separately. PLAY: with a play between them. SPEED_LAG: by
+// a filter, not as a delay. COMMAND_SHIFT: the command column is shifted against the rows.
 constexpr std::uint32_t EFFECT_TWO_BODIES = 1u << 28, EFFECT_PLAY = 1u << 29,
                         EFFECT_SPEED_LAG = 1u << 30, EFFECT_COMMAND_SHIFT = 1u << 31;
 

@@ -1,5 +1,6 @@
-// Front ends of the board: physical values to counts of the 10-bit converter. The full scales are
-// defined here and listed in docs/plant.md.
+// Front ends for controllers in Python: physical values to counts of a 10-bit converter. The full
+// scales are defined here and listed in docs/plant.md; the board's bus divider is another one
+// (docs/architecture.md).
 #ifndef VGROOVE_PLANT_COMPONENTS_FRONT_ENDS_HPP
 #define VGROOVE_PLANT_COMPONENTS_FRONT_ENDS_HPP
 

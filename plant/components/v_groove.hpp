@@ -9,17 +9,18 @@
 
 namespace vgroove {
 
-// A vertex radius below this is raised to it, so that the curvature of the groove stays finite.
+// A vertex rounding e_v below this is raised to it, so that the curvature of the groove stays
+// finite.
 constexpr double VERTEX_LEAST_RAD = 1e-3;
 
 struct VGroove {
     double lead;      // l, m/rad
-    double vertex2;   // e^2, rad^2
-    double vertex;    // e, rounding of the vertex, rad
+    double vertex2;   // e_v^2, rad^2
+    double vertex;    // e_v, rounding of the vertex, rad
     double ball_arm;  // m: friction torque on q per axial force, 0 without groove_friction
 };
 
-// Lead l of the grooves of spindle (J) and hammer (S) together, r: radius of a groove, g: its helix
+// Lead l of the grooves of spindle (J) and hammer (S) together, r: radius of a groove, g: its slope
 // angle, r tan g: its lead, B: ball.
 // x = rJ tan gJ |thJB| + rS tan gS |thSB|, thJB = share thSJ, share = (rS / cos gS) / (rJ / cos gJ
 // + rS / cos gS); r / cos g = sqrt(r^2 + lead^2)
@@ -40,10 +41,11 @@ struct GroovePoint {
     double x;            // m
     double s;            // dx / dq, m/rad
     double c;            // ds / dq, m/rad^2
-    double square, run;  // q^2 + e^2 and l q: s^2 = run^2 / square without the square root
+    double square, run;  // q^2 + e_v^2 and l q: s^2 = run^2 / square needs no square root
 };
 
-// x = l (sqrt(q^2 + e^2) - e), s = l q / sqrt(q^2 + e^2), s' = l e^2 / sqrt(q^2 + e^2)^3
+// x = l (sqrt(q^2 + e_v^2) - e_v), s = l q / sqrt(q^2 + e_v^2),
+// s' = ds / dq = l e_v^2 / sqrt(q^2 + e_v^2)^3
 VGROOVE_INLINE GroovePoint v_groove_at(const VGroove &p, double q) {
     const double square = q * q + p.vertex2, run = p.lead * q;
     const double root = std::sqrt(square);

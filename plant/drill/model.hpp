@@ -74,8 +74,7 @@ void drill_check(const DrillParameters &p);
 // State: motor current and speed, elastic twist of the shaft (at the output), chuck speed
 enum DrillCore { DRILL_CURRENT, DRILL_SPEED, DRILL_TWIST, DRILL_CHUCK, DRILL_CORE_COUNT };
 // Integrals that the state does not depend on: charge in A s, angles of motor and chuck in rad, and
-// energies in J: work_in = losses
-// + work_load + change of stored energy
+// energies in J. Balance: work_in = losses + work_load + change of stored energy
 enum DrillSum {
     DRILL_CHARGE,
     DRILL_ANGLE,

@@ -117,7 +117,7 @@ VGROOVE_INLINE double impact_event_value(const Impact &m, const ImpactMode &mode
         return mode.ramped ? at.pen - m.contact.ramp_m : m.contact.ramp_m - at.pen;
     case IMPACT_LAP: {
         const double relative =
-            impact_relative<L>(m, s) - mode.forward_rad;  // the flank of the lug below
+            impact_relative<L>(m, s) - mode.forward_rad;  // past the first flank of the lug
         return relative < 0.5 * m.overlap_rad ? relative : m.overlap_rad - relative;
     }
     case IMPACT_SLIP_FORWARD:

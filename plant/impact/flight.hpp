@@ -51,8 +51,9 @@ VGROOVE_INLINE void flight_weigh(FlightWeights &w, double h, double rate) {
     w.full_3 = 0.125 * (f.p1 * f.p2 + f.p2 + 2.0 * f.p3);
 }
 
-// Whether the step is a flight: no contact, and away from the groove's vertex, where the spring
-// force reverses within a fraction of a millisecond and the fifth order needs fewer derivatives.
+// Whether the step is a flight: no contact, and the balls away from the groove's vertex. At the
+// vertex the spring force reverses within a fraction of a millisecond; there the method of Dormand
+// and Prince needs fewer derivatives.
 template <class L> VGROOVE_INLINE bool flight_applies(const ImpactSolver<L> &self) {
     if (L::EXACT || self.model.two_bodies || self.model.second_output)
         return false;

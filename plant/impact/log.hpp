@@ -11,7 +11,8 @@ namespace vgroove {
 enum class ImpactAccuracy { REFERENCE, FAST, FIXED };
 
 constexpr double IMPACT_STEP_FIXED_S = 35e-6;  // default
-// After a change of command or load, another one is not expected within this time.
+// After a change of command or load the next one is assumed to come no earlier than this: a step
+// may reach so far beyond the present instant.
 constexpr double CHANGE_INTERVAL_S = 1e-3;
 // Local error over the scales of current, speeds and angles
 constexpr double IMPACT_TOLERANCE_REFERENCE = 1e-10, IMPACT_TOLERANCE_FAST = 7e-5;

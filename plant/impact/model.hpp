@@ -72,7 +72,7 @@ struct Impact {
     VGroove groove;
     Contact contact;
     Joint joint;
-    bool two_bodies;     // backlash: motor and spindle apart
+    bool two_bodies;     // backlash: motor and spindle move separately
     bool second_output;  // coupler or pendulum behind the anvil
     bool flank_friction;
     bool ball_friction;

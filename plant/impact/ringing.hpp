@@ -7,10 +7,10 @@
 
 namespace vgroove {
 
-// Longest step times the anvil's natural frequency, while the hammer is within the anvil's
-// amplitude
+// Longest step times the anvil's natural frequency, 1, while the hammer can be touched by the
+// oscillating anvil
 constexpr double RING_STEP = 1.0;
-// An amplitude below this moves no contact.
+// An amplitude below this does not limit the step: its effect on the contacts is negligible.
 constexpr double RING_NEGLIGIBLE_RAD = 1e-5;
 
 // Amplitude of the untouched anvil about its head, rad

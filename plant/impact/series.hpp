@@ -121,7 +121,7 @@ template <class L> VGROOVE_INLINE SeriesRates series_rates(const ImpactSolver<L>
     return a;
 }
 
-// x = l (root - e), root^2 = q^2 + e^2, s = dx/dq = l q / root, bend = m s'
+// x = l (root - e_v), root^2 = q^2 + e_v^2, s = dx/dq = l q / root, bend = m s'
 VGROOVE_INLINE void series_groove(const Impact &m, SeriesJet &y, int n) {
     const double inverse = y.root_inverse;
     const double square = 2.0 * y.q[0] * y.q[n] + series_product(y.q, y.q, 1, n - 1, n);

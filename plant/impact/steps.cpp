@@ -42,7 +42,8 @@ template <class L> VGROOVE_INLINE double impact_length(const ImpactSolver<L> &se
     return pieces > 1.0 ? self.horizon_s / pieces : self.horizon_s;
 }
 
-// L::EXACT: a step of its own to the instant of the event, which it may miss by rounding
+// L::EXACT: tries a step that ends at the instant of the event. If rounding leaves the event
+// function positive at its end, the event is left to the next step.
 template <class L> VGROOVE_INLINE void impact_reach_event(ImpactSolver<L> &self) {
     const int event = self.step.event;
     impact_attempt(self, self.step.h * self.step.share);

@@ -1,6 +1,5 @@
 // Joint under the anvil: an elastic twist, limited to slip torques that depend on the head angle
-// th, the angle of the screw's head since the start
-// (docs/spec/model.md, section 6).
+// th, the angle of the screw's head since the start (docs/spec/model.md, section 6).
 #ifndef VGROOVE_PLANT_COMPONENTS_JOINTS_JOINT_HPP
 #define VGROOVE_PLANT_COMPONENTS_JOINTS_JOINT_HPP
 
