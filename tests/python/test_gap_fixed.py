@@ -15,8 +15,9 @@ from vgroove.gap_bench.scored import Scored
 
 @dataclass(frozen=True)
 class Half:
-    """Every second case from `first` on, and limits of its counts: the counts at commit e040db3
-    less two standard deviations of a binomial distribution of 20.
+    """Every second case from `first` on, and limits of its counts: the counts that
+    `python tests/python/fixed_cases.py` printed when the limits were set, less two standard
+    deviations of a binomial distribution of 20.
     """
 
     first: int
@@ -25,7 +26,7 @@ class Half:
     false_alarms_most: int
 
 
-# At e040db3: 19 and 17 of 20 right, none sure and wrong, no false alarm.
+# Limits from these counts: 19 and 17 of 20 right, none sure and wrong, no false alarm.
 HALVES = (Half(0, 17, 1, 1), Half(1, 13, 1, 1))
 
 pytestmark = pytest.mark.parametrize(

@@ -104,8 +104,8 @@ def test_an_effect_in_equations_that_the_others_do_not_reach_acts_elsewhere(
 def test_a_small_effect_in_other_equations_is_kept(
     first: str, gain: float, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Retuning leaves 104, the first effect 4: a member that acts in equations beyond the
-    first one's reach needs to gain a hundredth of what the first closes.
+    """Retuning leaves a squared gap of 104, the first effect 4. A second member that acts in
+    equations in which the first does not must gain a hundredth of what the first closes.
     """
     left = {
         "": 104.0,
