@@ -1,5 +1,5 @@
-"""`vgroove run --on PORT`: a run of the diagnosis' menu on a real board, recorded as `vgroove
-record` records.
+"""`vgroove run --on PORT`: performs a run that the diagnosis can propose (gap/next_run/menu.py) on
+a real board, recorded as `vgroove record` records.
 """
 
 import json

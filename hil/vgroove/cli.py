@@ -154,7 +154,7 @@ def run(
         Path | None, typer.Option(help="EEPROM image, read before the run and written after.")
     ] = None,
     experiment: Annotated[
-        str | None, typer.Option(help="On a board: a run of the menu, such as reversal.")
+        str | None, typer.Option(help="On a board: a run that can be proposed, such as reversal.")
     ] = None,
     next_path: Annotated[
         Path | None,

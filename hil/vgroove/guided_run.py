@@ -1,5 +1,5 @@
-"""A run of the diagnosis' menu on a board: commands the duty by PROFILE frames and instructs the
-operator, who holds the trigger.
+"""A run that the diagnosis can propose (gap/next_run/menu.py), performed on a board: commands the
+duty by PROFILE frames and instructs the operator, who holds the trigger.
 
     PREPARE --> PRESS <--> HOLD --> DRIVE --> COAST --> ENDED
        ^                              |

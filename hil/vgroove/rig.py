@@ -246,7 +246,7 @@ def _no_unknown(
             raise VgrooveError(
                 f"{source}: unknown key {prefix}{key}; the nearest known one is {prefix}{near[0]}"
                 if near
-                else f"{source}: unknown key {prefix}{key}; there is none known here"
+                else f"{source}: unknown key {prefix}{key}; no key is allowed here"
             )
 
 

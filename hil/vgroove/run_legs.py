@@ -1,5 +1,6 @@
-"""A run of the diagnosis' menu as legs, each in one direction of rotation, because the direction
-of a board follows its switch, which the operator moves at standstill.
+"""A run that the diagnosis can propose (gap/next_run/menu.py) as legs, each in one direction of
+rotation, because the direction of a board follows its switch, which the operator moves at
+standstill.
 """
 
 from dataclasses import dataclass

@@ -36,7 +36,7 @@ def cited(path: str, text: str) -> list[Violation]:
 
 
 def of_python(rule: Rule) -> Rule:
-    """A rule that only Python files must follow."""
+    """The rule restricted to Python files: it finds nothing in others."""
     return lambda path, text: rule(path, text) if path.endswith(".py") else []
 
 

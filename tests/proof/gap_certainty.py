@@ -20,8 +20,8 @@ from scipy.special import expit
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = ROOT / "docs" / "results" / "gap_certainty.json"
-# Weight of a name given where the catalogue lacked the true effect, since most real gaps have their
-# effect in the catalogue
+# Weight of a verdict made without the true effect in the catalogue; below 1, since the catalogue
+# has the effect of most real gaps
 REMOVED_WEIGHT = 0.3
 RIDGE = 0.3  # normal prior of variance 1 / RIDGE on the coefficients, since there are few cases
 BINS = (0.0, 0.2, 0.5, 0.7, 0.9, 0.95, 1.0000001)
@@ -29,7 +29,9 @@ MAX_PROBABILITY = 0.99  # of a verdict
 
 
 def gather() -> dict[str, Any]:
-    """Every effect of the kept verdicts with its evidence (`signs`) and whether it is true."""
+    """Every effect of the kept verdicts: the quantities from which its probability is computed
+    (`signs`, docs/spec/gap.md, section 5) and whether it is true.
+    """
     from vgroove.gap_bench.cases import BlindSet
 
     blind, rows = BlindSet(ROOT, "tune"), []
@@ -72,7 +74,9 @@ def row(
 
 
 def table(rows: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """1 and the evidence (n, k), whether the name is true (n,), weights (n,)."""
+    """Regressors (n, k): a column of ones, then the `signs`; whether each name is true (n,);
+    weights (n,).
+    """
     x = np.array([[1.0, *r["signs"].values()] for r in rows])
     return (
         x,

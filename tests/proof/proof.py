@@ -44,7 +44,9 @@ def commit() -> str:
 
 
 def kept(folder: Path, name: str, work: Callable[[], dict]) -> dict:
-    """The result of an item, kept by an interrupted proof of the same commit or of `work`."""
+    """The result of an item: read from the file of an interrupted proof of the same commit where
+    there is one, else computed by `work` and written to that file.
+    """
     path = folder / f"{name}.json"
     if not path.exists():
         result = work()

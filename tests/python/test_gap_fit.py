@@ -79,8 +79,8 @@ def test_nuisance_parameters_stay_within_three_sigma() -> None:
 
 
 def test_a_number_without_information_in_a_folds_rows_keeps_the_step_of_all_rows() -> None:
-    """Two offsets of the current; the second affects the rows of one fold, and others by so little
-    that only their noise would determine it.
+    """Two coordinates: the first shifts all rows, the second the rows of one fold; on the rows of
+    the other folds it acts so little that their noise alone would determine it.
     """
     toy = Toy({"effects.current_offset.offset_a": 0.5})
     engine, one = fit_of(toy, "current_offset", "current_gain")
@@ -167,8 +167,8 @@ def test_classes_and_special_cases() -> None:
 
 
 def test_differences_of_positive_numbers_are_relative() -> None:
-    """A stiffness of 0.05 in its size is not differenced over a step of 0.1, which is larger than
-    the number itself.
+    """The usual difference step of 0.1 would exceed a stiffness whose scaled value is 0.05: a
+    positive parameter gets a step of a tenth of its value instead.
     """
     from vgroove.gap.fitting.hypothesis import Coordinate
 
@@ -188,7 +188,7 @@ def test_intervals_are_wider_where_folds_disagree() -> None:
     short = np.unique(np.floor(toy.time_s / 0.05), return_inverse=True)[1]
     of_noise = 1.96 * np.sqrt(np.diag(sandwich_covariance(one, engine.train, short)))
     assert np.all(interval_half_widths(engine, one, [short]) >= of_noise)
-    # a block in which the effect has another size
+    # blocks of every fourth number in which the effect has another size
     disturbed = one.residual + 3.0 * one.jacobian[:, 0] * np.where(
         toy.block % 4 == 0, 0.05, -0.05 / 3.0
     )

@@ -304,8 +304,9 @@ def test_timeout_samples_that_agree_replace_the_bounds_from_the_periods_before(
 
 
 def test_edges_of_a_missing_row_passed_at_the_mean_of_both_speeds() -> None:
-    """A row of 2 ms at 2 edges a millisecond after a missing one; the row before had 1. Four edges
-    are its own, the others 2/3 ms apart.
+    """Three rows of 2 ms, of which the second is missing: 1 edge a millisecond in the first, 2 in
+    the third. Of the 7 edges since the first row 4 lie in the third, 0.5 ms apart; the other 3 are
+    2/3 ms apart.
     """
     between = 2.0 / (1.0 / 1e-3 + 1.0 / 0.5e-3)
     own = 0.5e-3 * np.arange(1, 5)

@@ -506,8 +506,8 @@ def test_a_gain_in_few_blocks_of_a_short_log_counts_unless_it_is_in_one_block(
 @pytest.mark.parametrize("alike", [False, True])
 @pytest.mark.parametrize("share", [0.1, 0.3, 1.0])
 def test_the_fixed_design_bound_seldom_exceeds_the_true_loss(alike: bool, share: float) -> None:
-    """Noise of each row, or the same for all rows of a block, where two models differ in a share of
-    the blocks.
+    """Two models differ in a share of the blocks; the noise is independent in each row, or
+    (`alike`) equal in all rows of a block.
     """
     blocks, rng, over = blocks_of(30), np.random.default_rng(5), []
     for _ in range(300):
@@ -572,14 +572,16 @@ def test_a_remainder_below_the_smallest_visible_gap_is_none(
 def test_a_remainder_without_correlate_must_be_a_gap_in_most_bootstrap_samples(
     above: list[float], follows: str | None, verdict: str
 ) -> None:
-    """Excess of 0.4 noise powers in total: in every block, or in four blocks of twenty."""
+    """The squared gap exceeds the noise by 0.4 of the noise's: in every block, or in four blocks of
+    twenty.
+    """
     state = Scored(1.4, 1.4, 1.4)
     state.blocks, state.block_losses = blocks_of(20), lambda one: 10.0 + np.array(above)
     left = replace(structure(True), best_correlate=follows)
     assert decision.decide(selected(state, named_gap(1.4, 0)), left).verdict == verdict
 
 
-# squared gaps: before 11, what the set leaves, what its first member leaves alone
+# Squared gaps: 11 before the fit; `after`: left by the set; `alone`: left by its first member alone
 @pytest.mark.parametrize(
     ("count", "after", "alone", "significant", "verdict", "named"),
     [

@@ -337,8 +337,8 @@ CATALOGUE = tuple(
         ("clock_skew", _skew, _const(1e-3), _const(0.05), {"signed": True}),
     )
 )
-# Outside the catalogue: intermittent effects, or effects of time, most of which no constant term of
-# the catalogue explains.
+# Outside the catalogue: effects that come and go or vary with time; no constant term of the
+# catalogue explains most of such an effect.
 OUTSIDE = tuple(
     Effect(*row)
     for row in (

@@ -1,5 +1,5 @@
-"""The command of the blind set, `gap_bench.py list|make|open FOLDER [--set ...] [--numbers ...]`:
-answers are sealed as cases are made.
+"""The command of the blind set, `gap_bench.py list|make|open|freeze FOLDER [--set ...]
+[--numbers ...]`: answers are sealed as cases are made.
 """
 
 import argparse
@@ -172,8 +172,8 @@ def append_sealed(path: Path, answer: dict[str, object], name: str) -> None:
 
 
 def freeze(folder: Path, entries: list[Entry]) -> list[dict[str, object]]:
-    """Rows from which frozen_case makes sealed cases without their search, ties included: for sets
-    in the repository.
+    """What frozen_case needs to make the sealed cases again without the search for their sizes, and
+    their ties: rows of tests/truth/fixed_cases.json.
     """
     answers = show(folder, entries, with_ties=True)
     rows = []

@@ -46,7 +46,7 @@ def narrow(*columns: str, title: str) -> Table:
 def asked_table(figures: dict[str, Any]) -> Table:
     """The requirements with their figures."""
     title = f"{figures['cpu']}, {figures['cores']} cores, medians of {figures['repeats']}"
-    table = narrow("figure", "value", "asked", "met", title=title)
+    table = narrow("figure", "value", "limit", "met", title=title)
     if figures["busy"] > MAX_BUSY:
         table.caption = (
             f"[red]the machine spent {100 * figures['busy']:.0f} % of the time on other programs: "
@@ -135,7 +135,12 @@ def batch_table(figures: dict[str, Any]) -> Table:
 
 def growth_table(figures: dict[str, Any]) -> Table:
     """Cost over the length of a run and over the size of a batch."""
-    table = narrow("of", "size", "ms each", title="Cost of a second, of a roll-out")
+    table = narrow(
+        "of",
+        "size",
+        "ms each",
+        title="Cost of a simulated second by length, of a run by batch size",
+    )
     for c in figures["growth"]:
         table.add_row(
             c["of"],

@@ -189,7 +189,9 @@ def row_differences(a: Mapping[str, np.ndarray], b: Mapping[str, np.ndarray]) ->
 
 
 def frame_differences(a: Sequence[Any], b: Sequence[Any]) -> int:
-    """Frames that differ, one by one, and those that one list has more."""
+    """Number of places at which the two lists have different frames; a frame without a partner
+    beyond the end of the shorter list counts as well.
+    """
     return sum(x != y for x, y in zip(a, b, strict=False)) + abs(len(a) - len(b))
 
 

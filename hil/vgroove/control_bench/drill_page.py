@@ -21,7 +21,7 @@ CLUTCH = [
     ("gear", "gear"),
     ("setting in N m", "clutch_nm"),
     ("runs", "runs"),
-    ("stopped by it", "stopped"),
+    ("stopped by the clutch", "stopped"),
     ("mean in N m", "mean_nm"),
     ("spread, 1 sigma", "spread"),
 ]
@@ -32,9 +32,9 @@ LOCKS = [
     ("of them in reverse", "reverse"),
     ("bridge opened", "opened"),
     ("median in ms", "median_ms"),
-    ("most in ms", "most_ms"),
-    ("finally open, most in ms", "good_ms"),
-    ("by the over-current trip instead", "tripped"),
+    ("largest in ms", "most_ms"),
+    ("open for good, largest in ms", "good_ms"),
+    ("stop reason not kickback", "tripped"),
 ]
 COLOURS = {"low": "#00798c", "high": "#d1495b"}
 NEVER_MS = 1e3  # of a gear in which no lock opened the bridge

@@ -23,15 +23,15 @@ SUMMARY = [
     ("screw", "size"),
     ("screws", "screws"),
     ("past the seat in deg, median", "past_deg_median"),
-    ("past the seat in deg, most", "past_deg_most"),
+    ("past the seat in deg, largest", "past_deg_most"),
     ("limit in deg, median", "limit_deg_median"),
     ("stripped", "stripped"),
-    ("early", "early"),
+    ("stopped before the seat", "early"),
     ("never seated", "never"),
     ("time to seat in s", "seat_s_median"),
-    ("rate change, soft", "rate_change_soft"),
-    ("time ratio, mean", "time_ratio"),
-    ("time ratio, most", "time_ratio_most"),
+    ("impact rate change, small and soft", "rate_change_soft"),
+    ("time with / without, mean", "time_ratio"),
+    ("time with / without, largest", "time_ratio_most"),
 ]
 COLOURS = ("#30343b", "#d1495b")
 

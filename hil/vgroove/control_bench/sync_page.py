@@ -20,16 +20,16 @@ SUMMARY = [
     ("variant", "variant"),
     ("set", "set"),
     ("cells", "cells"),
-    ("clean without", "clean_before"),
-    ("clean", "clean"),
-    ("unclean ratio", "unclean_ratio"),
+    ("clean without control", "clean_before"),
+    ("clean with control", "clean"),
+    ("unclean with / without", "unclean_ratio"),
     ("poor cells", "poor_cells"),
     ("gain in poor cells", "poor_gain"),
     ("cells worse", "worse_cells"),
     ("worst change", "worst_change"),
-    ("spread", "spread"),
-    ("spread at most", "spread_most"),
-    ("work ratio", "work_ratio"),
+    ("period spread, mean", "spread"),
+    ("spread, largest", "spread_most"),
+    ("work per second with / without", "work_ratio"),
 ]
 
 UNCLEAN = [
@@ -167,7 +167,7 @@ def unclean_line(unclean: Sequence[Figures]) -> str:
     limit, off = sync.GOALS["clean"], f"{sync.TOLERANCE:.0%}"
     counted = f"{own} runs of the reference tool, {len(unclean) - own} of tools off by up to {off}"
     return (
-        f"Below {limit:g} clean under control: {counted}; each stands in a table with its reason."
+        f"Clean share below {limit:g} under control: {counted}; a table gives the reason of each."
     )
 
 

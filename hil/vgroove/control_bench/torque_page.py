@@ -19,12 +19,12 @@ SUMMARY = [
     ("set", "set"),
     ("cells in reach", "cells"),
     ("cells met", "cells_met"),
-    ("std, rms", "std_rms"),
-    ("std, most", "std_most"),
-    ("mean error, most", "mean_error_most"),
+    ("std of a cell, RMS", "std_rms"),
+    ("std of a cell, largest", "std_most"),
+    ("mean error, largest", "mean_error_most"),
     ("refused or missed", "told"),
-    ("alpha_A of the torque", "alpha_torque"),
-    ("alpha_A with friction", "alpha"),
+    ("tightening factor, torque alone", "alpha_torque"),
+    ("tightening factor with bolt friction", "alpha"),
 ]
 CELLS = [
     ("variant", "variant"),
@@ -35,7 +35,7 @@ CELLS = [
     ("std", "std"),
     ("mean error", "mean_error"),
     ("least in N m", "least_nm"),
-    ("most in N m", "most_nm"),
+    ("largest in N m", "most_nm"),
     ("refused or missed", "told"),
 ]
 WAVE_NM = 80.0

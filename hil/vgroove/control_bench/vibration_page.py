@@ -79,7 +79,7 @@ def cell_picture(rows: Sequence[Figures]) -> Picture:
     return Picture(
         "Vibration from the motor to the housing",
         style(figure, 520),
-        "6 to 1,250 Hz, from the pull of the trigger to the same work done",
+        "6 to 1,250 Hz, from the pull of the trigger to the same head angle for all variants",
     )
 
 
