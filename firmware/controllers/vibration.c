@@ -8,8 +8,9 @@
 
 #define APPROACH_MS 90u  // without a dip: the hammer need not climb
 
-// Time in APPROACH from which on the greatest back-EMF is recorded: by then the current has followed
-// the first rise of the duty, and the Hall sensor has given two edges, hence a speed, or none.
+// Time in APPROACH from which on the greatest back-EMF is recorded: by then the current has
+// followed the first rise of the duty, and the Hall sensor has given two edges, hence a speed, or
+// none.
 #define SETTLE_MS 12u
 #define CLIMB_MS 100u  // longer than any climb at the duty reached by then
 #define SURGE_MS 100u
