@@ -1,15 +1,15 @@
-"""The tree follows the rules of text, stages, arguments and Python layout, but for the files of
-pending.txt; each rule is itself tried on a text that breaks it.
+"""The tree follows the rules of text, stages, arguments and Python layout; each rule is itself tried
+on a text that breaks it.
 """
 
-import pending
 import pytest
 import python_rules
 import text_rules
+import tree_rules
 from rules import Violation
 from text_rules import first_person, history_words, long_lines, outside_citations
 
-needs_git = pytest.mark.skipif(not pending.TREE, reason="not in a git work tree")
+needs_git = pytest.mark.skipif(not tree_rules.TREE, reason="not in a git work tree")
 
 
 def explain(violations: list[Violation]) -> str:
@@ -17,17 +17,10 @@ def explain(violations: list[Violation]) -> str:
 
 
 @needs_git
-@pytest.mark.parametrize("name", pending.NAMES)
+@pytest.mark.parametrize("name", tree_rules.NAMES)
 def test_the_tree_follows_the_rule(name: str) -> None:
-    found = pending.broken(name)
-    wrong = [v for v in found if (name, v.path) not in pending.listed()]
-    assert not wrong, explain(wrong)
-    needless = {path for rule, path in pending.listed() if rule == name} - {v.path for v in found}
-    assert not needless, f"drop from pending.txt, `python tests/lint/pending.py`: {needless}"
-
-
-def test_the_list_of_pending_files_names_rules() -> None:
-    assert {rule for rule, _ in pending.listed()} <= set(pending.NAMES)
+    found = tree_rules.broken(name)
+    assert not found, explain(found)
 
 
 def test_long_lines_are_caught_but_where_a_reason_is_given() -> None:

@@ -153,7 +153,7 @@ def test_unsuitable_rigs_are_refused_with_the_reason() -> None:
         rig().with_effects({"coulomb_friction": {"torque_nm": 0.01}}).drill_parameters()
     with pytest.raises(VgrooveError, match="not voltage_v"):
         rig(input__kind="voltage_v").drill_parameters()
-    with pytest.raises(VgrooveError, match="no drivetrain"):
+    with pytest.raises(VgrooveError, match="cannot be simulated with the effects"):
         rig().parameters()
     with pytest.raises(VgrooveError, match="mechanism.pulse must be true or false"):
         rig(mechanism__pulse=1)

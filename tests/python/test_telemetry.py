@@ -90,8 +90,8 @@ def test_the_check_of_generated_files_detects_a_changed_one() -> None:
     ("entry", "new", "error"),
     [
         (r"(X\(DEAD_TIME_COUNT,.*?,\s*)2\)", "1)", "must stand before"),
-        (r'(X\(HALL_PITCH_0_Q15,\s*"1",\s*)8192', "1024", "violates -32768"),
-        (r"(X\(TRIP_A_Q9,.*?)28160", "TRIP", "are valid"),
+        (r'(X\(HALL_PITCH_0_Q15,\s*"1",\s*)8192', "1024", "needs -32768"),
+        (r"(X\(TRIP_A_Q9,.*?)28160", "TRIP", "could be read"),
     ],
 )
 def test_parameter_list_that_cannot_be_migrated_is_refused(

@@ -1,8 +1,5 @@
-"""Files that do not follow a rule of tests/lint: pending.txt, lines `rule path`. The list can only
-shrink; `python tests/lint/pending.py` drops the lines that have become needless.
-"""
+"""The rules of tests/lint by name, applied to every tracked file."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,11 +9,6 @@ import rules
 import text_rules
 from rules import Violation
 
-LIST = Path(__file__).with_name("pending.txt")
-HEAD = """\
-# TEMPORARY: files that do not follow a rule yet, as lines `rule path`. The list can only shrink:
-# `python tests/lint/pending.py` drops what has become needless, and a test refuses such lines.
-"""
 TREE = rules.repository_files()
 TRACKED = frozenset(rules.repository_paths())
 SPECIFICATION = {
@@ -68,30 +60,3 @@ def broken(name: str) -> list[Violation]:
 
 
 NAMES = (*RULES, "ruff")
-
-
-def listed() -> set[tuple[str, str]]:
-    """Pairs (rule, path) of pending.txt; empty where the file is gone."""
-    if not LIST.exists():
-        return set()
-    lines = LIST.read_text(encoding="utf-8").splitlines()
-    return {tuple(line.split(maxsplit=1)) for line in lines if line and not line.startswith("#")}
-
-
-def write(pairs: set[tuple[str, str]]) -> None:
-    """Write the list; nothing pending leaves no file."""
-    text = "".join(f"{rule} {path}\n" for rule, path in sorted(pairs))
-    if text:
-        LIST.write_text(HEAD + text, encoding="utf-8")
-    else:
-        LIST.unlink(missing_ok=True)
-
-
-def main() -> None:
-    """Drop needless lines; `--fill` lists all that is broken (once, when a rule is introduced)."""
-    found = {(name, v.path) for name in NAMES for v in broken(name)}
-    write(found if "--fill" in sys.argv else found & listed())
-
-
-if __name__ == "__main__":
-    main()
