@@ -1,5 +1,5 @@
-"""The tree follows the rules of text, stages, arguments and Python layout; each rule is itself tried
-on a text that breaks it.
+"""The tree follows the rules of text, stages, arguments and Python layout; each rule is itself
+tried on a text that breaks it.
 """
 
 import pytest
