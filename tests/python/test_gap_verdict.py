@@ -365,7 +365,7 @@ def test_several_effects_that_leave_a_visible_gap_approximate_another(
     assert decision.approximates_other_effect(state, best) is doubtful
 
 
-# One effect closes 0.7 of the squared gap before retuning (docs/spec/gap.md, section 3) and the
+# One effect closes 0.7 of the squared gap before retuning (docs/spec/gap.md, section 5) and the
 # larger part of what retuning leaves; two close 0.85 of what retuning leaves.
 @pytest.mark.parametrize(
     ("count", "nominal", "retuned", "after", "doubtful"),
