@@ -50,7 +50,8 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
 
 def score(label: dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
     """right: verdict and names as labelled; first: the first name is true; tie: ambiguous with the
-    true effects among the rivals; hidden: none within HIDDEN.
+    true effects among the rivals; hidden: the verdict is none, and retuning alone brings the gap
+    below HIDDEN.
     """
     wanted, named, kind = label.get("accept", []), verdict["selected"], verdict["verdict"]
     if label["label"] != "effect":

@@ -20,7 +20,7 @@ from vgroove.rig import Rig, read_rig
 from vgroove.units import RPM_PER_RAD_S
 
 TIME = np.arange(1, 401) * 5e-3
-# reverses at 1.05 s
+# rad/s; starts at 0.2 s, reverses at 1.05 s
 SPEED = np.interp(
     TIME,
     [0.0, 0.2, 0.5, 0.9, 1.1, 1.4, 1.5, 2.0],

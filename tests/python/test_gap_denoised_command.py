@@ -69,7 +69,9 @@ def test_few_steps_between_long_holds_are_no_noise() -> None:
 )
 @pytest.mark.parametrize("rows", [1, 10, 40])
 def test_the_stated_error_is_the_true_one(clean: np.ndarray, sigma: float, rows: int) -> None:
-    """Of single rows and of means over as many rows as the shaft's time constant lasts."""
+    """The stated RMS error of the denoised command, of single rows and of means over `rows` rows (a
+    time constant of the shaft), is the true one.
+    """
     found = denoise_command(noisy(clean, sigma))
     error = np.convolve(found.values - clean, np.full(rows, 1.0 / rows), mode="valid")
     stated = np.sqrt(

@@ -424,8 +424,8 @@ def test_the_spacing_error_is_smaller_where_periods_change_as_usual() -> None:
 def test_a_value_that_repeats_while_periods_grow_shows_a_row_without_an_edge(
     following_rpm: float, span: int
 ) -> None:
-    """Both numbers of edges fit the long row; the next row can hold none only after an edge at the
-    long row's end.
+    """One or two edges fit the long row. The speed of the next row decides: where it repeats, that
+    row holds no edge, which is possible only if the long row has two, the last one at its end.
     """
     reader = RowReader(
         np.array([-5.154e-3, 0.0, 2.186e-3]), np.array([3842.5, 3781.0, following_rpm]), 4, 0.5

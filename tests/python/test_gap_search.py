@@ -271,8 +271,8 @@ def test_a_special_case_that_gains_nothing_over_the_base_does_not_replace_the_ge
 
 
 def test_an_effect_of_many_starts_is_restarted_beside_another() -> None:
-    """Alone it may converge to values that imitate another effect; from those values it gains
-    little beside that effect.
+    """Fitted alone, the Stribeck friction may converge to values that imitate another effect;
+    started from those values beside that effect it gains little, so its other starts are tried.
     """
     state, stribeck = begun_search(Toy(STRIBECK_AND_GAIN)), BY_ID["stribeck_friction"]
     gain = state.engine.fit(state.engine.hypotheses([BY_ID["current_gain"]]))[0]
@@ -308,8 +308,9 @@ def test_fits_near_the_best_are_continued_to_convergence() -> None:
 
 
 def test_a_set_is_fitted_in_each_of_its_forms() -> None:
-    """A lag and a delay, the logger's clock and the command's: no gradient leads from one form
-    to another, whichever the related fit has.
+    """speed_lag is a lag or a delay, clock_skew is of the logger's or the command's clock. No
+    gradient leads from one form to another, so all four combinations are fitted, whichever the
+    related fit has.
     """
     state = begun_search(Toy({}))
     state.effects.append(BY_ID["speed_lag"])

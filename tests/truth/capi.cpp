@@ -37,8 +37,8 @@ private:
     int n_, k_ = 0;
 };
 
-// Part of the delay that changes at random every few milliseconds, with a random stream of its own,
-// so that it changes nothing else.
+// Part of the delay, drawn again every transport_hold_s. It has a random stream of its own, so that
+// all other random numbers are the same with and without it.
 class Jitter {
 public:
     explicit Jitter(const truth::Params &params)

@@ -28,8 +28,9 @@ BOARD = Sensors(
 )
 TOOL_NOISE = {"current_noise_a": 0.15, "supply_noise_v": 0.02, "hall_jitter_s": 2e-7}
 # Trigger of the demo: (time, signed duty); zero is the released trigger, where the bridge opens.
-# The magnitude only rises: where it falls, the current crosses zero within the PWM ripple, where
-# the averaged dead time of the nominal model is not valid.
+# The magnitude only rises up to each release: where it falls with the bridge closed, the current
+# crosses zero within the PWM ripple, and there the averaged dead time of the nominal model is not
+# valid.
 DEMO_STEPS = (
     (0.0, 0.0),
     (0.2, 0.08),

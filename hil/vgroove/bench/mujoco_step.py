@@ -9,7 +9,7 @@ import mujoco
 
 from vgroove.bench.impact_tool import SLIPPING, ImpactTool
 
-STEP_S = 2e-5  # contacts of steel need a shorter one
+STEP_S = 2e-5  # an accurate run with contacts of steel would need a shorter one
 STEPS = 5000
 LUG_HALF_M = 0.004  # half width of a lug
 MASS_KG = 0.1  # of spindle and anvil, which only turn

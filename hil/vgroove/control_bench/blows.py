@@ -17,7 +17,7 @@ from vgroove.reference.blows import REPEAT
 TRIGGERS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 RATES_PER_MIN = (1200.0, 4000.0)  # cells outside are not evaluated
 SECONDS = 3.0  # of the run
-RELEASE_S = SECONDS - 0.2  # early enough that the report of the last blow arrives
+RELEASE_S = SECONDS - 0.2  # early enough that the run contains the report of the last blow
 VARIANTS = (
     Variant("by speed", params={"blow_source": 0}),
     Variant("by current", params={"blow_source": 1}),

@@ -31,7 +31,8 @@ class Search:
 
     evaluations: int = 200
     time_limit: float = 1.05  # of the uncontrolled tool's time to the aim
-    time_cost: float = 20.0  # relative increase of the cost for each time over the limit
+    # relative increase of the cost, per excess over time_limit as a share of the same time
+    time_cost: float = 20.0
     failed_cost: float = 100.0  # of a shape that does not reach the aim, N m
     give_up: float = 1.2  # of the uncontrolled tool's time: a run ends there
     least: float = -0.3  # of each number of a shape
