@@ -14,7 +14,7 @@ import numpy as np
 
 from vgroove.gap.fitting.engine import Engine
 from vgroove.gap.fitting.hypothesis import Fit
-from vgroove.gap.fitting.neighbour_points import RING_HALF_WIDTHS, ripple_neighbours
+from vgroove.gap.fitting.neighbour_points import GRID_HALF_WIDTHS, ripple_neighbours
 from vgroove.gap.fitting.steps import points_along
 
 MAX_SHORTENINGS = 2  # of a fold's step that raises the cost of the fold's training rows
@@ -77,7 +77,7 @@ def points_around(one: Fit) -> np.ndarray:
     steps = one.hypothesis.steps_at(one.x)
     points = [
         one.x[None, :],
-        *(ripple_neighbours(one, half_width) for half_width in RING_HALF_WIDTHS),
+        *(ripple_neighbours(one, half_width) for half_width in GRID_HALF_WIDTHS),
         points_along(one.x, steps),
         points_along(one.x, -steps),
     ]

@@ -8,7 +8,7 @@ from vgroove.gap.fitting.hypothesis import Fit
 
 # half widths of the square grids of points ("rings") in the complex plane of the ripple, relative
 # to its amplitude
-RING_HALF_WIDTHS = (0.4, 0.2, 0.1, 0.05)
+GRID_HALF_WIDTHS = (0.4, 0.2, 0.1, 0.05)
 SIDE = np.linspace(-1.0, 1.0, 5)  # grid along a side, in half widths
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from vgroove.gap.fitting.cross_validation import predict_held_out
 from vgroove.gap.fitting.hypothesis import Fit
-from vgroove.gap.fitting.neighbour_points import RING_HALF_WIDTHS, ripple_neighbours
+from vgroove.gap.fitting.neighbour_points import GRID_HALF_WIDTHS, ripple_neighbours
 from vgroove.gap.selection.search_state import COMPARISON, Search, key
 
 MAX_FITS_PER_RING = 3  # further fits from one width of grid; bounds the time of a search
@@ -23,7 +23,7 @@ def deepest_minimum(search: Search, one: Fit) -> Fit:
     fit where it leaves none or no other is better.
     """
     best = one
-    for spread in RING_HALF_WIDTHS if search.leaves_gap(one) else ():
+    for spread in GRID_HALF_WIDTHS if search.leaves_gap(one) else ():
         for _ in range(MAX_FITS_PER_RING):
             moved = better_neighbour(search, best, spread)
             if moved is None:

@@ -60,7 +60,7 @@ def add_two(search: Search, base: Fit, larger: Fit) -> Fit | None:
     candidates = extensions(search, larger)
     if not candidates or search.excess_power(
         candidates[0]
-    ) > STEPWISE.min_part_of_second * search.excess_power(base):
+    ) > STEPWISE.max_part_left_by_two * search.excess_power(base):
         return None
     search.fit_and_keep(distinct_hypotheses(candidates))
     both = prefer_special_cases(search, search.ranked(len(larger.ids) + 1)[0], base)

@@ -34,7 +34,7 @@ class StepwiseLimits:
     min_share_of_tied_member: float = 0.1
     # largest part of the squared gap above the noise left by the set so far (base) that may remain
     # with two further effects to first order; a pair that leaves more is not fitted
-    min_part_of_second: float = 0.5
+    max_part_left_by_two: float = 0.5
     max_exchanges: int = 3  # rounds in which one member is exchanged
     extensions_of_rival: int = 3  # first-order candidates of each close rival of a set
     rivals_extended: int = 2  # close rivals whose extensions are tried
