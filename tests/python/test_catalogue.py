@@ -4,10 +4,12 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from gap_toy import SCALES
 from vgroove import _core
 from vgroove.gap.catalogue import (
     BY_ID,
@@ -16,7 +18,6 @@ from vgroove.gap.catalogue import (
     NEEDS,
     OUTPUT_TURN,
     Effect,
-    Scales,
     load_parameters,
 )
 from vgroove.gap.catalogue.listing import effect_rows, markdown_table
@@ -25,22 +26,7 @@ from vgroove.rig_keys import EFFECTS, KINDS
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "hil/vgroove/gap/catalogue"
 BEGIN, END = "<!-- catalogue -->\n", "\n<!-- end catalogue -->"
-TOOL = Scales(
-    volt=18.0,
-    amp=30.0,
-    speed=1500.0,
-    torque=0.3,
-    inertia=2e-5,
-    motor_inertia=1.6e-5,
-    resistance=0.19,
-    coulomb=0.012,
-    viscous=4.5e-6,
-    ratio=5.6,
-    duration=6.0,
-    interval=1e-3,
-    pwm_hz=2e4,
-    supply_ohm=0.1,
-)
+TOOL = replace(SCALES, amp=30.0, torque=0.3, inertia=2e-5, motor_inertia=1.6e-5, supply_ohm=0.1)
 
 
 @pytest.mark.parametrize("effect", CATALOGUE, ids=lambda e: e.id)
@@ -90,8 +76,6 @@ def test_rigs_know_each_load_by_its_entry() -> None:
 def test_two_loads_with_two_defaults_for_one_key_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from dataclasses import replace
-
     from vgroove.gap.catalogue import loads
 
     other = [replace(key, default=1.0) for key in LOADS["wood_screw"].keys]

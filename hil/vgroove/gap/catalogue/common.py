@@ -28,7 +28,7 @@ def relative(size: float, bound: float = 0.9, high: float | None = None) -> Para
 
 
 def series_resistance(low: OfScales = ZERO) -> Parameter:
-    """A resistance in the circuit, sized as a drop of 2 % of the voltage at the logged current."""
+    """A series resistance; its typical size drops 2 % of the voltage at the logged current."""
     return Parameter(
         "resistance_ohm", "ohm", lambda s: 0.02 * s.volt / s.amp, low, lambda s: s.volt / s.amp
     )
